@@ -64,16 +64,16 @@ pub fn parse_decimal(text: &str) -> Option<f32> {
         all => (false, all),
     };
     let point = digits.iter().position(|&b| b == b'.').unwrap_or(digits.len());
-    let (whole, fraction) = digits.split_at(point);
+    let (whole_digits, fraction) = digits.split_at(point);
     let fraction = fraction.get(1..).unwrap_or(&[]);
-    if whole.len() > MAX_DIGITS || fraction.len() > MAX_DIGITS || whole.len() + fraction.len() == 0 {
+    if whole_digits.len() > MAX_DIGITS || fraction.len() > MAX_DIGITS || whole_digits.len() + fraction.len() == 0 {
         return None;
     }
-    let number = |digits: &[u8]| {
+    let digits_value = |digits: &[u8]| {
         digits.iter().try_fold(0_u32, |value, &b| b.is_ascii_digit().then(|| value * 10 + u32::from(b - b'0')))
     };
     let decimals = 10_u32.pow(fraction.len() as u32);
-    let magnitude = number(whole)? as f32 + number(fraction)? as f32 / decimals as f32;
+    let magnitude = digits_value(whole_digits)? as f32 + digits_value(fraction)? as f32 / decimals as f32;
     Some(if negative { -magnitude } else { magnitude })
 }
 

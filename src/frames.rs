@@ -77,7 +77,7 @@ impl Attitude {
         Self { roll_rad: roll_deg.to_radians(), pitch_rad: pitch_deg.to_radians() }
     }
 
-    /// The rotation, for repeated use.
+    /// Rotation from body to level frame, for repeated use.
     #[must_use]
     #[inline]
     pub fn tilt_rotation(&self) -> AttitudeRotation {
@@ -308,7 +308,7 @@ mod tests {
             let edge = f32::from(half_turns) * PI;
             for angle_rad in [edge.next_down(), edge, edge.next_up(), edge - 0.1, edge + 0.1, edge - 1.5, edge + 1.5] {
                 let (pi, two_pi) = (wrap_pi(angle_rad), wrap_two_pi(angle_rad));
-                // Several turns away the edge is rounded to 1e-6.
+                // An edge of several turns is rounded to 1e-6 rad.
                 assert!(pi.abs() < PI + 2e-6 && same(pi, angle_rad), "{angle_rad}: {pi}");
                 assert!((0.0..TAU).contains(&two_pi) && same(two_pi, angle_rad), "{angle_rad}: {two_pi}");
             }

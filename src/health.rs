@@ -99,8 +99,8 @@ const EARLY_PANIC_S: u64 = 60;
 
 /// Number of consecutive early panics after another panic, `uptime_s` after the start.
 #[must_use]
-pub const fn count_early_panics(before: u8, uptime_s: u64) -> u8 {
-    if uptime_s < EARLY_PANIC_S { before.saturating_add(1) } else { 0 }
+pub const fn count_early_panics(previous_count: u8, uptime_s: u64) -> u8 {
+    if uptime_s < EARLY_PANIC_S { previous_count.saturating_add(1) } else { 0 }
 }
 
 impl ResetCause {
@@ -220,20 +220,20 @@ pub enum SampleLoss {
 impl SampleLoss {
     /// Main reason between two snapshots; `None` if most readings became samples, or for few readings.
     #[must_use]
-    pub const fn from_counts(before: &EventCounts, now: &EventCounts) -> Option<Self> {
+    pub const fn from_counts(earlier: &EventCounts, later: &EventCounts) -> Option<Self> {
         const fn percent(part: u32, whole: u32) -> u32 {
             (part as u64 * 100 / whole as u64) as u32
         }
-        let readings = now.readings.wrapping_sub(before.readings);
+        let readings = later.readings.wrapping_sub(earlier.readings);
         if readings < MIN_READINGS {
             return None;
         }
-        let saturated = now.saturated.wrapping_sub(before.saturated);
-        let clipped = now.sensor_clipped.wrapping_sub(before.sensor_clipped);
+        let saturated = later.saturated.wrapping_sub(earlier.saturated);
+        let clipped = later.sensor_clipped.wrapping_sub(earlier.sensor_clipped);
         let saturated = percent(saturated.saturating_add(clipped), readings);
-        let unpaired = percent(now.unpaired.wrapping_sub(before.unpaired), readings);
-        let accepted = now.attitude_reports.wrapping_sub(before.attitude_reports);
-        let rejected = now.attitude_rejected.wrapping_sub(before.attitude_rejected);
+        let unpaired = percent(later.unpaired.wrapping_sub(earlier.unpaired), readings);
+        let accepted = later.attitude_reports.wrapping_sub(earlier.attitude_reports);
+        let rejected = later.attitude_rejected.wrapping_sub(earlier.attitude_rejected);
         if saturated >= SATURATED_LIMIT_PERCENT {
             Some(Self::Saturated(saturated))
         } else if rejected > accepted {
@@ -249,10 +249,10 @@ impl SampleLoss {
 /// Minimum number of readings: one second of a fast sensor.
 const MIN_READINGS: u32 = 100;
 
-/// At 5 % of a circle the sensor misses one or two sectors.
+/// Percentage of readings at the range limit that is reported: at 5 % of a circle the sensor misses one or two sectors.
 const SATURATED_LIMIT_PERCENT: u32 = 5;
 
-/// Above this, attitude reports are too rare to interpolate.
+/// Percentage of readings without an attitude that is reported: attitude reports are then too rare to interpolate.
 const UNPAIRED_LIMIT_PERCENT: u32 = 50;
 
 impl fmt::Display for SampleLoss {

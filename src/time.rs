@@ -53,13 +53,13 @@ impl Timestamp {
 pub struct WrappingMillis(u32);
 
 impl WrappingMillis {
-    /// Clock at this count.
+    /// A count of milliseconds.
     #[must_use]
     pub const fn new(millis: u32) -> Self {
         Self(millis)
     }
 
-    /// The count.
+    /// Count of milliseconds, 0 to 2^32 - 1.
     #[must_use]
     pub const fn as_ms(self) -> u32 {
         self.0

@@ -27,9 +27,11 @@ pub fn sin_cos(angle_rad: f32) -> (f32, f32) {
     let quarters = angle_rad * FRAC_2_PI;
     // The cast saturates for non-finite values; the remainder is then NaN.
     let quarters = (quarters + 0.5_f32.copysign(quarters)) as i32;
-    let number = quarters as f32;
-    let x =
-        angle_rad - number * QUARTER_TURN_PARTS[0] - number * QUARTER_TURN_PARTS[1] - number * QUARTER_TURN_PARTS[2];
+    let quarters_f32 = quarters as f32;
+    let x = angle_rad
+        - quarters_f32 * QUARTER_TURN_PARTS[0]
+        - quarters_f32 * QUARTER_TURN_PARTS[1]
+        - quarters_f32 * QUARTER_TURN_PARTS[2];
     let z = x * x;
     let sin = ((-1.951_529_6e-4 * z + 8.332_161e-3) * z - 1.666_665_5e-1) * z * x + x;
     let cos = ((2.443_315_7e-5 * z - 1.388_731_6e-3) * z + 4.166_664_6e-2) * z * z - 0.5 * z + 1.0;

@@ -41,7 +41,7 @@ mod tests {
     /// Declination of the flight (WMM2025), degrees: reference headings are true.
     const DECLINATION_DEG: f32 = -4.2;
 
-    /// RMS error below twice the expected one; measured: 0.4 deg.
+    /// The RMS heading error stays below twice the expected error; measured: 0.4 deg.
     #[test]
     fn headings_are_as_accurate_as_expected() {
         let true_deg: Vec<f32> = FLIGHT.lines().filter_map(|line| line.split(',').nth(6)?.parse().ok()).collect();

@@ -31,12 +31,13 @@ pub struct AcceptancePolicy {
     pub max_iron_error_ratio: f32,
     /// Significance from which a bank-angle scale error is certain, sigma.
     pub certain_sigmas: f32,
-    /// Fewest held-back samples of each part used: most of the sectors.
+    /// Minimum number of held-back samples in each part of the collection that has samples: one in most heading
+    /// sectors.
     pub min_held_back: u16,
-    /// Factor on the active calibration's expected error above which a candidate is thinner.
+    /// Factor on the active calibration's expected error, above which a candidate is less informative.
     pub less_informative_ratio: f32,
-    /// Ratio of scores from which a thinner candidate is accepted: the airframe's iron has then changed, and the active
-    /// calibration is wrong.
+    /// Ratio of scores above which a less informative candidate is accepted: the airframe's iron has then changed, and
+    /// the active calibration is wrong.
     pub contradiction_ratio: f32,
 }
 
@@ -93,7 +94,7 @@ pub enum Rejection {
     TooFewHeldBack {
         /// Held-back samples of the part with the fewest.
         have: u16,
-        /// Required number.
+        /// Required number of held-back samples.
         need: u16,
     },
     /// Hard iron changed during the collection.
@@ -120,7 +121,7 @@ pub enum Rejection {
         incumbent: f32,
     },
     /// Less information than the active calibration, without contradicting it.
-    Thinner {
+    LessInformative {
         /// Expected heading error of the candidate, degrees RMS.
         expected_rms_deg: f32,
         /// Expected heading error of the active calibration, degrees RMS.
@@ -159,8 +160,12 @@ fn check_held_back(policy: &AcceptancePolicy, grounds: &AcceptanceSamples<'_>) -
 /// between marks are.
 fn fewest_held_back(grounds: &AcceptanceSamples<'_>) -> u16 {
     let AcceptanceSamples { fit_samples, held_back_samples, .. } = grounds;
-    let used = CollectionPart::ALL_PARTS.into_iter().filter(|part| !fit_samples.samples_of_part(*part).is_empty());
-    used.map(|part| u16::try_from(held_back_samples.samples_of_part(part).len()).unwrap_or(u16::MAX)).min().unwrap_or(0)
+    let parts_in_use =
+        CollectionPart::ALL_PARTS.into_iter().filter(|part| !fit_samples.samples_of_part(*part).is_empty());
+    parts_in_use
+        .map(|part| u16::try_from(held_back_samples.samples_of_part(part).len()).unwrap_or(u16::MAX))
+        .min()
+        .unwrap_or(0)
 }
 
 /// Small hard-iron changes are included in the expected error. Rejects a change that dominates it, or that comes with
@@ -239,22 +244,24 @@ fn check_scores(
     }
 }
 
-/// Protects the active calibration from thin data, whose held-back samples are as thin as those of the fit, and from an
-/// attitude source with an error, which contradicts it without cause.
+/// Rejects a candidate with less information than the active calibration, unless the held-back samples contradict the
+/// latter. An attitude source with a bank-angle scale error contradicts it without cause.
 fn check_information(
     policy: &AcceptancePolicy,
     candidate: &Solution,
-    old: &Quality,
+    incumbent_quality: &Quality,
     scores: HeldBackScores,
 ) -> Result<(), Rejection> {
-    let new = &candidate.quality;
-    let thinner = new.expected_rms_deg > policy.less_informative_ratio * old.expected_rms_deg
-        || (old.determines_all_coefficients() && !new.determines_all_coefficients());
+    let candidate_quality = &candidate.quality;
+    let thinner = candidate_quality.expected_rms_deg
+        > policy.less_informative_ratio * incumbent_quality.expected_rms_deg
+        || (incumbent_quality.determines_all_coefficients() && !candidate_quality.determines_all_coefficients());
     let contradicted = scores.active_score > policy.contradiction_ratio * scores.candidate_score
         && candidate.bank_scale_error.is_none();
     if thinner && !contradicted {
-        let (expected_rms_deg, incumbent_rms_deg) = (new.expected_rms_deg, old.expected_rms_deg);
-        return Err(Rejection::Thinner { expected_rms_deg, incumbent_rms_deg });
+        let (expected_rms_deg, incumbent_rms_deg) =
+            (candidate_quality.expected_rms_deg, incumbent_quality.expected_rms_deg);
+        return Err(Rejection::LessInformative { expected_rms_deg, incumbent_rms_deg });
     }
     Ok(())
 }
@@ -279,9 +286,9 @@ impl fmt::Display for Rejection {
                 let (candidate, incumbent) = (Decimal::<2>(candidate), Decimal::<2>(incumbent));
                 write!(f, "score {candidate} against {incumbent} of the active calibration")
             }
-            Self::Thinner { expected_rms_deg, incumbent_rms_deg } => {
-                let (new, old) = (Decimal::<1>(expected_rms_deg), Decimal::<1>(incumbent_rms_deg));
-                write!(f, "expected error {new} deg against {old} deg of the active calibration")
+            Self::LessInformative { expected_rms_deg, incumbent_rms_deg } => {
+                let (candidate_deg, incumbent_deg) = (Decimal::<1>(expected_rms_deg), Decimal::<1>(incumbent_rms_deg));
+                write!(f, "expected error {candidate_deg} deg against {incumbent_deg} deg of the active calibration")
             }
         }
     }

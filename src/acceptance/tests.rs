@@ -112,7 +112,6 @@ fn a_better_candidate_replaces_an_empty_or_worse_calibration() {
     }
 }
 
-/// Eight of each part used.
 #[test]
 fn every_used_part_needs_eight_held_back_samples() {
     let good = candidate(0.1, quality(0.5));
@@ -144,7 +143,7 @@ fn a_candidate_without_held_back_samples_is_rejected() {
     assert_eq!(found, Err(Rejection::TooFewHeldBack { have: 0, need: 8 }));
 }
 
-/// Limit of 3 deg RMS.
+/// The limit of the expected heading error is 3 deg RMS.
 #[test]
 fn a_large_expected_error_is_rejected() {
     let evaluate_with_rms =
@@ -163,7 +162,7 @@ fn with_iron_change(error_deg: f32, expected_rms_deg: f32) -> Solution {
     Solution { hard_iron_change: finding, ..candidate(0.1, quality(expected_rms_deg)) }
 }
 
-/// Accepted up to 2.5 times all other errors, if the total is below the limit.
+/// A hard-iron change of up to 2.5 times all other errors is accepted, if the total error is below the limit.
 #[test]
 fn a_dominant_hard_iron_change_is_rejected() {
     let evaluate_with_change = |error_deg, expected_rms_deg| {
@@ -175,7 +174,7 @@ fn a_dominant_hard_iron_change_is_rejected() {
     assert!(evaluate_with_change(0.1, 2.99).is_ok());
     assert_eq!(evaluate_with_change(0.1, 3.01), Err(refused));
     assert_eq!(evaluate_with_change(0.1, f32::NAN), Err(refused));
-    // Missing verification comes first.
+    // Missing held-back samples are the first rejection reason.
     let nothing = evaluate([7, 24, 0], &with_iron_change(9.0, 9.0), &NOT_CALIBRATED);
     assert_eq!(nothing, Err(Rejection::TooFewHeldBack { have: 7, need: 8 }));
 }
@@ -190,20 +189,20 @@ fn with_bank_error(sigmas: f32, without_deg: f32, expected_rms_deg: f32) -> Solu
     Solution { bank_scale_error: bank, ..candidate(0.1, quality(expected_rms_deg)) }
 }
 
-/// A suspected scale error is ignored, a certain one is the reason.
+/// A suspected bank-angle scale error is ignored, a certain one is the rejection reason.
 #[test]
 fn a_bank_scale_error_is_the_reason_only_if_certain() {
     let evaluate_candidate = |candidate: &Solution| evaluate(ENOUGH_HELD_BACK, candidate, &NOT_CALIBRATED);
     for sigmas in [2.0, 3.4, 3.6, 9.0] {
         assert!(evaluate_candidate(&with_bank_error(sigmas, 0.5, 2.99)).is_ok(), "{sigmas}");
-        // Too large even without the scale error.
+        // The expected error is too large even without the scale error.
         let useless = evaluate_candidate(&with_bank_error(sigmas, 3.01, 3.5));
         assert_eq!(useless, Err(Rejection::NotAccurate { expected_rms_deg: 3.01 }), "{sigmas}");
     }
     assert!(evaluate_candidate(&with_bank_error(3.4, 2.99, 3.01)).is_ok());
     let refused = evaluate_candidate(&with_bank_error(3.6, 2.99, 3.01)).unwrap_err();
     assert_eq!(refused, Rejection::AttitudeContradicted { bank_ratio: 0.91, expected_rms_deg: 3.01 });
-    // A hard-iron change comes first, and ignores a suspected scale error.
+    // A hard-iron change precedes the scale error as the reason, also when the latter is only suspected.
     let both = |sigmas| {
         let finding = with_iron_change(0.1, 3.5).hard_iron_change;
         evaluate_candidate(&Solution { hard_iron_change: finding, ..with_bank_error(sigmas, 0.5, 3.5) })
@@ -211,7 +210,7 @@ fn a_bank_scale_error_is_the_reason_only_if_certain() {
     assert!(matches!(both(3.6), Err(Rejection::IronChanged(_))) && both(3.4).is_ok());
 }
 
-/// Any improvement suffices, equality does not.
+/// Any improvement of the score suffices, an equal score does not.
 #[test]
 fn only_a_better_candidate_is_accepted() {
     let evaluate_with_b_ut =
@@ -223,14 +222,16 @@ fn only_a_better_candidate_is_accepted() {
     }
 }
 
-/// Limit of 1.5 times the active calibration's expected error.
 #[test]
 fn expected_error_above_1_5_times_the_active_one_is_rejected() {
     let evaluate_with_rms = |expected_rms_deg| {
         evaluate(ENOUGH_HELD_BACK, &candidate(0.9, quality(expected_rms_deg)), &active_calibration(1.0, 1.0))
     };
     assert!(evaluate_with_rms(1.5).is_ok());
-    assert_eq!(evaluate_with_rms(1.51), Err(Rejection::Thinner { expected_rms_deg: 1.51, incumbent_rms_deg: 1.0 }));
+    assert_eq!(
+        evaluate_with_rms(1.51),
+        Err(Rejection::LessInformative { expected_rms_deg: 1.51, incumbent_rms_deg: 1.0 })
+    );
     assert!(evaluate(ENOUGH_HELD_BACK, &candidate(0.9, quality(1.51)), &NOT_CALIBRATED).is_ok());
 }
 
@@ -267,26 +268,30 @@ fn a_free_flight_without_tilt_is_unobservable() {
     assert_eq!(evaluate_candidate(&POLICY, &on_priors, grounds, &NOT_CALIBRATED), Err(Rejection::Unobservable));
 }
 
-/// A level envelope or an unobservable mounting makes a candidate thinner.
+/// A level envelope or an unobservable mounting makes a candidate less informative.
 #[test]
 fn a_partial_calibration_does_not_replace_a_full_one() {
     let level = Quality { envelope: AttitudeEnvelope::Level, ..quality(0.2) };
     let tumbled = Quality { method: Method::Ellipsoid, ..quality(0.2) };
     for less in [level, tumbled] {
         let found = evaluate(ENOUGH_HELD_BACK, &candidate(0.9, less), &active_calibration(1.0, 1.0));
-        assert_eq!(found, Err(Rejection::Thinner { expected_rms_deg: 0.2, incumbent_rms_deg: 1.0 }));
+        assert_eq!(found, Err(Rejection::LessInformative { expected_rms_deg: 0.2, incumbent_rms_deg: 1.0 }));
         let incumbent = Incumbent { quality: Some(less), ..active_calibration(1.0, 1.0) };
         assert!(evaluate(ENOUGH_HELD_BACK, &candidate(0.9, less), &incumbent).is_ok(), "both are of the same");
         assert!(evaluate(ENOUGH_HELD_BACK, &candidate(0.9, quality(0.2)), &incumbent).is_ok(), "this one is of more");
     }
 }
 
-/// Limit of three times the score.
+/// The active calibration is contradicted by a score above three times the candidate's.
 #[test]
 fn a_thinner_candidate_is_accepted_if_the_active_one_fits_3x_worse() {
     let evaluate_with_b_ut =
         |b_ut| evaluate(ENOUGH_HELD_BACK, &candidate(b_ut, quality(2.0)), &active_calibration(3.0, 1.0));
-    assert!(matches!(evaluate_with_b_ut(1.05), Err(Rejection::Thinner { .. })), "{:?}", evaluate_with_b_ut(1.05));
+    assert!(
+        matches!(evaluate_with_b_ut(1.05), Err(Rejection::LessInformative { .. })),
+        "{:?}",
+        evaluate_with_b_ut(1.05)
+    );
     assert!(evaluate_with_b_ut(0.95).is_ok(), "{:?}", evaluate_with_b_ut(0.95));
 }
 

@@ -22,7 +22,8 @@ use crate::wire::dronecan::outbound::NodeInfo;
 /// Pause after an error of the bus, so that a permanent error does not occupy the processor.
 const BUS_ERROR_PAUSE: Duration = Duration::from_micros(500);
 
-/// Period of polls in safe mode, where there are no estimates: short beside the half second in which an allocation goes on.
+/// Period of polls in safe mode, where there are no estimates: shorter than half a second, the time limit of an
+/// allocation's next step.
 const SAFE_MODE_PERIOD: Duration = Duration::from_millis(50);
 
 /// Receiver of a CAN controller.
@@ -65,8 +66,8 @@ impl HandOver for NoBootLoader {
     fn hand_over(&mut self, _update: &FirmwareUpdate) {}
 }
 
-/// Runs the node for ever. It is silent until the settings are loaded; its configured number is that at the start. In safe
-/// mode it runs without settings and estimates.
+/// Runs the node for ever. It is silent until the settings are loaded; a changed node number applies after a restart.
+/// In safe mode it runs without settings and estimates.
 pub async fn run_can<B: HandOver>(
     links: &TaskLinks,
     info: NodeInfo,
@@ -90,10 +91,10 @@ pub async fn run_can<B: HandOver>(
     }
     tx.set_termination(settings.can.is_terminated);
     node.set_signing_key(settings.signing_key);
-    let poll = if is_safe_mode { poll_in_safe_mode } else { poll_can_node };
+    let poll_function = if is_safe_mode { poll_in_safe_mode } else { poll_can_node };
     let mut poll_at = Instant::now();
     loop {
-        let sent = async {
+        let send_frames = async {
             match node.next_frame() {
                 None => pending().await,
                 Some(frame) => tx.send_frame(frame).await,
@@ -108,7 +109,7 @@ pub async fn run_can<B: HandOver>(
             }
         };
         // Estimates come first: a bus in error is ready at every poll, and would starve any future after it.
-        match select4(estimated, sent, wires.command_results.wait(), rx.receive_frame()).await {
+        match select4(estimated, send_frames, wires.command_results.wait(), rx.receive_frame()).await {
             Either4::First(()) => {
                 increment_counter(&wires.heartbeat);
                 poll_at = Instant::now() + SAFE_MODE_PERIOD;
@@ -120,7 +121,7 @@ pub async fn run_can<B: HandOver>(
                 if let Ok(message) = wires.messages.try_receive() {
                     node.queue_text(&message);
                 }
-                poll(links, &mut node, &settings);
+                poll_function(links, &mut node, &settings);
             }
             Either4::Second(Ok(())) => node.frame_sent(now()),
             Either4::Third((command, result)) => {
@@ -128,7 +129,7 @@ pub async fn run_can<B: HandOver>(
                 if let Some(update) = node.granted_update() {
                     boot_loader.hand_over(update);
                 }
-                poll(links, &mut node, &settings);
+                poll_function(links, &mut node, &settings);
             }
             Either4::Fourth(Ok(frame)) => {
                 let at = now();
@@ -136,7 +137,7 @@ pub async fn run_can<B: HandOver>(
                     route_message(links, AutopilotLine::Can, at, message, true);
                 });
                 if node.has_requests() {
-                    poll(links, &mut node, &settings);
+                    poll_function(links, &mut node, &settings);
                 }
             }
             Either4::Second(Err(_)) | Either4::Fourth(Err(_)) => {

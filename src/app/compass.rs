@@ -24,7 +24,7 @@ use crate::log::{info, warning};
 use crate::messages::Message;
 use crate::store::{LoadedValues, Store, StoreError};
 
-/// Longest wait for an event, and so interval of heartbeats of the idle state machine.
+/// Longest wait for an event: the heartbeat interval of the idle state machine.
 const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(200);
 
 /// Timeout of a save: twice the longest, `cal clear all` of a store of another format, which erases each page in 25 ms.
@@ -45,8 +45,8 @@ pub async fn run_compass<F: NorFlash>(links: &TaskLinks, mut store: Store<F>, re
         links.set_initial_protocols(stored.startup_values.detected_protocols);
         Compass::new(AcceptancePolicy::DEFAULT, &stored, retained)
     };
-    if let Some(lost) = compass.last_outcome() {
-        links.announce(lost);
+    if let Some(loss_message) = compass.last_outcome() {
+        links.broadcast_message(loss_message);
     }
     run_state_machine(links, &mut store, &mut compass).await
 }
@@ -55,7 +55,7 @@ pub async fn run_compass<F: NorFlash>(links: &TaskLinks, mut store: Store<F>, re
 /// no room for it, and copied.
 async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>, compass: &mut Compass<'_>) -> ! {
     let mut events = CompassEvents::new(links);
-    let mut began = EventCounts::default();
+    let mut counts_at_start = EventCounts::default();
     publish_state(links, compass, None);
     loop {
         increment_counter(&links.heartbeats.compass);
@@ -63,17 +63,17 @@ async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>,
             // The console runs between two steps of a solve.
             yield_now().await;
             match poll_once(events.next_event()) {
-                Poll::Ready(next) => next,
+                Poll::Ready(received_event) => received_event,
                 Poll::Pending => (Event::Advance, None),
             }
-        } else if let Ok(next) = with_timeout(HEARTBEAT_INTERVAL, events.next_event()).await {
-            next
+        } else if let Ok(received_event) = with_timeout(HEARTBEAT_INTERVAL, events.next_event()).await {
+            received_event
         } else {
             continue;
         };
         let mut effect = compass.step(event);
         if is_cal_start(event) && matches!(effect, Effect::Reply(Ok(_))) {
-            began = links.event_counts();
+            counts_at_start = links.event_counts();
         }
         if let Effect::None = effect {
             effect = compass.step(Event::ProtocolsDetected(links.port_protocols(), now().wrapping_millis()));
@@ -89,7 +89,7 @@ async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>,
             });
             effect = compass.step(Event::Saved(result));
         }
-        add_sample_loss(&mut effect, SampleLoss::from_counts(&began, &links.event_counts()));
+        add_sample_loss(&mut effect, SampleLoss::from_counts(&counts_at_start, &links.event_counts()));
         let message = if let Effect::Notify(message) = &effect { Some(message) } else { None };
         // The state is published before the reply, so that the reader of the reply finds the state that it names.
         publish_state(links, compass, message);
@@ -118,7 +118,7 @@ fn add_sample_loss(effect: &mut Effect, loss: Option<SampleLoss>) {
     match effect {
         Effect::Reply(Err(refusal)) => *refusal = refusal.clone().with_cause(loss),
         Effect::Reply(Ok(Reply::Report(report))) => {
-            report.last_outcome = report.last_outcome.take().map(|last| last.with_cause(loss));
+            report.last_outcome = report.last_outcome.take().map(|outcome| outcome.with_cause(loss));
         }
         Effect::Notify(message) => *message = message.clone().with_cause(loss),
         Effect::Reply(Ok(_)) | Effect::None | Effect::Save => {}
@@ -185,7 +185,7 @@ fn report_unreadable_flash(links: &TaskLinks, error: StoreError) {
     let message = Message::StoreFailed(error);
     warning!("load: {=str}", message.stable_code());
     increment_counter(&links.event_counters.store_errors);
-    links.announce(&message);
+    links.broadcast_message(&message);
 }
 
 /// Publishes the state to the other tasks. A port receives a message together with the state after it: a collection
@@ -200,7 +200,7 @@ fn publish_state(links: &TaskLinks, compass: &Compass<'_>, message: Option<&Mess
     }
     apply_atomically(|| {
         if let Some(message) = message {
-            links.announce(message);
+            links.broadcast_message(message);
         }
         publish_value(&links.indicator_state, glance);
     });

@@ -19,7 +19,7 @@ const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 /// Pause after a line error, one or two bytes long, so that a permanent error does not occupy the processor.
 const PAUSE_AFTER_LINE_ERROR: Duration = Duration::from_micros(200);
 
-/// Time for the reply to `reboot` to leave its line.
+/// Delay of a restart, in which the reply to `reboot` is sent.
 const REBOOT_REPLY_TIME: Duration = Duration::from_millis(50);
 
 /// Functions of a board for the tasks.
@@ -46,16 +46,16 @@ pub async fn run_console(
     let mut terminal = Terminal { links, session, reset };
     let mut bytes = [0; 32];
     let mut read = 0..0;
-    // Each wait occurs once: every await point costs memory in this task and code in flash.
+    // Each await point occurs once in this function: every one costs memory in this task and code in flash.
     loop {
         flush_output(&mut terminal.session, &mut tx).await;
-        if let Some(&byte) = read.next().and_then(|next| bytes.get(next)) {
+        if let Some(&byte) = read.next().and_then(|index| bytes.get(index)) {
             let Some(command) = terminal.process_byte(byte) else { continue };
-            let mut answer = execute_command(links, command).await;
-            if reports_resulting_state(command) && answer.is_ok() {
-                answer = execute_command(links, Command::Status).await;
+            let mut result = execute_command(links, command).await;
+            if reports_resulting_state(command) && result.is_ok() {
+                result = execute_command(links, Command::Status).await;
             }
-            terminal.write_reply(command, &answer, &platform);
+            terminal.write_reply(command, &result, &platform);
             continue;
         }
         match select3(links.restart_request.wait(), rx.read(&mut bytes), links.console_messages.receive()).await {
@@ -104,16 +104,16 @@ impl Terminal<'_> {
         None
     }
 
-    fn write_reply(&mut self, command: Command, answer: &Result<Reply, Refusal>, platform: &impl Platform) {
+    fn write_reply(&mut self, command: Command, result: &Result<Reply, Refusal>, platform: &impl Platform) {
         let health = self.diagnostics(platform);
-        self.session.write_reply(|out| report::write_reply(out, command, answer, &health));
+        self.session.write_reply(|out| report::write_reply(out, command, result, &health));
     }
 
     fn diagnostics(&self, platform: &impl Platform) -> Diagnostics {
         let Estimate { attitude, heading, installation_change: change, current_a, .. } =
             self.links.estimates.try_get().unwrap_or(Estimate::EMPTY);
         Diagnostics {
-            sensor: self.links.sensor.try_get().map(|found| found.identity),
+            sensor: self.links.sensor.try_get().map(|sensor| sensor.identity),
             attitude,
             heading,
             installation_change: change,

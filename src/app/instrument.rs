@@ -40,10 +40,11 @@ pub async fn run_instrument(links: &TaskLinks) -> ! {
             }
             Either4::Third(reading) => {
                 let estimate = instrument.on_reading(reading.timestamp, reading.value);
-                let wanted = turn_request.update_request(&estimate).filter(|_| links.is_armed() != Some(false));
+                let requested_sigma_rad =
+                    turn_request.update_request(&estimate).filter(|_| links.is_armed() != Some(false));
                 estimates.send(estimate);
-                if let Some(sigma_rad) = wanted {
-                    links.announce(&Message::TurnWanted { sigma_rad });
+                if let Some(sigma_rad) = requested_sigma_rad {
+                    links.broadcast_message(&Message::TurnWanted { sigma_rad });
                 }
                 silent_at = silence_deadline(&instrument);
             }
@@ -69,7 +70,7 @@ pub async fn run_instrument(links: &TaskLinks) -> ! {
             instrument.update_monitor();
             let is_armed = links.is_armed() == Some(true);
             if let Some(change) = change_report.select_report(now(), is_armed, instrument.installation_change()) {
-                links.announce(&change.map_or(Message::InstallationRestored, Message::InstallationChanged));
+                links.broadcast_message(&change.map_or(Message::InstallationRestored, Message::InstallationChanged));
             }
         }
     }
@@ -79,10 +80,10 @@ fn silence_deadline(instrument: &Instrument) -> Instant {
     Instant::now() + embassy_time::Duration::from_micros(instrument.instrument_config().silence_us())
 }
 
-/// Reconfigures the instrument if the sensor differs from the last.
-fn configure_sensor(instrument: &mut Instrument, found: DetectedSensor) {
+/// Reconfigures the instrument if another sensor was detected.
+fn configure_sensor(instrument: &mut Instrument, sensor: DetectedSensor) {
     let InstrumentConfig { reading_period_us, stuck_after, .. } = *instrument.instrument_config();
-    if (found.period_us, Some(found.stuck_after)) != (reading_period_us, stuck_after) {
-        instrument.set_sensor(found.period_us, Some(found.stuck_after));
+    if (sensor.period_us, Some(sensor.stuck_after)) != (reading_period_us, stuck_after) {
+        instrument.set_sensor(sensor.period_us, Some(sensor.stuck_after));
     }
 }

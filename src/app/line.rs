@@ -30,7 +30,8 @@ pub(super) fn with_snapshot<R>(
     Some(use_snapshot(&Snapshot { now, estimate: &estimate, settings, indicator_state: indicator, calibration }))
 }
 
-/// Passes a received message to the task that needs it. `can_have_gyro`: body rates are a gyro's if the report has any.
+/// Passes a received message to the task that needs it. `can_have_gyro`: whether this line's body rates are measured by
+/// a gyro.
 pub(super) fn route_message(
     links: &TaskLinks,
     line: AutopilotLine,
@@ -48,7 +49,7 @@ pub(super) fn route_message(
         ReceivedMessage::Attitude(_) | ReceivedMessage::RejectedAttitude => {
             increment_counter(&links.event_counters.attitude_foreign);
         }
-        // The sender repeats a command that is not answered.
+        // If the queue is full, the command is dropped, and its sender repeats it.
         ReceivedMessage::Command(command) => {
             let _ = links.commands.try_send((CommandSource::Line(line), command));
         }

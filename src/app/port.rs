@@ -41,15 +41,15 @@ pub async fn run_port(links: &TaskLinks, number: PortNumber, mut rx: impl Read, 
     let line = AutopilotLine::Port(number);
     let wires = links.links_of_line(line);
     let mut settings = changes.changed().await;
-    let chosen = settings.ports.settings_of_port(number);
-    let mut port = Port::new(chosen.protocol, *number.element_of(&links.port_protocols()), now());
-    apply_settings(&mut port, &mut tx, Settings::DEFAULT.ports.settings_of_port(number), chosen);
+    let initial_settings = settings.ports.settings_of_port(number);
+    let mut port = Port::new(initial_settings.protocol, *number.element_of(&links.port_protocols()), now());
+    apply_settings(&mut port, &mut tx, Settings::DEFAULT.ports.settings_of_port(number), initial_settings);
     port.mavlink.set_signing_key(settings.signing_key);
-    let mut counted = PublishedCounts::default();
+    let mut published_counts = PublishedCounts::default();
     let mut silence_check = MessageSchedule::new();
     let mut bytes = [0; 64];
     loop {
-        let written = async {
+        let write_output = async {
             match port.pending_output.pending_bytes() {
                 [] => pending().await,
                 bytes => tx.write(bytes).await,
@@ -60,7 +60,7 @@ pub async fn run_port(links: &TaskLinks, number: PortNumber, mut rx: impl Read, 
             estimates.changed().await;
         };
         // Estimates come first: a line in error is ready at every poll, and would starve any future after it.
-        match select4(estimated, written, wires.command_results.wait(), rx.read(&mut bytes)).await {
+        match select4(estimated, write_output, wires.command_results.wait(), rx.read(&mut bytes)).await {
             Either4::First(()) => {
                 increment_counter(&wires.heartbeat);
                 if let Some(changed) = changes.try_changed() {
@@ -86,7 +86,7 @@ pub async fn run_port(links: &TaskLinks, number: PortNumber, mut rx: impl Read, 
                 if silence_check.is_due(at, AUTOPILOT_SILENCE_CHECK_HZ) {
                     links.update_line_state(line, port.active_protocol(at), port.is_armed(at));
                 }
-                counted.add_new_counts(&port, &links.event_counters);
+                published_counts.add_new_counts(&port, &links.event_counters);
             }
             Either4::Second(Ok(number)) if number > 0 => port.pending_output.consume_bytes(number),
             Either4::Second(_) => port.pending_output.mark_failed(),
@@ -102,10 +102,10 @@ pub async fn run_port(links: &TaskLinks, number: PortNumber, mut rx: impl Read, 
     }
 }
 
-fn apply_settings(port: &mut Port, tx: &mut impl SetBaud, before: PortSettings, changed: PortSettings) {
-    port.set_protocol(changed.protocol);
-    if changed.baud != before.baud {
-        tx.set_baud(changed.baud);
+fn apply_settings(port: &mut Port, tx: &mut impl SetBaud, old_settings: PortSettings, new_settings: PortSettings) {
+    port.set_protocol(new_settings.protocol);
+    if new_settings.baud != old_settings.baud {
+        tx.set_baud(new_settings.baud);
     }
 }
 
@@ -135,15 +135,16 @@ struct PublishedCounts([u32; 4]);
 
 impl PublishedCounts {
     fn add_new_counts(&mut self, port: &Port, counters: &EventCounters) {
-        let TransmitBuffer { message_count: sent, messages_without_heading: empty, lost_messages: lost, .. } =
-            port.pending_output;
-        let now = [sent, empty, lost, port.rejected_frames()];
+        let TransmitBuffer {
+            message_count: messages, messages_without_heading: without_heading, lost_messages, ..
+        } = port.pending_output;
+        let counts = [messages, without_heading, lost_messages, port.rejected_frames()];
         let totals =
             [&counters.messages, &counters.messages_empty, &counters.write_errors, &counters.attitude_rejected];
-        for ((counter, now), before) in totals.into_iter().zip(now).zip(&mut self.0) {
-            if now != *before {
-                counter.fetch_add(now.wrapping_sub(*before), Ordering::Relaxed);
-                *before = now;
+        for ((counter, count), published_count) in totals.into_iter().zip(counts).zip(&mut self.0) {
+            if count != *published_count {
+                counter.fetch_add(count.wrapping_sub(*published_count), Ordering::Relaxed);
+                *published_count = count;
             }
         }
     }

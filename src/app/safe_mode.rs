@@ -37,7 +37,7 @@ pub async fn run_safe_mode<F: NorFlash, const PORTS: usize>(
     mut watchdog: impl Watchdog,
 ) -> ! {
     const { assert!(PORTS <= PORT_COUNT) };
-    links.announce(&Message::SafeMode);
+    links.broadcast_message(&Message::SafeMode);
     let mut ticker = Ticker::every(REPORT_INTERVAL);
     let mut reporter = SafeModeReporter::default();
     let mut output = TransmitBuffer::new();

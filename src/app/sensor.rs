@@ -22,9 +22,9 @@ pub(super) const MAX_HEARTBEAT_INTERVAL_MS: u64 = RETRY_DELAY.as_millis() + DRIV
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum StopReason {
     /// The sensor does not answer, or answers wrongly.
-    Lost,
+    NoAnswer,
     /// The sensor's configuration has changed.
-    Upset,
+    ConfigurationLost,
 }
 
 /// Initialises the magnetometer and reads every measurement; starts again after any error.
@@ -35,7 +35,7 @@ pub async fn run_sensor(links: &TaskLinks, mut magnetometer: impl Magnetometer) 
                 info!("magnetometer {=str}", identity.model.model_name());
                 let (period_us, stuck_after) = (magnetometer.period_us(), magnetometer.stuck_reading_count());
                 links.sensor.sender().send(DetectedSensor { identity, period_us, stuck_after });
-                if read_until_error(links, &mut magnetometer).await == StopReason::Upset {
+                if read_until_error(links, &mut magnetometer).await == StopReason::ConfigurationLost {
                     // The sensor answers, so that it is initialised again without a delay.
                     increment_counter(&links.event_counters.sensor_upsets);
                     continue;
@@ -66,12 +66,12 @@ async fn read_until_error(links: &TaskLinks, magnetometer: &mut impl Magnetomete
                 Ok(Ok(())) => {}
                 Ok(Err(MagnetometerError::Configuration { .. })) => {
                     warning!("magnetometer upset");
-                    return StopReason::Upset;
+                    return StopReason::ConfigurationLost;
                 }
                 Ok(Err(_)) | Err(_) => break,
             }
         }
     }
     warning!("magnetometer lost");
-    StopReason::Lost
+    StopReason::NoAnswer
 }

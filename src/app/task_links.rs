@@ -161,10 +161,10 @@ impl TaskLinks {
     /// time.
     pub(super) fn accept_attitude(&self, line: AutopilotLine, at: Timestamp, has_gyro: bool) -> bool {
         self.attitude_line.lock(|selector| {
-            let mut all = selector.get();
-            let takes = all.accept_line_report(at, line.line_number(), has_gyro);
-            selector.set(all);
-            takes
+            let mut line_selector = selector.get();
+            let is_accepted = line_selector.accept_line_report(at, line.line_number(), has_gyro);
+            selector.set(line_selector);
+            is_accepted
         })
     }
 
@@ -194,18 +194,18 @@ impl TaskLinks {
 
     /// Whether the autopilot of any line is armed, if known.
     pub(super) fn is_armed(&self) -> Option<bool> {
-        let known = AutopilotLine::ALL_LINES
+        let armed_states = AutopilotLine::ALL_LINES
             .into_iter()
             .filter_map(|line| self.links_of_line(line).state.lock(Cell::get).is_armed);
-        known.reduce(|one, two| one || two)
+        armed_states.reduce(|first, second| first || second)
     }
 
     /// Sets the ports' initial protocols to those detected before the restart.
-    pub(super) fn set_initial_protocols(&self, found: [ProtocolKind; PORT_COUNT]) {
-        for (number, found) in PortNumber::ALL_PORTS.into_iter().zip(found) {
+    pub(super) fn set_initial_protocols(&self, detected: [ProtocolKind; PORT_COUNT]) {
+        for (number, detected) in PortNumber::ALL_PORTS.into_iter().zip(detected) {
             self.links_of_line(AutopilotLine::Port(number))
                 .state
-                .lock(|state| state.set(LineState { protocol: found, ..state.get() }));
+                .lock(|state| state.set(LineState { protocol: detected, ..state.get() }));
         }
     }
 
@@ -222,7 +222,7 @@ impl TaskLinks {
     }
 
     /// Sends a message to the console and to the lines.
-    pub(super) fn announce(&self, message: &Message) {
+    pub(super) fn broadcast_message(&self, message: &Message) {
         for queue in self.lines.iter().map(|line| &line.messages).chain([&self.console_messages]) {
             if queue.is_full() {
                 let _ = queue.try_receive();
@@ -319,7 +319,7 @@ pub(super) struct Heartbeats {
     pub compass: AtomicU32,
 }
 
-/// Number of heartbeats that every board has. Boards differ in their lines.
+/// Number of heartbeat counters of the tasks of every board; each line of a board has a further one.
 pub(super) const HEARTBEATS_OF_EVERY_BOARD: usize = 3;
 
 pub(super) const MAX_HEARTBEATS: usize = HEARTBEATS_OF_EVERY_BOARD + LINE_COUNT;

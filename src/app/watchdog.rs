@@ -23,19 +23,23 @@ pub trait Watchdog {
 /// Feeds the watchdog if sensor, instrument, every running port and the state machine have each sent a heartbeat since
 /// the last check. A console that does not yield stops the state machine, too: they share an executor.
 pub async fn run_watchdog(links: &TaskLinks, mut watchdog: impl Watchdog) -> ! {
-    let mut before = links.heartbeat_counts();
+    let mut last_counts = links.heartbeat_counts();
     loop {
         Timer::after(CHECK_INTERVAL).await;
-        let now = links.heartbeat_counts();
-        if all_sent_heartbeats(&before, &now) {
+        let counts = links.heartbeat_counts();
+        if all_sent_heartbeats(&last_counts, &counts) {
             watchdog.feed();
         }
-        before = now;
+        last_counts = counts;
     }
 }
 
 /// Whether each task has sent a heartbeat; a line is exempt until its first one.
-fn all_sent_heartbeats(before: &[u32; MAX_HEARTBEATS], now: &[u32; MAX_HEARTBEATS]) -> bool {
+fn all_sent_heartbeats(last_counts: &[u32; MAX_HEARTBEATS], counts: &[u32; MAX_HEARTBEATS]) -> bool {
     let is_unused_line = |i: usize, beat: u32| i >= HEARTBEATS_OF_EVERY_BOARD && beat == 0;
-    now.iter().zip(before).enumerate().all(|(i, (now, before))| now != before || is_unused_line(i, *now))
+    counts
+        .iter()
+        .zip(last_counts)
+        .enumerate()
+        .all(|(i, (count, last_count))| count != last_count || is_unused_line(i, *count))
 }

@@ -19,7 +19,7 @@ const MEAN_TIME_CONSTANT_S: f32 = 1.0;
 /// error.
 const MIN_TILT_DEVIATION_RAD: f32 = 0.052;
 
-/// Factor on the integrated rates, which are samples of single instants.
+/// Safety factor on the integrated rates: a report has the rates of one instant only.
 const INTEGRATED_RATE_FACTOR: f32 = 2.0;
 
 /// The field is still if its angle from its mean is below this fraction of the tilt's.
@@ -73,19 +73,19 @@ impl AlignmentDetector {
             (self.last_means, self.hold_remaining_s) = (None, 0.0);
             return false;
         };
-        let now = RunningMeans {
+        let current_means = RunningMeans {
             updated_at: at,
             mean_down: report.attitude.tilt_rotation().down_in_body(),
             mean_field: field,
             integrated_rate_rad: 0.0,
             rate_rad_s,
         };
-        let Some(last) = self.last_means.replace(now) else { return false };
-        let step_s = at.us_since(last.updated_at) as f32 * 1e-6;
+        let Some(previous_means) = self.last_means.replace(current_means) else { return false };
+        let step_s = at.us_since(previous_means.updated_at) as f32 * 1e-6;
         self.hold_remaining_s = (self.hold_remaining_s - step_s).max(0.0);
         if step_s <= MAX_GAP_S {
-            let mean = last.updated_means(&now, step_s);
-            let tilted_rad = (now.mean_down - mean.mean_down).vector_length();
+            let mean = previous_means.updated_means(&current_means, step_s);
+            let tilted_rad = (current_means.mean_down - mean.mean_down).vector_length();
             if tilted_rad > MIN_TILT_DEVIATION_RAD + INTEGRATED_RATE_FACTOR * mean.integrated_rate_rad
                 && (field - mean.mean_field).vector_length() < MAX_FIELD_TO_TILT_RATIO * tilted_rad
             {
@@ -99,16 +99,16 @@ impl AlignmentDetector {
 }
 
 impl RunningMeans {
-    /// Means updated with the report `now`, `step_s` later.
-    fn updated_means(&self, now: &Self, step_s: f32) -> Self {
-        let part = step_s / MEAN_TIME_CONSTANT_S;
-        let rate_rad_s = now.rate_rad_s.max(self.rate_rad_s);
+    /// Means updated with the report `latest`, `step_s` later.
+    fn updated_means(&self, latest: &Self, step_s: f32) -> Self {
+        let weight = step_s / MEAN_TIME_CONSTANT_S;
+        let rate_rad_s = latest.rate_rad_s.max(self.rate_rad_s);
         Self {
-            updated_at: now.updated_at,
-            mean_down: self.mean_down + (now.mean_down - self.mean_down) * part,
-            mean_field: self.mean_field + (now.mean_field - self.mean_field) * part,
-            integrated_rate_rad: (1.0 - part) * self.integrated_rate_rad + rate_rad_s * step_s,
-            rate_rad_s: now.rate_rad_s,
+            updated_at: latest.updated_at,
+            mean_down: self.mean_down + (latest.mean_down - self.mean_down) * weight,
+            mean_field: self.mean_field + (latest.mean_field - self.mean_field) * weight,
+            integrated_rate_rad: (1.0 - weight) * self.integrated_rate_rad + rate_rad_s * step_s,
+            rate_rad_s: latest.rate_rad_s,
         }
     }
 }
@@ -218,7 +218,7 @@ mod tests {
         assert_eq!((by_field(0.4), by_field(-0.4), by_field(1.0)), (None, None, None));
     }
 
-    /// No body rates, no field, or a gap of more than half a second.
+    /// Without body rates, without a field, and after a gap of more than half a second, no alignment is detected.
     #[test]
     fn missing_data_is_not_alignment() {
         let tilted = |deg: f32| Attitude::from_deg(deg, 0.0);

@@ -55,11 +55,11 @@ impl EulerRates {
 
     /// Linear interpolation; `fraction` 0 is `self`, 1 is `later`.
     pub(super) fn interpolate(&self, later: &Self, fraction: f32) -> Self {
-        let between = |from: f32, to: f32| from + fraction * (to - from);
+        let interpolate_rate = |from: f32, to: f32| from + fraction * (to - from);
         Self {
-            roll_rad_s: between(self.roll_rad_s, later.roll_rad_s),
-            pitch_rad_s: between(self.pitch_rad_s, later.pitch_rad_s),
-            heading_rad_s: between(self.heading_rad_s, later.heading_rad_s),
+            roll_rad_s: interpolate_rate(self.roll_rad_s, later.roll_rad_s),
+            pitch_rad_s: interpolate_rate(self.pitch_rad_s, later.pitch_rad_s),
+            heading_rad_s: interpolate_rate(self.heading_rad_s, later.heading_rad_s),
         }
     }
 }
@@ -116,21 +116,21 @@ impl HeadingIntegral {
 
     /// State `ahead_s` after the report, at constant rates.
     pub fn extrapolate_integral(&self, ahead_s: f32) -> Option<GyroHeading> {
-        let motion = self.euler_rates?;
-        let turned_rad = wrap_pi(self.relative_heading_rad + motion.heading_rad_s * ahead_s);
-        Some(GyroHeading { euler_rates: motion, relative_heading_rad: turned_rad, run_number: self.run_number })
+        let rates = self.euler_rates?;
+        let turned_rad = wrap_pi(self.relative_heading_rad + rates.heading_rad_s * ahead_s);
+        Some(GyroHeading { euler_rates: rates, relative_heading_rad: turned_rad, run_number: self.run_number })
     }
 
     /// State between two reports `step_s` apart, at `fraction` of the interval.
-    pub fn interpolate(&self, after: &Self, step_s: f32, fraction: f32) -> Option<GyroHeading> {
-        let (from, to) = (self.euler_rates?, after.euler_rates?);
-        let motion = from.interpolate(&to, fraction);
+    pub fn interpolate(&self, later: &Self, step_s: f32, fraction: f32) -> Option<GyroHeading> {
+        let (earlier_rates, later_rates) = (self.euler_rates?, later.euler_rates?);
+        let motion = earlier_rates.interpolate(&later_rates, fraction);
         // Integral of a linearly changing rate, backward from the later report, whose run continues.
-        let rest = motion.interpolate(&to, 0.5).heading_rad_s * (1.0 - fraction) * step_s;
-        (self.run_number == after.run_number).then(|| GyroHeading {
+        let remaining_turn_rad = motion.interpolate(&later_rates, 0.5).heading_rad_s * (1.0 - fraction) * step_s;
+        (self.run_number == later.run_number).then(|| GyroHeading {
             euler_rates: motion,
-            relative_heading_rad: wrap_pi(after.relative_heading_rad - rest),
-            run_number: after.run_number,
+            relative_heading_rad: wrap_pi(later.relative_heading_rad - remaining_turn_rad),
+            run_number: later.run_number,
         })
     }
 }

@@ -13,7 +13,7 @@ const LINE_RELEASE_US: u64 = 1_000_000;
 struct SelectedLine {
     line: u8,
     has_gyro: bool,
-    at: Timestamp,
+    last_report_at: Timestamp,
 }
 
 /// Selects the input line for attitude.
@@ -30,10 +30,12 @@ impl LineSelector {
     /// Returns whether a report received at `now` on `line` is accepted; `has_gyro`: with the rates of a gyro.
     pub fn accept_line_report(&mut self, now: Timestamp, line: u8, has_gyro: bool) -> bool {
         let is_accepted = self.0.is_none_or(|selected| {
-            selected.line == line || (has_gyro && !selected.has_gyro) || now.us_since(selected.at) > LINE_RELEASE_US
+            selected.line == line
+                || (has_gyro && !selected.has_gyro)
+                || now.us_since(selected.last_report_at) > LINE_RELEASE_US
         });
         if is_accepted {
-            self.0 = Some(SelectedLine { line, has_gyro, at: now });
+            self.0 = Some(SelectedLine { line, has_gyro, last_report_at: now });
         }
         is_accepted
     }

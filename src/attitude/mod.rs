@@ -56,7 +56,7 @@ pub enum AttitudeLookup {
 pub struct RejectedReports {
     /// Reports too far from the prediction of the previous report.
     pub spike_reports: u32,
-    /// Reports that a frozen source repeats, or with a hanging attitude.
+    /// Repeated reports of a frozen source, and reports with a stale attitude.
     pub frozen_reports: u32,
     /// Reports with body rates that contradict the attitude; used without the rates.
     pub contradicting_rates: u32,
@@ -180,13 +180,13 @@ impl AttitudeHistory {
     #[must_use]
     pub fn attitude_at(&self, at: Timestamp) -> AttitudeLookup {
         let Some(newest) = self.reports.back() else { return AttitudeLookup::Stale };
-        let sent = self.sending_time(at);
-        if sent == newest.sent_at {
+        let sent_at = self.sending_time(at);
+        if sent_at == newest.sent_at {
             return AttitudeLookup::Interpolated(newest.report.attitude);
         }
-        let ahead_us = sent.us_since(newest.sent_at);
+        let ahead_us = sent_at.us_since(newest.sent_at);
         if ahead_us > 0 {
-            return match self.rejection_reason(sent) {
+            return match self.rejection_reason(sent_at) {
                 Some(doubted) => doubted,
                 None if ahead_us <= u64::from(self.config.max_extrapolation_us) => {
                     AttitudeLookup::Extrapolated(extrapolate_attitude(newest, ahead_us as f32 * 1e-6))
@@ -194,8 +194,8 @@ impl AttitudeHistory {
                 None => AttitudeLookup::Stale,
             };
         }
-        self.surrounding_reports(sent)
-            .and_then(|(before, after)| self.interpolate_gap(before, after, sent))
+        self.surrounding_reports(sent_at)
+            .and_then(|(before, after)| self.interpolate_gap(before, after, sent_at))
             .map_or(AttitudeLookup::Missing, AttitudeLookup::Interpolated)
     }
 
@@ -203,22 +203,22 @@ impl AttitudeHistory {
     #[must_use]
     pub fn gyro_heading_at(&self, at: Timestamp) -> Option<GyroHeading> {
         let newest = self.reports.back()?;
-        let sent = self.sending_time(at);
-        if sent >= newest.sent_at {
-            let ahead_us = sent.us_since(newest.sent_at);
-            let known =
-                ahead_us <= u64::from(self.config.max_extrapolation_us) && self.rejection_reason(sent).is_none();
+        let sent_at = self.sending_time(at);
+        if sent_at >= newest.sent_at {
+            let ahead_us = sent_at.us_since(newest.sent_at);
+            let can_extrapolate =
+                ahead_us <= u64::from(self.config.max_extrapolation_us) && self.rejection_reason(sent_at).is_none();
             return newest
                 .heading_integral
                 .extrapolate_integral(ahead_us as f32 * 1e-6)
-                .filter(|_| known || ahead_us == 0);
+                .filter(|_| can_extrapolate || ahead_us == 0);
         }
-        let (before, after) = self.surrounding_reports(sent)?;
+        let (before, after) = self.surrounding_reports(sent_at)?;
         let gap_us = after.sent_at.us_since(before.sent_at) as f32;
         before.heading_integral.interpolate(
             &after.heading_integral,
             gap_us * 1e-6,
-            sent.us_since(before.sent_at) as f32 / gap_us,
+            sent_at.us_since(before.sent_at) as f32 / gap_us,
         )
     }
 
@@ -234,10 +234,10 @@ impl AttitudeHistory {
         last.heading_integral.advanced(report, step_s)
     }
 
-    /// Reason to reject reports sent at `sent`, if any.
-    fn rejection_reason(&self, sent: Timestamp) -> Option<AttitudeLookup> {
+    /// Reason to reject reports sent at `sent_at`, if any.
+    fn rejection_reason(&self, sent_at: Timestamp) -> Option<AttitudeLookup> {
         let max_age_us = u64::from(self.config.max_extrapolation_us);
-        let is_recent = |last: Option<Timestamp>| last.is_some_and(|last| sent.us_since(last) <= max_age_us);
+        let is_recent = |last: Option<Timestamp>| last.is_some_and(|last| sent_at.us_since(last) <= max_age_us);
         if is_recent(self.freeze_detector.frozen_at()) {
             Some(AttitudeLookup::Frozen)
         } else {
@@ -245,16 +245,16 @@ impl AttitudeHistory {
         }
     }
 
-    /// Reports before and after `sent`; the first may be at `sent`.
-    fn surrounding_reports(&self, sent: Timestamp) -> Option<(&TimedReport, &TimedReport)> {
+    /// Reports before and after `sent_at`; the first may be at `sent_at`.
+    fn surrounding_reports(&self, sent_at: Timestamp) -> Option<(&TimedReport, &TimedReport)> {
         let mut pairs = self.reports.iter().zip(self.reports.iter().skip(1));
-        pairs.find(|(before, after)| (before.sent_at..after.sent_at).contains(&sent))
+        pairs.find(|(before, after)| (before.sent_at..after.sent_at).contains(&sent_at))
     }
 
-    fn interpolate_gap(&self, before: &TimedReport, after: &TimedReport, sent: Timestamp) -> Option<Attitude> {
+    fn interpolate_gap(&self, before: &TimedReport, after: &TimedReport, sent_at: Timestamp) -> Option<Attitude> {
         let gap_us = after.sent_at.us_since(before.sent_at);
-        let fraction = sent.us_since(before.sent_at) as f32 / gap_us as f32;
-        (sent == before.sent_at || gap_us <= u64::from(self.config.max_gap_us))
+        let fraction = sent_at.us_since(before.sent_at) as f32 / gap_us as f32;
+        (sent_at == before.sent_at || gap_us <= u64::from(self.config.max_gap_us))
             .then(|| interpolate(&before.report, &after.report, fraction))
     }
 }

@@ -38,7 +38,7 @@ const MAX_STEP_US: u64 = 250_000;
 /// Leaky evidence that rates and attitude agree or contradict.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RateConsistency {
-    last: Option<(Timestamp, Attitude, EulerRates)>,
+    last_report: Option<(Timestamp, Attitude, EulerRates)>,
     /// Duration and changes of roll and pitch, by rates and by attitude, in the current integration interval.
     elapsed_us: u64,
     gyro_change_rad: [f32; 2],
@@ -52,7 +52,7 @@ pub(super) struct RateConsistency {
 
 impl RateConsistency {
     pub const EMPTY: Self = Self {
-        last: None,
+        last_report: None,
         elapsed_us: 0,
         gyro_change_rad: [0.0; 2],
         attitude_change_rad: [0.0; 2],
@@ -69,12 +69,13 @@ impl RateConsistency {
     pub fn process_report(&mut self, at: Timestamp, report: &AttitudeReport) -> bool {
         let Some(motion) = EulerRates::from_report(report) else { return false };
         let attitude = report.attitude;
-        if let Some((last_at, last, before)) = self.last.replace((at, attitude, motion)) {
+        if let Some((last_at, last_attitude, last_rates)) = self.last_report.replace((at, attitude, motion)) {
             let step_us = at.us_since(last_at);
             if step_us <= MAX_STEP_US {
                 let step_s = step_us as f32 * 1e-6;
-                let mean = before.interpolate(&motion, 0.5);
-                let per_attitude = [wrap_pi(attitude.roll_rad - last.roll_rad), attitude.pitch_rad - last.pitch_rad];
+                let mean = last_rates.interpolate(&motion, 0.5);
+                let per_attitude =
+                    [wrap_pi(attitude.roll_rad - last_attitude.roll_rad), attitude.pitch_rad - last_attitude.pitch_rad];
                 for (i, rate_rad_s) in [mean.roll_rad_s, mean.pitch_rad_s].into_iter().enumerate() {
                     self.gyro_change_rad[i] += rate_rad_s * step_s;
                     self.attitude_change_rad[i] += per_attitude[i];
@@ -99,10 +100,10 @@ impl RateConsistency {
     fn update_evidence(&mut self) {
         let (gyro, attitude) = (self.gyro_change_rad, self.attitude_change_rad);
         let (gyro_squared, attitude_squared) = (norm_squared(gyro), norm_squared(attitude));
-        let both = gyro[0] * attitude[0] + gyro[1] * attitude[1];
+        let product = gyro[0] * attitude[0] + gyro[1] * attitude[1];
         (self.elapsed_us, self.gyro_change_rad, self.attitude_change_rad) = (0, [0.0; 2], [0.0; 2]);
         self.agreement_rad2 =
-            finite_or_zero(FORGETTING_FACTOR * self.agreement_rad2 + both - MIN_ATTITUDE_RATIO * gyro_squared)
+            finite_or_zero(FORGETTING_FACTOR * self.agreement_rad2 + product - MIN_ATTITUDE_RATIO * gyro_squared)
                 .clamp(-EVIDENCE_THRESHOLD_RAD2, EVIDENCE_THRESHOLD_RAD2);
         if self.are_too_slow(gyro_squared, attitude_squared) {
             self.agreement_rad2 = -EVIDENCE_THRESHOLD_RAD2;
@@ -112,9 +113,9 @@ impl RateConsistency {
     /// Whether the body rates are too small for the attitude's changes. Adds the squared changes of one interval,
     /// rad^2, to the evidence.
     fn are_too_slow(&mut self, gyro_squared: f32, attitude_squared: f32) -> bool {
-        let enough = gyro_squared / (MIN_RATE_RATIO * MIN_RATE_RATIO) - attitude_squared;
+        let rate_excess = gyro_squared / (MIN_RATE_RATIO * MIN_RATE_RATIO) - attitude_squared;
         self.rate_evidence_rad2 =
-            finite_or_zero(FORGETTING_FACTOR * self.rate_evidence_rad2 + enough).min(MIN_ATTITUDE_CHANGE_RAD2);
+            finite_or_zero(FORGETTING_FACTOR * self.rate_evidence_rad2 + rate_excess).min(MIN_ATTITUDE_CHANGE_RAD2);
         self.rate_evidence_rad2 < -MIN_ATTITUDE_CHANGE_RAD2
     }
 }
@@ -202,7 +203,8 @@ mod tests {
         is_contradicted
     }
 
-    /// Limit of 15 % either way.
+    /// An attitude change of less than 15 % of the integrated rates is a contradiction, and so are
+    /// rates of less than 15 % of the attitude change.
     #[test]
     fn limits_of_scale_and_magnitude() {
         for (per_gyro, per_attitude, expected) in
@@ -230,7 +232,7 @@ mod tests {
         }
     }
 
-    /// One hour.
+    /// A gyro offset of 2 deg/s at rest is accepted for an hour.
     #[test]
     fn a_gyro_offset_is_accepted() {
         let mut check = RateConsistency::EMPTY;
@@ -245,7 +247,7 @@ mod tests {
         }
     }
 
-    /// The evidence recovers within half a minute.
+    /// Once the rates are correct, the evidence recovers within half a minute.
     #[test]
     fn corrected_rates_are_accepted_again() {
         let mut check = RateConsistency::EMPTY;

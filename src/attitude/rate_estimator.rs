@@ -51,15 +51,15 @@ impl RateEstimator {
     pub fn update_rates(&mut self, at: Timestamp, attitude: Attitude, heading_rad: f32) -> [f32; 3] {
         let measured = [attitude.roll_rad, attitude.pitch_rad, heading_rad];
         let started = SmoothedAngles { at, angles_rad: measured, rates_rad_s: [0.0; 3], outliers: 0 };
-        let Some(last) = self.0.replace(started) else { return [0.0; 3] };
-        let step_s = at.us_since(last.at) as f32 * 1e-6;
+        let Some(last_angles) = self.0.replace(started) else { return [0.0; 3] };
+        let step_s = at.us_since(last_angles.at) as f32 * 1e-6;
         if !(0.0..=MAX_STEP_S).contains(&step_s) {
             return [0.0; 3];
         }
-        let predicted: Angles = from_fn(|i| last.angles_rad[i] + last.rates_rad_s[i] * step_s);
+        let predicted: Angles = from_fn(|i| last_angles.angles_rad[i] + last_angles.rates_rad_s[i] * step_s);
         let mut residuals: Angles = from_fn(|i| wrap_pi(measured[i] - predicted[i]));
         let is_outlier = residuals.iter().any(|residual| residual.abs() > MAX_RESIDUAL_RAD);
-        let outliers = if is_outlier { last.outliers + 1 } else { 0 };
+        let outliers = if is_outlier { last_angles.outliers + 1 } else { 0 };
         if outliers > MAX_OUTLIERS || step_s == 0.0 {
             return [0.0; 3];
         }
@@ -72,11 +72,11 @@ impl RateEstimator {
         self.0 = Some(SmoothedAngles {
             at,
             angles_rad: from_fn(|i| wrap_pi(predicted[i] + angle_gain * residuals[i])),
-            rates_rad_s: from_fn(|i| last.rates_rad_s[i] + rate_gain * residuals[i]),
+            rates_rad_s: from_fn(|i| last_angles.rates_rad_s[i] + rate_gain * residuals[i]),
             outliers,
         });
         let [roll_rad_s, pitch_rad_s, heading_rad_s] =
-            from_fn(|i| last.rates_rad_s[i] + angle_gain * residuals[i] / step_s);
+            from_fn(|i| last_angles.rates_rad_s[i] + angle_gain * residuals[i] / step_s);
         EulerRates { roll_rad_s, pitch_rad_s, heading_rad_s }.to_body_rates(attitude)
     }
 }

@@ -25,14 +25,14 @@ impl SenderClock {
     }
 
     pub fn sending_time(&mut self, arrival: Timestamp, sender: WrappingMillis, config: &AttitudeConfig) -> Timestamp {
-        let sent = self
+        let sent_at = self
             .last_report
             .and_then(|(last_sender, last_sent)| {
                 predicted_sending_time(arrival, sender.signed_ms_since(last_sender), last_sent, config)
             })
             .unwrap_or(arrival);
-        self.last_report = Some((sender, sent));
-        sent
+        self.last_report = Some((sender, sent_at));
+        sent_at
     }
 }
 

@@ -18,21 +18,21 @@ const MOTION_MEMORY_S: f32 = 2.0;
 
 /// Time constant of the estimated gyro offset, seconds: much longer than a roll. An offset that grows by 2 deg/s in a
 /// minute is followed with an error of 1 deg/s.
-const OFFSET_TIME_S: f32 = 30.0;
+const GYRO_OFFSET_TIME_S: f32 = 30.0;
 
 /// Largest gyro offset on an axis, rad/s: that of the monitor.
 const MAX_OFFSET_RAD_S: f32 = 0.15;
 
 /// Smallest predicted but missing motion of the vertical, radians (4 deg): a gyro offset of 1 deg/s on two axes reaches
 /// 2.8 deg, noise of the attitude 0.6 deg.
-const MIN_MISSING_RAD: f32 = 0.07;
+const MIN_MISSING_MOTION_RAD: f32 = 0.07;
 
 /// Additional missing motion per radian turned: gyro scale and cross-axis errors of 10 % on two axes are 14 %.
-const MIN_MISSING_PER_RAD_TURNED: f32 = 0.15;
+const MIN_MISSING_MOTION_PER_RAD: f32 = 0.15;
 
-/// Largest ratio of the reported to the predicted motion of the vertical in a hanging attitude. A source that reports a
+/// Largest ratio of the reported to the predicted motion of the vertical in a stale attitude. A source that reports a
 /// third of the bank is not detected.
-const MAX_HANGING_FRACTION: f32 = 0.3;
+const MAX_STALE_FRACTION: f32 = 0.3;
 
 /// Smallest ratio of observed to predicted motion of a vector that follows the rates.
 const MIN_FOLLOWING_FRACTION: f32 = 0.5;
@@ -52,9 +52,9 @@ pub(super) struct StaleAttitudeDetector {
     /// Direction of the last reading's field.
     field_direction: Option<Vector3<f32>>,
     /// Time and body rates of the last report.
-    last: Option<(Timestamp, Vector3<f32>)>,
+    last_report: Option<(Timestamp, Vector3<f32>)>,
     /// Gyro offset across the vertical, rad/s.
-    offset: Vector3<f32>,
+    gyro_offset: Vector3<f32>,
     vertical: VectorMotion,
     field: VectorMotion,
     /// Evidence that the field follows the rates, leaky, square radians times seconds.
@@ -67,7 +67,7 @@ pub(super) struct StaleAttitudeDetector {
 /// Recent motion of a unit vector in body axes, with exponential forgetting, radians.
 #[derive(Debug)]
 struct VectorMotion {
-    last: Option<Vector3<f32>>,
+    last_vector: Option<Vector3<f32>>,
     observed: Vector3<f32>,
     /// Motion predicted from the body rates.
     predicted: Vector3<f32>,
@@ -77,8 +77,8 @@ impl StaleAttitudeDetector {
     pub const fn new() -> Self {
         Self {
             field_direction: None,
-            last: None,
-            offset: Vector3::new(0.0, 0.0, 0.0),
+            last_report: None,
+            gyro_offset: Vector3::new(0.0, 0.0, 0.0),
             vertical: VectorMotion::new(),
             field: VectorMotion::new(),
             field_evidence: 0.0,
@@ -101,29 +101,29 @@ impl StaleAttitudeDetector {
             return false;
         };
         let rates = Vector3::from(body_rates.rad_s());
-        let (last_at, last_rates) = self.last.replace((at, rates)).unwrap_or((at, rates));
+        let (last_at, last_rates) = self.last_report.replace((at, rates)).unwrap_or((at, rates));
         let step_s = at.us_since(last_at) as f32 * 1e-6;
-        let turn = ((last_rates + rates) * 0.5 - self.offset) * step_s;
-        let kept = 1.0 - step_s / MOTION_MEMORY_S;
-        self.turned_rad = kept * self.turned_rad + turn.vector_length();
+        let turn = ((last_rates + rates) * 0.5 - self.gyro_offset) * step_s;
+        let decay_factor = 1.0 - step_s / MOTION_MEMORY_S;
+        self.turned_rad = decay_factor * self.turned_rad + turn.vector_length();
         if step_s > MAX_STEP_S || !self.turned_rad.is_finite() {
             // Forgets the motion before a gap.
-            let Self { field_direction, last, offset, is_stale, .. } = *self;
-            *self = Self { field_direction, last, offset, is_stale, ..Self::new() };
+            let Self { field_direction, last_report, gyro_offset, is_stale, .. } = *self;
+            *self = Self { field_direction, last_report, gyro_offset, is_stale, ..Self::new() };
             return is_stale;
         }
         let down = report.attitude.tilt_rotation().down_in_body();
-        let missing = self.vertical.accumulate_turn(down, turn, kept);
+        let missing_motion = self.vertical.accumulate_turn(down, turn, decay_factor);
         if !self.is_stale {
-            let offset = self.offset + missing.cross(&down) / OFFSET_TIME_S;
-            self.offset = offset.map(|rad_s| rad_s.clamp(-MAX_OFFSET_RAD_S, MAX_OFFSET_RAD_S));
+            let gyro_offset = self.gyro_offset + missing_motion.cross(&down) / GYRO_OFFSET_TIME_S;
+            self.gyro_offset = gyro_offset.map(|rad_s| rad_s.clamp(-MAX_OFFSET_RAD_S, MAX_OFFSET_RAD_S));
         }
-        self.field.accumulate_turn(field, turn, kept);
+        self.field.accumulate_turn(field, turn, decay_factor);
         let VectorMotion { observed, predicted, .. } = &self.field;
         self.field_evidence *= 1.0 - step_s / EVIDENCE_MEMORY_S;
         self.field_evidence += step_s * (observed - predicted * MIN_FOLLOWING_FRACTION).dot(predicted);
         let is_stale = if self.is_stale {
-            !self.vertical.moved_as_predicted(MIN_MISSING_RAD)
+            !self.vertical.moved_as_predicted(MIN_MISSING_MOTION_RAD)
         } else {
             self.is_vertical_motion_missing() && self.field.moved_as_predicted(MIN_FIELD_MOTION_RAD)
         };
@@ -134,31 +134,31 @@ impl StaleAttitudeDetector {
     /// Whether the vertical does not move while the rates show that it should.
     fn is_vertical_motion_missing(&self) -> bool {
         let VectorMotion { observed, predicted, .. } = &self.vertical;
-        (predicted - observed).vector_length() > MIN_MISSING_RAD + MIN_MISSING_PER_RAD_TURNED * self.turned_rad
-            && observed.vector_length() < MAX_HANGING_FRACTION * predicted.vector_length()
+        (predicted - observed).vector_length() > MIN_MISSING_MOTION_RAD + MIN_MISSING_MOTION_PER_RAD * self.turned_rad
+            && observed.vector_length() < MAX_STALE_FRACTION * predicted.vector_length()
     }
 }
 
 impl VectorMotion {
     const fn new() -> Self {
         const ZERO_VECTOR: Vector3<f32> = Vector3::new(0.0, 0.0, 0.0);
-        Self { last: None, observed: ZERO_VECTOR, predicted: ZERO_VECTOR }
+        Self { last_vector: None, observed: ZERO_VECTOR, predicted: ZERO_VECTOR }
     }
 
     /// Adds the step to the vector's present value, with the integrated body rates; keeps a part of earlier motion.
     /// Returns the predicted but missing motion of the step.
-    fn accumulate_turn(&mut self, now: Vector3<f32>, turn: Vector3<f32>, kept: f32) -> Vector3<f32> {
-        let last = self.last.replace(now).unwrap_or(now);
-        let (observed, predicted) = (now - last, (last + now).cross(&turn) * 0.5);
-        self.observed = self.observed * kept + observed;
-        self.predicted = self.predicted * kept + predicted;
+    fn accumulate_turn(&mut self, vector: Vector3<f32>, turn: Vector3<f32>, decay_factor: f32) -> Vector3<f32> {
+        let last_vector = self.last_vector.replace(vector).unwrap_or(vector);
+        let (observed, predicted) = (vector - last_vector, (last_vector + vector).cross(&turn) * 0.5);
+        self.observed = self.observed * decay_factor + observed;
+        self.predicted = self.predicted * decay_factor + predicted;
         predicted - observed
     }
 
     /// Whether the vector has moved as predicted, by at least this angle.
-    fn moved_as_predicted(&self, least_rad: f32) -> bool {
+    fn moved_as_predicted(&self, min_motion_rad: f32) -> bool {
         let predicted_rad = self.predicted.vector_length();
-        predicted_rad > least_rad
+        predicted_rad > min_motion_rad
             && (self.observed - self.predicted).vector_length() < (1.0 - MIN_FOLLOWING_FRACTION) * predicted_rad
     }
 }
@@ -175,7 +175,7 @@ mod tests {
     /// Errors of the simulated sensors.
     #[derive(Clone, Copy, Default)]
     struct Errors {
-        /// Time from which roll and pitch stay, seconds.
+        /// Time at which roll and pitch stop changing, seconds.
         stale_from_s: Option<f32>,
         stale_until_s: f32,
         /// Scale error and cross-axis error of the gyro.
@@ -248,9 +248,9 @@ mod tests {
         changes
     }
 
-    /// In level flight it is detected in the next roll, which begins at 29 s and takes 1 s; in the turn in the roll
-    /// back to level, which begins at 39 s. Gyro errors of 10 % and 1 deg/s can hide it until the rotation of the turn
-    /// adds up.
+    /// An attitude that becomes stale in level flight is detected in the next roll, which begins at 29 s and takes 1 s;
+    /// in the turn in the roll back to level, which begins at 39 s. Gyro errors of 10 % and 1 deg/s can hide it until
+    /// the rotation of the turn adds up.
     #[test]
     fn a_stale_attitude_is_detected_in_the_next_roll() {
         for seed in 0..20 {
@@ -269,7 +269,7 @@ mod tests {
         }
     }
 
-    /// It is stale from 25 s to 45 s; the next roll that it follows begins at 49 s.
+    /// The attitude is stale from 25 s to 45 s, and follows the roll that begins at 49 s.
     #[test]
     fn an_attitude_that_follows_again_is_accepted() {
         for seed in 0..20 {
@@ -312,7 +312,7 @@ mod tests {
             };
             detector.process_report(Timestamp::from_us(i as u64 * 20_000), &report);
         }
-        // The mean of two steps has the infinite rate, too.
+        // The infinite rate of the first report also enters the mean of the second step.
         assert!(detector.turned_rad.is_finite() && detector.vertical.predicted.vector_length() < 0.01);
     }
 

@@ -37,7 +37,7 @@ fn roll_deg(lookup: AttitudeLookup) -> f32 {
     angles_deg(lookup)[0]
 }
 
-/// 50 Hz reports of a 10 deg/s roll.
+/// Reports at 50 Hz of a roll at 10 deg/s.
 #[test]
 fn interpolates_and_extrapolates_to_the_instant() {
     let mut track = AttitudeHistory::new(CONFIG);
@@ -110,7 +110,7 @@ fn extrapolation_uses_body_rates_with_their_signs() {
     }
 }
 
-/// 200 ms.
+/// The limit of extrapolation is 200 ms.
 #[test]
 fn extrapolation_is_limited() {
     let track = single_report(Attitude::default(), [10.0, 0.0, 0.0]);
@@ -119,7 +119,7 @@ fn extrapolation_is_limited() {
     assert_eq!(AttitudeHistory::new(CONFIG).attitude_at(at(0)), AttitudeLookup::Stale);
 }
 
-/// 250 ms.
+/// The limit of interpolation is 250 ms.
 #[test]
 fn a_long_gap_is_not_interpolated() {
     for (gap_us, is_interpolated) in [(250_000, true), (250_001, false)] {
@@ -132,7 +132,7 @@ fn a_long_gap_is_not_interpolated() {
     }
 }
 
-/// Capacity: eight reports.
+/// The capacity of the history is eight reports.
 #[test]
 fn the_oldest_report_is_dropped() {
     let mut track = AttitudeHistory::new(CONFIG);
@@ -143,7 +143,7 @@ fn the_oldest_report_is_dropped() {
     assert!((roll_deg(track.attitude_at(at(1_030_000))) - 1.5).abs() < 1e-3);
 }
 
-/// Reports of the same instant, or received out of order.
+/// Reports of the same instant and reports received out of order are dropped.
 #[test]
 fn a_report_that_is_not_newer_changes_nothing() {
     let mut track = single_report(Attitude::from_deg(10.0, 0.0), [0.0; 3]);
@@ -183,7 +183,7 @@ fn a_drifting_clock_is_followed() {
     }
 }
 
-/// 100 ms.
+/// A sender clock that deviates by more than 100 ms is ignored.
 #[test]
 fn a_distant_sender_clock_is_ignored() {
     for (delay_us, by_clock) in [(100_000, true), (100_001, false)] {
@@ -347,7 +347,7 @@ fn the_body_rate_is_that_of_the_newest_report() {
     assert!((track.body_rate_rad_s().unwrap() - 50_f32.to_radians()).abs() < 1e-5);
     // All-zero rates mean that the source sends none.
     assert_eq!(single_report(Attitude::default(), [0.0; 3]).body_rate_rad_s(), None);
-    // Limit of 36 rad/s, 2063 deg/s.
+    // The limit of body rates is 36 rad/s, 2063 deg/s.
     for (rate_deg_s, reads) in [(2060.0, true), (-2060.0, true), (2066.0, false), (-2066.0, false), (f32::MAX, false)] {
         assert_eq!(
             single_report(Attitude::default(), [0.1, 0.0, rate_deg_s]).body_rate_rad_s().is_some(),
@@ -357,7 +357,7 @@ fn the_body_rate_is_that_of_the_newest_report() {
     }
 }
 
-/// Fine resolution, then the fifth equal report is rejected.
+/// After reports of fine resolution, the fifth equal report is rejected.
 #[test]
 fn a_frozen_source_is_rejected() {
     let rolls_deg = [10.0, 10.02, 10.05, 10.05, 10.05, 10.05];
@@ -473,7 +473,7 @@ fn the_gyro_heading_covers_the_range_of_the_attitude() {
     assert_eq!(single_report(Attitude::default(), [0.0; 3]).gyro_heading_at(at(1_000_000)), None);
 }
 
-/// Limit of half a second.
+/// The longest interval of integration is half a second.
 #[test]
 fn integration_continues_over_a_short_gap() {
     for (gap_us, is_continued) in [(500_000, true), (500_001, false)] {
@@ -492,7 +492,7 @@ fn integration_continues_over_a_short_gap() {
 fn a_frozen_source_has_no_gyro_heading() {
     let mut track = AttitudeHistory::new(CONFIG);
     for i in 0..20_u32 {
-        // Fine changes, then constant.
+        // The roll changes by fine steps, then stays constant.
         let roll_deg = 0.01 * i.min(8) as f32;
         let report = moving(20 * i, Attitude::from_deg(roll_deg, 0.0), [0.0, 0.0, 10.0]);
         track.push_report(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), report);
@@ -531,7 +531,7 @@ fn an_aligning_source_is_rejected() {
         for i in 0..1500_u16 {
             let t_s = f32::from(i) * 0.02;
             let now_us = 1_000_000 + u64::from(i) * PERIOD_US;
-            // A real oscillation for 15 s, then only reported.
+            // The aircraft oscillates for 15 s; afterwards only the reports oscillate.
             let is_flown = t_s < 15.0;
             let angle = if is_flown { (10.0 * t_s.sin()).to_radians() } else { 0.0 };
             track.update_raw_field(Field::from_ut(20.0, 43.0 * angle.sin(), 43.0 * angle.cos()));

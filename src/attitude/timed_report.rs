@@ -17,10 +17,12 @@ pub(super) struct TimedReport {
 
 /// Linear interpolation, by the shorter way in roll.
 pub(super) fn interpolate(before: &AttitudeReport, after: &AttitudeReport, fraction: f32) -> Attitude {
-    let (a, b) = (before.attitude, after.attitude);
+    let (attitude_before, attitude_after) = (before.attitude, after.attitude);
     Attitude {
-        roll_rad: wrap_pi(a.roll_rad + fraction * wrap_pi(b.roll_rad - a.roll_rad)),
-        pitch_rad: a.pitch_rad + fraction * (b.pitch_rad - a.pitch_rad),
+        roll_rad: wrap_pi(
+            attitude_before.roll_rad + fraction * wrap_pi(attitude_after.roll_rad - attitude_before.roll_rad),
+        ),
+        pitch_rad: attitude_before.pitch_rad + fraction * (attitude_after.pitch_rad - attitude_before.pitch_rad),
     }
 }
 

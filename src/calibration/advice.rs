@@ -175,7 +175,7 @@ pub struct Advice {
     pub expected_after_deg: f32,
     /// Expected error with unlimited samples of the same kind, degrees RMS.
     pub error_floor_deg: f32,
-    /// Quantities that rest on priors.
+    /// Unobservable quantities, which the priors determine.
     pub unobservable: UnobservableQuantities,
 }
 
@@ -200,7 +200,7 @@ pub const NOTICEABLE_ERROR_RATIO: f32 = 0.95;
 /// Expected error over its floor, below which more samples of the same kind are not worth the flight.
 const AT_FLOOR_ERROR_RATIO: f32 = 1.1;
 
-/// Unobservable quantities, which rest on priors.
+/// Flags of unobservable quantities, which the priors determine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct UnobservableQuantities {
     /// Whether soft iron in some direction is unobservable.
@@ -255,7 +255,7 @@ pub(in crate::calibration) fn select_manoeuvre(
     let rms_deg = |information: &Information, errors: CovarianceContent| {
         expected_error::expected_rms_deg(calibration, &covariance(information, errors)?, envelope)
     };
-    let now = expected_error::expected_heading_error(
+    let current_error = expected_error::expected_heading_error(
         calibration,
         &covariance(information, CovarianceContent::All)?,
         envelope,
@@ -263,12 +263,12 @@ pub(in crate::calibration) fn select_manoeuvre(
     let parameters = ModelParameters::new(unknowns);
     // Samples without attitude show no motion.
     let is_banking = fit.method == Method::Ellipsoid || banks_into_turns(fit.samples);
-    let vehicle_motion = match (is_banking, now.rms_deg <= MAX_QUADRANT_ERROR_DEG) {
+    let vehicle_motion = match (is_banking, current_error.rms_deg <= MAX_QUADRANT_ERROR_DEG) {
         (true, _) => VehicleMotion::BanksIntoTurns,
         (false, true) => VehicleMotion::TiltsOnKnownHeading,
         (false, false) => VehicleMotion::TiltsOnUnknownHeading,
     };
-    let (manoeuvre, with_it_deg) = (0..)
+    let (manoeuvre, error_after_deg) = (0..)
         .map_while(|number| Manoeuvre::nth_candidate(number, vehicle_motion))
         .filter_map(|manoeuvre| {
             let mut hypothetical = information.clone();
@@ -279,11 +279,11 @@ pub(in crate::calibration) fn select_manoeuvre(
         })
         .min_by(|a, b| a.1.total_cmp(&b.1))?;
     Some(Advice {
-        weakest_deviation: now.weakest_deviation.0,
-        weakest_deg: now.weakest_deviation.1,
-        expected_deg: now.rms_deg,
+        weakest_deviation: current_error.weakest_deviation.0,
+        weakest_deg: current_error.weakest_deviation.1,
+        expected_deg: current_error.rms_deg,
         manoeuvre,
-        expected_after_deg: with_it_deg,
+        expected_after_deg: error_after_deg,
         error_floor_deg: rms_deg(information, CovarianceContent::WithoutNoise)?,
         unobservable: report_unobservable(
             unobservable_quantities(&information.linear_system, likelihood, unknowns).into_iter().flatten(),

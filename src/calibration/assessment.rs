@@ -4,10 +4,11 @@ use crate::calibration::advice::{self, Advice};
 use crate::calibration::fit::converged_fit::ConvergedFit;
 use crate::calibration::hypotheses::attitude_error::{AttitudeErrorFinding, AttitudeErrorTest};
 use crate::calibration::hypotheses::attitude_error_table::{
-    ATTITUDE_ERROR_COUNT, ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE, LAGGING_LEAN, ROLL_BIAS, assumed_sigmas,
+    ATTITUDE_ERROR_COUNT, ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE, LAGGING_BANK_SCALE, ROLL_BIAS,
+    assumed_sigmas,
 };
 use crate::calibration::hypotheses::hard_iron_change::{ConfirmedChange, HardIronScan};
-use crate::calibration::hypotheses::lagging_lean::MIN_REPORTED_SIGMAS;
+use crate::calibration::hypotheses::lagging_bank_scale::MIN_REPORTED_SIGMAS;
 use crate::calibration::uncertainty::coefficient_covariance::CoefficientCovariance;
 use crate::calibration::uncertainty::expected_error::{ExpectedError, expected_heading_error};
 use crate::calibration::uncertainty::heading_uncertainty::{HeadingUncertainty, heading_uncertainty};
@@ -47,9 +48,9 @@ pub struct Finding<T> {
 }
 
 impl<T> Finding<T> {
-    fn new(of: T, with_deg: f32, without_deg: f32) -> Self {
+    fn new(violation: T, with_deg: f32, without_deg: f32) -> Self {
         let squared = with_deg * with_deg - without_deg * without_deg;
-        Self { violation: of, added_error_deg: sqrt(squared.max(0.0)), expected_without_deg: without_deg }
+        Self { violation, added_error_deg: sqrt(squared.max(0.0)), expected_without_deg: without_deg }
     }
 }
 
@@ -62,8 +63,8 @@ fn bank_scale_error(
 ) -> Option<Finding<BankScaleFinding>> {
     let without_deg = constant.or(lagging)?.expected_without_deg;
     let lagging = lagging.filter(|finding| finding.violation.significance_sigmas > MIN_REPORTED_SIGMAS);
-    let found = [constant, lagging].into_iter().flatten().map(|finding| finding.violation);
-    let larger = found.max_by(|a, b| a.significance_sigmas.total_cmp(&b.significance_sigmas))?;
+    let findings = [constant, lagging].into_iter().flatten().map(|finding| finding.violation);
+    let larger = findings.max_by(|a, b| a.significance_sigmas.total_cmp(&b.significance_sigmas))?;
     let violation =
         BankScaleFinding { read_ratio: 1.0 / (1.0 + larger.estimate), significance_sigmas: larger.significance_sigmas };
     Some(Finding::new(violation, with_deg, without_deg))
@@ -83,36 +84,36 @@ impl ConvergedFit<'_> {
         let mut sigmas = assumed_sigmas(consider, latency);
         let mut covariance = CoefficientCovariance::ZERO;
         let mut expected = self.expected_error(information, &sigmas, &mut covariance)?;
-        let (mut attitude_errors, mut iron) = ([None; ATTITUDE_ERROR_COUNT], None);
+        let (mut attitude_errors, mut iron_finding) = ([None; ATTITUDE_ERROR_COUNT], None);
         for (index, error) in ATTITUDE_ERRORS.iter().enumerate() {
             // Closed forms are too far from the maximum likelihood for the linearised test.
             let Some(test) = error.acceptance_rule.filter(|_| self.method == Method::MaximumLikelihood) else {
                 continue;
             };
             let assumed_sigma = sigmas[index];
-            let Information { linear_system: system, residuals, attitude_errors: sums, .. } = &*information;
+            let Information { linear_system, residuals, attitude_errors: sums, .. } = &*information;
             let (roll_information, sums) = (sums[ROLL_BIAS].information.x, &sums[index]);
             let input = AttitudeErrorTest {
                 score_sums: sums,
                 roll_information,
-                linear_system: system,
+                linear_system,
                 residuals,
                 fit: self,
                 assumed_sigma,
             };
-            let Some(found) = test(&input) else { continue };
+            let Some(finding) = test(&input) else { continue };
             let without_deg = expected.rms_deg;
-            sigmas[index] = found.allowed_sigma(assumed_sigma);
+            sigmas[index] = finding.allowed_sigma(assumed_sigma);
             expected = self.expected_error(information, &sigmas, &mut covariance)?;
-            attitude_errors[index] = Some(Finding::new(found, expected.rms_deg, without_deg));
+            attitude_errors[index] = Some(Finding::new(finding, expected.rms_deg, without_deg));
         }
         let bank_scale_error =
-            bank_scale_error(attitude_errors[BANK_SCALE], attitude_errors[LAGGING_LEAN], expected.rms_deg);
+            bank_scale_error(attitude_errors[BANK_SCALE], attitude_errors[LAGGING_BANK_SCALE], expected.rms_deg);
         if let Some(change) = change {
             let without_deg = expected.rms_deg;
             information.hard_iron_gradient = change.gradient_effect;
             expected = self.expected_error(information, &sigmas, &mut covariance)?;
-            iron = Some(Finding::new(change.detected_change, expected.rms_deg, without_deg));
+            iron_finding = Some(Finding::new(change.detected_change, expected.rms_deg, without_deg));
         }
         let uncertainty = self.uncertainty(information, latency, &mut covariance)?;
         let quality = Quality {
@@ -132,7 +133,7 @@ impl ConvergedFit<'_> {
             quality,
             uncertainty,
             advice,
-            hard_iron_change: iron,
+            hard_iron_change: iron_finding,
             bank_scale_error,
         })
     }
@@ -154,8 +155,8 @@ impl ConvergedFit<'_> {
             .ok_or(SolveError::NotConverged)
     }
 
-    /// Adds one pass over the samples, and tests turns for a hard-iron change; on the ground people and objects move
-    /// nearby. A function of its own, to free its stack.
+    /// Adds one pass over the samples to the information. Tests turns for a hard-iron change, but no ground procedure,
+    /// where people and objects move nearby. A separate function, so that its stack is free afterwards.
     #[inline(never)]
     pub fn accumulate_information(&self, information: &mut Information) -> Option<ConfirmedChange> {
         let Self { likelihood, unknowns, samples, .. } = *self;

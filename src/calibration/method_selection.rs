@@ -66,11 +66,12 @@ impl SelectedParts {
     /// Selects parts with enough samples. Omits level flight if both turns exist: it may contain samples taken near
     /// other iron while taxiing.
     #[must_use]
-    pub fn new(fit: Samples<'_>, procedure: Procedure) -> Self {
-        let enough = |part: &[_]| part.len() >= MIN_SAMPLES;
-        let (left, right) = (enough(fit.samples_of_turn(Side::Left)), enough(fit.samples_of_turn(Side::Right)));
-        let both = procedure == Procedure::Turns && left && right;
-        Self { left, right, level: enough(fit.samples_of_part(CollectionPart::LEVEL)) && !both }
+    pub fn new(samples: Samples<'_>, procedure: Procedure) -> Self {
+        let has_enough = |part: &[_]| part.len() >= MIN_SAMPLES;
+        let (left, right) =
+            (has_enough(samples.samples_of_turn(Side::Left)), has_enough(samples.samples_of_turn(Side::Right)));
+        let has_both_turns = procedure == Procedure::Turns && left && right;
+        Self { left, right, level: has_enough(samples.samples_of_part(CollectionPart::LEVEL)) && !has_both_turns }
     }
 
     /// Returns the selected parts, all samples of arbitrary attitude, and all with given headings.
@@ -84,7 +85,7 @@ impl SelectedParts {
         parts
             .into_iter()
             .filter(|(_, is_selected)| !is_selected)
-            .fold(samples, |rest, (part, _)| rest.without_part(part))
+            .fold(samples, |remaining, (part, _)| remaining.without_part(part))
     }
 }
 

@@ -36,21 +36,21 @@ pub fn score_held_back(
 }
 
 fn score_calibration(samples: Samples<'_>, knows_attitude: bool, calibration: &Calibration) -> f32 {
-    let dip_weight = if knows_attitude { 1.0 / INCLINATION_SCALE_RAD } else { 0.0 };
-    let observe = |s: &Sample| {
+    let inclination_weight = if knows_attitude { 1.0 / INCLINATION_SCALE_RAD } else { 0.0 };
+    let observation_of = |s: &Sample| {
         let level = calibration.corrected_level_field(s);
         [level.total_ut(), level.inclination_rad()]
     };
-    let observations = || samples.iter().map(observe);
-    let number = observations().count() as f32;
-    let [total_ut, dip_rad] = [0, 1].map(|i| observations().map(|o| o[i]).sum::<f32>() / number);
+    let observations = || samples.iter().map(observation_of);
+    let sample_count = observations().count() as f32;
+    let [total_ut, inclination_rad] = [0, 1].map(|i| observations().map(|o| o[i]).sum::<f32>() / sample_count);
     let squares: f32 = observations()
         .map(|[total, inclination]| {
-            [(total / total_ut - 1.0) / FIELD_STRENGTH_SCALE, (inclination - dip_rad) * dip_weight]
+            [(total / total_ut - 1.0) / FIELD_STRENGTH_SCALE, (inclination - inclination_rad) * inclination_weight]
         })
         .map(|[norm, inclination]| norm * norm + inclination * inclination)
         .sum();
-    sqrt(squares / (2.0 * number))
+    sqrt(squares / (2.0 * sample_count))
 }
 
 #[cfg(test)]

@@ -45,10 +45,10 @@ impl RecentSamples {
         if now.ms_since(oldest.time) > MAX_AGE_MS {
             return None;
         }
-        let number = AVERAGED_SAMPLES as f32;
-        let mean_ut = self.samples.iter().map(|s| s.field.ut).sum::<Vector3<f32>>() / number;
+        let sample_count = AVERAGED_SAMPLES as f32;
+        let mean_ut = self.samples.iter().map(|s| s.field.ut).sum::<Vector3<f32>>() / sample_count;
         let is_steady = self.samples.iter().all(|s| (s.field.ut - mean_ut).vector_length() <= MAX_DEVIATION_UT);
-        let mean = |angle: fn(&Sample) -> f32| self.samples.iter().map(angle).sum::<f32>() / number;
+        let mean = |angle: fn(&Sample) -> f32| self.samples.iter().map(angle).sum::<f32>() / sample_count;
         is_steady.then(|| Sample {
             field: Field::new(mean_ut),
             attitude: Attitude { roll_rad: mean(|s| s.attitude.roll_rad), pitch_rad: mean(|s| s.attitude.pitch_rad) },

@@ -32,12 +32,12 @@ impl TurnCircle {
             return None;
         }
         let plane = PrincipalPlane::fit_plane(samples, &Matrix3::identity())?;
-        let mut system = LeastSquares::<3, 1>::new();
+        let mut least_squares = LeastSquares::<3, 1>::new();
         for sample in samples.iter() {
             let p = plane.plane_coordinates(&sample.field.ut);
-            system.add_weighted_row(&p.push(1.0), [p.norm_squared()], 1.0);
+            least_squares.add_weighted_row(&p.push(1.0), [p.norm_squared()], 1.0);
         }
-        let solution = system.solve()?;
+        let solution = least_squares.solve()?;
         let centre_ut = solution.xy() / 2.0;
         let radius_ut = sqrt((centre_ut.norm_squared() + solution.z).max(0.0));
         radius_ut.is_finite().then_some(Self { plane, centre_ut, radius_ut })

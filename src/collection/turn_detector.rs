@@ -68,12 +68,17 @@ impl TurnDetector {
     fn next_bank(&self, sample: &Sample) -> Option<SteadyBank> {
         let roll_rad = sample.attitude.roll_rad;
         let side = if roll_rad < 0.0 { Side::Left } else { Side::Right };
-        let held =
+        let previous_bank =
             self.bank.filter(|bank| bank.side == side && sample.time.ms_since(bank.last) <= self.config.max_gap_ms);
-        let least_rad = if held.is_some() { self.config.leave_roll_rad } else { self.config.enter_roll_rad };
-        let is_banked = (least_rad..=self.config.max_roll_rad).contains(&roll_rad.abs());
+        let min_roll_rad =
+            if previous_bank.is_some() { self.config.leave_roll_rad } else { self.config.enter_roll_rad };
+        let is_banked = (min_roll_rad..=self.config.max_roll_rad).contains(&roll_rad.abs());
         let is_usable = is_banked && sample.attitude.pitch_rad.abs() <= self.config.max_pitch_rad;
-        is_usable.then(|| SteadyBank { side, start: held.map_or(sample.time, |bank| bank.start), last: sample.time })
+        is_usable.then(|| SteadyBank {
+            side,
+            start: previous_bank.map_or(sample.time, |bank| bank.start),
+            last: sample.time,
+        })
     }
 }
 

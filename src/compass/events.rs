@@ -69,7 +69,7 @@ pub enum Command {
     Align(Option<f32>),
     /// Set the alignment without a limit of its size.
     AlignConfirmed(f32),
-    /// Restart the module; its driver does so after the reply.
+    /// Restart the module; the driver of the state machine does so after the reply.
     Restart,
 }
 

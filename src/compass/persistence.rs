@@ -49,29 +49,29 @@ impl Compass<'_> {
 
     /// Saves changed values while idle.
     pub(super) fn save_persistent(&mut self, detected: [ProtocolKind; PORT_COUNT], now: WrappingMillis) -> Effect {
-        let mut wanted = self.persistent.last_written;
-        wanted.is_collecting = match self.collector.collection_state() {
+        let mut new_values = self.persistent.last_written;
+        new_values.is_collecting = match self.collector.collection_state() {
             CollectionState::Inactive => false,
             CollectionState::Stopped | CollectionState::Running => {
-                wanted.is_collecting || self.collector.is_loss_reportable()
+                new_values.is_collecting || self.collector.is_loss_reportable()
             }
         };
         if let Some(settled) = self.persistent.stable_protocols(detected, now) {
-            for ((number, found), kind) in
-                PortNumber::ALL_PORTS.into_iter().zip(&mut wanted.detected_protocols).zip(settled)
+            for ((number, detected), kind) in
+                PortNumber::ALL_PORTS.into_iter().zip(&mut new_values.detected_protocols).zip(settled)
             {
                 // Failed detection does not replace an earlier result, nor does a configured protocol.
                 if self.settings.ports.settings_of_port(number).protocol == ProtocolKind::Auto
                     && kind != ProtocolKind::Auto
                 {
-                    *found = kind;
+                    *detected = kind;
                 }
             }
         }
-        if wanted == self.persistent.last_written || self.is_busy() || self.is_saving() {
+        if new_values == self.persistent.last_written || self.is_busy() || self.is_saving() {
             return Effect::None;
         }
-        self.persistent.last_written = wanted;
-        self.request_save(PendingSave::StartupValues(wanted))
+        self.persistent.last_written = new_values;
+        self.request_save(PendingSave::StartupValues(new_values))
     }
 }

@@ -31,8 +31,8 @@ impl PersistentState {
         detected: [ProtocolKind; PORT_COUNT],
         now: WrappingMillis,
     ) -> Option<[ProtocolKind; PORT_COUNT]> {
-        let (before, since) = *self.detected_since.get_or_insert((detected, now));
-        if before != detected {
+        let (candidate, since) = *self.detected_since.get_or_insert((detected, now));
+        if candidate != detected {
             self.detected_since = Some((detected, now));
             return None;
         }

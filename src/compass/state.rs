@@ -87,8 +87,8 @@ impl Compass<'_> {
     #[must_use]
     pub fn active_record(&self) -> Option<&CalibrationRecord> {
         let record = self.stored_calibrations.current_calibration.as_ref()?;
-        let fits = Some(record.sensor) == self.sensor.map(|sensor| sensor.identity);
-        (fits && record.mount == self.settings.mount).then_some(record)
+        let is_valid = Some(record.sensor) == self.sensor.map(|sensor| sensor.identity);
+        (is_valid && record.mount == self.settings.mount).then_some(record)
     }
 
     /// Settings as stored.

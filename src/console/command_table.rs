@@ -47,10 +47,10 @@ pub enum ArgumentKind {
         /// Unit of the number.
         unit: &'static str,
         /// Word in place of the number.
-        or: Option<&'static str>,
+        alternative: Option<&'static str>,
     },
     /// Integer of at most 255.
-    Whole {
+    Integer {
         /// Range from least to most.
         range: RangeInclusive<u8>,
         /// Unit.
@@ -95,8 +95,8 @@ impl Arguments {
     }
 }
 
-fn signing_key(given: &Arguments) -> Option<SigningKey> {
-    match given.0 {
+fn signing_key(arguments: &Arguments) -> Option<SigningKey> {
+    match arguments.0 {
         [ArgumentValue::Key(key), _] => Some(key),
         _ => None,
     }
@@ -126,28 +126,28 @@ impl ArgumentSpec {
     }
 
     /// Permitted word with this index.
-    pub fn nth_word(&self, number: usize) -> Option<&'static str> {
-        let only = |word| if number == 0 { word } else { None };
+    pub fn nth_word(&self, index: usize) -> Option<&'static str> {
+        let first_only = |word| if index == 0 { word } else { None };
         match self.argument_kind {
-            ArgumentKind::Choice(name) => name(number),
-            ArgumentKind::Number { or, .. } => only(or),
-            ArgumentKind::Whole { .. } => None,
-            ArgumentKind::Confirmation(word) => only(Some(word)),
-            ArgumentKind::Passphrase => only(Some("off")),
+            ArgumentKind::Choice(name) => name(index),
+            ArgumentKind::Number { alternative, .. } => first_only(alternative),
+            ArgumentKind::Integer { .. } => None,
+            ArgumentKind::Confirmation(word) => first_only(Some(word)),
+            ArgumentKind::Passphrase => first_only(Some("off")),
         }
     }
 }
 
 const DEGREES_UNIT: &str = "deg";
 
-const HEADING: ArgumentKind = ArgumentKind::Number { range: 0.0..=360.0, unit: DEGREES_UNIT, or: None };
+const HEADING_NUMBER: ArgumentKind = ArgumentKind::Number { range: 0.0..=360.0, unit: DEGREES_UNIT, alternative: None };
 
 const fn number_kind(range: RangeInclusive<f32>, unit: &'static str) -> ArgumentKind {
-    ArgumentKind::Number { range, unit, or: None }
+    ArgumentKind::Number { range, unit, alternative: None }
 }
 
 const fn number_or_word(word: &'static str, range: RangeInclusive<f32>, unit: &'static str) -> ArgumentKind {
-    ArgumentKind::Number { range, unit, or: Some(word) }
+    ArgumentKind::Number { range, unit, alternative: Some(word) }
 }
 
 /// All commands in the order of `help`, adjacent if they share the first word.
@@ -156,7 +156,7 @@ pub static COMMANDS: &[CommandSpec] = &[
     CommandSpec::new("version", "", "show the firmware's version").with_request(|_| Request::Version),
     CommandSpec::new("status", "", "show the state in six lines; all: also settings and counters")
         .with_arguments(&[ArgumentSpec::optional_argument("all", ArgumentKind::Confirmation("all"))])
-        .with_request(|given| match given.0 {
+        .with_request(|arguments| match arguments.0 {
             [ArgumentValue::Choice(_), _] => Command::StatusAll.into(),
             _ => Command::Status.into(),
         }),
@@ -167,10 +167,10 @@ pub static COMMANDS: &[CommandSpec] = &[
         "start collecting; flight, turns and level then solve automatically, swing and tumble need cal solve",
     )
     .with_arguments(&[
-        ArgumentSpec::optional_argument("PROCEDURE", ArgumentKind::Choice(procedure_or_again)),
+        ArgumentSpec::optional_argument("PROCEDURE", ArgumentKind::Choice(nth_procedure_or_again)),
         ArgumentSpec::optional_argument("again", ArgumentKind::Confirmation("again")),
     ])
-    .with_request(|given| match (given.0, given.choice_argument(0, nth_procedure)) {
+    .with_request(|arguments| match (arguments.0, arguments.choice_argument(0, nth_procedure)) {
         ([ArgumentValue::Choice(CHOICE_AGAIN), _] | [_, ArgumentValue::Choice(_)], procedure) => {
             Command::CalStartNew(procedure).into()
         }
@@ -182,10 +182,12 @@ pub static COMMANDS: &[CommandSpec] = &[
         "start collecting automatically while uncalibrated, as soon as the autopilot is armed",
     )
     .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(nth_switch_name))])
-    .with_request(|given| set_request(SettingChange::Auto(given.choice_argument(0, nth_switch).unwrap_or(true)))),
+    .with_request(|arguments| {
+        set_request(SettingChange::Auto(arguments.choice_argument(0, nth_switch).unwrap_or(true)))
+    }),
     CommandSpec::new("cal", "mark", "in a swing: record samples at this magnetic heading of the vehicle")
-        .with_arguments(&[ArgumentSpec::new("HEADING", HEADING)])
-        .with_request(|given| Command::CalMark(given.number_argument(0).unwrap_or(f32::NAN)).into()),
+        .with_arguments(&[ArgumentSpec::new("HEADING", HEADING_NUMBER)])
+        .with_request(|arguments| Command::CalMark(arguments.number_argument(0).unwrap_or(f32::NAN)).into()),
     CommandSpec::new("cal", "stop", "stop collecting, keep the samples").with_request(|_| Command::CalStop.into()),
     CommandSpec::new(
         "cal",
@@ -193,7 +195,9 @@ pub static COMMANDS: &[CommandSpec] = &[
         "solve with the collected samples, by the best method they support or by a given one",
     )
     .with_arguments(&[ArgumentSpec::optional_argument("METHOD", ArgumentKind::Choice(nth_method_name))])
-    .with_request(|given| Command::CalSolve(given.choice_argument(0, |number| METHODS.get(number).copied())).into()),
+    .with_request(|arguments| {
+        Command::CalSolve(arguments.choice_argument(0, |index| METHODS.get(index).copied())).into()
+    }),
     CommandSpec::new("cal", "advise", "show the weakest part of the last solve, and the manoeuvre that improves it")
         .with_request(|_| Command::CalAdvise.into()),
     CommandSpec::new("cal", "show", "show the active calibration").with_request(|_| Command::CalShow.into()),
@@ -210,33 +214,38 @@ pub static COMMANDS: &[CommandSpec] = &[
     CommandSpec::new("stream", "rate", "sentences per second")
         .with_arguments(&[ArgumentSpec::new(
             "HZ",
-            ArgumentKind::Whole { range: Settings::STREAM_RATE_HZ, unit: "a second" },
+            ArgumentKind::Integer { range: Settings::STREAM_RATE_HZ_RANGE, unit: "a second" },
         )])
-        .with_request(|given| {
-            set_request(SettingChange::StreamRateHz(given.number_argument(0).unwrap_or_default() as u8))
+        .with_request(|arguments| {
+            set_request(SettingChange::StreamRateHz(arguments.number_argument(0).unwrap_or_default() as u8))
         }),
     CommandSpec::new(
         "stream",
         "heading",
         "heading sent: smoothed by the body rates, or raw for an autopilot with its own filter",
     )
-    .with_arguments(&[ArgumentSpec::new("KIND", ArgumentKind::Choice(heading_kind))])
-    .with_request(|given| {
-        set_request(SettingChange::StreamHeading(given.choice_argument(0, nth_kind).unwrap_or(HeadingKind::Smooth)))
+    .with_arguments(&[ArgumentSpec::new("KIND", ArgumentKind::Choice(nth_heading_kind_name))])
+    .with_request(|arguments| {
+        set_request(SettingChange::StreamHeading(
+            arguments.choice_argument(0, nth_heading_kind).unwrap_or(HeadingKind::Smooth),
+        ))
     }),
     CommandSpec::new("set", "", "settings"),
     CommandSpec::new("set", "declination", "declination, east positive; none: by the field model")
-        .with_arguments(&[ArgumentSpec::new("DEG", number_or_word("none", Settings::DECLINATION_DEG, DEGREES_UNIT))])
-        .with_request(|given| set_request(SettingChange::Declination(given.number_argument(0)))),
+        .with_arguments(&[ArgumentSpec::new(
+            "DEG",
+            number_or_word("none", Settings::DECLINATION_DEG_RANGE, DEGREES_UNIT),
+        )])
+        .with_request(|arguments| set_request(SettingChange::Declination(arguments.number_argument(0)))),
     CommandSpec::new(
         "set",
         "mount",
         "orientation of the sensor: rotated from the vehicle by yaw, then pitch, then roll",
     )
     .with_arguments(&[ArgumentSpec::new("ORIENTATION", ArgumentKind::Choice(nth_orientation_name))])
-    .with_request(|given| {
+    .with_request(|arguments| {
         set_request(SettingChange::Mount(
-            given.choice_argument(0, nth_orientation).unwrap_or(Orientation::IDENTITY_ROTATION),
+            arguments.choice_argument(0, nth_orientation).unwrap_or(Orientation::IDENTITY_ROTATION),
         ))
     }),
     CommandSpec::new(
@@ -244,8 +253,8 @@ pub static COMMANDS: &[CommandSpec] = &[
         "inclination",
         "inclination of the local field, positive down; none: by the field model or the samples",
     )
-    .with_arguments(&[ArgumentSpec::new("DEG", number_or_word("none", Settings::INCLINATION_DEG, DEGREES_UNIT))])
-    .with_request(|given| set_request(SettingChange::Inclination(given.number_argument(0)))),
+    .with_arguments(&[ArgumentSpec::new("DEG", number_or_word("none", Settings::INCLINATION_DEG_RANGE, DEGREES_UNIT))])
+    .with_request(|arguments| set_request(SettingChange::Inclination(arguments.number_argument(0)))),
     CommandSpec::new(
         "set",
         "align",
@@ -255,9 +264,9 @@ pub static COMMANDS: &[CommandSpec] = &[
         ArgumentSpec::new("HEADING", number_or_word("none", 0.0..=360.0, DEGREES_UNIT)),
         ArgumentSpec::optional_argument("yes", ArgumentKind::Confirmation("yes")),
     ])
-    .with_request(|given| match given.0 {
+    .with_request(|arguments| match arguments.0 {
         [ArgumentValue::Number(heading_deg), ArgumentValue::Choice(_)] => Command::AlignConfirmed(heading_deg).into(),
-        _ => Command::Align(given.number_argument(0)).into(),
+        _ => Command::Align(arguments.number_argument(0)).into(),
     }),
     CommandSpec::new(
         "set",
@@ -265,49 +274,53 @@ pub static COMMANDS: &[CommandSpec] = &[
         "constant attitude error of a flight, 1 sigma: in degrees, and in percent of the bank",
     )
     .with_arguments(&[
-        ArgumentSpec::new("DEG", number_or_word("default", AttitudeError::BIAS_DEG, DEGREES_UNIT)),
-        ArgumentSpec::new("PERCENT", number_kind(AttitudeError::BANK_PERCENT, "%")),
+        ArgumentSpec::new("DEG", number_or_word("default", AttitudeError::BIAS_DEG_RANGE, DEGREES_UNIT)),
+        ArgumentSpec::new("PERCENT", number_kind(AttitudeError::BANK_PERCENT_RANGE, "%")),
     ])
-    .with_request(|given| set_request(SettingChange::AttitudeError(attitude_error(given)))),
+    .with_request(|arguments| set_request(SettingChange::AttitudeError(attitude_error(arguments)))),
     CommandSpec::new(
         "set",
         "sensor-error",
         "errors that the monitor expects, 1 sigma: scale of the gyro, and drift of iron in a minute",
     )
     .with_arguments(&[
-        ArgumentSpec::new("GYRO", number_or_word("default", SensorError::GYRO_PERCENT, "%")),
-        ArgumentSpec::new("DRIFT", number_kind(SensorError::DRIFT_PERCENT, "% of the field")),
+        ArgumentSpec::new("GYRO", number_or_word("default", SensorError::GYRO_PERCENT_RANGE, "%")),
+        ArgumentSpec::new("DRIFT", number_kind(SensorError::DRIFT_PERCENT_RANGE, "% of the field")),
     ])
-    .with_request(|given| set_request(SettingChange::SensorError(sensor_error(given)))),
+    .with_request(|arguments| set_request(SettingChange::SensorError(sensor_error(arguments)))),
     CommandSpec::new("set", "accuracy", "expected error at which a collection in flight ends")
-        .with_arguments(&[ArgumentSpec::new("DEG", number_kind(Settings::ACCURACY_DEG, DEGREES_UNIT))])
-        .with_request(|given| set_request(SettingChange::Accuracy(given.number_argument(0).unwrap_or(f32::NAN)))),
+        .with_arguments(&[ArgumentSpec::new("DEG", number_kind(Settings::ACCURACY_DEG_RANGE, DEGREES_UNIT))])
+        .with_request(|arguments| {
+            set_request(SettingChange::Accuracy(arguments.number_argument(0).unwrap_or(f32::NAN)))
+        }),
     CommandSpec::new("set", "port1", "protocol of the first port; auto: detect the autopilot's")
         .with_arguments(&[PROTOCOL])
-        .with_request(|given| set_request(protocol_of(PortNumber::One, given))),
+        .with_request(|arguments| set_request(protocol_change(PortNumber::One, arguments))),
     CommandSpec::new("set", "port2", "protocol of the second port; auto: detect the autopilot's")
         .with_arguments(&[PROTOCOL])
-        .with_request(|given| set_request(protocol_of(PortNumber::Two, given))),
+        .with_request(|arguments| set_request(protocol_change(PortNumber::Two, arguments))),
     CommandSpec::new("set", "baud1", "baud rate of the first port")
         .with_arguments(&[BAUD])
-        .with_request(|given| set_request(baud_of(PortNumber::One, given))),
+        .with_request(|arguments| set_request(baud_change(PortNumber::One, arguments))),
     CommandSpec::new("set", "baud2", "baud rate of the second port")
         .with_arguments(&[BAUD])
-        .with_request(|given| set_request(baud_of(PortNumber::Two, given))),
+        .with_request(|arguments| set_request(baud_change(PortNumber::Two, arguments))),
     CommandSpec::new(
         "set",
         "vision",
         "send true yaw to a MAVLink autopilot, in place of its own compass; needs a declination",
     )
     .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(nth_switch_name))])
-    .with_request(|given| set_request(SettingChange::Vision(given.choice_argument(0, nth_switch).unwrap_or(false)))),
+    .with_request(|arguments| {
+        set_request(SettingChange::Vision(arguments.choice_argument(0, nth_switch).unwrap_or(false)))
+    }),
     CommandSpec::new("set", "attitude-rate", "highest rate at which attitude is requested from a MAVLink autopilot")
         .with_arguments(&[ArgumentSpec::new(
             "HZ",
-            ArgumentKind::Whole { range: Settings::ATTITUDE_RATE_HZ, unit: "a second" },
+            ArgumentKind::Integer { range: Settings::ATTITUDE_RATE_HZ_RANGE, unit: "a second" },
         )])
-        .with_request(|given| {
-            set_request(SettingChange::AttitudeRateHz(given.number_argument(0).unwrap_or_default() as u8))
+        .with_request(|arguments| {
+            set_request(SettingChange::AttitudeRateHz(arguments.number_argument(0).unwrap_or_default() as u8))
         }),
     CommandSpec::new(
         "set",
@@ -315,30 +328,32 @@ pub static COMMANDS: &[CommandSpec] = &[
         "sign MAVLink frames, and reject others, with the key of a passphrase, one word",
     )
     .with_arguments(&[ArgumentSpec::new("PASSPHRASE", ArgumentKind::Passphrase)])
-    .with_request(|given| set_request(SettingChange::Signing(signing_key(given)))),
+    .with_request(|arguments| set_request(SettingChange::Signing(signing_key(arguments)))),
     CommandSpec::new("set", "can-node", "number on the CAN bus, after a restart; 0: the autopilot gives one")
         .with_arguments(&[ArgumentSpec::new(
             "NUMBER",
-            ArgumentKind::Whole { range: CanSettings::NODE_ID_RANGE, unit: "as a node" },
+            ArgumentKind::Integer { range: CanSettings::NODE_ID_RANGE, unit: "as a node" },
         )])
-        .with_request(|given| set_request(SettingChange::CanNode(given.number_argument(0).unwrap_or_default() as u8))),
+        .with_request(|arguments| {
+            set_request(SettingChange::CanNode(arguments.number_argument(0).unwrap_or_default() as u8))
+        }),
     CommandSpec::new("set", "can-rate", "rate of the field on the CAN bus")
         .with_arguments(&[ArgumentSpec::new(
             "HZ",
-            ArgumentKind::Whole { range: CanSettings::RATE_HZ, unit: "a second" },
+            ArgumentKind::Integer { range: CanSettings::RATE_HZ_RANGE, unit: "a second" },
         )])
-        .with_request(|given| {
-            set_request(SettingChange::CanRateHz(given.number_argument(0).unwrap_or_default() as u8))
+        .with_request(|arguments| {
+            set_request(SettingChange::CanRateHz(arguments.number_argument(0).unwrap_or_default() as u8))
         }),
     CommandSpec::new("set", "can-covariance", "send the field on the CAN bus with its covariance")
         .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(nth_switch_name))])
-        .with_request(|given| {
-            set_request(SettingChange::CanCovariance(given.choice_argument(0, nth_switch).unwrap_or(false)))
+        .with_request(|arguments| {
+            set_request(SettingChange::CanCovariance(arguments.choice_argument(0, nth_switch).unwrap_or(false)))
         }),
     CommandSpec::new("set", "can-termination", "terminating resistor of the CAN bus, if the board switches one")
         .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(nth_switch_name))])
-        .with_request(|given| {
-            set_request(SettingChange::CanTermination(given.choice_argument(0, nth_switch).unwrap_or(false)))
+        .with_request(|arguments| {
+            set_request(SettingChange::CanTermination(arguments.choice_argument(0, nth_switch).unwrap_or(false)))
         }),
     CommandSpec::new("reboot", "", "restart the module").with_request(|_| Command::Restart.into()),
 ];
@@ -356,85 +371,85 @@ const METHODS: [Method; 6] = [
     Method::Ellipsoid,
 ];
 
-fn nth_method_name(number: usize) -> Option<&'static str> {
-    METHODS.get(number).map(|method| method.method_name())
+fn nth_method_name(index: usize) -> Option<&'static str> {
+    METHODS.get(index).map(|method| method.method_name())
 }
 
-fn nth_procedure(number: usize) -> Option<Procedure> {
-    Procedure::ALL_PROCEDURES.get(number).copied()
+fn nth_procedure(index: usize) -> Option<Procedure> {
+    Procedure::ALL_PROCEDURES.get(index).copied()
 }
 
-fn nth_procedure_name(number: usize) -> Option<&'static str> {
-    nth_procedure(number).map(Procedure::procedure_name)
+fn nth_procedure_name(index: usize) -> Option<&'static str> {
+    nth_procedure(index).map(Procedure::procedure_name)
 }
 
 /// Index of the choice `again`, which follows the procedures: the last procedure with an empty collection.
 const CHOICE_AGAIN: usize = Procedure::ALL_PROCEDURES.len();
 
-fn procedure_or_again(number: usize) -> Option<&'static str> {
-    if number == CHOICE_AGAIN { Some("again") } else { nth_procedure_name(number) }
+fn nth_procedure_or_again(index: usize) -> Option<&'static str> {
+    if index == CHOICE_AGAIN { Some("again") } else { nth_procedure_name(index) }
 }
 
-fn nth_switch(number: usize) -> Option<bool> {
-    [true, false].get(number).copied()
+fn nth_switch(index: usize) -> Option<bool> {
+    [true, false].get(index).copied()
 }
 
-fn nth_switch_name(number: usize) -> Option<&'static str> {
-    nth_switch(number).map(|is_on| if is_on { "on" } else { "off" })
+fn nth_switch_name(index: usize) -> Option<&'static str> {
+    nth_switch(index).map(|is_on| if is_on { "on" } else { "off" })
 }
 
-fn nth_kind(number: usize) -> Option<HeadingKind> {
-    HeadingKind::ALL_HEADINGS.get(number).copied()
+fn nth_heading_kind(index: usize) -> Option<HeadingKind> {
+    HeadingKind::ALL_HEADING_KINDS.get(index).copied()
 }
 
-fn heading_kind(number: usize) -> Option<&'static str> {
-    nth_kind(number).map(HeadingKind::kind_name)
+fn nth_heading_kind_name(index: usize) -> Option<&'static str> {
+    nth_heading_kind(index).map(HeadingKind::kind_name)
 }
 
-fn nth_orientation(number: usize) -> Option<Orientation> {
-    Orientation::all_orientations().nth(number)
+fn nth_orientation(index: usize) -> Option<Orientation> {
+    Orientation::all_orientations().nth(index)
 }
 
-fn nth_orientation_name(number: usize) -> Option<&'static str> {
-    nth_orientation(number).map(Orientation::orientation_name)
+fn nth_orientation_name(index: usize) -> Option<&'static str> {
+    nth_orientation(index).map(Orientation::orientation_name)
 }
 
-fn nth_protocol(number: usize) -> Option<ProtocolKind> {
-    ProtocolKind::ALL_PROTOCOLS.get(number).copied()
+fn nth_protocol(index: usize) -> Option<ProtocolKind> {
+    ProtocolKind::ALL_PROTOCOLS.get(index).copied()
 }
 
-fn nth_protocol_name(number: usize) -> Option<&'static str> {
-    nth_protocol(number).map(ProtocolKind::protocol_name)
+fn nth_protocol_name(index: usize) -> Option<&'static str> {
+    nth_protocol(index).map(ProtocolKind::protocol_name)
 }
 
-fn protocol_of(port: PortNumber, given: &Arguments) -> SettingChange {
-    SettingChange::Protocol(port, given.choice_argument(0, nth_protocol).unwrap_or(ProtocolKind::Auto))
+fn protocol_change(port: PortNumber, arguments: &Arguments) -> SettingChange {
+    SettingChange::Protocol(port, arguments.choice_argument(0, nth_protocol).unwrap_or(ProtocolKind::Auto))
 }
 
-fn nth_baud(number: usize) -> Option<Baud> {
-    Baud::ALL_RATES.get(number).copied()
+fn nth_baud(index: usize) -> Option<Baud> {
+    Baud::ALL_RATES.get(index).copied()
 }
 
-fn nth_baud_name(number: usize) -> Option<&'static str> {
-    nth_baud(number).map(Baud::baud_name)
+fn nth_baud_name(index: usize) -> Option<&'static str> {
+    nth_baud(index).map(Baud::baud_name)
 }
 
-fn baud_of(port: PortNumber, given: &Arguments) -> SettingChange {
-    SettingChange::Baud(port, given.choice_argument(0, nth_baud).unwrap_or(Baud::B115200))
+fn baud_change(port: PortNumber, arguments: &Arguments) -> SettingChange {
+    SettingChange::Baud(port, arguments.choice_argument(0, nth_baud).unwrap_or(Baud::B115200))
 }
 
-/// The first two numbers; `None` after a word in place of the first.
-fn two_numbers(given: &Arguments) -> Option<[f32; 2]> {
-    given.number_argument(0).zip(given.number_argument(1)).map(<[f32; 2]>::from)
+/// The first two numeric arguments; `None` if a word replaces the first.
+fn two_numbers(arguments: &Arguments) -> Option<[f32; 2]> {
+    arguments.number_argument(0).zip(arguments.number_argument(1)).map(<[f32; 2]>::from)
 }
 
-fn attitude_error(given: &Arguments) -> AttitudeError {
-    two_numbers(given)
+fn attitude_error(arguments: &Arguments) -> AttitudeError {
+    two_numbers(arguments)
         .map_or(AttitudeError::DEFAULT, |[bias_deg, bank_percent]| AttitudeError { bias_deg, bank_percent })
 }
 
-fn sensor_error(given: &Arguments) -> SensorError {
-    two_numbers(given)
+fn sensor_error(arguments: &Arguments) -> SensorError {
+    two_numbers(arguments)
         .map_or(SensorError::DEFAULT, |[gyro_percent, drift_percent]| SensorError { gyro_percent, drift_percent })
 }
 
@@ -442,7 +457,7 @@ const fn set_request(setting: SettingChange) -> Request {
     Request::Command(Command::Set(setting))
 }
 
-/// Request of a line.
+/// Request parsed from a console line.
 #[derive(Clone, Copy, Debug)]
 pub enum Request {
     /// List the commands, or explain one.
@@ -510,7 +525,7 @@ mod tests {
             assert_eq!(nth_switch(number), nth_switch_name(number).map(|name| name == "on"));
             assert_eq!(nth_protocol(number), nth_protocol_name(number).and_then(ProtocolKind::from_name));
             assert_eq!(nth_baud(number), nth_baud_name(number).and_then(Baud::from_name));
-            assert_eq!(nth_kind(number), heading_kind(number).and_then(HeadingKind::from_name));
+            assert_eq!(nth_heading_kind(number), nth_heading_kind_name(number).and_then(HeadingKind::from_name));
             assert_eq!(nth_orientation(number), nth_orientation_name(number).and_then(Orientation::from_name));
             assert_eq!(METHODS.get(number).copied(), nth_method_name(number).and_then(Method::from_name));
         }

@@ -39,7 +39,7 @@ pub enum Key {
     /// Recalls the next line of history.
     Down,
     /// Deletes all characters before the cursor.
-    Erase,
+    EraseToStart,
     /// Discards the line.
     Cancel,
 }
@@ -49,7 +49,7 @@ pub enum Key {
 pub struct KeyDecoder {
     sequence: KeySequence,
     /// The last byte was a carriage return: a line feed after it belongs to the same line end.
-    returned: bool,
+    after_carriage_return: bool,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -65,7 +65,7 @@ enum KeySequence {
 impl KeyDecoder {
     /// Returns the key that this byte completes. Unknown bytes are ignored; an invalid byte ends a sequence.
     pub fn push_byte(&mut self, byte: u8) -> Option<Key> {
-        let after_return = core::mem::replace(&mut self.returned, byte == b'\r');
+        let after_return = core::mem::replace(&mut self.after_carriage_return, byte == b'\r');
         match (core::mem::take(&mut self.sequence), byte) {
             (KeySequence::Escape, b'[' | b'O') => self.sequence = KeySequence::Control(0, false),
             (KeySequence::Control(number, is_complete), b' '..=b'?') => {
@@ -101,14 +101,14 @@ const fn plain_key(byte: u8) -> Option<Key> {
         CTRL_A => Key::Home,
         CTRL_C => Key::Cancel,
         CTRL_E => Key::End,
-        CTRL_U => Key::Erase,
+        CTRL_U => Key::EraseToStart,
         _ => return None,
     })
 }
 
 /// Decodes a control sequence from its last byte and, for `~`, its first number (ECMA-48; xterm, VT220, Linux console).
-const fn key_of_sequence(number: u8, last: u8) -> Option<Key> {
-    Some(match (last, number) {
+const fn key_of_sequence(number: u8, final_byte: u8) -> Option<Key> {
+    Some(match (final_byte, number) {
         (b'A', _) => Key::Up,
         (b'B', _) => Key::Down,
         (b'C', _) => Key::Right,
@@ -151,7 +151,7 @@ impl Editor {
 
     /// Applies a key to the line and updates the terminal.
     pub fn process_key(&mut self, key: Key, out: &mut dyn fmt::Write) {
-        let end = self.line.len();
+        let line_length = self.line.len();
         match key {
             Key::Character(byte) => return self.insert_byte(byte, out),
             Key::Backspace if self.excess_characters > 0 => self.excess_characters -= 1,
@@ -162,17 +162,17 @@ impl Editor {
             }
             Key::Delete => self.remove_byte(self.cursor),
             Key::Left => self.cursor = self.cursor.saturating_sub(1),
-            Key::Right => self.cursor = end.min(self.cursor + 1),
+            Key::Right => self.cursor = line_length.min(self.cursor + 1),
             Key::Home => self.cursor = 0,
-            Key::End => self.cursor = end,
+            Key::End => self.cursor = line_length,
             Key::Up => self.recall_line(self.history_index.map_or(0, |back| back + 1)),
             Key::Down => match self.history_index {
                 Some(back) if back > 0 => self.recall_line(back - 1),
                 _ => self.clear(),
             },
-            Key::Erase => {
+            Key::EraseToStart => {
                 self.line.rotate_left(self.cursor);
-                self.line.truncate(end - self.cursor);
+                self.line.truncate(line_length - self.cursor);
                 (self.cursor, self.excess_characters, self.history_index) = (0, 0, None);
             }
             Key::Enter | Key::Tab | Key::Cancel => return,
@@ -277,7 +277,7 @@ mod tests {
             (b"\x01", Key::Home),
             (b"\x05", Key::End),
             (b"\x03", Key::Cancel),
-            (b"\x15", Key::Erase),
+            (b"\x15", Key::EraseToStart),
             (b"\x1b[A", Key::Up),
             (b"\x1bOA", Key::Up),
             (b"\x1b[B", Key::Down),

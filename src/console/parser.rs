@@ -48,7 +48,7 @@ impl Display for LineError {
             Self::UnknownCommand(None) => f.write_str("unknown command; help lists all"),
             Self::UnknownCommand(Some(first)) | Self::MissingWord(first) => {
                 write!(f, "after {first} expected ")?;
-                write_list(f, &|number| ExpectedElement::Second(first).nth_word(number), " or ")
+                write_list(f, &|number| ExpectedElement::SecondWord(first).nth_word(number), " or ")
             }
             Self::MissingArgument(slot) => write!(f, "<{}> is missing; expected {slot}", slot.argument_name),
             Self::BadValue(slot) => write!(f, "expected {slot}"),
@@ -123,47 +123,47 @@ fn parse_arguments<'a>(
     to_request: fn(&Arguments) -> Request,
     mut words: impl Iterator<Item = &'a str>,
 ) -> Result<Request, LineError> {
-    let mut given = Arguments([ArgumentValue::Absent; 2]);
-    for (slot, value) in row.arguments.iter().zip(&mut given.0) {
+    let mut arguments = Arguments([ArgumentValue::Absent; 2]);
+    for (argument, value) in row.arguments.iter().zip(&mut arguments.0) {
         let Some(word) = words.next() else {
-            match slot.argument_kind {
-                _ if slot.is_optional => break,
+            match argument.argument_kind {
+                _ if argument.is_optional => break,
                 ArgumentKind::Confirmation(_) => return Err(LineError::MissingConfirmation(row)),
-                _ => return Err(LineError::MissingArgument(slot)),
+                _ => return Err(LineError::MissingArgument(argument)),
             }
         };
-        *value = match value_of(slot, word) {
+        *value = match parse_value(argument, word) {
             Some(value) => value,
-            None if matches!(slot.argument_kind, ArgumentKind::Confirmation(_)) && !slot.is_optional => {
+            None if matches!(argument.argument_kind, ArgumentKind::Confirmation(_)) && !argument.is_optional => {
                 return Err(LineError::MissingConfirmation(row));
             }
-            None => return Err(LineError::BadValue(slot)),
+            None => return Err(LineError::BadValue(argument)),
         };
         // No argument follows a word in place of a number.
         if *value == ArgumentValue::Absent {
             break;
         }
     }
-    if words.next().is_some() { Err(LineError::UnexpectedArgument(row)) } else { Ok(to_request(&given)) }
+    if words.next().is_some() { Err(LineError::UnexpectedArgument(row)) } else { Ok(to_request(&arguments)) }
 }
 
-fn value_of(argument: &ArgumentSpec, typed: &str) -> Option<ArgumentValue> {
+fn parse_value(argument: &ArgumentSpec, typed: &str) -> Option<ArgumentValue> {
     let choice = (0..).map_while(|number| argument.nth_word(number)).position(|word| word.eq_ignore_ascii_case(typed));
     match &argument.argument_kind {
         ArgumentKind::Choice(_) | ArgumentKind::Confirmation(_) => choice.map(ArgumentValue::Choice),
         ArgumentKind::Number { .. } | ArgumentKind::Passphrase if choice.is_some() => Some(ArgumentValue::Absent),
         ArgumentKind::Number { .. } => decimal::parse_decimal(typed).map(ArgumentValue::Number),
         ArgumentKind::Passphrase => Some(ArgumentValue::Key(key_from_passphrase(typed))),
-        ArgumentKind::Whole { .. } => typed.parse::<u8>().ok().map(|number| ArgumentValue::Number(f32::from(number))),
+        ArgumentKind::Integer { .. } => typed.parse::<u8>().ok().map(|number| ArgumentValue::Number(f32::from(number))),
     }
 }
 
 /// Syntax element expected next in a line.
 #[derive(Clone, Copy)]
 enum ExpectedElement {
-    First,
-    Second(&'static str),
-    Slot(&'static ArgumentSpec),
+    FirstWord,
+    SecondWord(&'static str),
+    Argument(&'static ArgumentSpec),
     Nothing,
 }
 
@@ -171,17 +171,17 @@ impl ExpectedElement {
     /// Element expected after complete words.
     fn after_words(line: &str) -> Self {
         let mut words = split_words(line);
-        let Some(mut first) = words.next() else { return Self::First };
+        let Some(mut first) = words.next() else { return Self::FirstWord };
         let is_explained = is_help(first);
         if is_explained {
-            let Some(explained) = words.next() else { return Self::First };
+            let Some(explained) = words.next() else { return Self::FirstWord };
             first = explained;
         }
         let Some(row) = find_command([first, ""]) else { return Self::Nothing };
         let row = if row.request.is_some() {
             Some(row)
         } else {
-            let Some(second) = words.next() else { return Self::Second(row.command_words[0]) };
+            let Some(second) = words.next() else { return Self::SecondWord(row.command_words[0]) };
             find_command([first, second])
         };
         let Some(row) = row.filter(|_| !is_explained) else { return Self::Nothing };
@@ -189,18 +189,18 @@ impl ExpectedElement {
         while words.next().is_some() {
             slots.next();
         }
-        slots.next().map_or(Self::Nothing, Self::Slot)
+        slots.next().map_or(Self::Nothing, Self::Argument)
     }
 
     /// Allowed word with this index.
     fn nth_word(self, number: usize) -> Option<&'static str> {
         match self {
-            Self::First => all_words().filter(|[_, second]| second.is_empty()).map(|[first, _]| first).nth(number),
-            Self::Second(command) => {
+            Self::FirstWord => all_words().filter(|[_, second]| second.is_empty()).map(|[first, _]| first).nth(number),
+            Self::SecondWord(command) => {
                 let is_subcommand = |[first, second]: &[&'static str; 2]| *first == command && !second.is_empty();
                 all_words().filter(is_subcommand).map(|[_, second]| second).nth(number)
             }
-            Self::Slot(slot) => slot.nth_word(number),
+            Self::Argument(slot) => slot.nth_word(number),
             Self::Nothing => None,
         }
     }
@@ -220,23 +220,25 @@ pub struct Completion {
 }
 
 /// Completes the last word of a line, which is empty after a space; passes each matching word to the callback.
-pub fn complete_line(line: &str, fits: &mut dyn FnMut(&'static str)) -> Completion {
-    let (before, typed) = last_word(line);
-    let next = ExpectedElement::after_words(before);
-    let mut rest: Option<&'static str> = None;
-    let mut fit = 0;
-    for word in (0..).map_while(|number| next.nth_word(number)) {
-        let Some(found) = completion_rest(word, typed) else { continue };
-        fits(word);
-        fit += 1;
-        rest = Some(rest.map_or(found, |rest| common_prefix(rest, found)));
+pub fn complete_line(line: &str, report_match: &mut dyn FnMut(&'static str)) -> Completion {
+    let (complete_words, typed) = last_word(line);
+    let expected = ExpectedElement::after_words(complete_words);
+    let mut continuation: Option<&'static str> = None;
+    let mut match_count = 0;
+    for word in (0..).map_while(|number| expected.nth_word(number)) {
+        let Some(ending) = completion_rest(word, typed) else { continue };
+        report_match(word);
+        match_count += 1;
+        continuation = Some(continuation.map_or(ending, |continuation| common_prefix(continuation, ending)));
     }
-    Completion { continuation: rest.unwrap_or_default(), match_count: fit }
+    Completion { continuation: continuation.unwrap_or_default(), match_count }
 }
 
 /// Rest of a word after its typed beginning; none if the beginning differs.
 fn completion_rest(word: &'static str, typed: &str) -> Option<&'static str> {
-    word.get(..typed.len()).filter(|start| start.eq_ignore_ascii_case(typed)).and_then(|_| word.get(typed.len()..))
+    word.get(..typed.len())
+        .filter(|beginning| beginning.eq_ignore_ascii_case(typed))
+        .and_then(|_| word.get(typed.len()..))
 }
 
 fn common_prefix(first: &'static str, other: &str) -> &'static str {
@@ -245,18 +247,22 @@ fn common_prefix(first: &'static str, other: &str) -> &'static str {
 }
 
 /// Writes a list of words with commas, and `last` before the final one.
-fn write_list(f: &mut fmt::Formatter<'_>, word: &dyn Fn(usize) -> Option<&'static str>, last: &str) -> fmt::Result {
+fn write_list(
+    f: &mut fmt::Formatter<'_>,
+    word: &dyn Fn(usize) -> Option<&'static str>,
+    last_separator: &str,
+) -> fmt::Result {
     let mut number = 0;
-    while let Some(found) = word(number) {
+    while let Some(item) = word(number) {
         let is_last = word(number + 1).is_none();
         f.write_str(if number == 0 {
             ""
         } else if is_last {
-            last
+            last_separator
         } else {
             ", "
         })?;
-        f.write_str(found)?;
+        f.write_str(item)?;
         number += 1;
     }
     Ok(())
@@ -269,9 +275,9 @@ impl Display for CommandSpec {
         if !second.is_empty() {
             write!(f, " {second}")?;
         }
-        for slot in self.arguments {
-            let (open, close) = if slot.is_optional { ("[", "]") } else { ("", "") };
-            write!(f, " {open}{}{close}", slot.argument_name)?;
+        for argument in self.arguments {
+            let (opening, closing) = if argument.is_optional { ("[", "]") } else { ("", "") };
+            write!(f, " {opening}{}{closing}", argument.argument_name)?;
         }
         Ok(())
     }
@@ -288,7 +294,7 @@ impl Display for ArgumentSpec {
                     ShortestDecimal(*range.end(), 0)
                 )?;
             }
-            ArgumentKind::Whole { range, unit } => {
+            ArgumentKind::Integer { range, unit } => {
                 write!(f, "a whole number, {} to {} {unit}", range.start(), range.end())?;
             }
             ArgumentKind::Passphrase => f.write_str("one word, upper and lower case differ, such as Heron-4711")?,
@@ -308,20 +314,20 @@ impl Display for ArgumentSpec {
 pub fn write_help(out: &mut dyn fmt::Write, topic: Option<&'static CommandSpec>) -> fmt::Result {
     let Some(topic) = topic else {
         writeln!(out, "ok help COMMAND explains one")?;
-        return write_subcommands(out, ExpectedElement::First);
+        return write_subcommands(out, ExpectedElement::FirstWord);
     };
     writeln!(out, "ok {}", CommandHelp(topic))?;
     for argument in topic.arguments {
         writeln!(out, "{}: {argument}", argument.argument_name)?;
     }
     let [first, second] = topic.command_words;
-    if second.is_empty() { write_subcommands(out, ExpectedElement::Second(first)) } else { Ok(()) }
+    if second.is_empty() { write_subcommands(out, ExpectedElement::SecondWord(first)) } else { Ok(()) }
 }
 
 /// Writes the help of each word allowed next.
-fn write_subcommands(out: &mut dyn fmt::Write, next: ExpectedElement) -> fmt::Result {
-    for word in (0..).map_while(|number| next.nth_word(number)) {
-        let words = if let ExpectedElement::Second(first) = next { [first, word] } else { [word, ""] };
+fn write_subcommands(out: &mut dyn fmt::Write, expected: ExpectedElement) -> fmt::Result {
+    for word in (0..).map_while(|number| expected.nth_word(number)) {
+        let words = if let ExpectedElement::SecondWord(first) = expected { [first, word] } else { [word, ""] };
         if let Some(row) = find_command(words) {
             writeln!(out, "{}", CommandHelp(row))?;
         }
@@ -338,7 +344,7 @@ impl Display for CommandHelp {
         let [first, second] = self.0.command_words;
         if self.0.request.is_none() && second.is_empty() && !is_help(first) {
             f.write_str(": ")?;
-            write_list(f, &|number| ExpectedElement::Second(first).nth_word(number), ", ")?;
+            write_list(f, &|number| ExpectedElement::SecondWord(first).nth_word(number), ", ")?;
         }
         Ok(())
     }
@@ -455,7 +461,7 @@ mod tests {
         assert!(parse_request("").is_none() && parse_request("   ").is_none());
     }
 
-    /// As ground stations take it.
+    /// A passphrase is not changed to lower case: ground stations derive the key from it as typed.
     #[test]
     fn a_passphrase_keeps_its_case() {
         for passphrase in ["aBc", "abc"] {
@@ -530,7 +536,7 @@ mod tests {
 
     #[test]
     fn a_range_is_shown_with_all_its_digits() {
-        let kind = ArgumentKind::Number { range: 0.25..=7.5, unit: "deg", or: None };
+        let kind = ArgumentKind::Number { range: 0.25..=7.5, unit: "deg", alternative: None };
         let slot = ArgumentSpec { argument_name: "DEG", argument_kind: kind, is_optional: false };
         assert_eq!(slot.to_string(), "a number, 0.25 to 7.5 deg");
     }

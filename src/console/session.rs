@@ -100,11 +100,11 @@ impl Session {
     /// Inserts the common continuation of all matching words, or lists the words if they share none.
     fn complete_line(&mut self) {
         let Self { editor, output, .. } = self;
-        let found = parser::complete_line(editor.before_cursor(), &mut |_| {});
-        for byte in found.continuation.bytes().chain((found.match_count == 1).then_some(b' ')) {
+        let completion = parser::complete_line(editor.before_cursor(), &mut |_| {});
+        for byte in completion.continuation.bytes().chain((completion.match_count == 1).then_some(b' ')) {
             editor.process_key(Key::Character(byte), output);
         }
-        if found.continuation.is_empty() && found.match_count > 1 {
+        if completion.continuation.is_empty() && completion.match_count > 1 {
             let _ = output.write_str("\n");
             parser::complete_line(editor.before_cursor(), &mut |word| {
                 let _ = write!(output, "{word}  ");

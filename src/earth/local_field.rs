@@ -37,7 +37,7 @@ pub struct PositionContext {
 pub struct LocalField {
     position: Option<Position>,
     /// Time of the last plausible position.
-    seen_at: WrappingMillis,
+    position_time: WrappingMillis,
     /// Consecutive distant positions.
     distant_reports: u8,
     date: Option<Date>,
@@ -47,7 +47,7 @@ pub struct LocalField {
 impl LocalField {
     /// No position, no date.
     pub const UNKNOWN: Self =
-        Self { position: None, seen_at: WrappingMillis::new(0), distant_reports: 0, date: None, field: None };
+        Self { position: None, position_time: WrappingMillis::new(0), distant_reports: 0, date: None, field: None };
 
     /// Updates the position, unless it is that of an estimator without a fix, its distance from the last one implies an
     /// impossible speed, or its inclination contradicts the calibration.
@@ -57,27 +57,27 @@ impl LocalField {
         {
             return;
         }
-        let is_plausible = self.position.is_none_or(|last| {
-            let reachable_deg = MIN_DISTANCE_DEG * 1.5 + MAX_SPEED_DEG_MS * at.ms_since(self.seen_at) as f32;
-            distance_deg(last, position_at) <= reachable_deg
+        let is_plausible = self.position.is_none_or(|last_position| {
+            let reachable_deg = MIN_DISTANCE_DEG * 1.5 + MAX_SPEED_DEG_MS * at.ms_since(self.position_time) as f32;
+            distance_deg(last_position, position_at) <= reachable_deg
         });
         let is_confirmed = context.is_disarmed && self.distant_reports >= REQUIRED_DISTANT_REPORTS;
         if !(is_plausible || is_confirmed) {
             self.distant_reports = self.distant_reports.saturating_add(1);
             return;
         }
-        (self.seen_at, self.distant_reports) = (at, 0);
-        if self.position.is_some_and(|last| is_same(last, position_at)) {
+        (self.position_time, self.distant_reports) = (at, 0);
+        if self.position.is_some_and(|last_position| is_same(last_position, position_at)) {
             return;
         }
-        let moved = Self { position: Some(position_at), ..*self }.with_field();
+        let updated = Self { position: Some(position_at), ..*self }.with_field();
         let contradicts = |field: EarthField| {
             context
                 .calibrated_inclination_deg
                 .is_some_and(|deg| (field.inclination_deg - deg).abs() > MAX_INCLINATION_DEVIATION_DEG)
         };
-        if !moved.field.is_some_and(contradicts) {
-            *self = moved;
+        if !updated.field.is_some_and(contradicts) {
+            *self = updated;
         }
     }
 
@@ -119,23 +119,23 @@ impl LocalField {
     }
 }
 
-fn is_same(one: Position, other: Position) -> bool {
-    let off_deg = [one.latitude_deg - other.latitude_deg, one.longitude_deg - other.longitude_deg];
-    off_deg.iter().all(|deg| deg.abs() < MIN_DISTANCE_DEG)
+fn is_same(first: Position, second: Position) -> bool {
+    let difference_deg = [first.latitude_deg - second.latitude_deg, first.longitude_deg - second.longitude_deg];
+    difference_deg.iter().all(|deg| deg.abs() < MIN_DISTANCE_DEG)
 }
 
 /// Distance of two positions, degrees, in the plane of their mean latitude: exact enough for a speed limit.
-fn distance_deg(one: Position, other: Position) -> f32 {
-    let east_deg = (one.longitude_deg - other.longitude_deg).abs();
-    let (_, cos) = trig::sin_cos((0.5 * (one.latitude_deg + other.latitude_deg)).to_radians());
-    trig::hypot(one.latitude_deg - other.latitude_deg, east_deg.min(360.0 - east_deg) * cos)
+fn distance_deg(first: Position, second: Position) -> f32 {
+    let east_deg = (first.longitude_deg - second.longitude_deg).abs();
+    let (_, cos) = trig::sin_cos((0.5 * (first.latitude_deg + second.latitude_deg)).to_radians());
+    trig::hypot(first.latitude_deg - second.latitude_deg, east_deg.min(360.0 - east_deg) * cos)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// After the start of the module; another second later a vehicle can be 300 m away.
+    /// Time after the start of the module; a vehicle can move 300 m each second.
     const LATER: WrappingMillis = WrappingMillis::new(5_000);
 
     fn position_at(latitude_deg: f32, longitude_deg: f32) -> Position {
@@ -146,7 +146,7 @@ mod tests {
         Date::from_unix_s(days * 86_400).unwrap()
     }
 
-    /// In either order.
+    /// Position and date may arrive in either order.
     #[test]
     fn position_and_date_give_a_field() {
         let (position_at, day) = (position_at(51.1, 13.7), day(20_779));
@@ -166,7 +166,7 @@ mod tests {
         assert_eq!(other, here);
     }
 
-    /// Midnight passes, or the first date was wrong.
+    /// The date changes at midnight, or because the first date was wrong.
     #[test]
     fn the_field_follows_the_date() {
         let position_at = position_at(51.1, 13.7);

@@ -37,10 +37,10 @@ impl Heading {
     #[must_use]
     #[inline]
     pub fn with_min_systematic_variance(self, variance_rad2: f32) -> Self {
-        let more_rad2 = (variance_rad2 - self.systematic_variance_rad2).max(0.0);
+        let added_rad2 = (variance_rad2 - self.systematic_variance_rad2).max(0.0);
         Self {
-            sigma_rad: sqrt(self.sigma_rad * self.sigma_rad + more_rad2),
-            systematic_variance_rad2: self.systematic_variance_rad2 + more_rad2,
+            sigma_rad: sqrt(self.sigma_rad * self.sigma_rad + added_rad2),
+            systematic_variance_rad2: self.systematic_variance_rad2 + added_rad2,
             ..self
         }
     }
@@ -189,15 +189,15 @@ fn exceeds_limits(limits: HeadingLimits, calibration: &Calibration, field: &Vect
     let total_squared = horizontal_squared + field.z * field.z;
     // Field strength times the cosine of the inclination deviation.
     let (sin, cos) = trig::sin_cos(calibration.inclination_rad);
-    let along = cos * sqrt(horizontal_squared) + sin * field.z;
+    let along_reference = cos * sqrt(horizontal_squared) + sin * field.z;
     // Compares signed squares, to avoid a square root.
     let is_strength_accepted = limits.max_strength_deviation.is_none_or(|deviation| {
-        let (least, most) = ((1.0 - deviation).max(0.0), 1.0 + deviation);
-        total_squared >= least * least && total_squared <= most * most
+        let (min_strength, max_strength) = ((1.0 - deviation).max(0.0), 1.0 + deviation);
+        total_squared >= min_strength * min_strength && total_squared <= max_strength * max_strength
     });
     let is_inclination_accepted = limits
         .min_cos_of_inclination_deviation
-        .is_none_or(|min_cos| along * along.abs() >= min_cos * min_cos.abs() * total_squared);
+        .is_none_or(|min_cos| along_reference * along_reference.abs() >= min_cos * min_cos.abs() * total_squared);
     !(total_squared.is_finite() && is_strength_accepted && is_inclination_accepted)
 }
 

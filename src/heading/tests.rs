@@ -47,7 +47,6 @@ fn is_accepted(config: HeadingLimits, total_ut: f32, inclination_rad: f32, attit
 
 const ATTITUDES_DEG: [(f32, f32); 3] = [(0.0, 0.0), (40.0, 5.0), (-30.0, -15.0)];
 
-/// Limit: 20 % of 50 uT.
 #[test]
 fn a_field_strength_off_by_over_20_percent_is_rejected() {
     for (total_ut, expected) in [(50.0, true), (59.9, true), (60.1, false), (40.1, true), (39.9, false)] {
@@ -62,7 +61,6 @@ fn a_field_strength_off_by_over_20_percent_is_rejected() {
     }
 }
 
-/// Limit: 12 deg.
 #[test]
 fn a_field_inclination_off_by_over_12_deg_is_rejected() {
     for (off_deg, expected) in [(0.0, true), (11.9, true), (12.1, false), (-11.9, true), (-12.1, false)] {

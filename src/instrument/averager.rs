@@ -45,17 +45,17 @@ impl Averager {
         at: Timestamp,
         field: Field<Sensor>,
         attitude: Attitude,
-        motion: Option<EulerRates>,
+        rates: Option<EulerRates>,
     ) -> Option<Sample> {
-        let fits = |run: &AveragingRun| at >= run.last_at && at.us_since(run.last_at) <= self.max_step_us;
-        let mut run = self.run.take().filter(fits).unwrap_or_else(|| AveragingRun::new_at(at, attitude));
+        let continues_run = |run: &AveragingRun| at >= run.last_at && at.us_since(run.last_at) <= self.max_step_us;
+        let mut run = self.run.take().filter(continues_run).unwrap_or_else(|| AveragingRun::new_at(at, attitude));
         run.count += 1;
         run.last_at = at;
         run.field_ut += field.ut;
         run.relative_roll_rad += wrap_pi(attitude.roll_rad - run.first_roll_rad);
         run.pitch_rad += attitude.pitch_rad;
-        run.rates_rad_s = run.rates_rad_s.zip(motion).map(|([roll, pitch, heading], motion)| {
-            [roll + motion.roll_rad_s, pitch + motion.pitch_rad_s, heading + motion.heading_rad_s]
+        run.rates_rad_s = run.rates_rad_s.zip(rates).map(|([roll, pitch, heading], rates)| {
+            [roll + rates.roll_rad_s, pitch + rates.pitch_rad_s, heading + rates.heading_rad_s]
         });
         if run.count >= self.readings_per_sample {
             return Some(run.mean_sample());

@@ -40,7 +40,7 @@ fn of_axes(by_axis: &[f32; 4], y: f32, z: f32) -> GyroErrors {
     core::array::from_fn(|i| by_axis[i % 4] * if i < 4 { y } else { z })
 }
 
-/// The error of the rate of heading at the last sample, about ten times a second.
+/// Error of the heading rate due to the gyro, updated with each sample (10 Hz).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct HeadingRateError {
     /// Estimated errors with their covariance.

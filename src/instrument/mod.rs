@@ -172,10 +172,10 @@ impl Instrument {
     /// Processes an attitude report whose last byte arrived at `at`. It may complete samples.
     #[inline(never)]
     pub fn on_attitude(&mut self, at: Timestamp, report: AttitudeReport) {
-        let before = self.attitude_history.rejected_reports().contradicting_rates;
+        let rejected_before = self.attitude_history.rejected_reports().contradicting_rates;
         self.attitude_history.push_report(at, report);
         self.compass_field.update_attitude(at, report.attitude);
-        let is_contradicted = self.attitude_history.rejected_reports().contradicting_rates != before;
+        let is_contradicted = self.attitude_history.rejected_reports().contradicting_rates != rejected_before;
         self.consecutive_rejected_rates =
             if is_contradicted { self.consecutive_rejected_rates.saturating_add(1) } else { 0 };
         if self.consecutive_rejected_rates == MAX_REJECTED_RATES {
@@ -375,7 +375,10 @@ impl Instrument {
     fn has_calibrated_strength(&self, body: Field<Body>) -> bool {
         let Some((calibration, _)) = &self.active.adjusted_calibration else { return false };
         let deviation = (body.total_ut() / calibration.total_ut - 1.0).abs();
-        self.config.heading.max_strength_deviation.map_or(deviation.is_finite(), |most| deviation <= most)
+        self.config
+            .heading
+            .max_strength_deviation
+            .map_or(deviation.is_finite(), |max_deviation| deviation <= max_deviation)
     }
 
     /// Heading of a reading without motor-current interference, and of its corrected field.

@@ -12,8 +12,8 @@ const MAX_STRENGTH_RATIO: f32 = 2.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct OutputMap {
-    sin: f32,
-    cos: f32,
+    sin_alignment: f32,
+    cos_alignment: f32,
     /// True over measured field strength; 1 if unknown or implausible.
     pub strength_ratio: f32,
 }
@@ -21,15 +21,15 @@ pub(super) struct OutputMap {
 impl OutputMap {
     /// Map of a correction; `measured_ut` is the calibration's field strength, microtesla.
     pub fn new(correction: &Correction, measured_ut: Option<f32>) -> Self {
-        let (sin, cos) = trig::sin_cos(correction.align_deg.to_radians());
+        let (sin_alignment, cos_alignment) = trig::sin_cos(correction.align_deg.to_radians());
         let ratio = correction.total_ut.zip(measured_ut).map_or(1.0, |(total_ut, measured_ut)| total_ut / measured_ut);
         let is_plausible = (MAX_STRENGTH_RATIO.recip()..=MAX_STRENGTH_RATIO).contains(&ratio);
-        Self { sin, cos, strength_ratio: if is_plausible { ratio } else { 1.0 } }
+        Self { sin_alignment, cos_alignment, strength_ratio: if is_plausible { ratio } else { 1.0 } }
     }
 
     pub fn map_field(&self, body: Field<Body>) -> Field<Body> {
-        let Self { sin, cos, strength_ratio } = self;
+        let Self { sin_alignment, cos_alignment, strength_ratio } = self;
         let [x, y, z] = [body.ut.x, body.ut.y, body.ut.z].map(|ut| ut * strength_ratio);
-        Field::from_ut(x * cos + y * sin, y * cos - x * sin, z)
+        Field::from_ut(x * cos_alignment + y * sin_alignment, y * cos_alignment - x * sin_alignment, z)
     }
 }

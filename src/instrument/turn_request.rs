@@ -37,9 +37,10 @@ impl TurnRequest {
             return None;
         }
         let sigma_exceeded_at = *self.sigma_exceeded_at.get_or_insert(estimate.timestamp);
-        let asks = !self.is_request_sent && estimate.timestamp.us_since(sigma_exceeded_at) >= REQUEST_DELAY_US;
-        self.is_request_sent |= asks;
-        asks.then_some(heading.sigma_rad)
+        let is_request_due =
+            !self.is_request_sent && estimate.timestamp.us_since(sigma_exceeded_at) >= REQUEST_DELAY_US;
+        self.is_request_sent |= is_request_due;
+        is_request_due.then_some(heading.sigma_rad)
     }
 }
 

@@ -65,8 +65,8 @@ impl<const N: usize> UdFilter<N> {
 
     pub fn state_variance(&self, index: usize) -> f32 {
         let Some((row, variance)) = self.upper.get(index).zip(self.diagonal.get(index)) else { return 0.0 };
-        let others = row.iter().zip(&self.diagonal).skip(index + 1).map(|(u, d)| u * u * d);
-        variance + others.sum::<f32>()
+        let later_terms = row.iter().zip(&self.diagonal).skip(index + 1).map(|(u, d)| u * u * d);
+        variance + later_terms.sum::<f32>()
     }
 
     /// Element `j` of `U^T row`, for a row that is zero from `length` on.
@@ -81,21 +81,21 @@ impl<const N: usize> UdFilter<N> {
         let f: [f32; N] = core::array::from_fn(|j| self.u_transposed_times(row, length, j));
         let mut gain = [0.0; N];
         // Innovation variance from noise and states up to `j`.
-        let mut before = *variance;
+        let mut innovation_variance = *variance;
         for j in 0..N {
             let v = self.diagonal[j] * f[j];
-            let after = before + f[j] * v;
-            self.diagonal[j] *= before / after;
-            let lambda = -f[j] / before;
+            let next_variance = innovation_variance + f[j] * v;
+            self.diagonal[j] *= innovation_variance / next_variance;
+            let lambda = -f[j] / innovation_variance;
             gain[j] = v;
             for (gain, row) in gain.iter_mut().zip(&mut self.upper).take(j) {
                 let u = row[j];
                 row[j] = u + lambda * *gain;
                 *gain += v * u;
             }
-            before = after;
+            innovation_variance = next_variance;
         }
-        let step = residual / before;
+        let step = residual / innovation_variance;
         for (mean, gain) in self.mean.iter_mut().zip(gain) {
             *mean += gain * step;
         }
@@ -106,16 +106,16 @@ impl<const N: usize> UdFilter<N> {
         let mut a: [f32; N] = core::array::from_fn(|i| if i == index { 1.0 } else { 0.0 });
         let mut weight = variance;
         for j in (0..=index.min(N - 1)).rev() {
-            let (a_j, before) = (a[j], self.diagonal[j]);
-            let after = before + weight * a_j * a_j;
-            self.diagonal[j] = after;
-            if after > 0.0 {
-                let share = weight * a_j / after;
+            let (a_j, old_diagonal) = (a[j], self.diagonal[j]);
+            let new_diagonal = old_diagonal + weight * a_j * a_j;
+            self.diagonal[j] = new_diagonal;
+            if new_diagonal > 0.0 {
+                let gain = weight * a_j / new_diagonal;
                 for (a_i, row) in a.iter_mut().zip(&mut self.upper).take(j) {
                     *a_i -= a_j * row[j];
-                    row[j] += share * *a_i;
+                    row[j] += gain * *a_i;
                 }
-                weight *= before / after;
+                weight *= old_diagonal / new_diagonal;
             }
         }
     }
@@ -128,17 +128,18 @@ impl<const N: usize> UdFilter<N> {
         }
     }
 
-    /// The last states alone, from `from` on: their covariance has their part of the factors.
-    pub fn last_states<const M: usize>(&self, from: usize) -> UdFilter<M> {
-        let upper = core::array::from_fn(|i| core::array::from_fn(|j| self.upper[from + i][from + j]));
-        let [mean, diagonal] = [&self.mean, &self.diagonal].map(|all| core::array::from_fn(|i| all[from + i]));
+    /// The last states alone, from `first` on: their covariance has their part of the factors.
+    pub fn last_states<const M: usize>(&self, first: usize) -> UdFilter<M> {
+        let upper = core::array::from_fn(|i| core::array::from_fn(|j| self.upper[first + i][first + j]));
+        let [mean, diagonal] =
+            [&self.mean, &self.diagonal].map(|elements| core::array::from_fn(|i| elements[first + i]));
         UdFilter { mean, upper, diagonal }
     }
 }
 
 /// Number of elements up to the last nonzero one. Measurements have zeros for the last states.
 fn used_length<const N: usize>(row: &[f32; N]) -> usize {
-    row.iter().rposition(|element| *element != 0.0).map_or(0, |last| last + 1)
+    row.iter().rposition(|element| *element != 0.0).map_or(0, |last_index| last_index + 1)
 }
 
 #[cfg(test)]

@@ -108,18 +108,18 @@ impl PollingSchedule {
     /// Waits for a new measurement; returns the status that announced it.
     pub async fn wait_for_next<T, E>(
         &mut self,
-        mut ask: impl AsyncFnMut() -> Result<T, MagnetometerError<E>>,
+        mut read_status: impl AsyncFnMut() -> Result<T, MagnetometerError<E>>,
         is_new: impl Fn(&T) -> bool,
     ) -> Result<T, MagnetometerError<E>> {
         Timer::at(self.wake_at).await;
-        let give_up_at = Instant::now() + self.poll_timeout();
+        let timeout_at = Instant::now() + self.poll_timeout();
         loop {
-            let answer = ask().await?;
-            if is_new(&answer) {
+            let status = read_status().await?;
+            if is_new(&status) {
                 self.start_sleep();
-                return Ok(answer);
+                return Ok(status);
             }
-            if Instant::now() >= give_up_at {
+            if Instant::now() >= timeout_at {
                 return Err(MagnetometerError::NoData);
             }
             Timer::after(POLL_INTERVAL).await;

@@ -106,8 +106,8 @@ impl<B: I2c> Magnetometer for Lsm303dlhc<B> {
 
     async fn init(&mut self) -> Result<Identity, MagnetometerError<B::Error>> {
         let identity: [u8; 3] = self.chip.read_registers(IRA_REG_M).await?;
-        if let Some((_, &other)) = IDENTITY.iter().zip(&identity).find(|(expected, read)| expected != read) {
-            return Err(MagnetometerError::WrongIdentity(other));
+        if let Some((_, &unexpected)) = IDENTITY.iter().zip(&identity).find(|(expected, read)| expected != read) {
+            return Err(MagnetometerError::WrongIdentity(unexpected));
         }
         // The address auto-increments in reads, not in writes.
         for (register, value) in (CRA_REG_M..).zip(self.control_registers()) {

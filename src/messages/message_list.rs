@@ -148,53 +148,63 @@ fn safe_mode(show: EntryWriter<'_>) -> fmt::Result {
 }
 
 fn solve_error(error: &SolveError, show: EntryWriter<'_>) -> fmt::Result {
-    let fact = format_args!("{error}");
+    let description = format_args!("{error}");
     match error {
         SolveError::TooFewSamples { part, .. } => {
             let verb = if let SamplePart::Turns(_) = part { "fly" } else { "take" };
-            show("too-few-samples", fact, format_args!("{verb} more {}", part.part_name()))
+            show("too-few-samples", description, format_args!("{verb} more {}", part.part_name()))
         }
-        SolveError::NotFinite => show("not-finite", fact, FIRMWARE_FAULT),
-        SolveError::TooFewHeadings { .. } => show("too-few-headings", fact, format_args!("turn through all of them")),
+        SolveError::NotFinite => show("not-finite", description, FIRMWARE_FAULT),
+        SolveError::TooFewHeadings { .. } => {
+            show("too-few-headings", description, format_args!("turn through all of them"))
+        }
         SolveError::AxisStuck { .. } => {
-            show("axis-stuck", fact, format_args!("move the sensor away from magnets, or replace it"))
+            show("axis-stuck", description, format_args!("move the sensor away from magnets, or replace it"))
         }
-        SolveError::NotAnEllipse(_) => show("not-an-ellipse", fact, format_args!("turn all the way round")),
-        SolveError::NotDetermined(_) => show("not-determined", fact, format_args!("turn all the way round")),
-        SolveError::SamePlane => show("same-plane", fact, format_args!("bank 15 deg or more each way")),
+        SolveError::NotAnEllipse(_) => show("not-an-ellipse", description, format_args!("turn all the way round")),
+        SolveError::NotDetermined(_) => show("not-determined", description, format_args!("turn all the way round")),
+        SolveError::SamePlane => show("same-plane", description, format_args!("bank 15 deg or more each way")),
         SolveError::HardIronChanged(change) => iron_changed(change, show),
         SolveError::NotConverged => {
-            show("not-converged", fact, format_args!("move the sensor away from iron and wires, then fly again"))
+            show("not-converged", description, format_args!("move the sensor away from iron and wires, then fly again"))
         }
         SolveError::TurnsReversed => {
-            show("turns-reversed", fact, format_args!("check the sign of the attitude source's roll"))
+            show("turns-reversed", description, format_args!("check the sign of the attitude source's roll"))
         }
-        SolveError::InclinationContradicted { found_deg } => {
-            show("inclination-contradicted", fact, format_args!("set inclination {found_deg} or none, then cal solve"))
-        }
-        SolveError::MountContradicted { found } => {
-            show("mount-contradicted", fact, format_args!("set mount {}, then cal solve", found.orientation_name()))
-        }
+        SolveError::InclinationContradicted { found_deg } => show(
+            "inclination-contradicted",
+            description,
+            format_args!("set inclination {found_deg} or none, then cal solve"),
+        ),
+        SolveError::MountContradicted { found } => show(
+            "mount-contradicted",
+            description,
+            format_args!("set mount {}, then cal solve", found.orientation_name()),
+        ),
     }
 }
 
 fn rejection(rejection: &Rejection, show: EntryWriter<'_>) -> fmt::Result {
-    let fact = format_args!("{rejection}");
+    let description = format_args!("{rejection}");
     match rejection {
-        Rejection::TooFewHeldBack { .. } => show("too-few-held-back", fact, format_args!("fly longer turns each way")),
+        Rejection::TooFewHeldBack { .. } => {
+            show("too-few-held-back", description, format_args!("fly longer turns each way"))
+        }
         Rejection::IronChanged(change) => iron_changed(change, show),
         Rejection::Unobservable => show(
             "unobservable",
-            fact,
+            description,
             format_args!("tilt by 15 deg or more ahead, back, right and left on four headings"),
         ),
         Rejection::AttitudeContradicted { .. } => {
-            show("attitude-contradicted", fact, format_args!("calibrate the attitude source and fly again"))
+            show("attitude-contradicted", description, format_args!("calibrate the attitude source and fly again"))
         }
-        Rejection::NotAccurate { .. } => show("not-accurate", fact, format_args!("cal advise shows what to fly")),
-        Rejection::NotBetter { .. } => show("not-better", fact, format_args!("the active one stays")),
-        Rejection::Thinner { .. } => {
-            show("thinner", fact, format_args!("the active one stays; cal advise shows what to fly"))
+        Rejection::NotAccurate { .. } => {
+            show("not-accurate", description, format_args!("cal advise shows what to fly"))
+        }
+        Rejection::NotBetter { .. } => show("not-better", description, format_args!("the active one stays")),
+        Rejection::LessInformative { .. } => {
+            show("thinner", description, format_args!("the active one stays; cal advise shows what to fly"))
         }
     }
 }
@@ -212,58 +222,58 @@ fn iron_changed(change: &DetectedHardIronChange, show: EntryWriter<'_>) -> fmt::
 }
 
 fn store_error(error: StoreError, show: EntryWriter<'_>) -> fmt::Result {
-    let fact = format_args!("{error}");
+    let description = format_args!("{error}");
     match error {
-        StoreError::Flash => show("store-flash", fact, FLASH_FAULT),
-        StoreError::Timeout => show("store-timeout", fact, FLASH_FAULT),
-        StoreError::Corrupt => show("store-corrupt", fact, format_args!("calibrate again")),
+        StoreError::Flash => show("store-flash", description, FLASH_FAULT),
+        StoreError::Timeout => show("store-timeout", description, FLASH_FAULT),
+        StoreError::Corrupt => show("store-corrupt", description, format_args!("calibrate again")),
         StoreError::OtherFormat(_) => {
-            show("store-version", fact, format_args!("install that firmware, or delete them: cal clear all"))
+            show("store-version", description, format_args!("install that firmware, or delete them: cal clear all"))
         }
-        StoreError::Full => show("store-full", fact, FIRMWARE_FAULT),
-        StoreError::Verify => show("store-verify", fact, FLASH_FAULT),
-        StoreError::Invalid => show("store-invalid", fact, NO_ADVICE),
+        StoreError::Full => show("store-full", description, FIRMWARE_FAULT),
+        StoreError::Verify => show("store-verify", description, FLASH_FAULT),
+        StoreError::Invalid => show("store-invalid", description, NO_ADVICE),
     }
 }
 
 impl RefusalCause {
-    fn entry(&self, explain: TextWriter<'_>) -> fmt::Result {
+    fn entry(&self, show: TextWriter<'_>) -> fmt::Result {
         match self {
-            Self::CollectionProblem(lack) => {
-                let fact = format_args!("{lack}");
-                match lack {
+            Self::CollectionProblem(problem) => {
+                let description = format_args!("{problem}");
+                match problem {
                     CollectionProblem::SampleIntervalTooLong { .. } => {
-                        explain(fact, format_args!("send field and attitude ten times a second"))
+                        show(description, format_args!("send field and attitude ten times a second"))
                     }
-                    CollectionProblem::NoTilt { .. } => explain(
-                        fact,
+                    CollectionProblem::NoTilt { .. } => show(
+                        description,
                         format_args!(
                             "tilt by 15 deg or more to both sides, or if that was flown, check the unit of the \
                              attitude: radians for degrees?"
                         ),
                     ),
                     CollectionProblem::InsufficientBank { .. } => {
-                        explain(fact, format_args!("fly turns at 15 deg of bank or more each way"))
+                        show(description, format_args!("fly turns at 15 deg of bank or more each way"))
                     }
                     CollectionProblem::OneSideOnly(side) => {
                         let other = if *side == Side::Left { Side::Right } else { Side::Left };
-                        explain(fact, format_args!("fly {} turns, too", other.side_name()))
+                        show(description, format_args!("fly {} turns, too", other.side_name()))
                     }
-                    CollectionProblem::ArcOnly { .. } => explain(fact, format_args!("fly full circles")),
-                    CollectionProblem::MissingManoeuvre(_) => explain(fact, NO_ADVICE),
+                    CollectionProblem::ArcOnly { .. } => show(description, format_args!("fly full circles")),
+                    CollectionProblem::MissingManoeuvre(_) => show(description, NO_ADVICE),
                 }
             }
             Self::SampleLoss(loss) => {
-                let fact = format_args!("{loss}");
+                let description = format_args!("{loss}");
                 match loss {
                     SampleLoss::Saturated(_) => {
-                        explain(fact, format_args!("move the sensor away from magnets and wires"))
+                        show(description, format_args!("move the sensor away from magnets and wires"))
                     }
                     SampleLoss::ImpossibleAttitude => {
-                        explain(fact, format_args!("check their unit: MAVLink's is radians, not degrees"))
+                        show(description, format_args!("check their unit: MAVLink's is radians, not degrees"))
                     }
                     SampleLoss::NoAttitude(_) => {
-                        explain(fact, format_args!("send ATTITUDE ten times a second or more"))
+                        show(description, format_args!("send ATTITUDE ten times a second or more"))
                     }
                 }
             }

@@ -80,8 +80,8 @@ pub enum RefusalCause {
 }
 
 impl From<CollectionProblem> for RefusalCause {
-    fn from(lack: CollectionProblem) -> Self {
-        Self::CollectionProblem(lack)
+    fn from(problem: CollectionProblem) -> Self {
+        Self::CollectionProblem(problem)
     }
 }
 

@@ -242,7 +242,7 @@ fn rejections() -> Vec<Expected> {
             "score 1.50 against 1.25 of the active calibration; the active one stays",
         ),
         (
-            Refusal::Rejected(Rejection::Thinner { expected_rms_deg: 2.0, incumbent_rms_deg: 0.5 }),
+            Refusal::Rejected(Rejection::LessInformative { expected_rms_deg: 2.0, incumbent_rms_deg: 0.5 }),
             "thinner",
             "expected error 2.0 deg against 0.5 deg of the active calibration; the active one stays; cal advise shows \
              what to fly",

@@ -22,8 +22,8 @@ impl MessageSchedule {
         }
         let period_us = 1_000_000 / u64::from(rate_hz.max(1));
         // On the grid of the last due time, unless a whole period was missed.
-        let next = self.due.plus_us(period_us);
-        self.due = if next > now { next } else { now.plus_us(period_us) };
+        let next_due = self.due.plus_us(period_us);
+        self.due = if next_due > now { next_due } else { now.plus_us(period_us) };
         true
     }
 }

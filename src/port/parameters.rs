@@ -45,7 +45,7 @@ pub static PARAMETERS: [SettingParameter; 23] = [
     ),
     whole_number(
         "CAN_RATE",
-        byte_range(&CanSettings::RATE_HZ),
+        byte_range(&CanSettings::RATE_HZ_RANGE),
         |s| s.can.rate_hz.into(),
         |v| byte_setting(v, SettingChange::CanRateHz),
     ),
@@ -56,18 +56,18 @@ pub static PARAMETERS: [SettingParameter; 23] = [
         |v| switch_setting(v, SettingChange::CanCovariance),
     ),
     whole_number("AUTO", SWITCH_RANGE, |s| s.auto_on.into(), |v| switch_setting(v, SettingChange::Auto)),
-    number_setting("ACCURACY", Settings::ACCURACY_DEG, |s| s.accuracy_deg, |_, deg| SettingChange::Accuracy(deg)),
+    number_setting("ACCURACY", Settings::ACCURACY_DEG_RANGE, |s| s.accuracy_deg, |_, deg| SettingChange::Accuracy(deg)),
     number_setting(
         "DECLINATION",
-        Settings::DECLINATION_DEG,
+        Settings::DECLINATION_DEG_RANGE,
         |s| s.declination_deg.unwrap_or(f32::NAN),
-        |_, deg| SettingChange::Declination(not_nan(deg)),
+        |_, deg| SettingChange::Declination(number_if_set(deg)),
     ),
     number_setting(
         "INCLINATION",
-        Settings::INCLINATION_DEG,
+        Settings::INCLINATION_DEG_RANGE,
         |s| s.inclination_deg.unwrap_or(f32::NAN),
-        |_, deg| SettingChange::Inclination(not_nan(deg)),
+        |_, deg| SettingChange::Inclination(number_if_set(deg)),
     ),
     whole_number(
         "MOUNT",
@@ -77,19 +77,19 @@ pub static PARAMETERS: [SettingParameter; 23] = [
     ),
     number_setting(
         "ATT_ERROR_DEG",
-        AttitudeError::BIAS_DEG,
+        AttitudeError::BIAS_DEG_RANGE,
         |s| s.attitude_error.bias_deg,
         |s, bias_deg| SettingChange::AttitudeError(AttitudeError { bias_deg, ..s.attitude_error }),
     ),
     number_setting(
         "ATT_ERROR_BANK",
-        AttitudeError::BANK_PERCENT,
+        AttitudeError::BANK_PERCENT_RANGE,
         |s| s.attitude_error.bank_percent,
         |s, bank_percent| SettingChange::AttitudeError(AttitudeError { bank_percent, ..s.attitude_error }),
     ),
     whole_number(
         "ATTITUDE_RATE",
-        byte_range(&Settings::ATTITUDE_RATE_HZ),
+        byte_range(&Settings::ATTITUDE_RATE_HZ_RANGE),
         |s| s.attitude_rate_hz.into(),
         |v| byte_setting(v, SettingChange::AttitudeRateHz),
     ),
@@ -105,25 +105,25 @@ pub static PARAMETERS: [SettingParameter; 23] = [
     whole_number("STREAM", SWITCH_RANGE, |s| s.stream_on.into(), |v| switch_setting(v, SettingChange::StreamOn)),
     whole_number(
         "STREAM_RATE",
-        byte_range(&Settings::STREAM_RATE_HZ),
+        byte_range(&Settings::STREAM_RATE_HZ_RANGE),
         |s| s.stream_rate_hz.into(),
         |v| byte_setting(v, SettingChange::StreamRateHz),
     ),
     whole_number(
         "STREAM_HEADING",
-        [0, HeadingKind::ALL_HEADINGS.len() as u32 - 1],
-        |s| choice_position(HeadingKind::ALL_HEADINGS, &s.stream_heading),
-        |v| nth_choice(HeadingKind::ALL_HEADINGS, v).map(SettingChange::StreamHeading),
+        [0, HeadingKind::ALL_HEADING_KINDS.len() as u32 - 1],
+        |s| choice_position(HeadingKind::ALL_HEADING_KINDS, &s.stream_heading),
+        |v| nth_choice(HeadingKind::ALL_HEADING_KINDS, v).map(SettingChange::StreamHeading),
     ),
     number_setting(
         "GYRO_ERROR",
-        SensorError::GYRO_PERCENT,
+        SensorError::GYRO_PERCENT_RANGE,
         |s| s.sensor_error.gyro_percent,
         |s, gyro_percent| SettingChange::SensorError(SensorError { gyro_percent, ..s.sensor_error }),
     ),
     number_setting(
         "IRON_DRIFT",
-        SensorError::DRIFT_PERCENT,
+        SensorError::DRIFT_PERCENT_RANGE,
         |s| s.sensor_error.drift_percent,
         |s, drift_percent| SettingChange::SensorError(SensorError { drift_percent, ..s.sensor_error }),
     ),
@@ -205,17 +205,17 @@ fn switch_setting(value: u32, set: fn(bool) -> SettingChange) -> Option<SettingC
     nth_choice([false, true], value).map(set)
 }
 
-/// The number unless it is NaN.
-fn not_nan(value: f32) -> Option<f32> {
+/// A number; `None` for NaN, the value of a setting without a number.
+fn number_if_set(value: f32) -> Option<f32> {
     (!value.is_nan()).then_some(value)
 }
 
-fn choice_position<T: PartialEq>(all: impl IntoIterator<Item = T>, value: &T) -> u32 {
-    all.into_iter().position(|one| one == *value).map_or(0, |position| position as u32)
+fn choice_position<T: PartialEq>(choices: impl IntoIterator<Item = T>, value: &T) -> u32 {
+    choices.into_iter().position(|choice| choice == *value).map_or(0, |position| position as u32)
 }
 
-fn nth_choice<T>(all: impl IntoIterator<Item = T>, position: u32) -> Option<T> {
-    all.into_iter().nth(usize::try_from(position).ok()?)
+fn nth_choice<T>(choices: impl IntoIterator<Item = T>, position: u32) -> Option<T> {
+    choices.into_iter().nth(usize::try_from(position).ok()?)
 }
 
 fn protocol_number(settings: &Settings, port: PortNumber) -> u32 {

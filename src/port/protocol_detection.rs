@@ -10,7 +10,7 @@ const DETECTION_EXPIRY_US: u64 = 10_000_000;
 /// Port. While it sends NMEA sentences it still receives MAVLink, so that attitude may arrive on the same line.
 #[derive(Debug)]
 pub struct Port {
-    chosen: ProtocolKind,
+    configured: ProtocolKind,
     detection: ProtocolDetection,
     /// Receives results of commands, and texts, whatever the active protocol.
     pub mavlink: Mavlink,
@@ -28,14 +28,14 @@ struct ProtocolDetection {
     last_frame_at: Timestamp,
     /// Whether a frame was received since the start. A protocol detected before the restart is used at once, so that
     /// the same autopilot need not wait; the first received frame may replace it.
-    is_heard: bool,
+    has_received_frame: bool,
 }
 
 impl ProtocolDetection {
     /// Records a frame of a protocol; another protocol than the detected one changes nothing until that is silent.
     fn record_frame(&mut self, kind: ProtocolKind, at: Timestamp) {
-        if !self.is_heard || [kind, ProtocolKind::Auto].contains(&self.protocol_at(at)) {
-            *self = Self { kind, last_frame_at: at, is_heard: true };
+        if !self.has_received_frame || [kind, ProtocolKind::Auto].contains(&self.protocol_at(at)) {
+            *self = Self { kind, last_frame_at: at, has_received_frame: true };
         }
     }
 
@@ -47,10 +47,10 @@ impl ProtocolDetection {
 impl Port {
     /// Creates a port at its start time, with the protocol detected before the restart, or `Auto`.
     #[must_use]
-    pub fn new(chosen: ProtocolKind, found: ProtocolKind, start: Timestamp) -> Self {
+    pub fn new(configured: ProtocolKind, detected: ProtocolKind, start: Timestamp) -> Self {
         Self {
-            chosen,
-            detection: ProtocolDetection { kind: found, last_frame_at: start, is_heard: false },
+            configured,
+            detection: ProtocolDetection { kind: detected, last_frame_at: start, has_received_frame: false },
             mavlink: Mavlink::new(),
             msp: Msp::new(),
             nmea: Nmea::new(),
@@ -59,24 +59,24 @@ impl Port {
     }
 
     /// Selects the protocol.
-    pub const fn set_protocol(&mut self, chosen: ProtocolKind) {
-        self.chosen = chosen;
+    pub const fn set_protocol(&mut self, configured: ProtocolKind) {
+        self.configured = configured;
     }
 
     /// Protocol in use: if `auto` is set, the detected one, or `auto` during detection.
     #[must_use]
     pub fn active_protocol(&self, now: Timestamp) -> ProtocolKind {
-        match self.chosen {
+        match self.configured {
             ProtocolKind::Auto => self.detection.protocol_at(now),
-            chosen => chosen,
+            configured => configured,
         }
     }
 
     /// Processes a received byte.
     pub fn process_byte(&mut self, at: Timestamp, byte: u8) -> Option<ReceivedMessage> {
         // Until a frame is received, either protocol may be detected.
-        let is_sure = self.detection.is_heard || self.chosen != ProtocolKind::Auto;
-        let active = if is_sure { self.active_protocol(at) } else { ProtocolKind::Auto };
+        let is_detected = self.detection.has_received_frame || self.configured != ProtocolKind::Auto;
+        let active = if is_detected { self.active_protocol(at) } else { ProtocolKind::Auto };
         let msp_message = if matches!(active, ProtocolKind::Auto | ProtocolKind::Msp) {
             self.msp.process_byte(at, byte)
         } else {
@@ -117,7 +117,7 @@ impl Port {
     /// Whether the set protocol carries text messages, or may after detection.
     #[must_use]
     pub fn carries_texts(&self) -> bool {
-        matches!(self.chosen, ProtocolKind::Auto | ProtocolKind::Mavlink)
+        matches!(self.configured, ProtocolKind::Auto | ProtocolKind::Mavlink)
     }
 }
 
@@ -169,7 +169,7 @@ mod tests {
         bytes
     }
 
-    /// Both sides of ten seconds.
+    /// Checks just before and after ten seconds of silence.
     #[test]
     fn a_detected_protocol_expires_after_ten_seconds_of_silence() {
         for (frame, kind) in [(heartbeat_frame(), ProtocolKind::Mavlink), (variant_frame(*b"ARDU"), ProtocolKind::Msp)]

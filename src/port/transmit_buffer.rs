@@ -67,8 +67,8 @@ impl TransmitBuffer {
     }
 
     /// Removes bytes that were written.
-    pub fn consume_bytes(&mut self, number: usize) {
-        self.begin += number.min(self.end - self.begin);
+    pub fn consume_bytes(&mut self, count: usize) {
+        self.begin += count.min(self.end - self.begin);
         if self.begin == self.end {
             self.clear();
         }

@@ -69,10 +69,10 @@ impl CanSettings {
     pub const NODE_ID_RANGE: RangeInclusive<u8> = 0..=125;
 
     /// Range of the field's rate, up to the measurement rate.
-    pub const RATE_HZ: RangeInclusive<u8> = 5..=80;
+    pub const RATE_HZ_RANGE: RangeInclusive<u8> = 5..=80;
 
     fn is_valid(self) -> bool {
-        Self::NODE_ID_RANGE.contains(&self.node) && Self::RATE_HZ.contains(&self.rate_hz)
+        Self::NODE_ID_RANGE.contains(&self.node) && Self::RATE_HZ_RANGE.contains(&self.rate_hz)
     }
 }
 
@@ -98,7 +98,7 @@ pub enum HeadingKind {
 
 impl HeadingKind {
     /// Both kinds of heading.
-    pub const ALL_HEADINGS: [Self; 2] = [Self::Raw, Self::Smooth];
+    pub const ALL_HEADING_KINDS: [Self; 2] = [Self::Raw, Self::Smooth];
 
     /// Name in commands.
     #[must_use]
@@ -112,7 +112,7 @@ impl HeadingKind {
     /// Parses a name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL_HEADINGS.into_iter().find(|kind| kind.kind_name() == name)
+        Self::ALL_HEADING_KINDS.into_iter().find(|kind| kind.kind_name() == name)
     }
 }
 
@@ -131,10 +131,10 @@ impl AttitudeError {
     pub const DEFAULT: Self = Self { bias_deg: 0.2, bank_percent: 1.0 };
 
     /// Range of the bias, degrees.
-    pub const BIAS_DEG: RangeInclusive<f32> = 0.0..=5.0;
+    pub const BIAS_DEG_RANGE: RangeInclusive<f32> = 0.0..=5.0;
 
     /// Range of the bank-angle scale error, percent.
-    pub const BANK_PERCENT: RangeInclusive<f32> = 0.0..=20.0;
+    pub const BANK_PERCENT_RANGE: RangeInclusive<f32> = 0.0..=20.0;
 
     /// Converts to the solver's units.
     #[must_use]
@@ -143,7 +143,7 @@ impl AttitudeError {
     }
 
     fn is_valid(self) -> bool {
-        Self::BIAS_DEG.contains(&self.bias_deg) && Self::BANK_PERCENT.contains(&self.bank_percent)
+        Self::BIAS_DEG_RANGE.contains(&self.bias_deg) && Self::BANK_PERCENT_RANGE.contains(&self.bank_percent)
     }
 }
 
@@ -161,13 +161,13 @@ impl SensorError {
     pub const DEFAULT: Self = Self { gyro_percent: 2.0, drift_percent: 0.25 };
 
     /// Range of the gyro's error, percent, up to the largest that the monitor estimates.
-    pub const GYRO_PERCENT: RangeInclusive<f32> = 0.1..=20.0;
+    pub const GYRO_PERCENT_RANGE: RangeInclusive<f32> = 0.1..=20.0;
 
     /// Range of the drift, percent of the field.
-    pub const DRIFT_PERCENT: RangeInclusive<f32> = 0.05..=5.0;
+    pub const DRIFT_PERCENT_RANGE: RangeInclusive<f32> = 0.05..=5.0;
 
     fn is_valid(self) -> bool {
-        Self::GYRO_PERCENT.contains(&self.gyro_percent) && Self::DRIFT_PERCENT.contains(&self.drift_percent)
+        Self::GYRO_PERCENT_RANGE.contains(&self.gyro_percent) && Self::DRIFT_PERCENT_RANGE.contains(&self.drift_percent)
     }
 }
 
@@ -206,32 +206,32 @@ impl Settings {
     }
 
     /// Range of the declination, degrees.
-    pub const DECLINATION_DEG: RangeInclusive<f32> = -180.0..=180.0;
+    pub const DECLINATION_DEG_RANGE: RangeInclusive<f32> = -180.0..=180.0;
 
     /// Range of the inclination, degrees.
-    pub const INCLINATION_DEG: RangeInclusive<f32> = -90.0..=90.0;
+    pub const INCLINATION_DEG_RANGE: RangeInclusive<f32> = -90.0..=90.0;
 
     /// Range of the heading rate, up to the measurement rate.
-    pub const STREAM_RATE_HZ: RangeInclusive<u8> = 1..=80;
+    pub const STREAM_RATE_HZ_RANGE: RangeInclusive<u8> = 1..=80;
 
     /// Range of the requested attitude rate. ArduPilot warns of a request above 80 % of its loop rate, 50 Hz in a
     /// plane.
-    pub const ATTITUDE_RATE_HZ: RangeInclusive<u8> = 20..=50;
+    pub const ATTITUDE_RATE_HZ_RANGE: RangeInclusive<u8> = 20..=50;
 
     /// Range of the accuracy, degrees RMS: from that of the best compasses to the largest accepted expected error.
-    pub const ACCURACY_DEG: RangeInclusive<f32> = 0.2..=3.0;
+    pub const ACCURACY_DEG_RANGE: RangeInclusive<f32> = 0.2..=3.0;
 
     /// Whether every setting is within its range; the alignment's is -180..180 deg.
     #[must_use]
     pub fn is_valid(&self) -> bool {
-        self.declination_deg.is_none_or(|declination_deg| Self::DECLINATION_DEG.contains(&declination_deg))
-            && self.inclination_deg.is_none_or(|inclination_deg| Self::INCLINATION_DEG.contains(&inclination_deg))
+        self.declination_deg.is_none_or(|declination_deg| Self::DECLINATION_DEG_RANGE.contains(&declination_deg))
+            && self.inclination_deg.is_none_or(|inclination_deg| Self::INCLINATION_DEG_RANGE.contains(&inclination_deg))
             && self.align_deg.abs() <= 180.0
-            && Self::STREAM_RATE_HZ.contains(&self.stream_rate_hz)
-            && Self::ATTITUDE_RATE_HZ.contains(&self.attitude_rate_hz)
+            && Self::STREAM_RATE_HZ_RANGE.contains(&self.stream_rate_hz)
+            && Self::ATTITUDE_RATE_HZ_RANGE.contains(&self.attitude_rate_hz)
             && self.mount.is_valid()
             && self.attitude_error.is_valid()
-            && Self::ACCURACY_DEG.contains(&self.accuracy_deg)
+            && Self::ACCURACY_DEG_RANGE.contains(&self.accuracy_deg)
             && self.can.is_valid()
             && self.sensor_error.is_valid()
     }

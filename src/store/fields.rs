@@ -14,7 +14,7 @@ use serde::de::DeserializeOwned;
 
 use super::StoreError;
 
-/// Tag and length, bytes.
+/// Length of a field's header, bytes: tag and length of the value.
 const HEADER_SIZE: usize = 3;
 
 /// Value stored as tagged fields.
@@ -63,8 +63,8 @@ struct FieldWriter<'a> {
 impl FieldWriter<'_> {
     /// Writes a field at `offset`; returns the end offset.
     fn write_field<T: Serialize>(&mut self, offset: usize, tag: u8, field: &T) -> Option<usize> {
-        let (header, rest) = self.buffer.get_mut(offset..)?.split_first_chunk_mut::<HEADER_SIZE>()?;
-        let value = postcard::to_slice(field, rest).ok()?;
+        let (header, unused) = self.buffer.get_mut(offset..)?.split_first_chunk_mut::<HEADER_SIZE>()?;
+        let value = postcard::to_slice(field, unused).ok()?;
         let [low, high] = u16::try_from(value.len()).ok()?.to_le_bytes();
         *header = [tag, low, high];
         Some(offset + HEADER_SIZE + value.len())
@@ -90,12 +90,12 @@ struct FieldReader<'a> {
 impl FieldReader<'_> {
     /// The field with this tag, if present and decodable.
     fn read_field<T: DeserializeOwned>(&self, tag: u8) -> Option<T> {
-        let mut rest = self.fields;
-        while let Some((found, value, after)) = split_field(rest) {
-            if found == tag {
+        let mut remaining = self.fields;
+        while let Some((field_tag, value, next_fields)) = split_field(remaining) {
+            if field_tag == tag {
                 return postcard::from_bytes(value).ok();
             }
-            rest = after;
+            remaining = next_fields;
         }
         None
     }
@@ -118,15 +118,15 @@ impl FieldVisitor for FieldReader<'_> {
 
 /// Tag and value of the first field, and the remaining bytes.
 fn split_field(fields: &[u8]) -> Option<(u8, &[u8], &[u8])> {
-    let (&[tag, low, high], rest) = fields.split_first_chunk::<HEADER_SIZE>()?;
-    let (value, after) = rest.split_at_checked(usize::from(u16::from_le_bytes([low, high])))?;
-    Some((tag, value, after))
+    let (&[tag, low, high], value_and_next) = fields.split_first_chunk::<HEADER_SIZE>()?;
+    let (value, next_fields) = value_and_next.split_at_checked(usize::from(u16::from_le_bytes([low, high])))?;
+    Some((tag, value, next_fields))
 }
 
 /// Whether the bytes consist of whole fields.
 fn is_well_formed(mut fields: &[u8]) -> bool {
-    while let Some((_, _, after)) = split_field(fields) {
-        fields = after;
+    while let Some((_, _, next_fields)) = split_field(fields) {
+        fields = next_fields;
     }
     fields.is_empty()
 }

@@ -27,7 +27,7 @@ pub const WORD_SIZE: usize = 8;
 const HEADER_SIZE: usize = 3;
 const CRC_SIZE: usize = 4;
 
-/// Without a lookup table, which takes 1 KB: a save waits for the flash, not for the checksum.
+/// CRC-32 without a lookup table of 1 KB: a save waits for the flash, not for the checksum.
 pub const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 
 #[derive(Debug, PartialEq, Eq)]
@@ -80,8 +80,8 @@ pub fn encode_item<'a, T: StoredFields>(
 
 /// The first `length` bytes and their CRC, if the CRC that follows them is correct.
 fn split_checked(bytes: &[u8], length: usize) -> Option<(&[u8], u32)> {
-    let (body, rest) = bytes.split_at_checked(length)?;
-    let crc = u32::from_le_bytes(*rest.first_chunk::<CRC_SIZE>()?);
+    let (body, crc_and_padding) = bytes.split_at_checked(length)?;
+    let crc = u32::from_le_bytes(*crc_and_padding.first_chunk::<CRC_SIZE>()?);
     (CRC.checksum(body) == crc).then_some((body, crc))
 }
 

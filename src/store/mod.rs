@@ -151,10 +151,10 @@ impl<F: NorFlash> Store<F> {
                 if ![current, previous].into_iter().flatten().all(CalibrationRecord::is_valid) {
                     return Err(StoreError::Invalid);
                 }
-                let in_use = [state.current_slot, state.previous_slot];
-                state.current_slot = self.write_to_free_slot(current, &in_use).await?;
+                let used_slots = [state.current_slot, state.previous_slot];
+                state.current_slot = self.write_to_free_slot(current, &used_slots).await?;
                 state.previous_slot =
-                    self.write_to_free_slot(previous, &[in_use[0], in_use[1], state.current_slot]).await?;
+                    self.write_to_free_slot(previous, &[used_slots[0], used_slots[1], state.current_slot]).await?;
             }
         }
         self.write_state(page, &state).await
@@ -174,10 +174,12 @@ impl<F: NorFlash> Store<F> {
 
     /// Replaces a store of another format by the default state. Erases the page with that format's item last, so that
     /// it is still reported after a power failure.
-    async fn replace_other_format(&mut self, other: u32) -> Result<(), StoreError> {
-        let target = if other == FIRST_STATE_PAGE { FIRST_STATE_PAGE + 1 } else { FIRST_STATE_PAGE };
-        self.write_state(target, &StoredState::default()).await?;
-        for page in (0..self.page_count()).filter(|page| *page != target && *page != other).chain([other]) {
+    async fn replace_other_format(&mut self, format_page: u32) -> Result<(), StoreError> {
+        let state_page = if format_page == FIRST_STATE_PAGE { FIRST_STATE_PAGE + 1 } else { FIRST_STATE_PAGE };
+        self.write_state(state_page, &StoredState::default()).await?;
+        for page in
+            (0..self.page_count()).filter(|page| *page != state_page && *page != format_page).chain([format_page])
+        {
             self.erase_page(page).await?;
         }
         Ok(())
@@ -185,17 +187,17 @@ impl<F: NorFlash> Store<F> {
 
     /// Reads every page and finds the valid state.
     async fn scan_pages(&mut self) -> PageScan {
-        let mut survey = PageScan { valid_state: None, other_format: None, error: None };
+        let mut scan = PageScan { valid_state: None, other_format: None, error: None };
         for page in 0..self.page_count() {
             let mut buffer = [0; ITEM_SIZE];
             match self.read_page(page, &mut buffer).await {
-                Err(error) => survey.error = Some(error),
-                Ok(PageContent::OtherFormat(format)) => survey.other_format = Some((page, format)),
-                Ok(content) if page >= FIRST_STATE_PAGE => survey.add_state(page, &content),
+                Err(error) => scan.error = Some(error),
+                Ok(PageContent::OtherFormat(format)) => scan.other_format = Some((page, format)),
+                Ok(content) if page >= FIRST_STATE_PAGE => scan.add_state(page, &content),
                 Ok(_) => {}
             }
         }
-        survey
+        scan
     }
 
     async fn read_calibration(
@@ -214,7 +216,7 @@ impl<F: NorFlash> Store<F> {
     async fn write_to_free_slot(
         &mut self,
         record: Option<&CalibrationRecord>,
-        in_use: &[Option<SlotReference>],
+        used_slots: &[Option<SlotReference>],
     ) -> Result<Option<SlotReference>, StoreError> {
         let Some(record) = record else { return Ok(None) };
         let mut buffer = [0; ITEM_SIZE];
@@ -225,8 +227,8 @@ impl<F: NorFlash> Store<F> {
             }
         }
         // Starts after the current calibration's slot, for even wear.
-        let start = in_use.iter().flatten().next().map_or(0, |reference| reference.slot + 1);
-        let is_free = |slot: &u8| in_use.iter().flatten().all(|reference| reference.slot != *slot);
+        let start = used_slots.iter().flatten().next().map_or(0, |reference| reference.slot + 1);
+        let is_free = |slot: &u8| used_slots.iter().flatten().all(|reference| reference.slot != *slot);
         let slot = (0..CALIBRATION_SLOTS)
             .map(|offset| (start + offset) % CALIBRATION_SLOTS)
             .find(is_free)
@@ -245,20 +247,20 @@ impl<F: NorFlash> Store<F> {
     /// Erases a page, programs an item and reads it back.
     async fn program_page(&mut self, page: u32, item: &[u8]) -> Result<(), StoreError> {
         self.erase_page(page).await?;
-        self.flash.write(self.start_of(page), item).await.map_err(|_| StoreError::Flash)?;
+        self.flash.write(self.page_offset(page), item).await.map_err(|_| StoreError::Flash)?;
         if self.page_contains(page, item).await? { Ok(()) } else { Err(StoreError::Verify) }
     }
 
     async fn erase_page(&mut self, page: u32) -> Result<(), StoreError> {
-        let start = self.start_of(page);
+        let start = self.page_offset(page);
         self.flash.erase(start, start + Self::PAGE_SIZE).await.map_err(|_| StoreError::Flash)
     }
 
     async fn page_contains(&mut self, page: u32, item: &[u8]) -> Result<bool, StoreError> {
         let mut buffer = [0; ITEM_SIZE];
-        let found = &mut buffer[..item.len()];
-        self.flash.read(self.start_of(page), found).await.map_err(|_| StoreError::Flash)?;
-        Ok(found == item)
+        let page_bytes = &mut buffer[..item.len()];
+        self.flash.read(self.page_offset(page), page_bytes).await.map_err(|_| StoreError::Flash)?;
+        Ok(page_bytes == item)
     }
 
     async fn read_page<'a>(
@@ -266,7 +268,7 @@ impl<F: NorFlash> Store<F> {
         page: u32,
         buffer: &'a mut [u8; ITEM_SIZE],
     ) -> Result<PageContent<'a>, StoreError> {
-        self.flash.read(self.start_of(page), buffer).await.map_err(|_| StoreError::Flash)?;
+        self.flash.read(self.page_offset(page), buffer).await.map_err(|_| StoreError::Flash)?;
         Ok(flash_page::parse_page(buffer))
     }
 
@@ -278,7 +280,7 @@ impl<F: NorFlash> Store<F> {
         if page + 1 < self.page_count() { page + 1 } else { FIRST_STATE_PAGE }
     }
 
-    const fn start_of(&self, page: u32) -> u32 {
+    const fn page_offset(&self, page: u32) -> u32 {
         self.region.start + page * Self::PAGE_SIZE
     }
 }

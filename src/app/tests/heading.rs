@@ -68,7 +68,7 @@ fn readings_become_estimates_and_a_correction_applies_one_reading_later() {
     report(&bench);
     bench.ms(10);
     assert_eq!(estimate(&bench).heading, Err(NoHeading::Uncalibrated), "of the reading that came first");
-    // A report of the same instant is processed first, although it arrives later.
+    // An attitude report of the same instant is processed before the reading, although it arrives later.
     read(&bench, 0.5);
     report(&bench);
     bench.ms(1);
@@ -76,7 +76,7 @@ fn readings_become_estimates_and_a_correction_applies_one_reading_later() {
     assert!((heading.magnetic_rad - 0.5).abs() < 1e-3, "{heading:?}");
 }
 
-/// 100 ms after the last reading, and every 100 ms from then on, so that ports keep their rates.
+/// An estimate follows 100 ms after the last reading, and every 100 ms from then on, so that ports keep their rates.
 #[test]
 fn a_silent_sensor_is_reported_to_the_ports() {
     let mut bench = with_instrument();

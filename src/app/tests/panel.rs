@@ -97,7 +97,7 @@ fn every_cause_of_a_missing_heading_shows_the_fault_pattern() {
     assert!(!is_trouble(Some(IndicatorState::Collecting(0)), NoHeading::Uncalibrated, None));
 }
 
-/// Both sides of the limit; one start, however long the button is held.
+/// The button is held for just less and just more than two seconds; a longer hold starts no second collection.
 #[test]
 fn the_button_acts_after_two_seconds() {
     let (mut bench, post) = with_panel();

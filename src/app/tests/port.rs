@@ -122,7 +122,7 @@ fn heartbeat(base_mode: MavModeFlag) -> Vec<u8> {
     [frame_of(1, &HEARTBEAT_DATA { base_mode, ..HEARTBEAT_DATA::default() }), frame(0.1)].concat()
 }
 
-/// Published at a change, and dropped ten seconds after the last heartbeat, also on a silent line.
+/// The armed state is published at a change, and expires ten seconds after the last heartbeat, also on a silent line.
 #[test]
 fn armed_state_is_published_on_change_and_expires_after_10_s() {
     let (mut bench, line) = with_line();
@@ -219,13 +219,13 @@ fn a_port_follows_its_settings() {
     assert_eq!(bench.links.port_protocols(), [ProtocolKind::Auto, ProtocolKind::Mavlink]);
 }
 
-/// Sent as STATUSTEXT. Messages that arrive while another protocol is set are dropped.
+/// Messages are sent as STATUSTEXT; those that arrive while another protocol is set are dropped.
 #[test]
 fn a_message_is_sent_as_mavlink_status_text() {
     let mut bench = TaskBench::new();
     let (line, port) = spawn_port(&mut bench, PortNumber::Two);
     let sent = |bench: &mut TaskBench, message: &Message| {
-        bench.links.announce(message);
+        bench.links.broadcast_message(message);
         line.put(&heartbeat(MavModeFlag::empty()));
         stream(bench, NORTH, 500);
         let bytes = port.written.take();

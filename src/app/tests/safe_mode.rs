@@ -64,7 +64,7 @@ fn both_ports_report_it_in_both_protocols() {
     }
 }
 
-/// One page of the store holds anything; all other commands are refused.
+/// A store page with content is erased; all other commands are refused.
 #[test]
 fn it_erases_the_store_and_refuses_other_commands() {
     let flash = Flash::new(PAGES);

@@ -89,7 +89,6 @@ fn a_missing_sensor_is_initialised_every_200_ms() {
     assert_eq!(bench.links.event_counts().readings, 10);
 }
 
-/// Timeout of 0.4 s.
 #[test]
 fn a_hanging_bus_times_out_after_0_4_s() {
     let (mut bench, chip) = bench();

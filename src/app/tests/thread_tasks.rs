@@ -140,7 +140,7 @@ fn readings_lost_during_the_collection_are_the_cause_of_a_refusal() {
     assert!(matches!(ask(&mut bench, Command::CalUndo), Err(Refusal::NoPreviousCalibration)));
 }
 
-/// From sensor detection and samples of turns to a correction, without `cal solve`.
+/// The state machine makes a correction from a detected sensor and samples of turns, without `cal solve`.
 #[test]
 fn samples_become_a_correction() {
     let mut bench = with_compass(Flash::new(PAGES));
@@ -347,7 +347,7 @@ fn a_reboot_is_announced_first() {
     assert_eq!(board.0.get(), 1);
 }
 
-/// On a board whose only UART serves a port.
+/// On a board whose only UART serves a port, no console executes the restart.
 #[test]
 fn a_module_without_a_console_restarts_on_command() {
     let mut bench = with_compass(Flash::new(PAGES));
@@ -381,7 +381,7 @@ fn a_selected_protocol_turns_the_console_into_a_port() {
     }
 }
 
-/// The heading is needed in flight.
+/// A restart would interrupt the heading in flight.
 #[test]
 fn an_armed_module_does_not_reboot() {
     let (mut bench, line, port, board) = with_console();
@@ -404,7 +404,7 @@ fn a_message_is_shown_and_the_partly_typed_line_restored() {
     line.put(b"versio");
     bench.ms(1);
     assert_eq!(port.text(), "versio");
-    bench.links.announce(&Message::StoreFailed(StoreError::Corrupt));
+    bench.links.broadcast_message(&Message::StoreFailed(StoreError::Corrupt));
     bench.ms(1);
     let text = port.text();
     assert!(text.contains("note refused store-corrupt: "), "{text:?}");
@@ -417,13 +417,13 @@ fn a_message_is_shown_and_the_partly_typed_line_restored() {
 fn the_oldest_message_is_dropped_from_a_full_queue() {
     let bench = TaskBench::new();
     for percent in 0..5 {
-        bench.links.announce(&Message::Collecting(percent));
+        bench.links.broadcast_message(&Message::Collecting(percent));
     }
     let waiting: Vec<_> = std::iter::from_fn(|| bench.links.console_messages.try_receive().ok()).collect();
     assert_eq!(waiting, [2, 3, 4].map(Message::Collecting));
 }
 
-/// Line errors, and a terminal that accepts no bytes.
+/// The console continues after line errors, and with a terminal that accepts no bytes.
 #[test]
 fn line_errors_do_not_stop_the_console() {
     let (mut bench, line, port, _) = with_console();

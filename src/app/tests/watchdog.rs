@@ -51,7 +51,7 @@ fn with_silent(silent: Option<usize>) -> (TaskBench, FakeWatchdog) {
     (bench, watchdog_timer)
 }
 
-/// Every 0.7 s.
+/// The interval of feeds is 0.7 s.
 #[test]
 fn the_watchdog_is_fed_while_all_tasks_run() {
     let (mut bench, watchdog_timer) = with_silent(None);
@@ -71,7 +71,7 @@ fn the_watchdog_is_not_fed_after_any_task_stops() {
     }
 }
 
-/// Boards differ in their lines.
+/// A board has fewer lines than there are heartbeat counters.
 #[test]
 fn the_watchdog_does_not_wait_for_lines_that_never_ran() {
     for (counted_tasks, fed) in [(HEARTBEATS_OF_EVERY_BOARD, 10), (HEARTBEATS_OF_EVERY_BOARD - 1, 0)] {
@@ -95,7 +95,7 @@ fn the_longest_feed_interval_is_1_4_s() {
     assert_eq!(MAX_FEED_INTERVAL_US, 1_400_000);
 }
 
-/// Five heartbeats a second.
+/// An idle state machine sends five heartbeats a second.
 #[test]
 fn an_idle_state_machine_shows_that_it_runs() {
     let mut bench = with_compass(Flash::new(PAGES));

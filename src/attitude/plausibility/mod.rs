@@ -25,7 +25,7 @@ const MAX_CONSECUTIVE_SPIKES: u8 = 3;
 const MIN_EQUAL_REPORTS: u8 = 5;
 
 /// Shortest duration of equal reports, microseconds: five at 50 Hz. A source may send faster than it estimates.
-const MIN_EQUAL_US: u64 = 80_000;
+const MIN_EQUAL_DURATION_US: u64 = 80_000;
 
 /// A source that ever changed by less than this, radians (0.05 deg), has a resolution below its noise and does not
 /// repeat values.
@@ -33,7 +33,7 @@ const FINE_RESOLUTION_RAD: f32 = 8.7e-4;
 
 /// Shortest duration of equal reports of a source of coarse resolution, which repeats values in steady flight,
 /// microseconds.
-const MIN_EQUAL_COARSE_US: u64 = 500_000;
+const MIN_COARSE_EQUAL_DURATION_US: u64 = 500_000;
 
 /// Cosine of the smallest field rotation in body axes that contradicts a repeated attitude (3 deg).
 const COS_MIN_FIELD_ROTATION: f32 = 0.998_63;
@@ -51,32 +51,35 @@ const FIELD_MEAN_READINGS: f32 = 12.0;
 /// Settling time of the mean field direction, microseconds.
 const FIELD_SETTLING_US: u64 = 400_000;
 
-/// Detects single wrong attitudes.
+/// Detects spikes: single reports with a wrong attitude.
 #[derive(Debug)]
 pub(super) struct SpikeFilter {
     /// Consecutive rejected reports.
-    consecutive: u8,
+    consecutive_spikes: u8,
 }
 
 impl SpikeFilter {
     pub const fn new() -> Self {
-        Self { consecutive: 0 }
+        Self { consecutive_spikes: 0 }
     }
 
-    /// Returns whether the attitude is a spike; `last` is the previous accepted report, unless too old.
-    pub fn is_spike(&mut self, last: Option<&TimedReport>, at: Timestamp, attitude: Attitude) -> bool {
-        let is_far = last.is_some_and(|last| {
-            let step_s = at.us_since(last.sent_at) as f32 * 1e-6;
-            let expected = extrapolate_attitude(last, step_s);
-            let by_time_rad_s =
-                if last.report.body_rates.is_some() { SPIKE_MARGIN_RAD_S } else { SPIKE_MARGIN_WITHOUT_RATES_RAD_S };
+    /// Returns whether the attitude is a spike; `last_report` is the previous accepted report, unless too old.
+    pub fn is_spike(&mut self, last_report: Option<&TimedReport>, at: Timestamp, attitude: Attitude) -> bool {
+        let is_far = last_report.is_some_and(|last_report| {
+            let step_s = at.us_since(last_report.sent_at) as f32 * 1e-6;
+            let expected = extrapolate_attitude(last_report, step_s);
+            let by_time_rad_s = if last_report.report.body_rates.is_some() {
+                SPIKE_MARGIN_RAD_S
+            } else {
+                SPIKE_MARGIN_WITHOUT_RATES_RAD_S
+            };
             tilt_between(expected, attitude) > SPIKE_MARGIN_RAD + by_time_rad_s * step_s
         });
-        if is_far && self.consecutive < MAX_CONSECUTIVE_SPIKES {
-            self.consecutive += 1;
+        if is_far && self.consecutive_spikes < MAX_CONSECUTIVE_SPIKES {
+            self.consecutive_spikes += 1;
             return true;
         }
-        self.consecutive = 0;
+        self.consecutive_spikes = 0;
         false
     }
 }
@@ -97,10 +100,10 @@ impl MeanDirection {
     /// Updates the mean with a reading, in any axes.
     pub fn update_mean(&mut self, field: Vector3<f32>) {
         let direction = field / field.vector_length();
-        let before = self.0.unwrap_or(direction);
-        let averaged = before + (direction - before) / FIELD_MEAN_READINGS;
+        let old_mean = self.0.unwrap_or(direction);
+        let new_mean = old_mean + (direction - old_mean) / FIELD_MEAN_READINGS;
         // Discards NaN, which would persist in the mean.
-        self.0 = averaged.iter().all(|c| c.is_finite()).then_some(averaged);
+        self.0 = new_mean.iter().all(|component| component.is_finite()).then_some(new_mean);
     }
 
     /// Mean direction, of length near one; `None` before the first reading.
@@ -167,8 +170,8 @@ impl FreezeDetector {
         self.is_frozen &= is_equal;
         if self.equal_reports >= MIN_EQUAL_REPORTS {
             let for_us = at.us_since(self.equal_since);
-            self.is_frozen |= self.has_fine_resolution && for_us >= MIN_EQUAL_US;
-            self.is_frozen |= for_us >= MIN_EQUAL_COARSE_US && self.has_field_rotated(attitude);
+            self.is_frozen |= self.has_fine_resolution && for_us >= MIN_EQUAL_DURATION_US;
+            self.is_frozen |= for_us >= MIN_COARSE_EQUAL_DURATION_US && self.has_field_rotated(attitude);
         }
     }
 
@@ -180,12 +183,18 @@ impl FreezeDetector {
     /// Whether the field rotated in body axes since the first equal report, other than about the vertical of a level
     /// vehicle.
     fn has_field_rotated(&self, attitude: Attitude) -> bool {
-        let (Some(now), Some(then)) = (self.field_direction.mean(), self.settled_direction) else { return false };
-        let [now, then] = [now, then].map(|direction| direction / direction.vector_length());
+        let (Some(current_direction), Some(settled_direction)) = (self.field_direction.mean(), self.settled_direction)
+        else {
+            return false;
+        };
+        let [current_direction, settled_direction] =
+            [current_direction, settled_direction].map(|direction| direction / direction.vector_length());
         let down = attitude.tilt_rotation().down_in_body();
-        let [dip_now, dip_then] = [now, then].map(|direction| trig::asin(direction.dot(&down)));
-        let is_contradicted = (dip_now - dip_then).abs() > MIN_INCLINATION_CHANGE_RAD || down.z < COS_MAX_GROUND_TILT;
-        now.dot(&then) < COS_MIN_FIELD_ROTATION && is_contradicted
+        let [current_inclination, settled_inclination] =
+            [current_direction, settled_direction].map(|direction| trig::asin(direction.dot(&down)));
+        let is_contradicted = (current_inclination - settled_inclination).abs() > MIN_INCLINATION_CHANGE_RAD
+            || down.z < COS_MAX_GROUND_TILT;
+        current_direction.dot(&settled_direction) < COS_MIN_FIELD_ROTATION && is_contradicted
     }
 }
 

@@ -22,7 +22,7 @@ fn is_frozen_about(axis: Vector3<f32>, first_step_deg: f32, reports: u32, apart_
     is_frozen_at([0.0, 0.0], axis, first_step_deg, reports, apart_us, turned_deg)
 }
 
-/// The same at a roll and pitch.
+/// Whether a source is frozen, as for `is_frozen`, at a roll and pitch.
 fn is_frozen_at(
     [roll_deg, pitch_deg]: [f32; 2],
     axis: Vector3<f32>,
@@ -48,7 +48,7 @@ fn is_frozen(first_step_deg: f32, reports: u32, apart_us: u64, turned_deg: f32) 
     is_frozen_about(Vector3::y(), first_step_deg, reports, apart_us, turned_deg)
 }
 
-/// Limits: 0.05 deg, five reports, 80 ms.
+/// Limits of a fine source: changes of 0.05 deg, five equal reports, 80 ms.
 #[test]
 fn fine_resolution_is_frozen_after_five_reports() {
     for step_deg in [0.04, -0.04] {
@@ -72,7 +72,7 @@ fn a_fine_step_of_pitch_counts() {
     }
 }
 
-/// Limits: 3 deg, 0.5 s, five reports.
+/// Limits of a coarse source: 3 deg of field rotation, 0.5 s, five equal reports.
 #[test]
 fn coarse_resolution_is_frozen_when_the_field_rotated() {
     for sign in [1.0, -1.0] {
@@ -96,7 +96,7 @@ fn a_level_turn_about_the_vertical_is_not_frozen() {
     assert!(is_frozen_about(tilted, 0.1, 30, 20_000, -8.5) && !is_frozen_about(tilted, 0.1, 30, 20_000, -4.5));
 }
 
-/// A banked vehicle that turns flies, and its attitude varies. The axis is the vertical.
+/// A banked vehicle that turns flies, and its attitude varies. The axis of rotation is the vertical.
 #[test]
 fn a_banked_turn_about_the_vertical_is_frozen() {
     for (attitude_deg, frozen) in
@@ -124,7 +124,7 @@ fn field_rotation_before_settling_is_ignored() {
     }
 }
 
-/// 25 uT with LIS3MDL noise for ten minutes, attitude in tenths of a degree.
+/// Ten minutes at rest: 25 uT with the noise of a LIS3MDL, attitude in tenths of a degree.
 #[test]
 fn a_coarse_source_at_rest_is_not_frozen() {
     let mut random = testkit::random::Random(3);

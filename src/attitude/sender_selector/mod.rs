@@ -98,13 +98,13 @@ struct SelectedSender {
 #[derive(Debug, Default)]
 pub struct SenderSelector {
     entries: heapless::Vec<SenderEntry, MAX_SENDERS>,
-    /// Kept after expiry until another sender is selected, so that the armed state remains available when attitude
-    /// fails.
+    /// Selected sender. It remains after its expiry until another one is selected, so that the armed state remains
+    /// available when attitude fails.
     selected: Option<SelectedSender>,
     /// Autopilot that was selected first.
-    own: Option<SenderId>,
+    own_autopilot: Option<SenderId>,
     /// Last sender released for its contradictions.
-    released: Option<SenderId>,
+    released_sender: Option<SenderId>,
     /// Time with contradictions minus time without, at least 0, microseconds, and its last update.
     contradicted_us: u64,
     checked_at: Timestamp,
@@ -117,8 +117,8 @@ impl SenderSelector {
         Self {
             entries: heapless::Vec::new(),
             selected: None,
-            own: None,
-            released: None,
+            own_autopilot: None,
+            released_sender: None,
             contradicted_us: 0,
             checked_at: Timestamp::START,
         }
@@ -127,42 +127,45 @@ impl SenderSelector {
     /// Processes a heartbeat received at `now`.
     pub fn update_heartbeat(&mut self, now: Timestamp, heartbeat: Heartbeat) {
         let Heartbeat { sender: source, is_autopilot, .. } = heartbeat;
-        let is_known_autopilot = self.selected.is_some_and(|chosen| chosen.source == source && chosen.is_autopilot)
-            || self.last_heartbeat(now, source).is_some_and(|known| known.is_autopilot);
+        let is_known_autopilot =
+            self.selected.is_some_and(|selected| selected.source == source && selected.is_autopilot)
+                || self.last_heartbeat(now, source).is_some_and(|previous| previous.is_autopilot);
         if is_known_autopilot && !is_autopilot {
             return;
         }
-        if let Some(known) = self.entry_or_insert(now, source) {
-            known.heartbeat = Some((now, heartbeat));
+        if let Some(entry) = self.entry_or_insert(now, source) {
+            entry.heartbeat = Some((now, heartbeat));
         }
         self.selected = match self.selected {
-            Some(chosen) if chosen.source == source => {
-                is_autopilot.then_some(SelectedSender { is_autopilot, ..chosen })
+            Some(selected) if selected.source == source => {
+                is_autopilot.then_some(SelectedSender { is_autopilot, ..selected })
             }
             // An autopilot replaces the first sender.
-            Some(chosen) if is_autopilot && !chosen.is_autopilot => None,
+            Some(selected) if is_autopilot && !selected.is_autopilot => None,
             other => other,
         };
     }
 
     /// Returns whether attitude received at `now` from `source` is accepted.
     pub fn accept_attitude(&mut self, now: Timestamp, source: SenderId) -> bool {
-        if let Some(known) = self.entry_or_insert(now, source) {
-            known.attitude_at = Some(now);
+        if let Some(entry) = self.entry_or_insert(now, source) {
+            entry.attitude_at = Some(now);
         }
-        let next = match self.selected {
+        let candidate = match self.selected {
             Some(chosen) if chosen.source == source => Some(chosen),
-            _ if self.own == Some(source) => Some(SelectedSender { source, attitude_at: now, is_autopilot: true }),
+            _ if self.own_autopilot == Some(source) => {
+                Some(SelectedSender { source, attitude_at: now, is_autopilot: true })
+            }
             Some(chosen) if is_unexpired(chosen.attitude_at, now) || self.is_other_vehicle(chosen, source) => None,
             _ => self.try_select(now, source),
         };
-        if let Some(next) = next {
-            self.selected = Some(SelectedSender { attitude_at: now, ..next });
-            if next.is_autopilot {
-                self.own.get_or_insert(source);
+        if let Some(candidate) = candidate {
+            self.selected = Some(SelectedSender { attitude_at: now, ..candidate });
+            if candidate.is_autopilot {
+                self.own_autopilot.get_or_insert(source);
             }
         }
-        next.is_some()
+        candidate.is_some()
     }
 
     /// Records whether the selected sender's attitude contradicts the field at `now`; releases the sender after
@@ -179,55 +182,56 @@ impl SenderSelector {
             && self.contradicted_us == MAX_CONTRADICTED_US
             && self.has_other_autopilot(now, source)
         {
-            (self.selected, self.own, self.released) = (None, None, Some(source));
+            (self.selected, self.own_autopilot, self.released_sender) = (None, None, Some(source));
             self.contradicted_us = 0;
         }
     }
 
     /// Whether `source` is of another system than the selected sender, whose last heartbeat was armed.
-    fn is_other_vehicle(&self, chosen: SelectedSender, source: SenderId) -> bool {
+    fn is_other_vehicle(&self, selected: SelectedSender, source: SenderId) -> bool {
         let last_heartbeat =
-            self.entries.iter().find(|known| known.source == chosen.source).and_then(|known| known.heartbeat);
-        chosen.source.system_id() != source.system_id()
+            self.entries.iter().find(|entry| entry.source == selected.source).and_then(|entry| entry.heartbeat);
+        selected.source.system_id() != source.system_id()
             && last_heartbeat.is_some_and(|(_, heartbeat)| heartbeat.is_armed)
     }
 
     /// Whether an autopilot other than `source` sends attitude.
     fn has_other_autopilot(&self, now: Timestamp, source: SenderId) -> bool {
-        self.entries.iter().any(|other| {
-            other.source != source
-                && other.attitude_at.is_some_and(|at| is_unexpired(at, now))
-                && other.last_heartbeat(now).is_some_and(|heartbeat| heartbeat.is_autopilot)
+        self.entries.iter().any(|entry| {
+            entry.source != source
+                && entry.attitude_at.is_some_and(|at| is_unexpired(at, now))
+                && entry.last_heartbeat(now).is_some_and(|heartbeat| heartbeat.is_autopilot)
         })
     }
 
     /// Armed state of the selected sender; `None` without a recent heartbeat.
     #[must_use]
     pub fn is_armed(&self, now: Timestamp) -> Option<bool> {
-        self.selected.and_then(|chosen| self.last_heartbeat(now, chosen.source)).map(|heartbeat| heartbeat.is_armed)
+        self.selected.and_then(|selected| self.last_heartbeat(now, selected.source)).map(|heartbeat| heartbeat.is_armed)
     }
 
     /// Autopilot to query: the selected one, or before any attitude the first with a recent autopilot heartbeat.
     #[must_use]
     pub fn autopilot_to_query(&self, now: Timestamp) -> Option<SenderId> {
-        let chosen = self.selected.filter(|chosen| chosen.is_autopilot).map(|chosen| chosen.source);
+        let selected = self.selected.filter(|selected| selected.is_autopilot).map(|selected| selected.source);
         let autopilot_heartbeat = || {
             self.entries
                 .iter()
-                .filter_map(|known| known.last_heartbeat(now))
+                .filter_map(|entry| entry.last_heartbeat(now))
                 .find(|autopilot_heartbeat| autopilot_heartbeat.is_autopilot)
         };
-        chosen.or_else(|| autopilot_heartbeat().map(|heartbeat| heartbeat.sender))
+        selected.or_else(|| autopilot_heartbeat().map(|heartbeat| heartbeat.sender))
     }
 
-    /// Selection of this sender, if permitted.
+    /// Selects a sender, if the rules permit it.
     fn try_select(&self, now: Timestamp, source: SenderId) -> Option<SelectedSender> {
         let heartbeat_of_source = self.last_heartbeat(now, source);
-        let autopilots =
-            || self.entries.iter().filter_map(|known| known.last_heartbeat(now)).any(|other| other.is_autopilot);
+        let autopilots = || {
+            self.entries.iter().filter_map(|entry| entry.last_heartbeat(now)).any(|heartbeat| heartbeat.is_autopilot)
+        };
         let is_selectable = heartbeat_of_source
             .map_or_else(|| !autopilots(), |heartbeat_of_source| heartbeat_of_source.is_autopilot)
-            && !(self.released == Some(source) && self.has_other_autopilot(now, source));
+            && !(self.released_sender == Some(source) && self.has_other_autopilot(now, source));
         is_selectable.then_some(SelectedSender {
             source,
             attitude_at: now,
@@ -236,22 +240,23 @@ impl SenderSelector {
     }
 
     fn last_heartbeat(&self, now: Timestamp, source: SenderId) -> Option<Heartbeat> {
-        self.entries.iter().find(|known| known.source == source)?.last_heartbeat(now)
+        self.entries.iter().find(|entry| entry.source == source)?.last_heartbeat(now)
     }
 
     /// Table entry of a sender. A new sender in a full table replaces the lowest-ranked one, never the selected one.
     fn entry_or_insert(&mut self, now: Timestamp, source: SenderId) -> Option<&mut SenderEntry> {
-        if self.entries.iter().all(|known| known.source != source) {
+        if self.entries.iter().all(|entry| entry.source != source) {
             if self.entries.is_full() {
-                let chosen = self.selected.map(|chosen| chosen.source);
-                let others = self.entries.iter().enumerate().filter(|(_, known)| Some(known.source) != chosen);
-                let (least, _) = others.min_by_key(|(_, known)| known.retention_priority(now))?;
-                self.entries.swap_remove(least);
+                let selected = self.selected.map(|selected| selected.source);
+                let replaceable_entries =
+                    self.entries.iter().enumerate().filter(|(_, entry)| Some(entry.source) != selected);
+                let (lowest_ranked, _) = replaceable_entries.min_by_key(|(_, entry)| entry.retention_priority(now))?;
+                self.entries.swap_remove(lowest_ranked);
             }
             // Cannot fail: an entry was removed if full.
             let _ = self.entries.push(SenderEntry { source, heartbeat: None, attitude_at: None });
         }
-        self.entries.iter_mut().find(|known| known.source == source)
+        self.entries.iter_mut().find(|entry| entry.source == source)
     }
 }
 

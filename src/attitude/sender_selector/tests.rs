@@ -112,7 +112,7 @@ fn of_two_autopilots_the_first_selected_is_kept() {
     assert_eq!(bench.run(30, [(SECOND, Ready), (AUTOPILOT, Ready)]), [600, 0]);
 }
 
-/// While the other sender's attitude continues.
+/// The silent sender is released while the other sender's attitude continues.
 #[test]
 fn a_silent_sender_is_released_after_ten_seconds() {
     let mut bench = TestSenders::new();
@@ -321,7 +321,7 @@ fn a_sender_that_contradicts_the_field_for_a_minute_is_released() {
         }
     }
     assert_eq!(accepted[0] + accepted[1], 2800);
-    // Alone, it is kept.
+    // A contradicted sender is kept if no other autopilot sends attitude.
     let mut bench = TestSenders::new();
     for _ in 0..140 {
         let now = bench.now();

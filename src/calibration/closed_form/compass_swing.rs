@@ -34,8 +34,8 @@ pub(in crate::calibration) fn solve_compass_swing(
 ) -> Result<SensorResponse, SolveError> {
     SolveError::require_samples(SamplePart::Marks, marks.len(), MIN_MARKS)?;
     let h0_ut = estimate_horizontal_ut(marks, rotation).ok_or(SolveError::NotDetermined(SamplePart::Marks))?;
-    let tried = INCLINATIONS_DEG.map(f32::to_radians);
-    let inclinations_rad = inclination_rad.as_ref().map_or(&tried[..], core::slice::from_ref);
+    let candidates_rad = INCLINATIONS_DEG.map(f32::to_radians);
+    let inclinations_rad = inclination_rad.as_ref().map_or(&candidates_rad[..], core::slice::from_ref);
     inclinations_rad
         .iter()
         .filter_map(|&inclination_rad| fit_response(marks, rotation, inclination_tangent(inclination_rad), h0_ut))
@@ -65,15 +65,15 @@ fn fit_response(
     };
     let field = |mark: &HeadingMark| rotation * mark.sample.field.ut;
     let mean = marks.iter().map(field).sum::<Vector3<f32>>() / marks.len() as f32;
-    let mut system = LeastSquares::<4, 3>::new();
+    let mut least_squares = LeastSquares::<4, 3>::new();
     // Ridge: A times H0 is H0 times the identity; no assumption about b.
     for i in 0..3 {
-        system.add_weighted_row(&Vector4::ith(i, 1.0), Vector3::ith(i, h0_ut).into(), NO_SOFT_IRON_WEIGHT);
+        least_squares.add_weighted_row(&Vector4::ith(i, 1.0), Vector3::ith(i, h0_ut).into(), NO_SOFT_IRON_WEIGHT);
     }
     for mark in marks {
-        system.add_weighted_row(&regressors(mark), (field(mark) - mean).into(), 1.0);
+        least_squares.add_weighted_row(&regressors(mark), (field(mark) - mean).into(), 1.0);
     }
-    let solution = system.solve()?;
+    let solution = least_squares.solve()?;
     let residual: f32 =
         marks.iter().map(|mark| (field(mark) - mean - solution.tr_mul(&regressors(mark))).norm_squared()).sum();
     let a_ut = solution.fixed_rows::<3>(0).transpose();
@@ -122,7 +122,7 @@ mod tests {
         (0..12).map(mark).collect()
     }
 
-    /// Tolerances from the ridge.
+    /// Tolerances allow for the bias by the ridge regularisation.
     fn assert_found(found: &SensorResponse, inclination_deg: f32) {
         let h0_ut = 50.0 * inclination_deg.to_radians().cos();
         assert!((found.response_ut / h0_ut - a()).norm() < 0.02, "{inclination_deg}: {}", found.response_ut / h0_ut);

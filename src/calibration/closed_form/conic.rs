@@ -28,12 +28,12 @@ impl Ellipse {
         // Scaled to about 1; otherwise the equations would mix magnitudes of 1 and uT^4.
         let scale = plane.rms_distance_ut;
         let points = samples.iter().map(|s| plane.plane_coordinates(&(rotation * s.field.ut)) / scale);
-        let (centre, form) = fit_conic(points).ok_or(SolveError::NotAnEllipse(SamplePart::Turns(side)))?;
+        let (centre, quadratic_form) = fit_conic(points).ok_or(SolveError::NotAnEllipse(SamplePart::Turns(side)))?;
         Ok(Self {
             centre_ut: plane.origin_ut + (plane.plane_axes[0] * centre.x + plane.plane_axes[1] * centre.y) * scale,
             normal: plane.normal,
             axes: plane.plane_axes,
-            quadratic_form: form / (scale * scale),
+            quadratic_form: quadratic_form / (scale * scale),
         })
     }
 
@@ -43,17 +43,18 @@ impl Ellipse {
 
     /// Distance from the centre to the ellipse along a direction of the plane, microtesla.
     pub fn radius_ut(&self, direction: &Vector3<f32>) -> f32 {
-        let flat = self.plane_coordinates(direction);
-        1.0 / sqrt(flat.dot(&(self.quadratic_form * flat)))
+        let direction_in_plane = self.plane_coordinates(direction);
+        1.0 / sqrt(direction_in_plane.dot(&(self.quadratic_form * direction_in_plane)))
     }
 
     /// Semi-axis conjugate to a direction of the plane: parallel to the tangent where that meets the ellipse; arbitrary
     /// sign.
     pub fn conjugate_ut(&self, direction: &Vector3<f32>) -> Vector3<f32> {
-        let along = self.quadratic_form * self.plane_coordinates(direction);
-        let across = Vector2::new(-along.y, along.x);
-        let flat = across / sqrt(across.dot(&(self.quadratic_form * across)));
-        self.axes[0] * flat.x + self.axes[1] * flat.y
+        let form_times_direction = self.quadratic_form * self.plane_coordinates(direction);
+        let conjugate_direction = Vector2::new(-form_times_direction.y, form_times_direction.x);
+        let semi_axis =
+            conjugate_direction / sqrt(conjugate_direction.dot(&(self.quadratic_form * conjugate_direction)));
+        self.axes[0] * semi_axis.x + self.axes[1] * semi_axis.y
     }
 
     /// Phase of a field on the ellipse `centre + u cos(phase) + v sin(phase)` with conjugate `u` and `v`, radians.
@@ -68,16 +69,16 @@ impl Ellipse {
 pub(in crate::calibration) fn fit_conic(
     points: impl Iterator<Item = Vector2<f32>>,
 ) -> Option<(Vector2<f32>, Matrix2<f32>)> {
-    let mut system = LeastSquares::<5, 1>::new();
+    let mut least_squares = LeastSquares::<5, 1>::new();
     for p in points {
-        system.add_weighted_row(&SVector::from([p.x * p.x, p.y * p.y, p.x * p.y, p.x, p.y]), [1.0], 1.0);
+        least_squares.add_weighted_row(&SVector::from([p.x * p.x, p.y * p.y, p.x * p.y, p.x, p.y]), [1.0], 1.0);
     }
-    let c = system.solve()?;
-    let form = Matrix2::new(c[0], c[2] / 2.0, c[2] / 2.0, c[1]);
-    let centre = form.try_inverse()? * Vector2::new(c[3], c[4]) * -0.5;
-    let form = form / (1.0 + centre.dot(&(form * centre)));
-    let is_ellipse = form.determinant() > 0.0 && form.trace() > 0.0;
-    is_ellipse.then_some((centre, form))
+    let c = least_squares.solve()?;
+    let quadratic_form = Matrix2::new(c[0], c[2] / 2.0, c[2] / 2.0, c[1]);
+    let centre = quadratic_form.try_inverse()? * Vector2::new(c[3], c[4]) * -0.5;
+    let quadratic_form = quadratic_form / (1.0 + centre.dot(&(quadratic_form * centre)));
+    let is_ellipse = quadratic_form.determinant() > 0.0 && quadratic_form.trace() > 0.0;
+    is_ellipse.then_some((centre, quadratic_form))
 }
 
 #[cfg(test)]

@@ -31,27 +31,41 @@ pub(in crate::calibration) fn solve_four_ellipse(
     rotation: &Matrix3<f32>,
     inclination_rad: Option<f32>,
 ) -> Result<SensorResponse, SolveError> {
-    let left = PlaneFigures::new(samples.samples_of_turn(Side::Left), rotation, Side::Left, -1.0)?;
-    let right = PlaneFigures::new(samples.samples_of_turn(Side::Right), rotation, Side::Right, 1.0)?;
-    left.bank.sine_of_difference(right.bank)?;
+    let left_figures = PlaneFigures::new(samples.samples_of_turn(Side::Left), rotation, Side::Left, -1.0)?;
+    let right_figures = PlaneFigures::new(samples.samples_of_turn(Side::Right), rotation, Side::Right, 1.0)?;
+    left_figures.bank.sine_of_difference(right_figures.bank)?;
     // Eq. 13: A [2 0 0; 0 sl sr; 0 cl cr] = coefficients, with the first columns of both turns added.
-    let banks = Matrix3::new(2.0, 0.0, 0.0, 0.0, left.bank.sin, right.bank.sin, 0.0, left.bank.cos, right.bank.cos);
-    let coefficients =
-        Matrix3::from_columns(&[left.response_to_x + right.response_to_x, left.response_to_z, right.response_to_z]);
+    let banks = Matrix3::new(
+        2.0,
+        0.0,
+        0.0,
+        0.0,
+        left_figures.bank.sin,
+        right_figures.bank.sin,
+        0.0,
+        left_figures.bank.cos,
+        right_figures.bank.cos,
+    );
+    let coefficients = Matrix3::from_columns(&[
+        left_figures.response_to_x + right_figures.response_to_x,
+        left_figures.response_to_z,
+        right_figures.response_to_z,
+    ]);
     let a_ut = coefficients * banks.try_inverse().ok_or(SolveError::SamePlane)?;
     // Eq. 14: c = b + A (0, c, -s) Hy.
     let by_vertical = |bank: MeanBank| a_ut * Vector3::new(0.0, bank.cos, -bank.sin);
     let centres = TurnCentres {
-        centres_ut: [left.centre_ut, right.centre_ut],
-        vertical_response_ut: [by_vertical(left.bank), by_vertical(right.bank)],
+        centres_ut: [left_figures.centre_ut, right_figures.centre_ut],
+        vertical_response_ut: [by_vertical(left_figures.bank), by_vertical(right_figures.bank)],
     };
-    let up = inclination_rad.map_or_else(|| centres.vertical_field(), |told_rad| -inclination_tangent(told_rad));
-    let b_ut = centres.hard_iron_ut(up);
+    let vertical_field =
+        inclination_rad.map_or_else(|| centres.vertical_field(), |given_rad| -inclination_tangent(given_rad));
+    let b_ut = centres.hard_iron_ut(vertical_field);
     let paper = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
     Ok(SensorResponse {
         response_ut: paper.tr_mul(&(a_ut * paper)),
         hard_iron_ut: paper.tr_mul(&b_ut),
-        tan_inclination: -up,
+        tan_inclination: -vertical_field,
     })
 }
 

@@ -16,8 +16,8 @@ use crate::trig::sqrt;
 /// Minimum number of samples: a conic has five coefficients, plus a margin for noise.
 const MIN_SAMPLES: usize = 8;
 
-/// Minimum radius of the circle of headings, microtesla: half the horizontal field at 75 deg of inclination. Smaller is
-/// the noise of a constant heading.
+/// Minimum radius of the circle of headings, microtesla: half the horizontal field at 75 deg of inclination. The noise
+/// of a constant heading gives a smaller one.
 const MIN_RADIUS_UT: f32 = 6.0;
 
 /// Minimum number of headings, 30 deg apart (Liu 2007 section 1).
@@ -35,12 +35,12 @@ impl EllipseMap {
     /// Fits the conic and derives the map. With `S` the inverse of the conic's form, `S = K P P^T K`: its diagonal is
     /// `K^2`, its off-diagonal element over `Kx Ky` is `sin 2p`. `None` when the points are not on an ellipse.
     pub fn fit_ellipse_map(points_ut: impl Iterator<Item = Vector2<f32>> + Clone) -> Option<Self> {
-        let number = points_ut.clone().count() as f32;
-        let mean = points_ut.clone().sum::<Vector2<f32>>() / number;
-        let scale = sqrt(points_ut.clone().map(|p| (p - mean).norm_squared()).sum::<f32>() / number);
+        let point_count = points_ut.clone().count() as f32;
+        let mean = points_ut.clone().sum::<Vector2<f32>>() / point_count;
+        let scale = sqrt(points_ut.clone().map(|p| (p - mean).norm_squared()).sum::<f32>() / point_count);
         // Scaled to about 1; otherwise the equations would mix magnitudes of 1 and uT^4.
-        let (centre, form) = fit_conic(points_ut.map(|p| (p - mean) / scale))?;
-        let s = form.try_inverse()?;
+        let (centre, quadratic_form) = fit_conic(points_ut.map(|p| (p - mean) / scale))?;
+        let s = quadratic_form.try_inverse()?;
         let (kx, ky) = (sqrt(s[(0, 0)]), sqrt(s[(1, 1)]));
         let p = trig::asin(s[(0, 1)] / (kx * ky)) / 2.0;
         let (sin, cos) = trig::sin_cos(p);
@@ -54,16 +54,16 @@ impl EllipseMap {
     /// half the covered sectors, so that a circle counts twelve.
     fn count_headings(&self, points_ut: impl Iterator<Item = Vector2<f32>>) -> u8 {
         // The map of an ellipse is regular; a singular one counts no headings.
-        let inverse = self.map_ut.try_inverse().unwrap_or_else(Matrix2::zeros);
-        let seen = points_ut.fold(0_u32, |seen, p| {
-            let circle = inverse * (p - self.centre_ut);
+        let circle_from_field = self.map_ut.try_inverse().unwrap_or_else(Matrix2::zeros);
+        let sectors = points_ut.fold(0_u32, |sectors, p| {
+            let circle = circle_from_field * (p - self.centre_ut);
             let turns = libm::atan2f(-circle.y, circle.x) / core::f32::consts::TAU + 0.5;
             // The cast saturates and maps NaN to 0; the remainder keeps the shift below 24.
-            seen | 1 << ((turns * 24.0) as u32 % 24)
+            sectors | 1 << ((turns * 24.0) as u32 % 24)
         });
-        let shifted = (seen << 1 | seen >> 23) & 0x00FF_FFFF;
-        let legs = (seen & !shifted).count_ones();
-        legs.max(seen.count_ones() / 2) as u8
+        let shifted = (sectors << 1 | sectors >> 23) & 0x00FF_FFFF;
+        let legs = (sectors & !shifted).count_ones();
+        legs.max(sectors.count_ones() / 2) as u8
     }
 }
 
@@ -80,21 +80,21 @@ pub(in crate::calibration) fn solve_level_ellipse(
     samples: Samples<'_>,
     rotation: &Matrix3<f32>,
 ) -> Result<SensorResponse, SolveError> {
-    let fields = samples.all_samples().map(|s| rotation * s.field.ut);
-    SolveError::require_samples(SamplePart::Level, fields.clone().count(), MIN_SAMPLES)?;
-    let found = EllipseMap::fit_ellipse_map(fields.clone().map(|f| f.xy()))
+    let mount_fields = samples.all_samples().map(|s| rotation * s.field.ut);
+    SolveError::require_samples(SamplePart::Level, mount_fields.clone().count(), MIN_SAMPLES)?;
+    let ellipse_map = EllipseMap::fit_ellipse_map(mount_fields.clone().map(|f| f.xy()))
         .ok_or(SolveError::NotAnEllipse(SamplePart::Level))?;
-    let vertical_ut = sqrt(found.map_ut.determinant().abs());
+    let vertical_ut = sqrt(ellipse_map.map_ut.determinant().abs());
     if vertical_ut.is_nan() || vertical_ut < MIN_RADIUS_UT {
         return Err(SolveError::NotAnEllipse(SamplePart::Level));
     }
-    let headings = found.count_headings(fields.clone().map(|f| f.xy()));
+    let headings = ellipse_map.count_headings(mount_fields.clone().map(|f| f.xy()));
     if headings < MIN_HEADINGS {
         return Err(SolveError::TooFewHeadings { have: headings, need: MIN_HEADINGS });
     }
-    let vertical = VerticalAxisFit::fit_vertical_axis(&found, fields, vertical_ut)
+    let vertical = VerticalAxisFit::fit_vertical_axis(&ellipse_map, mount_fields, vertical_ut)
         .ok_or(SolveError::NotAnEllipse(SamplePart::Level))?;
-    let map = found.map_ut;
+    let map = ellipse_map.map_ut;
     let [x, y] = vertical.horizontal_response_ut;
     #[rustfmt::skip]
     let a_ut = Matrix3::new(
@@ -102,7 +102,7 @@ pub(in crate::calibration) fn solve_level_ellipse(
         map[(1, 0)], map[(1, 1)], 0.0,
         x,           y,           vertical_ut,
     );
-    let b_ut = Vector3::new(found.centre_ut.x, found.centre_ut.y, 0.0);
+    let b_ut = Vector3::new(ellipse_map.centre_ut.x, ellipse_map.centre_ut.y, 0.0);
     Ok(SensorResponse { response_ut: a_ut, hard_iron_ut: b_ut, tan_inclination: vertical.mean_ut / vertical_ut })
 }
 
@@ -113,16 +113,20 @@ struct VerticalAxisFit {
 
 impl VerticalAxisFit {
     fn fit_vertical_axis(
-        found: &EllipseMap,
+        ellipse_map: &EllipseMap,
         fields: impl Iterator<Item = Vector3<f32>>,
         scale_ut: f32,
     ) -> Option<Self> {
-        let inverse = found.map_ut.try_inverse()?;
-        let mut system = LeastSquares::<3, 1>::new();
+        let circle_from_field = ellipse_map.map_ut.try_inverse()?;
+        let mut least_squares = LeastSquares::<3, 1>::new();
         for field in fields {
-            system.add_weighted_row(&(inverse * (field.xy() - found.centre_ut)).push(1.0), [field.z], 1.0);
+            least_squares.add_weighted_row(
+                &(circle_from_field * (field.xy() - ellipse_map.centre_ut)).push(1.0),
+                [field.z],
+                1.0,
+            );
         }
-        let solution = system.solve()?;
+        let solution = least_squares.solve()?;
         let is_sound = solution.iter().all(|c| c.abs() < 1e3 * scale_ut);
         is_sound.then(|| Self { mean_ut: solution.z, horizontal_response_ut: [solution.x, solution.y] })
     }

@@ -20,16 +20,21 @@ impl PrincipalPlane {
     /// Plane of the samples' fields, rotated by `rotation` first. `None` without samples or if not finite.
     pub fn fit_plane(samples: &Samples<'_>, rotation: &Matrix3<f32>) -> Option<Self> {
         let fields_ut = || samples.iter().map(|sample| rotation * sample.field.ut);
-        let number = fields_ut().count() as f32;
-        let origin_ut = fields_ut().sum::<Vector3<f32>>() / number;
+        let field_count = fields_ut().count() as f32;
+        let origin_ut = fields_ut().sum::<Vector3<f32>>() / field_count;
         let scatter = fields_ut().map(|ut| ut - origin_ut).map(|p| p * p.transpose()).sum::<Matrix3<f32>>();
-        let spread_ut = sqrt(scatter.trace() / number);
+        let spread_ut = sqrt(scatter.trace() / field_count);
         if !spread_ut.is_finite() {
             return None;
         }
         let normal = least_scatter_direction(&scatter)?;
-        let first = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).unit_vector();
-        Some(Self { origin_ut, normal, plane_axes: [first, normal.cross(&first)], rms_distance_ut: spread_ut })
+        let first_axis = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).unit_vector();
+        Some(Self {
+            origin_ut,
+            normal,
+            plane_axes: [first_axis, normal.cross(&first_axis)],
+            rms_distance_ut: spread_ut,
+        })
     }
 
     pub fn plane_coordinates(&self, field_ut: &Vector3<f32>) -> Vector2<f32> {
@@ -47,11 +52,12 @@ fn least_scatter_direction(scatter: &Matrix3<f32>) -> Option<Vector3<f32>> {
     let scaled = scatter / scatter.trace() + Matrix3::from_diagonal_element(f32::EPSILON);
     let [x, y, z] = [0, 1, 2].map(|i| scaled.column(i).into_owned());
     // Inverse without its determinant, which is zero for a flat scatter.
-    let inverse = Matrix3::from_columns(&[y.cross(&z), z.cross(&x), x.cross(&y)]);
+    let scaled_inverse = Matrix3::from_columns(&[y.cross(&z), z.cross(&x), x.cross(&y)]);
     // The longest column is not orthogonal to the solution.
-    let longest = inverse.column_iter().max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()))?;
-    let found = (0..INVERSE_ITERATIONS).fold(longest.unit_vector(), |direction, _| (inverse * direction).unit_vector());
-    found.iter().all(|c| c.is_finite()).then_some(found)
+    let longest_column = scaled_inverse.column_iter().max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()))?;
+    let least_scatter = (0..INVERSE_ITERATIONS)
+        .fold(longest_column.unit_vector(), |direction, _| (scaled_inverse * direction).unit_vector());
+    least_scatter.iter().all(|c| c.is_finite()).then_some(least_scatter)
 }
 
 #[cfg(test)]

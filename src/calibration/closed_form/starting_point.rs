@@ -7,7 +7,7 @@ use crate::frames::Field;
 use crate::trig;
 use crate::trig::sqrt;
 
-/// Response of the sensor, mount axes.
+/// Affine response of the sensor to the Earth's field, mount axes.
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct SensorResponse {
     /// `A` times H0, microtesla: response to a field of H0 in body axes.
@@ -51,22 +51,22 @@ const NO_HARD_IRON_WEIGHT: f32 = 1e-4;
 /// Centre (chip axes) and radius of the sphere fit to a new sample, if there is one, and all others, microtesla: hard
 /// iron and field strength without soft iron. `None` without samples or if not finite.
 #[inline(never)]
-pub(crate) fn fit_sphere(new: Option<&Sample>, samples: Samples<'_>) -> Option<(Vector3<f32>, f32)> {
-    let fields = || new.into_iter().chain(samples.all_samples()).map(|s| s.field.ut);
-    let mean = fields().sum::<Vector3<f32>>() / fields().count() as f32;
+pub(crate) fn fit_sphere(new_sample: Option<&Sample>, samples: Samples<'_>) -> Option<(Vector3<f32>, f32)> {
+    let sample_fields = || new_sample.into_iter().chain(samples.all_samples()).map(|s| s.field.ut);
+    let mean = sample_fields().sum::<Vector3<f32>>() / sample_fields().count() as f32;
     // |m|^2 = 2 m . b + (r^2 - |b|^2) is linear in b and the bracket. The mean is subtracted to preserve digits.
-    let mut system = LeastSquares::<4, 1>::new();
-    let mut spread = 0.0;
-    for field in fields() {
+    let mut least_squares = LeastSquares::<4, 1>::new();
+    let mut mean_square_distance = 0.0;
+    for field in sample_fields() {
         let p = field - mean;
-        system.add_weighted_row(&(p * 2.0).push(1.0), [p.norm_squared()], 1.0);
-        spread += p.norm_squared();
+        least_squares.add_weighted_row(&(p * 2.0).push(1.0), [p.norm_squared()], 1.0);
+        mean_square_distance += p.norm_squared();
     }
     // Ridge towards no hard iron: a single turn leaves the centre undetermined along its axis.
     for i in 0..3 {
-        system.add_weighted_row(&Vector4::ith(i, 1.0), [-mean[i]], NO_HARD_IRON_WEIGHT * spread);
+        least_squares.add_weighted_row(&Vector4::ith(i, 1.0), [-mean[i]], NO_HARD_IRON_WEIGHT * mean_square_distance);
     }
-    let solution = system.solve()?;
+    let solution = least_squares.solve()?;
     let centre = solution.fixed_rows::<3>(0).into_owned();
     Some((mean + centre, sqrt((solution[3] + centre.norm_squared()).max(1.0))))
 }
@@ -75,7 +75,7 @@ pub(crate) fn fit_sphere(new: Option<&Sample>, samples: Samples<'_>) -> Option<(
 pub(in crate::calibration) fn sphere_start(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<StartingPoint> {
     let (centre_ut, unit_ut) = fit_sphere(None, samples)?;
     let b_ut = rotation * centre_ut;
-    let sin_dip = samples
+    let sin_inclination = samples
         .all_samples()
         .map(|s| {
             let level = s.attitude.to_level_frame(Field::new(rotation * s.field.ut - b_ut));
@@ -83,7 +83,7 @@ pub(in crate::calibration) fn sphere_start(samples: Samples<'_>, rotation: &Matr
         })
         .sum::<f32>()
         / samples.all_samples().count() as f32;
-    let inclination_rad = trig::asin(sin_dip);
+    let inclination_rad = trig::asin(sin_inclination);
     Some(StartingPoint { unit_ut, w: Matrix3::identity(), hard_iron: b_ut / unit_ut, inclination_rad })
 }
 
@@ -95,12 +95,12 @@ pub(in crate::calibration) fn vertical_component_start(
     samples: Samples<'_>,
     rotation: &Matrix3<f32>,
 ) -> Option<StartingPoint> {
-    let fields = || samples.all_samples().map(|s| (rotation * s.field.ut, s));
-    let number = fields().count() as f32;
-    let mean = fields().map(|(f, _)| f).sum::<Vector3<f32>>() / number;
-    let spread = fields().map(|(f, _)| (f - mean).norm_squared()).sum::<f32>() / number;
-    let scale_ut = sqrt(spread);
-    let rows = fields().map(|(field, s)| {
+    let mount_fields = || samples.all_samples().map(|s| (rotation * s.field.ut, s));
+    let sample_count = mount_fields().count() as f32;
+    let mean = mount_fields().map(|(f, _)| f).sum::<Vector3<f32>>() / sample_count;
+    let mean_square_distance = mount_fields().map(|(f, _)| (f - mean).norm_squared()).sum::<f32>() / sample_count;
+    let scale_ut = sqrt(mean_square_distance);
+    let rows = mount_fields().map(|(field, s)| {
         let down = s.attitude.to_body_frame(Field::new(Vector3::z())).ut;
         let row = down * ((field - mean) / scale_ut).push(1.0).transpose();
         SVector::<f32, 12>::from_iterator(row.iter().copied())
@@ -109,7 +109,7 @@ pub(in crate::calibration) fn vertical_component_start(
     let (matrix, offset) = (solution.fixed_rows::<9>(0), solution.fixed_rows::<3>(9).into_owned());
     let per_ut = Matrix3::from_iterator(matrix.iter().copied()) / scale_ut;
     let b_ut = mean - inverse(&per_ut)? * offset;
-    let total = sqrt(fields().map(|(f, _)| (per_ut * (f - b_ut)).norm_squared()).sum::<f32>() / number);
+    let total = sqrt(mount_fields().map(|(f, _)| (per_ut * (f - b_ut)).norm_squared()).sum::<f32>() / sample_count);
     // Chip axes are right-handed, so a mirrored solution belongs to a field that points up.
     let sign = if per_ut.determinant() < 0.0 { -1.0 } else { 1.0 };
     let w = per_ut * (sign / total);

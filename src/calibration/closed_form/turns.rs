@@ -98,15 +98,15 @@ pub(in crate::calibration) fn turn_progress_by_rates_rad(
     angle_rad: impl Fn(&Sample) -> f32,
 ) -> Option<f32> {
     let (mut progress_rad, mut turned_rad) = (0.0, 0.0);
-    let mut before: Option<&Sample> = None;
+    let mut previous: Option<&Sample> = None;
     for (_, sample) in TimeOrdered::new(samples) {
-        if let Some(before) = before.replace(sample)
-            && sample.time.ms_since(before.time) <= MAX_RATES_GAP_MS
+        if let Some(previous) = previous.replace(sample)
+            && sample.time.ms_since(previous.time) <= MAX_RATES_GAP_MS
         {
-            let step_s = sample.time.ms_since(before.time) as f32 * 1e-3;
-            let by_gyro_rad = step_s * before.rates.heading_rad_s().midpoint(sample.rates.heading_rad_s());
+            let step_s = sample.time.ms_since(previous.time) as f32 * 1e-3;
+            let by_gyro_rad = step_s * previous.rates.heading_rad_s().midpoint(sample.rates.heading_rad_s());
             turned_rad += by_gyro_rad.abs();
-            progress_rad += wrap_pi(angle_rad(sample) - angle_rad(before)) * by_gyro_rad.signum();
+            progress_rad += wrap_pi(angle_rad(sample) - angle_rad(previous)) * by_gyro_rad.signum();
         }
     }
     (turned_rad >= MIN_GYRO_TURN_RAD).then_some(progress_rad)

@@ -34,26 +34,27 @@ pub(in crate::calibration) fn solve_two_plane(
     turns: Samples<'_>,
     rotation: &Matrix3<f32>,
 ) -> Result<SensorResponse, SolveError> {
-    let left = TurnEllipse::new(turns.samples_of_turn(Side::Left), rotation, Side::Left)?;
-    let right = TurnEllipse::new(turns.samples_of_turn(Side::Right), rotation, Side::Right)?;
-    let common = left.ellipse.normal.cross(&right.ellipse.normal);
-    if common.vector_length() < MIN_SINE_OF_PLANES {
+    let left_turn = TurnEllipse::new(turns.samples_of_turn(Side::Left), rotation, Side::Left)?;
+    let right_turn = TurnEllipse::new(turns.samples_of_turn(Side::Right), rotation, Side::Right)?;
+    let roll_axis_response = left_turn.ellipse.normal.cross(&right_turn.ellipse.normal);
+    if roll_axis_response.vector_length() < MIN_SINE_OF_PLANES {
         return Err(SolveError::SamePlane);
     }
-    let common = common.unit_vector();
-    let radius_ut = left.ellipse.radius_ut(&common).midpoint(right.ellipse.radius_ut(&common));
-    let u_ut = common * radius_ut;
-    let (v_left, v_right) = (left.conjugate_ut(&u_ut), right.conjugate_ut(&u_ut));
+    let roll_axis_response = roll_axis_response.unit_vector();
+    let radius_ut =
+        left_turn.ellipse.radius_ut(&roll_axis_response).midpoint(right_turn.ellipse.radius_ut(&roll_axis_response));
+    let u_ut = roll_axis_response * radius_ut;
+    let (v_left, v_right) = (left_turn.conjugate_ut(&u_ut), right_turn.conjugate_ut(&u_ut));
 
     // `v = -cos(phi) A e_y + sin(phi) A e_z` for both banks, solved for `A e_y` and `A e_z`.
-    let sine = left.bank.sine_of_difference(right.bank)?;
-    let y_ut = (v_right * left.bank.sin - v_left * right.bank.sin) / sine;
-    let z_ut = (v_right * left.bank.cos - v_left * right.bank.cos) / sine;
+    let sine = left_turn.bank.sine_of_difference(right_turn.bank)?;
+    let y_ut = (v_right * left_turn.bank.sin - v_left * right_turn.bank.sin) / sine;
+    let z_ut = (v_right * left_turn.bank.cos - v_left * right_turn.bank.cos) / sine;
 
     let vertical_response = |bank: MeanBank| y_ut * bank.sin + z_ut * bank.cos;
     let centres = TurnCentres {
-        centres_ut: [left.ellipse.centre_ut, right.ellipse.centre_ut],
-        vertical_response_ut: [vertical_response(left.bank), vertical_response(right.bank)],
+        centres_ut: [left_turn.ellipse.centre_ut, right_turn.ellipse.centre_ut],
+        vertical_response_ut: [vertical_response(left_turn.bank), vertical_response(right_turn.bank)],
     };
     let tan_inclination = centres.vertical_field();
     let b_ut = centres.hard_iron_ut(tan_inclination);

@@ -31,21 +31,21 @@ impl InformationMatrix {
     /// Adds the outer products of two rows of one measurement, hardly slower than one.
     #[inline]
     pub fn add_row_pair(&mut self, rows: [&JacobianRow; 2], weights: [f32; 2]) {
-        let [one, other] = [(rows[0], weights[0]), (rows[1], weights[1])].map(|(row, weight)| {
+        let [first, second] = [(rows[0], weights[0]), (rows[1], weights[1])].map(|(row, weight)| {
             self.add_inclination_products(row, weight);
             weighted_field_products(row, weight)
         });
-        let [a, b, c, d, e, f] = other;
-        let [x, y, z, u, v, w] = one;
+        let [a, b, c, d, e, f] = second;
+        let [x, y, z, u, v, w] = first;
         self.add_products(&rows[0].x, [a + x, b + y, c + z, d + u, e + v, f + w]);
     }
 
     /// Adds weighted products of `k` times those of `(x, 1)`. Unrolled: runs for each sample and pass.
     #[inline]
-    fn add_products(&mut self, x: &Vector3<f32>, of_field: [f32; 6]) {
+    fn add_products(&mut self, x: &Vector3<f32>, pair_products: [f32; 6]) {
         let [x, y, z] = [x.x, x.y, x.z];
         let [xx, xy, xz, yy, yz, zz] = [x * x, x * y, x * z, y * y, y * z, z * z];
-        for (sums, k) in self.products.iter_mut().zip(&of_field) {
+        for (sums, k) in self.products.iter_mut().zip(&pair_products) {
             sums[0] += k * xx;
             sums[1] += k * xy;
             sums[2] += k * xz;
@@ -61,11 +61,11 @@ impl InformationMatrix {
 
     #[inline]
     fn add_inclination_products(&mut self, row: &JacobianRow, weight: f32) {
-        let last = row.by_inclination;
-        if last == 0.0 {
+        let by_inclination = row.by_inclination;
+        if by_inclination == 0.0 {
             return;
         }
-        let weight = weight * last;
+        let weight = weight * by_inclination;
         for (sums, k) in self.with_inclination.iter_mut().zip([
             row.derivative_by_field.x,
             row.derivative_by_field.y,
@@ -77,7 +77,7 @@ impl InformationMatrix {
             sums[2] += k * row.x.z;
             sums[3] += k;
         }
-        self.inclination_squared += weight * last;
+        self.inclination_squared += weight * by_inclination;
     }
 
     pub fn multiply_vector(&self, vector: &Vector13) -> Vector13 {
@@ -91,22 +91,22 @@ impl InformationMatrix {
         product
     }
 
-    /// Calls `each` with the indices and value of each element of one triangle.
-    pub fn for_each_element(&self, mut each: impl FnMut(usize, usize, f32)) {
-        for (&(k, l), of_x) in PAIRS_OF_3.iter().zip(&self.products) {
-            for (&(a, b), &element) in PAIRS_OF_4.iter().zip(of_x) {
-                each(product_index(k, a), product_index(l, b), element);
+    /// Calls `visit` with the indices and value of each element of one triangle.
+    pub fn for_each_element(&self, mut visit: impl FnMut(usize, usize, f32)) {
+        for (&(k, l), products_of_pair) in PAIRS_OF_3.iter().zip(&self.products) {
+            for (&(a, b), &element) in PAIRS_OF_4.iter().zip(products_of_pair) {
+                visit(product_index(k, a), product_index(l, b), element);
                 if k != l && a != b {
-                    each(product_index(k, b), product_index(l, a), element);
+                    visit(product_index(k, b), product_index(l, a), element);
                 }
             }
         }
-        for (k, of_x) in self.with_inclination.iter().enumerate() {
-            for (a, &element) in of_x.iter().enumerate() {
-                each(product_index(k, a), INCLINATION_INDEX, element);
+        for (k, products_of_pair) in self.with_inclination.iter().enumerate() {
+            for (a, &element) in products_of_pair.iter().enumerate() {
+                visit(product_index(k, a), INCLINATION_INDEX, element);
             }
         }
-        each(INCLINATION_INDEX, INCLINATION_INDEX, self.inclination_squared);
+        visit(INCLINATION_INDEX, INCLINATION_INDEX, self.inclination_squared);
     }
 
     pub fn upper_triangle(&self) -> [[f32; UNKNOWN_COUNT]; UNKNOWN_COUNT] {

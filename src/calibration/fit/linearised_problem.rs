@@ -30,16 +30,19 @@ impl NormalEquations {
 
     #[inline]
     pub fn add_sample_equations(&mut self, equations: &SampleEquations) {
-        let SampleEquations { norm_equation: norm, inclination_equation: dip, heading_equation: heading, .. } =
-            equations;
-        if let Some(dip) = dip {
-            self.information.add_row_pair([&norm.jacobian_row, &dip.jacobian_row], [norm.weight, dip.weight]);
+        let SampleEquations {
+            norm_equation: norm, inclination_equation: inclination, heading_equation: heading, ..
+        } = equations;
+        if let Some(inclination) = inclination {
+            self.information
+                .add_row_pair([&norm.jacobian_row, &inclination.jacobian_row], [norm.weight, inclination.weight]);
             // The two residuals share a measurement, so their gradients are added before the outer product.
-            let (of_norm, of_dip) = (-norm.weight * norm.residual, -dip.weight * dip.residual);
-            let by_field =
-                norm.jacobian_row.derivative_by_field * of_norm + dip.jacobian_row.derivative_by_field * of_dip;
-            let by_inclination = dip.jacobian_row.by_inclination * of_dip;
-            JacobianRow { derivative_by_field: by_field, by_inclination, ..dip.jacobian_row }
+            let (norm_gradient, inclination_gradient) =
+                (-norm.weight * norm.residual, -inclination.weight * inclination.residual);
+            let by_field = norm.jacobian_row.derivative_by_field * norm_gradient
+                + inclination.jacobian_row.derivative_by_field * inclination_gradient;
+            let by_inclination = inclination.jacobian_row.by_inclination * inclination_gradient;
+            JacobianRow { derivative_by_field: by_field, by_inclination, ..inclination.jacobian_row }
                 .add_scaled_to(&mut self.gradient, 1.0);
         } else {
             self.add_equation(norm);
@@ -91,7 +94,8 @@ impl LinearisedProblem {
             );
             system.add_priors(likelihood, unknowns);
         } else {
-            // Priors first: an equation that meets an empty row would be divided by its own element, however small.
+            // The priors are added first: an equation rotated into an empty row would be divided by its own element,
+            // however small.
             system.add_priors(likelihood, unknowns);
             likelihood.for_each_sample_equations(samples, &parameters, &mut |equations| {
                 system.add_sample_equations(equations);
@@ -103,12 +107,12 @@ impl LinearisedProblem {
     pub fn add_sample_equations(&mut self, equations: &SampleEquations) {
         self.accumulate_cost(equations);
         let norm = &equations.norm_equation;
-        if let Some(dip) = &equations.inclination_equation {
-            let residuals = [-norm.residual, -dip.residual];
-            self.triangle.add_pair(
-                [&norm.jacobian_row.as_vector(), &dip.jacobian_row.as_vector()],
+        if let Some(inclination) = &equations.inclination_equation {
+            let residuals = [-norm.residual, -inclination.residual];
+            self.triangle.add_weighted_row_pair(
+                [&norm.jacobian_row.as_vector(), &inclination.jacobian_row.as_vector()],
                 residuals,
-                [norm.weight, dip.weight],
+                [norm.weight, inclination.weight],
             );
         } else {
             self.add_equation(norm);
@@ -125,7 +129,8 @@ impl LinearisedProblem {
     #[inline]
     fn accumulate_cost(&mut self, equations: &SampleEquations) {
         self.clipped_squares[0] += equations.norm_equation.clipped_square;
-        self.clipped_squares[1] += equations.inclination_equation.as_ref().map_or(0.0, |dip| dip.clipped_square);
+        self.clipped_squares[1] +=
+            equations.inclination_equation.as_ref().map_or(0.0, |inclination| inclination.clipped_square);
         self.cost += equations.iter().map(|equation| equation.loss).sum::<f32>();
         self.sample_count = self.sample_count.saturating_add(1);
     }

@@ -15,16 +15,17 @@ pub(in crate::calibration) struct AttitudeError {
     pub effect: fn(&AttitudeState) -> [f32; 2],
     /// Standard deviation of the error that is assumed before a test.
     pub assumed_sigma: fn(ConsiderSigmas) -> f32,
-    /// Rule of acceptance of an error that is not corrected, but allowed for when found.
+    /// Decides whether a tested error is significant. Such an error is not corrected; its square is added to the
+    /// variance.
     pub acceptance_rule: Option<fn(&AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding>>,
 }
 
-/// Attitude of a sample, and its history as far as an error depends on it.
+/// Attitude and rates of a sample, with the roll after a low-pass filter.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::calibration) struct AttitudeState {
     pub attitude: Attitude,
     pub rates: Rates,
-    /// Roll with the [lag of a lean](super::lagging_lean::LaggedRoll), radians.
+    /// [Lagged roll](super::lagging_bank_scale::LaggedRoll), radians.
     pub lagged_roll_rad: f32,
 }
 

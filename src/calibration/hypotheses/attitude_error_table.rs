@@ -9,7 +9,7 @@ use nalgebra::Vector1;
 
 use super::attitude_error::{AttitudeError, AttitudeState};
 use super::score_test::ScoreTest;
-use super::{attitude_latency, bank_scale, lagging_lean};
+use super::{attitude_latency, bank_scale, lagging_bank_scale};
 use crate::calibration::model::SampleEquations;
 use crate::calibration::{AttitudeLatency, ConsiderSigmas};
 
@@ -19,7 +19,7 @@ pub(in crate::calibration) const ATTITUDE_ERRORS: &[AttitudeError] = &[
     AttitudeError { effect: |_| [0.0, 1.0], assumed_sigma: |consider| consider.bias_rad, acceptance_rule: None },
     bank_scale::BANK_SCALE_ERROR,
     attitude_latency::LATENCY_ERROR,
-    lagging_lean::LAGGING_LEAN,
+    lagging_bank_scale::LAGGING_BANK_SCALE,
 ];
 
 /// Number of attitude errors.
@@ -30,8 +30,8 @@ pub(in crate::calibration) const ROLL_BIAS: usize = 0;
 pub(in crate::calibration) const BANK_SCALE: usize = 2;
 /// Index of the attitude latency, whose sigma is estimated.
 pub(in crate::calibration) const LATENCY_INDEX: usize = 3;
-/// Index of the lean with a time constant.
-pub(in crate::calibration) const LAGGING_LEAN: usize = 4;
+/// Index of the lagging bank-angle scale error.
+pub(in crate::calibration) const LAGGING_BANK_SCALE: usize = 4;
 
 /// Standard deviations of all attitude errors.
 pub(in crate::calibration) type AttitudeErrorSigmas = [f32; ATTITUDE_ERROR_COUNT];

@@ -53,11 +53,11 @@ impl AttitudeLatency {
         used_s: f32,
     ) -> Option<Self> {
         let prior = 1.0 / (PRIOR_SIGMA_S * PRIOR_SIGMA_S);
-        let own = score.information.x.max(0.0);
-        let all = own + prior;
-        let [excess, _] = contributions.excess_inflation();
-        let found_s = used_s + (score.gradient.x - prior * used_s) / all;
-        let sigma_s = sqrt(own * (1.0 + excess) + prior) / all;
+        let sample_information = score.information.x.max(0.0);
+        let total_information = sample_information + prior;
+        let [excess_inflation, _] = contributions.excess_inflation();
+        let found_s = used_s + (score.gradient.x - prior * used_s) / total_information;
+        let sigma_s = sqrt(sample_information * (1.0 + excess_inflation) + prior) / total_information;
         (sums.information.x > 0.0 && (found_s + sigma_s).is_finite()).then_some(Self { estimate_s: found_s, sigma_s })
     }
 
@@ -71,8 +71,8 @@ impl AttitudeLatency {
 
     /// Next latency after `tried` updates, seconds; `None` if `used_s` is final. A latency that turns out useless is
     /// reset to 0.
-    pub(in crate::calibration) fn next_latency_s(self, used_s: f32, tried: u8) -> Option<f32> {
-        if tried == 0 {
+    pub(in crate::calibration) fn next_latency_s(self, used_s: f32, update_count: u8) -> Option<f32> {
+        if update_count == 0 {
             return (self.sigma_s < MAX_TRIAL_SIGMA_S && self.is_significant()).then_some(self.estimate_s);
         }
         if used_s == 0.0 {
@@ -81,8 +81,8 @@ impl AttitudeLatency {
         if !self.is_applicable() {
             return Some(0.0);
         }
-        let is_off = (self.estimate_s - used_s).abs() > CONVERGED_SIGMAS * self.sigma_s;
-        (is_off && tried < MAX_UPDATES).then_some(self.estimate_s)
+        let needs_update = (self.estimate_s - used_s).abs() > CONVERGED_SIGMAS * self.sigma_s;
+        (needs_update && update_count < MAX_UPDATES).then_some(self.estimate_s)
     }
 }
 

@@ -33,7 +33,7 @@ const MAX_SIGMA: f32 = 0.05;
 const CERTAIN_SIGMAS: f32 = 3.5;
 
 /// Significance threshold, squared sigmas. One clean flight in 16 exceeds it.
-const CHANCE_VARIANCE_RATIO: f32 = 3.0;
+const MIN_SIGNIFICANCE_SQUARED: f32 = 3.0;
 
 /// Slope of the squared error to allow for, over the squared estimate above the threshold: at twice the threshold the
 /// whole estimate is allowed for.
@@ -53,8 +53,8 @@ fn find_error(test: &AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding> {
     let score = test.score_sums.eliminate_coefficients(test.linear_system, &test.linear_system.step_to_maximum()?)?;
     let roll_sigma_rad = test.fit.likelihood.noise.attitude_sigma_rad();
     let roll_noise = test.roll_information * roll_sigma_rad * roll_sigma_rad;
-    let found = BankScaleEstimate::new(&score, roll_noise, test.residuals.autocorrelation_inflation())?;
-    found.finding(test.assumed_sigma)?;
+    let estimate = BankScaleEstimate::new(&score, roll_noise, test.residuals.autocorrelation_inflation())?;
+    estimate.finding(test.assumed_sigma)?;
     let parameters = ModelParameters::new(test.fit.unknowns);
     let mut clusters = ClusterVariance::default();
     for (part, sample) in TimeOrdered::new(test.fit.samples) {
@@ -64,7 +64,7 @@ fn find_error(test: &AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding> {
         let by_bank = BANK_SCALE_ERROR.inclination_derivative(&equations, &state);
         clusters.add_sample_score(part, &equations, by_bank, &score.nuisance_columns[0]);
     }
-    found.with_cluster_variance(clusters)?.finding(test.assumed_sigma)
+    estimate.with_cluster_variance(clusters)?.finding(test.assumed_sigma)
 }
 
 /// Number of consecutive samples in a cluster: six seconds of a turn.
@@ -84,17 +84,17 @@ impl ClusterVariance {
     /// Adds the score contribution of a part's next sample; `column`: `H^-1` times the effect of the scale error on the
     /// gradient.
     fn add_sample_score(&mut self, part: usize, equations: &SampleEquations, by_bank: f32, column: &Vector13) {
-        let of = |equation: &ResidualEquation, by_bank: f32| {
+        let score_of = |equation: &ResidualEquation, by_bank: f32| {
             equation.weight * equation.residual * (by_bank - equation.jacobian_row.dot(column))
         };
         let Some((sum, samples)) = self.open_clusters.get_mut(part) else { return };
-        *sum += of(&equations.norm_equation, 0.0)
-            + equations.inclination_equation.as_ref().map_or(0.0, |dip| of(dip, by_bank));
+        *sum += score_of(&equations.norm_equation, 0.0)
+            + equations.inclination_equation.as_ref().map_or(0.0, |inclination| score_of(inclination, by_bank));
         *samples += 1;
         if *samples == CLUSTER_SAMPLES {
-            let whole = core::mem::take(sum);
+            let closed_sum = core::mem::take(sum);
             *samples = 0;
-            self.close_cluster(whole);
+            self.close_cluster(closed_sum);
         }
     }
 
@@ -119,17 +119,17 @@ impl BankScaleEstimate {
     /// The estimate. `roll_noise`: contribution of roll noise to the sums. `inflation`: variance inflation by
     /// autocorrelation. `None` when noise dominates.
     fn new(score: &EfficientScore<1>, roll_noise: f32, inflation: f32) -> Option<Self> {
-        let all = score.information.x;
-        if all.is_nan() || roll_noise > MAX_NOISE_SHARE * all {
+        let total_information = score.information.x;
+        if total_information.is_nan() || roll_noise > MAX_NOISE_SHARE * total_information {
             return None;
         }
-        let own = all - roll_noise;
-        let missing = (score.gradient.x + roll_noise) / own;
-        let variance = all * inflation / (own * own);
-        (missing.is_finite() && variance.is_finite()).then_some(Self {
-            missing_bank: missing,
+        let bank_information = total_information - roll_noise;
+        let missing_bank = (score.gradient.x + roll_noise) / bank_information;
+        let variance = total_information * inflation / (bank_information * bank_information);
+        (missing_bank.is_finite() && variance.is_finite()).then_some(Self {
+            missing_bank,
             variance,
-            score_information: own,
+            score_information: bank_information,
         })
     }
 
@@ -153,10 +153,11 @@ impl BankScaleEstimate {
 
     /// Squared error to allow for beyond the allowance.
     fn excess_square(&self, allowance: f32) -> f32 {
-        let square = self.missing_bank * self.missing_bank;
+        let estimate_squared = self.missing_bank * self.missing_bank;
         // `clamp` would panic on NaN, which links float formatting (8 KB of flash).
-        let believed = ALLOWANCE_SLOPE * (square - CHANCE_VARIANCE_RATIO * self.null_variance(allowance));
-        if believed > 0.0 { believed.min(square) } else { 0.0 }
+        let excess_square =
+            ALLOWANCE_SLOPE * (estimate_squared - MIN_SIGNIFICANCE_SQUARED * self.null_variance(allowance));
+        if excess_square > 0.0 { excess_square.min(estimate_squared) } else { 0.0 }
     }
 
     /// Variance of the estimate if the source's error is within the allowance: that of the noise plus the allowance's

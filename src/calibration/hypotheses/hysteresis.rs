@@ -1,9 +1,9 @@
 //! Magnetic hysteresis of the soft iron: its field lags in turns, and keeps the lag of the last turn in the straight
 //! flight after it.
 //!
-//! Soft iron that lags by a small angle has the field of a heading less far turned. With `S` the response of the soft
-//! iron alone and `dh` the change of the field in body axes by a turn of one radian, the measurement has an additional
-//! `-play S dh`. The unknown is the angle of play, in radians.
+//! Soft iron that lags by a small angle has the field of an earlier heading. With `S` the response of the soft iron
+//! alone and `dh` the change of the field in body axes by a turn of one radian, the measurement has an additional `-lag
+//! S dh`. The unknown is the lag angle `lag`, radians.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -64,15 +64,15 @@ impl Hysteresis {
         })
     }
 
-    /// Derivative of the corrected field by the play, after a turn in a direction; down in body axes.
+    /// Derivative of the corrected field by the lag angle, after a turn in a direction; down in body axes.
     pub fn field_response(&self, down: &Vector3<f32>, direction: f32, equations: &SampleEquations) -> Vector3<f32> {
         let body = multiply(&self.w, &equations.norm_equation.jacobian_row.x) + self.d;
         multiply(&self.soft_iron, &(down.cross(&body) * direction))
     }
 
-    /// RMS field of a play over the headings, units of field.
-    pub fn effect_size(&self, play_rad: f32) -> f32 {
-        play_rad.abs() * sqrt(0.5 * self.soft_iron.fixed_columns::<2>(0).norm_squared()) * self.cos_inclination
+    /// RMS field change by a lag angle, radians, over the headings, units of field.
+    pub fn effect_size(&self, lag_rad: f32) -> f32 {
+        lag_rad.abs() * sqrt(0.5 * self.soft_iron.fixed_columns::<2>(0).norm_squared()) * self.cos_inclination
     }
 }
 

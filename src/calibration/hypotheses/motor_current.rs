@@ -46,15 +46,17 @@ impl InterferenceEstimate {
     /// The estimate. `inflation`: variance inflation by autocorrelation. `None` if not finite.
     #[inline(never)]
     pub fn new(score: &EfficientScore<3>, likelihood: &Likelihood, inflation: f32) -> Option<Self> {
-        let (used, prior) = (likelihood.motor_current_per_ampere(), Self::prior_precision(likelihood.unit_ut));
-        let own = score.information;
-        let all = own + Matrix3::from_diagonal_element(prior);
-        let independent = inverse(&all)?;
-        let k = used + independent * (score.gradient - used * prior);
-        let alone = k.dot(&(all * k));
-        let covariance = independent * own * independent * inflation + independent * independent * prior;
-        let found = Self { interference_ut_per_a: k, covariance, significance: [alone, alone / inflation] };
-        (alone + found.max_sigma()).is_finite().then_some(found)
+        let (applied, prior) = (likelihood.motor_current_per_ampere(), Self::prior_precision(likelihood.unit_ut));
+        let sample_information = score.information;
+        let total_information = sample_information + Matrix3::from_diagonal_element(prior);
+        let inverse_information = inverse(&total_information)?;
+        let k = applied + inverse_information * (score.gradient - applied * prior);
+        let significance = k.dot(&(total_information * k));
+        let covariance = inverse_information * sample_information * inverse_information * inflation
+            + inverse_information * inverse_information * prior;
+        let estimate =
+            Self { interference_ut_per_a: k, covariance, significance: [significance, significance / inflation] };
+        (significance + estimate.max_sigma()).is_finite().then_some(estimate)
     }
 
     pub fn prior_precision(unit_ut: f32) -> f32 {
@@ -68,32 +70,41 @@ impl InterferenceEstimate {
 
     /// Next `interference_ut_per_a` after `tried` updates; `None` if `used` is final. `spread`: standard deviation of the current (A) times
     /// the unit of field (uT).
-    pub fn next_interference(&self, used: &Vector3<f32>, tried: u8, spread: f32) -> Option<Vector3<f32>> {
+    pub fn next_interference(
+        &self,
+        applied: &Vector3<f32>,
+        update_count: u8,
+        current_sigma_ut: f32,
+    ) -> Option<Vector3<f32>> {
         let [independent, autocorrelated] = self.significance;
-        let is_used = *used != Vector3::zeros();
-        if !is_used {
-            return (tried == 0 && independent > TRIAL_SIGNIFICANCE).then_some(self.interference_ut_per_a);
+        let is_applied = *applied != Vector3::zeros();
+        if !is_applied {
+            return (update_count == 0 && independent > TRIAL_SIGNIFICANCE).then_some(self.interference_ut_per_a);
         }
-        let is_applicable = self.max_sigma() * spread <= MAX_SIGMA_UT && autocorrelated > MIN_SIGNIFICANCE;
+        let is_applicable = self.max_sigma() * current_sigma_ut <= MAX_SIGMA_UT && autocorrelated > MIN_SIGNIFICANCE;
         if !is_applicable {
-            // After one update the remainder may still hide the significance.
-            return Some(if tried > 1 { Vector3::zeros() } else { self.interference_ut_per_a });
+            // After one update, the remaining interference may still hide the significance.
+            return Some(if update_count > 1 { Vector3::zeros() } else { self.interference_ut_per_a });
         }
-        let is_off = (self.interference_ut_per_a - used).amax() > CONVERGED_SIGMAS * self.max_sigma();
-        (is_off && tried < MAX_UPDATES).then_some(self.interference_ut_per_a)
+        let needs_update = (self.interference_ut_per_a - applied).amax() > CONVERGED_SIGMAS * self.max_sigma();
+        (needs_update && update_count < MAX_UPDATES).then_some(self.interference_ut_per_a)
     }
 
     /// Vectors whose outer products sum to the covariance, plus a significant estimate that is not applied.
-    pub fn covariance_factors(&self, used: &Vector3<f32>) -> [Vector3<f32>; 4] {
-        let mut left = self.covariance;
+    pub fn covariance_factors(&self, applied: &Vector3<f32>) -> [Vector3<f32>; 4] {
+        let mut remaining_covariance = self.covariance;
         let mut root = |axis: usize| {
-            let variance = left[(axis, axis)];
-            let root = if variance > 0.0 { left.column(axis) / sqrt(variance) } else { Vector3::zeros() };
-            left -= root * root.transpose();
+            let variance = remaining_covariance[(axis, axis)];
+            let root =
+                if variance > 0.0 { remaining_covariance.column(axis) / sqrt(variance) } else { Vector3::zeros() };
+            remaining_covariance -= root * root.transpose();
             root
         };
-        let unused =
-            if self.significance[1] > MIN_SIGNIFICANCE { self.interference_ut_per_a - used } else { Vector3::zeros() };
-        [root(0), root(1), root(2), unused]
+        let unapplied_estimate = if self.significance[1] > MIN_SIGNIFICANCE {
+            self.interference_ut_per_a - applied
+        } else {
+            Vector3::zeros()
+        };
+        [root(0), root(1), root(2), unapplied_estimate]
     }
 }

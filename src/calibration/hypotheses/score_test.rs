@@ -40,8 +40,8 @@ impl<const K: usize> ScoreTest<K> {
     /// Adds a residual. `derivative`: of the residual by `beta`; `fraction`: of `beta` that the sample has.
     pub fn add_weighted_equation(&mut self, equation: &ResidualEquation, derivative: &SVector<f32, K>, fraction: f32) {
         let weighted = derivative * (equation.weight * fraction);
-        for (sum, of_axis) in self.cross_information.iter_mut().zip(&weighted) {
-            equation.jacobian_row.add_scaled_to(sum, *of_axis);
+        for (sum, axis_derivative) in self.cross_information.iter_mut().zip(&weighted) {
+            equation.jacobian_row.add_scaled_to(sum, *axis_derivative);
         }
         self.information.ger(fraction, &weighted, derivative, 1.0);
         self.gradient.axpy(-equation.residual, &weighted, 1.0);
@@ -49,7 +49,7 @@ impl<const K: usize> ScoreTest<K> {
 
     /// `H_ub beta`: effect of `beta` on the gradient of the thirteen unknowns.
     pub fn coefficient_effect(&self, beta: &SVector<f32, K>) -> Vector13 {
-        self.cross_information.iter().zip(beta).map(|(with, beta)| with * *beta).sum()
+        self.cross_information.iter().zip(beta).map(|(cross_row, beta)| cross_row * *beta).sum()
     }
 
     /// Eliminates the thirteen unknowns; `to_maximum`: their remaining step to the maximum likelihood, `H^-1 g_u`.
@@ -63,12 +63,12 @@ impl<const K: usize> ScoreTest<K> {
             information: self.information,
             gradient: self.gradient,
         };
-        for (axis, with) in self.cross_information.iter().enumerate() {
-            let column = system.covariance_times(with)?;
-            for (other, with) in self.cross_information.iter().enumerate() {
-                score.information[(axis, other)] -= column.dot(with);
+        for (axis, cross_row) in self.cross_information.iter().enumerate() {
+            let column = system.covariance_times(cross_row)?;
+            for (other_axis, cross_row) in self.cross_information.iter().enumerate() {
+                score.information[(axis, other_axis)] -= column.dot(cross_row);
             }
-            score.gradient[axis] -= with.dot(to_maximum);
+            score.gradient[axis] -= cross_row.dot(to_maximum);
             score.nuisance_columns[axis] = column;
         }
         Some(score)

@@ -9,49 +9,49 @@
 
 use nalgebra::{SMatrix, SVector};
 
-/// Triangular system `D (U x - t)` of `N` unknowns and `M` right-hand sides: `D` diagonal, `U` unit upper triangular.
+/// Triangular system `D (U x - t)` of `N` unknowns and `M` right-hand sides: `D` `diagonal`, `U` unit `upper` triangular, `t` `right_sides`.
 #[derive(Clone, Debug)]
 pub(crate) struct LeastSquares<const N: usize, const M: usize> {
-    d: [f32; N],
+    diagonal: [f32; N],
     /// Only elements above the diagonal are used.
-    u: [[f32; N]; N],
-    t: [[f32; M]; N],
+    upper: [[f32; N]; N],
+    right_sides: [[f32; M]; N],
 }
 
 impl<const N: usize, const M: usize> LeastSquares<N, M> {
     pub const fn new() -> Self {
-        Self { d: [0.0; N], u: [[0.0; N]; N], t: [[0.0; M]; N] }
+        Self { diagonal: [0.0; N], upper: [[0.0; N]; N], right_sides: [[0.0; M]; N] }
     }
 
     /// Factorises normal equations: the upper triangle of the information, and the right-hand sides. A direction below
     /// `f32` resolution stays undetermined until further equations are added.
-    pub fn from_normal_equations(information: [[f32; N]; N], right: [[f32; M]; N]) -> Self {
+    pub fn from_normal_equations(information: [[f32; N]; N], right_sides: [[f32; M]; N]) -> Self {
         /// Relative rounding error of a diagonal element: a few units in the last place.
         const RELATIVE_ROUNDING: f32 = 2e-6;
-        let mut system = Self { d: [0.0; N], u: information, t: right };
+        let mut system = Self { diagonal: [0.0; N], upper: information, right_sides };
         for k in 0..N {
-            let pivot = system.u[k][k];
+            let pivot = system.upper[k][k];
             // The rows before have been eliminated: the pivot is the remaining information.
             if pivot.is_nan() || pivot <= RELATIVE_ROUNDING * information[k][k] {
-                system.u[k] = [0.0; N];
-                system.t[k] = [0.0; M];
+                system.upper[k] = [0.0; N];
+                system.right_sides[k] = [0.0; M];
                 continue;
             }
-            system.d[k] = pivot;
+            system.diagonal[k] = pivot;
             for column in k + 1..N {
-                system.u[k][column] /= pivot;
+                system.upper[k][column] /= pivot;
             }
-            system.t[k] = system.t[k].map(|t| t / pivot);
-            let (above, below) = system.u.split_at_mut(k + 1);
-            let row = &above[k];
-            for (j, rest) in below.iter_mut().enumerate() {
+            system.right_sides[k] = system.right_sides[k].map(|t| t / pivot);
+            let (eliminated_rows, lower_rows) = system.upper.split_at_mut(k + 1);
+            let row = &eliminated_rows[k];
+            for (j, lower_row) in lower_rows.iter_mut().enumerate() {
                 let j = k + 1 + j;
-                let share = row[j] * pivot;
-                for (element, u) in rest[j..].iter_mut().zip(&row[j..]) {
-                    *element -= share * u;
+                let factor = row[j] * pivot;
+                for (element, u) in lower_row[j..].iter_mut().zip(&row[j..]) {
+                    *element -= factor * u;
                 }
                 for m in 0..M {
-                    system.t[j][m] -= share * system.t[k][m];
+                    system.right_sides[j][m] -= factor * system.right_sides[k][m];
                 }
             }
         }
@@ -60,18 +60,18 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
 
     pub fn from_rows(rows: impl Iterator<Item = SVector<f32, N>>, value: [f32; M]) -> Self {
         let mut information = [[0.0; N]; N];
-        let mut right = [[0.0; M]; N];
+        let mut right_sides = [[0.0; M]; N];
         for row in rows {
-            for (i, (sums, right)) in information.iter_mut().zip(&mut right).enumerate() {
+            for (i, (sums, right_sides)) in information.iter_mut().zip(&mut right_sides).enumerate() {
                 for (sum, x) in sums[i..].iter_mut().zip(&row.as_slice()[i..]) {
                     *sum += row[i] * x;
                 }
-                for (sum, value) in right.iter_mut().zip(value) {
+                for (sum, value) in right_sides.iter_mut().zip(value) {
                     *sum += row[i] * value;
                 }
             }
         }
-        Self::from_normal_equations(information, right)
+        Self::from_normal_equations(information, right_sides)
     }
 
     /// Adds the equation `row . x = value`; the weight is the inverse variance.
@@ -81,10 +81,10 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
             let x = row[k];
             let Some(shares) = self.rotation_coefficients(k, x, &mut weight) else { continue };
             // Slices of equal length, so that the loop has no bounds checks.
-            for (r, u) in row[k + 1..].iter_mut().zip(&mut self.u[k][k + 1..]) {
+            for (r, u) in row[k + 1..].iter_mut().zip(&mut self.upper[k][k + 1..]) {
                 rotate_row(r, u, x, shares);
             }
-            for (value, t) in values.iter_mut().zip(&mut self.t[k]) {
+            for (value, t) in values.iter_mut().zip(&mut self.right_sides[k]) {
                 rotate_row(value, t, x, shares);
             }
         }
@@ -93,28 +93,28 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
     /// Rotation coefficients of row `k` and the equation; `None` if the equation has no weight or a zero in this
     /// column.
     fn rotation_coefficients(&mut self, k: usize, x: f32, weight: &mut f32) -> Option<[f32; 2]> {
-        let part = *weight * x;
-        if part == 0.0 {
+        let weighted_element = *weight * x;
+        if weighted_element == 0.0 {
             return None;
         }
-        let before = self.d[k];
-        let after = before + part * x;
-        self.d[k] = after;
-        let kept = before / after;
-        *weight *= kept;
-        Some([kept, part / after])
+        let old_diagonal = self.diagonal[k];
+        let new_diagonal = old_diagonal + weighted_element * x;
+        self.diagonal[k] = new_diagonal;
+        let retained_ratio = old_diagonal / new_diagonal;
+        *weight *= retained_ratio;
+        Some([retained_ratio, weighted_element / new_diagonal])
     }
 
     /// Solution; `None` if an unknown is undetermined or not finite.
     pub fn solve(&self) -> Option<SMatrix<f32, N, M>> {
         let mut solution = SMatrix::<f32, N, M>::zeros();
         for k in (0..N).rev() {
-            if self.d[k].is_nan() || self.d[k] <= 0.0 {
+            if self.diagonal[k].is_nan() || self.diagonal[k] <= 0.0 {
                 return None;
             }
             for m in 0..M {
-                let known: f32 = (k + 1..N).map(|j| self.u[k][j] * solution[(j, m)]).sum();
-                solution[(k, m)] = self.t[k][m] - known;
+                let solved_sum: f32 = (k + 1..N).map(|j| self.upper[k][j] * solution[(j, m)]).sum();
+                solution[(k, m)] = self.right_sides[k][m] - solved_sum;
             }
         }
         solution.iter().all(|x| x.is_finite()).then_some(solution)
@@ -125,12 +125,12 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
         let mut x = *vector;
         for k in 0..N {
             for j in k + 1..N {
-                x[j] -= self.u[k][j] * x[k];
+                x[j] -= self.upper[k][j] * x[k];
             }
         }
         for k in (0..N).rev() {
-            let known: f32 = (k + 1..N).map(|j| self.u[k][j] * x[j]).sum();
-            x[k] = x[k] / self.d[k] - known;
+            let solved_sum: f32 = (k + 1..N).map(|j| self.upper[k][j] * x[j]).sum();
+            x[k] = x[k] / self.diagonal[k] - solved_sum;
         }
         x.iter().all(|x| x.is_finite()).then_some(x)
     }
@@ -142,72 +142,74 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
         let mut pairs: [[f32; 2]; N] = core::array::from_fn(|i| [vectors[0][i], vectors[1][i]]);
         let mut variances = [0.0; 2];
         for k in 0..N {
-            let own = pairs[k];
-            for (variance, own) in variances.iter_mut().zip(&own) {
-                if *own != 0.0 {
-                    *variance += own * own / self.d[k];
+            let pair = pairs[k];
+            for (variance, element) in variances.iter_mut().zip(&pair) {
+                if *element != 0.0 {
+                    *variance += element * element / self.diagonal[k];
                 }
             }
-            for ([r, s], u) in pairs[k + 1..].iter_mut().zip(&self.u[k][k + 1..]) {
-                *r -= own[0] * u;
-                *s -= own[1] * u;
+            for ([r, s], u) in pairs[k + 1..].iter_mut().zip(&self.upper[k][k + 1..]) {
+                *r -= pair[0] * u;
+                *s -= pair[1] * u;
             }
         }
         variances
     }
 
     pub fn diagonal(&self) -> SVector<f32, N> {
-        SVector::from_fn(|i, _| self.d[i] + (0..i).map(|k| self.d[k] * self.u[k][i] * self.u[k][i]).sum::<f32>())
+        SVector::from_fn(|i, _| {
+            self.diagonal[i] + (0..i).map(|k| self.diagonal[k] * self.upper[k][i] * self.upper[k][i]).sum::<f32>()
+        })
     }
 }
 
 #[inline]
-fn rotate_row(r: &mut f32, u: &mut f32, x: f32, [kept, taken]: [f32; 2]) {
-    let before = *r;
+fn rotate_row(r: &mut f32, u: &mut f32, x: f32, [retained_ratio, gain]: [f32; 2]) {
+    let old_element = *r;
     *r -= x * *u;
-    *u = kept * *u + taken * before;
+    *u = retained_ratio * *u + gain * old_element;
 }
 
 /// Faster rotation, for rows with prior information. Loses digits of the equation when the row's diagonal element is
 /// nearly zero.
 #[inline]
-fn rotate_fast(r: &mut f32, u: &mut f32, x: f32, taken: f32) {
+fn rotate_fast(r: &mut f32, u: &mut f32, x: f32, gain: f32) {
     *r -= x * *u;
-    *u += taken * *r;
+    *u += gain * *r;
 }
 
 impl<const N: usize> LeastSquares<N, 1> {
     /// Adds two equations in one pass, in two thirds of the time. Every unknown must already have information, such as
     /// a prior.
-    pub fn add_pair(&mut self, rows: [&SVector<f32, N>; 2], mut values: [f32; 2], mut weights: [f32; 2]) {
+    pub fn add_weighted_row_pair(&mut self, rows: [&SVector<f32, N>; 2], mut values: [f32; 2], mut weights: [f32; 2]) {
         // The two arrays are interleaved, so that the inner loop has one address for both.
         let mut pairs: [[f32; 2]; N] = core::array::from_fn(|i| [rows[0][i], rows[1][i]]);
         for k in 0..N {
             let [x, y] = pairs[k];
-            let [_, taken_x] = self.rotation_coefficients(k, x, &mut weights[0]).unwrap_or_default();
-            let [_, taken_y] = self.rotation_coefficients(k, y, &mut weights[1]).unwrap_or_default();
-            for ([r, s], u) in pairs[k + 1..].iter_mut().zip(&mut self.u[k][k + 1..]) {
-                rotate_fast(r, u, x, taken_x);
-                rotate_fast(s, u, y, taken_y);
+            let [_, gain_x] = self.rotation_coefficients(k, x, &mut weights[0]).unwrap_or_default();
+            let [_, gain_y] = self.rotation_coefficients(k, y, &mut weights[1]).unwrap_or_default();
+            for ([r, s], u) in pairs[k + 1..].iter_mut().zip(&mut self.upper[k][k + 1..]) {
+                rotate_fast(r, u, x, gain_x);
+                rotate_fast(s, u, y, gain_y);
             }
             let [r, s] = &mut values;
-            rotate_fast(r, &mut self.t[k][0], x, taken_x);
-            rotate_fast(s, &mut self.t[k][0], y, taken_y);
+            rotate_fast(r, &mut self.right_sides[k][0], x, gain_x);
+            rotate_fast(s, &mut self.right_sides[k][0], y, gain_y);
         }
     }
 
     /// Moves the origin to the solution: the remaining step is zero.
     pub const fn reset_origin(&mut self) {
-        self.t = [[0.0; 1]; N];
+        self.right_sides = [[0.0; 1]; N];
     }
 
     /// Reduction of half the weighted sum of squares by a step from the origin, to first order.
     pub fn promised_reduction(&self, change: &SVector<f32, N>) -> f32 {
-        let of = |k: usize| {
-            let moved = change[k] + (k + 1..N).map(|j| self.u[k][j] * change[j]).sum::<f32>();
-            self.d[k] * self.t[k][0] * moved
+        let reduction_of_row = |k: usize| {
+            let row_change = change[k] + (k + 1..N).map(|j| self.upper[k][j] * change[j]).sum::<f32>();
+            self.diagonal[k] * self.right_sides[k][0] * row_change
         };
-        0.5 * (0..N).map(of).sum::<f32>()
+        0.5 * (0..N).map(reduction_of_row).sum::<f32>()
     }
 }
 
@@ -321,7 +323,7 @@ mod tests {
         for pair in rows.as_chunks::<2>().0 {
             alone.add_weighted_row(&pair[0], [1.0], 3.0);
             alone.add_weighted_row(&pair[1], [-2.0], 0.5);
-            together.add_pair([&pair[0], &pair[1]], [1.0, -2.0], [3.0, 0.5]);
+            together.add_weighted_row_pair([&pair[0], &pair[1]], [1.0, -2.0], [3.0, 0.5]);
         }
         let [alone, together] = [alone, together].map(|system| system.solve().unwrap());
         assert!((alone - together).norm() < 1e-5, "{alone} {together}");

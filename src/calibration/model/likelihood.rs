@@ -56,20 +56,20 @@ impl Likelihood {
     pub fn new(prior: &Prior, config: ModelConfig, samples: Samples<'_>, unit_ut: f32) -> Self {
         let rotation = prior.mount.body_from_sensor();
         let sum_ut = samples.all_samples().map(|s| s.field.ut).sum::<Vector3<f32>>();
-        let number = samples.all_samples().count();
+        let sample_count = samples.all_samples().count();
         Self {
             config,
             known_inclination_rad: prior.inclination_rad,
             readings_per_sample: prior.readings_per_sample,
             mount_from_chip: rotation,
             unit_ut,
-            mean_field: rotation * sum_ut / (number.max(1) as f32 * unit_ut),
+            mean_field: rotation * sum_ut / (sample_count.max(1) as f32 * unit_ut),
             noise: NoiseModel::INITIAL,
             has_noise_estimate: false,
             latency_s: 0.0,
             motor_current: MotorCurrentInterference::from_samples(samples),
-            sample_stride: (number / COARSE_SAMPLES).max(1),
-            uses_normal_equations: number > COARSE_SAMPLES,
+            sample_stride: (sample_count / COARSE_SAMPLES).max(1),
+            uses_normal_equations: sample_count > COARSE_SAMPLES,
         }
     }
 
@@ -77,12 +77,12 @@ impl Likelihood {
         &self,
         samples: Samples<'_>,
         parameters: &ModelParameters,
-        each: &mut dyn FnMut(&SampleEquations),
+        visit: &mut dyn FnMut(&SampleEquations),
     ) {
-        let mut one =
-            |sample: &Sample, heading_rad: Option<f32>| each(&self.sample_equations(sample, heading_rad, parameters));
-        samples.iter().step_by(self.sample_stride).for_each(|sample| one(sample, None));
-        samples.marks.iter().for_each(|mark| one(&mark.sample, Some(mark.heading_rad)));
+        let mut visit_sample =
+            |sample: &Sample, heading_rad: Option<f32>| visit(&self.sample_equations(sample, heading_rad, parameters));
+        samples.iter().step_by(self.sample_stride).for_each(|sample| visit_sample(sample, None));
+        samples.marks.iter().for_each(|mark| visit_sample(&mark.sample, Some(mark.heading_rad)));
     }
 
     #[inline]
@@ -129,18 +129,19 @@ impl Likelihood {
     /// Estimates the noise from the sums of the clipped squared normalised residuals.
     pub fn estimate_noise(&mut self, clipped_squares: [f32; 2], samples: u16, unknowns: &Vector13) {
         // Degrees of freedom: half of the thirteen unknowns for each kind of residual.
-        let freedom = (f32::from(samples) - UNKNOWN_COUNT as f32 / 2.0).max(1.0);
+        let degrees_of_freedom = (f32::from(samples) - UNKNOWN_COUNT as f32 / 2.0).max(1.0);
         let ModelConfig { typical_norm_sigma, typical_inclination_sigma_rad, typical_sigma_samples, .. } = self.config;
-        let estimate = |sum: f32, before: f32, typical: f32| {
-            let squares = sum / CLIPPED_MEAN_SQUARE * before * before + typical_sigma_samples * typical * typical;
-            sqrt(squares / (freedom + typical_sigma_samples))
+        let estimate = |sum: f32, old_sigma: f32, typical_sigma: f32| {
+            let squares = sum / CLIPPED_MEAN_SQUARE * old_sigma * old_sigma
+                + typical_sigma_samples * typical_sigma * typical_sigma;
+            sqrt(squares / (degrees_of_freedom + typical_sigma_samples))
         };
-        let [norm, dip] = clipped_squares;
+        let [norm, inclination] = clipped_squares;
         let norm = estimate(norm, self.noise.norm_sigma, typical_norm_sigma);
-        let dip = estimate(dip, self.noise.inclination_sigma_rad, typical_inclination_sigma_rad);
+        let inclination = estimate(inclination, self.noise.inclination_sigma_rad, typical_inclination_sigma_rad);
         self.noise = NoiseModel::new(
             norm.max(self.config.min_norm_sigma),
-            dip.max(self.config.min_inclination_sigma_rad),
+            inclination.max(self.config.min_inclination_sigma_rad),
             ModelParameters::new(unknowns).w,
         );
         // The first noise estimate uses half of the samples if there are many.

@@ -35,8 +35,8 @@ impl NoiseModel {
         w: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
     };
 
-    pub fn new(norm: f32, dip_rad: f32, w: Matrix3<f32>) -> Self {
-        Self { norm_sigma: norm, inclination_sigma_rad: dip_rad, w }
+    pub fn new(norm_sigma: f32, inclination_sigma_rad: f32, w: Matrix3<f32>) -> Self {
+        Self { norm_sigma, inclination_sigma_rad, w }
     }
 
     /// Attitude noise on each of roll and pitch, radians.
@@ -47,22 +47,25 @@ impl NoiseModel {
     /// From the derivatives of norm and inclination by the corrected field, and of the inclination by attitude.
     pub(in crate::calibration) fn covariance(
         &self,
-        by_norm: &Vector3<f32>,
-        by_dip: &Vector3<f32>,
+        norm_derivative: &Vector3<f32>,
+        inclination_derivative: &Vector3<f32>,
         by_attitude: [f32; 2],
     ) -> ResidualCovariance {
-        let (by_norm, by_dip) = (self.w.tr_mul(by_norm), self.w.tr_mul(by_dip));
-        let sensor = self.norm_sigma * self.norm_sigma;
-        let norm = sensor * by_norm.norm_squared();
-        let common = sensor * by_norm.dot(&by_dip);
-        let slope = common / norm;
-        let tilt = (self.inclination_sigma_rad * self.inclination_sigma_rad - sensor).max(0.0);
+        let (norm_derivative, inclination_derivative) =
+            (self.w.tr_mul(norm_derivative), self.w.tr_mul(inclination_derivative));
+        let sensor_variance = self.norm_sigma * self.norm_sigma;
+        let norm_variance = sensor_variance * norm_derivative.norm_squared();
+        let cross_covariance = sensor_variance * norm_derivative.dot(&inclination_derivative);
+        let slope = cross_covariance / norm_variance;
+        let tilt_variance = (self.inclination_sigma_rad * self.inclination_sigma_rad - sensor_variance).max(0.0);
         let [roll, pitch] = by_attitude;
         // Next to the pole both derivatives by attitude vanish; the floor keeps the variance positive.
-        let dip = sensor * by_dip.norm_squared() + tilt * (roll * roll + pitch * pitch) - slope * common;
+        let inclination_variance = sensor_variance * inclination_derivative.norm_squared()
+            + tilt_variance * (roll * roll + pitch * pitch)
+            - slope * cross_covariance;
         ResidualCovariance {
-            norm_variance: norm,
-            inclination_variance: dip.max(0.01 * sensor),
+            norm_variance,
+            inclination_variance: inclination_variance.max(0.01 * sensor_variance),
             decorrelation_slope: slope,
         }
     }
@@ -75,8 +78,8 @@ impl NoiseModel {
     /// Heading variance of one sample from its derivative by the corrected field. A tilt error rotates the heading by
     /// `tan(inclination)` times its component towards the field.
     pub fn heading_variance(&self, by_field: &Vector3<f32>, prediction: &FieldPrediction) -> f32 {
-        let tan_dip = prediction.level_field.z / prediction.cos_inclination;
-        let attitude = self.attitude_sigma_rad() * tan_dip;
+        let tan_inclination = prediction.level_field.z / prediction.cos_inclination;
+        let attitude = self.attitude_sigma_rad() * tan_inclination;
         self.w.tr_mul(by_field).norm_squared() * self.norm_sigma * self.norm_sigma + attitude * attitude
     }
 }

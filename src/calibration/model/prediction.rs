@@ -21,14 +21,14 @@ pub(crate) struct FieldPrediction {
     pub x: Vector3<f32>,
     /// Norm of the corrected field, `|w|`; nominally 1.
     pub norm: f32,
-    /// `n`, also the derivative of the norm by the corrected field.
+    /// Direction `n` of the corrected field, body axes; also the derivative of its norm by the field.
     pub field_direction: Vector3<f32>,
     /// Derivative of the inclination `i` by the corrected field. From `sin i = down . n` and
     /// `d n = (1 - n n^T) d w / |w|`: `(down - n l_z) / (|w| cos i)`.
     pub inclination_by_field: Vector3<f32>,
-    /// `l`.
+    /// Direction `l` of the corrected field, level axes.
     pub level_field: Vector3<f32>,
-    /// `cos i = sqrt(l_x^2 + l_y^2)`.
+    /// Cosine of the inclination, `cos i = sqrt(l_x^2 + l_y^2)`.
     pub cos_inclination: f32,
     /// Inclination `i = atan2(l_z, sqrt(l_x^2 + l_y^2))`, radians.
     pub inclination_rad: f32,

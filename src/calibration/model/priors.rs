@@ -21,9 +21,9 @@ pub(in crate::calibration) enum PriorQuantity {
     SoftIron,
     /// Skew part of `W`.
     Mounting,
-    /// `b`.
+    /// Hard iron `b`.
     HardIron,
-    /// `I`.
+    /// Inclination `I`.
     Inclination,
 }
 
@@ -97,8 +97,8 @@ fn hard_iron_priors(likelihood: &Likelihood, parameters: &ModelParameters, each:
 }
 
 fn inclination_prior(likelihood: &Likelihood, parameters: &ModelParameters, each: &mut dyn FnMut(&PriorEquation)) {
-    let known = likelihood.known_inclination_rad.map(|known| (known, likelihood.config.known_inclination_sigma_rad));
-    let (value_rad, sigma) = known.unwrap_or((0.0, UNKNOWN_INCLINATION_SIGMA_RAD));
+    let given = likelihood.known_inclination_rad.map(|given| (given, likelihood.config.known_inclination_sigma_rad));
+    let (value_rad, sigma) = given.unwrap_or((0.0, UNKNOWN_INCLINATION_SIGMA_RAD));
     let residual = parameters.inclination_rad - value_rad;
     each(&PriorEquation {
         jacobian_row: scaled_unit_vector(INCLINATION_INDEX, 1.0),

@@ -75,7 +75,7 @@ pub(in crate::calibration) const fn product_index(k: usize, a: usize) -> usize {
 /// Seven numbers instead of thirteen.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct JacobianRow {
-    /// `k`.
+    /// Derivative `k` of the function by the corrected field.
     pub derivative_by_field: Vector3<f32>,
     /// Measurement minus the mean.
     pub x: Vector3<f32>,
@@ -106,14 +106,14 @@ impl JacobianRow {
 
     #[inline]
     pub fn dot(&self, change: &Vector13) -> f32 {
-        let of = |axis: usize| {
+        let axis_term = |axis: usize| {
             change[w_index(axis, 0)] * self.x.x
                 + change[w_index(axis, 1)] * self.x.y
                 + change[w_index(axis, 2)] * self.x.z
                 + change[d_index(axis)]
         };
         let [a, b, c] = [self.derivative_by_field.x, self.derivative_by_field.y, self.derivative_by_field.z];
-        a * of(0) + b * of(1) + c * of(2) + self.by_inclination * change[INCLINATION_INDEX]
+        a * axis_term(0) + b * axis_term(1) + c * axis_term(2) + self.by_inclination * change[INCLINATION_INDEX]
     }
 }
 

@@ -22,16 +22,18 @@ const MIN_DIRECTIONS: u32 = 22;
 /// Whether the samples determine the nine coefficients.
 pub(super) fn is_determined(fit: &ConvergedFit<'_>, information: &Information) -> bool {
     count_directions(fit.samples, fit.calibration) >= MIN_DIRECTIONS
-        && unobservable_quantities(&information.linear_system, fit.likelihood, fit.unknowns).is_some_and(|mut left| {
-            !left.any(|quantity| matches!(quantity, PriorQuantity::SoftIron | PriorQuantity::HardIron))
-        })
+        && unobservable_quantities(&information.linear_system, fit.likelihood, fit.unknowns).is_some_and(
+            |mut unobservable| {
+                !unobservable.any(|quantity| matches!(quantity, PriorQuantity::SoftIron | PriorQuantity::HardIron))
+            },
+        )
 }
 
 fn count_directions(samples: Samples<'_>, calibration: &Calibration) -> u32 {
-    let seen = samples
+    let directions = samples
         .all_samples()
-        .fold(0_u32, |seen, s| seen | 1 << direction_index(&calibration.calibrated_field(s.field).ut));
-    seen.count_ones()
+        .fold(0_u32, |directions, s| directions | 1 << direction_index(&calibration.calibrated_field(s.field).ut));
+    directions.count_ones()
 }
 
 /// Direction of a field: axis of the largest component, and the signs of all three.
@@ -93,7 +95,7 @@ mod tests {
         solve_samples(Method::Ellipsoid, Samples::new(&tumbled_samples(missing)), &Prior::default()).map(|s| s.quality)
     }
 
-    /// The solve starts from the sphere, and its advice assumes turns.
+    /// The ellipsoid fit starts from the sphere fit; its advice assumes turns.
     #[test]
     fn neither_attitude_nor_part_of_tumbled_samples_matters() {
         let mut samples = tumbled_samples(0);

@@ -31,12 +31,12 @@ impl GivenInclination {
         }
     }
 
-    /// Decides between the given inclination and the samples: the error that replaces the end of a solve.
+    /// Returns the error that replaces the result of a solve without the given inclination.
     ///
-    /// A contradiction stands: only a person can find its cause. Without one, a solve that failed with the given
-    /// inclination is not replaced by one without it.
-    pub const fn decide_against_samples(self, end: &Result<Solution, SolveError>) -> Option<SolveError> {
-        match (end, self) {
+    /// A contradiction remains the result, because only a person can find its cause. Without a contradiction, the error
+    /// of the solve with the given inclination is reported.
+    pub const fn decide_against_samples(self, result: &Result<Solution, SolveError>) -> Option<SolveError> {
+        match (result, self) {
             (Err(SolveError::InclinationContradicted { .. }), _) | (_, Self::Unknown | Self::Prior(_)) => None,
             (_, Self::Dropped { error, .. }) => error,
         }

@@ -50,17 +50,17 @@ pub(super) fn choose_starting_point(
     {
         return Ok((start, AttemptStart::ClosedForm));
     }
-    let closed_form = match solve_closed_form(method, samples, &rotation, prior.inclination_rad) {
+    let closed_form_start = match solve_closed_form(method, samples, &rotation, prior.inclination_rad) {
         Ok(response) => response.starting_point(),
         // Where the closed form has no solution, these methods start from the sphere fit.
         Err(_) if matches!(method, Method::MaximumLikelihood | Method::Ellipsoid) => None,
         Err(error) => return Err(error),
     };
-    match closed_form {
+    match closed_form_start {
         Some(start) if method == Method::MaximumLikelihood && !matches_mounting(&start) => {
             // Two planes need the direction of turn, which the bank gives only for aircraft that bank into turns.
-            let tilted = starting_point::vertical_component_start(samples, &rotation).filter(matches_mounting);
-            Ok((tilted.unwrap_or(start), AttemptStart::ClosedForm))
+            let vertical_start = starting_point::vertical_component_start(samples, &rotation).filter(matches_mounting);
+            Ok((vertical_start.unwrap_or(start), AttemptStart::ClosedForm))
         }
         Some(start) => Ok((start, AttemptStart::ClosedForm)),
         None if method.is_refined() => Ok((

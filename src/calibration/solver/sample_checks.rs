@@ -34,13 +34,14 @@ fn is_finite(sample: &Sample) -> bool {
 /// % of either end.
 pub(super) fn stuck_axis(samples: Samples<'_>) -> Option<Axis> {
     let turns = || samples.without_part(CollectionPart::LEVEL).iter();
-    let number = turns().count();
+    let sample_count = turns().count();
     [Axis::X, Axis::Y, Axis::Z].into_iter().find(|&axis| {
         let values = || turns().map(|s| s.field.ut[axis as usize]);
         let (low, high) = values().fold((f32::MAX, f32::MIN), |(low, high), v| (low.min(v), high.max(v)));
-        let near = RANGE_END_FRACTION * (high - low);
-        let is_stuck_at =
-            |end: f32| values().filter(|v| (v - end).abs() <= near).count() * MIN_SAMPLES_PER_RANGE_END > number;
-        number >= MIN_SAMPLES && (is_stuck_at(low) || is_stuck_at(high))
+        let end_width = RANGE_END_FRACTION * (high - low);
+        let is_stuck_at = |range_end: f32| {
+            values().filter(|v| (v - range_end).abs() <= end_width).count() * MIN_SAMPLES_PER_RANGE_END > sample_count
+        };
+        sample_count >= MIN_SAMPLES && (is_stuck_at(low) || is_stuck_at(high))
     })
 }

@@ -45,12 +45,12 @@ pub(super) const MAX_SOLVE_STEPS: u32 = {
 
 impl Attempt {
     /// Whether this attempt may follow another.
-    pub fn may_follow(self, before: Self) -> bool {
-        let is_same = self.uses_inclination == before.uses_inclination;
+    pub fn may_follow(self, previous: Self) -> bool {
+        let is_same = self.uses_inclination == previous.uses_inclination;
         match self.start {
             AttemptStart::ClosedForm => !is_same,
-            AttemptStart::Sphere => is_same && before.start == AttemptStart::ClosedForm,
-            AttemptStart::FirstResult => is_same && before.start == AttemptStart::Sphere,
+            AttemptStart::Sphere => is_same && previous.start == AttemptStart::ClosedForm,
+            AttemptStart::FirstResult => is_same && previous.start == AttemptStart::Sphere,
         }
     }
 }
@@ -61,8 +61,8 @@ const MAX_GOOD_RMS_DEG: f32 = 3.0;
 /// Hard iron above which a second starting point is tried, microtesla: six times the Earth's field.
 const MAX_GOOD_HARD_IRON_UT: f32 = 300.0;
 
-pub(super) fn is_poor(end: &Result<Solution, SolveError>) -> bool {
-    match end {
+pub(super) fn is_poor(result: &Result<Solution, SolveError>) -> bool {
+    match result {
         Ok(solution) => !has_small_error_and_hard_iron(&solution.quality, &solution.calibration),
         Err(SolveError::NotConverged | SolveError::HardIronChanged(_)) => true,
         Err(_) => false,

@@ -18,12 +18,12 @@ pub(in crate::calibration) struct Autocorrelation {
 
 impl Autocorrelation {
     pub fn add_residuals(&mut self, part: usize, residuals: [f32; 2]) {
-        let Some(before) = self.previous.get_mut(part) else { return };
+        let Some(previous) = self.previous.get_mut(part) else { return };
         for (kind, residual) in residuals.into_iter().enumerate() {
-            self.lag_products[kind] += residual * before[kind];
+            self.lag_products[kind] += residual * previous[kind];
             self.square_sums[kind] += residual * residual;
         }
-        *before = residuals;
+        *previous = residuals;
     }
 
     /// Variance inflation minus one, `2 rho / (1 - rho)`, of norm and inclination residuals; 0 for negative rho.

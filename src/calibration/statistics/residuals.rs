@@ -29,13 +29,13 @@ impl ResidualStatistics {
     /// Variance inflation by autocorrelation, the larger of both residuals'.
     #[inline(never)]
     pub fn autocorrelation_inflation(&self) -> f32 {
-        let [of_norm, of_dip] = self.autocorrelation.excess_inflation();
-        1.0 + of_norm.max(of_dip)
+        let [norm_excess, inclination_excess] = self.autocorrelation.excess_inflation();
+        1.0 + norm_excess.max(inclination_excess)
     }
 
     /// `(x - than) H_incl vector`, with `x` the variance inflation of the inclination residuals; zero if `x < than`.
-    pub fn excess_inclination_product(&self, vector: &Vector13, than: f32) -> Vector13 {
-        let [_, of_dip] = self.autocorrelation.excess_inflation();
-        self.inclination_information.multiply_vector(vector) * (1.0 + of_dip - than).max(0.0)
+    pub fn excess_inclination_product(&self, vector: &Vector13, reference_excess: f32) -> Vector13 {
+        let [_, inclination_excess] = self.autocorrelation.excess_inflation();
+        self.inclination_information.multiply_vector(vector) * (1.0 + inclination_excess - reference_excess).max(0.0)
     }
 }

@@ -24,14 +24,14 @@ pub(in crate::calibration) struct WhiteNoiseFraction {
 
 impl WhiteNoiseFraction {
     pub fn add_residual(&mut self, part: usize, time: WrappingMillis, residual: f32) {
-        let Some(slot) = self.previous.get_mut(part) else { return };
-        let near = slot.filter(|(.., last)| time.ms_since(*last) <= MAX_GAP_MS);
-        if let Some((Some(first), second, _)) = near {
+        let Some(previous) = self.previous.get_mut(part) else { return };
+        let recent = previous.filter(|(.., last_time)| time.ms_since(*last_time) <= MAX_GAP_MS);
+        if let Some((Some(first), second, _)) = recent {
             let difference = first - 2.0 * second + residual;
             self.difference_squares += difference * difference;
             self.difference_count += 1.0;
         }
-        *slot = Some((near.map(|(_, second, _)| second), residual, time));
+        *previous = Some((recent.map(|(_, second, _)| second), residual, time));
     }
 
     /// White fraction of the residuals' variance; 1 with too few samples. Not limited to 1, which would bias it low.

@@ -8,7 +8,7 @@ use crate::calibration::{DetectedHardIronChange, HardIronTimeCourse, Method, Sol
 use crate::frames::Field;
 use crate::time::WrappingMillis;
 
-/// 75 s of left turns, then 75 s of right turns.
+/// Flight of 75 s of left turns, then 75 s of right turns.
 fn seeded_flight(seed: u64, flight: Flight) -> (Airframe, RecordedTurns) {
     let mut random = Random(9000 + seed);
     let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
@@ -134,7 +134,7 @@ fn hysteresis_is_detected_with_its_size() {
     assert!((0.85..1.15).contains(&ratios[10]), "{ratios:?}");
 }
 
-/// For both methods of turns, also when the clock wraps in flight.
+/// Both methods of turns detect the change, also when the clock wraps in flight.
 #[test]
 fn every_method_of_turns_detects_a_change() {
     let flight = Flight { wander_deg: 0.5, ..Flight::TYPICAL };

@@ -73,7 +73,7 @@ impl Case {
         }
     }
 
-    /// With the corrected field normalised.
+    /// Random parameters and sample with a corrected field of norm one.
     fn normalised(random: &mut Random) -> Self {
         let mut case = Self::random(random);
         let mut parameters = ModelParameters::new(&case.unknowns);
@@ -303,7 +303,7 @@ fn each_prior_constrains_its_own_quantity() {
         let largest = found.iter().zip(expected).map(|(f, e)| (f - e).abs()).fold(0.0, f32::max);
         assert!(largest < 1e-4, "{found:?} {expected:?}");
     };
-    // Order: soft iron, mounting, hard iron, inclination.
+    // Sizes in the order soft iron, mounting, hard iron, inclination.
     close(sizes(&straight), [0.0; 4]);
     close(sizes(&ModelParameters { inclination_rad: 1.0, ..straight.clone() }), [0.0, 0.0, 0.0, 0.1]);
     let hard_iron = Vector3::new(0.1, 0.2, -0.2);

@@ -41,7 +41,7 @@ fn the_expected_error_of_every_method_is_honest() {
                 assert!(error_deg <= 3.0 * expected_deg, "{method:?} {seed}: {error_deg} deg, expected {expected_deg}");
             }
         }
-        // Lower for closed forms: their model error correlates the norm residuals.
+        // The lower limit is smaller for closed forms: their model error correlates the norm residuals.
         let least = match method {
             Method::MaximumLikelihood => 40,
             Method::TwoPlane => 16,

@@ -171,7 +171,7 @@ fn another_mounting_is_reported() {
     }
 }
 
-/// Straight flight through gusts: a wrong minimum near a magnetic pole fits such samples.
+/// A wrong minimum near a magnetic pole fits samples of straight flight through gusts.
 #[test]
 fn straight_flight_has_an_honest_expected_error() {
     let mut not_determined = 0;

@@ -74,7 +74,7 @@ fn one_side_advises_a_turn_to_the_other() {
     assert!(suspected <= 2, "{suspected}");
 }
 
-/// Agreement within a third: the real circle is less even and has its own noise.
+/// The predicted gain is reached within a third: the real circle is less even and has noise of its own.
 #[test]
 fn the_predicted_gain_is_reached() {
     for seed in 0..20 {

@@ -190,7 +190,7 @@ fn tumbling_determines_shape_and_centre() {
             .map(|_| {
                 let attitude = Attitude {
                     roll_rad: random.uniform(-3.1, 3.1),
-                    // Uniform over the sphere.
+                    // Attitudes uniform over the sphere.
                     pitch_rad: random.uniform(-1.0, 1.0).asin(),
                 };
                 let heading_rad = random.uniform(0.0, TAU);

@@ -119,7 +119,7 @@ fn expected_error_matches_the_actual_error_of_100_flights() {
     assert!(max_abs(&actual) <= 1.0);
     assert!(max_abs(&constant) <= 0.6);
     assert!(max_abs(&ratios) <= 3.0);
-    // Ideally 1; 100 flights allow half of it either way.
+    // The ideal mean square is 1; with 100 flights it scatters by half of it either way.
     let mean_square = mean(&ratios.iter().map(|r| r * r).collect::<Vec<_>>());
     assert!((0.5..1.5).contains(&mean_square), "{mean_square}");
 }
@@ -160,7 +160,7 @@ fn unsolvable_samples_are_rejected_with_a_reason() {
     assert!(matches!(missing, Err(SolveError::TooFewSamples { part: SamplePart::Turns(Side::Left), have: 0, .. })));
     assert_eq!(refused(&|r| r.right[3].field.ut.y = f32::NAN), Err(SolveError::NotFinite));
     assert_eq!(refused(&|r| r.left[9].attitude.roll_rad = f32::NAN), Err(SolveError::NotFinite));
-    // Inverted roll: right turns are labelled left.
+    // With an inverted roll, right turns are labelled left.
     let reversed = refused(&|r| {
         core::mem::swap(&mut r.left, &mut r.right);
         for s in r.left.iter_mut().chain(&mut r.right) {

@@ -146,7 +146,7 @@ fn one_flight(seed: u64) -> (Airframe, Vector3<f32>, RecordedTurns) {
 fn without_current_there_is_no_estimate() {
     let mut random = Random(1);
     let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [50.0, 60.0]);
-    // Small enough to be accepted without the correction.
+    // Interference small enough for a calibration to be accepted without its correction.
     let recorded = fly(&airframe, Vector3::new(0.05, -0.06, 0.03), CurrentProfile::Bursts, &mut random);
     let strip = |samples: &[Sample], every: usize| -> Vec<Sample> {
         let current = |i: usize, s: &Sample| if i.is_multiple_of(every) { MotorCurrent::UNKNOWN } else { s.current };
@@ -160,7 +160,7 @@ fn without_current_there_is_no_estimate() {
         (MotorCurrentInterference::NO_INTERFERENCE, MotorCurrentInterference::NO_INTERFERENCE)
     );
     assert_eq!(none.calibration, few.calibration);
-    // One unknown current in five.
+    // One sample in five lacks a current.
     assert!(many.calibration.motor_current.is_applied());
     let with = solved(&recorded).unwrap();
     assert!(with.quality.norm_residual < 0.5 * none.quality.norm_residual, "{with:?} {none:?}");
@@ -273,7 +273,7 @@ fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
     }
 }
 
-/// Iterates while significant, certain and not converged.
+/// The interference is updated while it is significant, certain and not converged.
 #[test]
 fn interference_is_used_while_certain_and_significant() {
     let zero = Vector3::zeros();
@@ -283,11 +283,11 @@ fn interference_is_used_while_certain_and_significant() {
         significance,
     };
     let k = |x: f32| Some(Vector3::new(x, 0.0, 0.0));
-    // Not in use: significance 30.
+    // An interference that is not in use needs a significance of 30.
     assert_eq!(found(0.01, 1e-4, [31.0, 1.0]).next_interference(&zero, 0, 500.0), k(0.01));
     assert_eq!(found(0.01, 1e-4, [29.0, 29.0]).next_interference(&zero, 0, 500.0), None);
     assert_eq!(found(0.01, 1e-4, [31.0, 31.0]).next_interference(&zero, 1, 500.0), None, "it was left before");
-    // In use: sigma of 0.5 uT at the current's standard deviation (500 A).
+    // An interference in use needs a sigma of at most 0.5 uT at the current's standard deviation (500 A).
     let used = Vector3::new(0.01, 0.0, 0.0);
     assert_eq!(found(0.01, 0.99e-3, [99.0, 16.4]).next_interference(&used, 2, 500.0), None);
     assert_eq!(found(0.01, 1.01e-3, [99.0, 16.4]).next_interference(&used, 2, 500.0), Some(zero));
@@ -297,7 +297,7 @@ fn interference_is_used_while_certain_and_significant() {
         k(0.02),
         "it may be known better yet"
     );
-    // Until it converges, at most four times.
+    // It is updated until it converges, at most four times.
     assert_eq!(found(0.0102, 0.5e-3, [99.0, 99.0]).next_interference(&used, 2, 500.0), k(0.0102));
     assert_eq!(found(0.0101, 0.5e-3, [99.0, 99.0]).next_interference(&used, 2, 500.0), None);
     assert_eq!(found(0.02, 0.5e-3, [99.0, 99.0]).next_interference(&used, 3, 500.0), k(0.02));

@@ -60,7 +60,7 @@ fn gusts_cause_no_wrong_calibration() {
     assert!(tally.accepted >= 55, "{tally:?}");
 }
 
-/// Up to 15 uT for 5 s, once per side.
+/// Power lines add up to 15 uT for 5 s, once per side.
 #[test]
 fn a_power_line_causes_no_wrong_calibration() {
     let tally = run_with_fault(|recorded, random| {
@@ -74,7 +74,7 @@ fn a_power_line_causes_no_wrong_calibration() {
     assert!(tally.accepted >= 55, "{tally:?}");
 }
 
-/// Steps of 0.5 uT every 20 s.
+/// The motor current adds steps of 0.5 uT every 20 s.
 #[test]
 fn motor_current_steps_cause_no_wrong_calibration() {
     let tally = run_with_fault(|recorded, random| {
@@ -115,7 +115,7 @@ fn a_frozen_axis_is_rejected() {
     }
 }
 
-/// Inverted sign of roll.
+/// The sign of roll is inverted.
 #[test]
 fn swapped_turns_are_rejected() {
     let tally = run_with_fault(|recorded, _| {

@@ -238,7 +238,7 @@ pub struct RecordedTurns {
     pub right: Vec<Sample>,
 }
 
-/// Samples by part, of which a test makes a view.
+/// Owned samples by part; [`samples`](Self::samples) makes a view of them.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Parts<'a> {
     pub left: &'a [Sample],
@@ -249,7 +249,7 @@ pub struct Parts<'a> {
 }
 
 impl Parts<'_> {
-    /// View of copies, which stay until the process ends.
+    /// View of leaked copies of the samples.
     pub fn samples(self) -> Samples<'static> {
         let parts = CollectionPart::ALL_PARTS.into_iter().zip([self.left, self.right, self.level, self.free]);
         let ordered: Vec<Sample> =

@@ -36,18 +36,18 @@ pub enum SolveError {
     TooFewSamples {
         /// Part of the collection that lacks samples, such as its left turns.
         part: SamplePart,
-        /// Number of samples.
+        /// Number of samples in the part.
         have: u16,
-        /// Required number.
+        /// Required number of samples.
         need: u16,
     },
     /// A sample has a non-finite value.
     NotFinite,
     /// Level samples cover too few headings.
     TooFewHeadings {
-        /// Headings covered, of twelve.
+        /// Number of headings covered, of twelve.
         have: u8,
-        /// Required number.
+        /// Required number of headings.
         need: u8,
     },
     /// An axis of the sensor stays at one end of its range.

@@ -9,7 +9,7 @@ use crate::trig::sqrt;
 const MAX_CURRENT_RATIO: f32 = 5.0;
 
 /// At most one of this many samples may lack a current.
-const MAX_UNKNOWN_ONE_IN: usize = 4;
+const MIN_SAMPLES_PER_UNKNOWN: usize = 4;
 
 /// Motor-current interference, and the distribution of the currents it was estimated from.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -32,12 +32,15 @@ impl MotorCurrentInterference {
 
     pub(in crate::calibration) fn from_samples(samples: Samples<'_>) -> Self {
         let currents = || samples.all_samples().filter_map(|sample| sample.current.amperes());
-        let known = currents().count();
-        if known * MAX_UNKNOWN_ONE_IN < samples.all_samples().count() * (MAX_UNKNOWN_ONE_IN - 1) || known == 0 {
+        let known_count = currents().count();
+        if known_count * MIN_SAMPLES_PER_UNKNOWN < samples.all_samples().count() * (MIN_SAMPLES_PER_UNKNOWN - 1)
+            || known_count == 0
+        {
             return Self::NO_INTERFERENCE;
         }
-        let mean_a = currents().sum::<f32>() / known as f32;
-        let variance = currents().map(|amperes| (amperes - mean_a) * (amperes - mean_a)).sum::<f32>() / known as f32;
+        let mean_a = currents().sum::<f32>() / known_count as f32;
+        let variance =
+            currents().map(|amperes| (amperes - mean_a) * (amperes - mean_a)).sum::<f32>() / known_count as f32;
         Self { mean_current_a: mean_a, current_sigma_a: sqrt(variance), ..Self::NO_INTERFERENCE }
     }
 
@@ -68,13 +71,13 @@ impl MotorCurrentInterference {
     /// Field variance on an axis, square microtesla, not covered by the covariance of the coefficients: at currents
     /// beyond the samples' spread, and at unknown current.
     pub(super) fn excess_variance_ut2(&self, current_a: Option<f32>) -> f32 {
-        let spread2 = self.current_sigma_a * self.current_sigma_a;
+        let current_variance_a2 = self.current_sigma_a * self.current_sigma_a;
         match current_a {
             Some(amperes) => {
-                let off_a = amperes - self.mean_current_a;
-                self.sigma_ut_per_a * self.sigma_ut_per_a * (off_a * off_a - spread2).max(0.0)
+                let deviation_a = amperes - self.mean_current_a;
+                self.sigma_ut_per_a * self.sigma_ut_per_a * (deviation_a * deviation_a - current_variance_a2).max(0.0)
             }
-            None => Vector3::from(self.ut_per_a).norm_squared() * spread2,
+            None => Vector3::from(self.ut_per_a).norm_squared() * current_variance_a2,
         }
     }
 

@@ -79,7 +79,7 @@ impl MotorCurrent {
     }
 }
 
-/// The nearest number of steps. The cast saturates and maps NaN to 0.
+/// Rounds to the nearest whole number. The cast saturates and maps NaN to 0.
 fn to_steps(steps: f32) -> i16 {
     libm::roundf(steps) as i16
 }

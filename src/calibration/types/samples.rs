@@ -106,7 +106,7 @@ impl CollectionPart {
 /// View of samples that are ordered by part, then time, and of marks.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Samples<'a> {
-    ordered: &'a [Sample],
+    ordered_samples: &'a [Sample],
     /// Whether the view leaves a part out, by [`CollectionPart::index`].
     is_excluded: [bool; CollectionPart::ALL_PARTS.len()],
     /// Samples with a given heading.
@@ -152,8 +152,8 @@ impl SamplePart {
 impl<'a> Samples<'a> {
     /// View of samples ordered by part, then time.
     #[must_use]
-    pub const fn new(ordered: &'a [Sample]) -> Self {
-        Self { ordered, is_excluded: [false; _], marks: &[] }
+    pub const fn new(ordered_samples: &'a [Sample]) -> Self {
+        Self { ordered_samples, is_excluded: [false; _], marks: &[] }
     }
 
     /// The same samples with other compass-swing marks.
@@ -173,7 +173,7 @@ impl<'a> Samples<'a> {
     /// Samples of a part, in order of time.
     #[must_use]
     pub fn samples_of_part(&self, part: CollectionPart) -> &'a [Sample] {
-        if self.is_excluded[part.index()] { &[] } else { samples_of_part(self.ordered, part) }
+        if self.is_excluded[part.index()] { &[] } else { samples_of_part(self.ordered_samples, part) }
     }
 
     /// Samples of the turns of a side, in order of time.
@@ -184,7 +184,7 @@ impl<'a> Samples<'a> {
 
     /// Iterates over the samples without a given heading, by part, then time.
     pub fn iter(&self) -> impl Iterator<Item = &'a Sample> + Clone + Debug + use<'a> {
-        IncludedSamples { run: [].iter(), rest: self.ordered, is_excluded: self.is_excluded }
+        IncludedSamples { current_run: [].iter(), remaining: self.ordered_samples, is_excluded: self.is_excluded }
     }
 
     /// Iterates over all samples, those with given headings last.
@@ -198,22 +198,25 @@ impl<'a> Samples<'a> {
 }
 
 /// Samples of one part, if all are ordered by part.
-pub(crate) fn samples_of_part(ordered: &[Sample], part: CollectionPart) -> &[Sample] {
-    let [start, end] = part_range(ordered, part);
-    ordered.get(start..end).unwrap_or_default()
+pub(crate) fn samples_of_part(ordered_samples: &[Sample], part: CollectionPart) -> &[Sample] {
+    let [start, end] = part_range(ordered_samples, part);
+    ordered_samples.get(start..end).unwrap_or_default()
 }
 
 /// First and last position (exclusive) of a part, of samples ordered by part.
-pub(crate) fn part_range(ordered: &[Sample], part: CollectionPart) -> [usize; 2] {
-    [ordered.partition_point(|sample| sample.part < part), ordered.partition_point(|sample| sample.part <= part)]
+pub(crate) fn part_range(ordered_samples: &[Sample], part: CollectionPart) -> [usize; 2] {
+    [
+        ordered_samples.partition_point(|sample| sample.part < part),
+        ordered_samples.partition_point(|sample| sample.part <= part),
+    ]
 }
 
 /// Iterator over the samples of included parts: a test of the part for each sample would be slower, and compiled into
 /// every loop.
 #[derive(Clone, Debug)]
 struct IncludedSamples<'a> {
-    run: core::slice::Iter<'a, Sample>,
-    rest: &'a [Sample],
+    current_run: core::slice::Iter<'a, Sample>,
+    remaining: &'a [Sample],
     is_excluded: [bool; CollectionPart::ALL_PARTS.len()],
 }
 
@@ -221,12 +224,12 @@ impl<'a> IncludedSamples<'a> {
     #[inline(never)]
     fn start_next_run(&mut self) -> Option<&'a Sample> {
         let is_excluded = |sample: &Sample| self.is_excluded[sample.part.index()];
-        let start = self.rest.iter().position(|sample| !is_excluded(sample))?;
-        let included = self.rest.get(start..).unwrap_or_default();
+        let start = self.remaining.iter().position(|sample| !is_excluded(sample))?;
+        let included = self.remaining.get(start..).unwrap_or_default();
         let length = included.iter().position(is_excluded).unwrap_or(included.len());
-        let (run, rest) = included.split_at_checked(length)?;
-        (self.run, self.rest) = (run.iter(), rest);
-        self.run.next()
+        let (run, remaining) = included.split_at_checked(length)?;
+        (self.current_run, self.remaining) = (run.iter(), remaining);
+        self.current_run.next()
     }
 }
 
@@ -234,7 +237,7 @@ impl<'a> Iterator for IncludedSamples<'a> {
     type Item = &'a Sample;
 
     fn next(&mut self) -> Option<Self::Item> {
-        match self.run.next() {
+        match self.current_run.next() {
             Some(sample) => Some(sample),
             None => self.start_next_run(),
         }

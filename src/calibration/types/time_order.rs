@@ -29,16 +29,16 @@ impl<'a> Iterator for TimeOrdered<'a> {
 
     fn next(&mut self) -> Option<Self::Item> {
         let mut earliest: Option<Self::Item> = None;
-        for (run, left) in self.remaining.iter().enumerate() {
-            let Some(sample) = left.first() else { continue };
+        for (run, samples) in self.remaining.iter().enumerate() {
+            let Some(sample) = samples.first() else { continue };
             // At equal times the earlier part comes first.
-            if earliest.is_none_or(|(_, before)| sample.time.signed_ms_since(before.time) < 0) {
+            if earliest.is_none_or(|(_, first)| sample.time.signed_ms_since(first.time) < 0) {
                 earliest = Some((run, sample));
             }
         }
         let (run, sample) = earliest?;
-        if let Some(left) = self.remaining.get_mut(run) {
-            *left = left.get(1..).unwrap_or_default();
+        if let Some(samples) = self.remaining.get_mut(run) {
+            *samples = samples.get(1..).unwrap_or_default();
         }
         Some((sample.part.index(), sample))
     }

@@ -70,15 +70,17 @@ pub(in crate::calibration) fn expected_heading_error(
     covariance: &CoefficientCovariance,
     envelope: AttitudeEnvelope,
 ) -> Option<ExpectedError> {
-    let at = EnvelopeModel::new(calibration)?;
-    let (rms_deg, worst_deg) = at.rms_and_worst_deg(covariance, envelope)?;
-    let size = |part: Deviation| {
-        sigma_deg(mean_square_of_part(part, covariance, &|bank_deg, step| at.heading_jacobian_row(bank_deg, step)))
+    let envelope_model = EnvelopeModel::new(calibration)?;
+    let (rms_deg, worst_deg) = envelope_model.rms_and_worst_deg(covariance, envelope)?;
+    let size_deg = |part: Deviation| {
+        sigma_deg(mean_square_of_part(part, covariance, &|bank_deg, step| {
+            envelope_model.heading_jacobian_row(bank_deg, step)
+        }))
     };
     let weakest = Deviation::ALL_DEVIATIONS
         .into_iter()
         .filter(|&part| part != Deviation::Heeling || envelope == AttitudeEnvelope::Banked)
-        .map(|part| (part, size(part)))
+        .map(|part| (part, size_deg(part)))
         .fold((Deviation::Constant, 0.0), |a, b| if b.1 > a.1 { b } else { a });
     Some(ExpectedError { rms_deg, worst_deg, weakest_deviation: weakest })
 }
@@ -129,16 +131,16 @@ fn sigma_deg(variance: f32) -> f32 {
 }
 
 fn mean_square_of_part(part: Deviation, covariance: &CoefficientCovariance, row: &impl Fn(f32, u8) -> Vector12) -> f32 {
-    let number = f32::from(HEADING_COUNT);
+    let heading_count = f32::from(HEADING_COUNT);
     match part {
         Deviation::Constant => {
-            covariance.variance(&((0..HEADING_COUNT).map(|step| row(0.0, step)).sum::<Vector12>() / number))
+            covariance.variance(&((0..HEADING_COUNT).map(|step| row(0.0, step)).sum::<Vector12>() / heading_count))
         }
         Deviation::Semicircular => mean_square_of_harmonic(1.0, covariance, row),
         Deviation::Quadrantal => mean_square_of_harmonic(2.0, covariance, row),
         Deviation::Heeling => {
             let differences = (0..HEADING_COUNT).map(|step| (row(30.0, step) - row(-30.0, step)) / 2.0);
-            differences.map(|difference| covariance.variance(&difference)).sum::<f32>() / number
+            differences.map(|difference| covariance.variance(&difference)).sum::<f32>() / heading_count
         }
     }
 }

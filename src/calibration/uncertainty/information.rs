@@ -8,7 +8,7 @@ use crate::calibration::hypotheses::attitude_error_table::{
     ATTITUDE_ERRORS, AttitudeErrorSums, LATENCY_INDEX, add_inclination,
 };
 use crate::calibration::hypotheses::hard_iron_change::{HardIronScan, derivative_by_hard_iron, hard_iron_residuals};
-use crate::calibration::hypotheses::lagging_lean::LaggedRoll;
+use crate::calibration::hypotheses::lagging_bank_scale::LaggedRoll;
 use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
 use crate::calibration::hypotheses::score_test::ScoreTest;
 use crate::calibration::model::{
@@ -77,16 +77,18 @@ impl Information {
                     );
                 });
             }
-            if let Some(dip) = &equations.inclination_equation {
+            if let Some(inclination) = &equations.inclination_equation {
                 let by_latency = ATTITUDE_ERRORS[LATENCY_INDEX].inclination_derivative(&equations, &state);
-                self.latency_contributions.add_residuals(part, [dip.weight * by_latency * dip.residual, 0.0]);
+                self.latency_contributions
+                    .add_residuals(part, [inclination.weight * by_latency * inclination.residual, 0.0]);
             }
-            let dip = equations.inclination_equation.as_ref().map_or(0.0, ResidualEquation::clipped_residual);
+            let inclination_residual =
+                equations.inclination_equation.as_ref().map_or(0.0, ResidualEquation::clipped_residual);
             // Without a scan (ground methods), norm residuals of one heading are correlated through the error of the
             // given heading, whose sigma already covers it.
-            let norm = if scan.is_some() { equations.norm_equation.clipped_residual() } else { 0.0 };
-            self.residuals.autocorrelation.add_residuals(part, [norm, dip]);
-            self.residuals.heteroscedasticity.add_residual(sample.attitude, dip);
+            let norm_residual = if scan.is_some() { equations.norm_equation.clipped_residual() } else { 0.0 };
+            self.residuals.autocorrelation.add_residuals(part, [norm_residual, inclination_residual]);
+            self.residuals.heteroscedasticity.add_residual(sample.attitude, inclination_residual);
             self.residuals.white_noise.add_residual(part, sample.time, equations.norm_equation.clipped_residual());
             if let Some(scan) = &mut scan {
                 scan.add_sample(&self.linear_system, sample, &equations);
@@ -96,14 +98,15 @@ impl Information {
             let equations = likelihood.sample_equations(&mark.sample, Some(mark.heading_rad), &parameters);
             let attitude = mark.sample.latency_compensated_attitude(likelihood.latency_s);
             self.add_inclination(&equations, &AttitudeState::steady_turn(attitude, mark.sample.rates));
-            let dip = equations.inclination_equation.as_ref().map_or(0.0, ResidualEquation::clipped_residual);
-            self.residuals.autocorrelation.add_residuals(PART_COUNT - 1, [0.0, dip]);
+            let inclination_residual =
+                equations.inclination_equation.as_ref().map_or(0.0, ResidualEquation::clipped_residual);
+            self.residuals.autocorrelation.add_residuals(PART_COUNT - 1, [0.0, inclination_residual]);
         }
     }
 
     pub(super) fn add_inclination(&mut self, equations: &SampleEquations, state: &AttitudeState) {
-        let Some(dip) = &equations.inclination_equation else { return };
-        self.residuals.inclination_information.add_row(&dip.jacobian_row, dip.weight);
+        let Some(inclination) = &equations.inclination_equation else { return };
+        self.residuals.inclination_information.add_row(&inclination.jacobian_row, inclination.weight);
         add_inclination(&mut self.attitude_errors, equations, state);
     }
 
@@ -140,9 +143,9 @@ impl Information {
         }
         let score =
             self.motor_current.eliminate_coefficients(&self.linear_system, &self.linear_system.step_to_maximum()?)?;
-        let found = InterferenceEstimate::new(&score, likelihood, self.residuals.autocorrelation_inflation())?;
-        self.motor_current_errors = found.covariance_factors(&likelihood.motor_current_per_ampere());
-        Some(found)
+        let estimate = InterferenceEstimate::new(&score, likelihood, self.residuals.autocorrelation_inflation())?;
+        self.motor_current_errors = estimate.covariance_factors(&likelihood.motor_current_per_ampere());
+        Some(estimate)
     }
 
     /// Step of the unknowns that follows a change of the interference.

@@ -20,18 +20,19 @@ pub(in crate::calibration) fn inclination_from_samples(
     sigmas: &AttitudeErrorSigmas,
 ) -> Option<[f32; 2]> {
     let column = information.linear_system.covariance_times(&Vector13::ith(INCLINATION_INDEX, 1.0))?;
-    let of_all = column[INCLINATION_INDEX];
-    let found_rad = unknowns[INCLINATION_INDEX];
-    let (share, own_rad) = match likelihood.known_inclination_rad {
-        None => (1.0, found_rad),
+    let total_variance = column[INCLINATION_INDEX];
+    let estimate_rad = unknowns[INCLINATION_INDEX];
+    let (sample_share, sample_estimate_rad) = match likelihood.known_inclination_rad {
+        None => (1.0, estimate_rad),
         Some(known_rad) => {
-            let known = likelihood.config.known_inclination_sigma_rad * likelihood.config.known_inclination_sigma_rad;
-            // Information adds: `1 / of_all = 1 / known + 1 / own`.
-            let share = 1.0 - of_all / known;
-            if share < MIN_SAMPLE_INFORMATION_SHARE {
+            let given_variance =
+                likelihood.config.known_inclination_sigma_rad * likelihood.config.known_inclination_sigma_rad;
+            // Informations add: `1 / total_variance = 1 / given_variance + 1 / sample_variance`.
+            let sample_share = 1.0 - total_variance / given_variance;
+            if sample_share < MIN_SAMPLE_INFORMATION_SHARE {
                 return None;
             }
-            (share, known_rad + (found_rad - known_rad) / share)
+            (sample_share, known_rad + (estimate_rad - known_rad) / sample_share)
         }
     };
     let shifts = information
@@ -39,9 +40,9 @@ pub(in crate::calibration) fn inclination_from_samples(
         .iter()
         .zip(sigmas)
         .map(|(error, sigma)| column.dot(&error.cross_information[0]) * sigma);
-    let shifted = shifts.map(|shift| shift * shift).sum::<f32>() / (share * share);
-    let variance = of_all / share * information.residuals.autocorrelation_inflation() + shifted;
-    (own_rad + variance).is_finite().then_some([own_rad, variance])
+    let shifted = shifts.map(|shift| shift * shift).sum::<f32>() / (sample_share * sample_share);
+    let variance = total_variance / sample_share * information.residuals.autocorrelation_inflation() + shifted;
+    (sample_estimate_rad + variance).is_finite().then_some([sample_estimate_rad, variance])
 }
 
 /// Unobservable quantities: more than half of the prior sigma remains in some direction. `None` if the information
@@ -51,7 +52,7 @@ pub(in crate::calibration) fn unobservable_quantities(
     likelihood: &Likelihood,
     unknowns: &Vector13,
 ) -> Option<impl Iterator<Item = PriorQuantity>> {
-    let mut left = [None; PriorQuantity::PRIOR_COUNT];
+    let mut unobservable = [None; PriorQuantity::PRIOR_COUNT];
     let mut determined = true;
     for_each_prior(likelihood, &ModelParameters::new(unknowns), &mut |prior| {
         let Some(column) = system.covariance_times(&prior.jacobian_row) else {
@@ -59,7 +60,7 @@ pub(in crate::calibration) fn unobservable_quantities(
             return;
         };
         if prior.jacobian_row.dot(&column) > 0.25 * prior.sigma * prior.sigma
-            && let Some(slot) = left.get_mut(prior.prior_quantity as usize)
+            && let Some(slot) = unobservable.get_mut(prior.prior_quantity as usize)
         {
             *slot = Some(prior.prior_quantity);
         }
@@ -67,5 +68,5 @@ pub(in crate::calibration) fn unobservable_quantities(
     if !determined {
         return None;
     }
-    Some(left.into_iter().flatten())
+    Some(unobservable.into_iter().flatten())
 }

@@ -40,8 +40,9 @@ pub(in crate::calibration) fn sandwich_covariance(
     for (i, column) in columns.iter_mut().enumerate() {
         *column = information.linear_system.covariance_times(&units.jacobian_row(i))?;
     }
-    let [mut of_norm, of_dip] = information.residuals.autocorrelation.excess_inflation();
-    let of_dip = (1.0 + of_dip) * information.residuals.heteroscedasticity.variance_ratio() - 1.0;
+    let [mut norm_excess, inclination_excess] = information.residuals.autocorrelation.excess_inflation();
+    let inclination_excess =
+        (1.0 + inclination_excess) * information.residuals.heteroscedasticity.variance_ratio() - 1.0;
     let mut inflated = Vector13::zeros();
     covariance.set_lower_triangle(|i, j| {
         if errors == CovarianceContent::WithoutNoise {
@@ -49,32 +50,33 @@ pub(in crate::calibration) fn sandwich_covariance(
         }
         if j == 0 {
             // `fill` visits the lower triangle row by row, so each row starts with column 0.
-            inflated = units.jacobian_row(i) * (1.0 + of_norm)
-                + information.residuals.inclination_information.multiply_vector(&columns[i]) * (of_dip - of_norm);
+            inflated = units.jacobian_row(i) * (1.0 + norm_excess)
+                + information.residuals.inclination_information.multiply_vector(&columns[i])
+                    * (inclination_excess - norm_excess);
         }
         inflated.dot(&columns[j])
     });
     if errors == CovarianceContent::WithoutNoise {
-        // With -1, the loop over the priors adds `H^-1 H_priors H^-1`; the noise term is zero.
-        of_norm = -1.0;
+        // With -1, the noise term is zero, and the loop over the priors adds the prior term `H^-1 H_priors H^-1`.
+        norm_excess = -1.0;
     }
-    let along = |vector: &Vector13| Vector12::from_fn(|i, _| columns[i].dot(vector));
+    let to_coefficients = |vector: &Vector13| Vector12::from_fn(|i, _| columns[i].dot(vector));
     for_each_prior(likelihood, &ModelParameters::new(unknowns), &mut |prior| {
-        covariance.add_outer_product(&along(&prior.jacobian_row), -of_norm / (prior.sigma * prior.sigma));
+        covariance.add_outer_product(&to_coefficients(&prior.jacobian_row), -norm_excess / (prior.sigma * prior.sigma));
     });
     for (error, sigma) in information.attitude_errors.iter().zip(sigmas) {
-        covariance.add_outer_product(&along(&error.cross_information[0]), sigma * sigma);
+        covariance.add_outer_product(&to_coefficients(&error.cross_information[0]), sigma * sigma);
     }
-    covariance.add_outer_product(&along(&information.hard_iron_gradient), 1.0);
+    covariance.add_outer_product(&to_coefficients(&information.hard_iron_gradient), 1.0);
     let per_ampere = ModelParameters::new(unknowns).w;
     for error in &information.motor_current_errors {
-        covariance.add_outer_product(&along(&information.motor_current.coefficient_effect(error)), 1.0);
+        covariance.add_outer_product(&to_coefficients(&information.motor_current.coefficient_effect(error)), 1.0);
         // The unknowns follow an interference error at the mean current. One standard deviation from the mean, it
         // adds a hard-iron error.
-        let beyond = per_ampere * error * likelihood.motor_current.current_sigma_a;
+        let excess_error = per_ampere * error * likelihood.motor_current.current_sigma_a;
         let mut coefficients = Vector12::zeros();
         for axis in 0..3 {
-            coefficients[beta_index(axis)] = beyond[axis];
+            coefficients[beta_index(axis)] = excess_error[axis];
         }
         covariance.add_outer_product(&coefficients, 1.0);
     }

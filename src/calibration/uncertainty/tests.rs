@@ -358,7 +358,7 @@ fn autocorrelation_does_not_inflate_priors() {
     let likelihood = likelihood(&Prior::default(), ModelConfig::DEFAULT);
     let at = parameters().unknowns().unwrap();
     let mut information = prior_information(&likelihood, &at);
-    // The overall scale, which no prior constrains.
+    // Direction of the overall scale of `W`, which no prior constrains.
     let scale = Vector13::from_fn(|i, _| if [0, 4, 8].contains(&i) { 1.0 } else { 0.0 });
     information.linear_system.add_row(&scale, 0.0, 1e4);
     let of = |information: &Information| full_covariance(information, &likelihood, &at, &[0.0; ATTITUDE_ERROR_COUNT]);

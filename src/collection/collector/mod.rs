@@ -35,7 +35,7 @@ pub struct Collector<'a> {
     clock_offset_ms: u32,
     detector: TurnDetector,
     tilt_filter: TiltFilter,
-    /// By [`CollectionPart::index`].
+    /// Time of the last sample of each part, stored or not, by [`CollectionPart::index`].
     last_taken_at: [Option<WrappingMillis>; PART_COUNT],
     /// Information of the free-flight fit samples.
     selection: DOptimalSelection,
@@ -82,8 +82,8 @@ impl<'a> Collector<'a> {
     /// Whether losing this collection is worth reporting.
     #[must_use]
     pub fn is_loss_reportable(&self) -> bool {
-        let number = self.memory.samples.samples_of_use(SampleUse::Fit).len();
-        self.collection_state() != CollectionState::Inactive && number >= MIN_REPORTED_LOSS_SAMPLES
+        let fit_count = self.memory.samples.samples_of_use(SampleUse::Fit).len();
+        self.collection_state() != CollectionState::Inactive && fit_count >= MIN_REPORTED_LOSS_SAMPLES
     }
 
     /// Updates the header and its checksum after changes. Call it before long operations.
@@ -155,10 +155,10 @@ impl<'a> Collector<'a> {
         PartView::new(part, &mut self.memory.samples, &mut self.header.part_states, &mut self.last_taken_at)
     }
 
-    /// Rates free-flight samples with the result of a trial solve that estimates all coefficients.
-    pub fn use_trial_solution(&mut self, found: &Solution) {
-        if found.quality.method == Method::MaximumLikelihood {
-            self.selection.use_trial_solution(&found.calibration, &found.quality);
+    /// Evaluates the information of free-flight samples with a trial solution that determines all coefficients.
+    pub fn use_trial_solution(&mut self, solution: &Solution) {
+        if solution.quality.method == Method::MaximumLikelihood {
+            self.selection.use_trial_solution(&solution.calibration, &solution.quality);
         }
     }
 
@@ -172,10 +172,10 @@ impl<'a> Collector<'a> {
     pub fn add_mark(&mut self, mut mark: HeadingMark) -> bool {
         mark.sample.time = mark.sample.time.plus_ms(self.clock_offset_ms);
         self.has_changed = true;
-        let room = self.memory.marks.get_mut(usize::from(self.header.mark_count));
-        let has_room = room.is_some();
-        if let Some(room) = room {
-            *room = mark;
+        let free_mark = self.memory.marks.get_mut(usize::from(self.header.mark_count));
+        let has_room = free_mark.is_some();
+        if let Some(free_mark) = free_mark {
+            *free_mark = mark;
             self.header.mark_count += 1;
         }
         has_room
@@ -237,16 +237,17 @@ impl<'a> Collector<'a> {
     /// Progress by part.
     #[must_use]
     pub fn collection_progress(&self) -> CollectionProgress {
-        let of = |part: CollectionPart| coverage(&self.memory.samples, part, self.header.part_states[part.index()]);
+        let coverage_of =
+            |part: CollectionPart| coverage(&self.memory.samples, part, self.header.part_states[part.index()]);
         let procedure = self.procedure();
         CollectionProgress {
             procedure,
             left_turns: match procedure {
-                Procedure::Flight | Procedure::Tumble => of(CollectionPart::FREE),
-                Procedure::Turns | Procedure::Level | Procedure::Swing => of(CollectionPart::LEFT),
+                Procedure::Flight | Procedure::Tumble => coverage_of(CollectionPart::FREE),
+                Procedure::Turns | Procedure::Level | Procedure::Swing => coverage_of(CollectionPart::LEFT),
             },
-            right_turns: of(CollectionPart::RIGHT),
-            level_progress: of(CollectionPart::LEVEL),
+            right_turns: coverage_of(CollectionPart::RIGHT),
+            level_progress: coverage_of(CollectionPart::LEVEL),
             mark_count: self.header.mark_count,
             turn_in_progress: self.detector.turn_side(),
         }

@@ -22,7 +22,7 @@ fn sample_counts(collector: &Collector) -> [usize; 4] {
     })
 }
 
-/// 10 s of turn: 2 s settle, then a sample every 0.4 s.
+/// A turn of 10 s: after 2 s of settling, a sample is stored every 0.4 s.
 #[test]
 fn turn_samples_are_stored_by_side() {
     let mut collector = started_collector(Procedure::Turns);

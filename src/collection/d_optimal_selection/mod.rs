@@ -1,10 +1,9 @@
 //! D-optimal selection: finds the sample that contributes least information to a full buffer.
 //!
 //! Each sample contributes two equations for the coefficients, the field strength and the inclination of the corrected
-//! field (METHOD in [`likelihood`](crate::calibration)). The quality of a set is the determinant of its Fisher
-//! information `M` (D-optimality, V. V. Fedorov, "Theory of Optimal Experiments", 1972). Removing an equation `x` of
-//! leverage `l = x^T M^-1 x` multiplies the determinant by `1 - l`; the sample with the smallest sum of leverages is
-//! removed.
+//! field (see [`calibration`](crate::calibration)). The quality of a set is the determinant of its Fisher information
+//! `M` (D-optimality, V. V. Fedorov, "Theory of Optimal Experiments", 1972). Removing an equation `x` of leverage `l =
+//! x^T M^-1 x` multiplies the determinant by `1 - l`; the sample with the smallest sum of leverages is removed.
 //!
 //! The equations depend on the field's direction in the body, hence on the coefficients. A sphere through the samples
 //! gives it to 10 or 20 deg, which suffices; a trial solve gives it to about 1 deg. Soft iron, being linear, scales the
@@ -86,22 +85,27 @@ impl Linearisation {
         let direction = field_ut / field_ut.vector_length().max(MIN_NORM_UT);
         let latency_s = self.calibration.latency_s;
         let attitude = if latency_s == 0.0 { sample.attitude } else { sample.latency_compensated_attitude(latency_s) };
-        let seen = FieldPrediction::new(direction, &direction, &attitude.tilt_rotation());
+        let prediction = FieldPrediction::new(direction, &direction, &attitude.tilt_rotation());
         if !self.is_from_trial {
-            return [seen.norm_row(), seen.inclination_row()];
+            return [prediction.norm_row(), prediction.inclination_row()];
         }
-        let off_rad = self.sensor_noise_share * (seen.inclination_rad - self.calibration.inclination_rad);
-        let off_rad = off_rad.clamp(-MAX_CORRECTION_RAD, MAX_CORRECTION_RAD);
+        let noise_rotation_rad =
+            self.sensor_noise_share * (prediction.inclination_rad - self.calibration.inclination_rad);
+        let noise_rotation_rad = noise_rotation_rad.clamp(-MAX_CORRECTION_RAD, MAX_CORRECTION_RAD);
         // Small rotation in the plane of field and vertical.
-        let direction = seen.field_direction - seen.inclination_by_field * off_rad;
-        let towards_down = seen.inclination_by_field + seen.field_direction * off_rad;
-        let truly =
-            FieldPrediction { x: direction, field_direction: direction, inclination_by_field: towards_down, ..seen };
-        [truly.norm_row(), truly.inclination_row()]
+        let direction = prediction.field_direction - prediction.inclination_by_field * noise_rotation_rad;
+        let rotation_direction = prediction.inclination_by_field + prediction.field_direction * noise_rotation_rad;
+        let corrected_prediction = FieldPrediction {
+            x: direction,
+            field_direction: direction,
+            inclination_by_field: rotation_direction,
+            ..prediction
+        };
+        [corrected_prediction.norm_row(), corrected_prediction.inclination_row()]
     }
 }
 
-/// Relative leverage threshold of a new sample: its information lowers the leverage of the others.
+/// Factor on the smallest leverage that a new sample must exceed: its information lowers the leverage of all others.
 const NEW_SAMPLE_THRESHOLD: f32 = 0.9;
 
 #[derive(Debug)]
@@ -128,9 +132,9 @@ impl DOptimalSelection {
         self.set_linearisation(Linearisation::from_trial(calibration, quality));
     }
 
-    fn set_linearisation(&mut self, view: Linearisation) {
+    fn set_linearisation(&mut self, linearisation: Linearisation) {
         // The leverages of earlier coefficients do not apply; zero accepts every sample until the next full evaluation.
-        self.linearisation = view;
+        self.linearisation = linearisation;
         self.min_leverage = 0.0;
     }
 
@@ -157,15 +161,16 @@ impl DOptimalSelection {
     /// Index of the sample with the least leverage, the new one being the first; `None` if there is no sphere through
     /// the samples.
     #[inline(never)]
-    pub fn find_least_informative_sample(&mut self, new: &Sample, samples: Samples<'_>) -> Option<usize> {
+    pub fn find_least_informative_sample(&mut self, new_sample: &Sample, samples: Samples<'_>) -> Option<usize> {
         self.information = LeastSquares::new();
         if !self.linearisation.is_from_trial {
-            let (centre_ut, _) = fit_sphere(Some(new), samples).filter(|(ut, _)| ut.iter().all(|c| c.is_finite()))?;
+            let (centre_ut, _) =
+                fit_sphere(Some(new_sample), samples).filter(|(ut, _)| ut.iter().all(|c| c.is_finite()))?;
             self.linearisation = Linearisation::from_centre(centre_ut);
         }
-        let all = || core::iter::once(new).chain(samples.all_samples());
+        let candidates = || core::iter::once(new_sample).chain(samples.all_samples());
         let mut squares = InformationMatrix::zero();
-        for sample in all() {
+        for sample in candidates() {
             let [strength, inclination_row] = self.linearisation.jacobian_rows(sample);
             // Equal weights: either the sensor or the attitude may be the more accurate.
             squares.add_row_pair([&strength, &inclination_row], [1.0; 2]);
@@ -176,11 +181,11 @@ impl DOptimalSelection {
         }
         self.information = LeastSquares::from_normal_equations(information, [[0.0]; _]);
         let leverage_of = |sample: &Sample| self.leverages(sample).iter().sum::<f32>();
-        let of_new = self.linearisation.new_sample_factor * leverage_of(new);
-        let leverages = core::iter::once(of_new).chain(samples.all_samples().map(leverage_of)).enumerate();
-        let (place, least) = leverages.min_by(|a, b| a.1.total_cmp(&b.1))?;
-        self.min_leverage = least;
-        Some(place)
+        let new_leverage = self.linearisation.new_sample_factor * leverage_of(new_sample);
+        let leverages = core::iter::once(new_leverage).chain(samples.all_samples().map(leverage_of)).enumerate();
+        let (position, least_leverage) = leverages.min_by(|a, b| a.1.total_cmp(&b.1))?;
+        self.min_leverage = least_leverage;
+        Some(position)
     }
 }
 

@@ -113,14 +113,14 @@ impl TiltFilter {
 
     /// Filters the attitude of a sample; returns the milliseconds since the last one.
     fn filter_attitude(&mut self, sample: &Sample) -> Option<u32> {
-        let Some(last) = self.last_sample_at.replace(sample.time) else {
+        let Some(last_time) = self.last_sample_at.replace(sample.time) else {
             self.attitude = sample.attitude;
             return None;
         };
-        let step_ms = sample.time.ms_since(last);
-        let share = step_ms as f32 / (step_ms as f32 + DIAGNOSIS_LIMITS.tilt_filter_ms as f32);
-        self.attitude.roll_rad += share * (sample.attitude.roll_rad - self.attitude.roll_rad);
-        self.attitude.pitch_rad += share * (sample.attitude.pitch_rad - self.attitude.pitch_rad);
+        let step_ms = sample.time.ms_since(last_time);
+        let weight = step_ms as f32 / (step_ms as f32 + DIAGNOSIS_LIMITS.tilt_filter_ms as f32);
+        self.attitude.roll_rad += weight * (sample.attitude.roll_rad - self.attitude.roll_rad);
+        self.attitude.pitch_rad += weight * (sample.attitude.pitch_rad - self.attitude.pitch_rad);
         Some(step_ms)
     }
 }
@@ -157,8 +157,8 @@ impl FlightStatistics {
     }
 
     pub fn check_tilt(&self) -> Option<CollectionProblem> {
-        let is_so = self.is_long_enough() && self.max_tilt_rad < DIAGNOSIS_LIMITS.min_tilt_rad;
-        is_so.then(|| CollectionProblem::NoTilt { most_deg: self.max_tilt_rad.to_degrees() })
+        let has_no_tilt = self.is_long_enough() && self.max_tilt_rad < DIAGNOSIS_LIMITS.min_tilt_rad;
+        has_no_tilt.then(|| CollectionProblem::NoTilt { most_deg: self.max_tilt_rad.to_degrees() })
     }
 
     /// Diagnosis of a collection in turns; `None` if no threshold is violated.
@@ -174,8 +174,8 @@ impl FlightStatistics {
                 interval_s: self.duration_ms as f32 / self.sample_count as f32 / 1e3,
             });
         }
-        if let Some(lack) = self.check_tilt() {
-            return Some(lack);
+        if let Some(problem) = self.check_tilt() {
+            return Some(problem);
         }
         let most_deg = self.max_tilt_rad.to_degrees();
         match (self.left_bank_ms >= held_ms, self.right_bank_ms >= held_ms) {

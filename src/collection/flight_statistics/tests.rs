@@ -43,7 +43,7 @@ fn long_sample_intervals_are_reported() {
     );
 }
 
-/// 45 deg in radians is 0.8.
+/// 45 deg sent as 0.8 rad and read as degrees are no tilt.
 #[test]
 fn an_attitude_in_radians_is_reported() {
     assert!(
@@ -58,7 +58,7 @@ fn an_attitude_in_radians_is_reported() {
     );
 }
 
-/// 10 deg for 5 s, after the 1 s low-pass filter.
+/// A side needs 10 deg of bank for 5 s, after the 1 s low-pass filter.
 #[test]
 fn small_or_short_banks_are_reported() {
     assert!(

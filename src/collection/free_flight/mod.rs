@@ -42,16 +42,18 @@ pub(super) fn push_sample(
     let Some(weakest) = find_least_informative_sample(part.samples_of_use(purpose), purpose, selection, &sample) else {
         return FreeFlightSample::Rejected;
     };
-    let end =
-        section_ends(purpose, part.samples_of_use(purpose).len()).into_iter().find(|end| weakest < *end).unwrap_or(0);
-    part.replace_until(purpose, weakest, end, sample);
+    let section_end = section_ends(purpose, part.samples_of_use(purpose).len())
+        .into_iter()
+        .find(|section_end| weakest < *section_end)
+        .unwrap_or(0);
+    part.replace_until(purpose, weakest, section_end, sample);
     FreeFlightSample::Stored
 }
 
 /// Ends of the sections in which samples are in order of time: a sample replaces one of its section.
 fn section_ends(purpose: SampleUse, length: usize) -> [usize; 3] {
-    let turn = SampleQuota::TURN.quota_of(purpose);
-    [turn, 2 * turn, length].map(|end| end.min(length))
+    let turn_quota = SampleQuota::TURN.quota_of(purpose);
+    [turn_quota, 2 * turn_quota, length].map(|end| end.min(length))
 }
 
 /// Position of the sample that contributes less information than the new one.
@@ -59,13 +61,13 @@ fn find_least_informative_sample(
     samples: &[Sample],
     purpose: SampleUse,
     selection: &mut DOptimalSelection,
-    new: &Sample,
+    new_sample: &Sample,
 ) -> Option<usize> {
     let samples = Samples::new(samples);
     let weakest = match purpose {
-        SampleUse::Fit if !selection.may_exceed_weakest(new) => None,
-        SampleUse::Fit => selection.find_least_informative_sample(new, samples),
-        SampleUse::Verification => selection.with_reset_leverages().find_least_informative_sample(new, samples),
+        SampleUse::Fit if !selection.may_exceed_weakest(new_sample) => None,
+        SampleUse::Fit => selection.find_least_informative_sample(new_sample, samples),
+        SampleUse::Verification => selection.with_reset_leverages().find_least_informative_sample(new_sample, samples),
     };
     weakest?.checked_sub(1)
 }

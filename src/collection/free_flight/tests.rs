@@ -3,7 +3,7 @@ use super::*;
 use crate::calibration::CollectionPart;
 use crate::collection::progress::PartCoverage;
 
-/// A free flight.
+/// Buffer and selection of a free flight.
 struct FreeFlight {
     buffer: TestBuffer,
     selection: DOptimalSelection,
@@ -103,7 +103,7 @@ fn uninformative_samples_are_rejected() {
     assert!(ends.iter().filter(|end| **end == FreeFlightSample::Rejected).count() >= 67, "{ends:?}");
 }
 
-/// Thresholds: 1 uT and 1.5 deg.
+/// A sample is distinct above 1 uT or 1.5 deg of change.
 #[test]
 fn identical_samples_are_stored_once() {
     let mut flight = FreeFlight::new();

@@ -3,7 +3,7 @@ use super::*;
 use crate::calibration::CollectionPart;
 use crate::collection::progress::PartCoverage;
 
-/// A tumble.
+/// Buffer and minimum distance of a tumble.
 struct Tumble {
     buffer: TestBuffer,
     quota: SampleQuota,

@@ -32,7 +32,7 @@ pub(in crate::collection) struct CollectionHeader {
 /// State of a part that its retention policy stores.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::collection) struct PartState {
-    /// Samples taken, stored or not; wraps at a multiple of the hold-back cycle.
+    /// Number of samples taken, stored or not; wraps at a multiple of the hold-back cycle.
     pub taken_count: u16,
     /// Sectors with at least one sample.
     pub covered_sectors: u8,

@@ -82,7 +82,7 @@ impl RetainedSamples {
         self.checksum = self.compute_checksum(FIRMWARE_SEED);
     }
 
-    /// First marks, at most as many as there are.
+    /// The first `number` marks, at most the capacity.
     pub(super) fn stored_marks(&self, number: u16) -> &[HeadingMark] {
         self.marks.get(..number.into()).unwrap_or_default()
     }

@@ -130,7 +130,7 @@ fn state_and_context_are_stored() {
     assert!(collector.fit_samples().all_samples().next().is_none() && !collector.is_loss_reportable());
 }
 
-/// Threshold: ten fit samples.
+/// The loss of ten fit samples or more is reported.
 #[test]
 fn losing_few_samples_is_not_reported() {
     let retained = empty_memory();
@@ -208,7 +208,7 @@ fn an_interrupted_change_is_atomic() {
     assert!(nothing > 300 && whole > 5, "{whole} whole, {nothing} nothing");
 }
 
-/// Except in unused memory.
+/// A flipped bit in unused memory has no effect.
 #[test]
 fn a_flipped_bit_invalidates_the_memory() {
     let retained = empty_memory();
@@ -260,7 +260,7 @@ fn random_memory_is_rejected_and_usable() {
     }
 }
 
-/// The first held-back sample would be fitted.
+/// With one more fit sample, the first held-back sample would be fitted.
 #[test]
 fn another_use_of_a_sample_invalidates_the_memory() {
     let retained = empty_memory();
@@ -280,7 +280,8 @@ fn memory_of_other_firmware_is_rejected() {
     }
 }
 
-/// Discarded at the fourth unexpected restart; a requested restart or a completed solve resets the count.
+/// The collection is discarded at the fourth unexpected restart; a requested restart or a completed solve resets the
+/// count.
 #[test]
 fn a_collection_is_discarded_after_repeated_restarts() {
     let retained = empty_memory();

@@ -34,8 +34,8 @@ impl SampleBuffer {
 
     /// All samples; empty if the numbers exceed the capacity, as at power-on.
     pub fn all_samples(&self) -> &[Sample] {
-        let used = usize::from(self.fit_count) + usize::from(self.held_back_count);
-        self.samples.get(..used).unwrap_or_default()
+        let sample_count = usize::from(self.fit_count) + usize::from(self.held_back_count);
+        self.samples.get(..sample_count).unwrap_or_default()
     }
 
     /// Samples of one use, ordered by part, then time.
@@ -56,7 +56,7 @@ impl SampleBuffer {
     pub fn part_fit_then_held_back(&self, part: CollectionPart) -> Samples<'_> {
         CollectionPart::ALL_PARTS
             .into_iter()
-            .filter(|other| *other != part)
+            .filter(|other_part| *other_part != part)
             .fold(Samples::new(self.all_samples()), Samples::without_part)
     }
 
@@ -67,10 +67,10 @@ impl SampleBuffer {
     /// Stores a sample as the latest of its part; drops it if the buffer is full.
     pub fn insert_sample(&mut self, purpose: SampleUse, sample: Sample) {
         let [_, end] = self.index_range(purpose, sample.part);
-        let used = self.all_samples().len();
-        if let Some(moved @ [_, ..]) = self.samples.get_mut(end..=used) {
-            moved.copy_within(..moved.len() - 1, 1);
-            moved[0] = sample;
+        let sample_count = self.all_samples().len();
+        if let Some(shifted @ [_, ..]) = self.samples.get_mut(end..=sample_count) {
+            shifted.copy_within(..shifted.len() - 1, 1);
+            shifted[0] = sample;
             *self.count_mut(purpose) += 1;
         }
     }
@@ -78,11 +78,11 @@ impl SampleBuffer {
     /// Removes the sample at a position of its part.
     pub fn remove_sample(&mut self, purpose: SampleUse, part: CollectionPart, position: usize) {
         let [start, end] = self.index_range(purpose, part);
-        let used = self.all_samples().len();
+        let sample_count = self.all_samples().len();
         if start + position < end
-            && let Some(moved) = self.samples.get_mut(start + position..used)
+            && let Some(shifted) = self.samples.get_mut(start + position..sample_count)
         {
-            moved.copy_within(1.., 0);
+            shifted.copy_within(1.., 0);
             *self.count_mut(purpose) -= 1;
         }
     }
@@ -90,9 +90,9 @@ impl SampleBuffer {
     /// Stores a sample at `end` of its part, exclusive, in place of the one at an earlier position.
     pub fn replace_sample(&mut self, purpose: SampleUse, position: usize, end: usize, sample: Sample) {
         let [start, _] = self.index_range(purpose, sample.part);
-        if let Some(moved @ [_, ..]) = self.samples.get_mut(start + position..start + end) {
-            moved.copy_within(1.., 0);
-            moved[moved.len() - 1] = sample;
+        if let Some(shifted @ [_, ..]) = self.samples.get_mut(start + position..start + end) {
+            shifted.copy_within(1.., 0);
+            shifted[shifted.len() - 1] = sample;
         }
     }
 

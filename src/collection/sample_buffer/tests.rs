@@ -96,7 +96,7 @@ fn a_full_buffer_accepts_no_more() {
     assert!(buffer.all_samples().is_empty() && buffer.samples_of_use(SampleUse::Verification).is_empty());
 }
 
-/// As at power-on.
+/// Memory has arbitrary numbers at power-on.
 #[test]
 fn numbers_beyond_the_capacity_are_an_empty_buffer() {
     for (fit_count, held_back_count) in

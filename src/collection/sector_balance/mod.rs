@@ -67,14 +67,14 @@ impl SectorBalance {
 
     fn update_coverage(&self, part: &mut PartView<'_>, circle: Option<TurnCircle>) {
         let samples = part.samples_of_use(SampleUse::Fit);
-        let number = samples.len() as u16;
-        let turned = circle.filter(|c| c.radius_ut >= self.min_radius_ut && number >= self.min_samples);
-        let (sectors, percent) = turned.map_or((0, 0), |circle| {
+        let sample_count = samples.len() as u16;
+        let turn_circle = circle.filter(|c| c.radius_ut >= self.min_radius_ut && sample_count >= self.min_samples);
+        let (sectors, percent) = turn_circle.map_or((0, 0), |circle| {
             let counts = count_by_sector(samples, |s| circle.sector_of(s));
             // Completeness is latched: a later sample can shift the circle and its sector borders, but removes no
             // information.
             let is_complete = part.coverage().is_complete();
-            let percent = if is_complete { 100 } else { self.balance_percent(&counts, number) };
+            let percent = if is_complete { 100 } else { self.balance_percent(&counts, sample_count) };
             (counts.iter().filter(|&&n| n > 0).count() as u8, percent)
         });
         (part.part_state.covered_sectors, part.part_state.percent) = (sectors, percent);

@@ -283,7 +283,7 @@ fn the_circle_is_fitted_to_fit_and_held_back_samples() {
         let mut buffer = TestBuffer::new();
         (0..12).for_each(|i| buffer.part_view(CollectionPart::LEFT).insert_sample(purpose, at(i)));
         for i in 12..36 {
-            // One before the use in question.
+            // The next sample is taken for the use under test.
             buffer.part_view(CollectionPart::LEFT).part_state.taken_count =
                 if purpose == SampleUse::Fit { 0 } else { 3 };
             assert!(QUOTA_12.push_sample(buffer.part_view(CollectionPart::LEFT), at(i)));

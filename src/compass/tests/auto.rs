@@ -96,7 +96,7 @@ fn cal_start_takes_control_of_an_automatic_collection() {
     assert_eq!(bench.done(Command::CalStart(Procedure::Flight)), ModuleState::Collecting);
     assert_eq!(bench.kept(), kept);
     assert!(!bench.report().is_automatic);
-    // It then continues while disarmed; only `again` discards it.
+    // A collection under user control continues while disarmed; only `again` discards it.
     bench.arm(false);
     assert!(bench.collect_until_end(&hover(5)[60..70]).is_none());
     assert!(bench.kept() > kept);

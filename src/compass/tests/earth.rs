@@ -3,17 +3,17 @@
 use super::*;
 use crate::earth::{Date, EarthField, Position};
 
-/// 2026-11-22.
+/// 2026-11-22, a date within the model's validity.
 fn today() -> Date {
     Date::from_unix_s(20_779 * 86_400).unwrap()
 }
 
-/// Inclination 67 deg, 12 deg more than in the test flights.
+/// Dresden, with 67 deg of inclination: 12 deg more than in the test flights.
 fn dresden() -> Position {
     Position::new(51.1, 13.7, 100.0).unwrap()
 }
 
-/// Inclination 57 deg, 2 deg more.
+/// Naples, with 57 deg of inclination: 2 deg more than in the test flights.
 fn naples() -> Position {
     Position::new(41.0, 14.0, 100.0).unwrap()
 }
@@ -36,8 +36,8 @@ impl TestBed {
     }
 }
 
-/// An estimator that jumps by 1100 km is believed once disarmed, as after a transport; while armed or without an armed
-/// state it never is.
+/// An estimator that jumps by 1100 km is accepted once the vehicle is disarmed, as after a transport, but never while
+/// it is armed or its armed state is unknown.
 #[test]
 fn a_distant_position_is_accepted_only_while_disarmed() {
     for (armed, is_accepted) in [(None, false), (Some(true), false), (Some(false), true)] {

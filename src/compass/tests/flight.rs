@@ -23,7 +23,7 @@ impl TestBed {
         self.hover_with_trials(samples, &mut |_| ())
     }
 
-    /// With a callback after each trial.
+    /// Processes samples and trial solves, with a callback after each trial.
     fn hover_with_trials(
         &mut self,
         samples: &[Sample],
@@ -134,7 +134,7 @@ fn the_recommended_manoeuvre_is_reported() {
     assert!(matches!(bench.ask(Command::CalAdvise), Ok(Reply::Advice(_))));
 }
 
-/// From 40 samples on; some of four per second are held back.
+/// Trials begin at 40 fit samples; some of four samples per second are held back.
 #[test]
 fn trial_solves_are_ten_seconds_apart() {
     let mut bench = TestBed::with_accuracy(0.2);
@@ -235,7 +235,7 @@ fn collect_during_trial(before_first_step: usize) -> TestBed {
     bench
 }
 
-/// It does not matter when they arrive: the samples of the solve must not change.
+/// The result does not depend on when samples arrive during a trial, whose own samples must not change.
 #[test]
 fn samples_during_a_trial_are_stored_after_it() {
     let fit = |bench: &TestBed| bench.compass.collector.fit_samples().all_samples().copied().collect::<Vec<Sample>>();

@@ -276,7 +276,7 @@ fn settings_of_a_running_solve_cannot_change() {
     ] {
         assert_eq!(bench.refused(command), Refusal::Busy, "{command:?}");
     }
-    // Settings not used by solves can be saved meanwhile.
+    // Settings not used by solves can be saved during a solve.
     for setting in [
         SettingChange::StreamOn(false),
         SettingChange::StreamRateHz(5),
@@ -399,7 +399,8 @@ fn an_abort_ends_a_solve_and_discards_the_samples() {
     assert_eq!(bench.refused(Command::CalStop), Refusal::NotCollecting);
 }
 
-/// A wrong mounting: idle before, refused after the solve, until there is a calibration.
+/// With a wrong mounting the indicator is idle before the solve, and shows the refusal after it until there is a
+/// calibration.
 #[test]
 fn the_indicator_shows_a_refused_solve() {
     let mut bench = TestBed::new();
@@ -496,7 +497,7 @@ fn a_rejected_calibration_is_not_used() {
     }
 }
 
-/// On held-back samples of the candidate.
+/// Both calibrations are scored on held-back samples of the candidate.
 #[test]
 fn a_second_calibration_is_judged_against_the_first() {
     let mut bench = TestBed::new();
@@ -506,7 +507,9 @@ fn a_second_calibration_is_judged_against_the_first() {
     let refused = bench.calibrate(&thin).unwrap_err();
     let rejected = matches!(
         refused,
-        Refusal::Rejected(Rejection::Thinner { .. } | Rejection::NotBetter { .. } | Rejection::TooFewHeldBack { .. })
+        Refusal::Rejected(
+            Rejection::LessInformative { .. } | Rejection::NotBetter { .. } | Rejection::TooFewHeldBack { .. }
+        )
     );
     assert!(rejected, "{refused:?}");
     assert_eq!(bench.compass.active_record(), Some(&first));
@@ -648,7 +651,7 @@ fn there_is_room_for_36_marks() {
     assert_eq!(bench.refused(Command::CalMark(10.0)), Refusal::TooManyMarks);
 }
 
-/// Also across north.
+/// Headings across north are included.
 #[test]
 fn alignment_removes_a_constant_heading_error() {
     let stored_calibrations = StoredCalibrations { current_calibration: Some(record(1)), previous_calibration: None };

@@ -288,7 +288,7 @@ fn requested_restarts_and_trial_solves_reset_the_restart_count() {
     }
 }
 
-/// After 5 s of detection; not for silence and configured protocols.
+/// A protocol is written after 5 s of detection; silence and configured protocols are not written.
 #[test]
 fn detected_protocols_are_written_once() {
     let mut module = Module::new();

@@ -55,11 +55,11 @@ impl TrialResult {
         }
     }
 
-    pub(super) fn from_solution(found: &Solution, refusal: Option<Refusal>) -> Self {
+    pub(super) fn from_solution(solution: &Solution, refusal: Option<Refusal>) -> Self {
         Self {
-            expected_deg: Some(found.quality.expected_rms_deg),
-            missing_manoeuvre: found.advice.filter(Advice::is_worthwhile).map(|advice| advice.manoeuvre),
-            is_limited_by_attitude: found.advice.as_ref().is_some_and(Advice::is_at_floor),
+            expected_deg: Some(solution.quality.expected_rms_deg),
+            missing_manoeuvre: solution.advice.filter(Advice::is_worthwhile).map(|advice| advice.manoeuvre),
+            is_limited_by_attitude: solution.advice.as_ref().is_some_and(Advice::is_at_floor),
             is_stalled: false,
             refusal,
         }
@@ -76,10 +76,10 @@ impl TrialResult {
     /// Whether the collection ends: wanted accuracy confirmed, or no manoeuvre would help. A refusal for missing
     /// samples continues it.
     fn ends_collection(&self, wanted_deg: f32, confirmed: bool) -> bool {
-        let is_good = confirmed && self.reaches_accuracy(wanted_deg);
-        let is_all = (self.is_limited_by_attitude || self.is_stalled) && self.missing_manoeuvre.is_none();
+        let is_accurate = confirmed && self.reaches_accuracy(wanted_deg);
+        let cannot_improve = (self.is_limited_by_attitude || self.is_stalled) && self.missing_manoeuvre.is_none();
         let is_curable = self.refusal.as_ref().is_some_and(Refusal::is_curable_by_samples);
-        (is_good || is_all) && !is_curable
+        (is_accurate || cannot_improve) && !is_curable
     }
 }
 
@@ -108,9 +108,9 @@ impl TrialSchedule {
 
     /// Whether a trial is due; counts it as started.
     pub fn is_due(&mut self, collector: &Collector, now: WrappingMillis) -> bool {
-        let (new_samples, kept) = (collector.distinct_samples() as u16, collector.stored_count());
+        let (new_samples, stored_count) = (collector.distinct_samples() as u16, collector.stored_count());
         let is_early = if self.represented_trials == 0 {
-            kept < TRIAL_CONFIG.min_samples
+            stored_count < TRIAL_CONFIG.min_samples
         } else {
             now.ms_since(self.last_trial_at) < TRIAL_CONFIG.min_interval_ms
                 || new_samples.wrapping_sub(self.measurements_at_last) < TRIAL_CONFIG.min_new_measurements
@@ -121,9 +121,10 @@ impl TrialSchedule {
         (self.last_trial_at, self.measurements_at_last) = (now, new_samples);
         self.skipped_trials += 1;
         let is_due = self.skipped_trials >= TRIAL_CONFIG.idle_trial_period
-            || kept.wrapping_sub(self.retained_at_last) >= TRIAL_CONFIG.min_newly_retained;
+            || stored_count.wrapping_sub(self.retained_at_last) >= TRIAL_CONFIG.min_newly_retained;
         if is_due {
-            (self.retained_at_last, self.skipped_trials, self.represented_trials) = (kept, 0, self.skipped_trials);
+            (self.retained_at_last, self.skipped_trials, self.represented_trials) =
+                (stored_count, 0, self.skipped_trials);
         }
         is_due
     }
@@ -157,16 +158,16 @@ impl TrialSolves {
     /// With motor-current interference among the unknowns, the errors of a few manoeuvres can be absorbed, and the
     /// expected error is too small; twice in a row that is rare. Of 400 simulated copters with 20 uT in hover, five had
     /// three times the expected error when one trial sufficed, two with two trials.
-    pub fn record_result(&mut self, found: &Solution, refusal: Option<Refusal>, wanted_deg: f32) -> bool {
-        let mut prospect = TrialResult::from_solution(found, refusal);
-        prospect.is_stalled = self.update_stalled(found.quality.expected_rms_deg);
-        let is_confirmed = !found.calibration.motor_current.is_applied()
-            || self.last_result.as_ref().is_some_and(|before| before.reaches_accuracy(wanted_deg));
-        if prospect.reaches_accuracy(wanted_deg) && !is_confirmed {
+    pub fn record_result(&mut self, solution: &Solution, refusal: Option<Refusal>, wanted_deg: f32) -> bool {
+        let mut result = TrialResult::from_solution(solution, refusal);
+        result.is_stalled = self.update_stalled(solution.quality.expected_rms_deg);
+        let is_confirmed = !solution.calibration.motor_current.is_applied()
+            || self.last_result.as_ref().is_some_and(|last_result| last_result.reaches_accuracy(wanted_deg));
+        if result.reaches_accuracy(wanted_deg) && !is_confirmed {
             self.schedule.require_next();
         }
-        let is_over = prospect.ends_collection(wanted_deg, is_confirmed);
-        self.last_result = Some(prospect);
+        let is_over = result.ends_collection(wanted_deg, is_confirmed);
+        self.last_result = Some(result);
         is_over
     }
 

@@ -75,7 +75,7 @@ fn trials_representing(represented: u8) -> TrialSolves {
     }
 }
 
-/// Threshold: an improvement of 5 %.
+/// A noticeable improvement is one of 5 %.
 #[test]
 fn six_trial_solves_without_improvement_are_stalled() {
     let mut trials = trials_representing(1);

@@ -13,8 +13,8 @@ pub(super) fn write_calibration(out: &mut impl Write, report: &StatusReport) -> 
     let Some(record) = &report.stored_calibration else { return write_refusal(out, &Refusal::NoStoredCalibration) };
     writeln!(out, "ok {}", CalibrationTitle(record))?;
     write_coefficients(out, record)?;
-    let before = if report.can_undo { "kept, cal undo brings it back" } else { "none" };
-    writeln!(out, "before: {before}")
+    let previous_text = if report.can_undo { "kept, cal undo brings it back" } else { "none" };
+    writeln!(out, "before: {previous_text}")
 }
 
 fn write_coefficients(out: &mut impl Write, record: &CalibrationSummary) -> fmt::Result {
@@ -44,15 +44,15 @@ fn write_coefficients(out: &mut impl Write, record: &CalibrationSummary) -> fmt:
 pub(super) fn write_latency(
     out: &mut impl Write,
     calibration: &Calibration,
-    found: Option<AttitudeLatency>,
+    estimate: Option<AttitudeLatency>,
 ) -> fmt::Result {
-    let Some(AttitudeLatency { estimate_s: found_s, sigma_s }) = found else {
+    let Some(AttitudeLatency { estimate_s: found_s, sigma_s }) = estimate else {
         return writeln!(out, "latency: not known");
     };
-    let (shown_s, used) =
+    let (shown_s, use_text) =
         if calibration.uses_latency() { (calibration.latency_s, "used") } else { (found_s, "not used") };
     let [shown_ms, sigma_ms] = [shown_s, sigma_s].map(|seconds| Decimal::<0>(seconds * 1e3));
-    writeln!(out, "latency: {shown_ms} ms, sigma {sigma_ms} ms, {used}")
+    writeln!(out, "latency: {shown_ms} ms, sigma {sigma_ms} ms, {use_text}")
 }
 
 /// Writes the motor-current interference, whether it is applied, and the currents it was estimated from.
@@ -62,8 +62,8 @@ pub(super) fn write_interference(out: &mut impl Write, interference: &MotorCurre
     }
     let [mean_a, spread_a] = [interference.mean_current_a, interference.current_sigma_a].map(Decimal::<1>);
     let ([x, y, z], sigma) = (interference.ut_per_a.map(Decimal::<3>), Decimal::<3>(interference.sigma_ut_per_a));
-    let used = if interference.is_applied() { "used" } else { "not used" };
-    writeln!(out, "current: {x} {y} {z} uT/A, sigma {sigma}, {used}; {mean_a} A, sigma {spread_a}")
+    let use_text = if interference.is_applied() { "used" } else { "not used" };
+    writeln!(out, "current: {x} {y} {z} uT/A, sigma {sigma}, {use_text}; {mean_a} A, sigma {spread_a}")
 }
 
 pub(super) struct CalibrationTitle<'a>(pub &'a CalibrationSummary);
@@ -76,7 +76,7 @@ impl Display for CalibrationTitle<'_> {
 }
 
 pub(super) fn write_advice(out: &mut impl Write, advice: &Advice) -> fmt::Result {
-    let [expected, weakest, with_it] =
+    let [expected, weakest, expected_after] =
         [advice.expected_deg, advice.weakest_deg, advice.expected_after_deg].map(Decimal::<2>);
     writeln!(out, "ok expected error {expected} deg rms")?;
     writeln!(out, "weakest: {}, {weakest} deg: {}", advice.weakest_deviation.measure_name(), advice.weakest_deviation)?;
@@ -93,7 +93,7 @@ pub(super) fn write_advice(out: &mut impl Write, advice: &Advice) -> fmt::Result
         writeln!(out)?;
     }
     if advice.is_worthwhile() {
-        writeln!(out, "advice: {}: {expected} -> {with_it} deg", advice.manoeuvre)
+        writeln!(out, "advice: {}: {expected} -> {expected_after} deg", advice.manoeuvre)
     } else {
         writeln!(out, "advice: none; nothing to fly would make it noticeably better")
     }

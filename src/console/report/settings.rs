@@ -66,34 +66,34 @@ impl SettingGroup {
     }
 }
 
-/// Writes a line of settings, with `between` after its name.
+/// Writes a line of settings, with `separator` after its name.
 pub(super) fn setting_line(
     out: &mut impl Write,
     line: SettingGroup,
-    between: &str,
+    separator: &str,
     report: &StatusReport,
 ) -> fmt::Result {
     let StatusReport { settings, local_field: here, .. } = report;
     let field = here.model_field();
     match line {
         SettingGroup::Stream => {
-            let on = on_or_off(settings.stream_on);
+            let stream_state = on_or_off(settings.stream_on);
             let (rate_hz, heading) = (settings.stream_rate_hz, settings.stream_heading.kind_name());
-            write!(out, "stream{between}{on}, {rate_hz} Hz, {heading} heading")
+            write!(out, "stream{separator}{stream_state}, {rate_hz} Hz, {heading} heading")
         }
         SettingGroup::Declination => {
             let by_model_deg = field.and_then(|field| field.declination_deg);
-            write_degrees(out, "declination", between, [settings.declination_deg, by_model_deg], "not set")
+            write_degrees(out, "declination", separator, [settings.declination_deg, by_model_deg], "not set")
         }
         SettingGroup::Inclination => {
             let by_model_deg = field.map(|field| field.inclination_deg);
-            let without = "not set, found from the samples";
-            write_degrees(out, "inclination", between, [settings.inclination_deg, by_model_deg], without)
+            let unset_text = "not set, found from the samples";
+            write_degrees(out, "inclination", separator, [settings.inclination_deg, by_model_deg], unset_text)
         }
         SettingGroup::Mount => {
             write!(
                 out,
-                "mount{between}{}, align {} deg",
+                "mount{separator}{}, align {} deg",
                 settings.mount.orientation_name(),
                 Decimal::<1>(settings.align_deg)
             )
@@ -101,31 +101,31 @@ pub(super) fn setting_line(
         SettingGroup::AttitudeError => {
             let AttitudeError { bias_deg, bank_percent } = settings.attitude_error;
             let (bias, bank) = (ShortestDecimal(bias_deg, 2), ShortestDecimal(bank_percent, 1));
-            write!(out, "attitude-error{between}{bias} deg, {bank} % of bank, 1 sigma")
+            write!(out, "attitude-error{separator}{bias} deg, {bank} % of bank, 1 sigma")
         }
         SettingGroup::SensorError => {
             let SensorError { gyro_percent, drift_percent } = settings.sensor_error;
             let (gyro, drift) = (ShortestDecimal(gyro_percent, 1), ShortestDecimal(drift_percent, 2));
-            write!(out, "sensor-error{between}gyro {gyro} %, drift {drift} % of the field a minute, 1 sigma")
+            write!(out, "sensor-error{separator}gyro {gyro} %, drift {drift} % of the field a minute, 1 sigma")
         }
         SettingGroup::Accuracy => {
-            write!(out, "accuracy{between}{} deg wanted", ShortestDecimal(settings.accuracy_deg, 1))
+            write!(out, "accuracy{separator}{} deg wanted", ShortestDecimal(settings.accuracy_deg, 1))
         }
         SettingGroup::Auto => {
-            let words =
+            let text =
                 if settings.auto_on { "collects automatically while uncalibrated" } else { "collects when asked" };
-            write!(out, "auto{between}{}, {words}", on_or_off(settings.auto_on))
+            write!(out, "auto{separator}{}, {text}", on_or_off(settings.auto_on))
         }
         SettingGroup::Port(port) => {
             let PortSettings { protocol, baud } = settings.ports.settings_of_port(port);
-            write!(out, "port{}{between}{}, {} baud", port as u8 + 1, protocol.protocol_name(), baud.baud_name())
+            write!(out, "port{}{separator}{}, {} baud", port as u8 + 1, protocol.protocol_name(), baud.baud_name())
         }
-        SettingGroup::Vision => write!(out, "vision{between}{}", on_or_off(settings.sends_vision_yaw)),
-        SettingGroup::AttitudeRate => write!(out, "attitude-rate{between}{} Hz at most", settings.attitude_rate_hz),
-        SettingGroup::Signing => write!(out, "signing{between}{}", on_or_off(settings.signing_key.is_some())),
+        SettingGroup::Vision => write!(out, "vision{separator}{}", on_or_off(settings.sends_vision_yaw)),
+        SettingGroup::AttitudeRate => write!(out, "attitude-rate{separator}{} Hz at most", settings.attitude_rate_hz),
+        SettingGroup::Signing => write!(out, "signing{separator}{}", on_or_off(settings.signing_key.is_some())),
         SettingGroup::Can => {
             let CanSettings { node, rate_hz, sends_covariance, is_terminated } = settings.can;
-            write!(out, "can{between}")?;
+            write!(out, "can{separator}")?;
             match node {
                 0 => out.write_str("node by allocation")?,
                 node => write!(out, "node {node}")?,
@@ -136,23 +136,23 @@ pub(super) fn setting_line(
     }
 }
 
-const fn on_or_off(on: bool) -> &'static str {
-    if on { "on" } else { "off" }
+const fn on_or_off(is_on: bool) -> &'static str {
+    if is_on { "on" } else { "off" }
 }
 
 /// Writes the entered value, otherwise that of the field model.
 fn write_degrees(
     out: &mut impl Write,
     name: &str,
-    between: &str,
+    separator: &str,
     [entered_deg, by_model_deg]: [Option<f32>; 2],
-    without: &str,
+    unset_text: &str,
 ) -> fmt::Result {
-    write!(out, "{name}{between}")?;
+    write!(out, "{name}{separator}")?;
     match (entered_deg, by_model_deg) {
         (Some(deg), _) => write!(out, "{} deg", ShortestDecimal(deg, 1)),
         (None, Some(deg)) => write!(out, "{} deg, by the field model", Decimal::<1>(deg)),
-        (None, None) => out.write_str(without),
+        (None, None) => out.write_str(unset_text),
     }
 }
 

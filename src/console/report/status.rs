@@ -98,8 +98,8 @@ pub(super) fn full_status(out: &mut impl Write, report: &StatusReport, health: &
     }
     field_model(out, &report.local_field)?;
     write_counters(out, &health.event_counts)?;
-    if let Some(StackUse { used_bytes: used, size_bytes: size }) = health.stack_use {
-        writeln!(out, "stack: {used} of {size} bytes used at most")?;
+    if let Some(StackUse { used_bytes, size_bytes }) = health.stack_use {
+        writeln!(out, "stack: {used_bytes} of {size_bytes} bytes used at most")?;
     }
     write_uptime(out, health)
 }
@@ -122,8 +122,8 @@ fn write_motor_current(out: &mut impl Write, current_a: Option<f32>) -> fmt::Res
 }
 
 /// Adds to the line of a port that is set to `auto` which protocol was detected on it.
-fn write_detected_protocol(out: &mut impl Write, chosen: ProtocolKind, detected: ProtocolKind) -> fmt::Result {
-    match (chosen, detected) {
+fn write_detected_protocol(out: &mut impl Write, configured: ProtocolKind, detected: ProtocolKind) -> fmt::Result {
+    match (configured, detected) {
         (ProtocolKind::Auto, ProtocolKind::Auto) => out.write_str(", no protocol detected yet"),
         (ProtocolKind::Auto, detected) => write!(out, ", found {}", detected.protocol_name()),
         _ => Ok(()),
@@ -167,22 +167,22 @@ fn write_progress(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
 }
 
 /// Writes the expected accuracy of a collection in flight, and the missing manoeuvre.
-fn write_expected_accuracy(out: &mut impl Write, prospect: Option<&TrialResult>, wanted_deg: f32) -> fmt::Result {
+fn write_expected_accuracy(out: &mut impl Write, trial: Option<&TrialResult>, wanted_deg: f32) -> fmt::Result {
     out.write_str("collecting: ")?;
     let Some(TrialResult {
         expected_deg,
-        missing_manoeuvre: missing,
+        missing_manoeuvre: manoeuvre,
         is_limited_by_attitude: is_at_floor,
         is_stalled,
         refusal,
-    }) = prospect
+    }) = trial
     else {
         return writeln!(out, "no expected error yet; go on");
     };
     if let Some(expected_deg) = *expected_deg {
         write!(out, "expected {} deg, wanted {}", Decimal::<1>(expected_deg), ShortestDecimal(wanted_deg, 1))?;
     }
-    match (missing, refusal) {
+    match (manoeuvre, refusal) {
         (Some(manoeuvre), _) => write!(out, "; missing: {manoeuvre}")?,
         (None, _) if *is_at_floor => out.write_str("; more of the same would not help, see set attitude-error")?,
         (None, _) if *is_stalled => out.write_str("; more of the same does not help")?,
@@ -190,7 +190,7 @@ fn write_expected_accuracy(out: &mut impl Write, prospect: Option<&TrialResult>,
         (None, Some(_)) => {}
     }
     match refusal {
-        Some(refusal) if missing.is_none() || expected_deg.is_none() || !refusal.is_curable_by_samples() => {
+        Some(refusal) if manoeuvre.is_none() || expected_deg.is_none() || !refusal.is_curable_by_samples() => {
             writeln!(out, "{}{}: {refusal}", if expected_deg.is_some() { "; " } else { "" }, refusal.stable_code())
         }
         _ => writeln!(out),
@@ -218,11 +218,11 @@ fn heading_lines(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
     }?;
     match &health.installation_change {
         Some(change) => {
-            let what = match change {
+            let change_name = match change {
                 InstallationChange::HardIron(_) => "hard iron: changed by",
                 InstallationChange::Mount(_) => "mount: turned by",
             };
-            writeln!(out, "{what} {}", Message::InstallationChanged(*change).message_text())
+            writeln!(out, "{change_name} {}", Message::InstallationChanged(*change).message_text())
         }
         None if health.heading == Err(NoHeading::Uncalibrated) => {
             writeln!(out, "hard iron: changes are detected once there is a calibration")

@@ -76,11 +76,11 @@ impl EarthField {
     /// The height above sea level is used as ellipsoidal height: they differ by at most 0.1 km, the field by 0.005 %.
     #[must_use]
     #[inline(never)]
-    pub fn from_model(place: Position, day: Date) -> Option<Self> {
+    pub fn from_model(position: Position, day: Date) -> Option<Self> {
         if !ModelValidity::on_date(day).is_used() {
             return None;
         }
-        let [north, east, down] = components_nt(place, years_since_epoch(day));
+        let [north, east, down] = components_nt(position, years_since_epoch(day));
         let horizontal = trig::hypot(north, east);
         let has_declination = horizontal >= MIN_HORIZONTAL_NT;
         Some(Self {
@@ -101,30 +101,34 @@ fn years_since_epoch(day: Date) -> f32 {
 /// Geocentric position (eqs. 7, 8).
 struct GeocentricPosition {
     /// Reference radius 6371.2 km over the geocentric distance.
-    ratio: f32,
+    radius_ratio: f32,
     /// Sine and cosine of the colatitude.
-    sin: f32,
-    cos: f32,
+    sin_colatitude: f32,
+    cos_colatitude: f32,
     /// Sine and cosine of geocentric minus geodetic latitude.
     latitude_difference: (f32, f32),
 }
 
 impl GeocentricPosition {
-    fn from_position(place: Position) -> Self {
+    fn from_position(position: Position) -> Self {
         /// WGS 84: semi-major axis, metres; first eccentricity squared.
         const SEMI_MAJOR_AXIS_M: f32 = 6_378_137.0;
         const ECCENTRICITY_SQUARED: f32 = 0.006_694_38;
         const REFERENCE_RADIUS_M: f32 = 6_371_200.0;
         /// North is undefined at the pole; this keeps the division finite.
         const MIN_SIN_COLATITUDE: f32 = 1e-6;
-        let (sin_latitude, cos_latitude) = trig::sin_cos(place.latitude_deg.to_radians());
+        let (sin_latitude, cos_latitude) = trig::sin_cos(position.latitude_deg.to_radians());
         let curvature_m = SEMI_MAJOR_AXIS_M / sqrt(1.0 - ECCENTRICITY_SQUARED * sin_latitude * sin_latitude);
-        let from_axis_m = (curvature_m + place.height_m) * cos_latitude;
-        let from_equator_m = (curvature_m * (1.0 - ECCENTRICITY_SQUARED) + place.height_m) * sin_latitude;
+        let from_axis_m = (curvature_m + position.height_m) * cos_latitude;
+        let from_equator_m = (curvature_m * (1.0 - ECCENTRICITY_SQUARED) + position.height_m) * sin_latitude;
         let distance_m = trig::hypot(from_axis_m, from_equator_m);
-        let (sin, cos) = ((from_axis_m / distance_m).max(MIN_SIN_COLATITUDE), from_equator_m / distance_m);
-        let turn = (cos * cos_latitude - sin * sin_latitude, sin * cos_latitude + cos * sin_latitude);
-        Self { ratio: REFERENCE_RADIUS_M / distance_m, sin, cos, latitude_difference: turn }
+        let (sin_colatitude, cos_colatitude) =
+            ((from_axis_m / distance_m).max(MIN_SIN_COLATITUDE), from_equator_m / distance_m);
+        let latitude_difference = (
+            cos_colatitude * cos_latitude - sin_colatitude * sin_latitude,
+            sin_colatitude * cos_latitude + cos_colatitude * sin_latitude,
+        );
+        Self { radius_ratio: REFERENCE_RADIUS_M / distance_m, sin_colatitude, cos_colatitude, latitude_difference }
     }
 }
 
@@ -135,32 +139,37 @@ struct LegendreFunction {
     derivative: f32,
     previous: (f32, f32),
     /// `sqrt(n^2 - m^2)`.
-    root: f32,
+    degree_order_root: f32,
 }
 
 impl LegendreFunction {
     const fn first_of_order((p, slope): (f32, f32)) -> Self {
-        Self { value: p, derivative: slope, previous: (0.0, 0.0), root: 0.0 }
+        Self { value: p, derivative: slope, previous: (0.0, 0.0), degree_order_root: 0.0 }
     }
 
     fn next_degree(&mut self, degree: f32, order: f32, (sin, cos): (f32, f32)) {
-        let Self { value: p, derivative: slope, previous: (p_before, slope_before), root } = *self;
+        let Self { value, derivative, previous: (previous_value, previous_derivative), degree_order_root: root } =
+            *self;
         let next_root = sqrt((degree + 1.0) * (degree + 1.0) - order * order);
-        let odd = 2.0 * degree + 1.0;
+        let double_degree = 2.0 * degree + 1.0;
         *self = Self {
-            value: (odd * cos * p - root * p_before) / next_root,
-            derivative: (odd * (cos * slope - sin * p) - root * slope_before) / next_root,
-            previous: (p, slope),
-            root: next_root,
+            value: (double_degree * cos * value - root * previous_value) / next_root,
+            derivative: (double_degree * (cos * derivative - sin * value) - root * previous_derivative) / next_root,
+            previous: (value, derivative),
+            degree_order_root: next_root,
         };
     }
 }
 
 /// North, east and down components (eqs. 10 to 12, 17), nanotesla.
-fn components_nt(place: Position, years: f32) -> [f32; 3] {
-    let GeocentricPosition { ratio, sin, cos, latitude_difference: (sin_turn, cos_turn) } =
-        GeocentricPosition::from_position(place);
-    let (sin_longitude, cos_longitude) = trig::sin_cos(place.longitude_deg.to_radians());
+fn components_nt(position: Position, years: f32) -> [f32; 3] {
+    let GeocentricPosition {
+        radius_ratio: ratio,
+        sin_colatitude: sin,
+        cos_colatitude: cos,
+        latitude_difference: (sin_turn, cos_turn),
+    } = GeocentricPosition::from_position(position);
+    let (sin_longitude, cos_longitude) = trig::sin_cos(position.longitude_deg.to_radians());
     let (mut north, mut east, mut down) = (0.0, 0.0, 0.0);
     let mut coefficients = MODEL_COEFFICIENTS.iter();
     // For order `m`: first function, power of the ratio, sine and cosine of `m` times longitude.
@@ -180,10 +189,10 @@ fn components_nt(place: Position, years: f32) -> [f32; 3] {
             // Degree 0 (magnetic monopole) has no coefficients.
             if n > 0 {
                 let [g, h] = coefficients_at(coefficients.next().copied().unwrap_or_default(), n, m, years);
-                let along = power * (g * cos_m + h * sin_m);
-                north += along * function.derivative;
+                let longitude_term = power * (g * cos_m + h * sin_m);
+                north += longitude_term * function.derivative;
                 east += power * (g * sin_m - h * cos_m) * order * function.value / sin;
-                down -= along * (degree + 1.0) * function.value;
+                down -= longitude_term * (degree + 1.0) * function.value;
             }
             function.next_degree(degree, order, (sin, cos));
             power *= ratio;

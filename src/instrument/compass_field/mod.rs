@@ -34,10 +34,10 @@ const DEFAULT_INCLINATION_RAD: f32 = 1.22;
 
 /// Attitude change below which the aircraft is at rest, radians: 0.3 deg, above the noise of a source with 0.1 deg
 /// resolution.
-const AT_REST_RAD: f32 = 0.005;
+const MAX_REST_CHANGE_RAD: f32 = 0.005;
 
 /// Duration of a constant attitude that counts as rest, microseconds.
-const AT_REST_US: u64 = 2_000_000;
+const MIN_REST_US: u64 = 2_000_000;
 
 /// Longest gap between attitude reports during rest, microseconds.
 const MAX_GAP_US: u64 = 500_000;
@@ -66,10 +66,10 @@ impl FieldMap {
         Field::from_ut(row(x), row(y), row(z))
     }
 
-    fn interpolate(&self, other: &Self, weight: f32) -> Self {
+    fn interpolate(&self, target: &Self, weight: f32) -> Self {
         let Self(mut map) = *self;
-        for (from, to) in map.as_flattened_mut().iter_mut().zip(other.0.as_flattened()) {
-            *from += weight * (to - *from);
+        for (element, target_element) in map.as_flattened_mut().iter_mut().zip(target.0.as_flattened()) {
+            *element += weight * (target_element - *element);
         }
         Self(map)
     }
@@ -93,9 +93,9 @@ fn blend_duration_s(from: &FieldMap, to: &FieldMap, calibration: &Calibration, a
     let total_ut = calibration.total_ut * active.output_map.strength_ratio;
     let turn_rad = |heading: u8| {
         let heading_rad = TAU / f32::from(EVALUATED_HEADINGS) * f32::from(heading);
-        let after =
+        let new_field =
             Attitude::default().to_body_frame(Field::<Level>::earth_field(total_ut, inclination_rad, heading_rad));
-        max_turn_rad_per_weight(from.map_field(sensor_field(after)), after)
+        max_turn_rad_per_weight(from.map_field(sensor_field(new_field)), new_field)
     };
     let worst_rad = (0..EVALUATED_HEADINGS).map(turn_rad).fold(0.0, f32::max);
     (worst_rad.to_degrees() * SAMPLING_MARGIN / MAX_TURN_DEG_S).min(MAX_BLEND_S)
@@ -105,38 +105,38 @@ fn blend_duration_s(from: &FieldMap, to: &FieldMap, calibration: &Calibration, a
 /// the point of the line nearest to the origin, since the line sweeps area at a constant rate.
 fn max_turn_rad_per_weight(from: Field<Body>, to: Field<Body>) -> f32 {
     let (from, to) = (from.ut.xy(), to.ut.xy());
-    let way = to - from;
-    let nearest = from + way * (-from.dot(&way) / way.norm_squared()).clamp(0.0, 1.0);
-    from.perp(&to).abs() / nearest.norm_squared()
+    let change = to - from;
+    let nearest_point = from + change * (-from.dot(&change) / change.norm_squared()).clamp(0.0, 1.0);
+    from.perp(&to).abs() / nearest_point.norm_squared()
 }
 
 #[derive(Debug)]
 struct RestDetector {
     /// First attitude of the present rest, and its time.
     rest_start: Option<(Timestamp, Attitude)>,
-    last: Timestamp,
+    last_attitude_at: Timestamp,
 }
 
 impl RestDetector {
     fn update_rest(&mut self, at: Timestamp, attitude: Attitude) {
-        let stays = |(_, from): &(Timestamp, Attitude)| {
-            wrap_pi(attitude.roll_rad - from.roll_rad).abs() <= AT_REST_RAD
-                && (attitude.pitch_rad - from.pitch_rad).abs() <= AT_REST_RAD
-                && at.us_since(self.last) <= MAX_GAP_US
+        let is_at_rest = |(_, rest_attitude): &(Timestamp, Attitude)| {
+            wrap_pi(attitude.roll_rad - rest_attitude.roll_rad).abs() <= MAX_REST_CHANGE_RAD
+                && (attitude.pitch_rad - rest_attitude.pitch_rad).abs() <= MAX_REST_CHANGE_RAD
+                && at.us_since(self.last_attitude_at) <= MAX_GAP_US
         };
-        self.rest_start = self.rest_start.filter(stays).or(Some((at, attitude)));
-        self.last = at;
+        self.rest_start = self.rest_start.filter(is_at_rest).or(Some((at, attitude)));
+        self.last_attitude_at = at;
     }
 
     fn is_at_rest(&self, now: Timestamp) -> bool {
-        now.us_since(self.last) <= MAX_GAP_US
-            && self.rest_start.is_some_and(|(since, _)| now.us_since(since) >= AT_REST_US)
+        now.us_since(self.last_attitude_at) <= MAX_GAP_US
+            && self.rest_start.is_some_and(|(since, _)| now.us_since(since) >= MIN_REST_US)
     }
 }
 
 #[derive(Clone, Copy, Debug)]
 struct MapBlend {
-    from: FieldMap,
+    start_map: FieldMap,
     started_at: Timestamp,
     duration_s: f32,
 }
@@ -155,15 +155,15 @@ pub(super) struct CompassField {
     blend: Option<MapBlend>,
     had_calibration: bool,
     rest_detector: RestDetector,
-    last: Timestamp,
+    last_output_at: Timestamp,
 }
 
 impl CompassField {
     pub const INITIAL: Self = Self {
         blend: None,
         had_calibration: false,
-        rest_detector: RestDetector { rest_start: None, last: Timestamp::START },
-        last: Timestamp::START,
+        rest_detector: RestDetector { rest_start: None, last_attitude_at: Timestamp::START },
+        last_output_at: Timestamp::START,
     };
 
     pub fn update_attitude(&mut self, at: Timestamp, attitude: Attitude) {
@@ -172,20 +172,20 @@ impl CompassField {
 
     /// Begins the blend from one active calibration to the next; none if the output is the same.
     #[inline(never)]
-    pub fn change_calibration(&mut self, before: &ActiveCalibration, after: &ActiveCalibration) {
-        let map_before = self.active_map(before);
-        self.had_calibration |= after.adjusted_calibration.is_some();
-        let map_after = self.active_map(after);
+    pub fn change_calibration(&mut self, old: &ActiveCalibration, new: &ActiveCalibration) {
+        let map_before = self.active_map(old);
+        self.had_calibration |= new.adjusted_calibration.is_some();
+        let map_after = self.active_map(new);
         if map_after == map_before {
             return;
         }
-        let now = self.last;
-        let is_in_air = after.stored_correction.is_armed.unwrap_or_else(|| !self.rest_detector.is_at_rest(now));
-        self.blend = match (map_before, map_after, &after.adjusted_calibration) {
-            (Some(before), Some(to), Some((calibration, _))) if is_in_air => {
-                let from = self.blended_map(now, before);
-                let duration_s = blend_duration_s(&from, &to, calibration, after);
-                Some(MapBlend { from, started_at: now, duration_s })
+        let now = self.last_output_at;
+        let is_in_air = new.stored_correction.is_armed.unwrap_or_else(|| !self.rest_detector.is_at_rest(now));
+        self.blend = match (map_before, map_after, &new.adjusted_calibration) {
+            (Some(old), Some(to), Some((calibration, _))) if is_in_air => {
+                let start_map = self.blended_map(now, old);
+                let duration_s = blend_duration_s(&start_map, &to, calibration, new);
+                Some(MapBlend { start_map, started_at: now, duration_s })
             }
             _ => None,
         };
@@ -199,15 +199,15 @@ impl CompassField {
         field: Field<Sensor>,
         body: Option<Field<Body>>,
     ) -> Option<Field<Body>> {
-        self.last = at;
-        let after = body.or_else(|| Some(self.output_calibration(active)?.calibrated_field(field)))?;
-        let after = active.output_map.map_field(after);
+        self.last_output_at = at;
+        let new_field = body.or_else(|| Some(self.output_calibration(active)?.calibrated_field(field)))?;
+        let new_field = active.output_map.map_field(new_field);
         let Some((blend, weight)) = self.blend.as_ref().and_then(|blend| Some((blend, blend.blend_weight(at)?))) else {
             self.blend = None;
-            return Some(after);
+            return Some(new_field);
         };
-        let before = blend.from.map_field(field);
-        Some(Field::new(before.ut + (after.ut - before.ut) * weight))
+        let old_field = blend.start_map.map_field(field);
+        Some(Field::new(old_field.ut + (new_field.ut - old_field.ut) * weight))
     }
 
     /// After a corrected field the raw field must never be output.
@@ -220,7 +220,8 @@ impl CompassField {
     }
 
     fn blended_map(&self, now: Timestamp, to: FieldMap) -> FieldMap {
-        let blended = self.blend.as_ref().and_then(|blend| Some(blend.from.interpolate(&to, blend.blend_weight(now)?)));
+        let blended =
+            self.blend.as_ref().and_then(|blend| Some(blend.start_map.interpolate(&to, blend.blend_weight(now)?)));
         blended.unwrap_or(to)
     }
 }

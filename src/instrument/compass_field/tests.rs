@@ -84,7 +84,7 @@ fn headings_from_the_compass_field_match_ours_in_level_flight() {
     }
 }
 
-/// Ratios beyond 2 keep the sensor's scale.
+/// If true and measured strength differ by more than a factor of 2, the sensor's scale is kept.
 #[test]
 fn the_compass_field_has_the_true_strength_where_it_is_known() {
     for (total_ut, told_ut) in [
@@ -135,7 +135,7 @@ fn the_raw_field_is_never_sent_after_a_calibration_was_used() {
     );
 }
 
-/// Attitude missing, stale, frozen.
+/// The compass field is sent although the attitude is missing, stale or frozen.
 #[test]
 fn a_missing_or_frozen_attitude_keeps_the_compass_field() {
     let level = Attitude::default();
@@ -180,7 +180,8 @@ fn with_verdict(verdict: Result<(), NoHeading>) -> Instrument {
     instrument
 }
 
-/// The verdict on the field applies with and without attitude; that on the attitude does not matter.
+/// A field that the monitor rejects is withheld with and without attitude; a rejected attitude does not withhold the
+/// field.
 #[test]
 fn a_field_rejected_by_the_monitor_is_not_sent() {
     let field = sensed(1.0, Attitude::default());
@@ -274,7 +275,7 @@ fn fastest_deg_s(output: &[Field<Body>]) -> f32 {
     output.windows(2).map(|pair| turned_deg(pair[0], pair[1]).abs() * 100.0).fold(0.0, f32::max)
 }
 
-/// For all headings.
+/// Limit of the turn rate for all headings.
 #[test]
 fn while_armed_a_new_calibration_turns_the_heading_by_1_deg_s() {
     let mut worst = 0_f32;
@@ -310,7 +311,7 @@ fn a_change_of_100_deg_also_turns_at_1_deg_s() {
     assert!((turned_deg(output[0], output[output.len() - 1]) - 100.0).abs() < 0.01);
 }
 
-/// From the raw field to a calibration, and to another one before the blend ends.
+/// The blend goes from the raw field to a calibration, and to another calibration before it ends.
 #[test]
 fn a_further_change_starts_from_the_present_blend() {
     let mount = Some(Orientation::IDENTITY_ROTATION);
@@ -395,7 +396,7 @@ fn two_seconds_of_constant_attitude_are_rest() {
 
 #[test]
 fn rest_is_detected_upside_down() {
-    let mut rest = RestDetector { rest_start: None, last: at(0) };
+    let mut rest = RestDetector { rest_start: None, last_attitude_at: at(0) };
     for i in 0..200 {
         let roll_deg = if i % 2 == 0 { 179.95 } else { -179.95 };
         rest.update_rest(at(i * 20_000), Attitude::from_deg(roll_deg, 0.0));

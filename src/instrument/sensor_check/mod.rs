@@ -85,13 +85,13 @@ impl AxisCheck {
         }
         self.lowest_ut = self.lowest_ut.min(ut);
         self.highest_ut = self.highest_ut.max(ut);
-        let at_end = ut <= self.lowest_ut || ut >= self.highest_ut;
-        let has_moved = self.highest_ut - self.lowest_ut >= MIN_RANGE_UT;
+        let is_extreme = ut <= self.lowest_ut || ut >= self.highest_ut;
+        let has_range = self.highest_ut - self.lowest_ut >= MIN_RANGE_UT;
         // Noise rarely repeats an extreme value: half the count suffices.
-        if at_end && has_moved && self.repeat_count >= stuck_after / 2 {
+        if is_extreme && has_range && self.repeat_count >= stuck_after / 2 {
             self.clip_level_ut = Some(ut);
         }
-        if self.clip_level_ut.is_some_and(|end_ut| end_ut.to_bits() == ut.to_bits()) {
+        if self.clip_level_ut.is_some_and(|level_ut| level_ut.to_bits() == ut.to_bits()) {
             Some(ReadingFault::Clipped)
         } else if self.repeat_count >= stuck_after {
             Some(ReadingFault::Stuck)
@@ -147,20 +147,21 @@ impl SensorCheck {
     }
 
     fn is_spike(&mut self, at: Timestamp, field: Field<Sensor>, turning_rad_s: Option<f32>) -> bool {
-        let Some((before, last)) = self.last_accepted.filter(|(before, _)| at.us_since(*before) <= MAX_INTERVAL_US)
+        let Some((last_at, last_field)) =
+            self.last_accepted.filter(|(last_at, _)| at.us_since(*last_at) <= MAX_INTERVAL_US)
         else {
             self.accept_reading(at, field);
             return false;
         };
-        let step_ut = (field.ut - last.ut).vector_length();
+        let step_ut = (field.ut - last_field.ut).vector_length();
         let turning_rad_s = turning_rad_s.map_or(MAX_RATE_RAD_S, |rate_rad_s| rate_rad_s + RATE_MARGIN_RAD_S);
-        let turned_ut = turning_rad_s * MAX_FIELD_UT * at.us_since(before) as f32 * 1e-6;
-        let usual_ut = sqrt(self.mean_square_step_ut2).max(MIN_RMS_STEP_UT);
-        let limit_ut = SPIKE_RATIO * usual_ut + turned_ut;
+        let turned_ut = turning_rad_s * MAX_FIELD_UT * at.us_since(last_at) as f32 * 1e-6;
+        let rms_step_ut = sqrt(self.mean_square_step_ut2).max(MIN_RMS_STEP_UT);
+        let limit_ut = SPIKE_RATIO * rms_step_ut + turned_ut;
         // NaN is not within the limit.
         let is_near = step_ut <= limit_ut;
-        let counted_ut = if is_near { step_ut } else { limit_ut };
-        self.mean_square_step_ut2 += (counted_ut * counted_ut - self.mean_square_step_ut2) / AVERAGED_STEPS;
+        let limited_step_ut = if is_near { step_ut } else { limit_ut };
+        self.mean_square_step_ut2 += (limited_step_ut * limited_step_ut - self.mean_square_step_ut2) / AVERAGED_STEPS;
         if is_near || self.consecutive_spikes >= MAX_CONSECUTIVE_SPIKES {
             self.accept_reading(at, field);
             return false;

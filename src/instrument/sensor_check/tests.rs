@@ -69,7 +69,7 @@ fn an_axis_that_repeats_is_stuck_at_the_sixteenth_reading() {
     }
 }
 
-/// An hour; 1 of 80 consecutive values is equal. tests/integrity.rs runs a day.
+/// An hour of readings, in which 1 of 80 consecutive values is equal; tests/integrity.rs runs a day.
 #[test]
 fn a_parked_lis3mdl_is_neither_stuck_nor_spiky() {
     let mut readings = Readings::new();
@@ -86,7 +86,7 @@ fn repeated_nan_is_stuck() {
     assert!((0..32).all(|i| axis.check_axis_value(if i % 2 == 0 { 0.0 } else { -0.0 }, 16).is_none()));
 }
 
-/// At either end: half of sixteen readings, then immediately.
+/// At either end of the range an axis is clipped after half of sixteen readings, later immediately.
 #[test]
 fn a_clipping_level_is_found_in_eight_readings_and_remembered() {
     for sign in [1.0, -1.0] {
@@ -110,7 +110,6 @@ fn a_clipping_level_is_found_in_eight_readings_and_remembered() {
     }
 }
 
-/// Limit: 5 uT.
 #[test]
 fn an_axis_that_moved_under_5_ut_is_not_clipped() {
     for (range_ut, expected) in [(4.9, None), (5.1, Some(ReadingFault::Clipped))] {
@@ -180,7 +179,7 @@ fn a_lasting_field_step_is_accepted_at_the_fourth_reading() {
     assert_eq!(readings.faults_at_rest(moved, 500), []);
 }
 
-/// Limit 0.5 s; 0.49 s of rotation do not explain 100 uT.
+/// The longest interval is 0.5 s; 0.49 s of rotation do not explain 100 uT.
 #[test]
 fn readings_far_apart_are_not_compared() {
     for (gap_us, expected) in [(490_000, Some(ReadingFault::Spike)), (510_000, None)] {
@@ -207,7 +206,7 @@ fn the_spike_limit_adapts_to_noise_within_1_s() {
         }
     }
     assert!(spikes[0] < 40 && spikes[1] == 0, "{spikes:?}");
-    // The limit decreases as fast.
+    // The spike limit decreases as fast as it grows.
     readings.faults_at_rest(PARKED, 160);
     assert_eq!(readings.check_with_slow_turn([28.0, -5.0, 40.0]), Some(ReadingFault::Spike));
 }

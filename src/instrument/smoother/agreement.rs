@@ -77,19 +77,19 @@ impl AgreementTest {
     }
 
     /// Tests an innovation with its variance.
-    pub fn test_innovation(&mut self, off_rad: f32, variance: f32, step: GyroStep) -> AgreementResult {
+    pub fn test_innovation(&mut self, innovation_rad: f32, variance: f32, step: GyroStep) -> AgreementResult {
         let GyroStep { step_s, turned_rad } = step;
-        let part = step_s / (Self::MEAN_TIME_S + step_s);
-        self.mean_innovation_rad += part * (off_rad - self.mean_innovation_rad);
+        let weight = step_s / (Self::MEAN_TIME_S + step_s);
+        self.mean_innovation_rad += weight * (innovation_rad - self.mean_innovation_rad);
         self.excess_variance_rad2 = (square(self.mean_innovation_rad) - variance).max(0.0);
-        let usual = square(Self::SINGLE_GATE_SIGMAS) * variance.max(self.innovation_scatter_rad2);
+        let limit_rad2 = square(Self::SINGLE_GATE_SIGMAS) * variance.max(self.innovation_scatter_rad2);
         self.innovation_scatter_rad2 +=
-            part * (0.5 * square(off_rad - self.last_innovation_rad) - self.innovation_scatter_rad2);
-        self.last_innovation_rad = off_rad;
-        let beyond = (square(off_rad) > usual).then_some(off_rad > 0.0);
-        let is_quick = beyond.is_some() && beyond == self.last_exceeded_side;
-        self.last_exceeded_side = beyond;
-        if is_quick || square(self.mean_innovation_rad) > square(Self::MEAN_GATE_SIGMAS) * variance {
+            weight * (0.5 * square(innovation_rad - self.last_innovation_rad) - self.innovation_scatter_rad2);
+        self.last_innovation_rad = innovation_rad;
+        let exceeded_side = (square(innovation_rad) > limit_rad2).then_some(innovation_rad > 0.0);
+        let is_fast_failure = exceeded_side.is_some() && exceeded_side == self.last_exceeded_side;
+        self.last_exceeded_side = exceeded_side;
+        if is_fast_failure || square(self.mean_innovation_rad) > square(Self::MEAN_GATE_SIGMAS) * variance {
             (self.agreement_s, self.required_turn_rad) = (0.0, Self::REQUIRED_TURN_RAD);
             self.disagreement_s += step_s;
             return if self.disagreement_s > Self::MAX_DISAGREEMENT_S {

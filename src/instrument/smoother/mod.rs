@@ -128,15 +128,15 @@ impl HeadingSmoother {
     ) -> AgreementResult {
         let Some(state) = &mut self.state else { return AgreementResult::Lost };
         let Some(step) = state.predict_state(at, turning, gyro) else { return AgreementResult::Lost };
-        let off_rad = wrap_pi(raw_rad - state.heading_rad);
-        if !off_rad.is_finite() {
+        let innovation_rad = wrap_pi(raw_rad - state.heading_rad);
+        if !innovation_rad.is_finite() {
             return AgreementResult::Lost; // A NaN must not enter the state.
         }
-        let expected = state.variance() + variance;
-        self.residual_noise.update_noise(off_rad, expected, step.step_s);
-        let agreed = self.agreement.test_innovation(off_rad, expected, step);
-        state.update_measurement(off_rad, variance, step.step_s);
-        agreed
+        let innovation_variance = state.variance() + variance;
+        self.residual_noise.update_noise(innovation_rad, innovation_variance, step.step_s);
+        let result = self.agreement.test_innovation(innovation_rad, innovation_variance, step);
+        state.update_measurement(innovation_rad, variance, step.step_s);
+        result
     }
 }
 
@@ -204,37 +204,38 @@ impl SmootherState {
         }
         self.conditional_heading_variance += (HEADING_PROCESS_NOISE + GYRO_NOISE_TIME_S * gyro.variance) * step_s;
         // Bias process noise weakens the regression of heading on bias.
-        let walk = BIAS_PROCESS_NOISE * step_s;
-        let walked = self.bias_variance + walk;
-        self.conditional_heading_variance += square(self.bias_regression_s) * self.bias_variance * walk / walked;
-        self.bias_regression_s *= self.bias_variance / walked;
-        self.bias_variance = walked;
+        let added_variance = BIAS_PROCESS_NOISE * step_s;
+        let bias_variance = self.bias_variance + added_variance;
+        self.conditional_heading_variance +=
+            square(self.bias_regression_s) * self.bias_variance * added_variance / bias_variance;
+        self.bias_regression_s *= self.bias_variance / bias_variance;
+        self.bias_variance = bias_variance;
         Some(GyroStep { step_s, turned_rad })
     }
 
-    /// Measurement update with an innovation `off_rad`, `step_s` after the last one.
-    fn update_measurement(&mut self, off_rad: f32, variance: f32, step_s: f32) {
+    /// Measurement update with an innovation `innovation_rad`, `step_s` after the last one.
+    fn update_measurement(&mut self, innovation_rad: f32, variance: f32, step_s: f32) {
         if step_s <= 0.0 {
             return; // A repeated time adds no information.
         }
-        let expected = self.variance() + variance;
-        let far = (square(off_rad) / (square(OUTLIER_SIGMAS) * expected)).max(1.0);
-        let noise = far * variance * (2.0 * NOISE_CORRELATION_S / step_s);
-        let known = self.conditional_heading_variance;
+        let innovation_variance = self.variance() + variance;
+        let outlier_factor = (square(innovation_rad) / (square(OUTLIER_SIGMAS) * innovation_variance)).max(1.0);
+        let noise = outlier_factor * variance * (2.0 * NOISE_CORRELATION_S / step_s);
+        let conditional_variance = self.conditional_heading_variance;
         let heading_by_bias = self.bias_regression_s * self.bias_variance;
-        let sum = known + self.bias_regression_s * heading_by_bias + noise;
-        let gain = (known + self.bias_regression_s * heading_by_bias) / sum;
-        self.heading_rad = wrap_pi(self.heading_rad + off_rad * gain);
+        let sum = conditional_variance + self.bias_regression_s * heading_by_bias + noise;
+        let gain = (conditional_variance + self.bias_regression_s * heading_by_bias) / sum;
+        self.heading_rad = wrap_pi(self.heading_rad + innovation_rad * gain);
         self.noise_variance = square(1.0 - gain) * self.noise_variance + square(gain) * noise;
         for sensitivity in &mut self.gyro_sensitivity {
             *sensitivity *= 1.0 - gain;
         }
-        self.bias_rad_s += off_rad * heading_by_bias / sum;
+        self.bias_rad_s += innovation_rad * heading_by_bias / sum;
         // UD measurement update for two states (Bierman 1977).
-        let rest = noise / (known + noise);
-        self.bias_variance *= (known + noise) / sum;
-        self.bias_regression_s *= rest;
-        self.conditional_heading_variance *= rest;
+        let remaining_share = noise / (conditional_variance + noise);
+        self.bias_variance *= (conditional_variance + noise) / sum;
+        self.bias_regression_s *= remaining_share;
+        self.conditional_heading_variance *= remaining_share;
     }
 }
 

@@ -36,10 +36,10 @@ impl ResidualNoise {
         self.mean_innovation_rad = 0.0;
     }
 
-    pub fn update_noise(&mut self, off_rad: f32, variance: f32, step_s: f32) {
-        self.mean_innovation_rad += (off_rad - self.mean_innovation_rad) * step_s / (Self::MEAN_TIME_S + step_s);
+    pub fn update_noise(&mut self, innovation_rad: f32, variance: f32, step_s: f32) {
+        self.mean_innovation_rad += (innovation_rad - self.mean_innovation_rad) * step_s / (Self::MEAN_TIME_S + step_s);
         self.averaging_s = (self.averaging_s + step_s).min(Self::MAX_AVERAGING_S);
-        let share = (square(self.mean_innovation_rad) / variance).min(1.0);
-        self.remaining_fraction += (share - self.remaining_fraction) * step_s / (self.averaging_s + step_s);
+        let mean_fraction = (square(self.mean_innovation_rad) / variance).min(1.0);
+        self.remaining_fraction += (mean_fraction - self.remaining_fraction) * step_s / (self.averaging_s + step_s);
     }
 }

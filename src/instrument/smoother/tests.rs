@@ -10,7 +10,7 @@ use super::*;
 use crate::attitude::{EulerRates, GyroHeading};
 use crate::frames::Attitude;
 
-/// 80 Hz.
+/// Interval of readings at 80 Hz.
 const STEP_US: u64 = 12_500;
 const STEP_S: f32 = 0.0125;
 
@@ -43,9 +43,9 @@ struct Flight {
 }
 
 struct HeadingPair {
-    /// Raw minus true.
+    /// Raw minus true heading, radians.
     raw_rad: f32,
-    /// Smoothed minus true, and its sigma.
+    /// Smoothed minus true heading, and its sigma, radians.
     smooth: Option<(f32, f32)>,
 }
 
@@ -223,7 +223,7 @@ fn the_smoother_equals_a_conventional_kalman_filter() {
         let b = b - dt * c;
         p = [[a - 2.0 * dt * p[0][1] + dt * dt * c, b], [b, c + square(0.002 * deg) * dt]];
         p[0][0] += square(0.2 * deg) * dt + square(0.003 * rate) * 10.0 * dt;
-        // With occasional outliers.
+        // Innovations with occasional outliers.
         let innovation = if i % 50 == 0 { random.uniform(-0.5, 0.5) } else { random.uniform(-0.05, 0.05) };
         let v = f64::from(random.uniform(1e-4, 9e-4));
         let z = f64::from(innovation);
@@ -484,7 +484,7 @@ mod agreement {
         })
     }
 
-    /// At 3.9 sigma detected within about a second.
+    /// A constant innovation of 3.9 sigma is detected within about a second.
     #[test]
     fn a_mean_innovation_over_three_sigmas_is_a_contradiction() {
         for sign in [1.0, -1.0] {
@@ -506,7 +506,7 @@ mod agreement {
         assert!(!contradicts(0.29, 0.01) && contradicts(0.31, 0.01));
     }
 
-    /// Two consecutive beyond 4 sigma, on the same side.
+    /// Two consecutive innovations beyond 4 sigma on the same side.
     #[test]
     fn two_innovations_over_4_sigma_on_one_side_are_a_contradiction() {
         let all = |innovations: &[f32]| {
@@ -534,7 +534,7 @@ mod agreement {
         }
     }
 
-    /// Two seconds of agreement and 45 deg of turn.
+    /// Renewed agreement needs two seconds and a turn of 45 deg.
     #[test]
     fn after_a_contradiction_agreement_needs_a_turn_of_45_deg() {
         for (turned_deg, sign, agreed) in [(44.0, 1.0, false), (46.0, 1.0, true), (46.0, -1.0, true)] {
@@ -549,7 +549,7 @@ mod agreement {
                 assert!(i as f32 * STEP_S > 1.9 || last == AgreementResult::NotInAgreement);
             }
             assert_eq!(last == AgreementResult::InAgreement, agreed, "{turned_deg}");
-            // The requirement survives a restart.
+            // The required turn survives a restart of the test.
             agreement.restart_test();
             assert_eq!(
                 !repeat_innovation(&mut agreement, 0.0, 2.1) && repeat_innovation(&mut agreement, 0.0, 1.0),
@@ -565,7 +565,7 @@ mod agreement {
             .position(|_| agreement.test_innovation(TAU, VARIANCE, step(0.0)) == AgreementResult::Lost)
             .unwrap();
         assert!((lost as f32 * STEP_S - 5.0).abs() < 0.05, "{lost}");
-        // An interruption restarts the time.
+        // A disagreement restarts the time of agreement.
         let mut agreement = settled_test();
         for _ in 0..10 {
             for _ in 0..200 {
@@ -598,7 +598,7 @@ mod lasting {
         sum / 30.0
     }
 
-    /// Expected: `1.5 tau / (tau + 5 s)`.
+    /// Expected remaining fraction for correlation time `tau`: `1.5 tau / (tau + 5 s)`.
     #[test]
     fn the_remaining_fraction_is_that_of_a_5_s_mean() {
         for (noise_s, expected, within) in [(0.01, 0.003, 0.02), (0.5, 0.136, 0.03), (2.0, 0.43, 0.06)] {

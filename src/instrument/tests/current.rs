@@ -68,7 +68,7 @@ fn a_reported_current_is_valid_for_three_seconds() {
         let then = at(silent_us + LATENCY_US);
         assert_eq!(instrument.current_a(at(silent_us)), current_a);
         assert_eq!(instrument.on_silence(at(silent_us)).current_a, current_a);
-        // Only the sigma differs, because the mean current is assumed.
+        // Without a report only the sigma differs, because the mean current is assumed.
         let mut with_report = with_interference();
         with_report.on_current(then, 20.0);
         report(&mut with_report, silent_us, ATTITUDE);

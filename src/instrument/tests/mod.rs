@@ -11,7 +11,7 @@ use testkit::random::Random;
 
 const PERIOD_US: u64 = 12_500;
 const LATENCY_US: u64 = AttitudeConfig::DEFAULT.latency_us.unsigned_abs() as u64;
-/// Offset so that no time is negative.
+/// Start of the tests' clock, late enough that no time is negative.
 const BEGIN_US: u64 = 1_000_000;
 
 fn at(us: u64) -> Timestamp {
@@ -254,7 +254,6 @@ fn readings_in_an_attitude_gap_are_counted_and_dropped() {
     assert_eq!(instrument.rejection_counts().unpaired_readings, 31);
 }
 
-/// Limit: 0.3 s.
 #[test]
 fn readings_wait_for_attitude_up_to_0_3_s() {
     let mut instrument = instrument();
@@ -283,7 +282,7 @@ fn readings_dropped_from_a_full_queue_are_counted() {
     assert_eq!(instrument.rejection_counts().unpaired_readings, 6);
 }
 
-/// Limit: 3.2 periods, 40 ms.
+/// The longest step between readings of a sample is 3.2 periods, 40 ms.
 #[test]
 fn a_gap_in_the_readings_starts_another_sample() {
     for (gap_us, made) in [(40_000, 1), (40_001, 0)] {
@@ -329,7 +328,7 @@ fn a_sample_mixes_no_readings_with_and_without_attitude() {
         instrument.on_reading(at(i * PERIOD_US), reading(SOME));
     }
     assert!(samples(&mut instrument).is_empty());
-    // A change of alignment keeps the run.
+    // A change of alignment does not restart the averaging run.
     let align = Correction { align_deg: 5.0, ..Correction::UNCALIBRATED };
     instrument.set_correction(align);
     for i in 8..12 {
@@ -465,7 +464,7 @@ fn noisy(random: &mut Random) -> Field<Sensor> {
     Field::new(sensed + nalgebra::Vector3::from_fn(|_, _| 0.3 * random.normal()))
 }
 
-/// Rejected from the 16th equal reading on.
+/// Readings are rejected from the 16th equal one on.
 #[test]
 fn a_stuck_axis_is_reported_and_makes_no_samples() {
     let mut random = Random(1);
@@ -516,7 +515,7 @@ fn a_clipped_axis_is_reported() {
     assert!(instrument.rejection_counts().clipped_readings >= 80);
 }
 
-/// Rejected from the fifth equal report on.
+/// Reports are rejected from the fifth equal one on.
 #[test]
 fn a_frozen_attitude_is_reported_at_the_fifth_equal_report() {
     let mut random = Random(4);
@@ -601,7 +600,7 @@ fn turning(instrument: &mut Instrument, from_s: f32, seconds: f32, rate_scale: f
         .collect()
 }
 
-/// After two seconds, with alignment.
+/// The smoothed heading appears after two seconds, with alignment.
 #[test]
 fn a_source_with_rates_gives_a_smooth_heading() {
     let mut instrument = calibrated();

@@ -71,7 +71,7 @@ fn the_configured_address_is_used() {
     assert_eq!(block_on(driver.init()), Ok(Identity { model: MagnetometerModel::Lis3mdl, address: 0x1C }));
 }
 
-/// Unfreezes axes under block data update.
+/// Reading the data releases axes frozen by block data update.
 #[test]
 fn init_reads_the_data_once() {
     let mut driver = Lis3mdl::new(registers(), Lis3mdlConfig::default());
@@ -79,7 +79,7 @@ fn init_reads_the_data_once() {
     assert!(driver.chip.i2c_bus.was_read[0x28..0x2E].iter().all(|&was_read| was_read));
 }
 
-/// 0.5 gauss on x at +-4 gauss.
+/// Driver whose chip measures 0.5 gauss on x at +-4 gauss.
 fn with_measurement(status: u8) -> Lis3mdl<SimulatedRegisters> {
     let mut driver = Lis3mdl::new(registers(), Lis3mdlConfig::default());
     driver.chip.i2c_bus.values[0x27] = status;

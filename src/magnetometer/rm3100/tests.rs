@@ -138,7 +138,7 @@ fn data_of_ones_is_no_measurement() {
     });
 }
 
-/// 75 counts per microtesla.
+/// The sensitivity is 75 counts per microtesla.
 #[test]
 fn counts_become_microtesla_on_the_chips_axes() {
     let reading = decode_reading([0x00, 0x1D, 0x4C, 0xFF, 0xF1, 0x5A, 0x00, 0x00, 0x01]);
@@ -160,7 +160,7 @@ fn either_end_of_the_range_is_saturation_on_any_axis() {
     }
 }
 
-/// At half of the manual's 15 nT, with the field at the middle of a count.
+/// Noise of half the manual's 15 nT, with the field at the middle of a count.
 #[test]
 fn noise_at_rest_seldom_resembles_a_stuck_axis() {
     let sigma_counts = 0.5 * 0.015 * 75.0;

@@ -24,24 +24,24 @@ pub(super) struct CollectionReporter {
     /// The active calibration, and the noise of a reading relative to the field strength.
     calibration: Option<(Calibration, f32)>,
     /// Number of calibrations that became active; wraps.
-    calibrations: u8,
+    calibration_count: u8,
     /// Tenths of progress already sent as a text; none without a collection.
     reported_tenths: Option<u8>,
     /// Whether the last solve succeeded; none once it was reported.
     outcome: Option<bool>,
     /// Whether the pending report is a success; none without a pending report.
-    report: Option<bool>,
+    pending_report: Option<bool>,
     progress: MessageSchedule,
 }
 
 impl CollectionReporter {
-    pub const fn calibrations(&self) -> u8 {
-        self.calibrations
+    pub const fn calibration_count(&self) -> u8 {
+        self.calibration_count
     }
 
     /// Whether a calibration differs from the last reported one.
     pub fn differs_from_reported(&self, calibration: &Calibration) -> bool {
-        self.calibration.as_ref().is_none_or(|(seen, _)| seen != calibration)
+        self.calibration.as_ref().is_none_or(|(reported, _)| reported != calibration)
     }
 
     /// Records the outcome of a solve; the next update contains the state after it.
@@ -55,7 +55,7 @@ impl CollectionReporter {
             snapshot.calibration.filter(|(calibration, _)| self.differs_from_reported(calibration))
         {
             self.calibration = Some((*calibration, uncertainty.sensor_sigma));
-            self.calibrations = self.calibrations.wrapping_add(1);
+            self.calibration_count = self.calibration_count.wrapping_add(1);
         }
         // An automatic collection continues after a refused solve: that outcome does not end it.
         let outcome = self.outcome.take();
@@ -66,16 +66,16 @@ impl CollectionReporter {
             (Some(_), indicator) => {
                 texts.push_message(&Message::CollectionEnded);
                 self.reported_tenths = None;
-                self.report = outcome.or((indicator != IndicatorState::Idle).then_some(false));
+                self.pending_report = outcome.or((indicator != IndicatorState::Idle).then_some(false));
             }
-            (None, _) => self.report = outcome.or(self.report),
+            (None, _) => self.pending_report = outcome.or(self.pending_report),
         }
     }
 
     /// Queues a text for each tenth of progress, and for a collection that starts again from nothing.
-    fn report_progress(&mut self, before: Option<u8>, percent: u8, texts: &mut PendingTexts) {
+    fn report_progress(&mut self, reported: Option<u8>, percent: u8, texts: &mut PendingTexts) {
         let reported_tenths = percent / 10;
-        let is_new = before.is_none_or(|before| reported_tenths > before || (percent == 0 && before > 0));
+        let is_new = reported.is_none_or(|reported| reported_tenths > reported || (percent == 0 && reported > 0));
         if is_new {
             self.reported_tenths = Some(reported_tenths);
             texts.push_message(&Message::Collecting(10 * reported_tenths));
@@ -84,11 +84,11 @@ impl CollectionReporter {
 
     /// Sends the due message; returns whether one was sent.
     pub fn send_progress(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
-        if let Some(is_success) = self.report {
+        if let Some(is_success) = self.pending_report {
             let report = mag_cal_report(self.calibration.as_ref().filter(|_| is_success), snapshot.settings.mount);
             let is_sent = line.send_message(OutboundMessage::mag_cal_report(&report));
             if is_sent {
-                self.report = None;
+                self.pending_report = None;
             }
             return is_sent;
         }
@@ -109,11 +109,11 @@ impl CollectionReporter {
 /// With `W (m - b)` and the configured right-angle mounting `R`, the offset is `-R b`, and the matrix is the symmetric
 /// one nearest to `W R^T` in the Frobenius norm, its symmetric part; the remaining rotation is dropped. The fitness is
 /// the noise of a reading.
-fn mag_cal_report(found: Option<&(Calibration, f32)>, mount: Orientation) -> MagCalReport {
-    let is_success = found.is_some();
-    let none =
+fn mag_cal_report(calibration: Option<&(Calibration, f32)>, mount: Orientation) -> MagCalReport {
+    let is_success = calibration.is_some();
+    let failure_report =
         MagCalReport { is_success, fitness_mg: 0.0, offset_mg: [0.0; 3], diagonal: [1.0; 3], off_diagonal: [0.0; 3] };
-    let Some((calibration, sensor_sigma)) = found else { return none };
+    let Some((calibration, sensor_sigma)) = calibration else { return failure_report };
     let w = calibration.w_matrix();
     let mounting = mount.body_from_sensor();
     let offset_ut: Vector3<f32> = -(mounting * calibration.b_vector_ut());
@@ -124,6 +124,6 @@ fn mag_cal_report(found: Option<&(Calibration, f32)>, mount: Orientation) -> Mag
         offset_mg: (offset_ut * MG_PER_UT).into(),
         diagonal: [mean(0, 0), mean(1, 1), mean(2, 2)],
         off_diagonal: [mean(0, 1), mean(0, 2), mean(1, 2)],
-        ..none
+        ..failure_report
     }
 }

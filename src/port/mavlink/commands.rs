@@ -26,8 +26,8 @@ const RESULT_TIMEOUT_US: u64 = 5_000_000;
 /// Last command that was passed on.
 #[derive(Clone, Copy, Debug)]
 struct LastCommand {
-    at: Timestamp,
-    by: SenderId,
+    received_at: Timestamp,
+    sender: SenderId,
     number: u16,
     command: Command,
     /// Result; none until it is known.
@@ -39,7 +39,7 @@ type CommandRejection = (MavResult, Option<Refusal>);
 
 #[derive(Clone, Copy, Debug)]
 struct PendingAcknowledgement {
-    to: SenderId,
+    addressee: SenderId,
     command: u16,
     result: MavResult,
 }
@@ -47,10 +47,10 @@ struct PendingAcknowledgement {
 /// Commands to the module, and their acknowledgements.
 #[derive(Debug, Default)]
 pub(super) struct CommandHandler {
-    last: Option<LastCommand>,
+    last_command: Option<LastCommand>,
     /// Acknowledgements in the order of their commands. While the queue is full, further commands are not acknowledged,
     /// so that their senders repeat them.
-    answers: heapless::Deque<PendingAcknowledgement, 4>,
+    acknowledgements: heapless::Deque<PendingAcknowledgement, 4>,
 }
 
 impl CommandHandler {
@@ -62,8 +62,8 @@ impl CommandHandler {
     pub fn process_command(&mut self, at: Timestamp, received: &ReceivedCommand) -> Result<Command, Option<Refusal>> {
         match self.evaluate_command(at, received) {
             Ok(command) => {
-                let (by, number) = (received.sender_id, received.command_number);
-                self.last = Some(LastCommand { at, by, number, command, result: None });
+                let (sender, number) = (received.sender_id, received.command_number);
+                self.last_command = Some(LastCommand { received_at: at, sender, number, command, result: None });
                 Ok(command)
             }
             Err((result, reason)) => {
@@ -80,30 +80,37 @@ impl CommandHandler {
             Err(Refusal::Armed | Refusal::Busy) => MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
             Err(_) => MavResult::MAV_RESULT_DENIED,
         };
-        if let Some(passed) = self.last.as_mut().filter(|passed| passed.command == command && passed.result.is_none()) {
-            passed.result = Some(result);
-            let LastCommand { by, number, .. } = *passed;
-            self.queue_reply(by, number, result);
+        if let Some(open_command) = self
+            .last_command
+            .as_mut()
+            .filter(|open_command| open_command.command == command && open_command.result.is_none())
+        {
+            open_command.result = Some(result);
+            let LastCommand { sender, number, .. } = *open_command;
+            self.queue_reply(sender, number, result);
         }
     }
 
     /// Sends the oldest acknowledgement; returns whether one was sent.
     pub fn send_replies(&mut self, line: &mut Transmitter<'_>) -> bool {
-        let Some(&PendingAcknowledgement { to, command, result }) = self.answers.front() else { return false };
-        let is_sent = line.send_message(OutboundMessage::acknowledgement(Address::from_sender(to), command, result));
+        let Some(&PendingAcknowledgement { addressee, command, result }) = self.acknowledgements.front() else {
+            return false;
+        };
+        let is_sent =
+            line.send_message(OutboundMessage::acknowledgement(Address::from_sender(addressee), command, result));
         if is_sent {
-            self.answers.pop_front();
+            self.acknowledgements.pop_front();
         }
         is_sent
     }
 
     fn evaluate_command(&self, at: Timestamp, received: &ReceivedCommand) -> Result<Command, CommandRejection> {
-        let command = console_command(received)?;
-        if let Some(last) = self.last {
-            let age_us = at.us_since(last.at);
+        let command = requested_command(received)?;
+        if let Some(last) = self.last_command {
+            let age_us = at.us_since(last.received_at);
             let is_open = last.result.is_none() && age_us <= RESULT_TIMEOUT_US;
-            let is_the_same = last.by == received.sender_id && last.number == received.command_number;
-            if is_the_same && received.confirmation > 0 && (is_open || age_us <= REPETITION_WINDOW_US) {
+            let is_repeated = last.sender == received.sender_id && last.number == received.command_number;
+            if is_repeated && received.confirmation > 0 && (is_open || age_us <= REPETITION_WINDOW_US) {
                 return Err((last.result.unwrap_or(MavResult::MAV_RESULT_IN_PROGRESS), None));
             }
             if is_open {
@@ -113,12 +120,12 @@ impl CommandHandler {
         Ok(command)
     }
 
-    fn queue_reply(&mut self, to: SenderId, command: u16, result: MavResult) {
-        let _ = self.answers.push_back(PendingAcknowledgement { to, command, result });
+    fn queue_reply(&mut self, addressee: SenderId, command: u16, result: MavResult) {
+        let _ = self.acknowledgements.push_back(PendingAcknowledgement { addressee, command, result });
     }
 }
 
-fn console_command(received: &ReceivedCommand) -> Result<Command, CommandRejection> {
+fn requested_command(received: &ReceivedCommand) -> Result<Command, CommandRejection> {
     const REBOOT_COMMAND: u16 = MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN as u16;
     match received.command_number {
         DO_START_MAG_CAL => Ok(Command::CalStart(Procedure::Flight)),

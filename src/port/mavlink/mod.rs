@@ -88,7 +88,7 @@ impl Mavlink {
     /// restart.
     pub fn complete_command(&mut self, command: Command, result: Result<(), &Refusal>) {
         self.commands.complete_command(command, result);
-        self.report_refused(result.err().cloned());
+        self.queue_refusal(result.err().cloned());
     }
 
     /// Queues a message until an autopilot is known; of more than three pending messages the newest three are sent.
@@ -127,7 +127,7 @@ impl Mavlink {
                 match self.commands.process_command(at, &command) {
                     Ok(command) => Some(ReceivedMessage::Command(command)),
                     Err(reason) => {
-                        self.report_refused(reason);
+                        self.queue_refusal(reason);
                         None
                     }
                 }
@@ -143,7 +143,7 @@ impl Mavlink {
     }
 
     /// Queues the reason of a refused command as a text.
-    fn report_refused(&mut self, reason: Option<Refusal>) {
+    fn queue_refusal(&mut self, reason: Option<Refusal>) {
         if let Some(refusal) = reason {
             self.texts.push_message(&Notice::CommandRejected(refusal));
         }
@@ -164,7 +164,7 @@ impl Mavlink {
         if line.transmit_buffer.pending_bytes().len() > MAX_PENDING_BEFORE_POSE_BYTES {
             return false;
         }
-        let Some(pose) = current_pose(snapshot, self.collection.calibrations()) else { return false };
+        let Some(pose) = current_pose(snapshot, self.collection.calibration_count()) else { return false };
         self.vision.is_due(snapshot.now, VISION_HZ) && line.send_message(OutboundMessage::pose_estimate(&pose))
     }
 

@@ -67,20 +67,23 @@ pub(super) struct RequestSequence {
     /// Number of times this request was sent.
     attempts: u8,
     /// Time of the request or of its acceptance; reports are counted from it.
-    since: Timestamp,
-    reports: u16,
+    counting_since: Timestamp,
+    report_count: u16,
     /// Time of the last attitude report, and its sender's clock.
-    last: Option<(Timestamp, WrappingMillis)>,
+    last_report: Option<(Timestamp, WrappingMillis)>,
 }
 
 impl RequestSequence {
     /// Records an attitude report of the selected sender.
     pub fn on_attitude(&mut self, at: Timestamp, sender_time: WrappingMillis) {
-        if self.last.is_some_and(|(_, before)| before.signed_ms_since(sender_time) > MIN_RESTART_STEP_MS) {
+        if self
+            .last_report
+            .is_some_and(|(_, last_sender_time)| last_sender_time.signed_ms_since(sender_time) > MIN_RESTART_STEP_MS)
+        {
             self.begin_requests(at);
         }
-        self.reports = self.reports.saturating_add(1);
-        self.last = Some((at, sender_time));
+        self.report_count = self.report_count.saturating_add(1);
+        self.last_report = Some((at, sender_time));
     }
 
     /// Processes the autopilot's acknowledgement of a request.
@@ -137,22 +140,23 @@ impl RequestSequence {
     }
 
     fn restart_rate_count(&mut self, at: Timestamp) {
-        (self.since, self.reports) = (at, 0);
+        (self.counting_since, self.report_count) = (at, 0);
     }
 
     fn due_request(&mut self, now: Timestamp) -> Option<MessageRequest> {
-        let elapsed_us = now.us_since(self.since);
+        let elapsed_us = now.us_since(self.counting_since);
         let periodic_request = MESSAGE_REQUESTS.get(self.request_index);
         if periodic_request.is_none() {
-            let heard_us = self.last.map_or(elapsed_us, |(at, _)| now.us_since(at));
-            if heard_us > ATTITUDE_TIMEOUT_US {
+            let silence_us = self.last_report.map_or(elapsed_us, |(at, _)| now.us_since(at));
+            if silence_us > ATTITUDE_TIMEOUT_US {
                 self.begin_requests(now);
             }
         }
         if elapsed_us < REPLY_TIMEOUT_US {
             return None;
         }
-        if periodic_request.is_some_and(|periodic_request| periodic_request.is_satisfied(self.reports, elapsed_us)) {
+        if periodic_request.is_some_and(|periodic_request| periodic_request.is_satisfied(self.report_count, elapsed_us))
+        {
             self.select_request(FIRST_NON_ATTITUDE_REQUEST);
         } else if self.attempts >= ATTEMPTS_PER_REQUEST {
             self.select_request(self.request_index + 1);
@@ -164,10 +168,10 @@ impl RequestSequence {
 impl MessageRequest {
     /// Whether attitude arrives at 80 % of the requested rate or more; the autopilot's loop and the line lose some
     /// reports.
-    fn is_satisfied(self, reports: u16, elapsed_us: u64) -> bool {
+    fn is_satisfied(self, report_count: u16, elapsed_us: u64) -> bool {
         match self {
             Self::Attitude(rate_hz) | Self::Stream(rate_hz) => {
-                u64::from(reports) * 1_250_000 >= u64::from(rate_hz) * elapsed_us
+                u64::from(report_count) * 1_250_000 >= u64::from(rate_hz) * elapsed_us
             }
             Self::Message(..) => false,
         }

@@ -31,9 +31,9 @@ struct PendingText {
 pub(super) struct PendingTexts {
     waiting: heapless::Vec<PendingText, QUEUE_CAPACITY>,
     /// Number of sent chunks of the first text.
-    sent: u8,
+    sent_chunks: u8,
     /// STATUSTEXT's `id`, counted for texts of several chunks; 0 is for texts of one chunk.
-    id: u16,
+    text_id: u16,
     schedule: MessageSchedule,
 }
 
@@ -47,7 +47,7 @@ impl PendingTexts {
         let mut characters = BoundedText::default();
         let _ = write!(characters, "{TEXT_PREFIX}{message}");
         if self.waiting.is_full() {
-            self.waiting.remove(usize::from(self.sent > 0));
+            self.waiting.remove(usize::from(self.sent_chunks > 0));
         }
         let _ = self.waiting.push(PendingText { severity, characters });
     }
@@ -60,17 +60,18 @@ impl PendingTexts {
         }
         let characters = text.characters.bytes();
         let is_long = characters.len() > OutboundMessage::STATUSTEXT_CAPACITY;
-        let rest = characters.get(usize::from(self.sent) * OutboundMessage::STATUSTEXT_CAPACITY..).unwrap_or_default();
-        let chunk = rest.get(..OutboundMessage::STATUSTEXT_CAPACITY).unwrap_or(rest);
-        let id = if is_long { self.id.max(1) } else { 0 };
-        if !line.send_message(OutboundMessage::text(text.severity, chunk, id, self.sent)) {
+        let unsent =
+            characters.get(usize::from(self.sent_chunks) * OutboundMessage::STATUSTEXT_CAPACITY..).unwrap_or_default();
+        let chunk = unsent.get(..OutboundMessage::STATUSTEXT_CAPACITY).unwrap_or(unsent);
+        let text_id = if is_long { self.text_id.max(1) } else { 0 };
+        if !line.send_message(OutboundMessage::text(text.severity, chunk, text_id, self.sent_chunks)) {
             return false;
         }
-        self.sent += 1;
+        self.sent_chunks += 1;
         // The last of several chunks must not be full: an empty one follows if all are.
         if !is_long || chunk.len() < OutboundMessage::STATUSTEXT_CAPACITY {
             self.waiting.remove(0);
-            (self.sent, self.id) = (0, id.wrapping_add(1));
+            (self.sent_chunks, self.text_id) = (0, text_id.wrapping_add(1));
         }
         true
     }

@@ -34,12 +34,12 @@ impl<'a> Transmitter<'a> {
     /// Appends a message; returns whether there was room. Only appended messages take a sequence number, so that a gap
     /// means a loss on the line.
     pub fn send_message(&mut self, message: OutboundMessage) -> bool {
-        let fits = self.transmit_buffer.append_message(&[&message.into_frame(
+        let has_room = self.transmit_buffer.append_message(&[&message.into_frame(
             self.own_address,
             *self.sequence,
             self.signatures,
         )]);
-        *self.sequence = self.sequence.wrapping_add(u8::from(fits));
-        fits
+        *self.sequence = self.sequence.wrapping_add(u8::from(has_room));
+        has_room
     }
 }

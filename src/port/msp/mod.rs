@@ -63,7 +63,7 @@ pub struct Msp {
     attitude: MessageSchedule,
     other_requests: MessageSchedule,
     /// Index of the next periodic request other than attitude.
-    next: usize,
+    next_request: usize,
 }
 
 impl Msp {
@@ -80,7 +80,7 @@ impl Msp {
             compass: MessageSchedule::new(),
             attitude: MessageSchedule::new(),
             other_requests: MessageSchedule::new(),
-            next: 0,
+            next_request: 0,
         }
     }
 
@@ -115,8 +115,8 @@ impl Msp {
 
     fn next_periodic_request(&mut self) -> MspFunction {
         let [first, ..] = PERIODIC_REQUESTS;
-        let function = PERIODIC_REQUESTS.get(self.next).copied().unwrap_or(first);
-        self.next = (self.next + 1) % PERIODIC_REQUESTS.len();
+        let function = PERIODIC_REQUESTS.get(self.next_request).copied().unwrap_or(first);
+        self.next_request = (self.next_request + 1) % PERIODIC_REQUESTS.len();
         function
     }
 

@@ -92,7 +92,7 @@ fn count_requests(requested: &[(u64, u16)], function: MspFunction) -> usize {
     requested.iter().filter(|(_, requested)| *requested == function as u16).count()
 }
 
-/// 50 of 80 estimates a second, each with its reading's time; nothing without a field.
+/// Of 80 estimates a second, 50 are sent, each with its reading's time; nothing is sent without a field.
 #[test]
 fn compass_frames_are_sent_from_power_up() {
     let mut msp = Msp::new();
@@ -130,7 +130,7 @@ fn without_a_known_firmware_attitude_is_ignored() {
     assert!(first.iter().any(|frame| function(frame) == MspFunction::FcVariant as u16), "at once");
 }
 
-/// 10 deg right, 5 deg up or down; no clock and no rates.
+/// Roll of 10 deg right, pitch of 5 deg up or down; no clock and no rates.
 #[test]
 fn attitude_is_received_with_the_firmware_s_signs() {
     for (name, pitch_deg) in [(b"ARDU", 5.0), (b"INAV", -5.0), (b"BTFL", -5.0)] {
@@ -166,7 +166,7 @@ fn inav_s_gyro_gives_the_body_rates() {
     }
 }
 
-/// Without a gyro, from a heading that turns by 1 deg in 50 ms.
+/// Body rates without a gyro, from a heading that turns by 1 deg in 50 ms.
 #[test]
 fn without_a_gyro_the_attitude_s_changes_give_the_body_rates() {
     let mut msp = msp_with_firmware(b"ARDU");
@@ -180,8 +180,8 @@ fn without_a_gyro_the_attitude_s_changes_give_the_body_rates() {
     assert!((sum_deg_s / 50.0 - 20.0).abs() < 0.5, "{}", sum_deg_s / 50.0);
 }
 
-/// 50 Hz at most, less for a slow autopilot, in steps of the estimates. Others about once a second each, the current
-/// four times.
+/// Attitude is requested at 50 Hz at most, less from a slow autopilot, in steps of the estimates; other data about once
+/// a second each, the current four times.
 #[test]
 fn attitude_is_requested_at_the_rate_of_the_replies() {
     for (after_us, least, most) in [(3_500, 495, 501), (9_500, 495, 501), (18_000, 395, 401), (40_000, 195, 201)] {
@@ -207,7 +207,7 @@ fn unanswered_requests_do_not_stop_polling() {
         .map(|(us, _)| *us)
         .collect();
     assert!(attitudes.windows(2).all(|pair| pair[1] - pair[0] == 50_000), "{attitudes:?}");
-    // Not before the timeout, even if polled just before it.
+    // No request is repeated before the timeout, even if polled just before it.
     let mut msp = msp_with_firmware(b"INAV");
     let is_asked = |msp: &mut Msp, us| poll(msp, us, &Estimate::EMPTY).iter().any(|f| function(f) == 108);
     assert!(is_asked(&mut msp, 0) && !is_asked(&mut msp, 49_999) && is_asked(&mut msp, 50_000));
@@ -229,7 +229,7 @@ fn an_incomplete_reply_is_discarded() {
     assert_eq!((received.len(), msp.rejected_frames()), (1, 0));
 }
 
-/// Replies, refusals included, and no other frames.
+/// Replies, refusals included, detect an autopilot; other frames do not.
 #[test]
 fn only_a_reply_detects_an_msp_peer() {
     let mut msp = Msp::new();

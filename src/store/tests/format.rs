@@ -161,7 +161,8 @@ fn split(mut fields: &[u8]) -> Vec<(u8, Vec<u8>)> {
     all
 }
 
-/// Written by firmware with fewer fields; or a value known only to later firmware, here a variant after the last.
+/// Fields are missing if older firmware wrote the item, or unreadable if later firmware wrote a variant after the last
+/// one known here.
 #[test]
 fn a_missing_field_has_its_default() {
     let fields = split(&state_fields());
@@ -275,7 +276,7 @@ fn a_truncated_item_is_damaged() {
     }
 }
 
-/// Any bytes with a correct CRC.
+/// Items of random bytes with a correct CRC.
 #[test]
 fn random_fields_decode_to_valid_values_or_an_error() {
     for seed in 0..20_000 {

@@ -20,7 +20,7 @@ use crate::reading::{Identity, MagnetometerModel};
 use crate::settings::{HeadingKind, ProtocolKind, Settings};
 
 const PAGE: usize = 2048;
-/// As on the board.
+/// Number of pages, as on the board.
 const PAGES: usize = 8;
 const REGION: Range<u32> = 0..(PAGE * PAGES) as u32;
 
@@ -114,7 +114,7 @@ fn flash_after(saves: u32) -> Flash {
     flash
 }
 
-/// Saves with a newly created store.
+/// Saves a calibration with a newly created store.
 fn save(flash: &mut Flash, serial: u32) -> Result<(), StoreError> {
     save_change(flash, change(&stored_calibrations(serial)))
 }

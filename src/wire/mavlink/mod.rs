@@ -42,26 +42,26 @@ pub struct Receiver {
 }
 
 struct FrameLayout {
-    wanted: &'static MessageSpec,
+    message: &'static MessageSpec,
     source: SenderId,
-    header: usize,
-    payload: usize,
-    signature: usize,
+    header_length: usize,
+    payload_length: usize,
+    signature_length: usize,
 }
 
 impl FrameLayout {
     fn frame_length(&self) -> usize {
-        self.header + self.payload + 2 + self.signature
+        self.header_length + self.payload_length + 2 + self.signature_length
     }
 }
 
 enum FrameCandidate {
     /// The bytes are not the start of a supported frame.
-    No,
+    NoFrame,
     /// Whether a supported frame starts is unknown until this number of bytes is buffered.
-    Unknown(usize),
+    Incomplete(usize),
     /// The bytes start a supported frame with this layout.
-    Yes(FrameLayout),
+    Frame(FrameLayout),
 }
 
 impl Receiver {
@@ -74,7 +74,7 @@ impl Receiver {
     /// Processes a received byte; returns the message that it completes.
     #[inline]
     pub fn push_byte(&mut self, byte: u8) -> Option<InboundMessage> {
-        // Never full: `scan` leaves less than one frame.
+        // The buffer is never full: `scan_buffer` leaves less than one frame.
         let _ = self.buffer.push(byte);
         if self.buffer.len() < self.needed { None } else { self.scan_buffer() }
     }
@@ -83,12 +83,12 @@ impl Receiver {
     fn scan_buffer(&mut self) -> Option<InboundMessage> {
         loop {
             match find_frame_candidate(&self.buffer) {
-                FrameCandidate::No => self.drop_front(1),
-                FrameCandidate::Unknown(needed) => {
+                FrameCandidate::NoFrame => self.drop_front(1),
+                FrameCandidate::Incomplete(needed) => {
                     self.needed = needed;
                     return None;
                 }
-                FrameCandidate::Yes(layout) => {
+                FrameCandidate::Frame(layout) => {
                     self.needed = layout.frame_length();
                     if self.buffer.len() < self.needed {
                         return None;
@@ -108,7 +108,7 @@ impl Receiver {
 
     fn is_signature_accepted(&mut self, layout: &FrameLayout) -> bool {
         let frame = self.buffer.get(..layout.frame_length()).unwrap_or_default();
-        self.signatures.accept_frame(frame, layout.source, layout.signature > 0)
+        self.signatures.accept_frame(frame, layout.source, layout.signature_length > 0)
     }
 
     fn drop_front(&mut self, count: usize) {
@@ -122,44 +122,57 @@ impl Receiver {
 fn find_frame_candidate(bytes: &[u8]) -> FrameCandidate {
     match *bytes {
         [V1_START_BYTE, length, _, system, component, id, ..] => {
-            let payload = usize::from(length);
-            let matches_layout =
-                |wanted: &&MessageSpec| wanted.message_id == u32::from(id) && wanted.payload_length == payload;
-            SUPPORTED_MESSAGES.iter().find(matches_layout).map_or(FrameCandidate::No, |wanted| {
+            let payload_length = usize::from(length);
+            let matches_layout = |message: &&MessageSpec| {
+                message.message_id == u32::from(id) && message.payload_length == payload_length
+            };
+            SUPPORTED_MESSAGES.iter().find(matches_layout).map_or(FrameCandidate::NoFrame, |message| {
                 let source = Address { system_id: system, component_id: component }.sender_id();
-                FrameCandidate::Yes(FrameLayout { wanted, source, header: V1_HEADER_LENGTH, payload, signature: 0 })
+                FrameCandidate::Frame(FrameLayout {
+                    message,
+                    source,
+                    header_length: V1_HEADER_LENGTH,
+                    payload_length,
+                    signature_length: 0,
+                })
             })
         }
         [V2_START_BYTE, length, incompatibility, _, _, system, component, m0, m1, m2, ..] => {
-            let payload = usize::from(length);
+            let payload_length = usize::from(length);
             let id = u32::from_le_bytes([m0, m1, m2, 0]);
             // An unknown flag may change the format. Trailing zeros of the payload are truncated, to one byte at least.
             let is_known = incompatibility & !signature::SIGNED_FLAG == 0;
-            let matches_layout = |wanted: &&MessageSpec| {
-                is_known && wanted.message_id == id && (1..=wanted.extended_length).contains(&payload)
+            let matches_layout = |message: &&MessageSpec| {
+                is_known && message.message_id == id && (1..=message.extended_length).contains(&payload_length)
             };
-            SUPPORTED_MESSAGES.iter().find(matches_layout).map_or(FrameCandidate::No, |wanted| {
+            SUPPORTED_MESSAGES.iter().find(matches_layout).map_or(FrameCandidate::NoFrame, |message| {
                 let source = Address { system_id: system, component_id: component }.sender_id();
-                let signature =
+                let signature_length =
                     if incompatibility & signature::SIGNED_FLAG == 0 { 0 } else { signature::SIGNATURE_SIZE };
-                FrameCandidate::Yes(FrameLayout { wanted, source, header: V2_HEADER_LENGTH, payload, signature })
+                FrameCandidate::Frame(FrameLayout {
+                    message,
+                    source,
+                    header_length: V2_HEADER_LENGTH,
+                    payload_length,
+                    signature_length,
+                })
             })
         }
-        [] | [V1_START_BYTE, ..] => FrameCandidate::Unknown(V1_HEADER_LENGTH),
-        [V2_START_BYTE, ..] => FrameCandidate::Unknown(V2_HEADER_LENGTH),
-        _ => FrameCandidate::No,
+        [] | [V1_START_BYTE, ..] => FrameCandidate::Incomplete(V1_HEADER_LENGTH),
+        [V2_START_BYTE, ..] => FrameCandidate::Incomplete(V2_HEADER_LENGTH),
+        _ => FrameCandidate::NoFrame,
     }
 }
 
 /// Decodes a complete frame; none for a wrong CRC or impossible values.
 fn decode_message(frame: &[u8], layout: &FrameLayout) -> Option<InboundMessage> {
-    let crc_at = layout.header + layout.payload;
+    let crc_at = layout.header_length + layout.payload_length;
     let checked = frame.get(1..crc_at)?;
     let crc = frame.get(crc_at..crc_at + 2)?;
-    if checksum(checked, layout.wanted.extra_crc).to_le_bytes() != crc {
+    if checksum(checked, layout.message.extra_crc).to_le_bytes() != crc {
         return None;
     }
-    (layout.wanted.decoder)(layout.source, frame.get(layout.header..crc_at)?)
+    (layout.message.decoder)(layout.source, frame.get(layout.header_length..crc_at)?)
 }
 
 #[cfg(test)]

@@ -107,7 +107,7 @@ impl OutboundMessage {
     #[must_use]
     pub fn text(severity: MavSeverity, chunk: &[u8], number: u16, sequence: u8) -> Self {
         let mut text = [0; Self::STATUSTEXT_CAPACITY];
-        text.iter_mut().zip(chunk).for_each(|(to, from)| *to = *from);
+        text.iter_mut().zip(chunk).for_each(|(target, source)| *target = *source);
         let mut message = Self::from_library::<STATUSTEXT_DATA>();
         message.put_bytes(&[severity as u8]);
         message.put_bytes(&text);
@@ -120,7 +120,7 @@ impl OutboundMessage {
     #[must_use]
     pub fn named_value(at: Timestamp, name: &str, value: f32) -> Self {
         let mut field = [0; 10];
-        field.iter_mut().zip(name.bytes()).for_each(|(to, from)| *to = from);
+        field.iter_mut().zip(name.bytes()).for_each(|(target, source)| *target = source);
         let mut message = Self::from_library::<NAMED_VALUE_FLOAT_DATA>();
         message.put_bytes(&at.wrapping_millis().as_ms().to_le_bytes());
         message.put_floats(&[value]);
@@ -176,7 +176,7 @@ impl OutboundMessage {
 
     /// Sets sender and sequence number, truncates trailing zeros, appends the CRC and, with a key, the signature.
     #[must_use]
-    pub fn into_frame(mut self, from: Address, sequence: u8, signatures: &mut Signatures) -> EncodedFrame {
+    pub fn into_frame(mut self, sender: Address, sequence: u8, signatures: &mut Signatures) -> EncodedFrame {
         // At least one byte of payload remains.
         while self.frame.len() > V2_HEADER_LENGTH + 1 && self.frame.last() == Some(&0) {
             self.frame.pop();
@@ -185,7 +185,7 @@ impl OutboundMessage {
         if let [_, length, flags, _, number, system, component, ..] = self.frame.as_mut_slice() {
             *flags = if signatures.has_key() { signature::SIGNED_FLAG } else { 0 };
             (*length, *number) = (payload as u8, sequence);
-            (*system, *component) = (from.system_id, from.component_id);
+            (*system, *component) = (sender.system_id, sender.component_id);
         }
         let crc = checksum(self.frame.get(1..).unwrap_or_default(), self.extra_crc);
         self.put_bytes(&crc.to_le_bytes());

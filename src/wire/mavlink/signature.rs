@@ -24,7 +24,7 @@ const HASH_LENGTH: usize = 6;
 pub(super) const SIGNED_FLAG: u8 = 0x01;
 
 /// Largest age of a new stream's first frame, units of 10 us: one minute.
-pub(super) const MAX_AGE: u64 = 6_000_000;
+pub(super) const MAX_NEW_STREAM_AGE: u64 = 6_000_000;
 
 /// Largest number of streams whose last time is stored.
 const MAX_STREAMS: usize = 8;
@@ -79,13 +79,14 @@ impl Signatures {
         let Some((signed, hash)) = frame.split_last_chunk::<HASH_LENGTH>().filter(|_| is_signed) else { return false };
         let Some(&[link, t0, t1, t2, t3, t4, t5]) = signed.last_chunk() else { return false };
         let time = u64::from_le_bytes([t0, t1, t2, t3, t4, t5, 0, 0]);
-        let known = self.streams.iter_mut().find(|stream| (stream.link, stream.source) == (link, source));
-        let is_new = known.as_ref().map_or(time + MAX_AGE >= self.newest_time, |stream| time > stream.time);
+        let known_stream = self.streams.iter_mut().find(|stream| (stream.link, stream.source) == (link, source));
+        let is_new =
+            known_stream.as_ref().map_or(time + MAX_NEW_STREAM_AGE >= self.newest_time, |stream| time > stream.time);
         if !is_new || hash_of(key, signed) != *hash {
             return false;
         }
         self.newest_time = self.newest_time.max(time);
-        match known {
+        match known_stream {
             Some(stream) => {
                 stream.time = time;
                 true

@@ -169,7 +169,7 @@ impl Receiver {
 
     /// Processes a received byte; returns the message that it completes.
     pub fn push_byte(&mut self, byte: u8) -> Option<MspReply> {
-        // Never full: `scan` leaves less than one frame.
+        // The buffer is never full: `scan_buffer` leaves less than one frame.
         let _ = self.buffer.push(byte);
         if self.buffer.len() < self.needed { None } else { self.scan_buffer() }
     }
@@ -279,8 +279,8 @@ fn raw_gps(payload: &[u8]) -> Option<MspReply> {
     let [fix, _, a0, a1, a2, a3, o0, o1, o2, o3, h0, h1, _, _, _, _, ..] = *payload else { return None };
     let degrees = |bytes| i32::from_le_bytes(bytes) as f32 * 1e-7;
     let height_m = f32::from(i16::from_le_bytes([h0, h1]));
-    let place = Position::new(degrees([a0, a1, a2, a3]), degrees([o0, o1, o2, o3]), height_m);
-    Some(MspReply::RawGps(place.filter(|_| fix != 0)))
+    let position = Position::new(degrees([a0, a1, a2, a3]), degrees([o0, o1, o2, o3]), height_m);
+    Some(MspReply::RawGps(position.filter(|_| fix != 0)))
 }
 
 /// ArduPilot and Betaflight send year, month, day, hour, minute, second and milliseconds, nine bytes; INAV seconds

@@ -61,7 +61,7 @@ fn sent_frames_match_frames_that_autopilots_accepted() {
     assert_eq!(compass_message(7, u32::MAX, Field::from_ut(0.0, 0.0, 0.0))[8..13], [7, 255, 255, 255, 255]);
 }
 
-/// Rounded to the nearest milligauss, and saturated.
+/// The field is rounded to the nearest milligauss and saturated.
 #[test]
 fn a_field_is_sent_in_milligauss() {
     let encoded = |ut: f32| {
@@ -127,7 +127,7 @@ fn firmware_is_identified_by_its_name() {
     }
 }
 
-/// 12.3 deg right, 5 deg up: as sent by each firmware, and as decoded.
+/// Roll of 12.3 deg right and pitch of 5 deg up, as sent by each firmware, and as decoded.
 #[test]
 fn the_sign_of_pitch_is_that_of_the_firmware() {
     let expected = Attitude::from_deg(12.3, 5.0);
@@ -163,7 +163,7 @@ fn armed_state_is_the_lowest_status_bit() {
     }
 }
 
-/// After voltage, charge and signal strength; signed, because a battery can be charged.
+/// The current follows voltage, charge and signal strength; it is signed, because a battery can be charged.
 #[test]
 fn a_current_is_in_hundredths() {
     for (bytes, amperes) in [([0xD2, 0x04], 12.34), ([0, 0], 0.0), ([0xFE, 0xFF], -0.02)] {
@@ -175,7 +175,7 @@ fn a_current_is_in_hundredths() {
     }
 }
 
-/// Also below sea level.
+/// Heights below sea level are included.
 #[test]
 fn a_position_needs_a_fix() {
     let gps = |fix: u8, latitude: i32, height_m: i16| {
@@ -274,7 +274,7 @@ fn a_damaged_frame_costs_no_other_frame() {
     }
 }
 
-/// Truncated at any byte, and followed by whole frames.
+/// A frame truncated at any byte is followed by whole frames.
 #[test]
 fn a_truncated_frame_costs_no_other_frame() {
     let good = attitude(123, -45);

@@ -102,14 +102,14 @@ fn put_tenths(body: &mut Sentence, tenths: u32, least_digits: usize) -> WriteRes
     if let Some(last) = fraction.last_mut() {
         *last = digit(tenths);
     }
-    let mut rest = tenths / 10;
+    let mut remaining = tenths / 10;
     let mut digits = 0;
-    for place in whole.iter_mut().rev() {
-        if rest == 0 && digits >= least_digits {
+    for character in whole.iter_mut().rev() {
+        if remaining == 0 && digits >= least_digits {
             break;
         }
-        *place = digit(rest);
-        rest /= 10;
+        *character = digit(remaining);
+        remaining /= 10;
         digits += 1;
     }
     body.extend_from_slice(text.get(MAX_WHOLE_DIGITS - digits..)?).ok()
@@ -124,9 +124,9 @@ fn build_sentence(fill: impl FnOnce(&mut Sentence) -> WriteResult) -> Sentence {
     if complete.is_some() {
         let checksum = checksum(out.get(1..).unwrap_or_default());
         let [high, low] = [checksum >> 4, checksum & 15].map(|nibble| HEX_DIGITS[usize::from(nibble)]);
-        let end = [b'*', high, low, b'\r', b'\n'];
+        let ending = [b'*', high, low, b'\r', b'\n'];
         // There is room: bodies have at most 40 characters.
-        let _ = out.extend_from_slice(&end);
+        let _ = out.extend_from_slice(&ending);
     }
     out
 }

@@ -19,7 +19,7 @@ fn sentences_match_the_nmea_standard() {
     assert!(hdg_sentence(None, None).starts_with(b"$HCHDG,,,,,*"));
 }
 
-/// Across north in both directions; without a valid heading the field is empty.
+/// The sum is tested across north in both directions; without a valid heading the field is empty.
 #[test]
 fn a_true_heading_is_magnetic_heading_plus_variation() {
     for (heading_deg, variation_deg, text) in [

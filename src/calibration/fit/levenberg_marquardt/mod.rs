@@ -49,7 +49,7 @@ pub(in crate::calibration) const MAX_REFINEMENT_STEPS: u32 = MAX_STEPS as u32 * 
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::calibration) enum RefinementProgress {
-    /// More steps are needed.
+    /// Another refinement step is required.
     Continue,
     Converged,
     Failed,
@@ -76,9 +76,10 @@ impl Damping {
 
     /// Damping after an accepted step that achieved a `share` of the promised gain: a tenth for all of it, more for
     /// less than half (H. B. Nielsen, "Damping parameter in Marquardt's method", IMM-REP-1999-05).
-    fn after_success(self, share: f32) -> Self {
-        let excess = 2.0 * share.clamp(0.0, 1.0) - 1.0;
-        let value = (self.value * (1.0 - excess * excess * excess).max(0.1)).max(Self::MIN_DAMPING);
+    fn after_success(self, gain_ratio: f32) -> Self {
+        let centred_ratio = 2.0 * gain_ratio.clamp(0.0, 1.0) - 1.0;
+        let value =
+            (self.value * (1.0 - centred_ratio * centred_ratio * centred_ratio).max(0.1)).max(Self::MIN_DAMPING);
         Self { value, growth: Self::INITIAL_GROWTH }
     }
 
@@ -101,12 +102,12 @@ pub(in crate::calibration) struct Refinement {
 }
 
 impl Refinement {
-    pub fn new(likelihood: Likelihood, samples: Samples<'_>, unknowns: Vector13, moves: bool) -> Self {
+    pub fn new(likelihood: Likelihood, samples: Samples<'_>, unknowns: Vector13, refines_unknowns: bool) -> Self {
         let system = LinearisedProblem::linearise(&likelihood, samples, &unknowns);
         Self {
             likelihood,
             unknowns,
-            refines_unknowns: moves,
+            refines_unknowns,
             system,
             damping: Damping::START_DAMPING,
             noise_estimates: 0,
@@ -120,20 +121,25 @@ impl Refinement {
 
     /// Restarts with a latency in seconds, with the unknowns moved by `follows`.
     #[inline(never)]
-    pub fn restart_with_latency(&mut self, samples: Samples<'_>, latency_s: f32, follows: &Vector13) {
+    pub fn restart_with_latency(&mut self, samples: Samples<'_>, latency_s: f32, step: &Vector13) {
         self.likelihood.latency_s = latency_s;
-        self.unknowns += follows;
+        self.unknowns += step;
         self.restart_near_solution(samples);
     }
 
     /// Restarts with a change of the motor-current interference (mount axes, units of field per ampere), with the
-    /// unknowns moved by `follow`.
+    /// unknowns moved by `step`.
     #[inline(never)]
-    pub fn restart_with_motor_current(&mut self, samples: Samples<'_>, more: &Vector3<f32>, follow: &Vector13) {
+    pub fn restart_with_motor_current(
+        &mut self,
+        samples: Samples<'_>,
+        interference_change: &Vector3<f32>,
+        step: &Vector13,
+    ) {
         let likelihood = &mut self.likelihood;
-        let k = likelihood.motor_current_per_ampere() + more;
+        let k = likelihood.motor_current_per_ampere() + interference_change;
         likelihood.motor_current.ut_per_a = (likelihood.mount_from_chip.tr_mul(&k) * likelihood.unit_ut).into();
-        self.unknowns += follow;
+        self.unknowns += step;
         self.restart_near_solution(samples);
         // The noise estimate contained the interference, so one more is needed.
         self.noise_estimates = MAX_NOISE_ESTIMATES - 2;
@@ -177,30 +183,32 @@ impl Refinement {
 
     fn levenberg_marquardt_step(&mut self, samples: Samples<'_>) -> RefinementProgress {
         self.steps_since_estimate += 1;
-        let Some((change, promised)) = self.system.damped_step(self.damping.value) else {
+        let Some((change, promised_gain)) = self.system.damped_step(self.damping.value) else {
             return RefinementProgress::Failed;
         };
-        let trial = self.unknowns + change;
-        if promised.abs()
+        let trial_unknowns = self.unknowns + change;
+        if promised_gain.abs()
             <= if self.noise_estimates == MAX_NOISE_ESTIMATES { CONVERGED_COST } else { NEARLY_CONVERGED_COST }
         {
-            self.unknowns = trial;
+            self.unknowns = trial_unknowns;
             self.system.reset_origin();
             return RefinementProgress::Converged;
         }
-        let system = LinearisedProblem::linearise(&self.likelihood, samples, &trial);
+        let system = LinearisedProblem::linearise(&self.likelihood, samples, &trial_unknowns);
         let tolerance = if self.likelihood.has_noise_estimate { COST_TOLERANCE } else { f32::MIN_POSITIVE };
-        let gained = self.system.cost - system.cost;
-        if gained >= -tolerance {
-            self.unknowns = trial;
+        let actual_gain = self.system.cost - system.cost;
+        if actual_gain >= -tolerance {
+            self.unknowns = trial_unknowns;
             self.system = system;
-            // A gain within the tolerance is not informative.
-            self.damping = self.damping.after_success(if promised > tolerance { gained / promised } else { 1.0 });
+            // A promised gain below the tolerance does not show whether the damping fits.
+            self.damping =
+                self.damping.after_success(if promised_gain > tolerance { actual_gain / promised_gain } else { 1.0 });
         } else {
             self.damping = self.damping.after_failure();
         }
-        let can_continue =
-            promised.is_finite() && self.damping.value < Damping::MAX_DAMPING && self.steps_since_estimate < MAX_STEPS;
+        let can_continue = promised_gain.is_finite()
+            && self.damping.value < Damping::MAX_DAMPING
+            && self.steps_since_estimate < MAX_STEPS;
         if can_continue { RefinementProgress::Continue } else { RefinementProgress::Converged }
     }
 }

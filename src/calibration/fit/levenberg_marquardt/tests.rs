@@ -239,7 +239,7 @@ fn fixed_unknowns_stay() {
     assert!((0.01..0.049).contains(&norm) && (0.01..0.3).contains(&dip_rad), "{norm} {dip_rad}");
 }
 
-/// Passes for twenty flights from the sphere fit, the worst starting point: 7.0 on average.
+/// Number of passes for twenty flights from the sphere fit, the worst starting point: 7.0 on average.
 #[test]
 fn a_solve_takes_seven_passes() {
     let mut passes = 0;

@@ -19,8 +19,8 @@
 //! residuals; a moved payload has 30 or more from these.
 //!
 //! Iron of 3 uT in a linkage has 70 to 270, because bank varies within turns, but down to 1 from norm residuals if it
-//! hardly changes the norm. Hysteresis of 15 deg has 20 to 300 where it costs half a degree or more. Of 60 clean
-//! flights the first pass has at most 10 of these two, which are tested once.
+//! hardly changes the norm. Hysteresis of 15 deg has 20 to 300 where it costs half a degree or more. In 60 flights
+//! without a change the first pass has at most 10 for linkage or hysteresis, both of which are tested once.
 
 mod score_sums;
 
@@ -95,9 +95,9 @@ impl TimeSpan {
     }
 
     /// Fraction of the hard-iron change `beta` in effect at a sample.
-    fn fraction_at(self, form: TestedCourse, sample: &Sample) -> f32 {
+    fn fraction_at(self, tested_course: TestedCourse, sample: &Sample) -> f32 {
         let ms = sample.time.ms_since(self.start);
-        match form {
+        match tested_course {
             TestedCourse::Step(until_ms) => f32::from(u8::from(ms <= until_ms)),
             TestedCourse::Drift => 1.0 - ms as f32 / self.duration_ms as f32,
             TestedCourse::Load => load_fraction(&sample.attitude.tilt_rotation().down_in_body()),
@@ -113,7 +113,7 @@ fn load_fraction(down: &Vector3<f32>) -> f32 {
 
 /// Adds both residuals of a sample by an unknown with this effect on the corrected field: faster than one by one,
 /// because their rows have the measurement in common.
-fn add_pair(sums: &mut ScoreTest<1>, equations: &SampleEquations, effect: &Vector3<f32>) {
+fn add_residual_pair(sums: &mut ScoreTest<1>, equations: &SampleEquations, effect: &Vector3<f32>) {
     let mut pair = JacobianRow {
         derivative_by_field: Vector3::zeros(),
         x: equations.norm_equation.jacobian_row.x,
@@ -130,7 +130,7 @@ fn add_pair(sums: &mut ScoreTest<1>, equations: &SampleEquations, effect: &Vecto
     pair.add_scaled_to(&mut sums.cross_information[0], 1.0);
 }
 
-/// Sums of a hypothesis with one unknown in the form of three unknowns, of which two have no effect.
+/// Sums of a hypothesis with one unknown in the tested_course of three unknowns, of which two have no effect.
 fn as_three_unknowns(sums: &ScoreTest<1>) -> ScoreTest<3> {
     let mut test = ScoreTest::<3>::zero();
     test.cross_information[0] = sums.cross_information[0];
@@ -151,21 +151,22 @@ fn estimate_step(
     significance.is_finite().then_some((beta, significance))
 }
 
-/// Significance from norm residuals alone, whose variance is inflated by `norm`. Inclination residuals only contribute
+/// Significance from norm residuals alone, whose variance is inflated by `norm_inflation`. Inclination residuals only contribute
 /// information about the other unknowns, conservatively with their inflation without a change.
 fn norm_significance(
     sums: &ScoreTest<3>,
     system: &LinearisedProblem,
     residuals: &ResidualStatistics,
     to_likeliest: &Vector13,
-    norm: f32,
+    norm_inflation: f32,
 ) -> Option<f32> {
-    let mut variance = sums.information * norm;
+    let mut variance = sums.information * norm_inflation;
     let score = sums.eliminate_coefficients(system, to_likeliest)?;
     for (axis, column) in score.nuisance_columns.iter().enumerate() {
-        let dips = residuals.excess_inclination_product(column, norm);
-        for (other, with) in sums.cross_information.iter().enumerate() {
-            variance[(axis, other)] += score.nuisance_columns[other].dot(&dips) - column.dot(with) * norm;
+        let inclination_excess = residuals.excess_inclination_product(column, norm_inflation);
+        for (other_axis, cross_row) in sums.cross_information.iter().enumerate() {
+            variance[(axis, other_axis)] +=
+                score.nuisance_columns[other_axis].dot(&inclination_excess) - column.dot(cross_row) * norm_inflation;
         }
     }
     Some(score.gradient.dot(&(inverse(&(variance + rounding_floor(sums)))? * score.gradient)))
@@ -177,7 +178,7 @@ fn rounding_floor(sums: &ScoreTest<3>) -> Matrix3<f32> {
 
 #[derive(Clone, Copy, Debug)]
 struct ChangeEstimate {
-    form: TestedCourse,
+    tested_course: TestedCourse,
     beta: Vector3<f32>,
     significance: f32,
 }
@@ -196,13 +197,13 @@ pub(in crate::calibration) struct HardIronScan {
     /// `W`: maps a hard-iron change to the corrected field.
     w: Matrix3<f32>,
     step_to_maximum: Vector13,
-    so_far: HardIronSums,
-    with_load: HardIronSums,
-    with_hysteresis: ScoreTest<1>,
+    step_sums: HardIronSums,
+    load_sums: HardIronSums,
+    hysteresis_sums: ScoreTest<1>,
     hysteresis: Hysteresis,
     last_turn: LastTurn,
     /// Sums of a drift, approximated by steps at the tested times.
-    drifting: HardIronSums,
+    drift_sums: HardIronSums,
     drift_fraction: f32,
     samples_seen: usize,
     sample_count: usize,
@@ -220,10 +221,10 @@ impl HardIronScan {
             last_turn: LastTurn::default(),
             w: parameters.w,
             step_to_maximum: system.step_to_maximum()?,
-            so_far: HardIronSums::zero(),
-            with_load: HardIronSums::zero(),
-            with_hysteresis: ScoreTest::zero(),
-            drifting: HardIronSums::zero(),
+            step_sums: HardIronSums::zero(),
+            load_sums: HardIronSums::zero(),
+            hysteresis_sums: ScoreTest::zero(),
+            drift_sums: HardIronSums::zero(),
             drift_fraction: 1.0,
             samples_seen: 0,
             sample_count: samples.iter().count(),
@@ -236,10 +237,10 @@ impl HardIronScan {
         let time = sample.time;
         let down = sample.attitude.tilt_rotation().down_in_body();
         let products = SampleProducts::new(equations);
-        self.so_far.add_sample_products(&products, 1.0);
-        self.with_load.add_sample_products(&products, load_fraction(&down));
+        self.step_sums.add_sample_products(&products, 1.0);
+        self.load_sums.add_sample_products(&products, load_fraction(&down));
         let lagging = self.hysteresis.field_response(&down, self.last_turn.next_direction(sample), equations);
-        add_pair(&mut self.with_hysteresis, equations, &lagging);
+        add_residual_pair(&mut self.hysteresis_sums, equations, &lagging);
         self.samples_seen += 1;
         if self.samples_seen.is_multiple_of(self.sample_count.div_ceil(MAX_TESTED_STEPS))
             && self.samples_seen < self.sample_count
@@ -249,23 +250,27 @@ impl HardIronScan {
         }
     }
 
-    fn extend_drift(&mut self, share: f32) {
-        let before = core::mem::replace(&mut self.drift_fraction, share);
-        self.drifting.add_scaled(&self.so_far, before - share, before * before - share * share);
+    fn extend_drift(&mut self, new_fraction: f32) {
+        let old_fraction = core::mem::replace(&mut self.drift_fraction, new_fraction);
+        self.drift_sums.add_scaled(
+            &self.step_sums,
+            old_fraction - new_fraction,
+            old_fraction * old_fraction - new_fraction * new_fraction,
+        );
     }
 
     /// Tests a time course whose sums are complete.
-    fn test_course(&mut self, system: &LinearisedProblem, form: TestedCourse) {
-        let sums = match form {
-            TestedCourse::Step(_) => self.so_far.score_test(&self.w),
-            TestedCourse::Drift => self.drifting.score_test(&self.w),
-            TestedCourse::Load => self.with_load.score_test(&self.w),
-            TestedCourse::Hysteresis => as_three_unknowns(&self.with_hysteresis),
+    fn test_course(&mut self, system: &LinearisedProblem, tested_course: TestedCourse) {
+        let sums = match tested_course {
+            TestedCourse::Step(_) => self.step_sums.score_test(&self.w),
+            TestedCourse::Drift => self.drift_sums.score_test(&self.w),
+            TestedCourse::Load => self.load_sums.score_test(&self.w),
+            TestedCourse::Hysteresis => as_three_unknowns(&self.hysteresis_sums),
         };
         let Some((beta, significance)) = estimate_step(&sums, system, &self.step_to_maximum) else { return };
-        if self.best.is_none_or(|found| significance > found.significance) {
+        if self.best.is_none_or(|best| significance > best.significance) {
             self.effect = sums.coefficient_effect(&beta);
-            self.best = Some(ChangeEstimate { form, beta, significance });
+            self.best = Some(ChangeEstimate { tested_course, beta, significance });
         }
     }
 
@@ -278,32 +283,32 @@ impl HardIronScan {
         residuals: &ResidualStatistics,
     ) -> Option<ConfirmedChange> {
         self.extend_drift(0.0);
-        for form in [TestedCourse::Drift, TestedCourse::Load, TestedCourse::Hysteresis] {
-            self.test_course(system, form);
+        for tested_course in [TestedCourse::Drift, TestedCourse::Load, TestedCourse::Hysteresis] {
+            self.test_course(system, tested_course);
         }
-        let found = self.best.filter(|found| found.significance > SECOND_PASS_SIGNIFICANCE)?;
-        let course = match found.form {
+        let estimate = self.best.filter(|estimate| estimate.significance > SECOND_PASS_SIGNIFICANCE)?;
+        let course = match estimate.tested_course {
             TestedCourse::Step(until_ms) => HardIronTimeCourse::Step { after_s: whole_seconds(until_ms) },
             TestedCourse::Drift => HardIronTimeCourse::Drift,
             TestedCourse::Load => HardIronTimeCourse::InTurns,
             TestedCourse::Hysteresis => HardIronTimeCourse::BehindTurns,
         };
-        let size = match found.form {
-            TestedCourse::Hysteresis => self.hysteresis.effect_size(found.beta.x),
-            _ => found.beta.vector_length(),
+        let size_ut = match estimate.tested_course {
+            TestedCourse::Hysteresis => self.hysteresis.effect_size(estimate.beta.x),
+            _ => estimate.beta.vector_length(),
         };
-        let iron = DetectedHardIronChange {
-            size_ut: size * fit.likelihood.unit_ut,
+        let detected_change = DetectedHardIronChange {
+            size_ut: size_ut * fit.likelihood.unit_ut,
             time_course: course,
             duration_s: whole_seconds(self.span.duration_ms),
         };
-        is_significant(found.form, self.significance(&found, fit, system, residuals)?)
-            .then_some(ConfirmedChange { detected_change: iron, gradient_effect: self.effect })
+        is_significant(estimate.tested_course, self.significance(&estimate, fit, system, residuals)?)
+            .then_some(ConfirmedChange { detected_change, gradient_effect: self.effect })
     }
 
     fn significance(
         &self,
-        found: &ChangeEstimate,
+        estimate: &ChangeEstimate,
         fit: &ConvergedFit<'_>,
         system: &LinearisedProblem,
         residuals: &ResidualStatistics,
@@ -311,12 +316,12 @@ impl HardIronScan {
         let move_unknowns = self.step_to_maximum - system.covariance_times(&self.effect)?;
         let parameters = ModelParameters::new(fit.unknowns);
         let mut remaining = Autocorrelation::default();
-        let mut norms = ScoreTest::zero();
+        let mut norm_sums = ScoreTest::zero();
         let mut last_turn = LastTurn::default();
         for (part, sample) in TimeOrdered::new(fit.samples) {
             let equations = fit.likelihood.sample_equations(sample, None, &parameters);
-            let share = self.span.fraction_at(found.form, sample);
-            let response = if found.form == TestedCourse::Hysteresis {
+            let fraction = self.span.fraction_at(estimate.tested_course, sample);
+            let response = if estimate.tested_course == TestedCourse::Hysteresis {
                 let down = sample.attitude.tilt_rotation().down_in_body();
                 let lagging = self.hysteresis.field_response(&down, last_turn.next_direction(sample), &equations);
                 Matrix3::from_columns(&[lagging, Vector3::zeros(), Vector3::zeros()])
@@ -325,7 +330,7 @@ impl HardIronScan {
             };
             let derivative = |equation: &ResidualEquation| response.tr_mul(&equation.jacobian_row.derivative_by_field);
             let residual = |equation: &ResidualEquation| {
-                let by_change = derivative(equation).dot(&found.beta) * share;
+                let by_change = derivative(equation).dot(&estimate.beta) * fraction;
                 let residual = equation.residual + equation.jacobian_row.dot(&move_unknowns) + by_change;
                 residual * sqrt(equation.weight)
             };
@@ -333,27 +338,30 @@ impl HardIronScan {
                 part,
                 [residual(&equations.norm_equation), equations.inclination_equation.as_ref().map_or(0.0, residual)],
             );
-            norms.add_weighted_equation(&equations.norm_equation, &derivative(&equations.norm_equation), share);
+            norm_sums.add_weighted_equation(&equations.norm_equation, &derivative(&equations.norm_equation), fraction);
         }
         // Degrees of freedom: half of the sixteen unknowns for each kind of residual.
         let freedom = (self.sample_count as f32 - 8.0).max(1.0);
-        let [of_norm, of_dip] = remaining.excess_inflation();
-        let [norm, dip] = remaining.sums_of_squares();
-        let [norm, dip] = [norm * (1.0 + of_norm) / freedom, dip * (1.0 + of_dip) / freedom];
-        let of_norms = norm_significance(&norms, system, residuals, &self.step_to_maximum, norm)?;
-        Some([found.significance / norm.max(dip), of_norms])
+        let [norm_inflation, inclination_inflation] = remaining.excess_inflation();
+        let [norm_variance, inclination_variance] = remaining.sums_of_squares();
+        let [norm_variance, inclination_variance] = [
+            norm_variance * (1.0 + norm_inflation) / freedom,
+            inclination_variance * (1.0 + inclination_inflation) / freedom,
+        ];
+        let norm_significance = norm_significance(&norm_sums, system, residuals, &self.step_to_maximum, norm_variance)?;
+        Some([estimate.significance / norm_variance.max(inclination_variance), norm_significance])
     }
 }
 
-fn is_significant(form: TestedCourse, [of_both, of_norms]: [f32; 2]) -> bool {
-    let (both, norms) = match form {
+fn is_significant(tested_course: TestedCourse, [total_significance, norm_significance]: [f32; 2]) -> bool {
+    let (total_limit, norm_limit) = match tested_course {
         TestedCourse::Step(_) | TestedCourse::Drift => (MIN_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE),
-        TestedCourse::Load if of_both > CERTAIN_SIGNIFICANCE => return true,
-        TestedCourse::Hysteresis if of_both > MIN_SIGNIFICANCE => return true,
+        TestedCourse::Load if total_significance > CERTAIN_SIGNIFICANCE => return true,
+        TestedCourse::Hysteresis if total_significance > MIN_SIGNIFICANCE => return true,
         TestedCourse::Load => (MIN_SIGNIFICANCE, MIN_SINGLE_NORM_SIGNIFICANCE),
         TestedCourse::Hysteresis => (MIN_HYSTERESIS_SIGNIFICANCE, MIN_SINGLE_NORM_SIGNIFICANCE),
     };
-    of_both > both && of_norms > norms
+    total_significance > total_limit && norm_significance > norm_limit
 }
 
 fn whole_seconds(ms: u32) -> u16 {

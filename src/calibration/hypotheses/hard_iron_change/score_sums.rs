@@ -81,11 +81,11 @@ impl HardIronSums {
 
     /// Adds the sums of samples that have a fraction of the change, given with its square.
     pub fn add_scaled(&mut self, sums: &Self, fraction: f32, squared: f32) {
-        for (sum, with) in self.products.as_flattened_mut().iter_mut().zip(sums.products.as_flattened()) {
-            *sum += with * fraction;
+        for (sum, addend) in self.products.as_flattened_mut().iter_mut().zip(sums.products.as_flattened()) {
+            *sum += addend * fraction;
         }
-        for (sum, with) in self.information.iter_mut().zip(&sums.information) {
-            *sum += with * squared;
+        for (sum, addend) in self.information.iter_mut().zip(&sums.information) {
+            *sum += addend * squared;
         }
         self.with_inclination += sums.with_inclination * fraction;
         self.gradient += sums.gradient * fraction;
@@ -95,9 +95,9 @@ impl HardIronSums {
     pub fn score_test(&self, w: &Matrix3<f32>) -> ScoreTest<3> {
         let mut test = ScoreTest::zero();
         let mut information = Matrix3::zeros();
-        for ((&(k, l), products), of_pair) in PAIRS_OF_3.iter().zip(&self.products).zip(&self.information) {
-            information[(k, l)] = *of_pair;
-            information[(l, k)] = *of_pair;
+        for ((&(k, l), products), pair_information) in PAIRS_OF_3.iter().zip(&self.products).zip(&self.information) {
+            information[(k, l)] = *pair_information;
+            information[(l, k)] = *pair_information;
             for (axis, sums) in test.cross_information.iter_mut().enumerate() {
                 for (a, product) in products.iter().enumerate() {
                     sums[product_index(k, a)] -= w[(l, axis)] * product;

@@ -109,7 +109,7 @@ fn hard_iron_derivatives_equal_numerical_ones() {
     }
 }
 
-/// To 2 %, because the `f32` rounding allowance shrinks the estimate.
+/// Agreement to 2 %, because the `f32` rounding allowance shrinks the estimate.
 #[test]
 fn estimate_equals_joint_least_squares() {
     let case = Case::new(PAYLOAD_CHANGE_UT, 60_000);
@@ -218,7 +218,7 @@ fn the_sums_of_hysteresis_are_those_of_each_equation() {
             );
         }
     }
-    let found = as_three_unknowns(&scan.with_hysteresis);
+    let found = as_three_unknowns(&scan.hysteresis_sums);
     assert!((found.information[(0, 0)] / expected.information.x - 1.0).abs() < 1e-3);
     assert!((found.gradient.x - expected.gradient.x).abs() < 1e-3 * expected.information.x.sqrt());
     let [found, expected] = [found.cross_information[0], expected.cross_information[0]];
@@ -231,7 +231,7 @@ fn the_scan_finds_time_and_size() {
     scan.extend_drift(0.0);
     scan.test_course(&information.linear_system, TestedCourse::Drift);
     let found = scan.best.unwrap();
-    assert_eq!(found.form, TestedCourse::Step(64_500));
+    assert_eq!(found.tested_course, TestedCourse::Step(64_500));
     let unit_ut = Case::new(PAYLOAD_CHANGE_UT, 65_000).likelihood.unit_ut;
     assert!((found.beta * unit_ut - PAYLOAD_CHANGE_UT).norm() < 0.4, "{}", found.beta * unit_ut);
     assert!(found.significance > 100.0);
@@ -239,7 +239,7 @@ fn the_scan_finds_time_and_size() {
     assert!(nothing.significance < SECOND_PASS_SIGNIFICANCE, "{nothing:?}");
 }
 
-/// Approximated from the tested times: information and estimate to 3 %.
+/// Drift sums approximated from the tested times have information and estimate accurate to 3 %.
 #[test]
 fn drift_sums_approximate_the_exact_sums() {
     let case = Case::new(PAYLOAD_CHANGE_UT, 65_000);
@@ -250,7 +250,7 @@ fn drift_sums_approximate_the_exact_sums() {
         exact.add_weighted_equation(&equation, &by_beta, 1.0);
     }
     let of = |sums: &ScoreTest<3>| estimate_step(sums, &information.linear_system, &scan.step_to_maximum).unwrap();
-    let ((found, significance), (beta, expected)) = (of(&scan.drifting.score_test(&scan.w)), of(&exact));
+    let ((found, significance), (beta, expected)) = (of(&scan.drift_sums.score_test(&scan.w)), of(&exact));
     assert!((found - beta).norm() < 0.03 * beta.norm(), "{found} {beta}");
     assert!((significance / expected - 1.0).abs() < 0.03, "{significance} {expected}");
 }
@@ -260,7 +260,7 @@ fn the_gradient_effect_is_that_of_the_best_change() {
     let case = Case::new(PAYLOAD_CHANGE_UT, 60_000);
     let scan = case.scanned().0;
     let found = scan.best.unwrap();
-    let effect = case.equations(found.form).iter().fold(Vector13::zeros(), |sum, (equation, by_beta, _)| {
+    let effect = case.equations(found.tested_course).iter().fold(Vector13::zeros(), |sum, (equation, by_beta, _)| {
         sum + equation.jacobian_row.as_vector() * (equation.weight * by_beta.dot(&found.beta))
     });
     assert!((scan.effect - effect).norm() < 1e-3 * effect.norm());
@@ -316,8 +316,8 @@ fn both_significance_thresholds_must_be_exceeded() {
     let calibration = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
     for (significance, is_found) in [(16.1, true), (15.9, false)] {
         let (mut scan, information) = case.scanned();
-        (scan.drifting, scan.drift_fraction) = (HardIronSums::zero(), 0.0);
-        (scan.with_load, scan.with_hysteresis) = (HardIronSums::zero(), ScoreTest::zero());
+        (scan.drift_sums, scan.drift_fraction) = (HardIronSums::zero(), 0.0);
+        (scan.load_sums, scan.hysteresis_sums) = (HardIronSums::zero(), ScoreTest::zero());
         scan.best.as_mut().unwrap().significance = significance;
         let found = scan.confirm_change(&case.fit(&calibration), &information.linear_system, &information.residuals);
         assert_eq!(found.is_some(), is_found, "{significance}");

@@ -37,8 +37,8 @@ impl ResidualEquation {
         let (weight, loss) = if square <= huber * huber {
             (information, 0.5 * square)
         } else {
-            let size = sqrt(square);
-            (information * huber / size, huber * (size - 0.5 * huber))
+            let magnitude = sqrt(square);
+            (information * huber / magnitude, huber * (magnitude - 0.5 * huber))
         };
         Self { jacobian_row: row, residual, weight, loss, clipped_square: square.min(CLIP_SIGMAS * CLIP_SIGMAS) }
     }
@@ -77,19 +77,19 @@ pub(in crate::calibration) struct MeasuredSample {
 }
 
 impl SampleEquations {
-    /// `refined`: whether the coefficients are good enough to estimate measurement errors from the residuals.
+    /// `is_refined`: whether the coefficients are good enough to estimate measurement errors from the residuals.
     pub fn new(
         parameters: &ModelParameters,
         measured: &MeasuredSample,
         noise: &NoiseModel,
         config: &ModelConfig,
-        refined: bool,
+        is_refined: bool,
     ) -> Self {
         let prediction = parameters.predict_field(measured.x, &measured.tilt_rotation);
         let by_attitude = prediction.inclination_by_attitude(&measured.tilt_rotation);
         let covariance = noise.covariance(&prediction.field_direction, &prediction.inclination_by_field, by_attitude);
         let residuals = Residuals::new(parameters, &prediction);
-        let (prediction, Residuals { norm, inclination_rad: dip }) = if refined {
+        let (prediction, Residuals { norm, inclination_rad }) = if is_refined {
             linearise_at_corrected(parameters, measured, noise, &covariance, &prediction, &residuals, config)
         } else {
             (prediction, residuals)
@@ -101,7 +101,7 @@ impl SampleEquations {
                 row.derivative_by_field -= norm_row.derivative_by_field * covariance.decorrelation_slope;
                 ResidualEquation::new(
                     row,
-                    dip - norm * covariance.decorrelation_slope,
+                    inclination_rad - norm * covariance.decorrelation_slope,
                     covariance.inclination_variance,
                     config.huber_sigmas,
                 )
@@ -147,31 +147,34 @@ fn linearise_at_corrected(
     noise: &NoiseModel,
     covariance: &ResidualCovariance,
     prediction: &FieldPrediction,
-    &Residuals { norm, inclination_rad: dip }: &Residuals,
+    &Residuals { norm, inclination_rad }: &Residuals,
     config: &ModelConfig,
 ) -> (FieldPrediction, Residuals) {
     // Residual, limited to the Huber threshold, over variance.
-    let bounded = |residual: f32, variance: f32| {
+    let limited_weighted = |residual: f32, variance: f32| {
         let limit_squared = config.huber_sigmas * config.huber_sigmas * variance;
         let is_small = residual * residual <= limit_squared;
         (if is_small { residual } else { sqrt(limit_squared).copysign(residual) }) / variance
     };
-    let by_dip = if config.uses_attitude {
-        bounded(dip - norm * covariance.decorrelation_slope, covariance.inclination_variance)
+    let inclination_multiplier = if config.uses_attitude {
+        limited_weighted(inclination_rad - norm * covariance.decorrelation_slope, covariance.inclination_variance)
     } else {
         0.0
     };
-    let by_norm = bounded(norm, covariance.norm_variance) - covariance.decorrelation_slope * by_dip;
-    let move_x =
-        noise.likely_sensor_error(&(prediction.field_direction * by_norm + prediction.inclination_by_field * by_dip));
-    let moved = parameters.predict_field(prediction.x - move_x, &measured.tilt_rotation);
-    let move_body = multiply(&parameters.w, &move_x);
-    let moved_residuals = Residuals::new(parameters, &moved);
+    let norm_multiplier =
+        limited_weighted(norm, covariance.norm_variance) - covariance.decorrelation_slope * inclination_multiplier;
+    let sensor_error = noise.likely_sensor_error(
+        &(prediction.field_direction * norm_multiplier + prediction.inclination_by_field * inclination_multiplier),
+    );
+    let corrected_prediction = parameters.predict_field(prediction.x - sensor_error, &measured.tilt_rotation);
+    let body_correction = multiply(&parameters.w, &sensor_error);
+    let corrected_residuals = Residuals::new(parameters, &corrected_prediction);
     let residuals = Residuals {
-        norm: moved_residuals.norm + moved.field_direction.dot(&move_body),
-        inclination_rad: moved_residuals.inclination_rad + moved.inclination_by_field.dot(&move_body),
+        norm: corrected_residuals.norm + corrected_prediction.field_direction.dot(&body_correction),
+        inclination_rad: corrected_residuals.inclination_rad
+            + corrected_prediction.inclination_by_field.dot(&body_correction),
     };
-    (moved, residuals)
+    (corrected_prediction, residuals)
 }
 
 fn heading_equation(

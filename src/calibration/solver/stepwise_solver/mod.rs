@@ -44,7 +44,7 @@ pub struct Solver {
     refinement: Refinement,
     attempt: Attempt,
     inclination: GivenInclination,
-    /// Poor result from the closed form, retained while the sphere is tried.
+    /// Poor result from the closed form, retained during the attempt from the sphere fit.
     first_result: Option<RetainedResult>,
     latency_updates: u8,
     motor_current_updates: u8,
@@ -111,19 +111,19 @@ impl Solver {
     /// One pass over the samples. Its large parts are not inlined, so that their locals do not add up on a small stack.
     #[inline(never)]
     pub fn solve_step(&mut self, samples: Samples<'_>) -> SolveProgress {
-        let end = match self.refinement.refine_step(samples) {
+        let result = match self.refinement.refine_step(samples) {
             Refining::Continue => return SolveProgress::Continue,
             Refining::Converged => match self.assess_refined(samples) {
-                Some(end) => end,
+                Some(result) => result,
                 None => return SolveProgress::Continue,
             },
             Refining::Failed => Err(SolveError::NotConverged),
         };
-        if self.method == Method::MaximumLikelihood && self.start_next_attempt(&end, samples) {
+        if self.method == Method::MaximumLikelihood && self.start_next_attempt(&result, samples) {
             return SolveProgress::Continue;
         }
-        let end = self.inclination.decide_against_samples(&end).map_or(end, Err);
-        SolveProgress::Finished(end.map_err(|error| self.implausible_error.unwrap_or(error)))
+        let result = self.inclination.decide_against_samples(&result).map_or(result, Err);
+        SolveProgress::Finished(result.map_err(|error| self.implausible_error.unwrap_or(error)))
     }
 
     /// Runs the solve to its end.
@@ -135,39 +135,40 @@ impl Solver {
     /// ([`SolveError::TurnsReversed`], [`SolveError::InclinationContradicted`], [`SolveError::MountContradicted`]).
     pub fn run(mut self, samples: Samples<'_>) -> Result<Solution, SolveError> {
         for _ in 0..MAX_SOLVE_STEPS {
-            if let SolveProgress::Finished(end) = self.solve_step(samples) {
-                return end;
+            if let SolveProgress::Finished(result) = self.solve_step(samples) {
+                return result;
             }
         }
         Err(SolveError::NotConverged)
     }
 
-    /// Starts the next attempt that the end of this one calls for; returns whether there is one.
-    fn start_next_attempt(&mut self, end: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
+    /// Starts the next attempt that the result of this one requires; returns whether there is one.
+    fn start_next_attempt(&mut self, result: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
         let current = self.attempt;
-        let mut later = ATTEMPT_QUEUE.iter().skip_while(|attempt| **attempt != current).skip(1);
-        later.any(|next| {
-            next.may_follow(current)
-                && match next.start {
-                    AttemptStart::ClosedForm => self.start_without_inclination(end, samples),
-                    AttemptStart::Sphere => self.start_from_sphere(end, samples),
-                    AttemptStart::FirstResult => self.restore_first_result(end, samples),
+        let mut later_attempts = ATTEMPT_QUEUE.iter().skip_while(|attempt| **attempt != current).skip(1);
+        later_attempts.any(|attempt| {
+            attempt.may_follow(current)
+                && match attempt.start {
+                    AttemptStart::ClosedForm => self.start_without_inclination(result, samples),
+                    AttemptStart::Sphere => self.start_from_sphere(result, samples),
+                    AttemptStart::FirstResult => self.restore_first_result(result, samples),
                 }
         })
     }
 
-    /// After a poor or implausible result from the closed form: retains it, and starts from the sphere.
+    /// Retains a poor or implausible result from the closed form, and starts from the sphere fit.
     #[inline(never)]
-    fn start_from_sphere(&mut self, end: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
+    fn start_from_sphere(&mut self, result: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
         self.implausible_error =
-            end.as_ref().err().copied().filter(|error| is_implausible(error) && samples.has_free_flight_samples());
-        if self.implausible_error.is_none() && !is_poor(end) {
+            result.as_ref().err().copied().filter(|error| is_implausible(error) && samples.has_free_flight_samples());
+        if self.implausible_error.is_none() && !is_poor(result) {
             return false;
         }
-        let point = starting_point::sphere_start(samples, &self.prior.mount.body_from_sensor());
-        let retained = end.as_ref().ok().and_then(|solution| self.retain_result(solution));
-        let is_started =
-            point.is_some_and(|point| self.restart_refinement(samples, &point, SampleCorrections::NO_CORRECTIONS));
+        let starting_point = starting_point::sphere_start(samples, &self.prior.mount.body_from_sensor());
+        let retained = result.as_ref().ok().and_then(|solution| self.retain_result(solution));
+        let is_started = starting_point.is_some_and(|starting_point| {
+            self.restart_refinement(samples, &starting_point, SampleCorrections::NO_CORRECTIONS)
+        });
         if is_started {
             self.attempt.start = AttemptStart::Sphere;
             self.first_result = retained;
@@ -175,11 +176,11 @@ impl Solver {
         is_started
     }
 
-    /// Unless the sphere fits better: restarts at the retained result.
+    /// Restarts at the retained result, unless the sphere fit led to a smaller misfit.
     #[inline(never)]
-    fn restore_first_result(&mut self, end: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
+    fn restore_first_result(&mut self, result: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
         let Some(RetainedResult { start, misfit, assumed, noise }) = self.first_result.take() else { return false };
-        let is_better = end.as_ref().is_ok_and(|solution| self.misfit(&solution.calibration) < misfit);
+        let is_better = result.as_ref().is_ok_and(|solution| self.misfit(&solution.calibration) < misfit);
         let is_started = !is_better && self.restart_refinement(samples, &start, assumed);
         if is_started {
             self.attempt.start = AttemptStart::FirstResult;
@@ -188,18 +189,20 @@ impl Solver {
         is_started
     }
 
-    /// After an error or an inaccurate result: restarts without the given inclination.
+    /// Restarts without the given inclination after an error or an inaccurate result.
     #[inline(never)]
-    fn start_without_inclination(&mut self, end: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
+    fn start_without_inclination(&mut self, result: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
         let GivenInclination::Prior(given_rad) = self.inclination else { return false };
-        if end.as_ref().is_ok_and(|solution| is_accurate(&solution.quality)) {
+        if result.as_ref().is_ok_and(|solution| is_accurate(&solution.quality)) {
             return false;
         }
-        self.inclination = GivenInclination::Dropped { given_rad, error: end.as_ref().err().copied() };
+        self.inclination = GivenInclination::Dropped { given_rad, error: result.as_ref().err().copied() };
         self.prior.inclination_rad = None;
-        let Ok((point, start)) = choose_starting_point(self.method, samples, &self.prior) else { return false };
+        let Ok((starting_point, start)) = choose_starting_point(self.method, samples, &self.prior) else {
+            return false;
+        };
         self.attempt = Attempt { start, uses_inclination: false };
-        self.restart_refinement(samples, &point, SampleCorrections::NO_CORRECTIONS)
+        self.restart_refinement(samples, &starting_point, SampleCorrections::NO_CORRECTIONS)
     }
 
     /// Restarts the refinement, if possible; returns whether it did.
@@ -245,7 +248,7 @@ impl Solver {
         if self.method == Method::MaximumLikelihood && libm::fabsf(calibration.inclination_rad) > MAX_INCLINATION_RAD {
             return Some(Err(SolveError::NotDetermined(SamplePart::All)));
         }
-        if self.first_result.as_ref().is_some_and(|kept| self.misfit(&calibration) >= kept.misfit) {
+        if self.first_result.as_ref().is_some_and(|first| self.misfit(&calibration) >= first.misfit) {
             return Some(Err(SolveError::NotConverged));
         }
         let mut information = self.information(likelihood, samples);
@@ -259,7 +262,8 @@ impl Solver {
             }
             calibration.motor_current.sigma_ut_per_a = found.max_sigma() * likelihood.unit_ut;
         }
-        let judgement = ConvergedFit { method: self.method, likelihood, unknowns, calibration: &calibration, samples };
+        let refined_fit =
+            ConvergedFit { method: self.method, likelihood, unknowns, calibration: &calibration, samples };
         let latency = if self.method == Method::MaximumLikelihood {
             let found = information.estimate_latency(likelihood.latency_s);
             if self.restart_with_latency(samples, found.as_ref()) {
@@ -269,16 +273,16 @@ impl Solver {
         } else {
             None
         };
-        Some(self.build_solution(&judgement, &mut information, change, latency))
+        Some(self.build_solution(&refined_fit, &mut information, change, latency))
     }
 
     /// Restarts if the estimated attitude latency differs from the one in use. Returns whether it did.
-    fn restart_with_latency(&mut self, samples: Samples<'_>, found: Option<&(AttitudeLatency, Vector13)>) -> bool {
+    fn restart_with_latency(&mut self, samples: Samples<'_>, estimate: Option<&(AttitudeLatency, Vector13)>) -> bool {
         let used_s = self.refinement.likelihood.latency_s;
-        let Some((latency, follows)) = found else { return false };
+        let Some((latency, step)) = estimate else { return false };
         let Some(latency_s) = latency.next_latency_s(used_s, self.latency_updates) else { return false };
         self.latency_updates += 1;
-        self.refinement.restart_with_latency(samples, latency_s, &(follows * (latency_s - used_s)));
+        self.refinement.restart_with_latency(samples, latency_s, &(step * (latency_s - used_s)));
         true
     }
 
@@ -287,43 +291,47 @@ impl Solver {
         &mut self,
         samples: Samples<'_>,
         information: &Information,
-        found: &InterferenceEstimate,
+        estimate: &InterferenceEstimate,
     ) -> bool {
         let likelihood = &self.refinement.likelihood;
-        let used = likelihood.motor_current_per_ampere();
-        let spread = likelihood.motor_current.current_sigma_a * likelihood.unit_ut;
-        let Some(k) = found.next_interference(&used, self.motor_current_updates, spread) else { return false };
-        let more = k - used;
-        let Some(follow) = information.step_for_motor_current(&more) else { return false };
+        let applied = likelihood.motor_current_per_ampere();
+        let current_sigma_ut = likelihood.motor_current.current_sigma_a * likelihood.unit_ut;
+        let Some(next_interference) =
+            estimate.next_interference(&applied, self.motor_current_updates, current_sigma_ut)
+        else {
+            return false;
+        };
+        let interference_change = next_interference - applied;
+        let Some(step) = information.step_for_motor_current(&interference_change) else { return false };
         self.motor_current_updates += 1;
-        self.refinement.restart_with_motor_current(samples, &more, &follow);
+        self.refinement.restart_with_motor_current(samples, &interference_change, &step);
         true
     }
 
     #[inline(never)]
     fn build_solution(
         &self,
-        judgement: &ConvergedFit<'_>,
+        refined_fit: &ConvergedFit<'_>,
         information: &mut Information,
         change: Option<ConfirmedChange>,
         latency: Option<AttitudeLatency>,
     ) -> Result<Solution, SolveError> {
-        let &ConvergedFit { likelihood, calibration, samples, .. } = judgement;
-        let sound = if likelihood.is_acceptable_fit() {
+        let &ConvergedFit { likelihood, calibration, samples, .. } = refined_fit;
+        let fit_error = if likelihood.is_acceptable_fit() {
             self.check_plausibility(samples, calibration)
         } else {
             Err(SolveError::NotConverged)
         };
         // A hard-iron change explains a misfit or an implausible result.
-        sound.map_err(|error| {
+        fit_error.map_err(|error| {
             change.as_ref().map_or(error, |change| SolveError::HardIronChanged(change.detected_change))
         })?;
         if self.method == Method::MaximumLikelihood {
             let sigmas = assumed_sigmas(self.consider, latency);
-            let own = inclination_from_samples(information, likelihood, judgement.unknowns, &sigmas);
-            self.inclination.check_inclination(own, likelihood.config.known_inclination_sigma_rad)?;
+            let sample_inclination = inclination_from_samples(information, likelihood, refined_fit.unknowns, &sigmas);
+            self.inclination.check_inclination(sample_inclination, likelihood.config.known_inclination_sigma_rad)?;
         }
-        if self.method == Method::Ellipsoid && !ellipsoid::is_determined(judgement, information) {
+        if self.method == Method::Ellipsoid && !ellipsoid::is_determined(refined_fit, information) {
             return Err(SolveError::NotDetermined(SamplePart::All));
         }
         // Advice is not computed for a poor result that another starting point may improve.
@@ -332,7 +340,7 @@ impl Solver {
                 || self.method != Method::MaximumLikelihood
                 || has_small_error_and_hard_iron(quality, calibration)
         };
-        judgement.assess(information, change, latency, self.consider, needs_advice)
+        refined_fit.assess(information, change, latency, self.consider, needs_advice)
     }
 
     /// Information at the result; linearised again if the refinement fixed the inclination.
@@ -357,9 +365,9 @@ impl Solver {
         if self.method != Method::Ellipsoid && progress() < MIN_TURN_PROGRESS_RAD {
             return Err(SolveError::TurnsReversed);
         }
-        let found = Orientation::nearest_to_rotation(&calibration.w_matrix());
-        if found != self.prior.mount {
-            return Err(SolveError::MountContradicted { found });
+        let nearest_mount = Orientation::nearest_to_rotation(&calibration.w_matrix());
+        if nearest_mount != self.prior.mount {
+            return Err(SolveError::MountContradicted { found: nearest_mount });
         }
         Ok(())
     }

@@ -21,7 +21,8 @@ const DEFAULT_ATTITUDE_SIGMA_RAD: f32 = 0.0087;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct HeadingUncertainty {
-    /// By products of `f`'s components, then of `y`'s; pairs in the order of an upper triangle's rows.
+    /// Sums of covariance elements, by products of `f`'s components, then of `y`'s, in the order of an upper triangle's
+    /// rows.
     pub(crate) reduced_covariance: [[f32; 10]; 6],
     /// White noise of a single reading on each axis, units of the total field. The mean of `n` readings has
     /// `1 / sqrt(n)` of it.
@@ -58,9 +59,9 @@ impl HeadingUncertainty {
         let coefficient = |k: usize, a: usize| if a < 3 { w_index(k, a) } else { beta_index(k) };
         let products = PAIRS_OF_3.map(|(k, l)| {
             PAIRS_OF_4.map(|(a, b)| {
-                let one = covariance.element(coefficient(k, a), coefficient(l, b));
-                let other = covariance.element(coefficient(k, b), coefficient(l, a));
-                let sum = if a == b { one } else { one + other };
+                let first = covariance.element(coefficient(k, a), coefficient(l, b));
+                let second = covariance.element(coefficient(k, b), coefficient(l, a));
+                let sum = if a == b { first } else { first + second };
                 if k == l { sum } else { 2.0 * sum }
             })
         });
@@ -106,13 +107,19 @@ impl HeadingUncertainty {
     pub(crate) fn variance_from_coefficients(&self, by_field: &Vector3<f32>, x: &Vector3<f32>) -> f32 {
         let (f, x) = (by_field, x);
         // In the order of `PAIRS_OF_3` and `PAIRS_OF_4`, unrolled because it runs for every heading.
-        let of_f = [f.x * f.x, f.x * f.y, f.x * f.z, f.y * f.y, f.y * f.z, f.z * f.z];
-        let of_x = [x.x * x.x, x.x * x.y, x.x * x.z, x.y * x.y, x.y * x.z, x.z * x.z];
-        let variance =
-            self.reduced_covariance.iter().zip(&of_f).map(|([xx, xy, xz, x1, yy, yz, y1, zz, z1, one], f)| {
-                let second = xx * of_x[0] + xy * of_x[1] + xz * of_x[2] + yy * of_x[3] + yz * of_x[4] + zz * of_x[5];
-                f * (second - (x1 * x.x + y1 * x.y + z1 * x.z) + one)
-            });
+        let products_of_f = [f.x * f.x, f.x * f.y, f.x * f.z, f.y * f.y, f.y * f.z, f.z * f.z];
+        let products_of_x = [x.x * x.x, x.x * x.y, x.x * x.z, x.y * x.y, x.y * x.z, x.z * x.z];
+        let variance = self.reduced_covariance.iter().zip(&products_of_f).map(
+            |([xx, xy, xz, x1, yy, yz, y1, zz, z1, unit], f)| {
+                let quadratic_form = xx * products_of_x[0]
+                    + xy * products_of_x[1]
+                    + xz * products_of_x[2]
+                    + yy * products_of_x[3]
+                    + yz * products_of_x[4]
+                    + zz * products_of_x[5];
+                f * (quadratic_form - (x1 * x.x + y1 * x.y + z1 * x.z) + unit)
+            },
+        );
         variance.sum::<f32>().max(0.0)
     }
 }

@@ -29,7 +29,7 @@ impl MavlinkBench {
         self.run(1_000);
     }
 
-    /// Successful solve, whose calibration becomes active.
+    /// Reports a successful solve, whose calibration becomes active.
     fn complete_solve(&mut self, found: &(Calibration, HeadingUncertainty)) {
         self.calibration = Some(*found);
         let verdict = ExpectedAccuracy::new(record(1).quality, &found.0);
@@ -37,7 +37,7 @@ impl MavlinkBench {
         self.is(IndicatorState::Calibrated);
     }
 
-    /// Refused solve, and the module's state after it.
+    /// Reports a refused solve, and the module's state after it.
     fn refuse_solve(&mut self, indicator: IndicatorState) {
         self.module.queue_text(&Notice::Solved(Err(Refusal::NoSamples)));
         self.is(indicator);
@@ -71,7 +71,7 @@ fn texts_report_the_start_each_tenth_and_the_end_of_a_collection() {
     assert_eq!(bench.lines(), expected);
 }
 
-/// Twice a second, with the direction of the field in body axes, if known.
+/// Progress is sent twice a second, with the direction of the field in body axes, if known.
 #[test]
 fn progress_is_sent_during_a_collection() {
     let mut bench = MavlinkBench::beside_an_autopilot();
@@ -129,7 +129,7 @@ fn a_refused_solve_is_reported_as_failed() {
     }
 }
 
-/// Aborted or stopped. A module that waits for the next flight sends no report.
+/// An aborted or stopped collection is reported as failed. A module that waits for the next flight sends no report.
 #[test]
 fn a_collection_that_ends_without_an_outcome_has_failed() {
     let mut bench = MavlinkBench::beside_an_autopilot();
@@ -161,7 +161,7 @@ fn a_refused_solve_is_not_reported_while_the_collection_continues() {
     assert_eq!(bench.reports(), [(SUCCESS, 1)]);
 }
 
-/// `cal solve` after `cal stop`, both between two polls.
+/// `cal stop` and `cal solve` are processed between two polls.
 #[test]
 fn a_solve_without_a_collection_is_reported() {
     let mut bench = MavlinkBench::beside_an_autopilot();
@@ -172,7 +172,7 @@ fn a_solve_without_a_collection_is_reported() {
     assert_eq!(bench.reports(), [(SUCCESS, 1)]);
 }
 
-/// Compared with the calibration's own formula, with and without a mounting.
+/// The reported parameters are compared with the calibration's own formula, with and without a mounting.
 #[test]
 fn a_calibration_report_has_an_autopilot_s_parameters() {
     for orientation in Orientation::all_orientations() {

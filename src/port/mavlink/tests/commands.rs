@@ -118,7 +118,7 @@ fn a_reboot_command_must_be_for_the_module_and_is_rejected_while_armed() {
     }
 }
 
-/// Within a second, both sides, and while the result is pending.
+/// Commands repeated just before and after one second, and while the result is pending.
 #[test]
 fn a_repeated_command_is_answered_and_not_carried_out_again() {
     let mut bed = MavlinkBench::beside_an_autopilot();
@@ -161,7 +161,7 @@ fn a_repetition_has_the_same_command_and_sender() {
     assert_eq!(bed.answers()[2], (42_426, ACCEPTED, other));
 }
 
-/// One order at a time, with a timeout of five seconds, both sides: a missing result must not block later orders.
+/// One command is executed at a time, with a timeout of five seconds: a missing result must not block later commands.
 #[test]
 fn commands_are_rejected_while_another_is_pending() {
     let mut bed = MavlinkBench::beside_an_autopilot();
@@ -171,14 +171,14 @@ fn commands_are_rejected_while_another_is_pending() {
     assert_eq!(bed.answers(), [(42_426, REJECTED, STATION)]);
     bed.ms += 1;
     assert_eq!(bed.command(42_426, 0), [ReceivedMessage::Command(Command::CalAbort)]);
-    // The result of the previous order does not apply to this one.
+    // The result of the previous command does not apply to this one.
     bed.module.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
     assert_eq!(bed.answers(), []);
     bed.module.complete_command(Command::CalAbort, Ok(()));
     assert_eq!(bed.answers(), [(42_426, ACCEPTED, STATION)]);
 }
 
-/// Sent as a warning, for refusals of the module and of the protocol. Unknown and repeated commands have no text.
+/// Refusals of the module and of the protocol are sent as a warning. Unknown and repeated commands have no text.
 #[test]
 fn a_rejected_command_sends_a_text_with_the_reason() {
     let mut bed = MavlinkBench::beside_an_autopilot();

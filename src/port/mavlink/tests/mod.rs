@@ -93,7 +93,7 @@ struct MavlinkBench {
 }
 
 impl MavlinkBench {
-    /// An hour after the start, without a known autopilot.
+    /// Bench an hour after the start, without a known autopilot.
     fn new() -> Self {
         Self {
             module: Mavlink::new(),
@@ -107,7 +107,7 @@ impl MavlinkBench {
         }
     }
 
-    /// With a disarmed autopilot that sends attitude.
+    /// Bench with a disarmed autopilot that sends attitude.
     fn beside_an_autopilot() -> Self {
         let mut bench = Self::new();
         bench.hear(&heartbeat(AUTOPILOT, true, false));

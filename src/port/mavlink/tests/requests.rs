@@ -103,7 +103,7 @@ fn an_accepted_request_is_repeated_unless_its_messages_arrive() {
     assert_eq!(sent_requests(&bench)[2..], [(3_530, 1, 10)]);
 }
 
-/// Each rate twice, then a lower one.
+/// Each rate is requested twice, then a lower one.
 #[test]
 fn each_rate_is_requested_twice_without_an_answer() {
     let mut bench = MavlinkBench::beside_an_autopilot();
@@ -149,7 +149,7 @@ fn content() -> MavlinkBench {
     bench
 }
 
-/// Two seconds, both sides.
+/// Silence of just less and just more than two seconds.
 #[test]
 fn attitude_is_requested_again_after_2_s_of_silence() {
     let mut bench = content();
@@ -183,7 +183,7 @@ fn attitude_is_requested_again_after_an_autopilot_restart() {
 fn another_autopilot_is_requested_after_1_s_of_observation() {
     let mut bench = content();
     bench.ms += 10_001;
-    // Its clock is equal; only the address differs.
+    // The other autopilot's clock is equal; only its address differs.
     let clock_ms = bench.ms as u32;
     bench.hear(&[heartbeat([9, 1], true, false), attitude([9, 1], clock_ms)].concat());
     bench.run(1_000);

@@ -128,7 +128,7 @@ fn a_command_int_has_no_confirmation() {
     assert_eq!(confirmation(&frame(76, 152, &payload)), 3);
 }
 
-/// Commands of any dialect, and results of later versions.
+/// Numbers of any dialect's commands and of later versions' results.
 #[test]
 fn unknown_command_and_result_numbers_are_returned() {
     let payload = [&[0; 28][..], &[0xFF, 0xFF, 1, 158, 0]].concat();
@@ -138,7 +138,7 @@ fn unknown_command_and_result_numbers_are_returned() {
     assert_eq!((ack.command_number, ack.result), (0xFFFF, 200));
 }
 
-/// With the extension fields of version 2; without them it is for all.
+/// An acknowledgement with the extension fields of version 2 has a target; without them it addresses all.
 #[test]
 fn an_acknowledgement_has_a_target_in_version_2() {
     let ack = |result, system, component| {
@@ -158,7 +158,7 @@ fn an_acknowledgement_has_a_target_in_version_2() {
     assert_passed_over(&v1);
 }
 
-/// From one byte to the full length; a longer payload is another message.
+/// Payloads from one byte to the full length are decoded; a longer one is another message.
 #[test]
 fn each_message_has_its_maximum_length() {
     for (id, extra, length) in [(33, 104, 28), (2, 137, 12), (76, 152, 33), (75, 158, 35)] {

@@ -196,7 +196,7 @@ fn frames_with_unknown_incompatibility_flags_are_ignored() {
     }
 }
 
-/// Byte 3 of the header.
+/// Compatibility flags are byte 3 of the header.
 #[test]
 fn compatibility_flags_are_ignored() {
     let mut frame = frame_v2(0, ID, &payload(NUMBERS));
@@ -234,7 +234,7 @@ fn version_2_payloads_may_be_truncated_and_version_1_may_not() {
     assert_ignored(&frame_v1(30, &[&whole[..], &[0]].concat()), 0, "version 1, length 29");
 }
 
-/// With a margin of 0.001 rad for rounding.
+/// The limits have a margin of 0.001 rad for rounding.
 #[test]
 fn roll_beyond_180_and_pitch_beyond_90_deg_are_rejected() {
     use core::f32::consts::{FRAC_PI_2, PI};

@@ -112,7 +112,7 @@ fn a_pose_contains_the_heading_variance() {
     assert_is(OutboundMessage::pose_estimate(&pose), &hex);
 }
 
-/// Required by version 2, to one byte at least.
+/// Version 2 requires that trailing zeros are truncated, to one byte at least.
 #[test]
 fn zeros_at_the_end_are_cut_off() {
     let zero_address = Address { system_id: 0, component_id: 0 };

@@ -2,7 +2,7 @@
 
 use mavlink::dialects::common::MavState;
 
-use super::super::signature::{MAX_AGE, SIGNATURE_SIZE, SIGNED_FLAG};
+use super::super::signature::{MAX_NEW_STREAM_AGE, SIGNATURE_SIZE, SIGNED_FLAG};
 use super::super::{Address, EncodedFrame, InboundMessage, OutboundMessage, Receiver, Signatures, key_from_passphrase};
 
 const AUTOPILOT: Address = Address { system_id: 1, component_id: 1 };
@@ -61,7 +61,7 @@ fn with_a_key_unsigned_frames_are_rejected_and_sent_ones_signed() {
     assert!(is_accepted(&mut other, &signed) && other.signatures.newest_time == 100_000_001);
 }
 
-/// A minute behind the newest frame; a ninth stream, and no key.
+/// A new stream more than a minute behind the newest frame is rejected, and so is a ninth stream.
 #[test]
 fn old_streams_and_too_many_are_rejected() {
     let frame_at = |time, system| {
@@ -71,12 +71,12 @@ fn old_streams_and_too_many_are_rejected() {
         sent(&mut sender, Address { system_id: system, component_id: 1 })
     };
     let mut receiver = receiver("swing");
-    assert!(is_accepted(&mut receiver, &frame_at(2 * MAX_AGE, 1)));
-    assert!(!is_accepted(&mut receiver, &frame_at(MAX_AGE - 1, 2)));
-    assert!(is_accepted(&mut receiver, &frame_at(MAX_AGE, 2)));
+    assert!(is_accepted(&mut receiver, &frame_at(2 * MAX_NEW_STREAM_AGE, 1)));
+    assert!(!is_accepted(&mut receiver, &frame_at(MAX_NEW_STREAM_AGE - 1, 2)));
+    assert!(is_accepted(&mut receiver, &frame_at(MAX_NEW_STREAM_AGE, 2)));
     for system in 3..=8 {
-        assert!(is_accepted(&mut receiver, &frame_at(2 * MAX_AGE, system)));
+        assert!(is_accepted(&mut receiver, &frame_at(2 * MAX_NEW_STREAM_AGE, system)));
     }
-    assert!(!is_accepted(&mut receiver, &frame_at(2 * MAX_AGE, 9)));
-    assert!(is_accepted(&mut receiver, &frame_at(3 * MAX_AGE, 1)));
+    assert!(!is_accepted(&mut receiver, &frame_at(2 * MAX_NEW_STREAM_AGE, 9)));
+    assert!(is_accepted(&mut receiver, &frame_at(3 * MAX_NEW_STREAM_AGE, 1)));
 }

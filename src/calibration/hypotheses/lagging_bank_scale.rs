@@ -1,19 +1,19 @@
-//! Lean of the attitude source with a time constant: a finding.
+//! Bank-angle scale error of the attitude source with a time constant: a finding.
 //!
 //! A filter that trusts its accelerometers loses bank in long turns, because gravity and centripetal acceleration give
 //! none: the missing bank approaches a share of the bank (M. Euston et al., "A Complementary Filter for Attitude
 //! Estimation of a Fixed-Wing UAV", IROS 2008, section IV). In the steady turn it acts like soft iron; the first
 //! seconds of each turn show it. The share is the unknown of a [score test](super::score_test).
 //!
-//! A lean of 12 % with 10 s has 4 to 8 sigmas in simulated calibrations, 60 flights without one have at most 3; time
-//! constants of 5 and 20 s are found with the same model.
+//! An error of 12 % with 10 s has 4 to 8 sigmas in simulated calibrations, 60 flights without an error have at most 3;
+//! time constants of 5 and 20 s are found with the same model.
 
 use super::attitude_error::{AttitudeError, AttitudeErrorFinding, AttitudeErrorTest};
 use crate::time::WrappingMillis;
 use crate::trig::sqrt;
 
-/// Lagging lean in the table of attitude errors.
-pub(super) const LAGGING_LEAN: AttitudeError = AttitudeError {
+/// Lagging bank-angle scale error in the table of attitude errors.
+pub(super) const LAGGING_BANK_SCALE: AttitudeError = AttitudeError {
     effect: |state| [state.lagged_roll_rad, 0.0],
     assumed_sigma: |_| 0.0,
     acceptance_rule: Some(find_error),
@@ -43,7 +43,7 @@ fn finding(estimate: f32, sigma: f32) -> Option<AttitudeErrorFinding> {
     })
 }
 
-/// Reported roll through a low pass with the time constant of the lean.
+/// Reported roll after a low-pass filter with the time constant of the error.
 #[derive(Clone, Copy, Debug, Default)]
 pub(in crate::calibration) struct LaggedRoll {
     lagged_rad: f32,
@@ -53,9 +53,9 @@ pub(in crate::calibration) struct LaggedRoll {
 impl LaggedRoll {
     /// Lagged roll at the next sample in order of time, radians; zero at the first.
     pub fn filter_roll(&mut self, time: WrappingMillis, roll_rad: f32) -> f32 {
-        if let Some((before, before_rad)) = self.last.replace((time, roll_rad)) {
-            let step_s = time.ms_since(before) as f32 / 1000.0;
-            let mean_rad = 0.5 * (roll_rad + before_rad);
+        if let Some((last_time, last_roll_rad)) = self.last.replace((time, roll_rad)) {
+            let step_s = time.ms_since(last_time) as f32 / 1000.0;
+            let mean_rad = 0.5 * (roll_rad + last_roll_rad);
             self.lagged_rad += (mean_rad - self.lagged_rad) * step_s / (TIME_CONSTANT_S + step_s);
         }
         self.lagged_rad
