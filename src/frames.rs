@@ -308,7 +308,7 @@ mod tests {
             let edge = f32::from(half_turns) * PI;
             for angle_rad in [edge.next_down(), edge, edge.next_up(), edge - 0.1, edge + 0.1, edge - 1.5, edge + 1.5] {
                 let (pi, two_pi) = (wrap_pi(angle_rad), wrap_two_pi(angle_rad));
-                // An edge of several turns is rounded to 1e-6 rad.
+                // After several turns an edge has a rounding error of 1e-6 rad.
                 assert!(pi.abs() < PI + 2e-6 && same(pi, angle_rad), "{angle_rad}: {pi}");
                 assert!((0.0..TAU).contains(&two_pi) && same(two_pi, angle_rad), "{angle_rad}: {two_pi}");
             }

@@ -143,7 +143,6 @@ fn a_candidate_without_held_back_samples_is_rejected() {
     assert_eq!(found, Err(Rejection::TooFewHeldBack { have: 0, need: 8 }));
 }
 
-/// The limit of the expected heading error is 3 deg RMS.
 #[test]
 fn a_large_expected_error_is_rejected() {
     let evaluate_with_rms =
@@ -210,7 +209,6 @@ fn a_bank_scale_error_is_the_reason_only_if_certain() {
     assert!(matches!(both(3.6), Err(Rejection::IronChanged(_))) && both(3.4).is_ok());
 }
 
-/// Any improvement of the score suffices, an equal score does not.
 #[test]
 fn only_a_better_candidate_is_accepted() {
     let evaluate_with_b_ut =
@@ -282,7 +280,6 @@ fn a_partial_calibration_does_not_replace_a_full_one() {
     }
 }
 
-/// The active calibration is contradicted by a score above three times the candidate's.
 #[test]
 fn a_thinner_candidate_is_accepted_if_the_active_one_fits_3x_worse() {
     let evaluate_with_b_ut =
@@ -295,7 +292,6 @@ fn a_thinner_candidate_is_accepted_if_the_active_one_fits_3x_worse() {
     assert!(evaluate_with_b_ut(0.95).is_ok(), "{:?}", evaluate_with_b_ut(0.95));
 }
 
-/// Without attitude the inclination residuals are ignored.
 #[test]
 fn unknown_attitude_is_ignored() {
     let mut samples = circle(0.0, 24);

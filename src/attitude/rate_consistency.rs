@@ -232,7 +232,6 @@ mod tests {
         }
     }
 
-    /// A gyro offset of 2 deg/s at rest is accepted for an hour.
     #[test]
     fn a_gyro_offset_is_accepted() {
         let mut check = RateConsistency::EMPTY;
@@ -247,7 +246,6 @@ mod tests {
         }
     }
 
-    /// Once the rates are correct, the evidence recovers within half a minute.
     #[test]
     fn corrected_rates_are_accepted_again() {
         let mut check = RateConsistency::EMPTY;

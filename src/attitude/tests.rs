@@ -37,7 +37,6 @@ fn roll_deg(lookup: AttitudeLookup) -> f32 {
     angles_deg(lookup)[0]
 }
 
-/// Reports at 50 Hz of a roll at 10 deg/s.
 #[test]
 fn interpolates_and_extrapolates_to_the_instant() {
     let mut track = AttitudeHistory::new(CONFIG);
@@ -132,7 +131,6 @@ fn a_long_gap_is_not_interpolated() {
     }
 }
 
-/// The capacity of the history is eight reports.
 #[test]
 fn the_oldest_report_is_dropped() {
     let mut track = AttitudeHistory::new(CONFIG);
@@ -143,7 +141,6 @@ fn the_oldest_report_is_dropped() {
     assert!((roll_deg(track.attitude_at(at(1_030_000))) - 1.5).abs() < 1e-3);
 }
 
-/// Reports of the same instant and reports received out of order are dropped.
 #[test]
 fn a_report_that_is_not_newer_changes_nothing() {
     let mut track = single_report(Attitude::from_deg(10.0, 0.0), [0.0; 3]);
@@ -357,7 +354,6 @@ fn the_body_rate_is_that_of_the_newest_report() {
     }
 }
 
-/// After reports of fine resolution, the fifth equal report is rejected.
 #[test]
 fn a_frozen_source_is_rejected() {
     let rolls_deg = [10.0, 10.02, 10.05, 10.05, 10.05, 10.05];
@@ -473,7 +469,6 @@ fn the_gyro_heading_covers_the_range_of_the_attitude() {
     assert_eq!(single_report(Attitude::default(), [0.0; 3]).gyro_heading_at(at(1_000_000)), None);
 }
 
-/// The longest interval of integration is half a second.
 #[test]
 fn integration_continues_over_a_short_gap() {
     for (gap_us, is_continued) in [(500_000, true), (500_001, false)] {

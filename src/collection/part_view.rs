@@ -41,7 +41,6 @@ impl<'a> PartView<'a> {
         self.buffer.samples_of_part(purpose, self.part)
     }
 
-    /// Fit samples, then the held-back ones.
     pub fn fit_then_held_back(&self) -> Samples<'_> {
         self.buffer.part_fit_then_held_back(self.part)
     }
@@ -56,7 +55,6 @@ impl<'a> PartView<'a> {
         is_late && sample.field.ut.iter().all(|c| c.is_finite())
     }
 
-    /// Counts a sample and returns its use.
     pub fn count_and_assign_use(&mut self, sample: &Sample) -> SampleUse {
         *self.last_taken_at = Some(sample.time);
         self.part_state.taken_count = self.part_state.taken_count.wrapping_add(1);
@@ -87,7 +85,6 @@ impl<'a> PartView<'a> {
     }
 }
 
-/// Coverage of a part.
 pub(super) fn coverage(buffer: &SampleBuffer, part: CollectionPart, state: PartState) -> PartCoverage {
     let [samples, held_back] =
         [SampleUse::Fit, SampleUse::Verification].map(|purpose| buffer.samples_of_part(purpose, part).len() as u16);

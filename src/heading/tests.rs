@@ -102,7 +102,6 @@ fn the_inclination_limit_can_be_disabled() {
     );
 }
 
-/// A deviation limit above 1 has no lower bound.
 #[test]
 fn all_field_limits_can_be_disabled() {
     for (total_ut, inclination_rad) in [(5.0, 1.0), (500.0, 1.0), (50.0, -1.0), (50.0, 0.0)] {
@@ -113,7 +112,6 @@ fn all_field_limits_can_be_disabled() {
     assert!(!is_accepted(lenient, 126.0, 1.0, Attitude::default()));
 }
 
-/// A tilt error of 0.5 deg causes `tan(inclination)` times as much heading error.
 #[test]
 fn sigma_depends_on_attitude_and_field() {
     let mut uncertainty = HeadingUncertainty::NO_UNCERTAINTY;

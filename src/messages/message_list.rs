@@ -281,7 +281,6 @@ impl RefusalCause {
     }
 }
 
-/// Text of a turn in the mount.
 struct MountTurnText<'a>(&'a MountTurn);
 
 impl Display for MountTurnText<'_> {

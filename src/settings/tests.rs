@@ -119,7 +119,6 @@ fn heading_kind_names_round_trip() {
 
 const KEY: SigningKey = SigningKey([7; 32]);
 
-/// The log of a test or of a probe must not contain the key.
 #[test]
 fn a_signing_key_is_not_printed() {
     assert_eq!(format!("{:?}", SettingChange::Signing(Some(KEY))), "Signing(Some(SigningKey))");

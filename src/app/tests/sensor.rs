@@ -73,7 +73,6 @@ fn a_sensor_that_fails_its_verification_is_lost() {
     }
 }
 
-/// Each attempt sends a heartbeat.
 #[test]
 fn a_missing_sensor_is_initialised_every_200_ms() {
     let (mut bench, chip) = bench();

@@ -381,7 +381,6 @@ fn a_selected_protocol_turns_the_console_into_a_port() {
     }
 }
 
-/// A restart would interrupt the heading in flight.
 #[test]
 fn an_armed_module_does_not_reboot() {
     let (mut bench, line, port, board) = with_console();

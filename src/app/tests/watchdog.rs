@@ -51,7 +51,6 @@ fn with_silent(silent: Option<usize>) -> (TaskBench, FakeWatchdog) {
     (bench, watchdog_timer)
 }
 
-/// The interval of feeds is 0.7 s.
 #[test]
 fn the_watchdog_is_fed_while_all_tasks_run() {
     let (mut bench, watchdog_timer) = with_silent(None);
@@ -95,7 +94,6 @@ fn the_longest_feed_interval_is_1_4_s() {
     assert_eq!(MAX_FEED_INTERVAL_US, 1_400_000);
 }
 
-/// An idle state machine sends five heartbeats a second.
 #[test]
 fn an_idle_state_machine_shows_that_it_runs() {
     let mut bench = with_compass(Flash::new(PAGES));

@@ -112,7 +112,6 @@ fn of_two_autopilots_the_first_selected_is_kept() {
     assert_eq!(bench.run(30, [(SECOND, Ready), (AUTOPILOT, Ready)]), [600, 0]);
 }
 
-/// The silent sender is released while the other sender's attitude continues.
 #[test]
 fn a_silent_sender_is_released_after_ten_seconds() {
     let mut bench = TestSenders::new();
@@ -255,7 +254,6 @@ fn the_selected_sender_is_never_evicted() {
     assert_eq!(bench.senders.entries.len(), MAX_SENDERS);
 }
 
-/// Of equal rank, the sender received longest ago is removed.
 #[test]
 fn the_oldest_sender_is_evicted() {
     let mut bench = TestSenders::new();

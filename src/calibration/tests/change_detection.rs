@@ -134,7 +134,6 @@ fn hysteresis_is_detected_with_its_size() {
     assert!((0.85..1.15).contains(&ratios[10]), "{ratios:?}");
 }
 
-/// Both methods of turns detect the change, also when the clock wraps in flight.
 #[test]
 fn every_method_of_turns_detects_a_change() {
     let flight = Flight { wander_deg: 0.5, ..Flight::TYPICAL };

@@ -273,7 +273,6 @@ fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
     }
 }
 
-/// The interference is updated while it is significant, certain and not converged.
 #[test]
 fn interference_is_used_while_certain_and_significant() {
     let zero = Vector3::zeros();
@@ -297,7 +296,6 @@ fn interference_is_used_while_certain_and_significant() {
         k(0.02),
         "it may be known better yet"
     );
-    // It is updated until it converges, at most four times.
     assert_eq!(found(0.0102, 0.5e-3, [99.0, 99.0]).next_interference(&used, 2, 500.0), k(0.0102));
     assert_eq!(found(0.0101, 0.5e-3, [99.0, 99.0]).next_interference(&used, 2, 500.0), None);
     assert_eq!(found(0.02, 0.5e-3, [99.0, 99.0]).next_interference(&used, 3, 500.0), k(0.02));

@@ -115,7 +115,6 @@ fn a_frozen_axis_is_rejected() {
     }
 }
 
-/// The sign of roll is inverted.
 #[test]
 fn swapped_turns_are_rejected() {
     let tally = run_with_fault(|recorded, _| {

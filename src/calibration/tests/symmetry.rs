@@ -36,7 +36,6 @@ fn calibrate(recorded: &RecordedTurns, mount: Orientation) -> Calibration {
     solve_samples(Method::MaximumLikelihood, recorded.turns(), &Prior { mount, ..NO_PRIOR }).unwrap().calibration
 }
 
-/// The refinement works in mounting axes, so only rounding differs.
 #[test]
 fn invariant_to_rotation_of_sensor_and_mount() {
     for (seed, recorded, _) in flights() {

@@ -103,7 +103,6 @@ fn uninformative_samples_are_rejected() {
     assert!(ends.iter().filter(|end| **end == FreeFlightSample::Rejected).count() >= 67, "{ends:?}");
 }
 
-/// A sample is distinct above 1 uT or 1.5 deg of change.
 #[test]
 fn identical_samples_are_stored_once() {
     let mut flight = FreeFlight::new();

@@ -118,7 +118,6 @@ fn a_full_held_back_quota_passes_samples_to_the_fit() {
     assert_eq!((coverage.samples, coverage.held_back_count), (7, 1));
 }
 
-/// If thinning removes nothing, the new sample is dropped.
 #[test]
 fn a_part_of_distant_samples_stays_as_it_is() {
     let mut tumble = Tumble::new(SampleQuota { fit_quota: 3, held_back_quota: 1 });

@@ -32,7 +32,6 @@ fn copy_all(samples: Samples<'_>) -> Vec<Sample> {
     samples.all_samples().copied().collect()
 }
 
-/// Observable state of a collection.
 fn observable_state(
     collector: &Collector<'_>,
 ) -> (CollectionProgress, Vec<Sample>, Vec<Sample>, Option<CollectionProblem>, u32) {
@@ -130,7 +129,6 @@ fn state_and_context_are_stored() {
     assert!(collector.fit_samples().all_samples().next().is_none() && !collector.is_loss_reportable());
 }
 
-/// The loss of ten fit samples or more is reported.
 #[test]
 fn losing_few_samples_is_not_reported() {
     let retained = empty_memory();
@@ -208,7 +206,6 @@ fn an_interrupted_change_is_atomic() {
     assert!(nothing > 300 && whole > 5, "{whole} whole, {nothing} nothing");
 }
 
-/// A flipped bit in unused memory has no effect.
 #[test]
 fn a_flipped_bit_invalidates_the_memory() {
     let retained = empty_memory();
@@ -260,7 +257,6 @@ fn random_memory_is_rejected_and_usable() {
     }
 }
 
-/// With one more fit sample, the first held-back sample would be fitted.
 #[test]
 fn another_use_of_a_sample_invalidates_the_memory() {
     let retained = empty_memory();
@@ -297,7 +293,6 @@ fn a_collection_is_discarded_after_repeated_restarts() {
     assert_eq!(Collector::new(retained).restored_context(), Some(MANUAL), "another begins anew");
 }
 
-/// Only checksum and restart count change.
 #[test]
 fn a_sample_that_is_not_stored_does_not_change_the_memory() {
     let retained = empty_memory();

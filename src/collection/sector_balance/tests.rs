@@ -168,7 +168,6 @@ fn every_fourth_sample_is_held_back() {
     assert_eq!(times(buffer.fit_samples(CollectionPart::RIGHT)), [0, 1, 2, 4, 5, 6, 8, 9, 10, 12]);
 }
 
-/// A sample that is due counts, stored or not.
 #[test]
 fn a_sample_too_early_does_not_count() {
     let mut buffer = TestBuffer::new();
@@ -229,7 +228,6 @@ fn a_part_with_room_accepts_all() {
     assert_eq!(times(&buffer), [100, 301, 302, 500, 303, 700, 304, 305, 306]);
 }
 
-/// 8 samples in each of 12 sectors and 132 in all.
 #[test]
 fn a_turn_is_complete_with_8_samples_per_sector_and_132_in_all() {
     let turns = |counts: &[u16; SECTORS], samples| SectorBalance::TURNS.balance_percent(counts, samples);
@@ -309,7 +307,6 @@ fn sectors_with_a_sample_are_counted() {
     assert!((2..=4).contains(&coverage.covered_sectors), "{coverage:?}");
 }
 
-/// A distant sample spoils the circle.
 #[test]
 fn a_complete_part_stays_complete() {
     let mut buffer =

@@ -67,7 +67,6 @@ fn while_disarmed_no_samples_are_collected() {
     assert!(bench.kept() > kept);
 }
 
-/// A lost armed state does not end the collection.
 #[test]
 fn without_armed_state_a_collection_starts_after_five_seconds() {
     let mut bench = TestBed::new();
@@ -121,7 +120,6 @@ fn cal_start_takes_control_of_an_automatic_collection() {
     assert_eq!(bench.report().progress.procedure, Procedure::Level);
 }
 
-/// No automatic start until `cal auto on` or `cal clear`.
 #[test]
 fn user_control_prevents_automatic_starts() {
     for command in [Command::CalStop, Command::CalAbort] {

@@ -3,7 +3,7 @@
 use super::*;
 use crate::earth::{Date, EarthField, Position};
 
-/// 2026-11-22, a date within the model's validity.
+/// 2026-11-22.
 fn today() -> Date {
     Date::from_unix_s(20_779 * 86_400).unwrap()
 }
@@ -52,7 +52,6 @@ fn a_distant_position_is_accepted_only_while_disarmed() {
     }
 }
 
-/// Each setting overrides the model, and only settings are saved.
 #[test]
 fn configured_declination_and_inclination_override_the_model() {
     let mut bench = TestBed::new();
@@ -79,7 +78,6 @@ fn configured_declination_and_inclination_override_the_model() {
     assert!(matches!(bench.compass.pending_change(), Some(StoreChange::Settings(settings)) if *settings == written));
 }
 
-/// A model error of 2 deg shifts the estimate like a configured value.
 #[test]
 fn the_model_s_inclination_reaches_the_solver() {
     let without_deg = TestBed::new().solved_inclination_deg();

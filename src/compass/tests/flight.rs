@@ -250,7 +250,6 @@ fn a_trial_that_takes_too_long_is_ended_without_loss_of_samples() {
     assert!(collect_during_trial(HELD_SAMPLES_CAPACITY + 1).prospect().is_none());
 }
 
-/// Queries and settings that no solve uses do not interrupt a trial, other commands do.
 #[test]
 fn commands_interrupt_trial_solves() {
     let bench_in_trial = || {

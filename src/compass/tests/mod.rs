@@ -497,7 +497,6 @@ fn a_rejected_calibration_is_not_used() {
     }
 }
 
-/// Both calibrations are scored on held-back samples of the candidate.
 #[test]
 fn a_second_calibration_is_judged_against_the_first() {
     let mut bench = TestBed::new();
@@ -651,7 +650,6 @@ fn there_is_room_for_36_marks() {
     assert_eq!(bench.refused(Command::CalMark(10.0)), Refusal::TooManyMarks);
 }
 
-/// Headings across north are included.
 #[test]
 fn alignment_removes_a_constant_heading_error() {
     let stored_calibrations = StoredCalibrations { current_calibration: Some(record(1)), previous_calibration: None };

@@ -267,7 +267,6 @@ fn a_damaged_collection_is_reported() {
     module.run(|run| assert_eq!(run.compass.last_outcome(), Some(&Message::CollectionLost)));
 }
 
-/// Requested restarts and completed trials reset the counter.
 #[test]
 fn requested_restarts_and_trial_solves_reset_the_restart_count() {
     let hover_samples = hover();

@@ -140,7 +140,6 @@ pub(super) struct TrialSolves {
     schedule: TrialSchedule,
     /// Best expected error, degrees RMS.
     best_deg: Option<f32>,
-    /// Trials since the best one.
     trials_since_best: u8,
     pub last_result: Option<TrialResult>,
 }

@@ -75,7 +75,6 @@ fn trials_representing(represented: u8) -> TrialSolves {
     }
 }
 
-/// A noticeable improvement is one of 5 %.
 #[test]
 fn six_trial_solves_without_improvement_are_stalled() {
     let mut trials = trials_representing(1);

@@ -270,7 +270,6 @@ impl Display for CoverageText<'_> {
     }
 }
 
-/// Reset cause as text.
 pub(super) struct ResetText<'a>(pub &'a ResetCause);
 
 impl Display for ResetText<'_> {

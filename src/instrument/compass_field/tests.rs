@@ -135,7 +135,6 @@ fn the_raw_field_is_never_sent_after_a_calibration_was_used() {
     );
 }
 
-/// The compass field is sent although the attitude is missing, stale or frozen.
 #[test]
 fn a_missing_or_frozen_attitude_keeps_the_compass_field() {
     let level = Attitude::default();
@@ -155,7 +154,6 @@ fn a_missing_or_frozen_attitude_keeps_the_compass_field() {
     assert_eq!((estimate.heading, estimate.compass_field.is_some()), (Err(NoHeading::AttitudeFrozen), true));
 }
 
-/// Without an attitude only the strength is checked, within 20 %.
 #[test]
 fn without_attitude_only_the_field_strength_is_checked() {
     let output = |times: f32, attitude: Option<Attitude>| {
@@ -275,7 +273,6 @@ fn fastest_deg_s(output: &[Field<Body>]) -> f32 {
     output.windows(2).map(|pair| turned_deg(pair[0], pair[1]).abs() * 100.0).fold(0.0, f32::max)
 }
 
-/// Limit of the turn rate for all headings.
 #[test]
 fn while_armed_a_new_calibration_turns_the_heading_by_1_deg_s() {
     let mut worst = 0_f32;

@@ -192,7 +192,6 @@ fn readings_far_apart_are_not_compared() {
     }
 }
 
-/// Five times the noise is accepted within a second.
 #[test]
 fn the_spike_limit_adapts_to_noise_within_1_s() {
     let mut readings = Readings::new();

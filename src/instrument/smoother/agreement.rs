@@ -76,7 +76,6 @@ impl AgreementTest {
         self.excess_variance_rad2
     }
 
-    /// Tests an innovation with its variance.
     pub fn test_innovation(&mut self, innovation_rad: f32, variance: f32, step: GyroStep) -> AgreementResult {
         let GyroStep { step_s, turned_rad } = step;
         let weight = step_s / (Self::MEAN_TIME_S + step_s);

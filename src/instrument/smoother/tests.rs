@@ -287,7 +287,6 @@ fn a_raw_sigma_of_zero_counts_as_0_05_deg() {
     }
 }
 
-/// The heading jumps by 90 deg without a turn; the filter restarts after 5 s.
 #[test]
 fn a_lost_smoother_restarts_after_5_s() {
     let mut flight = Flight::new();
@@ -506,7 +505,6 @@ mod agreement {
         assert!(!contradicts(0.29, 0.01) && contradicts(0.31, 0.01));
     }
 
-    /// Two consecutive innovations beyond 4 sigma on the same side.
     #[test]
     fn two_innovations_over_4_sigma_on_one_side_are_a_contradiction() {
         let all = |innovations: &[f32]| {
@@ -534,7 +532,6 @@ mod agreement {
         }
     }
 
-    /// Renewed agreement needs two seconds and a turn of 45 deg.
     #[test]
     fn after_a_contradiction_agreement_needs_a_turn_of_45_deg() {
         for (turned_deg, sign, agreed) in [(44.0, 1.0, false), (46.0, 1.0, true), (46.0, -1.0, true)] {
@@ -625,7 +622,6 @@ mod lasting {
         }
     }
 
-    /// Averaging time grows from 10 s to two minutes.
     #[test]
     fn the_remaining_fraction_adapts_fast_at_first_and_slowly_later() {
         let mut lasting = ResidualNoise::NEW;

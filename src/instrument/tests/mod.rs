@@ -187,7 +187,6 @@ fn a_silent_sensor_still_has_an_attitude() {
     assert_eq!((estimate.body_field, estimate.attitude), (None, Some(attitude)));
 }
 
-/// Extrapolation ends after 200 ms.
 #[test]
 fn the_heading_ends_200_ms_after_the_last_attitude() {
     let mut instrument = calibrated();
@@ -241,7 +240,6 @@ fn saturated_readings_are_in_no_sample() {
     assert!(made.iter().all(|s| (s.field.ut - SOME.ut).norm() < 1e-4), "{made:?}");
 }
 
-/// A gap of 0.4 s is too long to interpolate.
 #[test]
 fn readings_in_an_attitude_gap_are_counted_and_dropped() {
     let mut instrument = instrument();
@@ -282,7 +280,6 @@ fn readings_dropped_from_a_full_queue_are_counted() {
     assert_eq!(instrument.rejection_counts().unpaired_readings, 6);
 }
 
-/// The longest step between readings of a sample is 3.2 periods, 40 ms.
 #[test]
 fn a_gap_in_the_readings_starts_another_sample() {
     for (gap_us, made) in [(40_000, 1), (40_001, 0)] {
@@ -464,7 +461,6 @@ fn noisy(random: &mut Random) -> Field<Sensor> {
     Field::new(sensed + nalgebra::Vector3::from_fn(|_, _| 0.3 * random.normal()))
 }
 
-/// Readings are rejected from the 16th equal one on.
 #[test]
 fn a_stuck_axis_is_reported_and_makes_no_samples() {
     let mut random = Random(1);
@@ -515,7 +511,6 @@ fn a_clipped_axis_is_reported() {
     assert!(instrument.rejection_counts().clipped_readings >= 80);
 }
 
-/// Reports are rejected from the fifth equal one on.
 #[test]
 fn a_frozen_attitude_is_reported_at_the_fifth_equal_report() {
     let mut random = Random(4);
@@ -600,7 +595,6 @@ fn turning(instrument: &mut Instrument, from_s: f32, seconds: f32, rate_scale: f
         .collect()
 }
 
-/// The smoothed heading appears after two seconds, with alignment.
 #[test]
 fn a_source_with_rates_gives_a_smooth_heading() {
     let mut instrument = calibrated();

@@ -33,7 +33,6 @@ const REVID_VALUE: u8 = 0x22;
 const CYCLE_COUNTS: [u8; 6] = [0x00, 200, 0x00, 200, 0x00, 200];
 /// `TMRC`: 75 Hz.
 const RATE_75_HZ: u8 = 0x95;
-/// `CMM`: stopped.
 const CMM_STOPPED: u8 = 0x00;
 /// `CMM`: three axes, data ready after the last of them.
 const CONTINUOUS_MODE: u8 = 0b0111_1001;

@@ -217,7 +217,6 @@ fn unanswered_requests_do_not_stop_polling() {
     assert!(!is_asked(&mut msp, 90_000), "that was not the answer to this");
 }
 
-/// The reply after an incomplete one is decoded whole.
 #[test]
 fn an_incomplete_reply_is_discarded() {
     let mut msp = msp_with_firmware(b"ARDU");
@@ -229,7 +228,6 @@ fn an_incomplete_reply_is_discarded() {
     assert_eq!((received.len(), msp.rejected_frames()), (1, 0));
 }
 
-/// Replies, refusals included, detect an autopilot; other frames do not.
 #[test]
 fn only_a_reply_detects_an_msp_peer() {
     let mut msp = Msp::new();
@@ -285,7 +283,6 @@ fn damaged_frames_are_counted() {
     assert_eq!(msp.rejected_frames(), 1);
 }
 
-/// A request that does not fit into the output is not open.
 #[test]
 fn a_request_that_does_not_fit_is_sent_later() {
     let mut msp = msp_with_firmware(b"ARDU");

@@ -14,7 +14,6 @@ fn page_bytes(page: usize) -> Range<usize> {
     page * PAGE..(page + 1) * PAGE
 }
 
-/// A read failure may be temporary, so nothing is written.
 #[test]
 fn an_unreadable_flash_is_not_written() {
     for saves in [0, 1, 2, 7] {

@@ -181,7 +181,6 @@ fn settings_and_calibrations_do_not_disturb_each_other() {
     );
 }
 
-/// Six rounds of the four pages for states.
 #[test]
 fn each_of_25_saves_is_loaded_again() {
     let mut flash = Flash::new(PAGES);
@@ -191,7 +190,6 @@ fn each_of_25_saves_is_loaded_again() {
     }
 }
 
-/// Pages in use are not modified.
 #[test]
 fn an_accepted_calibration_writes_a_free_slot_and_a_state() {
     let mut flash = flash_after(1);
@@ -230,7 +228,6 @@ fn states_are_written_to_each_page_in_turn() {
     }
 }
 
-/// The region starts in the middle of the flash.
 #[test]
 fn only_the_region_is_touched() {
     let mut flash = Flash::new(PAGES);

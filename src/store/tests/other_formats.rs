@@ -6,7 +6,6 @@ use testkit::flash::CutProgress;
 
 use super::*;
 
-/// A later format.
 const LATER: u8 = flash_page::STORE_FORMAT + 1;
 
 /// Item of another format, longer than any of this one.

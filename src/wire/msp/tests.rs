@@ -61,7 +61,6 @@ fn sent_frames_match_frames_that_autopilots_accepted() {
     assert_eq!(compass_message(7, u32::MAX, Field::from_ut(0.0, 0.0, 0.0))[8..13], [7, 255, 255, 255, 255]);
 }
 
-/// The field is rounded to the nearest milligauss and saturated.
 #[test]
 fn a_field_is_sent_in_milligauss() {
     let encoded = |ut: f32| {
@@ -175,7 +174,6 @@ fn a_current_is_in_hundredths() {
     }
 }
 
-/// Heights below sea level are included.
 #[test]
 fn a_position_needs_a_fix() {
     let gps = |fix: u8, latitude: i32, height_m: i16| {
@@ -238,7 +236,6 @@ fn refusals_and_empty_replies_are_returned() {
     }
 }
 
-/// Version 1, requests, other functions and longer payloads are skipped.
 #[test]
 fn unsupported_frames_are_skipped() {
     let version_1 = [b'$', b'M', b'>', 6, 108, 1, 0, 2, 0, 3, 0, 0x6A];
@@ -250,7 +247,6 @@ fn unsupported_frames_are_skipped() {
     assert_eq!(all(&stream), (vec![angles_of(1, 2), angles_of(3, 4)], 0));
 }
 
-/// The payload of a valid frame may look like a frame.
 #[test]
 fn a_frame_within_a_payload_is_not_decoded() {
     let payload = [&[0; 11][..], &attitude(1, 2)].concat();
@@ -258,7 +254,6 @@ fn a_frame_within_a_payload_is_not_decoded() {
     assert_eq!((messages, rejected), (vec![MspReply::Armed(false)], 0));
 }
 
-/// With any flipped bit the frame is rejected or skipped, and the next one is decoded.
 #[test]
 fn a_damaged_frame_costs_no_other_frame() {
     let good = attitude(123, -45);
@@ -274,7 +269,6 @@ fn a_damaged_frame_costs_no_other_frame() {
     }
 }
 
-/// A frame truncated at any byte is followed by whole frames.
 #[test]
 fn a_truncated_frame_costs_no_other_frame() {
     let good = attitude(123, -45);
@@ -284,7 +278,6 @@ fn a_truncated_frame_costs_no_other_frame() {
     }
 }
 
-/// The frame after a pause does not continue an incomplete one.
 #[test]
 fn an_incomplete_frame_can_be_discarded() {
     let good = attitude(123, -45);

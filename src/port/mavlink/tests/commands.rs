@@ -178,7 +178,7 @@ fn commands_are_rejected_while_another_is_pending() {
     assert_eq!(bed.answers(), [(42_426, ACCEPTED, STATION)]);
 }
 
-/// Refusals of the module and of the protocol are sent as a warning. Unknown and repeated commands have no text.
+///  Unknown and repeated commands have no text.
 #[test]
 fn a_rejected_command_sends_a_text_with_the_reason() {
     let mut bed = MavlinkBench::beside_an_autopilot();

@@ -45,7 +45,6 @@ fn message_rates_are_observed_for_1_s_before_a_request() {
     assert_eq!(sent_requests(&bench), [(1_000, 30, 40)]);
 }
 
-/// 32 of 40 reports a second suffice, 31 do not.
 #[test]
 fn four_fifths_of_the_requested_rate_suffice() {
     for (number, enough) in [(32, true), (31, false)] {
@@ -103,7 +102,6 @@ fn an_accepted_request_is_repeated_unless_its_messages_arrive() {
     assert_eq!(sent_requests(&bench)[2..], [(3_530, 1, 10)]);
 }
 
-/// Each rate is requested twice, then a lower one.
 #[test]
 fn each_rate_is_requested_twice_without_an_answer() {
     let mut bench = MavlinkBench::beside_an_autopilot();
@@ -149,7 +147,6 @@ fn content() -> MavlinkBench {
     bench
 }
 
-/// Silence of just less and just more than two seconds.
 #[test]
 fn attitude_is_requested_again_after_2_s_of_silence() {
     let mut bench = content();
@@ -160,7 +157,6 @@ fn attitude_is_requested_again_after_2_s_of_silence() {
     assert_eq!(sent_requests(&bench), [(last + 2_010 - 3_600_000, 30, 40)]);
 }
 
-/// A restart sets the clock back by more than a second; a late report does not.
 #[test]
 fn attitude_is_requested_again_after_an_autopilot_restart() {
     for (back_ms, restarts) in [(1_001, true), (1_000, false)] {

@@ -83,7 +83,6 @@ fn attitude_and_armed_state_are_used_from_the_selected_sender() {
     assert_eq!((bench.hear(&broken), bench.module.rejected_frames()), (vec![], 1));
 }
 
-/// The module's output is connected to its input, next to an autopilot's.
 #[test]
 fn echoed_own_messages_are_ignored() {
     let mut bench = MavlinkBench::beside_an_autopilot();
@@ -266,7 +265,6 @@ fn a_long_text_comes_in_chunks() {
     }
 }
 
-/// Consecutive long texts must not be joined.
 #[test]
 fn each_long_text_has_its_own_id() {
     let mut bench = MavlinkBench::beside_an_autopilot();

@@ -71,7 +71,6 @@ fn frame(id: u8, extra: u8, payload: &[u8]) -> Vec<u8> {
     with_crc_of(extra, [&[0xFD, payload.len() as u8, 0, 0, 0, 12, 34, id, 0, 0], payload].concat())
 }
 
-/// A receiver without a fix sends valid frames: nothing is rejected.
 #[test]
 fn a_position_without_a_fix_is_not_rejected() {
     assert_eq!(decode_single(&frame(33, 104, &[1, 2, 3, 4])), InboundMessage::Position(SENDER, None));
@@ -171,7 +170,6 @@ fn each_message_has_its_maximum_length() {
     }
 }
 
-/// A signed COMMAND_INT fills the buffer.
 #[test]
 fn the_longest_frame_is_decoded() {
     let signed = [0xFD, 54, 1, 0, 0, 12, 34, 147, 0, 0];

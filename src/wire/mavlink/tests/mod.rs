@@ -188,7 +188,6 @@ fn an_attitude_is_returned_with_the_last_byte_of_its_frame() {
     }
 }
 
-/// An unknown flag may change the format (MAVLink guide, incompatibility flags).
 #[test]
 fn frames_with_unknown_incompatibility_flags_are_ignored() {
     for flags in [0x02, 0x03, 0x40, 0x80, 0xFE, 0xFF] {
@@ -427,7 +426,6 @@ fn a_heartbeat_with_wrong_crc_is_rejected_and_counted() {
     }
 }
 
-/// A truncated heartbeat, or one with a flipped bit, costs at most itself.
 #[test]
 fn a_damaged_heartbeat_costs_no_other_frame() {
     let good = heartbeat_payload(2, 3, 0x80);

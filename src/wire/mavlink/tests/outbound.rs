@@ -112,7 +112,6 @@ fn a_pose_contains_the_heading_variance() {
     assert_is(OutboundMessage::pose_estimate(&pose), &hex);
 }
 
-/// Version 2 requires that trailing zeros are truncated, to one byte at least.
 #[test]
 fn zeros_at_the_end_are_cut_off() {
     let zero_address = Address { system_id: 0, component_id: 0 };
