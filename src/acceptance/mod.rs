@@ -56,7 +56,7 @@ impl AcceptancePolicy {
 /// Samples on which the decision is based.
 #[derive(Clone, Copy, Debug)]
 pub struct AcceptanceSamples<'a> {
- /// Samples used by the fit.
+    /// Samples used by the fit.
     pub fit_samples: Samples<'a>,
     /// Held-back samples of the same parts.
     pub held_back_samples: Samples<'a>,

@@ -18,7 +18,7 @@ pub enum IndicatorState {
 }
 
 impl Compass<'_> {
- /// Indicator state of the module.
+    /// Indicator state of the module.
     #[must_use]
     pub fn indicator_state(&self) -> IndicatorState {
         match self.module_state() {

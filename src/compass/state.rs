@@ -91,7 +91,7 @@ impl Compass<'_> {
         (is_valid && record.mount == self.settings.mount).then_some(record)
     }
 
- /// Settings as stored.
+    /// Settings as stored.
     #[must_use]
     pub fn stored_settings(&self) -> &Settings {
         &self.settings

@@ -73,7 +73,7 @@ impl<'a> Collector<'a> {
         self.restored_context
     }
 
- /// State of the collection.
+    /// State of the collection.
     #[must_use]
     pub fn collection_state(&self) -> CollectionState {
         self.header.state()
@@ -102,7 +102,7 @@ impl<'a> Collector<'a> {
         self.memory.write_header_and_checksum(self.header);
     }
 
- /// Resets the count of unexpected restarts.
+    /// Resets the count of unexpected restarts.
     pub fn reset_restart_count(&mut self) {
         self.memory.reset_restart_count();
     }
@@ -253,7 +253,7 @@ impl<'a> Collector<'a> {
         }
     }
 
- /// Samples used by the fit.
+    /// Samples used by the fit.
     #[must_use]
     pub fn fit_samples(&self) -> Samples<'_> {
         Samples::new(self.memory.samples.samples_of_use(SampleUse::Fit))
