@@ -100,17 +100,17 @@ impl HeadingIntegral {
 
     /// Integrates to the next report, `step_s` later, with the mean of both rates. `None` starts a new run.
     pub fn advanced(&self, report: &AttitudeReport, step_s: Option<f32>) -> Self {
-        let motion = EulerRates::from_report(report);
-        match (self.euler_rates, motion, step_s) {
+        let euler_rates = EulerRates::from_report(report);
+        match (self.euler_rates, euler_rates, step_s) {
             (Some(before), Some(now), Some(step_s)) => {
                 let mean = before.interpolate(&now, 0.5);
                 Self {
-                    euler_rates: motion,
+                    euler_rates,
                     relative_heading_rad: wrap_pi(self.relative_heading_rad + mean.heading_rad_s * step_s),
                     run_number: self.run_number,
                 }
             }
-            _ => Self { euler_rates: motion, relative_heading_rad: 0.0, run_number: self.run_number.wrapping_add(1) },
+            _ => Self { euler_rates, relative_heading_rad: 0.0, run_number: self.run_number.wrapping_add(1) },
         }
     }
 
@@ -124,11 +124,11 @@ impl HeadingIntegral {
     /// State between two reports `step_s` apart, at `fraction` of the interval.
     pub fn interpolate(&self, later: &Self, step_s: f32, fraction: f32) -> Option<GyroHeading> {
         let (earlier_rates, later_rates) = (self.euler_rates?, later.euler_rates?);
-        let motion = earlier_rates.interpolate(&later_rates, fraction);
+        let euler_rates = earlier_rates.interpolate(&later_rates, fraction);
         // Integral of a linearly changing rate, backward from the later report, whose run continues.
-        let remaining_turn_rad = motion.interpolate(&later_rates, 0.5).heading_rad_s * (1.0 - fraction) * step_s;
+        let remaining_turn_rad = euler_rates.interpolate(&later_rates, 0.5).heading_rad_s * (1.0 - fraction) * step_s;
         (self.run_number == later.run_number).then(|| GyroHeading {
-            euler_rates: motion,
+            euler_rates,
             relative_heading_rad: wrap_pi(later.relative_heading_rad - remaining_turn_rad),
             run_number: later.run_number,
         })

@@ -67,13 +67,13 @@ impl RateConsistency {
 
     /// Processes a report; returns whether the rates contradict the attitude.
     pub fn process_report(&mut self, at: Timestamp, report: &AttitudeReport) -> bool {
-        let Some(motion) = EulerRates::from_report(report) else { return false };
+        let Some(euler_rates) = EulerRates::from_report(report) else { return false };
         let attitude = report.attitude;
-        if let Some((last_at, last_attitude, last_rates)) = self.last_report.replace((at, attitude, motion)) {
+        if let Some((last_at, last_attitude, last_rates)) = self.last_report.replace((at, attitude, euler_rates)) {
             let step_us = at.us_since(last_at);
             if step_us <= MAX_STEP_US {
                 let step_s = step_us as f32 * 1e-6;
-                let mean = last_rates.interpolate(&motion, 0.5);
+                let mean = last_rates.interpolate(&euler_rates, 0.5);
                 let per_attitude =
                     [wrap_pi(attitude.roll_rad - last_attitude.roll_rad), attitude.pitch_rad - last_attitude.pitch_rad];
                 for (i, rate_rad_s) in [mean.roll_rad_s, mean.pitch_rad_s].into_iter().enumerate() {

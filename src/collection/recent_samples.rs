@@ -46,17 +46,21 @@ impl RecentSamples {
             return None;
         }
         let sample_count = AVERAGED_SAMPLES as f32;
-        let mean_ut = self.samples.iter().map(|s| s.field.ut).sum::<Vector3<f32>>() / sample_count;
-        let is_steady = self.samples.iter().all(|s| (s.field.ut - mean_ut).vector_length() <= MAX_DEVIATION_UT);
+        let mean_ut = self.samples.iter().map(|sample| sample.field.ut).sum::<Vector3<f32>>() / sample_count;
+        let is_steady =
+            self.samples.iter().all(|sample| (sample.field.ut - mean_ut).vector_length() <= MAX_DEVIATION_UT);
         let mean = |angle: fn(&Sample) -> f32| self.samples.iter().map(angle).sum::<f32>() / sample_count;
         is_steady.then(|| Sample {
             field: Field::new(mean_ut),
-            attitude: Attitude { roll_rad: mean(|s| s.attitude.roll_rad), pitch_rad: mean(|s| s.attitude.pitch_rad) },
-            rates: if self.samples.iter().all(|s| s.rates.is_known()) {
+            attitude: Attitude {
+                roll_rad: mean(|sample| sample.attitude.roll_rad),
+                pitch_rad: mean(|sample| sample.attitude.pitch_rad),
+            },
+            rates: if self.samples.iter().all(|sample| sample.rates.is_known()) {
                 Rates::from_rad_s([
-                    mean(|s| s.rates.roll_rad_s()),
-                    mean(|s| s.rates.pitch_rad_s()),
-                    mean(|s| s.rates.heading_rad_s()),
+                    mean(|sample| sample.rates.roll_rad_s()),
+                    mean(|sample| sample.rates.pitch_rad_s()),
+                    mean(|sample| sample.rates.heading_rad_s()),
                 ])
             } else {
                 Rates::UNKNOWN

@@ -65,7 +65,7 @@ impl PairingQueue {
     pub fn next_sample(
         &mut self,
         attitude_at: impl Fn(Timestamp) -> AttitudeLookup,
-        motion_at: impl Fn(Timestamp) -> Option<EulerRates>,
+        euler_rates_at: impl Fn(Timestamp) -> Option<EulerRates>,
     ) -> Option<(Timestamp, Sample)> {
         while let Some(&(at, field)) = self.queue.front() {
             let attitude = match attitude_at(at) {
@@ -80,7 +80,7 @@ impl PairingQueue {
                 self.count_unpaired();
                 continue;
             };
-            if let Some(sample) = self.averager.push_reading(at, field, attitude, motion_at(at)) {
+            if let Some(sample) = self.averager.push_reading(at, field, attitude, euler_rates_at(at)) {
                 return Some((at, sample));
             }
         }

@@ -115,8 +115,8 @@ mod tests {
             .filter_map(|i| {
                 let x = f32::from(i);
                 let at = Timestamp::from_us(u64::from(i) * PERIOD_US);
-                let motion = EulerRates { roll_rad_s: x / 10.0, pitch_rad_s: -x / 5.0, heading_rad_s: 2.0 };
-                averager.push_reading(at, Field::from_ut(x, 0.0, -x), Attitude::from_deg(x, -x), Some(motion))
+                let rates = EulerRates { roll_rad_s: x / 10.0, pitch_rad_s: -x / 5.0, heading_rad_s: 2.0 };
+                averager.push_reading(at, Field::from_ut(x, 0.0, -x), Attitude::from_deg(x, -x), Some(rates))
             })
             .collect();
         assert_eq!(samples.len(), 2);

@@ -22,10 +22,10 @@ pub(super) struct GyroErrorRows {
 }
 
 impl GyroErrorRows {
-    pub fn new(attitude: Attitude, motion: &EulerRates) -> Self {
+    pub fn new(attitude: Attitude, euler_rates: &EulerRates) -> Self {
         let (sin_roll, cos_roll) = trig::sin_cos(attitude.roll_rad);
         let (_, cos_pitch) = trig::sin_cos(attitude.pitch_rad);
-        let [p, q, r] = motion.to_body_rates(attitude);
+        let [p, q, r] = euler_rates.to_body_rates(attitude);
         let by_axis = [1.0, p, q, r];
         let per_cos_pitch = 1.0 / cos_pitch.max(MIN_COS_PITCH);
         Self {

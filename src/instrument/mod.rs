@@ -217,13 +217,13 @@ impl Instrument {
             self.attitude_history.update_field(body_field);
         }
         let attitude = self.attitude_at(at);
-        let turning = self.attitude_history.gyro_heading_at(self.attitude_lookup_time(at));
+        let gyro_heading = self.attitude_history.gyro_heading_at(self.attitude_lookup_time(at));
         let heading = match fault {
             Some(fault) => Err(fault.into()),
-            None => self.compute_heading((field, corrected), current_a, attitude, turning.as_ref()),
+            None => self.compute_heading((field, corrected), current_a, attitude, gyro_heading.as_ref()),
         };
         let gyro = &self.active.adjustment.heading_rate_error;
-        let smoothed_heading = self.smoother.smooth_heading(at, heading.as_ref().ok(), turning.as_ref(), gyro);
+        let smoothed_heading = self.smoother.smooth_heading(at, heading.as_ref().ok(), gyro_heading.as_ref(), gyro);
         let compass_field = self.compass_field.output_field(at, &self.active, field, corrected);
         Estimate {
             timestamp: at,
@@ -256,9 +256,9 @@ impl Instrument {
     pub fn next_sample(&mut self) -> Option<Sample> {
         match self.active.stored_correction.sample_attitude {
             SampleAttitude::Interpolated => {
-                let motion_at = |at| Some(self.attitude_history.gyro_heading_at(at)?.euler_rates);
+                let euler_rates_at = |at| Some(self.attitude_history.gyro_heading_at(at)?.euler_rates);
                 let (at, mut sample) =
-                    self.pairing.next_sample(|at| self.attitude_history.attitude_at(at), motion_at)?;
+                    self.pairing.next_sample(|at| self.attitude_history.attitude_at(at), euler_rates_at)?;
                 sample.current = MotorCurrent::from_a(self.current_a(at));
                 self.pending_sample = Some((at, sample));
                 Some(sample)
@@ -283,13 +283,13 @@ impl Instrument {
         };
         // A sample's time is the middle of its readings.
         let ahead_s = at.wrapping_millis().signed_ms_since(sample.time) as f32 * 1e-3;
-        let turning = self
+        let gyro_heading = self
             .attitude_history
             .gyro_heading_at(self.attitude_lookup_time(at))
-            .map(|turning| turning.extrapolated_back(ahead_s));
+            .map(|gyro_heading| gyro_heading.extrapolated_back(ahead_s));
         let readings_per_sample = self.config.readings_per_sample();
         let monitored = MonitoredCalibration { calibration, uncertainty, readings_per_sample };
-        self.monitor.process_sample(&monitored, at, &sample, turning);
+        self.monitor.process_sample(&monitored, at, &sample, gyro_heading);
         let adjustment = self.monitor.monitor_output();
         // Headings of an instrument that accepts any field ignore the monitor.
         let is_ignored = self.config.heading.accepts_any_field() && adjustment.validity.is_err();
@@ -388,13 +388,13 @@ impl Instrument {
         (field, corrected): (Field<Sensor>, Option<Field<Body>>),
         current_a: Option<f32>,
         attitude: Result<Attitude, NoHeading>,
-        turning: Option<&GyroHeading>,
+        gyro_heading: Option<&GyroHeading>,
     ) -> Result<Heading, NoHeading> {
         let ActiveCalibration { stored_correction: base, adjustment, adjusted_calibration: adjusted, .. } =
             &self.active;
         let ((calibration, uncertainty), body) = adjusted.as_ref().zip(corrected).ok_or(NoHeading::Uncalibrated)?;
-        let motion = turning.map_or_else(EulerRates::default, |turning| turning.euler_rates);
-        let attitude = adjustment.correct_attitude(attitude?, &motion);
+        let euler_rates = gyro_heading.map_or_else(EulerRates::default, |gyro_heading| gyro_heading.euler_rates);
+        let attitude = adjustment.correct_attitude(attitude?, &euler_rates);
         adjustment.validity?;
         let limits = self.config.heading;
         let accepts_any_field = limits.accepts_any_field();
@@ -402,7 +402,7 @@ impl Instrument {
         let heading = heading::compute_corrected_heading(limits, calibration, uncertainty, (field, body), attitude)?
             .with_min_systematic_variance(adjustment.heading_variance_rad2)
             .with_added_systematic_variance(calibration.motor_current_heading_variance_rad2(current_a));
-        if accepts_any_field || adjustment.passes_reading_gate(heading, turning) {
+        if accepts_any_field || adjustment.passes_reading_gate(heading, gyro_heading) {
             Ok(heading.rotated_by_deg(base.align_deg))
         } else {
             Err(NoHeading::FieldDisturbed)

@@ -46,7 +46,7 @@ const MIN_STATE_PAGES: u32 = 2;
 /// Result of a load: the readable values, and defaults for the others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoadedValues {
-    /// The readable values.
+    /// Values that could be read.
     pub stored_values: StoredValues,
     /// Reason why a value, or all of them, could not be read.
     pub load_error: Option<StoreError>,

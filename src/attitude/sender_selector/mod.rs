@@ -29,7 +29,7 @@ impl SenderId {
         Self(number)
     }
 
-    /// Numeric value.
+    /// Packed number: the system in the upper byte, the component in the lower one.
     #[must_use]
     pub const fn packed_number(self) -> u16 {
         self.0

@@ -27,7 +27,7 @@ impl Ellipse {
         let Some(plane) = PrincipalPlane::fit_plane(&samples, rotation) else { return Err(SolveError::NotFinite) };
         // Scaled to about 1; otherwise the equations would mix magnitudes of 1 and uT^4.
         let scale = plane.rms_distance_ut;
-        let points = samples.iter().map(|s| plane.plane_coordinates(&(rotation * s.field.ut)) / scale);
+        let points = samples.iter().map(|sample| plane.plane_coordinates(&(rotation * sample.field.ut)) / scale);
         let (centre, quadratic_form) = fit_conic(points).ok_or(SolveError::NotAnEllipse(SamplePart::Turns(side)))?;
         Ok(Self {
             centre_ut: plane.origin_ut + (plane.plane_axes[0] * centre.x + plane.plane_axes[1] * centre.y) * scale,

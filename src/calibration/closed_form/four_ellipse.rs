@@ -83,7 +83,7 @@ impl PlaneFigures {
     fn new(samples: &[Sample], rotation: &Matrix3<f32>, side: Side, up: f32) -> Result<Self, SolveError> {
         let part = SamplePart::Turns(side);
         SolveError::require_samples(part, samples.len(), MIN_SAMPLES)?;
-        let fields = samples.iter().map(|s| rotation * s.field.ut);
+        let fields = samples.iter().map(|sample| rotation * sample.field.ut);
         let not_an_ellipse = SolveError::NotAnEllipse(part);
         let xy =
             EllipseMap::fit_ellipse_map(fields.clone().map(|f| Vector2::new(f.x, -f.z * up))).ok_or(not_an_ellipse)?;

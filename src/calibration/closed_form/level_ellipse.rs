@@ -80,7 +80,7 @@ pub(in crate::calibration) fn solve_level_ellipse(
     samples: Samples<'_>,
     rotation: &Matrix3<f32>,
 ) -> Result<SensorResponse, SolveError> {
-    let mount_fields = samples.all_samples().map(|s| rotation * s.field.ut);
+    let mount_fields = samples.all_samples().map(|sample| rotation * sample.field.ut);
     SolveError::require_samples(SamplePart::Level, mount_fields.clone().count(), MIN_SAMPLES)?;
     let ellipse_map = EllipseMap::fit_ellipse_map(mount_fields.clone().map(|f| f.xy()))
         .ok_or(SolveError::NotAnEllipse(SamplePart::Level))?;
@@ -229,7 +229,7 @@ mod tests {
 
     fn count_headings_of(headings_deg: &[f32]) -> u8 {
         let hypothesis = EllipseMap { map_ut: map_ut(), centre_ut: Vector2::new(12.0, -30.0) };
-        hypothesis.count_headings(samples_at(headings_deg, 1.0).iter().map(|s| s.field.ut.xy()))
+        hypothesis.count_headings(samples_at(headings_deg, 1.0).iter().map(|sample| sample.field.ut.xy()))
     }
 
     #[test]
@@ -249,7 +249,8 @@ mod tests {
     #[test]
     fn implausible_vertical_axis_is_rejected() {
         let with = |z: f32| -> Vec<Sample> {
-            let shifted = |s: Sample| Sample { field: Field::from_ut(s.field.ut.x, s.field.ut.y, z), ..s };
+            let shifted =
+                |sample: Sample| Sample { field: Field::from_ut(sample.field.ut.x, sample.field.ut.y, z), ..sample };
             samples_at(&evenly_spaced_deg(24), 1.0).into_iter().map(shifted).collect()
         };
         assert!(solved(&with(24_000.0)).is_ok());

@@ -57,7 +57,7 @@ fn least_scatter_direction(scatter: &Matrix3<f32>) -> Option<Vector3<f32>> {
     let longest_column = scaled_inverse.column_iter().max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()))?;
     let least_scatter = (0..INVERSE_ITERATIONS)
         .fold(longest_column.unit_vector(), |direction, _| (scaled_inverse * direction).unit_vector());
-    least_scatter.iter().all(|c| c.is_finite()).then_some(least_scatter)
+    least_scatter.iter().all(|component| component.is_finite()).then_some(least_scatter)
 }
 
 #[cfg(test)]

@@ -52,7 +52,7 @@ const NO_HARD_IRON_WEIGHT: f32 = 1e-4;
 /// iron and field strength without soft iron. `None` without samples or if not finite.
 #[inline(never)]
 pub(crate) fn fit_sphere(new_sample: Option<&Sample>, samples: Samples<'_>) -> Option<(Vector3<f32>, f32)> {
-    let sample_fields = || new_sample.into_iter().chain(samples.all_samples()).map(|s| s.field.ut);
+    let sample_fields = || new_sample.into_iter().chain(samples.all_samples()).map(|sample| sample.field.ut);
     let mean = sample_fields().sum::<Vector3<f32>>() / sample_fields().count() as f32;
     // |m|^2 = 2 m . b + (r^2 - |b|^2) is linear in b and the bracket. The mean is subtracted to preserve digits.
     let mut least_squares = LeastSquares::<4, 1>::new();
@@ -77,8 +77,8 @@ pub(in crate::calibration) fn sphere_start(samples: Samples<'_>, rotation: &Matr
     let b_ut = rotation * centre_ut;
     let sin_inclination = samples
         .all_samples()
-        .map(|s| {
-            let level = s.attitude.to_level_frame(Field::new(rotation * s.field.ut - b_ut));
+        .map(|sample| {
+            let level = sample.attitude.to_level_frame(Field::new(rotation * sample.field.ut - b_ut));
             level.ut.z / level.total_ut().max(1e-6)
         })
         .sum::<f32>()
@@ -95,13 +95,13 @@ pub(in crate::calibration) fn vertical_component_start(
     samples: Samples<'_>,
     rotation: &Matrix3<f32>,
 ) -> Option<StartingPoint> {
-    let mount_fields = || samples.all_samples().map(|s| (rotation * s.field.ut, s));
+    let mount_fields = || samples.all_samples().map(|sample| (rotation * sample.field.ut, sample));
     let sample_count = mount_fields().count() as f32;
     let mean = mount_fields().map(|(f, _)| f).sum::<Vector3<f32>>() / sample_count;
     let mean_square_distance = mount_fields().map(|(f, _)| (f - mean).norm_squared()).sum::<f32>() / sample_count;
     let scale_ut = sqrt(mean_square_distance);
-    let rows = mount_fields().map(|(field, s)| {
-        let down = s.attitude.to_body_frame(Field::new(Vector3::z())).ut;
+    let rows = mount_fields().map(|(field, sample)| {
+        let down = sample.attitude.to_body_frame(Field::new(Vector3::z())).ut;
         let row = down * ((field - mean) / scale_ut).push(1.0).transpose();
         SVector::<f32, 12>::from_iterator(row.iter().copied())
     });

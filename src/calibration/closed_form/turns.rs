@@ -26,7 +26,7 @@ pub(in crate::calibration) struct MeanBank {
 
 impl MeanBank {
     pub fn from_samples(samples: &[Sample]) -> Self {
-        let mean_rad = samples.iter().map(|s| s.attitude.roll_rad).sum::<f32>() / samples.len().max(1) as f32;
+        let mean_rad = samples.iter().map(|sample| sample.attitude.roll_rad).sum::<f32>() / samples.len().max(1) as f32;
         let (sin, cos) = trig::sin_cos(mean_rad);
         Self { sin, cos }
     }
@@ -195,7 +195,9 @@ mod tests {
             })
             .collect();
         let (first, rest) = circle.split_at(circle.len() / 2);
-        turn_progress_by_rates_rad(Parts { level: first, free: rest, ..Parts::default() }.samples(), |s| s.field.ut.x)
+        turn_progress_by_rates_rad(Parts { level: first, free: rest, ..Parts::default() }.samples(), |sample| {
+            sample.field.ut.x
+        })
     }
 
     #[test]

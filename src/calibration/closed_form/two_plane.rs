@@ -80,7 +80,7 @@ impl<'a> TurnEllipse<'a> {
 
     fn conjugate_ut(&self, u_ut: &Vector3<f32>) -> Vector3<f32> {
         let v_ut = self.ellipse.conjugate_ut(u_ut);
-        let phase = |s: &Sample| self.ellipse.phase_rad(&(self.rotation * s.field.ut), u_ut, &v_ut);
+        let phase = |sample: &Sample| self.ellipse.phase_rad(&(self.rotation * sample.field.ut), u_ut, &v_ut);
         if turn_progress_rad(self.samples, self.side, phase) >= 0.0 { v_ut } else { -v_ut }
     }
 }

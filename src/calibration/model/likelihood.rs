@@ -55,7 +55,7 @@ const COARSE_SAMPLES: usize = 128;
 impl Likelihood {
     pub fn new(prior: &Prior, config: ModelConfig, samples: Samples<'_>, unit_ut: f32) -> Self {
         let rotation = prior.mount.body_from_sensor();
-        let sum_ut = samples.all_samples().map(|s| s.field.ut).sum::<Vector3<f32>>();
+        let sum_ut = samples.all_samples().map(|sample| sample.field.ut).sum::<Vector3<f32>>();
         let sample_count = samples.all_samples().count();
         Self {
             config,

@@ -36,7 +36,7 @@ pub(super) fn stuck_axis(samples: Samples<'_>) -> Option<Axis> {
     let turns = || samples.without_part(CollectionPart::LEVEL).iter();
     let sample_count = turns().count();
     [Axis::X, Axis::Y, Axis::Z].into_iter().find(|&axis| {
-        let values = || turns().map(|s| s.field.ut[axis as usize]);
+        let values = || turns().map(|sample| sample.field.ut[axis as usize]);
         let (low, high) = values().fold((f32::MAX, f32::MIN), |(low, high), v| (low.min(v), high.max(v)));
         let end_width = RANGE_END_FRACTION * (high - low);
         let is_stuck_at = |range_end: f32| {

@@ -117,14 +117,15 @@ fn a_mirrored_attitude_is_detected() {
         let samples = multirotor_samples(&airframe, 0.3, &mut random);
         assert!(solved(&samples, &NO_PRIOR).is_ok());
         for (roll, pitch) in [(-1.0, 1.0), (1.0, -1.0)] {
-            let mirror = |s: &Sample| {
-                let Attitude { roll_rad, pitch_rad } = s.attitude;
-                Sample { attitude: Attitude { roll_rad: roll * roll_rad, pitch_rad: pitch * pitch_rad }, ..*s }
+            let mirror = |sample: &Sample| {
+                let Attitude { roll_rad, pitch_rad } = sample.attitude;
+                Sample { attitude: Attitude { roll_rad: roll * roll_rad, pitch_rad: pitch * pitch_rad }, ..*sample }
             };
             let mirrored: Vec<Sample> = samples.iter().map(mirror).collect();
             let refused = solved(&mirrored, &NO_PRIOR).map(|_| ());
             assert_eq!(refused, Err(SolveError::TurnsReversed), "seed {seed}: {roll} {pitch}");
-            let silent: Vec<Sample> = mirrored.iter().map(|s| Sample { rates: Rates::UNKNOWN, ..*s }).collect();
+            let silent: Vec<Sample> =
+                mirrored.iter().map(|sample| Sample { rates: Rates::UNKNOWN, ..*sample }).collect();
             let refused = solved(&silent, &NO_PRIOR).map(|_| ());
             assert!(matches!(refused, Err(SolveError::MountContradicted { .. })), "seed {seed}: {refused:?}");
         }
@@ -161,8 +162,10 @@ fn another_mounting_is_reported() {
     let samples = multirotor_samples(&airframe, 0.3, &mut random);
     for found in Orientation::all_orientations() {
         let sensor_from_body = found.body_from_sensor().transpose();
-        let turned: Vec<Sample> =
-            samples.iter().map(|s| Sample { field: Field::new(sensor_from_body * s.field.ut), ..*s }).collect();
+        let turned: Vec<Sample> = samples
+            .iter()
+            .map(|sample| Sample { field: Field::new(sensor_from_body * sample.field.ut), ..*sample })
+            .collect();
         let refused = solved(&turned, &NO_PRIOR).map(|_| ());
         let expected =
             if found == Orientation::IDENTITY_ROTATION { Ok(()) } else { Err(SolveError::MountContradicted { found }) };

@@ -153,7 +153,7 @@ fn unsolvable_samples_are_rejected_with_a_reason() {
     let refused = |change: &dyn Fn(&mut RecordedTurns)| {
         let mut recorded = good.clone();
         change(&mut recorded);
-        solved(&recorded).map(|s| s.quality.expected_rms_deg)
+        solved(&recorded).map(|solution| solution.quality.expected_rms_deg)
     };
     let one_side = good.turns().without_part(CollectionPart::LEFT);
     let missing = method_selection::select_method(one_side, Procedure::Turns);
@@ -163,21 +163,21 @@ fn unsolvable_samples_are_rejected_with_a_reason() {
     // With an inverted roll, right turns are labelled left.
     let reversed = refused(&|r| {
         core::mem::swap(&mut r.left, &mut r.right);
-        for s in r.left.iter_mut().chain(&mut r.right) {
-            s.attitude.roll_rad = -s.attitude.roll_rad;
+        for sample in r.left.iter_mut().chain(&mut r.right) {
+            sample.attitude.roll_rad = -sample.attitude.roll_rad;
         }
     });
     assert!(reversed.is_err(), "{reversed:?}");
     let held = refused(&|r| {
-        for s in r.left.iter_mut().chain(&mut r.right) {
-            s.field = airframe.field(s.attitude, 1.0);
+        for sample in r.left.iter_mut().chain(&mut r.right) {
+            sample.field = airframe.field(sample.attitude, 1.0);
         }
     });
     assert!(held.is_err() || held.is_ok_and(|expected_deg| expected_deg > 3.0), "{held:?}");
     let mut noise = Random(3);
     let mut chaos = good.clone();
-    for s in chaos.left.iter_mut().chain(&mut chaos.right) {
-        s.field = Field::new(vector(&mut noise, 60.0));
+    for sample in chaos.left.iter_mut().chain(&mut chaos.right) {
+        sample.field = Field::new(vector(&mut noise, 60.0));
     }
     assert!(solved(&chaos).is_err());
 }

@@ -329,7 +329,10 @@ fn interference_is_estimated_in_sensor_axes() {
     let mount = Orientation::from_name("roll90-yaw90").unwrap();
     let rotation = mount.body_from_sensor();
     let turned = |samples: &[Sample]| -> Vec<Sample> {
-        samples.iter().map(|s| Sample { field: Field::new(rotation.tr_mul(&s.field.ut)), ..*s }).collect()
+        samples
+            .iter()
+            .map(|sample| Sample { field: Field::new(rotation.tr_mul(&sample.field.ut)), ..*sample })
+            .collect()
     };
     let turned = RecordedTurns { left: turned(&recorded.left), right: turned(&recorded.right) };
     let solution = solve_samples(Method::MaximumLikelihood, turned.turns(), &Prior { mount, ..NO_PRIOR }).unwrap();

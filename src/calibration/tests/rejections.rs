@@ -69,7 +69,7 @@ fn too_few_headings_reports_their_number() {
 fn a_stuck_axis_is_reported() {
     for (index, axis) in [Axis::X, Axis::Y, Axis::Z].into_iter().enumerate() {
         let (_, mut recorded) = ordinary_flight(Flight::TYPICAL);
-        recorded.left.iter_mut().chain(&mut recorded.right).for_each(|s| s.field.ut[index] = 7.0);
+        recorded.left.iter_mut().chain(&mut recorded.right).for_each(|sample| sample.field.ut[index] = 7.0);
         let refused = solve_error(Method::MaximumLikelihood, recorded.turns());
         assert_eq!(refused, Some(SolveError::AxisStuck { axis }));
     }

@@ -10,7 +10,8 @@ use crate::frames::{Field, wrap_pi};
 /// Largest heading difference of two calibrations of one flight, each on its own samples, degrees.
 fn difference_deg(a: (&Calibration, &RecordedTurns), b: (&Calibration, &RecordedTurns)) -> f32 {
     let headings = |(calibration, recorded): (&Calibration, &RecordedTurns)| -> Vec<f32> {
-        let heading = |s: &Sample| s.attitude.to_level_frame(calibration.calibrated_field(s.field)).heading_rad();
+        let heading =
+            |sample: &Sample| sample.attitude.to_level_frame(calibration.calibrated_field(sample.field)).heading_rad();
         recorded.left.iter().chain(&recorded.right).map(heading).collect()
     };
     let pairs = headings(a).into_iter().zip(headings(b));
@@ -55,7 +56,7 @@ fn invariant_to_rotation_of_the_sensor_in_its_mount() {
     for (seed, recorded, mut random) in flights() {
         let axis = Unit::new_normalize(vector(&mut random, 1.0));
         let turn = Rotation3::from_axis_angle(&axis, 10.0_f32.to_radians());
-        let turned = map_samples(&recorded, |s| Sample { field: Field::new(turn * s.field.ut), ..*s });
+        let turned = map_samples(&recorded, |sample| Sample { field: Field::new(turn * sample.field.ut), ..*sample });
         let (a, b) =
             (calibrate(&recorded, Orientation::IDENTITY_ROTATION), calibrate(&turned, Orientation::IDENTITY_ROTATION));
         let difference = difference_deg((&a, &recorded), (&b, &turned));
@@ -68,7 +69,7 @@ fn invariant_to_rotation_of_the_sensor_in_its_mount() {
 fn invariant_to_field_scale() {
     for (seed, recorded, mut random) in flights() {
         let scale = random.uniform(0.5, 2.0);
-        let scaled = map_samples(&recorded, |s| Sample { field: Field::new(s.field.ut * scale), ..*s });
+        let scaled = map_samples(&recorded, |sample| Sample { field: Field::new(sample.field.ut * scale), ..*sample });
         let (a, b) =
             (calibrate(&recorded, Orientation::IDENTITY_ROTATION), calibrate(&scaled, Orientation::IDENTITY_ROTATION));
         let difference = difference_deg((&a, &recorded), (&b, &scaled));

@@ -265,7 +265,7 @@ impl RecordedTurns {
 
     pub fn in_mount(&self, mount: Orientation) -> Self {
         let sensor_from_body = mount.body_from_sensor().transpose();
-        let turned = |s: &Sample| Sample { field: Field::new(sensor_from_body * s.field.ut), ..*s };
+        let turned = |sample: &Sample| Sample { field: Field::new(sensor_from_body * sample.field.ut), ..*sample };
         Self { left: self.left.iter().map(turned).collect(), right: self.right.iter().map(turned).collect() }
     }
 }

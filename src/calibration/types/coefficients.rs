@@ -77,7 +77,7 @@ impl Calibration {
     /// Whether all coefficients are finite: check for data from flash or from a solver.
     #[must_use]
     pub fn is_finite(&self) -> bool {
-        self.w.as_flattened().iter().chain(&self.b_ut).all(|c| c.is_finite())
+        self.w.as_flattened().iter().chain(&self.b_ut).all(|component| component.is_finite())
             && [self.inclination_rad, self.total_ut, self.latency_s].iter().all(|number| number.is_finite())
             && self.motor_current.is_finite()
     }

@@ -106,7 +106,7 @@ impl CollectionPart {
 /// View of samples that are ordered by part, then time, and of marks.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Samples<'a> {
-    ordered_samples: &'a [Sample],
+    part_ordered: &'a [Sample],
     /// Whether the view leaves a part out, by [`CollectionPart::index`].
     is_excluded: [bool; CollectionPart::ALL_PARTS.len()],
     /// Samples with a given heading.
@@ -152,8 +152,8 @@ impl SamplePart {
 impl<'a> Samples<'a> {
     /// View of samples ordered by part, then time.
     #[must_use]
-    pub const fn new(ordered_samples: &'a [Sample]) -> Self {
-        Self { ordered_samples, is_excluded: [false; _], marks: &[] }
+    pub const fn new(part_ordered: &'a [Sample]) -> Self {
+        Self { part_ordered, is_excluded: [false; _], marks: &[] }
     }
 
     /// The same samples with other compass-swing marks.
@@ -173,7 +173,7 @@ impl<'a> Samples<'a> {
     /// Samples of a part, in order of time.
     #[must_use]
     pub fn samples_of_part(&self, part: CollectionPart) -> &'a [Sample] {
-        if self.is_excluded[part.index()] { &[] } else { samples_of_part(self.ordered_samples, part) }
+        if self.is_excluded[part.index()] { &[] } else { samples_of_part(self.part_ordered, part) }
     }
 
     /// Samples of the turns of a side, in order of time.
@@ -184,7 +184,7 @@ impl<'a> Samples<'a> {
 
     /// Iterates over the samples without a given heading, by part, then time.
     pub fn iter(&self) -> impl Iterator<Item = &'a Sample> + Clone + Debug + use<'a> {
-        IncludedSamples { current_run: [].iter(), remaining: self.ordered_samples, is_excluded: self.is_excluded }
+        IncludedSamples { current_run: [].iter(), remaining: self.part_ordered, is_excluded: self.is_excluded }
     }
 
     /// Iterates over all samples, those with given headings last.
@@ -198,16 +198,16 @@ impl<'a> Samples<'a> {
 }
 
 /// Samples of one part, if all are ordered by part.
-pub(crate) fn samples_of_part(ordered_samples: &[Sample], part: CollectionPart) -> &[Sample] {
-    let [start, end] = part_range(ordered_samples, part);
-    ordered_samples.get(start..end).unwrap_or_default()
+pub(crate) fn samples_of_part(part_ordered: &[Sample], part: CollectionPart) -> &[Sample] {
+    let [start, end] = part_range(part_ordered, part);
+    part_ordered.get(start..end).unwrap_or_default()
 }
 
 /// First and last position (exclusive) of a part, of samples ordered by part.
-pub(crate) fn part_range(ordered_samples: &[Sample], part: CollectionPart) -> [usize; 2] {
+pub(crate) fn part_range(part_ordered: &[Sample], part: CollectionPart) -> [usize; 2] {
     [
-        ordered_samples.partition_point(|sample| sample.part < part),
-        ordered_samples.partition_point(|sample| sample.part <= part),
+        part_ordered.partition_point(|sample| sample.part < part),
+        part_ordered.partition_point(|sample| sample.part <= part),
     ]
 }
 

@@ -28,7 +28,7 @@ impl CoefficientCovariance {
     }
 
     pub fn is_finite(&self) -> bool {
-        self.0.iter().all(|c| c.is_finite())
+        self.0.iter().all(|component| component.is_finite())
     }
 
     pub(super) fn element(&self, i: usize, j: usize) -> f32 {

@@ -164,8 +164,8 @@ impl DOptimalSelection {
     pub fn find_least_informative_sample(&mut self, new_sample: &Sample, samples: Samples<'_>) -> Option<usize> {
         self.information = LeastSquares::new();
         if !self.linearisation.is_from_trial {
-            let (centre_ut, _) =
-                fit_sphere(Some(new_sample), samples).filter(|(ut, _)| ut.iter().all(|c| c.is_finite()))?;
+            let (centre_ut, _) = fit_sphere(Some(new_sample), samples)
+                .filter(|(ut, _)| ut.iter().all(|component| component.is_finite()))?;
             self.linearisation = Linearisation::from_centre(centre_ut);
         }
         let candidates = || core::iter::once(new_sample).chain(samples.all_samples());

@@ -81,7 +81,7 @@ fn is_new_measurement(part: &PartView<'_>, sample: &Sample) -> bool {
     });
     let last = lasts.min_by_key(|last| sample.time.ms_since(last.time));
     let Attitude { roll_rad, pitch_rad } = sample.attitude;
-    let is_measurement = sample.field.ut.iter().chain(&[roll_rad, pitch_rad]).all(|c| c.is_finite());
+    let is_measurement = sample.field.ut.iter().chain(&[roll_rad, pitch_rad]).all(|component| component.is_finite());
     is_measurement && last.is_none_or(|last| is_distinct(last, sample))
 }
 

@@ -107,7 +107,7 @@ fn thinning_keeps_the_first_of_close_samples() {
         tumble.buffer.part_view(CollectionPart::FREE).insert_sample(SampleUse::Fit, test_sample([x_ut, 0.0, 0.0], 0));
     }
     remove_close_samples(&mut tumble.buffer.part_view(CollectionPart::FREE), 2.0);
-    assert_eq!(tumble.fit().iter().map(|s| s.field.ut.x).collect::<Vec<_>>(), [0.0, 2.0, 10.0]);
+    assert_eq!(tumble.fit().iter().map(|sample| sample.field.ut.x).collect::<Vec<_>>(), [0.0, 2.0, 10.0]);
 }
 
 #[test]
@@ -122,7 +122,7 @@ fn a_full_held_back_quota_passes_samples_to_the_fit() {
 fn a_part_of_distant_samples_stays_as_it_is() {
     let mut tumble = Tumble::new(SampleQuota { fit_quota: 3, held_back_quota: 1 });
     (0..12).for_each(|i| tumble.push_at(i as f32 * 1000.0, i * 400));
-    assert_eq!(tumble.fit().iter().map(|s| s.time.as_ms() / 400).collect::<Vec<_>>(), [0, 1, 2]);
+    assert_eq!(tumble.fit().iter().map(|sample| sample.time.as_ms() / 400).collect::<Vec<_>>(), [0, 1, 2]);
 }
 
 #[test]

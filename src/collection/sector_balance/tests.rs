@@ -65,7 +65,7 @@ fn a_full_buffer_stores_samples_of_missing_headings() {
     let coverage = buffer.coverage(CollectionPart::RIGHT);
     assert_eq!(coverage.samples as usize, SampleQuota::TURN.fit_quota, "the buffer was full");
     assert_eq!(coverage.covered_sectors, 12);
-    assert!(buffer.fit_samples(CollectionPart::RIGHT).is_sorted_by_key(|s| s.time.as_ms()));
+    assert!(buffer.fit_samples(CollectionPart::RIGHT).is_sorted_by_key(|sample| sample.time.as_ms()));
 }
 
 #[test]
@@ -115,7 +115,7 @@ fn parts_are_separate() {
         let coverage = buffer.coverage(part);
         assert_eq!((coverage.samples, coverage.held_back_count), numbers);
         let samples = [buffer.fit_samples(part), buffer.held_back(part)].concat();
-        assert!(samples.iter().all(|s| s.part == part && s.field.ut.y.to_bits() == number.to_bits()));
+        assert!(samples.iter().all(|sample| sample.part == part && sample.field.ut.y.to_bits() == number.to_bits()));
     }
     assert_eq!(buffer.coverage(CollectionPart::FREE), PartCoverage::default());
 }
@@ -163,7 +163,7 @@ fn turn_samples_are_stored_at_most_every_0_4_s() {
 #[test]
 fn every_fourth_sample_is_held_back() {
     let buffer = collect((0..13).map(|i| test_sample([i as f32, 0.0, 0.0], i * 400)));
-    let times = |samples: &[Sample]| samples.iter().map(|s| s.time.as_ms() / 400).collect::<Vec<_>>();
+    let times = |samples: &[Sample]| samples.iter().map(|sample| sample.time.as_ms() / 400).collect::<Vec<_>>();
     assert_eq!(times(buffer.held_back(CollectionPart::RIGHT)), [3, 7, 11]);
     assert_eq!(times(buffer.fit_samples(CollectionPart::RIGHT)), [0, 1, 2, 4, 5, 6, 8, 9, 10, 12]);
 }
@@ -200,7 +200,7 @@ fn insert_at(buffer: &mut TestBuffer, quota: SampleQuota, time_ms: u32) {
 }
 
 fn times(buffer: &TestBuffer) -> Vec<u32> {
-    buffer.fit_samples(CollectionPart::LEFT).iter().map(|s| s.time.as_ms()).collect()
+    buffer.fit_samples(CollectionPart::LEFT).iter().map(|sample| sample.time.as_ms()).collect()
 }
 
 #[test]
@@ -292,7 +292,7 @@ fn the_circle_is_fitted_to_fit_and_held_back_samples() {
             buffer.held_back(CollectionPart::LEFT)
         };
         assert_eq!((samples.len(), buffer.stored_samples(CollectionPart::LEFT)), (12, 12));
-        assert!(samples.iter().filter(|s| s.time.as_ms() >= 12 * 400).count() >= 10, "{samples:?}");
+        assert!(samples.iter().filter(|sample| sample.time.as_ms() >= 12 * 400).count() >= 10, "{samples:?}");
         assert!(purpose == SampleUse::Verification || buffer.coverage(CollectionPart::LEFT).covered_sectors >= 11);
     }
 }

@@ -91,22 +91,22 @@ impl HeadingSmoother {
         &mut self,
         at: Timestamp,
         raw: Option<&Heading>,
-        turning: Option<&GyroHeading>,
+        gyro_heading: Option<&GyroHeading>,
         gyro: &HeadingRateError,
     ) -> Option<Heading> {
-        let turning = turning?;
-        if turning.euler_rates.heading_rad_s.abs() > MAX_TURN_RATE_RAD_S {
+        let gyro_heading = gyro_heading?;
+        if gyro_heading.euler_rates.heading_rad_s.abs() > MAX_TURN_RATE_RAD_S {
             self.state = None;
         }
         let raw = raw?;
         #[expect(clippy::manual_clamp, reason = "what is not a number becomes one here, and would not in a clamp")]
         let variance =
             (square(raw.sigma_rad) - raw.systematic_variance_rad2).max(MIN_VARIANCE_RAD2).min(MAX_VARIANCE_RAD2);
-        let agreed = self.update_filter((at, raw.magnetic_rad, variance), turning, gyro);
+        let agreed = self.update_filter((at, raw.magnetic_rad, variance), gyro_heading, gyro);
         if agreed == AgreementResult::Lost {
             self.agreement.restart_test();
             self.residual_noise.restart_noise();
-            self.state = Some(SmootherState::new_at(at, raw.magnetic_rad, variance, turning));
+            self.state = Some(SmootherState::new_at(at, raw.magnetic_rad, variance, gyro_heading));
         }
         let state = self.state.as_ref().filter(|_| agreed == AgreementResult::InAgreement)?;
         let noise = self.residual_noise.remaining_fraction() / NOMINAL_NOISE_FRACTION * state.noise_variance;
@@ -123,11 +123,11 @@ impl HeadingSmoother {
     fn update_filter(
         &mut self,
         (at, raw_rad, variance): (Timestamp, f32, f32),
-        turning: &GyroHeading,
+        gyro_heading: &GyroHeading,
         gyro: &HeadingRateError,
     ) -> AgreementResult {
         let Some(state) = &mut self.state else { return AgreementResult::Lost };
-        let Some(step) = state.predict_state(at, turning, gyro) else { return AgreementResult::Lost };
+        let Some(step) = state.predict_state(at, gyro_heading, gyro) else { return AgreementResult::Lost };
         let innovation_rad = wrap_pi(raw_rad - state.heading_rad);
         if !innovation_rad.is_finite() {
             return AgreementResult::Lost; // A NaN must not enter the state.
@@ -163,11 +163,11 @@ struct SmootherState {
 }
 
 impl SmootherState {
-    fn new_at(at: Timestamp, heading_rad: f32, variance: f32, turning: &GyroHeading) -> Self {
+    fn new_at(at: Timestamp, heading_rad: f32, variance: f32, gyro_heading: &GyroHeading) -> Self {
         Self {
             at,
-            turned_rad: turning.relative_heading_rad,
-            gyro_run: turning.run_number,
+            turned_rad: gyro_heading.relative_heading_rad,
+            gyro_run: gyro_heading.run_number,
             heading_rad: wrap_pi(heading_rad),
             bias_rad_s: 0.0,
             bias_variance: INITIAL_BIAS_VARIANCE,
@@ -185,14 +185,19 @@ impl SmootherState {
     }
 
     /// Time update. `None` after a gap or a restart of the gyro's integration.
-    fn predict_state(&mut self, at: Timestamp, turning: &GyroHeading, gyro: &HeadingRateError) -> Option<GyroStep> {
+    fn predict_state(
+        &mut self,
+        at: Timestamp,
+        gyro_heading: &GyroHeading,
+        gyro: &HeadingRateError,
+    ) -> Option<GyroStep> {
         let step_us = at.us_since(self.at);
-        if turning.run_number != self.gyro_run || step_us > MAX_GAP_US {
+        if gyro_heading.run_number != self.gyro_run || step_us > MAX_GAP_US {
             return None;
         }
         let step_s = step_us as f32 * 1e-6;
-        let turned_rad = wrap_pi(turning.relative_heading_rad - self.turned_rad - gyro.rate_error_rad_s * step_s);
-        (self.at, self.turned_rad) = (at, turning.relative_heading_rad);
+        let turned_rad = wrap_pi(gyro_heading.relative_heading_rad - self.turned_rad - gyro.rate_error_rad_s * step_s);
+        (self.at, self.turned_rad) = (at, gyro_heading.relative_heading_rad);
         self.heading_rad = wrap_pi(self.heading_rad + turned_rad - self.bias_rad_s * step_s);
         self.bias_regression_s -= step_s;
         for (sensitivity, d) in self.gyro_sensitivity.iter_mut().zip(gyro.derivative_row) {

@@ -237,7 +237,7 @@ fn saturated_readings_are_in_no_sample() {
         made.extend(samples(&mut instrument));
     }
     assert_eq!(made.len(), 2);
-    assert!(made.iter().all(|s| (s.field.ut - SOME.ut).norm() < 1e-4), "{made:?}");
+    assert!(made.iter().all(|sample| (sample.field.ut - SOME.ut).norm() < 1e-4), "{made:?}");
 }
 
 #[test]
@@ -305,7 +305,7 @@ fn field_only_samples_do_not_wait_for_attitude() {
         made.extend(samples(&mut instrument));
     }
     assert_eq!(made.len(), 2);
-    assert!(made.iter().all(|s| s.attitude == Attitude::default() && s.field == SOME));
+    assert!(made.iter().all(|sample| sample.attitude == Attitude::default() && sample.field == SOME));
     instrument.on_reading(at(16 * PERIOD_US), saturated(SOME));
     assert!(samples(&mut instrument).is_empty());
 }
@@ -492,7 +492,7 @@ fn a_spike_is_reported_and_excluded_from_its_sample() {
         (4, 0)
     );
     let true_x = sensed(0.5, Attitude::default()).ut.x;
-    assert!(made.len() >= 8 && made.iter().all(|s| (s.field.ut.x - true_x).abs() < 0.6), "{made:?}");
+    assert!(made.len() >= 8 && made.iter().all(|sample| (sample.field.ut.x - true_x).abs() < 0.6), "{made:?}");
 }
 
 #[test]

@@ -8,7 +8,7 @@ use super::*;
 
 const LATER: u8 = flash_page::STORE_FORMAT + 1;
 
-/// Item of another format, longer than any of this one.
+/// Item of another format, longer than any item of this format.
 fn other_item(format: u8) -> Vec<u8> {
     let mut item = vec![format];
     item.extend(1000_u16.to_le_bytes());

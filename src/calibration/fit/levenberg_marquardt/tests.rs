@@ -77,7 +77,7 @@ fn descend(refinement: &mut Refinement, higher: f32) -> RefinementProgress {
     refinement.levenberg_marquardt_step(Parts { left: &[sample], ..Parts::default() }.samples())
 }
 
-/// Thresholds: a tenth of a sigma at the end, one sigma before. The last step is applied.
+/// Convergence thresholds: a tenth of a sigma at the end, one sigma before. The last step is applied.
 #[test]
 fn a_refinement_converges_when_the_predicted_gain_is_small() {
     for (rounds, sigmas, progress) in [

@@ -71,7 +71,7 @@ impl HeadingUncertainty {
     /// Whether all numbers are finite: check for data from flash.
     #[must_use]
     pub fn is_finite(&self) -> bool {
-        self.reduced_covariance.as_flattened().iter().all(|c| c.is_finite())
+        self.reduced_covariance.as_flattened().iter().all(|component| component.is_finite())
             && self.sensor_sigma.is_finite()
             && self.attitude_sigma_rad.is_finite()
     }
