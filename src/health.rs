@@ -73,9 +73,9 @@ pub enum ResetCause {
     PowerOn,
     /// Reset pin, or a debugger.
     Pin,
-    /// `reboot` command.
+    /// Restart by the `reboot` command.
     Software,
-    /// Watchdog, after a task had stopped.
+    /// Reset by the watchdog, after a task had stopped.
     Watchdog,
     /// Panic or processor fault.
     Panic(PanicReport),

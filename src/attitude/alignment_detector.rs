@@ -131,7 +131,7 @@ mod tests {
         field_fraction: f32,
     }
 
-    /// Step at 0 s.
+    /// Simulated tilt: a step at 0 s.
     fn step<const HUNDREDTHS: u16>(t_s: f32) -> f32 {
         if t_s >= 0.0 { f32::from(HUNDREDTHS) / 100.0 } else { 0.0 }
     }

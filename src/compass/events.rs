@@ -99,7 +99,7 @@ pub enum Reply {
     Advice(Advice),
     /// Full report of the module's state.
     Report(StatusReport),
-    /// State in safe mode.
+    /// Report that the module is in safe mode.
     SafeMode,
 }
 
@@ -135,7 +135,7 @@ impl ModuleState {
 /// Full report of the module's state.
 #[derive(Clone, Debug)]
 pub struct StatusReport {
-    /// Present state.
+    /// Present state of the module.
     pub module_state: ModuleState,
     /// Armed state, if known.
     pub is_armed: Option<bool>,

@@ -23,10 +23,10 @@ pub struct CommandSpec {
     pub request: Option<fn(&Arguments) -> Request>,
 }
 
-/// Argument of a command.
+/// Specification of a command's argument.
 #[derive(Debug)]
 pub struct ArgumentSpec {
-    /// Name, upper case.
+    /// Name of the argument, upper case.
     pub argument_name: &'static str,
     /// Permitted values.
     pub argument_kind: ArgumentKind,
@@ -42,7 +42,7 @@ pub enum ArgumentKind {
     /// A number, or a word in its place, after which no argument follows. The range is for help and error texts; the
     /// state machine checks the number.
     Number {
-        /// Range from least to most.
+        /// Range of the number.
         range: RangeInclusive<f32>,
         /// Unit of the number.
         unit: &'static str,
@@ -51,9 +51,9 @@ pub enum ArgumentKind {
     },
     /// Integer of at most 255.
     Integer {
-        /// Range from least to most.
+        /// Range of the number.
         range: RangeInclusive<u8>,
-        /// Unit.
+        /// Unit of the integer.
         unit: &'static str,
     },
     /// Confirmation word.
@@ -67,7 +67,7 @@ pub enum ArgumentKind {
 pub enum ArgumentValue {
     /// Omitted, or the word in place of a number.
     Absent,
-    /// Number.
+    /// Numeric argument.
     Number(f32),
     /// Index of a choice.
     Choice(usize),

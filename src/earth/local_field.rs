@@ -38,14 +38,14 @@ pub struct LocalField {
     position: Option<Position>,
     /// Time of the last plausible position.
     position_time: WrappingMillis,
-    /// Consecutive distant positions.
+    /// Number of consecutive reports of a distant position.
     distant_reports: u8,
     date: Option<Date>,
     field: Option<EarthField>,
 }
 
 impl LocalField {
-    /// No position, no date.
+    /// State without position and date.
     pub const UNKNOWN: Self =
         Self { position: None, position_time: WrappingMillis::new(0), distant_reports: 0, date: None, field: None };
 

@@ -11,7 +11,7 @@ use crate::time::Timestamp;
 pub(super) struct ActiveCalibration {
     /// Correction that the state machine set, with the calibration as stored.
     pub stored_correction: Correction,
-    /// The monitor's adjustment of `base`.
+    /// The monitor's adjustment of `stored_correction`.
     pub adjustment: MonitorOutput,
     /// Time of the adjustment.
     pub adjusted_at: Timestamp,

@@ -11,9 +11,9 @@ pub enum MagnetometerError<E> {
     WrongIdentity(u8),
     /// A register did not hold its value: power loss or a different chip.
     Configuration {
-        /// Value written.
+        /// Register value written.
         written: u8,
-        /// Value read back.
+        /// Register value read back.
         read: u8,
     },
     /// The chip's built-in self-test failed; value of its result register.

@@ -10,7 +10,7 @@ const TEXT_CAPACITY: usize = 240;
 pub(super) struct BoundedText(heapless::Vec<u8, TEXT_CAPACITY>);
 
 impl BoundedText {
-    /// The text.
+    /// Bytes of the text.
     pub fn bytes(&self) -> &[u8] {
         &self.0
     }

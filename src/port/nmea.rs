@@ -60,7 +60,7 @@ mod tests {
     const RAW: Heading = Heading { magnetic_rad: 1.765_2, sigma_rad: 0.009_6, systematic_variance_rad2: 0.0 };
     const SMOOTH: Heading = Heading { magnetic_rad: 1.784, sigma_rad: 0.005, systematic_variance_rad2: 0.0 };
 
-    /// Three without a declination.
+    /// Without a declination three sentences are sent.
     #[test]
     fn a_heading_is_sent_in_four_sentences() {
         let estimate = Estimate { heading: Ok(RAW), ..Estimate::EMPTY };

@@ -23,7 +23,7 @@ pub struct Port {
 /// Detected protocol, and the time of its last frame.
 #[derive(Clone, Copy, Debug)]
 struct ProtocolDetection {
-    /// `Auto` if none was detected.
+    /// Detected protocol; `Auto` if none was detected.
     kind: ProtocolKind,
     last_frame_at: Timestamp,
     /// Whether a frame was received since the start. A protocol detected before the restart is used at once, so that

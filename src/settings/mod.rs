@@ -80,7 +80,7 @@ impl CanSettings {
 #[derive(Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SigningKey(pub [u8; 32]);
 
-/// Hides the secret.
+/// Writes the type's name instead of the secret key.
 impl fmt::Debug for SigningKey {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("SigningKey")

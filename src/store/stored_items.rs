@@ -143,13 +143,13 @@ impl StoredCalibrations {
         core::mem::swap(&mut self.current_calibration, &mut self.previous_calibration);
     }
 
-    /// Removes both.
+    /// Removes both calibrations.
     pub fn clear(&mut self) {
         *self = Self::default();
     }
 }
 
-/// Everything stored.
+/// All stored values.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StoredValues {
     /// User settings.

@@ -11,7 +11,7 @@ const INCLINATION_GATE_SIGMAS: f32 = 4.0;
 pub(super) enum GivenInclination {
     /// No inclination is given: the samples determine it.
     Unknown,
-    /// A prior of the fit, radians.
+    /// The given inclination is a prior of the fit, radians.
     Prior(f32),
     /// The given inclination, radians, is no longer a prior, because the solve with it failed with this error or was
     /// inaccurate. It is still compared with the result.
@@ -23,7 +23,7 @@ impl GivenInclination {
         given_rad.map_or(Self::Unknown, Self::Prior)
     }
 
-    /// Prior of the fit, radians.
+    /// Inclination prior of the fit, radians.
     pub const fn prior_rad(self) -> Option<f32> {
         match self {
             Self::Prior(given_rad) => Some(given_rad),

@@ -11,7 +11,7 @@ use crate::frames::Attitude;
 /// Mean squared tilt below which a vehicle does not tilt, square radians: (3 deg)^2.
 const MIN_MEAN_SQUARE_TILT_RAD2: f32 = 0.003;
 
-/// Upper limit of the ratio.
+/// Upper limit of the variance ratio.
 const MAX_RATIO: f32 = 5.0;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -4,7 +4,7 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Method {
-    /// One ellipse from level flight.
+    /// One ellipse, fitted to level flight.
     Level,
     /// The method of Liu 2007 from a left and a right turn.
     FourEllipse,

@@ -45,7 +45,7 @@ impl Orientation {
     /// Number of orientations.
     pub const ORIENTATION_COUNT: u8 = 24;
 
-    /// All 24, in MAVLink order.
+    /// All 24 orientations, in MAVLink order.
     pub fn all_orientations() -> impl Iterator<Item = Self> {
         (0..Self::ORIENTATION_COUNT).map(Self)
     }
@@ -128,7 +128,7 @@ mod tests {
         assert_eq!(Orientation::from_name("upside-down"), None);
     }
 
-    /// Compared with nalgebra's ZYX angles.
+    /// Rotations are compared with nalgebra's ZYX angles.
     #[test]
     fn names_describe_the_rotation() {
         for orientation in Orientation::all_orientations() {

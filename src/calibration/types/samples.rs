@@ -48,7 +48,7 @@ pub enum Side {
 }
 
 impl Side {
-    /// Lower-case English name.
+    /// English name of the side, lower case.
     #[must_use]
     pub const fn side_name(self) -> &'static str {
         match self {
@@ -136,7 +136,7 @@ pub enum SamplePart {
 }
 
 impl SamplePart {
-    /// English name, plural.
+    /// English name of the part, plural.
     #[must_use]
     pub const fn part_name(self) -> &'static str {
         match self {

@@ -2,7 +2,7 @@
 
 use super::samples::{CollectionPart, Sample, Samples};
 
-/// Number of parts.
+/// Number of parts of a collection.
 pub(in crate::calibration) const PART_COUNT: usize = CollectionPart::ALL_PARTS.len();
 
 /// Runs of samples in order of time: free flight has up to three.

@@ -42,7 +42,7 @@ pub enum Deviation {
 impl Deviation {
     const ALL_DEVIATIONS: [Self; 4] = [Self::Constant, Self::Semicircular, Self::Quadrantal, Self::Heeling];
 
-    /// Stable name.
+    /// Stable name of a part of the deviation.
     #[must_use]
     pub const fn measure_name(self) -> &'static str {
         match self {

@@ -158,7 +158,7 @@ impl SensorCheck {
         let turned_ut = turning_rad_s * MAX_FIELD_UT * at.us_since(last_at) as f32 * 1e-6;
         let rms_step_ut = sqrt(self.mean_square_step_ut2).max(MIN_RMS_STEP_UT);
         let limit_ut = SPIKE_RATIO * rms_step_ut + turned_ut;
-        // NaN is not within the limit.
+        // A NaN step is not within the limit.
         let is_near = step_ut <= limit_ut;
         let limited_step_ut = if is_near { step_ut } else { limit_ut };
         self.mean_square_step_ut2 += (limited_step_ut * limited_step_ut - self.mean_square_step_ut2) / AVERAGED_STEPS;

@@ -31,7 +31,7 @@ use crate::calibration::{
 pub enum SolveProgress {
     /// More steps are needed: call [`Solver::solve_step`] again.
     Continue,
-    /// The result.
+    /// Result of the finished solve.
     Finished(Result<Solution, SolveError>),
 }
 
