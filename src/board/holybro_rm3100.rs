@@ -37,7 +37,6 @@ use embassy_stm32::spi::mode::Master;
 use embassy_stm32::spi::{self, Spi};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::{bind_interrupts, dma, interrupt, pac, rcc, usart};
-use embassy_time::{Duration, Instant};
 use embedded_hal_bus::spi::{ExclusiveDevice, NoDelay};
 use static_cell::StaticCell;
 
@@ -67,9 +66,6 @@ const FLASH_PRIORITY: Priority = Priority::P8;
 
 /// ArduPilot's number of the board; its bytes are the version of the hardware in DroneCAN.
 const BOARD_ID: u16 = 1088;
-
-/// Time of work after which the image counts as good, as in ArduPilot.
-const GOOD_IMAGE_AFTER: Duration = Duration::from_secs(30);
 
 #[unsafe(link_section = ".app_descriptor")]
 #[used]
@@ -106,7 +102,7 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
         magnetometer: Rm3100::new(ExclusiveDevice::new_no_delay(spi, chip_select).expect("a pin")),
         uarts: new_uart(p.USART2, p.PA3, p.PA2, Irqs, UART_BUFFERS.init(UartBuffers::NEW)),
         can_bus: CanBus { node_info: node_info(), rx, tx, boot_loader: BootLoader },
-        watchdog: Watchdog { watchdog, can_prove: !reset.requires_safe_mode() },
+        watchdog: Watchdog(watchdog),
         panel: Panel {
             lamp: Output::new(p.PC10, Level::High, Speed::Low),
             _sensor_power: Output::new(p.PC11, Level::High, Speed::Low),
@@ -182,19 +178,16 @@ fn node_info() -> NodeInfo {
     }
 }
 
-/// Watchdog. After `PROOF` without a fault, feeding it marks the image as good for the boot loader.
-pub struct Watchdog {
-    watchdog: stm32::watchdog::Watchdog,
-    /// Whether a run without a fault marks the image as good; false in safe mode.
-    can_prove: bool,
-}
+/// Watchdog of a board whose boot loader asks for good images.
+pub struct Watchdog(stm32::watchdog::Watchdog);
 
 impl app::Watchdog for Watchdog {
     fn feed(&mut self) {
-        self.watchdog.feed();
-        if self.can_prove && Instant::now().duration_since(Instant::MIN) >= GOOD_IMAGE_AFTER {
-            boot_loader::mark_image_good();
-        }
+        self.0.feed();
+    }
+
+    fn mark_image_good(&mut self) {
+        boot_loader::mark_image_good();
     }
 }
 

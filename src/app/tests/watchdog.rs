@@ -18,12 +18,17 @@ use crate::compass::Command;
 use crate::messages::Refusal;
 use crate::store::StoreError;
 
+/// Number of feeds, and time of the first mark of a good image, milliseconds.
 #[derive(Clone, Default)]
-struct FakeWatchdog(Rc<Cell<u32>>);
+struct FakeWatchdog(Rc<Cell<u32>>, Rc<Cell<Option<u64>>>);
 
 impl Watchdog for FakeWatchdog {
     fn feed(&mut self) {
         self.0.set(self.0.get() + 1);
+    }
+
+    fn mark_image_good(&mut self) {
+        self.1.set(self.1.get().or(Some(embassy_time::Instant::now().as_millis())));
     }
 }
 
@@ -68,6 +73,43 @@ fn the_watchdog_is_not_fed_after_any_task_stops() {
         bench.ms(10_000);
         assert_eq!(watchdog_timer.0.get(), fed, "task {silent}");
     }
+}
+
+/// At the first check after 30 s; a boot loader then starts the image again after a reset by the watchdog.
+#[test]
+fn an_image_is_good_after_30_s() {
+    let (mut bench, watchdog_timer) = with_silent(None);
+    bench.ms(60_000);
+    assert_eq!(watchdog_timer.1.get(), Some(30_100));
+}
+
+#[test]
+fn an_image_whose_tasks_do_not_run_is_not_good() {
+    for silent in 0..MAX_HEARTBEATS {
+        let (mut bench, watchdog_timer) = with_silent(Some(silent));
+        bench.ms(60_000);
+        assert_eq!(watchdog_timer.1.get(), None, "task {silent}");
+    }
+}
+
+/// A check fails 20 s after the start.
+#[test]
+fn the_30_s_of_a_good_image_are_without_an_interruption() {
+    let (mut bench, watchdog_timer) = (TaskBench::new(), FakeWatchdog::default());
+    let watchdog_clone = watchdog_timer.clone();
+    bench.run("watchdog", |links| async move { watchdog::run_watchdog(&links, watchdog_clone).await });
+    bench.run("tasks", move |links: Rc<TaskLinks>| async move {
+        for ms in (0..).step_by(100) {
+            if !(19_500..21_000).contains(&ms) {
+                all(&links).into_iter().for_each(increment_counter);
+            }
+            Timer::after_millis(100).await;
+        }
+    });
+    bench.ms(50_000);
+    assert_eq!(watchdog_timer.1.get(), None);
+    bench.ms(3_000);
+    assert_eq!(watchdog_timer.1.get(), Some(51_100));
 }
 
 /// A board has fewer lines than there are heartbeat counters.
