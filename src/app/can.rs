@@ -19,30 +19,24 @@ use crate::settings::{ProtocolKind, Settings};
 use crate::wire::dronecan::CanFrame;
 use crate::wire::dronecan::outbound::NodeInfo;
 
-/// Pause after an error of the bus, so that a permanent error does not occupy the processor.
-const BUS_ERROR_PAUSE: Duration = Duration::from_micros(500);
-
 /// Period of polls in safe mode, where there are no estimates: shorter than half a second, the time limit of an
 /// allocation's next step.
 const SAFE_MODE_PERIOD: Duration = Duration::from_millis(50);
 
 /// Receiver of a CAN controller.
 pub trait ReceiveFrame {
-    /// Error of the bus.
-    type Error;
-
     /// Waits for a data frame with an extended identifier; drops others. A cancelled call loses no frame.
-    fn receive_frame(&mut self) -> impl Future<Output = Result<CanFrame, Self::Error>>;
+    fn receive_frame(&mut self) -> impl Future<Output = CanFrame>;
+
+    /// Returns the number of errors that the controller has detected on the bus since the last call.
+    fn take_error_count(&mut self) -> u32;
 }
 
 /// Sender of a CAN controller. It leaves the state bus-off within a second on its own, and does not disturb a bus with
 /// another bit rate: it listens only until a frame is received.
 pub trait SendFrame {
-    /// Error of the bus.
-    type Error;
-
     /// Waits until the controller has accepted the frame. A cancelled call has not sent it.
-    fn send_frame(&mut self, frame: &CanFrame) -> impl Future<Output = Result<(), Self::Error>>;
+    fn send_frame(&mut self, frame: &CanFrame) -> impl Future<Output = ()>;
 
     /// Switches the terminating resistor, which is off at the start, on a board that can.
     fn set_termination(&mut self, _is_on: bool) {}
@@ -108,10 +102,11 @@ pub async fn run_can<B: HandOver>(
                 estimates.changed().await;
             }
         };
-        // Estimates come first: a bus in error is ready at every poll, and would starve any future after it.
+        // Estimates come first: frames of a full bus must not delay them.
         match select4(estimated, send_frames, wires.command_results.wait(), rx.receive_frame()).await {
             Either4::First(()) => {
                 increment_counter(&wires.heartbeat);
+                node.add_bus_errors(rx.take_error_count());
                 poll_at = Instant::now() + SAFE_MODE_PERIOD;
                 if let Some(changed) = changes.try_changed() {
                     settings = changed;
@@ -123,7 +118,7 @@ pub async fn run_can<B: HandOver>(
                 }
                 poll_function(links, &mut node, &settings);
             }
-            Either4::Second(Ok(())) => node.frame_sent(now()),
+            Either4::Second(()) => node.frame_sent(now()),
             Either4::Third((command, result)) => {
                 node.complete_command(command, result.as_ref().copied());
                 if let Some(update) = node.granted_update() {
@@ -131,7 +126,7 @@ pub async fn run_can<B: HandOver>(
                 }
                 poll_function(links, &mut node, &settings);
             }
-            Either4::Fourth(Ok(frame)) => {
+            Either4::Fourth(frame) => {
                 let at = now();
                 node.receive_frame(at, &frame, &mut |message| {
                     route_message(links, AutopilotLine::Can, at, message, true);
@@ -139,10 +134,6 @@ pub async fn run_can<B: HandOver>(
                 if node.has_requests() {
                     poll_function(links, &mut node, &settings);
                 }
-            }
-            Either4::Second(Err(_)) | Either4::Fourth(Err(_)) => {
-                node.bus_error();
-                Timer::after(BUS_ERROR_PAUSE).await;
             }
         }
     }

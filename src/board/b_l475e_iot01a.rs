@@ -56,7 +56,7 @@ bind_interrupts!(struct Irqs {
     CAN1_TX => can::TxInterruptHandler<peripherals::CAN1>;
     CAN1_RX0 => can::Rx0InterruptHandler<peripherals::CAN1>;
     CAN1_RX1 => can::Rx1InterruptHandler<peripherals::CAN1>;
-    CAN1_SCE => can::SceInterruptHandler<peripherals::CAN1>;
+    CAN1_SCE => bxcan::ErrorCounter, can::SceInterruptHandler<peripherals::CAN1>;
     FLASH => flash::InterruptHandler;
 });
 

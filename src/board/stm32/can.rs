@@ -5,7 +5,7 @@
 
 use autoswing::app::can::{ReceiveFrame, SendFrame};
 use autoswing::wire::dronecan::{CanFrame, UNIQUE_ID_LENGTH};
-use embassy_stm32::can::enums::BusError;
+use embassy_stm32::can::frame::Envelope;
 use embassy_stm32::can::{BufferedCanReceiver, BufferedCanSender, Frame, RxBuf, TxBuf};
 use embassy_stm32::gpio::Output;
 use embassy_stm32::uid;
@@ -29,31 +29,34 @@ impl CanBuffers {
     }
 }
 
-/// Controller in the mode in which it sends nothing.
-pub trait SilentController {
+/// Controller, started in the mode in which it sends nothing.
+pub trait Controller {
     /// Ends the mode; returns whether it has ended.
     fn end_silence(&mut self) -> bool;
+
+    /// Returns the number of errors detected on the bus since the last call, at most 255: bits, stuffing, form,
+    /// acknowledgement, CRC.
+    fn take_error_count(&mut self) -> u32;
 }
 
-pub struct CanReceiver<Controller> {
+pub struct CanReceiver<C> {
     frames: BufferedCanReceiver,
-    controller: Controller,
+    controller: C,
     is_silent: bool,
 }
 
-impl<Controller> CanReceiver<Controller> {
+impl<C> CanReceiver<C> {
     /// Wraps the receiver of a controller that has been started in its silent mode.
-    pub fn new(frames: BufferedCanReceiver, controller: Controller) -> Self {
+    pub fn new(frames: BufferedCanReceiver, controller: C) -> Self {
         Self { frames, controller, is_silent: true }
     }
 }
 
-impl<Controller: SilentController> ReceiveFrame for CanReceiver<Controller> {
-    type Error = BusError;
-
-    async fn receive_frame(&mut self) -> Result<CanFrame, BusError> {
+impl<C: Controller> ReceiveFrame for CanReceiver<C> {
+    async fn receive_frame(&mut self) -> CanFrame {
         loop {
-            let frame = self.frames.receive().await?.frame;
+            // The HAL reports errors only of the moment after a received frame; the controller counts all.
+            let Ok(Envelope { frame, .. }) = self.frames.receive().await else { continue };
             if self.is_silent {
                 self.is_silent = !self.controller.end_silence();
             }
@@ -62,9 +65,13 @@ impl<Controller: SilentController> ReceiveFrame for CanReceiver<Controller> {
             if let Id::Extended(id) = frame.id()
                 && let Some(frame) = CanFrame::new(id.as_raw(), data)
             {
-                return Ok(frame);
+                return frame;
             }
         }
+    }
+
+    fn take_error_count(&mut self) -> u32 {
+        self.controller.take_error_count()
     }
 }
 
@@ -82,14 +89,11 @@ impl CanSender {
 }
 
 impl SendFrame for CanSender {
-    type Error = BusError;
-
-    async fn send_frame(&mut self, frame: &CanFrame) -> Result<(), BusError> {
+    async fn send_frame(&mut self, frame: &CanFrame) {
         // Infallible: a `CanFrame` has at most 29 bits and eight bytes.
         if let Ok(frame) = Frame::new_extended(frame.frame_id(), frame.data()) {
             self.frames.write(frame).await;
         }
-        Ok(())
     }
 
     fn set_termination(&mut self, is_on: bool) {

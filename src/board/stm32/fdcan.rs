@@ -9,7 +9,7 @@ use embassy_stm32::can::{CanConfigurator, OperatingMode};
 use embassy_stm32::gpio::Output;
 use embassy_stm32::pac;
 
-use super::can::{CanBuffers, CanReceiver, CanSender, SilentController};
+use super::can::{CanBuffers, CanReceiver, CanSender, Controller};
 
 /// Bit rate of DroneCAN on classic CAN, bit/s.
 const BITS_PER_S: u32 = 1_000_000;
@@ -38,10 +38,15 @@ pub fn start_controller(
 
 pub struct RestrictedFdcan;
 
-impl SilentController for RestrictedFdcan {
+impl Controller for RestrictedFdcan {
     fn end_silence(&mut self) -> bool {
         // Restricted operation mode may be left at any time (reference manual RM0440, FDCAN_CCCR).
         pac::FDCAN1.cccr().modify(|control| control.set_asm(false));
         true
+    }
+
+    fn take_error_count(&mut self) -> u32 {
+        // Reading resets this counter.
+        pac::FDCAN1.ecr().read().cel().into()
     }
 }

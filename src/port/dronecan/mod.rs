@@ -278,9 +278,9 @@ impl CanNode {
         self.services.has_requests()
     }
 
-    /// Counts an error of the bus.
-    pub const fn bus_error(&mut self) {
-        self.frames.bus_errors = self.frames.bus_errors.wrapping_add(1);
+    /// Counts errors of the bus.
+    pub const fn add_bus_errors(&mut self, count: u32) {
+        self.frames.bus_errors = self.frames.bus_errors.wrapping_add(count);
     }
 
     /// State of the node for status reports.

@@ -5,6 +5,7 @@
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::future::poll_fn;
+use std::mem;
 use std::rc::Rc;
 use std::task::{Context, Poll, Waker};
 
@@ -36,9 +37,8 @@ pub struct CanFaults {
     pub reordering_share: f32,
 }
 
-/// Error of the bus.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct BusOff;
+/// Errors of a sender that lead to the state bus-off: each adds 8 to a counter whose limit is 256 (ISO 11898-1).
+const ERRORS_TO_BUS_OFF: u32 = 32;
 
 /// Bus with its nodes.
 #[derive(Clone)]
@@ -59,6 +59,8 @@ struct FrameInbox {
     /// Frames with their times of arrival.
     frames: VecDeque<(u64, CanFrame)>,
     reader: Option<Waker>,
+    /// Detected errors of the bus.
+    error_count: u32,
 }
 
 impl CanBus {
@@ -85,7 +87,9 @@ impl CanBus {
 
     /// Fault: no frame is sent for this time, as after many errors.
     pub fn switch_bus_off(&self, duration_us: u64) {
-        self.0.borrow_mut().off_until_us = clock::now_us() + duration_us;
+        let mut state = self.0.borrow_mut();
+        state.off_until_us = clock::now_us() + duration_us;
+        state.nodes.iter_mut().for_each(|inbox| inbox.error_count += ERRORS_TO_BUS_OFF);
     }
 
     /// Number of frames sent since the start.
@@ -119,18 +123,16 @@ impl CanEnd {
         std::iter::from_fn(|| self.bus.0.borrow_mut().nodes[self.node].pop_frame(clock::now_us())).collect()
     }
 
-    fn poll_send(&self, frame: &CanFrame, context: &Context<'_>) -> Poll<Result<(), BusOff>> {
+    fn poll_send(&self, frame: &CanFrame, context: &Context<'_>) -> Poll<()> {
         let mut state = self.bus.0.borrow_mut();
         let now_us = clock::now_us();
-        if now_us < state.off_until_us {
-            return Poll::Ready(Err(BusOff));
-        }
-        if now_us < state.free_at_us {
-            embassy_time_driver::schedule_wake(state.free_at_us, context.waker());
+        let ready_at_us = state.free_at_us.max(state.off_until_us);
+        if now_us < ready_at_us {
+            embassy_time_driver::schedule_wake(ready_at_us, context.waker());
             return Poll::Pending;
         }
         state.broadcast_frame(self.node, frame, now_us);
-        Poll::Ready(Ok(()))
+        Poll::Ready(())
     }
 
     fn poll_receive(&self, context: &Context<'_>) -> Poll<CanFrame> {
@@ -147,18 +149,18 @@ impl CanEnd {
 }
 
 impl SendFrame for CanEnd {
-    type Error = BusOff;
-
-    async fn send_frame(&mut self, frame: &CanFrame) -> Result<(), BusOff> {
-        poll_fn(|context| self.poll_send(frame, context)).await
+    async fn send_frame(&mut self, frame: &CanFrame) {
+        poll_fn(|context| self.poll_send(frame, context)).await;
     }
 }
 
 impl ReceiveFrame for CanEnd {
-    type Error = BusOff;
+    async fn receive_frame(&mut self) -> CanFrame {
+        poll_fn(|context| self.poll_receive(context)).await
+    }
 
-    async fn receive_frame(&mut self) -> Result<CanFrame, BusOff> {
-        Ok(poll_fn(|context| self.poll_receive(context)).await)
+    fn take_error_count(&mut self) -> u32 {
+        mem::take(&mut self.bus.0.borrow_mut().nodes[self.node].error_count)
     }
 }
 

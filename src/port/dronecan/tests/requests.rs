@@ -21,12 +21,13 @@ fn a_node_describes_itself() {
 fn traffic_is_counted() {
     let mut bench = Bench::new();
     bench.run(1000);
-    bench.node.bus_error();
+    bench.node.add_bus_errors(2);
+    bench.node.add_bus_errors(5);
     let payload = bench.ask(DataType::GET_TRANSPORT_STATS, &[]).unwrap();
     let count = |at: usize| u32::from_le_bytes(payload[6 * at..6 * at + 4].try_into().unwrap());
     assert_eq!(payload.len(), 36);
     assert!(count(0) >= 50 && count(3) >= 50, "{payload:?}");
-    assert_eq!([count(1), count(2), count(4), count(5)], [2, 0, 2, 1]);
+    assert_eq!([count(1), count(2), count(4), count(5)], [2, 0, 2, 7]);
 }
 
 /// Every parameter by its position, with value, default and range; then an empty answer.
