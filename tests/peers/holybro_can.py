@@ -46,12 +46,12 @@ class Chip(EmulatedChip):
 
     def read(self, at):
         value = self.registers.get(at, 0)
-        if at == RCC_CR:  # An oscillator that is on is ready.
+        if at == RCC_CR:  # Oscillators that are on report that they are ready.
             value &= ~(1 << 10 | 1 << 17 | 1 << 25)
             value |= (value & 1 << 8) << 2 | (value & 1 << 16) << 1 | (value & 1 << 24) << 1
-        elif at == RCC_CFGR:  # The selected clock is in use.
+        elif at == RCC_CFGR:  # The status field shows the selected clock.
             value = value & ~0xC | (value & 3) << 2
-        elif at == CCCR:  # Stop acknowledged as requested.
+        elif at == CCCR:  # A requested clock stop is acknowledged.
             value = value & ~(1 << 3) | (value & 1 << 4) >> 1
         elif at == RXF0S:
             value = len(self.received) | self.first_received << 8

@@ -47,9 +47,9 @@ class Chip(EmulatedChip):
 
     def read(self, at):
         value = self.registers.get(at, 0)
-        if at == RCC:  # An oscillator that is on is ready.
+        if at == RCC:  # Oscillators that are on report that they are ready.
             return value & ~0x02000402 | (value & 1 << 8) << 2 | (value & 1) << 1 | (value & 1 << 24) << 1
-        if at == RCC + 8:  # The selected clock is in use.
+        if at == RCC + 8:  # The status field shows the selected clock.
             return value & ~0xC | (value & 3) << 2
         if at in (RCC + 0x90, RCC + 0x94):
             return value & ~2 | (value & 1) << 1
