@@ -116,7 +116,7 @@ impl Crate {
         module.to_vec()
     }
 
-    /// Folders by their path.
+    /// Folders of the crate, by path.
     fn folders(&self) -> BTreeMap<String, Folder> {
         let mut folders: BTreeMap<String, Folder> = BTreeMap::new();
         for module in self.modules.iter().filter(|module| !module.is_empty()) {

@@ -213,7 +213,7 @@ fn check_digits(value: &Value, path: &str) {
             let is_good = if path.contains(".coefficients.") {
                 text.replace(['-', '.'], "").trim_start_matches('0').len() <= 9
             } else {
-                // One more decimal for values multiplied by up to 100 A.
+                // Coefficients per ampere have one more decimal, because they are multiplied by up to 100 A.
                 let is_small = path.contains("soft_iron") || path.ends_with("ut_per_a");
                 decimals <= 3 + usize::from(is_small) + 2 * usize::from(path.contains(".matrix"))
             };

@@ -401,8 +401,7 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
     emulator.world().set_armed(true);
     let heading_deg = emulator.world().world_config().aircraft.heading_deg;
     let routine = CalibrationRoutine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), heading_deg).legs();
-    // The routine is flown twice, because an automatic collection continues until an error of 0.5 deg is expected,
-    // which one routine may just miss.
+    // Flown twice, because the collection continues until an error of 0.5 deg is expected, which one routine may miss.
     for leg in routine.iter().chain(&routine) {
         emulator.world().fly_leg(*leg);
     }

@@ -98,7 +98,7 @@ fn a_level_circle_leaves_only_a_constant_heading_error() {
     for heading_deg in [120.0, 200.0, 310.0] {
         stand_at_heading(&mut rig, heading_deg);
         let error = shown_error_deg(&mut rig, heading_deg);
-        // Twice the remaining error of the level circle, and a fifth of a sample's noise.
+        // The limit is twice the error that remained after the level circle, and a fifth of a sample's noise.
         assert!(error.abs() < 1.2, "{error} deg at {heading_deg}");
     }
     // A change of half a circle is larger than mounting errors and needs confirmation.
@@ -185,7 +185,7 @@ fn tumble(rig: &mut Rig) {
     }
 }
 
-/// On a bench, practically without attitude messages.
+/// The attitude source is as good as absent: one message in 1000 s.
 #[test]
 fn tumbling_needs_no_attitude() {
     let mut config = WorldConfig::of_table1(5);

@@ -76,7 +76,7 @@ fn attitude_by_msp_has_rates() {
 fn no_heading_is_sent_while_the_attitude_filter_aligns() {
     for row in rows(&["aligning"]) {
         assert!(all_accepted(&row) && row.bad_percent <= 0.0 && row.worst_deg < 8.0 && row.rms_deg < 0.8, "{row:?}");
-        // Headings are missing for ten seconds of alignment, and up to five until the filter has settled, of 245 s.
+        // Of 245 s, ten of alignment and up to five of settling are without heading.
         assert!((3.5..6.2).contains(&row.empty_percent), "{row:?}");
         assert!(row.within_two_sigma_percent > 88.0, "{row:?}");
     }
@@ -329,7 +329,7 @@ fn gyro_errors_are_estimated() {
         for row in rows(&[case]) {
             assert!(row.rms_deg <= rms_deg && row.bad_percent <= 0.3 && row.empty_percent <= 3.0, "{row:?}");
             assert!(row.worst_10s_deg < 5.0 && row.smooth_percent > 95.0, "{row:?}");
-            // The estimate lags behind an offset that grows, and the sigma does not include the lag.
+            // The estimate lags behind a growing offset; sigma does not include the lag.
             let least_percent = if case == "gyro-ramp" { 80.0 } else { 87.0 };
             assert!(row.within_two_sigma_percent >= least_percent, "{row:?}");
             assert!(row.sigma_rms_deg < 1.6 * row.rms_deg, "{row:?}");
@@ -497,8 +497,7 @@ fn parked_for_ten_minutes_with_either_source_raises_no_alarm() {
         }
         rig.run_for_s(250.0);
         assert!(rig.take_console_output().contains("note calibrated"));
-        // The vehicle stops at its present heading: a jump of the heading without body rates would count as a change of
-        // the field.
+        // Stops at the present heading, because a jump without body rates would count as a change of the field.
         let heading_deg = rig.world.true_state(rig.now_us()).heading_rad.to_degrees();
         rig.world.set_motion(PrescribedMotion { heading_deg, ..PrescribedMotion::default() });
         rig.run_for_s(1.0);

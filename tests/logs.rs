@@ -88,8 +88,8 @@ fn a_verdict_reports_attitude_below_3_hz() {
 #[test]
 fn a_verdict_reports_a_log_without_flight() {
     let mut recording = record_flight(&WorldConfig::random_world(3));
-    for (i, instant) in recording.samples.iter_mut().enumerate() {
-        instant.is_armed = i >= 2370;
+    for (i, sample) in recording.samples.iter_mut().enumerate() {
+        sample.is_armed = i >= 2370;
     }
     let text = String::from_utf8(encode_csv(&recording)).unwrap();
     let verdict_text = FlightOutcome::new(&evaluate(&text).1).to_string();
@@ -103,10 +103,10 @@ fn a_verdict_reports_the_refusal_of_the_better_compass() {
         let mut recording = record_flight(&WorldConfig::random_world(3));
         recording.samples.truncate(300);
         let mut random = testkit::random::Random(7);
-        for instant in &mut recording.samples {
-            let better_field_ut = instant.field_ut[0].map(|axis| axis + 1.0 * f64::from(random.normal()));
+        for sample in &mut recording.samples {
+            let better_field_ut = sample.field_ut[0].map(|axis| axis + 1.0 * f64::from(random.normal()));
             let noise = better_field_ut.map(|_| 50.0 * f64::from(random.normal()));
-            instant.field_ut = if worse == 0 { vec![noise, better_field_ut] } else { vec![better_field_ut, noise] };
+            sample.field_ut = if worse == 0 { vec![noise, better_field_ut] } else { vec![better_field_ut, noise] };
         }
         let text = String::from_utf8(encode_dataflash_text(&recording)).unwrap();
         let (_, verdict) = evaluate(&text);
@@ -226,7 +226,7 @@ fn a_compass_that_fails_in_flight_is_reported() {
                 .starts_with("compass 2: its field is constant while the aircraft moves, from 120 to 240 s"),
         "{frozen_log:?}"
     );
-    // Half of its rows are rejected; the others are as good as the first compass's.
+    // Half of the second compass's rows are rejected; the others are as good as those of the first.
     let [alive, dead] = verdict.compasses.as_slice() else { panic!("two compasses") };
     assert!((1190..=1210).contains(&dead.row_counts.stuck) && alive.row_counts.stuck == 0, "{:?}", dead.row_counts);
     assert!(
@@ -315,11 +315,11 @@ fn a_log_with_lost_rows_gives_the_same_accuracy() {
 fn a_log_at_rest_gives_no_field_strength() {
     let mut recording = record_flight(&WorldConfig::of_table1(1));
     let first = recording.samples[0].clone();
-    for (i, instant) in recording.samples.iter_mut().enumerate() {
-        *instant = first.clone();
-        instant.time_us += i as u64 * 100_000;
+    for (i, sample) in recording.samples.iter_mut().enumerate() {
+        *sample = first.clone();
+        sample.time_us += i as u64 * 100_000;
         // Sensor noise of 0.5 uT.
-        instant.field_ut[0][i % 3] += if i % 2 == 0 { 0.5 } else { -0.5 };
+        sample.field_ut[0][i % 3] += if i % 2 == 0 { 0.5 } else { -0.5 };
     }
     let (flight, verdict) = evaluate(&String::from_utf8(encode_dataflash_text(&recording)).unwrap());
     assert_eq!(verdict.compasses[0].radius_ut, None);

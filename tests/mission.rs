@@ -76,7 +76,7 @@ fn with_a_reported_current_an_aeroplane_is_calibrated_to_1_deg() {
 /// default weather and attitude source. The limit by attitude noise is 0.2 to 0.6 deg.
 #[test]
 fn fifty_random_airframes_are_calibrated_to_their_expected_error() {
-    // Two threads, each with its own simulations.
+    // Two threads fly half of the seeds each, to save time.
     let seed_halves = [1..=25, 26..=50].map(|seeds| {
         std::thread::spawn(move || {
             seeds.map(|seed| mission_result(&WorldConfig::random_world(seed))).collect::<Vec<_>>()

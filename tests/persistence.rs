@@ -99,7 +99,7 @@ fn a_power_cut_in_the_first_save_leaves_the_new_calibration_or_none() {
     assert!(outcome_counts[0] > 0, "some cuts come before the record is complete: {outcome_counts:?}");
 }
 
-/// The same during a later, small save of a setting.
+/// Power cuts during a later, small save of a setting.
 #[test]
 fn a_power_cut_in_a_later_save_leaves_the_old_calibration() {
     let mut rig = calibrated_rig();
@@ -148,7 +148,7 @@ fn a_better_calibration_replaces_the_first_and_can_be_undone() {
     fly_calibration_turns(&mut rig);
     let second = shown_calibration(&mut rig).unwrap();
     let moved_ut = second.calibration.b_vector_ut() - first.calibration.b_vector_ut();
-    // 0.5 uT is 1 deg of heading in this field.
+    // The limit of 0.5 uT is 1 deg of heading in this field.
     assert!((moved_ut - nalgebra::Vector3::new(6.0, -4.0, 3.0)).norm() < 0.5, "{moved_ut}");
     assert!(
         rig.send_console_line("cal undo").contains("ok calibrated: number 1 of maximum-likelihood, expected error ")

@@ -171,7 +171,7 @@ fn a_replayed_log_has_the_numbers_of_its_json() {
         }
     }
     // Each fitted sample has its row.
-    let fitted = report.compasses[0].samples.iter().filter(|moment| moment.is_fitted).count();
+    let fitted = report.compasses[0].samples.iter().filter(|report_sample| report_sample.is_fitted).count();
     assert_eq!(fitted, verdict.compasses[0].module_result.sample_count);
     assert!(fitted > 50, "{fitted}");
 }
@@ -183,8 +183,8 @@ fn a_log_report_shows_the_flown_path_and_attitude() {
     // The field model's value for the place.
     world.earth.inclination_deg = 64.0;
     let mut recording = FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..record_turns(&world, 0.0) };
-    for instant in &mut recording.samples {
-        instant.field_ut.insert(0, [10.0, 20.0, 30.0]);
+    for flight_sample in &mut recording.samples {
+        flight_sample.field_ut.insert(0, [10.0, 20.0, 30.0]);
     }
     let flight = log::read_flight(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
     let verdict = evaluate_flight(&flight, &EvaluationOptions::DEFAULT);
@@ -197,34 +197,50 @@ fn a_log_report_shows_the_flown_path_and_attitude() {
         report.compasses.iter().map(|compass_report| compass_report.is_accepted).collect::<Vec<_>>(),
         [false, true]
     );
-    let moments = &report.compasses[1].samples;
-    let usable = || moments.iter().filter(|moment| moment.is_usable && !moment.is_heading_withheld);
+    let report_samples = &report.compasses[1].samples;
+    let usable =
+        || report_samples.iter().filter(|report_sample| report_sample.is_usable && !report_sample.is_heading_withheld);
     assert!(usable().count() > 2000);
     // Attitude noise of 0.5 deg and field noise of 0.3 uT.
     let [total_ut, inclination_deg] = report.compasses[1].earth_field.unwrap();
     assert!((inclination_deg - 64.0).abs() < 1.0, "{inclination_deg}");
-    for moment in usable() {
-        let [x, y, z] = moment.corrected_ut.unwrap();
+    for report_sample in usable() {
+        let [x, y, z] = report_sample.corrected_ut.unwrap();
         assert!((x.hypot(y).hypot(z) / total_ut - 1.0).abs() < 0.05);
         // When the nose points east, north is to the left.
         let [(sin_roll, cos_roll), (sin_pitch, cos_pitch)] =
-            [moment.roll_deg, moment.pitch_deg].map(|angle_deg| angle_deg.to_radians().sin_cos());
+            [report_sample.roll_deg, report_sample.pitch_deg].map(|angle_deg| angle_deg.to_radians().sin_cos());
         let down_ut = y * sin_roll + z * cos_roll;
         let (forward_ut, left_ut) = (x * cos_pitch + down_ut * sin_pitch, z * sin_roll - y * cos_roll);
-        let off_deg = wrap_180(left_ut.atan2(forward_ut).to_degrees() - moment.heading_deg.unwrap());
-        assert!(off_deg.abs() < 12.0, "{off_deg} at {} s", moment.time_s);
+        let off_deg = wrap_180(left_ut.atan2(forward_ut).to_degrees() - report_sample.heading_deg.unwrap());
+        assert!(off_deg.abs() < 12.0, "{off_deg} at {} s", report_sample.time_s);
     }
-    let first_s = moments[0].time_s;
+    let first_s = report_samples[0].time_s;
     for fitted_s in verdict.compasses[1].module_result.fitted_times_s.iter().map(|since_s| first_s + since_s) {
-        assert!(moments.iter().any(|moment| moment.is_fitted && (moment.time_s - fitted_s).abs() < 0.06), "{fitted_s}");
+        assert!(
+            report_samples
+                .iter()
+                .any(|report_sample| report_sample.is_fitted && (report_sample.time_s - fitted_s).abs() < 0.06),
+            "{fitted_s}"
+        );
     }
     // Positions count from the start of the log; f32 degrees resolve 0.5 m, and rows 0.1 s.
-    let (moment, flown_sample) =
-        (moments.iter().rev().find(|moment| moment.position_m.is_some()).unwrap(), &recording.samples);
-    let instant = flown_sample.iter().find(|instant| instant.time_us as f64 * 1e-6 > moment.time_s - 0.01).unwrap();
-    let [north_m, east_m] = [0, 1].map(|axis| instant.displacement_m[axis] - flown_sample[0].displacement_m[axis]);
-    let [east, north] = moment.position_m.unwrap();
-    assert!(north_m.hypot(east_m) > 1000.0 && (east - east_m).hypot(north - north_m) < 5.0, "{:?}", moment.position_m);
+    let (report_sample, flown_sample) = (
+        report_samples.iter().rev().find(|report_sample| report_sample.position_m.is_some()).unwrap(),
+        &recording.samples,
+    );
+    let flight_sample = flown_sample
+        .iter()
+        .find(|flight_sample| flight_sample.time_us as f64 * 1e-6 > report_sample.time_s - 0.01)
+        .unwrap();
+    let [north_m, east_m] =
+        [0, 1].map(|axis| flight_sample.displacement_m[axis] - flown_sample[0].displacement_m[axis]);
+    let [east, north] = report_sample.position_m.unwrap();
+    assert!(
+        north_m.hypot(east_m) > 1000.0 && (east - east_m).hypot(north - north_m) < 5.0,
+        "{:?}",
+        report_sample.position_m
+    );
 }
 
 /// Text of a log is escaped; numbers that are not finite become dashes or are not drawn.
@@ -233,7 +249,7 @@ fn text_of_a_hostile_log_is_escaped() {
     const HOSTILE: &str = "</title><script>alert(1)</script>\"'><img src=x onerror=alert(1)>\u{1b}[2K\u{0}";
     let hostile = || HOSTILE.to_owned();
     let nan = Some(f64::NAN);
-    let moment = |i: u32| ReportSample {
+    let report_sample = |i: u32| ReportSample {
         time_s: f64::from(i),
         heading_deg: nan,
         roll_deg: f64::NAN,
@@ -263,7 +279,7 @@ fn text_of_a_hostile_log_is_escaped() {
         curves_before: vec![line.clone()],
         curves_after: vec![line],
         sigma_deg: vec![f64::NAN, 0.5, f64::INFINITY, -0.0],
-        samples: (0..50).map(moment).collect(),
+        samples: (0..50).map(report_sample).collect(),
         event_marks: vec![
             EventMark { time_s: f64::NAN, event_name: hostile() },
             EventMark { time_s: 1e9, event_name: hostile() },

@@ -18,7 +18,7 @@ fn four_ellipses_leave_the_errors_of_the_paper() {
     assert!((four_ellipses.mean_deg - 1.0).abs() <= 0.15, "{four_ellipses:?}");
 }
 
-/// These methods have no model error; f32 rounding remains.
+/// The airframe fits the model of these methods, so only f32 rounding remains.
 #[test]
 fn all_other_methods_are_exact_without_noise() {
     let [_, reference, _, two_planes, maximum_likelihood] = figures(PaperExperiment::NOISE_FREE);

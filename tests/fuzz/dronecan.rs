@@ -34,7 +34,7 @@ fn frames(id: u32, data_type: DataType, transfer_id: u8, payload: &[u8]) -> Vec<
         .collect()
 }
 
-/// CRC-16-CCITT, bit by bit.
+/// CRC-16-CCITT, computed bit by bit, independent of the library.
 fn crc(bytes: &[u8]) -> u16 {
     bytes.iter().fold(0xFFFF, |crc, byte| {
         (0..8).fold(

@@ -12,40 +12,40 @@ const inPage = fs.readFileSync(path.join(__dirname, "in-page.js"), "utf8");
 
 const wrong = [];
 
-function launched(more = []) {
+function launchBrowser(more = []) {
   const args = process.getuid() === 0 ? ["--no-sandbox", ...more] : more;
   return chromium.launch({ executablePath: process.env.CHROMIUM, args });
 }
 
 // Opens a page; its errors, and any request but its own, are findings.
-async function opened(browser, url, viewport, colorScheme, where) {
+async function openPage(browser, url, viewport, colorScheme, where) {
   const context = await browser.newContext({ viewport, colorScheme });
   const page = await context.newPage();
-  const say = (what) => wrong.push(`${where}: ${what}`);
-  page.on("console", (message) => ["error", "warning"].includes(message.type()) && say(`console: ${message.text()}`));
-  page.on("pageerror", (error) => say(`script: ${error.message}`));
-  page.on("request", (request) => request.url() !== url && !request.url().startsWith("blob:") && say(`asks for ${request.url()}`));
+  const addFinding = (what) => wrong.push(`${where}: ${what}`);
+  page.on("console", (message) => ["error", "warning"].includes(message.type()) && addFinding(`console: ${message.text()}`));
+  page.on("pageerror", (error) => addFinding(`script: ${error.message}`));
+  page.on("request", (request) => request.url() !== url && !request.url().startsWith("blob:") && addFinding(`asks for ${request.url()}`));
   await page.goto(url);
-  return { context, page, say };
+  return { context, page, addFinding };
 }
 
-async function looksRight({ page, say }) {
+async function checkLayout({ page, addFinding }) {
   await page.evaluate(inPage);
-  for (const what of await page.evaluate(() => window.looked())) say(what);
+  for (const what of await page.evaluate(() => window.looked())) addFinding(what);
   await page.evaluate(axe);
   const { violations } = await page.evaluate(() => window.axe.run(document));
-  for (const { id, nodes } of violations) say(`axe: ${id}: ${nodes.slice(0, 3).map((node) => node.target).join(", ")}`);
+  for (const { id, nodes } of violations) addFinding(`axe: ${id}: ${nodes.slice(0, 3).map((node) => node.target).join(", ")}`);
 }
 
-function reported(text) {
+function reportFindings(text) {
   for (const what of wrong) console.error(`page: ${what}`);
   if (wrong.length) process.exit(1);
   console.log(`page: ${text}`);
 }
 
-function failed(error) {
+function reportFailure(error) {
   wrong.push(error.message);
-  reported("");
+  reportFindings("");
 }
 
-module.exports = { failed, inPage, launched, looksRight, opened, reported, wrong };
+module.exports = { reportFailure, inPage, launchBrowser, checkLayout, openPage, reportFindings, wrong };

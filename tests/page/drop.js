@@ -9,7 +9,7 @@ const net = require("node:net");
 const os = require("node:os");
 const path = require("node:path");
 const { pathToFileURL } = require("node:url");
-const { failed, inPage, launched, looksRight, opened, reported, wrong } = require("./browser.js");
+const { reportFailure, inPage, launchBrowser, checkLayout, openPage, reportFindings, wrong } = require("./browser.js");
 
 const WIDE = { width: 1440, height: 900 };
 const PHONE = { width: 320, height: 700 };
@@ -48,10 +48,10 @@ async function saved(page, id) {
   return fs.readFileSync(await download.path(), "utf8");
 }
 
-async function compare({ page, say }, expected, what) {
+async function compare({ page, addFinding }, expected, what) {
   const json = await saved(page, "save-json");
-  if (json !== expected.json) say(`${what}: figures differ: ${json} is not ${expected.json}`);
-  if ((await saved(page, "save-parameters")) !== expected.parameters) say(`${what}: parameters differ`);
+  if (json !== expected.json) addFinding(`${what}: figures differ: ${json} is not ${expected.json}`);
+  if ((await saved(page, "save-parameters")) !== expected.parameters) addFinding(`${what}: parameters differ`);
 }
 
 // Drops a file by the events of a mouse; the page's file dialog is used otherwise.
@@ -72,8 +72,8 @@ async function drop(page, log) {
 }
 
 // Flies the example aircraft: its figures are those of `host-sim fly`, its pictures grow, and its report follows.
-async function flies(look, seed, shot) {
-  const { page, say } = look;
+async function checkExampleFlight(look, seed, shot) {
+  const { page, addFinding } = look;
   const expected = spawnSync(process.env.HOST_SIM, ["fly", "--json", "--seed", `${seed}`]).stdout.toString();
   await page.evaluate(() => (scrollTo(0, 0), (window.longest = 0)));
   await page.fill("#seed", `${seed}`);
@@ -84,19 +84,19 @@ async function flies(look, seed, shot) {
   const covered = () => page.locator("#circles .covered").count();
   const early = [await measured(), await covered()];
   const isInView = await page.evaluate(() => ["circles", "errors"].every((id) => document.getElementById(id).getBoundingClientRect().bottom <= innerHeight));
-  if (!isInView) say("the pictures of the flight are not in view");
+  if (!isInView) addFinding("the pictures of the flight are not in view");
   await ends(page);
   const seconds = (performance.now() - start) / 1e3;
   const late = [await measured(), await covered()];
-  if ((await chosen(page)) !== "none") say(`the example flight has the name of ${await chosen(page)}`);
-  if (late[0] <= early[0] || late[1] <= early[1]) say(`the pictures do not grow: ${early} to ${late}`);
-  if ((await page.locator("#circles .corrected").count()) < 50) say("no circle is corrected");
+  if ((await chosen(page)) !== "none") addFinding(`the example flight has the name of ${await chosen(page)}`);
+  if (late[0] <= early[0] || late[1] <= early[1]) addFinding(`the pictures do not grow: ${early} to ${late}`);
+  if ((await page.locator("#circles .corrected").count()) < 50) addFinding("no circle is corrected");
   const json = await saved(page, "save-json");
-  if (json !== expected) say(`seed ${seed}: figures differ: ${json} is not ${expected}`);
-  if (!(await page.locator("#verdict").isVisible())) say("no report of the flight");
+  if (json !== expected) addFinding(`seed ${seed}: figures differ: ${json} is not ${expected}`);
+  if (!(await page.locator("#verdict").isVisible())) addFinding("no report of the flight");
   const longest_ms = await page.evaluate(() => window.longest);
-  if (longest_ms > LONGEST_MS) say(`the flight: does not answer for ${longest_ms} ms`);
-  await looksRight(look);
+  if (longest_ms > LONGEST_MS) addFinding(`the flight: does not answer for ${longest_ms} ms`);
+  await checkLayout(look);
   await shot(look, `flight-${seed}`);
   console.log(`example flight: ${seconds.toFixed(1)} s, ${late[0]} steps, longest task ${longest_ms.toFixed(0)} ms`);
 }
@@ -106,24 +106,24 @@ const chosen = (page) => page.evaluate(() => document.querySelector("#file").fil
 
 // Judges a log and compares it with the command line. Returns the seconds, and the longest task of the page in milliseconds.
 async function judge(look, log, give) {
-  const { page, say } = look;
+  const { page, addFinding } = look;
   await page.evaluate(() => (window.longest = 0));
   const start = performance.now();
   await give(page, log);
   await ends(page);
   const seconds = (performance.now() - start) / 1e3;
-  if (!(await page.locator("#verdict").isVisible())) say(`${log}: ${await page.locator("#status").textContent()}`);
-  if ((await chosen(page)) !== path.basename(log)) say(`${log}: the file dialog names ${await chosen(page)}`);
+  if (!(await page.locator("#verdict").isVisible())) addFinding(`${log}: ${await page.locator("#status").textContent()}`);
+  if ((await chosen(page)) !== path.basename(log)) addFinding(`${log}: the file dialog names ${await chosen(page)}`);
   const isInView = await page.evaluate(() => document.querySelector("#verdict").getBoundingClientRect().bottom <= innerHeight);
-  if (!isInView) say(`${log}: the verdict is not in view`);
+  if (!isInView) addFinding(`${log}: the verdict is not in view`);
   await compare(look, byCommand(log), log);
   const longest_ms = await page.evaluate(() => window.longest);
-  if (longest_ms > LONGEST_MS) say(`${log}: does not answer for ${longest_ms} ms`);
+  if (longest_ms > LONGEST_MS) addFinding(`${log}: does not answer for ${longest_ms} ms`);
   return { seconds, longest_ms };
 }
 
 // Options chosen in the form give the same judgement as the command's options.
-async function choosesAgain(look, log) {
+async function checkOptions(look, log) {
   const { page } = look;
   const compass = await page.locator("select[name=compass] option").nth(1).textContent();
   const from = Math.ceil(Number(await page.locator("input[name=from_s]").getAttribute("placeholder"))) + 20;
@@ -144,7 +144,7 @@ async function choosesAgain(look, log) {
   await compare(look, byCommand(log, ...options), `${log} with choices`);
 }
 
-async function refuses({ page, say }) {
+async function checkRefusals({ page, addFinding }) {
   const text = path.join(work, "letter.txt");
   fs.writeFileSync(text, "Dear reader\n");
   const huge = path.join(work, "huge.csv");
@@ -154,13 +154,13 @@ async function refuses({ page, say }) {
     await choose(page, log);
     await ends(page);
     const status = await page.locator("#status").textContent();
-    if (!status.includes(words) || status.includes("failed")) say(`of ${log} it says: ${status}`);
-    if (await page.locator("#again").isVisible()) say(`offers choices of ${log}`);
+    if (!status.includes(words) || status.includes("failed")) addFinding(`of ${log} it says: ${status}`);
+    if (await page.locator("#again").isVisible()) addFinding(`offers choices of ${log}`);
   }
 }
 
 // Each control is reached by Tab, in the order of the page, with a visible focus.
-async function keyboardReaches({ page, say }) {
+async function checkKeyboard({ page, addFinding }) {
   await page.evaluate(inPage);
   const all = await page.evaluate(() => window.usable());
   const reached = [];
@@ -169,17 +169,17 @@ async function keyboardReaches({ page, say }) {
     await page.keyboard.press("Tab");
     const { number, isSeen } = await page.evaluate(() => window.focused());
     reached.push(number);
-    if (!isSeen && number >= 0) say(`focus on number ${number} is not seen`);
+    if (!isSeen && number >= 0) addFinding(`focus on number ${number} is not seen`);
   }
   const inOrder = reached.every((number, i) => i === 0 || number === reached[i - 1] + 1 || number === -1);
-  if (new Set(reached).size !== all + 1 || !inOrder) say(`Tab reaches ${reached} of ${all}`);
+  if (new Set(reached).size !== all + 1 || !inOrder) addFinding(`Tab reaches ${reached} of ${all}`);
 }
 
 const withoutPolicy = (source) => source.replace(/<meta http-equiv="Content-Security-Policy"[^>]*>/, "");
 
 // Checks these tests: requests that are added to the page or to its worker are detected; the page's policy blocks them, and without
 // it they are sent.
-async function findsRequests(browser, file, connections) {
+async function checkRequestDetection(browser, file, connections) {
   const text = fs.readFileSync(file, "utf8");
   const ask = 'fetch("http://192.0.2.1/").catch(() => 0);\n';
   const bare = withoutPolicy(text);
@@ -190,7 +190,7 @@ async function findsRequests(browser, file, connections) {
     const copy = path.join(work, `${name}.html`);
     fs.writeFileSync(copy, source);
     const [findings, tried] = [wrong.length, connections()];
-    const { page, context } = await opened(browser, pathToFileURL(copy).href, WIDE, "light", name);
+    const { page, context } = await openPage(browser, pathToFileURL(copy).href, WIDE, "light", name);
     await page.waitForTimeout(1000);
     await context.close();
     const [isNoticed, isSent] = [wrong.length > findings, connections() > tried];
@@ -211,13 +211,13 @@ async function main([file, ...logs]) {
   const proxy = net.createServer((socket) => {
     socket.once("data", (request) => (counted(request), socket.destroy())).on("error", () => socket.destroy());
   });
-  const browser = await launched([`--proxy-server=127.0.0.1:${await listening(proxy)}`]);
+  const browser = await launchBrowser([`--proxy-server=127.0.0.1:${await listening(proxy)}`]);
   // The page is served without its policy, which would block a worker's requests, so that the proxy can count them.
   const bare = withoutPolicy(fs.readFileSync(file, "utf8"));
   const server = http.createServer((_, answer) => answer.setHeader("content-type", "text/html").end(bare));
   const served = `http://127.0.0.1:${await listening(server)}/`;
   const start = async (url, viewport, scheme) => {
-    const look = await opened(browser, url, viewport, scheme, `${path.basename(file)} at ${viewport.width} px, ${scheme}`);
+    const look = await openPage(browser, url, viewport, scheme, `${path.basename(file)} at ${viewport.width} px, ${scheme}`);
     await look.page.evaluate(() => {
       window.longest = 0;
       const noted = (list) => list.getEntries().forEach(({ duration }) => (window.longest = Math.max(window.longest, duration)));
@@ -229,35 +229,35 @@ async function main([file, ...logs]) {
 
   const look = await start(pathToFileURL(path.resolve(file)).href, WIDE, "light");
   const policy = await look.page.locator("meta[http-equiv=Content-Security-Policy]").getAttribute("content");
-  if (policy !== POLICY) look.say(`its policy is ${policy}`);
-  await looksRight(look);
+  if (policy !== POLICY) look.addFinding(`its policy is ${policy}`);
+  await checkLayout(look);
   await shot(look, "empty");
   for (const [i, log] of logs.entries()) {
     const { seconds, longest_ms } = await judge(look, log, i % 2 ? drop : choose);
     console.log(`${path.basename(log)}: ${seconds.toFixed(1)} s, longest task ${longest_ms.toFixed(0)} ms`);
   }
-  await looksRight(look);
-  await keyboardReaches(look);
+  await checkLayout(look);
+  await checkKeyboard(look);
   await shot(look, "wide");
-  await choosesAgain(look, logs.at(-1));
-  await refuses(look);
-  await flies(look, 1, shot);
+  await checkOptions(look, logs.at(-1));
+  await checkRefusals(look);
+  await checkExampleFlight(look, 1, shot);
   await look.context.close();
 
   const phone = await start(served, PHONE, "dark");
   await judge(phone, logs[0], drop);
-  await looksRight(phone);
+  await checkLayout(phone);
   await shot(phone, "phone");
-  await choosesAgain(phone, logs[0]);
-  await flies(phone, 7, shot);
+  await checkOptions(phone, logs[0]);
+  await checkExampleFlight(phone, 7, shot);
   await phone.context.close();
 
   if (connections > 0) wrong.push(`${connections} connections were tried`);
-  await findsRequests(browser, file, () => connections);
+  await checkRequestDetection(browser, file, () => connections);
   await browser.close();
   server.close();
   proxy.close();
-  reported(`${logs.length} logs judged on the page as by the command line, and the example flown`);
+  reportFindings(`${logs.length} logs judged on the page as by the command line, and the example flown`);
 }
 
-main(process.argv.slice(2)).catch(failed);
+main(process.argv.slice(2)).catch(reportFailure);

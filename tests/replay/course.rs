@@ -80,9 +80,9 @@ fn gps_course_gives_the_heading_of_straight_flight_in_any_wind() {
 
 /// Delays the GPS velocity by 0.3 s.
 fn with_delayed_velocity(mut recording: FlightRecording) -> FlightRecording {
-    let velocities: Vec<[f64; 2]> = recording.samples.iter().map(|instant| instant.velocity_m_s).collect();
-    for (instant, velocity_m_s) in recording.samples.iter_mut().skip(3).zip(velocities) {
-        instant.velocity_m_s = velocity_m_s;
+    let velocities: Vec<[f64; 2]> = recording.samples.iter().map(|flight_sample| flight_sample.velocity_m_s).collect();
+    for (flight_sample, velocity_m_s) in recording.samples.iter_mut().skip(3).zip(velocities) {
+        flight_sample.velocity_m_s = velocity_m_s;
     }
     recording
 }
@@ -122,42 +122,44 @@ fn gps_course_is_rejected_where_it_gives_no_heading() {
     let changed = |change: &dyn Fn(&mut FlightSample, f64)| {
         let mut recording = plane.clone();
         let sample_count = recording.samples.len() as f64;
-        for (i, instant) in recording.samples.iter_mut().enumerate() {
-            change(instant, i as f64 / sample_count);
+        for (i, flight_sample) in recording.samples.iter_mut().enumerate() {
+            change(flight_sample, i as f64 / sample_count);
         }
         recording
     };
-    let add_velocity = |instant: &mut FlightSample, [north, east]: [f64; 2]| {
-        instant.velocity_m_s[0] += north;
-        instant.velocity_m_s[1] += east;
+    let add_velocity = |flight_sample: &mut FlightSample, [north, east]: [f64; 2]| {
+        flight_sample.velocity_m_s[0] += north;
+        flight_sample.velocity_m_s[1] += east;
     };
     for (expected_rejection, recording) in [
         (GpsCourseRejection::FewDirections, legs(&config_with_wind(1, 5.0), &[30.0, 210.0, 30.0, 210.0])),
         (GpsCourseRejection::StrongWind, legs(&config_with_wind(1, 12.0), &ALL_ROUND_DEG)),
         (GpsCourseRejection::Copter, FlightRecording { is_copter: true, ..plane.clone() }),
-        // The wind turns.
+        // Wind that changes its direction.
         (
             GpsCourseRejection::UncertainWind,
-            changed(&|instant, time_fraction| add_velocity(instant, [6.0 * time_fraction, -6.0 * time_fraction])),
+            changed(&|flight_sample, time_fraction| {
+                add_velocity(flight_sample, [6.0 * time_fraction, -6.0 * time_fraction]);
+            }),
         ),
-        // Airspeed oscillates.
+        // Airspeed that oscillates.
         (
             GpsCourseRejection::NoCircle,
-            changed(&|instant, time_fraction| {
+            changed(&|flight_sample, time_fraction| {
                 let factor = 1.0 + 0.5 * (time_fraction * 200.0).sin();
-                instant.velocity_m_s = instant.velocity_m_s.map(|axis| axis * factor);
+                flight_sample.velocity_m_s = flight_sample.velocity_m_s.map(|axis| axis * factor);
             }),
         ),
         (
             GpsCourseRejection::TooSlow,
-            changed(&|instant, _| instant.velocity_m_s = instant.velocity_m_s.map(|axis| axis * 0.3)),
+            changed(&|flight_sample, _| flight_sample.velocity_m_s = flight_sample.velocity_m_s.map(|axis| axis * 0.3)),
         ),
         // The course turns, but not the nose.
         (
             GpsCourseRejection::NoseMismatch,
-            changed(&|instant, _| {
-                instant.rates_rad_s = [0.001, 0.0, 0.0];
-                instant.attitude_rad = [0.0, 0.0, 1.0];
+            changed(&|flight_sample, _| {
+                flight_sample.rates_rad_s = [0.001, 0.0, 0.0];
+                flight_sample.attitude_rad = [0.0, 0.0, 1.0];
             }),
         ),
     ] {

@@ -121,7 +121,7 @@ fn after_a_change_of_iron_parameters_fit_what_was_flown_since() {
     }
 }
 
-/// 15 s after a change determine nothing.
+/// Rows of 15 s after a change do not determine parameters.
 #[test]
 fn too_little_after_a_change_of_iron_gives_no_parameters() {
     let recording = record(3, |t_s, field_ut| field_ut[0] += if t_s > 224.0 { 8.0 } else { 0.0 });

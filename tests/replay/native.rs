@@ -1,4 +1,4 @@
-//! The same flight in each autopilot's format, and the exported parameters.
+//! Replays of a flight logged in each autopilot's format, and the exported parameters.
 
 use std::fmt::Write as _;
 
@@ -88,12 +88,12 @@ fn a_native_log_gives_heading_and_field_latency() {
 fn disarmed_rows_are_used_by_no_calibrator() {
     let world = WorldConfig::of_table1(1);
     let mut recording = record_turns(&world, 0.0);
-    for (i, instant) in recording.samples.iter_mut().enumerate() {
-        instant.is_armed = i >= 400;
-        if !instant.is_armed {
-            instant.field_ut[0] = [300.0, -200.0 + i as f64 / 10.0, 100.0];
+    for (i, sample) in recording.samples.iter_mut().enumerate() {
+        sample.is_armed = i >= 400;
+        if !sample.is_armed {
+            sample.field_ut[0] = [300.0, -200.0 + i as f64 / 10.0, 100.0];
         }
-        instant.field_ut.push([1.0, 2.0, 3.0]);
+        sample.field_ut.push([1.0, 2.0, 3.0]);
     }
     let (_, compass) = evaluate(&encode_csv(&recording));
     assert!((compass.radius_ut.unwrap() - 48.0).abs() < 3.0, "{:?} uT", compass.radius_ut);
@@ -187,7 +187,7 @@ fn motor_current_interference_is_estimated_and_exported() {
         let inav = export_module(&compass, Some(50.0), ParameterFormat::Inav);
         assert!(inav.warnings.iter().any(|warning| warning.contains("current")), "seed {seed}: {:?}", inav.warnings);
         assert!(inav.heading_loss_deg[0] > export.heading_loss_deg[0], "seed {seed}: {inav:?}");
-        // 0.5 uT/A times 10 A in a bank is degrees of heading.
+        // Without compensation 0.5 uT/A times 10 A in a bank would cause degrees of heading error.
         let is_warned = inav.warnings.iter().any(|warning| warning.contains("costs"));
         assert!(is_warned && inav.heading_loss_deg[0] > 0.3, "seed {seed}: {inav:?}");
         // The file has whole numbers: 0.5 mG, and gains of 1/1024.
@@ -332,8 +332,8 @@ fn the_model_inclination_is_used_only_on_days_of_its_validity() {
 /// Evaluates a flight whose hard iron steps by 8 uT at a time in seconds.
 fn evaluate_hard_iron_step(world: &WorldConfig, at_s: u64) -> CompassEvaluation {
     let mut recording = record_turns(world, 0.0);
-    for instant in recording.samples.iter_mut().filter(|instant| instant.time_us >= at_s * 1_000_000) {
-        instant.field_ut[0][0] += 8.0;
+    for sample in recording.samples.iter_mut().filter(|sample| sample.time_us >= at_s * 1_000_000) {
+        sample.field_ut[0][0] += 8.0;
     }
     evaluate(&encode_csv(&recording)).1
 }

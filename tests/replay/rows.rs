@@ -32,7 +32,7 @@ fn recorded(world: &WorldConfig, circles: f64) -> Vec<ReplayRow> {
     recorded_with(world, circles, |_| [0.0; 3])
 }
 
-/// The same with additional hard iron, microtesla, over time.
+/// Rows as by [`recorded`], with additional hard iron `iron_ut(t_s)`.
 fn recorded_with(world: &WorldConfig, circles: f64, iron_ut: impl Fn(f64) -> [f64; 3]) -> Vec<ReplayRow> {
     let world = World::new(*world);
     let mut source = world.attitude_source();

@@ -33,7 +33,7 @@ fn round_by_name(value: &mut Value, decimals: i32) {
         Value::Array(values) => values.iter_mut().for_each(|value| round_by_name(value, decimals)),
         Value::Object(fields) => {
             for (name, value) in fields.iter_mut().filter(|(name, _)| *name != UNROUNDED_FIELD) {
-                let unit_decimals = DECIMALS_BY_SUFFIX.iter().find(|(end, _)| name.ends_with(end));
+                let unit_decimals = DECIMALS_BY_SUFFIX.iter().find(|(suffix, _)| name.ends_with(suffix));
                 round_by_name(value, unit_decimals.map_or(decimals, |(_, decimals)| *decimals));
             }
         }
@@ -62,13 +62,13 @@ pub fn coefficients_json(calibration: &Calibration) -> Value {
     })
 }
 
-/// Quantile of the numbers at a fraction `part` (0 to 1), nearest rank; `None` without numbers.
+/// Quantile of the numbers at a `fraction` of 0 to 1, nearest rank; `None` without numbers.
 #[must_use]
-pub fn quantile(numbers: impl IntoIterator<Item = f64>, part: f64) -> Option<f64> {
+pub fn quantile(numbers: impl IntoIterator<Item = f64>, fraction: f64) -> Option<f64> {
     let mut sorted: Vec<f64> = numbers.into_iter().collect();
     sorted.sort_by(f64::total_cmp);
     let last = sorted.len().saturating_sub(1);
-    sorted.get((part * last as f64).round() as usize).copied()
+    sorted.get((fraction * last as f64).round() as usize).copied()
 }
 
 /// Median; NaN without numbers.
@@ -81,9 +81,9 @@ pub fn median(numbers: impl IntoIterator<Item = f64>) -> f64 {
 #[must_use]
 pub fn mean_angle_deg(angles: impl IntoIterator<Item = f64>) -> Option<f64> {
     let finite = angles.into_iter().filter(|angle| angle.is_finite());
-    let sums = finite.map(|angle| libm::sincos(angle.to_radians())).fold(None, |sums, (s, c)| {
+    let sums = finite.map(|angle| libm::sincos(angle.to_radians())).fold(None, |sums, (sin_sum, cos_sum)| {
         let (sin, cos) = sums.unwrap_or((0.0, 0.0));
-        Some((sin + s, cos + c))
+        Some((sin + sin_sum, cos + cos_sum))
     });
     sums.map(|(sin, cos)| libm::atan2(sin, cos).to_degrees())
 }
@@ -113,8 +113,8 @@ mod tests {
     #[test]
     fn powers_of_ten_for_rounding_are_exact() {
         for decimals in 0..=15 {
-            let exact: f64 = format!("1e{decimals}").parse().unwrap();
-            assert_eq!(libm::pow(10.0, f64::from(decimals)).to_bits(), exact.to_bits(), "{decimals}");
+            let power: f64 = format!("1e{decimals}").parse().unwrap();
+            assert_eq!(libm::pow(10.0, f64::from(decimals)).to_bits(), power.to_bits(), "{decimals}");
         }
         let rounded = [round_to(0.125_4, 3), round_to(-0.000_1, 3)];
         assert_eq!(rounded.map(f64::to_bits), [0.125, 0.0].map(f64::to_bits));

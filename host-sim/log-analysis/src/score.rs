@@ -21,13 +21,13 @@ impl ErrorStatistics {
     /// Statistics of errors in degrees.
     #[must_use]
     pub fn from_errors_deg(errors_deg: &[f64]) -> Self {
-        let number = errors_deg.len() as f64;
-        let mean_deg = errors_deg.iter().sum::<f64>() / number;
-        let largest = |offset: f64| errors_deg.iter().map(|e| (e - offset).abs()).fold(0.0, f64::max);
+        let count = errors_deg.len() as f64;
+        let mean_deg = errors_deg.iter().sum::<f64>() / count;
+        let largest = |offset: f64| errors_deg.iter().map(|error_deg| (error_deg - offset).abs()).fold(0.0, f64::max);
         Self {
             max_deg: largest(0.0),
             mean_deg,
-            rms_deg: (errors_deg.iter().map(|e| e * e).sum::<f64>() / number).sqrt(),
+            rms_deg: (errors_deg.iter().map(|error_deg| error_deg * error_deg).sum::<f64>() / count).sqrt(),
             max_demeaned_deg: largest(mean_deg),
         }
     }
@@ -40,10 +40,10 @@ impl ErrorStatistics {
 /// The reason of a rejection.
 pub fn accepted_by_uncalibrated(
     solution: &Solution,
-    fit: Samples<'_>,
+    fit_samples: Samples<'_>,
     held_back: Samples<'_>,
 ) -> Result<(), Rejection> {
-    let samples = AcceptanceSamples { fit_samples: fit, held_back_samples: held_back, is_attitude_known: true };
+    let samples = AcceptanceSamples { fit_samples, held_back_samples: held_back, is_attitude_known: true };
     let incumbent = Incumbent::uncalibrated(Orientation::IDENTITY_ROTATION);
     acceptance::evaluate_candidate(&AcceptancePolicy::DEFAULT, solution, samples, &incumbent).map(|_| ())
 }
@@ -69,9 +69,9 @@ mod tests {
 
     #[test]
     fn statistics_match_hand_calculated_errors() {
-        let figures = ErrorStatistics::from_errors_deg(&[3.0, 1.0, -1.0, 1.0]);
+        let statistics = ErrorStatistics::from_errors_deg(&[3.0, 1.0, -1.0, 1.0]);
         let expected = ErrorStatistics { max_deg: 3.0, mean_deg: 1.0, rms_deg: 3_f64.sqrt(), max_demeaned_deg: 2.0 };
-        assert_eq!(figures, expected);
+        assert_eq!(statistics, expected);
         let within = |errors: &[f64]| within_percent(errors).map(|percent| percent.round() as i32);
         assert_eq!(within(&[0.5, -1.0, 1.1, -2.0, 2.1]), [40, 80]);
         assert_eq!(within(&[]), [0; 2]);

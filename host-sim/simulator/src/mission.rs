@@ -93,7 +93,7 @@ pub struct EvaluatedHeading {
 /// Statistics of headings output after the restart. Errors include calibration, attitude, noise and latency.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct OutputStatistics {
-    /// Root mean square, degrees.
+    /// RMS heading error, degrees.
     pub rms_deg: f64,
     /// Largest error, degrees.
     pub max_deg: f64,

@@ -31,13 +31,13 @@ pub trait Module {
     /// Time since the start of the simulation, microseconds.
     fn now_us(&self) -> u64;
 
-    /// Advances to a time.
+    /// Advances simulation time to `until_us`.
     fn run_until(&mut self, until_us: u64) -> ModuleRunEnd;
 
     /// Resets the module by its reset pin; it starts when time advances.
     fn reset_module(&mut self);
 
-    /// Advances by some seconds.
+    /// Advances simulation time by `seconds`.
     fn run_for_s(&mut self, seconds: f64) -> ModuleRunEnd {
         self.run_until(self.now_us() + (seconds * 1e6) as u64)
     }

@@ -5,7 +5,7 @@
 pub struct HeadingSentence {
     /// Arrival time of its last byte, microseconds of simulation time.
     pub arrived_at_us: u64,
-    /// `HCHDM`, `HCHDG`, `HCHDT`, `PASWH`.
+    /// Talker and sentence type: `HCHDM`, `HCHDG`, `HCHDT` or `PASWH`.
     pub sentence_kind: String,
     /// Heading in degrees, true in `HCHDT`, otherwise magnetic; `None` if the field is empty.
     pub heading_deg: Option<f64>,

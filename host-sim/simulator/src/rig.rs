@@ -212,11 +212,11 @@ impl Rig {
 
     /// Replaces the flash contents and restarts the module. False without effect if the size is not [`STORE_BYTES`].
     pub fn load_flash(&mut self, contents: &[u8]) -> bool {
-        let fits = self.flash.restore_contents(contents);
-        if fits {
+        let has_store_size = self.flash.restore_contents(contents);
+        if has_store_size {
             self.power_on(ResetCause::PowerOn);
         }
-        fits
+        has_store_size
     }
 
     /// Cuts the power; drops the module's tasks.

@@ -26,7 +26,7 @@ impl Default for TurnPlan {
 /// Part of a routine.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RoutinePart {
-    /// Name.
+    /// Name of the part.
     pub part_name: &'static str,
     /// Instruction to the pilot.
     pub instruction: &'static str,
@@ -41,7 +41,7 @@ pub struct CalibrationRoutine {
     pub start_command: &'static str,
     /// Uncalibrated leg before the collection.
     pub take_off: Leg,
-    /// Parts in order.
+    /// Parts in the order of flight.
     pub routine_parts: Vec<RoutinePart>,
     /// Legs flown with the calibration.
     pub mission_legs: Vec<Leg>,

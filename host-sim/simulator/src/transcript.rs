@@ -52,7 +52,7 @@ fn parse_notice_code(text: &str) -> Option<SolveNotice> {
 pub struct ShownCalibration {
     /// Method name.
     pub method: String,
-    /// Coefficients.
+    /// Coefficients of the shown calibration.
     pub calibration: Calibration,
     /// Estimated heading error, degrees RMS.
     pub expected_rms_deg: f64,

@@ -148,7 +148,7 @@ mod tests {
         }
     }
 
-    /// The last range `MIN to MAX` in a text.
+    /// Ends of the last range `MIN to MAX` in a help or error text.
     fn range(text: &str) -> Option<(String, String)> {
         let is_number_char = |character: char| character.is_ascii_digit() || character == '.' || character == '-';
         let (before, after) = text.rsplit_once(" to ")?;

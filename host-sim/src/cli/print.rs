@@ -157,14 +157,14 @@ pub fn wrapped_table<const N: usize>(names: [&str; N]) -> Table {
 
 /// Appends text wrapped at [`width`]; continuation lines are indented by two more.
 pub fn append_wrapped(wrapped: &mut String, indent: &str, text: &str) {
-    let further = " ".repeat(indent.len() + 2);
+    let continuation_indent = " ".repeat(indent.len() + 2);
     let mut line = indent.to_owned();
     let mut has_word = false;
     for word in text.split(' ') {
         if has_word && line.chars().count() + 1 + word.chars().count() > terminal_width() {
             wrapped.push_str(&line);
             wrapped.push('\n');
-            line.clone_from(&further);
+            line.clone_from(&continuation_indent);
         } else if has_word {
             line.push(' ');
         }

@@ -106,7 +106,7 @@ fn format_errors(column: &MethodErrors) -> String {
     )
 }
 
-/// Two decimals, without a minus sign before zero.
+/// Formats a number with two decimals, without a minus sign before zero.
 fn format_two_decimals(value: f64) -> String {
     let text = format!("{value:.2}");
     if text == "-0.00" { "0.00".to_owned() } else { text }

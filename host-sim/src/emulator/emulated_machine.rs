@@ -306,7 +306,7 @@ fn read_until(stream: &mut LocalStream, bytes: &mut [u8], stop: &AtomicBool) -> 
     Ok(())
 }
 
-/// All available bytes; the lockstep connection detects the end of the process.
+/// Reads all available bytes. An ended process is no error here: the lockstep connection detects it.
 fn read_available(stream: &mut LocalStream) -> std::io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let mut buffer = [0; 4096];

@@ -20,7 +20,7 @@ pub enum EmulatorError {
     NotFirmware(PathBuf, &'static str),
     /// Stopped on request of the caller.
     Interrupted,
-    /// QEMU ended; its output.
+    /// QEMU has ended; contains its output.
     Ended(String),
     /// A connection to QEMU failed; its purpose.
     Connection(&'static str, io::Error),

@@ -81,8 +81,8 @@ impl FlashImage {
             Err(TryLockError::WouldBlock) => return Err(FlashImageError::InUse(path.to_owned())),
             Err(TryLockError::Error(error)) => return Err(unreadable(error)),
         }
-        // Reads through the locked handle, because Windows allows no other. At most one byte more than the expected
-        // size is read, in case the file is endless.
+        // Reads through the locked handle, as Windows requires, at most one byte more than the size, in case the file
+        // is endless.
         let mut bytes = Vec::new();
         (&file).take(STORE_BYTES as u64 + 1).read_to_end(&mut bytes).map_err(unreadable)?;
         if bytes.len() != STORE_BYTES {

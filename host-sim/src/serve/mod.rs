@@ -67,7 +67,7 @@ pub enum AttitudeProvider {
     /// The simulator, except while an external autopilot at the autopilot port sends attitude.
     #[default]
     Auto,
-    /// Only the simulator.
+    /// Always the simulator.
     Own,
     /// Only an external autopilot.
     Peer,

@@ -49,7 +49,7 @@ pub enum SilentFault {
 pub enum FlashFault {
     /// The word was programmed since its page was erased.
     NotErased,
-    /// The power is cut.
+    /// The flash has no power.
     NoPower,
     /// These bytes are unreadable.
     Unreadable,
@@ -65,7 +65,7 @@ impl NorFlashError for FlashFault {
 /// STM32L4 it rejects zeros over a programmed word, as an incomplete word with an invalid code would.
 #[derive(Clone)]
 pub struct RamFlash<const PAGE: usize> {
-    /// Contents.
+    /// Memory contents.
     pub bytes: Vec<u8>,
     /// Programmed double words and erased pages since power-on.
     pub operations: usize,

@@ -193,13 +193,14 @@ impl Flight {
     /// # Errors
     ///
     /// The number of a compass whose orientation is that of the board, or unknown.
-    pub fn set_orientation(&mut self, mount: Orientation, number: Option<u8>) -> Result<(), u8> {
+    pub fn set_orientation(&mut self, mount: Orientation, compass_number: Option<u8>) -> Result<(), u8> {
         let Self { compasses, parameters, autopilot, .. } = self;
         let is_px4 = *autopilot == Autopilot::Px4;
         let body_from_sensor = mount.body_from_sensor().map(f64::from);
         let (rotation, _) = NumberedRotation::nearest_to_matrix(&body_from_sensor);
-        for compass in
-            compasses.iter_mut().filter(|compass| number.is_none_or(|number| number == compass.compass_number))
+        for compass in compasses
+            .iter_mut()
+            .filter(|compass| compass_number.is_none_or(|compass_number| compass_number == compass.compass_number))
         {
             let turn = |t_s: f64| {
                 let logged = logged_mounting(parameters, is_px4, t_s, compass.compass_number)?;
@@ -256,11 +257,11 @@ impl Flight {
     /// Times of the first and the last field row, seconds.
     #[must_use]
     pub fn time_range_s(&self) -> [f64; 2] {
-        let each = self.compasses.iter().filter_map(|compass| {
+        let ranges_s = self.compasses.iter().filter_map(|compass| {
             let rows = compass.field.rows();
             Some([rows.first()?.t_s, rows.last()?.t_s])
         });
-        each.reduce(|[from, to], [first, last]| [from.min(first), to.max(last)]).unwrap_or_default()
+        ranges_s.reduce(|[from, to], [first, last]| [from.min(first), to.max(last)]).unwrap_or_default()
     }
 
     /// Whether the aircraft was armed at a time; none if unknown.
@@ -268,18 +269,19 @@ impl Flight {
     pub fn is_armed(&self, t_s: f64) -> Option<bool> {
         let &(_, first) = self.armed_changes.first()?;
         let latest = self.armed_changes.iter().take_while(|&&(at_s, _)| at_s <= t_s).last();
-        Some(latest.map_or(!first, |&(_, is)| is))
+        Some(latest.map_or(!first, |&(_, is_armed_since)| is_armed_since))
     }
 }
 
 /// Mounting parameters of a compass or the board that changed in flight, with the time of the last change, seconds.
 #[must_use]
-pub fn mounting_parameter_changes(flight: &Flight, number: u8) -> Vec<(String, f64)> {
-    let index = if number == 1 { String::new() } else { number.to_string() };
-    let external = if number == 1 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{number}") };
+pub fn mounting_parameter_changes(flight: &Flight, compass_number: u8) -> Vec<(String, f64)> {
+    let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
+    let external =
+        if compass_number == 1 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{compass_number}") };
     let names = match flight.autopilot {
         Autopilot::ArduPilot => vec![format!("COMPASS_ORIENT{index}"), external, "AHRS_ORIENTATION".to_owned()],
-        Autopilot::Px4 => vec![format!("CAL_MAG{}_ROT", number.saturating_sub(1)), "SENS_BOARD_ROT".to_owned()],
+        Autopilot::Px4 => vec![format!("CAL_MAG{}_ROT", compass_number.saturating_sub(1)), "SENS_BOARD_ROT".to_owned()],
         Autopilot::Unknown => Vec::new(),
     };
     let changed = |name: String| flight.parameters.last_change_s(&name).map(|at_s| (name, at_s));

@@ -56,27 +56,29 @@ impl FlightBuilder {
     /// Adds a row of a compass, microtesla, with the row's own motor-current compensation.
     pub fn push_field(
         &mut self,
-        number: u8,
-        was: FieldProcessing,
+        compass_number: u8,
+        field_processing: FieldProcessing,
         t_s: f64,
         field_ut: [f32; 3],
         motor_ut: Option<[f32; 3]>,
     ) {
         let is_field =
             field_ut.iter().all(|axis| axis.abs() < MAX_FIELD_UT) && field_ut.iter().any(|axis| *axis != 0.0);
-        if !is_field || number == 0 || number > MAX_COMPASSES {
+        if !is_field || compass_number == 0 || compass_number > MAX_COMPASSES {
             self.flight.skipped_counts.unhealthy += 1;
             return;
         }
         let ([x, y, z], [mx, my, mz]) = (field_ut, motor_ut.unwrap_or([f32::NAN; 3]));
-        self.compass_rows(number, was).push_row(t_s, [x, y, z, mx, my, mz]);
+        self.compass_rows(compass_number, field_processing).push_row(t_s, [x, y, z, mx, my, mz]);
     }
 
     /// Rows of a compass. A compass without any is reported as failed, if others have rows.
-    pub fn compass_rows(&mut self, number: u8, was: FieldProcessing) -> &mut Series<6> {
-        let index = self.field_rows.iter().position(|&(other, others, _)| (other, others) == (number, was));
+    pub fn compass_rows(&mut self, compass_number: u8, field_processing: FieldProcessing) -> &mut Series<6> {
+        let index = self.field_rows.iter().position(|&(row_number, row_processing, _)| {
+            (row_number, row_processing) == (compass_number, field_processing)
+        });
         let index = index.unwrap_or_else(|| {
-            self.field_rows.push((number, was, Series::new()));
+            self.field_rows.push((compass_number, field_processing, Series::new()));
             self.field_rows.len() - 1
         });
         &mut self.field_rows[index].2
@@ -90,9 +92,9 @@ impl FlightBuilder {
 
     /// Adds an attitude from a message that replaces the autopilot's own if that is not logged; the lowest rank is
     /// preferred.
-    pub fn push_fallback_attitude(&mut self, rank: u8, from: &'static str, t_s: f64, angles_rad: [f32; 3]) {
+    pub fn push_fallback_attitude(&mut self, rank: u8, message_name: &'static str, t_s: f64, angles_rad: [f32; 3]) {
         if is_attitude(angles_rad) {
-            self.fallback_attitudes.entry(rank).or_insert((from, Series::new())).1.push_row(t_s, angles_rad);
+            self.fallback_attitudes.entry(rank).or_insert((message_name, Series::new())).1.push_row(t_s, angles_rad);
         }
     }
 
@@ -130,7 +132,7 @@ impl FlightBuilder {
     }
 
     pub fn set_firmware(&mut self, name: &str) {
-        let name: String = name.chars().filter(|c| !c.is_control()).take(80).collect();
+        let name: String = name.chars().filter(|character| !character.is_control()).take(80).collect();
         self.flight.is_copter |= name.contains("Copter");
         if !name.is_empty() {
             self.flight.firmware_name.get_or_insert(name);
@@ -163,12 +165,12 @@ impl FlightBuilder {
         if self.field_rows.iter().all(|(_, _, field)| field.rows().is_empty()) {
             self.field_rows.clear();
         }
-        for (number, was, mut field) in select_densest(std::mem::take(&mut self.field_rows)) {
+        for (compass_number, field_processing, mut field) in select_densest(std::mem::take(&mut self.field_rows)) {
             flight.skipped_counts.repeats += field.sort_and_dedup() as u64;
-            let (correction_in_log, field) = remove_correction(flight, number, was, field);
-            let is_used = is_used(flight, number);
+            let (correction_in_log, field) = remove_correction(flight, compass_number, field_processing, field);
+            let is_used = is_used(flight, compass_number);
             flight.compasses.push(Compass {
-                compass_number: number,
+                compass_number,
                 field,
                 correction: correction_in_log,
                 is_used_for_heading: is_used,
@@ -181,11 +183,13 @@ impl FlightBuilder {
 /// Selects one source for each compass: the uncorrected one, unless the corrected one has more than twice its rows (PX4
 /// logs uncorrected fields at 1 Hz by default).
 fn select_densest(mut logged: Vec<(u8, FieldProcessing, Series<6>)>) -> Vec<(u8, FieldProcessing, Series<6>)> {
-    let weight = |was: FieldProcessing, field: &Series<6>| {
-        field.rows().len() * if matches!(was, FieldProcessing::Px4SensorRaw(_)) { 2 } else { 1 }
+    let weight = |field_processing: FieldProcessing, field: &Series<6>| {
+        field.rows().len() * if matches!(field_processing, FieldProcessing::Px4SensorRaw(_)) { 2 } else { 1 }
     };
-    logged.sort_by_key(|(number, was, field)| (*number, std::cmp::Reverse(weight(*was, field))));
-    logged.dedup_by_key(|(number, _, _)| *number);
+    logged.sort_by_key(|(compass_number, field_processing, field)| {
+        (*compass_number, std::cmp::Reverse(weight(*field_processing, field)))
+    });
+    logged.dedup_by_key(|(compass_number, _, _)| *compass_number);
     logged
 }
 
@@ -196,13 +200,13 @@ fn is_attitude([roll_rad, pitch_rad, _]: [f32; 3]) -> bool {
 /// Raw and corrected field of each row, and the autopilot's last correction.
 fn remove_correction(
     flight: &Flight,
-    number: u8,
-    was: FieldProcessing,
+    compass_number: u8,
+    field_processing: FieldProcessing,
     mut field: Series<6>,
 ) -> (Option<FieldCorrection>, Series<6>) {
     let parameters = &flight.parameters;
-    let at = |t_s: f64| match was {
-        FieldProcessing::ArduPilot => InvertibleCorrection::from_ardupilot_parameters(parameters, t_s, number),
+    let correction_at = |t_s: f64| match field_processing {
+        FieldProcessing::ArduPilot => InvertibleCorrection::from_ardupilot_parameters(parameters, t_s, compass_number),
         FieldProcessing::Px4(index) | FieldProcessing::Px4SensorRaw(index) => {
             InvertibleCorrection::from_px4_parameters(parameters, t_s, index)
         }
@@ -210,47 +214,48 @@ fn remove_correction(
             InvertibleCorrection::from_ardupilot_parameters(&super::ParameterHistory::default(), t_s, 1)
         }
     };
-    let mounting = if let FieldProcessing::Px4SensorRaw(index) = was {
+    let mounting = if let FieldProcessing::Px4SensorRaw(index) = field_processing {
         Some(px4_mounting(parameters, f64::INFINITY, index))
     } else {
         None
     };
-    let prefix = if was == FieldProcessing::ArduPilot { "COMPASS_" } else { "CAL_MAG" };
+    let prefix = if field_processing == FieldProcessing::ArduPilot { "COMPASS_" } else { "CAL_MAG" };
     let changes_s = parameters.change_times_s(prefix);
     let mut changes = changes_s.iter().peekable();
-    let mut undo = at(f64::NEG_INFINITY);
+    let mut undo = correction_at(f64::NEG_INFINITY);
     for row in field.rows_mut() {
         while changes.next_if(|&&at_s| at_s <= row.t_s).is_some() {
-            undo = at(row.t_s);
+            undo = correction_at(row.t_s);
         }
         let [x, y, z, mx, my, mz] = row.row_values.map(f64::from);
         let (logged, logged_motor) = (Vector3::new(x, y, z), Vector3::new(mx, my, mz));
         let current_a =
             flight.battery_current.interpolate_or_hold(row.t_s, 2.0).map_or(0.0, |[amperes]| f64::from(amperes));
-        let (raw, corrected) = if let Some(turned) = mounting {
-            let raw = turned * logged;
+        let (raw, corrected) = if let Some(body_from_sensor) = mounting {
+            let raw = body_from_sensor * logged;
             (raw, undo.correction.correct_field(raw, current_a))
         } else {
             let motor = if mx.is_nan() { undo.motor_ut(current_a) } else { logged_motor };
             (undo.raw_ut(logged, motor), logged)
         };
-        row.row_values = [raw.x, raw.y, raw.z, corrected.x, corrected.y, corrected.z].map(|number| number as f32);
+        row.row_values =
+            [raw.x, raw.y, raw.z, corrected.x, corrected.y, corrected.z].map(|compass_number| compass_number as f32);
     }
-    let last = at(f64::INFINITY);
-    ((was != FieldProcessing::BodyRaw && !parameters.is_empty()).then_some(last.correction), field)
+    let last = correction_at(f64::INFINITY);
+    ((field_processing != FieldProcessing::BodyRaw && !parameters.is_empty()).then_some(last.correction), field)
 }
 
 /// Whether the autopilot uses a compass for its heading. PX4 selects the healthy compass of highest priority, which no
 /// parameter shows; priority 0 excludes it.
-fn is_used(flight: &Flight, number: u8) -> Option<bool> {
+fn is_used(flight: &Flight, compass_number: u8) -> Option<bool> {
     let value = |name: String| flight.parameters.last_value(&name);
     match flight.autopilot {
         Autopilot::ArduPilot => {
-            let index = if number == 1 { String::new() } else { number.to_string() };
+            let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
             value(format!("COMPASS_USE{index}")).map(|used| used != 0.0)
         }
         Autopilot::Px4 => {
-            let priority = value(format!("CAL_MAG{}_PRIO", number.saturating_sub(1)));
+            let priority = value(format!("CAL_MAG{}_PRIO", compass_number.saturating_sub(1)));
             priority.filter(|priority| *priority == 0.0).map(|_| false)
         }
         Autopilot::Unknown => None,
@@ -288,7 +293,7 @@ mod tests {
             recorder.push_field(1, FieldProcessing::ArduPilot, t_s, [20.0, 0.0, 40.0], None);
         }
         let flight = recorder.finish_flight();
-        // 10 A at 5 mG/A.
+        // Motor compensation: 10 A at 5 mG/A.
         let raw: Vec<f32> = flight.compasses[0].field.rows().iter().map(|row| row.row_values[0]).collect();
         assert_eq!(raw, [15.0, 15.0, 20.0, 20.0]);
     }
@@ -297,8 +302,10 @@ mod tests {
     #[test]
     fn implausible_values_are_skipped() {
         let mut recorder = FlightBuilder::new(LogFormat::TLog);
-        for (number, ut) in [(1, 199_000.0), (1, 201_000.0), (1, f32::NAN), (1, 0.0), (0, 50.0), (8, 50.0), (9, 50.0)] {
-            recorder.push_field(number, FieldProcessing::BodyRaw, 1.0, [ut, 0.0, 0.0], None);
+        for (compass_number, field_ut) in
+            [(1, 199_000.0), (1, 201_000.0), (1, f32::NAN), (1, 0.0), (0, 50.0), (8, 50.0), (9, 50.0)]
+        {
+            recorder.push_field(compass_number, FieldProcessing::BodyRaw, 1.0, [field_ut, 0.0, 0.0], None);
         }
         for (i, angle) in [1.5, 1.7, f32::NAN].into_iter().enumerate() {
             recorder.push_attitude(i as f64, [0.0, angle, 0.0]);
@@ -341,8 +348,9 @@ mod tests {
     fn a_changed_parameter_applies_from_its_time_on() {
         let mut recorder = FlightBuilder::new(LogFormat::DataFlash);
         recorder.set_parameter("COMPASS_OFS_X", 100.0);
-        for (us, offset) in [(1_000_000, None), (2_000_000, Some(50.0)), (3_000_000, None), (4_000_000, Some(0.0))] {
-            let t_s = recorder.timeline.flight_time_s(us).unwrap();
+        for (time_us, offset) in [(1_000_000, None), (2_000_000, Some(50.0)), (3_000_000, None), (4_000_000, Some(0.0))]
+        {
+            let t_s = recorder.timeline.flight_time_s(time_us).unwrap();
             if let Some(offset) = offset {
                 recorder.set_parameter("COMPASS_OFS_X", offset);
             }

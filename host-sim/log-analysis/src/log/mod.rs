@@ -134,10 +134,10 @@ pub fn read_system(source: &mut dyn Read, unit: FieldUnit, system: Option<u8>) -
 
 /// Reads a flight with its body rates unchecked.
 fn read_with_unchecked_rates(source: &mut dyn Read, unit: FieldUnit, system: Option<u8>) -> Result<Flight, LogError> {
-    let mut head = Vec::new();
-    (&mut *source).take(FORMAT_DETECTION_BYTES as u64).read_to_end(&mut head)?;
-    let format = detect_format(&head)?;
-    let mut source = io::Cursor::new(head).chain(source);
+    let mut first_bytes = Vec::new();
+    (&mut *source).take(FORMAT_DETECTION_BYTES as u64).read_to_end(&mut first_bytes)?;
+    let format = detect_format(&first_bytes)?;
+    let mut source = io::Cursor::new(first_bytes).chain(source);
     let flight = match format {
         LogFormat::DataFlash => dataflash::read_binary(&mut source)?,
         LogFormat::DataFlashText => dataflash::read_text(&mut source)?,
@@ -160,19 +160,19 @@ fn read_with_unchecked_rates(source: &mut dyn Read, unit: FieldUnit, system: Opt
     Ok(flight)
 }
 
-fn detect_format(head: &[u8]) -> Result<LogFormat, LogError> {
-    let text = || head.split(|&byte| byte == b'\n').take(100);
-    if head.is_empty() {
+fn detect_format(first_bytes: &[u8]) -> Result<LogFormat, LogError> {
+    let text = || first_bytes.split(|&byte| byte == b'\n').take(100);
+    if first_bytes.is_empty() {
         Err(LogError::Empty)
-    } else if head.starts_with(&ulog::ULOG_MAGIC) {
+    } else if first_bytes.starts_with(&ulog::ULOG_MAGIC) {
         Ok(LogFormat::ULog)
-    } else if dataflash::matches_header(head) {
+    } else if dataflash::matches_header(first_bytes) {
         Ok(LogFormat::DataFlash)
-    } else if tlog::matches_header(head) {
+    } else if tlog::matches_header(first_bytes) {
         Ok(LogFormat::TLog)
     } else if text().any(|line| line.starts_with(b"FMT,")) {
         Ok(LogFormat::DataFlashText)
-    } else if csv::is_table(head) {
+    } else if csv::is_table(first_bytes) {
         Ok(LogFormat::Csv)
     } else {
         Err(LogError::UnknownFormat)

@@ -82,8 +82,8 @@ mod tests {
         for (t_s, value) in [(5.0, 1.0), (6.0, 1.0), (10.0, 2.0)] {
             parameters.set_value(t_s, "COMPASS_OFS_X", value);
         }
-        let at = |t_s| parameters.value_at(t_s, "COMPASS_OFS_X");
-        assert_eq!([0.0, 9.9, 10.0, 99.0].map(at), [1.0, 1.0, 2.0, 2.0].map(Some));
+        let value_at = |t_s| parameters.value_at(t_s, "COMPASS_OFS_X");
+        assert_eq!([0.0, 9.9, 10.0, 99.0].map(value_at), [1.0, 1.0, 2.0, 2.0].map(Some));
         assert_eq!(parameters.change_times_s("COMPASS_"), [10.0]);
         assert!(parameters.change_times_s("AHRS").is_empty());
         assert_eq!(parameters.last_value("COMPASS_OFS_Y"), None);

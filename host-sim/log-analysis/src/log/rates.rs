@@ -66,25 +66,32 @@ fn find_problem(differences: &[TimedRow<3>], flight: &Flight) -> Option<RatesPro
     let has_yaw = flight.attitude.rows().iter().any(|row| row.row_values[2].is_finite());
     (0..if has_yaw { 3 } else { 2 }).find_map(|axis| sign_or_unit(&pairs, axis)).or_else(|| {
         let step_s = flight.attitude.median_step_s().filter(|_| has_yaw)?;
-        let off = |(seen, logged): &([f32; 3], [f32; 3])| f64::from(seen[2] - logged[2]);
+        let yaw_rate_difference = |(seen, logged): &([f32; 3], [f32; 3])| f64::from(seen[2] - logged[2]);
         // The autopilot's filter corrects yaw slowly; such corrections are not an error of the rates.
-        let white = median(pairs.windows(2).map(|two| (off(&two[1]) - off(&two[0])).abs())) / std::f64::consts::SQRT_2;
+        let white =
+            median(pairs.windows(2).map(|pair| (yaw_rate_difference(&pair[1]) - yaw_rate_difference(&pair[0])).abs()))
+                / std::f64::consts::SQRT_2;
         let walk_deg = (1.4826 * white * step_s.sqrt()).to_degrees();
         (walk_deg > MAX_HEADING_RANDOM_WALK_DEG).then_some(RatesProblem::Inexact(walk_deg))
     })
 }
 
 fn sign_or_unit(pairs: &[([f32; 3], [f32; 3])], axis: usize) -> Option<RatesProblem> {
-    let sum = |product: &dyn Fn(f64, f64) -> f64| -> f64 {
-        let each = pairs.iter().map(|(seen, logged)| product(f64::from(seen[axis]), f64::from(logged[axis])));
-        each.sum::<f64>() / pairs.len() as f64
+    let sum_of_products = |product: &dyn Fn(f64, f64) -> f64| -> f64 {
+        let products =
+            pairs.iter().map(|(difference, logged)| product(f64::from(difference[axis]), f64::from(logged[axis])));
+        products.sum::<f64>() / pairs.len() as f64
     };
-    let [seen, logged, both] = [sum(&|seen, _| seen * seen), sum(&|_, logged| logged * logged), sum(&|a, b| a * b)];
-    let correlation = both / (seen * logged).sqrt();
-    if seen.sqrt() < MIN_MOTION_RAD_S || correlation.is_nan() || correlation.abs() < MIN_RATE_CORRELATION {
+    let [difference, logged, both] = [
+        sum_of_products(&|difference, _| difference * difference),
+        sum_of_products(&|_, logged| logged * logged),
+        sum_of_products(&|a, b| a * b),
+    ];
+    let correlation = both / (difference * logged).sqrt();
+    if difference.sqrt() < MIN_MOTION_RAD_S || correlation.is_nan() || correlation.abs() < MIN_RATE_CORRELATION {
         return None;
     }
-    let ratio = (seen / logged).sqrt();
+    let ratio = (difference / logged).sqrt();
     if (1.0 / MAX_RATE_RATIO..MAX_RATE_RATIO).contains(&ratio) {
         (correlation < 0.0).then_some(RatesProblem::WrongSign(axis))
     } else {

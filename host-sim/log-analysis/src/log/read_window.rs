@@ -23,9 +23,9 @@ impl<'a> ReadWindow<'a> {
     /// # Errors
     ///
     /// The source cannot be read.
-    pub fn peek_bytes(&mut self, number: usize) -> io::Result<&[u8]> {
-        let number = number.min(MAX_PEEK);
-        while self.end - self.start < number && !self.is_at_end {
+    pub fn peek_bytes(&mut self, byte_count: usize) -> io::Result<&[u8]> {
+        let byte_count = byte_count.min(MAX_PEEK);
+        while self.end - self.start < byte_count && !self.is_at_end {
             if self.buffer.len() - self.start < MAX_PEEK {
                 self.buffer.copy_within(self.start..self.end, 0);
                 (self.start, self.end) = (0, self.end - self.start);
@@ -37,7 +37,7 @@ impl<'a> ReadWindow<'a> {
                 Err(e) => return Err(e),
             }
         }
-        let end = self.end.min(self.start + number);
+        let end = self.end.min(self.start + byte_count);
         Ok(&self.buffer[self.start..end])
     }
 
@@ -49,16 +49,16 @@ impl<'a> ReadWindow<'a> {
     /// The source cannot be read.
     pub fn next_line(&mut self) -> io::Result<Option<String>> {
         const READ_CHUNK_BYTES: usize = 4096;
-        for number in [READ_CHUNK_BYTES, MAX_PEEK] {
-            let bytes = self.peek_bytes(number)?;
-            let end = bytes.iter().position(|&byte| byte == b'\n');
-            if end.is_none() && bytes.len() == READ_CHUNK_BYTES && number == READ_CHUNK_BYTES {
+        for byte_count in [READ_CHUNK_BYTES, MAX_PEEK] {
+            let bytes = self.peek_bytes(byte_count)?;
+            let line_length = bytes.iter().position(|&byte| byte == b'\n');
+            if line_length.is_none() && bytes.len() == READ_CHUNK_BYTES && byte_count == READ_CHUNK_BYTES {
                 continue;
             }
             if bytes.is_empty() {
                 break;
             }
-            let bytes = &bytes[..end.unwrap_or(bytes.len())];
+            let bytes = &bytes[..line_length.unwrap_or(bytes.len())];
             let (line, length) = (String::from_utf8_lossy(bytes).trim_end_matches('\r').to_owned(), bytes.len() + 1);
             self.consume_bytes(length);
             return Ok(Some(line));
@@ -67,8 +67,8 @@ impl<'a> ReadWindow<'a> {
     }
 
     /// Consumes bytes returned by [`Self::peek_bytes`].
-    pub fn consume_bytes(&mut self, number: usize) {
-        self.start = self.end.min(self.start + number);
+    pub fn consume_bytes(&mut self, byte_count: usize) {
+        self.start = self.end.min(self.start + byte_count);
     }
 }
 
@@ -108,13 +108,13 @@ mod tests {
         let (mut consumed, mut step) = (Vec::new(), 1);
         loop {
             step = (step * 31 + 7) % 5_000 + 1;
-            let part = window.peek_bytes(step).unwrap().to_vec();
-            if part.is_empty() {
+            let peeked = window.peek_bytes(step).unwrap().to_vec();
+            if peeked.is_empty() {
                 break;
             }
-            assert!(part.len() == step || consumed.len() + part.len() == bytes.len());
-            window.consume_bytes(part.len());
-            consumed.extend(part);
+            assert!(peeked.len() == step || consumed.len() + peeked.len() == bytes.len());
+            window.consume_bytes(peeked.len());
+            consumed.extend(peeked);
         }
         assert!(consumed == bytes);
     }

@@ -54,9 +54,9 @@ pub struct NumberedRotation(u8);
 impl NumberedRotation {
     /// The rotation of a number; none if unknown.
     #[must_use]
-    pub fn new(number: f64) -> Option<Self> {
-        let whole = number.round();
-        (0.0..ROTATION_ANGLES_DEG.len() as f64).contains(&whole).then_some(Self(whole as u8))
+    pub fn new(rotation_number: f64) -> Option<Self> {
+        let rounded = rotation_number.round();
+        (0.0..ROTATION_ANGLES_DEG.len() as f64).contains(&rounded).then_some(Self(rounded as u8))
     }
 
     /// Number of the rotation.
@@ -121,10 +121,10 @@ mod tests {
         for number in 0..41 {
             let matrix =
                 NumberedRotation(number).rotation_matrix() * Rotation3::from_euler_angles(0.1, -0.1, 0.05).into_inner();
-            let (found, off_deg) = NumberedRotation::nearest_to_matrix(&matrix);
+            let (nearest, off_deg) = NumberedRotation::nearest_to_matrix(&matrix);
             assert!(
-                (found.rotation_matrix() - NumberedRotation(number).rotation_matrix()).norm() < 1e-9,
-                "{number} {found:?}"
+                (nearest.rotation_matrix() - NumberedRotation(number).rotation_matrix()).norm() < 1e-9,
+                "{number} {nearest:?}"
             );
             assert!(off_deg > 5.0 && off_deg < 12.0, "{off_deg}");
         }

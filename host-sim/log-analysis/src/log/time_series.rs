@@ -15,7 +15,7 @@ const LOWEST_THINNED_RATE_HZ: f64 = 20.0;
 /// A row of `N` values with its time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimedRow<const N: usize> {
-    /// Flight time, seconds.
+    /// Flight time of the row, seconds.
     pub t_s: f64,
     /// Values of the row.
     pub row_values: [f32; N],
@@ -63,8 +63,8 @@ impl<const N: usize> Series<N> {
     /// of the limit.
     fn thin_samples(&mut self) {
         let mut steps_s: Vec<f64> = self.rows.windows(2).map(|pair| (pair[1].t_s - pair[0].t_s).abs()).collect();
-        let middle = steps_s.len() / 2;
-        let step_s = *steps_s.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let middle_index = steps_s.len() / 2;
+        let step_s = *steps_s.select_nth_unstable_by(middle_index, f64::total_cmp).1;
         if step_s * LOWEST_THINNED_RATE_HZ >= 1.0 && self.part_stride_log2 < 40 {
             self.part_stride_log2 += 1;
             let parts = self.part_stride_log2;
@@ -126,8 +126,10 @@ impl<const N: usize> Series<N> {
     /// Linear interpolation at a time; none outside the series and in gaps.
     #[must_use]
     pub fn interpolate(&self, t_s: f64, max_gap_s: f64) -> Option<[f32; N]> {
-        let (before, after, part) = self.surrounding_values(t_s, max_gap_s)?;
-        Some(std::array::from_fn(|i| before.row_values[i] + part as f32 * (after.row_values[i] - before.row_values[i])))
+        let (before, after, weight) = self.surrounding_values(t_s, max_gap_s)?;
+        Some(std::array::from_fn(|i| {
+            before.row_values[i] + weight as f32 * (after.row_values[i] - before.row_values[i])
+        }))
     }
 
     /// Linear interpolation; holds the last row for up to `max_gap_s`.
@@ -140,9 +142,9 @@ impl<const N: usize> Series<N> {
     /// Interpolation of angles in radians, the shorter way round.
     #[must_use]
     pub fn interpolate_angles(&self, t_s: f64, max_gap_s: f64) -> Option<[f32; N]> {
-        let (before, after, part) = self.surrounding_values(t_s, max_gap_s)?;
+        let (before, after, weight) = self.surrounding_values(t_s, max_gap_s)?;
         Some(std::array::from_fn(|i| {
-            wrap_pi(before.row_values[i] + part as f32 * wrap_pi(after.row_values[i] - before.row_values[i]))
+            wrap_pi(before.row_values[i] + weight as f32 * wrap_pi(after.row_values[i] - before.row_values[i]))
         }))
     }
 
@@ -150,8 +152,8 @@ impl<const N: usize> Series<N> {
     #[must_use]
     pub fn median_step_s(&self) -> Option<f64> {
         let mut steps_s: Vec<f64> = self.rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
-        let middle = steps_s.len() / 2;
-        (!steps_s.is_empty()).then(|| *steps_s.select_nth_unstable_by(middle, f64::total_cmp).1)
+        let middle_index = steps_s.len() / 2;
+        (!steps_s.is_empty()).then(|| *steps_s.select_nth_unstable_by(middle_index, f64::total_cmp).1)
     }
 }
 
@@ -205,8 +207,8 @@ mod tests {
     #[test]
     fn memory_is_bounded_and_retained_rows_are_evenly_spaced() {
         let mut series = Series::new();
-        let number = 3 * MAX_ROWS;
-        for i in 0..number {
+        let row_count = 3 * MAX_ROWS;
+        for i in 0..row_count {
             series.push_row(i as f64 * 0.01, [0.0]);
         }
         assert!(series.rows().len() <= MAX_ROWS && series.rows().len() > MAX_ROWS / 2, "{}", series.rows().len());

@@ -25,41 +25,42 @@ pub struct Timeline {
 
 impl Timeline {
     /// Time of a stamp, seconds; none if the stamp is rejected.
-    pub fn flight_time_s(&mut self, us: u64) -> Option<f64> {
-        if us > MAX_CLOCK_US {
+    pub fn flight_time_s(&mut self, clock_us: u64) -> Option<f64> {
+        if clock_us > MAX_CLOCK_US {
             self.rejected_count += 1;
             return None;
         }
         let Some(newest_us) = self.newest_us else {
-            self.newest_us = Some(us);
-            return Some(seconds_from_us(us));
+            self.newest_us = Some(clock_us);
+            return Some(seconds_from_us(clock_us));
         };
         let is_near = |of_us: u64| {
-            us.saturating_add(MAX_REORDERING_US) >= of_us && us <= of_us.saturating_add(MAX_UNCONFIRMED_STEP_US)
+            clock_us.saturating_add(MAX_REORDERING_US) >= of_us
+                && clock_us <= of_us.saturating_add(MAX_UNCONFIRMED_STEP_US)
         };
         if is_near(newest_us) {
-            self.newest_us = Some(newest_us.max(us));
+            self.newest_us = Some(newest_us.max(clock_us));
             self.unconfirmed_us = None;
         } else if self.unconfirmed_us.is_some_and(is_near) {
             self.unconfirmed_us = None;
             // The pending time stamp was counted as rejected, but the present one confirms it.
             self.rejected_count -= 1;
-            if us < newest_us {
+            if clock_us < newest_us {
                 self.restarts += 1;
-                self.offset_s += seconds_from_us(newest_us) - seconds_from_us(us) + RESTART_GAP_S;
+                self.offset_s += seconds_from_us(newest_us) - seconds_from_us(clock_us) + RESTART_GAP_S;
             }
-            self.newest_us = Some(us);
+            self.newest_us = Some(clock_us);
         } else {
-            self.unconfirmed_us = Some(us);
+            self.unconfirmed_us = Some(clock_us);
             self.rejected_count += 1;
             return None;
         }
-        Some(seconds_from_us(us) + self.offset_s)
+        Some(seconds_from_us(clock_us) + self.offset_s)
     }
 
     #[must_use]
     pub fn newest_s(&self) -> f64 {
-        self.newest_us.map_or(0.0, |us| seconds_from_us(us) + self.offset_s)
+        self.newest_us.map_or(0.0, |clock_us| seconds_from_us(clock_us) + self.offset_s)
     }
 
     #[must_use]
@@ -86,14 +87,14 @@ fn seconds_from_us(us: u64) -> f64 {
 mod tests {
     use super::*;
 
-    fn placed(stamps_s: &[f64]) -> (Vec<Option<f64>>, Timeline) {
+    fn placed_times(stamps_s: &[f64]) -> (Vec<Option<f64>>, Timeline) {
         let mut line = Timeline::default();
-        (stamps_s.iter().map(|s| line.flight_time_s((s * 1e6) as u64)).collect(), line)
+        (stamps_s.iter().map(|stamp_s| line.flight_time_s((stamp_s * 1e6) as u64)).collect(), line)
     }
 
     #[test]
     fn time_is_the_log_s_clock_and_small_disorder_is_kept() {
-        let (placed, line) = placed(&[100.0, 101.0, 100.5, 98.1, 130.0]);
+        let (placed, line) = placed_times(&[100.0, 101.0, 100.5, 98.1, 130.0]);
         for (at_s, expected) in placed.iter().zip([100.0, 101.0, 100.5, 98.1, 130.0]) {
             assert!((at_s.unwrap() - expected).abs() < 1e-9, "{placed:?}");
         }
@@ -103,7 +104,7 @@ mod tests {
     #[test]
     fn a_single_implausible_stamp_is_dropped() {
         for wrong_s in [5.0, 1e6, 1e12] {
-            let (placed, line) = placed(&[100.0, 101.0, wrong_s, 101.1, 101.2]);
+            let (placed, line) = placed_times(&[100.0, 101.0, wrong_s, 101.1, 101.2]);
             assert_eq!(placed[2], None);
             assert!((placed[4].unwrap() - 101.2).abs() < 1e-9, "{placed:?}");
             assert_eq!((line.restart_count(), line.rejected_count()), (0, 1));
@@ -112,7 +113,7 @@ mod tests {
 
     #[test]
     fn time_continues_ten_seconds_after_a_restart() {
-        let (placed, line) = placed(&[100.0, 120.0, 120.1, 5.0, 5.1, 5.2]);
+        let (placed, line) = placed_times(&[100.0, 120.0, 120.1, 5.0, 5.1, 5.2]);
         assert_eq!(line.restart_count(), 1);
         assert_eq!(placed[3], None, "one stamp alone is no restart");
         assert!((placed[4].unwrap() - 130.1).abs() < 1e-9 && (placed[5].unwrap() - 130.2).abs() < 1e-9, "{placed:?}");
@@ -120,7 +121,7 @@ mod tests {
 
     #[test]
     fn a_pause_of_minutes_is_kept_as_a_pause() {
-        let (placed, line) = placed(&[100.0, 500.0, 500.1, 500.2]);
+        let (placed, line) = placed_times(&[100.0, 500.0, 500.1, 500.2]);
         assert_eq!(placed[1], None);
         assert!((placed[3].unwrap() - 500.2).abs() < 1e-9, "{placed:?}");
         assert_eq!(

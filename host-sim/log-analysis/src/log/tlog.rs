@@ -29,23 +29,27 @@ const GAUSS_UT: f32 = 100.0;
 
 const MAX_START_SEARCH_BYTES: usize = 4096;
 
-pub fn matches_header(head: &[u8]) -> bool {
-    find_clock_length(head).is_some()
+pub fn matches_header(first_bytes: &[u8]) -> bool {
+    find_clock_length(first_bytes).is_some()
 }
 
 /// Length of the clock before every frame, bytes; none without a valid frame. Two consecutive frames are required,
 /// since the end of the previous frame can look like a clock.
-fn find_clock_length(head: &[u8]) -> Option<usize> {
-    let right = |at: usize, clock: usize| {
-        LogFrame::parse_first_frame(head.get(at..)?, clock).filter(|frame| frame.is_checksum_valid)
+fn find_clock_length(first_bytes: &[u8]) -> Option<usize> {
+    let valid_frame = |offset: usize, clock: usize| {
+        LogFrame::parse_first_frame(first_bytes.get(offset..)?, clock).filter(|frame| frame.is_checksum_valid)
     };
-    let is_chain =
-        |at: usize, clock: usize| right(at, clock).is_some_and(|one| right(at + one.total_len, clock).is_some());
-    let begins =
-        || (0..head.len().min(MAX_START_SEARCH_BYTES)).flat_map(|at| [CLOCK_LENGTH, 0].map(|clock| (at, clock)));
-    let chain = begins().find(|&(at, clock)| is_chain(at, clock)).map(|(_, clock)| clock);
+    let is_chain = |offset: usize, clock: usize| {
+        valid_frame(offset, clock)
+            .is_some_and(|first_frame| valid_frame(offset + first_frame.total_len, clock).is_some())
+    };
+    let begins = || {
+        (0..first_bytes.len().min(MAX_START_SEARCH_BYTES))
+            .flat_map(|offset| [CLOCK_LENGTH, 0].map(|clock| (offset, clock)))
+    };
+    let chain = begins().find(|&(offset, clock)| is_chain(offset, clock)).map(|(_, clock)| clock);
     // A log that ends after its first frame is accepted only if a receiver's clock precedes the frame.
-    chain.or_else(|| begins().any(|(at, _)| right(at, CLOCK_LENGTH).is_some()).then_some(CLOCK_LENGTH))
+    chain.or_else(|| begins().any(|(offset, _)| valid_frame(offset, CLOCK_LENGTH).is_some()).then_some(CLOCK_LENGTH))
 }
 
 /// Reads the flight of a system, or of the first autopilot received.
@@ -102,16 +106,16 @@ impl<'a> LogFrame<'a> {
             }
             _ => return None,
         };
-        let end = header + usize::from(*frame.get(1)?);
-        let [low, high] = *frame.get(end..end + CHECKSUM_LENGTH)? else { return None };
+        let payload_end = header + usize::from(*frame.get(1)?);
+        let [low, high] = *frame.get(payload_end..payload_end + CHECKSUM_LENGTH)? else { return None };
         let extra_crc = if id == SIMSTATE.0 { SIMSTATE.1 } else { MavMessage::extra_crc(id) };
-        let is_right = calculate_crc(frame.get(1..end)?, extra_crc) == u16::from_le_bytes([low, high]);
-        let frame_len = clock + end + CHECKSUM_LENGTH + if has_signature { SIGNATURE_LENGTH } else { 0 };
+        let is_right = calculate_crc(frame.get(1..payload_end)?, extra_crc) == u16::from_le_bytes([low, high]);
+        let frame_len = clock + payload_end + CHECKSUM_LENGTH + if has_signature { SIGNATURE_LENGTH } else { 0 };
         // An unknown message, or one whose definition has changed, fails its checksum. If another frame follows, the
         // frame is skipped whole and its content ignored.
         let is_followed = || bytes.get(frame_len + clock).is_none_or(|marker| matches!(marker, 0xFE | 0xFD));
         let received_us = received.first_chunk().map_or(0, |clock| u64::from_be_bytes(*clock));
-        let payload = &frame[header..end];
+        let payload = &frame[header..payload_end];
         (is_right || is_followed()).then_some(Self {
             received_us,
             version,
@@ -131,7 +135,7 @@ fn autopilot_of_heartbeat(frame: &LogFrame<'_>) -> Option<u8> {
     const INVALID_AUTOPILOT: u8 = 8;
     // MAV_TYPE: ground station, onboard controller, gimbal, ADS-B, camera. Some report a generic autopilot.
     const NON_VEHICLE_TYPES: [u8; 5] = [6, 18, 26, 27, 30];
-    let byte = |at: usize| frame.payload.get(at).copied().unwrap_or(0);
+    let byte = |payload_index: usize| frame.payload.get(payload_index).copied().unwrap_or(0);
     let is_one = frame.id == HEARTBEAT
         && frame.is_checksum_valid
         && byte(5) != INVALID_AUTOPILOT
@@ -151,11 +155,11 @@ struct TlogReader {
 }
 
 impl TlogReader {
-    fn new(wanted: Option<u8>) -> Self {
+    fn new(requested_system: Option<u8>) -> Self {
         let recorder = FlightBuilder::new(LogFormat::TLog);
         Self {
             builder: recorder,
-            requested_system: wanted,
+            requested_system,
             autopilot: None,
             other_systems: Vec::new(),
             other_components: Vec::new(),
@@ -166,7 +170,7 @@ impl TlogReader {
     fn record_frame(&mut self, frame: &LogFrame<'_>) {
         let [system, _] = frame.sender;
         if self.autopilot.is_some_and(|selected| selected != frame.sender)
-            || self.requested_system.is_some_and(|wanted| wanted != system)
+            || self.requested_system.is_some_and(|requested| requested != system)
         {
             self.builder.flight.skipped_counts.others += 1;
             self.record_other_vehicle(frame, autopilot_of_heartbeat(frame));
@@ -177,8 +181,8 @@ impl TlogReader {
         } else if self.autopilot.is_none() {
             // Ignored until the first heartbeat (1 Hz) identifies the autopilot.
         } else if frame.id == SIMSTATE.0 {
-            let float = |at: usize| {
-                let bytes = [0, 1, 2, 3].map(|byte| frame.payload.get(at + byte).copied().unwrap_or(0));
+            let float = |payload_index: usize| {
+                let bytes = [0, 1, 2, 3].map(|byte| frame.payload.get(payload_index + byte).copied().unwrap_or(0));
                 f32::from_le_bytes(bytes)
             };
             if let Some(t_s) = self.time_by_receiver(frame) {
@@ -210,7 +214,7 @@ impl TlogReader {
         const ARMED_FLAG: u8 = 0x80;
         // MAV_TYPE: quadrotor, coaxial, helicopter, hexa-, octo-, tri-, dodeca-, decarotor.
         const ROTORCRAFT_TYPES: [u8; 8] = [2, 3, 4, 13, 14, 15, 29, 35];
-        let byte = |at: usize| frame.payload.get(at).copied().unwrap_or(0);
+        let byte = |payload_index: usize| frame.payload.get(payload_index).copied().unwrap_or(0);
         let mode = byte(6);
         let Some(autopilot) = autopilot_of_heartbeat(frame) else { return };
         if self.autopilot.is_none() {
@@ -228,7 +232,7 @@ impl TlogReader {
     }
 
     fn finish_flight(mut self) -> Flight {
-        let id_part = |part: usize| self.autopilot.map(|sender| sender[part]).into_iter();
+        let id_part = |id_index: usize| self.autopilot.map(|sender| sender[id_index]).into_iter();
         self.builder.flight.autopilot_systems = id_part(0).chain(self.other_systems.iter().copied()).collect();
         self.builder.flight.autopilot_components = id_part(1).chain(self.other_components.iter().copied()).collect();
         self.builder.finish_flight()
@@ -286,46 +290,46 @@ impl TlogReader {
                 }
             }
             MavMessage::STATUSTEXT(m) => {
-                if let Ok(words) = m.text.to_str()
-                    && ["Ardu", "APM", "PX4"].iter().any(|begin| words.starts_with(begin))
+                if let Ok(text) = m.text.to_str()
+                    && ["Ardu", "APM", "PX4"].iter().any(|prefix| text.starts_with(prefix))
                 {
-                    self.builder.set_firmware(words);
+                    self.builder.set_firmware(text);
                 }
             }
             _ => {}
         }
     }
 
-    const fn field_processing(&self, number: u8) -> FieldProcessing {
+    const fn field_processing(&self, compass_number: u8) -> FieldProcessing {
         match self.builder.flight.autopilot {
             Autopilot::ArduPilot => FieldProcessing::ArduPilot,
-            Autopilot::Px4 => FieldProcessing::Px4(number - 1),
+            Autopilot::Px4 => FieldProcessing::Px4(compass_number - 1),
             Autopilot::Unknown => FieldProcessing::BodyRaw,
         }
     }
 
     /// Adds a field in milligauss.
-    fn record_field(&mut self, frame: &LogFrame<'_>, number: u8, us: u64, field: [i16; 3]) {
+    fn record_field(&mut self, frame: &LogFrame<'_>, compass_number: u8, time_us: u64, field: [i16; 3]) {
         // An absent compass is sent as zero.
         if field == [0; 3] {
             return;
         }
-        if let Some(t_s) = self.time_by_sender(frame, us) {
+        if let Some(t_s) = self.time_by_sender(frame, time_us) {
             let field_ut = field.map(|axis| f32::from(axis) * MILLIGAUSS_UT);
-            self.builder.push_field(number, self.field_processing(number), t_s, field_ut, None);
+            self.builder.push_field(compass_number, self.field_processing(compass_number), t_s, field_ut, None);
         }
     }
 
     /// Flight time of a message with the sender's clock. Some senders put Unix time in the field; then the receiver's
     /// clock is used.
-    fn time_by_sender(&mut self, frame: &LogFrame<'_>, us: u64) -> Option<f64> {
+    fn time_by_sender(&mut self, frame: &LogFrame<'_>, boot_us: u64) -> Option<f64> {
         /// Ten years: longer than any uptime, earlier than any Unix time after 1980.
         const MAX_BOOT_US: u64 = 315_000_000_000_000;
-        if us == 0 || us > MAX_BOOT_US {
+        if boot_us == 0 || boot_us > MAX_BOOT_US {
             return self.time_by_receiver(frame);
         }
-        let t_s = self.builder.timeline.flight_time_s(us)?;
-        self.last_clocks_us = Some((us, frame.received_us));
+        let t_s = self.builder.timeline.flight_time_s(boot_us)?;
+        self.last_clocks_us = Some((boot_us, frame.received_us));
         Some(t_s)
     }
 
@@ -353,16 +357,17 @@ const fn has_field_update(updated: u16) -> bool {
     updated == 0 || updated & FIELD_VALID_FLAGS != 0
 }
 
-fn gps_from_message(m: &mavlink::dialects::common::GPS_RAW_INT_DATA) -> Gps {
-    /// Unknown speed or course.
+fn gps_from_message(gps_message: &mavlink::dialects::common::GPS_RAW_INT_DATA) -> Gps {
+    /// Value of GPS_RAW_INT for an unknown speed or course.
     const UNKNOWN_SPEED_OR_COURSE: u16 = u16::MAX;
-    let hundredths = |number: u16| if number == UNKNOWN_SPEED_OR_COURSE { f32::NAN } else { f32::from(number) * 0.01 };
+    let hundredths =
+        |raw_value: u16| if raw_value == UNKNOWN_SPEED_OR_COURSE { f32::NAN } else { f32::from(raw_value) * 0.01 };
     Gps {
-        latitude_deg: (f64::from(m.lat) * 1e-7) as f32,
-        longitude_deg: (f64::from(m.lon) * 1e-7) as f32,
-        height_m: (f64::from(m.alt) * 1e-3) as f32,
-        speed_m_s: hundredths(m.vel),
-        course_deg: hundredths(m.cog),
+        latitude_deg: (f64::from(gps_message.lat) * 1e-7) as f32,
+        longitude_deg: (f64::from(gps_message.lon) * 1e-7) as f32,
+        height_m: (f64::from(gps_message.alt) * 1e-3) as f32,
+        speed_m_s: hundredths(gps_message.vel),
+        course_deg: hundredths(gps_message.cog),
         yaw_deg: f32::NAN,
     }
 }
@@ -377,13 +382,13 @@ mod tests {
         let decode_parameter = |autopilot, param_type, param_value| {
             parameter_value(autopilot, &PARAM_VALUE_DATA { param_type, param_value, ..Default::default() })
         };
-        let (whole, real) = (MavParamType::MAV_PARAM_TYPE_INT32, MavParamType::MAV_PARAM_TYPE_REAL32);
-        for number in [2, -1, 396_809] {
-            let decoded = decode_parameter(Autopilot::Px4, whole, f32::from_bits(i32::cast_unsigned(number)));
-            assert!((decoded - f64::from(number)).abs() < 1e-9, "{number}: {decoded}");
+        let (integer_type, float_type) = (MavParamType::MAV_PARAM_TYPE_INT32, MavParamType::MAV_PARAM_TYPE_REAL32);
+        for value in [2, -1, 396_809] {
+            let decoded = decode_parameter(Autopilot::Px4, integer_type, f32::from_bits(i32::cast_unsigned(value)));
+            assert!((decoded - f64::from(value)).abs() < 1e-9, "{value}: {decoded}");
         }
-        assert!((decode_parameter(Autopilot::Px4, real, 0.5) - 0.5).abs() < 1e-9);
-        assert!((decode_parameter(Autopilot::ArduPilot, whole, 6.0) - 6.0).abs() < 1e-9);
+        assert!((decode_parameter(Autopilot::Px4, float_type, 0.5) - 0.5).abs() < 1e-9);
+        assert!((decode_parameter(Autopilot::ArduPilot, integer_type, 6.0) - 6.0).abs() < 1e-9);
     }
 
     /// A repeated field with a new acceleration would be dated too late.

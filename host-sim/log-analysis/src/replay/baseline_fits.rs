@@ -26,13 +26,13 @@ pub fn fit_sphere(fields: &[Vector3<f64>]) -> Option<(FieldCorrection, f64)> {
 pub fn fit_ellipsoid(fields: &[Vector3<f64>]) -> Option<(FieldCorrection, f64)> {
     let (scaled, mean, scale) = normalised_points(fields)?;
     let matrix = DMatrix::from_fn(scaled.len(), 9, |row, column| {
-        let m = scaled[row];
+        let point = scaled[row];
         match column {
-            0..3 => m[column] * m[column],
-            3 => 2.0 * m.x * m.y,
-            4 => 2.0 * m.x * m.z,
-            5 => 2.0 * m.y * m.z,
-            _ => 2.0 * m[column - 6],
+            0..3 => point[column] * point[column],
+            3 => 2.0 * point.x * point.y,
+            4 => 2.0 * point.x * point.z,
+            5 => 2.0 * point.y * point.z,
+            _ => 2.0 * point[column - 6],
         }
     });
     let ones = DVector::repeat(scaled.len(), 1.0);
@@ -62,9 +62,9 @@ fn normalised_points(fields: &[Vector3<f64>]) -> Option<(Vec<Vector3<f64>>, Vect
     (scale > 1e-6).then(|| (fields.iter().map(|field| (field - mean) / scale).collect(), mean, scale))
 }
 
-fn solve_equations(matrix: &DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
+fn solve_equations(matrix: &DMatrix<f64>, right_side: &DVector<f64>) -> Option<DVector<f64>> {
     let normal = matrix.transpose() * matrix;
-    normal.cholesky().map(|cholesky| cholesky.solve(&(matrix.transpose() * right)))
+    normal.cholesky().map(|cholesky| cholesky.solve(&(matrix.transpose() * right_side)))
 }
 
 #[cfg(test)]
@@ -106,8 +106,8 @@ mod tests {
     fn too_few_or_degenerate_fields_give_no_fit() {
         assert!(fit_sphere(&fields(&Matrix3::identity(), Vector3::zeros())[..19]).is_none());
         assert!(fit_sphere(&vec![Vector3::new(1.0, 2.0, 3.0); 100]).is_none());
-        let level: Vec<_> =
+        let coplanar: Vec<_> =
             (0..100).map(|i| Vector3::new(libm::cos(f64::from(i)), libm::sin(f64::from(i)), 2.0)).collect();
-        assert!(fit_ellipsoid(&level).is_none());
+        assert!(fit_ellipsoid(&coplanar).is_none());
     }
 }

@@ -37,8 +37,8 @@ pub(super) fn excessive_rate_loss(flight: &Flight) -> Option<f64> {
     if !flight.has_heading_rates {
         return None;
     }
-    let (gaps, steps) = count_gaps(&flight.body_rates);
-    (gaps * MIN_STEPS_PER_GAP > steps).then(|| gaps as f64 / steps as f64)
+    let (gaps, step_count) = count_gaps(&flight.body_rates);
+    (gaps * MIN_STEPS_PER_GAP > step_count).then(|| gaps as f64 / step_count as f64)
 }
 
 fn count_gaps(series: &Series<3>) -> (usize, usize) {

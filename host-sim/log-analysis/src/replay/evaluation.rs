@@ -139,15 +139,18 @@ pub struct FlightEvaluation {
 /// Evaluates a flight.
 #[must_use]
 pub fn evaluate_flight(flight: &Flight, evaluation_options: &EvaluationOptions) -> FlightEvaluation {
-    let reference = evaluation_options
-        .reference_kind
-        .map_or_else(|| ReferenceHeading::best_reference(flight), |kind| ReferenceHeading::of_kind(flight, kind));
+    let reference = evaluation_options.reference_kind.map_or_else(
+        || ReferenceHeading::best_reference(flight),
+        |reference_kind| ReferenceHeading::of_kind(flight, reference_kind),
+    );
     let earth = earth_of_flight(flight);
     let earth_ut = earth.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
     let compasses: Vec<&Compass> = flight
         .compasses
         .iter()
-        .filter(|compass| evaluation_options.compass_number.is_none_or(|number| compass.compass_number == number))
+        .filter(|compass| {
+            evaluation_options.compass_number.is_none_or(|compass_number| compass.compass_number == compass_number)
+        })
         .collect();
     let configured_latency = |used_s: f64| FieldLatency { used_s, sigma_s: None };
     let mut ages: Vec<FieldLatency> = compasses
@@ -190,14 +193,14 @@ struct SharedInputs<'a> {
 impl SharedInputs<'_> {
     /// Rows of a compass; those outside the window are not usable.
     fn replay_rows(&self, compass: &Compass, age: FieldLatency) -> (Vec<ReplayRow>, RowCounts) {
-        let (mut rows, mut counted) = build_rows(self.flight, compass, age.used_s, self.reference);
+        let (mut rows, mut row_counts) = build_rows(self.flight, compass, age.used_s, self.reference);
         let [from_s, to_s] = self.window_s;
         for row in rows.iter_mut().filter(|row| row.is_usable && !(from_s..=to_s).contains(&row.t_s)) {
             row.is_usable = false;
-            counted.used -= 1;
-            counted.kept_out += 1;
+            row_counts.used -= 1;
+            row_counts.kept_out += 1;
         }
-        (rows, counted)
+        (rows, row_counts)
     }
 }
 
@@ -208,7 +211,7 @@ fn evaluate_compass(
     options: &ReplayOptions,
 ) -> CompassEvaluation {
     let &SharedInputs { flight, earth_ut, .. } = context;
-    let (rows, counted) = context.replay_rows(compass, age);
+    let (rows, row_counts) = context.replay_rows(compass, age);
     let module = replay_with(&rows, Some(flight), options);
     let all_rows = if options.row_selection == RowSelection::All {
         module.clone()
@@ -218,7 +221,7 @@ fn evaluate_compass(
     let without_current_deg = without_current_deg(&rows, flight, &module, options);
     let fields: Vec<Vector3<f64>> =
         rows.iter().filter(|row| row.is_usable).map(|row| row.raw_field.ut.map(f64::from)).collect();
-    let scored = |correction_source, iron: Option<FieldCorrection>| ScoredCorrection {
+    let score_iron = |correction_source, iron: Option<FieldCorrection>| ScoredCorrection {
         correction_source,
         correction: iron,
         score: iron.and_then(|iron| score_correction(&rows, &iron)),
@@ -228,21 +231,22 @@ fn evaluate_compass(
         correction: compass.correction,
         score: score_rows(&rows, |row| Some((heading_deg(row, row.logged_field.ut.map(f64::from)), f64::NAN))),
     };
-    let mut corrections = vec![scored(CorrectionSource::Uncorrected, Some(FieldCorrection::identity()))];
+    let mut corrections = vec![score_iron(CorrectionSource::Uncorrected, Some(FieldCorrection::identity()))];
     corrections.extend(compass.correction.is_some().then_some(logged));
-    corrections.push(scored(CorrectionSource::Sphere, baseline_fits::fit_sphere(&fields).map(|(iron, _)| iron)));
-    corrections.push(scored(CorrectionSource::Ellipsoid, baseline_fits::fit_ellipsoid(&fields).map(|(iron, _)| iron)));
-    let solved = |correction_source, replayed: &ReplayResult| ScoredCorrection {
+    corrections.push(score_iron(CorrectionSource::Sphere, baseline_fits::fit_sphere(&fields).map(|(iron, _)| iron)));
+    corrections
+        .push(score_iron(CorrectionSource::Ellipsoid, baseline_fits::fit_ellipsoid(&fields).map(|(iron, _)| iron)));
+    let score_result = |correction_source, replay_result: &ReplayResult| ScoredCorrection {
         correction_source,
-        correction: replayed.solution.as_ref().map(solved_correction),
-        score: replayed.score,
+        correction: replay_result.solution.as_ref().map(solved_correction),
+        score: replay_result.score,
     };
-    corrections.push(solved(CorrectionSource::Module, &module));
+    corrections.push(score_result(CorrectionSource::Module, &module));
     if options.row_selection != RowSelection::All {
-        corrections.push(solved(CorrectionSource::ModuleAllRows, &all_rows));
+        corrections.push(score_result(CorrectionSource::ModuleAllRows, &all_rows));
     }
     let sphere = baseline_fits::fit_sphere(&fields);
-    let radius_ut = sphere.map(|(_, radius_ut)| radius_ut).filter(|_| is_turned(&fields));
+    let radius_ut = sphere.map(|(_, radius_ut)| radius_ut).filter(|_| has_field_turned(&fields));
     let initial = [&all_rows, &module].into_iter().find_map(|result| result.solution.as_ref().map(solved_correction));
     let initial = initial.or(sphere.map(|(iron, _)| iron));
     let total_ut = earth_ut.or(radius_ut).unwrap_or(f64::INFINITY);
@@ -257,7 +261,7 @@ fn evaluate_compass(
         is_used_for_heading: is_used,
         latency: age,
         rows,
-        row_counts: counted,
+        row_counts,
         reading_interval_s,
         module_result: module,
         all_rows_result: all_rows,
@@ -270,7 +274,7 @@ fn evaluate_compass(
 }
 
 /// Whether the field turned by a quarter of its magnitude on some axis; at rest a sphere fit shows only sensor noise.
-fn is_turned(fields: &[Vector3<f64>]) -> bool {
+fn has_field_turned(fields: &[Vector3<f64>]) -> bool {
     const MIN_FIELD_TURN: f64 = 0.25;
     let mean = fields.iter().sum::<Vector3<f64>>() / fields.len().max(1) as f64;
     (0..3).any(|axis| {
@@ -316,9 +320,11 @@ fn flight_position(flight: &Flight) -> Option<Position> {
 fn earth_of_flight(flight: &Flight) -> Option<(EarthField, bool)> {
     /// 2025-01-01, the model's first day.
     const MODEL_BEGINS_UNIX_S: u64 = 1_735_689_600;
-    let place = flight_position(flight)?;
-    let now = flight.flight_date.and_then(|day| EarthField::from_model(place, day)).map(|field| (field, true));
-    now.or_else(|| EarthField::from_model(place, Date::from_unix_s(MODEL_BEGINS_UNIX_S)?).map(|field| (field, false)))
+    let position = flight_position(flight)?;
+    let now = flight.flight_date.and_then(|day| EarthField::from_model(position, day)).map(|field| (field, true));
+    now.or_else(|| {
+        EarthField::from_model(position, Date::from_unix_s(MODEL_BEGINS_UNIX_S)?).map(|field| (field, false))
+    })
 }
 
 impl CompassEvaluation {
@@ -360,16 +366,16 @@ mod tests {
     #[test]
     fn the_field_model_is_evaluated_at_the_middle_of_the_flight() {
         let day = |unix_s: u64| Date::from_unix_s(unix_s).unwrap();
-        let place = Position::new(30.0, 11.3, 500.0).unwrap();
+        let middle_position = Position::new(30.0, 11.3, 500.0).unwrap();
         let (of_2026, first) = (day(1_767_484_800), day(1_735_689_600));
-        for (on, expected, is_valid) in
+        for (day, expected, is_valid) in
             [(Some(of_2026), of_2026, true), (None, first, false), (Some(day(1_640_995_200)), first, false)]
         {
-            let expected = EarthField::from_model(place, expected).unwrap();
-            let (found, is) = earth_of_flight(&flight_to_north(on)).unwrap();
-            assert_eq!(is, is_valid);
+            let expected = EarthField::from_model(middle_position, expected).unwrap();
+            let (earth_field, is_model_valid) = earth_of_flight(&flight_to_north(day)).unwrap();
+            assert_eq!(is_model_valid, is_valid);
             let numbers = |field: EarthField| [field.total_ut, field.inclination_deg].map(f32::to_bits);
-            assert_eq!(numbers(found), numbers(expected));
+            assert_eq!(numbers(earth_field), numbers(expected));
         }
         assert!(earth_of_flight(&Flight::new(LogFormat::Csv)).is_none());
     }

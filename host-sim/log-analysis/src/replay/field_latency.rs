@@ -35,21 +35,23 @@ pub struct FieldLatency {
 /// Estimates a compass's latency; the format's default if the flight does not show it.
 #[must_use]
 pub fn estimate_latency(flight: &Flight, compass: &Compass) -> FieldLatency {
-    let usual = FieldLatency { used_s: flight.log_format.default_field_latency_s(), sigma_s: None };
-    let mut age_s = usual.used_s;
-    let mut known = None;
+    let default_latency = FieldLatency { used_s: flight.log_format.default_field_latency_s(), sigma_s: None };
+    let mut age_s = default_latency.used_s;
+    let mut last_estimate = None;
     for _ in 0..MAX_ITERATIONS {
         let (rows, _) = build_rows(flight, compass, age_s, None);
-        let Some(latency) = solve_all_rows(&rows).and_then(|solution| solution.quality.latency) else { return usual };
+        let Some(latency) = solve_all_rows(&rows).and_then(|solution| solution.quality.latency) else {
+            return default_latency;
+        };
         let (left_s, sigma_s) = (f64::from(latency.estimate_s), f64::from(latency.sigma_s));
         // The matching attitude is `left_s` later than assumed, so the latency is smaller by that time.
         age_s = (age_s - left_s).clamp(MIN_LATENCY_S, MAX_LATENCY_S);
-        known = Some(sigma_s);
+        last_estimate = Some(sigma_s);
         if left_s.abs() < CONVERGED_SHIFT_S {
             break;
         }
     }
-    known.and_then(|sigma_s| accept_estimate(age_s, sigma_s)).unwrap_or(usual)
+    last_estimate.and_then(|sigma_s| accept_estimate(age_s, sigma_s)).unwrap_or(default_latency)
 }
 
 /// The estimate, if precise and not at a bound of the search.
@@ -60,12 +62,12 @@ fn accept_estimate(age_s: f64, sigma_s: f64) -> Option<FieldLatency> {
 
 /// Gives compasses without an estimate the weighted mean of the others, since one logger wrote all.
 pub fn fill_in_missing_latencies(ages: &mut [FieldLatency]) {
-    let known: Vec<(f64, f64)> = ages.iter().filter_map(|age| Some((age.used_s, age.sigma_s?))).collect();
-    let weight: f64 = known.iter().map(|(_, sigma_s)| square(*sigma_s).recip()).sum();
-    if known.is_empty() || !weight.is_finite() {
+    let estimates: Vec<(f64, f64)> = ages.iter().filter_map(|age| Some((age.used_s, age.sigma_s?))).collect();
+    let weight: f64 = estimates.iter().map(|(_, sigma_s)| square(*sigma_s).recip()).sum();
+    if estimates.is_empty() || !weight.is_finite() {
         return;
     }
-    let mean_s = known.iter().map(|(age_s, sigma_s)| age_s * square(*sigma_s).recip()).sum::<f64>() / weight;
+    let mean_s = estimates.iter().map(|(age_s, sigma_s)| age_s * square(*sigma_s).recip()).sum::<f64>() / weight;
     for age in ages.iter_mut().filter(|age| age.sigma_s.is_none()) {
         age.used_s = mean_s;
     }
@@ -96,9 +98,9 @@ mod tests {
         fill_in_missing_latencies(&mut ages);
         assert!((ages[1].used_s - (9.0 * 0.05 + 0.09) / 10.0).abs() < 1e-9 && ages[1].sigma_s.is_none(), "{ages:?}");
         assert_eq!([ages[0], ages[2]], [latency(0.05, Some(0.001)), latency(0.09, Some(0.003))]);
-        let mut usual = [latency(0.02, None); 2];
-        fill_in_missing_latencies(&mut usual);
-        assert_eq!(usual, [latency(0.02, None); 2]);
+        let mut default_latencies = [latency(0.02, None); 2];
+        fill_in_missing_latencies(&mut default_latencies);
+        assert_eq!(default_latencies, [latency(0.02, None); 2]);
     }
 
     /// The first linearisation is off, so several iterations are needed.

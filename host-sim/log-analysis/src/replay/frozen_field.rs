@@ -31,13 +31,15 @@ pub(super) struct FrozenInterval {
 
 /// Intervals with a frozen field or axis while the aircraft moves.
 pub(super) fn frozen_intervals(rows: &[ReplayRow]) -> Vec<FrozenInterval> {
-    let whole = rows.chunk_by(|previous, next| previous.raw_field.ut == next.raw_field.ut).filter_map(frozen_interval);
-    let mut found: Vec<FrozenInterval> =
-        whole.map(|interval_s| FrozenInterval { interval_s, stuck_axis: None }).collect();
+    let frozen_fields =
+        rows.chunk_by(|previous, next| previous.raw_field.ut == next.raw_field.ut).filter_map(frozen_interval);
+    let mut intervals: Vec<FrozenInterval> =
+        frozen_fields.map(|interval_s| FrozenInterval { interval_s, stuck_axis: None }).collect();
     for (axis, name) in ['x', 'y', 'z'].into_iter().enumerate() {
-        found.extend(stuck_axis(rows, axis).map(|interval_s| FrozenInterval { interval_s, stuck_axis: Some(name) }));
+        intervals
+            .extend(stuck_axis(rows, axis).map(|interval_s| FrozenInterval { interval_s, stuck_axis: Some(name) }));
     }
-    found
+    intervals
 }
 
 fn range_of_values(rows: &[ReplayRow], value_of: impl Fn(&ReplayRow) -> f32) -> f32 {
@@ -45,33 +47,34 @@ fn range_of_values(rows: &[ReplayRow], value_of: impl Fn(&ReplayRow) -> f32) -> 
     values().fold(f32::MIN, f32::max) - values().fold(f32::MAX, f32::min)
 }
 
-fn frozen_interval(run: &[ReplayRow]) -> Option<[f64; 2]> {
-    let [from_s, to_s] = [run.first()?.t_s, run.last()?.t_s];
-    let moves = range_of_values(run, |row| row.attitude.roll_rad)
-        .max(range_of_values(run, |row| row.attitude.pitch_rad))
+fn frozen_interval(equal_rows: &[ReplayRow]) -> Option<[f64; 2]> {
+    let [from_s, to_s] = [equal_rows.first()?.t_s, equal_rows.last()?.t_s];
+    let moves = range_of_values(equal_rows, |row| row.attitude.roll_rad)
+        .max(range_of_values(equal_rows, |row| row.attitude.pitch_rad))
         > MIN_TILT_CHANGE_RAD;
-    let logged_s: f64 = run.windows(2).map(|pair| (pair[1].t_s - pair[0].t_s).min(MAX_STEP_S)).sum();
+    let logged_s: f64 = equal_rows.windows(2).map(|pair| (pair[1].t_s - pair[0].t_s).min(MAX_STEP_S)).sum();
     (logged_s > MIN_FROZEN_S && moves).then_some([from_s, to_s])
 }
 
 /// Intervals in which an axis is constant although the others show that the field turned.
 fn stuck_axis(rows: &[ReplayRow], axis: usize) -> impl Iterator<Item = [f64; 2]> + use<'_> {
-    let mut rest = rows;
+    let mut remaining = rows;
     std::iter::from_fn(move || {
-        let first = rest.first()?.raw_field.ut;
-        let (mut least, mut most, limit_ut) = (first[axis], first[axis], MAX_STUCK_AXIS_CHANGE * first.norm());
+        let first = remaining.first()?.raw_field.ut;
+        let (mut minimum, mut maximum, limit_ut) = (first[axis], first[axis], MAX_STUCK_AXIS_CHANGE * first.norm());
         let is_same = |row: &&ReplayRow| {
-            (least, most) = (least.min(row.raw_field.ut[axis]), most.max(row.raw_field.ut[axis]));
-            most - least <= limit_ut
+            (minimum, maximum) = (minimum.min(row.raw_field.ut[axis]), maximum.max(row.raw_field.ut[axis]));
+            maximum - minimum <= limit_ut
         };
-        let (run, later) = rest.split_at(rest.iter().take_while(is_same).count().max(1));
-        rest = later;
-        Some(run)
+        let (equal_rows, later) = remaining.split_at(remaining.iter().take_while(is_same).count().max(1));
+        remaining = later;
+        Some(equal_rows)
     })
-    .filter_map(move |run| {
-        let strength_ut = run.first()?.raw_field.ut.norm();
-        let others = [1, 2].map(|other| range_of_values(run, |row| row.raw_field.ut[(axis + other) % 3]));
-        frozen_interval(run).filter(|_| others[0].max(others[1]) > MIN_OTHER_AXES_CHANGE * strength_ut)
+    .filter_map(move |equal_rows| {
+        let strength_ut = equal_rows.first()?.raw_field.ut.norm();
+        let other_ranges = [1, 2].map(|other| range_of_values(equal_rows, |row| row.raw_field.ut[(axis + other) % 3]));
+        frozen_interval(equal_rows)
+            .filter(|_| other_ranges[0].max(other_ranges[1]) > MIN_OTHER_AXES_CHANGE * strength_ut)
     })
 }
 
@@ -85,12 +88,12 @@ mod tests {
     fn still(seconds: u16, roll_deg: f32, pitch_deg: f32) -> Vec<ReplayRow> {
         let last = seconds * 10;
         let row = |i: u16| {
-            let (part, field) = (f32::from(i) / f32::from(last), Field::from_ut(20.0, 0.0, 40.0));
+            let (fraction, field) = (f32::from(i) / f32::from(last), Field::from_ut(20.0, 0.0, 40.0));
             ReplayRow {
                 t_s: f64::from(i) / 10.0,
                 raw_field: field,
                 logged_field: field,
-                attitude: Attitude::from_deg(roll_deg * part, pitch_deg * part),
+                attitude: Attitude::from_deg(roll_deg * fraction, pitch_deg * fraction),
                 rates_rad_s: None,
                 current_a: None,
                 is_usable: true,
@@ -131,13 +134,13 @@ mod tests {
                 let ripple = if i % 2 == 0 { y_ut } else { 0.0 };
                 row.raw_field = Field::from_ut(20.0 * libm::cosf(heading), 7.0 + ripple, 40.0 + libm::sinf(heading));
             }
-            let found = frozen_intervals(&rows);
+            let intervals = frozen_intervals(&rows);
             let expected = if is_stuck {
                 vec![FrozenInterval { interval_s: [0.0, 30.0], stuck_axis: Some('y') }]
             } else {
                 Vec::new()
             };
-            assert_eq!(found, expected, "{y_ut}");
+            assert_eq!(intervals, expected, "{y_ut}");
         }
     }
 }

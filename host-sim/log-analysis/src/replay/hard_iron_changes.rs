@@ -47,10 +47,12 @@ pub fn find_changes(
     initial: &FieldCorrection,
     total_ut: f64,
 ) -> Vec<HardIronChange> {
-    let mut found = Vec::new();
-    search_changes(&ChangeSearch { flight, total_ut }, rows, initial, &mut found);
-    found.sort_by(|one, other| one.hard_iron_step.time_s.total_cmp(&other.hard_iron_step.time_s));
-    found
+    let mut changes = Vec::new();
+    search_changes(&ChangeSearch { flight, total_ut }, rows, initial, &mut changes);
+    changes.sort_by(|left_change, right_change| {
+        left_change.hard_iron_step.time_s.total_cmp(&right_change.hard_iron_step.time_s)
+    });
+    changes
 }
 
 struct ChangeSearch<'a> {
@@ -62,9 +64,9 @@ fn search_changes(
     search_of: &ChangeSearch<'_>,
     rows: &[ReplayRow],
     initial: &FieldCorrection,
-    found: &mut Vec<HardIronChange>,
+    changes: &mut Vec<HardIronChange>,
 ) {
-    if found.len() >= MAX_CHANGES {
+    if changes.len() >= MAX_CHANGES {
         return;
     }
     let Some(step) = find_step(rows, initial).filter(|step| step.size_ut() < search_of.total_ut) else { return };
@@ -75,17 +77,16 @@ fn search_changes(
     let solutions = split(&step).map(solve_all_rows);
     // The initial correction fits the rows neither before nor after the change; from a fit to one side, the estimated
     // step converges to its full size.
-    let best = solutions
-        .iter()
-        .flatten()
-        .min_by(|one, other| one.quality.expected_rms_deg.total_cmp(&other.quality.expected_rms_deg));
-    let step = best.and_then(|solution| find_step(rows, &solved_correction(solution))).unwrap_or(step);
+    let best_solution = solutions.iter().flatten().min_by(|left_solution, right_solution| {
+        left_solution.quality.expected_rms_deg.total_cmp(&right_solution.quality.expected_rms_deg)
+    });
+    let step = best_solution.and_then(|solution| find_step(rows, &solved_correction(solution))).unwrap_or(step);
     let parts = split(&step);
     let Some(bend_deg) = search_of.confirmed_heading_effect_deg(&step, parts, &solutions) else { return };
-    found.push(HardIronChange { hard_iron_step: step, heading_effect_deg: bend_deg });
+    changes.push(HardIronChange { hard_iron_step: step, heading_effect_deg: bend_deg });
     for (part, solution) in parts.into_iter().zip(&solutions) {
         if let Some(solution) = solution {
-            search_changes(search_of, part, &solved_correction(solution), found);
+            search_changes(search_of, part, &solved_correction(solution), changes);
         }
     }
 }
@@ -138,6 +139,6 @@ fn median_residual_ut(rows: &[ReplayRow], correction: &FieldCorrection, solution
     }))
 }
 
-fn is_confirmed_by(found: &Vector3<f64>, expected: &Vector3<f64>) -> bool {
-    (found - expected).norm() < MAX_DISAGREEMENT * expected.norm()
+fn is_confirmed_by(estimate: &Vector3<f64>, expected: &Vector3<f64>) -> bool {
+    (estimate - expected).norm() < MAX_DISAGREEMENT * expected.norm()
 }

@@ -102,8 +102,8 @@ impl LogWarning {
     /// All warnings about a log and its evaluation.
     #[must_use]
     pub fn warnings_of_flight(flight: &Flight, evaluation: &FlightEvaluation) -> Vec<Self> {
-        let mut notes = Vec::new();
-        let mut add_if = |applies: bool, note: Self| notes.extend(applies.then_some(note));
+        let mut warnings = Vec::new();
+        let mut add_if = |applies: bool, warning: Self| warnings.extend(applies.then_some(warning));
         let Flight { skipped_counts: counts, parameters, .. } = flight;
         let compasses = &evaluation.compasses;
         // Native formats define their units.
@@ -120,32 +120,36 @@ impl LogWarning {
         add_if(is_table && tilt_deg < 2.0, Self::SmallTilt(tilt_deg));
         let slowest_s = compasses.iter().map(|compass| compass.reading_interval_s).fold(0.0, f64::max);
         add_if(!is_monitored(slowest_s), Self::SlowField(1.0 / slowest_s));
-        notes.extend(data_loss::excessive_rate_loss(flight).map(|fraction| Self::RatesLost(fraction * 100.0)));
+        warnings.extend(data_loss::excessive_rate_loss(flight).map(|fraction| Self::RatesLost(fraction * 100.0)));
         for compass in compasses {
-            notes.extend(implausible_strength(evaluation, compass, is_table));
-            notes.extend(sensor_failure(flight, compass));
+            warnings.extend(implausible_strength(evaluation, compass, is_table));
+            warnings.extend(sensor_failure(flight, compass));
         }
         let oldest_s = compasses.iter().filter(|compass| compass.latency.sigma_s.is_some());
         let oldest_s = oldest_s.map(|compass| compass.latency.used_s).fold(f64::INFINITY, f64::min);
-        notes.extend((oldest_s < -LATE_ATTITUDE_S).then_some(Self::LateAttitude(-oldest_s * 1e3)));
-        notes.extend(mounting_changes(flight, evaluation));
-        notes.extend(
-            first_and_others(&flight.autopilot_components).map(|(own, others)| Self::OtherAutopilots(own, others)),
+        warnings.extend((oldest_s < -LATE_ATTITUDE_S).then_some(Self::LateAttitude(-oldest_s * 1e3)));
+        warnings.extend(mounting_changes(flight, evaluation));
+        warnings.extend(
+            first_and_others(&flight.autopilot_components)
+                .map(|(own_id, other_ids)| Self::OtherAutopilots(own_id, other_ids)),
         );
         let contradicted =
             |compass: &&CompassEvaluation| compass.row_counts.unsettled * 5 > compass.row_counts.readings;
-        notes.extend(compasses.iter().find(contradicted).map(|compass| {
+        warnings.extend(compasses.iter().find(contradicted).map(|compass| {
             Self::RatesContradicted(compass.row_counts.unsettled * 100 / compass.row_counts.readings.max(1))
         }));
-        notes.extend(first_and_others(&flight.autopilot_systems).map(|(own, others)| Self::OtherVehicles(own, others)));
-        let mut add_if = |applies: bool, note: Self| notes.extend(applies.then_some(note));
+        warnings.extend(
+            first_and_others(&flight.autopilot_systems)
+                .map(|(own_id, other_ids)| Self::OtherVehicles(own_id, other_ids)),
+        );
+        let mut add_if = |applies: bool, warning: Self| warnings.extend(applies.then_some(warning));
         add_if(counts.restarts > 0, Self::Restarts(counts.restarts));
-        for (number, items) in [
+        for (skipped_count, skipped_items) in [
             (counts.garbage, "bytes or lines that were not recognised"),
             (counts.bad_times, "messages with an invalid time"),
             (counts.unhealthy, "readings out of range, or marked unhealthy by the autopilot"),
         ] {
-            add_if(number > 0, Self::Skipped(number, items));
+            add_if(skipped_count > 0, Self::Skipped(skipped_count, skipped_items));
         }
         let is_ardupilot = flight.autopilot == Autopilot::ArduPilot;
         let compensation = parameters.last_value("COMPASS_MOTCT").map(f64::round);
@@ -163,7 +167,7 @@ impl LogWarning {
         let has_none = is_ardupilot && parameters.last_value("COMPASS_OFS_X").is_none() && missing.is_empty();
         add_if(!missing.is_empty(), Self::MissingParameters(missing));
         add_if(has_none, Self::NoParameters);
-        notes
+        warnings
     }
 }
 
@@ -178,7 +182,7 @@ fn mounting_changes(flight: &Flight, evaluation: &FlightEvaluation) -> Option<Lo
         evaluation.compasses.iter().flat_map(|compass| mounting_parameter_changes(flight, compass.compass_number));
     let mut changes: Vec<(String, f64)> = changes.collect();
     // The board's rotation affects every compass.
-    changes.sort_by(|(one, _), (other, _)| one.cmp(other));
+    changes.sort_by(|(left_name, _), (right_name, _)| left_name.cmp(right_name));
     changes.dedup();
     (!changes.is_empty()).then_some(LogWarning::MountingChanged(changes))
 }
@@ -214,8 +218,8 @@ fn implausible_strength(
     ]
     .into_iter()
     .find(|&(factor, _)| is_table && is_in(factor));
-    let other = if is_table { "another unit, or a poor sensor" } else { "a poor sensor, or little was flown" };
-    let cause = unit.map_or(other, |(_, unit)| unit);
+    let usual_cause = if is_table { "another unit, or a poor sensor" } else { "a poor sensor, or little was flown" };
+    let cause = unit.map_or(usual_cause, |(_, unit)| unit);
     Some(LogWarning::Strength { compass: compass.compass_number, found_ut, model_ut, cause })
 }
 
@@ -328,21 +332,22 @@ impl Serialize for LogWarning {
 
 /// Warning about a sensor that failed: its field ends, or freezes while the aircraft moves.
 pub(super) fn sensor_failure(flight: &Flight, compass: &CompassEvaluation) -> Option<LogWarning> {
-    let number = compass.compass_number;
+    let compass_number = compass.compass_number;
     if compass.row_counts.readings == 0 {
-        return Some(LogWarning::FieldMissing(number));
+        return Some(LogWarning::FieldMissing(compass_number));
     }
     let duration_s = |frozen: &FrozenInterval| frozen.interval_s[1] - frozen.interval_s[0];
-    let longest =
-        frozen_intervals(&compass.rows).into_iter().max_by(|one, other| duration_s(one).total_cmp(&duration_s(other)));
+    let longest = frozen_intervals(&compass.rows)
+        .into_iter()
+        .max_by(|left_interval, right_interval| duration_s(left_interval).total_cmp(&duration_s(right_interval)));
     if let Some(FrozenInterval { interval_s, stuck_axis: axis }) = longest {
-        return Some(LogWarning::FieldFrozen { compass: number, axis, interval_s });
+        return Some(LogWarning::FieldFrozen { compass: compass_number, axis, interval_s });
     }
-    let (last, end) = (compass.rows.last()?, flight.attitude.rows().last()?);
-    (end.t_s - last.t_s > frozen_field::MIN_FROZEN_S).then_some(LogWarning::FieldEnds {
-        compass: number,
-        at_s: last.t_s,
-        log_s: end.t_s,
+    let (last_field_row, last_attitude) = (compass.rows.last()?, flight.attitude.rows().last()?);
+    (last_attitude.t_s - last_field_row.t_s > frozen_field::MIN_FROZEN_S).then_some(LogWarning::FieldEnds {
+        compass: compass_number,
+        at_s: last_field_row.t_s,
+        log_s: last_attitude.t_s,
     })
 }
 
@@ -391,9 +396,9 @@ mod tests {
             (|flight| flight.battery_current = crate::log::time_series::Series::new(), "no current is logged"),
             (|flight| flight.parameters = crate::log::ParameterHistory::default(), "the parameters are not in the log"),
         ];
-        for (change, words) in cases {
-            let found = notes_after(change);
-            assert!(matches!(&found[..], [note] if note.contains(words)), "{words}: {found:?}");
+        for (change, expected_text) in cases {
+            let notes = notes_after(change);
+            assert!(matches!(&notes[..], [note] if note.contains(expected_text)), "{expected_text}: {notes:?}");
         }
     }
 }

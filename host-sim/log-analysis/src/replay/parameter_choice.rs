@@ -93,9 +93,9 @@ pub enum NoParameters {
 /// Quantity that residuals of a fit depend on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ResidualDependence {
-    /// Time.
+    /// The residuals depend on time.
     Time,
-    /// Bank.
+    /// The residuals depend on bank.
     Bank,
 }
 
@@ -111,8 +111,8 @@ pub fn choose_parameters(
     total_ut: Option<f64>,
     format: ParameterFormat,
 ) -> Result<ExportedCorrection, NoParameters> {
-    let fit = &evaluation.parameter_fit;
-    let rows: Vec<ReplayRow> = fit.fitted_rows(&evaluation.rows).copied().collect();
+    let parameter_fit = &evaluation.parameter_fit;
+    let rows: Vec<ReplayRow> = parameter_fit.fitted_rows(&evaluation.rows).copied().collect();
     if rows.len() < MIN_ROWS {
         return Err(NoParameters::FewRows(rows.len()));
     }
@@ -135,21 +135,21 @@ pub fn choose_parameters(
             held_back,
         })
     };
-    let mut candidates = fit.fit_variants.iter().filter_map(candidate);
-    let mut best =
+    let mut candidates = parameter_fit.fit_variants.iter().filter_map(candidate);
+    let mut best_candidate =
         candidates.next().ok_or_else(|| NoParameters::Unsolved { mount: contradicted_mount(evaluation, &rows) })?;
-    for other in candidates {
-        if is_motor_significant(&other.solution) && other.held_back.rms_deg < best.held_back.rms_deg {
-            best = other;
+    for candidate in candidates {
+        if is_motor_significant(&candidate.solution) && candidate.held_back.rms_deg < best_candidate.held_back.rms_deg {
+            best_candidate = candidate;
         }
     }
-    best.check_usefulness(sigma_deg)?;
-    let ParameterCandidate { mut exported, held_back, .. } = best;
+    best_candidate.check_usefulness(sigma_deg)?;
+    let ParameterCandidate { mut exported, held_back, .. } = best_candidate;
     if let Some(limit_mg) = exported.exceeded_offset_mg(flight, format) {
         return Err(NoParameters::OffsetsTooLarge { offset_mg: exported.largest_offset_mg(), limit_mg });
     }
     exported.held_back_score = Some(held_back);
-    exported.fitted_range_s = fit.fitted_range_s;
+    exported.fitted_range_s = parameter_fit.fitted_range_s;
     Ok(exported)
 }
 
@@ -186,18 +186,18 @@ impl ParameterCandidate {
     }
 }
 
-/// Mounting that the module found in place of the configured one, if it accepts a calibration with it; otherwise noise
-/// may have imitated a mounting.
+/// Mounting that the module found in place of the configured one, if it accepts a calibration with it: noise can
+/// imitate a mounting.
 fn contradicted_mount(evaluation: &CompassEvaluation, rows: &[ReplayRow]) -> Option<Orientation> {
     let Err(Refusal::Solve(SolveError::MountContradicted { found })) = evaluation.result_for_report().acceptance else {
         return None;
     };
     let body_from_sensor = found.body_from_sensor();
-    let turned: Vec<ReplayRow> = rows
+    let rotated_rows: Vec<ReplayRow> = rows
         .iter()
         .map(|row| ReplayRow { raw_field: Field::new(body_from_sensor * row.raw_field.ut), ..*row })
         .collect();
-    let (_, is_accepted) = solve_rows(&turned, &ReplayOptions::with_selection(RowSelection::All));
+    let (_, is_accepted) = solve_rows(&rotated_rows, &ReplayOptions::with_selection(RowSelection::All));
     is_accepted.then_some(found)
 }
 
@@ -264,8 +264,8 @@ fn heading_scatter(rows: &[ReplayRow], field: &dyn Fn(&ReplayRow) -> Vector3<f64
         .iter()
         .map(|row| {
             let field = field(row);
-            let down = row.down_in_body().dot(&field);
-            [field.norm(), libm::atan2(down, (field.norm_squared() - square(down)).max(0.0).sqrt())]
+            let vertical_ut = row.down_in_body().dot(&field);
+            [field.norm(), libm::atan2(vertical_ut, (field.norm_squared() - square(vertical_ut)).max(0.0).sqrt())]
         })
         .collect();
     let [strength, inclination_rad] = [0, 1].map(|i| median(polar.iter().map(|polar| polar[i])));
@@ -286,7 +286,7 @@ pub(super) fn is_mostly_lost(rms_deg: f64, lost_deg: f64) -> bool {
 }
 
 impl NoParameters {
-    /// Code for programs.
+    /// Stable code of the reason, for programs.
     #[must_use]
     pub const fn stable_code(&self) -> &'static str {
         match self {

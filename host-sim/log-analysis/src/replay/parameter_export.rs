@@ -113,38 +113,42 @@ impl ExportedCorrection {
 /// known.
 #[must_use]
 pub fn export_correction(
-    number: u8,
+    compass_number: u8,
     own_rows: &[ReplayRow],
     calibration: &Calibration,
     total_ut: Option<f64>,
     dialect: ParameterFormat,
 ) -> Option<ExportedCorrection> {
-    let w = calibration.w_matrix().map(f64::from);
+    let correction_matrix = calibration.w_matrix().map(f64::from);
     let b = calibration.b_vector_ut().map(f64::from);
-    let (turn, symmetric) = polar_decomposition(&w)?;
-    let turned = nearest_mounting(&turn);
-    let q = turned.rotation_matrix();
+    let (turn, symmetric) = polar_decomposition(&correction_matrix)?;
+    let mounting = nearest_mounting(&turn);
+    let mounting_matrix = mounting.rotation_matrix();
     let scale = total_ut.map_or(1.0, |total_ut| total_ut / f64::from(calibration.total_ut));
-    let rows: Vec<ReplayRow> = own_rows.iter().map(|row| row_in_rotated_axes(row, &q)).collect();
+    let rows: Vec<ReplayRow> = own_rows.iter().map(|row| row_in_rotated_axes(row, &mounting_matrix)).collect();
     let by_current_ut = Vector3::from(calibration.motor_current.ut_per_a).map(f64::from);
-    let full = FieldCorrection { matrix: w, hard_iron_ut: b, motor_ut_per_a: by_current_ut };
+    let full = FieldCorrection { matrix: correction_matrix, hard_iron_ut: b, motor_ut_per_a: by_current_ut };
     // INAV has no current compensation; the mean interference goes into the offsets.
     let usual_a =
         if dialect == ParameterFormat::Inav { f64::from(calibration.motor_current.mean_current_a) } else { 0.0 };
-    let near = FieldCorrection {
-        matrix: q * symmetric * q.transpose() * scale,
-        hard_iron_ut: q * (b + by_current_ut * usual_a),
-        motor_ut_per_a: if dialect == ParameterFormat::Inav { Vector3::zeros() } else { q * by_current_ut },
+    let initial_correction = FieldCorrection {
+        matrix: mounting_matrix * symmetric * mounting_matrix.transpose() * scale,
+        hard_iron_ut: mounting_matrix * (b + by_current_ut * usual_a),
+        motor_ut_per_a: if dialect == ParameterFormat::Inav {
+            Vector3::zeros()
+        } else {
+            mounting_matrix * by_current_ut
+        },
     };
-    let fit = SymmetricFit {
+    let symmetric_fit = SymmetricFit {
         rows: own_rows,
         rotated_rows: &rows,
-        mounting: q,
+        mounting: mounting_matrix,
         calibration,
         full_correction: full,
         is_diagonal: dialect == ParameterFormat::Inav,
     };
-    let exportable = fit.nearest_correction(near);
+    let exportable = symmetric_fit.nearest_correction(initial_correction);
     let lost_deg = heading_loss_deg_of(own_rows, &rows, &full, &exportable);
     let mut warnings = Vec::new();
     if lost_deg[0] > MIN_REPORTED_LOSS_DEG {
@@ -153,13 +157,13 @@ pub fn export_correction(
     if dialect == ParameterFormat::Inav && calibration.motor_current.is_applied() {
         warnings.push("motor-current interference cannot be expressed".to_owned());
     }
-    if turned.rotation_number() != 0 {
+    if mounting.rotation_number() != 0 {
         warnings.push("the mounting of the compass differs from its parameters: check the orientation".to_owned());
     }
     Some(ExportedCorrection {
-        compass_number: number,
+        compass_number,
         correction: exportable,
-        rotation: turned,
+        rotation: mounting,
         heading_loss_deg: lost_deg,
         fitted_range_s: None,
         held_back_score: None,
@@ -180,9 +184,9 @@ pub fn applied_field(
         ParameterFormat::Px4 => FieldCorrection::from_px4(&parameters, export.compass_number),
         ParameterFormat::Inav => inav_correction(&text),
     };
-    let q = export.rotation.rotation_matrix();
+    let rotation_matrix = export.rotation.rotation_matrix();
     // The orientation parameter turns the field to body axes first, so that the heading is that of the body.
-    move |row| row_in_rotated_axes(row, &q).corrected_field(&correction)
+    move |row| row_in_rotated_axes(row, &rotation_matrix).corrected_field(&correction)
 }
 
 /// INAV's `(raw - zero) 1024 / gain`, in milligauss.
@@ -212,28 +216,28 @@ fn nearest_mounting(turn: &Matrix3<f64>) -> NumberedRotation {
     if is_square && off_deg < 25.0 { nearest } else { NumberedRotation::default() }
 }
 
-fn row_in_rotated_axes(row: &ReplayRow, q: &Matrix3<f64>) -> ReplayRow {
-    let field = q * row.raw_field.ut.map(f64::from);
+fn row_in_rotated_axes(row: &ReplayRow, rotation_matrix: &Matrix3<f64>) -> ReplayRow {
+    let field = rotation_matrix * row.raw_field.ut.map(f64::from);
     ReplayRow { raw_field: Field::new(field.map(|axis| axis as f32)), ..*row }
 }
 
 /// Heading difference of two corrections over usable rows, degrees: RMS less mean, and mean.
 fn heading_loss_deg_of(
     rows: &[ReplayRow],
-    turned: &[ReplayRow],
+    rotated_rows: &[ReplayRow],
     full: &FieldCorrection,
-    other: &FieldCorrection,
+    exported: &FieldCorrection,
 ) -> [f64; 2] {
     let differences: Vec<f64> = rows
         .iter()
-        .zip(turned)
+        .zip(rotated_rows)
         .filter(|(row, _)| row.is_usable)
-        .map(|(row, turned)| wrap_180(heading_deg(turned, other) - heading_deg(row, full)))
+        .map(|(row, rotated_rows)| wrap_180(heading_deg(rotated_rows, exported) - heading_deg(row, full)))
         .collect();
-    let number = differences.len().max(1) as f64;
-    let mean = differences.iter().sum::<f64>() / number;
+    let row_count = differences.len().max(1) as f64;
+    let mean = differences.iter().sum::<f64>() / row_count;
     let squares = differences.iter().map(|difference| square(difference - mean)).sum::<f64>();
-    [(squares / number).sqrt(), mean]
+    [(squares / row_count).sqrt(), mean]
 }
 
 /// The parameter file.
@@ -278,8 +282,8 @@ fn write_ardupilot_parameters(text: &mut String, flight: &Flight, exports: &[Exp
             // ArduPilot adds the motor-current term after the multiplication with the matrix.
             ("MOT", -(export.correction.matrix * export.correction.motor_ut_per_a) * MILLIGAUSS_PER_UT, 3),
         ] {
-            for (axis, number) in ["X", "Y", "Z"].iter().zip(numbers.iter()) {
-                writeln!(text, "COMPASS_{name}{index}_{axis},{}", format_number(*number, decimals))?;
+            for (axis, value) in ["X", "Y", "Z"].iter().zip(numbers.iter()) {
+                writeln!(text, "COMPASS_{name}{index}_{axis},{}", format_number(*value, decimals))?;
             }
         }
         writeln!(text, "COMPASS_SCALE{index},1")?;
@@ -311,12 +315,13 @@ fn write_ardupilot_parameters(text: &mut String, flight: &Flight, exports: &[Exp
 /// `COMPASS_MOTCT` is common to all compasses: values of another kind (throttle) are set to zero.
 fn zero_other_compensations(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> std::fmt::Result {
     let parameter = |name: &str| flight.parameters.last_value(name).unwrap_or(0.0);
-    let others = flight
+    let other_compasses = flight
         .compasses
         .iter()
-        .filter(|other| exports.iter().all(|export| export.compass_number != other.compass_number));
-    for other in others.filter(|_| parameter("COMPASS_MOTCT").round() as i32 != 2) {
-        let index = if other.compass_number == 1 { String::new() } else { other.compass_number.to_string() };
+        .filter(|other_compass| exports.iter().all(|export| export.compass_number != other_compass.compass_number));
+    for other_compass in other_compasses.filter(|_| parameter("COMPASS_MOTCT").round() as i32 != 2) {
+        let index =
+            if other_compass.compass_number == 1 { String::new() } else { other_compass.compass_number.to_string() };
         for name in ["X", "Y", "Z"].map(|axis| format!("COMPASS_MOT{index}_{axis}")) {
             if parameter(&name) != 0.0 {
                 writeln!(text, "{name},0")?;
@@ -336,7 +341,7 @@ fn write_px4_parameters(text: &mut String, flight: &Flight, exports: &[ExportedC
         write_comments(text, export)?;
         let index = export.compass_number - 1;
         let configured_rotation =
-            flight.parameters.last_value(&format!("CAL_MAG{index}_ROT")).filter(|number| *number >= 0.0);
+            flight.parameters.last_value(&format!("CAL_MAG{index}_ROT")).filter(|value| *value >= 0.0);
         let mounting = export.rotation.rotation_matrix() * px4_mounting(&flight.parameters, f64::INFINITY, index);
         let (combined, off_deg) = NumberedRotation::nearest_to_matrix(&mounting);
         let to_sensor = mounting.transpose();
@@ -350,13 +355,13 @@ fn write_px4_parameters(text: &mut String, flight: &Flight, exports: &[ExportedC
         for (name, numbers) in
             [("OFF", offsets * GAUSS_PER_UT), ("SCALE", diagonal), ("ODIAG", off_diagonal), ("COMP", comp)]
         {
-            for (axis, number) in ["X", "Y", "Z"].iter().zip(numbers.iter()) {
-                writeln!(text, "1\t1\tCAL_MAG{index}_{axis}{name}\t{}\t9", format_number(*number, 6))?;
+            for (axis, value) in ["X", "Y", "Z"].iter().zip(numbers.iter()) {
+                writeln!(text, "1\t1\tCAL_MAG{index}_{axis}{name}\t{}\t9", format_number(*value, 6))?;
             }
         }
         match configured_rotation {
-            // Custom angles are kept.
-            Some(number) if off_deg < 1.0 && NumberedRotation::new(number).is_some() => {
+            // Custom rotation angles in PX4's parameters are kept.
+            Some(value) if off_deg < 1.0 && NumberedRotation::new(value).is_some() => {
                 writeln!(text, "1\t1\tCAL_MAG{index}_ROT\t{}\t6", combined.rotation_number())?;
             }
             _ if export.rotation.rotation_number() != 0 => {
@@ -388,11 +393,11 @@ fn write_inav_parameters(text: &mut String, exports: &[ExportedCorrection]) -> s
 
 /// Parses an exported file on top of other parameters.
 #[must_use]
-pub fn parse_parameter_file(text: &str, others: &ParameterHistory) -> ParameterHistory {
-    let mut parameters = others.clone();
+pub fn parse_parameter_file(text: &str, base_parameters: &ParameterHistory) -> ParameterHistory {
+    let mut parameters = base_parameters.clone();
     for line in text.lines().filter(|line| !line.starts_with('#')) {
-        let words: Vec<&str> = line.split([',', '\t']).collect();
-        let ([name, value] | [_, _, name, value, _]) = *words.as_slice() else { continue };
+        let cells: Vec<&str> = line.split([',', '\t']).collect();
+        let ([name, value] | [_, _, name, value, _]) = *cells.as_slice() else { continue };
         if let Ok(value) = value.parse() {
             parameters.set_value(f64::MAX, name, value);
         }
@@ -429,8 +434,11 @@ mod tests {
     fn a_mirrored_matrix_has_no_rotation() {
         let turn = Rotation3::from_euler_angles(0.1, -0.2, 0.3);
         let symmetric = symmetric_matrix(&Vector3::new(1.1, 0.9, 1.0), &Vector3::new(0.1, 0.0, -0.05));
-        let (found, rest) = polar_decomposition(&(turn.matrix() * symmetric)).unwrap();
-        assert!((found - turn.matrix()).norm() < 1e-9 && (rest - symmetric).norm() < 1e-9, "{found} {rest}");
+        let (rotation, remainder) = polar_decomposition(&(turn.matrix() * symmetric)).unwrap();
+        assert!(
+            (rotation - turn.matrix()).norm() < 1e-9 && (remainder - symmetric).norm() < 1e-9,
+            "{rotation} {remainder}"
+        );
         assert!(polar_decomposition(&-symmetric).is_none());
     }
 }

@@ -43,7 +43,8 @@ impl ParameterFit {
         let since: Vec<ReplayRow> = rows.iter().filter(|row| row.is_usable && row.t_s >= from_s).copied().collect();
         let without_current: Vec<ReplayRow> = since.iter().map(|row| ReplayRow { current_a: None, ..*row }).collect();
         let with = FitVariant::new(&since, options);
-        let is_by_current = |fit: &FitVariant| fit.fit_of_all_rows.calibration.motor_current.is_applied();
+        let is_by_current =
+            |fit_variant: &FitVariant| fit_variant.fit_of_all_rows.calibration.motor_current.is_applied();
         let variants = match with.filter(is_by_current) {
             Some(with) => FitVariant::new(&without_current, options).into_iter().chain([with]).collect(),
             None => FitVariant::new(&without_current, options).into_iter().collect(),
@@ -65,13 +66,13 @@ impl ParameterFit {
 impl FitVariant {
     fn new(rows: &[ReplayRow], options: &ReplayOptions) -> Option<Self> {
         let (solution, is_accepted) = solve_rows(rows, options);
-        let half = |number: usize| -> Vec<ReplayRow> {
-            rows.iter().filter(|row| half_at(row.t_s) == number).copied().collect()
+        let rows_of_half = |half_index: usize| -> Vec<ReplayRow> {
+            rows.iter().filter(|row| half_at(row.t_s) == half_index).copied().collect()
         };
         Some(Self {
             fit_of_all_rows: solution?,
             is_accepted,
-            fits_of_halves: [0, 1].map(|number| solve_rows(&half(number), options).0),
+            fits_of_halves: [0, 1].map(|half_index| solve_rows(&rows_of_half(half_index), options).0),
         })
     }
 }
@@ -95,8 +96,8 @@ mod tests {
             for phase_s in (0..period_s).step_by(10) {
                 let fits_of_halves: Vec<usize> =
                     (0..20).map(|circle| half_at(f64::from(circle * period_s + phase_s) + 5.0)).collect();
-                let ones = fits_of_halves.iter().sum::<usize>();
-                assert!((4..=16).contains(&ones), "{period_s} s, {phase_s} s: {ones} of 20");
+                let second_half_count = fits_of_halves.iter().sum::<usize>();
+                assert!((4..=16).contains(&second_half_count), "{period_s} s, {phase_s} s: {second_half_count} of 20");
             }
         }
     }

@@ -32,7 +32,7 @@ pub enum ReferenceKind {
     Column,
     /// Yaw of two antennas.
     GpsYaw,
-    /// GPS course.
+    /// GPS course in straight flight.
     GpsCourse,
     /// The autopilot's own yaw.
     #[serde(rename = "autopilot")]
@@ -51,14 +51,14 @@ impl ReferenceHeading {
     /// Selects the best reference in a log.
     #[must_use]
     pub fn best_reference(flight: &Flight) -> Option<Self> {
-        ReferenceKind::ALL_KINDS.into_iter().find_map(|kind| Self::of_kind(flight, kind))
+        ReferenceKind::ALL_KINDS.into_iter().find_map(|reference_kind| Self::of_kind(flight, reference_kind))
     }
 
     /// The reference of a kind, if the log has it.
     #[must_use]
-    pub fn of_kind(flight: &Flight, kind: ReferenceKind) -> Option<Self> {
+    pub fn of_kind(flight: &Flight, reference_kind: ReferenceKind) -> Option<Self> {
         let gps_yaws = || flight.gps.rows().iter().filter(|row| row.row_values[5].is_finite()).count();
-        match kind {
+        match reference_kind {
             ReferenceKind::Simulator => (!flight.true_attitude.is_empty()).then_some(Self::Simulator),
             ReferenceKind::Column => (!flight.reference_heading.is_empty()).then_some(Self::Column),
             ReferenceKind::GpsYaw => (gps_yaws() > 20).then_some(Self::GpsYaw),
@@ -84,7 +84,7 @@ impl ReferenceHeading {
     /// Quality of the reference, in words.
     #[must_use]
     pub fn limits_text(&self) -> String {
-        let words = match self {
+        let limits = match self {
             Self::Simulator => "exact; used for scoring, nothing else; a real flight has none",
             Self::Column => "of unknown accuracy",
             Self::GpsYaw => "a degree or so, and late by what the receiver takes",
@@ -93,7 +93,7 @@ impl ReferenceHeading {
                 "made with a compass, its errors included: this is agreement, not accuracy, and does not decide"
             }
         };
-        words.to_owned()
+        limits.to_owned()
     }
 
     /// The GPS course solution, if used.
@@ -137,9 +137,9 @@ impl ReferenceHeading {
             Self::GpsCourse(course) => course.heading_rad(t_s)?,
             Self::AutopilotYaw => flight.attitude.interpolate_angles(t_s, MAX_GAP_S)?[2],
             Self::GpsYaw => {
-                let (before, after, part) = flight.gps.surrounding_values(t_s, MAX_GAP_S)?;
+                let (before, after, weight) = flight.gps.surrounding_values(t_s, MAX_GAP_S)?;
                 let [from, to] = [before.row_values[5].to_radians(), after.row_values[5].to_radians()];
-                from + part as f32 * wrap_pi(to - from)
+                from + weight as f32 * wrap_pi(to - from)
             }
         };
         heading_rad.is_finite().then(|| f64::from(heading_rad.to_degrees()))

@@ -26,7 +26,7 @@ pub fn replay_rows(rows: &[ReplayRow], options: &ReplayOptions) -> ReplayResult 
 pub fn replay_with(rows: &[ReplayRow], flight: Option<&Flight>, options: &ReplayOptions) -> ReplayResult {
     let config = instrument_config(rows);
     let usable = samples_to_fit(rows, config);
-    let run = match options.row_selection {
+    let run_outcome = match options.row_selection {
         RowSelection::All => from_all(&usable, &SolverPrior::new(options, config)),
         RowSelection::Turns => from_procedure(&usable, Procedure::Turns, &SolverPrior::new(options, config)),
         RowSelection::Flight => {
@@ -36,14 +36,15 @@ pub fn replay_with(rows: &[ReplayRow], flight: Option<&Flight>, options: &Replay
             module.into_outcome()
         }
     };
-    let RunOutcome { solution, acceptance: accepted, fitted_times_s: fitted_s, collection_end_s: ended_s } = run;
-    let shown = solution.as_ref().map_or_else(Vec::new, |solution| compute_headings(rows, flight, solution, config));
+    let RunOutcome { solution, acceptance: accepted, fitted_times_s: fitted_s, collection_end_s: ended_s } =
+        run_outcome;
+    let headings = solution.as_ref().map_or_else(Vec::new, |solution| compute_headings(rows, flight, solution, config));
     let scored_headings = |heading: fn(&HeadingRow) -> [f64; 2]| {
-        let mut each = shown.iter().map(heading);
-        score_rows(rows, |_| each.next().map(|[heading_deg, sigma_deg]| (heading_deg, sigma_deg)))
+        let mut remaining_headings = headings.iter().map(heading);
+        score_rows(rows, |_| remaining_headings.next().map(|[heading_deg, sigma_deg]| (heading_deg, sigma_deg)))
     };
     let (raw, smooth) =
-        (scored_headings(|shown| [shown.heading_deg, shown.sigma_deg]), scored_headings(HeadingRow::sent_deg));
+        (scored_headings(|row| [row.heading_deg, row.sigma_deg]), scored_headings(HeadingRow::sent_deg));
     let samples = fitted_s.len();
     ReplayResult {
         solution,
@@ -51,7 +52,7 @@ pub fn replay_with(rows: &[ReplayRow], flight: Option<&Flight>, options: &Replay
         sample_count: samples,
         fitted_times_s: fitted_s,
         collection_end_s: ended_s,
-        headings: shown,
+        headings,
         score: raw,
         smoothed_score: smooth,
     }
@@ -67,13 +68,13 @@ pub(super) fn solve_all_rows(rows: &[ReplayRow]) -> Option<Solution> {
 pub(super) fn solve_rows(rows: &[ReplayRow], options: &ReplayOptions) -> (Option<Solution>, bool) {
     let config = instrument_config(rows);
     let options = ReplayOptions { row_selection: RowSelection::All, ..*options };
-    let (samples, known) = (samples_to_fit(rows, config), SolverPrior::new(&options, config));
+    let (samples, solver_prior) = (samples_to_fit(rows, config), SolverPrior::new(&options, config));
     let expected_deg = |outcome: &RunOutcome| {
         outcome.solution.as_ref().map_or(f32::INFINITY, |solution| solution.quality.expected_rms_deg)
     };
-    let mut outcome = from_all(&samples, &known);
+    let mut outcome = from_all(&samples, &solver_prior);
     if expected_deg(&outcome) > POOR_SOLVE_RMS_DEG {
-        let retained = from_procedure(&samples, Procedure::Flight, &known);
+        let retained = from_procedure(&samples, Procedure::Flight, &solver_prior);
         if expected_deg(&retained) < expected_deg(&outcome) {
             outcome = retained;
         }

@@ -53,17 +53,17 @@ impl ReplayOptions {
     /// Configured inclination, else that of the field model, radians.
     pub(super) fn inclination_rad(&self) -> Option<f32> {
         let by_model = || {
-            let (place, day) = self.place_and_day?;
-            Some(EarthField::from_model(place, day)?.inclination_deg)
+            let (position, day) = self.place_and_day?;
+            Some(EarthField::from_model(position, day)?.inclination_deg)
         };
-        self.inclination_deg.map(|deg| deg as f32).or_else(by_model).map(f32::to_radians)
+        self.inclination_deg.map(|inclination_deg| inclination_deg as f32).or_else(by_model).map(f32::to_radians)
     }
 }
 
 /// Heading of a row.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeadingRow {
-    /// Flight time, seconds.
+    /// Flight time of the row, seconds.
     pub t_s: f64,
     /// Magnetic heading, degrees.
     pub heading_deg: f64,

@@ -40,12 +40,12 @@ fn row_timestamp(t_s: f64, start_s: f64) -> Timestamp {
 
 /// Feeds a row to the instrument; times count from `start_s`.
 pub(super) fn estimate_heading(instrument: &mut Instrument, row: &ReplayRow, start_s: f64) -> Estimate {
-    let at = row_timestamp(row.t_s, start_s);
-    instrument.on_attitude(at, attitude_report(row.attitude, row.rates_rad_s));
+    let now = row_timestamp(row.t_s, start_s);
+    instrument.on_attitude(now, attitude_report(row.attitude, row.rates_rad_s));
     if let Some(amperes) = row.current_a {
-        instrument.on_current(at, amperes);
+        instrument.on_current(now, amperes);
     }
-    instrument.on_reading(at, Reading { field: row.raw_field, is_saturated: false, was_overwritten: false })
+    instrument.on_reading(now, Reading { field: row.raw_field, is_saturated: false, was_overwritten: false })
 }
 
 /// Attitude report of a row, dated by arrival.
@@ -172,13 +172,13 @@ pub(super) fn score_rows(
             Some((wrap_180(heading_deg - reference_deg), sigma_deg))
         })
         .collect();
-    let number = errors.len() as f64;
+    let row_count = errors.len() as f64;
     // Circular, so that errors near 180 deg do not cancel.
     let mean_deg = mean_angle_deg(errors.iter().map(|(error, _)| *error))?;
-    let rest = |error: f64| wrap_180(error - mean_deg);
-    let normalised: Vec<f64> = errors.iter().map(|(error, sigma_deg)| rest(*error) / sigma_deg).collect();
+    let demeaned = |error: f64| wrap_180(error - mean_deg);
+    let normalised: Vec<f64> = errors.iter().map(|(error, sigma_deg)| demeaned(*error) / sigma_deg).collect();
     Some(HeadingScore {
-        rms_deg: (errors.iter().map(|(error, _)| square(rest(*error))).sum::<f64>() / number).sqrt(),
+        rms_deg: (errors.iter().map(|(error, _)| square(demeaned(*error))).sum::<f64>() / row_count).sqrt(),
         mean_deg,
         row_count: errors.len(),
         within_percent: within_percent(&normalised),

@@ -25,15 +25,15 @@ pub(super) struct RunOutcome {
 impl RunOutcome {
     /// Outcome of a solve of samples that were selected without the module.
     fn new(
-        solved: &Result<Solution, SolveError>,
+        solve_result: &Result<Solution, SolveError>,
         [fit, held_back]: [Samples<'_>; 2],
         lack: Option<CollectionProblem>,
     ) -> Self {
-        let accepted = match solved {
+        let accepted = match solve_result {
             Ok(solution) => accepted_by_uncalibrated(solution, fit, held_back).map_err(Refusal::Rejected),
             Err(error) => Err(Refusal::Solve(*error)),
         };
-        let solution = solved.as_ref().ok().copied();
+        let solution = solve_result.as_ref().ok().copied();
         let advice = || solution.as_ref()?.advice.filter(Advice::is_worthwhile);
         let missing = || advice().map(|advice| CollectionProblem::MissingManoeuvre(advice.manoeuvre));
         Self {
@@ -83,7 +83,7 @@ impl SolverPrior {
 }
 
 /// Solves all samples that a procedure retains, with the device's choice of method.
-pub(super) fn from_procedure(samples: &[Sample], procedure: Procedure, known: &SolverPrior) -> RunOutcome {
+pub(super) fn from_procedure(samples: &[Sample], procedure: Procedure, solver_prior: &SolverPrior) -> RunOutcome {
     let mut retained = RetainedSamples::EMPTY;
     let mut collector = Collector::new(&mut retained);
     collector.begin_procedure(procedure);
@@ -92,24 +92,26 @@ pub(super) fn from_procedure(samples: &[Sample], procedure: Procedure, known: &S
     }
     let selection = SelectedParts::new(collector.fit_samples(), procedure);
     let parts = [collector.fit_samples(), collector.held_back()].map(|samples| selection.select_samples(samples));
-    let solved = method_selection::select_method(collector.fit_samples(), procedure)
-        .and_then(|method| known.solve(method, parts[0]));
-    RunOutcome::new(&solved, parts, collector.collection_problem())
+    let solve_result = method_selection::select_method(collector.fit_samples(), procedure)
+        .and_then(|method| solver_prior.solve(method, parts[0]));
+    RunOutcome::new(&solve_result, parts, collector.collection_problem())
 }
 
 /// Solves evenly thinned samples; those halfway between are held back.
-pub(super) fn from_all(samples: &[Sample], known: &SolverPrior) -> RunOutcome {
-    let number = samples.len().min(2 * FIT_CAPACITY);
+pub(super) fn from_all(samples: &[Sample], solver_prior: &SolverPrior) -> RunOutcome {
+    let fit_and_held_back_count = samples.len().min(2 * FIT_CAPACITY);
     let thinned = |phase: f64| -> Vec<Sample> {
-        (0..number)
-            .filter_map(|i| samples.get(((i as f64 + phase) * samples.len() as f64 / number as f64) as usize))
+        (0..fit_and_held_back_count)
+            .filter_map(|i| {
+                samples.get(((i as f64 + phase) * samples.len() as f64 / fit_and_held_back_count as f64) as usize)
+            })
             .copied()
             .collect()
     };
     let [fit, held_back] = [0.0, 0.5].map(|phase| assign_parts(&thinned(phase)));
     let [fit, held_back] = [&fit, &held_back].map(|samples| Samples::new(samples));
-    let solved = known.solve(Method::MaximumLikelihood, fit);
-    RunOutcome::new(&solved, [fit, held_back], None)
+    let solve_result = solver_prior.solve(Method::MaximumLikelihood, fit);
+    RunOutcome::new(&solve_result, [fit, held_back], None)
 }
 
 /// Time of a sample, seconds after the first row.
@@ -125,7 +127,8 @@ fn assign_parts(samples: &[Sample]) -> Vec<Sample> {
         roll_rad if roll_rad > limit_rad => Some(CollectionPart::RIGHT),
         roll_rad => (roll_rad.abs() <= limit_rad).then_some(CollectionPart::LEVEL),
     };
-    let assigned = samples.iter().filter_map(|s| Some(Sample { part: part_of(s.attitude.roll_rad)?, ..*s }));
+    let assigned =
+        samples.iter().filter_map(|sample| Some(Sample { part: part_of(sample.attitude.roll_rad)?, ..*sample }));
     let mut ordered: Vec<Sample> = assigned.collect();
     ordered.sort_by_key(|sample| sample.part);
     ordered

@@ -34,7 +34,7 @@ struct FittedRow {
 pub struct SymmetricFit<'a> {
     /// Rows flown.
     pub rows: &'a [ReplayRow],
-    /// The same rows, with their fields rotated by the mounting.
+    /// The flown rows with their fields rotated by the mounting.
     pub rotated_rows: &'a [ReplayRow],
     /// Rotation by the mounting.
     pub mounting: Matrix3<f64>,
@@ -47,20 +47,20 @@ pub struct SymmetricFit<'a> {
 }
 
 impl SymmetricFit<'_> {
-    /// Matrix and offsets whose headings over usable rows and over [`BANKS_DEG`] are nearest to the full correction's, by
-    /// Gauss-Newton with step halving from `near`. Keeps the field strength.
-    pub fn nearest_correction(&self, near: FieldCorrection) -> FieldCorrection {
+    /// Matrix and offsets whose headings over usable rows and over [`BANKS_DEG`] are nearest to the full correction's,
+    /// by Gauss-Newton with step halving from `initial`. Keeps the field strength.
+    pub fn nearest_correction(&self, initial: FieldCorrection) -> FieldCorrection {
         let fitted = self.fitted_rows();
-        let number = if self.is_diagonal { 6 } else { 9 };
+        let unknown_count = if self.is_diagonal { 6 } else { 9 };
         let built = |p: &DVector<f64>| {
             let off_diagonal_entries = if self.is_diagonal { Vector3::zeros() } else { Vector3::new(p[6], p[7], p[8]) };
             let matrix = symmetric_matrix(&Vector3::new(p[0], p[1], p[2]), &off_diagonal_entries);
-            FieldCorrection { matrix, hard_iron_ut: Vector3::new(p[3], p[4], p[5]), ..near }
+            FieldCorrection { matrix, hard_iron_ut: Vector3::new(p[3], p[4], p[5]), ..initial }
         };
-        let [centre, diagonal, off_diagonal_entries] = correction_parts(&near);
+        let [centre, diagonal, off_diagonal_entries] = correction_parts(&initial);
         let start = DVector::from_iterator(
-            number,
-            diagonal.iter().chain(centre.iter()).chain(off_diagonal_entries.iter()).copied().take(number),
+            unknown_count,
+            diagonal.iter().chain(centre.iter()).chain(off_diagonal_entries.iter()).copied().take(unknown_count),
         );
         let residuals = |p: &DVector<f64>| {
             let correction = built(p);
@@ -69,59 +69,67 @@ impl SymmetricFit<'_> {
             };
             DVector::from_iterator(fitted.len(), fitted.iter().map(residual))
         };
-        let mut best = (start.clone(), residuals(&start).norm_squared());
+        let mut best_correction = (start.clone(), residuals(&start).norm_squared());
         for _ in 0..MAX_GAUSS_NEWTON_STEPS {
-            let from = residuals(&best.0);
-            let mut jacobian = DMatrix::zeros(fitted.len(), number);
-            for i in 0..number {
+            let from = residuals(&best_correction.0);
+            let mut jacobian = DMatrix::zeros(fitted.len(), unknown_count);
+            for i in 0..unknown_count {
                 let step = if (3..6).contains(&i) { 0.01 } else { 1e-4 };
-                let mut moved = best.0.clone();
-                moved[i] += step;
-                jacobian.set_column(i, &((residuals(&moved) - &from).map(wrap_180) / step));
+                let mut stepped = best_correction.0.clone();
+                stepped[i] += step;
+                jacobian.set_column(i, &((residuals(&stepped) - &from).map(wrap_180) / step));
             }
             let mut normal = jacobian.transpose() * &jacobian;
-            let mut side = -(jacobian.transpose() * from);
-            for i in 0..number {
+            let mut right_side = -(jacobian.transpose() * from);
+            for i in 0..unknown_count {
                 let weight = square(REGULARISATION_SIGMAS[usize::from((3..6).contains(&i))]).recip();
                 normal[(i, i)] += weight;
-                side[i] += weight * (start[i] - best.0[i]);
+                right_side[i] += weight * (start[i] - best_correction.0[i]);
             }
             let Some(cholesky) = normal.cholesky() else { break };
-            let step = cholesky.solve(&side);
+            let step = cholesky.solve(&right_side);
             // Far from the minimum, where headings are not linear in the parameters, a full step can lead uphill.
             let shorter = std::iter::successors(Some(1.0), |scale| Some(0.5 * scale)).take(MAX_HALVINGS);
             let mut candidates = shorter
-                .map(|scale| &best.0 + &step * scale)
+                .map(|scale| &best_correction.0 + &step * scale)
                 .map(|candidate| (residuals(&candidate).norm_squared(), candidate));
-            let Some((squares, candidate)) = candidates.find(|(squares, _)| *squares < best.1) else { break };
-            best = (candidate, squares);
+            let Some((squares, candidate)) = candidates.find(|(squares, _)| *squares < best_correction.1) else {
+                break;
+            };
+            best_correction = (candidate, squares);
         }
-        let found = built(&best.0);
+        let fitted_correction = built(&best_correction.0);
         // Headings do not observe the scale.
         let total = |correction: &FieldCorrection| -> f64 {
             fitted.iter().map(|fitted| fitted.row.corrected_field(correction).norm() * square(fitted.root_weight)).sum()
         };
-        let size = total(&near) / total(&found);
-        if size.is_finite() && size > 0.0 { FieldCorrection { matrix: found.matrix * size, ..found } } else { near }
+        let size = total(&initial) / total(&fitted_correction);
+        if size.is_finite() && size > 0.0 {
+            FieldCorrection { matrix: fitted_correction.matrix * size, ..fitted_correction }
+        } else {
+            initial
+        }
     }
 
     fn fitted_rows(&self) -> Vec<FittedRow> {
-        let every = self.rows.iter().filter(|row| row.is_usable).count().div_ceil(MAX_ROWS).max(1);
+        let row_stride = self.rows.iter().filter(|row| row.is_usable).count().div_ceil(MAX_ROWS).max(1);
         let mut fitted: Vec<FittedRow> = self
             .rows
             .iter()
             .zip(self.rotated_rows)
             .filter(|(row, _)| row.is_usable)
-            .step_by(every)
-            .map(|(row, turned)| FittedRow {
-                row: *turned,
+            .step_by(row_stride)
+            .map(|(row, rotated_row)| FittedRow {
+                row: *rotated_row,
                 heading_deg: heading_deg(row, &self.full_correction),
                 root_weight: 1.0,
             })
             .collect();
-        let others = self.rows_of_normal_flight();
-        let root_weight = (fitted.len() as f64 / others.len().max(1) as f64).sqrt();
-        fitted.extend(others.into_iter().map(|other| FittedRow { root_weight, ..other }));
+        let normal_flight_rows = self.rows_of_normal_flight();
+        let root_weight = (fitted.len() as f64 / normal_flight_rows.len().max(1) as f64).sqrt();
+        fitted.extend(
+            normal_flight_rows.into_iter().map(|normal_flight_row| FittedRow { root_weight, ..normal_flight_row }),
+        );
         fitted
     }
 
@@ -136,11 +144,12 @@ impl SymmetricFit<'_> {
         let mut rows = Vec::new();
         for bank_deg in BANKS_DEG {
             for pitch_deg in PITCHES_DEG {
-                for number in 0..HEADING_COUNT {
-                    let heading_deg = number as f32 * (360.0 / HEADING_COUNT as f32);
+                for heading_index in 0..HEADING_COUNT {
+                    let heading_deg = heading_index as f32 * (360.0 / HEADING_COUNT as f32);
                     let attitude = Attitude::from_deg(bank_deg, pitch_deg);
-                    let level = Field::<Level>::earth_field(*total_ut, *inclination_rad, heading_deg.to_radians());
-                    let field = inverse * attitude.to_body_frame(level).ut.map(f64::from) + constant_ut;
+                    let level_field =
+                        Field::<Level>::earth_field(*total_ut, *inclination_rad, heading_deg.to_radians());
+                    let field = inverse * attitude.to_body_frame(level_field).ut.map(f64::from) + constant_ut;
                     let field = Field::new((self.mounting * field).map(|axis| axis as f32));
                     let row = ReplayRow {
                         t_s: 0.0,
@@ -168,6 +177,6 @@ pub fn heading_deg(row: &ReplayRow, correction: &FieldCorrection) -> f64 {
 
 /// Offsets, diagonal, and elements xy, xz and yz.
 pub fn correction_parts(correction: &FieldCorrection) -> [Vector3<f64>; 3] {
-    let m = &correction.matrix;
-    [correction.hard_iron_ut, m.diagonal(), Vector3::new(m[(0, 1)], m[(0, 2)], m[(1, 2)])]
+    let matrix = &correction.matrix;
+    [correction.hard_iron_ut, matrix.diagonal(), Vector3::new(matrix[(0, 1)], matrix[(0, 2)], matrix[(1, 2)])]
 }

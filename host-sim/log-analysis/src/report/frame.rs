@@ -5,7 +5,7 @@ use crate::numbers::format_number;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axis {
-    /// Values at both ends.
+    /// Values at both ends of the axis.
     pub value_range: [f64; 2],
     /// Interval of the grid lines.
     pub grid_step: f64,
@@ -20,12 +20,13 @@ impl Axis {
     }
 
     /// Axis over a range, extended to round steps.
-    pub fn for_range(least: f64, most: f64, lines: f64) -> Self {
-        let (least, most) = if least.is_finite() && most.is_finite() { (least, most) } else { (0.0, 1.0) };
-        let span = (most - least).max(least.abs() * 1e-6).max(1e-3);
+    pub fn for_range(minimum: f64, maximum: f64, lines: f64) -> Self {
+        let (minimum, maximum) =
+            if minimum.is_finite() && maximum.is_finite() { (minimum, maximum) } else { (0.0, 1.0) };
+        let span = (maximum - minimum).max(minimum.abs() * 1e-6).max(1e-3);
         let step = round_step(span / lines);
         Self {
-            value_range: [(least / step).floor() * step, (most / step).ceil() * step],
+            value_range: [(minimum / step).floor() * step, (maximum / step).ceil() * step],
             grid_step: step,
             number_every: 1,
         }
@@ -34,14 +35,14 @@ impl Axis {
 
     /// Symmetric axis of angles, degrees.
     pub fn symmetric_deg(most_deg: f64) -> Self {
-        let most = if most_deg.is_finite() { most_deg.clamp(0.1, 180.0) } else { 1.0 };
-        let step = match most {
+        let limit_deg = if most_deg.is_finite() { most_deg.clamp(0.1, 180.0) } else { 1.0 };
+        let step = match limit_deg {
             90.0.. => 90.0,
             45.0.. => 30.0,
-            _ => round_step(most / 3.0),
+            _ => round_step(limit_deg / 3.0),
         };
-        let end = (most / step).ceil() * step;
-        Self { value_range: [-end, end], grid_step: step, number_every: 1 }
+        let axis_end_deg = (limit_deg / step).ceil() * step;
+        Self { value_range: [-axis_end_deg, axis_end_deg], grid_step: step, number_every: 1 }
     }
 
     fn rounded_to_step(self) -> Self {
@@ -65,10 +66,14 @@ impl Axis {
     }
 }
 
-/// Smallest 1, 2 or 5 times a power of ten not less than `least`.
-fn round_step(least: f64) -> f64 {
-    let power = libm::pow(10_f64, libm::log10(least).floor());
-    [1.0, 2.0, 5.0].into_iter().map(|times| times * power).find(|step| *step >= least * 0.999).unwrap_or(10.0 * power)
+/// Smallest 1, 2 or 5 times a power of ten not less than `min_step`.
+fn round_step(min_step: f64) -> f64 {
+    let power = libm::pow(10_f64, libm::log10(min_step).floor());
+    [1.0, 2.0, 5.0]
+        .into_iter()
+        .map(|times| times * power)
+        .find(|step| *step >= min_step * 0.999)
+        .unwrap_or(10.0 * power)
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -106,22 +111,26 @@ impl PlotFrame {
 
     pub fn draw_axes(&self, svg: &mut Svg, x_name: &str, y_name: &str) {
         let [left, top] = self.upper_left;
-        let (right, bottom) = (left + self.size[0], self.bottom());
+        let (right_edge, bottom_edge) = (left + self.size[0], self.bottom());
         for (i, line) in self.x.grid_values().enumerate() {
             let x = self.x_position(line);
-            svg.draw_line("grid", [x, top], [x, bottom]);
-            svg.draw_line("axis", [x, bottom], [x, bottom + 4.0]);
+            svg.draw_line("grid", [x, top], [x, bottom_edge]);
+            svg.draw_line("axis", [x, bottom_edge], [x, bottom_edge + 4.0]);
             if i.is_multiple_of(self.x.number_every) && !x_name.is_empty() {
-                svg.draw_text("tick mid", [x, bottom + 17.0], &format_number(line, self.x.decimals()));
+                svg.draw_text("tick mid", [x, bottom_edge + 17.0], &format_number(line, self.x.decimals()));
             }
         }
         for line in self.y.grid_values() {
             let y = self.y_position(line);
-            svg.draw_line(if line.abs() < self.y.grid_step / 2.0 { "zero" } else { "grid" }, [left, y], [right, y]);
+            svg.draw_line(
+                if line.abs() < self.y.grid_step / 2.0 { "zero" } else { "grid" },
+                [left, y],
+                [right_edge, y],
+            );
             svg.draw_text("tick end", [left - 6.0, y + 4.0], &format_number(line, self.y.decimals()));
         }
         svg.draw_rectangle("box", self.upper_left, self.size);
-        svg.draw_text("name mid", [self.centre_x(), bottom + 34.0], x_name);
+        svg.draw_text("name mid", [self.centre_x(), bottom_edge + 34.0], x_name);
         svg.vertical_text("name mid", [left - 43.0, top + self.size[1] / 2.0], y_name);
     }
 }

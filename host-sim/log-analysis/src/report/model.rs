@@ -129,7 +129,7 @@ pub struct CompassReport {
 /// Heading errors over the heading.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DeviationCurve {
-    /// Name in the legend.
+    /// Name of the curve in the legend.
     pub curve_name: String,
     /// Errors from north clockwise at equal steps, degrees.
     pub errors_deg: Vec<Option<f64>>,
@@ -149,7 +149,7 @@ impl DeviationCurve {
 pub struct EventMark {
     /// Seconds on the clock of the samples.
     pub time_s: f64,
-    /// Name in the picture.
+    /// Name of the event in the picture.
     pub event_name: String,
 }
 
@@ -198,23 +198,26 @@ const MIN_SECTOR_VALUES: usize = 3;
 
 /// Circular mean errors by heading, over the usable samples.
 pub(super) fn means_by_heading(
-    moments: &[ReportSample],
+    report_samples: &[ReportSample],
     quantity: impl Fn(&ReportSample) -> Option<f64>,
 ) -> Vec<Option<f64>> {
     let mut sums = [(0.0, 0.0, 0_usize); 24];
-    for moment in moments.iter().filter(|moment| moment.is_usable) {
-        let (Some(heading_deg), Some(value)) = (moment.heading_deg, quantity(moment).filter(|value| value.is_finite()))
+    for report_sample in report_samples.iter().filter(|report_sample| report_sample.is_usable) {
+        let (Some(heading_deg), Some(value)) =
+            (report_sample.heading_deg, quantity(report_sample).filter(|value| value.is_finite()))
         else {
             continue;
         };
         let sector = (heading_deg / SECTOR_DEG).round().rem_euclid(24.0) as usize;
-        if let Some((sin, cos, number)) = sums.get_mut(sector) {
+        if let Some((sin, cos, value_count)) = sums.get_mut(sector) {
             let (s, c) = libm::sincos(value.to_radians());
-            (*sin, *cos, *number) = (*sin + s, *cos + c, *number + 1);
+            (*sin, *cos, *value_count) = (*sin + s, *cos + c, *value_count + 1);
         }
     }
     sums.iter()
-        .map(|(sin, cos, number)| (*number >= MIN_SECTOR_VALUES).then(|| libm::atan2(*sin, *cos).to_degrees()))
+        .map(|(sin, cos, value_count)| {
+            (*value_count >= MIN_SECTOR_VALUES).then(|| libm::atan2(*sin, *cos).to_degrees())
+        })
         .collect()
 }
 
@@ -230,18 +233,18 @@ impl CompassReport {
     pub(super) fn subtract_mean_errors(&mut self) -> [Option<f64>; 3] {
         let since = self.samples_since_change();
         let usable = |quantity: fn(&ReportSample) -> Option<f64>| {
-            mean_angle_deg(since.iter().filter(|moment| moment.is_usable).filter_map(quantity))
+            mean_angle_deg(since.iter().filter(|report_sample| report_sample.is_usable).filter_map(quantity))
         };
         let means = [
-            usable(|moment| moment.error_before_deg),
-            usable(|moment| moment.error_parameters_deg),
-            usable(|moment| moment.error_deg),
+            usable(|report_sample| report_sample.error_before_deg),
+            usable(|report_sample| report_sample.error_parameters_deg),
+            usable(|report_sample| report_sample.error_deg),
         ];
-        for moment in &mut self.samples {
-            let less = |error: Option<f64>, mean: Option<f64>| Some(wrap_180(error? - mean?));
-            moment.error_before_deg = less(moment.error_before_deg, means[0]);
-            moment.error_parameters_deg = less(moment.error_parameters_deg, means[1]);
-            moment.error_deg = less(moment.error_deg, means[2]);
+        for report_sample in &mut self.samples {
+            let demeaned = |error: Option<f64>, mean: Option<f64>| Some(wrap_180(error? - mean?));
+            report_sample.error_before_deg = demeaned(report_sample.error_before_deg, means[0]);
+            report_sample.error_parameters_deg = demeaned(report_sample.error_parameters_deg, means[1]);
+            report_sample.error_deg = demeaned(report_sample.error_deg, means[2]);
         }
         means
     }
@@ -252,21 +255,21 @@ pub(super) fn max_magnitude(numbers: impl Iterator<Item = f64>) -> f64 {
     numbers.filter(|number| number.is_finite()).map(f64::abs).fold(0.0, f64::max)
 }
 
-/// Quantile of the magnitudes, `part` from 0 to 1; zero of an empty list.
-pub(super) fn magnitude_quantile(numbers: impl Iterator<Item = f64>, part: f64) -> f64 {
-    quantile(numbers.filter(|number| number.is_finite()).map(f64::abs), part).unwrap_or(0.0)
+/// Quantile of the magnitudes, `fraction` from 0 to 1; zero of an empty list.
+pub(super) fn magnitude_quantile(numbers: impl Iterator<Item = f64>, fraction: f64) -> f64 {
+    quantile(numbers.filter(|number| number.is_finite()).map(f64::abs), fraction).unwrap_or(0.0)
 }
 
-/// At most `most` items, evenly spaced.
-pub(super) fn subsample<T>(all: &[T], most: usize) -> impl Iterator<Item = &T> {
-    all.iter().step_by(all.len().div_ceil(most.max(1)).max(1))
+/// At most `max_items` items, evenly spaced.
+pub(super) fn subsample<T>(items: &[T], max_items: usize) -> impl Iterator<Item = &T> {
+    items.iter().step_by(items.len().div_ceil(max_items.max(1)).max(1))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn at(heading_deg: f64, error_deg: f64) -> ReportSample {
+    fn sample_at(heading_deg: f64, error_deg: f64) -> ReportSample {
         ReportSample {
             heading_deg: Some(heading_deg),
             error_deg: Some(error_deg),
@@ -277,33 +280,39 @@ mod tests {
 
     #[test]
     fn heading_sectors_are_centred_on_their_heading() {
-        let mut moments: Vec<ReportSample> = [353.0, 0.0, 7.0].map(|heading_deg| at(heading_deg, 2.0)).to_vec();
-        moments.extend([8.0, 15.0, 22.0].map(|heading_deg| at(heading_deg, 5.0)));
+        let mut report_samples: Vec<ReportSample> =
+            [353.0, 0.0, 7.0].map(|heading_deg| sample_at(heading_deg, 2.0)).to_vec();
+        report_samples.extend([8.0, 15.0, 22.0].map(|heading_deg| sample_at(heading_deg, 5.0)));
         // Two values are too few for a mean; unusable moments and NaN are ignored.
-        moments.extend([90.0, 90.0].map(|heading_deg| at(heading_deg, 9.0)));
-        moments.push(ReportSample { is_usable: false, ..at(90.0, 9.0) });
-        moments.push(at(90.0, f64::NAN));
-        let means = means_by_heading(&moments, |moment| moment.error_deg);
-        let found: Vec<(usize, f64)> = means.iter().enumerate().filter_map(|(i, mean)| Some((i, (*mean)?))).collect();
-        assert!(matches!(found[..], [(0, a), (1, b)] if (a - 2.0).abs() < 1e-9 && (b - 5.0).abs() < 1e-9), "{found:?}");
+        report_samples.extend([90.0, 90.0].map(|heading_deg| sample_at(heading_deg, 9.0)));
+        report_samples.push(ReportSample { is_usable: false, ..sample_at(90.0, 9.0) });
+        report_samples.push(sample_at(90.0, f64::NAN));
+        let means = means_by_heading(&report_samples, |report_sample| report_sample.error_deg);
+        let sector_means: Vec<(usize, f64)> =
+            means.iter().enumerate().filter_map(|(i, mean)| Some((i, (*mean)?))).collect();
+        assert!(
+            matches!(sector_means[..], [(0, a), (1, b)] if (a - 2.0).abs() < 1e-9 && (b - 5.0).abs() < 1e-9),
+            "{sector_means:?}"
+        );
     }
 
     #[test]
     fn the_mean_error_is_circular_and_of_usable_samples() {
         let mut compass_report =
-            CompassReport { samples: vec![at(0.0, 179.0), at(0.0, -179.0)], ..CompassReport::default() };
-        compass_report.samples.push(ReportSample { is_usable: false, ..at(0.0, 0.0) });
+            CompassReport { samples: vec![sample_at(0.0, 179.0), sample_at(0.0, -179.0)], ..CompassReport::default() };
+        compass_report.samples.push(ReportSample { is_usable: false, ..sample_at(0.0, 0.0) });
         let [before, parameters, after] = compass_report.subtract_mean_errors();
         assert_eq!((before, parameters), (None, None));
         assert!((after.unwrap().abs() - 180.0).abs() < 1e-9);
-        let errors: Vec<f64> = compass_report.samples.iter().map(|moment| moment.error_deg.unwrap()).collect();
+        let errors: Vec<f64> =
+            compass_report.samples.iter().map(|report_sample| report_sample.error_deg.unwrap()).collect();
         assert!((errors[0] + 1.0).abs() < 1e-9 && (errors[1] - 1.0).abs() < 1e-9, "{errors:?}");
     }
 
     #[test]
     fn the_mean_error_is_that_since_the_last_change() {
-        let samples =
-            [(1.0, 10.0), (2.0, 30.0), (3.0, 32.0)].map(|(at_s, deg)| ReportSample { time_s: at_s, ..at(0.0, deg) });
+        let samples = [(1.0, 10.0), (2.0, 30.0), (3.0, 32.0)]
+            .map(|(at_s, error_deg)| ReportSample { time_s: at_s, ..sample_at(0.0, error_deg) });
         let mut report = CompassReport { samples: samples.to_vec(), changed_s: Some(1.5), ..CompassReport::default() };
         assert_eq!(report.samples_since_change().len(), 2);
         assert!((report.subtract_mean_errors()[2].unwrap() - 31.0).abs() < 1e-9);
@@ -312,10 +321,10 @@ mod tests {
 
     #[test]
     fn subsampling_keeps_the_limit() {
-        let all: Vec<usize> = (0..1001).collect();
-        assert_eq!(subsample(&all, 500).count(), 334);
-        assert_eq!(subsample(&all, 2000).count(), 1001);
-        assert_eq!(subsample(&all[..0], 5).count(), 0);
+        let items: Vec<usize> = (0..1001).collect();
+        assert_eq!(subsample(&items, 500).count(), 334);
+        assert_eq!(subsample(&items, 2000).count(), 1001);
+        assert_eq!(subsample(&items[..0], 5).count(), 0);
         assert!((magnitude_quantile([1.0, -2.0, f64::NAN, 3.0, -100.0].into_iter(), 0.67) - 3.0).abs() < 1e-9);
         assert!(max_magnitude([1.0, -2.0, f64::NAN].into_iter()) < 2.1);
     }

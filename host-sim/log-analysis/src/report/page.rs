@@ -23,15 +23,16 @@ const CONTENT_SECURITY_POLICY: &str =
 
 pub fn render_html(report: &Report) -> String {
     let parts = page_sections(report);
-    let links =
-        concat_map(&parts, |part| format!("<li><a href=\"#{}\">{}</a></li>", part.id, escape_html(&part.title)));
-    let body = concat_map(&parts, |part| {
-        let (id, title) = (&part.id, escape_html(&part.title));
+    let links = concat_map(&parts, |page_section| {
+        format!("<li><a href=\"#{}\">{}</a></li>", page_section.id, escape_html(&page_section.title))
+    });
+    let sections_html = concat_map(&parts, |page_section| {
+        let (id, title) = (&page_section.id, escape_html(&page_section.title));
         let heading = format!("<h2 id=\"{id}\">{title}</h2>");
-        let content = if part.is_folded {
-            format!("<details><summary>{heading}</summary>\n{}</details>\n", part.html)
+        let content = if page_section.is_folded {
+            format!("<details><summary>{heading}</summary>\n{}</details>\n", page_section.html)
         } else {
-            format!("{heading}\n{}", part.html)
+            format!("{heading}\n{}", page_section.html)
         };
         format!("<section aria-labelledby=\"{id}\">\n{content}</section>\n")
     });
@@ -42,7 +43,7 @@ pub fn render_html(report: &Report) -> String {
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
          <meta name=\"color-scheme\" content=\"light dark\">\n<title>{title} - Autoswing</title>\n\
          <style>\n{}{CHART_STYLE}\n{STYLE}</style></head>\n<body>\n<a class=\"skip\" href=\"#verdict\">Skip to the verdict</a>\n\
-         <header><p class=\"brand\">Autoswing</p><h1>{title}</h1></header>\n<main>\n{body}</main>\n\
+         <header><p class=\"brand\">Autoswing</p><h1>{title}</h1></header>\n<main>\n{sections_html}</main>\n\
          <nav aria-label=\"Parts of the page\"><ul>{links}</ul></nav>\n<script>{SCRIPT}</script>\n</body></html>\n",
         style_css()
     )
@@ -62,22 +63,26 @@ fn page_sections(report: &Report) -> Vec<PageSection> {
         html,
         is_folded: false,
     };
-    let part = |id: &str, title: &str, html: String| PageSection { is_folded: true, ..open(id, title, html) };
+    let folded_section = |id: &str, title: &str, html: String| PageSection { is_folded: true, ..open(id, title, html) };
     let mut parts = vec![open("verdict", "Verdict", sections::verdict_section(report))];
     if let Some([name, text]) = report.parameters.as_ref().filter(|[_, text]| !text.is_empty()) {
         parts.push(open("parameters", "Parameters to load", sections::parameters_section(name, text)));
     }
     parts.push(open("findings", "Findings", sections::findings_section(report)));
     if !report.calibrators.calibrator_rows.is_empty() {
-        parts.push(part("compasses", "Compasses side by side", sections::comparison_section(report)));
+        parts.push(folded_section("compasses", "Compasses side by side", sections::comparison_section(report)));
     }
     for (i, compass) in report.compasses.iter().enumerate() {
         let id = format!("compass-{}", i + 1);
-        parts.push(part(&id, &compass.compass_name, sections::compass_section(&id, compass, &report.reference)));
+        parts.push(folded_section(
+            &id,
+            &compass.compass_name,
+            sections::compass_section(&id, compass, &report.reference),
+        ));
     }
     if let Some(map) = report.main_compass().and_then(sections::map_section) {
-        parts.push(part("map", "Map", map));
+        parts.push(folded_section("map", "Map", map));
     }
-    parts.push(part("made", "How this was made", sections::origin_section(report)));
+    parts.push(folded_section("made", "How this was made", sections::origin_section(report)));
     parts
 }

@@ -18,10 +18,10 @@ use crate::score::wrap_180;
 
 /// Makes the report of a replayed log.
 #[must_use]
-pub fn report_replay(verdict: &Verdict<'_>, log: &str, made: &ReportOrigin) -> Report {
+pub fn report_replay(verdict: &Verdict<'_>, log: &str, origin: &ReportOrigin) -> Report {
     let evaluation = verdict.evaluation;
     let lines = [
-        ("command", made.command_line.clone()),
+        ("command", origin.command_line.clone()),
         ("made by", format!("Autoswing {}", env!("CARGO_PKG_VERSION"))),
         ("log", verdict.log_description(log)),
     ];
@@ -42,26 +42,26 @@ pub fn report_replay(verdict: &Verdict<'_>, log: &str, made: &ReportOrigin) -> R
             calibrator_rows: rows.collect(),
         },
         compasses: verdict.compasses.iter().map(|compass| compass_report(verdict, compass)).collect(),
-        parameters: made.parameters.clone(),
-        terminal_output: (!made.terminal_output.is_empty())
-            .then(|| ["As the command prints it".to_owned(), made.terminal_output.clone()]),
+        parameters: origin.parameters.clone(),
+        terminal_output: (!origin.terminal_output.is_empty())
+            .then(|| ["As the command prints it".to_owned(), origin.terminal_output.clone()]),
         origin: lines
             .into_iter()
             .filter(|(_, value)| !value.is_empty())
             .map(|(label, value)| [label.to_owned(), value])
-            .chain(made.settings.iter().cloned())
+            .chain(origin.settings.iter().cloned())
             .collect(),
     }
 }
 
 fn verdict_line(compass: &CompassVerdict<'_>) -> VerdictLine {
-    let state = compass.judgement.compass_state;
-    let word = match state {
+    let compass_state = compass.judgement.compass_state;
+    let word = match compass_state {
         CompassState::Good => "Good",
         CompassState::Doubtful => "Doubtful",
         CompassState::Bad => "Bad",
     };
-    VerdictLine { compass_state: state, state_word: word, verdict_text: compass.summary_sentence() }
+    VerdictLine { compass_state, state_word: word, verdict_text: compass.summary_sentence() }
 }
 
 fn reference_info(verdict: &FlightEvaluation) -> ReferenceInfo {
@@ -93,24 +93,24 @@ fn reference_info(verdict: &FlightEvaluation) -> ReferenceInfo {
 fn key_figures(verdict: &Verdict<'_>) -> Vec<[String; 2]> {
     let Some(compass) = verdict.compasses_in_use_first().first().copied() else { return Vec::new() };
     let mut figures = Vec::new();
-    let mut add = |label: String, value: Option<f64>, decimals: usize, unit: &str| {
+    let mut add_figure = |label: String, value: Option<f64>, decimals: usize, unit: &str| {
         if let Some(value) = value {
             figures.push([label, format!("{} {unit}", format_number(value, decimals))]);
         }
     };
-    let number = compass.evaluation.compass_number;
+    let compass_number = compass.evaluation.compass_number;
     let held_back = compass.parameters.as_ref().ok().and_then(|export| export.held_back_score);
     let word = reference_info(verdict.evaluation).difference_name;
     let rms_of = |source: CorrectionSource| Some(compass.evaluation.correction_from(source)?.score?.rms_deg);
     let as_logged = rms_of(CorrectionSource::Autopilot).or(rms_of(CorrectionSource::Uncorrected));
-    add(
-        format!("compass {number}: {word} as logged, RMS"),
+    add_figure(
+        format!("compass {compass_number}: {word} as logged, RMS"),
         compass.judgement.as_logged_rms_deg.or(as_logged),
         2,
         "deg",
     );
-    add(format!("{word} with these parameters, RMS"), held_back.map(|held_back| held_back.rms_deg), 2, "deg");
-    add(format!("{word} with a module, RMS"), rms_of(CorrectionSource::Module), 2, "deg");
+    add_figure(format!("{word} with these parameters, RMS"), held_back.map(|held_back| held_back.rms_deg), 2, "deg");
+    add_figure(format!("{word} with a module, RMS"), rms_of(CorrectionSource::Module), 2, "deg");
     figures
 }
 
@@ -122,7 +122,7 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
     let replay_result = compass.result_for_report();
     let solution = replay_result.solution.as_ref();
     let parameters = exported.map(|export| applied_field(flight, export, verdict.parameter_format));
-    let shown = ShownCorrections {
+    let corrections = ShownCorrections {
         is_logged: logged_correction_source(compass) == CorrectionSource::Autopilot,
         parameters: parameters.as_ref().map(|field| field as &FieldOfRow<'_>),
         solution,
@@ -133,7 +133,7 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
         is_accepted: compass.module_result.acceptance.is_ok(),
         facts,
         sigma_description: "the mean sigma that the module sends with its headings",
-        samples: report_samples(flight, compass, replay_result, &shown),
+        samples: report_samples(flight, compass, replay_result, &corrections),
         changed_s: compass.parameter_fit.last_change_s,
         event_marks: event_marks(compass),
         before_name: logged_correction_source(compass).source_name(),
@@ -159,8 +159,8 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
         .filter_map(|(name, mean)| Some(format!("{} {name}", format_number(mean?, 2))))
         .collect();
     if !means_words.is_empty() {
-        let words = format!("{}; the declination is part of them", means_words.join(", "));
-        report.facts.push(["means subtracted".to_owned(), words]);
+        let means_text = format!("{}; the declination is part of them", means_words.join(", "));
+        report.facts.push(["means subtracted".to_owned(), means_text]);
     }
     let declination_deg = declination_deg(evaluation);
     let line = |name: &str, mean_deg: Option<f64>, of: fn(&ReportSample) -> Option<f64>| {
@@ -246,7 +246,7 @@ fn report_samples(
     flight: &Flight,
     compass: &CompassEvaluation,
     replay_result: &ReplayResult,
-    shown: &ShownCorrections<'_>,
+    corrections: &ShownCorrections<'_>,
 ) -> Vec<ReportSample> {
     let Some(first) = compass.rows.first() else { return Vec::new() };
     let places = LocalPositions::from_flight(flight);
@@ -256,16 +256,16 @@ fn report_samples(
         .enumerate()
         .map(|(i, row)| ReportSample {
             position_m: places.as_ref().and_then(|places| places.position_at(flight, row.t_s)),
-            ..shown.report_sample(row, replay_result.headings.get(i))
+            ..corrections.report_sample(row, replay_result.headings.get(i))
         })
         .collect();
     for fitted_s in replay_result.fitted_times_s.iter().map(|since_s| since_s + first.t_s) {
         // The nearest row, since samples are means and their clock has milliseconds.
         let after = samples.partition_point(|sample| sample.time_s < fitted_s).min(samples.len() - 1);
-        let near = [after.saturating_sub(1), after];
+        let neighbours = [after.saturating_sub(1), after];
         let time_difference =
             |i: &usize| samples.get(*i).map_or(f64::INFINITY, |sample| (sample.time_s - fitted_s).abs());
-        let nearest = near.into_iter().min_by(|a, b| time_difference(a).total_cmp(&time_difference(b)));
+        let nearest = neighbours.into_iter().min_by(|a, b| time_difference(a).total_cmp(&time_difference(b)));
         if let Some(sample) = nearest.and_then(|nearest| samples.get_mut(nearest)) {
             sample.is_fitted = true;
         }
@@ -331,13 +331,13 @@ impl LocalPositions {
     }
 
     fn position_at(&self, flight: &Flight, t_s: f64) -> Option<[f64; 2]> {
-        let (before, after, part) = flight.gps.surrounding_values(t_s, Self::MAX_GAP_S)?;
+        let (before, after, weight) = flight.gps.surrounding_values(t_s, Self::MAX_GAP_S)?;
         let [before, after] = [before, after].map(|row| {
             let gps = Gps::from_columns(row.row_values);
             [gps.longitude_deg, gps.latitude_deg].map(f64::from)
         });
         Some(std::array::from_fn(|axis| {
-            let degrees = before[axis] + part * wrap_180(after[axis] - before[axis]);
+            let degrees = before[axis] + weight * wrap_180(after[axis] - before[axis]);
             wrap_180(degrees - self.origin_deg[axis]) * self.metres_per_deg[axis]
         }))
     }
@@ -396,7 +396,7 @@ mod tests {
     fn a_refused_calibration_is_labelled_as_refused() {
         let automatic = report(|_, _| {});
         let refused = report(|_, verdict| verdict.compasses[0].module_result.acceptance = REFUSED);
-        for (report, line, mark, words) in [
+        for (report, line, mark, expected_text) in [
             (&automatic, "module", "would have calibrated", "would have calibrated itself at"),
             (&refused, "module, but refused", "would have solved", "would have been refused: not-converged"),
         ] {
@@ -405,7 +405,7 @@ mod tests {
                 (compass.curves_after.last().unwrap().curve_name.as_str(), compass.event_marks[0].event_name.as_str()),
                 (line, mark)
             );
-            assert!(fact(report, "module").unwrap().starts_with(words), "{:?}", compass.facts);
+            assert!(fact(report, "module").unwrap().starts_with(expected_text), "{:?}", compass.facts);
         }
         let on_request = report(|_, verdict| verdict.compasses[0].module_result.collection_end_s = None);
         assert!(on_request.compasses[0].event_marks.is_empty());
@@ -424,7 +424,7 @@ mod tests {
             compass.hard_iron_changes = vec![HardIronChange { hard_iron_step: step, heading_effect_deg: 15.0 }];
         });
         let [calibrated, changed] = report.compasses[0].event_marks.as_slice() else { panic!("two marks") };
-        // On the log's clock.
+        // Times are on the log's clock.
         let first_s = FLOWN.1.compasses[0].rows[300].t_s;
         assert!((calibrated.time_s - first_s - 90.0).abs() < 1e-9 && (changed.time_s - first_s - 50.0).abs() < 1e-9);
         assert_eq!(changed.event_name, "iron changed by 8.1 uT");
@@ -432,13 +432,14 @@ mod tests {
 
     #[test]
     fn a_field_model_of_another_year_is_reported() {
-        for (is_valid, words) in [(true, "by the field model"), (false, "by the field model, of another year")] {
+        for (is_valid, expected_text) in [(true, "by the field model"), (false, "by the field model, of another year")]
+        {
             let report = report(|_, verdict| {
                 let day = Date::from_unix_s(1_767_484_800).unwrap();
                 let earth = EarthField::from_model(Position::new(48.0, 11.3, 500.0).unwrap(), day).unwrap();
                 verdict.earth_field = Some((earth, is_valid));
             });
-            assert!(fact(&report, "strength").unwrap().ends_with(words), "{words}");
+            assert!(fact(&report, "strength").unwrap().ends_with(expected_text), "{expected_text}");
         }
     }
 
@@ -460,8 +461,9 @@ mod tests {
                 let ut = if is_logged { row.logged_field.ut } else { row.raw_field.ut };
                 heading_deg(row, ut.map(f64::from)) - row.reference_deg.unwrap()
             };
-            let shown = |i: usize| compass.samples[i].error_before_deg.unwrap();
-            let off_deg = wrap_180(shown(500) - shown(1500) - (difference_deg(500) - difference_deg(1500)));
+            let error_before_deg = |i: usize| compass.samples[i].error_before_deg.unwrap();
+            let off_deg =
+                wrap_180(error_before_deg(500) - error_before_deg(1500) - (difference_deg(500) - difference_deg(1500)));
             assert!(off_deg.abs() < 1e-6, "{name}: {off_deg}");
         }
         assert!(figure(&logged, "as logged") != figure(&raw, "as logged"), "{:?}", raw.key_figures);
@@ -496,24 +498,24 @@ mod tests {
             let has_card = crate::report::render_page(&report).contains("Deviation card");
             assert_eq!(has_card, word == "error", "a card is for a known accuracy");
             assert!(!figure(&report, &format!("{word} as logged")).is_empty(), "{:?}", report.key_figures);
-            let usable = || report.compasses[0].samples.iter().filter(|moment| moment.is_usable).skip(20);
-            assert_eq!(usable().all(|moment| moment.error_deg.is_some()), reference.is_some(), "{word}");
+            let usable = || report.compasses[0].samples.iter().filter(|report_sample| report_sample.is_usable).skip(20);
+            assert_eq!(usable().all(|report_sample| report_sample.error_deg.is_some()), reference.is_some(), "{word}");
             // Without a reference, the difference between the module's and the autopilot's heading is shown.
-            assert!(usable().all(|moment| moment.error_before_deg.is_some()), "{word}");
+            assert!(usable().all(|report_sample| report_sample.error_before_deg.is_some()), "{word}");
             assert_eq!(report.compasses[0].curves_after.is_empty(), reference.is_none(), "{word}");
         }
     }
 
     #[test]
     fn use_of_the_compass_by_the_autopilot_is_reported() {
-        for (is_used, words) in
+        for (is_used, expected_text) in
             [(Some(true), Some("uses it for its heading")), (Some(false), Some("does not use it")), (None, None)]
         {
             let report = report(|flight, verdict| {
                 flight.parameters = ParameterHistory::default();
                 verdict.compasses[0].is_used_for_heading = is_used;
             });
-            assert_eq!(fact(&report, "autopilot").as_deref(), words);
+            assert_eq!(fact(&report, "autopilot").as_deref(), expected_text);
         }
     }
 }

@@ -43,12 +43,14 @@ pub fn has_samples(compass: &CompassReport) -> bool {
 /// heading), and all else that the charts need.
 pub fn samples_json(compass: &CompassReport, error_name: &str) -> Value {
     let rows = with_gaps(&drawn_samples(&compass.samples));
-    let column = |of: &dyn Fn(&ReportSample) -> Option<f64>| -> Option<Vec<Value>> {
-        let cells: Vec<Option<i64>> = rows.iter().map(|(_, sample)| to_hundredths(of((*sample)?)?)).collect();
+    let column = |column_value: &dyn Fn(&ReportSample) -> Option<f64>| -> Option<Vec<Value>> {
+        let cells: Vec<Option<i64>> = rows.iter().map(|(_, sample)| to_hundredths(column_value((*sample)?)?)).collect();
         cells.iter().any(Option::is_some).then(|| cells.into_iter().map(Value::from).collect())
     };
-    let columns: serde_json::Map<String, Value> =
-        SAMPLE_COLUMNS.iter().filter_map(|(name, of)| Some(((*name).to_owned(), Value::from(column(of)?)))).collect();
+    let columns: serde_json::Map<String, Value> = SAMPLE_COLUMNS
+        .iter()
+        .filter_map(|(name, column_value)| Some(((*name).to_owned(), Value::from(column(column_value)?))))
+        .collect();
     let kinds: String = rows.iter().map(|(_, sample)| sample.map_or('0', sample_code)).collect();
     let curves = |curves: &[DeviationCurve]| -> Vec<Value> {
         let curve = |curve: &DeviationCurve| {
@@ -89,8 +91,9 @@ fn drawn_samples(samples: &[ReportSample]) -> Vec<&ReportSample> {
     let error = |sample: &&ReportSample| sample.error_deg.or(sample.error_before_deg).map_or(0.0, f64::abs);
     let mut drawn = Vec::new();
     for interval in samples.chunks(size) {
-        let index = |best: Option<&ReportSample>| {
-            best.and_then(|best| interval.iter().position(|sample| std::ptr::eq(sample, best)))
+        let index = |largest_error: Option<&ReportSample>| {
+            largest_error
+                .and_then(|largest_error| interval.iter().position(|sample| std::ptr::eq(sample, largest_error)))
         };
         let mut chosen = [
             index(interval.iter().min_by(|a, b| strength(a).total_cmp(&strength(b)))),
@@ -145,8 +148,9 @@ mod tests {
         let json = samples_json(&hour, "error");
         let len = json["t"].as_array().unwrap().len();
         assert!((MAX_PAGE_SAMPLES / 2..=MAX_PAGE_SAMPLES + 2).contains(&len), "{len}");
-        let has = |column: &str, number: i64| json["columns"][column].as_array().unwrap().contains(&json!(number));
-        assert!(has("raw_x", 9900) && has("module", -7700) && !has("raw_x", 1));
+        let has_value =
+            |column: &str, number: i64| json["columns"][column].as_array().unwrap().contains(&json!(number));
+        assert!(has_value("raw_x", 9900) && has_value("module", -7700) && !has_value("raw_x", 1));
         assert!(json["columns"].get("sigma").is_none(), "a column without numbers");
     }
 

@@ -36,8 +36,8 @@ pub fn findings_section(report: &Report) -> String {
         ));
     }
     if !report.log_warnings.is_empty() {
-        let notes = concat_map(&report.log_warnings, |note| format!("<li>{}</li>\n", escape_html(note)));
-        html.push(format!("<ul>\n{notes}</ul>\n"));
+        let warning_items = concat_map(&report.log_warnings, |warning| format!("<li>{}</li>\n", escape_html(warning)));
+        html.push(format!("<ul>\n{warning_items}</ul>\n"));
     }
     html.concat()
 }
@@ -79,25 +79,25 @@ const CORRECTIONS_TEXT: &str = "Uncorrected: the sensor's field. As logged: with
 type Chart = (&'static str, &'static str, String);
 
 fn charts(compass_report: &CompassReport, word: &str) -> Vec<Chart> {
-    let has = |of: fn(&ReportSample) -> bool| compass_report.samples.iter().any(of);
-    let by = compass_report.corrected_by;
+    let has_sample = |of: fn(&ReportSample) -> bool| compass_report.samples.iter().any(of);
+    let corrected_by = compass_report.corrected_by;
     let marks = concat_map(&compass_report.event_marks, |mark| {
         format!(" {} s: {}.", format_number(mark.time_s, 0), mark.event_name)
     });
-    let unused = if has(|sample| !sample.is_usable) { " Grey: not used, as on the ground." } else { "" };
-    let chart = |is: bool, kind, title, description| is.then_some((kind, title, description));
+    let unused = if has_sample(|sample| !sample.is_usable) { " Grey: not used, as on the ground." } else { "" };
+    let chart = |is_drawn: bool, kind, title, description| is_drawn.then_some((kind, title, description));
     [
         chart(
-            has(|sample| sample.raw_ut.is_some()),
+            has_sample(|sample| sample.raw_ut.is_some()),
             "strength",
             "Field strength and current",
             format!(
-                "Corrected {by}, the strength should be that of the Earth's field at all times: a step is iron that changed, a \
+                "Corrected {corrected_by}, the strength should be that of the Earth's field at all times: a step is iron that changed, a \
                  bump motor current or iron nearby.{marks}{unused}"
             ),
         ),
         chart(
-            has(|sample| sample.error_deg.is_some() || sample.error_before_deg.is_some()),
+            has_sample(|sample| sample.error_deg.is_some() || sample.error_before_deg.is_some()),
             "errors",
             "Error over time",
             format!("{}, mean subtracted, with one sigma of the module.{}", capitalised(word), withheld_headings_note(compass_report)),
@@ -109,28 +109,28 @@ fn charts(compass_report: &CompassReport, word: &str) -> Vec<Chart> {
             format!("{} of each heading, and means. Choose a name in the legend to hide it.", capitalised(word)),
         ),
         chart(
-            has(|sample| sample.corrected_ut.is_some()),
+            has_sample(|sample| sample.corrected_ut.is_some()),
             "axes",
             "Three axes, expected and measured",
             format!(
-                "The field corrected {by}, and the Earth's field turned into the axes of the aircraft by its attitude and \
+                "The field corrected {corrected_by}, and the Earth's field turned into the axes of the aircraft by its attitude and \
                  heading (dashed)."
             ),
         ),
         chart(
-            has(|sample| sample.current_a.is_some_and(|a| a > 0.0) && sample.corrected_ut.is_some()),
+            has_sample(|sample| sample.current_a.is_some_and(|a| a > 0.0) && sample.corrected_ut.is_some()),
             "current",
             "Field against current",
             format!(
-                "Measured less expected field by axis, as logged and corrected {by}: a slope is interference by the motors."
+                "Measured less expected field by axis, as logged and corrected {corrected_by}: a slope is interference by the motors."
             ),
         ),
         chart(
-            has(|sample| sample.raw_ut.is_some()),
+            has_sample(|sample| sample.raw_ut.is_some()),
             "sphere",
             "Directions of the field",
             format!(
-                "Samples before the correction and corrected {by}, in the axes of the aircraft. Shaded: directions without a \
+                "Samples before the correction and corrected {corrected_by}, in the axes of the aircraft. Shaded: directions without a \
                  sample. Turn it by dragging or with the arrow keys."
             ),
         ),
@@ -141,11 +141,11 @@ fn charts(compass_report: &CompassReport, word: &str) -> Vec<Chart> {
 }
 
 fn withheld_headings_note(compass_report: &CompassReport) -> String {
-    let number = compass_report.samples.iter().filter(|sample| sample.is_heading_withheld).count();
-    if number == 0 {
+    let withheld_count = compass_report.samples.iter().filter(|sample| sample.is_heading_withheld).count();
+    if withheld_count == 0 {
         return String::new();
     }
-    let percent = 100.0 * number as f64 / compass_report.samples.len().max(1) as f64;
+    let percent = 100.0 * withheld_count as f64 / compass_report.samples.len().max(1) as f64;
     let percent = format_number(percent, if percent < 1.0 { 2 } else { 1 });
     format!(" Shaded: {percent} % of the time, without a heading of the module.")
 }
@@ -156,13 +156,16 @@ pub fn compass_section(id: &str, compass_report: &CompassReport, compared: &Refe
     });
     let mut html = vec![format!("<dl class=\"facts\">\n{facts}</dl>\n")];
     if has_samples(compass_report) {
-        let charts = concat_map(charts(compass_report, compared.difference_name), |(kind, title, words)| {
-            let words = escape_html(&words);
-            format!(
-                "<figure><div class=\"chart\" data-chart=\"{kind}\" role=\"img\" aria-label=\"{title}: {words}\"></div>\
-                 <figcaption><b>{title}.</b> {words}</figcaption></figure>\n"
-            )
-        });
+        let charts = concat_map(
+            charts(compass_report, compared.difference_name),
+            |(chart_kind, title, description)| {
+                let description = escape_html(&description);
+                format!(
+                    "<figure><div class=\"chart\" data-chart=\"{chart_kind}\" role=\"img\" aria-label=\"{title}: {description}\"></div>\
+                 <figcaption><b>{title}.</b> {description}</figcaption></figure>\n"
+                )
+            },
+        );
         // JSON in an HTML script must not contain "<", which could end the script.
         let json = samples_json(compass_report, compared.difference_name).to_string().replace('<', "\\u003c");
         html.push(format!(
@@ -199,7 +202,7 @@ fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> S
     let sectors = first.errors_deg.len();
     let step = 360 / sectors.max(1);
     let has_sigma = compass_report.sigma_deg.len() == sectors;
-    let column = |when: &str, line: &DeviationCurve| format!("{when}: {}", line.curve_name);
+    let column = |column_title: &str, line: &DeviationCurve| format!("{column_title}: {}", line.curve_name);
     let mut columns: Vec<String> = compass_report.curves_before.iter().map(|line| column("before", line)).collect();
     columns.extend(compass_report.curves_after.iter().map(|line| column("after", line)));
     if has_sigma {
@@ -216,10 +219,13 @@ fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> S
         (format!("{:03}", i * step), cells)
     };
     // Two tables, of the first 12 headings and of the others, side by side if there is room.
-    let halves = [0..sectors.min(12), 12..sectors].into_iter().filter(|half| !half.is_empty()).map(|half| {
-        let caption = format!("Headings {:03} to {:03}", half.start * step, (half.end - 1) * step);
-        html_table(&caption, "heading", &columns, half.map(row))
-    });
+    let card_halves = [0..sectors.min(12), 12..sectors]
+        .into_iter()
+        .filter(|sector_range| !sector_range.is_empty())
+        .map(|sector_range| {
+            let caption = format!("Headings {:03} to {:03}", sector_range.start * step, (sector_range.end - 1) * step);
+            html_table(&caption, "heading", &columns, sector_range.map(row))
+        });
     let since = compass_report.changed_s.map_or_else(String::new, |at_s| {
         format!(" Of the flight after {} s, the last change.", format_number(at_s, 0))
     });
@@ -230,7 +236,7 @@ fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> S
         escape_html(&compass_report.compass_name),
         escape_html(&compared.reference_name),
         escape_html(&compared.card_constant),
-        concat_map(halves, |half| half)
+        concat_map(card_halves, |sector_range| sector_range)
     )
 }
 
@@ -290,14 +296,14 @@ fn html_table(
     } else {
         format!("<th scope=\"col\">{}</th>", escape_html(corner))
     };
-    let head = concat_map(columns, |name| format!("<th scope=\"col\">{}</th>", escape_html(name)));
-    let body = concat_map(rows, |(name, cells)| {
+    let header_cells = concat_map(columns, |name| format!("<th scope=\"col\">{}</th>", escape_html(name)));
+    let body_rows = concat_map(rows, |(name, cells)| {
         let cells = concat_map(&cells, |cell| format!("<td>{}</td>", escape_html(cell)));
         format!("<tr><th scope=\"row\">{}</th>{cells}</tr>\n", escape_html(&name))
     });
     format!(
         "<div class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"{caption}\"><table><caption>{caption}</caption>\n\
-         <thead><tr>{corner}{head}</tr></thead>\n<tbody>\n{body}</tbody></table></div>\n"
+         <thead><tr>{corner}{header_cells}</tr></thead>\n<tbody>\n{body_rows}</tbody></table></div>\n"
     )
 }
 
@@ -316,7 +322,7 @@ fn html_listing(id: &str, name: &str, text: &str) -> String {
     )
 }
 
-fn capitalised(words: &str) -> String {
-    let mut letters = words.chars();
+fn capitalised(text: &str) -> String {
+    let mut letters = text.chars();
     letters.next().map_or_else(String::new, |first| first.to_uppercase().collect::<String>() + letters.as_str())
 }

@@ -46,25 +46,25 @@ impl Svg {
     }
 
     /// Text; the class sets its alignment at the position.
-    pub fn draw_text(&mut self, class: &str, [x, y]: PicturePoint, words: &str) {
+    pub fn draw_text(&mut self, class: &str, [x, y]: PicturePoint, text: &str) {
         if let Some([x, y]) = format_coordinates([x, y]) {
-            self.push_element(&format!(r#"<text class="{class}" x="{x}" y="{y}">{}</text>"#, escape_html(words)));
+            self.push_element(&format!(r#"<text class="{class}" x="{x}" y="{y}">{}</text>"#, escape_html(text)));
         }
     }
 
     /// Text rotated to read upwards, centred.
-    pub fn vertical_text(&mut self, class: &str, [x, y]: PicturePoint, words: &str) {
+    pub fn vertical_text(&mut self, class: &str, [x, y]: PicturePoint, text: &str) {
         if let Some([x, y]) = format_coordinates([x, y]) {
-            let words = escape_html(words);
+            let text = escape_html(text);
             self.push_element(&format!(
-                r#"<text class="{class}" transform="translate({x} {y}) rotate(-90)">{words}</text>"#
+                r#"<text class="{class}" transform="translate({x} {y}) rotate(-90)">{text}</text>"#
             ));
         }
     }
 
     /// A line through points, interrupted at `None`.
     pub fn draw_path(&mut self, class: &str, points: impl IntoIterator<Item = Option<PicturePoint>>) {
-        let mut d = String::new();
+        let mut path_data = String::new();
         let mut is_down = false;
         for point in points {
             let Some([x, y]) = point.and_then(format_coordinates) else {
@@ -72,11 +72,11 @@ impl Svg {
                 continue;
             };
             // Writing to a string cannot fail.
-            let _ = write!(d, "{}{x} {y}", if is_down { 'L' } else { 'M' });
+            let _ = write!(path_data, "{}{x} {y}", if is_down { 'L' } else { 'M' });
             is_down = true;
         }
-        if !d.is_empty() {
-            self.push_element(&format!(r#"<path class="{class}" d="{d}"/>"#));
+        if !path_data.is_empty() {
+            self.push_element(&format!(r#"<path class="{class}" d="{path_data}"/>"#));
         }
     }
 
@@ -88,20 +88,36 @@ impl Svg {
         radius: f64,
         points: impl IntoIterator<Item = PicturePoint>,
     ) {
-        let mut d = String::new();
+        let mut path_data = String::new();
         for point in points {
             let Some([x, y]) = format_coordinates(point) else { continue };
-            let Some([r, twice, up]) = format_coordinates([radius, 2.0 * radius, 1.15 * radius]) else { continue };
+            let Some([radius_text, diameter_text, height_text]) =
+                format_coordinates([radius, 2.0 * radius, 1.15 * radius])
+            else {
+                continue;
+            };
             let _ = match shape {
-                MarkerShape::Dot => write!(d, "M{x} {y}h0"),
-                MarkerShape::Circle => write!(d, "M{x} {y}m-{r} 0a{r} {r} 0 1 0 {twice} 0a{r} {r} 0 1 0-{twice} 0"),
-                MarkerShape::Square => write!(d, "M{x} {y}m-{r}-{r}h{twice}v{twice}h-{twice}z"),
-                MarkerShape::Triangle => write!(d, "M{x} {y}m0-{up}l{up} {twice}h-{up}h-{up}z"),
-                MarkerShape::Diamond => write!(d, "M{x} {y}m0-{up}l{up} {up}l-{up} {up}l-{up}-{up}z"),
+                MarkerShape::Dot => write!(path_data, "M{x} {y}h0"),
+                MarkerShape::Circle => write!(
+                    path_data,
+                    "M{x} {y}m-{radius_text} 0a{radius_text} {radius_text} 0 1 0 {diameter_text} 0a{radius_text} {radius_text} 0 1 0-{diameter_text} 0"
+                ),
+                MarkerShape::Square => write!(
+                    path_data,
+                    "M{x} {y}m-{radius_text}-{radius_text}h{diameter_text}v{diameter_text}h-{diameter_text}z"
+                ),
+                MarkerShape::Triangle => write!(
+                    path_data,
+                    "M{x} {y}m0-{height_text}l{height_text} {diameter_text}h-{height_text}h-{height_text}z"
+                ),
+                MarkerShape::Diamond => write!(
+                    path_data,
+                    "M{x} {y}m0-{height_text}l{height_text} {height_text}l-{height_text} {height_text}l-{height_text}-{height_text}z"
+                ),
             };
         }
-        if !d.is_empty() {
-            self.push_element(&format!(r#"<path class="{class}" d="{d}"/>"#));
+        if !path_data.is_empty() {
+            self.push_element(&format!(r#"<path class="{class}" d="{path_data}"/>"#));
         }
     }
 
@@ -112,22 +128,22 @@ impl Svg {
 
     /// Element for a page with [`style_css`]. `id` must be unique in the page; title and words describe the picture to
     /// screen readers.
-    pub fn to_inline(&self, id: &str, title: &str, words: &str) -> String {
+    pub fn to_inline(&self, id: &str, title: &str, description: &str) -> String {
         let [width, height] = self.size;
-        let (title, words) = (escape_html(title), escape_html(words));
+        let (title, description) = (escape_html(title), escape_html(description));
         format!(
             "<svg role=\"img\" viewBox=\"0 0 {width} {height}\" aria-labelledby=\"{id}-t {id}-d\">\
-             <title id=\"{id}-t\">{title}</title><desc id=\"{id}-d\">{words}</desc>\n{}</svg>\n",
+             <title id=\"{id}-t\">{title}</title><desc id=\"{id}-d\">{description}</desc>\n{}</svg>\n",
             self.body
         )
     }
 
-    pub fn to_file(&self, title: &str, words: &str) -> String {
+    pub fn to_file(&self, title: &str, description: &str) -> String {
         let [width, height] = self.size;
-        let (title, words) = (escape_html(title), escape_html(words));
+        let (title, description) = (escape_html(title), escape_html(description));
         format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" role=\"img\" width=\"{width}\" height=\"{height}\" \
-             viewBox=\"0 0 {width} {height}\" aria-labelledby=\"t d\">\n<title id=\"t\">{title}</title><desc id=\"d\">{words}\
+             viewBox=\"0 0 {width} {height}\" aria-labelledby=\"t d\">\n<title id=\"t\">{title}</title><desc id=\"d\">{description}\
              </desc>\n<style>\n{COLOURS_CSS}{PICTURE_CSS}</style>\n<rect class=\"paper\" width=\"{width}\" height=\"{height}\"/>\n{}\
              </svg>\n",
             self.body
@@ -170,9 +186,9 @@ mod tests {
     fn text_is_escaped_in_svg() {
         let mut svg = Svg::new(10.0, 10.0);
         svg.draw_text("a", [0.0, 0.0], "<script>alert(1)</script>");
-        for whole in [svg.to_inline("p", "<b>", "\"&"), svg.to_file("<b>", "\"&")] {
-            assert!(!whole.contains("<script") && !whole.contains("<b>"), "{whole}");
-            assert!(whole.contains("&lt;script&gt;") && whole.contains("&quot;&amp;"), "{whole}");
+        for svg_text in [svg.to_inline("p", "<b>", "\"&"), svg.to_file("<b>", "\"&")] {
+            assert!(!svg_text.contains("<script") && !svg_text.contains("<b>"), "{svg_text}");
+            assert!(svg_text.contains("&lt;script&gt;") && svg_text.contains("&quot;&amp;"), "{svg_text}");
         }
     }
 }

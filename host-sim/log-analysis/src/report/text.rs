@@ -1,18 +1,20 @@
 /// Escapes text for HTML, including quotes.
 pub fn escape_html(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
+    for character in text.chars() {
+        match character {
             '&' => escaped.push_str("&amp;"),
             '<' => escaped.push_str("&lt;"),
             '>' => escaped.push_str("&gt;"),
             '"' => escaped.push_str("&quot;"),
             '\'' => escaped.push_str("&#39;"),
-            '\n' | '\t' => escaped.push(c),
+            '\n' | '\t' => escaped.push(character),
             // Control and bidirectional characters are dropped; some are invalid in HTML.
-            c if c.is_control() || ('\u{202a}'..='\u{202e}').contains(&c) || ('\u{2066}'..='\u{2069}').contains(&c) => {
-            }
-            c => escaped.push(c),
+            character
+                if character.is_control()
+                    || ('\u{202a}'..='\u{202e}').contains(&character)
+                    || ('\u{2066}'..='\u{2069}').contains(&character) => {}
+            character => escaped.push(character),
         }
     }
     escaped

@@ -113,7 +113,7 @@ pub struct SourceRestart {
     pub fault_switch: FaultSwitch,
     /// Duration of the silence, seconds.
     pub silent_s: f64,
-    /// Alignment afterwards.
+    /// Alignment of the attitude filter after the silence.
     pub alignment: FilterAlignment,
 }
 

@@ -65,7 +65,7 @@ pub enum ConfigError {
     Format(String),
     /// A number outside its allowed range.
     OutOfRange {
-        /// Name in the file.
+        /// Name of the setting in the file.
         setting: &'static str,
         /// Rejected value.
         value: f64,

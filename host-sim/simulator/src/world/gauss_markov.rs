@@ -7,7 +7,7 @@ use crate::random::RandomStream;
 pub struct FirstOrderProcess {
     value: f64,
     decay: f64,
-    drive: f64,
+    input_gain: f64,
     random: RandomStream,
 }
 
@@ -16,12 +16,12 @@ impl FirstOrderProcess {
     #[must_use]
     pub fn new(sigma: f64, correlation_s: f64, step_s: f64, mut random: RandomStream) -> Self {
         let decay = libm::exp(-step_s / correlation_s);
-        Self { value: sigma * random.gaussian(), decay, drive: sigma * (1.0 - decay * decay).sqrt(), random }
+        Self { value: sigma * random.gaussian(), decay, input_gain: sigma * (1.0 - decay * decay).sqrt(), random }
     }
 
-    /// Next sample.
+    /// Next sample of the process.
     pub fn next_value(&mut self) -> f64 {
-        self.value = self.decay * self.value + self.drive * self.random.gaussian();
+        self.value = self.decay * self.value + self.input_gain * self.random.gaussian();
         self.value
     }
 }

@@ -189,8 +189,8 @@ impl WorldState {
     fn true_state(&mut self, at_us: u64) -> TrueState {
         self.advance_to(at_us);
         let oldest_us = self.history[0].time_us;
-        let passed_us = at_us.saturating_sub(oldest_us);
-        let index = (passed_us / STEP_US) as usize;
+        let elapsed_us = at_us.saturating_sub(oldest_us);
+        let index = (elapsed_us / STEP_US) as usize;
         let earlier = &self.history[index];
         match self.history.get(index + 1) {
             Some(later) if at_us > earlier.time_us => earlier.interpolate(later, at_us),

@@ -86,24 +86,27 @@ impl TrueState {
     }
 
     pub(super) fn interpolate(&self, later: &Self, time_us: u64) -> Self {
-        let passed_us = time_us.saturating_sub(self.time_us) as f64;
-        let share = passed_us / (later.time_us - self.time_us) as f64;
-        let mix = |from: f64, to: f64| from + (to - from) * share;
+        let elapsed_us = time_us.saturating_sub(self.time_us) as f64;
+        let share = elapsed_us / (later.time_us - self.time_us) as f64;
+        let interpolate_value = |from: f64, to: f64| from + (to - from) * share;
         Self {
             time_us,
-            roll_rad: mix(self.roll_rad, later.roll_rad),
-            pitch_rad: mix(self.pitch_rad, later.pitch_rad),
-            heading_rad: mix(self.heading_rad, later.heading_rad),
-            roll_rate_rad_s: mix(self.roll_rate_rad_s, later.roll_rate_rad_s),
-            pitch_rate_rad_s: mix(self.pitch_rate_rad_s, later.pitch_rate_rad_s),
-            heading_rate_rad_s: mix(self.heading_rate_rad_s, later.heading_rate_rad_s),
-            sideslip_rad: mix(self.sideslip_rad, later.sideslip_rad),
-            north_m: mix(self.north_m, later.north_m),
-            east_m: mix(self.east_m, later.east_m),
-            north_m_s: mix(self.north_m_s, later.north_m_s),
-            east_m_s: mix(self.east_m_s, later.east_m_s),
-            disturbing_acceleration_m_s2: mix(self.disturbing_acceleration_m_s2, later.disturbing_acceleration_m_s2),
-            relative_current: mix(self.relative_current, later.relative_current),
+            roll_rad: interpolate_value(self.roll_rad, later.roll_rad),
+            pitch_rad: interpolate_value(self.pitch_rad, later.pitch_rad),
+            heading_rad: interpolate_value(self.heading_rad, later.heading_rad),
+            roll_rate_rad_s: interpolate_value(self.roll_rate_rad_s, later.roll_rate_rad_s),
+            pitch_rate_rad_s: interpolate_value(self.pitch_rate_rad_s, later.pitch_rate_rad_s),
+            heading_rate_rad_s: interpolate_value(self.heading_rate_rad_s, later.heading_rate_rad_s),
+            sideslip_rad: interpolate_value(self.sideslip_rad, later.sideslip_rad),
+            north_m: interpolate_value(self.north_m, later.north_m),
+            east_m: interpolate_value(self.east_m, later.east_m),
+            north_m_s: interpolate_value(self.north_m_s, later.north_m_s),
+            east_m_s: interpolate_value(self.east_m_s, later.east_m_s),
+            disturbing_acceleration_m_s2: interpolate_value(
+                self.disturbing_acceleration_m_s2,
+                later.disturbing_acceleration_m_s2,
+            ),
+            relative_current: interpolate_value(self.relative_current, later.relative_current),
         }
     }
 }

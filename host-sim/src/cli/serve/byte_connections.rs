@@ -175,7 +175,7 @@ impl<S: Read + Write> ByteConnection for Connection<S> {
     }
 }
 
-/// Ctrl-], as in telnet.
+/// Key that ends the session: Ctrl-], as in telnet.
 const LEAVE_KEY: u8 = 0x1D;
 
 /// Ctrl-D, which ends the session on an empty line.

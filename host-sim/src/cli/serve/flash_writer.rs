@@ -38,9 +38,9 @@ impl FlashWriter {
     /// Writes the file if the flash changed and is stable since the last call, or at the end.
     pub fn write_if_stable(&mut self, served_module: &ServedModule, is_end: bool) -> Result<(), CommandFailure> {
         let changes = served_module.flash_changes();
-        let rests = changes == self.seen_changes || is_end;
+        let is_stable = changes == self.seen_changes || is_end;
         self.seen_changes = changes;
-        if rests && changes != self.written_changes {
+        if is_stable && changes != self.written_changes {
             self.write_flash(served_module)?;
             self.written_changes = changes;
         }

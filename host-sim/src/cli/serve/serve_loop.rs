@@ -76,8 +76,8 @@ impl Connections {
                     wire.write_bytes(&bytes);
                 }
             }
-            if let Some(complaint) = virtual_clock.take_warning() {
-                print::print_error(format_args!("{complaint}\r"));
+            if let Some(error_text) = virtual_clock.take_warning() {
+                print::print_error(format_args!("{error_text}\r"));
             }
             self.flash.write_if_stable(served_module, false)?;
             thread::sleep(POLL_INTERVAL);

@@ -26,8 +26,8 @@ pub fn rms_deg(trial: &RandomFlight) -> Option<f64> {
 
 /// Cramér-Rao bound of the heading error from these samples, degrees RMS.
 #[must_use]
-pub fn rms_deg_for<'a>(trial: &RandomFlight, instants: impl Iterator<Item = &'a TrueSample>) -> Option<f64> {
-    let information: FisherInformation = instants.map(|instant| fisher_information(trial, instant)).sum();
+pub fn rms_deg_for<'a>(trial: &RandomFlight, true_samples: impl Iterator<Item = &'a TrueSample>) -> Option<f64> {
+    let information: FisherInformation = true_samples.map(|true_sample| fisher_information(trial, true_sample)).sum();
     let covariance = information.cholesky()?.inverse();
     let correction_matrix = trial.field_matrix.try_inverse()?;
     let (square_sum, heading_count) =
@@ -39,8 +39,8 @@ pub fn rms_deg_for<'a>(trial: &RandomFlight, instants: impl Iterator<Item = &'a 
 }
 
 /// Fisher information of a sample about the common parameters.
-fn fisher_information(trial: &RandomFlight, instant: &TrueSample) -> FisherInformation {
-    let (common, nuisance_rows) = measurement_jacobians(trial, instant);
+fn fisher_information(trial: &RandomFlight, true_sample: &TrueSample) -> FisherInformation {
+    let (common, nuisance_rows) = measurement_jacobians(trial, true_sample);
     let projected = nuisance_rows.tr_mul(&common);
     // Regular except at a magnetic pole: attitude measurements determine roll and pitch, the field determines heading.
     let nuisance = (nuisance_rows.tr_mul(&nuisance_rows)).try_inverse().unwrap_or_else(Matrix3::zeros);
@@ -49,8 +49,8 @@ fn fisher_information(trial: &RandomFlight, instant: &TrueSample) -> FisherInfor
 
 /// Jacobian rows of the two combinations of measurements that are independent of the nuisance parameters.
 #[must_use]
-pub fn information_root(trial: &RandomFlight, instant: &TrueSample) -> InformationRoot {
-    let (common, nuisance_rows) = measurement_jacobians(trial, instant);
+pub fn information_root(trial: &RandomFlight, true_sample: &TrueSample) -> InformationRoot {
+    let (common, nuisance_rows) = measurement_jacobians(trial, true_sample);
     let nuisance = (nuisance_rows.tr_mul(&nuisance_rows)).try_inverse().unwrap_or_else(Matrix3::zeros);
     let untouched = SMatrix::<f64, 5, 5>::identity() - nuisance_rows * nuisance * nuisance_rows.transpose();
     // The projection has rank two: two eigenvalues are one, the others zero.
@@ -62,8 +62,8 @@ pub fn information_root(trial: &RandomFlight, instant: &TrueSample) -> Informati
 }
 
 /// Jacobians of a sample's measurements by common and nuisance parameters, in units of the measurement sigmas.
-fn measurement_jacobians(trial: &RandomFlight, instant: &TrueSample) -> (SMatrix<f64, 5, 13>, SMatrix<f64, 5, 3>) {
-    let euler = instant.euler;
+fn measurement_jacobians(trial: &RandomFlight, true_sample: &TrueSample) -> (SMatrix<f64, 5, 13>, SMatrix<f64, 5, 3>) {
+    let euler = true_sample.euler;
     let body_field = trial.body_field(euler);
     let mut common = SMatrix::<f64, 5, 13>::zeros();
     for i in 0..3 {
@@ -96,7 +96,7 @@ fn measurement_jacobians(trial: &RandomFlight, instant: &TrueSample) -> (SMatrix
     }
     nuisance_rows[(3, 1)] = 1.0;
     nuisance_rows[(4, 2)] = 1.0;
-    let sigmas = [trial.sensor_sigma; 3].into_iter().chain([trial.attitude_sigma_rad(instant); 2]);
+    let sigmas = [trial.sensor_sigma; 3].into_iter().chain([trial.attitude_sigma_rad(true_sample); 2]);
     for (row, sigma) in sigmas.enumerate() {
         common.row_mut(row).unscale_mut(sigma);
         nuisance_rows.row_mut(row).unscale_mut(sigma);
@@ -132,8 +132,9 @@ mod tests {
     fn information_root_squares_to_the_information() {
         for seed in 0..5 {
             let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, seed);
-            for instant in trial.true_samples().step_by(40) {
-                let (information, root) = (fisher_information(&trial, instant), information_root(&trial, instant));
+            for true_sample in trial.true_samples().step_by(40) {
+                let (information, root) =
+                    (fisher_information(&trial, true_sample), information_root(&trial, true_sample));
                 let difference = root.tr_mul(&root) - information;
                 assert!(
                     difference.norm() < 1e-6 * information.norm(),
@@ -147,8 +148,10 @@ mod tests {
     #[test]
     fn disturbing_acceleration_raises_the_cramer_rao_bound() {
         let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, 7);
-        let turbulent: Vec<TrueSample> =
-            trial.true_samples().map(|instant| TrueSample { disturbing_acceleration_m_s2: 5.0, ..*instant }).collect();
+        let turbulent: Vec<TrueSample> = trial
+            .true_samples()
+            .map(|true_sample| TrueSample { disturbing_acceleration_m_s2: 5.0, ..*true_sample })
+            .collect();
         let [calm, turbulent] = [rms_deg(&trial).unwrap(), rms_deg_for(&trial, turbulent.iter()).unwrap()];
         // The acceleration adds 2 deg of tilt error to 0.2 to 1 deg of noise.
         assert!(turbulent > 1.5 * calm, "{turbulent} {calm}");

@@ -50,9 +50,9 @@ impl Ord for SampleCandidate {
 /// The `sample_count` most informative samples of a flight, or all if there are fewer, in the order of selection.
 #[must_use]
 pub fn select_samples(trial: &RandomFlight, sample_count: usize) -> Vec<TrueSample> {
-    let instants: Vec<&TrueSample> = trial.true_samples().collect();
+    let true_samples: Vec<&TrueSample> = trial.true_samples().collect();
     let rows: Vec<InformationRoot> =
-        instants.iter().map(|instant| cramer_rao::information_root(trial, instant)).collect();
+        true_samples.iter().map(|true_sample| cramer_rao::information_root(trial, true_sample)).collect();
     let mut covariance = prior_information();
     let gain = |covariance: &FisherInformation, index: usize| {
         libm::log(information_gain_matrix(covariance, &rows[index]).determinant())
@@ -72,7 +72,7 @@ pub fn select_samples(trial: &RandomFlight, sample_count: usize) -> Vec<TrueSamp
             continue;
         }
         covariance = with_sample(&covariance, &rows[best_candidate.index]);
-        chosen.push(*instants[best_candidate.index]);
+        chosen.push(*true_samples[best_candidate.index]);
     }
     chosen
 }
@@ -123,7 +123,7 @@ mod tests {
     fn lazy_selection_equals_exhaustive_selection() {
         let trial = trial(30);
         let rows: Vec<InformationRoot> =
-            trial.true_samples().map(|instant| cramer_rao::information_root(&trial, instant)).collect();
+            trial.true_samples().map(|true_sample| cramer_rao::information_root(&trial, true_sample)).collect();
         let mut information = prior_information().try_inverse().unwrap();
         let mut remaining: Vec<usize> = (0..rows.len()).collect();
         let mut exhaustive = Vec::new();
@@ -135,7 +135,7 @@ mod tests {
             remaining.retain(|&index| index != best);
             exhaustive.push(trial.true_samples().nth(best).unwrap().time.as_ms());
         }
-        let lazy: Vec<u32> = select_samples(&trial, 20).iter().map(|instant| instant.time.as_ms()).collect();
+        let lazy: Vec<u32> = select_samples(&trial, 20).iter().map(|true_sample| true_sample.time.as_ms()).collect();
         assert_eq!(lazy, exhaustive);
     }
 

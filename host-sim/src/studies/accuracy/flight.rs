@@ -72,7 +72,7 @@ impl Flight {
             FlightPattern::Wandering => None,
         };
         let end_us = (self.duration_minutes * 60e6) as u64;
-        let mut instants = Vec::new();
+        let mut true_samples = Vec::new();
         // Flight time without the calibration routine, whose duration a separate simulation determines.
         let spare_us = routine.as_ref().map_or(0, |(_, legs)| end_us.saturating_sub(duration_us(config, seed, legs)));
         let mut routine = routine.map(|(share, legs)| ((spare_us as f64 * share) as u64, legs));
@@ -91,10 +91,10 @@ impl Flight {
             }
             aircraft.advance_step();
             if aircraft.true_state().time_us.is_multiple_of(SAMPLE_PERIOD_US) {
-                instants.push(true_sample(&aircraft));
+                true_samples.push(true_sample(&aircraft));
             }
         }
-        instants
+        true_samples
     }
 }
 
@@ -153,13 +153,14 @@ mod tests {
     fn a_flight_of_three_minutes_has_1800_samples() {
         for vehicle_kind in [VehicleKind::Plane, VehicleKind::Copter, VehicleKind::Vtol] {
             for pattern in FlightPattern::ALL_PATTERNS {
-                let instants = fly_pattern(vehicle_kind, pattern, 4);
-                assert_eq!(instants.len(), 1800, "{vehicle_kind:?} {pattern:?}");
-                assert!(instants.windows(2).all(|pair| pair[1].time.ms_since(pair[0].time) == 100));
-                let rates =
-                    |instants: &[TrueSample]| instants.iter().map(|true_sample| true_sample.rates).collect::<Vec<_>>();
-                assert_eq!(rates(&instants), rates(&fly_pattern(vehicle_kind, pattern, 4)));
-                assert_ne!(rates(&instants), rates(&fly_pattern(vehicle_kind, pattern, 5)));
+                let true_samples = fly_pattern(vehicle_kind, pattern, 4);
+                assert_eq!(true_samples.len(), 1800, "{vehicle_kind:?} {pattern:?}");
+                assert!(true_samples.windows(2).all(|pair| pair[1].time.ms_since(pair[0].time) == 100));
+                let rates = |true_samples: &[TrueSample]| {
+                    true_samples.iter().map(|true_sample| true_sample.rates).collect::<Vec<_>>()
+                };
+                assert_eq!(rates(&true_samples), rates(&fly_pattern(vehicle_kind, pattern, 4)));
+                assert_ne!(rates(&true_samples), rates(&fly_pattern(vehicle_kind, pattern, 5)));
             }
         }
     }
@@ -189,13 +190,13 @@ mod tests {
                 Flight { kind: VehicleKind::Copter, flight_pattern: pattern, duration_minutes: 20.0 }
                     .true_flight(&RandomRanges::WORST_CASE, seed)
             };
-            for (instants, right_turn_range, left_turn_range) in [
+            for (true_samples, right_turn_range, left_turn_range) in [
                 (fly_pattern(FlightPattern::Routine), [3670, 3775], [3790, 3900]),
                 (fly_pattern(FlightPattern::Mirrored), [8115, 8220], [8240, 8350]),
             ] {
-                assert_eq!(instants.len(), 12_000);
+                assert_eq!(true_samples.len(), 12_000);
                 let turned_deg = |[from, to]: [usize; 2]| {
-                    (instants[to].euler.heading_rad - instants[from].euler.heading_rad).to_degrees()
+                    (true_samples[to].euler.heading_rad - true_samples[from].euler.heading_rad).to_degrees()
                 };
                 assert!(turned_deg(right_turn_range) > 280.0, "seed {seed}: {}", turned_deg(right_turn_range));
                 assert!(turned_deg(left_turn_range) < -280.0, "seed {seed}: {}", turned_deg(left_turn_range));

@@ -91,11 +91,12 @@ impl FlightResult {
                 .all_samples()
                 .map(|sample| sample.time.as_ms())
                 .collect();
-        let kept_instants = trial.true_samples().filter(|instant| retained_times.contains(&instant.time.as_ms()));
+        let kept_samples =
+            trial.true_samples().filter(|true_sample| retained_times.contains(&true_sample.time.as_ms()));
         let readings = retained_times.len();
         let mut flight_result = Self {
             readings,
-            retained_bound_deg: cramer_rao::rms_deg_for(&trial, kept_instants)?,
+            retained_bound_deg: cramer_rao::rms_deg_for(&trial, kept_samples)?,
             best_bound_deg: d_optimal::rms_deg(&trial, readings)?,
             counts: SolveCounts::default(),
             normalised: Vec::new(),

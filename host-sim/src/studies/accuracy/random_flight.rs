@@ -216,9 +216,9 @@ impl RandomFlight {
 
     /// Standard deviation of roll and of pitch errors at a sample, radians.
     #[must_use]
-    pub fn attitude_sigma_rad(&self, instant: &TrueSample) -> f64 {
-        let by_push_rad = TILT_ERROR_DEG_PER_M_S2.to_radians() * instant.disturbing_acceleration_m_s2;
-        libm::hypot(self.attitude_sigma_rad, by_push_rad)
+    pub fn attitude_sigma_rad(&self, true_sample: &TrueSample) -> f64 {
+        let acceleration_error_rad = TILT_ERROR_DEG_PER_M_S2.to_radians() * true_sample.disturbing_acceleration_m_s2;
+        libm::hypot(self.attitude_sigma_rad, acceleration_error_rad)
     }
 
     /// All samples of the flight.
@@ -238,14 +238,14 @@ impl RandomFlight {
         let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(repetition);
         let mut random = RandomStream::new(seed, StreamPurpose::Magnetometer);
         let source = faults.draw_errors(&mut random);
-        let fit_samples = sample_turns(&self.left_turns, &self.right_turns, |instant| {
-            self.noisy_sample(instant, source, &mut random)
+        let fit_samples = sample_turns(&self.left_turns, &self.right_turns, |true_sample| {
+            self.noisy_sample(true_sample, source, &mut random)
         });
         // A separate random stream, so that held-back samples do not change the other random numbers.
         let mut held_back_random = RandomStream::new(seed, StreamPurpose::HeldBack);
         let [left, right] = [midpoints(&self.left_turns), midpoints(&self.right_turns)];
         let held_back =
-            sample_turns(&left, &right, |instant| self.noisy_sample(instant, source, &mut held_back_random));
+            sample_turns(&left, &right, |true_sample| self.noisy_sample(true_sample, source, &mut held_back_random));
         (Recording { fit: fit_samples, held_back }, LaterMeasurements { source, random })
     }
 
@@ -255,7 +255,8 @@ impl RandomFlight {
         let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(repetition);
         let mut random = RandomStream::new(seed, StreamPurpose::Magnetometer);
         let source = faults.draw_errors(&mut random);
-        let samples = self.true_samples().map(|instant| self.noisy_sample(instant, source, &mut random)).collect();
+        let samples =
+            self.true_samples().map(|true_sample| self.noisy_sample(true_sample, source, &mut random)).collect();
         (samples, LaterMeasurements { source, random })
     }
 
@@ -272,13 +273,13 @@ impl RandomFlight {
             roll_rad: random.uniform(-30.0, 30.0).to_radians(),
             pitch_rad: random.uniform(-10.0, 10.0).to_radians(),
         };
-        let instant = TrueSample {
+        let true_sample = TrueSample {
             euler,
             disturbing_acceleration_m_s2: 0.0,
             rates: Rates::UNKNOWN,
             time: WrappingMillis::default(),
         };
-        let Sample { field, attitude, .. } = self.noisy_sample(&instant, later_measurements.source, random);
+        let Sample { field, attitude, .. } = self.noisy_sample(&true_sample, later_measurements.source, random);
         let config = heading::HeadingLimits::DEFAULT;
         let indicated_heading_rad =
             heading::compute_heading(config, &solution.calibration, &solution.uncertainty, field, attitude).ok()?;
@@ -286,21 +287,26 @@ impl RandomFlight {
         Some(error_deg / f64::from(indicated_heading_rad.sigma_deg()))
     }
 
-    fn noisy_sample(&self, instant: &TrueSample, source: ConstantAttitudeErrors, random: &mut RandomStream) -> Sample {
-        let euler = instant.euler;
+    fn noisy_sample(
+        &self,
+        true_sample: &TrueSample,
+        source: ConstantAttitudeErrors,
+        random: &mut RandomStream,
+    ) -> Sample {
+        let euler = true_sample.euler;
         let sensed =
             self.field_matrix * self.body_field(euler) + self.hard_iron + random.normal_vector() * self.sensor_sigma;
         let reported_angles = [
             euler.roll_rad * (1.0 + source.bank_scale) + source.roll_bias_rad,
             euler.pitch_rad + source.pitch_bias_rad,
         ];
-        let sigma_rad = self.attitude_sigma_rad(instant);
+        let sigma_rad = self.attitude_sigma_rad(true_sample);
         let [roll_rad, pitch_rad] = reported_angles.map(|angle| (angle + random.gaussian() * sigma_rad) as f32);
         Sample {
             field: Field::new((sensed * FIELD_STRENGTH_UT).cast()),
             attitude: Attitude { roll_rad, pitch_rad },
-            time: instant.time,
-            rates: instant.rates,
+            time: true_sample.time,
+            rates: true_sample.rates,
             current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         }
@@ -322,8 +328,8 @@ impl RandomFlight {
     }
 }
 
-fn midpoints(instants: &[TrueSample]) -> Vec<TrueSample> {
-    instants.iter().zip(instants.iter().skip(1)).map(|(earlier, later)| earlier.midpoint(later)).collect()
+fn midpoints(true_samples: &[TrueSample]) -> Vec<TrueSample> {
+    true_samples.iter().zip(true_samples.iter().skip(1)).map(|(earlier, later)| earlier.midpoint(later)).collect()
 }
 
 /// Coordinated turns with random bank and pitch (correlation time 1.5 s), sampled every 0.5 s.
@@ -380,11 +386,11 @@ fn sample_turns(
     right: &[TrueSample],
     mut sample: impl FnMut(&TrueSample) -> Sample,
 ) -> Vec<Sample> {
-    let instants = left
+    let true_samples = left
         .iter()
         .map(|left| (left, CollectionPart::LEFT))
         .chain(right.iter().map(|right| (right, CollectionPart::RIGHT)));
-    instants.map(|(instant, part)| Sample { part, ..sample(instant) }).collect()
+    true_samples.map(|(true_sample, part)| Sample { part, ..sample(true_sample) }).collect()
 }
 
 #[cfg(test)]
@@ -411,7 +417,7 @@ mod tests {
     /// %.
     #[test]
     fn attitude_noise_grows_with_disturbing_acceleration() {
-        let instant = |push_m_s2| TrueSample {
+        let true_sample = |push_m_s2| TrueSample {
             euler: Euler::from_deg(3.0, -4.0, 100.0),
             disturbing_acceleration_m_s2: push_m_s2,
             rates: Rates::from_rad_s([0.1, -0.2, 0.3]),
@@ -419,7 +425,7 @@ mod tests {
         };
         let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, 3);
         for (push_m_s2, by_push_deg) in [(0.0, 0.0), (2.6, 1.04)] {
-            let trial = trial.clone().with_flight(vec![instant(push_m_s2); 2000], AttitudeEnvelope::Tilted);
+            let trial = trial.clone().with_flight(vec![true_sample(push_m_s2); 2000], AttitudeEnvelope::Tilted);
             let (samples, _) = trial.record_all(0, ConstantErrorSigmas::NO_ERRORS);
             let squares = samples.iter().map(|sample| square(f64::from(sample.attitude.roll_rad.to_degrees() - 3.0)));
             let sigma_deg = (squares.sum::<f64>() / 2000.0).sqrt();

@@ -15,7 +15,7 @@ pub(super) fn first_legs(vehicle_kind: VehicleKind, random: &mut RandomStream) -
         seconds: TIME_IN_LEVEL_FLIGHT_S.midpoint(TIME_IN_TURN_S),
     };
     let circle = if vehicle_kind.can_hover() {
-        // 20 s, about the duration of an aeroplane's circle.
+        // A full yaw turn in 20 s, about the duration of an aeroplane's circle.
         Leg::Yaw { rate_deg_s: 18.0, heading_change_deg: 360.0 }
     } else {
         Leg::Turn { bank_deg: 25.0, heading_change_deg: 360.0 }

@@ -14,7 +14,7 @@ const MAX_SUSTAINED_SIGMA_DEG: f64 = 2.0;
 /// Evaluated output sentence.
 #[derive(Clone, Debug, PartialEq)]
 pub enum EvaluatedSentence {
-    /// Heading.
+    /// Sentence with a heading.
     Heading {
         /// Output minus true heading, degrees.
         error_deg: f64,

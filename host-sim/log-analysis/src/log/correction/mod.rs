@@ -11,9 +11,9 @@ const GAUSS_UT: f64 = 100.0;
 /// Correction of hard iron, soft iron and motor current, body axes: `corrected = matrix (raw - centre - by_current I)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FieldCorrection {
-    /// Soft iron and scale.
+    /// Matrix that corrects soft iron and scale.
     pub matrix: Matrix3<f64>,
-    /// Hard iron, microtesla.
+    /// Hard iron in the raw field, microtesla.
     pub hard_iron_ut: Vector3<f64>,
     /// Motor-current interference in the raw field, uT/A.
     pub motor_ut_per_a: Vector3<f64>,
@@ -40,14 +40,15 @@ impl FieldCorrection {
 
     /// ArduPilot's last correction of a compass, without throttle compensation.
     #[must_use]
-    pub fn from_ardupilot(parameters: &ParameterHistory, number: u8) -> Self {
-        InvertibleCorrection::from_ardupilot_parameters(parameters, f64::INFINITY, number).correction
+    pub fn from_ardupilot(parameters: &ParameterHistory, compass_number: u8) -> Self {
+        InvertibleCorrection::from_ardupilot_parameters(parameters, f64::INFINITY, compass_number).correction
     }
 
     /// PX4's last correction of a compass.
     #[must_use]
-    pub fn from_px4(parameters: &ParameterHistory, number: u8) -> Self {
-        InvertibleCorrection::from_px4_parameters(parameters, f64::INFINITY, number.saturating_sub(1)).correction
+    pub fn from_px4(parameters: &ParameterHistory, compass_number: u8) -> Self {
+        InvertibleCorrection::from_px4_parameters(parameters, f64::INFINITY, compass_number.saturating_sub(1))
+            .correction
     }
 }
 
@@ -84,8 +85,8 @@ impl InvertibleCorrection {
     /// ArduPilot's correction by the parameters of a time: `f = M ((raw + OFS) SCALE)`, then motor-current compensation
     /// (`AP_Compass_Backend::correct_field`). As in ArduPilot, a scale outside 1/1.5 to 1.5 and diagonals of zero mean
     /// one.
-    pub fn from_ardupilot_parameters(parameters: &ParameterHistory, t_s: f64, number: u8) -> Self {
-        let index = if number == 1 { String::new() } else { number.to_string() };
+    pub fn from_ardupilot_parameters(parameters: &ParameterHistory, t_s: f64, compass_number: u8) -> Self {
+        let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
         let value = |name: &str| parameters.value_at(t_s, name);
         let vector = |parameter_part: &str| {
             let [x, y, z] =
@@ -102,7 +103,8 @@ impl InvertibleCorrection {
             // A telemetry link may lose one of three related parameters, which is then assumed to have its default.
             symmetric_matrix(&Vector3::from(diagonal.map(|axis| axis.unwrap_or(1.0))), &off_diagonal)
         };
-        let is_by_current = value("COMPASS_MOTCT").is_some_and(|kind| kind.round() as i32 == 2);
+        let is_by_current =
+            value("COMPASS_MOTCT").is_some_and(|compensation_type| compensation_type.round() as i32 == 2);
         let after_ut = if is_by_current { vector("MOT") * MILLIGAUSS_UT } else { Vector3::zeros() };
         Self::from_correction(FieldCorrection::without_current(soft * scale, -vector("OFS") * MILLIGAUSS_UT), after_ut)
     }
@@ -112,23 +114,25 @@ impl InvertibleCorrection {
     /// `CAL_MAG_COMP_TYP` is 2 or 3. `index` is that of `CAL_MAGn`.
     pub fn from_px4_parameters(parameters: &ParameterHistory, t_s: f64, index: u8) -> Self {
         let value = |name: &str| parameters.value_at(t_s, &format!("CAL_MAG{index}_{name}"));
-        let vector = |parameter_part: &str, none: f64| {
-            let [x, y, z] = ["X", "Y", "Z"].map(|axis| value(&format!("{axis}{parameter_part}")).unwrap_or(none));
+        let vector = |parameter_part: &str, default: f64| {
+            let [x, y, z] = ["X", "Y", "Z"].map(|axis| value(&format!("{axis}{parameter_part}")).unwrap_or(default));
             Vector3::new(x, y, z)
         };
         let mut diagonal = vector("SCALE", 1.0);
         if diagonal.iter().any(|scale| *scale < 1e-3) {
             diagonal = Vector3::repeat(1.0);
         }
-        let turned = px4_mounting(parameters, t_s, index);
-        let scale = turned * symmetric_matrix(&diagonal, &vector("ODIAG", 0.0)) * turned.transpose();
-        let is_by_current =
-            parameters.value_at(t_s, "CAL_MAG_COMP_TYP").is_some_and(|kind| [2, 3].contains(&(kind.round() as i32)));
+        let body_from_sensor = px4_mounting(parameters, t_s, index);
+        let scale =
+            body_from_sensor * symmetric_matrix(&diagonal, &vector("ODIAG", 0.0)) * body_from_sensor.transpose();
+        let is_by_current = parameters
+            .value_at(t_s, "CAL_MAG_COMP_TYP")
+            .is_some_and(|compensation_type| [2, 3].contains(&(compensation_type.round() as i32)));
         let comp = if is_by_current { vector("COMP", 0.0) } else { Vector3::zeros() };
-        let by_current_ut = turned * comp * -GAUSS_UT / 1000.0;
+        let by_current_ut = body_from_sensor * comp * -GAUSS_UT / 1000.0;
         let correction_as_logged = FieldCorrection {
             motor_ut_per_a: by_current_ut,
-            ..FieldCorrection::without_current(scale, turned * vector("OFF", 0.0) * GAUSS_UT)
+            ..FieldCorrection::without_current(scale, body_from_sensor * vector("OFF", 0.0) * GAUSS_UT)
         };
         Self::from_correction(correction_as_logged, Vector3::zeros())
     }
@@ -136,8 +140,8 @@ impl InvertibleCorrection {
 
 /// ArduPilot's calibration parameters that are missing though others of the same three are present.
 #[must_use]
-pub fn missing_ardupilot_parameters(parameters: &ParameterHistory, number: u8) -> Vec<String> {
-    let index = if number == 1 { String::new() } else { number.to_string() };
+pub fn missing_ardupilot_parameters(parameters: &ParameterHistory, compass_number: u8) -> Vec<String> {
+    let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
     let mut missing = Vec::new();
     for parameter_part in ["OFS", "DIA", "ODI"] {
         let names = ["X", "Y", "Z"].map(|axis| format!("COMPASS_{parameter_part}{index}_{axis}"));
@@ -155,27 +159,29 @@ pub fn missing_ardupilot_parameters(parameters: &ParameterHistory, number: u8) -
 pub(crate) fn px4_mounting(parameters: &ParameterHistory, t_s: f64, index: u8) -> Matrix3<f64> {
     const CUSTOM_ROTATION_NUMBER: f64 = 100.0;
     let value = |name: &str| parameters.value_at(t_s, name);
-    let turned = |names: [String; 3]| {
+    let rotation_of_angles = |names: [String; 3]| {
         let [roll, pitch, yaw] = names.map(|name| value(&name).unwrap_or(0.0).to_radians());
         Rotation3::from_euler_angles(roll, pitch, yaw).into_inner()
     };
-    let numbered = |number: f64| NumberedRotation::new(number).unwrap_or_default().rotation_matrix();
-    match value(&format!("CAL_MAG{index}_ROT")).filter(|number| *number >= 0.0) {
-        Some(CUSTOM_ROTATION_NUMBER) => turned(["ROLL", "PITCH", "YAW"].map(|angle| format!("CAL_MAG{index}_{angle}"))),
-        Some(number) => numbered(number),
+    let numbered = |rotation_number: f64| NumberedRotation::new(rotation_number).unwrap_or_default().rotation_matrix();
+    match value(&format!("CAL_MAG{index}_ROT")).filter(|rotation_number| *rotation_number >= 0.0) {
+        Some(CUSTOM_ROTATION_NUMBER) => {
+            rotation_of_angles(["ROLL", "PITCH", "YAW"].map(|angle| format!("CAL_MAG{index}_{angle}")))
+        }
+        Some(rotation_number) => numbered(rotation_number),
         None => {
             let board = value("SENS_BOARD_ROT").map_or_else(Matrix3::identity, numbered);
-            turned(["X", "Y", "Z"].map(|axis| format!("SENS_BOARD_{axis}_OFF"))) * board
+            rotation_of_angles(["X", "Y", "Z"].map(|axis| format!("SENS_BOARD_{axis}_OFF"))) * board
         }
     }
 }
 
 /// Parameter of the orientation of a compass of PX4 or ArduPilot.
-pub(crate) fn orientation_parameter(is_px4: bool, number: u8) -> String {
-    match number {
-        _ if is_px4 => format!("CAL_MAG{}_ROT", number.saturating_sub(1)),
+pub(crate) fn orientation_parameter(is_px4: bool, compass_number: u8) -> String {
+    match compass_number {
+        _ if is_px4 => format!("CAL_MAG{}_ROT", compass_number.saturating_sub(1)),
         1 => "COMPASS_ORIENT".to_owned(),
-        _ => format!("COMPASS_ORIENT{number}"),
+        _ => format!("COMPASS_ORIENT{compass_number}"),
     }
 }
 
@@ -185,23 +191,33 @@ pub(crate) fn logged_mounting(
     parameters: &ParameterHistory,
     is_px4: bool,
     t_s: f64,
-    number: u8,
+    compass_number: u8,
 ) -> Option<Matrix3<f64>> {
     if is_px4 {
-        return Some(px4_mounting(parameters, t_s, number.saturating_sub(1)));
+        return Some(px4_mounting(parameters, t_s, compass_number.saturating_sub(1)));
     }
-    let external = if number == 1 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{number}") };
+    let external =
+        if compass_number == 1 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{compass_number}") };
     if parameters.value_at(t_s, &external) == Some(0.0) {
         return None;
     }
-    let orientation = parameters.value_at(t_s, &orientation_parameter(is_px4, number)).unwrap_or(0.0);
+    let orientation = parameters.value_at(t_s, &orientation_parameter(is_px4, compass_number)).unwrap_or(0.0);
     NumberedRotation::new(orientation).map(NumberedRotation::rotation_matrix)
 }
 
 /// Symmetric matrix from its diagonal and its xy, xz and yz elements.
 pub(crate) fn symmetric_matrix(diagonal: &Vector3<f64>, off_diagonal: &Vector3<f64>) -> Matrix3<f64> {
-    let (d, o) = (diagonal, off_diagonal);
-    Matrix3::new(d.x, o.x, o.y, o.x, d.y, o.z, o.y, o.z, d.z)
+    Matrix3::new(
+        diagonal.x,
+        off_diagonal.x,
+        off_diagonal.y,
+        off_diagonal.x,
+        diagonal.y,
+        off_diagonal.z,
+        off_diagonal.y,
+        off_diagonal.z,
+        diagonal.z,
+    )
 }
 
 #[cfg(test)]

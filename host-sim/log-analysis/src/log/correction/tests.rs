@@ -37,7 +37,7 @@ fn ardupilots_correction_is_undone() {
 /// PX4 compensates in sensor axes, before the offsets, in G/kA, and only for a battery's current (types 2 and 3).
 #[test]
 fn px4s_correction_for_the_current_is_undone() {
-    for (kind, share) in [(0.0, 0.0), (1.0, 0.0), (2.0, 1.0), (3.0, 1.0)] {
+    for (compensation_type, share) in [(0.0, 0.0), (1.0, 0.0), (2.0, 1.0), (3.0, 1.0)] {
         let undo = InvertibleCorrection::from_px4_parameters(
             &parameters(&[
                 ("CAL_MAG0_XOFF", 0.1),
@@ -45,7 +45,7 @@ fn px4s_correction_for_the_current_is_undone() {
                 ("CAL_MAG0_YCOMP", -5.0),
                 // Yaw 180 deg: x and y are reversed.
                 ("CAL_MAG0_ROT", 4.0),
-                ("CAL_MAG_COMP_TYP", kind),
+                ("CAL_MAG_COMP_TYP", compensation_type),
             ]),
             0.0,
             0,
@@ -55,10 +55,10 @@ fn px4s_correction_for_the_current_is_undone() {
         let logged = Vector3::new(20.0 + 10.0, 1.1 * (30.0 + share * 10.0), 40.0);
         assert!(
             (undo.correction.correct_field(raw, 20.0) - logged).norm() < 1e-9,
-            "{kind}: {}",
+            "{compensation_type}: {}",
             undo.correction.correct_field(raw, 20.0)
         );
-        assert!((undo.raw_ut(logged, undo.motor_ut(20.0)) - raw).norm() < 1e-9, "{kind}");
+        assert!((undo.raw_ut(logged, undo.motor_ut(20.0)) - raw).norm() < 1e-9, "{compensation_type}");
     }
 }
 
@@ -82,9 +82,9 @@ fn a_missing_parameter_has_its_default() {
 
 #[test]
 fn ardupilot_scales_out_of_range_and_zero_diagonals_mean_one() {
-    for (scale, used) in [(1.51, 1.0), (1.5, 1.5), (0.66, 1.0), (0.67, 0.67), (0.0, 1.0)] {
+    for (scale, used_scale) in [(1.51, 1.0), (1.5, 1.5), (0.66, 1.0), (0.67, 0.67), (0.0, 1.0)] {
         let undo = InvertibleCorrection::from_ardupilot_parameters(&parameters(&[("COMPASS_SCALE", scale)]), 0.0, 1);
-        assert!((undo.correction.matrix - Matrix3::identity() * used).norm() < 1e-9, "{scale}");
+        assert!((undo.correction.matrix - Matrix3::identity() * used_scale).norm() < 1e-9, "{scale}");
     }
     assert_eq!(
         InvertibleCorrection::from_ardupilot_parameters(&ParameterHistory::default(), 0.0, 1).correction,
@@ -139,12 +139,12 @@ fn px4s_compass_angles_and_board_trim_rotate_the_field() {
 /// Type 1 compensates by throttle, whose input value is not logged.
 #[test]
 fn ardupilots_throttle_compensation_is_not_used_as_current() {
-    for (kind, by_current_ut) in [(0.0, 0.0), (1.0, 0.0), (2.0, -0.5)] {
-        let configured = parameters(&[("COMPASS_MOTCT", kind), ("COMPASS_MOT_X", 5.0)]);
+    for (compensation_type, by_current_ut) in [(0.0, 0.0), (1.0, 0.0), (2.0, -0.5)] {
+        let configured = parameters(&[("COMPASS_MOTCT", compensation_type), ("COMPASS_MOT_X", 5.0)]);
         let undone_correction = InvertibleCorrection::from_ardupilot_parameters(&configured, 0.0, 1).correction;
         assert!(
             (undone_correction.motor_ut_per_a - Vector3::new(by_current_ut, 0.0, 0.0)).norm() < 1e-9,
-            "{kind}: {undone_correction:?}"
+            "{compensation_type}: {undone_correction:?}"
         );
     }
 }
@@ -152,10 +152,10 @@ fn ardupilots_throttle_compensation_is_not_used_as_current() {
 /// PX4 ignores scales that are not positive.
 #[test]
 fn px4s_non_positive_scales_mean_one() {
-    for (scale, used) in [(0.0, 1.0), (-1.0, 1.0), (0.5, 0.5)] {
+    for (scale, used_scale) in [(0.0, 1.0), (-1.0, 1.0), (0.5, 0.5)] {
         let configured = parameters(&[("CAL_MAG0_YSCALE", scale), ("CAL_MAG0_XOFF", 0.1)]);
         let undone_correction = InvertibleCorrection::from_px4_parameters(&configured, 0.0, 0).correction;
-        let expected = Matrix3::from_diagonal(&Vector3::new(1.0, used, 1.0));
+        let expected = Matrix3::from_diagonal(&Vector3::new(1.0, used_scale, 1.0));
         assert!((undone_correction.matrix - expected).norm() < 1e-9, "{scale}: {undone_correction:?}");
         assert!(
             (undone_correction.hard_iron_ut - Vector3::new(10.0, 0.0, 0.0)).norm() < 1e-9,

@@ -43,8 +43,8 @@ use table_layout::{TableLayout, is_header};
 
 /// Whether the first line that is no comment is the header of a table: with a column `t_s`, or half of the required columns.
 #[must_use]
-pub fn is_table(head: &[u8]) -> bool {
-    let first = head.split(|&byte| byte == b'\n').find(|line| !is_comment(line));
+pub fn is_table(first_bytes: &[u8]) -> bool {
+    let first = first_bytes.split(|&byte| byte == b'\n').find(|line| !is_comment(line));
     first.is_some_and(|line| is_header(&String::from_utf8_lossy(line)))
 }
 
@@ -54,14 +54,14 @@ pub fn is_table(head: &[u8]) -> bool {
 ///
 /// The table has no usable rows, or a column is missing.
 pub fn read_csv(mut source: impl Read, unit: FieldUnit) -> Result<Flight, CsvError> {
-    let unreadable = |e: std::io::Error| CsvError::Source(e.to_string());
+    let unreadable = |error: std::io::Error| CsvError::Source(error.to_string());
     let mut window = ReadWindow::new(&mut source);
-    let mut number = 0_u64;
+    let mut line_number = 0_u64;
     let mut table: Option<TableLayout> = None;
-    let mut held = Vec::new();
+    let mut first_lines = Vec::new();
     let mut reading: Option<TableReader> = None;
     while let Some(line) = window.next_line().map_err(unreadable)? {
-        number += 1;
+        line_number += 1;
         if is_comment(line.as_bytes()) {
             continue;
         }
@@ -70,18 +70,20 @@ pub fn read_csv(mut source: impl Read, unit: FieldUnit) -> Result<Flight, CsvErr
             continue;
         };
         if let Some(reading) = &mut reading {
-            reading.record_line(table, unit, number, &line);
+            reading.record_line(table, unit, line_number, &line);
             continue;
         }
-        held.push((number, line));
-        if held.len() == MAX_ORDER_CHECK_LINES {
-            let began = reading.insert(TableReader::from_first_lines(table, &held));
-            held.drain(..).for_each(|(number, line)| began.record_line(table, unit, number, &line));
+        first_lines.push((line_number, line));
+        if first_lines.len() == MAX_ORDER_CHECK_LINES {
+            let table_reader = reading.insert(TableReader::from_first_lines(table, &first_lines));
+            first_lines
+                .drain(..)
+                .for_each(|(line_number, line)| table_reader.record_line(table, unit, line_number, &line));
         }
     }
     let Some(table) = table else { return Err(CsvError::NoColumn("t_s".to_owned())) };
-    let mut reading = reading.unwrap_or_else(|| TableReader::from_first_lines(&table, &held));
-    held.drain(..).for_each(|(number, line)| reading.record_line(&table, unit, number, &line));
+    let mut reading = reading.unwrap_or_else(|| TableReader::from_first_lines(&table, &first_lines));
+    first_lines.drain(..).for_each(|(line_number, line)| reading.record_line(&table, unit, line_number, &line));
     reading.finish_flight()
 }
 
@@ -109,8 +111,8 @@ mod tests {
         assert_eq!(rows[0].row_values.map(f32::to_bits), [10.0_f32, -20.0, 40.0, 10.0, -20.0, 40.0].map(f32::to_bits));
         assert!((flight.attitude.rows()[1].row_values[1].to_degrees() + 3.0).abs() < 1e-5);
         assert_eq!(flight.usable_rows.rows().iter().map(|row| row.row_values[0]).collect::<Vec<_>>(), [1.0, 0.0]);
-        let in_ut = read_csv(GOOD.as_bytes(), FieldUnit::Microtesla).unwrap();
-        assert_eq!(in_ut.compasses[0].field.rows()[0].row_values[..3], [100.0, -200.0, 400.0]);
+        let flight_in_ut = read_csv(GOOD.as_bytes(), FieldUnit::Microtesla).unwrap();
+        assert_eq!(flight_in_ut.compasses[0].field.rows()[0].row_values[..3], [100.0, -200.0, 400.0]);
     }
 
     #[test]
@@ -132,16 +134,16 @@ mod tests {
     #[test]
     fn other_names_of_columns_are_known_and_the_missing_one_is_named() {
         let names = ["t_s", "mx", "my", "mz", "roll_deg", "pitch_deg"];
-        for others in [
+        for alternative_names in [
             ["time", "MagX", "MagY", "MagZ", "Roll", "Pitch"],
             ["time_s", "mag_x", "mag_y", "mag_z", "roll_deg", "pitch_deg"],
         ] {
-            let renamed = std::iter::zip(names, others)
-                .fold(GOOD.to_owned(), |text, (name, other)| text.replacen(name, other, 1));
+            let renamed = std::iter::zip(names, alternative_names)
+                .fold(GOOD.to_owned(), |text, (name, alternative_name)| text.replacen(name, alternative_name, 1));
             let renamed = format!("\u{feff}{renamed}");
             assert!(is_table(renamed.as_bytes()), "{renamed}");
             assert_eq!(read_text(&renamed).unwrap().compasses[0].field, read_text(GOOD).unwrap().compasses[0].field);
-            let missing = renamed.replacen(others[4], "bank", 1);
+            let missing = renamed.replacen(alternative_names[4], "bank", 1);
             assert!(is_table(missing.as_bytes()), "{missing}");
             assert_eq!(read_text(&missing).unwrap_err(), CsvError::NoColumn("roll_deg".to_owned()));
         }
@@ -149,15 +151,19 @@ mod tests {
 
     #[test]
     fn a_malformed_line_costs_only_that_line() {
-        for bad in [
+        for malformed_line in [
             "0.2,9,10",
             "0.2,9,1,5,-200,400,10,-2,1",
             "0.2,9,x,-200,400,10,-2,1\n",
             "0.2,9,100,,400,10,-2,1\n",
             "0.2,9,100,inf,400,10,-2,1",
         ] {
-            let flight = read_text(&format!("{GOOD}{bad}")).unwrap();
-            assert_eq!((flight.compasses[0].field.rows().len(), flight.skipped_counts.garbage), (2, 1), "{bad}");
+            let flight = read_text(&format!("{GOOD}{malformed_line}")).unwrap();
+            assert_eq!(
+                (flight.compasses[0].field.rows().len(), flight.skipped_counts.garbage),
+                (2, 1),
+                "{malformed_line}"
+            );
         }
     }
 
@@ -175,8 +181,8 @@ mod tests {
         let error = |text: &str| read_text(text).unwrap_err();
         assert_eq!(error("t_s,mx,my,mz,roll_deg\n"), CsvError::NoColumn("pitch_deg".to_owned()));
         assert_eq!(error("t_s,mx,my,mz,roll_deg,pitch_deg\n"), CsvError::NoRows(None));
-        let bad = CsvError::NoRows(Some((2, "my".to_owned(), "nan".to_owned())));
-        assert_eq!(error("t_s,mx,my,mz,roll_deg,pitch_deg\n1,1,nan,3,4,5\n"), bad);
+        let expected_error = CsvError::NoRows(Some((2, "my".to_owned(), "nan".to_owned())));
+        assert_eq!(error("t_s,mx,my,mz,roll_deg,pitch_deg\n1,1,nan,3,4,5\n"), expected_error);
         let decimal_commas = error("t_s,mx,my,mz,roll_deg,pitch_deg\n0,1,1,5,2,3,4,0\n").to_string();
         assert!(
             decimal_commas.contains("line 2, beyond the last column (decimal commas need semicolons"),
@@ -192,9 +198,9 @@ mod tests {
     }
 
     /// Converted rates of one axis.
-    fn found(read: &[(f64, Option<f32>)]) -> Vec<f32> {
+    fn rates_found(mean_rates: &[(f64, Option<f32>)]) -> Vec<f32> {
         let mut rates = Series::new();
-        for &(t_s, rate) in read {
+        for &(t_s, rate) in mean_rates {
             if let Some(rate) = rate {
                 rates.push_row(t_s, [0.0, rate, -rate]);
             }
@@ -211,17 +217,18 @@ mod tests {
     /// A rate of 1 per s² from zero: the mean of each second lags by half a second.
     #[test]
     fn a_mean_rate_is_interpolated_to_the_time_of_its_row() {
-        let read: Vec<_> = (0..5).map(|i| (f64::from(i), Some(i as f32 - 0.5))).collect();
-        assert_eq!(found(&read), [0.5, 1.0, 2.0, 3.0, 3.5]);
+        let mean_rates: Vec<_> = (0..5).map(|i| (f64::from(i), Some(i as f32 - 0.5))).collect();
+        assert_eq!(rates_found(&mean_rates), [0.5, 1.0, 2.0, 3.0, 3.5]);
     }
 
     /// Steps of 1 s, one of 3 s and one of 3.1 s.
     #[test]
     fn rates_are_not_interpolated_across_a_gap() {
-        let read = [(0.0, 9.0), (1.0, 2.0), (2.0, 4.0), (5.0, 8.0), (6.0, 2.0), (9.1, 7.0), (10.1, 4.0), (11.1, 6.0)];
+        let mean_rates =
+            [(0.0, 9.0), (1.0, 2.0), (2.0, 4.0), (5.0, 8.0), (6.0, 2.0), (9.1, 7.0), (10.1, 4.0), (11.1, 6.0)];
         let expected = [2.0, 3.0, 6.0, 5.0, 2.0, 4.0, 5.0, 6.0];
-        assert_eq!(found(&read.map(|(t_s, rate)| (t_s, Some(rate)))), expected);
-        assert_eq!(found(&[(0.0, Some(1.0))]), [1.0]);
-        assert_eq!(found(&[(0.0, Some(1.0)), (1.0, Some(3.0)), (9.0, Some(5.0))]).last(), Some(&5.0));
+        assert_eq!(rates_found(&mean_rates.map(|(t_s, rate)| (t_s, Some(rate)))), expected);
+        assert_eq!(rates_found(&[(0.0, Some(1.0))]), [1.0]);
+        assert_eq!(rates_found(&[(0.0, Some(1.0)), (1.0, Some(3.0)), (9.0, Some(5.0))]).last(), Some(&5.0));
     }
 }

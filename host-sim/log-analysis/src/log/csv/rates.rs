@@ -17,13 +17,13 @@ pub(super) fn rates_at_rows(rates: &Series<3>) -> Vec<(f64, [f32; 3])> {
         .map(|i| {
             let before = rows[i].row_values;
             let after = rows.get(i + 1).filter(|_| !is_gap(i + 1)).map(|next| next.row_values);
-            let begins = i == 0 || is_gap(i);
-            let at = match after {
-                Some(after) if begins => after,
+            let is_after_gap = i == 0 || is_gap(i);
+            let rate = match after {
+                Some(after) if is_after_gap => after,
                 Some(after) => std::array::from_fn(|axis| before[axis].midpoint(after[axis])),
                 None => before,
             };
-            (rows[i].t_s, at)
+            (rows[i].t_s, rate)
         })
         .collect()
 }

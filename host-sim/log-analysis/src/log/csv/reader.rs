@@ -31,9 +31,9 @@ pub(super) struct TableReader {
 impl TableReader {
     /// Examines the first lines. They are unordered if one step in ten goes back by more than 3 s (the disorder of a
     /// clock), or two in three go back at all.
-    pub fn from_first_lines(table: &TableLayout, held: &[(u64, String)]) -> Self {
+    pub fn from_first_lines(table: &TableLayout, first_lines: &[(u64, String)]) -> Self {
         const MAX_REORDERING_S: f64 = 3.0;
-        let mut times_s: Vec<f64> = held
+        let mut times_s: Vec<f64> = first_lines
             .iter()
             .filter_map(|(_, line)| table.line_values(line).required_number(table.time_column, "t_s").ok())
             .collect();
@@ -46,10 +46,10 @@ impl TableReader {
         Self { recorder, rates: Series::new(), armed: Series::new(), median_time_s, is_unordered, first_invalid: None }
     }
 
-    pub fn record_line(&mut self, table: &TableLayout, unit: FieldUnit, number: u64, line: &str) {
+    pub fn record_line(&mut self, table: &TableLayout, unit: FieldUnit, line_number: u64, line: &str) {
         if let Err((column, found)) = self.read_line(table, unit, line) {
             self.recorder.flight.skipped_counts.garbage += 1;
-            self.first_invalid.get_or_insert((number, column, found));
+            self.first_invalid.get_or_insert((line_number, column, found));
         }
     }
 
@@ -62,15 +62,15 @@ impl TableReader {
             values.required_number(table.attitude_columns[1], "pitch_deg")?,
         ];
         let mut fields = Vec::new();
-        for &(number, [x, y, z]) in &table.field_columns {
+        for &(compass_number, [x, y, z]) in &table.field_columns {
             let given = [x, y, z].map(|index| values.cell_value(index));
-            if number == 1 || given.iter().all(Option::is_some) {
+            if compass_number == 1 || given.iter().all(Option::is_some) {
                 let field = [
                     values.required_number(x, "mx")?,
                     values.required_number(y, "my")?,
                     values.required_number(z, "mz")?,
                 ];
-                fields.push((number, field.map(|axis| (axis * unit.microtesla_per_unit()) as f32)));
+                fields.push((compass_number, field.map(|axis| (axis * unit.microtesla_per_unit()) as f32)));
             }
         }
         let optional = |index: Option<usize>, name: &str| match index {
@@ -96,13 +96,13 @@ impl TableReader {
         if let Ok(Some(armed)) = optional(table.armed_column, "armed") {
             self.armed.push_row(t_s, [f32::from(armed != 0.0)]);
         }
-        let into = &mut self.recorder;
-        for (number, field_ut) in fields {
-            into.push_field(number, FieldProcessing::BodyRaw, t_s, field_ut, None);
+        let recorder = &mut self.recorder;
+        for (compass_number, field_ut) in fields {
+            recorder.push_field(compass_number, FieldProcessing::BodyRaw, t_s, field_ut, None);
         }
         let angles = [roll_deg, pitch_deg, yaw.unwrap_or(f64::NAN)];
-        into.push_attitude(t_s, angles.map(|deg| deg.to_radians() as f32));
-        let flight = &mut into.flight;
+        recorder.push_attitude(t_s, angles.map(|deg| deg.to_radians() as f32));
+        let flight = &mut recorder.flight;
         if let Some(reference) = reference {
             flight.reference_heading.push_row(t_s, [reference.to_radians() as f32]);
         }
@@ -110,10 +110,10 @@ impl TableReader {
             flight.usable_rows.push_row(t_s, [f32::from(usable != 0.0)]);
         }
         if let Ok(Some(amperes)) = optional(table.current_column, "current_a") {
-            into.push_current(t_s, amperes as f32);
+            recorder.push_current(t_s, amperes as f32);
         }
         if let Some([latitude, longitude]) =
-            table.place_columns.map(|place| place.map(|index| values.cell_value(index)))
+            table.place_columns.map(|position_columns| position_columns.map(|index| values.cell_value(index)))
             && let (Some(latitude), Some(longitude)) = (latitude, longitude)
         {
             let height_m = table.height_column.and_then(|index| values.cell_value(index)).unwrap_or(0.0) as f32;
@@ -123,7 +123,7 @@ impl TableReader {
             };
             let [speed_m_s, course_deg] = table.over_ground.map(known);
             let yaw_deg = f32::NAN;
-            into.push_gps(t_s, Gps { latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg });
+            recorder.push_gps(t_s, Gps { latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg });
         }
         Ok(())
     }

@@ -38,15 +38,20 @@ const MIN_COLUMNS: usize = 3;
 /// Index of the column with this name, or with one of its alternative names.
 fn find_column(names: &[&str], name: &str) -> Option<usize> {
     let position = |name: &str| names.iter().position(|column| column.eq_ignore_ascii_case(name));
-    let others = || OTHER_NAMES.iter().find(|(known, _)| *known == name).map_or(&[][..], |(_, others)| *others);
-    position(name).or_else(|| others().iter().find_map(|other| position(other)))
+    let alternative_names = || {
+        OTHER_NAMES
+            .iter()
+            .find(|(required_name, _)| *required_name == name)
+            .map_or(&[][..], |(_, alternative_names)| *alternative_names)
+    };
+    position(name).or_else(|| alternative_names().iter().find_map(|alternative_name| position(alternative_name)))
 }
 
 /// Whether a line is the header of a table.
 pub(super) fn is_header(line: &str) -> bool {
     let names: Vec<&str> = line.split(separator(line)).map(trimmed_cell).collect();
-    let number = OTHER_NAMES.iter().filter(|(name, _)| find_column(&names, name).is_some()).count();
-    number >= MIN_COLUMNS || names.iter().any(|name| name.eq_ignore_ascii_case("t_s"))
+    let named_columns = OTHER_NAMES.iter().filter(|(name, _)| find_column(&names, name).is_some()).count();
+    named_columns >= MIN_COLUMNS || names.iter().any(|name| name.eq_ignore_ascii_case("t_s"))
 }
 
 /// Column name and invalid content.
@@ -59,12 +64,13 @@ impl TableLayout {
         let find = |name: &str| find_column(&names, name);
         let need = |name: &str| find(name).ok_or_else(|| CsvError::NoColumn(name.to_owned()));
         let mut fields = vec![(1, [need("mx")?, need("my")?, need("mz")?])];
-        for number in 2..=MAX_COMPASSES {
-            if let [Some(x), Some(y), Some(z)] = ["mx", "my", "mz"].map(|axis| find(&format!("{axis}{number}"))) {
-                fields.push((number, [x, y, z]));
+        for compass_number in 2..=MAX_COMPASSES {
+            if let [Some(x), Some(y), Some(z)] = ["mx", "my", "mz"].map(|axis| find(&format!("{axis}{compass_number}")))
+            {
+                fields.push((compass_number, [x, y, z]));
             }
         }
-        let place = find("lat_deg").zip(find("lon_deg")).map(|(latitude, longitude)| [latitude, longitude]);
+        let position_columns = find("lat_deg").zip(find("lon_deg")).map(|(latitude, longitude)| [latitude, longitude]);
         Ok(Self {
             separator,
             columns: names.len(),
@@ -76,7 +82,7 @@ impl TableLayout {
             reference_column: find("yaw_ref_deg"),
             yaw_column: find("yaw_deg").or_else(|| find("yaw_log_deg")),
             current_column: find("current_a"),
-            place_columns: place,
+            place_columns: position_columns,
             height_column: find("height_m"),
             over_ground: ["speed_m_s", "course_deg"].map(find),
             armed_column: find("armed"),
@@ -116,22 +122,22 @@ impl LineValues<'_> {
     }
 
     pub fn required_number(&self, index: usize, column: &str) -> Result<f64, InvalidCell> {
-        let bad =
+        let invalid_cell =
             || (column.to_owned(), self.values.get(index).copied().unwrap_or_default().chars().take(40).collect());
-        self.cell_value(index).filter(|number| number.is_finite()).ok_or_else(bad)
+        self.cell_value(index).filter(|number| number.is_finite()).ok_or_else(invalid_cell)
     }
 }
 
 /// Indices of the rate columns: all three or none.
 fn rates_in(find: &dyn Fn(&str) -> Option<usize>) -> Result<Option<[usize; 3]>, CsvError> {
     let names = ["p_dps", "q_dps", "r_dps"];
-    let found = names.map(find);
-    if let [Some(p), Some(q), Some(r)] = found {
+    let rate_columns = names.map(find);
+    if let [Some(p), Some(q), Some(r)] = rate_columns {
         return Ok(Some([p, q, r]));
     }
-    let missing = names.iter().zip(found).find(|(_, index)| index.is_none());
+    let missing = names.iter().zip(rate_columns).find(|(_, index)| index.is_none());
     match missing {
-        Some((name, _)) if found.iter().any(Option::is_some) => Err(CsvError::NoRate(name)),
+        Some((name, _)) if rate_columns.iter().any(Option::is_some) => Err(CsvError::NoRate(name)),
         _ => Ok(None),
     }
 }

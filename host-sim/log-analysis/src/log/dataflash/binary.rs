@@ -11,11 +11,12 @@ const FMT_MESSAGE_NUMBER: u8 = 128;
 const FMT_LENGTH: usize = 89;
 const HEADER_LENGTH: usize = 3;
 
-pub fn matches_header(head: &[u8]) -> bool {
+pub fn matches_header(first_bytes: &[u8]) -> bool {
     const MAX_START_SEARCH_BYTES: usize = 1024;
-    head.windows(HEADER_LENGTH)
+    first_bytes
+        .windows(HEADER_LENGTH)
         .take(MAX_START_SEARCH_BYTES)
-        .any(|at| at == [FRAME_START[0], FRAME_START[1], FMT_MESSAGE_NUMBER])
+        .any(|window| window == [FRAME_START[0], FRAME_START[1], FMT_MESSAGE_NUMBER])
 }
 
 /// Reads a flight.
@@ -29,18 +30,18 @@ pub fn read_binary(source: &mut dyn Read) -> io::Result<Flight> {
     let mut recorder = recorder(LogFormat::DataFlash);
     loop {
         let bytes = window.peek_bytes(256)?;
-        let [first, second, number, ..] = *bytes else { break };
-        let taken = if [first, second] != FRAME_START {
+        let [first, second, message_number, ..] = *bytes else { break };
+        let consumed_bytes = if [first, second] != FRAME_START {
             None
-        } else if number == FMT_MESSAGE_NUMBER {
+        } else if message_number == FMT_MESSAGE_NUMBER {
             bytes.get(..FMT_LENGTH).map(|message| {
-                if let Some((number, layout)) = MessageLayout::from_fmt(message) {
-                    layouts[usize::from(number)] = Some(layout);
+                if let Some((message_number, layout)) = MessageLayout::from_fmt(message) {
+                    layouts[usize::from(message_number)] = Some(layout);
                 }
                 FMT_LENGTH
             })
         } else {
-            layouts[usize::from(number)].as_ref().and_then(|layout| {
+            layouts[usize::from(message_number)].as_ref().and_then(|layout| {
                 let body = bytes.get(HEADER_LENGTH..layout.length)?;
                 if layout.is_wanted {
                     record_message(&mut recorder, &layout.name, &BinaryMessage { layout, body });
@@ -48,8 +49,8 @@ pub fn read_binary(source: &mut dyn Read) -> io::Result<Flight> {
                 Some(layout.length)
             })
         };
-        recorder.flight.skipped_counts.garbage += u64::from(taken.is_none());
-        window.consume_bytes(taken.unwrap_or(1));
+        recorder.flight.skipped_counts.garbage += u64::from(consumed_bytes.is_none());
+        window.consume_bytes(consumed_bytes.unwrap_or(1));
     }
     Ok(recorder.finish_flight())
 }
@@ -63,7 +64,7 @@ struct MessageLayout {
 
 struct MessageColumn {
     name: String,
-    kind: u8,
+    format_letter: u8,
     offset: usize,
 }
 
@@ -71,24 +72,28 @@ impl MessageLayout {
     /// Parses number, length, name (4), format (16), columns (64); none if inconsistent.
     fn from_fmt(message: &[u8]) -> Option<(u8, Self)> {
         let [_, _, _, number, length, rest @ ..] = message else { return None };
-        let (name, kinds, names) =
+        let (name, format_letters, names) =
             (decode_text(rest.get(..4)?), decode_text(rest.get(4..20)?), decode_text(rest.get(20..84)?));
-        let mut at = 0;
+        let mut byte_offset = 0;
         let mut columns = Vec::new();
         let mut names = names.split(',');
-        for kind in kinds.bytes() {
-            columns.push(MessageColumn { name: names.next().unwrap_or_default().trim().to_owned(), kind, offset: at });
-            at += format_size(kind)?;
+        for format_letter in format_letters.bytes() {
+            columns.push(MessageColumn {
+                name: names.next().unwrap_or_default().trim().to_owned(),
+                format_letter,
+                offset: byte_offset,
+            });
+            byte_offset += format_size(format_letter)?;
         }
         let length = usize::from(*length);
         let is_wanted = MESSAGES_TO_READ.contains(&name.as_str());
-        (length >= HEADER_LENGTH + at).then_some((*number, Self { length, name, is_wanted, columns }))
+        (length >= HEADER_LENGTH + byte_offset).then_some((*number, Self { length, name, is_wanted, columns }))
     }
 }
 
 /// Bytes of a column by its format letter (LogStructure.h).
-const fn format_size(kind: u8) -> Option<usize> {
-    Some(match kind {
+const fn format_size(format_letter: u8) -> Option<usize> {
+    Some(match format_letter {
         b'b' | b'B' | b'M' => 1,
         b'h' | b'H' | b'c' | b'C' | b'g' => 2,
         b'i' | b'I' | b'e' | b'E' | b'f' | b'L' | b'n' => 4,
@@ -100,8 +105,8 @@ const fn format_size(kind: u8) -> Option<usize> {
 }
 
 /// Whether a format letter means an unscaled integer.
-pub(super) const fn is_unscaled_integer(kind: u8) -> bool {
-    matches!(kind, b'b' | b'B' | b'h' | b'H' | b'i' | b'I' | b'q' | b'Q')
+pub(super) const fn is_unscaled_integer(format_letter: u8) -> bool {
+    matches!(format_letter, b'b' | b'B' | b'h' | b'H' | b'i' | b'I' | b'q' | b'Q')
 }
 
 struct BinaryMessage<'a> {
@@ -112,14 +117,14 @@ struct BinaryMessage<'a> {
 impl BinaryMessage<'_> {
     fn column_bytes(&self, name: &str) -> Option<(u8, &[u8])> {
         let column = self.layout.columns.iter().find(|column| column.name == name)?;
-        Some((column.kind, self.body.get(column.offset..column.offset + format_size(column.kind)?)?))
+        Some((column.format_letter, self.body.get(column.offset..column.offset + format_size(column.format_letter)?)?))
     }
 }
 
 impl LogMessage for BinaryMessage<'_> {
     fn numeric_field(&self, name: &str) -> Option<f64> {
-        let (kind, bytes) = self.column_bytes(name)?;
-        Some(match (kind, bytes) {
+        let (format_letter, bytes) = self.column_bytes(name)?;
+        Some(match (format_letter, bytes) {
             (b'b', &[a]) => f64::from(a.cast_signed()),
             (b'B' | b'M', &[a]) => f64::from(a),
             (b'h', &[a, b]) => f64::from(i16::from_le_bytes([a, b])),
@@ -144,17 +149,17 @@ impl LogMessage for BinaryMessage<'_> {
     }
 
     fn is_unscaled_integer(&self, name: &str) -> bool {
-        self.column_bytes(name).is_some_and(|(kind, _)| is_unscaled_integer(kind))
+        self.column_bytes(name).is_some_and(|(format_letter, _)| is_unscaled_integer(format_letter))
     }
 
     fn text_field(&self, name: &str) -> Option<String> {
-        let (kind, bytes) = self.column_bytes(name)?;
-        matches!(kind, b'n' | b'N' | b'Z').then(|| decode_text(bytes))
+        let (format_letter, bytes) = self.column_bytes(name)?;
+        matches!(format_letter, b'n' | b'N' | b'Z').then(|| decode_text(bytes))
     }
 }
 
 /// Text up to the first zero byte.
 fn decode_text(bytes: &[u8]) -> String {
-    let end = bytes.iter().position(|&byte| byte == 0).unwrap_or(bytes.len());
-    String::from_utf8_lossy(&bytes[..end]).trim().to_owned()
+    let text_length = bytes.iter().position(|&byte| byte == 0).unwrap_or(bytes.len());
+    String::from_utf8_lossy(&bytes[..text_length]).trim().to_owned()
 }

@@ -12,7 +12,7 @@ pub(super) trait LogMessage {
     fn text_field(&self, name: &str) -> Option<String>;
 }
 
-/// Messages that are read.
+/// Names of the messages that are read.
 pub(super) const MESSAGES_TO_READ: [&str; 21] = [
     "MAG", "MAG2", "MAG3", "ATT", "IMU", "GPS", "BAT", "CURR", "XKF1", "NKF1", "XKQ", "XKQ1", "NKQ", "NKQ1", "AHR2",
     "PARM", "MSG", "ARM", "EV", "SIM", "VER",
@@ -38,8 +38,8 @@ pub(super) fn record_message(recorder: &mut FlightBuilder, name: &str, message: 
     let Some(t_s) = t_s else { return };
     match name {
         "MAG" => {
-            let number = message.numeric_field("I").map_or(1, |instance| (instance as u8).saturating_add(1));
-            record_field(recorder, t_s, message, number);
+            let compass_number = message.numeric_field("I").map_or(1, |instance| (instance as u8).saturating_add(1));
+            record_field(recorder, t_s, message, compass_number);
         }
         "MAG2" => record_field(recorder, t_s, message, 2),
         "MAG3" => record_field(recorder, t_s, message, 3),
@@ -72,12 +72,12 @@ pub(super) fn record_message(recorder: &mut FlightBuilder, name: &str, message: 
         }
         "CURR" => record_current(recorder, t_s, message),
         "ARM" => {
-            if let Some(is) = message.numeric_field("ArmState") {
-                recorder.push_armed(t_s, is != 0.0);
+            if let Some(arm_state) = message.numeric_field("ArmState") {
+                recorder.push_armed(t_s, arm_state != 0.0);
             }
         }
         "EV" => match message.numeric_field("Id").map(|id| id as u8) {
-            // LogEvent: armed, auto-armed; disarmed.
+            // Event ids of LogEvent: armed (10), auto-armed (15); disarmed (11).
             Some(10 | 15) => recorder.push_armed(t_s, true),
             Some(11) => recorder.push_armed(t_s, false),
             _ => {}
@@ -85,9 +85,9 @@ pub(super) fn record_message(recorder: &mut FlightBuilder, name: &str, message: 
         "SIM" => record_truth(recorder, t_s, message),
         "VER" => recorder.set_firmware(&message.text_field("FWS").unwrap_or_default()),
         "MSG" => {
-            let words = message.text_field("Message").unwrap_or_default();
-            if ["Ardu", "APM", "Rover", "Blimp", "Antenna"].iter().any(|begin| words.starts_with(begin)) {
-                recorder.set_firmware(&words);
+            let text = message.text_field("Message").unwrap_or_default();
+            if ["Ardu", "APM", "Rover", "Blimp", "Antenna"].iter().any(|prefix| text.starts_with(prefix)) {
+                recorder.set_firmware(&text);
             }
         }
         _ => {}
@@ -125,7 +125,8 @@ fn push_fallback_attitude(recorder: &mut FlightBuilder, name: &str, t_s: f64, me
         _ => (4, "AHR2"),
     };
     let of_quaternion = || {
-        numeric_fields(message, ["Q1", "Q2", "Q3", "Q4"]).map(|q| quaternion_to_euler_rad(q).map(|angle| angle as f32))
+        numeric_fields(message, ["Q1", "Q2", "Q3", "Q4"])
+            .map(|quaternion| quaternion_to_euler_rad(quaternion).map(|angle| angle as f32))
     };
     if let Some(angles_rad) = angles_rad(message).or_else(of_quaternion) {
         recorder.push_fallback_attitude(rank, from, t_s, angles_rad);
@@ -134,28 +135,28 @@ fn push_fallback_attitude(recorder: &mut FlightBuilder, name: &str, t_s: f64, me
 
 fn microseconds(name: &str, message: &dyn LogMessage) -> Option<u64> {
     let scaled_column = |column: &str, scale: f64| {
-        let us = message.numeric_field(column)? * scale;
-        (us >= 0.0).then_some(us as u64)
+        let time_us = message.numeric_field(column)? * scale;
+        (time_us >= 0.0).then_some(time_us as u64)
     };
     // In old GPS messages TimeMS is the time of week, and T the autopilot's clock.
-    let ms = if name == "GPS" { scaled_column("T", 1e3) } else { scaled_column("TimeMS", 1e3) };
-    scaled_column("TimeUS", 1.0).or(ms)
+    let time_ms = if name == "GPS" { scaled_column("T", 1e3) } else { scaled_column("TimeMS", 1e3) };
+    scaled_column("TimeUS", 1.0).or(time_ms)
 }
 
 fn numeric_fields<const N: usize>(message: &dyn LogMessage, names: [&str; N]) -> Option<[f64; N]> {
-    let mut found = [0.0; N];
-    for (number, name) in found.iter_mut().zip(names) {
-        *number = message.numeric_field(name).filter(|number| number.is_finite())?;
+    let mut values = [0.0; N];
+    for (value, name) in values.iter_mut().zip(names) {
+        *value = message.numeric_field(name).filter(|value| value.is_finite())?;
     }
-    Some(found)
+    Some(values)
 }
 
 /// Adds a field row in milligauss.
-fn record_field(recorder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage, number: u8) {
+fn record_field(recorder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage, compass_number: u8) {
     let Some(field) = numeric_fields(message, ["MagX", "MagY", "MagZ"]) else { return };
     // ArduPilot logs existing compasses only.
-    if (1..=MAX_COMPASSES).contains(&number) {
-        recorder.compass_rows(number, FieldProcessing::ArduPilot);
+    if (1..=MAX_COMPASSES).contains(&compass_number) {
+        recorder.compass_rows(compass_number, FieldProcessing::ArduPilot);
     }
     if message.numeric_field("Health") == Some(0.0) {
         recorder.flight.skipped_counts.unhealthy += 1;
@@ -164,16 +165,16 @@ fn record_field(recorder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage
     let motor =
         numeric_fields(message, ["MOX", "MOY", "MOZ"]).or_else(|| numeric_fields(message, ["MOfsX", "MOfsY", "MOfsZ"]));
     let microtesla = |milligauss: [f64; 3]| milligauss.map(|axis| (axis * 0.1) as f32);
-    update_offset_parameters(recorder, message, number);
-    recorder.push_field(number, FieldProcessing::ArduPilot, t_s, microtesla(field), motor.map(microtesla));
+    update_offset_parameters(recorder, message, compass_number);
+    recorder.push_field(compass_number, FieldProcessing::ArduPilot, t_s, microtesla(field), motor.map(microtesla));
 }
 
 /// Sets the offset parameters from a row: offsets learnt in flight (`COMPASS_LEARN`) or calibrated on the ground appear
 /// in no PARM. Rows are truncated to whole milligauss, so a PARM that agrees is preferred.
-fn update_offset_parameters(recorder: &mut FlightBuilder, message: &dyn LogMessage, number: u8) {
+fn update_offset_parameters(recorder: &mut FlightBuilder, message: &dyn LogMessage, compass_number: u8) {
     const SAME_OFFSET_MG: f64 = 1.5;
     let Some(logged_offset) = numeric_fields(message, ["OfsX", "OfsY", "OfsZ"]) else { return };
-    let index = if number == 1 { String::new() } else { number.to_string() };
+    let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
     for (axis, logged_offset) in ["X", "Y", "Z"].iter().zip(logged_offset) {
         let name = format!("COMPASS_OFS{index}_{axis}");
         if (recorder.flight.parameters.last_value(&name).unwrap_or(0.0) - logged_offset).abs() > SAME_OFFSET_MG {
@@ -201,8 +202,8 @@ fn record_gps(recorder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) 
     if let Some(week) =
         message.numeric_field("GWk").or_else(|| message.numeric_field("Week")).filter(|week| *week > 0.0)
     {
-        let ms = message.numeric_field("GMS").unwrap_or(0.0);
-        recorder.set_day_from_unix_s((GPS_EPOCH_UNIX_S + week * 604_800.0 + ms / 1e3) as u64);
+        let time_of_week_ms = message.numeric_field("GMS").unwrap_or(0.0);
+        recorder.set_day_from_unix_s((GPS_EPOCH_UNIX_S + week * 604_800.0 + time_of_week_ms / 1e3) as u64);
     }
 }
 

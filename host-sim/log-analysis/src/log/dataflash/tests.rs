@@ -43,9 +43,10 @@ fn the_gyro_bias_is_subtracted() {
 /// CURR precedes BAT; a 2D fix is rejected; yaw 0 means a single antenna.
 #[test]
 fn curr_precedes_bat_and_2d_fixes_are_rejected() {
-    let fix = |us: f64, status: f64| {
-        let place = [("Lat", 48.0), ("Lng", 11.0), ("Alt", 500.0), ("Spd", 9.0), ("GCrs", 45.0), ("Yaw", 0.0)];
-        [&[("TimeUS", us), ("Status", status)][..], &place].concat()
+    let fix = |time_us: f64, status: f64| {
+        let position_columns =
+            [("Lat", 48.0), ("Lng", 11.0), ("Alt", 500.0), ("Spd", 9.0), ("GCrs", 45.0), ("Yaw", 0.0)];
+        [&[("TimeUS", time_us), ("Status", status)][..], &position_columns].concat()
     };
     let flight = read_messages(&[
         ("CURR", &[("TimeUS", 1e6), ("Curr", 12.5)]),
@@ -61,8 +62,8 @@ fn curr_precedes_bat_and_2d_fixes_are_rejected() {
 }
 
 /// A message with roll, pitch 5 and yaw 30 deg.
-fn attitude_message(name: &str, us: f64, roll_deg: f64) -> (String, Vec<(&'static str, f64)>) {
-    (name.to_owned(), vec![("TimeUS", us), ("Roll", roll_deg), ("Pitch", 5.0), ("Yaw", 30.0)])
+fn attitude_message(name: &str, time_us: f64, roll_deg: f64) -> (String, Vec<(&'static str, f64)>) {
+    (name.to_owned(), vec![("TimeUS", time_us), ("Roll", roll_deg), ("Pitch", 5.0), ("Yaw", 30.0)])
 }
 
 fn read_owned_messages(messages: &[(String, Vec<(&str, f64)>)]) -> crate::log::Flight {
@@ -71,7 +72,6 @@ fn read_owned_messages(messages: &[(String, Vec<(&str, f64)>)]) -> crate::log::F
     read_messages(&messages)
 }
 
-/// `LOG_BITMASK` may disable `ATT`.
 #[test]
 fn filter_attitude_replaces_a_missing_att_message() {
     let rolls = |flight: &crate::log::Flight| {
@@ -91,28 +91,29 @@ fn filter_attitude_replaces_a_missing_att_message() {
 
 #[test]
 fn the_best_substitute_attitude_is_used() {
-    let half = 0.5_f64.sqrt();
-    let q =
-        |us: f64, core: f64| vec![("TimeUS", us), ("C", core), ("Q1", half), ("Q2", half), ("Q3", 0.0), ("Q4", 0.0)];
+    let root_half = 0.5_f64.sqrt();
+    let q = |time_us: f64, core: f64| {
+        vec![("TimeUS", time_us), ("C", core), ("Q1", root_half), ("Q2", root_half), ("Q3", 0.0), ("Q4", 0.0)]
+    };
     let mut messages = Vec::new();
     for name in ["AHR2", "NKQ", "XKQ", "NKF1", "XKF1"] {
-        let us = 1e6 + 1e5 * messages.len() as f64;
+        let time_us = 1e6 + 1e5 * messages.len() as f64;
         messages.push(if name.ends_with('Q') {
-            (name.to_owned(), q(us, 0.0))
+            (name.to_owned(), q(time_us, 0.0))
         } else {
-            attitude_message(name, us, 20.0)
+            attitude_message(name, time_us, 20.0)
         });
-        let best = read_owned_messages(&messages).attitude_source;
-        assert_eq!(best, Some(name));
+        let best_source = read_owned_messages(&messages).attitude_source;
+        assert_eq!(best_source, Some(name));
     }
     assert!(read_owned_messages(&[("XKQ".to_owned(), q(1e6, 1.0))]).attitude.is_empty());
 }
 
 #[test]
 fn a_quaternion_replaces_missing_angles() {
-    let half = 0.5_f64.sqrt();
-    let q = [("TimeUS", 1e6), ("C", 0.0), ("Q1", half), ("Q2", half), ("Q3", 0.0), ("Q4", 0.0)];
-    let flight = read_messages(&[("XKQ", &q)]);
+    let root_half = 0.5_f64.sqrt();
+    let quaternion = [("TimeUS", 1e6), ("C", 0.0), ("Q1", root_half), ("Q2", root_half), ("Q3", 0.0), ("Q4", 0.0)];
+    let flight = read_messages(&[("XKQ", &quaternion)]);
     let [row] = flight.attitude.rows() else { panic!("{:?}", flight.attitude) };
     assert!((row.row_values[0].to_degrees() - 90.0).abs() < 1e-3 && row.row_values[2].abs() < 1e-6, "{row:?}");
 }
@@ -120,7 +121,7 @@ fn a_quaternion_replaces_missing_angles() {
 #[test]
 fn rows_without_time_get_the_time_of_the_previous_row() {
     let mag = |x: f64| [("MagX", x), ("MagY", 0.0), ("MagZ", 400.0)];
-    let imu = |ms: f64| [("TimeMS", ms), ("GyrX", 0.0), ("GyrY", 0.0), ("GyrZ", 0.0)];
+    let imu = |time_ms: f64| [("TimeMS", time_ms), ("GyrX", 0.0), ("GyrY", 0.0), ("GyrZ", 0.0)];
     let attitude = [("Roll", 1.0), ("Pitch", 2.0), ("Yaw", 3.0)];
     let flight = read_messages(&[
         ("MAG", &mag(100.0)),
@@ -148,8 +149,16 @@ fn rows_without_time_get_the_time_of_the_previous_row() {
 /// Offsets within 1.5 mG of the parameter are rounding.
 #[test]
 fn offsets_estimated_in_flight_are_undone_per_row() {
-    let row = |us: f64, x: f64, offset: f64| {
-        [("TimeUS", us), ("MagX", x), ("MagY", 0.0), ("MagZ", 400.0), ("OfsX", offset), ("OfsY", 0.0), ("OfsZ", 0.0)]
+    let row = |time_us: f64, x: f64, offset: f64| {
+        [
+            ("TimeUS", time_us),
+            ("MagX", x),
+            ("MagY", 0.0),
+            ("MagZ", 400.0),
+            ("OfsX", offset),
+            ("OfsY", 0.0),
+            ("OfsZ", 0.0),
+        ]
     };
     let mut recorder = recorder(LogFormat::DataFlash);
     recorder.set_parameter("COMPASS_OFS_X", 30.7);

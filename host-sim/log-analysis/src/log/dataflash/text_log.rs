@@ -71,17 +71,17 @@ impl LogMessage for TextMessage<'_> {
     fn is_unscaled_integer(&self, name: &str) -> bool {
         self.column_index(name)
             .and_then(|index| self.layout.kinds.get(index))
-            .is_some_and(|&kind| is_unscaled_integer(kind))
+            .is_some_and(|&format_letter| is_unscaled_integer(format_letter))
     }
 
     /// Only the last column may contain commas.
     fn text_field(&self, name: &str) -> Option<String> {
         let index = self.column_index(name)?;
-        let rest = self.values.get(index..)?;
+        let column_values = self.values.get(index..)?;
         if index + 1 == self.layout.names.len() {
-            Some(rest.join(", "))
+            Some(column_values.join(", "))
         } else {
-            rest.first().map(|&word| word.to_owned())
+            column_values.first().map(|&word| word.to_owned())
         }
     }
 }

@@ -12,29 +12,29 @@ pub fn encode_csv(recording: &FlightRecording) -> Vec<u8> {
          speed_m_s,course_deg\n",
     );
     let mut last = None;
-    for instant in &recording.samples {
-        let field = instant.field_ut.first().copied().unwrap_or_default().map(|axis| axis * 10.0);
-        let [roll, pitch, _] = instant.attitude_rad.map(f64::to_degrees);
+    for sample in &recording.samples {
+        let field = sample.field_ut.first().copied().unwrap_or_default().map(|axis| axis * 10.0);
+        let [roll, pitch, _] = sample.attitude_rad.map(f64::to_degrees);
         // The mean rate since the last row, approximated by the mean of both ends.
-        let now = instant.rates_rad_s.map(f64::to_degrees);
+        let now = sample.rates_rad_s.map(f64::to_degrees);
         let [p, q, r] = std::array::from_fn(|axis| now[axis].midpoint(last.unwrap_or(now)[axis]));
         last = Some(now);
-        let [speed_m_s, course_rad] = instant.over_ground();
-        let place = recording.place_at(instant).map_or_else(
+        let [speed_m_s, course_rad] = sample.over_ground();
+        let position_cells = recording.place_at(sample).map_or_else(
             || ",,,,".to_owned(),
             |[a, b, c]| format!("{a:.7},{b:.7},{c:.1},{speed_m_s:.2},{:.2}", course_rad.to_degrees()),
         );
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
-            "{:.3},{:.1},{:.1},{:.1},{roll:.2},{pitch:.2},{:.2},{p:.3},{q:.3},{r:.3},{:.2},{},{place}",
-            instant.time_us as f64 / 1e6,
+            "{:.3},{:.1},{:.1},{:.1},{roll:.2},{pitch:.2},{:.2},{p:.3},{q:.3},{r:.3},{:.2},{},{position_cells}",
+            sample.time_us as f64 / 1e6,
             field[0],
             field[1],
             field[2],
-            instant.heading_rad.to_degrees(),
-            instant.current_a,
-            u8::from(instant.is_armed),
+            sample.heading_rad.to_degrees(),
+            sample.current_a,
+            u8::from(sample.is_armed),
         );
     }
     text.into_bytes()

@@ -35,19 +35,25 @@ impl From<f64> for ColumnValue {
 #[must_use]
 pub fn encode_dataflash(recording: &FlightRecording) -> Vec<u8> {
     let mut bytes = Vec::new();
-    for (number, name, format_codes, columns) in WRITTEN_MESSAGES {
-        bytes.extend([0xA3, 0x95, 128, number, (3 + format_codes.bytes().map(format_size).sum::<usize>()) as u8]);
-        for (words, length) in [(name, 4), (format_codes, 16), (columns, 64)] {
-            bytes.extend(padded_text(words, length));
+    for (message_number, name, format_codes, columns) in WRITTEN_MESSAGES {
+        bytes.extend([
+            0xA3,
+            0x95,
+            128,
+            message_number,
+            (3 + format_codes.bytes().map(format_size).sum::<usize>()) as u8,
+        ]);
+        for (text, length) in [(name, 4), (format_codes, 16), (columns, 64)] {
+            bytes.extend(padded_text(text, length));
         }
     }
     write_messages(recording, &mut |index, values| {
-        let (number, _, format_codes, _) = WRITTEN_MESSAGES[index];
-        bytes.extend([0xA3, 0x95, number]);
+        let (message_number, _, format_codes, _) = WRITTEN_MESSAGES[index];
+        bytes.extend([0xA3, 0x95, message_number]);
         for (format_code, value) in format_codes.bytes().zip(values) {
             match value {
-                ColumnValue::Text(words) => bytes.extend(padded_text(words, format_size(format_code))),
-                ColumnValue::Number(number) => bytes.extend(encode_number(format_code, *number)),
+                ColumnValue::Text(text) => bytes.extend(padded_text(text, format_size(format_code))),
+                ColumnValue::Number(message_number) => bytes.extend(encode_number(format_code, *message_number)),
             }
         }
     });
@@ -58,9 +64,9 @@ pub fn encode_dataflash(recording: &FlightRecording) -> Vec<u8> {
 #[must_use]
 pub fn encode_dataflash_text(recording: &FlightRecording) -> Vec<u8> {
     let mut text = String::new();
-    for (number, name, format_codes, columns) in WRITTEN_MESSAGES {
+    for (message_number, name, format_codes, columns) in WRITTEN_MESSAGES {
         let length = 3 + format_codes.bytes().map(format_size).sum::<usize>();
-        let _ = writeln!(text, "FMT, {number}, {length}, {name}, {format_codes}, {columns}");
+        let _ = writeln!(text, "FMT, {message_number}, {length}, {name}, {format_codes}, {columns}");
     }
     write_messages(recording, &mut |index, values| {
         let (_, name, format_codes, _) = WRITTEN_MESSAGES[index];
@@ -68,8 +74,10 @@ pub fn encode_dataflash_text(recording: &FlightRecording) -> Vec<u8> {
         for (format_code, value) in format_codes.bytes().zip(values) {
             let _ = match value {
                 ColumnValue::Text(words) => write!(text, ", {words}"),
-                ColumnValue::Number(number) if matches!(format_code, b'f' | b'L' | b'e') => write!(text, ", {number}"),
-                ColumnValue::Number(number) => write!(text, ", {number:.0}"),
+                ColumnValue::Number(message_number) if matches!(format_code, b'f' | b'L' | b'e') => {
+                    write!(text, ", {message_number}")
+                }
+                ColumnValue::Number(message_number) => write!(text, ", {message_number:.0}"),
             };
         }
         text.push('\n');
@@ -79,36 +87,36 @@ pub fn encode_dataflash_text(recording: &FlightRecording) -> Vec<u8> {
 
 /// Writes each message: index in [`WRITTEN_MESSAGES`] and values.
 fn write_messages(recording: &FlightRecording, write: &mut dyn FnMut(usize, &[ColumnValue])) {
-    let first_us = recording.samples.first().map_or(0.0, |instant| instant.time_us as f64);
-    let words = |words: &str| ColumnValue::Text(words.to_owned());
+    let first_us = recording.samples.first().map_or(0.0, |sample| sample.time_us as f64);
+    let text_value = |text_value: &str| ColumnValue::Text(text_value.to_owned());
     let firmware = if recording.is_copter { "ArduCopter V4.6.0 (host-sim)" } else { "ArduPlane V4.6.0 (host-sim)" };
-    write(2, &[first_us.into(), words(firmware)]);
+    write(2, &[first_us.into(), text_value(firmware)]);
     for (name, value) in &recording.parameters {
-        write(1, &[first_us.into(), words(name), (*value).into(), 0.0.into()]);
+        write(1, &[first_us.into(), text_value(name), (*value).into(), 0.0.into()]);
     }
-    for (i, instant) in recording.samples.iter().enumerate() {
-        let us = instant.time_us as f64;
+    for (i, sample) in recording.samples.iter().enumerate() {
+        let time_us = sample.time_us as f64;
         let mut row = |index: usize, numbers: &[f64]| {
             let values: Vec<ColumnValue> =
-                std::iter::once(us).chain(numbers.iter().copied()).map(ColumnValue::from).collect();
+                std::iter::once(time_us).chain(numbers.iter().copied()).map(ColumnValue::from).collect();
             write(index, &values);
         };
-        row(3, &instant.attitude_rad.map(f64::to_degrees));
-        for number in 1..=recording.compass_count() {
-            let (field, motor) = recording.ardupilot_ut(instant, number);
+        row(3, &sample.attitude_rad.map(f64::to_degrees));
+        for compass_number in 1..=recording.compass_count() {
+            let (field, motor) = recording.ardupilot_ut(sample, compass_number);
             let [x, y, z] = field.map(|axis| axis * 10.0);
             let [mx, my, mz] = motor.map(|axis| axis * 10.0);
-            let [ox, oy, oz] = recording.ardupilot_offsets_mg(number).map(f64::trunc);
-            row(4, &[(number - 1) as f64, x, y, z, ox, oy, oz, mx, my, mz, 1.0, 0.0]);
+            let [ox, oy, oz] = recording.ardupilot_offsets_mg(compass_number).map(f64::trunc);
+            row(4, &[(compass_number - 1) as f64, x, y, z, ox, oy, oz, mx, my, mz, 1.0, 0.0]);
         }
-        let [p, q, r] = instant.rates_rad_s;
+        let [p, q, r] = sample.rates_rad_s;
         row(5, &[0.0, p, q, r]);
-        row(7, &[0.0, 12.0, instant.current_a]);
-        if let Some([latitude, longitude, height]) = recording.place_at(instant).filter(|_| i % 2 == 0) {
-            let [speed_m_s, course_rad] = instant.over_ground();
+        row(7, &[0.0, 12.0, sample.current_a]);
+        if let Some([latitude, longitude, height]) = recording.place_at(sample).filter(|_| i % 2 == 0) {
+            let [speed_m_s, course_rad] = sample.over_ground();
             let over_ground = [speed_m_s, course_rad.to_degrees()];
-            let place = [0.0, 3.0, us / 1e3, f64::from(FLIGHT_GPS_WEEK), latitude, longitude, height];
-            row(6, &[&place[..], &over_ground].concat());
+            let gps_values = [0.0, 3.0, time_us / 1e3, f64::from(FLIGHT_GPS_WEEK), latitude, longitude, height];
+            row(6, &[&gps_values[..], &over_ground].concat());
         }
     }
 }
@@ -137,8 +145,8 @@ fn encode_number(format_code: u8, number: f64) -> Vec<u8> {
     }
 }
 
-fn padded_text(words: &str, length: usize) -> Vec<u8> {
-    let mut bytes: Vec<u8> = words.bytes().take(length).collect();
+fn padded_text(text: &str, length: usize) -> Vec<u8> {
+    let mut bytes: Vec<u8> = text.bytes().take(length).collect();
     bytes.resize(length, 0);
     bytes
 }

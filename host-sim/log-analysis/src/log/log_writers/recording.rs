@@ -61,41 +61,41 @@ impl FlightRecording {
     }
 
     /// Latitude, longitude, degrees, and height, metres, of a sample.
-    pub(super) fn place_at(&self, instant: &FlightSample) -> Option<[f64; 3]> {
+    pub(super) fn place_at(&self, sample: &FlightSample) -> Option<[f64; 3]> {
         /// Length of one degree of latitude, metres.
         const METRES_PER_DEGREE: f64 = 111_200.0;
         let [latitude_deg, longitude_deg, height_m] = self.start_position?;
-        let [north_deg, east_deg] = instant.displacement_m.map(|metres| metres / METRES_PER_DEGREE);
+        let [north_deg, east_deg] = sample.displacement_m.map(|metres| metres / METRES_PER_DEGREE);
         let shrinks = libm::cos(latitude_deg.to_radians());
         Some([latitude_deg + north_deg, longitude_deg + east_deg / shrinks, height_m])
     }
 
     pub(super) fn parameter(&self, name: &str) -> f64 {
-        self.parameters.iter().find(|(other, _)| other == name).map_or(0.0, |&(_, value)| value)
+        self.parameters.iter().find(|(parameter_name, _)| parameter_name == name).map_or(0.0, |&(_, value)| value)
     }
 
     /// ArduPilot's offsets of a compass numbered from 1, milligauss.
-    pub(super) fn ardupilot_offsets_mg(&self, number: usize) -> [f64; 3] {
-        let index = if number == 1 { String::new() } else { number.to_string() };
+    pub(super) fn ardupilot_offsets_mg(&self, compass_number: usize) -> [f64; 3] {
+        let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
         ["X", "Y", "Z"].map(|axis| self.parameter(&format!("COMPASS_OFS{index}_{axis}")))
     }
 
     /// ArduPilot's logged field of a compass numbered from 1, and the motor-current compensation in it, microtesla;
     /// independent of the reader's code.
-    pub(super) fn ardupilot_ut(&self, instant: &FlightSample, number: usize) -> ([f64; 3], [f64; 3]) {
-        let index = if number == 1 { String::new() } else { number.to_string() };
+    pub(super) fn ardupilot_ut(&self, sample: &FlightSample, compass_number: usize) -> ([f64; 3], [f64; 3]) {
+        let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
         let vector_parameters = |vector_name: &str| {
             ["X", "Y", "Z"].map(|axis| self.parameter(&format!("COMPASS_{vector_name}{index}_{axis}")))
         };
         let scale = self.parameter(&format!("COMPASS_SCALE{index}"));
         let scale = if scale == 0.0 { 1.0 } else { scale };
         let (offset, diagonal, off_diagonal, motor) = (
-            self.ardupilot_offsets_mg(number),
+            self.ardupilot_offsets_mg(compass_number),
             vector_parameters("DIA"),
             vector_parameters("ODI"),
             vector_parameters("MOT"),
         );
-        let raw = instant.field_ut.get(number - 1).copied().unwrap_or_default();
+        let raw = sample.field_ut.get(compass_number - 1).copied().unwrap_or_default();
         let [x, y, z]: [f64; 3] = std::array::from_fn(|axis| (raw[axis] + offset[axis] / 10.0) * scale);
         let soft = if diagonal.iter().all(|axis| axis.abs() < f64::EPSILON) {
             [x, y, z]
@@ -106,12 +106,12 @@ impl FlightRecording {
                 off_diagonal[1] * x + off_diagonal[2] * y + diagonal[2] * z,
             ]
         };
-        let current_a = if self.parameter("COMPASS_MOTCT") as u8 == 2 { instant.current_a } else { 0.0 };
+        let current_a = if self.parameter("COMPASS_MOTCT") as u8 == 2 { sample.current_a } else { 0.0 };
         let share = motor.map(|per_ten_amperes| per_ten_amperes / 10.0 * current_a);
         (std::array::from_fn(|axis| soft[axis] + share[axis]), share)
     }
 
     pub(super) fn compass_count(&self) -> usize {
-        self.samples.first().map_or(0, |instant| instant.field_ut.len())
+        self.samples.first().map_or(0, |sample| sample.field_ut.len())
     }
 }

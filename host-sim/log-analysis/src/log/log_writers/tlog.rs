@@ -11,39 +11,39 @@ use super::recording::{FLIGHT_START_UTC_US, FlightRecording, FlightSample};
 /// Encodes a recording as a MAVLink log.
 #[must_use]
 pub fn encode_tlog(recording: &FlightRecording) -> Vec<u8> {
-    let mut out = FrameWriter { bytes: Vec::new(), sequence: 0, at_us: 0 };
-    for (i, instant) in recording.samples.iter().enumerate() {
-        out.at_us = instant.time_us;
+    let mut writer = FrameWriter { bytes: Vec::new(), sequence: 0, at_us: 0 };
+    for (i, sample) in recording.samples.iter().enumerate() {
+        writer.at_us = sample.time_us;
         if i % 10 == 0 {
-            out.write_slow_messages(recording, instant);
+            writer.write_slow_messages(recording, sample);
         }
         if i == 5 {
             for (name, value) in &recording.parameters {
                 let (param_id, param_value) = (name.as_str().into(), *value as f32);
-                out.write_message(&PARAM_VALUE_DATA { param_id, param_value, ..Default::default() });
+                writer.write_message(&PARAM_VALUE_DATA { param_id, param_value, ..Default::default() });
             }
         }
-        let time_boot_ms = (instant.time_us / 1000) as u32;
-        let [roll, pitch, yaw] = instant.attitude_rad.map(|angle| angle as f32);
-        let [rollspeed, pitchspeed, yawspeed] = instant.rates_rad_s.map(|rate| rate as f32);
-        out.write_message(&ATTITUDE_DATA { time_boot_ms, roll, pitch, yaw, rollspeed, pitchspeed, yawspeed });
-        for number in 1..=recording.compass_count() {
-            let (field, _) = recording.ardupilot_ut(instant, number);
+        let time_boot_ms = (sample.time_us / 1000) as u32;
+        let [roll, pitch, yaw] = sample.attitude_rad.map(|angle| angle as f32);
+        let [rollspeed, pitchspeed, yawspeed] = sample.rates_rad_s.map(|rate| rate as f32);
+        writer.write_message(&ATTITUDE_DATA { time_boot_ms, roll, pitch, yaw, rollspeed, pitchspeed, yawspeed });
+        for compass_number in 1..=recording.compass_count() {
+            let (field, _) = recording.ardupilot_ut(sample, compass_number);
             let [xmag, ymag, zmag] = field.map(|axis| (axis * 10.0).round() as i16);
-            match number {
-                1 => out.write_message(&RAW_IMU_DATA {
-                    time_usec: instant.time_us,
+            match compass_number {
+                1 => writer.write_message(&RAW_IMU_DATA {
+                    time_usec: sample.time_us,
                     xmag,
                     ymag,
                     zmag,
                     ..Default::default()
                 }),
-                2 => out.write_message(&SCALED_IMU2_DATA { time_boot_ms, xmag, ymag, zmag, ..Default::default() }),
-                _ => out.write_message(&SCALED_IMU3_DATA { time_boot_ms, xmag, ymag, zmag, ..Default::default() }),
+                2 => writer.write_message(&SCALED_IMU2_DATA { time_boot_ms, xmag, ymag, zmag, ..Default::default() }),
+                _ => writer.write_message(&SCALED_IMU3_DATA { time_boot_ms, xmag, ymag, zmag, ..Default::default() }),
             }
         }
     }
-    out.bytes
+    writer.bytes
 }
 
 struct FrameWriter {
@@ -62,19 +62,19 @@ impl FrameWriter {
     }
 
     /// Writes the messages that an autopilot sends once a second.
-    fn write_slow_messages(&mut self, recording: &FlightRecording, instant: &FlightSample) {
+    fn write_slow_messages(&mut self, recording: &FlightRecording, sample: &FlightSample) {
         let mut base_mode = MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED;
-        base_mode.set(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED, instant.is_armed);
+        base_mode.set(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED, sample.is_armed);
         let autopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;
         let mavtype = if recording.is_copter { MavType::MAV_TYPE_QUADROTOR } else { MavType::MAV_TYPE_FIXED_WING };
         self.write_message(&HEARTBEAT_DATA { autopilot, base_mode, mavtype, ..Default::default() });
-        let time_boot_ms = (instant.time_us / 1000) as u32;
-        self.write_message(&SYSTEM_TIME_DATA { time_unix_usec: FLIGHT_START_UTC_US + instant.time_us, time_boot_ms });
-        let current_battery = (instant.current_a * 100.0) as i16;
+        let time_boot_ms = (sample.time_us / 1000) as u32;
+        self.write_message(&SYSTEM_TIME_DATA { time_unix_usec: FLIGHT_START_UTC_US + sample.time_us, time_boot_ms });
+        let current_battery = (sample.current_a * 100.0) as i16;
         self.write_message(&SYS_STATUS_DATA { current_battery, ..Default::default() });
-        if let Some([latitude, longitude, height]) = recording.place_at(instant) {
+        if let Some([latitude, longitude, height]) = recording.place_at(sample) {
             let [lat, lon] = [latitude, longitude].map(|deg| (deg * 1e7).round() as i32);
-            let [speed_m_s, course_rad] = instant.over_ground();
+            let [speed_m_s, course_rad] = sample.over_ground();
             let [vel, cog] = [speed_m_s, course_rad.to_degrees()].map(|number| (number * 100.0).round() as u16);
             let (alt, fix_type) = ((height * 1e3) as i32, GpsFixType::GPS_FIX_TYPE_3D_FIX);
             self.write_message(&GPS_RAW_INT_DATA { lat, lon, alt, vel, cog, fix_type, ..Default::default() });

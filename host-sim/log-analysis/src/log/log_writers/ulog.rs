@@ -19,9 +19,9 @@ const ULOG_FORMATS: [&str; 6] = [
 pub fn encode_ulog(recording: &FlightRecording) -> Vec<u8> {
     let mut bytes = b"ULog\x01\x12\x35\x01".to_vec();
     bytes.extend(0_u64.to_le_bytes());
-    let mut message = |kind: u8, body: &[u8]| {
+    let mut message = |type_name: u8, body: &[u8]| {
         bytes.extend((body.len() as u16).to_le_bytes());
-        bytes.push(kind);
+        bytes.push(type_name);
         bytes.extend(body);
     };
     message(b'B', &[0; 40]);
@@ -33,12 +33,12 @@ pub fn encode_ulog(recording: &FlightRecording) -> Vec<u8> {
     for (name, value) in &recording.parameters {
         parameters.set_value(0.0, name, *value);
         let is_whole = name.ends_with("_ID") || name.ends_with("_ROT");
-        let (kind, value) = if is_whole {
+        let (type_name, value) = if is_whole {
             ("int32_t", (*value as i32).to_le_bytes())
         } else {
             ("float", (*value as f32).to_le_bytes())
         };
-        message(b'P', &encode_keyed_value(&format!("{kind} {name}"), &value));
+        message(b'P', &encode_keyed_value(&format!("{type_name} {name}"), &value));
     }
     let compasses = recording.compass_count();
     let mut subscribed: Vec<(u8, &str)> = (0..compasses).map(|i| (i as u8, "vehicle_magnetometer")).collect();
@@ -51,33 +51,36 @@ pub fn encode_ulog(recording: &FlightRecording) -> Vec<u8> {
         message(b'A', &[&[*instance, low, high], name.as_bytes()].concat());
     }
     let corrections: Vec<FieldCorrection> =
-        (1..=compasses).map(|number| FieldCorrection::from_px4(&parameters, number as u8)).collect();
-    for (i, instant) in recording.samples.iter().enumerate() {
+        (1..=compasses).map(|compass_number| FieldCorrection::from_px4(&parameters, compass_number as u8)).collect();
+    for (i, sample) in recording.samples.iter().enumerate() {
         let mut data = |id: usize, body: &[&[u8]]| {
             let id = (id as u16).to_le_bytes();
-            message(b'D', &[&[&id, &instant.time_us.to_le_bytes()[..]].concat()[..], &body.concat()].concat());
+            message(b'D', &[&[&id, &sample.time_us.to_le_bytes()[..]].concat()[..], &body.concat()].concat());
         };
-        for (number, correction) in corrections.iter().enumerate() {
-            let raw = instant.field_ut[number];
-            let gauss = correction.correct_field(raw.into(), instant.current_a) / 100.0;
-            let id = recording.parameter(&format!("CAL_MAG{number}_ID")) as u32;
-            data(number, &[&id.to_le_bytes(), &encode_floats(gauss.as_slice())]);
+        for (compass_number, correction) in corrections.iter().enumerate() {
+            let raw = sample.field_ut[compass_number];
+            let gauss = correction.correct_field(raw.into(), sample.current_a) / 100.0;
+            let id = recording.parameter(&format!("CAL_MAG{compass_number}_ID")) as u32;
+            data(compass_number, &[&id.to_le_bytes(), &encode_floats(gauss.as_slice())]);
         }
-        data(compasses, &[&encode_floats(&quaternion_from_euler(instant.attitude_rad))]);
-        data(compasses + 1, &[&encode_floats(&instant.rates_rad_s)]);
-        data(compasses + 2, &[&encode_floats(&[instant.current_a]), &[1, 0, 0, 0]]);
+        data(compasses, &[&encode_floats(&quaternion_from_euler(sample.attitude_rad))]);
+        data(compasses + 1, &[&encode_floats(&sample.rates_rad_s)]);
+        data(compasses + 2, &[&encode_floats(&[sample.current_a]), &[1, 0, 0, 0]]);
         if i % 10 == 0 {
             // Vehicle type: 1 is rotary wing, 2 is fixed wing.
             data(compasses + 4, &[&[if recording.is_copter { 1 } else { 2 }, 0]]);
         }
-        if let Some([latitude, longitude, height]) = recording.place_at(instant).filter(|_| i % 2 == 0) {
-            let place: Vec<u8> = [latitude * 1e7, longitude * 1e7, height * 1e3]
+        if let Some([latitude, longitude, height]) = recording.place_at(sample).filter(|_| i % 2 == 0) {
+            let position_bytes: Vec<u8> = [latitude * 1e7, longitude * 1e7, height * 1e3]
                 .iter()
                 .flat_map(|n| (n.round() as i32).to_le_bytes())
                 .collect();
-            let ([speed_m_s, course_rad], [north, east]) = (instant.over_ground(), instant.velocity_m_s);
+            let ([speed_m_s, course_rad], [north, east]) = (sample.over_ground(), sample.velocity_m_s);
             let over_ground = encode_floats(&[speed_m_s, north, east, course_rad]);
-            data(compasses + 3, &[&place, &over_ground, &(FLIGHT_START_UTC_US + instant.time_us).to_le_bytes(), &[3]]);
+            data(
+                compasses + 3,
+                &[&position_bytes, &over_ground, &(FLIGHT_START_UTC_US + sample.time_us).to_le_bytes(), &[3]],
+            );
         }
     }
     bytes

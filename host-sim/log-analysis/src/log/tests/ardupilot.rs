@@ -25,7 +25,7 @@ fn old_ardupilot_formats_are_read() {
     assert_eq!(text.firmware_name.as_deref(), Some("ArduPlane V4.6.0 (host-sim)"));
     // Disarmed at the last stamp, 69.9 s.
     assert_eq!((text.is_armed(69.8), text.is_armed(69.91)), (Some(true), Some(false)));
-    // The same in binary with an integer column.
+    // CURR in a binary log, with an integer column of hundredths of an ampere.
     let mut bytes = encode_dataflash(&original);
     let format = bytes.windows(7).position(|at| at == [0xA3, 0x95, 128, 70, 20, b'B', b'A']).unwrap();
     bytes[format + 5..format + 9].copy_from_slice(b"CURR");
@@ -57,13 +57,14 @@ fn arming_events_give_the_armed_state() {
 #[test]
 fn only_the_first_of_several_sensors_is_used() {
     let log = String::from_utf8(encode_dataflash_text(&recording(&ARDUPILOT))).unwrap();
-    let more = [
+    let further_messages = [
         "IMU, 70000000, 1, 9, 9, 9",
         "GPS, 70000000, 1, 3, 0, 2400, 11, 22, 33, 9, 9",
         "BAT, 70000000, 1, 12, 99",
         "MAG, 70000000, 0, 1, 2, 3, 0, 0, 0, 0, 0, 0, 0, 0",
     ];
-    let [without, with] = [log.clone(), log + &more.join("\n")].map(|log| read_bytes(log.as_bytes()).unwrap());
+    let [without, with] =
+        [log.clone(), log + &further_messages.join("\n")].map(|log| read_bytes(log.as_bytes()).unwrap());
     let rows = |flight: &Flight| {
         [
             flight.body_rates.rows().len(),

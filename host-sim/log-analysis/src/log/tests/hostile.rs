@@ -3,25 +3,25 @@
 use super::*;
 
 /// A part of a small log with bytes changed, removed, repeated; or random bytes.
-fn hostile(random: &mut Random, good: &[u8]) -> Vec<u8> {
-    let mut below = |limit: usize| (random.bits() % limit.max(1) as u64) as usize;
-    if below(10) == 0 {
-        return (0..below(600)).map(|_| below(256) as u8).collect();
+fn random_damage(random: &mut Random, log_bytes: &[u8]) -> Vec<u8> {
+    let mut random_below = |limit: usize| (random.bits() % limit.max(1) as u64) as usize;
+    if random_below(10) == 0 {
+        return (0..random_below(600)).map(|_| random_below(256) as u8).collect();
     }
-    let from = if below(2) == 0 { 0 } else { below(good.len()) };
-    let mut bytes = good[from..(from + 200 + below(3000)).min(good.len())].to_vec();
-    for _ in 0..below(12) {
+    let from = if random_below(2) == 0 { 0 } else { random_below(log_bytes.len()) };
+    let mut bytes = log_bytes[from..(from + 200 + random_below(3000)).min(log_bytes.len())].to_vec();
+    for _ in 0..random_below(12) {
         if bytes.is_empty() {
             break;
         }
-        let at = below(bytes.len());
-        match below(4) {
-            0 => bytes[at] = below(256) as u8,
-            1 => bytes[at] = [0, 255, b'[', b';', b',', b'\n', 0xFD, 0xA3][below(8)],
-            2 => drop(bytes.drain(at..(at + below(20)).min(bytes.len()))),
+        let offset = random_below(bytes.len());
+        match random_below(4) {
+            0 => bytes[offset] = random_below(256) as u8,
+            1 => bytes[offset] = [0, 255, b'[', b';', b',', b'\n', 0xFD, 0xA3][random_below(8)],
+            2 => drop(bytes.drain(offset..(offset + random_below(20)).min(bytes.len()))),
             _ => {
-                let part = bytes[at..(at + below(60)).min(bytes.len())].to_vec();
-                bytes.splice(at..at, part);
+                let repeated = bytes[offset..(offset + random_below(60)).min(bytes.len())].to_vec();
+                bytes.splice(offset..offset, repeated);
             }
         }
     }
@@ -30,11 +30,11 @@ fn hostile(random: &mut Random, good: &[u8]) -> Vec<u8> {
 
 /// Reads random inputs of each format and builds rows from those accepted.
 fn fuzz(inputs: usize) {
-    for (format, bytes, _) in each() {
+    for (format, bytes, _) in log_in_each_format() {
         let mut random = Random(1);
         let mut flights = 0;
         for _ in 0..inputs {
-            let input = hostile(&mut random, &bytes);
+            let input = random_damage(&mut random, &bytes);
             if let Ok(flight) = read_bytes(&input) {
                 flights += 1;
                 let rows = flight.compasses.iter().map(|compass| compass.field.rows().len()).sum::<usize>();
@@ -82,7 +82,7 @@ fn two_gigabytes_are_read_in_bounded_memory() {
                 } else {
                     let (number, offset) =
                         ((at - head) / self.message.len() as u64, (at - head) % self.message.len() as u64);
-                    // Stamps 1 ms apart.
+                    // Time stamps 1 ms apart.
                     let stamp = (70_000_000 + number * 1_000).to_le_bytes();
                     if (3..11).contains(&offset) { stamp[offset as usize - 3] } else { self.message[offset as usize] }
                 };

@@ -10,16 +10,16 @@ use super::*;
 
 #[test]
 fn only_the_first_autopilot_of_a_link_counts() {
-    let (selected, mut other) = (recording(&ARDUPILOT), recording(&[]));
-    for instant in &mut other.samples {
-        instant.field_ut[0] = [1.0, 2.0, 3.0];
+    let (selected, mut other_recording) = (recording(&ARDUPILOT), recording(&[]));
+    for sample in &mut other_recording.samples {
+        sample.field_ut[0] = [1.0, 2.0, 3.0];
     }
-    let other = encode_tlog(&other);
-    let mut both = encode_tlog(&selected);
+    let other_recording = encode_tlog(&other_recording);
+    let mut link_bytes = encode_tlog(&selected);
     // The second vehicle has system 2; its checksums are recomputed.
-    let renumbered = renumbered(&other, 2);
-    both.extend(renumbered);
-    let flight = read_bytes(&both).unwrap();
+    let renumbered = renumbered(&other_recording, 2);
+    link_bytes.extend(renumbered);
+    let flight = read_bytes(&link_bytes).unwrap();
     assert!(
         flight.skipped_counts.others > 600 && flight.autopilot_systems.len() == 2,
         "{:?}",
@@ -34,15 +34,15 @@ fn a_second_autopilot_of_the_same_system_is_reported() {
     let selected = encode_tlog(&recording(&ARDUPILOT));
     let started_log = read_bytes(&selected).unwrap();
     assert_eq!(started_log.autopilot_components, [1]);
-    let mut both = selected;
+    let mut link_bytes = selected;
     let beside = MavHeader { system_id: 1, component_id: 2, sequence: 0 };
     let mut frame = MAVLinkV2MessageRaw::new();
     frame.serialize_message_data(
         beside,
         &HEARTBEAT_DATA { autopilot: MavAutopilot::MAV_AUTOPILOT_PX4, ..Default::default() },
     );
-    both.extend([&70_000_000_u64.to_be_bytes(), frame.raw_bytes()].concat());
-    let flight = read_bytes(&both).unwrap();
+    link_bytes.extend([&70_000_000_u64.to_be_bytes(), frame.raw_bytes()].concat());
+    let flight = read_bytes(&link_bytes).unwrap();
     assert_eq!((flight.autopilot_systems, flight.autopilot_components), (vec![1], vec![1, 2]));
     assert_eq!(flight.autopilot, started_log.autopilot);
 }
@@ -51,15 +51,15 @@ fn a_second_autopilot_of_the_same_system_is_reported() {
 fn a_damaged_frame_is_rejected() {
     let mut bytes = encode_tlog(&recording(&ARDUPILOT));
     let mut damaged = 0;
-    let mut at = 0;
-    while at + 20 < bytes.len() {
-        let is_attitude = bytes[at + 15..at + 18] == [30, 0, 0];
-        if is_attitude && at % 3 == 0 {
+    let mut frame_offset = 0;
+    while frame_offset + 20 < bytes.len() {
+        let is_attitude = bytes[frame_offset + 15..frame_offset + 18] == [30, 0, 0];
+        if is_attitude && frame_offset % 3 == 0 {
             // Exponent of the roll angle.
-            bytes[at + 18 + 7] ^= 0x20;
+            bytes[frame_offset + 18 + 7] ^= 0x20;
             damaged += 1;
         }
-        at += 8 + 10 + usize::from(bytes[at + 9]) + 2;
+        frame_offset += 8 + 10 + usize::from(bytes[frame_offset + 9]) + 2;
     }
     let flight = read_bytes(&bytes).unwrap();
     assert!(damaged > 50);
@@ -68,18 +68,22 @@ fn a_damaged_frame_is_rejected() {
 
 fn renumbered(bytes: &[u8], system: u8) -> Vec<u8> {
     use mavlink::Message as _;
-    let (mut out, mut rest) = (Vec::new(), bytes);
-    while rest.len() > 20 {
-        let end = 8 + 10 + usize::from(rest[9]);
-        let mut frame = rest[..end].to_vec();
+    let (mut renumbered_bytes, mut remaining) = (Vec::new(), bytes);
+    while remaining.len() > 20 {
+        let frame_end = 8 + 10 + usize::from(remaining[9]);
+        let mut frame = remaining[..frame_end].to_vec();
         frame[13] = system;
-        let extra =
-            mavlink::dialects::common::MavMessage::extra_crc(u32::from_le_bytes([rest[15], rest[16], rest[17], 0]));
+        let extra = mavlink::dialects::common::MavMessage::extra_crc(u32::from_le_bytes([
+            remaining[15],
+            remaining[16],
+            remaining[17],
+            0,
+        ]));
         frame.extend(mavlink::calculate_crc(&frame[9..], extra).to_le_bytes());
-        out.extend(frame);
-        rest = &rest[end + 2..];
+        renumbered_bytes.extend(frame);
+        remaining = &remaining[frame_end + 2..];
     }
-    out
+    renumbered_bytes
 }
 
 fn logged_frame<M: MessageData>(at_us: u64, message: &M) -> Vec<u8> {
@@ -98,7 +102,7 @@ fn started_log(autopilot: MavAutopilot) -> Vec<u8> {
 const ALL_NEW: HIGHRES_IMU_DATA =
     HIGHRES_IMU_DATA { fields_updated: HighresImuUpdatedFlags::all(), ..HIGHRES_IMU_DATA::DEFAULT };
 
-/// The same with a PX4 field in gauss.
+/// Log of a started PX4: heartbeat, attitude and a HIGHRES_IMU message with a field in gauss.
 fn started_px4_log() -> Vec<u8> {
     let field = HIGHRES_IMU_DATA { time_usec: 40_000_000, xmag: 0.2, ymag: -0.05, zmag: 0.4, ..ALL_NEW };
     [started_log(MavAutopilot::MAV_AUTOPILOT_PX4), logged_frame(0, &field)].concat()
@@ -108,7 +112,7 @@ fn started_px4_log() -> Vec<u8> {
 fn highres_imu_is_in_gauss() {
     let flight = read_bytes(&started_px4_log()).unwrap();
     let [row] = flight.compasses[0].field.rows() else { panic!("{:?}", flight.compasses) };
-    assert!(row.row_values.iter().zip([20.0, -5.0, 40.0]).all(|(ut, sent)| (ut - sent).abs() < 1e-4), "{row:?}");
+    assert!(row.row_values.iter().zip([20.0, -5.0, 40.0]).all(|(ut, sent_ut)| (ut - sent_ut).abs() < 1e-4), "{row:?}");
 }
 
 /// A negative current means no measurement.
@@ -159,14 +163,14 @@ fn the_first_compass_is_raw_imu_for_ardupilot_and_scaled_imu_for_px4() {
         RAW_IMU_DATA { time_usec: 40_000_000, xmag: 100, ..Default::default() },
         SCALED_IMU_DATA { time_boot_ms: 40_000, xmag: 300, ..Default::default() },
     );
-    let nothing = [
+    let zero_field = [
         logged_frame(0, &RAW_IMU_DATA { time_usec: 41_000_000, ..Default::default() }),
         logged_frame(0, &SCALED_IMU_DATA { time_boot_ms: 41_000, ..Default::default() }),
     ];
     for (autopilot, ut) in [(MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA, 10.0), (MavAutopilot::MAV_AUTOPILOT_PX4, 30.0)]
     {
         let bytes =
-            [started_log(autopilot), logged_frame(0, &raw), logged_frame(0, &scaled), nothing.concat()].concat();
+            [started_log(autopilot), logged_frame(0, &raw), logged_frame(0, &scaled), zero_field.concat()].concat();
         let flight = read_bytes(&bytes).unwrap();
         let [row] = flight.compasses[0].field.rows() else { panic!("{:?}", flight.compasses) };
         assert!((row.row_values[0] - ut).abs() < 1e-4, "{row:?}");
@@ -189,19 +193,19 @@ fn unix_times_are_not_used_as_time_since_boot() {
 #[test]
 fn the_requested_vehicle_is_read() {
     let frames = |bytes: &[u8]| {
-        let mut rest = bytes;
+        let mut remaining = bytes;
         std::iter::from_fn(move || {
-            let end = 8 + 10 + usize::from(*rest.get(9)?) + 2;
-            let (frame, next) = rest.split_at(end);
-            rest = next;
+            let frame_end = 8 + 10 + usize::from(*remaining.get(9)?) + 2;
+            let (frame, next) = remaining.split_at(frame_end);
+            remaining = next;
             Some(frame.to_vec())
         })
         .collect::<Vec<_>>()
     };
-    let mut other = recording(&[]);
-    other.samples.iter_mut().for_each(|instant| instant.field_ut[0] = [1.0, 2.0, 3.0]);
-    let [one, two] =
-        [encode_tlog(&recording(&ARDUPILOT)), renumbered(&encode_tlog(&other), 2)].map(|bytes| frames(&bytes));
+    let mut other_recording = recording(&[]);
+    other_recording.samples.iter_mut().for_each(|sample| sample.field_ut[0] = [1.0, 2.0, 3.0]);
+    let [one, two] = [encode_tlog(&recording(&ARDUPILOT)), renumbered(&encode_tlog(&other_recording), 2)]
+        .map(|bytes| frames(&bytes));
     let mut station = one[0].clone();
     // Type, autopilot; the system follows eight clock bytes.
     (station[8 + 10 + 4], station[8 + 10 + 5]) = (6, 0);
@@ -218,8 +222,8 @@ fn the_requested_vehicle_is_read() {
         let is_the_other = rows.iter().all(|row| (row.row_values[0] - 1.0).abs() < 0.01);
         assert_eq!(is_the_other, x_ut.is_some(), "{requested:?}");
     }
-    let none = read_system(&mut &link[..], FieldUnit::Milligauss, Some(7)).unwrap_err();
-    assert_eq!(none.to_string(), "there is no vehicle of system 7; there is 1, 2");
+    let missing_system = read_system(&mut &link[..], FieldUnit::Milligauss, Some(7)).unwrap_err();
+    assert_eq!(missing_system.to_string(), "there is no vehicle of system 7; there is 1, 2");
     let table = read_system(&mut &encode_csv(&recording(&[]))[..], FieldUnit::Milligauss, Some(1)).unwrap_err();
     assert_eq!(table.to_string(), "no system 1: no vehicle of the log has this number");
 }
@@ -230,7 +234,7 @@ fn a_gimbal_is_not_a_second_vehicle() {
     let mut frame = MAVLinkV2MessageRaw::new();
     let heartbeat = HEARTBEAT_DATA { autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC, ..Default::default() };
     frame.serialize_message_data(MavHeader { system_id: 1, component_id: 154, sequence: 0 }, &heartbeat);
-    let other = [&0_u64.to_be_bytes(), frame.raw_bytes()].concat();
-    let flight = read_bytes(&[started_px4_log(), other].concat()).unwrap();
+    let gimbal_frame = [&0_u64.to_be_bytes(), frame.raw_bytes()].concat();
+    let flight = read_bytes(&[started_px4_log(), gimbal_frame].concat()).unwrap();
     assert_eq!((flight.autopilot_systems, flight.skipped_counts.others), (vec![1], 1));
 }

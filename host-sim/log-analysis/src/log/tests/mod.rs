@@ -1,4 +1,4 @@
-//! The same flight in every format, intact and damaged.
+//! Tests of the readers with one flight in every format, intact and damaged.
 
 mod ardupilot;
 mod hostile;
@@ -81,7 +81,7 @@ fn recording(parameters: &[(&str, f64)]) -> FlightRecording {
 }
 
 /// The flight in each format, and the format's field resolution, microtesla.
-fn each() -> [(LogFormat, Vec<u8>, f64); 5] {
+fn log_in_each_format() -> [(LogFormat, Vec<u8>, f64); 5] {
     let (ardupilot, px4) = (recording(&ARDUPILOT), recording(&PX4));
     [
         (LogFormat::DataFlash, encode_dataflash(&ardupilot), 0.12),
@@ -100,20 +100,20 @@ fn read_bytes(bytes: &[u8]) -> Result<Flight, LogError> {
 #[test]
 fn every_format_gives_the_raw_field_in_body_axes() {
     let original = recording(&[]);
-    for (format, bytes, exactly_ut) in each() {
+    for (format, bytes, exactly_ut) in log_in_each_format() {
         let flight = read_bytes(&bytes).unwrap();
         assert_eq!(flight.log_format, format);
         let compasses = if format == LogFormat::Csv { 1 } else { 2 };
         assert_eq!(
-            flight.compasses.iter().map(|c| c.compass_number).collect::<Vec<_>>(),
+            flight.compasses.iter().map(|compass| compass.compass_number).collect::<Vec<_>>(),
             [1, 2][..compasses],
             "{format:?}"
         );
         for (index, compass) in flight.compasses.iter().enumerate() {
             // Rows before a link's first heartbeat are ignored.
-            let late = original.samples.len() - compass.field.rows().len();
-            assert!(late <= 1, "{format:?}: {late}");
-            for (row, instant) in compass.field.rows().iter().zip(&original.samples[late..]) {
+            let skipped_rows = original.samples.len() - compass.field.rows().len();
+            assert!(skipped_rows <= 1, "{format:?}: {skipped_rows}");
+            for (row, instant) in compass.field.rows().iter().zip(&original.samples[skipped_rows..]) {
                 let raw = Vector3::new(row.row_values[0], row.row_values[1], row.row_values[2]).map(f64::from);
                 let off_ut = (raw - Vector3::from(instant.field_ut[index])).norm();
                 // The inverse soft-iron matrix scales the resolution.
@@ -147,7 +147,7 @@ fn every_format_gives_the_raw_field_in_body_axes() {
 
 #[test]
 fn autopilot_firmware_and_armed_state_are_read() {
-    let flights = each().map(|(_, bytes, _)| read_bytes(&bytes).unwrap());
+    let flights = log_in_each_format().map(|(_, bytes, _)| read_bytes(&bytes).unwrap());
     let [bin, text, link, px4, table] = flights;
     for flight in [&bin, &text] {
         assert_eq!(flight.firmware_name.as_deref(), Some("ArduPlane V4.6.0 (host-sim)"));
@@ -180,38 +180,38 @@ fn unknown_and_empty_logs_are_rejected() {
     for bytes in [&b"hello"[..], b"time,x\n1,2\n", b"\x89PNG\r\n\x1a\n0000000000000000", &[0; 5000]] {
         assert!(matches!(read_bytes(bytes), Err(LogError::UnknownFormat)), "{bytes:?}");
     }
-    let nothing = FlightRecording { samples: Vec::new(), ..recording(&[]) };
-    assert!(matches!(read_bytes(&encode_dataflash(&nothing)), Err(LogError::NoField(LogFormat::DataFlash, 0))));
-    assert!(matches!(read_bytes(&encode_ulog(&nothing)), Err(LogError::NoField(LogFormat::ULog, 0))));
+    let empty_recording = FlightRecording { samples: Vec::new(), ..recording(&[]) };
+    assert!(matches!(read_bytes(&encode_dataflash(&empty_recording)), Err(LogError::NoField(LogFormat::DataFlash, 0))));
+    assert!(matches!(read_bytes(&encode_ulog(&empty_recording)), Err(LogError::NoField(LogFormat::ULog, 0))));
 }
 
 #[test]
 fn damage_in_the_middle_costs_few_rows() {
-    for (format, bytes, _) in each() {
-        let whole = read_bytes(&bytes).unwrap().compasses[0].field.rows().len();
+    for (format, bytes, _) in log_in_each_format() {
+        let undamaged_rows = read_bytes(&bytes).unwrap().compasses[0].field.rows().len();
         let mut damaged = bytes.clone();
-        let middle = bytes.len() / 2;
-        damaged.splice(middle..middle, *b"\n\x00garbage\xff\xa3\x95\xfd\n");
+        let middle_byte = bytes.len() / 2;
+        damaged.splice(middle_byte..middle_byte, *b"\n\x00garbage\xff\xa3\x95\xfd\n");
         let flight = read_bytes(&damaged).unwrap();
         let rows = flight.compasses[0].field.rows().len();
         assert!(
-            rows + 12 >= whole && flight.skipped_counts.garbage > 0,
-            "{format:?}: {rows} of {whole}, {:?}",
+            rows + 12 >= undamaged_rows && flight.skipped_counts.garbage > 0,
+            "{format:?}: {rows} of {undamaged_rows}, {:?}",
             flight.skipped_counts
         );
         let cut = read_bytes(&bytes[..=bytes.len() * 3 / 4]).unwrap();
-        assert!(cut.compasses[0].field.rows().len() > whole * 2 / 3, "{format:?}");
+        assert!(cut.compasses[0].field.rows().len() > undamaged_rows * 2 / 3, "{format:?}");
     }
 }
 
 #[test]
 fn a_restart_within_a_log_continues_ten_seconds_later() {
     let mut twice = recording(&ARDUPILOT);
-    let mut again = twice.samples.clone();
-    for instant in &mut again {
+    let mut repeated_samples = twice.samples.clone();
+    for instant in &mut repeated_samples {
         instant.time_us -= 35_000_000;
     }
-    twice.samples.extend(again);
+    twice.samples.extend(repeated_samples);
     for bytes in [encode_dataflash(&twice), encode_dataflash_text(&twice), encode_csv(&twice), encode_ulog(&twice)] {
         let flight = read_bytes(&bytes).unwrap();
         assert_eq!(flight.skipped_counts.restarts, 1);

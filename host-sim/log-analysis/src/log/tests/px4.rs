@@ -2,16 +2,16 @@ use super::*;
 
 /// A ULog with each message's body changed by type.
 fn ulog_with(bytes: &[u8], change: &dyn Fn(u8, Vec<u8>) -> Vec<u8>) -> Vec<u8> {
-    let (mut out, mut rest) = (bytes[..16].to_vec(), &bytes[16..]);
-    while let [low, high, kind, after @ ..] = rest {
+    let (mut changed_log, mut remaining) = (bytes[..16].to_vec(), &bytes[16..]);
+    while let [low, high, kind, after @ ..] = remaining {
         let (body, next) = after.split_at(usize::from(u16::from_le_bytes([*low, *high])));
         let body = change(*kind, body.to_vec());
-        out.extend((body.len() as u16).to_le_bytes());
-        out.push(*kind);
-        out.extend(body);
-        rest = next;
+        changed_log.extend((body.len() as u16).to_le_bytes());
+        changed_log.push(*kind);
+        changed_log.extend(body);
+        remaining = next;
     }
-    out
+    changed_log
 }
 
 /// Until 1.8 field and rates were in `sensor_combined` only.
@@ -21,9 +21,9 @@ fn px4s_old_sensor_combined_is_read() {
         let text = String::from_utf8_lossy(body).into_owned();
         pairs.iter().fold(text, |text, (old, new)| text.replace(old, new)).into_bytes()
     };
-    let mut one = recording(&PX4);
-    one.samples.iter_mut().for_each(|instant| instant.field_ut.truncate(1));
-    let bytes = ulog_with(&encode_ulog(&one), &|kind, body| match (kind, &body[..]) {
+    let mut one_compass = recording(&PX4);
+    one_compass.samples.iter_mut().for_each(|sample| sample.field_ut.truncate(1));
+    let bytes = ulog_with(&encode_ulog(&one_compass), &|message_type, body| match (message_type, &body[..]) {
         (b'F', text) if text.starts_with(b"vehicle_magnetometer") => renamed(
             text,
             [
@@ -44,10 +44,10 @@ fn px4s_old_sensor_combined_is_read() {
     let flight = read_bytes(&bytes).unwrap();
     let rows = flight.compasses[0].field.rows();
     assert_eq!((flight.compasses.len(), rows.len()), (1, 300));
-    for (row, instant) in rows.iter().zip(&one.samples) {
+    for (row, sample) in rows.iter().zip(&one_compass.samples) {
         let raw = Vector3::new(row.row_values[0], row.row_values[1], row.row_values[2]).map(f64::from);
-        assert!((raw - Vector3::from(instant.field_ut[0])).norm() < 0.001, "{row:?}");
-        assert!((row.t_s + 0.02 - instant.time_us as f64 / 1e6).abs() < 1e-6, "{row:?}");
+        assert!((raw - Vector3::from(sample.field_ut[0])).norm() < 0.001, "{row:?}");
+        assert!((row.t_s + 0.02 - sample.time_us as f64 / 1e6).abs() < 1e-6, "{row:?}");
     }
 }
 
@@ -57,31 +57,31 @@ fn px4s_old_sensor_combined_is_read() {
 fn noise_in_a_ulog_costs_at_most_one_sample_each() {
     let mut bytes = encode_ulog(&recording(&PX4));
     let mut random = Random(7);
-    for part in (1..=20).rev() {
-        let at = bytes.len() / 40 + bytes.len() * part / 22;
+    for insertion in (1..=20).rev() {
+        let offset = bytes.len() / 40 + bytes.len() * insertion / 22;
         let noise: Vec<u8> = random.bytes(3000);
-        bytes.splice(at..at, noise);
+        bytes.splice(offset..offset, noise);
     }
     let rows = read_bytes(&bytes).unwrap().compasses[0].field.rows().len();
     assert!((300 - 20..=300).contains(&rows), "{rows}");
 }
 
 fn with_more(mut bytes: Vec<u8>, messages: &[(u8, Vec<u8>)]) -> Vec<u8> {
-    for (kind, body) in messages {
+    for (message_type, body) in messages {
         bytes.extend((body.len() as u16).to_le_bytes());
-        bytes.push(*kind);
+        bytes.push(*message_type);
         bytes.extend(body);
     }
     bytes
 }
 
 /// A subscription to a topic, and a row of it at a time in microseconds.
-fn subscribed(number: u8, instance: u8, topic: &str) -> (u8, Vec<u8>) {
-    (b'A', [&[instance, number, 0], topic.as_bytes()].concat())
+fn subscribed(message_id: u8, instance: u8, topic: &str) -> (u8, Vec<u8>) {
+    (b'A', [&[instance, message_id, 0], topic.as_bytes()].concat())
 }
 
-fn row(number: u8, at_us: u64, values: &[&[u8]]) -> (u8, Vec<u8>) {
-    (b'D', [&[number, 0][..], &at_us.to_le_bytes(), &values.concat()].concat())
+fn row(message_id: u8, at_us: u64, values: &[&[u8]]) -> (u8, Vec<u8>) {
+    (b'D', [&[message_id, 0][..], &at_us.to_le_bytes(), &values.concat()].concat())
 }
 
 /// Other priorities do not show which compass is used.
@@ -115,10 +115,10 @@ fn the_current_of_the_first_battery_is_used() {
 fn gps_columns_are_read_by_their_new_names() {
     let format = "vehicle_gps_position:uint64_t timestamp;double latitude_deg;double longitude_deg;double altitude_msl_m;\
                   float vel_m_s;float cog_rad;float heading;uint8_t fix_type;";
-    let fix = |at_us: u64, kind: u8| {
-        let place = [48.0_f64, 11.3, 500.0].map(f64::to_le_bytes).concat();
+    let fix = |at_us: u64, fix_type: u8| {
+        let position_bytes = [48.0_f64, 11.3, 500.0].map(f64::to_le_bytes).concat();
         let over_ground = [12.0_f32, 0.5, 1.5].map(f32::to_le_bytes).concat();
-        row(90, at_us, &[&place, &over_ground, &[kind]])
+        row(90, at_us, &[&position_bytes, &over_ground, &[fix_type]])
     };
     let mut original = recording(&PX4);
     original.start_position = None;
@@ -147,7 +147,7 @@ fn a_vtol_is_no_copter() {
     }
 }
 
-/// Armed is state 2.
+/// `arming_state` 2 means armed.
 #[test]
 fn an_arming_state_is_read() {
     let format = "vehicle_status:uint64_t timestamp;uint8_t arming_state;";
@@ -176,90 +176,90 @@ fn a_sample_has_its_timestamp_sample() {
 /// Before 1.11 `sensor_mag` was corrected by the driver.
 #[test]
 fn sensor_mag_is_raw_since_1_11() {
-    let nothing = FlightRecording { samples: Vec::new(), ..recording(&PX4) };
+    let empty_recording = FlightRecording { samples: Vec::new(), ..recording(&PX4) };
     let format = "sensor_mag:uint64_t timestamp;uint32_t device_id;float x;float y;float z;";
     let gauss = [0.2_f32, -0.1, 0.4].map(f32::to_le_bytes).concat();
-    let level = [1.0_f32, 0.0, 0.0, 0.0].map(f32::to_le_bytes).concat();
+    let level_quaternion = [1.0_f32, 0.0, 0.0, 0.0].map(f32::to_le_bytes).concat();
     let messages = [
         (b'F', format.as_bytes().to_vec()),
         subscribed(90, 0, "sensor_mag"),
         subscribed(91, 0, "vehicle_attitude"),
-        row(91, 70_000_000, &[&level]),
+        row(91, 70_000_000, &[&level_quaternion]),
         row(90, 70_100_000, &[&396_809_u32.to_le_bytes(), &gauss]),
     ];
     for (minor, is_raw) in [(10, false), (11, true)] {
-        let bytes = ulog_with(&encode_ulog(&nothing), &|kind, body| {
-            let version = body.windows(4).position(|bytes| bytes == [255, 0, 15, 1]).filter(|_| kind == b'I');
+        let bytes = ulog_with(&encode_ulog(&empty_recording), &|message_type, body| {
+            let version = body.windows(4).position(|bytes| bytes == [255, 0, 15, 1]).filter(|_| message_type == b'I');
             version.map_or_else(|| body.clone(), |at| [&body[..at], &[255, 0, minor, 1]].concat())
         });
-        let read = read_bytes(&with_more(bytes, &messages));
+        let flight = read_bytes(&with_more(bytes, &messages));
         if !is_raw {
-            assert!(matches!(read, Err(LogError::NoField(LogFormat::ULog, 0))), "1.{minor}");
+            assert!(matches!(flight, Err(LogError::NoField(LogFormat::ULog, 0))), "1.{minor}");
             continue;
         }
         // Turned by 90 deg: the sensor's y is the body's -x.
-        let flight = read.unwrap();
+        let flight = flight.unwrap();
         let [row] = flight.compasses[0].field.rows() else { panic!("{:?}", flight.compasses) };
         assert!((row.row_values[0] - 10.0).abs() < 1e-4 && (row.row_values[1] - 20.0).abs() < 1e-4, "{row:?}");
     }
 }
 
-/// `sensor_mag` of the first compass is added in one sample of `every`.
-fn with_sensor_mag(recording: &FlightRecording, every: usize) -> Vec<u8> {
+/// `sensor_mag` of the first compass is added in one sample of `stride`.
+fn with_sensor_mag(recording: &FlightRecording, stride: usize) -> Vec<u8> {
     const TOPIC: [u8; 2] = [60, 0];
-    let (mut out, bytes) = (Vec::new(), encode_ulog(recording));
-    let (mut rest, mut rows) = (&bytes[16..], 0);
-    out.extend(&bytes[..16]);
+    let (mut changed_log, bytes) = (Vec::new(), encode_ulog(recording));
+    let (mut remaining, mut rows) = (&bytes[16..], 0);
+    changed_log.extend(&bytes[..16]);
     let mut write = |kind: u8, body: &[u8]| {
-        out.extend((body.len() as u16).to_le_bytes());
-        out.push(kind);
-        out.extend(body);
+        changed_log.extend((body.len() as u16).to_le_bytes());
+        changed_log.push(kind);
+        changed_log.extend(body);
     };
     write(b'F', b"sensor_mag:uint64_t timestamp;uint32_t device_id;float x;float y;float z;");
-    while let [low, high, kind, after @ ..] = rest {
+    while let [low, high, kind, after @ ..] = remaining {
         let (body, next) = after.split_at(usize::from(u16::from_le_bytes([*low, *high])));
         write(*kind, body);
         if *kind == b'A' && body[1] == 0 {
             write(b'A', &[&[0], &TOPIC[..], b"sensor_mag"].concat());
         }
         if *kind == b'D' && body[..2] == [0, 0] {
-            if rows % every == 0 {
+            if rows % stride == 0 {
                 let gauss = recording.samples[rows].field_ut[0].map(|axis| ((axis / 100.0) as f32).to_le_bytes());
                 write(b'D', &[&TOPIC, &body[2..14], gauss.as_flattened()].concat());
             }
             rows += 1;
         }
-        rest = next;
+        remaining = next;
     }
-    out
+    changed_log
 }
 
 /// PX4 logs `sensor_mag` at 1 Hz by default and the corrected field faster; at equal rates the raw field is used.
 #[test]
 fn the_faster_logged_of_raw_and_corrected_field_is_read() {
     let parameters = [("CAL_MAG0_ID", 396_809.0), ("CAL_MAG0_XOFF", 0.12), ("CAL_MAG0_YSCALE", 1.1)];
-    let mut one = recording(&parameters);
-    one.samples.iter_mut().for_each(|instant| instant.field_ut.truncate(1));
-    for every in [1, 10] {
-        let flight = read_bytes(&with_sensor_mag(&one, every)).unwrap();
+    let mut one_compass = recording(&parameters);
+    one_compass.samples.iter_mut().for_each(|sample| sample.field_ut.truncate(1));
+    for stride in [1, 10] {
+        let flight = read_bytes(&with_sensor_mag(&one_compass, stride)).unwrap();
         let [compass] = flight.compasses.as_slice() else { panic!("one compass") };
-        assert_eq!(compass.field.rows().len(), 300, "1 of {every}");
-        for (row, instant) in compass.field.rows().iter().zip(&one.samples) {
+        assert_eq!(compass.field.rows().len(), 300, "1 of {stride}");
+        for (row, sample) in compass.field.rows().iter().zip(&one_compass.samples) {
             let [raw, logged] = [
                 [row.row_values[0], row.row_values[1], row.row_values[2]],
                 [row.row_values[3], row.row_values[4], row.row_values[5]],
             ];
-            let original = Vector3::from(instant.field_ut[0]);
-            assert!((Vector3::from(raw).map(f64::from) - original).norm() < 0.001, "1 of {every}: {row:?}");
+            let original = Vector3::from(sample.field_ut[0]);
+            assert!((Vector3::from(raw).map(f64::from) - original).norm() < 0.001, "1 of {stride}: {row:?}");
             let corrected = Vector3::new(original.x - 12.0, original.y * 1.1, original.z);
-            assert!((Vector3::from(logged).map(f64::from) - corrected).norm() < 0.001, "1 of {every}: {row:?}");
+            assert!((Vector3::from(logged).map(f64::from) - corrected).norm() < 0.001, "1 of {stride}: {row:?}");
         }
     }
 }
 
 #[test]
 fn an_estimator_attitude_replaces_a_missing_one() {
-    let renamed = ulog_with(&encode_ulog(&recording(&PX4)), &|kind, body| match kind {
+    let renamed = ulog_with(&encode_ulog(&recording(&PX4)), &|message_type, body| match message_type {
         b'F' | b'A' => String::from_utf8_lossy(&body).replace("vehicle_attitude", "estimator_attitude").into_bytes(),
         _ => body,
     });
@@ -269,16 +269,17 @@ fn an_estimator_attitude_replaces_a_missing_one() {
     assert_eq!(with_attitude.attitude.rows(), with_estimator.attitude.rows());
 }
 
-/// After a crash, hard-fault messages follow a truncated one.
+/// PX4 appends hard-fault messages after a crash, behind a message that the crash truncated.
 #[test]
 fn messages_after_a_torn_ulog_cost_only_the_torn_message() {
     let mut bytes = encode_ulog(&recording(&PX4));
     bytes.truncate(bytes.len() - 10);
-    let words = [&[b"char[20] hardfault_plain".len() as u8], &b"char[20] hardfault_plain"[..], &[b'x'; 20]].concat();
+    let torn_message =
+        [&[b"char[20] hardfault_plain".len() as u8], &b"char[20] hardfault_plain"[..], &[b'x'; 20]].concat();
     for _ in 0..3 {
-        bytes.extend((words.len() as u16).to_le_bytes());
+        bytes.extend((torn_message.len() as u16).to_le_bytes());
         bytes.push(b'I');
-        bytes.extend(&words);
+        bytes.extend(&torn_message);
     }
     let rows = read_bytes(&bytes).unwrap().compasses[0].field.rows().len();
     assert!(rows >= 299, "{rows}");

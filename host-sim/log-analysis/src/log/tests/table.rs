@@ -5,7 +5,7 @@ fn a_csv_table_is_read_in_any_row_order_and_time_base() {
     let text = String::from_utf8(encode_csv(&recording(&[]))).unwrap();
     let (header, rows) = text.split_once('\n').unwrap();
     let rows: Vec<&str> = rows.lines().collect();
-    let each = |change: &dyn Fn(usize, Vec<String>) -> Vec<String>| {
+    let change_lines = |change: &dyn Fn(usize, Vec<String>) -> Vec<String>| {
         let changed =
             rows.iter().enumerate().map(|(i, row)| change(i, row.split(',').map(str::to_owned).collect()).join(","));
         format!("{header}\n{}", changed.collect::<Vec<_>>().join("\n"))
@@ -15,11 +15,11 @@ fn a_csv_table_is_read_in_any_row_order_and_time_base() {
         rows.sort_by_key(|row| key(row));
         format!("{header}\n{}", rows.join("\n"))
     };
-    let unix = each(&|_, mut row| {
+    let unix = change_lines(&|_, mut row| {
         row[0] = format!("{:.3}", row[0].parse::<f64>().unwrap() + 1.7e9);
         row
     });
-    let without = each(&|i, mut row| {
+    let without = change_lines(&|i, mut row| {
         if i % 2 == 1 {
             row[6] = "NaN".to_owned();
         }
@@ -52,8 +52,8 @@ fn a_csv_table_is_read_in_any_row_order_and_time_base() {
         assert_eq!(flight.is_armed(flight.time_range_s()[1]), Some(true), "{shape}");
     }
     // An impossible time is counted; a zero field is rejected.
-    let far = read_bytes(format!("{text}1e9,1,2,3,0,0\n").as_bytes()).unwrap();
-    assert_eq!(far.skipped_counts.bad_times, 1);
-    let nothing = read_bytes(b"t_s,mx,my,mz,roll_deg,pitch_deg\n0,0,0,0,1,2\n").unwrap_err();
-    assert!(matches!(nothing, LogError::NoField(LogFormat::Csv, 1)), "{nothing}");
+    let with_impossible_time = read_bytes(format!("{text}1e9,1,2,3,0,0\n").as_bytes()).unwrap();
+    assert_eq!(with_impossible_time.skipped_counts.bad_times, 1);
+    let zero_field = read_bytes(b"t_s,mx,my,mz,roll_deg,pitch_deg\n0,0,0,0,1,2\n").unwrap_err();
+    assert!(matches!(zero_field, LogError::NoField(LogFormat::Csv, 1)), "{zero_field}");
 }

@@ -43,21 +43,21 @@ pub fn read_ulog(source: &mut dyn Read) -> io::Result<Flight> {
     let mut log = UlogReader::new();
     let mut is_lost = false;
     while let &[low, high, kind, ..] = window.peek_bytes(HEADER_LENGTH)? {
-        let end = HEADER_LENGTH + usize::from(u16::from_le_bytes([low, high]));
-        debug_assert!(end + HEADER_LENGTH <= MAX_PEEK);
+        let message_end = HEADER_LENGTH + usize::from(u16::from_le_bytes([low, high]));
+        debug_assert!(message_end + HEADER_LENGTH <= MAX_PEEK);
         if is_lost && !is_header_sequence(window.peek_bytes(RESYNC_MESSAGES * (HEADER_LENGTH + MAX_RESYNC_LENGTH))?) {
             log.builder.flight.skipped_counts.garbage += 1;
             window.consume_bytes(1);
             continue;
         }
         // A valid message is followed by another or by the end.
-        let bytes = window.peek_bytes(end + HEADER_LENGTH)?;
-        let is_followed = bytes.get(end + HEADER_LENGTH - 1).is_none_or(|next| MESSAGE_TYPES.contains(next));
-        let body = bytes.get(HEADER_LENGTH..end).filter(|_| MESSAGE_TYPES.contains(&kind) && is_followed);
+        let bytes = window.peek_bytes(message_end + HEADER_LENGTH)?;
+        let is_followed = bytes.get(message_end + HEADER_LENGTH - 1).is_none_or(|next| MESSAGE_TYPES.contains(next));
+        let body = bytes.get(HEADER_LENGTH..message_end).filter(|_| MESSAGE_TYPES.contains(&kind) && is_followed);
         let length = if let Some(body) = body {
             log.read_message(kind, body);
             is_lost = false;
-            end
+            message_end
         } else {
             is_lost = true;
             log.builder.flight.skipped_counts.garbage += 1;
@@ -75,11 +75,11 @@ const MAX_RESYNC_LENGTH: usize = 1024;
 
 /// Whether a sequence of valid message headers, or the end, follows.
 fn is_header_sequence(bytes: &[u8]) -> bool {
-    let mut rest = bytes;
-    (0..RESYNC_MESSAGES).all(|_| match *rest {
+    let mut remaining = bytes;
+    (0..RESYNC_MESSAGES).all(|_| match *remaining {
         [low, high, kind, ref after @ ..] => {
             let length = usize::from(u16::from_le_bytes([low, high]));
-            rest = after.get(length..).unwrap_or_default();
+            remaining = after.get(length..).unwrap_or_default();
             MESSAGE_TYPES.contains(&kind) && length <= MAX_RESYNC_LENGTH
         }
         _ => true,
@@ -119,8 +119,8 @@ impl UlogReader {
         }
     }
 
-    fn read_message(&mut self, kind: u8, body: &[u8]) {
-        match kind {
+    fn read_message(&mut self, message_type: u8, body: &[u8]) {
+        match message_type {
             b'F' => {
                 let text = String::from_utf8_lossy(body);
                 if let Some((name, columns)) = text.split_once(':').filter(|_| self.formats.len() < MAX_FORMATS) {
@@ -131,8 +131,9 @@ impl UlogReader {
             b'D' => self.read_row(body),
             b'I' => self.read_information(body),
             b'P' => {
-                if let Some((kind, name, value)) = parse_keyed_value(body)
-                    && let Some(value) = ScalarType::from_name(kind).and_then(|kind| kind.decode_number(value))
+                if let Some((message_type, name, value)) = parse_keyed_value(body)
+                    && let Some(value) =
+                        ScalarType::from_name(message_type).and_then(|message_type| message_type.decode_number(value))
                 {
                     self.builder.set_parameter(name, value);
                 }
@@ -159,8 +160,10 @@ impl UlogReader {
         let [instance, low, high, name @ ..] = body else { return };
         let name = String::from_utf8_lossy(name).into_owned();
         let mut columns = RowColumns::new();
-        let mut at = 0;
-        if READ_TOPICS.contains(&name.as_str()) && self.compute_columns(&name, "", &mut at, 0, &mut columns).is_some() {
+        let mut byte_offset = 0;
+        if READ_TOPICS.contains(&name.as_str())
+            && self.compute_columns(&name, "", &mut byte_offset, 0, &mut columns).is_some()
+        {
             self.has_angular_velocity |= name == "vehicle_angular_velocity";
             let topic = UlogTopic { name, instance: *instance, columns };
             self.topics.insert(u16::from_le_bytes([*low, *high]), topic);
@@ -172,31 +175,37 @@ impl UlogReader {
         &self,
         name: &str,
         prefix: &str,
-        at: &mut usize,
+        byte_offset: &mut usize,
         depth: u8,
-        into: &mut RowColumns,
+        columns: &mut RowColumns,
     ) -> Option<()> {
         if depth > MAX_FORMAT_NESTING {
             return None;
         }
         for declared in self.formats.get(name)?.split(';').filter(|declared| !declared.is_empty()) {
-            let (kind, column) = declared.split_once(' ')?;
-            let (kind, number) = match kind.split_once('[') {
-                Some((kind, number)) => (kind, number.strip_suffix(']')?.parse::<usize>().ok()?),
-                None => (kind, 1),
+            let (type_name, column) = declared.split_once(' ')?;
+            let (type_name, array_length) = match type_name.split_once('[') {
+                Some((type_name, array_length)) => (type_name, array_length.strip_suffix(']')?.parse::<usize>().ok()?),
+                None => (type_name, 1),
             };
-            if number > MAX_PEEK || *at > MAX_PEEK || into.len() > 1024 {
+            if array_length > MAX_PEEK || *byte_offset > MAX_PEEK || columns.len() > 1024 {
                 return None;
             }
-            if let Some(kind) = ScalarType::from_name(kind) {
-                into.insert(
+            if let Some(type_name) = ScalarType::from_name(type_name) {
+                columns.insert(
                     format!("{prefix}{column}"),
-                    RowColumn { scalar_type: kind, byte_offset: *at, array_len: number },
+                    RowColumn { scalar_type: type_name, byte_offset: *byte_offset, array_len: array_length },
                 );
-                *at += kind.byte_len() * number;
+                *byte_offset += type_name.byte_len() * array_length;
             } else {
-                for i in 0..number.min(64) {
-                    self.compute_columns(kind, &format!("{prefix}{column}[{i}]."), at, depth + 1, into)?;
+                for i in 0..array_length.min(64) {
+                    self.compute_columns(
+                        type_name,
+                        &format!("{prefix}{column}[{i}]."),
+                        byte_offset,
+                        depth + 1,
+                        columns,
+                    )?;
                 }
             }
         }
@@ -207,11 +216,11 @@ impl UlogReader {
         let [low, high, body @ ..] = body else { return };
         let Some(topic) = self.topics.get(&u16::from_le_bytes([*low, *high])) else { return };
         let row = TopicRow { columns: &topic.columns, row_bytes: body };
-        let Some(us) = row.numeric_field("timestamp") else { return };
-        let Some(t_s) = self.builder.timeline.flight_time_s(us as u64) else { return };
+        let Some(timestamp_us) = row.numeric_field("timestamp") else { return };
+        let Some(t_s) = self.builder.timeline.flight_time_s(timestamp_us as u64) else { return };
         // The sampling time precedes the publishing time.
-        let sampled_s = row.numeric_field("timestamp_sample").filter(|sample| *sample > 0.0 && *sample <= us);
-        let sampled_s = sampled_s.map_or(t_s, |sample| t_s - ((us - sample) / 1e6).min(1.0));
+        let sampled_s = row.numeric_field("timestamp_sample").filter(|sample| *sample > 0.0 && *sample <= timestamp_us);
+        let sampled_s = sampled_s.map_or(t_s, |sample| t_s - ((timestamp_us - sample) / 1e6).min(1.0));
         let instance = topic.instance;
         match topic.name.as_str() {
             "sensor_mag" if self.release.is_some_and(|release| release >= (1, 11)) => {
@@ -251,7 +260,9 @@ impl UlogReader {
                     self.combined.1.push_row(t_s, rates);
                 }
                 // The field's time is relative; an unchanged field repeats its time.
-                let late_us = row.numeric_field("magnetometer_timestamp_relative").filter(|us| us.abs() < 1e6);
+                let late_us = row
+                    .numeric_field("magnetometer_timestamp_relative")
+                    .filter(|timestamp_us| timestamp_us.abs() < 1e6);
                 if let (Some(gauss), Some(late_us)) = (row.number_array("magnetometer_ga"), late_us) {
                     self.combined.0.push_row(t_s + late_us / 1e6, gauss);
                 }
@@ -268,8 +279,8 @@ impl UlogReader {
                 }
             }
             "vehicle_status" => {
-                if let Some(state) = row.numeric_field("arming_state") {
-                    self.builder.push_armed(t_s, state as u8 == ARMED_STATE);
+                if let Some(arming_state) = row.numeric_field("arming_state") {
+                    self.builder.push_armed(t_s, arming_state as u8 == ARMED_STATE);
                 }
                 self.builder.flight.is_copter |= is_copter(&row);
             }
@@ -300,7 +311,7 @@ impl UlogReader {
     }
 }
 
-/// Topics that are read.
+/// Names of the topics that are read.
 const READ_TOPICS: [&str; 10] = [
     "sensor_mag",
     "vehicle_magnetometer",
@@ -323,10 +334,11 @@ fn angles_rad(row: &TopicRow<'_>) -> Option<[f32; 3]> {
 /// Whether a `vehicle_status` is a rotorcraft's. A VTOL in hover reports rotary wing too.
 fn is_copter(row: &TopicRow<'_>) -> bool {
     const ROTARY_WING: f64 = 1.0;
-    let is = |name: &str| row.numeric_field(name).is_some_and(|number| number != 0.0);
-    let rotors =
-        row.numeric_field("vehicle_type").map_or_else(|| is("is_rotary_wing"), |kind| (kind - ROTARY_WING).abs() < 0.5);
-    rotors && !is("is_vtol")
+    let flag = |name: &str| row.numeric_field(name).is_some_and(|number| number != 0.0);
+    let rotors = row
+        .numeric_field("vehicle_type")
+        .map_or_else(|| flag("is_rotary_wing"), |vehicle_type| (vehicle_type - ROTARY_WING).abs() < 0.5);
+    rotors && !flag("is_vtol")
 }
 
 /// Speed over ground, m/s, and course, radians, from the velocity if logged.

@@ -71,10 +71,10 @@ pub(super) type RowColumns = HashMap<String, RowColumn>;
 
 /// Splits a keyed value into type, name and bytes: length, `type name`, value.
 pub(super) fn parse_keyed_value(body: &[u8]) -> Option<(&str, &str, &[u8])> {
-    let (&length, rest) = body.split_first()?;
-    let key = std::str::from_utf8(rest.get(..usize::from(length))?).ok()?;
-    let (kind, name) = key.split_once(' ')?;
-    Some((kind, name, &rest[usize::from(length)..]))
+    let (&length, after_length) = body.split_first()?;
+    let key = std::str::from_utf8(after_length.get(..usize::from(length))?).ok()?;
+    let (type_name, name) = key.split_once(' ')?;
+    Some((type_name, name, &after_length[usize::from(length)..]))
 }
 
 pub(super) struct TopicRow<'a> {
@@ -90,14 +90,14 @@ impl TopicRow<'_> {
 
     pub fn number_array<const N: usize>(&self, name: &str) -> Option<[f32; N]> {
         let column = self.columns.get(name).filter(|column| column.array_len >= N)?;
-        let mut found = [0.0; N];
-        for (i, number) in found.iter_mut().enumerate() {
-            *number = column
+        let mut values = [0.0; N];
+        for (i, value) in values.iter_mut().enumerate() {
+            *value = column
                 .scalar_type
                 .decode_number(self.row_bytes.get(column.byte_offset + i * column.scalar_type.byte_len()..)?)?
                 as f32;
         }
-        Some(found)
+        Some(values)
     }
 
     pub fn vector_field(&self, names: [&str; 3]) -> Option<[f32; 3]> {
@@ -112,7 +112,7 @@ mod tests {
 
     #[test]
     fn numbers_are_decoded_by_their_scalar_type() {
-        for (kind, number) in [
+        for (type_name, expected) in [
             ("int8_t", -1.0),
             ("uint8_t", 255.0),
             ("int16_t", -1.0),
@@ -122,9 +122,9 @@ mod tests {
             ("int64_t", -1.0),
         ] {
             assert_eq!(
-                ScalarType::from_name(kind).and_then(|kind| kind.decode_number(&[0xFF; 8])),
-                Some(number),
-                "{kind}"
+                ScalarType::from_name(type_name).and_then(|type_name| type_name.decode_number(&[0xFF; 8])),
+                Some(expected),
+                "{type_name}"
             );
         }
     }

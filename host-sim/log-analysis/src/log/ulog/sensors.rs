@@ -18,8 +18,9 @@ impl CompassAssignment {
     /// Compass index of a device: that of its calibration parameters, else the topic's instance if free, else the next
     /// free one. Id 0 of instance 0 is the primary device (`CAL_MAG_PRIME`). None if all indices are taken.
     pub fn compass_index(&mut self, parameters: &ParameterHistory, instance: u8, id: u32) -> Option<u8> {
-        let matches_sensor =
-            |&&((other_instance, other), _): &&((u8, u32), u8)| other == id && (id != 0 || other_instance == instance);
+        let matches_sensor = |&&((other_instance, used_index), _): &&((u8, u32), u8)| {
+            used_index == id && (id != 0 || other_instance == instance)
+        };
         if let Some(&(_, index)) = self.0.iter().find(matches_sensor) {
             return Some(index);
         }
@@ -27,7 +28,7 @@ impl CompassAssignment {
         let id_told = if id == 0 { primary() } else { Some(f64::from(id)) };
         let owner = |index: u8| parameters.last_value(&format!("CAL_MAG{index}_ID")).filter(|id| *id != 0.0);
         let named = (0..MAX_CALIBRATED_COMPASSES).find(|&index| id_told.is_some() && owner(index) == id_told);
-        let is_taken = |index: u8| self.0.iter().any(|&(_, other)| other == index);
+        let is_taken = |index: u8| self.0.iter().any(|&(_, used_index)| used_index == index);
         let is_free = |index: &u8| !is_taken(*index) && (id == 0 || owner(*index).is_none());
         let index = named.or_else(|| (instance..MAX_COMPASSES).chain(0..instance.min(MAX_COMPASSES)).find(is_free))?;
         self.0.push(((instance, id), index));
@@ -64,8 +65,8 @@ mod tests {
         }
         assert_eq!(CompassAssignment::default().compass_index(&parameters, 0, 0), Some(1));
         let mut sensors = CompassAssignment::default();
-        let found: Vec<_> =
+        let indices: Vec<_> =
             (0..=20).map(|instance| sensors.compass_index(&ParameterHistory::default(), instance, 0)).collect();
-        assert_eq!(found.iter().flatten().count(), usize::from(MAX_COMPASSES));
+        assert_eq!(indices.iter().flatten().count(), usize::from(MAX_COMPASSES));
     }
 }

@@ -133,11 +133,14 @@ impl GpsCourseHeading {
         let fitted = thin_velocities(&moving);
         let circle = VelocityCircle::fit_robustly(&fitted).ok_or(GpsCourseRejection::NoCircle)?;
         let on_circle_velocities = on_circle(&moving, &circle)?;
-        let turned = HeadingIntegral::from_flight(flight).ok_or(GpsCourseRejection::NoRates)?;
-        let straight: Vec<GroundVelocity> =
-            on_circle_velocities.iter().filter(|v| turned.is_straight(v.t_s)).copied().collect();
+        let heading_integral = HeadingIntegral::from_flight(flight).ok_or(GpsCourseRejection::NoRates)?;
+        let straight: Vec<GroundVelocity> = on_circle_velocities
+            .iter()
+            .filter(|velocity| heading_integral.is_straight(velocity.t_s))
+            .copied()
+            .collect();
         let course = Self::from_fitted_circle(&circle, &fitted, &straight)?;
-        if !turned.nose_turns_with_velocity(&on_circle_velocities, &circle) {
+        if !heading_integral.nose_turns_with_velocity(&on_circle_velocities, &circle) {
             return Err(GpsCourseRejection::NoseMismatch);
         }
         Ok(course)
@@ -154,7 +157,7 @@ impl GpsCourseHeading {
         if widest_gap_deg > MAX_DIRECTION_GAP_DEG {
             return Err(GpsCourseRejection::FewDirections);
         }
-        let squares: f64 = straight.iter().map(|v| square(circle.radial_residual_m_s(v))).sum();
+        let squares: f64 = straight.iter().map(|velocity| square(circle.radial_residual_m_s(velocity))).sum();
         let scatter_m_s = (squares / straight.len() as f64).sqrt();
         if airspeed_m_s < MIN_AIRSPEED_BY_WIND * circle.wind_m_s.norm() {
             return Err(GpsCourseRejection::StrongWind);
@@ -164,8 +167,8 @@ impl GpsCourseHeading {
             return Err(GpsCourseRejection::UncertainWind);
         }
         let mut heading = Series::new();
-        for v in straight {
-            heading.push_row(v.t_s, [circle.heading_rad(v) as f32]);
+        for velocity in straight {
+            heading.push_row(velocity.t_s, [circle.heading_rad(velocity) as f32]);
         }
         let wind_m_s = circle.wind_m_s.into();
         Ok(Self { wind_m_s, wind_sigma_m_s, airspeed_m_s, scatter_m_s, widest_gap_deg, heading })
@@ -233,11 +236,12 @@ fn ground_velocities(flight: &Flight) -> Vec<GroundVelocity> {
 fn velocities_in_flight(velocities: Vec<GroundVelocity>) -> Option<Vec<GroundVelocity>> {
     const MIN_VELOCITIES: usize = 30;
     let mut speeds: Vec<f64> =
-        velocities.iter().map(|v| v.velocity_m_s.norm()).filter(|m_s| *m_s > MIN_SPEED_M_S).collect();
+        velocities.iter().map(|velocity| velocity.velocity_m_s.norm()).filter(|m_s| *m_s > MIN_SPEED_M_S).collect();
     speeds.sort_by(f64::total_cmp);
     let fast_m_s = *speeds.get(speeds.len() * 9 / 10)?;
     let least_m_s = MIN_SPEED_M_S.max(MIN_SHARE_OF_FAST_SPEED * fast_m_s);
-    let moving: Vec<GroundVelocity> = velocities.into_iter().filter(|v| v.velocity_m_s.norm() > least_m_s).collect();
+    let moving: Vec<GroundVelocity> =
+        velocities.into_iter().filter(|velocity| velocity.velocity_m_s.norm() > least_m_s).collect();
     (moving.len() >= MIN_VELOCITIES).then_some(moving)
 }
 
@@ -249,7 +253,7 @@ fn on_circle(moving: &[GroundVelocity], circle: &VelocityCircle) -> Result<Vec<G
     }
     let near_circle: Vec<GroundVelocity> = moving
         .iter()
-        .filter(|v| circle.radial_residual_m_s(v).abs() < MAX_RADIAL_RESIDUAL * airspeed_m_s)
+        .filter(|velocity| circle.radial_residual_m_s(velocity).abs() < MAX_RADIAL_RESIDUAL * airspeed_m_s)
         .copied()
         .collect();
     let is_most = near_circle.len() as f64 >= MIN_FRACTION_ON_CIRCLE * moving.len() as f64;
@@ -303,17 +307,21 @@ impl VelocityCircle {
 
     /// Linear least squares of `|v|^2 = 2 w v + k` about the mean.
     fn initial_fit(velocities: &[GroundVelocity]) -> Option<Self> {
-        let mean = velocities.iter().map(|v| v.velocity_m_s).sum::<Vector2<f64>>() / velocities.len() as f64;
-        let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
-        for v in velocities {
-            let from = v.velocity_m_s - mean;
+        let mean =
+            velocities.iter().map(|velocity| velocity.velocity_m_s).sum::<Vector2<f64>>() / velocities.len() as f64;
+        let (mut normal, mut right_side) = (Matrix3::zeros(), Vector3::zeros());
+        for velocity in velocities {
+            let from = velocity.velocity_m_s - mean;
             let row = Vector3::new(2.0 * from.x, 2.0 * from.y, 1.0);
             normal += row * row.transpose();
-            right += row * from.norm_squared();
+            right_side += row * from.norm_squared();
         }
-        let found = normal.cholesky()?.solve(&right);
-        let centre = found.xy();
-        Some(Self { wind_m_s: mean + centre, radius_m_s: (found.z + centre.norm_squared()).max(0.0).sqrt() })
+        let centre_and_constant = normal.cholesky()?.solve(&right_side);
+        let centre = centre_and_constant.xy();
+        Some(Self {
+            wind_m_s: mean + centre,
+            radius_m_s: (centre_and_constant.z + centre.norm_squared()).max(0.0).sqrt(),
+        })
     }
 
     /// One Gauss-Newton step on radial distances with Tukey's biweight.
@@ -321,18 +329,19 @@ impl VelocityCircle {
         /// Tukey's constant times the MAD factor; and the least scale, a receiver's noise, m/s.
         const TUKEY_CUTOFF_PER_MAD: f64 = 4.685 * 1.4826;
         const MIN_SCALE_M_S: f64 = 0.1;
-        let scale = median(velocities.iter().map(|v| self.radial_residual_m_s(v).abs())).max(MIN_SCALE_M_S)
+        let scale = median(velocities.iter().map(|velocity| self.radial_residual_m_s(velocity).abs()))
+            .max(MIN_SCALE_M_S)
             * TUKEY_CUTOFF_PER_MAD;
-        let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
-        for v in velocities {
-            let residual = self.radial_residual_m_s(v);
+        let (mut normal, mut right_side) = (Matrix3::zeros(), Vector3::zeros());
+        for velocity in velocities {
+            let residual = self.radial_residual_m_s(velocity);
             let weight = square((1.0 - square(residual / scale)).max(0.0));
-            let out = (v.velocity_m_s - self.wind_m_s).normalize();
-            let row = Vector3::new(out.x, out.y, 1.0);
+            let outward = (velocity.velocity_m_s - self.wind_m_s).normalize();
+            let row = Vector3::new(outward.x, outward.y, 1.0);
             normal += row * row.transpose() * weight;
-            right += row * (residual * weight);
+            right_side += row * (residual * weight);
         }
-        let step = normal.cholesky()?.solve(&right);
+        let step = normal.cholesky()?.solve(&right_side);
         Some(Self { wind_m_s: self.wind_m_s + step.xy(), radius_m_s: self.radius_m_s + step.z })
     }
 
@@ -353,8 +362,8 @@ impl VelocityCircle {
         let mut winds = Vec::new();
         for part in 0..JACKKNIFE_PARTS {
             let [from, to] = [part, part + 1].map(|part| part * velocities.len() / JACKKNIFE_PARTS);
-            let rest = [&velocities[..from], &velocities[to..]].concat();
-            winds.push(Self::fit_robustly(&rest)?.wind_m_s);
+            let other_velocities = [&velocities[..from], &velocities[to..]].concat();
+            winds.push(Self::fit_robustly(&other_velocities)?.wind_m_s);
         }
         let mean = winds.iter().sum::<Vector2<f64>>() / JACKKNIFE_PARTS as f64;
         let squares: f64 = winds.iter().map(|wind| (wind - mean).norm_squared()).sum();
@@ -382,9 +391,11 @@ impl HeadingIntegral {
                 banked_s.push(row.t_s);
             }
             let rate = f64::from(motion.heading_rad_s);
-            let turned = last.map_or(0.0, |(t_s, turned, before)| turned + rate.midpoint(before) * (row.t_s - t_s));
-            nose.push((row.t_s, turned));
-            last = Some((row.t_s, turned, rate));
+            let heading_integral = last.map_or(0.0, |(t_s, heading_integral, before)| {
+                heading_integral + rate.midpoint(before) * (row.t_s - t_s)
+            });
+            nose.push((row.t_s, heading_integral));
+            last = Some((row.t_s, heading_integral, rate));
         }
         (!nose.is_empty()).then_some(Self { integral: nose, banked_s })
     }
@@ -397,8 +408,8 @@ impl HeadingIntegral {
         let (Some(before), Some(now), Some(after)) = (nose(-MIN_STRAIGHT_S), nose(0.0), nose(MIN_STRAIGHT_S)) else {
             return false;
         };
-        let most = (MAX_TURN_DEG_S * MIN_STRAIGHT_S).to_radians();
-        !is_banked && (now - before).abs() < most && (after - now).abs() < most
+        let max_turn_rad = (MAX_TURN_DEG_S * MIN_STRAIGHT_S).to_radians();
+        !is_banked && (now - before).abs() < max_turn_rad && (after - now).abs() < max_turn_rad
     }
 
     fn nose_angle_rad(&self, t_s: f64) -> Option<f64> {
@@ -413,31 +424,33 @@ impl HeadingIntegral {
         const COMPARISON_INTERVAL_S: f64 = 5.0;
         const MIN_COMPARED_TURN_RAD: f64 = 0.35;
         const MAX_MISMATCHED_FRACTION: f64 = 0.3;
-        let (mut all, mut otherwise) = (0.0, 0.0);
+        let (mut total_rad, mut mismatched_rad) = (0.0, 0.0);
         let mut first = 0;
-        for (i, v) in velocities.iter().enumerate() {
+        for (i, velocity) in velocities.iter().enumerate() {
             // The comparison restarts after a gap, in which whole turns could be missed.
-            if i > 0 && v.t_s - velocities[i - 1].t_s > MAX_GAP_S {
+            if i > 0 && velocity.t_s - velocities[i - 1].t_s > MAX_GAP_S {
                 first = i;
             }
-            if v.t_s - velocities[first].t_s < COMPARISON_INTERVAL_S {
+            if velocity.t_s - velocities[first].t_s < COMPARISON_INTERVAL_S {
                 continue;
             }
             let course: f64 = velocities[first..=i]
                 .windows(2)
                 .map(|pair| f64::from(wrap_pi((circle.heading_rad(&pair[1]) - circle.heading_rad(&pair[0])) as f32)))
                 .sum();
-            let nose =
-                self.nose_angle_rad(v.t_s).zip(self.nose_angle_rad(velocities[first].t_s)).map(|(to, from)| to - from);
+            let nose = self
+                .nose_angle_rad(velocity.t_s)
+                .zip(self.nose_angle_rad(velocities[first].t_s))
+                .map(|(to, from)| to - from);
             first = i;
             let Some(nose) = nose else { continue };
-            let most = course.abs().max(nose.abs());
-            if most > MIN_COMPARED_TURN_RAD {
-                all += most;
-                otherwise += (course - nose).abs();
+            let larger_turn_rad = course.abs().max(nose.abs());
+            if larger_turn_rad > MIN_COMPARED_TURN_RAD {
+                total_rad += larger_turn_rad;
+                mismatched_rad += (course - nose).abs();
             }
         }
-        otherwise <= MAX_MISMATCHED_FRACTION * all
+        mismatched_rad <= MAX_MISMATCHED_FRACTION * total_rad
     }
 }
 

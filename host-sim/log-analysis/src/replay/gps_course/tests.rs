@@ -51,17 +51,17 @@ fn velocities_at_headings(
     headings_deg: impl IntoIterator<Item = f64>,
 ) -> Vec<GroundVelocity> {
     let headings: Vec<f64> = headings_deg.into_iter().collect();
-    let number = headings.len() as f64;
+    let count = headings.len() as f64;
     let velocity_at = |(i, heading_deg): (usize, &f64)| {
         let (sin, cos) = libm::sincos(heading_deg.to_radians());
-        let wind = Vector2::new(1.0, -2.0 + drift_m_s * (i as f64 / number - 0.5));
+        let wind = Vector2::new(1.0, -2.0 + drift_m_s * (i as f64 / count - 0.5));
         GroundVelocity { t_s: i as f64 * every_s, velocity_m_s: Vector2::new(cos, sin) * airspeed_m_s + wind }
     };
     headings.iter().enumerate().map(velocity_at).collect()
 }
 
-fn circle_headings(number: u16) -> impl Iterator<Item = f64> {
-    (0..number).map(|i| f64::from(i) * 6.0)
+fn circle_headings(count: u16) -> impl Iterator<Item = f64> {
+    (0..count).map(|i| f64::from(i) * 6.0)
 }
 
 /// Legs of a heading and a duration in seconds, at 5 Hz.
@@ -80,27 +80,31 @@ const CIRCLE: VelocityCircle = VelocityCircle { wind_m_s: Vector2::new(1.0, -2.0
 #[test]
 fn slow_flight_or_varying_airspeed_is_rejected() {
     for (airspeed_m_s, is_fast) in [(8.5, true), (7.5, false)] {
-        let found = on_circle(
+        let on_circle_velocities = on_circle(
             &velocities_at_headings(airspeed_m_s, 0.0, 1.0, circle_headings(100)),
             &VelocityCircle { radius_m_s: airspeed_m_s, ..CIRCLE },
         );
-        assert_eq!(found.map(|flown| flown.len()).ok(), is_fast.then_some(100), "{airspeed_m_s}");
+        assert_eq!(on_circle_velocities.map(|flown| flown.len()).ok(), is_fast.then_some(100), "{airspeed_m_s}");
     }
     for (slower, is_circle) in [(25, true), (35, false)] {
         let mut velocities = velocities_at_headings(20.0, 0.0, 1.0, circle_headings(100));
         velocities[..slower].copy_from_slice(&velocities_at_headings(14.0, 0.0, 1.0, circle_headings(100))[..slower]);
-        let found = on_circle(&velocities, &CIRCLE);
-        assert_eq!(found.map(|flown| flown.len()).ok(), is_circle.then_some(100 - slower), "{slower}");
+        let on_circle_velocities = on_circle(&velocities, &CIRCLE);
+        assert_eq!(on_circle_velocities.map(|flown| flown.len()).ok(), is_circle.then_some(100 - slower), "{slower}");
     }
 }
 
 /// The limit is 15 % of the airspeed.
 #[test]
 fn velocities_far_from_the_circle_are_excluded() {
-    for (airspeed_m_s, flown) in [(17.4, 100), (16.6, 90), (22.6, 100), (23.4, 90)] {
+    for (airspeed_m_s, expected_count) in [(17.4, 100), (16.6, 90), (22.6, 100), (23.4, 90)] {
         let mut velocities = velocities_at_headings(20.0, 0.0, 1.0, circle_headings(100));
         velocities[..10].copy_from_slice(&velocities_at_headings(airspeed_m_s, 0.0, 1.0, circle_headings(100))[..10]);
-        assert_eq!(on_circle(&velocities, &CIRCLE).map(|flown| flown.len()), Ok(flown), "{airspeed_m_s}");
+        assert_eq!(
+            on_circle(&velocities, &CIRCLE).map(|expected_count| expected_count.len()),
+            Ok(expected_count),
+            "{airspeed_m_s}"
+        );
     }
 }
 
@@ -112,7 +116,10 @@ fn a_strong_wind_is_refused() {
         let blown = |velocities: Vec<GroundVelocity>| -> Vec<GroundVelocity> {
             velocities
                 .into_iter()
-                .map(|v| GroundVelocity { velocity_m_s: v.velocity_m_s - CIRCLE.wind_m_s + wind, ..v })
+                .map(|velocity| GroundVelocity {
+                    velocity_m_s: velocity.velocity_m_s - CIRCLE.wind_m_s + wind,
+                    ..velocity
+                })
                 .collect()
         };
         let (fitted, straight) = (
@@ -131,8 +138,8 @@ fn a_strong_wind_is_refused() {
 
 #[test]
 fn slow_or_short_movement_is_not_flight() {
-    let still = |speed_m_s: f64, number: usize| {
-        vec![GroundVelocity { t_s: 0.0, velocity_m_s: Vector2::new(speed_m_s, 0.0) }; number]
+    let still = |speed_m_s: f64, count: usize| {
+        vec![GroundVelocity { t_s: 0.0, velocity_m_s: Vector2::new(speed_m_s, 0.0) }; count]
     };
     assert_eq!(velocities_in_flight([still(20.0, 100), still(4.5, 50)].concat()).unwrap().len(), 100);
     assert!(velocities_in_flight(still(20.0, 29)).is_none() && velocities_in_flight(still(3.9, 100)).is_none());
@@ -161,7 +168,7 @@ fn a_direction_counts_after_three_seconds_of_flight() {
     assert!((widest_gap_deg(&[], &CIRCLE) - 360.0).abs() < 1e-9);
     // A pause within a leg does not count as flown.
     let mut paused = straight(&[(2.0, 10), (122.0, 10), (242.0, 2)]);
-    paused[105..].iter_mut().for_each(|v| v.t_s += 10.0);
+    paused[105..].iter_mut().for_each(|velocity| velocity.t_s += 10.0);
     assert!(widest_gap_deg(&paused, &CIRCLE) > 235.0);
 }
 

@@ -47,7 +47,7 @@ const CLIP_SIGMAS: f64 = 3.0;
 /// A step of hard iron.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HardIronStep {
-    /// Flight time, seconds.
+    /// Flight time of the step, seconds.
     pub time_s: f64,
     /// Size, body axes, microtesla.
     pub step_ut: [f64; 3],
@@ -73,34 +73,37 @@ impl HardIronStep {
 #[must_use]
 pub fn find_step(rows: &[ReplayRow], initial: &FieldCorrection) -> Option<HardIronStep> {
     let usable: Vec<&ReplayRow> = rows.iter().filter(|row| row.is_usable).collect();
-    let every = usable.len().div_ceil(MAX_ROWS).max(1);
-    let usable: Vec<&ReplayRow> = usable.into_iter().step_by(every).collect();
+    let row_stride = usable.len().div_ceil(MAX_ROWS).max(1);
+    let usable: Vec<&ReplayRow> = usable.into_iter().step_by(row_stride).collect();
     if usable.len() < 2 * MIN_ROWS {
         return None;
     }
     let without = StepEstimate::from_correction(&usable, initial);
-    let mut state = without.clone();
+    let mut estimate = without.clone();
     let mut change = None;
     for _ in 0..MAX_ITERATIONS {
-        let (before, previous) = (state.step_ut, change.map(|(first, _)| first));
-        let (first, sigma) = state.estimate_step(&usable, previous)?;
-        change = Some((state.first_row_after_step(&usable).unwrap_or(first), sigma));
-        let is_settled = (state.step_ut - before).component_div(&sigma).amax() < CONVERGED_SIGMAS;
+        let (before, previous) = (estimate.step_ut, change.map(|(first, _)| first));
+        let (first, sigma) = estimate.estimate_step(&usable, previous)?;
+        change = Some((estimate.first_row_after_step(&usable).unwrap_or(first), sigma));
+        let is_settled = (estimate.step_ut - before).component_div(&sigma).amax() < CONVERGED_SIGMAS;
         if is_settled && change.map(|(first, _)| first) == previous {
             break;
         }
     }
     let (first, sigma) = change?;
-    let left =
-        |rows: &[&ReplayRow], first| state.residual_scatter(rows, Some(first)) / without.residual_scatter(rows, None);
+    let scatter_ratio = |rows: &[&ReplayRow], first| {
+        estimate.residual_scatter(rows, Some(first)) / without.residual_scatter(rows, None)
+    };
     let (before, after) = usable.split_at(first);
-    let left_of_few = if after.len() < before.len() { left(after, 0) } else { left(before, before.len()) };
-    let left_of_all = left(&usable, first);
-    let is_better = left_of_all < MAX_TOTAL_SCATTER_RATIO
-        || left_of_all < MAX_TOTAL_SCATTER_RATIO_NEAR_END && left_of_few < MAX_SHORT_SIDE_SCATTER_RATIO;
-    let found = HardIronStep { time_s: usable[first].t_s, step_ut: state.step_ut.into(), sigma_ut: sigma.into() };
-    let sigmas = state.step_ut.component_div(&sigma).amax();
-    (sigmas > MIN_SIGMAS && found.size_ut() > MIN_STEP_UT && is_better).then_some(found)
+    let short_side_ratio =
+        if after.len() < before.len() { scatter_ratio(after, 0) } else { scatter_ratio(before, before.len()) };
+    let total_ratio = scatter_ratio(&usable, first);
+    let is_better = total_ratio < MAX_TOTAL_SCATTER_RATIO
+        || total_ratio < MAX_TOTAL_SCATTER_RATIO_NEAR_END && short_side_ratio < MAX_SHORT_SIDE_SCATTER_RATIO;
+    let hard_iron_step =
+        HardIronStep { time_s: usable[first].t_s, step_ut: estimate.step_ut.into(), sigma_ut: sigma.into() };
+    let sigmas = estimate.step_ut.component_div(&sigma).amax();
+    (sigmas > MIN_SIGMAS && hard_iron_step.size_ut() > MIN_STEP_UT && is_better).then_some(hard_iron_step)
 }
 
 #[derive(Clone)]
@@ -115,14 +118,14 @@ struct StepEstimate {
 
 impl StepEstimate {
     fn from_correction(rows: &[&ReplayRow], correction: &FieldCorrection) -> Self {
-        let of = |row: &&ReplayRow| row.corrected_field(correction);
-        let strength = median(rows.iter().map(|row| of(row).norm()));
-        let down = median(rows.iter().map(|row| row.down_in_body().dot(&of(row))));
+        let corrected = |row: &&ReplayRow| row.corrected_field(correction);
+        let strength = median(rows.iter().map(|row| corrected(row).norm()));
+        let vertical_ut = median(rows.iter().map(|row| row.down_in_body().dot(&corrected(row))));
         Self {
             matrix: correction.matrix,
             hard_iron_ut: correction.hard_iron_ut,
             strength_ut: strength,
-            vertical_ut: down,
+            vertical_ut,
             motor_ut_per_a: correction.motor_ut_per_a,
             step_ut: Vector3::zeros(),
         }
@@ -134,8 +137,8 @@ impl StepEstimate {
 
     /// Corrected field of a row before or after the step.
     fn corrected_field(&self, row: &ReplayRow, is_after: bool) -> Vector3<f64> {
-        let moved = if is_after { self.step_ut } else { Vector3::zeros() };
-        self.matrix * (self.without_hard_iron(row) - moved)
+        let step_ut = if is_after { self.step_ut } else { Vector3::zeros() };
+        self.matrix * (self.without_hard_iron(row) - step_ut)
     }
 
     fn residuals(&self, row: &ReplayRow, is_after: bool) -> [f64; 2] {
@@ -156,7 +159,7 @@ impl StepEstimate {
         // Normal equations of the rows from each candidate on; after the loop, of all rows.
         let instants: Vec<usize> = (1..=CANDIDATE_TIMES).map(|i| rows.len() * i / (CANDIDATE_TIMES + 1)).collect();
         let mut sums: Vec<(usize, DMatrix<f64>, DVector<f64>)> = Vec::new();
-        let (mut matrix, mut right) =
+        let (mut matrix, mut right_side) =
             (DMatrix::zeros(UNKNOWNS_WITHOUT_STEP, UNKNOWNS_WITHOUT_STEP), DVector::zeros(UNKNOWNS_WITHOUT_STEP));
         let mut squares = 0.0;
         for (i, row) in rows.iter().enumerate().rev() {
@@ -167,30 +170,31 @@ impl StepEstimate {
                 let clipped = residual.clamp(-CLIP_SIGMAS * scale, CLIP_SIGMAS * scale);
                 squares += clipped * clipped;
                 matrix.ger(1.0, &row_derivatives, &row_derivatives, 1.0);
-                right.axpy(-clipped, &row_derivatives, 1.0);
+                right_side.axpy(-clipped, &row_derivatives, 1.0);
             }
             let is_tried = given.map_or_else(|| instants.contains(&i), |first| first == i);
             if is_tried && i >= MIN_ROWS && rows.len() - i >= MIN_ROWS {
-                sums.push((i, matrix.clone(), right.clone()));
+                sums.push((i, matrix.clone(), right_side.clone()));
             }
         }
         let best = sums
             .iter()
             .filter_map(|(i, after, after_right)| {
-                let (solved, gain, sigma) = solve_unknowns(&matrix, &right, after, after_right, &self.prior_sigmas())?;
-                Some((*i, solved, gain, sigma))
+                let (solution, gain, sigma) =
+                    solve_unknowns(&matrix, &right_side, after, after_right, &self.prior_sigmas())?;
+                Some((*i, solution, gain, sigma))
             })
             .max_by(|(_, _, a, _), (_, _, b, _)| a.total_cmp(b))?;
-        let (first, solved, _, sigma) = best;
+        let (first, solution, _, sigma) = best;
         for row in 0..3 {
             for column in 0..3 {
-                self.matrix[(row, column)] += solved[3 * row + column];
+                self.matrix[(row, column)] += solution[3 * row + column];
             }
         }
-        let solved_vector = |from: usize| Vector3::new(solved[from], solved[from + 1], solved[from + 2]);
+        let solved_vector = |from: usize| Vector3::new(solution[from], solution[from + 1], solution[from + 2]);
         self.hard_iron_ut += solved_vector(9);
-        self.strength_ut += solved[12];
-        self.vertical_ut += solved[13];
+        self.strength_ut += solution[12];
+        self.vertical_ut += solution[13];
         self.step_ut += solved_vector(UNKNOWNS_WITHOUT_STEP);
         let variance = squares / (2.0 * rows.len() as f64);
         Some((first, sigma * (variance * CORRELATED_ROWS).sqrt()))
@@ -219,16 +223,16 @@ impl StepEstimate {
 
     /// Derivatives of both residuals by the unknowns.
     fn derivatives(&self, row: &ReplayRow, is_after: bool) -> [DVector<f64>; 2] {
-        let moved = if is_after { self.step_ut } else { Vector3::zeros() };
-        let raw = self.without_hard_iron(row) - moved;
+        let step_ut = if is_after { self.step_ut } else { Vector3::zeros() };
+        let raw = self.without_hard_iron(row) - step_ut;
         let field = self.matrix * raw;
         let directions = [field.normalize(), row.down_in_body()];
         let rows_of_residual = |residual_index: usize| {
             let direction = directions[residual_index];
             let mut jacobian_row = DVector::zeros(UNKNOWNS_WITHOUT_STEP);
             for i in 0..3 {
-                for j in 0..3 {
-                    jacobian_row[3 * i + j] = direction[i] * raw[j];
+                for column_index in 0..3 {
+                    jacobian_row[3 * i + column_index] = direction[i] * raw[column_index];
                 }
             }
             let by_centre = -(self.matrix.transpose() * direction);

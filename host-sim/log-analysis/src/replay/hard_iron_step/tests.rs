@@ -10,20 +10,26 @@ const AT: u16 = 1007;
 
 /// 180 s of banks to 30 deg and pitch to 15 deg in 50 uT, with a step, white noise, and motor-current interference
 /// at 10 A before and 30 A after the step.
-fn rows(moved: Vector3<f32>, noise_ut: f32, by_current_ut: Vector3<f32>, seed: u64) -> Vec<ReplayRow> {
-    rows_from(AT, moved, noise_ut, by_current_ut, seed)
+fn rows(step_ut: Vector3<f32>, noise_ut: f32, by_current_ut: Vector3<f32>, seed: u64) -> Vec<ReplayRow> {
+    rows_from(AT, step_ut, noise_ut, by_current_ut, seed)
 }
 
-fn rows_from(at: u16, moved: Vector3<f32>, noise_ut: f32, by_current_ut: Vector3<f32>, seed: u64) -> Vec<ReplayRow> {
+fn rows_from(
+    step_row: u16,
+    step_ut: Vector3<f32>,
+    noise_ut: f32,
+    by_current_ut: Vector3<f32>,
+    seed: u64,
+) -> Vec<ReplayRow> {
     let mut random = Random(seed);
     let row_at = |i: u16| {
-        let (t_s, is_after) = (f32::from(i) / 10.0, i >= at);
+        let (t_s, is_after) = (f32::from(i) / 10.0, i >= step_row);
         let attitude = Attitude::from_deg(30.0 * libm::sinf(t_s * 0.31), 15.0 * libm::sinf(t_s * 0.47));
         let earth = attitude.to_body_frame(Field::earth_field(50.0, 60_f32.to_radians(), 0.2 * t_s)).ut;
         let noise = Vector3::from_fn(|_, _| random.normal() * noise_ut);
         let current_a = if is_after { 30.0 } else { 10.0 };
-        let moved = if is_after { moved } else { Vector3::zeros() };
-        let field = Field::new(earth + noise + moved + by_current_ut * current_a);
+        let step_ut = if is_after { step_ut } else { Vector3::zeros() };
+        let field = Field::new(earth + noise + step_ut + by_current_ut * current_a);
         ReplayRow {
             t_s: f64::from(i) / 10.0,
             raw_field: field,
@@ -38,8 +44,8 @@ fn rows_from(at: u16, moved: Vector3<f32>, noise_ut: f32, by_current_ut: Vector3
     (0..1800).map(row_at).collect()
 }
 
-fn find_simulated(moved: [f32; 3], noise_ut: f32, seed: u64) -> Option<HardIronStep> {
-    find_step(&rows(moved.into(), noise_ut, Vector3::zeros(), seed), &FieldCorrection::identity())
+fn find_simulated(step_ut: [f32; 3], noise_ut: f32, seed: u64) -> Option<HardIronStep> {
+    find_step(&rows(step_ut.into(), noise_ut, Vector3::zeros(), seed), &FieldCorrection::identity())
 }
 
 /// White noise: the standard deviation allows for ten correlated rows, so errors are a third of it.
@@ -47,11 +53,11 @@ fn find_simulated(moved: [f32; 3], noise_ut: f32, seed: u64) -> Option<HardIronS
 fn a_hard_iron_step_is_found_with_its_time_and_sigma() {
     let mut errors = Vec::new();
     for seed in 0..20 {
-        let moved = [4.0, -3.0, 2.0];
-        let change = find_simulated(moved, 0.5, seed).unwrap();
+        let step_ut = [4.0, -3.0, 2.0];
+        let change = find_simulated(step_ut, 0.5, seed).unwrap();
         assert!((change.time_s - f64::from(AT) / 10.0).abs() < 0.35, "{change:?}");
         assert_eq!(change.axis(), 'x');
-        errors.extend((0..3).map(|i| (change.step_ut[i] - f64::from(moved[i])) / change.sigma_ut[i]));
+        errors.extend((0..3).map(|i| (change.step_ut[i] - f64::from(step_ut[i])) / change.sigma_ut[i]));
     }
     let rms = (errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64).sqrt();
     assert!((0.2..0.6).contains(&rms), "{rms}");
@@ -69,24 +75,24 @@ fn small_or_uncertain_hard_iron_steps_are_not_reported() {
 
 #[test]
 fn each_axis_of_a_hard_iron_step_has_its_own_sigma() {
-    let moved = [4.0, -3.0, 2.0];
-    let changes: Vec<HardIronStep> = (0..20).map(|seed| find_simulated(moved, 0.5, seed).unwrap()).collect();
-    for (axis, expected) in moved.into_iter().map(f64::from).enumerate() {
+    let step_ut = [4.0, -3.0, 2.0];
+    let changes: Vec<HardIronStep> = (0..20).map(|seed| find_simulated(step_ut, 0.5, seed).unwrap()).collect();
+    for (axis, expected) in step_ut.into_iter().map(f64::from).enumerate() {
         let over_sigma = |change: &HardIronStep| (change.step_ut[axis] - expected) / change.sigma_ut[axis];
         let rms = (changes.iter().map(over_sigma).map(|error| error * error).sum::<f64>() / 20.0).sqrt();
         assert!((0.2..0.6).contains(&rms), "{axis}: {rms}");
     }
 }
 
-/// With one row in twelve the step is less than eight standard deviations, and is not reported.
+/// With one row in twelve the step is below eight standard deviations.
 #[test]
 fn a_hard_iron_step_needs_enough_rows() {
     for seed in 0..5 {
-        let all = rows(Vector3::new(0.0, 3.0, 0.0), 1.0, Vector3::zeros(), seed);
-        let few: Vec<ReplayRow> = all.iter().step_by(12).copied().collect();
+        let all_rows = rows(Vector3::new(0.0, 3.0, 0.0), 1.0, Vector3::zeros(), seed);
+        let thinned_rows: Vec<ReplayRow> = all_rows.iter().step_by(12).copied().collect();
         assert!(
-            find_step(&all, &FieldCorrection::identity()).is_some()
-                && find_step(&few, &FieldCorrection::identity()).is_none(),
+            find_step(&all_rows, &FieldCorrection::identity()).is_some()
+                && find_step(&thinned_rows, &FieldCorrection::identity()).is_none(),
             "{seed}"
         );
     }
@@ -96,8 +102,8 @@ fn a_hard_iron_step_needs_enough_rows() {
 fn motor_current_interference_is_not_a_hard_iron_step() {
     let by_current_ut = Vector3::new(0.3, -0.2, 0.1);
     let rows = rows(Vector3::zeros(), 0.3, by_current_ut, 1);
-    let known = FieldCorrection { motor_ut_per_a: by_current_ut.map(f64::from), ..FieldCorrection::identity() };
-    assert_eq!(find_step(&rows, &known), None);
+    let correction = FieldCorrection { motor_ut_per_a: by_current_ut.map(f64::from), ..FieldCorrection::identity() };
+    assert_eq!(find_step(&rows, &correction), None);
     let change = find_step(&rows, &FieldCorrection::identity()).unwrap();
     assert!((change.step_ut[0] - 6.0).abs() < 0.5, "20 A of 0.3 uT: {change:?}");
 }
@@ -111,10 +117,10 @@ fn unusable_rows_give_no_hard_iron_step() {
 
 #[test]
 fn a_hard_iron_step_needs_six_seconds_of_rows_on_each_side() {
-    let all = rows(Vector3::new(8.0, -4.0, 3.0), 0.1, Vector3::zeros(), 1);
-    let at = usize::from(AT);
+    let all_rows = rows(Vector3::new(8.0, -4.0, 3.0), 0.1, Vector3::zeros(), 1);
+    let step_row = usize::from(AT);
     for (around, is_found) in [(59, false), (61, true)] {
-        let change = find_step(&all[at - around..at + around], &FieldCorrection::identity());
+        let change = find_step(&all_rows[step_row - around..step_row + around], &FieldCorrection::identity());
         assert_eq!(change.is_some(), is_found, "{around}: {change:?}");
     }
 }
@@ -131,19 +137,19 @@ fn outliers_neither_cause_nor_hide_a_hard_iron_step() {
         assert_eq!(detected_step(0.0), None, "{seed}");
         let change = detected_step(4.0).unwrap();
         let off_ut = (Vector3::from(change.step_ut) - Vector3::new(4.0, 0.0, 0.0)).norm();
-        // The limit of 0.3 uT is three standard deviations of the step.
+        // Three standard deviations of the step.
         assert!(off_ut < 0.3, "{seed}: {change:?}");
     }
 }
 
-/// A step that reduces the residuals by an eighth only is not reported.
+/// The step reduces the residuals by an eighth only.
 #[test]
 fn a_step_that_does_not_reduce_the_scatter_is_not_reported() {
     for seed in 0..3 {
         let detected_step = |moved_ut: f32| {
-            let both =
+            let both_flights =
                 [seed, seed + 10].map(|seed| rows(Vector3::new(0.0, moved_ut, 0.0), 1.0, Vector3::zeros(), seed));
-            let mut rows = both.concat();
+            let mut rows = both_flights.concat();
             rows.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
             find_step(&rows, &FieldCorrection::identity())
         };
@@ -155,19 +161,19 @@ fn a_step_that_does_not_reduce_the_scatter_is_not_reported() {
 /// A tenth of the rows hardly affects the overall median.
 #[test]
 fn a_hard_iron_step_in_a_tenth_of_the_rows_is_found() {
-    for at in [150, 1650] {
+    for step_row in [150, 1650] {
         for (moved_ut, noise_ut, is_found) in [(8.0, 0.5, true), (5.0, 0.5, true), (0.0, 0.5, false), (2.0, 1.5, false)]
         {
             for seed in 0..4 {
-                let moved = Vector3::new(moved_ut, 0.0, 0.0);
-                let rows = rows_from(at, moved, noise_ut, Vector3::zeros(), seed);
+                let step_ut = Vector3::new(moved_ut, 0.0, 0.0);
+                let rows = rows_from(step_row, step_ut, noise_ut, Vector3::zeros(), seed);
                 // Correction of the majority of the rows.
-                let centre_ut = if at < AT { moved.map(f64::from) } else { Vector3::zeros() };
+                let centre_ut = if step_row < AT { step_ut.map(f64::from) } else { Vector3::zeros() };
                 let change =
                     find_step(&rows, &FieldCorrection { hard_iron_ut: centre_ut, ..FieldCorrection::identity() });
-                assert_eq!(change.is_some(), is_found, "{at}, {seed}: {moved_ut} uT in {noise_ut}: {change:?}");
+                assert_eq!(change.is_some(), is_found, "{step_row}, {seed}: {moved_ut} uT in {noise_ut}: {change:?}");
                 if let Some(change) = change {
-                    assert!((change.time_s - f64::from(at) / 10.0).abs() < 1.0, "{change:?}");
+                    assert!((change.time_s - f64::from(step_row) / 10.0).abs() < 1.0, "{change:?}");
                     assert!((change.size_ut() - f64::from(moved_ut)).abs() < 1.0, "{change:?}");
                 }
             }

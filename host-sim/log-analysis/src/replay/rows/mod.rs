@@ -60,8 +60,8 @@ pub fn attitudes_between(flight: &Flight, from_s: f64, to_s: f64) -> Vec<Attitud
     if !(1.5 * PAUSE_SAMPLING_S..=MAX_LOG_PAUSE_S).contains(&pause_s) {
         return Vec::new();
     }
-    let steps = (pause_s / PAUSE_SAMPLING_S).round();
-    let instants = (1..steps as u32).map(|step| from_s + pause_s * f64::from(step) / steps);
+    let step_count = (pause_s / PAUSE_SAMPLING_S).round();
+    let instants = (1..step_count as u32).map(|step| from_s + pause_s * f64::from(step) / step_count);
     let attitude_at_instant =
         |t_s| attitude_at(flight, t_s).map(|(attitude, rates_rad_s)| AttitudeSample { t_s, attitude, rates_rad_s });
     instants.filter_map(attitude_at_instant).collect()
@@ -106,13 +106,13 @@ impl RowCounts {
         let rejections_by_cause = self.rejections_by_cause();
         rejections_by_cause
             .iter()
-            .filter(|(number, _)| *number > 0)
-            .map(|(number, reason)| format!("{number} {reason}"))
+            .filter(|(row_count, _)| *row_count > 0)
+            .map(|(row_count, reason)| format!("{row_count} {reason}"))
             .collect()
     }
 
     pub(super) fn main_rejection(&self) -> (usize, &'static str) {
-        self.rejections_by_cause().into_iter().max_by_key(|&(number, _)| number).unwrap_or_default()
+        self.rejections_by_cause().into_iter().max_by_key(|&(row_count, _)| row_count).unwrap_or_default()
     }
 }
 
@@ -124,32 +124,33 @@ pub fn build_rows(
     age_s: f64,
     reference: Option<&ReferenceHeading>,
 ) -> (Vec<ReplayRow>, RowCounts) {
-    let mut counted = RowCounts { readings: compass.field.rows().len(), ..RowCounts::default() };
+    let mut row_counts = RowCounts { readings: compass.field.rows().len(), ..RowCounts::default() };
     // A log that was never armed has no arming state.
     let was_armed = compass.field.rows().iter().any(|row| flight.is_armed(row.t_s - age_s) == Some(true));
     let unsettled = contradicting_intervals(flight);
     let gap_s = data_loss::max_attitude_gap_s(flight, MAX_GAP_S);
     let mut rows = Vec::new();
-    let mut run = RowAccumulator::default();
+    let mut accumulator = RowAccumulator::default();
     for reading in compass.field.rows() {
         let t_s = reading.t_s - age_s;
-        let known = attitude_at(flight, t_s).filter(|_| flight.attitude.surrounding_values(t_s, gap_s).is_some());
-        let Some((attitude, rates)) = known else {
-            counted.without_attitude += 1;
+        let attitude_and_rates =
+            attitude_at(flight, t_s).filter(|_| flight.attitude.surrounding_values(t_s, gap_s).is_some());
+        let Some((attitude, rates)) = attitude_and_rates else {
+            row_counts.without_attitude += 1;
             continue;
         };
         if unsettled.iter().any(|&[from_s, to_s]| (from_s..=to_s).contains(&t_s)) {
-            counted.unsettled += 1;
+            row_counts.unsettled += 1;
             continue;
         }
-        if run.number > 0 && t_s - run.first_s >= ROW_AVERAGING_S {
-            rows.push(run.replay_row(flight, reference));
-            run = RowAccumulator::default();
+        if accumulator.number > 0 && t_s - accumulator.first_s >= ROW_AVERAGING_S {
+            rows.push(accumulator.replay_row(flight, reference));
+            accumulator = RowAccumulator::default();
         }
-        run.add_reading(t_s, reading, attitude, rates);
+        accumulator.add_reading(t_s, reading, attitude, rates);
     }
-    if run.number > 0 {
-        rows.push(run.replay_row(flight, reference));
+    if accumulator.number > 0 {
+        rows.push(accumulator.replay_row(flight, reference));
     }
     let [moved_s, stopped_s] = moving_interval_s(flight);
     for row in &mut rows {
@@ -161,18 +162,18 @@ pub fn build_rows(
         let is_disarmed = was_armed && flight.is_armed(row.t_s) == Some(false);
         let is_on_the_ground = row.t_s < moved_s || row.t_s > stopped_s;
         row.is_usable = !is_excluded && !is_disarmed && !is_on_the_ground;
-        counted.kept_out += usize::from(is_excluded);
-        counted.disarmed += usize::from(is_disarmed && !is_excluded);
-        counted.on_the_ground += usize::from(is_on_the_ground && !is_disarmed && !is_excluded);
+        row_counts.kept_out += usize::from(is_excluded);
+        row_counts.disarmed += usize::from(is_disarmed && !is_excluded);
+        row_counts.on_the_ground += usize::from(is_on_the_ground && !is_disarmed && !is_excluded);
     }
     for [from_s, to_s] in frozen_intervals(&rows).into_iter().map(|frozen| frozen.interval_s) {
         for row in rows.iter_mut().filter(|row| row.is_usable && (from_s..=to_s).contains(&row.t_s)) {
             row.is_usable = false;
-            counted.stuck += 1;
+            row_counts.stuck += 1;
         }
     }
-    counted.used = rows.iter().filter(|row| row.is_usable).count();
-    (rows, counted)
+    row_counts.used = rows.iter().filter(|row| row.is_usable).count();
+    (rows, row_counts)
 }
 
 #[derive(Default)]
@@ -211,15 +212,15 @@ impl RowAccumulator {
     }
 
     fn replay_row(&self, flight: &Flight, reference: Option<&ReferenceHeading>) -> ReplayRow {
-        let number = f32::from(self.number);
+        let reading_count = f32::from(self.number);
         let field = |sum: [f32; 3]| {
-            let [x, y, z] = sum.map(|axis| axis / number);
+            let [x, y, z] = sum.map(|axis| axis / reading_count);
             Field::from_ut(x, y, z)
         };
-        let t_s = self.first_s + self.t_s / f64::from(number);
+        let t_s = self.first_s + self.t_s / f64::from(reading_count);
         let attitude = Attitude {
-            roll_rad: wrap_pi(self.first_roll_rad + self.roll_rad / number),
-            pitch_rad: self.pitch_rad / number,
+            roll_rad: wrap_pi(self.first_roll_rad + self.roll_rad / reading_count),
+            pitch_rad: self.pitch_rad / reading_count,
         };
         let rates = self.rates.map(|sum| sum / f32::from(self.rates_number.max(1)));
         ReplayRow {
@@ -257,22 +258,22 @@ fn moving_interval_s(flight: &Flight) -> [f64; 2] {
 /// Intervals in which the attitude changed more than the body rates allow, seconds.
 fn contradicting_intervals(flight: &Flight) -> Vec<[f64; 2]> {
     let rows = flight.attitude.rows();
-    let mut found: Vec<[f64; 2]> = Vec::new();
+    let mut intervals: Vec<[f64; 2]> = Vec::new();
     // Time of the last start or gap, after which the attitude filter may be aligning.
-    let (mut started_s, mut first) = (rows.first().map_or(0.0, |row| row.t_s), 0);
+    let (mut last_start_s, mut first) = (rows.first().map_or(0.0, |row| row.t_s), 0);
     let mut turned_rad = vec![0.0_f64; rows.len()];
     let mut jumps: Vec<[f64; 2]> = Vec::new();
     for last in 1..rows.len() {
         let (before, row) = (&rows[last - 1], &rows[last]);
         let step_s = row.t_s - before.t_s;
         if step_s > TILT_WINDOW_S {
-            (started_s, first) = (row.t_s, last);
+            (last_start_s, first) = (row.t_s, last);
         }
         let rate = |at_s: f64| {
             flight.body_rates.interpolate(at_s, MAX_GAP_S).map(|[p, q, r]| libm::hypotf(libm::hypotf(p, q), r))
         };
         let Some(rate) = rate(before.t_s).zip(rate(row.t_s)).map(|(from, to)| from.max(to)) else {
-            (started_s, first) = (row.t_s, last);
+            (last_start_s, first) = (row.t_s, last);
             continue;
         };
         if angle_between_downs_rad(before, row) > TILT_RATE_FACTOR * rate * step_s as f32 + TILT_JUMP_MARGIN_RAD {
@@ -282,58 +283,59 @@ fn contradicting_intervals(flight: &Flight) -> Vec<[f64; 2]> {
         while rows[first].t_s < row.t_s - TILT_WINDOW_S {
             first += 1;
         }
-        let turned = (turned_rad[last] - turned_rad[first]) as f32;
-        if angle_between_downs_rad(&rows[first], row) > TILT_RATE_FACTOR * turned + TILT_MARGIN_RAD {
-            let is_aligning = row.t_s - started_s < MAX_FILTER_ALIGNMENT_S;
-            let from_s = if is_aligning { started_s } else { rows[first].t_s };
-            match found.last_mut().filter(|[_, to_s]| *to_s >= from_s) {
+        let integrated_rad = (turned_rad[last] - turned_rad[first]) as f32;
+        if angle_between_downs_rad(&rows[first], row) > TILT_RATE_FACTOR * integrated_rad + TILT_MARGIN_RAD {
+            let is_aligning = row.t_s - last_start_s < MAX_FILTER_ALIGNMENT_S;
+            let from_s = if is_aligning { last_start_s } else { rows[first].t_s };
+            match intervals.last_mut().filter(|[_, to_s]| *to_s >= from_s) {
                 Some(span) => *span = [span[0].min(from_s), row.t_s],
-                None => found.push([from_s, row.t_s]),
+                None => intervals.push([from_s, row.t_s]),
             }
         }
     }
     let wrong_until = |(i, jump): (usize, &[f64; 2])| {
         jumps.get(i + 1).filter(|back| back[0] - jump[1] <= MAX_WRONG_ATTITUDE_S).map_or(jump[1], |back| back[1])
     };
-    found.extend(jumps.iter().enumerate().map(|jump| [jump.1[0], wrong_until(jump)]));
-    found
+    intervals.extend(jumps.iter().enumerate().map(|jump| [jump.1[0], wrong_until(jump)]));
+    intervals
 }
 
 /// Angle between the down directions of two attitudes.
-fn angle_between_downs_rad(a: &TimedRow<3>, b: &TimedRow<3>) -> f32 {
-    let down = |row: &TimedRow<3>| {
+fn angle_between_downs_rad(first_attitude: &TimedRow<3>, second_attitude: &TimedRow<3>) -> f32 {
+    let down_vector = |row: &TimedRow<3>| {
         let ([sin_roll, sin_pitch], [cos_roll, cos_pitch]) = (
             [libm::sinf(row.row_values[0]), libm::sinf(row.row_values[1])],
             [libm::cosf(row.row_values[0]), libm::cosf(row.row_values[1])],
         );
         Vector3::new(-sin_pitch, sin_roll * cos_pitch, cos_roll * cos_pitch)
     };
-    down(a).angle(&down(b))
+    down_vector(first_attitude).angle(&down_vector(second_attitude))
 }
 
 /// Roll and pitch by Hermite interpolation with slopes from the body rates, and the rates.
 fn attitude_at(flight: &Flight, t_s: f64) -> Option<(Attitude, Option<[f32; 3]>)> {
-    let (before, after, part) = flight.attitude.surrounding_values(t_s, MAX_GAP_S)?;
+    let (before, after, weight) = flight.attitude.surrounding_values(t_s, MAX_GAP_S)?;
     let rates = flight.body_rates.interpolate(t_s, MAX_GAP_S);
     let step_s = (after.t_s - before.t_s) as f32;
-    let part = part as f32;
+    let weight = weight as f32;
     let motions = motion_at(&flight.body_rates, before).zip(motion_at(&flight.body_rates, after));
     let [roll_rad, pitch_rad] = [0, 1].map(|angle| {
-        let turned = wrap_pi(after.row_values[angle] - before.row_values[angle]);
-        let straight = part * turned;
+        let change_rad = wrap_pi(after.row_values[angle] - before.row_values[angle]);
+        let straight = weight * change_rad;
         let bulge = motions.map_or(0.0, |(from, to)| {
             let rate_of_angle = |motion: &EulerRates| if angle == 0 { motion.roll_rad_s } else { motion.pitch_rad_s };
-            let (rest, left) = (rate_of_angle(&from) * step_s - turned, turned - rate_of_angle(&to) * step_s);
-            part * (1.0 - part) * ((1.0 - part) * rest + part * left)
+            let (start_slope_excess, end_slope_excess) =
+                (rate_of_angle(&from) * step_s - change_rad, change_rad - rate_of_angle(&to) * step_s);
+            weight * (1.0 - weight) * ((1.0 - weight) * start_slope_excess + weight * end_slope_excess)
         });
         before.row_values[angle] + straight + if bulge.abs() <= MAX_CUBIC_DEVIATION_RAD { bulge } else { 0.0 }
     });
     Some((Attitude { roll_rad: wrap_pi(roll_rad), pitch_rad }, rates))
 }
 
-fn motion_at(rates: &Series<3>, at: &TimedRow<3>) -> Option<EulerRates> {
-    let [roll_rad, pitch_rad, _] = at.row_values;
-    let body_rates = BodyRates::from_rad_s(rates.interpolate(at.t_s, MAX_GAP_S)?)?;
+fn motion_at(rates: &Series<3>, attitude_row: &TimedRow<3>) -> Option<EulerRates> {
+    let [roll_rad, pitch_rad, _] = attitude_row.row_values;
+    let body_rates = BodyRates::from_rad_s(rates.interpolate(attitude_row.t_s, MAX_GAP_S)?)?;
     Some(EulerRates::from_body_rates(body_rates, Attitude { roll_rad, pitch_rad }))
 }
 

@@ -3,7 +3,7 @@
 use super::*;
 use crate::log::{FieldCorrection, Gps, LogFormat};
 
-fn level(seconds: i32) -> Flight {
+fn level_flight(seconds: i32) -> Flight {
     let mut flight = Flight::new(LogFormat::ULog);
     for i in 0..=10 * seconds {
         flight.attitude.push_row(f64::from(i) / 10.0, [0.0; 3]);
@@ -22,32 +22,32 @@ fn compass(from_s: i32, to_s: i32) -> Compass {
 }
 
 /// First and last time of usable rows, and the number of unusable rows.
-fn used(flight: &Flight, compass: &Compass, age_s: f64) -> ([f64; 2], usize) {
-    let (rows, counted) = build_rows(flight, compass, age_s, None);
+fn usable_range(flight: &Flight, compass: &Compass, age_s: f64) -> ([f64; 2], usize) {
+    let (rows, row_counts) = build_rows(flight, compass, age_s, None);
     let used_s: Vec<f64> = rows.iter().filter(|row| row.is_usable).map(|row| row.t_s).collect();
-    assert_eq!(used_s.len(), counted.used);
+    assert_eq!(used_s.len(), row_counts.used);
     ([used_s[0], used_s[used_s.len() - 1]], rows.len() - used_s.len())
 }
 
 /// A log that was never armed is used whole.
 #[test]
 fn disarmed_rows_are_excluded_if_the_log_was_ever_armed() {
-    let (mut flight, compass) = (level(30), compass(0, 30));
+    let (mut flight, compass) = (level_flight(30), compass(0, 30));
     for (armed, unused) in [(vec![], 0), (vec![(0.0, false)], 0), (vec![(10.05, true), (20.05, false)], 200)] {
         flight.armed_changes = armed;
-        assert_eq!(used(&flight, &compass, 0.0).1, unused, "{:?}", flight.armed_changes);
+        assert_eq!(usable_range(&flight, &compass, 0.0).1, unused, "{:?}", flight.armed_changes);
     }
     assert_eq!(build_rows(&flight, &compass, 0.0, None).1.disarmed, 200);
 }
 
 #[test]
 fn excluded_rows_are_selected_by_their_logged_time() {
-    let (mut flight, compass) = (level(30), compass(1, 21));
+    let (mut flight, compass) = (level_flight(30), compass(1, 21));
     for i in 10..210 {
         flight.usable_rows.push_row(f64::from(i) / 10.0, [if i < 60 { 0.0 } else { 1.0 }]);
     }
     let age_s = 0.45;
-    let ([from_s, to_s], unused) = used(&flight, &compass, age_s);
+    let ([from_s, to_s], unused) = usable_range(&flight, &compass, age_s);
     assert!((from_s - (6.0 - age_s)).abs() < 1e-6 && (to_s - (20.9 - age_s)).abs() < 1e-6, "{from_s} {to_s}");
     assert_eq!((unused, build_rows(&flight, &compass, age_s, None).1.kept_out), (50, 50));
 }
@@ -56,14 +56,14 @@ fn excluded_rows_are_selected_by_their_logged_time() {
 #[test]
 fn rows_before_and_after_the_movement_are_excluded() {
     for (m_s, moves_s, unused) in [(4.0, 25, 750), (2.0, 25, 0), (4.0, 15, 0)] {
-        let mut flight = level(100);
+        let mut flight = level_flight(100);
         for i in 0..100 {
             let is_moving = (30..=30 + moves_s).contains(&i);
             let (speed_m_s, course_deg, yaw_deg) = (if is_moving { m_s } else { 0.5 }, 0.0, f32::NAN);
-            let place = Gps { latitude_deg: 48.0, longitude_deg: 11.0, height_m: 0.0, speed_m_s, course_deg, yaw_deg };
-            flight.gps.push_row(f64::from(i), place.columns());
+            let gps = Gps { latitude_deg: 48.0, longitude_deg: 11.0, height_m: 0.0, speed_m_s, course_deg, yaw_deg };
+            flight.gps.push_row(f64::from(i), gps.columns());
         }
-        let (span_s, left_out) = used(&flight, &compass(0, 100), 0.0);
+        let (span_s, left_out) = usable_range(&flight, &compass(0, 100), 0.0);
         assert!(left_out.abs_diff(unused) <= 1, "{m_s} m/s, {moves_s} s: {span_s:?} {left_out}");
         assert!(unused == 0 || (span_s[0] - 30.0).abs() < 0.11 && (span_s[1] - 55.0).abs() < 0.11, "{span_s:?}");
     }
@@ -99,8 +99,8 @@ fn attitude_is_interpolated_with_the_body_rates() {
             let (attitude, _) = attitude_at(&flight, t_s).unwrap();
             (attitude.roll_rad - roll(t_s)).abs()
         });
-        let worst = errors.fold(0.0, f32::max);
-        assert!(worst < most_rad, "{unit}: {worst}");
+        let largest_error = errors.fold(0.0, f32::max);
+        assert!(largest_error < most_rad, "{unit}: {largest_error}");
     }
 }
 
@@ -166,10 +166,10 @@ fn a_jump_soon_after_a_gap_is_alignment() {
 
 #[test]
 fn attitudes_between_distant_rows_are_returned() {
-    let flight = level(30);
-    for (apart_s, number) in [(0.14, 0), (0.2, 1), (1.0, 9), (4.9, 48), (5.2, 0)] {
+    let flight = level_flight(30);
+    for (apart_s, expected_count) in [(0.14, 0), (0.2, 1), (1.0, 9), (4.9, 48), (5.2, 0)] {
         let attitudes = attitudes_between(&flight, 5.0, 5.0 + apart_s);
-        assert_eq!(attitudes.len(), number, "{apart_s} s");
+        assert_eq!(attitudes.len(), expected_count, "{apart_s} s");
         assert!(
             attitudes.iter().all(|attitudes| attitudes.t_s > 5.0 && attitudes.t_s < 5.0 + apart_s - 0.05),
             "{apart_s} s: {attitudes:?}"
@@ -195,7 +195,7 @@ fn the_mean_roll_of_a_row_wraps_at_180_deg() {
 /// Battery status at 1 Hz with two lost is bridged.
 #[test]
 fn a_current_is_known_within_three_seconds_of_a_report() {
-    let mut flight = level(30);
+    let mut flight = level_flight(30);
     for (t_s, amperes) in [(0.0, 10.0), (2.9, 20.0), (12.0, 30.0)] {
         flight.battery_current.push_row(t_s, [amperes]);
     }

@@ -2,12 +2,12 @@ use super::*;
 use crate::log::LogFormat;
 use crate::replay::data_loss;
 
-fn with_gaps(step_s: f64, every: usize, gap_s: f64) -> Option<f64> {
+fn with_gaps(step_s: f64, gap_stride: usize, gap_s: f64) -> Option<f64> {
     let mut flight = Flight::new(LogFormat::ULog);
     let mut t_s = 0.0;
     for i in 1..=1001 {
         flight.body_rates.push_row(t_s, [0.0; 3]);
-        t_s += if i % every == 0 { gap_s } else { step_s };
+        t_s += if i % gap_stride == 0 { gap_s } else { step_s };
     }
     data_loss::excessive_rate_loss(&flight)
 }

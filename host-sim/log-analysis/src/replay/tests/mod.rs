@@ -27,7 +27,7 @@ static FLOWN: LazyLock<(Flight, FlightEvaluation)> = LazyLock::new(|| {
     (flight, verdict)
 });
 
-fn flown() -> (Flight, CompassEvaluation) {
+fn flown_compass() -> (Flight, CompassEvaluation) {
     let (flight, verdict) = FLOWN.clone();
     let compass = verdict.compasses[0].clone();
     assert_eq!(compass.module_result.acceptance, Ok(()));

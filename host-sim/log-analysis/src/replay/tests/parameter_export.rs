@@ -17,7 +17,7 @@ fn export_module(compass: &CompassEvaluation, dialect: ParameterFormat) -> Expor
 /// ArduPilot's limit is 1800 mG or `COMPASS_OFFS_MAX`.
 #[test]
 fn offsets_beyond_ardupilots_limit_are_not_exported() {
-    for (dialect, most, offset_mg, is_exceeded) in [
+    for (dialect, max_offset_mg, offset_mg, is_exceeded) in [
         (ParameterFormat::ArduPilot, None, 1780.0, false),
         (ParameterFormat::ArduPilot, None, 1820.0, true),
         (ParameterFormat::ArduPilot, Some(1850.0), 1820.0, false),
@@ -25,16 +25,16 @@ fn offsets_beyond_ardupilots_limit_are_not_exported() {
         (ParameterFormat::Px4, None, 1820.0, false),
         (ParameterFormat::Inav, None, 1820.0, false),
     ] {
-        let (mut flight, compass) = flown();
-        if let Some(most) = most {
-            flight.parameters.set_value(0.0, "COMPASS_OFFS_MAX", most);
+        let (mut flight, compass) = flown_compass();
+        if let Some(max_offset_mg) = max_offset_mg {
+            flight.parameters.set_value(0.0, "COMPASS_OFFS_MAX", max_offset_mg);
         }
         let mut export = export_module(&compass, dialect);
         export.correction.hard_iron_ut.x = offset_mg / 10.0;
         assert_eq!(
             export.exceeded_offset_mg(&flight, dialect).is_some(),
             is_exceeded,
-            "{dialect:?} {most:?} {offset_mg}"
+            "{dialect:?} {max_offset_mg:?} {offset_mg}"
         );
     }
 }
@@ -42,14 +42,14 @@ fn offsets_beyond_ardupilots_limit_are_not_exported() {
 /// A misalignment cannot be expressed by a symmetric matrix; warned from 0.3 deg on.
 #[test]
 fn an_inexpressible_correction_is_reported_from_0_3_deg_on() {
-    let (_, mut compass) = flown();
+    let (_, mut compass) = flown_compass();
     let square = export_module(&compass, ParameterFormat::ArduPilot).correction;
     let (mut little, mut much) = (0, 0);
     for quarters in 0..60_u8 {
         let calibration = &mut compass.module_result.solution.as_mut().unwrap().calibration;
         let turn = Rotation3::from_euler_angles(f64::from(quarters).to_radians() / 4.0, 0.0, 0.0);
-        let w = turn.matrix() * square.matrix;
-        calibration.w = std::array::from_fn(|i| std::array::from_fn(|j| w[(i, j)] as f32));
+        let correction_matrix = turn.matrix() * square.matrix;
+        calibration.w = std::array::from_fn(|i| std::array::from_fn(|j| correction_matrix[(i, j)] as f32));
         calibration.b_ut = square.hard_iron_ut.map(|axis| axis as f32).into();
         let export = export_module(&compass, ParameterFormat::ArduPilot);
         let warns_of_loss =
@@ -65,19 +65,19 @@ fn an_inexpressible_correction_is_reported_from_0_3_deg_on() {
 /// 1.5, -2 and 4 deg; the best symmetric matrix has 2.0 deg RMS over banks to 45 deg, that of the flown rows alone 5.9.
 #[test]
 fn parameters_hold_at_attitudes_that_were_not_flown() {
-    let (_, mut compass) = flown();
+    let (_, mut compass) = flown_compass();
     let calibration = &mut compass.module_result.solution.as_mut().unwrap().calibration;
     let turn = Rotation3::from_euler_angles(0.026, -0.035, 0.07);
     let soft_iron = Matrix3::new(1.08, 0.02, 0.01, 0.02, 0.95, -0.04, 0.01, -0.04, 1.02);
     let measured = turn.matrix().transpose() * soft_iron;
     let hard_iron_ut = Vector3::new(12.0, -8.5, 20.0);
-    let w = measured.try_inverse().unwrap();
-    calibration.w = std::array::from_fn(|i| std::array::from_fn(|j| w[(i, j)] as f32));
+    let correction_matrix = measured.try_inverse().unwrap();
+    calibration.w = std::array::from_fn(|i| std::array::from_fn(|j| correction_matrix[(i, j)] as f32));
     calibration.b_ut = hard_iron_ut.map(|axis| axis as f32).into();
     let Calibration { total_ut, inclination_rad, .. } = *calibration;
     let field = |attitude: &Attitude, heading_deg: f32| {
-        let level = Field::<Level>::earth_field(total_ut, inclination_rad, heading_deg.to_radians());
-        let raw = measured * attitude.to_body_frame(level).ut.map(f64::from) + hard_iron_ut;
+        let level_field = Field::<Level>::earth_field(total_ut, inclination_rad, heading_deg.to_radians());
+        let raw = measured * attitude.to_body_frame(level_field).ut.map(f64::from) + hard_iron_ut;
         Field::new(raw.map(|axis| axis as f32))
     };
     compass.rows.retain(|row| row.attitude.roll_rad.abs() < 0.5);
@@ -91,8 +91,8 @@ fn parameters_hold_at_attitudes_that_were_not_flown() {
             for heading_deg in (0_u8..24).map(|i| f32::from(i) * 15.0) {
                 let attitude = Attitude::from_deg(bank_deg, pitch_deg);
                 let row = ReplayRow { raw_field: field(&attitude, heading_deg), attitude, ..compass.rows[0] };
-                let found = heading_deg_with(&row, &export.correction);
-                errors_deg.push(wrap_180(found - f64::from(heading_deg)));
+                let exported_deg = heading_deg_with(&row, &export.correction);
+                errors_deg.push(wrap_180(exported_deg - f64::from(heading_deg)));
             }
         }
     }
@@ -100,13 +100,14 @@ fn parameters_hold_at_attitudes_that_were_not_flown() {
     let squares = errors_deg.iter().map(|error| square(error - mean_deg)).sum::<f64>();
     let rms_deg = (squares / errors_deg.len() as f64).sqrt();
     assert!(rms_deg < 2.5, "{rms_deg}: {}", export.correction.matrix);
-    let off = export.correction.matrix - w * (export.correction.matrix.trace() / w.trace());
-    assert!(off.diagonal().amax() < 0.1, "{}", export.correction.matrix);
+    let matrix_difference =
+        export.correction.matrix - correction_matrix * (export.correction.matrix.trace() / correction_matrix.trace());
+    assert!(matrix_difference.diagonal().amax() < 0.1, "{}", export.correction.matrix);
 }
 
 #[test]
 fn inavs_offsets_include_interference_at_the_mean_current() {
-    let (_, mut compass) = flown();
+    let (_, mut compass) = flown_compass();
     let by_current_ut = Vector3::new(0.5_f32, -0.3, 0.0);
     let calibration = &mut compass.module_result.solution.as_mut().unwrap().calibration;
     (calibration.motor_current.ut_per_a, calibration.motor_current.mean_current_a) = (by_current_ut.into(), 20.0);
@@ -125,7 +126,7 @@ fn inavs_offsets_include_interference_at_the_mean_current() {
     assert!(warns_of_current(&inav) && !warns_of_current(&ardupilot), "{:?} {:?}", inav.warnings, ardupilot.warnings);
 }
 
-fn turned(number: u8, by: f64) -> ExportedCorrection {
+fn export_with_rotation(number: u8, by: f64) -> ExportedCorrection {
     let turned = NumberedRotation::new(by).unwrap();
     ExportedCorrection {
         compass_number: number,
@@ -138,7 +139,7 @@ fn turned(number: u8, by: f64) -> ExportedCorrection {
     }
 }
 
-fn lines(
+fn parameter_lines(
     parameters: &[(&str, f64)],
     export: &[ExportedCorrection],
     dialect: ParameterFormat,
@@ -159,7 +160,7 @@ fn lines(
 /// the board.
 #[test]
 fn ardupilots_orientation_is_the_logged_one_rotated_further() {
-    for (parameters, number, by, line) in [
+    for (parameters, compass_number, rotation_number, line) in [
         (&[("COMPASS_ORIENT", 6.0)][..], 1, 0.0, "COMPASS_ORIENT,6"),
         (&[("COMPASS_ORIENT", 2.0)], 1, 2.0, "COMPASS_ORIENT,4"),
         (&[("COMPASS_ORIENT2", 2.0), ("COMPASS_EXTERN2", 1.0)], 2, 2.0, "COMPASS_ORIENT2,4"),
@@ -173,16 +174,24 @@ fn ardupilots_orientation_is_the_logged_one_rotated_further() {
         (&[("COMPASS_ORIENT", 38.0)], 1, 2.0, "# COMPASS_ORIENT: the orientation has no number"),
         (&[("COMPASS_ORIENT", 100.0)], 1, 2.0, "# COMPASS_ORIENT: the orientation has no number"),
     ] {
-        let found = lines(parameters, &[turned(number, by)], ParameterFormat::ArduPilot, "ORIENT");
-        assert!(found.len() == 1 && found[0].starts_with(line), "{parameters:?} by {by}: {found:?}");
+        let orientation_lines = parameter_lines(
+            parameters,
+            &[export_with_rotation(compass_number, rotation_number)],
+            ParameterFormat::ArduPilot,
+            "ORIENT",
+        );
+        assert!(
+            orientation_lines.len() == 1 && orientation_lines[0].starts_with(line),
+            "{parameters:?} by {rotation_number}: {orientation_lines:?}"
+        );
     }
-    assert_eq!(lines(&[], &[turned(1, 2.0)], ParameterFormat::ArduPilot, "ORIENT"), [""; 0]);
+    assert_eq!(parameter_lines(&[], &[export_with_rotation(1, 2.0)], ParameterFormat::ArduPilot, "ORIENT"), [""; 0]);
 }
 
 /// PX4 has custom angles (100) and the board's rotation (-1).
 #[test]
 fn px4s_orientation_is_the_logged_one_rotated_further() {
-    for (parameters, by, expected) in [
+    for (parameters, rotation_number, expected) in [
         (&[("CAL_MAG0_ROT", 2.0)][..], 2.0, Some("1\t1\tCAL_MAG0_ROT\t4\t6")),
         (&[("CAL_MAG0_ROT", 2.0)], 0.0, Some("1\t1\tCAL_MAG0_ROT\t2\t6")),
         (&[("CAL_MAG0_ROT", 100.0), ("CAL_MAG0_YAW", 90.0)], 0.0, None),
@@ -190,16 +199,18 @@ fn px4s_orientation_is_the_logged_one_rotated_further() {
         (&[("CAL_MAG0_ROT", -1.0)], 0.0, None),
         (&[("CAL_MAG0_ROT", -1.0)], 2.0, Some("# CAL_MAG0_ROT: its orientation differs")),
     ] {
-        let found = lines(parameters, &[turned(1, by)], ParameterFormat::Px4, "_ROT");
-        let is_right = expected.map_or(found.is_empty(), |line| found.len() == 1 && found[0].starts_with(line));
-        assert!(is_right, "{parameters:?} by {by}: {found:?}");
+        let rotation_lines =
+            parameter_lines(parameters, &[export_with_rotation(1, rotation_number)], ParameterFormat::Px4, "_ROT");
+        let is_right = expected
+            .map_or(rotation_lines.is_empty(), |line| rotation_lines.len() == 1 && rotation_lines[0].starts_with(line));
+        assert!(is_right, "{parameters:?} by {rotation_number}: {rotation_lines:?}");
     }
 }
 
 #[test]
 fn only_one_compass_is_exported_to_inav() {
-    let mut second = turned(2, 0.0);
+    let mut second = export_with_rotation(2, 0.0);
     second.correction.hard_iron_ut.x = 30.0;
-    let found = lines(&[], &[turned(1, 0.0), second], ParameterFormat::Inav, "magzero_x");
-    assert_eq!(found, ["set magzero_x = 0"]);
+    let zero_lines = parameter_lines(&[], &[export_with_rotation(1, 0.0), second], ParameterFormat::Inav, "magzero_x");
+    assert_eq!(zero_lines, ["set magzero_x = 0"]);
 }

@@ -5,7 +5,7 @@ use super::*;
 /// The prior has a standard deviation of 1 deg; samples contradict it beyond 4.
 #[test]
 fn a_configured_inclination_is_used_by_the_solver() {
-    let (_, compass) = flown();
+    let (_, compass) = flown_compass();
     let found_deg = f64::from(compass.module_result.solution.unwrap().calibration.inclination_rad.to_degrees());
     for (off_deg, is_taken) in [(-6.0, false), (-2.5, true), (0.0, true), (2.5, true), (6.0, false)] {
         for selected in [RowSelection::All, RowSelection::Turns] {
@@ -19,9 +19,9 @@ fn a_configured_inclination_is_used_by_the_solver() {
 /// A contradicted prior fails every trial solve.
 #[test]
 fn a_configured_inclination_is_used_by_trial_solves() {
-    let (_, compass) = flown();
+    let (_, compass) = flown_compass();
     let found_deg = f64::from(compass.module_result.solution.unwrap().calibration.inclination_rad.to_degrees());
-    for (off_deg, ends) in [(0.0, true), (12.0, false)] {
+    for (off_deg, is_ended) in [(0.0, true), (12.0, false)] {
         let options = ReplayOptions {
             inclination_deg: Some(found_deg + off_deg),
             ..ReplayOptions::with_selection(RowSelection::Flight)
@@ -29,7 +29,7 @@ fn a_configured_inclination_is_used_by_trial_solves() {
         let replay_result = replay_rows(&compass.rows, &options);
         assert_eq!(
             (replay_result.collection_end_s.is_some(), replay_result.acceptance.is_ok()),
-            (ends, ends),
+            (is_ended, is_ended),
             "{off_deg}"
         );
     }
@@ -38,19 +38,19 @@ fn a_configured_inclination_is_used_by_trial_solves() {
 /// A place on the Greenwich meridian with a modelled inclination, within 0.5 deg.
 fn place_with_inclination(inclination_deg: f64) -> (Position, Date) {
     let day = Date::from_unix_s(1_767_225_600).unwrap();
-    let is_there = |place: &Position| {
-        let field = EarthField::from_model(*place, day).unwrap();
+    let is_there = |position: &Position| {
+        let field = EarthField::from_model(*position, day).unwrap();
         (f64::from(field.inclination_deg) - inclination_deg).abs() < 0.5
     };
-    let place =
+    let position =
         (-160..160).filter_map(|half_deg: i16| Position::new(f32::from(half_deg) / 2.0, 0.0, 100.0)).find(is_there);
-    (place.unwrap(), day)
+    (position.unwrap(), day)
 }
 
 /// A modelled inclination is dropped if contradicted; a configured one is not, and takes precedence.
 #[test]
 fn a_contradicted_model_inclination_is_dropped() {
-    let (_, compass) = flown();
+    let (_, compass) = flown_compass();
     let found_deg = f64::from(compass.module_result.solution.unwrap().calibration.inclination_rad.to_degrees());
     for selected in [RowSelection::All, RowSelection::Turns, RowSelection::Flight] {
         let without_place = ReplayOptions::with_selection(selected);

@@ -6,8 +6,8 @@ fn notes(flight: &Flight, evaluation: &FlightEvaluation) -> Vec<String> {
     LogWarning::warnings_of_flight(flight, evaluation).iter().map(ToString::to_string).collect()
 }
 
-fn of_two(change: impl Fn(&mut CompassEvaluation)) -> String {
-    let (_, first) = flown();
+fn outcome_of_two(change: impl Fn(&mut CompassEvaluation)) -> String {
+    let (_, first) = flown_compass();
     let mut first = CompassEvaluation { compass_number: 1, ..first };
     first.module_result.collection_end_s = Some(40.0 - first.rows[0].t_s);
     let mut second = CompassEvaluation { compass_number: 2, ..first.clone() };
@@ -20,23 +20,28 @@ fn of_two(change: impl Fn(&mut CompassEvaluation)) -> String {
 
 #[test]
 fn a_verdict_reports_the_worst_compass_s_time_and_accuracy() {
-    let at = |at_s: Option<f64>| {
-        of_two(|second| second.module_result.collection_end_s = at_s.map(|at_s| at_s - second.rows[0].t_s))
+    let verdict_at = |at_s: Option<f64>| {
+        outcome_of_two(|second| second.module_result.collection_end_s = at_s.map(|at_s| at_s - second.rows[0].t_s))
     };
-    assert!(at(Some(40.0)).ends_with("each of 2 compasses by itself at 40 s of the log, expecting 0.9 deg"));
+    assert!(verdict_at(Some(40.0)).ends_with("each of 2 compasses by itself at 40 s of the log, expecting 0.9 deg"));
     // Times less than 1.5 s apart are reported as one.
-    assert!(at(Some(41.4)).contains("by itself at 40 s of"), "{}", at(Some(41.4)));
-    assert!(at(Some(41.6)).contains("by itself at 40 to 42 s of"), "{}", at(Some(41.6)));
-    assert!(at(Some(12.0)).contains("by itself at 12 to 40 s of"), "{}", at(Some(12.0)));
-    assert!(at(None).contains("by a command at the end of the flight, expecting 0.9 deg"), "{}", at(None));
-    let refused =
-        of_two(|second| (second.module_result.acceptance, second.module_result.collection_end_s) = (REFUSED, None));
+    assert!(verdict_at(Some(41.4)).contains("by itself at 40 s of"), "{}", verdict_at(Some(41.4)));
+    assert!(verdict_at(Some(41.6)).contains("by itself at 40 to 42 s of"), "{}", verdict_at(Some(41.6)));
+    assert!(verdict_at(Some(12.0)).contains("by itself at 12 to 40 s of"), "{}", verdict_at(Some(12.0)));
+    assert!(
+        verdict_at(None).contains("by a command at the end of the flight, expecting 0.9 deg"),
+        "{}",
+        verdict_at(None)
+    );
+    let refused = outcome_of_two(|second| {
+        (second.module_result.acceptance, second.module_result.collection_end_s) = (REFUSED, None);
+    });
     assert!(refused.contains("1 of 2 compasses (number 1) by itself at 40 s of the log, expecting 0.5"), "{refused}");
 }
 
 #[test]
 fn the_time_of_the_calibration_is_on_the_log_s_clock() {
-    let (flight, mut compass) = flown();
+    let (flight, mut compass) = flown_compass();
     compass.module_result.collection_end_s = Some(70.0);
     let first_s = flight.time_range_s()[0];
     assert!(first_s > 1.0, "the recording does not start at zero: {first_s}");
@@ -48,12 +53,13 @@ fn the_time_of_the_calibration_is_on_the_log_s_clock() {
 /// The limit is 20 readings and 20 usable rows.
 #[test]
 fn a_log_with_under_20_usable_rows_is_the_cause_of_a_refusal() {
-    let refused = |readings: usize, used: usize| {
-        let (_, mut compass) = flown();
+    let refused = |readings: usize, used_count: usize| {
+        let (_, mut compass) = flown_compass();
         (compass.module_result.acceptance, compass.module_result.collection_end_s) = (REFUSED, None);
-        compass.row_counts = RowCounts { readings, used, disarmed: readings - used, ..RowCounts::default() };
-        let own = compass.module_result.acceptance.as_ref().unwrap_err().to_string();
-        FlightOutcome::new(&verdict(vec![compass])).to_string().replace(&own, "its own")
+        compass.row_counts =
+            RowCounts { readings, used: used_count, disarmed: readings - used_count, ..RowCounts::default() };
+        let module_refusal = compass.module_result.acceptance.as_ref().unwrap_err().to_string();
+        FlightOutcome::new(&verdict(vec![compass])).to_string().replace(&module_refusal, "its own")
     };
     assert!(refused(19, 19).ends_with("the log has 19 readings of the field, too few for a flight"));
     assert!(refused(20, 19).ends_with("of 20 readings of the field 19 are usable; 1 are disarmed"));
@@ -62,24 +68,27 @@ fn a_log_with_under_20_usable_rows_is_the_cause_of_a_refusal() {
 
 #[test]
 fn the_refusal_of_the_compass_closest_to_acceptance_is_reported() {
-    let of = |number: u8, readings: usize| {
-        let (_, mut compass) = flown();
+    let compass_with = |compass_number: u8, readings: usize| {
+        let (_, mut compass) = flown_compass();
         (compass.module_result.acceptance, compass.module_result.collection_end_s) = (REFUSED, None);
         compass.row_counts = RowCounts { readings, used: readings, ..RowCounts::default() };
-        CompassEvaluation { compass_number: number, ..compass }
+        CompassEvaluation { compass_number, ..compass }
     };
-    let why = of(1, 900).module_result.acceptance.unwrap_err();
-    for (readings, told) in [
-        (900, format!("the module would have refused each of 2 compasses: {why}")),
-        (10, format!("the module would have refused each of 2 compasses; number 2 came nearest: {why}")),
+    let refusal = compass_with(1, 900).module_result.acceptance.unwrap_err();
+    for (readings, expected_text) in [
+        (900, format!("the module would have refused each of 2 compasses: {refusal}")),
+        (10, format!("the module would have refused each of 2 compasses; number 2 came nearest: {refusal}")),
     ] {
-        assert_eq!(FlightOutcome::new(&verdict(vec![of(1, readings), of(2, 900)])).to_string(), told);
+        assert_eq!(
+            FlightOutcome::new(&verdict(vec![compass_with(1, readings), compass_with(2, 900)])).to_string(),
+            expected_text
+        );
     }
 }
 
-fn strength(radius_ut: f64, earth_ut: Option<f32>) -> String {
+fn strength_warning(radius_ut: f64, earth_ut: Option<f32>) -> String {
     use autoswing::earth::{Date, EarthField, Position};
-    let (flight, compass) = flown();
+    let (flight, compass) = flown_compass();
     let mut verdict = verdict(vec![CompassEvaluation { radius_ut: Some(radius_ut), ..compass }]);
     verdict.earth_field = earth_ut.map(|total_ut| {
         let field = EarthField::from_model(
@@ -95,19 +104,19 @@ fn strength(radius_ut: f64, earth_ut: Option<f32>) -> String {
 #[test]
 fn an_implausible_field_strength_is_reported() {
     for (ut, is_told) in [(48.0, false), (64.0, false), (66.0, true), (36.0, false), (35.0, true)] {
-        assert_eq!(!strength(ut, Some(48.0)).is_empty(), is_told, "{ut} uT where there are 48");
+        assert_eq!(!strength_warning(ut, Some(48.0)).is_empty(), is_told, "{ut} uT where there are 48");
     }
     for (ut, is_told) in [(17.0, false), (16.0, true), (90.0, false), (91.0, true)] {
-        assert_eq!(!strength(ut, None).is_empty(), is_told, "{ut} uT anywhere");
+        assert_eq!(!strength_warning(ut, None).is_empty(), is_told, "{ut} uT anywhere");
     }
-    assert!(strength(66.04, Some(48.0)).contains("the field is 66.0 uT strong, by the field model 48.0:"));
-    assert!(strength(0.04812, None).contains("the field is 0.0481 uT strong, the Earth's is 22 to 67:"));
+    assert!(strength_warning(66.04, Some(48.0)).contains("the field is 66.0 uT strong, by the field model 48.0:"));
+    assert!(strength_warning(0.04812, None).contains("the field is 0.0481 uT strong, the Earth's is 22 to 67:"));
 }
 
 #[test]
 fn missing_parameters_are_reported() {
-    let found = |names: &[&str]| {
-        let (mut flight, compass) = flown();
+    let notes_without = |names: &[&str]| {
+        let (mut flight, compass) = flown_compass();
         flight.parameters = log::ParameterHistory::default();
         for name in names {
             flight.parameters.set_value(0.0, name, 1.0);
@@ -117,9 +126,12 @@ fn missing_parameters_are_reported() {
             .filter(|note| note.contains("parameters"))
             .collect::<Vec<_>>()
     };
-    assert_eq!(found(&["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z", "COMPASS_OFS2_X"]), [""; 0]);
+    assert_eq!(notes_without(&["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z", "COMPASS_OFS2_X"]), [""; 0]);
     let missing = "parameters that are not in the log, assumed unset: COMPASS_OFS_X, COMPASS_OFS_Z";
-    assert_eq!(found(&["COMPASS_OFS_Y"]), [missing]);
-    let none = found(&[]);
-    assert!(none.len() == 1 && none[0].starts_with("the parameters are not in the log"), "{none:?}");
+    assert_eq!(notes_without(&["COMPASS_OFS_Y"]), [missing]);
+    let note_without_all = notes_without(&[]);
+    assert!(
+        note_without_all.len() == 1 && note_without_all[0].starts_with("the parameters are not in the log"),
+        "{note_without_all:?}"
+    );
 }

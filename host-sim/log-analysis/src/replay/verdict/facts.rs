@@ -15,13 +15,13 @@ impl Verdict<'_> {
         let sent_percent = compass.sent_percent();
         let CompassVerdict { evaluation: compass, judgement, outcome, parameters } = compass;
         let mut facts: Vec<[String; 2]> = Vec::new();
-        let mut add = |name: &str, value: String| facts.push([name.to_owned(), value]);
+        let mut add_fact = |name: &str, value: String| facts.push([name.to_owned(), value]);
         if let Some(is_used) = compass.is_used_for_heading {
-            add("autopilot", if is_used { "uses it for its heading" } else { "does not use it" }.to_owned());
+            add_fact("autopilot", if is_used { "uses it for its heading" } else { "does not use it" }.to_owned());
         }
         for HardIronChange { hard_iron_step: step, heading_effect_deg: bend_deg } in &compass.hard_iron_changes {
             let [x, y, z] = step.step_ut;
-            add(
+            add_fact(
                 "iron changed",
                 format!(
                     "{} uT at {:.0} s of the log, most on {} (x {x:+.1}, y {y:+.1}, z {z:+.1}), up to {bend_deg:.0} deg of \
@@ -35,31 +35,31 @@ impl Verdict<'_> {
         match parameters {
             Ok(exported) if judgement.recommended_action == CompassAction::Load => {
                 if let Some([from_s, to_s]) = exported.fitted_range_s {
-                    add("parameters", format!("fitted to {from_s:.0} to {to_s:.0} s of the log"));
+                    add_fact("parameters", format!("fitted to {from_s:.0} to {to_s:.0} s of the log"));
                 }
                 let lost = format_number(exported.heading_loss_deg[0], 2);
-                add("lost with them", format!("{lost} deg RMS that the autopilot's parameters cannot express"));
-                exported.warnings.iter().for_each(|warning| add("parameters", warning.clone()));
+                add_fact("lost with them", format!("{lost} deg RMS that the autopilot's parameters cannot express"));
+                exported.warnings.iter().for_each(|warning| add_fact("parameters", warning.clone()));
             }
             // Parameters that the judgement does not recommend, as those of a failed sensor, are not shown.
             Ok(_) => {}
-            Err(why) => add("parameters", format!("none: {why}")),
+            Err(why) => add_fact("parameters", format!("none: {why}")),
         }
-        add("module", outcome.to_string());
+        add_fact("module", outcome.to_string());
         if let Some(percent) = sent_percent {
-            add("module's headings", format!("in {} % of the flight", format_number(percent, 0)));
+            add_fact("module's headings", format!("in {} % of the flight", format_number(percent, 0)));
         }
         if let Some(solution) = &compass.result_for_report().solution {
-            let of = if compass.module_result.solution.is_some() { "" } else { ", of all rows" };
-            add("solved by", format!("{}{of}", solution.quality.method.method_name()));
-            add_solution_facts(solution, &mut add);
+            let rows_text = if compass.module_result.solution.is_some() { "" } else { ", of all rows" };
+            add_fact("solved by", format!("{}{rows_text}", solution.quality.method.method_name()));
+            add_solution_facts(solution, &mut add_fact);
         }
         if let Some(without_deg) = compass.rms_without_current_deg {
-            add("without the current", format!("{} deg RMS", format_number(without_deg, 2)));
+            add_fact("without the current", format!("{} deg RMS", format_number(without_deg, 2)));
         }
         match (&compass.module_result.acceptance, &compass.all_rows_result.acceptance) {
-            (Ok(()), Err(refusal)) => add("all rows, thinned", format!("would have been refused: {refusal}")),
-            (Err(_), Ok(())) => add("all rows, thinned", "would have been accepted".to_owned()),
+            (Ok(()), Err(refusal)) => add_fact("all rows, thinned", format!("would have been refused: {refusal}")),
+            (Err(_), Ok(())) => add_fact("all rows, thinned", "would have been accepted".to_owned()),
             _ => {}
         }
         let source = compass.latency.sigma_s.map_or_else(
@@ -67,63 +67,73 @@ impl Verdict<'_> {
             |sigma_s| format!("estimated from this flight, sigma {} ms", format_number(sigma_s * 1e3, 0)),
         );
         let age = format_number(compass.latency.used_s * 1e3, 0);
-        let hz = format_number(1.0 / compass.reading_interval_s, 1);
+        let rate_text = format_number(1.0 / compass.reading_interval_s, 1);
         if compass.row_counts.readings > 0 {
-            add("field", format!("{hz} times a second, {age} ms old at its time stamp ({source})"));
+            add_fact("field", format!("{rate_text} times a second, {age} ms old at its time stamp ({source})"));
         }
         if let (Some((earth, is_valid)), Some(radius_ut)) = (&self.evaluation.earth_field, compass.radius_ut) {
             let year = if *is_valid { "" } else { ", of another year" };
             let model = format_number(f64::from(earth.total_ut), 1);
-            add("strength", format!("{} uT, {model} by the field model{year}", format_number(radius_ut, 1)));
+            add_fact("strength", format!("{} uT, {model} by the field model{year}", format_number(radius_ut, 1)));
         }
         let rejected: Vec<String> =
             compass.row_counts.rejection_texts().into_iter().map(|rejected| format!("; {rejected}")).collect();
         let RowCounts { used, .. } = compass.row_counts;
-        add("rows", format!("{used} usable, {} fitted to{}", compass.module_result.sample_count, rejected.concat()));
+        add_fact(
+            "rows",
+            format!("{used} usable, {} fitted to{}", compass.module_result.sample_count, rejected.concat()),
+        );
         facts
     }
 }
 
-fn add_solution_facts(solution: &Solution, add: &mut dyn FnMut(&str, String)) {
+fn add_solution_facts(solution: &Solution, add_fact: &mut dyn FnMut(&str, String)) {
     let Solution { calibration, quality, .. } = solution;
-    let deg = |deg: f32| format_number(f64::from(deg), 2);
-    let [rms, worst] = [quality.expected_rms_deg, quality.expected_worst_deg].map(deg);
-    add("expected error", format!("{rms} deg RMS, sigma {worst} at the worst heading"));
+    let degrees_text = |degrees_text: f32| format_number(f64::from(degrees_text), 2);
+    let [rms, worst] = [quality.expected_rms_deg, quality.expected_worst_deg].map(degrees_text);
+    add_fact("expected error", format!("{rms} deg RMS, sigma {worst} at the worst heading"));
     let inclination_deg = f64::from(calibration.inclination_rad.to_degrees());
-    add("inclination", format!("{} deg", format_number(inclination_deg, 1)));
+    add_fact("inclination", format!("{} deg", format_number(inclination_deg, 1)));
     if let Some(AttitudeLatency { estimate_s, sigma_s }) = quality.latency.filter(|_| calibration.uses_latency()) {
-        let [estimate, sigma] = [estimate_s, sigma_s].map(|s| format_number(f64::from(s) * 1e3, 0));
-        add("attitude latency", format!("{estimate} ms more than the age of the field, sigma {sigma} ms"));
+        let [estimate, sigma] =
+            [estimate_s, sigma_s].map(|milliseconds_text| format_number(f64::from(milliseconds_text) * 1e3, 0));
+        add_fact("attitude latency", format!("{estimate} ms more than the age of the field, sigma {sigma} ms"));
     }
     let MotorCurrentInterference { ut_per_a: [x, y, z], sigma_ut_per_a, mean_current_a, current_sigma_a } =
         calibration.motor_current;
     if current_sigma_a > 0.0 {
-        let found = if calibration.motor_current.is_applied() {
+        let interference_text = if calibration.motor_current.is_applied() {
             format!("x {x:+.3}, y {y:+.3}, z {z:+.3} uT/A (sigma {sigma_ut_per_a:.3})")
         } else {
             format!("no interference that is certain (sigma {sigma_ut_per_a:.3} uT/A)")
         };
-        add("motor current", format!("{found}, of {mean_current_a:.1} A that varied by {current_sigma_a:.1} A"));
+        add_fact(
+            "motor current",
+            format!("{interference_text}, of {mean_current_a:.1} A that varied by {current_sigma_a:.1} A"),
+        );
     }
     // No cause is named: latency, an attitude that lags in turns, and interference cause both kinds of residuals.
     if let Some(finding) = &solution.hard_iron_change {
-        add(
+        add_fact(
             "residuals",
-            format!("{} deg of the expected error, since they change in time", deg(finding.added_error_deg)),
+            format!("{} deg of the expected error, since they change in time", degrees_text(finding.added_error_deg)),
         );
     }
     if let Some(finding) = &solution.bank_scale_error {
-        add(
+        add_fact(
             "residuals",
-            format!("{} deg of the expected error, since they depend on the bank", deg(finding.added_error_deg)),
+            format!(
+                "{} deg of the expected error, since they depend on the bank",
+                degrees_text(finding.added_error_deg)
+            ),
         );
     }
     if let Some(advice) = &solution.advice {
-        let [now, then] = [advice.expected_deg, advice.expected_after_deg].map(deg);
-        add(
+        let [now, then] = [advice.expected_deg, advice.expected_after_deg].map(degrees_text);
+        add_fact(
             "least certain",
-            format!("{} deviation ({} deg)", advice.weakest_deviation.measure_name(), deg(advice.weakest_deg)),
+            format!("{} deviation ({} deg)", advice.weakest_deviation.measure_name(), degrees_text(advice.weakest_deg)),
         );
-        add("would help most", format!("{} ({now} to {then} deg)", advice.manoeuvre));
+        add_fact("would help most", format!("{} ({now} to {then} deg)", advice.manoeuvre));
     }
 }

@@ -116,7 +116,8 @@ impl<'a> Verdict<'a> {
     pub fn log_description(&self, name: &str) -> String {
         let [from_s, to_s] = self.flight.time_range_s();
         let firmware = self.flight.firmware_name.as_deref().unwrap_or("firmware not named");
-        let [duration_s, from_s, to_s] = [to_s - from_s, from_s, to_s].map(|s| format_number(s, 0));
+        let [duration_s, from_s, to_s] =
+            [to_s - from_s, from_s, to_s].map(|seconds_text| format_number(seconds_text, 0));
         format!(
             "{name}: {}, {firmware}, {duration_s} s: {from_s} to {to_s} s of its clock",
             self.flight.log_format.format_name()
@@ -148,17 +149,17 @@ impl CompassVerdict<'_> {
     /// Judgement of the compass, a sentence.
     #[must_use]
     pub fn summary_sentence(&self) -> String {
-        let used = if self.evaluation.is_used_for_heading == Some(true) { ", in use," } else { "" };
-        format!("Compass {}{used} {}.", self.evaluation.compass_number, self.judgement)
+        let use_text = if self.evaluation.is_used_for_heading == Some(true) { ", in use," } else { "" };
+        format!("Compass {}{use_text} {}.", self.evaluation.compass_number, self.judgement)
     }
 
     /// Percentage of usable rows for which the module, so calibrated, would have sent a heading.
     #[must_use]
     pub fn sent_percent(&self) -> Option<f64> {
         let rows = self.evaluation.rows.iter().zip(&self.evaluation.result_for_report().headings);
-        let sent: Vec<bool> =
+        let sent_flags: Vec<bool> =
             rows.filter(|(row, _)| row.is_usable).map(|(_, heading)| heading.status.is_ok()).collect();
-        let number = sent.iter().filter(|is_sent| **is_sent).count();
-        (!sent.is_empty()).then(|| 100.0 * number as f64 / sent.len() as f64)
+        let usable_count = sent_flags.iter().filter(|is_sent| **is_sent).count();
+        (!sent_flags.is_empty()).then(|| 100.0 * usable_count as f64 / sent_flags.len() as f64)
     }
 }

@@ -114,21 +114,22 @@ impl CompassVerdict<'_> {
 fn result_json(result: &ReplayResult) -> Value {
     let solution = result.solution.as_ref();
     let rounded = |value: f32, decimals: i32| round_to(f64::from(value), decimals);
-    let ms = |seconds: f32| round_to(f64::from(seconds) * 1e3, 1);
-    let latency = solution.and_then(|s| s.quality.latency);
-    let current = solution.map(|s| s.calibration.motor_current).filter(|current| current.current_sigma_a > 0.0);
+    let milliseconds = |seconds: f32| round_to(f64::from(seconds) * 1e3, 1);
+    let latency = solution.and_then(|solution| solution.quality.latency);
+    let current =
+        solution.map(|solution| solution.calibration.motor_current).filter(|current| current.current_sigma_a > 0.0);
     json!({
         "accepted": result.acceptance.is_ok(),
-        "refusal": result.acceptance.as_ref().err().map(|r| json!({ "code": r.stable_code(), "words": r.to_string() })),
-        "method": solution.map(|s| s.quality.method.method_name()),
-        "coefficients": solution.map(|s| coefficients_json(&s.calibration)),
-        "inclination_deg": solution.map(|s| rounded(s.calibration.inclination_rad.to_degrees(), 2)),
-        "expected_rms_deg": solution.map(|s| rounded(s.quality.expected_rms_deg, 3)),
-        "iron_changed_ut": solution.and_then(|s| s.hard_iron_change).map(|finding| rounded(finding.violation.size_ut, 2)),
-        "bank_read": solution.and_then(|s| s.bank_scale_error).map(|finding| rounded(finding.violation.read_ratio, 3)),
-        "latency_ms": solution.map(|s| ms(s.calibration.latency_s)),
-        "latency_found_ms": latency.map(|latency| ms(latency.estimate_s)),
-        "latency_sigma_ms": latency.map(|latency| ms(latency.sigma_s)),
+        "refusal": result.acceptance.as_ref().err().map(|refusal| json!({ "code": refusal.stable_code(), "words": refusal.to_string() })),
+        "method": solution.map(|solution| solution.quality.method.method_name()),
+        "coefficients": solution.map(|solution| coefficients_json(&solution.calibration)),
+        "inclination_deg": solution.map(|solution| rounded(solution.calibration.inclination_rad.to_degrees(), 2)),
+        "expected_rms_deg": solution.map(|solution| rounded(solution.quality.expected_rms_deg, 3)),
+        "iron_changed_ut": solution.and_then(|solution| solution.hard_iron_change).map(|finding| rounded(finding.violation.size_ut, 2)),
+        "bank_read": solution.and_then(|solution| solution.bank_scale_error).map(|finding| rounded(finding.violation.read_ratio, 3)),
+        "latency_ms": solution.map(|solution| milliseconds(solution.calibration.latency_s)),
+        "latency_found_ms": latency.map(|latency| milliseconds(latency.estimate_s)),
+        "latency_sigma_ms": latency.map(|latency| milliseconds(latency.sigma_s)),
         "by_current": current.map(|current| json!({
             "ut_per_a": current.ut_per_a.map(|axis| rounded(axis, 4)),
             "sigma_ut_per_a": rounded(current.sigma_ut_per_a, 4),

@@ -70,7 +70,7 @@ pub enum JudgementReason {
 }
 
 impl JudgementReason {
-    /// Code for programs.
+    /// Stable code of the reason, for programs.
     #[must_use]
     pub const fn stable_code(&self) -> &'static str {
         match self {
@@ -122,9 +122,10 @@ impl CompassJudgement {
             CompassAction::Replace
         } else {
             let covers_headings = as_logged_rms_deg.is_some() || accurate_reference(evaluation).is_none();
-            parameters
-                .as_ref()
-                .map_or_else(|why| action_without_parameters(state, why, covers_headings), |_| CompassAction::Load)
+            parameters.as_ref().map_or_else(
+                |rejection| action_without_parameters(state, rejection, covers_headings),
+                |_| CompassAction::Load,
+            )
         };
         let changed = change.map(|change| JudgementReason::IronChanged {
             at_s: change.hard_iron_step.time_s,
@@ -139,13 +140,18 @@ impl CompassJudgement {
         // A failure is reason enough.
         let error =
             as_logged_rms_deg.map(JudgementReason::ErrorAsLogged).or_else(|| failure.is_none().then_some(unknown));
-        let given = match parameters {
+        let parameter_reason = match parameters {
             _ if failure.is_some() => None,
             Ok(export) => export.held_back_score.map(JudgementReason::Parameters),
-            Err(why) => Some(JudgementReason::NoParameters(why.clone())),
+            Err(rejection) => Some(JudgementReason::NoParameters(rejection.clone())),
         };
-        let reasons =
-            failure.map(JudgementReason::SensorFailed).into_iter().chain(changed).chain(error).chain(given).collect();
+        let reasons = failure
+            .map(JudgementReason::SensorFailed)
+            .into_iter()
+            .chain(changed)
+            .chain(error)
+            .chain(parameter_reason)
+            .collect();
         Self { compass_state: state, recommended_action: action, reasons, as_logged_rms_deg }
     }
 
@@ -157,8 +163,8 @@ impl CompassJudgement {
 }
 
 /// `covers_headings` is false if the flight has too few headings to judge the compass.
-fn action_without_parameters(state: CompassState, why: &NoParameters, covers_headings: bool) -> CompassAction {
-    match why {
+fn action_without_parameters(state: CompassState, rejection: &NoParameters, covers_headings: bool) -> CompassAction {
+    match rejection {
         NoParameters::OffsetsTooLarge { .. } => CompassAction::Replace,
         // On few headings neither the compass nor a fit is judged.
         _ if !covers_headings => CompassAction::FlyAgain,
@@ -189,7 +195,7 @@ fn as_logged_rms_deg(evaluation: &FlightEvaluation, compass: &CompassEvaluation)
     for heading_deg in rows.iter().filter_map(|row| row.reference_deg) {
         sectors[(heading_deg.rem_euclid(360.0) / 30.0) as usize % 12] += 1;
     }
-    if sectors.iter().filter(|number| **number >= MIN_ROWS_PER_SECTOR).count() < MIN_HEADING_SECTORS {
+    if sectors.iter().filter(|sector_rows| **sector_rows >= MIN_ROWS_PER_SECTOR).count() < MIN_HEADING_SECTORS {
         return None;
     }
     let logged = score_rows(&rows, |row| Some((heading_deg(row, row.logged_field.ut.map(f64::from)), f64::NAN)));

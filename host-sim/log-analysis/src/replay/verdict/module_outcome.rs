@@ -21,7 +21,7 @@ pub enum FlightOutcome {
         /// Numbers of the calibrated compasses.
         numbers: Vec<u8>,
         /// Number of all compasses.
-        of: usize,
+        compass_count: usize,
         /// First and last calibration without a command, seconds on the log's clock; none if one required a command.
         at_s: Option<[f64; 2]>,
         /// Largest expected error, degrees RMS.
@@ -32,7 +32,7 @@ pub enum FlightOutcome {
     /// The module would have refused every calibration.
     Refused {
         /// Number of all compasses.
-        of: usize,
+        compass_count: usize,
         /// If the causes differ: number of the compass that came nearest to a calibration; `cause` is its cause.
         nearest: Option<u8>,
         /// Cause of the refusal.
@@ -76,7 +76,7 @@ impl FlightOutcome {
     #[must_use]
     pub fn new(evaluation: &FlightEvaluation) -> Self {
         let compasses = &evaluation.compasses;
-        let of = compasses.len();
+        let compass_count = compasses.len();
         let accepted: Vec<&CompassEvaluation> =
             compasses.iter().filter(|compass| compass.module_result.acceptance.is_ok()).collect();
         let slow_attitude_s = Some(evaluation.attitude_interval_s).filter(|interval_s| *interval_s > SLOW_ATTITUDE_S);
@@ -88,12 +88,12 @@ impl FlightOutcome {
             let is_shared =
                 compasses.iter().all(|compass| FlightRefusal::new(compass).to_string() == cause.to_string());
             let nearest = nearest.filter(|_| !is_shared).map(|compass| compass.compass_number);
-            return Self::Refused { of, nearest, cause, slow_attitude_s };
+            return Self::Refused { compass_count, nearest, cause, slow_attitude_s };
         }
         let times_s: Option<Vec<f64>> = accepted.iter().map(|compass| compass.calibrated_s()).collect();
         Self::Calibrated {
             numbers: accepted.iter().map(|compass| compass.compass_number).collect(),
-            of,
+            compass_count,
             at_s: times_s.map(|times_s| {
                 times_s
                     .iter()
@@ -147,19 +147,19 @@ impl fmt::Display for FlightOutcome {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (Self::Calibrated { slow_attitude_s, .. } | Self::Refused { slow_attitude_s, .. }) = self;
         let slow = slow_attitude_s.map_or_else(String::new, |interval_s| {
-            let hz = 1.0 / interval_s;
-            format!("the attitude is logged {hz:.1} times a second; below 3 Hz its interpolation is unreliable")
+            let rate_hz = 1.0 / interval_s;
+            format!("the attitude is logged {rate_hz:.1} times a second; below 3 Hz its interpolation is unreliable")
         });
         let slow_after = |joint: &str| if slow.is_empty() { String::new() } else { format!("; {joint}{slow}") };
         match self {
-            Self::Calibrated { numbers, of, at_s, expected_deg, .. } => {
+            Self::Calibrated { numbers, compass_count, at_s, expected_deg, .. } => {
                 f.write_str("the module would have calibrated")?;
-                match (numbers.len(), *of) {
+                match (numbers.len(), *compass_count) {
                     (1, 1) => {}
-                    (some, of) if some == of => write!(f, " each of {of} compasses")?,
-                    (some, of) => {
+                    (some, compass_count) if some == compass_count => write!(f, " each of {compass_count} compasses")?,
+                    (some, compass_count) => {
                         let numbers: Vec<String> = numbers.iter().map(u8::to_string).collect();
-                        write!(f, " {some} of {of} compasses (number {})", numbers.join(", "))?;
+                        write!(f, " {some} of {compass_count} compasses (number {})", numbers.join(", "))?;
                     }
                 }
                 match at_s {
@@ -169,10 +169,10 @@ impl fmt::Display for FlightOutcome {
                 }?;
                 write!(f, ", expecting {expected_deg:.1} deg{}", slow_after("but "))
             }
-            Self::Refused { of, nearest, cause, .. } => {
+            Self::Refused { compass_count, nearest, cause, .. } => {
                 f.write_str("the module would have refused")?;
-                if *of > 1 {
-                    write!(f, " each of {of} compasses")?;
+                if *compass_count > 1 {
+                    write!(f, " each of {compass_count} compasses")?;
                 }
                 if let Some(number) = nearest {
                     write!(f, "; number {number} came nearest")?;

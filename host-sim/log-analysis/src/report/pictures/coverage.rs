@@ -12,14 +12,14 @@ const HEADING_SECTORS: usize = 12;
 type TiltRow = (&'static str, fn(&ReportSample) -> bool);
 
 const TILT_ROWS: [TiltRow; 8] = [
-    ("30 and more right", |moment| moment.roll_deg >= 30.0),
-    ("10 to 30 right", |moment| (10.0..30.0).contains(&moment.roll_deg)),
-    ("wings level", |moment| moment.roll_deg.abs() < 10.0),
-    ("10 to 30 left", |moment| moment.roll_deg <= -10.0 && moment.roll_deg > -30.0),
-    ("30 and more left", |moment| moment.roll_deg <= -30.0),
-    ("10 and more up", |moment| moment.pitch_deg >= 10.0),
-    ("nose level", |moment| moment.pitch_deg.abs() < 10.0),
-    ("10 and more down", |moment| moment.pitch_deg <= -10.0),
+    ("30 and more right", |report_sample| report_sample.roll_deg >= 30.0),
+    ("10 to 30 right", |report_sample| (10.0..30.0).contains(&report_sample.roll_deg)),
+    ("wings level", |report_sample| report_sample.roll_deg.abs() < 10.0),
+    ("10 to 30 left", |report_sample| report_sample.roll_deg <= -10.0 && report_sample.roll_deg > -30.0),
+    ("30 and more left", |report_sample| report_sample.roll_deg <= -30.0),
+    ("10 and more up", |report_sample| report_sample.pitch_deg >= 10.0),
+    ("nose level", |report_sample| report_sample.pitch_deg.abs() < 10.0),
+    ("10 and more down", |report_sample| report_sample.pitch_deg <= -10.0),
 ];
 
 const BANK_BINS: usize = 5;
@@ -37,8 +37,8 @@ impl CoverageCell {
 }
 
 /// Whether a sample is usable and has a measured field.
-fn has_usable_field(moment: &ReportSample) -> bool {
-    moment.is_usable && moment.raw_ut.is_some()
+fn has_usable_field(report_sample: &ReportSample) -> bool {
+    report_sample.is_usable && report_sample.raw_ut.is_some()
 }
 
 fn coverage_cells(compass_report: &CompassReport) -> [[CoverageCell; HEADING_SECTORS]; TILT_ROWS.len()] {
@@ -50,13 +50,15 @@ fn coverage_cells(compass_report: &CompassReport) -> [[CoverageCell; HEADING_SEC
         .skip(1)
         .map(|next| next.time_s)
         .chain(compass_report.samples.last().map(|last| last.time_s));
-    for (moment, next_s) in compass_report.samples.iter().zip(nexts).filter(|(moment, _)| has_usable_field(moment)) {
-        let Some(heading_deg) = moment.heading_deg.filter(|deg| deg.is_finite()) else { continue };
+    for (report_sample, next_s) in
+        compass_report.samples.iter().zip(nexts).filter(|(report_sample, _)| has_usable_field(report_sample))
+    {
+        let Some(heading_deg) = report_sample.heading_deg.filter(|deg| deg.is_finite()) else { continue };
         let sector = (heading_deg / 30.0).round().rem_euclid(HEADING_SECTORS as f64) as usize;
         for (row, (_, belongs)) in cells.iter_mut().zip(TILT_ROWS) {
-            if let Some(cell) = row.get_mut(sector).filter(|_| belongs(moment)) {
-                cell.flown_s += (next_s - moment.time_s).clamp(0.0, 1.0);
-                cell.fitted += usize::from(moment.is_fitted);
+            if let Some(cell) = row.get_mut(sector).filter(|_| belongs(report_sample)) {
+                cell.flown_s += (next_s - report_sample.time_s).clamp(0.0, 1.0);
+                cell.fitted += usize::from(report_sample.is_fitted);
             }
         }
     }
@@ -70,12 +72,12 @@ pub fn coverage_picture(compass_report: &CompassReport) -> Picture {
     let mut svg = Svg::new(LEFT_MARGIN + CELL_SIZE[0] * HEADING_SECTORS as f64 + 16.0, 346.0);
     let knows = compass_report.has_fitted_marks;
     let number_is = if knows { "collected and fitted, number" } else { "flown, seconds" };
-    let mut items = vec![(LegendSample::Area("cell used"), number_is)];
+    let mut legend_items = vec![(LegendSample::Area("cell used"), number_is)];
     if knows {
-        items.push((LegendSample::Area("cell flown"), "flown, not collected"));
+        legend_items.push((LegendSample::Area("cell flown"), "flown, not collected"));
     }
-    items.push((LegendSample::Area("missed"), "not flown"));
-    let top = draw_legend(&mut svg, [16.0, 8.0], 600.0, &items) + 14.0;
+    legend_items.push((LegendSample::Area("missed"), "not flown"));
+    let top = draw_legend(&mut svg, [16.0, 8.0], 600.0, &legend_items) + 14.0;
     svg.draw_text("name", [16.0, top - 4.0], "bank, deg");
     for (row, ((name, _), cells)) in TILT_ROWS.iter().zip(&cells).enumerate() {
         let gap = if row < BANK_BINS { 0.0 } else { 22.0 };
@@ -158,7 +160,7 @@ mod tests {
 
     #[test]
     fn flown_and_missing_headings_are_drawn_differently() {
-        let moment = |at_s: f64, heading_deg: f64, roll_deg: f64, is_fitted: bool| ReportSample {
+        let report_sample = |at_s: f64, heading_deg: f64, roll_deg: f64, is_fitted: bool| ReportSample {
             time_s: at_s,
             heading_deg: Some(heading_deg),
             roll_deg,
@@ -167,9 +169,13 @@ mod tests {
             is_fitted,
             ..ReportSample::default()
         };
-        let moments =
-            vec![moment(0.0, 350.0, 30.0, true), moment(0.5, 16.0, -12.0, false), moment(60.0, 16.0, 0.0, true)];
-        let compass_report = CompassReport { samples: moments, has_fitted_marks: true, ..CompassReport::default() };
+        let report_samples = vec![
+            report_sample(0.0, 350.0, 30.0, true),
+            report_sample(0.5, 16.0, -12.0, false),
+            report_sample(60.0, 16.0, 0.0, true),
+        ];
+        let compass_report =
+            CompassReport { samples: report_samples, has_fitted_marks: true, ..CompassReport::default() };
         let cells = coverage_cells(&compass_report);
         // The first two samples are in different bank cells, the second for at most 1 s; the last has no duration but
         // is fitted.

@@ -24,7 +24,7 @@ pub fn common_scale_picture(compass_report: &CompassReport, word: &str) -> Pictu
     let [before, after] =
         [&compass_report.curves_before, &compass_report.curves_after].map(|lines| max_error_deg(lines));
     let title = picture_title(compass_report).to_owned();
-    let words = match (compass_report.curves_before.is_empty(), compass_report.curves_after.is_empty()) {
+    let description = match (compass_report.curves_before.is_empty(), compass_report.curves_after.is_empty()) {
         (false, false) => {
             format!(
                 "The largest {word} by heading is {} deg before, {} after.",
@@ -35,7 +35,7 @@ pub fn common_scale_picture(compass_report: &CompassReport, word: &str) -> Pictu
         (false, true) => format!("The largest {word} by heading is {} deg.", format_number(before, 1)),
         _ => "There is no reference heading.".to_owned(),
     };
-    Picture { svg, title, description: words, needs_full_width: false }
+    Picture { svg, title, description, needs_full_width: false }
 }
 
 /// Draws the errors after calibration; none without data.
@@ -44,23 +44,28 @@ pub fn enlarged_picture(compass_report: &CompassReport, word: &str) -> Option<Pi
         return None;
     }
     let mut svg = Svg::new(PICTURE_SIZE[0], PICTURE_SIZE[1]);
-    let outside = draw_enlarged(&mut svg, [0.0, 0.0], compass_report, word);
-    let mut words = vec![format!(
+    let points_outside = draw_enlarged(&mut svg, [0.0, 0.0], compass_report, word);
+    let mut descriptions = vec![format!(
         "The largest {word} by heading is {} deg.",
         format_number(max_error_deg(&compass_report.curves_after), 2)
     )];
     if !compass_report.sigma_deg.is_empty() {
         let sigma = max_magnitude(compass_report.sigma_deg.iter().copied());
-        words.push(format!(
+        descriptions.push(format!(
             "The band is {}, {} deg at the worst heading.",
             compass_report.sigma_description,
             format_number(sigma, 2)
         ));
     }
-    if outside > 0 {
-        words.push(format!("{outside} of the points drawn would lie outside."));
+    if points_outside > 0 {
+        descriptions.push(format!("{points_outside} of the points drawn would lie outside."));
     }
-    Some(Picture { svg, title: "After, enlarged".to_owned(), description: words.join(" "), needs_full_width: false })
+    Some(Picture {
+        svg,
+        title: "After, enlarged".to_owned(),
+        description: descriptions.join(" "),
+        needs_full_width: false,
+    })
 }
 
 /// Draws both frames side by side, for documents with one picture.
@@ -71,12 +76,12 @@ pub fn combined_picture(compass_report: &CompassReport, word: &str) -> Picture {
     if second.is_some() {
         draw_enlarged(&mut svg, [PICTURE_SIZE[0], 0.0], compass_report, word);
     }
-    let words = second
+    let description = second
         .map_or_else(|| first.description.clone(), |second| format!("{} {}", first.description, second.description));
     Picture {
         svg,
         title: "Heading error before and after the calibration".to_owned(),
-        description: words,
+        description,
         needs_full_width: true,
     }
 }
@@ -90,25 +95,25 @@ fn max_error_deg(lines: &[DeviationCurve]) -> f64 {
 }
 
 fn plot_frame(top: f64, [left, up]: PicturePoint, y: Axis) -> PlotFrame {
-    let at = [left + 58.0, top];
+    let upper_left = [left + 58.0, top];
     PlotFrame {
         x: Axis::headings_deg(90),
         y,
-        upper_left: at,
+        upper_left,
         size: [PICTURE_SIZE[0] - 58.0 - 16.0, up + PICTURE_SIZE[1] - 44.0 - top],
     }
 }
 
-fn draw_title(svg: &mut Svg, [left, up]: PicturePoint, words: &str) -> PicturePoint {
-    svg.draw_text("title", [left + 16.0, up + 20.0], words);
+fn draw_title(svg: &mut Svg, [left, up]: PicturePoint, title: &str) -> PicturePoint {
+    svg.draw_text("title", [left + 16.0, up + 20.0], title);
     [left + 16.0, up + 30.0]
 }
 
-fn draw_one_scale(svg: &mut Svg, at: PicturePoint, compass_report: &CompassReport, word: &str) {
-    let below = draw_title(svg, at, picture_title(compass_report));
+fn draw_one_scale(svg: &mut Svg, upper_left: PicturePoint, compass_report: &CompassReport, word: &str) {
+    let below = draw_title(svg, upper_left, picture_title(compass_report));
     let names: Vec<String> =
         compass_report.curves_before.iter().map(|line| format!("before{}", name_suffix(&line.curve_name))).collect();
-    let mut items: Vec<(LegendSample, &str)> = UNCALIBRATED_LINES
+    let mut legend_items: Vec<(LegendSample, &str)> = UNCALIBRATED_LINES
         .iter()
         .zip(&names)
         .map(|(&(line, shape, class), name)| (LegendSample::Both(line, shape, class), &**name))
@@ -118,13 +123,13 @@ fn draw_one_scale(svg: &mut Svg, at: PicturePoint, compass_report: &CompassRepor
         _ => "after, the same banks".to_owned(),
     };
     if !compass_report.curves_after.is_empty() {
-        items.push((LegendSample::Line("l l3"), &after));
+        legend_items.push((LegendSample::Line("l l3"), &after));
     }
-    let top = draw_legend(svg, below, PICTURE_SIZE[0] - 32.0, &items);
+    let top = draw_legend(svg, below, PICTURE_SIZE[0] - 32.0, &legend_items);
     let y = Axis::symmetric_deg(
         max_error_deg(&compass_report.curves_before).max(max_error_deg(&compass_report.curves_after)),
     );
-    let frame = plot_frame(top, at, y);
+    let frame = plot_frame(top, upper_left, y);
     frame.draw_axes(svg, "heading, deg", &format!("{word}, deg"));
     for (line, (class, shape, points)) in compass_report.curves_before.iter().zip(UNCALIBRATED_LINES) {
         draw_curve(svg, &frame, line, class, Some((shape, points)));
@@ -135,13 +140,13 @@ fn draw_one_scale(svg: &mut Svg, at: PicturePoint, compass_report: &CompassRepor
 }
 
 /// Returns the number of points outside the frame.
-fn draw_enlarged(svg: &mut Svg, at: PicturePoint, compass_report: &CompassReport, word: &str) -> usize {
-    let below = draw_title(svg, at, "After, enlarged");
+fn draw_enlarged(svg: &mut Svg, upper_left: PicturePoint, compass_report: &CompassReport, word: &str) -> usize {
+    let below = draw_title(svg, upper_left, "After, enlarged");
     let points: Vec<PicturePoint> = compass_report
         .samples
         .iter()
-        .filter(|moment| moment.is_usable)
-        .filter_map(|moment| Some([moment.heading_deg?.rem_euclid(360.0), moment.error_deg?]))
+        .filter(|report_sample| report_sample.is_usable)
+        .filter_map(|report_sample| Some([report_sample.heading_deg?.rem_euclid(360.0), report_sample.error_deg?]))
         .collect();
     let names: Vec<String> =
         compass_report.curves_after.iter().map(|line| format!("after{}", name_suffix(&line.curve_name))).collect();
@@ -151,22 +156,22 @@ fn draw_enlarged(svg: &mut Svg, at: PicturePoint, compass_report: &CompassReport
     } else {
         [("l l3", MarkerShape::Circle, "p3"); 3]
     };
-    let mut items: Vec<(LegendSample, &str)> = classes
+    let mut legend_items: Vec<(LegendSample, &str)> = classes
         .iter()
         .zip(&names)
         .map(|(&(line, shape, class), name)| (LegendSample::Both(line, shape, class), &**name))
         .collect();
     if !compass_report.sigma_deg.is_empty() {
-        items.push((LegendSample::Area("band"), "expected, 1 sigma"));
+        legend_items.push((LegendSample::Area("band"), "expected, 1 sigma"));
     }
     if !points.is_empty() {
-        items.push((LegendSample::Points(MarkerShape::Dot, "dot"), "single headings"));
+        legend_items.push((LegendSample::Points(MarkerShape::Dot, "dot"), "single headings"));
     }
-    let top = draw_legend(svg, below, PICTURE_SIZE[0] - 32.0, &items);
-    let most = max_error_deg(&compass_report.curves_after)
+    let top = draw_legend(svg, below, PICTURE_SIZE[0] - 32.0, &legend_items);
+    let limit_deg = max_error_deg(&compass_report.curves_after)
         .max(max_magnitude(compass_report.sigma_deg.iter().copied()))
         .max(magnitude_quantile(points.iter().map(|[_, error]| *error), FRAMED_FRACTION));
-    let frame = plot_frame(top, at, Axis::symmetric_deg(most));
+    let frame = plot_frame(top, upper_left, Axis::symmetric_deg(limit_deg));
     draw_expected_error_band(svg, &frame, &compass_report.sigma_deg);
     frame.draw_axes(svg, "heading, deg", &format!("{word}, deg"));
     let plotted: Vec<Option<PicturePoint>> =
@@ -185,21 +190,22 @@ fn draw_curve(
     class: &str,
     points: Option<(MarkerShape, &str)>,
 ) {
-    let places: Vec<Option<PicturePoint>> = closed_heading_curve(&line.errors_deg)
+    let positions: Vec<Option<PicturePoint>> = closed_heading_curve(&line.errors_deg)
         .into_iter()
         .map(|point| point.and_then(|[x, y]| frame.plot_point(x, y)))
         .collect();
-    svg.draw_path(class, places.iter().copied());
+    svg.draw_path(class, positions.iter().copied());
     if let Some((shape, class)) = points {
-        svg.draw_points(class, shape, 3.0, places.into_iter().flatten());
+        svg.draw_points(class, shape, 3.0, positions.into_iter().flatten());
     }
 }
 
 fn draw_expected_error_band(svg: &mut Svg, frame: &PlotFrame, sigma_deg: &[f64]) {
     let width_deg = 360.0 / sigma_deg.len().max(1) as f64;
     for (i, sigma) in sigma_deg.iter().enumerate().chain(sigma_deg.first().map(|first| (sigma_deg.len(), first))) {
-        let middle = i as f64 * width_deg;
-        let [from, to] = [middle - width_deg / 2.0, middle + width_deg / 2.0].map(|deg| deg.clamp(0.0, 360.0));
+        let heading_deg = i as f64 * width_deg;
+        let [from, to] =
+            [heading_deg - width_deg / 2.0, heading_deg + width_deg / 2.0].map(|deg| deg.clamp(0.0, 360.0));
         let [left, right] = [from, to].map(|deg| frame.x_position(deg));
         let [top, bottom] = [*sigma, -sigma].map(|deg| frame.y_position(deg));
         svg.draw_rectangle("band", [left, top], [right - left, bottom - top]);
@@ -243,16 +249,19 @@ mod tests {
 
     #[test]
     fn points_beyond_the_frame_are_counted() {
-        let moment = |heading_deg: f64, error_deg: f64| super::super::super::model::ReportSample {
+        let report_sample = |heading_deg: f64, error_deg: f64| super::super::super::model::ReportSample {
             heading_deg: Some(heading_deg),
             error_deg: Some(error_deg),
             is_usable: true,
             ..Default::default()
         };
-        let mut moments: Vec<_> = (0..200).map(|i| moment(f64::from(i), 0.1)).collect();
-        moments.push(moment(10.0, 50.0));
-        let compass_report =
-            CompassReport { curves_after: vec![line(&[0.1, -0.1])], samples: moments, ..CompassReport::default() };
+        let mut report_samples: Vec<_> = (0..200).map(|i| report_sample(f64::from(i), 0.1)).collect();
+        report_samples.push(report_sample(10.0, 50.0));
+        let compass_report = CompassReport {
+            curves_after: vec![line(&[0.1, -0.1])],
+            samples: report_samples,
+            ..CompassReport::default()
+        };
         assert!(enlarged_picture(&compass_report, "error").unwrap().description.contains("1 of the points drawn"));
     }
 }

@@ -23,18 +23,19 @@ pub enum LegendSample {
 const LEGEND_ROW_HEIGHT: f64 = 18.0;
 
 /// Draws a legend in as many rows as needed; returns its lower edge.
-pub fn draw_legend(svg: &mut Svg, [left, top]: PicturePoint, width: f64, items: &[(LegendSample, &str)]) -> f64 {
+pub fn draw_legend(svg: &mut Svg, [left, top]: PicturePoint, width: f64, legend_items: &[(LegendSample, &str)]) -> f64 {
     const LEGEND_SAMPLE_WIDTH: f64 = 24.0;
     let (mut x, mut y) = (left, top);
-    for (key, name) in items {
+    for (key, name) in legend_items {
         // Upper bound of the mean letter width, also on narrow screens with larger letters.
         let length = LEGEND_SAMPLE_WIDTH + 6.0 + 7.6 * name.chars().count() as f64 + 12.0;
         if x > left && x + length > left + width {
             (x, y) = (left, y + LEGEND_ROW_HEIGHT);
         }
-        let middle = y + LEGEND_ROW_HEIGHT / 2.0;
-        let across = |svg: &mut Svg, class: &str| svg.draw_line(class, [x, middle], [x + LEGEND_SAMPLE_WIDTH, middle]);
-        let centre = [[x + LEGEND_SAMPLE_WIDTH / 2.0, middle]];
+        let middle_y = y + LEGEND_ROW_HEIGHT / 2.0;
+        let across =
+            |svg: &mut Svg, class: &str| svg.draw_line(class, [x, middle_y], [x + LEGEND_SAMPLE_WIDTH, middle_y]);
+        let centre = [[x + LEGEND_SAMPLE_WIDTH / 2.0, middle_y]];
         match *key {
             LegendSample::Line(class) => across(svg, class),
             LegendSample::Points(shape, class) => svg.draw_points(class, shape, 3.5, centre),
@@ -46,7 +47,7 @@ pub fn draw_legend(svg: &mut Svg, [left, top]: PicturePoint, width: f64, items: 
                 svg.draw_rectangle(class, [x, y + 3.0], [LEGEND_SAMPLE_WIDTH, LEGEND_ROW_HEIGHT - 6.0]);
             }
         }
-        svg.draw_text("name", [x + LEGEND_SAMPLE_WIDTH + 6.0, middle + 4.0], name);
+        svg.draw_text("name", [x + LEGEND_SAMPLE_WIDTH + 6.0, middle_y + 4.0], name);
         x += length;
     }
     y + LEGEND_ROW_HEIGHT + 8.0

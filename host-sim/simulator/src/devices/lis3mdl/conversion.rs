@@ -17,7 +17,7 @@ const NOISE_Z_GAUSS: f64 = 4.1e-3;
 const SELF_TEST_GAUSS: Vector3<f64> = Vector3::new(2.0, 2.0, 0.55);
 
 pub(super) struct CompletedConversion {
-    /// Completion time, microseconds.
+    /// Time of the conversion's end, microseconds.
     pub completed_at_us: u64,
     /// Whether earlier conversions were not read.
     pub missed_others: bool,

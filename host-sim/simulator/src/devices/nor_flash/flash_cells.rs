@@ -104,8 +104,8 @@ impl FlashCells {
     pub fn apply_partially(&mut self, operation: FlashOperation, random: &mut RandomStream) {
         match operation {
             FlashOperation::Program { word, value } => {
-                let fallen = random.random_bits().to_le_bytes();
-                self.program_word(word, std::array::from_fn(|i| value[i] | fallen[i]));
+                let cleared_bits = random.random_bits().to_le_bytes();
+                self.program_word(word, std::array::from_fn(|i| value[i] | cleared_bits[i]));
             }
             FlashOperation::Erase { page } => {
                 self.erases[page] += 1;
@@ -121,9 +121,9 @@ impl FlashCells {
             0 => {}
             1 => self.erase_word(word),
             _ => {
-                let risen = random.random_bits().to_le_bytes();
-                for (byte, risen) in self.word_mut(word).iter_mut().zip(risen) {
-                    *byte |= risen;
+                let set_bits = random.random_bits().to_le_bytes();
+                for (byte, set_bits) in self.word_mut(word).iter_mut().zip(set_bits) {
+                    *byte |= set_bits;
                 }
             }
         }

@@ -44,7 +44,7 @@ impl Default for Rm3100Config {
 pub enum Rm3100Fault {
     /// No chip drives the data line, which reads as this byte: 0xFF or 0x00.
     Missing(u8),
-    /// Another revision number.
+    /// Wrong revision number in `REVID`.
     Identity(u8),
     /// An axis, 0 to 2, repeats its last measurement.
     StuckAxis(usize),

@@ -278,7 +278,7 @@ fn faults_show_on_the_bus() {
     );
 }
 
-/// Ten bytes at 1 MHz.
+/// A transfer of ten bytes takes 80 us at 1 MHz.
 #[test]
 fn a_transfer_takes_the_time_of_its_bytes() {
     with_chip(

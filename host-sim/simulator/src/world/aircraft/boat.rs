@@ -35,18 +35,18 @@ impl Boat {
             self.water.surface_slope([previous_state.north_m, previous_state.east_m], time_s),
         );
         let speed_m_s = self.config.speed_m_s;
-        let turning_m_s2 = speed_m_s * self.turn_rate_rad_s;
+        let centripetal_m_s2 = speed_m_s * self.turn_rate_rad_s;
         let [rolled_rad, pitch_rad] = roll_pitch_on_slope([PITCH_PER_SLOPE * ahead, ROLL_PER_SLOPE * right]);
         let (sin, cos) = libm::sincos(self.heading_rad);
         Motion {
-            roll_rad: rolled_rad - HEEL_PER_TURN_ANGLE * turning_m_s2 / GRAVITY_M_S2,
+            roll_rad: rolled_rad - HEEL_PER_TURN_ANGLE * centripetal_m_s2 / GRAVITY_M_S2,
             pitch_rad,
             heading_rad: self.heading_rad,
             sideslip_rad: 0.0,
             north_m_s: speed_m_s * cos,
             east_m_s: speed_m_s * sin,
             // Sloping water accelerates the boat by `g * slope`.
-            disturbing_acceleration_m_s2: turning_m_s2.abs() + GRAVITY_M_S2 * libm::hypot(ahead, right),
+            disturbing_acceleration_m_s2: centripetal_m_s2.abs() + GRAVITY_M_S2 * libm::hypot(ahead, right),
             current_ratio: 1.0,
         }
     }

@@ -46,10 +46,10 @@ struct TiltControl {
 }
 
 impl TiltControl {
-    fn next_angle(&mut self, wanted_rad: f64) {
-        let wanted_rate =
-            ((wanted_rad - self.angle_rad) / TILT_TIME_S).clamp(-MAX_TILT_RATE_RAD_S, MAX_TILT_RATE_RAD_S);
-        self.rate_rad_s += (wanted_rate - self.rate_rad_s) * STEP_S / TILT_RATE_TIME_S;
+    fn next_angle(&mut self, target_rad: f64) {
+        let desired_rate =
+            ((target_rad - self.angle_rad) / TILT_TIME_S).clamp(-MAX_TILT_RATE_RAD_S, MAX_TILT_RATE_RAD_S);
+        self.rate_rad_s += (desired_rate - self.rate_rad_s) * STEP_S / TILT_RATE_TIME_S;
         self.angle_rad += self.rate_rad_s * STEP_S;
     }
 }
@@ -93,11 +93,11 @@ impl Copter {
     }
 
     pub fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> Motion {
-        let (wanted_m_s2, turn_rate_rad_s) = self.desired_motion(command, previous_state);
+        let (desired_m_s2, turn_rate_rad_s) = self.desired_motion(command, previous_state);
         self.turn_rate_rad_s += (turn_rate_rad_s - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_S;
         self.heading_rad += self.turn_rate_rad_s * STEP_S;
-        self.pitch.next_angle(libm::atan(-wanted_m_s2[0] / GRAVITY_M_S2));
-        self.roll.next_angle(libm::atan(wanted_m_s2[1] * libm::cos(self.pitch.angle_rad) / GRAVITY_M_S2));
+        self.pitch.next_angle(libm::atan(-desired_m_s2[0] / GRAVITY_M_S2));
+        self.roll.next_angle(libm::atan(desired_m_s2[1] * libm::cos(self.pitch.angle_rad) / GRAVITY_M_S2));
 
         let disturbance = self.turbulence.next_disturbances();
         let (roll_rad, pitch_rad) =
@@ -136,13 +136,13 @@ impl Copter {
         if !(matches!(command.translation_mode, TranslationMode::HoldPosition) && is_at_rest) {
             self.set_point_m = position_m;
         }
-        let own_limit_m_s2 = GRAVITY_M_S2 * libm::tan(self.limits.max_controller_tilt_deg.to_radians());
+        let controller_limit_m_s2 = GRAVITY_M_S2 * libm::tan(self.limits.max_controller_tilt_deg.to_radians());
         match command.translation_mode {
             TranslationMode::HoldPosition => {
                 let braking = std::array::from_fn(|i| {
                     POSITION_GAIN_S2 * (self.set_point_m[i] - position_m[i]) - VELOCITY_GAIN_S * self.velocity_m_s[i]
                 });
-                (clamp_length(forward_right(self.heading_rad, braking), own_limit_m_s2), command.turn_rate_rad_s)
+                (clamp_length(forward_right(self.heading_rad, braking), controller_limit_m_s2), command.turn_rate_rad_s)
             }
             TranslationMode::HoldTilt { toward_rad, tilt_rad } => {
                 let (sin, cos) = libm::sincos(toward_rad);
@@ -152,9 +152,9 @@ impl Copter {
             TranslationMode::Forward => {
                 let [forward, right] = forward_right(self.heading_rad, self.velocity_m_s);
                 let errors = [self.config.speed_m_s - forward, -right].map(|error| VELOCITY_GAIN_S * error);
-                let [ahead, across] = clamp_length(errors, own_limit_m_s2);
-                let turning_m_s2 = GRAVITY_M_S2 * libm::tan(command.bank_rad);
-                ([ahead, across + turning_m_s2], turning_m_s2 / self.config.speed_m_s)
+                let [ahead, across] = clamp_length(errors, controller_limit_m_s2);
+                let centripetal_m_s2 = GRAVITY_M_S2 * libm::tan(command.bank_rad);
+                ([ahead, across + centripetal_m_s2], centripetal_m_s2 / self.config.speed_m_s)
             }
         }
     }

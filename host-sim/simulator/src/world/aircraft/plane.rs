@@ -80,13 +80,13 @@ impl Plane {
 
     fn follow_command(&mut self, command: VehicleCommand) {
         let max_roll_rate_rad_s = self.config.max_roll_rate_deg_s.to_radians();
-        let wanted_rate = ((command.bank_rad - self.undisturbed_attitude.bank) / BANK_TIME_S)
+        let desired_rate = ((command.bank_rad - self.undisturbed_attitude.bank) / BANK_TIME_S)
             .clamp(-max_roll_rate_rad_s, max_roll_rate_rad_s);
         self.undisturbed_attitude.bank_rate +=
-            (wanted_rate - self.undisturbed_attitude.bank_rate) * STEP_S / ROLL_RATE_TIME_S;
+            (desired_rate - self.undisturbed_attitude.bank_rate) * STEP_S / ROLL_RATE_TIME_S;
         self.undisturbed_attitude.bank += self.undisturbed_attitude.bank_rate * STEP_S;
         let load_factor = libm::cos(self.undisturbed_attitude.bank).recip();
-        let wanted_pitch = command.pitch_rad + PITCH_PER_LOAD_DEG.to_radians() * (load_factor - 1.0);
-        self.undisturbed_attitude.pitch += (wanted_pitch - self.undisturbed_attitude.pitch) * STEP_S / PITCH_TIME_S;
+        let desired_pitch = command.pitch_rad + PITCH_PER_LOAD_DEG.to_radians() * (load_factor - 1.0);
+        self.undisturbed_attitude.pitch += (desired_pitch - self.undisturbed_attitude.pitch) * STEP_S / PITCH_TIME_S;
     }
 }

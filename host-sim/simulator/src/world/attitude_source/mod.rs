@@ -31,7 +31,7 @@ pub struct Identity {
 /// Type of sender announced in heartbeats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SenderKind {
-    /// Autopilot.
+    /// The vehicle's autopilot.
     Autopilot,
     /// Any other component: gimbal, camera, ground station.
     Other,

@@ -195,9 +195,9 @@ impl MavlinkAutopilot {
             && self.is_addressed(frame.byte_at(2), frame.byte_at(3))
             && frame.byte_at(4) == STREAM_EXTRA1
         {
-            let asked_hz = f64::from(u16::from_le_bytes([frame.byte_at(0), frame.byte_at(1)]));
-            let most_hz = 1e6 / f64::from(self.firmware.least_interval_us());
-            self.start_stream(ATTITUDE_DATA::ID, asked_hz.min(most_hz), now_us);
+            let requested_hz = f64::from(u16::from_le_bytes([frame.byte_at(0), frame.byte_at(1)]));
+            let max_hz = 1e6 / f64::from(self.firmware.least_interval_us());
+            self.start_stream(ATTITUDE_DATA::ID, requested_hz.min(max_hz), now_us);
         }
     }
 

@@ -144,12 +144,12 @@ impl MspAutopilot {
         if draw < drop_probability {
             return;
         }
-        let answered_from = drop_probability + rejection_probability;
-        let is_refused = draw < answered_from;
-        let mut bytes = encode_reply(request.function_code, if is_refused { &MspAnswer::Error } else { answer });
-        if !is_refused && draw < answered_from + truncation_probability {
+        let answer_start = drop_probability + rejection_probability;
+        let is_error = draw < answer_start;
+        let mut bytes = encode_reply(request.function_code, if is_error { &MspAnswer::Error } else { answer });
+        if !is_error && draw < answer_start + truncation_probability {
             bytes.truncate((self.random.random_bits() % bytes.len() as u64) as usize);
-        } else if !is_refused && draw < answered_from + truncation_probability + delay_probability {
+        } else if !is_error && draw < answer_start + truncation_probability + delay_probability {
             self.held_bytes.append(&mut bytes);
             return;
         }

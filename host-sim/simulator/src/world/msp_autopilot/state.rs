@@ -3,9 +3,9 @@
 /// Simulated firmware.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MspFirmware {
-    /// ArduPilot: pitch nose up.
+    /// ArduPilot, whose pitch is positive nose up.
     ArduPilot,
-    /// INAV: pitch nose down.
+    /// INAV, whose pitch is positive nose down.
     Inav,
 }
 

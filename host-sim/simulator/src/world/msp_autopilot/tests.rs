@@ -16,7 +16,7 @@ const AUTOPILOT_STATE: AutopilotState = AutopilotState {
     body_rates_rad_s: [0.05, -0.07, 0.3],
     is_armed: true,
     position: Some((-33.9, 151.2, 20.0)),
-    // 2026-11-22, noon.
+    // Unix time of 2026-11-22, noon.
     unix_s: Some(1_795_348_800),
     current_a: Some(12.34),
 };
