@@ -253,7 +253,7 @@ fn two_power_cuts_in_a_row_lose_nothing() {
             }
         }
     }
-    // Every tested power cut interrupts a save, which has more operations than are tested.
+    // Every power cut takes effect, because a save has more operations than are tested.
     assert!(power_cuts >= 1_200, "{power_cuts} cuts");
 }
 

@@ -180,7 +180,7 @@ fn a_replayed_log_has_the_numbers_of_its_json() {
 #[test]
 fn a_log_report_shows_the_flown_path_and_attitude() {
     let mut world = WorldConfig::of_table1(1);
-    // The field model's value for the place.
+    // Inclination by the field model at the start position, degrees.
     world.earth.inclination_deg = 64.0;
     let mut recording = FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..record_turns(&world, 0.0) };
     for flight_sample in &mut recording.samples {

@@ -221,7 +221,7 @@ mod tests {
         assert_eq!(rates_found(&mean_rates), [0.5, 1.0, 2.0, 3.0, 3.5]);
     }
 
-    /// Steps of 1 s, one of 3 s and one of 3.1 s.
+    /// Of the steps between rows, 1 s each, one of 3 s is no gap, and one of 3.1 s is.
     #[test]
     fn rates_are_not_interpolated_across_a_gap() {
         let mean_rates =
