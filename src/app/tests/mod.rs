@@ -1,5 +1,6 @@
 //! Tests of the tasks in virtual time, with scripted and broken devices.
 
+mod can;
 mod devices;
 mod heading;
 mod panel;

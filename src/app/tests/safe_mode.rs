@@ -97,10 +97,14 @@ fn broken_devices_do_not_starve_the_watchdog() {
 
 /// CAN bus with one other node, the test, and the boot loader.
 #[derive(Clone, Default)]
-struct Bus {
+pub(super) struct Bus {
     received: Rc<RefCell<VecDeque<CanFrame>>>,
     sent: Rc<RefCell<Vec<CanFrame>>>,
     update: Rc<RefCell<Option<FirmwareUpdate>>>,
+    /// States of the termination, in order.
+    pub terminations: Rc<RefCell<Vec<bool>>>,
+    /// Errors of the bus, not read yet.
+    pub errors: Rc<Cell<u32>>,
 }
 
 impl ReceiveFrame for Bus {
@@ -115,13 +119,17 @@ impl ReceiveFrame for Bus {
     }
 
     fn take_error_count(&mut self) -> u32 {
-        0
+        self.errors.take()
     }
 }
 
 impl SendFrame for Bus {
     async fn send_frame(&mut self, frame: &CanFrame) {
         self.sent.borrow_mut().push(frame.clone());
+    }
+
+    fn set_termination(&mut self, is_on: bool) {
+        self.terminations.borrow_mut().push(is_on);
     }
 }
 
@@ -132,23 +140,14 @@ impl HandOver for Bus {
 }
 
 const UNIQUE_ID: [u8; 16] = [7; 16];
-const OWN: u8 = 42;
+pub(super) const OWN: u8 = 42;
 
 impl Bus {
     /// A module in safe mode with a number of the bus.
     fn with_node() -> (TaskBench, Self) {
         let (mut bench, ..) = with_safe_mode(Flash::new(PAGES));
         let bus = Self::default();
-        let module = bus.clone();
-        let info = NodeInfo {
-            node_name: "org.autoswing.test",
-            software_version: SoftwareVersion::of_this_firmware(None),
-            hardware_version: [1, 0],
-            unique_id: UNIQUE_ID,
-        };
-        bench.run("can", |links| async move {
-            can::run_can(&links, info, module.clone(), module.clone(), module, true).await;
-        });
+        bus.run_node(&mut bench, true);
         bus.put(DataType::ARMING_STATUS, &[0]);
         bench.ms(1_100);
         let is_anonymous = |frame: &CanFrame| FrameHeader::from_id(frame.frame_id()).unwrap().source_node.is_none();
@@ -158,8 +157,22 @@ impl Bus {
         (bench, bus)
     }
 
+    /// Runs the task of the bus.
+    pub(super) fn run_node(&self, bench: &mut TaskBench, is_safe_mode: bool) {
+        let module = self.clone();
+        let info = NodeInfo {
+            node_name: "org.autoswing.test",
+            software_version: SoftwareVersion::of_this_firmware(None),
+            hardware_version: [1, 0],
+            unique_id: UNIQUE_ID,
+        };
+        bench.run("can", move |links| async move {
+            can::run_can(&links, info, module.clone(), module.clone(), module, is_safe_mode).await;
+        });
+    }
+
     /// Puts a message, or a request to the module, on the bus.
-    fn put(&self, data_type: DataType, payload: &[u8]) {
+    pub(super) fn put(&self, data_type: DataType, payload: &[u8]) {
         let kind =
             if data_type.is_service { TransferKind::Request(NodeId::new(OWN).unwrap()) } else { TransferKind::Message };
         let payload = Payload::from_slice(payload).unwrap();
@@ -169,13 +182,13 @@ impl Bus {
     }
 
     /// Data of the sent frames of a type since the last call.
-    fn take_sent(&self, data_type: DataType) -> Vec<Vec<u8>> {
+    pub(super) fn take_sent(&self, data_type: DataType) -> Vec<Vec<u8>> {
         let is_of = |frame: &CanFrame| data_type.is_of(FrameHeader::from_id(frame.frame_id()).unwrap());
         self.sent.take().iter().filter(|frame| is_of(frame)).map(|frame| frame.data().to_vec()).collect()
     }
 }
 
-const RESTART: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];
+pub(super) const RESTART: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];
 
 /// Health ERROR, mode OPERATIONAL; reason 12, no field: docs/dronecan.md.
 #[test]

@@ -297,7 +297,7 @@ fn frames_from_peer(data_type: DataType, payload: &[u8]) -> Vec<CanFrame> {
     let checked = [&data_type.crc(payload).to_le_bytes()[..], payload].concat();
     let id = FrameHeader {
         priority: 24,
-        transfer_kind: TransferKind::Message,
+        transfer_kind: if data_type.is_service { TransferKind::Request(node(42)) } else { TransferKind::Message },
         type_id: data_type.type_id,
         source_node: Some(node(10)),
     };
@@ -434,6 +434,61 @@ fn a_flood_of_first_frames_does_not_stop_a_transfer_in_progress() {
             receiver.push_frame(Timestamp::from_us(number as u64 * 100 + 20), Some(node(42)), frame).is_some();
     }
     assert!(is_received);
+}
+
+/// Frames of one transfer, with a change that its CRC does not cover.
+#[test]
+fn frames_that_do_not_belong_together_are_no_transfer() {
+    let frames = piece_frames();
+    let changed = |number: usize, id, length, tail: u8| {
+        let data = [&frames[number].data()[..length], &[tail]].concat();
+        let mut changed = frames.clone();
+        changed[number] = CanFrame::new(id, &data).unwrap();
+        changed
+    };
+    let (id, tail) = (frames[2].frame_id(), frames[2].data()[7]);
+    assert!(receive_all(&changed(2, id, 7, tail)).0.is_some());
+    assert!(receive_all(&changed(2, id, 7, tail | 1)).0.is_none(), "of another transfer");
+    assert!(receive_all(&changed(2, id ^ 1 << 24, 7, tail)).0.is_some(), "another priority");
+    let anonymous = frames.iter().map(|frame| CanFrame::new(0x1800_0100, frame.data()).unwrap());
+    assert_eq!(receive_all(&anonymous.collect::<Vec<_>>()), (None, 7), "of no sender");
+    assert_eq!(receive_all(&frames_of(0x1804_4C0A, "FF E0")), (None, 1), "a toggle bit in a single frame");
+}
+
+/// Transfer of this many bytes, whose second frame has six instead of seven.
+#[test]
+fn a_short_frame_ends_a_transfer() {
+    let payload = [&[1, 84, 0, 0, 0, 0][..], &[7; 20]].concat();
+    let mut checked = [&DataType::TARGETTED.crc(&payload).to_le_bytes()[..], &payload].concat();
+    let mut parts: Vec<Vec<u8>> = Vec::new();
+    for length in [7, 6, 7, 7] {
+        parts.push(checked.drain(..length).collect());
+    }
+    parts.push(checked);
+    let frames: Vec<_> = parts
+        .iter()
+        .enumerate()
+        .map(|(number, part)| {
+            let tail = u8::from(number == 0) << 7 | u8::from(number == 4) << 6 | (number as u8 % 2) << 5;
+            CanFrame::new(0x180B_B90A, &[&part[..], &[tail]].concat()).unwrap()
+        })
+        .collect();
+    assert_eq!(receive_all(&frames).0, None);
+}
+
+/// Lengths at the limits of the definitions, and beyond.
+#[test]
+fn messages_beyond_their_limits_are_dropped() {
+    let bytes = |start: &[u8], length| [start, &vec![7; length]].concat();
+    for (data_type, longest, too_long) in [
+        (DataType::GET_SET, bytes(&[0, 0], 92), bytes(&[0, 0], 93)),
+        (DataType::GET_SET, bytes(&[0, 4, 20], 20), bytes(&[0, 4, 21], 20)),
+        (DataType::TARGETTED, bytes(&[1, 84, 0, 0, 0, 0], 120), bytes(&[1, 84, 0, 0, 0, 0], 121)),
+        (DataType::ALLOCATION, bytes(&[0], 16), bytes(&[0], 17)),
+    ] {
+        assert!(receive_all(&frames_from_peer(data_type, &longest)).0.is_some(), "{data_type:?}");
+        assert_eq!(receive_all(&frames_from_peer(data_type, &too_long)), (None, 1), "{data_type:?}");
+    }
 }
 
 /// A CRC of another signature is another layout.

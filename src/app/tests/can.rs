@@ -1,0 +1,92 @@
+//! Task of a CAN bus beside the other tasks.
+
+use super::TaskBench;
+use super::safe_mode::{Bus, OWN, RESTART};
+use crate::app::task_links::{AutopilotLine, publish_value};
+use crate::instrument::Estimate;
+use crate::messages::Message;
+use crate::settings::{CanSettings, PortNumber, ProtocolKind, Settings};
+use crate::time::Timestamp;
+use crate::wire::dronecan::DataType;
+
+fn publish_settings(bench: &TaskBench, is_terminated: bool) {
+    let can = CanSettings { node: OWN, is_terminated, ..CanSettings::DEFAULT };
+    let settings = Settings { can, ..Settings::DEFAULT };
+    publish_value(&bench.links.settings, settings);
+    publish_value(&bench.links.stored_settings, settings);
+}
+
+/// Publishes estimates every 12.5 ms for this time.
+fn stream(bench: &mut TaskBench, ms: u64) {
+    let end_us = bench.simulation.now_us() + ms * 1000;
+    while bench.simulation.now_us() < end_us {
+        let at = Timestamp::from_us(bench.simulation.now_us());
+        publish_value(&bench.links.estimates, Estimate { timestamp: at, ..Estimate::EMPTY });
+        bench.simulation.run_for(12_500);
+    }
+}
+
+fn with_node() -> (TaskBench, Bus) {
+    let (mut bench, bus) = (TaskBench::new(), Bus::default());
+    publish_settings(&bench, true);
+    bus.run_node(&mut bench, false);
+    bus.put(DataType::ARMING_STATUS, &[0]);
+    stream(&mut bench, 100);
+    bus.take_sent(DataType::NODE_STATUS);
+    (bench, bus)
+}
+
+#[test]
+fn the_termination_is_as_set() {
+    let (mut bench, bus) = with_node();
+    assert_eq!(bus.terminations.take(), [true]);
+    publish_settings(&bench, false);
+    stream(&mut bench, 50);
+    assert_eq!(bus.terminations.take(), [false]);
+}
+
+#[test]
+fn errors_of_the_bus_are_in_the_state_of_the_node() {
+    let (mut bench, bus) = with_node();
+    for _ in 0..2 {
+        bus.errors.set(3);
+        stream(&mut bench, 50);
+    }
+    assert_eq!(bench.links.can_state().unwrap().frame_counts.bus_errors, 6);
+}
+
+/// A request is answered at once, without a reading of the sensor.
+#[test]
+fn requests_do_not_wait_for_an_estimate() {
+    let (mut bench, bus) = with_node();
+    bus.put(DataType::GET_NODE_INFO, &[]);
+    bench.ms(5);
+    assert!(!bus.take_sent(DataType::GET_NODE_INFO).is_empty());
+}
+
+/// An autopilot on a port, or a node of the bus, reports that the vehicle is armed.
+#[test]
+fn armed_states_of_ports_and_bus_count_for_each_other() {
+    let (mut bench, bus) = with_node();
+    let port = AutopilotLine::Port(PortNumber::One);
+    bench.links.update_line_state(port, ProtocolKind::Mavlink, Some(true));
+    bus.put(DataType::RESTART_NODE, &RESTART);
+    stream(&mut bench, 50);
+    assert_eq!(bus.take_sent(DataType::RESTART_NODE)[0][0], 0);
+    bench.links.update_line_state(port, ProtocolKind::Mavlink, None);
+    assert_eq!(bench.links.is_armed(), Some(false));
+    bus.put(DataType::ARMING_STATUS, &[255]);
+    stream(&mut bench, 50);
+    assert_eq!(bench.links.is_armed(), Some(true));
+}
+
+#[test]
+fn messages_of_the_module_are_texts() {
+    let (mut bench, bus) = with_node();
+    bench.links.broadcast_message(&Message::InstallationRestored);
+    stream(&mut bench, 500);
+    let text: Vec<u8> =
+        bus.take_sent(DataType::LOG_MESSAGE).iter().flat_map(|data| data[..data.len() - 1].to_vec()).collect();
+    let text = String::from_utf8_lossy(&text);
+    assert!(text.ends_with(&Message::InstallationRestored.to_string()), "{text}");
+}
