@@ -214,8 +214,8 @@ fn only_a_better_candidate_is_accepted() {
     let evaluate_with_b_ut =
         |b_ut| evaluate(ENOUGH_HELD_BACK, &candidate(b_ut, quality(0.5)), &active_calibration(1.0, 0.5));
     assert!(evaluate_with_b_ut(0.99).is_ok());
-    for worse in [1.0, 1.01, f32::NAN] {
-        let Err(Rejection::NotBetter { candidate, incumbent }) = evaluate_with_b_ut(worse) else { panic!("{worse}") };
+    for b_ut in [1.0, 1.01, f32::NAN] {
+        let Err(Rejection::NotBetter { candidate, incumbent }) = evaluate_with_b_ut(b_ut) else { panic!("{b_ut}") };
         assert!(candidate.is_nan() || candidate >= incumbent, "{candidate} {incumbent}");
     }
 }

@@ -117,13 +117,13 @@ mod tests {
         let clean = samples(0.0, 0.0);
         let held_back = Parts { right: &clean, ..Parts::default() }.samples();
         let none = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
-        let moved = Calibration { b_ut: [3.0, 0.0, 0.0], ..none };
+        let shifted = Calibration { b_ut: [3.0, 0.0, 0.0], ..none };
         let HeldBackScores { candidate_score: candidate, active_score: incumbent } =
-            score_held_back(held_back, true, &moved, &none);
+            score_held_back(held_back, true, &shifted, &none);
         // 3 uT of 50 are 6 %, many times the scale.
         assert!(candidate > 3.0 && incumbent < 1e-2, "{candidate} {incumbent}");
         let HeldBackScores { candidate_score: candidate, active_score: incumbent } =
-            score_held_back(held_back, true, &none, &moved);
+            score_held_back(held_back, true, &none, &shifted);
         assert!(incumbent > 3.0 && candidate < 1e-2, "{candidate} {incumbent}");
     }
 

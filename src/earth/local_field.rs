@@ -150,32 +150,32 @@ mod tests {
     #[test]
     fn position_and_date_give_a_field() {
         let (position_at, day) = (position_at(51.1, 13.7), day(20_779));
-        let mut here = LocalField::UNKNOWN;
-        here.update_position(LATER, position_at, PositionContext::default());
+        let mut local_field = LocalField::UNKNOWN;
+        local_field.update_position(LATER, position_at, PositionContext::default());
         assert_eq!(
-            (here.model_position(), here.date(), here.model_field(), here.validity()),
+            (local_field.model_position(), local_field.date(), local_field.model_field(), local_field.validity()),
             (Some(position_at), None, None, None)
         );
-        here.set_date(day);
-        assert_eq!(here.model_field(), EarthField::from_model(position_at, day).as_ref());
-        assert!(here.model_field().is_some());
+        local_field.set_date(day);
+        assert_eq!(local_field.model_field(), EarthField::from_model(position_at, day).as_ref());
+        assert!(local_field.model_field().is_some());
         let mut other = LocalField::UNKNOWN;
         other.set_date(day);
         assert_eq!((other.model_field(), other.validity()), (None, Some(ModelValidity::Valid)));
         other.update_position(LATER, position_at, PositionContext::default());
-        assert_eq!(other, here);
+        assert_eq!(other, local_field);
     }
 
     /// The date changes at midnight, or because the first date was wrong.
     #[test]
     fn the_field_follows_the_date() {
         let position_at = position_at(51.1, 13.7);
-        let mut here = LocalField::UNKNOWN;
-        here.update_position(LATER, position_at, PositionContext::default());
+        let mut local_field = LocalField::UNKNOWN;
+        local_field.update_position(LATER, position_at, PositionContext::default());
         for days in [20_000, 20_779, 20_780, 21_000] {
-            here.set_date(day(days));
+            local_field.set_date(day(days));
             assert_eq!(
-                (here.date(), here.model_field()),
+                (local_field.date(), local_field.model_field()),
                 (Some(day(days)), EarthField::from_model(position_at, day(days)).as_ref())
             );
         }
@@ -194,22 +194,26 @@ mod tests {
             (51.1, 13.679, false),
             (51.1, -13.7, false),
         ] {
-            let mut here = LocalField { date: Some(day(20_779)), ..LocalField::UNKNOWN };
-            here.update_position(LATER, start, PositionContext::default());
-            let before = here;
-            here.update_position(
+            let mut local_field = LocalField { date: Some(day(20_779)), ..LocalField::UNKNOWN };
+            local_field.update_position(LATER, start, PositionContext::default());
+            let before = local_field;
+            local_field.update_position(
                 LATER.plus_ms(12 * 3_600_000),
                 position_at(latitude_deg, longitude_deg),
                 PositionContext::default(),
             );
-            assert_eq!(here.model_field() == before.model_field(), is_same, "{latitude_deg} {longitude_deg}");
+            assert_eq!(local_field.model_field() == before.model_field(), is_same, "{latitude_deg} {longitude_deg}");
         }
-        let mut here = LocalField::UNKNOWN;
+        let mut local_field = LocalField::UNKNOWN;
         for step in 0..10_u8 {
             let at = LATER.plus_ms(10_000 * u32::from(step));
-            here.update_position(at, position_at(51.1 + 0.015 * f32::from(step), 13.7), PositionContext::default());
+            local_field.update_position(
+                at,
+                position_at(51.1 + 0.015 * f32::from(step), 13.7),
+                PositionContext::default(),
+            );
         }
-        assert!((here.model_position().unwrap().latitude_deg - 51.22).abs() < 0.001, "{here:?}");
+        assert!((local_field.model_position().unwrap().latitude_deg - 51.22).abs() < 0.001, "{local_field:?}");
     }
 
     /// Bavaria; in Greenland the inclination differs by 15 deg, at the same latitude in Canada by 5 deg.
@@ -219,15 +223,15 @@ mod tests {
 
     /// Reports one position each second for 30 s, long after the last one from Bavaria; returns whether it is accepted.
     fn is_accepted([latitude_deg, longitude_deg]: [f32; 2], after_ms: u32, context: PositionContext) -> bool {
-        let mut here = LocalField { date: Some(day(20_779)), ..LocalField::UNKNOWN };
-        here.update_position(LATER, position_at(BAVARIA[0], BAVARIA[1]), context);
-        let before = here.model_field().copied();
+        let mut local_field = LocalField { date: Some(day(20_779)), ..LocalField::UNKNOWN };
+        local_field.update_position(LATER, position_at(BAVARIA[0], BAVARIA[1]), context);
+        let before = local_field.model_field().copied();
         assert!(before.is_some());
         for second in 0..30 {
             let at = LATER.plus_ms(after_ms + 1000 * second);
-            here.update_position(at, position_at(latitude_deg, longitude_deg), context);
+            local_field.update_position(at, position_at(latitude_deg, longitude_deg), context);
         }
-        here.model_field().copied() != before
+        local_field.model_field().copied() != before
     }
 
     /// 6,200 km in ten hours are 170 m/s, in four hours 430 m/s.
@@ -244,10 +248,10 @@ mod tests {
         let context = PositionContext { is_disarmed: true, ..PositionContext::default() };
         assert!(is_accepted(CANADA, 1000, context) && is_accepted(GREENLAND, 1000, context));
         // A single jump, and the return from it.
-        let mut here = LocalField::UNKNOWN;
+        let mut local_field = LocalField::UNKNOWN;
         for [latitude_deg, longitude_deg] in [BAVARIA, GREENLAND, BAVARIA] {
-            here.update_position(LATER, position_at(latitude_deg, longitude_deg), context);
-            assert_eq!(here.model_position(), Some(position_at(BAVARIA[0], BAVARIA[1])));
+            local_field.update_position(LATER, position_at(latitude_deg, longitude_deg), context);
+            assert_eq!(local_field.model_position(), Some(position_at(BAVARIA[0], BAVARIA[1])));
         }
     }
 
@@ -256,9 +260,9 @@ mod tests {
         for (latitude_deg, longitude_deg, is_none) in
             [(0.000_3, -0.009, true), (0.000_3, 0.02, false), (-0.02, 0.0, false)]
         {
-            let mut here = LocalField::UNKNOWN;
-            here.update_position(LATER, position_at(latitude_deg, longitude_deg), PositionContext::default());
-            assert_eq!(here.model_position().is_none(), is_none, "{latitude_deg} {longitude_deg}");
+            let mut local_field = LocalField::UNKNOWN;
+            local_field.update_position(LATER, position_at(latitude_deg, longitude_deg), PositionContext::default());
+            assert_eq!(local_field.model_position().is_none(), is_none, "{latitude_deg} {longitude_deg}");
         }
     }
 
@@ -277,13 +281,13 @@ mod tests {
             for column in 0..90_u8 {
                 let at = position_at(f32::from(row) - 84.5, 4.0 * f32::from(column) - 179.5);
                 let field = |position_at| EarthField::from_model(position_at, day(20_779)).unwrap();
-                let here = field(at);
-                let Some(declination_deg) = here.declination_deg else { continue };
-                let horizontal_ut = here.total_ut * here.inclination_deg.to_radians().cos();
+                let field_here = field(at);
+                let Some(declination_deg) = field_here.declination_deg else { continue };
+                let horizontal_ut = field_here.total_ut * field_here.inclination_deg.to_radians().cos();
                 let sigma_deg = 0.26_f32.hypot(5.417 / horizontal_ut);
                 for (north_deg, east_deg) in [(0.02, 0.0), (0.0, 0.02), (0.02, 0.02), (0.02, -0.02)] {
-                    let moved = field(position_at(at.latitude_deg + north_deg, at.longitude_deg + east_deg));
-                    let Some(moved_deg) = moved.declination_deg else { continue };
+                    let field_there = field(position_at(at.latitude_deg + north_deg, at.longitude_deg + east_deg));
+                    let Some(moved_deg) = field_there.declination_deg else { continue };
                     let change_deg = moved_deg - declination_deg;
                     let change_deg = change_deg - 360.0 * (change_deg / 360.0).round();
                     worst = worst.max(change_deg.abs() / sigma_deg);

@@ -63,12 +63,12 @@ fn a_field_strength_off_by_over_20_percent_is_rejected() {
 
 #[test]
 fn a_field_inclination_off_by_over_12_deg_is_rejected() {
-    for (off_deg, expected) in [(0.0, true), (11.9, true), (12.1, false), (-11.9, true), (-12.1, false)] {
+    for (deviation_deg, expected) in [(0.0, true), (11.9, true), (12.1, false), (-11.9, true), (-12.1, false)] {
         for (roll_deg, pitch_deg) in ATTITUDES_DEG {
             let attitude = Attitude::from_deg(roll_deg, pitch_deg);
-            let inclination_rad = 1.0 + f32::to_radians(off_deg);
+            let inclination_rad = 1.0 + f32::to_radians(deviation_deg);
             let found = is_accepted(HeadingLimits::DEFAULT, 50.0, inclination_rad, attitude);
-            assert_eq!(found, expected, "{off_deg} deg {attitude:?}");
+            assert_eq!(found, expected, "{deviation_deg} deg {attitude:?}");
         }
     }
     assert!(!is_accepted(HeadingLimits::DEFAULT, 50.0, -1.0, Attitude::default()));

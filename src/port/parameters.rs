@@ -355,7 +355,9 @@ mod tests {
 
     #[test]
     fn every_setting_is_a_parameter_with_a_short_unique_name() {
-        let changes = PARAMETERS.iter().filter_map(|one| one.setting_change(&Settings::DEFAULT, extremes(one)[0]));
+        let changes = PARAMETERS
+            .iter()
+            .filter_map(|parameter| parameter.setting_change(&Settings::DEFAULT, extremes(parameter)[0]));
         assert_eq!(changes.map(variant).collect::<BTreeSet<_>>(), (0..21).collect());
         let names: BTreeSet<&str> = PARAMETERS.iter().map(|parameter| parameter.parameter_name).collect();
         assert_eq!(names.len(), PARAMETERS.len());

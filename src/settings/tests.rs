@@ -191,7 +191,7 @@ fn alignment_is_limited_to_180_deg() {
 #[test]
 fn solves_use_mounting_inclination_and_the_attitude_s_error() {
     let none = Orientation::IDENTITY_ROTATION;
-    for (setting, used) in [
+    for (setting, is_used) in [
         (SettingChange::Mount(none), true),
         (SettingChange::Inclination(None), true),
         (attitude_error(0.2, 1.0), true),
@@ -212,6 +212,6 @@ fn solves_use_mounting_inclination_and_the_attitude_s_error() {
         (SettingChange::CanTermination(true), false),
         (sensor_error(2.0, 1.0), false),
     ] {
-        assert_eq!(setting.is_used_by_solves(), used, "{setting:?}");
+        assert_eq!(setting.is_used_by_solves(), is_used, "{setting:?}");
     }
 }

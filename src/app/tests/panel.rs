@@ -41,25 +41,25 @@ impl Panel for Post {
 }
 
 fn with_panel() -> (TaskBench, Post) {
-    let (mut bench, post) = (TaskBench::new(), Post::default());
-    let seen = post.clone();
-    bench.run("panel", |links| async move { panel::run_panel(&links, seen).await });
-    (bench, post)
+    let (mut bench, fake_panel) = (TaskBench::new(), Post::default());
+    let fake_panel_clone = fake_panel.clone();
+    bench.run("panel", |links| async move { panel::run_panel(&links, fake_panel_clone).await });
+    (bench, fake_panel)
 }
 
 /// Share of time with the lamp lit, percent, and changes a second, over two periods.
 fn shown(indicator_state: Option<IndicatorState>, heading: NoHeading, attitude: Option<Attitude>) -> (u64, u64) {
-    let (mut bench, post) = with_panel();
+    let (mut bench, fake_panel) = with_panel();
     if let Some(indicator_state) = indicator_state {
         publish_value(&bench.links.indicator_state, indicator_state);
         publish_value(&bench.links.estimates, Estimate { attitude, heading: Err(heading), ..Estimate::EMPTY });
     }
     let begin = Instant::now().as_millis();
     bench.ms(4_000);
-    let lamp = post.lamp.borrow();
+    let lamp = fake_panel.lamp.borrow();
     let ends = lamp.iter().skip(1).map(|&(at, _)| at).chain([begin + 4_000]);
-    let lit: u64 = lamp.iter().zip(ends).filter(|((_, on), _)| *on).map(|(&(at, _), end)| end - at).sum();
-    (lit / 40, lamp.len() as u64 / 4)
+    let lit_ms: u64 = lamp.iter().zip(ends).filter(|((_, on), _)| *on).map(|(&(at, _), end)| end - at).sum();
+    (lit_ms / 40, lamp.len() as u64 / 4)
 }
 
 /// Every state has its own pattern, and every pattern changes.
@@ -68,17 +68,17 @@ fn each_indicator_state_has_its_own_lamp_pattern() {
     let flying = Some(Attitude::default());
     let shown_uncalibrated = |indicator_state| shown(Some(indicator_state), NoHeading::Uncalibrated, flying);
     // Polling every 50 ms leaves the last period incomplete.
-    for (indicator_state, lit) in [(IndicatorState::Idle, 5), (IndicatorState::Calibrated, 95)] {
+    for (indicator_state, lit_percent) in [(IndicatorState::Idle, 5), (IndicatorState::Calibrated, 95)] {
         let (found, changes) = shown_uncalibrated(indicator_state);
-        assert!(found.abs_diff(lit) <= 2 && changes == 1, "{indicator_state:?} {found} {changes}");
+        assert!(found.abs_diff(lit_percent) <= 2 && changes == 1, "{indicator_state:?} {found} {changes}");
     }
-    for (percent, lit) in [(0, 10), (10, 10), (40, 40), (90, 90), (100, 90)] {
+    for (percent, lit_percent) in [(0, 10), (10, 10), (40, 40), (90, 90), (100, 90)] {
         let (found, changes) = shown_uncalibrated(IndicatorState::Collecting(percent));
-        assert!(found.abs_diff(lit) <= 2, "{percent} {found}");
+        assert!(found.abs_diff(lit_percent) <= 2, "{percent} {found}");
         assert_eq!(changes, 2);
     }
-    let (lit, changes) = shown_uncalibrated(IndicatorState::Refused);
-    assert!(lit.abs_diff(50) <= 2 && changes >= 9, "{lit} {changes}");
+    let (lit_percent, changes) = shown_uncalibrated(IndicatorState::Refused);
+    assert!(lit_percent.abs_diff(50) <= 2 && changes >= 9, "{lit_percent} {changes}");
 }
 
 /// Nothing known yet, no sensor, no attitude, an implausible field. A tumble has no attitude and is no fault.
@@ -100,13 +100,13 @@ fn every_cause_of_a_missing_heading_shows_the_fault_pattern() {
 /// The button is held for just less and just more than two seconds; a longer hold starts no second collection.
 #[test]
 fn the_button_acts_after_two_seconds() {
-    let (mut bench, post) = with_panel();
-    let held = (CommandSource::Button, Command::CalStart(Procedure::Flight));
+    let (mut bench, fake_panel) = with_panel();
+    let start_command = (CommandSource::Button, Command::CalStart(Procedure::Flight));
     for (ms, is_pressed) in [(1_900, false), (2_060, true), (10_000, true)] {
-        post.is_down.set(true);
+        fake_panel.is_down.set(true);
         bench.ms(ms);
-        assert_eq!(bench.links.commands.try_receive() == Ok(held), is_pressed, "{ms}");
-        post.is_down.set(false);
+        assert_eq!(bench.links.commands.try_receive() == Ok(start_command), is_pressed, "{ms}");
+        fake_panel.is_down.set(false);
         bench.ms(3_000);
         assert!(bench.links.commands.try_receive().is_err(), "{ms}");
     }
@@ -115,7 +115,7 @@ fn the_button_acts_after_two_seconds() {
 /// The button's `cal start` has no reply; the console receives only the replies to its own commands.
 #[test]
 fn the_button_begins_a_collection() {
-    let (mut bench, post) = with_panel();
+    let (mut bench, fake_panel) = with_panel();
     bench.run("compass", |links| async move {
         Box::pin(compass::run_compass(
             &links,
@@ -130,7 +130,7 @@ fn the_button_begins_a_collection() {
     );
     bench.ms(10);
     assert_eq!(bench.links.indicator_state.try_get(), Some(IndicatorState::Idle));
-    post.is_down.set(true);
+    fake_panel.is_down.set(true);
     bench.ms(2_100);
     assert_eq!(bench.links.indicator_state.try_get(), Some(IndicatorState::Collecting(0)));
     assert!(bench.links.replies.try_receive().is_err(), "nobody asked");

@@ -91,10 +91,12 @@ fn attitude_of_other_senders_is_counted_and_dropped() {
     let (mut bench, line) = with_line();
     line.put(&frame(0.1));
     bench.ms(1);
-    let theirs = ATTITUDE_DATA { roll: 0.2, ..Default::default() };
+    let other_attitude = ATTITUDE_DATA { roll: 0.2, ..Default::default() };
     let heartbeat =
         HEARTBEAT_DATA { autopilot: MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA, ..HEARTBEAT_DATA::default() };
-    line.put(&[frame_of(2, &theirs), frame_of(2, &heartbeat), frame(0.3), frame_of(2, &theirs)].concat());
+    line.put(
+        &[frame_of(2, &other_attitude), frame_of(2, &heartbeat), frame(0.3), frame_of(2, &other_attitude)].concat(),
+    );
     bench.ms(1);
     assert_eq!(rolls(&bench), [0.1, 0.2]);
     let counts = bench.links.event_counts();

@@ -63,12 +63,12 @@ fn a_changed_sensor_configuration_is_restored_within_1_s() {
 
 #[test]
 fn a_sensor_that_fails_its_verification_is_lost() {
-    for mood in [DeviceBehaviour::Fails, DeviceBehaviour::Hangs] {
+    for behaviour in [DeviceBehaviour::Fails, DeviceBehaviour::Hangs] {
         let (mut bench, chip) = bench();
-        chip.verify.set(mood);
+        chip.verify.set(behaviour);
         bench.ms(1_450);
         let counts = bench.links.event_counts();
-        assert_eq!((counts.sensor_upsets, counts.sensor_errors), (0, 1), "{mood:?}");
+        assert_eq!((counts.sensor_upsets, counts.sensor_errors), (0, 1), "{behaviour:?}");
         assert_eq!(bench.links.heartbeat_counts()[0], counts.readings + 1);
     }
 }

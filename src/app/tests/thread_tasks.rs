@@ -426,12 +426,12 @@ fn the_oldest_message_is_dropped_from_a_full_queue() {
 #[test]
 fn line_errors_do_not_stop_the_console() {
     let (mut bench, line, port, _) = with_console();
-    for mood in [DeviceBehaviour::Fails, DeviceBehaviour::Ends] {
-        line.mood.set(mood);
+    for behaviour in [DeviceBehaviour::Fails, DeviceBehaviour::Ends] {
+        line.mood.set(behaviour);
         let before = line.reads.get();
         bench.ms(10);
         let reads = line.reads.get() - before;
-        assert!((40..=60).contains(&reads), "{mood:?} {reads}: a pause of 0.2 ms after each");
+        assert!((40..=60).contains(&reads), "{behaviour:?} {reads}: a pause of 0.2 ms after each");
     }
     line.mood.set(DeviceBehaviour::Works);
     port.mood.set(DeviceBehaviour::Hangs);

@@ -68,10 +68,10 @@ fn the_watchdog_is_not_fed_after_any_task_stops() {
     for silent in 0..MAX_HEARTBEATS {
         let (mut bench, watchdog_timer) = with_silent(Some(silent));
         bench.ms(1_450);
-        let fed = watchdog_timer.0.get();
-        assert_eq!(fed, 2, "task {silent}");
+        let feeds = watchdog_timer.0.get();
+        assert_eq!(feeds, 2, "task {silent}");
         bench.ms(10_000);
-        assert_eq!(watchdog_timer.0.get(), fed, "task {silent}");
+        assert_eq!(watchdog_timer.0.get(), feeds, "task {silent}");
     }
 }
 

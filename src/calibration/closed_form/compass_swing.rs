@@ -138,11 +138,15 @@ mod tests {
             assert!((found_deg - inclination_deg).abs() < 0.01, "{inclination_deg}: {found_deg}");
             assert_found(&tried, inclination_deg);
         }
-        for told_deg in [52.5_f32, -67.0] {
-            let told =
-                solve_compass_swing(&marks(told_deg, 20.0), &Matrix3::identity(), Some(told_deg.to_radians())).unwrap();
-            assert!((told.tan_inclination - told_deg.to_radians().tan()).abs() < 1e-5);
-            assert_found(&told, told_deg);
+        for configured_deg in [52.5_f32, -67.0] {
+            let configured = solve_compass_swing(
+                &marks(configured_deg, 20.0),
+                &Matrix3::identity(),
+                Some(configured_deg.to_radians()),
+            )
+            .unwrap();
+            assert!((configured.tan_inclination - configured_deg.to_radians().tan()).abs() < 1e-5);
+            assert_found(&configured, configured_deg);
         }
     }
 

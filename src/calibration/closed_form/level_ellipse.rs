@@ -211,14 +211,14 @@ mod tests {
         assert!(solved(&samples_at(&evenly_spaced_deg(24), 6.1 / 24.25)).is_ok());
         let refused = solved(&samples_at(&evenly_spaced_deg(24), 5.9 / 24.25)).map(|_| ());
         assert_eq!(refused, Err(SolveError::NotAnEllipse(SamplePart::Level)));
-        let held = solved(&samples_at(&[30.0; 24], 1.0)).map(|_| ());
-        assert_eq!(held, Err(SolveError::NotAnEllipse(SamplePart::Level)));
+        let at_constant_heading = solved(&samples_at(&[30.0; 24], 1.0)).map(|_| ());
+        assert_eq!(at_constant_heading, Err(SolveError::NotAnEllipse(SamplePart::Level)));
     }
 
     #[test]
     fn five_headings_are_enough_and_four_are_not() {
         let legs = |headings_deg: &[f32]| -> Vec<f32> {
-            headings_deg.iter().flat_map(|heading| [-2.0, 0.0, 2.0].map(|off| heading + off)).collect()
+            headings_deg.iter().flat_map(|heading| [-2.0, 0.0, 2.0].map(|offset_deg| heading + offset_deg)).collect()
         };
         assert!(solved(&samples_at(&legs(&[7.0, 80.0, 150.0, 220.0, 295.0]), 1.0)).is_ok());
         let missing = |have| Err(SolveError::TooFewHeadings { have, need: 5 });
@@ -248,12 +248,12 @@ mod tests {
 
     #[test]
     fn implausible_vertical_axis_is_rejected() {
-        let with = |z: f32| -> Vec<Sample> {
+        let samples_with_z = |z: f32| -> Vec<Sample> {
             let shifted =
                 |sample: Sample| Sample { field: Field::from_ut(sample.field.ut.x, sample.field.ut.y, z), ..sample };
             samples_at(&evenly_spaced_deg(24), 1.0).into_iter().map(shifted).collect()
         };
-        assert!(solved(&with(24_000.0)).is_ok());
-        assert_eq!(solved(&with(24_500.0)).map(|_| ()), Err(SolveError::NotAnEllipse(SamplePart::Level)));
+        assert!(solved(&samples_with_z(24_000.0)).is_ok());
+        assert_eq!(solved(&samples_with_z(24_500.0)).map(|_| ()), Err(SolveError::NotAnEllipse(SamplePart::Level)));
     }
 }

@@ -117,8 +117,8 @@ mod tests {
             let fields: Vec<_> =
                 axes.iter().zip(lengths).flat_map(|(axis, length)| [axis * length, -axis * length]).collect();
             let plane = through(&fields, &Matrix3::identity()).unwrap();
-            let least = (0..3).min_by(|&a, &b| f32::total_cmp(&lengths[a], &lengths[b])).unwrap();
-            assert!((plane.normal.dot(&axes[least]).abs() - 1.0).abs() < 1e-5, "{lengths:?} {}", plane.normal);
+            let shortest_axis = (0..3).min_by(|&a, &b| f32::total_cmp(&lengths[a], &lengths[b])).unwrap();
+            assert!((plane.normal.dot(&axes[shortest_axis]).abs() - 1.0).abs() < 1e-5, "{lengths:?} {}", plane.normal);
             let [x, y] = plane.plane_axes;
             assert!((x.cross(&y) - plane.normal).norm() < 1e-5);
         }

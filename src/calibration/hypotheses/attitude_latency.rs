@@ -154,9 +154,12 @@ mod tests {
         for residual in [0.01, 0.01, 0.0, 0.0, 0.01, 0.01, 0.0] {
             evidence.add(1, &dip(1e4, residual), 0.5);
         }
-        let own = 7.0 * 2500.0;
+        let sample_information = 7.0 * 2500.0;
         let found = evidence.estimate(0.0, 0.0, 0.0).unwrap();
-        assert!(close(found.sigma_s, f32::sqrt(own * 3.0 + 100.0) / (own + 100.0)), "{found:?}");
+        assert!(
+            close(found.sigma_s, f32::sqrt(sample_information * 3.0 + 100.0) / (sample_information + 100.0)),
+            "{found:?}"
+        );
     }
 
     #[test]
@@ -173,7 +176,7 @@ mod tests {
     #[test]
     fn only_certain_and_significant_latencies_are_applied() {
         for sign in [1.0, -1.0] {
-            for (found_s, sigma_s, at_first, then) in [
+            for (found_s, sigma_s, at_first, later) in [
                 (0.1, 0.0149, true, true),
                 (0.1, 0.0151, true, false),
                 (0.1, 0.0299, true, false),
@@ -184,7 +187,7 @@ mod tests {
             ] {
                 let latency = AttitudeLatency { estimate_s: sign * found_s, sigma_s };
                 assert_eq!(latency.next_latency_s(0.0, 0), at_first.then_some(sign * found_s), "{latency:?}");
-                assert_eq!(latency.next_latency_s(sign * found_s, 1), (!then).then_some(0.0), "{latency:?}");
+                assert_eq!(latency.next_latency_s(sign * found_s, 1), (!later).then_some(0.0), "{latency:?}");
                 assert_eq!((latency.next_latency_s(0.0, 1), latency.next_latency_s(0.0, 2)), (None, None));
             }
         }

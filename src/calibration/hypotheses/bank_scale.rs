@@ -201,9 +201,9 @@ mod tests {
         inflation: f32,
     ) -> Option<BankScaleEstimate> {
         let [mut roll, mut bank] = [(); 2].map(|()| ScoreTest::zero());
-        for (dip, [by_roll, by_bank]) in evidence {
-            roll.add_weighted_equation(dip, &Vector1::new(*by_roll), 1.0);
-            bank.add_weighted_equation(dip, &Vector1::new(*by_bank), 1.0);
+        for (equation, [by_roll, by_bank]) in evidence {
+            roll.add_weighted_equation(equation, &Vector1::new(*by_roll), 1.0);
+            bank.add_weighted_equation(equation, &Vector1::new(*by_bank), 1.0);
         }
         let score = EfficientScore {
             nuisance_columns: [Vector13::zeros()],
@@ -219,9 +219,12 @@ mod tests {
         let (information, gradient) = (100.0 * 4.0 + 50.0 * 9.0, 100.0 * 2.0 * 0.3 + 50.0 * 3.0 * 0.2);
         let noise = (100.0 * 0.25 + 50.0) * 0.04;
         let found = estimate(&evidence, 150.0, 7.0, 0.2, 1.5).unwrap();
-        let own = information - 150.0 - noise;
-        assert!(close(found.missing_bank, (gradient - 7.0 + noise) / own), "{found:?}");
-        assert!(close(found.variance, (information - 150.0) * 1.5 / (own * own)), "{found:?}");
+        let bank_information = information - 150.0 - noise;
+        assert!(close(found.missing_bank, (gradient - 7.0 + noise) / bank_information), "{found:?}");
+        assert!(
+            close(found.variance, (information - 150.0) * 1.5 / (bank_information * bank_information)),
+            "{found:?}"
+        );
         assert!(close(found.finding(0.0).unwrap().estimate, found.missing_bank));
     }
 
@@ -250,12 +253,12 @@ mod tests {
     /// Estimate and allowance together have a variance of 5e-4; the threshold is three times that.
     #[test]
     fn errors_above_the_threshold_are_allowed_for() {
-        for (square, beyond) in [(14.9e-4, 0.0), (15.1e-4, 0.2e-4), (20e-4, 10e-4), (29e-4, 28e-4), (31e-4, 31e-4)] {
+        for (square, excess) in [(14.9e-4, 0.0), (15.1e-4, 0.2e-4), (20e-4, 10e-4), (29e-4, 28e-4), (31e-4, 31e-4)] {
             for missing in [f32::sqrt(square), -f32::sqrt(square)] {
                 let found = scale(missing, 0.02);
-                assert!((found.excess_square(0.01) - beyond).abs() < 1e-7, "{missing}: {}", found.excess_square(0.01));
+                assert!((found.excess_square(0.01) - excess).abs() < 1e-7, "{missing}: {}", found.excess_square(0.01));
                 let error = found.finding(0.01);
-                assert_eq!(error.is_some(), beyond > 0.0, "{missing}");
+                assert_eq!(error.is_some(), excess > 0.0, "{missing}");
                 if let Some(AttitudeErrorFinding { estimate, significance_sigmas: sigmas, .. }) = error {
                     assert!(close(estimate, missing) && close(sigmas, (square / 5e-4).sqrt()));
                 }
@@ -265,9 +268,10 @@ mod tests {
 
     #[test]
     fn uncertain_estimate_is_rejected() {
-        let of = |missing, sigma| scale(missing, sigma).with_cluster_variance(ClusterVariance::default()).is_some();
-        assert!(of(0.1, 0.049) && !of(0.1, 0.051) && !of(-0.1, 0.051));
-        assert!(!of(0.34, 0.1) && of(0.36, 0.1) && of(-0.36, 0.1));
+        let is_accepted =
+            |missing, sigma| scale(missing, sigma).with_cluster_variance(ClusterVariance::default()).is_some();
+        assert!(is_accepted(0.1, 0.049) && !is_accepted(0.1, 0.051) && !is_accepted(-0.1, 0.051));
+        assert!(!is_accepted(0.34, 0.1) && is_accepted(0.36, 0.1) && is_accepted(-0.36, 0.1));
     }
 
     fn clusters(contributions: impl Iterator<Item = (usize, f32)>) -> ClusterVariance {

@@ -239,27 +239,27 @@ mod tests {
     /// The condition of the information is 10^7, too large for normal equations in `f32`.
     #[test]
     fn nearly_parallel_equations_keep_their_digits() {
-        let truth = Vector3::new(2.0, -3.0, 0.5);
+        let true_unknowns = Vector3::new(2.0, -3.0, 0.5);
         let rows = [[1.0, 1.0, 0.2], [1.0, 1.001, -0.4], [1.001, 1.0, 0.9], [0.3, 0.3, 1.0], [1.0, 1.0, -1.0]];
         let mut system = LeastSquares::<3, 1>::new();
         for row in rows.map(Vector3::from) {
             // In `f64`, so that the equations are consistent to the last digit of `f32`.
-            system.add_weighted_row(&row, [row.cast::<f64>().dot(&truth.cast()) as f32], 1e6);
+            system.add_weighted_row(&row, [row.cast::<f64>().dot(&true_unknowns.cast()) as f32], 1e6);
         }
-        let error = (system.solve().unwrap() - truth).norm();
+        let error = (system.solve().unwrap() - true_unknowns).norm();
         assert!(error < 5e-3, "{error}");
     }
 
     #[test]
     fn a_tiny_first_pivot_costs_no_precision() {
-        let truth = Vector3::new(2.0, -3.0, 0.5);
+        let true_unknowns = Vector3::new(2.0, -3.0, 0.5);
         for tiny in [1e-15, 1e-8, 1e-4, 0.1] {
             let rows = [[tiny, 1.0, 0.2], [1.0, 0.5, -0.4], [0.7, 1.0, 0.9]].map(Vector3::from);
             let mut system = LeastSquares::<3, 1>::new();
             for row in rows {
-                system.add_weighted_row(&row, [row.dot(&truth)], 1.0);
+                system.add_weighted_row(&row, [row.dot(&true_unknowns)], 1.0);
             }
-            let error = (system.solve().unwrap() - truth).norm();
+            let error = (system.solve().unwrap() - true_unknowns).norm();
             assert!(error < 1e-5, "{tiny}: {error}");
         }
     }
@@ -319,14 +319,14 @@ mod tests {
     #[test]
     fn adding_pairs_equals_adding_singly() {
         let rows = [[1.0, 0.5, 0.2], [0.0, 2.0, -1.0], [0.3, 0.1, 1.5], [1.0, 0.0, 1.0]].map(Vector3::from);
-        let [mut alone, mut together] = [LeastSquares::<3, 1>::new(), LeastSquares::new()];
+        let [mut added_singly, mut added_in_pairs] = [LeastSquares::<3, 1>::new(), LeastSquares::new()];
         for pair in rows.as_chunks::<2>().0 {
-            alone.add_weighted_row(&pair[0], [1.0], 3.0);
-            alone.add_weighted_row(&pair[1], [-2.0], 0.5);
-            together.add_weighted_row_pair([&pair[0], &pair[1]], [1.0, -2.0], [3.0, 0.5]);
+            added_singly.add_weighted_row(&pair[0], [1.0], 3.0);
+            added_singly.add_weighted_row(&pair[1], [-2.0], 0.5);
+            added_in_pairs.add_weighted_row_pair([&pair[0], &pair[1]], [1.0, -2.0], [3.0, 0.5]);
         }
-        let [alone, together] = [alone, together].map(|system| system.solve().unwrap());
-        assert!((alone - together).norm() < 1e-5, "{alone} {together}");
+        let [added_singly, added_in_pairs] = [added_singly, added_in_pairs].map(|system| system.solve().unwrap());
+        assert!((added_singly - added_in_pairs).norm() < 1e-5, "{added_singly} {added_in_pairs}");
     }
 
     #[test]

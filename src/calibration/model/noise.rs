@@ -95,7 +95,8 @@ mod tests {
 
     #[test]
     fn attitude_noise_is_the_remainder_of_sensor_noise() {
-        let share = |norm, dip_rad| NoiseModel::new(norm, dip_rad, SKEWED).attitude_sigma_rad();
+        let share =
+            |norm, inclination_sigma_rad| NoiseModel::new(norm, inclination_sigma_rad, SKEWED).attitude_sigma_rad();
         assert!((share(0.003, 0.005) - 0.004).abs() < 1e-7);
         assert_eq!(share(0.005, 0.003).to_bits(), 0);
     }
@@ -106,10 +107,12 @@ mod tests {
     fn inclination_variance_has_a_floor() {
         let noise = NoiseModel::new(0.01, 0.02, Matrix3::identity());
         let x = Vector3::new(1.0, 0.0, 0.0);
-        let dip = |by_dip: Vector3<f32>| noise.covariance(&x, &by_dip, [0.0; 2]).inclination_variance;
-        assert!((dip(x) - 0.01 * 1e-4).abs() < 1e-9);
-        assert!((dip(Vector3::new(1.0, 0.09, 0.0)) - 0.01 * 1e-4).abs() < 1e-9);
-        assert!((dip(Vector3::new(1.0, 0.11, 0.0)) - 0.0121 * 1e-4).abs() < 1e-9);
+        let inclination_variance_of = |inclination_derivative: Vector3<f32>| {
+            noise.covariance(&x, &inclination_derivative, [0.0; 2]).inclination_variance
+        };
+        assert!((inclination_variance_of(x) - 0.01 * 1e-4).abs() < 1e-9);
+        assert!((inclination_variance_of(Vector3::new(1.0, 0.09, 0.0)) - 0.01 * 1e-4).abs() < 1e-9);
+        assert!((inclination_variance_of(Vector3::new(1.0, 0.11, 0.0)) - 0.0121 * 1e-4).abs() < 1e-9);
     }
 
     #[test]
@@ -128,14 +131,18 @@ mod tests {
         for (roll_rad, x) in [(0.3, Vector3::new(0.7, -0.3, 0.4)), (-0.5, Vector3::new(-0.2, 0.6, -0.8))] {
             let attitude = Attitude { roll_rad, pitch_rad: 0.0 };
             let predict = |x, attitude: Attitude| parameters.predict_field(x, &attitude.tilt_rotation());
-            let here = predict(x, attitude);
-            let turned = |there: &FieldPrediction| wrap_pi(there.heading_rad() - here.heading_rad());
-            let sensor = (0..3).map(|axis| derivative(|step| turned(&predict(x + Vector3::ith(axis, step), attitude))));
-            let roll = derivative(|step| turned(&predict(x, Attitude { roll_rad: roll_rad + step, pitch_rad: 0.0 })));
-            let pitch = derivative(|step| turned(&predict(x, Attitude { roll_rad, pitch_rad: step })));
+            let reference = predict(x, attitude);
+            let heading_change_rad =
+                |perturbed: &FieldPrediction| wrap_pi(perturbed.heading_rad() - reference.heading_rad());
+            let sensor = (0..3)
+                .map(|axis| derivative(|step| heading_change_rad(&predict(x + Vector3::ith(axis, step), attitude))));
+            let roll = derivative(|step| {
+                heading_change_rad(&predict(x, Attitude { roll_rad: roll_rad + step, pitch_rad: 0.0 }))
+            });
+            let pitch = derivative(|step| heading_change_rad(&predict(x, Attitude { roll_rad, pitch_rad: step })));
             let expected = sensor.map(|d| d * d).sum::<f32>() * 1e-4
                 + (roll * roll + pitch * pitch) * attitude_sigma_rad * attitude_sigma_rad;
-            let found = noise.heading_variance(&here.heading_by_field(&attitude.tilt_rotation()), &here);
+            let found = noise.heading_variance(&reference.heading_by_field(&attitude.tilt_rotation()), &reference);
             assert!((found / expected - 1.0).abs() < 1e-3, "{found} {expected}");
         }
     }

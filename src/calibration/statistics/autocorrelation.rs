@@ -58,12 +58,12 @@ mod tests {
             (9.6, 10.0, 38.0),
             (10.0, 10.0, 38.0),
         ] {
-            let of = |products, squares| {
+            let autocorrelation_of = |products, squares| {
                 Autocorrelation { lag_products: products, square_sums: squares, previous: [[0.0; 2]; PART_COUNT] }
                     .excess_inflation()
             };
-            assert!(close(of([products, 5.0], [squares, 10.0]), [excess, 2.0]), "{products} {squares}");
-            assert!(close(of([5.0, products], [10.0, squares]), [2.0, excess]), "{products} {squares}");
+            assert!(close(autocorrelation_of([products, 5.0], [squares, 10.0]), [excess, 2.0]), "{products} {squares}");
+            assert!(close(autocorrelation_of([5.0, products], [10.0, squares]), [2.0, excess]), "{products} {squares}");
         }
     }
 

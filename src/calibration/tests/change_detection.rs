@@ -138,13 +138,13 @@ fn hysteresis_is_detected_with_its_size() {
 fn every_method_of_turns_detects_a_change() {
     let flight = Flight { wander_deg: 0.5, ..Flight::TYPICAL };
     let (_, recorded) = seeded_flight(3, flight);
-    let mut moved = with_iron_step(&recorded, Vector3::new(1.5, 0.0, 1.5), 60_000);
+    let mut changed = with_iron_step(&recorded, Vector3::new(1.5, 0.0, 1.5), 60_000);
     for offset in [0, u32::MAX - 80_000] {
-        for sample in moved.left.iter_mut().chain(&mut moved.right) {
+        for sample in changed.left.iter_mut().chain(&mut changed.right) {
             sample.time = WrappingMillis::new(sample.time.as_ms().wrapping_add(offset));
         }
         for method in [Method::MaximumLikelihood, Method::TwoPlane] {
-            let change_finding = solve_samples(method, moved.turns(), &NO_PRIOR).unwrap().hard_iron_change.unwrap();
+            let change_finding = solve_samples(method, changed.turns(), &NO_PRIOR).unwrap().hard_iron_change.unwrap();
             let HardIronTimeCourse::Step { after_s } = change_finding.violation.time_course else {
                 panic!("{change_finding:?}")
             };
@@ -156,11 +156,11 @@ fn every_method_of_turns_detects_a_change() {
 #[test]
 fn samples_with_equal_times_show_no_hard_iron_change() {
     let (_, recorded) = seeded_flight(4, Flight::TYPICAL);
-    let mut moved = with_iron_step(&recorded, Vector3::new(2.0, 0.0, 2.0), 60_000);
-    for sample in moved.left.iter_mut().chain(&mut moved.right) {
+    let mut changed = with_iron_step(&recorded, Vector3::new(2.0, 0.0, 2.0), 60_000);
+    for sample in changed.left.iter_mut().chain(&mut changed.right) {
         sample.time = WrappingMillis::default();
     }
-    assert_eq!(solved(&moved).unwrap().hard_iron_change, None);
+    assert_eq!(solved(&changed).unwrap().hard_iron_change, None);
 }
 
 #[test]

@@ -36,12 +36,12 @@ pub(crate) fn assert_derivative(written: f32, function: impl Fn(f32) -> f32, lab
 #[track_caller]
 fn assert_row(row: &Vector13, at: &Vector13, function: impl Fn(&Vector13) -> f32, label: &str) {
     for i in 0..UNKNOWN_COUNT {
-        let moved = |step: f32| {
+        let value_after = |step: f32| {
             let mut unknowns = *at;
             unknowns[i] += step;
             function(&unknowns)
         };
-        assert_derivative(row[i], moved, &format!("{label} by unknown {i}"));
+        assert_derivative(row[i], value_after, &format!("{label} by unknown {i}"));
     }
 }
 
@@ -114,9 +114,14 @@ fn inclination_row() {
 #[test]
 fn heading_row() {
     for case in cases(Case::random) {
-        let here = case.predict(&case.unknowns);
-        let residual = |u: &Vector13| wrap_pi(case.predict(u).heading_rad() - here.heading_rad());
-        assert_row(&here.heading_row(&case.attitude.tilt_rotation()).as_vector(), &case.unknowns, residual, "heading");
+        let prediction = case.predict(&case.unknowns);
+        let residual = |u: &Vector13| wrap_pi(case.predict(u).heading_rad() - prediction.heading_rad());
+        assert_row(
+            &prediction.heading_row(&case.attitude.tilt_rotation()).as_vector(),
+            &case.unknowns,
+            residual,
+            "heading",
+        );
     }
 }
 
@@ -124,15 +129,23 @@ fn heading_row() {
 fn norm_inclination_and_heading_by_field() {
     for case in cases(Case::random) {
         let tilt = case.attitude.tilt_rotation();
-        let here = case.predict(&case.unknowns);
-        let heading = here.heading_by_field(&tilt);
+        let prediction = case.predict(&case.unknowns);
+        let heading = prediction.heading_by_field(&tilt);
         for axis in 0..3 {
-            let moved = |step| {
-                FieldPrediction::new(case.x, &(here.field_direction * here.norm + Vector3::ith(axis, step)), &tilt)
+            let prediction_after = |step| {
+                FieldPrediction::new(
+                    case.x,
+                    &(prediction.field_direction * prediction.norm + Vector3::ith(axis, step)),
+                    &tilt,
+                )
             };
-            assert_derivative(here.field_direction[axis], |step| moved(step).norm, "total by field");
-            assert_derivative(here.inclination_by_field[axis], |step| moved(step).inclination_rad, "dip by field");
-            let turned = |step| wrap_pi(moved(step).heading_rad() - here.heading_rad());
+            assert_derivative(prediction.field_direction[axis], |step| prediction_after(step).norm, "total by field");
+            assert_derivative(
+                prediction.inclination_by_field[axis],
+                |step| prediction_after(step).inclination_rad,
+                "dip by field",
+            );
+            let turned = |step| wrap_pi(prediction_after(step).heading_rad() - prediction.heading_rad());
             assert_derivative(heading[axis], turned, "heading by field");
         }
     }
@@ -143,11 +156,12 @@ fn norm_inclination_and_heading_by_field() {
 fn inclination_by_attitude() {
     for case in cases(Case::normalised) {
         let parameters = ModelParameters::new(&case.unknowns);
-        let dip_rad = |attitude: Attitude| parameters.predict_field(case.x, &attitude.tilt_rotation()).inclination_rad;
+        let predicted_inclination_rad =
+            |attitude: Attitude| parameters.predict_field(case.x, &attitude.tilt_rotation()).inclination_rad;
         let Attitude { roll_rad, pitch_rad } = case.attitude;
-        let rolled = |step| dip_rad(Attitude { roll_rad: roll_rad + step, pitch_rad });
-        let pitched = |step| dip_rad(Attitude { roll_rad, pitch_rad: pitch_rad + step });
-        let scaled = |step: f32| dip_rad(Attitude { roll_rad: roll_rad * (1.0 + step), pitch_rad });
+        let rolled = |step| predicted_inclination_rad(Attitude { roll_rad: roll_rad + step, pitch_rad });
+        let pitched = |step| predicted_inclination_rad(Attitude { roll_rad, pitch_rad: pitch_rad + step });
+        let scaled = |step: f32| predicted_inclination_rad(Attitude { roll_rad: roll_rad * (1.0 + step), pitch_rad });
         let [by_roll, by_pitch] = parameters
             .predict_field(case.x, &case.attitude.tilt_rotation())
             .inclination_by_attitude(&case.attitude.tilt_rotation());
@@ -163,7 +177,7 @@ fn inclination_by_attitude() {
         assert_derivative(bank_scale, scaled, "dip by bank scale");
         let later = |step: f32| {
             let sample = Sample { rates: rates(), ..sample_at(case.attitude) };
-            dip_rad(sample.latency_compensated_attitude(step))
+            predicted_inclination_rad(sample.latency_compensated_attitude(step))
         };
         assert_derivative(latency, later, "dip by latency");
     }
@@ -197,13 +211,13 @@ fn equations(case: &Case, unknowns: &Vector13, heading_rad: Option<f32>, refined
 fn equation_rows() {
     for case in cases(Case::normalised) {
         let mut parameters = ModelParameters::new(&case.unknowns);
-        let here = case.predict(&case.unknowns);
-        parameters.inclination_rad = here.inclination_rad;
+        let prediction = case.predict(&case.unknowns);
+        parameters.inclination_rad = prediction.inclination_rad;
         let at = parameters.unknowns().unwrap();
         // A tenth of the step keeps residuals below the Huber limit.
         let slightly = |u: &Vector13| at + (u - at) * 0.1;
         for refined in [false, true] {
-            let equations_at = |u: &Vector13| equations(&case, u, Some(here.heading_rad()), refined);
+            let equations_at = |u: &Vector13| equations(&case, u, Some(prediction.heading_rad()), refined);
             let row = equations_at(&at).norm_equation.jacobian_row.as_vector();
             assert_row(&row, &at, |u| equations_at(&slightly(u)).norm_equation.residual * 10.0, "equation of the norm");
             let row = equations_at(&at).inclination_equation.unwrap().jacobian_row.as_vector();
@@ -215,7 +229,7 @@ fn equation_rows() {
             );
         }
         let equations_at =
-            |u: &Vector13| equations(&case, u, Some(here.heading_rad()), false).heading_equation.unwrap();
+            |u: &Vector13| equations(&case, u, Some(prediction.heading_rad()), false).heading_equation.unwrap();
         assert_row(
             &equations_at(&at).jacobian_row.as_vector(),
             &at,
@@ -230,16 +244,17 @@ fn equation_rows() {
 fn inclination_is_decorrelated_from_the_norm() {
     let noise_w = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
     for case in cases(Case::normalised) {
-        let here = case.predict(&case.unknowns);
+        let prediction = case.predict(&case.unknowns);
         let equations = equations(&case, &case.unknowns, None, false);
-        let (norm_by_x, dip_by_x) = (noise_w.tr_mul(&here.field_direction), noise_w.tr_mul(&here.inclination_by_field));
+        let (norm_by_x, dip_by_x) =
+            (noise_w.tr_mul(&prediction.field_direction), noise_w.tr_mul(&prediction.inclination_by_field));
         let slope = norm_by_x.dot(&dip_by_x) / norm_by_x.norm_squared();
         let tilt_variance = 0.02_f32.powi(2) - 0.01_f32.powi(2);
-        let [roll, pitch] = here.inclination_by_attitude(&case.attitude.tilt_rotation());
+        let [roll, pitch] = prediction.inclination_by_attitude(&case.attitude.tilt_rotation());
         let left = (dip_by_x - norm_by_x * slope).norm_squared() * 0.01_f32.powi(2)
             + tilt_variance * (roll * roll + pitch * pitch);
         let inclination_equation = equations.inclination_equation.unwrap();
-        let expected = here.inclination_row().as_vector() - here.norm_row().as_vector() * slope;
+        let expected = prediction.inclination_row().as_vector() - prediction.norm_row().as_vector() * slope;
         assert!((inclination_equation.jacobian_row.as_vector() - expected).norm() < 1e-4 * expected.norm());
         let norm_variance = norm_by_x.norm_squared() * 0.01_f32.powi(2);
         assert!((equations.norm_equation.weight * norm_variance - 1.0).abs() < 1e-4);
@@ -309,14 +324,14 @@ fn each_prior_constrains_its_own_quantity() {
     let hard_iron = Vector3::new(0.1, 0.2, -0.2);
     close(sizes(&ModelParameters { d: straight.d - hard_iron, ..straight.clone() }), [0.0, 0.0, 0.3, 0.0]);
     // Adjusting `d` keeps the hard iron when W changes.
-    let with = |w: Matrix3<f32>| ModelParameters { d: w * likelihood.mean_field, w, ..straight.clone() };
-    close(sizes(&with(Matrix3::identity() * 1.3)), [0.0; 4]);
+    let parameters_with = |w: Matrix3<f32>| ModelParameters { d: w * likelihood.mean_field, w, ..straight.clone() };
+    close(sizes(&parameters_with(Matrix3::identity() * 1.3)), [0.0; 4]);
     let turn = Vector3::new(0.02, -0.01, 0.02);
-    close(sizes(&with(Matrix3::identity() + turn.cross_matrix())), [0.0, 0.03, 0.0, 0.0]);
+    close(sizes(&parameters_with(Matrix3::identity() + turn.cross_matrix())), [0.0, 0.03, 0.0, 0.0]);
     let stretched = Matrix3::from_diagonal(&[1.1, 1.0, 0.9].into());
-    close(sizes(&with(stretched)), [0.02_f32.sqrt(), 0.0, 0.0, 0.0]);
+    close(sizes(&parameters_with(stretched)), [0.02_f32.sqrt(), 0.0, 0.0, 0.0]);
     let skewed = Matrix3::new(1.0, 0.1, 0.0, 0.1, 1.0, 0.2, 0.0, 0.2, 1.0);
-    close(sizes(&with(skewed)), [0.05_f32.sqrt(), 0.0, 0.0, 0.0]);
+    close(sizes(&parameters_with(skewed)), [0.05_f32.sqrt(), 0.0, 0.0, 0.0]);
 }
 
 /// Bad airframes: soft iron 30 %, hard iron three times the Earth's field (in the unit of 40 uT). Mounting: 0.35 rad

@@ -42,12 +42,12 @@ fn the_expected_error_of_every_method_is_honest() {
             }
         }
         // The lower limit is smaller for closed forms: their model error correlates the norm residuals.
-        let least = match method {
+        let min_ratio = match method {
             Method::MaximumLikelihood => 40,
             Method::TwoPlane => 16,
             _ => 2,
         };
-        assert!(accepted >= least, "{method:?}: {accepted}");
+        assert!(accepted >= min_ratio, "{method:?}: {accepted}");
     }
 }
 
@@ -71,7 +71,7 @@ fn consider_states_predict_the_effect_of_attitude_errors() {
     for (seed, airframe, recorded) in flights(0..6) {
         let (bias_rad, bank_scale) = (0.0087, 0.03);
         let plain = solve_with_consider_states(&recorded, 0.0, 0.0);
-        let with = |change: &dyn Fn(Attitude) -> Attitude| {
+        let solution_with = |change: &dyn Fn(Attitude) -> Attitude| {
             let mut recorded = recorded.clone();
             for sample in recorded.left.iter_mut().chain(&mut recorded.right) {
                 sample.attitude = change(sample.attitude);
@@ -82,9 +82,9 @@ fn consider_states_predict_the_effect_of_attitude_errors() {
                 &solve_with_consider_states(&recorded, 0.0, 0.0).calibration,
             )
         };
-        let rolled = with(&|a| Attitude { roll_rad: a.roll_rad + bias_rad, ..a });
-        let pitched = with(&|a| Attitude { pitch_rad: a.pitch_rad + bias_rad, ..a });
-        let scaled = with(&|a| Attitude { roll_rad: a.roll_rad * (1.0 + bank_scale), ..a });
+        let rolled = solution_with(&|a| Attitude { roll_rad: a.roll_rad + bias_rad, ..a });
+        let pitched = solution_with(&|a| Attitude { pitch_rad: a.pitch_rad + bias_rad, ..a });
+        let scaled = solution_with(&|a| Attitude { roll_rad: a.roll_rad * (1.0 + bank_scale), ..a });
         let expected = |bias_rad, bank_scale| {
             let considered = solve_with_consider_states(&recorded, bias_rad, bank_scale).quality.expected_rms_deg;
             (considered.powi(2) - plain.quality.expected_rms_deg.powi(2)).sqrt()
@@ -125,9 +125,9 @@ fn autocorrelated_attitude_errors_raise_the_expected_error() {
             let solution = solve_with_consider_states(&noisy, 0.0, 0.0);
             (solution.quality.expected_rms_deg, rms(&airframe.errors_deg(&solution.calibration)))
         };
-        let (white, lasting) = (noisy(0.0), noisy(0.8));
-        expected.push(lasting.0 / white.0);
-        real.push(lasting.1 / lasting.0);
+        let (white, correlated) = (noisy(0.0), noisy(0.8));
+        expected.push(correlated.0 / white.0);
+        real.push(correlated.1 / correlated.0);
     }
     assert!((2.0..3.0).contains(&rms(&expected)), "{expected:?}");
     // Twelve flights estimate a mean square of one to about a third.

@@ -65,8 +65,8 @@ fn the_error_floor_remains_with_more_samples() {
         };
         let (once, often) = (expected_error_of_samples(1), expected_error_of_samples(12));
         let square = |deg: f32| deg * deg;
-        let lasting = square(once.error_floor_deg);
-        let predicted_deg = (lasting + (square(once.expected_deg) - lasting) / 12.0).sqrt();
+        let floor_squared = square(once.error_floor_deg);
+        let predicted_deg = (floor_squared + (square(once.expected_deg) - floor_squared) / 12.0).sqrt();
         assert!(once.expected_deg > 1.3 * once.error_floor_deg, "seed {seed}: {once:?}");
         assert!((often.expected_deg / predicted_deg - 1.0).abs() < 0.2, "seed {seed}: {predicted_deg} {often:?}");
     }
@@ -87,8 +87,8 @@ fn the_vertical_component_gives_a_start() {
             let attitude = Attitude::from_deg(roll_deg, 5.0);
             let found = start.w * (airframe.field(attitude, heading_rad).ut / start.unit_ut - start.hard_iron);
             let heading = attitude.to_level_frame(Field::new(found)).heading_rad();
-            let off_deg = crate::frames::wrap_pi(heading - heading_rad).to_degrees().abs();
-            assert!(off_deg < 1.0 && (found.norm() - 1.0).abs() < 0.02, "seed {seed}: {off_deg} {found}");
+            let error_deg = crate::frames::wrap_pi(heading - heading_rad).to_degrees().abs();
+            assert!(error_deg < 1.0 && (found.norm() - 1.0).abs() < 0.02, "seed {seed}: {error_deg} {found}");
         }
     }
 }
@@ -182,16 +182,19 @@ fn straight_flight_has_an_honest_expected_error() {
         let mut random = Random(8300 + seed);
         let airframe = Airframe::random(&mut random, 0.2, 0.5, 3.0, [40.0, 72.0]);
         let ahead_rad = random.uniform(0.0, TAU);
-        let [roll_deg, pitch_deg, heading_deg] = [4.0, 1.5, 6.0].map(|most| random.uniform(0.5 * most, most));
+        let [roll_deg, pitch_deg, heading_deg] = [4.0, 1.5, 6.0].map(|maximum| random.uniform(0.5 * maximum, maximum));
         let samples: Vec<Sample> = (0..448_u16)
             .map(|i| {
                 let t = f32::from(i);
-                let truth = Attitude::from_deg(roll_deg * (t / 1.7).sin(), 2.0 + pitch_deg * (t / 2.3).cos());
+                let true_attitude = Attitude::from_deg(roll_deg * (t / 1.7).sin(), 2.0 + pitch_deg * (t / 2.3).cos());
                 let heading_rad = ahead_rad + (heading_deg * (t / 13.0).sin()).to_radians();
-                let measured = sample(&airframe, truth, heading_rad, 0.2, &mut random);
+                let measured = sample(&airframe, true_attitude, heading_rad, 0.2, &mut random);
                 let mut attitude_error_rad = || (random.normal() * 0.2).to_radians();
                 let [roll_off, pitch_off] = core::array::from_fn(|_| attitude_error_rad());
-                let attitude = Attitude { roll_rad: truth.roll_rad + roll_off, pitch_rad: truth.pitch_rad + pitch_off };
+                let attitude = Attitude {
+                    roll_rad: true_attitude.roll_rad + roll_off,
+                    pitch_rad: true_attitude.pitch_rad + pitch_off,
+                };
                 Sample { attitude, time: WrappingMillis::new(u32::from(i) * 1000), ..measured }
             })
             .collect();

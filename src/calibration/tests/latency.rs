@@ -97,13 +97,13 @@ fn results_of_flights(wander_deg: f32, late_s: f32) -> FlightResults {
 /// errors. Sixty flights scatter the mean by 0.13 sigma and the RMS by 10 %. Only significant estimates are used.
 #[test]
 fn latency_is_estimated_with_an_honest_sigma() {
-    for (late_s, used) in [(0.0, 0..=1), (0.02, 0..=20), (0.1, 60..=60)] {
+    for (late_s, applied_count) in [(0.0, 0..=1), (0.02, 0..=20), (0.1, 60..=60)] {
         let shown = results_of_flights(3.0, late_s);
         let found_ms = mean(&shown.found_ms);
         assert!((found_ms - late_s * 1e3).abs() < 5.0, "{late_s}: {found_ms}");
         assert!((8.0..12.0).contains(&mean(&shown.sigma_ms)), "{late_s}: {:?}", shown.sigma_ms);
         assert!((0.75..1.25).contains(&rms(&shown.normalised_errors)), "{late_s}: {}", rms(&shown.normalised_errors));
-        assert!(used.contains(&shown.used), "{late_s}: {}", shown.used);
+        assert!(applied_count.contains(&shown.used), "{late_s}: {}", shown.used);
         assert!((0.4..1.1).contains(&rms(&shown.ratios)), "{late_s}: {}", rms(&shown.ratios));
     }
 }
@@ -146,10 +146,10 @@ fn verification_applies_each_calibration_s_latency() {
     let (_, recorded) = flight_with_latency(2, -0.1);
     let calibration = solved(&recorded).unwrap().calibration;
     assert!((calibration.latency_s + 0.1).abs() < 0.03, "{}", calibration.latency_s);
-    let unused = Calibration { latency_s: 0.0, ..calibration };
-    let scores = verification::score_held_back(recorded.turns(), true, &calibration, &unused);
+    let without_latency = Calibration { latency_s: 0.0, ..calibration };
+    let scores = verification::score_held_back(recorded.turns(), true, &calibration, &without_latency);
     assert!(scores.candidate_score < 0.9 * scores.active_score, "{scores:?}");
-    let scores = verification::score_held_back(recorded.turns(), true, &unused, &calibration);
+    let scores = verification::score_held_back(recorded.turns(), true, &without_latency, &calibration);
     assert!(scores.active_score < 0.9 * scores.candidate_score, "{scores:?}");
 }
 

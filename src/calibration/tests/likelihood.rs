@@ -48,11 +48,11 @@ fn noise_is_estimated_from_the_residuals() {
         let noise = noise_after_reweighting(samples, [0.9205, 0.9205 * 4.0]);
         let number = f32::from(samples);
         let norm = ((number * 0.01_f32.powi(2) + 4.0 * 0.004_f32.powi(2)) / (freedom + 4.0)).sqrt();
-        let dip_rad = ((number * 0.04_f32.powi(2) + 4.0 * 0.006_f32.powi(2)) / (freedom + 4.0)).sqrt();
+        let inclination_sigma_rad = ((number * 0.04_f32.powi(2) + 4.0 * 0.006_f32.powi(2)) / (freedom + 4.0)).sqrt();
         assert!((noise.norm_sigma / norm - 1.0).abs() < 1e-3, "{samples}: {} {norm}", noise.norm_sigma);
         assert!(
-            (noise.inclination_sigma_rad / dip_rad - 1.0).abs() < 1e-3,
-            "{samples}: {} {dip_rad}",
+            (noise.inclination_sigma_rad / inclination_sigma_rad - 1.0).abs() < 1e-3,
+            "{samples}: {} {inclination_sigma_rad}",
             noise.inclination_sigma_rad
         );
     }
@@ -60,23 +60,31 @@ fn noise_is_estimated_from_the_residuals() {
 
 #[test]
 fn noise_estimates_have_a_floor() {
-    let few = noise_after_reweighting(12, [0.0; 2]);
-    assert!((few.norm_sigma - (4.0 * 0.004_f32.powi(2) / 9.5).sqrt()).abs() < 1e-6, "{}", few.norm_sigma);
+    let noise_of_few_samples = noise_after_reweighting(12, [0.0; 2]);
     assert!(
-        (few.inclination_sigma_rad - (4.0 * 0.006_f32.powi(2) / 9.5).sqrt()).abs() < 1e-6,
+        (noise_of_few_samples.norm_sigma - (4.0 * 0.004_f32.powi(2) / 9.5).sqrt()).abs() < 1e-6,
         "{}",
-        few.inclination_sigma_rad
+        noise_of_few_samples.norm_sigma
     );
-    let many = noise_after_reweighting(1000, [0.0; 2]);
-    assert!((many.norm_sigma - 0.0005).abs() < 1e-9 && (many.inclination_sigma_rad - 0.0009).abs() < 1e-9, "{many:?}");
+    assert!(
+        (noise_of_few_samples.inclination_sigma_rad - (4.0 * 0.006_f32.powi(2) / 9.5).sqrt()).abs() < 1e-6,
+        "{}",
+        noise_of_few_samples.inclination_sigma_rad
+    );
+    let noise_of_many_samples = noise_after_reweighting(1000, [0.0; 2]);
+    assert!(
+        (noise_of_many_samples.norm_sigma - 0.0005).abs() < 1e-9
+            && (noise_of_many_samples.inclination_sigma_rad - 0.0009).abs() < 1e-9,
+        "{noise_of_many_samples:?}"
+    );
 }
 
 #[test]
 fn large_residuals_are_not_explained() {
     let mut likelihood = Likelihood::new(&NO_PRIOR, ModelConfig::DEFAULT, Samples::default(), 50.0);
-    for (norm, dip_rad, explains) in [(0.049, 0.086, true), (0.051, 0.01, false), (0.01, 0.088, false)] {
-        likelihood.noise = NoiseModel::new(norm, dip_rad, Matrix3::identity());
-        assert_eq!(likelihood.is_acceptable_fit(), explains, "{norm} {dip_rad}");
+    for (norm, inclination_sigma_rad, explains) in [(0.049, 0.086, true), (0.051, 0.01, false), (0.01, 0.088, false)] {
+        likelihood.noise = NoiseModel::new(norm, inclination_sigma_rad, Matrix3::identity());
+        assert_eq!(likelihood.is_acceptable_fit(), explains, "{norm} {inclination_sigma_rad}");
     }
 }
 
@@ -97,9 +105,9 @@ fn early_iterations_use_a_subset_of_many_samples() {
             assert!(!likelihood.has_noise_estimate);
             likelihood.estimate_noise(system.clipped_squares, system.sample_count, &identity_unknowns());
             assert!(likelihood.has_noise_estimate);
-            let then = if samples == 512 { 256 } else { samples };
+            let next_count = if samples == 512 { 256 } else { samples };
             let system = LinearisedProblem::linearise(&likelihood, part, &identity_unknowns());
-            assert_eq!(usize::from(system.sample_count), then + marks.len(), "{samples}");
+            assert_eq!(usize::from(system.sample_count), next_count + marks.len(), "{samples}");
             likelihood.estimate_noise(system.clipped_squares, system.sample_count, &identity_unknowns());
             assert_eq!(
                 usize::from(LinearisedProblem::linearise(&likelihood, part, &identity_unknowns()).sample_count),

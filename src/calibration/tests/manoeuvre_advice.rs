@@ -28,7 +28,7 @@ fn the_best_supported_method_is_selected() {
     let airframe = airframe(&mut random);
     let turns = Flight::TYPICAL.fly(&airframe, &mut random);
     let level = level_circle(&airframe, 60, &mut random);
-    let few = &turns.right[..5];
+    let five_samples = &turns.right[..5];
     let (left, right, level): (&[_], &[_], &[_]) = (&turns.left, &turns.right, &level);
     let choose = |left, right, level| {
         let samples = Parts { left, right, level, ..Parts::default() }.samples();
@@ -36,9 +36,9 @@ fn the_best_supported_method_is_selected() {
     };
     let missing = |side, have| Err(SolveError::TooFewSamples { part: SamplePart::Turns(side), have, need: 12 });
     assert_eq!(choose(left, right, level), Ok(Method::MaximumLikelihood));
-    assert_eq!(choose(left, few, level), Ok(Method::MaximumLikelihood));
-    assert_eq!(choose(&[], few, level), missing(Side::Left, 0), "turns were asked for");
-    assert_eq!(choose(left, few, &level[..5]), missing(Side::Right, 5));
+    assert_eq!(choose(left, five_samples, level), Ok(Method::MaximumLikelihood));
+    assert_eq!(choose(&[], five_samples, level), missing(Side::Left, 0), "turns were asked for");
+    assert_eq!(choose(left, five_samples, &level[..5]), missing(Side::Right, 5));
     assert_eq!(choose(&[], right, &[]), missing(Side::Left, 0));
     assert_eq!(choose(&[], &[], &level[..12]), missing(Side::Left, 0), "a few headings are no circle");
 }
@@ -52,8 +52,11 @@ fn level_samples_are_used_only_for_a_missing_side() {
     let all = Parts { left: &left, right: &right, level: &left, ..Parts::default() }.samples();
     let select = |fit: Samples<'_>| SelectedParts::new(fit, Procedure::Turns).select_samples(all);
     assert!(select(all).samples_of_part(CollectionPart::LEVEL).is_empty());
-    let thin = select(Parts { left: &left, right: &right[..5], level: &left, ..Parts::default() }.samples());
-    assert_eq!(CollectionPart::ALL_PARTS.map(|part| thin.samples_of_part(part).len()), [left.len(), 0, left.len(), 0]);
+    let one_side = select(Parts { left: &left, right: &right[..5], level: &left, ..Parts::default() }.samples());
+    assert_eq!(
+        CollectionPart::ALL_PARTS.map(|part| one_side.samples_of_part(part).len()),
+        [left.len(), 0, left.len(), 0]
+    );
 }
 
 #[test]

@@ -168,12 +168,15 @@ fn unsolvable_samples_are_rejected_with_a_reason() {
         }
     });
     assert!(reversed.is_err(), "{reversed:?}");
-    let held = refused(&|r| {
+    let constant_heading = refused(&|r| {
         for sample in r.left.iter_mut().chain(&mut r.right) {
             sample.field = airframe.field(sample.attitude, 1.0);
         }
     });
-    assert!(held.is_err() || held.is_ok_and(|expected_deg| expected_deg > 3.0), "{held:?}");
+    assert!(
+        constant_heading.is_err() || constant_heading.is_ok_and(|expected_deg| expected_deg > 3.0),
+        "{constant_heading:?}"
+    );
     let mut noise = Random(3);
     let mut chaos = good.clone();
     for sample in chaos.left.iter_mut().chain(&mut chaos.right) {
@@ -187,7 +190,7 @@ fn verification_scores_the_true_calibration_best() {
     let mut random = Random(21);
     let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [60.0, 60.0]);
     let held_back = Flight::TYPICAL.fly(&airframe, &mut random);
-    let truth = Calibration {
+    let true_calibration = Calibration {
         w: matrix_rows(&airframe.a.try_inverse().unwrap()),
         b_ut: airframe.b_ut.into(),
         inclination_rad: airframe.inclination_rad,
@@ -197,12 +200,12 @@ fn verification_scores_the_true_calibration_best() {
     };
     let uncalibrated = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
     // 2 uT of hard iron are about 4 deg of heading in this field.
-    let moved = Calibration { b_ut: (airframe.b_ut + Vector3::new(2.0, 0.0, 0.0)).into(), ..truth };
-    for worse in [uncalibrated, moved] {
-        let scores = verification::score_held_back(held_back.turns(), true, &truth, &worse);
+    let shifted = Calibration { b_ut: (airframe.b_ut + Vector3::new(2.0, 0.0, 0.0)).into(), ..true_calibration };
+    for wrong_calibration in [uncalibrated, shifted] {
+        let scores = verification::score_held_back(held_back.turns(), true, &true_calibration, &wrong_calibration);
         assert!(scores.candidate_score < scores.active_score, "{scores:?}");
     }
     let none = RecordedTurns { left: Vec::new(), right: Vec::new() };
-    let scores = verification::score_held_back(none.turns(), true, &truth, &uncalibrated);
+    let scores = verification::score_held_back(none.turns(), true, &true_calibration, &uncalibrated);
     assert!(scores.candidate_score.is_nan() && scores.active_score.is_nan());
 }

@@ -148,13 +148,13 @@ fn without_current_there_is_no_estimate() {
     let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [50.0, 60.0]);
     // Interference small enough for a calibration to be accepted without its correction.
     let recorded = fly(&airframe, Vector3::new(0.05, -0.06, 0.03), CurrentProfile::Bursts, &mut random);
-    let strip = |samples: &[Sample], every: usize| -> Vec<Sample> {
-        let current = |i: usize, s: &Sample| if i.is_multiple_of(every) { MotorCurrent::UNKNOWN } else { s.current };
+    let strip = |samples: &[Sample], period: usize| -> Vec<Sample> {
+        let current = |i: usize, s: &Sample| if i.is_multiple_of(period) { MotorCurrent::UNKNOWN } else { s.current };
         samples.iter().enumerate().map(|(i, s)| Sample { current: current(i, s), ..*s }).collect()
     };
     let with_every_nth_current =
-        |every: usize| RecordedTurns { left: strip(&recorded.left, every), right: strip(&recorded.right, every) };
-    let [none, few, many] = [1, 3, 5].map(|every| solved(&with_every_nth_current(every)).unwrap());
+        |period: usize| RecordedTurns { left: strip(&recorded.left, period), right: strip(&recorded.right, period) };
+    let [none, few, many] = [1, 3, 5].map(|period| solved(&with_every_nth_current(period)).unwrap());
     assert_eq!(
         (none.calibration.motor_current, few.calibration.motor_current),
         (MotorCurrentInterference::NO_INTERFERENCE, MotorCurrentInterference::NO_INTERFERENCE)
@@ -162,16 +162,19 @@ fn without_current_there_is_no_estimate() {
     assert_eq!(none.calibration, few.calibration);
     // One sample in five lacks a current.
     assert!(many.calibration.motor_current.is_applied());
-    let with = solved(&recorded).unwrap();
-    assert!(with.quality.norm_residual < 0.5 * none.quality.norm_residual, "{with:?} {none:?}");
+    let solution_with_currents = solved(&recorded).unwrap();
+    assert!(
+        solution_with_currents.quality.norm_residual < 0.5 * none.quality.norm_residual,
+        "{solution_with_currents:?} {none:?}"
+    );
 }
 
 #[test]
 fn verification_corrects_for_the_current() {
     let (_, _, recorded) = one_flight(2);
     let calibration = solved(&recorded).unwrap().calibration;
-    let unused = Calibration { motor_current: MotorCurrentInterference::NO_INTERFERENCE, ..calibration };
-    let scores = verification::score_held_back(recorded.turns(), true, &calibration, &unused);
+    let without_interference = Calibration { motor_current: MotorCurrentInterference::NO_INTERFERENCE, ..calibration };
+    let scores = verification::score_held_back(recorded.turns(), true, &calibration, &without_interference);
     assert!(scores.candidate_score < 0.2 * scores.active_score, "{scores:?}");
 }
 
@@ -220,12 +223,14 @@ fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
     let mut likelihood = Likelihood::new(&NO_PRIOR, ModelConfig::DEFAULT, samples, airframe.total_ut);
     likelihood.noise = NoiseModel::new(0.01, 0.02, Matrix3::identity());
     (likelihood.sample_stride, likelihood.uses_normal_equations) = (1, false);
-    for used in [0.0, 0.9] {
-        likelihood.motor_current.ut_per_a = (k * used).into();
+    for applied in [0.0, 0.9] {
+        likelihood.motor_current.ut_per_a = (k * applied).into();
         let unknowns = likelihood.unknowns_from_start(&airframe.exact_start()).unwrap();
         let parameters = ModelParameters::new(&unknowns);
         let mut joint = LeastSquares::<16, 1>::new();
-        let extended = |row: &SVector<f32, 13>, more: Vector3<f32>| row.push(more.x).push(more.y).push(more.z);
+        let extended = |row: &SVector<f32, 13>, current_derivative: Vector3<f32>| {
+            row.push(current_derivative.x).push(current_derivative.y).push(current_derivative.z)
+        };
         for_each_prior(&likelihood, &parameters, &mut |prior| {
             joint.add_weighted_row(
                 &extended(&prior.jacobian_row, Vector3::zeros()),
@@ -245,9 +250,9 @@ fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
             let equations = likelihood.sample_equations(sample, None, &parameters);
             let share_a = sample.current.amperes().unwrap() - likelihood.motor_current.mean_current_a;
             for equation in equations.iter() {
-                let more = -parameters.w.tr_mul(&equation.jacobian_row.derivative_by_field) * share_a;
+                let current_derivative = -parameters.w.tr_mul(&equation.jacobian_row.derivative_by_field) * share_a;
                 joint.add_weighted_row(
-                    &extended(&equation.jacobian_row.as_vector(), more),
+                    &extended(&equation.jacobian_row.as_vector(), current_derivative),
                     [-equation.residual],
                     equation.weight,
                 );
@@ -287,19 +292,19 @@ fn interference_is_used_while_certain_and_significant() {
     assert_eq!(found(0.01, 1e-4, [29.0, 29.0]).next_interference(&zero, 0, 500.0), None);
     assert_eq!(found(0.01, 1e-4, [31.0, 31.0]).next_interference(&zero, 1, 500.0), None, "it was left before");
     // An interference in use needs a sigma of at most 0.5 uT at the current's standard deviation (500 A).
-    let used = Vector3::new(0.01, 0.0, 0.0);
-    assert_eq!(found(0.01, 0.99e-3, [99.0, 16.4]).next_interference(&used, 2, 500.0), None);
-    assert_eq!(found(0.01, 1.01e-3, [99.0, 16.4]).next_interference(&used, 2, 500.0), Some(zero));
-    assert_eq!(found(0.01, 0.99e-3, [99.0, 16.2]).next_interference(&used, 2, 500.0), Some(zero));
+    let applied = Vector3::new(0.01, 0.0, 0.0);
+    assert_eq!(found(0.01, 0.99e-3, [99.0, 16.4]).next_interference(&applied, 2, 500.0), None);
+    assert_eq!(found(0.01, 1.01e-3, [99.0, 16.4]).next_interference(&applied, 2, 500.0), Some(zero));
+    assert_eq!(found(0.01, 0.99e-3, [99.0, 16.2]).next_interference(&applied, 2, 500.0), Some(zero));
     assert_eq!(
-        found(0.02, 0.99e-3, [99.0, 16.2]).next_interference(&used, 1, 500.0),
+        found(0.02, 0.99e-3, [99.0, 16.2]).next_interference(&applied, 1, 500.0),
         k(0.02),
         "it may be known better yet"
     );
-    assert_eq!(found(0.0102, 0.5e-3, [99.0, 99.0]).next_interference(&used, 2, 500.0), k(0.0102));
-    assert_eq!(found(0.0101, 0.5e-3, [99.0, 99.0]).next_interference(&used, 2, 500.0), None);
-    assert_eq!(found(0.02, 0.5e-3, [99.0, 99.0]).next_interference(&used, 3, 500.0), k(0.02));
-    assert_eq!(found(0.02, 0.5e-3, [99.0, 99.0]).next_interference(&used, 4, 500.0), None);
+    assert_eq!(found(0.0102, 0.5e-3, [99.0, 99.0]).next_interference(&applied, 2, 500.0), k(0.0102));
+    assert_eq!(found(0.0101, 0.5e-3, [99.0, 99.0]).next_interference(&applied, 2, 500.0), None);
+    assert_eq!(found(0.02, 0.5e-3, [99.0, 99.0]).next_interference(&applied, 3, 500.0), k(0.02));
+    assert_eq!(found(0.02, 0.5e-3, [99.0, 99.0]).next_interference(&applied, 4, 500.0), None);
 }
 
 #[test]
@@ -310,14 +315,14 @@ fn covariance_factors_multiply_to_the_covariance() {
         covariance: a * a.transpose(),
         significance: [17.0; 2],
     };
-    let used = Vector3::new(0.5, 2.0, 3.0);
-    let roots = found.covariance_factors(&used);
+    let applied = Vector3::new(0.5, 2.0, 3.0);
+    let roots = found.covariance_factors(&applied);
     let sum: Matrix3<f32> = roots.iter().take(3).map(|root| root * root.transpose()).sum();
     assert!((sum - found.covariance).norm() < 1e-5, "{sum}");
     assert_eq!(roots[3], Vector3::new(0.5, 0.0, 0.0));
     let insignificant = InterferenceEstimate { significance: [99.0, 16.0], ..found.clone() };
-    assert_eq!(insignificant.covariance_factors(&used)[3], Vector3::zeros());
-    let nothing = InterferenceEstimate { covariance: Matrix3::zeros(), ..found }.covariance_factors(&used);
+    assert_eq!(insignificant.covariance_factors(&applied)[3], Vector3::zeros());
+    let nothing = InterferenceEstimate { covariance: Matrix3::zeros(), ..found }.covariance_factors(&applied);
     assert!(nothing.iter().take(3).all(|root| *root == Vector3::zeros()));
 }
 

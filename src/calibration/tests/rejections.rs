@@ -34,8 +34,8 @@ fn too_few_samples_reports_the_part() {
         assert_eq!(error_of(&left[..11], right), missing(SamplePart::Turns(Side::Left), 11, 12));
         assert_eq!(error_of(left, &right[..11]), missing(SamplePart::Turns(Side::Right), 11, 12));
     }
-    let thin = Parts { left: &left[..5], right: &right[..6], ..Parts::default() }.samples();
-    assert_eq!(solve_error(Method::MaximumLikelihood, thin), missing(SamplePart::All, 11, 12));
+    let few_samples = Parts { left: &left[..5], right: &right[..6], ..Parts::default() }.samples();
+    assert_eq!(solve_error(Method::MaximumLikelihood, few_samples), missing(SamplePart::All, 11, 12));
     let level = level_circle(&airframe, 11, &mut Random(1));
     let level = Parts { level: &level, ..Parts::default() }.samples();
     assert_eq!(solve_error(Method::Level, level), missing(SamplePart::Level, 11, 12));
@@ -96,8 +96,9 @@ fn a_turn_that_is_no_ellipse_is_reported() {
 fn unobservable_coefficients_are_reported() {
     let (airframe, recorded) = ordinary_flight(Flight { wander_deg: 0.5, ..Flight::TYPICAL });
     assert_eq!(solve_error(Method::Ellipsoid, recorded.turns()), Some(SolveError::NotDetermined(SamplePart::All)));
-    let still = sample(&airframe, Attitude::default(), 1.0, 0.0, &mut Random(0));
-    let marks = Parts { marks: &[HeadingMark { sample: still, heading_rad: 1.0 }; 6], ..Parts::default() }.samples();
+    let constant_sample = sample(&airframe, Attitude::default(), 1.0, 0.0, &mut Random(0));
+    let marks =
+        Parts { marks: &[HeadingMark { sample: constant_sample, heading_rad: 1.0 }; 6], ..Parts::default() }.samples();
     assert_eq!(solve_error(Method::CompassSwing, marks), Some(SolveError::NotDetermined(SamplePart::Marks)));
 }
 
@@ -105,12 +106,12 @@ fn unobservable_coefficients_are_reported() {
 #[test]
 fn small_banks_give_the_same_plane() {
     for method in [Method::TwoPlane, Method::FourEllipse] {
-        let with = |bank_deg| {
+        let solved_with = |bank_deg| {
             let (_, recorded) = ordinary_flight(Flight { bank_deg, samples: 700, ..Flight::NOISE_FREE });
             solve_error(method, recorded.turns())
         };
-        assert_eq!(with(4.0), Some(SolveError::SamePlane), "{}", method.method_name());
-        assert_ne!(with(6.0), Some(SolveError::SamePlane), "{}", method.method_name());
+        assert_eq!(solved_with(4.0), Some(SolveError::SamePlane), "{}", method.method_name());
+        assert_ne!(solved_with(6.0), Some(SolveError::SamePlane), "{}", method.method_name());
     }
 }
 

@@ -22,21 +22,27 @@ fn a_wrong_inclination_is_reported() {
     for true_deg in [-65.0, -40.0, -12.0, 12.0, 40.0, 65.0_f32] {
         for seed in 0..2 {
             let (_, recorded) = flight_at_inclination(seed, Flight::TYPICAL, true_deg);
-            for told_deg in [true_deg + 6.0, true_deg - 6.0, true_deg + 10.0, true_deg - 20.0, -true_deg] {
+            for configured_deg in [true_deg + 6.0, true_deg - 6.0, true_deg + 10.0, true_deg - 20.0, -true_deg] {
                 let Err(SolveError::InclinationContradicted { found_deg }) =
-                    solve_with_inclination(&recorded, told_deg)
+                    solve_with_inclination(&recorded, configured_deg)
                 else {
-                    panic!("{true_deg}, told {told_deg}: {:?}", solve_with_inclination(&recorded, told_deg));
+                    panic!(
+                        "{true_deg}, told {configured_deg}: {:?}",
+                        solve_with_inclination(&recorded, configured_deg)
+                    );
                 };
-                assert!((f32::from(found_deg) - true_deg).abs() <= 1.5, "{true_deg}, told {told_deg}: {found_deg}");
+                assert!(
+                    (f32::from(found_deg) - true_deg).abs() <= 1.5,
+                    "{true_deg}, told {configured_deg}: {found_deg}"
+                );
             }
-            for told_deg in [true_deg + 40.0, true_deg - 40.0] {
-                if told_deg.abs() < 85.0 {
+            for configured_deg in [true_deg + 40.0, true_deg - 40.0] {
+                if configured_deg.abs() < 85.0 {
                     let named = matches!(
-                        solve_with_inclination(&recorded, told_deg),
+                        solve_with_inclination(&recorded, configured_deg),
                         Err(SolveError::InclinationContradicted { .. })
                     );
-                    assert!(named, "{true_deg}, told {told_deg}");
+                    assert!(named, "{true_deg}, told {configured_deg}");
                 }
             }
         }
@@ -49,10 +55,10 @@ fn a_correct_inclination_is_never_contradicted() {
         for seed in 0..12 {
             let flight = Flight { samples, attitude_noise_deg: 0.6, ..Flight::TYPICAL };
             let (_, recorded) = flight_at_inclination(seed, flight, if seed % 2 == 0 { 62.0 } else { -35.0 });
-            for off_deg in [-2.0, 0.0, 2.0] {
-                let found = solve_with_inclination(&recorded, if seed % 2 == 0 { 62.0 } else { -35.0 } + off_deg);
+            for deviation_deg in [-2.0, 0.0, 2.0] {
+                let found = solve_with_inclination(&recorded, if seed % 2 == 0 { 62.0 } else { -35.0 } + deviation_deg);
                 let refused = matches!(found, Err(SolveError::InclinationContradicted { .. }));
-                assert!(!refused, "{samples} samples, seed {seed}, {off_deg} deg off: {found:?}");
+                assert!(!refused, "{samples} samples, seed {seed}, {deviation_deg} deg off: {found:?}");
             }
         }
     }

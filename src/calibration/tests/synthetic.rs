@@ -112,11 +112,11 @@ pub fn sample(airframe: &Airframe, attitude: Attitude, heading_rad: f32, noise_u
 pub fn level_circle(airframe: &Airframe, samples: u16, random: &mut Random) -> Vec<Sample> {
     (0..samples)
         .map(|i| {
-            let truth = Attitude::from_deg(random.normal() * 0.5, random.normal() * 0.5);
+            let true_attitude = Attitude::from_deg(random.normal() * 0.5, random.normal() * 0.5);
             let heading_rad = f32::from(i) / f32::from(samples) * TAU;
-            let measured = sample(airframe, truth, heading_rad, 0.12, random);
-            let [roll_rad, pitch_rad] =
-                [truth.roll_rad, truth.pitch_rad].map(|angle| angle + (random.normal() * 0.3).to_radians());
+            let measured = sample(airframe, true_attitude, heading_rad, 0.12, random);
+            let [roll_rad, pitch_rad] = [true_attitude.roll_rad, true_attitude.pitch_rad]
+                .map(|angle| angle + (random.normal() * 0.3).to_radians());
             Sample {
                 attitude: Attitude { roll_rad, pitch_rad },
                 time: WrappingMillis::new(u32::from(i) * 400),
@@ -143,10 +143,10 @@ pub fn multirotor_samples(airframe: &Airframe, noise_deg: f32, random: &mut Rand
             };
             heading_rad += STEP_S * rate_rad_s;
             let tilt_deg = if t_s < 40.0 { 1.0 } else { 15.0 };
-            let truth = Attitude::from_deg(tilt_deg * (t_s / 1.7).sin(), tilt_deg * (t_s / 2.3).cos());
-            let measured = sample(airframe, truth, heading_rad, 0.4 * noise_deg, random);
-            let [roll_rad, pitch_rad] =
-                [truth.roll_rad, truth.pitch_rad].map(|angle| angle + (random.normal() * noise_deg).to_radians());
+            let true_attitude = Attitude::from_deg(tilt_deg * (t_s / 1.7).sin(), tilt_deg * (t_s / 2.3).cos());
+            let measured = sample(airframe, true_attitude, heading_rad, 0.4 * noise_deg, random);
+            let [roll_rad, pitch_rad] = [true_attitude.roll_rad, true_attitude.pitch_rad]
+                .map(|angle| angle + (random.normal() * noise_deg).to_radians());
             Sample {
                 attitude: Attitude { roll_rad, pitch_rad },
                 rates: Rates::from_rad_s([0.0, 0.0, rate_rad_s]),
@@ -210,14 +210,14 @@ impl Flight {
             .map(|i| {
                 let roll_deg = sign * self.bank_deg + attitude_noise[0].next(random);
                 let pitch_deg = 2.0 + attitude_noise[1].next(random);
-                let truth = Attitude::from_deg(roll_deg, pitch_deg);
-                heading_rad += STEP_S * 9.81 * truth.roll_rad.tan() / 22.0;
+                let true_attitude = Attitude::from_deg(roll_deg, pitch_deg);
+                heading_rad += STEP_S * 9.81 * true_attitude.roll_rad.tan() / 22.0;
                 let error_deg = noise.each_mut().map(|n| n.next(random));
                 let reported =
                     Attitude::from_deg(roll_deg * (1.0 + self.bank_scale) + error_deg[0], pitch_deg + error_deg[1]);
                 let sensor_noise = Vector3::from_fn(|_, _| random.normal() * self.sensor_noise_ut);
                 Sample {
-                    field: Field::new(airframe.field(truth, heading_rad).ut + sensor_noise),
+                    field: Field::new(airframe.field(true_attitude, heading_rad).ut + sensor_noise),
                     attitude: Attitude {
                         roll_rad: reported.roll_rad + bias.roll_rad,
                         pitch_rad: reported.pitch_rad + bias.pitch_rad,

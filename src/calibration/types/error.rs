@@ -131,7 +131,7 @@ mod tests {
         assert_eq!(SolveError::require_samples(SamplePart::Level, 8, 8), Ok(()));
         let missing = SolveError::TooFewSamples { part: SamplePart::Level, have: 7, need: 8 };
         assert_eq!(SolveError::require_samples(SamplePart::Level, 7, 8), Err(missing));
-        let many = SolveError::TooFewSamples { part: SamplePart::All, have: u16::MAX, need: u16::MAX };
-        assert_eq!(SolveError::too_few(SamplePart::All, 65_536, 70_000), many);
+        let saturated = SolveError::TooFewSamples { part: SamplePart::All, have: u16::MAX, need: u16::MAX };
+        assert_eq!(SolveError::too_few(SamplePart::All, 65_536, 70_000), saturated);
     }
 }

@@ -147,8 +147,11 @@ mod tests {
     fn a_mounting_20_deg_off_is_the_nearest_still() {
         for orientation in Orientation::all_orientations() {
             for (x, y, z) in [(0.35, 0.0, 0.0), (0.0, -0.35, 0.0), (0.0, 0.0, 0.35), (-0.2, 0.2, 0.2)] {
-                let off = nalgebra::Rotation3::new(nalgebra::Vector3::new(x, y, z));
-                assert_eq!(Orientation::nearest_to_rotation(&(off * orientation.body_from_sensor())), orientation);
+                let misalignment = nalgebra::Rotation3::new(nalgebra::Vector3::new(x, y, z));
+                assert_eq!(
+                    Orientation::nearest_to_rotation(&(misalignment * orientation.body_from_sensor())),
+                    orientation
+                );
             }
         }
     }

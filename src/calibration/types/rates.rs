@@ -103,8 +103,8 @@ mod tests {
             [-0.001, 0.0, -0.003],
             [0.0, -0.001, 0.003],
         ] {
-            for (kept, given) in of(rad_s).iter().zip(rad_s) {
-                assert!((kept - given).abs() <= 0.000_489, "{rad_s:?} {kept}");
+            for (stored, given) in of(rad_s).iter().zip(rad_s) {
+                assert!((stored - given).abs() <= 0.000_489, "{rad_s:?} {stored}");
             }
         }
     }
@@ -134,8 +134,8 @@ mod tests {
         assert_eq!(MotorCurrent::UNKNOWN.amperes(), None);
         assert_eq!(MotorCurrent::from_a(None), MotorCurrent::UNKNOWN);
         for given in [0.0, 0.01, 0.5, 1.0, 10.0, 47.0, 200.0, 511.0] {
-            let kept = MotorCurrent::from_a(Some(given)).amperes().unwrap();
-            assert!((kept - given).abs() <= 0.5 / 64.0, "{given} {kept}");
+            let stored = MotorCurrent::from_a(Some(given)).amperes().unwrap();
+            assert!((stored - given).abs() <= 0.5 / 64.0, "{given} {stored}");
         }
         assert_eq!(MotorCurrent::from_a(Some(-5.0)).amperes(), Some(0.0));
         for much in [512.0, 1e9, f32::INFINITY] {

@@ -262,15 +262,15 @@ mod tests {
             current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         };
-        let of = |method, rolls_deg: &[f32]| {
+        let envelope_of = |method, rolls_deg: &[f32]| {
             let level: Vec<Sample> = rolls_deg.iter().map(|&roll_deg| sample(roll_deg)).collect();
             AttitudeEnvelope::for_samples(method, Parts { level: &level, ..Parts::default() }.samples())
         };
-        assert_eq!(of(Method::CompassSwing, &[9.9, -9.9, 0.0]), AttitudeEnvelope::Level);
-        assert_eq!(of(Method::CompassSwing, &[0.0, 10.1]), AttitudeEnvelope::Banked);
-        assert_eq!(of(Method::MaximumLikelihood, &[-10.1, 0.0]), AttitudeEnvelope::Banked);
-        assert_eq!(of(Method::Level, &[20.0, -20.0]), AttitudeEnvelope::Level);
-        assert_eq!(of(Method::Ellipsoid, &[0.0]), AttitudeEnvelope::Banked);
+        assert_eq!(envelope_of(Method::CompassSwing, &[9.9, -9.9, 0.0]), AttitudeEnvelope::Level);
+        assert_eq!(envelope_of(Method::CompassSwing, &[0.0, 10.1]), AttitudeEnvelope::Banked);
+        assert_eq!(envelope_of(Method::MaximumLikelihood, &[-10.1, 0.0]), AttitudeEnvelope::Banked);
+        assert_eq!(envelope_of(Method::Level, &[20.0, -20.0]), AttitudeEnvelope::Level);
+        assert_eq!(envelope_of(Method::Ellipsoid, &[0.0]), AttitudeEnvelope::Banked);
     }
 
     #[test]

@@ -91,9 +91,11 @@ fn full_covariance(
 ) -> Matrix12 {
     let mut covariance = CoefficientCovariance::ZERO;
     sandwich_covariance(information, likelihood, at, (CovarianceContent::All, sigmas), &mut covariance).unwrap();
-    let one = |i: usize| Vector12::ith(i, 1.0);
-    let of = |row: Vector12| covariance.variance(&row);
-    Matrix12::from_fn(|i, j| (of(one(i) + one(j)) - of(one(i)) - of(one(j))) / 2.0)
+    let unit_vector = |i: usize| Vector12::ith(i, 1.0);
+    let variance_of = |row: Vector12| covariance.variance(&row);
+    Matrix12::from_fn(|i, j| {
+        (variance_of(unit_vector(i) + unit_vector(j)) - variance_of(unit_vector(i)) - variance_of(unit_vector(j))) / 2.0
+    })
 }
 
 #[test]
@@ -118,9 +120,9 @@ fn covariance_is_the_sum_of_its_terms() {
         information.residuals.autocorrelation.add_residuals(0, residuals);
     }
     information.hard_iron_gradient = Vector13::from_fn(|i, _| 150.0 * (i as f32 * 0.3).cos());
-    let with: [f32; 3] = [0.2, 1.1, 2.3];
+    let derivatives: [f32; 3] = [0.2, 1.1, 2.3];
     information.motor_current.cross_information =
-        with.map(|phase| Vector13::from_fn(|i, _| 1e5 * (i as f32 * 0.9 + phase).sin()));
+        derivatives.map(|phase| Vector13::from_fn(|i, _| 1e5 * (i as f32 * 0.9 + phase).sin()));
     information.motor_current_errors = [[1.0, 0.4, -0.3], [0.0, 0.8, 0.5], [0.0, 0.0, 0.6], [-0.7, 0.2, 0.9]]
         .map(|error: [f32; 3]| Vector3::from(error) * 1e-3);
     for (error, phase) in information.attitude_errors.iter_mut().zip([0.4, 1.9, 2.8, 3.7]) {
@@ -147,7 +149,7 @@ fn covariance_is_the_sum_of_its_terms() {
         expected += shift * shift.transpose();
     }
     let mut followed = Matrix12::zeros();
-    let mut beyond = Matrix12::zeros();
+    let mut interference_term = Matrix12::zeros();
     for error in information.motor_current_errors {
         let [x, y, z] = information.motor_current.cross_information;
         let shift = g * (x * error.x + y * error.y + z * error.z);
@@ -156,9 +158,9 @@ fn covariance_is_the_sum_of_its_terms() {
         for axis in 0..3 {
             spread[beta_index(axis)] = (parameters().w * error)[axis] * 10.0;
         }
-        beyond += spread * spread.transpose();
+        interference_term += spread * spread.transpose();
     }
-    expected += followed + beyond;
+    expected += followed + interference_term;
     let found = full_covariance(&information, &likelihood, &at, &consider);
     let scale = expected.diagonal().amax();
     for (f, e) in found.iter().zip(&expected) {
@@ -170,7 +172,9 @@ fn covariance_is_the_sum_of_its_terms() {
             .amax()
             < 0.97 * scale
     );
-    for part in [change * change.transpose(), shift * shift.transpose(), g * norm * g.transpose(), followed, beyond] {
+    for part in
+        [change * change.transpose(), shift * shift.transpose(), g * norm * g.transpose(), followed, interference_term]
+    {
         let size = part.diagonal().amax() / scale;
         assert!(size > 0.01, "{size}");
     }
@@ -186,7 +190,9 @@ fn motor_current_estimate_equals_joint_least_squares() {
     let at = parameters().unknowns().unwrap();
     let mut information = uniform_information(&likelihood, &at, 1e4);
     let mut joint = LeastSquares::<16, 1>::new();
-    let rows = |row: &Vector13, more: Vector3<f32>| row.push(more.x).push(more.y).push(more.z);
+    let rows = |row: &Vector13, current_derivative: Vector3<f32>| {
+        row.push(current_derivative.x).push(current_derivative.y).push(current_derivative.z)
+    };
     for_each_prior(&likelihood, &parameters(), &mut |prior| {
         let row = rows(&prior.jacobian_row, Vector3::zeros());
         joint.add_weighted_row(&row, [-prior.residual], 1.0 / (prior.sigma * prior.sigma));
@@ -206,10 +212,14 @@ fn motor_current_estimate_equals_joint_least_squares() {
         let by_field = Vector3::from_fn(|axis, _| f32::sin(i as f32 * 2.1 + axis as f32 * 1.3));
         let row = JacobianRow { derivative_by_field: by_field, x: Vector3::new(0.6, 0.9, -1.1), by_inclination: 0.3 };
         let equation = ResidualEquation::new(row, residual, 1.0 / 1e4, 1e6);
-        let (more, share_a) = (derivative_by_hard_iron(&parameters().w, &equation), 1.0 + i as f32 / 2.0);
-        information.motor_current.add_weighted_equation(&equation, &more, share_a);
+        let (current_derivative, share_a) = (derivative_by_hard_iron(&parameters().w, &equation), 1.0 + i as f32 / 2.0);
+        information.motor_current.add_weighted_equation(&equation, &current_derivative, share_a);
         information.linear_system.add_row(&equation.jacobian_row.as_vector(), residual, 1e4);
-        joint.add_weighted_row(&rows(&equation.jacobian_row.as_vector(), more * share_a), [-residual], 1e4);
+        joint.add_weighted_row(
+            &rows(&equation.jacobian_row.as_vector(), current_derivative * share_a),
+            [-residual],
+            1e4,
+        );
     }
     for residual in [1.0, 1.0, 0.0] {
         information.residuals.autocorrelation.add_residuals(0, [residual, 0.0]);
@@ -361,12 +371,13 @@ fn autocorrelation_does_not_inflate_priors() {
     // Direction of the overall scale of `W`, which no prior constrains.
     let scale = Vector13::from_fn(|i, _| if [0, 4, 8].contains(&i) { 1.0 } else { 0.0 });
     information.linear_system.add_row(&scale, 0.0, 1e4);
-    let of = |information: &Information| full_covariance(information, &likelihood, &at, &[0.0; ATTITUDE_ERROR_COUNT]);
-    let before = of(&information);
+    let covariance_of =
+        |information: &Information| full_covariance(information, &likelihood, &at, &[0.0; ATTITUDE_ERROR_COUNT]);
+    let before = covariance_of(&information);
     for residual in [1.0, 1.0, 0.0] {
         information.residuals.autocorrelation.add_residuals(0, [residual, 0.0]);
     }
-    let after = of(&information);
+    let after = covariance_of(&information);
     assert!((information.residuals.autocorrelation_inflation() - 3.0).abs() < 1e-3);
     for i in 0..COEFFICIENT_COUNT {
         assert!((after[(i, i)] / before[(i, i)] - 1.0).abs() < 0.05, "{i}: {} {}", after[(i, i)], before[(i, i)]);
@@ -377,10 +388,10 @@ fn autocorrelation_does_not_inflate_priors() {
 fn configured_inclination_is_removed_from_the_estimate() {
     let known_sigma = ModelConfig::DEFAULT.known_inclination_sigma_rad;
     for (own_rad, sigma, is_shown) in [(0.75, 0.004, true), (0.6, 0.03, true), (0.9, 0.07, true), (0.9, 0.078, false)] {
-        for told in [true, false] {
-            let prior = Prior { inclination_rad: told.then_some(0.7), ..Prior::default() };
+        for is_configured in [true, false] {
+            let prior = Prior { inclination_rad: is_configured.then_some(0.7), ..Prior::default() };
             let likelihood = likelihood(&prior, ModelConfig::DEFAULT);
-            let weights = if told { [known_sigma.powi(-2), f32::powi(sigma, -2)] } else { [0.0, 1.0] };
+            let weights = if is_configured { [known_sigma.powi(-2), f32::powi(sigma, -2)] } else { [0.0, 1.0] };
             let inclination_rad = (weights[0] * 0.7 + weights[1] * own_rad) / (weights[0] + weights[1]);
             let at = ModelParameters { inclination_rad, ..parameters() }.unknowns().unwrap();
             let mut information = prior_information(&likelihood, &at);
@@ -393,20 +404,20 @@ fn configured_inclination_is_removed_from_the_estimate() {
                 information
                     .residuals
                     .autocorrelation
-                    .add_residuals(0, if told { [0.0, residual] } else { [residual, 0.0] });
+                    .add_residuals(0, if is_configured { [0.0, residual] } else { [residual, 0.0] });
             }
             information.attitude_errors[BANK_SCALE].cross_information = [Vector13::ith(INCLINATION_INDEX, 2e3)];
             let mut sigmas = [0.0; ATTITUDE_ERROR_COUNT];
             sigmas[BANK_SCALE] = 0.01;
             let Some([found_rad, variance]) = inclination_from_samples(&information, &likelihood, &at, &sigmas) else {
-                assert!(told && !is_shown, "{own_rad} {sigma}");
+                assert!(is_configured && !is_shown, "{own_rad} {sigma}");
                 continue;
             };
-            assert!(!told || is_shown, "{own_rad} {sigma}");
+            assert!(!is_configured || is_shown, "{own_rad} {sigma}");
             assert!((found_rad - own_rad).abs() < 1e-3, "{found_rad} {own_rad}");
             let shift = 2e3 * 0.01 * sigma * sigma;
             let expected = sigma * sigma * 3.0 + shift * shift;
-            assert!((variance / expected - 1.0).abs() < 0.02, "{variance} {expected} {told}");
+            assert!((variance / expected - 1.0).abs() < 0.02, "{variance} {expected} {is_configured}");
         }
     }
 }

@@ -153,7 +153,7 @@ fn a_new_collection_restarts_its_policy() {
     );
     (0..4).for_each(|i| collector.push_sample(test_sample([i as f32 * 2.0, 0.0, 0.0], i * 100)));
     assert_eq!((collector.distinct_samples(), collector.stored_count()), (4, 4));
-    assert_eq!(collector.held_back().iter().map(|held| held.time.as_ms()).collect::<Vec<_>>(), [300]);
+    assert_eq!(collector.held_back().iter().map(|sample| sample.time.as_ms()).collect::<Vec<_>>(), [300]);
     let tumble = |collector: &mut Collector, number: u32| {
         collector.begin_procedure(Procedure::Tumble);
         (0..number).for_each(|i| collector.push_sample(test_sample([i as f32 * 5.1, 0.0, 0.0], i * 400)));

@@ -212,7 +212,7 @@ fn a_flipped_bit_invalidates_the_memory() {
     collect(retained, Procedure::Turns, flight());
     let good = memory_words(retained);
     let mut collector = Collector::new(retained);
-    let then = observable_state(&collector);
+    let state_before = observable_state(&collector);
     collector.reset_restart_count();
     let mut random = Random(2);
     let mut same = 0;
@@ -224,7 +224,7 @@ fn a_flipped_bit_invalidates_the_memory() {
         let mut collector = Collector::new(&mut damaged);
         if collector.restored_context().is_some() {
             assert!(
-                (collector.restored_context(), observable_state(&collector)) == (Some(MANUAL), then.clone()),
+                (collector.restored_context(), observable_state(&collector)) == (Some(MANUAL), state_before.clone()),
                 "bit {bit}"
             );
             same += 1;

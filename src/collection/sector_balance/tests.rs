@@ -320,14 +320,14 @@ fn a_complete_part_stays_complete() {
 
 #[test]
 fn the_quota_must_suffice_for_a_complete_part() {
-    let with =
+    let balance_with =
         |fit| SectorBalance { quota: SampleQuota { fit_quota: fit, held_back_quota: 60 }, ..SectorBalance::LEVEL };
-    assert!(with(48).fits_quota() && !with(47).fits_quota(), "either target");
-    assert!(!SectorBalance { target: 49, ..with(48) }.fits_quota());
-    assert!(!SectorBalance { sector_samples: 5, ..with(59) }.fits_quota());
-    assert!(SectorBalance { sector_samples: 5, ..with(60) }.fits_quota());
-    assert!(!SectorBalance { min_samples: 49, ..with(100) }.fits_quota());
-    assert!(SectorBalance { min_samples: 48, ..with(100) }.fits_quota());
+    assert!(balance_with(48).fits_quota() && !balance_with(47).fits_quota(), "either target");
+    assert!(!SectorBalance { target: 49, ..balance_with(48) }.fits_quota());
+    assert!(!SectorBalance { sector_samples: 5, ..balance_with(59) }.fits_quota());
+    assert!(SectorBalance { sector_samples: 5, ..balance_with(60) }.fits_quota());
+    assert!(!SectorBalance { min_samples: 49, ..balance_with(100) }.fits_quota());
+    assert!(SectorBalance { min_samples: 48, ..balance_with(100) }.fits_quota());
     let held_back = |held_back| SectorBalance {
         quota: SampleQuota { fit_quota: 48, held_back_quota: held_back },
         ..SectorBalance::LEVEL

@@ -96,12 +96,12 @@ fn model_deg(place: Position) -> Option<f32> {
 
 #[test]
 fn a_model_inclination_contradicted_by_the_samples_is_ignored() {
-    let mut without = TestBed::new();
-    without.solved_inclination_deg();
+    let mut bench_without_model = TestBed::new();
+    bench_without_model.solved_inclination_deg();
     let mut bench = TestBed::new();
     bench.set_place(dresden());
     bench.solved_inclination_deg();
-    assert_eq!(bench.compass.active_record(), without.compass.active_record());
+    assert_eq!(bench.compass.active_record(), bench_without_model.compass.active_record());
     let mut bench = TestBed::new();
     bench.saved(Command::Set(SettingChange::Inclination(model_deg(dresden())))).unwrap();
     let refused = bench.calibrate(&few_turns(&airframe(), 1));

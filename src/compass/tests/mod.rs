@@ -486,8 +486,8 @@ fn a_failed_solve_is_refused_with_the_solver_s_reason() {
 #[test]
 fn a_rejected_calibration_is_not_used() {
     let strict = AcceptancePolicy { max_expected_rms_deg: 0.01, ..AcceptancePolicy::DEFAULT };
-    let more = AcceptancePolicy { min_held_back: 1000, ..AcceptancePolicy::DEFAULT };
-    for (policy, code) in [(strict, "not-accurate"), (more, "too-few-held-back")] {
+    let strict_policy = AcceptancePolicy { min_held_back: 1000, ..AcceptancePolicy::DEFAULT };
+    for (policy, code) in [(strict, "not-accurate"), (strict_policy, "too-few-held-back")] {
         let mut bench = TestBed::with(policy, StoredCalibrations::default());
         let refused = bench.calibrate(&turns(&airframe(), 1)).unwrap_err();
         assert_eq!(refused.stable_code(), code);
@@ -502,8 +502,9 @@ fn a_second_calibration_is_judged_against_the_first() {
     let mut bench = TestBed::new();
     bench.calibrate(&turns(&airframe(), 1)).unwrap();
     let first = *bench.compass.active_record().unwrap();
-    let thin = Flight { samples: 40, attitude_noise_deg: 1.5, ..Flight::TYPICAL }.fly(&airframe(), &mut Random(5));
-    let refused = bench.calibrate(&thin).unwrap_err();
+    let short_flight =
+        Flight { samples: 40, attitude_noise_deg: 1.5, ..Flight::TYPICAL }.fly(&airframe(), &mut Random(5));
+    let refused = bench.calibrate(&short_flight).unwrap_err();
     let rejected = matches!(
         refused,
         Refusal::Rejected(
@@ -513,8 +514,8 @@ fn a_second_calibration_is_judged_against_the_first() {
     assert!(rejected, "{refused:?}");
     assert_eq!(bench.compass.active_record(), Some(&first));
     assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
-    let moved = Airframe { b_ut: airframe().b_ut * 0.2, ..airframe() };
-    bench.calibrate(&turns(&moved, 2)).unwrap();
+    let changed_airframe = Airframe { b_ut: airframe().b_ut * 0.2, ..airframe() };
+    bench.calibrate(&turns(&changed_airframe, 2)).unwrap();
     let second = *bench.compass.active_record().unwrap();
     assert_eq!(second.serial_number, 2);
     assert!(bench.report().can_undo);
@@ -603,8 +604,8 @@ fn a_solve_uses_configured_mounting_and_inclination() {
     let nothing = expected_deg(0.0, 0.0);
     let as_delivered = TestBed::new().calibrate(&few_turns(&airframe(), 1)).unwrap().quality.expected_rms_deg;
     assert!(nothing < as_delivered && (as_delivered - expected_deg(0.2, 1.0)).abs() < 1e-6, "{nothing} {as_delivered}");
-    for more in [expected_deg(1.0, 0.0), expected_deg(0.0, 5.0)] {
-        assert!(more > 1.2 * nothing, "{more} {nothing}");
+    for larger_error_deg in [expected_deg(1.0, 0.0), expected_deg(0.0, 5.0)] {
+        assert!(larger_error_deg > 1.2 * nothing, "{larger_error_deg} {nothing}");
     }
     let mut bench = TestBed::new();
     bench.saved(Command::Set(SettingChange::Inclination(Some(60.0)))).unwrap();

@@ -119,8 +119,8 @@ mod tests {
             current_sigma_a: 6.5,
         };
         assert_eq!(line(found), "current: 0.250 -0.125 0.500 uT/A, sigma 0.004, used; 14.3 A, sigma 6.5\n");
-        let unused = MotorCurrentInterference { ut_per_a: [0.0; 3], ..found };
-        assert_eq!(line(unused), "current: 0.000 0.000 0.000 uT/A, sigma 0.004, not used; 14.3 A, sigma 6.5\n");
+        let unapplied = MotorCurrentInterference { ut_per_a: [0.0; 3], ..found };
+        assert_eq!(line(unapplied), "current: 0.000 0.000 0.000 uT/A, sigma 0.004, not used; 14.3 A, sigma 6.5\n");
         assert_eq!(line(MotorCurrentInterference::NO_INTERFERENCE), "current: not known\n");
     }
 

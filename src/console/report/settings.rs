@@ -198,16 +198,16 @@ mod tests {
     use crate::time::WrappingMillis;
 
     fn line(place: Option<[f32; 2]>, days: Option<u64>) -> String {
-        let mut here = LocalField::UNKNOWN;
+        let mut local_field = LocalField::UNKNOWN;
         if let Some([latitude_deg, longitude_deg]) = place {
             let place = Position::new(latitude_deg, longitude_deg, 100.0).unwrap();
-            here.update_position(WrappingMillis::default(), place, PositionContext::default());
+            local_field.update_position(WrappingMillis::default(), place, PositionContext::default());
         }
         if let Some(days) = days {
-            here.set_date(Date::from_unix_s(days * 86_400).unwrap());
+            local_field.set_date(Date::from_unix_s(days * 86_400).unwrap());
         }
         let mut out = String::new();
-        field_model(&mut out, &here).unwrap();
+        field_model(&mut out, &local_field).unwrap();
         out
     }
 

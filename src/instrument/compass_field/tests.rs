@@ -76,8 +76,9 @@ fn headings_from_the_compass_field_match_ours_in_level_flight() {
                 + other_calibration().b_vector_ut();
             let estimate = read(&mut instrument, 0, Field::new(read_ut));
             let ours_deg = estimate.heading.unwrap().magnetic_deg();
-            let off_deg = wrap_pi((heading_deg(estimate.compass_field.unwrap()) - ours_deg).to_radians()).to_degrees();
-            assert!(off_deg.abs() < 1e-3, "align {align_deg} heading {heading}: {off_deg}");
+            let difference_deg =
+                wrap_pi((heading_deg(estimate.compass_field.unwrap()) - ours_deg).to_radians()).to_degrees();
+            assert!(difference_deg.abs() < 1e-3, "align {align_deg} heading {heading}: {difference_deg}");
             assert!((estimate.compass_field.unwrap().total_ut() - 50.0).abs() < 1e-3);
             assert!((estimate.compass_field.unwrap().ut.z - estimate.body_field.unwrap().ut.z).abs() < 1e-4);
         }
@@ -249,11 +250,11 @@ fn added_hard_iron_is_compensated_in_the_compass_field() {
         }
         let noise = Vector3::from_fn(|_, _| 0.1 * random.normal());
         let hard_iron_change_ut = Vector3::new(2.0, 0.0, 0.0);
-        let truth = sensed(heading_rad, Attitude::from_deg(5.0, 0.0)).ut;
-        let estimate = read(&mut instrument, us, Field::new(truth + hard_iron_change_ut + noise));
+        let true_field = sensed(heading_rad, Attitude::from_deg(5.0, 0.0)).ut;
+        let estimate = read(&mut instrument, us, Field::new(true_field + hard_iron_change_ut + noise));
         while instrument.next_sample().is_some() {}
         instrument.update_monitor();
-        last = estimate.compass_field.map(|output| (output.ut - noise - truth).norm());
+        last = estimate.compass_field.map(|output| (output.ut - noise - true_field).norm());
     }
     assert!(instrument.active.adjusted_at > at(119_000_000), "the last sample");
     assert!(last.is_some_and(|off_ut| off_ut < 0.7), "{last:?} of 2 uT is left");

@@ -174,9 +174,9 @@ fn the_spike_limit_grows_with_the_turn_rate() {
 fn a_lasting_field_step_is_accepted_at_the_fourth_reading() {
     let mut readings = Readings::new();
     readings.faults_at_rest(PARKED, 500);
-    let moved = [35.0, -5.0, 40.0];
-    assert_eq!(readings.faults_at_rest(moved, 3), [ReadingFault::Spike; 3]);
-    assert_eq!(readings.faults_at_rest(moved, 500), []);
+    let field_after_step = [35.0, -5.0, 40.0];
+    assert_eq!(readings.faults_at_rest(field_after_step, 3), [ReadingFault::Spike; 3]);
+    assert_eq!(readings.faults_at_rest(field_after_step, 500), []);
 }
 
 /// The longest interval is 0.5 s; 0.49 s of rotation do not explain 100 uT.

@@ -585,12 +585,12 @@ mod lasting {
         let decay = (-STEP_S / noise_s).exp();
         let mut sum = 0.0;
         for _ in 0..30 {
-            let (mut lasting, mut noise) = (ResidualNoise::NEW, 2.0 * random.normal());
+            let (mut residual_noise, mut noise) = (ResidualNoise::NEW, 2.0 * random.normal());
             for _ in 0..(240.0 / STEP_S) as usize {
                 noise = decay * noise + 2.0 * (1.0 - decay * decay).sqrt() * random.normal();
-                lasting.update_noise(noise, 4.0, STEP_S);
+                residual_noise.update_noise(noise, 4.0, STEP_S);
             }
-            sum += lasting.remaining_fraction();
+            sum += residual_noise.remaining_fraction();
         }
         sum / 30.0
     }
@@ -609,38 +609,42 @@ mod lasting {
     #[test]
     fn the_remaining_fraction_is_at_most_one() {
         for (innovation, expected) in [(1.0, 1.0), (2.0, 1.0), (-1.0, 1.0), (0.5, 0.375)] {
-            let mut lasting = ResidualNoise::NEW;
-            assert!((lasting.remaining_fraction() - 0.225).abs() < 1e-6);
+            let mut residual_noise = ResidualNoise::NEW;
+            assert!((residual_noise.remaining_fraction() - 0.225).abs() < 1e-6);
             for _ in 0..(1200.0 / STEP_S) as usize {
-                lasting.update_noise(innovation, 1.0, STEP_S);
+                residual_noise.update_noise(innovation, 1.0, STEP_S);
             }
             assert!(
-                (lasting.remaining_fraction() - expected).abs() < 0.01,
+                (residual_noise.remaining_fraction() - expected).abs() < 0.01,
                 "{innovation}: {}",
-                lasting.remaining_fraction()
+                residual_noise.remaining_fraction()
             );
         }
     }
 
     #[test]
     fn the_remaining_fraction_adapts_fast_at_first_and_slowly_later() {
-        let mut lasting = ResidualNoise::NEW;
-        let quiet = |lasting: &mut ResidualNoise, seconds: f32| {
+        let mut residual_noise = ResidualNoise::NEW;
+        let quiet = |residual_noise: &mut ResidualNoise, seconds: f32| {
             for _ in 0..(seconds / STEP_S) as usize {
-                lasting.update_noise(0.0, 1.0, STEP_S);
+                residual_noise.update_noise(0.0, 1.0, STEP_S);
             }
         };
-        quiet(&mut lasting, 10.0);
-        assert!((lasting.remaining_fraction() - 0.1125).abs() < 0.004, "{}", lasting.remaining_fraction());
-        for _ in 0..(2000.0 / STEP_S) as usize {
-            lasting.update_noise(1.0, 1.0, STEP_S);
-        }
-        lasting.restart_noise();
-        quiet(&mut lasting, 120.0);
+        quiet(&mut residual_noise, 10.0);
         assert!(
-            (lasting.remaining_fraction() - 1.5 * (-1.0_f32).exp()).abs() < 0.01,
+            (residual_noise.remaining_fraction() - 0.1125).abs() < 0.004,
             "{}",
-            lasting.remaining_fraction()
+            residual_noise.remaining_fraction()
+        );
+        for _ in 0..(2000.0 / STEP_S) as usize {
+            residual_noise.update_noise(1.0, 1.0, STEP_S);
+        }
+        residual_noise.restart_noise();
+        quiet(&mut residual_noise, 120.0);
+        assert!(
+            (residual_noise.remaining_fraction() - 1.5 * (-1.0_f32).exp()).abs() < 0.01,
+            "{}",
+            residual_noise.remaining_fraction()
         );
     }
 }

@@ -65,15 +65,15 @@ fn a_reported_current_is_valid_for_three_seconds() {
         let mut instrument = with_interference();
         instrument.on_current(at(0), 40.0);
         report(&mut instrument, silent_us, ATTITUDE);
-        let then = at(silent_us + LATENCY_US);
+        let expiry = at(silent_us + LATENCY_US);
         assert_eq!(instrument.current_a(at(silent_us)), current_a);
         assert_eq!(instrument.on_silence(at(silent_us)).current_a, current_a);
         // Without a report only the sigma differs, because the mean current is assumed.
         let mut with_report = with_interference();
-        with_report.on_current(then, 20.0);
+        with_report.on_current(expiry, 20.0);
         report(&mut with_report, silent_us, ATTITUDE);
         let sigma_rad = |instrument: &mut Instrument| {
-            instrument.on_reading(then, reading(field_with_current(20.0))).heading.map(|heading| heading.sigma_rad)
+            instrument.on_reading(expiry, reading(field_with_current(20.0))).heading.map(|heading| heading.sigma_rad)
         };
         let known = sigma_rad(&mut with_report).unwrap();
         if current_a.is_none() {

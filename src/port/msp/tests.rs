@@ -184,11 +184,13 @@ fn without_a_gyro_the_attitude_s_changes_give_the_body_rates() {
 /// a second each, the current four times.
 #[test]
 fn attitude_is_requested_at_the_rate_of_the_replies() {
-    for (after_us, least, most) in [(3_500, 495, 501), (9_500, 495, 501), (18_000, 395, 401), (40_000, 195, 201)] {
+    for (after_us, min_requests, max_requests) in
+        [(3_500, 495, 501), (9_500, 495, 501), (18_000, 395, 401), (40_000, 195, 201)]
+    {
         let mut msp = msp_with_firmware(b"ARDU");
         let requested = requested(&mut msp, 10, Some(after_us));
         let number = count_requests(&requested, MspFunction::Attitude);
-        assert!((least..=most).contains(&number), "answered after {after_us} us: {number}");
+        assert!((min_requests..=max_requests).contains(&number), "answered after {after_us} us: {number}");
         for other in PERIODIC_REQUESTS {
             let times = if other == MspFunction::Analog { 4 } else { 1 };
             assert!((9 * times..=10 * times + 1).contains(&count_requests(&requested, other)), "{other:?}");

@@ -159,11 +159,11 @@ fn a_sentence_over_82_characters_has_no_checksum() {
 
 #[test]
 fn tenths_are_padded_to_the_requested_digits() {
-    for (tenths, least, text) in
+    for (tenths, min_digits, text) in
         [(0, 1, "0.0"), (0, 3, "000.0"), (7, 1, "0.7"), (99, 1, "9.9"), (100, 1, "10.0"), (12_345, 3, "1234.5")]
     {
         let mut out = Sentence::new();
-        put_tenths(&mut out, tenths, least).unwrap();
+        put_tenths(&mut out, tenths, min_digits).unwrap();
         assert_eq!(out, text.as_bytes());
     }
 }

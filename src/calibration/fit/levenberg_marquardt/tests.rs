@@ -200,29 +200,30 @@ fn a_restart_converges_in_one_round() {
         while refinement.refine_step(recorded.turns()) == RefinementProgress::Continue {}
         refinement
     };
-    let (there, mut again) = (settled(), refinement(&recorded, true));
-    again.unknowns = there.unknowns;
-    again.restart_with_noise(recorded.turns(), there.likelihood.noise.clone());
+    let (converged, mut restarted) = (settled(), refinement(&recorded, true));
+    restarted.unknowns = converged.unknowns;
+    restarted.restart_with_noise(recorded.turns(), converged.likelihood.noise.clone());
     assert_eq!(
-        (again.refine_step(recorded.turns()), again.refine_step(recorded.turns())),
+        (restarted.refine_step(recorded.turns()), restarted.refine_step(recorded.turns())),
         (RefinementProgress::Continue, RefinementProgress::Converged)
     );
-    let moved = (again.unknowns - there.unknowns).norm();
-    assert!(moved < 1e-3 * there.unknowns.norm(), "{moved}");
+    let change = (restarted.unknowns - converged.unknowns).norm();
+    assert!(change < 1e-3 * converged.unknowns.norm(), "{change}");
     assert!(
-        (again.likelihood.noise.inclination_sigma_rad / there.likelihood.noise.inclination_sigma_rad - 1.0).abs()
+        (restarted.likelihood.noise.inclination_sigma_rad / converged.likelihood.noise.inclination_sigma_rad - 1.0)
+            .abs()
             < 0.01
     );
     let mut late = settled();
     late.restart_with_latency(recorded.turns(), 0.05, &Vector13::repeat(1e-4));
     assert_eq!(late.likelihood.latency_s.to_bits(), 0.05_f32.to_bits());
-    assert!((late.unknowns - there.unknowns - Vector13::repeat(1e-4)).norm() < 1e-6);
+    assert!((late.unknowns - converged.unknowns - Vector13::repeat(1e-4)).norm() < 1e-6);
     assert_eq!((late.noise_estimates, late.steps_since_estimate), (MAX_NOISE_ESTIMATES - 1, 0));
     // The first noise estimate contained the interference.
     let mut with_current = settled();
     with_current.restart_with_motor_current(recorded.turns(), &Vector3::new(0.0, 1e-3, 0.0), &Vector13::repeat(1e-4));
     assert!((with_current.likelihood.motor_current_per_ampere() - Vector3::new(0.0, 1e-3, 0.0)).norm() < 1e-6);
-    assert!((with_current.unknowns - there.unknowns - Vector13::repeat(1e-4)).norm() < 1e-6);
+    assert!((with_current.unknowns - converged.unknowns - Vector13::repeat(1e-4)).norm() < 1e-6);
     assert_eq!((with_current.noise_estimates, with_current.steps_since_estimate), (MAX_NOISE_ESTIMATES - 2, 0));
 }
 
@@ -235,8 +236,11 @@ fn fixed_unknowns_stay() {
         (0..10).take_while(|_| refinement.refine_step(recorded.turns()) == RefinementProgress::Continue).count();
     assert_eq!((steps, refinement.unknowns), (3, before));
     // Initial noise is 5 % and 0.1 rad; a sphere fit leaves less of the norm's and more than a sensor's.
-    let NoiseModel { norm_sigma: norm, inclination_sigma_rad: dip_rad, .. } = refinement.likelihood.noise;
-    assert!((0.01..0.049).contains(&norm) && (0.01..0.3).contains(&dip_rad), "{norm} {dip_rad}");
+    let NoiseModel { norm_sigma: norm, inclination_sigma_rad, .. } = refinement.likelihood.noise;
+    assert!(
+        (0.01..0.049).contains(&norm) && (0.01..0.3).contains(&inclination_sigma_rad),
+        "{norm} {inclination_sigma_rad}"
+    );
 }
 
 /// Number of passes for twenty flights from the sphere fit, the worst starting point: 7.0 on average.

@@ -94,17 +94,25 @@ fn hard_iron_derivatives_equal_numerical_ones() {
     case.likelihood.unit_ut = 40.0;
     let parameters = ModelParameters::new(&case.unknowns);
     for sample in case.recorded.left.iter().step_by(20) {
-        let of = |beta: Vector3<f32>| {
+        let equations_with = |beta: Vector3<f32>| {
             let field = Field::new(sample.field.ut - beta * case.likelihood.unit_ut);
             case.likelihood.sample_equations(&Sample { field, ..*sample }, None, &parameters)
         };
-        let here = of(Vector3::zeros());
+        let unchanged = equations_with(Vector3::zeros());
         for axis in 0..3 {
-            let moved = |step: f32| of(Vector3::ith(axis, step));
+            let changed = |step: f32| equations_with(Vector3::ith(axis, step));
             let by = |equation: &ResidualEquation| derivative_by_hard_iron(&parameters.w, equation)[axis];
-            assert_derivative(by(&here.norm_equation), |step| moved(step).norm_equation.residual, "norm by hard iron");
-            let dip = here.inclination_equation.as_ref().unwrap();
-            assert_derivative(by(dip), |step| moved(step).inclination_equation.unwrap().residual, "dip by hard iron");
+            assert_derivative(
+                by(&unchanged.norm_equation),
+                |step| changed(step).norm_equation.residual,
+                "norm by hard iron",
+            );
+            let inclination = unchanged.inclination_equation.as_ref().unwrap();
+            assert_derivative(
+                by(inclination),
+                |step| changed(step).inclination_equation.unwrap().residual,
+                "dip by hard iron",
+            );
         }
     }
 }
@@ -249,8 +257,10 @@ fn drift_sums_approximate_the_exact_sums() {
     for (equation, by_beta, _) in case.equations(TestedCourse::Drift) {
         exact.add_weighted_equation(&equation, &by_beta, 1.0);
     }
-    let of = |sums: &ScoreTest<3>| estimate_step(sums, &information.linear_system, &scan.step_to_maximum).unwrap();
-    let ((found, significance), (beta, expected)) = (of(&scan.drift_sums.score_test(&scan.w)), of(&exact));
+    let estimate_of =
+        |sums: &ScoreTest<3>| estimate_step(sums, &information.linear_system, &scan.step_to_maximum).unwrap();
+    let ((found, significance), (beta, expected)) =
+        (estimate_of(&scan.drift_sums.score_test(&scan.w)), estimate_of(&exact));
     assert!((found - beta).norm() < 0.03 * beta.norm(), "{found} {beta}");
     assert!((significance / expected - 1.0).abs() < 0.03, "{significance} {expected}");
 }
@@ -278,26 +288,28 @@ fn the_significance_of_norms_is_that_of_their_gradient() {
         }
     }
     let to_likeliest = information.linear_system.step_to_maximum().unwrap();
-    let columns = sums.cross_information.map(|with| information.linear_system.covariance_times(&with).unwrap());
+    let columns =
+        sums.cross_information.map(|cross_row| information.linear_system.covariance_times(&cross_row).unwrap());
     // Part of the gradient that the other unknowns do not explain; for inclination residuals the explained part.
     let left = |row: &JacobianRow, by_beta: Vector3<f32>| by_beta - Vector3::from_fn(|axis, _| row.dot(&columns[axis]));
     let of_inclination = |(equation, _, is_norm): (ResidualEquation, Vector3<f32>, bool)| {
         if is_norm { 0.0 } else { equation.weight * equation.jacobian_row.by_inclination.powi(2) }
     };
     let dips: f32 = case.equations(form).into_iter().map(of_inclination).sum();
-    let of_dip = information.residuals.excess_inclination_product(&Vector13::ith(12, 1.0), 0.0)[12] / dips;
+    let inclination_excess = information.residuals.excess_inclination_product(&Vector13::ith(12, 1.0), 0.0)[12] / dips;
     let norm = 1.3;
     let mut variance = Matrix3::zeros();
     for (equation, by_beta, is_norm) in case.equations(form) {
         let left = left(&equation.jacobian_row, if is_norm { by_beta } else { Vector3::zeros() });
-        variance += left * left.transpose() * (equation.weight * if is_norm { norm } else { of_dip.max(norm) });
+        variance +=
+            left * left.transpose() * (equation.weight * if is_norm { norm } else { inclination_excess.max(norm) });
     }
     let gradient = sums.gradient - Vector3::from_fn(|axis, _| sums.cross_information[axis].dot(&to_likeliest));
     let expected = gradient.dot(&(variance.try_inverse().unwrap() * gradient));
     let found =
         norm_significance(&sums, &information.linear_system, &information.residuals, &to_likeliest, norm).unwrap();
     assert!((found / expected - 1.0).abs() < 0.05, "{found} {expected}");
-    assert!(of_dip > 1.5, "{of_dip}");
+    assert!(inclination_excess > 1.5, "{inclination_excess}");
 }
 
 #[test]
@@ -354,11 +366,12 @@ fn fraction_of_the_change_at_a_time() {
 fn the_time_span_covers_all_parts() {
     let at = |millis| Sample { time: WrappingMillis::new(millis), ..STILL };
     let (left, right, level) = ([at(50), at(900)], [at(20), at(300)], [at(400), at(700)]);
-    let of = |left, right, level| TimeSpan::from_samples(Parts { left, right, level, ..Parts::default() }.samples());
-    let span = of(&left, &right, &level).unwrap();
+    let span_of =
+        |left, right, level| TimeSpan::from_samples(Parts { left, right, level, ..Parts::default() }.samples());
+    let span = span_of(&left, &right, &level).unwrap();
     assert_eq!((span.start.as_ms(), span.duration_ms), (20, 880));
-    assert_eq!(of(&[], &[], &level).unwrap().duration_ms, 300);
+    assert_eq!(span_of(&[], &[], &level).unwrap().duration_ms, 300);
     let any = Parts { free: &[level, left].concat(), ..Parts::default() }.samples();
     assert_eq!(TimeSpan::from_samples(any).map(|span| (span.start.as_ms(), span.duration_ms)), Some((50, 850)));
-    assert!(of(&[], &[], &[]).is_none());
+    assert!(span_of(&[], &[], &[]).is_none());
 }

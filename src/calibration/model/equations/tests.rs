@@ -127,26 +127,29 @@ fn the_measurement_is_corrected_by_its_expected_sensor_error() {
         let covariance = noise.covariance(&prediction.field_direction, &prediction.inclination_by_field, by_attitude);
         let residuals = Residuals::new(parameters, &prediction);
         let config = &ModelConfig::DEFAULT;
-        let (moved, _) =
+        let (corrected_sample, _) =
             linearise_at_corrected(parameters, &measured, &noise, &covariance, &prediction, &residuals, config);
-        (measured.x - moved.x, prediction, residuals)
+        (measured.x - corrected_sample.x, prediction, residuals)
     };
     let (found, prediction, residuals) = moved_by(&parameters);
     let by_x = [noise_w.tr_mul(&prediction.field_direction), noise_w.tr_mul(&prediction.inclination_by_field)];
     let [roll, pitch] = prediction.inclination_by_attitude(&tilt);
     let attitude = (0.015_f32.powi(2) - 1e-4) * (roll * roll + pitch * pitch);
-    let of = |i: usize, j: usize| by_x[i].dot(&by_x[j]) * 1e-4 + if (i, j) == (1, 1) { attitude } else { 0.0 };
-    let inverse = nalgebra::Matrix2::new(of(0, 0), of(0, 1), of(1, 0), of(1, 1)).try_inverse().unwrap();
-    let [norm, dip] = (inverse * nalgebra::Vector2::new(residuals.norm, residuals.inclination_rad)).into();
-    let expected = (by_x[0] * norm + by_x[1] * dip) * 1e-4;
+    let element = |i: usize, j: usize| by_x[i].dot(&by_x[j]) * 1e-4 + if (i, j) == (1, 1) { attitude } else { 0.0 };
+    let inverse =
+        nalgebra::Matrix2::new(element(0, 0), element(0, 1), element(1, 0), element(1, 1)).try_inverse().unwrap();
+    let [norm, inclination] = (inverse * nalgebra::Vector2::new(residuals.norm, residuals.inclination_rad)).into();
+    let expected = (by_x[0] * norm + by_x[1] * inclination) * 1e-4;
     assert!((found - expected).norm() < 1e-3 * expected.norm(), "{found} {expected}");
 
     parameters.inclination_rad -= 1.0;
     let (found, _, residuals) = moved_by(&parameters);
-    let slope = of(0, 1) / of(0, 0);
-    let left = of(1, 1) - slope * of(0, 1);
-    let by_dip = 2.0 / left.sqrt();
-    let expected = (by_x[0] * (residuals.norm / of(0, 0) - slope * by_dip) + by_x[1] * by_dip) * 1e-4;
+    let slope = element(0, 1) / element(0, 0);
+    let left = element(1, 1) - slope * element(0, 1);
+    let inclination_multiplier = 2.0 / left.sqrt();
+    let expected = (by_x[0] * (residuals.norm / element(0, 0) - slope * inclination_multiplier)
+        + by_x[1] * inclination_multiplier)
+        * 1e-4;
     assert!((found - expected).norm() < 1e-3 * expected.norm(), "{found} {expected}");
 }
 
@@ -158,11 +161,15 @@ fn heading_variance_is_the_sum_of_reference_and_sensor_variance() {
     let measured = MeasuredSample { x, tilt_rotation: tilt, heading_rad: Some(0.69) };
     for noise in [NoiseModel::new(1e-6, 1e-6, Matrix3::identity()), NoiseModel::new(0.01, 0.02, Matrix3::identity())] {
         let prediction = parameters.predict_field(x, &tilt);
-        let own = noise.heading_variance(&prediction.heading_by_field(&tilt), &prediction);
+        let measured_variance = noise.heading_variance(&prediction.heading_by_field(&tilt), &prediction);
         let equation = SampleEquations::new(&parameters, &measured, &noise, &ModelConfig::DEFAULT, false)
             .heading_equation
             .unwrap();
         assert!((equation.residual - 0.01).abs() < 1e-5);
-        assert!(close(1.0 / equation.weight, 0.0175 * 0.0175 + own), "{} {own}", 1.0 / equation.weight);
+        assert!(
+            close(1.0 / equation.weight, 0.0175 * 0.0175 + measured_variance),
+            "{} {measured_variance}",
+            1.0 / equation.weight
+        );
     }
 }

@@ -57,11 +57,11 @@ fn an_axis_is_stuck_if_over_a_fifth_of_its_samples_are_at_one_end() {
 /// Few samples are at one end by chance, and level flight on one heading moves no axis.
 #[test]
 fn only_turns_show_that_an_axis_is_stuck() {
-    let still = vec![varying_samples(1)[0]; 40];
-    assert_eq!(stuck_axis(Parts { level: &still, ..Parts::default() }.samples()), None);
-    assert_eq!(stuck_axis(Parts { left: &still[..11], ..Parts::default() }.samples()), None);
+    let constant_samples = vec![varying_samples(1)[0]; 40];
+    assert_eq!(stuck_axis(Parts { level: &constant_samples, ..Parts::default() }.samples()), None);
+    assert_eq!(stuck_axis(Parts { left: &constant_samples[..11], ..Parts::default() }.samples()), None);
     assert_eq!(
-        stuck_axis(Parts { left: &still[..6], right: &still[..6], ..Parts::default() }.samples()),
+        stuck_axis(Parts { left: &constant_samples[..6], right: &constant_samples[..6], ..Parts::default() }.samples()),
         Some(Axis::X)
     );
 }
@@ -70,11 +70,14 @@ fn only_turns_show_that_an_axis_is_stuck() {
 fn twelve_samples_or_one_mark_are_accepted() {
     let samples = varying_samples(12);
     let missing = |part, have, need| Err(SolveError::TooFewSamples { part, have, need });
-    let of = |level| Parts { level, ..Parts::default() }.samples();
-    assert_eq!(check_samples(Method::MaximumLikelihood, of(&samples)), Ok(()));
-    assert_eq!(check_samples(Method::MaximumLikelihood, of(&samples[..11])), missing(SamplePart::All, 11, 12));
-    assert_eq!(check_samples(Method::Level, of(&samples[..11])), missing(SamplePart::Level, 11, 12));
-    assert_eq!(check_samples(Method::CompassSwing, of(&[])), missing(SamplePart::All, 0, 12));
+    let level_samples = |level| Parts { level, ..Parts::default() }.samples();
+    assert_eq!(check_samples(Method::MaximumLikelihood, level_samples(&samples)), Ok(()));
+    assert_eq!(
+        check_samples(Method::MaximumLikelihood, level_samples(&samples[..11])),
+        missing(SamplePart::All, 11, 12)
+    );
+    assert_eq!(check_samples(Method::Level, level_samples(&samples[..11])), missing(SamplePart::Level, 11, 12));
+    assert_eq!(check_samples(Method::CompassSwing, level_samples(&[])), missing(SamplePart::All, 0, 12));
     let mark = [HeadingMark { sample: samples[0], heading_rad: 1.0 }];
     assert_eq!(check_samples(Method::CompassSwing, Parts { marks: &mark, ..Parts::default() }.samples()), Ok(()));
 }
@@ -201,10 +204,10 @@ fn a_retained_result_is_restored_with_its_corrections() {
     solver.refinement.likelihood.latency_s = 0.04;
     solver.refinement.likelihood.motor_current.ut_per_a = [0.3, -0.2, 0.1];
     let Refinement { likelihood, unknowns, .. } = &solver.refinement;
-    let kept = solver.retain_result(&found(0.5, 0.0)).unwrap();
-    let again = likelihood.unknowns_from_start(&kept.start).unwrap();
+    let retained = solver.retain_result(&found(0.5, 0.0)).unwrap();
+    let again = likelihood.unknowns_from_start(&retained.start).unwrap();
     assert!((again - unknowns).norm() < 1e-5 * unknowns.norm(), "{again} {unknowns}");
-    assert!(solver.restart_refinement(recorded.turns(), &kept.start, kept.assumed));
+    assert!(solver.restart_refinement(recorded.turns(), &retained.start, retained.assumed));
     let Likelihood { latency_s, motor_current: current, .. } = &solver.refinement.likelihood;
     assert_eq!((*latency_s, current.ut_per_a), (0.04, [0.3, -0.2, 0.1]));
     assert_eq!((solver.latency_updates, solver.motor_current_updates), (1, 1), "each was tried once at least");
@@ -248,11 +251,11 @@ fn the_current_s_spread_is_in_microtesla() {
 fn a_poor_result_is_retried_without_the_inclination() {
     let (_, recorded) = flown();
     let samples = recorded.turns();
-    let told = Prior { inclination_rad: Some(0.9), ..Prior::default() };
+    let prior_with_inclination = Prior { inclination_rad: Some(0.9), ..Prior::default() };
     for (prior, end, is_left_out) in [
-        (told, Ok(found(2.9, 0.0)), false),
-        (told, Ok(found(3.1, 0.0)), true),
-        (told, Err(SolveError::TurnsReversed), true),
+        (prior_with_inclination, Ok(found(2.9, 0.0)), false),
+        (prior_with_inclination, Ok(found(3.1, 0.0)), true),
+        (prior_with_inclination, Err(SolveError::TurnsReversed), true),
         (Prior::default(), Err(SolveError::TurnsReversed), false),
     ] {
         let mut solver = Solver::new(Method::MaximumLikelihood, samples, &prior).unwrap();

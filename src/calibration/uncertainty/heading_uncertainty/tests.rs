@@ -82,10 +82,11 @@ fn jacobian_equals_numerical_derivatives() {
         let level = tilt.to_level_frame(case.calibration.calibrated_field(case.reading)).ut / total_ut;
         let x = (case.reading.ut - case.calibration.b_vector_ut()) / total_ut;
         let row = coefficient_jacobian_row(&heading_by_field(&tilt, &level), &x);
-        let here = case.heading_rad(&case.calibration);
+        let reference_rad = case.heading_rad(&case.calibration);
         for i in 0..COEFFICIENT_COUNT {
             let direction = Vector12::ith(i, 1.0);
-            let turned = |step| wrap_pi(case.heading_rad(&case.perturbed_calibration(&direction, step)) - here);
+            let turned =
+                |step| wrap_pi(case.heading_rad(&case.perturbed_calibration(&direction, step)) - reference_rad);
             assert_derivative(row[i], turned, &format!("heading by coefficient {i}"));
         }
     }
@@ -99,10 +100,10 @@ fn sigma_equals_the_effect_of_wrong_coefficients() {
         let direction = Vector12::from_fn(|_, _| random.uniform(-1.0, 1.0));
         let mut covariance = CoefficientCovariance::ZERO;
         covariance.add_outer_product(&direction, 1.0);
-        let here = case.heading_rad(&case.calibration);
-        let turned =
-            derivative(|step| wrap_pi(case.heading_rad(&case.perturbed_calibration(&(direction * 0.3), step)) - here))
-                / 0.3;
+        let reference_rad = case.heading_rad(&case.calibration);
+        let turned = derivative(|step| {
+            wrap_pi(case.heading_rad(&case.perturbed_calibration(&(direction * 0.3), step)) - reference_rad)
+        }) / 0.3;
         let sigma_rad = case.sigma_rad(&HeadingUncertainty::from_covariance(&covariance, 0.0, 0.0));
         assert!((sigma_rad - turned.abs()).abs() < 0.005 + 0.002 * sigma_rad, "{sigma_rad} {turned}");
     }
@@ -113,20 +114,23 @@ fn sigma_equals_the_effect_of_noise() {
     let mut random = Random(4);
     for _ in 0..20 {
         let case = Case::random(&mut random);
-        let here = case.heading_rad(&case.calibration);
+        let reference_rad = case.heading_rad(&case.calibration);
         let total_ut = case.calibration.total_ut;
         let by_reading = |axis: usize| {
             derivative(|step| {
                 let reading = case.reading.ut + Vector3::ith(axis, step * total_ut);
                 let level = case.attitude.to_level_frame(case.calibration.calibrated_field(Field::new(reading)));
-                wrap_pi(level.heading_rad() - here)
+                wrap_pi(level.heading_rad() - reference_rad)
             })
         };
         let by_attitude = |roll: f32, pitch: f32| {
             derivative(|step| {
                 let Attitude { roll_rad, pitch_rad } = case.attitude;
                 let attitude = Attitude { roll_rad: roll_rad + roll * step, pitch_rad: pitch_rad + pitch * step };
-                wrap_pi(attitude.to_level_frame(case.calibration.calibrated_field(case.reading)).heading_rad() - here)
+                wrap_pi(
+                    attitude.to_level_frame(case.calibration.calibrated_field(case.reading)).heading_rad()
+                        - reference_rad,
+                )
             })
         };
         let sensor = (0..3).map(by_reading).map(|d| d * d).sum::<f32>().sqrt();

@@ -192,9 +192,14 @@ fn a_calibration_report_has_an_autopilot_s_parameters() {
         let raw_mg = nalgebra::Vector3::new(200.0, -100.0, 450.0);
         let [dx, dy, dz, xy, xz, yz] = std::array::from_fn(|i| number(4 + i));
         let matrix = nalgebra::Matrix3::new(dx, xy, xz, xy, dy, yz, xz, yz, dz);
-        let theirs = matrix * (mounting * raw_mg + nalgebra::Vector3::new(number(1), number(2), number(3)));
+        let autopilot_corrected =
+            matrix * (mounting * raw_mg + nalgebra::Vector3::new(number(1), number(2), number(3)));
         let ours = found.calibrated_field(crate::frames::Field::new(raw_mg / 10.0)).ut * 10.0;
-        assert!((theirs - ours).norm() < 1e-2, "{}: {theirs} {ours}", orientation.orientation_name());
+        assert!(
+            (autopilot_corrected - ours).norm() < 1e-2,
+            "{}: {autopilot_corrected} {ours}",
+            orientation.orientation_name()
+        );
     }
 }
 

@@ -41,7 +41,7 @@ fn calibration_commands_are_executed_and_acknowledged() {
     for (number, order) in
         [(START, Command::CalStart(Procedure::Flight)), (42_425, Command::CalSolve(None)), (42_426, Command::CalAbort)]
     {
-        for (result, told) in [
+        for (result, acknowledged) in [
             (Ok(()), ACCEPTED),
             (Err(&Refusal::Armed), REJECTED),
             (Err(&Refusal::Busy), REJECTED),
@@ -51,7 +51,7 @@ fn calibration_commands_are_executed_and_acknowledged() {
             assert_eq!(bed.command(number, 0), [ReceivedMessage::Command(order)]);
             assert_eq!(bed.answers(), [], "not before it is known");
             bed.module.complete_command(order, result);
-            assert_eq!(bed.answers(), [(number, told, STATION)]);
+            assert_eq!(bed.answers(), [(number, acknowledged, STATION)]);
             bed.module.complete_command(order, result);
             assert_eq!(bed.answers(), [], "once");
         }
@@ -130,7 +130,7 @@ fn a_repeated_command_is_answered_and_not_carried_out_again() {
     assert_eq!(bed.answers(), [(START, IN_PROGRESS, STATION)]);
     bed.module.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
     assert_eq!(bed.answers(), [(START, ACCEPTED, STATION)]);
-    for (result, told) in [(Ok(()), ACCEPTED), (Err(&Refusal::NoSamples), DENIED)] {
+    for (result, acknowledged) in [(Ok(()), ACCEPTED), (Err(&Refusal::NoSamples), DENIED)] {
         assert_eq!(
             bed.command(START, 0),
             [ReceivedMessage::Command(Command::CalStart(Procedure::Flight))],
@@ -140,7 +140,7 @@ fn a_repeated_command_is_answered_and_not_carried_out_again() {
         bed.answers();
         bed.ms += 1_000;
         assert_eq!(bed.command(START, 1), []);
-        assert_eq!(bed.answers(), [(START, told, STATION)]);
+        assert_eq!(bed.answers(), [(START, acknowledged, STATION)]);
         bed.ms += 1;
         assert_eq!(bed.command(START, 2), [ReceivedMessage::Command(Command::CalStart(Procedure::Flight))]);
         bed.module.complete_command(Command::CalStart(Procedure::Flight), Ok(()));

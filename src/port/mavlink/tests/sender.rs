@@ -209,13 +209,13 @@ fn a_pose_contains_the_raw_true_heading_and_attitude() {
 
 #[test]
 fn a_pose_needs_declination_heading_attitude_and_the_setting() {
-    let without: [fn(&mut MavlinkBench); 4] = [
+    let removals: [fn(&mut MavlinkBench); 4] = [
         |bench| bench.settings.sends_vision_yaw = false,
         |bench| bench.settings.declination_deg = None,
         |bench| bench.estimate.heading = Err(NoHeading::FieldDisturbed),
         |bench| bench.estimate.attitude = None,
     ];
-    for change in without {
+    for change in removals {
         let mut bench = bench_with_heading();
         change(&mut bench);
         bench.run(1_000);

@@ -421,8 +421,8 @@ fn a_heartbeat_with_wrong_crc_is_rejected_and_counted() {
             broken[at] ^= 1 << (bit % 8);
             assert_eq!(messages(&broken), (vec![], 1));
         }
-        let without = frame[..frame.len() - 2].to_vec();
-        assert_ignored(&with_crc_of(39, without), 1, "attitude's extra byte");
+        let frame_without_crc = frame[..frame.len() - 2].to_vec();
+        assert_ignored(&with_crc_of(39, frame_without_crc), 1, "attitude's extra byte");
     }
 }
 
