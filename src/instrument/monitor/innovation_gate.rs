@@ -97,7 +97,7 @@ impl InnovationGate {
         required_turn_rad: 0.0,
     };
 
-    /// Counts a turn of the gyro, radians, `step_s` long, after the innovations of its end have been tested.
+    /// Adds the gyro's turn during a step, radians, after the innovations at the end of the step have been tested.
     pub fn update_turn(&mut self, turned_rad: f32, step_s: f32) {
         if self.withholding_remaining_s > 0.0 {
             self.withheld_s += step_s;

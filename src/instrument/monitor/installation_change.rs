@@ -185,7 +185,7 @@ mod tests {
         }
     }
 
-    /// Iron that comes and goes within 30 s causes one text, and the next one has what holds then.
+    /// Iron that comes and goes within 30 s causes one report; the next report has the change at its own time.
     #[test]
     fn reports_are_30_seconds_apart() {
         let change = Some(hard_iron_change(Vector3::new(5.0, 0.0, 0.0)));
@@ -199,7 +199,7 @@ mod tests {
         assert_eq!(reports.by_ref().collect::<Vec<_>>(), [(0, change), (310, None), (620, change)]);
     }
 
-    /// 3 sigma, and 2 uT or 3 deg.
+    /// A further change is reported above 3 sigma, and above 2 uT or 3 deg.
     #[test]
     fn a_further_change_must_be_significant() {
         let reports_again = |first: InstallationChange, then: InstallationChange| {

@@ -60,7 +60,7 @@ mod tests {
         assert_eq!(change_after([0.0, 0.0, 0.4], 20), None);
     }
 
-    /// A strength that changes as well shows hard iron, an inclination an attitude: no change of the gyro.
+    /// If strength or inclination changes with the heading, hard iron or attitude is the cause, and not the gyro.
     #[test]
     fn other_kinds_veto_a_change_of_the_heading_alone() {
         assert_eq!(change_after([0.3, 0.0, 0.9], 300), None);

@@ -29,7 +29,7 @@ use crate::trig::VectorLength as _;
 pub(super) const STATE_COUNT: usize = GYRO_ERRORS + GYRO_ERROR_COUNT;
 pub(super) const HARD_IRON_CHANGE: usize = 0;
 pub(super) const HARD_IRON_AXES: [usize; 3] = [HARD_IRON_CHANGE, HARD_IRON_CHANGE + 1, HARD_IRON_CHANGE + 2];
-/// This state is placed early, because the field strength depends on the states up to this one alone.
+/// The mount turn is an early state, because the field strength depends only on the states up to it.
 pub(super) const MOUNT_TURN: usize = 3;
 pub(super) const STRENGTH_CHANGE: usize = 4;
 pub(super) const INCLINATION_CHANGE: usize = 5;

@@ -103,8 +103,8 @@ pub(super) struct Monitor {
 /// Number of steps in which every state receives its process noise.
 const NOISE_STEPS: usize = 2 * (STATE_COUNT - 1);
 
-/// State that receives process noise with a sample, and the number of samples since its last: to save time, one state a
-/// sample, the offset of the gyro heading with every second one.
+/// State that receives process noise with this sample, and the number of samples since its last addition. To save time,
+/// one state is chosen per sample, the gyro heading's offset with every second sample.
 const fn noise_schedule(step: usize) -> (usize, usize) {
     let i = step / 2;
     match step % 2 {
@@ -381,8 +381,8 @@ impl Monitor {
         }
     }
 
-    /// Follows a drift of the field: where the flight does not show it, hard iron may have drifted as much as where it
-    /// does. The module may turn as well, where a bank shows it: elsewhere the estimate would wander.
+    /// Inflates all axes of hard iron by a drift of the field: unobserved axes may have drifted as much as observed
+    /// ones. In a bank, which makes it observable, the mount's turn is inflated as well.
     fn follow_drift(&mut self, roll_rad: f32, step_s: f32) {
         let states = self.filter.mean();
         let now: [f32; DRIFTING_STATES.len()] = DRIFTING_STATES.map(|i| states[i]);
@@ -533,7 +533,7 @@ impl Monitor {
         step_s: f32,
     ) -> Option<InstallationChange> {
         let size = hard_iron_change.vector_length();
-        // A change that is not one of hard iron has no size to report.
+        // Beyond the largest hard-iron change, the cause is not hard iron, and its size is not reported.
         let is_withholding = self.innovation_gate.is_withholding() || size > MAX_HARD_IRON_CHANGE;
         let turn_rad = self.filter.mean()[MOUNT_TURN];
         let sigma_rad = sqrt(self.filter.state_variance(MOUNT_TURN));

@@ -13,7 +13,8 @@ use crate::trig::VectorLength as _;
 /// Largest cosine between the difference and the mean of both fields, or the axis: at most 9 deg from a right angle.
 const MAX_COSINE_OF_CHANGE: f32 = 0.15;
 
-/// Additional difference along either, relative to the field strength: noise of the sensor and of the attitude.
+/// Tolerance of the difference along the mean field or the axis, relative to the field strength: noise of sensor and
+/// attitude.
 const FIELD_TOLERANCE: f32 = 0.006;
 
 /// Largest difference of a field that needs no turn to be explained, relative to the field strength: 1 uT of 50.
@@ -37,7 +38,7 @@ pub(super) fn mount_turn_rad(
         let tolerance = MAX_COSINE_OF_CHANGE * difference.vector_length() + FIELD_TOLERANCE;
         difference.dot(direction).abs() <= tolerance * direction.vector_length()
     };
-    // The field turns against the module: a chord across the axis. Not a number if the field is along the axis.
+    // In sensor axes the field turns against the module: a chord across the axis. NaN if the field is along the axis.
     let across = axis.cross(&mean);
     let half_tangent = -0.5 * difference.dot(&across) / across.norm_squared();
     let turn_rad = 2.0 * libm::atanf(half_tangent);

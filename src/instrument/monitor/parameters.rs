@@ -46,11 +46,11 @@ pub(super) fn state_noise(i: usize, errors: SensorErrorSigmas) -> StateNoise {
         BANK_SCALE_ERROR => random_walk_state(0.02, 1e-7),
         // Attitude latency tau: 0.1 s, the delay of a telemetry link; it varies with the load of the link.
         ATTITUDE_LATENCY => random_walk_state(0.1, 3e-5),
-        // Mount turn mu: play of a mount; in a minute 0.3 deg more.
+        // Mount turn mu: looseness of a mount; random walk of 0.3 deg in a minute.
         MOUNT_TURN => random_walk_state(MOUNT_SIGMA_RAD, 4e-7),
         // Gyro heading offset c: unknown, more than pi; random walk of the gyro 0.06 deg in a second.
         GYRO_OFFSET => random_walk_state(10.0, 1e-6),
-        // Gyro offsets b_y and b_z: 0.15 deg/s, what an autopilot leaves of a gyro's offset.
+        // Gyro offsets b_y and b_z: 0.15 deg/s, the remainder of an autopilot's offset correction.
         _ if GYRO_OFFSETS.contains(&i) => random_walk_state(0.0026, 1e-9),
         // Rows of y and z of the gyro's scale matrix.
         _ => random_walk_state(errors.gyro_scale, 1e-10),
@@ -159,7 +159,7 @@ pub(super) const DRIFT_FACTOR: f32 = 2.0;
 /// Time within which the gyro's offset accounts for a significant mean innovation of the heading, seconds.
 pub(super) const SLOW_CHANGE_TIME_S: f32 = 3.0;
 
-/// Largest variance to which a gyro offset is loosened, (1 deg/s)^2.
+/// Largest variance to which that of a gyro offset is inflated, (1 deg/s)^2.
 pub(super) const MAX_GYRO_OFFSET_VARIANCE: f32 = 0.0175 * 0.0175;
 
 /// Largest gyro offset, rad/s: 8.6 deg/s.
