@@ -1,9 +1,9 @@
 //! Reference frames as types, attitude, and angles.
 //!
 //! A magnetic field is a [`Field`]`<F>` with the frame `F` of its components: [`Sensor`], [`Body`] or [`Level`].
-//! [`Calibration::calibrated_field`](crate::calibration::Calibration::calibrated_field) converts from sensor to body axes,
-//! [`Attitude::to_level_frame`] to the level frame, and only a level field has a heading, so no conversion can be omitted.
-//! Conventions: [crate docs](crate).
+//! [`Calibration::calibrated_field`](crate::calibration::Calibration::calibrated_field) converts from sensor to body
+//! axes, [`Attitude::to_level_frame`] to the level frame, and only a level field has a heading, so no conversion can be
+//! omitted. Conventions: [crate docs](crate).
 
 use core::f32::consts::{PI, TAU};
 use core::marker::PhantomData;

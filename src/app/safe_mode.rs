@@ -1,6 +1,7 @@
-//! Safe mode, after repeated panics: the console answers, the ports report the mode, and nothing else runs, except for the node
-//! of a CAN bus ([`can`](super::can)), by which the firmware can be replaced. No other code is executed that depends on stored
-//! data, retained samples, the sensor or received messages, because one of them is the probable cause.
+//! Safe mode, after repeated panics: the console answers, the ports report the mode, and nothing else runs, except for
+//! the node of a CAN bus ([`can`](super::can)), by which the firmware can be replaced. No other code is executed that
+//! depends on stored data, retained samples, the sensor or received messages, because one of them is the probable
+//! cause.
 
 use embassy_futures::select::{Either, select};
 use embassy_time::{Duration, Ticker, with_timeout};

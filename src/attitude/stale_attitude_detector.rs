@@ -184,7 +184,7 @@ mod tests {
         offset_deg_s: f32,
         /// Growth of the offsets, deg/s in a second.
         growth_deg_s2: [f32; 3],
-        /// Factors of rates and field, where the unit or the sensor is wrong.
+        /// Factor on the reported rates, for a wrong unit.
         rates: f32,
         is_field_stale: bool,
     }

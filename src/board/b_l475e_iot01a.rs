@@ -86,7 +86,7 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     pac::DBGMCU.apb1fzr1().modify(|freeze| freeze.set_iwdg(true));
     let watchdog = Watchdog::start_watchdog(p.IWDG);
 
-    // SAFETY: `i2c2` creates the driver with these pins, and its peripherals are used nowhere else.
+    // SAFETY: `i2c2_bus` creates the driver with these pins, and its peripherals are used nowhere else.
     let bus = unsafe { I2cBus::new(p.PB10.into(), p.PB11.into(), i2c2_bus) };
     let (rx, tx) = bxcan::start_controller(p.CAN1, p.PB8, p.PB9, Irqs, CAN_BUFFERS.init_with(CanBuffers::new));
     // Without a transceiver the line is recessive: nothing is received, and therefore nothing is sent.

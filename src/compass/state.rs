@@ -16,9 +16,9 @@ use crate::settings::{SensorError, Settings};
 use crate::store::{CalibrationRecord, StoredCalibrations};
 use crate::time::WrappingMillis;
 
-/// Capacity for samples during a solve, 4.8 s at ten a second. The longest solve, with motor-current interference, takes
-/// 54 million instructions at most (`bench budget`): 3.5 s in the emulator, less than 1 s at 80 MHz. A longer trial solve
-/// is ended, and ended each time: the collection would never finish.
+/// Capacity for samples during a solve, 4.8 s at ten a second. The longest solve, with motor-current interference,
+/// takes 54 million instructions at most (`bench budget`): 3.5 s in the emulator, less than 1 s at 80 MHz. A longer
+/// trial solve is ended, and ended each time: the collection would never finish.
 pub(super) const HELD_SAMPLES_CAPACITY: usize = 48;
 
 /// State machine. About 4 KB; samples are in borrowed memory.

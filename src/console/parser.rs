@@ -246,7 +246,7 @@ fn common_prefix(first: &'static str, other: &str) -> &'static str {
     first.get(..length).unwrap_or_default()
 }
 
-/// Writes a list of words with commas, and `last` before the final one.
+/// Writes a list of words with commas, and `last_separator` before the final word.
 fn write_list(
     f: &mut fmt::Formatter<'_>,
     word: &dyn Fn(usize) -> Option<&'static str>,

@@ -24,8 +24,8 @@ pub enum MagnetometerError<E> {
 
 /// Three-axis magnetometer with its own configuration.
 ///
-/// Call [`init`](Self::init) first and after any error, then [`read_measurement`](Self::read_measurement) for each measurement. Drivers wait
-/// with `embassy_time`, hence also in virtual time on the host.
+/// Call [`init`](Self::init) first and after any error, then [`read_measurement`](Self::read_measurement) for each
+/// measurement. Drivers wait with `embassy_time`, hence also in virtual time on the host.
 #[expect(async_fn_in_trait, reason = "used through generics by tasks of one executor; no caller needs Send bounds")]
 pub trait Magnetometer {
     /// Error of the bus.

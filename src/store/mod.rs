@@ -212,7 +212,7 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
-    /// Writes a calibration to a free slot, unless a slot already holds it. Slots in `kept` are not free.
+    /// Writes a calibration to a free slot, unless a slot already holds it. Slots in `used_slots` are not free.
     async fn write_to_free_slot(
         &mut self,
         record: Option<&CalibrationRecord>,

@@ -136,7 +136,7 @@ const RECEIVE_INTERRUPTS: [Interrupt; 4] =
 
 /// Enables the UART interrupts only; returns the previous mask.
 fn mask_all_but_uarts() -> u32 {
-    // SAFETY: interrupts are disabled, and `unmask` restores the mask.
+    // SAFETY: interrupts are disabled, and `unmask_interrupts` restores the mask.
     let nvic = unsafe { &*NVIC::PTR };
     let enabled = nvic.iser[0].read();
     let receivers = RECEIVE_INTERRUPTS.iter().fold(0, |bits, &interrupt| bits | 1 << interrupt as u32);
@@ -149,7 +149,7 @@ fn mask_all_but_uarts() -> u32 {
 }
 
 fn unmask_interrupts(enabled: u32) {
-    // SAFETY: these writes only enable or disable interrupts: they restore the mask from before `mask_others`.
+    // SAFETY: these writes only enable or disable interrupts: they restore the mask from before `mask_all_but_uarts`.
     unsafe {
         let nvic = &*NVIC::PTR;
         nvic.icer[0].write(!enabled);

@@ -69,8 +69,8 @@ impl AttitudeLatency {
         self.estimate_s.abs() > MIN_SIGMAS * self.sigma_s
     }
 
-    /// Next latency after `tried` updates, seconds; `None` if `used_s` is final. A latency that turns out useless is
-    /// reset to 0.
+    /// Next latency after `update_count` updates, seconds; `None` if `used_s` is final. A latency that turns out
+    /// useless is reset to 0.
     pub(in crate::calibration) fn next_latency_s(self, used_s: f32, update_count: u8) -> Option<f32> {
         if update_count == 0 {
             return (self.sigma_s < MAX_TRIAL_SIGMA_S && self.is_significant()).then_some(self.estimate_s);

@@ -1,12 +1,12 @@
 //! Motor-current interference: the field of motors and their wires, proportional to the current.
 //!
-//! A current `I` adds `k I` to the field at the sensor: three more unknowns for samples with a current. `interference_ut_per_a` is
-//! eliminated from the result of the search as a hard-iron change of which each sample has the fraction `I - mean I`,
-//! with the step `k + S^-1 U` of the [score test](super::score_test). The search then continues with `k I` removed,
-//! until `interference_ut_per_a` converges.
+//! A current `I` adds `k I` to the field at the sensor: three more unknowns for samples with a current.
+//! `interference_ut_per_a` is eliminated from the result of the search as a hard-iron change of which each sample has
+//! the fraction `I - mean I`, with the step `k + S^-1 U` of the [score test](super::score_test). The search then
+//! continues with `k I` removed, until `interference_ut_per_a` converges.
 //!
-//! `interference_ut_per_a` is applied only if significant and certain to 0.5 uT at the current's spread. Its uncertainty, and a significant
-//! estimate that is not applied, are added to the covariance of the coefficients.
+//! `interference_ut_per_a` is applied only if significant and certain to 0.5 uT at the current's spread. Its
+//! uncertainty, and a significant estimate that is not applied, are added to the covariance of the coefficients.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -21,11 +21,12 @@ const PRIOR_SIGMA_UT_PER_A: f32 = 0.3;
 /// Maximum sigma at the current's spread for `interference_ut_per_a` to be applied, microtesla.
 const MAX_SIGMA_UT: f32 = 0.5;
 
-/// Minimum significance of an applied `interference_ut_per_a`: 99.9 % quantile of chi-squared with three degrees of freedom.
+/// Minimum significance of an applied `interference_ut_per_a`: 99.9 % quantile of chi-squared with three degrees of
+/// freedom.
 const MIN_SIGNIFICANCE: f32 = 16.3;
 
-/// Significance, for independent residuals, above which `interference_ut_per_a` is tried: before its removal, the interference inflates
-/// autocorrelation and noise.
+/// Significance, for independent residuals, above which `interference_ut_per_a` is tried: before its removal, the
+/// interference inflates autocorrelation and noise.
 const TRIAL_SIGNIFICANCE: f32 = 30.0;
 
 /// Deviation from the estimate above which `interference_ut_per_a` is updated, sigmas.
@@ -68,8 +69,8 @@ impl InterferenceEstimate {
         sqrt(self.covariance.diagonal().max())
     }
 
-    /// Next `interference_ut_per_a` after `tried` updates; `None` if `used` is final. `spread`: standard deviation of the current (A) times
-    /// the unit of field (uT).
+    /// Next `interference_ut_per_a` after `update_count` updates; `None` if `applied` is final. `current_sigma_ut`:
+    /// standard deviation of the current (A) times the unit of field (uT).
     pub fn next_interference(
         &self,
         applied: &Vector3<f32>,

@@ -9,7 +9,8 @@
 
 use nalgebra::{SMatrix, SVector};
 
-/// Triangular system `D (U x - t)` of `N` unknowns and `M` right-hand sides: `D` `diagonal`, `U` unit `upper` triangular, `t` `right_sides`.
+/// Triangular system `D (U x - t)` of `N` unknowns and `M` right-hand sides: `D` `diagonal`, `U` unit `upper`
+/// triangular, `t` `right_sides`.
 #[derive(Clone, Debug)]
 pub(crate) struct LeastSquares<const N: usize, const M: usize> {
     diagonal: [f32; N],

@@ -105,7 +105,7 @@ fn a_drift_is_detected() {
 /// level flight.
 #[test]
 fn hysteresis_is_detected_with_its_size() {
-    let play_rad = 15_f32.to_radians();
+    let lag_rad = 15_f32.to_radians();
     let mut ratios = Vec::new();
     for seed in 0..20 {
         let mut random = Random(9100 + seed);
@@ -117,13 +117,12 @@ fn hysteresis_is_detected_with_its_size() {
             for sample in samples {
                 let down = sample.attitude.to_body_frame(Field::new(Vector3::z())).ut;
                 let earth_ut = w * (sample.field.ut - airframe.b_ut);
-                sample.field.ut -= soft_iron * down.cross(&earth_ut) * direction * play_rad;
+                sample.field.ut -= soft_iron * down.cross(&earth_ut) * direction * lag_rad;
             }
         }
         recorded.right.iter_mut().for_each(|sample| sample.time = WrappingMillis::new(sample.time.as_ms() + 75_000));
         let horizontal_ut = airframe.total_ut * airframe.inclination_rad.cos();
-        let expected_ut =
-            play_rad * horizontal_ut * ((w * soft_iron).fixed_columns::<2>(0).norm_squared() / 2.0).sqrt();
+        let expected_ut = lag_rad * horizontal_ut * ((w * soft_iron).fixed_columns::<2>(0).norm_squared() / 2.0).sqrt();
         let Some(finding) = solved(&recorded).ok().and_then(|solution| solution.hard_iron_change) else { continue };
         if finding.violation.time_course == HardIronTimeCourse::BehindTurns {
             ratios.push(finding.violation.size_ut / expected_ut);

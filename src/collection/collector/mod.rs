@@ -134,14 +134,14 @@ impl<'a> Collector<'a> {
     }
 
     fn push_tumble_sample(&mut self, sample: Sample) -> bool {
-        let CollectionHeader { part_states: parts, min_distance_ut, .. } = &mut self.header;
-        let part = PartView::new(CollectionPart::FREE, &mut self.memory.samples, parts, &mut self.last_taken_at);
+        let CollectionHeader { part_states, min_distance_ut, .. } = &mut self.header;
+        let part = PartView::new(CollectionPart::FREE, &mut self.memory.samples, part_states, &mut self.last_taken_at);
         min_distance::push_sample(part, SampleQuota::TURN, min_distance_ut, sample)
     }
 
     fn push_free_flight_sample(&mut self, sample: Sample) -> bool {
-        let parts = &mut self.header.part_states;
-        let part = PartView::new(CollectionPart::FREE, &mut self.memory.samples, parts, &mut self.last_taken_at);
+        let part_states = &mut self.header.part_states;
+        let part = PartView::new(CollectionPart::FREE, &mut self.memory.samples, part_states, &mut self.last_taken_at);
         let end = free_flight::push_sample(part, &mut self.selection, sample);
         if end == FreeFlightSample::Ignored {
             return false;

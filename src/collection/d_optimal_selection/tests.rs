@@ -137,7 +137,7 @@ fn the_quick_test_accepts_what_the_full_evaluation_accepts() {
     assert!(known.may_exceed_weakest(&no_number), "the caller knows what to do with it");
 }
 
-/// Coefficients of a trial solve for soft iron `iron`: its inverse, normalised to determinant 1.
+/// Coefficients of a trial solve for a soft iron: its inverse, normalised to determinant 1.
 fn trial_linearisation(soft_iron: &Matrix3<f32>, sensor_noise_share_of_trial: f32) -> Linearisation {
     let w = soft_iron.try_inverse().unwrap();
     let w = w / w.determinant().cbrt();
@@ -155,8 +155,8 @@ fn trial_linearisation(soft_iron: &Matrix3<f32>, sensor_noise_share_of_trial: f3
     }
 }
 
-/// Both residuals are noise of the sensor if they are equal; of norm and inclination residuals of 1 : 2 a quarter of the
-/// inclination's variance is the sensor's. Without residuals there is nothing to attribute.
+/// Both residuals are noise of the sensor if they are equal; of norm and inclination residuals of 1 : 2 a quarter of
+/// the inclination's variance is the sensor's. Without residuals there is nothing to attribute.
 #[test]
 fn the_sensor_share_of_noise_is_the_ratio_of_variances() {
     for (norm_residual, inclination_residual_rad, expected) in

@@ -55,7 +55,8 @@ pub(super) fn hard_iron_change(states: &StateVector) -> Vector3<f32> {
 }
 
 /// Axis of a turn of the module in its mount: the body's z axis in the sensor's axes. Soft iron is symmetric but for
-/// the mounting; the mean of `W^-1 z` and `W^T z` has no part of it of first order. Not a number if `W` is singular.
+/// the mounting, and changes the mean of `W^-1 z` and `W^T z` only to second order. Not a number if `W` is
+/// singular.
 pub(super) fn mount_axis(calibration: &Calibration) -> Vector3<f32> {
     let [x, y, z] = calibration.w.map(Vector3::from);
     (x.cross(&y).unit_vector() + z.unit_vector()).unit_vector()

@@ -180,7 +180,7 @@ impl Mavlink {
     }
 }
 
-/// Whether `target` includes `own`; 0 addresses all.
+/// Whether `target` includes `module_address`; an id of 0 addresses all systems or components.
 fn is_addressed_to(target: Address, module_address: Address) -> bool {
     [0, module_address.system_id].contains(&target.system_id)
         && [0, module_address.component_id].contains(&target.component_id)

@@ -74,8 +74,8 @@ impl Damping {
     /// Damping for new weights near a converged solution.
     const AFTER_REWEIGHTING: f32 = 1e-6;
 
-    /// Damping after an accepted step that achieved a `share` of the promised gain: a tenth for all of it, more for
-    /// less than half (H. B. Nielsen, "Damping parameter in Marquardt's method", IMM-REP-1999-05).
+    /// Damping after an accepted step; `gain_ratio`: achieved over predicted gain. A tenth for a ratio of 1, more for
+    /// less than 0.5 (H. B. Nielsen, "Damping parameter in Marquardt's method", IMM-REP-1999-05).
     fn after_success(self, gain_ratio: f32) -> Self {
         let centred_ratio = 2.0 * gain_ratio.clamp(0.0, 1.0) - 1.0;
         let value =
@@ -119,7 +119,7 @@ impl Refinement {
         &self.system
     }
 
-    /// Restarts with a latency in seconds, with the unknowns moved by `follows`.
+    /// Restarts with a latency in seconds, with the unknowns moved by `step`.
     #[inline(never)]
     pub fn restart_with_latency(&mut self, samples: Samples<'_>, latency_s: f32, step: &Vector13) {
         self.likelihood.latency_s = latency_s;

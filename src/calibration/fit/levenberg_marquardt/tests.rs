@@ -1,4 +1,4 @@
-//! Unit tests of `maximum_likelihood`.
+//! Unit tests of `levenberg_marquardt`.
 
 use crate::calibration::tests::synthetic::Parts;
 use nalgebra::{Matrix3, Vector3};

@@ -151,8 +151,8 @@ fn estimate_step(
     significance.is_finite().then_some((beta, significance))
 }
 
-/// Significance from norm residuals alone, whose variance is inflated by `norm_inflation`. Inclination residuals only contribute
-/// information about the other unknowns, conservatively with their inflation without a change.
+/// Significance from norm residuals alone, whose variance is inflated by `norm_inflation`. Inclination residuals only
+/// contribute information about the other unknowns, conservatively with their inflation without a change.
 fn norm_significance(
     sums: &ScoreTest<3>,
     system: &LinearisedProblem,
