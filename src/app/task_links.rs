@@ -180,7 +180,8 @@ impl TaskLinks {
 
     /// Publishes a position, also an unchanged one once a second: repeated ones confirm it.
     pub(super) fn update_position(&self, at: Timestamp, value: Position) {
-        let is_known = |last: Timestamped<Position>| last.value == value && at.us_since(last.timestamp) < 1_000_000;
+        let is_known =
+            |published: Timestamped<Position>| published.value == value && at.us_since(published.timestamp) < 1_000_000;
         if !self.position.try_get().is_some_and(is_known) {
             self.position.sender().send(Timestamped { timestamp: at, value });
         }
@@ -202,8 +203,8 @@ impl TaskLinks {
 
     /// Sets the ports' initial protocols to those detected before the restart.
     pub(super) fn set_initial_protocols(&self, detected: [ProtocolKind; PORT_COUNT]) {
-        for (number, detected) in PortNumber::ALL_PORTS.into_iter().zip(detected) {
-            self.links_of_line(AutopilotLine::Port(number))
+        for (port, detected) in PortNumber::ALL_PORTS.into_iter().zip(detected) {
+            self.links_of_line(AutopilotLine::Port(port))
                 .state
                 .lock(|state| state.set(LineState { protocol: detected, ..state.get() }));
         }
@@ -211,8 +212,7 @@ impl TaskLinks {
 
     /// Protocols of the ports; the initial ones until a port runs.
     pub(super) fn port_protocols(&self) -> [ProtocolKind; PORT_COUNT] {
-        PortNumber::ALL_PORTS
-            .map(|number| self.links_of_line(AutopilotLine::Port(number)).state.lock(Cell::get).protocol)
+        PortNumber::ALL_PORTS.map(|port| self.links_of_line(AutopilotLine::Port(port)).state.lock(Cell::get).protocol)
     }
 
     /// Present counter values.

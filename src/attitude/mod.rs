@@ -106,7 +106,7 @@ impl AttitudeHistory {
 
     /// Adds a report whose last byte arrived at `arrival`.
     pub fn push_report(&mut self, arrival: Timestamp, mut report: AttitudeReport) {
-        if self.reports.back().is_some_and(|last| last.report.sender != report.sender) {
+        if self.reports.back().is_some_and(|last_report| last_report.report.sender != report.sender) {
             // Clock offset and history are valid for one sender only.
             *self = Self { rejected: self.rejected, ..Self::new(self.config) };
         }
@@ -115,7 +115,7 @@ impl AttitudeHistory {
         }
         let at = self.clock.sending_time(arrival, report.sender_time, &self.config);
         // Drops reports out of order. A rebooted sender's are stamped by arrival, hence newer.
-        if self.reports.back().is_some_and(|last| last.sent_at >= at) {
+        if self.reports.back().is_some_and(|last_report| last_report.sent_at >= at) {
             return;
         }
         self.freeze_detector.process_report(at, &report);
@@ -124,8 +124,8 @@ impl AttitudeHistory {
             return;
         }
         let max_gap_us = u64::from(self.config.max_gap_us);
-        let last = self.reports.back().filter(|last| at.us_since(last.sent_at) <= max_gap_us);
-        if self.spike_filter.is_spike(last, at, report.attitude) {
+        let last_report = self.reports.back().filter(|last_report| at.us_since(last_report.sent_at) <= max_gap_us);
+        if self.spike_filter.is_spike(last_report, at, report.attitude) {
             self.rejected.spike_reports = self.rejected.spike_reports.wrapping_add(1);
             return;
         }
@@ -228,16 +228,17 @@ impl AttitudeHistory {
     }
 
     fn heading_integral_at(&self, at: Timestamp, report: &AttitudeReport) -> HeadingIntegral {
-        let Some(last) = self.reports.back() else { return HeadingIntegral::EMPTY.advanced(report, None) };
-        let gap_us = at.us_since(last.sent_at);
+        let Some(last_report) = self.reports.back() else { return HeadingIntegral::EMPTY.advanced(report, None) };
+        let gap_us = at.us_since(last_report.sent_at);
         let step_s = (gap_us <= u64::from(self.config.max_integrated_gap_us)).then_some(gap_us as f32 * 1e-6);
-        last.heading_integral.advanced(report, step_s)
+        last_report.heading_integral.advanced(report, step_s)
     }
 
     /// Reason to reject reports sent at `sent_at`, if any.
     fn rejection_reason(&self, sent_at: Timestamp) -> Option<AttitudeLookup> {
         let max_age_us = u64::from(self.config.max_extrapolation_us);
-        let is_recent = |last: Option<Timestamp>| last.is_some_and(|last| sent_at.us_since(last) <= max_age_us);
+        let is_recent =
+            |event_at: Option<Timestamp>| event_at.is_some_and(|event_at| sent_at.us_since(event_at) <= max_age_us);
         if is_recent(self.freeze_detector.frozen_at()) {
             Some(AttitudeLookup::Frozen)
         } else {

@@ -108,18 +108,18 @@ impl HeadingQuadrant {
 }
 
 impl Manoeuvre {
-    fn nth_candidate(number: usize, moves: VehicleMotion) -> Option<Self> {
-        if moves == VehicleMotion::BanksIntoTurns {
-            return CIRCLE_MANOEUVRES.get(number).copied();
+    fn nth_candidate(index: usize, vehicle_motion: VehicleMotion) -> Option<Self> {
+        if vehicle_motion == VehicleMotion::BanksIntoTurns {
+            return CIRCLE_MANOEUVRES.get(index).copied();
         }
-        let Some(number) = number.checked_sub(1) else { return Some(Self::YawTurn) };
-        if moves == VehicleMotion::TiltsOnUnknownHeading {
-            return TiltDirection::ALL_DIRECTIONS.get(number).map(|&towards| Self::Tilt(towards, None));
+        let Some(tilt_index) = index.checked_sub(1) else { return Some(Self::YawTurn) };
+        if vehicle_motion == VehicleMotion::TiltsOnUnknownHeading {
+            return TiltDirection::ALL_DIRECTIONS.get(tilt_index).map(|&towards| Self::Tilt(towards, None));
         }
         let quarters = HeadingQuadrant::ALL_QUADRANTS.len();
         Some(Self::Tilt(
-            *TiltDirection::ALL_DIRECTIONS.get(number / quarters)?,
-            HeadingQuadrant::ALL_QUADRANTS.get(number % quarters).copied(),
+            *TiltDirection::ALL_DIRECTIONS.get(tilt_index / quarters)?,
+            HeadingQuadrant::ALL_QUADRANTS.get(tilt_index % quarters).copied(),
         ))
     }
 
@@ -269,7 +269,7 @@ pub(in crate::calibration) fn select_manoeuvre(
         (false, false) => VehicleMotion::TiltsOnUnknownHeading,
     };
     let (manoeuvre, error_after_deg) = (0..)
-        .map_while(|number| Manoeuvre::nth_candidate(number, vehicle_motion))
+        .map_while(|index| Manoeuvre::nth_candidate(index, vehicle_motion))
         .filter_map(|manoeuvre| {
             let mut hypothetical = information.clone();
             for heading_rad in manoeuvre.headings_rad() {
@@ -346,7 +346,7 @@ mod tests {
 
     #[test]
     fn candidates_match_the_vehicle_motion() {
-        let candidates = |moves| (0..).map_while(|number| Manoeuvre::nth_candidate(number, moves)).collect::<Vec<_>>();
+        let candidates = |moves| (0..).map_while(|index| Manoeuvre::nth_candidate(index, moves)).collect::<Vec<_>>();
         assert_eq!(candidates(VehicleMotion::BanksIntoTurns), CIRCLE_MANOEUVRES);
         for (moves, number, is_named) in
             [(VehicleMotion::TiltsOnKnownHeading, 17, true), (VehicleMotion::TiltsOnUnknownHeading, 5, false)]

@@ -51,7 +51,7 @@ impl<'a> PartView<'a> {
 
     /// Whether a sample is finite and at least one sample interval after the last.
     pub fn is_due(&self, sample: &Sample) -> bool {
-        let is_late = self.last_taken_at.is_none_or(|last| sample.time.ms_since(last) >= SAMPLE_INTERVAL_MS);
+        let is_late = self.last_taken_at.is_none_or(|taken_at| sample.time.ms_since(taken_at) >= SAMPLE_INTERVAL_MS);
         is_late && sample.field.ut.iter().all(|component| component.is_finite())
     }
 

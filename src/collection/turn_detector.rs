@@ -39,8 +39,8 @@ const _: () = assert!(TurnDetectorConfig::DEFAULT.enter_roll_rad < TurnDetectorC
 #[derive(Clone, Copy, Debug)]
 struct SteadyBank {
     side: Side,
-    start: WrappingMillis,
-    last: WrappingMillis,
+    started_at: WrappingMillis,
+    last_sample_at: WrappingMillis,
 }
 
 #[derive(Debug)]
@@ -62,22 +62,25 @@ impl TurnDetector {
 
     /// Side of the sustained turn in progress.
     pub fn turn_side(&self) -> Option<Side> {
-        self.bank.filter(|bank| bank.last.ms_since(bank.start) >= self.config.settling_ms).map(|bank| bank.side)
+        self.bank
+            .filter(|bank| bank.last_sample_at.ms_since(bank.started_at) >= self.config.settling_ms)
+            .map(|bank| bank.side)
     }
 
     fn next_bank(&self, sample: &Sample) -> Option<SteadyBank> {
         let roll_rad = sample.attitude.roll_rad;
         let side = if roll_rad < 0.0 { Side::Left } else { Side::Right };
-        let previous_bank =
-            self.bank.filter(|bank| bank.side == side && sample.time.ms_since(bank.last) <= self.config.max_gap_ms);
+        let previous_bank = self
+            .bank
+            .filter(|bank| bank.side == side && sample.time.ms_since(bank.last_sample_at) <= self.config.max_gap_ms);
         let min_roll_rad =
             if previous_bank.is_some() { self.config.leave_roll_rad } else { self.config.enter_roll_rad };
         let is_banked = (min_roll_rad..=self.config.max_roll_rad).contains(&roll_rad.abs());
         let is_usable = is_banked && sample.attitude.pitch_rad.abs() <= self.config.max_pitch_rad;
         is_usable.then(|| SteadyBank {
             side,
-            start: previous_bank.map_or(sample.time, |bank| bank.start),
-            last: sample.time,
+            started_at: previous_bank.map_or(sample.time, |bank| bank.started_at),
+            last_sample_at: sample.time,
         })
     }
 }

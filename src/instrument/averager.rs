@@ -31,8 +31,8 @@ struct AveragingRun {
 }
 
 impl Averager {
-    pub const fn new(readings: u16, max_step_us: u64) -> Self {
-        Self { readings_per_sample: readings, max_step_us, run: None }
+    pub const fn new(readings_per_sample: u16, max_step_us: u64) -> Self {
+        Self { readings_per_sample, max_step_us, run: None }
     }
 
     pub fn reset(&mut self) {

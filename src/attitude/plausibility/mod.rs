@@ -149,9 +149,9 @@ impl FreezeDetector {
     /// Processes a report, before other plausibility tests.
     pub fn process_report(&mut self, at: Timestamp, report: &AttitudeReport) {
         let attitude = report.attitude;
-        let is_equal = self.last_attitude.is_some_and(|last| {
-            last.roll_rad.to_bits() == attitude.roll_rad.to_bits()
-                && last.pitch_rad.to_bits() == attitude.pitch_rad.to_bits()
+        let is_equal = self.last_attitude.is_some_and(|previous_attitude| {
+            previous_attitude.roll_rad.to_bits() == attitude.roll_rad.to_bits()
+                && previous_attitude.pitch_rad.to_bits() == attitude.pitch_rad.to_bits()
         });
         if is_equal {
             self.equal_reports = self.equal_reports.saturating_add(1);
@@ -160,7 +160,8 @@ impl FreezeDetector {
                 self.settled_direction = self.settled_direction.or(self.field_direction.mean());
             }
         } else {
-            self.has_fine_resolution |= self.last_attitude.is_some_and(|last| is_fine_step(last, attitude));
+            self.has_fine_resolution |=
+                self.last_attitude.is_some_and(|previous_attitude| is_fine_step(previous_attitude, attitude));
             self.equal_reports = 1;
             self.equal_since = at;
             self.settled_direction = None;

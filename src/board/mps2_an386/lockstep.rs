@@ -62,7 +62,7 @@ pub async fn run_lockstep() -> ! {
     }
 }
 
-/// Reports the start, before anything waits.
+/// Tells the simulator that the firmware has started, before a task waits for the simulator.
 pub fn report_start() {
     send_message(LockstepMessage::Started, machine_clock::ticks());
 }

@@ -163,7 +163,7 @@ impl<'a> Samples<'a> {
         self
     }
 
-    /// The same samples without one part.
+    /// The samples without those of `part`.
     #[must_use]
     pub fn without_part(mut self, part: CollectionPart) -> Self {
         self.is_excluded[part.index()] = true;

@@ -38,7 +38,8 @@ pub(super) fn mount_turn_rad(
         let tolerance = MAX_COSINE_OF_CHANGE * difference.vector_length() + FIELD_TOLERANCE;
         difference.dot(direction).abs() <= tolerance * direction.vector_length()
     };
-    // In sensor axes the field turns against the module: a chord across the axis. NaN if the field is along the axis.
+    // In sensor axes the field turns opposite to the module: `difference` is the chord of its arc about the axis. NaN if
+    // the field is along the axis.
     let across = axis.cross(&mean);
     let half_tangent = -0.5 * difference.dot(&across) / across.norm_squared();
     let turn_rad = 2.0 * libm::atanf(half_tangent);

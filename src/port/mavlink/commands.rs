@@ -30,7 +30,7 @@ struct LastCommand {
     sender: SenderId,
     number: u16,
     command: Command,
-    /// Result; none until it is known.
+    /// Result of the command; none until it is known.
     result: Option<MavResult>,
 }
 
@@ -106,12 +106,13 @@ impl CommandHandler {
 
     fn evaluate_command(&self, at: Timestamp, received: &ReceivedCommand) -> Result<Command, CommandRejection> {
         let command = requested_command(received)?;
-        if let Some(last) = self.last_command {
-            let age_us = at.us_since(last.received_at);
-            let is_open = last.result.is_none() && age_us <= RESULT_TIMEOUT_US;
-            let is_repeated = last.sender == received.sender_id && last.number == received.command_number;
+        if let Some(last_command) = self.last_command {
+            let age_us = at.us_since(last_command.received_at);
+            let is_open = last_command.result.is_none() && age_us <= RESULT_TIMEOUT_US;
+            let is_repeated =
+                last_command.sender == received.sender_id && last_command.number == received.command_number;
             if is_repeated && received.confirmation > 0 && (is_open || age_us <= REPETITION_WINDOW_US) {
-                return Err((last.result.unwrap_or(MavResult::MAV_RESULT_IN_PROGRESS), None));
+                return Err((last_command.result.unwrap_or(MavResult::MAV_RESULT_IN_PROGRESS), None));
             }
             if is_open {
                 return Err((MavResult::MAV_RESULT_TEMPORARILY_REJECTED, Some(Refusal::Busy)));

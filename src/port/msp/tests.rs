@@ -98,12 +98,12 @@ fn compass_frames_are_sent_from_power_up() {
     let mut msp = Msp::new();
     let expected = compass_message(0, 1_000, Field::from_ut(20.0, -5.1, 44.2)).to_vec();
     assert_eq!(poll(&mut msp, 3_000, &estimate_at(0))[0], expected, "the reading's time, not that of the sending");
-    let mut number = 0;
+    let mut frame_count = 0;
     for i in 1..=400 {
         let frames = poll(&mut msp, i * PERIOD_US, &estimate_at(i * PERIOD_US));
-        number += frames.iter().filter(|frame| function(frame) == 0x1F04).count();
+        frame_count += frames.iter().filter(|frame| function(frame) == 0x1F04).count();
     }
-    assert!((249..=251).contains(&number), "in 5 s: {number}");
+    assert!((249..=251).contains(&frame_count), "in 5 s: {frame_count}");
     for i in 401..500 {
         let distrusted = Estimate { timestamp: at(i * PERIOD_US), ..Estimate::EMPTY };
         assert!(poll(&mut msp, i * PERIOD_US, &distrusted).iter().all(|frame| function(frame) != 0x1F04));
@@ -122,8 +122,8 @@ fn without_a_known_firmware_attitude_is_ignored() {
         assert!(receive(&mut msp, 0, b'>', MspFunction::Attitude, &ANGLES).is_empty());
         let requested = requested(&mut msp, 10, None);
         assert_eq!(count_requests(&requested, MspFunction::Attitude), 0);
-        let number = count_requests(&requested, MspFunction::FcVariant);
-        assert!(times.contains(&number), "{name:?}: {number}");
+        let request_count = count_requests(&requested, MspFunction::FcVariant);
+        assert!(times.contains(&request_count), "{name:?}: {request_count}");
         assert!((9..=11).contains(&count_requests(&requested, MspFunction::Status)), "whether it is armed is of use");
     }
     let first = poll(&mut Msp::new(), 0, &Estimate::EMPTY);
@@ -189,8 +189,11 @@ fn attitude_is_requested_at_the_rate_of_the_replies() {
     {
         let mut msp = msp_with_firmware(b"ARDU");
         let requested = requested(&mut msp, 10, Some(after_us));
-        let number = count_requests(&requested, MspFunction::Attitude);
-        assert!((min_requests..=max_requests).contains(&number), "answered after {after_us} us: {number}");
+        let request_count = count_requests(&requested, MspFunction::Attitude);
+        assert!(
+            (min_requests..=max_requests).contains(&request_count),
+            "answered after {after_us} us: {request_count}"
+        );
         for other in PERIODIC_REQUESTS {
             let times = if other == MspFunction::Analog { 4 } else { 1 };
             assert!((9 * times..=10 * times + 1).contains(&count_requests(&requested, other)), "{other:?}");

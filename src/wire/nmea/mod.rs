@@ -8,7 +8,7 @@ use crate::settings::HeadingKind;
 /// ASCII sentence with checksum and line end; at most 82 characters by the standard.
 pub type Sentence = heapless::Vec<u8, 82>;
 
-/// Whether there was room; always, because bodies have at most 40 characters.
+/// `None` if the sentence is full, which never happens: bodies have at most 40 characters.
 type WriteResult = Option<()>;
 
 /// `$HCHDM,hhh.h,M*cs`: magnetic heading; the field is empty without a valid heading.

@@ -130,13 +130,13 @@ fn add_residual_pair(sums: &mut ScoreTest<1>, equations: &SampleEquations, effec
     pair.add_scaled_to(&mut sums.cross_information[0], 1.0);
 }
 
-/// Sums of a hypothesis with one unknown in the tested_course of three unknowns, of which two have no effect.
-fn as_three_unknowns(sums: &ScoreTest<1>) -> ScoreTest<3> {
-    let mut test = ScoreTest::<3>::zero();
-    test.cross_information[0] = sums.cross_information[0];
-    test.information[(0, 0)] = sums.information.x;
-    test.gradient.x = sums.gradient.x;
-    test
+/// Sums for one unknown, as sums for three unknowns of which two have no effect.
+fn as_three_unknowns(one_unknown: &ScoreTest<1>) -> ScoreTest<3> {
+    let mut three_unknowns = ScoreTest::<3>::zero();
+    three_unknowns.cross_information[0] = one_unknown.cross_information[0];
+    three_unknowns.information[(0, 0)] = one_unknown.information.x;
+    three_unknowns.gradient.x = one_unknown.gradient.x;
+    three_unknowns
 }
 
 /// Estimate of `beta` and its significance.
