@@ -38,7 +38,7 @@ mod tests {
         (0..1_000_000 / period_us).filter(|i| schedule.is_due(Timestamp::from_us(1 + i * period_us), rate_hz)).count()
     }
 
-    /// Readings at 80, 155 and 200 Hz, which need not be multiples of the rate.
+    /// Readings at 80, 155 and 200 Hz, which need not be multiples of the message rate.
     #[test]
     fn the_message_rate_is_kept_at_any_reading_rate() {
         for period_us in [12_500, 6_450, 5_000] {

@@ -7,7 +7,7 @@ use crate::time::Timestamp;
 /// Silence after which the protocol is detected anew, microseconds.
 const DETECTION_EXPIRY_US: u64 = 10_000_000;
 
-/// Port. While it sends NMEA sentences it still receives MAVLink, so that attitude may arrive on the same line.
+/// Autopilot port. While it sends NMEA sentences it still receives MAVLink, so that attitude may arrive on the same line.
 #[derive(Debug)]
 pub struct Port {
     configured: ProtocolKind,

@@ -87,7 +87,7 @@ fn results_of_flights(size_ut_per_a: f32, currents: CurrentProfile) -> FlightRes
 }
 
 impl FlightResults {
-    fn ratio(&self) -> f32 {
+    fn error_ratio_rms(&self) -> f32 {
         rms(&self
             .errors_deg
             .iter()
@@ -104,7 +104,7 @@ fn interference_is_estimated_and_used() {
     let shown = results_of_flights(0.4, CurrentProfile::Bursts);
     assert_eq!(shown.used, 40);
     assert!((0.5..1.1).contains(&rms(&shown.normalised_errors)), "{}", rms(&shown.normalised_errors));
-    assert!((0.6..1.05).contains(&shown.ratio()), "{}", shown.ratio());
+    assert!((0.6..1.05).contains(&shown.error_ratio_rms()), "{}", shown.error_ratio_rms());
     assert!(mean(&shown.expected_deg) < 0.35 && mean(&shown.errors_deg) < 0.3, "{:?}", shown.errors_deg);
 }
 
@@ -112,7 +112,7 @@ fn interference_is_estimated_and_used() {
 fn insignificant_interference_is_not_used() {
     let shown = results_of_flights(0.0, CurrentProfile::Bursts);
     assert_eq!(shown.used, 0);
-    assert!((0.6..1.05).contains(&shown.ratio()), "{}", shown.ratio());
+    assert!((0.6..1.05).contains(&shown.error_ratio_rms()), "{}", shown.error_ratio_rms());
     assert!(mean(&shown.expected_deg) < 0.35, "{:?}", shown.expected_deg);
 }
 
@@ -120,7 +120,7 @@ fn insignificant_interference_is_not_used() {
 fn a_steady_current_is_hard_iron() {
     let shown = results_of_flights(0.4, CurrentProfile::Steady);
     assert_eq!(shown.used, 0);
-    assert!((0.6..1.05).contains(&shown.ratio()), "{}", shown.ratio());
+    assert!((0.6..1.05).contains(&shown.error_ratio_rms()), "{}", shown.error_ratio_rms());
     assert!(mean(&shown.expected_deg) < 0.35, "{:?}", shown.expected_deg);
 }
 
@@ -130,7 +130,7 @@ fn a_steady_current_is_hard_iron() {
 fn interference_correlated_with_the_turn_is_estimated() {
     let shown = results_of_flights(0.4, CurrentProfile::BySide);
     assert_eq!(shown.used, 40);
-    assert!((0.6..1.05).contains(&shown.ratio()), "{}", shown.ratio());
+    assert!((0.6..1.05).contains(&shown.error_ratio_rms()), "{}", shown.error_ratio_rms());
     assert!(mean(&shown.expected_deg) < 0.4, "{:?}", shown.expected_deg);
 }
 

@@ -195,8 +195,8 @@ mod tests {
     /// Causes: sensor rotated about the vertical, horizontal hard iron, horizontal soft iron, vertical response.
     #[test]
     fn the_weakest_part_identifies_the_cause() {
-        let turned = [(w_index(0, 1), -0.02), (w_index(1, 0), 0.02)];
-        let constant = expected_of(&turned, AttitudeEnvelope::Banked).weakest_deviation;
+        let sensor_yaw = [(w_index(0, 1), -0.02), (w_index(1, 0), 0.02)];
+        let constant = expected_of(&sensor_yaw, AttitudeEnvelope::Banked).weakest_deviation;
         assert_eq!(constant.0, Deviation::Constant);
         assert!((constant.1 - 0.02_f32.to_degrees()).abs() < 0.01, "{constant:?}");
         for axis in [0, 1] {

@@ -183,7 +183,7 @@ fn an_interrupted_change_is_atomic() {
             let changed: Vec<usize> = (0..old.len()).filter(|&at| old[at] != new[at]).collect();
             for trial in 0..40 {
                 let mut mixed = old.clone();
-                // The first trial changes nothing, the last one all.
+                // The first trial replaces no word, the last trial all words.
                 let share = if trial == 0 {
                     0
                 } else if trial == 39 {

@@ -27,7 +27,7 @@ const ATTITUDE_HZ: u8 = 50;
 /// Rate of other requests, Hz: each about once a second, the current four times.
 const PERIODIC_REQUESTS_HZ: u8 = PERIODIC_REQUESTS.len() as u8;
 
-/// Other requests, in turn.
+/// Requests besides those for attitude, sent in this order.
 const PERIODIC_REQUESTS: [MspFunction; 8] = [
     MspFunction::Status,
     MspFunction::Analog,

@@ -38,7 +38,7 @@ pub fn key_from_passphrase(passphrase: &str) -> SigningKey {
     SigningKey(Sha256::digest(passphrase).into())
 }
 
-/// Frames of a sender on a link.
+/// Signed frames of a sender on a link.
 #[derive(Clone, Copy, Debug)]
 struct SignedStream {
     link: u8,

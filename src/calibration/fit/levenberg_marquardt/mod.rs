@@ -183,10 +183,10 @@ impl Refinement {
 
     fn levenberg_marquardt_step(&mut self, samples: Samples<'_>) -> RefinementProgress {
         self.steps_since_estimate += 1;
-        let Some((change, promised_gain)) = self.system.damped_step(self.damping.value) else {
+        let Some((damped_step, promised_gain)) = self.system.damped_step(self.damping.value) else {
             return RefinementProgress::Failed;
         };
-        let trial_unknowns = self.unknowns + change;
+        let trial_unknowns = self.unknowns + damped_step;
         if promised_gain.abs()
             <= if self.noise_estimates == MAX_NOISE_ESTIMATES { CONVERGED_COST } else { NEARLY_CONVERGED_COST }
         {
