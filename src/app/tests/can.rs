@@ -1,17 +1,20 @@
 //! Task of a CAN bus beside the other tasks.
 
 use super::TaskBench;
+use super::port::{ARMED, heartbeat};
 use super::safe_mode::{Bus, OWN, RESTART};
+use crate::app::can::NoBootLoader;
 use crate::app::task_links::{AutopilotLine, publish_value};
 use crate::instrument::Estimate;
 use crate::messages::Message;
-use crate::settings::{CanSettings, PortNumber, ProtocolKind, Settings};
+use crate::settings::{CanSettings, PortNumber, ProtocolKind, Settings, SigningKey};
 use crate::time::Timestamp;
-use crate::wire::dronecan::DataType;
+use crate::wire::dronecan::{DataType, Targetted};
 
-fn publish_settings(bench: &TaskBench, is_terminated: bool) {
-    let can = CanSettings { node: OWN, is_terminated, ..CanSettings::DEFAULT };
-    let settings = Settings { can, ..Settings::DEFAULT };
+const CAN: CanSettings = CanSettings { node: OWN, is_terminated: true, ..CanSettings::DEFAULT };
+const SETTINGS: Settings = Settings { can: CAN, ..Settings::DEFAULT };
+
+fn publish_settings(bench: &TaskBench, settings: Settings) {
     publish_value(&bench.links.settings, settings);
     publish_value(&bench.links.stored_settings, settings);
 }
@@ -28,8 +31,8 @@ fn stream(bench: &mut TaskBench, ms: u64) {
 
 fn with_node() -> (TaskBench, Bus) {
     let (mut bench, bus) = (TaskBench::new(), Bus::default());
-    publish_settings(&bench, true);
-    bus.run_node(&mut bench, false);
+    publish_settings(&bench, SETTINGS);
+    bus.run_node(&mut bench, bus.clone(), false);
     bus.put(DataType::ARMING_STATUS, &[0]);
     stream(&mut bench, 100);
     bus.take_sent(DataType::NODE_STATUS);
@@ -40,7 +43,7 @@ fn with_node() -> (TaskBench, Bus) {
 fn the_termination_is_as_set() {
     let (mut bench, bus) = with_node();
     assert_eq!(bus.terminations.take(), [true]);
-    publish_settings(&bench, false);
+    publish_settings(&bench, Settings { can: CanSettings { is_terminated: false, ..CAN }, ..SETTINGS });
     stream(&mut bench, 50);
     assert_eq!(bus.terminations.take(), [false]);
 }
@@ -89,4 +92,38 @@ fn messages_of_the_module_are_texts() {
         bus.take_sent(DataType::LOG_MESSAGE).iter().flat_map(|data| data[..data.len() - 1].to_vec()).collect();
     let text = String::from_utf8_lossy(&text);
     assert!(text.ends_with(&Message::InstallationRestored.to_string()), "{text}");
+}
+
+/// An unsigned heartbeat of an armed autopilot, through the tunnel.
+#[test]
+fn a_changed_signing_key_applies_to_the_tunnel() {
+    let heartbeat = heartbeat(ARMED);
+    let piece = Targetted {
+        protocol: Targetted::MAVLINK_2,
+        target: OWN,
+        serial_line: 0,
+        tunnel_options: 0,
+        baud: 57_600,
+        serial_bytes: &heartbeat,
+    };
+    for (signing_key, is_accepted) in [(None, true), (Some(SigningKey([7; 32])), false)] {
+        let (mut bench, bus) = with_node();
+        publish_settings(&bench, Settings { signing_key, ..SETTINGS });
+        stream(&mut bench, 50);
+        bus.put(DataType::TARGETTED, &piece.payload());
+        stream(&mut bench, 50);
+        assert_eq!(bench.links.is_armed(), Some(is_accepted));
+    }
+}
+
+/// The first byte after the CRC is the result: 255, unknown.
+#[test]
+fn a_board_without_a_boot_loader_refuses_updates() {
+    let (mut bench, bus) = (TaskBench::new(), Bus::default());
+    publish_settings(&bench, SETTINGS);
+    bus.run_node(&mut bench, NoBootLoader, false);
+    bus.put(DataType::BEGIN_FIRMWARE_UPDATE, b"\0a.bin");
+    stream(&mut bench, 100);
+    assert_eq!(bus.take_sent(DataType::BEGIN_FIRMWARE_UPDATE)[0][2], 255);
+    assert!(bench.links.commands.is_empty());
 }

@@ -118,9 +118,10 @@ fn attitude_is_used_from_one_port_at_a_time() {
     assert_eq!(bench.links.event_counts().attitude_foreign, 1);
 }
 
-const ARMED: MavModeFlag = MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
+pub(super) const ARMED: MavModeFlag = MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
 
-fn heartbeat(base_mode: MavModeFlag) -> Vec<u8> {
+/// Frames of an autopilot's heartbeat and attitude.
+pub(super) fn heartbeat(base_mode: MavModeFlag) -> Vec<u8> {
     [frame_of(1, &HEARTBEAT_DATA { base_mode, ..HEARTBEAT_DATA::default() }), frame(0.1)].concat()
 }
 

@@ -147,7 +147,7 @@ impl Bus {
     fn with_node() -> (TaskBench, Self) {
         let (mut bench, ..) = with_safe_mode(Flash::new(PAGES));
         let bus = Self::default();
-        bus.run_node(&mut bench, true);
+        bus.run_node(&mut bench, bus.clone(), true);
         bus.put(DataType::ARMING_STATUS, &[0]);
         bench.ms(1_100);
         let is_anonymous = |frame: &CanFrame| FrameHeader::from_id(frame.frame_id()).unwrap().source_node.is_none();
@@ -158,7 +158,7 @@ impl Bus {
     }
 
     /// Runs the task of the bus.
-    pub(super) fn run_node(&self, bench: &mut TaskBench, is_safe_mode: bool) {
+    pub(super) fn run_node(&self, bench: &mut TaskBench, boot_loader: impl HandOver + 'static, is_safe_mode: bool) {
         let module = self.clone();
         let info = NodeInfo {
             node_name: "org.autoswing.test",
@@ -167,7 +167,7 @@ impl Bus {
             unique_id: UNIQUE_ID,
         };
         bench.run("can", move |links| async move {
-            can::run_can(&links, info, module.clone(), module.clone(), module, is_safe_mode).await;
+            can::run_can(&links, info, module.clone(), module, boot_loader, is_safe_mode).await;
         });
     }
 

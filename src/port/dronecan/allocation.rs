@@ -62,7 +62,7 @@ impl AllocationClient {
             return Some(outbound::allocation_payload(false, rest.get(..MAX_ID_PART_LENGTH).unwrap_or(rest)));
         }
         let request_at = self.request_at;
-        if request_at.is_some_and(|at| now < at) || self.follow_up.is_some() {
+        if request_at.is_some_and(|at| now < at) {
             return None;
         }
         self.request_at = Some(self.random_time_after(now, REQUEST_DELAY_US));

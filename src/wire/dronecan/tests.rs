@@ -418,20 +418,21 @@ fn a_transfer_expires_after_two_seconds() {
     }
 }
 
-/// First frames of many senders take the slot of the transfer that is silent for longest.
+/// First frames of many senders, three between two frames of a transfer, take the slot of the transfer that is silent
+/// for longest.
 #[test]
 fn a_flood_of_first_frames_does_not_stop_a_transfer_in_progress() {
     let frames = piece_frames();
     let mut receiver = Receiver::new();
     let mut is_received = false;
     for (number, frame) in frames.iter().enumerate() {
-        for sender in 11..14 {
+        let at = |us| Timestamp::from_us(number as u64 * 100 + us);
+        is_received |= receiver.push_frame(at(0), Some(node(42)), frame).is_some();
+        for place in 1..4 {
+            let sender = 10 + 3 * number as u32 + place;
             let flood = CanFrame::new(frame.frame_id() & !0x7F | sender, frames[0].data()).unwrap();
-            let at = Timestamp::from_us(number as u64 * 100 + u64::from(sender));
-            assert_eq!(receiver.push_frame(at, Some(node(42)), &flood), None);
+            assert_eq!(receiver.push_frame(at(u64::from(place)), Some(node(42)), &flood), None);
         }
-        is_received |=
-            receiver.push_frame(Timestamp::from_us(number as u64 * 100 + 20), Some(node(42)), frame).is_some();
     }
     assert!(is_received);
 }
@@ -452,6 +453,11 @@ fn frames_that_do_not_belong_together_are_no_transfer() {
     assert!(receive_all(&changed(2, id ^ 1 << 24, 7, tail)).0.is_some(), "another priority");
     let anonymous = frames.iter().map(|frame| CanFrame::new(0x1800_0100, frame.data()).unwrap());
     assert_eq!(receive_all(&anonymous.collect::<Vec<_>>()), (None, 7), "of no sender");
+    let inverted = frames.iter().map(|frame| {
+        let (tail, part) = frame.data().split_last().unwrap();
+        CanFrame::new(id, &[part, &[tail ^ 0x20]].concat()).unwrap()
+    });
+    assert_eq!(receive_all(&inverted.collect::<Vec<_>>()), (None, 7), "a toggle bit in a first frame");
     assert_eq!(receive_all(&frames_of(0x1804_4C0A, "FF E0")), (None, 1), "a toggle bit in a single frame");
 }
 

@@ -1,6 +1,7 @@
 //! Dynamic allocation of numbers, by an allocator written from its specification.
 
 use super::*;
+use crate::wire::dronecan::Allocation;
 use testkit::random::Random;
 
 /// Allocator: grants numbers from 125 down, remembers them by unique id, and forgets an exchange after 500 ms.
@@ -144,6 +145,44 @@ fn a_number_is_allocated_on_a_bad_bus() {
     }
 }
 
+/// Milliseconds until the next request of a client after a message with a part of a unique id.
+fn delay_ms(client: &mut AllocationClient, source: Option<u8>, unique_id: &[u8]) -> u64 {
+    let step = Allocation { node: None, unique_id };
+    assert_eq!(client.receive_allocation(Timestamp::START, source.map(node), step), None);
+    (0..=1000).find(|ms| client.next_request(Timestamp::from_us(ms * 1000)).is_some()).unwrap()
+}
+
+/// Not another client's part, not an empty one, not that of another unique id; and these end the exchange.
+#[test]
+fn only_an_allocator_continues_an_exchange() {
+    let unique_id = info(1).unique_id;
+    let own_part = &unique_id[..6];
+    let mut client = AllocationClient::new(unique_id);
+    for (source, part) in [(None, own_part), (Some(PEER), &[]), (Some(PEER), &[9; 6])] {
+        assert!(delay_ms(&mut client, Some(PEER), own_part) <= 400);
+        let step = Allocation { node: None, unique_id: own_part };
+        client.receive_allocation(Timestamp::START, Some(node(PEER)), step);
+        assert!(delay_ms(&mut client, source, part) >= 600, "{source:?} {part:?}");
+    }
+}
+
+/// Clients that start together are separated by their delays.
+#[test]
+fn delays_are_random_over_their_whole_range() {
+    for (part_length, [least_ms, longest_ms]) in [(0, [600, 1000]), (6, [0, 400])] {
+        let delays = (0..50).map(|first_byte| {
+            let unique_id = info(first_byte).unique_id;
+            delay_ms(&mut AllocationClient::new(unique_id), Some(PEER), &unique_id[..part_length])
+        });
+        let delays: Vec<u64> = delays.collect();
+        let (least, longest) = (delays.iter().min().unwrap(), delays.iter().max().unwrap());
+        assert!(
+            (least_ms..least_ms + 50).contains(least) && (longest_ms - 50..=longest_ms).contains(longest),
+            "{delays:?}"
+        );
+    }
+}
+
 /// A bus with another bit rate has no valid frames.
 #[test]
 fn a_node_is_silent_until_it_hears_another() {
@@ -170,7 +209,11 @@ fn another_node_with_an_allocated_number_makes_the_node_ask_again() {
     bus.run(5000).unwrap();
     let bench = &mut bus.nodes[0];
     assert!(!bench.sent(DataType::MAGNETIC_FIELD_STRENGTH_2, 1000).is_empty());
+    bench.now_us += 100_000;
+    bench.poll();
+    assert!(bench.node.next_frame().is_some());
     bench.receive(125, &transfer(DataType::ARMING_STATUS, 0, &[0]));
     assert_eq!(bench.node.node_id(), None);
+    assert_eq!(bench.node.next_frame(), None, "a field with the number of another node");
     assert!(bench.run(500).iter().all(|sent| sent.header.source_node.is_none()));
 }

@@ -143,12 +143,17 @@ impl Bench {
         self.commands.extend(self.node.poll(&context));
     }
 
+    /// Sends a frame; returns whether there was one.
+    fn send_frame(&mut self) -> bool {
+        let Some(frame) = self.node.next_frame().cloned() else { return false };
+        self.node.frame_sent(self.now());
+        self.frames.push(frame);
+        true
+    }
+
     /// Sends all queued frames.
     fn send(&mut self) {
-        while let Some(frame) = self.node.next_frame().cloned() {
-            self.node.frame_sent(self.now());
-            self.frames.push(frame);
-        }
+        while self.send_frame() {}
     }
 
     /// Polls and sends for a time; returns the transfers sent in it.

@@ -79,6 +79,22 @@ fn a_refused_or_unanswered_setting_is_answered_with_the_old_value() {
     assert_eq!(bench.sent(GET_SET, 200)[0].payload[..9], old, "after two seconds");
 }
 
+#[test]
+fn commands_are_executed_one_after_another() {
+    let mut bench = Bench::new();
+    let commands = [20, 30].map(|rate| Command::Set(SettingChange::CanRateHz(rate)));
+    for (number, rate) in [20, 30].into_iter().enumerate() {
+        assert_eq!(bench.ask(GET_SET, &integer(rate, "CAN_RATE")), None);
+        assert_eq!(bench.commands, commands[..1], "request {number}");
+    }
+    for command in commands {
+        assert_eq!(bench.commands.last(), Some(&command));
+        bench.node.complete_command(command, Ok(()));
+        assert!(bench.response(GET_SET).is_some());
+    }
+    assert_eq!(bench.commands, commands);
+}
+
 /// The same value, another kind of value, and a number beyond all.
 #[test]
 fn requests_that_change_nothing_are_answered_at_once() {

@@ -170,3 +170,56 @@ fn frames_that_the_bus_does_not_accept_are_dropped() {
     assert!(sent.len() <= 4, "{sent:?}");
     assert!(bench.sent(MAG, 1000).len() >= 49);
 }
+
+/// Polls between the frames of a field.
+#[test]
+fn a_field_in_transmission_is_not_replaced() {
+    let mut bench = Bench::new();
+    bench.settings.can.sends_covariance = true;
+    for _ in 0..10 {
+        bench.now_us += 20_000;
+        bench.poll();
+        assert!(bench.send_frame());
+        bench.now_us += 20_000;
+        bench.poll();
+        bench.send();
+    }
+    let sent = reassemble(&bench.frames);
+    assert_eq!(sent.iter().filter(|sent| is_of(sent, MAG)).count(), 10);
+}
+
+/// Transfers of nine frames: the queue has room for 48.
+#[test]
+fn a_transfer_without_room_is_not_queued_and_not_numbered() {
+    fn send(outbox: &mut FrameOutbox) -> bool {
+        let payload = Payload::from_slice(&[7; 60]).unwrap();
+        outbox.send_message(Timestamp::START, Some(node(OWN)), DataType::TARGETTED, 20, payload)
+    }
+    let mut outbox = FrameOutbox::default();
+    let mut frames = Vec::new();
+    for _ in 0..2 {
+        let is_queued = [(); 7].map(|()| send(&mut outbox));
+        assert_eq!(is_queued, [true, true, true, true, true, false, false]);
+        while let Some(frame) = outbox.first_frame().cloned() {
+            outbox.pop_frame(Timestamp::START);
+            frames.push(frame);
+        }
+    }
+    let sent = reassemble(&frames);
+    assert!(sent.iter().map(|sent| usize::from(sent.transfer_id)).eq(0..10), "{sent:?}");
+    assert!(sent.iter().all(|sent| sent.payload.len() == 60), "{sent:?}");
+}
+
+#[test]
+fn a_text_waits_for_room() {
+    let mut bench = Bench::new();
+    bench.run(3000);
+    for _ in 0..5 {
+        let (now, payload) = (bench.now(), Payload::from_slice(&[7; 60]).unwrap());
+        bench.node.outbox.send_message(now, Some(node(OWN)), DataType::TARGETTED, 20, payload);
+    }
+    bench.node.queue_text(&Message::InstallationRestored);
+    bench.poll();
+    bench.send();
+    assert_eq!(texts(&bench.run(500)), [format!("1 {}", Message::InstallationRestored)]);
+}
