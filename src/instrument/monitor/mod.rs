@@ -18,6 +18,7 @@
 mod acceleration_tilt;
 mod adaptive_noise;
 mod coordinated_turn;
+mod heading_drift;
 mod innovation_gate;
 mod installation_change;
 mod mean_innovation;
@@ -47,6 +48,7 @@ use crate::trig::{VectorLength as _, sqrt};
 use acceleration_tilt::AccelerationTilt;
 use adaptive_noise::{AdaptiveNoise, SampleNoise};
 use coordinated_turn::CoordinatedTurn;
+use heading_drift::{HeadingDrift, OffsetEstimate};
 use innovation_gate::{GateResult, Innovation, InnovationGate, PerKind};
 use installation_change::{ChangeDetector, MIN_HARD_IRON_CHANGE, MIN_MOUNT_TURN_RAD};
 pub use installation_change::{ChangeReporter, HardIronChange, InstallationChange, MountTurn};
@@ -88,6 +90,7 @@ pub(super) struct Monitor {
     mean_innovations: MeanInnovations,
     /// Values of the [`DRIFTING_STATES`] about a minute ago.
     past_field: [f32; DRIFTING_STATES.len()],
+    heading_drift: HeadingDrift,
     /// Present step of the [`noise_schedule`].
     noise_step: usize,
     acceleration_tilt: AccelerationTilt,
@@ -128,6 +131,7 @@ impl Monitor {
             last_gyro_row: None,
             mean_innovations: MeanInnovations::ZERO_MEANS,
             past_field: [0.0; DRIFTING_STATES.len()],
+            heading_drift: HeadingDrift::NO_DRIFT,
             noise_step: 0,
             acceleration_tilt: AccelerationTilt::NEW,
             hard_iron_detector: ChangeDetector::new(MIN_HARD_IRON_CHANGE),
@@ -178,6 +182,9 @@ impl Monitor {
         // Field relative to the hard iron, in units of the field strength: errors of the soft iron multiply it.
         let position = (sample.field.ut - calibration.b_vector_ut()) / calibration.total_ut;
         let heading_jacobian = self.update_measurements(monitored, &seen, &position, turning.as_ref(), step_s);
+        let [_, z] = GYRO_OFFSETS;
+        let gyro_offset = OffsetEstimate { rad_s: self.filter.mean()[z], variance: self.filter.state_variance(z) };
+        self.heading_drift.update_drift(gyro_offset, seen.motion.heading_rad_s, step_s);
         if let Some(rows) = gyro_rows {
             self.update_coordinated_turn(&seen, &rows.pitch_row, step_s);
         }
@@ -502,7 +509,7 @@ impl Monitor {
             self.filter.projected_variance(&by_field)
         } else {
             POST_CHANGE_INFLATION * variance_rad2
-        };
+        } + self.heading_drift.variance_rad2();
         self.output = MonitorOutput {
             states,
             heading_variance_rad2: sent_rad2,
