@@ -21,6 +21,9 @@ pub struct AttitudeConfig {
     /// Longest interval between reports over which rates are integrated, microseconds. Over 1.5 s in turns of 45 deg of
     /// bank they cost a heading error of up to 6 deg, which no sigma includes.
     pub max_integrated_gap_us: u32,
+    /// Longest silence of a sender without a clock that is no restart, microseconds. Autopilots take three seconds or
+    /// more to boot; loaded links stall for less.
+    pub max_silence_us: u32,
 }
 
 impl AttitudeConfig {
@@ -32,5 +35,6 @@ impl AttitudeConfig {
         max_clock_error_us: 100_000,
         clock_offset_growth_us: 10,
         max_integrated_gap_us: 500_000,
+        max_silence_us: 2_500_000,
     };
 }

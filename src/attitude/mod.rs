@@ -110,7 +110,7 @@ impl AttitudeHistory {
             // Clock offset and history are valid for one sender only.
             *self = Self { rejected: self.rejected, ..Self::new(self.config) };
         }
-        if self.clock.has_restarted(report.sender_time) {
+        if self.clock.has_restarted(arrival, report.sender_time, &self.config) {
             *self = Self { rejected: self.rejected, restarted_at: Some(arrival), ..Self::new(self.config) };
         }
         let at = self.clock.sending_time(arrival, report.sender_time, &self.config);

@@ -19,9 +19,12 @@ impl SenderClock {
         Self { last_report: None }
     }
 
-    /// Whether the sender has restarted since the last report.
-    pub fn has_restarted(&self, sender: WrappingMillis) -> bool {
-        self.last_report.is_some_and(|(last_sender, _)| sender.signed_ms_since(last_sender) <= -MIN_RESTART_STEP_MS)
+    /// Whether the sender has restarted since the last report: its clock has stepped back, or it has none and was silent.
+    pub fn has_restarted(&self, arrival: Timestamp, sender: WrappingMillis, config: &AttitudeConfig) -> bool {
+        self.last_report.is_some_and(|(last_sender, last_sent)| match sender.signed_ms_since(last_sender) {
+            0 => arrival.us_since(last_sent) > u64::from(config.max_silence_us),
+            step_ms => step_ms <= -MIN_RESTART_STEP_MS,
+        })
     }
 
     pub fn sending_time(&mut self, arrival: Timestamp, sender: WrappingMillis, config: &AttitudeConfig) -> Timestamp {

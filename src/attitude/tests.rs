@@ -218,6 +218,21 @@ fn the_attitude_of_a_restarted_sender_is_rejected_at_first() {
     }
 }
 
+/// MSP has no clock: silence of 2.5 s is a restart.
+#[test]
+fn a_sender_without_clock_has_restarted_after_silence() {
+    for (silence_us, is_restart) in [(2_500_000, false), (2_500_001, true)] {
+        let mut track = AttitudeHistory::new(CONFIG);
+        track.push_report(at(1_000_000), rolling(0, 0.0, 0.0));
+        for i in 0..=1000_u32 {
+            let at_us = 1_000_000 + silence_us + u64::from(i) * PERIOD_US;
+            track.push_report(at(at_us), rolling(0, 0.01 * i as f32, 0.5));
+            let is_accepted = matches!(track.attitude_at(at(at_us - LATENCY_US + 1)), AttitudeLookup::Extrapolated(_));
+            assert_eq!(is_accepted, !is_restart || i >= 750, "{silence_us} us, {i}");
+        }
+    }
+}
+
 #[test]
 fn a_sender_s_clock_may_wrap() {
     let mut track = AttitudeHistory::new(CONFIG);

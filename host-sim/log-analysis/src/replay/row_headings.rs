@@ -30,7 +30,9 @@ pub fn is_monitored(every_s: f64) -> bool {
 /// Instrument for the interval of these rows; attitude and field are simultaneous.
 pub(super) fn instrument_config(rows: &[ReplayRow]) -> InstrumentConfig {
     let median_s = rows::median_step_s(rows).unwrap_or(0.1);
-    let attitude = attitude::AttitudeConfig { latency_us: 0, ..attitude::AttitudeConfig::DEFAULT };
+    // Rows that a selection leaves out are no silence of the autopilot.
+    let attitude =
+        attitude::AttitudeConfig { latency_us: 0, max_silence_us: u32::MAX, ..attitude::AttitudeConfig::DEFAULT };
     InstrumentConfig { attitude, ..InstrumentConfig::new((median_s * 1e6).round() as u32) }
 }
 
