@@ -70,7 +70,7 @@ fn both_angles_are_interpolated() {
 fn a_lookup_at_the_time_of_a_report_needs_no_second_report() {
     let mut track = single_report(Attitude::from_deg(12.0, -3.0), [0.0; 3]);
     assert!(matches!(track.attitude_at(at(1_000_000)), AttitudeLookup::Interpolated(_)));
-    track.push_report(at(9_000_000 + LATENCY_US), rolling(0, 50.0, 0.0));
+    track.push_report(at(3_000_000 + LATENCY_US), rolling(0, 50.0, 0.0));
     let [roll, pitch] = angles_deg(track.attitude_at(at(1_000_000)));
     assert!((roll - 12.0).abs() < 1e-4 && (pitch + 3.0).abs() < 1e-4, "{roll} {pitch}");
     assert_eq!(track.attitude_at(at(1_000_001)), AttitudeLookup::Missing);
