@@ -27,6 +27,9 @@ mavutil.set_dialect("ardupilotmega")
 # Speed of the module's clock.
 SPEED = 5.0
 PERIOD_S = 0.02
+# Longest time of one step in which the aircraft rolls: 2 deg. A busy computer pauses the flight for longer; after a jump in roll
+# attitude and field would not belong together.
+LONGEST_ROLL_S = 0.1
 BANK_DEG = 25.0
 BANK_RATE_DEG_S = 20.0
 # Aeroplane at 22 m/s and this bank: 30 s per circle.
@@ -50,8 +53,8 @@ class Aircraft:
         self.roll_deg = self.roll_rate_deg_s = self.heading_deg = self.heading_rate_deg_s = 0.0
 
     def fly(self, bank_deg, seconds):
-        """Advances by one step toward a bank."""
-        step = BANK_RATE_DEG_S * seconds
+        """Advances by one step toward a bank. During a pause the aircraft turns, but does not roll."""
+        step = BANK_RATE_DEG_S * min(seconds, LONGEST_ROLL_S)
         change = max(-step, min(step, bank_deg - self.roll_deg))
         self.roll_deg += change
         self.roll_rate_deg_s = change / seconds
@@ -147,7 +150,7 @@ def calibrate(flight):
         flight.fly_period(bank_at(flight.flown_s - began_s))
         assert flight.flown_s - began_s < 800.0, f"no calibration: {flight.message_counts} {flight.texts}"
     report = flight.last["MAG_CAL_REPORT"]
-    assert (report.cal_status, report.autosaved) == (mavlink.MAG_CAL_SUCCESS, 1), report
+    assert (report.cal_status, report.autosaved) == (mavlink.MAG_CAL_SUCCESS, 1), (report, flight.texts)
     # Hard iron of the airframe as additive offsets in milligauss: some tens of microtesla.
     assert 30.0 < math.hypot(report.ofs_x, report.ofs_y, report.ofs_z) < 1000.0, report
     assert 0.7 < report.diag_x < 1.4 and 0.7 < report.diag_y < 1.4 and 0.7 < report.diag_z < 1.4, report
