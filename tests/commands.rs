@@ -348,7 +348,7 @@ fn errors_are_reported_with_a_remedy() {
         (format!("fly --circles 0.1 --report {file}.pdf"), "a report is .html or .svg".to_owned(), "names another"),
         ("fly --airframe /nowhere.toml".to_owned(), "/nowhere.toml".to_owned(), "expected"),
         ("fly --json --circles 0.1 --record /nowhere/x.csv".to_owned(), "/nowhere/x.csv".to_owned(), "--record names"),
-        (format!("fly --circles 0.1 --report {file}"), file.to_string(), "--report names another folder"),
+        (format!("fly --circles 0.1 --report {file}"), file.to_string(), "--report names another file or folder"),
         ("bench integrity --case none".to_owned(), "no case none".to_owned(), "--case list shows all"),
     ] {
         let (code, _, stderr_text) = run_command(&arguments);

@@ -105,7 +105,10 @@ pub fn print_json(value: impl Serialize) -> Result<(), CommandFailure> {
 /// Writes a report and prints its path on the error output, since standard output may be JSON.
 pub fn write_report(report: &Report, path: &Path) -> Result<(), CommandFailure> {
     let written = write_report_file(report, path).map_err(|error| {
-        CommandFailure(format!("cannot write the report to {}: {error}; --report names another folder", path.display()))
+        CommandFailure(format!(
+            "cannot write the report to {}: {error}; --report names another file or folder",
+            path.display()
+        ))
     })?;
     if !has_output_failed() {
         print_error(format_args!("report: {}", written.display()));

@@ -3,11 +3,12 @@
 use autoswing::calibration::Solution;
 use nalgebra::Vector3;
 
+use super::hard_iron_jump::{FittedCorrection, find_jump_times_s, find_jumps, is_cancelled};
 use super::hard_iron_step::{HardIronStep, MIN_SIGMAS, find_step};
 use super::replay_run::solve_all_rows;
 use super::row_headings::monitored_changes_ut;
 use super::row_solve::solved_correction;
-use super::{ReplayRow, is_monitored, rows};
+use super::{ReplayRow, data_loss, is_monitored, rows};
 use crate::log::{FieldCorrection, Flight};
 use crate::numbers::median;
 
@@ -38,8 +39,20 @@ pub struct HardIronChange {
     pub heading_effect_deg: f64,
 }
 
-/// Finds the changes of hard iron, in order of time, by splitting the flight at the most significant one first.
-/// `initial` is a correction that fits most of the rows; `total_ut` the strength of the Earth's field.
+/// Largest difference in time and size (relative) between a jump and the step that refines it, seconds.
+const MAX_REFINED_S: f64 = 1.5;
+
+/// Start of a temporary change, seconds: that of the change before the last, if the last one cancels it.
+#[must_use]
+pub fn temporary_change_start_s(changes: &[HardIronChange]) -> Option<f64> {
+    let [.., first, last] = changes else { return None };
+    let [one, other] = [first, last].map(|change| Vector3::from(change.hard_iron_step.step_ut));
+    is_cancelled(&one, &other).then_some(first.hard_iron_step.time_s)
+}
+
+/// Finds the changes of hard iron, in order of time: jumps, and in the parts between them steps, by splitting a part at
+/// the most significant one first. `initial` is a correction that fits most of the rows; `total_ut` the strength of the
+/// Earth's field.
 #[must_use]
 pub fn find_changes(
     rows: &[ReplayRow],
@@ -47,12 +60,16 @@ pub fn find_changes(
     initial: &FieldCorrection,
     total_ut: f64,
 ) -> Vec<HardIronChange> {
-    let mut changes = Vec::new();
-    search_changes(&ChangeSearch { flight, total_ut }, rows, initial, &mut changes);
-    changes.sort_by(|left_change, right_change| {
+    let search_of = ChangeSearch { flight, total_ut };
+    let (mut found, correction) = search_of.jumps(rows, initial);
+    for part in split_at_changes(rows, &found) {
+        let solved = if found.is_empty() { None } else { solve_all_rows(part).filter(is_certain) };
+        search_changes(&search_of, part, &solved.as_ref().map_or(correction, solved_correction), &mut found);
+    }
+    found.sort_by(|left_change, right_change| {
         left_change.hard_iron_step.time_s.total_cmp(&right_change.hard_iron_step.time_s)
     });
-    changes
+    found
 }
 
 struct ChangeSearch<'a> {
@@ -91,7 +108,63 @@ fn search_changes(
     }
 }
 
+fn is_certain(solution: &Solution) -> bool {
+    solution.quality.expected_rms_deg <= MAX_EXPECTED_DEG
+}
+
+fn expected_deg(solution: &Solution) -> f32 {
+    solution.quality.expected_rms_deg
+}
+
+/// Parts of the rows between times in order, seconds.
+fn split_at<'a>(rows: &'a [ReplayRow], times_s: impl Iterator<Item = f64>) -> Vec<&'a [ReplayRow]> {
+    let mut rest = rows;
+    let mut parts: Vec<&[ReplayRow]> = times_s
+        .map(|at_s| {
+            let (before, after) = rest.split_at(rest.partition_point(|row| row.t_s < at_s));
+            rest = after;
+            before
+        })
+        .collect();
+    parts.push(rest);
+    parts
+}
+
+fn split_at_changes<'a>(rows: &'a [ReplayRow], changes: &[HardIronChange]) -> Vec<&'a [ReplayRow]> {
+    split_at(rows, changes.iter().map(|change| change.hard_iron_step.time_s))
+}
+
 impl ChangeSearch<'_> {
+    /// Jumps that bend headings, each refined by a step of the rows around it, and the correction they are found with:
+    /// of the part between jumps that is observed best.
+    fn jumps(&self, rows: &[ReplayRow], initial: &FieldCorrection) -> (Vec<HardIronChange>, FieldCorrection) {
+        let has_rates = data_loss::has_integrable_rates(self.flight);
+        if !has_rates || !rows::median_step_s(rows).is_some_and(is_monitored) {
+            return (Vec::new(), *initial);
+        }
+        let parts = split_at(rows, find_jump_times_s(rows, initial).into_iter());
+        let solved = parts.into_iter().filter_map(|part| Some((part, solve_all_rows(part).filter(is_certain)?)));
+        let Some((fitted, solution)) =
+            solved.min_by(|(_, one), (_, other)| expected_deg(one).total_cmp(&expected_deg(other)))
+        else {
+            return (Vec::new(), *initial);
+        };
+        let correction = solved_correction(&solution);
+        let fitted_s = fitted.first().zip(fitted.last()).map_or([0.0; 2], |(first, last)| [first.t_s, last.t_s]);
+        let jumps = find_jumps(rows, &FittedCorrection { correction, fitted_s, earth_ut: earth_ut(&solution) });
+        if jumps.len() > MAX_CHANGES {
+            return (Vec::new(), *initial);
+        }
+        let parts = split_at(rows, jumps.iter().map(|jump| jump.time_s));
+        let changes = jumps.iter().enumerate().filter_map(|(i, jump)| {
+            let around = [parts[i], parts[i + 1]].concat();
+            let step = find_step(&around, &correction).filter(|step| refines(step, jump)).unwrap_or(*jump);
+            let heading_effect_deg = heading_effect_deg(&step, &solution)?;
+            Some(HardIronChange { hard_iron_step: step, heading_effect_deg })
+        });
+        (changes.collect(), correction)
+    }
+
     /// Effect of a step on a level heading, degrees, if it is significant and confirmed: the monitor, started with the
     /// calibration of the better observed part of the flight, detects it in the other, or the step halves the
     /// residuals of that other part under the calibration.
@@ -119,24 +192,40 @@ impl ChangeSearch<'_> {
         let moved = FieldCorrection { hard_iron_ut: unmoved.hard_iron_ut + moved * sign, ..unmoved };
         let [without, with] = [unmoved, moved].map(|correction| median_residual_ut(other, &correction, solution));
         let is_confirmed = is_detected || without > MIN_RESIDUAL_RATIO * with;
-        // Horizontal components only: on a single heading the step's component across it is hardly observable, and a
-        // significant vertical component changes no heading.
-        let is_bend_significant = change.xy().norm() > MIN_SIGMAS * Vector3::from(step.sigma_ut).xy().norm();
-        let horizontal_ut = f64::from(solution.calibration.total_ut * libm::cosf(solution.calibration.inclination_rad));
-        let bend_deg = libm::atan(change.xy().norm() / horizontal_ut).to_degrees();
-        (is_confirmed && is_bend_significant && bend_deg >= MIN_HEADING_EFFECT_DEG).then_some(bend_deg)
+        heading_effect_deg(step, solution).filter(|_| is_confirmed)
     }
+}
+
+/// Largest effect of a step on a level heading, degrees, if significant. Horizontal components only: on a single heading
+/// the step's component across it is hardly observable, and a significant vertical component changes no heading.
+fn heading_effect_deg(step: &HardIronStep, solution: &Solution) -> Option<f64> {
+    let change = solution.calibration.w_matrix().map(f64::from) * Vector3::from(step.step_ut);
+    let is_significant = change.xy().norm() > MIN_SIGMAS * Vector3::from(step.sigma_ut).xy().norm();
+    let horizontal_ut = f64::from(solution.calibration.total_ut * libm::cosf(solution.calibration.inclination_rad));
+    let bend_deg = libm::atan(change.xy().norm() / horizontal_ut).to_degrees();
+    (is_significant && bend_deg >= MIN_HEADING_EFFECT_DEG).then_some(bend_deg)
+}
+
+/// Whether a step is the same change as a jump.
+fn refines(step: &HardIronStep, jump: &HardIronStep) -> bool {
+    let difference = Vector3::from(step.step_ut) - Vector3::from(jump.step_ut);
+    (step.time_s - jump.time_s).abs() < MAX_REFINED_S && difference.norm() < MAX_DISAGREEMENT * jump.size_ut()
 }
 
 /// Median residual of strength and vertical component to a calibration, microtesla.
 fn median_residual_ut(rows: &[ReplayRow], correction: &FieldCorrection, solution: &Solution) -> f64 {
-    let total_ut = f64::from(solution.calibration.total_ut);
-    let vertical_ut = total_ut * libm::sin(f64::from(solution.calibration.inclination_rad));
+    let [total_ut, vertical_ut] = earth_ut(solution);
     let usable = rows.iter().filter(|row| row.is_usable);
     median(usable.flat_map(|row| {
         let field = row.corrected_field(correction);
         [field.norm() - total_ut, row.down_in_body().dot(&field) - vertical_ut].map(f64::abs)
     }))
+}
+
+/// Strength and vertical component of the Earth's field by a calibration, microtesla.
+fn earth_ut(solution: &Solution) -> [f64; 2] {
+    let total_ut = f64::from(solution.calibration.total_ut);
+    [total_ut, total_ut * libm::sin(f64::from(solution.calibration.inclination_rad))]
 }
 
 fn is_confirmed_by(estimate: &Vector3<f64>, expected: &Vector3<f64>) -> bool {

@@ -7,6 +7,7 @@ pub mod field_latency;
 mod frozen_field;
 pub mod gps_course;
 pub mod hard_iron_changes;
+pub mod hard_iron_jump;
 pub mod hard_iron_step;
 pub mod log_warning;
 pub mod module_run;

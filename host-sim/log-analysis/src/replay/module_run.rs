@@ -25,6 +25,8 @@ pub struct ModuleRun<'a> {
     /// Result of the collection, once it has ended.
     outcome: Option<Result<(), Refusal>>,
     ended_s: Option<f64>,
+    /// The last collection that ended and was refused.
+    refused_run: Option<RunOutcome>,
 }
 
 impl<'a> ModuleRun<'a> {
@@ -35,7 +37,7 @@ impl<'a> ModuleRun<'a> {
         let settings = Settings { inclination_deg, ..Settings::DEFAULT };
         let stored = StoredValues { settings, ..StoredValues::default() };
         let compass = Compass::new(AcceptancePolicy::DEFAULT, &stored, retained);
-        let mut module = Self { compass, candidate: None, outcome: None, ended_s: None };
+        let mut module = Self { compass, candidate: None, outcome: None, ended_s: None, refused_run: None };
         module.process_event(Event::SensorDetected(PLACEHOLDER_SENSOR, readings_per_sample));
         if let Some((place, day)) = options.place_and_day {
             module.process_event(Event::Position(place, WrappingMillis::default()));
@@ -45,14 +47,19 @@ impl<'a> ModuleRun<'a> {
         module
     }
 
-    /// Collects samples until the module ends the collection.
+    /// Collects samples until the module is calibrated. An uncalibrated module in flight collects again after a refusal.
     pub fn collect_samples(&mut self, samples: &[Sample]) {
         for &sample in samples {
             self.process_event(Event::Sample(sample));
-            if self.outcome.is_some() {
-                self.ended_s = Some(sample_time_s(&sample));
+            let Some(outcome) = &self.outcome else { continue };
+            let is_calibrated = outcome.is_ok();
+            self.ended_s = Some(sample_time_s(&sample));
+            if is_calibrated {
                 return;
             }
+            self.refused_run = Some(self.run_outcome());
+            (self.candidate, self.outcome, self.ended_s) = (None, None, None);
+            self.process_event(command_event(Command::CalStart(Procedure::Flight)));
         }
     }
 
@@ -68,17 +75,23 @@ impl<'a> ModuleRun<'a> {
         self.ended_s
     }
 
-    /// The module's result; a collection that has not ended is solved by command.
+    /// The module's result; a collection that has not ended is solved by command. If that is refused, too, the result is
+    /// the last refusal of a collection that ended.
     pub(super) fn into_outcome(mut self) -> RunOutcome {
         if self.outcome.is_none() {
             self.candidate = None;
             self.process_event(command_event(Command::CalSolve(None)));
         }
+        let outcome = self.run_outcome();
+        self.refused_run.take().filter(|_| outcome.acceptance.is_err()).unwrap_or(outcome)
+    }
+
+    fn run_outcome(&self) -> RunOutcome {
         let collector = self.compass.collector();
         let selection = SelectedParts::new(collector.fit_samples(), collector.procedure());
         RunOutcome {
             solution: self.candidate,
-            acceptance: self.outcome.unwrap_or(Err(Refusal::NoSamples)),
+            acceptance: self.outcome.clone().unwrap_or(Err(Refusal::NoSamples)),
             fitted_times_s: selection
                 .select_samples(collector.fit_samples())
                 .all_samples()

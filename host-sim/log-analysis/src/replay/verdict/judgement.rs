@@ -5,6 +5,7 @@ use std::fmt;
 use serde::Serialize;
 
 use crate::replay::evaluation::{CompassEvaluation, FlightEvaluation, heading_deg};
+use crate::replay::hard_iron_changes::temporary_change_start_s;
 use crate::replay::log_warning::LogWarning;
 use crate::replay::parameter_choice::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG, NoParameters, is_mostly_lost};
 use crate::replay::parameter_export::{ExportedCorrection, HeldBackScore};
@@ -50,6 +51,8 @@ pub enum JudgementReason {
     SensorFailed(LogWarning),
     /// Hard iron changed: time of the last change, seconds, its size, microtesla, and effect, degrees.
     IronChanged {
+        /// Start of a temporary change, seconds; none if the last change does not cancel the one before.
+        temporary_from_s: Option<f64>,
         /// Time of the last change, seconds of the log.
         at_s: f64,
         /// Size of the change, microtesla.
@@ -128,6 +131,7 @@ impl CompassJudgement {
             )
         };
         let changed = change.map(|change| JudgementReason::IronChanged {
+            temporary_from_s: temporary_change_start_s(&compass.hard_iron_changes),
             at_s: change.hard_iron_step.time_s,
             size_ut: change.hard_iron_step.size_ut(),
             bend_deg: change.heading_effect_deg,
@@ -222,7 +226,11 @@ impl fmt::Display for CompassJudgement {
                     let note = note.to_string();
                     format!("failed: {}", note.split_once(": ").map_or(note.as_str(), |(_, rest)| rest))
                 }
-                JudgementReason::IronChanged { at_s, size_ut, bend_deg } => format!(
+                JudgementReason::IronChanged { temporary_from_s: Some(from_s), at_s, size_ut, bend_deg } => format!(
+                    "had other iron around it from {from_s:.0} to {at_s:.0} s, by {size_ut:.1} uT, which bent headings \
+                     by up to {bend_deg:.0} deg"
+                ),
+                JudgementReason::IronChanged { at_s, size_ut, bend_deg, .. } => format!(
                     "has other iron around it since {at_s:.0} s, by {size_ut:.1} uT, which bends headings by up to \
                      {bend_deg:.0} deg"
                 ),

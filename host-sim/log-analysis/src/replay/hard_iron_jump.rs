@@ -1,0 +1,299 @@
+//! Detects jumps of the field that the motion of the aircraft does not explain: hard iron that comes, goes, or changes
+//! near the end.
+//!
+//! Levelled by the attitude and turned back by the integrated heading rate, the corrected field of the second before a row
+//! equals that of the second after it. All components of a difference are observed, on a single heading too, where
+//! strength and vertical component alone do not show the one across the heading.
+
+use autoswing::attitude::{BodyRates, EulerRates};
+use autoswing::frames::Attitude;
+use nalgebra::{Rotation3, Vector3};
+
+use super::ReplayRow;
+use super::hard_iron_step::HardIronStep;
+use crate::log::FieldCorrection;
+use crate::numbers::{median, quantile};
+
+/// Duration compared on either side of a jump, seconds: long enough to average noise, short enough for gyro drift.
+const WINDOW_S: f64 = 1.0;
+
+/// Smallest number of rows in a window.
+const MIN_WINDOW_ROWS: usize = 5;
+
+/// Longest interval between rows that the heading rate is integrated over, seconds.
+const MAX_STEP_S: f64 = 0.35;
+
+/// Detection thresholds: size in microtesla; ratio to a quantile of all differences of the flight, which rough flight
+/// and vibration enlarge; and fraction of the field by radian turned in both windows, the error of sampled rates.
+const MIN_JUMP_UT: f64 = 1.5;
+const REFERENCE_QUANTILE: f64 = 0.9;
+const MIN_QUANTILE_RATIO: f64 = 3.0;
+const MAX_FRACTION_PER_RADIAN: f64 = 0.04;
+
+/// Median norm of three normally distributed components, standard deviations.
+const MEDIAN_NORM_SIGMAS: f64 = 1.538;
+
+/// Largest number of jumps before, and after, the rows that a correction fits.
+const MAX_JUMPS: usize = 8;
+
+/// Longest duration after a jump in which its shift is tested, seconds, and largest ratio of the residuals with the
+/// shift to those without: a shift along an axis that these rows do not show leaves them equal.
+const TESTED_S: f64 = 30.0;
+const MAX_RESIDUAL_RATIO: f64 = 1.1;
+
+/// Shortest duration of a temporary change, seconds: a shorter one is not of the aircraft's iron, and affects few rows.
+const MIN_DURATION_S: f64 = 5.0;
+
+/// Largest remainder of two changes that cancel, relative to the larger.
+const MAX_CANCELLED_REMAINDER: f64 = 0.35;
+
+/// Times of all jumps of the corrected field in usable rows, seconds.
+#[must_use]
+pub fn find_jump_times_s(rows: &[ReplayRow], correction: &FieldCorrection) -> Vec<f64> {
+    let search = JumpSearch::new(rows, correction);
+    let jumps = search.jumps();
+    jumps.into_iter().map(|jump| search.rows[jump.at].t_s).collect()
+}
+
+/// Correction with the rows that it fits.
+pub struct FittedCorrection {
+    /// The correction.
+    pub correction: FieldCorrection,
+    /// Times of the first and last row that it fits, seconds.
+    pub fitted_s: [f64; 2],
+    /// Strength and vertical component of the corrected field, microtesla.
+    pub earth_ut: [f64; 2],
+}
+
+/// Jumps of the raw field in usable rows, in order of time. From the rows that the correction fits on, the field before
+/// or after each jump is shifted by it, since an uncorrected one shows as others in turns.
+#[must_use]
+pub fn find_jumps(rows: &[ReplayRow], fit: &FittedCorrection) -> Vec<HardIronStep> {
+    let Some(to_raw) = fit.correction.matrix.try_inverse() else { return Vec::new() };
+    let mut search = JumpSearch::new(rows, &fit.correction);
+    let sigma_ut = [search.sigma_ut(); 3];
+    let mut found: Vec<Jump> = Vec::new();
+    for direction in [Direction::Later, Direction::Earlier] {
+        found.extend(search.jumps_in(direction, fit));
+    }
+    found.sort_by_key(|jump| jump.at);
+    remove_short_pairs(&mut found, &search.rows);
+    found
+        .into_iter()
+        .map(|jump| HardIronStep {
+            time_s: search.rows[jump.at].t_s,
+            step_ut: (to_raw * jump.step_ut).into(),
+            sigma_ut,
+        })
+        .collect()
+}
+
+/// Whether two steps cancel each other.
+#[must_use]
+pub fn is_cancelled(one_ut: &Vector3<f64>, other_ut: &Vector3<f64>) -> bool {
+    (one_ut + other_ut).norm() < MAX_CANCELLED_REMAINDER * one_ut.norm().max(other_ut.norm())
+}
+
+fn remove_short_pairs(jumps: &mut Vec<Jump>, rows: &[&ReplayRow]) {
+    let mut i = 0;
+    while let Some([one, other]) = jumps.get(i..i + 2) {
+        let is_short = rows[other.at].t_s - rows[one.at].t_s < MIN_DURATION_S;
+        if is_short && is_cancelled(&one.step_ut, &other.step_ut) {
+            jumps.drain(i..i + 2);
+        } else {
+            i += 1;
+        }
+    }
+}
+
+/// Direction of a search from the rows that a correction fits.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Direction {
+    Later,
+    Earlier,
+}
+
+/// A jump at a row: the step of the corrected field, body axes, microtesla.
+#[derive(Clone, Copy)]
+struct Jump {
+    at: usize,
+    step_ut: Vector3<f64>,
+}
+
+struct JumpSearch<'a> {
+    rows: Vec<&'a ReplayRow>,
+    /// Corrected fields, body axes.
+    fields: Vec<Vector3<f64>>,
+    /// Rotations from body axes to a level frame with a constant heading.
+    rotations: Vec<Rotation3<f64>>,
+    /// Angle turned since the first row, radians.
+    turned_rad: Vec<f64>,
+    /// Differences of the windows at each row, in the level frame; none without two complete windows.
+    differences: Vec<Option<Vector3<f64>>>,
+}
+
+impl<'a> JumpSearch<'a> {
+    fn new(rows: &'a [ReplayRow], correction: &FieldCorrection) -> Self {
+        let rows: Vec<&ReplayRow> = rows.iter().filter(|row| row.is_usable).collect();
+        let fields = rows.iter().map(|row| row.corrected_field(correction)).collect();
+        let (mut heading_rad, mut turned) = (0.0, 0.0);
+        let (mut rotations, mut turned_rad) = (Vec::new(), Vec::new());
+        for (i, row) in rows.iter().enumerate() {
+            if let Some(before) = i.checked_sub(1).map(|before| rows[before]) {
+                let step_s = row.t_s - before.t_s;
+                heading_rad += step_s * (heading_rate_rad_s(before) + heading_rate_rad_s(row)) / 2.0;
+                turned += step_s * (turn_rate_rad_s(before) + turn_rate_rad_s(row)) / 2.0;
+            }
+            let Attitude { roll_rad, pitch_rad } = row.attitude;
+            rotations.push(Rotation3::from_euler_angles(roll_rad.into(), pitch_rad.into(), heading_rad));
+            turned_rad.push(turned);
+        }
+        let differences = vec![None; rows.len()];
+        let mut search = Self { rows, fields, rotations, turned_rad, differences };
+        search.update_differences();
+        search
+    }
+
+    fn update_differences(&mut self) {
+        for at in 0..self.rows.len() {
+            let (before, after) = (self.window_before(at), self.window_after(at));
+            self.differences[at] =
+                before.zip(after).map(|(before, after)| self.median_of(after) - self.median_of(before));
+        }
+    }
+
+    /// Rows of the window from a row on; none if incomplete.
+    fn window_after(&self, at: usize) -> Option<std::ops::Range<usize>> {
+        let end_s = self.rows[at].t_s + WINDOW_S;
+        let mut last = at;
+        while self.rows[last].t_s < end_s {
+            let next = self.rows.get(last + 1)?;
+            if next.rates_rad_s.is_none() || next.t_s - self.rows[last].t_s > MAX_STEP_S {
+                return None;
+            }
+            last += 1;
+        }
+        (last - at >= MIN_WINDOW_ROWS).then_some(at..last)
+    }
+
+    /// Rows of the window before a row; none if incomplete.
+    fn window_before(&self, at: usize) -> Option<std::ops::Range<usize>> {
+        let start_s = self.rows[at].t_s - WINDOW_S;
+        let mut first = at;
+        while self.rows[first].t_s > start_s {
+            let previous = self.rows[first.checked_sub(1)?];
+            if previous.rates_rad_s.is_none() || self.rows[first].t_s - previous.t_s > MAX_STEP_S {
+                return None;
+            }
+            first -= 1;
+        }
+        (at - first >= MIN_WINDOW_ROWS).then_some(first..at)
+    }
+
+    /// Median field of rows by component, in the level frame.
+    fn median_of(&self, window: std::ops::Range<usize>) -> Vector3<f64> {
+        let levelled: Vec<Vector3<f64>> = window.map(|i| self.rotations[i] * self.fields[i]).collect();
+        Vector3::from_fn(|axis, _| median(levelled.iter().map(|field| field[axis])))
+    }
+
+    fn norms(&self) -> impl Iterator<Item = f64> + '_ {
+        self.differences.iter().flatten().map(Vector3::norm)
+    }
+
+    /// Standard deviation of a component of a difference, microtesla.
+    fn sigma_ut(&self) -> f64 {
+        median(self.norms()) / MEDIAN_NORM_SIGMAS
+    }
+
+    /// Differences over the limit that are the largest within a window, in order of time.
+    fn jumps(&self) -> Vec<Jump> {
+        let Some(reference_ut) = quantile(self.norms(), REFERENCE_QUANTILE) else { return Vec::new() };
+        let least_ut = MIN_JUMP_UT.max(MIN_QUANTILE_RATIO * reference_ut);
+        let excess = |at: usize| {
+            let size_ut = self.differences[at]?.norm();
+            let turned_rad =
+                self.turned_rad[self.window_after(at)?.end] - self.turned_rad[self.window_before(at)?.start];
+            let limit_ut = least_ut.max(MAX_FRACTION_PER_RADIAN * turned_rad * self.fields[at].norm());
+            (size_ut > limit_ut).then_some(size_ut)
+        };
+        let over: Vec<(usize, f64)> = (0..self.rows.len()).filter_map(|at| Some((at, excess(at)?))).collect();
+        let is_peak = |(at, size_ut): &&(usize, f64)| {
+            let is_near = |other: usize| (self.rows[other].t_s - self.rows[*at].t_s).abs() <= WINDOW_S;
+            over.iter().filter(|(other, _)| is_near(*other)).all(|(_, other_ut)| other_ut <= size_ut)
+        };
+        over.iter()
+            .filter(is_peak)
+            .filter_map(|&(at, _)| Some(Jump { at, step_ut: self.rotations[at].inverse() * self.differences[at]? }))
+            .collect()
+    }
+
+    /// Jumps from the fitted rows on; the fields beyond each are shifted.
+    fn jumps_in(&mut self, direction: Direction, fit: &FittedCorrection) -> Vec<Jump> {
+        let mut found = Vec::new();
+        let mut beyond_s = match direction {
+            Direction::Later => fit.fitted_s[1] - WINDOW_S,
+            Direction::Earlier => fit.fitted_s[0] + WINDOW_S,
+        };
+        while found.len() < MAX_JUMPS {
+            let mut jumps = self.jumps();
+            if direction == Direction::Earlier {
+                jumps.reverse();
+            }
+            let is_beyond = |jump: &Jump| match direction {
+                Direction::Later => self.rows[jump.at].t_s > beyond_s,
+                Direction::Earlier => self.rows[jump.at].t_s < beyond_s,
+            };
+            jumps.retain(is_beyond);
+            let Some(&jump) = jumps.first() else { break };
+            beyond_s = self.rows[jump.at].t_s;
+            let next_s = jumps.get(1).map_or(f64::INFINITY, |next| (self.rows[next.at].t_s - beyond_s).abs());
+            let tested = self.tested_rows(&jump, direction, next_s.min(TESTED_S));
+            let unshifted_ut = self.residual_ut(tested.clone(), &fit.earth_ut);
+            self.shift(&jump, direction, 1.0);
+            if self.residual_ut(tested, &fit.earth_ut) > MAX_RESIDUAL_RATIO * unshifted_ut {
+                self.shift(&jump, direction, -1.0);
+            } else {
+                found.push(jump);
+            }
+        }
+        found
+    }
+
+    /// Rows beyond a jump, for a duration in seconds.
+    fn tested_rows(&self, jump: &Jump, direction: Direction, duration_s: f64) -> std::ops::Range<usize> {
+        let at_s = self.rows[jump.at].t_s;
+        let index_at = |t_s: f64| self.rows.partition_point(|row| row.t_s < t_s);
+        match direction {
+            Direction::Later => jump.at..index_at(at_s + duration_s),
+            Direction::Earlier => index_at(at_s - duration_s)..jump.at,
+        }
+    }
+
+    /// Median residual of strength and vertical component, microtesla.
+    fn residual_ut(&self, rows: std::ops::Range<usize>, earth_ut: &[f64; 2]) -> f64 {
+        let [strength_ut, vertical_ut] = *earth_ut;
+        median(rows.flat_map(|i| {
+            let field = self.fields[i];
+            [field.norm() - strength_ut, self.rows[i].down_in_body().dot(&field) - vertical_ut].map(f64::abs)
+        }))
+    }
+
+    /// Removes a jump from the fields beyond it; `sign` of -1 restores it.
+    fn shift(&mut self, jump: &Jump, direction: Direction, sign: f64) {
+        let (shifted, by_ut) = match direction {
+            Direction::Later => (jump.at..self.rows.len(), -sign * jump.step_ut),
+            Direction::Earlier => (0..jump.at, sign * jump.step_ut),
+        };
+        self.fields[shifted].iter_mut().for_each(|field| *field += by_ut);
+        self.update_differences();
+    }
+}
+
+fn heading_rate_rad_s(row: &ReplayRow) -> f64 {
+    let rates = row.rates_rad_s.and_then(BodyRates::from_rad_s);
+    rates.map_or(0.0, |rates| EulerRates::from_body_rates(rates, row.attitude).heading_rad_s.into())
+}
+
+fn turn_rate_rad_s(row: &ReplayRow) -> f64 {
+    row.rates_rad_s.map_or(0.0, |rates| Vector3::from(rates).map(f64::from).norm())
+}
