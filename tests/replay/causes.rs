@@ -74,7 +74,7 @@ const LOAD_OR_REPLACE: &[CompassAction] = &[CompassAction::Load, CompassAction::
 const REPLACE: &[CompassAction] = &[CompassAction::Replace];
 
 /// Steps are at 118 s, after half of the turns; the log's clock is 2 s ahead.
-const CASES: [Case; 20] = [
+const CASES: [Case; 22] = [
     case("rate about x of the wrong sign", |_, s| s.rates_rad_s[0] *= -1.0, LOAD, "about x has the sign opposite", 0),
     case("rate about z of the wrong sign", |_, s| s.rates_rad_s[2] *= -1.0, LOAD, "about z has the sign opposite", 0),
     case(
@@ -120,6 +120,26 @@ const CASES: [Case; 20] = [
             FLY_AGAIN,
             "since 224 s, by",
             1,
+        )
+    },
+    Case {
+        is_shown_by_copter: false,
+        ..case(
+            "iron by 8 uT in the last 5 s",
+            |t_s, s| s.field_ut[0][1] += if t_s > 232.0 { 8.0 } else { 0.0 },
+            FLY_AGAIN,
+            "since 234 s, by",
+            1,
+        )
+    },
+    Case {
+        is_shown_by_copter: false,
+        ..case(
+            "iron by 6 uT for 40 s",
+            |t_s, s| s.field_ut[0][1] += if (60.0..100.0).contains(&t_s) { 6.0 } else { 0.0 },
+            LOAD_OR_REPLACE,
+            "from 62 to 102 s, by",
+            2,
         )
     },
     Case {

@@ -162,7 +162,9 @@ impl ChangeSearch<'_> {
             let heading_effect_deg = heading_effect_deg(&step, &solution)?;
             Some(HardIronChange { hard_iron_step: step, heading_effect_deg })
         });
-        (changes.collect(), correction)
+        let changes: Vec<HardIronChange> = changes.collect();
+        let correction = if changes.is_empty() { *initial } else { correction };
+        (changes, correction)
     }
 
     /// Effect of a step on a level heading, degrees, if it is significant and confirmed: the monitor, started with the

@@ -21,7 +21,7 @@ const WINDOW_S: f64 = 1.0;
 const MIN_WINDOW_ROWS: usize = 5;
 
 /// Longest interval between rows that the heading rate is integrated over, seconds.
-const MAX_STEP_S: f64 = 0.35;
+const MAX_STEP_S: f64 = 0.55;
 
 /// Detection thresholds: size in microtesla; ratio to a quantile of all differences of the flight, which rough flight
 /// and vibration enlarge; and fraction of the field by radian turned in both windows, the error of sampled rates.
@@ -37,9 +37,17 @@ const MEDIAN_NORM_SIGMAS: f64 = 1.538;
 const MAX_JUMPS: usize = 8;
 
 /// Longest duration after a jump in which its shift is tested, seconds, and largest ratio of the residuals with the
-/// shift to those without: a shift along an axis that these rows do not show leaves them equal.
+/// shift to those without, to those of the fitted rows, or to its size: a shift along an axis that these rows do not
+/// show leaves them equal but for its own error.
 const TESTED_S: f64 = 30.0;
 const MAX_RESIDUAL_RATIO: f64 = 1.1;
+const MAX_FITTED_RESIDUAL_RATIO: f64 = 2.0;
+const MAX_STEP_ERROR_FRACTION: f64 = 0.15;
+
+/// Largest residuals of rows between shifted jumps: ratio to those of the fitted rows, or to the size of the jump, whose
+/// error they contain.
+const MAX_EXPLAINED_RESIDUAL_RATIO: f64 = 3.0;
+const MAX_UNEXPLAINED_FRACTION: f64 = 0.4;
 
 /// Shortest duration of a temporary change, seconds: a shorter one is not of the aircraft's iron, and affects few rows.
 const MIN_DURATION_S: f64 = 5.0;
@@ -118,6 +126,13 @@ enum Direction {
 struct Jump {
     at: usize,
     step_ut: Vector3<f64>,
+}
+
+impl Jump {
+    /// The opposite step at a row.
+    fn reversed(&self, at: usize) -> Self {
+        Self { at, step_ut: -self.step_ut }
+    }
 }
 
 struct JumpSearch<'a> {
@@ -234,6 +249,7 @@ impl<'a> JumpSearch<'a> {
             Direction::Later => fit.fitted_s[1] - WINDOW_S,
             Direction::Earlier => fit.fitted_s[0] + WINDOW_S,
         };
+        let fitted_ut = self.residual_ut(self.rows_between(fit.fitted_s), &fit.earth_ut);
         while found.len() < MAX_JUMPS {
             let mut jumps = self.jumps();
             if direction == Direction::Earlier {
@@ -249,40 +265,60 @@ impl<'a> JumpSearch<'a> {
             let next_s = jumps.get(1).map_or(f64::INFINITY, |next| (self.rows[next.at].t_s - beyond_s).abs());
             let tested = self.tested_rows(&jump, direction, next_s.min(TESTED_S));
             let unshifted_ut = self.residual_ut(tested.clone(), &fit.earth_ut);
-            self.shift(&jump, direction, 1.0);
-            if self.residual_ut(tested, &fit.earth_ut) > MAX_RESIDUAL_RATIO * unshifted_ut {
-                self.shift(&jump, direction, -1.0);
-            } else {
-                found.push(jump);
+            let limit_ut = (MAX_RESIDUAL_RATIO * unshifted_ut).max(MAX_FITTED_RESIDUAL_RATIO * fitted_ut);
+            let limit_ut = limit_ut.max(MAX_STEP_ERROR_FRACTION * jump.step_ut.norm());
+            self.shift(&jump, direction);
+            if self.residual_ut(tested, &fit.earth_ut) > limit_ut {
+                self.shift(&jump.reversed(jump.at), direction);
+                continue;
             }
+            found.push(jump);
         }
+        let end_s = match direction {
+            Direction::Later => f64::INFINITY,
+            Direction::Earlier => f64::NEG_INFINITY,
+        };
+        let time_s = |i: usize| found.get(i).map_or(end_s, |jump: &Jump| self.rows[jump.at].t_s);
+        let is_explained = |i: usize| {
+            let (one_s, other_s) = (time_s(i), time_s(i + 1));
+            let beyond = self.rows_between([one_s.min(other_s), one_s.max(other_s)]);
+            let limit_ut = MAX_UNEXPLAINED_FRACTION * found[i].step_ut.norm();
+            self.residual_ut(beyond, &fit.earth_ut) < limit_ut.max(MAX_EXPLAINED_RESIDUAL_RATIO * fitted_ut)
+        };
+        // A jump that was missed or measured wrong shows as others: from there on, none is reported.
+        let explained = (0..found.len()).take_while(|i| is_explained(*i)).count();
+        found.truncate(explained);
         found
     }
 
     /// Rows beyond a jump, for a duration in seconds.
     fn tested_rows(&self, jump: &Jump, direction: Direction, duration_s: f64) -> std::ops::Range<usize> {
         let at_s = self.rows[jump.at].t_s;
-        let index_at = |t_s: f64| self.rows.partition_point(|row| row.t_s < t_s);
         match direction {
-            Direction::Later => jump.at..index_at(at_s + duration_s),
-            Direction::Earlier => index_at(at_s - duration_s)..jump.at,
+            Direction::Later => self.rows_between([at_s, at_s + duration_s]),
+            Direction::Earlier => self.rows_between([at_s - duration_s, at_s]),
         }
+    }
+
+    fn rows_between(&self, times_s: [f64; 2]) -> std::ops::Range<usize> {
+        let [from, to] = times_s.map(|t_s| self.rows.partition_point(|row| row.t_s < t_s));
+        from..to
     }
 
     /// Median residual of strength and vertical component, microtesla.
     fn residual_ut(&self, rows: std::ops::Range<usize>, earth_ut: &[f64; 2]) -> f64 {
-        let [strength_ut, vertical_ut] = *earth_ut;
-        median(rows.flat_map(|i| {
-            let field = self.fields[i];
-            [field.norm() - strength_ut, self.rows[i].down_in_body().dot(&field) - vertical_ut].map(f64::abs)
-        }))
+        median(rows.flat_map(|i| self.residuals_ut(i, self.fields[i], earth_ut).map(f64::abs)))
     }
 
-    /// Removes a jump from the fields beyond it; `sign` of -1 restores it.
-    fn shift(&mut self, jump: &Jump, direction: Direction, sign: f64) {
+    fn residuals_ut(&self, i: usize, field: Vector3<f64>, [strength_ut, vertical_ut]: &[f64; 2]) -> [f64; 2] {
+        [field.norm() - strength_ut, self.rows[i].down_in_body().dot(&field) - vertical_ut]
+    }
+
+    /// Removes a jump from the fields beyond it.
+    fn shift(&mut self, jump: &Jump, direction: Direction) {
         let (shifted, by_ut) = match direction {
-            Direction::Later => (jump.at..self.rows.len(), -sign * jump.step_ut),
-            Direction::Earlier => (0..jump.at, sign * jump.step_ut),
+            Direction::Later => (jump.at..self.rows.len(), -jump.step_ut),
+            Direction::Earlier => (0..jump.at, jump.step_ut),
         };
         self.fields[shifted].iter_mut().for_each(|field| *field += by_ut);
         self.update_differences();
@@ -297,3 +333,6 @@ fn heading_rate_rad_s(row: &ReplayRow) -> f64 {
 fn turn_rate_rad_s(row: &ReplayRow) -> f64 {
     row.rates_rad_s.map_or(0.0, |rates| Vector3::from(rates).map(f64::from).norm())
 }
+
+#[cfg(test)]
+mod tests;

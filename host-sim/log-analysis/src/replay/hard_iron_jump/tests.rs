@@ -1,0 +1,82 @@
+//! Unit tests of `hard_iron_jump`.
+
+use autoswing::frames::{Attitude, Field};
+use testkit::random::Random;
+
+use super::*;
+
+/// Strength and inclination of the Earth's field.
+const STRENGTH_UT: f32 = 50.0;
+const INCLINATION_DEG: f32 = 60.0;
+
+/// 180 s at 10 Hz with a bank of `bank_deg`, a turn of 10 deg/s and noise of 0.3 uT; `moved_ut` is added along y while
+/// `is_moved`.
+fn rows(bank_deg: f32, moved_ut: f32, is_moved: impl Fn(f32) -> bool) -> Vec<ReplayRow> {
+    let mut random = Random(1);
+    let turn_rad_s = 10_f32.to_radians();
+    let row_at = |i: u16| {
+        let t_s = f32::from(i) / 10.0;
+        let attitude = Attitude::from_deg(bank_deg, 0.0);
+        let earth = Field::earth_field(STRENGTH_UT, INCLINATION_DEG.to_radians(), turn_rad_s * t_s);
+        let noise = Vector3::from_fn(|_, _| random.normal() * 0.3);
+        let moved = Vector3::new(0.0, if is_moved(t_s) { moved_ut } else { 0.0 }, 0.0);
+        let field = Field::new(attitude.to_body_frame(earth).ut + noise + moved);
+        let (sin_roll, cos_roll) = libm::sincosf(attitude.roll_rad);
+        ReplayRow {
+            t_s: f64::from(i) / 10.0,
+            raw_field: field,
+            logged_field: field,
+            attitude,
+            rates_rad_s: Some([0.0, turn_rad_s * sin_roll, turn_rad_s * cos_roll]),
+            current_a: None,
+            is_usable: true,
+            reference_deg: None,
+        }
+    };
+    (0..1800).map(row_at).collect()
+}
+
+fn found(rows: &[ReplayRow]) -> Vec<HardIronStep> {
+    let vertical_ut = f64::from(STRENGTH_UT * libm::sinf(INCLINATION_DEG.to_radians()));
+    let earth_ut = [STRENGTH_UT.into(), vertical_ut];
+    find_jumps(rows, &FittedCorrection { correction: FieldCorrection::identity(), fitted_s: [0.0, 60.0], earth_ut })
+}
+
+fn assert_steps(found: &[HardIronStep], expected: &[(f64, f64)], about: &str) {
+    assert_eq!(found.len(), expected.len(), "{about}: {found:?}");
+    for (step, (at_s, y_ut)) in found.iter().zip(expected) {
+        let off_ut = Vector3::from(step.step_ut) - Vector3::new(0.0, *y_ut, 0.0);
+        assert!((step.time_s - at_s).abs() < 0.5 && off_ut.norm() < 0.6, "{about}: {step:?}");
+    }
+}
+
+/// In level flight, strength and vertical component hardly show a step along y.
+#[test]
+fn a_step_is_found_up_to_the_last_two_seconds_and_on_any_bank() {
+    for bank_deg in [0.0, 30.0] {
+        for at_s in [90.0, 160.0, 178.0] {
+            let flown = rows(bank_deg, 4.0, |t_s| t_s >= at_s);
+            assert_steps(&found(&flown), &[(f64::from(at_s), 4.0)], &format!("{bank_deg} deg, {at_s} s"));
+        }
+    }
+}
+
+#[test]
+fn iron_that_comes_and_goes_is_two_steps_if_it_stays() {
+    let for_40_s = rows(20.0, 4.0, |t_s| (100.0..140.0).contains(&t_s));
+    assert_steps(&found(&for_40_s), &[(100.0, 4.0), (140.0, -4.0)], "40 s");
+    assert_steps(&found(&rows(20.0, 4.0, |t_s| (100.0..103.0).contains(&t_s))), &[], "3 s");
+}
+
+#[test]
+fn small_steps_spikes_and_gaps_are_no_jumps() {
+    assert_steps(&found(&rows(20.0, 1.0, |t_s| t_s >= 100.0)), &[], "1 uT");
+    let spikes = rows(20.0, 100.0, |t_s| (t_s * 10.0).round() % 50.0 == 0.0);
+    assert_steps(&found(&spikes), &[], "spikes of one row");
+    let mut gap = rows(20.0, 4.0, |t_s| t_s >= 100.0);
+    gap.retain(|row| !(99.5..100.5).contains(&row.t_s));
+    assert_steps(&found(&gap), &[], "a step in a gap");
+    let mut without_rates = rows(20.0, 4.0, |t_s| t_s >= 100.0);
+    without_rates.iter_mut().for_each(|row| row.rates_rad_s = None);
+    assert_steps(&found(&without_rates), &[], "no rates");
+}
