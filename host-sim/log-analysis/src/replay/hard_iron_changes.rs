@@ -117,7 +117,7 @@ fn expected_deg(solution: &Solution) -> f32 {
 }
 
 /// Parts of the rows between times in order, seconds.
-fn split_at<'a>(rows: &'a [ReplayRow], times_s: impl Iterator<Item = f64>) -> Vec<&'a [ReplayRow]> {
+fn split_at(rows: &[ReplayRow], times_s: impl Iterator<Item = f64>) -> Vec<&[ReplayRow]> {
     let mut rest = rows;
     let mut parts: Vec<&[ReplayRow]> = times_s
         .map(|at_s| {
@@ -130,7 +130,7 @@ fn split_at<'a>(rows: &'a [ReplayRow], times_s: impl Iterator<Item = f64>) -> Ve
     parts
 }
 
-fn split_at_changes<'a>(rows: &'a [ReplayRow], changes: &[HardIronChange]) -> Vec<&'a [ReplayRow]> {
+fn split_at_changes<'rows>(rows: &'rows [ReplayRow], changes: &[HardIronChange]) -> Vec<&'rows [ReplayRow]> {
     split_at(rows, changes.iter().map(|change| change.hard_iron_step.time_s))
 }
 

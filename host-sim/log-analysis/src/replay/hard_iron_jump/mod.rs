@@ -37,12 +37,11 @@ const MEDIAN_NORM_SIGMAS: f64 = 1.538;
 const MAX_JUMPS: usize = 8;
 
 /// Longest duration after a jump in which its shift is tested, seconds, and largest ratio of the residuals with the
-/// shift to those without, to those of the fitted rows, or to its size: a shift along an axis that these rows do not
-/// show leaves them equal but for its own error.
+/// shift to those without, or to those of the fitted rows: a shift along an axis that these rows do not
+/// show leaves them equal.
 const TESTED_S: f64 = 30.0;
 const MAX_RESIDUAL_RATIO: f64 = 1.1;
 const MAX_FITTED_RESIDUAL_RATIO: f64 = 2.0;
-const MAX_STEP_ERROR_FRACTION: f64 = 0.15;
 
 /// Largest residuals of rows between shifted jumps: ratio to those of the fitted rows, or to the size of the jump, whose
 /// error they contain.
@@ -266,7 +265,6 @@ impl<'a> JumpSearch<'a> {
             let tested = self.tested_rows(&jump, direction, next_s.min(TESTED_S));
             let unshifted_ut = self.residual_ut(tested.clone(), &fit.earth_ut);
             let limit_ut = (MAX_RESIDUAL_RATIO * unshifted_ut).max(MAX_FITTED_RESIDUAL_RATIO * fitted_ut);
-            let limit_ut = limit_ut.max(MAX_STEP_ERROR_FRACTION * jump.step_ut.norm());
             self.shift(&jump, direction);
             if self.residual_ut(tested, &fit.earth_ut) > limit_ut {
                 self.shift(&jump.reversed(jump.at), direction);
