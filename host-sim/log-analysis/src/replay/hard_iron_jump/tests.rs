@@ -77,6 +77,8 @@ fn small_steps_spikes_and_gaps_are_no_jumps() {
     gap.retain(|row| !(99.5..100.5).contains(&row.t_s));
     assert_steps(&found(&gap), &[], "a step in a gap");
     let mut without_rates = rows(20.0, 4.0, |t_s| t_s >= 100.0);
-    without_rates.iter_mut().for_each(|row| row.rates_rad_s = None);
+    for row in &mut without_rates {
+        row.rates_rad_s = None;
+    }
     assert_steps(&found(&without_rates), &[], "no rates");
 }
