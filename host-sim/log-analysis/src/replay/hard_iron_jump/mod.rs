@@ -48,6 +48,10 @@ const MAX_FITTED_RESIDUAL_RATIO: f64 = 2.0;
 const MAX_EXPLAINED_RESIDUAL_RATIO: f64 = 3.0;
 const MAX_UNEXPLAINED_FRACTION: f64 = 0.4;
 
+/// Smallest jump of the logged field, relative to the jump of the raw field: less was compensated by the autopilot, as
+/// interference by a current that is not logged.
+const MIN_LOGGED_FRACTION: f64 = 0.5;
+
 /// Shortest duration of a temporary change, seconds: a shorter one is not of the aircraft's iron, and affects few rows.
 const MIN_DURATION_S: f64 = 5.0;
 
@@ -85,6 +89,8 @@ pub fn find_jumps(rows: &[ReplayRow], fit: &FittedCorrection) -> Vec<HardIronSte
     }
     found.sort_by_key(|jump| jump.at);
     remove_short_pairs(&mut found, &search.rows);
+    search.use_logged_fields();
+    found.retain(|jump| search.has_jump(jump));
     found
         .into_iter()
         .map(|jump| HardIronStep {
@@ -166,6 +172,17 @@ impl<'a> JumpSearch<'a> {
         let mut search = Self { rows, fields, rotations, turned_rad, differences };
         search.update_differences();
         search
+    }
+
+    fn use_logged_fields(&mut self) {
+        self.fields = self.rows.iter().map(|row| row.logged_field.ut.map(f64::from)).collect();
+        self.update_differences();
+    }
+
+    /// Whether the fields show a jump that was found in others.
+    fn has_jump(&self, jump: &Jump) -> bool {
+        self.differences[jump.at]
+            .is_some_and(|difference| difference.norm() > MIN_LOGGED_FRACTION * jump.step_ut.norm())
     }
 
     fn update_differences(&mut self) {

@@ -82,3 +82,12 @@ fn small_steps_spikes_and_gaps_are_no_jumps() {
     }
     assert_steps(&found(&without_rates), &[], "no rates");
 }
+
+#[test]
+fn a_jump_that_the_autopilot_compensates_is_none() {
+    let mut compensated = rows(20.0, 4.0, |t_s| t_s >= 100.0);
+    for (row, unmoved) in compensated.iter_mut().zip(rows(20.0, 0.0, |_| false)) {
+        row.logged_field = unmoved.logged_field;
+    }
+    assert_steps(&found(&compensated), &[], "compensated");
+}
