@@ -48,9 +48,8 @@ const MAX_FITTED_RESIDUAL_RATIO: f64 = 2.0;
 const MAX_EXPLAINED_RESIDUAL_RATIO: f64 = 3.0;
 const MAX_UNEXPLAINED_FRACTION: f64 = 0.4;
 
-/// Smallest jump of the logged field, relative to the jump of the raw field: less was compensated by the autopilot, as
-/// interference by a current that is not logged.
-const MIN_LOGGED_FRACTION: f64 = 0.5;
+/// Smallest part of a jump removed by the correction of the autopilot, relative to the jump, that counts as compensation.
+const MIN_COMPENSATED_FRACTION: f64 = 0.5;
 
 /// Shortest duration of a temporary change, seconds: a shorter one is not of the aircraft's iron, and affects few rows.
 const MIN_DURATION_S: f64 = 5.0;
@@ -89,8 +88,7 @@ pub fn find_jumps(rows: &[ReplayRow], fit: &FittedCorrection) -> Vec<HardIronSte
     }
     found.sort_by_key(|jump| jump.at);
     remove_short_pairs(&mut found, &search.rows);
-    search.use_logged_fields();
-    found.retain(|jump| search.has_jump(jump));
+    found.retain(|jump| !search.is_compensated(jump.at, &(to_raw * jump.step_ut)));
     found
         .into_iter()
         .map(|jump| HardIronStep {
@@ -174,15 +172,18 @@ impl<'a> JumpSearch<'a> {
         search
     }
 
-    fn use_logged_fields(&mut self) {
-        self.fields = self.rows.iter().map(|row| row.logged_field.ut.map(f64::from)).collect();
-        self.update_differences();
-    }
-
-    /// Whether the fields show a jump that was found in others.
-    fn has_jump(&self, jump: &Jump) -> bool {
-        self.differences[jump.at]
-            .is_some_and(|difference| difference.norm() > MIN_LOGGED_FRACTION * jump.step_ut.norm())
+    /// Whether the autopilot's correction removes most of a jump of the raw field, as that of interference by a current,
+    /// which may not be logged.
+    fn is_compensated(&self, at: usize, raw_step_ut: &Vector3<f64>) -> bool {
+        let Some((before, after)) = self.window_before(at).zip(self.window_after(at)) else { return false };
+        let corrections_ut = |window: std::ops::Range<usize>| {
+            let corrections =
+                self.rows[window].iter().map(|row| (row.logged_field.ut - row.raw_field.ut).map(f64::from));
+            let corrections: Vec<Vector3<f64>> = corrections.collect();
+            Vector3::from_fn(|axis, _| median(corrections.iter().map(|correction| correction[axis])))
+        };
+        let removed_ut = corrections_ut(before) - corrections_ut(after);
+        removed_ut.dot(raw_step_ut) > MIN_COMPENSATED_FRACTION * raw_step_ut.norm_squared()
     }
 
     fn update_differences(&mut self) {
