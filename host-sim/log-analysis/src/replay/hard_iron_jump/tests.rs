@@ -42,11 +42,12 @@ fn found(rows: &[ReplayRow]) -> Vec<HardIronStep> {
     find_jumps(rows, &FittedCorrection { correction: FieldCorrection::identity(), fitted_s: [0.0, 60.0], earth_ut })
 }
 
+/// Asserts times to 0.5 s and steps to 1 uT: noise, and 7 deg that the aircraft turns in the window after a step.
 fn assert_steps(found: &[HardIronStep], expected: &[(f64, f64)], about: &str) {
     assert_eq!(found.len(), expected.len(), "{about}: {found:?}");
     for (step, (at_s, y_ut)) in found.iter().zip(expected) {
         let off_ut = Vector3::from(step.step_ut) - Vector3::new(0.0, *y_ut, 0.0);
-        assert!((step.time_s - at_s).abs() < 0.5 && off_ut.norm() < 0.6, "{about}: {step:?}");
+        assert!((step.time_s - at_s).abs() < 0.5 && off_ut.norm() < 1.0, "{about}: {step:?}");
     }
 }
 
