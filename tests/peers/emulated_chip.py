@@ -186,7 +186,7 @@ class Node:
     """The other node, number 10: status, allocation of number 125, then requests, after the first frame of this number. Frames are facts of DroneCAN."""
 
     ALLOCATION, STATUS, STEP_US = 0x1E00010A, 0x1801550A, 300
-    PARTS = {
+    ALLOCATION_REPLIES = {
         "01111213141516": ["00111213141516c0"],
         "001718191a1b1c": ["91d3001112131481", "15161718191a1b21", "1c41"],
         "0000000000": ["0d70fa1112131482", "15161718191a1b22", "1c0000000042"],
@@ -201,7 +201,7 @@ class Node:
 
     def receive(self, now_us, number, data):
         if number & 0x7F == 0:
-            self.queue(now_us, [(self.ALLOCATION, part) for part in self.PARTS[data[:-1].hex()]])
+            self.queue(now_us, [(self.ALLOCATION, part) for part in self.ALLOCATION_REPLIES[data[:-1].hex()]])
         elif not self.has_asked:
             self.has_asked = True
             self.queue(now_us, self.requests)

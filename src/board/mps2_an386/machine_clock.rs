@@ -156,8 +156,8 @@ fn clock_phase() -> u32 {
 /// Executes instructions until the processor has this phase relative to the counter again.
 #[inline(never)]
 fn restore_clock_phase(place: u32) {
-    let missing = (place + 5 - clock_phase()) % 5;
-    // SAFETY: skips `4 - missing` of four `nop`s; the first `nop` is always skipped.
+    let missing_cycles = (place + 5 - clock_phase()) % 5;
+    // SAFETY: skips `4 - missing_cycles` of four `nop`s; the first `nop` is always skipped.
     unsafe {
         core::arch::asm!(
             "add pc, {skip}",
@@ -166,7 +166,7 @@ fn restore_clock_phase(place: u32) {
             "nop",
             "nop",
             "nop",
-            skip = in(reg) 2 * (4 - missing),
+            skip = in(reg) 2 * (4 - missing_cycles),
             options(nomem, nostack, preserves_flags),
         );
     }

@@ -167,7 +167,7 @@ mod tests {
     use crate::frames::wrap_pi;
     use crate::time::WrappingMillis;
 
-    fn clean() -> Calibration {
+    fn iron_free_calibration() -> Calibration {
         Calibration { inclination_rad: 0.9, total_ut: 1.0, ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) }
     }
 
@@ -178,11 +178,11 @@ mod tests {
         }
         let mut covariance = CoefficientCovariance::ZERO;
         covariance.add_outer_product(&direction, 1.0);
-        expected_heading_error(&clean(), &covariance, envelope).unwrap()
+        expected_heading_error(&iron_free_calibration(), &covariance, envelope).unwrap()
     }
 
     fn errors_deg(w: Matrix3<f32>, beta: [f32; 3], banks_deg: &[f32]) -> Vec<f32> {
-        let wrong = Calibration { w: matrix_rows(&(Matrix3::identity() + w)), b_ut: beta, ..clean() };
+        let wrong = Calibration { w: matrix_rows(&(Matrix3::identity() + w)), b_ut: beta, ..iron_free_calibration() };
         let error = |bank_deg: f32, step: u8| {
             let heading_rad = f32::from(step) * FRAC_PI_6;
             let attitude = Attitude::from_deg(bank_deg, 0.0);
@@ -240,12 +240,14 @@ mod tests {
 
     #[test]
     fn non_finite_errors_are_rejected() {
-        let flat = Calibration { w: [[0.0; 3]; 3], ..clean() };
+        let flat = Calibration { w: [[0.0; 3]; 3], ..iron_free_calibration() };
         assert_eq!(expected_heading_error(&flat, &CoefficientCovariance::ZERO, AttitudeEnvelope::Level), None);
         let mut covariance = CoefficientCovariance::ZERO;
         covariance.set_lower_triangle(|_, _| 1e38);
-        assert_eq!(expected_heading_error(&clean(), &covariance, AttitudeEnvelope::Level), None);
-        let nothing = expected_heading_error(&clean(), &CoefficientCovariance::ZERO, AttitudeEnvelope::Level).unwrap();
+        assert_eq!(expected_heading_error(&iron_free_calibration(), &covariance, AttitudeEnvelope::Level), None);
+        let nothing =
+            expected_heading_error(&iron_free_calibration(), &CoefficientCovariance::ZERO, AttitudeEnvelope::Level)
+                .unwrap();
         assert_eq!(
             [nothing.rms_deg.to_bits(), nothing.worst_deg.to_bits(), nothing.weakest_deviation.1.to_bits()],
             [0; 3]

@@ -18,7 +18,7 @@ struct TunnelPeer {
     protocol: u8,
     serial: i8,
     baud: u32,
-    last: Timestamp,
+    last_received_at: Timestamp,
     transfer_id: u8,
 }
 
@@ -43,14 +43,15 @@ impl Tunnel {
         if ![Targetted::MAVLINK_PROTOCOL, Targetted::MAVLINK_2].contains(&piece.protocol) {
             return;
         }
-        let active = self.peer.filter(|peer| at.us_since(peer.last) <= TUNNEL_RELEASE_US);
+        let active = self.peer.filter(|peer| at.us_since(peer.last_received_at) <= TUNNEL_RELEASE_US);
         let is_other = |peer: TunnelPeer| (peer.node, peer.serial) != (node, piece.serial_line);
         let is_repeated = |peer: TunnelPeer| peer.transfer_id == transfer.transfer_id;
         if active.is_some_and(|peer| is_other(peer) || is_repeated(peer)) {
             return;
         }
         let Targetted { protocol, serial_line: serial, baud, .. } = *piece;
-        self.peer = Some(TunnelPeer { node, protocol, serial, baud, last: at, transfer_id: transfer.transfer_id });
+        self.peer =
+            Some(TunnelPeer { node, protocol, serial, baud, last_received_at: at, transfer_id: transfer.transfer_id });
         for &byte in piece.serial_bytes {
             if let Some(message) = self.mavlink.process_byte(at, byte) {
                 deliver(message);
@@ -60,7 +61,7 @@ impl Tunnel {
 
     /// Queues due messages while a node is at the other end.
     pub fn poll(&mut self, snapshot: &Snapshot<'_>) {
-        if self.peer.is_some_and(|peer| snapshot.now.us_since(peer.last) <= TUNNEL_RELEASE_US) {
+        if self.peer.is_some_and(|peer| snapshot.now.us_since(peer.last_received_at) <= TUNNEL_RELEASE_US) {
             self.mavlink.poll(snapshot, &mut self.output);
         } else {
             self.output.consume_bytes(usize::MAX);

@@ -231,9 +231,9 @@ pub fn transport_stats(transfers: BusCounts, frames: BusCounts) -> Payload {
 /// Level of a text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LogLevel {
-    /// No action required.
+    /// The pilot need not act.
     Info = 1,
-    /// Action required.
+    /// The pilot must act.
     Warning = 2,
 }
 

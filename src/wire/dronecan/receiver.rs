@@ -56,17 +56,17 @@ impl Receiver {
         Self { slots: [const { TransferSlot::EMPTY }; TRANSFER_SLOTS], rejected: 0 }
     }
 
-    /// Processes a frame; returns the transfer that it completes. Requests to other nodes than `own` are ignored.
+    /// Processes a frame; returns the transfer that it completes. Requests to other nodes than `own_node` are ignored.
     pub fn push_frame<'a>(
         &'a mut self,
         at: Timestamp,
-        own: Option<NodeId>,
+        own_node: Option<NodeId>,
         frame: &'a CanFrame,
     ) -> Option<InboundTransfer<'a>> {
         let header = FrameHeader::from_id(frame.frame_id())?;
         let ReceivedType { data_type, decoder: decode } = match header.transfer_kind {
             TransferKind::Message => find_type(false, header.type_id, header.source_node.is_none()),
-            TransferKind::Request(to) if Some(to) == own => find_type(true, header.type_id, false),
+            TransferKind::Request(to) if Some(to) == own_node => find_type(true, header.type_id, false),
             TransferKind::Request(_) | TransferKind::Response(_) => None,
         }?;
         let (tail, part) = frame.split_tail()?;

@@ -20,8 +20,8 @@ pub const MAX_POLL_BYTES: usize = 4096;
 
 /// A connection whose far end may be absent.
 pub trait ByteConnection {
-    /// Returns received bytes, at most `most`.
-    fn read_bytes(&mut self, most: usize) -> Vec<u8>;
+    /// Returns received bytes, at most `max_bytes`.
+    fn read_bytes(&mut self, max_bytes: usize) -> Vec<u8>;
 
     /// Sends bytes; they are lost if nobody receives.
     fn write_bytes(&mut self, bytes: &[u8]);
@@ -55,10 +55,10 @@ impl<S: Read + Write> BufferedStream<S> {
         Self { endpoint, backlog: VecDeque::new(), is_disconnected: false }
     }
 
-    pub fn read_bytes(&mut self, most: usize) -> Vec<u8> {
-        let mut bytes = vec![0; most];
+    pub fn read_bytes(&mut self, max_bytes: usize) -> Vec<u8> {
+        let mut bytes = vec![0; max_bytes];
         let read = match self.endpoint.read(&mut bytes) {
-            Ok(0) if most > 0 => Err(ErrorKind::UnexpectedEof.into()),
+            Ok(0) if max_bytes > 0 => Err(ErrorKind::UnexpectedEof.into()),
             read => read,
         };
         // Reading a pseudo-terminal that nobody has opened fails.
@@ -132,11 +132,11 @@ impl TcpPort {
 }
 
 impl ByteConnection for TcpPort {
-    fn read_bytes(&mut self, most: usize) -> Vec<u8> {
+    fn read_bytes(&mut self, max_bytes: usize) -> Vec<u8> {
         self.accept_client();
         let mut bytes = Vec::new();
         for client in &mut self.clients {
-            bytes.extend(client.read_bytes(most - bytes.len()));
+            bytes.extend(client.read_bytes(max_bytes - bytes.len()));
         }
         self.drop_disconnected();
         bytes
@@ -162,8 +162,8 @@ pub fn connect_tcp(port: u16) -> io::Result<Connection<TcpStream>> {
 }
 
 impl<S: Read + Write> ByteConnection for Connection<S> {
-    fn read_bytes(&mut self, most: usize) -> Vec<u8> {
-        self.0.read_bytes(most)
+    fn read_bytes(&mut self, max_bytes: usize) -> Vec<u8> {
+        self.0.read_bytes(max_bytes)
     }
 
     fn write_bytes(&mut self, bytes: &[u8]) {
@@ -296,9 +296,9 @@ impl Terminal {
 }
 
 impl ByteConnection for Terminal {
-    fn read_bytes(&mut self, most: usize) -> Vec<u8> {
+    fn read_bytes(&mut self, max_bytes: usize) -> Vec<u8> {
         self.process_console_output();
-        let bytes: Vec<u8> = self.pending.drain(..most.min(self.pending.len())).collect();
+        let bytes: Vec<u8> = self.pending.drain(..max_bytes.min(self.pending.len())).collect();
         let was_closed = self.is_closed;
         let mut sent = Vec::new();
         for byte in bytes {

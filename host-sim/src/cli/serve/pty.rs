@@ -49,8 +49,8 @@ impl Pty {
 }
 
 impl ByteConnection for Pty {
-    fn read_bytes(&mut self, most: usize) -> Vec<u8> {
-        self.master.read_bytes(most)
+    fn read_bytes(&mut self, max_bytes: usize) -> Vec<u8> {
+        self.master.read_bytes(max_bytes)
     }
 
     fn write_bytes(&mut self, bytes: &[u8]) {

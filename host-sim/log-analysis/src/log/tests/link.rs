@@ -32,8 +32,8 @@ fn only_the_first_autopilot_of_a_link_counts() {
 #[test]
 fn a_second_autopilot_of_the_same_system_is_reported() {
     let selected = encode_tlog(&recording(&ARDUPILOT));
-    let started_log = read_bytes(&selected).unwrap();
-    assert_eq!(started_log.autopilot_components, [1]);
+    let log_40_s_after_boot = read_bytes(&selected).unwrap();
+    assert_eq!(log_40_s_after_boot.autopilot_components, [1]);
     let mut link_bytes = selected;
     let beside = MavHeader { system_id: 1, component_id: 2, sequence: 0 };
     let mut frame = MAVLinkV2MessageRaw::new();
@@ -44,7 +44,7 @@ fn a_second_autopilot_of_the_same_system_is_reported() {
     link_bytes.extend([&70_000_000_u64.to_be_bytes(), frame.raw_bytes()].concat());
     let flight = read_bytes(&link_bytes).unwrap();
     assert_eq!((flight.autopilot_systems, flight.autopilot_components), (vec![1], vec![1, 2]));
-    assert_eq!(flight.autopilot, started_log.autopilot);
+    assert_eq!(flight.autopilot, log_40_s_after_boot.autopilot);
 }
 
 #[test]
@@ -93,7 +93,7 @@ fn logged_frame<M: MessageData>(at_us: u64, message: &M) -> Vec<u8> {
 }
 
 /// A heartbeat, and an attitude 40 s after boot.
-fn started_log(autopilot: MavAutopilot) -> Vec<u8> {
+fn log_40_s_after_boot(autopilot: MavAutopilot) -> Vec<u8> {
     let attitude = ATTITUDE_DATA { time_boot_ms: 40_000, roll: 0.1, ..Default::default() };
     [logged_frame(0, &HEARTBEAT_DATA { autopilot, ..Default::default() }), logged_frame(0, &attitude)].concat()
 }
@@ -105,7 +105,7 @@ const ALL_NEW: HIGHRES_IMU_DATA =
 /// Log of a started PX4: heartbeat, attitude and a HIGHRES_IMU message with a field in gauss.
 fn started_px4_log() -> Vec<u8> {
     let field = HIGHRES_IMU_DATA { time_usec: 40_000_000, xmag: 0.2, ymag: -0.05, zmag: 0.4, ..ALL_NEW };
-    [started_log(MavAutopilot::MAV_AUTOPILOT_PX4), logged_frame(0, &field)].concat()
+    [log_40_s_after_boot(MavAutopilot::MAV_AUTOPILOT_PX4), logged_frame(0, &field)].concat()
 }
 
 #[test]
@@ -170,7 +170,8 @@ fn the_first_compass_is_raw_imu_for_ardupilot_and_scaled_imu_for_px4() {
     for (autopilot, ut) in [(MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA, 10.0), (MavAutopilot::MAV_AUTOPILOT_PX4, 30.0)]
     {
         let bytes =
-            [started_log(autopilot), logged_frame(0, &raw), logged_frame(0, &scaled), zero_field.concat()].concat();
+            [log_40_s_after_boot(autopilot), logged_frame(0, &raw), logged_frame(0, &scaled), zero_field.concat()]
+                .concat();
         let flight = read_bytes(&bytes).unwrap();
         let [row] = flight.compasses[0].field.rows() else { panic!("{:?}", flight.compasses) };
         assert!((row.row_values[0] - ut).abs() < 1e-4, "{row:?}");
@@ -182,7 +183,7 @@ fn the_first_compass_is_raw_imu_for_ardupilot_and_scaled_imu_for_px4() {
 #[test]
 fn unix_times_are_not_used_as_time_since_boot() {
     let field = HIGHRES_IMU_DATA { time_usec: 1_767_484_800_000_000, xmag: 0.2, ..ALL_NEW };
-    let bytes = [started_log(MavAutopilot::MAV_AUTOPILOT_PX4), logged_frame(500_000, &field)].concat();
+    let bytes = [log_40_s_after_boot(MavAutopilot::MAV_AUTOPILOT_PX4), logged_frame(500_000, &field)].concat();
     let flight = read_bytes(&bytes).unwrap();
     let (row, attitude) = (flight.compasses[0].field.rows()[0], flight.attitude.rows()[0]);
     assert!((row.t_s - attitude.t_s - 0.5).abs() < 1e-6, "{row:?} {attitude:?}");

@@ -33,7 +33,7 @@ const MAX_FRACTION_PER_RADIAN: f64 = 0.04;
 /// Median norm of three normally distributed components, standard deviations.
 const MEDIAN_NORM_SIGMAS: f64 = 1.538;
 
-/// Largest number of jumps before, and after, the rows that a correction fits.
+/// Largest number of jumps tested before, and after, the rows that a correction fits: each test takes a pass over all rows.
 const MAX_JUMPS: usize = 8;
 
 /// Longest duration after a jump in which its shift is tested, seconds, and largest ratio of the residuals with the
@@ -267,7 +267,7 @@ impl<'a> JumpSearch<'a> {
             Direction::Earlier => fit.fitted_s[0] + WINDOW_S,
         };
         let fitted_ut = self.residual_ut(self.rows_between(fit.fitted_s), &fit.earth_ut);
-        while found.len() < MAX_JUMPS {
+        for _ in 0..MAX_JUMPS {
             let mut jumps = self.jumps();
             if direction == Direction::Earlier {
                 jumps.reverse();

@@ -179,9 +179,9 @@ impl StepEstimate {
         }
         let best = sums
             .iter()
-            .filter_map(|(i, after, after_right)| {
+            .filter_map(|(i, matrix_after, right_side_after)| {
                 let (solution, gain, sigma) =
-                    solve_unknowns(&matrix, &right_side, after, after_right, &self.prior_sigmas())?;
+                    solve_unknowns(&matrix, &right_side, matrix_after, right_side_after, &self.prior_sigmas())?;
                 Some((*i, solution, gain, sigma))
             })
             .max_by(|(_, _, a, _), (_, _, b, _)| a.total_cmp(b))?;
@@ -257,27 +257,28 @@ impl StepEstimate {
 /// variance.
 fn solve_unknowns(
     matrix: &DMatrix<f64>,
-    right: &DVector<f64>,
-    after: &DMatrix<f64>,
-    after_right: &DVector<f64>,
+    right_side: &DVector<f64>,
+    matrix_after: &DMatrix<f64>,
+    right_side_after: &DVector<f64>,
     prior_sigmas: &[f64; UNKNOWNS_WITH_STEP],
 ) -> Option<(DVector<f64>, f64, Vector3<f64>)> {
     let mut all = DMatrix::zeros(UNKNOWNS_WITH_STEP, UNKNOWNS_WITH_STEP);
     all.view_mut((0, 0), (UNKNOWNS_WITHOUT_STEP, UNKNOWNS_WITHOUT_STEP)).copy_from(matrix);
-    let step = after.view((0, 9), (UNKNOWNS_WITHOUT_STEP, 3)).into_owned();
+    let step = matrix_after.view((0, 9), (UNKNOWNS_WITHOUT_STEP, 3)).into_owned();
     all.view_mut((0, UNKNOWNS_WITHOUT_STEP), (UNKNOWNS_WITHOUT_STEP, 3)).copy_from(&step);
     all.view_mut((UNKNOWNS_WITHOUT_STEP, 0), (3, UNKNOWNS_WITHOUT_STEP)).copy_from(&step.transpose());
-    all.view_mut((UNKNOWNS_WITHOUT_STEP, UNKNOWNS_WITHOUT_STEP), (3, 3)).copy_from(&after.view((9, 9), (3, 3)));
+    all.view_mut((UNKNOWNS_WITHOUT_STEP, UNKNOWNS_WITHOUT_STEP), (3, 3)).copy_from(&matrix_after.view((9, 9), (3, 3)));
     for (i, scale) in prior_sigmas.iter().enumerate() {
         all[(i, i)] += square(*scale).recip();
     }
     let mut sides = DVector::zeros(UNKNOWNS_WITH_STEP);
-    sides.rows_mut(0, UNKNOWNS_WITHOUT_STEP).copy_from(right);
-    sides.rows_mut(UNKNOWNS_WITHOUT_STEP, 3).copy_from(&after_right.rows(9, 3));
-    let common = all.view((0, 0), (UNKNOWNS_WITHOUT_STEP, UNKNOWNS_WITHOUT_STEP)).into_owned().cholesky()?.solve(right);
+    sides.rows_mut(0, UNKNOWNS_WITHOUT_STEP).copy_from(right_side);
+    sides.rows_mut(UNKNOWNS_WITHOUT_STEP, 3).copy_from(&right_side_after.rows(9, 3));
+    let common =
+        all.view((0, 0), (UNKNOWNS_WITHOUT_STEP, UNKNOWNS_WITHOUT_STEP)).into_owned().cholesky()?.solve(right_side);
     let cholesky = all.cholesky()?;
     let solved = cholesky.solve(&sides);
-    let gain = solved.dot(&sides) - common.dot(right);
+    let gain = solved.dot(&sides) - common.dot(right_side);
     let inverse = cholesky.inverse();
     let sigma =
         Vector3::from_fn(|i, _| inverse[(UNKNOWNS_WITHOUT_STEP + i, UNKNOWNS_WITHOUT_STEP + i)].max(0.0).sqrt());

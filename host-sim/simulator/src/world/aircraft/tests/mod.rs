@@ -70,12 +70,12 @@ fn body_rates_belong_to_the_attitude() {
                 rotation_over_two_steps[(0, 1)] - rotation_over_two_steps[(1, 0)],
             ]
             .map(|twice| (twice / 2.0 / STEP_S).to_degrees());
-            let reported = after.body_rates_rad_s().map(f64::to_degrees);
-            for (rate, reported) in rates.iter().zip(reported) {
-                fastest_deg_s = fastest_deg_s.max(reported.abs());
+            let reported_deg_s = after.body_rates_rad_s().map(f64::to_degrees);
+            for (rate, reported_deg_s) in rates.iter().zip(reported_deg_s) {
+                fastest_deg_s = fastest_deg_s.max(reported_deg_s.abs());
                 assert!(
-                    (rate - reported).abs() < 0.6,
-                    "{vehicle_kind:?}: {reported} deg/s told, {rate} turned, {after:?}"
+                    (rate - reported_deg_s).abs() < 0.6,
+                    "{vehicle_kind:?}: {reported_deg_s} deg/s reported, {rate} turned, {after:?}"
                 );
             }
         }
