@@ -9,7 +9,7 @@ use host_sim::studies::accuracy::{
 use simulator::world::aircraft::VehicleKind;
 
 /// 40 airframes with 20 flights each: the ratio of one airframe has a standard error of 0.3 / sqrt(20) = 7 %, which
-/// raises the 90th percentile by 1.28 times that.
+/// raises the 90th percentile by 1.28 times 7 %.
 fn outcome() -> &'static AccuracyResult {
     static OUTCOME: OnceLock<AccuracyResult> = OnceLock::new();
     OUTCOME.get_or_init(|| run_accuracy_study(AccuracyPlan { airframes: 40, noise_draws: 20, seed: 1000 }, &|| {}))

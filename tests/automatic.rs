@@ -80,7 +80,6 @@ fn auto_off_leaves_the_start_to_the_pilot() {
     assert!(status.contains("ok collecting") && !status.contains("automatic\r"), "{status}");
 }
 
-/// Without arming, motion does not start a collection.
 #[test]
 fn motion_while_disarmed_collects_nothing() {
     let mut rig = Rig::new(world(VehicleKind::Copter));

@@ -66,7 +66,7 @@ impl Autopilot {
         }
     }
 
-    /// Sends twice a second, as ArduPilot does.
+    /// Sends status and armed state, twice a second as ArduPilot does.
     fn report(&mut self) {
         self.send(DataType::NODE_STATUS, TransferKind::Message, &NodeStatus::default().payload());
         self.send(DataType::ARMING_STATUS, TransferKind::Message, &[u8::from(self.is_armed) * 255]);
@@ -81,7 +81,7 @@ impl Autopilot {
         }
     }
 
-    /// Continues an exchange of three parts; the number of a known unique id is the same.
+    /// Answers a node-number request, which comes in three parts; a known unique id keeps its number.
     fn allocate(&mut self, request: &CanFrame) {
         let [first, part @ .., _tail] = request.data() else { return };
         if first & 1 == 1 {
@@ -183,7 +183,7 @@ fn a_module_keeps_its_number_over_a_restart() {
     assert_eq!(bench.autopilot.unique_ids.len(), 1);
 }
 
-/// Bus-off: frames of the present are sent within a second of its end, old ones not.
+/// In the second after bus-off the field is sent at its usual 50 Hz, without old frames.
 #[test]
 fn a_module_sends_again_after_bus_off() {
     let mut bench = Bench::new(CanFaults::default());
@@ -205,8 +205,8 @@ fn a_module_sends_again_after_bus_off() {
     assert!(line.ends_with(" 32 errors"), "{status}");
 }
 
-/// 20 frames each 5 ms, half of the bus: first frames of transfers from every number, of types that the module
-/// receives.
+/// A node sends 20 frames each 5 ms, half of the bus: random data of types that the module receives, under random node
+/// numbers.
 #[test]
 fn a_babbling_node_does_not_stop_the_field() {
     let mut bench = Bench::new(CanFaults::default());
@@ -229,7 +229,7 @@ fn a_babbling_node_does_not_stop_the_field() {
     assert!(fields > 240, "{fields}");
 }
 
-/// A node with the module's number that begins later.
+/// A second node with the module's number starts while the module runs.
 #[test]
 fn a_second_node_with_this_number_silences_the_field() {
     let mut bench = Bench::new(CanFaults::default());

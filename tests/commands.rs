@@ -259,7 +259,7 @@ fn json_output_is_documented() {
     check_schema("table1 --json", &[json("table1 --json")]);
     let whole_flights = json("bench accuracy --aircraft copter --airframes 1 --draws 1 --minutes 1 --json");
     check_schema("bench accuracy --json", &[json("bench accuracy --airframes 1 --draws 1 --json"), whole_flights]);
-    // A refused case, one without headings at times, one with a hard-iron change.
+    // Cases: a rejected calibration, missing headings, a hard-iron change.
     let cases = ["cal-bank-5", "stuck-all", "moved-5"].map(|name| format!("--case {name} ")).concat();
     check_schema("bench integrity --json", &[json(&format!("bench integrity --flights 1 {cases}--json"))]);
     check_schema("bench speed --json", &[json("bench speed --json")]);
@@ -300,7 +300,7 @@ fn json_output_of_the_budget_is_documented() {
     check_schema("bench budget --json", &[json("bench budget --json")]);
 }
 
-/// QEMU and its files are removed while it runs.
+/// Ctrl-C ends a running QEMU and removes its files.
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn ctrl_c_ends_qemu_too() {
@@ -311,7 +311,7 @@ fn ctrl_c_ends_qemu_too() {
         assert!(child.try_wait().unwrap().is_none());
         thread::sleep(Duration::from_millis(10));
     }
-    // Interrupted in flight, not at the start.
+    // Interrupts the flight, not the start.
     thread::sleep(Duration::from_secs(2));
     kill_process(Pid::from_child(&child), Signal::INT).unwrap();
     assert_eq!(child.wait().unwrap().code(), Some(130));
@@ -422,7 +422,6 @@ fn progress_is_shown_on_a_terminal_only() {
     }
 }
 
-/// The printed file reproduces the airframe.
 #[test]
 fn the_airframe_of_a_seed_is_printed_as_a_file() {
     let folder = tempfile::tempdir().unwrap();

@@ -21,7 +21,7 @@ use simulator::world::msp_autopilot::{self, AnswerFaults};
 use simulator::world::{CRUISE_CURRENT_A, WorldConfig};
 use testkit::random::Random;
 
-/// An image that `scripts/build-firmware` left.
+/// An image built by `scripts/build-firmware`.
 fn image(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/firmware").join(name)
 }
@@ -116,14 +116,14 @@ fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
     let (headings, empty) = count_sentences(&mut emulator, 1.0);
     assert!(headings >= 27 && empty == 0, "{headings} {empty}");
 
-    // A frozen sensor during a turn: 32 samples at 75 Hz are 0.43 s, in which four outputs of three sentences are sent.
+    // A frozen sensor is detected in a turn after 32 samples (0.43 s at 75 Hz): four outputs of three sentences.
     emulator.world().fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 360.0 });
     emulator.run_for_s(6.0);
     emulator.freeze_sensor(true);
     let (headings, _) = count_sentences(&mut emulator, 3.0);
     assert!(headings <= 15, "{headings}");
     let status = emulator.send_console_line("status all");
-    // If it freezes at the extreme of its measured range, it is reported as clipped.
+    // A sensor that freezes at the extreme of its measured range is reported as clipped.
     let reported =
         ["sensor-stuck", "sensor-clipped"].map(|reason| status.contains(&format!("heading: none, {reason}")));
     assert!(reported.contains(&true), "{status}");
@@ -163,8 +163,8 @@ fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
     let mut path_instructions = emulator.take_path_instructions();
     assert!(path_instructions.len() > 700, "{}", path_instructions.len());
     path_instructions.sort_unstable();
-    // From the first sensor access to the last written byte, at 15.6 million instructions per second; the reference
-    // board is five times faster. At 115200 baud the three sentences then take 6 ms.
+    // Time from the first sensor access to the last written byte, at 15.6 million instructions per second; the
+    // reference board is five times faster. At 115200 baud the three sentences then take 6 ms.
     let instructions_to_us = |instructions: u64| instructions as f64 * 0.064;
     let (least_us, most_us) =
         (instructions_to_us(path_instructions[0]), instructions_to_us(path_instructions[path_instructions.len() - 1]));

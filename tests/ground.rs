@@ -98,7 +98,7 @@ fn a_level_circle_leaves_only_a_constant_heading_error() {
     for heading_deg in [120.0, 200.0, 310.0] {
         stand_at_heading(&mut rig, heading_deg);
         let error = shown_error_deg(&mut rig, heading_deg);
-        // The limit is twice the error that remained after the level circle, and a fifth of a sample's noise.
+        // The limit is twice the error left by the level circle, plus the noise of a mean of twenty headings.
         assert!(error.abs() < 1.2, "{error} deg at {heading_deg}");
     }
     // A change of half a circle is larger than mounting errors and needs confirmation.
@@ -201,8 +201,8 @@ fn tumbling_needs_no_attitude() {
     assert!(errors.max_demeaned_deg < 2.5 && errors.mean_deg.abs() < 2.5, "{errors:?}");
 }
 
-/// Tumbling does not determine the inclination. The bound allows for a mounting error of 2.5 deg and a fifth of a
-/// heading's noise.
+/// Tumbling does not determine the inclination. The bound allows for a mounting error of 2.5 deg and the noise of a
+/// mean of twenty headings.
 #[test]
 fn a_tumbled_module_shows_headings() {
     let mut rig = table1_rig();

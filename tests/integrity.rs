@@ -18,7 +18,7 @@ use simulator::world::aircraft::{PrescribedMotion, VehicleKind};
 use simulator::world::autopilot::Leg;
 use testkit::{documents, random::Random};
 
-/// A seed other than the README's, whose airframes were not used to choose limits.
+/// The airframes of this seed, unlike the README's, were not used to choose limits.
 const PLAN: IntegrityPlan = IntegrityPlan {
     flights_per_case: 6,
     seed: 5000,
@@ -47,9 +47,9 @@ fn count_of(row: &IntegrityRow, code: &str) -> usize {
     row.notes.iter().filter(|(noted, _)| noted == code).map(|(_, count)| count).sum()
 }
 
-/// Without a gyro (ArduPilot) the rates are the changes of a heading in steps of 1 deg, with it (INAV) they have steps
-/// of 1 deg/s. Twice the error of MAVLink's (0.4 deg RMS); a stuck sensor is found as by MAVLink. Bounds are 1.5 times
-/// the measured values, of `stuck-noisy` the promise.
+/// By ArduPilot's MSP the rates are changes of a heading in steps of 1 deg, by INAV's gyro rates in steps of 1 deg/s.
+/// Headings are accurate to 0.4 deg RMS (MAVLink 0.3); a stuck sensor is found as by MAVLink. Bounds are 1.5 times the
+/// measured values, of `stuck-noisy` the promise.
 #[test]
 fn attitude_by_msp_has_rates() {
     for source in [integrity::AttitudeProtocol::Msp, integrity::AttitudeProtocol::MspInav] {
@@ -103,8 +103,8 @@ fn a_frozen_attitude_gives_no_heading() {
     }
 }
 
-/// Detected in the next roll, after about 10 of its 25 deg; until then an aeroplane's error is the wobble of level
-/// flight.
+/// Detected in the next roll, after about 10 of its 25 deg; until then the error is due to the small roll and pitch of
+/// level flight.
 #[test]
 fn a_stale_attitude_gives_no_heading_after_the_next_roll() {
     for row in rows(&["attitude-hangs"]) {
@@ -114,8 +114,8 @@ fn a_stale_attitude_gives_no_heading_after_the_next_roll() {
     }
 }
 
-/// 1.3 of ten seconds are empty in the gaps. Integrating the rates over them gave two messages of iron in twelve
-/// flights, and 42/74/89 % within one, two and three sigmas.
+/// In the link gaps 1.3 of ten seconds are without heading. Rates integrated over the gaps gave two hard-iron notes in
+/// twelve flights, and 42/74/89 % of the headings within one, two and three sigmas.
 #[test]
 fn gaps_and_stalls_of_the_attitude_are_no_change_of_iron() {
     for row in rows(&["link-gaps", "source-stalls"]) {
@@ -124,8 +124,8 @@ fn gaps_and_stalls_of_the_attitude_are_no_change_of_iron() {
     }
 }
 
-/// Silent for 4 of at least 137 s, then 15 s until the filter has aligned. When the attitude was used at once, errors
-/// reached 75 deg and each flight had eight messages of iron.
+/// The autopilot is silent for 4 of at least 137 s, then its filter aligns for 15 s. When its attitude was used at
+/// once, errors reached 75 deg and each flight had eight hard-iron notes.
 #[test]
 fn a_restart_of_the_autopilot_gives_no_wrong_heading() {
     for row in rows(&["autopilot-restarts"]) {
@@ -142,7 +142,6 @@ fn spikes_of_attitude_are_not_seen_in_the_heading() {
     }
 }
 
-/// An outlier loses its own heading and occasionally the next one.
 #[test]
 fn a_sensor_spike_costs_at_most_two_headings() {
     for row in rows(&["sensor-spikes"]) {
@@ -189,7 +188,7 @@ fn a_second_vehicle_does_not_replace_an_autopilot_that_pauses() {
     }
 }
 
-/// A forged current is ignored at once; five of 175 s are promised.
+/// A forged current is ignored at once; at most five of 175 s may be without heading.
 #[test]
 fn forged_messages_do_not_silence_the_heading() {
     for row in rows(&["no-autopilot", "disarm-forged", "current-forged"]) {
@@ -224,9 +223,9 @@ fn a_bank_scale_error_is_refused_or_in_the_expected_error() {
     }
 }
 
-/// Iron in the elevator's linkage, hysteresis, and a lean with a time constant: of the calibrations accepted at most
-/// one in twenty has an underestimated error; without their hypotheses 85, 47 and 62 % had. Clean flights are all
-/// accepted.
+/// Iron in the elevator's linkage, hysteresis, and a bank error with a time constant: of the accepted calibrations at
+/// most one in twenty has an underestimated error; without hypotheses of these faults 85, 47 and 62 % had. Clean
+/// flights are all accepted.
 #[test]
 fn faults_that_stay_the_same_are_refused_or_in_the_expected_error() {
     let plan = IntegrityPlan { flights_per_case: 40, ..PLAN };
@@ -266,8 +265,8 @@ fn a_clean_flight_raises_no_alarm() {
     }
 }
 
-/// Accelerations cause attitude errors of a degree and more. In 60 VTOL flights 0.004 % of the headings were bad, one
-/// or two sentences here.
+/// Accelerations cause attitude errors of a degree and more. In 60 VTOL flights 0.004 % of the headings were bad; here
+/// that is one or two sentences.
 #[test]
 fn a_clean_flight_of_a_copter_or_vtol_raises_no_alarm() {
     for (aircraft, bad_percent) in [(VehicleKind::Copter, 0.0), (VehicleKind::Vtol, 0.02)] {
@@ -320,9 +319,9 @@ fn headings_of_a_clean_flight_are_within_their_sigmas() {
     }
 }
 
-/// Gyros that can be bought, and worse: scale and cross-axis errors are estimated, and what remains unknown is in the
-/// sigma. Without any rates the RMS error is 0.83 deg; a gyro must never make it worse. Measured over 40 flights: 0.29,
-/// 0.33, 0.61 and 0.69 deg.
+/// Errors of gyros from data sheets, and larger ones: scale and cross-axis errors are estimated, the remainder is in
+/// the sigma. Without any rates the RMS error is 0.83 deg. Measured over 40 flights of each case: 0.29, 0.33, 0.61 and
+/// 0.69 deg.
 #[test]
 fn gyro_errors_are_estimated() {
     for (case, rms_deg) in [("gyro-1", 0.45), ("gyro-3", 0.6), ("gyro-10", 0.85), ("gyro-ramp", 1.0)] {
@@ -337,7 +336,6 @@ fn gyro_errors_are_estimated() {
     }
 }
 
-/// Hard iron that moves while the gyro is wrong: both are estimated.
 #[test]
 fn a_hard_iron_change_is_estimated_beside_gyro_errors() {
     for (case, bad_percent) in [("gyro-1-moved-5", 0.5), ("gyro-5-moved-5", 1.0), ("gyro-10-moved-5", 3.0)] {
@@ -348,8 +346,8 @@ fn a_hard_iron_change_is_estimated_beside_gyro_errors() {
     }
 }
 
-/// Without an estimate of the turn 23, 60 and 83 % of the headings were bad, and 25 % of a slow turn. Measured over 30
-/// flights: 0.8, 1.3, 0.8 and 0 %.
+/// Bad headings without an estimate of the module's turn: 23, 60 and 83 % at 5, 10 and 20 deg, 25 % in a slow turn of
+/// 10 deg. Measured with the estimate over 30 flights: 0.8, 1.3, 0.8 and 0 %.
 #[test]
 fn a_turn_of_the_module_in_its_mount_is_estimated() {
     for (case, bad_percent, empty_percent) in [

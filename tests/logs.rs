@@ -42,8 +42,8 @@ fn keep_every_nth(text: &str, name: &str, stride: usize) -> String {
     text.lines().filter(is_kept).flat_map(|line| [line, "\n"]).collect()
 }
 
-/// Field at 2.5 Hz and 1 Hz with attitude at 10 Hz. The limit is that of `replay/native.rs`; the monitor does not run,
-/// which a note states.
+/// Field at 2.5 Hz and 1 Hz with attitude at 10 Hz. The error limit is that of `replay/native.rs`; the monitor does not
+/// run, which a note states.
 #[test]
 fn a_field_logged_at_1_hz_gives_the_same_headings() {
     for seed in [3, 5, 8] {
@@ -96,7 +96,7 @@ fn a_verdict_reports_a_log_without_flight() {
     assert!(verdict_text.contains("10 are usable") && verdict_text.contains("are disarmed"), "{verdict_text}");
 }
 
-/// Both are refused after 30 s with a poor sensor; the other compass is pure noise.
+/// Both compasses are refused after 30 s: the better has a noise of 1 uT, the other of 50 uT.
 #[test]
 fn a_verdict_reports_the_refusal_of_the_better_compass() {
     for worse in [0, 1] {
@@ -186,7 +186,7 @@ fn mavlink_without_receiver_times_gives_the_same_flight() {
     assert_eq!(with_times.0.attitude.rows(), without_times.0.attitude.rows());
     assert_eq!(with_times.0.compasses[0].field.rows(), without_times.0.compasses[0].field.rows());
     assert_eq!(without_times.0.skipped_counts.garbage, 0);
-    // Currents shift by milliseconds, so other samples are retained; the limit is that of `replay/native.rs`.
+    // Currents shift by milliseconds, so other samples are retained; the error limit is that of `replay/native.rs`.
     for (_, verdict) in [with_times, without_times] {
         let score = verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap();
         assert!(score.rms_deg < 0.5, "{score:?}");
@@ -285,8 +285,8 @@ fn rows_without_time_get_the_time_of_their_neighbours() {
     assert!(refused.to_string().contains("carry no time"), "{refused}");
 }
 
-/// Three in ten rows of field, attitude and rates are lost. The limit is that of `replay/native.rs`; headings are not
-/// smoothed, which a note states.
+/// Three in ten rows of field, attitude and rates are lost. The error limit is that of `replay/native.rs`; headings are
+/// not smoothed, which a note states.
 #[test]
 fn a_log_with_lost_rows_gives_the_same_accuracy() {
     for seed in [3, 5, 8] {
@@ -310,7 +310,6 @@ fn a_log_with_lost_rows_gives_the_same_accuracy() {
     }
 }
 
-/// Sensor noise at rest is not a field strength.
 #[test]
 fn a_log_at_rest_gives_no_field_strength() {
     let mut recording = record_flight(&WorldConfig::of_table1(1));
@@ -318,7 +317,6 @@ fn a_log_at_rest_gives_no_field_strength() {
     for (i, sample) in recording.samples.iter_mut().enumerate() {
         *sample = first.clone();
         sample.time_us += i as u64 * 100_000;
-        // Sensor noise of 0.5 uT.
         sample.field_ut[0][i % 3] += if i % 2 == 0 { 0.5 } else { -0.5 };
     }
     let (flight, verdict) = evaluate(&String::from_utf8(encode_dataflash_text(&recording)).unwrap());

@@ -357,12 +357,12 @@ fn mavlink_and_msp_run_at_once() {
             }
         }
         assert!((480..=520).contains(&ages_ms.len()), "fifty a second at {baud}: {}", ages_ms.len());
-        // At 57600 baud 129 bytes take more than a sample period; the pose rate drops to leave room for other messages.
+        // At 57600 baud a pose of 129 bytes takes more than a sample period; its rate drops to leave room for others.
         assert!((if baud == "115200" { 480 } else { 350 }..=520).contains(&poses), "at {baud}: {poses}");
         // Raw heading, with attitude noise of 0.3 deg and bias of 0.2 deg, each amplified by 1.4.
         let rms_deg = (squares_deg2 / f64::from(poses)).sqrt();
         assert!(rms_deg < 1.5, "at {baud}: {rms_deg}");
-        // 20 bytes at 57600 baud take 3.5 ms, after a request of 9 bytes.
+        // A compass sample of 20 bytes takes 3.5 ms at 57600 baud, after a request of 9 bytes.
         assert!(ages_ms.iter().all(|age_ms| (1..=8).contains(age_ms)), "at {baud}: {:?}", ages_ms.iter().max());
     }
     assert!(rig.send_console_line("status all").contains(" 0 not sent;"));

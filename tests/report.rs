@@ -201,7 +201,7 @@ fn a_log_report_shows_the_flown_path_and_attitude() {
     let usable =
         || report_samples.iter().filter(|report_sample| report_sample.is_usable && !report_sample.is_heading_withheld);
     assert!(usable().count() > 2000);
-    // Attitude noise of 0.5 deg and field noise of 0.3 uT.
+    // Bounds for attitude noise of 0.5 deg and field noise of 0.3 uT.
     let [total_ut, inclination_deg] = report.compasses[1].earth_field.unwrap();
     assert!((inclination_deg - 64.0).abs() < 1.0, "{inclination_deg}");
     for report_sample in usable() {

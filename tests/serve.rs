@@ -235,7 +235,7 @@ fn peer_frame(tick: u32) -> Vec<u8> {
 fn an_attached_autopilot_replaces_the_simulated_attitude() {
     for (attitude, is_believed, expected_counts) in [
         // Accepted reports at 50 Hz: 1.5 s of the simulator, then 2 s of the other autopilot, ten seconds after its
-        // first.
+        // first report.
         (AttitudeProvider::Auto, true, 515.0..535.0),
         // Reports of the simulator during 14 s.
         (AttitudeProvider::Own, false, 1020.0..1060.0),
@@ -244,7 +244,7 @@ fn an_attached_autopilot_replaces_the_simulated_attitude() {
     ] {
         let options = ServeOptions { attitude, flight_pattern: PilotPattern::Level, ..ServeOptions::default() };
         let mut served_module = served_module(options, None);
-        // While armed, another system does not replace the autopilot. Seven more seconds of own reports.
+        // Landed, since the module changes its autopilot only when disarmed. Seven more seconds of own reports.
         let _ = served_module.execute_line("land");
         served_module.advance_time(7 * SECOND_US);
         let has_own = attitude != AttitudeProvider::Peer;

@@ -31,7 +31,7 @@ fn report(vehicle_kind: VehicleKind, seed: u64, cause: Cause) -> Reported {
     for sample in &mut recording.samples {
         cause((sample.time_us - first_us) as f64 * 1e-6, sample);
     }
-    // Yaw is recorded as the truth; a hole has no rows.
+    // Samples disarmed by a cause are removed, as a gap of the log. The recorded yaw is the true heading.
     recording.samples.retain(|sample| sample.is_armed);
     let mut flight = read(&encode_dataflash(&recording));
     flight.true_attitude = flight.attitude.clone();
@@ -49,8 +49,8 @@ fn report(vehicle_kind: VehicleKind, seed: u64, cause: Cause) -> Reported {
 struct Case {
     name: &'static str,
     cause: Cause,
-    /// Actions of which one must be recommended for an aeroplane; recorded copters turn too little after 118 s for
-    /// parameters.
+    /// Actions, one of which must be recommended for an aeroplane; copters are exempt, as they turn too little after
+    /// 118 s for parameters.
     actions: &'static [CompassAction],
     words: &'static str,
     changes: usize,
@@ -175,8 +175,8 @@ const CASES: [Case; 22] = [
     case("8 s of straight flight", |t_s, s| s.is_armed = t_s < 8.0, FLY_AGAIN, "too few for a fit", 0),
 ];
 
-/// Each cause that the samples show is named; none is named that they cannot show; and where it does not concern the
-/// compass, its parameters are as good as without it, within a fifth and 0.2 deg.
+/// Each injected cause that the samples show is named, and no other. A cause that does not concern the compass leaves
+/// the error with parameters within a fifth and 0.2 deg of the error without the cause.
 fn check_causes(vehicle_kind: VehicleKind) {
     for seed in [3, 5, 7] {
         let untouched = report(vehicle_kind, seed, |_, _| {});
@@ -207,7 +207,7 @@ fn a_copter_report_names_the_injected_cause_and_no_other() {
     check_causes(VehicleKind::Copter);
 }
 
-/// Recorded copters hover on few headings after 118 s, where a vertical step shows, and one across the heading hardly.
+/// Copters hover on few headings after 118 s: a vertical step is observable, one across the heading hardly.
 #[test]
 fn a_vertical_step_of_iron_on_one_heading_is_not_reported_to_bend_headings() {
     for seed in 0..6 {

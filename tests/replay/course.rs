@@ -87,8 +87,8 @@ fn with_delayed_velocity(mut recording: FlightRecording) -> FlightRecording {
     recording
 }
 
-/// Gusts last 1.5 s, so sideslip averages to a sixth of its sigma over 100 s; the bound is three times that. Hard iron
-/// has one cycle of error a turn, as a wind estimated from headings would.
+/// Gusts last 1.5 s, so sideslip averages to a sixth of its sigma over 100 s; the bound is three times that. Hard iron,
+/// like a wind wrongly estimated from headings, causes an error of one cycle a turn.
 #[test]
 fn errors_against_gps_course_match_errors_against_the_truth() {
     for seed in 1..5 {

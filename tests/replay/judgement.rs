@@ -24,7 +24,7 @@ fn record(seed: u64, change: impl Fn(f64, &mut [f64; 3])) -> FlightRecording {
     recording
 }
 
-/// Judges a flight as ArduPilot logs it, with the recorded yaw, which is the truth, as a simulator's own attitude.
+/// Judges a flight as ArduPilot logs it, with the recorded (true) yaw in place of a simulator's attitude.
 fn judged<R>(recording: &FlightRecording, judge: impl Fn(&Verdict<'_>, &FlightEvaluation) -> R) -> R {
     let mut flight = read(&encode_dataflash(recording));
     flight.true_attitude = flight.attitude.clone();
@@ -194,7 +194,7 @@ fn a_loss_by_the_symmetric_matrix_is_no_reason_to_fly_again() {
     }
 }
 
-/// A drift of 12 uT in four minutes, and a bank that is 15 % too small. No manoeuvre would help.
+/// Causes: a field drift of 12 uT in four minutes, and a reported bank 15 % too small. No manoeuvre would help.
 #[test]
 fn residuals_that_no_fit_explains_are_named_in_place_of_a_manoeuvre() {
     let is_named = |recording: &FlightRecording, expected_text: &str| {

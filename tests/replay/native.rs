@@ -124,7 +124,7 @@ fn exported_parameters_give_the_predicted_heading_error() {
         let module_score = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
         let max_rms_deg = module_score.rms_deg + export.heading_loss_deg[0] + 0.05;
         assert!(score.rms_deg < max_rms_deg, "seed {seed}: {score:?}, {module_score:?}, {:?}", export.heading_loss_deg);
-        // Scaled to the given field strength.
+        // The correction has the scale of the given field strength.
         let strengths: Vec<f64> =
             compass.rows.iter().map(|row| row.corrected_field(&export.correction).norm()).collect();
         let mean = strengths.iter().sum::<f64>() / strengths.len() as f64;
@@ -190,7 +190,7 @@ fn motor_current_interference_is_estimated_and_exported() {
         // Without compensation 0.5 uT/A times 10 A in a bank would cause degrees of heading error.
         let is_warned = inav.warnings.iter().any(|warning| warning.contains("costs"));
         assert!(is_warned && inav.heading_loss_deg[0] > 0.3, "seed {seed}: {inav:?}");
-        // The file has whole numbers: 0.5 mG, and gains of 1/1024.
+        // The file rounds to whole numbers: offsets to 0.5 mG, gains to 1/1024.
         let score = score_correction(
             &compass.rows,
             &inav_correction(&parameter_export::format_parameter_file(

@@ -60,7 +60,7 @@ mod tests {
     use autoswing::calibration::{MotorCurrentInterference, Orientation};
 
     /// A calibration that includes the motor-current interference is exact at cruise if the current is reported.
-    /// Without a reported current it assumes the mean current; a wrong mean causes an error of 12 uT.
+    /// Without a reported current it assumes the mean current; a mean of zero leaves the interference of 12 uT.
     #[test]
     fn motor_current_interference_is_scored_by_the_reported_current() {
         let world = WorldConfig { airframe: Airframe::without_iron(), ..WorldConfig::random_world(1) };

@@ -16,7 +16,7 @@ use crate::world::{World, WorldConfig};
 /// Recording interval, microseconds: 10 Hz, as autopilots log.
 const RECORDING_INTERVAL_US: u64 = 100_000;
 
-/// Longest recorded end of a step, microseconds; the world keeps 2 s of history.
+/// Longest recorded end part of a time step, microseconds; the world keeps 2 s of history.
 const MAX_RECORDED_STEP_US: u64 = 1_900_000;
 
 /// Parameters by which the log reader recognises a compass of ArduPilot and of PX4; their value zero means no

@@ -43,7 +43,6 @@ pub fn print_bytes(bytes: &[u8]) {
     if !has_output_failed() {
         let mut stdout = io::stdout().lock();
         if let Err(error) = stdout.write_all(bytes).and_then(|()| stdout.flush()) {
-            // Only the first write error is stored.
             let _ = FIRST_WRITE_ERROR.set(error);
         }
     }

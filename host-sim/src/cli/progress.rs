@@ -4,7 +4,6 @@ use std::sync::{Mutex, PoisonError};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// The displayed progress bar or spinner.
 static DISPLAYED_PROGRESS: Mutex<Option<ProgressBar>> = Mutex::new(None);
 
 fn show_progress(bar: ProgressBar) -> ProgressBar {

@@ -39,7 +39,7 @@ pub struct Emulator {
     sensor_stuck: bool,
     requested_bench_test: Option<BenchTest>,
     reset_pressed: bool,
-    /// World time at the machine's last reset, microseconds; the next field is the machine time since that reset.
+    /// World time at the machine's last reset, microseconds; `machine_us` counts from this reset.
     reset_at_us: u64,
     machine_us: u64,
     sample_path: SamplePath,
@@ -196,7 +196,7 @@ impl Emulator {
     }
 
     fn catch_up(&mut self, machine_us: u64) {
-        // A step's message may carry an earlier time than a message before it.
+        // Machine time never goes back: a step's message may have an earlier time than the message before.
         self.machine_us = self.machine_us.max(machine_us);
         self.simulation.run_until(self.now_us());
     }

@@ -10,8 +10,7 @@ pub const FIELD_UPDATE_PERIOD_US: u64 = 2_000;
 pub struct SamplePath {
     /// Start of the present sample's sensor access, machine ticks.
     access_start_ticks: Option<u64>,
-    /// Whether the firmware has written to the instrument port since that access; the last write determines the
-    /// duration.
+    /// Whether the firmware has written to the instrument port since the sensor access; its last write ends the path.
     has_written: bool,
     durations_ticks: Vec<u64>,
 }

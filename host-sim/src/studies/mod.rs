@@ -1,4 +1,4 @@
-//! Studies: what headings and calibrations of many random flights are worth, and the experiment of the paper.
+//! Studies: accuracy and integrity of headings in many random flights, and the experiment of the paper.
 //!
 //! | module | holds |
 //! |---|---|

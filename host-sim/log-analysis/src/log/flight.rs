@@ -170,7 +170,7 @@ pub struct Flight {
     pub rows_without_time: u64,
     /// MAVLink systems with an autopilot, first the one read.
     pub autopilot_systems: Vec<u8>,
-    /// Components of that system with an autopilot, first the one read.
+    /// Components with an autopilot in the system that is read, first the one read.
     pub autopilot_components: Vec<u8>,
     /// Counts of skipped rows.
     pub skipped_counts: SkippedCounts,

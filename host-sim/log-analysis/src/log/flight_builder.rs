@@ -280,7 +280,6 @@ mod tests {
         );
     }
 
-    /// Motor-current compensation uses the last current for two seconds.
     #[test]
     fn motor_current_is_compensated_for_two_seconds() {
         let mut recorder = FlightBuilder::new(LogFormat::TLog);

@@ -132,7 +132,6 @@ pub fn read_system(source: &mut dyn Read, unit: FieldUnit, system: Option<u8>) -
     Ok(flight)
 }
 
-/// Reads a flight with its body rates unchecked.
 fn read_with_unchecked_rates(source: &mut dyn Read, unit: FieldUnit, system: Option<u8>) -> Result<Flight, LogError> {
     let mut first_bytes = Vec::new();
     (&mut *source).take(FORMAT_DETECTION_BYTES as u64).read_to_end(&mut first_bytes)?;

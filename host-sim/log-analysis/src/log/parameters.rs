@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 /// Largest number of parameters.
 const MAX_PARAMETERS: usize = 8192;
 
-/// Largest number of changes of a parameter.
 const MAX_CHANGES_PER_PARAMETER: usize = 256;
 
 /// Values by name, each valid from its time on. The first value also holds before its time, since a link sends it late.

@@ -25,9 +25,9 @@ const MIN_RATE_CORRELATION: f64 = 0.6;
 /// Ratio of the attitude change to the integrated body rates beyond which the rates have another unit.
 const MAX_RATE_RATIO: f64 = 10.0;
 
-/// Random walk of the heading integrated from the rates beyond which the monitor is better without them, deg/s^0.5.
-/// With noise added to the rates of the recorded flights in docs/your-flight.md, headings had 0.5 to 0.7 deg RMS at
-/// 0.4, 0.7 to 1.0 at 0.6 and 1.2 to 2.8 at 1.1; without rates 0.6.
+/// Random walk of the heading integrated from the rates beyond which the monitor is better without rates, deg/s^0.5.
+/// With noise added to the rates of the recorded flights in docs/your-flight.md, heading errors were 0.5 to 0.7 deg RMS
+/// at a random walk of 0.4, 0.7 to 1.0 at 0.6 and 1.2 to 2.8 at 1.1; without rates 0.6.
 const MAX_HEADING_RANDOM_WALK_DEG: f64 = 0.4;
 
 /// Largest number of repairs: one for each axis, and one for the unit.
@@ -174,7 +174,7 @@ mod tests {
     fn missing_or_inexact_rates_are_replaced_by_differences_that_give_no_heading() {
         let good = flight(|_, _| {});
         let missing = Flight { body_rates: Series::new(), ..good.clone() };
-        // Vibration of 6 deg/s, sampled at points: 0.1 s of it is 1.9 deg in a second.
+        // Vibration of 6 deg/s, sampled at 10 Hz: a random walk of 6 sqrt(0.1) = 1.9 deg in a second.
         let inexact = flight(|i, rates| rates[2] += if i % 2 == 0 { 0.1 } else { -0.1 });
         let unknown_unit = flight(|_, rates| *rates = rates.map(|rate| rate * 1000.0));
         for (changed, expected) in
@@ -184,7 +184,7 @@ mod tests {
             let problem = changed.rates_problem.unwrap().to_string();
             assert!(problem.contains(expected) && !changed.has_heading_rates, "{expected}: {problem}");
             assert!(changed.body_rates.rows().len() > 590);
-            // Differences over 0.2 s at a period of 10 s.
+            // Tolerance of central differences over 0.2 s, in a motion with a period of 10 s.
             for (row, truth) in changed.body_rates.rows().iter().zip(&good.body_rates.rows()[1..]) {
                 assert!(
                     (0..3).all(|axis| (row.row_values[axis] - truth.row_values[axis]).abs() < 0.01),

@@ -15,7 +15,7 @@ pub enum RatesProblem {
     Inexact(f64),
 }
 
-/// Largest deviation of a ratio from that of degrees to radians, relative: noise of the rates, and of the attitude.
+/// Largest relative deviation of a rate ratio from that of degrees to radians: noise of rates and attitude.
 const MAX_RATIO_ERROR: f64 = 0.5;
 
 impl RatesProblem {

@@ -2,7 +2,7 @@
 
 use autoswing::frames::wrap_pi;
 
-/// Largest number of rows: 3 MB at six values a row, and 130 MB for all that is done with three compasses. Every second
+/// Largest number of rows: 3 MB at six values a row, and 130 MB for the whole analysis of three compasses. Every second
 /// row is dropped, repeatedly, while at least 10 Hz remain; then every second part of the flight.
 const MAX_ROWS: usize = 3 << 15;
 

@@ -25,7 +25,7 @@ pub struct EvaluationOptions {
     pub compass_number: Option<u8>,
     /// Inclination of the Earth field, degrees; default: the field model.
     pub inclination_deg: Option<f64>,
-    /// Seconds of the log from and up to which rows are used, for fits and scores.
+    /// Start and end of the rows used for fits and scores, seconds of the log.
     pub time_window_s: [f64; 2],
     /// Reference heading; default: the best in the log.
     pub reference_kind: Option<ReferenceKind>,
@@ -328,7 +328,7 @@ fn earth_of_flight(flight: &Flight) -> Option<(EarthField, bool)> {
 }
 
 impl CompassEvaluation {
-    /// Time of the calibration on the log's clock, seconds; none without an automatic end.
+    /// Time of the calibration on the log's clock, seconds; none if the collection did not end automatically.
     #[must_use]
     pub fn calibrated_s(&self) -> Option<f64> {
         let first_s = self.rows.first()?.t_s;

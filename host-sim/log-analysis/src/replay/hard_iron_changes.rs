@@ -27,7 +27,7 @@ const MAX_DISAGREEMENT: f64 = 0.5;
 /// Shortest part that the monitor is run on, seconds: it reports a change after 15 s without a failed gate.
 const MIN_MONITORED_S: f64 = 30.0;
 
-/// Least ratio of the residuals without the step to those with it, where the monitor does not report it.
+/// Least ratio of the residuals without a step to those with it that confirms a step not detected by the monitor.
 const MIN_RESIDUAL_RATIO: f64 = 2.0;
 
 /// A confirmed change of hard iron.
@@ -39,7 +39,7 @@ pub struct HardIronChange {
     pub heading_effect_deg: f64,
 }
 
-/// Largest difference in time and size (relative) between a jump and the step that refines it, seconds.
+/// Largest difference in time between a jump and the step that refines it, seconds.
 const MAX_REFINED_S: f64 = 1.5;
 
 /// Start of a temporary change, seconds: that of the change before the last, if the last one cancels it.
@@ -135,8 +135,8 @@ fn split_at_changes<'rows>(rows: &'rows [ReplayRow], changes: &[HardIronChange])
 }
 
 impl ChangeSearch<'_> {
-    /// Jumps that bend headings, each refined by a step of the rows around it, and the correction they are found with:
-    /// of the part between jumps that is observed best.
+    /// Jumps that affect headings, each refined by a step of the rows around it, and the correction used to find them,
+    /// fitted to the best observed part between jumps.
     fn jumps(&self, rows: &[ReplayRow], initial: &FieldCorrection) -> (Vec<HardIronChange>, FieldCorrection) {
         let has_rates = data_loss::has_integrable_rates(self.flight);
         if !has_rates || !rows::median_step_s(rows).is_some_and(is_monitored) {

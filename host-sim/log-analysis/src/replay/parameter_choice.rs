@@ -186,7 +186,7 @@ impl ParameterCandidate {
     }
 }
 
-/// Mounting that the module found in place of the configured one, if it accepts a calibration with it: noise can
+/// Mounting that the module found instead of the configured one, if a calibration with it is accepted: noise can
 /// imitate a mounting.
 fn contradicted_mount(evaluation: &CompassEvaluation, rows: &[ReplayRow]) -> Option<Orientation> {
     let Err(Refusal::Solve(SolveError::MountContradicted { found })) = evaluation.result_for_report().acceptance else {
@@ -220,9 +220,8 @@ fn is_motor_significant(solution: &Solution) -> bool {
     ut_per_a.amax() >= MIN_MOTOR_SIGNIFICANCE * motor.sigma_ut_per_a && effect_deg >= MIN_MOTOR_EFFECT_DEG
 }
 
-/// Scores rows with the parameters of the half that they are not part of. Without a reference, the scatter is that with
-/// the full correction of that half, and the difference of the parameters' headings from its headings is added in
-/// squares.
+/// Heading error of each half with the parameters fitted to the other half. Without a reference, it is the scatter with
+/// the full correction, to which the heading difference between parameters and full correction is added in squares.
 fn score_held_back(
     flight: &Flight,
     rows: &[ReplayRow],

@@ -412,7 +412,6 @@ mod tests {
     use super::*;
     use crate::log::symmetric_matrix;
 
-    /// Only a mounting within 25 deg of a right angle counts.
     #[test]
     fn a_mounting_within_25_deg_of_a_right_angle_is_that_one() {
         for (yaw_deg, number) in

@@ -18,7 +18,7 @@ use crate::numbers::{mean_angle_deg, square};
 use crate::score::{within_percent, wrap_180};
 
 /// Largest row interval for the monitor, microseconds. At 1 Hz it reports false hard-iron changes and degrades headings
-/// by degrees. Pairs of readings at 11 to 12.5 Hz are up to 0.18 s apart.
+/// by degrees. Rows averaged from two readings at 11 to 12.5 Hz are up to 0.18 s apart.
 const MAX_MONITORED_INTERVAL_US: u32 = 190_000;
 
 /// Whether the monitor runs at a row interval in seconds.
@@ -30,7 +30,7 @@ pub fn is_monitored(every_s: f64) -> bool {
 /// Instrument for the interval of these rows; attitude and field are simultaneous.
 pub(super) fn instrument_config(rows: &[ReplayRow]) -> InstrumentConfig {
     let median_s = rows::median_step_s(rows).unwrap_or(0.1);
-    // Rows that a selection leaves out are no silence of the autopilot.
+    // Gaps left by the selection of rows do not count as silence of the autopilot.
     let attitude =
         attitude::AttitudeConfig { latency_us: 0, max_silence_us: u32::MAX, ..attitude::AttitudeConfig::DEFAULT };
     InstrumentConfig { attitude, ..InstrumentConfig::new((median_s * 1e6).round() as u32) }
@@ -77,7 +77,7 @@ pub fn level_field(calibration: &Calibration, row: &ReplayRow) -> Field<Level> {
 /// Feeds instruments with the rows of a flight, and with its attitudes between them.
 struct RowFeed<'a> {
     flight: Option<&'a Flight>,
-    /// Incomplete rates integrate to wrong turns.
+    /// Whether body rates are complete; incomplete rates integrate to wrong turns.
     has_complete_rates: bool,
     start_s: f64,
     last_s: f64,

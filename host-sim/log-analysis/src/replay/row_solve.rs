@@ -45,7 +45,6 @@ impl RunOutcome {
     }
 }
 
-/// Field correction that a solution describes.
 pub(super) fn solved_correction(solution: &Solution) -> FieldCorrection {
     let calibration = &solution.calibration;
     FieldCorrection {
@@ -57,7 +56,6 @@ pub(super) fn solved_correction(solution: &Solution) -> FieldCorrection {
 
 pub(super) struct SolverPrior {
     prior: Prior,
-    /// Whether the inclination is configured.
     is_inclination_configured: bool,
 }
 

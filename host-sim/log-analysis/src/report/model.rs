@@ -110,7 +110,7 @@ pub struct CompassReport {
     pub changed_s: Option<f64>,
     /// Events on the time axis.
     pub event_marks: Vec<EventMark>,
-    /// Name of the correction that the headings before the calibration had.
+    /// Name of the correction used for the headings before the calibration.
     pub before_name: &'static str,
     /// Name of the correction that is applied to the fields of the samples.
     pub corrected_by: &'static str,

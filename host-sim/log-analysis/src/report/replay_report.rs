@@ -201,7 +201,6 @@ fn expected_earth(evaluation: &FlightEvaluation, calibration: &Calibration, is_e
     [modelled.unwrap_or(calibration.total_ut), inclination_deg].map(f64::from)
 }
 
-/// Source of the logged field's correction.
 fn logged_correction_source(compass: &CompassEvaluation) -> CorrectionSource {
     if compass.correction_from(CorrectionSource::Autopilot).is_some() {
         CorrectionSource::Autopilot
@@ -260,7 +259,7 @@ fn report_samples(
         })
         .collect();
     for fitted_s in replay_result.fitted_times_s.iter().map(|since_s| since_s + first.t_s) {
-        // The nearest row, since samples are means and their clock has milliseconds.
+        // Marks the nearest row: times of samples are means in whole milliseconds.
         let after = samples.partition_point(|sample| sample.time_s < fitted_s).min(samples.len() - 1);
         let neighbours = [after.saturating_sub(1), after];
         let time_difference =

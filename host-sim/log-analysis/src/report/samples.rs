@@ -108,7 +108,7 @@ fn drawn_samples(samples: &[ReportSample]) -> Vec<&ReportSample> {
     drawn
 }
 
-/// Samples with their times, and none in the middle of each gap.
+/// Samples with their times, and `None` in the middle of each gap.
 fn with_gaps<'a>(samples: &[&'a ReportSample]) -> Vec<(f64, Option<&'a ReportSample>)> {
     let span_s = samples.first().zip(samples.last()).map_or(0.0, |(first, last)| last.time_s - first.time_s);
     let gap_s = LINE_GAP_S.max(LINE_GAP_STEPS * span_s / samples.len().max(1) as f64);

@@ -12,7 +12,7 @@ pub fn verdict_section(report: &Report) -> String {
     concat_map(&report.verdicts, verdict_line)
 }
 
-/// Figures, reference, the module's result and doubts.
+/// Key figures, reference, the module's result and warnings about the log.
 pub fn findings_section(report: &Report) -> String {
     let mut html: Vec<String> = Vec::new();
     if !report.key_figures.is_empty() {

@@ -21,7 +21,7 @@ const RECEIVER_CAPACITY_FRAMES: usize = 64;
 const EMPTY_FRAME_US: u64 = 75;
 const DATA_BYTE_US: u64 = 9;
 
-/// Longest delay of a frame that overtakes, microseconds.
+/// Longest delay of a frame that later frames overtake, microseconds.
 const MAX_OVERTAKEN_DELAY_US: f32 = 5_000.0;
 
 /// Shares of frames with a fault, each for each receiver.

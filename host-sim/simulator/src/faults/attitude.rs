@@ -40,7 +40,6 @@ impl SecondSender {
     }
 }
 
-/// Applies a change to each message while the switch is on.
 fn change_messages_while_on(switch: FaultSwitch, mut change: impl FnMut(&mut ATTITUDE_DATA)) -> impl AttitudeFault {
     move |now_us: u64, message: &mut ATTITUDE_DATA| {
         if switch.is_on(now_us) {
@@ -158,9 +157,9 @@ pub fn bank_scale_error(switch: FaultSwitch, reported_ratio: f64) -> impl Attitu
     change_messages_while_on(switch, move |message| message.roll *= reported_ratio as f32)
 }
 
-/// Lean of a filter that trusts its accelerometers in long turns, where gravity and centripetal acceleration give no
-/// bank: the missing bank approaches `share` of the bank with this time constant (M. Euston et al., "A Complementary
-/// Filter for Attitude Estimation of a Fixed-Wing UAV", IROS 2008, section IV).
+/// Bank error of a filter that trusts its accelerometers in long turns, where the specific force shows no bank: the
+/// missing bank approaches `share` of the bank with this time constant (M. Euston et al., "A Complementary Filter for
+/// Attitude Estimation of a Fixed-Wing UAV", IROS 2008, section IV).
 #[must_use]
 pub fn lagging_bank_error(switch: FaultSwitch, share: f64, time_s: f64) -> impl AttitudeFault {
     let (mut lean_rad, mut before_us) = (0.0, None);

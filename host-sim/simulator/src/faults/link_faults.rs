@@ -12,7 +12,7 @@ use crate::world::attitude_source::{AttitudeSource, Identity, SenderKind};
 use crate::world::autopilot::Leg;
 use crate::world::{World, WorldConfig};
 
-/// Interval at which switches are looked at, and of forged messages, milliseconds.
+/// Interval of checks of the switches, and of forged messages, milliseconds.
 const SWITCH_CHECK_MS: u64 = 100;
 
 /// Fault of the link.

@@ -13,7 +13,7 @@ pub trait FieldFault {
         Vector3::zeros()
     }
 
-    /// Additional field in a steady turn at this bank, or in steady level flight: what a calibration is compared with.
+    /// Additional field in a steady turn at this bank, or in steady level flight: the reference for a calibration.
     fn steady_ut(&self, truth: &TrueState) -> Vector3<f64> {
         self.added_ut(truth)
     }

@@ -68,7 +68,7 @@ impl SolveCounts {
 }
 
 /// Heading errors after a calibration flight, divided by their sigmas. The flight has exactly the attitude errors
-/// considered by the solver; `record` simulates the flight with these.
+/// considered by the solver; `record` simulates them.
 pub(super) fn normalised_errors_in_use(
     trial: &RandomFlight,
     consider: ConsiderSigmas,

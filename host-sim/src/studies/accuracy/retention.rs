@@ -73,7 +73,6 @@ mod tests {
         samples
     }
 
-    /// Samples kept without results of trial solves.
     fn retained_without_trial_solves(samples: &[Sample]) -> Vec<Sample> {
         let mut retained = RetainedSamples::EMPTY;
         let mut collector = Collector::new(&mut retained);

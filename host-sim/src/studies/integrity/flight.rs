@@ -199,7 +199,7 @@ fn true_deg(calibration: &Calibration, world: &WorldConfig, added_ut: &dyn Fn(&T
     HeadingErrors::evaluate_with_field(calibration, world, added_ut).statistics().rms_deg
 }
 
-/// Optional time on the ground, then legs for the rest of use; evaluates every sentence. Returns the codes of the
+/// The flight in use: optional time on the ground, then legs; evaluates every output sentence. Returns the codes of the
 /// console's notes.
 fn process_console_output(
     rig: &mut Rig,

@@ -70,7 +70,7 @@ impl InvertibleCorrection {
         self.correction.matrix * self.correction.motor_ut_per_a * -current_a
     }
 
-    /// Adds a compensation that is applied after the correction, uT/A.
+    /// Inverse of a correction that is followed by a motor-current compensation, uT/A.
     fn from_correction(correction: FieldCorrection, after_ut: Vector3<f64>) -> Self {
         match correction.matrix.try_inverse() {
             Some(inverse) if inverse.iter().all(|number| number.is_finite()) => {
@@ -138,7 +138,7 @@ impl InvertibleCorrection {
     }
 }
 
-/// ArduPilot's calibration parameters that are missing though others of the same three are present.
+/// ArduPilot's calibration parameters that are missing although another of the same x, y, z triple is present.
 #[must_use]
 pub fn missing_ardupilot_parameters(parameters: &ParameterHistory, compass_number: u8) -> Vec<String> {
     let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
@@ -176,7 +176,6 @@ pub(crate) fn px4_mounting(parameters: &ParameterHistory, t_s: f64, index: u8) -
     }
 }
 
-/// Parameter of the orientation of a compass of PX4 or ArduPilot.
 pub(crate) fn orientation_parameter(is_px4: bool, compass_number: u8) -> String {
     match compass_number {
         _ if is_px4 => format!("CAL_MAG{}_ROT", compass_number.saturating_sub(1)),
@@ -185,8 +184,8 @@ pub(crate) fn orientation_parameter(is_px4: bool, compass_number: u8) -> String 
     }
 }
 
-/// Rotation by which PX4 or ArduPilot turned the field of a compass at a time; none where it is that of the board, which
-/// the compass's parameter does not change, or unknown.
+/// Rotation from sensor to body axes that PX4 or ArduPilot applied to a compass at a time; none for an internal compass
+/// of ArduPilot, which turns with the board, or an unknown number.
 pub(crate) fn logged_mounting(
     parameters: &ParameterHistory,
     is_px4: bool,

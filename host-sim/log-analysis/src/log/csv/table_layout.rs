@@ -47,7 +47,6 @@ fn find_column(names: &[&str], name: &str) -> Option<usize> {
     position(name).or_else(|| alternative_names().iter().find_map(|alternative_name| position(alternative_name)))
 }
 
-/// Whether a line is the header of a table.
 pub(super) fn is_header(line: &str) -> bool {
     let names: Vec<&str> = line.split(separator(line)).map(trimmed_cell).collect();
     let named_columns = OTHER_NAMES.iter().filter(|(name, _)| find_column(&names, name).is_some()).count();

@@ -104,7 +104,6 @@ const fn format_size(format_letter: u8) -> Option<usize> {
     })
 }
 
-/// Whether a format letter means an unscaled integer.
 pub(super) const fn is_unscaled_integer(format_letter: u8) -> bool {
     matches!(format_letter, b'b' | b'B' | b'h' | b'H' | b'i' | b'I' | b'q' | b'Q')
 }

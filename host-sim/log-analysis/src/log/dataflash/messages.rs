@@ -7,7 +7,6 @@ use crate::log::flight_builder::{FieldProcessing, FlightBuilder, MAX_COMPASSES};
 pub(super) trait LogMessage {
     fn numeric_field(&self, name: &str) -> Option<f64>;
     fn has_column(&self, name: &str) -> bool;
-    /// Whether a column is an unscaled integer.
     fn is_unscaled_integer(&self, name: &str) -> bool;
     fn text_field(&self, name: &str) -> Option<String>;
 }

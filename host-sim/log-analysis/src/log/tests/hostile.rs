@@ -52,7 +52,7 @@ fn no_bytes_make_a_reader_panic() {
     fuzz(400);
 }
 
-/// `cargo test --release -p log-analysis --lib log::tests::hostile::a_million -- --ignored`.
+/// Run by `cargo test --release -p log-analysis --lib log::tests::hostile::a_million -- --ignored`.
 #[test]
 #[ignore = "minutes, in a release build"]
 fn a_million_inputs_make_no_reader_panic() {

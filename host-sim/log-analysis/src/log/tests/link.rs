@@ -55,7 +55,7 @@ fn a_damaged_frame_is_rejected() {
     while frame_offset + 20 < bytes.len() {
         let is_attitude = bytes[frame_offset + 15..frame_offset + 18] == [30, 0, 0];
         if is_attitude && frame_offset % 3 == 0 {
-            // Exponent of the roll angle.
+            // Damages the exponent of the roll angle.
             bytes[frame_offset + 18 + 7] ^= 0x20;
             damaged += 1;
         }
@@ -208,7 +208,7 @@ fn the_requested_vehicle_is_read() {
     let [one, two] = [encode_tlog(&recording(&ARDUPILOT)), renumbered(&encode_tlog(&other_recording), 2)]
         .map(|bytes| frames(&bytes));
     let mut station = one[0].clone();
-    // Type, autopilot; the system follows eight clock bytes.
+    // Ground station (6) with a generic autopilot (0); payload after 8 clock and 10 header bytes.
     (station[8 + 10 + 4], station[8 + 10 + 5]) = (6, 0);
     let mut link = renumbered(&station, 255);
     // The logs differ in length by their parameters.

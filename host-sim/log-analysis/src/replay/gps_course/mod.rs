@@ -18,7 +18,7 @@ use crate::numbers::{median, square};
 const MAX_BANK_DEG: f32 = 10.0;
 const MIN_STRAIGHT_S: f64 = 2.0;
 
-/// Largest mean turn rate over that time, degrees a second; single gyro readings vibrate.
+/// Largest mean turn rate in straight flight, degrees a second; single gyro readings vibrate.
 const MAX_TURN_DEG_S: f64 = 3.0;
 
 /// Largest interpolation gap, seconds; MAVLink logs have 1 Hz.
@@ -356,8 +356,8 @@ impl VelocityCircle {
         libm::atan2(air.y, air.x)
     }
 
-    /// Standard deviation of a wind component among the parts of the flight, m/s: the jackknife's of their mean times
-    /// the root of their number.
+    /// Standard deviation of a wind component among the parts of the flight, m/s: jackknife standard deviation of the
+    /// mean, times the root of the number of parts.
     fn wind_sigma_m_s(velocities: &[GroundVelocity]) -> Option<f64> {
         let mut winds = Vec::new();
         for part in 0..JACKKNIFE_PARTS {

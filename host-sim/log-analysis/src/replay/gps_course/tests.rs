@@ -14,7 +14,7 @@ fn heading_integral(bank_deg: f32, turn_deg_s: f32) -> HeadingIntegral {
     HeadingIntegral::from_flight(&flight).unwrap()
 }
 
-/// The margin before and after also counts; the ends of the data are unknown.
+/// The time margin before and after must be straight too; beyond the ends of the data this is unknown.
 #[test]
 fn straight_is_neither_banked_nor_turning() {
     for (name, heading_integral, is_straight) in [
@@ -172,8 +172,8 @@ fn a_direction_counts_after_three_seconds_of_flight() {
     assert!(widest_gap_deg(&paused, &CIRCLE) > 235.0);
 }
 
-/// A linear drift by `D` has variance `D²/12`, half in each component; the jackknife adds a ninth: 0.22 `D`, up to a
-/// third more by Tukey's weights. The limit is 5 % of airspeed, 1 m/s.
+/// A linear drift by `D` has variance `D²/12`, half in each component; the jackknife of ten parts adds a ninth: sigma
+/// 0.22 `D`, up to a third more by Tukey's weights. The limit is 5 % of airspeed, 1 m/s.
 #[test]
 fn a_drifting_wind_is_uncertain() {
     for (drift_m_s, is_certain) in [(3.0, true), (7.0, false)] {

@@ -1,9 +1,9 @@
-//! Detects jumps of the field that the motion of the aircraft does not explain: hard iron that comes, goes, or changes
-//! near the end.
+//! Detects jumps of the field that the motion of the aircraft does not explain: hard iron that appears, disappears, or
+//! changes near the end of the log.
 //!
-//! Levelled by the attitude and turned back by the integrated heading rate, the corrected field of the second before a row
-//! equals that of the second after it. All components of a difference are observed, on a single heading too, where
-//! strength and vertical component alone do not show the one across the heading.
+//! Without a jump, the corrected field of the second before a row, levelled by the attitude and turned back by the
+//! integrated heading rate, equals that of the second after it. The difference observes all three components of a jump
+//! even on a single heading, where field strength and vertical component do not show the component across the heading.
 
 use autoswing::attitude::{BodyRates, EulerRates};
 use autoswing::frames::Attitude;
@@ -14,47 +14,46 @@ use super::hard_iron_step::HardIronStep;
 use crate::log::FieldCorrection;
 use crate::numbers::{median, quantile};
 
-/// Duration compared on either side of a jump, seconds: long enough to average noise, short enough for gyro drift.
+/// Duration compared before and after a row, seconds: long enough to average noise, short enough for gyro drift.
 const WINDOW_S: f64 = 1.0;
 
-/// Smallest number of rows in a window.
 const MIN_WINDOW_ROWS: usize = 5;
 
 /// Longest interval between rows that the heading rate is integrated over, seconds.
 const MAX_STEP_S: f64 = 0.55;
 
-/// Detection thresholds: size in microtesla; ratio to a quantile of all differences of the flight, which rough flight
-/// and vibration enlarge; and fraction of the field by radian turned in both windows, the error of sampled rates.
+/// Detection thresholds: size, microtesla; ratio to a quantile of all differences of the flight, which turbulence and
+/// vibration enlarge; fraction of the field strength per radian turned in both windows, the error of sampled rates.
 const MIN_JUMP_UT: f64 = 1.5;
 const REFERENCE_QUANTILE: f64 = 0.9;
 const MIN_QUANTILE_RATIO: f64 = 3.0;
 const MAX_FRACTION_PER_RADIAN: f64 = 0.04;
 
-/// Median norm of three normally distributed components, standard deviations.
+/// Median norm of a vector of three normally distributed components, in standard deviations of one component.
 const MEDIAN_NORM_SIGMAS: f64 = 1.538;
 
-/// Largest number of jumps tested before, and after, the rows that a correction fits: each test takes a pass over all rows.
+/// Largest number of jumps tested before, and after, the fitted rows: each test takes a pass over all rows.
 const MAX_JUMPS: usize = 8;
 
-/// Longest duration after a jump in which its shift is tested, seconds, and largest ratio of the residuals with the
-/// shift to those without, or to those of the fitted rows: a shift along an axis that these rows do not
-/// show leaves them equal.
+/// Longest duration beyond a jump in which its shift is tested, seconds; largest ratio of the residuals with the shift
+/// to those without it, or to those of the fitted rows. Residuals need not decrease: a shift along an axis that the
+/// tested rows do not observe leaves them equal.
 const TESTED_S: f64 = 30.0;
 const MAX_RESIDUAL_RATIO: f64 = 1.1;
 const MAX_FITTED_RESIDUAL_RATIO: f64 = 2.0;
 
-/// Largest residuals of rows between shifted jumps: ratio to those of the fitted rows, or to the size of the jump, whose
-/// error they contain.
+/// Largest residual of the rows between a shifted jump and the next one: ratio to the residual of the fitted rows, or
+/// to the size of the jump, whose estimation error it contains.
 const MAX_EXPLAINED_RESIDUAL_RATIO: f64 = 3.0;
 const MAX_UNEXPLAINED_FRACTION: f64 = 0.4;
 
-/// Smallest part of a jump removed by the correction of the autopilot, relative to the jump, that counts as compensation.
+/// Smallest fraction of a jump, removed by the autopilot's own correction, that counts as compensation.
 const MIN_COMPENSATED_FRACTION: f64 = 0.5;
 
-/// Shortest duration of a temporary change, seconds: a shorter one is not of the aircraft's iron, and affects few rows.
+/// Shortest duration of a temporary change, seconds: shorter ones affect few rows and are not of the aircraft's iron.
 const MIN_DURATION_S: f64 = 5.0;
 
-/// Largest remainder of two changes that cancel, relative to the larger.
+/// Largest norm of the sum of two changes that cancel each other, relative to the larger change.
 const MAX_CANCELLED_REMAINDER: f64 = 0.35;
 
 /// Times of all jumps of the corrected field in usable rows, seconds.
@@ -71,12 +70,12 @@ pub struct FittedCorrection {
     pub correction: FieldCorrection,
     /// Times of the first and last row that it fits, seconds.
     pub fitted_s: [f64; 2],
-    /// Strength and vertical component of the corrected field, microtesla.
+    /// Strength and downward component of the Earth's field, which the corrected field should have, microtesla.
     pub earth_ut: [f64; 2],
 }
 
-/// Jumps of the raw field in usable rows, in order of time. From the rows that the correction fits on, the field before
-/// or after each jump is shifted by it, since an uncorrected one shows as others in turns.
+/// Jumps of the raw field in usable rows, in order of time. Outward from the fitted rows, each jump is removed from the
+/// fields beyond it: left in, it would appear as further jumps when the aircraft turns.
 #[must_use]
 pub fn find_jumps(rows: &[ReplayRow], fit: &FittedCorrection) -> Vec<HardIronStep> {
     let Some(to_raw) = fit.correction.matrix.try_inverse() else { return Vec::new() };
@@ -117,7 +116,7 @@ fn remove_short_pairs(jumps: &mut Vec<Jump>, rows: &[&ReplayRow]) {
     }
 }
 
-/// Direction of a search from the rows that a correction fits.
+/// Direction in time of a search that starts at the rows that a correction fits.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Direction {
     Later,
@@ -132,7 +131,7 @@ struct Jump {
 }
 
 impl Jump {
-    /// The opposite step at a row.
+    /// The jump with the opposite step, at row `at`.
     fn reversed(&self, at: usize) -> Self {
         Self { at, step_ut: -self.step_ut }
     }
@@ -142,11 +141,11 @@ struct JumpSearch<'a> {
     rows: Vec<&'a ReplayRow>,
     /// Corrected fields, body axes.
     fields: Vec<Vector3<f64>>,
-    /// Rotations from body axes to a level frame with a constant heading.
+    /// Rotations from body axes to a level frame that does not turn with the heading.
     rotations: Vec<Rotation3<f64>>,
-    /// Angle turned since the first row, radians.
+    /// Angle of rotation about any axis since the first row, summed without sign, radians.
     turned_rad: Vec<f64>,
-    /// Differences of the windows at each row, in the level frame; none without two complete windows.
+    /// Median field of the window after each row less that of the window before, level frame; none if incomplete.
     differences: Vec<Option<Vector3<f64>>>,
 }
 
@@ -172,8 +171,8 @@ impl<'a> JumpSearch<'a> {
         search
     }
 
-    /// Whether the autopilot's correction removes most of a jump of the raw field, as that of interference by a current,
-    /// which may not be logged.
+    /// Whether the autopilot's own correction removes most of a jump of the raw field, such as interference by a
+    /// current that the log need not contain.
     fn is_compensated(&self, at: usize, raw_step_ut: &Vector3<f64>) -> bool {
         let Some((before, after)) = self.window_before(at).zip(self.window_after(at)) else { return false };
         let corrections_ut = |window: std::ops::Range<usize>| {
@@ -194,7 +193,7 @@ impl<'a> JumpSearch<'a> {
         }
     }
 
-    /// Rows of the window from a row on; none if incomplete.
+    /// Rows within `WINDOW_S` from a row on; none if rows or rates are missing in it.
     fn window_after(&self, at: usize) -> Option<std::ops::Range<usize>> {
         let end_s = self.rows[at].t_s + WINDOW_S;
         let mut last = at;
@@ -208,7 +207,7 @@ impl<'a> JumpSearch<'a> {
         (last - at >= MIN_WINDOW_ROWS).then_some(at..last)
     }
 
-    /// Rows of the window before a row; none if incomplete.
+    /// Rows within `WINDOW_S` before a row; none if rows or rates are missing in it.
     fn window_before(&self, at: usize) -> Option<std::ops::Range<usize>> {
         let start_s = self.rows[at].t_s - WINDOW_S;
         let mut first = at;
@@ -222,7 +221,7 @@ impl<'a> JumpSearch<'a> {
         (at - first >= MIN_WINDOW_ROWS).then_some(first..at)
     }
 
-    /// Median field of rows by component, in the level frame.
+    /// Median of each component of the fields of some rows, level frame, microtesla.
     fn median_of(&self, window: std::ops::Range<usize>) -> Vector3<f64> {
         let levelled: Vec<Vector3<f64>> = window.map(|i| self.rotations[i] * self.fields[i]).collect();
         Vector3::from_fn(|axis, _| median(levelled.iter().map(|field| field[axis])))
@@ -237,7 +236,7 @@ impl<'a> JumpSearch<'a> {
         median(self.norms()) / MEDIAN_NORM_SIGMAS
     }
 
-    /// Differences over the limit that are the largest within a window, in order of time.
+    /// Differences above the detection thresholds that are the largest within `WINDOW_S`, in order of time.
     fn jumps(&self) -> Vec<Jump> {
         let Some(reference_ut) = quantile(self.norms(), REFERENCE_QUANTILE) else { return Vec::new() };
         let least_ut = MIN_JUMP_UT.max(MIN_QUANTILE_RATIO * reference_ut);
@@ -259,7 +258,7 @@ impl<'a> JumpSearch<'a> {
             .collect()
     }
 
-    /// Jumps from the fitted rows on; the fields beyond each are shifted.
+    /// Jumps outward from the fitted rows in one direction; each is removed from the fields beyond it.
     fn jumps_in(&mut self, direction: Direction, fit: &FittedCorrection) -> Vec<Jump> {
         let mut found = Vec::new();
         let mut beyond_s = match direction {
@@ -301,13 +300,13 @@ impl<'a> JumpSearch<'a> {
             let limit_ut = MAX_UNEXPLAINED_FRACTION * found[i].step_ut.norm();
             self.residual_ut(beyond, &fit.earth_ut) < limit_ut.max(MAX_EXPLAINED_RESIDUAL_RATIO * fitted_ut)
         };
-        // A jump that was missed or measured wrong shows as others: from there on, none is reported.
+        // A missed or wrong jump causes false ones: from the first with unexplained residuals on, none is reported.
         let explained = (0..found.len()).take_while(|i| is_explained(*i)).count();
         found.truncate(explained);
         found
     }
 
-    /// Rows beyond a jump, for a duration in seconds.
+    /// Rows beyond a jump in the direction of the search, up to a duration in seconds.
     fn tested_rows(&self, jump: &Jump, direction: Direction, duration_s: f64) -> std::ops::Range<usize> {
         let at_s = self.rows[jump.at].t_s;
         match direction {
@@ -321,7 +320,7 @@ impl<'a> JumpSearch<'a> {
         from..to
     }
 
-    /// Median residual of strength and vertical component, microtesla.
+    /// Median deviation of strength and vertical component from the Earth's field, microtesla.
     fn residual_ut(&self, rows: std::ops::Range<usize>, earth_ut: &[f64; 2]) -> f64 {
         median(rows.flat_map(|i| self.residuals_ut(i, self.fields[i], earth_ut).map(f64::abs)))
     }
@@ -330,7 +329,7 @@ impl<'a> JumpSearch<'a> {
         [field.norm() - strength_ut, self.rows[i].down_in_body().dot(&field) - vertical_ut]
     }
 
-    /// Removes a jump from the fields beyond it.
+    /// Removes a jump from the fields beyond it in the direction of the search.
     fn shift(&mut self, jump: &Jump, direction: Direction) {
         let (shifted, by_ut) = match direction {
             Direction::Later => (jump.at..self.rows.len(), -jump.step_ut),

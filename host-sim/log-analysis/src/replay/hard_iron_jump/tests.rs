@@ -5,12 +5,12 @@ use testkit::random::Random;
 
 use super::*;
 
-/// Strength and inclination of the Earth's field.
+/// Strength, microtesla, and inclination, degrees, of the Earth's field.
 const STRENGTH_UT: f32 = 50.0;
 const INCLINATION_DEG: f32 = 60.0;
 
-/// 180 s at 10 Hz with a bank of `bank_deg`, a turn of 10 deg/s and noise of 0.3 uT; `moved_ut` is added along y while
-/// `is_moved`.
+/// 180 s at 10 Hz with a bank of `bank_deg`, a turn of 10 deg/s and noise of 0.3 uT; hard iron of `moved_ut` along y
+/// while `is_moved`.
 fn rows(bank_deg: f32, moved_ut: f32, is_moved: impl Fn(f32) -> bool) -> Vec<ReplayRow> {
     let mut random = Random(1);
     let turn_rad_s = 10_f32.to_radians();
@@ -42,7 +42,7 @@ fn found(rows: &[ReplayRow]) -> Vec<HardIronStep> {
     find_jumps(rows, &FittedCorrection { correction: FieldCorrection::identity(), fitted_s: [0.0, 60.0], earth_ut })
 }
 
-/// Asserts times to 0.5 s and steps to 1 uT: noise, and 7 deg that the aircraft turns in the window after a step.
+/// Asserts times to 0.5 s and steps to 1 uT: noise and a turn of 7 deg within the window blur a step.
 fn assert_steps(found: &[HardIronStep], expected: &[(f64, f64)], about: &str) {
     assert_eq!(found.len(), expected.len(), "{about}: {found:?}");
     for (step, (at_s, y_ut)) in found.iter().zip(expected) {

@@ -28,8 +28,8 @@ pub(super) const MIN_SIGMAS: f64 = 8.0;
 const MIN_STEP_UT: f64 = 1.0;
 const MAX_TOTAL_SCATTER_RATIO: f64 = 0.85;
 
-/// Alternative ratios for a step near either end: of the shorter side, and of all rows. The second rejects false steps
-/// of 1 to 4 uT in a VTOL's hover, which increase other residuals.
+/// Alternative limits of the residual ratio for a step near either end: of the shorter side, and of all rows. The
+/// second rejects false steps of 1 to 4 uT in a VTOL's hover, which increase other residuals.
 const MAX_SHORT_SIDE_SCATTER_RATIO: f64 = 0.6;
 const MAX_TOTAL_SCATTER_RATIO_NEAR_END: f64 = 0.97;
 
@@ -209,7 +209,7 @@ impl StepEstimate {
                 .map(|residual| square(residual.clamp(-CLIP_SIGMAS * scale, CLIP_SIGMAS * scale)))
                 .sum()
         };
-        // Cumulative difference of squared residuals: of the rows taken as before the step, minus as after it.
+        // Cumulative squared residuals of the rows if before the step, less those if after it.
         let mut saved = 0.0;
         let sums: Vec<f64> = rows
             .iter()

@@ -13,18 +13,18 @@ use crate::log::time_series::{Series, TimedRow};
 use crate::log::{Compass, Flight};
 use crate::numbers::quantile;
 
-/// Largest gap between attitudes, seconds: one lost at 3 Hz.
+/// Largest gap between attitudes, seconds: one attitude lost at 3 Hz.
 const MAX_GAP_S: f64 = 0.7;
 
-/// Readings averaged to one row, seconds: the module's 10 Hz with a margin for jitter.
+/// Duration of the readings averaged to one row, seconds: the module's 10 Hz with a margin for jitter.
 const ROW_AVERAGING_S: f64 = 0.09;
 
 /// Largest difference between cubic and linear interpolation, radians; beyond it the rates contradict the attitude and
 /// are ignored.
 const MAX_CUBIC_DEVIATION_RAD: f32 = 0.1;
 
-/// Limits on tilt in a window: margin, radians, and factor on the integrated (sampled) body rates; window, seconds.
-/// More means that a filter aligns or resets.
+/// Tilt limits in a window: margin, radians; factor on the integrated (sampled) body rates; window, seconds. A larger
+/// change of tilt is an alignment or reset of the attitude filter.
 const TILT_MARGIN_RAD: f32 = 0.035;
 const TILT_RATE_FACTOR: f32 = 2.0;
 const TILT_WINDOW_S: f64 = 1.0;
@@ -35,7 +35,7 @@ const TILT_JUMP_MARGIN_RAD: f32 = 0.1;
 /// Longest time between two attitude jumps that enclose a wrong attitude, seconds.
 const MAX_WRONG_ATTITUDE_S: f64 = 3.0;
 
-/// Time after a start or gap in which a filter may align, seconds; data up to its last such change is dropped.
+/// Time after a start or gap in which a filter may align, seconds; data up to the last excessive tilt is dropped.
 const MAX_FILTER_ALIGNMENT_S: f64 = 60.0;
 
 /// Attitude and body rates between two rows.
@@ -54,7 +54,7 @@ pub struct AttitudeSample {
 #[must_use]
 pub fn attitudes_between(flight: &Flight, from_s: f64, to_s: f64) -> Vec<AttitudeSample> {
     const PAUSE_SAMPLING_S: f64 = 0.1;
-    /// A longer pause is a gap of the log.
+    /// Longest pause that is filled with attitudes, seconds; a longer one is a gap of the log.
     const MAX_LOG_PAUSE_S: f64 = 5.0;
     let pause_s = to_s - from_s;
     if !(1.5 * PAUSE_SAMPLING_S..=MAX_LOG_PAUSE_S).contains(&pause_s) {
@@ -300,7 +300,6 @@ fn contradicting_intervals(flight: &Flight) -> Vec<[f64; 2]> {
     intervals
 }
 
-/// Angle between the down directions of two attitudes.
 fn angle_between_downs_rad(first_attitude: &TimedRow<3>, second_attitude: &TimedRow<3>) -> f32 {
     let down_vector = |row: &TimedRow<3>| {
         let ([sin_roll, sin_pitch], [cos_roll, cos_pitch]) = (

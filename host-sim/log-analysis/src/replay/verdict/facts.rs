@@ -112,7 +112,7 @@ fn add_solution_facts(solution: &Solution, add_fact: &mut dyn FnMut(&str, String
             format!("{interference_text}, of {mean_current_a:.1} A that varied by {current_sigma_a:.1} A"),
         );
     }
-    // No cause is named: latency, an attitude that lags in turns, and interference cause both kinds of residuals.
+    // Residuals name no cause: latency, attitude lag in turns, and interference cause both kinds, by time and by bank.
     if let Some(finding) = &solution.hard_iron_change {
         add_fact(
             "residuals",

@@ -12,8 +12,8 @@ use crate::replay::parameter_export::{ExportedCorrection, HeldBackScore};
 use crate::replay::row_headings::score_rows;
 use crate::replay::{ReferenceHeading, ReplayRow};
 
-/// Sectors of 30 deg of heading, with at least this many rows (half a second), that a flight must cover to judge a
-/// compass: errors are less their mean, which on few headings is all of them.
+/// Minimum number of 30 deg heading sectors, and of rows in each (half a second), to judge a compass: errors exclude
+/// their mean, which on few headings is most of the error.
 const MIN_HEADING_SECTORS: usize = 4;
 const MIN_ROWS_PER_SECTOR: usize = 5;
 
@@ -141,7 +141,7 @@ impl CompassJudgement {
         } else {
             JudgementReason::NoReference
         };
-        // A failure is reason enough.
+        // A failed sensor needs no remark that its error is unknown.
         let error =
             as_logged_rms_deg.map(JudgementReason::ErrorAsLogged).or_else(|| failure.is_none().then_some(unknown));
         let parameter_reason = match parameters {
@@ -166,13 +166,13 @@ impl CompassJudgement {
     }
 }
 
-/// `covers_headings` is false if the flight has too few headings to judge the compass.
+/// Action without parameters; `covers_headings` is false if the flight has too few headings for a judgement.
 fn action_without_parameters(state: CompassState, rejection: &NoParameters, covers_headings: bool) -> CompassAction {
     match rejection {
         NoParameters::OffsetsTooLarge { .. } => CompassAction::Replace,
         // On few headings neither the compass nor a fit is judged.
         _ if !covers_headings => CompassAction::FlyAgain,
-        // Flying again does not make the matrix express more.
+        // Another flight does not reduce the loss by the symmetric matrix.
         NoParameters::Inaccurate { held_back, lost_deg } if is_mostly_lost(held_back.rms_deg, *lost_deg) => {
             CompassAction::Replace
         }
@@ -217,7 +217,7 @@ impl fmt::Display for CompassState {
 }
 
 impl fmt::Display for CompassJudgement {
-    /// The judgement after a subject: "is off by 7.3 deg RMS; with these parameters 0.6: load them".
+    /// The judgement as a predicate: "is off by 7.3 deg RMS; with these parameters 0.6: load them".
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut joint = "";
         for reason in &self.reasons {

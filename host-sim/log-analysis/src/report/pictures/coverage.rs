@@ -36,7 +36,6 @@ impl CoverageCell {
     }
 }
 
-/// Whether a sample is usable and has a measured field.
 fn has_usable_field(report_sample: &ReportSample) -> bool {
     report_sample.is_usable && report_sample.raw_ut.is_some()
 }

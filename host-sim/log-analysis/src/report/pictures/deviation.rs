@@ -14,7 +14,7 @@ const MAX_POINTS: usize = 700;
 /// Fraction of the points that must lie within the frame of the deviation plot.
 const FRAMED_FRACTION: f64 = 0.98;
 
-/// Classes of the lines before the calibration: line, points.
+/// CSS class of the line, marker, and CSS class of the points of the curves before the calibration.
 const UNCALIBRATED_LINES: [(&str, MarkerShape, &str); 3] =
     [("l l0", MarkerShape::Circle, "p0"), ("l l1", MarkerShape::Triangle, "p1"), ("l l2", MarkerShape::Square, "p2")];
 

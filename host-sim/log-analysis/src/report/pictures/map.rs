@@ -6,7 +6,6 @@ use super::super::svg::{MarkerShape, PicturePoint, Svg};
 use super::{LegendSample, Picture, draw_legend};
 use crate::numbers::format_number;
 
-/// Largest number of points of the track.
 const MAX_TRACK_POINTS: usize = 2500;
 
 /// Draws the map; none without positions.

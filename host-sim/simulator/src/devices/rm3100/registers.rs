@@ -24,7 +24,7 @@ const ALL_AXES: u8 = 0x70;
 const SELF_TEST_ENABLE: u8 = 0x80;
 const DATA_READY: u8 = 0x80;
 
-/// Time of a measurement of one axis per cycle count: 440 measurements per second at 200 (manual, table 3-1).
+/// Time of a measurement of one axis per cycle count: 440 measurements per second at count 200 (manual, table 3-1).
 const NANOSECONDS_PER_CYCLE: u64 = 11_364;
 
 /// Duration of the self-test, microseconds: the longest timeout of each axis (manual, table 5-9).

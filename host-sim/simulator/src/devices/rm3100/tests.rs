@@ -65,7 +65,7 @@ fn reset_values_are_those_of_the_manual() {
     );
 }
 
-/// Table 5-4, and section 5.2.1: the cycle count limits the rate, three axes at 200 to 147 Hz.
+/// Table 5-4, and section 5.2.1: the cycle count limits the rate, to 147 Hz for three axes at count 200.
 #[test]
 fn every_rate_is_kept_unless_the_cycle_count_limits_it() {
     for (tmrc, period_ms) in [(0x94, 6.8), (0x95, 13.3), (0x96, 26.7), (0x97, 53.3), (0x98, 106.7)] {

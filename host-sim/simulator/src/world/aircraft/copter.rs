@@ -160,7 +160,6 @@ impl Copter {
     }
 }
 
-/// The vector, shortened to `max_length` if it is longer.
 fn clamp_length(vector: [f64; 2], max_length: f64) -> [f64; 2] {
     let scale = (max_length / libm::hypot(vector[0], vector[1])).min(1.0);
     vector.map(|component| component * scale)

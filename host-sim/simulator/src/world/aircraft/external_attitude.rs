@@ -19,7 +19,7 @@ pub(super) struct AttitudeInterpolation {
     /// Total change in radians; roll and heading by the shorter direction.
     change: Euler,
     received_us: u64,
-    /// Duration, microseconds; 0 if the attitude is taken at once.
+    /// Duration, microseconds; 0 if the aircraft jumps to the attitude.
     takes_us: u64,
 }
 

@@ -23,9 +23,9 @@ pub(super) struct Disturbances {
     pub bank_rad: f64,
     /// Random pitch, radians.
     pub pitch_rad: f64,
-    /// Gust from the right of the flight path.
+    /// Gust from the right of the flight path, m/s.
     pub across_m_s: f64,
-    /// Gust along the flight path.
+    /// Gust along the flight path, m/s.
     pub along_m_s: f64,
     /// Upward gust, m/s.
     pub vertical_m_s: f64,

@@ -141,7 +141,7 @@ impl FaultCase {
         (self.applies_to_vehicle)(aircraft)
     }
 
-    /// Whether the case applies to this attitude source: MSP has one sender, and a gyro only by INAV.
+    /// Whether the case applies to this attitude source: MSP has one sender, and gyro rates only with INAV.
     #[must_use]
     pub const fn applies_to_protocol(&self, source: AttitudeProtocol) -> bool {
         matches!(source, AttitudeProtocol::Mavlink) || !self.needs_mavlink
@@ -455,7 +455,7 @@ impl FaultOnset {
         Self::InUse { after_s, for_s: f64::INFINITY }
     }
 
-    /// Fault during the whole calibration, of the shortest duration for this kind of vehicle.
+    /// Fault from the start of the calibration for the shortest calibration of this kind of vehicle.
     pub(super) const fn during_calibration(aircraft: VehicleKind) -> Self {
         Self::Calibrating { after_s: 0.0, until_s: calibration_s(aircraft) }
     }

@@ -52,7 +52,6 @@ fn a_copter_s_cases_are_flown_by_a_copter() {
     assert_eq!(hover.start_command, clean_case.routine.start_command);
 }
 
-/// Onset before the earliest end of the calibration.
 #[test]
 fn a_change_during_calibration_begins_before_its_end() {
     for (aircraft, most_s) in [(VehicleKind::Plane, 195.0), (VehicleKind::Copter, 60.0)] {

@@ -20,7 +20,7 @@ fn a_vtol_hovers_as_a_copter_and_travels_as_an_aeroplane() {
     let turning = circle[circle.len() - 2];
     assert!((turning.roll_rad.to_degrees() + 25.0).abs() < 0.5);
     assert!((turning.heading_rate_rad_s.to_degrees() + 11.9).abs() < 0.2, "{turning:?}");
-    // Braking from 22 m/s takes 8 s: a pitch of 8 deg, slightly more at first, decelerates by 1.4 m/s^2, drag by 1.5.
+    // Braking from 22 m/s takes 8 s: a pitch of 8 deg, at first slightly more, and drag decelerate by 1.4 + 1.5 m/s^2.
     let stopping = fly_leg(&mut vtol, Leg::Hover { seconds: 15.0 });
     let most_deg = stopping.iter().map(|state| state.pitch_rad.to_degrees()).fold(0.0, f64::max);
     assert!((8.0..9.0).contains(&most_deg), "{most_deg}");
