@@ -69,9 +69,9 @@ fn a_copter_is_calibrated_by_its_routine_either_way_round() {
             flight_study::run_flight_study(flight, AccuracyPlan { airframes: 20, noise_draws: 5, seed: 1000 }, &|| {});
         assert!(row.converged_percent >= 100.0 && row.accepted_percent >= 95.0 && row.wrong == 0, "{row:?}");
         assert!(row.rms_median_deg <= 0.8 && row.rms_worst_decile_deg <= 1.6, "{row:?}");
-        // Loss of the solver, which weights all attitudes equally although accelerations degrade some.
+        // RMS error over the bound: the solver weights attitudes equally, although accelerations degrade some.
         assert!((0.9..=1.25).contains(&row.kept_ratio_median), "{row:?}");
-        // Retained samples against the optimal selection of equal size.
+        // RMS error over the bound of the optimal selection of equal size.
         assert!((0.85..=1.15).contains(&row.best_ratio_median), "{row:?}");
         assert_eq!(row.coverage.headings, 20 * 16);
         let repeated =

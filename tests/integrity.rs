@@ -62,7 +62,7 @@ fn attitude_by_msp_has_rates() {
             assert!(row.bad_percent <= 3.0 && row.empty_percent > 90.0, "{source:?} {row:?}");
         }
     }
-    // MSP has one sender, so these faults do not apply.
+    // Faults that need several senders or body rates do not apply to MSP.
     let applicable_cases = |source| ALL_CASES.iter().filter(|case| case.applies_to_protocol(source)).count();
     assert_eq!(
         applicable_cases(integrity::AttitudeProtocol::Mavlink) - applicable_cases(integrity::AttitudeProtocol::Msp),

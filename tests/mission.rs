@@ -94,7 +94,7 @@ fn fifty_random_airframes_are_calibrated_to_their_expected_error() {
         assert!(after.mean_deg.abs() <= 0.6, "seed {seed}: {after:?}");
         assert!(after.rms_deg <= 3.0 * expected_deg, "seed {seed}: {} deg, expected {expected_deg}", after.rms_deg);
         let streamed = mission_result.streamed_statistics.unwrap();
-        // Errors of all outputs: calibration, sensor and attitude noise, latency.
+        // The limit includes calibration, sensor and attitude noise, and latency.
         assert!(streamed.rms_deg <= 1.0, "seed {seed}: {streamed:?}");
         within.push(streamed.within_percent);
         rms_deg.push(after.rms_deg);

@@ -406,7 +406,7 @@ fn a_ground_station_commands_calibration_and_restart() {
         received_frames_log.borrow().iter().any(|text| text.starts_with("autoswing: refused armed: ")),
         "{received_frames_log:?}"
     );
-    // Disarmed in flight: a forged report. It counts after five seconds at rest.
+    // A forged report disarms in flight; a disarmed state counts after five seconds at rest.
     rig.world.set_armed(false);
     run(&mut rig, 10.0);
     assert_ne!(order(&mut rig, 1, REBOOT, of_us)[0].1, 0);

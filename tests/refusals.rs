@@ -56,7 +56,6 @@ fn refused_solve(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)]) -> (Str
     let notice =
         transcript::parse_error(&printed).or_else(|| transcript::parse_solve_notice(&printed)).expect("an end");
     let SolveNotice::Refused { code, words } = notice else { panic!("it was calibrated: {notice:?}") };
-    // `status` repeats the text later.
     let status = rig.send_console_line("status all");
     let is_told_later = status.contains(&format!("last solve: {code}: {words}\r\n"));
     assert!(is_told_later || status.contains("last solve: none"), "{status}");

@@ -105,7 +105,6 @@ fn a_calibrated_mission_is_reported_the_same_each_time() {
     {
         assert!(html.contains(&format!("<dd>{figure:.2} deg</dd>")), "{figure:.2}");
     }
-    // The deviation card has all twelve headings and the errors before and after.
     for (step, heading) in (0..12).map(|step| (step, format!("<th scope=\"row\">{:03}</th>", 30 * step))) {
         assert!(html.contains(&heading), "{heading}");
         for bank in flown.errors_before.0.iter().chain(&flown.errors_after.0) {
@@ -170,7 +169,6 @@ fn a_replayed_log_has_the_numbers_of_its_json() {
             is_shown(&heading["against_reference"]["heading_rms_deg"], "<td>", "</td>");
         }
     }
-    // Each fitted sample has its row.
     let fitted = report.compasses[0].samples.iter().filter(|report_sample| report_sample.is_fitted).count();
     assert_eq!(fitted, verdict.compasses[0].module_result.sample_count);
     assert!(fitted > 50, "{fitted}");
@@ -317,7 +315,6 @@ fn text_of_a_hostile_log_is_escaped() {
         origin: vec![[hostile(), hostile()]],
     };
     let html = render_page(&report);
-    // The text is present, but only escaped.
     assert!(html.contains("&lt;script&gt;alert(1)") && !html.contains("<img") && !html.contains("<script>alert"));
     assert_sound(&html.replace("src=x", ""));
     let svg_text = render_picture(&report);

@@ -53,7 +53,7 @@ fn every_sentence_is_sent_at_the_set_rate() {
         let received = receive_sentences(&mut rig, 5.0);
         for sentence_kind in ["HCHDM", "HCHDG", "PASWH"] {
             let count = received.iter().filter(|sentence| sentence.sentence_kind == sentence_kind).count();
-            // Output follows the sensor's 80 Hz samples, whose period need not divide a second.
+            // Sentences are sent at samples (80 Hz), whose rate need not be a multiple of the output rate.
             assert!(count.abs_diff(expected) <= 1 + expected / 20, "{sentence_kind} at {rate_hz} Hz: {count} in 5 s");
         }
         assert_eq!(headings(&received), received.len());

@@ -63,7 +63,7 @@ fn parameters_make_a_bad_compass_good() {
             let loaded_deg = rms_deg(&evaluation.compasses[0], |row| row.is_usable, &correction);
             let reported_deg = compass.parameters.as_ref().unwrap().held_back_score.unwrap().rms_deg;
             assert!((reported_deg - loaded_deg).abs() < 0.2, "seed {seed}: {reported_deg} {loaded_deg}");
-            // The limit is 1 deg as in `native.rs`, and the loss by the symmetric matrix.
+            // The limit is 1 deg as in `native.rs`, plus the loss by the symmetric matrix.
             let lost_deg = compass.parameters.as_ref().unwrap().heading_loss_deg[0];
             assert!(loaded_deg < 1.0 + lost_deg, "seed {seed}: {loaded_deg}, {lost_deg}");
             let file =

@@ -258,7 +258,7 @@ fn score_of_file(
 #[test]
 fn implausible_units_are_reported() {
     let world = WorldConfig::of_table1(1);
-    // A place with about that world's field strength, 48 uT.
+    // A place whose field strength, 48 uT, is about the simulated one.
     let text = encode_csv(&FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..record_flight(&world, 0.0) });
     let notes = |bytes: &[u8], unit: FieldUnit| {
         let mut source = bytes;

@@ -38,7 +38,7 @@ fn in_range<T: OptionNumber>(
     type_name: &'static str,
 ) -> impl Fn(&str) -> Result<T, String> + Clone + Send + Sync + 'static {
     move |text| {
-        // Written so that NaN is rejected.
+        // The comparison rejects NaN.
         let value = text.trim().parse().ok().filter(|value| *value >= min && *value <= max);
         value.ok_or_else(|| format!("must be {type_name}, {min} to {max}"))
     }

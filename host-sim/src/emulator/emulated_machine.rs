@@ -263,7 +263,7 @@ impl Drop for Qemu {
 fn qemu_command(image: &Path, flash: &Path, [console, autopilot, lockstep, instrument, qmp]: &[PathBuf; 5]) -> Command {
     let mut command = Command::new(QEMU_PROGRAM);
     command
-        // Initially stopped, so that no bytes are lost before all ports are connected.
+        // QEMU starts stopped, so that no bytes are lost before all ports are connected.
         .args(["-S", "-nodefaults", "-display", "none"])
         .args(["-machine", "mps2-an386,memory-backend=flash"])
         .arg("-object")

@@ -92,7 +92,7 @@ pub fn advance(to_us: u64) {
         clock.now_us = clock.now_us.max(to_us);
         clock.take_due()
     });
-    // Outside the borrow, because a waker may read the clock.
+    // Wakes after the borrow of the clock, which a waker may read.
     for deadline in due {
         deadline.waker.wake();
     }

@@ -106,7 +106,7 @@ impl LogWarning {
         let mut add_if = |applies: bool, warning: Self| warnings.extend(applies.then_some(warning));
         let Flight { skipped_counts: counts, parameters, .. } = flight;
         let compasses = &evaluation.compasses;
-        // Native formats define their units.
+        // Only a table may have another unit.
         let is_table = flight.log_format == LogFormat::Csv;
 
         if let Some(problem) = flight.rates_problem {

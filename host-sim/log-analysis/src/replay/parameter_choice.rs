@@ -60,7 +60,7 @@ pub enum NoParameters {
     Unobservable {
         /// Expected error over all headings, degrees RMS.
         expected_deg: f64,
-        /// Manoeuvre that is missing most.
+        /// Manoeuvre that the flight lacks most.
         manoeuvre: Option<String>,
     },
     /// Residuals that the fit does not explain leave the parameters too uncertain.

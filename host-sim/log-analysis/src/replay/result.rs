@@ -92,9 +92,9 @@ impl HeadingRow {
 /// Heading error over usable rows with a reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeadingScore {
-    /// RMS after removing the mean, degrees.
+    /// RMS heading error less mean, degrees.
     pub rms_deg: f64,
-    /// Mean, degrees; includes the declination if the reference is true.
+    /// Mean heading error, degrees; includes the declination if the reference is true.
     pub mean_deg: f64,
     /// Number of rows.
     pub row_count: usize,

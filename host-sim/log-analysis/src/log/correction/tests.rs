@@ -43,14 +43,14 @@ fn px4s_correction_for_the_current_is_undone() {
                 ("CAL_MAG0_XOFF", 0.1),
                 ("CAL_MAG0_YSCALE", 1.1),
                 ("CAL_MAG0_YCOMP", -5.0),
-                // Yaw 180 deg: x and y are reversed.
+                // Orientation 4, yaw 180 deg: x and y are reversed.
                 ("CAL_MAG0_ROT", 4.0),
                 ("CAL_MAG_COMP_TYP", compensation_type),
             ]),
             0.0,
             0,
         );
-        // Body axes, microtesla, at 20 A: 5 G/kA are 0.5 uT/A, so 10 on the sensor's y.
+        // Body axes, microtesla. Compensation at 20 A: 5 G/kA are 0.5 uT/A, so 10 uT on the sensor's y.
         let raw = Vector3::new(20.0, 30.0, 40.0);
         let logged = Vector3::new(20.0 + 10.0, 1.1 * (30.0 + share * 10.0), 40.0);
         assert!(

@@ -23,7 +23,7 @@ pub fn read_text(source: &mut dyn Read) -> io::Result<Flight> {
         let mut values = line.split(',').map(str::trim);
         let name = values.next().unwrap_or_default();
         if name == "FMT" {
-            // Type, length, name, format, columns.
+            // Values of a FMT line: type, length, name, format, columns.
             if let Some(name) = values.nth(2).filter(|_| columns.len() < MAX_MESSAGE_KINDS) {
                 let kinds = values.next().unwrap_or_default().bytes().take(32).collect();
                 columns

@@ -116,7 +116,7 @@ fn every_format_gives_the_raw_field_in_body_axes() {
             for (row, instant) in compass.field.rows().iter().zip(&original.samples[skipped_rows..]) {
                 let raw = Vector3::new(row.row_values[0], row.row_values[1], row.row_values[2]).map(f64::from);
                 let off_ut = (raw - Vector3::from(instant.field_ut[index])).norm();
-                // The inverse soft-iron matrix scales the resolution.
+                // Bound: the resolution, scaled by the inverse soft-iron matrix.
                 assert!(off_ut < exactly_ut * 1.5, "{format:?} compass {}: {off_ut} uT at {}", index + 1, row.t_s);
             }
         }

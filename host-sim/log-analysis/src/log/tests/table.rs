@@ -51,7 +51,7 @@ fn a_csv_table_is_read_in_any_row_order_and_time_base() {
         assert_eq!(references, if shape == "half a reference" { 150 } else { 300 }, "{shape}");
         assert_eq!(flight.is_armed(flight.time_range_s()[1]), Some(true), "{shape}");
     }
-    // An impossible time is counted; a zero field is rejected.
+    // An impossible time is counted as bad; a zero field is rejected.
     let with_impossible_time = read_bytes(format!("{text}1e9,1,2,3,0,0\n").as_bytes()).unwrap();
     assert_eq!(with_impossible_time.skipped_counts.bad_times, 1);
     let zero_field = read_bytes(b"t_s,mx,my,mz,roll_deg,pitch_deg\n0,0,0,0,1,2\n").unwrap_err();

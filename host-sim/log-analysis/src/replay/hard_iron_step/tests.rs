@@ -5,7 +5,7 @@ use testkit::random::Random;
 
 use super::*;
 
-/// First row after the step, of 1800, midway between two candidates.
+/// First row after the step, of 1800, midway between two candidate times.
 const AT: u16 = 1007;
 
 /// 180 s of banks to 30 deg and pitch to 15 deg in 50 uT, with a step, white noise, and motor-current interference
@@ -137,7 +137,7 @@ fn outliers_neither_cause_nor_hide_a_hard_iron_step() {
         assert_eq!(detected_step(0.0), None, "{seed}");
         let change = detected_step(4.0).unwrap();
         let off_ut = (Vector3::from(change.step_ut) - Vector3::new(4.0, 0.0, 0.0)).norm();
-        // Three standard deviations of the step.
+        // The limit is three standard deviations of the step.
         assert!(off_ut < 0.3, "{seed}: {change:?}");
     }
 }
@@ -167,7 +167,7 @@ fn a_hard_iron_step_in_a_tenth_of_the_rows_is_found() {
             for seed in 0..4 {
                 let step_ut = Vector3::new(moved_ut, 0.0, 0.0);
                 let rows = rows_from(step_row, step_ut, noise_ut, Vector3::zeros(), seed);
-                // Correction of the majority of the rows.
+                // The correction fits the majority of the rows.
                 let centre_ut = if step_row < AT { step_ut.map(f64::from) } else { Vector3::zeros() };
                 let change =
                     find_step(&rows, &FieldCorrection { hard_iron_ut: centre_ut, ..FieldCorrection::identity() });

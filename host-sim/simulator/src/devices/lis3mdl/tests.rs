@@ -81,7 +81,7 @@ fn burst_write_and_read_follow_auto_increment_and_the_output_wraps() {
             Timer::after_millis(13).await;
             let mut bytes = [0; 8];
             bus.write_read(ADDRESS_SA1_HIGH, &[READ_XYZ], &mut bytes).await.unwrap();
-            // 0.1, -0.2, 0.4 gauss at 6842 counts per gauss.
+            // Field of 0.1, -0.2, 0.4 gauss at 6842 counts per gauss.
             assert_eq!(i16::from_le_bytes([bytes[0], bytes[1]]), 684);
             assert_eq!(i16::from_le_bytes([bytes[2], bytes[3]]), -1368);
             assert_eq!(i16::from_le_bytes([bytes[4], bytes[5]]), 2737);

@@ -116,7 +116,7 @@ fn an_exact_source_reports_the_truth_after_its_latency() {
         assert!((f64::from(data.pitch) - truth.pitch_rad).abs() < 1e-6);
         let yaw_rate = truth.body_rates_rad_s()[2];
         assert!((f64::from(data.yawspeed) - yaw_rate).abs() < 1e-6 * (1.0 + yaw_rate.abs()));
-        // 40 bytes of attitude, possibly after 21 bytes of heartbeat, plus one byte time of idle line, 87 us each.
+        // 40 bytes of attitude, possibly after 21 bytes of heartbeat, plus one byte time of idle line: 87 us per byte.
         let transfer_us = at_us - sent_us;
         assert!((41 * 86..63 * 87).contains(&transfer_us), "{transfer_us} us");
     }
