@@ -37,12 +37,11 @@ impl fmt::Display for ShortestDecimal {
 const DECIMAL_CAPACITY: usize = 41 + MAX_DIGITS;
 fn format_fixed(value: f32, decimals: usize) -> heapless::String<DECIMAL_CAPACITY> {
     let mut text = heapless::String::new();
-    // Sign, seven digits, point and decimals always fit.
     if !value.is_finite() {
         let _ = text.push('-');
         return text;
     }
-    // There is room for any number.
+    // Infallible: the capacity fits a sign, 39 digits, a point and six decimals.
     let _ = write!(text, "{value:.decimals$}");
     if text.bytes().all(|byte| matches!(byte, b'-' | b'0' | b'.')) && value.is_sign_negative() {
         text.remove(0);
@@ -94,7 +93,7 @@ mod tests {
         assert_eq!(Decimal::<0>(f32::MAX).to_string(), format!("{:.0}", f32::MAX));
     }
 
-    /// All digits of an `f32`, and no more than were typed; `at_least` is the minimum of decimals.
+    /// Numbers of up to seven digits are shown as typed, with at least `at_least` decimals.
     #[test]
     fn a_typed_number_is_shown_as_typed() {
         for (text, at_least) in [

@@ -232,7 +232,7 @@ mod tests {
         assert_near(level(0.0, -30.0, [2.0, 0.0, 0.0]), [1.732_050_8, 0.0, 1.0]);
     }
 
-    /// By hand: in pitch the vertical component is `s_r y + c_r z`.
+    /// Expected by hand: pitch rotates x and `sin(roll) y + cos(roll) z`.
     #[test]
     fn roll_is_removed_before_pitch() {
         let lower = 0.5 * 2.0 + 0.866_025_4 * 3.0;
@@ -308,7 +308,7 @@ mod tests {
             let edge = f32::from(half_turns) * PI;
             for angle_rad in [edge.next_down(), edge, edge.next_up(), edge - 0.1, edge + 0.1, edge - 1.5, edge + 1.5] {
                 let (pi, two_pi) = (wrap_pi(angle_rad), wrap_two_pi(angle_rad));
-                // After several turns an edge has a rounding error of 1e-6 rad.
+                // `f32` rounding after several turns: up to 1e-6 rad at an edge of the range.
                 assert!(pi.abs() < PI + 2e-6 && same(pi, angle_rad), "{angle_rad}: {pi}");
                 assert!((0.0..TAU).contains(&two_pi) && same(two_pi, angle_rad), "{angle_rad}: {two_pi}");
             }

@@ -84,7 +84,7 @@ pub enum ResetCause {
 /// Panic or fault of the previous run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PanicReport {
-    /// File, line and message.
+    /// File, line and message of the panic.
     pub message: &'static str,
     /// Consecutive runs that ended in an early panic, this one included.
     pub early_panics: u8,
@@ -93,8 +93,8 @@ pub struct PanicReport {
 /// Consecutive early panics after which the module starts in safe mode.
 const MAX_EARLY_PANICS: u8 = 3;
 
-/// Time after a start during which a panic is early, seconds. Stored data and the autopilot's messages are used within
-/// seconds of a start. A module that panics later sends headings for longer than it restarts: safe mode would end them.
+/// Time after a start during which a panic is early, seconds: stored data and the autopilot's messages, the probable
+/// causes, are used within seconds. A later panic leaves headings between restarts, which safe mode would end.
 const EARLY_PANIC_S: u64 = 60;
 
 /// Number of consecutive early panics after another panic, `uptime_s` after the start.
@@ -301,7 +301,7 @@ mod tests {
         SampleLoss::from_counts(&some, &now)
     }
 
-    /// Three panics within a minute of their starts; one after that begins the count anew.
+    /// A panic is early within 60 s of its start; a later one resets the count.
     #[test]
     fn three_early_panics_in_a_row_require_safe_mode() {
         let after = |uptimes_s: &[u64]| {

@@ -24,7 +24,7 @@ impl Timestamp {
     /// The time in milliseconds, wrapping after 49.7 days.
     #[must_use]
     pub const fn wrapping_millis(self) -> WrappingMillis {
-        // The truncation is the wrapping.
+        // The cast wraps at 2^32 ms.
         WrappingMillis((self.0 / 1000) as u32)
     }
 

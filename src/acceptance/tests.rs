@@ -178,7 +178,7 @@ fn a_dominant_hard_iron_change_is_rejected() {
     assert_eq!(nothing, Err(Rejection::TooFewHeldBack { have: 7, need: 8 }));
 }
 
-/// Candidate with a bank scale finding, and its expected error without and with it.
+/// Candidate with a bank-scale finding; expected errors without and with the scale error.
 fn with_bank_error(sigmas: f32, without_deg: f32, expected_rms_deg: f32) -> Solution {
     let bank = Some(Finding {
         violation: BankScaleFinding { read_ratio: 0.91, significance_sigmas: sigmas },
@@ -233,7 +233,7 @@ fn expected_error_above_1_5_times_the_active_one_is_rejected() {
     assert!(evaluate(ENOUGH_HELD_BACK, &candidate(0.9, quality(1.51)), &NOT_CALIBRATED).is_ok());
 }
 
-/// Free flight alone: the expected error of the other procedures contains what they leave undetermined.
+/// Only free flight needs tilt: the expected error of other procedures includes undetermined coefficients.
 #[test]
 fn a_free_flight_without_tilt_is_unobservable() {
     let level = Quality { envelope: AttitudeEnvelope::Level, ..quality(0.5) };

@@ -78,7 +78,7 @@ pub async fn run_port(links: &TaskLinks, number: PortNumber, mut rx: impl Read, 
                     yield_now().await;
                 }
                 let at = now();
-                // One text or one poll per reading: each takes about the same time.
+                // One text or one poll per reading limits the work; each takes about the same time.
                 match wires.messages.try_receive() {
                     Ok(message) if port.carries_texts() => port.mavlink.queue_text(&message),
                     _ => poll_port(links, &mut port, at, &settings),

@@ -22,10 +22,10 @@ const MIN_TILT_DEVIATION_RAD: f32 = 0.052;
 /// Safety factor on the integrated rates: a report has the rates of one instant only.
 const INTEGRATED_RATE_FACTOR: f32 = 2.0;
 
-/// The field is still if its angle from its mean is below this fraction of the tilt's.
+/// The field is still if its angle from its mean is below this fraction of the tilt's deviation.
 const MAX_FIELD_TO_TILT_RATIO: f32 = 0.3;
 
-/// Hold time after the last detection, seconds: a filter half a degree off may pause for two.
+/// Hold time after the last detection, seconds: a converging filter that is half a degree off may pause for 2 s.
 const HOLD_S: f32 = 5.0;
 
 /// Gap between reports that restarts the means, seconds.
@@ -136,7 +136,7 @@ mod tests {
         if t_s >= 0.0 { f32::from(HUNDREDTHS) / 100.0 } else { 0.0 }
     }
 
-    /// 20 deg/s for two seconds, and back.
+    /// Simulated tilt: a ramp of 20 deg/s for two seconds, and back.
     fn ramp(t_s: f32) -> f32 {
         20.0 * t_s.clamp(0.0, 2.0) - 20.0 * (t_s - 2.0).clamp(0.0, 2.0)
     }
@@ -218,7 +218,7 @@ mod tests {
         assert_eq!((by_field(0.4), by_field(-0.4), by_field(1.0)), (None, None, None));
     }
 
-    /// Without body rates, without a field, and after a gap of more than half a second, no alignment is detected.
+    /// No body rates, no field, or a gap of more than half a second.
     #[test]
     fn missing_data_is_not_alignment() {
         let tilted = |deg: f32| Attitude::from_deg(deg, 0.0);

@@ -173,7 +173,7 @@ mod tests {
         assert_eq!(EulerRates::from_report(&report(10.0, 5.0, [0.0; 3])), None);
     }
 
-    /// From 10 to 30 deg/s in 1 s: 20 deg in all, 7.5 deg after half.
+    /// Heading rate from 10 to 30 deg/s in 1 s: a turn of 20 deg, 7.5 deg after 0.5 s.
     #[test]
     fn rates_are_integrated_by_the_trapezoidal_rule() {
         let began = HeadingIntegral::EMPTY.advanced(&report(0.0, 0.0, [0.0, 0.0, 10.0]), None);

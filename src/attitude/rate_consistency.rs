@@ -18,7 +18,7 @@ const MIN_ATTITUDE_RATIO: f32 = 0.15;
 /// not delay detection.
 const EVIDENCE_THRESHOLD_RAD2: f32 = 0.0076;
 
-/// Ratio of integrated rates to attitude change below which the rates are too slow: half of a bank scale of a third.
+/// Ratio of integrated rates to attitude change below which the rates are too slow: half of an accepted scale of 1/3.
 const MIN_RATE_RATIO: f32 = 0.15;
 
 /// Attitude change that exceeds noise, square radians, (7 deg)^2; also the clamp of the rate-magnitude evidence.
@@ -165,7 +165,7 @@ mod tests {
         })
     }
 
-    /// Scale errors and latency of the attitude, up to a factor of two of the rates.
+    /// Accepted: scale errors and latency of the attitude, rates wrong by up to a factor of two.
     #[test]
     fn consistent_rates_are_accepted() {
         for (roll_scale, late_s) in [(1.0, 0.0), (0.7, 0.0), (0.3, 0.0), (1.0, 0.5), (1.2, 0.1)] {
@@ -175,7 +175,7 @@ mod tests {
         assert_eq!(seconds_to_contradiction(1.0, 0.0, 2.0), None);
     }
 
-    /// Degrees for radians show in the wobble of level flight, the other faults at the first roll-in after 8 to 10 s.
+    /// Rates in degrees are found in the wander of level flight, a wrong sign or too small rates in the first roll.
     #[test]
     fn a_wrong_unit_or_sign_is_found_in_the_first_turn() {
         assert!(seconds_to_contradiction(1.0, 0.0, 57.3).is_some_and(|s| s <= 2));
@@ -213,7 +213,7 @@ mod tests {
             let found = feed(&mut RateConsistency::EMPTY.clone(), 0, 40, per_gyro, per_attitude);
             assert_eq!(found, expected, "{per_gyro} {per_attitude}");
         }
-        // Evidence per second: 1.15 * 0.04^2; for the too-slow test, twenty seconds of squared attitude change.
+        // Evidence: 1.15 * 0.04^2 rad^2 per second of disagreement; 20 s of squared attitude change at slow rates.
         for (seconds, per_gyro, per_attitude, expected) in
             [(4, 0.04, -0.04, false), (6, 0.04, -0.04, true), (60, 0.001, 0.025, false), (60, 0.001, 0.03, true)]
         {

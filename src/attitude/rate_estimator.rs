@@ -103,8 +103,8 @@ mod tests {
         from_fn(|i| rates_rad_s.iter().map(|rates| rates[i].to_degrees()).sum::<f32>() / rates_rad_s.len() as f32)
     }
 
-    /// At 25 deg of bank and 5 deg of pitch, 18.7 deg/s around through north. After ten time constants the mean of two
-    /// seconds is exact to the steps.
+    /// A turn of 18.7 deg/s through north at 25 deg of bank and 5 deg of pitch. After ten time constants the mean of
+    /// two seconds is exact to the angles' steps.
     #[test]
     fn a_steady_turn_has_its_body_rates() {
         let euler_rates = EulerRates { roll_rad_s: 0.0, pitch_rad_s: 0.0, heading_rad_s: 18.7_f32.to_radians() };

@@ -40,7 +40,7 @@ impl BodyRates {
         self.rad_s
     }
 
-    /// Magnitude, rad/s.
+    /// Magnitude of the body rates, rad/s.
     pub(super) fn magnitude_rad_s(&self) -> f32 {
         let [p, q, r] = self.rad_s;
         sqrt(p * p + q * q + r * r)

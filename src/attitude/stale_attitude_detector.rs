@@ -1,4 +1,4 @@
-//! Detects a source whose attitude is stale but for its noise while its body rates go on.
+//! Detects a source whose attitude stops changing, except for noise, while its body rates continue.
 //!
 //! A vector that is fixed to the Earth changes in body axes by `v' = v x w` with the body rates `w`. The rates predict
 //! the motion of two such vectors: the vertical, as the attitude reports it, and the field. If the field moves as
@@ -40,8 +40,8 @@ const MIN_FOLLOWING_FRACTION: f32 = 0.5;
 /// Smallest predicted motion of the field that shows whether it follows, radians (2 deg): three times its noise.
 const MIN_FIELD_MOTION_RAD: f32 = 0.035;
 
-/// Time constant of the evidence that the field follows the rates, seconds. Rates in degrees predict the field's motion
-/// for an instant now and then, but not for long.
+/// Time constant of the evidence that the field follows the rates, seconds. Rates in a wrong unit agree with the
+/// field's motion for moments only.
 const EVIDENCE_MEMORY_S: f32 = 20.0;
 
 /// Longest interval between reports over which rates are integrated, seconds.
@@ -248,9 +248,8 @@ mod tests {
         changes
     }
 
-    /// An attitude that becomes stale in level flight is detected in the next roll, which begins at 29 s and takes 1 s;
-    /// in the turn in the roll back to level, which begins at 39 s. Gyro errors of 10 % and 1 deg/s can hide it until
-    /// the rotation of the turn adds up.
+    /// An attitude that becomes stale in level flight is detected in the next roll, from 29 s; one that becomes stale
+    /// in a turn, in the roll back to level, from 39 s. Gyro errors of 10 % and 1 deg/s delay this by up to 9 s.
     #[test]
     fn a_stale_attitude_is_detected_in_the_next_roll() {
         for seed in 0..20 {

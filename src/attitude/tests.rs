@@ -95,7 +95,7 @@ fn extrapolation_uses_body_rates_with_their_signs() {
         // phi' = tan 45 deg (q sin 60 + r cos 60), theta' = q cos 60 - r sin 60.
         (60.0, 45.0, [0.0, 20.0, 0.0], [61.732, 46.0]),
         (60.0, 45.0, [0.0, 0.0, 20.0], [61.0, 43.268]),
-        // The tangent is limited to 5.
+        // At steep pitch the tangent is limited to 5.
         (0.0, 88.0, [0.0, 0.0, 10.0], [5.0, 88.0]),
         (0.0, -88.0, [0.0, 0.0, 10.0], [-5.0, -88.0]),
         // Wraps at 180 deg of roll; pitch stops at the vertical.
@@ -164,7 +164,7 @@ fn jitter_of_arrival_times_is_removed() {
     assert!((roll_deg(track.attitude_at(lookup_time)) - 197.0 * 0.2).abs() < 0.003);
 }
 
-/// 400 ppm are 8 us per report. Without clock leak the error would be 16 ms after 2000 reports.
+/// 400 ppm are 8 us per report. A constant clock offset would be 16 ms wrong after 2000 reports.
 #[test]
 fn a_drifting_clock_is_followed() {
     for (ppm, name) in [(400_i64, "slow"), (-400, "fast")] {
@@ -174,7 +174,7 @@ fn a_drifting_clock_is_followed() {
             sent_us = 1_000_000 + i * 20_000 + i * 20_000 * ppm / 1_000_000;
             track.push_report(at(sent_us as u64), rolling(i as u32 * 20, i as f32 * 0.01, 0.0));
         }
-        // 0.01 deg per 20 ms: 1 ms is 0.0005 deg.
+        // The roll grows by 0.01 deg per 20 ms: a clock error of 1 ms is 0.0005 deg.
         let found = roll_deg(track.attitude_at(at(sent_us as u64 - 10_000 - LATENCY_US)));
         assert!((found - 19.985).abs() < 0.0006, "{name}: {found}");
     }
@@ -244,7 +244,7 @@ fn a_sender_s_clock_may_wrap() {
             break;
         }
     }
-    // Stamped by arrival, the last report would be 15 ms later and the previous one the newest here.
+    // Stamped by arrival, the last report would be 15 ms late, and the lookup would return the previous one.
     assert!((roll_deg(track.attitude_at(at(1_000_000 + 30 * PERIOD_US - LATENCY_US))) - 30.0).abs() < 0.01);
 }
 
@@ -283,7 +283,7 @@ fn no_report_panics() {
 /// Minimal nonzero rate, deg/s: marks a source with body rates.
 const MINIMAL_RATE_DEG_S: f32 = 1e-3;
 
-/// 50 Hz reports without roll rate, and the time at which the last was true.
+/// 50 Hz reports without a roll rate, and the time at which the last attitude was measured, microseconds.
 fn rolled_history(rolls_deg: &[f32]) -> (AttitudeHistory, u64) {
     let mut track = AttitudeHistory::new(CONFIG);
     let mut true_us = 1_000_000;
@@ -294,7 +294,7 @@ fn rolled_history(rolls_deg: &[f32]) -> (AttitudeHistory, u64) {
     (track, true_us)
 }
 
-/// 0.1 rad + 1 rad/s * 20 ms = 6.9 deg. A rejected report is replaced by extrapolation.
+/// Limit: 0.1 rad of margin + 1 rad/s over 20 ms = 6.9 deg. A rejected report is replaced by extrapolation.
 #[test]
 fn a_distant_report_is_rejected() {
     for (spike_deg, is_accepted) in [(6.7, true), (7.1, false), (-6.7, true), (-7.1, false), (45.0, false)] {
@@ -309,7 +309,7 @@ fn a_distant_report_is_rejected() {
     }
 }
 
-/// 60 deg/s predict 1.2 deg in 20 ms; 6.9 deg around that are accepted.
+/// At 60 deg/s 1.2 deg are predicted in 20 ms; deviations of up to 6.9 deg are accepted.
 #[test]
 fn motion_predicted_by_rates_is_no_spike() {
     for (to_deg, is_accepted) in [(1.2 + 6.7, true), (1.2 + 7.1, false), (1.2 - 6.7, true), (1.2 - 7.1, false)] {
@@ -406,7 +406,7 @@ fn a_new_sender_resets_the_history() {
         AttitudeReport { sender_time: WrappingMillis::new(500 + 5 * 20 - 50), ..other },
     );
     assert!(matches!(track.attitude_at(at(1_090_000)), AttitudeLookup::Interpolated(_)));
-    // Changing back resets again, even for an older report.
+    // A change back to the first sender resets the history again, even for an older report.
     track.push_report(at(1_090_000 + LATENCY_US), rolling(0, 10.0, 0.0));
     assert!((roll_deg(track.attitude_at(at(1_090_000))) - 10.0).abs() < 1e-3);
 }
@@ -428,7 +428,7 @@ fn plausibility_state_is_per_sender() {
     );
 }
 
-/// 0.1 rad + 4 rad/s * 100 ms = 28.6 deg.
+/// Limit: 0.1 rad of margin + 4 rad/s over 100 ms = 28.6 deg.
 #[test]
 fn without_rates_a_fast_roll_is_no_spike() {
     for (to_deg, is_accepted) in [(28.0, true), (29.2, false), (-28.0, true), (-29.2, false)] {
@@ -437,7 +437,7 @@ fn without_rates_a_fast_roll_is_no_spike() {
         track.push_report(at(1_100_000), rolling(0, to_deg, 0.0));
         assert_eq!(track.rejected_reports().spike_reports, u32::from(!is_accepted), "{to_deg}");
     }
-    // Rates about any axis imply a valid roll rate of zero.
+    // A nonzero rate about any axis shows that the source has rates, so that its roll rate of zero is valid.
     for rates_deg_s in [[MINIMAL_RATE_DEG_S, 0.0, 0.0], [0.0, -MINIMAL_RATE_DEG_S, 0.0], [0.0, 0.0, MINIMAL_RATE_DEG_S]]
     {
         let mut track = single_report(Attitude::default(), rates_deg_s);

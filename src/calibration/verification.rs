@@ -85,11 +85,11 @@ mod tests {
 
     fn scores(samples: &[Sample], knows_attitude: bool) -> HeldBackScores {
         let none = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
-        // The overall scale of a calibration is not an error.
+        // The scale of `W` must not change the score.
         let doubled = Calibration { w: none.w.map(|row| row.map(|w| 2.0 * w)), ..none };
         let scores =
             score_held_back(Parts { level: samples, ..Parts::default() }.samples(), knows_attitude, &none, &doubled);
-        // `f32` rounding of a difference of 0.4 %: 1e-4 of a score.
+        // Rounding in `f32`, relative to the scale of 0.4 %, is 1e-4 of a score.
         assert!((scores.candidate_score - scores.active_score).abs() < 1e-3, "{scores:?}");
         scores
     }
@@ -120,7 +120,7 @@ mod tests {
         let shifted = Calibration { b_ut: [3.0, 0.0, 0.0], ..none };
         let HeldBackScores { candidate_score: candidate, active_score: incumbent } =
             score_held_back(held_back, true, &shifted, &none);
-        // 3 uT of 50 are 6 %, many times the scale.
+        // A hard-iron error of 3 uT is 6 % of 50 uT, many times the scale.
         assert!(candidate > 3.0 && incumbent < 1e-2, "{candidate} {incumbent}");
         let HeldBackScores { candidate_score: candidate, active_score: incumbent } =
             score_held_back(held_back, true, &none, &shifted);

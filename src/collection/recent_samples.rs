@@ -119,7 +119,7 @@ mod tests {
         assert_eq!(recent([20.0; 7]).mean_at_rest(at(1700)), None);
         assert!(recent([20.0; 8]).mean_at_rest(at(1800)).is_some());
         assert_eq!(RecentSamples::new().mean_at_rest(at(0)), None);
-        // At zero field, a mean over eight instead of seven would pass the deviation test.
+        // Seven samples of zero field pass the deviation test; only their number rejects them.
         let mut seven = RecentSamples::new();
         (0..7).for_each(|i| seven.push_sample(test_sample([0.0; 3], 1000 + i * 100)));
         assert_eq!(seven.mean_at_rest(at(1700)), None);

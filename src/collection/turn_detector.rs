@@ -122,7 +122,7 @@ mod tests {
 
     #[test]
     fn sustained_banks_are_turns_of_their_side() {
-        // 30 s each way with 3 deg of bank wander; 2 s of each settle.
+        // Right, then left turn of 30 s each, with 3 deg of bank wander; the first 2 s of each do not count.
         let detected = detect_sides(|t| (if t < 30.0 { 25.0 } else { -25.0 }) + 3.0 * (t * 4.2).sin(), 3.0, 60);
         assert_eq!(count(&detected, Side::Right), 280);
         assert_eq!(count(&detected, Side::Left), 280);

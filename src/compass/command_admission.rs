@@ -11,7 +11,7 @@ impl Compass<'_> {
     /// Refuses a command that the present state does not allow. Ends a trial solve that the command would wait for.
     pub(super) fn admit_command(&mut self, command: Command, now: WrappingMillis) -> Result<(), Refusal> {
         let is_armed = self.armed_state.reported_state() == Some(true);
-        // A port may send a restart; the other commands are typed.
+        // A restart, which a port may send, is refused in flight, even if the vehicle is reported disarmed.
         if (is_armed && self.requires_disarmed(command))
             || (command == Command::Restart && self.armed_state.is_in_flight(now))
         {

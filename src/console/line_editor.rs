@@ -442,7 +442,7 @@ mod tests {
         assert!(editor.is_too_long());
         typed(&mut editor, &mut screen, b"\x7f");
         assert!(!editor.is_too_long() && editor.line() == "a".repeat(LINE_CAPACITY));
-        // Also in the middle of the line, and after room was made.
+        // No excess character is inserted in the middle of the line, nor another one after a deletion.
         typed(&mut editor, &mut screen, b"\x1b[Dx\x1b[3~y");
         assert!(editor.is_too_long() && !editor.line().contains('y'));
         typed(&mut editor, &mut screen, b"\r\x1b[A");

@@ -437,7 +437,7 @@ mod tests {
         ];
         for (line, meaning) in examples {
             assert_eq!(command(line), meaning, "{line}");
-            // In upper case, and with extra spaces.
+            // Commands are accepted in upper case and with extra spaces.
             assert_eq!(command(&line.to_ascii_uppercase()), meaning, "{line}");
             assert_eq!(command(&format!("  {}  ", line.replace(' ', "   "))), meaning, "{line}");
         }

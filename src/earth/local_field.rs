@@ -234,7 +234,7 @@ mod tests {
         local_field.model_field().copied() != before
     }
 
-    /// 6,200 km in ten hours are 170 m/s, in four hours 430 m/s.
+    /// 6,200 km from Bavaria to Canada: 170 m/s in ten hours, 430 m/s in four.
     #[test]
     fn a_position_moves_at_a_plausible_speed() {
         let hours = |hours: u32| hours * 3_600_000;
@@ -247,7 +247,7 @@ mod tests {
     fn a_disarmed_vehicle_takes_a_distant_position_that_persists() {
         let context = PositionContext { is_disarmed: true, ..PositionContext::default() };
         assert!(is_accepted(CANADA, 1000, context) && is_accepted(GREENLAND, 1000, context));
-        // A single jump, and the return from it.
+        // A single report from Greenland is ignored.
         let mut local_field = LocalField::UNKNOWN;
         for [latitude_deg, longitude_deg] in [BAVARIA, GREENLAND, BAVARIA] {
             local_field.update_position(LATER, position_at(latitude_deg, longitude_deg), context);

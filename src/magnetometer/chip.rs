@@ -184,8 +184,8 @@ mod tests {
         assert_eq!(simulation.tasks(), 0, "the script did not end");
     }
 
-    /// Driver rates, 155 and 200 Hz, oscillator 10 % off either way, an RM3100's 21 %. Each measurement is read once
-    /// within two polls (0.5 ms and a transfer each), and the bus is mostly idle.
+    /// Rates of 75 to 200 Hz, oscillators off by 10 %, an RM3100's by 21 %. Each measurement is read once within two
+    /// polls (0.5 ms and a transfer each), and the bus is mostly idle.
     #[test]
     fn every_measurement_is_found_whatever_the_period() {
         for (period_us, tolerance, sleep_percent) in
@@ -200,7 +200,7 @@ mod tests {
                         let age_us = Instant::now().as_micros() - number * actual_us;
                         assert!(age_us <= 590, "{age_us} us old, {actual_us} for {period_us} us");
                     }
-                    // The rest of the period is polled; the first measurement from the start.
+                    // The chip is polled for the rest of each period, and for the whole of the first one.
                     let polls = chip.asked_at_us.borrow().len() as u64;
                     let polled_us = actual_us - period_us * u64::from(sleep_percent) / 100;
                     assert!(polls <= 50 * (2 + polled_us / 590) + actual_us / 590, "{polls} for {actual_us}");

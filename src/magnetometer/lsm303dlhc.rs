@@ -9,7 +9,7 @@ use super::chip::{self, I2cRegisters, PollingSchedule};
 use super::{Identity, Magnetometer, MagnetometerError, MagnetometerModel, Reading};
 use crate::frames::Field;
 
-/// Fixed address.
+/// Fixed I2C address of the chip.
 const I2C_ADDRESS: u8 = 0x1E;
 /// Measurement period at 75 Hz.
 const PERIOD_US: u32 = 13_333;

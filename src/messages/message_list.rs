@@ -19,7 +19,7 @@ use crate::trig::VectorLength as _;
 /// Callback that receives an entry's code, what happened, and what to do.
 type EntryWriter<'a> = &'a mut dyn FnMut(&'static str, Arguments<'_>, Arguments<'_>) -> fmt::Result;
 
-/// Callback that receives what happened and what to do, for an entry that has the code of the entry that contains it.
+/// Callback that receives what happened and what to do, for an entry with the code of its container.
 type TextWriter<'a> = &'a mut dyn FnMut(Arguments<'_>, Arguments<'_>) -> fmt::Result;
 
 const NO_ADVICE: Arguments<'_> = format_args!("");
@@ -340,7 +340,6 @@ impl Refusal {
     }
 }
 
-/// Text of the message: what happened, then what to do.
 impl Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         entry_text(f, |show| self.entry(show))

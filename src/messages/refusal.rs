@@ -106,7 +106,7 @@ impl Refusal {
         Self::InsufficientSamples { code: self.stable_code(), expected_rms_deg, cause }
     }
 
-    /// Whether an arc instead of a circle explains the failure: it leaves these coefficients undetermined.
+    /// Whether an arc instead of a circle explains the failure: an arc leaves the coefficients undetermined.
     const fn is_caused_by_arc(&self, cause: RefusalCause) -> bool {
         use SolveError::{MountContradicted, NotConverged, TurnsReversed};
         matches!(cause, RefusalCause::CollectionProblem(CollectionProblem::ArcOnly { .. }))

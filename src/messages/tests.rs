@@ -350,7 +350,6 @@ fn every_message_has_its_severity_and_text() {
     }
 }
 
-/// Errors of other modules are one plain clause, followed by advice.
 #[test]
 fn an_error_is_one_clause() {
     for (refusal, _, text) in refusals() {

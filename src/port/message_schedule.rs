@@ -21,7 +21,7 @@ impl MessageSchedule {
             return false;
         }
         let period_us = 1_000_000 / u64::from(rate_hz.max(1));
-        // On the grid of the last due time, unless a whole period was missed.
+        // The next message stays on the grid of due times, unless a whole period was missed.
         let next_due = self.due.plus_us(period_us);
         self.due = if next_due > now { next_due } else { now.plus_us(period_us) };
         true
@@ -51,7 +51,7 @@ mod tests {
         assert_eq!(in_a_second(100_000, 80), 10);
     }
 
-    /// One message after a pause of seconds.
+    /// A single message follows a pause of seconds.
     #[test]
     fn messages_missed_in_a_pause_are_not_sent_later() {
         let mut schedule = MessageSchedule::new();

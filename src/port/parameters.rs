@@ -35,7 +35,7 @@ enum ParameterKind {
     Key { get: fn(&Settings) -> Option<SigningKey>, set: fn(Option<SigningKey>) -> SettingChange },
 }
 
-/// All parameters. Tools refer to them by position as well, so that a new one is the last.
+/// All parameters. Tools also refer to parameters by position, so a new one is appended.
 pub static PARAMETERS: [SettingParameter; 23] = [
     whole_number(
         "CAN_NODE",

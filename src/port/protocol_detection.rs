@@ -169,7 +169,6 @@ mod tests {
         bytes
     }
 
-    /// Checks just before and after ten seconds of silence.
     #[test]
     fn a_detected_protocol_expires_after_ten_seconds_of_silence() {
         for (frame, kind) in [(heartbeat_frame(), ProtocolKind::Mavlink), (variant_frame(*b"ARDU"), ProtocolKind::Msp)]

@@ -58,7 +58,6 @@ fn errors_of_the_bus_are_in_the_state_of_the_node() {
     assert_eq!(bench.links.can_state().unwrap().frame_counts.bus_errors, 6);
 }
 
-/// A request is answered at once, without a reading of the sensor.
 #[test]
 fn requests_do_not_wait_for_an_estimate() {
     let (mut bench, bus) = with_node();
@@ -116,7 +115,7 @@ fn a_changed_signing_key_applies_to_the_tunnel() {
     }
 }
 
-/// The first byte after the CRC is the result: 255, unknown.
+/// The first byte after the CRC is the update's result: 255, unknown.
 #[test]
 fn a_board_without_a_boot_loader_refuses_updates() {
     let (mut bench, bus) = (TaskBench::new(), Bus::default());

@@ -62,12 +62,11 @@ fn shown(indicator_state: Option<IndicatorState>, heading: NoHeading, attitude: 
     (lit_ms / 40, lamp.len() as u64 / 4)
 }
 
-/// Every state has its own pattern, and every pattern changes.
 #[test]
 fn each_indicator_state_has_its_own_lamp_pattern() {
     let flying = Some(Attitude::default());
     let shown_uncalibrated = |indicator_state| shown(Some(indicator_state), NoHeading::Uncalibrated, flying);
-    // Polling every 50 ms leaves the last period incomplete.
+    // Tolerance: the lamp is polled every 50 ms, so the last period is incomplete.
     for (indicator_state, lit_percent) in [(IndicatorState::Idle, 5), (IndicatorState::Calibrated, 95)] {
         let (found, changes) = shown_uncalibrated(indicator_state);
         assert!(found.abs_diff(lit_percent) <= 2 && changes == 1, "{indicator_state:?} {found} {changes}");
@@ -81,7 +80,7 @@ fn each_indicator_state_has_its_own_lamp_pattern() {
     assert!(lit_percent.abs_diff(50) <= 2 && changes >= 9, "{lit_percent} {changes}");
 }
 
-/// Nothing known yet, no sensor, no attitude, an implausible field. A tumble has no attitude and is no fault.
+/// Faults: no state yet, silent sensor, no usable attitude, implausible field. A tumble without attitude is none.
 #[test]
 fn every_cause_of_a_missing_heading_shows_the_fault_pattern() {
     let flying = Some(Attitude::default());

@@ -125,7 +125,7 @@ pub(super) fn heartbeat(base_mode: MavModeFlag) -> Vec<u8> {
     [frame_of(1, &HEARTBEAT_DATA { base_mode, ..HEARTBEAT_DATA::default() }), frame(0.1)].concat()
 }
 
-/// The armed state is published at a change, and expires ten seconds after the last heartbeat, also on a silent line.
+/// The armed state expires on a silent line, too.
 #[test]
 fn armed_state_is_published_on_change_and_expires_after_10_s() {
     let (mut bench, line) = with_line();
@@ -222,7 +222,7 @@ fn a_port_follows_its_settings() {
     assert_eq!(bench.links.port_protocols(), [ProtocolKind::Auto, ProtocolKind::Mavlink]);
 }
 
-/// Messages are sent as STATUSTEXT; those that arrive while another protocol is set are dropped.
+/// Messages that arrive while another protocol is set are dropped.
 #[test]
 fn a_message_is_sent_as_mavlink_status_text() {
     let mut bench = TaskBench::new();
@@ -242,7 +242,7 @@ fn a_message_is_sent_as_mavlink_status_text() {
     assert!(text("autoswing: collecting: 40 %") && !text("iron-back"));
 }
 
-/// Each port has its own baud rate, which is set once for each change.
+/// The baud rate is set once for each change.
 #[test]
 fn each_port_uses_its_configured_baud_rate() {
     let mut bench = TaskBench::new();

@@ -44,7 +44,7 @@ fn with_safe_mode(flash: Flash) -> (TaskBench, [Port; 2], FeedTimer) {
     (bench, ports, timer)
 }
 
-/// No message of a port or of the console is needed; MAVLink's parser finds both messages among the sentences.
+/// The ports send NMEA sentences, MAVLink heartbeats and a text without receiving anything.
 #[test]
 fn both_ports_report_it_in_both_protocols() {
     let (mut bench, ports, _) = with_safe_mode(Flash::new(PAGES));
@@ -56,14 +56,13 @@ fn both_ports_report_it_in_both_protocols() {
         assert_eq!(text.matches("$PASWH,,,safe-mode,*").count(), 2, "{text}");
         assert_eq!(text.matches("$HCHDM,,M*07\r\n").count(), 2, "{text}");
         assert_eq!(text.matches("autoswing: safe-mode: ").count(), 1, "{text}");
-        // HEARTBEAT (9 bytes, from 1/158), type, no autopilot, and MAV_STATE_CRITICAL (mavlink.io).
+        // HEARTBEAT of 9 bytes from component 158 of system 1: MAV_AUTOPILOT_INVALID, MAV_STATE_CRITICAL.
         let beat = |frame: &&[u8]| frame[1] == 9 && frame[5..10] == [1, 158, 0, 0, 0] && frame[15..18] == [8, 0, 5];
         let frames = bytes.windows(20).filter(|window| window[0] == 0xFD);
         assert_eq!(frames.filter(beat).count(), 2, "{bytes:?}");
     }
 }
 
-/// A store page with content is erased; all other commands are refused.
 #[test]
 fn it_erases_the_store_and_refuses_other_commands() {
     let flash = Flash::new(PAGES);

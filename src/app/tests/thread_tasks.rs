@@ -90,8 +90,8 @@ fn a_failed_save_is_reported_and_counted() {
     assert_eq!((bench.links.event_counts().saves, bench.links.event_counts().store_errors), (0, 2));
 }
 
-/// An erase that never completes: the command is refused after half a second, and the next ones are executed. A save of
-/// the module's own is reported.
+/// An erase that never completes: the command is refused after half a second, and the next ones are executed. A save
+/// without a command is reported by a message.
 #[test]
 fn a_save_that_never_completes_is_given_up_and_reported() {
     let mut flash = Flash::new(PAGES);

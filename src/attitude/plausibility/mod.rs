@@ -21,7 +21,7 @@ const SPIKE_MARGIN_WITHOUT_RATES_RAD_S: f32 = 4.0;
 /// Consecutive rejections after which a report is accepted as a real change.
 const MAX_CONSECUTIVE_SPIKES: u8 = 3;
 
-/// Equal consecutive reports of a possibly frozen source.
+/// Number of equal consecutive reports from which a source may be frozen.
 const MIN_EQUAL_REPORTS: u8 = 5;
 
 /// Shortest duration of equal reports, microseconds: five at 50 Hz. A source may send faster than it estimates.
@@ -156,7 +156,7 @@ impl FreezeDetector {
         if is_equal {
             self.equal_reports = self.equal_reports.saturating_add(1);
             if at.us_since(self.equal_since) >= FIELD_SETTLING_US {
-                // The first field reading may come late.
+                // Before the first field reading the mean is `None`; a later report then stores it.
                 self.settled_direction = self.settled_direction.or(self.field_direction.mean());
             }
         } else {

@@ -9,7 +9,7 @@ fn report(roll_deg: f32, pitch_deg: f32) -> AttitudeReport {
     AttitudeReport { sender: SenderId::default(), sender_time: WrappingMillis::default(), attitude, body_rates: None }
 }
 
-/// Field of an aircraft rotated about an axis, after the average has settled.
+/// Updates with the field of an aircraft rotated about an axis until the mean has settled.
 fn update_rotated(freeze: &mut FreezeDetector, axis: Vector3<f32>, turned_deg: f32) {
     let turn = nalgebra::Rotation3::new(axis.normalize() * turned_deg.to_radians());
     let field = Field::new(turn * Vector3::new(20.0, 0.0, 20.0));
@@ -22,7 +22,7 @@ fn is_frozen_about(axis: Vector3<f32>, first_step_deg: f32, reports: u32, apart_
     is_frozen_at([0.0, 0.0], axis, first_step_deg, reports, apart_us, turned_deg)
 }
 
-/// Whether a source is frozen, as for `is_frozen`, at a roll and pitch.
+/// As `is_frozen_about`, at this roll and pitch, degrees.
 fn is_frozen_at(
     [roll_deg, pitch_deg]: [f32; 2],
     axis: Vector3<f32>,
@@ -43,7 +43,7 @@ fn is_frozen_at(
     freeze.frozen_at().is_some()
 }
 
-/// The same for rotation about the y axis of the test's field, which changes its inclination by half the angle.
+/// As `is_frozen_about`, for the y axis: the rotation changes the test field's inclination by half its angle.
 fn is_frozen(first_step_deg: f32, reports: u32, apart_us: u64, turned_deg: f32) -> bool {
     is_frozen_about(Vector3::y(), first_step_deg, reports, apart_us, turned_deg)
 }
@@ -66,7 +66,7 @@ fn a_fine_step_of_pitch_counts() {
         freeze.process_report(Timestamp::from_us(0), &report(0.0, 0.0));
         (1..=5).for_each(|i| freeze.process_report(Timestamp::from_us(i * 20_000), &report(0.0, pitch_deg)));
         assert!(freeze.frozen_at().is_some());
-        // Either angle shows that the source is alive.
+        // A change of either angle ends the freeze.
         freeze.process_report(Timestamp::from_us(120_000), &report(0.01, pitch_deg));
         assert!(freeze.frozen_at().is_none());
     }
@@ -116,7 +116,7 @@ fn field_rotation_before_settling_is_ignored() {
     let in_bank = banked.to_body_frame(Field::new(level.ut));
     (0..200).for_each(|_| freeze.update_field(in_bank));
     freeze.process_report(Timestamp::from_us(0), &report(25.0, 0.0));
-    // After the roll-out the field's average still contains the bank.
+    // The mean field direction lags behind the roll-out and still contains the bank.
     for i in 1..100 {
         freeze.process_report(Timestamp::from_us(i * 20_000), &report(0.1, 0.0));
         (0..2).for_each(|_| freeze.update_field(Field::new(level.ut)));

@@ -198,7 +198,6 @@ fn armed_is_the_last_state_of_the_selected_autopilot() {
     bench.send_heartbeat(AUTOPILOT, Ready);
     bench.send_heartbeat(SECOND, Armed);
     assert!(!bench.is_armed());
-    // A first sender without a heartbeat.
     let mut bench = TestSenders::new();
     assert!(bench.send_attitude(AUTOPILOT) && !bench.is_armed());
 }
@@ -228,7 +227,7 @@ fn a_flood_of_heartbeats_does_not_displace_the_autopilot() {
         for forged in 0..20 {
             bench.send_heartbeat(SenderId::new(0x4000 + (tick % 50) * 20 + forged), Ready);
         }
-        // Its first heartbeat comes after a second of attitude.
+        // The autopilot's first heartbeat follows a second of attitude.
         if tick % 20 == 19 {
             bench.send_heartbeat(AUTOPILOT, Armed);
         }
@@ -272,7 +271,7 @@ fn the_oldest_sender_is_evicted() {
     }
 }
 
-/// Another vehicle's autopilot, and a second autopilot of the same vehicle.
+/// Replacements: another vehicle's autopilot, and a second one of the same vehicle.
 #[test]
 fn while_armed_only_the_same_vehicle_replaces_a_silent_autopilot() {
     let same_vehicle = SenderId::new(0x0102);
@@ -287,7 +286,7 @@ fn while_armed_only_the_same_vehicle_replaces_a_silent_autopilot() {
     }
 }
 
-/// Forged, or of a component with the same address. The autopilot is silent for 12 s, longer than heartbeats are valid.
+/// The heartbeat is forged, or of a component with the autopilot's address. A silence of 12 s exceeds the expiry.
 #[test]
 fn a_heartbeat_without_autopilot_does_not_displace_the_autopilot() {
     for silent_ms in [0, 12_000] {
@@ -302,7 +301,7 @@ fn a_heartbeat_without_autopilot_does_not_displace_the_autopilot() {
     }
 }
 
-/// Each sender in turn, because neither may be the module's own. Occasional agreement does not restart the minute.
+/// Senders are released in turn: either may be another vehicle. Occasional agreement does not restart the minute.
 #[test]
 fn a_sender_that_contradicts_the_field_for_a_minute_is_released() {
     let mut bench = TestSenders::new();

@@ -229,7 +229,7 @@ fn monitor_instructions(solution: &Solution) -> u64 {
     most
 }
 
-/// Number of estimates that each protocol is benchmarked with: two seconds of them.
+/// Number of estimates for the benchmark of a protocol: two seconds.
 const ESTIMATE_COUNT: u64 = 160;
 
 fn bench_estimate(number: u64) -> Estimate {

@@ -124,7 +124,6 @@ fn wait_for_interrupt() {
     clear_receive_interrupts();
 }
 
-/// Clears the interrupts of received bytes.
 fn clear_receive_interrupts() {
     for interrupt in RECEIVE_INTERRUPTS {
         NVIC::unpend(interrupt);

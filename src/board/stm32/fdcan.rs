@@ -46,7 +46,7 @@ impl Controller for RestrictedFdcan {
     }
 
     fn take_error_count(&mut self) -> u32 {
-        // Reading resets this counter.
+        // Reading the register clears the error counter.
         pac::FDCAN1.ecr().read().cel().into()
     }
 }

@@ -66,7 +66,7 @@ fn fit_response(
     let field = |mark: &HeadingMark| rotation * mark.sample.field.ut;
     let mean = marks.iter().map(field).sum::<Vector3<f32>>() / marks.len() as f32;
     let mut least_squares = LeastSquares::<4, 3>::new();
-    // Ridge: A times H0 is H0 times the identity; no assumption about b.
+    // Ridge towards no soft iron: A times H0 is H0 times the identity; b stays free.
     for i in 0..3 {
         least_squares.add_weighted_row(&Vector4::ith(i, 1.0), Vector3::ith(i, h0_ut).into(), NO_SOFT_IRON_WEIGHT);
     }

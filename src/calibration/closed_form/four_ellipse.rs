@@ -79,7 +79,7 @@ struct PlaneFigures {
 }
 
 impl PlaneFigures {
-    /// `up`: sign of the up axis in its figure.
+    /// `up`: 1, or -1 to negate the up axis in its figure.
     fn new(samples: &[Sample], rotation: &Matrix3<f32>, side: Side, up: f32) -> Result<Self, SolveError> {
         let part = SamplePart::Turns(side);
         SolveError::require_samples(part, samples.len(), MIN_SAMPLES)?;
@@ -88,7 +88,7 @@ impl PlaneFigures {
         let xy =
             EllipseMap::fit_ellipse_map(fields.clone().map(|f| Vector2::new(f.x, -f.z * up))).ok_or(not_an_ellipse)?;
         let xz = EllipseMap::fit_ellipse_map(fields.map(|f| f.xy())).ok_or(not_an_ellipse)?;
-        // Both figures measure x; eq. 13 and 14 use that of (x, up).
+        // Both figures contain x; eq. 13 and 14 use the x of (x, up).
         let assemble = |of_xy: Vector2<f32>, of_xz: Vector2<f32>| Vector3::new(of_xy.x, of_xy.y * up, of_xz.y);
         Ok(Self {
             bank: MeanBank::from_samples(samples),

@@ -51,7 +51,7 @@ fn least_scatter_direction(scatter: &Matrix3<f32>) -> Option<Vector3<f32>> {
     // Regularises a line, whose scatter is zero in two directions.
     let scaled = scatter / scatter.trace() + Matrix3::from_diagonal_element(f32::EPSILON);
     let [x, y, z] = [0, 1, 2].map(|i| scaled.column(i).into_owned());
-    // Inverse without its determinant, which is zero for a flat scatter.
+    // Adjugate: inverse without division by the determinant, which is zero for a flat scatter.
     let scaled_inverse = Matrix3::from_columns(&[y.cross(&z), z.cross(&x), x.cross(&y)]);
     // The longest column is not orthogonal to the solution.
     let longest_column = scaled_inverse.column_iter().max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()))?;

@@ -291,10 +291,10 @@ mod tests {
         clusters
     }
 
-    /// An incomplete last cluster counts as well.
+    /// The incomplete last cluster of a part counts, too.
     #[test]
     fn twelve_samples_form_a_cluster() {
-        // Sums 12, -12, 12 and 12 of the first part, 6 of the second.
+        // Cluster sums of the scores: 12, -12, 12 and 12 in the first part, 6 in the second.
         let first = (0..48).map(|i| {
             (
                 0,

@@ -94,7 +94,7 @@ mod tests {
         }
     }
 
-    /// Rates decide where there are any, else the bank.
+    /// The heading rate decides if known, otherwise the bank.
     #[test]
     fn the_last_turn_is_that_of_a_rate_over_3_deg_s_or_a_bank_over_8_deg() {
         let rate = |rad_s: f32| Rates::from_rad_s([0.0, 0.0, rad_s]);

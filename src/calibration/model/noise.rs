@@ -44,7 +44,7 @@ impl NoiseModel {
         sqrt((self.inclination_sigma_rad * self.inclination_sigma_rad - self.norm_sigma * self.norm_sigma).max(0.0))
     }
 
-    /// From the derivatives of norm and inclination by the corrected field, and of the inclination by attitude.
+    /// Residual covariance from derivatives of norm and inclination by field, and of inclination by attitude.
     pub(in crate::calibration) fn covariance(
         &self,
         norm_derivative: &Vector3<f32>,

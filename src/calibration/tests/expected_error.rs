@@ -130,7 +130,7 @@ fn autocorrelated_attitude_errors_raise_the_expected_error() {
         real.push(correlated.1 / correlated.0);
     }
     assert!((2.0..3.0).contains(&rms(&expected)), "{expected:?}");
-    // Twelve flights estimate a mean square of one to about a third.
+    // The mean square, expected to be one, scatters by a third for twelve flights.
     assert!((0.6..1.4).contains(&rms(&real)), "{real:?}");
 }
 

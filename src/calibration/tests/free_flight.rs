@@ -15,8 +15,8 @@ fn solved(samples: &[Sample], prior: &Prior) -> Result<crate::calibration::asses
     solve_samples(Method::MaximumLikelihood, Samples::new(samples), prior)
 }
 
-/// Cramér-Rao bound: 0.3 to 0.6 deg at 15 deg of tilt and 0.6 deg of attitude noise; here 0.1 to 0.2 deg away from the
-/// magnetic poles.
+/// Cramér-Rao bound: 0.3 to 0.6 deg at 15 deg of tilt and 0.6 deg of attitude noise; for the noise of 0.3 deg here 0.1
+/// to 0.2 deg, away from the magnetic poles.
 #[test]
 fn a_multirotor_tilted_to_all_sides_is_calibrated() {
     let mut errors = Vec::new();
@@ -51,7 +51,7 @@ fn turns_without_a_side_give_the_same_solution() {
     }
 }
 
-/// Twelve times the samples reduce the variance above the floor to a twelfth; the floor remains.
+/// Twelve times the samples reduce the variance above the floor to a twelfth.
 #[test]
 fn the_error_floor_remains_with_more_samples() {
     for seed in 0..5 {
@@ -132,7 +132,7 @@ fn a_mirrored_attitude_is_detected() {
     }
 }
 
-/// Banking out of a turn, as a multirotor may, is accepted if body rates confirm the turn.
+/// A multirotor may bank out of a turn.
 #[test]
 fn banking_out_of_a_turn_is_accepted_with_body_rates() {
     let mut random = Random(8400);
@@ -207,6 +207,6 @@ fn straight_flight_has_an_honest_expected_error() {
             Err(error) => not_determined += usize::from(error == SolveError::NotDetermined(SamplePart::All)),
         }
     }
-    // 25 of 40 flights; a start from the sphere saves 14 from the pole, with an expected error of at least 37 deg.
+    // 25 of 40 flights are undetermined; the sphere start solves 14 that ended at the pole, to 37 deg or worse.
     assert!((20..=30).contains(&not_determined), "{not_determined}");
 }

@@ -43,7 +43,7 @@ fn the_best_supported_method_is_selected() {
     assert_eq!(choose(&[], &[], &level[..12]), missing(Side::Left, 0), "a few headings are no circle");
 }
 
-/// The aircraft may have taxied near iron.
+/// Level samples may be of taxiing near iron.
 #[test]
 fn level_samples_are_used_only_for_a_missing_side() {
     let mut random = Random(32);

@@ -73,9 +73,9 @@ fn axis_coupling_needs_two_planes() {
     assert!(error(Method::TwoPlane) < 0.02, "{}", error(Method::TwoPlane));
 }
 
-/// The ellipse's shape is exact; the phase hypothesis causes a constant error, mounting included. Half a degree of
-/// attitude wander is 1.4 deg of heading at 70 deg of inclination; 48 samples reduce it to a seventh, twice that at the
-/// worst heading. Limit: three sigma for 50 airframes.
+/// The fitted ellipse is exact; the phase hypothesis leaves a constant error, which includes the mounting. Attitude
+/// wander of 0.5 deg is 1.4 deg of heading at 70 deg of inclination; 48 samples reduce this to a seventh, twice that at
+/// the worst heading. Limit: three sigma.
 #[test]
 fn level_flight_leaves_a_constant_error() {
     let mut worst: f32 = 0.0;
@@ -112,7 +112,7 @@ fn level_flight_at_too_few_headings_is_refused() {
     assert!(matches!(solve(&legs(4)), Err(SolveError::TooFewHeadings { need: 5, .. })), "{:?}", solve(&legs(4)));
     assert_eq!(solve(&legs(1)).map(|_| ()).unwrap_err(), SolveError::NotAnEllipse(SamplePart::Level));
     let solution = solve(&legs(5)).unwrap();
-    // Five headings leave no redundancy: 0.1 uT in 29 uT is 0.2 deg, three sigma.
+    // Five headings leave no redundancy: 0.1 uT of noise in a field of 29 uT is 0.2 deg; limit: three sigma.
     assert!(max_abs(&airframe.errors_at_deg(&solution.calibration, &[0.0])) < 0.6);
 }
 

@@ -74,7 +74,7 @@ fn maximum_likelihood_is_exact_without_noise() {
         let flight = Flight { wander_deg: 2.0, ..Flight::NOISE_FREE };
         let solution = solved(&flight.fly(&airframe, &mut random)).unwrap();
         let error = max_abs(&airframe.errors_deg(&solution.calibration));
-        // The priors pull against the residual floors: 0.1 deg at worst.
+        // The priors bias the fit, because the residual scales have lower limits: 0.1 deg at worst.
         assert!(error < 0.1, "seed {seed}: {error} deg");
     }
 }
@@ -119,7 +119,7 @@ fn expected_error_matches_the_actual_error_of_100_flights() {
     assert!(max_abs(&actual) <= 1.0);
     assert!(max_abs(&constant) <= 0.6);
     assert!(max_abs(&ratios) <= 3.0);
-    // The ideal mean square is 1; with 100 flights it scatters by half of it either way.
+    // The mean square of actual over expected error, ideally 1, scatters by half in 100 flights.
     let mean_square = mean(&ratios.iter().map(|r| r * r).collect::<Vec<_>>());
     assert!((0.5..1.5).contains(&mean_square), "{mean_square}");
 }

@@ -80,7 +80,7 @@ fn a_turn_that_is_no_ellipse_is_reported() {
     for side in [Side::Left, Side::Right] {
         let (_, mut recorded) = ordinary_flight(Flight::TYPICAL);
         let turn = if side == Side::Left { &mut recorded.left } else { &mut recorded.right };
-        // A short arc with gusts is a hyperbola as well.
+        // A hyperbola, as from a short arc with gusts.
         for (i, s) in turn.iter_mut().enumerate() {
             let along = i as f32 / 75.0 - 1.0;
             s.field = Field::from_ut(20.0 * along.cosh(), 30.0 * along.sinh(), 10.0 * along);
@@ -102,7 +102,7 @@ fn unobservable_coefficients_are_reported() {
     assert_eq!(solve_error(Method::CompassSwing, marks), Some(SolveError::NotDetermined(SamplePart::Marks)));
 }
 
-/// The limit is 9.8 deg between the planes: 4 deg of bank each way give 8, 6 deg give 12.
+/// Limit: 9.8 deg between the planes of the turns. Banks of 4 deg each way give 8 deg, of 6 deg 12 deg.
 #[test]
 fn small_banks_give_the_same_plane() {
     for method in [Method::TwoPlane, Method::FourEllipse] {
@@ -155,7 +155,7 @@ fn headings_against_the_bank_are_reversed_turns() {
         assert_eq!(error_of(Method::MaximumLikelihood, &[], &right), expected, "right {rate_rad}");
         let both = solve_error(Method::FourEllipse, Parts { left: &left, right: &right, ..Parts::default() }.samples());
         assert_eq!(both, expected, "both {rate_rad}");
-        // With both sides, a sensor mounted upside down explains the samples as well.
+        // In the fit of both sides, a sensor mounted upside down explains reversed turns.
         let both =
             solve_error(Method::MaximumLikelihood, Parts { left: &left, right: &right, ..Parts::default() }.samples());
         let found = Orientation::from_name("roll180").unwrap();
@@ -163,8 +163,8 @@ fn headings_against_the_bank_are_reversed_turns() {
     }
 }
 
-/// Samples all round, too sparse to give a direction, and eight seconds of reversed heading. The limit is 3 rad on both
-/// sides together.
+/// Each turn has 24 samples 5 s apart, too sparse to give a direction, and 8 s in which the heading changes by
+/// `runs_rad`. The limit is 3 rad on both sides together.
 #[test]
 fn half_a_circle_against_the_turns_is_rejected() {
     let turn = |bank_deg: f32, runs_rad: f32| -> Vec<Sample> {
@@ -218,7 +218,7 @@ fn a_solution_reports_its_quality() {
     let solver = Solver::new(Method::MaximumLikelihood, recorded.turns(), &NO_PRIOR).unwrap();
     let Solution { calibration, quality, advice, .. } = solver.run(recorded.turns()).unwrap();
     assert_eq!((quality.method, quality.samples), (Method::MaximumLikelihood, 300));
-    // 0.12 uT of 50, and 0.3 deg plus the sensor's share; 20 % is five sigma for 300 samples.
+    // Expected: sensor noise of 0.12 uT, and 0.3 deg of attitude plus the sensor's share; 20 % are five sigma.
     let noise = 0.12 / airframe.total_ut;
     assert!((0.8 * noise..1.3 * noise).contains(&quality.norm_residual), "{}", quality.norm_residual);
     assert!((0.2..0.45).contains(&quality.inclination_residual_deg), "{}", quality.inclination_residual_deg);

@@ -97,7 +97,7 @@ fn the_first_failure_is_reported() {
     assert_eq!(solve_with_inclination(&recorded, 55.0).unwrap_err(), SolveError::NotConverged);
 }
 
-/// A flight with a large expected error is solved from both starts; the better fit is used.
+/// A flight with a large expected error is solved from both starts.
 #[test]
 fn a_second_start_keeps_the_better_fit() {
     let mut poor_fits = 0;

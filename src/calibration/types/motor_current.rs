@@ -50,7 +50,7 @@ impl MotorCurrentInterference {
         self.ut_per_a.iter().any(|axis| *axis != 0.0)
     }
 
-    /// Whether an aircraft with the currents of the samples can draw this one. Others are errors of the report.
+    /// Whether the aircraft of the samples can draw this current; a larger one is an error of the report.
     #[must_use]
     pub fn is_plausible(&self, current_a: f32) -> bool {
         let highest_a = self.mean_current_a.abs() + 2.0 * self.current_sigma_a;

@@ -17,9 +17,9 @@ const HEADING_COUNT: u8 = 12;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::calibration) struct ExpectedError {
-    /// RMS over the envelope, degrees.
+    /// Error, RMS over the envelope, degrees.
     pub rms_deg: f32,
-    /// At the worst heading and bank of the envelope, degrees.
+    /// Error at the worst heading and bank of the envelope, degrees.
     pub worst_deg: f32,
     /// Largest part of the error, and its size, degrees RMS.
     pub weakest_deviation: (Deviation, f32),

@@ -106,8 +106,8 @@ fn covariance_is_the_sum_of_its_terms() {
     let mut information = uniform_information(&likelihood, &at, 1e4);
     let row = Vector13::from_fn(|i, _| (i as f32 * 0.7).sin());
     information.linear_system.add_row(&row, 0.05, 1e4);
-    // An inclination residual with rho = 1/2: inflation 2 rho / (1 - rho) = 2. Norm residuals have rho = 1/3:
-    // inflation 1 for all that is neither inclination nor prior.
+    // Inflation `2 rho / (1 - rho)` of the information: 2 of the inclination residual (rho = 1/2), 1 of the norm
+    // residuals (rho = 1/3).
     let dip = JacobianRow {
         derivative_by_field: Vector3::new(1.0, -0.7, 0.5),
         x: Vector3::new(0.6, 0.9, -1.1),
@@ -233,7 +233,7 @@ fn motor_current_estimate_equals_joint_least_squares() {
     let independent = Matrix3::from_fn(|i, j| {
         joint.covariance_times(&SVector::ith(UNKNOWN_COUNT + i, 1.0)).unwrap()[UNKNOWN_COUNT + j]
     });
-    // `P (3 (P^-1 - prior) + prior) P` for rho = 1/2.
+    // `P (3 (P^-1 - prior) + prior) P`: rho = 1/2 triples all information but the prior's.
     let expected = independent * 3.0 - independent * independent * (2.0 * prior);
     assert!((found.covariance - expected).norm() < 2e-3 * expected.norm(), "{} {expected}", found.covariance);
     assert!((independent * 3.0 - expected).norm() > 0.1 * expected.norm());
@@ -287,7 +287,7 @@ fn latency_sigma_becomes_a_consider_state() {
     latency.add_weighted_equation(&ResidualEquation::new(row, 0.01, 1e-4, 1e6), &Vector1::new(0.5), 1.0);
     latency.cross_information = [Vector13::ith(2, 40.0)];
     let (latency, follows) = information.estimate_latency(0.0).unwrap();
-    // 0.25 of 1e4, minus the part explained by unknown 2 (information 1e4), plus the prior's 100.
+    // Information: 0.25 of 1e4, less 40^2 / 1e4 explained by unknown 2, plus the prior's 100.
     assert!((latency.sigma_s * f32::sqrt(2500.0 - 0.16 + 100.0) - 1.0).abs() < 1e-4, "{latency:?}");
     assert!((follows[2] + 40.0 / 1e4).abs() < 1e-5, "{follows}");
     let sigmas = assumed_sigmas(ConsiderSigmas::DEFAULT, Some(latency));

@@ -85,7 +85,7 @@ fn attitude_changes_the_leverage_and_norm_noise_does_not() {
         let place = weakest_of(&samples).unwrap();
         assert_ne!(samples.remove(place), tilted);
     }
-    // Of each sample and its copy, which is 2 % stronger, both are removed at the same rate.
+    // Each sample and its copy, 2 % stronger, are removed at the same rate.
     let samples = random_samples(&Matrix3::identity());
     let centre_ut = Vector3::new(60.0, -45.0, 80.0);
     let stronger = |s: &Sample| Sample { field: Field::new(centre_ut + (s.field.ut - centre_ut) * 1.02), ..*s };
@@ -213,7 +213,7 @@ fn noise_does_not_change_the_inclination_row() {
             let attitude = Attitude { roll_rad: roll_rad + by_roll * size, pitch_rad: pitch_rad + by_pitch * size };
             Sample { attitude, ..*sample }
         };
-        // A change of first order has the size `NOISE`; the rows rotate with it and grow with inclination.
+        // A first-order change of a row has the size `NOISE`.
         assert!(change(&trial_linearisation(&bent, 1.0), &with_reading_noise) < 0.1 * NOISE);
         assert!(change(&trial_linearisation(&bent, 0.0), &with_attitude_noise) < 0.1 * NOISE);
         assert!(change(&trial_linearisation(&bent, 0.0), &with_reading_noise) > 0.5 * NOISE);

@@ -25,7 +25,7 @@ fn long_sample_intervals_are_reported() {
         panic!()
     };
     assert!((every_s - 0.51).abs() < 0.01, "{every_s}");
-    // More than half of the intervals must be long.
+    // More than half of the sample intervals must be long.
     let mixed = |slow: u32| {
         let (mut statistics, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NOT_STARTED);
         let mut time_ms = 0;
@@ -65,7 +65,7 @@ fn small_or_short_banks_are_reported() {
         matches!(diagnose_banks(100, &[(-9.9, 60), (9.9, 60)]), Some(CollectionProblem::InsufficientBank { most_deg }) if (most_deg - 9.9).abs() < 0.1)
     );
     assert_eq!(diagnose_banks(100, &[(-10.1, 60), (10.1, 60)]), None);
-    // At 20 deg the filter's delay is the same at both edges of the threshold.
+    // The filter delays both edges of a bank of 20 deg equally: its time above 10 deg is unchanged.
     let for_tenths = |tenths: u32| {
         let (mut statistics, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NOT_STARTED);
         for i in 0..600 {

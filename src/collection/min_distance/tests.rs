@@ -75,7 +75,7 @@ fn a_full_tumble_is_thinned() {
         (coverage.samples as usize, coverage.held_back_count as usize),
         (expected_after_thinning() + 1, SampleQuota::TURN.held_back_quota)
     );
-    // The new distance applies from then on.
+    // After thinning, samples nearer than 6.5 uT are not stored.
     let stored_count = tumble.fit().len();
     let last_ut = tumble.fit().last().unwrap().field.ut.x;
     tumble.push_at(last_ut + 6.4, 1_000_000);
@@ -94,7 +94,7 @@ fn expected_after_thinning() -> usize {
 #[test]
 fn a_tumble_is_complete_at_66_fit_samples() {
     for (number, percent) in [(44, 50), (86, 98), (87, 100), (200, 100)] {
-        // Three of four are for the fit: 33, 65, 66, 150.
+        // Three of four samples are for the fit: 33 of 44, 65 of 86, 66 of 87, 150 of 200.
         let coverage = Tumble::on_line(number, 6.0).coverage();
         assert_eq!((coverage.percent, coverage.covered_sectors), (percent, 0), "{number}");
     }

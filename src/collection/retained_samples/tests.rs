@@ -69,7 +69,7 @@ fn samples_survive_a_restart() {
         assert!(fit == then.1 && held_back == then.2, "{procedure:?}");
         assert_eq!(after.collection_problem().is_some(), before.collection_problem().is_some(), "{procedure:?}");
         assert!(fit.len() > 20 && held_back.len() > 5, "{procedure:?}");
-        // The counter is stored with the next stored sample.
+        // The count of distinct samples is retained only with a stored sample.
         assert!(before.distinct_samples() - after.distinct_samples() <= 4, "{procedure:?}");
     }
 }

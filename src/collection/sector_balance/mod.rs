@@ -31,11 +31,11 @@ const _: () = assert!(MIN_HELD_BACK_WHEN_COMPLETE <= SectorBalance::TURNS.min_he
 const _: () = assert!(SectorBalance::TURNS.fits_quota() && SectorBalance::LEVEL.fits_quota());
 
 impl SectorBalance {
-    /// For turns of 5 to 30 deg/s: two passes of a sector at 13 deg/s, about three circles.
+    /// For turns of 5 to 30 deg/s; at 13 deg/s a sector needs two passes, the part about three circles.
     pub const TURNS: Self =
         Self { quota: SampleQuota::TURN, sector_samples: 8, target: 132, min_radius_ut: 4.0, min_samples: 10 };
 
-    /// For level flight, with a smaller quota: two circles.
+    /// For level flight, with a smaller quota: the part needs two circles.
     pub const LEVEL: Self = Self { quota: SampleQuota::LEVEL, sector_samples: 4, target: 48, ..Self::TURNS };
 
     /// Whether the quota suffices for a complete part.

@@ -26,7 +26,7 @@ fn coverage(samples: impl Iterator<Item = Sample>) -> PartCoverage {
 
 #[test]
 fn three_circles_complete_a_side_in_spite_of_hard_iron() {
-    // 28 s per circle. Half a circle is 6 of 12 sectors, plus a partial one at each end.
+    // A circle takes 28 s. Half a circle covers 6 of 12 sectors, plus a partial one at each end.
     let half = coverage(turn_samples(25.0, 0, 14, 13.0));
     assert!((6..=8).contains(&half.covered_sectors), "{half:?}");
     assert!(!half.is_complete());
@@ -52,7 +52,7 @@ fn a_complete_side_stays_complete() {
 #[test]
 fn a_constant_heading_gives_no_coverage() {
     let straight = coverage(turn_samples(25.0, 0, 300, 0.0));
-    // Bank wander draws a short line: at most two sectors.
+    // At a constant heading bank wander moves the field along a short line, within two sectors.
     assert!(straight.covered_sectors <= 2 && straight.percent < 20, "{straight:?}");
 }
 
@@ -97,7 +97,7 @@ fn a_complete_level_part_has_15_held_back_samples() {
 fn parts_are_separate() {
     let mut buffer = TestBuffer::new();
     for i in 0..8_u32 {
-        // Eight left, four right, four level; every fourth is held back.
+        // Of eight left, four right and four level samples every fourth is held back.
         SectorBalance::TURNS
             .push_sample(buffer.part_view(CollectionPart::LEFT), test_sample([i as f32, 0.0, 0.0], i * 400));
         if i < 4 {
@@ -147,7 +147,7 @@ fn no_sensor_value_panics() {
     assert!(coverage(samples).samples > 0);
 }
 
-/// Number of samples stored at this interval, across a wrap of the clock.
+/// Number of samples stored if offered at this interval, across a wrap of the clock.
 fn stored_at_interval(spacing_ms: u32, number: u32) -> usize {
     let at = |i: u32| test_sample([i as f32, 0.0, 0.0], (i * spacing_ms).wrapping_sub(1000));
     collect((0..number).map(at)).stored_samples(CollectionPart::RIGHT)
@@ -177,7 +177,7 @@ fn a_sample_too_early_does_not_count() {
     assert_eq!(buffer.part_view(CollectionPart::RIGHT).part_state.taken_count, 2);
 }
 
-/// Samples at `100 sector + age`; sector 3 is the most crowded.
+/// Six samples with the time `100 sector + age`; sector 3 is the most crowded.
 fn crowded() -> TestBuffer {
     let mut buffer = TestBuffer::new();
     for time_ms in [100, 301, 302, 500, 303, 700] {
@@ -245,7 +245,7 @@ fn a_turn_is_complete_with_8_samples_per_sector_and_132_in_all() {
 }
 
 fn circle_coverage(radius_ut: f32, fit: u16) -> PartCoverage {
-    // The last of each four is held back.
+    // Every fourth sample is held back.
     let number = u32::from(fit + (fit - 1) / 3);
     let coverage = coverage((0..number).map(|i| {
         let (sin, cos) = (i as f32 * 30.5).to_radians().sin_cos();
@@ -270,7 +270,7 @@ fn sectors_need_a_circle_of_4_ut_and_ten_samples() {
     assert_eq!(circle_coverage(20.0, 150).percent, 100);
 }
 
-/// The first twelve samples are of one sector. Of the others, only as many as the quota of the other use are stored.
+/// Sectors follow the samples of either use: of twelve in one sector at least ten are replaced by others.
 #[test]
 fn the_circle_is_fitted_to_fit_and_held_back_samples() {
     let at = |i: u32| {
@@ -281,7 +281,7 @@ fn the_circle_is_fitted_to_fit_and_held_back_samples() {
         let mut buffer = TestBuffer::new();
         (0..12).for_each(|i| buffer.part_view(CollectionPart::LEFT).insert_sample(purpose, at(i)));
         for i in 12..36 {
-            // The next sample is taken for the use under test.
+            // Makes the next sample one of the tested use.
             buffer.part_view(CollectionPart::LEFT).part_state.taken_count =
                 if purpose == SampleUse::Fit { 0 } else { 3 };
             assert!(QUOTA_12.push_sample(buffer.part_view(CollectionPart::LEFT), at(i)));
@@ -300,7 +300,7 @@ fn the_circle_is_fitted_to_fit_and_held_back_samples() {
 #[test]
 fn sectors_with_a_sample_are_counted() {
     let coverage = coverage((0..14_u32).map(|i| {
-        // Two arcs of 18 deg: at most four sectors.
+        // Two arcs of 18 deg touch at most four sectors.
         let heading_deg = if i < 7 { i as f32 * 3.0 } else { 180.0 + (i - 7) as f32 * 3.0 };
         Sample { time: WrappingMillis::new(i * 400), ..circle_sample(heading_deg) }
     }));

@@ -67,7 +67,7 @@ fn a_flight_collection_ends_at_the_configured_accuracy() {
         assert!(rms(&airframe().errors_deg(&calibration)) < 3.0 * expected_deg);
         ends.push(samples);
     }
-    // Yaw turns alone do not suffice; higher accuracy takes longer.
+    // Yaw turns alone (160 samples) do not suffice; a higher accuracy takes longer.
     assert!(ends[0] > 160 && ends[0] < ends[1], "{ends:?}");
 }
 

@@ -22,7 +22,7 @@ use crate::store::{CalibrationRecord, StartupValues, StoreChange, StoreError, St
 const SENSOR: Identity = Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E };
 const READINGS: u16 = 8;
 
-/// Each sample is distinct, and turns are continuous.
+/// Sample interval, milliseconds: samples are distinct, and turns have no gap.
 const STEP_MS: u32 = 500;
 
 fn memory() -> &'static mut RetainedSamples {
@@ -582,7 +582,7 @@ fn a_solve_uses_configured_mounting_and_inclination() {
     bench.saved(Command::Set(SettingChange::Mount(mount))).unwrap();
     bench.calibrate(&turns(&airframe(), 1).in_mount(mount)).unwrap();
     assert_eq!(bench.compass.active_record().unwrap().mount, mount);
-    // A prior 2 deg off shifts the estimate; 5 deg off is rejected.
+    // An inclination prior 2 deg off shifts the estimate; 5 deg off is rejected.
     let found_deg = |given: Option<f32>| {
         let mut bench = TestBed::new();
         bench.saved(Command::Set(SettingChange::Inclination(given))).unwrap();
@@ -591,7 +591,6 @@ fn a_solve_uses_configured_mounting_and_inclination() {
     };
     let (free, given) = (found_deg(None), found_deg(Some(57.0)));
     assert!(given > free + 0.008, "{given} {free}");
-    // Each attitude error increases the expected error.
     let expected_deg = |bias_deg, bank_percent| {
         let mut bench = TestBed::new();
         let error = AttitudeError { bias_deg, bank_percent };

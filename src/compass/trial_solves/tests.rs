@@ -44,11 +44,11 @@ fn trial_times_in_turns(result: impl Fn(usize) -> Option<Solution>) -> Vec<(f32,
     due
 }
 
-/// A full buffer is tried once a minute; new samples cause a trial within 10 s.
+/// New samples cause a trial within 10 s.
 #[test]
 fn trial_solves_without_new_samples_run_once_a_minute() {
     let due = trial_times_in_turns(|_| None);
-    // 600 places fill in two minutes at 5 samples/s.
+    // The buffer's 600 places fill in two minutes at 5 samples/s.
     let expected = [[1; 11].as_slice(), &[6, 6, 6, 6, 5, 1, 1, 1, 6, 6]].concat();
     let tens: Vec<u8> = due.windows(2).map(|pair| ((pair[1].0 - pair[0].0) / 10.0).round() as u8).collect();
     assert_eq!(tens, expected, "{due:?}");

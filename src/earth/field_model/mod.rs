@@ -35,7 +35,7 @@ const MIN_HORIZONTAL_NT: f32 = 2_000.0;
 /// Validity of the model on a date.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ModelValidity {
-    /// Before 2025: the clock is wrong, since the firmware is younger. Not used.
+    /// Before 2025: the clock is wrong, since the firmware is younger; the model is not used.
     TooEarly,
     /// 2025 to 2029, the model's intended period.
     Valid,
@@ -43,7 +43,7 @@ pub enum ModelValidity {
     /// 2030 differs from WMM2025 by 0.31 deg of declination RMS (95 %: 0.6 deg) where `H` is at least 6 uT, about the
     /// error of a valid model.
     Extrapolated,
-    /// From 2035. Not used.
+    /// From 2035: the model is not used.
     TooOld,
 }
 

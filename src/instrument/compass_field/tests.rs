@@ -202,7 +202,7 @@ fn a_field_rejected_by_the_monitor_is_not_sent() {
     }
     let strong = Field::new(field.ut * 1.3);
     assert_eq!(read(&mut with_verdict(Err(NoHeading::AttitudeContradicted)), 0, strong).compass_field, None);
-    // Without attitude a disturbance times out; changed hard iron does not.
+    // Without attitude the verdict of a disturbed field expires; that of changed hard iron does not.
     for (verdict, us, output) in [
         (NoHeading::FieldDisturbed, 10_000_000, false),
         (NoHeading::FieldDisturbed, 10_000_001, true),

@@ -82,7 +82,7 @@ mod tests {
         assert!((tilt_error_rad(0.5, 0.5, 1) - 0.015).abs() < 1e-6 && tilt_error_rad(0.095, 0.095, 1) < 0.014_5);
     }
 
-    /// Jump of the attitude, rates without a change of attitude, roll.
+    /// Cases: a jump of pitch, a pitch rate without a change of pitch, a roll.
     #[test]
     fn attitude_or_rate_change_alone_adds_no_tilt_error() {
         assert!(tilt_error_rad(0.14, 0.0, 1) < 1e-6 && tilt_error_rad(0.0, 0.14, 1) < 1e-6);

@@ -131,7 +131,7 @@ mod tests {
         assert!(next.residual.abs() < 1e-5, "{next:?}");
     }
 
-    /// The window's mean of the gyro's rows; the bank's are those of a level turn.
+    /// The Jacobian has the mean of the gyro's rows, and the derivatives by bank of a level turn.
     #[test]
     fn the_jacobian_is_the_mean_over_the_window() {
         let motion = EulerRates { heading_rad_s: 0.3, ..EulerRates::default() };

@@ -99,7 +99,7 @@ impl ChangeReporter {
     }
 }
 
-/// Smallest reported change of hard iron, relative to the field strength: 1 uT in 50 uT, 1 deg of heading at the least.
+/// Smallest reported change of hard iron, relative to the field strength: 1 uT in 50 uT, at least 1 deg of heading.
 pub(super) const MIN_HARD_IRON_CHANGE: f32 = 0.02;
 
 /// Smallest reported turn of the mount, radians.

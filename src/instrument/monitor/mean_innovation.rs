@@ -44,14 +44,14 @@ impl MeanInnovations {
 mod tests {
     use super::*;
 
-    /// Change that is significant after `samples` of constant residuals, in sigmas, at 10 Hz.
+    /// Result after `samples` constant innovations, given in sigmas, at 10 Hz.
     fn change_after(sigmas: PerKind<f32>, samples: usize) -> Option<f32> {
         let mut means = MeanInnovations::ZERO_MEANS;
         let innovations = sigmas.map(|n| Some(Innovation { residual: 0.01 * n, variance: 1e-4 }));
         (0..samples).map(|_| means.update_means(&innovations, 0.1)).last().flatten()
     }
 
-    /// The mean of `n` white innovations within 4 s, 80 samples, has a ninth of their sigma.
+    /// The exponential mean over 4 s averages like 80 samples: its sigma is a ninth of an innovation's.
     #[test]
     fn a_mean_beyond_three_of_its_sigmas_is_a_slow_change() {
         assert!(change_after([0.0, 0.0, 0.4], 300).is_some_and(|rad| (0.003..0.004_1).contains(&rad)));

@@ -501,7 +501,7 @@ impl Monitor {
         by_field[MOUNT_TURN] = if is_drifting { heading_jacobian[MOUNT_TURN] } else { 0.0 };
         self.is_strength_test_failed &= self.innovation_gate.is_withholding();
         let change = measurement_model::hard_iron_change(&states);
-        // Without a detected change, attitude errors are part of the noise; hard iron may drift all the same.
+        // Without a detected change, attitude errors are part of the noise; hard iron may still drift.
         let is_unchanged = self.post_change_remaining_s <= 0.0
             && change.vector_length() < MAX_DECAYING_HARD_IRON
             && states[MOUNT_TURN].abs() < MAX_DECAYING_MOUNT_TURN_RAD;
@@ -540,16 +540,16 @@ impl Monitor {
         step_s: f32,
     ) -> Option<InstallationChange> {
         let size = hard_iron_change.vector_length();
-        // Beyond the largest hard-iron change, the cause is not hard iron, and its size is not reported.
+        // A larger change is not hard iron, and its size is not reported.
         let is_withholding = self.innovation_gate.is_withholding() || size > MAX_HARD_IRON_CHANGE;
         let turn_rad = self.filter.mean()[MOUNT_TURN];
         let sigma_rad = sqrt(self.filter.state_variance(MOUNT_TURN));
         if self.mount_detector.update_detection(turn_rad.abs(), sigma_rad, is_withholding, step_s) {
-            // An inaccurate turn looks like changed hard iron as well.
+            // Until its estimate is accurate, a turn also appears as changed hard iron.
             return Some(InstallationChange::Mount(MountTurn { turn_rad, sigma_rad }));
         }
         let sigma = HARD_IRON_AXES.map(|axis| sqrt(self.filter.state_variance(axis))).into_iter().fold(0.0, f32::max);
-        // Coefficient errors resemble hard iron.
+        // Errors of the coefficients resemble changed hard iron.
         let sigma_with_coefficients = sqrt(sigma * sigma + self.max_coefficient_variance);
         let is_significant =
             self.hard_iron_detector.update_detection(size, sigma_with_coefficients, is_withholding, step_s);

@@ -17,7 +17,7 @@ use crate::frames::{Attitude, wrap_pi};
 use crate::heading::{Heading, NoHeading};
 use crate::trig::{sin_cos, sqrt};
 
-/// Estimated states with what headings need of their covariance.
+/// Estimated states, with the parts of their covariance that headings need.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct MonitorOutput {
     pub(super) states: StateVector,

@@ -113,13 +113,13 @@ pub(super) const MAX_HEADING_SIGMA_RAD: f32 = 0.14;
 /// Largest heading sigma that is sent, radians: 11 deg. It is inflated after a change.
 pub(super) const MAX_SENT_SIGMA_RAD: f32 = 0.2;
 
-/// Largest change of hard iron: beyond it, the sensor's range and the linear model end.
+/// Largest change of hard iron, relative to the field strength: beyond it, the sensor's range and the linear model end.
 pub(super) const MAX_HARD_IRON_CHANGE: f32 = 0.6;
 
-/// Initial sigma of the mount's turn, radians: 0.17 deg. A larger one takes part of the errors of straight flight.
+/// Initial sigma of the mount's turn, radians: 0.17 deg. A larger one would explain errors of straight flight.
 const MOUNT_SIGMA_RAD: f32 = 0.003;
 
-/// Variance of the mount's turn from which a drift has inflated it.
+/// Variance of the mount's turn, square radians, above which a drift has inflated it.
 pub(super) const MIN_DRIFTING_MOUNT_VARIANCE: f32 = 2.0 * MOUNT_SIGMA_RAD * MOUNT_SIGMA_RAD;
 
 /// Turn of the mount below which its estimate decays, radians: 2.3 deg. A larger one persists.
@@ -128,8 +128,8 @@ pub(super) const MAX_DECAYING_MOUNT_TURN_RAD: f32 = 0.04;
 /// Largest turn of the mount, radians: 34 deg.
 pub(super) const MAX_MOUNT_TURN_RAD: f32 = 0.6;
 
-/// Time withheld within a minute or so up to which a change may be a turn of the mount, seconds: a module turns once,
-/// and what changes again and again is a disturbance.
+/// Withheld time, seconds, up to which a change may be a turn of the mount: a module turns once; a field that changes
+/// repeatedly is disturbed.
 pub(super) const MAX_MOUNT_TURNING_S: f32 = 5.0;
 
 /// Largest bank at which a change may be a turn of the mount, radians: 10 deg. Beyond it an error of the attitude, in
@@ -151,7 +151,7 @@ pub(super) const MAX_BANK_SCALE_ERROR: f32 = 0.5;
 /// Gate of a single reading's heading against the gyro heading, sigmas.
 pub(super) const READING_GATE_SIGMAS: f32 = 4.5;
 
-/// Time over which a drift of the field is measured, seconds; its smallest size, and the factor on its square.
+/// Time over which a drift of the field is measured, seconds; then its smallest size, and the factor on its square.
 pub(super) const DRIFT_TIME_S: f32 = 60.0;
 pub(super) const MIN_DRIFT: f32 = 0.004;
 pub(super) const DRIFT_FACTOR: f32 = 2.0;

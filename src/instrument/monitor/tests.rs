@@ -126,7 +126,7 @@ impl Flight {
     }
 
     fn now_s(&self) -> f32 {
-        // Wraps with the flight pattern, which keeps the time exact in `f32`.
+        // The time wraps with the flight pattern and stays exact in `f32`.
         (self.samples % 1680) as f32 * STEP_S
     }
 
@@ -256,7 +256,7 @@ fn a_hard_iron_change_is_detected_and_reported() {
         let mut flight = Flight::new(i as u64);
         flight.fly(200);
         flight.wrong.iron_ut = iron_ut;
-        // Two samples beyond the wide gate, or six beyond the narrow one.
+        // Detection takes two samples beyond the wide gate, or six beyond the narrow one.
         let at_once = flight.fly(2);
         let little = at_once.told <= 7 && at_once.worst_deg < 5.0;
         assert!(at_once.told <= 1 || little, "{iron_ut:?}: {at_once:?}");
@@ -299,7 +299,7 @@ fn a_turn_in_the_mount_is_estimated_and_reported() {
     }
 }
 
-/// A change of place equivalent to an hour of flight is estimated as such, and not as hard iron.
+/// A change of place, as after an hour of flight, is not estimated as hard iron.
 #[test]
 fn a_change_of_place_is_estimated() {
     let mut flight = Flight::new(7);
@@ -315,7 +315,7 @@ fn a_change_of_place_is_estimated() {
     assert!((strength + 0.08).abs() < 0.01 && (inclination_rad - 0.12).abs() < 0.015, "{strength} {inclination_rad}");
 }
 
-/// Attitude errors are not estimated as hard iron; the heading stays within its sigma or is withheld.
+/// The heading stays within its sigma or is withheld.
 #[test]
 fn attitude_errors_are_not_estimated_as_hard_iron() {
     let cases = [
@@ -378,8 +378,8 @@ fn attitude_latency_and_gyro_drift_are_distinguished() {
     }
 }
 
-/// In a level turn at 26 deg of bank, `psi'` is wrong by the scale of the z axis and, less, of the y axis: the turn as
-/// a whole is known to the heading's noise of half a degree in 360.
+/// In a level turn at 26 deg of bank, `psi'` is wrong by the scale of the z axis and, less, of the y axis: a full turn
+/// determines it to the heading's noise, half a degree in 360.
 #[test]
 fn the_scale_error_of_the_gyro_is_estimated() {
     for gyro_scale in [1.03, 0.9] {
@@ -391,7 +391,7 @@ fn the_scale_error_of_the_gyro_is_estimated() {
         let row = GyroErrorRows::new(attitude, &motion).heading_row;
         let errors = flight.monitor.monitor_output().heading_rate_error.gyro_errors;
         let found = estimated_scale_error(&flight, STRAIGHT_S + CIRCLE_S / 2.0);
-        // The errors are those of the true rates, the row is taken at the measured ones.
+        // Gyro errors multiply the true rates, the row the measured ones.
         let expected = (gyro_scale - 1.0) / gyro_scale;
         assert!((found - expected).abs() < 0.005, "{gyro_scale}: {found}");
         assert!(sqrt(errors.projected_variance(&row)) / motion.heading_rad_s < 0.005);
@@ -424,7 +424,7 @@ fn estimated_scale_error(flight: &Flight, t_s: f32) -> f32 {
     flight.monitor.monitor_output().heading_rate_error.gyro_errors.projected_mean(&row) / motion.heading_rad_s
 }
 
-/// After a third of a circle with a gyro of 10 %: an expected error of 10 % follows it, one of 0.2 % lags behind.
+/// After a third of a circle with 10 % of gyro scale error the estimate follows if 10 % is expected, not if 0.2 %.
 #[test]
 fn the_expected_scale_error_limits_what_a_turn_estimates() {
     let [narrow, wide] = [0.002, 0.1].map(|gyro_scale| {
@@ -437,7 +437,6 @@ fn the_expected_scale_error_limits_what_a_turn_estimates() {
     assert!((wide - 0.1 / 1.1).abs() < 0.02 && narrow < 0.7 * wide, "{narrow} {wide}");
 }
 
-/// In a minute of straight flight the sigma of the heading grows with the expected drift.
 #[test]
 fn the_expected_drift_of_the_hard_iron_is_in_the_sigma() {
     let [usual, large] = [0.0025, 0.01].map(|hard_iron_drift| {
@@ -449,7 +448,7 @@ fn the_expected_drift_of_the_hard_iron_is_in_the_sigma() {
     assert!(large > 1.5 * usual, "{large} {usual}");
 }
 
-/// Beyond 8.6 deg/s and 20 %: such a gyro is one of a field that does not turn.
+/// Limits: 8.6 deg/s of offset, 20 % of scale error. A field that does not turn appears as such a gyro.
 #[test]
 fn implausible_gyro_errors_withhold_the_heading() {
     for i in GYRO_ERRORS..STATE_COUNT {
@@ -728,7 +727,7 @@ fn withholding_monitor(withheld_s: f32) -> Monitor {
 }
 
 /// The first 5 s of a disturbance may be a turn of the module: in level flight it starts again from that turn, in a
-/// bank the turn is only less certain. Later a turn of more than 2.3 deg must go on to explain the field.
+/// bank the turn is only less certain. Later an estimated turn of more than 2.3 deg must still explain the field.
 #[test]
 fn a_detected_change_is_a_turn_of_the_mount_once() {
     const HEADING_RESIDUAL_RAD: f32 = 0.3;
@@ -750,7 +749,7 @@ fn a_detected_change_is_a_turn_of_the_mount_once() {
         (5.1, true, 0.1, Some(0.15), 0.0, by_heading),
         (5.1, true, 0.1, Some(-0.1), 0.0, by_heading),
         (5.1, true, 0.5, None, 0.0, inflated(0.5)),
-        // The limit: 34 deg.
+        // The sigma is limited to 34 deg.
         (4.9, true, 0.5, Some(-0.5), -0.5, inflated(0.6)),
     ] {
         let case = format!("{withheld_s} s, level {is_level}, {estimated_rad}, {turn_rad:?}");
@@ -851,7 +850,7 @@ fn process_noise_ends_at_the_initial_variance() {
     for _ in 0..40 * NOISE_STEPS {
         monitor.predict_state(STEP_S);
     }
-    // 1e-6 a second for 60 s, in portions of a schedule of 3.6 s.
+    // Process noise of 1e-6 per second for 60 s, added every 3.6 s.
     for axis in HARD_IRON_AXES {
         let grown = monitor.filter.state_variance(axis) - initial[axis];
         assert!((grown - 6e-5).abs() < 0.37e-5, "{axis}: {grown}");
@@ -859,7 +858,7 @@ fn process_noise_ends_at_the_initial_variance() {
     assert_eq!(monitor.filter.state_variance(STRENGTH_CHANGE).to_bits(), initial[STRENGTH_CHANGE].to_bits());
 }
 
-/// A restarted integration of the gyro, or a gap of more than 3 s, leaves the offset to the magnetic heading.
+/// After a restart of the gyro's integration, or a gap of more than 3 s, the magnetic heading sets the offset.
 #[test]
 fn the_gyro_offset_starts_again_after_a_gap() {
     for (run_number, step_s, is_restarted) in [(0, 3.0, false), (0, 3.1, true), (1, 0.1, true), (0, 0.1, false)] {
@@ -877,7 +876,7 @@ fn the_gyro_offset_starts_again_after_a_gap() {
         flight.monitor.track_gyro_offset(&seen, Some(turning), step_s);
         let after = (flight.monitor.filter.mean()[GYRO_OFFSET], flight.monitor.filter.state_variance(GYRO_OFFSET));
         if is_restarted {
-            // Three sigmas of the heading by attitude states that are not yet estimated.
+            // Three sigmas of the heading error by attitude states, which are not estimated yet.
             assert!(wrap_pi(after.0 - (heading_rad - 3.0)).abs() < 0.03 && after.0.abs() <= PI, "{after:?}");
             assert!((after.1 - before.1 - 10.0).abs() < 1e-4, "{after:?}");
         } else {
@@ -887,7 +886,7 @@ fn the_gyro_offset_starts_again_after_a_gap() {
     }
 }
 
-/// A drift of 0.01 of the field in a minute: twice its square, as a rate, for hard iron, and in a bank for the mount.
+/// A drift of 0.01 of the field per minute adds twice its square per minute to hard iron and, banked, the mount.
 #[test]
 fn a_drift_inflates_hard_iron_and_in_a_bank_the_mount() {
     for (drift, roll_rad, [hard_iron, mount]) in
@@ -904,7 +903,7 @@ fn a_drift_inflates_hard_iron_and_in_a_bank_the_mount() {
         for (i, (now, before)) in variances(&monitor).into_iter().zip(before).enumerate() {
             assert!((now - before - expected[i]).abs() < 0.02 * rate, "{drift} {roll_rad}: {i}");
         }
-        // After a detected change the drift starts anew.
+        // No inflation within the time after a detected change.
         monitor.post_change_remaining_s = 1.0;
         let before = variances(&monitor);
         monitor.follow_drift(roll_rad, 1e-3);
@@ -912,7 +911,7 @@ fn a_drift_inflates_hard_iron_and_in_a_bank_the_mount() {
     }
 }
 
-/// The heading's noise is the tilt's times the tangent of the inclination, three quarters of it; each has its floor.
+/// Heading noise is three quarters of the tilt's variance times the squared tangent of the inclination, above floors.
 /// Rotation adds 10 ms of tilt.
 #[test]
 fn measurement_noise_follows_inclination_and_rotation() {

@@ -86,7 +86,7 @@ fn repeated_nan_is_stuck() {
     assert!((0..32).all(|i| axis.check_axis_value(if i % 2 == 0 { 0.0 } else { -0.0 }, 16).is_none()));
 }
 
-/// At either end of the range an axis is clipped after half of sixteen readings, later immediately.
+/// At either end of its range an axis is clipped after eight equal readings, half of a stuck one's; later at once.
 #[test]
 fn a_clipping_level_is_found_in_eight_readings_and_remembered() {
     for sign in [1.0, -1.0] {

@@ -46,7 +46,7 @@ const MAX_TURN_RATE_RAD_S: f32 = core::f32::consts::TAU;
 /// attitudes not synchronous with the body rates.
 const HEADING_PROCESS_NOISE: f32 = square(0.2 * DEG);
 
-/// Gyro-bias process noise, (rad/s)^2/s: 0.002 deg/s.
+/// Gyro-bias process noise, (rad/s)^2/s: a random walk of 0.002 deg/s in a second.
 const BIAS_PROCESS_NOISE: f32 = square(0.002 * DEG);
 
 /// Initial variance of the gyro bias, (rad/s)^2: autopilots remove most of it.

@@ -16,7 +16,7 @@ const STEP_S: f32 = 0.0125;
 
 type Gyro = fn(f32) -> f32;
 
-/// The monitor's estimate after some turns: no error, 0.3 % of the z axis unknown.
+/// The monitor's gyro errors after some turns: estimates of zero, a scale sigma of 0.3 % on the z axis.
 fn errors() -> UdFilter<GYRO_ERROR_COUNT> {
     UdFilter::new(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.003])
 }
@@ -223,7 +223,6 @@ fn the_smoother_equals_a_conventional_kalman_filter() {
         let b = b - dt * c;
         p = [[a - 2.0 * dt * p[0][1] + dt * dt * c, b], [b, c + square(0.002 * deg) * dt]];
         p[0][0] += square(0.2 * deg) * dt + square(0.003 * rate) * 10.0 * dt;
-        // Innovations with occasional outliers.
         let innovation = if i % 50 == 0 { random.uniform(-0.5, 0.5) } else { random.uniform(-0.05, 0.05) };
         let v = f64::from(random.uniform(1e-4, 9e-4));
         let z = f64::from(innovation);

@@ -163,7 +163,7 @@ fn alignment_is_added_to_the_heading_alone() {
 fn the_first_reason_for_an_empty_heading_is_reported() {
     let estimate = instrument().on_reading(at(0), reading(SOME));
     assert_eq!((estimate.heading, estimate.body_field, estimate.attitude), (Err(NoHeading::Uncalibrated), None, None));
-    // Calibration without attitude: the body field is available.
+    // With a calibration but no attitude the body field is available.
     let estimate = calibrated().on_reading(at(0), reading(SOME));
     assert_eq!(estimate.heading, Err(NoHeading::AttitudeStale));
     assert_eq!(estimate.body_field, Some(calibration().calibrated_field(SOME)));
@@ -265,7 +265,7 @@ fn readings_wait_for_attitude_up_to_0_3_s() {
     assert_eq!(instrument.rejection_counts().unpaired_readings, 4);
 }
 
-/// Capacity 64: the oldest are dropped and counted.
+/// Of more than 64 queued readings the oldest are dropped and counted.
 #[test]
 fn readings_dropped_from_a_full_queue_are_counted() {
     let mut instrument = Instrument::new(InstrumentConfig::new(1_000));
@@ -335,7 +335,7 @@ fn a_sample_mixes_no_readings_with_and_without_attitude() {
     assert_eq!(samples(&mut instrument).len(), 1);
 }
 
-/// Each row has field and attitude of one time, and becomes a sample.
+/// Each row of the recording has field and attitude of one time, and becomes a sample.
 #[test]
 fn a_recording_at_10_hz_passes_unchanged() {
     let attitude = AttitudeConfig { latency_us: 0, ..AttitudeConfig::DEFAULT };
@@ -623,7 +623,7 @@ fn no_smoothed_heading_without_rates_or_a_raw_heading() {
     assert_eq!(instrument.on_silence(at(10_200_000)).smoothed_heading, None);
 }
 
-/// The rates that the monitor has used were wrong: its states of them are worthless. A single report is no reason.
+/// Wrong rates also corrupt the monitor's states. A single report does not restart it.
 #[test]
 fn ten_reports_with_contradicting_rates_restart_the_monitor() {
     let initial = *Monitor::new(SensorErrorSigmas::DEFAULT).monitor_output();

@@ -151,8 +151,8 @@ impl<B: I2c> Magnetometer for Lis3mdl<B> {
         chip::check_readback(self.control_registers(), self.read_registers(CTRL_REG1).await?)
     }
 
-    /// Noise of 22 counts repeats a value once in eighty readings, a tenth of it once in six. Twelve readings take 0.15
-    /// s, less than 3 deg of a turn at 35 deg of bank.
+    /// Noise of 22 counts repeats a value once in eighty readings, a tenth of that noise once in six. Twelve readings
+    /// take 0.15 s, less than 3 deg of a turn at 35 deg of bank.
     fn stuck_reading_count(&self) -> u16 {
         12
     }

@@ -133,8 +133,8 @@ impl<S: SpiDevice> Magnetometer for Rm3100<S> {
         chip::check_readback([RATE_75_HZ], self.chip.read_registers(TMRC_REGISTER).await?)
     }
 
-    /// Noise of 1.1 counts repeats the middle value in every third reading, half of it in two of three. 48 in a row
-    /// then occur every other year.
+    /// Noise of 1.1 counts repeats the middle value in every third reading, half of that noise in two of three. 48 in a
+    /// row then occur every other year.
     fn stuck_reading_count(&self) -> u16 {
         48
     }

@@ -27,7 +27,7 @@ const MIN_STATE_DURATION_US: u64 = 2_000_000;
 struct QueuedText {
     level: LogLevel,
     characters: BoundedText,
-    /// Bytes of the text that are sent.
+    /// Number of bytes of the text already sent.
     sent: usize,
 }
 

@@ -6,11 +6,11 @@ use crate::port::Snapshot;
 use crate::time::Timestamp;
 use crate::wire::dronecan::outbound::{NodeHealth, NodeMode, NodeStatus};
 
-/// Silence of the sensor that is a fault of the node, microseconds. It is the only one besides safe mode: an autopilot
-/// does not arm while a node is not healthy, and everything else shows in the field that is not sent.
+/// Silence of the sensor after which the node's health is ERROR, microseconds. Besides, only safe mode has this health:
+/// autopilots do not arm beside an unhealthy node, and other causes show in the withheld field.
 const SENSOR_FAULT_US: u64 = 10_000_000;
 
-/// Conditions of the status that last.
+/// Readings and silence of the sensor so far, for NodeStatus.
 #[derive(Debug, Default)]
 pub(super) struct StatusMonitor {
     has_reading: bool,
@@ -19,7 +19,7 @@ pub(super) struct StatusMonitor {
 }
 
 impl StatusMonitor {
-    /// Updates the conditions with an estimate.
+    /// Updates the state with an estimate.
     pub fn update_conditions(&mut self, snapshot: &Snapshot<'_>) {
         if snapshot.estimate.heading == Err(NoHeading::SensorSilent) {
             self.silent_since.get_or_insert(snapshot.now);

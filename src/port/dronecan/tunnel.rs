@@ -11,7 +11,7 @@ const TUNNEL_RELEASE_US: u64 = 3_000_000;
 /// Options of sent messages: none.
 const TARGETTED_OPTIONS: u8 = 0;
 
-/// Node at the other end, and its serial line.
+/// Node at the other end of the tunnel, and its serial line.
 #[derive(Clone, Copy, Debug)]
 struct TunnelPeer {
     node: NodeId,

@@ -94,7 +94,7 @@ impl RequestSequence {
             return;
         }
         match MESSAGE_REQUESTS.get(self.request_index) {
-            // The messages must arrive from now on.
+            // Reports are counted from the acceptance on.
             Some(MessageRequest::Attitude(_)) if is_granted => self.restart_rate_count(at),
             Some(MessageRequest::Attitude(_) | MessageRequest::Message(..)) => {
                 self.select_request(self.request_index + 1);

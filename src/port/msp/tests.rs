@@ -67,7 +67,7 @@ fn msp_with_firmware(name: &[u8]) -> Msp {
     msp
 }
 
-/// Requests within this time if an attitude reply takes this long, or never comes.
+/// Times, microseconds, and functions of the requests, if each attitude request is answered after a time, or never.
 fn requested(msp: &mut Msp, seconds: u64, answered_after_us: Option<u64>) -> Vec<(u64, u16)> {
     let mut requested = Vec::new();
     let mut answer_us = None;

@@ -28,7 +28,7 @@ fn damages() -> [Vec<u8>; 4] {
     [vec![0; PAGE], vec![0xFF; PAGE], vec![0x5A; PAGE], (0..PAGE).map(|_| noise.byte()).collect()]
 }
 
-/// One calibration remains, its loss is reported, and saves succeed.
+/// The other calibration remains, the loss is reported, and saves succeed.
 #[test]
 fn one_damaged_page_never_loses_both_calibrations() {
     for saves in 0..8 {
@@ -69,7 +69,7 @@ fn the_previous_calibration_replaces_a_damaged_one() {
         stored.stored_calibrations,
         StoredCalibrations { current_calibration: None, previous_calibration: Some(record(1)) }
     );
-    // A save of settings keeps the damage visible.
+    // After a save of settings the damage is still reported.
     save_change(&mut flash, StoreChange::Settings(&settings())).unwrap();
     assert_eq!(load(&mut flash), Err(StoreError::Corrupt));
     let undone = StoredCalibrations {
@@ -117,7 +117,7 @@ fn damaged_states_are_reported_and_replaced() {
 fn random_flash_content_allows_later_saves() {
     for seed in 0..200 {
         let mut noise = Random(seed);
-        // From a few flipped bits to all bytes.
+        // From 0.05 % to all of the bytes change.
         let density = 1_u64 << (seed % 12);
         let mut flash = flash_after(seed as u32 % 20);
         for byte in &mut flash.bytes {

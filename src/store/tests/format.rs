@@ -70,7 +70,7 @@ const STATE: &str = "
     0d 0400 0000c03f  0e 0100 00  0f 0100 00  10 0100 03  11 0100 02  12 0100 01  13 0100 01
     14 0100 01  15 0100 01  16 0100 00  17 0100 28
     1826569a ffff";
-/// Items with the fields added since.
+/// Items with the fields added since the first release.
 const LATER_STATE: &str = "
     01 b900
     01 0200 ac02  02 0700 0102f8acd19101  03 0100 00  04 0500 0100004841  05 0500 01000070c2

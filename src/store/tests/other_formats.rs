@@ -100,8 +100,7 @@ fn clear_replaces_another_format() {
     }
 }
 
-/// After a cut at any operation of the clearing, the other format is reported or defaults are loaded, never an old
-/// value. A second clearing succeeds.
+/// After a cut at any operation no old value is loaded, and a second clearing succeeds.
 #[test]
 fn a_power_cut_while_clearing_leaves_the_other_format_or_the_defaults() {
     for (format, case, start) in all_flashes() {

@@ -10,7 +10,7 @@ use super::*;
 const SECOND_CUTS: usize = 2;
 
 /// Cuts near the ends of a save and at every seventh word between, at every fill of the region, then a second cut in
-/// the next save. The old or the new record is loaded, and saves succeed.
+/// the next save. Saves succeed afterwards.
 #[test]
 fn power_cuts_anywhere_leave_old_or_new() {
     let mut random = Random(1);
@@ -42,7 +42,7 @@ fn power_cuts_anywhere_leave_old_or_new() {
     assert!(cases > 1_500, "{cases}");
 }
 
-/// Every kind of change, cut at every operation; a retry succeeds.
+/// A retry after the cut succeeds.
 #[test]
 fn a_power_cut_during_any_change_leaves_the_old_or_new_values() {
     let startup_values =

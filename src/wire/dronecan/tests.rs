@@ -116,7 +116,7 @@ fn status_texts_and_results_are_those_of_pydronecan() {
     assert_frames(&saved, 0x1E0A_0AAA, "00 00 00 00 00 00 80 C1");
 }
 
-/// Payload of 46 bytes with the CRC bytes EE 5E in 7 frames, for a status of WARNING; here with that of this node.
+/// pydronecan's response has the status WARNING, as set here: 46 bytes with the CRC bytes EE 5E in 7 frames.
 #[test]
 fn node_info_has_versions_unique_id_and_name() {
     let software = SoftwareVersion {
@@ -172,7 +172,7 @@ fn an_allocation_is_requested_and_granted_in_three_parts() {
         let expected = inbound(30, Some(node(10)), transfer_id, InboundMessage::Allocation(allocation));
         assert_received(0x1E00_010A, text, &expected);
     }
-    // Another client's request.
+    // Anonymous request of another client.
     let part = Allocation { node: None, unique_id: &UNIQUE_ID[..6] };
     let expected = inbound(24, None, 0, InboundMessage::Allocation(part));
     assert_received(0x188F_F500, "01 11 12 13 14 15 16 C0", &expected);
@@ -242,7 +242,7 @@ fn services_are_requests_to_this_node() {
         assert_received(0x1E0A_AA8A, text, &from_peer(0, InboundMessage::ExecuteOpcode(opcode)));
     }
     assert_received(0x1E04_AA8A, "C0", &from_peer(0, InboundMessage::GetTransportStats));
-    // To another node, a response, and a service without a sender.
+    // Ignored: a request to another node, a response, a service without a sender.
     for id in [0x1E01_AB8A, 0x1E01_2A8A, 0x1E01_AA80] {
         assert_eq!(receive_all(&frames_of(id, "C0")), (None, 0), "{id:X}");
     }
@@ -319,7 +319,7 @@ fn the_current_of_a_battery_is_received() {
         Some(format!("{:?}", inbound(24, Some(node(10)), 0, InboundMessage::Battery { battery: 3, current_a })))
     };
     assert_eq!(receive_all(&frames_from_peer(DataType::BATTERY_INFO, &payload)).0, received(Some(12.5)));
-    // Not a number: not measured.
+    // NaN: the current is not measured.
     payload[4..6].copy_from_slice(&0x7E00_u16.to_le_bytes());
     assert_eq!(receive_all(&frames_from_peer(DataType::BATTERY_INFO, &payload)).0, received(None));
 }
@@ -364,7 +364,7 @@ fn piece_frames() -> Vec<CanFrame> {
     frames_from_peer(DataType::TARGETTED, &piece.payload())
 }
 
-/// A lost frame drops the transfer; a repeated one does not; the next transfer is received.
+/// After a lost frame the next transfer is received.
 #[test]
 fn lost_frames_drop_a_transfer_and_repeated_ones_do_not() {
     let frames = piece_frames();
@@ -392,7 +392,7 @@ fn a_first_frame_always_begins_anew() {
     assert!(receive_all(&middle).0.is_some());
 }
 
-/// More bytes than the longest payload, with all toggles and ids right.
+/// The transfer exceeds the longest payload; its toggle bits and ids are valid.
 #[test]
 fn a_transfer_without_an_end_is_dropped() {
     let frames = piece_frames();
@@ -403,7 +403,7 @@ fn a_transfer_without_an_end_is_dropped() {
     assert!(rejected > 0);
 }
 
-/// Both sides of two seconds between two frames, and a frame of another transfer between.
+/// Longest accepted time between two frames: 2 s.
 #[test]
 fn a_transfer_expires_after_two_seconds() {
     let frames = piece_frames();
@@ -437,7 +437,7 @@ fn a_flood_of_first_frames_does_not_stop_a_transfer_in_progress() {
     assert!(is_received);
 }
 
-/// Frames of one transfer, with a change that its CRC does not cover.
+/// Changes that the CRC does not cover: transfer number, priority, sender, toggle bit.
 #[test]
 fn frames_that_do_not_belong_together_are_no_transfer() {
     let frames = piece_frames();
@@ -482,7 +482,7 @@ fn a_short_frame_ends_a_transfer() {
     assert_eq!(receive_all(&frames).0, None);
 }
 
-/// Lengths at the limits of the definitions, and beyond.
+/// The largest lengths of the definitions are accepted, larger ones dropped.
 #[test]
 fn messages_beyond_their_limits_are_dropped() {
     let bytes = |start: &[u8], length| [start, &vec![7; length]].concat();
@@ -497,7 +497,7 @@ fn messages_beyond_their_limits_are_dropped() {
     }
 }
 
-/// A CRC of another signature is another layout.
+/// The CRC of another signature means another layout.
 #[test]
 fn a_wrong_crc_drops_a_transfer() {
     let mut frames = piece_frames();
@@ -516,7 +516,6 @@ fn only_classic_extended_frames_exist() {
     assert_eq!([NodeId::new(0), NodeId::new(128), NodeId::new(127).map(|_| node(127))], [None, None, Some(node(127))]);
 }
 
-/// Every identifier of a message and of a service is encoded as it is decoded.
 #[test]
 fn identifiers_are_decoded_as_they_are_encoded() {
     let mut random = testkit::random::Random(7);

@@ -210,7 +210,7 @@ fn system_status(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     ))
 }
 
-/// Only the first battery, as in SYS_STATUS.
+/// Ignores batteries other than the first, whose current SYS_STATUS has.
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn battery_status(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const BATTERY_CURRENT_OFFSET: usize = 30;

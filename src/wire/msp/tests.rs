@@ -191,7 +191,7 @@ fn a_position_needs_a_fix() {
     assert_eq!(gps(2, 910_000_000, 0), Some(MspReply::RawGps(None)));
 }
 
-/// Seconds of `date -u -d ... +%s`.
+/// Expected seconds are those of `date -u -d ... +%s`.
 #[test]
 fn a_date_is_decoded_from_calendar_or_seconds() {
     let of_date = |year: u16, month, day| {

@@ -137,10 +137,10 @@ fn damping_ignores_gains_within_the_tolerance() {
         let mut refinement = refinement_off_by(3.0);
         descend(&mut refinement, -lost);
         let found = refinement.damping.value / Damping::START_DAMPING.value;
-        // Damping shortens a step by a thousandth, its gain by a millionth.
+        // Tolerance: damping shortens a step by a thousandth, its gain by a millionth.
         assert!((found / factor - 1.0).abs() < 0.01, "{lost}: {found} {factor}");
     }
-    // No gain, of a promised 0.98 (tolerance 1), and of 1.28.
+    // No gain is achieved of a predicted 0.98, within the tolerance of 1, or 1.28, beyond it.
     for (sigmas, factor) in [(1.4, 0.1), (1.6, 2.0)] {
         let mut refinement = refinement_off_by(sigmas);
         refinement.likelihood.has_noise_estimate = true;
@@ -219,7 +219,7 @@ fn a_restart_converges_in_one_round() {
     assert_eq!(late.likelihood.latency_s.to_bits(), 0.05_f32.to_bits());
     assert!((late.unknowns - converged.unknowns - Vector13::repeat(1e-4)).norm() < 1e-6);
     assert_eq!((late.noise_estimates, late.steps_since_estimate), (MAX_NOISE_ESTIMATES - 1, 0));
-    // The first noise estimate contained the interference.
+    // The noise estimate contained the interference, so one more is needed.
     let mut with_current = settled();
     with_current.restart_with_motor_current(recorded.turns(), &Vector3::new(0.0, 1e-3, 0.0), &Vector13::repeat(1e-4));
     assert!((with_current.likelihood.motor_current_per_ampere() - Vector3::new(0.0, 1e-3, 0.0)).norm() < 1e-6);
@@ -235,7 +235,7 @@ fn fixed_unknowns_stay() {
     let steps =
         (0..10).take_while(|_| refinement.refine_step(recorded.turns()) == RefinementProgress::Continue).count();
     assert_eq!((steps, refinement.unknowns), (3, before));
-    // Initial noise is 5 % and 0.1 rad; a sphere fit leaves less of the norm's and more than a sensor's.
+    // Initial noise: 5 % of the norm, 0.1 rad of inclination. The sphere fit reduces the norm's, not to a sensor's.
     let NoiseModel { norm_sigma: norm, inclination_sigma_rad, .. } = refinement.likelihood.noise;
     assert!(
         (0.01..0.049).contains(&norm) && (0.01..0.3).contains(&inclination_sigma_rad),

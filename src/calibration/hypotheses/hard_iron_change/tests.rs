@@ -154,8 +154,7 @@ fn estimate_equals_joint_least_squares() {
     }
 }
 
-/// Hard iron that is there all the time is one of the unknowns: what rounding leaves of its information is below the
-/// floor, and is no change of either sign.
+/// Constant hard iron is eliminated as one of the unknowns. The information that rounding leaves is below the floor.
 #[test]
 fn constant_hard_iron_is_no_change() {
     let case = Case::new(Vector3::zeros(), 0);
@@ -169,7 +168,7 @@ fn constant_hard_iron_is_no_change() {
     assert!(beta.norm() * case.likelihood.unit_ut < 0.1, "{beta}");
 }
 
-/// Each sample twice has no more information: the autocorrelation of the residuals outweighs the number.
+/// Duplicate samples add no information: the autocorrelation of their residuals outweighs their number.
 #[test]
 fn repeated_samples_add_no_significance() {
     let mut case = Case::new(PAYLOAD_CHANGE_UT, 65_000);
@@ -290,7 +289,7 @@ fn the_significance_of_norms_is_that_of_their_gradient() {
     let to_likeliest = information.linear_system.step_to_maximum().unwrap();
     let columns =
         sums.cross_information.map(|cross_row| information.linear_system.covariance_times(&cross_row).unwrap());
-    // Part of the gradient that the other unknowns do not explain; for inclination residuals the explained part.
+    // Score after elimination of the thirteen unknowns; inclination residuals contribute to the eliminated part only.
     let left = |row: &JacobianRow, by_beta: Vector3<f32>| by_beta - Vector3::from_fn(|axis, _| row.dot(&columns[axis]));
     let of_inclination = |(equation, _, is_norm): (ResidualEquation, Vector3<f32>, bool)| {
         if is_norm { 0.0 } else { equation.weight * equation.jacobian_row.by_inclination.powi(2) }
@@ -322,7 +321,7 @@ fn both_significance_thresholds_must_be_exceeded() {
     assert!(load([30.1, 6.7]) && load([60.1, 0.0]) && !load([59.9, 6.5]) && !load([29.9, 1e3]));
     let hysteresis = |significance| is_significant(TestedCourse::Hysteresis, significance);
     assert!(hysteresis([12.1, 6.7]) && hysteresis([30.1, 0.0]) && !hysteresis([11.9, 1e3]) && !hysteresis([29.9, 6.5]));
-    // Sigmas inflated by the misfit: the residuals with the change are much smaller.
+    // The misfit inflates sigma: with the change as an unknown the residuals are much smaller.
     let mut case = Case::new(PAYLOAD_CHANGE_UT * 4.0, 60_000);
     case.likelihood.noise = NoiseModel::new(0.012, 0.024, Matrix3::identity());
     let calibration = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
@@ -353,7 +352,7 @@ fn fraction_of_the_change_at_a_time() {
         assert!((span.fraction_at(TestedCourse::Step(1_000), &at(ms)) - step).abs() < 1e-6, "{ms}");
         assert!((span.fraction_at(TestedCourse::Drift, &at(ms)) - drift).abs() < 1e-6, "{ms}");
     }
-    // All of it in a turn at 25 deg of bank, half of it at half its additional load, and no more than all.
+    // Share of the change: 1 at the load factor of 25 deg of bank and above, 1/2 at half its excess over 1.
     for (load, fraction) in [(1.0, 0.0), (1.0517, 0.5), (1.1034, 1.0), (1.5, 1.0)] {
         let roll_rad = f32::acos(1.0 / load);
         let turning = Sample { attitude: crate::frames::Attitude { roll_rad, pitch_rad: 0.0 }, ..STILL };

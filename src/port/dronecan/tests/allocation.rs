@@ -50,8 +50,8 @@ impl Allocator {
     }
 }
 
-/// A bus of unallocated nodes and an allocator, which is heard once a second; frames are lost, repeated or late by
-/// chance.
+/// A bus of unallocated nodes, an allocator, and a peer with a message each second; frames are lost, repeated or late
+/// by chance.
 struct AllocationBus {
     nodes: Vec<Bench>,
     allocator: Allocator,
@@ -112,7 +112,7 @@ impl AllocationBus {
     }
 }
 
-/// Two seconds are what people expect; the random delays are up to 1.0, 0.4 and 0.4 s.
+/// The random delays are up to 1.0, 0.4 and 0.4 s.
 #[test]
 fn a_number_is_allocated_within_two_seconds() {
     for first_byte in 0..50 {
@@ -123,7 +123,7 @@ fn a_number_is_allocated_within_two_seconds() {
     }
 }
 
-/// Each collision of their exchanges costs both another turn.
+/// After a collision both modules start their exchanges again.
 #[test]
 fn two_modules_on_one_bus_get_different_numbers() {
     for first_byte in 0..50 {
@@ -152,7 +152,7 @@ fn delay_ms(client: &mut AllocationClient, source: Option<u8>, unique_id: &[u8])
     (0..=1000).find(|ms| client.next_request(Timestamp::from_us(ms * 1000)).is_some()).unwrap()
 }
 
-/// Not another client's part, not an empty one, not that of another unique id; and these end the exchange.
+/// Another client's request, an empty id or a part of another unique id ends the exchange.
 #[test]
 fn only_an_allocator_continues_an_exchange() {
     let unique_id = info(1).unique_id;

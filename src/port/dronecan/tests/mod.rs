@@ -87,7 +87,7 @@ impl Bench {
         Self::with_settings(first_byte, Settings::DEFAULT)
     }
 
-    /// Node 42, which has heard another node.
+    /// Node 42, after a frame of another node.
     fn new() -> Self {
         let can = CanSettings { node: OWN, ..CanSettings::DEFAULT };
         let mut bench = Self::with_settings(1, Settings { can, ..Settings::DEFAULT });

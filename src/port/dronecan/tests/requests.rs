@@ -95,7 +95,7 @@ fn commands_are_executed_one_after_another() {
     assert_eq!(bench.commands, commands);
 }
 
-/// The same value, another kind of value, and a number beyond all.
+/// Requests with the present value, a number beyond the range, or a value of another kind.
 #[test]
 fn requests_that_change_nothing_are_answered_at_once() {
     let mut bench = Bench::new();
@@ -110,7 +110,6 @@ fn requests_that_change_nothing_are_answered_at_once() {
     assert_eq!(bench.commands, []);
 }
 
-/// The key is not sent back.
 #[test]
 fn a_passphrase_is_set_and_not_read() {
     let mut bench = Bench::new();
@@ -184,7 +183,7 @@ fn an_update_is_handed_over_with_the_restart() {
     assert_eq!(status[0].payload[4] >> 3 & 7, 3, "software update");
 }
 
-/// The longest path is whole, with its end, and another server than the sender is named.
+/// The longest path fits with its NUL; a server other than the sender can be named.
 #[test]
 fn a_path_is_checked() {
     let path = |length| [&[11][..], &vec![b'x'; length]].concat();

@@ -42,14 +42,14 @@ fn the_covariance_is_that_of_the_heading_s_sigma() {
     assert!(bench.sent(MAG, 100).iter().all(|sent| sent.payload.len() == 7), "unknown without a heading");
 }
 
-/// Longest bits of a frame with an extended identifier: 67 and the data, with a stuff bit after every four of the 54
-/// and the data; an interframe space is among them (ISO 11898-1).
+/// Most bits of a frame with an extended identifier: 67, interframe space included, and the data, with a stuff bit
+/// after every four of the data and 54 others (ISO 11898-1).
 fn worst_bits(frame: &CanFrame) -> usize {
     let data = 8 * frame.data().len();
     67 + data + (54 + data - 1) / 4
 }
 
-/// 3 % of 1 Mbit/s at the highest rate, with a text every second; it is 1.5 %.
+/// Limit: 3 % of 1 Mbit/s at the highest rate, with a text every second; measured: 1.5 %.
 #[test]
 fn the_bus_is_loaded_by_3_percent_at_most() {
     let mut bench = Bench::new();
@@ -79,7 +79,7 @@ fn the_status_is_ok_unless_the_sensor_is_silent() {
     let sent = bench.sent(DataType::NODE_STATUS, 10_000);
     assert_eq!(sent.len(), 11, "once a second");
     assert_eq!(sent[10].payload[..4], [10, 0, 0, 0]);
-    // Calibrated, 100 percent.
+    // Vendor code: calibrated, 100 percent.
     assert_eq!(status_of(&sent[10]), (0, 0, 0x6420));
     bench.estimate = Estimate { heading: Err(NoHeading::SensorSilent), compass_field: None, ..bench.estimate };
     let sent = bench.sent(DataType::NODE_STATUS, 15_000);
@@ -89,7 +89,7 @@ fn the_status_is_ok_unless_the_sensor_is_silent() {
     assert_eq!(status_of(&bench.sent(DataType::NODE_STATUS, 1000)[0]), (0, 0, 0x6420));
 }
 
-/// What keeps an autopilot from arming is only the health.
+/// Of NodeStatus only the health keeps an autopilot from arming.
 #[test]
 fn calibration_and_reasons_are_in_the_vendor_s_code() {
     for (indicator, heading, code) in [

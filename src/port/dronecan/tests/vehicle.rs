@@ -85,7 +85,7 @@ fn rolls(bench: &Bench) -> Vec<f32> {
     bench.delivered.iter().filter_map(roll).collect()
 }
 
-/// A frame over two pieces, with a repeated piece between.
+/// The stream is split within a frame, and each piece is received twice.
 #[test]
 fn mavlink_is_received_through_the_tunnel() {
     let mut bench = Bench::new();
@@ -98,7 +98,7 @@ fn mavlink_is_received_through_the_tunnel() {
     assert_eq!(bench.node.is_armed(bench.now()), Some(true));
 }
 
-/// To another node, of another node while the first is there, on another serial line, of another protocol.
+/// Ignored: bytes to another node, from a second node, of another serial line or protocol.
 #[test]
 fn one_serial_line_of_one_node_uses_the_tunnel() {
     let mut bench = Bench::new();
@@ -121,8 +121,8 @@ fn one_serial_line_of_one_node_uses_the_tunnel() {
     assert_eq!(rolls(&bench), [0.1, 0.6]);
 }
 
-/// Requests for attitude, heartbeats and headings, to the serial line from which the autopilot sends; nothing without
-/// it.
+/// Requests, heartbeats and headings are sent to the serial line that the autopilot uses, and nothing while it is
+/// silent.
 #[test]
 fn mavlink_is_sent_through_the_tunnel() {
     let mut bench = Bench::new();

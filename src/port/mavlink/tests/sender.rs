@@ -7,7 +7,7 @@ use crate::instrument::{HardIronChange, InstallationChange};
 use crate::settings::HeadingKind;
 use crate::settings::OutOfRange;
 
-/// Prefix of a text whose end a test selects.
+/// Start of a text; tests append the rest.
 const BEGINNING: &str = "autoswing: refused out-of-range: ";
 
 fn notice_with_end(end: &str) -> Notice {

@@ -41,6 +41,6 @@ fn after_random_bytes_the_next_frame_is_decoded() {
         let found = good.iter().filter_map(|&byte| receiver.push_byte(byte)).count();
         assert_eq!(found, 1, "{input}: {bytes:02X?}");
     }
-    // A quarter is valid; most of them are supported messages, and most of version 2 have an allowed length.
+    // A quarter of the inputs is valid; most are supported messages, and most of version 2 have an allowed length.
     assert!((5_000..20_000).contains(&received), "{received}");
 }
