@@ -18,7 +18,7 @@ const INCLINATION_SCALE_RAD: f32 = 0.005;
 pub struct HeldBackScores {
     /// Score of the candidate: RMS of normalised residuals (dimensionless).
     pub candidate_score: f32,
-    /// Score of the active calibration, in the same unit.
+    /// Score of the active calibration, as the candidate's (dimensionless).
     pub active_score: f32,
 }
 

@@ -17,7 +17,7 @@ const MAX_COSINE_OF_CHANGE: f32 = 0.15;
 /// attitude.
 const FIELD_TOLERANCE: f32 = 0.006;
 
-/// Largest difference of a field that needs no turn to be explained, relative to the field strength: 1 uT of 50.
+/// Largest field difference, relative to the field strength, that needs no turn to explain it: 1 uT of 50.
 const MAX_UNCHANGED_FIELD_DIFFERENCE: f32 = 0.02;
 
 /// The turn of the module that explains a field, clockwise from above, radians; `None` if none does. `difference`:

@@ -203,7 +203,7 @@ fn the_size_of_hysteresis_is_the_rms_of_its_response() {
     assert!((size / rms - 1.0).abs() < 0.03, "{size} {rms}");
 }
 
-/// A sample's pair of residuals is added at once; the sums are those of its equations.
+/// A sample's pair of residuals is added at once.
 #[test]
 fn the_sums_of_hysteresis_are_those_of_each_equation() {
     let case = Case::new(Vector3::zeros(), 0);

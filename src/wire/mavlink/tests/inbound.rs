@@ -88,7 +88,7 @@ fn a_date_is_received_in_microseconds_since_1970() {
     for hex in frames {
         assert_eq!(decode_single(&bytes(hex)), InboundMessage::Date(SENDER, Date::from_unix_s(1_790_000_000)));
     }
-    // An unset clock, and a date out of range.
+    // No date is decoded from an unset clock or out of range.
     for unix_us in [0, 5_000_000, u64::MAX] {
         assert_eq!(decode_single(&frame(2, 137, &unix_us.to_le_bytes())), InboundMessage::Date(SENDER, None));
     }
