@@ -188,7 +188,7 @@ mod tests {
         assert!((0.1..0.3).contains(&from_s) && (8.8..10.0).contains(&to_s), "{from_s} {to_s}");
     }
 
-    /// A drift of 2 deg/s stays within 3 deg of its 1 s mean; 4 deg/s does not.
+    /// A tilt of 2 deg/s leads its exponential mean, time constant 1 s, by 2 deg: allowed. That of 4 deg/s is not.
     #[test]
     fn slow_drift_is_not_alignment() {
         assert_eq!(

@@ -101,7 +101,7 @@ fn hover() -> Vec<Sample> {
     multirotor_samples(&airframe(), 0.3, &mut Random(1))
 }
 
-/// Accuracies agree within 0.25 deg, with one restart or one every 15 s.
+/// The calibration's RMS error is that of a run without a restart, to 0.25 deg, after one restart or one every 15 s.
 #[test]
 fn a_restarted_collection_ends_with_the_same_accuracy() {
     let hover_samples = hover();

@@ -357,7 +357,7 @@ fn attitude_noise_grows_while_the_aircraft_accelerates() {
             silent += u32::from(flight.step().is_err());
         }
         assert_eq!(silent > 0, is_silenced, "{raised_rad}: {silent}");
-        // 0.15 times the excursion is 0.8 deg or more; calibration and adaptation alone give 0.3 deg.
+        // Acceleration-induced tilt, 0.15 of the pitch excursion: 0.8 deg or more. Without it the sigma is 0.3 deg.
         let tilt_sigma_rad = libm::sqrtf(flight.monitor.monitor_output().sample_noise.unwrap().tilt_rad2);
         assert_eq!(tilt_sigma_rad > 0.0125, !is_silenced, "{raised_rad}: {tilt_sigma_rad}");
     }

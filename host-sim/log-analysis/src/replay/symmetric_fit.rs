@@ -38,9 +38,9 @@ pub struct SymmetricFit<'a> {
     pub rotated_rows: &'a [ReplayRow],
     /// Rotation by the mounting.
     pub mounting: Matrix3<f64>,
-    /// Calibration, of which `full` is the correction.
+    /// The solved calibration.
     pub calibration: &'a Calibration,
-    /// Full correction.
+    /// The correction by all coefficients of the calibration, which a symmetric matrix cannot express.
     pub full_correction: FieldCorrection,
     /// Whether the matrix is diagonal.
     pub is_diagonal: bool,

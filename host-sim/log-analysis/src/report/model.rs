@@ -228,8 +228,8 @@ impl CompassReport {
         self.samples.get(self.samples.partition_point(|sample| sample.time_s < from_s)..).unwrap_or_default()
     }
 
-    /// Subtracts the mean error of usable samples since the last change, separately as logged, with the parameters and of
-    /// the module; returns the means.
+    /// Subtracts from all heading errors their mean over the usable samples since the last change of hard iron. Returns
+    /// the means of the logged headings, of those with the parameters, and of the module's, degrees.
     pub(super) fn subtract_mean_errors(&mut self) -> [Option<f64>; 3] {
         let since = self.samples_since_change();
         let usable = |quantity: fn(&ReportSample) -> Option<f64>| {

@@ -25,7 +25,7 @@ use crate::random::{RandomStream, StreamPurpose};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct GyroConfig {
-    /// Scale error of each axis and each of the six cross-axis sensitivities, percent.
+    /// Standard deviation of the scale error of each axis and of each of the six cross-axis sensitivities, percent.
     pub scale_percent: f64,
     /// Remaining offset of each axis, degrees per second.
     pub offset_deg_s: f64,

@@ -186,7 +186,7 @@ struct ChangeEstimate {
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct ConfirmedChange {
     pub detected_change: DetectedHardIronChange,
-    /// `H_ub beta`: effect on the gradient of the unknowns.
+    /// `H_ub beta`: effect of the change `beta` of hard iron on the gradient of the likelihood by the coefficients.
     pub gradient_effect: Vector13,
 }
 

@@ -84,7 +84,7 @@ fn row(message_id: u8, at_us: u64, values: &[&[u8]]) -> (u8, Vec<u8>) {
     (b'D', [&[message_id, 0][..], &at_us.to_le_bytes(), &values.concat()].concat())
 }
 
-/// Other priorities do not show which compass is used.
+/// A priority above zero does not show which compass is used.
 #[test]
 fn a_compass_of_priority_zero_is_not_used() {
     let parameters = [&PX4[..], &[("CAL_MAG0_PRIO", 50.0), ("CAL_MAG1_PRIO", 0.0)]].concat();
