@@ -19,7 +19,7 @@ const CHART_STYLE: &str = include_str!("assets/uplot/uPlot.min.css");
 /// Content security policy: inline style, this script by its checksum, no network. scripts/page fails if the checksum
 /// is outdated.
 const CONTENT_SECURITY_POLICY: &str =
-    "default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-MJK7LuTb3s0lcK8NB3/4YPlBya7IGtaiMj6kW/gic1E='";
+    "default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-d5hd00+SZq8vT+T90fXwN1Vq3AGkdaX1WmReUl90cgY='";
 
 pub fn render_html(report: &Report) -> String {
     let parts = page_sections(report);

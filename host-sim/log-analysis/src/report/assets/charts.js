@@ -97,7 +97,7 @@
     },
   });
 
-  const overTime = { axes: [axis("time of the log, s", { size: 34 })], at: "time, s", isTime: true };
+  const overTime = { axes: [axis("time of the log, s", { size: 34 })], at: "s", isTime: true };
 
   const CHARTS = {
     strength(data) {
@@ -144,7 +144,7 @@
       const [x, ...columns] = uPlot.join(tables);
       return {
         x, series: series.map((item, i) => [item, columns[i]]),
-        at: "heading, deg", scales: { x: { time: false, range: [0, 360] } },
+        at: "heading", scales: { x: { time: false, range: [0, 360] } },
         axes: [axis("heading, deg", { size: 34, splits: () => [0, 60, 120, 180, 240, 300, 360] }), axis(`${data.error}, deg`)],
       };
     },
@@ -166,7 +166,7 @@
           series.push([points(`${axisName} ${label}`, tones[k], { show: isShown }), differences]);
         });
       }
-      return { at: "current, A", x: order.map((i) => data.current[i]), series, axes: [axis("current, A", { size: 34 }), axis("difference, uT")] };
+      return { at: "A", x: order.map((i) => data.current[i]), series, axes: [axis("current, A", { size: 34 }), axis("difference, uT")] };
     },
   };
 
