@@ -14,15 +14,13 @@ from unicorn import UC_ARCH_ARM, UC_HOOK_CODE, UC_HOOK_MEM_INVALID, UC_HOOK_MEM_
 from unicorn import UC_MODE_MCLASS, UC_MODE_THUMB, Uc
 from unicorn import arm_const as arm
 
-IMAGE_AT, FLASH, FLASH_SIZE = 0x08009000, 0x08000000, 512 * 1024
+from stm32g474 import AT_START, CAN, CCCR, IMAGE_AT, RCC_CFGR, RCC_CR, SYSTICK, UPDATE_SIZE, WATCHDOG_KEY, answer
+
+FLASH, FLASH_SIZE = 0x08000000, 512 * 1024
 RAM, RAM_SIZE, STACK, STACK_SIZE = 0x20000000, 96 * 1024, 0x10000000, 32 * 1024
-UPDATE_SIZE = 256
 PERIPHERALS = [(0x40000000, 0x30000), (0x48000000, 0x2000), (0x50000000, 0x1000), (0xE0000000, 0x100000)]
 
-RCC_CR, RCC_CFGR, RCC_AHB1RSTR, RCC_BDCR = 0x40021000, 0x40021008, 0x40021028, 0x40021090
-FLASH_ACR, FLASH_OPTR = 0x40022000, 0x40022020
-CAN_CREL, CAN_ENDN, CAN_CCCR, CAN_NBTP = 0x40006400, 0x40006404, 0x40006418, 0x4000641C
-WATCHDOG_KEY, SYSTICK = 0x40003000, 0xE000E010
+RCC_AHB1RSTR, RCC_BDCR, FLASH_ACR, NBTP = 0x40021028, 0x40021090, 0x40022000, CAN + 0x1C
 ENABLE, DISABLE, CLEAR = 0xE000E100, 0xE000E180, 0xE000E280
 TIM2, FDCAN1 = 28, 21
 HSI, PLL = 1, 3
@@ -33,15 +31,7 @@ class Chip:
     """Processor, memory, and registers as the boot loader leaves them."""
 
     def __init__(self, image):
-        self.registers = {
-            RCC_CR: 1 << 24 | 1 << 16,
-            RCC_CFGR: PLL,
-            FLASH_ACR: 0x604,
-            FLASH_OPTR: 1 << 22,
-            CAN_CREL: 0x32141218,
-            CAN_ENDN: 0x87654321,
-            SYSTICK: 7,
-        }
+        self.registers = AT_START | {FLASH_ACR: 0x604}
         self.enabled = {TIM2, FDCAN1}
         self.writes = []
         self.fault = None
@@ -78,21 +68,10 @@ class Chip:
     def register(self, number):
         return self.cpu.reg_read(number)
 
-    def value(self, at):
-        value = self.registers.get(at, 0)
-        if at == RCC_CR:  # Oscillators that are on report that they are ready.
-            value &= ~(1 << 10 | 1 << 17 | 1 << 25)
-            value |= (value & 1 << 8) << 2 | (value & 1 << 16) << 1 | (value & 1 << 24) << 1
-        elif at == RCC_CFGR:  # The status field shows the selected clock.
-            value = value & ~0xC | (value & 3) << 2
-        elif at == CAN_CCCR:  # A requested clock stop is acknowledged.
-            value = value & ~(1 << 3) | (value & 1 << 4) >> 1
-        return value
-
     def access(self, cpu, kind, address, size, value, _):
         at, shift = address & ~3, 8 * (address & 3)
         if kind == UC_MEM_READ:
-            cpu.mem_write(at, struct.pack("<I", self.value(at)))
+            cpu.mem_write(at, struct.pack("<I", answer(at, self.registers.get(at, 0))))
             return
         mask = (1 << 8 * size) - 1
         word = self.registers.get(at, 0) & ~(mask << shift) | (value & mask) << shift
@@ -132,8 +111,8 @@ assert bytes(chip.cpu.mem_read(RAM, UPDATE_SIZE)) == chip.leftovers[:UPDATE_SIZE
 assert chip.registers[RCC_CFGR] & 3 == PLL and chip.registers[RCC_CR] & 1 << 16, "clock not from the crystal"
 assert not any(at == RCC_BDCR and word & (1 << 16 | 3 << 8) for _, at, word in chip.writes), "backup domain reset"
 # CAN controller as initialised: restricted operation; a bit has 10 quanta of 8 clock periods, sampled after the ninth quantum.
-assert chip.registers[CAN_CCCR] & 0b111 == 0b100, f"CAN mode {chip.registers[CAN_CCCR]:#b}"
-assert chip.registers[CAN_NBTP] == 0x70700, f"CAN timing {chip.registers[CAN_NBTP]:#x}"
+assert chip.registers[CCCR] & 0b111 == 0b100, f"CAN mode {chip.registers[CCCR]:#b}"
+assert chip.registers[NBTP] == 0x70700, f"CAN timing {chip.registers[NBTP]:#x}"
 fed = [after for after, at, word in chip.writes if at == WATCHDOG_KEY and word == 0xAAAA]
 assert fed and fed[0] < 16_000, f"watchdog fed after {fed[:1]} instructions, not within 1 ms at 16 MHz"
 print(f"boot loader: the image starts, feeds the watchdog after {fed[0]} instructions, rests after {chip.instructions}")

@@ -8,12 +8,10 @@ import struct
 import sys
 
 from emulated_chip import UNIQUE_ID, EmulatedChip, Node, transfers
+from stm32g474 import AT_START, CAN, CCCR, IMAGE_AT, UPDATE_SIZE, WATCHDOG_KEY, answer
 
-IMAGE_AT, UPDATE_AT, UPDATE_SIZE = 0x08009000, 0x20000000, 256
-RCC_CR, RCC_CFGR, FLASH_OPTR = 0x40021000, 0x40021008, 0x40022020
-BACKUP, WATCHDOG_KEY, SYSTICK = 0x40002500, 0x40003000, 0xE000E010
-CAN = 0x40006400
-CREL, ENDN, CCCR, ECR, IR, RXF0S, RXF0A, TXBAR = (CAN + at for at in (0, 4, 0x18, 0x40, 0x50, 0x90, 0x94, 0xCC))
+UPDATE_AT, BACKUP = 0x20000000, 0x40002500
+ECR, IR, RXF0S, RXF0A, TXBAR = (CAN + at for at in (0x40, 0x50, 0x90, 0x94, 0xCC))
 TXFQS, CAN_IRQ = CAN + 0xC4, 21
 # Elements of 72 bytes in the controller's memory.
 RECEIVED_AT, SENT_AT, ELEMENT, EXTENDED = 0x4000A4B0, 0x4000A678, 72, 1 << 30
@@ -25,8 +23,7 @@ class Chip(EmulatedChip):
     """STM32G474 (reference manual RM0440)."""
 
     def __init__(self, image, node, errors_us=()):
-        registers = {RCC_CR: 1 << 24 | 1 << 16, RCC_CFGR: 3, FLASH_OPTR: 1 << 22, SYSTICK: 7, CREL: 0x32141218, ENDN: 0x87654321}
-        super().__init__(image, IMAGE_AT, registers, node, errors_us)
+        super().__init__(image, IMAGE_AT, AT_START, node, errors_us)
         self.first_received, self.fed_us, self.messages = 0, [], []
 
     def write(self, at, word):
@@ -45,15 +42,8 @@ class Chip(EmulatedChip):
                 self.messages.append((self.now_us, word))
 
     def read(self, at):
-        value = self.registers.get(at, 0)
-        if at == RCC_CR:  # Oscillators that are on report that they are ready.
-            value &= ~(1 << 10 | 1 << 17 | 1 << 25)
-            value |= (value & 1 << 8) << 2 | (value & 1 << 16) << 1 | (value & 1 << 24) << 1
-        elif at == RCC_CFGR:  # The status field shows the selected clock.
-            value = value & ~0xC | (value & 3) << 2
-        elif at == CCCR:  # A requested clock stop is acknowledged.
-            value = value & ~(1 << 3) | (value & 1 << 4) >> 1
-        elif at == RXF0S:
+        value = answer(at, self.registers.get(at, 0))
+        if at == RXF0S:
             value = len(self.received) | self.first_received << 8
         elif at == TXFQS:
             value = 3
