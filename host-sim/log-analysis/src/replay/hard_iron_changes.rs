@@ -3,7 +3,7 @@
 use autoswing::calibration::Solution;
 use nalgebra::Vector3;
 
-use super::hard_iron_jump::{FittedCorrection, find_jump_times_s, find_jumps, is_cancelled};
+use super::hard_iron_jump::{FittedCorrection, absolute_residuals_ut, find_jump_times_s, find_jumps, is_cancelled};
 use super::hard_iron_step::{HardIronStep, MIN_SIGMAS, find_step};
 use super::replay_run::solve_all_rows;
 use super::row_headings::monitored_changes_ut;
@@ -60,11 +60,11 @@ pub fn find_changes(
     initial: &FieldCorrection,
     total_ut: f64,
 ) -> Vec<HardIronChange> {
-    let search_of = ChangeSearch { flight, total_ut };
-    let (mut found, correction) = search_of.jumps(rows, initial);
+    let search = ChangeSearch { flight, total_ut };
+    let (mut found, correction) = search.jumps(rows, initial);
     for part in split_at_changes(rows, &found) {
         let solved = if found.is_empty() { None } else { solve_all_rows(part).filter(is_certain) };
-        search_changes(&search_of, part, &solved.as_ref().map_or(correction, solved_correction), &mut found);
+        search_changes(&search, part, &solved.as_ref().map_or(correction, solved_correction), &mut found);
     }
     found.sort_by(|left_change, right_change| {
         left_change.hard_iron_step.time_s.total_cmp(&right_change.hard_iron_step.time_s)
@@ -78,7 +78,7 @@ struct ChangeSearch<'a> {
 }
 
 fn search_changes(
-    search_of: &ChangeSearch<'_>,
+    search: &ChangeSearch<'_>,
     rows: &[ReplayRow],
     initial: &FieldCorrection,
     changes: &mut Vec<HardIronChange>,
@@ -86,7 +86,7 @@ fn search_changes(
     if changes.len() >= MAX_CHANGES {
         return;
     }
-    let Some(step) = find_step(rows, initial).filter(|step| step.size_ut() < search_of.total_ut) else { return };
+    let Some(step) = find_step(rows, initial).filter(|step| step.size_ut() < search.total_ut) else { return };
     let split = |step: &HardIronStep| {
         let (before, after) = rows.split_at(rows.partition_point(|row| row.t_s < step.time_s));
         [before, after]
@@ -99,11 +99,11 @@ fn search_changes(
     });
     let step = best_solution.and_then(|solution| find_step(rows, &solved_correction(solution))).unwrap_or(step);
     let parts = split(&step);
-    let Some(bend_deg) = search_of.confirmed_heading_effect_deg(&step, parts, &solutions) else { return };
+    let Some(bend_deg) = search.confirmed_heading_effect_deg(&step, parts, &solutions) else { return };
     changes.push(HardIronChange { hard_iron_step: step, heading_effect_deg: bend_deg });
     for (part, solution) in parts.into_iter().zip(&solutions) {
         if let Some(solution) = solution {
-            search_changes(search_of, part, &solved_correction(solution), changes);
+            search_changes(search, part, &solved_correction(solution), changes);
         }
     }
 }
@@ -210,18 +210,15 @@ fn heading_effect_deg(step: &HardIronStep, solution: &Solution) -> Option<f64> {
 
 /// Whether a step is the same change as a jump.
 fn refines(step: &HardIronStep, jump: &HardIronStep) -> bool {
-    let difference = Vector3::from(step.step_ut) - Vector3::from(jump.step_ut);
-    (step.time_s - jump.time_s).abs() < MAX_REFINED_S && difference.norm() < MAX_DISAGREEMENT * jump.size_ut()
+    let is_same_size = is_confirmed_by(&step.step_ut.into(), &jump.step_ut.into());
+    (step.time_s - jump.time_s).abs() < MAX_REFINED_S && is_same_size
 }
 
 /// Median residual of strength and vertical component to a calibration, microtesla.
 fn median_residual_ut(rows: &[ReplayRow], correction: &FieldCorrection, solution: &Solution) -> f64 {
-    let [total_ut, vertical_ut] = earth_ut(solution);
+    let earth_ut = earth_ut(solution);
     let usable = rows.iter().filter(|row| row.is_usable);
-    median(usable.flat_map(|row| {
-        let field = row.corrected_field(correction);
-        [field.norm() - total_ut, row.down_in_body().dot(&field) - vertical_ut].map(f64::abs)
-    }))
+    median(usable.flat_map(|row| absolute_residuals_ut(row, &row.corrected_field(correction), &earth_ut)))
 }
 
 /// Strength and vertical component of the Earth's field by a calibration, microtesla.

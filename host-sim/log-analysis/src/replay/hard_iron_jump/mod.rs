@@ -131,9 +131,12 @@ struct Jump {
 }
 
 impl Jump {
-    /// The jump with the opposite step, at row `at`.
-    fn reversed(&self, at: usize) -> Self {
-        Self { at, step_ut: -self.step_ut }
+    /// Shift that removes the jump from the fields beyond it.
+    fn shift_ut(&self, direction: Direction) -> Vector3<f64> {
+        match direction {
+            Direction::Later => -self.step_ut,
+            Direction::Earlier => self.step_ut,
+        }
     }
 }
 
@@ -265,7 +268,8 @@ impl<'a> JumpSearch<'a> {
             Direction::Later => fit.fitted_s[1] - WINDOW_S,
             Direction::Earlier => fit.fitted_s[0] + WINDOW_S,
         };
-        let fitted_ut = self.residual_ut(self.rows_between(fit.fitted_s), &fit.earth_ut);
+        let unshifted = Vector3::zeros();
+        let fitted_ut = self.residual_ut(self.rows_between(fit.fitted_s), &unshifted, &fit.earth_ut);
         for _ in 0..MAX_JUMPS {
             let mut jumps = self.jumps();
             if direction == Direction::Earlier {
@@ -280,14 +284,12 @@ impl<'a> JumpSearch<'a> {
             beyond_s = self.rows[jump.at].t_s;
             let next_s = jumps.get(1).map_or(f64::INFINITY, |next| (self.rows[next.at].t_s - beyond_s).abs());
             let tested = self.tested_rows(&jump, direction, next_s.min(TESTED_S));
-            let unshifted_ut = self.residual_ut(tested.clone(), &fit.earth_ut);
+            let unshifted_ut = self.residual_ut(tested.clone(), &unshifted, &fit.earth_ut);
             let limit_ut = (MAX_RESIDUAL_RATIO * unshifted_ut).max(MAX_FITTED_RESIDUAL_RATIO * fitted_ut);
-            self.shift(&jump, direction);
-            if self.residual_ut(tested, &fit.earth_ut) > limit_ut {
-                self.shift(&jump.reversed(jump.at), direction);
-                continue;
+            if self.residual_ut(tested, &jump.shift_ut(direction), &fit.earth_ut) <= limit_ut {
+                self.shift_beyond(&jump, direction);
+                found.push(jump);
             }
-            found.push(jump);
         }
         let end_s = match direction {
             Direction::Later => f64::INFINITY,
@@ -298,7 +300,7 @@ impl<'a> JumpSearch<'a> {
             let (one_s, other_s) = (time_s(i), time_s(i + 1));
             let beyond = self.rows_between([one_s.min(other_s), one_s.max(other_s)]);
             let limit_ut = MAX_UNEXPLAINED_FRACTION * found[i].step_ut.norm();
-            self.residual_ut(beyond, &fit.earth_ut) < limit_ut.max(MAX_EXPLAINED_RESIDUAL_RATIO * fitted_ut)
+            self.residual_ut(beyond, &unshifted, &fit.earth_ut) < limit_ut.max(MAX_EXPLAINED_RESIDUAL_RATIO * fitted_ut)
         };
         // A missed or wrong jump causes false ones: from the first with unexplained residuals on, none is reported.
         let explained = (0..found.len()).take_while(|i| is_explained(*i)).count();
@@ -321,23 +323,25 @@ impl<'a> JumpSearch<'a> {
     }
 
     /// Median deviation of strength and vertical component from the Earth's field, microtesla.
-    fn residual_ut(&self, rows: std::ops::Range<usize>, earth_ut: &[f64; 2]) -> f64 {
-        median(rows.flat_map(|i| self.residuals_ut(i, self.fields[i], earth_ut).map(f64::abs)))
+    fn residual_ut(&self, rows: std::ops::Range<usize>, shift_ut: &Vector3<f64>, earth_ut: &[f64; 2]) -> f64 {
+        median(rows.flat_map(|i| absolute_residuals_ut(self.rows[i], &(self.fields[i] + shift_ut), earth_ut)))
     }
 
-    fn residuals_ut(&self, i: usize, field: Vector3<f64>, [strength_ut, vertical_ut]: &[f64; 2]) -> [f64; 2] {
-        [field.norm() - strength_ut, self.rows[i].down_in_body().dot(&field) - vertical_ut]
-    }
-
-    /// Removes a jump from the fields beyond it in the direction of the search.
-    fn shift(&mut self, jump: &Jump, direction: Direction) {
-        let (shifted, by_ut) = match direction {
-            Direction::Later => (jump.at..self.rows.len(), -jump.step_ut),
-            Direction::Earlier => (0..jump.at, jump.step_ut),
+    /// Removes a jump from the fields beyond it.
+    fn shift_beyond(&mut self, jump: &Jump, direction: Direction) {
+        let beyond = match direction {
+            Direction::Later => jump.at..self.rows.len(),
+            Direction::Earlier => 0..jump.at,
         };
-        self.fields[shifted].iter_mut().for_each(|field| *field += by_ut);
+        self.fields[beyond].iter_mut().for_each(|field| *field += jump.shift_ut(direction));
         self.update_differences();
     }
+}
+
+/// Absolute residuals of strength and vertical component of a row's corrected field, microtesla.
+#[must_use]
+pub fn absolute_residuals_ut(row: &ReplayRow, field: &Vector3<f64>, [strength_ut, vertical_ut]: &[f64; 2]) -> [f64; 2] {
+    [field.norm() - strength_ut, row.down_in_body().dot(field) - vertical_ut].map(f64::abs)
 }
 
 fn heading_rate_rad_s(row: &ReplayRow) -> f64 {
