@@ -248,8 +248,8 @@ mod tests {
         changes
     }
 
-    /// An attitude that becomes stale in level flight is detected in the next roll, from 29 s; one that becomes stale
-    /// in a turn, in the roll back to level, from 39 s. Gyro errors of 10 % and 1 deg/s delay this by up to 9 s.
+    /// An attitude that becomes stale in level flight is detected in the next roll, from 29 s; in a turn, in the roll back
+    /// to level, from 39 s. Gyro errors of 10 % and 1 deg/s delay this by up to 9 s.
     #[test]
     fn a_stale_attitude_is_detected_in_the_next_roll() {
         for seed in 0..20 {

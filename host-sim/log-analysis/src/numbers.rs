@@ -81,11 +81,11 @@ pub fn median(numbers: impl IntoIterator<Item = f64>) -> f64 {
 #[must_use]
 pub fn mean_angle_deg(angles: impl IntoIterator<Item = f64>) -> Option<f64> {
     let finite = angles.into_iter().filter(|angle| angle.is_finite());
-    let sums = finite.map(|angle| libm::sincos(angle.to_radians())).fold(None, |sums, (sin_sum, cos_sum)| {
-        let (sin, cos) = sums.unwrap_or((0.0, 0.0));
-        Some((sin + sin_sum, cos + cos_sum))
+    let sums = finite.map(|angle| libm::sincos(angle.to_radians())).fold(None, |sums, (sin, cos)| {
+        let (sin_sum, cos_sum) = sums.unwrap_or((0.0, 0.0));
+        Some((sin_sum + sin, cos_sum + cos))
     });
-    sums.map(|(sin, cos)| libm::atan2(sin, cos).to_degrees())
+    sums.map(|(sin_sum, cos_sum)| libm::atan2(sin_sum, cos_sum).to_degrees())
 }
 
 /// Formats a number; a dash if it is not finite.

@@ -47,7 +47,7 @@ const NT_PER_UT: f64 = 1000.0;
 /// Largest value that QEMU accepts at this gain: 2047 counts at 1100 and 980 counts per gauss.
 const MAX_FIELD_NT: [f64; 3] = [186_000.0, 186_000.0, 208_800.0];
 
-/// Message from the machine; it then waits for its input, unless the variant says that it continues.
+/// Message from the machine, which then waits for its input except in the variants documented to continue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MachineMessage {
     /// Message of a started firmware, which continues immediately.

@@ -80,7 +80,7 @@ fn each_indicator_state_has_its_own_lamp_pattern() {
     assert!(lit_percent.abs_diff(50) <= 2 && changes >= 9, "{lit_percent} {changes}");
 }
 
-/// Faults: no state yet, silent sensor, no usable attitude, implausible field. A tumble without attitude is none.
+/// Faults: no state yet, silent sensor, no usable attitude, implausible field. A tumble needs no attitude.
 #[test]
 fn every_cause_of_a_missing_heading_shows_the_fault_pattern() {
     let flying = Some(Attitude::default());

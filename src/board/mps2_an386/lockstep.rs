@@ -62,7 +62,7 @@ pub async fn run_lockstep() -> ! {
     }
 }
 
-/// Tells the simulator that the firmware has started, before a task waits for the simulator.
+/// Reports the start of the firmware to the simulator, before a task waits for the simulator.
 pub fn report_start() {
     send_message(LockstepMessage::Started, machine_clock::ticks());
 }

@@ -1,8 +1,8 @@
 //! Hard iron that drifts without a change of strength or inclination, in straight flight.
 //!
 //! The heading alone then drifts, as with a drift of the gyro's offset, and the filter's estimate of the offset follows
-//! it. A turn separates the two. A change of the offset since the last turn, beyond five sigmas of what that turn
-//! determined, is either the gyro's or the hard iron's: the mean square error of the heading is the square of the
+//! it. A turn separates the two. A change of the offset since the last turn, beyond five sigmas of that turn's
+//! estimate, is either the gyro's or the hard iron's: the mean square error of the heading is the square of the
 //! integrated change times the probability of the latter.
 
 /// Time constant of the mean heading rate, seconds: gusts are shorter, turns are longer.

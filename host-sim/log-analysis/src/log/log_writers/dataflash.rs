@@ -88,7 +88,7 @@ pub fn encode_dataflash_text(recording: &FlightRecording) -> Vec<u8> {
 /// Writes each message: index in [`WRITTEN_MESSAGES`] and values.
 fn write_messages(recording: &FlightRecording, write: &mut dyn FnMut(usize, &[ColumnValue])) {
     let first_us = recording.samples.first().map_or(0.0, |sample| sample.time_us as f64);
-    let text_value = |text_value: &str| ColumnValue::Text(text_value.to_owned());
+    let text_value = |text: &str| ColumnValue::Text(text.to_owned());
     let firmware = if recording.is_copter { "ArduCopter V4.6.0 (host-sim)" } else { "ArduPlane V4.6.0 (host-sim)" };
     write(2, &[first_us.into(), text_value(firmware)]);
     for (name, value) in &recording.parameters {

@@ -89,14 +89,13 @@ impl Verdict<'_> {
 
 fn add_solution_facts(solution: &Solution, add_fact: &mut dyn FnMut(&str, String)) {
     let Solution { calibration, quality, .. } = solution;
-    let degrees_text = |degrees_text: f32| format_number(f64::from(degrees_text), 2);
-    let [rms, worst] = [quality.expected_rms_deg, quality.expected_worst_deg].map(degrees_text);
+    let format_deg = |angle_deg: f32| format_number(f64::from(angle_deg), 2);
+    let [rms, worst] = [quality.expected_rms_deg, quality.expected_worst_deg].map(format_deg);
     add_fact("expected error", format!("{rms} deg RMS, sigma {worst} at the worst heading"));
     let inclination_deg = f64::from(calibration.inclination_rad.to_degrees());
     add_fact("inclination", format!("{} deg", format_number(inclination_deg, 1)));
     if let Some(AttitudeLatency { estimate_s, sigma_s }) = quality.latency.filter(|_| calibration.uses_latency()) {
-        let [estimate, sigma] =
-            [estimate_s, sigma_s].map(|milliseconds_text| format_number(f64::from(milliseconds_text) * 1e3, 0));
+        let [estimate, sigma] = [estimate_s, sigma_s].map(|time_s| format_number(f64::from(time_s) * 1e3, 0));
         add_fact("attitude latency", format!("{estimate} ms more than the age of the field, sigma {sigma} ms"));
     }
     let MotorCurrentInterference { ut_per_a: [x, y, z], sigma_ut_per_a, mean_current_a, current_sigma_a } =
@@ -116,23 +115,20 @@ fn add_solution_facts(solution: &Solution, add_fact: &mut dyn FnMut(&str, String
     if let Some(finding) = &solution.hard_iron_change {
         add_fact(
             "residuals",
-            format!("{} deg of the expected error, since they change in time", degrees_text(finding.added_error_deg)),
+            format!("{} deg of the expected error, since they change in time", format_deg(finding.added_error_deg)),
         );
     }
     if let Some(finding) = &solution.bank_scale_error {
         add_fact(
             "residuals",
-            format!(
-                "{} deg of the expected error, since they depend on the bank",
-                degrees_text(finding.added_error_deg)
-            ),
+            format!("{} deg of the expected error, since they depend on the bank", format_deg(finding.added_error_deg)),
         );
     }
     if let Some(advice) = &solution.advice {
-        let [now, then] = [advice.expected_deg, advice.expected_after_deg].map(degrees_text);
+        let [now, then] = [advice.expected_deg, advice.expected_after_deg].map(format_deg);
         add_fact(
             "least certain",
-            format!("{} deviation ({} deg)", advice.weakest_deviation.measure_name(), degrees_text(advice.weakest_deg)),
+            format!("{} deviation ({} deg)", advice.weakest_deviation.measure_name(), format_deg(advice.weakest_deg)),
         );
         add_fact("would help most", format!("{} ({now} to {then} deg)", advice.manoeuvre));
     }

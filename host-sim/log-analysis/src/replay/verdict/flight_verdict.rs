@@ -116,8 +116,7 @@ impl<'a> Verdict<'a> {
     pub fn log_description(&self, name: &str) -> String {
         let [from_s, to_s] = self.flight.time_range_s();
         let firmware = self.flight.firmware_name.as_deref().unwrap_or("firmware not named");
-        let [duration_s, from_s, to_s] =
-            [to_s - from_s, from_s, to_s].map(|seconds_text| format_number(seconds_text, 0));
+        let [duration_s, from_s, to_s] = [to_s - from_s, from_s, to_s].map(|time_s| format_number(time_s, 0));
         format!(
             "{name}: {}, {firmware}, {duration_s} s: {from_s} to {to_s} s of its clock",
             self.flight.log_format.format_name()
