@@ -20,9 +20,9 @@ use super::command_failure::CommandFailure;
 /// The file cannot be read, or holds no usable flight.
 pub fn read_log(path: &Path, unit: FieldUnit, system: Option<u8>) -> Result<Flight, LogError> {
     if path.as_os_str() == "-" {
-        return log::read_system(&mut io::stdin().lock(), unit, system);
+        return log::read_flight_of_system(&mut io::stdin().lock(), unit, system);
     }
-    log::read_system(&mut File::open(path)?, unit, system)
+    log::read_flight_of_system(&mut File::open(path)?, unit, system)
 }
 
 /// World for `table1`, `random`, or the path of an airframe file.

@@ -85,7 +85,7 @@ impl FlightBuilder {
     }
 
     pub fn push_attitude(&mut self, t_s: f64, angles_rad: [f32; 3]) {
-        if is_attitude(angles_rad) {
+        if is_plausible_attitude(angles_rad) {
             self.flight.attitude.push_row(t_s, angles_rad);
         }
     }
@@ -93,7 +93,7 @@ impl FlightBuilder {
     /// Adds an attitude from a message that replaces the autopilot's own if that is not logged; the lowest rank is
     /// preferred.
     pub fn push_fallback_attitude(&mut self, rank: u8, message_name: &'static str, t_s: f64, angles_rad: [f32; 3]) {
-        if is_attitude(angles_rad) {
+        if is_plausible_attitude(angles_rad) {
             self.fallback_attitudes.entry(rank).or_insert((message_name, Series::new())).1.push_row(t_s, angles_rad);
         }
     }
@@ -104,7 +104,7 @@ impl FlightBuilder {
         }
     }
 
-    pub fn push_truth(&mut self, t_s: f64, angles_rad: [f32; 3]) {
+    pub fn push_true_attitude(&mut self, t_s: f64, angles_rad: [f32; 3]) {
         if angles_rad.iter().all(|angle| angle.is_finite()) {
             self.flight.true_attitude.push_row(t_s, angles_rad);
         }
@@ -165,16 +165,11 @@ impl FlightBuilder {
         if self.field_rows.iter().all(|(_, _, field)| field.rows().is_empty()) {
             self.field_rows.clear();
         }
-        for (compass_number, field_processing, mut field) in select_densest(std::mem::take(&mut self.field_rows)) {
+        for (compass_number, field_processing, mut field) in select_field_source(std::mem::take(&mut self.field_rows)) {
             flight.skipped_counts.repeats += field.sort_and_dedup() as u64;
-            let (correction_in_log, field) = remove_correction(flight, compass_number, field_processing, field);
-            let is_used = is_used(flight, compass_number);
-            flight.compasses.push(Compass {
-                compass_number,
-                field,
-                correction: correction_in_log,
-                is_used_for_heading: is_used,
-            });
+            let (correction, field) = undo_correction(flight, compass_number, field_processing, field);
+            let is_used_for_heading = is_used_for_heading(flight, compass_number);
+            flight.compasses.push(Compass { compass_number, field, correction, is_used_for_heading });
         }
         self.flight
     }
@@ -182,7 +177,7 @@ impl FlightBuilder {
 
 /// Selects one source for each compass: the uncorrected one, unless the corrected one has more than twice its rows (PX4
 /// logs uncorrected fields at 1 Hz by default).
-fn select_densest(mut logged: Vec<(u8, FieldProcessing, Series<6>)>) -> Vec<(u8, FieldProcessing, Series<6>)> {
+fn select_field_source(mut logged: Vec<(u8, FieldProcessing, Series<6>)>) -> Vec<(u8, FieldProcessing, Series<6>)> {
     let weight = |field_processing: FieldProcessing, field: &Series<6>| {
         field.rows().len() * if matches!(field_processing, FieldProcessing::Px4SensorRaw(_)) { 2 } else { 1 }
     };
@@ -193,12 +188,12 @@ fn select_densest(mut logged: Vec<(u8, FieldProcessing, Series<6>)>) -> Vec<(u8,
     logged
 }
 
-fn is_attitude([roll_rad, pitch_rad, _]: [f32; 3]) -> bool {
+fn is_plausible_attitude([roll_rad, pitch_rad, _]: [f32; 3]) -> bool {
     roll_rad.abs() <= 7.0 && pitch_rad.abs() <= 1.6
 }
 
 /// Raw and corrected field of each row, and the autopilot's last correction.
-fn remove_correction(
+fn undo_correction(
     flight: &Flight,
     compass_number: u8,
     field_processing: FieldProcessing,
@@ -238,8 +233,7 @@ fn remove_correction(
             let motor = if mx.is_nan() { undo.motor_ut(current_a) } else { logged_motor };
             (undo.raw_ut(logged, motor), logged)
         };
-        row.row_values =
-            [raw.x, raw.y, raw.z, corrected.x, corrected.y, corrected.z].map(|compass_number| compass_number as f32);
+        row.row_values = [raw.x, raw.y, raw.z, corrected.x, corrected.y, corrected.z].map(|component| component as f32);
     }
     let last = correction_at(f64::INFINITY);
     ((field_processing != FieldProcessing::BodyRaw && !parameters.is_empty()).then_some(last.correction), field)
@@ -247,7 +241,7 @@ fn remove_correction(
 
 /// Whether the autopilot uses a compass for its heading. PX4 selects the healthy compass of highest priority, which no
 /// parameter shows; priority 0 excludes it.
-fn is_used(flight: &Flight, compass_number: u8) -> Option<bool> {
+fn is_used_for_heading(flight: &Flight, compass_number: u8) -> Option<bool> {
     let value = |name: String| flight.parameters.last_value(&name);
     match flight.autopilot {
         Autopilot::ArduPilot => {
@@ -269,11 +263,11 @@ mod tests {
     /// A current sensor at rest may read slightly below zero.
     #[test]
     fn only_currents_from_0_to_10000_a_are_stored() {
-        let mut recorder = FlightBuilder::new(LogFormat::TLog);
+        let mut builder = FlightBuilder::new(LogFormat::TLog);
         for (i, amperes) in [-0.1, 0.0, 9_999.0, 10_001.0, f32::NAN].into_iter().enumerate() {
-            recorder.push_current(i as f64, amperes);
+            builder.push_current(i as f64, amperes);
         }
-        let flight = recorder.finish_flight();
+        let flight = builder.finish_flight();
         assert_eq!(
             flight.battery_current.rows().iter().map(|row| row.row_values[0]).collect::<Vec<_>>(),
             [0.0, 9_999.0]
@@ -282,16 +276,16 @@ mod tests {
 
     #[test]
     fn motor_current_is_compensated_for_two_seconds() {
-        let mut recorder = FlightBuilder::new(LogFormat::TLog);
-        recorder.flight.autopilot = Autopilot::ArduPilot;
+        let mut builder = FlightBuilder::new(LogFormat::TLog);
+        builder.flight.autopilot = Autopilot::ArduPilot;
         for (name, value) in [("COMPASS_MOTCT", 2.0), ("COMPASS_MOT_X", 5.0)] {
-            recorder.set_parameter(name, value);
+            builder.set_parameter(name, value);
         }
-        recorder.push_current(0.0, 10.0);
+        builder.push_current(0.0, 10.0);
         for t_s in [1.0, 1.9, 2.1, 100.0] {
-            recorder.push_field(1, FieldProcessing::ArduPilot, t_s, [20.0, 0.0, 40.0], None);
+            builder.push_field(1, FieldProcessing::ArduPilot, t_s, [20.0, 0.0, 40.0], None);
         }
-        let flight = recorder.finish_flight();
+        let flight = builder.finish_flight();
         // Motor compensation: 10 A at 5 mG/A.
         let raw: Vec<f32> = flight.compasses[0].field.rows().iter().map(|row| row.row_values[0]).collect();
         assert_eq!(raw, [15.0, 15.0, 20.0, 20.0]);
@@ -300,17 +294,17 @@ mod tests {
     /// A field of 200 mT, compass 9, pitch beyond 90 deg and rates of 100 rad/s are invalid.
     #[test]
     fn implausible_values_are_skipped() {
-        let mut recorder = FlightBuilder::new(LogFormat::TLog);
+        let mut builder = FlightBuilder::new(LogFormat::TLog);
         for (compass_number, field_ut) in
             [(1, 199_000.0), (1, 201_000.0), (1, f32::NAN), (1, 0.0), (0, 50.0), (8, 50.0), (9, 50.0)]
         {
-            recorder.push_field(compass_number, FieldProcessing::BodyRaw, 1.0, [field_ut, 0.0, 0.0], None);
+            builder.push_field(compass_number, FieldProcessing::BodyRaw, 1.0, [field_ut, 0.0, 0.0], None);
         }
         for (i, angle) in [1.5, 1.7, f32::NAN].into_iter().enumerate() {
-            recorder.push_attitude(i as f64, [0.0, angle, 0.0]);
-            recorder.push_rates(i as f64, [0.0, 0.0, angle * 60.0]);
+            builder.push_attitude(i as f64, [0.0, angle, 0.0]);
+            builder.push_rates(i as f64, [0.0, 0.0, angle * 60.0]);
         }
-        let flight = recorder.finish_flight();
+        let flight = builder.finish_flight();
         assert_eq!(flight.compasses.iter().map(|compass| compass.compass_number).collect::<Vec<_>>(), [1, 8]);
         assert_eq!((flight.compasses[0].field.rows().len(), flight.skipped_counts.unhealthy), (1, 5));
         assert_eq!((flight.attitude.rows().len(), flight.body_rates.rows().len()), (1, 1));
@@ -318,9 +312,9 @@ mod tests {
 
     #[test]
     fn logged_motor_offsets_are_subtracted_per_row() {
-        let mut recorder = FlightBuilder::new(LogFormat::DataFlash);
-        recorder.push_field(1, FieldProcessing::ArduPilot, 1.0, [20.0, 0.0, 40.0], Some([3.0, 0.0, -1.0]));
-        let flight = recorder.finish_flight();
+        let mut builder = FlightBuilder::new(LogFormat::DataFlash);
+        builder.push_field(1, FieldProcessing::ArduPilot, 1.0, [20.0, 0.0, 40.0], Some([3.0, 0.0, -1.0]));
+        let flight = builder.finish_flight();
         assert_eq!(
             flight.compasses[0].field.rows()[0].row_values.map(f32::to_bits)[..3],
             [17.0_f32, 0.0, 41.0].map(f32::to_bits)
@@ -330,10 +324,10 @@ mod tests {
     #[test]
     fn an_uncorrected_field_has_no_correction() {
         for (was, is_corrected) in [(FieldProcessing::BodyRaw, false), (FieldProcessing::ArduPilot, true)] {
-            let mut recorder = FlightBuilder::new(LogFormat::TLog);
-            recorder.set_parameter("COMPASS_OFS_X", 100.0);
-            recorder.push_field(1, was, 1.0, [20.0, 0.0, 40.0], None);
-            let flight = recorder.finish_flight();
+            let mut builder = FlightBuilder::new(LogFormat::TLog);
+            builder.set_parameter("COMPASS_OFS_X", 100.0);
+            builder.push_field(1, was, 1.0, [20.0, 0.0, 40.0], None);
+            let flight = builder.finish_flight();
             let raw_ut = flight.compasses[0].field.rows()[0].row_values[0];
             assert_eq!(
                 (flight.compasses[0].correction.is_some(), raw_ut < 20.0),
@@ -345,17 +339,17 @@ mod tests {
 
     #[test]
     fn a_changed_parameter_applies_from_its_time_on() {
-        let mut recorder = FlightBuilder::new(LogFormat::DataFlash);
-        recorder.set_parameter("COMPASS_OFS_X", 100.0);
+        let mut builder = FlightBuilder::new(LogFormat::DataFlash);
+        builder.set_parameter("COMPASS_OFS_X", 100.0);
         for (time_us, offset) in [(1_000_000, None), (2_000_000, Some(50.0)), (3_000_000, None), (4_000_000, Some(0.0))]
         {
-            let t_s = recorder.timeline.flight_time_s(time_us).unwrap();
+            let t_s = builder.timeline.flight_time_s(time_us).unwrap();
             if let Some(offset) = offset {
-                recorder.set_parameter("COMPASS_OFS_X", offset);
+                builder.set_parameter("COMPASS_OFS_X", offset);
             }
-            recorder.push_field(1, FieldProcessing::ArduPilot, t_s, [20.0, 0.0, 40.0], None);
+            builder.push_field(1, FieldProcessing::ArduPilot, t_s, [20.0, 0.0, 40.0], None);
         }
-        let flight = recorder.finish_flight();
+        let flight = builder.finish_flight();
         let raw: Vec<f32> = flight.compasses[0].field.rows().iter().map(|row| row.row_values[0]).collect();
         assert_eq!(raw, [10.0, 15.0, 15.0, 20.0]);
     }

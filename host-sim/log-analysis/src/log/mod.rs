@@ -61,13 +61,13 @@ pub enum LogError {
     /// Error in the values of a table.
     Csv(CsvError),
     /// The log has no valid magnetometer reading. Number of rejected ones.
-    NoField(LogFormat, u64),
+    NoMagnetometer(LogFormat, u64),
     /// The log has no attitude.
     NoAttitude(LogFormat),
     /// The requested MAVLink system is absent; systems that are present.
     SystemNotFound(u8, Vec<u8>),
     /// The log's messages carry no time.
-    NoTime(LogFormat),
+    NoTimeStamps(LogFormat),
 }
 
 impl fmt::Display for LogError {
@@ -80,8 +80,8 @@ impl fmt::Display for LogError {
                  whose first line names t_s,mx,my,mz,roll_deg,pitch_deg",
             ),
             Self::Csv(error) => error.fmt(f),
-            Self::NoField(format, 0) => write!(f, "{}: no magnetometer is logged", format.format_name()),
-            Self::NoField(format, unhealthy) => write!(
+            Self::NoMagnetometer(format, 0) => write!(f, "{}: no magnetometer is logged", format.format_name()),
+            Self::NoMagnetometer(format, unhealthy) => write!(
                 f,
                 "{}: all {unhealthy} magnetometer readings are out of range, or marked unhealthy by the autopilot",
                 format.format_name()
@@ -94,7 +94,7 @@ impl fmt::Display for LogError {
                 let found: Vec<String> = found.iter().map(u8::to_string).collect();
                 write!(f, "there is no vehicle of system {system}; there is {}", found.join(", "))
             }
-            Self::NoTime(format) => write!(
+            Self::NoTimeStamps(format) => write!(
                 f,
                 "{}: its messages carry no time (logs until 2014): the attitude of a field is unknown",
                 format.format_name()
@@ -115,9 +115,9 @@ impl From<io::Error> for LogError {
 ///
 /// # Errors
 ///
-/// As [`read_system`].
+/// As [`read_flight_of_system`].
 pub fn read_flight(source: &mut dyn Read, unit: FieldUnit) -> Result<Flight, LogError> {
-    read_system(source, unit, None)
+    read_flight_of_system(source, unit, None)
 }
 
 /// Reads a flight from any source. `unit` is the unit of a table's field, `system` the MAVLink system to read (default:
@@ -126,9 +126,9 @@ pub fn read_flight(source: &mut dyn Read, unit: FieldUnit) -> Result<Flight, Log
 /// # Errors
 ///
 /// The source cannot be read, or holds no usable flight.
-pub fn read_system(source: &mut dyn Read, unit: FieldUnit, system: Option<u8>) -> Result<Flight, LogError> {
+pub fn read_flight_of_system(source: &mut dyn Read, unit: FieldUnit, system: Option<u8>) -> Result<Flight, LogError> {
     let mut flight = read_with_unchecked_rates(source, unit, system)?;
-    rates::check_rates(&mut flight);
+    rates::check_and_repair_rates(&mut flight);
     Ok(flight)
 }
 
@@ -148,10 +148,10 @@ fn read_with_unchecked_rates(source: &mut dyn Read, unit: FieldUnit, system: Opt
         return Err(LogError::SystemNotFound(system, flight.autopilot_systems));
     }
     if flight.compasses.is_empty() && flight.rows_without_time > 0 {
-        return Err(LogError::NoTime(format));
+        return Err(LogError::NoTimeStamps(format));
     }
     if flight.compasses.is_empty() {
-        return Err(LogError::NoField(format, flight.skipped_counts.unhealthy));
+        return Err(LogError::NoMagnetometer(format, flight.skipped_counts.unhealthy));
     }
     if flight.attitude.is_empty() {
         return Err(LogError::NoAttitude(format));

@@ -35,10 +35,10 @@ const MAX_REPAIRS: usize = 4;
 
 /// Checks the logged body rates against the attitude, and repairs a wrong sign or unit. Missing or inexact rates are
 /// replaced by differences of the attitude, which give no heading: those of the yaw contain the errors of its compass.
-pub(super) fn check_rates(flight: &mut Flight) {
+pub(super) fn check_and_repair_rates(flight: &mut Flight) {
     let differences = attitude_differences(&flight.attitude);
     for _ in 0..=MAX_REPAIRS {
-        let Some(problem) = find_problem(&differences, flight) else { return };
+        let Some(problem) = find_rates_problem(&differences, flight) else { return };
         flight.rates_problem.get_or_insert(problem);
         let Some(factors) = problem.repair_factors() else { break };
         for row in flight.body_rates.rows_mut() {
@@ -52,7 +52,7 @@ pub(super) fn check_rates(flight: &mut Flight) {
     }
 }
 
-fn find_problem(differences: &[TimedRow<3>], flight: &Flight) -> Option<RatesProblem> {
+fn find_rates_problem(differences: &[TimedRow<3>], flight: &Flight) -> Option<RatesProblem> {
     if flight.body_rates.is_empty() {
         return (!differences.is_empty()).then_some(RatesProblem::NotLogged);
     }
@@ -64,34 +64,34 @@ fn find_problem(differences: &[TimedRow<3>], flight: &Flight) -> Option<RatesPro
         return None;
     }
     let has_yaw = flight.attitude.rows().iter().any(|row| row.row_values[2].is_finite());
-    (0..if has_yaw { 3 } else { 2 }).find_map(|axis| sign_or_unit(&pairs, axis)).or_else(|| {
+    (0..if has_yaw { 3 } else { 2 }).find_map(|axis| sign_or_unit_problem(&pairs, axis)).or_else(|| {
         let step_s = flight.attitude.median_step_s().filter(|_| has_yaw)?;
-        let yaw_rate_difference = |(seen, logged): &([f32; 3], [f32; 3])| f64::from(seen[2] - logged[2]);
+        let yaw_rate_difference = |(difference, logged): &([f32; 3], [f32; 3])| f64::from(difference[2] - logged[2]);
         // The autopilot's filter corrects yaw slowly; such corrections are not an error of the rates.
-        let white =
+        let white_noise_rad_s =
             median(pairs.windows(2).map(|pair| (yaw_rate_difference(&pair[1]) - yaw_rate_difference(&pair[0])).abs()))
                 / std::f64::consts::SQRT_2;
-        let walk_deg = (1.4826 * white * step_s.sqrt()).to_degrees();
+        let walk_deg = (1.4826 * white_noise_rad_s * step_s.sqrt()).to_degrees();
         (walk_deg > MAX_HEADING_RANDOM_WALK_DEG).then_some(RatesProblem::Inexact(walk_deg))
     })
 }
 
-fn sign_or_unit(pairs: &[([f32; 3], [f32; 3])], axis: usize) -> Option<RatesProblem> {
-    let sum_of_products = |product: &dyn Fn(f64, f64) -> f64| -> f64 {
+fn sign_or_unit_problem(pairs: &[([f32; 3], [f32; 3])], axis: usize) -> Option<RatesProblem> {
+    let mean_product = |product: &dyn Fn(f64, f64) -> f64| -> f64 {
         let products =
             pairs.iter().map(|(difference, logged)| product(f64::from(difference[axis]), f64::from(logged[axis])));
         products.sum::<f64>() / pairs.len() as f64
     };
-    let [difference, logged, both] = [
-        sum_of_products(&|difference, _| difference * difference),
-        sum_of_products(&|_, logged| logged * logged),
-        sum_of_products(&|a, b| a * b),
+    let [difference_power, logged_power, product_mean] = [
+        mean_product(&|difference, _| difference * difference),
+        mean_product(&|_, logged| logged * logged),
+        mean_product(&|difference, logged| difference * logged),
     ];
-    let correlation = both / (difference * logged).sqrt();
-    if difference.sqrt() < MIN_MOTION_RAD_S || correlation.is_nan() || correlation.abs() < MIN_RATE_CORRELATION {
+    let correlation = product_mean / (difference_power * logged_power).sqrt();
+    if difference_power.sqrt() < MIN_MOTION_RAD_S || correlation.is_nan() || correlation.abs() < MIN_RATE_CORRELATION {
         return None;
     }
-    let ratio = (difference / logged).sqrt();
+    let ratio = (difference_power / logged_power).sqrt();
     if (1.0 / MAX_RATE_RATIO..MAX_RATE_RATIO).contains(&ratio) {
         (correlation < 0.0).then_some(RatesProblem::WrongSign(axis))
     } else {
@@ -141,7 +141,7 @@ mod tests {
     }
 
     fn checked(mut flight: Flight) -> Flight {
-        check_rates(&mut flight);
+        check_and_repair_rates(&mut flight);
         flight
     }
 

@@ -3,7 +3,7 @@
 use std::io::{self, Read};
 
 /// Largest look-ahead, bytes: more than any message of any format.
-pub const MAX_PEEK: usize = 1 << 17;
+pub const MAX_PEEK_BYTES: usize = 1 << 17;
 
 pub struct ReadWindow<'a> {
     source: &'a mut dyn Read,
@@ -15,7 +15,7 @@ pub struct ReadWindow<'a> {
 
 impl<'a> ReadWindow<'a> {
     pub fn new(source: &'a mut dyn Read) -> Self {
-        Self { source, buffer: vec![0; 2 * MAX_PEEK], start: 0, end: 0, is_at_end: false }
+        Self { source, buffer: vec![0; 2 * MAX_PEEK_BYTES], start: 0, end: 0, is_at_end: false }
     }
 
     /// Returns the next `number` bytes without consuming them, fewer at the end of the source.
@@ -24,9 +24,9 @@ impl<'a> ReadWindow<'a> {
     ///
     /// The source cannot be read.
     pub fn peek_bytes(&mut self, byte_count: usize) -> io::Result<&[u8]> {
-        let byte_count = byte_count.min(MAX_PEEK);
+        let byte_count = byte_count.min(MAX_PEEK_BYTES);
         while self.end - self.start < byte_count && !self.is_at_end {
-            if self.buffer.len() - self.start < MAX_PEEK {
+            if self.buffer.len() - self.start < MAX_PEEK_BYTES {
                 self.buffer.copy_within(self.start..self.end, 0);
                 (self.start, self.end) = (0, self.end - self.start);
             }
@@ -42,14 +42,14 @@ impl<'a> ReadWindow<'a> {
     }
 
     /// Consumes the next line and returns it without its end; none at the end of the source. Splits lines longer than
-    /// [`MAX_PEEK`].
+    /// [`MAX_PEEK_BYTES`].
     ///
     /// # Errors
     ///
     /// The source cannot be read.
     pub fn next_line(&mut self) -> io::Result<Option<String>> {
         const READ_CHUNK_BYTES: usize = 4096;
-        for byte_count in [READ_CHUNK_BYTES, MAX_PEEK] {
+        for byte_count in [READ_CHUNK_BYTES, MAX_PEEK_BYTES] {
             let bytes = self.peek_bytes(byte_count)?;
             let line_length = bytes.iter().position(|&byte| byte == b'\n');
             if line_length.is_none() && bytes.len() == READ_CHUNK_BYTES && byte_count == READ_CHUNK_BYTES {
@@ -91,13 +91,13 @@ mod tests {
 
     #[test]
     fn lines_end_at_line_feeds_and_long_lines_are_cut() {
-        let long = "x".repeat(MAX_PEEK + 10);
+        let long = "x".repeat(MAX_PEEK_BYTES + 10);
         let text = format!("a\r\n\n{}\n{long}\nlast", "b".repeat(5000));
         let bytes = text.into_bytes();
         let mut source = ShortReads(&bytes, 0);
         let mut window = ReadWindow::new(&mut source);
         let lengths: Vec<usize> = std::iter::from_fn(|| window.next_line().unwrap()).map(|line| line.len()).collect();
-        assert_eq!(lengths, [1, 0, 5000, MAX_PEEK, 9, 4]);
+        assert_eq!(lengths, [1, 0, 5000, MAX_PEEK_BYTES, 9, 4]);
     }
 
     #[test]

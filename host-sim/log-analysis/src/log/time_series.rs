@@ -7,10 +7,10 @@ use autoswing::frames::wrap_pi;
 const MAX_ROWS: usize = 3 << 15;
 
 /// Length of the parts of a log that are dropped to bound memory, seconds; all series drop the same parts.
-const DROPPED_INTERVAL_S: f64 = 256.0;
+const PART_LENGTH_S: f64 = 256.0;
 
 /// Lowest rate, Hz, at which every second row is dropped to bound memory; at lower rates whole parts are dropped.
-const LOWEST_THINNED_RATE_HZ: f64 = 20.0;
+const MIN_ROW_THINNING_RATE_HZ: f64 = 20.0;
 
 /// A row of `N` values with its time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,16 +27,16 @@ pub struct Series<const N: usize> {
     rows: Vec<TimedRow<N>>,
     /// Base-2 logarithm of the row stride: of `stride` consecutive rows one is stored.
     row_stride_log2: u8,
-    /// Base-2 logarithm of the part stride: of `stride` consecutive periods of the log one is stored.
+    /// Base-2 logarithm of the part stride: of `stride` consecutive parts of `PART_LENGTH_S` one is stored.
     part_stride_log2: u8,
-    pushed_count: u64,
+    offered_count: u64,
 }
 
 impl<const N: usize> Series<N> {
     /// Creates an empty series.
     #[must_use]
     pub const fn new() -> Self {
-        Self { rows: Vec::new(), row_stride_log2: 0, part_stride_log2: 0, pushed_count: 0 }
+        Self { rows: Vec::new(), row_stride_log2: 0, part_stride_log2: 0, offered_count: 0 }
     }
 
     /// Appends a row, in the order of the file; may drop it to bound memory.
@@ -44,13 +44,13 @@ impl<const N: usize> Series<N> {
         if !is_in_retained_part(t_s, self.part_stride_log2) {
             return;
         }
-        self.pushed_count += 1;
-        if !self.pushed_count.is_multiple_of(1 << self.row_stride_log2) {
+        self.offered_count += 1;
+        if !self.offered_count.is_multiple_of(1 << self.row_stride_log2) {
             return;
         }
         if self.rows.len() >= MAX_ROWS {
-            self.thin_samples();
-            if !self.pushed_count.is_multiple_of(1 << self.row_stride_log2)
+            self.thin_rows();
+            if !self.offered_count.is_multiple_of(1 << self.row_stride_log2)
                 || !is_in_retained_part(t_s, self.part_stride_log2)
             {
                 return;
@@ -61,11 +61,11 @@ impl<const N: usize> Series<N> {
 
     /// Drops every second part at a low rate, else every second row; rows also if a single part exceeds three quarters
     /// of the limit.
-    fn thin_samples(&mut self) {
+    fn thin_rows(&mut self) {
         let mut steps_s: Vec<f64> = self.rows.windows(2).map(|pair| (pair[1].t_s - pair[0].t_s).abs()).collect();
         let middle_index = steps_s.len() / 2;
         let step_s = *steps_s.select_nth_unstable_by(middle_index, f64::total_cmp).1;
-        if step_s * LOWEST_THINNED_RATE_HZ >= 1.0 && self.part_stride_log2 < 40 {
+        if step_s * MIN_ROW_THINNING_RATE_HZ >= 1.0 && self.part_stride_log2 < 40 {
             self.part_stride_log2 += 1;
             let parts = self.part_stride_log2;
             self.rows.retain(|row| is_in_retained_part(row.t_s, parts));
@@ -107,7 +107,7 @@ impl<const N: usize> Series<N> {
 
     /// The last row at or before a time and the first after it.
     #[must_use]
-    pub fn adjacent_values(&self, t_s: f64) -> (Option<&TimedRow<N>>, Option<&TimedRow<N>>) {
+    pub fn adjacent_rows(&self, t_s: f64) -> (Option<&TimedRow<N>>, Option<&TimedRow<N>>) {
         let after = self.rows.partition_point(|row| row.t_s <= t_s);
         (after.checked_sub(1).and_then(|before| self.rows.get(before)), self.rows.get(after))
     }
@@ -115,8 +115,8 @@ impl<const N: usize> Series<N> {
     /// The rows around a time and the interpolation weight of the second, 0 to 1; none outside the series and in gaps
     /// longer than `max_gap_s`.
     #[must_use]
-    pub fn surrounding_values(&self, t_s: f64, max_gap_s: f64) -> Option<(&TimedRow<N>, &TimedRow<N>, f64)> {
-        let (before, after) = self.adjacent_values(t_s);
+    pub fn surrounding_rows(&self, t_s: f64, max_gap_s: f64) -> Option<(&TimedRow<N>, &TimedRow<N>, f64)> {
+        let (before, after) = self.adjacent_rows(t_s);
         let before = before?;
         let Some(after) = after else { return (before.t_s >= t_s).then_some((before, before, 0.0)) };
         let gap_s = after.t_s - before.t_s;
@@ -126,7 +126,7 @@ impl<const N: usize> Series<N> {
     /// Linear interpolation at a time; none outside the series and in gaps.
     #[must_use]
     pub fn interpolate(&self, t_s: f64, max_gap_s: f64) -> Option<[f32; N]> {
-        let (before, after, weight) = self.surrounding_values(t_s, max_gap_s)?;
+        let (before, after, weight) = self.surrounding_rows(t_s, max_gap_s)?;
         Some(std::array::from_fn(|i| {
             before.row_values[i] + weight as f32 * (after.row_values[i] - before.row_values[i])
         }))
@@ -142,7 +142,7 @@ impl<const N: usize> Series<N> {
     /// Interpolation of angles in radians, the shorter way round.
     #[must_use]
     pub fn interpolate_angles(&self, t_s: f64, max_gap_s: f64) -> Option<[f32; N]> {
-        let (before, after, weight) = self.surrounding_values(t_s, max_gap_s)?;
+        let (before, after, weight) = self.surrounding_rows(t_s, max_gap_s)?;
         Some(std::array::from_fn(|i| {
             wrap_pi(before.row_values[i] + weight as f32 * wrap_pi(after.row_values[i] - before.row_values[i]))
         }))
@@ -158,7 +158,7 @@ impl<const N: usize> Series<N> {
 }
 
 fn is_in_retained_part(t_s: f64, parts: u8) -> bool {
-    ((t_s / DROPPED_INTERVAL_S).floor() as i64).rem_euclid(1 << parts) == 0
+    ((t_s / PART_LENGTH_S).floor() as i64).rem_euclid(1 << parts) == 0
 }
 
 #[cfg(test)]
@@ -226,6 +226,6 @@ mod tests {
         assert!(series.rows().len() <= MAX_ROWS && series.rows().len() > MAX_ROWS / 2, "{}", series.rows().len());
         assert!((series.median_step_s().unwrap() - 0.1).abs() < 1e-6);
         let gaps = series.rows().windows(2).filter(|pair| pair[1].t_s - pair[0].t_s > 1.0).count();
-        assert_eq!(gaps, (3.0 * MAX_ROWS as f64 * 0.1 / DROPPED_INTERVAL_S / 4.0) as usize);
+        assert_eq!(gaps, (3.0 * MAX_ROWS as f64 * 0.1 / PART_LENGTH_S / 4.0) as usize);
     }
 }

@@ -14,18 +14,18 @@ use super::flight_builder::{FieldProcessing, FlightBuilder};
 use super::read_window::ReadWindow;
 
 const CLOCK_LENGTH: usize = 8;
-/// Lengths of the headers of versions 1 and 2, of the checksum and of the signature, bytes.
-const HEADER_1: usize = 6;
-const HEADER_2: usize = 10;
+/// Length of a MAVLink 1 header, bytes.
+const HEADER_LENGTH_V1: usize = 6;
+const HEADER_LENGTH_V2: usize = 10;
 const CHECKSUM_LENGTH: usize = 2;
 const SIGNATURE_LENGTH: usize = 13;
-const MAX_FRAME: usize = HEADER_2 + 255 + CHECKSUM_LENGTH + SIGNATURE_LENGTH;
+const MAX_FRAME_LENGTH: usize = HEADER_LENGTH_V2 + 255 + CHECKSUM_LENGTH + SIGNATURE_LENGTH;
 
 /// ArduPilot's SIMSTATE, absent from the common dialect: message number and CRC extra byte.
-const SIMSTATE: (u32, u8) = (164, 154);
+const SIMSTATE_ID_AND_CRC: (u32, u8) = (164, 154);
 
-const MILLIGAUSS_UT: f32 = 0.1;
-const GAUSS_UT: f32 = 100.0;
+const UT_PER_MILLIGAUSS: f32 = 0.1;
+const UT_PER_GAUSS: f32 = 100.0;
 
 const MAX_START_SEARCH_BYTES: usize = 4096;
 
@@ -36,20 +36,24 @@ pub fn matches_header(first_bytes: &[u8]) -> bool {
 /// Length of the clock before every frame, bytes; none without a valid frame. Two consecutive frames are required,
 /// since the end of the previous frame can look like a clock.
 fn find_clock_length(first_bytes: &[u8]) -> Option<usize> {
-    let valid_frame = |offset: usize, clock: usize| {
-        LogFrame::parse_first_frame(first_bytes.get(offset..)?, clock).filter(|frame| frame.is_checksum_valid)
+    let valid_frame = |offset: usize, clock_length: usize| {
+        LogFrame::parse_first_frame(first_bytes.get(offset..)?, clock_length).filter(|frame| frame.is_checksum_valid)
     };
-    let is_chain = |offset: usize, clock: usize| {
-        valid_frame(offset, clock)
-            .is_some_and(|first_frame| valid_frame(offset + first_frame.total_len, clock).is_some())
+    let are_two_frames = |offset: usize, clock_length: usize| {
+        valid_frame(offset, clock_length)
+            .is_some_and(|first_frame| valid_frame(offset + first_frame.total_len, clock_length).is_some())
     };
-    let begins = || {
+    let frame_starts = || {
         (0..first_bytes.len().min(MAX_START_SEARCH_BYTES))
-            .flat_map(|offset| [CLOCK_LENGTH, 0].map(|clock| (offset, clock)))
+            .flat_map(|offset| [CLOCK_LENGTH, 0].map(|clock_length| (offset, clock_length)))
     };
-    let chain = begins().find(|&(offset, clock)| is_chain(offset, clock)).map(|(_, clock)| clock);
+    let length_of_two = frame_starts()
+        .find(|&(offset, clock_length)| are_two_frames(offset, clock_length))
+        .map(|(_, clock_length)| clock_length);
     // A log that ends after its first frame is accepted only if a receiver's clock precedes the frame.
-    chain.or_else(|| begins().any(|(offset, _)| valid_frame(offset, CLOCK_LENGTH).is_some()).then_some(CLOCK_LENGTH))
+    length_of_two.or_else(|| {
+        frame_starts().any(|(offset, _)| valid_frame(offset, CLOCK_LENGTH).is_some()).then_some(CLOCK_LENGTH)
+    })
 }
 
 /// Reads the flight of a system, or of the first autopilot received.
@@ -60,14 +64,15 @@ fn find_clock_length(first_bytes: &[u8]) -> Option<usize> {
 pub fn read_tlog(source: &mut dyn Read, system: Option<u8>) -> io::Result<Flight> {
     let mut window = ReadWindow::new(source);
     let mut log = TlogReader::new(system);
-    let clock = find_clock_length(window.peek_bytes(MAX_START_SEARCH_BYTES + 2 * (CLOCK_LENGTH + MAX_FRAME))?)
-        .unwrap_or(CLOCK_LENGTH);
+    let clock_length =
+        find_clock_length(window.peek_bytes(MAX_START_SEARCH_BYTES + 2 * (CLOCK_LENGTH + MAX_FRAME_LENGTH))?)
+            .unwrap_or(CLOCK_LENGTH);
     loop {
-        let bytes = window.peek_bytes(CLOCK_LENGTH + MAX_FRAME)?;
+        let bytes = window.peek_bytes(CLOCK_LENGTH + MAX_FRAME_LENGTH)?;
         if bytes.is_empty() {
             break;
         }
-        let frame = LogFrame::parse_first_frame(bytes, clock);
+        let frame = LogFrame::parse_first_frame(bytes, clock_length);
         let length = if let Some(frame) = frame {
             if frame.is_checksum_valid {
                 log.record_frame(&frame);
@@ -94,41 +99,45 @@ struct LogFrame<'a> {
 }
 
 impl<'a> LogFrame<'a> {
-    /// Parses the frame at the start of `bytes`, after `clock` bytes of clock.
-    fn parse_first_frame(bytes: &'a [u8], clock: usize) -> Option<Self> {
-        let (received, frame) = bytes.split_at_checked(clock)?;
+    /// Parses the frame at the start of `bytes`, after `clock_length` bytes of the receiver's clock.
+    fn parse_first_frame(bytes: &'a [u8], clock_length: usize) -> Option<Self> {
+        let (received, frame) = bytes.split_at_checked(clock_length)?;
         let (version, header, sender, id, has_signature) = match *frame {
             [0xFE, _, _, system, component, id, ..] => {
-                (MavlinkVersion::V1, HEADER_1, [system, component], u32::from(id), false)
+                (MavlinkVersion::V1, HEADER_LENGTH_V1, [system, component], u32::from(id), false)
             }
-            [0xFD, _, flags, _, _, system, component, a, b, c, ..] => {
-                (MavlinkVersion::V2, HEADER_2, [system, component], u32::from_le_bytes([a, b, c, 0]), flags & 1 != 0)
-            }
+            [0xFD, _, flags, _, _, system, component, a, b, c, ..] => (
+                MavlinkVersion::V2,
+                HEADER_LENGTH_V2,
+                [system, component],
+                u32::from_le_bytes([a, b, c, 0]),
+                flags & 1 != 0,
+            ),
             _ => return None,
         };
         let payload_end = header + usize::from(*frame.get(1)?);
         let [low, high] = *frame.get(payload_end..payload_end + CHECKSUM_LENGTH)? else { return None };
-        let extra_crc = if id == SIMSTATE.0 { SIMSTATE.1 } else { MavMessage::extra_crc(id) };
-        let is_right = calculate_crc(frame.get(1..payload_end)?, extra_crc) == u16::from_le_bytes([low, high]);
-        let frame_len = clock + payload_end + CHECKSUM_LENGTH + if has_signature { SIGNATURE_LENGTH } else { 0 };
+        let extra_crc = if id == SIMSTATE_ID_AND_CRC.0 { SIMSTATE_ID_AND_CRC.1 } else { MavMessage::extra_crc(id) };
+        let is_checksum_valid = calculate_crc(frame.get(1..payload_end)?, extra_crc) == u16::from_le_bytes([low, high]);
+        let frame_len = clock_length + payload_end + CHECKSUM_LENGTH + if has_signature { SIGNATURE_LENGTH } else { 0 };
         // An unknown message, or one whose definition has changed, fails its checksum. If another frame follows, the
         // frame is skipped whole and its content ignored.
-        let is_followed = || bytes.get(frame_len + clock).is_none_or(|marker| matches!(marker, 0xFE | 0xFD));
-        let received_us = received.first_chunk().map_or(0, |clock| u64::from_be_bytes(*clock));
+        let is_followed = || bytes.get(frame_len + clock_length).is_none_or(|marker| matches!(marker, 0xFE | 0xFD));
+        let received_us = received.first_chunk().map_or(0, |clock_length| u64::from_be_bytes(*clock_length));
         let payload = &frame[header..payload_end];
-        (is_right || is_followed()).then_some(Self {
+        (is_checksum_valid || is_followed()).then_some(Self {
             received_us,
             version,
             sender,
             id,
-            is_checksum_valid: is_right,
+            is_checksum_valid,
             payload,
             total_len: frame_len,
         })
     }
 }
 
-const HEARTBEAT: u32 = 0;
+const HEARTBEAT_ID: u32 = 0;
 
 /// The autopilot (`MAV_AUTOPILOT`) of a heartbeat; none of other messages and components.
 fn autopilot_of_heartbeat(frame: &LogFrame<'_>) -> Option<u8> {
@@ -136,11 +145,11 @@ fn autopilot_of_heartbeat(frame: &LogFrame<'_>) -> Option<u8> {
     // MAV_TYPE: ground station, onboard controller, gimbal, ADS-B, camera. Some report a generic autopilot.
     const NON_VEHICLE_TYPES: [u8; 5] = [6, 18, 26, 27, 30];
     let byte = |payload_index: usize| frame.payload.get(payload_index).copied().unwrap_or(0);
-    let is_one = frame.id == HEARTBEAT
+    let is_autopilot = frame.id == HEARTBEAT_ID
         && frame.is_checksum_valid
         && byte(5) != INVALID_AUTOPILOT
         && !NON_VEHICLE_TYPES.contains(&byte(4));
-    is_one.then(|| byte(5))
+    is_autopilot.then(|| byte(5))
 }
 
 struct TlogReader {
@@ -150,20 +159,20 @@ struct TlogReader {
     autopilot: Option<[u8; 2]>,
     other_systems: Vec<u8>,
     other_components: Vec<u8>,
-    /// Last sender clock, and the receiver's clock at that message, microseconds.
-    last_clocks_us: Option<(u64, u64)>,
+    /// Clock of the sender in its last message with one, and the receiver's clock at that message, microseconds.
+    last_sender_and_receiver_us: Option<(u64, u64)>,
 }
 
 impl TlogReader {
     fn new(requested_system: Option<u8>) -> Self {
-        let recorder = FlightBuilder::new(LogFormat::TLog);
+        let builder = FlightBuilder::new(LogFormat::TLog);
         Self {
-            builder: recorder,
+            builder,
             requested_system,
             autopilot: None,
             other_systems: Vec::new(),
             other_components: Vec::new(),
-            last_clocks_us: None,
+            last_sender_and_receiver_us: None,
         }
     }
 
@@ -176,17 +185,17 @@ impl TlogReader {
             self.record_other_vehicle(frame, autopilot_of_heartbeat(frame));
             return;
         }
-        if frame.id == HEARTBEAT {
+        if frame.id == HEARTBEAT_ID {
             self.process_heartbeat(frame);
         } else if self.autopilot.is_none() {
             // Ignored until the first heartbeat (1 Hz) identifies the autopilot.
-        } else if frame.id == SIMSTATE.0 {
+        } else if frame.id == SIMSTATE_ID_AND_CRC.0 {
             let float = |payload_index: usize| {
                 let bytes = [0, 1, 2, 3].map(|byte| frame.payload.get(payload_index + byte).copied().unwrap_or(0));
                 f32::from_le_bytes(bytes)
             };
-            if let Some(t_s) = self.time_by_receiver(frame) {
-                self.builder.push_truth(t_s, [float(0), float(4), float(8)]);
+            if let Some(t_s) = self.receiver_time_s(frame) {
+                self.builder.push_true_attitude(t_s, [float(0), float(4), float(8)]);
             }
         } else if let Ok(message) = MavMessage::parse(frame.version, frame.id, frame.payload) {
             self.process_message(frame, &message);
@@ -226,7 +235,7 @@ impl TlogReader {
                 _ => Autopilot::Unknown,
             };
         }
-        if let Some(t_s) = self.time_by_receiver(frame) {
+        if let Some(t_s) = self.receiver_time_s(frame) {
             self.builder.push_armed(t_s, mode & ARMED_FLAG != 0);
         }
     }
@@ -240,57 +249,72 @@ impl TlogReader {
 
     fn process_message(&mut self, frame: &LogFrame<'_>, message: &MavMessage) {
         match message {
-            MavMessage::ATTITUDE(m) => {
-                if let Some(t_s) = self.time_by_sender(frame, u64::from(m.time_boot_ms) * 1000) {
-                    self.builder.push_attitude(t_s, [m.roll, m.pitch, m.yaw]);
-                    self.builder.push_rates(t_s, [m.rollspeed, m.pitchspeed, m.yawspeed]);
+            MavMessage::ATTITUDE(payload) => {
+                if let Some(t_s) = self.sender_time_s(frame, u64::from(payload.time_boot_ms) * 1000) {
+                    self.builder.push_attitude(t_s, [payload.roll, payload.pitch, payload.yaw]);
+                    self.builder.push_rates(t_s, [payload.rollspeed, payload.pitchspeed, payload.yawspeed]);
                 }
             }
-            MavMessage::RAW_IMU(m) if self.builder.flight.autopilot != Autopilot::Px4 => {
-                self.record_field(frame, 1, m.time_usec, [m.xmag, m.ymag, m.zmag]);
+            MavMessage::RAW_IMU(payload) if self.builder.flight.autopilot != Autopilot::Px4 => {
+                self.record_field(frame, 1, payload.time_usec, [payload.xmag, payload.ymag, payload.zmag]);
             }
-            MavMessage::SCALED_IMU(m) if self.builder.flight.autopilot == Autopilot::Px4 => {
-                self.record_field(frame, 1, u64::from(m.time_boot_ms) * 1000, [m.xmag, m.ymag, m.zmag]);
+            MavMessage::SCALED_IMU(payload) if self.builder.flight.autopilot == Autopilot::Px4 => {
+                self.record_field(
+                    frame,
+                    1,
+                    u64::from(payload.time_boot_ms) * 1000,
+                    [payload.xmag, payload.ymag, payload.zmag],
+                );
             }
-            MavMessage::SCALED_IMU2(m) => {
-                self.record_field(frame, 2, u64::from(m.time_boot_ms) * 1000, [m.xmag, m.ymag, m.zmag]);
+            MavMessage::SCALED_IMU2(payload) => {
+                self.record_field(
+                    frame,
+                    2,
+                    u64::from(payload.time_boot_ms) * 1000,
+                    [payload.xmag, payload.ymag, payload.zmag],
+                );
             }
-            MavMessage::SCALED_IMU3(m) => {
-                self.record_field(frame, 3, u64::from(m.time_boot_ms) * 1000, [m.xmag, m.ymag, m.zmag]);
+            MavMessage::SCALED_IMU3(payload) => {
+                self.record_field(
+                    frame,
+                    3,
+                    u64::from(payload.time_boot_ms) * 1000,
+                    [payload.xmag, payload.ymag, payload.zmag],
+                );
             }
-            MavMessage::HIGHRES_IMU(m) => {
-                if has_field_update(m.fields_updated.bits())
-                    && let Some(t_s) = self.time_by_sender(frame, m.time_usec)
+            MavMessage::HIGHRES_IMU(payload) => {
+                if has_field_update(payload.fields_updated.bits())
+                    && let Some(t_s) = self.sender_time_s(frame, payload.time_usec)
                 {
-                    let field_ut = [m.xmag, m.ymag, m.zmag].map(|gauss| gauss * GAUSS_UT);
+                    let field_ut = [payload.xmag, payload.ymag, payload.zmag].map(|gauss| gauss * UT_PER_GAUSS);
                     self.builder.push_field(1, self.field_processing(1), t_s, field_ut, None);
                 }
             }
-            MavMessage::GPS_RAW_INT(m) => {
-                if m.fix_type as u32 >= 3
-                    && let Some(t_s) = self.time_by_receiver(frame)
+            MavMessage::GPS_RAW_INT(payload) => {
+                if payload.fix_type as u32 >= 3
+                    && let Some(t_s) = self.receiver_time_s(frame)
                 {
-                    self.builder.push_gps(t_s, gps_from_message(m));
+                    self.builder.push_gps(t_s, gps_from_message(payload));
                 }
             }
-            MavMessage::SYS_STATUS(m) => {
-                if m.current_battery >= 0
-                    && let Some(t_s) = self.time_by_receiver(frame)
+            MavMessage::SYS_STATUS(payload) => {
+                if payload.current_battery >= 0
+                    && let Some(t_s) = self.receiver_time_s(frame)
                 {
-                    self.builder.push_current(t_s, f32::from(m.current_battery) * 0.01);
+                    self.builder.push_current(t_s, f32::from(payload.current_battery) * 0.01);
                 }
             }
-            MavMessage::SYSTEM_TIME(m) => {
-                self.time_by_sender(frame, u64::from(m.time_boot_ms) * 1000);
-                self.builder.set_day_from_unix_s(m.time_unix_usec / 1_000_000);
+            MavMessage::SYSTEM_TIME(payload) => {
+                self.sender_time_s(frame, u64::from(payload.time_boot_ms) * 1000);
+                self.builder.set_day_from_unix_s(payload.time_unix_usec / 1_000_000);
             }
-            MavMessage::PARAM_VALUE(m) => {
-                if let Ok(name) = m.param_id.to_str() {
-                    self.builder.set_parameter(name, parameter_value(self.builder.flight.autopilot, m));
+            MavMessage::PARAM_VALUE(payload) => {
+                if let Ok(name) = payload.param_id.to_str() {
+                    self.builder.set_parameter(name, parameter_value(self.builder.flight.autopilot, payload));
                 }
             }
-            MavMessage::STATUSTEXT(m) => {
-                if let Ok(text) = m.text.to_str()
+            MavMessage::STATUSTEXT(payload) => {
+                if let Ok(text) = payload.text.to_str()
                     && ["Ardu", "APM", "PX4"].iter().any(|prefix| text.starts_with(prefix))
                 {
                     self.builder.set_firmware(text);
@@ -314,47 +338,47 @@ impl TlogReader {
         if field == [0; 3] {
             return;
         }
-        if let Some(t_s) = self.time_by_sender(frame, time_us) {
-            let field_ut = field.map(|axis| f32::from(axis) * MILLIGAUSS_UT);
+        if let Some(t_s) = self.sender_time_s(frame, time_us) {
+            let field_ut = field.map(|axis| f32::from(axis) * UT_PER_MILLIGAUSS);
             self.builder.push_field(compass_number, self.field_processing(compass_number), t_s, field_ut, None);
         }
     }
 
-    /// Flight time of a message with the sender's clock. Some senders put Unix time in the field; then the receiver's
+    /// Flight time of a message by the sender's clock, seconds. Some senders put Unix time in the field; then the receiver's
     /// clock is used.
-    fn time_by_sender(&mut self, frame: &LogFrame<'_>, boot_us: u64) -> Option<f64> {
+    fn sender_time_s(&mut self, frame: &LogFrame<'_>, boot_us: u64) -> Option<f64> {
         /// Ten years: longer than any uptime, earlier than any Unix time after 1980.
         const MAX_BOOT_US: u64 = 315_000_000_000_000;
         if boot_us == 0 || boot_us > MAX_BOOT_US {
-            return self.time_by_receiver(frame);
+            return self.receiver_time_s(frame);
         }
         let t_s = self.builder.timeline.flight_time_s(boot_us)?;
-        self.last_clocks_us = Some((boot_us, frame.received_us));
+        self.last_sender_and_receiver_us = Some((boot_us, frame.received_us));
         Some(t_s)
     }
 
-    /// Flight time of a message without the sender's clock.
-    fn time_by_receiver(&mut self, frame: &LogFrame<'_>) -> Option<f64> {
-        const MAX_US: u64 = 2_000_000;
-        let (sent_us, received_us) = self.last_clocks_us?;
-        let since_us = frame.received_us.saturating_sub(received_us).min(MAX_US);
+    /// Flight time of a message without the sender's clock, seconds; the receiver's clock bridges at most two seconds.
+    fn receiver_time_s(&mut self, frame: &LogFrame<'_>) -> Option<f64> {
+        const MAX_BRIDGED_US: u64 = 2_000_000;
+        let (sent_us, received_us) = self.last_sender_and_receiver_us?;
+        let since_us = frame.received_us.saturating_sub(received_us).min(MAX_BRIDGED_US);
         self.builder.timeline.flight_time_s(sent_us + since_us)
     }
 }
 
 /// Value of a parameter: PX4 sends the bits of an integer in the float, ArduPilot the number as a float.
-fn parameter_value(autopilot: Autopilot, m: &PARAM_VALUE_DATA) -> f64 {
-    if autopilot == Autopilot::Px4 && m.param_type != MavParamType::MAV_PARAM_TYPE_REAL32 {
-        f64::from(m.param_value.to_bits().cast_signed())
+fn parameter_value(autopilot: Autopilot, payload: &PARAM_VALUE_DATA) -> f64 {
+    if autopilot == Autopilot::Px4 && payload.param_type != MavParamType::MAV_PARAM_TYPE_REAL32 {
+        f64::from(payload.param_value.to_bits().cast_signed())
     } else {
-        f64::from(m.param_value)
+        f64::from(payload.param_value)
     }
 }
 
 /// Whether a HIGHRES_IMU message contains a new magnetic field; without update flags it is assumed to.
 const fn has_field_update(updated: u16) -> bool {
-    const FIELD_VALID_FLAGS: u16 = 64 | 128 | 256;
-    updated == 0 || updated & FIELD_VALID_FLAGS != 0
+    const FIELD_UPDATE_FLAGS: u16 = 64 | 128 | 256;
+    updated == 0 || updated & FIELD_UPDATE_FLAGS != 0
 }
 
 fn gps_from_message(gps_message: &mavlink::dialects::common::GPS_RAW_INT_DATA) -> Gps {

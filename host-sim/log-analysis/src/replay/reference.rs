@@ -137,7 +137,7 @@ impl ReferenceHeading {
             Self::GpsCourse(course) => course.heading_rad(t_s)?,
             Self::AutopilotYaw => flight.attitude.interpolate_angles(t_s, MAX_GAP_S)?[2],
             Self::GpsYaw => {
-                let (before, after, weight) = flight.gps.surrounding_values(t_s, MAX_GAP_S)?;
+                let (before, after, weight) = flight.gps.surrounding_rows(t_s, MAX_GAP_S)?;
                 let [from, to] = [before.row_values[5].to_radians(), after.row_values[5].to_radians()];
                 from + weight as f32 * wrap_pi(to - from)
             }

@@ -330,7 +330,7 @@ impl LocalPositions {
     }
 
     fn position_at(&self, flight: &Flight, t_s: f64) -> Option<[f64; 2]> {
-        let (before, after, weight) = flight.gps.surrounding_values(t_s, Self::MAX_GAP_S)?;
+        let (before, after, weight) = flight.gps.surrounding_rows(t_s, Self::MAX_GAP_S)?;
         let [before, after] = [before, after].map(|row| {
             let gps = Gps::from_columns(row.row_values);
             [gps.longitude_deg, gps.latitude_deg].map(f64::from)

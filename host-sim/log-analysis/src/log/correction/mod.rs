@@ -5,10 +5,10 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use super::parameters::ParameterHistory;
 use super::rotation::NumberedRotation;
 
-const MILLIGAUSS_UT: f64 = 0.1;
-const GAUSS_UT: f64 = 100.0;
+const UT_PER_MILLIGAUSS: f64 = 0.1;
+const UT_PER_GAUSS: f64 = 100.0;
 
-/// Correction of hard iron, soft iron and motor current, body axes: `corrected = matrix (raw - centre - by_current I)`.
+/// Correction of hard iron, soft iron and motor current, body axes: `corrected = matrix (raw - hard_iron - motor I)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FieldCorrection {
     /// Matrix that corrects soft iron and scale.
@@ -70,12 +70,12 @@ impl InvertibleCorrection {
         self.correction.matrix * self.correction.motor_ut_per_a * -current_a
     }
 
-    /// Inverse of a correction that is followed by a motor-current compensation, uT/A.
-    fn from_correction(correction: FieldCorrection, after_ut: Vector3<f64>) -> Self {
+    /// Inverse of a correction after which the autopilot adds a motor-current compensation, uT/A.
+    fn from_correction(correction: FieldCorrection, compensation_ut_per_a: Vector3<f64>) -> Self {
         match correction.matrix.try_inverse() {
             Some(inverse) if inverse.iter().all(|number| number.is_finite()) => {
-                let by_current_ut = correction.motor_ut_per_a - inverse * after_ut;
-                Self { correction: FieldCorrection { motor_ut_per_a: by_current_ut, ..correction }, inverse }
+                let motor_ut_per_a = correction.motor_ut_per_a - inverse * compensation_ut_per_a;
+                Self { correction: FieldCorrection { motor_ut_per_a, ..correction }, inverse }
             }
             // A singular correction matrix has no inverse; the logged field is then used unchanged.
             _ => Self { correction: FieldCorrection::identity(), inverse: Matrix3::identity() },
@@ -97,7 +97,7 @@ impl InvertibleCorrection {
             value(&format!("COMPASS_SCALE{index}")).filter(|scale| (1.0 / 1.5..=1.5).contains(scale)).unwrap_or(1.0);
         let off_diagonal = vector("ODI");
         let diagonal = ["X", "Y", "Z"].map(|axis| value(&format!("COMPASS_DIA{index}_{axis}")));
-        let soft = if diagonal.iter().flatten().all(|axis| *axis == 0.0) {
+        let soft_iron = if diagonal.iter().flatten().all(|axis| *axis == 0.0) {
             Matrix3::identity()
         } else {
             // A telemetry link may lose one of three related parameters, which is then assumed to have its default.
@@ -105,8 +105,11 @@ impl InvertibleCorrection {
         };
         let is_by_current =
             value("COMPASS_MOTCT").is_some_and(|compensation_type| compensation_type.round() as i32 == 2);
-        let after_ut = if is_by_current { vector("MOT") * MILLIGAUSS_UT } else { Vector3::zeros() };
-        Self::from_correction(FieldCorrection::without_current(soft * scale, -vector("OFS") * MILLIGAUSS_UT), after_ut)
+        let compensation_ut_per_a = if is_by_current { vector("MOT") * UT_PER_MILLIGAUSS } else { Vector3::zeros() };
+        Self::from_correction(
+            FieldCorrection::without_current(soft_iron * scale, -vector("OFS") * UT_PER_MILLIGAUSS),
+            compensation_ut_per_a,
+        )
     }
 
     /// PX4's correction by its parameters: `scale (raw + current COMP - offset)` in sensor axes, then turned to body
@@ -128,13 +131,13 @@ impl InvertibleCorrection {
         let is_by_current = parameters
             .value_at(t_s, "CAL_MAG_COMP_TYP")
             .is_some_and(|compensation_type| [2, 3].contains(&(compensation_type.round() as i32)));
-        let comp = if is_by_current { vector("COMP", 0.0) } else { Vector3::zeros() };
-        let by_current_ut = body_from_sensor * comp * -GAUSS_UT / 1000.0;
-        let correction_as_logged = FieldCorrection {
-            motor_ut_per_a: by_current_ut,
-            ..FieldCorrection::without_current(scale, body_from_sensor * vector("OFF", 0.0) * GAUSS_UT)
+        let compensation = if is_by_current { vector("COMP", 0.0) } else { Vector3::zeros() };
+        let motor_ut_per_a = body_from_sensor * compensation * -UT_PER_GAUSS / 1000.0;
+        let sensor_correction = FieldCorrection {
+            motor_ut_per_a,
+            ..FieldCorrection::without_current(scale, body_from_sensor * vector("OFF", 0.0) * UT_PER_GAUSS)
         };
-        Self::from_correction(correction_as_logged, Vector3::zeros())
+        Self::from_correction(sensor_correction, Vector3::zeros())
     }
 }
 

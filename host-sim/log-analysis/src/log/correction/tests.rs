@@ -139,11 +139,11 @@ fn px4s_compass_angles_and_board_trim_rotate_the_field() {
 /// Type 1 compensates by throttle, whose input value is not logged.
 #[test]
 fn ardupilots_throttle_compensation_is_not_used_as_current() {
-    for (compensation_type, by_current_ut) in [(0.0, 0.0), (1.0, 0.0), (2.0, -0.5)] {
+    for (compensation_type, motor_ut_per_a) in [(0.0, 0.0), (1.0, 0.0), (2.0, -0.5)] {
         let configured = parameters(&[("COMPASS_MOTCT", compensation_type), ("COMPASS_MOT_X", 5.0)]);
         let undone_correction = InvertibleCorrection::from_ardupilot_parameters(&configured, 0.0, 1).correction;
         assert!(
-            (undone_correction.motor_ut_per_a - Vector3::new(by_current_ut, 0.0, 0.0)).norm() < 1e-9,
+            (undone_correction.motor_ut_per_a - Vector3::new(motor_ut_per_a, 0.0, 0.0)).norm() < 1e-9,
             "{compensation_type}: {undone_correction:?}"
         );
     }

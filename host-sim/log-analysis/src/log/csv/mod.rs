@@ -41,7 +41,7 @@ use reader::TableReader;
 use table_cells::is_comment;
 use table_layout::{TableLayout, is_header};
 
-/// Whether the first line that is no comment is the header of a table: with a column `t_s`, or half of the required columns.
+/// Whether the first line that is no comment is the header of a table: it names `t_s`, or half of the required columns.
 #[must_use]
 pub fn is_table(first_bytes: &[u8]) -> bool {
     let first = first_bytes.split(|&byte| byte == b'\n').find(|line| !is_comment(line));
@@ -54,12 +54,12 @@ pub fn is_table(first_bytes: &[u8]) -> bool {
 ///
 /// The table has no usable rows, or a column is missing.
 pub fn read_csv(mut source: impl Read, unit: FieldUnit) -> Result<Flight, CsvError> {
-    let unreadable = |error: std::io::Error| CsvError::Source(error.to_string());
+    let unreadable = |error: std::io::Error| CsvError::Unreadable(error.to_string());
     let mut window = ReadWindow::new(&mut source);
     let mut line_number = 0_u64;
     let mut table: Option<TableLayout> = None;
     let mut first_lines = Vec::new();
-    let mut reading: Option<TableReader> = None;
+    let mut table_reader: Option<TableReader> = None;
     while let Some(line) = window.next_line().map_err(unreadable)? {
         line_number += 1;
         if is_comment(line.as_bytes()) {
@@ -69,22 +69,22 @@ pub fn read_csv(mut source: impl Read, unit: FieldUnit) -> Result<Flight, CsvErr
             table = Some(TableLayout::from_header(&line)?);
             continue;
         };
-        if let Some(reading) = &mut reading {
-            reading.record_line(table, unit, line_number, &line);
+        if let Some(table_reader) = &mut table_reader {
+            table_reader.record_line(table, unit, line_number, &line);
             continue;
         }
         first_lines.push((line_number, line));
         if first_lines.len() == MAX_ORDER_CHECK_LINES {
-            let table_reader = reading.insert(TableReader::from_first_lines(table, &first_lines));
+            let table_reader = table_reader.insert(TableReader::from_first_lines(table, &first_lines));
             first_lines
                 .drain(..)
                 .for_each(|(line_number, line)| table_reader.record_line(table, unit, line_number, &line));
         }
     }
-    let Some(table) = table else { return Err(CsvError::NoColumn("t_s".to_owned())) };
-    let mut reading = reading.unwrap_or_else(|| TableReader::from_first_lines(&table, &first_lines));
-    first_lines.drain(..).for_each(|(line_number, line)| reading.record_line(&table, unit, line_number, &line));
-    reading.finish_flight()
+    let Some(table) = table else { return Err(CsvError::MissingColumn("t_s".to_owned())) };
+    let mut table_reader = table_reader.unwrap_or_else(|| TableReader::from_first_lines(&table, &first_lines));
+    first_lines.drain(..).for_each(|(line_number, line)| table_reader.record_line(&table, unit, line_number, &line));
+    table_reader.finish_flight()
 }
 
 /// Lines examined for their order in time.
@@ -96,7 +96,7 @@ mod tests {
     use super::rates::rates_at_rows;
     use super::*;
 
-    const GOOD: &str =
+    const VALID_TABLE: &str =
         "t_s,extra,mx,my,mz,roll_deg,pitch_deg,use\n0,9,100,-200,400,10,-2,1\n0.1,9,101,-201,401,11,-3,0\n";
 
     fn read_text(text: &str) -> Result<Flight, CsvError> {
@@ -105,24 +105,24 @@ mod tests {
 
     #[test]
     fn columns_are_found_by_name_and_units_converted() {
-        let flight = read_text(GOOD).unwrap();
+        let flight = read_text(VALID_TABLE).unwrap();
         let rows = flight.compasses[0].field.rows();
         assert_eq!(rows.len(), 2);
         assert_eq!(rows[0].row_values.map(f32::to_bits), [10.0_f32, -20.0, 40.0, 10.0, -20.0, 40.0].map(f32::to_bits));
         assert!((flight.attitude.rows()[1].row_values[1].to_degrees() + 3.0).abs() < 1e-5);
         assert_eq!(flight.usable_rows.rows().iter().map(|row| row.row_values[0]).collect::<Vec<_>>(), [1.0, 0.0]);
-        let flight_in_ut = read_csv(GOOD.as_bytes(), FieldUnit::Microtesla).unwrap();
+        let flight_in_ut = read_csv(VALID_TABLE.as_bytes(), FieldUnit::Microtesla).unwrap();
         assert_eq!(flight_in_ut.compasses[0].field.rows()[0].row_values[..3], [100.0, -200.0, 400.0]);
     }
 
     #[test]
     fn semicolons_tabs_decimal_commas_comments_and_ends_of_lines_are_read() {
-        let commas = read_text(GOOD).unwrap();
+        let commas = read_text(VALID_TABLE).unwrap();
         for text in [
-            GOOD.replace(',', ";").replace('.', ","),
-            GOOD.replace(',', "\t"),
-            format!("# of a boat\n\n{}", GOOD.replace('\n', "\r\n")),
-            GOOD.replace("t_s", "\u{feff}\"t_s\""),
+            VALID_TABLE.replace(',', ";").replace('.', ","),
+            VALID_TABLE.replace(',', "\t"),
+            format!("# of a boat\n\n{}", VALID_TABLE.replace('\n', "\r\n")),
+            VALID_TABLE.replace("t_s", "\u{feff}\"t_s\""),
         ] {
             let flight = read_text(&text).unwrap();
             assert_eq!(flight.compasses[0].field, commas.compasses[0].field, "{text}");
@@ -139,13 +139,18 @@ mod tests {
             ["time_s", "mag_x", "mag_y", "mag_z", "roll_deg", "pitch_deg"],
         ] {
             let renamed = std::iter::zip(names, alternative_names)
-                .fold(GOOD.to_owned(), |text, (name, alternative_name)| text.replacen(name, alternative_name, 1));
+                .fold(VALID_TABLE.to_owned(), |text, (name, alternative_name)| {
+                    text.replacen(name, alternative_name, 1)
+                });
             let renamed = format!("\u{feff}{renamed}");
             assert!(is_table(renamed.as_bytes()), "{renamed}");
-            assert_eq!(read_text(&renamed).unwrap().compasses[0].field, read_text(GOOD).unwrap().compasses[0].field);
+            assert_eq!(
+                read_text(&renamed).unwrap().compasses[0].field,
+                read_text(VALID_TABLE).unwrap().compasses[0].field
+            );
             let missing = renamed.replacen(alternative_names[4], "bank", 1);
             assert!(is_table(missing.as_bytes()), "{missing}");
-            assert_eq!(read_text(&missing).unwrap_err(), CsvError::NoColumn("roll_deg".to_owned()));
+            assert_eq!(read_text(&missing).unwrap_err(), CsvError::MissingColumn("roll_deg".to_owned()));
         }
     }
 
@@ -158,7 +163,7 @@ mod tests {
             "0.2,9,100,,400,10,-2,1\n",
             "0.2,9,100,inf,400,10,-2,1",
         ] {
-            let flight = read_text(&format!("{GOOD}{malformed_line}")).unwrap();
+            let flight = read_text(&format!("{VALID_TABLE}{malformed_line}")).unwrap();
             assert_eq!(
                 (flight.compasses[0].field.rows().len(), flight.skipped_counts.garbage),
                 (2, 1),
@@ -169,7 +174,7 @@ mod tests {
 
     #[test]
     fn rows_are_sorted_and_duplicate_times_dropped() {
-        let text = format!("{GOOD}0.05,9,100,-200,400,10,-2,1\n0.1,9,0,0,0.1,0,0,1\n");
+        let text = format!("{VALID_TABLE}0.05,9,100,-200,400,10,-2,1\n0.1,9,0,0,0.1,0,0,1\n");
         let flight = read_text(&text).unwrap();
         let times: Vec<f64> = flight.compasses[0].field.rows().iter().map(|row| row.t_s).collect();
         assert_eq!(times.len(), 3);
@@ -179,7 +184,7 @@ mod tests {
     #[test]
     fn a_parse_error_names_line_and_column() {
         let error = |text: &str| read_text(text).unwrap_err();
-        assert_eq!(error("t_s,mx,my,mz,roll_deg\n"), CsvError::NoColumn("pitch_deg".to_owned()));
+        assert_eq!(error("t_s,mx,my,mz,roll_deg\n"), CsvError::MissingColumn("pitch_deg".to_owned()));
         assert_eq!(error("t_s,mx,my,mz,roll_deg,pitch_deg\n"), CsvError::NoRows(None));
         let expected_error = CsvError::NoRows(Some((2, "my".to_owned(), "nan".to_owned())));
         assert_eq!(error("t_s,mx,my,mz,roll_deg,pitch_deg\n1,1,nan,3,4,5\n"), expected_error);
@@ -188,17 +193,17 @@ mod tests {
             decimal_commas.contains("line 2, beyond the last column (decimal commas need semicolons"),
             "{decimal_commas}"
         );
-        for (columns, missing) in
+        for (column_count, missing) in
             [("q_dps,r_dps", "p_dps"), ("p_dps,r_dps", "q_dps"), ("q_dps,p_dps", "r_dps"), ("r_dps", "p_dps")]
         {
-            let error = error(&format!("t_s,mx,my,mz,roll_deg,pitch_deg,{columns}\n"));
-            assert_eq!(error, CsvError::NoRate(missing));
+            let error = error(&format!("t_s,mx,my,mz,roll_deg,pitch_deg,{column_count}\n"));
+            assert_eq!(error, CsvError::MissingRateColumn(missing));
             assert!(error.to_string().starts_with(&format!("no column {missing};")), "{error}");
         }
     }
 
-    /// Converted rates of one axis.
-    fn rates_found(mean_rates: &[(f64, Option<f32>)]) -> Vec<f32> {
+    /// Rates of one axis at the rows of a table with these mean rates.
+    fn interpolated_rates(mean_rates: &[(f64, Option<f32>)]) -> Vec<f32> {
         let mut rates = Series::new();
         for &(t_s, rate) in mean_rates {
             if let Some(rate) = rate {
@@ -218,7 +223,7 @@ mod tests {
     #[test]
     fn a_mean_rate_is_interpolated_to_the_time_of_its_row() {
         let mean_rates: Vec<_> = (0..5).map(|i| (f64::from(i), Some(i as f32 - 0.5))).collect();
-        assert_eq!(rates_found(&mean_rates), [0.5, 1.0, 2.0, 3.0, 3.5]);
+        assert_eq!(interpolated_rates(&mean_rates), [0.5, 1.0, 2.0, 3.0, 3.5]);
     }
 
     /// Of the steps between rows, 1 s each, one of 3 s is no gap, and one of 3.1 s is.
@@ -227,8 +232,8 @@ mod tests {
         let mean_rates =
             [(0.0, 9.0), (1.0, 2.0), (2.0, 4.0), (5.0, 8.0), (6.0, 2.0), (9.1, 7.0), (10.1, 4.0), (11.1, 6.0)];
         let expected = [2.0, 3.0, 6.0, 5.0, 2.0, 4.0, 5.0, 6.0];
-        assert_eq!(rates_found(&mean_rates.map(|(t_s, rate)| (t_s, Some(rate)))), expected);
-        assert_eq!(rates_found(&[(0.0, Some(1.0))]), [1.0]);
-        assert_eq!(rates_found(&[(0.0, Some(1.0)), (1.0, Some(3.0)), (9.0, Some(5.0))]).last(), Some(&5.0));
+        assert_eq!(interpolated_rates(&mean_rates.map(|(t_s, rate)| (t_s, Some(rate)))), expected);
+        assert_eq!(interpolated_rates(&[(0.0, Some(1.0))]), [1.0]);
+        assert_eq!(interpolated_rates(&[(0.0, Some(1.0)), (1.0, Some(3.0)), (9.0, Some(5.0))]).last(), Some(&5.0));
     }
 }

@@ -6,12 +6,12 @@ use super::super::time_series::Series;
 const MAX_GAP_IN_MEDIAN_STEPS: f64 = 3.0;
 
 /// Converts means over the preceding interval to rates at the rows: the average of the means before and after, which
-/// has no lag. At a gap only the other side's mean is used, if there is one.
-pub(super) fn rates_at_rows(rates: &Series<3>) -> Vec<(f64, [f32; 3])> {
-    let Some(step_s) = rates.median_step_s() else {
-        return rates.rows().iter().map(|row| (row.t_s, row.row_values)).collect();
+/// has no lag. At a gap only the mean of the side without the gap is used, if there is one.
+pub(super) fn rates_at_rows(mean_rates: &Series<3>) -> Vec<(f64, [f32; 3])> {
+    let Some(step_s) = mean_rates.median_step_s() else {
+        return mean_rates.rows().iter().map(|row| (row.t_s, row.row_values)).collect();
     };
-    let rows = rates.rows();
+    let rows = mean_rates.rows();
     let is_gap = |later: usize| rows[later].t_s - rows[later - 1].t_s > MAX_GAP_IN_MEDIAN_STEPS * step_s;
     (0..rows.len())
         .map(|i| {

@@ -6,8 +6,8 @@ pub(super) fn is_comment(line: &[u8]) -> bool {
 }
 
 /// The most frequent separator of the header.
-pub(super) fn separator(header: &str) -> char {
-    [',', ';', '\t'].into_iter().max_by_key(|&separator| header.matches(separator).count()).unwrap_or(',')
+pub(super) fn cell_separator(header: &str) -> char {
+    [',', ';', '\t'].into_iter().max_by_key(|&cell_separator| header.matches(cell_separator).count()).unwrap_or(',')
 }
 
 pub(super) fn trimmed_cell(value: &str) -> &str {

@@ -2,12 +2,12 @@
 
 use super::super::flight_builder::MAX_COMPASSES;
 use super::error::CsvError;
-use super::table_cells::{separator, trimmed_cell};
+use super::table_cells::{cell_separator, trimmed_cell};
 
 pub(super) struct TableLayout {
-    separator: char,
+    cell_separator: char,
     /// Number of columns that the header names.
-    columns: usize,
+    column_count: usize,
     pub time_column: usize,
     pub field_columns: Vec<(u8, [usize; 3])>,
     pub attitude_columns: [usize; 2],
@@ -16,14 +16,14 @@ pub(super) struct TableLayout {
     pub reference_column: Option<usize>,
     pub yaw_column: Option<usize>,
     pub current_column: Option<usize>,
-    pub place_columns: Option<[usize; 2]>,
+    pub position_columns: Option<[usize; 2]>,
     pub height_column: Option<usize>,
-    pub over_ground: [Option<usize>; 2],
+    pub speed_and_course_columns: [Option<usize>; 2],
     pub armed_column: Option<usize>,
 }
 
-/// Other names of required columns.
-const OTHER_NAMES: [(&str, &[&str]); 6] = [
+/// Required columns with their alternative names.
+const ALTERNATIVE_NAMES: [(&str, &[&str]); 6] = [
     ("t_s", &["time", "time_s", "t", "seconds"]),
     ("mx", &["magx", "mag_x"]),
     ("my", &["magy", "mag_y"]),
@@ -33,13 +33,13 @@ const OTHER_NAMES: [(&str, &[&str]); 6] = [
 ];
 
 /// Number of required column names that a line must contain to be the header of a table.
-const MIN_COLUMNS: usize = 3;
+const MIN_REQUIRED_COLUMNS: usize = 3;
 
 /// Index of the column with this name, or with one of its alternative names.
 fn find_column(names: &[&str], name: &str) -> Option<usize> {
     let position = |name: &str| names.iter().position(|column| column.eq_ignore_ascii_case(name));
     let alternative_names = || {
-        OTHER_NAMES
+        ALTERNATIVE_NAMES
             .iter()
             .find(|(required_name, _)| *required_name == name)
             .map_or(&[][..], |(_, alternative_names)| *alternative_names)
@@ -48,20 +48,20 @@ fn find_column(names: &[&str], name: &str) -> Option<usize> {
 }
 
 pub(super) fn is_header(line: &str) -> bool {
-    let names: Vec<&str> = line.split(separator(line)).map(trimmed_cell).collect();
-    let named_columns = OTHER_NAMES.iter().filter(|(name, _)| find_column(&names, name).is_some()).count();
-    named_columns >= MIN_COLUMNS || names.iter().any(|name| name.eq_ignore_ascii_case("t_s"))
+    let names: Vec<&str> = line.split(cell_separator(line)).map(trimmed_cell).collect();
+    let named_columns = ALTERNATIVE_NAMES.iter().filter(|(name, _)| find_column(&names, name).is_some()).count();
+    named_columns >= MIN_REQUIRED_COLUMNS || names.iter().any(|name| name.eq_ignore_ascii_case("t_s"))
 }
 
-/// Column name and invalid content.
+/// Name of a column, and the content of its invalid cell.
 pub(super) type InvalidCell = (String, String);
 
 impl TableLayout {
     pub fn from_header(header: &str) -> Result<Self, CsvError> {
-        let separator = separator(header);
-        let names: Vec<&str> = header.split(separator).map(trimmed_cell).collect();
+        let cell_separator = cell_separator(header);
+        let names: Vec<&str> = header.split(cell_separator).map(trimmed_cell).collect();
         let find = |name: &str| find_column(&names, name);
-        let need = |name: &str| find(name).ok_or_else(|| CsvError::NoColumn(name.to_owned()));
+        let need = |name: &str| find(name).ok_or_else(|| CsvError::MissingColumn(name.to_owned()));
         let mut fields = vec![(1, [need("mx")?, need("my")?, need("mz")?])];
         for compass_number in 2..=MAX_COMPASSES {
             if let [Some(x), Some(y), Some(z)] = ["mx", "my", "mz"].map(|axis| find(&format!("{axis}{compass_number}")))
@@ -71,47 +71,47 @@ impl TableLayout {
         }
         let position_columns = find("lat_deg").zip(find("lon_deg")).map(|(latitude, longitude)| [latitude, longitude]);
         Ok(Self {
-            separator,
-            columns: names.len(),
+            cell_separator,
+            column_count: names.len(),
             time_column: need("t_s")?,
             field_columns: fields,
             attitude_columns: [need("roll_deg")?, need("pitch_deg")?],
-            rate_columns: rates_in(&find)?,
+            rate_columns: find_rate_columns(&find)?,
             usable_column: find("use"),
             reference_column: find("yaw_ref_deg"),
             yaw_column: find("yaw_deg").or_else(|| find("yaw_log_deg")),
             current_column: find("current_a"),
-            place_columns: position_columns,
+            position_columns,
             height_column: find("height_m"),
-            over_ground: ["speed_m_s", "course_deg"].map(find),
+            speed_and_course_columns: ["speed_m_s", "course_deg"].map(find),
             armed_column: find("armed"),
         })
     }
 
     /// Rejects lines with more cells than columns, as decimal commas produce in a table separated by commas.
-    pub fn reject_extra_cells(&self, values: &LineValues<'_>) -> Result<(), InvalidCell> {
-        let extra = values.values.iter().skip(self.columns).find(|cell| !cell.is_empty());
+    pub fn reject_extra_cells(&self, cells: &LineCells<'_>) -> Result<(), InvalidCell> {
+        let extra = cells.cells.iter().skip(self.column_count).find(|cell| !cell.is_empty());
         let where_found = "beyond the last column (decimal commas need semicolons between columns)";
         extra.map_or(Ok(()), |cell| Err((where_found.to_owned(), cell.chars().take(40).collect())))
     }
 
-    pub fn line_values<'a>(&self, line: &'a str) -> LineValues<'a> {
-        LineValues {
-            values: line.split(self.separator).map(trimmed_cell).collect(),
-            has_decimal_comma: self.separator != ',',
+    pub fn split_line<'a>(&self, line: &'a str) -> LineCells<'a> {
+        LineCells {
+            cells: line.split(self.cell_separator).map(trimmed_cell).collect(),
+            has_decimal_comma: self.cell_separator != ',',
         }
     }
 }
 
-pub(super) struct LineValues<'a> {
-    values: Vec<&'a str>,
+pub(super) struct LineCells<'a> {
+    cells: Vec<&'a str>,
     has_decimal_comma: bool,
 }
 
-impl LineValues<'_> {
+impl LineCells<'_> {
     /// The number in a column; none if empty or `nan`, NaN if invalid.
-    pub fn cell_value(&self, index: usize) -> Option<f64> {
-        let text = self.values.get(index).filter(|text| !text.is_empty() && !text.eq_ignore_ascii_case("nan"))?;
+    pub fn number_in_column(&self, index: usize) -> Option<f64> {
+        let text = self.cells.get(index).filter(|text| !text.is_empty() && !text.eq_ignore_ascii_case("nan"))?;
         // A cell with invalid text is an error, not a missing value.
         Some(self.parse_cell(text).unwrap_or(f64::NAN))
     }
@@ -120,15 +120,15 @@ impl LineValues<'_> {
         if self.has_decimal_comma { text.replace(',', ".").parse().ok() } else { text.parse().ok() }
     }
 
-    pub fn required_number(&self, index: usize, column: &str) -> Result<f64, InvalidCell> {
+    pub fn required_number_in_column(&self, index: usize, column: &str) -> Result<f64, InvalidCell> {
         let invalid_cell =
-            || (column.to_owned(), self.values.get(index).copied().unwrap_or_default().chars().take(40).collect());
-        self.cell_value(index).filter(|number| number.is_finite()).ok_or_else(invalid_cell)
+            || (column.to_owned(), self.cells.get(index).copied().unwrap_or_default().chars().take(40).collect());
+        self.number_in_column(index).filter(|number| number.is_finite()).ok_or_else(invalid_cell)
     }
 }
 
 /// Indices of the rate columns: all three or none.
-fn rates_in(find: &dyn Fn(&str) -> Option<usize>) -> Result<Option<[usize; 3]>, CsvError> {
+fn find_rate_columns(find: &dyn Fn(&str) -> Option<usize>) -> Result<Option<[usize; 3]>, CsvError> {
     let names = ["p_dps", "q_dps", "r_dps"];
     let rate_columns = names.map(find);
     if let [Some(p), Some(q), Some(r)] = rate_columns {
@@ -136,7 +136,7 @@ fn rates_in(find: &dyn Fn(&str) -> Option<usize>) -> Result<Option<[usize; 3]>, 
     }
     let missing = names.iter().zip(rate_columns).find(|(_, index)| index.is_none());
     match missing {
-        Some((name, _)) if rate_columns.iter().any(Option::is_some) => Err(CsvError::NoRate(name)),
+        Some((name, _)) if rate_columns.iter().any(Option::is_some) => Err(CsvError::MissingRateColumn(name)),
         _ => Ok(None),
     }
 }

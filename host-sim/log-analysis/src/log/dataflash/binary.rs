@@ -4,11 +4,11 @@ use std::io::{self, Read};
 
 use super::super::flight::{Flight, LogFormat};
 use super::super::read_window::ReadWindow;
-use super::messages::{LogMessage, MESSAGES_TO_READ, record_message, recorder};
+use super::messages::{LogMessage, MESSAGES_TO_READ, ardupilot_builder, record_message};
 
 const FRAME_START: [u8; 2] = [0xA3, 0x95];
 const FMT_MESSAGE_NUMBER: u8 = 128;
-const FMT_LENGTH: usize = 89;
+const FMT_MESSAGE_LENGTH: usize = 89;
 const HEADER_LENGTH: usize = 3;
 
 pub fn matches_header(first_bytes: &[u8]) -> bool {
@@ -27,32 +27,32 @@ pub fn matches_header(first_bytes: &[u8]) -> bool {
 pub fn read_binary(source: &mut dyn Read) -> io::Result<Flight> {
     let mut window = ReadWindow::new(source);
     let mut layouts: [Option<MessageLayout>; 256] = std::array::from_fn(|_| None);
-    let mut recorder = recorder(LogFormat::DataFlash);
+    let mut builder = ardupilot_builder(LogFormat::DataFlash);
     loop {
         let bytes = window.peek_bytes(256)?;
         let [first, second, message_number, ..] = *bytes else { break };
         let consumed_bytes = if [first, second] != FRAME_START {
             None
         } else if message_number == FMT_MESSAGE_NUMBER {
-            bytes.get(..FMT_LENGTH).map(|message| {
+            bytes.get(..FMT_MESSAGE_LENGTH).map(|message| {
                 if let Some((message_number, layout)) = MessageLayout::from_fmt(message) {
                     layouts[usize::from(message_number)] = Some(layout);
                 }
-                FMT_LENGTH
+                FMT_MESSAGE_LENGTH
             })
         } else {
             layouts[usize::from(message_number)].as_ref().and_then(|layout| {
                 let body = bytes.get(HEADER_LENGTH..layout.length)?;
                 if layout.is_wanted {
-                    record_message(&mut recorder, &layout.name, &BinaryMessage { layout, body });
+                    record_message(&mut builder, &layout.name, &BinaryMessage { layout, body });
                 }
                 Some(layout.length)
             })
         };
-        recorder.flight.skipped_counts.garbage += u64::from(consumed_bytes.is_none());
+        builder.flight.skipped_counts.garbage += u64::from(consumed_bytes.is_none());
         window.consume_bytes(consumed_bytes.unwrap_or(1));
     }
-    Ok(recorder.finish_flight())
+    Ok(builder.finish_flight())
 }
 
 struct MessageLayout {
@@ -83,7 +83,7 @@ impl MessageLayout {
                 format_letter,
                 offset: byte_offset,
             });
-            byte_offset += format_size(format_letter)?;
+            byte_offset += format_byte_len(format_letter)?;
         }
         let length = usize::from(*length);
         let is_wanted = MESSAGES_TO_READ.contains(&name.as_str());
@@ -92,7 +92,7 @@ impl MessageLayout {
 }
 
 /// Bytes of a column by its format letter (LogStructure.h).
-const fn format_size(format_letter: u8) -> Option<usize> {
+const fn format_byte_len(format_letter: u8) -> Option<usize> {
     Some(match format_letter {
         b'b' | b'B' | b'M' => 1,
         b'h' | b'H' | b'c' | b'C' | b'g' => 2,
@@ -104,7 +104,7 @@ const fn format_size(format_letter: u8) -> Option<usize> {
     })
 }
 
-pub(super) const fn is_unscaled_integer(format_letter: u8) -> bool {
+pub(super) const fn is_plain_integer(format_letter: u8) -> bool {
     matches!(format_letter, b'b' | b'B' | b'h' | b'H' | b'i' | b'I' | b'q' | b'Q')
 }
 
@@ -116,7 +116,10 @@ struct BinaryMessage<'a> {
 impl BinaryMessage<'_> {
     fn column_bytes(&self, name: &str) -> Option<(u8, &[u8])> {
         let column = self.layout.columns.iter().find(|column| column.name == name)?;
-        Some((column.format_letter, self.body.get(column.offset..column.offset + format_size(column.format_letter)?)?))
+        Some((
+            column.format_letter,
+            self.body.get(column.offset..column.offset + format_byte_len(column.format_letter)?)?,
+        ))
     }
 }
 
@@ -147,8 +150,8 @@ impl LogMessage for BinaryMessage<'_> {
         self.layout.columns.iter().any(|column| column.name == name)
     }
 
-    fn is_unscaled_integer(&self, name: &str) -> bool {
-        self.column_bytes(name).is_some_and(|(format_letter, _)| is_unscaled_integer(format_letter))
+    fn is_plain_integer(&self, name: &str) -> bool {
+        self.column_bytes(name).is_some_and(|(format_letter, _)| is_plain_integer(format_letter))
     }
 
     fn text_field(&self, name: &str) -> Option<String> {

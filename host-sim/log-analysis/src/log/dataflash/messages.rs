@@ -7,7 +7,7 @@ use crate::log::flight_builder::{FieldProcessing, FlightBuilder, MAX_COMPASSES};
 pub(super) trait LogMessage {
     fn numeric_field(&self, name: &str) -> Option<f64>;
     fn has_column(&self, name: &str) -> bool;
-    fn is_unscaled_integer(&self, name: &str) -> bool;
+    fn is_plain_integer(&self, name: &str) -> bool;
     fn text_field(&self, name: &str) -> Option<String>;
 }
 
@@ -17,76 +17,76 @@ pub(super) const MESSAGES_TO_READ: [&str; 21] = [
     "PARM", "MSG", "ARM", "EV", "SIM", "VER",
 ];
 
-pub(super) fn recorder(format: LogFormat) -> FlightBuilder {
-    let mut recorder = FlightBuilder::new(format);
-    recorder.flight.autopilot = Autopilot::ArduPilot;
-    recorder
+pub(super) fn ardupilot_builder(format: LogFormat) -> FlightBuilder {
+    let mut builder = FlightBuilder::new(format);
+    builder.flight.autopilot = Autopilot::ArduPilot;
+    builder
 }
 
-pub(super) fn record_message(recorder: &mut FlightBuilder, name: &str, message: &dyn LogMessage) {
+pub(super) fn record_message(builder: &mut FlightBuilder, name: &str, message: &dyn LogMessage) {
     if name == "PARM" {
         if let (Some(name), Some(value)) = (message.text_field("Name"), message.numeric_field("Value")) {
-            recorder.set_parameter(&name, value);
+            builder.set_parameter(&name, value);
         }
         return;
     }
-    let t_s = match microseconds(name, message) {
-        Some(us) => recorder.timeline.flight_time_s(us),
-        None => time_of_unstamped_message_s(recorder, name, message),
+    let t_s = match message_time_us(name, message) {
+        Some(us) => builder.timeline.flight_time_s(us),
+        None => time_of_unstamped_message_s(builder, name, message),
     };
     let Some(t_s) = t_s else { return };
     match name {
         "MAG" => {
             let compass_number = message.numeric_field("I").map_or(1, |instance| (instance as u8).saturating_add(1));
-            record_field(recorder, t_s, message, compass_number);
+            record_field(builder, t_s, message, compass_number);
         }
-        "MAG2" => record_field(recorder, t_s, message, 2),
-        "MAG3" => record_field(recorder, t_s, message, 3),
+        "MAG2" => record_field(builder, t_s, message, 2),
+        "MAG3" => record_field(builder, t_s, message, 3),
         "ATT" => {
             if let Some(angles_rad) = angles_rad(message) {
-                recorder.push_attitude(t_s, angles_rad);
+                builder.push_attitude(t_s, angles_rad);
             }
         }
         "IMU" if message.numeric_field("I").unwrap_or(0.0) == 0.0 => {
             if let Some(rates) = numeric_fields(message, ["GyrX", "GyrY", "GyrZ"]) {
-                let bias = recorder.gyro_bias_rad_s;
-                recorder.push_rates(t_s, std::array::from_fn(|axis| rates[axis] as f32 - bias[axis]));
+                let bias = builder.gyro_bias_rad_s;
+                builder.push_rates(t_s, std::array::from_fn(|axis| rates[axis] as f32 - bias[axis]));
             }
         }
         // Gyro bias of the autopilot's filter, deg/s.
         "XKF1" | "NKF1" if message.numeric_field("C").unwrap_or(0.0) == 0.0 => {
-            push_fallback_attitude(recorder, name, t_s, message);
+            push_fallback_attitude(builder, name, t_s, message);
             if let Some(bias) =
                 numeric_fields(message, ["GX", "GY", "GZ"]).filter(|bias| bias.iter().all(|axis| axis.abs() < 10.0))
             {
-                recorder.gyro_bias_rad_s = bias.map(|axis| axis.to_radians() as f32);
+                builder.gyro_bias_rad_s = bias.map(|axis| axis.to_radians() as f32);
             }
         }
         "XKQ" | "XKQ1" | "NKQ" | "NKQ1" | "AHR2" if message.numeric_field("C").unwrap_or(0.0) == 0.0 => {
-            push_fallback_attitude(recorder, name, t_s, message);
+            push_fallback_attitude(builder, name, t_s, message);
         }
-        "GPS" if message.numeric_field("I").unwrap_or(0.0) == 0.0 => record_gps(recorder, t_s, message),
+        "GPS" if message.numeric_field("I").unwrap_or(0.0) == 0.0 => record_gps(builder, t_s, message),
         "BAT" if message.numeric_field("Inst").or_else(|| message.numeric_field("Instance")).unwrap_or(0.0) == 0.0 => {
-            record_current(recorder, t_s, message);
+            record_current(builder, t_s, message);
         }
-        "CURR" => record_current(recorder, t_s, message),
+        "CURR" => record_current(builder, t_s, message),
         "ARM" => {
             if let Some(arm_state) = message.numeric_field("ArmState") {
-                recorder.push_armed(t_s, arm_state != 0.0);
+                builder.push_armed(t_s, arm_state != 0.0);
             }
         }
         "EV" => match message.numeric_field("Id").map(|id| id as u8) {
             // Event ids of LogEvent: armed (10), auto-armed (15); disarmed (11).
-            Some(10 | 15) => recorder.push_armed(t_s, true),
-            Some(11) => recorder.push_armed(t_s, false),
+            Some(10 | 15) => builder.push_armed(t_s, true),
+            Some(11) => builder.push_armed(t_s, false),
             _ => {}
         },
-        "SIM" => record_truth(recorder, t_s, message),
-        "VER" => recorder.set_firmware(&message.text_field("FWS").unwrap_or_default()),
+        "SIM" => record_true_attitude(builder, t_s, message),
+        "VER" => builder.set_firmware(&message.text_field("FWS").unwrap_or_default()),
         "MSG" => {
             let text = message.text_field("Message").unwrap_or_default();
             if ["Ardu", "APM", "Rover", "Blimp", "Antenna"].iter().any(|prefix| text.starts_with(prefix)) {
-                recorder.set_firmware(&text);
+                builder.set_firmware(&text);
             }
         }
         _ => {}
@@ -95,15 +95,15 @@ pub(super) fn record_message(recorder: &mut FlightBuilder, name: &str, message: 
 
 /// Time of a message without a stamp (common until 2014): the newest stamp, seconds. Of several rows at one stamp the
 /// first is kept.
-fn time_of_unstamped_message_s(recorder: &mut FlightBuilder, name: &str, message: &dyn LogMessage) -> Option<f64> {
+fn time_of_unstamped_message_s(builder: &mut FlightBuilder, name: &str, message: &dyn LogMessage) -> Option<f64> {
     let is_damaged = ["TimeUS", "TimeMS"].iter().any(|column| name != "GPS" && message.has_column(column));
     if is_damaged {
         return None;
     }
-    recorder.flight.rows_without_time += u64::from(matches!(name, "MAG" | "MAG2"));
+    builder.flight.rows_without_time += u64::from(matches!(name, "MAG" | "MAG2"));
     let is_once = matches!(name, "MSG" | "EV");
     let is_row = matches!(name, "MAG" | "MAG2" | "ATT" | "IMU" | "GPS" | "CURR");
-    (is_once || is_row && recorder.timeline.has_stamps()).then(|| recorder.timeline.newest_s())
+    (is_once || is_row && builder.timeline.has_stamps()).then(|| builder.timeline.newest_s())
 }
 
 /// Roll, pitch and yaw, radians, from columns in degrees; yaw is NaN if absent.
@@ -115,7 +115,7 @@ fn angles_rad(message: &dyn LogMessage) -> Option<[f32; 3]> {
 
 /// Adds the attitude of the filter's first core, or of AHR2, used if `ATT` is not logged (`LOG_BITMASK`). Quaternions
 /// rank after angles, since the board's trim is not removed from them.
-fn push_fallback_attitude(recorder: &mut FlightBuilder, name: &str, t_s: f64, message: &dyn LogMessage) {
+fn push_fallback_attitude(builder: &mut FlightBuilder, name: &str, t_s: f64, message: &dyn LogMessage) {
     let (rank, from) = match name {
         "XKF1" => (0, "XKF1"),
         "NKF1" => (1, "NKF1"),
@@ -128,11 +128,11 @@ fn push_fallback_attitude(recorder: &mut FlightBuilder, name: &str, t_s: f64, me
             .map(|quaternion| quaternion_to_euler_rad(quaternion).map(|angle| angle as f32))
     };
     if let Some(angles_rad) = angles_rad(message).or_else(of_quaternion) {
-        recorder.push_fallback_attitude(rank, from, t_s, angles_rad);
+        builder.push_fallback_attitude(rank, from, t_s, angles_rad);
     }
 }
 
-fn microseconds(name: &str, message: &dyn LogMessage) -> Option<u64> {
+fn message_time_us(name: &str, message: &dyn LogMessage) -> Option<u64> {
     let scaled_column = |column: &str, scale: f64| {
         let time_us = message.numeric_field(column)? * scale;
         (time_us >= 0.0).then_some(time_us as u64)
@@ -151,38 +151,38 @@ fn numeric_fields<const N: usize>(message: &dyn LogMessage, names: [&str; N]) ->
 }
 
 /// Adds a field row in milligauss.
-fn record_field(recorder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage, compass_number: u8) {
+fn record_field(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage, compass_number: u8) {
     let Some(field) = numeric_fields(message, ["MagX", "MagY", "MagZ"]) else { return };
     // ArduPilot logs existing compasses only.
     if (1..=MAX_COMPASSES).contains(&compass_number) {
-        recorder.compass_rows(compass_number, FieldProcessing::ArduPilot);
+        builder.compass_rows(compass_number, FieldProcessing::ArduPilot);
     }
     if message.numeric_field("Health") == Some(0.0) {
-        recorder.flight.skipped_counts.unhealthy += 1;
+        builder.flight.skipped_counts.unhealthy += 1;
         return;
     }
     let motor =
         numeric_fields(message, ["MOX", "MOY", "MOZ"]).or_else(|| numeric_fields(message, ["MOfsX", "MOfsY", "MOfsZ"]));
     let microtesla = |milligauss: [f64; 3]| milligauss.map(|axis| (axis * 0.1) as f32);
-    update_offset_parameters(recorder, message, compass_number);
-    recorder.push_field(compass_number, FieldProcessing::ArduPilot, t_s, microtesla(field), motor.map(microtesla));
+    update_offset_parameters(builder, message, compass_number);
+    builder.push_field(compass_number, FieldProcessing::ArduPilot, t_s, microtesla(field), motor.map(microtesla));
 }
 
 /// Sets the offset parameters from a row: offsets learnt in flight (`COMPASS_LEARN`) or calibrated on the ground appear
 /// in no PARM. Rows are truncated to whole milligauss, so a PARM that agrees is preferred.
-fn update_offset_parameters(recorder: &mut FlightBuilder, message: &dyn LogMessage, compass_number: u8) {
-    const SAME_OFFSET_MG: f64 = 1.5;
+fn update_offset_parameters(builder: &mut FlightBuilder, message: &dyn LogMessage, compass_number: u8) {
+    const MAX_ROUNDING_MG: f64 = 1.5;
     let Some(logged_offset) = numeric_fields(message, ["OfsX", "OfsY", "OfsZ"]) else { return };
     let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
     for (axis, logged_offset) in ["X", "Y", "Z"].iter().zip(logged_offset) {
         let name = format!("COMPASS_OFS{index}_{axis}");
-        if (recorder.flight.parameters.last_value(&name).unwrap_or(0.0) - logged_offset).abs() > SAME_OFFSET_MG {
-            recorder.set_parameter(&name, logged_offset);
+        if (builder.flight.parameters.last_value(&name).unwrap_or(0.0) - logged_offset).abs() > MAX_ROUNDING_MG {
+            builder.set_parameter(&name, logged_offset);
         }
     }
 }
 
-fn record_gps(recorder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) {
+fn record_gps(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) {
     const FIX_3D: f64 = 3.0;
     /// 1980-01-06 in Unix time; leap seconds (less than a minute) are ignored.
     const GPS_EPOCH_UNIX_S: f64 = 315_964_800.0;
@@ -197,29 +197,29 @@ fn record_gps(recorder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) 
     let yaw_deg = message.numeric_field("Yaw").filter(|yaw| *yaw != 0.0).map_or(f32::NAN, |yaw| yaw as f32);
     let [latitude_deg, longitude_deg, height_m, speed_m_s, course_deg] =
         [latitude, longitude, height, speed, course].map(|number| number as f32);
-    recorder.push_gps(t_s, Gps { latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg });
+    builder.push_gps(t_s, Gps { latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg });
     if let Some(week) =
         message.numeric_field("GWk").or_else(|| message.numeric_field("Week")).filter(|week| *week > 0.0)
     {
         let time_of_week_ms = message.numeric_field("GMS").unwrap_or(0.0);
-        recorder.set_day_from_unix_s((GPS_EPOCH_UNIX_S + week * 604_800.0 + time_of_week_ms / 1e3) as u64);
+        builder.set_day_from_unix_s((GPS_EPOCH_UNIX_S + week * 604_800.0 + time_of_week_ms / 1e3) as u64);
     }
 }
 
 /// Adds a current; CURR has integer hundredths of an ampere.
-fn record_current(recorder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) {
+fn record_current(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) {
     if let Some(logged) = message.numeric_field("Curr") {
-        let amperes = if message.is_unscaled_integer("Curr") { logged * 0.01 } else { logged };
-        recorder.push_current(t_s, amperes as f32);
+        let amperes = if message.is_plain_integer("Curr") { logged * 0.01 } else { logged };
+        builder.push_current(t_s, amperes as f32);
     }
 }
 
 /// Adds the simulator's attitude, by quaternion if logged, since the angles are rounded to 0.01 deg.
-fn record_truth(recorder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) {
+fn record_true_attitude(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) {
     let angles = numeric_fields(message, ["Q1", "Q2", "Q3", "Q4"]).map(quaternion_to_euler_rad);
     let logged = || numeric_fields(message, ["Roll", "Pitch", "Yaw"]).map(|angles| angles.map(f64::to_radians));
     if let Some(angles) = angles.or_else(logged) {
-        recorder.push_truth(t_s, angles.map(|angle| angle as f32));
+        builder.push_true_attitude(t_s, angles.map(|angle| angle as f32));
     }
 }
 

@@ -16,17 +16,17 @@ impl LogMessage for Numbers<'_> {
         None
     }
 
-    fn is_unscaled_integer(&self, _: &str) -> bool {
+    fn is_plain_integer(&self, _: &str) -> bool {
         false
     }
 }
 
 fn read_messages(messages: &[(&str, &[(&str, f64)])]) -> crate::log::Flight {
-    let mut recorder = recorder(LogFormat::DataFlash);
+    let mut builder = ardupilot_builder(LogFormat::DataFlash);
     for (name, numbers) in messages {
-        record_message(&mut recorder, name, &Numbers(numbers));
+        record_message(&mut builder, name, &Numbers(numbers));
     }
-    recorder.finish_flight()
+    builder.finish_flight()
 }
 
 #[test]
@@ -160,12 +160,12 @@ fn offsets_estimated_in_flight_are_undone_per_row() {
             ("OfsZ", 0.0),
         ]
     };
-    let mut recorder = recorder(LogFormat::DataFlash);
-    recorder.set_parameter("COMPASS_OFS_X", 30.7);
+    let mut builder = ardupilot_builder(LogFormat::DataFlash);
+    builder.set_parameter("COMPASS_OFS_X", 30.7);
     for numbers in [row(1e6, 230.7, 30.0), row(1.1e6, 240.0, 40.0), row(1.2e6, 215.0, 15.0)] {
-        record_message(&mut recorder, "MAG", &Numbers(&numbers));
+        record_message(&mut builder, "MAG", &Numbers(&numbers));
     }
-    let flight = recorder.finish_flight();
+    let flight = builder.finish_flight();
     for row in flight.compasses[0].field.rows() {
         assert!((row.row_values[0] - 20.0).abs() < 1e-4, "{row:?}");
     }

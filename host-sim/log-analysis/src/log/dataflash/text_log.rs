@@ -5,8 +5,8 @@ use std::io::{self, Read};
 
 use super::super::flight::{Flight, LogFormat};
 use super::super::read_window::ReadWindow;
-use super::binary::is_unscaled_integer;
-use super::messages::{LogMessage, MESSAGES_TO_READ, record_message, recorder};
+use super::binary::is_plain_integer;
+use super::messages::{LogMessage, MESSAGES_TO_READ, ardupilot_builder, record_message};
 
 const MAX_MESSAGE_KINDS: usize = 512;
 
@@ -18,30 +18,32 @@ const MAX_MESSAGE_KINDS: usize = 512;
 pub fn read_text(source: &mut dyn Read) -> io::Result<Flight> {
     let mut window = ReadWindow::new(source);
     let mut columns: HashMap<String, LineLayout> = HashMap::new();
-    let mut recorder = recorder(LogFormat::DataFlashText);
+    let mut builder = ardupilot_builder(LogFormat::DataFlashText);
     while let Some(line) = window.next_line()? {
         let mut values = line.split(',').map(str::trim);
         let name = values.next().unwrap_or_default();
         if name == "FMT" {
             // Values of a FMT line: type, length, name, format, columns.
             if let Some(name) = values.nth(2).filter(|_| columns.len() < MAX_MESSAGE_KINDS) {
-                let kinds = values.next().unwrap_or_default().bytes().take(32).collect();
-                columns
-                    .insert(name.to_owned(), LineLayout { kinds, names: values.take(32).map(str::to_owned).collect() });
+                let format_letters = values.next().unwrap_or_default().bytes().take(32).collect();
+                columns.insert(
+                    name.to_owned(),
+                    LineLayout { format_letters, names: values.take(32).map(str::to_owned).collect() },
+                );
             }
         } else if let Some(layout) = columns.get(name) {
             if MESSAGES_TO_READ.contains(&name) {
-                record_message(&mut recorder, name, &TextMessage { layout, values: values.collect() });
+                record_message(&mut builder, name, &TextMessage { layout, values: values.collect() });
             }
         } else {
-            recorder.flight.skipped_counts.garbage += u64::from(!name.is_empty());
+            builder.flight.skipped_counts.garbage += u64::from(!name.is_empty());
         }
     }
-    Ok(recorder.finish_flight())
+    Ok(builder.finish_flight())
 }
 
 struct LineLayout {
-    kinds: Vec<u8>,
+    format_letters: Vec<u8>,
     names: Vec<String>,
 }
 
@@ -68,10 +70,10 @@ impl LogMessage for TextMessage<'_> {
         self.column_index(name).is_some()
     }
 
-    fn is_unscaled_integer(&self, name: &str) -> bool {
+    fn is_plain_integer(&self, name: &str) -> bool {
         self.column_index(name)
-            .and_then(|index| self.layout.kinds.get(index))
-            .is_some_and(|&format_letter| is_unscaled_integer(format_letter))
+            .and_then(|index| self.layout.format_letters.get(index))
+            .is_some_and(|&format_letter| is_plain_integer(format_letter))
     }
 
     /// Only the last column may contain commas.

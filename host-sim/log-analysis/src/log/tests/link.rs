@@ -53,8 +53,8 @@ fn a_damaged_frame_is_rejected() {
     let mut damaged = 0;
     let mut frame_offset = 0;
     while frame_offset + 20 < bytes.len() {
-        let is_attitude = bytes[frame_offset + 15..frame_offset + 18] == [30, 0, 0];
-        if is_attitude && frame_offset % 3 == 0 {
+        let is_plausible_attitude = bytes[frame_offset + 15..frame_offset + 18] == [30, 0, 0];
+        if is_plausible_attitude && frame_offset % 3 == 0 {
             // Damages the exponent of the roll angle.
             bytes[frame_offset + 18 + 7] ^= 0x20;
             damaged += 1;
@@ -216,16 +216,17 @@ fn the_requested_vehicle_is_read() {
         link.extend([one.get(i), two.get(i)].into_iter().flatten().flatten());
     }
     for (requested, systems, x_ut) in [(None, [1, 2], None), (Some(1), [1, 2], None), (Some(2), [2, 1], Some(1.0))] {
-        let flight = read_system(&mut &link[..], FieldUnit::Milligauss, requested).unwrap();
+        let flight = read_flight_of_system(&mut &link[..], FieldUnit::Milligauss, requested).unwrap();
         assert_eq!(flight.autopilot_systems, systems, "{requested:?}");
         let rows = flight.compasses[0].field.rows();
         assert!(rows.len() >= 299, "{requested:?}: {}", rows.len());
         let is_the_other = rows.iter().all(|row| (row.row_values[0] - 1.0).abs() < 0.01);
         assert_eq!(is_the_other, x_ut.is_some(), "{requested:?}");
     }
-    let missing_system = read_system(&mut &link[..], FieldUnit::Milligauss, Some(7)).unwrap_err();
+    let missing_system = read_flight_of_system(&mut &link[..], FieldUnit::Milligauss, Some(7)).unwrap_err();
     assert_eq!(missing_system.to_string(), "there is no vehicle of system 7; there is 1, 2");
-    let table = read_system(&mut &encode_csv(&recording(&[]))[..], FieldUnit::Milligauss, Some(1)).unwrap_err();
+    let table =
+        read_flight_of_system(&mut &encode_csv(&recording(&[]))[..], FieldUnit::Milligauss, Some(1)).unwrap_err();
     assert_eq!(table.to_string(), "no system 1: no vehicle of the log has this number");
 }
 

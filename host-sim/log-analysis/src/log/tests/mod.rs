@@ -181,8 +181,11 @@ fn unknown_and_empty_logs_are_rejected() {
         assert!(matches!(read_bytes(bytes), Err(LogError::UnknownFormat)), "{bytes:?}");
     }
     let empty_recording = FlightRecording { samples: Vec::new(), ..recording(&[]) };
-    assert!(matches!(read_bytes(&encode_dataflash(&empty_recording)), Err(LogError::NoField(LogFormat::DataFlash, 0))));
-    assert!(matches!(read_bytes(&encode_ulog(&empty_recording)), Err(LogError::NoField(LogFormat::ULog, 0))));
+    assert!(matches!(
+        read_bytes(&encode_dataflash(&empty_recording)),
+        Err(LogError::NoMagnetometer(LogFormat::DataFlash, 0))
+    ));
+    assert!(matches!(read_bytes(&encode_ulog(&empty_recording)), Err(LogError::NoMagnetometer(LogFormat::ULog, 0))));
 }
 
 #[test]

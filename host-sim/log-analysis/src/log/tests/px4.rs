@@ -194,7 +194,7 @@ fn sensor_mag_is_raw_since_1_11() {
         });
         let flight = read_bytes(&with_more(bytes, &messages));
         if !is_raw {
-            assert!(matches!(flight, Err(LogError::NoField(LogFormat::ULog, 0))), "1.{minor}");
+            assert!(matches!(flight, Err(LogError::NoMagnetometer(LogFormat::ULog, 0))), "1.{minor}");
             continue;
         }
         // Turned by 90 deg: the sensor's y is the body's -x.

@@ -55,5 +55,5 @@ fn a_csv_table_is_read_in_any_row_order_and_time_base() {
     let with_impossible_time = read_bytes(format!("{text}1e9,1,2,3,0,0\n").as_bytes()).unwrap();
     assert_eq!(with_impossible_time.skipped_counts.bad_times, 1);
     let zero_field = read_bytes(b"t_s,mx,my,mz,roll_deg,pitch_deg\n0,0,0,0,1,2\n").unwrap_err();
-    assert!(matches!(zero_field, LogError::NoField(LogFormat::Csv, 1)), "{zero_field}");
+    assert!(matches!(zero_field, LogError::NoMagnetometer(LogFormat::Csv, 1)), "{zero_field}");
 }

@@ -12,24 +12,25 @@ use sensors::CompassAssignment;
 use super::dataflash::quaternion_to_euler_rad;
 use super::flight::{Autopilot, Flight, Gps, LogFormat};
 use super::flight_builder::{FieldProcessing, FlightBuilder};
-use super::read_window::{MAX_PEEK, ReadWindow};
+use super::read_window::{MAX_PEEK_BYTES, ReadWindow};
 use super::time_series::Series;
 
 /// Start of a log; version and time follow.
 pub const ULOG_MAGIC: [u8; 7] = *b"ULog\x01\x12\x35";
-const FILE_HEADER: usize = 16;
+const FILE_HEADER_LENGTH: usize = 16;
 const HEADER_LENGTH: usize = 3;
 
+/// First letters of the messages of a ULog.
 const MESSAGE_TYPES: &[u8] = b"BFIMPQARDLCSO";
 
-/// Limits on formats and their nesting, to bound memory.
+/// Largest number of message formats, to bound memory.
 const MAX_FORMATS: usize = 4096;
 const MAX_FORMAT_NESTING: u8 = 6;
 
 /// `vehicle_status.arming_state` of an armed aircraft.
 const ARMED_STATE: u8 = 2;
 
-const GAUSS_UT: f32 = 100.0;
+const UT_PER_GAUSS: f32 = 100.0;
 
 /// Reads a flight.
 ///
@@ -38,13 +39,13 @@ const GAUSS_UT: f32 = 100.0;
 /// The source cannot be read.
 pub fn read_ulog(source: &mut dyn Read) -> io::Result<Flight> {
     let mut window = ReadWindow::new(source);
-    window.peek_bytes(FILE_HEADER)?;
-    window.consume_bytes(FILE_HEADER);
+    window.peek_bytes(FILE_HEADER_LENGTH)?;
+    window.consume_bytes(FILE_HEADER_LENGTH);
     let mut log = UlogReader::new();
     let mut is_lost = false;
     while let &[low, high, kind, ..] = window.peek_bytes(HEADER_LENGTH)? {
         let message_end = HEADER_LENGTH + usize::from(u16::from_le_bytes([low, high]));
-        debug_assert!(message_end + HEADER_LENGTH <= MAX_PEEK);
+        debug_assert!(message_end + HEADER_LENGTH <= MAX_PEEK_BYTES);
         if is_lost && !is_header_sequence(window.peek_bytes(RESYNC_MESSAGES * (HEADER_LENGTH + MAX_RESYNC_LENGTH))?) {
             log.builder.flight.skipped_counts.garbage += 1;
             window.consume_bytes(1);
@@ -68,9 +69,10 @@ pub fn read_ulog(source: &mut dyn Read) -> io::Result<Flight> {
     Ok(log.finish_flight())
 }
 
-/// Messages that must follow one another after damage, and their largest length, bytes. One byte in twenty of noise
+/// Number of messages that must follow one another before reading resumes after damage: one byte in twenty of noise
 /// looks like a message header, with a mean length of 32 KB.
 const RESYNC_MESSAGES: usize = 3;
+/// Largest length of each of these messages, bytes.
 const MAX_RESYNC_LENGTH: usize = 1024;
 
 /// Whether a sequence of valid message headers, or the end, follows.
@@ -96,25 +98,25 @@ struct UlogReader {
     builder: FlightBuilder,
     formats: HashMap<String, String>,
     topics: HashMap<u16, UlogTopic>,
-    /// Major and minor version. `sensor_mag` is raw since 1.11; before, drivers corrected it.
-    release: Option<(u8, u8)>,
+    /// Major and minor version of PX4. `sensor_mag` is raw since 1.11; before, drivers corrected it.
+    px4_version: Option<(u8, u8)>,
     has_angular_velocity: bool,
     /// Field, gauss, and body rates of `sensor_combined`, used for logs up to 1.8 only.
-    combined: (Series<3>, Series<3>),
+    sensor_combined: (Series<3>, Series<3>),
     sensors: CompassAssignment,
 }
 
 impl UlogReader {
     fn new() -> Self {
-        let mut recorder = FlightBuilder::new(LogFormat::ULog);
-        recorder.flight.autopilot = Autopilot::Px4;
+        let mut builder = FlightBuilder::new(LogFormat::ULog);
+        builder.flight.autopilot = Autopilot::Px4;
         Self {
-            builder: recorder,
+            builder,
             formats: HashMap::new(),
             topics: HashMap::new(),
-            release: None,
+            px4_version: None,
             has_angular_velocity: false,
-            combined: (Series::new(), Series::new()),
+            sensor_combined: (Series::new(), Series::new()),
             sensors: CompassAssignment::default(),
         }
     }
@@ -131,9 +133,9 @@ impl UlogReader {
             b'D' => self.read_row(body),
             b'I' => self.read_information(body),
             b'P' => {
-                if let Some((message_type, name, value)) = parse_keyed_value(body)
+                if let Some((type_name, name, value)) = parse_keyed_value(body)
                     && let Some(value) =
-                        ScalarType::from_name(message_type).and_then(|message_type| message_type.decode_number(value))
+                        ScalarType::from_name(type_name).and_then(|scalar_type| scalar_type.decode_number(value))
                 {
                     self.builder.set_parameter(name, value);
                 }
@@ -146,7 +148,7 @@ impl UlogReader {
         let Some((_, name, value)) = parse_keyed_value(body) else { return };
         match (name, value) {
             ("ver_sw_release", &[_, patch, minor, major]) => {
-                self.release = Some((major, minor));
+                self.px4_version = Some((major, minor));
                 self.builder.set_firmware(&format!("PX4 {major}.{minor}.{patch}"));
             }
             ("sys_name", name) if !name.starts_with(b"PX4") => {
@@ -188,15 +190,15 @@ impl UlogReader {
                 Some((type_name, array_length)) => (type_name, array_length.strip_suffix(']')?.parse::<usize>().ok()?),
                 None => (type_name, 1),
             };
-            if array_length > MAX_PEEK || *byte_offset > MAX_PEEK || columns.len() > 1024 {
+            if array_length > MAX_PEEK_BYTES || *byte_offset > MAX_PEEK_BYTES || columns.len() > 1024 {
                 return None;
             }
-            if let Some(type_name) = ScalarType::from_name(type_name) {
+            if let Some(scalar_type) = ScalarType::from_name(type_name) {
                 columns.insert(
                     format!("{prefix}{column}"),
-                    RowColumn { scalar_type: type_name, byte_offset: *byte_offset, array_len: array_length },
+                    RowColumn { scalar_type, byte_offset: *byte_offset, array_len: array_length },
                 );
-                *byte_offset += type_name.byte_len() * array_length;
+                *byte_offset += scalar_type.byte_len() * array_length;
             } else {
                 for i in 0..array_length.min(64) {
                     self.compute_columns(
@@ -223,7 +225,7 @@ impl UlogReader {
         let sampled_s = sampled_s.map_or(t_s, |sample| t_s - ((timestamp_us - sample) / 1e6).min(1.0));
         let instance = topic.instance;
         match topic.name.as_str() {
-            "sensor_mag" if self.release.is_some_and(|release| release >= (1, 11)) => {
+            "sensor_mag" if self.px4_version.is_some_and(|version| version >= (1, 11)) => {
                 if let Some(gauss) = row.vector_field(["x", "y", "z"]) {
                     let id = row.numeric_field("device_id").unwrap_or(0.0) as u32;
                     self.record_field(true, instance, id, sampled_s, gauss);
@@ -257,19 +259,18 @@ impl UlogReader {
             }
             "sensor_combined" if instance == 0 => {
                 if let Some(rates) = row.number_array("gyro_rad") {
-                    self.combined.1.push_row(t_s, rates);
+                    self.sensor_combined.1.push_row(t_s, rates);
                 }
                 // The field's time is relative; an unchanged field repeats its time.
-                let late_us = row
-                    .numeric_field("magnetometer_timestamp_relative")
-                    .filter(|timestamp_us| timestamp_us.abs() < 1e6);
-                if let (Some(gauss), Some(late_us)) = (row.number_array("magnetometer_ga"), late_us) {
-                    self.combined.0.push_row(t_s + late_us / 1e6, gauss);
+                let relative_us =
+                    row.numeric_field("magnetometer_timestamp_relative").filter(|relative_us| relative_us.abs() < 1e6);
+                if let (Some(gauss), Some(relative_us)) = (row.number_array("magnetometer_ga"), relative_us) {
+                    self.sensor_combined.0.push_row(t_s + relative_us / 1e6, gauss);
                 }
             }
             "vehicle_attitude_groundtruth" => {
                 if let Some(angles_rad) = angles_rad(&row) {
-                    self.builder.push_truth(t_s, angles_rad);
+                    self.builder.push_true_attitude(t_s, angles_rad);
                 }
             }
             "vehicle_gps_position" if instance == 0 => record_gps(&mut self.builder, t_s, &row),
@@ -291,12 +292,12 @@ impl UlogReader {
     /// Adds a field in gauss.
     fn record_field(&mut self, is_raw: bool, instance: u8, id: u32, t_s: f64, gauss: [f32; 3]) {
         let Some(index) = self.sensors.compass_index(&self.builder.flight.parameters, instance, id) else { return };
-        let was = if is_raw { FieldProcessing::Px4SensorRaw(index) } else { FieldProcessing::Px4(index) };
-        self.builder.push_field(index + 1, was, t_s, gauss.map(|axis| axis * GAUSS_UT), None);
+        let processing = if is_raw { FieldProcessing::Px4SensorRaw(index) } else { FieldProcessing::Px4(index) };
+        self.builder.push_field(index + 1, processing, t_s, gauss.map(|axis| axis * UT_PER_GAUSS), None);
     }
 
     fn finish_flight(mut self) -> Flight {
-        let (fields, rates) = std::mem::take(&mut self.combined);
+        let (fields, rates) = std::mem::take(&mut self.sensor_combined);
         if self.sensors.is_empty() {
             for row in fields.rows() {
                 self.record_field(false, 0, 0, row.t_s, row.row_values);
@@ -342,14 +343,14 @@ fn is_copter(row: &TopicRow<'_>) -> bool {
 }
 
 /// Speed over ground, m/s, and course, radians, from the velocity if logged.
-fn over_ground(row: &TopicRow<'_>) -> [f64; 2] {
+fn speed_and_course(row: &TopicRow<'_>) -> [f64; 2] {
     match (row.numeric_field("vel_n_m_s"), row.numeric_field("vel_e_m_s")) {
         (Some(north), Some(east)) => [libm::hypot(north, east), libm::atan2(east, north)],
         _ => ["vel_m_s", "cog_rad"].map(|name| row.numeric_field(name).unwrap_or(f64::NAN)),
     }
 }
 
-fn record_gps(recorder: &mut FlightBuilder, t_s: f64, row: &TopicRow<'_>) {
+fn record_gps(builder: &mut FlightBuilder, t_s: f64, row: &TopicRow<'_>) {
     if row.numeric_field("fix_type").is_none_or(|fix| fix < 3.0) {
         return;
     }
@@ -360,9 +361,9 @@ fn record_gps(recorder: &mut FlightBuilder, t_s: f64, row: &TopicRow<'_>) {
     };
     let height_m =
         row.numeric_field("alt").map(|mm| mm / 1e3).or_else(|| row.numeric_field("altitude_msl_m")).unwrap_or(0.0);
-    let [speed_m_s, course_rad] = over_ground(row);
+    let [speed_m_s, course_rad] = speed_and_course(row);
     let yaw_rad = row.numeric_field("heading").unwrap_or(f64::NAN);
-    recorder.push_gps(
+    builder.push_gps(
         t_s,
         Gps {
             latitude_deg: latitude as f32,
@@ -373,5 +374,5 @@ fn record_gps(recorder: &mut FlightBuilder, t_s: f64, row: &TopicRow<'_>) {
             yaw_deg: yaw_rad.to_degrees() as f32,
         },
     );
-    recorder.set_day_from_unix_s((row.numeric_field("time_utc_usec").unwrap_or(0.0) / 1e6) as u64);
+    builder.set_day_from_unix_s((row.numeric_field("time_utc_usec").unwrap_or(0.0) / 1e6) as u64);
 }

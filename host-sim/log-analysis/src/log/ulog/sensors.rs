@@ -25,9 +25,9 @@ impl CompassAssignment {
             return Some(index);
         }
         let primary = || parameters.last_value("CAL_MAG_PRIME").filter(|_| instance == 0);
-        let id_told = if id == 0 { primary() } else { Some(f64::from(id)) };
+        let known_id = if id == 0 { primary() } else { Some(f64::from(id)) };
         let owner = |index: u8| parameters.last_value(&format!("CAL_MAG{index}_ID")).filter(|id| *id != 0.0);
-        let named = (0..MAX_CALIBRATED_COMPASSES).find(|&index| id_told.is_some() && owner(index) == id_told);
+        let named = (0..MAX_CALIBRATED_COMPASSES).find(|&index| known_id.is_some() && owner(index) == known_id);
         let is_taken = |index: u8| self.0.iter().any(|&(_, used_index)| used_index == index);
         let is_free = |index: &u8| !is_taken(*index) && (id == 0 || owner(*index).is_none());
         let index = named.or_else(|| (instance..MAX_COMPASSES).chain(0..instance.min(MAX_COMPASSES)).find(is_free))?;

@@ -134,7 +134,7 @@ pub fn build_rows(
     for reading in compass.field.rows() {
         let t_s = reading.t_s - age_s;
         let attitude_and_rates =
-            attitude_at(flight, t_s).filter(|_| flight.attitude.surrounding_values(t_s, gap_s).is_some());
+            attitude_at(flight, t_s).filter(|_| flight.attitude.surrounding_rows(t_s, gap_s).is_some());
         let Some((attitude, rates)) = attitude_and_rates else {
             row_counts.without_attitude += 1;
             continue;
@@ -156,7 +156,7 @@ pub fn build_rows(
     for row in &mut rows {
         let is_excluded = flight
             .usable_rows
-            .adjacent_values(row.t_s + age_s + 1e-6)
+            .adjacent_rows(row.t_s + age_s + 1e-6)
             .0
             .is_some_and(|usability| usability.row_values[0] == 0.0);
         let is_disarmed = was_armed && flight.is_armed(row.t_s) == Some(false);
@@ -313,7 +313,7 @@ fn angle_between_downs_rad(first_attitude: &TimedRow<3>, second_attitude: &Timed
 
 /// Roll and pitch by Hermite interpolation with slopes from the body rates, and the rates.
 fn attitude_at(flight: &Flight, t_s: f64) -> Option<(Attitude, Option<[f32; 3]>)> {
-    let (before, after, weight) = flight.attitude.surrounding_values(t_s, MAX_GAP_S)?;
+    let (before, after, weight) = flight.attitude.surrounding_rows(t_s, MAX_GAP_S)?;
     let rates = flight.body_rates.interpolate(t_s, MAX_GAP_S);
     let step_s = (after.t_s - before.t_s) as f32;
     let weight = weight as f32;
