@@ -57,7 +57,7 @@ fn gps_course_gives_the_heading_of_straight_flight_in_any_wind() {
         world.weather.gust_m_s = 0.0;
         let flight = read(&write(&with_delayed_velocity(legs(&world, &ALL_ROUND_DEG))));
         let course = GpsCourseHeading::from_flight(&flight).unwrap();
-        let name = format!("{:?}, {wind_m_s} m/s: {}", flight.log_format, course.limits_text());
+        let name = format!("{:?}, {wind_m_s} m/s: {}", flight.log_format, course.accuracy_description());
         assert!((course.wind_speed_m_s() - wind_m_s).abs() < 0.2, "{name}");
         let is_from = (course.wind_from_deg() - 250.0).abs() < 2.0;
         assert!((is_from || wind_m_s == 0.0) && (course.airspeed_m_s - 22.0).abs() < 0.2, "{name}");
@@ -94,7 +94,7 @@ fn errors_against_gps_course_match_errors_against_the_truth() {
     for seed in 1..5 {
         let flight = read(&encode_dataflash(&legs(&config_with_wind(seed, 7.0), &ALL_ROUND_DEG)));
         let course = ReferenceHeading::best_reference(&flight).unwrap();
-        assert!(course.is_accuracy() && course.reference_name() == "GPS course in straight flight", "{course:?}");
+        assert!(course.measures_error() && course.reference_name() == "GPS course in straight flight", "{course:?}");
         let [by_course, mut by_truth] = [&course, &ReferenceHeading::AutopilotYaw]
             .map(|reference| build_rows(&flight, &flight.compasses[0], 0.0, Some(reference)).0);
         for (true_error_score, course_score) in by_truth.iter_mut().zip(&by_course) {

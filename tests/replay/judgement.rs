@@ -174,7 +174,7 @@ fn parameters_that_leave_a_compass_bad_are_not_given() {
 fn without_a_reference_the_state_is_doubtful() {
     let flight = read(&encode_dataflash(&record(3, |_, _| {})));
     let evaluation = evaluate_flight(&flight, &DEFAULT_OPTIONS);
-    assert!(!evaluation.reference.as_ref().unwrap().is_accuracy());
+    assert!(!evaluation.reference.as_ref().unwrap().measures_error());
     let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
     let judgement = &verdict.compasses[0].judgement;
     assert_eq!((judgement.compass_state, judgement.as_logged_rms_deg), (CompassState::Doubtful, None));

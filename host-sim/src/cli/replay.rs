@@ -300,7 +300,7 @@ fn verdict_text(name: &str, verdict: &Verdict<'_>) -> String {
         report_text.push('\n');
         append_wrapped(&mut report_text, "", &format!("Heading {difference} against {name}, deg RMS less mean:"));
         let _ = writeln!(report_text, "{}", verdict_table(verdict));
-        append_wrapped(&mut report_text, "", &format!("{name}: {}", reference.limits_text()));
+        append_wrapped(&mut report_text, "", &format!("{name}: {}", reference.accuracy_description()));
     }
     for note in &verdict.log_warnings {
         append_wrapped(&mut report_text, "note: ", &note.to_string());

@@ -121,8 +121,8 @@ impl FlightBuilder {
     }
 
     pub fn push_armed(&mut self, t_s: f64, is_armed: bool) {
-        let is_news = self.flight.armed_changes.last().is_none_or(|&(_, last)| last != is_armed);
-        if is_news && self.flight.armed_changes.len() < MAX_ARMED_CHANGES {
+        let is_change = self.flight.armed_changes.last().is_none_or(|&(_, last)| last != is_armed);
+        if is_change && self.flight.armed_changes.len() < MAX_ARMED_CHANGES {
             self.flight.armed_changes.push((t_s, is_armed));
         }
     }

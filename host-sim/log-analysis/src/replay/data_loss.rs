@@ -3,33 +3,34 @@
 use crate::log::Flight;
 use crate::log::time_series::Series;
 
-/// A step longer than this factor times the median is a gap, unless shorter than this time, seconds, in which rates
-/// hardly change.
-const GAP_IN_MEDIAN_STEPS: f64 = 1.5;
+/// Shortest gap in the body rates, in median steps.
+const MIN_GAP_IN_MEDIAN_STEPS: f64 = 1.5;
+/// Shortest gap in the body rates, seconds: in less time rates hardly change.
 const MIN_RATE_GAP_S: f64 = 0.15;
 
-/// Largest interpolation gap of attitudes: median steps (one lost row), or seconds.
+/// Largest interpolation gap of attitudes, in median steps: one lost row.
 const MAX_INTERPOLATION_STEPS: f64 = 2.5;
-const MIN_ATTITUDE_GAP_S: f64 = 0.25;
+/// Interpolation gap of attitudes that is allowed at any rate, seconds.
+const MIN_INTERPOLATION_LIMIT_S: f64 = 0.25;
 
 /// Smallest mean number of steps per gap in the rates; rates with more gaps are unusable for integration.
 const MIN_STEPS_PER_GAP: usize = 25;
 
 /// Interval of the attitude from which on interpolation is unreliable, seconds: 3 Hz with a margin for jitter.
-pub(super) const SLOW_ATTITUDE_S: f64 = 0.34;
+pub(super) const SLOW_ATTITUDE_INTERVAL_S: f64 = 0.34;
 
 /// Whether a heading can be integrated from the rates of a flight.
 pub(super) fn has_integrable_rates(flight: &Flight) -> bool {
-    let is_slow = flight.attitude.median_step_s().is_some_and(|step_s| step_s > SLOW_ATTITUDE_S);
+    let is_slow = flight.attitude.median_step_s().is_some_and(|step_s| step_s > SLOW_ATTITUDE_INTERVAL_S);
     flight.has_heading_rates && !is_slow && excessive_rate_loss(flight).is_none()
 }
 
-/// Largest interpolation gap of attitudes, seconds, at most `most_s`.
-pub(super) fn max_attitude_gap_s(flight: &Flight, most_s: f64) -> f64 {
+/// Largest interpolation gap of attitudes, seconds, at most `limit_s`.
+pub(super) fn max_attitude_gap_s(flight: &Flight, limit_s: f64) -> f64 {
     flight
         .attitude
         .median_step_s()
-        .map_or(most_s, |step_s| (MAX_INTERPOLATION_STEPS * step_s).clamp(MIN_ATTITUDE_GAP_S, most_s))
+        .map_or(limit_s, |step_s| (MAX_INTERPOLATION_STEPS * step_s).clamp(MIN_INTERPOLATION_LIMIT_S, limit_s))
 }
 
 /// Fraction of gaps in the logged rates, if they are unusable. Differences of the attitude are means over their gaps.
@@ -45,7 +46,7 @@ fn count_gaps(series: &Series<3>) -> (usize, usize) {
     let Some(step_s) = series.median_step_s() else { return (0, 0) };
     let rows = series.rows();
     let is_long = |pair: &&[crate::log::time_series::TimedRow<3>]| {
-        pair[1].t_s - pair[0].t_s > MIN_RATE_GAP_S.max(GAP_IN_MEDIAN_STEPS * step_s)
+        pair[1].t_s - pair[0].t_s > MIN_RATE_GAP_S.max(MIN_GAP_IN_MEDIAN_STEPS * step_s)
     };
     (rows.windows(2).filter(is_long).count(), rows.len() - 1)
 }

@@ -12,7 +12,7 @@ use super::row_headings::score_rows;
 use super::row_solve::solved_correction;
 use super::{
     HeadingScore, ReferenceHeading, ReferenceKind, ReplayOptions, ReplayResult, ReplayRow, RowCounts, RowSelection,
-    baseline_fits, build_rows, replay_with,
+    baseline_fits, build_rows, replay_rows_of_flight,
 };
 use crate::log::{Compass, FieldCorrection, Flight, Gps, mounting_parameter_changes};
 
@@ -153,7 +153,7 @@ pub fn evaluate_flight(flight: &Flight, evaluation_options: &EvaluationOptions) 
         })
         .collect();
     let configured_latency = |used_s: f64| FieldLatency { used_s, sigma_s: None };
-    let mut ages: Vec<FieldLatency> = compasses
+    let mut latencies: Vec<FieldLatency> = compasses
         .par_iter()
         .map(|compass| {
             evaluation_options
@@ -161,18 +161,18 @@ pub fn evaluate_flight(flight: &Flight, evaluation_options: &EvaluationOptions) 
                 .map_or_else(|| field_latency::estimate_latency(flight, compass), configured_latency)
         })
         .collect();
-    field_latency::fill_in_missing_latencies(&mut ages);
+    field_latency::fill_in_missing_latencies(&mut latencies);
     let options = ReplayOptions {
         row_selection: evaluation_options.row_selection,
         inclination_deg: evaluation_options.inclination_deg,
         place_and_day: flight_position(flight).zip(flight.flight_date),
     };
-    let context =
+    let inputs =
         SharedInputs { flight, reference: reference.as_ref(), earth_ut, window_s: evaluation_options.time_window_s };
     let compasses: Vec<CompassEvaluation> = compasses
         .par_iter()
-        .zip(ages)
-        .map(|(compass, age)| evaluate_compass(&context, compass, age, &options))
+        .zip(latencies)
+        .map(|(compass, latency)| evaluate_compass(&inputs, compass, latency, &options))
         .collect();
     FlightEvaluation {
         compasses,
@@ -192,8 +192,8 @@ struct SharedInputs<'a> {
 
 impl SharedInputs<'_> {
     /// Rows of a compass; those outside the window are not usable.
-    fn replay_rows(&self, compass: &Compass, age: FieldLatency) -> (Vec<ReplayRow>, RowCounts) {
-        let (mut rows, mut row_counts) = build_rows(self.flight, compass, age.used_s, self.reference);
+    fn replay_rows(&self, compass: &Compass, latency: FieldLatency) -> (Vec<ReplayRow>, RowCounts) {
+        let (mut rows, mut row_counts) = build_rows(self.flight, compass, latency.used_s, self.reference);
         let [from_s, to_s] = self.window_s;
         for row in rows.iter_mut().filter(|row| row.is_usable && !(from_s..=to_s).contains(&row.t_s)) {
             row.is_usable = false;
@@ -205,37 +205,42 @@ impl SharedInputs<'_> {
 }
 
 fn evaluate_compass(
-    context: &SharedInputs<'_>,
+    inputs: &SharedInputs<'_>,
     compass: &Compass,
-    age: FieldLatency,
+    latency: FieldLatency,
     options: &ReplayOptions,
 ) -> CompassEvaluation {
-    let &SharedInputs { flight, earth_ut, .. } = context;
-    let (rows, row_counts) = context.replay_rows(compass, age);
-    let module = replay_with(&rows, Some(flight), options);
+    let &SharedInputs { flight, earth_ut, .. } = inputs;
+    let (rows, row_counts) = inputs.replay_rows(compass, latency);
+    let module = replay_rows_of_flight(&rows, Some(flight), options);
     let all_rows = if options.row_selection == RowSelection::All {
         module.clone()
     } else {
-        replay_with(&rows, Some(flight), &ReplayOptions { row_selection: RowSelection::All, ..*options })
+        replay_rows_of_flight(&rows, Some(flight), &ReplayOptions { row_selection: RowSelection::All, ..*options })
     };
-    let without_current_deg = without_current_deg(&rows, flight, &module, options);
+    let rms_without_current_deg = rms_without_current_deg(&rows, flight, &module, options);
     let fields: Vec<Vector3<f64>> =
         rows.iter().filter(|row| row.is_usable).map(|row| row.raw_field.ut.map(f64::from)).collect();
-    let score_iron = |correction_source, iron: Option<FieldCorrection>| ScoredCorrection {
+    let scored = |correction_source, correction_found: Option<FieldCorrection>| ScoredCorrection {
         correction_source,
-        correction: iron,
-        score: iron.and_then(|iron| score_correction(&rows, &iron)),
+        correction: correction_found,
+        score: correction_found.and_then(|correction_found| score_correction(&rows, &correction_found)),
     };
     let logged = ScoredCorrection {
         correction_source: CorrectionSource::Autopilot,
         correction: compass.correction,
         score: score_rows(&rows, |row| Some((heading_deg(row, row.logged_field.ut.map(f64::from)), f64::NAN))),
     };
-    let mut corrections = vec![score_iron(CorrectionSource::Uncorrected, Some(FieldCorrection::identity()))];
+    let mut corrections = vec![scored(CorrectionSource::Uncorrected, Some(FieldCorrection::identity()))];
     corrections.extend(compass.correction.is_some().then_some(logged));
-    corrections.push(score_iron(CorrectionSource::Sphere, baseline_fits::fit_sphere(&fields).map(|(iron, _)| iron)));
-    corrections
-        .push(score_iron(CorrectionSource::Ellipsoid, baseline_fits::fit_ellipsoid(&fields).map(|(iron, _)| iron)));
+    corrections.push(scored(
+        CorrectionSource::Sphere,
+        baseline_fits::fit_sphere(&fields).map(|(correction_found, _)| correction_found),
+    ));
+    corrections.push(scored(
+        CorrectionSource::Ellipsoid,
+        baseline_fits::fit_ellipsoid(&fields).map(|(correction_found, _)| correction_found),
+    ));
     let score_result = |correction_source, replay_result: &ReplayResult| ScoredCorrection {
         correction_source,
         correction: replay_result.solution.as_ref().map(solved_correction),
@@ -248,24 +253,24 @@ fn evaluate_compass(
     let sphere = baseline_fits::fit_sphere(&fields);
     let radius_ut = sphere.map(|(_, radius_ut)| radius_ut).filter(|_| has_field_turned(&fields));
     let initial = [&all_rows, &module].into_iter().find_map(|result| result.solution.as_ref().map(solved_correction));
-    let initial = initial.or(sphere.map(|(iron, _)| iron));
+    let initial = initial.or(sphere.map(|(correction_found, _)| correction_found));
     let total_ut = earth_ut.or(radius_ut).unwrap_or(f64::INFINITY);
     let changes = initial.map_or_else(Vec::new, |initial| find_changes(&rows, flight, &initial, total_ut));
     let remounted_s = mounting_parameter_changes(flight, compass.compass_number).into_iter().map(|(_, at_s)| at_s);
-    let changed_s = changes.iter().map(|change| change.hard_iron_step.time_s).chain(remounted_s).reduce(f64::max);
-    let parameter_fit = ParameterFit::new(&rows, changed_s, options);
+    let last_change_s = changes.iter().map(|change| change.hard_iron_step.time_s).chain(remounted_s).reduce(f64::max);
+    let parameter_fit = ParameterFit::new(&rows, last_change_s, options);
     let reading_interval_s = compass.field.median_step_s().unwrap_or(f64::NAN);
-    let Compass { compass_number: number, is_used_for_heading: is_used, .. } = *compass;
+    let Compass { compass_number, is_used_for_heading, .. } = *compass;
     CompassEvaluation {
-        compass_number: number,
-        is_used_for_heading: is_used,
-        latency: age,
+        compass_number,
+        is_used_for_heading,
+        latency,
         rows,
         row_counts,
         reading_interval_s,
         module_result: module,
         all_rows_result: all_rows,
-        rms_without_current_deg: without_current_deg,
+        rms_without_current_deg,
         corrections,
         radius_ut,
         hard_iron_changes: changes,
@@ -278,23 +283,24 @@ fn has_field_turned(fields: &[Vector3<f64>]) -> bool {
     const MIN_FIELD_TURN: f64 = 0.25;
     let mean = fields.iter().sum::<Vector3<f64>>() / fields.len().max(1) as f64;
     (0..3).any(|axis| {
-        let along = || fields.iter().map(|field| field[axis]);
-        along().fold(f64::MIN, f64::max) - along().fold(f64::MAX, f64::min) > MIN_FIELD_TURN * mean.norm()
+        let components = || fields.iter().map(|field| field[axis]);
+        components().fold(f64::MIN, f64::max) - components().fold(f64::MAX, f64::min) > MIN_FIELD_TURN * mean.norm()
     })
 }
 
-fn without_current_deg(
+fn rms_without_current_deg(
     rows: &[ReplayRow],
     flight: &Flight,
     module: &ReplayResult,
     options: &ReplayOptions,
 ) -> Option<f64> {
-    let is_used = module.solution.as_ref().is_some_and(|solution| solution.calibration.motor_current.is_applied());
-    if !is_used {
+    let is_motor_current_applied =
+        module.solution.as_ref().is_some_and(|solution| solution.calibration.motor_current.is_applied());
+    if !is_motor_current_applied {
         return None;
     }
     let rows_without_current: Vec<ReplayRow> = rows.iter().map(|row| ReplayRow { current_a: None, ..*row }).collect();
-    Some(replay_with(&rows_without_current, Some(flight), options).score?.rms_deg)
+    Some(replay_rows_of_flight(&rows_without_current, Some(flight), options).score?.rms_deg)
 }
 
 /// Heading score of a correction.
@@ -321,8 +327,8 @@ fn earth_of_flight(flight: &Flight) -> Option<(EarthField, bool)> {
     /// 2025-01-01, the model's first day.
     const MODEL_BEGINS_UNIX_S: u64 = 1_735_689_600;
     let position = flight_position(flight)?;
-    let now = flight.flight_date.and_then(|day| EarthField::from_model(position, day)).map(|field| (field, true));
-    now.or_else(|| {
+    let today = flight.flight_date.and_then(|day| EarthField::from_model(position, day)).map(|field| (field, true));
+    today.or_else(|| {
         EarthField::from_model(position, Date::from_unix_s(MODEL_BEGINS_UNIX_S)?).map(|field| (field, false))
     })
 }
@@ -330,7 +336,7 @@ fn earth_of_flight(flight: &Flight) -> Option<(EarthField, bool)> {
 impl CompassEvaluation {
     /// Time of the calibration on the log's clock, seconds; none if the collection did not end automatically.
     #[must_use]
-    pub fn calibrated_s(&self) -> Option<f64> {
+    pub fn calibration_time_s(&self) -> Option<f64> {
         let first_s = self.rows.first()?.t_s;
         Some(self.module_result.collection_end_s? + first_s)
     }

@@ -12,7 +12,7 @@ use crate::log::{Compass, Flight};
 use crate::numbers::square;
 
 /// Largest standard deviation of a usable estimate, seconds: 0.6 deg at 30 deg/s.
-const MAX_SIGMA_S: f64 = 0.02;
+const MAX_LATENCY_SIGMA_S: f64 = 0.02;
 
 /// Search range of the latency, seconds; negative if the attitude is later than the field.
 const MIN_LATENCY_S: f64 = -0.5;
@@ -36,40 +36,42 @@ pub struct FieldLatency {
 #[must_use]
 pub fn estimate_latency(flight: &Flight, compass: &Compass) -> FieldLatency {
     let default_latency = FieldLatency { used_s: flight.log_format.default_field_latency_s(), sigma_s: None };
-    let mut age_s = default_latency.used_s;
-    let mut last_estimate = None;
+    let mut latency_s = default_latency.used_s;
+    let mut last_sigma_s = None;
     for _ in 0..MAX_ITERATIONS {
-        let (rows, _) = build_rows(flight, compass, age_s, None);
-        let Some(latency) = solve_all_rows(&rows).and_then(|solution| solution.quality.latency) else {
+        let (rows, _) = build_rows(flight, compass, latency_s, None);
+        let Some(shift) = solve_all_rows(&rows).and_then(|solution| solution.quality.latency) else {
             return default_latency;
         };
-        let (left_s, sigma_s) = (f64::from(latency.estimate_s), f64::from(latency.sigma_s));
-        // The matching attitude is `left_s` later than assumed, so the latency is smaller by that time.
-        age_s = (age_s - left_s).clamp(MIN_LATENCY_S, MAX_LATENCY_S);
-        last_estimate = Some(sigma_s);
-        if left_s.abs() < CONVERGED_SHIFT_S {
+        let (shift_s, sigma_s) = (f64::from(shift.estimate_s), f64::from(shift.sigma_s));
+        // The matching attitude is `shift_s` later than assumed, so the latency is smaller by that time.
+        latency_s = (latency_s - shift_s).clamp(MIN_LATENCY_S, MAX_LATENCY_S);
+        last_sigma_s = Some(sigma_s);
+        if shift_s.abs() < CONVERGED_SHIFT_S {
             break;
         }
     }
-    last_estimate.and_then(|sigma_s| accept_estimate(age_s, sigma_s)).unwrap_or(default_latency)
+    last_sigma_s.and_then(|sigma_s| accept_latency(latency_s, sigma_s)).unwrap_or(default_latency)
 }
 
-/// The estimate, if precise and not at a bound of the search.
-fn accept_estimate(age_s: f64, sigma_s: f64) -> Option<FieldLatency> {
-    let is_inside = age_s > MIN_LATENCY_S && age_s < MAX_LATENCY_S;
-    (sigma_s < MAX_SIGMA_S && is_inside).then_some(FieldLatency { used_s: age_s, sigma_s: Some(sigma_s) })
+/// A latency, seconds, with its standard deviation, if precise and not at a bound of the search.
+fn accept_latency(latency_s: f64, sigma_s: f64) -> Option<FieldLatency> {
+    let is_inside = latency_s > MIN_LATENCY_S && latency_s < MAX_LATENCY_S;
+    (sigma_s < MAX_LATENCY_SIGMA_S && is_inside).then_some(FieldLatency { used_s: latency_s, sigma_s: Some(sigma_s) })
 }
 
 /// Gives compasses without an estimate the weighted mean of the others, since one logger wrote all.
-pub fn fill_in_missing_latencies(ages: &mut [FieldLatency]) {
-    let estimates: Vec<(f64, f64)> = ages.iter().filter_map(|age| Some((age.used_s, age.sigma_s?))).collect();
-    let weight: f64 = estimates.iter().map(|(_, sigma_s)| square(*sigma_s).recip()).sum();
-    if estimates.is_empty() || !weight.is_finite() {
+pub fn fill_in_missing_latencies(latencies: &mut [FieldLatency]) {
+    let estimates: Vec<(f64, f64)> =
+        latencies.iter().filter_map(|latency| Some((latency.used_s, latency.sigma_s?))).collect();
+    let weight_sum: f64 = estimates.iter().map(|(_, sigma_s)| square(*sigma_s).recip()).sum();
+    if estimates.is_empty() || !weight_sum.is_finite() {
         return;
     }
-    let mean_s = estimates.iter().map(|(age_s, sigma_s)| age_s * square(*sigma_s).recip()).sum::<f64>() / weight;
-    for age in ages.iter_mut().filter(|age| age.sigma_s.is_none()) {
-        age.used_s = mean_s;
+    let mean_s =
+        estimates.iter().map(|(latency_s, sigma_s)| latency_s * square(*sigma_s).recip()).sum::<f64>() / weight_sum;
+    for latency in latencies.iter_mut().filter(|latency| latency.sigma_s.is_none()) {
+        latency.used_s = mean_s;
     }
 }
 
@@ -84,9 +86,9 @@ mod tests {
     /// An estimate at a bound is no minimum.
     #[test]
     fn a_field_latency_is_accepted_if_certain_and_within_bounds() {
-        assert_eq!(accept_estimate(0.1, 0.019), Some(FieldLatency { used_s: 0.1, sigma_s: Some(0.019) }));
-        for (age_s, sigma_s) in [(0.1, 0.021), (0.1, f64::NAN), (MIN_LATENCY_S, 0.001), (MAX_LATENCY_S, 0.001)] {
-            assert_eq!(accept_estimate(age_s, sigma_s), None, "{age_s} {sigma_s}");
+        assert_eq!(accept_latency(0.1, 0.019), Some(FieldLatency { used_s: 0.1, sigma_s: Some(0.019) }));
+        for (latency_s, sigma_s) in [(0.1, 0.021), (0.1, f64::NAN), (MIN_LATENCY_S, 0.001), (MAX_LATENCY_S, 0.001)] {
+            assert_eq!(accept_latency(latency_s, sigma_s), None, "{latency_s} {sigma_s}");
         }
     }
 
@@ -94,10 +96,13 @@ mod tests {
     #[test]
     fn a_compass_without_an_estimate_gets_the_mean_field_latency() {
         let latency = |used_s: f64, sigma_s: Option<f64>| FieldLatency { used_s, sigma_s };
-        let mut ages = [latency(0.05, Some(0.001)), latency(0.0, None), latency(0.09, Some(0.003))];
-        fill_in_missing_latencies(&mut ages);
-        assert!((ages[1].used_s - (9.0 * 0.05 + 0.09) / 10.0).abs() < 1e-9 && ages[1].sigma_s.is_none(), "{ages:?}");
-        assert_eq!([ages[0], ages[2]], [latency(0.05, Some(0.001)), latency(0.09, Some(0.003))]);
+        let mut latencies = [latency(0.05, Some(0.001)), latency(0.0, None), latency(0.09, Some(0.003))];
+        fill_in_missing_latencies(&mut latencies);
+        assert!(
+            (latencies[1].used_s - (9.0 * 0.05 + 0.09) / 10.0).abs() < 1e-9 && latencies[1].sigma_s.is_none(),
+            "{latencies:?}"
+        );
+        assert_eq!([latencies[0], latencies[2]], [latency(0.05, Some(0.001)), latency(0.09, Some(0.003))]);
         let mut default_latencies = [latency(0.02, None); 2];
         fill_in_missing_latencies(&mut default_latencies);
         assert_eq!(default_latencies, [latency(0.02, None); 2]);
@@ -108,7 +113,7 @@ mod tests {
     fn an_unusual_field_latency_of_0_25_s_is_estimated() {
         let recording = record_turns(0.25);
         let flight = log::read_flight(&mut encode_ulog(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
-        let age = estimate_latency(&flight, &flight.compasses[0]);
-        assert!((age.used_s - 0.25).abs() < 3.0 * age.sigma_s.unwrap(), "{age:?}");
+        let latency = estimate_latency(&flight, &flight.compasses[0]);
+        assert!((latency.used_s - 0.25).abs() < 3.0 * latency.sigma_s.unwrap(), "{latency:?}");
     }
 }

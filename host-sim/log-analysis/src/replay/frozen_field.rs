@@ -36,8 +36,9 @@ pub(super) fn frozen_intervals(rows: &[ReplayRow]) -> Vec<FrozenInterval> {
     let mut intervals: Vec<FrozenInterval> =
         frozen_fields.map(|interval_s| FrozenInterval { interval_s, stuck_axis: None }).collect();
     for (axis, name) in ['x', 'y', 'z'].into_iter().enumerate() {
-        intervals
-            .extend(stuck_axis(rows, axis).map(|interval_s| FrozenInterval { interval_s, stuck_axis: Some(name) }));
+        intervals.extend(
+            stuck_intervals(rows, axis).map(|interval_s| FrozenInterval { interval_s, stuck_axis: Some(name) }),
+        );
     }
     intervals
 }
@@ -57,7 +58,7 @@ fn frozen_interval(equal_rows: &[ReplayRow]) -> Option<[f64; 2]> {
 }
 
 /// Intervals in which an axis is constant although the others show that the field turned.
-fn stuck_axis(rows: &[ReplayRow], axis: usize) -> impl Iterator<Item = [f64; 2]> + use<'_> {
+fn stuck_intervals(rows: &[ReplayRow], axis: usize) -> impl Iterator<Item = [f64; 2]> + use<'_> {
     let mut remaining = rows;
     std::iter::from_fn(move || {
         let first = remaining.first()?.raw_field.ut;
@@ -85,7 +86,7 @@ mod tests {
     use super::*;
 
     /// Rows at 10 Hz with a constant field and ramps of roll and pitch, degrees.
-    fn still(seconds: u16, roll_deg: f32, pitch_deg: f32) -> Vec<ReplayRow> {
+    fn frozen_rows(seconds: u16, roll_deg: f32, pitch_deg: f32) -> Vec<ReplayRow> {
         let last = seconds * 10;
         let row = |i: u16| {
             let (fraction, field) = (f32::from(i) / f32::from(last), Field::from_ut(20.0, 0.0, 40.0));
@@ -109,15 +110,17 @@ mod tests {
             [(11, 4.0, 0.0, true), (11, 0.0, 4.0, true), (9, 20.0, 20.0, false), (60, 2.0, 2.0, false)]
         {
             let expected = if is_dead { vec![[0.0, f64::from(seconds)]] } else { Vec::new() };
-            let found: Vec<[f64; 2]> =
-                frozen_intervals(&still(seconds, roll_deg, pitch_deg)).iter().map(|found| found.interval_s).collect();
+            let found: Vec<[f64; 2]> = frozen_intervals(&frozen_rows(seconds, roll_deg, pitch_deg))
+                .iter()
+                .map(|found| found.interval_s)
+                .collect();
             assert_eq!(found, expected, "{seconds} s, {roll_deg} and {pitch_deg} deg");
         }
     }
 
     #[test]
     fn a_gap_does_not_count() {
-        let mut rows = still(8, 20.0, 0.0);
+        let mut rows = frozen_rows(8, 20.0, 0.0);
         for row in &mut rows[40..] {
             row.t_s += 256.0;
         }
@@ -128,7 +131,7 @@ mod tests {
     #[test]
     fn an_axis_that_is_constant_while_the_field_turns_is_stuck() {
         for (y_ut, is_stuck) in [(0.1, true), (0.5, false)] {
-            let mut rows = still(30, 20.0, 0.0);
+            let mut rows = frozen_rows(30, 20.0, 0.0);
             for (i, row) in rows.iter_mut().enumerate() {
                 let heading = i as f32 / 30.0;
                 let ripple = if i % 2 == 0 { y_ut } else { 0.0 };

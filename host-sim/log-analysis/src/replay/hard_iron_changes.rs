@@ -4,7 +4,7 @@ use autoswing::calibration::Solution;
 use nalgebra::Vector3;
 
 use super::hard_iron_jump::{FittedCorrection, absolute_residuals_ut, find_jump_times_s, find_jumps, is_cancelled};
-use super::hard_iron_step::{HardIronStep, MIN_SIGMAS, find_step};
+use super::hard_iron_step::{HardIronStep, MIN_STEP_SIGMAS, find_step};
 use super::replay_run::solve_all_rows;
 use super::row_headings::monitored_changes_ut;
 use super::row_solve::solved_correction;
@@ -22,7 +22,7 @@ const MAX_EXPECTED_DEG: f32 = 3.0;
 const MIN_HEADING_EFFECT_DEG: f64 = 1.0;
 
 /// Largest difference between a step and its confirmation, relative to the step.
-const MAX_DISAGREEMENT: f64 = 0.5;
+const MAX_RELATIVE_DISAGREEMENT: f64 = 0.5;
 
 /// Shortest part that the monitor is run on, seconds: it reports a change after 15 s without a failed gate.
 const MIN_MONITORED_S: f64 = 30.0;
@@ -40,7 +40,7 @@ pub struct HardIronChange {
 }
 
 /// Largest difference in time between a jump and the step that refines it, seconds.
-const MAX_REFINED_S: f64 = 1.5;
+const MAX_REFINEMENT_SHIFT_S: f64 = 1.5;
 
 /// Start of a temporary change, seconds: that of the change before the last, if the last one cancels it.
 #[must_use]
@@ -61,10 +61,10 @@ pub fn find_changes(
     total_ut: f64,
 ) -> Vec<HardIronChange> {
     let search = ChangeSearch { flight, total_ut };
-    let (mut found, correction) = search.jumps(rows, initial);
+    let (mut found, correction) = search.refined_jumps(rows, initial);
     for part in split_at_changes(rows, &found) {
-        let solved = if found.is_empty() { None } else { solve_all_rows(part).filter(is_certain) };
-        search_changes(&search, part, &solved.as_ref().map_or(correction, solved_correction), &mut found);
+        let solution = if found.is_empty() { None } else { solve_all_rows(part).filter(is_accurate) };
+        find_steps(&search, part, &solution.as_ref().map_or(correction, solved_correction), &mut found);
     }
     found.sort_by(|left_change, right_change| {
         left_change.hard_iron_step.time_s.total_cmp(&right_change.hard_iron_step.time_s)
@@ -77,7 +77,7 @@ struct ChangeSearch<'a> {
     total_ut: f64,
 }
 
-fn search_changes(
+fn find_steps(
     search: &ChangeSearch<'_>,
     rows: &[ReplayRow],
     initial: &FieldCorrection,
@@ -99,16 +99,16 @@ fn search_changes(
     });
     let step = best_solution.and_then(|solution| find_step(rows, &solved_correction(solution))).unwrap_or(step);
     let parts = split(&step);
-    let Some(bend_deg) = search.confirmed_heading_effect_deg(&step, parts, &solutions) else { return };
-    changes.push(HardIronChange { hard_iron_step: step, heading_effect_deg: bend_deg });
+    let Some(heading_effect_deg) = search.confirmed_heading_effect_deg(&step, parts, &solutions) else { return };
+    changes.push(HardIronChange { hard_iron_step: step, heading_effect_deg });
     for (part, solution) in parts.into_iter().zip(&solutions) {
         if let Some(solution) = solution {
-            search_changes(search, part, &solved_correction(solution), changes);
+            find_steps(search, part, &solved_correction(solution), changes);
         }
     }
 }
 
-fn is_certain(solution: &Solution) -> bool {
+fn is_accurate(solution: &Solution) -> bool {
     solution.quality.expected_rms_deg <= MAX_EXPECTED_DEG
 }
 
@@ -117,7 +117,7 @@ fn expected_deg(solution: &Solution) -> f32 {
 }
 
 /// Parts of the rows between times in order, seconds.
-fn split_at(rows: &[ReplayRow], times_s: impl Iterator<Item = f64>) -> Vec<&[ReplayRow]> {
+fn split_at_times(rows: &[ReplayRow], times_s: impl Iterator<Item = f64>) -> Vec<&[ReplayRow]> {
     let mut rest = rows;
     let mut parts: Vec<&[ReplayRow]> = times_s
         .map(|at_s| {
@@ -131,19 +131,19 @@ fn split_at(rows: &[ReplayRow], times_s: impl Iterator<Item = f64>) -> Vec<&[Rep
 }
 
 fn split_at_changes<'rows>(rows: &'rows [ReplayRow], changes: &[HardIronChange]) -> Vec<&'rows [ReplayRow]> {
-    split_at(rows, changes.iter().map(|change| change.hard_iron_step.time_s))
+    split_at_times(rows, changes.iter().map(|change| change.hard_iron_step.time_s))
 }
 
 impl ChangeSearch<'_> {
     /// Jumps that affect headings, each refined by a step of the rows around it, and the correction used to find them,
     /// fitted to the best observed part between jumps.
-    fn jumps(&self, rows: &[ReplayRow], initial: &FieldCorrection) -> (Vec<HardIronChange>, FieldCorrection) {
+    fn refined_jumps(&self, rows: &[ReplayRow], initial: &FieldCorrection) -> (Vec<HardIronChange>, FieldCorrection) {
         let has_rates = data_loss::has_integrable_rates(self.flight);
         if !has_rates || !rows::median_step_s(rows).is_some_and(is_monitored) {
             return (Vec::new(), *initial);
         }
-        let parts = split_at(rows, find_jump_times_s(rows, initial).into_iter());
-        let solved = parts.into_iter().filter_map(|part| Some((part, solve_all_rows(part).filter(is_certain)?)));
+        let parts = split_at_times(rows, find_jump_times_s(rows, initial).into_iter());
+        let solved = parts.into_iter().filter_map(|part| Some((part, solve_all_rows(part).filter(is_accurate)?)));
         let Some((fitted, solution)) =
             solved.min_by(|(_, one), (_, other)| expected_deg(one).total_cmp(&expected_deg(other)))
         else {
@@ -151,14 +151,14 @@ impl ChangeSearch<'_> {
         };
         let correction = solved_correction(&solution);
         let fitted_s = fitted.first().zip(fitted.last()).map_or([0.0; 2], |(first, last)| [first.t_s, last.t_s]);
-        let jumps = find_jumps(rows, &FittedCorrection { correction, fitted_s, earth_ut: earth_ut(&solution) });
-        if jumps.len() > MAX_CHANGES {
+        let refined_jumps = find_jumps(rows, &FittedCorrection { correction, fitted_s, earth_ut: earth_ut(&solution) });
+        if refined_jumps.len() > MAX_CHANGES {
             return (Vec::new(), *initial);
         }
-        let parts = split_at(rows, jumps.iter().map(|jump| jump.time_s));
-        let changes = jumps.iter().enumerate().filter_map(|(i, jump)| {
+        let parts = split_at_times(rows, refined_jumps.iter().map(|jump| jump.time_s));
+        let changes = refined_jumps.iter().enumerate().filter_map(|(i, jump)| {
             let around = [parts[i], parts[i + 1]].concat();
-            let step = find_step(&around, &correction).filter(|step| refines(step, jump)).unwrap_or(*jump);
+            let step = find_step(&around, &correction).filter(|step| is_same_change(step, jump)).unwrap_or(*jump);
             let heading_effect_deg = heading_effect_deg(&step, &solution)?;
             Some(HardIronChange { hard_iron_step: step, heading_effect_deg })
         });
@@ -173,27 +173,31 @@ impl ChangeSearch<'_> {
     fn confirmed_heading_effect_deg(
         &self,
         step: &HardIronStep,
-        [before, after]: [&[ReplayRow]; 2],
-        [of_before, of_after]: &[Option<Solution>; 2],
+        [rows_before, rows_after]: [&[ReplayRow]; 2],
+        [solution_before, solution_after]: &[Option<Solution>; 2],
     ) -> Option<f64> {
-        let expected_deg =
-            |solution: &Option<Solution>| solution.as_ref().map_or(f32::INFINITY, |s| s.quality.expected_rms_deg);
-        let (solution, other, sign) = if expected_deg(of_before) <= expected_deg(of_after) {
-            (of_before, after, 1.0)
-        } else {
-            (of_after, before, -1.0)
+        let expected_deg = |solution: &Option<Solution>| {
+            solution.as_ref().map_or(f32::INFINITY, |solution| solution.quality.expected_rms_deg)
         };
-        let solution = solution.as_ref().filter(|s| s.quality.expected_rms_deg <= MAX_EXPECTED_DEG)?;
+        let (solution, other_rows, sign) = if expected_deg(solution_before) <= expected_deg(solution_after) {
+            (solution_before, rows_after, 1.0)
+        } else {
+            (solution_after, rows_before, -1.0)
+        };
+        let solution = solution.as_ref().filter(|solution| solution.quality.expected_rms_deg <= MAX_EXPECTED_DEG)?;
         let moved = Vector3::from(step.step_ut);
         let change = solution.calibration.w_matrix().map(f64::from) * moved * sign;
-        let duration_s = other.last()?.t_s - other.first()?.t_s;
-        let is_monitored = rows::median_step_s(other).is_some_and(is_monitored) && duration_s >= MIN_MONITORED_S;
+        let duration_s = other_rows.last()?.t_s - other_rows.first()?.t_s;
+        let is_monitored = rows::median_step_s(other_rows).is_some_and(is_monitored) && duration_s >= MIN_MONITORED_S;
         let is_detected = is_monitored
-            && monitored_changes_ut(other, self.flight, solution).iter().any(|found| is_confirmed_by(found, &change));
+            && monitored_changes_ut(other_rows, self.flight, solution)
+                .iter()
+                .any(|found| is_confirmed_by(found, &change));
         let unmoved = solved_correction(solution);
         let moved = FieldCorrection { hard_iron_ut: unmoved.hard_iron_ut + moved * sign, ..unmoved };
-        let [without, with] = [unmoved, moved].map(|correction| median_residual_ut(other, &correction, solution));
-        let is_confirmed = is_detected || without > MIN_RESIDUAL_RATIO * with;
+        let [residual_without_step_ut, residual_with_step_ut] =
+            [unmoved, moved].map(|correction| median_residual_ut(other_rows, &correction, solution));
+        let is_confirmed = is_detected || residual_without_step_ut > MIN_RESIDUAL_RATIO * residual_with_step_ut;
         heading_effect_deg(step, solution).filter(|_| is_confirmed)
     }
 }
@@ -202,16 +206,16 @@ impl ChangeSearch<'_> {
 /// the step's component across it is hardly observable, and a significant vertical component changes no heading.
 fn heading_effect_deg(step: &HardIronStep, solution: &Solution) -> Option<f64> {
     let change = solution.calibration.w_matrix().map(f64::from) * Vector3::from(step.step_ut);
-    let is_significant = change.xy().norm() > MIN_SIGMAS * Vector3::from(step.sigma_ut).xy().norm();
+    let is_significant = change.xy().norm() > MIN_STEP_SIGMAS * Vector3::from(step.sigma_ut).xy().norm();
     let horizontal_ut = f64::from(solution.calibration.total_ut * libm::cosf(solution.calibration.inclination_rad));
-    let bend_deg = libm::atan(change.xy().norm() / horizontal_ut).to_degrees();
-    (is_significant && bend_deg >= MIN_HEADING_EFFECT_DEG).then_some(bend_deg)
+    let heading_effect_deg = libm::atan(change.xy().norm() / horizontal_ut).to_degrees();
+    (is_significant && heading_effect_deg >= MIN_HEADING_EFFECT_DEG).then_some(heading_effect_deg)
 }
 
 /// Whether a step is the same change as a jump.
-fn refines(step: &HardIronStep, jump: &HardIronStep) -> bool {
+fn is_same_change(step: &HardIronStep, jump: &HardIronStep) -> bool {
     let is_same_size = is_confirmed_by(&step.step_ut.into(), &jump.step_ut.into());
-    (step.time_s - jump.time_s).abs() < MAX_REFINED_S && is_same_size
+    (step.time_s - jump.time_s).abs() < MAX_REFINEMENT_SHIFT_S && is_same_size
 }
 
 /// Median residual of strength and vertical component to a calibration, microtesla.
@@ -228,5 +232,5 @@ fn earth_ut(solution: &Solution) -> [f64; 2] {
 }
 
 fn is_confirmed_by(estimate: &Vector3<f64>, expected: &Vector3<f64>) -> bool {
-    (estimate - expected).norm() < MAX_DISAGREEMENT * expected.norm()
+    (estimate - expected).norm() < MAX_RELATIVE_DISAGREEMENT * expected.norm()
 }

@@ -32,17 +32,17 @@ pub enum LogWarning {
         is_repaired: bool,
     },
     /// The attitude is that of this message, because the autopilot's own is not logged.
-    OtherAttitude(&'static str),
+    FallbackAttitude(&'static str),
     /// Field rows have no time.
     FieldWithoutTime,
     /// Largest tilt of a table's attitude, degrees; too small for a flight.
     SmallTilt(f64),
     /// Rate of the field readings, Hz, too low for the monitor.
-    SlowField(f64),
+    LowFieldRate(f64),
     /// Share of body rates lost, percent.
     RatesLost(f64),
     /// The field strength is implausible.
-    Strength {
+    ImplausibleStrength {
         /// Number of the compass.
         compass: u8,
         /// Strength by the sphere fit, microtesla.
@@ -113,13 +113,13 @@ impl LogWarning {
             add_if(true, Self::BodyRates { problem, is_repaired: flight.has_heading_rates });
         }
         if let Some(source) = flight.attitude_source {
-            add_if(true, Self::OtherAttitude(source));
+            add_if(true, Self::FallbackAttitude(source));
         }
         add_if(flight.rows_without_time > 0, Self::FieldWithoutTime);
         let tilt_deg = largest_tilt_deg(flight).unwrap_or(f64::INFINITY);
         add_if(is_table && tilt_deg < 2.0, Self::SmallTilt(tilt_deg));
         let slowest_s = compasses.iter().map(|compass| compass.reading_interval_s).fold(0.0, f64::max);
-        add_if(!is_monitored(slowest_s), Self::SlowField(1.0 / slowest_s));
+        add_if(!is_monitored(slowest_s), Self::LowFieldRate(1.0 / slowest_s));
         warnings.extend(data_loss::excessive_rate_loss(flight).map(|fraction| Self::RatesLost(fraction * 100.0)));
         for compass in compasses {
             warnings.extend(implausible_strength(evaluation, compass, is_table));
@@ -154,10 +154,10 @@ impl LogWarning {
         let is_ardupilot = flight.autopilot == Autopilot::ArduPilot;
         let compensation = parameters.last_value("COMPASS_MOTCT").map(f64::round);
         add_if(is_ardupilot && compensation == Some(1.0), Self::ThrottleCompensation);
-        if !evaluation.reference.as_ref().is_some_and(ReferenceHeading::is_accuracy)
-            && let Err(why) = GpsCourseHeading::from_flight(flight)
+        if !evaluation.reference.as_ref().is_some_and(ReferenceHeading::measures_error)
+            && let Err(rejection) = GpsCourseHeading::from_flight(flight)
         {
-            add_if(why != GpsCourseRejection::NotLogged, Self::NoGpsCourse(why));
+            add_if(rejection != GpsCourseRejection::NotLogged, Self::NoGpsCourse(rejection));
         }
         add_if(flight.battery_current.is_empty(), Self::NoCurrent);
         let missing: Vec<String> = compasses
@@ -220,7 +220,7 @@ fn implausible_strength(
     .find(|&(factor, _)| is_table && is_in(factor));
     let usual_cause = if is_table { "another unit, or a poor sensor" } else { "a poor sensor, or little was flown" };
     let cause = unit.map_or(usual_cause, |(_, unit)| unit);
-    Some(LogWarning::Strength { compass: compass.compass_number, found_ut, model_ut, cause })
+    Some(LogWarning::ImplausibleStrength { compass: compass.compass_number, found_ut, model_ut, cause })
 }
 
 impl fmt::Display for LogWarning {
@@ -231,7 +231,7 @@ impl fmt::Display for LogWarning {
             Self::BodyRates { problem, is_repaired: false } => {
                 write!(f, "{problem}: headings are without smoothing and monitor")
             }
-            Self::OtherAttitude(source) => {
+            Self::FallbackAttitude(source) => {
                 write!(f, "the autopilot's own attitude is not logged; that of {source} is used")
             }
             Self::FieldWithoutTime => f.write_str(
@@ -241,7 +241,7 @@ impl fmt::Display for LogWarning {
             Self::SmallTilt(most_deg) => {
                 write!(f, "the attitude tilts by {most_deg:.2} deg at most: radians in columns of degrees?")
             }
-            Self::SlowField(hz) => write!(
+            Self::LowFieldRate(hz) => write!(
                 f,
                 "the field is logged {hz:.1} times a second, too slowly for the monitor (ten times): headings are without \
                  its adjustments",
@@ -251,7 +251,7 @@ impl fmt::Display for LogWarning {
                 "{percent:.0} % of the body rates are lost: headings are without smoothing and monitor, and their sigma \
                  does not adapt; it is too small where the flight is rougher than the fitted samples",
             ),
-            Self::Strength { compass, found_ut, model_ut, cause } => {
+            Self::ImplausibleStrength { compass, found_ut, model_ut, cause } => {
                 let expected = model_ut.map_or_else(
                     || format!("the Earth's is {:.0} to {:.0}", EARTH_FIELD_RANGE_UT[0], EARTH_FIELD_RANGE_UT[1]),
                     |ut| format!("by the field model {ut:.1}"),
@@ -310,7 +310,7 @@ impl fmt::Display for LogWarning {
             Self::ThrottleCompensation => f.write_str(
                 "the autopilot compensates by throttle; interference is estimated only from a logged current",
             ),
-            Self::NoGpsCourse(why) => write!(f, "GPS course gives no heading here: {}", why.description()),
+            Self::NoGpsCourse(rejection) => write!(f, "GPS course gives no heading here: {}", rejection.description()),
             Self::NoCurrent => f.write_str(
                 "no current is logged: motor-current interference is neither estimated nor part of the expected error",
             ),
@@ -355,10 +355,10 @@ pub(super) fn sensor_failure(flight: &Flight, compass: &CompassEvaluation) -> Op
 mod tests {
     use super::*;
 
-    type Change = fn(&mut Flight);
+    type FlightChange = fn(&mut Flight);
 
     /// Notes of a flawless log after a change.
-    fn notes_after(change: Change) -> Vec<String> {
+    fn warnings_after(change: FlightChange) -> Vec<String> {
         let mut flight = Flight::new(LogFormat::DataFlash);
         flight.autopilot = Autopilot::ArduPilot;
         flight.parameters.set_value(0.0, "COMPASS_OFS_X", 1.0);
@@ -372,10 +372,10 @@ mod tests {
     }
 
     #[test]
-    fn doubts_about_a_log_are_reported() {
-        assert_eq!(notes_after(|_| {}), [""; 0]);
-        assert_eq!(notes_after(|flight| flight.parameters.set_value(1.0, "COMPASS_MOTCT", 2.0)), [""; 0]);
-        let cases: [(Change, &str); 10] = [
+    fn each_warning_about_a_log_is_given() {
+        assert_eq!(warnings_after(|_| {}), [""; 0]);
+        assert_eq!(warnings_after(|flight| flight.parameters.set_value(1.0, "COMPASS_MOTCT", 2.0)), [""; 0]);
+        let cases: [(FlightChange, &str); 10] = [
             (|flight| flight.rates_problem = Some(RatesProblem::NotLogged), "no body rates"),
             (
                 |flight| {
@@ -397,8 +397,11 @@ mod tests {
             (|flight| flight.parameters = crate::log::ParameterHistory::default(), "the parameters are not in the log"),
         ];
         for (change, expected_text) in cases {
-            let notes = notes_after(change);
-            assert!(matches!(&notes[..], [note] if note.contains(expected_text)), "{expected_text}: {notes:?}");
+            let warning_texts = warnings_after(change);
+            assert!(
+                matches!(&warning_texts[..], [note] if note.contains(expected_text)),
+                "{expected_text}: {warning_texts:?}"
+            );
         }
     }
 }

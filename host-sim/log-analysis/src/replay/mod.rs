@@ -25,7 +25,7 @@ mod symmetric_fit;
 pub mod verdict;
 
 pub use reference::{ReferenceHeading, ReferenceKind};
-pub use replay_run::{replay_rows, replay_with};
+pub use replay_run::{replay_rows, replay_rows_of_flight};
 pub use result::{HeadingRow, HeadingScore, ReplayOptions, ReplayResult, RowSelection};
 pub use row::ReplayRow;
 pub use row_headings::{is_monitored, level_field};

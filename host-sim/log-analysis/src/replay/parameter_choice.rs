@@ -165,14 +165,14 @@ impl ParameterCandidate {
         let HeldBackScore { rms_deg, as_logged_rms_deg, .. } = self.held_back;
         let expected_deg = f64::from(self.solution.quality.expected_rms_deg);
         let unexplained_deg = (square(rms_deg) - square(self.exported.heading_loss_deg[0])).max(0.0).sqrt();
-        let is_gain =
+        let is_improvement =
             as_logged_rms_deg - rms_deg >= MIN_GAIN_DEG && rms_deg <= (1.0 - MIN_RELATIVE_GAIN) * as_logged_rms_deg;
         if let Some(dependence) = residual_dependence(&self.solution).filter(|_| expected_deg > MAX_EXPECTED_DEG) {
             Err(NoParameters::Residuals { expected_deg, dependence })
         } else if expected_deg.is_nan() || expected_deg > MAX_EXPECTED_DEG {
             let manoeuvre = self.solution.advice.map(|advice| advice.manoeuvre.to_string());
             Err(NoParameters::Unobservable { expected_deg, manoeuvre })
-        } else if !is_gain {
+        } else if !is_improvement {
             Err(NoParameters::NoGain(self.held_back))
         } else if rms_deg > GOOD_COMPASS_RMS_DEG
             && (rms_deg > BAD_COMPASS_RMS_DEG || unexplained_deg > GOOD_COMPASS_RMS_DEG)

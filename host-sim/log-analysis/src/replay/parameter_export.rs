@@ -103,9 +103,9 @@ impl ExportedCorrection {
     }
 
     /// Limit of the offsets that the autopilot rejects, milligauss, if exceeded.
-    pub(super) fn exceeded_offset_mg(&self, flight: &Flight, dialect: ParameterFormat) -> Option<f64> {
+    pub(super) fn exceeded_offset_mg(&self, flight: &Flight, format: ParameterFormat) -> Option<f64> {
         let limit_mg = flight.parameters.last_value("COMPASS_OFFS_MAX").unwrap_or(DEFAULT_MAX_OFFSET_MG);
-        (dialect == ParameterFormat::ArduPilot && self.largest_offset_mg() > limit_mg).then_some(limit_mg)
+        (format == ParameterFormat::ArduPilot && self.largest_offset_mg() > limit_mg).then_some(limit_mg)
     }
 }
 
@@ -114,47 +114,47 @@ impl ExportedCorrection {
 #[must_use]
 pub fn export_correction(
     compass_number: u8,
-    own_rows: &[ReplayRow],
+    rows: &[ReplayRow],
     calibration: &Calibration,
     total_ut: Option<f64>,
-    dialect: ParameterFormat,
+    format: ParameterFormat,
 ) -> Option<ExportedCorrection> {
     let correction_matrix = calibration.w_matrix().map(f64::from);
-    let b = calibration.b_vector_ut().map(f64::from);
-    let (turn, symmetric) = polar_decomposition(&correction_matrix)?;
-    let mounting = nearest_mounting(&turn);
+    let hard_iron_ut = calibration.b_vector_ut().map(f64::from);
+    let (rotation, symmetric) = polar_decomposition(&correction_matrix)?;
+    let mounting = nearest_mounting(&rotation);
     let mounting_matrix = mounting.rotation_matrix();
     let scale = total_ut.map_or(1.0, |total_ut| total_ut / f64::from(calibration.total_ut));
-    let rows: Vec<ReplayRow> = own_rows.iter().map(|row| row_in_rotated_axes(row, &mounting_matrix)).collect();
-    let by_current_ut = Vector3::from(calibration.motor_current.ut_per_a).map(f64::from);
-    let full = FieldCorrection { matrix: correction_matrix, hard_iron_ut: b, motor_ut_per_a: by_current_ut };
+    let rotated_rows: Vec<ReplayRow> = rows.iter().map(|row| row_in_rotated_axes(row, &mounting_matrix)).collect();
+    let motor_ut_per_a = Vector3::from(calibration.motor_current.ut_per_a).map(f64::from);
+    let full = FieldCorrection { matrix: correction_matrix, hard_iron_ut, motor_ut_per_a };
     // INAV has no current compensation; the mean interference goes into the offsets.
-    let usual_a =
-        if dialect == ParameterFormat::Inav { f64::from(calibration.motor_current.mean_current_a) } else { 0.0 };
+    let offset_current_a =
+        if format == ParameterFormat::Inav { f64::from(calibration.motor_current.mean_current_a) } else { 0.0 };
     let initial_correction = FieldCorrection {
         matrix: mounting_matrix * symmetric * mounting_matrix.transpose() * scale,
-        hard_iron_ut: mounting_matrix * (b + by_current_ut * usual_a),
-        motor_ut_per_a: if dialect == ParameterFormat::Inav {
+        hard_iron_ut: mounting_matrix * (hard_iron_ut + motor_ut_per_a * offset_current_a),
+        motor_ut_per_a: if format == ParameterFormat::Inav {
             Vector3::zeros()
         } else {
-            mounting_matrix * by_current_ut
+            mounting_matrix * motor_ut_per_a
         },
     };
     let symmetric_fit = SymmetricFit {
-        rows: own_rows,
-        rotated_rows: &rows,
+        rows,
+        rotated_rows: &rotated_rows,
         mounting: mounting_matrix,
         calibration,
         full_correction: full,
-        is_diagonal: dialect == ParameterFormat::Inav,
+        is_diagonal: format == ParameterFormat::Inav,
     };
     let exportable = symmetric_fit.nearest_correction(initial_correction);
-    let lost_deg = heading_loss_deg_of(own_rows, &rows, &full, &exportable);
+    let lost_deg = heading_loss_deg_of(rows, &rotated_rows, &full, &exportable);
     let mut warnings = Vec::new();
     if lost_deg[0] > MIN_REPORTED_LOSS_DEG {
         warnings.push(format!("what the autopilot cannot express costs {:.1} deg RMS", lost_deg[0]));
     }
-    if dialect == ParameterFormat::Inav && calibration.motor_current.is_applied() {
+    if format == ParameterFormat::Inav && calibration.motor_current.is_applied() {
         warnings.push("motor-current interference cannot be expressed".to_owned());
     }
     if mounting.rotation_number() != 0 {
@@ -175,11 +175,11 @@ pub fn export_correction(
 pub fn applied_field(
     flight: &Flight,
     export: &ExportedCorrection,
-    dialect: ParameterFormat,
+    format: ParameterFormat,
 ) -> impl Fn(&ReplayRow) -> Vector3<f64> + use<> {
-    let text = format_parameter_file(flight, std::slice::from_ref(export), dialect);
+    let text = format_parameter_file(flight, std::slice::from_ref(export), format);
     let parameters = parse_parameter_file(&text, &flight.parameters);
-    let correction = match dialect {
+    let correction = match format {
         ParameterFormat::ArduPilot => FieldCorrection::from_ardupilot(&parameters, export.compass_number),
         ParameterFormat::Px4 => FieldCorrection::from_px4(&parameters, export.compass_number),
         ParameterFormat::Inav => inav_correction(&text),
@@ -232,7 +232,7 @@ fn heading_loss_deg_of(
         .iter()
         .zip(rotated_rows)
         .filter(|(row, _)| row.is_usable)
-        .map(|(row, rotated_rows)| wrap_180(heading_deg(rotated_rows, exported) - heading_deg(row, full)))
+        .map(|(row, rotated_row)| wrap_180(heading_deg(rotated_row, exported) - heading_deg(row, full)))
         .collect();
     let row_count = differences.len().max(1) as f64;
     let mean = differences.iter().sum::<f64>() / row_count;
@@ -242,10 +242,10 @@ fn heading_loss_deg_of(
 
 /// The parameter file.
 #[must_use]
-pub fn format_parameter_file(flight: &Flight, exports: &[ExportedCorrection], dialect: ParameterFormat) -> String {
+pub fn format_parameter_file(flight: &Flight, exports: &[ExportedCorrection], format: ParameterFormat) -> String {
     let mut text = String::new();
     // Writing to a string cannot fail.
-    let _ = match dialect {
+    let _ = match format {
         ParameterFormat::ArduPilot => write_ardupilot_parameters(&mut text, flight, exports),
         ParameterFormat::Px4 => write_px4_parameters(&mut text, flight, exports),
         ParameterFormat::Inav => write_inav_parameters(&mut text, exports),

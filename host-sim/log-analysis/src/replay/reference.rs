@@ -81,14 +81,14 @@ impl ReferenceHeading {
         }
     }
 
-    /// Quality of the reference, in words.
+    /// Accuracy of the reference, in words.
     #[must_use]
-    pub fn limits_text(&self) -> String {
+    pub fn accuracy_description(&self) -> String {
         let limits = match self {
             Self::Simulator => "exact; used for scoring, nothing else; a real flight has none",
             Self::Column => "of unknown accuracy",
             Self::GpsYaw => "a degree or so, and late by what the receiver takes",
-            Self::GpsCourse(course) => return course.limits_text(),
+            Self::GpsCourse(course) => return course.accuracy_description(),
             Self::AutopilotYaw => {
                 "made with a compass, its errors included: this is agreement, not accuracy, and does not decide"
             }
@@ -104,7 +104,7 @@ impl ReferenceHeading {
 
     /// Whether a heading's difference from this reference is its error; false for the autopilot's yaw.
     #[must_use]
-    pub const fn is_accuracy(&self) -> bool {
+    pub const fn measures_error(&self) -> bool {
         !matches!(self, Self::AutopilotYaw)
     }
 
@@ -125,7 +125,7 @@ impl ReferenceHeading {
     /// Name of the difference between a heading and this reference.
     #[must_use]
     pub const fn difference_name(&self) -> &'static str {
-        if self.is_accuracy() { "error" } else { "disagreement" }
+        if self.measures_error() { "error" } else { "disagreement" }
     }
 
     /// Reference heading at a flight time, degrees.

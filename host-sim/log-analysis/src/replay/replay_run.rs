@@ -9,7 +9,7 @@ use super::module_run::ModuleRun;
 use super::result::{HeadingRow, ReplayOptions, ReplayResult, RowSelection};
 use super::row::ReplayRow;
 use super::row_headings::{compute_headings, estimate_heading, instrument_config, score_rows};
-use super::row_solve::{RunOutcome, SolverPrior, from_all, from_procedure};
+use super::row_solve::{RunOutcome, SolverPrior, solve_by_procedure, solve_evenly_thinned};
 use crate::log::Flight;
 
 /// Expected error of a poor solve, degrees RMS: larger than that of a good compass.
@@ -18,17 +18,17 @@ const POOR_SOLVE_RMS_DEG: f32 = 2.0;
 /// Replays rows, in order of time, without attitudes between them.
 #[must_use]
 pub fn replay_rows(rows: &[ReplayRow], options: &ReplayOptions) -> ReplayResult {
-    replay_with(rows, None, options)
+    replay_rows_of_flight(rows, None, options)
 }
 
 /// Replays rows with the flight's attitudes between them.
 #[must_use]
-pub fn replay_with(rows: &[ReplayRow], flight: Option<&Flight>, options: &ReplayOptions) -> ReplayResult {
+pub fn replay_rows_of_flight(rows: &[ReplayRow], flight: Option<&Flight>, options: &ReplayOptions) -> ReplayResult {
     let config = instrument_config(rows);
-    let usable = samples_to_fit(rows, config);
+    let usable = samples_of_usable_rows(rows, config);
     let run_outcome = match options.row_selection {
-        RowSelection::All => from_all(&usable, &SolverPrior::new(options, config)),
-        RowSelection::Turns => from_procedure(&usable, Procedure::Turns, &SolverPrior::new(options, config)),
+        RowSelection::All => solve_evenly_thinned(&usable, &SolverPrior::new(options, config)),
+        RowSelection::Turns => solve_by_procedure(&usable, Procedure::Turns, &SolverPrior::new(options, config)),
         RowSelection::Flight => {
             let mut retained = RetainedSamples::EMPTY;
             let mut module = ModuleRun::new(options, config.readings_per_sample(), &mut retained);
@@ -68,13 +68,13 @@ pub(super) fn solve_all_rows(rows: &[ReplayRow]) -> Option<Solution> {
 pub(super) fn solve_rows(rows: &[ReplayRow], options: &ReplayOptions) -> (Option<Solution>, bool) {
     let config = instrument_config(rows);
     let options = ReplayOptions { row_selection: RowSelection::All, ..*options };
-    let (samples, solver_prior) = (samples_to_fit(rows, config), SolverPrior::new(&options, config));
+    let (samples, solver_prior) = (samples_of_usable_rows(rows, config), SolverPrior::new(&options, config));
     let expected_deg = |outcome: &RunOutcome| {
         outcome.solution.as_ref().map_or(f32::INFINITY, |solution| solution.quality.expected_rms_deg)
     };
-    let mut outcome = from_all(&samples, &solver_prior);
+    let mut outcome = solve_evenly_thinned(&samples, &solver_prior);
     if expected_deg(&outcome) > POOR_SOLVE_RMS_DEG {
-        let retained = from_procedure(&samples, Procedure::Flight, &solver_prior);
+        let retained = solve_by_procedure(&samples, Procedure::Flight, &solver_prior);
         if expected_deg(&retained) < expected_deg(&outcome) {
             outcome = retained;
         }
@@ -83,7 +83,7 @@ pub(super) fn solve_rows(rows: &[ReplayRow], options: &ReplayOptions) -> (Option
 }
 
 /// Samples of the usable rows.
-fn samples_to_fit(rows: &[ReplayRow], config: InstrumentConfig) -> Vec<Sample> {
+fn samples_of_usable_rows(rows: &[ReplayRow], config: InstrumentConfig) -> Vec<Sample> {
     let usable = rows.iter().filter(|row| row.is_usable);
     let start_s = rows.first().map_or(0.0, |row| row.t_s);
     let mut instrument = Instrument::new(config);

@@ -23,8 +23,8 @@ const MAX_MONITORED_INTERVAL_US: u32 = 190_000;
 
 /// Whether the monitor runs at a row interval in seconds.
 #[must_use]
-pub fn is_monitored(every_s: f64) -> bool {
-    every_s * 1e6 <= f64::from(MAX_MONITORED_INTERVAL_US)
+pub fn is_monitored(interval_s: f64) -> bool {
+    interval_s * 1e6 <= f64::from(MAX_MONITORED_INTERVAL_US)
 }
 
 /// Instrument for the interval of these rows; attitude and field are simultaneous.
@@ -133,11 +133,11 @@ pub(super) fn compute_headings(
 ) -> Vec<HeadingRow> {
     let mut feed = RowFeed::new(rows, flight);
     // One instrument accepts any field strength; the other determines the status.
-    let [mut device, mut any] = [config.heading, heading::HeadingLimits::ANY_FIELD]
+    let [mut device, mut unlimited] = [config.heading, heading::HeadingLimits::ANY_FIELD]
         .map(|heading| calibrated_instrument(InstrumentConfig { heading, ..config }, solution));
     rows.iter()
         .map(|row| {
-            let [sent, shown] = feed.feed_instruments([&mut device, &mut any], row);
+            let [sent, shown] = feed.feed_instruments([&mut device, &mut unlimited], row);
             HeadingRow::from_estimate(row.t_s, &shown, sent.heading.map(|_| ()))
         })
         .collect()

@@ -81,7 +81,7 @@ impl SolverPrior {
 }
 
 /// Solves all samples that a procedure retains, with the device's choice of method.
-pub(super) fn from_procedure(samples: &[Sample], procedure: Procedure, solver_prior: &SolverPrior) -> RunOutcome {
+pub(super) fn solve_by_procedure(samples: &[Sample], procedure: Procedure, solver_prior: &SolverPrior) -> RunOutcome {
     let mut retained = RetainedSamples::EMPTY;
     let mut collector = Collector::new(&mut retained);
     collector.begin_procedure(procedure);
@@ -96,7 +96,7 @@ pub(super) fn from_procedure(samples: &[Sample], procedure: Procedure, solver_pr
 }
 
 /// Solves evenly thinned samples; those halfway between are held back.
-pub(super) fn from_all(samples: &[Sample], solver_prior: &SolverPrior) -> RunOutcome {
+pub(super) fn solve_evenly_thinned(samples: &[Sample], solver_prior: &SolverPrior) -> RunOutcome {
     let fit_and_held_back_count = samples.len().min(2 * FIT_CAPACITY);
     let thinned = |phase: f64| -> Vec<Sample> {
         (0..fit_and_held_back_count)
@@ -106,7 +106,7 @@ pub(super) fn from_all(samples: &[Sample], solver_prior: &SolverPrior) -> RunOut
             .copied()
             .collect()
     };
-    let [fit, held_back] = [0.0, 0.5].map(|phase| assign_parts(&thinned(phase)));
+    let [fit, held_back] = [0.0, 0.5].map(|phase| assign_collection_parts(&thinned(phase)));
     let [fit, held_back] = [&fit, &held_back].map(|samples| Samples::new(samples));
     let solve_result = solver_prior.solve(Method::MaximumLikelihood, fit);
     RunOutcome::new(&solve_result, [fit, held_back], None)
@@ -118,7 +118,7 @@ pub(super) fn sample_time_s(sample: &Sample) -> f64 {
 }
 
 /// Samples assigned to turns and level flight by their bank.
-fn assign_parts(samples: &[Sample]) -> Vec<Sample> {
+fn assign_collection_parts(samples: &[Sample]) -> Vec<Sample> {
     let limit_rad = LevelLimits::DEFAULT.level_roll_rad;
     let part_of = |roll_rad: f32| match roll_rad {
         roll_rad if roll_rad < -limit_rad => Some(CollectionPart::LEFT),

@@ -71,7 +71,7 @@ fn reference_info(verdict: &FlightEvaluation) -> ReferenceInfo {
             reference_name: reference.reference_name().to_owned(),
             accuracy_text: format!(
                 "{}; the mean difference, which declination and mounting cause, is subtracted",
-                reference.limits_text()
+                reference.accuracy_description()
             ),
             card_constant: declination_deg(verdict).map_or_else(
                 || "The mean is subtracted: the declination there is not known.".to_owned(),
@@ -360,7 +360,7 @@ mod tests {
     use crate::replay::parameter_export::ParameterFormat;
     use crate::test_flight::record_turns;
 
-    static FLOWN: LazyLock<(Flight, FlightEvaluation)> = LazyLock::new(|| {
+    static FLOWN_TURNS: LazyLock<(Flight, FlightEvaluation)> = LazyLock::new(|| {
         let parameters = ["X", "Y", "Z"].map(|axis| (format!("COMPASS_OFS_{axis}"), 100.0)).to_vec();
         let recording = FlightRecording { parameters, ..record_turns(0.0) };
         let flight = log::read_flight(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
@@ -376,7 +376,7 @@ mod tests {
     });
 
     fn report(change: impl Fn(&mut Flight, &mut FlightEvaluation)) -> Report {
-        let (mut flight, mut verdict) = FLOWN.clone();
+        let (mut flight, mut verdict) = FLOWN_TURNS.clone();
         change(&mut flight, &mut verdict);
         report_replay(
             &Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot),
@@ -424,7 +424,7 @@ mod tests {
         });
         let [calibrated, changed] = report.compasses[0].event_marks.as_slice() else { panic!("two marks") };
         // Times are on the log's clock.
-        let first_s = FLOWN.1.compasses[0].rows[300].t_s;
+        let first_s = FLOWN_TURNS.1.compasses[0].rows[300].t_s;
         assert!((calibrated.time_s - first_s - 90.0).abs() < 1e-9 && (changed.time_s - first_s - 50.0).abs() < 1e-9);
         assert_eq!(changed.event_name, "iron changed by 8.1 uT");
     }
@@ -450,7 +450,7 @@ mod tests {
                 .corrections
                 .retain(|correction| correction.correction_source != CorrectionSource::Autopilot);
         });
-        let rows = &FLOWN.1.compasses[0].rows;
+        let rows = &FLOWN_TURNS.1.compasses[0].rows;
         for (report, name, is_logged) in [(&logged, "as logged", true), (&raw, "uncorrected", false)] {
             let compass = &report.compasses[0];
             assert_eq!(compass.curves_before[0].curve_name, name);

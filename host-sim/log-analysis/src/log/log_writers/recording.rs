@@ -56,8 +56,8 @@ impl FlightSample {
 impl FlightRecording {
     /// Creates an empty recording with a field latency.
     #[must_use]
-    pub fn with_field_latency(age_s: f64) -> Self {
-        Self { field_latency_s: age_s, ..Self::default() }
+    pub fn with_field_latency(latency_s: f64) -> Self {
+        Self { field_latency_s: latency_s, ..Self::default() }
     }
 
     /// Latitude, longitude, degrees, and height, metres, of a sample.

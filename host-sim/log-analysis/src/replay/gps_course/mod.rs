@@ -13,36 +13,39 @@ use crate::log::time_series::Series;
 use crate::log::{Flight, Gps};
 use crate::numbers::{median, square};
 
-/// Largest bank in straight flight, degrees (gusts roll by a few), and the straight time required before and after,
-/// seconds: receivers are 0.1 to 0.4 s late, a roll-out takes 1 s.
+/// Largest bank in straight flight, degrees; gusts roll by a few.
 const MAX_BANK_DEG: f32 = 10.0;
+/// Straight flight required before and after a velocity, seconds: receivers are 0.1 to 0.4 s late, a roll-out takes 1 s.
 const MIN_STRAIGHT_S: f64 = 2.0;
 
 /// Largest mean turn rate in straight flight, degrees a second; single gyro readings vibrate.
-const MAX_TURN_DEG_S: f64 = 3.0;
+const MAX_TURN_RATE_DEG_S: f64 = 3.0;
 
 /// Largest interpolation gap, seconds; MAVLink logs have 1 Hz.
 const MAX_GAP_S: f64 = 1.5;
 
-/// Least ground speed in flight, m/s, and as a fraction of the 90th percentile, which excludes taxiing and hover. In a
-/// wind of half the airspeed a third remains upwind.
+/// Least ground speed in flight, m/s.
 const MIN_SPEED_M_S: f64 = 4.0;
-const MIN_SHARE_OF_FAST_SPEED: f64 = 0.3;
+/// Least ground speed in flight as a fraction of the 90th percentile: excludes taxiing and hover. In a wind of half the
+/// airspeed a third remains upwind.
+const MIN_FRACTION_OF_FAST_SPEED: f64 = 0.3;
 
-/// Least airspeed, m/s, and least ratio of airspeed to wind; slower vehicles drift.
+/// Least airspeed, m/s; slower vehicles drift.
 const MIN_AIRSPEED_M_S: f64 = 8.0;
-const MIN_AIRSPEED_BY_WIND: f64 = 2.0;
+/// Least ratio of airspeed to wind speed.
+const MIN_AIRSPEED_TO_WIND_RATIO: f64 = 2.0;
 
-/// Largest radial residual as a fraction of airspeed, and least fraction of velocities within it.
+/// Largest radial residual of a velocity near the circle, as a fraction of airspeed.
 const MAX_RADIAL_RESIDUAL: f64 = 0.15;
+/// Least fraction of velocities near the circle.
 const MIN_FRACTION_ON_CIRCLE: f64 = 0.7;
 
 /// Largest standard deviation of the wind as a fraction of airspeed: 2.9 deg of heading.
 const MAX_WIND_SIGMA: f64 = 0.05;
 
-/// Least time in a direction, seconds, and largest angle between neighbouring directions, degrees: out and back
-/// observes only one component of a one-cycle error.
+/// Least time of straight flight in a direction, seconds.
 const MIN_TIME_PER_DIRECTION_S: f64 = 3.0;
+/// Largest angle between neighbouring directions, degrees: out and back observes only one component of a one-cycle error.
 const MAX_DIRECTION_GAP_DEG: f64 = 150.0;
 
 /// Assumed sideslip, degrees, which no log shows: gusts of 0.5 m/s at 20 m/s.
@@ -129,10 +132,10 @@ impl GpsCourseHeading {
         if flight.is_copter {
             return Err(GpsCourseRejection::Copter);
         }
-        let moving = velocities_in_flight(velocities).ok_or(GpsCourseRejection::TooSlow)?;
-        let fitted = thin_velocities(&moving);
+        let flight_velocities = velocities_in_flight(velocities).ok_or(GpsCourseRejection::TooSlow)?;
+        let fitted = thin_velocities(&flight_velocities);
         let circle = VelocityCircle::fit_robustly(&fitted).ok_or(GpsCourseRejection::NoCircle)?;
-        let on_circle_velocities = on_circle(&moving, &circle)?;
+        let on_circle_velocities = velocities_near_circle(&flight_velocities, &circle)?;
         let heading_integral = HeadingIntegral::from_flight(flight).ok_or(GpsCourseRejection::NoRates)?;
         let straight: Vec<GroundVelocity> = on_circle_velocities
             .iter()
@@ -159,7 +162,7 @@ impl GpsCourseHeading {
         }
         let squares: f64 = straight.iter().map(|velocity| square(circle.radial_residual_m_s(velocity))).sum();
         let scatter_m_s = (squares / straight.len() as f64).sqrt();
-        if airspeed_m_s < MIN_AIRSPEED_BY_WIND * circle.wind_m_s.norm() {
+        if airspeed_m_s < MIN_AIRSPEED_TO_WIND_RATIO * circle.wind_m_s.norm() {
             return Err(GpsCourseRejection::StrongWind);
         }
         let wind_sigma_m_s = VelocityCircle::wind_sigma_m_s(fitted).ok_or(GpsCourseRejection::UncertainWind)?;
@@ -194,7 +197,7 @@ impl GpsCourseHeading {
 
     /// Description of the reference's accuracy.
     #[must_use]
-    pub fn limits_text(&self) -> String {
+    pub fn accuracy_description(&self) -> String {
         format!(
             "no compass is in it: ground velocity less a wind of {:.1} m/s from {:.0} deg true, which the velocities \
              themselves show; {:.1} m/s through the air, scatter {:.1}. Its own sigma, which is in the figures, is up to \
@@ -239,24 +242,27 @@ fn velocities_in_flight(velocities: Vec<GroundVelocity>) -> Option<Vec<GroundVel
         velocities.iter().map(|velocity| velocity.velocity_m_s.norm()).filter(|m_s| *m_s > MIN_SPEED_M_S).collect();
     speeds.sort_by(f64::total_cmp);
     let fast_m_s = *speeds.get(speeds.len() * 9 / 10)?;
-    let least_m_s = MIN_SPEED_M_S.max(MIN_SHARE_OF_FAST_SPEED * fast_m_s);
-    let moving: Vec<GroundVelocity> =
+    let least_m_s = MIN_SPEED_M_S.max(MIN_FRACTION_OF_FAST_SPEED * fast_m_s);
+    let flight_velocities: Vec<GroundVelocity> =
         velocities.into_iter().filter(|velocity| velocity.velocity_m_s.norm() > least_m_s).collect();
-    (moving.len() >= MIN_VELOCITIES).then_some(moving)
+    (flight_velocities.len() >= MIN_VELOCITIES).then_some(flight_velocities)
 }
 
 /// Velocities near the circle, if most are.
-fn on_circle(moving: &[GroundVelocity], circle: &VelocityCircle) -> Result<Vec<GroundVelocity>, GpsCourseRejection> {
+fn velocities_near_circle(
+    flight_velocities: &[GroundVelocity],
+    circle: &VelocityCircle,
+) -> Result<Vec<GroundVelocity>, GpsCourseRejection> {
     let airspeed_m_s = circle.radius_m_s;
     if airspeed_m_s < MIN_AIRSPEED_M_S {
         return Err(GpsCourseRejection::TooSlow);
     }
-    let near_circle: Vec<GroundVelocity> = moving
+    let near_circle: Vec<GroundVelocity> = flight_velocities
         .iter()
         .filter(|velocity| circle.radial_residual_m_s(velocity).abs() < MAX_RADIAL_RESIDUAL * airspeed_m_s)
         .copied()
         .collect();
-    let is_most = near_circle.len() as f64 >= MIN_FRACTION_ON_CIRCLE * moving.len() as f64;
+    let is_most = near_circle.len() as f64 >= MIN_FRACTION_ON_CIRCLE * flight_velocities.len() as f64;
     is_most.then_some(near_circle).ok_or(GpsCourseRejection::NoCircle)
 }
 
@@ -326,8 +332,9 @@ impl VelocityCircle {
 
     /// One Gauss-Newton step on radial distances with Tukey's biweight.
     fn refined_circle(self, velocities: &[GroundVelocity]) -> Option<Self> {
-        /// Tukey's constant times the MAD factor; and the least scale, a receiver's noise, m/s.
+        /// Cut-off of Tukey's biweight per median absolute residual: 4.685 standard deviations.
         const TUKEY_CUTOFF_PER_MAD: f64 = 4.685 * 1.4826;
+        /// Least median residual, m/s: a receiver's noise.
         const MIN_SCALE_M_S: f64 = 0.1;
         let scale = median(velocities.iter().map(|velocity| self.radial_residual_m_s(velocity).abs()))
             .max(MIN_SCALE_M_S)
@@ -373,7 +380,7 @@ impl VelocityCircle {
 
 struct HeadingIntegral {
     /// Time, seconds, and integrated heading rate, radians.
-    integral: Vec<(f64, f64)>,
+    heading_by_time: Vec<(f64, f64)>,
     /// Times of the attitude rows with a bank above `MAX_BANK_DEG`, seconds.
     banked_s: Vec<f64>,
 }
@@ -397,32 +404,35 @@ impl HeadingIntegral {
             nose.push((row.t_s, heading_integral));
             last = Some((row.t_s, heading_integral, rate));
         }
-        (!nose.is_empty()).then_some(Self { integral: nose, banked_s })
+        (!nose.is_empty()).then_some(Self { heading_by_time: nose, banked_s })
     }
 
     /// Whether the aircraft flies straight around a time.
     fn is_straight(&self, t_s: f64) -> bool {
         let from = self.banked_s.partition_point(|at_s| *at_s < t_s - MIN_STRAIGHT_S);
         let is_banked = self.banked_s.get(from).is_some_and(|at_s| *at_s <= t_s + MIN_STRAIGHT_S);
-        let nose = |by_s: f64| self.nose_angle_rad(t_s + by_s);
+        let nose = |by_s: f64| self.integrated_heading_rad(t_s + by_s);
         let (Some(before), Some(now), Some(after)) = (nose(-MIN_STRAIGHT_S), nose(0.0), nose(MIN_STRAIGHT_S)) else {
             return false;
         };
-        let max_turn_rad = (MAX_TURN_DEG_S * MIN_STRAIGHT_S).to_radians();
+        let max_turn_rad = (MAX_TURN_RATE_DEG_S * MIN_STRAIGHT_S).to_radians();
         !is_banked && (now - before).abs() < max_turn_rad && (after - now).abs() < max_turn_rad
     }
 
-    fn nose_angle_rad(&self, t_s: f64) -> Option<f64> {
-        let after = self.integral.partition_point(|(at_s, _)| *at_s <= t_s);
-        let (&(from_s, from), &(to_s, to)) = (self.integral.get(after.checked_sub(1)?)?, self.integral.get(after)?);
+    fn integrated_heading_rad(&self, t_s: f64) -> Option<f64> {
+        let after = self.heading_by_time.partition_point(|(at_s, _)| *at_s <= t_s);
+        let (&(from_s, from), &(to_s, to)) =
+            (self.heading_by_time.get(after.checked_sub(1)?)?, self.heading_by_time.get(after)?);
         (to_s - from_s < MAX_GAP_S).then(|| from + (to - from) * (t_s - from_s) / (to_s - from_s))
     }
 
     /// Whether the nose turned as the air velocity did, over all turns.
     fn nose_turns_with_velocity(&self, velocities: &[GroundVelocity], circle: &VelocityCircle) -> bool {
-        /// Comparison interval, seconds; least turn, radians; largest fraction that may differ.
+        /// Interval over which turns of nose and course are compared, seconds.
         const COMPARISON_INTERVAL_S: f64 = 5.0;
+        /// Least turn that is compared, radians.
         const MIN_COMPARED_TURN_RAD: f64 = 0.35;
+        /// Largest fraction of the turns by which nose and course may differ.
         const MAX_MISMATCHED_FRACTION: f64 = 0.3;
         let (mut total_rad, mut mismatched_rad) = (0.0, 0.0);
         let mut first = 0;
@@ -439,8 +449,8 @@ impl HeadingIntegral {
                 .map(|pair| f64::from(wrap_pi((circle.heading_rad(&pair[1]) - circle.heading_rad(&pair[0])) as f32)))
                 .sum();
             let nose = self
-                .nose_angle_rad(velocity.t_s)
-                .zip(self.nose_angle_rad(velocities[first].t_s))
+                .integrated_heading_rad(velocity.t_s)
+                .zip(self.integrated_heading_rad(velocities[first].t_s))
                 .map(|(to, from)| to - from);
             first = i;
             let Some(nose) = nose else { continue };

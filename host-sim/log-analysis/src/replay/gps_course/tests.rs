@@ -80,7 +80,7 @@ const CIRCLE: VelocityCircle = VelocityCircle { wind_m_s: Vector2::new(1.0, -2.0
 #[test]
 fn slow_flight_or_varying_airspeed_is_rejected() {
     for (airspeed_m_s, is_fast) in [(8.5, true), (7.5, false)] {
-        let on_circle_velocities = on_circle(
+        let on_circle_velocities = velocities_near_circle(
             &velocities_at_headings(airspeed_m_s, 0.0, 1.0, circle_headings(100)),
             &VelocityCircle { radius_m_s: airspeed_m_s, ..CIRCLE },
         );
@@ -89,7 +89,7 @@ fn slow_flight_or_varying_airspeed_is_rejected() {
     for (slower, is_circle) in [(25, true), (35, false)] {
         let mut velocities = velocities_at_headings(20.0, 0.0, 1.0, circle_headings(100));
         velocities[..slower].copy_from_slice(&velocities_at_headings(14.0, 0.0, 1.0, circle_headings(100))[..slower]);
-        let on_circle_velocities = on_circle(&velocities, &CIRCLE);
+        let on_circle_velocities = velocities_near_circle(&velocities, &CIRCLE);
         assert_eq!(on_circle_velocities.map(|flown| flown.len()).ok(), is_circle.then_some(100 - slower), "{slower}");
     }
 }
@@ -101,7 +101,7 @@ fn velocities_far_from_the_circle_are_excluded() {
         let mut velocities = velocities_at_headings(20.0, 0.0, 1.0, circle_headings(100));
         velocities[..10].copy_from_slice(&velocities_at_headings(airspeed_m_s, 0.0, 1.0, circle_headings(100))[..10]);
         assert_eq!(
-            on_circle(&velocities, &CIRCLE).map(|expected_count| expected_count.len()),
+            velocities_near_circle(&velocities, &CIRCLE).map(|expected_count| expected_count.len()),
             Ok(expected_count),
             "{airspeed_m_s}"
         );
@@ -194,7 +194,7 @@ fn the_gyro_heading_must_follow_the_course() {
         let at = |(i, v): (usize, &GroundVelocity)| {
             (v.t_s, i as f64 * step_rad + if v.t_s > 60.0 { turned_rad } else { 0.0 })
         };
-        HeadingIntegral { integral: points.iter().enumerate().map(at).collect(), banked_s: Vec::new() }
+        HeadingIntegral { heading_by_time: points.iter().enumerate().map(at).collect(), banked_s: Vec::new() }
     };
     let velocities = velocities_at_headings(20.0, 0.0, 0.5, circle_headings(240));
     for (share, nose_turns_with_velocity) in [(1.0, true), (0.72, true), (0.68, false), (-1.0, false)] {
@@ -213,7 +213,7 @@ fn the_gyro_heading_must_follow_the_course() {
         .collect();
     assert!(nose(0.0, &legs, 9.0).nose_turns_with_velocity(&legs, &CIRCLE));
     assert!(
-        nose(1.0, &with_gap, 0.0).nose_angle_rad(75.0).is_none()
-            && nose(1.0, &with_gap, 0.0).nose_angle_rad(30.1).is_some()
+        nose(1.0, &with_gap, 0.0).integrated_heading_rad(75.0).is_none()
+            && nose(1.0, &with_gap, 0.0).integrated_heading_rad(30.1).is_some()
     );
 }

@@ -11,34 +11,38 @@ use super::ReplayRow;
 use crate::log::FieldCorrection;
 use crate::numbers::{median, square};
 
-/// Numbers of unknowns: without the step (`W`, `b`, strength, vertical component), and with it.
+/// Number of unknowns without the step: `W`, `b`, strength, vertical component.
 const UNKNOWNS_WITHOUT_STEP: usize = 14;
+/// Number of unknowns with the three components of the step.
 const UNKNOWNS_WITH_STEP: usize = UNKNOWNS_WITHOUT_STEP + 3;
 
-/// Number of candidate times, and least number of rows on either side of one.
+/// Number of candidate times of the step.
 const CANDIDATE_TIMES: usize = 120;
-const MIN_ROWS: usize = 60;
+/// Least number of rows on either side of a candidate time.
+const MIN_ROWS_PER_SIDE: usize = 60;
 
 /// Largest number of rows in which a hard-iron step is searched.
 const MAX_ROWS: usize = 4000;
 
-/// Detection thresholds: standard deviations of the largest component, size in microtesla (smaller steps hardly affect
-/// headings), and ratio of the median residual with the step to that without.
-pub(super) const MIN_SIGMAS: f64 = 8.0;
+/// Smallest detected step: its largest component in standard deviations.
+pub(super) const MIN_STEP_SIGMAS: f64 = 8.0;
+/// Smallest detected step, microtesla; smaller ones hardly affect headings.
 const MIN_STEP_UT: f64 = 1.0;
+/// Largest ratio of the median residual of all rows with the step to that without, at which a step is detected.
 const MAX_TOTAL_SCATTER_RATIO: f64 = 0.85;
 
-/// Alternative limits of the residual ratio for a step near either end: of the shorter side, and of all rows. The
-/// second rejects false steps of 1 to 4 uT in a VTOL's hover, which increase other residuals.
+/// Largest such ratio of the rows on the shorter side alone, for a step near either end of the rows.
 const MAX_SHORT_SIDE_SCATTER_RATIO: f64 = 0.6;
+/// Largest ratio of all rows for such a step: rejects false steps of 1 to 4 uT in a VTOL's hover, which increase other
+/// residuals.
 const MAX_TOTAL_SCATTER_RATIO_NEAR_END: f64 = 0.97;
 
 /// Number of successive rows with correlated errors, about one second; inflates the step's variance.
 const CORRELATED_ROWS: f64 = 10.0;
 
-/// Largest number of iterations, and change of the step at convergence, standard deviations. A large step clips
-/// residuals and takes about a dozen iterations.
+/// Largest number of iterations: a large step clips residuals and takes about a dozen.
 const MAX_ITERATIONS: usize = 40;
+/// Change of the step in an iteration at convergence, standard deviations.
 const CONVERGED_SIGMAS: f64 = 0.1;
 
 /// Clipping limit of residuals, in robust standard deviations.
@@ -75,35 +79,35 @@ pub fn find_step(rows: &[ReplayRow], initial: &FieldCorrection) -> Option<HardIr
     let usable: Vec<&ReplayRow> = rows.iter().filter(|row| row.is_usable).collect();
     let row_stride = usable.len().div_ceil(MAX_ROWS).max(1);
     let usable: Vec<&ReplayRow> = usable.into_iter().step_by(row_stride).collect();
-    if usable.len() < 2 * MIN_ROWS {
+    if usable.len() < 2 * MIN_ROWS_PER_SIDE {
         return None;
     }
     let without = StepEstimate::from_correction(&usable, initial);
     let mut estimate = without.clone();
     let mut change = None;
     for _ in 0..MAX_ITERATIONS {
-        let (before, previous) = (estimate.step_ut, change.map(|(first, _)| first));
-        let (first, sigma) = estimate.estimate_step(&usable, previous)?;
-        change = Some((estimate.first_row_after_step(&usable).unwrap_or(first), sigma));
-        let is_settled = (estimate.step_ut - before).component_div(&sigma).amax() < CONVERGED_SIGMAS;
-        if is_settled && change.map(|(first, _)| first) == previous {
+        let (previous_step_ut, previous_row) = (estimate.step_ut, change.map(|(first_row_after, _)| first_row_after));
+        let (first_row_after, sigma) = estimate.estimate_step(&usable, previous_row)?;
+        change = Some((estimate.first_row_after_step(&usable).unwrap_or(first_row_after), sigma));
+        let is_settled = (estimate.step_ut - previous_step_ut).component_div(&sigma).amax() < CONVERGED_SIGMAS;
+        if is_settled && change.map(|(first_row_after, _)| first_row_after) == previous_row {
             break;
         }
     }
-    let (first, sigma) = change?;
-    let scatter_ratio = |rows: &[&ReplayRow], first| {
-        estimate.residual_scatter(rows, Some(first)) / without.residual_scatter(rows, None)
+    let (first_row_after, sigma) = change?;
+    let scatter_ratio = |rows: &[&ReplayRow], first_row_after| {
+        estimate.residual_scatter(rows, Some(first_row_after)) / without.residual_scatter(rows, None)
     };
-    let (before, after) = usable.split_at(first);
+    let (before, after) = usable.split_at(first_row_after);
     let short_side_ratio =
         if after.len() < before.len() { scatter_ratio(after, 0) } else { scatter_ratio(before, before.len()) };
-    let total_ratio = scatter_ratio(&usable, first);
+    let total_ratio = scatter_ratio(&usable, first_row_after);
     let is_better = total_ratio < MAX_TOTAL_SCATTER_RATIO
         || total_ratio < MAX_TOTAL_SCATTER_RATIO_NEAR_END && short_side_ratio < MAX_SHORT_SIDE_SCATTER_RATIO;
     let hard_iron_step =
-        HardIronStep { time_s: usable[first].t_s, step_ut: estimate.step_ut.into(), sigma_ut: sigma.into() };
+        HardIronStep { time_s: usable[first_row_after].t_s, step_ut: estimate.step_ut.into(), sigma_ut: sigma.into() };
     let sigmas = estimate.step_ut.component_div(&sigma).amax();
-    (sigmas > MIN_SIGMAS && hard_iron_step.size_ut() > MIN_STEP_UT && is_better).then_some(hard_iron_step)
+    (sigmas > MIN_STEP_SIGMAS && hard_iron_step.size_ut() > MIN_STEP_UT && is_better).then_some(hard_iron_step)
 }
 
 #[derive(Clone)]
@@ -146,34 +150,37 @@ impl StepEstimate {
         [field.norm() - self.strength_ut, row.down_in_body().dot(&field) - self.vertical_ut]
     }
 
-    fn residual_scatter(&self, rows: &[&ReplayRow], first: Option<usize>) -> f64 {
-        let all =
-            rows.iter().enumerate().flat_map(|(i, row)| self.residuals(row, first.is_some_and(|first| i >= first)));
+    fn residual_scatter(&self, rows: &[&ReplayRow], first_row_after: Option<usize>) -> f64 {
+        let all = rows.iter().enumerate().flat_map(|(i, row)| {
+            self.residuals(row, first_row_after.is_some_and(|first_row_after| i >= first_row_after))
+        });
         median(all.map(f64::abs))
     }
 
     /// One Gauss-Newton iteration. Selects the candidate time unless given; returns the first row after the step and
     /// the step's standard deviation.
-    fn estimate_step(&mut self, rows: &[&ReplayRow], given: Option<usize>) -> Option<(usize, Vector3<f64>)> {
-        let scale = (1.4826 * self.residual_scatter(rows, given)).max(1e-6);
+    fn estimate_step(&mut self, rows: &[&ReplayRow], given_first_row: Option<usize>) -> Option<(usize, Vector3<f64>)> {
+        let scale = (1.4826 * self.residual_scatter(rows, given_first_row)).max(1e-6);
         // Normal equations of the rows from each candidate on; after the loop, of all rows.
-        let instants: Vec<usize> = (1..=CANDIDATE_TIMES).map(|i| rows.len() * i / (CANDIDATE_TIMES + 1)).collect();
+        let candidate_rows: Vec<usize> =
+            (1..=CANDIDATE_TIMES).map(|i| rows.len() * i / (CANDIDATE_TIMES + 1)).collect();
         let mut sums: Vec<(usize, DMatrix<f64>, DVector<f64>)> = Vec::new();
         let (mut matrix, mut right_side) =
             (DMatrix::zeros(UNKNOWNS_WITHOUT_STEP, UNKNOWNS_WITHOUT_STEP), DVector::zeros(UNKNOWNS_WITHOUT_STEP));
         let mut squares = 0.0;
         for (i, row) in rows.iter().enumerate().rev() {
-            let is_after = given.is_some_and(|first| i >= first);
+            let is_after = given_first_row.is_some_and(|first_row_after| i >= first_row_after);
             for (residual, row_derivatives) in
-                self.residuals(row, is_after).into_iter().zip(self.derivatives(row, is_after))
+                self.residuals(row, is_after).into_iter().zip(self.residual_derivatives(row, is_after))
             {
                 let clipped = residual.clamp(-CLIP_SIGMAS * scale, CLIP_SIGMAS * scale);
                 squares += clipped * clipped;
                 matrix.ger(1.0, &row_derivatives, &row_derivatives, 1.0);
                 right_side.axpy(-clipped, &row_derivatives, 1.0);
             }
-            let is_tried = given.map_or_else(|| instants.contains(&i), |first| first == i);
-            if is_tried && i >= MIN_ROWS && rows.len() - i >= MIN_ROWS {
+            let is_candidate =
+                given_first_row.map_or_else(|| candidate_rows.contains(&i), |first_row_after| first_row_after == i);
+            if is_candidate && i >= MIN_ROWS_PER_SIDE && rows.len() - i >= MIN_ROWS_PER_SIDE {
                 sums.push((i, matrix.clone(), right_side.clone()));
             }
         }
@@ -185,7 +192,7 @@ impl StepEstimate {
                 Some((*i, solution, gain, sigma))
             })
             .max_by(|(_, _, a, _), (_, _, b, _)| a.total_cmp(b))?;
-        let (first, solution, _, sigma) = best;
+        let (first_row_after, solution, _, sigma) = best;
         for row in 0..3 {
             for column in 0..3 {
                 self.matrix[(row, column)] += solution[3 * row + column];
@@ -197,7 +204,7 @@ impl StepEstimate {
         self.vertical_ut += solution[13];
         self.step_ut += solved_vector(UNKNOWNS_WITHOUT_STEP);
         let variance = squares / (2.0 * rows.len() as f64);
-        Some((first, sigma * (variance * CORRELATED_ROWS).sqrt()))
+        Some((first_row_after, sigma * (variance * CORRELATED_ROWS).sqrt()))
     }
 
     /// First row after the step, by least squared residuals of the current estimates.
@@ -209,20 +216,21 @@ impl StepEstimate {
                 .map(|residual| square(residual.clamp(-CLIP_SIGMAS * scale, CLIP_SIGMAS * scale)))
                 .sum()
         };
-        // Cumulative squared residuals of the rows if before the step, less those if after it.
-        let mut saved = 0.0;
+        // Cumulative sum over the rows: squared residuals as before the step, less those as after it.
+        let mut reduction = 0.0;
         let sums: Vec<f64> = rows
             .iter()
             .map(|row| {
-                saved += squares(row, false) - squares(row, true);
-                saved
+                reduction += squares(row, false) - squares(row, true);
+                reduction
             })
             .collect();
-        (MIN_ROWS..rows.len().saturating_sub(MIN_ROWS)).min_by(|a, b| sums[a - 1].total_cmp(&sums[b - 1]))
+        (MIN_ROWS_PER_SIDE..rows.len().saturating_sub(MIN_ROWS_PER_SIDE))
+            .min_by(|a, b| sums[a - 1].total_cmp(&sums[b - 1]))
     }
 
     /// Derivatives of both residuals by the unknowns.
-    fn derivatives(&self, row: &ReplayRow, is_after: bool) -> [DVector<f64>; 2] {
+    fn residual_derivatives(&self, row: &ReplayRow, is_after: bool) -> [DVector<f64>; 2] {
         let step_ut = if is_after { self.step_ut } else { Vector3::zeros() };
         let raw = self.without_hard_iron(row) - step_ut;
         let field = self.matrix * raw;

@@ -6,19 +6,19 @@ use testkit::random::Random;
 use super::*;
 
 /// First row after the step, of 1800, midway between two candidate times.
-const AT: u16 = 1007;
+const FIRST_ROW_AFTER_STEP: u16 = 1007;
 
 /// 180 s of banks to 30 deg and pitch to 15 deg in 50 uT, with a step, white noise, and motor-current interference
 /// at 10 A before and 30 A after the step.
-fn rows(step_ut: Vector3<f32>, noise_ut: f32, by_current_ut: Vector3<f32>, seed: u64) -> Vec<ReplayRow> {
-    rows_from(AT, step_ut, noise_ut, by_current_ut, seed)
+fn rows(step_ut: Vector3<f32>, noise_ut: f32, motor_ut_per_a: Vector3<f32>, seed: u64) -> Vec<ReplayRow> {
+    rows_from(FIRST_ROW_AFTER_STEP, step_ut, noise_ut, motor_ut_per_a, seed)
 }
 
 fn rows_from(
     step_row: u16,
     step_ut: Vector3<f32>,
     noise_ut: f32,
-    by_current_ut: Vector3<f32>,
+    motor_ut_per_a: Vector3<f32>,
     seed: u64,
 ) -> Vec<ReplayRow> {
     let mut random = Random(seed);
@@ -29,7 +29,7 @@ fn rows_from(
         let noise = Vector3::from_fn(|_, _| random.normal() * noise_ut);
         let current_a = if is_after { 30.0 } else { 10.0 };
         let step_ut = if is_after { step_ut } else { Vector3::zeros() };
-        let field = Field::new(earth + noise + step_ut + by_current_ut * current_a);
+        let field = Field::new(earth + noise + step_ut + motor_ut_per_a * current_a);
         ReplayRow {
             t_s: f64::from(i) / 10.0,
             raw_field: field,
@@ -55,7 +55,7 @@ fn a_hard_iron_step_is_found_with_its_time_and_sigma() {
     for seed in 0..20 {
         let step_ut = [4.0, -3.0, 2.0];
         let change = find_simulated(step_ut, 0.5, seed).unwrap();
-        assert!((change.time_s - f64::from(AT) / 10.0).abs() < 0.35, "{change:?}");
+        assert!((change.time_s - f64::from(FIRST_ROW_AFTER_STEP) / 10.0).abs() < 0.35, "{change:?}");
         assert_eq!(change.axis(), 'x');
         errors.extend((0..3).map(|i| (change.step_ut[i] - f64::from(step_ut[i])) / change.sigma_ut[i]));
     }
@@ -100,9 +100,9 @@ fn a_hard_iron_step_needs_enough_rows() {
 
 #[test]
 fn motor_current_interference_is_not_a_hard_iron_step() {
-    let by_current_ut = Vector3::new(0.3, -0.2, 0.1);
-    let rows = rows(Vector3::zeros(), 0.3, by_current_ut, 1);
-    let correction = FieldCorrection { motor_ut_per_a: by_current_ut.map(f64::from), ..FieldCorrection::identity() };
+    let motor_ut_per_a = Vector3::new(0.3, -0.2, 0.1);
+    let rows = rows(Vector3::zeros(), 0.3, motor_ut_per_a, 1);
+    let correction = FieldCorrection { motor_ut_per_a: motor_ut_per_a.map(f64::from), ..FieldCorrection::identity() };
     assert_eq!(find_step(&rows, &correction), None);
     let change = find_step(&rows, &FieldCorrection::identity()).unwrap();
     assert!((change.step_ut[0] - 6.0).abs() < 0.5, "20 A of 0.3 uT: {change:?}");
@@ -111,14 +111,14 @@ fn motor_current_interference_is_not_a_hard_iron_step() {
 #[test]
 fn unusable_rows_give_no_hard_iron_step() {
     let mut rows = rows(Vector3::new(8.0, 0.0, 0.0), 0.3, Vector3::zeros(), 1);
-    rows.iter_mut().skip(usize::from(AT)).for_each(|row| row.is_usable = false);
+    rows.iter_mut().skip(usize::from(FIRST_ROW_AFTER_STEP)).for_each(|row| row.is_usable = false);
     assert_eq!(find_step(&rows, &FieldCorrection::identity()), None);
 }
 
 #[test]
 fn a_hard_iron_step_needs_six_seconds_of_rows_on_each_side() {
     let all_rows = rows(Vector3::new(8.0, -4.0, 3.0), 0.1, Vector3::zeros(), 1);
-    let step_row = usize::from(AT);
+    let step_row = usize::from(FIRST_ROW_AFTER_STEP);
     for (around, is_found) in [(59, false), (61, true)] {
         let change = find_step(&all_rows[step_row - around..step_row + around], &FieldCorrection::identity());
         assert_eq!(change.is_some(), is_found, "{around}: {change:?}");
@@ -168,7 +168,7 @@ fn a_hard_iron_step_in_a_tenth_of_the_rows_is_found() {
                 let step_ut = Vector3::new(moved_ut, 0.0, 0.0);
                 let rows = rows_from(step_row, step_ut, noise_ut, Vector3::zeros(), seed);
                 // The correction fits the majority of the rows.
-                let centre_ut = if step_row < AT { step_ut.map(f64::from) } else { Vector3::zeros() };
+                let centre_ut = if step_row < FIRST_ROW_AFTER_STEP { step_ut.map(f64::from) } else { Vector3::zeros() };
                 let change =
                     find_step(&rows, &FieldCorrection { hard_iron_ut: centre_ut, ..FieldCorrection::identity() });
                 assert_eq!(change.is_some(), is_found, "{step_row}, {seed}: {moved_ut} uT in {noise_ut}: {change:?}");

@@ -23,10 +23,12 @@ const ROW_AVERAGING_S: f64 = 0.09;
 /// are ignored.
 const MAX_CUBIC_DEVIATION_RAD: f32 = 0.1;
 
-/// Tilt limits in a window: margin, radians; factor on the integrated (sampled) body rates; window, seconds. A larger
-/// change of tilt is an alignment or reset of the attitude filter.
+/// Change of tilt allowed in a window beyond the integrated body rates, radians: more is an alignment or reset of the
+/// attitude filter.
 const TILT_MARGIN_RAD: f32 = 0.035;
+/// Factor on the integrated body rates, which are sampled.
 const TILT_RATE_FACTOR: f32 = 2.0;
+/// Length of the window, seconds.
 const TILT_WINDOW_S: f64 = 1.0;
 
 /// Margin of a single step of tilt beyond the body rates, radians (6 deg): more is a jump of the attitude.
@@ -121,18 +123,18 @@ impl RowCounts {
 pub fn build_rows(
     flight: &Flight,
     compass: &Compass,
-    age_s: f64,
+    latency_s: f64,
     reference: Option<&ReferenceHeading>,
 ) -> (Vec<ReplayRow>, RowCounts) {
     let mut row_counts = RowCounts { readings: compass.field.rows().len(), ..RowCounts::default() };
     // A log that was never armed has no arming state.
-    let was_armed = compass.field.rows().iter().any(|row| flight.is_armed(row.t_s - age_s) == Some(true));
-    let unsettled = contradicting_intervals(flight);
+    let was_armed = compass.field.rows().iter().any(|row| flight.is_armed(row.t_s - latency_s) == Some(true));
+    let unsettled = intervals_contradicting_rates(flight);
     let gap_s = data_loss::max_attitude_gap_s(flight, MAX_GAP_S);
     let mut rows = Vec::new();
     let mut accumulator = RowAccumulator::default();
     for reading in compass.field.rows() {
-        let t_s = reading.t_s - age_s;
+        let t_s = reading.t_s - latency_s;
         let attitude_and_rates =
             attitude_at(flight, t_s).filter(|_| flight.attitude.surrounding_rows(t_s, gap_s).is_some());
         let Some((attitude, rates)) = attitude_and_rates else {
@@ -143,24 +145,24 @@ pub fn build_rows(
             row_counts.unsettled += 1;
             continue;
         }
-        if accumulator.number > 0 && t_s - accumulator.first_s >= ROW_AVERAGING_S {
+        if accumulator.reading_count > 0 && t_s - accumulator.first_s >= ROW_AVERAGING_S {
             rows.push(accumulator.replay_row(flight, reference));
             accumulator = RowAccumulator::default();
         }
         accumulator.add_reading(t_s, reading, attitude, rates);
     }
-    if accumulator.number > 0 {
+    if accumulator.reading_count > 0 {
         rows.push(accumulator.replay_row(flight, reference));
     }
-    let [moved_s, stopped_s] = moving_interval_s(flight);
+    let [first_movement_s, last_movement_s] = moving_interval_s(flight);
     for row in &mut rows {
         let is_excluded = flight
             .usable_rows
-            .adjacent_rows(row.t_s + age_s + 1e-6)
+            .adjacent_rows(row.t_s + latency_s + 1e-6)
             .0
             .is_some_and(|usability| usability.row_values[0] == 0.0);
         let is_disarmed = was_armed && flight.is_armed(row.t_s) == Some(false);
-        let is_on_the_ground = row.t_s < moved_s || row.t_s > stopped_s;
+        let is_on_the_ground = row.t_s < first_movement_s || row.t_s > last_movement_s;
         row.is_usable = !is_excluded && !is_disarmed && !is_on_the_ground;
         row_counts.kept_out += usize::from(is_excluded);
         row_counts.disarmed += usize::from(is_disarmed && !is_excluded);
@@ -178,57 +180,57 @@ pub fn build_rows(
 
 #[derive(Default)]
 struct RowAccumulator {
-    number: u16,
+    reading_count: u16,
     first_s: f64,
-    t_s: f64,
-    raw: [f32; 3],
-    logged: [f32; 3],
+    time_sum_s: f64,
+    raw_sum_ut: [f32; 3],
+    logged_sum_ut: [f32; 3],
     first_roll_rad: f32,
-    roll_rad: f32,
-    pitch_rad: f32,
-    rates: [f32; 3],
-    rates_number: u16,
+    roll_sum_rad: f32,
+    pitch_sum_rad: f32,
+    rate_sum_rad_s: [f32; 3],
+    rate_count: u16,
 }
 
 impl RowAccumulator {
     fn add_reading(&mut self, t_s: f64, reading: &TimedRow<6>, attitude: Attitude, rates: Option<[f32; 3]>) {
-        if self.number == 0 {
+        if self.reading_count == 0 {
             (self.first_s, self.first_roll_rad) = (t_s, attitude.roll_rad);
         }
-        self.number += 1;
-        self.t_s += t_s - self.first_s;
+        self.reading_count += 1;
+        self.time_sum_s += t_s - self.first_s;
         let [x, y, z, cx, cy, cz] = reading.row_values;
-        for (sum, axis) in self.raw.iter_mut().chain(&mut self.logged).zip([x, y, z, cx, cy, cz]) {
+        for (sum, axis) in self.raw_sum_ut.iter_mut().chain(&mut self.logged_sum_ut).zip([x, y, z, cx, cy, cz]) {
             *sum += axis;
         }
-        self.roll_rad += wrap_pi(attitude.roll_rad - self.first_roll_rad);
-        self.pitch_rad += attitude.pitch_rad;
+        self.roll_sum_rad += wrap_pi(attitude.roll_rad - self.first_roll_rad);
+        self.pitch_sum_rad += attitude.pitch_rad;
         if let Some(rates) = rates {
-            self.rates_number += 1;
-            for (sum, rate) in self.rates.iter_mut().zip(rates) {
+            self.rate_count += 1;
+            for (sum, rate) in self.rate_sum_rad_s.iter_mut().zip(rates) {
                 *sum += rate;
             }
         }
     }
 
     fn replay_row(&self, flight: &Flight, reference: Option<&ReferenceHeading>) -> ReplayRow {
-        let reading_count = f32::from(self.number);
+        let reading_count = f32::from(self.reading_count);
         let field = |sum: [f32; 3]| {
             let [x, y, z] = sum.map(|axis| axis / reading_count);
             Field::from_ut(x, y, z)
         };
-        let t_s = self.first_s + self.t_s / f64::from(reading_count);
+        let t_s = self.first_s + self.time_sum_s / f64::from(reading_count);
         let attitude = Attitude {
-            roll_rad: wrap_pi(self.first_roll_rad + self.roll_rad / reading_count),
-            pitch_rad: self.pitch_rad / reading_count,
+            roll_rad: wrap_pi(self.first_roll_rad + self.roll_sum_rad / reading_count),
+            pitch_rad: self.pitch_sum_rad / reading_count,
         };
-        let rates = self.rates.map(|sum| sum / f32::from(self.rates_number.max(1)));
+        let rates = self.rate_sum_rad_s.map(|sum| sum / f32::from(self.rate_count.max(1)));
         ReplayRow {
             t_s,
-            raw_field: field(self.raw),
-            logged_field: field(self.logged),
+            raw_field: field(self.raw_sum_ut),
+            logged_field: field(self.logged_sum_ut),
             attitude,
-            rates_rad_s: (self.rates_number > 0).then_some(rates),
+            rates_rad_s: (self.rate_count > 0).then_some(rates),
             current_a: current_at(flight, t_s),
             is_usable: true,
             reference_deg: reference.and_then(|reference| reference.heading_deg(flight, t_s)),
@@ -256,7 +258,7 @@ fn moving_interval_s(flight: &Flight) -> [f64; 2] {
 }
 
 /// Intervals in which the attitude changed more than the body rates allow, seconds.
-fn contradicting_intervals(flight: &Flight) -> Vec<[f64; 2]> {
+fn intervals_contradicting_rates(flight: &Flight) -> Vec<[f64; 2]> {
     let rows = flight.attitude.rows();
     let mut intervals: Vec<[f64; 2]> = Vec::new();
     // Time of the last start or gap, after which the attitude filter may be aligning.

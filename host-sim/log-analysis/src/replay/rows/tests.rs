@@ -22,8 +22,8 @@ fn compass(from_s: i32, to_s: i32) -> Compass {
 }
 
 /// First and last time of usable rows, and the number of unusable rows.
-fn usable_range(flight: &Flight, compass: &Compass, age_s: f64) -> ([f64; 2], usize) {
-    let (rows, row_counts) = build_rows(flight, compass, age_s, None);
+fn usable_range(flight: &Flight, compass: &Compass, latency_s: f64) -> ([f64; 2], usize) {
+    let (rows, row_counts) = build_rows(flight, compass, latency_s, None);
     let used_s: Vec<f64> = rows.iter().filter(|row| row.is_usable).map(|row| row.t_s).collect();
     assert_eq!(used_s.len(), row_counts.used);
     ([used_s[0], used_s[used_s.len() - 1]], rows.len() - used_s.len())
@@ -46,10 +46,10 @@ fn excluded_rows_are_selected_by_their_logged_time() {
     for i in 10..210 {
         flight.usable_rows.push_row(f64::from(i) / 10.0, [if i < 60 { 0.0 } else { 1.0 }]);
     }
-    let age_s = 0.45;
-    let ([from_s, to_s], unused) = usable_range(&flight, &compass, age_s);
-    assert!((from_s - (6.0 - age_s)).abs() < 1e-6 && (to_s - (20.9 - age_s)).abs() < 1e-6, "{from_s} {to_s}");
-    assert_eq!((unused, build_rows(&flight, &compass, age_s, None).1.kept_out), (50, 50));
+    let latency_s = 0.45;
+    let ([from_s, to_s], unused) = usable_range(&flight, &compass, latency_s);
+    assert!((from_s - (6.0 - latency_s)).abs() < 1e-6 && (to_s - (20.9 - latency_s)).abs() < 1e-6, "{from_s} {to_s}");
+    assert_eq!((unused, build_rows(&flight, &compass, latency_s, None).1.kept_out), (50, 50));
 }
 
 /// A receiver at rest drifts at up to 2 m/s. Movement of less than 20 s is no flight.

@@ -6,7 +6,7 @@ use crate::replay::log_warning;
 #[test]
 fn the_longest_frozen_field_is_reported() {
     for spans in [[(20, 32), (60, 90)], [(20, 50), (60, 72)]] {
-        let (flight, mut compass) = flown_compass();
+        let (flight, mut compass) = compass_of_flown_turns();
         for (from_s, to_s) in spans {
             for (i, row) in compass.rows.iter_mut().enumerate() {
                 if (from_s * 10..=to_s * 10).contains(&i) {
@@ -26,7 +26,7 @@ fn the_longest_frozen_field_is_reported() {
 #[test]
 fn a_field_ending_over_10_s_before_the_log_is_reported() {
     for (early_s, is_reported) in [(9.0, false), (11.0, true)] {
-        let (flight, mut compass) = flown_compass();
+        let (flight, mut compass) = compass_of_flown_turns();
         let end_s = flight.attitude.rows().last().unwrap().t_s;
         compass.rows.retain(|row| row.t_s <= end_s - early_s);
         assert_eq!(log_warning::sensor_failure(&flight, &compass).is_some(), is_reported, "{early_s}");

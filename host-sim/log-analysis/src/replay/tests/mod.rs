@@ -19,7 +19,7 @@ use crate::log::{self, Flight};
 use crate::test_flight::record_turns;
 
 /// A calibrating flight of turns without field latency, and its evaluation.
-static FLOWN: LazyLock<(Flight, FlightEvaluation)> = LazyLock::new(|| {
+static FLOWN_TURNS: LazyLock<(Flight, FlightEvaluation)> = LazyLock::new(|| {
     let recording = record_turns(0.0);
     let flight = log::read_flight(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
     let options = EvaluationOptions { field_latency_s: Some(0.0), ..EvaluationOptions::DEFAULT };
@@ -27,15 +27,15 @@ static FLOWN: LazyLock<(Flight, FlightEvaluation)> = LazyLock::new(|| {
     (flight, verdict)
 });
 
-fn flown_compass() -> (Flight, CompassEvaluation) {
-    let (flight, verdict) = FLOWN.clone();
+fn compass_of_flown_turns() -> (Flight, CompassEvaluation) {
+    let (flight, verdict) = FLOWN_TURNS.clone();
     let compass = verdict.compasses[0].clone();
     assert_eq!(compass.module_result.acceptance, Ok(()));
     (flight, compass)
 }
 
 fn verdict(compasses: Vec<CompassEvaluation>) -> FlightEvaluation {
-    FlightEvaluation { compasses, ..FLOWN.1.clone() }
+    FlightEvaluation { compasses, ..FLOWN_TURNS.1.clone() }
 }
 
 const REFUSED: Result<(), Refusal> = Err(Refusal::Solve(SolveError::NotConverged));

@@ -9,15 +9,15 @@ use crate::replay::parameter_export::{ExportedCorrection, ParameterFormat, expor
 use crate::replay::symmetric_fit::heading_deg as heading_deg_with;
 use crate::score::wrap_180;
 
-fn export_module(compass: &CompassEvaluation, dialect: ParameterFormat) -> ExportedCorrection {
+fn export_module(compass: &CompassEvaluation, format: ParameterFormat) -> ExportedCorrection {
     let calibration = &compass.module_result.solution.as_ref().unwrap().calibration;
-    export_correction(compass.compass_number, &compass.rows, calibration, None, dialect).unwrap()
+    export_correction(compass.compass_number, &compass.rows, calibration, None, format).unwrap()
 }
 
 /// ArduPilot's limit is 1800 mG or `COMPASS_OFFS_MAX`.
 #[test]
 fn offsets_beyond_ardupilots_limit_are_not_exported() {
-    for (dialect, max_offset_mg, offset_mg, is_exceeded) in [
+    for (format, max_offset_mg, offset_mg, is_exceeded) in [
         (ParameterFormat::ArduPilot, None, 1780.0, false),
         (ParameterFormat::ArduPilot, None, 1820.0, true),
         (ParameterFormat::ArduPilot, Some(1850.0), 1820.0, false),
@@ -25,16 +25,16 @@ fn offsets_beyond_ardupilots_limit_are_not_exported() {
         (ParameterFormat::Px4, None, 1820.0, false),
         (ParameterFormat::Inav, None, 1820.0, false),
     ] {
-        let (mut flight, compass) = flown_compass();
+        let (mut flight, compass) = compass_of_flown_turns();
         if let Some(max_offset_mg) = max_offset_mg {
             flight.parameters.set_value(0.0, "COMPASS_OFFS_MAX", max_offset_mg);
         }
-        let mut export = export_module(&compass, dialect);
+        let mut export = export_module(&compass, format);
         export.correction.hard_iron_ut.x = offset_mg / 10.0;
         assert_eq!(
-            export.exceeded_offset_mg(&flight, dialect).is_some(),
+            export.exceeded_offset_mg(&flight, format).is_some(),
             is_exceeded,
-            "{dialect:?} {max_offset_mg:?} {offset_mg}"
+            "{format:?} {max_offset_mg:?} {offset_mg}"
         );
     }
 }
@@ -42,7 +42,7 @@ fn offsets_beyond_ardupilots_limit_are_not_exported() {
 /// A misalignment cannot be expressed by a symmetric matrix; warned from 0.3 deg on.
 #[test]
 fn an_inexpressible_correction_is_reported_from_0_3_deg_on() {
-    let (_, mut compass) = flown_compass();
+    let (_, mut compass) = compass_of_flown_turns();
     let square = export_module(&compass, ParameterFormat::ArduPilot).correction;
     let (mut little, mut much) = (0, 0);
     for quarters in 0..60_u8 {
@@ -65,7 +65,7 @@ fn an_inexpressible_correction_is_reported_from_0_3_deg_on() {
 /// 1.5, -2 and 4 deg; the best symmetric matrix has 2.0 deg RMS over banks to 45 deg, that of the flown rows alone 5.9.
 #[test]
 fn parameters_hold_at_attitudes_that_were_not_flown() {
-    let (_, mut compass) = flown_compass();
+    let (_, mut compass) = compass_of_flown_turns();
     let calibration = &mut compass.module_result.solution.as_mut().unwrap().calibration;
     let turn = Rotation3::from_euler_angles(0.026, -0.035, 0.07);
     let soft_iron = Matrix3::new(1.08, 0.02, 0.01, 0.02, 0.95, -0.04, 0.01, -0.04, 1.02);
@@ -107,15 +107,15 @@ fn parameters_hold_at_attitudes_that_were_not_flown() {
 
 #[test]
 fn inavs_offsets_include_interference_at_the_mean_current() {
-    let (_, mut compass) = flown_compass();
-    let by_current_ut = Vector3::new(0.5_f32, -0.3, 0.0);
+    let (_, mut compass) = compass_of_flown_turns();
+    let motor_ut_per_a = Vector3::new(0.5_f32, -0.3, 0.0);
     let calibration = &mut compass.module_result.solution.as_mut().unwrap().calibration;
-    (calibration.motor_current.ut_per_a, calibration.motor_current.mean_current_a) = (by_current_ut.into(), 20.0);
+    (calibration.motor_current.ut_per_a, calibration.motor_current.mean_current_a) = (motor_ut_per_a.into(), 20.0);
     for row in &mut compass.rows {
         row.current_a = Some(20.0);
-        row.raw_field.ut += by_current_ut * 20.0;
+        row.raw_field.ut += motor_ut_per_a * 20.0;
     }
-    let exported = |dialect| export_module(&compass, dialect);
+    let exported = |format| export_module(&compass, format);
     let (inav, ardupilot) = (exported(ParameterFormat::Inav), exported(ParameterFormat::ArduPilot));
     let added_ut = inav.correction.hard_iron_ut - ardupilot.correction.hard_iron_ut;
     assert!((added_ut.xy() - Vector3::new(10.0, -6.0, 0.0).xy()).norm() < 1.0, "{added_ut}");
@@ -142,14 +142,14 @@ fn export_with_rotation(number: u8, by: f64) -> ExportedCorrection {
 fn parameter_lines(
     parameters: &[(&str, f64)],
     export: &[ExportedCorrection],
-    dialect: ParameterFormat,
+    format: ParameterFormat,
     filter_text: &str,
 ) -> Vec<String> {
     let mut flight = Flight::new(log::LogFormat::DataFlash);
     for &(name, value) in parameters {
         flight.parameters.set_value(0.0, name, value);
     }
-    format_parameter_file(&flight, export, dialect)
+    format_parameter_file(&flight, export, format)
         .lines()
         .filter(|line| line.contains(filter_text))
         .map(str::to_owned)

@@ -5,7 +5,7 @@ use super::*;
 /// The prior has a standard deviation of 1 deg; samples contradict it beyond 4.
 #[test]
 fn a_configured_inclination_is_used_by_the_solver() {
-    let (_, compass) = flown_compass();
+    let (_, compass) = compass_of_flown_turns();
     let found_deg = f64::from(compass.module_result.solution.unwrap().calibration.inclination_rad.to_degrees());
     for (off_deg, is_taken) in [(-6.0, false), (-2.5, true), (0.0, true), (2.5, true), (6.0, false)] {
         for selected in [RowSelection::All, RowSelection::Turns] {
@@ -19,7 +19,7 @@ fn a_configured_inclination_is_used_by_the_solver() {
 /// A contradicted prior fails every trial solve.
 #[test]
 fn a_configured_inclination_is_used_by_trial_solves() {
-    let (_, compass) = flown_compass();
+    let (_, compass) = compass_of_flown_turns();
     let found_deg = f64::from(compass.module_result.solution.unwrap().calibration.inclination_rad.to_degrees());
     for (off_deg, is_ended) in [(0.0, true), (12.0, false)] {
         let options = ReplayOptions {
@@ -50,7 +50,7 @@ fn place_with_inclination(inclination_deg: f64) -> (Position, Date) {
 /// A modelled inclination is dropped if contradicted; a configured one is not, and takes precedence.
 #[test]
 fn a_contradicted_model_inclination_is_dropped() {
-    let (_, compass) = flown_compass();
+    let (_, compass) = compass_of_flown_turns();
     let found_deg = f64::from(compass.module_result.solution.unwrap().calibration.inclination_rad.to_degrees());
     for selected in [RowSelection::All, RowSelection::Turns, RowSelection::Flight] {
         let without_place = ReplayOptions::with_selection(selected);

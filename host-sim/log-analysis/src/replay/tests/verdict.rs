@@ -2,12 +2,12 @@ use super::*;
 use crate::replay::log_warning::LogWarning;
 use crate::replay::verdict::FlightOutcome;
 
-fn notes(flight: &Flight, evaluation: &FlightEvaluation) -> Vec<String> {
+fn warning_texts(flight: &Flight, evaluation: &FlightEvaluation) -> Vec<String> {
     LogWarning::warnings_of_flight(flight, evaluation).iter().map(ToString::to_string).collect()
 }
 
 fn outcome_of_two(change: impl Fn(&mut CompassEvaluation)) -> String {
-    let (_, first) = flown_compass();
+    let (_, first) = compass_of_flown_turns();
     let mut first = CompassEvaluation { compass_number: 1, ..first };
     first.module_result.collection_end_s = Some(40.0 - first.rows[0].t_s);
     let mut second = CompassEvaluation { compass_number: 2, ..first.clone() };
@@ -41,20 +41,20 @@ fn a_verdict_reports_the_worst_compass_s_time_and_accuracy() {
 
 #[test]
 fn the_time_of_the_calibration_is_on_the_log_s_clock() {
-    let (flight, mut compass) = flown_compass();
+    let (flight, mut compass) = compass_of_flown_turns();
     compass.module_result.collection_end_s = Some(70.0);
     let first_s = flight.time_range_s()[0];
     assert!(first_s > 1.0, "the recording does not start at zero: {first_s}");
-    assert!((compass.calibrated_s().unwrap() - first_s - 70.0).abs() < 0.2, "{:?}", compass.calibrated_s());
+    assert!((compass.calibration_time_s().unwrap() - first_s - 70.0).abs() < 0.2, "{:?}", compass.calibration_time_s());
     compass.module_result.collection_end_s = None;
-    assert_eq!(compass.calibrated_s(), None);
+    assert_eq!(compass.calibration_time_s(), None);
 }
 
 /// The limit is 20 readings and 20 usable rows.
 #[test]
 fn a_log_with_under_20_usable_rows_is_the_cause_of_a_refusal() {
     let refused = |readings: usize, used_count: usize| {
-        let (_, mut compass) = flown_compass();
+        let (_, mut compass) = compass_of_flown_turns();
         (compass.module_result.acceptance, compass.module_result.collection_end_s) = (REFUSED, None);
         compass.row_counts =
             RowCounts { readings, used: used_count, disarmed: readings - used_count, ..RowCounts::default() };
@@ -69,7 +69,7 @@ fn a_log_with_under_20_usable_rows_is_the_cause_of_a_refusal() {
 #[test]
 fn the_refusal_of_the_compass_closest_to_acceptance_is_reported() {
     let compass_with = |compass_number: u8, readings: usize| {
-        let (_, mut compass) = flown_compass();
+        let (_, mut compass) = compass_of_flown_turns();
         (compass.module_result.acceptance, compass.module_result.collection_end_s) = (REFUSED, None);
         compass.row_counts = RowCounts { readings, used: readings, ..RowCounts::default() };
         CompassEvaluation { compass_number, ..compass }
@@ -88,7 +88,7 @@ fn the_refusal_of_the_compass_closest_to_acceptance_is_reported() {
 
 fn strength_warning(radius_ut: f64, earth_ut: Option<f32>) -> String {
     use autoswing::earth::{Date, EarthField, Position};
-    let (flight, compass) = flown_compass();
+    let (flight, compass) = compass_of_flown_turns();
     let mut verdict = verdict(vec![CompassEvaluation { radius_ut: Some(radius_ut), ..compass }]);
     verdict.earth_field = earth_ut.map(|total_ut| {
         let field = EarthField::from_model(
@@ -97,17 +97,20 @@ fn strength_warning(radius_ut: f64, earth_ut: Option<f32>) -> String {
         );
         (EarthField { total_ut, ..field.unwrap() }, true)
     });
-    notes(&flight, &verdict).into_iter().find(|note| note.starts_with("compass 1: the field")).unwrap_or_default()
+    warning_texts(&flight, &verdict)
+        .into_iter()
+        .find(|note| note.starts_with("compass 1: the field"))
+        .unwrap_or_default()
 }
 
 /// The limits are a factor of 1.35 about the model, or about the Earth's range of 22 to 67 uT.
 #[test]
 fn an_implausible_field_strength_is_reported() {
-    for (ut, is_told) in [(48.0, false), (64.0, false), (66.0, true), (36.0, false), (35.0, true)] {
-        assert_eq!(!strength_warning(ut, Some(48.0)).is_empty(), is_told, "{ut} uT where there are 48");
+    for (ut, is_reported) in [(48.0, false), (64.0, false), (66.0, true), (36.0, false), (35.0, true)] {
+        assert_eq!(!strength_warning(ut, Some(48.0)).is_empty(), is_reported, "{ut} uT where there are 48");
     }
-    for (ut, is_told) in [(17.0, false), (16.0, true), (90.0, false), (91.0, true)] {
-        assert_eq!(!strength_warning(ut, None).is_empty(), is_told, "{ut} uT anywhere");
+    for (ut, is_reported) in [(17.0, false), (16.0, true), (90.0, false), (91.0, true)] {
+        assert_eq!(!strength_warning(ut, None).is_empty(), is_reported, "{ut} uT anywhere");
     }
     assert!(strength_warning(66.04, Some(48.0)).contains("the field is 66.0 uT strong, by the field model 48.0:"));
     assert!(strength_warning(0.04812, None).contains("the field is 0.0481 uT strong, the Earth's is 22 to 67:"));
@@ -115,21 +118,21 @@ fn an_implausible_field_strength_is_reported() {
 
 #[test]
 fn missing_parameters_are_reported() {
-    let notes_without = |names: &[&str]| {
-        let (mut flight, compass) = flown_compass();
+    let warnings_without = |names: &[&str]| {
+        let (mut flight, compass) = compass_of_flown_turns();
         flight.parameters = log::ParameterHistory::default();
         for name in names {
             flight.parameters.set_value(0.0, name, 1.0);
         }
-        notes(&flight, &verdict(vec![compass]))
+        warning_texts(&flight, &verdict(vec![compass]))
             .into_iter()
             .filter(|note| note.contains("parameters"))
             .collect::<Vec<_>>()
     };
-    assert_eq!(notes_without(&["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z", "COMPASS_OFS2_X"]), [""; 0]);
+    assert_eq!(warnings_without(&["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z", "COMPASS_OFS2_X"]), [""; 0]);
     let missing = "parameters that are not in the log, assumed unset: COMPASS_OFS_X, COMPASS_OFS_Z";
-    assert_eq!(notes_without(&["COMPASS_OFS_Y"]), [missing]);
-    let note_without_all = notes_without(&[]);
+    assert_eq!(warnings_without(&["COMPASS_OFS_Y"]), [missing]);
+    let note_without_all = warnings_without(&[]);
     assert!(
         note_without_all.len() == 1 && note_without_all[0].starts_with("the parameters are not in the log"),
         "{note_without_all:?}"

@@ -19,12 +19,12 @@ impl Verdict<'_> {
         if let Some(is_used) = compass.is_used_for_heading {
             add_fact("autopilot", if is_used { "uses it for its heading" } else { "does not use it" }.to_owned());
         }
-        for HardIronChange { hard_iron_step: step, heading_effect_deg: bend_deg } in &compass.hard_iron_changes {
+        for HardIronChange { hard_iron_step: step, heading_effect_deg } in &compass.hard_iron_changes {
             let [x, y, z] = step.step_ut;
             add_fact(
                 "iron changed",
                 format!(
-                    "{} uT at {:.0} s of the log, most on {} (x {x:+.1}, y {y:+.1}, z {z:+.1}), up to {bend_deg:.0} deg of \
+                    "{} uT at {:.0} s of the log, most on {} (x {x:+.1}, y {y:+.1}, z {z:+.1}), up to {heading_effect_deg:.0} deg of \
                      heading; a drift shows as a step, too",
                     format_number(step.size_ut(), 1),
                     step.time_s,
@@ -43,7 +43,7 @@ impl Verdict<'_> {
             }
             // Parameters that the judgement does not recommend, as those of a failed sensor, are not shown.
             Ok(_) => {}
-            Err(why) => add_fact("parameters", format!("none: {why}")),
+            Err(no_parameters) => add_fact("parameters", format!("none: {no_parameters}")),
         }
         add_fact("module", outcome.to_string());
         if let Some(percent) = sent_percent {

@@ -39,8 +39,8 @@ impl Verdict<'_> {
             },
             "reference": evaluation.reference.as_ref().map(|reference| json!({
                 "name": reference.reference_name(),
-                "is_accuracy": reference.is_accuracy(),
-                "limits": reference.limits_text(),
+                "is_accuracy": reference.measures_error(),
+                "limits": reference.accuracy_description(),
                 "course": reference.gps_course_solution().map(course_json),
             })),
             "field_model": evaluation.earth_field.as_ref().map(|(earth, is_valid)| json!({
@@ -91,7 +91,7 @@ impl CompassVerdict<'_> {
             "field_age_sigma_ms": compass.latency.sigma_s.map(|s| round_to(s * 1e3, 1)),
             "field_ut": compass.radius_ut.map(|ut| round_to(ut, 2)),
             "rows": Rows { counted: compass.row_counts, fitted: compass.module_result.sample_count },
-            "calibrated_s": compass.calibrated_s().map(|s| round_to(s, 1)),
+            "calibrated_s": compass.calibration_time_s().map(|s| round_to(s, 1)),
             "module": result_json(&compass.module_result),
             "without_current_rms_deg": compass.rms_without_current_deg.map(|deg| round_to(deg, 3)),
             "all_rows": result_json(&compass.all_rows_result),
@@ -99,11 +99,11 @@ impl CompassVerdict<'_> {
                 "by": correction.correction_source.source_name(),
                 "against_reference": correction.score.as_ref().map(score_json),
             })).collect::<Vec<_>>(),
-            "changes": compass.hard_iron_changes.iter().map(|HardIronChange { hard_iron_step: step, heading_effect_deg: bend_deg }| json!({
+            "changes": compass.hard_iron_changes.iter().map(|HardIronChange { hard_iron_step: step, heading_effect_deg }| json!({
                 "at_s": round_to(step.time_s, 1),
                 "ut": step.step_ut.map(|axis| round_to(axis, 2)),
                 "sigma_ut": step.sigma_ut.map(|axis| round_to(axis, 2)),
-                "bend_deg": round_to(*bend_deg, 1),
+                "bend_deg": round_to(*heading_effect_deg, 1),
             })).collect::<Vec<_>>(),
             "parameters": (self.judgement.recommended_action == CompassAction::Load)
                 .then_some(self.parameters.as_ref().ok().map(parameters_json)),

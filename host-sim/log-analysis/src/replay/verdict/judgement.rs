@@ -44,13 +44,13 @@ pub enum CompassAction {
     Replace,
 }
 
-/// Reason of a judgement.
+/// Reason of a judgement; displayed as a clause.
 #[derive(Clone, Debug, PartialEq)]
 pub enum JudgementReason {
     /// The sensor failed; contains the note about its failure.
     SensorFailed(LogWarning),
-    /// Hard iron changed: time of the last change, seconds, its size, microtesla, and effect, degrees.
-    IronChanged {
+    /// Hard iron changed in flight.
+    HardIronChanged {
         /// Start of a temporary change, seconds; none if the last change does not cancel the one before.
         temporary_from_s: Option<f64>,
         /// Time of the last change, seconds of the log.
@@ -58,7 +58,7 @@ pub enum JudgementReason {
         /// Size of the change, microtesla.
         size_ut: f64,
         /// Largest effect on a level heading, degrees.
-        bend_deg: f64,
+        heading_effect_deg: f64,
     },
     /// Heading error as logged, degrees RMS less mean.
     ErrorAsLogged(f64),
@@ -78,13 +78,13 @@ impl JudgementReason {
     pub const fn stable_code(&self) -> &'static str {
         match self {
             Self::SensorFailed(_) => "sensor-failed",
-            Self::IronChanged { .. } => "iron-changed",
+            Self::HardIronChanged { .. } => "iron-changed",
             Self::ErrorAsLogged(rms_deg) if *rms_deg <= GOOD_COMPASS_RMS_DEG => "good-as-logged",
             Self::ErrorAsLogged(_) => "error-as-logged",
             Self::NoReference => "no-reference",
             Self::FewHeadings => "few-headings",
             Self::Parameters(_) => "parameters-gain",
-            Self::NoParameters(why) => why.stable_code(),
+            Self::NoParameters(no_parameters) => no_parameters.stable_code(),
         }
     }
 }
@@ -114,27 +114,28 @@ impl CompassJudgement {
     ) -> Self {
         let as_logged_rms_deg = as_logged_rms_deg(evaluation, compass);
         let change = compass.hard_iron_changes.last();
-        let bend_deg = compass.hard_iron_changes.iter().map(|change| change.heading_effect_deg).fold(0.0, f64::max);
-        let state = match as_logged_rms_deg {
-            _ if failure.is_some() || bend_deg > BAD_COMPASS_RMS_DEG => CompassState::Bad,
+        let largest_effect_deg =
+            compass.hard_iron_changes.iter().map(|change| change.heading_effect_deg).fold(0.0, f64::max);
+        let compass_state = match as_logged_rms_deg {
+            _ if failure.is_some() || largest_effect_deg > BAD_COMPASS_RMS_DEG => CompassState::Bad,
             Some(rms_deg) if rms_deg > BAD_COMPASS_RMS_DEG => CompassState::Bad,
             Some(rms_deg) if rms_deg <= GOOD_COMPASS_RMS_DEG && change.is_none() => CompassState::Good,
             _ => CompassState::Doubtful,
         };
-        let action = if failure.is_some() {
+        let recommended_action = if failure.is_some() {
             CompassAction::Replace
         } else {
             let covers_headings = as_logged_rms_deg.is_some() || accurate_reference(evaluation).is_none();
             parameters.as_ref().map_or_else(
-                |rejection| action_without_parameters(state, rejection, covers_headings),
+                |rejection| action_without_parameters(compass_state, rejection, covers_headings),
                 |_| CompassAction::Load,
             )
         };
-        let changed = change.map(|change| JudgementReason::IronChanged {
+        let changed = change.map(|change| JudgementReason::HardIronChanged {
             temporary_from_s: temporary_change_start_s(&compass.hard_iron_changes),
             at_s: change.hard_iron_step.time_s,
             size_ut: change.hard_iron_step.size_ut(),
-            bend_deg: change.heading_effect_deg,
+            heading_effect_deg: change.heading_effect_deg,
         });
         let unknown = if accurate_reference(evaluation).is_some() {
             JudgementReason::FewHeadings
@@ -142,7 +143,7 @@ impl CompassJudgement {
             JudgementReason::NoReference
         };
         // A failed sensor needs no remark that its error is unknown.
-        let error =
+        let accuracy =
             as_logged_rms_deg.map(JudgementReason::ErrorAsLogged).or_else(|| failure.is_none().then_some(unknown));
         let parameter_reason = match parameters {
             _ if failure.is_some() => None,
@@ -153,10 +154,10 @@ impl CompassJudgement {
             .map(JudgementReason::SensorFailed)
             .into_iter()
             .chain(changed)
-            .chain(error)
+            .chain(accuracy)
             .chain(parameter_reason)
             .collect();
-        Self { compass_state: state, recommended_action: action, reasons, as_logged_rms_deg }
+        Self { compass_state, recommended_action, reasons, as_logged_rms_deg }
     }
 
     /// Codes of the reasons.
@@ -219,20 +220,25 @@ impl fmt::Display for CompassState {
 impl fmt::Display for CompassJudgement {
     /// The judgement as a predicate: "is off by 7.3 deg RMS; with these parameters 0.6: load them".
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut joint = "";
+        let mut separator = "";
         for reason in &self.reasons {
             let text = match reason {
-                JudgementReason::SensorFailed(note) => {
-                    let note = note.to_string();
-                    format!("failed: {}", note.split_once(": ").map_or(note.as_str(), |(_, rest)| rest))
+                JudgementReason::SensorFailed(warning) => {
+                    let warning = warning.to_string();
+                    format!("failed: {}", warning.split_once(": ").map_or(warning.as_str(), |(_, rest)| rest))
                 }
-                JudgementReason::IronChanged { temporary_from_s: Some(from_s), at_s, size_ut, bend_deg } => format!(
+                JudgementReason::HardIronChanged {
+                    temporary_from_s: Some(from_s),
+                    at_s,
+                    size_ut,
+                    heading_effect_deg,
+                } => format!(
                     "had other iron around it from {from_s:.0} to {at_s:.0} s, by {size_ut:.1} uT, which bent headings \
-                     by up to {bend_deg:.0} deg"
+                     by up to {heading_effect_deg:.0} deg"
                 ),
-                JudgementReason::IronChanged { at_s, size_ut, bend_deg, .. } => format!(
+                JudgementReason::HardIronChanged { at_s, size_ut, heading_effect_deg, .. } => format!(
                     "has other iron around it since {at_s:.0} s, by {size_ut:.1} uT, which bends headings by up to \
-                     {bend_deg:.0} deg"
+                     {heading_effect_deg:.0} deg"
                 ),
                 JudgementReason::ErrorAsLogged(rms_deg) if self.compass_state == CompassState::Good => {
                     format!("is good already ({rms_deg:.2} deg RMS)")
@@ -257,10 +263,10 @@ impl fmt::Display for CompassJudgement {
                     format!("with these parameters {rms_deg:.1}")
                 }
                 JudgementReason::NoParameters(_) if self.compass_state == CompassState::Good => continue,
-                JudgementReason::NoParameters(why) => why.to_string(),
+                JudgementReason::NoParameters(no_parameters) => no_parameters.to_string(),
             };
-            write!(f, "{joint}{text}")?;
-            joint = "; ";
+            write!(f, "{separator}{text}")?;
+            separator = "; ";
         }
         f.write_str(match self.recommended_action {
             CompassAction::Load => ": load them",

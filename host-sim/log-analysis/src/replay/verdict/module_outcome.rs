@@ -7,7 +7,7 @@ use serde::{Serialize, Serializer};
 
 use crate::numbers::format_number;
 use crate::replay::RowCounts;
-use crate::replay::data_loss::SLOW_ATTITUDE_S;
+use crate::replay::data_loss::SLOW_ATTITUDE_INTERVAL_S;
 use crate::replay::evaluation::{CompassEvaluation, FlightEvaluation};
 
 /// Minimum number of rows of a flight (2 s at 10 Hz).
@@ -79,7 +79,8 @@ impl FlightOutcome {
         let compass_count = compasses.len();
         let accepted: Vec<&CompassEvaluation> =
             compasses.iter().filter(|compass| compass.module_result.acceptance.is_ok()).collect();
-        let slow_attitude_s = Some(evaluation.attitude_interval_s).filter(|interval_s| *interval_s > SLOW_ATTITUDE_S);
+        let slow_attitude_s =
+            Some(evaluation.attitude_interval_s).filter(|interval_s| *interval_s > SLOW_ATTITUDE_INTERVAL_S);
         if accepted.is_empty() {
             let nearest = nearest_rejected(compasses);
             let cause = nearest.map_or(FlightRefusal::FewReadings(0), FlightRefusal::new);
@@ -90,7 +91,7 @@ impl FlightOutcome {
             let nearest = nearest.filter(|_| !is_shared).map(|compass| compass.compass_number);
             return Self::Refused { compass_count, nearest, cause, slow_attitude_s };
         }
-        let times_s: Option<Vec<f64>> = accepted.iter().map(|compass| compass.calibrated_s()).collect();
+        let times_s: Option<Vec<f64>> = accepted.iter().map(|compass| compass.calibration_time_s()).collect();
         Self::Calibrated {
             numbers: accepted.iter().map(|compass| compass.compass_number).collect(),
             compass_count,
@@ -135,7 +136,7 @@ impl FlightRefusal {
 
 impl CompassOutcome {
     pub(super) fn new(compass: &CompassEvaluation) -> Self {
-        match (&compass.module_result.acceptance, compass.calibrated_s()) {
+        match (&compass.module_result.acceptance, compass.calibration_time_s()) {
             (Err(refusal), _) => Self::Refused(refusal.clone()),
             (Ok(()), Some(at_s)) => Self::Automatic(at_s),
             (Ok(()), None) => Self::Commanded,
@@ -150,7 +151,7 @@ impl fmt::Display for FlightOutcome {
             let rate_hz = 1.0 / interval_s;
             format!("the attitude is logged {rate_hz:.1} times a second; below 3 Hz its interpolation is unreliable")
         });
-        let slow_after = |joint: &str| if slow.is_empty() { String::new() } else { format!("; {joint}{slow}") };
+        let slow_after = |prefix: &str| if slow.is_empty() { String::new() } else { format!("; {prefix}{slow}") };
         match self {
             Self::Calibrated { numbers, compass_count, at_s, expected_deg, .. } => {
                 f.write_str("the module would have calibrated")?;
@@ -200,8 +201,8 @@ impl fmt::Display for FlightRefusal {
             Self::FewReadings(number) => {
                 write!(f, "the log has {number} readings of the field, too few for a flight")
             }
-            Self::FewRows { readings, used, rejected: (number, why) } => {
-                write!(f, "of {readings} readings of the field {used} are usable; {number} are {why}")
+            Self::FewRows { readings, used, rejected: (number, cause) } => {
+                write!(f, "of {readings} readings of the field {used} are usable; {number} are {cause}")
             }
             Self::Module(refusal) => refusal.fmt(f),
         }
