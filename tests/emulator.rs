@@ -7,7 +7,7 @@ use autoswing::calibration::MotorCurrentInterference;
 use autoswing::health::StackUse;
 use host_sim::emulator::{BenchTest, Emulator, instruction_budget};
 use log_analysis::score::wrap_180;
-use simulator::mission::{TurnPlan, fly_with};
+use simulator::mission::{TurnPlan, fly_mission_of_module};
 use simulator::module::{Module as _, ModuleRunEnd};
 use simulator::nmea::SentenceReader;
 use simulator::routine::CalibrationRoutine;
@@ -93,7 +93,7 @@ fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
     emulator.run_for_s(1.0);
     emulator.send_console_line("");
     let mission_result =
-        fly_with(&mut emulator, TurnPlan { circles_per_side: 2.5, ..TurnPlan::default() }, &mut |_, _| {});
+        fly_mission_of_module(&mut emulator, TurnPlan { circles_per_side: 2.5, ..TurnPlan::default() }, &mut |_, _| {});
     assert!(mission_result.result.is_ok(), "{:?}\n{}", mission_result.result, mission_result.transcript);
     let after = mission_result.errors_after.statistics();
     assert!(after.max_deg <= 1.5, "{after:?}");
@@ -434,8 +434,8 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
     let shown_text =
         transcript::parse_shown_calibration(&emulator.send_console_line("cal show")).expect("a calibration");
     let MotorCurrentInterference { ut_per_a, sigma_ut_per_a, .. } = shown_text.calibration.motor_current;
-    for (estimated_ut_per_a, added_ut) in ut_per_a.iter().zip(config.current_interference_ut) {
-        let estimate_error = f64::from(*estimated_ut_per_a) - added_ut / CRUISE_CURRENT_A;
+    for (estimated_ut_per_a, added_field_ut) in ut_per_a.iter().zip(config.current_interference_ut) {
+        let estimate_error = f64::from(*estimated_ut_per_a) - added_field_ut / CRUISE_CURRENT_A;
         assert!(
             estimate_error.abs() < 4.0 * f64::from(sigma_ut_per_a),
             "{ut_per_a:?} {:?}",

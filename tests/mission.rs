@@ -1,7 +1,7 @@
 //! Complete calibration flights with the simulated module.
 
 use simulator::devices::sensor::SensorModel;
-use simulator::mission::{MissionResult, TurnPlan, fly_mission, fly_with};
+use simulator::mission::{MissionResult, TurnPlan, fly_mission, fly_mission_of_module};
 use simulator::module::Module as _;
 use simulator::rig::Rig;
 use simulator::transcript::SolveNotice;
@@ -132,7 +132,7 @@ fn fifty_random_airframes_are_calibrated_to_their_expected_error() {
 #[test]
 fn a_calibration_reports_heading_error_per_attitude_error() {
     let mut rig = Rig::new(WorldConfig::of_table1(1));
-    let mission_result = fly_with(&mut rig, TurnPlan::default(), &mut |_, _| {});
+    let mission_result = fly_mission_of_module(&mut rig, TurnPlan::default(), &mut |_, _| {});
     let line_after = |text: &str, line: &str| {
         let ratio_text =
             text.split(line).nth(1).and_then(|rest| rest.split("; a degree of attitude error costs ").nth(1));

@@ -17,7 +17,7 @@ use simulator::transcript;
 use simulator::world::aircraft::{PrescribedMotion, VehicleConfig, VehicleKind};
 use simulator::world::autopilot::Leg;
 use simulator::world::cable_far_end::{AttachedDevice, FarEnd};
-use simulator::world::mavlink_autopilot::{self, MavlinkFrame, ReportedPosition, XIAN, command_long};
+use simulator::world::mavlink_autopilot::{self, MavlinkFrame, ReportedPosition, XIAN_POSITION, command_long};
 use simulator::world::msp_autopilot::{self, AnswerFaults, CompassSample};
 use simulator::world::{CRUISE_CURRENT_A, TrueState, WorldConfig};
 
@@ -265,8 +265,8 @@ fn motor_current_interference_is_estimated_with_a_reported_current() {
             assert_eq!(shown_text.calibration.motor_current, MotorCurrentInterference::NO_INTERFERENCE);
             continue;
         }
-        for (estimated_ut_per_a, added_ut) in ut_per_a.iter().zip(config.current_interference_ut) {
-            let estimate_error = f64::from(*estimated_ut_per_a) - added_ut / CRUISE_CURRENT_A;
+        for (estimated_ut_per_a, added_field_ut) in ut_per_a.iter().zip(config.current_interference_ut) {
+            let estimate_error = f64::from(*estimated_ut_per_a) - added_field_ut / CRUISE_CURRENT_A;
             assert!(
                 estimate_error.abs() < 4.0 * f64::from(sigma_ut_per_a),
                 "{far_end:?}: {ut_per_a:?} {:?}",
@@ -444,7 +444,7 @@ fn a_position_that_jumps_does_not_turn_the_true_heading() {
     fly_routine(&mut rig, VehicleKind::Plane);
     let height_m = 400.0;
     let positions = [
-        Some(XIAN),
+        Some(XIAN_POSITION),
         Some(ReportedPosition { latitude_deg: 72.0, longitude_deg: -40.0, height_m }),
         Some(ReportedPosition { latitude_deg: 0.000_3, longitude_deg: 0.000_1, height_m }),
         None,

@@ -162,8 +162,8 @@ fn motor_current_interference_is_estimated_and_exported() {
         let (flight, compass) = evaluate(&write(&record_flight(&world, 0.05)));
         assert_eq!(compass.module_result.acceptance, Ok(()), "seed {seed}");
         let interference = compass.module_result.solution.as_ref().unwrap().calibration.motor_current;
-        for (estimated_ut_per_a, added_ut) in interference.ut_per_a.iter().zip(world.current_interference_ut) {
-            let estimate_error = f64::from(*estimated_ut_per_a) - added_ut / CRUISE_CURRENT_A;
+        for (estimated_ut_per_a, added_field_ut) in interference.ut_per_a.iter().zip(world.current_interference_ut) {
+            let estimate_error = f64::from(*estimated_ut_per_a) - added_field_ut / CRUISE_CURRENT_A;
             assert!(
                 estimate_error.abs() < 4.0 * f64::from(interference.sigma_ut_per_a) + 0.01,
                 "seed {seed}: {interference:?} {:?}",

@@ -29,13 +29,13 @@ impl HeadingErrors {
     pub fn evaluate_with_field(
         calibration: &Calibration,
         world: &WorldConfig,
-        added_ut: &dyn Fn(&TrueState) -> Vector3<f64>,
+        added_field_ut: &dyn Fn(&TrueState) -> Vector3<f64>,
     ) -> Self {
         let error_deg = |bank_deg: f64, heading_rad: f64| {
             let truth = TrueState { roll_rad: bank_deg.to_radians(), heading_rad, ..TrueState::default() };
             let field = world.airframe.measured_field(&world.earth.body_field_ut(truth.euler_angles()));
-            let added_ut = added_ut(&truth) + Vector3::from(world.current_interference_ut);
-            let field = Field::new(field.ut + added_ut.cast());
+            let added_field_ut = added_field_ut(&truth) + Vector3::from(world.current_interference_ut);
+            let field = Field::new(field.ut + added_field_ut.cast());
             // The indicated heading is calculated by the module's own code.
             let reported_current_a = world.reports_current.then_some(CRUISE_CURRENT_A as f32);
             let field = calibration.remove_motor_current(field, reported_current_a);

@@ -28,7 +28,7 @@ pub enum MissionStage {
     /// The module solves for the calibration, verifies and stores it.
     Solve,
     /// Restart, then evaluation of the output on all headings.
-    Stream,
+    OutputEvaluation,
 }
 
 impl MissionStage {
@@ -39,7 +39,7 @@ impl MissionStage {
             Self::TakeOff => "take-off, uncalibrated",
             Self::Routine(name) => name,
             Self::Solve => "solve, verify, store",
-            Self::Stream => "restart, fly on",
+            Self::OutputEvaluation => "restart, fly on",
         }
     }
 }
@@ -136,11 +136,11 @@ pub fn fly_mission(
     plan: TurnPlan,
     on_progress: &mut dyn FnMut(MissionStage, f64),
 ) -> MissionResult {
-    fly_with(&mut Rig::new(world), plan, on_progress)
+    fly_mission_of_module(&mut Rig::new(world), plan, on_progress)
 }
 
 /// Flies a mission with a module that was just switched on.
-pub fn fly_with(
+pub fn fly_mission_of_module(
     module: &mut impl Module,
     plan: TurnPlan,
     on_progress: &mut dyn FnMut(MissionStage, f64),
@@ -184,7 +184,7 @@ struct Mission<'a, M> {
 const RUN_STEP_S: f64 = 0.5;
 
 /// Longest time from a restart to the first line on the console, seconds.
-const RESTART_DURATION_S: f64 = 0.5;
+const MAX_RESTART_S: f64 = 0.5;
 
 /// Timeout of the solve, seconds; solving, verifying and storing take about 1 s.
 const SOLVE_TIMEOUT_S: f64 = 10.0;
@@ -213,19 +213,19 @@ impl<M: Module> Mission<'_, M> {
 
     /// Result of the solve. If the module does not solve automatically, the pilot requests it.
     fn await_outcome(&mut self) -> SolveNotice {
-        let patience_steps = (SOLVE_TIMEOUT_S / RUN_STEP_S) as usize;
-        for step in 0..2 * patience_steps {
+        let timeout_steps = (SOLVE_TIMEOUT_S / RUN_STEP_S) as usize;
+        for step in 0..2 * timeout_steps {
             if let Some(notice) = transcript::parse_solve_notice(&self.transcript) {
                 return notice;
             }
-            if step == patience_steps
+            if step == timeout_steps
                 && let Some(error) = transcript::parse_error(&self.send_console_line("cal solve"))
             {
                 return error;
             }
-            (self.on_progress)(MissionStage::Solve, step as f64 / (2 * patience_steps) as f64);
+            (self.on_progress)(MissionStage::Solve, step as f64 / (2 * timeout_steps) as f64);
             self.advance_one_step();
-            self.process_console_output();
+            self.append_console_output();
         }
         SolveNotice::new_rejection("silent", "the module did not report the end of its solve")
     }
@@ -235,15 +235,15 @@ impl<M: Module> Mission<'_, M> {
         let _ = self.module.instrument_cable().receive_bytes();
         // Reset by the pin, because a module in flight refuses the restart command.
         self.module.reset_module();
-        self.module.run_for_s(RESTART_DURATION_S);
-        self.process_console_output();
-        let mut evaluated: Vec<EvaluatedHeading> = Vec::new();
+        self.module.run_for_s(MAX_RESTART_S);
+        self.append_console_output();
+        let mut evaluated_headings: Vec<EvaluatedHeading> = Vec::new();
         let mut empty = 0;
         let mut reader = SentenceReader::default();
         for (done, &leg) in legs.iter().enumerate() {
             self.module.world().fly_leg(leg);
             while self.module.world().unfinished_legs() > 0 && self.advance_one_step() {
-                (self.on_progress)(MissionStage::Stream, done as f64 / legs.len() as f64);
+                (self.on_progress)(MissionStage::OutputEvaluation, done as f64 / legs.len() as f64);
                 for timed_byte in self.module.instrument_cable().receive_timed() {
                     let Some(received) = reader
                         .push_byte(timed_byte.arrives_at_us, timed_byte.byte)
@@ -255,7 +255,7 @@ impl<M: Module> Mission<'_, M> {
                         (Some(deg), Some(sigma_deg)) => {
                             let moment =
                                 TrueMoment::from_state(&self.module.world().true_state(timed_byte.arrives_at_us));
-                            evaluated.push(EvaluatedHeading {
+                            evaluated_headings.push(EvaluatedHeading {
                                 true_moment: moment,
                                 error_deg: wrap_180(deg - moment.heading_deg),
                                 sigma_deg,
@@ -266,14 +266,14 @@ impl<M: Module> Mission<'_, M> {
                 }
             }
         }
-        (self.on_progress)(MissionStage::Stream, 1.0);
-        self.process_console_output();
-        let errors_deg: Vec<f64> = evaluated.iter().map(|evaluated| evaluated.error_deg).collect();
+        (self.on_progress)(MissionStage::OutputEvaluation, 1.0);
+        self.append_console_output();
+        let errors_deg: Vec<f64> = evaluated_headings.iter().map(|heading| heading.error_deg).collect();
         let normalised: Vec<f64> =
-            evaluated.iter().map(|evaluated| evaluated.error_deg / evaluated.sigma_deg).collect();
+            evaluated_headings.iter().map(|heading| heading.error_deg / heading.sigma_deg).collect();
         let ErrorStatistics { rms_deg, max_deg, .. } = ErrorStatistics::from_errors_deg(&errors_deg);
-        let (within_percent, headings) = (within_percent(&normalised), evaluated.len());
-        (OutputStatistics { rms_deg, max_deg, within_percent, headings, empty }, evaluated)
+        let (within_percent, headings) = (within_percent(&normalised), evaluated_headings.len());
+        (OutputStatistics { rms_deg, max_deg, within_percent, headings, empty }, evaluated_headings)
     }
 
     /// Flies a leg; records measurements during the routine.
@@ -281,7 +281,7 @@ impl<M: Module> Mission<'_, M> {
         let start_state = self.module.world().true_state(self.module.now_us());
         self.module.world().fly_leg(leg);
         while self.module.world().unfinished_legs() > 0 && self.advance_one_step() {
-            self.process_console_output();
+            self.append_console_output();
             let now = self.module.world().true_state(self.module.now_us());
             if matches!(stage, MissionStage::Routine(_)) {
                 let field = self.module.world().sensor_field(now.time_us);
@@ -315,7 +315,7 @@ impl<M: Module> Mission<'_, M> {
         printed
     }
 
-    fn process_console_output(&mut self) {
+    fn append_console_output(&mut self) {
         self.transcript.push_str(&self.module.take_console_output());
     }
 }

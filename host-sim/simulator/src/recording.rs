@@ -10,7 +10,7 @@ use crate::world::aircraft::VehicleKind;
 use crate::world::attitude_source::AttitudeSource;
 use crate::world::autopilot::Leg;
 use crate::world::earth::Earth;
-use crate::world::mavlink_autopilot::{ReportedPosition, START_UNIX_US, XIAN};
+use crate::world::mavlink_autopilot::{ReportedPosition, START_UNIX_US, XIAN_POSITION};
 use crate::world::{World, WorldConfig};
 
 /// Recording interval, microseconds: 10 Hz, as autopilots log.
@@ -21,7 +21,7 @@ const MAX_RECORDED_STEP_US: u64 = 1_900_000;
 
 /// Parameters by which the log reader recognises a compass of ArduPilot and of PX4; their value zero means no
 /// correction.
-const ZERO_PARAMETERS: [&str; 4] = ["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z", "CAL_MAG0_ROT"];
+const IDENTIFYING_PARAMETERS: [&str; 4] = ["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z", "CAL_MAG0_ROT"];
 
 /// Appends the state of the world at a time no more than one second past.
 pub fn record_sample(recording: &mut FlightRecording, world: &World, source: &mut AttitudeSource, at_us: u64) {
@@ -58,7 +58,7 @@ fn set_place(recording: &mut FlightRecording, reported_position: ReportedPositio
 
 /// Records four minutes of turns both ways at 25 and 40 deg of bank, enough for a calibration.
 #[must_use]
-pub fn record_turns(world: &WorldConfig, age_s: f64) -> FlightRecording {
+pub fn record_turns(world: &WorldConfig, field_latency_s: f64) -> FlightRecording {
     let world = World::new(*world);
     let mut source = world.attitude_source();
     for bank_deg in [25.0, 40.0] {
@@ -67,7 +67,7 @@ pub fn record_turns(world: &WorldConfig, age_s: f64) -> FlightRecording {
             world.fly_leg(Leg::Turn { bank_deg, heading_change_deg });
         }
     }
-    let mut recording = FlightRecording::with_field_latency(age_s);
+    let mut recording = FlightRecording::with_field_latency(field_latency_s);
     for i in 20..2400 {
         record_sample(&mut recording, &world, &mut source, i * RECORDING_INTERVAL_US);
     }
@@ -77,7 +77,7 @@ pub fn record_turns(world: &WorldConfig, age_s: f64) -> FlightRecording {
 /// Observer that records a flight.
 pub struct Recorder {
     source: AttitudeSource,
-    next_us: u64,
+    next_sample_us: u64,
     /// The flight so far.
     pub recording: FlightRecording,
 }
@@ -85,26 +85,26 @@ pub struct Recorder {
 impl Recorder {
     /// Starts recording now.
     pub fn new(module: &impl Module) -> Self {
-        let (source, next_us) = (module.world().attitude_source(), module.now_us());
-        let parameters = ZERO_PARAMETERS.map(|name| (name.to_owned(), 0.0)).to_vec();
+        let (source, next_sample_us) = (module.world().attitude_source(), module.now_us());
+        let parameters = IDENTIFYING_PARAMETERS.map(|name| (name.to_owned(), 0.0)).to_vec();
         let mut recording = FlightRecording { parameters, ..FlightRecording::default() };
         if module.world().world_config().earth == Earth::default() {
-            set_place(&mut recording, XIAN);
+            set_place(&mut recording, XIAN_POSITION);
         }
-        Self { source, next_us, recording }
+        Self { source, next_sample_us, recording }
     }
 }
 
 impl ModuleObserver for Recorder {
     fn time_advanced(&mut self, module: &impl Module) {
         let now_us = module.now_us();
-        self.next_us = self.next_us.max(
+        self.next_sample_us = self.next_sample_us.max(
             now_us.saturating_sub(MAX_RECORDED_STEP_US) / RECORDING_INTERVAL_US * RECORDING_INTERVAL_US
                 + RECORDING_INTERVAL_US,
         );
-        while self.next_us <= now_us {
-            record_sample(&mut self.recording, module.world(), &mut self.source, self.next_us);
-            self.next_us += RECORDING_INTERVAL_US;
+        while self.next_sample_us <= now_us {
+            record_sample(&mut self.recording, module.world(), &mut self.source, self.next_sample_us);
+            self.next_sample_us += RECORDING_INTERVAL_US;
         }
     }
 }

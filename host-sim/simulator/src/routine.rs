@@ -54,7 +54,7 @@ pub const START_FLIGHT_COLLECTION: &str = "cal start";
 const START_TURNS_COLLECTION: &str = "cal start turns";
 
 impl CalibrationRoutine {
-    /// CalibrationRoutine of a vehicle kind, with take-off heading; the plan applies to aeroplanes.
+    /// Calibration routine of a vehicle kind, with take-off heading; the plan applies to aeroplanes.
     #[must_use]
     pub fn for_vehicle(vehicle_kind: VehicleKind, plan: TurnPlan, heading_deg: f64) -> Self {
         match vehicle_kind {
@@ -104,7 +104,7 @@ fn circle_leg(rate_deg_s: f64, heading_change_deg: f64) -> Leg {
 /// Turn rate in hover that a pilot can hold, degrees per second.
 const HOVER_RATE_DEG_S: f64 = 30.0;
 
-fn yaw_turns() -> RoutinePart {
+fn yaw_turns_part() -> RoutinePart {
     RoutinePart {
         part_name: "yaw turns",
         instruction: "in hover, turn the nose slowly once all round to the right, then once to the left, in 12 s each",
@@ -112,15 +112,15 @@ fn yaw_turns() -> RoutinePart {
     }
 }
 
-/// Legs that tilt the vehicle to all four sides, each tilt followed by a rest, at each of `headings` headings.
-fn tilts_to_all_sides(name: &'static str, instruction_text: &'static str, headings: usize) -> RoutinePart {
+/// Legs that tilt the vehicle to all four sides, each tilt followed by a rest, at each of `heading_count` headings.
+fn tilts_part(name: &'static str, instruction_text: &'static str, heading_count: usize) -> RoutinePart {
     const TILT_DURATION_S: f64 = 2.0;
     const REST_AFTER_TILT_S: f64 = 2.5;
-    let turn = circle_leg(2.0 * HOVER_RATE_DEG_S, 360.0 / headings as f64);
+    let turn = circle_leg(2.0 * HOVER_RATE_DEG_S, 360.0 / heading_count as f64);
     let tilt_legs = [0.0, 180.0, 90.0, 270.0].into_iter().flat_map(|toward_deg| {
         [Leg::Tilt { toward_deg, tilt_deg: 18.0, seconds: TILT_DURATION_S }, Leg::Hover { seconds: REST_AFTER_TILT_S }]
     });
-    let legs = (0..headings).flat_map(|_| tilt_legs.clone().chain([turn])).collect();
+    let legs = (0..heading_count).flat_map(|_| tilt_legs.clone().chain([turn])).collect();
     RoutinePart { part_name: name, instruction: instruction_text, legs }
 }
 
@@ -149,12 +149,12 @@ fn plane_routine(plan: TurnPlan, heading_deg: f64) -> CalibrationRoutine {
 }
 
 fn copter_routine() -> CalibrationRoutine {
-    let instruction_text = "on four headings, a quarter turn apart: push the stick ahead, back, right and left until it tilts by some \
+    let instruction_text = "on four heading_count, a quarter turn apart: push the stick ahead, back, right and left until it tilts by some \
                 20 deg, two seconds each, and let it come to rest in between";
     CalibrationRoutine {
         start_command: START_FLIGHT_COLLECTION,
         take_off: Leg::Hover { seconds: 5.0 },
-        routine_parts: vec![yaw_turns(), tilts_to_all_sides("pushes", instruction_text, 4)],
+        routine_parts: vec![yaw_turns_part(), tilts_part("pushes", instruction_text, 4)],
         mission_legs: vec![
             circle_leg(45.0, 360.0),
             Leg::Straight { heading_deg: 60.0, seconds: 20.0 },
@@ -171,7 +171,7 @@ fn vtol_routine(heading_deg: f64) -> CalibrationRoutine {
         start_command: START_FLIGHT_COLLECTION,
         take_off: Leg::Hover { seconds: 5.0 },
         routine_parts: vec![
-            yaw_turns(),
+            yaw_turns_part(),
             RoutinePart {
                 part_name: "circles on wings",
                 instruction: "on wings, two full circles to the right and two to the left, at some 30 deg of bank",
@@ -193,7 +193,7 @@ fn vtol_routine(heading_deg: f64) -> CalibrationRoutine {
 }
 
 /// Alternating circles to both sides, so that they cover different places.
-fn circles_routine(name: &'static str, instruction_text: &'static str, rate_deg_s: f64, circles: usize) -> RoutinePart {
+fn circles_part(name: &'static str, instruction_text: &'static str, rate_deg_s: f64, circles: usize) -> RoutinePart {
     let signed_turns_deg = [720.0, -720.0].into_iter().cycle();
     RoutinePart {
         part_name: name,
@@ -202,7 +202,7 @@ fn circles_routine(name: &'static str, instruction_text: &'static str, rate_deg_
     }
 }
 
-fn surface_mission() -> Vec<Leg> {
+fn surface_mission_legs() -> Vec<Leg> {
     vec![
         circle_leg(20.0, 360.0),
         Leg::Straight { heading_deg: 60.0, seconds: 20.0 },
@@ -217,8 +217,8 @@ fn rover_routine(heading_deg: f64) -> CalibrationRoutine {
     CalibrationRoutine {
         start_command: START_FLIGHT_COLLECTION,
         take_off: Leg::Straight { heading_deg, seconds: 5.0 },
-        routine_parts: vec![circles_routine("circles", instruction_text, 18.0, 4)],
-        mission_legs: surface_mission(),
+        routine_parts: vec![circles_part("circles", instruction_text, 18.0, 4)],
+        mission_legs: surface_mission_legs(),
     }
 }
 
@@ -228,8 +228,8 @@ fn boat_routine(heading_deg: f64) -> CalibrationRoutine {
     CalibrationRoutine {
         start_command: START_FLIGHT_COLLECTION,
         take_off: Leg::Straight { heading_deg, seconds: 5.0 },
-        routine_parts: vec![circles_routine("circles", instruction_text, 18.0, 4)],
-        mission_legs: surface_mission(),
+        routine_parts: vec![circles_part("circles", instruction_text, 18.0, 4)],
+        mission_legs: surface_mission_legs(),
     }
 }
 

@@ -197,7 +197,7 @@ fn fly_mission(module: &mut impl Module, options: &FlyOptions) -> MissionResult 
     const PROGRESS_TICKS: u64 = 1000;
     let mut current: Option<(MissionStage, ProgressBar)> = None;
     let plan = TurnPlan { bank_deg: options.bank, circles_per_side: options.circles };
-    let mission_result = mission::fly_with(module, plan, &mut |stage, fraction| {
+    let mission_result = mission::fly_mission_of_module(module, plan, &mut |stage, fraction| {
         if current.as_ref().is_none_or(|(displayed_stage, _)| *displayed_stage != stage) {
             finish_stage(current.take());
             let bar = ProgressBar::new(PROGRESS_TICKS).with_message(stage.stage_name());

@@ -149,7 +149,7 @@ pub fn narrow_table<T: ToString>(names: impl IntoIterator<Item = T>) -> Table {
     table
 }
 
-/// A table whose text wraps at [`width`].
+/// A table whose text wraps at [`terminal_width`].
 pub fn wrapped_table<const N: usize>(names: [&str; N]) -> Table {
     let mut table = content_table([""; N]);
     table.set_header(names);
@@ -157,7 +157,7 @@ pub fn wrapped_table<const N: usize>(names: [&str; N]) -> Table {
     table
 }
 
-/// Appends text wrapped at [`width`]; continuation lines are indented by two more.
+/// Appends text wrapped at [`terminal_width`]; continuation lines are indented by two more.
 pub fn append_wrapped(wrapped: &mut String, indent: &str, text: &str) {
     let continuation_indent = " ".repeat(indent.len() + 2);
     let mut line = indent.to_owned();

@@ -169,8 +169,8 @@ impl EmulatedMachine {
         let commands = ["mag-x", "mag-y", "mag-z"]
             .iter()
             .zip(field_ut.iter().zip(FIELD_OFFSET_UT).zip(MAX_FIELD_NT))
-            .map(|(property, ((&ut, added_ut), largest_nt))| {
-                let value = ((f64::from(ut) + added_ut) * NT_PER_UT).round().clamp(0.0, largest_nt) as i64;
+            .map(|(property, ((&ut, added_field_ut), largest_nt))| {
+                let value = ((f64::from(ut) + added_field_ut) * NT_PER_UT).round().clamp(0.0, largest_nt) as i64;
                 json!({
                     "execute": "qom-set",
                     "arguments": { "path": "mag", "property": property, "value": value },
@@ -288,7 +288,7 @@ fn non_blocking(stream: LocalStream) -> Result<LocalStream, EmulatorError> {
     Ok(stream)
 }
 
-/// Fills `bytes` from a stream within the response timeout and until `stop` is set; the stream has a short read
+/// Fills `bytes` from a stream within [`REPLY_TIMEOUT`] and until `stop` is set; the stream has a short read
 /// timeout.
 fn read_until(stream: &mut LocalStream, bytes: &mut [u8], stop: &AtomicBool) -> std::io::Result<()> {
     let (mut filled_bytes, mut remaining_time) = (0, REPLY_TIMEOUT);

@@ -15,7 +15,7 @@ use log_analysis::score::{ErrorStatistics, wrap_180};
 use simulator::random::{RandomStream, StreamPurpose};
 use simulator::world::airframe::Airframe;
 use simulator::world::earth::Earth;
-use simulator::world::published_table1::{BANK_DEG, BankErrors};
+use simulator::world::published_table1::{BankErrors, EXPERIMENT_BANK_DEG};
 use simulator::world::rotation::Euler;
 
 /// Number of headings in the table, 30 deg apart.
@@ -127,8 +127,11 @@ impl Table1Experiment {
                         noise.normal_vector().component_mul(&Vector3::from(READING_NOISE_UT))
                             / f64::from(readings_per_sample(READING_PERIOD_US)).sqrt()
                     });
-                    let sample =
-                        self.simulated_sample(sign * BANK_DEG, sign * heading_rad(i, experiment.samples), noise_ut);
+                    let sample = self.simulated_sample(
+                        sign * EXPERIMENT_BANK_DEG,
+                        sign * heading_rad(i, experiment.samples),
+                        noise_ut,
+                    );
                     Sample { time: WrappingMillis::new(u32::from(i) * 400), part: collection_part, ..sample }
                 })
                 .collect()
@@ -164,8 +167,8 @@ impl Table1Experiment {
         };
         MethodErrors {
             name,
-            right_deg: std::array::from_fn(|row| error_deg(BANK_DEG, row)),
-            left_deg: std::array::from_fn(|row| error_deg(-BANK_DEG, row)),
+            right_deg: std::array::from_fn(|row| error_deg(EXPERIMENT_BANK_DEG, row)),
+            left_deg: std::array::from_fn(|row| error_deg(-EXPERIMENT_BANK_DEG, row)),
         }
     }
 }

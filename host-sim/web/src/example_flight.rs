@@ -56,8 +56,9 @@ pub fn fly_example(request: FlightRequest, report_step: &mut dyn FnMut(&FlightSt
     let mut rig = Rig::new(WorldConfig::of_table1(request.seed));
     let reporter = StepReporter { progress: &progress, calibration: Cell::new(None), report_step };
     let mut observed = ObservedModule::new(&mut rig, reporter);
-    let mission_result =
-        mission::fly_with(&mut observed, TurnPlan::default(), &mut |stage, done| progress.set((stage, done)));
+    let mission_result = mission::fly_mission_of_module(&mut observed, TurnPlan::default(), &mut |stage, done| {
+        progress.set((stage, done))
+    });
     let origin = ReportOrigin {
         command_line: format!("host-sim fly --seed {}", request.seed),
         settings: vec![["airframe".to_owned(), "table1".to_owned()], ["seed".to_owned(), request.seed.to_string()]],

@@ -18,7 +18,7 @@ impl<'a> ReadWindow<'a> {
         Self { source, buffer: vec![0; 2 * MAX_PEEK_BYTES], start: 0, end: 0, is_at_end: false }
     }
 
-    /// Returns the next `number` bytes without consuming them, fewer at the end of the source.
+    /// Returns the next `byte_count` bytes without consuming them, fewer at the end of the source.
     ///
     /// # Errors
     ///

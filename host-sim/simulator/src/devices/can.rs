@@ -49,8 +49,8 @@ struct BusState {
     random: Random,
     free_at_us: u64,
     /// End of the state bus-off of all controllers.
-    off_until_us: u64,
-    nodes: Vec<FrameInbox>,
+    bus_off_until_us: u64,
+    inboxes: Vec<FrameInbox>,
     frames: u64,
 }
 
@@ -58,7 +58,7 @@ struct BusState {
 struct FrameInbox {
     /// Frames with their times of arrival.
     frames: VecDeque<(u64, CanFrame)>,
-    reader: Option<Waker>,
+    reader_waker: Option<Waker>,
     /// Detected errors of the bus.
     error_count: u32,
 }
@@ -71,8 +71,8 @@ impl CanBus {
             faults,
             random: Random(faults.seed),
             free_at_us: 0,
-            off_until_us: 0,
-            nodes: Vec::new(),
+            bus_off_until_us: 0,
+            inboxes: Vec::new(),
             frames: 0,
         })))
     }
@@ -81,15 +81,15 @@ impl CanBus {
     #[must_use]
     pub fn attach_node(&self) -> CanEnd {
         let mut state = self.0.borrow_mut();
-        state.nodes.push(FrameInbox::default());
-        CanEnd { bus: self.clone(), node: state.nodes.len() - 1 }
+        state.inboxes.push(FrameInbox::default());
+        CanEnd { bus: self.clone(), node_index: state.inboxes.len() - 1 }
     }
 
     /// Fault: no frame is sent for this time, as after many errors.
     pub fn switch_bus_off(&self, duration_us: u64) {
         let mut state = self.0.borrow_mut();
-        state.off_until_us = clock::now_us() + duration_us;
-        state.nodes.iter_mut().for_each(|inbox| inbox.error_count += ERRORS_TO_BUS_OFF);
+        state.bus_off_until_us = clock::now_us() + duration_us;
+        state.inboxes.iter_mut().for_each(|inbox| inbox.error_count += ERRORS_TO_BUS_OFF);
     }
 
     /// Number of frames sent since the start.
@@ -103,44 +103,44 @@ impl CanBus {
 #[derive(Clone)]
 pub struct CanEnd {
     bus: CanBus,
-    node: usize,
+    node_index: usize,
 }
 
 impl CanEnd {
     /// Clears the receiver, as at the start of the node.
     pub fn clear_receiver(&self) {
-        self.bus.0.borrow_mut().nodes[self.node] = FrameInbox::default();
+        self.bus.0.borrow_mut().inboxes[self.node_index] = FrameInbox::default();
     }
 
     /// Sends a frame as soon as the bus is free, behind all frames offered before.
     pub fn queue_frame(&self, frame: &CanFrame) {
-        self.bus.0.borrow_mut().broadcast_frame(self.node, frame, clock::now_us());
+        self.bus.0.borrow_mut().broadcast_frame(self.node_index, frame, clock::now_us());
     }
 
     /// Returns and removes the received frames.
     #[must_use]
     pub fn take_received(&self) -> Vec<CanFrame> {
-        std::iter::from_fn(|| self.bus.0.borrow_mut().nodes[self.node].pop_frame(clock::now_us())).collect()
+        std::iter::from_fn(|| self.bus.0.borrow_mut().inboxes[self.node_index].pop_frame(clock::now_us())).collect()
     }
 
     fn poll_send(&self, frame: &CanFrame, context: &Context<'_>) -> Poll<()> {
         let mut state = self.bus.0.borrow_mut();
         let now_us = clock::now_us();
-        let ready_at_us = state.free_at_us.max(state.off_until_us);
+        let ready_at_us = state.free_at_us.max(state.bus_off_until_us);
         if now_us < ready_at_us {
             embassy_time_driver::schedule_wake(ready_at_us, context.waker());
             return Poll::Pending;
         }
-        state.broadcast_frame(self.node, frame, now_us);
+        state.broadcast_frame(self.node_index, frame, now_us);
         Poll::Ready(())
     }
 
     fn poll_receive(&self, context: &Context<'_>) -> Poll<CanFrame> {
-        let inbox = &mut self.bus.0.borrow_mut().nodes[self.node];
+        let inbox = &mut self.bus.0.borrow_mut().inboxes[self.node_index];
         if let Some(frame) = inbox.pop_frame(clock::now_us()) {
             return Poll::Ready(frame);
         }
-        inbox.reader = Some(context.waker().clone());
+        inbox.reader_waker = Some(context.waker().clone());
         if let Some((at_us, _)) = inbox.frames.front() {
             embassy_time_driver::schedule_wake(*at_us, context.waker());
         }
@@ -160,7 +160,7 @@ impl ReceiveFrame for CanEnd {
     }
 
     fn take_error_count(&mut self) -> u32 {
-        mem::take(&mut self.bus.0.borrow_mut().nodes[self.node].error_count)
+        mem::take(&mut self.bus.0.borrow_mut().inboxes[self.node_index].error_count)
     }
 }
 
@@ -170,7 +170,7 @@ impl BusState {
         self.free_at_us = self.free_at_us.max(now_us) + EMPTY_FRAME_US + DATA_BYTE_US * frame.data().len() as u64;
         let CanFaults { loss_share: loss, duplication_share: duplication, reordering_share: reordering, .. } =
             self.faults;
-        for (_, inbox) in self.nodes.iter_mut().enumerate().filter(|(node, _)| *node != sender) {
+        for (_, inbox) in self.inboxes.iter_mut().enumerate().filter(|(node_index, _)| *node_index != sender) {
             let mut happens = |share: f32| share > 0.0 && self.random.uniform(0.0, 1.0) < share;
             if happens(loss) {
                 continue;
@@ -191,10 +191,10 @@ impl FrameInbox {
         if self.frames.len() >= RECEIVER_CAPACITY_FRAMES {
             return;
         }
-        let place = self.frames.partition_point(|(other_us, _)| *other_us <= at_us);
-        self.frames.insert(place, (at_us, frame.clone()));
-        if let Some(reader) = self.reader.take() {
-            reader.wake();
+        let insert_index = self.frames.partition_point(|(other_us, _)| *other_us <= at_us);
+        self.frames.insert(insert_index, (at_us, frame.clone()));
+        if let Some(reader_waker) = self.reader_waker.take() {
+            reader_waker.wake();
         }
     }
 

@@ -42,7 +42,7 @@ impl Error for BusError {
 /// Cloneable handle to the bus. A transaction takes the time of its bytes and takes effect at its end.
 #[derive(Clone, Default)]
 pub struct SimulatedI2cBus {
-    targets: Rc<RefCell<Vec<SharedI2cDevice>>>,
+    devices: Rc<RefCell<Vec<SharedI2cDevice>>>,
 }
 
 impl SimulatedI2cBus {
@@ -53,12 +53,12 @@ impl SimulatedI2cBus {
     }
 
     /// Connects a device.
-    pub fn attach_device(&self, target: SharedI2cDevice) {
-        self.targets.borrow_mut().push(target);
+    pub fn attach_device(&self, device: SharedI2cDevice) {
+        self.devices.borrow_mut().push(device);
     }
 
-    fn target_at(&self, address: SevenBitAddress) -> Option<SharedI2cDevice> {
-        self.targets.borrow().iter().find(|target| target.borrow().acknowledges_address(address)).cloned()
+    fn device_at(&self, address: SevenBitAddress) -> Option<SharedI2cDevice> {
+        self.devices.borrow().iter().find(|device| device.borrow().acknowledges_address(address)).cloned()
     }
 }
 
@@ -72,19 +72,19 @@ impl I2c for SimulatedI2cBus {
         address: SevenBitAddress,
         operations: &mut [Operation<'_>],
     ) -> Result<(), Self::Error> {
-        let Some(target) = self.target_at(address) else {
-            Timer::after(bus_time(1)).await;
+        let Some(device) = self.device_at(address) else {
+            Timer::after(transfer_duration(1)).await;
             return Err(BusError::NoAcknowledge(address));
         };
         // Each operation sends the address. By embedded-hal adjacent writes, or reads, share one address, but no driver
         // has adjacent ones.
         let bytes: usize = operations.iter().map(|operation| 1 + operation_length(operation)).sum();
-        Timer::after(bus_time(bytes)).await;
-        let mut target = target.borrow_mut();
+        Timer::after(transfer_duration(bytes)).await;
+        let mut device = device.borrow_mut();
         for operation in operations {
             match operation {
-                Operation::Write(bytes) => target.write_bytes(bytes),
-                Operation::Read(bytes) => target.read_bytes(bytes),
+                Operation::Write(bytes) => device.write_bytes(bytes),
+                Operation::Read(bytes) => device.read_bytes(bytes),
             }
         }
         Ok(())
@@ -98,6 +98,6 @@ fn operation_length(operation: &Operation<'_>) -> usize {
     }
 }
 
-fn bus_time(bytes: usize) -> Duration {
+fn transfer_duration(bytes: usize) -> Duration {
     Duration::from_micros((bytes as u64 * NANOSECONDS_PER_BYTE).div_ceil(1000))
 }

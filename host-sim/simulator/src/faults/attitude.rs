@@ -95,12 +95,12 @@ pub struct SourceSilence {
 
 impl AttitudeFault for SourceSilence {
     fn is_silent(&self, now_us: u64) -> bool {
-        self.fault_switch.active_for_s(now_us).is_some_and(|on_for_s| on_for_s % self.period_s < self.silent_s)
+        self.fault_switch.active_for_s(now_us).is_some_and(|active_s| active_s % self.period_s < self.silent_s)
     }
 
     fn modify_message(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
-        if let Some(on_for_s) = self.fault_switch.active_for_s(now_us).filter(|_| self.stops_clock) {
-            let intervals = (on_for_s / self.period_s).floor() + 1.0;
+        if let Some(active_s) = self.fault_switch.active_for_s(now_us).filter(|_| self.stops_clock) {
+            let intervals = (active_s / self.period_s).floor() + 1.0;
             message.time_boot_ms = message.time_boot_ms.wrapping_sub((1e3 * intervals * self.silent_s) as u32);
         }
     }
@@ -118,13 +118,13 @@ pub struct SourceRestart {
 
 impl AttitudeFault for SourceRestart {
     fn is_silent(&self, now_us: u64) -> bool {
-        self.fault_switch.active_for_s(now_us).is_some_and(|on_for_s| on_for_s < self.silent_s)
+        self.fault_switch.active_for_s(now_us).is_some_and(|active_s| active_s < self.silent_s)
     }
 
     fn modify_message(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
-        if let Some(on_for_s) = self.fault_switch.active_for_s(now_us) {
-            message.time_boot_ms = (1e3 * on_for_s) as u32;
-            self.alignment.add_error(on_for_s - self.silent_s, message);
+        if let Some(active_s) = self.fault_switch.active_for_s(now_us) {
+            message.time_boot_ms = (1e3 * active_s) as u32;
+            self.alignment.add_oscillation(active_s - self.silent_s, message);
         }
     }
 }
@@ -135,9 +135,9 @@ pub fn attitude_spikes(switch: FaultSwitch, fraction: f64, seed: u64) -> impl At
     let mut random = RandomStream::new(seed, StreamPurpose::AttitudeFault);
     change_messages_while_on(switch, move |message| {
         if random.uniform(0.0, 1.0) < fraction {
-            let mut wrong = || if random.uniform(-1.0, 1.0) < 0.0 { -FRAC_PI_4 } else { FRAC_PI_4 } as f32;
-            message.roll += wrong();
-            message.pitch += wrong();
+            let mut spike_rad = || if random.uniform(-1.0, 1.0) < 0.0 { -FRAC_PI_4 } else { FRAC_PI_4 } as f32;
+            message.roll += spike_rad();
+            message.pitch += spike_rad();
         }
     })
 }
@@ -158,16 +158,16 @@ pub fn bank_scale_error(switch: FaultSwitch, reported_ratio: f64) -> impl Attitu
 }
 
 /// Bank error of a filter that trusts its accelerometers in long turns, where the specific force shows no bank: the
-/// missing bank approaches `share` of the bank with this time constant (M. Euston et al., "A Complementary Filter for
+/// missing bank approaches `missing_fraction` of the bank with this time constant (M. Euston et al., "A Complementary Filter for
 /// Attitude Estimation of a Fixed-Wing UAV", IROS 2008, section IV).
 #[must_use]
-pub fn lagging_bank_error(switch: FaultSwitch, share: f64, time_s: f64) -> impl AttitudeFault {
-    let (mut lean_rad, mut before_us) = (0.0, None);
+pub fn lagging_bank_error(switch: FaultSwitch, missing_fraction: f64, time_constant_s: f64) -> impl AttitudeFault {
+    let (mut missing_bank_rad, mut last_us) = (0.0, None);
     move |now_us: u64, message: &mut ATTITUDE_DATA| {
-        let step_s = now_us.saturating_sub(before_us.replace(now_us).unwrap_or(now_us)) as f64 / 1e6;
-        let target_rad = if switch.is_on(now_us) { share * f64::from(message.roll) } else { 0.0 };
-        lean_rad += (target_rad - lean_rad) * (step_s / time_s).min(1.0);
-        message.roll -= lean_rad as f32;
+        let step_s = now_us.saturating_sub(last_us.replace(now_us).unwrap_or(now_us)) as f64 / 1e6;
+        let target_rad = if switch.is_on(now_us) { missing_fraction * f64::from(message.roll) } else { 0.0 };
+        missing_bank_rad += (target_rad - missing_bank_rad) * (step_s / time_constant_s).min(1.0);
+        message.roll -= missing_bank_rad as f32;
     }
 }
 
@@ -201,9 +201,9 @@ pub fn rate_scale_error(switch: FaultSwitch, factor: f64) -> impl AttitudeFault 
 #[must_use]
 pub fn rate_offset_ramp(switch: FaultSwitch, growth_deg_s2: [f64; 3]) -> impl AttitudeFault {
     move |now_us: u64, message: &mut ATTITUDE_DATA| {
-        let Some(on_for_s) = switch.active_for_s(now_us) else { return };
+        let Some(active_s) = switch.active_for_s(now_us) else { return };
         for (rate, growth_deg_s2) in rates_of_message(message).into_iter().zip(growth_deg_s2) {
-            *rate += (growth_deg_s2.to_radians() * on_for_s) as f32;
+            *rate += (growth_deg_s2.to_radians() * active_s) as f32;
         }
     }
 }
@@ -223,10 +223,10 @@ pub struct FilterAlignment {
 }
 
 impl FilterAlignment {
-    fn add_error(&self, after_s: f64, message: &mut ATTITUDE_DATA) {
-        let swing_rad = self.amplitude_deg.to_radians() * (1.0 - after_s / self.duration_s).clamp(0.0, 1.0);
+    fn add_oscillation(&self, after_s: f64, message: &mut ATTITUDE_DATA) {
+        let amplitude_rad = self.amplitude_deg.to_radians() * (1.0 - after_s / self.duration_s).clamp(0.0, 1.0);
         for (angle, period_s) in [&mut message.roll, &mut message.pitch].into_iter().zip(self.periods_s) {
-            *angle += (swing_rad * libm::sin(TAU * after_s / period_s)) as f32;
+            *angle += (amplitude_rad * libm::sin(TAU * after_s / period_s)) as f32;
         }
     }
 }
@@ -235,12 +235,12 @@ impl FilterAlignment {
 #[must_use]
 pub fn filter_alignment(switch: FaultSwitch, alignment: FilterAlignment) -> impl AttitudeFault {
     move |now_us: u64, message: &mut ATTITUDE_DATA| {
-        let Some(on_for_s) = switch.active_for_s(now_us) else { return };
+        let Some(active_s) = switch.active_for_s(now_us) else { return };
         // Real gyros never output exactly zero.
         for rate in rates_of_message(message) {
             *rate += GYRO_OFFSET_RAD_S;
         }
-        alignment.add_error(on_for_s, message);
+        alignment.add_oscillation(active_s, message);
     }
 }
 

@@ -48,9 +48,9 @@ pub fn passing_object(switch: FaultSwitch, peak_ut: Vector3<f64>) -> impl FieldF
 }
 
 /// Interference in proportion to throttle, which is constant before the onset; then it changes every few seconds
-/// within 0.5 s. `full_ut`: change from cruise to full throttle, microtesla, chip axes.
+/// within 0.5 s. `full_throttle_ut`: change from cruise to full throttle, microtesla, chip axes.
 #[must_use]
-pub fn throttle_interference(switch: FaultSwitch, full_ut: Vector3<f64>, seed: u64) -> impl FieldFault {
+pub fn throttle_interference(switch: FaultSwitch, full_throttle_ut: Vector3<f64>, seed: u64) -> impl FieldFault {
     let mut random = RandomStream::new(seed, StreamPurpose::Throttle);
     // Times since the onset (seconds) and new throttle values, -1..1 relative to cruise.
     let mut throttle_changes = vec![(0.0, 0.0)];
@@ -60,12 +60,12 @@ pub fn throttle_interference(switch: FaultSwitch, full_ut: Vector3<f64>, seed: u
         throttle_changes.push((at_s, random.uniform(-1.0, 1.0)));
     }
     move |truth: &TrueState| {
-        let Some(on_s) = switch.active_for_s(truth.time_us) else { return Vector3::zeros() };
-        let next = throttle_changes.partition_point(|&(from_s, _)| from_s <= on_s);
-        let (from_s, now) = throttle_changes[next - 1];
-        let before = throttle_changes[next.saturating_sub(2)].1;
-        let share = ((on_s - from_s) / 0.5).min(1.0);
-        full_ut * (before + (now - before) * share)
+        let Some(active_s) = switch.active_for_s(truth.time_us) else { return Vector3::zeros() };
+        let next = throttle_changes.partition_point(|&(from_s, _)| from_s <= active_s);
+        let (from_s, new_throttle) = throttle_changes[next - 1];
+        let old_throttle = throttle_changes[next.saturating_sub(2)].1;
+        let fraction = ((active_s - from_s) / 0.5).min(1.0);
+        full_throttle_ut * (old_throttle + (new_throttle - old_throttle) * fraction)
     }
 }
 
@@ -73,12 +73,14 @@ pub fn throttle_interference(switch: FaultSwitch, full_ut: Vector3<f64>, seed: u
 const LINKAGE_BANK_DEG: f64 = 25.0;
 
 /// Iron in the linkage of the elevator, which deflects in turns by the load factor less one (W. F. Phillips, Mechanics
-/// of Flight, 2010, 6.4). `full_ut`: field at 25 deg of bank and above, microtesla, chip axes.
+/// of Flight, 2010, 6.4). `full_deflection_ut`: field at 25 deg of bank and above, microtesla, chip axes.
 #[must_use]
-pub fn elevator_linkage(full_ut: Vector3<f64>) -> impl FieldFault {
+pub fn elevator_linkage(full_deflection_ut: Vector3<f64>) -> impl FieldFault {
     let deflection = |bank_rad: f64| 1.0 / libm::cos(bank_rad) - 1.0;
     let deflection_at_linkage_bank = deflection(LINKAGE_BANK_DEG.to_radians());
-    move |truth: &TrueState| full_ut * (deflection(truth.roll_rad) / deflection_at_linkage_bank).clamp(0.0, 1.0)
+    move |truth: &TrueState| {
+        full_deflection_ut * (deflection(truth.roll_rad) / deflection_at_linkage_bank).clamp(0.0, 1.0)
+    }
 }
 
 /// Hysteresis of the soft iron: its magnetisation turns with the field only after a play (the play operator of M. A.
@@ -88,9 +90,9 @@ pub struct SoftIronHysteresis {
     /// Field of the soft iron in chip axes per unit of field in body axes.
     soft_iron: Matrix3<f64>,
     earth: Earth,
-    linkage_play_rad: f64,
+    play_rad: f64,
     /// Heading at which the soft iron would have its present magnetisation without hysteresis; `None` at the start.
-    magnetised_at_rad: Cell<Option<f64>>,
+    magnetisation_heading_rad: Cell<Option<f64>>,
 }
 
 impl SoftIronHysteresis {
@@ -100,30 +102,30 @@ impl SoftIronHysteresis {
         Self {
             soft_iron: airframe.soft_iron(),
             earth,
-            linkage_play_rad: play_deg.to_radians(),
-            magnetised_at_rad: Cell::new(None),
+            play_rad: play_deg.to_radians(),
+            magnetisation_heading_rad: Cell::new(None),
         }
     }
 
-    pub(super) fn at_heading(&self, truth: &TrueState, magnetised_at_rad: f64) -> Vector3<f64> {
+    pub(super) fn lag_field_ut(&self, truth: &TrueState, magnetisation_heading_rad: f64) -> Vector3<f64> {
         let body_ut = |heading_rad| self.earth.body_field_ut(Euler { heading_rad, ..truth.euler_angles() });
-        self.soft_iron * (body_ut(magnetised_at_rad) - body_ut(truth.heading_rad))
+        self.soft_iron * (body_ut(magnetisation_heading_rad) - body_ut(truth.heading_rad))
     }
 }
 
 impl FieldFault for SoftIronHysteresis {
-    fn added_ut(&self, truth: &TrueState) -> Vector3<f64> {
+    fn added_field_ut(&self, truth: &TrueState) -> Vector3<f64> {
         let heading_rad = truth.heading_rad;
-        let before_rad = self.magnetised_at_rad.get().unwrap_or(heading_rad);
-        let now_rad = before_rad.clamp(heading_rad - self.linkage_play_rad, heading_rad + self.linkage_play_rad);
-        self.magnetised_at_rad.set(Some(now_rad));
-        self.at_heading(truth, now_rad)
+        let before_rad = self.magnetisation_heading_rad.get().unwrap_or(heading_rad);
+        let now_rad = before_rad.clamp(heading_rad - self.play_rad, heading_rad + self.play_rad);
+        self.magnetisation_heading_rad.set(Some(now_rad));
+        self.lag_field_ut(truth, now_rad)
     }
 
     /// Field in a long turn; in level flight, the mean of the fields after a left and after a right turn.
-    fn steady_ut(&self, truth: &TrueState) -> Vector3<f64> {
-        let lag_rad = if truth.roll_rad == 0.0 { 0.0 } else { self.linkage_play_rad.copysign(truth.roll_rad) };
-        self.at_heading(truth, truth.heading_rad - lag_rad)
+    fn steady_field_ut(&self, truth: &TrueState) -> Vector3<f64> {
+        let lag_rad = if truth.roll_rad == 0.0 { 0.0 } else { self.play_rad.copysign(truth.roll_rad) };
+        self.lag_field_ut(truth, truth.heading_rad - lag_rad)
     }
 }
 
@@ -140,7 +142,7 @@ pub struct MountTurn {
 }
 
 impl FieldFault for MountTurn {
-    fn added_ut(&self, truth: &TrueState) -> Vector3<f64> {
+    fn added_field_ut(&self, truth: &TrueState) -> Vector3<f64> {
         let Airframe { field_matrix: a, hard_iron_ut: b_ut } = self.airframe;
         let field_ut = a * self.earth.body_field_ut(truth.euler_angles()) + b_ut;
         let axis = Rotation3::from_matrix(&a) * Vector3::z_axis();

@@ -13,7 +13,7 @@ use crate::world::autopilot::Leg;
 use crate::world::{World, WorldConfig};
 
 /// Interval of checks of the switches, and of forged messages, milliseconds.
-const SWITCH_CHECK_MS: u64 = 100;
+const SWITCH_CHECK_INTERVAL_MS: u64 = 100;
 
 /// Fault of the link.
 #[derive(Clone, Debug)]
@@ -58,7 +58,7 @@ async fn pause_link(switch: FaultSwitch, world: World) {
         if is_on == world.sends_attitude() {
             world.set_sends_attitude(!is_on);
         }
-        Timer::after(Duration::from_millis(SWITCH_CHECK_MS)).await;
+        Timer::after(Duration::from_millis(SWITCH_CHECK_INTERVAL_MS)).await;
     }
 }
 
@@ -95,6 +95,6 @@ async fn send_forged_message(
                 ForgedMessage::Disarmed => autopilot.heartbeat_message(false),
             });
         }
-        Timer::after(Duration::from_millis(SWITCH_CHECK_MS)).await;
+        Timer::after(Duration::from_millis(SWITCH_CHECK_INTERVAL_MS)).await;
     }
 }

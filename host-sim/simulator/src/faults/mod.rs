@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | magnetometer | `sensor.rs` | measurements and register upsets on the I2C bus |
 //! | attitude source | `attitude.rs` | modified messages, and additional senders |
-//! | link | `link.rs` | an autopilot that pauses, other vehicles, forged messages |
+//! | link | `link_faults.rs` | an autopilot that pauses, other vehicles, forged messages |
 //! | field | `field.rs` | hard-iron changes and other fields at the chip |
 //!
 //! Each fault is active while its [`FaultSwitch`] is on, and depends only on its seed and the simulation time.

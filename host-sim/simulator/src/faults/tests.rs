@@ -31,8 +31,8 @@ fn switch() -> FaultSwitch {
     switch
 }
 
-const BEFORE_US: u64 = 999_999;
-const WHILE_US: u64 = 2_000_000;
+const BEFORE_ONSET_US: u64 = 999_999;
+const WHILE_ACTIVE_US: u64 = 2_000_000;
 
 #[test]
 fn a_switch_is_on_from_its_start_until_its_end() {
@@ -49,12 +49,12 @@ fn a_switch_is_on_from_its_start_until_its_end() {
 }
 
 #[derive(Default)]
-struct Chip {
+struct RegisterChip {
     registers: Vec<u8>,
     pointer: usize,
 }
 
-impl SimulatedI2cDevice for Chip {
+impl SimulatedI2cDevice for RegisterChip {
     fn acknowledges_address(&self, _address: u8) -> bool {
         true
     }
@@ -73,10 +73,10 @@ impl SimulatedI2cDevice for Chip {
 }
 
 /// Bytes read from a chip with a fault whose registers contain their addresses.
-fn read(fault: impl SensorFault + 'static, pointer: u8, length: usize) -> (Vec<u8>, Rc<RefCell<Chip>>) {
+fn read(fault: impl SensorFault + 'static, pointer: u8, length: usize) -> (Vec<u8>, Rc<RefCell<RegisterChip>>) {
     // Starts the simulation clock at zero, when the fault's switch is on.
     let _simulation = Simulation::new();
-    let chip = Rc::new(RefCell::new(Chip { registers: (0..64).collect(), pointer: 0 }));
+    let chip = Rc::new(RefCell::new(RegisterChip { registers: (0..64).collect(), pointer: 0 }));
     let faulty = FaultyChip::new(chip.clone(), vec![Box::new(fault)]);
     faulty.borrow_mut().write_bytes(&[pointer]);
     let mut bytes = vec![0; length];
@@ -103,8 +103,11 @@ fn an_upset_flips_the_bits_of_a_register_once() {
     assert_eq!(bytes, [0x20, 0x41, 0x22, 0x23, 0x24]);
     assert_eq!(chip.borrow().registers[0x21], 0x41);
     let mut upset = RegisterUpset { fault_switch: switch(), register: 0x21, bit_mask: 0x60, has_occurred: false };
-    assert_eq!(upset.register_upset(BEFORE_US), None);
-    assert_eq!((upset.register_upset(WHILE_US), upset.register_upset(WHILE_US)), (Some((0x21, 0x60)), None));
+    assert_eq!(upset.register_upset(BEFORE_ONSET_US), None);
+    assert_eq!(
+        (upset.register_upset(WHILE_ACTIVE_US), upset.register_upset(WHILE_ACTIVE_US)),
+        (Some((0x21, 0x60)), None)
+    );
 }
 
 fn apply_sensor_fault(fault: &mut impl SensorFault, at_us: u64, counts: [i16; 3]) -> [i16; 3] {
@@ -116,9 +119,9 @@ fn apply_sensor_fault(fault: &mut impl SensorFault, at_us: u64, counts: [i16; 3]
 #[test]
 fn a_stuck_axis_repeats_what_it_read_last() {
     let mut stuck = stuck_axes(switch(), [false, true, false]);
-    assert_eq!(apply_sensor_fault(&mut stuck, BEFORE_US, [1, 2, 3]), [1, 2, 3]);
-    assert_eq!(apply_sensor_fault(&mut stuck, WHILE_US, [4, 5, 6]), [4, 2, 6]);
-    assert_eq!(apply_sensor_fault(&mut stuck, WHILE_US, [7, 8, 9]), [7, 2, 9]);
+    assert_eq!(apply_sensor_fault(&mut stuck, BEFORE_ONSET_US, [1, 2, 3]), [1, 2, 3]);
+    assert_eq!(apply_sensor_fault(&mut stuck, WHILE_ACTIVE_US, [4, 5, 6]), [4, 2, 6]);
+    assert_eq!(apply_sensor_fault(&mut stuck, WHILE_ACTIVE_US, [7, 8, 9]), [7, 2, 9]);
     assert_eq!(apply_sensor_fault(&mut stuck, 3_000_000, [7, 8, 9]), [7, 8, 9]);
 }
 
@@ -126,14 +129,14 @@ fn a_stuck_axis_repeats_what_it_read_last() {
 #[test]
 fn noise_and_spikes_have_the_configured_size_and_rate() {
     let (mut noisy, mut spiky) = (additional_noise(switch(), 100.0, 1), measurement_spikes(switch(), 0.01, 2000.0, 1));
-    assert_eq!(apply_sensor_fault(&mut noisy, BEFORE_US, [0; 3]), [0; 3]);
-    assert_eq!(apply_sensor_fault(&mut spiky, BEFORE_US, [0; 3]), [0; 3]);
+    assert_eq!(apply_sensor_fault(&mut noisy, BEFORE_ONSET_US, [0; 3]), [0; 3]);
+    assert_eq!(apply_sensor_fault(&mut spiky, BEFORE_ONSET_US, [0; 3]), [0; 3]);
     let squares: f64 =
-        (0..10_000).map(|_| square(f64::from(apply_sensor_fault(&mut noisy, WHILE_US, [0; 3])[2]))).sum::<f64>()
+        (0..10_000).map(|_| square(f64::from(apply_sensor_fault(&mut noisy, WHILE_ACTIVE_US, [0; 3])[2]))).sum::<f64>()
             / 10_000.0;
     assert!((squares.sqrt() - 100.0).abs() < 4.0, "{}", squares.sqrt());
     let spikes: Vec<[i16; 3]> = (0..10_000)
-        .map(|_| apply_sensor_fault(&mut spiky, WHILE_US, [0; 3]))
+        .map(|_| apply_sensor_fault(&mut spiky, WHILE_ACTIVE_US, [0; 3]))
         .filter(|counts| *counts != [0; 3])
         .collect();
     assert!((60..=140).contains(&spikes.len()), "{}", spikes.len());
@@ -150,8 +153,8 @@ fn apply_attitude_fault(fault: &mut impl AttitudeFault, at_us: u64, roll: f32) -
 #[test]
 fn a_frozen_source_repeats_everything_but_its_time() {
     let mut frozen = frozen_attitude(switch());
-    apply_attitude_fault(&mut frozen, BEFORE_US, 0.2);
-    let message = apply_attitude_fault(&mut frozen, WHILE_US, 0.5);
+    apply_attitude_fault(&mut frozen, BEFORE_ONSET_US, 0.2);
+    let message = apply_attitude_fault(&mut frozen, WHILE_ACTIVE_US, 0.5);
     assert_eq!((message.roll.to_bits(), message.rollspeed.to_bits()), (0.2_f32.to_bits(), 0.2_f32.to_bits()));
     assert_eq!(message.time_boot_ms, 2000);
     assert_eq!(apply_attitude_fault(&mut frozen, 3_000_000, 0.5).roll.to_bits(), 0.5_f32.to_bits());
@@ -167,15 +170,17 @@ fn each_attitude_fault_has_its_named_effect() {
     let mut bank_scale = bank_scale_error(switch(), 0.7);
     let mut bias = attitude_bias(switch(), [0.1, 0.2]);
     for (fault, expected) in [(&mut bank_scale as &mut dyn AttitudeFault, 0.28), (&mut bias, 0.5)] {
-        assert!((roll(fault, BEFORE_US) - 0.4).abs() < 1e-6 && (roll(fault, WHILE_US) - expected).abs() < 1e-6);
+        assert!(
+            (roll(fault, BEFORE_ONSET_US) - 0.4).abs() < 1e-6 && (roll(fault, WHILE_ACTIVE_US) - expected).abs() < 1e-6
+        );
     }
     let latency_fault = AdditionalLatency { fault_switch: switch(), latency_us: 200_000 };
-    assert_eq!([BEFORE_US, WHILE_US].map(|at_us| latency_fault.added_latency_us(at_us)), [0, 200_000]);
+    assert_eq!([BEFORE_ONSET_US, WHILE_ACTIVE_US].map(|at_us| latency_fault.added_latency_us(at_us)), [0, 200_000]);
     let coarse = roll(&mut attitude_quantisation(0.1), 0).to_degrees();
     assert!((coarse - 22.9).abs() < 1e-4, "0.4 rad are 22.918 deg: {coarse}");
     let mut spikes = attitude_spikes(switch(), 0.01, 1);
     let wrong: Vec<f32> = (0..10_000)
-        .map(|_| apply_attitude_fault(&mut spikes, WHILE_US, 0.0).roll)
+        .map(|_| apply_attitude_fault(&mut spikes, WHILE_ACTIVE_US, 0.0).roll)
         .filter(|roll_rad| *roll_rad != 0.0)
         .collect();
     assert!((60..=140).contains(&wrong.len()), "{}", wrong.len());
@@ -185,7 +190,8 @@ fn each_attitude_fault_has_its_named_effect() {
 #[test]
 fn each_field_fault_has_its_named_effect() {
     let ut = Vector3::new(3.0, 0.0, 4.0);
-    let added = |fault: &dyn FieldFault, time_us| fault.added_ut(&TrueState { time_us, ..TrueState::default() }).norm();
+    let added =
+        |fault: &dyn FieldFault, time_us| fault.added_field_ut(&TrueState { time_us, ..TrueState::default() }).norm();
     let changed_iron = hard_iron_change(switch(), ut);
     let drift = zero_drift(switch(), ut);
     let passing = passing_object(switch(), ut);
@@ -194,7 +200,9 @@ fn each_field_fault_has_its_named_effect() {
         (&drift, [0.0, 1.25, 2.5, 5.0]),
         (&passing, [0.0, 2.5, 5.0, 0.0]),
     ] {
-        for (at_us, expected_ut) in [BEFORE_US, 1_500_000, WHILE_US, 4_000_000].into_iter().zip(expected_ut) {
+        for (at_us, expected_ut) in
+            [BEFORE_ONSET_US, 1_500_000, WHILE_ACTIVE_US, 4_000_000].into_iter().zip(expected_ut)
+        {
             assert!((added(fault, at_us) - expected_ut).abs() < 1e-9, "{at_us}: {}", added(fault, at_us));
         }
     }
@@ -210,8 +218,8 @@ fn a_linkage_moves_in_turns_to_both_sides_only() {
     let linkage = elevator_linkage(Vector3::new(0.0, 3.0, 0.0));
     for (bank_deg, expected_ut) in [(0.0_f64, 0.0), (25.0, 3.0), (-25.0, 3.0), (40.0, 3.0), (12.0, 0.646)] {
         let state = TrueState { roll_rad: bank_deg.to_radians(), ..TrueState::default() };
-        let added_ut = linkage.added_ut(&state).y;
-        assert!((added_ut - expected_ut).abs() < 0.01, "{bank_deg}: {added_ut}");
+        let added_field_ut = linkage.added_field_ut(&state).y;
+        assert!((added_field_ut - expected_ut).abs() < 0.01, "{bank_deg}: {added_field_ut}");
     }
 }
 
@@ -224,18 +232,20 @@ fn hysteresis_depends_on_the_side_of_the_last_turn() {
     let fly = |from: i32, to: i32| {
         let step = (to - from).signum();
         (0..=(to - from).abs())
-            .fold(Vector3::zeros(), |_, step_count| iron.added_ut(&state_at(f64::from(from + step * step_count))))
+            .fold(Vector3::zeros(), |_, step_count| iron.added_field_ut(&state_at(f64::from(from + step * step_count))))
     };
-    let lag_ut = |heading_deg: f64, of_deg: f64| iron.at_heading(&state_at(heading_deg), of_deg.to_radians());
+    let lag_ut = |heading_deg: f64, of_deg: f64| iron.lag_field_ut(&state_at(heading_deg), of_deg.to_radians());
     assert!((fly(0, 90) - lag_ut(90.0, 75.0)).norm() < 1e-9);
     assert!((fly(90, 100) - lag_ut(100.0, 85.0)).norm() < 1e-9);
     assert!((fly(100, 20) - lag_ut(20.0, 35.0)).norm() < 1e-9);
     assert!((fly(20, 25) - lag_ut(25.0, 35.0)).norm() < 1e-9, "within the play nothing moves");
     let banked = |bank_deg: f64| TrueState { roll_rad: bank_deg.to_radians(), ..state_at(90.0) };
-    assert!((iron.steady_ut(&banked(25.0)) - iron.at_heading(&banked(25.0), 75_f64.to_radians())).norm() < 1e-9);
-    assert!(iron.steady_ut(&banked(0.0)).norm() < 1e-9 && lag_ut(90.0, 75.0).norm() > 0.1);
+    assert!(
+        (iron.steady_field_ut(&banked(25.0)) - iron.lag_field_ut(&banked(25.0), 75_f64.to_radians())).norm() < 1e-9
+    );
+    assert!(iron.steady_field_ut(&banked(0.0)).norm() < 1e-9 && lag_ut(90.0, 75.0).norm() > 0.1);
     let hysteresis_without_iron = SoftIronHysteresis::new(&Airframe::without_iron(), Earth::default(), 15.0);
-    assert!(hysteresis_without_iron.steady_ut(&banked(25.0)).norm() < 1e-9);
+    assert!(hysteresis_without_iron.steady_field_ut(&banked(25.0)).norm() < 1e-9);
 }
 
 #[test]

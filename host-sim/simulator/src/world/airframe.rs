@@ -10,11 +10,11 @@ use super::published_table1;
 use crate::random::{RandomStream, StreamPurpose};
 
 /// Largest symmetric soft iron of a random airframe, relative.
-const RANDOM_SOFT_IRON: f64 = 0.20;
+const MAX_RANDOM_SOFT_IRON: f64 = 0.20;
 /// Largest asymmetric soft iron, relative: soft iron near the sensor is nearly symmetric.
-const RANDOM_ASYMMETRY: f64 = 0.02;
-const RANDOM_HARD_IRON: f64 = 1.5;
-const RANDOM_MOUNTING_DEG: f64 = 10.0;
+const MAX_RANDOM_ASYMMETRY: f64 = 0.02;
+const MAX_RANDOM_HARD_IRON: f64 = 1.5;
+const MAX_RANDOM_MOUNTING_DEG: f64 = 10.0;
 
 /// Linear map from the field in body axes to the measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,10 +74,10 @@ impl Airframe {
     /// Aircraft of Liu 2007 table 1 (see [`published_table1`]).
     #[must_use]
     pub fn of_table1() -> Self {
-        let a = Matrix3::from_row_slice(published_table1::SOFT_IRON.as_flattened());
+        let a = Matrix3::from_row_slice(published_table1::FITTED_SOFT_IRON.as_flattened());
         Self {
             field_matrix: a,
-            hard_iron_ut: Vector3::from(published_table1::HARD_IRON) * Earth::default().horizontal_ut(),
+            hard_iron_ut: Vector3::from(published_table1::FITTED_HARD_IRON_RATIO) * Earth::default().horizontal_ut(),
         }
     }
 
@@ -90,10 +90,10 @@ impl Airframe {
         let symmetric = raw + raw.transpose();
         let asymmetric = raw - raw.transpose();
         let soft_iron = Matrix3::identity()
-            + scaled_to_size(symmetric, random.uniform(0.0, RANDOM_SOFT_IRON))
-            + scaled_to_size(asymmetric, random.uniform(0.0, RANDOM_ASYMMETRY));
-        let hard_iron = random.random_direction() * random.uniform(0.0, RANDOM_HARD_IRON);
-        let mounting = random.random_rotation(RANDOM_MOUNTING_DEG);
+            + scaled_to_size(symmetric, random.uniform(0.0, MAX_RANDOM_SOFT_IRON))
+            + scaled_to_size(asymmetric, random.uniform(0.0, MAX_RANDOM_ASYMMETRY));
+        let hard_iron = random.random_direction() * random.uniform(0.0, MAX_RANDOM_HARD_IRON);
+        let mounting = random.random_rotation(MAX_RANDOM_MOUNTING_DEG);
         Self { field_matrix: mounting * soft_iron, hard_iron_ut: hard_iron * earth.horizontal_ut() }
     }
 

@@ -5,7 +5,7 @@ use testkit::clock;
 
 use super::attitude_source::{AttitudeSource, HEARTBEAT_PERIOD_US, STATUS_PERIOD_US, SenderKind};
 use super::fault_interfaces::{AttitudeFault, is_silent};
-use super::flight_place::XIAN;
+use super::flight_place::XIAN_POSITION;
 use super::simulated_world::World;
 use crate::devices::uart::HostEnd;
 
@@ -40,7 +40,7 @@ impl AttitudeSource {
                 }
                 if world.world_config().reports_position && sends {
                     let truth = world.true_state(now_us);
-                    let place = XIAN.displaced([truth.north_m, truth.east_m]);
+                    let place = XIAN_POSITION.displaced([truth.north_m, truth.east_m]);
                     uart.send_bytes(&self.position_message(Some(place), now_us));
                     uart.send_bytes(&self.time_message(now_us, now_us));
                 }

@@ -5,10 +5,10 @@ use std::collections::VecDeque;
 use super::state::TrueState;
 
 /// Bank per heading error on a straight leg, dimensionless; settles in about 5 s without overshoot.
-const BANK_PER_HEADING: f64 = 1.0;
+const BANK_PER_HEADING_ERROR: f64 = 1.0;
 const MAX_CORRECTION_BANK_DEG: f64 = 25.0;
 /// Bank of an aeroplane in a yaw leg, degrees.
-const RATE_BANK_DEG: f64 = 20.0;
+const YAW_LEG_BANK_DEG: f64 = 20.0;
 
 /// Leg of a flight plan.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -104,24 +104,25 @@ pub struct Autopilot {
     plan: VecDeque<Leg>,
     active: Option<ActiveLeg>,
     held_command: VehicleCommand,
-    mode_without_plan: TranslationMode,
+    translation_without_plan: TranslationMode,
 }
 
 impl Autopilot {
     /// An autopilot that hovers (`hovers`) or moves straight ahead when its plan is empty.
     #[must_use]
     pub fn new(hovers: bool) -> Self {
-        let mode_without_plan = if hovers { TranslationMode::HoldPosition } else { TranslationMode::Forward };
+        let translation_without_plan = if hovers { TranslationMode::HoldPosition } else { TranslationMode::Forward };
         Self {
-            held_command: VehicleCommand { translation_mode: mode_without_plan, ..VehicleCommand::default() },
-            mode_without_plan,
+            held_command: VehicleCommand { translation_mode: translation_without_plan, ..VehicleCommand::default() },
+            translation_without_plan,
             ..Self::default()
         }
     }
 
     /// Appends a leg. After the last leg the vehicle continues wings level, or hovers.
     pub fn fly_leg(&mut self, leg: Leg) {
-        self.held_command = VehicleCommand { translation_mode: self.mode_without_plan, ..VehicleCommand::default() };
+        self.held_command =
+            VehicleCommand { translation_mode: self.translation_without_plan, ..VehicleCommand::default() };
         self.plan.push_back(leg);
     }
 
@@ -137,7 +138,8 @@ impl Autopilot {
     pub fn clear_plan(&mut self) {
         self.plan.clear();
         self.active = None;
-        self.held_command = VehicleCommand { translation_mode: self.mode_without_plan, ..VehicleCommand::default() };
+        self.held_command =
+            VehicleCommand { translation_mode: self.translation_without_plan, ..VehicleCommand::default() };
     }
 
     /// Number of unfinished legs, the present one included.
@@ -179,7 +181,7 @@ impl ActiveLeg {
         match self.leg {
             Leg::Straight { heading_deg, .. } => {
                 let error_deg = (heading_deg - state.heading_deg() + 180.0).rem_euclid(360.0) - 180.0;
-                banked((BANK_PER_HEADING * error_deg).clamp(-MAX_CORRECTION_BANK_DEG, MAX_CORRECTION_BANK_DEG))
+                banked((BANK_PER_HEADING_ERROR * error_deg).clamp(-MAX_CORRECTION_BANK_DEG, MAX_CORRECTION_BANK_DEG))
             }
             Leg::Turn { bank_deg, heading_change_deg } => banked(bank_deg.abs() * heading_change_deg.signum()),
             Leg::Yaw { rate_deg_s, heading_change_deg } => {
@@ -188,7 +190,7 @@ impl ActiveLeg {
                 VehicleCommand {
                     turn_rate_rad_s,
                     translation_mode: TranslationMode::HoldPosition,
-                    ..banked(RATE_BANK_DEG * side_sign)
+                    ..banked(YAW_LEG_BANK_DEG * side_sign)
                 }
             }
             Leg::Hover { .. } => {

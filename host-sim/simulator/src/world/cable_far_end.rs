@@ -10,7 +10,7 @@ use testkit::simulation::{Level, Simulation};
 
 use super::attitude_source::AttitudeSource;
 use super::fault_interfaces::{AttitudeFault, is_silent};
-use super::mavlink_autopilot::{self, AutopilotInputs, MavlinkAutopilot, START_UNIX_US, XIAN};
+use super::mavlink_autopilot::{self, AutopilotInputs, MavlinkAutopilot, START_UNIX_US, XIAN_POSITION};
 use super::msp_autopilot::{self, AnswerFaults, AutopilotState, MspAutopilot};
 use super::simulated_world::World;
 use crate::devices::uart::HostEnd;
@@ -138,7 +138,7 @@ async fn run_msp(
                 yaw_rad: f64::from(attitude.yaw),
                 body_rates_rad_s: [attitude.rollspeed, attitude.pitchspeed, attitude.yawspeed].map(f64::from),
                 is_armed: world.is_armed(),
-                position: Some((XIAN.latitude_deg, XIAN.longitude_deg, XIAN.height_m)),
+                position: Some((XIAN_POSITION.latitude_deg, XIAN_POSITION.longitude_deg, XIAN_POSITION.height_m)),
                 unix_s: Some((START_UNIX_US + now_us) / 1_000_000),
                 current_a: world.reported_current_a(now_us),
             };

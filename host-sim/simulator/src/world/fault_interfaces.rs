@@ -9,13 +9,13 @@ use super::state::TrueState;
 /// Change of the field at the chip. Queries refer to any instant of the last two seconds, in any order.
 pub trait FieldFault {
     /// Additional field in chip axes, microtesla, at a state of the flight.
-    fn added_ut(&self, _truth: &TrueState) -> Vector3<f64> {
+    fn added_field_ut(&self, _truth: &TrueState) -> Vector3<f64> {
         Vector3::zeros()
     }
 
     /// Additional field in a steady turn at this bank, or in steady level flight: the reference for a calibration.
-    fn steady_ut(&self, truth: &TrueState) -> Vector3<f64> {
-        self.added_ut(truth)
+    fn steady_field_ut(&self, truth: &TrueState) -> Vector3<f64> {
+        self.added_field_ut(truth)
     }
 
     /// Earth's field at another place, if the aircraft is not at the configured one.
@@ -25,7 +25,7 @@ pub trait FieldFault {
 }
 
 impl<F: Fn(&TrueState) -> Vector3<f64>> FieldFault for F {
-    fn added_ut(&self, truth: &TrueState) -> Vector3<f64> {
+    fn added_field_ut(&self, truth: &TrueState) -> Vector3<f64> {
         self(truth)
     }
 }

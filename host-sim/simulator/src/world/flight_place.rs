@@ -12,7 +12,7 @@ pub struct ReportedPosition {
 }
 
 /// Xi'an, where the aircraft of Liu 2007 table 1 was measured.
-pub const XIAN: ReportedPosition =
+pub const XIAN_POSITION: ReportedPosition =
     ReportedPosition { latitude_deg: 34.341_6, longitude_deg: 108.939_8, height_m: 400.0 };
 
 impl ReportedPosition {

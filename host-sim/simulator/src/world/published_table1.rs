@@ -1,6 +1,6 @@
 //! Liu 2007 table 1: published heading errors, and an airframe that reproduces the uncompensated ones.
 //!
-//! The paper prints no coefficients. [`SOFT_IRON`] and [`HARD_IRON`] of `m = A h_body + b` are a least-squares fit to
+//! The paper prints no coefficients. [`FITTED_SOFT_IRON`] and [`FITTED_HARD_IRON_RATIO`] of `m = A h_body + b` are a least-squares fit to
 //! the two "before" columns in degrees, regularised with weight 1 degree per unit toward the unit matrix and zero hard
 //! iron. The regularisation determines only what 24 heading errors leave unobservable, mainly the common scale.
 //! Assumed: pitch 0, banks of 20 degrees, inclination 54 degrees.
@@ -9,15 +9,15 @@
 //! 0.63, exchanged left and right columns 1.2 or 1.7.
 
 /// Bank of the tilted aircraft, degrees. Not given in the paper; 20 fits.
-pub const BANK_DEG: f64 = 20.0;
+pub const EXPERIMENT_BANK_DEG: f64 = 20.0;
 /// `A`, dimensionless, by rows.
-pub const SOFT_IRON: [[f64; 3]; 3] =
+pub const FITTED_SOFT_IRON: [[f64; 3]; 3] =
     [[0.986_935, 0.027_915, -0.015_376], [-0.023_215, 0.921_715, -0.018_934], [-0.013_081, 0.019_358, 0.986_086]];
 /// `b` in units of the horizontal field.
-pub const HARD_IRON: [f64; 3] = [0.309_228, -0.026_14, -0.002_42];
+pub const FITTED_HARD_IRON_RATIO: [f64; 3] = [0.309_228, -0.026_14, -0.002_42];
 
 /// Published table with comments, comma-separated values.
-pub const PUBLISHED_CSV: &str = include_str!("../../../data/table1.csv");
+pub const PUBLISHED_TABLE_CSV: &str = include_str!("../../../data/table1.csv");
 
 /// Heading errors at one heading, banked to either side, degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,7 +50,7 @@ pub struct PublishedRow {
 /// Never: the table is compiled in, and a test parses it.
 #[must_use]
 pub fn published_rows() -> [PublishedRow; 12] {
-    let mut lines = PUBLISHED_CSV.lines().filter(|line| !line.starts_with('#')).skip(1);
+    let mut lines = PUBLISHED_TABLE_CSV.lines().filter(|line| !line.starts_with('#')).skip(1);
     std::array::from_fn(|_| parse_row(lines.next().expect("twelve rows")))
 }
 
@@ -91,7 +91,7 @@ mod tests {
         published_rows()
             .iter()
             .flat_map(|row| {
-                [(BANK_DEG, row.uncompensated.right_deg), (-BANK_DEG, row.uncompensated.left_deg)]
+                [(EXPERIMENT_BANK_DEG, row.uncompensated.right_deg), (-EXPERIMENT_BANK_DEG, row.uncompensated.left_deg)]
                     .map(|(bank, published)| error_before_deg(airframe, row.heading_deg, bank) - published)
             })
             .collect()

@@ -88,7 +88,7 @@ impl World {
             let earth = faults.iter().find_map(|fault| fault.replaced_earth(at_us));
             let field = world.0.borrow_mut().sensor_field(at_us, earth);
             let truth = world.true_state(at_us);
-            let added: Vector3<f64> = faults.iter().map(|fault| fault.added_ut(&truth)).sum();
+            let added: Vector3<f64> = faults.iter().map(|fault| fault.added_field_ut(&truth)).sum();
             Field::new(field.ut + added.cast())
         })
     }
@@ -198,7 +198,7 @@ impl WorldState {
         }
     }
 
-    /// Field in chip axes; `elsewhere` replaces the configured Earth's field.
+    /// Field in chip axes; `other_earth` replaces the configured Earth's field.
     fn sensor_field(&mut self, at_us: u64, other_earth: Option<Earth>) -> Field<Sensor> {
         let truth = self.true_state(at_us);
         let body_ut = other_earth.unwrap_or(self.config.earth).body_field_ut(truth.euler_angles());

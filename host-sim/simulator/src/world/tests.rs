@@ -127,17 +127,17 @@ fn motor_current_interference_is_proportional_to_the_current() {
     let still = WorldConfig { weather: weather::Weather::calm(), ..WorldConfig::of_table1(1) };
     let world = World::new(still.with_vehicle_kind(aircraft::VehicleKind::Copter));
     simulation.run_until(2_000_000);
-    let added_ut = |current_ut: [f64; 3]| {
+    let added_field_ut = |current_ut: [f64; 3]| {
         let at_us = clock::now_us();
         world.set_current_interference_ut([0.0; 3]);
         let without_current = world.sensor_field(at_us);
         world.set_current_interference_ut(current_ut);
         (world.sensor_field(at_us).ut - without_current.ut).x
     };
-    assert!((added_ut([10.0, 0.0, 0.0]) - 10.0).abs() < 0.01);
+    assert!((added_field_ut([10.0, 0.0, 0.0]) - 10.0).abs() < 0.01);
     world.fly_leg(Leg::Tilt { toward_deg: 90.0, tilt_deg: 18.0, seconds: 3.0 });
     simulation.run_until(4_900_000);
-    assert!((added_ut([10.0, 0.0, 0.0]) - 10.78).abs() < 0.05);
+    assert!((added_field_ut([10.0, 0.0, 0.0]) - 10.78).abs() < 0.05);
     assert_eq!(WorldConfig::of_table1(1).current_interference_ut.map(f64::to_bits), [0; 3]);
     let interference_ut_per_a =
         Vector3::from(WorldConfig::of_table1(1).with_current_interference(8.0).current_interference_ut);

@@ -385,7 +385,7 @@ mod tests {
 
     use crate::cli::Cli;
 
-    /// A doc comment on a variant of `Command` would replace the command's long help.
+    /// A doc comment on a variant of `CliCommand` would replace the command's long help.
     #[test]
     fn every_command_has_its_full_long_help() {
         let cli = Cli::command();

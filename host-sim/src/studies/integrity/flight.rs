@@ -87,7 +87,7 @@ pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlight
     let calibrated = calibration.map(|(shown_calibration, at_us)| AcceptedCalibration {
         expected_deg: shown_calibration.expected_rms_deg,
         true_error_deg: true_deg(&shown_calibration.calibration, &world, &|state| {
-            fields.iter().map(|fault| fault.steady_ut(&TrueState { time_us: at_us, ..*state })).sum()
+            fields.iter().map(|fault| fault.steady_field_ut(&TrueState { time_us: at_us, ..*state })).sum()
         }),
         duration_s: (at_us - began_us) as f64 / 1e6,
     });
@@ -118,8 +118,8 @@ pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlight
     }
     let hard_iron_error_of_case = (calibrated.is_ok() && case.changes_hard_iron).then(|| {
         let now = rig.world.true_state(rig.now_us());
-        let added_ut = fields.iter().map(|fault| fault.added_ut(&now)).sum();
-        hard_iron_estimate_error(&mut rig, &world, added_ut)
+        let added_field_ut = fields.iter().map(|fault| fault.added_field_ut(&now)).sum();
+        hard_iron_estimate_error(&mut rig, &world, added_field_ut)
     });
     CaseFlightResult {
         calibration: calibrated,
@@ -129,17 +129,18 @@ pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlight
     }
 }
 
-/// Flies a full turn each way and compares the module's estimate with a hard-iron change of `added_ut`, chip axes.
-fn hard_iron_estimate_error(rig: &mut Rig, world: &WorldConfig, added_ut: Vector3<f64>) -> HardIronEstimateError {
+/// Flies a full turn each way and compares the module's estimate with a hard-iron change of `added_field_ut`, chip axes.
+fn hard_iron_estimate_error(rig: &mut Rig, world: &WorldConfig, added_field_ut: Vector3<f64>) -> HardIronEstimateError {
     for heading_change_deg in [360.0, -360.0] {
         rig.world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
     }
     while rig.world.unfinished_legs() > 0 && rig.run_for_s(RUN_STEP_S) == ModuleRunEnd::Time {}
     let told_ut = transcript::hard_iron_change_ut(&rig.send_console_line("status all"))
         .map_or_else(Vector3::zeros, Vector3::from);
-    // By `m = A h + b`, the change in the measurement m equals a change of the field h by `A^-1 added_ut`. A singular
+    // By `m = A h + b`, the change in the measurement m equals a change of the field h by `A^-1 added_field_ut`. A singular
     // airframe measures nothing.
-    let true_ut = world.airframe.field_matrix.try_inverse().map_or_else(Vector3::zeros, |inverse| inverse * added_ut);
+    let true_ut =
+        world.airframe.field_matrix.try_inverse().map_or_else(Vector3::zeros, |inverse| inverse * added_field_ut);
     HardIronEstimateError((told_ut - true_ut).norm() / true_ut.norm())
 }
 
@@ -195,8 +196,12 @@ fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibratio
 }
 
 /// True heading error with cruise current and the present additional field.
-fn true_deg(calibration: &Calibration, world: &WorldConfig, added_ut: &dyn Fn(&TrueState) -> Vector3<f64>) -> f64 {
-    HeadingErrors::evaluate_with_field(calibration, world, added_ut).statistics().rms_deg
+fn true_deg(
+    calibration: &Calibration,
+    world: &WorldConfig,
+    added_field_ut: &dyn Fn(&TrueState) -> Vector3<f64>,
+) -> f64 {
+    HeadingErrors::evaluate_with_field(calibration, world, added_field_ut).statistics().rms_deg
 }
 
 /// The flight in use: optional time on the ground, then legs; evaluates every output sentence. Returns the codes of the

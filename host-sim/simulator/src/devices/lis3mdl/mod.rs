@@ -50,35 +50,35 @@ pub struct Lis3mdl {
     config: Lis3mdlConfig,
     registers: Lis3mdlRegisters,
     converter: FieldConverter,
-    source: FieldSource,
+    field_source: FieldSource,
     noise: RandomStream,
-    silent: bool,
-    frozen: bool,
+    is_silent: bool,
+    is_frozen: bool,
 }
 
 impl Lis3mdl {
     /// A chip after power-on.
     #[must_use]
-    pub fn new(config: Lis3mdlConfig, source: FieldSource) -> Rc<RefCell<Self>> {
+    pub fn new(config: Lis3mdlConfig, field_source: FieldSource) -> Rc<RefCell<Self>> {
         Rc::new(RefCell::new(Self {
             config,
             registers: Lis3mdlRegisters::default(),
             converter: FieldConverter::default(),
-            source,
+            field_source,
             noise: RandomStream::new(config.seed, StreamPurpose::Magnetometer),
-            silent: false,
-            frozen: false,
+            is_silent: false,
+            is_frozen: false,
         }))
     }
 
-    /// Fault: the chip does not acknowledge while `silent`.
-    pub fn set_silent(&mut self, silent: bool) {
-        self.silent = silent;
+    /// Fault: the chip does not acknowledge while `is_silent`.
+    pub fn set_silent(&mut self, is_silent: bool) {
+        self.is_silent = is_silent;
     }
 
-    /// Fault: while `frozen`, data-ready flags are set but values do not change.
-    pub fn set_frozen(&mut self, frozen: bool) {
-        self.frozen = frozen;
+    /// Fault: while `is_frozen`, data-ready flags are set but values do not change.
+    pub fn set_frozen(&mut self, is_frozen: bool) {
+        self.is_frozen = is_frozen;
     }
 
     /// Fault: a supply drop resets all registers.
@@ -87,35 +87,35 @@ impl Lis3mdl {
         self.converter = FieldConverter::default();
     }
 
-    fn catch_up(&mut self) {
+    fn perform_due_conversions(&mut self) {
         if let Some(due) = self.converter.take_completed(&mut self.registers, clock::now_us()) {
             self.finish_conversion(&due);
         }
     }
 
     fn finish_conversion(&mut self, due: &CompletedConversion) {
-        if !self.frozen {
-            let field = (self.source)(due.completed_at_us);
+        if !self.is_frozen {
+            let field = (self.field_source)(due.completed_at_us);
             let counts = conversion::field_counts(
                 &field,
-                &self.registers.measurement_mode(),
+                &self.registers.measurement_settings(),
                 self.config.noise_scale,
                 &mut self.noise,
             );
             self.registers.set_measurement(counts);
         }
         self.registers.set_temperature_c(self.config.temperature_c);
-        self.registers.set_data_ready(due.missed_others);
+        self.registers.set_data_ready(due.has_overrun);
     }
 }
 
 impl SimulatedI2cDevice for Lis3mdl {
     fn acknowledges_address(&self, address: u8) -> bool {
-        !self.silent && address == self.config.address
+        !self.is_silent && address == self.config.address
     }
 
     fn write_bytes(&mut self, bytes: &[u8]) {
-        self.catch_up();
+        self.perform_due_conversions();
         if let Some((&pointer, data)) = bytes.split_first() {
             self.registers.set_pointer(pointer);
             for &byte in data {
@@ -127,7 +127,7 @@ impl SimulatedI2cDevice for Lis3mdl {
     }
 
     fn read_bytes(&mut self, bytes: &mut [u8]) {
-        self.catch_up();
+        self.perform_due_conversions();
         bytes.fill_with(|| self.registers.read_register());
     }
 }

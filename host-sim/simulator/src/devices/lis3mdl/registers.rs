@@ -29,7 +29,7 @@ const TEMPERATURE_ENABLE: u8 = 0x80;
 const SOFT_RESET_OR_REBOOT: u8 = 0x0C;
 const POWER_DOWN: u8 = 0x03;
 const BLOCK_DATA_UPDATE: u8 = 0x40;
-const SELF_TEST: u8 = 0x01;
+const SELF_TEST_ENABLE: u8 = 0x01;
 const BIG_ENDIAN: u8 = 0x02;
 const ALL_AXES: u8 = 0x07;
 const ANY_AXIS_FLAG: u8 = 0x08;
@@ -63,11 +63,11 @@ pub(super) const FAST_RATE_HZ: [f64; 4] = [1000.0, 560.0, 300.0, 155.0];
 pub(super) struct Lis3mdlRegisters {
     bytes: [u8; REGISTER_COUNT],
     pointer: u8,
-    auto_increment: bool,
+    is_auto_incrementing: bool,
     /// Bit mask of axes whose low byte was read and high byte was not.
-    half_read: u8,
+    half_read_axes: u8,
     /// Last measurement in counts; block data update delays it for half-read axes.
-    latest: Vector3<i16>,
+    latest_counts: Vector3<i16>,
 }
 
 impl Default for Lis3mdlRegisters {
@@ -76,7 +76,7 @@ impl Default for Lis3mdlRegisters {
         for (register, reset) in [(WHO_AM_I, 0x3D), (CTRL_REG1, 0x10), (CTRL_REG3, POWER_DOWN), (INT_CFG, 0xE8)] {
             bytes[usize::from(register)] = reset;
         }
-        Self { bytes, pointer: 0, auto_increment: false, half_read: 0, latest: Vector3::zeros() }
+        Self { bytes, pointer: 0, is_auto_incrementing: false, half_read_axes: 0, latest_counts: Vector3::zeros() }
     }
 }
 
@@ -84,7 +84,7 @@ impl Lis3mdlRegisters {
     /// Sets address and auto-increment from the first byte of a write.
     pub fn set_pointer(&mut self, sub_address: u8) {
         self.pointer = sub_address & ADDRESS_MASK;
-        self.auto_increment = sub_address & AUTO_INCREMENT != 0;
+        self.is_auto_incrementing = sub_address & AUTO_INCREMENT != 0;
     }
 
     /// Writes the register at the pointer; returns true if the measurement settings may have changed.
@@ -114,7 +114,7 @@ impl Lis3mdlRegisters {
     /// The last output register wraps to the first; temperature is not part of a burst (confirmed by ST, missing in the
     /// data sheet).
     fn advance_pointer(&mut self) {
-        if self.auto_increment {
+        if self.is_auto_incrementing {
             self.pointer = if self.pointer == OUT_Z_H { OUT_X_L } else { (self.pointer + 1) & ADDRESS_MASK };
         }
     }
@@ -124,27 +124,27 @@ impl Lis3mdlRegisters {
         let axis = offset / 2;
         let bit = 1 << axis;
         if offset.is_multiple_of(2) {
-            self.half_read |= bit;
+            self.half_read_axes |= bit;
         } else {
-            self.half_read &= !bit;
+            self.half_read_axes &= !bit;
             let ready = self.status_register() & ALL_AXES & !bit;
             let overrun = (self.status_register() >> 4) & ALL_AXES & !bit;
             self.set_status(ready, overrun);
-            self.publish_axis(usize::from(axis));
+            self.update_output_registers(usize::from(axis));
         }
     }
 
     /// Stores a new measurement, counts.
     pub fn set_measurement(&mut self, counts: Vector3<i16>) {
-        self.latest = counts;
+        self.latest_counts = counts;
         for axis in 0..3 {
-            self.publish_axis(axis);
+            self.update_output_registers(axis);
         }
     }
 
-    /// Sets the data-ready flags and the overrun flags of unread axes; of all axes if conversions were `missed`.
-    pub fn set_data_ready(&mut self, missed: bool) {
-        let unread = if missed { ALL_AXES } else { self.status_register() & ALL_AXES };
+    /// Sets the data-ready flags and the overrun flags of unread axes; of all axes if a conversion was not read (`has_overrun`).
+    pub fn set_data_ready(&mut self, has_overrun: bool) {
+        let unread = if has_overrun { ALL_AXES } else { self.status_register() & ALL_AXES };
         let overrun = (self.status_register() >> 4) & ALL_AXES;
         self.set_status(ALL_AXES, overrun | unread);
     }
@@ -153,7 +153,7 @@ impl Lis3mdlRegisters {
     pub fn set_temperature_c(&mut self, temperature_c: f64) {
         if self.register_value(CTRL_REG1) & TEMPERATURE_ENABLE != 0 {
             let counts = ((temperature_c - 25.0) * 8.0).round() as i16;
-            self.put_pair(TEMP_OUT_L, counts);
+            self.write_counts(TEMP_OUT_L, counts);
         }
     }
 
@@ -163,7 +163,7 @@ impl Lis3mdlRegisters {
     }
 
     /// Decoded measurement settings.
-    pub fn measurement_mode(&self) -> MeasurementSettings {
+    pub fn measurement_settings(&self) -> MeasurementSettings {
         let control1 = self.register_value(CTRL_REG1);
         let averaging_xy = usize::from(control1 >> 5 & 3);
         let fast = control1 & 0x02 != 0;
@@ -177,15 +177,16 @@ impl Lis3mdlRegisters {
             averaging_z: usize::from(self.register_value(CTRL_REG4) >> 2 & 3),
             full_scale: usize::from(self.register_value(CTRL_REG2) >> 5 & 3),
             rate_hz: if fast { FAST_RATE_HZ[averaging_xy] } else { 0.625 * f64::from(1 << (control1 >> 2 & 7)) },
-            has_self_test_field: control1 & SELF_TEST != 0,
+            has_self_test_field: control1 & SELF_TEST_ENABLE != 0,
         }
     }
 
     /// Copies the latest measurement of an axis to its output registers unless block data update locks them.
-    fn publish_axis(&mut self, axis: usize) {
-        let is_locked = self.register_value(CTRL_REG5) & BLOCK_DATA_UPDATE != 0 && self.half_read & (1 << axis) != 0;
+    fn update_output_registers(&mut self, axis: usize) {
+        let is_locked =
+            self.register_value(CTRL_REG5) & BLOCK_DATA_UPDATE != 0 && self.half_read_axes & (1 << axis) != 0;
         if !is_locked {
-            self.put_pair(OUT_X_L + 2 * axis as u8, self.latest[axis]);
+            self.write_counts(OUT_X_L + 2 * axis as u8, self.latest_counts[axis]);
         }
     }
 
@@ -204,7 +205,7 @@ impl Lis3mdlRegisters {
         self.bytes[usize::from(STATUS_REG)] = (overrun | any_overrun) << 4 | ready | all_ready;
     }
 
-    fn put_pair(&mut self, low: u8, value: i16) {
+    fn write_counts(&mut self, low: u8, value: i16) {
         let measured = (OUT_X_L..=OUT_Z_H).contains(&low);
         let swapped = measured && self.register_value(CTRL_REG4) & BIG_ENDIAN != 0;
         let low = usize::from(low);

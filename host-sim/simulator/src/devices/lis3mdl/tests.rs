@@ -10,18 +10,18 @@ use testkit::simulation::{Level, Simulation};
 const READ_XYZ: u8 = 0x28 | 0x80;
 
 /// Runs `script` on a bus with a chip in the field `field_ut(t)`.
-fn on_bus<S, F>(config: Lis3mdlConfig, field_ut: impl FnMut(u64) -> [f32; 3] + 'static, script: S)
+fn run_on_bus<S, F>(config: Lis3mdlConfig, field_ut: impl FnMut(u64) -> [f32; 3] + 'static, script: S)
 where
     S: FnOnce(SimulatedI2cBus, Rc<RefCell<Lis3mdl>>) -> F + 'static,
     F: Future<Output = ()> + 'static,
 {
     let mut field_ut = field_ut;
     let mut simulation = Simulation::new();
-    let source = move |at_us| {
+    let field_source = move |at_us| {
         let [x, y, z] = field_ut(at_us);
         Field::from_ut(x, y, z)
     };
-    let chip = Lis3mdl::new(config, Box::new(source));
+    let chip = Lis3mdl::new(config, Box::new(field_source));
     let bus = SimulatedI2cBus::new();
     bus.attach_device(chip.clone());
     simulation.spawn(Level::Thread, "script", script(bus, chip));
@@ -46,7 +46,7 @@ async fn counts(bus: &mut SimulatedI2cBus) -> [i16; 3] {
 }
 
 /// Ultra-high performance on all axes, 80 Hz (12.5 ms), 4 gauss, block data update, continuous.
-async fn start(bus: &mut SimulatedI2cBus) {
+async fn start_continuous(bus: &mut SimulatedI2cBus) {
     bus.write(ADDRESS_SA1_HIGH, &[0x20 | 0x80, 0x7C, 0x00, 0x00, 0x0C, 0x40]).await.unwrap();
 }
 
@@ -55,7 +55,7 @@ const NOISE_FREE: Lis3mdlConfig =
 
 #[test]
 fn reset_values_are_those_of_the_data_sheet() {
-    on_bus(
+    run_on_bus(
         NOISE_FREE,
         |_| [0.0; 3],
         |mut bus, _| async move {
@@ -71,11 +71,11 @@ fn reset_values_are_those_of_the_data_sheet() {
 
 #[test]
 fn burst_write_and_read_follow_auto_increment_and_the_output_wraps() {
-    on_bus(
+    run_on_bus(
         NOISE_FREE,
         |_| [10.0, -20.0, 40.0],
         |mut bus, _| async move {
-            start(&mut bus).await;
+            start_continuous(&mut bus).await;
             assert_eq!(read_register(&mut bus, 0x23).await, 0x0C);
             assert_eq!(read_register(&mut bus, 0x24).await, 0x40);
             Timer::after_millis(13).await;
@@ -95,11 +95,11 @@ fn burst_write_and_read_follow_auto_increment_and_the_output_wraps() {
 
 #[test]
 fn data_ready_comes_at_the_data_rate_and_overrun_when_late() {
-    on_bus(
+    run_on_bus(
         NOISE_FREE,
         |_| [0.0; 3],
         |mut bus, _| async move {
-            start(&mut bus).await;
+            start_continuous(&mut bus).await;
             Timer::after_micros(12_300).await;
             assert_eq!(
                 read_register(&mut bus, 0x27).await,
@@ -127,7 +127,7 @@ fn every_data_rate_is_kept() {
     // CTRL_REG1 and the data sheet's rate: DO2:0 in low power, then FAST_ODR in each operating mode.
     let rates =
         [(0x00, 0.625), (0x10, 10.0), (0x1C, 80.0), (0x02, 1000.0), (0x22, 560.0), (0x42, 300.0), (0x62, 155.0)];
-    on_bus(
+    run_on_bus(
         NOISE_FREE,
         |_| [0.0; 3],
         move |mut bus, _| async move {
@@ -148,7 +148,7 @@ fn every_data_rate_is_kept() {
 
 #[test]
 fn a_single_conversion_ends_in_power_down() {
-    on_bus(
+    run_on_bus(
         NOISE_FREE,
         |_| [1.0; 3],
         |mut bus, _| async move {
@@ -167,8 +167,8 @@ fn block_data_update_keeps_the_two_bytes_of_an_axis_together() {
     // 255 counts for the first 20 ms, then 256: mixed bytes give 511 or 0.
     let field = |at_us| if at_us < 20_000 { [3.727; 3] } else { [3.7416; 3] };
     for (control5, expected) in [(0x40, [0xFF, 0x00]), (0x00, [0xFF, 0x01])] {
-        on_bus(NOISE_FREE, field, move |mut bus, _| async move {
-            start(&mut bus).await;
+        run_on_bus(NOISE_FREE, field, move |mut bus, _| async move {
+            start_continuous(&mut bus).await;
             write_register(&mut bus, 0x24, control5).await;
             Timer::after_millis(14).await;
             let low = read_register(&mut bus, 0x28).await;
@@ -182,12 +182,12 @@ fn block_data_update_keeps_the_two_bytes_of_an_axis_together() {
 
 #[test]
 fn full_scales_have_their_sensitivities_and_saturate_at_16_bits() {
-    on_bus(
+    run_on_bus(
         NOISE_FREE,
         |_| [100.0, 1e4, -1e4],
         |mut bus, _| async move {
             for (control2, counts_per_gauss) in [(0x00, 6842), (0x20, 3421), (0x40, 2281), (0x60, 1711)] {
-                start(&mut bus).await;
+                start_continuous(&mut bus).await;
                 write_register(&mut bus, 0x21, control2).await;
                 Timer::after_millis(20).await;
                 assert_eq!(counts(&mut bus).await, [counts_per_gauss, i16::MAX, i16::MIN]);
@@ -199,14 +199,14 @@ fn full_scales_have_their_sensitivities_and_saturate_at_16_bits() {
 /// 4000 measurements determine sigma to 1.1 %; the bound is four times that.
 #[test]
 fn noise_is_that_of_the_data_sheet_and_grows_as_averaging_shrinks() {
-    for (mode, ratio) in [(0x62, 1.0_f64), (0x02, (1000.0_f64 / 155.0).sqrt())] {
+    for (settings, ratio) in [(0x62, 1.0_f64), (0x02, (1000.0_f64 / 155.0).sqrt())] {
         let config = Lis3mdlConfig { noise_scale: 1.0, ..NOISE_FREE };
-        on_bus(
+        run_on_bus(
             config,
             |_| [20.0, 0.0, 40.0],
             move |mut bus, _| async move {
-                write_register(&mut bus, 0x20, mode).await;
-                write_register(&mut bus, 0x23, mode >> 3 & 0x0C).await;
+                write_register(&mut bus, 0x20, settings).await;
+                write_register(&mut bus, 0x23, settings >> 3 & 0x0C).await;
                 write_register(&mut bus, 0x22, 0x00).await;
                 let mut squares = [0.0; 3];
                 for _ in 0..4000 {
@@ -228,11 +228,11 @@ fn noise_is_that_of_the_data_sheet_and_grows_as_averaging_shrinks() {
 
 #[test]
 fn temperature_has_8_counts_a_degree_from_25() {
-    on_bus(
+    run_on_bus(
         NOISE_FREE,
         |_| [0.0; 3],
         |mut bus, _| async move {
-            start(&mut bus).await;
+            start_continuous(&mut bus).await;
             write_register(&mut bus, 0x20, 0xFC).await;
             Timer::after_millis(20).await;
             let mut bytes = [0; 2];
@@ -244,11 +244,11 @@ fn temperature_has_8_counts_a_degree_from_25() {
 
 #[test]
 fn faults_show_on_the_bus() {
-    on_bus(
+    run_on_bus(
         NOISE_FREE,
         |at_us| [at_us as f32 / 1e4; 3],
         |mut bus, chip| async move {
-            start(&mut bus).await;
+            start_continuous(&mut bus).await;
             Timer::after_millis(20).await;
             let moving = counts(&mut bus).await;
             chip.borrow_mut().set_frozen(true);
@@ -277,7 +277,7 @@ fn faults_show_on_the_bus() {
 /// Nine bytes (address, register, address, six data bytes) of 22.5 us, rounded up.
 #[test]
 fn a_transfer_takes_the_time_of_its_bytes() {
-    on_bus(
+    run_on_bus(
         NOISE_FREE,
         |_| [0.0; 3],
         |mut bus, _| async move {
@@ -291,11 +291,11 @@ fn a_transfer_takes_the_time_of_its_bytes() {
 /// The self-test adds 2, 2 and 0.55 gauss.
 #[test]
 fn self_test_and_byte_order_match_the_data_sheet() {
-    on_bus(
+    run_on_bus(
         NOISE_FREE,
         |_| [30.0, 100.0, 50.0],
         |mut bus, _| async move {
-            start(&mut bus).await;
+            start_continuous(&mut bus).await;
             Timer::after_millis(20).await;
             let without_self_test = counts(&mut bus).await;
             write_register(&mut bus, 0x20, 0x7D).await;

@@ -22,7 +22,7 @@ pub struct WearCounters {
     pub worst_page_erases: u32,
 }
 
-/// Smallest operation, which a power cut can interrupt.
+/// Operation on one double word or page, which a power cut can interrupt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum FlashOperation {
     Program { word: usize, value: [u8; WORD_BYTES] },
@@ -33,18 +33,18 @@ pub(super) struct FlashCells {
     bytes: Vec<u8>,
     /// Double words programmed since the last erase. Programming all ones counts, because it writes the
     /// error-correcting code.
-    programmed: Vec<bool>,
-    erases: Vec<u32>,
-    writes: u64,
+    is_programmed: Vec<bool>,
+    page_erase_counts: Vec<u32>,
+    programmed_word_count: u64,
 }
 
 impl FlashCells {
-    pub fn erased(pages: usize) -> Self {
+    pub fn new_erased(pages: usize) -> Self {
         Self {
             bytes: vec![ERASED; pages * PAGE_BYTES],
-            programmed: vec![false; pages * WORDS_PER_PAGE],
-            erases: vec![0; pages],
-            writes: 0,
+            is_programmed: vec![false; pages * WORDS_PER_PAGE],
+            page_erase_counts: vec![0; pages],
+            programmed_word_count: 0,
         }
     }
 
@@ -59,8 +59,8 @@ impl FlashCells {
             return false;
         }
         self.bytes.copy_from_slice(bytes);
-        for (programmed, word) in self.programmed.iter_mut().zip(bytes.chunks_exact(WORD_BYTES)) {
-            *programmed = word != [ERASED; WORD_BYTES];
+        for (is_programmed, word) in self.is_programmed.iter_mut().zip(bytes.chunks_exact(WORD_BYTES)) {
+            *is_programmed = word != [ERASED; WORD_BYTES];
         }
         true
     }
@@ -71,16 +71,16 @@ impl FlashCells {
 
     pub fn wear_counters(&self) -> WearCounters {
         WearCounters {
-            page_erases: self.erases.iter().copied().map(u64::from).sum(),
-            programmed_words: self.writes,
-            worst_page_erases: self.erases.iter().copied().max().unwrap_or(0),
+            page_erases: self.page_erase_counts.iter().copied().map(u64::from).sum(),
+            programmed_words: self.programmed_word_count,
+            worst_page_erases: self.page_erase_counts.iter().copied().max().unwrap_or(0),
         }
     }
 
     /// Checks that the operation is allowed.
     pub fn check_operation(&self, operation: FlashOperation) -> Result<(), FlashError> {
         match operation {
-            FlashOperation::Program { word, .. } if self.programmed[word] => {
+            FlashOperation::Program { word, .. } if self.is_programmed[word] => {
                 Err(FlashError::NotErased { offset: (word * WORD_BYTES) as u32 })
             }
             _ => Ok(()),
@@ -91,7 +91,7 @@ impl FlashCells {
         match operation {
             FlashOperation::Program { word, value } => self.program_word(word, value),
             FlashOperation::Erase { page } => {
-                self.erases[page] += 1;
+                self.page_erase_counts[page] += 1;
                 for word in page * WORDS_PER_PAGE..(page + 1) * WORDS_PER_PAGE {
                     self.erase_word(word);
                 }
@@ -108,7 +108,7 @@ impl FlashCells {
                 self.program_word(word, std::array::from_fn(|i| value[i] | cleared_bits[i]));
             }
             FlashOperation::Erase { page } => {
-                self.erases[page] += 1;
+                self.page_erase_counts[page] += 1;
                 for word in page * WORDS_PER_PAGE..(page + 1) * WORDS_PER_PAGE {
                     self.erase_word_partially(word, random);
                 }
@@ -130,13 +130,13 @@ impl FlashCells {
     }
 
     fn program_word(&mut self, word: usize, value: [u8; WORD_BYTES]) {
-        self.writes += 1;
-        self.programmed[word] = true;
+        self.programmed_word_count += 1;
+        self.is_programmed[word] = true;
         self.word_mut(word).copy_from_slice(&value);
     }
 
     fn erase_word(&mut self, word: usize) {
-        self.programmed[word] = false;
+        self.is_programmed[word] = false;
         self.word_mut(word).fill(ERASED);
     }
 

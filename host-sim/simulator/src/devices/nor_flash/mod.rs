@@ -50,8 +50,8 @@ struct ScheduledPowerCut {
 struct FlashDevice {
     cells: FlashCells,
     random: RandomStream,
-    cut: Option<ScheduledPowerCut>,
-    powered: bool,
+    scheduled_cut: Option<ScheduledPowerCut>,
+    is_power_on: bool,
 }
 
 /// Cloneable handle to the flash device.
@@ -63,30 +63,30 @@ impl Flash {
     #[must_use]
     pub fn new(pages: usize, seed: u64) -> Self {
         Self(Rc::new(RefCell::new(FlashDevice {
-            cells: FlashCells::erased(pages),
+            cells: FlashCells::new_erased(pages),
             random: RandomStream::new(seed, StreamPurpose::Flash),
-            cut: None,
-            powered: true,
+            scheduled_cut: None,
+            is_power_on: true,
         })))
     }
 
     /// Fault: after `operations` more operations, the next one is interrupted by a power cut, which also ends the run
     /// through `stop`. Accesses fail until [`power_on`](Self::power_on).
     pub fn cut_power_after(&self, operations: u32, outcome: CutOutcome, stop: Stop) {
-        self.0.borrow_mut().cut = Some(ScheduledPowerCut { operations_left: operations, outcome, stop });
+        self.0.borrow_mut().scheduled_cut = Some(ScheduledPowerCut { operations_left: operations, outcome, stop });
     }
 
     /// Restores power and cancels a scheduled cut.
     pub fn power_on(&self) {
         let mut device = self.0.borrow_mut();
-        device.powered = true;
-        device.cut = None;
+        device.is_power_on = true;
+        device.scheduled_cut = None;
     }
 
     /// Whether the device has power.
     #[must_use]
     pub fn is_powered(&self) -> bool {
-        self.0.borrow().powered
+        self.0.borrow().is_power_on
     }
 
     /// Wear counters since creation.
@@ -118,9 +118,9 @@ impl Flash {
 
     async fn perform_operation(&self, operation: FlashOperation, duration: Duration) -> Result<(), FlashError> {
         self.0.borrow_mut().begin_operation(operation)?;
-        let mut unfinished = OperationGuard { flash: self, operation, finished: false };
+        let mut guard = OperationGuard { flash: self, operation, is_finished: false };
         Timer::after(duration).await;
-        unfinished.finished = true;
+        guard.is_finished = true;
         self.0.borrow_mut().cells.perform_operation(operation);
         Ok(())
     }
@@ -130,12 +130,12 @@ impl Flash {
 struct OperationGuard<'a> {
     flash: &'a Flash,
     operation: FlashOperation,
-    finished: bool,
+    is_finished: bool,
 }
 
 impl Drop for OperationGuard<'_> {
     fn drop(&mut self) {
-        if !self.finished {
+        if !self.is_finished {
             self.flash.0.borrow_mut().interrupt_operation(self.operation);
         }
     }
@@ -144,15 +144,15 @@ impl Drop for OperationGuard<'_> {
 impl FlashDevice {
     /// Checks power and rules, and applies a scheduled power cut.
     fn begin_operation(&mut self, operation: FlashOperation) -> Result<(), FlashError> {
-        if !self.powered {
+        if !self.is_power_on {
             return Err(FlashError::PowerLost);
         }
         self.cells.check_operation(operation)?;
-        match &mut self.cut {
-            Some(cut) if cut.operations_left == 0 => {
-                cut.stop.request();
-                let outcome = cut.outcome;
-                self.powered = false;
+        match &mut self.scheduled_cut {
+            Some(scheduled_cut) if scheduled_cut.operations_left == 0 => {
+                scheduled_cut.stop.request();
+                let outcome = scheduled_cut.outcome;
+                self.is_power_on = false;
                 match outcome {
                     CutOutcome::NotBegun => {}
                     CutOutcome::Torn => self.interrupt_operation(operation),
@@ -160,8 +160,8 @@ impl FlashDevice {
                 }
                 Err(FlashError::PowerLost)
             }
-            Some(cut) => {
-                cut.operations_left -= 1;
+            Some(scheduled_cut) => {
+                scheduled_cut.operations_left -= 1;
                 Ok(())
             }
             None => Ok(()),
@@ -192,7 +192,7 @@ impl ReadNorFlash for Flash {
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
         let device = self.0.borrow();
-        if !device.powered {
+        if !device.is_power_on {
             return Err(FlashError::PowerLost);
         }
         device.check_range(offset, range_end(offset, bytes.len())?, Self::READ_SIZE)?;
@@ -238,9 +238,9 @@ mod tests {
     use testkit::clock;
     use testkit::simulation::{Level, RunEnd, Simulation};
 
-    const OLD: [u8; 8] = *b"old word";
+    const OLD_WORD: [u8; 8] = *b"old word";
 
-    fn run<T: 'static>(simulation: &mut Simulation, access: impl Future<Output = T> + 'static) -> Option<T> {
+    fn run_access<T: 'static>(simulation: &mut Simulation, access: impl Future<Output = T> + 'static) -> Option<T> {
         let result = Rc::new(RefCell::new(None));
         let slot = Rc::clone(&result);
         simulation.spawn(Level::Thread, "access", async move {
@@ -263,13 +263,13 @@ mod tests {
     fn a_word_is_programmed_once_per_erase() {
         let mut simulation = Simulation::new();
         let flash = Flash::new(2, 1);
-        let mut program = |word: [u8; 8]| run(&mut simulation, write(flash.clone(), 8, word.to_vec())).unwrap();
+        let mut program = |word: [u8; 8]| run_access(&mut simulation, write(flash.clone(), 8, word.to_vec())).unwrap();
         // Programming all ones writes the error-correcting code.
         assert_eq!(program([0xFF; 8]), Ok(()));
-        assert_eq!(program(OLD), Err(FlashError::NotErased { offset: 8 }));
-        assert_eq!(run(&mut simulation, erase(flash.clone(), 0, 2048)), Some(Ok(())));
-        assert_eq!(run(&mut simulation, write(flash.clone(), 8, OLD.to_vec())), Some(Ok(())));
-        assert_eq!(flash.flash_contents()[8..16], OLD);
+        assert_eq!(program(OLD_WORD), Err(FlashError::NotErased { offset: 8 }));
+        assert_eq!(run_access(&mut simulation, erase(flash.clone(), 0, 2048)), Some(Ok(())));
+        assert_eq!(run_access(&mut simulation, write(flash.clone(), 8, OLD_WORD.to_vec())), Some(Ok(())));
+        assert_eq!(flash.flash_contents()[8..16], OLD_WORD);
         assert_eq!(flash.wear_counters(), WearCounters { page_erases: 1, programmed_words: 2, worst_page_erases: 1 });
     }
 
@@ -277,12 +277,13 @@ mod tests {
     fn alignment_and_bounds_are_enforced() {
         let mut simulation = Simulation::new();
         let flash = Flash::new(2, 1);
-        let mut zeros = |offset, length| run(&mut simulation, write(flash.clone(), offset, vec![0; length])).unwrap();
+        let mut zeros =
+            |offset, length| run_access(&mut simulation, write(flash.clone(), offset, vec![0; length])).unwrap();
         assert_eq!(zeros(4, 8), Err(FlashError::NotAligned));
         assert_eq!(zeros(0, 12), Err(FlashError::NotAligned));
         assert_eq!(zeros(4096, 8), Err(FlashError::OutOfBounds));
         assert_eq!(zeros(u32::MAX - 7, 16), Err(FlashError::OutOfBounds));
-        let mut clear = |from, to| run(&mut simulation, erase(flash.clone(), from, to)).unwrap();
+        let mut clear = |from, to| run_access(&mut simulation, erase(flash.clone(), from, to)).unwrap();
         assert_eq!(clear(0, 1024), Err(FlashError::NotAligned));
         assert_eq!(clear(2048, 6144), Err(FlashError::OutOfBounds));
         assert_eq!(clear(2048, 0), Err(FlashError::OutOfBounds));
@@ -294,7 +295,7 @@ mod tests {
     fn flash_operations_take_the_time_of_the_data_sheet() {
         let mut simulation = Simulation::new();
         let flash = Flash::new(2, 1);
-        let durations_us = run(&mut simulation, async move {
+        let durations_us = run_access(&mut simulation, async move {
             let start_us = clock::now_us();
             write(flash.clone(), 0, vec![0; 24]).await.unwrap();
             let written_us = clock::now_us();
@@ -310,29 +311,33 @@ mod tests {
             let mut simulation = Simulation::new();
             let flash = Flash::new(1, 7);
             flash.cut_power_after(1, outcome, simulation.stop());
-            let task = write(flash.clone(), 0, [OLD, OLD, OLD].concat());
+            let task = write(flash.clone(), 0, [OLD_WORD, OLD_WORD, OLD_WORD].concat());
             simulation.spawn(Level::Thread, "write", async move {
                 assert_eq!(task.await, Err(FlashError::PowerLost));
             });
             assert_eq!(simulation.run_for(1_000_000), RunEnd::Stopped);
             assert!(!flash.is_powered());
-            assert_eq!(run(&mut simulation, erase(flash.clone(), 0, 2048)), Some(Err(FlashError::PowerLost)));
+            assert_eq!(run_access(&mut simulation, erase(flash.clone(), 0, 2048)), Some(Err(FlashError::PowerLost)));
 
             flash.power_on();
             let bytes = flash.flash_contents();
-            assert_eq!(bytes[0..8], OLD, "what was done before the cut stays");
+            assert_eq!(bytes[0..8], OLD_WORD, "what was done before the cut stays");
             assert_eq!(bytes[16..24], [0xFF; 8], "what would have come after it never happens");
-            let second: [u8; 8] = bytes[8..16].try_into().unwrap();
+            let interrupted_word: [u8; 8] = bytes[8..16].try_into().unwrap();
             match outcome {
-                CutOutcome::NotBegun => assert_eq!(second, [0xFF; 8]),
-                CutOutcome::Done => assert_eq!(second, OLD),
+                CutOutcome::NotBegun => assert_eq!(interrupted_word, [0xFF; 8]),
+                CutOutcome::Done => assert_eq!(interrupted_word, OLD_WORD),
                 CutOutcome::Torn => {
-                    assert!(second != OLD && second != [0xFF; 8], "seed 7 leaves some bits fallen, some not");
-                    let never_rise = second.iter().zip(OLD).all(|(torn, programmed)| torn & programmed == programmed);
-                    assert!(never_rise, "a bit that should stay one was cleared");
+                    assert!(
+                        interrupted_word != OLD_WORD && interrupted_word != [0xFF; 8],
+                        "seed 7 leaves some bits fallen, some not"
+                    );
+                    let no_bit_is_cleared_wrongly =
+                        interrupted_word.iter().zip(OLD_WORD).all(|(torn, old)| torn & old == old);
+                    assert!(no_bit_is_cleared_wrongly, "a bit that should stay one was cleared");
                 }
             }
-            let rewritten = run(&mut simulation, write(flash.clone(), 8, OLD.to_vec())).unwrap();
+            let rewritten = run_access(&mut simulation, write(flash.clone(), 8, OLD_WORD.to_vec())).unwrap();
             assert_eq!(rewritten.is_ok(), outcome == CutOutcome::NotBegun, "a touched word needs an erase");
         }
     }
@@ -341,7 +346,7 @@ mod tests {
     fn dropping_a_task_tears_its_pending_flash_operation() {
         let mut simulation = Simulation::new();
         let flash = Flash::new(2, 3);
-        assert_eq!(run(&mut simulation, write(flash.clone(), 0, OLD.repeat(256))), Some(Ok(())));
+        assert_eq!(run_access(&mut simulation, write(flash.clone(), 0, OLD_WORD.repeat(256))), Some(Ok(())));
         let erasing = erase(flash.clone(), 0, 2048);
         simulation.spawn(Level::Thread, "erase", async move {
             erasing.await.unwrap();
@@ -351,12 +356,12 @@ mod tests {
 
         let page = flash.flash_contents();
         let (words, _) = page[..2048].as_chunks::<8>();
-        let unchanged_count = words.iter().filter(|&&word| word == OLD).count();
+        let unchanged_count = words.iter().filter(|&&word| word == OLD_WORD).count();
         let erased_count = words.iter().filter(|&&word| word == [0xFF; 8]).count();
         // Of 256 words a third keep their content and a third are erased, each within four standard deviations of 7.5.
         assert!((55..=116).contains(&unchanged_count), "{unchanged_count} words as before");
         assert!((55..=116).contains(&erased_count), "{erased_count} words erased");
-        assert_eq!(run(&mut simulation, erase(flash.clone(), 0, 2048)), Some(Ok(())));
+        assert_eq!(run_access(&mut simulation, erase(flash.clone(), 0, 2048)), Some(Ok(())));
         assert_eq!(flash.flash_contents()[..2048], [0xFF; 2048], "erasing again mends the page");
     }
 }

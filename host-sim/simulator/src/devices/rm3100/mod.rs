@@ -58,7 +58,7 @@ pub enum Rm3100Fault {
 pub struct Rm3100 {
     config: Rm3100Config,
     registers: Rm3100Registers,
-    source: FieldSource,
+    field_source: FieldSource,
     noise: RandomStream,
     fault: Option<Rm3100Fault>,
     /// Address of the register that the next byte reads or writes.
@@ -68,11 +68,11 @@ pub struct Rm3100 {
 impl Rm3100 {
     /// A chip after power-on.
     #[must_use]
-    pub fn new(config: Rm3100Config, source: FieldSource) -> Rc<RefCell<Self>> {
+    pub fn new(config: Rm3100Config, field_source: FieldSource) -> Rc<RefCell<Self>> {
         Rc::new(RefCell::new(Self {
             config,
             registers: Rm3100Registers::default(),
-            source,
+            field_source,
             noise: RandomStream::new(config.seed, StreamPurpose::Magnetometer),
             fault: None,
             pointer: 0,
@@ -104,12 +104,12 @@ impl Rm3100 {
         matches!(self.fault, Some(Rm3100Fault::Missing(_)))
     }
 
-    fn catch_up(&mut self) {
+    fn complete_due_measurements(&mut self) {
         let now_us = clock::now_us();
         if self.fault == Some(Rm3100Fault::NeverReady) {
             return;
         }
-        if let Some(ended) = self.registers.take_ended(now_us, self.config.period_scale) {
+        if let Some(ended) = self.registers.take_ended_measurement(now_us, self.config.period_scale) {
             match ended {
                 RunningMeasurement::SelfTest { .. } => self.end_self_test(),
                 RunningMeasurement::Field { ends_at_us, .. } => self.finish_measurement(ends_at_us),
@@ -129,11 +129,11 @@ impl Rm3100 {
             let cycle_count = self.registers.cycle_count(axis);
             let after_us: u64 = (axis + 1..3).map(|later| self.registers.axis_duration_us(later)).sum();
             let middle_us = ended_at_us.saturating_sub(after_us + self.registers.axis_duration_us(axis) / 2);
-            let field: Field<Sensor> = (self.source)(middle_us);
+            let field: Field<Sensor> = (self.field_source)(middle_us);
             let sigma_ut = NOISE_UT * (200.0 / f64::from(cycle_count.max(1))).sqrt() * self.config.noise_scale;
             let ut = f64::from(field.ut[axis]) + sigma_ut * self.noise.gaussian();
             if self.fault != Some(Rm3100Fault::StuckAxis(axis)) {
-                self.registers.set_result(axis, (ut * counts_per_ut(cycle_count)).round() as i32);
+                self.registers.set_measurement(axis, (ut * counts_per_ut(cycle_count)).round() as i32);
             }
         }
     }
@@ -149,7 +149,7 @@ impl SimulatedSpiDevice for Rm3100 {
         if self.is_missing() {
             return;
         }
-        self.catch_up();
+        self.complete_due_measurements();
         let Some((&address, values)) = bytes.split_first() else { return };
         self.pointer = address & !registers::READ_FLAG;
         for &value in values {
@@ -163,7 +163,7 @@ impl SimulatedSpiDevice for Rm3100 {
             bytes.fill(idle_byte);
             return;
         }
-        self.catch_up();
+        self.complete_due_measurements();
         for byte in bytes {
             *byte = match (self.pointer, self.fault) {
                 (registers::REVID_REGISTER, Some(Rm3100Fault::Identity(other))) => other,

@@ -128,7 +128,7 @@ impl Rm3100Registers {
     }
 
     /// Last measurement that has ended by the present time.
-    pub fn take_ended(&mut self, now_us: u64, period_scale: f64) -> Option<RunningMeasurement> {
+    pub fn take_ended_measurement(&mut self, now_us: u64, period_scale: f64) -> Option<RunningMeasurement> {
         match self.running_measurement? {
             RunningMeasurement::SelfTest { ends_at_us } | RunningMeasurement::Field { ends_at_us, .. }
                 if ends_at_us > now_us =>
@@ -160,13 +160,13 @@ impl Rm3100Registers {
         self.set_register(STATUS_REGISTER, 0);
     }
 
-    pub fn set_self_test_passed(&mut self, axis: usize, passed: bool) {
+    pub fn set_self_test_passed(&mut self, axis: usize, has_passed: bool) {
         let bit = 0x10 << axis;
         let other_bits = self.register_value(BIST_REGISTER) & !bit;
-        self.set_register(BIST_REGISTER, if passed { other_bits | bit } else { other_bits });
+        self.set_register(BIST_REGISTER, if has_passed { other_bits | bit } else { other_bits });
     }
 
-    pub fn set_result(&mut self, axis: usize, counts: i32) {
+    pub fn set_measurement(&mut self, axis: usize, counts: i32) {
         let [_, high, middle, low] = counts.clamp(-0x80_0000, 0x7F_FFFF).to_be_bytes();
         for (register, byte) in (MX2_REGISTER + 3 * axis as u8..).zip([high, middle, low]) {
             self.set_register(register, byte);

@@ -10,20 +10,20 @@ use crate::devices::spi::SelectedDevice;
 
 const NOISE_FREE: Rm3100Config = Rm3100Config { seed: 1, noise_scale: 0.0, period_scale: 1.0 };
 /// `CMM`: continuous, all axes, data ready after a full sequence.
-const CONTINUOUS: u8 = 0x79;
+const CONTINUOUS_MODE: u8 = 0x79;
 
 /// Runs `script` with a chip in the field `field_ut(t)`.
-fn with_chip<S, F>(config: Rm3100Config, mut field_ut: impl FnMut(u64) -> [f32; 3] + 'static, script: S)
+fn run_with_chip<S, F>(config: Rm3100Config, mut field_ut: impl FnMut(u64) -> [f32; 3] + 'static, script: S)
 where
     S: FnOnce(SelectedDevice, Rc<RefCell<Rm3100>>) -> F + 'static,
     F: Future<Output = ()> + 'static,
 {
     let mut simulation = Simulation::new();
-    let source = move |at_us| {
+    let field_source = move |at_us| {
         let [x, y, z] = field_ut(at_us);
         Field::from_ut(x, y, z)
     };
-    let chip = Rm3100::new(config, Box::new(source));
+    let chip = Rm3100::new(config, Box::new(field_source));
     simulation.spawn(Level::Thread, "script", script(SelectedDevice::new(chip.clone()), chip));
     simulation.run_for(100_000_000);
     assert_eq!(simulation.tasks(), 0, "the script did not end");
@@ -52,7 +52,7 @@ async fn counts(device: &mut SelectedDevice) -> [i32; 3] {
 /// Reset values of the manual's table 5-1.
 #[test]
 fn reset_values_are_those_of_the_manual() {
-    with_chip(
+    run_with_chip(
         NOISE_FREE,
         |_| [0.0; 3],
         |mut device, _| async move {
@@ -69,12 +69,12 @@ fn reset_values_are_those_of_the_manual() {
 #[test]
 fn every_rate_is_kept_unless_the_cycle_count_limits_it() {
     for (tmrc, period_ms) in [(0x94, 6.8), (0x95, 13.3), (0x96, 26.7), (0x97, 53.3), (0x98, 106.7)] {
-        with_chip(
+        run_with_chip(
             NOISE_FREE,
             |_| [0.0; 3],
             move |mut device, _| async move {
                 write_register(&mut device, 0x0B, tmrc).await;
-                write_register(&mut device, 0x01, CONTINUOUS).await;
+                write_register(&mut device, 0x01, CONTINUOUS_MODE).await;
                 let start = Instant::now();
                 for measurement in 1..=3 {
                     let due_us = f64::from(measurement) * period_ms * 1e3;
@@ -92,17 +92,17 @@ fn every_rate_is_kept_unless_the_cycle_count_limits_it() {
 /// Section 5.2: certain accesses end continuous mode.
 #[test]
 fn reading_cmm_and_writing_tmrc_end_continuous_mode() {
-    with_chip(
+    run_with_chip(
         NOISE_FREE,
         |_| [0.0; 3],
         |mut device, _| async move {
             for ends_by_reading in [true, false] {
-                write_register(&mut device, 0x01, CONTINUOUS).await;
+                write_register(&mut device, 0x01, CONTINUOUS_MODE).await;
                 Timer::after_millis(30).await;
                 assert!(is_ready(&mut device).await);
                 counts(&mut device).await;
                 if ends_by_reading {
-                    assert_eq!(read_register(&mut device, 0x01).await, [CONTINUOUS & !1]);
+                    assert_eq!(read_register(&mut device, 0x01).await, [CONTINUOUS_MODE & !1]);
                 } else {
                     write_register(&mut device, 0x0B, 0x95).await;
                 }
@@ -116,7 +116,7 @@ fn reading_cmm_and_writing_tmrc_end_continuous_mode() {
 /// Sections 5.3 and 5.6.2: 6.8 ms at cycle count 200; refused in continuous mode.
 #[test]
 fn a_single_measurement_takes_the_time_of_three_axes() {
-    with_chip(
+    run_with_chip(
         NOISE_FREE,
         |_| [1.0; 3],
         |mut device, _| async move {
@@ -127,7 +127,7 @@ fn a_single_measurement_takes_the_time_of_three_axes() {
             assert!(is_ready(&mut device).await);
             assert_eq!(counts(&mut device).await, [75; 3]);
             assert!(!is_ready(&mut device).await, "reading the data clears data ready");
-            write_register(&mut device, 0x01, CONTINUOUS).await;
+            write_register(&mut device, 0x01, CONTINUOUS_MODE).await;
             write_register(&mut device, 0x00, 0x70).await;
             Timer::after_millis(10).await;
             assert!(!is_ready(&mut device).await, "refused");
@@ -139,7 +139,7 @@ fn a_single_measurement_takes_the_time_of_three_axes() {
 #[test]
 fn data_ready_follows_the_selected_condition() {
     for (cmm, expected) in [(0x79, true), (0x71, false), (0x7D, false)] {
-        with_chip(
+        run_with_chip(
             NOISE_FREE,
             |_| [0.0; 3],
             move |mut device, _| async move {
@@ -155,7 +155,7 @@ fn data_ready_follows_the_selected_condition() {
 #[test]
 fn cycle_counts_have_the_gain_of_the_manual() {
     for (cycle_count, per_ut) in [(50, 20), (100, 38), (200, 75)] {
-        with_chip(
+        run_with_chip(
             NOISE_FREE,
             |_| [10.0, -20.0, 1e6],
             move |mut device, _| async move {
@@ -176,7 +176,7 @@ fn cycle_counts_have_the_gain_of_the_manual() {
 fn noise_is_that_of_the_manual() {
     for (cycle_count, noise_nt) in [(50, 30.0_f64), (100, 20.0), (200, 15.0)] {
         let config = Rm3100Config { noise_scale: 1.0, ..NOISE_FREE };
-        with_chip(
+        run_with_chip(
             config,
             |_| [20.0, 0.0, 40.0],
             move |mut device, _| async move {
@@ -201,7 +201,7 @@ fn noise_is_that_of_the_manual() {
 /// A field that grows by 1 uT a millisecond shows the instants: 1.1, 3.4 and 5.7 ms of 6.8.
 #[test]
 fn axes_are_measured_one_after_the_other() {
-    with_chip(
+    run_with_chip(
         NOISE_FREE,
         |at_us| [at_us as f32 * 1e-3; 3],
         |mut device, _| async move {
@@ -219,7 +219,7 @@ fn axes_are_measured_one_after_the_other() {
 /// Section 5.6.1: bits 4 to 6 of `BIST` are x, y and z.
 #[test]
 fn the_self_test_shows_the_broken_oscillator() {
-    with_chip(
+    run_with_chip(
         NOISE_FREE,
         |_| [0.0; 3],
         |mut device, chip| async move {
@@ -239,12 +239,12 @@ fn the_self_test_shows_the_broken_oscillator() {
 
 #[test]
 fn faults_show_on_the_bus() {
-    with_chip(
+    run_with_chip(
         NOISE_FREE,
         |at_us| [at_us as f32 / 1e4; 3],
         |mut device, chip| async move {
             write_register(&mut device, 0x0B, 0x95).await;
-            write_register(&mut device, 0x01, CONTINUOUS).await;
+            write_register(&mut device, 0x01, CONTINUOUS_MODE).await;
             let set_fault = |fault| chip.borrow_mut().set_fault(fault);
             for idle_byte in [0xFF, 0x00] {
                 set_fault(Some(Rm3100Fault::Missing(idle_byte)));
@@ -281,7 +281,7 @@ fn faults_show_on_the_bus() {
 /// A transfer of ten bytes takes 80 us at 1 MHz.
 #[test]
 fn a_transfer_takes_the_time_of_its_bytes() {
-    with_chip(
+    run_with_chip(
         NOISE_FREE,
         |_| [0.0; 3],
         |mut device, _| async move {

@@ -30,54 +30,54 @@ const MICROSECONDS_PER_SECOND: u64 = 1_000_000;
 pub(super) struct CableDirection {
     baud: u64,
     /// End of the last transmission in microseconds times baud, which avoids rounding.
-    free_at: u64,
-    /// Sent bytes not yet moved to the receive buffer.
+    free_at_us_times_baud: u64,
+    /// Sent bytes that have not been moved to the receive buffer.
     in_transit: VecDeque<TimedByte>,
     received: VecDeque<TimedByte>,
-    capacity: usize,
+    receive_capacity: usize,
     lost_bytes: u64,
-    error: Option<UartError>,
+    pending_error: Option<UartError>,
     wake_condition: WakeCondition,
-    reader: Option<Waker>,
+    reader_waker: Option<Waker>,
 }
 
 impl CableDirection {
-    pub fn new(baud: u32, capacity: usize, wake_condition: WakeCondition) -> Self {
+    pub fn new(baud: u32, receive_capacity: usize, wake_condition: WakeCondition) -> Self {
         Self {
             baud: u64::from(baud),
-            free_at: 0,
+            free_at_us_times_baud: 0,
             in_transit: VecDeque::new(),
             received: VecDeque::new(),
-            capacity,
+            receive_capacity,
             lost_bytes: 0,
-            error: None,
+            pending_error: None,
             wake_condition,
-            reader: None,
+            reader_waker: None,
         }
     }
 
     pub fn send_bytes(&mut self, bytes: &[u8], now_us: u64) {
         self.deliver_arrived_bytes(now_us);
-        self.free_at = self.free_at.max(now_us * self.baud);
+        self.free_at_us_times_baud = self.free_at_us_times_baud.max(now_us * self.baud);
         for &byte in bytes {
-            self.free_at += BITS_PER_BYTE * MICROSECONDS_PER_SECOND;
+            self.free_at_us_times_baud += BITS_PER_BYTE * MICROSECONDS_PER_SECOND;
             self.in_transit.push_back(TimedByte { arrives_at_us: self.free_at_us(), byte });
         }
-        if let Some(reader) = self.reader.take() {
-            self.wake_on_delivery(&reader);
-            self.reader = Some(reader);
+        if let Some(reader_waker) = self.reader_waker.take() {
+            self.wake_on_delivery(&reader_waker);
+            self.reader_waker = Some(reader_waker);
         }
     }
 
     /// Changes the speed at both ends; bytes in transmission keep their arrival times.
     pub fn set_baud(&mut self, baud: u32) {
-        self.free_at = self.free_at_us() * u64::from(baud);
+        self.free_at_us_times_baud = self.free_at_us() * u64::from(baud);
         self.baud = baud.into();
     }
 
     /// Arrival time of the last sent byte.
     pub fn free_at_us(&self) -> u64 {
-        self.free_at.div_ceil(self.baud)
+        self.free_at_us_times_baud.div_ceil(self.baud)
     }
 
     /// Number of bytes in transmission.
@@ -89,15 +89,15 @@ impl CableDirection {
     pub fn drop_in_transit(&mut self, now_us: u64) {
         self.deliver_arrived_bytes(now_us);
         self.in_transit.clear();
-        self.free_at = now_us * self.baud;
+        self.free_at_us_times_baud = now_us * self.baud;
     }
 
     /// Clears the receive buffer, as when the receiver is switched on.
     pub fn clear_received(&mut self, now_us: u64) {
         self.deliver_arrived_bytes(now_us);
         self.received.clear();
-        self.error = None;
-        self.reader = None;
+        self.pending_error = None;
+        self.reader_waker = None;
     }
 
     /// Returns at most `max_bytes` received bytes.
@@ -108,14 +108,14 @@ impl CableDirection {
     }
 
     pub fn inject_error(&mut self, error: UartError) {
-        self.error = Some(error);
-        if let Some(reader) = &self.reader {
-            reader.wake_by_ref();
+        self.pending_error = Some(error);
+        if let Some(reader_waker) = &self.reader_waker {
+            reader_waker.wake_by_ref();
         }
     }
 
     pub fn take_error(&mut self) -> Option<UartError> {
-        self.error.take()
+        self.pending_error.take()
     }
 
     pub fn lost_bytes(&self) -> u64 {
@@ -125,12 +125,12 @@ impl CableDirection {
     /// Ready when a byte or an error is available.
     pub fn poll_readable(&mut self, now_us: u64, waker: &Waker) -> Poll<()> {
         self.deliver_arrived_bytes(now_us);
-        if self.error.is_some() || !self.received.is_empty() {
-            self.reader = None;
+        if self.pending_error.is_some() || !self.received.is_empty() {
+            self.reader_waker = None;
             return Poll::Ready(());
         }
         self.wake_on_delivery(waker);
-        self.reader = Some(waker.clone());
+        self.reader_waker = Some(waker.clone());
         Poll::Pending
     }
 
@@ -143,11 +143,11 @@ impl CableDirection {
     /// Moves arrived bytes into the receive buffer. An overflow loses bytes and sets the overrun error.
     fn deliver_arrived_bytes(&mut self, now_us: u64) {
         while let Some(timed_byte) = self.in_transit.pop_front_if(|timed_byte| timed_byte.arrives_at_us <= now_us) {
-            if self.received.len() < self.capacity {
+            if self.received.len() < self.receive_capacity {
                 self.received.push_back(timed_byte);
             } else {
                 self.lost_bytes += 1;
-                self.error = Some(UartError::Overrun);
+                self.pending_error = Some(UartError::Overrun);
             }
         }
     }
@@ -164,7 +164,7 @@ impl CableDirection {
             WakeCondition::IdleLine => {
                 // First byte that is followed by a pause or fills half of the buffer.
                 let pause_us = 2 * self.byte_time_us();
-                let half_capacity = self.capacity / 2;
+                let half_capacity = self.receive_capacity / 2;
                 let next =
                     self.in_transit.iter().skip(1).map(|timed_byte| Some(timed_byte.arrives_at_us)).chain([None]);
                 self.in_transit.iter().zip(next).zip(1..).find_map(|((timed_byte, next), count)| {

@@ -73,11 +73,11 @@ impl SerialCable {
     pub fn module_ends(&self) -> (Receiver, Transmitter) {
         self.to_module.borrow_mut().clear_received(clock::now_us());
         let transmitter = Transmitter {
-            line: Rc::clone(&self.to_host),
+            direction: Rc::clone(&self.to_host),
             opposite_direction: Rc::clone(&self.to_module),
             buffer: self.transmit_buffer,
         };
-        (Receiver { line: Rc::clone(&self.to_module) }, transmitter)
+        (Receiver { direction: Rc::clone(&self.to_module) }, transmitter)
     }
 }
 
@@ -131,7 +131,7 @@ impl HostEnd {
 
 /// The module's receiver. Cancelling a read has no side effects.
 pub struct Receiver {
-    line: Rc<RefCell<CableDirection>>,
+    direction: Rc<RefCell<CableDirection>>,
 }
 
 impl ErrorType for Receiver {
@@ -143,12 +143,12 @@ impl Read for Receiver {
         if buffer.is_empty() {
             return Ok(0);
         }
-        poll_fn(|context| self.line.borrow_mut().poll_readable(clock::now_us(), context.waker())).await;
-        let mut line = self.line.borrow_mut();
-        if let Some(error) = line.take_error() {
+        poll_fn(|context| self.direction.borrow_mut().poll_readable(clock::now_us(), context.waker())).await;
+        let mut direction = self.direction.borrow_mut();
+        if let Some(error) = direction.take_error() {
             return Err(error);
         }
-        let received = line.take_received(buffer.len(), clock::now_us());
+        let received = direction.take_received(buffer.len(), clock::now_us());
         for (slot, timed_byte) in buffer.iter_mut().zip(&received) {
             *slot = timed_byte.byte;
         }
@@ -158,7 +158,7 @@ impl Read for Receiver {
 
 /// The module's transmitter. Dropping it, as at a power cut, loses bytes in transmission.
 pub struct Transmitter {
-    line: Rc<RefCell<CableDirection>>,
+    direction: Rc<RefCell<CableDirection>>,
     /// The opposite direction, which has the same speed.
     opposite_direction: Rc<RefCell<CableDirection>>,
     buffer: usize,
@@ -174,10 +174,10 @@ impl Write for Transmitter {
             return Ok(0);
         }
         let free = poll_fn(|context| {
-            let line = self.line.borrow();
-            match self.buffer.saturating_sub(line.bytes_in_transit(clock::now_us())) {
+            let direction = self.direction.borrow();
+            match self.buffer.saturating_sub(direction.bytes_in_transit(clock::now_us())) {
                 0 => {
-                    line.wake_at_next_arrival(clock::now_us(), context.waker());
+                    direction.wake_at_next_arrival(clock::now_us(), context.waker());
                     Poll::Pending
                 }
                 free => Poll::Ready(free),
@@ -185,12 +185,12 @@ impl Write for Transmitter {
         })
         .await;
         let accepted = bytes.len().min(free);
-        self.line.borrow_mut().send_bytes(&bytes[..accepted], clock::now_us());
+        self.direction.borrow_mut().send_bytes(&bytes[..accepted], clock::now_us());
         Ok(accepted)
     }
 
     async fn flush(&mut self) -> Result<(), UartError> {
-        let sent_us = self.line.borrow().free_at_us();
+        let sent_us = self.direction.borrow().free_at_us();
         Timer::at(Instant::from_micros(sent_us)).await;
         Ok(())
     }
@@ -198,15 +198,15 @@ impl Write for Transmitter {
 
 impl SetBaud for Transmitter {
     fn set_baud(&mut self, baud: Baud) {
-        for line in [&self.line, &self.opposite_direction] {
-            line.borrow_mut().set_baud(baud.bits_per_s());
+        for direction in [&self.direction, &self.opposite_direction] {
+            direction.borrow_mut().set_baud(baud.bits_per_s());
         }
     }
 }
 
 impl Drop for Transmitter {
     fn drop(&mut self) {
-        self.line.borrow_mut().drop_in_transit(clock::now_us());
+        self.direction.borrow_mut().drop_in_transit(clock::now_us());
     }
 }
 

@@ -1,10 +1,10 @@
 use super::*;
 use testkit::simulation::{Level, Simulation};
 
-type Log<T> = Rc<RefCell<Vec<T>>>;
+type ReadLog<T> = Rc<RefCell<Vec<T>>>;
 
-fn spawn_reader(simulation: &mut Simulation, mut receiver: Receiver) -> Log<(u64, Result<Vec<u8>, UartError>)> {
-    let log = Log::default();
+fn spawn_reader(simulation: &mut Simulation, mut receiver: Receiver) -> ReadLog<(u64, Result<Vec<u8>, UartError>)> {
+    let log = ReadLog::default();
     let reads = Rc::clone(&log);
     simulation.spawn(Level::Thread, "reader", async move {
         let mut buffer = [0; 64];

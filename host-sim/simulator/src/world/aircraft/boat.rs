@@ -10,7 +10,7 @@ const ROLL_PER_SLOPE: f64 = 1.3;
 const PITCH_PER_SLOPE: f64 = 0.6;
 /// Outward heel as a share of the angle `turn acceleration / g`.
 const HEEL_PER_TURN_ANGLE: f64 = 0.5;
-const TURN_RATE_TIME_S: f64 = 1.0;
+const TURN_RATE_TIME_CONSTANT_S: f64 = 1.0;
 
 #[derive(Clone, Debug)]
 pub(super) struct Boat {
@@ -27,7 +27,8 @@ impl Boat {
     }
 
     pub fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> Motion {
-        self.turn_rate_rad_s += (command.flat_turn_rate_rad_s() - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_S;
+        self.turn_rate_rad_s +=
+            (command.flat_turn_rate_rad_s() - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_CONSTANT_S;
         self.heading_rad += self.turn_rate_rad_s * STEP_S;
         let time_s = previous_state.time_us as f64 / 1e6;
         let [ahead, right] = forward_right(

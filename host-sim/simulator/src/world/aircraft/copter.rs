@@ -9,19 +9,19 @@ use super::{
 };
 use crate::world::autopilot::TranslationMode;
 
-const TILT_TIME_S: f64 = 0.25;
+const TILT_TIME_CONSTANT_S: f64 = 0.25;
 /// Time constant from rotor command to tilt rate, seconds.
-const TILT_RATE_TIME_S: f64 = 0.1;
+const TILT_RATE_TIME_CONSTANT_S: f64 = 0.1;
 /// Largest tilt rate, radians per second (90 degrees per second).
 const MAX_TILT_RATE_RAD_S: f64 = std::f64::consts::FRAC_PI_2;
-const TURN_RATE_TIME_S: f64 = 0.3;
+const TURN_RATE_TIME_CONSTANT_S: f64 = 0.3;
 /// Time constant of drag, seconds: 15 degrees of tilt reach 13 m/s.
-const DRAG_TIME_S: f64 = 5.0;
+const DRAG_TIME_CONSTANT_S: f64 = 5.0;
 /// Hover controller gains: acceleration per velocity (1/s) and per position error (1/s^2).
-const VELOCITY_GAIN_S: f64 = 1.0;
-const POSITION_GAIN_S2: f64 = 0.3;
+const VELOCITY_GAIN_PER_S: f64 = 1.0;
+const POSITION_GAIN_PER_S2: f64 = 0.3;
 /// Speed below which the hover controller fixes its position set point, metres per second.
-const AT_REST_M_S: f64 = 1.0;
+const MAX_REST_SPEED_M_S: f64 = 1.0;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CopterLimits {
     /// Largest tilt of the controller's own choice (braking, position hold, speed hold), degrees. A commanded tilt is
@@ -36,7 +36,7 @@ impl CopterLimits {
     pub const MULTIROTOR: Self = Self { max_controller_tilt_deg: 15.0, max_drag_m_s2: f64::INFINITY };
 }
 /// Relative thrust loss in an upward gust, per metre per second.
-const THRUST_PER_GUST_S_M: f64 = 0.1;
+const THRUST_LOSS_PER_GUST_S_M: f64 = 0.1;
 
 /// Roll or pitch angle under cascaded angle and rate control, with a first-order response of the rate.
 #[derive(Clone, Copy, Debug, Default)]
@@ -48,8 +48,8 @@ struct TiltControl {
 impl TiltControl {
     fn next_angle(&mut self, target_rad: f64) {
         let desired_rate =
-            ((target_rad - self.angle_rad) / TILT_TIME_S).clamp(-MAX_TILT_RATE_RAD_S, MAX_TILT_RATE_RAD_S);
-        self.rate_rad_s += (desired_rate - self.rate_rad_s) * STEP_S / TILT_RATE_TIME_S;
+            ((target_rad - self.angle_rad) / TILT_TIME_CONSTANT_S).clamp(-MAX_TILT_RATE_RAD_S, MAX_TILT_RATE_RAD_S);
+        self.rate_rad_s += (desired_rate - self.rate_rad_s) * STEP_S / TILT_RATE_TIME_CONSTANT_S;
         self.angle_rad += self.rate_rad_s * STEP_S;
     }
 }
@@ -94,7 +94,7 @@ impl Copter {
 
     pub fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> Motion {
         let (desired_m_s2, turn_rate_rad_s) = self.desired_motion(command, previous_state);
-        self.turn_rate_rad_s += (turn_rate_rad_s - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_S;
+        self.turn_rate_rad_s += (turn_rate_rad_s - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_CONSTANT_S;
         self.heading_rad += self.turn_rate_rad_s * STEP_S;
         self.pitch.next_angle(libm::atan(-desired_m_s2[0] / GRAVITY_M_S2));
         self.roll.next_angle(libm::atan(desired_m_s2[1] * libm::cos(self.pitch.angle_rad) / GRAVITY_M_S2));
@@ -108,14 +108,14 @@ impl Copter {
         let gust = north_east(self.heading_rad, [disturbance.along_m_s, disturbance.across_m_s]);
         let (wind_north, wind_east) = self.weather.wind_velocity_m_s();
         let air_m_s = [wind_north + gust[0], wind_east + gust[1]];
-        let drag_m_s2 = std::array::from_fn(|i| (self.velocity_m_s[i] - air_m_s[i]) / DRAG_TIME_S);
+        let drag_m_s2 = std::array::from_fn(|i| (self.velocity_m_s[i] - air_m_s[i]) / DRAG_TIME_CONSTANT_S);
         let drag_m_s2 = clamp_length(drag_m_s2, self.limits.max_drag_m_s2);
         let acceleration: [f64; 2] = std::array::from_fn(|i| thrust_north_east_m_s2[i] - drag_m_s2[i]);
         for (velocity, acceleration) in self.velocity_m_s.iter_mut().zip(acceleration) {
             *velocity += acceleration * STEP_S;
         }
         let weight = (libm::cos(roll_rad) * libm::cos(pitch_rad)).recip();
-        let thrust = (weight - THRUST_PER_GUST_S_M * disturbance.vertical_m_s).max(0.0);
+        let thrust = (weight - THRUST_LOSS_PER_GUST_S_M * disturbance.vertical_m_s).max(0.0);
         Motion {
             roll_rad,
             pitch_rad,
@@ -132,7 +132,7 @@ impl Copter {
     /// Desired acceleration along the nose and to the right (m/s^2), and turn rate (rad/s).
     fn desired_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> ([f64; 2], f64) {
         let position_m = [previous_state.north_m, previous_state.east_m];
-        let is_at_rest = libm::hypot(self.velocity_m_s[0], self.velocity_m_s[1]) < AT_REST_M_S;
+        let is_at_rest = libm::hypot(self.velocity_m_s[0], self.velocity_m_s[1]) < MAX_REST_SPEED_M_S;
         if !(matches!(command.translation_mode, TranslationMode::HoldPosition) && is_at_rest) {
             self.set_point_m = position_m;
         }
@@ -140,7 +140,8 @@ impl Copter {
         match command.translation_mode {
             TranslationMode::HoldPosition => {
                 let braking = std::array::from_fn(|i| {
-                    POSITION_GAIN_S2 * (self.set_point_m[i] - position_m[i]) - VELOCITY_GAIN_S * self.velocity_m_s[i]
+                    POSITION_GAIN_PER_S2 * (self.set_point_m[i] - position_m[i])
+                        - VELOCITY_GAIN_PER_S * self.velocity_m_s[i]
                 });
                 (clamp_length(forward_right(self.heading_rad, braking), controller_limit_m_s2), command.turn_rate_rad_s)
             }
@@ -151,7 +152,7 @@ impl Copter {
             }
             TranslationMode::Forward => {
                 let [forward, right] = forward_right(self.heading_rad, self.velocity_m_s);
-                let errors = [self.config.speed_m_s - forward, -right].map(|error| VELOCITY_GAIN_S * error);
+                let errors = [self.config.speed_m_s - forward, -right].map(|error| VELOCITY_GAIN_PER_S * error);
                 let [ahead, across] = clamp_length(errors, controller_limit_m_s2);
                 let centripetal_m_s2 = GRAVITY_M_S2 * libm::tan(command.bank_rad);
                 ([ahead, across + centripetal_m_s2], centripetal_m_s2 / self.config.speed_m_s)

@@ -20,7 +20,7 @@ pub(super) struct AttitudeInterpolation {
     change: Euler,
     received_us: u64,
     /// Duration, microseconds; 0 if the aircraft jumps to the attitude.
-    takes_us: u64,
+    duration_us: u64,
 }
 
 impl AttitudeInterpolation {
@@ -30,29 +30,29 @@ impl AttitudeInterpolation {
     pub fn new(previous_interpolation: Option<&Self>, state: &TrueState, received: Euler) -> Self {
         let replaced =
             previous_interpolation.filter(|previous_interpolation| previous_interpolation.received_us == state.time_us);
-        let takes_us = match (replaced, previous_interpolation) {
-            (Some(replaced), _) => replaced.takes_us,
+        let duration_us = match (replaced, previous_interpolation) {
+            (Some(replaced), _) => replaced.duration_us,
             (None, Some(previous_interpolation)) => {
                 (state.time_us - previous_interpolation.received_us).min(MAX_INTERPOLATION_US)
             }
             (None, None) => 0,
         };
         let from =
-            if takes_us == 0 { received } else { replaced.map_or(state.euler_angles(), |replaced| replaced.from) };
+            if duration_us == 0 { received } else { replaced.map_or(state.euler_angles(), |replaced| replaced.from) };
         let change = Euler {
             roll_rad: wrap_pi_rad(received.roll_rad - from.roll_rad),
             pitch_rad: received.pitch_rad - from.pitch_rad,
             heading_rad: wrap_pi_rad(received.heading_rad - from.heading_rad),
         };
-        Self { from, change, received_us: state.time_us, takes_us }
+        Self { from, change, received_us: state.time_us, duration_us }
     }
 
     /// State one step after `previous_state`.
     pub fn next_state(&self, previous_state: &TrueState) -> TrueState {
         let time_us = previous_state.time_us + STEP_US;
-        let share = ((time_us - self.received_us) as f64 / self.takes_us as f64).min(1.0);
-        let is_moving = previous_state.time_us < self.received_us + self.takes_us;
-        let rate = |change_rad: f64| if is_moving { change_rad / (self.takes_us as f64 / 1e6) } else { 0.0 };
+        let share = ((time_us - self.received_us) as f64 / self.duration_us as f64).min(1.0);
+        let is_moving = previous_state.time_us < self.received_us + self.duration_us;
+        let rate = |change_rad: f64| if is_moving { change_rad / (self.duration_us as f64 / 1e6) } else { 0.0 };
         let Self { from, change, .. } = self;
         TrueState {
             time_us,

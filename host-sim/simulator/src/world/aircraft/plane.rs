@@ -3,12 +3,12 @@
 use super::{GRAVITY_M_S2, Motion, STEP_S, TrueState, Turbulence, VehicleCommand, VehicleConfig, Weather};
 use log_analysis::numbers::square;
 
-const BANK_TIME_S: f64 = 0.5;
+const BANK_TIME_CONSTANT_S: f64 = 0.5;
 /// Time constant from ailerons to roll rate, seconds.
-const ROLL_RATE_TIME_S: f64 = 0.1;
-const PITCH_TIME_S: f64 = 0.8;
+const ROLL_RATE_TIME_CONSTANT_S: f64 = 0.1;
+const PITCH_TIME_CONSTANT_S: f64 = 0.8;
 /// Additional pitch per unit of load factor above one, degrees, for the lift of a turn: 1.2 degrees at a bank of 25.
-const PITCH_PER_LOAD_DEG: f64 = 12.0;
+const PITCH_PER_LOAD_FACTOR_DEG: f64 = 12.0;
 /// Roll per sideslip (dihedral effect) and pitch per upwash, degrees per degree.
 const BANK_PER_SIDESLIP: f64 = -0.5;
 const PITCH_PER_UPWASH: f64 = 0.3;
@@ -80,13 +80,14 @@ impl Plane {
 
     fn follow_command(&mut self, command: VehicleCommand) {
         let max_roll_rate_rad_s = self.config.max_roll_rate_deg_s.to_radians();
-        let desired_rate = ((command.bank_rad - self.undisturbed_attitude.bank) / BANK_TIME_S)
+        let desired_rate = ((command.bank_rad - self.undisturbed_attitude.bank) / BANK_TIME_CONSTANT_S)
             .clamp(-max_roll_rate_rad_s, max_roll_rate_rad_s);
         self.undisturbed_attitude.bank_rate +=
-            (desired_rate - self.undisturbed_attitude.bank_rate) * STEP_S / ROLL_RATE_TIME_S;
+            (desired_rate - self.undisturbed_attitude.bank_rate) * STEP_S / ROLL_RATE_TIME_CONSTANT_S;
         self.undisturbed_attitude.bank += self.undisturbed_attitude.bank_rate * STEP_S;
         let load_factor = libm::cos(self.undisturbed_attitude.bank).recip();
-        let desired_pitch = command.pitch_rad + PITCH_PER_LOAD_DEG.to_radians() * (load_factor - 1.0);
-        self.undisturbed_attitude.pitch += (desired_pitch - self.undisturbed_attitude.pitch) * STEP_S / PITCH_TIME_S;
+        let desired_pitch = command.pitch_rad + PITCH_PER_LOAD_FACTOR_DEG.to_radians() * (load_factor - 1.0);
+        self.undisturbed_attitude.pitch +=
+            (desired_pitch - self.undisturbed_attitude.pitch) * STEP_S / PITCH_TIME_CONSTANT_S;
     }
 }

@@ -5,7 +5,7 @@ use super::{Motion, STEP_S, TrueState, VehicleCommand, VehicleConfig, forward_ri
 
 /// Ground slope along any direction, standard deviation, degrees.
 const SLOPE_DEG: f64 = 6.0;
-const TURN_RATE_TIME_S: f64 = 0.3;
+const TURN_RATE_TIME_CONSTANT_S: f64 = 0.3;
 /// Relative increase of motor current per unit of uphill slope.
 const CURRENT_PER_SLOPE: f64 = 5.0;
 
@@ -24,7 +24,8 @@ impl Rover {
     }
 
     pub fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> Motion {
-        self.turn_rate_rad_s += (command.flat_turn_rate_rad_s() - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_S;
+        self.turn_rate_rad_s +=
+            (command.flat_turn_rate_rad_s() - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_CONSTANT_S;
         self.heading_rad += self.turn_rate_rad_s * STEP_S;
         let slope = forward_right(
             self.heading_rad,

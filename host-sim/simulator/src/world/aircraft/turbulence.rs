@@ -6,7 +6,7 @@ use crate::world::gauss_markov::SecondOrderProcess;
 use crate::world::weather::Weather;
 
 /// Gust correlation time, seconds: turbulence length near the ground (50 m) over an airspeed of 20 m/s.
-const GUST_TIME_S: f64 = 2.5;
+const GUST_CORRELATION_TIME_S: f64 = 2.5;
 
 #[derive(Clone, Debug)]
 pub(super) struct Turbulence {
@@ -36,7 +36,7 @@ impl Turbulence {
         let process =
             |sigma, time_s, purpose| SecondOrderProcess::new(sigma, time_s, STEP_S, RandomStream::new(seed, purpose));
         let gauss_markov = |sigma_deg: f64, purpose| process(sigma_deg.to_radians(), weather.wander_time_s, purpose);
-        let gust = |purpose| process(weather.gust_m_s, GUST_TIME_S, purpose);
+        let gust = |purpose| process(weather.gust_m_s, GUST_CORRELATION_TIME_S, purpose);
         Self {
             bank: gauss_markov(weather.bank_wander_deg, StreamPurpose::Bank),
             pitch: gauss_markov(weather.pitch_wander_deg, StreamPurpose::Pitch),

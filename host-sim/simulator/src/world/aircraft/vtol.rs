@@ -9,10 +9,10 @@ use super::plane::Plane;
 use super::{Motion, STEP_S, TrueState, VehicleCommand, VehicleConfig, Weather};
 use crate::world::autopilot::TranslationMode;
 
-const ATTITUDE_TIME_S: f64 = 1.0;
+const ATTITUDE_DECAY_TIME_S: f64 = 1.0;
 /// Time constant of the velocity difference's critically damped decay, seconds. Its largest acceleration is `22 / (e
 /// 3.2)` = 2.5 m/s^2 for an airspeed of 22 m/s.
-const SPEED_TIME_S: f64 = 3.2;
+const SPEED_DECAY_TIME_S: f64 = 3.2;
 
 /// Limits in rotor-borne flight. Drag of a gliding airframe: 22 m/s at a glide ratio of 6.5. Tilt and drag together
 /// brake by at most 3 m/s^2.
@@ -89,14 +89,14 @@ impl Vtol {
             ..motion
         };
         for angle in [&mut difference.roll_rad, &mut difference.pitch_rad, &mut difference.heading_rad] {
-            *angle *= 1.0 - STEP_S / ATTITUDE_TIME_S;
+            *angle *= 1.0 - STEP_S / ATTITUDE_DECAY_TIME_S;
         }
         // Critically damped decay from rest: `v'' = -2 v' / T - v / T^2`.
         for (speed, acceleration) in [
             (&mut difference.north_m_s, &mut difference.north_m_s2),
             (&mut difference.east_m_s, &mut difference.east_m_s2),
         ] {
-            *acceleration -= (2.0 * *acceleration + *speed / SPEED_TIME_S) / SPEED_TIME_S * STEP_S;
+            *acceleration -= (2.0 * *acceleration + *speed / SPEED_DECAY_TIME_S) / SPEED_DECAY_TIME_S * STEP_S;
             *speed += *acceleration * STEP_S;
         }
         with_difference

@@ -47,7 +47,7 @@ pub(super) const HEARTBEAT_PERIOD_US: u64 = 1_000_000;
 pub(super) const STATUS_PERIOD_US: u64 = 100_000;
 
 /// Correlation time of the acceleration-induced tilt error, seconds: duration of a typical acceleration.
-const ACCELERATION_ERROR_TIME_S: f64 = 2.0;
+const TILT_ERROR_CORRELATION_TIME_S: f64 = 2.0;
 
 /// Reported yaw; never the true heading, because the module must not depend on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -149,7 +149,7 @@ impl AttitudeSource {
             let sigma_rad = config.push_error_deg.to_radians();
             FirstOrderProcess::new(
                 sigma_rad,
-                ACCELERATION_ERROR_TIME_S,
+                TILT_ERROR_CORRELATION_TIME_S,
                 1.0 / config.rate_hz,
                 RandomStream::new(seed, purpose),
             )

@@ -11,7 +11,7 @@ use mavlink::dialects::common::{
 use mavlink::{MavlinkVersion, Message};
 
 use super::attitude_source::AttitudeSource;
-pub use super::flight_place::{ReportedPosition, START_UNIX_US, XIAN};
+pub use super::flight_place::{ReportedPosition, START_UNIX_US, XIAN_POSITION};
 pub use super::mavlink_frame::{FrameReader, MavlinkFrame, command_long};
 use super::state::TrueState;
 
@@ -88,7 +88,7 @@ impl MavlinkAutopilot {
         let mut autopilot = Self {
             source,
             firmware,
-            reported_position: Some(XIAN),
+            reported_position: Some(XIAN_POSITION),
             started_us: now_us,
             streams: Vec::new(),
             reader: FrameReader::default(),

@@ -23,10 +23,10 @@ use crate::world::{World, WorldConfig};
 use testkit::clock;
 use testkit::simulation::{Level, Simulation};
 
-const ATTITUDE: u32 = 30;
-const CURRENT: u32 = 1;
-const POSITION: u32 = 33;
-const TIME: u32 = 2;
+const ATTITUDE_ID: u32 = 30;
+const SYS_STATUS_ID: u32 = 1;
+const POSITION_ID: u32 = 33;
+const SYSTEM_TIME_ID: u32 = 2;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Request {
@@ -34,7 +34,7 @@ enum Request {
     Stream { rate_hz: u8 },
 }
 
-fn request(frame: &MavlinkFrame) -> Option<Request> {
+fn parse_request(frame: &MavlinkFrame) -> Option<Request> {
     const COMMAND_LONG: u32 = 76;
     match frame.message_id {
         COMMAND_LONG => {
@@ -49,11 +49,11 @@ fn request(frame: &MavlinkFrame) -> Option<Request> {
 struct Bench {
     autopilot: MavlinkAutopilot,
     module: Mavlink,
-    ms: u64,
+    now_ms: u64,
     silent_until_ms: u64,
-    received: Vec<(u64, ReceivedMessage)>,
+    received_messages: Vec<(u64, ReceivedMessage)>,
     frames: Vec<(u64, MavlinkFrame)>,
-    seen: AutopilotInputs,
+    inputs: AutopilotInputs,
 }
 
 impl Bench {
@@ -62,39 +62,39 @@ impl Bench {
         Self {
             autopilot: MavlinkAutopilot::new(source, firmware, 0),
             module: Mavlink::new(),
-            ms: 0,
+            now_ms: 0,
             silent_until_ms: 0,
-            received: vec![],
+            received_messages: vec![],
             frames: vec![],
-            seen: AutopilotInputs::default(),
+            inputs: AutopilotInputs::default(),
         }
     }
 
     fn run(&mut self, seconds: u64) {
-        for now_ms in self.ms..self.ms + 1000 * seconds {
-            self.ms = now_ms;
-            let sent_bytes = self.autopilot.due_messages(1000 * now_ms, &self.seen, |_| ());
+        for now_ms in self.now_ms..self.now_ms + 1000 * seconds {
+            self.now_ms = now_ms;
+            let sent_bytes = self.autopilot.due_messages(1000 * now_ms, &self.inputs, |_| ());
             if now_ms >= self.silent_until_ms {
-                self.deliver(&sent_bytes);
+                self.deliver_to_module(&sent_bytes);
             }
             // The sensor samples at nearly 80 Hz.
             if now_ms.is_multiple_of(12) {
-                self.poll();
+                self.poll_module();
             }
         }
-        self.ms += 1;
+        self.now_ms += 1;
     }
 
-    fn deliver(&mut self, bytes: &[u8]) {
-        let now = Timestamp::from_us(1000 * self.ms);
+    fn deliver_to_module(&mut self, bytes: &[u8]) {
+        let now = Timestamp::from_us(1000 * self.now_ms);
         for &byte in bytes {
-            self.received.extend(self.module.process_byte(now, byte).map(|received| (self.ms, received)));
+            self.received_messages.extend(self.module.process_byte(now, byte).map(|message| (self.now_ms, message)));
         }
     }
 
-    fn poll(&mut self) {
+    fn poll_module(&mut self) {
         let snapshot = Snapshot {
-            now: Timestamp::from_us(1000 * self.ms),
+            now: Timestamp::from_us(1000 * self.now_ms),
             estimate: &Estimate::EMPTY,
             settings: &Settings::DEFAULT,
             indicator_state: IndicatorState::Idle,
@@ -102,37 +102,37 @@ impl Bench {
         };
         let mut transmit_buffer = TransmitBuffer::new();
         self.module.poll(&snapshot, &mut transmit_buffer);
-        self.autopilot.receive_bytes(1000 * self.ms, transmit_buffer.pending_bytes());
-        self.frames.extend(self.autopilot.take_received().into_iter().map(|frame| (self.ms, frame)));
+        self.autopilot.receive_bytes(1000 * self.now_ms, transmit_buffer.pending_bytes());
+        self.frames.extend(self.autopilot.take_received().into_iter().map(|frame| (self.now_ms, frame)));
     }
 
     fn requests(&self) -> Vec<(u64, Request)> {
-        self.frames.iter().filter_map(|(at_ms, frame)| Some((*at_ms, request(frame)?))).collect()
+        self.frames.iter().filter_map(|(at_ms, frame)| Some((*at_ms, parse_request(frame)?))).collect()
     }
 
-    fn requested(&self) -> Vec<Request> {
+    fn request_list(&self) -> Vec<Request> {
         self.requests().into_iter().map(|(_, request)| request).collect()
     }
 
     fn attitudes_in_the_last_second(&self) -> usize {
-        let is_recent_attitude = |(at_ms, received): &&(u64, ReceivedMessage)| {
-            *at_ms + 1000 >= self.ms && matches!(received, ReceivedMessage::Attitude(_))
+        let is_recent_attitude = |(at_ms, message): &&(u64, ReceivedMessage)| {
+            *at_ms + 1000 >= self.now_ms && matches!(message, ReceivedMessage::Attitude(_))
         };
-        self.received.iter().filter(is_recent_attitude).count()
+        self.received_messages.iter().filter(is_recent_attitude).count()
     }
 }
 
-const fn attitude(rate_hz: u32) -> Request {
-    Request::Message { id: ATTITUDE, rate_hz }
+const fn attitude_request(rate_hz: u32) -> Request {
+    Request::Message { id: ATTITUDE_ID, rate_hz }
 }
 
 const CURRENT_PLACE_AND_TIME: [Request; 3] = [
-    Request::Message { id: CURRENT, rate_hz: 10 },
-    Request::Message { id: POSITION, rate_hz: 1 },
-    Request::Message { id: TIME, rate_hz: 1 },
+    Request::Message { id: SYS_STATUS_ID, rate_hz: 10 },
+    Request::Message { id: POSITION_ID, rate_hz: 1 },
+    Request::Message { id: SYSTEM_TIME_ID, rate_hz: 1 },
 ];
 
-fn assert_paced(bench: &Bench) {
+fn assert_one_request_a_second(bench: &Bench) {
     for pair in bench.requests().windows(2) {
         assert!(pair[1].0 - pair[0].0 >= 1000, "{pair:?}");
     }
@@ -146,11 +146,11 @@ fn ardupilot_accepts_an_attitude_rate_of_40_hz_at_once() {
     bench.run(2);
     assert!(bench.requests()[0].0 <= 1_100, "{:?}", bench.requests());
     bench.run(60);
-    let requested = [&[attitude(40)][..], &CURRENT_PLACE_AND_TIME].concat();
-    assert_eq!(bench.requested(), requested, "and nothing more");
+    let request_list = [&[attitude_request(40)][..], &CURRENT_PLACE_AND_TIME].concat();
+    assert_eq!(bench.request_list(), request_list, "and nothing more");
     assert_eq!(bench.autopilot.denied_requests(), 0);
     assert!(bench.attitudes_in_the_last_second().abs_diff(40) <= 1);
-    assert_paced(&bench);
+    assert_one_request_a_second(&bench);
     assert_eq!((bench.autopilot.invalid_byte_count(), bench.module.rejected_frames()), (0, 0));
 }
 
@@ -159,7 +159,7 @@ fn ardupilot_accepts_an_attitude_rate_of_40_hz_at_once() {
 fn px4_sends_attitude_without_a_request() {
     let mut bench = Bench::new(MavlinkFirmware::Px4);
     bench.run(60);
-    assert_eq!(bench.requested(), CURRENT_PLACE_AND_TIME);
+    assert_eq!(bench.request_list(), CURRENT_PLACE_AND_TIME);
     assert!(bench.attitudes_in_the_last_second().abs_diff(100) <= 1);
 }
 
@@ -167,13 +167,13 @@ fn px4_sends_attitude_without_a_request() {
 fn an_autopilot_with_streams_only_gets_a_stream_request() {
     let mut bench = Bench::new(MavlinkFirmware::StreamsOnly);
     bench.run(60);
-    let mut expected: Vec<Request> = [40, 25, 20].into_iter().flat_map(|rate| [attitude(rate); 2]).collect();
+    let mut expected: Vec<Request> = [40, 25, 20].into_iter().flat_map(|rate| [attitude_request(rate); 2]).collect();
     expected.push(Request::Stream { rate_hz: 25 });
     // The firmware does not provide these messages; the module requests each twice.
     expected.extend(CURRENT_PLACE_AND_TIME.into_iter().flat_map(|request| [request; 2]));
-    assert_eq!(bench.requested(), expected);
+    assert_eq!(bench.request_list(), expected);
     assert!(bench.attitudes_in_the_last_second().abs_diff(25) <= 1);
-    assert_paced(&bench);
+    assert_one_request_a_second(&bench);
 }
 
 /// The module requests each message twice and then gives up.
@@ -181,10 +181,10 @@ fn an_autopilot_with_streams_only_gets_a_stream_request() {
 fn an_autopilot_that_never_answers_gets_each_request_twice() {
     let mut bench = Bench::new(MavlinkFirmware::IgnoresRequests);
     bench.run(120);
-    assert_eq!(bench.requested().len(), 2 * 7);
+    assert_eq!(bench.request_list().len(), 2 * 7);
     assert!(bench.requests().last().unwrap().0 < 16_000);
     assert_eq!(bench.attitudes_in_the_last_second(), 1);
-    assert_paced(&bench);
+    assert_one_request_a_second(&bench);
 }
 
 /// A restarted autopilot is detected within three seconds, with or without a silent interval.
@@ -193,13 +193,13 @@ fn messages_are_requested_again_after_a_restart_or_silence() {
     for silence_ms in [0, 1_500, 10_000] {
         let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
         bench.run(20);
-        let before = bench.requested().len();
-        bench.autopilot.restart_autopilot(1000 * bench.ms);
-        bench.silent_until_ms = bench.ms + silence_ms;
+        let before = bench.request_list().len();
+        bench.autopilot.restart_autopilot(1000 * bench.now_ms);
+        bench.silent_until_ms = bench.now_ms + silence_ms;
         bench.run(silence_ms / 1000 + 8);
         assert!(bench.attitudes_in_the_last_second().abs_diff(40) <= 1, "{silence_ms}");
-        assert!(bench.requested()[before..].contains(&attitude(40)), "{silence_ms}");
-        assert_paced(&bench);
+        assert!(bench.request_list()[before..].contains(&attitude_request(40)), "{silence_ms}");
+        assert_one_request_a_second(&bench);
     }
 }
 
@@ -207,36 +207,37 @@ fn messages_are_requested_again_after_a_restart_or_silence() {
 fn a_gap_under_2_s_causes_no_new_requests() {
     let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
     bench.run(20);
-    let before = bench.requested().len();
-    bench.silent_until_ms = bench.ms + 1_900;
+    let before = bench.request_list().len();
+    bench.silent_until_ms = bench.now_ms + 1_900;
     bench.run(10);
-    assert_eq!(bench.requested().len(), before);
-    bench.silent_until_ms = bench.ms + 2_200;
+    assert_eq!(bench.request_list().len(), before);
+    bench.silent_until_ms = bench.now_ms + 2_200;
     bench.run(10);
-    assert!(bench.requested().len() > before);
+    assert!(bench.request_list().len() > before);
 }
 
 #[test]
 fn position_and_date_of_the_autopilot_are_received() {
     let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
     bench.run(10);
-    let received_position = bench.received.iter().rev().find_map(|(_, received)| match received {
+    let received_position = bench.received_messages.iter().rev().find_map(|(_, message)| match message {
         ReceivedMessage::Position(received_position) => Some(*received_position),
         _ => None,
     });
     let received_position = received_position.expect("a place");
-    assert!((f64::from(received_position.latitude_deg) - XIAN.latitude_deg).abs() < 1e-5);
-    assert!((f64::from(received_position.longitude_deg) - XIAN.longitude_deg).abs() < 1e-5);
-    assert!((f64::from(received_position.height_m) - XIAN.height_m).abs() < 0.1);
+    assert!((f64::from(received_position.latitude_deg) - XIAN_POSITION.latitude_deg).abs() < 1e-5);
+    assert!((f64::from(received_position.longitude_deg) - XIAN_POSITION.longitude_deg).abs() < 1e-5);
+    assert!((f64::from(received_position.height_m) - XIAN_POSITION.height_m).abs() < 0.1);
     let today = Date::from_unix_s(START_UNIX_US / 1_000_000).unwrap();
-    assert!(bench.received.iter().any(|(_, received)| *received == ReceivedMessage::Date(today)));
+    assert!(bench.received_messages.iter().any(|(_, message)| *message == ReceivedMessage::Date(today)));
     bench.autopilot.set_position(None);
-    bench.received.clear();
+    bench.received_messages.clear();
     bench.run(10);
-    let number =
-        |is_one: fn(&ReceivedMessage) -> bool| bench.received.iter().filter(|(_, received)| is_one(received)).count();
-    assert_eq!(number(|received| matches!(received, ReceivedMessage::Position(_))), 0);
-    assert!(number(|received| matches!(received, ReceivedMessage::Date(_))).abs_diff(10) <= 1);
+    let count_messages = |is_counted: fn(&ReceivedMessage) -> bool| {
+        bench.received_messages.iter().filter(|(_, message)| is_counted(message)).count()
+    };
+    assert_eq!(count_messages(|message| matches!(message, ReceivedMessage::Position(_))), 0);
+    assert!(count_messages(|message| matches!(message, ReceivedMessage::Date(_))).abs_diff(10) <= 1);
 }
 
 /// Frames of another aircraft's autopilot, as a radio may relay them, are counted as foreign and ignored.
@@ -250,16 +251,16 @@ fn a_second_autopilot_is_ignored() {
     for _ in 0..10 {
         bench.run(1);
         let bytes = other_autopilot.due_messages(
-            1000 * bench.ms,
+            1000 * bench.now_ms,
             &AutopilotInputs { is_armed: true, ..AutopilotInputs::default() },
             |_| (),
         );
-        bench.deliver(&bytes);
+        bench.deliver_to_module(&bytes);
     }
     assert!(bench.frames.iter().all(|(_, frame)| (frame.system_id, frame.component_id) == (1, 158)));
-    assert!(bench.received.iter().any(|(_, received)| *received == ReceivedMessage::RejectedAttitude));
-    assert_eq!(bench.module.is_armed(Timestamp::from_us(1000 * bench.ms)), Some(false));
-    assert_eq!(bench.autopilot.rate_hz(ATTITUDE), Some(40.0));
+    assert!(bench.received_messages.iter().any(|(_, message)| *message == ReceivedMessage::RejectedAttitude));
+    assert_eq!(bench.module.is_armed(Timestamp::from_us(1000 * bench.now_ms)), Some(false));
+    assert_eq!(bench.autopilot.rate_hz(ATTITUDE_ID), Some(40.0));
 }
 
 /// The autopilot forwards a ground station's command and the module's answer.
@@ -268,8 +269,11 @@ fn a_ground_station_commands_the_module() {
     const STATION: [u8; 2] = [255, 190];
     let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
     bench.run(5);
-    bench.deliver(&command_long(STATION, 1, 42_424, 0, [0.0; 7]));
-    assert_eq!(bench.received.last().unwrap().1, ReceivedMessage::Command(Command::CalStart(Procedure::Flight)));
+    bench.deliver_to_module(&command_long(STATION, 1, 42_424, 0, [0.0; 7]));
+    assert_eq!(
+        bench.received_messages.last().unwrap().1,
+        ReceivedMessage::Command(Command::CalStart(Procedure::Flight))
+    );
     bench.module.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
     bench.run(1);
     let ack = bench.frames.iter().find(|(_, frame)| frame.message_id == 77).map(|(_, frame)| frame).expect("an answer");
@@ -292,9 +296,11 @@ fn the_autopilot_answers_over_a_serial_cable() {
             let read_count =
                 with_timeout(Duration::from_millis(10), rx.read(&mut buffer)).await.map_or(0, Result::unwrap);
             let now = Timestamp::from_us(clock::now_us());
-            let received = buffer[..read_count].iter().filter_map(|&byte| module.process_byte(now, byte));
+            let received_messages = buffer[..read_count].iter().filter_map(|&byte| module.process_byte(now, byte));
             log.borrow_mut().extend(
-                received.filter(|received| matches!(received, ReceivedMessage::Attitude(_))).map(|_| now.as_us()),
+                received_messages
+                    .filter(|message| matches!(message, ReceivedMessage::Attitude(_)))
+                    .map(|_| now.as_us()),
             );
             let snapshot = Snapshot {
                 now,

@@ -94,8 +94,8 @@ pub(super) fn reply_payload(firmware: MspFirmware, function: u16, autopilot_stat
             MspFirmware::Inav => b"INAV".to_vec(),
         }),
         MSP_STATUS => Some(encode_status_reply(firmware, autopilot_state.is_armed)),
-        RAW_IMU => raw_imu(firmware, autopilot_state),
-        RAW_GPS => Some(raw_gps(autopilot_state)),
+        RAW_IMU => encode_raw_imu_reply(firmware, autopilot_state),
+        RAW_GPS => Some(encode_raw_gps_reply(autopilot_state)),
         MSP_ATTITUDE => Some(encode_attitude_reply(firmware, autopilot_state)),
         MSP_ANALOG => Some(encode_analog_reply(firmware, autopilot_state.current_a)),
         MSP_RTC => Some(encode_rtc_reply(firmware, autopilot_state.unix_s)),
@@ -133,13 +133,13 @@ fn encode_status_reply(firmware: MspFirmware, is_armed: bool) -> Vec<u8> {
 
 /// Accelerometer, gyro and magnetometer of INAV, of which the module uses the gyro: whole deg/s in axes forward, left,
 /// up. ArduPilot does not support it.
-fn raw_imu(firmware: MspFirmware, autopilot_state: &AutopilotState) -> Option<Vec<u8>> {
+fn encode_raw_imu_reply(firmware: MspFirmware, autopilot_state: &AutopilotState) -> Option<Vec<u8>> {
     let [p, q, r] = autopilot_state.body_rates_rad_s.map(|rate| rate.to_degrees().round() as i16);
     let numbers = [0, 0, 512, p, -q, -r, 0, 0, 0];
     (firmware == MspFirmware::Inav).then(|| numbers.map(i16::to_le_bytes).concat())
 }
 
-fn raw_gps(autopilot_state: &AutopilotState) -> Vec<u8> {
+fn encode_raw_gps_reply(autopilot_state: &AutopilotState) -> Vec<u8> {
     let (latitude_deg, longitude_deg, height_m) = autopilot_state.position.unwrap_or_default();
     let mut payload = vec![if autopilot_state.position.is_some() { 2 } else { 0 }, 9];
     payload.extend(((latitude_deg * 1e7).round() as i32).to_le_bytes());

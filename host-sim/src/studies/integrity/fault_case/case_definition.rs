@@ -78,7 +78,7 @@ pub struct RandomCase {
     pub world: WorldConfig,
     /// Simulated attitude source and its protocol.
     pub far_end: FarEnd,
-    /// CalibrationRoutine flown for the calibration.
+    /// Routine flown for the calibration.
     pub routine: CalibrationRoutine,
     /// Faults injected in the simulation.
     pub faults: Faults,

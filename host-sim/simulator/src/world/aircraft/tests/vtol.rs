@@ -11,9 +11,9 @@ fn a_vtol_hovers_as_a_copter_and_travels_as_an_aeroplane() {
     let away = fly_leg(&mut vtol, Leg::Straight { heading_deg: 0.0, seconds: 20.0 });
     assert!((speed_m_s(&away[away.len() - 1]) - 22.0).abs() < 0.5);
     assert!(
-        away[0].disturbing_acceleration_m_s2 < 0.1 && (2.4..2.6).contains(&most_pushed_m_s2(&away)),
+        away[0].disturbing_acceleration_m_s2 < 0.1 && (2.4..2.6).contains(&largest_disturbance_m_s2(&away)),
         "{}",
-        most_pushed_m_s2(&away)
+        largest_disturbance_m_s2(&away)
     );
     let circle = fly_leg(&mut vtol, Leg::Turn { bank_deg: 25.0, heading_change_deg: -360.0 });
     // The last step of the leg already executes the following hover command.
@@ -24,7 +24,7 @@ fn a_vtol_hovers_as_a_copter_and_travels_as_an_aeroplane() {
     let stopping = fly_leg(&mut vtol, Leg::Hover { seconds: 15.0 });
     let most_deg = stopping.iter().map(|state| state.pitch_rad.to_degrees()).fold(0.0, f64::max);
     assert!((8.0..9.0).contains(&most_deg), "{most_deg}");
-    assert!((2.8..3.1).contains(&most_pushed_m_s2(&stopping)), "{}", most_pushed_m_s2(&stopping));
+    assert!((2.8..3.1).contains(&largest_disturbance_m_s2(&stopping)), "{}", largest_disturbance_m_s2(&stopping));
     assert!(speed_m_s(&stopping[stopping.len() - 1]) < 0.5);
 }
 
@@ -44,6 +44,6 @@ fn the_disturbing_acceleration_equals_the_velocity_change() {
     }
 }
 
-fn most_pushed_m_s2(states: &[TrueState]) -> f64 {
+fn largest_disturbance_m_s2(states: &[TrueState]) -> f64 {
     states.iter().map(|state| state.disturbing_acceleration_m_s2).fold(0.0, f64::max)
 }
