@@ -350,7 +350,7 @@ fn load_allowed(flash: &mut StoreFlash, allowed: &[StoredCalibrations], case: &s
 fn power_cuts(flash: &StoreFlash, serial: u32) -> impl Iterator<Item = (usize, (CutProgress, u64))> + use<> {
     let mut complete = flash.power_on();
     save(&mut complete, serial).unwrap();
-    CutProgress::for_operations(complete.operations)
+    CutProgress::near_operation_limits(complete.operations)
 }
 
 /// Armed aeroplane on its routine, with automatic collection.

@@ -39,7 +39,7 @@ pub struct SpeedOptions {
     json: bool,
 }
 
-pub fn run_budget(options: &BudgetOptions) -> Result<ExitCode, CommandFailure> {
+pub fn run_instruction_budget(options: &BudgetOptions) -> Result<ExitCode, CommandFailure> {
     let image = options.image.clone().unwrap_or_else(emulator::default_bench_image);
     let failed = |error: EmulatorError| CommandFailure(format!("{}: {error}", error.stable_code()));
     let interruption = TerminationSignals::install_handlers(SecondSignal::IsIgnored)?;
@@ -70,11 +70,11 @@ pub fn run_budget(options: &BudgetOptions) -> Result<ExitCode, CommandFailure> {
 
 /// Measures wall-clock time, so the result is not reproducible from a seed.
 pub fn run_speed(options: &SpeedOptions) -> Result<ExitCode, CommandFailure> {
-    const TIMED_RUNS: usize = 21;
+    const TIMED_SOLVES: usize = 21;
     let trial = RandomFlight::draw_flight(&RandomRanges { samples: 256, ..RandomRanges::WORST_CASE }, 1);
     let (recording, _) = trial.record_flight(0, ConstantErrorSigmas::NO_ERRORS);
     let methods = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse].map(|method| {
-        (method.method_name(), median((0..TIMED_RUNS).map(|_| time_ms(method, recording.fit_samples()))))
+        (method.method_name(), median((0..TIMED_SOLVES).map(|_| solve_time_ms(method, recording.fit_samples()))))
     });
     let start = Instant::now();
     let mission_result = mission::fly_mission(WorldConfig::of_table1(1), mission::TurnPlan::default(), &mut |_, _| {});
@@ -86,7 +86,7 @@ pub fn run_speed(options: &SpeedOptions) -> Result<ExitCode, CommandFailure> {
     } else {
         for (name, solve_time_ms) in methods {
             print::print_line(format_args!(
-                "{name}: {solve_time_ms:.2} ms for 2 x 256 samples, median of {TIMED_RUNS}"
+                "{name}: {solve_time_ms:.2} ms for 2 x 256 samples, median of {TIMED_SOLVES}"
             ));
         }
         print::print_line(format_args!("{simulated_per_real:.0} simulated seconds a second"));
@@ -94,7 +94,7 @@ pub fn run_speed(options: &SpeedOptions) -> Result<ExitCode, CommandFailure> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn time_ms(method: Method, samples: Samples<'_>) -> f64 {
+fn solve_time_ms(method: Method, samples: Samples<'_>) -> f64 {
     let start = Instant::now();
     // Only the time matters; closed-form methods may reject a wandering flight.
     let _ = std::hint::black_box(solve_samples(method, samples, &Prior::default()));

@@ -52,7 +52,7 @@ enum CliCommand {
     Serve(serve::ServeCommandOptions),
     Console(serve::ConsoleOptions),
     Table1(table1::Table1Options),
-    Replay(replay::Replay),
+    Replay(replay::ReplayArguments),
     /// Measure accuracy or speed
     #[command(subcommand)]
     Bench(BenchCommand),
@@ -103,7 +103,7 @@ fn execute_command(command: &CliCommand) -> Result<ExitCode, CommandFailure> {
             _ => several_logs::replay_several_logs(options),
         },
         CliCommand::Bench(BenchCommand::Accuracy(options)) => accuracy::run_accuracy(options),
-        CliCommand::Bench(BenchCommand::Budget(options)) => bench::run_budget(options),
+        CliCommand::Bench(BenchCommand::Budget(options)) => bench::run_instruction_budget(options),
         CliCommand::Bench(BenchCommand::Integrity(options)) => integrity::run_integrity(options),
         CliCommand::Bench(BenchCommand::Speed(options)) => bench::run_speed(options),
         CliCommand::Completions(options) => Ok(shell_files::write_completions(options, Cli::command())),

@@ -16,7 +16,7 @@ pub const SENSOR_NAMES: &[(&str, SensorModel)] = &[("lis3mdl", SensorModel::Lis3
 
 /// Parses a number in a range.
 pub fn number_in_range(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
-    in_range(min, max, "a number")
+    parse_in_range(min, max, "a number")
 }
 
 /// Parses a whole number in a range.
@@ -24,7 +24,7 @@ pub fn integer_in_range<T: OptionNumber>(
     min: T,
     max: T,
 ) -> impl Fn(&str) -> Result<T, String> + Clone + Send + Sync + 'static {
-    in_range(min, max, "a whole number")
+    parse_in_range(min, max, "a whole number")
 }
 
 pub trait OptionNumber: FromStr + PartialOrd + Display + Clone + Send + Sync + 'static {}
@@ -32,7 +32,7 @@ pub trait OptionNumber: FromStr + PartialOrd + Display + Clone + Send + Sync + '
 impl<T: FromStr + PartialOrd + Display + Clone + Send + Sync + 'static> OptionNumber for T {}
 
 /// Parses a number in a range; `type_name` is the name of the type in the error message.
-fn in_range<T: OptionNumber>(
+fn parse_in_range<T: OptionNumber>(
     min: T,
     max: T,
     type_name: &'static str,

@@ -26,7 +26,7 @@ static FIRST_WRITE_ERROR: OnceLock<io::Error> = OnceLock::new();
 const CLOSED_PIPE_EXIT_CODE: u8 = 141;
 
 /// Width of the output: that of the terminal, at most [`MAX_OUTPUT_COLUMNS`], which is also that of files and pipes.
-pub fn terminal_width() -> usize {
+pub fn output_width() -> usize {
     static OUTPUT_COLUMNS: OnceLock<usize> = OnceLock::new();
     *OUTPUT_COLUMNS.get_or_init(|| {
         let columns = terminal_size_of(io::stdout()).map_or(0, |(columns, _)| usize::from(columns.0));
@@ -133,8 +133,8 @@ pub fn right_aligned(text: impl ToString) -> Cell {
 pub fn content_table<T: ToString>(names: impl IntoIterator<Item = T>) -> Table {
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
-    if terminal_width() < MAX_OUTPUT_COLUMNS {
-        table.set_content_arrangement(ContentArrangement::Dynamic).set_width(terminal_width() as u16);
+    if output_width() < MAX_OUTPUT_COLUMNS {
+        table.set_content_arrangement(ContentArrangement::Dynamic).set_width(output_width() as u16);
     }
     table.set_header(names.into_iter().map(right_aligned));
     table
@@ -149,21 +149,21 @@ pub fn narrow_table<T: ToString>(names: impl IntoIterator<Item = T>) -> Table {
     table
 }
 
-/// A table whose text wraps at [`terminal_width`].
+/// A table whose text wraps at [`output_width`].
 pub fn wrapped_table<const N: usize>(names: [&str; N]) -> Table {
     let mut table = content_table([""; N]);
     table.set_header(names);
-    table.set_content_arrangement(ContentArrangement::Dynamic).set_width(terminal_width() as u16);
+    table.set_content_arrangement(ContentArrangement::Dynamic).set_width(output_width() as u16);
     table
 }
 
-/// Appends text wrapped at [`terminal_width`]; continuation lines are indented by two more.
+/// Appends text wrapped at [`output_width`]; continuation lines are indented by two more.
 pub fn append_wrapped(wrapped: &mut String, indent: &str, text: &str) {
     let continuation_indent = " ".repeat(indent.len() + 2);
     let mut line = indent.to_owned();
     let mut has_word = false;
     for word in text.split(' ') {
-        if has_word && line.chars().count() + 1 + word.chars().count() > terminal_width() {
+        if has_word && line.chars().count() + 1 + word.chars().count() > output_width() {
             wrapped.push_str(&line);
             wrapped.push('\n');
             line.clone_from(&continuation_indent);

@@ -62,7 +62,7 @@ const FIELD_UNITS: &[(&str, FieldUnit)] = &[("mg", FieldUnit::Milligauss), ("ut"
 /// Exit codes: 0 the compass in use is good or parameters for it are given, 1 neither, 2 the file cannot be read; of
 /// several logs the highest.
 #[derive(Args)]
-pub struct Replay {
+pub struct ReplayArguments {
     /// The log, `-` is standard input; several logs, or folders of logs, give one line each, the worst first
     #[arg(required = true)]
     pub files: Vec<PathBuf>,
@@ -118,14 +118,14 @@ pub struct Replay {
 }
 
 /// Farthest reading from the row that it is averaged to, seconds: readings within 0.1 s are averaged.
-const MAX_OFF_ROW_S: f64 = 0.06;
+const MAX_READING_TO_ROW_S: f64 = 0.06;
 
 /// Reads a log.
 ///
 /// # Errors
 ///
 /// The file cannot be read, or holds no usable flight.
-pub fn read_flight(file: &Path, options: &Replay) -> Result<Flight, CommandFailure> {
+pub fn read_flight(file: &Path, options: &ReplayArguments) -> Result<Flight, CommandFailure> {
     let name = file.display();
     let mut flight = read_log(file, options.unit, options.system).map_err(|failure| match failure {
         LogError::Io(why) => {
@@ -160,7 +160,11 @@ fn parse_orientation(name: &str) -> Result<Orientation, String> {
 /// # Errors
 ///
 /// The log does not have the compass or the reference of the options.
-pub fn evaluate_log(file: &Path, flight: &Flight, options: &Replay) -> Result<FlightEvaluation, CommandFailure> {
+pub fn evaluate_log(
+    file: &Path,
+    flight: &Flight,
+    options: &ReplayArguments,
+) -> Result<FlightEvaluation, CommandFailure> {
     let name = file.display();
     let window_s = [options.from.unwrap_or(f64::NEG_INFINITY), options.to.unwrap_or(f64::INFINITY)];
     let [first_s, last_s] = flight.time_range_s();
@@ -202,7 +206,7 @@ pub fn evaluate_log(file: &Path, flight: &Flight, options: &Replay) -> Result<Fl
     Ok(evaluation)
 }
 
-pub fn run_replay(file: &Path, options: &Replay) -> Result<ExitCode, CommandFailure> {
+pub fn run_replay(file: &Path, options: &ReplayArguments) -> Result<ExitCode, CommandFailure> {
     if options.params_for.is_some() && options.params.is_none() && options.report.is_none() {
         return Err(CommandFailure(
             "--params-for chooses the format of a file: give --params FILE, or --report".to_owned(),
@@ -249,7 +253,7 @@ pub fn run_replay(file: &Path, options: &Replay) -> Result<ExitCode, CommandFail
     Ok(if verdict.is_solved() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-fn settings_table(options: &Replay) -> Vec<[String; 2]> {
+fn settings_table(options: &ReplayArguments) -> Vec<[String; 2]> {
     let samples = options.samples.selection_name().to_owned();
     let age =
         options.age.map_or_else(|| "estimated from the flight".to_owned(), |latency_ms| format!("{latency_ms} ms"));
@@ -359,7 +363,7 @@ fn write_headings(path: &Path, flight: &Flight, compass: Option<&CompassEvaluati
         let distance_s = |index: usize| headings.get(index).map_or(f64::INFINITY, |row| (row.t_s - at_s).abs());
         neighbours
             .min_by(|left_index, right_index| distance_s(*left_index).total_cmp(&distance_s(*right_index)))
-            .filter(|index| distance_s(*index) < MAX_OFF_ROW_S)
+            .filter(|index| distance_s(*index) < MAX_READING_TO_ROW_S)
     };
     let rows: Vec<Option<usize>> = stamps_s.iter().map(|stamp_s| nearest_row(*stamp_s)).collect();
     let mut readings = vec![0_u32; headings.len()];

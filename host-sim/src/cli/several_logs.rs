@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use super::command_failure::CommandFailure;
 use super::print::{self, append_wrapped};
 use super::progress::show_spinner;
-use super::replay::{Replay, evaluate_log, read_flight};
+use super::replay::{ReplayArguments, evaluate_log, read_flight};
 
 /// Names of logs in a folder end in one of these.
 const LOG_EXTENSIONS: [&str; 5] = ["bin", "log", "tlog", "ulg", "csv"];
@@ -26,7 +26,7 @@ struct LogLine {
     json: Value,
 }
 
-pub fn replay_several_logs(options: &Replay) -> Result<ExitCode, CommandFailure> {
+pub fn replay_several_logs(options: &ReplayArguments) -> Result<ExitCode, CommandFailure> {
     if options.params.is_some() || options.params_for.is_some() || options.out.is_some() || options.report.is_some() {
         return Err(CommandFailure("--params, --params-for, --out and --report take one log".to_owned()));
     }
@@ -86,7 +86,7 @@ pub fn is_log(path: &Path) -> bool {
     path.extension().is_some_and(is_known)
 }
 
-fn judge_log(log: &Path, options: &Replay) -> LogLine {
+fn judge_log(log: &Path, options: &ReplayArguments) -> LogLine {
     let name = log.display().to_string();
     let judgement = read_flight(log, options).and_then(|flight| {
         let evaluation = evaluate_log(log, &flight, options)?;

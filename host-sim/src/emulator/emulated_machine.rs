@@ -109,14 +109,14 @@ pub struct EmulatedMachine {
     instrument: LocalStream,
     lockstep: LocalStream,
     /// Set by the caller to stop the machine.
-    stop: Arc<AtomicBool>,
+    stop_flag: Arc<AtomicBool>,
     /// Directory of sockets and flash, removed on drop.
     _directory: TempDir,
 }
 
 impl EmulatedMachine {
-    /// Starts QEMU with a firmware image and erased flash. Setting `stop` cancels all waiting.
-    pub fn start_qemu(image: &Path, stop: Arc<AtomicBool>) -> Result<Self, EmulatorError> {
+    /// Starts QEMU with a firmware image and erased flash. Setting `stop_flag` cancels all waiting.
+    pub fn start_qemu(image: &Path, stop_flag: Arc<AtomicBool>) -> Result<Self, EmulatorError> {
         if !local_socket::ARE_LOCAL_SOCKETS_SUPPORTED {
             return Err(EmulatorError::NoLocalSockets);
         }
@@ -128,7 +128,7 @@ impl EmulatedMachine {
         let log = directory.path().join("log");
         let stderr = fs::File::create(&log).map_err(|error| EmulatorError::Connection("log", error))?;
         let child = qemu_command(image, &flash, &sockets).stderr(stderr).spawn().map_err(EmulatorError::NoQemu)?;
-        let mut qemu = Qemu { child, log, stop: Arc::clone(&stop) };
+        let mut qemu = Qemu { child, log, stop_flag: Arc::clone(&stop_flag) };
         let [console, autopilot, lockstep, instrument, qmp] = &sockets;
         let console = non_blocking(qemu.connect_socket("console", console)?)?;
         let autopilot = non_blocking(qemu.connect_socket("autopilot port", autopilot)?)?;
@@ -139,15 +139,15 @@ impl EmulatedMachine {
         // With an image for another machine QEMU may end before it answers.
         qmp.execute_commands(&[json!({ "execute": "cont" })])
             .map_err(|error| qemu.exit_error(EXIT_TIMEOUT).unwrap_or(error))?;
-        Ok(Self { qemu, qmp, console, autopilot, instrument, lockstep, stop, _directory: directory })
+        Ok(Self { qemu, qmp, console, autopilot, instrument, lockstep, stop_flag, _directory: directory })
     }
 
     /// Waits for the machine's next message; returns it with the ticks since the last reset.
     pub fn wait_for_message(&mut self) -> Result<(MachineMessage, u64), EmulatorError> {
         let mut bytes = [0; 9];
-        let read_result = read_until(&mut self.lockstep, &mut bytes, &self.stop);
+        let read_result = read_until(&mut self.lockstep, &mut bytes, &self.stop_flag);
         // An interrupt from the terminal also ends QEMU.
-        if self.stop.load(Ordering::SeqCst) {
+        if self.stop_flag.load(Ordering::SeqCst) {
             return Err(EmulatorError::Interrupted);
         }
         if let Err(error) = read_result {
@@ -180,16 +180,17 @@ impl EmulatedMachine {
     }
 
     /// Continues the machine. Each port receives at most 255 bytes; excess bytes are dropped.
-    pub fn resume(&mut self, go: &StepInput) -> Result<(), EmulatorError> {
+    pub fn resume(&mut self, step_input: &StepInput) -> Result<(), EmulatorError> {
         let send = |stream: &mut LocalStream, bytes: &[u8], socket_name| {
             stream.write_all(bytes).map_err(|error| EmulatorError::Connection(socket_name, error))
         };
-        let [console, autopilot, instrument] = [&go.console_bytes, &go.autopilot_bytes, &go.instrument_bytes]
-            .map(|bytes| &bytes[..bytes.len().min(MAX_STEP_BYTES)]);
+        let [console, autopilot, instrument] =
+            [&step_input.console_bytes, &step_input.autopilot_bytes, &step_input.instrument_bytes]
+                .map(|bytes| &bytes[..bytes.len().min(MAX_STEP_BYTES)]);
         send(&mut self.console, console, "console")?;
         send(&mut self.autopilot, autopilot, "autopilot port")?;
         send(&mut self.instrument, instrument, "instrument port")?;
-        let message = [console.len() as u8, autopilot.len() as u8, instrument.len() as u8, go.step_flags()];
+        let message = [console.len() as u8, autopilot.len() as u8, instrument.len() as u8, step_input.step_flags()];
         send(&mut self.lockstep, &message, "lockstep")
     }
 
@@ -212,7 +213,7 @@ impl EmulatedMachine {
 struct Qemu {
     child: Child,
     log: PathBuf,
-    stop: Arc<AtomicBool>,
+    stop_flag: Arc<AtomicBool>,
 }
 
 impl Qemu {
@@ -226,7 +227,7 @@ impl Qemu {
                     stream.set_read_timeout(Some(REPLY_TIMEOUT)).map_err(failed)?;
                     return Ok(stream);
                 }
-                Err(_) if self.stop.load(Ordering::SeqCst) => return Err(EmulatorError::Interrupted),
+                Err(_) if self.stop_flag.load(Ordering::SeqCst) => return Err(EmulatorError::Interrupted),
                 Err(error) if remaining_time.is_zero() => return Err(failed(error)),
                 Err(_) => {
                     if let Some(ended) = self.exit_error(POLL_PERIOD) {
@@ -288,14 +289,14 @@ fn non_blocking(stream: LocalStream) -> Result<LocalStream, EmulatorError> {
     Ok(stream)
 }
 
-/// Fills `bytes` from a stream within [`REPLY_TIMEOUT`] and until `stop` is set; the stream has a short read
+/// Fills `bytes` from a stream within [`REPLY_TIMEOUT`] and until `stop_flag` is set; the stream has a short read
 /// timeout.
-fn read_until(stream: &mut LocalStream, bytes: &mut [u8], stop: &AtomicBool) -> std::io::Result<()> {
-    let (mut filled_bytes, mut remaining_time) = (0, REPLY_TIMEOUT);
-    while filled_bytes < bytes.len() && !stop.load(Ordering::SeqCst) {
-        match stream.read(&mut bytes[filled_bytes..]) {
+fn read_until(stream: &mut LocalStream, bytes: &mut [u8], stop_flag: &AtomicBool) -> std::io::Result<()> {
+    let (mut filled_count, mut remaining_time) = (0, REPLY_TIMEOUT);
+    while filled_count < bytes.len() && !stop_flag.load(Ordering::SeqCst) {
+        match stream.read(&mut bytes[filled_count..]) {
             Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
-            Ok(read) => filled_bytes += read,
+            Ok(read) => filled_count += read,
             Err(error) if error.kind() == ErrorKind::Interrupted => {}
             Err(error) if error.kind() == ErrorKind::WouldBlock && !remaining_time.is_zero() => {
                 remaining_time = remaining_time.saturating_sub(POLL_PERIOD);

@@ -34,11 +34,11 @@ pub struct Emulator {
     instrument_wire: MachinePort,
     machine: EmulatedMachine,
     noise: RandomStream,
-    field_set_us: Option<u64>,
-    sensor_broken: bool,
-    sensor_stuck: bool,
+    last_field_update_us: Option<u64>,
+    is_sensor_wire_broken: bool,
+    is_sensor_stuck: bool,
     requested_bench_test: Option<BenchTest>,
-    reset_pressed: bool,
+    is_reset_requested: bool,
     /// World time at the machine's last reset, microseconds; `machine_us` counts from this reset.
     reset_at_us: u64,
     machine_us: u64,
@@ -115,11 +115,11 @@ impl Emulator {
             port_devices,
             machine: machine()?,
             noise: RandomStream::new(config.seed, StreamPurpose::Magnetometer),
-            field_set_us: None,
-            sensor_broken: false,
-            sensor_stuck: false,
+            last_field_update_us: None,
+            is_sensor_wire_broken: false,
+            is_sensor_stuck: false,
             requested_bench_test: None,
-            reset_pressed: false,
+            is_reset_requested: false,
             reset_at_us: 0,
             machine_us: 0,
             sample_path: SamplePath::default(),
@@ -133,13 +133,13 @@ impl Emulator {
     }
 
     /// Breaks or repairs the sensor's data wire.
-    pub fn break_sensor_wire(&mut self, broken: bool) {
-        self.sensor_broken = broken;
+    pub fn break_sensor_wire(&mut self, is_broken: bool) {
+        self.is_sensor_wire_broken = is_broken;
     }
 
     /// Freezes or releases the sensor's measured value.
-    pub fn freeze_sensor(&mut self, stuck: bool) {
-        self.sensor_stuck = stuck;
+    pub fn freeze_sensor(&mut self, is_stuck: bool) {
+        self.is_sensor_stuck = is_stuck;
     }
 
     /// Requests a test of the bench image at the next step. Other images ignore it.
@@ -156,10 +156,10 @@ impl Emulator {
     fn run_step(&mut self) -> Result<(), EmulatorError> {
         let (message, ticks) = self.machine.wait_for_message()?;
         if message == MachineMessage::Started {
-            self.on_restart();
+            self.process_restart();
             return Ok(());
         }
-        self.catch_up(ticks / TICKS_PER_US);
+        self.advance_world(ticks / TICKS_PER_US);
         let [console, autopilot, instrument] = self.machine.take_output()?;
         self.console_wire.write_bytes(&console);
         self.autopilot_wire.write_bytes(&autopilot);
@@ -171,43 +171,45 @@ impl Emulator {
             }
             MachineMessage::Sensor => {
                 self.sample_path.on_sensor_access(ticks);
-                self.set_field()?;
+                self.update_field()?;
             }
             // While the machine waits, no message is in transmission that a reset could truncate.
-            MachineMessage::Step if std::mem::take(&mut self.reset_pressed) => return self.machine.reset_machine(),
+            MachineMessage::Step if std::mem::take(&mut self.is_reset_requested) => {
+                return self.machine.reset_machine();
+            }
             MachineMessage::Started | MachineMessage::Step => {}
         }
-        let go = StepInput {
+        let step_input = StepInput {
             console_bytes: self.console_wire.take_bytes(),
             autopilot_bytes: self.autopilot_wire.take_bytes(),
             instrument_bytes: self.instrument_wire.take_bytes(),
-            is_sensor_wire_broken: self.sensor_broken,
+            is_sensor_wire_broken: self.is_sensor_wire_broken,
             bench_test: self.requested_bench_test.take(),
         };
-        self.machine.resume(&go)
+        self.machine.resume(&step_input)
     }
 
     /// The machine restarted, which takes no time and clears the sensor's field.
-    fn on_restart(&mut self) {
+    fn process_restart(&mut self) {
         self.reset_at_us += self.machine_us;
         self.machine_us = 0;
-        self.field_set_us = None;
+        self.last_field_update_us = None;
         self.sample_path.end_sample();
     }
 
-    fn catch_up(&mut self, machine_us: u64) {
+    fn advance_world(&mut self, machine_us: u64) {
         // Machine time never goes back: a step's message may have an earlier time than the message before.
         self.machine_us = self.machine_us.max(machine_us);
         self.simulation.run_until(self.now_us());
     }
 
-    fn set_field(&mut self) -> Result<(), EmulatorError> {
+    fn update_field(&mut self) -> Result<(), EmulatorError> {
         let now_us = self.now_us();
-        let is_fresh = self.field_set_us.is_some_and(|set_us| now_us - set_us < FIELD_UPDATE_PERIOD_US);
-        if is_fresh || self.sensor_stuck {
+        let is_current = self.last_field_update_us.is_some_and(|set_us| now_us - set_us < FIELD_UPDATE_PERIOD_US);
+        if is_current || self.is_sensor_stuck {
             return Ok(());
         }
-        self.field_set_us = Some(now_us);
+        self.last_field_update_us = Some(now_us);
         let noise_ut = self.noise.normal_vector() * NOISE_UT;
         self.machine.set_field(self.world.sensor_field(now_us).ut + noise_ut.cast())
     }
@@ -235,7 +237,7 @@ impl Module for Emulator {
     }
 
     fn reset_module(&mut self) {
-        self.reset_pressed = true;
+        self.is_reset_requested = true;
     }
 
     fn run_until(&mut self, until_us: u64) -> ModuleRunEnd {

@@ -50,7 +50,7 @@ const INSTRUCTION_LIMITS: [(&str, &str, u64); 12] = [
     ("solve", "maximum likelihood of 2 x 256 samples, assessment and advice included", 18_000_000),
 ];
 
-const SAMPLE_LIMIT: (&str, &str, u64) =
+const SAMPLE_INSTRUCTION_LIMIT: (&str, &str, u64) =
     ("sample", "I2C registers to the last byte of three sentences, calibrated, two ports, median", 12_000);
 
 /// Time limit of the solve, seconds, at a fifth of the board's speed.
@@ -69,8 +69,8 @@ pub fn count_budgets(emulator: &mut Emulator) -> Result<Vec<InstructionBudget>, 
     let mut printed = String::new();
     for _ in 0..SOLVE_TIMEOUT_S {
         // All results are printed once the line of the solve is complete.
-        let is_all = printed.split_once("solve: ").is_some_and(|(_, after_solve)| after_solve.contains('\n'));
-        if is_all || emulator.run_for_s(1.0) == ModuleRunEnd::Failed {
+        let is_complete = printed.split_once("solve: ").is_some_and(|(_, after_solve)| after_solve.contains('\n'));
+        if is_complete || emulator.run_for_s(1.0) == ModuleRunEnd::Failed {
             break;
         }
         printed += &emulator.take_console_output();
@@ -84,7 +84,7 @@ pub fn count_budgets(emulator: &mut Emulator) -> Result<Vec<InstructionBudget>, 
         limit,
         counted: printed_value(&printed, name),
     });
-    let (name, description, limit) = SAMPLE_LIMIT;
+    let (name, description, limit) = SAMPLE_INSTRUCTION_LIMIT;
     Ok(image_budgets.chain([InstructionBudget { name, description, limit, counted: sample }]).collect())
 }
 

@@ -21,7 +21,7 @@ pub struct MachinePort {
 #[derive(Default)]
 struct OutgoingBytes {
     bytes: RefCell<Vec<u8>>,
-    more_arrived: Signal<NoopRawMutex, ()>,
+    data_ready: Signal<NoopRawMutex, ()>,
 }
 
 impl MachinePort {
@@ -36,7 +36,7 @@ impl MachinePort {
     pub fn write_bytes(&self, bytes: &[u8]) {
         if !bytes.is_empty() {
             self.to_cable.bytes.borrow_mut().extend_from_slice(bytes);
-            self.to_cable.more_arrived.signal(());
+            self.to_cable.data_ready.signal(());
         }
     }
 
@@ -60,7 +60,7 @@ async fn forward_received(mut receiver: Receiver, to_machine: Rc<RefCell<VecDequ
 
 async fn forward_sent(mut transmitter: Transmitter, outgoing: Rc<OutgoingBytes>) {
     loop {
-        outgoing.more_arrived.wait().await;
+        outgoing.data_ready.wait().await;
         let bytes = outgoing.bytes.take();
         // A simulated cable never reports write errors.
         let _ = transmitter.write_all(&bytes).await;

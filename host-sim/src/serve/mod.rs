@@ -90,7 +90,7 @@ pub struct ServeOptions {
 const PILOT_PERIOD_US: u64 = 100_000;
 
 /// Time from the first attitude of an external simulator until attitudes are sent: more than their latency.
-const SETTLING_US: u64 = 2 * PILOT_PERIOD_US;
+const FIRST_ATTITUDE_SETTLING_US: u64 = 2 * PILOT_PERIOD_US;
 
 /// Limit of bytes in transmission to a port: 0.1 s of traffic.
 const MAX_BYTES_IN_TRANSMISSION: usize = 1152;
@@ -105,7 +105,7 @@ pub struct ServedModule {
     /// Time of the first attitude of an external simulator.
     first_attitude_us: Option<u64>,
     /// The bus as other nodes see it.
-    can: Option<CanEnd>,
+    can_end: Option<CanEnd>,
 }
 
 /// Counters of attitude datagrams from an external simulator.
@@ -131,7 +131,7 @@ impl ServedModule {
             // Image sizes are checked on reading.
             rig.load_flash(image.bytes());
         }
-        let can = options.has_can.then(|| {
+        let can_end = options.has_can.then(|| {
             let bus = CanBus::new(CanFaults::default());
             rig.attach_can(bus.attach_node(), world.seed);
             bus.attach_node()
@@ -146,9 +146,9 @@ impl ServedModule {
             attitude: options.attitude,
             external_datagrams,
             first_attitude_us: None,
-            can,
+            can_end,
         };
-        module.forward_attitude();
+        module.select_attitude_sender();
         module
     }
 
@@ -162,12 +162,12 @@ impl ServedModule {
     pub fn advance_time(&mut self, by_us: u64) {
         let until_us = self.now_us() + by_us;
         while self.now_us() < until_us {
-            let tick_us = (self.now_us() / PILOT_PERIOD_US + 1) * PILOT_PERIOD_US;
+            let next_pilot_action_us = (self.now_us() / PILOT_PERIOD_US + 1) * PILOT_PERIOD_US;
             // No power cut is scheduled in this rig.
-            let _ = self.rig.run_until(tick_us.min(until_us));
-            if self.now_us() == tick_us {
+            let _ = self.rig.run_until(next_pilot_action_us.min(until_us));
+            if self.now_us() == next_pilot_action_us {
                 self.pilot.continue_flight(&self.rig.world);
-                self.forward_attitude();
+                self.select_attitude_sender();
             }
         }
     }
@@ -178,7 +178,7 @@ impl ServedModule {
         cable(&self.rig).send_bytes(bytes);
         if port == AUTOPILOT_PORT {
             self.external_autopilot.process_bytes(self.rig.now_us(), bytes);
-            self.forward_attitude();
+            self.select_attitude_sender();
         }
     }
 
@@ -190,15 +190,15 @@ impl ServedModule {
 
     /// Puts a frame of another node on the CAN bus; ignored without one.
     pub fn send_frame(&self, frame: &CanFrame) {
-        if let Some(can) = &self.can {
-            can.queue_frame(frame);
+        if let Some(can_end) = &self.can_end {
+            can_end.queue_frame(frame);
         }
     }
 
     /// Frames that the module has sent on the CAN bus.
     #[must_use]
     pub fn take_frames(&self) -> Vec<CanFrame> {
-        self.can.as_ref().map_or_else(Vec::new, CanEnd::take_received)
+        self.can_end.as_ref().map_or_else(Vec::new, CanEnd::take_received)
     }
 
     /// Path of a firmware update that the module has handed over since the last call, and the node that has it. The
@@ -218,7 +218,7 @@ impl ServedModule {
         match line.parse()? {
             PilotCommand::Help => Ok(pilot_command::help_text()),
             PilotCommand::Status => Ok(self.status_json()),
-            order => self.pilot.execute_order(&self.rig.world, order),
+            command => self.pilot.execute_command(&self.rig.world, command),
         }
     }
 
@@ -279,8 +279,8 @@ impl ServedModule {
         };
         let sender_text = self.external_datagrams.map_or_else(
             String::new,
-            |DatagramCounts { accepted_datagrams: followed, rejected_datagrams: malformed }| {
-                format!("; {followed} attitudes received, {malformed} malformed")
+            |DatagramCounts { accepted_datagrams: accepted, rejected_datagrams: rejected }| {
+                format!("; {accepted} attitudes received, {rejected} malformed")
             },
         );
         format!(
@@ -294,14 +294,14 @@ impl ServedModule {
     }
 
     /// Whether attitude must still be withheld because an external simulator has sent no attitude, or its first one
-    /// less than [`SETTLING_US`] ago. The first attitude moves the aircraft at once, without body rates, so that older
+    /// less than [`FIRST_ATTITUDE_SETTLING_US`] ago. The first attitude moves the aircraft at once, without body rates, so that older
     /// attitudes must not be sent.
     fn awaits_datagram(&self) -> bool {
-        let is_early = |first_us| self.rig.now_us() < first_us + SETTLING_US;
+        let is_early = |first_us| self.rig.now_us() < first_us + FIRST_ATTITUDE_SETTLING_US;
         self.external_datagrams.is_some() && self.first_attitude_us.is_none_or(is_early)
     }
 
-    fn forward_attitude(&self) {
+    fn select_attitude_sender(&self) {
         let is_provider = match self.attitude {
             AttitudeProvider::Auto => !self.external_autopilot.is_active(self.rig.now_us()),
             AttitudeProvider::Own => true,

@@ -17,7 +17,7 @@ enum PilotTask {
     /// Flies a pattern.
     Pattern(PilotPattern),
     /// Executes commands.
-    Orders,
+    Commands,
     /// The pilot levels out in order to land.
     Landing,
     /// The vehicle is on the ground.
@@ -28,7 +28,7 @@ enum PilotTask {
 
 #[derive(Debug)]
 pub(super) struct SimulatedPilot {
-    kind: VehicleKind,
+    vehicle_kind: VehicleKind,
     task: PilotTask,
     random: RefCell<RandomStream>,
 }
@@ -38,7 +38,7 @@ impl SimulatedPilot {
     pub fn new(world: &WorldConfig, pattern: PilotPattern, is_externally_controlled: bool) -> Self {
         let task = if is_externally_controlled { PilotTask::ExternallyControlled } else { PilotTask::Pattern(pattern) };
         Self {
-            kind: world.aircraft.kind,
+            vehicle_kind: world.aircraft.kind,
             task,
             random: RefCell::new(RandomStream::new(world.seed, StreamPurpose::Legs)),
         }
@@ -65,13 +65,13 @@ impl SimulatedPilot {
     }
 
     /// Executes a command and returns the answer.
-    pub fn execute_order(&mut self, world: &World, order: PilotCommand) -> Result<String, PilotCommandError> {
-        match (self.task, order) {
+    pub fn execute_command(&mut self, world: &World, command: PilotCommand) -> Result<String, PilotCommandError> {
+        match (self.task, command) {
             (PilotTask::ExternallyControlled, _) => return Err(PilotCommandError::ExternallyControlled),
             (PilotTask::Landed, PilotCommand::TakeOff) => {
                 world.end_prescribed_motion();
                 world.set_armed(true);
-                self.start_task(world, PilotTask::Orders);
+                self.start_task(world, PilotTask::Commands);
             }
             (PilotTask::Landed, PilotCommand::Land) => {}
             (PilotTask::Landed, _) => return Err(PilotCommandError::Landed),
@@ -103,7 +103,7 @@ impl SimulatedPilot {
             PilotTask::Pattern(PilotPattern::Circles) => "flies circles",
             PilotTask::Pattern(PilotPattern::Wandering) => "wanders about",
             PilotTask::Pattern(PilotPattern::Level) => "flies straight on",
-            PilotTask::Orders => "flies as ordered",
+            PilotTask::Commands => "flies as ordered",
             PilotTask::Landing => "lands",
             PilotTask::Landed => "stands on the ground",
             PilotTask::ExternallyControlled => "follows the order",
@@ -112,8 +112,8 @@ impl SimulatedPilot {
 
     /// Appends a leg to previous commands; cancels any other activity.
     fn fly_leg(&mut self, world: &World, leg: Leg) {
-        if self.task != PilotTask::Orders {
-            self.start_task(world, PilotTask::Orders);
+        if self.task != PilotTask::Commands {
+            self.start_task(world, PilotTask::Commands);
         }
         world.fly_leg(leg);
     }
@@ -125,7 +125,7 @@ impl SimulatedPilot {
 
     fn fly_pattern(&self, world: &World) {
         if let PilotTask::Pattern(pattern) = self.task {
-            let legs = pattern.legs(self.kind, heading_deg(world), &mut self.random.borrow_mut());
+            let legs = pattern.legs(self.vehicle_kind, heading_deg(world), &mut self.random.borrow_mut());
             for leg in legs {
                 world.fly_leg(leg);
             }

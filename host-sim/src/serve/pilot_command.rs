@@ -90,7 +90,7 @@ impl fmt::Display for PilotCommandError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Unknown(word) => {
-                let orders = COMMANDS.map(|(order, _)| order).join(", ");
+                let orders = COMMANDS.map(|(command, _)| command).join(", ");
                 write!(f, "{} is no order; there are {orders}", printable(word))
             }
             Self::Missing(argument) => write!(f, "{argument} is missing"),
@@ -115,42 +115,45 @@ fn printable(word: &str) -> String {
 pub(super) fn help_text() -> String {
     COMMANDS
         .iter()
-        .fold("ok orders:".to_owned(), |text, (order, description)| format!("{text}\n  {order:15}{description}"))
+        .fold("ok orders:".to_owned(), |text, (command, description)| format!("{text}\n  {command:15}{description}"))
 }
 
 impl FromStr for PilotCommand {
     type Err = PilotCommandError;
 
     fn from_str(line: &str) -> Result<Self, PilotCommandError> {
-        let mut words = line.split_whitespace();
-        let word = words.next().unwrap_or_default();
-        let order = match word.to_ascii_lowercase().as_str() {
-            "turn" => Self::Turn { bank_deg: parse_bank(&mut words)?, change_deg: parse_heading_change(&mut words)? },
-            "level" => Self::Level { seconds: parse_seconds(&mut words)? },
-            "heading" => {
-                let heading_deg = parse_number_in_range(&mut words, "DEG", 0.0..=360.0, "a heading is 0 to 360 deg")?;
-                Self::Heading { heading_deg, seconds: parse_seconds(&mut words)? }
+        let mut arguments = line.split_whitespace();
+        let word = arguments.next().unwrap_or_default();
+        let command = match word.to_ascii_lowercase().as_str() {
+            "turn" => {
+                Self::Turn { bank_deg: parse_bank(&mut arguments)?, change_deg: parse_heading_change(&mut arguments)? }
             }
-            "pattern" => Self::Pattern(parse_pattern(&mut words)?),
+            "level" => Self::Level { seconds: parse_seconds(&mut arguments)? },
+            "heading" => {
+                let heading_deg =
+                    parse_number_in_range(&mut arguments, "DEG", 0.0..=360.0, "a heading is 0 to 360 deg")?;
+                Self::Heading { heading_deg, seconds: parse_seconds(&mut arguments)? }
+            }
+            "pattern" => Self::Pattern(parse_pattern(&mut arguments)?),
             "land" => Self::Land,
             "takeoff" => Self::TakeOff,
             "status" => Self::Status,
             "help" => Self::Help,
             _ => return Err(PilotCommandError::Unknown(word.to_owned())),
         };
-        words.next().map_or(Ok(order), |word| Err(PilotCommandError::Unexpected(word.to_owned())))
+        arguments.next().map_or(Ok(command), |word| Err(PilotCommandError::Unexpected(word.to_owned())))
     }
 }
 
-fn parse_bank(words: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
-    let bank_deg = parse_number_in_range(words, "BANK", -60.0..=60.0, BANK_RANGE_TEXT)?;
+fn parse_bank(arguments: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
+    let bank_deg = parse_number_in_range(arguments, "BANK", -60.0..=60.0, BANK_RANGE_TEXT)?;
     if bank_deg.abs() >= 1.0 { Ok(bank_deg) } else { Err(PilotCommandError::OutOfRange(BANK_RANGE_TEXT)) }
 }
 
 const BANK_RANGE_TEXT: &str = "a bank is 1 to 60 deg, either way";
 
-fn parse_heading_change(words: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
-    let heading_change_deg = parse_number_in_range(words, "DEG", -3600.0..=3600.0, TURN_RANGE_TEXT)?;
+fn parse_heading_change(arguments: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
+    let heading_change_deg = parse_number_in_range(arguments, "DEG", -3600.0..=3600.0, TURN_RANGE_TEXT)?;
     if heading_change_deg.abs() >= 1.0 {
         Ok(heading_change_deg)
     } else {
@@ -160,26 +163,26 @@ fn parse_heading_change(words: &mut SplitWhitespace<'_>) -> Result<f64, PilotCom
 
 const TURN_RANGE_TEXT: &str = "a turn goes through 1 to 3600 deg, either way";
 
-fn parse_seconds(words: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
-    parse_number_in_range(words, "S", 0.1..=3600.0, "a time is 0.1 to 3600 s")
+fn parse_seconds(arguments: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
+    parse_number_in_range(arguments, "S", 0.1..=3600.0, "a time is 0.1 to 3600 s")
 }
 
-fn parse_pattern(words: &mut SplitWhitespace<'_>) -> Result<PilotPattern, PilotCommandError> {
-    let name = words.next().ok_or(PilotCommandError::Missing("NAME"))?;
+fn parse_pattern(arguments: &mut SplitWhitespace<'_>) -> Result<PilotPattern, PilotCommandError> {
+    let name = arguments.next().ok_or(PilotCommandError::Missing("NAME"))?;
     PilotPattern::from_name(&name.to_ascii_lowercase())
         .ok_or(PilotCommandError::BadValue("routine, circles, wandering or level"))
 }
 
 fn parse_number_in_range(
-    words: &mut SplitWhitespace<'_>,
+    arguments: &mut SplitWhitespace<'_>,
     name: &'static str,
     range: std::ops::RangeInclusive<f64>,
-    range_in_words: &'static str,
+    range_text: &'static str,
 ) -> Result<f64, PilotCommandError> {
-    let word = words.next().ok_or(PilotCommandError::Missing(name))?;
+    let word = arguments.next().ok_or(PilotCommandError::Missing(name))?;
     let value: f64 = word.parse().map_err(|_| PilotCommandError::BadValue("a number"))?;
     // NaN is outside every range.
-    if range.contains(&value) { Ok(value) } else { Err(PilotCommandError::OutOfRange(range_in_words)) }
+    if range.contains(&value) { Ok(value) } else { Err(PilotCommandError::OutOfRange(range_text)) }
 }
 
 #[cfg(test)]
@@ -188,7 +191,7 @@ mod tests {
 
     #[test]
     fn pilot_commands_are_parsed_from_words_and_numbers() {
-        for (line, order) in [
+        for (line, command) in [
             ("turn 25 -360", PilotCommand::Turn { bank_deg: 25.0, change_deg: -360.0 }),
             ("  TURN  -10.5  90 ", PilotCommand::Turn { bank_deg: -10.5, change_deg: 90.0 }),
             ("level 10", PilotCommand::Level { seconds: 10.0 }),
@@ -199,7 +202,7 @@ mod tests {
             ("status", PilotCommand::Status),
             ("help", PilotCommand::Help),
         ] {
-            assert_eq!(line.parse(), Ok(order), "{line}");
+            assert_eq!(line.parse(), Ok(command), "{line}");
         }
     }
 
@@ -236,16 +239,16 @@ mod tests {
     fn an_unknown_command_error_lists_all_without_control_characters() {
         let error = format!("\u{1b}]0;x\u{7}{}", "y".repeat(10_000)).parse::<PilotCommand>().unwrap_err().to_string();
         assert!(error.chars().all(|character| !character.is_control()) && error.len() < 300, "{error}");
-        assert!(COMMANDS.iter().all(|(order, _)| error.contains(order)), "{error}");
+        assert!(COMMANDS.iter().all(|(command, _)| error.contains(command)), "{error}");
     }
 
     #[test]
     fn every_listed_pilot_command_is_accepted() {
-        for (order, _) in COMMANDS {
-            let line = order.replace("BANK", "20").replace("DEG", "90").replace("NAME", "level");
+        for (command, _) in COMMANDS {
+            let line = command.replace("BANK", "20").replace("DEG", "90").replace("NAME", "level");
             let line = line.replace(" S", " 5");
             assert!(line.parse::<PilotCommand>().is_ok(), "{line}");
-            assert!(help_text().contains(order));
+            assert!(help_text().contains(command));
         }
     }
 }

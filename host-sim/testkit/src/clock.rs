@@ -12,7 +12,7 @@ use embassy_time_driver::Driver;
 struct Deadline {
     at_us: u64,
     /// Sequence number; equal deadlines are served in order of request.
-    order: u64,
+    sequence_number: u64,
     waker: Waker,
 }
 
@@ -47,15 +47,15 @@ impl Clock {
         self.request_count += 1;
         match self.deadlines.iter_mut().find(|deadline| deadline.waker.will_wake(waker)) {
             Some(known) if known.at_us <= at_us => {}
-            Some(known) => (known.at_us, known.order) = (at_us, self.request_count),
-            None => self.deadlines.push(Deadline { at_us, order: self.request_count, waker: waker.clone() }),
+            Some(known) => (known.at_us, known.sequence_number) = (at_us, self.request_count),
+            None => self.deadlines.push(Deadline { at_us, sequence_number: self.request_count, waker: waker.clone() }),
         }
     }
 
     fn take_due(&mut self) -> Vec<Deadline> {
         let now_us = self.now_us;
         let mut due: Vec<Deadline> = self.deadlines.extract_if(.., |deadline| deadline.at_us <= now_us).collect();
-        due.sort_by_key(|deadline| (deadline.at_us, deadline.order));
+        due.sort_by_key(|deadline| (deadline.at_us, deadline.sequence_number));
         due
     }
 }

@@ -8,7 +8,7 @@ use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorF
 
 use crate::random::Random;
 
-const WORD: usize = 8;
+const WORD_BYTES: usize = 8;
 
 /// Progress of the operation that a power cut interrupts.
 #[derive(Clone, Copy, Debug)]
@@ -26,7 +26,7 @@ impl CutProgress {
     pub const ALL: [(Self, u64); 4] = [(Self::Before, 0), (Self::Torn, 1), (Self::Torn, 2), (Self::After, 0)];
 
     /// All power cuts at the first and last four operations (headers and markers) and at every seventh between them.
-    pub fn for_operations(operations: usize) -> impl Iterator<Item = (usize, (Self, u64))> {
+    pub fn near_operation_limits(operations: usize) -> impl Iterator<Item = (usize, (Self, u64))> {
         let near_an_end =
             move |operation: &usize| *operation < 4 || *operation + 4 >= operations || operation.is_multiple_of(7);
         (0..operations).filter(near_an_end).flat_map(|operation| Self::ALL.map(|cut| (operation, cut)))
@@ -37,11 +37,11 @@ impl CutProgress {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SilentFault {
     /// Programming and erasing have no effect.
-    Ignores,
+    WritesIgnored,
     /// Programming changes wrong bits.
-    Alters,
+    WritesAltered,
     /// Programming and erasing never complete.
-    Hangs,
+    WritesHang,
 }
 
 /// Access error.
@@ -61,10 +61,10 @@ impl NorFlashError for FlashFault {
     }
 }
 
-/// Flash with pages of `PAGE` bytes. An operation programs one erased double word or erases one page. Unlike the
+/// Flash with pages of `PAGE_BYTES` bytes. An operation programs one erased double word or erases one page. Unlike the
 /// STM32L4 it rejects zeros over a programmed word, as an incomplete word with an invalid code would.
 #[derive(Clone)]
-pub struct RamFlash<const PAGE: usize> {
+pub struct RamFlash<const PAGE_BYTES: usize> {
     /// Memory contents.
     pub bytes: Vec<u8>,
     /// Programmed double words and erased pages since power-on.
@@ -77,11 +77,11 @@ pub struct RamFlash<const PAGE: usize> {
     noise: Random,
 }
 
-impl<const PAGE: usize> RamFlash<PAGE> {
+impl<const PAGE_BYTES: usize> RamFlash<PAGE_BYTES> {
     /// An erased flash with `pages` pages.
     #[must_use]
     pub fn new(pages: usize) -> Self {
-        let bytes = vec![0xFF; PAGE * pages];
+        let bytes = vec![0xFF; PAGE_BYTES * pages];
         Self { bytes, operations: 0, unreadable: None, silent_fault: None, cut: None, noise: Random(1) }
     }
 
@@ -98,7 +98,7 @@ impl<const PAGE: usize> RamFlash<PAGE> {
     }
 
     /// Writes `target` at `start`, unless the power fails.
-    fn operate(&mut self, start: usize, target: &[u8]) -> Result<(), FlashFault> {
+    fn write_cells(&mut self, start: usize, target: &[u8]) -> Result<(), FlashFault> {
         let cut = match self.cut {
             Some((at, _)) if self.operations > at => return Err(FlashFault::NoPower),
             Some((at, cut)) if self.operations == at => Some(cut),
@@ -117,11 +117,11 @@ impl<const PAGE: usize> RamFlash<PAGE> {
     }
 }
 
-impl<const PAGE: usize> ErrorType for RamFlash<PAGE> {
+impl<const PAGE_BYTES: usize> ErrorType for RamFlash<PAGE_BYTES> {
     type Error = FlashFault;
 }
 
-impl<const PAGE: usize> ReadNorFlash for RamFlash<PAGE> {
+impl<const PAGE_BYTES: usize> ReadNorFlash for RamFlash<PAGE_BYTES> {
     const READ_SIZE: usize = 1;
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashFault> {
@@ -143,31 +143,33 @@ impl<const PAGE: usize> ReadNorFlash for RamFlash<PAGE> {
     }
 }
 
-impl<const PAGE: usize> NorFlash for RamFlash<PAGE> {
-    const WRITE_SIZE: usize = WORD;
-    const ERASE_SIZE: usize = PAGE;
+impl<const PAGE_BYTES: usize> NorFlash for RamFlash<PAGE_BYTES> {
+    const WRITE_SIZE: usize = WORD_BYTES;
+    const ERASE_SIZE: usize = PAGE_BYTES;
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashFault> {
         match self.silent_fault {
-            Some(SilentFault::Ignores) => return Ok(()),
-            Some(SilentFault::Hangs) => pending().await,
-            Some(SilentFault::Alters) | None => {}
+            Some(SilentFault::WritesIgnored) => return Ok(()),
+            Some(SilentFault::WritesHang) => pending().await,
+            Some(SilentFault::WritesAltered) | None => {}
         }
-        (from as usize..to as usize).step_by(PAGE).try_for_each(|page| self.operate(page, &[0xFF; PAGE]))
+        (from as usize..to as usize)
+            .step_by(PAGE_BYTES)
+            .try_for_each(|page| self.write_cells(page, &[0xFF; PAGE_BYTES]))
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashFault> {
-        for (start, word) in (offset as usize..).step_by(WORD).zip(bytes.chunks_exact(WORD)) {
-            if self.bytes[start..start + WORD] != [0xFF; WORD] {
+        for (start, word) in (offset as usize..).step_by(WORD_BYTES).zip(bytes.chunks_exact(WORD_BYTES)) {
+            if self.bytes[start..start + WORD_BYTES] != [0xFF; WORD_BYTES] {
                 return Err(FlashFault::NotErased);
             }
             match self.silent_fault {
-                None => self.operate(start, word)?,
-                Some(SilentFault::Ignores) => {}
-                Some(SilentFault::Hangs) => pending().await,
-                Some(SilentFault::Alters) => {
+                None => self.write_cells(start, word)?,
+                Some(SilentFault::WritesIgnored) => {}
+                Some(SilentFault::WritesHang) => pending().await,
+                Some(SilentFault::WritesAltered) => {
                     let altered: Vec<u8> = word.iter().map(|byte| byte & !0x10).collect();
-                    self.operate(start, &altered)?;
+                    self.write_cells(start, &altered)?;
                 }
             }
         }

@@ -80,7 +80,7 @@ fn it_erases_the_store_and_refuses_other_commands() {
 #[test]
 fn broken_devices_do_not_starve_the_watchdog() {
     let mut flash = Flash::new(PAGES);
-    flash.silent_fault = Some(SilentFault::Hangs);
+    flash.silent_fault = Some(SilentFault::WritesHang);
     let (mut bench, ports, timer) = with_safe_mode(flash);
     for port in &ports {
         port.mood.set(DeviceBehaviour::Hangs);

@@ -95,7 +95,7 @@ fn a_failed_save_is_reported_and_counted() {
 #[test]
 fn a_save_that_never_completes_is_given_up_and_reported() {
     let mut flash = Flash::new(PAGES);
-    flash.silent_fault = Some(SilentFault::Hangs);
+    flash.silent_fault = Some(SilentFault::WritesHang);
     let mut bench = with_compass(flash);
     bench.links.commands.try_send((CommandSource::Console, Command::CalClear)).unwrap();
     bench.ms(499);

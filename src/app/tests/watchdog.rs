@@ -147,7 +147,7 @@ fn an_idle_state_machine_shows_that_it_runs() {
 #[test]
 fn saves_that_never_complete_cause_no_reset() {
     let mut flash = Flash::new(PAGES);
-    flash.silent_fault = Some(SilentFault::Hangs);
+    flash.silent_fault = Some(SilentFault::WritesHang);
     let (mut bench, watchdog_timer) = (with_compass(flash), FakeWatchdog::default());
     let fed = watchdog_timer.clone();
     bench.run("watchdog", |links| async move { watchdog::run_watchdog(&links, fed).await });

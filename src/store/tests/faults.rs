@@ -54,7 +54,7 @@ fn an_unreadable_page_is_reported_and_the_others_are_loaded() {
 /// write.)
 #[test]
 fn bytes_that_read_back_differently_are_reported() {
-    for (fault, save_range) in [(SilentFault::Ignores, 0..3), (SilentFault::Alters, 0..7)] {
+    for (fault, save_range) in [(SilentFault::WritesIgnored, 0..3), (SilentFault::WritesAltered, 0..7)] {
         for saves in save_range {
             let mut flash = flash_after(saves);
             flash.silent_fault = Some(fault);

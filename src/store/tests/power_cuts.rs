@@ -93,5 +93,5 @@ fn one_of(flash: &mut Flash, allowed: &[StoredCalibrations], case: &str) -> Stor
 fn cuts(flash: &Flash, serial: u32) -> impl Iterator<Item = (usize, (CutProgress, u64))> + use<> {
     let mut complete = flash.power_on();
     save(&mut complete, serial).unwrap();
-    CutProgress::for_operations(complete.operations)
+    CutProgress::near_operation_limits(complete.operations)
 }

@@ -188,29 +188,29 @@ const CLEAR_LINE_KEY: u8 = 0x15;
 const PILOT_LINE_PREFIX: u8 = b'!';
 
 /// Longest typed line that is compared with `quit`, bytes.
-const LONGEST_LINE: usize = 256;
+const MAX_LINE_BYTES: usize = 256;
 
 /// Silence of the module after the end of piped input that ends the session.
-const END_OF_SESSION_PAUSE: Duration = Duration::from_secs(1);
+const SILENCE_BEFORE_END: Duration = Duration::from_secs(1);
 
 /// The program's terminal, or its redirected input and output.
 pub struct Terminal {
     input: Receiver<Vec<u8>>,
-    pending: VecDeque<u8>,
+    unprocessed_bytes: VecDeque<u8>,
     /// The line being typed.
-    line: Vec<u8>,
+    typed_line: Vec<u8>,
     /// Pilot of a private module.
-    orders: Option<Sender<Vec<u8>>>,
+    pilot_lines: Option<Sender<Vec<u8>>>,
     is_closed: bool,
     /// Time of the last output after the end of the input.
-    last_activity: Option<Instant>,
+    last_output: Option<Instant>,
     /// Whether a person types, into a terminal in raw mode.
     is_raw: bool,
 }
 
 impl Terminal {
-    /// Switches the terminal to raw mode until dropped. `orders` receives lines for the simulated pilot.
-    pub fn open_terminal(orders: Option<Sender<Vec<u8>>>) -> io::Result<Self> {
+    /// Switches the terminal to raw mode until dropped. `pilot_lines` receives lines for the simulated pilot.
+    pub fn open_terminal(pilot_lines: Option<Sender<Vec<u8>>>) -> io::Result<Self> {
         let stdin = io::stdin();
         let is_raw = stdin.is_terminal();
         if is_raw {
@@ -221,73 +221,74 @@ impl Terminal {
         }
         Ok(Self {
             input: read_in_thread(stdin),
-            pending: VecDeque::new(),
-            line: Vec::new(),
-            orders,
+            unprocessed_bytes: VecDeque::new(),
+            typed_line: Vec::new(),
+            pilot_lines,
             is_closed: false,
-            last_activity: None,
+            last_output: None,
             is_raw,
         })
     }
 
     /// Handles a typed byte; returns whether the module receives it.
-    fn is_for_module(&mut self, byte: u8) -> bool {
-        let is_order = self.orders.is_some() && self.line.first().unwrap_or(&byte) == &PILOT_LINE_PREFIX;
+    fn process_typed_byte(&mut self, byte: u8) -> bool {
+        let is_pilot_line =
+            self.pilot_lines.is_some() && self.typed_line.first().unwrap_or(&byte) == &PILOT_LINE_PREFIX;
         match byte {
             LEAVE_KEY if self.is_raw => self.is_closed = true,
-            END_OF_INPUT_KEY if self.is_raw && self.line.is_empty() => self.is_closed = true,
+            END_OF_INPUT_KEY if self.is_raw && self.typed_line.is_empty() => self.is_closed = true,
             b'\r' | b'\n' => {
-                let line = std::mem::take(&mut self.line);
-                if is_order && !line.is_empty() {
-                    self.send_order(&line);
+                let typed_line = std::mem::take(&mut self.typed_line);
+                if is_pilot_line && !typed_line.is_empty() {
+                    self.send_pilot_line(&typed_line);
                     return false;
                 }
-                if [&b"quit"[..], b"exit"].contains(&line.trim_ascii()) {
+                if [&b"quit"[..], b"exit"].contains(&typed_line.trim_ascii()) {
                     self.end_session();
                     return false;
                 }
             }
-            CLEAR_LINE_KEY if !is_order => self.line.clear(),
+            CLEAR_LINE_KEY if !is_pilot_line => self.typed_line.clear(),
             0x08 | 0x7F => {
-                self.line.pop();
-                if is_order {
+                self.typed_line.pop();
+                if is_pilot_line {
                     print::print_text("\x08 \x08");
                 }
             }
-            _ if self.line.len() <= LONGEST_LINE => self.line.push(byte),
+            _ if self.typed_line.len() <= MAX_LINE_BYTES => self.typed_line.push(byte),
             _ => {}
         }
-        if is_order && self.is_raw && byte >= b' ' && byte != 0x7F {
+        if is_pilot_line && self.is_raw && byte >= b' ' && byte != 0x7F {
             print::print_bytes(&[byte]);
         }
-        !is_order && !self.is_closed
+        !is_pilot_line && !self.is_closed
     }
 
-    fn send_order(&self, line: &[u8]) {
+    fn send_pilot_line(&self, typed_line: &[u8]) {
         if self.is_raw {
             print::print_text("\r\n");
         }
-        if let Some(orders) = &self.orders {
+        if let Some(pilot_lines) = &self.pilot_lines {
             // Sending cannot fail: the loop that receives orders lasts as long as the session.
-            let _ = orders.send([&line[1..], b"\n"].concat());
+            let _ = pilot_lines.send([&typed_line[1..], b"\n"].concat());
         }
     }
 
-    /// Ends the session: immediately at a terminal; with redirected input after [`END_OF_SESSION_PAUSE`] without
+    /// Ends the session: immediately at a terminal; with redirected input after [`SILENCE_BEFORE_END`] without
     /// output.
     fn end_session(&mut self) {
         self.is_closed |= self.is_raw;
-        self.pending.clear();
-        self.last_activity.get_or_insert_with(Instant::now);
+        self.unprocessed_bytes.clear();
+        self.last_output.get_or_insert_with(Instant::now);
     }
 
-    fn process_console_output(&mut self) {
+    fn receive_typed_bytes(&mut self) {
         loop {
             match self.input.try_recv() {
-                Ok(bytes) => self.pending.extend(bytes),
+                Ok(bytes) => self.unprocessed_bytes.extend(bytes),
                 Err(TryRecvError::Empty) => return,
                 Err(TryRecvError::Disconnected) => {
-                    self.last_activity.get_or_insert_with(Instant::now);
+                    self.last_output.get_or_insert_with(Instant::now);
                     return;
                 }
             }
@@ -297,12 +298,12 @@ impl Terminal {
 
 impl ByteConnection for Terminal {
     fn read_bytes(&mut self, max_bytes: usize) -> Vec<u8> {
-        self.process_console_output();
-        let bytes: Vec<u8> = self.pending.drain(..max_bytes.min(self.pending.len())).collect();
+        self.receive_typed_bytes();
+        let bytes: Vec<u8> = self.unprocessed_bytes.drain(..max_bytes.min(self.unprocessed_bytes.len())).collect();
         let was_closed = self.is_closed;
         let mut sent = Vec::new();
         for byte in bytes {
-            if self.is_for_module(byte) {
+            if self.process_typed_byte(byte) {
                 sent.push(byte);
             }
         }
@@ -316,7 +317,7 @@ impl ByteConnection for Terminal {
 
     fn write_bytes(&mut self, bytes: &[u8]) {
         if !bytes.is_empty() {
-            self.last_activity = self.last_activity.map(|_| Instant::now());
+            self.last_output = self.last_output.map(|_| Instant::now());
         }
         print::print_bytes(bytes);
         // The reader closed the output.
@@ -324,8 +325,8 @@ impl ByteConnection for Terminal {
     }
 
     fn has_ended(&self) -> bool {
-        let is_answered = |last: Instant| self.pending.is_empty() && last.elapsed() > END_OF_SESSION_PAUSE;
-        self.is_closed || self.last_activity.is_some_and(is_answered)
+        let is_answered = |last: Instant| self.unprocessed_bytes.is_empty() && last.elapsed() > SILENCE_BEFORE_END;
+        self.is_closed || self.last_output.is_some_and(is_answered)
     }
 }
 
@@ -365,11 +366,11 @@ mod tests {
             sender.send(typed.to_vec()).unwrap();
             let mut terminal = Terminal {
                 input,
-                pending: VecDeque::new(),
-                line: Vec::new(),
-                orders: None,
+                unprocessed_bytes: VecDeque::new(),
+                typed_line: Vec::new(),
+                pilot_lines: None,
                 is_closed: false,
-                last_activity: None,
+                last_output: None,
                 is_raw: true,
             };
             assert_eq!(terminal.read_bytes(100), expected_bytes);

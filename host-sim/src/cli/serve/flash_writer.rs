@@ -12,8 +12,8 @@ use crate::cli::command_failure::CommandFailure;
 pub struct FlashWriter {
     path: Option<PathBuf>,
     lock: Option<File>,
-    written_changes: u64,
-    seen_changes: u64,
+    written_change_count: u64,
+    seen_change_count: u64,
 }
 
 impl FlashWriter {
@@ -38,11 +38,11 @@ impl FlashWriter {
     /// Writes the file if the flash changed and is stable since the last call, or at the end.
     pub fn write_if_stable(&mut self, served_module: &ServedModule, is_end: bool) -> Result<(), CommandFailure> {
         let changes = served_module.flash_changes();
-        let is_stable = changes == self.seen_changes || is_end;
-        self.seen_changes = changes;
-        if is_stable && changes != self.written_changes {
+        let is_stable = changes == self.seen_change_count || is_end;
+        self.seen_change_count = changes;
+        if is_stable && changes != self.written_change_count {
             self.write_flash(served_module)?;
-            self.written_changes = changes;
+            self.written_change_count = changes;
         }
         Ok(())
     }

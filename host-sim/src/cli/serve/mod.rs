@@ -144,9 +144,9 @@ fn format_order(order: &str, description: &str) -> String {
 }
 
 fn after_help() -> String {
-    let orders = serve::COMMANDS.map(|(order, description)| format_order(order, description)).concat();
+    let command_list = serve::COMMANDS.map(|(order, description)| format_order(order, description)).concat();
     format!(
-        "Orders, a line each on standard input, answered by `ok` or `error <code>`; without --world:\n{orders}\n\
+        "Orders, a line each on standard input, answered by `ok` or `error <code>`; without --world:\n{command_list}\n\
          Attach, with --tcp 5760 (or the pseudo-terminal that is printed in place of the TCP port):\n  \
            host-sim console --tcp 5760           type to the module\n  \
            nc 127.0.0.1 5762                     read its headings\n  \
@@ -207,14 +207,14 @@ pub fn run_serve(options: &ServeCommandOptions) -> Result<ExitCode, CommandFailu
                 "this system has no pseudo-terminals; serve TCP ports: --tcp 5760",
             ));
         }
-        let tcp = next.map(tcp_port).transpose()?;
+        let tcp = next.map(open_tcp_port).transpose()?;
         next = next.map(|tcp_port_number| if tcp_port_number == 0 { 0 } else { tcp_port_number.wrapping_add(1) });
         port_addresses.push(PortAddress { port, pty: pty_path, tcp: tcp.as_ref().map(|tcp| tcp.port) });
         let tcp = tcp.map(|tcp| Box::new(tcp) as Box<dyn ByteConnection>);
         port_wires.push(pty.into_iter().chain(tcp).collect());
     }
     let world = options.world.map(open_attitude_socket).transpose()?;
-    let can = options.can.map(can_bus).transpose()?;
+    let can = options.can.map(open_can_bus).transpose()?;
     let world_number = world.as_ref().and_then(|world| world.local_addr().ok()).map(|address| address.port());
     if options.json {
         print::print_json(describe_ports(options, &port_addresses, world_number)?)?;
@@ -223,7 +223,7 @@ pub fn run_serve(options: &ServeCommandOptions) -> Result<ExitCode, CommandFailu
     }
     let wiring = Connections {
         port_wires,
-        world_socket: world,
+        attitude_socket: world,
         can_bus: can,
         pilot_commands: Some(PilotCommandInput::from_stdin()),
         flash,
@@ -232,7 +232,7 @@ pub fn run_serve(options: &ServeCommandOptions) -> Result<ExitCode, CommandFailu
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }
 
-fn tcp_port(number: u16) -> Result<TcpPort, CommandFailure> {
+fn open_tcp_port(number: u16) -> Result<TcpPort, CommandFailure> {
     TcpPort::open_port(number)
         .map_err(|error| CommandFailure::with_code("tcp-unavailable", format!("port {number}: {error}")))
 }
@@ -243,9 +243,9 @@ fn open_attitude_socket(number: u16) -> Result<UdpSocket, CommandFailure> {
     socket.map_err(|error| CommandFailure::with_code("world-unavailable", format!("port {number}: {error}")))
 }
 
-fn can_bus(number: u8) -> Result<MulticastBus, CommandFailure> {
+fn open_can_bus(number: u8) -> Result<MulticastBus, CommandFailure> {
     MulticastBus::open_bus(number)
-        .map_err(|error| CommandFailure::with_code("can-unavailable", format!("{}: {error}", bus_name(number))))
+        .map_err(|error| CommandFailure::with_code("can-unavailable", format!("{}: {error}", can_bus_name(number))))
 }
 
 struct PortAddress {
@@ -264,10 +264,10 @@ fn describe_ports(
         .map(|address| json!({ "name": address.port.port_name, "pty": address.pty, "tcp": address.tcp }))
         .collect();
     let airframe = airframe_json(&options.module_options.world_config()?);
-    Ok(json!({ "ports": ports, "world": world, "can": options.can.map(bus_name), "airframe": airframe }))
+    Ok(json!({ "ports": ports, "world": world, "can": options.can.map(can_bus_name), "airframe": airframe }))
 }
 
-fn bus_name(number: u8) -> String {
+fn can_bus_name(number: u8) -> String {
     format!("mcast:{number}")
 }
 
@@ -297,7 +297,7 @@ fn print_ports(
             print::print_line(format_args!("  {:<22}{with}", format!("tcp 127.0.0.1:{port_number}")));
         }
     }
-    if let Some(bus) = options.can.map(bus_name) {
+    if let Some(bus) = options.can.map(can_bus_name) {
         print::print_line(format_args!("CAN bus: DroneCAN, in the local network\n  {bus:<22}dronecan_gui_tool"));
     }
     match world {
@@ -353,26 +353,26 @@ fn attach_terminal(mut module: impl ByteConnection) -> Result<ExitCode, CommandF
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }
 
-/// Opens the console's terminal. `orders` receives the lines for the simulated pilot of a private module.
-fn open_terminal(orders: Option<Sender<Vec<u8>>>) -> Result<Terminal, CommandFailure> {
+/// Opens the console's terminal. `pilot_lines` receives the lines for the simulated pilot of a private module.
+fn open_terminal(pilot_lines: Option<Sender<Vec<u8>>>) -> Result<Terminal, CommandFailure> {
     if io::IsTerminal::is_terminal(&io::stdin()) {
-        let pilot = if orders.is_some() { "; !ORDER is for the pilot: !land, !help" } else { "" };
+        let pilot = if pilot_lines.is_some() { "; !ORDER is for the pilot: !land, !help" } else { "" };
         print::print_error(format_args!("quit, Ctrl-D or Ctrl-] ends{pilot}"));
     }
-    Terminal::open_terminal(orders).map_err(|error| CommandFailure::with_code("no-terminal", error))
+    Terminal::open_terminal(pilot_lines).map_err(|error| CommandFailure::with_code("no-terminal", error))
 }
 
 fn serve_private_module(module_options: &ModuleOptions) -> Result<ExitCode, CommandFailure> {
     let (mut served_module, flash) = module_options.build_module(AttitudeProvider::Own, false, false)?;
     let mut port_wires: Vec<Vec<Box<dyn ByteConnection>>> = PORTS.iter().map(|_| Vec::new()).collect();
     let interruption = TerminationSignals::install_handlers(SecondSignal::Exits)?;
-    let (orders, order_lines) = mpsc::channel();
-    port_wires[serve::CONSOLE_PORT].push(Box::new(open_terminal(Some(orders))?));
+    let (pilot_lines, line_receiver) = mpsc::channel();
+    port_wires[serve::CONSOLE_PORT].push(Box::new(open_terminal(Some(pilot_lines))?));
     let wiring = Connections {
         port_wires,
-        world_socket: None,
+        attitude_socket: None,
         can_bus: None,
-        pilot_commands: Some(PilotCommandInput::from_channel(order_lines)),
+        pilot_commands: Some(PilotCommandInput::from_channel(line_receiver)),
         flash,
     };
     wiring.run_connections(&mut served_module, module_options.speed, interruption.stop_flag())?;

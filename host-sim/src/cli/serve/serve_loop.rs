@@ -18,7 +18,7 @@ use crate::cli::print;
 pub struct Connections {
     /// Connections to each of the module's ports, by port.
     pub port_wires: Vec<Vec<Box<dyn ByteConnection>>>,
-    pub world_socket: Option<UdpSocket>,
+    pub attitude_socket: Option<UdpSocket>,
     pub can_bus: Option<MulticastBus>,
     pub pilot_commands: Option<PilotCommandInput>,
     pub flash: FlashWriter,
@@ -53,11 +53,11 @@ impl Connections {
                     }
                 }
             }
-            if let Some(world) = &self.world_socket {
+            if let Some(world) = &self.attitude_socket {
                 is_malformed_reported |= apply_datagrams(world, served_module, is_malformed_reported);
             }
             if let Some(pilot_commands) = &mut self.pilot_commands {
-                pilot_commands.execute_orders(served_module);
+                pilot_commands.execute_pilot_lines(served_module);
             }
             if let Some(can) = &self.can_bus {
                 can.receive_frames().iter().for_each(|frame| served_module.send_frame(frame));
@@ -111,7 +111,7 @@ pub struct PilotCommandInput {
 }
 
 /// Largest length of an order, bytes.
-const LONGEST_LINE: usize = 256;
+const MAX_LINE_BYTES: usize = 256;
 
 impl PilotCommandInput {
     pub fn from_stdin() -> Self {
@@ -123,12 +123,12 @@ impl PilotCommandInput {
         Self { input, line: Vec::new() }
     }
 
-    fn execute_orders(&mut self, served_module: &mut ServedModule) {
+    fn execute_pilot_lines(&mut self, served_module: &mut ServedModule) {
         while let Ok(bytes) = self.input.try_recv() {
             for byte in bytes {
                 if byte == b'\n' {
-                    answer_line(served_module, &std::mem::take(&mut self.line));
-                } else if self.line.len() <= LONGEST_LINE {
+                    execute_and_answer(served_module, &std::mem::take(&mut self.line));
+                } else if self.line.len() <= MAX_LINE_BYTES {
                     self.line.push(byte);
                 }
             }
@@ -136,9 +136,9 @@ impl PilotCommandInput {
     }
 }
 
-fn answer_line(served_module: &mut ServedModule, line: &[u8]) {
+fn execute_and_answer(served_module: &mut ServedModule, line: &[u8]) {
     let line = String::from_utf8_lossy(line);
-    if line.len() > LONGEST_LINE {
+    if line.len() > MAX_LINE_BYTES {
         print::print_line("error line-too-long: an order has at most 256 characters");
     } else if !line.trim().is_empty() {
         let answer =

@@ -21,18 +21,21 @@ pub type InformationRoot = SMatrix<f64, 2, 13>;
 /// unobservable.
 #[must_use]
 pub fn rms_deg(trial: &RandomFlight) -> Option<f64> {
-    rms_deg_for(trial, trial.true_samples())
+    bound_rms_deg_of_samples(trial, trial.true_samples())
 }
 
 /// Cramér-Rao bound of the heading error from these samples, degrees RMS.
 #[must_use]
-pub fn rms_deg_for<'a>(trial: &RandomFlight, true_samples: impl Iterator<Item = &'a TrueSample>) -> Option<f64> {
+pub fn bound_rms_deg_of_samples<'a>(
+    trial: &RandomFlight,
+    true_samples: impl Iterator<Item = &'a TrueSample>,
+) -> Option<f64> {
     let information: FisherInformation = true_samples.map(|true_sample| fisher_information(trial, true_sample)).sum();
     let covariance = information.cholesky()?.inverse();
     let correction_matrix = trial.field_matrix.try_inverse()?;
     let (square_sum, heading_count) =
         trial.envelope.attitudes().fold((0.0, 0.0), |(square_sum, heading_count), euler| {
-            let row = heading_row(trial, &correction_matrix, euler);
+            let row = heading_gradient(trial, &correction_matrix, euler);
             (square_sum + row.dot(&(covariance * row)), heading_count + 1.0)
         });
     Some((square_sum / heading_count).sqrt().to_degrees())
@@ -52,9 +55,9 @@ fn fisher_information(trial: &RandomFlight, true_sample: &TrueSample) -> FisherI
 pub fn information_root(trial: &RandomFlight, true_sample: &TrueSample) -> InformationRoot {
     let (common, nuisance_rows) = measurement_jacobians(trial, true_sample);
     let nuisance = (nuisance_rows.tr_mul(&nuisance_rows)).try_inverse().unwrap_or_else(Matrix3::zeros);
-    let untouched = SMatrix::<f64, 5, 5>::identity() - nuisance_rows * nuisance * nuisance_rows.transpose();
+    let projection = SMatrix::<f64, 5, 5>::identity() - nuisance_rows * nuisance * nuisance_rows.transpose();
     // The projection has rank two: two eigenvalues are one, the others zero.
-    let eigen = untouched.symmetric_eigen();
+    let eigen = projection.symmetric_eigen();
     let mut order = [0, 1, 2, 3, 4];
     order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
     let dominant_directions = SMatrix::<f64, 5, 2>::from_fn(|row, column| eigen.eigenvectors[(row, order[column])]);
@@ -74,9 +77,9 @@ fn measurement_jacobians(trial: &RandomFlight, true_sample: &TrueSample) -> (SMa
     }
     // Central differences with a step of 1e-5 have an error of about 1e-10.
     let numerical_derivative = |change: &dyn Fn(f64) -> Vector3<f64>| (change(1e-5) - change(-1e-5)) / 2e-5;
-    let by_inclination =
+    let field_by_inclination =
         numerical_derivative(&|step| trial.field_matrix * euler.body_field(1.0, trial.inclination_rad + step));
-    common.fixed_view_mut::<3, 1>(0, 12).copy_from(&by_inclination);
+    common.fixed_view_mut::<3, 1>(0, 12).copy_from(&field_by_inclination);
     let mut nuisance_rows = SMatrix::<f64, 5, 3>::zeros();
     for (column, derivative) in [
         numerical_derivative(&|step| {
@@ -106,19 +109,19 @@ fn measurement_jacobians(trial: &RandomFlight, true_sample: &TrueSample) -> (SMa
 
 /// Derivative of the indicated heading by the common parameters. The corrected field is `W (m - b)`, so errors `dA` and
 /// `db` change it by `-W (dA h + db)`.
-fn heading_row(trial: &RandomFlight, correction_matrix: &Matrix3<f64>, euler: Euler) -> SVector<f64, 13> {
+fn heading_gradient(trial: &RandomFlight, correction_matrix: &Matrix3<f64>, euler: Euler) -> SVector<f64, 13> {
     let body_field = trial.body_field(euler);
     let to_level = euler.body_from_level().transpose();
     let level_field = to_level * body_field;
     let horizontal = level_field.x * level_field.x + level_field.y * level_field.y;
     let gradient = (to_level.row(0) * level_field.y - to_level.row(1) * level_field.x).transpose() / horizontal;
-    let by_field = -correction_matrix.tr_mul(&gradient);
+    let heading_by_field = -correction_matrix.tr_mul(&gradient);
     let mut row = SVector::zeros();
     for i in 0..3 {
         for column_index in 0..3 {
-            row[3 * i + column_index] = by_field[i] * body_field[column_index];
+            row[3 * i + column_index] = heading_by_field[i] * body_field[column_index];
         }
-        row[9 + i] = by_field[i];
+        row[9 + i] = heading_by_field[i];
     }
     row
 }
@@ -152,7 +155,7 @@ mod tests {
             .true_samples()
             .map(|true_sample| TrueSample { disturbing_acceleration_m_s2: 5.0, ..*true_sample })
             .collect();
-        let [calm, turbulent] = [rms_deg(&trial).unwrap(), rms_deg_for(&trial, turbulent.iter()).unwrap()];
+        let [calm, turbulent] = [rms_deg(&trial).unwrap(), bound_rms_deg_of_samples(&trial, turbulent.iter()).unwrap()];
         // The acceleration adds 2 deg of tilt error to 0.2 to 1 deg of noise.
         assert!(turbulent > 1.5 * calm, "{turbulent} {calm}");
     }
@@ -161,7 +164,7 @@ mod tests {
     fn a_flight_flown_twice_is_known_better_by_the_root_of_two() {
         let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, 7);
         let bound_deg = rms_deg(&trial).unwrap();
-        let twice = rms_deg_for(&trial, trial.true_samples().chain(trial.true_samples())).unwrap();
+        let twice = bound_rms_deg_of_samples(&trial, trial.true_samples().chain(trial.true_samples())).unwrap();
         assert!((bound_deg / twice - 2_f64.sqrt()).abs() < 1e-9, "{bound_deg} {twice}");
     }
 }

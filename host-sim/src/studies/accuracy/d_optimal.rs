@@ -71,7 +71,7 @@ pub fn select_samples(trial: &RandomFlight, sample_count: usize) -> Vec<TrueSamp
             });
             continue;
         }
-        covariance = with_sample(&covariance, &rows[best_candidate.index]);
+        covariance = covariance_with_sample(&covariance, &rows[best_candidate.index]);
         chosen.push(*true_samples[best_candidate.index]);
     }
     chosen
@@ -80,7 +80,7 @@ pub fn select_samples(trial: &RandomFlight, sample_count: usize) -> Vec<TrueSamp
 /// Cramér-Rao bound of the RMS heading error for a selection of `number` samples, degrees.
 #[must_use]
 pub fn rms_deg(trial: &RandomFlight, number: usize) -> Option<f64> {
-    cramer_rao::rms_deg_for(trial, select_samples(trial, number).iter())
+    cramer_rao::bound_rms_deg_of_samples(trial, select_samples(trial, number).iter())
 }
 
 fn prior_information() -> FisherInformation {
@@ -99,7 +99,7 @@ fn information_gain_matrix(covariance: &FisherInformation, rows: &InformationRoo
 }
 
 /// Covariance after adding a sample: `C - C R^T (1 + R C R^T)^-1 R C` (Woodbury identity).
-fn with_sample(covariance: &FisherInformation, rows: &InformationRoot) -> FisherInformation {
+fn covariance_with_sample(covariance: &FisherInformation, rows: &InformationRoot) -> FisherInformation {
     let to_rows = rows * covariance;
     // Positive definite, so the inverse exists.
     let inverse = information_gain_matrix(covariance, rows).try_inverse().unwrap_or_else(Matrix2::zeros);
@@ -128,10 +128,10 @@ mod tests {
         let mut remaining: Vec<usize> = (0..rows.len()).collect();
         let mut exhaustive = Vec::new();
         for _ in 0..20 {
-            let with_sample = |index: usize| information + rows[index].tr_mul(&rows[index]);
-            let determinant = |index: &usize| with_sample(*index).determinant();
+            let information_with_sample = |index: usize| information + rows[index].tr_mul(&rows[index]);
+            let determinant = |index: &usize| information_with_sample(*index).determinant();
             let best = *remaining.iter().max_by(|a, b| determinant(a).total_cmp(&determinant(b))).unwrap();
-            information = with_sample(best);
+            information = information_with_sample(best);
             remaining.retain(|&index| index != best);
             exhaustive.push(trial.true_samples().nth(best).unwrap().time.as_ms());
         }
@@ -145,7 +145,7 @@ mod tests {
             Flight { kind: VehicleKind::Copter, flight_pattern: FlightPattern::Routine, duration_minutes: 3.0 }
                 .true_flight(&RandomRanges::WORST_CASE, 3);
         let trial = trial(1).with_flight(flight, AttitudeEnvelope::Tilted);
-        let thinned = cramer_rao::rms_deg_for(&trial, trial.true_samples().step_by(9)).unwrap();
+        let thinned = cramer_rao::bound_rms_deg_of_samples(&trial, trial.true_samples().step_by(9)).unwrap();
         let chosen = rms_deg(&trial, 200).unwrap();
         assert!(chosen < 0.9 * thinned, "{chosen} {thinned}");
         assert!(rms_deg(&trial, 400).unwrap() < chosen);

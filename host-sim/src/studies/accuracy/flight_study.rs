@@ -55,14 +55,14 @@ pub struct FlightStudyRow {
     pub coverage_with_faults: SigmaCoverage,
 }
 
-/// Runs the plan for one flight. `tick` is called once per airframe, from any thread.
+/// Runs the plan for one flight. `on_airframe_done` is called once per airframe, from any thread.
 #[must_use]
-pub fn run_flight_study(flight: Flight, plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> FlightStudyRow {
+pub fn run_flight_study(flight: Flight, plan: AccuracyPlan, on_airframe_done: &(dyn Fn() + Sync)) -> FlightStudyRow {
     let trials: Vec<FlightResult> = (plan.seed..plan.seed + plan.airframes)
         .into_par_iter()
         .filter_map(|seed| {
             let flight_result = FlightResult::evaluate_trial(flight, seed, plan.noise_draws);
-            tick();
+            on_airframe_done();
             flight_result
         })
         .collect();
@@ -96,7 +96,7 @@ impl FlightResult {
         let readings = retained_times.len();
         let mut flight_result = Self {
             readings,
-            retained_bound_deg: cramer_rao::rms_deg_for(&trial, kept_samples)?,
+            retained_bound_deg: cramer_rao::bound_rms_deg_of_samples(&trial, kept_samples)?,
             best_bound_deg: d_optimal::rms_deg(&trial, readings)?,
             counts: SolveCounts::default(),
             normalised: Vec::new(),

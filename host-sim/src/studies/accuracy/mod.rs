@@ -59,9 +59,9 @@ pub struct AccuracyResult {
 
 const COMPARED_METHODS: [Method; 3] = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse];
 
-/// Runs the study. `tick` is called once per airframe, from any thread.
+/// Runs the study. `on_airframe_done` is called once per airframe, from any thread.
 #[must_use]
-pub fn run_accuracy_study(plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> AccuracyResult {
+pub fn run_accuracy_study(plan: AccuracyPlan, on_airframe_done: &(dyn Fn() + Sync)) -> AccuracyResult {
     let trials: Vec<AirframeResult> = (plan.seed..plan.seed + plan.airframes)
         .into_par_iter()
         .filter_map(|seed| {
@@ -69,7 +69,7 @@ pub fn run_accuracy_study(plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> Accur
                 &RandomFlight::draw_flight(&RandomRanges::WORST_CASE, seed),
                 plan.noise_draws,
             );
-            tick();
+            on_airframe_done();
             airframe_result
         })
         .collect();

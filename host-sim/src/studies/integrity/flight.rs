@@ -69,7 +69,7 @@ const SOLVE_TIMEOUT_S: f64 = 10.0;
 pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
     let mut drawn_case = case.draw_case(seed, plan.aircraft, plan.attitude_protocol);
     let faults = std::mem::take(&mut drawn_case.faults);
-    let fields = faults.field_faults.clone();
+    let field_faults = faults.field_faults.clone();
     let mut rig = Rig::with_port_devices(drawn_case.world, faults, [drawn_case.far_end, FarEnd::Unconnected]);
     let RandomCase { world, ref fault_switch, fault_onset: onset, .. } = drawn_case;
     rig.world.set_armed(true);
@@ -79,7 +79,7 @@ pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlight
     rig.run_for_s(2.0);
     rig.send_console_line(&format!("stream heading {}", plan.heading.kind_name()));
     rig.send_console_line(drawn_case.routine.start_command);
-    if let FaultOnset::Calibrating { after_s, until_s } = onset {
+    if let FaultOnset::DuringCalibration { after_s, until_s } = onset {
         fault_switch.set_active(add_seconds_us(rig.now_us(), after_s), add_seconds_us(rig.now_us(), until_s));
     }
     let began_us = rig.now_us();
@@ -87,46 +87,44 @@ pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlight
     let calibrated = calibration.map(|(shown_calibration, at_us)| AcceptedCalibration {
         expected_deg: shown_calibration.expected_rms_deg,
         true_error_deg: true_deg(&shown_calibration.calibration, &world, &|state| {
-            fields.iter().map(|fault| fault.steady_field_ut(&TrueState { time_us: at_us, ..*state })).sum()
+            field_faults.iter().map(|fault| fault.steady_field_ut(&TrueState { time_us: at_us, ..*state })).sum()
         }),
         duration_s: (at_us - began_us) as f64 / 1e6,
     });
     let mut output_statistics = HeadingStatistics::default();
     let mut notes = Vec::new();
     if calibrated.is_ok() {
-        if let FaultOnset::InUse { after_s, for_s } = onset {
+        if let FaultOnset::AfterCalibration { after_s, for_s } = onset {
             let from_us = add_seconds_us(rig.now_us(), after_s);
             fault_switch.set_active(from_us, add_seconds_us(from_us, for_s));
         }
-        let counts_from_us =
-            if let FaultOnset::InUse { after_s, .. } = onset { add_seconds_us(rig.now_us(), after_s) } else { 0 };
-        notes = process_console_output(&mut rig, &drawn_case, seed, &mut |at_us, evaluated_sentence| {
+        let evaluated_from_us = if let FaultOnset::AfterCalibration { after_s, .. } = onset {
+            add_seconds_us(rig.now_us(), after_s)
+        } else {
+            0
+        };
+        notes = fly_after_calibration(&mut rig, &drawn_case, seed, &mut |at_us, evaluated_sentence| {
             // A hard-iron change during calibration remains part of the airframe in use.
-            let faulty = match onset {
+            let is_fault_active = match onset {
                 FaultOnset::Never => false,
-                FaultOnset::Always | FaultOnset::Calibrating { .. } => true,
-                FaultOnset::InUse { .. } => fault_switch.is_on(at_us),
+                FaultOnset::Always | FaultOnset::DuringCalibration { .. } => true,
+                FaultOnset::AfterCalibration { .. } => fault_switch.is_on(at_us),
             };
             output_statistics.add_sentence(
                 at_us,
                 SENTENCE_INTERVAL_S,
                 evaluated_sentence,
-                at_us >= counts_from_us,
-                faulty,
+                at_us >= evaluated_from_us,
+                is_fault_active,
             );
         });
     }
-    let hard_iron_error_of_case = (calibrated.is_ok() && case.changes_hard_iron).then(|| {
+    let hard_iron_error = (calibrated.is_ok() && case.changes_hard_iron).then(|| {
         let now = rig.world.true_state(rig.now_us());
-        let added_field_ut = fields.iter().map(|fault| fault.added_field_ut(&now)).sum();
+        let added_field_ut = field_faults.iter().map(|fault| fault.added_field_ut(&now)).sum();
         hard_iron_estimate_error(&mut rig, &world, added_field_ut)
     });
-    CaseFlightResult {
-        calibration: calibrated,
-        output_statistics,
-        note_codes: notes,
-        hard_iron_error: hard_iron_error_of_case,
-    }
+    CaseFlightResult { calibration: calibrated, output_statistics, note_codes: notes, hard_iron_error }
 }
 
 /// Flies a full turn each way and compares the module's estimate with a hard-iron change of `added_field_ut`, chip axes.
@@ -135,13 +133,13 @@ fn hard_iron_estimate_error(rig: &mut Rig, world: &WorldConfig, added_field_ut: 
         rig.world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
     }
     while rig.world.unfinished_legs() > 0 && rig.run_for_s(RUN_STEP_S) == ModuleRunEnd::Time {}
-    let told_ut = transcript::hard_iron_change_ut(&rig.send_console_line("status all"))
+    let estimated_ut = transcript::hard_iron_change_ut(&rig.send_console_line("status all"))
         .map_or_else(Vector3::zeros, Vector3::from);
     // By `m = A h + b`, the change in the measurement m equals a change of the field h by `A^-1 added_field_ut`. A singular
     // airframe measures nothing.
     let true_ut =
         world.airframe.field_matrix.try_inverse().map_or_else(Vector3::zeros, |inverse| inverse * added_field_ut);
-    HardIronEstimateError((told_ut - true_ut).norm() / true_ut.norm())
+    HardIronEstimateError((estimated_ut - true_ut).norm() / true_ut.norm())
 }
 
 fn add_seconds_us(from_us: u64, by_s: f64) -> u64 {
@@ -206,22 +204,22 @@ fn true_deg(
 
 /// The flight in use: optional time on the ground, then legs; evaluates every output sentence. Returns the codes of the
 /// console's notes.
-fn process_console_output(
+fn fly_after_calibration(
     rig: &mut Rig,
     drawn_case: &RandomCase,
     seed: u64,
     on_sentence: &mut dyn FnMut(u64, &EvaluatedSentence),
 ) -> Vec<String> {
-    let RandomCase { ground_time_s: stands_s, flight_after_calibration_s, further_legs, .. } = *drawn_case;
+    let RandomCase { ground_time_s, flight_after_calibration_s, further_legs, .. } = *drawn_case;
     let mut random = RandomStream::new(seed, StreamPurpose::Legs);
-    if stands_s > 0.0 {
+    if ground_time_s > 0.0 {
         // Keeps the last attitude and the unwrapped heading, to avoid jumps.
         let now = rig.world.true_state(rig.now_us());
         let [roll_deg, pitch_deg, heading_deg] = [now.roll_rad, now.pitch_rad, now.heading_rad].map(f64::to_degrees);
         rig.world.set_motion(PrescribedMotion { roll_deg, pitch_deg, heading_deg, ..PrescribedMotion::default() });
     }
-    let flies_us = add_seconds_us(rig.now_us(), stands_s);
-    let end_us = add_seconds_us(flies_us, flight_after_calibration_s);
+    let take_off_us = add_seconds_us(rig.now_us(), ground_time_s);
+    let end_us = add_seconds_us(take_off_us, flight_after_calibration_s);
     let vehicle_kind = rig.world.world_config().aircraft.kind;
     for leg in legs_after_calibration::first_legs(vehicle_kind, &mut random) {
         rig.world.fly_leg(leg);
@@ -230,7 +228,7 @@ fn process_console_output(
     let _ = (rig.instrument.receive_bytes(), rig.take_console_output());
     let mut notes = Vec::new();
     while rig.now_us() < end_us {
-        if stands_s > 0.0 && rig.now_us() >= flies_us {
+        if ground_time_s > 0.0 && rig.now_us() >= take_off_us {
             rig.world.end_prescribed_motion();
         }
         if rig.world.unfinished_legs() < 2 {

@@ -30,12 +30,12 @@ pub enum EvaluatedSentence {
 /// Counts over one or several flights.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct HeadingStatistics {
-    headings: u64,
-    smooth: u64,
-    bad: u64,
-    squares_deg: f64,
-    sigma_squares_deg: f64,
-    within: [u64; 3],
+    heading_count: u64,
+    smooth_count: u64,
+    bad_count: u64,
+    squared_error_sum: f64,
+    squared_sigma_sum: f64,
+    within_sigma_counts: [u64; 3],
     /// Largest heading error, degrees.
     pub worst_deg: f64,
     /// Longest sequence of bad headings, seconds.
@@ -44,7 +44,7 @@ pub struct HeadingStatistics {
     pub worst_10s_deg: f64,
     /// Sentences without heading, by status code.
     pub no_heading_counts: BTreeMap<String, usize>,
-    alarms: u64,
+    alarm_count: u64,
     faultless_s: f64,
     /// Start of the present sequence of bad headings, microseconds.
     bad_since_us: Option<u64>,
@@ -56,14 +56,21 @@ pub struct HeadingStatistics {
 impl HeadingStatistics {
     /// Adds a sentence, `step_s` after the previous one. False alarms count while no fault is active, all else after
     /// the onset.
-    pub fn add_sentence(&mut self, at_us: u64, step_s: f64, sentence: &EvaluatedSentence, counts: bool, faulty: bool) {
-        let empty = matches!(sentence, EvaluatedSentence::Empty(_));
-        if !faulty {
+    pub fn add_sentence(
+        &mut self,
+        at_us: u64,
+        step_s: f64,
+        sentence: &EvaluatedSentence,
+        is_evaluated: bool,
+        is_fault_active: bool,
+    ) {
+        let is_empty = matches!(sentence, EvaluatedSentence::Empty(_));
+        if !is_fault_active {
             self.faultless_s += step_s;
-            self.alarms += u64::from(empty && !self.was_empty);
+            self.alarm_count += u64::from(is_empty && !self.was_empty);
         }
-        self.was_empty = empty;
-        if !counts {
+        self.was_empty = is_empty;
+        if !is_evaluated {
             return;
         }
         match sentence {
@@ -73,23 +80,23 @@ impl HeadingStatistics {
                 self.recent_errors.clear();
             }
             EvaluatedSentence::Heading { error_deg, sigma_deg, is_smooth } => {
-                self.smooth += u64::from(*is_smooth);
+                self.smooth_count += u64::from(*is_smooth);
                 self.add_heading_error(at_us, step_s, error_deg.abs(), *sigma_deg);
             }
         }
     }
 
     fn add_heading_error(&mut self, at_us: u64, step_s: f64, error_deg: f64, sigma_deg: f64) {
-        self.headings += 1;
-        self.squares_deg += error_deg * error_deg;
-        self.sigma_squares_deg += sigma_deg * sigma_deg;
-        self.sustained_error(step_s, error_deg, sigma_deg);
+        self.heading_count += 1;
+        self.squared_error_sum += error_deg * error_deg;
+        self.squared_sigma_sum += sigma_deg * sigma_deg;
+        self.update_sustained_error(step_s, error_deg, sigma_deg);
         self.worst_deg = self.worst_deg.max(error_deg);
-        for (within, sigmas) in self.within.iter_mut().zip([1.0, 2.0, 3.0]) {
-            *within += u64::from(error_deg <= sigmas * sigma_deg);
+        for (count, sigmas) in self.within_sigma_counts.iter_mut().zip([1.0, 2.0, 3.0]) {
+            *count += u64::from(error_deg <= sigmas * sigma_deg);
         }
         if error_deg > (MIN_BAD_ERROR_SIGMAS * sigma_deg).max(MIN_BAD_ERROR_DEG) {
-            self.bad += 1;
+            self.bad_count += 1;
             let since_us = *self.bad_since_us.get_or_insert(at_us);
             self.longest_bad_s = self.longest_bad_s.max((at_us - since_us) as f64 / 1e6 + step_s);
         } else {
@@ -97,17 +104,17 @@ impl HeadingStatistics {
         }
     }
 
-    fn sustained_error(&mut self, step_s: f64, error_deg: f64, sigma_deg: f64) {
+    fn update_sustained_error(&mut self, step_s: f64, error_deg: f64, sigma_deg: f64) {
         if sigma_deg > MAX_SUSTAINED_SIGMA_DEG {
             self.recent_errors.clear();
             return;
         }
         self.recent_errors.push_back(error_deg);
-        let count = (MIN_SUSTAINED_ERROR_S / step_s).round() as usize;
-        if self.recent_errors.len() > count {
+        let sustained_count = (MIN_SUSTAINED_ERROR_S / step_s).round() as usize;
+        if self.recent_errors.len() > sustained_count {
             self.recent_errors.pop_front();
         }
-        if self.recent_errors.len() == count {
+        if self.recent_errors.len() == sustained_count {
             let least_deg = self.recent_errors.iter().copied().fold(f64::INFINITY, f64::min);
             self.worst_10s_deg = self.worst_10s_deg.max(least_deg);
         }
@@ -116,13 +123,13 @@ impl HeadingStatistics {
     /// Statistics with the counts of both flights added.
     #[must_use]
     pub fn merged_with(mut self, other: &Self) -> Self {
-        self.headings += other.headings;
-        self.smooth += other.smooth;
-        self.bad += other.bad;
-        self.squares_deg += other.squares_deg;
-        self.sigma_squares_deg += other.sigma_squares_deg;
+        self.heading_count += other.heading_count;
+        self.smooth_count += other.smooth_count;
+        self.bad_count += other.bad_count;
+        self.squared_error_sum += other.squared_error_sum;
+        self.squared_sigma_sum += other.squared_sigma_sum;
         self.worst_10s_deg = self.worst_10s_deg.max(other.worst_10s_deg);
-        for (count, other_count) in self.within.iter_mut().zip(other.within) {
+        for (count, other_count) in self.within_sigma_counts.iter_mut().zip(other.within_sigma_counts) {
             *count += other_count;
         }
         self.worst_deg = self.worst_deg.max(other.worst_deg);
@@ -130,7 +137,7 @@ impl HeadingStatistics {
         for (reason, occurrences) in &other.no_heading_counts {
             *self.no_heading_counts.entry(reason.clone()).or_insert(0) += occurrences;
         }
-        self.alarms += other.alarms;
+        self.alarm_count += other.alarm_count;
         self.faultless_s += other.faultless_s;
         self
     }
@@ -138,44 +145,44 @@ impl HeadingStatistics {
     /// Bad headings, percent of headings.
     #[must_use]
     pub fn bad_percent(&self) -> f64 {
-        percent(self.bad, self.headings)
+        percent(self.bad_count, self.heading_count)
     }
 
     /// Smooth headings, percent of headings.
     #[must_use]
     pub fn smooth_percent(&self) -> f64 {
-        percent(self.smooth, self.headings)
+        percent(self.smooth_count, self.heading_count)
     }
 
     /// Errors within one, two and three sigmas, percent of headings.
     #[must_use]
     pub fn within_percent(&self) -> [f64; 3] {
-        self.within.map(|within| percent(within, self.headings))
+        self.within_sigma_counts.map(|count| percent(count, self.heading_count))
     }
 
     /// RMS heading error, degrees.
     #[must_use]
     pub fn rms_deg(&self) -> f64 {
-        (self.squares_deg / self.headings.max(1) as f64).sqrt()
+        (self.squared_error_sum / self.heading_count.max(1) as f64).sqrt()
     }
 
     /// RMS of the output sigmas, degrees.
     #[must_use]
     pub fn sigma_rms_deg(&self) -> f64 {
-        (self.sigma_squares_deg / self.headings.max(1) as f64).sqrt()
+        (self.squared_sigma_sum / self.heading_count.max(1) as f64).sqrt()
     }
 
     /// Sentences without heading, percent of all sentences.
     #[must_use]
     pub fn empty_percent(&self) -> f64 {
-        let empty = self.no_heading_counts.values().sum::<usize>() as u64;
-        percent(empty, empty + self.headings)
+        let empty_count = self.no_heading_counts.values().sum::<usize>() as u64;
+        percent(empty_count, empty_count + self.heading_count)
     }
 
     /// Interruptions of the heading output without an active fault, per hour without fault.
     #[must_use]
     pub fn alarms_per_hour(&self) -> f64 {
-        if self.alarms == 0 { 0.0 } else { self.alarms as f64 * 3600.0 / self.faultless_s.max(1.0) }
+        if self.alarm_count == 0 { 0.0 } else { self.alarm_count as f64 * 3600.0 / self.faultless_s.max(1.0) }
     }
 }
 
@@ -191,17 +198,17 @@ mod tests {
         EvaluatedSentence::Heading { error_deg, sigma_deg, is_smooth: sigma_deg > 1.5 }
     }
 
-    fn empty() -> EvaluatedSentence {
+    fn empty_sentence() -> EvaluatedSentence {
         EvaluatedSentence::Empty("sensor-silent".to_owned())
     }
 
     /// Sentences at 10 Hz after the onset.
-    fn statistics_of(sentences: &[EvaluatedSentence], faulty: bool) -> HeadingStatistics {
-        let mut statistics_of = HeadingStatistics::default();
+    fn statistics_of(sentences: &[EvaluatedSentence], is_fault_active: bool) -> HeadingStatistics {
+        let mut statistics = HeadingStatistics::default();
         for (i, sentence) in (0..).zip(sentences) {
-            statistics_of.add_sentence(i * 100_000, 0.1, sentence, true, faulty);
+            statistics.add_sentence(i * 100_000, 0.1, sentence, true, is_fault_active);
         }
-        statistics_of
+        statistics
     }
 
     #[test]
@@ -225,7 +232,7 @@ mod tests {
             bad_heading.clone(),
             good_heading.clone(),
             bad_heading.clone(),
-            empty(),
+            empty_sentence(),
             bad_heading.clone(),
         ];
         assert!((statistics_of(&run_of_two, true).longest_bad_s - 0.2).abs() < 1e-9);
@@ -236,7 +243,7 @@ mod tests {
 
     #[test]
     fn smooth_headings_are_counted() {
-        let sentences = [heading(0.1, 2.0), heading(0.1, 1.0), empty(), heading(0.1, 1.0), heading(0.1, 1.0)];
+        let sentences = [heading(0.1, 2.0), heading(0.1, 1.0), empty_sentence(), heading(0.1, 1.0), heading(0.1, 1.0)];
         assert!((statistics_of(&sentences, true).smooth_percent() - 25.0).abs() < 1e-9);
     }
 
@@ -244,7 +251,14 @@ mod tests {
     #[test]
     fn an_alarm_is_an_empty_period_that_begins_while_nothing_is_wrong() {
         let good_heading = heading(0.5, 1.0);
-        let sentences = [good_heading.clone(), empty(), empty(), good_heading.clone(), empty(), good_heading];
+        let sentences = [
+            good_heading.clone(),
+            empty_sentence(),
+            empty_sentence(),
+            good_heading.clone(),
+            empty_sentence(),
+            good_heading,
+        ];
         // Two alarms in six sentences of 0.1 s: two per 0.6 s.
         assert!((statistics_of(&sentences, false).alarms_per_hour() - 2.0 * 3600.0).abs() < 1e-6);
         assert_eq!(statistics_of(&sentences, true).alarms_per_hour().to_bits(), 0);
@@ -254,16 +268,16 @@ mod tests {
 
     #[test]
     fn headings_before_the_fault_are_not_counted() {
-        let mut statistics_of = HeadingStatistics::default();
-        statistics_of.add_sentence(0, 0.1, &heading(90.0, 1.0), false, false);
-        assert_eq!(statistics_of.worst_deg.to_bits(), 0);
-        assert_eq!(statistics_of.headings, 0);
+        let mut statistics = HeadingStatistics::default();
+        statistics.add_sentence(0, 0.1, &heading(90.0, 1.0), false, false);
+        assert_eq!(statistics.worst_deg.to_bits(), 0);
+        assert_eq!(statistics.heading_count, 0);
     }
 
     #[test]
     fn statistics_of_flights_are_merged() {
         let first_flight = statistics_of(&[heading(3.0, 2.0), heading(1.0, 2.0)], true);
-        let second_flight = statistics_of(&[heading(-5.0, 2.0), empty(), heading(1.0, 2.0)], true);
+        let second_flight = statistics_of(&[heading(-5.0, 2.0), empty_sentence(), heading(1.0, 2.0)], true);
         let merged = first_flight.merged_with(&second_flight);
         assert_eq!(merged.within_percent().map(|percent| percent as u8), [50, 75, 100]);
         assert!((merged.rms_deg() - 3.0).abs() < 1e-9 && (merged.worst_deg - 5.0).abs() < 1e-9);

@@ -57,14 +57,14 @@ pub enum FaultOnset {
     /// The fault is active during calibration and use.
     Always,
     /// The fault is active during the flight in use, after the calibration.
-    InUse {
+    AfterCalibration {
         /// Time from the start of use to the onset, seconds.
         after_s: f64,
         /// Duration of the fault, seconds; infinite for a permanent fault.
         for_s: f64,
     },
     /// The fault is active during the calibration.
-    Calibrating {
+    DuringCalibration {
         /// Time from the start of the calibration to the onset, seconds.
         after_s: f64,
         /// Time from the start of the calibration to the end of the fault, seconds; infinite for a permanent fault.
@@ -101,14 +101,14 @@ pub struct RandomCase {
 pub(super) const FLIGHT_AFTER_CALIBRATION_S: f64 = 185.0;
 
 /// Onset of faults without a special time, seconds after the start of use.
-pub(super) const USUAL_ONSET_S: f64 = 10.0;
+pub(super) const DEFAULT_ONSET_S: f64 = 10.0;
 
 /// Onset and duration of steady flight, seconds after the start of use: after the first legs.
 const STEADY_FLIGHT_ONSET_S: f64 = 90.0;
 const STEADY_FLIGHT_DURATION_S: f64 = 600.0;
 
 /// Onset of passing disturbances, seconds after the start of use.
-const PASSING_ONSET_S: f64 = 60.0;
+const PASSING_OBJECT_ONSET_S: f64 = 60.0;
 
 /// Time on the ground, and alignment time of the restarted autopilot within it, as observed on a real one, seconds.
 const TIME_ON_GROUND_S: f64 = 60.0;
@@ -190,13 +190,13 @@ impl RandomCase {
     }
 
     /// Random direction with this magnitude, microtesla, chip axes.
-    pub(super) fn random_ut(&mut self, magnitude_ut: f64) -> Vector3<f64> {
+    pub(super) fn random_field_ut(&mut self, magnitude_ut: f64) -> Vector3<f64> {
         self.random_stream.random_direction() * magnitude_ut
     }
 
     /// Onset at a random time of the straight leg or the turn at the start of use.
     pub(super) fn random_onset(&mut self) -> FaultOnset {
-        FaultOnset::permanent_after(self.random_stream.uniform(USUAL_ONSET_S, TIME_IN_TURN_S))
+        FaultOnset::permanent_after(self.random_stream.uniform(DEFAULT_ONSET_S, TIME_IN_TURN_S))
     }
 
     pub(super) fn stick_axes(&mut self, axes: [bool; 3]) {
@@ -215,7 +215,7 @@ impl RandomCase {
     /// Saturates a random axis within its range on a level circle.
     pub(super) fn clip_axis(&mut self, onset: FaultOnset) {
         let axis = (self.random_stream.uniform(0.0, 3.0) as usize).min(2);
-        let limit_counts = clip_at(&self.world, axis, self.random_stream.uniform(0.3, 0.95));
+        let limit_counts = axis_limit_counts(&self.world, axis, self.random_stream.uniform(0.3, 0.95));
         self.add_sensor_fault(onset, axis_clipping(self.random_switch(), axis, limit_counts));
     }
 
@@ -242,7 +242,7 @@ impl RandomCase {
     /// autopilot goes on. Flown for 300 s, of which the pause itself is 4 %.
     pub(super) fn pause_beside_other_vehicle(&mut self) {
         self.flight_after_calibration_s = 300.0;
-        self.fault_onset = FaultOnset::InUse { after_s: USUAL_ONSET_S, for_s: 12.0 };
+        self.fault_onset = FaultOnset::AfterCalibration { after_s: DEFAULT_ONSET_S, for_s: 12.0 };
         self.faults.link_faults = vec![LinkFault::Pause(self.random_switch()), LinkFault::OtherVehicle(2)];
     }
 
@@ -263,7 +263,10 @@ impl RandomCase {
     pub(super) fn align_attitude(&mut self) {
         self.ground_time_s = TIME_ON_GROUND_S;
         let fault = filter_alignment(self.random_switch(), self.random_alignment());
-        self.add_attitude_fault(FaultOnset::InUse { after_s: USUAL_ONSET_S, for_s: RESTART_ALIGNMENT_S }, fault);
+        self.add_attitude_fault(
+            FaultOnset::AfterCalibration { after_s: DEFAULT_ONSET_S, for_s: RESTART_ALIGNMENT_S },
+            fault,
+        );
     }
 
     fn random_alignment(&mut self) -> FilterAlignment {
@@ -297,7 +300,10 @@ impl RandomCase {
         let switch = self.random_switch();
         let stall_kind = self.random_stream.uniform(0.0, 3.0);
         if stall_kind < 1.0 {
-            self.add_attitude_fault(FaultOnset::InUse { after_s, for_s: SENSOR_STALL_S }, frozen_attitude(switch));
+            self.add_attitude_fault(
+                FaultOnset::AfterCalibration { after_s, for_s: SENSOR_STALL_S },
+                frozen_attitude(switch),
+            );
         } else {
             let stops_clock = stall_kind < 2.0;
             let fault =
@@ -309,10 +315,10 @@ impl RandomCase {
     /// The autopilot restarts, on the ground or in the air: silence, then time stamps from zero and an attitude that
     /// aligns.
     pub(super) fn restart_autopilot(&mut self) {
-        let mut after_s = self.random_stream.uniform(USUAL_ONSET_S, TIME_IN_TURN_S);
+        let mut after_s = self.random_stream.uniform(DEFAULT_ONSET_S, TIME_IN_TURN_S);
         if self.random_stream.uniform(0.0, 1.0) < 0.5 {
             self.ground_time_s = TIME_ON_GROUND_S;
-            after_s = USUAL_ONSET_S;
+            after_s = DEFAULT_ONSET_S;
         }
         let (switch, alignment) = (self.random_switch(), self.random_alignment());
         self.add_attitude_fault(
@@ -335,7 +341,7 @@ impl RandomCase {
     }
 
     pub(super) fn add_linkage(&mut self, in_turns_ut: f64) {
-        let full_ut = self.random_ut(in_turns_ut);
+        let full_ut = self.random_field_ut(in_turns_ut);
         self.add_field_fault(FaultOnset::Always, elevator_linkage(full_ut));
     }
 
@@ -347,7 +353,7 @@ impl RandomCase {
     /// Adds vibration near the sample rate, whose alias of 0.01 to 0.5 Hz no average removes: the lowest frequencies
     /// are below the circling rate. `peak_ut`: amplitude, microtesla.
     pub(super) fn add_vibration(&mut self, peak_ut: f64) {
-        let peak_counts = self.random_ut(peak_ut) * COUNTS_PER_UT;
+        let peak_counts = self.random_field_ut(peak_ut) * COUNTS_PER_UT;
         let alias_hz = self.random_stream.uniform(0.01, 0.5);
         self.add_sensor_fault(FaultOnset::Always, aliased_vibration(self.random_switch(), peak_counts, alias_hz));
     }
@@ -368,19 +374,19 @@ impl RandomCase {
     }
 
     pub(super) fn change_hard_iron(&mut self, magnitude_ut: f64) {
-        let change_ut = self.random_ut(magnitude_ut);
+        let change_ut = self.random_field_ut(magnitude_ut);
         self.add_field_fault(FaultOnset::SOON_AND_PERMANENT, hard_iron_change(self.random_switch(), change_ut));
     }
 
     pub(super) fn change_hard_iron_while_calibrating(&mut self, magnitude_ut: f64) {
-        let change_ut = self.random_ut(magnitude_ut);
+        let change_ut = self.random_field_ut(magnitude_ut);
         let after_s = self.random_stream.uniform(0.0, calibration_s(self.world.aircraft.kind));
-        let onset = FaultOnset::Calibrating { after_s, until_s: f64::INFINITY };
+        let onset = FaultOnset::DuringCalibration { after_s, until_s: f64::INFINITY };
         self.add_field_fault(onset, hard_iron_change(self.random_switch(), change_ut));
     }
 
     pub(super) fn add_throttle_interference(&mut self, full_ut: f64) {
-        let full_ut = self.random_ut(full_ut);
+        let full_ut = self.random_field_ut(full_ut);
         self.add_field_fault(
             FaultOnset::SOON_AND_PERMANENT,
             throttle_interference(self.random_switch(), full_ut, self.seed),
@@ -388,7 +394,7 @@ impl RandomCase {
     }
 
     pub(super) fn drift_zero(&mut self, onset: FaultOnset) {
-        let change_ut = self.random_ut(10.0);
+        let change_ut = self.random_field_ut(10.0);
         self.add_field_fault(onset, zero_drift(self.random_switch(), change_ut));
     }
 
@@ -396,7 +402,7 @@ impl RandomCase {
     pub(super) fn drift_hard_iron(&mut self, time_constant_s: f64) {
         self.flight_after_calibration_s = STEADY_FLIGHT_ONSET_S + STEADY_FLIGHT_DURATION_S;
         self.further_legs = legs_after_calibration::steady_leg;
-        let change_ut = self.random_ut(10.0);
+        let change_ut = self.random_field_ut(10.0);
         let onset = FaultOnset::permanent_after(STEADY_FLIGHT_ONSET_S);
         self.add_field_fault(onset, hard_iron_drift(self.random_switch(), change_ut, time_constant_s));
     }
@@ -404,7 +410,7 @@ impl RandomCase {
     /// Turns the module in its mount within `for_s` seconds.
     pub(super) fn turn_mount(&mut self, turn_deg: f64, for_s: f64) {
         let side_sign = if self.random_stream.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
-        let onset = FaultOnset::InUse { after_s: USUAL_ONSET_S, for_s };
+        let onset = FaultOnset::AfterCalibration { after_s: DEFAULT_ONSET_S, for_s };
         let (airframe, earth) = (self.world.airframe, self.world.earth);
         self.add_field_fault(
             onset,
@@ -413,8 +419,8 @@ impl RandomCase {
     }
 
     pub(super) fn pass_object(&mut self, peak_ut: f64, for_s: f64) {
-        let peak_ut = self.random_ut(peak_ut);
-        let onset = FaultOnset::InUse { after_s: PASSING_ONSET_S, for_s };
+        let peak_ut = self.random_field_ut(peak_ut);
+        let onset = FaultOnset::AfterCalibration { after_s: PASSING_OBJECT_ONSET_S, for_s };
         self.add_field_fault(onset, passing_object(self.random_switch(), peak_ut));
     }
 
@@ -447,23 +453,23 @@ impl RandomCase {
 }
 
 impl FaultOnset {
-    /// Permanent fault from `USUAL_ONSET_S` after the start of use.
-    pub(super) const SOON_AND_PERMANENT: Self = Self::permanent_after(USUAL_ONSET_S);
+    /// Permanent fault from `DEFAULT_ONSET_S` after the start of use.
+    pub(super) const SOON_AND_PERMANENT: Self = Self::permanent_after(DEFAULT_ONSET_S);
 
     /// Permanent fault from `after_s` seconds after the start of use.
     pub(super) const fn permanent_after(after_s: f64) -> Self {
-        Self::InUse { after_s, for_s: f64::INFINITY }
+        Self::AfterCalibration { after_s, for_s: f64::INFINITY }
     }
 
     /// Fault from the start of the calibration for the shortest calibration of this kind of vehicle.
     pub(super) const fn during_calibration(aircraft: VehicleKind) -> Self {
-        Self::Calibrating { after_s: 0.0, until_s: calibration_s(aircraft) }
+        Self::DuringCalibration { after_s: 0.0, until_s: calibration_s(aircraft) }
     }
 }
 
 /// Saturation limit of an axis within its range on a level circle, at a fraction of the way from its mean to its
 /// maximum, counts.
-fn clip_at(world: &WorldConfig, axis: usize, range_fraction: f64) -> i16 {
+fn axis_limit_counts(world: &WorldConfig, axis: usize, range_fraction: f64) -> i16 {
     let measured = |step: u8| {
         let euler = Euler { heading_rad: f64::from(step) / 36.0 * TAU, ..Euler::from_deg(0.0, 0.0, 0.0) };
         f64::from(world.airframe.measured_field(&world.earth.body_field_ut(euler)).ut[axis])

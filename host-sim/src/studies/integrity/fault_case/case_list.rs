@@ -10,18 +10,18 @@ use simulator::world::attitude_source::SenderKind;
 use simulator::world::gyro::GyroConfig;
 
 use super::case_definition::{
-    COUNTS_PER_UT, FLIGHT_AFTER_CALIBRATION_S, FaultCase, FaultOnset, RandomCase, SENSOR_SIGMA_COUNTS, USUAL_ONSET_S,
+    COUNTS_PER_UT, DEFAULT_ONSET_S, FLIGHT_AFTER_CALIBRATION_S, FaultCase, FaultOnset, RandomCase, SENSOR_SIGMA_COUNTS,
 };
 use crate::studies::integrity::legs_after_calibration::{TIME_IN_LEVEL_FLIGHT_S, TIME_IN_TURN_S};
 
 const DEGREES_PER_RADIAN: f64 = 360.0 / TAU;
 
 /// Case for all vehicles and attitude sources.
-const fn define_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> FaultCase {
+const fn define_case(name: &'static str, description: &'static str, configure_case: fn(&mut RandomCase)) -> FaultCase {
     FaultCase {
         case_name: name,
         description,
-        configure_case: set_up,
+        configure_case,
         applies_to_vehicle: |_| true,
         needs_mavlink: false,
         max_flights: u64::MAX,
@@ -30,32 +30,39 @@ const fn define_case(name: &'static str, description: &'static str, set_up: fn(&
 }
 
 /// Case for vehicles that can hover.
-const fn hover_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> FaultCase {
-    FaultCase { applies_to_vehicle: VehicleKind::can_hover, ..define_case(name, description, set_up) }
+const fn hover_case(name: &'static str, description: &'static str, configure_case: fn(&mut RandomCase)) -> FaultCase {
+    FaultCase { applies_to_vehicle: VehicleKind::can_hover, ..define_case(name, description, configure_case) }
 }
 
 /// Case for vehicles that cannot hover.
-const fn turn_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> FaultCase {
-    FaultCase { applies_to_vehicle: |vehicle_kind| !vehicle_kind.can_hover(), ..define_case(name, description, set_up) }
+const fn turn_case(name: &'static str, description: &'static str, configure_case: fn(&mut RandomCase)) -> FaultCase {
+    FaultCase {
+        applies_to_vehicle: |vehicle_kind| !vehicle_kind.can_hover(),
+        ..define_case(name, description, configure_case)
+    }
 }
 
 /// Case for autopilots with several senders or body rates.
-const fn mavlink_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> FaultCase {
-    FaultCase { needs_mavlink: true, ..define_case(name, description, set_up) }
+const fn mavlink_case(name: &'static str, description: &'static str, configure_case: fn(&mut RandomCase)) -> FaultCase {
+    FaultCase { needs_mavlink: true, ..define_case(name, description, configure_case) }
 }
 
 /// Case of a permanent hard-iron change in use.
-const fn hard_iron_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> FaultCase {
-    FaultCase { changes_hard_iron: true, ..define_case(name, description, set_up) }
+const fn hard_iron_case(
+    name: &'static str,
+    description: &'static str,
+    configure_case: fn(&mut RandomCase),
+) -> FaultCase {
+    FaultCase { changes_hard_iron: true, ..define_case(name, description, configure_case) }
 }
 
 /// Case of a permanent hard-iron change in use, for autopilots with several senders or body rates.
 const fn mavlink_hard_iron_case(
     name: &'static str,
     description: &'static str,
-    set_up: fn(&mut RandomCase),
+    configure_case: fn(&mut RandomCase),
 ) -> FaultCase {
-    FaultCase { needs_mavlink: true, ..hard_iron_case(name, description, set_up) }
+    FaultCase { needs_mavlink: true, ..hard_iron_case(name, description, configure_case) }
 }
 
 /// All cases in the order of the report.
@@ -220,9 +227,9 @@ pub static ALL_CASES: &[FaultCase] = &[
         flight.add_throttle_interference(10.0);
     }),
     define_case("warming", "the sensor's zero drifts from 0 to 10 uT", |flight| {
-        flight.drift_zero(FaultOnset::InUse {
-            after_s: USUAL_ONSET_S,
-            for_s: FLIGHT_AFTER_CALIBRATION_S - USUAL_ONSET_S,
+        flight.drift_zero(FaultOnset::AfterCalibration {
+            after_s: DEFAULT_ONSET_S,
+            for_s: FLIGHT_AFTER_CALIBRATION_S - DEFAULT_ONSET_S,
         });
     }),
     define_case("passing-10-1s", "iron of 10 uT passes within 1 s", |flight| flight.pass_object(10.0, 1.0)),

@@ -58,7 +58,7 @@ fn a_change_during_calibration_begins_before_its_end() {
         let latest_s = (0..200).fold(0.0_f64, |latest_s, seed| {
             match find_by_name("cal-moved-5").unwrap().draw_case(seed, aircraft, AttitudeProtocol::Mavlink).fault_onset
             {
-                FaultOnset::Calibrating { after_s, .. } => latest_s.max(after_s),
+                FaultOnset::DuringCalibration { after_s, .. } => latest_s.max(after_s),
                 other => panic!("{other:?}"),
             }
         });
