@@ -94,7 +94,12 @@ fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
     emulator.send_console_line("");
     let mission_result =
         fly_mission_of_module(&mut emulator, TurnPlan { circles_per_side: 2.5, ..TurnPlan::default() }, &mut |_, _| {});
-    assert!(mission_result.result.is_ok(), "{:?}\n{}", mission_result.result, mission_result.transcript);
+    assert!(
+        mission_result.calibration_result.is_ok(),
+        "{:?}\n{}",
+        mission_result.calibration_result,
+        mission_result.transcript
+    );
     let after = mission_result.errors_after.statistics();
     assert!(after.max_deg <= 1.5, "{after:?}");
     let streamed = mission_result.streamed_statistics.unwrap();

@@ -13,8 +13,8 @@ fn mission_result(world: &WorldConfig) -> MissionResult {
 }
 
 fn expected_rms_deg(mission_result: &MissionResult) -> f64 {
-    let Ok(shown_calibration) = &mission_result.result else {
-        panic!("seed {}: {:?}", mission_result.world.seed, mission_result.result)
+    let Ok(shown_calibration) = &mission_result.calibration_result else {
+        panic!("seed {}: {:?}", mission_result.world.seed, mission_result.calibration_result)
     };
     shown_calibration.expected_rms_deg
 }
@@ -158,11 +158,11 @@ fn one_seed_gives_one_flight() {
 fn a_flight_without_turns_is_refused_with_a_reason() {
     let mission_result =
         fly_mission(WorldConfig::of_table1(1), TurnPlan { bank_deg: 25.0, circles_per_side: 0.05 }, &mut |_, _| {});
-    let Err(SolveNotice::Refused { code, words }) = &mission_result.result else {
-        panic!("{:?}", mission_result.result)
+    let Err(SolveNotice::Refused { code, explanation }) = &mission_result.calibration_result else {
+        panic!("{:?}", mission_result.calibration_result)
     };
-    assert_eq!(code, "too-few-samples", "{words}");
-    assert!(words.contains("turns"), "{words}");
+    assert_eq!(code, "too-few-samples", "{explanation}");
+    assert!(explanation.contains("turns"), "{explanation}");
     assert!(mission_result.streamed_statistics.is_none());
 }
 
@@ -178,10 +178,10 @@ fn a_flight_with_little_bank_is_refused() {
             TurnPlan { bank_deg: 5.0, circles_per_side: 2.0 },
             &mut |_, _| {},
         );
-        let Err(SolveNotice::Refused { code, words }) = &mission_result.result else {
-            panic!("{:?}", mission_result.result)
+        let Err(SolveNotice::Refused { code, explanation }) = &mission_result.calibration_result else {
+            panic!("{:?}", mission_result.calibration_result)
         };
-        assert_eq!(code, "too-few-samples", "{words}");
-        assert!(words.contains("turns"), "{words}");
+        assert_eq!(code, "too-few-samples", "{explanation}");
+        assert!(explanation.contains("turns"), "{explanation}");
     }
 }

@@ -209,8 +209,8 @@ fn a_calibration_that_is_no_better_changes_nothing() {
                 assert_ne!(first, second);
                 replaced += 1;
             }
-            transcript::SolveNotice::Refused { code, words } => {
-                assert_eq!(code, "not-better", "{words}");
+            transcript::SolveNotice::Refused { code, explanation } => {
+                assert_eq!(code, "not-better", "{explanation}");
                 assert_eq!(first, second);
                 unchanged += 1;
             }

@@ -55,11 +55,11 @@ fn refused_solve(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)]) -> (Str
     }
     let notice =
         transcript::parse_error(&printed).or_else(|| transcript::parse_solve_notice(&printed)).expect("an end");
-    let SolveNotice::Refused { code, words } = notice else { panic!("it was calibrated: {notice:?}") };
+    let SolveNotice::Refused { code, explanation } = notice else { panic!("it was calibrated: {notice:?}") };
     let status = rig.send_console_line("status all");
-    let is_told_later = status.contains(&format!("last solve: {code}: {words}\r\n"));
-    assert!(is_told_later || status.contains("last solve: none"), "{status}");
-    (code, words)
+    let is_shown_later = status.contains(&format!("last solve: {code}: {explanation}\r\n"));
+    assert!(is_shown_later || status.contains("last solve: none"), "{status}");
+    (code, explanation)
 }
 
 fn assert_refused(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)], code: &str, expected_text: &str) {

@@ -99,7 +99,7 @@ fn a_calibrated_mission_is_reported_the_same_each_time() {
         assert!(html.contains(title), "{title}");
     }
     let (before, after) = (flown.errors_before.statistics(), flown.errors_after.statistics());
-    let expected_deg = flown.result.as_ref().unwrap().expected_rms_deg;
+    let expected_deg = flown.calibration_result.as_ref().unwrap().expected_rms_deg;
     for figure in
         [before.max_deg, after.max_deg, after.rms_deg, expected_deg, flown.streamed_statistics.unwrap().rms_deg]
     {

@@ -86,8 +86,8 @@ fn add_motion_step(motions: &mut Vec<FlightMotion>, bank_deg: f64) {
 }
 
 /// Attitude a number of steps before step `i`, linearly interpolated.
-fn past_attitude(motions: &[FlightMotion], i: usize, steps: f64) -> Vector3<f64> {
-    let step_index = (i as f64 - steps).max(0.0);
+fn past_attitude(motions: &[FlightMotion], i: usize, steps_ago: f64) -> Vector3<f64> {
+    let step_index = (i as f64 - steps_ago).max(0.0);
     let (before, weight) = (step_index.floor() as usize, step_index.fract());
     let after = (before + 1).min(motions.len() - 1);
     motions[before].euler_rad.lerp(&motions[after].euler_rad, weight)

@@ -24,7 +24,8 @@ impl HeadingErrors {
         Self::evaluate_with_field(calibration, world, &|_| Vector3::zeros())
     }
 
-    /// As [`evaluate_calibration`](Self::evaluate_calibration), with an additional field in chip axes, microtesla, at each steady state.
+    /// As [`evaluate_calibration`](Self::evaluate_calibration), with an additional field in chip axes, microtesla, at
+    /// each steady state.
     #[must_use]
     pub fn evaluate_with_field(
         calibration: &Calibration,

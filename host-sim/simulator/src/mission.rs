@@ -111,7 +111,7 @@ pub struct MissionResult {
     /// World settings.
     pub world: WorldConfig,
     /// Stored calibration, or the reason of its rejection, as printed on the console.
-    pub result: Result<ShownCalibration, SolveNotice>,
+    pub calibration_result: Result<ShownCalibration, SolveNotice>,
     /// Heading errors of an uncalibrated module.
     pub errors_before: HeadingErrors,
     /// Errors with the stored calibration, or of the uncalibrated module without one.
@@ -150,19 +150,19 @@ pub fn fly_mission_of_module(
     let before =
         HeadingErrors::evaluate_calibration(&Calibration::uncalibrated(Orientation::IDENTITY_ROTATION), &world);
     let routine = CalibrationRoutine::for_vehicle(world.aircraft.kind, plan, world.aircraft.heading_deg);
-    let result = mission.calibrate(&routine);
+    let calibration_result = mission.calibrate(&routine);
     let solved_s = mission.module.now_us() as f64 / 1e6;
-    let (streamed, headings) = result.as_ref().map_or((None, Vec::new()), |_| {
+    let (streamed, headings) = calibration_result.as_ref().map_or((None, Vec::new()), |_| {
         let (streamed, headings) = mission.evaluate_output(&routine.mission_legs);
         (Some(streamed), headings)
     });
-    let after = result.as_ref().map_or_else(
+    let after = calibration_result.as_ref().map_or_else(
         |_| before.clone(),
         |shown_calibration| HeadingErrors::evaluate_calibration(&shown_calibration.calibration, &world),
     );
     MissionResult {
         world,
-        result,
+        calibration_result,
         errors_before: before,
         errors_after: after,
         streamed_statistics: streamed,

@@ -53,9 +53,9 @@ pub fn report_mission(mission_result: &MissionResult, origin: &ReportOrigin) -> 
 #[must_use]
 pub fn mission_json(mission_result: &MissionResult) -> Value {
     let (before, after) = (mission_result.errors_before.statistics(), mission_result.errors_after.statistics());
-    let shown_calibration = mission_result.result.as_ref().ok();
-    let refusal = match &mission_result.result {
-        Err(SolveNotice::Refused { code, words }) => json!({ "code": code, "words": words }),
+    let shown_calibration = mission_result.calibration_result.as_ref().ok();
+    let refusal = match &mission_result.calibration_result {
+        Err(SolveNotice::Refused { code, explanation }) => json!({ "code": code, "words": explanation }),
         Err(SolveNotice::Calibrated(_)) => json!({ "code": "unreadable", "words": "cal show could not be read" }),
         Ok(_) => Value::Null,
     };
@@ -92,11 +92,11 @@ pub fn airframe_json(world: &WorldConfig) -> Value {
 }
 
 fn verdict_line(mission_result: &MissionResult) -> VerdictLine {
-    let (compass_state, state_word) = match &mission_result.result {
+    let (compass_state, state_word) = match &mission_result.calibration_result {
         Ok(_) => (CompassState::Good, "Accepted"),
         Err(_) => (CompassState::Bad, "Refused"),
     };
-    let text = match &mission_result.result {
+    let text = match &mission_result.calibration_result {
         Ok(shown) => format!(
             "the module calibrated itself {} s into the flight by {}, expecting {} deg RMS; the true error is {}",
             format_number(mission_result.solved_s, 0),
@@ -104,8 +104,10 @@ fn verdict_line(mission_result: &MissionResult) -> VerdictLine {
             format_number(shown.expected_rms_deg, 2),
             format_number(mission_result.errors_after.statistics().rms_deg, 2)
         ),
-        Err(SolveNotice::Refused { code, words }) => format!("the module refused: {code}: {words}"),
-        Err(SolveNotice::Calibrated(words)) => format!("calibrated, but cal show could not be read: {words}"),
+        Err(SolveNotice::Refused { code, explanation }) => format!("the module refused: {code}: {explanation}"),
+        Err(SolveNotice::Calibrated(expected_error)) => {
+            format!("calibrated, but cal show could not be read: {expected_error}")
+        }
     };
     VerdictLine { compass_state, state_word, verdict_text: text }
 }
@@ -113,7 +115,7 @@ fn verdict_line(mission_result: &MissionResult) -> VerdictLine {
 fn key_figures(mission_result: &MissionResult) -> Vec<[String; 2]> {
     let (before, after) = (mission_result.errors_before.statistics(), mission_result.errors_after.statistics());
     let mut figures = vec![["before: largest error".to_owned(), format!("{} deg", format_number(before.max_deg, 2))]];
-    if let Ok(shown_calibration) = &mission_result.result {
+    if let Ok(shown_calibration) = &mission_result.calibration_result {
         figures.push(["after: largest error".to_owned(), format!("{} deg", format_number(after.max_deg, 2))]);
         figures.push(["after: RMS".to_owned(), format!("{} deg", format_number(after.rms_deg, 2))]);
         figures.push([
@@ -133,7 +135,8 @@ fn key_figures(mission_result: &MissionResult) -> Vec<[String; 2]> {
 }
 
 fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
-    let calibration = mission_result.result.as_ref().ok().map(|shown_calibration| shown_calibration.calibration);
+    let calibration =
+        mission_result.calibration_result.as_ref().ok().map(|shown_calibration| shown_calibration.calibration);
     let first_s = mission_result.routine_measurements.first().map_or(0.0, |measurement| measurement.true_moment.time_s);
     let measurements = mission_result
         .routine_measurements
@@ -145,7 +148,7 @@ fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
         moment.time_s -= first_s;
     }
     let mut facts = summary_table(mission_result);
-    if let Ok(shown_calibration) = &mission_result.result {
+    if let Ok(shown_calibration) = &mission_result.calibration_result {
         let Calibration { total_ut, inclination_rad, .. } = shown_calibration.calibration;
         facts.push(["field".to_owned(), format!("{} uT", format_number(f64::from(total_ut), 2))]);
         let inclination_deg = f64::from(inclination_rad.to_degrees());
@@ -153,13 +156,14 @@ fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
         let worst_error_text = format_number(shown_calibration.expected_worst_deg, 2);
         facts.push(["sigma at the worst heading".to_owned(), format!("{worst_error_text} deg")]);
     }
-    let expected_deg = mission_result.result.as_ref().ok().map(|shown_calibration| shown_calibration.expected_rms_deg);
+    let expected_deg =
+        mission_result.calibration_result.as_ref().ok().map(|shown_calibration| shown_calibration.expected_rms_deg);
     CompassReport {
         compass_name: "The module's compass".to_owned(),
-        is_accepted: mission_result.result.is_ok(),
+        is_accepted: mission_result.calibration_result.is_ok(),
         facts,
         curves_before: deviation_curves(&mission_result.errors_before),
-        curves_after: if mission_result.result.is_ok() {
+        curves_after: if mission_result.calibration_result.is_ok() {
             deviation_curves(&mission_result.errors_after)
         } else {
             Vec::new()
@@ -169,7 +173,8 @@ fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
         samples: moments,
         event_marks: vec![EventMark {
             time_s: mission_result.solved_s - first_s,
-            event_name: if mission_result.result.is_ok() { "calibrated, restarted" } else { "refused" }.to_owned(),
+            event_name: if mission_result.calibration_result.is_ok() { "calibrated, restarted" } else { "refused" }
+                .to_owned(),
         }],
         before_name: "uncorrected",
         corrected_by: "by the module",
@@ -192,7 +197,7 @@ fn summary_table(mission_result: &MissionResult) -> Vec<[String; 2]> {
         )
     };
     let mut facts = vec![["before".to_owned(), statistics_text(mission_result.errors_before.statistics())]];
-    if mission_result.result.is_ok() {
+    if mission_result.calibration_result.is_ok() {
         facts.push(["after".to_owned(), statistics_text(mission_result.errors_after.statistics())]);
     }
     if let Some(streamed) = &mission_result.streamed_statistics {

@@ -72,7 +72,7 @@ fn parse_sentence(at_us: u64, line: &[u8]) -> Option<HeadingSentence> {
 mod tests {
     use super::*;
 
-    fn read(text: &str) -> (Vec<HeadingSentence>, u32) {
+    fn read_sentences(text: &str) -> (Vec<HeadingSentence>, u32) {
         let mut reader = SentenceReader::default();
         let received = text.bytes().filter_map(|byte| reader.push_byte(7, byte)).collect();
         (received, reader.invalid_lines)
@@ -80,7 +80,7 @@ mod tests {
 
     #[test]
     fn valid_sentences_are_read_and_others_counted() {
-        let (received, invalid) = read("$HCHDM,101.1,M*28\r\n$HCHDM,,M*07\r\n$HCHDM,101.2,M*28\r\nnoise\r\n");
+        let (received, invalid) = read_sentences("$HCHDM,101.1,M*28\r\n$HCHDM,,M*07\r\n$HCHDM,101.2,M*28\r\nnoise\r\n");
         let headings: Vec<_> = received.iter().map(|sentence| sentence.heading_deg).collect();
         assert_eq!(headings, [Some(101.1), None]);
         assert_eq!(invalid, 2);

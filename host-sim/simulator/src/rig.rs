@@ -159,10 +159,10 @@ impl Rig {
             watchdog_due_us: Cell::new(u64::MAX),
         });
         let (autopilot, instrument) = (autopilot_cable.host_end(), instrument_cable.host_end());
-        let [one, two] = port_devices;
+        let [port_1_device, port_2_device] = port_devices;
         let port_devices = [
-            one.attach_device(&mut simulation, &world, autopilot.clone(), faults.attitude_faults),
-            two.attach_device(&mut simulation, &world, instrument.clone(), Vec::new()),
+            port_1_device.attach_device(&mut simulation, &world, autopilot.clone(), faults.attitude_faults),
+            port_2_device.attach_device(&mut simulation, &world, instrument.clone(), Vec::new()),
         ];
         for fault in faults.link_faults {
             simulation.spawn(Level::World, "link fault", fault.run_fault(world.clone(), autopilot.clone()));

@@ -149,7 +149,7 @@ fn plane_routine(plan: TurnPlan, heading_deg: f64) -> CalibrationRoutine {
 }
 
 fn copter_routine() -> CalibrationRoutine {
-    let instruction_text = "on four heading_count, a quarter turn apart: push the stick ahead, back, right and left until it tilts by some \
+    let instruction_text = "on four headings, a quarter turn apart: push the stick ahead, back, right and left until it tilts by some \
                 20 deg, two seconds each, and let it come to rest in between";
     CalibrationRoutine {
         start_command: START_FLIGHT_COLLECTION,

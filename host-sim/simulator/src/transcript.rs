@@ -12,7 +12,7 @@ pub enum SolveNotice {
         /// Stable error code.
         code: String,
         /// Explanation of the error.
-        words: String,
+        explanation: String,
     },
 }
 
@@ -20,7 +20,7 @@ impl SolveNotice {
     /// A rejection.
     #[must_use]
     pub fn new_rejection(code: &str, explanation: &str) -> Self {
-        Self::Refused { code: code.to_owned(), words: explanation.to_owned() }
+        Self::Refused { code: code.to_owned(), explanation: explanation.to_owned() }
     }
 }
 

@@ -156,7 +156,7 @@ fn report_result(options: &FlyOptions, mission_result: &MissionResult) -> Result
     if let Some(path) = options.report.as_deref().or(default) {
         write_report(&report_mission(mission_result, &report_origin(options)), path)?;
     }
-    Ok(if mission_result.result.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(if mission_result.calibration_result.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 fn report_origin(options: &FlyOptions) -> ReportOrigin {
@@ -231,7 +231,7 @@ fn format_result(options: &FlyOptions, mission_result: &MissionResult) -> String
         "Heading error in degrees, indicated less true\n{}",
         errors_table(&mission_result.errors_before, &mission_result.errors_after)
     );
-    match &mission_result.result {
+    match &mission_result.calibration_result {
         Ok(shown) => {
             append_wrapped(
                 &mut text,
@@ -250,11 +250,11 @@ fn format_result(options: &FlyOptions, mission_result: &MissionResult) -> String
                 &format!("uncalibrated: {}", errors_text(&mission_result.errors_before.statistics())),
             );
         }
-        Err(SolveNotice::Refused { code, words }) => {
-            append_wrapped(&mut text, "", &format!("the module refused: {code}: {words}"));
+        Err(SolveNotice::Refused { code, explanation }) => {
+            append_wrapped(&mut text, "", &format!("the module refused: {code}: {explanation}"));
         }
-        Err(SolveNotice::Calibrated(words)) => {
-            append_wrapped(&mut text, "", &format!("calibrated, but cal show could not be read: {words}"));
+        Err(SolveNotice::Calibrated(expected_error)) => {
+            append_wrapped(&mut text, "", &format!("calibrated, but cal show could not be read: {expected_error}"));
         }
     }
     if let Some(streamed) = &mission_result.streamed_statistics {

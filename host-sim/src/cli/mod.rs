@@ -149,7 +149,7 @@ mod tests {
     }
 
     /// Ends of the last range `MIN to MAX` in a help or error text.
-    fn range(text: &str) -> Option<(String, String)> {
+    fn last_range(text: &str) -> Option<(String, String)> {
         let is_number_char = |character: char| character.is_ascii_digit() || character == '.' || character == '-';
         let (before, after) = text.rsplit_once(" to ")?;
         let min = before.rsplit(|character| !is_number_char(character)).next()?;
@@ -182,7 +182,7 @@ mod tests {
                 // A help text may have two ranges; the first is the number's.
                 let (min, max) = help
                     .match_indices(" to ")
-                    .find_map(|(text_offset, _)| range(&help[..help.len().min(text_offset + 4 + 24)]))
+                    .find_map(|(text_offset, _)| last_range(&help[..help.len().min(text_offset + 4 + 24)]))
                     .unwrap_or_else(|| panic!("{name:?} --{long} has no range: {help}"));
                 let beyond = |range_end: &str, difference: i128| {
                     range_end

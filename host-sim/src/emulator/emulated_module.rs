@@ -57,7 +57,8 @@ impl Emulator {
         Self::start_with_port_devices(image, config, [FarEnd::SendOnly, FarEnd::Unconnected])
     }
 
-    /// As [`start_emulator`](Self::start_emulator), but after `stop` is set every run fails with [`EmulatorError::Interrupted`].
+    /// As [`start_emulator`](Self::start_emulator), but after `stop` is set every run fails with
+    /// [`EmulatorError::Interrupted`].
     ///
     /// # Errors
     ///
@@ -90,7 +91,7 @@ impl Emulator {
     fn start_machine(
         machine: impl FnOnce() -> Result<EmulatedMachine, EmulatorError>,
         config: &WorldConfig,
-        [one, two]: [FarEnd; PORT_COUNT],
+        [port_1_device, port_2_device]: [FarEnd; PORT_COUNT],
     ) -> Result<Self, EmulatorError> {
         let mut simulation = Simulation::new();
         let world = World::new(*config);
@@ -100,8 +101,8 @@ impl Emulator {
         let [console, autopilot, instrument] =
             [&console_cable, &autopilot_cable, &instrument_cable].map(SerialCable::host_end);
         let port_devices = [
-            one.attach_device(&mut simulation, &world, autopilot.clone(), vec![]),
-            two.attach_device(&mut simulation, &world, instrument.clone(), vec![]),
+            port_1_device.attach_device(&mut simulation, &world, autopilot.clone(), vec![]),
+            port_2_device.attach_device(&mut simulation, &world, instrument.clone(), vec![]),
         ];
         Ok(Self {
             console_wire: MachinePort::new(&console_cable, &mut simulation),

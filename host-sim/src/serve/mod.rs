@@ -294,8 +294,8 @@ impl ServedModule {
     }
 
     /// Whether attitude must still be withheld because an external simulator has sent no attitude, or its first one
-    /// less than [`FIRST_ATTITUDE_SETTLING_US`] ago. The first attitude moves the aircraft at once, without body rates, so that older
-    /// attitudes must not be sent.
+    /// less than [`FIRST_ATTITUDE_SETTLING_US`] ago. The first attitude moves the aircraft at once, without body rates,
+    /// so that older attitudes must not be sent.
     fn awaits_datagram(&self) -> bool {
         let is_early = |first_us| self.rig.now_us() < first_us + FIRST_ATTITUDE_SETTLING_US;
         self.external_datagrams.is_some() && self.first_attitude_us.is_none_or(is_early)

@@ -57,7 +57,7 @@ pub fn fly_example(request: FlightRequest, report_step: &mut dyn FnMut(&FlightSt
     let reporter = StepReporter { progress: &progress, calibration: Cell::new(None), report_step };
     let mut observed = ObservedModule::new(&mut rig, reporter);
     let mission_result = mission::fly_mission_of_module(&mut observed, TurnPlan::default(), &mut |stage, done| {
-        progress.set((stage, done))
+        progress.set((stage, done));
     });
     let origin = ReportOrigin {
         command_line: format!("host-sim fly --seed {}", request.seed),

@@ -94,14 +94,14 @@ pub struct Gps {
 }
 
 impl Gps {
-    /// Values in column order.
+    /// Values in the order of the columns of [`Flight::gps`].
     #[must_use]
     pub const fn columns(self) -> [f32; 6] {
         let Self { latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg } = self;
         [latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg]
     }
 
-    /// Values of a row.
+    /// GPS row from its values in column order.
     #[must_use]
     pub const fn from_columns(
         [latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg]: [f32; 6],
@@ -188,7 +188,7 @@ impl Flight {
         }
     }
 
-    /// Replaces the orientation of a compass, or of all, that the log of an autopilot has; the field as logged stays.
+    /// Replaces the orientation that the log gives for a compass, or for all compasses; the logged field is unchanged.
     ///
     /// # Errors
     ///

@@ -8,14 +8,14 @@ pub const MAX_PEEK_BYTES: usize = 1 << 17;
 pub struct ReadWindow<'a> {
     source: &'a mut dyn Read,
     buffer: Vec<u8>,
-    start: usize,
-    end: usize,
+    buffered_start: usize,
+    buffered_end: usize,
     is_at_end: bool,
 }
 
 impl<'a> ReadWindow<'a> {
     pub fn new(source: &'a mut dyn Read) -> Self {
-        Self { source, buffer: vec![0; 2 * MAX_PEEK_BYTES], start: 0, end: 0, is_at_end: false }
+        Self { source, buffer: vec![0; 2 * MAX_PEEK_BYTES], buffered_start: 0, buffered_end: 0, is_at_end: false }
     }
 
     /// Returns the next `byte_count` bytes without consuming them, fewer at the end of the source.
@@ -25,20 +25,20 @@ impl<'a> ReadWindow<'a> {
     /// The source cannot be read.
     pub fn peek_bytes(&mut self, byte_count: usize) -> io::Result<&[u8]> {
         let byte_count = byte_count.min(MAX_PEEK_BYTES);
-        while self.end - self.start < byte_count && !self.is_at_end {
-            if self.buffer.len() - self.start < MAX_PEEK_BYTES {
-                self.buffer.copy_within(self.start..self.end, 0);
-                (self.start, self.end) = (0, self.end - self.start);
+        while self.buffered_end - self.buffered_start < byte_count && !self.is_at_end {
+            if self.buffer.len() - self.buffered_start < MAX_PEEK_BYTES {
+                self.buffer.copy_within(self.buffered_start..self.buffered_end, 0);
+                (self.buffered_start, self.buffered_end) = (0, self.buffered_end - self.buffered_start);
             }
-            match self.source.read(&mut self.buffer[self.end..]) {
+            match self.source.read(&mut self.buffer[self.buffered_end..]) {
                 Ok(0) => self.is_at_end = true,
-                Ok(read) => self.end += read,
+                Ok(byte_count_read) => self.buffered_end += byte_count_read,
                 Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
                 Err(e) => return Err(e),
             }
         }
-        let end = self.end.min(self.start + byte_count);
-        Ok(&self.buffer[self.start..end])
+        let buffered_end = self.buffered_end.min(self.buffered_start + byte_count);
+        Ok(&self.buffer[self.buffered_start..buffered_end])
     }
 
     /// Consumes the next line and returns it without its end; none at the end of the source. Splits lines longer than
@@ -68,7 +68,7 @@ impl<'a> ReadWindow<'a> {
 
     /// Consumes bytes returned by [`Self::peek_bytes`].
     pub fn consume_bytes(&mut self, byte_count: usize) {
-        self.start = self.end.min(self.start + byte_count);
+        self.buffered_start = self.buffered_end.min(self.buffered_start + byte_count);
     }
 }
 

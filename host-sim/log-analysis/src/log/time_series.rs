@@ -67,8 +67,8 @@ impl<const N: usize> Series<N> {
         let step_s = *steps_s.select_nth_unstable_by(middle_index, f64::total_cmp).1;
         if step_s * MIN_ROW_THINNING_RATE_HZ >= 1.0 && self.part_stride_log2 < 40 {
             self.part_stride_log2 += 1;
-            let parts = self.part_stride_log2;
-            self.rows.retain(|row| is_in_retained_part(row.t_s, parts));
+            let part_stride_log2 = self.part_stride_log2;
+            self.rows.retain(|row| is_in_retained_part(row.t_s, part_stride_log2));
         }
         if self.rows.len() >= MAX_ROWS / 4 * 3 {
             let mut retained = 0_u32;
@@ -157,8 +157,8 @@ impl<const N: usize> Series<N> {
     }
 }
 
-fn is_in_retained_part(t_s: f64, parts: u8) -> bool {
-    ((t_s / PART_LENGTH_S).floor() as i64).rem_euclid(1 << parts) == 0
+fn is_in_retained_part(t_s: f64, part_stride_log2: u8) -> bool {
+    ((t_s / PART_LENGTH_S).floor() as i64).rem_euclid(1 << part_stride_log2) == 0
 }
 
 #[cfg(test)]

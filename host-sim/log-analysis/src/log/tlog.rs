@@ -92,7 +92,7 @@ struct LogFrame<'a> {
     received_us: u64,
     version: MavlinkVersion,
     sender: [u8; 2],
-    id: u32,
+    message_id: u32,
     is_checksum_valid: bool,
     payload: &'a [u8],
     total_len: usize,
@@ -102,9 +102,9 @@ impl<'a> LogFrame<'a> {
     /// Parses the frame at the start of `bytes`, after `clock_length` bytes of the receiver's clock.
     fn parse_first_frame(bytes: &'a [u8], clock_length: usize) -> Option<Self> {
         let (received, frame) = bytes.split_at_checked(clock_length)?;
-        let (version, header, sender, id, has_signature) = match *frame {
-            [0xFE, _, _, system, component, id, ..] => {
-                (MavlinkVersion::V1, HEADER_LENGTH_V1, [system, component], u32::from(id), false)
+        let (version, header, sender, message_id, has_signature) = match *frame {
+            [0xFE, _, _, system, component, message_id, ..] => {
+                (MavlinkVersion::V1, HEADER_LENGTH_V1, [system, component], u32::from(message_id), false)
             }
             [0xFD, _, flags, _, _, system, component, a, b, c, ..] => (
                 MavlinkVersion::V2,
@@ -117,7 +117,8 @@ impl<'a> LogFrame<'a> {
         };
         let payload_end = header + usize::from(*frame.get(1)?);
         let [low, high] = *frame.get(payload_end..payload_end + CHECKSUM_LENGTH)? else { return None };
-        let extra_crc = if id == SIMSTATE_ID_AND_CRC.0 { SIMSTATE_ID_AND_CRC.1 } else { MavMessage::extra_crc(id) };
+        let extra_crc =
+            if message_id == SIMSTATE_ID_AND_CRC.0 { SIMSTATE_ID_AND_CRC.1 } else { MavMessage::extra_crc(message_id) };
         let is_checksum_valid = calculate_crc(frame.get(1..payload_end)?, extra_crc) == u16::from_le_bytes([low, high]);
         let frame_len = clock_length + payload_end + CHECKSUM_LENGTH + if has_signature { SIGNATURE_LENGTH } else { 0 };
         // An unknown message, or one whose definition has changed, fails its checksum. If another frame follows, the
@@ -129,7 +130,7 @@ impl<'a> LogFrame<'a> {
             received_us,
             version,
             sender,
-            id,
+            message_id,
             is_checksum_valid,
             payload,
             total_len: frame_len,
@@ -145,7 +146,7 @@ fn autopilot_of_heartbeat(frame: &LogFrame<'_>) -> Option<u8> {
     // MAV_TYPE: ground station, onboard controller, gimbal, ADS-B, camera. Some report a generic autopilot.
     const NON_VEHICLE_TYPES: [u8; 5] = [6, 18, 26, 27, 30];
     let byte = |payload_index: usize| frame.payload.get(payload_index).copied().unwrap_or(0);
-    let is_autopilot = frame.id == HEARTBEAT_ID
+    let is_autopilot = frame.message_id == HEARTBEAT_ID
         && frame.is_checksum_valid
         && byte(5) != INVALID_AUTOPILOT
         && !NON_VEHICLE_TYPES.contains(&byte(4));
@@ -185,11 +186,11 @@ impl TlogReader {
             self.record_other_vehicle(frame, autopilot_of_heartbeat(frame));
             return;
         }
-        if frame.id == HEARTBEAT_ID {
+        if frame.message_id == HEARTBEAT_ID {
             self.process_heartbeat(frame);
         } else if self.autopilot.is_none() {
             // Ignored until the first heartbeat (1 Hz) identifies the autopilot.
-        } else if frame.id == SIMSTATE_ID_AND_CRC.0 {
+        } else if frame.message_id == SIMSTATE_ID_AND_CRC.0 {
             let float = |payload_index: usize| {
                 let bytes = [0, 1, 2, 3].map(|byte| frame.payload.get(payload_index + byte).copied().unwrap_or(0));
                 f32::from_le_bytes(bytes)
@@ -197,7 +198,7 @@ impl TlogReader {
             if let Some(t_s) = self.receiver_time_s(frame) {
                 self.builder.push_true_attitude(t_s, [float(0), float(4), float(8)]);
             }
-        } else if let Ok(message) = MavMessage::parse(frame.version, frame.id, frame.payload) {
+        } else if let Ok(message) = MavMessage::parse(frame.version, frame.message_id, frame.payload) {
             self.process_message(frame, &message);
         }
     }
@@ -344,8 +345,8 @@ impl TlogReader {
         }
     }
 
-    /// Flight time of a message by the sender's clock, seconds. Some senders put Unix time in the field; then the receiver's
-    /// clock is used.
+    /// Flight time of a message by the sender's clock, seconds. Some senders put Unix time in the field; then the
+    /// receiver's clock is used.
     fn sender_time_s(&mut self, frame: &LogFrame<'_>, boot_us: u64) -> Option<f64> {
         /// Ten years: longer than any uptime, earlier than any Unix time after 1980.
         const MAX_BOOT_US: u64 = 315_000_000_000_000;

@@ -202,8 +202,9 @@ impl ChangeSearch<'_> {
     }
 }
 
-/// Largest effect of a step on a level heading, degrees, if significant. Horizontal components only: on a single heading
-/// the step's component across it is hardly observable, and a significant vertical component changes no heading.
+/// Largest effect of a step on a level heading, degrees, if significant. Horizontal components only: on a single
+/// heading the step's component across it is hardly observable, and a significant vertical component changes no
+/// heading.
 fn heading_effect_deg(step: &HardIronStep, solution: &Solution) -> Option<f64> {
     let change = solution.calibration.w_matrix().map(f64::from) * Vector3::from(step.step_ut);
     let is_significant = change.xy().norm() > MIN_STEP_SIGMAS * Vector3::from(step.sigma_ut).xy().norm();

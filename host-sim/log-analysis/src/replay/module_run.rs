@@ -47,7 +47,8 @@ impl<'a> ModuleRun<'a> {
         module
     }
 
-    /// Collects samples until the module is calibrated. An uncalibrated module in flight collects again after a refusal.
+    /// Collects samples until the module is calibrated. An uncalibrated module in flight collects again after a
+    /// refusal.
     pub fn collect_samples(&mut self, samples: &[Sample]) {
         for &sample in samples {
             self.process_event(Event::Sample(sample));
@@ -75,8 +76,8 @@ impl<'a> ModuleRun<'a> {
         self.ended_s
     }
 
-    /// The module's result; a collection that has not ended is solved by command. If that is refused, too, the result is
-    /// the last refusal of a collection that ended.
+    /// The module's result; a collection that has not ended is solved by command. If that is refused, too, the result
+    /// is the last refusal of a collection that ended.
     pub(super) fn into_outcome(mut self) -> RunOutcome {
         if self.outcome.is_none() {
             self.candidate = None;

@@ -33,17 +33,17 @@ pub const GOOD_COMPASS_RMS_DEG: f64 = 2.0;
 /// not reduce that.
 pub const BAD_COMPASS_RMS_DEG: f64 = 5.0;
 
-/// Minimum improvement over the parameters in use that makes new ones worth loading: degrees RMS, and fraction of the
-/// error as logged.
+/// Smallest improvement over the parameters in use that makes new ones worth loading, degrees RMS.
 const MIN_GAIN_DEG: f64 = 0.3;
+/// Smallest such improvement as a fraction of the error as logged.
 const MIN_RELATIVE_GAIN: f64 = 0.2;
 
 /// Maximum expected error over all headings at which parameters are exported, degrees RMS.
 const MAX_EXPECTED_DEG: f64 = 2.0;
 
-/// Minimum significance (standard deviations) and minimum effect on headings (degrees RMS) of an exported motor
-/// compensation.
+/// Minimum of the largest component of motor-current interference that is exported, standard deviations.
 const MIN_MOTOR_SIGNIFICANCE: f32 = 3.0;
+/// Minimum effect on headings of motor-current interference that is exported, degrees RMS.
 const MIN_MOTOR_EFFECT_DEG: f32 = 0.2;
 
 /// Reason for giving no parameters; displayed as a clause.
@@ -126,8 +126,9 @@ pub fn choose_parameters(
         let exported = export(&variant.fit_of_all_rows)?;
         let halves = [variant.fits_of_halves[0].as_ref()?, variant.fits_of_halves[1].as_ref()?];
         let [Some(first), Some(second)] = halves.map(export) else { return None };
-        let full = halves.map(solved_correction);
-        let held_back = score_held_back(flight, &rows, &[first, second], &full, format, sigma_deg.is_some())?;
+        let full_corrections = halves.map(solved_correction);
+        let held_back =
+            score_held_back(flight, &rows, &[first, second], &full_corrections, format, sigma_deg.is_some())?;
         Some(ParameterCandidate {
             solution: variant.fit_of_all_rows,
             is_accepted: variant.is_accepted,
@@ -204,9 +205,9 @@ fn contradicted_mount(evaluation: &CompassEvaluation, rows: &[ReplayRow]) -> Opt
 /// Quantity on which residuals depend that make up most of the expected error.
 fn residual_dependence(solution: &Solution) -> Option<ResidualDependence> {
     let expected_deg = f64::from(solution.quality.expected_rms_deg);
-    let is_most = |added_deg: f32| square(added_deg.into()) > 0.5 * square(expected_deg);
-    let by_time = solution.hard_iron_change.filter(|finding| is_most(finding.added_error_deg));
-    let by_bank = solution.bank_scale_error.filter(|finding| is_most(finding.added_error_deg));
+    let is_major_part = |added_deg: f32| square(added_deg.into()) > 0.5 * square(expected_deg);
+    let by_time = solution.hard_iron_change.filter(|finding| is_major_part(finding.added_error_deg));
+    let by_bank = solution.bank_scale_error.filter(|finding| is_major_part(finding.added_error_deg));
     by_time.map(|_| ResidualDependence::Time).or(by_bank.map(|_| ResidualDependence::Bank))
 }
 
@@ -226,12 +227,12 @@ fn score_held_back(
     flight: &Flight,
     rows: &[ReplayRow],
     halves: &[ExportedCorrection; 2],
-    full: &[FieldCorrection; 2],
+    full_corrections: &[FieldCorrection; 2],
     format: ParameterFormat,
     has_reference: bool,
 ) -> Option<HeldBackScore> {
     let [first, second] = halves.each_ref().map(|half| applied_field(flight, half, format));
-    let full_field = |row: &ReplayRow| row.corrected_field(&full[1 - half_at(row.t_s)]);
+    let full_field = |row: &ReplayRow| row.corrected_field(&full_corrections[1 - half_at(row.t_s)]);
     let field = |row: &ReplayRow| if half_at(row.t_s) == 0 { second(row) } else { first(row) };
     let logged = |row: &ReplayRow| row.logged_field.ut.map(f64::from);
     let [rms_deg, as_logged_rms_deg] = if has_reference {

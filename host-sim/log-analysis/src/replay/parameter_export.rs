@@ -127,7 +127,7 @@ pub fn export_correction(
     let scale = total_ut.map_or(1.0, |total_ut| total_ut / f64::from(calibration.total_ut));
     let rotated_rows: Vec<ReplayRow> = rows.iter().map(|row| row_in_rotated_axes(row, &mounting_matrix)).collect();
     let motor_ut_per_a = Vector3::from(calibration.motor_current.ut_per_a).map(f64::from);
-    let full = FieldCorrection { matrix: correction_matrix, hard_iron_ut, motor_ut_per_a };
+    let full_correction = FieldCorrection { matrix: correction_matrix, hard_iron_ut, motor_ut_per_a };
     // INAV has no current compensation; the mean interference goes into the offsets.
     let offset_current_a =
         if format == ParameterFormat::Inav { f64::from(calibration.motor_current.mean_current_a) } else { 0.0 };
@@ -145,11 +145,11 @@ pub fn export_correction(
         rotated_rows: &rotated_rows,
         mounting: mounting_matrix,
         calibration,
-        full_correction: full,
+        full_correction,
         is_diagonal: format == ParameterFormat::Inav,
     };
     let exportable = symmetric_fit.nearest_correction(initial_correction);
-    let lost_deg = heading_loss_deg_of(rows, &rotated_rows, &full, &exportable);
+    let lost_deg = heading_loss_deg_of(rows, &rotated_rows, &full_correction, &exportable);
     let mut warnings = Vec::new();
     if lost_deg[0] > MIN_REPORTED_LOSS_DEG {
         warnings.push(format!("what the autopilot cannot express costs {:.1} deg RMS", lost_deg[0]));
@@ -225,14 +225,14 @@ fn row_in_rotated_axes(row: &ReplayRow, rotation_matrix: &Matrix3<f64>) -> Repla
 fn heading_loss_deg_of(
     rows: &[ReplayRow],
     rotated_rows: &[ReplayRow],
-    full: &FieldCorrection,
+    full_correction: &FieldCorrection,
     exported: &FieldCorrection,
 ) -> [f64; 2] {
     let differences: Vec<f64> = rows
         .iter()
         .zip(rotated_rows)
         .filter(|(row, _)| row.is_usable)
-        .map(|(row, rotated_row)| wrap_180(heading_deg(rotated_row, exported) - heading_deg(row, full)))
+        .map(|(row, rotated_row)| wrap_180(heading_deg(rotated_row, exported) - heading_deg(row, full_correction)))
         .collect();
     let row_count = differences.len().max(1) as f64;
     let mean = differences.iter().sum::<f64>() / row_count;

@@ -27,7 +27,7 @@ pub struct ParameterFit {
 /// Fits of one set of unknowns: to all rows, and to each half.
 #[derive(Clone, Debug)]
 pub struct FitVariant {
-    /// Fit to all rows; whether the module would have accepted it.
+    /// Fit to all rows.
     pub fit_of_all_rows: Solution,
     /// Whether the module's verification accepts the fit.
     pub is_accepted: bool,

@@ -17,9 +17,10 @@ const MAX_ROWS: usize = 1000;
 /// 1 deg in one row.
 const REGULARISATION_SIGMAS: [f64; 2] = [0.3, 30.0];
 
-/// Attitudes of normal flight, degrees. Together they have the weight of the flown rows: a flight in level turns alone
-/// leaves a scale and an offset along z that cancel each other there, and nowhere else.
+/// Banks of normal flight, degrees. The attitudes of normal flight together have the weight of the flown rows: a flight
+/// in level turns alone leaves a scale and an offset along z that cancel each other there, and nowhere else.
 const BANKS_DEG: [f32; 7] = [-45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0];
+/// Pitches of normal flight, degrees.
 const PITCHES_DEG: [f32; 3] = [-15.0, 0.0, 15.0];
 const HEADING_COUNT: usize = 12;
 

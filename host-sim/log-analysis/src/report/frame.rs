@@ -10,39 +10,39 @@ pub struct Axis {
     /// Interval of the grid lines.
     pub grid_step: f64,
     /// Number of grid lines from one numbered line to the next.
-    pub number_every: usize,
+    pub lines_per_number: usize,
 }
 
 impl Axis {
     /// Heading axis: lines every 30 deg, numbers every 30 or 90 deg.
     pub const fn headings_deg(numbered_deg: usize) -> Self {
-        Self { value_range: [0.0, 360.0], grid_step: 30.0, number_every: numbered_deg / 30 }
+        Self { value_range: [0.0, 360.0], grid_step: 30.0, lines_per_number: numbered_deg / 30 }
     }
 
     /// Axis over a range, extended to round steps.
-    pub fn for_range(minimum: f64, maximum: f64, lines: f64) -> Self {
+    pub fn for_range(minimum: f64, maximum: f64, grid_line_count: f64) -> Self {
         let (minimum, maximum) =
             if minimum.is_finite() && maximum.is_finite() { (minimum, maximum) } else { (0.0, 1.0) };
         let span = (maximum - minimum).max(minimum.abs() * 1e-6).max(1e-3);
-        let step = round_step(span / lines);
+        let step = round_step(span / grid_line_count);
         Self {
             value_range: [(minimum / step).floor() * step, (maximum / step).ceil() * step],
             grid_step: step,
-            number_every: 1,
+            lines_per_number: 1,
         }
         .rounded_to_step()
     }
 
     /// Symmetric axis of angles, degrees.
-    pub fn symmetric_deg(most_deg: f64) -> Self {
-        let limit_deg = if most_deg.is_finite() { most_deg.clamp(0.1, 180.0) } else { 1.0 };
+    pub fn symmetric_deg(max_deg: f64) -> Self {
+        let limit_deg = if max_deg.is_finite() { max_deg.clamp(0.1, 180.0) } else { 1.0 };
         let step = match limit_deg {
             90.0.. => 90.0,
             45.0.. => 30.0,
             _ => round_step(limit_deg / 3.0),
         };
         let axis_end_deg = (limit_deg / step).ceil() * step;
-        Self { value_range: [-axis_end_deg, axis_end_deg], grid_step: step, number_every: 1 }
+        Self { value_range: [-axis_end_deg, axis_end_deg], grid_step: step, lines_per_number: 1 }
     }
 
     fn rounded_to_step(self) -> Self {
@@ -116,7 +116,7 @@ impl PlotFrame {
             let x = self.x_position(line);
             svg.draw_line("grid", [x, top], [x, bottom_edge]);
             svg.draw_line("axis", [x, bottom_edge], [x, bottom_edge + 4.0]);
-            if i.is_multiple_of(self.x.number_every) && !x_name.is_empty() {
+            if i.is_multiple_of(self.x.lines_per_number) && !x_name.is_empty() {
                 svg.draw_text("tick mid", [x, bottom_edge + 17.0], &format_number(line, self.x.decimals()));
             }
         }
@@ -155,25 +155,25 @@ pub fn closed_heading_curve(errors_deg: &[Option<f64>]) -> Vec<Option<PicturePoi
 mod tests {
     use super::*;
 
-    fn lines(axis: Axis) -> Vec<f64> {
+    fn grid_lines(axis: Axis) -> Vec<f64> {
         axis.grid_values().collect()
     }
 
     #[test]
     fn grid_lines_are_at_round_numbers() {
-        assert_eq!(lines(Axis::headings_deg(30)), (0..=12).map(|i| 30.0 * f64::from(i)).collect::<Vec<_>>());
-        assert_eq!(lines(Axis::symmetric_deg(21.7)), [-30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0]);
-        assert_eq!(lines(Axis::symmetric_deg(0.8)), [-1.0, -0.5, 0.0, 0.5, 1.0]);
-        assert_eq!(lines(Axis::symmetric_deg(50.0)), [-60.0, -30.0, 0.0, 30.0, 60.0]);
-        assert_eq!(lines(Axis::symmetric_deg(170.0)), [-180.0, -90.0, 0.0, 90.0, 180.0]);
-        assert_eq!(lines(Axis::for_range(-3.0, 41.0, 5.0)), [-10.0, 0.0, 10.0, 20.0, 30.0, 40.0, 50.0]);
+        assert_eq!(grid_lines(Axis::headings_deg(30)), (0..=12).map(|i| 30.0 * f64::from(i)).collect::<Vec<_>>());
+        assert_eq!(grid_lines(Axis::symmetric_deg(21.7)), [-30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0]);
+        assert_eq!(grid_lines(Axis::symmetric_deg(0.8)), [-1.0, -0.5, 0.0, 0.5, 1.0]);
+        assert_eq!(grid_lines(Axis::symmetric_deg(50.0)), [-60.0, -30.0, 0.0, 30.0, 60.0]);
+        assert_eq!(grid_lines(Axis::symmetric_deg(170.0)), [-180.0, -90.0, 0.0, 90.0, 180.0]);
+        assert_eq!(grid_lines(Axis::for_range(-3.0, 41.0, 5.0)), [-10.0, 0.0, 10.0, 20.0, 30.0, 40.0, 50.0]);
         for axis in [
             Axis::for_range(f64::NAN, 1.0, 5.0),
             Axis::for_range(2.0, 2.0, 5.0),
             Axis::for_range(0.0, 0.0, 5.0),
             Axis::symmetric_deg(f64::NAN),
         ] {
-            assert!((2..20).contains(&lines(axis).len()), "{axis:?}");
+            assert!((2..20).contains(&grid_lines(axis).len()), "{axis:?}");
             assert!(axis.value_range[1] > axis.value_range[0], "{axis:?}");
         }
     }

@@ -7,8 +7,9 @@ use super::model::{CompassReport, DeviationCurve, ReportSample};
 /// Largest number of samples of a compass on the page: 100 KB each thousand.
 const MAX_PAGE_SAMPLES: usize = 2400;
 
-/// A line is interrupted at gaps longer than this time, seconds, and this number of mean steps.
+/// Shortest gap at which the line of a chart is interrupted, seconds.
 const LINE_GAP_S: f64 = 3.0;
+/// Shortest gap at which the line of a chart is interrupted, in mean steps of the samples.
 const LINE_GAP_STEPS: f64 = 4.0;
 
 /// A number for each sample.

@@ -78,7 +78,7 @@ const CORRECTIONS_TEXT: &str = "Uncorrected: the sensor's field. As logged: with
 /// A chart of `assets/charts.js`: its kind, title and description.
 type Chart = (&'static str, &'static str, String);
 
-fn charts(compass_report: &CompassReport, word: &str) -> Vec<Chart> {
+fn charts(compass_report: &CompassReport, difference_name: &str) -> Vec<Chart> {
     let has_sample = |of: fn(&ReportSample) -> bool| compass_report.samples.iter().any(of);
     let corrected_by = compass_report.corrected_by;
     let marks = concat_map(&compass_report.event_marks, |mark| {
@@ -100,13 +100,13 @@ fn charts(compass_report: &CompassReport, word: &str) -> Vec<Chart> {
             has_sample(|sample| sample.error_deg.is_some() || sample.error_before_deg.is_some()),
             "errors",
             "Error over time",
-            format!("{}, mean subtracted, with one sigma of the module.{}", capitalised(word), withheld_headings_note(compass_report)),
+            format!("{}, mean subtracted, with one sigma of the module.{}", capitalised(difference_name), withheld_headings_note(compass_report)),
         ),
         chart(
             !compass_report.curves_before.is_empty(),
             "by_heading",
             "Error by heading",
-            format!("{} of each heading, and means. Choose a name in the legend to hide it.", capitalised(word)),
+            format!("{} of each heading, and means. Choose a name in the legend to hide it.", capitalised(difference_name)),
         ),
         chart(
             has_sample(|sample| sample.corrected_ut.is_some()),

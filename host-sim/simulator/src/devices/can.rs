@@ -17,8 +17,9 @@ use testkit::random::Random;
 /// Capacity of a node's receiver, frames; further ones are lost.
 const RECEIVER_CAPACITY_FRAMES: usize = 64;
 
-/// Duration of a frame without data bytes, and of a data byte, microseconds: with the mean number of stuff bits.
+/// Duration of a frame without data bytes, microseconds, with the mean number of stuff bits.
 const EMPTY_FRAME_US: u64 = 75;
+/// Duration of a data byte, microseconds, with the mean number of stuff bits.
 const DATA_BYTE_US: u64 = 9;
 
 /// Longest delay of a frame that later frames overtake, microseconds.

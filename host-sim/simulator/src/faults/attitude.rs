@@ -158,8 +158,8 @@ pub fn bank_scale_error(switch: FaultSwitch, reported_ratio: f64) -> impl Attitu
 }
 
 /// Bank error of a filter that trusts its accelerometers in long turns, where the specific force shows no bank: the
-/// missing bank approaches `missing_fraction` of the bank with this time constant (M. Euston et al., "A Complementary Filter for
-/// Attitude Estimation of a Fixed-Wing UAV", IROS 2008, section IV).
+/// missing bank approaches `missing_fraction` of the bank with this time constant (M. Euston et al., "A Complementary
+/// Filter for Attitude Estimation of a Fixed-Wing UAV", IROS 2008, section IV).
 #[must_use]
 pub fn lagging_bank_error(switch: FaultSwitch, missing_fraction: f64, time_constant_s: f64) -> impl AttitudeFault {
     let (mut missing_bank_rad, mut last_us) = (0.0, None);

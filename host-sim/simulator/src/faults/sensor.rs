@@ -11,8 +11,9 @@ use super::FaultSwitch;
 use crate::devices::i2c::{SharedI2cDevice, SimulatedI2cDevice};
 use crate::random::{RandomStream, StreamPurpose};
 
-/// First output register, and the auto-increment bit of the register address.
+/// First output register of the LIS3MDL.
 const OUT_X_L: u8 = 0x28;
+/// Auto-increment bit of the register address.
 const AUTO_INCREMENT: u8 = 0x80;
 
 /// Fault of the chip.

@@ -73,7 +73,11 @@ impl SimulatedI2cDevice for RegisterChip {
 }
 
 /// Bytes read from a chip with a fault whose registers contain their addresses.
-fn read(fault: impl SensorFault + 'static, pointer: u8, length: usize) -> (Vec<u8>, Rc<RefCell<RegisterChip>>) {
+fn read_faulty_chip(
+    fault: impl SensorFault + 'static,
+    pointer: u8,
+    length: usize,
+) -> (Vec<u8>, Rc<RefCell<RegisterChip>>) {
     // Starts the simulation clock at zero, when the fault's switch is on.
     let _simulation = Simulation::new();
     let chip = Rc::new(RefCell::new(RegisterChip { registers: (0..64).collect(), pointer: 0 }));
@@ -88,10 +92,10 @@ fn read(fault: impl SensorFault + 'static, pointer: u8, length: usize) -> (Vec<u
 #[test]
 fn a_sensor_fault_changes_output_registers_only() {
     let clipped = || axis_clipping(FaultSwitch::always_on(), 1, 0x0100);
-    assert_eq!(read(clipped(), 0xA8, 6).0, [0x28, 0x29, 0x00, 0x01, 0x2C, 0x2D]);
-    assert_eq!(read(clipped(), 0x28, 6).0, [0x28, 0x29, 0x2A, 0x2B, 0x2C, 0x2D], "without counting up");
-    assert_eq!(read(clipped(), 0xA0, 5).0, [0x20, 0x21, 0x22, 0x23, 0x24]);
-    assert_eq!(read(clipped(), 0x80, 6).0, [0, 1, 2, 3, 4, 5]);
+    assert_eq!(read_faulty_chip(clipped(), 0xA8, 6).0, [0x28, 0x29, 0x00, 0x01, 0x2C, 0x2D]);
+    assert_eq!(read_faulty_chip(clipped(), 0x28, 6).0, [0x28, 0x29, 0x2A, 0x2B, 0x2C, 0x2D], "without counting up");
+    assert_eq!(read_faulty_chip(clipped(), 0xA0, 5).0, [0x20, 0x21, 0x22, 0x23, 0x24]);
+    assert_eq!(read_faulty_chip(clipped(), 0x80, 6).0, [0, 1, 2, 3, 4, 5]);
 }
 
 /// The flip precedes the next transfer, which is otherwise unaffected.
@@ -99,7 +103,7 @@ fn a_sensor_fault_changes_output_registers_only() {
 fn an_upset_flips_the_bits_of_a_register_once() {
     let upset =
         RegisterUpset { fault_switch: FaultSwitch::always_on(), register: 0x21, bit_mask: 0x60, has_occurred: false };
-    let (bytes, chip) = read(upset, 0xA0, 5);
+    let (bytes, chip) = read_faulty_chip(upset, 0xA0, 5);
     assert_eq!(bytes, [0x20, 0x41, 0x22, 0x23, 0x24]);
     assert_eq!(chip.borrow().registers[0x21], 0x41);
     let mut upset = RegisterUpset { fault_switch: switch(), register: 0x21, bit_mask: 0x60, has_occurred: false };

@@ -13,7 +13,9 @@ use crate::random::{RandomStream, StreamPurpose};
 const MAX_RANDOM_SOFT_IRON: f64 = 0.20;
 /// Largest asymmetric soft iron, relative: soft iron near the sensor is nearly symmetric.
 const MAX_RANDOM_ASYMMETRY: f64 = 0.02;
+/// Largest hard iron of a random airframe, in units of the horizontal field.
 const MAX_RANDOM_HARD_IRON: f64 = 1.5;
+/// Largest mounting rotation of a random airframe, degrees.
 const MAX_RANDOM_MOUNTING_DEG: f64 = 10.0;
 
 /// Linear map from the field in body axes to the measurement.

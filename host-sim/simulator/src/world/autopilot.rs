@@ -6,6 +6,7 @@ use super::state::TrueState;
 
 /// Bank per heading error on a straight leg, dimensionless; settles in about 5 s without overshoot.
 const BANK_PER_HEADING_ERROR: f64 = 1.0;
+/// Largest bank that corrects a heading error on a straight leg, degrees.
 const MAX_CORRECTION_BANK_DEG: f64 = 25.0;
 /// Bank of an aeroplane in a yaw leg, degrees.
 const YAW_LEG_BANK_DEG: f64 = 20.0;

@@ -1,9 +1,9 @@
 //! Liu 2007 table 1: published heading errors, and an airframe that reproduces the uncompensated ones.
 //!
-//! The paper prints no coefficients. [`FITTED_SOFT_IRON`] and [`FITTED_HARD_IRON_RATIO`] of `m = A h_body + b` are a least-squares fit to
-//! the two "before" columns in degrees, regularised with weight 1 degree per unit toward the unit matrix and zero hard
-//! iron. The regularisation determines only what 24 heading errors leave unobservable, mainly the common scale.
-//! Assumed: pitch 0, banks of 20 degrees, inclination 54 degrees.
+//! The paper prints no coefficients. [`FITTED_SOFT_IRON`] and [`FITTED_HARD_IRON_RATIO`] of `m = A h_body + b` are a
+//! least-squares fit to the two "before" columns in degrees, regularised with weight 1 degree per unit toward the unit
+//! matrix and zero hard iron. The regularisation determines only what 24 heading errors leave unobservable, mainly the
+//! common scale. Assumed: pitch 0, banks of 20 degrees, inclination 54 degrees.
 //!
 //! Heading error is indicated minus true heading: this sign leaves residuals of 0.42 degrees RMS, the opposite sign
 //! 0.63, exchanged left and right columns 1.2 or 1.7.

@@ -195,7 +195,7 @@ const SILENCE_BEFORE_END: Duration = Duration::from_secs(1);
 
 /// The program's terminal, or its redirected input and output.
 pub struct Terminal {
-    input: Receiver<Vec<u8>>,
+    byte_receiver: Receiver<Vec<u8>>,
     unprocessed_bytes: VecDeque<u8>,
     /// The line being typed.
     typed_line: Vec<u8>,
@@ -220,7 +220,7 @@ impl Terminal {
             let _ = crossterm::ansi_support::supports_ansi();
         }
         Ok(Self {
-            input: read_in_thread(stdin),
+            byte_receiver: read_in_thread(stdin),
             unprocessed_bytes: VecDeque::new(),
             typed_line: Vec::new(),
             pilot_lines,
@@ -284,7 +284,7 @@ impl Terminal {
 
     fn receive_typed_bytes(&mut self) {
         loop {
-            match self.input.try_recv() {
+            match self.byte_receiver.try_recv() {
                 Ok(bytes) => self.unprocessed_bytes.extend(bytes),
                 Err(TryRecvError::Empty) => return,
                 Err(TryRecvError::Disconnected) => {
@@ -362,10 +362,10 @@ mod tests {
         for (typed, expected_bytes) in
             [(&b"status\rquit\r"[..], &b"status\rquit\x15"[..]), (b"sta\x1d", b"sta\x15"), (b"sta", b"sta")]
         {
-            let (sender, input) = mpsc::channel();
+            let (sender, byte_receiver) = mpsc::channel();
             sender.send(typed.to_vec()).unwrap();
             let mut terminal = Terminal {
-                input,
+                byte_receiver,
                 unprocessed_bytes: VecDeque::new(),
                 typed_line: Vec::new(),
                 pilot_lines: None,

@@ -106,7 +106,7 @@ fn apply_datagrams(world: &UdpSocket, served_module: &mut ServedModule, is_repor
 }
 
 pub struct PilotCommandInput {
-    input: Receiver<Vec<u8>>,
+    byte_receiver: Receiver<Vec<u8>>,
     line: Vec<u8>,
 }
 
@@ -115,16 +115,16 @@ const MAX_LINE_BYTES: usize = 256;
 
 impl PilotCommandInput {
     pub fn from_stdin() -> Self {
-        Self { input: read_in_thread(io::stdin()), line: Vec::new() }
+        Self { byte_receiver: read_in_thread(io::stdin()), line: Vec::new() }
     }
 
     /// Orders from the console of a private module.
-    pub const fn from_channel(input: Receiver<Vec<u8>>) -> Self {
-        Self { input, line: Vec::new() }
+    pub const fn from_channel(byte_receiver: Receiver<Vec<u8>>) -> Self {
+        Self { byte_receiver, line: Vec::new() }
     }
 
     fn execute_pilot_lines(&mut self, served_module: &mut ServedModule) {
-        while let Ok(bytes) = self.input.try_recv() {
+        while let Ok(bytes) = self.byte_receiver.try_recv() {
             for byte in bytes {
                 if byte == b'\n' {
                     execute_and_answer(served_module, &std::mem::take(&mut self.line));

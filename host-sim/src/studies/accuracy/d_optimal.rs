@@ -21,7 +21,7 @@ const PRIOR_SIGMAS: [f64; 3] = [0.3, 3.0, 1.0];
 /// Sample with its last computed gain.
 struct SampleCandidate {
     gain: f64,
-    index: usize,
+    sample_index: usize,
     /// Number of selected samples when the gain was computed.
     evaluated_at: usize,
 }
@@ -43,7 +43,7 @@ impl PartialOrd for SampleCandidate {
 /// Ordered by gain; equal gains by earlier sample.
 impl Ord for SampleCandidate {
     fn cmp(&self, other: &Self) -> Ordering {
-        self.gain.total_cmp(&other.gain).then(other.index.cmp(&self.index))
+        self.gain.total_cmp(&other.gain).then(other.sample_index.cmp(&self.sample_index))
     }
 }
 
@@ -54,10 +54,11 @@ pub fn select_samples(trial: &RandomFlight, sample_count: usize) -> Vec<TrueSamp
     let rows: Vec<InformationRoot> =
         true_samples.iter().map(|true_sample| cramer_rao::information_root(trial, true_sample)).collect();
     let mut covariance = prior_information();
-    let gain = |covariance: &FisherInformation, index: usize| {
-        libm::log(information_gain_matrix(covariance, &rows[index]).determinant())
+    let gain = |covariance: &FisherInformation, sample_index: usize| {
+        libm::log(information_gain_matrix(covariance, &rows[sample_index]).determinant())
     };
-    let candidate = |index| SampleCandidate { gain: gain(&covariance, index), index, evaluated_at: 0 };
+    let candidate =
+        |sample_index| SampleCandidate { gain: gain(&covariance, sample_index), sample_index, evaluated_at: 0 };
     let mut candidates: BinaryHeap<SampleCandidate> = (0..rows.len()).map(candidate).collect();
     let mut chosen = Vec::new();
     while chosen.len() < sample_count
@@ -65,22 +66,22 @@ pub fn select_samples(trial: &RandomFlight, sample_count: usize) -> Vec<TrueSamp
     {
         if best_candidate.evaluated_at < chosen.len() {
             candidates.push(SampleCandidate {
-                gain: gain(&covariance, best_candidate.index),
+                gain: gain(&covariance, best_candidate.sample_index),
                 evaluated_at: chosen.len(),
                 ..best_candidate
             });
             continue;
         }
-        covariance = covariance_with_sample(&covariance, &rows[best_candidate.index]);
-        chosen.push(*true_samples[best_candidate.index]);
+        covariance = covariance_with_sample(&covariance, &rows[best_candidate.sample_index]);
+        chosen.push(*true_samples[best_candidate.sample_index]);
     }
     chosen
 }
 
-/// Cramér-Rao bound of the RMS heading error for a selection of `number` samples, degrees.
+/// Cramér-Rao bound of the RMS heading error for a selection of `sample_count` samples, degrees.
 #[must_use]
-pub fn rms_deg(trial: &RandomFlight, number: usize) -> Option<f64> {
-    cramer_rao::bound_rms_deg_of_samples(trial, select_samples(trial, number).iter())
+pub fn rms_deg(trial: &RandomFlight, sample_count: usize) -> Option<f64> {
+    cramer_rao::bound_rms_deg_of_samples(trial, select_samples(trial, sample_count).iter())
 }
 
 fn prior_information() -> FisherInformation {
@@ -128,11 +129,12 @@ mod tests {
         let mut remaining: Vec<usize> = (0..rows.len()).collect();
         let mut exhaustive = Vec::new();
         for _ in 0..20 {
-            let information_with_sample = |index: usize| information + rows[index].tr_mul(&rows[index]);
-            let determinant = |index: &usize| information_with_sample(*index).determinant();
+            let information_with_sample =
+                |sample_index: usize| information + rows[sample_index].tr_mul(&rows[sample_index]);
+            let determinant = |sample_index: &usize| information_with_sample(*sample_index).determinant();
             let best = *remaining.iter().max_by(|a, b| determinant(a).total_cmp(&determinant(b))).unwrap();
             information = information_with_sample(best);
-            remaining.retain(|&index| index != best);
+            remaining.retain(|&sample_index| sample_index != best);
             exhaustive.push(trial.true_samples().nth(best).unwrap().time.as_ms());
         }
         let lazy: Vec<u32> = select_samples(&trial, 20).iter().map(|true_sample| true_sample.time.as_ms()).collect();

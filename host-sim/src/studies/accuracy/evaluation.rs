@@ -68,13 +68,13 @@ impl SolveCounts {
 }
 
 /// Heading errors after a calibration flight, divided by their sigmas. The flight has exactly the attitude errors
-/// considered by the solver; `record` simulates them.
+/// considered by the solver; `record_flight` simulates them.
 pub(super) fn normalised_errors_in_use(
     trial: &RandomFlight,
     consider: ConsiderSigmas,
-    record: impl FnOnce(ConstantErrorSigmas) -> (Recording, LaterMeasurements),
+    record_flight: impl FnOnce(ConstantErrorSigmas) -> (Recording, LaterMeasurements),
 ) -> Vec<f64> {
-    let (recording, mut source) = record(ConstantErrorSigmas::from_considered(consider));
+    let (recording, mut source) = record_flight(ConstantErrorSigmas::from_considered(consider));
     let Ok(solution) = solve_samples(Method::MaximumLikelihood, recording.fit_samples(), consider) else {
         return Vec::new();
     };

@@ -73,7 +73,7 @@ struct FlightResult {
     readings: usize,
     retained_bound_deg: f64,
     best_bound_deg: f64,
-    counts: SolveCounts,
+    solve_counts: SolveCounts,
     /// Heading errors over their estimated sigmas.
     normalised: Vec<f64>,
     normalised_with_faults: Vec<f64>,
@@ -98,7 +98,7 @@ impl FlightResult {
             readings,
             retained_bound_deg: cramer_rao::bound_rms_deg_of_samples(&trial, kept_samples)?,
             best_bound_deg: d_optimal::rms_deg(&trial, readings)?,
-            counts: SolveCounts::default(),
+            solve_counts: SolveCounts::default(),
             normalised: Vec::new(),
             normalised_with_faults: Vec::new(),
         };
@@ -106,7 +106,7 @@ impl FlightResult {
             let recording = retention::retain_samples(&trial.record_all(draw, ConstantErrorSigmas::NO_ERRORS).0);
             let solution =
                 solve_samples(Method::MaximumLikelihood, recording.fit_samples(), ConsiderSigmas::DEFAULT).ok();
-            flight_result.counts.add_solution(&trial, &recording, solution.as_ref());
+            flight_result.solve_counts.add_solution(&trial, &recording, solution.as_ref());
             if draw % COVERAGE_DRAW_INTERVAL == 0 {
                 let record = |faults| {
                     let (samples, source) = trial.record_all(draw, faults);
@@ -126,18 +126,22 @@ impl FlightResult {
 
 fn study_row(flight: Flight, trials: &[FlightResult]) -> FlightStudyRow {
     let total_count = |count_of: fn(&SolveCounts) -> u32| {
-        trials.iter().map(|flight_result| count_of(&flight_result.counts)).sum::<u32>()
+        trials.iter().map(|flight_result| count_of(&flight_result.solve_counts)).sum::<u32>()
     };
-    let (solved_count, refused_count) =
-        (total_count(|counts| counts.completed_solves), total_count(|counts| counts.refused_solves));
+    let (solved_count, refused_count) = (
+        total_count(|solve_counts| solve_counts.completed_solves),
+        total_count(|solve_counts| solve_counts.refused_solves),
+    );
     let percent = |solve_count: u32| 100.0 * f64::from(solve_count) / f64::from((solved_count + refused_count).max(1));
-    let solved_ones = || trials.iter().filter(|flight_result| flight_result.counts.completed_solves > 0);
+    let solved_ones = || trials.iter().filter(|flight_result| flight_result.solve_counts.completed_solves > 0);
     let rms_deg = |solve_count| {
-        quantile(solved_ones().map(|flight_result| flight_result.counts.rms_deg()), solve_count).unwrap_or(f64::NAN)
+        quantile(solved_ones().map(|flight_result| flight_result.solve_counts.rms_deg()), solve_count)
+            .unwrap_or(f64::NAN)
     };
-    let ratios = || solved_ones().map(|flight_result| flight_result.counts.rms_deg() / flight_result.best_bound_deg);
+    let ratios =
+        || solved_ones().map(|flight_result| flight_result.solve_counts.rms_deg() / flight_result.best_bound_deg);
     let kept_ratios =
-        solved_ones().map(|flight_result| flight_result.counts.rms_deg() / flight_result.retained_bound_deg);
+        solved_ones().map(|flight_result| flight_result.solve_counts.rms_deg() / flight_result.retained_bound_deg);
     let all_of = |errors: fn(&FlightResult) -> &Vec<f64>| trials.iter().flat_map(errors).copied().collect::<Vec<f64>>();
     FlightStudyRow {
         aircraft: flight.kind.vehicle_name(),
@@ -145,8 +149,8 @@ fn study_row(flight: Flight, trials: &[FlightResult]) -> FlightStudyRow {
         minutes: flight.duration_minutes,
         readings: median(trials.iter().map(|flight_result| flight_result.readings as f64)),
         converged_percent: percent(solved_count),
-        accepted_percent: percent(total_count(|counts| counts.accepted_solves)),
-        wrong: total_count(|counts| counts.wrong_solves),
+        accepted_percent: percent(total_count(|solve_counts| solve_counts.accepted_solves)),
+        wrong: total_count(|solve_counts| solve_counts.wrong_solves),
         rms_median_deg: rms_deg(0.5),
         rms_worst_decile_deg: rms_deg(0.9),
         kept_ratio_median: median(kept_ratios),

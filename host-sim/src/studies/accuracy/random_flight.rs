@@ -194,7 +194,8 @@ impl RandomFlight {
         let inclination_rad = random.uniform(ranges.inclination_deg[0], ranges.inclination_deg[1]).to_radians();
         let hard_iron = random.random_direction() * random.uniform(0.0, ranges.hard_iron) * libm::cos(inclination_rad);
         let bank_deg = random.uniform(ranges.bank_deg[0], ranges.bank_deg[1]);
-        let [left, right] = [-bank_deg, bank_deg].map(|bank_deg| random_turn(ranges, bank_deg, &mut random));
+        let [left_turns, right_turns] =
+            [-bank_deg, bank_deg].map(|bank_deg| random_turn(ranges, bank_deg, &mut random));
         Self {
             seed,
             field_matrix: mounting * (Matrix3::identity() + symmetric * size),
@@ -203,8 +204,8 @@ impl RandomFlight {
             sensor_sigma: random.uniform(ranges.sensor_noise[0], ranges.sensor_noise[1]),
             attitude_sigma_rad: random.uniform(ranges.attitude_noise_deg[0], ranges.attitude_noise_deg[1]).to_radians(),
             envelope: AttitudeEnvelope::Banked,
-            left_turns: left,
-            right_turns: right,
+            left_turns,
+            right_turns,
         }
     }
 
@@ -243,9 +244,10 @@ impl RandomFlight {
         });
         // A separate random stream, so that held-back samples do not change the other random numbers.
         let mut held_back_random = RandomStream::new(seed, StreamPurpose::HeldBack);
-        let [left, right] = [midpoints(&self.left_turns), midpoints(&self.right_turns)];
-        let held_back =
-            sample_turns(&left, &right, |true_sample| self.noisy_sample(true_sample, source, &mut held_back_random));
+        let [left_turns, right_turns] = [midpoints(&self.left_turns), midpoints(&self.right_turns)];
+        let held_back = sample_turns(&left_turns, &right_turns, |true_sample| {
+            self.noisy_sample(true_sample, source, &mut held_back_random)
+        });
         (Recording { fit: fit_samples, held_back }, LaterMeasurements { source, random })
     }
 
@@ -382,14 +384,14 @@ impl Recording {
 
 /// The left turns are sampled before the right turns.
 fn sample_turns(
-    left: &[TrueSample],
-    right: &[TrueSample],
+    left_turns: &[TrueSample],
+    right_turns: &[TrueSample],
     mut sample: impl FnMut(&TrueSample) -> Sample,
 ) -> Vec<Sample> {
-    let true_samples = left
+    let true_samples = left_turns
         .iter()
-        .map(|left| (left, CollectionPart::LEFT))
-        .chain(right.iter().map(|right| (right, CollectionPart::RIGHT)));
+        .map(|true_sample| (true_sample, CollectionPart::LEFT))
+        .chain(right_turns.iter().map(|true_sample| (true_sample, CollectionPart::RIGHT)));
     true_samples.map(|(true_sample, part)| Sample { part, ..sample(true_sample) }).collect()
 }
 

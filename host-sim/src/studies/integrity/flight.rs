@@ -1,4 +1,4 @@
-//! One flight of a case: calibration, then use with evaluation of every output sentence.
+//! One flight of a case: calibration, then a flight in which every output sentence is evaluated.
 
 use autoswing::calibration::Calibration;
 use autoswing::settings::HeadingKind;
@@ -49,11 +49,11 @@ pub struct HardIronEstimateError(pub f64);
 pub struct CaseFlightResult {
     /// Calibration, or the code of its rejection.
     pub calibration: Result<AcceptedCalibration, String>,
-    /// Statistics of the output in use.
+    /// Statistics of the headings output after the calibration.
     pub output_statistics: HeadingStatistics,
-    /// Codes of the console's notes in use.
+    /// Codes of the console's notes after the calibration.
     pub note_codes: Vec<String>,
-    /// Estimation error of a hard-iron change in use.
+    /// Error of the estimate of a hard-iron change after the calibration.
     pub hard_iron_error: Option<HardIronEstimateError>,
 }
 
@@ -104,7 +104,7 @@ pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlight
             0
         };
         notes = fly_after_calibration(&mut rig, &drawn_case, seed, &mut |at_us, evaluated_sentence| {
-            // A hard-iron change during calibration remains part of the airframe in use.
+            // A hard-iron change during calibration remains part of the airframe after the calibration.
             let is_fault_active = match onset {
                 FaultOnset::Never => false,
                 FaultOnset::Always | FaultOnset::DuringCalibration { .. } => true,
@@ -127,7 +127,8 @@ pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlight
     CaseFlightResult { calibration: calibrated, output_statistics, note_codes: notes, hard_iron_error }
 }
 
-/// Flies a full turn each way and compares the module's estimate with a hard-iron change of `added_field_ut`, chip axes.
+/// Flies a full turn each way and compares the module's estimate with a hard-iron change of `added_field_ut`, chip
+/// axes.
 fn hard_iron_estimate_error(rig: &mut Rig, world: &WorldConfig, added_field_ut: Vector3<f64>) -> HardIronEstimateError {
     for heading_change_deg in [360.0, -360.0] {
         rig.world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
@@ -135,8 +136,8 @@ fn hard_iron_estimate_error(rig: &mut Rig, world: &WorldConfig, added_field_ut: 
     while rig.world.unfinished_legs() > 0 && rig.run_for_s(RUN_STEP_S) == ModuleRunEnd::Time {}
     let estimated_ut = transcript::hard_iron_change_ut(&rig.send_console_line("status all"))
         .map_or_else(Vector3::zeros, Vector3::from);
-    // By `m = A h + b`, the change in the measurement m equals a change of the field h by `A^-1 added_field_ut`. A singular
-    // airframe measures nothing.
+    // By `m = A h + b`, the change in the measurement m equals a change of the field h by `A^-1 added_field_ut`. A
+    // singular airframe measures nothing.
     let true_ut =
         world.airframe.field_matrix.try_inverse().map_or_else(Vector3::zeros, |inverse| inverse * added_field_ut);
     HardIronEstimateError((estimated_ut - true_ut).norm() / true_ut.norm())
@@ -202,8 +203,8 @@ fn true_deg(
     HeadingErrors::evaluate_with_field(calibration, world, added_field_ut).statistics().rms_deg
 }
 
-/// The flight in use: optional time on the ground, then legs; evaluates every output sentence. Returns the codes of the
-/// console's notes.
+/// Flight after the calibration: optional time on the ground, then legs; evaluates every output sentence. Returns the
+/// codes of the console's notes.
 fn fly_after_calibration(
     rig: &mut Rig,
     drawn_case: &RandomCase,

@@ -1,11 +1,12 @@
-//! Legs flown in use: a common start, then random legs.
+//! Legs flown after the calibration: a common start, then random legs.
 
 use simulator::random::RandomStream;
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::autopilot::Leg;
 
-/// Times in level flight and in a turn after the start of use, seconds.
+/// Time in level flight, seconds after the start of the flight after the calibration.
 pub(super) const TIME_IN_LEVEL_FLIGHT_S: f64 = 25.0;
+/// Time in a turn, seconds after the start of the flight after the calibration.
 pub(super) const TIME_IN_TURN_S: f64 = 48.0;
 
 /// Straight leg, then a full circle that is in progress 48 s after the start.

@@ -1,8 +1,8 @@
 //! Integrity study: headings output as good while a fault is active.
 //!
-//! Each [`FaultCase`] is a fault during calibration or during use. Random airframes at random places fly it with the
-//! firmware's own tasks ([`flight`]); the statistics count output headings whose error is not covered by their sigma.
-//! True headings come from the simulator.
+//! Each [`FaultCase`] is a fault during the calibration or in the flight after it. Random airframes at random places
+//! fly it with the firmware's own tasks ([`flight`]); the statistics count output headings whose error is not covered
+//! by their sigma. True headings come from the simulator.
 
 pub mod fault_case;
 pub mod flight;
@@ -60,7 +60,7 @@ pub struct IntegrityRow {
     pub empty_percent: f64,
     /// False alarms (interruptions of the heading output without an active fault), per hour without fault.
     pub alarms_per_hour: f64,
-    /// Codes of the console's notes in use, with their counts, most frequent first.
+    /// Codes of the console's notes after the calibration, with their counts, most frequent first.
     pub notes: Vec<(String, usize)>,
     /// Error of the estimated hard-iron change relative to the change, median, percent; `None` without a
     /// simulated change.

@@ -7,8 +7,9 @@ const MIN_BAD_ERROR_SIGMAS: f64 = 4.0;
 /// Error below which a heading is never bad, degrees.
 const MIN_BAD_ERROR_DEG: f64 = 5.0;
 
-/// Duration of an error that counts as sustained, seconds, and the sigma up to which the output claims to be good.
+/// Duration of an error that counts as sustained, seconds.
 const MIN_SUSTAINED_ERROR_S: f64 = 10.0;
+/// Largest sigma of a heading that counts in a sustained error, degrees.
 const MAX_SUSTAINED_SIGMA_DEG: f64 = 2.0;
 
 /// Evaluated output sentence.

@@ -9,7 +9,7 @@ use super::*;
 
 type Log = Rc<RefCell<Vec<(u64, &'static str)>>>;
 
-fn note(log: &Log, event: &'static str) {
+fn log_event(log: &Log, event: &'static str) {
     log.borrow_mut().push((clock::now_us(), event));
 }
 
@@ -22,7 +22,7 @@ fn timers_fire_at_their_time_and_in_order() {
         simulation.spawn(Level::Thread, name, async move {
             Timer::after_micros(delay_us).await;
             assert_eq!(Instant::now().as_micros(), clock::now_us());
-            note(&log, name);
+            log_event(&log, name);
         });
     }
     assert_eq!(simulation.run_until(3_600_000_000), RunEnd::Time);
@@ -44,7 +44,7 @@ fn urgent_levels_run_first_and_equal_ones_alternate() {
         let log = Rc::clone(&log);
         simulation.spawn(level, name, async move {
             for _ in 0..2 {
-                note(&log, name);
+                log_event(&log, name);
                 yield_now().await;
             }
         });
@@ -69,9 +69,9 @@ fn embassy_channels_tickers_and_timeouts_work() {
     });
     simulation.spawn(Level::Interrupt, "receiver", async move {
         while with_timeout(Duration::from_millis(15), receiver.receive()).await.is_ok() {
-            note(&received, "value");
+            log_event(&received, "value");
         }
-        note(&received, "timeout");
+        log_event(&received, "timeout");
     });
     simulation.run_until(1_000_000);
     assert_eq!(*log.borrow(), [(10_000, "value"), (20_000, "value"), (30_000, "value"), (45_000, "timeout")]);
@@ -97,7 +97,7 @@ fn power_off_drops_the_module_and_its_timers_but_not_the_world() {
     });
     simulation.spawn(Level::World, "world", async move {
         Timer::after_millis(20).await;
-        note(&world_log, "world");
+        log_event(&world_log, "world");
     });
     simulation.run_until(5_000);
     simulation.power_off();
@@ -107,7 +107,7 @@ fn power_off_drops_the_module_and_its_timers_but_not_the_world() {
     let log_again = Rc::clone(&log);
     simulation.spawn(Level::Thread, "module again", async move {
         Timer::after_millis(10).await;
-        note(&log_again, "module");
+        log_event(&log_again, "module");
     });
     simulation.run_until(100_000);
     assert_eq!(*log.borrow(), [(15_000, "module"), (20_000, "world")], "time went on over the reboot");

@@ -62,12 +62,12 @@ fn a_million_inputs_make_no_reader_panic() {
 #[test]
 #[ignore = "reads 2 GB, in a release build"]
 fn two_gigabytes_are_read_in_bounded_memory() {
-    struct Endless {
+    struct EndlessLog {
         head: Vec<u8>,
         message: Vec<u8>,
         at: u64,
     }
-    impl Read for Endless {
+    impl Read for EndlessLog {
         fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
             const ALL: u64 = 2_000_000_000;
             let head = self.head.len() as u64;
@@ -95,7 +95,7 @@ fn two_gigabytes_are_read_in_bounded_memory() {
     let at = head.windows(3).position(|bytes| bytes == [0xA3, 0x95, 67]).unwrap();
     let length = 3 + 8 + 1 + 18 + 1 + 4;
     let message = head[at..at + length].to_vec();
-    let flight = read_flight(&mut Endless { head, message, at: 0 }, FieldUnit::Milligauss).unwrap();
+    let flight = read_flight(&mut EndlessLog { head, message, at: 0 }, FieldUnit::Milligauss).unwrap();
     assert!(flight.compasses[0].field.rows().len() <= 1 << 20);
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let peak_kb =

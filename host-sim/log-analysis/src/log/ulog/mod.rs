@@ -227,14 +227,14 @@ impl UlogReader {
         match topic.name.as_str() {
             "sensor_mag" if self.px4_version.is_some_and(|version| version >= (1, 11)) => {
                 if let Some(gauss) = row.vector_field(["x", "y", "z"]) {
-                    let id = row.numeric_field("device_id").unwrap_or(0.0) as u32;
-                    self.record_field(true, instance, id, sampled_s, gauss);
+                    let device_id = row.numeric_field("device_id").unwrap_or(0.0) as u32;
+                    self.record_field(true, instance, device_id, sampled_s, gauss);
                 }
             }
             "vehicle_magnetometer" => {
                 if let Some(gauss) = row.number_array("magnetometer_ga") {
-                    let id = row.numeric_field("device_id").unwrap_or(0.0) as u32;
-                    self.record_field(false, instance, id, sampled_s, gauss);
+                    let device_id = row.numeric_field("device_id").unwrap_or(0.0) as u32;
+                    self.record_field(false, instance, device_id, sampled_s, gauss);
                 }
             }
             "vehicle_attitude" if instance == 0 => {
@@ -261,7 +261,7 @@ impl UlogReader {
                 if let Some(rates) = row.number_array("gyro_rad") {
                     self.sensor_combined.1.push_row(t_s, rates);
                 }
-                // The field's time is relative; an unchanged field repeats its time.
+                // The field's time is relative to the row's; an unchanged field repeats its time.
                 let relative_us =
                     row.numeric_field("magnetometer_timestamp_relative").filter(|relative_us| relative_us.abs() < 1e6);
                 if let (Some(gauss), Some(relative_us)) = (row.number_array("magnetometer_ga"), relative_us) {
@@ -290,8 +290,10 @@ impl UlogReader {
     }
 
     /// Adds a field in gauss.
-    fn record_field(&mut self, is_raw: bool, instance: u8, id: u32, t_s: f64, gauss: [f32; 3]) {
-        let Some(index) = self.sensors.compass_index(&self.builder.flight.parameters, instance, id) else { return };
+    fn record_field(&mut self, is_raw: bool, instance: u8, device_id: u32, t_s: f64, gauss: [f32; 3]) {
+        let Some(index) = self.sensors.compass_index(&self.builder.flight.parameters, instance, device_id) else {
+            return;
+        };
         let processing = if is_raw { FieldProcessing::Px4SensorRaw(index) } else { FieldProcessing::Px4(index) };
         self.builder.push_field(index + 1, processing, t_s, gauss.map(|axis| axis * UT_PER_GAUSS), None);
     }

@@ -15,7 +15,8 @@ use crate::numbers::{median, square};
 
 /// Largest bank in straight flight, degrees; gusts roll by a few.
 const MAX_BANK_DEG: f32 = 10.0;
-/// Straight flight required before and after a velocity, seconds: receivers are 0.1 to 0.4 s late, a roll-out takes 1 s.
+/// Straight flight required before and after a velocity, seconds: receivers are 0.1 to 0.4 s late, a roll-out takes 1
+/// s.
 const MIN_STRAIGHT_S: f64 = 2.0;
 
 /// Largest mean turn rate in straight flight, degrees a second; single gyro readings vibrate.
@@ -45,7 +46,8 @@ const MAX_WIND_SIGMA: f64 = 0.05;
 
 /// Least time of straight flight in a direction, seconds.
 const MIN_TIME_PER_DIRECTION_S: f64 = 3.0;
-/// Largest angle between neighbouring directions, degrees: out and back observes only one component of a one-cycle error.
+/// Largest angle between neighbouring directions, degrees: out and back observes only one component of a one-cycle
+/// error.
 const MAX_DIRECTION_GAP_DEG: f64 = 150.0;
 
 /// Assumed sideslip, degrees, which no log shows: gusts of 0.5 m/s at 20 m/s.

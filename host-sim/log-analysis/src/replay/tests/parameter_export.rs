@@ -126,10 +126,10 @@ fn inavs_offsets_include_interference_at_the_mean_current() {
     assert!(warns_of_current(&inav) && !warns_of_current(&ardupilot), "{:?} {:?}", inav.warnings, ardupilot.warnings);
 }
 
-fn export_with_rotation(number: u8, by: f64) -> ExportedCorrection {
-    let turned = NumberedRotation::new(by).unwrap();
+fn export_with_rotation(compass_number: u8, rotation_number: f64) -> ExportedCorrection {
+    let turned = NumberedRotation::new(rotation_number).unwrap();
     ExportedCorrection {
-        compass_number: number,
+        compass_number,
         correction: FieldCorrection::identity(),
         rotation: turned,
         heading_loss_deg: [0.0; 2],

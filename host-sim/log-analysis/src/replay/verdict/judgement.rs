@@ -12,9 +12,10 @@ use crate::replay::parameter_export::{ExportedCorrection, HeldBackScore};
 use crate::replay::row_headings::score_rows;
 use crate::replay::{ReferenceHeading, ReplayRow};
 
-/// Minimum number of 30 deg heading sectors, and of rows in each (half a second), to judge a compass: errors exclude
-/// their mean, which on few headings is most of the error.
+/// Minimum number of 30 deg heading sectors flown, to judge a compass: errors exclude their mean, which on few headings
+/// is most of the error.
 const MIN_HEADING_SECTORS: usize = 4;
+/// Minimum number of rows in a sector that counts as flown: half a second.
 const MIN_ROWS_PER_SECTOR: usize = 5;
 
 /// State of a compass with the parameters in use.
@@ -168,7 +169,11 @@ impl CompassJudgement {
 }
 
 /// Action without parameters; `covers_headings` is false if the flight has too few headings for a judgement.
-fn action_without_parameters(state: CompassState, rejection: &NoParameters, covers_headings: bool) -> CompassAction {
+fn action_without_parameters(
+    compass_state: CompassState,
+    rejection: &NoParameters,
+    covers_headings: bool,
+) -> CompassAction {
     match rejection {
         NoParameters::OffsetsTooLarge { .. } => CompassAction::Replace,
         // On few headings neither the compass nor a fit is judged.
@@ -182,8 +187,8 @@ fn action_without_parameters(state: CompassState, rejection: &NoParameters, cove
         {
             CompassAction::Replace
         }
-        _ if state == CompassState::Good => CompassAction::Leave,
-        NoParameters::NoGain(_) if state == CompassState::Doubtful => CompassAction::Leave,
+        _ if compass_state == CompassState::Good => CompassAction::Leave,
+        NoParameters::NoGain(_) if compass_state == CompassState::Doubtful => CompassAction::Leave,
         _ => CompassAction::FlyAgain,
     }
 }

@@ -19,7 +19,7 @@ pub enum FlightOutcome {
     /// The module would have calibrated itself.
     Calibrated {
         /// Numbers of the calibrated compasses.
-        numbers: Vec<u8>,
+        compass_numbers: Vec<u8>,
         /// Number of all compasses.
         compass_count: usize,
         /// First and last calibration without a command, seconds on the log's clock; none if one required a command.
@@ -34,7 +34,7 @@ pub enum FlightOutcome {
         /// Number of all compasses.
         compass_count: usize,
         /// If the causes differ: number of the compass that came nearest to a calibration; `cause` is its cause.
-        nearest: Option<u8>,
+        nearest_compass: Option<u8>,
         /// Cause of the refusal.
         cause: FlightRefusal,
         /// Interval of an attitude that is too slow, seconds.
@@ -82,18 +82,18 @@ impl FlightOutcome {
         let slow_attitude_s =
             Some(evaluation.attitude_interval_s).filter(|interval_s| *interval_s > SLOW_ATTITUDE_INTERVAL_S);
         if accepted.is_empty() {
-            let nearest = nearest_rejected(compasses);
-            let cause = nearest.map_or(FlightRefusal::FewReadings(0), FlightRefusal::new);
+            let nearest_compass = nearest_rejected(compasses);
+            let cause = nearest_compass.map_or(FlightRefusal::FewReadings(0), FlightRefusal::new);
             // The compasses share a cause if its displayed text is equal for all, even if the numbers differ before
             // rounding.
             let is_shared =
                 compasses.iter().all(|compass| FlightRefusal::new(compass).to_string() == cause.to_string());
-            let nearest = nearest.filter(|_| !is_shared).map(|compass| compass.compass_number);
-            return Self::Refused { compass_count, nearest, cause, slow_attitude_s };
+            let nearest_compass = nearest_compass.filter(|_| !is_shared).map(|compass| compass.compass_number);
+            return Self::Refused { compass_count, nearest_compass, cause, slow_attitude_s };
         }
         let times_s: Option<Vec<f64>> = accepted.iter().map(|compass| compass.calibration_time_s()).collect();
         Self::Calibrated {
-            numbers: accepted.iter().map(|compass| compass.compass_number).collect(),
+            compass_numbers: accepted.iter().map(|compass| compass.compass_number).collect(),
             compass_count,
             at_s: times_s.map(|times_s| {
                 times_s
@@ -153,14 +153,14 @@ impl fmt::Display for FlightOutcome {
         });
         let slow_after = |prefix: &str| if slow.is_empty() { String::new() } else { format!("; {prefix}{slow}") };
         match self {
-            Self::Calibrated { numbers, compass_count, at_s, expected_deg, .. } => {
+            Self::Calibrated { compass_numbers, compass_count, at_s, expected_deg, .. } => {
                 f.write_str("the module would have calibrated")?;
-                match (numbers.len(), *compass_count) {
+                match (compass_numbers.len(), *compass_count) {
                     (1, 1) => {}
                     (some, compass_count) if some == compass_count => write!(f, " each of {compass_count} compasses")?,
                     (some, compass_count) => {
-                        let numbers: Vec<String> = numbers.iter().map(u8::to_string).collect();
-                        write!(f, " {some} of {compass_count} compasses (number {})", numbers.join(", "))?;
+                        let compass_numbers: Vec<String> = compass_numbers.iter().map(u8::to_string).collect();
+                        write!(f, " {some} of {compass_count} compasses (number {})", compass_numbers.join(", "))?;
                     }
                 }
                 match at_s {
@@ -170,12 +170,12 @@ impl fmt::Display for FlightOutcome {
                 }?;
                 write!(f, ", expecting {expected_deg:.1} deg{}", slow_after("but "))
             }
-            Self::Refused { compass_count, nearest, cause, .. } => {
+            Self::Refused { compass_count, nearest_compass, cause, .. } => {
                 f.write_str("the module would have refused")?;
                 if *compass_count > 1 {
                     write!(f, " each of {compass_count} compasses")?;
                 }
-                if let Some(number) = nearest {
+                if let Some(number) = nearest_compass {
                     write!(f, "; number {number} came nearest")?;
                 }
                 let slow = match cause {

@@ -18,35 +18,35 @@ const FRAMED_FRACTION: f64 = 0.98;
 const UNCALIBRATED_LINES: [(&str, MarkerShape, &str); 3] =
     [("l l0", MarkerShape::Circle, "p0"), ("l l1", MarkerShape::Triangle, "p1"), ("l l2", MarkerShape::Square, "p2")];
 
-pub fn common_scale_picture(compass_report: &CompassReport, word: &str) -> Picture {
+pub fn common_scale_picture(compass_report: &CompassReport, difference_name: &str) -> Picture {
     let mut svg = Svg::new(PICTURE_SIZE[0], PICTURE_SIZE[1]);
-    draw_one_scale(&mut svg, [0.0, 0.0], compass_report, word);
+    draw_one_scale(&mut svg, [0.0, 0.0], compass_report, difference_name);
     let [before, after] =
-        [&compass_report.curves_before, &compass_report.curves_after].map(|lines| max_error_deg(lines));
+        [&compass_report.curves_before, &compass_report.curves_after].map(|curves| max_error_deg(curves));
     let title = picture_title(compass_report).to_owned();
     let description = match (compass_report.curves_before.is_empty(), compass_report.curves_after.is_empty()) {
         (false, false) => {
             format!(
-                "The largest {word} by heading is {} deg before, {} after.",
+                "The largest {difference_name} by heading is {} deg before, {} after.",
                 format_number(before, 1),
                 format_number(after, 1)
             )
         }
-        (false, true) => format!("The largest {word} by heading is {} deg.", format_number(before, 1)),
+        (false, true) => format!("The largest {difference_name} by heading is {} deg.", format_number(before, 1)),
         _ => "There is no reference heading.".to_owned(),
     };
     Picture { svg, title, description, needs_full_width: false }
 }
 
 /// Draws the errors after calibration; none without data.
-pub fn enlarged_picture(compass_report: &CompassReport, word: &str) -> Option<Picture> {
+pub fn enlarged_picture(compass_report: &CompassReport, difference_name: &str) -> Option<Picture> {
     if compass_report.curves_after.is_empty() {
         return None;
     }
     let mut svg = Svg::new(PICTURE_SIZE[0], PICTURE_SIZE[1]);
-    let points_outside = draw_enlarged(&mut svg, [0.0, 0.0], compass_report, word);
+    let points_outside = draw_enlarged(&mut svg, [0.0, 0.0], compass_report, difference_name);
     let mut descriptions = vec![format!(
-        "The largest {word} by heading is {} deg.",
+        "The largest {difference_name} by heading is {} deg.",
         format_number(max_error_deg(&compass_report.curves_after), 2)
     )];
     if !compass_report.sigma_deg.is_empty() {
@@ -69,15 +69,18 @@ pub fn enlarged_picture(compass_report: &CompassReport, word: &str) -> Option<Pi
 }
 
 /// Draws both frames side by side, for documents with one picture.
-pub fn combined_picture(compass_report: &CompassReport, word: &str) -> Picture {
+pub fn combined_picture(compass_report: &CompassReport, difference_name: &str) -> Picture {
     let mut svg = Svg::new(2.0 * PICTURE_SIZE[0], PICTURE_SIZE[1]);
-    draw_one_scale(&mut svg, [0.0, 0.0], compass_report, word);
-    let (first, second) = (common_scale_picture(compass_report, word), enlarged_picture(compass_report, word));
-    if second.is_some() {
-        draw_enlarged(&mut svg, [PICTURE_SIZE[0], 0.0], compass_report, word);
+    draw_one_scale(&mut svg, [0.0, 0.0], compass_report, difference_name);
+    let (common_scale, enlarged) =
+        (common_scale_picture(compass_report, difference_name), enlarged_picture(compass_report, difference_name));
+    if enlarged.is_some() {
+        draw_enlarged(&mut svg, [PICTURE_SIZE[0], 0.0], compass_report, difference_name);
     }
-    let description = second
-        .map_or_else(|| first.description.clone(), |second| format!("{} {}", first.description, second.description));
+    let description = enlarged.map_or_else(
+        || common_scale.description.clone(),
+        |enlarged| format!("{} {}", common_scale.description, enlarged.description),
+    );
     Picture {
         svg,
         title: "Heading error before and after the calibration".to_owned(),
@@ -90,33 +93,33 @@ fn picture_title(compass_report: &CompassReport) -> &'static str {
     if compass_report.curves_after.is_empty() { "Before; there is no after" } else { "Before and after, one scale" }
 }
 
-fn max_error_deg(lines: &[DeviationCurve]) -> f64 {
-    max_magnitude(lines.iter().flat_map(|line| line.errors_deg.iter().copied().flatten()))
+fn max_error_deg(curves: &[DeviationCurve]) -> f64 {
+    max_magnitude(curves.iter().flat_map(|curve| curve.errors_deg.iter().copied().flatten()))
 }
 
-fn plot_frame(top: f64, [left, up]: PicturePoint, y: Axis) -> PlotFrame {
-    let upper_left = [left + 58.0, top];
+fn plot_frame(plot_top: f64, [left, picture_top]: PicturePoint, error_axis: Axis) -> PlotFrame {
+    let upper_left = [left + 58.0, plot_top];
     PlotFrame {
         x: Axis::headings_deg(90),
-        y,
+        y: error_axis,
         upper_left,
-        size: [PICTURE_SIZE[0] - 58.0 - 16.0, up + PICTURE_SIZE[1] - 44.0 - top],
+        size: [PICTURE_SIZE[0] - 58.0 - 16.0, picture_top + PICTURE_SIZE[1] - 44.0 - plot_top],
     }
 }
 
-fn draw_title(svg: &mut Svg, [left, up]: PicturePoint, title: &str) -> PicturePoint {
-    svg.draw_text("title", [left + 16.0, up + 20.0], title);
-    [left + 16.0, up + 30.0]
+fn draw_title(svg: &mut Svg, [left, top]: PicturePoint, title: &str) -> PicturePoint {
+    svg.draw_text("title", [left + 16.0, top + 20.0], title);
+    [left + 16.0, top + 30.0]
 }
 
-fn draw_one_scale(svg: &mut Svg, upper_left: PicturePoint, compass_report: &CompassReport, word: &str) {
+fn draw_one_scale(svg: &mut Svg, upper_left: PicturePoint, compass_report: &CompassReport, difference_name: &str) {
     let below = draw_title(svg, upper_left, picture_title(compass_report));
     let names: Vec<String> =
-        compass_report.curves_before.iter().map(|line| format!("before{}", name_suffix(&line.curve_name))).collect();
+        compass_report.curves_before.iter().map(|curve| format!("before{}", name_suffix(&curve.curve_name))).collect();
     let mut legend_items: Vec<(LegendSample, &str)> = UNCALIBRATED_LINES
         .iter()
         .zip(&names)
-        .map(|(&(line, shape, class), name)| (LegendSample::Both(line, shape, class), &**name))
+        .map(|(&(curve, shape, class), name)| (LegendSample::Both(curve, shape, class), &**name))
         .collect();
     let after = match &compass_report.curves_after[..] {
         [only] => format!("after{}", name_suffix(&only.curve_name)),
@@ -130,17 +133,22 @@ fn draw_one_scale(svg: &mut Svg, upper_left: PicturePoint, compass_report: &Comp
         max_error_deg(&compass_report.curves_before).max(max_error_deg(&compass_report.curves_after)),
     );
     let frame = plot_frame(top, upper_left, y);
-    frame.draw_axes(svg, "heading, deg", &format!("{word}, deg"));
-    for (line, (class, shape, points)) in compass_report.curves_before.iter().zip(UNCALIBRATED_LINES) {
-        draw_curve(svg, &frame, line, class, Some((shape, points)));
+    frame.draw_axes(svg, "heading, deg", &format!("{difference_name}, deg"));
+    for (curve, (class, shape, points)) in compass_report.curves_before.iter().zip(UNCALIBRATED_LINES) {
+        draw_curve(svg, &frame, curve, class, Some((shape, points)));
     }
-    for line in &compass_report.curves_after {
-        draw_curve(svg, &frame, line, "l l3", None);
+    for curve in &compass_report.curves_after {
+        draw_curve(svg, &frame, curve, "l l3", None);
     }
 }
 
 /// Returns the number of points outside the frame.
-fn draw_enlarged(svg: &mut Svg, upper_left: PicturePoint, compass_report: &CompassReport, word: &str) -> usize {
+fn draw_enlarged(
+    svg: &mut Svg,
+    upper_left: PicturePoint,
+    compass_report: &CompassReport,
+    difference_name: &str,
+) -> usize {
     let below = draw_title(svg, upper_left, "After, enlarged");
     let points: Vec<PicturePoint> = compass_report
         .samples
@@ -149,7 +157,7 @@ fn draw_enlarged(svg: &mut Svg, upper_left: PicturePoint, compass_report: &Compa
         .filter_map(|report_sample| Some([report_sample.heading_deg?.rem_euclid(360.0), report_sample.error_deg?]))
         .collect();
     let names: Vec<String> =
-        compass_report.curves_after.iter().map(|line| format!("after{}", name_suffix(&line.curve_name))).collect();
+        compass_report.curves_after.iter().map(|curve| format!("after{}", name_suffix(&curve.curve_name))).collect();
     // A single line is drawn in the style of the combined picture.
     let classes = if compass_report.curves_after.len() > 1 {
         UNCALIBRATED_LINES
@@ -159,7 +167,7 @@ fn draw_enlarged(svg: &mut Svg, upper_left: PicturePoint, compass_report: &Compa
     let mut legend_items: Vec<(LegendSample, &str)> = classes
         .iter()
         .zip(&names)
-        .map(|(&(line, shape, class), name)| (LegendSample::Both(line, shape, class), &**name))
+        .map(|(&(curve, shape, class), name)| (LegendSample::Both(curve, shape, class), &**name))
         .collect();
     if !compass_report.sigma_deg.is_empty() {
         legend_items.push((LegendSample::Area("band"), "expected, 1 sigma"));
@@ -173,12 +181,12 @@ fn draw_enlarged(svg: &mut Svg, upper_left: PicturePoint, compass_report: &Compa
         .max(magnitude_quantile(points.iter().map(|[_, error]| *error), FRAMED_FRACTION));
     let frame = plot_frame(top, upper_left, Axis::symmetric_deg(limit_deg));
     draw_expected_error_band(svg, &frame, &compass_report.sigma_deg);
-    frame.draw_axes(svg, "heading, deg", &format!("{word}, deg"));
+    frame.draw_axes(svg, "heading, deg", &format!("{difference_name}, deg"));
     let plotted: Vec<Option<PicturePoint>> =
         subsample(&points, MAX_POINTS).map(|&[x, y]| frame.plot_point(x, y)).collect();
     svg.draw_points("dot", MarkerShape::Dot, 1.4, plotted.iter().copied().flatten());
-    for (line, (class, shape, points)) in compass_report.curves_after.iter().zip(classes) {
-        draw_curve(svg, &frame, line, class, Some((shape, points)));
+    for (curve, (class, shape, points)) in compass_report.curves_after.iter().zip(classes) {
+        draw_curve(svg, &frame, curve, class, Some((shape, points)));
     }
     plotted.iter().filter(|point| point.is_none()).count()
 }
@@ -186,11 +194,11 @@ fn draw_enlarged(svg: &mut Svg, upper_left: PicturePoint, compass_report: &Compa
 fn draw_curve(
     svg: &mut Svg,
     frame: &PlotFrame,
-    line: &DeviationCurve,
+    curve: &DeviationCurve,
     class: &str,
     points: Option<(MarkerShape, &str)>,
 ) {
-    let positions: Vec<Option<PicturePoint>> = closed_heading_curve(&line.errors_deg)
+    let positions: Vec<Option<PicturePoint>> = closed_heading_curve(&curve.errors_deg)
         .into_iter()
         .map(|point| point.and_then(|[x, y]| frame.plot_point(x, y)))
         .collect();
@@ -220,7 +228,7 @@ fn name_suffix(name: &str) -> String {
 mod tests {
     use super::*;
 
-    fn line(errors_deg: &[f64]) -> DeviationCurve {
+    fn curve(errors_deg: &[f64]) -> DeviationCurve {
         let errors_deg = errors_deg.iter().map(|error| Some(*error)).collect();
         DeviationCurve { curve_name: "level".to_owned(), errors_deg, constant_deg: 0.0 }
     }
@@ -228,8 +236,8 @@ mod tests {
     #[test]
     fn the_enlarged_picture_has_its_own_scale() {
         let compass_report = CompassReport {
-            curves_before: vec![line(&[20.0, -18.0, 5.0, 1.0])],
-            curves_after: vec![line(&[0.4, -0.2, 0.1, 0.0])],
+            curves_before: vec![curve(&[20.0, -18.0, 5.0, 1.0])],
+            curves_after: vec![curve(&[0.4, -0.2, 0.1, 0.0])],
             sigma_deg: vec![0.5; 4],
             sigma_description: "what is expected",
             ..CompassReport::default()
@@ -258,7 +266,7 @@ mod tests {
         let mut report_samples: Vec<_> = (0..200).map(|i| report_sample(f64::from(i), 0.1)).collect();
         report_samples.push(report_sample(10.0, 50.0));
         let compass_report = CompassReport {
-            curves_after: vec![line(&[0.1, -0.1])],
+            curves_after: vec![curve(&[0.1, -0.1])],
             samples: report_samples,
             ..CompassReport::default()
         };

@@ -31,7 +31,7 @@ pub fn map_picture(compass_report: &CompassReport) -> Option<Picture> {
         Axis {
             value_range: [centre - half_width, centre + half_width],
             grid_step: Axis::for_range(0.0, 2.0 * half_width, 6.0).grid_step,
-            number_every: 1,
+            lines_per_number: 1,
         }
     };
     let mut svg = Svg::new(MAP_SIDE + 90.0, MAP_SIDE + 110.0);

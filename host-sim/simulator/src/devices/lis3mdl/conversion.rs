@@ -11,6 +11,7 @@ const COUNTS_PER_GAUSS: [f64; 4] = [6842.0, 3421.0, 2281.0, 1711.0];
 const UT_PER_GAUSS: f64 = 100.0;
 /// RMS noise of x and y, gauss, in ultra-high-performance mode at full scale 12 gauss (data sheet, table 2).
 const NOISE_XY_GAUSS: f64 = 3.2e-3;
+/// RMS noise of z, gauss, in the same mode (data sheet, table 2).
 const NOISE_Z_GAUSS: f64 = 4.1e-3;
 
 /// Self-test field, gauss: middle of the range specified in the data sheet, table 2.

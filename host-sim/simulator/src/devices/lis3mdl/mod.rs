@@ -44,8 +44,8 @@ impl Default for Lis3mdlConfig {
     }
 }
 
-/// Simulated chip for a [`SimulatedI2cBus`](crate::devices::i2c::SimulatedI2cBus). Each access first performs the conversions due since the
-/// previous access.
+/// Simulated chip for a [`SimulatedI2cBus`](crate::devices::i2c::SimulatedI2cBus). Each access first performs the
+/// conversions due since the previous access.
 pub struct Lis3mdl {
     config: Lis3mdlConfig,
     registers: Lis3mdlRegisters,

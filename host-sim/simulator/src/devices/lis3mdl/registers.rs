@@ -142,7 +142,8 @@ impl Lis3mdlRegisters {
         }
     }
 
-    /// Sets the data-ready flags and the overrun flags of unread axes; of all axes if a conversion was not read (`has_overrun`).
+    /// Sets the data-ready flags and the overrun flags of unread axes; of all axes if a conversion was not read
+    /// (`has_overrun`).
     pub fn set_data_ready(&mut self, has_overrun: bool) {
         let unread = if has_overrun { ALL_AXES } else { self.status_register() & ALL_AXES };
         let overrun = (self.status_register() >> 4) & ALL_AXES;

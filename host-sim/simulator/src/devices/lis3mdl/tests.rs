@@ -39,7 +39,7 @@ async fn write_register(bus: &mut SimulatedI2cBus, register: u8, value: u8) {
     bus.write(ADDRESS_SA1_HIGH, &[register, value]).await.unwrap();
 }
 
-async fn counts(bus: &mut SimulatedI2cBus) -> [i16; 3] {
+async fn read_counts(bus: &mut SimulatedI2cBus) -> [i16; 3] {
     let mut bytes = [0; 6];
     bus.write_read(ADDRESS_SA1_HIGH, &[READ_XYZ], &mut bytes).await.unwrap();
     [0, 2, 4].map(|low| i16::from_le_bytes([bytes[low], bytes[low + 1]]))
@@ -108,7 +108,7 @@ fn data_ready_comes_at_the_data_rate_and_overrun_when_late() {
             );
             Timer::after_micros(130).await;
             assert_eq!(read_register(&mut bus, 0x27).await, 0x0F);
-            counts(&mut bus).await;
+            read_counts(&mut bus).await;
             assert_eq!(read_register(&mut bus, 0x27).await, 0x00, "reading all axes clears the flags");
             Timer::after_millis(26).await;
             assert_eq!(read_register(&mut bus, 0x27).await, 0xFF, "two periods unread: overrun");
@@ -139,7 +139,7 @@ fn every_data_rate_is_kept() {
                 assert_eq!(read_register(&mut bus, 0x27).await, 0, "{rate_hz} Hz: early");
                 Timer::after_micros((0.04 * period_us) as u64).await;
                 assert_eq!(read_register(&mut bus, 0x27).await & 0x08, 0x08, "{rate_hz} Hz: late");
-                counts(&mut bus).await;
+                read_counts(&mut bus).await;
                 write_register(&mut bus, 0x22, 0x03).await;
             }
         },
@@ -175,7 +175,7 @@ fn block_data_update_keeps_the_two_bytes_of_an_axis_together() {
             Timer::after_millis(13).await;
             let high = read_register(&mut bus, 0x29).await;
             assert_eq!([low, high], expected, "CTRL_REG5 {control5:#04x}");
-            assert_eq!(counts(&mut bus).await[0], 256, "afterwards the new measurement is there");
+            assert_eq!(read_counts(&mut bus).await[0], 256, "afterwards the new measurement is there");
         });
     }
 }
@@ -190,7 +190,7 @@ fn full_scales_have_their_sensitivities_and_saturate_at_16_bits() {
                 start_continuous(&mut bus).await;
                 write_register(&mut bus, 0x21, control2).await;
                 Timer::after_millis(20).await;
-                assert_eq!(counts(&mut bus).await, [counts_per_gauss, i16::MAX, i16::MIN]);
+                assert_eq!(read_counts(&mut bus).await, [counts_per_gauss, i16::MAX, i16::MIN]);
             }
         },
     );
@@ -211,7 +211,7 @@ fn noise_is_that_of_the_data_sheet_and_grows_as_averaging_shrinks() {
                 let mut squares = [0.0; 3];
                 for _ in 0..4000 {
                     Timer::after_millis(7).await;
-                    let measured = counts(&mut bus).await.map(|count| f64::from(count) / 6842.0);
+                    let measured = read_counts(&mut bus).await.map(|count| f64::from(count) / 6842.0);
                     for axis in 0..3 {
                         squares[axis] += square(measured[axis] - [0.2, 0.0, 0.4][axis]);
                     }
@@ -250,14 +250,14 @@ fn faults_show_on_the_bus() {
         |mut bus, chip| async move {
             start_continuous(&mut bus).await;
             Timer::after_millis(20).await;
-            let moving = counts(&mut bus).await;
+            let moving = read_counts(&mut bus).await;
             chip.borrow_mut().set_frozen(true);
             Timer::after_millis(20).await;
             assert_eq!(read_register(&mut bus, 0x27).await & 0x08, 0x08, "a frozen chip still announces data");
-            assert_eq!(counts(&mut bus).await, moving);
+            assert_eq!(read_counts(&mut bus).await, moving);
             chip.borrow_mut().set_frozen(false);
             Timer::after_millis(20).await;
-            assert!(counts(&mut bus).await > moving);
+            assert!(read_counts(&mut bus).await > moving);
 
             chip.borrow_mut().set_silent(true);
             let refused = bus.write(ADDRESS_SA1_HIGH, &[0x0F]).await;
@@ -282,7 +282,7 @@ fn a_transfer_takes_the_time_of_its_bytes() {
         |_| [0.0; 3],
         |mut bus, _| async move {
             let before_us = clock::now_us();
-            counts(&mut bus).await;
+            read_counts(&mut bus).await;
             assert_eq!(clock::now_us() - before_us, 203);
         },
     );
@@ -297,10 +297,10 @@ fn self_test_and_byte_order_match_the_data_sheet() {
         |mut bus, _| async move {
             start_continuous(&mut bus).await;
             Timer::after_millis(20).await;
-            let without_self_test = counts(&mut bus).await;
+            let without_self_test = read_counts(&mut bus).await;
             write_register(&mut bus, 0x20, 0x7D).await;
             Timer::after_millis(20).await;
-            let with_self_test = counts(&mut bus).await;
+            let with_self_test = read_counts(&mut bus).await;
             let difference = [0, 1, 2].map(|axis| {
                 (f64::from(with_self_test[axis] - without_self_test[axis]) / 6842.0 * 100.0).round() as i16
             });
@@ -308,7 +308,7 @@ fn self_test_and_byte_order_match_the_data_sheet() {
             write_register(&mut bus, 0x20, 0x7C).await;
             write_register(&mut bus, 0x23, 0x0E).await;
             Timer::after_millis(20).await;
-            assert_eq!(counts(&mut bus).await, without_self_test.map(i16::swap_bytes));
+            assert_eq!(read_counts(&mut bus).await, without_self_test.map(i16::swap_bytes));
         },
     );
 }

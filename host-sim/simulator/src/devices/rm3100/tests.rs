@@ -44,7 +44,7 @@ async fn is_ready(device: &mut SelectedDevice) -> bool {
     read_register::<1>(device, 0x34).await[0] & 0x80 != 0
 }
 
-async fn counts(device: &mut SelectedDevice) -> [i32; 3] {
+async fn read_counts(device: &mut SelectedDevice) -> [i32; 3] {
     let bytes: [u8; 9] = read_register(device, 0x24).await;
     [0, 3, 6].map(|offset| i32::from_be_bytes([bytes[offset], bytes[offset + 1], bytes[offset + 2], 0]) >> 8)
 }
@@ -82,7 +82,7 @@ fn every_rate_is_kept_unless_the_cycle_count_limits_it() {
                     assert!(!is_ready(&mut device).await, "{tmrc:#x}: early");
                     Timer::at(start + Duration::from_micros((1.02 * due_us) as u64)).await;
                     assert!(is_ready(&mut device).await, "{tmrc:#x}: late");
-                    counts(&mut device).await;
+                    read_counts(&mut device).await;
                 }
             },
         );
@@ -100,7 +100,7 @@ fn reading_cmm_and_writing_tmrc_end_continuous_mode() {
                 write_register(&mut device, 0x01, CONTINUOUS_MODE).await;
                 Timer::after_millis(30).await;
                 assert!(is_ready(&mut device).await);
-                counts(&mut device).await;
+                read_counts(&mut device).await;
                 if ends_by_reading {
                     assert_eq!(read_register(&mut device, 0x01).await, [CONTINUOUS_MODE & !1]);
                 } else {
@@ -125,7 +125,7 @@ fn a_single_measurement_takes_the_time_of_three_axes() {
             assert!(!is_ready(&mut device).await);
             Timer::after_micros(150).await;
             assert!(is_ready(&mut device).await);
-            assert_eq!(counts(&mut device).await, [75; 3]);
+            assert_eq!(read_counts(&mut device).await, [75; 3]);
             assert!(!is_ready(&mut device).await, "reading the data clears data ready");
             write_register(&mut device, 0x01, CONTINUOUS_MODE).await;
             write_register(&mut device, 0x00, 0x70).await;
@@ -162,7 +162,7 @@ fn cycle_counts_have_the_gain_of_the_manual() {
                 device.write(&[0x04, 0, cycle_count, 0, cycle_count, 0, cycle_count]).await.unwrap();
                 write_register(&mut device, 0x00, 0x70).await;
                 Timer::after_millis(10).await;
-                let [x, y, z] = counts(&mut device).await;
+                let [x, y, z] = read_counts(&mut device).await;
                 assert!((x - 10 * per_ut).abs() <= 5 && (y + 20 * per_ut).abs() <= 10, "{cycle_count}: {x} {y}");
                 assert_eq!(z, 0x7F_FFFF);
             },
@@ -186,7 +186,7 @@ fn noise_is_that_of_the_manual() {
                 for _ in 0..1000 {
                     write_register(&mut device, 0x00, 0x70).await;
                     Timer::after_millis(7).await;
-                    for (count, ut) in counts(&mut device).await.into_iter().zip([20.0, 0.0, 40.0]) {
+                    for (count, ut) in read_counts(&mut device).await.into_iter().zip([20.0, 0.0, 40.0]) {
                         squares += square(f64::from(count) / gain - ut);
                     }
                 }
@@ -208,7 +208,7 @@ fn axes_are_measured_one_after_the_other() {
             let start_ut = (clock::now_us() + 16) as f32 * 1e-3;
             write_register(&mut device, 0x00, 0x70).await;
             Timer::after_millis(10).await;
-            let delays_ms = counts(&mut device).await.map(|count| count as f32 / 75.0 - start_ut);
+            let delays_ms = read_counts(&mut device).await.map(|count| count as f32 / 75.0 - start_ut);
             for (delay_ms, expected_ms) in delays_ms.into_iter().zip([1.136, 3.409, 5.682]) {
                 assert!((delay_ms - expected_ms).abs() < 0.02, "{delays_ms:?}");
             }
@@ -254,10 +254,10 @@ fn faults_show_on_the_bus() {
             set_fault(Some(Rm3100Fault::Identity(0x23)));
             assert_eq!(read_register(&mut device, 0x36).await, [0x23]);
             assert_eq!(read_register(&mut device, 0x05).await, [0xC8], "a missing chip is not written");
-            let before = counts(&mut device).await;
+            let before = read_counts(&mut device).await;
             set_fault(Some(Rm3100Fault::StuckAxis(1)));
             Timer::after_millis(30).await;
-            let after = counts(&mut device).await;
+            let after = read_counts(&mut device).await;
             assert!(after[0] > before[0] && after[1] == before[1] && after[2] > before[2], "{before:?} {after:?}");
             set_fault(Some(Rm3100Fault::NeverReady));
             Timer::after_millis(30).await;
@@ -286,7 +286,7 @@ fn a_transfer_takes_the_time_of_its_bytes() {
         |_| [0.0; 3],
         |mut device, _| async move {
             let before_us = clock::now_us();
-            counts(&mut device).await;
+            read_counts(&mut device).await;
             assert_eq!(clock::now_us() - before_us, 80);
         },
     );

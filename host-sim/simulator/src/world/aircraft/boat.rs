@@ -4,12 +4,14 @@ use super::rough_surface::{Surface, roll_pitch_on_slope};
 use super::{GRAVITY_M_S2, Motion, STEP_S, TrueState, VehicleCommand, VehicleConfig, Weather, forward_right};
 
 /// Wave slope along the direction of travel, standard deviation, degrees.
-const SLOPE_DEG: f64 = 6.0;
-/// Roll and pitch per unit of water slope. The hull amplifies roll; its length averages pitch.
+const WAVE_SLOPE_SIGMA_DEG: f64 = 6.0;
+/// Roll per slope of the water, which the hull amplifies.
 const ROLL_PER_SLOPE: f64 = 1.3;
+/// Pitch per slope of the water, which the length of the hull averages.
 const PITCH_PER_SLOPE: f64 = 0.6;
 /// Outward heel as a share of the angle `turn acceleration / g`.
 const HEEL_PER_TURN_ANGLE: f64 = 0.5;
+/// Time constant of the turn rate, seconds.
 const TURN_RATE_TIME_CONSTANT_S: f64 = 1.0;
 
 #[derive(Clone, Debug)]
@@ -22,7 +24,8 @@ pub(super) struct Boat {
 
 impl Boat {
     pub fn new(config: VehicleConfig, weather: Weather, seed: u64) -> Self {
-        let water = Surface::water_waves(SLOPE_DEG, weather.wind_from_deg.to_radians() + std::f64::consts::PI, seed);
+        let water =
+            Surface::water_waves(WAVE_SLOPE_SIGMA_DEG, weather.wind_from_deg.to_radians() + std::f64::consts::PI, seed);
         Self { config, water, heading_rad: config.heading_deg.to_radians(), turn_rate_rad_s: 0.0 }
     }
 

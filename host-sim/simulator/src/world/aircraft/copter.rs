@@ -9,16 +9,19 @@ use super::{
 };
 use crate::world::autopilot::TranslationMode;
 
+/// Time constant of roll and pitch control, seconds.
 const TILT_TIME_CONSTANT_S: f64 = 0.25;
 /// Time constant from rotor command to tilt rate, seconds.
 const TILT_RATE_TIME_CONSTANT_S: f64 = 0.1;
 /// Largest tilt rate, radians per second (90 degrees per second).
 const MAX_TILT_RATE_RAD_S: f64 = std::f64::consts::FRAC_PI_2;
+/// Time constant of the turn rate, seconds.
 const TURN_RATE_TIME_CONSTANT_S: f64 = 0.3;
 /// Time constant of drag, seconds: 15 degrees of tilt reach 13 m/s.
 const DRAG_TIME_CONSTANT_S: f64 = 5.0;
-/// Hover controller gains: acceleration per velocity (1/s) and per position error (1/s^2).
+/// Gain of the hover controller: acceleration per velocity error, 1/s.
 const VELOCITY_GAIN_PER_S: f64 = 1.0;
+/// Gain of the hover controller: acceleration per position error, 1/s^2.
 const POSITION_GAIN_PER_S2: f64 = 0.3;
 /// Speed below which the hover controller fixes its position set point, metres per second.
 const MAX_REST_SPEED_M_S: f64 = 1.0;

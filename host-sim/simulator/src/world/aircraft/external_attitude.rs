@@ -15,7 +15,7 @@ const MAX_INTERPOLATION_US: u64 = 250_000;
 /// Interpolation to a received attitude.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AttitudeInterpolation {
-    from: Euler,
+    start_attitude: Euler,
     /// Total change in radians; roll and heading by the shorter direction.
     change: Euler,
     received_us: u64,
@@ -37,14 +37,17 @@ impl AttitudeInterpolation {
             }
             (None, None) => 0,
         };
-        let from =
-            if duration_us == 0 { received } else { replaced.map_or(state.euler_angles(), |replaced| replaced.from) };
-        let change = Euler {
-            roll_rad: wrap_pi_rad(received.roll_rad - from.roll_rad),
-            pitch_rad: received.pitch_rad - from.pitch_rad,
-            heading_rad: wrap_pi_rad(received.heading_rad - from.heading_rad),
+        let start_attitude = if duration_us == 0 {
+            received
+        } else {
+            replaced.map_or(state.euler_angles(), |replaced| replaced.start_attitude)
         };
-        Self { from, change, received_us: state.time_us, duration_us }
+        let change = Euler {
+            roll_rad: wrap_pi_rad(received.roll_rad - start_attitude.roll_rad),
+            pitch_rad: received.pitch_rad - start_attitude.pitch_rad,
+            heading_rad: wrap_pi_rad(received.heading_rad - start_attitude.heading_rad),
+        };
+        Self { start_attitude, change, received_us: state.time_us, duration_us }
     }
 
     /// State one step after `previous_state`.
@@ -53,12 +56,12 @@ impl AttitudeInterpolation {
         let share = ((time_us - self.received_us) as f64 / self.duration_us as f64).min(1.0);
         let is_moving = previous_state.time_us < self.received_us + self.duration_us;
         let rate = |change_rad: f64| if is_moving { change_rad / (self.duration_us as f64 / 1e6) } else { 0.0 };
-        let Self { from, change, .. } = self;
+        let Self { start_attitude, change, .. } = self;
         TrueState {
             time_us,
-            roll_rad: wrap_pi_rad(from.roll_rad + change.roll_rad * share),
-            pitch_rad: from.pitch_rad + change.pitch_rad * share,
-            heading_rad: from.heading_rad + change.heading_rad * share,
+            roll_rad: wrap_pi_rad(start_attitude.roll_rad + change.roll_rad * share),
+            pitch_rad: start_attitude.pitch_rad + change.pitch_rad * share,
+            heading_rad: start_attitude.heading_rad + change.heading_rad * share,
             roll_rate_rad_s: rate(change.roll_rad),
             pitch_rate_rad_s: rate(change.pitch_rad),
             heading_rate_rad_s: rate(change.heading_rad),

@@ -3,14 +3,17 @@
 use super::{GRAVITY_M_S2, Motion, STEP_S, TrueState, Turbulence, VehicleCommand, VehicleConfig, Weather};
 use log_analysis::numbers::square;
 
+/// Time constant of bank control, seconds.
 const BANK_TIME_CONSTANT_S: f64 = 0.5;
 /// Time constant from ailerons to roll rate, seconds.
 const ROLL_RATE_TIME_CONSTANT_S: f64 = 0.1;
+/// Time constant of pitch control, seconds.
 const PITCH_TIME_CONSTANT_S: f64 = 0.8;
 /// Additional pitch per unit of load factor above one, degrees, for the lift of a turn: 1.2 degrees at a bank of 25.
 const PITCH_PER_LOAD_FACTOR_DEG: f64 = 12.0;
-/// Roll per sideslip (dihedral effect) and pitch per upwash, degrees per degree.
+/// Roll per sideslip (dihedral effect), degrees per degree.
 const BANK_PER_SIDESLIP: f64 = -0.5;
+/// Pitch per upwash, degrees per degree.
 const PITCH_PER_UPWASH: f64 = 0.3;
 
 /// Attitude without gusts and random disturbances, radians.

@@ -4,7 +4,8 @@ use super::rough_surface::{Surface, roll_pitch_on_slope};
 use super::{Motion, STEP_S, TrueState, VehicleCommand, VehicleConfig, forward_right};
 
 /// Ground slope along any direction, standard deviation, degrees.
-const SLOPE_DEG: f64 = 6.0;
+const GROUND_SLOPE_SIGMA_DEG: f64 = 6.0;
+/// Time constant of the turn rate, seconds.
 const TURN_RATE_TIME_CONSTANT_S: f64 = 0.3;
 /// Relative increase of motor current per unit of uphill slope.
 const CURRENT_PER_SLOPE: f64 = 5.0;
@@ -19,7 +20,7 @@ pub(super) struct Rover {
 
 impl Rover {
     pub fn new(config: VehicleConfig, seed: u64) -> Self {
-        let ground = Surface::rough_ground(SLOPE_DEG, seed);
+        let ground = Surface::rough_ground(GROUND_SLOPE_SIGMA_DEG, seed);
         Self { config, ground, heading_rad: config.heading_deg.to_radians(), turn_rate_rad_s: 0.0 }
     }
 

@@ -9,6 +9,7 @@ use super::plane::Plane;
 use super::{Motion, STEP_S, TrueState, VehicleCommand, VehicleConfig, Weather};
 use crate::world::autopilot::TranslationMode;
 
+/// Time constant of the decay of the attitude difference, seconds.
 const ATTITUDE_DECAY_TIME_S: f64 = 1.0;
 /// Time constant of the velocity difference's critically damped decay, seconds. Its largest acceleration is `22 / (e
 /// 3.2)` = 2.5 m/s^2 for an airspeed of 22 m/s.

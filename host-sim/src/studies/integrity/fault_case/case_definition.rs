@@ -37,7 +37,8 @@ pub struct FaultCase {
     pub case_name: &'static str,
     /// Description of the fault.
     pub description: &'static str,
-    /// Changes world, attitude source, routine, onset and use of the flight, and adds faults.
+    /// Changes the world, the attitude source, the routine, the onset and the flight after the calibration, and adds
+    /// faults.
     pub(super) configure_case: fn(&mut RandomCase),
     /// Vehicles to which the case applies.
     pub(super) applies_to_vehicle: fn(VehicleKind) -> bool,
@@ -45,7 +46,7 @@ pub struct FaultCase {
     pub(super) needs_mavlink: bool,
     /// Largest number of flights of the case.
     pub(super) max_flights: u64,
-    /// Whether hard iron changes permanently in use, so that the module should estimate the change.
+    /// Whether hard iron changes permanently after the calibration, so that the module should estimate the change.
     pub changes_hard_iron: bool,
 }
 
@@ -54,11 +55,11 @@ pub struct FaultCase {
 pub enum FaultOnset {
     /// No fault.
     Never,
-    /// The fault is active during calibration and use.
+    /// The fault is active during the calibration and in the flight after it.
     Always,
-    /// The fault is active during the flight in use, after the calibration.
+    /// The fault is active in the flight after the calibration.
     AfterCalibration {
-        /// Time from the start of use to the onset, seconds.
+        /// Time from the start of that flight to the onset, seconds.
         after_s: f64,
         /// Duration of the fault, seconds; infinite for a permanent fault.
         for_s: f64,
@@ -86,32 +87,34 @@ pub struct RandomCase {
     pub fault_switch: FaultSwitch,
     /// Time during which the fault is active.
     pub fault_onset: FaultOnset,
-    /// Time on the ground between calibration and the flight in use, seconds.
+    /// Time on the ground between the calibration and the flight after it, seconds.
     pub ground_time_s: f64,
-    /// Duration of the flight in use (after the calibration), seconds.
+    /// Duration of the flight after the calibration, seconds.
     pub flight_after_calibration_s: f64,
-    /// Draws the legs of the flight in use after its first leg.
+    /// Draws the legs of the flight after the calibration that follow its first two.
     pub further_legs: fn(VehicleKind, &mut RandomStream) -> Vec<Leg>,
     pub(super) seed: u64,
     pub(super) random_stream: RandomStream,
 }
 
-/// Duration of a flight in use, seconds. The first legs are the same for all (see
+/// Duration of a flight after the calibration, seconds. Its first legs are the same for all (see
 /// [`flight`](crate::studies::integrity::flight)).
 pub(super) const FLIGHT_AFTER_CALIBRATION_S: f64 = 185.0;
 
-/// Onset of faults without a special time, seconds after the start of use.
+/// Default onset of faults, seconds after the start of the flight after the calibration.
 pub(super) const DEFAULT_ONSET_S: f64 = 10.0;
 
-/// Onset and duration of steady flight, seconds after the start of use: after the first legs.
+/// Onset of steady flight, seconds after the start of the flight after the calibration: after its first legs.
 const STEADY_FLIGHT_ONSET_S: f64 = 90.0;
+/// Duration of steady flight, seconds.
 const STEADY_FLIGHT_DURATION_S: f64 = 600.0;
 
-/// Onset of passing disturbances, seconds after the start of use.
+/// Onset of a passing object, seconds after the start of the flight after the calibration.
 const PASSING_OBJECT_ONSET_S: f64 = 60.0;
 
-/// Time on the ground, and alignment time of the restarted autopilot within it, as observed on a real one, seconds.
+/// Time on the ground between the calibration and the flight after it, seconds.
 const TIME_ON_GROUND_S: f64 = 60.0;
+/// Time in which the attitude filter of a restarted autopilot aligns, as observed on a real one, seconds.
 const RESTART_ALIGNMENT_S: f64 = 10.0;
 
 /// Silence of a restarting autopilot before its first attitude, seconds. An assumption: boot loader, then its sensors.
@@ -124,8 +127,10 @@ pub(super) const fn calibration_s(aircraft: VehicleKind) -> f64 {
     if aircraft.can_hover() { 60.0 } else { 195.0 }
 }
 
+/// Counts of the LIS3MDL per microtesla at a full scale of 4 gauss.
 pub(super) const COUNTS_PER_UT: f64 = 68.42;
 
+/// Noise of a LIS3MDL measurement on x and y, counts RMS.
 pub(super) const SENSOR_SIGMA_COUNTS: f64 = 0.32 * COUNTS_PER_UT;
 
 impl FaultCase {
@@ -194,7 +199,7 @@ impl RandomCase {
         self.random_stream.random_direction() * magnitude_ut
     }
 
-    /// Onset at a random time of the straight leg or the turn at the start of use.
+    /// Onset at a random time of the straight leg or the turn at the start of the flight after the calibration.
     pub(super) fn random_onset(&mut self) -> FaultOnset {
         FaultOnset::permanent_after(self.random_stream.uniform(DEFAULT_ONSET_S, TIME_IN_TURN_S))
     }
@@ -227,7 +232,8 @@ impl RandomCase {
         self.add_attitude_fault(FaultOnset::permanent_after(after_s), frozen_attitude(self.random_switch()));
     }
 
-    /// Adds a sender with a roll error of 5 deg, present from the beginning; only use is evaluated.
+    /// Adds a sender with a roll error of 5 deg, present from the beginning; only the flight after the calibration is
+    /// evaluated.
     pub(super) fn add_sender(&mut self, heartbeat_kind: Option<SenderKind>) {
         self.fault_onset = FaultOnset::Always;
         self.faults.second_senders.push(SecondSender {
@@ -246,7 +252,8 @@ impl RandomCase {
         self.faults.link_faults = vec![LinkFault::Pause(self.random_switch()), LinkFault::OtherVehicle(2)];
     }
 
-    /// Adds forged messages in the autopilot's name, among its own, permanently from soon after the start of use.
+    /// Adds forged messages in the autopilot's name, among its own, permanently from soon after the start of the flight
+    /// after the calibration.
     pub(super) fn send_forged_messages(&mut self, message: ForgedMessage) {
         self.fault_onset = FaultOnset::SOON_AND_PERMANENT;
         self.faults.link_faults.push(LinkFault::Forged(self.random_switch(), message));
@@ -453,10 +460,10 @@ impl RandomCase {
 }
 
 impl FaultOnset {
-    /// Permanent fault from `DEFAULT_ONSET_S` after the start of use.
+    /// Permanent fault from `DEFAULT_ONSET_S` after the start of the flight after the calibration.
     pub(super) const SOON_AND_PERMANENT: Self = Self::permanent_after(DEFAULT_ONSET_S);
 
-    /// Permanent fault from `after_s` seconds after the start of use.
+    /// Permanent fault from `after_s` seconds after the start of the flight after the calibration.
     pub(super) const fn permanent_after(after_s: f64) -> Self {
         Self::AfterCalibration { after_s, for_s: f64::INFINITY }
     }

@@ -47,7 +47,7 @@ const fn mavlink_case(name: &'static str, description: &'static str, configure_c
     FaultCase { needs_mavlink: true, ..define_case(name, description, configure_case) }
 }
 
-/// Case of a permanent hard-iron change in use.
+/// Case of a permanent hard-iron change after the calibration.
 const fn hard_iron_case(
     name: &'static str,
     description: &'static str,
@@ -56,7 +56,7 @@ const fn hard_iron_case(
     FaultCase { changes_hard_iron: true, ..define_case(name, description, configure_case) }
 }
 
-/// Case of a permanent hard-iron change in use, for autopilots with several senders or body rates.
+/// Case of a permanent hard-iron change after the calibration, for autopilots with several senders or body rates.
 const fn mavlink_hard_iron_case(
     name: &'static str,
     description: &'static str,

@@ -6,13 +6,13 @@ use simulator::world::aircraft::VehicleKind;
 use super::*;
 use crate::studies::integrity::integrity_plan::AttitudeProtocol;
 
-fn names(aircraft: VehicleKind) -> Vec<&'static str> {
+fn case_names(aircraft: VehicleKind) -> Vec<&'static str> {
     ALL_CASES.iter().filter(|case| case.applies_to_vehicle(aircraft)).map(|case| case.case_name).collect()
 }
 
 #[test]
 fn each_vehicle_kind_has_its_applicable_cases() {
-    let [plane, copter] = [VehicleKind::Plane, VehicleKind::Copter].map(names);
+    let [plane, copter] = [VehicleKind::Plane, VehicleKind::Copter].map(case_names);
     let only = |included: &[&'static str], excluded: &[&'static str]| -> Vec<&'static str> {
         included.iter().filter(|name| !excluded.contains(name)).copied().collect()
     };
@@ -33,7 +33,7 @@ fn each_vehicle_kind_has_its_applicable_cases() {
             "cal-current-reported-20"
         ]
     );
-    assert_eq!(only(&names(VehicleKind::Vtol), &copter), ["cal-linkage-3"]);
+    assert_eq!(only(&case_names(VehicleKind::Vtol), &copter), ["cal-linkage-3"]);
 }
 
 #[test]
