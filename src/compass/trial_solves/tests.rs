@@ -4,10 +4,9 @@ use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::method_selection::Procedure;
 use crate::calibration::{
-    AttitudeEnvelope, Calibration, HeadingUncertainty, Method, MotorCurrent, MotorCurrentInterference, Orientation,
-    Quality,
+    AttitudeEnvelope, Calibration, CollectionPart, Deviation, HeadingUncertainty, Method, MotorCurrent,
+    MotorCurrentInterference, Orientation, Quality, Rates, Sample, UnobservableQuantities,
 };
-use crate::calibration::{CollectionPart, Rates, Sample};
 use crate::collection::RetainedSamples;
 use crate::frames::{Attitude, Field, Level};
 
@@ -170,5 +169,32 @@ fn motor_current_interference_requires_two_good_trial_solves_in_a_row() {
         let ended: Vec<bool> =
             trials_deg.iter().map(|&deg| trials.record_result(&solution_with(deg, ut_per_a), None, 1.0)).collect();
         assert_eq!(ended, ends, "{ut_per_a} uT/A, {trials_deg:?}");
+    }
+}
+
+#[test]
+fn attitude_limits_a_collection_only_as_confirmed_by_the_best_trial() {
+    for (trials_deg, ends) in [
+        (&[5.4][..], &[false][..]),
+        (&[5.4, 1.8, 1.8], &[false, false, true]),
+        (&[1.3, 2.9, 2.7, 1.36], &[false, false, false, true]),
+    ] {
+        let mut trials = TrialSolves::NO_TRIALS;
+        let ended: Vec<bool> = trials_deg
+            .iter()
+            .map(|&deg| {
+                let advice = Advice {
+                    weakest_deviation: Deviation::Heeling,
+                    weakest_deg: deg,
+                    expected_deg: deg,
+                    manoeuvre: Manoeuvre::Level,
+                    expected_after_deg: deg,
+                    error_floor_deg: deg,
+                    unobservable: UnobservableQuantities::default(),
+                };
+                trials.record_result(&Solution { advice: Some(advice), ..solution_with(deg, 0.0) }, None, 1.0)
+            })
+            .collect();
+        assert_eq!(ended, ends, "{trials_deg:?}");
     }
 }
