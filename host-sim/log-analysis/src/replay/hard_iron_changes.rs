@@ -4,7 +4,7 @@ use autoswing::calibration::Solution;
 use nalgebra::Vector3;
 
 use super::hard_iron_jump::{FittedCorrection, absolute_residuals_ut, find_jump_times_s, find_jumps, is_cancelled};
-use super::hard_iron_step::{HardIronStep, MIN_STEP_SIGMAS, find_step};
+use super::hard_iron_step::{HardIronStep, find_step};
 use super::replay_run::solve_all_rows;
 use super::row_headings::monitored_changes_ut;
 use super::row_solve::solved_correction;
@@ -20,6 +20,10 @@ const MAX_EXPECTED_DEG: f32 = 3.0;
 
 /// Smallest effect of a change on a level heading, degrees: less is within the error of a good calibration.
 const MIN_HEADING_EFFECT_DEG: f64 = 1.0;
+
+/// Smallest horizontal part of a change, in its standard deviations. That the field changed at that time is known from
+/// all three components.
+const MIN_HORIZONTAL_SIGMAS: f64 = 5.0;
 
 /// Largest difference between a step and its confirmation, relative to the step.
 const MAX_RELATIVE_DISAGREEMENT: f64 = 0.5;
@@ -159,7 +163,7 @@ impl ChangeSearch<'_> {
         let changes = refined_jumps.iter().enumerate().filter_map(|(i, jump)| {
             let around = [parts[i], parts[i + 1]].concat();
             let step = find_step(&around, &correction).filter(|step| is_same_change(step, jump)).unwrap_or(*jump);
-            let heading_effect_deg = heading_effect_deg(&step, &solution)?;
+            let heading_effect_deg = step_effect_deg(&step, &solution)?;
             Some(HardIronChange { hard_iron_step: step, heading_effect_deg })
         });
         let changes: Vec<HardIronChange> = changes.collect();
@@ -198,18 +202,23 @@ impl ChangeSearch<'_> {
         let [residual_without_step_ut, residual_with_step_ut] =
             [unmoved, moved].map(|correction| median_residual_ut(other_rows, &correction, solution));
         let is_confirmed = is_detected || residual_without_step_ut > MIN_RESIDUAL_RATIO * residual_with_step_ut;
-        heading_effect_deg(step, solution).filter(|_| is_confirmed)
+        step_effect_deg(step, solution).filter(|_| is_confirmed)
     }
 }
 
-/// Largest effect of a step on a level heading, degrees, if significant. Horizontal components only: on a single
-/// heading the step's component across it is hardly observable, and a significant vertical component changes no
-/// heading.
-fn heading_effect_deg(step: &HardIronStep, solution: &Solution) -> Option<f64> {
-    let change = solution.calibration.w_matrix().map(f64::from) * Vector3::from(step.step_ut);
-    let is_significant = change.xy().norm() > MIN_STEP_SIGMAS * Vector3::from(step.sigma_ut).xy().norm();
-    let horizontal_ut = f64::from(solution.calibration.total_ut * libm::cosf(solution.calibration.inclination_rad));
-    let heading_effect_deg = libm::atan(change.xy().norm() / horizontal_ut).to_degrees();
+/// Largest effect of a step on a level heading, degrees, if significant.
+fn step_effect_deg(step: &HardIronStep, solution: &Solution) -> Option<f64> {
+    let change_ut = solution.calibration.w_matrix().map(f64::from) * Vector3::from(step.step_ut);
+    let horizontal_ut = solution.calibration.total_ut * libm::cosf(solution.calibration.inclination_rad);
+    heading_effect_deg(&change_ut, &step.sigma_ut.into(), horizontal_ut.into())
+}
+
+/// Largest effect on a level heading, degrees, of a change of the corrected field, if significant. Horizontal
+/// components only: on a single heading the component across it is hardly observable, and a significant vertical
+/// component changes no heading.
+fn heading_effect_deg(change_ut: &Vector3<f64>, sigma_ut: &Vector3<f64>, horizontal_field_ut: f64) -> Option<f64> {
+    let is_significant = change_ut.xy().norm() > MIN_HORIZONTAL_SIGMAS * sigma_ut.xy().norm();
+    let heading_effect_deg = libm::atan(change_ut.xy().norm() / horizontal_field_ut).to_degrees();
     (is_significant && heading_effect_deg >= MIN_HEADING_EFFECT_DEG).then_some(heading_effect_deg)
 }
 
@@ -234,4 +243,23 @@ fn earth_ut(solution: &Solution) -> [f64; 2] {
 
 fn is_confirmed_by(estimate: &Vector3<f64>, expected: &Vector3<f64>) -> bool {
     (estimate - expected).norm() < MAX_RELATIVE_DISAGREEMENT * expected.norm()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Components with sigmas of 0.36, 0.27 and 0.16 uT, as estimated from noise of 0.5 uT in a simulated flight.
+    #[test]
+    fn only_a_significant_horizontal_change_affects_headings() {
+        let sigma_ut = Vector3::new(0.36, 0.27, 0.16);
+        let effect_deg = |x, y, z| heading_effect_deg(&Vector3::new(x, y, z), &sigma_ut, 25.0);
+        assert!(
+            effect_deg(-0.7, -3.5, -4.9).is_some_and(|deg| (deg - 8.1).abs() < 0.1),
+            "eight sigmas, mostly vertical"
+        );
+        assert_eq!(effect_deg(1.6, 1.2, 4.9), None, "four sigmas across the heading");
+        assert_eq!(effect_deg(0.2, 0.3, 9.0), None, "vertical");
+        assert_eq!(heading_effect_deg(&Vector3::new(0.4, 0.0, 0.0), &(sigma_ut / 100.0), 25.0), None, "0.9 deg");
+    }
 }

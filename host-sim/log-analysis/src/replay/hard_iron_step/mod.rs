@@ -25,7 +25,7 @@ const MIN_ROWS_PER_SIDE: usize = 60;
 const MAX_ROWS: usize = 4000;
 
 /// Smallest detected step: its largest component in standard deviations.
-pub(super) const MIN_STEP_SIGMAS: f64 = 8.0;
+const MIN_STEP_SIGMAS: f64 = 8.0;
 /// Smallest detected step, microtesla; smaller ones hardly affect headings.
 const MIN_STEP_UT: f64 = 1.0;
 /// Largest ratio of the median residual of all rows with the step to that without, at which a step is detected.
