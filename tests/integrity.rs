@@ -44,7 +44,7 @@ fn all_accepted(row: &IntegrityRow) -> bool {
 
 /// Notes of a code in all flights of a row.
 fn count_of(row: &IntegrityRow, code: &str) -> usize {
-    row.notes.iter().filter(|(noted, _)| noted == code).map(|(_, count)| count).sum()
+    row.note_counts.iter().filter(|(noted, _)| noted == code).map(|(_, count)| count).sum()
 }
 
 /// By ArduPilot's MSP the rates are changes of a heading in steps of 1 deg, by INAV's gyro rates in steps of 1 deg/s.
@@ -89,7 +89,7 @@ fn a_stuck_sensor_gives_no_heading() {
         assert!(row.bad_percent <= 0.1 && row.worst_deg <= 6.0, "{row:?}");
         // The fault lasts 175 s or less; detection takes 0.15 s.
         assert!(row.empty_percent > 99.0, "{row:?}");
-        assert!(row.empty.iter().any(|(reason, _)| reason == "sensor-stuck"), "{row:?}");
+        assert!(row.no_heading_counts.iter().any(|(reason, _)| reason == "sensor-stuck"), "{row:?}");
     }
 }
 
@@ -99,7 +99,7 @@ fn a_frozen_attitude_gives_no_heading() {
     for row in rows(&["frozen-level", "frozen-turn", "frozen-coarse"]) {
         assert!(row.bad_percent <= 0.1 && row.worst_deg <= 10.0, "{row:?}");
         assert!(row.empty_percent > 98.0, "{row:?}");
-        assert!(row.empty.iter().any(|(reason, _)| reason == "attitude-frozen"), "{row:?}");
+        assert!(row.no_heading_counts.iter().any(|(reason, _)| reason == "attitude-frozen"), "{row:?}");
     }
 }
 
@@ -110,7 +110,7 @@ fn a_stale_attitude_gives_no_heading_after_the_next_roll() {
     for row in rows(&["attitude-hangs"]) {
         assert!(all_accepted(&row) && row.longest_bad_s <= 1.0 && row.worst_deg <= 20.0, "{row:?}");
         assert!(row.empty_percent > 80.0, "{row:?}");
-        assert!(row.empty.iter().any(|(reason, _)| reason == "attitude-contradicted"), "{row:?}");
+        assert!(row.no_heading_counts.iter().any(|(reason, _)| reason == "attitude-contradicted"), "{row:?}");
     }
 }
 
@@ -150,7 +150,7 @@ fn spikes_of_attitude_are_not_seen_in_the_heading() {
 fn a_sensor_spike_costs_at_most_two_headings() {
     for row in rows(&["sensor-spikes"]) {
         assert!(row.bad_percent == 0.0 && row.worst_deg <= 10.0 && row.empty_percent <= 2.0, "{row:?}");
-        assert!(row.empty.iter().any(|(reason, _)| reason == "sensor-spike"), "{row:?}");
+        assert!(row.no_heading_counts.iter().any(|(reason, _)| reason == "sensor-spike"), "{row:?}");
     }
 }
 
@@ -160,7 +160,10 @@ fn a_clipped_axis_is_detected() {
     for row in rows(&["sensor-clipped"]) {
         assert!(row.bad_percent <= 0.2 && row.empty_percent > 5.0, "{row:?}");
         // An axis that saturates below values measured before is reported as stuck.
-        assert!(row.empty.iter().any(|(reason, _)| reason == "sensor-stuck" || reason == "sensor-clipped"), "{row:?}");
+        assert!(
+            row.no_heading_counts.iter().any(|(reason, _)| reason == "sensor-stuck" || reason == "sensor-clipped"),
+            "{row:?}"
+        );
     }
 }
 
@@ -207,7 +210,7 @@ fn hard_iron_change_in_calibration_is_refused_or_in_the_expected_error() {
     let plan = IntegrityPlan { flights_per_case: 12, ..PLAN };
     for row in rows_of(plan, &["cal-moved-2", "cal-moved-5", "cal-moved-10", "cal-warming"]) {
         assert!(row.wrong_percent <= 10.0, "{row:?}");
-        assert!(row.refused.iter().any(|(code, _)| code == "iron-changed"), "{row:?}");
+        assert!(row.refusal_counts.iter().any(|(code, _)| code == "iron-changed"), "{row:?}");
         assert!(row.bad_percent <= 0.5, "{row:?}");
     }
 }
@@ -223,7 +226,7 @@ fn turns_with_5_deg_of_bank_are_refused() {
 #[test]
 fn a_bank_scale_error_is_refused_or_in_the_expected_error() {
     for row in rows_of(IntegrityPlan { flights_per_case: 20, ..PLAN }, &["cal-lean-90"]) {
-        assert!(row.ratio_worst.is_none_or(|ratio| ratio <= 2.0), "{row:?}");
+        assert!(row.error_ratio_largest.is_none_or(|ratio| ratio <= 2.0), "{row:?}");
     }
 }
 
@@ -240,7 +243,7 @@ fn faults_that_stay_the_same_are_refused_or_in_the_expected_error() {
     ] {
         for row in rows_of(plan, &[case]) {
             assert!(row.wrong_percent <= 0.05 * row.accepted_percent, "{row:?}");
-            assert!(row.refused.iter().any(|(code, _)| code == reason), "{row:?}");
+            assert!(row.refusal_counts.iter().any(|(code, _)| code == reason), "{row:?}");
         }
     }
     for row in rows_of(plan, &["clean"]) {
@@ -254,7 +257,7 @@ fn yaw_turns_without_tilt_are_refused() {
     for aircraft in [VehicleKind::Copter, VehicleKind::Vtol] {
         for row in rows_of(IntegrityPlan { flights_per_case: 4, aircraft, ..PLAN }, &["cal-yaw-only"]) {
             assert!(row.accepted_percent <= 0.0, "{row:?}");
-            assert!(row.refused.iter().any(|(code, _)| code == "unobservable"), "{row:?}");
+            assert!(row.refusal_counts.iter().any(|(code, _)| code == "unobservable"), "{row:?}");
         }
     }
 }
@@ -345,7 +348,7 @@ fn a_hard_iron_change_is_estimated_beside_gyro_errors() {
     for (case, bad_percent) in [("gyro-1-moved-5", 0.5), ("gyro-5-moved-5", 1.0), ("gyro-10-moved-5", 3.0)] {
         for row in rows(&[case]) {
             assert!(row.bad_percent <= bad_percent && row.empty_percent <= 5.0, "{row:?}");
-            assert!(row.iron_error_median_percent.is_some_and(|percent| percent <= 40.0), "{row:?}");
+            assert!(row.hard_iron_error_median_percent.is_some_and(|percent| percent <= 40.0), "{row:?}");
         }
     }
 }
@@ -384,7 +387,7 @@ fn a_drift_in_straight_flight_is_in_the_sigma() {
     }
     for row in rows(&["steady"]) {
         assert!(row.bad_percent <= 0.0 && row.empty_percent <= 0.0 && row.sigma_rms_deg < 1.0, "{row:?}");
-        assert!(row.notes.is_empty(), "{row:?}");
+        assert!(row.note_counts.is_empty(), "{row:?}");
     }
 }
 
@@ -427,11 +430,11 @@ fn faults_in_use_are_compensated_or_withhold_the_heading() {
         for row in rows_of(IntegrityPlan { flights_per_case: 12, ..PLAN }, &[case]) {
             assert!(row.bad_percent <= bad_percent && row.empty_percent <= empty_percent, "{row:?}");
             // The reported hard-iron change is accurate to a third.
-            assert!(row.iron_error_median_percent.is_none_or(|percent| percent <= 30.0), "{row:?}");
-            assert_eq!(row.iron_error_median_percent.is_some(), case.starts_with("moved"), "{row:?}");
+            assert!(row.hard_iron_error_median_percent.is_none_or(|percent| percent <= 30.0), "{row:?}");
+            assert_eq!(row.hard_iron_error_median_percent.is_some(), case.starts_with("moved"), "{row:?}");
             if case == "moved-5" {
                 let bad_text = format!("{:.1} %", row.bad_percent);
-                documents::assert_states("README.md", "headings sent as good that are off", &bad_text);
+                documents::assert_document_states("README.md", "headings sent as good that are off", &bad_text);
             }
         }
     }

@@ -34,7 +34,7 @@ fn the_paper_s_aircraft_is_calibrated_to_one_degree() {
         worst_deg = worst_deg.max(after.max_deg);
     }
     for (document, row) in [("README.md", "airframe of Liu 2007"), ("docs/accuracy.md", "Liu 2007, table 1")] {
-        documents::assert_states(document, row, &format!("{worst_deg:.2} deg"));
+        documents::assert_document_states(document, row, &format!("{worst_deg:.2} deg"));
     }
 }
 
@@ -123,7 +123,7 @@ fn fifty_random_airframes_are_calibrated_to_their_expected_error() {
         ("docs/accuracy.md", "| RMS of the streamed headings", format!("{worst_streamed_deg:.2} deg")),
         ("docs/accuracy.md", "| streamed headings", within),
     ] {
-        documents::assert_states(document, row, &measured);
+        documents::assert_document_states(document, row, &measured);
     }
 }
 

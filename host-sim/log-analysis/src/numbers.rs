@@ -15,14 +15,14 @@ const DECIMALS_BY_SUFFIX: [(&str, i32); 7] =
     [("soft_iron", 4), ("_deg", 3), ("_percent", 2), ("_ut", 3), ("_ms", 3), ("_s", 2), ("readings", 0)];
 
 /// Decimals of ratios and of values without unit.
-const OTHER_DECIMALS: i32 = 3;
+const DEFAULT_DECIMALS: i32 = 3;
 
 /// Field that is not rounded: the calibration itself, at most nine digits of an f32.
 const UNROUNDED_FIELD: &str = "coefficients";
 
 /// Rounds all numbers of a value for JSON, by the names of their fields; see docs/json.md.
 pub fn round_json(value: &mut Value) {
-    round_by_name(value, OTHER_DECIMALS);
+    round_by_name(value, DEFAULT_DECIMALS);
 }
 
 fn round_by_name(value: &mut Value, decimals: i32) {
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_safe() {
+    fn nan_and_none_are_dashes_and_zero_has_no_sign() {
         assert_eq!(format_number(-0.001, 2), "0.00");
         assert_eq!(format_number(-0.006, 2), "-0.01");
         assert_eq!(format_number(f64::NAN, 2), "–");

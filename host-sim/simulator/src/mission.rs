@@ -62,7 +62,7 @@ pub struct TrueMoment {
     pub time_s: f64,
     /// Roll and pitch of the vehicle.
     pub attitude: Attitude,
-    /// Magnetic heading, degrees.
+    /// True magnetic heading, degrees.
     pub heading_deg: f64,
     /// Metres magnetic east and north of the start.
     pub position_m: [f64; 2],
@@ -84,7 +84,7 @@ impl TrueMoment {
 pub struct EvaluatedHeading {
     /// True state when the sentence arrived.
     pub true_moment: TrueMoment,
-    /// Heading error, degrees.
+    /// Output heading less true heading, degrees.
     pub error_deg: f64,
     /// Output standard deviation, degrees.
     pub sigma_deg: f64,
@@ -95,7 +95,7 @@ pub struct EvaluatedHeading {
 pub struct OutputStatistics {
     /// RMS heading error, degrees.
     pub rms_deg: f64,
-    /// Largest error, degrees.
+    /// Largest heading error, degrees.
     pub max_deg: f64,
     /// Percent of the errors within one and two output standard deviations.
     pub within_percent: [f64; 2],
@@ -108,7 +108,7 @@ pub struct OutputStatistics {
 /// Results of a mission.
 #[derive(Clone, Debug)]
 pub struct MissionResult {
-    /// World settings.
+    /// Settings of the world in which the mission was flown.
     pub world: WorldConfig,
     /// Stored calibration, or the reason of its rejection, as printed on the console.
     pub calibration_result: Result<ShownCalibration, SolveNotice>,
@@ -123,8 +123,8 @@ pub struct MissionResult {
     /// Headings output after the restart.
     pub evaluated_headings: Vec<EvaluatedHeading>,
     /// Time of the end of the solve, seconds since the start.
-    pub solved_s: f64,
-    /// Console transcript.
+    pub solve_end_s: f64,
+    /// Transcript of the console session.
     pub transcript: String,
     /// Duration, seconds of simulation time.
     pub duration_s: f64,
@@ -151,7 +151,7 @@ pub fn fly_mission_of_module(
         HeadingErrors::evaluate_calibration(&Calibration::uncalibrated(Orientation::IDENTITY_ROTATION), &world);
     let routine = CalibrationRoutine::for_vehicle(world.aircraft.kind, plan, world.aircraft.heading_deg);
     let calibration_result = mission.calibrate(&routine);
-    let solved_s = mission.module.now_us() as f64 / 1e6;
+    let solve_end_s = mission.module.now_us() as f64 / 1e6;
     let (streamed, headings) = calibration_result.as_ref().map_or((None, Vec::new()), |_| {
         let (streamed, headings) = mission.evaluate_output(&routine.mission_legs);
         (Some(streamed), headings)
@@ -168,7 +168,7 @@ pub fn fly_mission_of_module(
         streamed_statistics: streamed,
         routine_measurements: mission.routine_measurements,
         evaluated_headings: headings,
-        solved_s,
+        solve_end_s,
         transcript: mission.transcript,
         duration_s: mission.module.now_us() as f64 / 1e6,
     }

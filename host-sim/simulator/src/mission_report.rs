@@ -99,7 +99,7 @@ fn verdict_line(mission_result: &MissionResult) -> VerdictLine {
     let text = match &mission_result.calibration_result {
         Ok(shown) => format!(
             "the module calibrated itself {} s into the flight by {}, expecting {} deg RMS; the true error is {}",
-            format_number(mission_result.solved_s, 0),
+            format_number(mission_result.solve_end_s, 0),
             shown.method,
             format_number(shown.expected_rms_deg, 2),
             format_number(mission_result.errors_after.statistics().rms_deg, 2)
@@ -172,7 +172,7 @@ fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
         sigma_description: "the expected error of the calibration, RMS over all headings",
         samples: moments,
         event_marks: vec![EventMark {
-            time_s: mission_result.solved_s - first_s,
+            time_s: mission_result.solve_end_s - first_s,
             event_name: if mission_result.calibration_result.is_ok() { "calibrated, restarted" } else { "refused" }
                 .to_owned(),
         }],

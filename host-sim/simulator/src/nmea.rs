@@ -1,6 +1,6 @@
 //! NMEA parser, independent of the library's writer.
 
-/// Received heading sentence.
+/// Values of a received heading sentence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeadingSentence {
     /// Arrival time of its last byte, microseconds of simulation time.

@@ -83,7 +83,7 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Starts recording now.
+    /// A recorder of a module that starts at the present time.
     pub fn new(module: &impl Module) -> Self {
         let (source, next_sample_us) = (module.world().attitude_source(), module.now_us());
         let parameters = IDENTIFYING_PARAMETERS.map(|name| (name.to_owned(), 0.0)).to_vec();

@@ -9,15 +9,15 @@ pub enum SolveNotice {
     Calibrated(String),
     /// `note refused <code>: ...` or `error <code>: ...`.
     Refused {
-        /// Stable error code.
+        /// Stable code of the refusal.
         code: String,
-        /// Explanation of the error.
+        /// Explanation of the refusal.
         explanation: String,
     },
 }
 
 impl SolveNotice {
-    /// A rejection.
+    /// A refusal with its code and explanation.
     #[must_use]
     pub fn new_rejection(code: &str, explanation: &str) -> Self {
         Self::Refused { code: code.to_owned(), explanation: explanation.to_owned() }
@@ -47,10 +47,10 @@ fn parse_notice_code(text: &str) -> Option<SolveNotice> {
     text.split_once(": ").map(|(code, explanation)| SolveNotice::new_rejection(code, explanation))
 }
 
-/// Content of `cal show`.
+/// Values printed by the console command `cal show`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShownCalibration {
-    /// Method name.
+    /// Name of the calibration method.
     pub method: String,
     /// Coefficients of the shown calibration.
     pub calibration: Calibration,

@@ -183,10 +183,10 @@ fn format_flights(plan: AccuracyPlan, rows: &[FlightStudyRow]) -> String {
         ratios.add_row(
             [
                 name(row),
-                format!("{:.3}", row.kept_ratio_median),
+                format!("{:.3}", row.solver_loss_median),
                 format!("{:.3}", row.best_bound_median_deg),
-                format!("{:.3}", row.best_ratio_median),
-                format!("{:.3}", row.best_ratio_worst_decile),
+                format!("{:.3}", row.error_to_best_bound_median),
+                format!("{:.3}", row.error_to_best_bound_worst_decile),
                 within(row.coverage),
                 within(row.coverage_with_faults),
             ]

@@ -119,8 +119,8 @@ fn format_tables(rows: &[IntegrityRow]) -> [Table; 2] {
                 row.flights.to_string(),
                 format!("{:.0}", row.accepted_percent),
                 format!("{:.0}", row.wrong_percent),
-                format!("{}, {}", ratio(row.ratio_median), ratio(row.ratio_worst)),
-                row.iron_error_median_percent.map_or_else(|| "-".to_owned(), |percent| format!("{percent:.0}")),
+                format!("{}, {}", ratio(row.error_ratio_median), ratio(row.error_ratio_largest)),
+                row.hard_iron_error_median_percent.map_or_else(|| "-".to_owned(), |percent| format!("{percent:.0}")),
                 format!("{:.1}", row.alarms_per_hour),
             ]
             .map(right_aligned),

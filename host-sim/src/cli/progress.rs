@@ -18,7 +18,7 @@ pub fn clear_progress_line() {
     }
 }
 
-/// Progress bar.
+/// Bar that shows how many of `total` steps are done.
 pub fn progress_bar(label: &str, total: u64) -> ProgressBar {
     let bar = ProgressBar::new(total);
     if let Ok(style) = ProgressStyle::with_template(&format!("{label} {{bar:40}} {{pos}}/{{len}} {{eta}}")) {

@@ -61,7 +61,7 @@ fn published_errors() -> [MethodErrors; 3] {
     };
     [
         column("before", |row| row.uncompensated),
-        column("reference", |row| row.reference_errors),
+        column("reference", |row| row.known_heading_method),
         column("four ellipses", |row| row.four_ellipse),
     ]
 }

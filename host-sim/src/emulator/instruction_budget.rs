@@ -11,12 +11,12 @@ use super::error::EmulatorError;
 /// Instruction limit of a firmware path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct InstructionBudget {
-    /// Short name.
+    /// Short name of the path.
     pub name: &'static str,
     /// Description of the path.
     #[serde(rename = "of")]
     pub description: &'static str,
-    /// Limit, instructions.
+    /// Largest allowed number of instructions.
     pub limit: u64,
     /// Counted instructions; `None` if not counted.
     pub counted: Option<u64>,

@@ -9,7 +9,7 @@ use std::path::Path;
 /// # Panics
 ///
 /// If the document states another figure, or lacks the row.
-pub fn assert_states(document: &str, row: &str, measured: &str) {
+pub fn assert_document_states(document: &str, row: &str, measured: &str) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(document);
     let text = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{document}: {error}"));
     let start = format!("| {row}");

@@ -44,7 +44,7 @@ pub enum SilentFault {
     WritesHang,
 }
 
-/// Access error.
+/// Reason why an access to the flash failed.
 #[derive(Debug, PartialEq, Eq)]
 pub enum FlashFault {
     /// The word was programmed since its page was erased.

@@ -11,7 +11,7 @@ use super::rates_problem::RatesProblem;
 use super::rotation::NumberedRotation;
 use super::time_series::Series;
 
-/// Log file format.
+/// Format of a log file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum LogFormat {
     /// Binary DataFlash log of ArduPilot.
@@ -58,7 +58,7 @@ pub enum Autopilot {
     ArduPilot,
     /// PX4.
     Px4,
-    /// Autopilot not identified.
+    /// An autopilot that the log does not identify.
     #[default]
     Unknown,
 }
@@ -76,7 +76,7 @@ pub struct Compass {
     pub is_used_for_heading: Option<bool>,
 }
 
-/// Columns of [`Flight::gps`].
+/// Row of [`Flight::gps`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gps {
     /// Latitude, degrees.
@@ -127,7 +127,7 @@ pub struct SkippedCounts {
     pub restarts: u32,
 }
 
-/// A flight.
+/// A logged flight: the series of all sensors on one clock, parameters, and counts of what was skipped.
 #[derive(Clone, Debug)]
 pub struct Flight {
     /// Format of the log.
@@ -160,8 +160,8 @@ pub struct Flight {
     pub true_attitude: Series<3>,
     /// Logged reference heading, radians, from an arbitrary north.
     pub reference_heading: Series<1>,
-    /// Whether rows may be used; 0 or 1.
-    pub usable_rows: Series<1>,
+    /// Whether fit and score may use the rows from a time on: 1, or 0 if the log excludes them.
+    pub row_usability: Series<1>,
     /// The autopilot's parameters.
     pub parameters: ParameterHistory,
     /// Day of the flight.
@@ -178,8 +178,8 @@ pub struct Flight {
 
 impl Flight {
     /// Turns the fields of all compasses from the axes of sensors of this orientation to body axes.
-    pub fn rotate_sensors(&mut self, mount: Orientation) {
-        let body_from_sensor = mount.body_from_sensor();
+    pub fn rotate_sensors(&mut self, orientation: Orientation) {
+        let body_from_sensor = orientation.body_from_sensor();
         for row in self.compasses.iter_mut().flat_map(|compass| compass.field.rows_mut()) {
             let [x, y, z, logged_x, logged_y, logged_z] = row.row_values;
             let raw = body_from_sensor * Vector3::new(x, y, z);
@@ -193,10 +193,10 @@ impl Flight {
     /// # Errors
     ///
     /// The number of a compass whose orientation is that of the board, or unknown.
-    pub fn set_orientation(&mut self, mount: Orientation, compass_number: Option<u8>) -> Result<(), u8> {
+    pub fn set_orientation(&mut self, orientation: Orientation, compass_number: Option<u8>) -> Result<(), u8> {
         let Self { compasses, parameters, autopilot, .. } = self;
         let is_px4 = *autopilot == Autopilot::Px4;
-        let body_from_sensor = mount.body_from_sensor().map(f64::from);
+        let body_from_sensor = orientation.body_from_sensor().map(f64::from);
         let (rotation, _) = NumberedRotation::nearest_to_matrix(&body_from_sensor);
         for compass in compasses
             .iter_mut()
@@ -244,7 +244,7 @@ impl Flight {
             armed_changes: Vec::new(),
             true_attitude: Series::new(),
             reference_heading: Series::new(),
-            usable_rows: Series::new(),
+            row_usability: Series::new(),
             parameters: ParameterHistory::default(),
             flight_date: None,
             rows_without_time: 0,

@@ -17,7 +17,7 @@ pub struct Timeline {
     newest_us: Option<u64>,
     /// An implausible stamp waiting for confirmation.
     unconfirmed_us: Option<u64>,
-    /// Time at zero of the current clock, seconds; zero until a restart.
+    /// Flight time at which the log's present clock reads zero, seconds; zero until a restart.
     offset_s: f64,
     restarts: u32,
     rejected_count: u64,

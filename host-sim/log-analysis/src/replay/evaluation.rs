@@ -56,7 +56,7 @@ pub struct CompassEvaluation {
     pub latency: FieldLatency,
     /// Rows of the compass.
     pub rows: Vec<ReplayRow>,
-    /// Numbers of rows.
+    /// Numbers of used and of rejected rows.
     pub row_counts: RowCounts,
     /// Median interval of the readings, seconds.
     pub reading_interval_s: f64,
@@ -109,7 +109,7 @@ impl CorrectionSource {
     pub const ALL_SOURCES: [Self; 6] =
         [Self::Uncorrected, Self::Autopilot, Self::Sphere, Self::Ellipsoid, Self::Module, Self::ModuleAllRows];
 
-    /// Name in reports.
+    /// Name of the source in reports.
     #[must_use]
     pub const fn source_name(self) -> &'static str {
         match self {
@@ -128,7 +128,7 @@ impl CorrectionSource {
 pub struct FlightEvaluation {
     /// Results of the compasses.
     pub compasses: Vec<CompassEvaluation>,
-    /// Reference heading.
+    /// Reference heading of the flight, if the log has one.
     pub reference: Option<ReferenceHeading>,
     /// Modelled Earth field, and whether the model is valid on that day.
     pub earth_field: Option<(EarthField, bool)>,
@@ -136,7 +136,7 @@ pub struct FlightEvaluation {
     pub attitude_interval_s: f64,
 }
 
-/// Evaluates a flight.
+/// Evaluates the compasses of a flight.
 #[must_use]
 pub fn evaluate_flight(flight: &Flight, evaluation_options: &EvaluationOptions) -> FlightEvaluation {
     let reference = evaluation_options.reference_kind.map_or_else(

@@ -12,10 +12,12 @@ use crate::log::{Compass, Flight};
 use crate::numbers::square;
 
 /// Largest standard deviation of a usable estimate, seconds: 0.6 deg at 30 deg/s.
+/// Largest latency of the search, seconds.
 const MAX_LATENCY_SIGMA_S: f64 = 0.02;
 
-/// Search range of the latency, seconds; negative if the attitude is later than the field.
+/// Smallest latency of the search, seconds; negative if the attitude is later than the field.
 const MIN_LATENCY_S: f64 = -0.5;
+/// Largest latency of the search, seconds.
 const MAX_LATENCY_S: f64 = 0.5;
 
 /// Remaining shift at which the search has converged, seconds.

@@ -70,9 +70,7 @@ pub fn find_changes(
         let solution = if found.is_empty() { None } else { solve_all_rows(part).filter(is_accurate) };
         find_steps(&search, part, &solution.as_ref().map_or(correction, solved_correction), &mut found);
     }
-    found.sort_by(|left_change, right_change| {
-        left_change.hard_iron_step.time_s.total_cmp(&right_change.hard_iron_step.time_s)
-    });
+    found.sort_by(|a, b| a.hard_iron_step.time_s.total_cmp(&b.hard_iron_step.time_s));
     found
 }
 
@@ -98,9 +96,7 @@ fn find_steps(
     let solutions = split(&step).map(solve_all_rows);
     // The initial correction fits the rows neither before nor after the change; from a fit to one side, the estimated
     // step converges to its full size.
-    let best_solution = solutions.iter().flatten().min_by(|left_solution, right_solution| {
-        left_solution.quality.expected_rms_deg.total_cmp(&right_solution.quality.expected_rms_deg)
-    });
+    let best_solution = solutions.iter().flatten().min_by(|a, b| expected_deg(a).total_cmp(&expected_deg(b)));
     let step = best_solution.and_then(|solution| find_step(rows, &solved_correction(solution))).unwrap_or(step);
     let parts = split(&step);
     let Some(heading_effect_deg) = search.confirmed_heading_effect_deg(&step, parts, &solutions) else { return };
@@ -113,7 +109,7 @@ fn find_steps(
 }
 
 fn is_accurate(solution: &Solution) -> bool {
-    solution.quality.expected_rms_deg <= MAX_EXPECTED_DEG
+    expected_deg(solution) <= MAX_EXPECTED_DEG
 }
 
 fn expected_deg(solution: &Solution) -> f32 {
@@ -148,8 +144,7 @@ impl ChangeSearch<'_> {
         }
         let parts = split_at_times(rows, find_jump_times_s(rows, initial).into_iter());
         let solved = parts.into_iter().filter_map(|part| Some((part, solve_all_rows(part).filter(is_accurate)?)));
-        let Some((fitted, solution)) =
-            solved.min_by(|(_, one), (_, other)| expected_deg(one).total_cmp(&expected_deg(other)))
+        let Some((fitted, solution)) = solved.min_by(|(_, a), (_, b)| expected_deg(a).total_cmp(&expected_deg(b)))
         else {
             return (Vec::new(), *initial);
         };
@@ -180,27 +175,25 @@ impl ChangeSearch<'_> {
         [rows_before, rows_after]: [&[ReplayRow]; 2],
         [solution_before, solution_after]: &[Option<Solution>; 2],
     ) -> Option<f64> {
-        let expected_deg = |solution: &Option<Solution>| {
-            solution.as_ref().map_or(f32::INFINITY, |solution| solution.quality.expected_rms_deg)
-        };
-        let (solution, other_rows, sign) = if expected_deg(solution_before) <= expected_deg(solution_after) {
+        let error_deg = |solution: &Option<Solution>| solution.as_ref().map_or(f32::INFINITY, expected_deg);
+        let (solution, other_rows, sign) = if error_deg(solution_before) <= error_deg(solution_after) {
             (solution_before, rows_after, 1.0)
         } else {
             (solution_after, rows_before, -1.0)
         };
-        let solution = solution.as_ref().filter(|solution| solution.quality.expected_rms_deg <= MAX_EXPECTED_DEG)?;
-        let moved = Vector3::from(step.step_ut);
-        let change = solution.calibration.w_matrix().map(f64::from) * moved * sign;
+        let solution = solution.as_ref().filter(|solution| is_accurate(solution))?;
+        let step_ut = Vector3::from(step.step_ut);
+        let change = solution.calibration.w_matrix().map(f64::from) * step_ut * sign;
         let duration_s = other_rows.last()?.t_s - other_rows.first()?.t_s;
         let is_monitored = rows::median_step_s(other_rows).is_some_and(is_monitored) && duration_s >= MIN_MONITORED_S;
         let is_detected = is_monitored
             && monitored_changes_ut(other_rows, self.flight, solution)
                 .iter()
-                .any(|found| is_confirmed_by(found, &change));
-        let unmoved = solved_correction(solution);
-        let moved = FieldCorrection { hard_iron_ut: unmoved.hard_iron_ut + moved * sign, ..unmoved };
+                .any(|monitored_change| is_confirmed_by(monitored_change, &change));
+        let without_step = solved_correction(solution);
+        let with_step = FieldCorrection { hard_iron_ut: without_step.hard_iron_ut + step_ut * sign, ..without_step };
         let [residual_without_step_ut, residual_with_step_ut] =
-            [unmoved, moved].map(|correction| median_residual_ut(other_rows, &correction, solution));
+            [without_step, with_step].map(|correction| median_residual_ut(other_rows, &correction, solution));
         let is_confirmed = is_detected || residual_without_step_ut > MIN_RESIDUAL_RATIO * residual_with_step_ut;
         step_effect_deg(step, solution).filter(|_| is_confirmed)
     }

@@ -182,7 +182,7 @@ fn mounting_changes(flight: &Flight, evaluation: &FlightEvaluation) -> Option<Lo
         evaluation.compasses.iter().flat_map(|compass| mounting_parameter_changes(flight, compass.compass_number));
     let mut changes: Vec<(String, f64)> = changes.collect();
     // The board's rotation affects every compass.
-    changes.sort_by(|(left_name, _), (right_name, _)| left_name.cmp(right_name));
+    changes.sort_by(|(a, _), (b, _)| a.cmp(b));
     changes.dedup();
     (!changes.is_empty()).then_some(LogWarning::MountingChanged(changes))
 }
@@ -337,9 +337,7 @@ pub(super) fn sensor_failure(flight: &Flight, compass: &CompassEvaluation) -> Op
         return Some(LogWarning::FieldMissing(compass_number));
     }
     let duration_s = |frozen: &FrozenInterval| frozen.interval_s[1] - frozen.interval_s[0];
-    let longest = frozen_intervals(&compass.rows)
-        .into_iter()
-        .max_by(|left_interval, right_interval| duration_s(left_interval).total_cmp(&duration_s(right_interval)));
+    let longest = frozen_intervals(&compass.rows).into_iter().max_by(|a, b| duration_s(a).total_cmp(&duration_s(b)));
     if let Some(FrozenInterval { interval_s, stuck_axis: axis }) = longest {
         return Some(LogWarning::FieldFrozen { compass: compass_number, axis, interval_s });
     }

@@ -83,7 +83,7 @@ pub enum NoParameters {
     },
     /// The autopilot rejects offsets of this size.
     OffsetsTooLarge {
-        /// Largest offset, milligauss.
+        /// Largest offset component of the parameters, milligauss.
         offset_mg: f64,
         /// Limit of the offset, milligauss.
         limit_mg: f64,

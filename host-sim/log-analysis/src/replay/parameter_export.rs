@@ -97,7 +97,7 @@ impl ExportedCorrection {
         self.correction.motor_ut_per_a != Vector3::zeros()
     }
 
-    /// Largest offset, milligauss.
+    /// Largest offset component of the exported correction, milligauss.
     pub(super) fn largest_offset_mg(&self) -> f64 {
         self.correction.hard_iron_ut.amax() * MILLIGAUSS_PER_UT
     }
@@ -240,7 +240,7 @@ fn heading_loss_deg_of(
     [(squares / row_count).sqrt(), mean]
 }
 
-/// The parameter file.
+/// Text of the parameter file with these corrections.
 #[must_use]
 pub fn format_parameter_file(flight: &Flight, exports: &[ExportedCorrection], format: ParameterFormat) -> String {
     let mut text = String::new();
@@ -334,7 +334,7 @@ fn zero_other_compensations(text: &mut String, flight: &Flight, exports: &[Expor
 /// Vehicle, component, name, value, type (9 float, 6 integer), tab-separated.
 fn write_px4_parameters(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> std::fmt::Result {
     if exports.iter().any(ExportedCorrection::has_motor_compensation) {
-        // Current of the first battery.
+        // Type 2: compensation by the current of the first battery.
         writeln!(text, "1\t1\tCAL_MAG_COMP_TYP\t2\t6")?;
     }
     for export in exports {

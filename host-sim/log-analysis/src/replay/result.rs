@@ -65,7 +65,7 @@ impl ReplayOptions {
 pub struct HeadingRow {
     /// Flight time of the row, seconds.
     pub t_s: f64,
-    /// Magnetic heading, degrees.
+    /// Magnetic heading of the row by the solution, degrees.
     pub heading_deg: f64,
     /// Standard deviation of the heading, degrees.
     pub sigma_deg: f64,
@@ -96,7 +96,7 @@ pub struct HeadingScore {
     pub rms_deg: f64,
     /// Mean heading error, degrees; includes the declination if the reference is true.
     pub mean_deg: f64,
-    /// Number of rows.
+    /// Number of rows that are scored.
     pub row_count: usize,
     /// Percentage of demeaned errors within one and two standard deviations.
     pub within_percent: [f64; 2],

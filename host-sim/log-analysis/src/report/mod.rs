@@ -17,7 +17,7 @@ mod text;
 pub use model::{Report, ReportOrigin};
 pub use replay_report::report_replay;
 
-/// Renders the page.
+/// Renders the report as one HTML page.
 #[must_use]
 pub fn render_page(report: &Report) -> String {
     page::render_html(report)

@@ -19,9 +19,9 @@ pub struct Report {
     pub log_warnings: Vec<String>,
     /// Reference of the headings.
     pub reference: ReferenceInfo,
-    /// Comparison of calibrators.
+    /// Heading errors of all compasses with the coefficients of each calibrator.
     pub calibrators: CalibratorComparison,
-    /// Compasses.
+    /// Results of each compass.
     pub compasses: Vec<CompassReport>,
     /// Name and text of a parameter file.
     pub parameters: Option<[String; 2]>,
@@ -46,7 +46,7 @@ pub struct VerdictLine {
     pub compass_state: CompassState,
     /// State of the compass in one word.
     pub state_word: &'static str,
-    /// The verdict.
+    /// The verdict in a sentence.
     pub verdict_text: String,
 }
 
@@ -108,7 +108,7 @@ pub struct CompassReport {
     pub samples: Vec<ReportSample>,
     /// Time of the last change of hard iron or mounting, seconds: means and the deviation card are of later samples.
     pub changed_s: Option<f64>,
-    /// Events on the time axis.
+    /// Events that are marked on the charts' time axis.
     pub event_marks: Vec<EventMark>,
     /// Name of the correction used for the headings before the calibration.
     pub before_name: &'static str,
@@ -144,7 +144,7 @@ impl DeviationCurve {
     }
 }
 
-/// Event on the time axis.
+/// Event that is marked on the charts' time axis.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct EventMark {
     /// Seconds on the clock of the samples.
@@ -170,7 +170,7 @@ pub struct ReportSample {
     pub raw_ut: Option<[f64; 3]>,
     /// Field as logged, microtesla.
     pub logged_ut: Option<[f64; 3]>,
-    /// Corrected field, microtesla.
+    /// Field corrected by the module or by the parameters to load, body axes, microtesla.
     pub corrected_ut: Option<[f64; 3]>,
     /// Battery current, amperes.
     pub current_a: Option<f64>,

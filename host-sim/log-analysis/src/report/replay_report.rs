@@ -230,7 +230,7 @@ fn event_marks(compass: &CompassEvaluation) -> Vec<EventMark> {
 /// Corrected field of a row, body axes, microtesla.
 type FieldOfRow<'a> = dyn Fn(&ReplayRow) -> Vector3<f64> + 'a;
 
-/// Corrections whose results a sample has.
+/// Corrections whose fields and heading errors a report sample holds.
 struct ShownCorrections<'a> {
     /// Whether the autopilot corrected the logged field.
     is_logged: bool,

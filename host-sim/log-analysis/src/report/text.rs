@@ -29,7 +29,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_are_safe() {
+    fn html_and_control_characters_are_escaped_or_dropped() {
         assert_eq!(escape_html("a\u{0}\u{1b}[2K\u{202e}<'\"&>"), "a[2K&lt;&#39;&quot;&amp;&gt;");
     }
 }

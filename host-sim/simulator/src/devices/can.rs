@@ -78,7 +78,7 @@ impl CanBus {
         })))
     }
 
-    /// Attaches a node.
+    /// Attaches a node to the bus and returns its end.
     #[must_use]
     pub fn attach_node(&self) -> CanEnd {
         let mut state = self.0.borrow_mut();

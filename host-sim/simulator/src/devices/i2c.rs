@@ -24,7 +24,7 @@ pub trait SimulatedI2cDevice {
 /// Device shared between the bus and a test that injects faults.
 pub type SharedI2cDevice = Rc<RefCell<dyn SimulatedI2cDevice>>;
 
-/// Bus error.
+/// Error of a transaction on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BusError {
     /// No device acknowledged this address.
@@ -52,7 +52,7 @@ impl SimulatedI2cBus {
         Self::default()
     }
 
-    /// Connects a device.
+    /// Connects a device to the bus.
     pub fn attach_device(&self, device: SharedI2cDevice) {
         self.devices.borrow_mut().push(device);
     }

@@ -24,7 +24,7 @@ pub trait SimulatedSpiDevice {
 pub struct SelectedDevice(Rc<RefCell<dyn SimulatedSpiDevice>>);
 
 impl SelectedDevice {
-    /// Connects a device.
+    /// Connects a device to its own bus.
     #[must_use]
     pub fn new(target: Rc<RefCell<dyn SimulatedSpiDevice>>) -> Self {
         Self(target)

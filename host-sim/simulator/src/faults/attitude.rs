@@ -15,13 +15,13 @@ use crate::world::gauss_markov::FirstOrderProcess;
 /// Second sender of attitude on the same line, with a roll error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SecondSender {
-    /// System ID.
+    /// MAVLink system ID of the second sender.
     pub system_id: u8,
-    /// Component ID.
+    /// MAVLink component ID of the second sender.
     pub component_id: u8,
     /// Type announced in heartbeats; `None` sends no heartbeats.
     pub heartbeat_kind: Option<SenderKind>,
-    /// Roll error, degrees.
+    /// Error of the reported roll, degrees.
     pub roll_error_deg: f64,
 }
 
@@ -83,7 +83,7 @@ pub fn stale_attitude(switch: FaultSwitch, source: &AttitudeSourceConfig, seed: 
 
 /// Silence of the source, in one or several intervals.
 pub struct SourceSilence {
-    /// Active time.
+    /// Time in which the fault is active.
     pub fault_switch: FaultSwitch,
     /// Duration of an interval, seconds.
     pub silent_s: f64,
@@ -108,7 +108,7 @@ impl AttitudeFault for SourceSilence {
 
 /// Restart of the source: silence, then time stamps from zero and the alignment of its filter.
 pub struct SourceRestart {
-    /// Active time, which begins with the silence.
+    /// Time in which the fault is active; it begins with the silence.
     pub fault_switch: FaultSwitch,
     /// Duration of the silence, seconds.
     pub silent_s: f64,
@@ -129,7 +129,7 @@ impl AttitudeFault for SourceRestart {
     }
 }
 
-/// Roll and pitch errors of 45 deg in a fraction of the messages.
+/// Fault: roll and pitch errors of 45 deg in a fraction of the messages.
 #[must_use]
 pub fn attitude_spikes(switch: FaultSwitch, fraction: f64, seed: u64) -> impl AttitudeFault {
     let mut random = RandomStream::new(seed, StreamPurpose::AttitudeFault);
@@ -142,7 +142,7 @@ pub fn attitude_spikes(switch: FaultSwitch, fraction: f64, seed: u64) -> impl At
     })
 }
 
-/// Constant error of roll and pitch, radians.
+/// Fault: constant error of roll and pitch, radians.
 #[must_use]
 pub fn attitude_bias(switch: FaultSwitch, bias_rad: [f64; 2]) -> impl AttitudeFault {
     change_messages_while_on(switch, move |message| {
@@ -171,11 +171,11 @@ pub fn lagging_bank_error(switch: FaultSwitch, missing_fraction: f64, time_const
     }
 }
 
-/// Additional attitude latency.
+/// Fault: additional latency of the attitude.
 pub struct AdditionalLatency {
-    /// Active time.
+    /// Time in which the fault is active.
     pub fault_switch: FaultSwitch,
-    /// Additional latency, microseconds.
+    /// Latency that is added to that of the attitude source, microseconds.
     pub latency_us: u64,
 }
 
@@ -214,11 +214,11 @@ const GYRO_OFFSET_RAD_S: f32 = 2e-4;
 /// Alignment of an attitude filter after its start: decaying oscillation of roll and pitch.
 #[derive(Clone, Copy, Debug)]
 pub struct FilterAlignment {
-    /// Initial amplitude, degrees.
+    /// Initial amplitude of the oscillation, degrees.
     pub amplitude_deg: f64,
     /// Periods of roll and pitch, seconds.
     pub periods_s: [f64; 2],
-    /// Duration, seconds.
+    /// Duration of the decay, seconds.
     pub duration_s: f64,
 }
 
@@ -244,7 +244,7 @@ pub fn filter_alignment(switch: FaultSwitch, alignment: FilterAlignment) -> impl
     }
 }
 
-/// Quantisation of roll and pitch.
+/// Fault: roll and pitch are rounded to multiples of a resolution in degrees.
 #[must_use]
 pub fn attitude_quantisation(resolution_deg: f64) -> impl AttitudeFault {
     change_messages_while_on(FaultSwitch::always_on(), move |message| {

@@ -1,9 +1,9 @@
-//! Active time of a fault.
+//! Time in which a fault is active.
 
 use std::cell::Cell;
 use std::rc::Rc;
 
-/// Cloneable handle to the active time of a fault.
+/// Cloneable handle to the time in which a fault is active.
 #[derive(Clone, Debug)]
 pub struct FaultSwitch(Rc<Cell<(u64, u64)>>);
 

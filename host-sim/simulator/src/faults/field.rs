@@ -133,9 +133,9 @@ impl FieldFault for SoftIronHysteresis {
 pub struct MountTurn {
     /// Active while the module turns.
     pub fault_switch: FaultSwitch,
-    /// The airframe.
+    /// Airframe whose iron does not turn with the module.
     pub airframe: Airframe,
-    /// Earth's field.
+    /// Earth's field at the place of the flight.
     pub earth: Earth,
     /// Final turn, degrees, clockwise as seen from above.
     pub turn_deg: f64,
@@ -154,7 +154,7 @@ impl FieldFault for MountTurn {
 
 /// Another place with another field.
 pub struct OtherPlace {
-    /// Active time.
+    /// Time in which the aircraft is at the other place.
     pub fault_switch: FaultSwitch,
     /// Earth's field at that place.
     pub earth: Earth,

@@ -24,7 +24,7 @@ use std::rc::Rc;
 pub struct Faults {
     /// Faults of a LIS3MDL.
     pub sensor_faults: Vec<Box<dyn sensor::SensorFault>>,
-    /// Attitude faults.
+    /// Faults of the attitude source.
     pub attitude_faults: Vec<Box<dyn attitude::AttitudeFault>>,
     /// Additional senders of attitude on the same line.
     pub second_senders: Vec<attitude::SecondSender>,

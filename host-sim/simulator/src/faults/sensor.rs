@@ -159,11 +159,11 @@ pub fn axis_clipping(switch: FaultSwitch, axis: usize, limit_counts: i16) -> imp
 
 /// Single-event upset of register bits.
 pub struct RegisterUpset {
-    /// Active time; the upset occurs at its start.
+    /// Time in which the fault is active; the upset occurs at its start.
     pub fault_switch: FaultSwitch,
-    /// Register address.
+    /// Address of the register.
     pub register: u8,
-    /// Bit mask.
+    /// Mask of the bits that flip.
     pub bit_mask: u8,
     /// Whether the upset has occurred.
     pub has_occurred: bool,

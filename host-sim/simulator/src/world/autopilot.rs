@@ -53,7 +53,7 @@ pub enum Leg {
     },
 }
 
-/// Mode of translation; only hovering vehicles distinguish modes.
+/// Commanded horizontal motion; other than hovering vehicles always move forward.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum TranslationMode {
     /// Move forward at cruise speed.
@@ -79,7 +79,7 @@ pub struct VehicleCommand {
     pub pitch_rad: f64,
     /// Turn rate of vehicles that turn without banking, radians per second.
     pub turn_rate_rad_s: f64,
-    /// Mode of translation.
+    /// Horizontal motion that a hovering vehicle is commanded.
     pub translation_mode: TranslationMode,
 }
 

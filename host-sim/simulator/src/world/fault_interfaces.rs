@@ -42,7 +42,7 @@ pub trait AttitudeFault {
         false
     }
 
-    /// Modifies a message.
+    /// Modifies an attitude message before it is sent.
     fn modify_message(&mut self, now_us: u64, message: &mut ATTITUDE_DATA);
 }
 

@@ -1,6 +1,6 @@
 //! Place and date of the flight.
 
-/// Reported position.
+/// Position that an autopilot reports.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReportedPosition {
     /// Latitude, degrees north.

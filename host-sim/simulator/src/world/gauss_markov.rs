@@ -48,7 +48,7 @@ impl SecondOrderProcess {
         Self { value, input: FirstOrderProcess::new(input_sigma, time_constant_s, step_s, random), decay }
     }
 
-    /// Next sample.
+    /// Next sample of the process.
     pub fn next_value(&mut self) -> f64 {
         self.value = self.decay * self.value + (1.0 - self.decay) * self.input.next_value();
         self.value

@@ -36,7 +36,7 @@ pub struct PublishedRow {
     /// Errors of the uncompensated heading.
     pub uncompensated: BankErrors,
     /// Heading errors after compensation from known headings.
-    pub reference_errors: BankErrors,
+    pub known_heading_method: BankErrors,
     /// Heading errors after compensation by the paper's method.
     pub four_ellipse: BankErrors,
     /// Heading errors after compensation by the paper's method, less the mean error.
@@ -62,7 +62,7 @@ fn parse_row(line: &str) -> PublishedRow {
     PublishedRow {
         heading_deg,
         uncompensated: next_bank_errors(),
-        reference_errors: next_bank_errors(),
+        known_heading_method: next_bank_errors(),
         four_ellipse: next_bank_errors(),
         four_ellipse_demeaned: next_bank_errors(),
     }
@@ -106,7 +106,10 @@ mod tests {
         let rows = published_rows();
         let [first, last] = [rows[0], rows[11]];
         assert_eq!((first.heading_deg, first.uncompensated), (0.0, BankErrors { right_deg: 4.2, left_deg: 2.4 }));
-        assert_eq!((last.heading_deg, last.reference_errors), (330.0, BankErrors { right_deg: 1.5, left_deg: -2.3 }));
+        assert_eq!(
+            (last.heading_deg, last.known_heading_method),
+            (330.0, BankErrors { right_deg: 1.5, left_deg: -2.3 })
+        );
         assert_eq!(last.four_ellipse_demeaned, BankErrors { right_deg: 0.8, left_deg: -1.2 });
     }
 

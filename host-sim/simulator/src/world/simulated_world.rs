@@ -53,7 +53,7 @@ impl World {
         })))
     }
 
-    /// World settings.
+    /// Settings of the world.
     #[must_use]
     pub fn world_config(&self) -> WorldConfig {
         self.0.borrow().config

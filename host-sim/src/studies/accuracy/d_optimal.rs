@@ -81,7 +81,7 @@ pub fn select_samples(trial: &RandomFlight, sample_count: usize) -> Vec<TrueSamp
 /// Cramér-Rao bound of the RMS heading error for a selection of `sample_count` samples, degrees.
 #[must_use]
 pub fn rms_deg(trial: &RandomFlight, sample_count: usize) -> Option<f64> {
-    cramer_rao::bound_rms_deg_of_samples(trial, select_samples(trial, sample_count).iter())
+    cramer_rao::bound_deg_of_samples(trial, select_samples(trial, sample_count).iter())
 }
 
 fn prior_information() -> FisherInformation {
@@ -147,7 +147,7 @@ mod tests {
             Flight { kind: VehicleKind::Copter, flight_pattern: FlightPattern::Routine, duration_minutes: 3.0 }
                 .true_flight(&RandomRanges::WORST_CASE, 3);
         let trial = trial(1).with_flight(flight, AttitudeEnvelope::Tilted);
-        let thinned = cramer_rao::bound_rms_deg_of_samples(&trial, trial.true_samples().step_by(9)).unwrap();
+        let thinned = cramer_rao::bound_deg_of_samples(&trial, trial.true_samples().step_by(9)).unwrap();
         let chosen = rms_deg(&trial, 200).unwrap();
         assert!(chosen < 0.9 * thinned, "{chosen} {thinned}");
         assert!(rms_deg(&trial, 400).unwrap() < chosen);

@@ -80,7 +80,7 @@ impl Flight {
             if let Some((_, legs)) = routine.take_if(|(at_us, _)| aircraft.true_state().time_us >= *at_us) {
                 // Aborts the straight leg in progress.
                 aircraft.autopilot_mut().hold_bank_and_pitch(0.0, 0.0);
-                fly_all(&mut aircraft, &legs);
+                fly_legs(&mut aircraft, &legs);
             } else if aircraft.autopilot().unfinished_legs() == 0 {
                 let leg = if self.flight_pattern == FlightPattern::Wandering {
                     random_leg(self.kind, &mut random)
@@ -110,7 +110,7 @@ fn true_sample(aircraft: &Aircraft) -> TrueSample {
     }
 }
 
-fn fly_all(aircraft: &mut Aircraft, legs: &[Leg]) {
+fn fly_legs(aircraft: &mut Aircraft, legs: &[Leg]) {
     for &leg in legs {
         aircraft.autopilot_mut().fly_leg(leg);
     }
@@ -118,7 +118,7 @@ fn fly_all(aircraft: &mut Aircraft, legs: &[Leg]) {
 
 fn duration_us(config: VehicleConfig, seed: u64, legs: &[Leg]) -> u64 {
     let mut aircraft = Aircraft::new(config, Weather::default(), seed, 0);
-    fly_all(&mut aircraft, legs);
+    fly_legs(&mut aircraft, legs);
     while aircraft.autopilot().unfinished_legs() > 0 {
         aircraft.advance_step();
     }

@@ -26,7 +26,7 @@ pub struct FlightStudyRow {
     pub pattern: FlightPattern,
     /// Duration, minutes.
     pub minutes: f64,
-    /// Retained samples, median.
+    /// Number of retained samples, median over the airframes.
     pub readings: f64,
     /// Solves that returned coefficients, percent.
     pub converged_percent: f64,
@@ -39,16 +39,20 @@ pub struct FlightStudyRow {
     /// RMS heading error, 90th percentile over the airframes, degrees.
     pub rms_worst_decile_deg: f64,
     /// RMS heading error over the bound of the retained samples, median: loss of the solver.
-    pub kept_ratio_median: f64,
+    #[serde(rename = "kept_ratio_median")]
+    pub solver_loss_median: f64,
     /// Bound of the retained samples over the bound of the optimal selection of equal size, median: loss of the
     /// selection.
-    pub choice_ratio_median: f64,
+    #[serde(rename = "choice_ratio_median")]
+    pub selection_loss_median: f64,
     /// Bound of the optimal selection of equal size, median over the airframes, degrees.
     pub best_bound_median_deg: f64,
     /// RMS heading error over the bound of the optimal selection, median.
-    pub best_ratio_median: f64,
+    #[serde(rename = "best_ratio_median")]
+    pub error_to_best_bound_median: f64,
     /// RMS heading error over the bound of the optimal selection, 90th percentile.
-    pub best_ratio_worst_decile: f64,
+    #[serde(rename = "best_ratio_worst_decile")]
+    pub error_to_best_bound_worst_decile: f64,
     /// Coverage with attitude noise only, which the solver is given.
     pub coverage: SigmaCoverage,
     /// Coverage with the constant errors that the solver considers ([`ConsiderSigmas::DEFAULT`]).
@@ -96,7 +100,7 @@ impl FlightResult {
         let readings = retained_times.len();
         let mut flight_result = Self {
             readings,
-            retained_bound_deg: cramer_rao::bound_rms_deg_of_samples(&trial, kept_samples)?,
+            retained_bound_deg: cramer_rao::bound_deg_of_samples(&trial, kept_samples)?,
             best_bound_deg: d_optimal::rms_deg(&trial, readings)?,
             solve_counts: SolveCounts::default(),
             normalised: Vec::new(),
@@ -153,13 +157,13 @@ fn study_row(flight: Flight, trials: &[FlightResult]) -> FlightStudyRow {
         wrong: total_count(|solve_counts| solve_counts.wrong_solves),
         rms_median_deg: rms_deg(0.5),
         rms_worst_decile_deg: rms_deg(0.9),
-        kept_ratio_median: median(kept_ratios),
-        choice_ratio_median: median(
+        solver_loss_median: median(kept_ratios),
+        selection_loss_median: median(
             trials.iter().map(|flight_result| flight_result.retained_bound_deg / flight_result.best_bound_deg),
         ),
         best_bound_median_deg: median(trials.iter().map(|flight_result| flight_result.best_bound_deg)),
-        best_ratio_median: median(ratios()),
-        best_ratio_worst_decile: quantile(ratios(), 0.9).unwrap_or(f64::NAN),
+        error_to_best_bound_median: median(ratios()),
+        error_to_best_bound_worst_decile: quantile(ratios(), 0.9).unwrap_or(f64::NAN),
         coverage: sigma_coverage(&all_of(|flight_result| &flight_result.normalised)),
         coverage_with_faults: sigma_coverage(&all_of(|flight_result| &flight_result.normalised_with_faults)),
     }

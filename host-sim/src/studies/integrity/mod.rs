@@ -33,9 +33,11 @@ pub struct IntegrityRow {
     /// Accepted calibrations with a true error above three times the estimated one, percent of flights.
     pub wrong_percent: f64,
     /// True over estimated error of accepted calibrations, median; `None` without any.
-    pub ratio_median: Option<f64>,
+    #[serde(rename = "ratio_median")]
+    pub error_ratio_median: Option<f64>,
     /// True over estimated error of accepted calibrations, largest.
-    pub ratio_worst: Option<f64>,
+    #[serde(rename = "ratio_worst")]
+    pub error_ratio_largest: Option<f64>,
     /// Bad headings, with an error above four sigmas and above 5 deg, percent of all output since the onset.
     pub bad_percent: f64,
     /// Longest sequence of bad headings, seconds.
@@ -61,14 +63,18 @@ pub struct IntegrityRow {
     /// False alarms (interruptions of the heading output without an active fault), per hour without fault.
     pub alarms_per_hour: f64,
     /// Codes of the console's notes after the calibration, with their counts, most frequent first.
-    pub notes: Vec<(String, usize)>,
+    #[serde(rename = "notes")]
+    pub note_counts: Vec<(String, usize)>,
     /// Error of the estimated hard-iron change relative to the change, median, percent; `None` without a
     /// simulated change.
-    pub iron_error_median_percent: Option<f64>,
+    #[serde(rename = "iron_error_median_percent")]
+    pub hard_iron_error_median_percent: Option<f64>,
     /// Codes of rejected calibrations with their counts, most frequent first.
-    pub refused: Vec<(String, usize)>,
+    #[serde(rename = "refused")]
+    pub refusal_counts: Vec<(String, usize)>,
     /// Codes of sentences without a heading since the onset, with their counts.
-    pub empty: Vec<(String, usize)>,
+    #[serde(rename = "empty")]
+    pub no_heading_counts: Vec<(String, usize)>,
 }
 
 /// Flies all cases in parallel; calls `on_flight_done` after every flight. The result does not depend on the number of
@@ -119,14 +125,14 @@ fn integrity_row(case: &'static str, results: &[&CaseFlightResult]) -> Integrity
     let output_statistics = results.iter().fold(HeadingStatistics::default(), |merged, flight_result| {
         merged.merged_with(&flight_result.output_statistics)
     });
-    let [flight_result, two, three] = output_statistics.within_percent();
+    let [within_one, within_two, within_three] = output_statistics.within_percent();
     IntegrityRow {
         case,
         flights: results.len(),
         accepted_percent: percent_of_flights(ratios().count()),
         wrong_percent: percent_of_flights(ratios().filter(|ratio| *ratio > 3.0).count()),
-        ratio_median: quantile(ratios(), 0.5),
-        ratio_worst: quantile(ratios(), 1.0),
+        error_ratio_median: quantile(ratios(), 0.5),
+        error_ratio_largest: quantile(ratios(), 1.0),
         bad_percent: output_statistics.bad_percent(),
         longest_bad_s: output_statistics.longest_bad_s,
         worst_deg: output_statistics.worst_deg,
@@ -134,17 +140,17 @@ fn integrity_row(case: &'static str, results: &[&CaseFlightResult]) -> Integrity
         rms_deg: output_statistics.rms_deg(),
         sigma_rms_deg: output_statistics.sigma_rms_deg(),
         worst_10s_deg: output_statistics.worst_10s_deg,
-        within_one_sigma_percent: flight_result,
-        within_two_sigma_percent: two,
-        within_three_sigma_percent: three,
+        within_one_sigma_percent: within_one,
+        within_two_sigma_percent: within_two,
+        within_three_sigma_percent: within_three,
         empty_percent: output_statistics.empty_percent(),
         alarms_per_hour: output_statistics.alarms_per_hour(),
-        notes: count_codes(results.iter().flat_map(|flight_result| flight_result.note_codes.iter().cloned())),
-        iron_error_median_percent: quantile(iron_errors, 0.5).map(|error| 100.0 * error),
-        refused: count_codes(
+        note_counts: count_codes(results.iter().flat_map(|flight_result| flight_result.note_codes.iter().cloned())),
+        hard_iron_error_median_percent: quantile(iron_errors, 0.5).map(|error| 100.0 * error),
+        refusal_counts: count_codes(
             results.iter().filter_map(|flight_result| flight_result.calibration.as_ref().err().cloned()),
         ),
-        empty: output_statistics.no_heading_counts.into_iter().collect(),
+        no_heading_counts: output_statistics.no_heading_counts.into_iter().collect(),
     }
 }
 

@@ -12,14 +12,14 @@ const MIN_SUSTAINED_ERROR_S: f64 = 10.0;
 /// Largest sigma of a heading that counts in a sustained error, degrees.
 const MAX_SUSTAINED_SIGMA_DEG: f64 = 2.0;
 
-/// Evaluated output sentence.
+/// Output sentence with the error of its heading, or without a heading.
 #[derive(Clone, Debug, PartialEq)]
 pub enum EvaluatedSentence {
     /// Sentence with a heading.
     Heading {
         /// Output minus true heading, degrees.
         error_deg: f64,
-        /// Output sigma, degrees.
+        /// Standard deviation sent with the heading, degrees.
         sigma_deg: f64,
         /// Whether the smooth heading was output.
         is_smooth: bool,

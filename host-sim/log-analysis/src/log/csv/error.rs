@@ -1,4 +1,4 @@
-//! Errors of tables.
+//! Errors of reading a table.
 
 use std::fmt;
 

@@ -8,7 +8,7 @@ pub enum FieldUnit {
     /// Milligauss, as ArduPilot logs.
     #[serde(rename = "mg")]
     Milligauss,
-    /// Field in microtesla.
+    /// Microtesla.
     #[serde(rename = "ut")]
     Microtesla,
 }

@@ -110,7 +110,7 @@ mod tests {
         assert_eq!(rows.len(), 2);
         assert_eq!(rows[0].row_values.map(f32::to_bits), [10.0_f32, -20.0, 40.0, 10.0, -20.0, 40.0].map(f32::to_bits));
         assert!((flight.attitude.rows()[1].row_values[1].to_degrees() + 3.0).abs() < 1e-5);
-        assert_eq!(flight.usable_rows.rows().iter().map(|row| row.row_values[0]).collect::<Vec<_>>(), [1.0, 0.0]);
+        assert_eq!(flight.row_usability.rows().iter().map(|row| row.row_values[0]).collect::<Vec<_>>(), [1.0, 0.0]);
         let flight_in_ut = read_csv(VALID_TABLE.as_bytes(), FieldUnit::Microtesla).unwrap();
         assert_eq!(flight_in_ut.compasses[0].field.rows()[0].row_values[..3], [100.0, -200.0, 400.0]);
     }

@@ -118,7 +118,7 @@ impl TableReader {
             flight.reference_heading.push_row(t_s, [reference.to_radians() as f32]);
         }
         if let Some(usable) = usable {
-            flight.usable_rows.push_row(t_s, [f32::from(usable != 0.0)]);
+            flight.row_usability.push_row(t_s, [f32::from(usable != 0.0)]);
         }
         if let Ok(Some(amperes)) = optional_number(table.current_column, "current_a") {
             builder.push_current(t_s, amperes as f32);

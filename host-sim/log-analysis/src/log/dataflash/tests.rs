@@ -1,9 +1,9 @@
 use super::messages::*;
 use crate::log::flight::{Gps, LogFormat};
 
-struct Numbers<'a>(&'a [(&'a str, f64)]);
+struct NumericMessage<'a>(&'a [(&'a str, f64)]);
 
-impl LogMessage for Numbers<'_> {
+impl LogMessage for NumericMessage<'_> {
     fn numeric_field(&self, name: &str) -> Option<f64> {
         self.0.iter().find(|(column, _)| *column == name).map(|(_, number)| *number)
     }
@@ -24,7 +24,7 @@ impl LogMessage for Numbers<'_> {
 fn read_messages(messages: &[(&str, &[(&str, f64)])]) -> crate::log::Flight {
     let mut builder = ardupilot_builder(LogFormat::DataFlash);
     for (name, numbers) in messages {
-        record_message(&mut builder, name, &Numbers(numbers));
+        record_message(&mut builder, name, &NumericMessage(numbers));
     }
     builder.finish_flight()
 }
@@ -163,7 +163,7 @@ fn offsets_estimated_in_flight_are_undone_per_row() {
     let mut builder = ardupilot_builder(LogFormat::DataFlash);
     builder.set_parameter("COMPASS_OFS_X", 30.7);
     for numbers in [row(1e6, 230.7, 30.0), row(1.1e6, 240.0, 40.0), row(1.2e6, 215.0, 15.0)] {
-        record_message(&mut builder, "MAG", &Numbers(&numbers));
+        record_message(&mut builder, "MAG", &NumericMessage(&numbers));
     }
     let flight = builder.finish_flight();
     for row in flight.compasses[0].field.rows() {

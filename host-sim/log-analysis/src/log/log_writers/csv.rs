@@ -19,8 +19,8 @@ pub fn encode_csv(recording: &FlightRecording) -> Vec<u8> {
         let now = sample.rates_rad_s.map(f64::to_degrees);
         let [p, q, r] = std::array::from_fn(|axis| now[axis].midpoint(last.unwrap_or(now)[axis]));
         last = Some(now);
-        let [speed_m_s, course_rad] = sample.over_ground();
-        let position_cells = recording.place_at(sample).map_or_else(
+        let [speed_m_s, course_rad] = sample.speed_and_course();
+        let position_cells = recording.sample_position(sample).map_or_else(
             || ",,,,".to_owned(),
             |[a, b, c]| format!("{a:.7},{b:.7},{c:.1},{speed_m_s:.2},{:.2}", course_rad.to_degrees()),
         );

@@ -103,7 +103,7 @@ fn write_messages(recording: &FlightRecording, write: &mut dyn FnMut(usize, &[Co
         };
         row(3, &sample.attitude_rad.map(f64::to_degrees));
         for compass_number in 1..=recording.compass_count() {
-            let (field, motor) = recording.ardupilot_ut(sample, compass_number);
+            let (field, motor) = recording.ardupilot_field_ut(sample, compass_number);
             let [x, y, z] = field.map(|axis| axis * 10.0);
             let [mx, my, mz] = motor.map(|axis| axis * 10.0);
             let [ox, oy, oz] = recording.ardupilot_offsets_mg(compass_number).map(f64::trunc);
@@ -112,11 +112,11 @@ fn write_messages(recording: &FlightRecording, write: &mut dyn FnMut(usize, &[Co
         let [p, q, r] = sample.rates_rad_s;
         row(5, &[0.0, p, q, r]);
         row(7, &[0.0, 12.0, sample.current_a]);
-        if let Some([latitude, longitude, height]) = recording.place_at(sample).filter(|_| i % 2 == 0) {
-            let [speed_m_s, course_rad] = sample.over_ground();
-            let over_ground = [speed_m_s, course_rad.to_degrees()];
+        if let Some([latitude, longitude, height]) = recording.sample_position(sample).filter(|_| i % 2 == 0) {
+            let [speed_m_s, course_rad] = sample.speed_and_course();
+            let speed_and_course = [speed_m_s, course_rad.to_degrees()];
             let gps_values = [0.0, 3.0, time_us / 1e3, f64::from(FLIGHT_GPS_WEEK), latitude, longitude, height];
-            row(6, &[&gps_values[..], &over_ground].concat());
+            row(6, &[&gps_values[..], &speed_and_course].concat());
         }
     }
 }

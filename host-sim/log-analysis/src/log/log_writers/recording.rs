@@ -28,7 +28,7 @@ pub struct FlightSample {
     pub is_armed: bool,
 }
 
-/// A recorded flight.
+/// Simulated autopilot data of a flight, to be written as a log.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FlightRecording {
     /// Samples in order of time.
@@ -47,7 +47,7 @@ pub struct FlightRecording {
 
 impl FlightSample {
     /// Speed over ground, m/s, and course, radians, 0 to 2 pi.
-    pub(super) fn over_ground(&self) -> [f64; 2] {
+    pub(super) fn speed_and_course(&self) -> [f64; 2] {
         let [north, east] = self.velocity_m_s;
         [libm::hypot(north, east), libm::atan2(east, north).rem_euclid(TAU)]
     }
@@ -61,7 +61,7 @@ impl FlightRecording {
     }
 
     /// Latitude, longitude, degrees, and height, metres, of a sample.
-    pub(super) fn place_at(&self, sample: &FlightSample) -> Option<[f64; 3]> {
+    pub(super) fn sample_position(&self, sample: &FlightSample) -> Option<[f64; 3]> {
         /// Length of one degree of latitude, metres.
         const METRES_PER_DEGREE: f64 = 111_200.0;
         let [latitude_deg, longitude_deg, height_m] = self.start_position?;
@@ -70,24 +70,24 @@ impl FlightRecording {
         Some([latitude_deg + north_deg, longitude_deg + east_deg / shrinks, height_m])
     }
 
-    pub(super) fn parameter(&self, name: &str) -> f64 {
+    pub(super) fn parameter_value(&self, name: &str) -> f64 {
         self.parameters.iter().find(|(parameter_name, _)| parameter_name == name).map_or(0.0, |&(_, value)| value)
     }
 
     /// ArduPilot's offsets of a compass numbered from 1, milligauss.
     pub(super) fn ardupilot_offsets_mg(&self, compass_number: usize) -> [f64; 3] {
         let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
-        ["X", "Y", "Z"].map(|axis| self.parameter(&format!("COMPASS_OFS{index}_{axis}")))
+        ["X", "Y", "Z"].map(|axis| self.parameter_value(&format!("COMPASS_OFS{index}_{axis}")))
     }
 
     /// ArduPilot's logged field of a compass numbered from 1, and the motor-current compensation in it, microtesla;
     /// independent of the reader's code.
-    pub(super) fn ardupilot_ut(&self, sample: &FlightSample, compass_number: usize) -> ([f64; 3], [f64; 3]) {
+    pub(super) fn ardupilot_field_ut(&self, sample: &FlightSample, compass_number: usize) -> ([f64; 3], [f64; 3]) {
         let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
         let vector_parameters = |vector_name: &str| {
-            ["X", "Y", "Z"].map(|axis| self.parameter(&format!("COMPASS_{vector_name}{index}_{axis}")))
+            ["X", "Y", "Z"].map(|axis| self.parameter_value(&format!("COMPASS_{vector_name}{index}_{axis}")))
         };
-        let scale = self.parameter(&format!("COMPASS_SCALE{index}"));
+        let scale = self.parameter_value(&format!("COMPASS_SCALE{index}"));
         let scale = if scale == 0.0 { 1.0 } else { scale };
         let (offset, diagonal, off_diagonal, motor) = (
             self.ardupilot_offsets_mg(compass_number),
@@ -106,7 +106,7 @@ impl FlightRecording {
                 off_diagonal[1] * x + off_diagonal[2] * y + diagonal[2] * z,
             ]
         };
-        let current_a = if self.parameter("COMPASS_MOTCT") as u8 == 2 { sample.current_a } else { 0.0 };
+        let current_a = if self.parameter_value("COMPASS_MOTCT") as u8 == 2 { sample.current_a } else { 0.0 };
         let share = motor.map(|per_ten_amperes| per_ten_amperes / 10.0 * current_a);
         (std::array::from_fn(|axis| soft[axis] + share[axis]), share)
     }

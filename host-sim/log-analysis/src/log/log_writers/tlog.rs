@@ -11,9 +11,9 @@ use super::recording::{FLIGHT_START_UTC_US, FlightRecording, FlightSample};
 /// Encodes a recording as a MAVLink log.
 #[must_use]
 pub fn encode_tlog(recording: &FlightRecording) -> Vec<u8> {
-    let mut writer = FrameWriter { bytes: Vec::new(), sequence: 0, at_us: 0 };
+    let mut writer = FrameWriter { bytes: Vec::new(), sequence: 0, received_us: 0 };
     for (i, sample) in recording.samples.iter().enumerate() {
-        writer.at_us = sample.time_us;
+        writer.received_us = sample.time_us;
         if i % 10 == 0 {
             writer.write_slow_messages(recording, sample);
         }
@@ -28,7 +28,7 @@ pub fn encode_tlog(recording: &FlightRecording) -> Vec<u8> {
         let [rollspeed, pitchspeed, yawspeed] = sample.rates_rad_s.map(|rate| rate as f32);
         writer.write_message(&ATTITUDE_DATA { time_boot_ms, roll, pitch, yaw, rollspeed, pitchspeed, yawspeed });
         for compass_number in 1..=recording.compass_count() {
-            let (field, _) = recording.ardupilot_ut(sample, compass_number);
+            let (field, _) = recording.ardupilot_field_ut(sample, compass_number);
             let [xmag, ymag, zmag] = field.map(|axis| (axis * 10.0).round() as i16);
             match compass_number {
                 1 => writer.write_message(&RAW_IMU_DATA {
@@ -49,7 +49,7 @@ pub fn encode_tlog(recording: &FlightRecording) -> Vec<u8> {
 struct FrameWriter {
     bytes: Vec<u8>,
     sequence: u8,
-    at_us: u64,
+    received_us: u64,
 }
 
 impl FrameWriter {
@@ -57,7 +57,7 @@ impl FrameWriter {
         let mut frame = MAVLinkV2MessageRaw::new();
         frame.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: self.sequence }, message);
         self.sequence = self.sequence.wrapping_add(1);
-        self.bytes.extend((FLIGHT_START_UTC_US + self.at_us).to_be_bytes());
+        self.bytes.extend((FLIGHT_START_UTC_US + self.received_us).to_be_bytes());
         self.bytes.extend(frame.raw_bytes());
     }
 
@@ -72,9 +72,9 @@ impl FrameWriter {
         self.write_message(&SYSTEM_TIME_DATA { time_unix_usec: FLIGHT_START_UTC_US + sample.time_us, time_boot_ms });
         let current_battery = (sample.current_a * 100.0) as i16;
         self.write_message(&SYS_STATUS_DATA { current_battery, ..Default::default() });
-        if let Some([latitude, longitude, height]) = recording.place_at(sample) {
+        if let Some([latitude, longitude, height]) = recording.sample_position(sample) {
             let [lat, lon] = [latitude, longitude].map(|deg| (deg * 1e7).round() as i32);
-            let [speed_m_s, course_rad] = sample.over_ground();
+            let [speed_m_s, course_rad] = sample.speed_and_course();
             let [vel, cog] = [speed_m_s, course_rad.to_degrees()].map(|number| (number * 100.0).round() as u16);
             let (alt, fix_type) = ((height * 1e3) as i32, GpsFixType::GPS_FIX_TYPE_3D_FIX);
             self.write_message(&GPS_RAW_INT_DATA { lat, lon, alt, vel, cog, fix_type, ..Default::default() });

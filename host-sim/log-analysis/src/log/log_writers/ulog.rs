@@ -60,7 +60,7 @@ pub fn encode_ulog(recording: &FlightRecording) -> Vec<u8> {
         for (compass_number, correction) in corrections.iter().enumerate() {
             let raw = sample.field_ut[compass_number];
             let gauss = correction.correct_field(raw.into(), sample.current_a) / 100.0;
-            let id = recording.parameter(&format!("CAL_MAG{compass_number}_ID")) as u32;
+            let id = recording.parameter_value(&format!("CAL_MAG{compass_number}_ID")) as u32;
             data(compass_number, &[&id.to_le_bytes(), &encode_floats(gauss.as_slice())]);
         }
         data(compasses, &[&encode_floats(&quaternion_from_euler(sample.attitude_rad))]);
@@ -70,16 +70,16 @@ pub fn encode_ulog(recording: &FlightRecording) -> Vec<u8> {
             // Vehicle type: 1 is rotary wing, 2 is fixed wing.
             data(compasses + 4, &[&[if recording.is_copter { 1 } else { 2 }, 0]]);
         }
-        if let Some([latitude, longitude, height]) = recording.place_at(sample).filter(|_| i % 2 == 0) {
+        if let Some([latitude, longitude, height]) = recording.sample_position(sample).filter(|_| i % 2 == 0) {
             let position_bytes: Vec<u8> = [latitude * 1e7, longitude * 1e7, height * 1e3]
                 .iter()
                 .flat_map(|n| (n.round() as i32).to_le_bytes())
                 .collect();
-            let ([speed_m_s, course_rad], [north, east]) = (sample.over_ground(), sample.velocity_m_s);
-            let over_ground = encode_floats(&[speed_m_s, north, east, course_rad]);
+            let ([speed_m_s, course_rad], [north, east]) = (sample.speed_and_course(), sample.velocity_m_s);
+            let speed_and_course = encode_floats(&[speed_m_s, north, east, course_rad]);
             data(
                 compasses + 3,
-                &[&position_bytes, &over_ground, &(FLIGHT_START_UTC_US + sample.time_us).to_le_bytes(), &[3]],
+                &[&position_bytes, &speed_and_course, &(FLIGHT_START_UTC_US + sample.time_us).to_le_bytes(), &[3]],
             );
         }
     }

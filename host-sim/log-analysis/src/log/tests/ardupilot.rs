@@ -3,7 +3,7 @@ use super::*;
 /// Before 2017 CURR had integer hundredths of an ampere; before 2015 text and events had no stamp.
 #[test]
 fn old_ardupilot_formats_are_read() {
-    let original = recording(&ARDUPILOT);
+    let original = two_compass_recording(&ARDUPILOT_PARAMETERS);
     let expected = |t_s: f64| 10.0 + (t_s - 40.0) / 10.0;
     let mut lines = Vec::new();
     for line in String::from_utf8(encode_dataflash_text(&original)).unwrap().lines() {
@@ -46,7 +46,7 @@ fn old_ardupilot_formats_are_read() {
 /// Until 2021 arming was a generic event: manual (10) or automatic (15).
 #[test]
 fn arming_events_give_the_armed_state() {
-    let log = String::from_utf8(encode_dataflash_text(&recording(&ARDUPILOT))).unwrap();
+    let log = String::from_utf8(encode_dataflash_text(&two_compass_recording(&ARDUPILOT_PARAMETERS))).unwrap();
     let events = [(72, 10), (74, 11), (76, 15), (78, 25), (80, 11)];
     let events = events.map(|(at_s, id)| format!("EV, {at_s}000000, {id}\n")).concat();
     let flight = read_bytes(format!("{log}FMT, 71, 12, EV, QB, TimeUS,Id\n{events}").as_bytes()).unwrap();
@@ -56,7 +56,7 @@ fn arming_events_give_the_armed_state() {
 
 #[test]
 fn only_the_first_of_several_sensors_is_used() {
-    let log = String::from_utf8(encode_dataflash_text(&recording(&ARDUPILOT))).unwrap();
+    let log = String::from_utf8(encode_dataflash_text(&two_compass_recording(&ARDUPILOT_PARAMETERS))).unwrap();
     let further_messages = [
         "IMU, 70000000, 1, 9, 9, 9",
         "GPS, 70000000, 1, 3, 0, 2400, 11, 22, 33, 9, 9",

@@ -29,34 +29,37 @@ fn random_damage(random: &mut Random, log_bytes: &[u8]) -> Vec<u8> {
 }
 
 /// Reads random inputs of each format and builds rows from those accepted.
-fn fuzz(inputs: usize) {
+fn fuzz_readers(input_count: usize) {
     for (format, bytes, _) in log_in_each_format() {
         let mut random = Random(1);
-        let mut flights = 0;
-        for _ in 0..inputs {
+        let mut accepted_count = 0;
+        for _ in 0..input_count {
             let input = random_damage(&mut random, &bytes);
             if let Ok(flight) = read_bytes(&input) {
-                flights += 1;
+                accepted_count += 1;
                 let rows = flight.compasses.iter().map(|compass| compass.field.rows().len()).sum::<usize>();
                 assert!(rows <= input.len(), "{format:?}");
                 let rows = crate::replay::build_rows(&flight, &flight.compasses[0], 0.05, None).0;
                 assert!(rows.iter().all(|row| row.t_s.is_finite()), "{format:?}");
             }
         }
-        assert!(flights > inputs / 50, "{format:?}: only {flights} of {inputs} were read at all");
+        assert!(
+            accepted_count > input_count / 50,
+            "{format:?}: only {accepted_count} of {input_count} were read at all"
+        );
     }
 }
 
 #[test]
 fn no_bytes_make_a_reader_panic() {
-    fuzz(400);
+    fuzz_readers(400);
 }
 
 /// Run by `cargo test --release -p log-analysis --lib log::tests::hostile::a_million -- --ignored`.
 #[test]
 #[ignore = "minutes, in a release build"]
 fn a_million_inputs_make_no_reader_panic() {
-    fuzz(1_000_000);
+    fuzz_readers(1_000_000);
 }
 
 #[test]
@@ -65,37 +68,39 @@ fn two_gigabytes_are_read_in_bounded_memory() {
     struct EndlessLog {
         head: Vec<u8>,
         message: Vec<u8>,
-        at: u64,
+        read_offset: u64,
     }
     impl Read for EndlessLog {
         fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
-            const ALL: u64 = 2_000_000_000;
+            const TOTAL_BYTES: u64 = 2_000_000_000;
             let head = self.head.len() as u64;
             for (i, byte) in into.iter_mut().enumerate() {
-                let at = self.at + i as u64;
-                if at >= ALL {
-                    self.at += i as u64;
+                let read_offset = self.read_offset + i as u64;
+                if read_offset >= TOTAL_BYTES {
+                    self.read_offset += i as u64;
                     return Ok(i);
                 }
-                *byte = if at < head {
-                    self.head[at as usize]
+                *byte = if read_offset < head {
+                    self.head[read_offset as usize]
                 } else {
-                    let (number, offset) =
-                        ((at - head) / self.message.len() as u64, (at - head) % self.message.len() as u64);
+                    let (number, offset) = (
+                        (read_offset - head) / self.message.len() as u64,
+                        (read_offset - head) % self.message.len() as u64,
+                    );
                     // Time stamps 1 ms apart.
                     let stamp = (70_000_000 + number * 1_000).to_le_bytes();
                     if (3..11).contains(&offset) { stamp[offset as usize - 3] } else { self.message[offset as usize] }
                 };
             }
-            self.at += into.len() as u64;
+            self.read_offset += into.len() as u64;
             Ok(into.len())
         }
     }
-    let head = encode_dataflash(&recording(&ARDUPILOT));
-    let at = head.windows(3).position(|bytes| bytes == [0xA3, 0x95, 67]).unwrap();
+    let head = encode_dataflash(&two_compass_recording(&ARDUPILOT_PARAMETERS));
+    let read_offset = head.windows(3).position(|bytes| bytes == [0xA3, 0x95, 67]).unwrap();
     let length = 3 + 8 + 1 + 18 + 1 + 4;
-    let message = head[at..at + length].to_vec();
-    let flight = read_flight(&mut EndlessLog { head, message, at: 0 }, FieldUnit::Milligauss).unwrap();
+    let message = head[read_offset..read_offset + length].to_vec();
+    let flight = read_flight(&mut EndlessLog { head, message, read_offset: 0 }, FieldUnit::Milligauss).unwrap();
     assert!(flight.compasses[0].field.rows().len() <= 1 << 20);
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let peak_kb =

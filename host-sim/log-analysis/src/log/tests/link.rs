@@ -10,15 +10,15 @@ use super::*;
 
 #[test]
 fn only_the_first_autopilot_of_a_link_counts() {
-    let (selected, mut other_recording) = (recording(&ARDUPILOT), recording(&[]));
+    let (selected, mut other_recording) = (two_compass_recording(&ARDUPILOT_PARAMETERS), two_compass_recording(&[]));
     for sample in &mut other_recording.samples {
         sample.field_ut[0] = [1.0, 2.0, 3.0];
     }
     let other_recording = encode_tlog(&other_recording);
     let mut link_bytes = encode_tlog(&selected);
     // The second vehicle has system 2; its checksums are recomputed.
-    let renumbered = renumbered(&other_recording, 2);
-    link_bytes.extend(renumbered);
+    let with_system_id = with_system_id(&other_recording, 2);
+    link_bytes.extend(with_system_id);
     let flight = read_bytes(&link_bytes).unwrap();
     assert!(
         flight.skipped_counts.others > 600 && flight.autopilot_systems.len() == 2,
@@ -31,7 +31,7 @@ fn only_the_first_autopilot_of_a_link_counts() {
 
 #[test]
 fn a_second_autopilot_of_the_same_system_is_reported() {
-    let selected = encode_tlog(&recording(&ARDUPILOT));
+    let selected = encode_tlog(&two_compass_recording(&ARDUPILOT_PARAMETERS));
     let log_40_s_after_boot = read_bytes(&selected).unwrap();
     assert_eq!(log_40_s_after_boot.autopilot_components, [1]);
     let mut link_bytes = selected;
@@ -49,7 +49,7 @@ fn a_second_autopilot_of_the_same_system_is_reported() {
 
 #[test]
 fn a_damaged_frame_is_rejected() {
-    let mut bytes = encode_tlog(&recording(&ARDUPILOT));
+    let mut bytes = encode_tlog(&two_compass_recording(&ARDUPILOT_PARAMETERS));
     let mut damaged = 0;
     let mut frame_offset = 0;
     while frame_offset + 20 < bytes.len() {
@@ -66,7 +66,7 @@ fn a_damaged_frame_is_rejected() {
     assert!(flight.attitude.rows().len() <= 300 - damaged, "{} of 300, {damaged}", flight.attitude.rows().len());
 }
 
-fn renumbered(bytes: &[u8], system: u8) -> Vec<u8> {
+fn with_system_id(bytes: &[u8], system: u8) -> Vec<u8> {
     use mavlink::Message as _;
     let (mut renumbered_bytes, mut remaining) = (Vec::new(), bytes);
     while remaining.len() > 20 {
@@ -86,7 +86,7 @@ fn renumbered(bytes: &[u8], system: u8) -> Vec<u8> {
     renumbered_bytes
 }
 
-fn logged_frame<M: MessageData>(at_us: u64, message: &M) -> Vec<u8> {
+fn encode_logged_frame<M: MessageData>(at_us: u64, message: &M) -> Vec<u8> {
     let mut frame = MAVLinkV2MessageRaw::new();
     frame.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: 0 }, message);
     [&at_us.to_be_bytes(), frame.raw_bytes()].concat()
@@ -95,17 +95,18 @@ fn logged_frame<M: MessageData>(at_us: u64, message: &M) -> Vec<u8> {
 /// A heartbeat, and an attitude 40 s after boot.
 fn log_40_s_after_boot(autopilot: MavAutopilot) -> Vec<u8> {
     let attitude = ATTITUDE_DATA { time_boot_ms: 40_000, roll: 0.1, ..Default::default() };
-    [logged_frame(0, &HEARTBEAT_DATA { autopilot, ..Default::default() }), logged_frame(0, &attitude)].concat()
+    [encode_logged_frame(0, &HEARTBEAT_DATA { autopilot, ..Default::default() }), encode_logged_frame(0, &attitude)]
+        .concat()
 }
 
 /// A message with all update flags; the default has acceleration only.
-const ALL_NEW: HIGHRES_IMU_DATA =
+const ALL_FIELDS_UPDATED: HIGHRES_IMU_DATA =
     HIGHRES_IMU_DATA { fields_updated: HighresImuUpdatedFlags::all(), ..HIGHRES_IMU_DATA::DEFAULT };
 
 /// Log of a started PX4: heartbeat, attitude and a HIGHRES_IMU message with a field in gauss.
 fn started_px4_log() -> Vec<u8> {
-    let field = HIGHRES_IMU_DATA { time_usec: 40_000_000, xmag: 0.2, ymag: -0.05, zmag: 0.4, ..ALL_NEW };
-    [log_40_s_after_boot(MavAutopilot::MAV_AUTOPILOT_PX4), logged_frame(0, &field)].concat()
+    let field = HIGHRES_IMU_DATA { time_usec: 40_000_000, xmag: 0.2, ymag: -0.05, zmag: 0.4, ..ALL_FIELDS_UPDATED };
+    [log_40_s_after_boot(MavAutopilot::MAV_AUTOPILOT_PX4), encode_logged_frame(0, &field)].concat()
 }
 
 #[test]
@@ -119,7 +120,7 @@ fn highres_imu_is_in_gauss() {
 #[test]
 fn zero_current_is_kept_and_negative_current_dropped() {
     let current = |at_us: u64, current_battery: i16| {
-        logged_frame(at_us, &SYS_STATUS_DATA { current_battery, ..Default::default() })
+        encode_logged_frame(at_us, &SYS_STATUS_DATA { current_battery, ..Default::default() })
     };
     let bytes = [started_px4_log(), current(100_000, 0), current(200_000, -1), current(300_000, 250)].concat();
     let flight = read_bytes(&bytes).unwrap();
@@ -129,7 +130,8 @@ fn zero_current_is_kept_and_negative_current_dropped() {
 /// The receiver's clock bridges at most two seconds.
 #[test]
 fn messages_without_time_follow_the_last_message_with_time() {
-    let current = |at_us: u64| logged_frame(at_us, &SYS_STATUS_DATA { current_battery: 100, ..Default::default() });
+    let current =
+        |at_us: u64| encode_logged_frame(at_us, &SYS_STATUS_DATA { current_battery: 100, ..Default::default() });
     for (at_us, after_s) in [(300_000, 0.3), (1_900_000, 1.9), (60_000_000, 2.0)] {
         let flight = read_bytes(&[started_px4_log(), current(at_us)].concat()).unwrap();
         let (at_s, field_s) = (flight.battery_current.rows()[0].t_s, flight.compasses[0].field.rows()[0].t_s);
@@ -140,7 +142,7 @@ fn messages_without_time_follow_the_last_message_with_time() {
 #[test]
 fn unknown_gps_values_are_nan() {
     let fix = |at_us: u64, fix_type: GpsFixType, [vel, cog]: [u16; 2]| {
-        logged_frame(at_us, &GPS_RAW_INT_DATA { lat: 480_000_000, fix_type, vel, cog, ..Default::default() })
+        encode_logged_frame(at_us, &GPS_RAW_INT_DATA { lat: 480_000_000, fix_type, vel, cog, ..Default::default() })
     };
     let bytes = [
         started_px4_log(),
@@ -164,14 +166,18 @@ fn the_first_compass_is_raw_imu_for_ardupilot_and_scaled_imu_for_px4() {
         SCALED_IMU_DATA { time_boot_ms: 40_000, xmag: 300, ..Default::default() },
     );
     let zero_field = [
-        logged_frame(0, &RAW_IMU_DATA { time_usec: 41_000_000, ..Default::default() }),
-        logged_frame(0, &SCALED_IMU_DATA { time_boot_ms: 41_000, ..Default::default() }),
+        encode_logged_frame(0, &RAW_IMU_DATA { time_usec: 41_000_000, ..Default::default() }),
+        encode_logged_frame(0, &SCALED_IMU_DATA { time_boot_ms: 41_000, ..Default::default() }),
     ];
     for (autopilot, ut) in [(MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA, 10.0), (MavAutopilot::MAV_AUTOPILOT_PX4, 30.0)]
     {
-        let bytes =
-            [log_40_s_after_boot(autopilot), logged_frame(0, &raw), logged_frame(0, &scaled), zero_field.concat()]
-                .concat();
+        let bytes = [
+            log_40_s_after_boot(autopilot),
+            encode_logged_frame(0, &raw),
+            encode_logged_frame(0, &scaled),
+            zero_field.concat(),
+        ]
+        .concat();
         let flight = read_bytes(&bytes).unwrap();
         let [row] = flight.compasses[0].field.rows() else { panic!("{:?}", flight.compasses) };
         assert!((row.row_values[0] - ut).abs() < 1e-4, "{row:?}");
@@ -182,8 +188,8 @@ fn the_first_compass_is_raw_imu_for_ardupilot_and_scaled_imu_for_px4() {
 /// Some senders use Unix time in some messages.
 #[test]
 fn unix_times_are_not_used_as_time_since_boot() {
-    let field = HIGHRES_IMU_DATA { time_usec: 1_767_484_800_000_000, xmag: 0.2, ..ALL_NEW };
-    let bytes = [log_40_s_after_boot(MavAutopilot::MAV_AUTOPILOT_PX4), logged_frame(500_000, &field)].concat();
+    let field = HIGHRES_IMU_DATA { time_usec: 1_767_484_800_000_000, xmag: 0.2, ..ALL_FIELDS_UPDATED };
+    let bytes = [log_40_s_after_boot(MavAutopilot::MAV_AUTOPILOT_PX4), encode_logged_frame(500_000, &field)].concat();
     let flight = read_bytes(&bytes).unwrap();
     let (row, attitude) = (flight.compasses[0].field.rows()[0], flight.attitude.rows()[0]);
     assert!((row.t_s - attitude.t_s - 0.5).abs() < 1e-6, "{row:?} {attitude:?}");
@@ -203,14 +209,15 @@ fn the_requested_vehicle_is_read() {
         })
         .collect::<Vec<_>>()
     };
-    let mut other_recording = recording(&[]);
+    let mut other_recording = two_compass_recording(&[]);
     other_recording.samples.iter_mut().for_each(|sample| sample.field_ut[0] = [1.0, 2.0, 3.0]);
-    let [one, two] = [encode_tlog(&recording(&ARDUPILOT)), renumbered(&encode_tlog(&other_recording), 2)]
-        .map(|bytes| frames(&bytes));
+    let [one, two] =
+        [encode_tlog(&two_compass_recording(&ARDUPILOT_PARAMETERS)), with_system_id(&encode_tlog(&other_recording), 2)]
+            .map(|bytes| frames(&bytes));
     let mut station = one[0].clone();
     // Ground station (6) with a generic autopilot (0); payload after 8 clock and 10 header bytes.
     (station[8 + 10 + 4], station[8 + 10 + 5]) = (6, 0);
-    let mut link = renumbered(&station, 255);
+    let mut link = with_system_id(&station, 255);
     // The logs differ in length by their parameters.
     for i in 0..one.len().max(two.len()) {
         link.extend([one.get(i), two.get(i)].into_iter().flatten().flatten());
@@ -226,7 +233,8 @@ fn the_requested_vehicle_is_read() {
     let missing_system = read_flight_of_system(&mut &link[..], FieldUnit::Milligauss, Some(7)).unwrap_err();
     assert_eq!(missing_system.to_string(), "there is no vehicle of system 7; there is 1, 2");
     let table =
-        read_flight_of_system(&mut &encode_csv(&recording(&[]))[..], FieldUnit::Milligauss, Some(1)).unwrap_err();
+        read_flight_of_system(&mut &encode_csv(&two_compass_recording(&[]))[..], FieldUnit::Milligauss, Some(1))
+            .unwrap_err();
     assert_eq!(table.to_string(), "no system 1: no vehicle of the log has this number");
 }
 

@@ -17,7 +17,7 @@ use super::*;
 use testkit::random::Random;
 
 /// ArduPilot's parameters of two compasses; every correction is exercised.
-const ARDUPILOT: [(&str, f64); 18] = [
+const ARDUPILOT_PARAMETERS: [(&str, f64); 18] = [
     ("COMPASS_OFS_X", 120.0),
     ("COMPASS_OFS_Y", -60.0),
     ("COMPASS_OFS_Z", 35.0),
@@ -38,7 +38,7 @@ const ARDUPILOT: [(&str, f64); 18] = [
     ("COMPASS_SCALE2", 0.0),
 ];
 
-const PX4: [(&str, f64); 9] = [
+const PX4_PARAMETERS: [(&str, f64); 9] = [
     ("CAL_MAG0_ID", 396_809.0),
     ("CAL_MAG1_ID", 263_202.0),
     ("CAL_MAG0_ROT", 2.0),
@@ -51,7 +51,7 @@ const PX4: [(&str, f64); 9] = [
 ];
 
 /// 30 s of turning with two compasses of different hard iron.
-fn recording(parameters: &[(&str, f64)]) -> FlightRecording {
+fn two_compass_recording(parameters: &[(&str, f64)]) -> FlightRecording {
     let instants = (0..300_u64).map(|i| {
         let t_s = i as f64 / 10.0;
         let (roll, pitch, yaw) = (0.4 * libm::sin(t_s / 3.0), 0.1 * libm::cos(t_s / 2.0), libm::sin(t_s / 4.0) * 3.0);
@@ -82,7 +82,7 @@ fn recording(parameters: &[(&str, f64)]) -> FlightRecording {
 
 /// The flight in each format, and the format's field resolution, microtesla.
 fn log_in_each_format() -> [(LogFormat, Vec<u8>, f64); 5] {
-    let (ardupilot, px4) = (recording(&ARDUPILOT), recording(&PX4));
+    let (ardupilot, px4) = (two_compass_recording(&ARDUPILOT_PARAMETERS), two_compass_recording(&PX4_PARAMETERS));
     [
         (LogFormat::DataFlash, encode_dataflash(&ardupilot), 0.12),
         (LogFormat::DataFlashText, encode_dataflash_text(&ardupilot), 0.12),
@@ -99,7 +99,7 @@ fn read_bytes(bytes: &[u8]) -> Result<Flight, LogError> {
 
 #[test]
 fn every_format_gives_the_raw_field_in_body_axes() {
-    let original = recording(&[]);
+    let original = two_compass_recording(&[]);
     for (format, bytes, exactly_ut) in log_in_each_format() {
         let flight = read_bytes(&bytes).unwrap();
         assert_eq!(flight.log_format, format);
@@ -136,8 +136,8 @@ fn every_format_gives_the_raw_field_in_body_axes() {
         assert!((f64::from(current) - instant.current_a).abs() < 0.1, "{format:?}: {current}");
         let gps = Gps::from_columns(flight.gps.rows()[5].row_values);
         assert!((gps.latitude_deg - 48.0).abs() < 1e-4 && (gps.height_m - 500.0).abs() < 0.1, "{format:?}: {gps:?}");
-        let over_ground = [gps.speed_m_s, gps.course_deg.rem_euclid(360.0)];
-        let is_right = (over_ground[0] - 15.0).abs() < 0.01 && (over_ground[1] - 233.13).abs() < 0.01;
+        let speed_and_course = [gps.speed_m_s, gps.course_deg.rem_euclid(360.0)];
+        let is_right = (speed_and_course[0] - 15.0).abs() < 0.01 && (speed_and_course[1] - 233.13).abs() < 0.01;
         assert!(is_right, "{format:?}: {gps:?}");
         assert_eq!(flight.skipped_counts, SkippedCounts::default(), "{format:?}");
         assert!(!flight.is_copter, "{format:?}");
@@ -164,8 +164,8 @@ fn autopilot_firmware_and_armed_state_are_read() {
 
 #[test]
 fn a_copter_is_identified_in_every_format() {
-    let copter = |parameters| FlightRecording { is_copter: true, ..recording(parameters) };
-    let (ardupilot, px4) = (copter(&ARDUPILOT), copter(&PX4));
+    let copter = |parameters| FlightRecording { is_copter: true, ..two_compass_recording(parameters) };
+    let (ardupilot, px4) = (copter(&ARDUPILOT_PARAMETERS), copter(&PX4_PARAMETERS));
     for bytes in
         [encode_dataflash(&ardupilot), encode_dataflash_text(&ardupilot), encode_tlog(&ardupilot), encode_ulog(&px4)]
     {
@@ -180,7 +180,7 @@ fn unknown_and_empty_logs_are_rejected() {
     for bytes in [&b"hello"[..], b"time,x\n1,2\n", b"\x89PNG\r\n\x1a\n0000000000000000", &[0; 5000]] {
         assert!(matches!(read_bytes(bytes), Err(LogError::UnknownFormat)), "{bytes:?}");
     }
-    let empty_recording = FlightRecording { samples: Vec::new(), ..recording(&[]) };
+    let empty_recording = FlightRecording { samples: Vec::new(), ..two_compass_recording(&[]) };
     assert!(matches!(
         read_bytes(&encode_dataflash(&empty_recording)),
         Err(LogError::NoMagnetometer(LogFormat::DataFlash, 0))
@@ -209,13 +209,18 @@ fn damage_in_the_middle_costs_few_rows() {
 
 #[test]
 fn a_restart_within_a_log_continues_ten_seconds_later() {
-    let mut twice = recording(&ARDUPILOT);
-    let mut repeated_samples = twice.samples.clone();
+    let mut doubled_recording = two_compass_recording(&ARDUPILOT_PARAMETERS);
+    let mut repeated_samples = doubled_recording.samples.clone();
     for instant in &mut repeated_samples {
         instant.time_us -= 35_000_000;
     }
-    twice.samples.extend(repeated_samples);
-    for bytes in [encode_dataflash(&twice), encode_dataflash_text(&twice), encode_csv(&twice), encode_ulog(&twice)] {
+    doubled_recording.samples.extend(repeated_samples);
+    for bytes in [
+        encode_dataflash(&doubled_recording),
+        encode_dataflash_text(&doubled_recording),
+        encode_csv(&doubled_recording),
+        encode_ulog(&doubled_recording),
+    ] {
         let flight = read_bytes(&bytes).unwrap();
         assert_eq!(flight.skipped_counts.restarts, 1);
         let rows = flight.compasses[0].field.rows();
@@ -233,12 +238,17 @@ fn a_given_orientation_replaces_the_logged_one() {
     let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), std::f64::consts::FRAC_PI_2);
     for (bytes, is_px4) in [
         (
-            encode_dataflash(&recording(
-                &[&ARDUPILOT[..], &[("COMPASS_ORIENT", 2.0), ("COMPASS_ORIENT2", 2.0)]].concat(),
+            encode_dataflash(&two_compass_recording(
+                &[&ARDUPILOT_PARAMETERS[..], &[("COMPASS_ORIENT", 2.0), ("COMPASS_ORIENT2", 2.0)]].concat(),
             )),
             false,
         ),
-        (encode_ulog(&recording(&[&PX4[..], &[("CAL_MAG0_ROT", 2.0), ("CAL_MAG1_ROT", 2.0)]].concat())), true),
+        (
+            encode_ulog(&two_compass_recording(
+                &[&PX4_PARAMETERS[..], &[("CAL_MAG0_ROT", 2.0), ("CAL_MAG1_ROT", 2.0)]].concat(),
+            )),
+            true,
+        ),
     ] {
         let logged = read_bytes(&bytes).unwrap();
         let mut given = logged.clone();
@@ -257,7 +267,7 @@ fn a_given_orientation_replaces_the_logged_one() {
             assert!((one_ut - other_ut).norm() < 1e-4, "{one_ut} {other_ut}");
         }
     }
-    let internal = recording(&[&ARDUPILOT[..], &[("COMPASS_EXTERNAL", 0.0)]].concat());
+    let internal = two_compass_recording(&[&ARDUPILOT_PARAMETERS[..], &[("COMPASS_EXTERNAL", 0.0)]].concat());
     let mut internal = read_bytes(&encode_dataflash(&internal)).unwrap();
     let orientation = Orientation::from_name("yaw180").unwrap();
     assert_eq!(internal.set_orientation(orientation, None), Err(1));

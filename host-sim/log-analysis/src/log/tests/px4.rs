@@ -1,7 +1,7 @@
 use super::*;
 
 /// A ULog with each message's body changed by type.
-fn ulog_with(bytes: &[u8], change: &dyn Fn(u8, Vec<u8>) -> Vec<u8>) -> Vec<u8> {
+fn with_changed_messages(bytes: &[u8], change: &dyn Fn(u8, Vec<u8>) -> Vec<u8>) -> Vec<u8> {
     let (mut changed_log, mut remaining) = (bytes[..16].to_vec(), &bytes[16..]);
     while let [low, high, kind, after @ ..] = remaining {
         let (body, next) = after.split_at(usize::from(u16::from_le_bytes([*low, *high])));
@@ -21,26 +21,27 @@ fn px4s_old_sensor_combined_is_read() {
         let text = String::from_utf8_lossy(body).into_owned();
         pairs.iter().fold(text, |text, (old, new)| text.replace(old, new)).into_bytes()
     };
-    let mut one_compass = recording(&PX4);
+    let mut one_compass = two_compass_recording(&PX4_PARAMETERS);
     one_compass.samples.iter_mut().for_each(|sample| sample.field_ut.truncate(1));
-    let bytes = ulog_with(&encode_ulog(&one_compass), &|message_type, body| match (message_type, &body[..]) {
-        (b'F', text) if text.starts_with(b"vehicle_magnetometer") => renamed(
-            text,
-            [
-                ("vehicle_magnetometer", "sensor_combined"),
-                ("uint32_t device_id", "int32_t magnetometer_timestamp_relative"),
-            ],
-        ),
-        (b'F', text) if text.starts_with(b"vehicle_angular") => {
-            renamed(text, [("vehicle_angular_velocity", "sensor_combined_of_rates"), ("xyz", "gyro_rad")])
-        }
-        (b'A', text) => {
-            renamed(text, [("vehicle_magnetometer", "sensor_combined"), ("vehicle_angular_velocity", "none")])
-        }
-        // The field was measured 20 ms before the row's time.
-        (b'D', [0, 0, rest @ ..]) => [&[0, 0], &rest[..8], &(-20_000_i32).to_le_bytes(), &rest[12..]].concat(),
-        _ => body,
-    });
+    let bytes =
+        with_changed_messages(&encode_ulog(&one_compass), &|message_type, body| match (message_type, &body[..]) {
+            (b'F', text) if text.starts_with(b"vehicle_magnetometer") => renamed(
+                text,
+                [
+                    ("vehicle_magnetometer", "sensor_combined"),
+                    ("uint32_t device_id", "int32_t magnetometer_timestamp_relative"),
+                ],
+            ),
+            (b'F', text) if text.starts_with(b"vehicle_angular") => {
+                renamed(text, [("vehicle_angular_velocity", "sensor_combined_of_rates"), ("xyz", "gyro_rad")])
+            }
+            (b'A', text) => {
+                renamed(text, [("vehicle_magnetometer", "sensor_combined"), ("vehicle_angular_velocity", "none")])
+            }
+            // The field was measured 20 ms before the row's time.
+            (b'D', [0, 0, rest @ ..]) => [&[0, 0], &rest[..8], &(-20_000_i32).to_le_bytes(), &rest[12..]].concat(),
+            _ => body,
+        });
     let flight = read_bytes(&bytes).unwrap();
     let rows = flight.compasses[0].field.rows();
     assert_eq!((flight.compasses.len(), rows.len()), (1, 300));
@@ -55,7 +56,7 @@ fn px4s_old_sensor_combined_is_read() {
 /// at most one sample.
 #[test]
 fn noise_in_a_ulog_costs_at_most_one_sample_each() {
-    let mut bytes = encode_ulog(&recording(&PX4));
+    let mut bytes = encode_ulog(&two_compass_recording(&PX4_PARAMETERS));
     let mut random = Random(7);
     for insertion in (1..=20).rev() {
         let offset = bytes.len() / 40 + bytes.len() * insertion / 22;
@@ -66,7 +67,7 @@ fn noise_in_a_ulog_costs_at_most_one_sample_each() {
     assert!((300 - 20..=300).contains(&rows), "{rows}");
 }
 
-fn with_more(mut bytes: Vec<u8>, messages: &[(u8, Vec<u8>)]) -> Vec<u8> {
+fn with_appended_messages(mut bytes: Vec<u8>, messages: &[(u8, Vec<u8>)]) -> Vec<u8> {
     for (message_type, body) in messages {
         bytes.extend((body.len() as u16).to_le_bytes());
         bytes.push(*message_type);
@@ -76,7 +77,7 @@ fn with_more(mut bytes: Vec<u8>, messages: &[(u8, Vec<u8>)]) -> Vec<u8> {
 }
 
 /// A subscription to a topic, and a row of it at a time in microseconds.
-fn subscribed(message_id: u8, instance: u8, topic: &str) -> (u8, Vec<u8>) {
+fn subscription_and_row(message_id: u8, instance: u8, topic: &str) -> (u8, Vec<u8>) {
     (b'A', [&[instance, message_id, 0], topic.as_bytes()].concat())
 }
 
@@ -87,8 +88,8 @@ fn row(message_id: u8, at_us: u64, values: &[&[u8]]) -> (u8, Vec<u8>) {
 /// A priority above zero does not show which compass is used.
 #[test]
 fn a_compass_of_priority_zero_is_not_used() {
-    let parameters = [&PX4[..], &[("CAL_MAG0_PRIO", 50.0), ("CAL_MAG1_PRIO", 0.0)]].concat();
-    let flight = read_bytes(&encode_ulog(&recording(&parameters))).unwrap();
+    let parameters = [&PX4_PARAMETERS[..], &[("CAL_MAG0_PRIO", 50.0), ("CAL_MAG1_PRIO", 0.0)]].concat();
+    let flight = read_bytes(&encode_ulog(&two_compass_recording(&parameters))).unwrap();
     assert_eq!(
         flight.compasses.iter().map(|compass| compass.is_used_for_heading).collect::<Vec<_>>(),
         [None, Some(false)]
@@ -100,12 +101,13 @@ fn a_compass_of_priority_zero_is_not_used() {
 fn the_current_of_the_first_battery_is_used() {
     let current = |amperes: f32| [&amperes.to_le_bytes()[..], &[1, 0, 0, 0]].concat();
     let messages = [
-        subscribed(90, 0, "battery_status"),
-        subscribed(91, 1, "battery_status"),
+        subscription_and_row(90, 0, "battery_status"),
+        subscription_and_row(91, 1, "battery_status"),
         row(90, 70_000_000, &[&current(33.0)]),
         row(91, 70_100_000, &[&current(2.0)]),
     ];
-    let flight = read_bytes(&with_more(encode_ulog(&recording(&PX4)), &messages)).unwrap();
+    let flight =
+        read_bytes(&with_appended_messages(encode_ulog(&two_compass_recording(&PX4_PARAMETERS)), &messages)).unwrap();
     assert_eq!(flight.battery_current.rows().len(), 301);
     assert_eq!(flight.battery_current.rows().last().unwrap().row_values.map(f32::to_bits), [33.0_f32.to_bits()]);
 }
@@ -117,21 +119,21 @@ fn gps_columns_are_read_by_their_new_names() {
                   float vel_m_s;float cog_rad;float heading;uint8_t fix_type;";
     let fix = |at_us: u64, fix_type: u8| {
         let position_bytes = [48.0_f64, 11.3, 500.0].map(f64::to_le_bytes).concat();
-        let over_ground = [12.0_f32, 0.5, 1.5].map(f32::to_le_bytes).concat();
-        row(90, at_us, &[&position_bytes, &over_ground, &[fix_type]])
+        let speed_and_course = [12.0_f32, 0.5, 1.5].map(f32::to_le_bytes).concat();
+        row(90, at_us, &[&position_bytes, &speed_and_course, &[fix_type]])
     };
-    let mut original = recording(&PX4);
+    let mut original = two_compass_recording(&PX4_PARAMETERS);
     original.start_position = None;
     let second = (b'D', [&[91, 0], &fix(70_400_000, 3).1[2..]].concat());
     let messages = [
         (b'F', format.as_bytes().to_vec()),
-        subscribed(90, 0, "vehicle_gps_position"),
-        subscribed(91, 1, "vehicle_gps_position"),
+        subscription_and_row(90, 0, "vehicle_gps_position"),
+        subscription_and_row(91, 1, "vehicle_gps_position"),
         fix(70_000_000, 2),
         fix(70_200_000, 3),
         second,
     ];
-    let flight = read_bytes(&with_more(encode_ulog(&original), &messages)).unwrap();
+    let flight = read_bytes(&with_appended_messages(encode_ulog(&original), &messages)).unwrap();
     let [fix] = flight.gps.rows() else { panic!("{:?}", flight.gps) };
     let Gps { latitude_deg, speed_m_s, course_deg, yaw_deg, .. } = Gps::from_columns(fix.row_values);
     assert_eq!((latitude_deg, speed_m_s), (48.0, 12.0));
@@ -141,8 +143,10 @@ fn gps_columns_are_read_by_their_new_names() {
 #[test]
 fn a_vtol_is_no_copter() {
     for (is_vtol, is_copter) in [(0, true), (1, false)] {
-        let messages = [subscribed(90, 0, "vehicle_status"), row(90, 70_000_000, &[&[1, is_vtol]])];
-        let flight = read_bytes(&with_more(encode_ulog(&recording(&PX4)), &messages)).unwrap();
+        let messages = [subscription_and_row(90, 0, "vehicle_status"), row(90, 70_000_000, &[&[1, is_vtol]])];
+        let flight =
+            read_bytes(&with_appended_messages(encode_ulog(&two_compass_recording(&PX4_PARAMETERS)), &messages))
+                .unwrap();
         assert_eq!(flight.is_copter, is_copter);
     }
 }
@@ -152,9 +156,10 @@ fn a_vtol_is_no_copter() {
 fn an_arming_state_is_read() {
     let format = "vehicle_status:uint64_t timestamp;uint8_t arming_state;";
     let states = [(70, 1), (71, 2), (72, 5), (73, 2), (74, 3)];
-    let mut messages = vec![(b'F', format.as_bytes().to_vec()), subscribed(90, 0, "vehicle_status")];
+    let mut messages = vec![(b'F', format.as_bytes().to_vec()), subscription_and_row(90, 0, "vehicle_status")];
     messages.extend(states.map(|(at_s, state)| row(90, at_s * 1_000_000, &[&[state]])));
-    let flight = read_bytes(&with_more(encode_ulog(&recording(&PX4)), &messages)).unwrap();
+    let flight =
+        read_bytes(&with_appended_messages(encode_ulog(&two_compass_recording(&PX4_PARAMETERS)), &messages)).unwrap();
     let armed = [70.5, 71.5, 72.5, 73.5, 74.5].map(|t_s| flight.is_armed(t_s).unwrap());
     assert_eq!(armed, [false, true, false, true, false]);
 }
@@ -165,10 +170,11 @@ fn a_sample_has_its_timestamp_sample() {
     let rates = [0.1_f32, 0.2, 0.3].map(f32::to_le_bytes).concat();
     let messages = [
         (b'F', format.as_bytes().to_vec()),
-        subscribed(90, 0, "vehicle_angular_velocity"),
+        subscription_and_row(90, 0, "vehicle_angular_velocity"),
         row(90, 70_100_000, &[&70_060_000_u64.to_le_bytes(), &rates]),
     ];
-    let flight = read_bytes(&with_more(encode_ulog(&recording(&PX4)), &messages)).unwrap();
+    let flight =
+        read_bytes(&with_appended_messages(encode_ulog(&two_compass_recording(&PX4_PARAMETERS)), &messages)).unwrap();
     let last = flight.body_rates.rows().last().unwrap();
     assert!((last.t_s - 70.06).abs() < 1e-6, "{last:?}");
 }
@@ -176,23 +182,23 @@ fn a_sample_has_its_timestamp_sample() {
 /// Before 1.11 `sensor_mag` was corrected by the driver.
 #[test]
 fn sensor_mag_is_raw_since_1_11() {
-    let empty_recording = FlightRecording { samples: Vec::new(), ..recording(&PX4) };
+    let empty_recording = FlightRecording { samples: Vec::new(), ..two_compass_recording(&PX4_PARAMETERS) };
     let format = "sensor_mag:uint64_t timestamp;uint32_t device_id;float x;float y;float z;";
     let gauss = [0.2_f32, -0.1, 0.4].map(f32::to_le_bytes).concat();
     let level_quaternion = [1.0_f32, 0.0, 0.0, 0.0].map(f32::to_le_bytes).concat();
     let messages = [
         (b'F', format.as_bytes().to_vec()),
-        subscribed(90, 0, "sensor_mag"),
-        subscribed(91, 0, "vehicle_attitude"),
+        subscription_and_row(90, 0, "sensor_mag"),
+        subscription_and_row(91, 0, "vehicle_attitude"),
         row(91, 70_000_000, &[&level_quaternion]),
         row(90, 70_100_000, &[&396_809_u32.to_le_bytes(), &gauss]),
     ];
     for (minor, is_raw) in [(10, false), (11, true)] {
-        let bytes = ulog_with(&encode_ulog(&empty_recording), &|message_type, body| {
+        let bytes = with_changed_messages(&encode_ulog(&empty_recording), &|message_type, body| {
             let version = body.windows(4).position(|bytes| bytes == [255, 0, 15, 1]).filter(|_| message_type == b'I');
             version.map_or_else(|| body.clone(), |at| [&body[..at], &[255, 0, minor, 1]].concat())
         });
-        let flight = read_bytes(&with_more(bytes, &messages));
+        let flight = read_bytes(&with_appended_messages(bytes, &messages));
         if !is_raw {
             assert!(matches!(flight, Err(LogError::NoMagnetometer(LogFormat::ULog, 0))), "1.{minor}");
             continue;
@@ -238,7 +244,7 @@ fn with_sensor_mag(recording: &FlightRecording, stride: usize) -> Vec<u8> {
 #[test]
 fn the_faster_logged_of_raw_and_corrected_field_is_read() {
     let parameters = [("CAL_MAG0_ID", 396_809.0), ("CAL_MAG0_XOFF", 0.12), ("CAL_MAG0_YSCALE", 1.1)];
-    let mut one_compass = recording(&parameters);
+    let mut one_compass = two_compass_recording(&parameters);
     one_compass.samples.iter_mut().for_each(|sample| sample.field_ut.truncate(1));
     for stride in [1, 10] {
         let flight = read_bytes(&with_sensor_mag(&one_compass, stride)).unwrap();
@@ -259,12 +265,17 @@ fn the_faster_logged_of_raw_and_corrected_field_is_read() {
 
 #[test]
 fn an_estimator_attitude_replaces_a_missing_one() {
-    let renamed = ulog_with(&encode_ulog(&recording(&PX4)), &|message_type, body| match message_type {
-        b'F' | b'A' => String::from_utf8_lossy(&body).replace("vehicle_attitude", "estimator_attitude").into_bytes(),
-        _ => body,
-    });
+    let renamed =
+        with_changed_messages(&encode_ulog(&two_compass_recording(&PX4_PARAMETERS)), &|message_type, body| {
+            match message_type {
+                b'F' | b'A' => {
+                    String::from_utf8_lossy(&body).replace("vehicle_attitude", "estimator_attitude").into_bytes()
+                }
+                _ => body,
+            }
+        });
     let [with_attitude, with_estimator] =
-        [encode_ulog(&recording(&PX4)), renamed].map(|bytes| read_bytes(&bytes).unwrap());
+        [encode_ulog(&two_compass_recording(&PX4_PARAMETERS)), renamed].map(|bytes| read_bytes(&bytes).unwrap());
     assert_eq!((with_attitude.attitude_source, with_estimator.attitude_source), (None, Some("estimator_attitude")));
     assert_eq!(with_attitude.attitude.rows(), with_estimator.attitude.rows());
 }
@@ -272,7 +283,7 @@ fn an_estimator_attitude_replaces_a_missing_one() {
 /// PX4 appends hard-fault messages after a crash, behind a message that the crash truncated.
 #[test]
 fn messages_after_a_torn_ulog_cost_only_the_torn_message() {
-    let mut bytes = encode_ulog(&recording(&PX4));
+    let mut bytes = encode_ulog(&two_compass_recording(&PX4_PARAMETERS));
     bytes.truncate(bytes.len() - 10);
     let torn_message =
         [&[b"char[20] hardfault_plain".len() as u8], &b"char[20] hardfault_plain"[..], &[b'x'; 20]].concat();
@@ -291,7 +302,7 @@ fn a_ulog_of_other_firmware_has_its_name() {
         let key = format!("char[{}] sys_name", name.len());
         let body = [&[key.len() as u8], key.as_bytes(), name.as_bytes()].concat();
         let message = [&(body.len() as u16).to_le_bytes()[..], b"I", &body].concat();
-        let mut bytes = encode_ulog(&recording(&PX4));
+        let mut bytes = encode_ulog(&two_compass_recording(&PX4_PARAMETERS));
         bytes.splice(16..16, message);
         assert_eq!(read_bytes(&bytes).unwrap().firmware_name.as_deref(), Some(firmware));
     }

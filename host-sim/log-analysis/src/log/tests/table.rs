@@ -2,7 +2,7 @@ use super::*;
 
 #[test]
 fn a_csv_table_is_read_in_any_row_order_and_time_base() {
-    let text = String::from_utf8(encode_csv(&recording(&[]))).unwrap();
+    let text = String::from_utf8(encode_csv(&two_compass_recording(&[]))).unwrap();
     let (header, rows) = text.split_once('\n').unwrap();
     let rows: Vec<&str> = rows.lines().collect();
     let change_lines = |change: &dyn Fn(usize, Vec<String>) -> Vec<String>| {

@@ -51,7 +51,7 @@ const MIN_TIME_PER_DIRECTION_S: f64 = 3.0;
 const MAX_DIRECTION_GAP_DEG: f64 = 150.0;
 
 /// Assumed sideslip, degrees, which no log shows: gusts of 0.5 m/s at 20 m/s.
-const SIDESLIP_DEG: f64 = 1.5;
+const ASSUMED_SIDESLIP_DEG: f64 = 1.5;
 
 /// Parts of the flight for the jackknife variance of the wind; each contains gusts and drift.
 const JACKKNIFE_PARTS: usize = 10;
@@ -203,7 +203,7 @@ impl GpsCourseHeading {
         format!(
             "no compass is in it: ground velocity less a wind of {:.1} m/s from {:.0} deg true, which the velocities \
              themselves show; {:.1} m/s through the air, scatter {:.1}. Its own sigma, which is in the figures, is up to \
-             {:.1} deg: {:.1} of the wind as it changed in the flight, {SIDESLIP_DEG} assumed for sideslip. It says \
+             {:.1} deg: {:.1} of the wind as it changed in the flight, {ASSUMED_SIDESLIP_DEG} assumed for sideslip. It says \
              nothing of banked flight, nor of directions that were not flown straight: the widest gap is {:.0} deg",
             self.wind_speed_m_s(),
             self.wind_from_deg(),
@@ -219,7 +219,7 @@ impl GpsCourseHeading {
     /// heading.
     #[must_use]
     pub fn sigma_deg(&self) -> f64 {
-        libm::hypot(self.wind_sigma_deg(), SIDESLIP_DEG)
+        libm::hypot(self.wind_sigma_deg(), ASSUMED_SIDESLIP_DEG)
     }
 
     fn wind_sigma_deg(&self) -> f64 {

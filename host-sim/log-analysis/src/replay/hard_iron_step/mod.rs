@@ -60,7 +60,7 @@ pub struct HardIronStep {
 }
 
 impl HardIronStep {
-    /// Magnitude, microtesla.
+    /// Magnitude of the step, microtesla.
     #[must_use]
     pub fn size_ut(&self) -> f64 {
         Vector3::from(self.step_ut).norm()

@@ -44,7 +44,7 @@ fn rows_from(
     (0..1800).map(row_at).collect()
 }
 
-fn find_simulated(step_ut: [f32; 3], noise_ut: f32, seed: u64) -> Option<HardIronStep> {
+fn find_simulated_step(step_ut: [f32; 3], noise_ut: f32, seed: u64) -> Option<HardIronStep> {
     find_step(&rows(step_ut.into(), noise_ut, Vector3::zeros(), seed), &FieldCorrection::identity())
 }
 
@@ -54,7 +54,7 @@ fn a_hard_iron_step_is_found_with_its_time_and_sigma() {
     let mut errors = Vec::new();
     for seed in 0..20 {
         let step_ut = [4.0, -3.0, 2.0];
-        let change = find_simulated(step_ut, 0.5, seed).unwrap();
+        let change = find_simulated_step(step_ut, 0.5, seed).unwrap();
         assert!((change.time_s - f64::from(FIRST_ROW_AFTER_STEP) / 10.0).abs() < 0.35, "{change:?}");
         assert_eq!(change.axis(), 'x');
         errors.extend((0..3).map(|i| (change.step_ut[i] - f64::from(step_ut[i])) / change.sigma_ut[i]));
@@ -67,7 +67,7 @@ fn a_hard_iron_step_is_found_with_its_time_and_sigma() {
 fn small_or_uncertain_hard_iron_steps_are_not_reported() {
     for (moved_ut, noise_ut, is_one) in [(1.3, 0.1, true), (0.8, 0.1, false), (0.0, 0.1, false), (3.0, 5.0, false)] {
         for seed in 0..5 {
-            let change = find_simulated([0.0, moved_ut, 0.0], noise_ut, seed);
+            let change = find_simulated_step([0.0, moved_ut, 0.0], noise_ut, seed);
             assert_eq!(change.is_some(), is_one, "{moved_ut} uT in {noise_ut}: {change:?}");
         }
     }
@@ -76,7 +76,7 @@ fn small_or_uncertain_hard_iron_steps_are_not_reported() {
 #[test]
 fn each_axis_of_a_hard_iron_step_has_its_own_sigma() {
     let step_ut = [4.0, -3.0, 2.0];
-    let changes: Vec<HardIronStep> = (0..20).map(|seed| find_simulated(step_ut, 0.5, seed).unwrap()).collect();
+    let changes: Vec<HardIronStep> = (0..20).map(|seed| find_simulated_step(step_ut, 0.5, seed).unwrap()).collect();
     for (axis, expected) in step_ut.into_iter().map(f64::from).enumerate() {
         let over_sigma = |change: &HardIronStep| (change.step_ut[axis] - expected) / change.sigma_ut[axis];
         let rms = (changes.iter().map(over_sigma).map(|error| error * error).sum::<f64>() / 20.0).sqrt();

@@ -43,7 +43,7 @@ const MAX_FILTER_ALIGNMENT_S: f64 = 60.0;
 /// Attitude and body rates between two rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AttitudeSample {
-    /// Flight time, seconds.
+    /// Flight time of the attitude, seconds.
     pub t_s: f64,
     /// The autopilot's attitude.
     pub attitude: Attitude,
@@ -74,13 +74,13 @@ pub fn attitudes_between(flight: &Flight, from_s: f64, to_s: f64) -> Vec<Attitud
 pub struct RowCounts {
     /// Field readings in the log.
     pub readings: usize,
-    /// Usable rows.
+    /// Number of usable rows.
     pub used: usize,
     /// Readings without a neighbouring attitude.
     pub without_attitude: usize,
     /// Readings with attitude changes that contradict the body rates (filter alignment or reset).
     pub unsettled: usize,
-    /// Rows while disarmed.
+    /// Number of rows in which the aircraft was disarmed.
     pub disarmed: usize,
     /// Number of rows before the first and after the last movement, where foreign iron may be near.
     pub on_the_ground: usize,
@@ -157,7 +157,7 @@ pub fn build_rows(
     let [first_movement_s, last_movement_s] = moving_interval_s(flight);
     for row in &mut rows {
         let is_excluded = flight
-            .usable_rows
+            .row_usability
             .adjacent_rows(row.t_s + latency_s + 1e-6)
             .0
             .is_some_and(|usability| usability.row_values[0] == 0.0);
@@ -248,7 +248,7 @@ fn current_at(flight: &Flight, t_s: f64) -> Option<f32> {
 fn moving_interval_s(flight: &Flight) -> [f64; 2] {
     /// Speed that counts as movement, m/s; above the noise of a receiver at rest.
     const MIN_MOVING_SPEED_M_S: f32 = 3.0;
-    /// Shortest flight, seconds.
+    /// Shortest movement over ground that counts as a flight, seconds.
     const MIN_FLIGHT_S: f64 = 20.0;
     let moving = || flight.gps.rows().iter().filter(|row| row.row_values[3] > MIN_MOVING_SPEED_M_S).map(|row| row.t_s);
     match (moving().next(), moving().next_back()) {
@@ -319,7 +319,7 @@ fn attitude_at(flight: &Flight, t_s: f64) -> Option<(Attitude, Option<[f32; 3]>)
     let rates = flight.body_rates.interpolate(t_s, MAX_GAP_S);
     let step_s = (after.t_s - before.t_s) as f32;
     let weight = weight as f32;
-    let motions = motion_at(&flight.body_rates, before).zip(motion_at(&flight.body_rates, after));
+    let motions = euler_rates_at(&flight.body_rates, before).zip(euler_rates_at(&flight.body_rates, after));
     let [roll_rad, pitch_rad] = [0, 1].map(|angle| {
         let change_rad = wrap_pi(after.row_values[angle] - before.row_values[angle]);
         let straight = weight * change_rad;
@@ -334,7 +334,7 @@ fn attitude_at(flight: &Flight, t_s: f64) -> Option<(Attitude, Option<[f32; 3]>)
     Some((Attitude { roll_rad: wrap_pi(roll_rad), pitch_rad }, rates))
 }
 
-fn motion_at(rates: &Series<3>, attitude_row: &TimedRow<3>) -> Option<EulerRates> {
+fn euler_rates_at(rates: &Series<3>, attitude_row: &TimedRow<3>) -> Option<EulerRates> {
     let [roll_rad, pitch_rad, _] = attitude_row.row_values;
     let body_rates = BodyRates::from_rad_s(rates.interpolate(attitude_row.t_s, MAX_GAP_S)?)?;
     Some(EulerRates::from_body_rates(body_rates, Attitude { roll_rad, pitch_rad }))

@@ -44,7 +44,7 @@ fn disarmed_rows_are_excluded_if_the_log_was_ever_armed() {
 fn excluded_rows_are_selected_by_their_logged_time() {
     let (mut flight, compass) = (level_flight(30), compass(1, 21));
     for i in 10..210 {
-        flight.usable_rows.push_row(f64::from(i) / 10.0, [if i < 60 { 0.0 } else { 1.0 }]);
+        flight.row_usability.push_row(f64::from(i) / 10.0, [if i < 60 { 0.0 } else { 1.0 }]);
     }
     let latency_s = 0.45;
     let ([from_s, to_s], unused) = usable_range(&flight, &compass, latency_s);
@@ -192,7 +192,7 @@ fn the_mean_roll_of_a_row_wraps_at_180_deg() {
     assert!((rows[0].attitude.roll_rad.to_degrees().abs() - 180.0).abs() < 1e-3, "{}", rows[0].attitude.roll_rad);
 }
 
-/// Battery status at 1 Hz with two lost is bridged.
+/// The current is interpolated over a gap of two lost reports at 1 Hz.
 #[test]
 fn a_current_is_known_within_three_seconds_of_a_report() {
     let mut flight = level_flight(30);

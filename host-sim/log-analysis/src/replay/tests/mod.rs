@@ -1,4 +1,4 @@
-//! Evaluation of a flight that is changed in one respect.
+//! Tests of the evaluation: each changes one property of a flown flight.
 
 mod data_loss;
 mod frozen_field;

@@ -105,7 +105,7 @@ impl<'a> Verdict<'a> {
         self.compasses_in_use_first().into_iter().map(CompassVerdict::summary_sentence).collect()
     }
 
-    /// Parameters to load.
+    /// Parameters to load, of all compasses for which the verdict gives some.
     #[must_use]
     pub fn exported_corrections(&self) -> Vec<ExportedCorrection> {
         self.compasses.iter().filter_map(|compass| compass.parameters_to_load().cloned()).collect()
@@ -139,7 +139,7 @@ impl<'a> Verdict<'a> {
 }
 
 impl CompassVerdict<'_> {
-    /// Parameters to load.
+    /// Parameters of the compass, if the judgement is to load them.
     #[must_use]
     pub fn parameters_to_load(&self) -> Option<&ExportedCorrection> {
         self.parameters.as_ref().ok().filter(|_| self.judgement.recommended_action == CompassAction::Load)

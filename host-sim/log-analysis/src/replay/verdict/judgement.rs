@@ -95,7 +95,7 @@ impl JudgementReason {
 pub struct CompassJudgement {
     /// State of the compass.
     pub compass_state: CompassState,
-    /// Recommended action.
+    /// Action that the pilot is advised to take.
     pub recommended_action: CompassAction,
     /// Reasons of the judgement.
     pub reasons: Vec<JudgementReason>,

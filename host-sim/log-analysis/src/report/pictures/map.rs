@@ -119,7 +119,7 @@ mod tests {
         let track = svg_text.split("class=\"trace\" d=\"M").nth(1).unwrap().split('"').next().unwrap();
         let numbers: Vec<f64> = track.split(['L', ' ']).map(|number| number.parse().unwrap()).collect();
         assert!(((numbers[2] - numbers[0]) - 3.0 * (numbers[3] - numbers[5])).abs() < 0.3, "{numbers:?}");
-        // A single position suffices; NaN is ignored.
+        // A map needs one position only; positions that are NaN are ignored.
         assert!(
             map_picture(&CompassReport { samples: vec![sample_at(5.0, 5.0)], ..CompassReport::default() }).is_some()
         );

@@ -2,7 +2,7 @@
 
 use embedded_storage_async::nor_flash::{NorFlashError, NorFlashErrorKind};
 
-/// Flash access error.
+/// Reason why an access to the flash failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FlashError {
     /// Offset or length is not a multiple of the word or page size.

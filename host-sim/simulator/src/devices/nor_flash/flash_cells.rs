@@ -11,7 +11,7 @@ pub const WORD_BYTES: usize = 8;
 const ERASED: u8 = 0xFF;
 const WORDS_PER_PAGE: usize = PAGE_BYTES / WORD_BYTES;
 
-/// Wear counters.
+/// Counters of erased pages and programmed words since the creation of the flash.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WearCounters {
     /// Page erases, including incomplete ones.

@@ -14,20 +14,20 @@ const HSHAKE_REGISTER: u8 = 0x35;
 pub(super) const REVID_REGISTER: u8 = 0x36;
 
 const REGISTER_COUNT: usize = 0x40;
-/// `CMM`: continuous mode.
+/// Bit of `CMM` that starts the continuous mode.
 const START_CONTINUOUS: u8 = 0x01;
-/// `CMM`: data ready after a full sequence.
+/// Bits of `CMM` for data ready after a full sequence of axes.
 const DRDM_SEQUENCE: u8 = 0b1000;
 const DRDM: u8 = 0b1100;
 const ALL_AXES: u8 = 0x70;
-/// `BIST`: a self-test replaces the next single measurement.
+/// Bit of `BIST`: a self-test replaces the next single measurement.
 const SELF_TEST_ENABLE: u8 = 0x80;
 const DATA_READY: u8 = 0x80;
 
 /// Time of a measurement of one axis per cycle count: 440 measurements per second at count 200 (manual, table 3-1).
 const NANOSECONDS_PER_CYCLE: u64 = 11_364;
 
-/// Duration of the self-test, microseconds: the longest timeout of each axis (manual, table 5-9).
+/// Duration of the self-test of three axes, microseconds, each with the longest timeout (manual, table 5-9).
 const SELF_TEST_US: u64 = 3 * 120;
 
 /// Period of the continuous mode at `TMRC` 0x92, microseconds; each higher value doubles it (manual, table 5-4).
@@ -82,7 +82,7 @@ impl Rm3100Registers {
         self.register_value(register)
     }
 
-    /// Writes a register.
+    /// Writes a register, with the effects of the access.
     pub fn write_register(&mut self, register: u8, value: u8, now_us: u64, period_scale: f64) {
         self.clear_data_ready();
         match register {

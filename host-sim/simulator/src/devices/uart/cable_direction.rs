@@ -17,7 +17,7 @@ pub enum WakeCondition {
 /// Byte with the arrival time of its last bit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TimedByte {
-    /// Simulation time, microseconds.
+    /// Simulation time at which the last bit arrives, microseconds.
     pub arrives_at_us: u64,
     /// The byte on the line.
     pub byte: u8,

@@ -48,7 +48,7 @@ pub struct SerialCable {
 }
 
 impl SerialCable {
-    /// An unused cable.
+    /// A cable on which nothing has been sent.
     #[must_use]
     pub fn new(config: UartConfig) -> Self {
         Self {
@@ -62,7 +62,7 @@ impl SerialCable {
         }
     }
 
-    /// The host's end.
+    /// The host's end of the cable.
     #[must_use]
     pub fn host_end(&self) -> HostEnd {
         HostEnd { to_module: Rc::clone(&self.to_module), to_host: Rc::clone(&self.to_host) }

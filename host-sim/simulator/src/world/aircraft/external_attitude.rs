@@ -17,7 +17,7 @@ const MAX_INTERPOLATION_US: u64 = 250_000;
 pub(super) struct AttitudeInterpolation {
     start_attitude: Euler,
     /// Total change in radians; roll and heading by the shorter direction.
-    change: Euler,
+    attitude_change: Euler,
     received_us: u64,
     /// Duration, microseconds; 0 if the aircraft jumps to the attitude.
     duration_us: u64,
@@ -42,12 +42,12 @@ impl AttitudeInterpolation {
         } else {
             replaced.map_or(state.euler_angles(), |replaced| replaced.start_attitude)
         };
-        let change = Euler {
+        let attitude_change = Euler {
             roll_rad: wrap_pi_rad(received.roll_rad - start_attitude.roll_rad),
             pitch_rad: received.pitch_rad - start_attitude.pitch_rad,
             heading_rad: wrap_pi_rad(received.heading_rad - start_attitude.heading_rad),
         };
-        Self { start_attitude, change, received_us: state.time_us, duration_us }
+        Self { start_attitude, attitude_change, received_us: state.time_us, duration_us }
     }
 
     /// State one step after `previous_state`.
@@ -56,15 +56,15 @@ impl AttitudeInterpolation {
         let share = ((time_us - self.received_us) as f64 / self.duration_us as f64).min(1.0);
         let is_moving = previous_state.time_us < self.received_us + self.duration_us;
         let rate = |change_rad: f64| if is_moving { change_rad / (self.duration_us as f64 / 1e6) } else { 0.0 };
-        let Self { start_attitude, change, .. } = self;
+        let Self { start_attitude, attitude_change, .. } = self;
         TrueState {
             time_us,
-            roll_rad: wrap_pi_rad(start_attitude.roll_rad + change.roll_rad * share),
-            pitch_rad: start_attitude.pitch_rad + change.pitch_rad * share,
-            heading_rad: start_attitude.heading_rad + change.heading_rad * share,
-            roll_rate_rad_s: rate(change.roll_rad),
-            pitch_rate_rad_s: rate(change.pitch_rad),
-            heading_rate_rad_s: rate(change.heading_rad),
+            roll_rad: wrap_pi_rad(start_attitude.roll_rad + attitude_change.roll_rad * share),
+            pitch_rad: start_attitude.pitch_rad + attitude_change.pitch_rad * share,
+            heading_rad: start_attitude.heading_rad + attitude_change.heading_rad * share,
+            roll_rate_rad_s: rate(attitude_change.roll_rad),
+            pitch_rate_rad_s: rate(attitude_change.pitch_rad),
+            heading_rate_rad_s: rate(attitude_change.heading_rad),
             north_m: previous_state.north_m,
             east_m: previous_state.east_m,
             ..TrueState::default()

@@ -19,9 +19,9 @@ pub(super) struct Turbulence {
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Disturbances {
-    /// Random roll, radians.
+    /// Random disturbance of the roll, radians.
     pub bank_rad: f64,
-    /// Random pitch, radians.
+    /// Random disturbance of the pitch, radians.
     pub pitch_rad: f64,
     /// Gust from the right of the flight path, m/s.
     pub across_m_s: f64,

@@ -20,9 +20,9 @@ use crate::random::{RandomStream, StreamPurpose};
 /// MAVLink identity of a sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Identity {
-    /// System ID.
+    /// MAVLink system ID of the sender.
     pub system_id: u8,
-    /// Component ID.
+    /// MAVLink component ID of the sender.
     pub component_id: u8,
     /// Type that its heartbeats announce; `None` sends no heartbeats.
     pub heartbeat_kind: Option<SenderKind>,
@@ -102,7 +102,7 @@ impl Default for AttitudeSourceConfig {
     }
 }
 
-/// Reported attitude, radians.
+/// Attitude that the source reports, with its errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReportedAttitude {
     /// Reported roll, radians.

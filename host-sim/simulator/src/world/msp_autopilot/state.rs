@@ -1,6 +1,6 @@
 //! The autopilot's firmware and state, which determine its answers.
 
-/// Simulated firmware.
+/// Firmware that the simulated autopilot imitates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MspFirmware {
     /// ArduPilot, whose pitch is positive nose up.
@@ -16,7 +16,7 @@ pub struct AutopilotState {
     pub roll_rad: f64,
     /// Pitch, radians, nose up positive.
     pub pitch_rad: f64,
-    /// Heading, radians.
+    /// Reported heading, radians.
     pub yaw_rad: f64,
     /// Body rates p, q, r, radians per second.
     pub body_rates_rad_s: [f64; 3],
