@@ -142,12 +142,12 @@ fn every_measurement_of_an_rm3100_is_read_once_and_fresh() {
 fn a_missing_rm3100_is_reported_and_works_again_after_init() {
     for idle_byte in [0xFF, 0x00] {
         with_rm3100(1.0, move |mut driver, chip| async move {
-            chip.borrow_mut().set_fault(Some(Rm3100Fault::Missing(idle_byte)));
+            chip.borrow_mut().set_fault(Some(Rm3100Fault::MissingChip(idle_byte)));
             assert_eq!(driver.init().await, Err(MagnetometerError::WrongIdentity(idle_byte)));
             chip.borrow_mut().set_fault(None);
             driver.init().await.unwrap();
             driver.read_measurement().await.unwrap();
-            chip.borrow_mut().set_fault(Some(Rm3100Fault::Missing(idle_byte)));
+            chip.borrow_mut().set_fault(Some(Rm3100Fault::MissingChip(idle_byte)));
             assert_eq!(driver.read_measurement().await, Err(MagnetometerError::NoData));
             chip.borrow_mut().set_fault(None);
             driver.init().await.unwrap();
@@ -160,7 +160,7 @@ fn a_missing_rm3100_is_reported_and_works_again_after_init() {
 fn a_chip_that_is_no_working_rm3100_is_not_started() {
     with_rm3100(1.0, |mut driver, chip| async move {
         for (fault, error) in [
-            (Rm3100Fault::Identity(0x23), MagnetometerError::WrongIdentity(0x23)),
+            (Rm3100Fault::WrongRevision(0x23), MagnetometerError::WrongIdentity(0x23)),
             (Rm3100Fault::BrokenOscillator(1), MagnetometerError::SelfTest(0xDF)),
             (Rm3100Fault::NeverReady, MagnetometerError::NoData),
         ] {
@@ -223,8 +223,8 @@ fn module_with_rm3100() -> (Rig, Rc<RefCell<rm3100::Rm3100>>) {
 #[test]
 fn a_module_detects_each_fault_of_its_rm3100_and_uses_it_again() {
     for (fault, after_s, reason) in [
-        (Rm3100Fault::Missing(0xFF), 0.3, "sensor-silent"),
-        (Rm3100Fault::Missing(0x00), 0.3, "sensor-silent"),
+        (Rm3100Fault::MissingChip(0xFF), 0.3, "sensor-silent"),
+        (Rm3100Fault::MissingChip(0x00), 0.3, "sensor-silent"),
         (Rm3100Fault::NeverReady, 0.3, "sensor-silent"),
         (Rm3100Fault::StuckAxis(2), 0.7, "sensor-stuck"),
     ] {

@@ -68,9 +68,9 @@ const fn case(
     Case { name, cause, actions, words, changes, is_shown_by_copter: true }
 }
 
-const LOAD: &[CompassAction] = &[CompassAction::Load];
+const LOAD: &[CompassAction] = &[CompassAction::LoadParameters];
 const FLY_AGAIN: &[CompassAction] = &[CompassAction::FlyAgain];
-const LOAD_OR_REPLACE: &[CompassAction] = &[CompassAction::Load, CompassAction::Replace];
+const LOAD_OR_REPLACE: &[CompassAction] = &[CompassAction::LoadParameters, CompassAction::Replace];
 const REPLACE: &[CompassAction] = &[CompassAction::Replace];
 
 /// Steps are at 118 s, after half of the turns; the log's clock is 2 s ahead.
@@ -171,7 +171,13 @@ const CASES: [Case; 22] = [
         0,
     ),
     case("roll of the wrong sign", |_, s| s.attitude_rad[0] *= -1.0, FLY_AGAIN, "about x has the sign opposite", 0),
-    case("roll of 85 %", |_, s| s.attitude_rad[0] *= 0.85, &[CompassAction::Load, CompassAction::FlyAgain], "", 0),
+    case(
+        "roll of 85 %",
+        |_, s| s.attitude_rad[0] *= 0.85,
+        &[CompassAction::LoadParameters, CompassAction::FlyAgain],
+        "",
+        0,
+    ),
     case("8 s of straight flight", |t_s, s| s.is_armed = t_s < 8.0, FLY_AGAIN, "too few for a fit", 0),
 ];
 
@@ -189,7 +195,7 @@ fn check_causes(vehicle_kind: VehicleKind) {
             assert!(text.contains(case.words), "{about}");
             assert_eq!(changes, case.changes, "{about}");
             assert!(!text.contains("mounted") && !text.contains("orientation"), "{about}");
-            assert_eq!(text.contains("with these parameters"), action == CompassAction::Load, "{about}");
+            assert_eq!(text.contains("with these parameters"), action == CompassAction::LoadParameters, "{about}");
             if let (LOAD, Some(rms_deg), Some(untouched_deg)) = (case.actions, rms_deg, untouched.rms_deg) {
                 assert!(rms_deg < 1.2 * untouched_deg + 0.2, "{about}: {untouched_deg} deg untouched");
             }

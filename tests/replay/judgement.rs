@@ -55,7 +55,7 @@ fn parameters_make_a_bad_compass_good() {
             assert!(judgement.as_logged_rms_deg.unwrap() > 5.0, "seed {seed}: {judgement:?}");
             assert_eq!(
                 (judgement.compass_state, judgement.recommended_action),
-                (CompassState::Bad, CompassAction::Load),
+                (CompassState::Bad, CompassAction::LoadParameters),
                 "seed {seed}"
             );
             assert!(verdict.is_solved());
@@ -78,7 +78,7 @@ fn parameters_make_a_bad_compass_good() {
         judged(&recording, |verdict, _| {
             let judgement = &verdict.compasses[0].judgement;
             let is_good = judgement.as_logged_rms_deg.unwrap() <= 2.0;
-            assert_eq!(judgement.recommended_action, CompassAction::Leave, "{judgement:?}");
+            assert_eq!(judgement.recommended_action, CompassAction::LeaveUnchanged, "{judgement:?}");
             assert_eq!(
                 (judgement.compass_state == CompassState::Good, verdict.is_solved()),
                 (is_good, is_good),
@@ -106,7 +106,7 @@ fn after_a_change_of_iron_parameters_fit_what_was_flown_since() {
             );
             assert_eq!(
                 (judgement.compass_state, judgement.recommended_action),
-                (CompassState::Bad, CompassAction::Load),
+                (CompassState::Bad, CompassAction::LoadParameters),
                 "{judgement:?}"
             );
             assert!(judgement.reason_codes().contains(&"iron-changed"), "{judgement:?}");
@@ -162,7 +162,7 @@ fn parameters_that_leave_a_compass_bad_are_not_given() {
         });
         judged(&recording, |verdict, _| {
             let judgement = &verdict.compasses[0].judgement;
-            assert_ne!(judgement.recommended_action, CompassAction::Load, "seed {seed}: {judgement:?}");
+            assert_ne!(judgement.recommended_action, CompassAction::LoadParameters, "seed {seed}: {judgement:?}");
             assert!(judgement.reason_codes().contains(&"inaccurate"), "seed {seed}: {judgement:?}");
             assert!(verdict.exported_corrections().is_empty() && !verdict.is_solved(), "seed {seed}");
         });
@@ -252,6 +252,6 @@ fn a_compass_without_a_reading_has_failed() {
             !verdict.is_solved()
                 && verdict.summary_sentences()[0].starts_with("Compass 1, in use, failed: all its readings")
         );
-        assert_eq!(other.judgement.recommended_action, CompassAction::Load);
+        assert_eq!(other.judgement.recommended_action, CompassAction::LoadParameters);
     });
 }

@@ -224,7 +224,7 @@ fn no_parameters_are_given_beyond_compass_offs_max() {
     let (mut flight, compass) = evaluate(&encode_dataflash(&record_flight(&WorldConfig::random_world(3), 0.05)));
     let evaluation = evaluate_flight(&flight, &DEFAULT_OPTIONS);
     let offsets_mg = export_module(&compass, Some(50.0), ParameterFormat::ArduPilot).correction.hard_iron_ut * 10.0;
-    for (limit_ratio, action) in [(0.95, CompassAction::Replace), (1.05, CompassAction::Load)] {
+    for (limit_ratio, action) in [(0.95, CompassAction::Replace), (1.05, CompassAction::LoadParameters)] {
         flight.parameters.set_value(f64::MAX, "COMPASS_OFFS_MAX", offsets_mg.amax() * limit_ratio);
         let judgement = &Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot).compasses[0].judgement;
         assert_eq!(judgement.recommended_action, action, "{judgement:?}");

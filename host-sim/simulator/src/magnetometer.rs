@@ -42,7 +42,7 @@ impl SimulatedMagnetometer {
     pub fn set_silent(&self, silent: bool) {
         match self {
             Self::Lis3mdl(chip, _) => chip.borrow_mut().set_silent(silent),
-            Self::Rm3100(chip) => chip.borrow_mut().set_fault(silent.then_some(Rm3100Fault::Missing(0xFF))),
+            Self::Rm3100(chip) => chip.borrow_mut().set_fault(silent.then_some(Rm3100Fault::MissingChip(0xFF))),
         }
     }
 

@@ -362,7 +362,7 @@ fn write_headings(path: &Path, flight: &Flight, compass: Option<&CompassEvaluati
         let neighbours = [next.checked_sub(1), Some(next)].into_iter().flatten();
         let distance_s = |index: usize| headings.get(index).map_or(f64::INFINITY, |row| (row.t_s - at_s).abs());
         neighbours
-            .min_by(|left_index, right_index| distance_s(*left_index).total_cmp(&distance_s(*right_index)))
+            .min_by(|a, b| distance_s(*a).total_cmp(&distance_s(*b)))
             .filter(|index| distance_s(*index) < MAX_READING_TO_ROW_S)
     };
     let rows: Vec<Option<usize>> = stamps_s.iter().map(|stamp_s| nearest_row(*stamp_s)).collect();

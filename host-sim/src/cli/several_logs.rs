@@ -21,8 +21,8 @@ const LOG_EXTENSIONS: [&str; 5] = ["bin", "log", "tlog", "ulg", "csv"];
 struct LogLine {
     /// Order: unreadable first, then by state, then by error as logged, milli-degrees.
     rank: (u8, u64),
-    code: u8,
-    text: String,
+    exit_code: u8,
+    verdict_text: String,
     json: Value,
 }
 
@@ -34,26 +34,24 @@ pub fn replay_several_logs(options: &ReplayArguments) -> Result<ExitCode, Comman
     let bar = show_spinner("evaluating the logs");
     let mut lines: Vec<LogLine> = logs.par_iter().map(|log| judge_log(log, options)).collect();
     bar.finish_and_clear();
-    lines.sort_by(|left_line, right_line| {
-        right_line.rank.cmp(&left_line.rank).then_with(|| left_line.text.cmp(&right_line.text))
-    });
+    lines.sort_by(|a, b| b.rank.cmp(&a.rank).then_with(|| a.verdict_text.cmp(&b.verdict_text)));
     for line in &lines {
         if options.json {
             print::print_line(&line.json);
         } else {
-            print::print_text(&one_line(&line.text, stdout().is_terminal()));
+            print::print_text(&one_line(&line.verdict_text, stdout().is_terminal()));
         }
     }
-    Ok(ExitCode::from(lines.iter().map(|line| line.code).max().unwrap_or(2)))
+    Ok(ExitCode::from(lines.iter().map(|line| line.exit_code).max().unwrap_or(2)))
 }
 
 /// The line of a log: wrapped on a terminal, whole in a file or pipe, for `grep` and `sort`.
-fn one_line(text: &str, is_terminal: bool) -> String {
+fn one_line(verdict_text: &str, is_terminal: bool) -> String {
     if !is_terminal {
-        return format!("{text}\n");
+        return format!("{verdict_text}\n");
     }
     let mut wrapped = String::new();
-    append_wrapped(&mut wrapped, "", text);
+    append_wrapped(&mut wrapped, "", verdict_text);
     wrapped
 }
 
@@ -99,15 +97,15 @@ fn judge_log(log: &Path, options: &ReplayArguments) -> LogLine {
         let sentences = verdict.summary_sentences().join(" ");
         Ok(LogLine {
             rank: (state_rank(state), (as_logged_deg.unwrap_or(0.0) * 1e3) as u64),
-            code: u8::from(!verdict.is_solved()),
-            text: format!("{}: {name}: {sentences}", state.to_string().to_uppercase()),
+            exit_code: u8::from(!verdict.is_solved()),
+            verdict_text: format!("{}: {name}: {sentences}", state.to_string().to_uppercase()),
             json,
         })
     });
     judgement.unwrap_or_else(|CommandFailure(why)| LogLine {
         rank: (u8::MAX, 0),
-        code: 2,
-        text: format!("UNREADABLE: {why}"),
+        exit_code: 2,
+        verdict_text: format!("UNREADABLE: {why}"),
         json: json!({ "file": name, "error": why }),
     })
 }

@@ -146,7 +146,7 @@ impl FlightBuilder {
     /// Sorts all series and undoes the autopilot's corrections.
     pub fn finish_flight(mut self) -> Flight {
         let flight = &mut self.flight;
-        flight.skipped_counts.bad_times += self.timeline.rejected_count();
+        flight.skipped_counts.bad_times += self.timeline.rejected_stamp_count();
         flight.skipped_counts.restarts = self.timeline.restart_count();
         if flight.attitude.is_empty()
             && let Some((_, (from, attitude))) = self.fallback_attitudes.pop_first()

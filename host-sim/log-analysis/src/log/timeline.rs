@@ -20,14 +20,14 @@ pub struct Timeline {
     /// Flight time at which the log's present clock reads zero, seconds; zero until a restart.
     offset_s: f64,
     restarts: u32,
-    rejected_count: u64,
+    rejected_stamp_count: u64,
 }
 
 impl Timeline {
     /// Time of a stamp, seconds; none if the stamp is rejected.
     pub fn flight_time_s(&mut self, clock_us: u64) -> Option<f64> {
         if clock_us > MAX_CLOCK_US {
-            self.rejected_count += 1;
+            self.rejected_stamp_count += 1;
             return None;
         }
         let Some(newest_us) = self.newest_us else {
@@ -44,7 +44,7 @@ impl Timeline {
         } else if self.unconfirmed_us.is_some_and(is_near) {
             self.unconfirmed_us = None;
             // The pending time stamp was counted as rejected, but the present one confirms it.
-            self.rejected_count -= 1;
+            self.rejected_stamp_count -= 1;
             if clock_us < newest_us {
                 self.restarts += 1;
                 self.offset_s += seconds_from_us(newest_us) - seconds_from_us(clock_us) + RESTART_GAP_S;
@@ -52,7 +52,7 @@ impl Timeline {
             self.newest_us = Some(clock_us);
         } else {
             self.unconfirmed_us = Some(clock_us);
-            self.rejected_count += 1;
+            self.rejected_stamp_count += 1;
             return None;
         }
         Some(seconds_from_us(clock_us) + self.offset_s)
@@ -74,8 +74,8 @@ impl Timeline {
     }
 
     #[must_use]
-    pub const fn rejected_count(&self) -> u64 {
-        self.rejected_count
+    pub const fn rejected_stamp_count(&self) -> u64 {
+        self.rejected_stamp_count
     }
 }
 
@@ -98,7 +98,7 @@ mod tests {
         for (at_s, expected) in placed.iter().zip([100.0, 101.0, 100.5, 98.1, 130.0]) {
             assert!((at_s.unwrap() - expected).abs() < 1e-9, "{placed:?}");
         }
-        assert_eq!((line.restart_count(), line.rejected_count()), (0, 0));
+        assert_eq!((line.restart_count(), line.rejected_stamp_count()), (0, 0));
     }
 
     #[test]
@@ -107,7 +107,7 @@ mod tests {
             let (placed, line) = placed_times(&[100.0, 101.0, wrong_s, 101.1, 101.2]);
             assert_eq!(placed[2], None);
             assert!((placed[4].unwrap() - 101.2).abs() < 1e-9, "{placed:?}");
-            assert_eq!((line.restart_count(), line.rejected_count()), (0, 1));
+            assert_eq!((line.restart_count(), line.rejected_stamp_count()), (0, 1));
         }
     }
 
@@ -125,7 +125,7 @@ mod tests {
         assert_eq!(placed[1], None);
         assert!((placed[3].unwrap() - 500.2).abs() < 1e-9, "{placed:?}");
         assert_eq!(
-            (line.restart_count(), line.rejected_count()),
+            (line.restart_count(), line.rejected_stamp_count()),
             (0, 0),
             "what a second stamp agrees with is no nonsense"
         );

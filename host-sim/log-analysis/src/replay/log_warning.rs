@@ -25,7 +25,7 @@ const LATE_ATTITUDE_S: f64 = 0.1;
 #[derive(Clone, Debug, PartialEq)]
 pub enum LogWarning {
     /// Body rates are not used as logged: the analysis repairs them or replaces them by differences of the attitude.
-    BodyRates {
+    BodyRatesNotAsLogged {
         /// Reason why the rates are not used as logged.
         problem: RatesProblem,
         /// Whether the rates are repaired rather than replaced.
@@ -110,7 +110,7 @@ impl LogWarning {
         let is_table = flight.log_format == LogFormat::Csv;
 
         if let Some(problem) = flight.rates_problem {
-            add_if(true, Self::BodyRates { problem, is_repaired: flight.has_heading_rates });
+            add_if(true, Self::BodyRatesNotAsLogged { problem, is_repaired: flight.has_heading_rates });
         }
         if let Some(source) = flight.attitude_source {
             add_if(true, Self::FallbackAttitude(source));
@@ -227,8 +227,8 @@ impl fmt::Display for LogWarning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let list = |numbers: &[u8]| numbers.iter().map(u8::to_string).collect::<Vec<_>>().join(", ");
         match self {
-            Self::BodyRates { problem, is_repaired: true } => write!(f, "{problem}; corrected by the attitude"),
-            Self::BodyRates { problem, is_repaired: false } => {
+            Self::BodyRatesNotAsLogged { problem, is_repaired: true } => write!(f, "{problem}; corrected by the attitude"),
+            Self::BodyRatesNotAsLogged { problem, is_repaired: false } => {
                 write!(f, "{problem}: headings are without smoothing and monitor")
             }
             Self::FallbackAttitude(source) => {

@@ -107,7 +107,7 @@ fn apply_datagrams(world: &UdpSocket, served_module: &mut ServedModule, is_repor
 
 pub struct PilotCommandInput {
     byte_receiver: Receiver<Vec<u8>>,
-    line: Vec<u8>,
+    unfinished_line: Vec<u8>,
 }
 
 /// Largest length of an order, bytes.
@@ -115,21 +115,21 @@ const MAX_LINE_BYTES: usize = 256;
 
 impl PilotCommandInput {
     pub fn from_stdin() -> Self {
-        Self { byte_receiver: read_in_thread(io::stdin()), line: Vec::new() }
+        Self { byte_receiver: read_in_thread(io::stdin()), unfinished_line: Vec::new() }
     }
 
     /// Orders from the console of a private module.
     pub const fn from_channel(byte_receiver: Receiver<Vec<u8>>) -> Self {
-        Self { byte_receiver, line: Vec::new() }
+        Self { byte_receiver, unfinished_line: Vec::new() }
     }
 
     fn execute_pilot_lines(&mut self, served_module: &mut ServedModule) {
         while let Ok(bytes) = self.byte_receiver.try_recv() {
             for byte in bytes {
                 if byte == b'\n' {
-                    execute_and_answer(served_module, &std::mem::take(&mut self.line));
-                } else if self.line.len() <= MAX_LINE_BYTES {
-                    self.line.push(byte);
+                    execute_and_answer(served_module, &std::mem::take(&mut self.unfinished_line));
+                } else if self.unfinished_line.len() <= MAX_LINE_BYTES {
+                    self.unfinished_line.push(byte);
                 }
             }
         }

@@ -103,7 +103,7 @@ struct UlogReader {
     has_angular_velocity: bool,
     /// Field, gauss, and body rates of `sensor_combined`, used for logs up to 1.8 only.
     sensor_combined: (Series<3>, Series<3>),
-    sensors: CompassAssignment,
+    compass_assignment: CompassAssignment,
 }
 
 impl UlogReader {
@@ -117,7 +117,7 @@ impl UlogReader {
             px4_version: None,
             has_angular_velocity: false,
             sensor_combined: (Series::new(), Series::new()),
-            sensors: CompassAssignment::default(),
+            compass_assignment: CompassAssignment::default(),
         }
     }
 
@@ -291,7 +291,8 @@ impl UlogReader {
 
     /// Adds a field in gauss.
     fn record_field(&mut self, is_raw: bool, instance: u8, device_id: u32, t_s: f64, gauss: [f32; 3]) {
-        let Some(index) = self.sensors.compass_index(&self.builder.flight.parameters, instance, device_id) else {
+        let Some(index) = self.compass_assignment.compass_index(&self.builder.flight.parameters, instance, device_id)
+        else {
             return;
         };
         let processing = if is_raw { FieldProcessing::Px4SensorRaw(index) } else { FieldProcessing::Px4(index) };
@@ -300,7 +301,7 @@ impl UlogReader {
 
     fn finish_flight(mut self) -> Flight {
         let (fields, rates) = std::mem::take(&mut self.sensor_combined);
-        if self.sensors.is_empty() {
+        if self.compass_assignment.is_empty() {
             for row in fields.rows() {
                 self.record_field(false, 0, 0, row.t_s, row.row_values);
             }

@@ -33,7 +33,7 @@ impl Verdict<'_> {
             );
         }
         match parameters {
-            Ok(exported) if judgement.recommended_action == CompassAction::Load => {
+            Ok(exported) if judgement.recommended_action == CompassAction::LoadParameters => {
                 if let Some([from_s, to_s]) = exported.fitted_range_s {
                     add_fact("parameters", format!("fitted to {from_s:.0} to {to_s:.0} s of the log"));
                 }

@@ -95,7 +95,7 @@ impl<'a> Verdict<'a> {
     pub fn is_solved(&self) -> bool {
         self.compasses_in_use_first().first().is_some_and(|compass| {
             compass.judgement.compass_state == CompassState::Good
-                || compass.judgement.recommended_action == CompassAction::Load
+                || compass.judgement.recommended_action == CompassAction::LoadParameters
         })
     }
 
@@ -142,7 +142,7 @@ impl CompassVerdict<'_> {
     /// Parameters of the compass, if the judgement is to load them.
     #[must_use]
     pub fn parameters_to_load(&self) -> Option<&ExportedCorrection> {
-        self.parameters.as_ref().ok().filter(|_| self.judgement.recommended_action == CompassAction::Load)
+        self.parameters.as_ref().ok().filter(|_| self.judgement.recommended_action == CompassAction::LoadParameters)
     }
 
     /// Judgement of the compass, a sentence.

@@ -36,9 +36,11 @@ pub enum CompassState {
 #[serde(rename_all = "kebab-case")]
 pub enum CompassAction {
     /// Load the exported parameters.
-    Load,
+    #[serde(rename = "load")]
+    LoadParameters,
     /// Leave compass and parameters unchanged.
-    Leave,
+    #[serde(rename = "leave")]
+    LeaveUnchanged,
     /// Fly again, since this flight does not determine parameters.
     FlyAgain,
     /// Replace or move the compass.
@@ -129,7 +131,7 @@ impl CompassJudgement {
             let covers_headings = as_logged_rms_deg.is_some() || accurate_reference(evaluation).is_none();
             parameters.as_ref().map_or_else(
                 |rejection| action_without_parameters(compass_state, rejection, covers_headings),
-                |_| CompassAction::Load,
+                |_| CompassAction::LoadParameters,
             )
         };
         let changed = change.map(|change| JudgementReason::HardIronChanged {
@@ -187,8 +189,8 @@ fn action_without_parameters(
         {
             CompassAction::Replace
         }
-        _ if compass_state == CompassState::Good => CompassAction::Leave,
-        NoParameters::NoGain(_) if compass_state == CompassState::Doubtful => CompassAction::Leave,
+        _ if compass_state == CompassState::Good => CompassAction::LeaveUnchanged,
+        NoParameters::NoGain(_) if compass_state == CompassState::Doubtful => CompassAction::LeaveUnchanged,
         _ => CompassAction::FlyAgain,
     }
 }
@@ -274,8 +276,8 @@ impl fmt::Display for CompassJudgement {
             separator = "; ";
         }
         f.write_str(match self.recommended_action {
-            CompassAction::Load => ": load them",
-            CompassAction::Leave => ": leave it as it is",
+            CompassAction::LoadParameters => ": load them",
+            CompassAction::LeaveUnchanged => ": leave it as it is",
             CompassAction::FlyAgain => ": fly again",
             CompassAction::Replace => ": replace or move it",
         })
@@ -303,6 +305,6 @@ mod tests {
             )
         };
         assert_eq!((action(26.0, true), action(26.0, false)), (CompassAction::Replace, CompassAction::FlyAgain));
-        assert_eq!((action(1.0, true), action(1.0, false)), (CompassAction::Leave, CompassAction::FlyAgain));
+        assert_eq!((action(1.0, true), action(1.0, false)), (CompassAction::LeaveUnchanged, CompassAction::FlyAgain));
     }
 }

@@ -119,7 +119,7 @@ fn draw_one_scale(svg: &mut Svg, upper_left: PicturePoint, compass_report: &Comp
     let mut legend_items: Vec<(LegendSample, &str)> = UNCALIBRATED_LINES
         .iter()
         .zip(&names)
-        .map(|(&(curve, shape, class), name)| (LegendSample::Both(curve, shape, class), &**name))
+        .map(|(&(curve, shape, class), name)| (LegendSample::LineAndPoints(curve, shape, class), &**name))
         .collect();
     let after = match &compass_report.curves_after[..] {
         [only] => format!("after{}", name_suffix(&only.curve_name)),
@@ -167,7 +167,7 @@ fn draw_enlarged(
     let mut legend_items: Vec<(LegendSample, &str)> = classes
         .iter()
         .zip(&names)
-        .map(|(&(curve, shape, class), name)| (LegendSample::Both(curve, shape, class), &**name))
+        .map(|(&(curve, shape, class), name)| (LegendSample::LineAndPoints(curve, shape, class), &**name))
         .collect();
     if !compass_report.sigma_deg.is_empty() {
         legend_items.push((LegendSample::Area("band"), "expected, 1 sigma"));

@@ -16,7 +16,7 @@ pub struct Picture {
 pub enum LegendSample {
     Line(&'static str),
     Points(MarkerShape, &'static str),
-    Both(&'static str, MarkerShape, &'static str),
+    LineAndPoints(&'static str, MarkerShape, &'static str),
     Area(&'static str),
 }
 
@@ -39,7 +39,7 @@ pub fn draw_legend(svg: &mut Svg, [left, top]: PicturePoint, width: f64, legend_
         match *key {
             LegendSample::Line(class) => across(svg, class),
             LegendSample::Points(shape, class) => svg.draw_points(class, shape, 3.5, centre),
-            LegendSample::Both(line, shape, class) => {
+            LegendSample::LineAndPoints(line, shape, class) => {
                 across(svg, line);
                 svg.draw_points(class, shape, 3.5, centre);
             }

@@ -25,8 +25,8 @@ pub struct WearCounters {
 /// Operation on one double word or page, which a power cut can interrupt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum FlashOperation {
-    Program { word: usize, value: [u8; WORD_BYTES] },
-    Erase { page: usize },
+    Program { word_index: usize, value: [u8; WORD_BYTES] },
+    Erase { page_index: usize },
 }
 
 pub(super) struct FlashCells {
@@ -80,8 +80,8 @@ impl FlashCells {
     /// Checks that the operation is allowed.
     pub fn check_operation(&self, operation: FlashOperation) -> Result<(), FlashError> {
         match operation {
-            FlashOperation::Program { word, .. } if self.is_programmed[word] => {
-                Err(FlashError::NotErased { offset: (word * WORD_BYTES) as u32 })
+            FlashOperation::Program { word_index, .. } if self.is_programmed[word_index] => {
+                Err(FlashError::NotErased { offset: (word_index * WORD_BYTES) as u32 })
             }
             _ => Ok(()),
         }
@@ -89,11 +89,11 @@ impl FlashCells {
 
     pub fn perform_operation(&mut self, operation: FlashOperation) {
         match operation {
-            FlashOperation::Program { word, value } => self.program_word(word, value),
-            FlashOperation::Erase { page } => {
-                self.page_erase_counts[page] += 1;
-                for word in page * WORDS_PER_PAGE..(page + 1) * WORDS_PER_PAGE {
-                    self.erase_word(word);
+            FlashOperation::Program { word_index, value } => self.program_word(word_index, value),
+            FlashOperation::Erase { page_index } => {
+                self.page_erase_counts[page_index] += 1;
+                for word_index in page_index * WORDS_PER_PAGE..(page_index + 1) * WORDS_PER_PAGE {
+                    self.erase_word(word_index);
                 }
             }
         }
@@ -103,44 +103,44 @@ impl FlashCells {
     /// double word unchanged, erased, or with some bits set.
     pub fn apply_partially(&mut self, operation: FlashOperation, random: &mut RandomStream) {
         match operation {
-            FlashOperation::Program { word, value } => {
+            FlashOperation::Program { word_index, value } => {
                 let cleared_bits = random.random_bits().to_le_bytes();
-                self.program_word(word, std::array::from_fn(|i| value[i] | cleared_bits[i]));
+                self.program_word(word_index, std::array::from_fn(|i| value[i] | cleared_bits[i]));
             }
-            FlashOperation::Erase { page } => {
-                self.page_erase_counts[page] += 1;
-                for word in page * WORDS_PER_PAGE..(page + 1) * WORDS_PER_PAGE {
-                    self.erase_word_partially(word, random);
+            FlashOperation::Erase { page_index } => {
+                self.page_erase_counts[page_index] += 1;
+                for word_index in page_index * WORDS_PER_PAGE..(page_index + 1) * WORDS_PER_PAGE {
+                    self.erase_word_partially(word_index, random);
                 }
             }
         }
     }
 
-    fn erase_word_partially(&mut self, word: usize, random: &mut RandomStream) {
+    fn erase_word_partially(&mut self, word_index: usize, random: &mut RandomStream) {
         match random.random_bits() % 3 {
             0 => {}
-            1 => self.erase_word(word),
+            1 => self.erase_word(word_index),
             _ => {
                 let set_bits = random.random_bits().to_le_bytes();
-                for (byte, set_bits) in self.word_mut(word).iter_mut().zip(set_bits) {
+                for (byte, set_bits) in self.word_mut(word_index).iter_mut().zip(set_bits) {
                     *byte |= set_bits;
                 }
             }
         }
     }
 
-    fn program_word(&mut self, word: usize, value: [u8; WORD_BYTES]) {
+    fn program_word(&mut self, word_index: usize, value: [u8; WORD_BYTES]) {
         self.programmed_word_count += 1;
-        self.is_programmed[word] = true;
-        self.word_mut(word).copy_from_slice(&value);
+        self.is_programmed[word_index] = true;
+        self.word_mut(word_index).copy_from_slice(&value);
     }
 
-    fn erase_word(&mut self, word: usize) {
-        self.is_programmed[word] = false;
-        self.word_mut(word).fill(ERASED);
+    fn erase_word(&mut self, word_index: usize) {
+        self.is_programmed[word_index] = false;
+        self.word_mut(word_index).fill(ERASED);
     }
 
-    fn word_mut(&mut self, word: usize) -> &mut [u8] {
-        &mut self.bytes[word * WORD_BYTES..(word + 1) * WORD_BYTES]
+    fn word_mut(&mut self, word_index: usize) -> &mut [u8] {
+        &mut self.bytes[word_index * WORD_BYTES..(word_index + 1) * WORD_BYTES]
     }
 }

@@ -20,9 +20,9 @@ pub use self::flash_cells::{PAGE_BYTES, WORD_BYTES, WearCounters};
 use crate::random::{RandomStream, StreamPurpose};
 
 /// Time to program a double word (STM32L475 data sheet, typical 81.7 us).
-const PROGRAM_TIME: Duration = Duration::from_micros(82);
+const WORD_PROGRAM_TIME: Duration = Duration::from_micros(82);
 /// Time to erase a page (STM32L475 data sheet, typical 22.0 ms).
-const ERASE_TIME: Duration = Duration::from_millis(22);
+const PAGE_ERASE_TIME: Duration = Duration::from_millis(22);
 
 /// Progress of the operation that the power cut interrupts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -212,8 +212,8 @@ impl NorFlash for Flash {
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
         self.0.borrow().check_range(from, to, PAGE_BYTES)?;
-        for page in from as usize / PAGE_BYTES..to as usize / PAGE_BYTES {
-            self.perform_operation(FlashOperation::Erase { page }, ERASE_TIME).await?;
+        for page_index in from as usize / PAGE_BYTES..to as usize / PAGE_BYTES {
+            self.perform_operation(FlashOperation::Erase { page_index }, PAGE_ERASE_TIME).await?;
         }
         Ok(())
     }
@@ -221,8 +221,8 @@ impl NorFlash for Flash {
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
         self.0.borrow().check_range(offset, range_end(offset, bytes.len())?, WORD_BYTES)?;
         let (words, _) = bytes.as_chunks::<WORD_BYTES>();
-        for (word, &value) in (offset as usize / WORD_BYTES..).zip(words) {
-            self.perform_operation(FlashOperation::Program { word, value }, PROGRAM_TIME).await?;
+        for (word_index, &value) in (offset as usize / WORD_BYTES..).zip(words) {
+            self.perform_operation(FlashOperation::Program { word_index, value }, WORD_PROGRAM_TIME).await?;
         }
         Ok(())
     }

@@ -43,9 +43,9 @@ impl Default for Rm3100Config {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rm3100Fault {
     /// No chip drives the data line, which reads as this byte: 0xFF or 0x00.
-    Missing(u8),
+    MissingChip(u8),
     /// Wrong revision number in `REVID`.
-    Identity(u8),
+    WrongRevision(u8),
     /// An axis, 0 to 2, repeats its last measurement.
     StuckAxis(usize),
     /// The oscillator of an axis, 0 to 2, fails the self-test.
@@ -101,7 +101,7 @@ impl Rm3100 {
     }
 
     fn is_missing(&self) -> bool {
-        matches!(self.fault, Some(Rm3100Fault::Missing(_)))
+        matches!(self.fault, Some(Rm3100Fault::MissingChip(_)))
     }
 
     fn complete_due_measurements(&mut self) {
@@ -159,14 +159,14 @@ impl SimulatedSpiDevice for Rm3100 {
     }
 
     fn read_bytes(&mut self, bytes: &mut [u8]) {
-        if let Some(Rm3100Fault::Missing(idle_byte)) = self.fault {
+        if let Some(Rm3100Fault::MissingChip(idle_byte)) = self.fault {
             bytes.fill(idle_byte);
             return;
         }
         self.complete_due_measurements();
         for byte in bytes {
             *byte = match (self.pointer, self.fault) {
-                (registers::REVID_REGISTER, Some(Rm3100Fault::Identity(other))) => other,
+                (registers::REVID_REGISTER, Some(Rm3100Fault::WrongRevision(other))) => other,
                 (register, _) => self.registers.read_register(register),
             };
             self.pointer = self.pointer.wrapping_add(1);

@@ -247,11 +247,11 @@ fn faults_show_on_the_bus() {
             write_register(&mut device, 0x01, CONTINUOUS_MODE).await;
             let set_fault = |fault| chip.borrow_mut().set_fault(fault);
             for idle_byte in [0xFF, 0x00] {
-                set_fault(Some(Rm3100Fault::Missing(idle_byte)));
+                set_fault(Some(Rm3100Fault::MissingChip(idle_byte)));
                 write_register(&mut device, 0x05, 1).await;
                 assert_eq!(read_register(&mut device, 0x34).await, [idle_byte; 3]);
             }
-            set_fault(Some(Rm3100Fault::Identity(0x23)));
+            set_fault(Some(Rm3100Fault::WrongRevision(0x23)));
             assert_eq!(read_register(&mut device, 0x36).await, [0x23]);
             assert_eq!(read_register(&mut device, 0x05).await, [0xC8], "a missing chip is not written");
             let before = read_counts(&mut device).await;

@@ -70,7 +70,7 @@ impl Bench {
         }
     }
 
-    fn run(&mut self, seconds: u64) {
+    fn run_for_s(&mut self, seconds: u64) {
         for now_ms in self.now_ms..self.now_ms + 1000 * seconds {
             self.now_ms = now_ms;
             let sent_bytes = self.autopilot.due_messages(1000 * now_ms, &self.inputs, |_| ());
@@ -143,9 +143,9 @@ fn assert_one_request_a_second(bench: &Bench) {
 #[test]
 fn ardupilot_accepts_an_attitude_rate_of_40_hz_at_once() {
     let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
-    bench.run(2);
+    bench.run_for_s(2);
     assert!(bench.requests()[0].0 <= 1_100, "{:?}", bench.requests());
-    bench.run(60);
+    bench.run_for_s(60);
     let request_list = [&[attitude_request(40)][..], &CURRENT_PLACE_AND_TIME].concat();
     assert_eq!(bench.request_list(), request_list, "and nothing more");
     assert_eq!(bench.autopilot.denied_requests(), 0);
@@ -158,7 +158,7 @@ fn ardupilot_accepts_an_attitude_rate_of_40_hz_at_once() {
 #[test]
 fn px4_sends_attitude_without_a_request() {
     let mut bench = Bench::new(MavlinkFirmware::Px4);
-    bench.run(60);
+    bench.run_for_s(60);
     assert_eq!(bench.request_list(), CURRENT_PLACE_AND_TIME);
     assert!(bench.attitudes_in_the_last_second().abs_diff(100) <= 1);
 }
@@ -166,7 +166,7 @@ fn px4_sends_attitude_without_a_request() {
 #[test]
 fn an_autopilot_with_streams_only_gets_a_stream_request() {
     let mut bench = Bench::new(MavlinkFirmware::StreamsOnly);
-    bench.run(60);
+    bench.run_for_s(60);
     let mut expected: Vec<Request> = [40, 25, 20].into_iter().flat_map(|rate| [attitude_request(rate); 2]).collect();
     expected.push(Request::Stream { rate_hz: 25 });
     // The firmware does not provide these messages; the module requests each twice.
@@ -180,7 +180,7 @@ fn an_autopilot_with_streams_only_gets_a_stream_request() {
 #[test]
 fn an_autopilot_that_never_answers_gets_each_request_twice() {
     let mut bench = Bench::new(MavlinkFirmware::IgnoresRequests);
-    bench.run(120);
+    bench.run_for_s(120);
     assert_eq!(bench.request_list().len(), 2 * 7);
     assert!(bench.requests().last().unwrap().0 < 16_000);
     assert_eq!(bench.attitudes_in_the_last_second(), 1);
@@ -192,11 +192,11 @@ fn an_autopilot_that_never_answers_gets_each_request_twice() {
 fn messages_are_requested_again_after_a_restart_or_silence() {
     for silence_ms in [0, 1_500, 10_000] {
         let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
-        bench.run(20);
+        bench.run_for_s(20);
         let before = bench.request_list().len();
         bench.autopilot.restart_autopilot(1000 * bench.now_ms);
         bench.silent_until_ms = bench.now_ms + silence_ms;
-        bench.run(silence_ms / 1000 + 8);
+        bench.run_for_s(silence_ms / 1000 + 8);
         assert!(bench.attitudes_in_the_last_second().abs_diff(40) <= 1, "{silence_ms}");
         assert!(bench.request_list()[before..].contains(&attitude_request(40)), "{silence_ms}");
         assert_one_request_a_second(&bench);
@@ -206,20 +206,20 @@ fn messages_are_requested_again_after_a_restart_or_silence() {
 #[test]
 fn a_gap_under_2_s_causes_no_new_requests() {
     let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
-    bench.run(20);
+    bench.run_for_s(20);
     let before = bench.request_list().len();
     bench.silent_until_ms = bench.now_ms + 1_900;
-    bench.run(10);
+    bench.run_for_s(10);
     assert_eq!(bench.request_list().len(), before);
     bench.silent_until_ms = bench.now_ms + 2_200;
-    bench.run(10);
+    bench.run_for_s(10);
     assert!(bench.request_list().len() > before);
 }
 
 #[test]
 fn position_and_date_of_the_autopilot_are_received() {
     let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
-    bench.run(10);
+    bench.run_for_s(10);
     let received_position = bench.received_messages.iter().rev().find_map(|(_, message)| match message {
         ReceivedMessage::Position(received_position) => Some(*received_position),
         _ => None,
@@ -232,7 +232,7 @@ fn position_and_date_of_the_autopilot_are_received() {
     assert!(bench.received_messages.iter().any(|(_, message)| *message == ReceivedMessage::Date(today)));
     bench.autopilot.set_position(None);
     bench.received_messages.clear();
-    bench.run(10);
+    bench.run_for_s(10);
     let count_messages = |is_counted: fn(&ReceivedMessage) -> bool| {
         bench.received_messages.iter().filter(|(_, message)| is_counted(message)).count()
     };
@@ -247,9 +247,9 @@ fn a_second_autopilot_is_ignored() {
     let foreign = Identity { system_id: 9, component_id: 1, heartbeat_kind: Some(SenderKind::Autopilot) };
     let source = AttitudeSource::new(AttitudeSourceConfig::default(), GyroConfig::ERROR_FREE, 2).with_identity(foreign);
     let mut other_autopilot = MavlinkAutopilot::new(source, MavlinkFirmware::Px4, 0);
-    bench.run(1);
+    bench.run_for_s(1);
     for _ in 0..10 {
-        bench.run(1);
+        bench.run_for_s(1);
         let bytes = other_autopilot.due_messages(
             1000 * bench.now_ms,
             &AutopilotInputs { is_armed: true, ..AutopilotInputs::default() },
@@ -268,14 +268,14 @@ fn a_second_autopilot_is_ignored() {
 fn a_ground_station_commands_the_module() {
     const STATION: [u8; 2] = [255, 190];
     let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
-    bench.run(5);
+    bench.run_for_s(5);
     bench.deliver_to_module(&command_long(STATION, 1, 42_424, 0, [0.0; 7]));
     assert_eq!(
         bench.received_messages.last().unwrap().1,
         ReceivedMessage::Command(Command::CalStart(Procedure::Flight))
     );
     bench.module.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
-    bench.run(1);
+    bench.run_for_s(1);
     let ack = bench.frames.iter().find(|(_, frame)| frame.message_id == 77).map(|(_, frame)| frame).expect("an answer");
     assert_eq!(ack.payload, [0xB8, 0xA5, 0, 0, 0, 0, 0, 0, 255, 190]);
 }

@@ -212,7 +212,7 @@ fn a_delayed_answer_is_sent_with_the_next() {
     assert_eq!(autopilot.send_replies(40_000, &AUTOPILOT_STATE).len(), 15 + 31);
 }
 
-struct Exchange {
+struct ExchangeResult {
     attitudes: usize,
     /// Longest time without attitude after the first second, microseconds.
     gap_us: u64,
@@ -223,24 +223,25 @@ struct Exchange {
 }
 
 /// Communication for `seconds`, with a new estimate every 12.5 ms.
-fn exchange(firmware: MspFirmware, answer_faults: AnswerFaults, seconds: u64) -> Exchange {
+fn run_exchange(firmware: MspFirmware, answer_faults: AnswerFaults, seconds: u64) -> ExchangeResult {
     let (mut port, mut output) = (Msp::new(), TransmitBuffer::new());
     let mut autopilot = MspAutopilot::new(firmware, answer_faults, 11);
     let settings = Settings::DEFAULT;
-    let mut exchange = Exchange { attitudes: 0, gap_us: 0, places: 0, days: 0, is_armed: None, readings: Vec::new() };
+    let mut run_exchange =
+        ExchangeResult { attitudes: 0, gap_us: 0, places: 0, days: 0, is_armed: None, readings: Vec::new() };
     let mut heard_us = 1_000_000;
     for now_us in (0..seconds * 1_000_000).step_by(500) {
         let now = Timestamp::from_us(now_us);
         for byte in autopilot.send_replies(now_us, &AUTOPILOT_STATE) {
             match port.process_byte(now, byte) {
                 Some(ReceivedMessage::Attitude(report)) => {
-                    exchange.attitudes += 1;
-                    exchange.gap_us = exchange.gap_us.max(now_us.saturating_sub(heard_us));
+                    run_exchange.attitudes += 1;
+                    run_exchange.gap_us = run_exchange.gap_us.max(now_us.saturating_sub(heard_us));
                     heard_us = heard_us.max(now_us);
                     assert!((report.attitude.pitch_rad - 0.1).abs() < 0.0018, "{report:?}");
                 }
-                Some(ReceivedMessage::Position(_)) => exchange.places += 1,
-                Some(ReceivedMessage::Date(_)) => exchange.days += 1,
+                Some(ReceivedMessage::Position(_)) => run_exchange.places += 1,
+                Some(ReceivedMessage::Date(_)) => run_exchange.days += 1,
                 _ => {}
             }
         }
@@ -261,25 +262,25 @@ fn exchange(firmware: MspFirmware, answer_faults: AnswerFaults, seconds: u64) ->
             output.consume_bytes(usize::MAX);
         }
     }
-    exchange.is_armed = port.is_armed(Timestamp::from_us(seconds * 1_000_000));
-    exchange.readings = autopilot.take_compass_samples();
-    exchange
+    run_exchange.is_armed = port.is_armed(Timestamp::from_us(seconds * 1_000_000));
+    run_exchange.readings = autopilot.take_compass_samples();
+    run_exchange
 }
 
 #[test]
 fn the_module_and_the_autopilot_exchange_messages() {
     for firmware in [MspFirmware::ArduPilot, MspFirmware::Inav] {
-        let exchange = exchange(firmware, NO_FAULTS, 60);
-        assert!((2_990..=3_010).contains(&exchange.readings.len()), "{}", exchange.readings.len());
+        let run_exchange = run_exchange(firmware, NO_FAULTS, 60);
+        assert!((2_990..=3_010).contains(&run_exchange.readings.len()), "{}", run_exchange.readings.len());
         assert!(
-            exchange.readings[0].received_at_us == 0
-                && exchange.readings.iter().all(|reading| reading.field_mg == [200, -51, 442])
+            run_exchange.readings[0].received_at_us == 0
+                && run_exchange.readings.iter().all(|reading| reading.field_mg == [200, -51, 442])
         );
         // Some requests wait for the next estimate, others for a pending answer.
-        assert!((2_300..=3_000).contains(&exchange.attitudes), "{}", exchange.attitudes);
-        assert!(exchange.gap_us < 60_000, "{} us", exchange.gap_us);
-        assert!((58..=61).contains(&exchange.places) && (58..=61).contains(&exchange.days));
-        assert_eq!(exchange.is_armed, Some(true));
+        assert!((2_300..=3_000).contains(&run_exchange.attitudes), "{}", run_exchange.attitudes);
+        assert!(run_exchange.gap_us < 60_000, "{} us", run_exchange.gap_us);
+        assert!((58..=61).contains(&run_exchange.places) && (58..=61).contains(&run_exchange.days));
+        assert_eq!(run_exchange.is_armed, Some(true));
     }
 }
 
@@ -291,10 +292,10 @@ fn answer_faults_do_not_stop_the_exchange() {
         truncation_probability: 0.1,
         delay_probability: 0.1,
     };
-    let exchange = exchange(MspFirmware::Inav, answer_faults, 60);
-    assert!((2_990..=3_010).contains(&exchange.readings.len()));
-    assert!((1_000..2_600).contains(&exchange.attitudes), "{}", exchange.attitudes);
+    let run_exchange = run_exchange(MspFirmware::Inav, answer_faults, 60);
+    assert!((2_990..=3_010).contains(&run_exchange.readings.len()));
+    assert!((1_000..2_600).contains(&run_exchange.attitudes), "{}", run_exchange.attitudes);
     // Six faults in a row, 50 ms each, have a probability of about 0.001.
-    assert!(exchange.gap_us < 500_000, "{} us", exchange.gap_us);
-    assert!(exchange.places > 30 && exchange.days > 30 && exchange.is_armed == Some(true));
+    assert!(run_exchange.gap_us < 500_000, "{} us", run_exchange.gap_us);
+    assert!(run_exchange.places > 30 && run_exchange.days > 30 && run_exchange.is_armed == Some(true));
 }
