@@ -21,8 +21,10 @@ const CHECKSUM_LENGTH: usize = 2;
 const SIGNATURE_LENGTH: usize = 13;
 const MAX_FRAME_LENGTH: usize = HEADER_LENGTH_V2 + 255 + CHECKSUM_LENGTH + SIGNATURE_LENGTH;
 
-/// ArduPilot's SIMSTATE, absent from the common dialect: message number and CRC extra byte.
-const SIMSTATE_ID_AND_CRC: (u32, u8) = (164, 154);
+/// Message number of ArduPilot's SIMSTATE, absent from the common dialect.
+const SIMSTATE_ID: u32 = 164;
+/// CRC extra byte of SIMSTATE.
+const SIMSTATE_EXTRA_CRC: u8 = 154;
 
 const UT_PER_MILLIGAUSS: f32 = 0.1;
 const UT_PER_GAUSS: f32 = 100.0;
@@ -117,8 +119,7 @@ impl<'a> LogFrame<'a> {
         };
         let payload_end = header + usize::from(*frame.get(1)?);
         let [low, high] = *frame.get(payload_end..payload_end + CHECKSUM_LENGTH)? else { return None };
-        let extra_crc =
-            if message_id == SIMSTATE_ID_AND_CRC.0 { SIMSTATE_ID_AND_CRC.1 } else { MavMessage::extra_crc(message_id) };
+        let extra_crc = if message_id == SIMSTATE_ID { SIMSTATE_EXTRA_CRC } else { MavMessage::extra_crc(message_id) };
         let is_checksum_valid = calculate_crc(frame.get(1..payload_end)?, extra_crc) == u16::from_le_bytes([low, high]);
         let frame_len = clock_length + payload_end + CHECKSUM_LENGTH + if has_signature { SIGNATURE_LENGTH } else { 0 };
         // An unknown message, or one whose definition has changed, fails its checksum. If another frame follows, the
@@ -161,7 +162,7 @@ struct TlogReader {
     other_systems: Vec<u8>,
     other_components: Vec<u8>,
     /// Clock of the sender in its last message with one, and the receiver's clock at that message, microseconds.
-    last_sender_and_receiver_us: Option<(u64, u64)>,
+    last_clock_pair_us: Option<(u64, u64)>,
 }
 
 impl TlogReader {
@@ -173,7 +174,7 @@ impl TlogReader {
             autopilot: None,
             other_systems: Vec::new(),
             other_components: Vec::new(),
-            last_sender_and_receiver_us: None,
+            last_clock_pair_us: None,
         }
     }
 
@@ -190,7 +191,7 @@ impl TlogReader {
             self.process_heartbeat(frame);
         } else if self.autopilot.is_none() {
             // Ignored until the first heartbeat (1 Hz) identifies the autopilot.
-        } else if frame.message_id == SIMSTATE_ID_AND_CRC.0 {
+        } else if frame.message_id == SIMSTATE_ID {
             let float = |payload_index: usize| {
                 let bytes = [0, 1, 2, 3].map(|byte| frame.payload.get(payload_index + byte).copied().unwrap_or(0));
                 f32::from_le_bytes(bytes)
@@ -354,14 +355,14 @@ impl TlogReader {
             return self.receiver_time_s(frame);
         }
         let t_s = self.builder.timeline.flight_time_s(boot_us)?;
-        self.last_sender_and_receiver_us = Some((boot_us, frame.received_us));
+        self.last_clock_pair_us = Some((boot_us, frame.received_us));
         Some(t_s)
     }
 
     /// Flight time of a message without the sender's clock, seconds; the receiver's clock bridges at most two seconds.
     fn receiver_time_s(&mut self, frame: &LogFrame<'_>) -> Option<f64> {
         const MAX_BRIDGED_US: u64 = 2_000_000;
-        let (sent_us, received_us) = self.last_sender_and_receiver_us?;
+        let (sent_us, received_us) = self.last_clock_pair_us?;
         let since_us = frame.received_us.saturating_sub(received_us).min(MAX_BRIDGED_US);
         self.builder.timeline.flight_time_s(sent_us + since_us)
     }

@@ -35,7 +35,7 @@ impl TableReader {
         const MAX_REORDERING_S: f64 = 3.0;
         let mut times_s: Vec<f64> = first_lines
             .iter()
-            .filter_map(|(_, line)| table.split_line(line).required_number_in_column(table.time_column, "t_s").ok())
+            .filter_map(|(_, line)| table.split_line(line).required_number(table.time_column, "t_s").ok())
             .collect();
         let steps =
             |is_counted: &dyn Fn(f64) -> bool| times_s.windows(2).filter(|pair| is_counted(pair[1] - pair[0])).count();
@@ -64,27 +64,22 @@ impl TableReader {
     fn read_line(&mut self, table: &TableLayout, unit: FieldUnit, line: &str) -> Result<(), InvalidCell> {
         let cells = table.split_line(line);
         table.reject_extra_cells(&cells)?;
-        let t_s = cells.required_number_in_column(table.time_column, "t_s")?;
+        let t_s = cells.required_number(table.time_column, "t_s")?;
         let [roll_deg, pitch_deg] = [
-            cells.required_number_in_column(table.attitude_columns[0], "roll_deg")?,
-            cells.required_number_in_column(table.attitude_columns[1], "pitch_deg")?,
+            cells.required_number(table.attitude_columns[0], "roll_deg")?,
+            cells.required_number(table.attitude_columns[1], "pitch_deg")?,
         ];
         let mut fields = Vec::new();
         for &(compass_number, [x, y, z]) in &table.field_columns {
             let given = [x, y, z].map(|index| cells.number_in_column(index));
             if compass_number == 1 || given.iter().all(Option::is_some) {
-                let field = [
-                    cells.required_number_in_column(x, "mx")?,
-                    cells.required_number_in_column(y, "my")?,
-                    cells.required_number_in_column(z, "mz")?,
-                ];
+                let field =
+                    [cells.required_number(x, "mx")?, cells.required_number(y, "my")?, cells.required_number(z, "mz")?];
                 fields.push((compass_number, field.map(|axis| (axis * unit.microtesla_per_unit()) as f32)));
             }
         }
         let optional_number = |index: Option<usize>, name: &str| match index {
-            Some(index) if cells.number_in_column(index).is_some() => {
-                cells.required_number_in_column(index, name).map(Some)
-            }
+            Some(index) if cells.number_in_column(index).is_some() => cells.required_number(index, name).map(Some),
             _ => Ok(None),
         };
         let usable = optional_number(table.usable_column, "use")?;
@@ -94,9 +89,9 @@ impl TableReader {
             match table.rate_columns.filter(|rates| rates.iter().any(|&index| cells.number_in_column(index).is_some()))
             {
                 Some([p, q, r]) => Some([
-                    cells.required_number_in_column(p, "p_dps")?,
-                    cells.required_number_in_column(q, "q_dps")?,
-                    cells.required_number_in_column(r, "r_dps")?,
+                    cells.required_number(p, "p_dps")?,
+                    cells.required_number(q, "q_dps")?,
+                    cells.required_number(r, "r_dps")?,
                 ]),
                 None => None,
             };

@@ -120,7 +120,7 @@ impl LineCells<'_> {
         if self.has_decimal_comma { text.replace(',', ".").parse().ok() } else { text.parse().ok() }
     }
 
-    pub fn required_number_in_column(&self, index: usize, column: &str) -> Result<f64, InvalidCell> {
+    pub fn required_number(&self, index: usize, column: &str) -> Result<f64, InvalidCell> {
         let invalid_cell =
             || (column.to_owned(), self.cells.get(index).copied().unwrap_or_default().chars().take(40).collect());
         self.number_in_column(index).filter(|number| number.is_finite()).ok_or_else(invalid_cell)
