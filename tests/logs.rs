@@ -228,7 +228,11 @@ fn a_compass_that_fails_in_flight_is_reported() {
     );
     // Half of the second compass's rows are rejected; the others are as good as those of the first.
     let [alive, dead] = verdict.compasses.as_slice() else { panic!("two compasses") };
-    assert!((1190..=1210).contains(&dead.row_counts.stuck) && alive.row_counts.stuck == 0, "{:?}", dead.row_counts);
+    assert!(
+        (1190..=1210).contains(&dead.row_counts.frozen_field) && alive.row_counts.frozen_field == 0,
+        "{:?}",
+        dead.row_counts
+    );
     assert!(
         dead.correction_from(CorrectionSource::Module).unwrap().score.unwrap().rms_deg < 0.5,
         "the bound of `replay/native.rs`"

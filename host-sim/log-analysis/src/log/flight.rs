@@ -113,17 +113,20 @@ impl Gps {
 /// Numbers of rows and messages skipped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct SkippedCounts {
-    /// Unrecognised bytes, or lines of a table.
+    /// Number of unrecognised bytes, or of lines of a table.
     pub garbage: u64,
-    /// Messages with an invalid time.
+    /// Number of messages with an invalid time.
     pub bad_times: u64,
-    /// Rows that repeat a time.
-    pub repeats: u64,
-    /// Readings that are out of range or marked unhealthy.
-    pub unhealthy: u64,
-    /// Messages of other MAVLink systems.
-    pub others: u64,
-    /// Restarts of the autopilot.
+    /// Number of rows that repeat a time.
+    #[serde(rename = "repeats")]
+    pub repeated_times: u64,
+    /// Number of magnetometer readings that are out of range or marked unhealthy.
+    #[serde(rename = "unhealthy")]
+    pub rejected_readings: u64,
+    /// Number of messages of other MAVLink systems.
+    #[serde(rename = "others")]
+    pub other_system_messages: u64,
+    /// Number of restarts of the autopilot.
     pub restarts: u32,
 }
 

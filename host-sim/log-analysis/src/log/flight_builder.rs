@@ -65,7 +65,7 @@ impl FlightBuilder {
         let is_field =
             field_ut.iter().all(|axis| axis.abs() < MAX_FIELD_UT) && field_ut.iter().any(|axis| *axis != 0.0);
         if !is_field || compass_number == 0 || compass_number > MAX_COMPASSES {
-            self.flight.skipped_counts.unhealthy += 1;
+            self.flight.skipped_counts.rejected_readings += 1;
             return;
         }
         let ([x, y, z], [mx, my, mz]) = (field_ut, motor_ut.unwrap_or([f32::NAN; 3]));
@@ -161,12 +161,12 @@ impl FlightBuilder {
         flight.battery_current.sort_and_dedup();
         flight.reference_heading.sort_and_dedup();
         flight.row_usability.sort_and_dedup();
-        flight.skipped_counts.repeats += attitude_repeats as u64;
+        flight.skipped_counts.repeated_times += attitude_repeats as u64;
         if self.field_rows.iter().all(|(_, _, field)| field.rows().is_empty()) {
             self.field_rows.clear();
         }
         for (compass_number, field_processing, mut field) in select_field_source(std::mem::take(&mut self.field_rows)) {
-            flight.skipped_counts.repeats += field.sort_and_dedup() as u64;
+            flight.skipped_counts.repeated_times += field.sort_and_dedup() as u64;
             let (correction, field) = undo_correction(flight, compass_number, field_processing, field);
             let is_used_for_heading = is_used_for_heading(flight, compass_number);
             flight.compasses.push(Compass { compass_number, field, correction, is_used_for_heading });
@@ -306,7 +306,7 @@ mod tests {
         }
         let flight = builder.finish_flight();
         assert_eq!(flight.compasses.iter().map(|compass| compass.compass_number).collect::<Vec<_>>(), [1, 8]);
-        assert_eq!((flight.compasses[0].field.rows().len(), flight.skipped_counts.unhealthy), (1, 5));
+        assert_eq!((flight.compasses[0].field.rows().len(), flight.skipped_counts.rejected_readings), (1, 5));
         assert_eq!((flight.attitude.rows().len(), flight.body_rates.rows().len()), (1, 1));
     }
 

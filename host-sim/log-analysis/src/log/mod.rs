@@ -151,7 +151,7 @@ fn read_with_unchecked_rates(source: &mut dyn Read, unit: FieldUnit, system: Opt
         return Err(LogError::NoTimeStamps(format));
     }
     if flight.compasses.is_empty() {
-        return Err(LogError::NoMagnetometer(format, flight.skipped_counts.unhealthy));
+        return Err(LogError::NoMagnetometer(format, flight.skipped_counts.rejected_readings));
     }
     if flight.attitude.is_empty() {
         return Err(LogError::NoAttitude(format));

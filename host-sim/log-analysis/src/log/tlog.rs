@@ -183,7 +183,7 @@ impl TlogReader {
         if self.autopilot.is_some_and(|selected| selected != frame.sender)
             || self.requested_system.is_some_and(|requested| requested != system)
         {
-            self.builder.flight.skipped_counts.others += 1;
+            self.builder.flight.skipped_counts.other_system_messages += 1;
             self.record_other_vehicle(frame, autopilot_of_heartbeat(frame));
             return;
         }

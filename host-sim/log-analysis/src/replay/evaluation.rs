@@ -198,7 +198,7 @@ impl SharedInputs<'_> {
         for row in rows.iter_mut().filter(|row| row.is_usable && !(from_s..=to_s).contains(&row.t_s)) {
             row.is_usable = false;
             row_counts.used -= 1;
-            row_counts.kept_out += 1;
+            row_counts.excluded += 1;
         }
         (rows, row_counts)
     }

@@ -134,9 +134,11 @@ impl LogWarning {
                 .map(|(own_id, other_ids)| Self::OtherAutopilots(own_id, other_ids)),
         );
         let contradicted =
-            |compass: &&CompassEvaluation| compass.row_counts.unsettled * 5 > compass.row_counts.readings;
+            |compass: &&CompassEvaluation| compass.row_counts.contradicting_attitude * 5 > compass.row_counts.readings;
         warnings.extend(compasses.iter().find(contradicted).map(|compass| {
-            Self::RatesContradicted(compass.row_counts.unsettled * 100 / compass.row_counts.readings.max(1))
+            Self::RatesContradicted(
+                compass.row_counts.contradicting_attitude * 100 / compass.row_counts.readings.max(1),
+            )
         }));
         warnings.extend(
             first_and_others(&flight.autopilot_systems)
@@ -147,7 +149,7 @@ impl LogWarning {
         for (skipped_count, skipped_items) in [
             (counts.garbage, "bytes or lines that were not recognised"),
             (counts.bad_times, "messages with an invalid time"),
-            (counts.unhealthy, "readings out of range, or marked unhealthy by the autopilot"),
+            (counts.rejected_readings, "readings out of range, or marked unhealthy by the autopilot"),
         ] {
             add_if(skipped_count > 0, Self::Skipped(skipped_count, skipped_items));
         }
@@ -389,7 +391,7 @@ mod tests {
             (|flight| flight.skipped_counts.restarts = 2, "restarted 2 time"),
             (|flight| flight.skipped_counts.garbage = 3, "skipped: 3 bytes or lines"),
             (|flight| flight.skipped_counts.bad_times = 4, "skipped: 4 messages with an invalid time"),
-            (|flight| flight.skipped_counts.unhealthy = 5, "skipped: 5 readings"),
+            (|flight| flight.skipped_counts.rejected_readings = 5, "skipped: 5 readings"),
             (|flight| flight.parameters.set_value(1.0, "COMPASS_MOTCT", 1.0), "compensates by throttle"),
             (|flight| flight.battery_current = crate::log::time_series::Series::new(), "no current is logged"),
             (|flight| flight.parameters = crate::log::ParameterHistory::default(), "the parameters are not in the log"),

@@ -178,7 +178,7 @@ mod tests {
         let flight = read_text(&text).unwrap();
         let times: Vec<f64> = flight.compasses[0].field.rows().iter().map(|row| row.t_s).collect();
         assert_eq!(times.len(), 3);
-        assert!(times.is_sorted() && flight.skipped_counts.repeats > 0);
+        assert!(times.is_sorted() && flight.skipped_counts.repeated_times > 0);
     }
 
     #[test]

@@ -159,7 +159,7 @@ impl TableReader {
         }
         let flight = self.builder.finish_flight();
         // Rejected readings count as rows; the caller reports them.
-        let is_empty = flight.compasses.is_empty() && flight.skipped_counts.unhealthy == 0;
+        let is_empty = flight.compasses.is_empty() && flight.skipped_counts.rejected_readings == 0;
         if is_empty { Err(CsvError::NoRows(self.first_invalid_cell)) } else { Ok(flight) }
     }
 }

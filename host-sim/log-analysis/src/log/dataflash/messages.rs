@@ -158,7 +158,7 @@ fn record_field(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage,
         builder.compass_rows(compass_number, FieldProcessing::ArduPilot);
     }
     if message.numeric_field("Health") == Some(0.0) {
-        builder.flight.skipped_counts.unhealthy += 1;
+        builder.flight.skipped_counts.rejected_readings += 1;
         return;
     }
     let motor =

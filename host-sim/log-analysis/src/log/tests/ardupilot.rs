@@ -74,5 +74,5 @@ fn only_the_first_of_several_sensors_is_used() {
         ]
     };
     assert_eq!(rows(&with), rows(&without));
-    assert_eq!((without.skipped_counts.unhealthy, with.skipped_counts.unhealthy), (0, 1));
+    assert_eq!((without.skipped_counts.rejected_readings, with.skipped_counts.rejected_readings), (0, 1));
 }

@@ -21,7 +21,7 @@ fn only_the_first_autopilot_of_a_link_counts() {
     link_bytes.extend(with_system_id);
     let flight = read_bytes(&link_bytes).unwrap();
     assert!(
-        flight.skipped_counts.others > 600 && flight.autopilot_systems.len() == 2,
+        flight.skipped_counts.other_system_messages > 600 && flight.autopilot_systems.len() == 2,
         "{:?}",
         flight.autopilot_systems
     );
@@ -181,7 +181,7 @@ fn the_first_compass_is_raw_imu_for_ardupilot_and_scaled_imu_for_px4() {
         let flight = read_bytes(&bytes).unwrap();
         let [row] = flight.compasses[0].field.rows() else { panic!("{:?}", flight.compasses) };
         assert!((row.row_values[0] - ut).abs() < 1e-4, "{row:?}");
-        assert_eq!(flight.skipped_counts.unhealthy, 0);
+        assert_eq!(flight.skipped_counts.rejected_readings, 0);
     }
 }
 
@@ -246,5 +246,5 @@ fn a_gimbal_is_not_a_second_vehicle() {
     frame.serialize_message_data(MavHeader { system_id: 1, component_id: 154, sequence: 0 }, &heartbeat);
     let gimbal_frame = [&0_u64.to_be_bytes(), frame.raw_bytes()].concat();
     let flight = read_bytes(&[started_px4_log(), gimbal_frame].concat()).unwrap();
-    assert_eq!((flight.autopilot_systems, flight.skipped_counts.others), (vec![1], 1));
+    assert_eq!((flight.autopilot_systems, flight.skipped_counts.other_system_messages), (vec![1], 1));
 }

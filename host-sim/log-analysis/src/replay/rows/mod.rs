@@ -72,22 +72,25 @@ pub fn attitudes_between(flight: &Flight, from_s: f64, to_s: f64) -> Vec<Attitud
 /// Numbers of readings and rows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct RowCounts {
-    /// Field readings in the log.
+    /// Number of field readings in the log.
     pub readings: usize,
     /// Number of usable rows.
     pub used: usize,
-    /// Readings without a neighbouring attitude.
+    /// Number of readings without a neighbouring attitude.
     pub without_attitude: usize,
-    /// Readings with attitude changes that contradict the body rates (filter alignment or reset).
-    pub unsettled: usize,
+    /// Number of readings with attitude changes that contradict the body rates (filter alignment or reset).
+    #[serde(rename = "unsettled")]
+    pub contradicting_attitude: usize,
     /// Number of rows in which the aircraft was disarmed.
     pub disarmed: usize,
     /// Number of rows before the first and after the last movement, where foreign iron may be near.
     pub on_the_ground: usize,
-    /// Rows excluded by the log, or outside the chosen time.
-    pub kept_out: usize,
+    /// Number of rows excluded by the log, or outside the chosen time.
+    #[serde(rename = "kept_out")]
+    pub excluded: usize,
     /// Number of rows with a frozen field while the aircraft moved.
-    pub stuck: usize,
+    #[serde(rename = "stuck")]
+    pub frozen_field: usize,
 }
 
 impl RowCounts {
@@ -96,9 +99,9 @@ impl RowCounts {
             (self.disarmed, "disarmed"),
             (self.on_the_ground, "on the ground"),
             (self.without_attitude, "without an attitude near it"),
-            (self.unsettled, "while the attitude contradicts the body rates"),
-            (self.stuck, "with a frozen field"),
-            (self.kept_out, "excluded by the log or outside the chosen time"),
+            (self.contradicting_attitude, "while the attitude contradicts the body rates"),
+            (self.frozen_field, "with a frozen field"),
+            (self.excluded, "excluded by the log or outside the chosen time"),
         ]
     }
 
@@ -142,7 +145,7 @@ pub fn build_rows(
             continue;
         };
         if unsettled.iter().any(|&[from_s, to_s]| (from_s..=to_s).contains(&t_s)) {
-            row_counts.unsettled += 1;
+            row_counts.contradicting_attitude += 1;
             continue;
         }
         if accumulator.reading_count > 0 && t_s - accumulator.first_s >= ROW_AVERAGING_S {
@@ -164,14 +167,14 @@ pub fn build_rows(
         let is_disarmed = was_armed && flight.is_armed(row.t_s) == Some(false);
         let is_on_the_ground = row.t_s < first_movement_s || row.t_s > last_movement_s;
         row.is_usable = !is_excluded && !is_disarmed && !is_on_the_ground;
-        row_counts.kept_out += usize::from(is_excluded);
+        row_counts.excluded += usize::from(is_excluded);
         row_counts.disarmed += usize::from(is_disarmed && !is_excluded);
         row_counts.on_the_ground += usize::from(is_on_the_ground && !is_disarmed && !is_excluded);
     }
     for [from_s, to_s] in frozen_intervals(&rows).into_iter().map(|frozen| frozen.interval_s) {
         for row in rows.iter_mut().filter(|row| row.is_usable && (from_s..=to_s).contains(&row.t_s)) {
             row.is_usable = false;
-            row_counts.stuck += 1;
+            row_counts.frozen_field += 1;
         }
     }
     row_counts.used = rows.iter().filter(|row| row.is_usable).count();

@@ -49,7 +49,7 @@ fn excluded_rows_are_selected_by_their_logged_time() {
     let latency_s = 0.45;
     let ([from_s, to_s], unused) = usable_range(&flight, &compass, latency_s);
     assert!((from_s - (6.0 - latency_s)).abs() < 1e-6 && (to_s - (20.9 - latency_s)).abs() < 1e-6, "{from_s} {to_s}");
-    assert_eq!((unused, build_rows(&flight, &compass, latency_s, None).1.kept_out), (50, 50));
+    assert_eq!((unused, build_rows(&flight, &compass, latency_s, None).1.excluded), (50, 50));
 }
 
 /// A receiver at rest drifts at up to 2 m/s. Movement of less than 20 s is no flight.
@@ -116,7 +116,7 @@ fn attitude_jumps_without_rates_are_excluded() {
             flight.attitude.push_row(t_s, [if t_s > jump_s - 0.01 { by_deg.to_radians() } else { 0.0 }, 0.0, 0.0]);
             flight.body_rates.push_row(t_s, [if is_jump { rate_deg_s.to_radians() } else { 0.0 }, 0.0, 0.0]);
         }
-        build_rows(&flight, &compass(0, 199), 0.0, None).1.unsettled
+        build_rows(&flight, &compass(0, 199), 0.0, None).1.contradicting_attitude
     };
     // Readings are rejected until the jump has left the window.
     assert!((105..=115).contains(&unsettled_by(10.0, 5.0, 0.0)), "{}", unsettled_by(10.0, 5.0, 0.0));
@@ -136,7 +136,7 @@ fn tilt_may_change_by_twice_the_rates() {
             flight.attitude.push_row(f64::from(i) / 10.0, [roll_deg.to_radians(), 0.0, 0.0]);
             flight.body_rates.push_row(f64::from(i) / 10.0, [5_f32.to_radians(), 0.0, 0.0]);
         }
-        let unsettled = build_rows(&flight, &compass(0, 99), 0.0, None).1.unsettled;
+        let unsettled = build_rows(&flight, &compass(0, 99), 0.0, None).1.contradicting_attitude;
         assert_eq!(unsettled == 0, is_flown, "{roll_deg_s} deg/s: {unsettled}");
     }
 }
@@ -159,7 +159,7 @@ fn a_jump_soon_after_a_gap_is_alignment() {
                 flight.body_rates.push_row(t_s, [0.0; 3]);
             }
         }
-        let unsettled = build_rows(&flight, &compass(0, 199), 0.0, None).1.unsettled;
+        let unsettled = build_rows(&flight, &compass(0, 199), 0.0, None).1.contradicting_attitude;
         assert!(expected.contains(&unsettled), "a gap of {name}: {unsettled}");
     }
 }
@@ -222,5 +222,5 @@ fn a_jump_of_the_attitude_drops_the_rows_about_it() {
         flight.body_rates.push_row(f64::from(i) / 10.0, [0.0, 0.0, 0.3]);
     }
     let counts = build_rows(&flight, &compass(0, 99), 0.0, None).1;
-    assert!((3..=5).contains(&counts.unsettled), "{counts:?}");
+    assert!((3..=5).contains(&counts.contradicting_attitude), "{counts:?}");
 }
