@@ -25,7 +25,7 @@ impl fmt::Display for ShortestDecimal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self(value, mut decimals) = *self;
         let mut text = format_fixed(value, decimals);
-        while decimals < MAX_DIGITS && parse_decimal(&text) != Some(value) {
+        while decimals < MAX_DIGITS_EACH_SIDE && parse_decimal(&text) != Some(value) {
             decimals += 1;
             text = format_fixed(value, decimals);
         }
@@ -33,15 +33,17 @@ impl fmt::Display for ShortestDecimal {
     }
 }
 
+/// Longest text of a number, characters: a sign, 39 digits, a point and the decimals.
+const DECIMAL_CAPACITY: usize = 41 + MAX_DIGITS_EACH_SIDE;
+
 /// Formats a number with a fixed number of decimals; not generic, so that flash contains one copy.
-const DECIMAL_CAPACITY: usize = 41 + MAX_DIGITS;
 fn format_fixed(value: f32, decimals: usize) -> heapless::String<DECIMAL_CAPACITY> {
     let mut text = heapless::String::new();
     if !value.is_finite() {
         let _ = text.push('-');
         return text;
     }
-    // Infallible: the capacity fits a sign, 39 digits, a point and six decimals.
+    // Infallible: the capacity is that of the longest text.
     let _ = write!(text, "{value:.decimals$}");
     if text.bytes().all(|byte| matches!(byte, b'-' | b'0' | b'.')) && value.is_sign_negative() {
         text.remove(0);
@@ -50,7 +52,7 @@ fn format_fixed(value: f32, decimals: usize) -> heapless::String<DECIMAL_CAPACIT
 }
 
 /// Maximum number of digits before and after the point.
-const MAX_DIGITS: usize = 6;
+const MAX_DIGITS_EACH_SIDE: usize = 6;
 
 /// Parses a number such as `12`, `-3.75`, `+0.5` or `.5`: a sign, up to 6 digits, up to 6 decimals.
 ///
@@ -65,7 +67,10 @@ pub fn parse_decimal(text: &str) -> Option<f32> {
     let point = digits.iter().position(|&b| b == b'.').unwrap_or(digits.len());
     let (whole_digits, fraction) = digits.split_at(point);
     let fraction = fraction.get(1..).unwrap_or(&[]);
-    if whole_digits.len() > MAX_DIGITS || fraction.len() > MAX_DIGITS || whole_digits.len() + fraction.len() == 0 {
+    if whole_digits.len() > MAX_DIGITS_EACH_SIDE
+        || fraction.len() > MAX_DIGITS_EACH_SIDE
+        || whole_digits.len() + fraction.len() == 0
+    {
         return None;
     }
     let digits_value = |digits: &[u8]| {

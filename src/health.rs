@@ -53,7 +53,7 @@ impl Diagnostics {
     /// Detected protocol of a port.
     #[must_use]
     pub const fn port_protocol(&self, number: PortNumber) -> ProtocolKind {
-        *number.element_of(&self.ports)
+        *number.port_element(&self.ports)
     }
 }
 
@@ -190,7 +190,7 @@ counters! {
 
 impl EventCounters {
     /// Copies the instrument's counters.
-    pub fn store_rejections(&self, counts: &instrument::RejectionCounts) {
+    pub fn copy_rejections(&self, counts: &instrument::RejectionCounts) {
         for (counter, count) in [
             (&self.unpaired, counts.unpaired_readings),
             (&self.saturated, counts.saturated_readings),
@@ -199,7 +199,7 @@ impl EventCounters {
             (&self.sensor_spikes, counts.spike_readings),
             (&self.attitude_frozen, counts.rejected_reports.frozen_reports),
             (&self.attitude_spikes, counts.rejected_reports.spike_reports),
-            (&self.attitude_rates, counts.rejected_reports.contradicting_rates),
+            (&self.attitude_rates, counts.rejected_reports.rate_contradictions),
         ] {
             counter.store(count, Ordering::Relaxed);
         }
@@ -220,20 +220,20 @@ pub enum SampleLoss {
 impl SampleLoss {
     /// Main reason between two snapshots; `None` if most readings became samples, or for few readings.
     #[must_use]
-    pub const fn from_counts(earlier: &EventCounts, later: &EventCounts) -> Option<Self> {
+    pub const fn from_counts(counts_before: &EventCounts, counts_after: &EventCounts) -> Option<Self> {
         const fn percent(part: u32, whole: u32) -> u32 {
             (part as u64 * 100 / whole as u64) as u32
         }
-        let readings = later.readings.wrapping_sub(earlier.readings);
+        let readings = counts_after.readings.wrapping_sub(counts_before.readings);
         if readings < MIN_READINGS {
             return None;
         }
-        let saturated = later.saturated.wrapping_sub(earlier.saturated);
-        let clipped = later.sensor_clipped.wrapping_sub(earlier.sensor_clipped);
+        let saturated = counts_after.saturated.wrapping_sub(counts_before.saturated);
+        let clipped = counts_after.sensor_clipped.wrapping_sub(counts_before.sensor_clipped);
         let saturated = percent(saturated.saturating_add(clipped), readings);
-        let unpaired = percent(later.unpaired.wrapping_sub(earlier.unpaired), readings);
-        let accepted = later.attitude_reports.wrapping_sub(earlier.attitude_reports);
-        let rejected = later.attitude_rejected.wrapping_sub(earlier.attitude_rejected);
+        let unpaired = percent(counts_after.unpaired.wrapping_sub(counts_before.unpaired), readings);
+        let accepted = counts_after.attitude_reports.wrapping_sub(counts_before.attitude_reports);
+        let rejected = counts_after.attitude_rejected.wrapping_sub(counts_before.attitude_rejected);
         if saturated >= SATURATED_LIMIT_PERCENT {
             Some(Self::Saturated(saturated))
         } else if rejected > accepted {

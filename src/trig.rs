@@ -11,7 +11,7 @@ use nalgebra::{Const, SVector, Storage, Vector};
 /// One degree, radians.
 pub const DEG: f32 = core::f32::consts::PI / 180.0;
 
-/// Square.
+/// Square of a number.
 #[must_use]
 pub const fn square(x: f32) -> f32 {
     x * x

@@ -11,27 +11,27 @@ use syn::visit::{self, Visit};
 use syn::{Item, UseTree};
 
 /// Path of a module or item from the crate's root.
-type Names = Vec<String>;
+type ModulePath = Vec<String>;
 
 /// Source folders of the library and of the host's crates.
 const SOURCES: [&str; 5] =
     ["src", "host-sim/log-analysis/src", "host-sim/simulator/src", "host-sim/web/src", "host-sim/src"];
 
-fn root() -> PathBuf {
+fn repository_root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
 /// A crate's modules without unit tests: which items they define, which names they import, and which paths they use.
 #[derive(Default)]
 struct Crate {
-    modules: BTreeSet<Names>,
-    items: BTreeSet<Names>,
+    modules: BTreeSet<ModulePath>,
+    items: BTreeSet<ModulePath>,
     /// Path of an imported name, and the path of its item.
-    imports: BTreeMap<Names, Names>,
+    imports: BTreeMap<ModulePath, ModulePath>,
     /// Modules whose every item a module imports.
-    globs: BTreeMap<Names, Vec<Names>>,
+    glob_imports: BTreeMap<ModulePath, Vec<ModulePath>>,
     /// Module and the path that it uses.
-    uses: BTreeSet<(Names, Names)>,
+    used_paths: BTreeSet<(ModulePath, ModulePath)>,
 }
 
 /// Arrows between the rooms of one folder.
@@ -40,7 +40,7 @@ struct Folder {
     rooms: BTreeSet<String>,
     arrows: BTreeSet<(String, String)>,
     /// Rooms that name an item of the folder's `mod.rs`.
-    upward: BTreeSet<String>,
+    upward_rooms: BTreeSet<String>,
 }
 
 impl Crate {
@@ -53,7 +53,7 @@ impl Crate {
             .into_iter()
             .filter_map(|file| {
                 let inside = file.strip_prefix(source).expect("below the source").with_extension("");
-                let mut module: Names =
+                let mut module: ModulePath =
                     inside.iter().map(|component| component.to_str().expect("a name in UTF-8").to_owned()).collect();
                 if module.last().is_some_and(|last| last == "mod") || module == ["lib"] {
                     module.pop();
@@ -70,7 +70,7 @@ impl Crate {
     }
 
     /// Path from the root of a path written in `module`; `None` for other crates.
-    fn absolute(&self, module: &[String], written_path: &[String]) -> Option<Names> {
+    fn absolute_path(&self, module: &[String], written_path: &[String]) -> Option<ModulePath> {
         let mut base = module.to_vec();
         let mut remaining = written_path;
         match remaining.first()?.as_str() {
@@ -94,24 +94,24 @@ impl Crate {
     }
 
     /// Module that defines what a path from the root names.
-    fn definition(&self, path: &[String], depth: u32) -> Names {
+    fn defining_module(&self, path: &[String], depth: u32) -> ModulePath {
         assert!(depth < 20, "{path:?} is imported in a circle");
         let module_length = (0..=path.len()).rev().find(|&length| self.modules.contains(&path[..length])).unwrap_or(0);
         let (module, item_path) = path.split_at(module_length);
         let Some(name) = item_path.first() else { return module.to_vec() };
         let item = [module, std::slice::from_ref(name)].concat();
         if let Some(target) = self.imports.get(&item).filter(|target| **target != item) {
-            return self.definition(&[target.clone(), item_path[1..].to_vec()].concat(), depth + 1);
+            return self.defining_module(&[target.clone(), item_path[1..].to_vec()].concat(), depth + 1);
         }
         if !self.items.contains(&item)
             && let Some(from) = self
-                .globs
+                .glob_imports
                 .get(module)
                 .into_iter()
                 .flatten()
                 .find(|from| self.items.contains(&[from.as_slice(), std::slice::from_ref(name)].concat()))
         {
-            return self.definition(&[from.clone(), item_path.to_vec()].concat(), depth + 1);
+            return self.defining_module(&[from.clone(), item_path.to_vec()].concat(), depth + 1);
         }
         module.to_vec()
     }
@@ -123,8 +123,8 @@ impl Crate {
             let (name, folder) = module.split_last().expect("a name");
             folders.entry(folder.join("/")).or_default().rooms.insert(name.clone());
         }
-        for (module, path) in &self.uses {
-            let target = self.definition(path, 0);
+        for (module, path) in &self.used_paths {
+            let target = self.defining_module(path, 0);
             let shared = module.iter().zip(&target).take_while(|(from, to)| from == to).count();
             let folder = folders.entry(module[..shared].join("/")).or_default();
             match (module.get(shared), target.get(shared)) {
@@ -132,7 +132,7 @@ impl Crate {
                     folder.arrows.insert((from.clone(), to.clone()));
                 }
                 (Some(from), None) => {
-                    folder.upward.insert(from.clone());
+                    folder.upward_rooms.insert(from.clone());
                 }
                 // `mod.rs` names an item of a room, which is allowed.
                 (None, _) => {}
@@ -144,11 +144,11 @@ impl Crate {
 
 impl Folder {
     /// Rooms from which arrows lead back to themselves.
-    fn on_circles(&self) -> BTreeSet<&String> {
-        self.rooms.iter().filter(|room| self.reached_from(room).contains(*room)).collect()
+    fn rooms_in_cycles(&self) -> BTreeSet<&String> {
+        self.rooms.iter().filter(|room| self.rooms_reached_from(room).contains(*room)).collect()
     }
 
-    fn reached_from<'a>(&'a self, start: &'a str) -> BTreeSet<&'a String> {
+    fn rooms_reached_from<'a>(&'a self, start: &'a str) -> BTreeSet<&'a String> {
         let mut reached = BTreeSet::new();
         let mut open = vec![start];
         while let Some(room) = open.pop() {
@@ -160,31 +160,31 @@ impl Folder {
 }
 
 struct ModuleVisitor<'a> {
-    module: Names,
+    module: ModulePath,
     parsed: &'a mut Crate,
 }
 
 impl ModuleVisitor<'_> {
-    fn import(&mut self, parent_path: &Names, tree: &UseTree) {
+    fn record_import(&mut self, parent_path: &ModulePath, tree: &UseTree) {
         let with = |name: &syn::Ident| [parent_path.clone(), vec![name.to_string()]].concat();
         match tree {
-            UseTree::Path(path) => self.import(&with(&path.ident), &path.tree),
-            UseTree::Group(group) => group.items.iter().for_each(|item| self.import(parent_path, item)),
-            UseTree::Name(name) if name.ident == "self" => self.name(parent_path, parent_path.last().cloned()),
-            UseTree::Name(name) => self.name(&with(&name.ident), Some(name.ident.to_string())),
-            UseTree::Rename(rename) => self.name(&with(&rename.ident), Some(rename.rename.to_string())),
+            UseTree::Path(path) => self.record_import(&with(&path.ident), &path.tree),
+            UseTree::Group(group) => group.items.iter().for_each(|item| self.record_import(parent_path, item)),
+            UseTree::Name(name) if name.ident == "self" => self.record_name(parent_path, parent_path.last().cloned()),
+            UseTree::Name(name) => self.record_name(&with(&name.ident), Some(name.ident.to_string())),
+            UseTree::Rename(rename) => self.record_name(&with(&rename.ident), Some(rename.rename.to_string())),
             UseTree::Glob(_) => {
-                if let Some(target) = self.parsed.absolute(&self.module, parent_path) {
-                    self.parsed.uses.insert((self.module.clone(), target.clone()));
-                    self.parsed.globs.entry(self.module.clone()).or_default().push(target);
+                if let Some(target) = self.parsed.absolute_path(&self.module, parent_path) {
+                    self.parsed.used_paths.insert((self.module.clone(), target.clone()));
+                    self.parsed.glob_imports.entry(self.module.clone()).or_default().push(target);
                 }
             }
         }
     }
 
-    fn name(&mut self, written: &Names, name: Option<String>) {
-        let (Some(target), Some(name)) = (self.parsed.absolute(&self.module, written), name) else { return };
-        self.parsed.uses.insert((self.module.clone(), target.clone()));
+    fn record_name(&mut self, written: &ModulePath, name: Option<String>) {
+        let (Some(target), Some(name)) = (self.parsed.absolute_path(&self.module, written), name) else { return };
+        self.parsed.used_paths.insert((self.module.clone(), target.clone()));
         self.parsed.imports.insert([self.module.clone(), vec![name]].concat(), target);
     }
 }
@@ -215,7 +215,7 @@ impl<'a> Visit<'a> for ModuleVisitor<'_> {
             self.parsed.items.insert([self.module.clone(), vec![name.to_string()]].concat());
         }
         match item {
-            Item::Use(item) => self.import(&Vec::new(), &item.tree),
+            Item::Use(item) => self.record_import(&Vec::new(), &item.tree),
             _ => visit::visit_item(self, item),
         }
     }
@@ -224,11 +224,11 @@ impl<'a> Visit<'a> for ModuleVisitor<'_> {
     fn visit_visibility(&mut self, _: &'a syn::Visibility) {}
 
     fn visit_path(&mut self, path: &'a syn::Path) {
-        let written: Names = path.segments.iter().map(|segment| segment.ident.to_string()).collect();
+        let written: ModulePath = path.segments.iter().map(|segment| segment.ident.to_string()).collect();
         if written.len() > 1
-            && let Some(target) = self.parsed.absolute(&self.module, &written)
+            && let Some(target) = self.parsed.absolute_path(&self.module, &written)
         {
-            self.parsed.uses.insert((self.module.clone(), target));
+            self.parsed.used_paths.insert((self.module.clone(), target));
         }
         visit::visit_path(self, path);
     }
@@ -249,8 +249,8 @@ fn rust_files(folder: &Path, paths: &mut Vec<PathBuf>) {
 }
 
 /// Layer number of each module of the library, parsed from the diagram: a number followed by module names.
-fn layers() -> BTreeMap<String, u32> {
-    let text = fs::read_to_string(root().join("docs/architecture.md")).expect("docs/architecture.md");
+fn parse_layers() -> BTreeMap<String, u32> {
+    let text = fs::read_to_string(repository_root().join("docs/architecture.md")).expect("docs/architecture.md");
     let diagram =
         text.split("```text").nth(1).and_then(|after_fence| after_fence.split("```").next()).expect("a diagram");
     let mut layers = BTreeMap::new();
@@ -266,8 +266,8 @@ fn layers() -> BTreeMap<String, u32> {
 
 #[test]
 fn modules_of_the_library_use_only_lower_layers() {
-    let layers = layers();
-    let folders = Crate::parse(&root().join("src")).folders();
+    let layers = parse_layers();
+    let folders = Crate::parse(&repository_root().join("src")).folders();
     let library = &folders[""];
     for (from, to) in &library.arrows {
         assert!(layers[to] < layers[from], "{from} uses {to}");
@@ -281,18 +281,18 @@ fn modules_of_the_library_use_only_lower_layers() {
 fn arrows_in_a_folder_lead_neither_up_nor_in_circles() {
     let mut wrong = Vec::new();
     for source in SOURCES {
-        for (path, folder) in Crate::parse(&root().join(source)).folders() {
+        for (path, folder) in Crate::parse(&repository_root().join(source)).folders() {
             let path = if path.is_empty() { source.to_owned() } else { format!("{source}/{path}") };
-            let circles = folder.on_circles();
+            let circles = folder.rooms_in_cycles();
             println!(
                 "{path}: {} rooms, {} arrows, {} rooms use mod.rs, {} on circles",
                 folder.rooms.len(),
                 folder.arrows.len(),
-                folder.upward.len(),
+                folder.upward_rooms.len(),
                 circles.len()
             );
-            if !folder.upward.is_empty() || !circles.is_empty() {
-                wrong.push(format!("{path}: use mod.rs: {:?}, on circles: {circles:?}", folder.upward));
+            if !folder.upward_rooms.is_empty() || !circles.is_empty() {
+                wrong.push(format!("{path}: use mod.rs: {:?}, on circles: {circles:?}", folder.upward_rooms));
             }
         }
     }

@@ -8,12 +8,12 @@ use simulator::transcript::{self, SolveNotice};
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::{VehicleConfig, VehicleKind};
 
-fn world(vehicle_kind: VehicleKind) -> WorldConfig {
+fn world_with_vehicle(vehicle_kind: VehicleKind) -> WorldConfig {
     let world = WorldConfig::of_table1(7);
     WorldConfig { aircraft: VehicleConfig { kind: vehicle_kind, ..world.aircraft }, ..world }
 }
 
-fn lit_percent(rig: &mut Rig) -> u32 {
+fn lamp_lit_percent(rig: &mut Rig) -> u32 {
     let mut lit_count = 0;
     for _ in 0..200 {
         assert_eq!(rig.run_for_s(0.01), ModuleRunEnd::Time);
@@ -23,7 +23,7 @@ fn lit_percent(rig: &mut Rig) -> u32 {
 }
 
 /// Flies a routine, armed; returns the module's unsolicited result and the lamp's duty cycle during collection.
-fn fly(rig: &mut Rig, vehicle_kind: VehicleKind) -> (Option<SolveNotice>, u32) {
+fn fly_armed_routine(rig: &mut Rig, vehicle_kind: VehicleKind) -> (Option<SolveNotice>, u32) {
     rig.world.set_armed(true);
     let legs = CalibrationRoutine::for_vehicle(
         vehicle_kind,
@@ -39,7 +39,7 @@ fn fly(rig: &mut Rig, vehicle_kind: VehicleKind) -> (Option<SolveNotice>, u32) {
         assert_eq!(rig.run_for_s(1.0), ModuleRunEnd::Time);
         printed.push_str(&rig.take_console_output());
         if second == 25 {
-            lamp = lit_percent(rig);
+            lamp = lamp_lit_percent(rig);
         }
     }
     (transcript::parse_solve_notice(&printed), lamp)
@@ -49,23 +49,23 @@ fn fly(rig: &mut Rig, vehicle_kind: VehicleKind) -> (Option<SolveNotice>, u32) {
 #[test]
 fn a_flight_calibrates_without_commands() {
     for vehicle_kind in [VehicleKind::Plane, VehicleKind::Copter] {
-        let mut rig = Rig::new(world(vehicle_kind));
+        let mut rig = Rig::new(world_with_vehicle(vehicle_kind));
         rig.run_for_s(8.0);
-        assert!(lit_percent(&mut rig) < 8, "{vehicle_kind:?}: waiting");
+        assert!(lamp_lit_percent(&mut rig) < 8, "{vehicle_kind:?}: waiting");
         let status = rig.send_console_line("status all");
         assert!(status.contains("\r\narmed: no\r\n"), "{status}");
         assert!(status.contains("\r\ncollection: flight, when the autopilot arms\r\n"), "{status}");
-        let (notice, lamp) = fly(&mut rig, vehicle_kind);
+        let (notice, lamp) = fly_armed_routine(&mut rig, vehicle_kind);
         assert!(matches!(notice, Some(SolveNotice::Calibrated(_))), "{vehicle_kind:?}: {notice:?}");
         assert!((9..=92).contains(&lamp), "{vehicle_kind:?}: {lamp}");
-        assert!(lit_percent(&mut rig) > 90, "{vehicle_kind:?}: calibrated");
+        assert!(lamp_lit_percent(&mut rig) > 90, "{vehicle_kind:?}: calibrated");
         assert!(rig.send_console_line("status all").contains("ok calibrated"));
     }
 }
 
 #[test]
 fn auto_off_leaves_the_start_to_the_pilot() {
-    let mut rig = Rig::new(world(VehicleKind::Copter));
+    let mut rig = Rig::new(world_with_vehicle(VehicleKind::Copter));
     rig.run_for_s(2.0);
     assert!(rig.send_console_line("cal auto off").contains("ok auto off"));
     rig.send_console_line("reboot");
@@ -82,7 +82,7 @@ fn auto_off_leaves_the_start_to_the_pilot() {
 
 #[test]
 fn motion_while_disarmed_collects_nothing() {
-    let mut rig = Rig::new(world(VehicleKind::Copter));
+    let mut rig = Rig::new(world_with_vehicle(VehicleKind::Copter));
     let legs = CalibrationRoutine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0).legs();
     for leg in legs {
         rig.world.fly_leg(leg);

@@ -11,13 +11,13 @@ use simulator::rig::Rig;
 use simulator::world::WorldConfig;
 use simulator::world::cable_far_end::FarEnd;
 
-const MAG: DataType = DataType::MAGNETIC_FIELD_STRENGTH_2;
+const FIELD_TYPE: DataType = DataType::MAGNETIC_FIELD_STRENGTH_2;
 
 fn node(number: u8) -> NodeId {
     NodeId::new(number).expect("1 to 127")
 }
 
-fn source(frame: &CanFrame) -> Option<NodeId> {
+fn source_node(frame: &CanFrame) -> Option<NodeId> {
     FrameHeader::from_id(frame.frame_id()).and_then(|header| header.source_node)
 }
 
@@ -28,30 +28,30 @@ fn is_message(frame: &CanFrame, data_type: DataType) -> bool {
 
 /// Autopilot: sends its status and its armed state, and allocates numbers.
 struct Autopilot {
-    end: CanEnd,
-    number: NodeId,
+    bus_end: CanEnd,
+    node_number: NodeId,
     transfer_id: u8,
     unique_ids: Vec<Vec<u8>>,
-    exchange: Vec<u8>,
+    unique_id_so_far: Vec<u8>,
     is_armed: bool,
     /// Frames of other nodes.
-    received: Vec<CanFrame>,
+    received_frames: Vec<CanFrame>,
 }
 
 impl Autopilot {
     fn new(bus: &CanBus) -> Self {
         Self {
-            end: bus.attach_node(),
-            number: node(10),
+            bus_end: bus.attach_node(),
+            node_number: node(10),
             transfer_id: 0,
             unique_ids: Vec::new(),
-            exchange: Vec::new(),
+            unique_id_so_far: Vec::new(),
             is_armed: false,
-            received: Vec::new(),
+            received_frames: Vec::new(),
         }
     }
 
-    fn send(&mut self, data_type: DataType, kind: TransferKind, payload: &[u8]) {
+    fn send_transfer(&mut self, data_type: DataType, kind: TransferKind, payload: &[u8]) {
         let payload = Payload::from_slice(payload).expect("a short payload");
         self.transfer_id = (self.transfer_id + 1) % 32;
         let transfer = OutboundTransfer {
@@ -61,50 +61,54 @@ impl Autopilot {
             transfer_id: self.transfer_id,
             payload,
         };
-        for frame in transfer.frames(Some(self.number)) {
-            self.end.queue_frame(&frame);
+        for frame in transfer.frames(Some(self.node_number)) {
+            self.bus_end.queue_frame(&frame);
         }
     }
 
     /// Sends status and armed state, twice a second as ArduPilot does.
-    fn report(&mut self) {
-        self.send(DataType::NODE_STATUS, TransferKind::Message, &NodeStatus::default().payload());
-        self.send(DataType::ARMING_STATUS, TransferKind::Message, &[u8::from(self.is_armed) * 255]);
+    fn send_status(&mut self) {
+        self.send_transfer(DataType::NODE_STATUS, TransferKind::Message, &NodeStatus::default().payload());
+        self.send_transfer(DataType::ARMING_STATUS, TransferKind::Message, &[u8::from(self.is_armed) * 255]);
     }
 
-    fn listen(&mut self) {
-        for frame in self.end.take_received() {
-            if is_message(&frame, DataType::ALLOCATION) && source(&frame).is_none() {
-                self.allocate(&frame);
+    fn process_frames(&mut self) {
+        for frame in self.bus_end.take_received() {
+            if is_message(&frame, DataType::ALLOCATION) && source_node(&frame).is_none() {
+                self.answer_allocation(&frame);
             }
-            self.received.push(frame);
+            self.received_frames.push(frame);
         }
     }
 
     /// Answers a node-number request, which comes in three parts; a known unique id keeps its number.
-    fn allocate(&mut self, request: &CanFrame) {
+    fn answer_allocation(&mut self, request: &CanFrame) {
         let [first, part @ .., _tail] = request.data() else { return };
         if first & 1 == 1 {
-            self.exchange.clear();
+            self.unique_id_so_far.clear();
         }
-        self.exchange.extend_from_slice(part);
+        self.unique_id_so_far.extend_from_slice(part);
         let mut number = 0;
-        if self.exchange.len() == 16 {
-            let position = self.unique_ids.iter().position(|known| *known == self.exchange).unwrap_or_else(|| {
-                self.unique_ids.push(self.exchange.clone());
-                self.unique_ids.len() - 1
-            });
+        if self.unique_id_so_far.len() == 16 {
+            let position =
+                self.unique_ids.iter().position(|known| *known == self.unique_id_so_far).unwrap_or_else(|| {
+                    self.unique_ids.push(self.unique_id_so_far.clone());
+                    self.unique_ids.len() - 1
+                });
             number = 125 - position as u8;
         }
-        let answer = Allocation { node: NodeId::new(number), unique_id: &self.exchange };
-        let payload = [&[answer.node.map_or(0, NodeId::get) << 1], answer.unique_id].concat();
-        self.send(DataType::ALLOCATION, TransferKind::Message, &payload);
+        let answer = Allocation { node: NodeId::new(number), unique_id: &self.unique_id_so_far };
+        let payload = [&[answer.node.map_or(0, NodeId::number) << 1], answer.unique_id].concat();
+        self.send_transfer(DataType::ALLOCATION, TransferKind::Message, &payload);
     }
 
-    fn take_fields(&mut self, number: u8) -> usize {
-        let count = self.received.iter().filter(|frame| is_message(frame, MAG) && source(frame) == Some(node(number)));
+    fn take_field_count(&mut self, number: u8) -> usize {
+        let count = self
+            .received_frames
+            .iter()
+            .filter(|frame| is_message(frame, FIELD_TYPE) && source_node(frame) == Some(node(number)));
         let count = count.count();
-        self.received.clear();
+        self.received_frames.clear();
         count
     }
 }
@@ -129,21 +133,21 @@ impl Bench {
     }
 
     /// Runs in steps of 5 ms; calls a function in each.
-    fn run_with(&mut self, ms: u64, mut step: impl FnMut(&mut Self)) {
+    fn run_ms_with(&mut self, ms: u64, mut step: impl FnMut(&mut Self)) {
         let end_us = self.rig.now_us() + ms * 1000;
         while self.rig.now_us() < end_us {
             let now_us = self.rig.now_us();
             if now_us.is_multiple_of(500_000) {
-                self.autopilot.report();
+                self.autopilot.send_status();
             }
             step(self);
-            self.autopilot.listen();
+            self.autopilot.process_frames();
             let _ = self.rig.run_until(now_us + 5_000);
         }
     }
 
-    fn run(&mut self, ms: u64) {
-        self.run_with(ms, |_| {});
+    fn run_ms(&mut self, ms: u64) {
+        self.run_ms_with(ms, |_| {});
     }
 }
 
@@ -151,10 +155,10 @@ impl Bench {
 #[test]
 fn a_module_is_a_compass_within_seconds() {
     let mut bench = Bench::new(CanFaults::default());
-    bench.run(2_500);
-    assert!(bench.autopilot.take_fields(125) > 5);
-    bench.run(2_000);
-    assert!(bench.autopilot.take_fields(125).abs_diff(100) <= 2);
+    bench.run_ms(2_500);
+    assert!(bench.autopilot.take_field_count(125) > 5);
+    bench.run_ms(2_000);
+    assert!(bench.autopilot.take_field_count(125).abs_diff(100) <= 2);
 }
 
 /// A twentieth of the frames lost, a twentieth repeated, a twentieth late.
@@ -163,10 +167,10 @@ fn a_module_is_a_compass_on_a_bad_bus() {
     for seed in 0..5 {
         let mut bench =
             Bench::new(CanFaults { seed, loss_share: 0.05, duplication_share: 0.05, reordering_share: 0.05 });
-        bench.run(15_000);
-        bench.autopilot.take_fields(125);
-        bench.run(2_000);
-        let fields = bench.autopilot.take_fields(125);
+        bench.run_ms(15_000);
+        bench.autopilot.take_field_count(125);
+        bench.run_ms(2_000);
+        let fields = bench.autopilot.take_field_count(125);
         assert!((85..=115).contains(&fields), "seed {seed}: {fields}");
     }
 }
@@ -175,11 +179,11 @@ fn a_module_is_a_compass_on_a_bad_bus() {
 #[test]
 fn a_module_keeps_its_number_over_a_restart() {
     let mut bench = Bench::new(CanFaults::default());
-    bench.run(3_000);
+    bench.run_ms(3_000);
     bench.rig.reset_module();
-    bench.autopilot.take_fields(125);
-    bench.run(3_000);
-    assert!(bench.autopilot.take_fields(125) > 10);
+    bench.autopilot.take_field_count(125);
+    bench.run_ms(3_000);
+    assert!(bench.autopilot.take_field_count(125) > 10);
     assert_eq!(bench.autopilot.unique_ids.len(), 1);
 }
 
@@ -187,15 +191,15 @@ fn a_module_keeps_its_number_over_a_restart() {
 #[test]
 fn a_module_sends_again_after_bus_off() {
     let mut bench = Bench::new(CanFaults::default());
-    bench.run(3_000);
+    bench.run_ms(3_000);
     bench.bus.switch_bus_off(2_000_000);
-    bench.run(2_000);
-    bench.autopilot.take_fields(125);
-    bench.run(1_000);
-    let fields = bench.autopilot.take_fields(125);
+    bench.run_ms(2_000);
+    bench.autopilot.take_field_count(125);
+    bench.run_ms(1_000);
+    let fields = bench.autopilot.take_field_count(125);
     assert!(fields.abs_diff(50) <= 2, "{fields}");
     bench.rig.console.send_bytes(b"status all\r");
-    bench.run(100);
+    bench.run_ms(100);
     let status = String::from_utf8_lossy(&bench.rig.console.receive_bytes()).into_owned();
     let line = status.lines().find(|line| line.starts_with("can: ")).unwrap_or_default();
     assert!(
@@ -210,11 +214,11 @@ fn a_module_sends_again_after_bus_off() {
 #[test]
 fn a_babbling_node_does_not_stop_the_field() {
     let mut bench = Bench::new(CanFaults::default());
-    bench.run(3_000);
-    bench.autopilot.take_fields(125);
+    bench.run_ms(3_000);
+    bench.autopilot.take_field_count(125);
     let babbler = bench.bus.attach_node();
     let mut random = testkit::random::Random(3);
-    bench.run_with(5_000, |_| {
+    bench.run_ms_with(5_000, |_| {
         for _ in 0..20 {
             let types = [DataType::TARGETTED, DataType::ALLOCATION, DataType::BATTERY_INFO, DataType::FIX_2];
             let type_id = types[random.bits() as usize % types.len()].type_id;
@@ -225,7 +229,7 @@ fn a_babbling_node_does_not_stop_the_field() {
             babbler.queue_frame(&CanFrame::new(header.to_id(), &data).unwrap());
         }
     });
-    let fields = bench.autopilot.take_fields(125);
+    let fields = bench.autopilot.take_field_count(125);
     assert!(fields > 240, "{fields}");
 }
 
@@ -234,8 +238,8 @@ fn a_babbling_node_does_not_stop_the_field() {
 fn a_second_node_with_this_number_silences_the_field() {
     let mut bench = Bench::new(CanFaults::default());
     bench.rig.console.send_bytes(b"set can-node 42\rreboot\r");
-    bench.run(3_000);
-    assert!(bench.autopilot.take_fields(42) > 10);
+    bench.run_ms(3_000);
+    assert!(bench.autopilot.take_field_count(42) > 10);
     let second = bench.bus.attach_node();
     let status = OutboundTransfer {
         data_type: DataType::NODE_STATUS,
@@ -244,19 +248,19 @@ fn a_second_node_with_this_number_silences_the_field() {
         transfer_id: 0,
         payload: NodeStatus::default().payload(),
     };
-    bench.run_with(5_000, |bench| {
+    bench.run_ms_with(5_000, |bench| {
         if bench.rig.now_us().is_multiple_of(1_000_000) {
             status.frames(Some(node(42))).for_each(|frame| second.queue_frame(&frame));
         }
     });
-    bench.autopilot.take_fields(42);
+    bench.autopilot.take_field_count(42);
     bench.rig.console.send_bytes(b"status all\r");
-    bench.run_with(900, |_| {});
-    assert_eq!(bench.autopilot.take_fields(42), 0);
+    bench.run_ms_with(900, |_| {});
+    assert_eq!(bench.autopilot.take_field_count(42), 0);
     let status = String::from_utf8_lossy(&bench.rig.console.receive_bytes()).into_owned();
     assert!(status.contains("; node 42, which another node has, too"), "{status}");
-    bench.run(4_000);
-    assert!(bench.autopilot.take_fields(42) > 10, "the other one is gone");
+    bench.run_ms(4_000);
+    assert!(bench.autopilot.take_field_count(42) > 10, "the other one is gone");
 }
 
 /// Attitude arrives, and a commanded restart is executed and acknowledged, as over a serial line.
@@ -273,16 +277,16 @@ fn mavlink_goes_through_the_tunnel() {
         raw.raw_bytes().to_vec()
     }
     let mut bench = Bench::new(CanFaults::default());
-    bench.run(3_000);
+    bench.run_ms(3_000);
     let send = |bench: &mut Bench, data: &[u8]| {
         let piece =
             Targetted { protocol: 1, target: 125, serial_line: 0, tunnel_options: 1, baud: 57_600, serial_bytes: data };
-        bench.autopilot.send(DataType::TARGETTED, TransferKind::Message, &piece.payload());
+        bench.autopilot.send_transfer(DataType::TARGETTED, TransferKind::Message, &piece.payload());
     };
     let autopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;
     let heartbeat = frame(&HEARTBEAT_DATA { autopilot, base_mode: MavModeFlag::empty(), ..HEARTBEAT_DATA::default() });
     let mut time_boot_ms = 0;
-    bench.run_with(3_000, |bench| {
+    bench.run_ms_with(3_000, |bench| {
         time_boot_ms += 5;
         if time_boot_ms % 1000 == 0 {
             send(bench, &heartbeat);
@@ -293,7 +297,7 @@ fn mavlink_goes_through_the_tunnel() {
         }
     });
     bench.rig.console.send_bytes(b"status all\r");
-    bench.run(100);
+    bench.run_ms(100);
     let status = String::from_utf8_lossy(&bench.rig.console.receive_bytes()).into_owned();
     assert!(status.contains("attitude: roll 5.9 deg"), "{status}");
     let restart = COMMAND_LONG_DATA {
@@ -304,10 +308,10 @@ fn mavlink_goes_through_the_tunnel() {
         target_component: 158,
         ..COMMAND_LONG_DATA::default()
     };
-    bench.autopilot.received.clear();
+    bench.autopilot.received_frames.clear();
     send(&mut bench, &frame(&restart));
-    bench.run(4_000);
-    assert!(bench.autopilot.received.iter().any(|frame| is_message(frame, DataType::TARGETTED)));
+    bench.run_ms(4_000);
+    assert!(bench.autopilot.received_frames.iter().any(|frame| is_message(frame, DataType::TARGETTED)));
     let console = String::from_utf8_lossy(&bench.rig.console.receive_bytes()).into_owned();
     assert!(console.contains("started by reboot"), "{console}");
 }

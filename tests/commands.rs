@@ -15,14 +15,14 @@ use rustix::process::{Pid, Signal, kill_process};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use serde_json::Value;
 
-fn root() -> PathBuf {
+fn repository_root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
 /// Runs `host-sim` with arguments, in the root.
 fn host_sim(arguments: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
-    command.args(arguments.split(' ')).current_dir(root()).stdin(Stdio::null());
+    command.args(arguments.split(' ')).current_dir(repository_root()).stdin(Stdio::null());
     command
 }
 
@@ -39,7 +39,7 @@ fn stdout_text(arguments: &str) -> String {
 }
 
 /// Short runs of each command that needs no emulator.
-const SHORT: [&str; 8] = [
+const SHORT_RUNS: [&str; 8] = [
     "fly --json --circles 0.1",
     "table1",
     "replay host-sim/data/flight.csv",
@@ -54,7 +54,7 @@ const SHORT: [&str; 8] = [
 #[test]
 fn a_closed_pipe_ends_every_command_silently() {
     for arguments in
-        SHORT.iter().chain(&["fly --circles 0.1", "bench speed", "serve", "serve --json --tcp 0", "console"])
+        SHORT_RUNS.iter().chain(&["fly --circles 0.1", "bench speed", "serve", "serve --json --tcp 0", "console"])
     {
         let folder = tempfile::tempdir().unwrap();
         let report =
@@ -86,7 +86,7 @@ fn a_full_disk_is_reported() {
     assert!(String::from_utf8_lossy(&stderr).contains("cannot write to the standard output: No space left"));
 }
 
-fn wait_until_it_listens(pid: u32) {
+fn wait_for_interrupt_handler(pid: u32) {
     for _ in 0..6000 {
         let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
         let mask = status.lines().find_map(|line| line.strip_prefix("SigCgt:")).unwrap().trim();
@@ -102,14 +102,14 @@ fn wait_until_it_listens(pid: u32) {
 fn ctrl_c_ends_a_long_run() {
     for arguments in ["bench accuracy --airframes 1000000", "bench integrity --flights 100000", "serve", "console"] {
         let mut child = host_sim(arguments).stdin(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
-        wait_until_it_listens(child.id());
+        wait_for_interrupt_handler(child.id());
         kill_process(Pid::from_child(&child), Signal::INT).unwrap();
         assert_eq!(child.wait().unwrap().code(), Some(130), "{arguments}");
     }
 }
 
 /// ELF header for an ARM executable, without content.
-const HEADER: &[u8] = b"\x7fELF\x01\x01\x01\0\0\0\0\0\0\0\0\0\x02\0\x28\0";
+const ELF_HEADER: &[u8] = b"\x7fELF\x01\x01\x01\0\0\0\0\0\0\0\0\0\x02\0\x28\0";
 
 /// A substitute for QEMU that creates no sockets and runs for ten minutes.
 #[test]
@@ -117,7 +117,7 @@ fn ctrl_c_leaves_no_emulator_and_no_files_behind() {
     for arguments in ["emulate", "bench budget"] {
         let folder = tempfile::tempdir().unwrap();
         let path_in_folder = |name: &str| folder.path().join(name);
-        fs::write(path_in_folder("image.elf"), HEADER).unwrap();
+        fs::write(path_in_folder("image.elf"), ELF_HEADER).unwrap();
         fs::write(path_in_folder("qemu-system-arm"), "#!/bin/sh\necho $$ > \"$PID_FILE\"\nexec sleep 600\n").unwrap();
         fs::set_permissions(path_in_folder("qemu-system-arm"), fs::Permissions::from_mode(0o755)).unwrap();
         fs::create_dir(path_in_folder("tmp")).unwrap();
@@ -151,7 +151,7 @@ fn tables_fit_a_terminal() {
         "bench integrity --flights 1 --case upset-byte-order --case moved-5".to_owned(),
         "bench accuracy --aircraft copter --airframes 1 --draws 1 --minutes 1".to_owned(),
     ];
-    for arguments in SHORT
+    for arguments in SHORT_RUNS
         .iter()
         .copied()
         .filter(|arguments| !arguments.contains("--json"))
@@ -164,14 +164,14 @@ fn tables_fit_a_terminal() {
 }
 
 /// Paths of all values: `a.b` in objects, `[]` in lists, `?` after a null.
-fn paths(value: &Value, path: &str, paths_found: &mut BTreeSet<String>) {
+fn collect_paths(value: &Value, path: &str, paths_found: &mut BTreeSet<String>) {
     match value {
         Value::Object(fields) => {
             for (name, value) in fields {
-                paths(value, format!("{path}.{name}").trim_start_matches('.'), paths_found);
+                collect_paths(value, format!("{path}.{name}").trim_start_matches('.'), paths_found);
             }
         }
-        Value::Array(values) => values.iter().for_each(|value| paths(value, &format!("{path}[]"), paths_found)),
+        Value::Array(values) => values.iter().for_each(|value| collect_paths(value, &format!("{path}[]"), paths_found)),
         Value::Null => {
             paths_found.insert(format!("{path}?"));
         }
@@ -182,20 +182,20 @@ fn paths(value: &Value, path: &str, paths_found: &mut BTreeSet<String>) {
 }
 
 /// Whether a path matches a documented one, in which `*` is any name.
-fn matches_documented(path: &str, documented: &str) -> bool {
+fn matches_documented_path(path: &str, documented: &str) -> bool {
     let (path, documented): (Vec<_>, Vec<_>) = (path.split('.').collect(), documented.split('.').collect());
     let is_same = |(output_part, pattern_part): (&&str, &&str)| *pattern_part == "*" || output_part == pattern_part;
     path.len() == documented.len() && path.iter().zip(&documented).all(is_same)
 }
 
 /// Whether a null replaces a documented value or object.
-fn is_absent(path: &str, documented: &str) -> bool {
+fn is_replaced_by_null(path: &str, documented: &str) -> bool {
     documented == path || [".", "[]"].iter().any(|below| documented.starts_with(&format!("{path}{below}")))
 }
 
 /// The paths in the tables of a section of docs/json.md.
-fn documented(section: &str) -> BTreeSet<String> {
-    let text = fs::read_to_string(root().join("docs/json.md")).unwrap();
+fn documented_paths(section: &str) -> BTreeSet<String> {
+    let text = fs::read_to_string(repository_root().join("docs/json.md")).unwrap();
     let sections: Vec<_> = text.split("\n## ").collect();
     let section = sections.iter().find(|text| text.lines().next().unwrap().contains(&format!("`{section}`"))).unwrap();
     let rows = section.lines().filter(|line| line.starts_with("| `"));
@@ -203,10 +203,12 @@ fn documented(section: &str) -> BTreeSet<String> {
 }
 
 /// Decimals of the unit, or nine digits for coefficients.
-fn check_digits(value: &Value, path: &str) {
+fn assert_digits(value: &Value, path: &str) {
     match value {
-        Value::Object(fields) => fields.iter().for_each(|(name, value)| check_digits(value, &format!("{path}.{name}"))),
-        Value::Array(values) => values.iter().for_each(|value| check_digits(value, path)),
+        Value::Object(fields) => {
+            fields.iter().for_each(|(name, value)| assert_digits(value, &format!("{path}.{name}")));
+        }
+        Value::Array(values) => values.iter().for_each(|value| assert_digits(value, path)),
         Value::Number(number) if number.is_f64() => {
             let text = number.to_string();
             let decimals = text.split_once('.').map_or(0, |(_, decimals)| decimals.len());
@@ -223,29 +225,29 @@ fn check_digits(value: &Value, path: &str) {
     }
 }
 
-fn check_schema(section: &str, outputs: &[Value]) {
+fn assert_schema(section: &str, outputs: &[Value]) {
     let mut output_paths = BTreeSet::new();
     for output in outputs {
-        check_digits(output, "");
-        paths(output, "", &mut output_paths);
+        assert_digits(output, "");
+        collect_paths(output, "", &mut output_paths);
     }
-    let documented = documented(section);
+    let documented = documented_paths(section);
     for path in &output_paths {
         let is_documented = match path.strip_suffix('?') {
-            Some(path) => documented.iter().any(|candidate_path| is_absent(path, candidate_path)),
-            None => documented.iter().any(|candidate_path| matches_documented(path, candidate_path)),
+            Some(path) => documented.iter().any(|candidate_path| is_replaced_by_null(path, candidate_path)),
+            None => documented.iter().any(|candidate_path| matches_documented_path(path, candidate_path)),
         };
         assert!(is_documented, "{section}: {path} is not in docs/json.md");
     }
     for path in documented {
         assert!(
-            output_paths.iter().any(|candidate_path| matches_documented(candidate_path, &path)),
-            "{section}: {path} of docs/json.md is not told"
+            output_paths.iter().any(|candidate_path| matches_documented_path(candidate_path, &path)),
+            "{section}: {path} of docs/json.md is not in the output"
         );
     }
 }
 
-fn json(arguments: &str) -> Value {
+fn json_output(arguments: &str) -> Value {
     let stdout_text = stdout_text(arguments);
     assert_eq!(stdout_text.lines().count(), 1, "{arguments}");
     serde_json::from_str(&stdout_text).unwrap()
@@ -253,21 +255,24 @@ fn json(arguments: &str) -> Value {
 
 #[test]
 fn json_output_is_documented() {
-    let refused = json("fly --json --circles 0.1");
+    let refused = json_output("fly --json --circles 0.1");
     assert_eq!((&refused["accepted"], &refused["after"]), (&Value::Bool(false), &Value::Null));
-    check_schema("fly --json", &[json("fly --json"), refused]);
-    check_schema("table1 --json", &[json("table1 --json")]);
-    let whole_flights = json("bench accuracy --aircraft copter --airframes 1 --draws 1 --minutes 1 --json");
-    check_schema("bench accuracy --json", &[json("bench accuracy --airframes 1 --draws 1 --json"), whole_flights]);
+    assert_schema("fly --json", &[json_output("fly --json"), refused]);
+    assert_schema("table1 --json", &[json_output("table1 --json")]);
+    let whole_flights = json_output("bench accuracy --aircraft copter --airframes 1 --draws 1 --minutes 1 --json");
+    assert_schema(
+        "bench accuracy --json",
+        &[json_output("bench accuracy --airframes 1 --draws 1 --json"), whole_flights],
+    );
     // Cases: a rejected calibration, missing headings, a hard-iron change.
     let cases = ["cal-bank-5", "stuck-all", "moved-5"].map(|name| format!("--case {name} ")).concat();
-    check_schema("bench integrity --json", &[json(&format!("bench integrity --flights 1 {cases}--json"))]);
-    check_schema("bench speed --json", &[json("bench speed --json")]);
-    let flight = json("replay host-sim/data/flight.csv --json");
-    check_digits(&flight, "");
-    let text = fs::read_to_string(root().join("docs/your-flight.md")).unwrap();
+    assert_schema("bench integrity --json", &[json_output(&format!("bench integrity --flights 1 {cases}--json"))]);
+    assert_schema("bench speed --json", &[json_output("bench speed --json")]);
+    let flight = json_output("replay host-sim/data/flight.csv --json");
+    assert_digits(&flight, "");
+    let text = fs::read_to_string(repository_root().join("docs/your-flight.md")).unwrap();
     let mut output_paths = BTreeSet::new();
-    paths(&flight, "", &mut output_paths);
+    collect_paths(&flight, "", &mut output_paths);
     // The keys of `log.passed_over` are causes, not documented names.
     for path in output_paths.into_iter().filter(|path| !path.starts_with("log.passed_over.")) {
         let name = path.trim_end_matches(['?', '[', ']']).rsplit('.').next().unwrap().to_owned();
@@ -288,7 +293,7 @@ fn json_output_of_serve_is_documented() {
         child.wait().unwrap();
         serde_json::from_str(&line).unwrap()
     };
-    check_schema(
+    assert_schema(
         "serve --json",
         &[startup_output("serve --json"), startup_output("serve --json --tcp 0 --world 0 --can mcast:9")],
     );
@@ -297,7 +302,7 @@ fn json_output_of_serve_is_documented() {
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn json_output_of_the_budget_is_documented() {
-    check_schema("bench budget --json", &[json("bench budget --json")]);
+    assert_schema("bench budget --json", &[json_output("bench budget --json")]);
 }
 
 /// Ctrl-C ends a running QEMU and removes its files.
@@ -324,7 +329,7 @@ fn ctrl_c_ends_qemu_too() {
 }
 
 #[test]
-fn errors_are_reported_with_a_remedy() {
+fn command_errors_are_reported_with_a_remedy() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("file");
     fs::write(&file, "no firmware, no log").unwrap();
@@ -358,7 +363,7 @@ fn errors_are_reported_with_a_remedy() {
 }
 
 /// A terminal of a width, and the thread that reads its output.
-fn terminal(columns: u16) -> (File, thread::JoinHandle<String>) {
+fn open_terminal(columns: u16) -> (File, thread::JoinHandle<String>) {
     let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
     grantpt(&master).unwrap();
     unlockpt(&master).unwrap();
@@ -378,10 +383,10 @@ fn terminal(columns: u16) -> (File, thread::JoinHandle<String>) {
 /// The last characters return to the start of the line and erase it.
 #[test]
 fn ctrl_c_removes_the_progress_bar() {
-    let (terminal, displayed_text) = terminal(80);
+    let (terminal, displayed_text) = open_terminal(80);
     let arguments = "bench accuracy --airframes 1000000";
     let mut child = host_sim(arguments).stdout(Stdio::null()).stderr(terminal).spawn().unwrap();
-    wait_until_it_listens(child.id());
+    wait_for_interrupt_handler(child.id());
     thread::sleep(Duration::from_millis(500));
     kill_process(Pid::from_child(&child), Signal::INT).unwrap();
     assert_eq!(child.wait().unwrap().code(), Some(130));
@@ -392,7 +397,7 @@ fn ctrl_c_removes_the_progress_bar() {
 #[test]
 fn text_fits_a_narrow_terminal() {
     for arguments in ["replay host-sim/data/flight.csv", "serve --help"] {
-        let (terminal, displayed_text) = terminal(60);
+        let (terminal, displayed_text) = open_terminal(60);
         host_sim(arguments).stdout(terminal).stderr(Stdio::null()).status().unwrap();
         let displayed_text = displayed_text.join().unwrap();
         // Escape sequences of bold text have no width.
@@ -411,7 +416,7 @@ fn progress_is_shown_on_a_terminal_only() {
         ("replay host-sim/data/flight.csv", "evaluating the compasses"),
         ("fly --json --circles 0.1", "take-off"),
     ] {
-        let (terminal, displayed_text) = terminal(80);
+        let (terminal, displayed_text) = open_terminal(80);
         let child = host_sim(arguments).stdout(Stdio::piped()).stderr(terminal).spawn().unwrap();
         let Output { stdout, .. } = child.wait_with_output().unwrap();
         let displayed_text = displayed_text.join().unwrap().to_lowercase();
@@ -429,8 +434,8 @@ fn the_airframe_of_a_seed_is_printed_as_a_file() {
     let text = stdout_text(&format!("fly --airframe random --seed 7 --circles 0.1 --report {}", report.display()));
     let (_, file) = text.split_once("the airframe of this seed, as a file for --airframe:\n\n").unwrap();
     fs::write(&path, file).unwrap();
-    let printed_airframe = json("fly --airframe random --seed 7 --circles 0.1 --json");
-    let from_file = json(&format!("fly --airframe {} --seed 7 --circles 0.1 --json", path.display()));
+    let printed_airframe = json_output("fly --airframe random --seed 7 --circles 0.1 --json");
+    let from_file = json_output(&format!("fly --airframe {} --seed 7 --circles 0.1 --json", path.display()));
     for name in ["rms_deg", "max_deg"] {
         let [printed_airframe, from_file] =
             [&printed_airframe, &from_file].map(|output| output["before"][name].as_f64().unwrap());
@@ -448,7 +453,7 @@ fn the_airframe_of_a_seed_is_printed_as_a_file() {
 fn the_examples_of_the_documentation_work_from_the_root() {
     stdout_text("fly --airframe host-sim/airframes/example.toml --circles 0.1 --json");
     stdout_text("replay host-sim/data/flight.csv");
-    let example = fs::read_to_string(root().join("host-sim/airframes/example.toml")).unwrap();
+    let example = fs::read_to_string(repository_root().join("host-sim/airframes/example.toml")).unwrap();
     assert!(example.contains("--airframe host-sim/airframes/example.toml"));
 }
 
@@ -480,7 +485,7 @@ fn completions_and_manual_pages_name_every_command() {
 /// A table in the axes of a sensor that is turned by 90 deg has the result of the table in body axes.
 #[test]
 fn a_table_of_a_turned_sensor_is_judged_with_its_mount() {
-    let table = fs::read_to_string(root().join("host-sim/data/flight.csv")).unwrap();
+    let table = fs::read_to_string(repository_root().join("host-sim/data/flight.csv")).unwrap();
     let mut lines = table.lines().filter(|line| !line.starts_with('#'));
     let names: Vec<&str> = lines.next().unwrap().split(',').collect();
     let [x, y] = ["mx", "my"].map(|column_name| names.iter().position(|name| *name == column_name).unwrap());
@@ -519,7 +524,7 @@ fn headings_are_written_at_the_time_stamps_of_the_log() {
         let lines = text.lines().filter(|line| !line.starts_with('#')).skip(1);
         lines.map(|line| line.split(',').next().unwrap().parse().unwrap()).collect()
     };
-    let table = fs::read_to_string(root().join("host-sim/data/flight.csv")).unwrap();
+    let table = fs::read_to_string(repository_root().join("host-sim/data/flight.csv")).unwrap();
     assert_eq!(stamps_s(&written), stamps_s(&table));
     let averaged = written.lines().filter(|line| line.ends_with(",1")).count();
     assert!(averaged * 10 > written.lines().count() * 9, "{averaged}: each reading is one row");

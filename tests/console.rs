@@ -8,13 +8,13 @@ use simulator::world::WorldConfig;
 use simulator::world::aircraft::PrescribedMotion;
 use testkit::random::Random;
 
-fn rig() -> Rig {
+fn started_rig() -> Rig {
     let mut rig = Rig::new(WorldConfig::of_table1(1));
     rig.run_for_s(1.0);
     rig
 }
 
-fn reply(rig: &mut Rig, line: &str) -> Vec<String> {
+fn send_line(rig: &mut Rig, line: &str) -> Vec<String> {
     let text = rig.send_console_line(line);
     let mut lines: Vec<String> = text.split("\r\n").map(str::to_owned).collect();
     assert_eq!(lines.pop().as_deref(), Some("> "), "{text:?} ends with a prompt");
@@ -22,20 +22,20 @@ fn reply(rig: &mut Rig, line: &str) -> Vec<String> {
     lines
 }
 
-fn reply_after(rig: &mut Rig, line: &str) -> String {
+fn send_line_and_wait(rig: &mut Rig, line: &str) -> String {
     rig.take_console_output();
-    reply(rig, line).join("\n")
+    send_line(rig, line).join("\n")
 }
 
 #[test]
 fn the_console_prints_version_and_reset_cause_at_start() {
-    let rig = rig();
+    let rig = started_rig();
     assert_eq!(rig.take_console_output(), "autoswing 0.1.0, started by power-on; help lists the commands\r\n> ");
 }
 
 #[test]
 fn every_command_answers_ok_or_error_with_a_code() {
-    let mut rig = rig();
+    let mut rig = started_rig();
     rig.take_console_output();
     for (line, expected_answer) in [
         ("version", "ok autoswing 0.1.0"),
@@ -128,15 +128,15 @@ fn every_command_answers_ok_or_error_with_a_code() {
 
 #[test]
 fn status_shows_what_is_connected() {
-    let mut rig = rig();
-    let status = reply_after(&mut rig, "status all");
+    let mut rig = started_rig();
+    let status = send_line_and_wait(&mut rig, "status all");
     assert!(status.contains("sensor: LIS3MDL at 1e"), "{status}");
     assert!(status.contains("attitude: roll "), "{status}");
     assert!(status.contains("heading: none, uncalibrated"), "{status}");
     rig.magnetometer.set_silent(true);
     rig.autopilot.send_bytes(&[0; 4000]);
     rig.run_for_s(0.3);
-    let status = reply_after(&mut rig, "status all");
+    let status = send_line_and_wait(&mut rig, "status all");
     // 4000 zero bytes occupy the line for a third of a second, so the next attitude is stale.
     assert!(status.contains("attitude: none"), "{status}");
     assert!(status.contains("heading: none, sensor-silent"), "{status}");
@@ -144,7 +144,7 @@ fn status_shows_what_is_connected() {
 
 #[test]
 fn status_counts_attitude_of_other_senders() {
-    let mut rig = rig();
+    let mut rig = started_rig();
     for tick in 0..100 {
         let foreign_attitude = ATTITUDE_DATA { time_boot_ms: 20 * tick, roll: -0.8, ..Default::default() };
         let mut frame = MAVLinkV2MessageRaw::new();
@@ -155,7 +155,7 @@ fn status_counts_attitude_of_other_senders() {
         rig.autopilot.send_bytes(frame.raw_bytes());
         rig.run_for_s(0.02);
         if tick % 10 == 0 {
-            let status = reply_after(&mut rig, "status all");
+            let status = send_line_and_wait(&mut rig, "status all");
             assert!(!status.contains("attitude: roll -4"), "{status}");
             assert!(status.contains(&format!(" {} from others, 0 rejected", tick + 1)), "{status}");
         }
@@ -164,14 +164,14 @@ fn status_counts_attitude_of_other_senders() {
 
 #[test]
 fn help_lists_every_command() {
-    let mut rig = rig();
+    let mut rig = started_rig();
     rig.take_console_output();
-    let help = reply(&mut rig, "help").join("\n");
+    let help = send_line(&mut rig, "help").join("\n");
     assert!(help.starts_with("ok "), "{help}");
     for word in ["version", "status", "cal", "stream", "set", "reboot"] {
         assert!(help.contains(word), "{word} in {help}");
     }
-    let cal = reply(&mut rig, "help cal").join("\n");
+    let cal = send_line(&mut rig, "help cal").join("\n");
     assert!(cal.starts_with("ok cal: "), "{cal}");
     for word in ["start", "mark", "stop", "solve", "advise", "show", "clear", "undo", "abort"] {
         assert!(cal.contains(word), "{word} in {cal}");
@@ -180,7 +180,7 @@ fn help_lists_every_command() {
 
 #[test]
 fn tab_completes_up_recalls_backspace_deletes() {
-    let mut rig = rig();
+    let mut rig = started_rig();
     rig.take_console_output();
     assert!(rig.send_console_line("vers\t").contains("ok autoswing"));
     assert!(rig.send_console_line("\x1b[A").contains("ok autoswing"), "arrow up brings the last line back");
@@ -206,7 +206,7 @@ fn tab_completes_up_recalls_backspace_deletes() {
 
 #[test]
 fn split_escape_sequences_and_all_line_ends_are_accepted() {
-    let mut rig = rig();
+    let mut rig = started_rig();
     rig.send_console_line("version");
     for byte_sequence in ["\x1b", "[", "A", "\x7f", "n\r\n"] {
         rig.console.send_bytes(byte_sequence.as_bytes());
@@ -221,16 +221,16 @@ fn split_escape_sequences_and_all_line_ends_are_accepted() {
 
 #[test]
 fn settings_last_over_a_restart() {
-    let mut rig = rig();
+    let mut rig = started_rig();
     rig.send_console_line("set declination -11.27");
-    assert!(reply(&mut rig, "status all").join("\n").contains("stream: on, 10 Hz, smooth heading"));
+    assert!(send_line(&mut rig, "status all").join("\n").contains("stream: on, 10 Hz, smooth heading"));
     rig.send_console_line("stream rate 5");
     rig.send_console_line("stream heading raw");
     rig.send_console_line("set inclination 61.125");
     rig.send_console_line("set mount yaw180");
     rig.send_console_line("set attitude-error 1.25 3.125");
     assert!(rig.send_console_line("reboot").contains("started by reboot"));
-    let status = reply(&mut rig, "status all").join("\n");
+    let status = send_line(&mut rig, "status all").join("\n");
     for line in [
         "stream: on, 5 Hz, raw heading",
         "declination: -11.27 deg",
@@ -241,20 +241,20 @@ fn settings_last_over_a_restart() {
         assert!(status.contains(line), "{line} in {status}");
     }
     rig.send_console_line("set attitude-error default");
-    let status = reply(&mut rig, "status all").join("\n");
+    let status = send_line(&mut rig, "status all").join("\n");
     assert!(status.contains("attitude-error: 0.20 deg, 1.0 % of bank, 1 sigma"), "{status}");
 }
 
 #[test]
 fn an_armed_module_refuses_ground_commands() {
-    let mut rig = rig();
+    let mut rig = started_rig();
     rig.take_console_output();
     rig.world.set_armed(true);
     // Heartbeats are 1 s apart.
     rig.run_for_s(1.1);
-    assert!(reply_after(&mut rig, "status all").contains("armed: yes"));
+    assert!(send_line_and_wait(&mut rig, "status all").contains("armed: yes"));
     for line in ["reboot", "cal clear all", "cal undo", "set mount yaw90", "cal start swing", "cal mark 90"] {
-        let reply = reply_after(&mut rig, line);
+        let reply = send_line_and_wait(&mut rig, line);
         assert!(reply.starts_with("error armed: the autopilot is armed"), "{line}: {reply}");
     }
     for (line, expected_answer) in [
@@ -279,14 +279,14 @@ fn an_armed_module_refuses_ground_commands() {
         ("set inclination 54.5", "ok "),
         ("set align none", "ok "),
     ] {
-        let reply = reply_after(&mut rig, line);
+        let reply = send_line_and_wait(&mut rig, line);
         assert!(reply.starts_with(expected_answer) && !reply.contains("armed"), "{line}: {reply}");
     }
     rig.world.set_armed(false);
     rig.run_for_s(1.1);
-    assert!(reply_after(&mut rig, "status all").contains("armed: no"));
-    assert!(reply_after(&mut rig, "cal start swing").starts_with("ok "));
-    assert!(reply_after(&mut rig, "reboot").starts_with("error armed: "), "in flight");
+    assert!(send_line_and_wait(&mut rig, "status all").contains("armed: no"));
+    assert!(send_line_and_wait(&mut rig, "cal start swing").starts_with("ok "));
+    assert!(send_line_and_wait(&mut rig, "reboot").starts_with("error armed: "), "in flight");
     rig.world.set_motion(PrescribedMotion::default());
     rig.run_for_s(7.0);
     assert!(rig.send_console_line("reboot").contains("ok restarting"));
@@ -294,7 +294,7 @@ fn an_armed_module_refuses_ground_commands() {
 
 #[test]
 fn an_overlong_line_is_refused_and_not_cut() {
-    let mut rig = rig();
+    let mut rig = started_rig();
     // Truncated after 64 characters, this is a valid, destructive command.
     let line = format!("cal clear all{}oops", " ".repeat(60));
     assert!(rig.send_console_line(&line).contains("error line-too-long: a line holds 64 characters"));
@@ -304,7 +304,7 @@ fn an_overlong_line_is_refused_and_not_cut() {
 /// Random bytes and keys, without the letters of `reboot` and `clear`.
 #[test]
 fn random_keys_do_not_stop_the_console() {
-    let mut rig = rig();
+    let mut rig = started_rig();
     let mut random = Random(99);
     for _ in 0..200 {
         let mut bytes = random.bytes(60);
@@ -326,7 +326,7 @@ fn random_keys_do_not_stop_the_console() {
 
 #[test]
 fn no_bytes_stop_the_console() {
-    let mut rig = rig();
+    let mut rig = started_rig();
     let mut random = Random(12345);
     for _ in 0..200 {
         let mut bytes = random.bytes(100);
@@ -351,13 +351,13 @@ fn documented_examples_match_the_output() {
     let mut typed = 0;
     for name in DOCUMENTS {
         let document = std::fs::read_to_string(name).unwrap();
-        let mut rig = rig();
+        let mut rig = started_rig();
         rig.take_console_output();
         for block in document.split("```text\n").skip(1).map(|after_fence| after_fence.split("```").next().unwrap()) {
             let mut lines = block.lines().peekable();
             while let Some(line) = lines.next() {
                 let Some(command) = line.strip_prefix("> ") else { continue };
-                let reply_text = reply_after(&mut rig, command);
+                let reply_text = send_line_and_wait(&mut rig, command);
                 let expected_lines: Vec<&str> =
                     std::iter::from_fn(|| lines.next_if(|line| !line.starts_with("> "))).collect();
                 typed += 1;

@@ -22,7 +22,7 @@ use simulator::world::{CRUISE_CURRENT_A, WorldConfig};
 use testkit::random::Random;
 
 /// An image built by `scripts/build-firmware`.
-fn image(name: &str) -> PathBuf {
+fn image_path(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/firmware").join(name)
 }
 
@@ -32,13 +32,13 @@ fn start_emulator() -> Emulator {
 
 fn start_emulator_in(world: &WorldConfig) -> Emulator {
     let mut emulator =
-        Emulator::start_emulator(&image("mps2-an386.elf"), *world).unwrap_or_else(|error| panic!("{error}"));
+        Emulator::start_emulator(&image_path("mps2-an386.elf"), *world).unwrap_or_else(|error| panic!("{error}"));
     emulator.run_for_s(1.0);
     emulator
 }
 
-fn with_bench_image() -> Emulator {
-    let image = image("mps2-an386-bench.elf");
+fn start_bench_emulator() -> Emulator {
+    let image = image_path("mps2-an386-bench.elf");
     let mut emulator =
         Emulator::start_emulator(&image, WorldConfig::of_table1(1)).unwrap_or_else(|error| panic!("{error}"));
     emulator.run_for_s(1.0);
@@ -47,10 +47,10 @@ fn with_bench_image() -> Emulator {
 }
 
 /// Largest allowed stack use, bytes: 22.5 KB.
-const STACK_BYTES: usize = 45 * 512;
+const MAX_STACK_BYTES: usize = 45 * 512;
 
 /// Message of the bench's panic, 200 characters after the source file.
-const PANIC: &str = "asked for, with a message of 200 characters, the most that the next run has to show whole. \
+const PANIC_MESSAGE: &str = "asked for, with a message of 200 characters, the most that the next run has to show whole. \
                      0123456789 0123456789 0123456789 0123456789 0123456789 0123456789 0123456789 0123456789 \
                      0123456789 end of it.";
 
@@ -182,7 +182,7 @@ fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
     println!("stack {stack:?}");
     assert_eq!(stack.size_bytes, 32 * 1024);
     // [`STACK_BYTES`] allows for deeper calls in other flights.
-    assert!(stack.used_bytes <= STACK_BYTES, "{stack:?}");
+    assert!(stack.used_bytes <= MAX_STACK_BYTES, "{stack:?}");
 }
 
 #[test]
@@ -202,11 +202,11 @@ fn one_seed_gives_one_run() {
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn the_cause_of_a_crash_is_reported_after_the_restart() {
-    let mut emulator = with_bench_image();
+    let mut emulator = start_bench_emulator();
     for (test, expected_cause) in [
         (BenchTest::Fault, "panic: fault at pc "),
         (BenchTest::Overflow, "panic: stack overflow"),
-        (BenchTest::Panic, PANIC),
+        (BenchTest::Panic, PANIC_MESSAGE),
     ] {
         emulator.request_bench_test(test);
         emulator.run_for_s(1.0);
@@ -223,7 +223,7 @@ fn the_cause_of_a_crash_is_reported_after_the_restart() {
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn after_three_panics_in_a_row_the_module_starts_in_safe_mode() {
-    let image = image("mps2-an386-bench.elf");
+    let image = image_path("mps2-an386-bench.elf");
     let far_ends = [FarEnd::Mavlink(mavlink_autopilot::MavlinkFirmware::ArduPilot), FarEnd::Unconnected];
     let mut emulator = Emulator::start_with_port_devices(&image, WorldConfig::of_table1(1), far_ends).unwrap();
     emulator.run_for_s(1.0);
@@ -256,14 +256,14 @@ fn after_three_panics_in_a_row_the_module_starts_in_safe_mode() {
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn a_reboot_ends_safe_mode() {
-    let mut emulator = with_bench_image();
+    let mut emulator = start_bench_emulator();
     emulator.send_console_line("stream rate 20");
     for _ in 0..3 {
         emulator.request_bench_test(BenchTest::Panic);
         emulator.run_for_s(1.0);
     }
     let status = emulator.send_console_line("status all");
-    assert!(status.contains("ok safe-mode: ") && status.contains(PANIC), "{status}");
+    assert!(status.contains("ok safe-mode: ") && status.contains(PANIC_MESSAGE), "{status}");
     emulator.send_console_line("cal clear all");
     emulator.send_console_line("reboot");
     let status = emulator.send_console_line("status all");
@@ -287,7 +287,7 @@ fn only_the_bench_image_runs_the_tests_of_the_bench() {
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn instructions_stay_within_their_budgets() {
-    let image = image("mps2-an386-bench.elf");
+    let image = image_path("mps2-an386-bench.elf");
     let mut emulator =
         Emulator::start_emulator(&image, WorldConfig::of_table1(1)).unwrap_or_else(|error| panic!("{error}"));
     for budget in instruction_budget::count_budgets(&mut emulator).unwrap() {
@@ -307,7 +307,7 @@ fn a_missing_image_is_reported_with_the_build_command() {
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn an_image_for_another_machine_ends_the_emulator_with_an_error() {
-    let path = image("autoswing.elf");
+    let path = image_path("autoswing.elf");
     let error = Emulator::start_emulator(&path, WorldConfig::of_table1(1)).map_or_else(
         |error| error,
         |mut emulator| {
@@ -335,7 +335,7 @@ fn mavlink_and_msp_run_at_once_on_the_emulator() {
         FarEnd::Msp(msp_autopilot::MspFirmware::ArduPilot, calm),
     ];
     let mut emulator =
-        Emulator::start_with_port_devices(&image("mps2-an386.elf"), WorldConfig::of_table1(2), far_ends).unwrap();
+        Emulator::start_with_port_devices(&image_path("mps2-an386.elf"), WorldConfig::of_table1(2), far_ends).unwrap();
     emulator.run_for_s(1.0);
     assert!(emulator.send_console_line("set port2 msp").contains("ok port2 msp, 115200 baud"));
     emulator.run_for_s(10.0);
@@ -400,7 +400,7 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
     let config = WorldConfig::of_table1(7);
     let config = WorldConfig { aircraft: VehicleConfig { kind: VehicleKind::Copter, ..config.aircraft }, ..config };
     let config = WorldConfig { reports_current: true, ..config.with_current_interference(12.0) };
-    let mut emulator = Emulator::start_with_port_devices(&image("mps2-an386.elf"), config, far_ends).unwrap();
+    let mut emulator = Emulator::start_with_port_devices(&image_path("mps2-an386.elf"), config, far_ends).unwrap();
     let AttachedDevice::Mavlink(autopilot) = emulator.port_devices[0].clone() else { panic!("no MAVLink there") };
     assert_eq!(emulator.run_for_s(8.0), ModuleRunEnd::Time);
     emulator.world().set_armed(true);
@@ -449,7 +449,7 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
     }
     let stack = parse_stack_use(&emulator.send_console_line("status all"));
     println!("stack {stack:?}");
-    assert!(stack.used_bytes <= STACK_BYTES, "{stack:?}");
+    assert!(stack.used_bytes <= MAX_STACK_BYTES, "{stack:?}");
 
     // Flies the remaining legs of the routines.
     while emulator.world().unfinished_legs() > 0 {

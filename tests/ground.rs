@@ -9,7 +9,7 @@ use simulator::world::WorldConfig;
 use simulator::world::aircraft::PrescribedMotion;
 use simulator::world::gyro::GyroConfig;
 
-fn rig(config: &WorldConfig) -> Rig {
+fn started_rig(config: &WorldConfig) -> Rig {
     let rig = Rig::new(*config);
     rig.world.set_motion(PrescribedMotion::default());
     rig
@@ -17,7 +17,7 @@ fn rig(config: &WorldConfig) -> Rig {
 
 fn table1_rig() -> Rig {
     // The vehicle is put on a heading at once, which a gyro would contradict.
-    let mut rig = rig(&WorldConfig { gyro: GyroConfig::ERROR_FREE, ..WorldConfig::of_table1(3) });
+    let mut rig = started_rig(&WorldConfig { gyro: GyroConfig::ERROR_FREE, ..WorldConfig::of_table1(3) });
     rig.run_for_s(1.0);
     rig
 }
@@ -34,7 +34,7 @@ fn stand_at_heading(rig: &mut Rig, heading_deg: f64) {
 }
 
 /// Solves the present samples; returns the stored calibration or the rejection.
-fn solve(rig: &mut Rig) -> Result<ShownCalibration, SolveNotice> {
+fn solve_present_samples(rig: &mut Rig) -> Result<ShownCalibration, SolveNotice> {
     rig.take_console_output();
     let reply = rig.send_console_line("cal solve");
     match transcript::parse_error(&reply) {
@@ -121,7 +121,7 @@ fn legs_at_five_headings_are_enough_and_four_are_not() {
             stand_at_heading(&mut rig, f64::from(i) * 360.0 / f64::from(headings));
             rig.run_for_s(6.0);
         }
-        solve(&mut rig)
+        solve_present_samples(&mut rig)
     };
     let Err(SolveNotice::Refused { code, .. }) = legs(4) else { panic!("four headings were enough") };
     assert_eq!(code, "too-few-headings");
@@ -134,15 +134,15 @@ fn legs_at_five_headings_are_enough_and_four_are_not() {
 #[test]
 fn a_compass_swing_finds_the_mounting() {
     for seed in 0..12 {
-        let mut rig = rig(&WorldConfig::random_world(seed));
+        let mut rig = started_rig(&WorldConfig::random_world(seed));
         rig.run_for_s(1.0);
         rig.take_console_output();
         assert!(rig.send_console_line("cal mark 0").contains("error not-swinging: "));
         assert!(rig.send_console_line("cal start swing").contains("ok collecting"));
         for i in 0..8 {
-            mark(&mut rig, i);
+            mark_next_heading(&mut rig, i);
         }
-        let shown_calibration = solve(&mut rig).unwrap();
+        let shown_calibration = solve_present_samples(&mut rig).unwrap();
         assert_eq!(shown_calibration.method, "compass-swing");
         let (remaining_deg, constant_deg) = level_errors_deg(&rig, &shown_calibration);
         assert!(remaining_deg < 1.0 && constant_deg.abs() < 0.5, "seed {seed}: {remaining_deg} and {constant_deg} deg");
@@ -150,7 +150,7 @@ fn a_compass_swing_finds_the_mounting() {
 }
 
 /// Turns to the next heading; a mark is rejected during the turn.
-fn mark(rig: &mut Rig, i: u32) {
+fn mark_next_heading(rig: &mut Rig, i: u32) {
     let heading_deg = f64::from(i) * 45.0;
     rig.world.set_motion(PrescribedMotion {
         heading_deg: heading_deg - 45.0,
@@ -164,7 +164,7 @@ fn mark(rig: &mut Rig, i: u32) {
     assert!(reply.contains(&format!("ok mark {}", i + 1)), "{reply}");
 }
 
-fn tumble(rig: &mut Rig) {
+fn tumble_module(rig: &mut Rig) {
     rig.run_for_s(1.0);
     rig.take_console_output();
     assert!(rig.send_console_line("cal start tumble").contains("ok collecting"));
@@ -190,9 +190,9 @@ fn tumble(rig: &mut Rig) {
 fn tumbling_needs_no_attitude() {
     let mut config = WorldConfig::of_table1(5);
     config.attitude_source.rate_hz = 0.001;
-    let mut rig = rig(&config);
-    tumble(&mut rig);
-    let shown_calibration = solve(&mut rig).unwrap();
+    let mut rig = started_rig(&config);
+    tumble_module(&mut rig);
+    let shown_calibration = solve_present_samples(&mut rig).unwrap();
     assert_eq!(shown_calibration.method, "ellipsoid");
     let errors =
         HeadingErrors::evaluate_calibration(&shown_calibration.calibration, &rig.world.world_config()).statistics();
@@ -206,8 +206,8 @@ fn tumbling_needs_no_attitude() {
 #[test]
 fn a_tumbled_module_shows_headings() {
     let mut rig = table1_rig();
-    tumble(&mut rig);
-    solve(&mut rig).unwrap();
+    tumble_module(&mut rig);
+    solve_present_samples(&mut rig).unwrap();
     for heading_deg in [30.0, 210.0] {
         stand_at_heading(&mut rig, heading_deg);
         let error = shown_error_deg(&mut rig, heading_deg);
@@ -224,6 +224,8 @@ fn a_level_circle_is_refused_as_a_tumble() {
     let mut rig = table1_rig();
     rig.send_console_line("cal start tumble");
     fly_both_turns(&mut rig, 2.0);
-    let Err(SolveNotice::Refused { code, .. }) = solve(&mut rig) else { panic!("a level circle was enough") };
+    let Err(SolveNotice::Refused { code, .. }) = solve_present_samples(&mut rig) else {
+        panic!("a level circle was enough")
+    };
     assert!(code == "not-determined" || code == "not-converged", "{code}");
 }

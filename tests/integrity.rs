@@ -27,24 +27,24 @@ const PLAN: IntegrityPlan = IntegrityPlan {
     attitude_protocol: integrity::AttitudeProtocol::Mavlink,
 };
 
-fn rows(names: &[&str]) -> Vec<IntegrityRow> {
-    rows_of(PLAN, names)
+fn run_cases(names: &[&str]) -> Vec<IntegrityRow> {
+    run_plan(PLAN, names)
 }
 
-fn rows_of(plan: IntegrityPlan, names: &[&str]) -> Vec<IntegrityRow> {
+fn run_plan(plan: IntegrityPlan, names: &[&str]) -> Vec<IntegrityRow> {
     let cases: Vec<_> = names.iter().filter_map(|name| fault_case::find_by_name(name)).collect();
     assert_eq!(cases.len(), names.len(), "{names:?}");
     run_integrity_study(plan, &cases, &|| {})
 }
 
 /// All flights calibrated, none with an underestimated error.
-fn all_accepted(row: &IntegrityRow) -> bool {
+fn are_all_accepted(row: &IntegrityRow) -> bool {
     row.accepted_percent >= 100.0 && row.wrong_percent <= 0.0
 }
 
 /// Notes of a code in all flights of a row.
-fn count_of(row: &IntegrityRow, code: &str) -> usize {
-    row.note_counts.iter().filter(|(noted, _)| noted == code).map(|(_, count)| count).sum()
+fn note_count(row: &IntegrityRow, code: &str) -> usize {
+    row.notes.iter().filter(|(noted, _)| noted == code).map(|(_, count)| count).sum()
 }
 
 /// By ArduPilot's MSP the rates are changes of a heading in steps of 1 deg, by INAV's gyro rates in steps of 1 deg/s.
@@ -53,12 +53,12 @@ fn count_of(row: &IntegrityRow, code: &str) -> usize {
 #[test]
 fn attitude_by_msp_has_rates() {
     for source in [integrity::AttitudeProtocol::Msp, integrity::AttitudeProtocol::MspInav] {
-        for row in rows_of(IntegrityPlan { attitude_protocol: source, ..PLAN }, &["clean"]) {
-            assert!(all_accepted(&row) && row.smooth_percent > 60.0, "{source:?} {row:?}");
+        for row in run_plan(IntegrityPlan { attitude_protocol: source, ..PLAN }, &["clean"]) {
+            assert!(are_all_accepted(&row) && row.smooth_percent > 60.0, "{source:?} {row:?}");
             assert!(row.rms_deg < 0.7 && row.worst_deg < 6.0 && row.bad_percent <= 0.0, "{source:?} {row:?}");
             assert!(row.within_three_sigma_percent > 90.0 && row.empty_percent < 0.1, "{source:?} {row:?}");
         }
-        for row in rows_of(IntegrityPlan { attitude_protocol: source, ..PLAN }, &["stuck-noisy"]) {
+        for row in run_plan(IntegrityPlan { attitude_protocol: source, ..PLAN }, &["stuck-noisy"]) {
             assert!(row.bad_percent <= 3.0 && row.empty_percent > 90.0, "{source:?} {row:?}");
         }
     }
@@ -74,8 +74,11 @@ fn attitude_by_msp_has_rates() {
 /// the detection 19 % of the headings were missing and errors reached 74 deg.
 #[test]
 fn no_heading_is_sent_while_the_attitude_filter_aligns() {
-    for row in rows(&["aligning"]) {
-        assert!(all_accepted(&row) && row.bad_percent <= 0.0 && row.worst_deg < 8.0 && row.rms_deg < 0.8, "{row:?}");
+    for row in run_cases(&["aligning"]) {
+        assert!(
+            are_all_accepted(&row) && row.bad_percent <= 0.0 && row.worst_deg < 8.0 && row.rms_deg < 0.8,
+            "{row:?}"
+        );
         // Of 245 s, ten of alignment and up to five of settling are without heading.
         assert!((3.5..6.2).contains(&row.empty_percent), "{row:?}");
         assert!(row.within_two_sigma_percent > 88.0, "{row:?}");
@@ -85,7 +88,7 @@ fn no_heading_is_sent_while_the_attitude_filter_aligns() {
 /// Detected within 0.15 s, in which a turn of 18 deg/s covers 2.7 deg.
 #[test]
 fn a_stuck_sensor_gives_no_heading() {
-    for row in rows(&["stuck-x", "stuck-y", "stuck-z", "stuck-all"]) {
+    for row in run_cases(&["stuck-x", "stuck-y", "stuck-z", "stuck-all"]) {
         assert!(row.bad_percent <= 0.1 && row.worst_deg <= 6.0, "{row:?}");
         // The fault lasts 175 s or less; detection takes 0.15 s.
         assert!(row.empty_percent > 99.0, "{row:?}");
@@ -96,7 +99,7 @@ fn a_stuck_sensor_gives_no_heading() {
 /// Fine values are detected after five reports (0.1 s), tenths of a degree after 0.5 s and 3 deg of turn.
 #[test]
 fn a_frozen_attitude_gives_no_heading() {
-    for row in rows(&["frozen-level", "frozen-turn", "frozen-coarse"]) {
+    for row in run_cases(&["frozen-level", "frozen-turn", "frozen-coarse"]) {
         assert!(row.bad_percent <= 0.1 && row.worst_deg <= 10.0, "{row:?}");
         assert!(row.empty_percent > 98.0, "{row:?}");
         assert!(row.no_heading_counts.iter().any(|(reason, _)| reason == "attitude-frozen"), "{row:?}");
@@ -107,8 +110,8 @@ fn a_frozen_attitude_gives_no_heading() {
 /// level flight.
 #[test]
 fn a_stale_attitude_gives_no_heading_after_the_next_roll() {
-    for row in rows(&["attitude-hangs"]) {
-        assert!(all_accepted(&row) && row.longest_bad_s <= 1.0 && row.worst_deg <= 20.0, "{row:?}");
+    for row in run_cases(&["attitude-hangs"]) {
+        assert!(are_all_accepted(&row) && row.longest_bad_s <= 1.0 && row.worst_deg <= 20.0, "{row:?}");
         assert!(row.empty_percent > 80.0, "{row:?}");
         assert!(row.no_heading_counts.iter().any(|(reason, _)| reason == "attitude-contradicted"), "{row:?}");
     }
@@ -118,8 +121,8 @@ fn a_stale_attitude_gives_no_heading_after_the_next_roll() {
 /// twelve flights, and 42/74/89 % of the headings within one, two and three sigmas.
 #[test]
 fn gaps_and_stalls_of_the_attitude_are_no_change_of_iron() {
-    for row in rows(&["link-gaps", "source-stalls"]) {
-        assert!(count_of(&row, "iron-moved") == 0 && row.bad_percent <= 0.05 && row.worst_deg <= 6.5, "{row:?}");
+    for row in run_cases(&["link-gaps", "source-stalls"]) {
+        assert!(note_count(&row, "iron-moved") == 0 && row.bad_percent <= 0.05 && row.worst_deg <= 6.5, "{row:?}");
         assert!(row.within_two_sigma_percent > 78.0 && row.empty_percent < 18.0, "{row:?}");
     }
 }
@@ -131,8 +134,8 @@ fn gaps_and_stalls_of_the_attitude_are_no_change_of_iron() {
 fn a_restart_of_the_autopilot_gives_no_wrong_heading() {
     use integrity::AttitudeProtocol::{Mavlink, Msp, MspInav};
     for attitude_protocol in [Mavlink, Msp, MspInav] {
-        for row in rows_of(IntegrityPlan { attitude_protocol, ..PLAN }, &["autopilot-restarts"]) {
-            assert!(count_of(&row, "iron-moved") == 0 && row.bad_percent <= 0.05 && row.worst_deg <= 6.5, "{row:?}");
+        for row in run_plan(IntegrityPlan { attitude_protocol, ..PLAN }, &["autopilot-restarts"]) {
+            assert!(note_count(&row, "iron-moved") == 0 && row.bad_percent <= 0.05 && row.worst_deg <= 6.5, "{row:?}");
             assert!((5.0..16.0).contains(&row.empty_percent), "{row:?}");
         }
     }
@@ -141,14 +144,14 @@ fn a_restart_of_the_autopilot_gives_no_wrong_heading() {
 /// Attitude outliers are rejected; dead reckoning bridges them.
 #[test]
 fn spikes_of_attitude_are_not_seen_in_the_heading() {
-    for row in rows(&["spikes"]) {
+    for row in run_cases(&["spikes"]) {
         assert!(row.bad_percent == 0.0 && row.worst_deg <= 25.0 && row.empty_percent <= 0.1, "{row:?}");
     }
 }
 
 #[test]
 fn a_sensor_spike_costs_at_most_two_headings() {
-    for row in rows(&["sensor-spikes"]) {
+    for row in run_cases(&["sensor-spikes"]) {
         assert!(row.bad_percent == 0.0 && row.worst_deg <= 10.0 && row.empty_percent <= 2.0, "{row:?}");
         assert!(row.no_heading_counts.iter().any(|(reason, _)| reason == "sensor-spike"), "{row:?}");
     }
@@ -157,7 +160,7 @@ fn a_sensor_spike_costs_at_most_two_headings() {
 /// Saturation is detected with a delay of an eighth of a second.
 #[test]
 fn a_clipped_axis_is_detected() {
-    for row in rows(&["sensor-clipped"]) {
+    for row in run_cases(&["sensor-clipped"]) {
         assert!(row.bad_percent <= 0.2 && row.empty_percent > 5.0, "{row:?}");
         // An axis that saturates below values measured before is reported as stuck.
         assert!(
@@ -171,7 +174,7 @@ fn a_clipped_axis_is_detected() {
 /// change costs five seconds more, in at most one of six flights.
 #[test]
 fn a_flipped_configuration_bit_is_corrected_within_1_5_s() {
-    for row in rows(&["upset-scale", "upset-self-test", "upset-byte-order"]) {
+    for row in run_cases(&["upset-scale", "upset-self-test", "upset-byte-order"]) {
         assert!(row.empty_percent <= 100.0 * 2.4 / 175.0 && row.longest_bad_s <= 1.0, "{row:?}");
         assert!(row.within_three_sigma_percent > 96.0, "{row:?}");
     }
@@ -179,9 +182,9 @@ fn a_flipped_configuration_bit_is_corrected_within_1_5_s() {
 
 #[test]
 fn a_foreign_sender_is_ignored() {
-    for row in rows(&["foreign", "foreign-silent"]) {
+    for row in run_cases(&["foreign", "foreign-silent"]) {
         assert!(row.bad_percent == 0.0 && row.worst_deg <= 8.0 && row.empty_percent <= 0.1, "{row:?}");
-        assert!(all_accepted(&row), "{row:?}");
+        assert!(are_all_accepted(&row), "{row:?}");
     }
 }
 
@@ -189,7 +192,7 @@ fn a_foreign_sender_is_ignored() {
 /// is never used.
 #[test]
 fn a_second_vehicle_does_not_replace_an_autopilot_that_pauses() {
-    for row in rows(&["second-vehicle"]) {
+    for row in run_cases(&["second-vehicle"]) {
         assert!(row.bad_percent <= 0.0 && row.worst_deg <= 8.0, "{row:?}");
         assert!((3.5..5.0).contains(&row.empty_percent), "{row:?}");
     }
@@ -198,7 +201,7 @@ fn a_second_vehicle_does_not_replace_an_autopilot_that_pauses() {
 /// A forged current is ignored at once; at most five of 175 s may be without heading.
 #[test]
 fn forged_messages_do_not_silence_the_heading() {
-    for row in rows(&["no-autopilot", "disarm-forged", "current-forged"]) {
+    for row in run_cases(&["no-autopilot", "disarm-forged", "current-forged"]) {
         assert!(row.bad_percent <= 0.0 && row.empty_percent <= 100.0 * 5.0 / 175.0, "{row:?}");
     }
 }
@@ -208,7 +211,7 @@ fn forged_messages_do_not_silence_the_heading() {
 #[test]
 fn hard_iron_change_in_calibration_is_refused_or_in_the_expected_error() {
     let plan = IntegrityPlan { flights_per_case: 12, ..PLAN };
-    for row in rows_of(plan, &["cal-moved-2", "cal-moved-5", "cal-moved-10", "cal-warming"]) {
+    for row in run_plan(plan, &["cal-moved-2", "cal-moved-5", "cal-moved-10", "cal-warming"]) {
         assert!(row.wrong_percent <= 10.0, "{row:?}");
         assert!(row.refusal_counts.iter().any(|(code, _)| code == "iron-changed"), "{row:?}");
         assert!(row.bad_percent <= 0.5, "{row:?}");
@@ -217,7 +220,7 @@ fn hard_iron_change_in_calibration_is_refused_or_in_the_expected_error() {
 
 #[test]
 fn turns_with_5_deg_of_bank_are_refused() {
-    for row in rows(&["cal-bank-5"]) {
+    for row in run_cases(&["cal-bank-5"]) {
         assert!(row.accepted_percent <= 0.0, "{row:?}");
     }
 }
@@ -225,8 +228,8 @@ fn turns_with_5_deg_of_bank_are_refused() {
 /// A bank-angle scale error of 10 % leads to a rejection, or to an estimated error of at least half of the true one.
 #[test]
 fn a_bank_scale_error_is_refused_or_in_the_expected_error() {
-    for row in rows_of(IntegrityPlan { flights_per_case: 20, ..PLAN }, &["cal-lean-90"]) {
-        assert!(row.error_ratio_largest.is_none_or(|ratio| ratio <= 2.0), "{row:?}");
+    for row in run_plan(IntegrityPlan { flights_per_case: 20, ..PLAN }, &["cal-lean-90"]) {
+        assert!(row.ratio_worst.is_none_or(|ratio| ratio <= 2.0), "{row:?}");
     }
 }
 
@@ -241,13 +244,13 @@ fn faults_that_stay_the_same_are_refused_or_in_the_expected_error() {
         ("cal-hysteresis-15", "iron-changed"),
         ("cal-lean-lag", "attitude-contradicted"),
     ] {
-        for row in rows_of(plan, &[case]) {
+        for row in run_plan(plan, &[case]) {
             assert!(row.wrong_percent <= 0.05 * row.accepted_percent, "{row:?}");
             assert!(row.refusal_counts.iter().any(|(code, _)| code == reason), "{row:?}");
         }
     }
-    for row in rows_of(plan, &["clean"]) {
-        assert!(all_accepted(&row), "{row:?}");
+    for row in run_plan(plan, &["clean"]) {
+        assert!(are_all_accepted(&row), "{row:?}");
     }
 }
 
@@ -255,7 +258,7 @@ fn faults_that_stay_the_same_are_refused_or_in_the_expected_error() {
 #[test]
 fn yaw_turns_without_tilt_are_refused() {
     for aircraft in [VehicleKind::Copter, VehicleKind::Vtol] {
-        for row in rows_of(IntegrityPlan { flights_per_case: 4, aircraft, ..PLAN }, &["cal-yaw-only"]) {
+        for row in run_plan(IntegrityPlan { flights_per_case: 4, aircraft, ..PLAN }, &["cal-yaw-only"]) {
             assert!(row.accepted_percent <= 0.0, "{row:?}");
             assert!(row.refusal_counts.iter().any(|(code, _)| code == "unobservable"), "{row:?}");
         }
@@ -265,9 +268,9 @@ fn yaw_turns_without_tilt_are_refused() {
 /// Attitude without quantisation (case `clean`) and in steps of 0.1 deg (`coarse`).
 #[test]
 fn a_clean_flight_raises_no_alarm() {
-    for row in rows(&["clean", "coarse"]) {
+    for row in run_cases(&["clean", "coarse"]) {
         assert!(row.bad_percent == 0.0 && row.empty_percent <= 0.1, "{row:?}");
-        assert!(all_accepted(&row), "{row:?}");
+        assert!(are_all_accepted(&row), "{row:?}");
         assert!(row.alarms_per_hour == 0.0, "{row:?}");
     }
 }
@@ -277,10 +280,10 @@ fn a_clean_flight_raises_no_alarm() {
 #[test]
 fn a_clean_flight_of_a_copter_or_vtol_raises_no_alarm() {
     for (aircraft, bad_percent) in [(VehicleKind::Copter, 0.0), (VehicleKind::Vtol, 0.02)] {
-        for row in rows_of(IntegrityPlan { flights_per_case: 8, aircraft, ..PLAN }, &["clean"]) {
+        for row in run_plan(IntegrityPlan { flights_per_case: 8, aircraft, ..PLAN }, &["clean"]) {
             assert!(row.bad_percent <= bad_percent, "{aircraft:?}: {row:?}");
             assert!(row.empty_percent <= 0.1 && row.alarms_per_hour == 0.0, "{aircraft:?}: {row:?}");
-            assert!(all_accepted(&row), "{aircraft:?}: {row:?}");
+            assert!(are_all_accepted(&row), "{aircraft:?}: {row:?}");
         }
     }
 }
@@ -292,20 +295,20 @@ fn faults_in_use_of_a_copter_are_compensated_or_withhold_the_heading() {
     for (case, bad_percent, empty_percent) in
         [("moved-2", 2.0, 5.0), ("moved-5", 1.0, 5.0), ("bias-2", 2.0, 5.0), ("late-300", 1.0, 15.0)]
     {
-        for row in rows_of(IntegrityPlan { flights_per_case: 8, aircraft: VehicleKind::Copter, ..PLAN }, &[case]) {
+        for row in run_plan(IntegrityPlan { flights_per_case: 8, aircraft: VehicleKind::Copter, ..PLAN }, &[case]) {
             assert!(row.bad_percent <= bad_percent && row.empty_percent <= empty_percent, "{row:?}");
-            assert!(all_accepted(&row), "{row:?}");
+            assert!(are_all_accepted(&row), "{row:?}");
         }
     }
 }
 
 #[test]
 fn motor_current_interference_in_hover_is_calibrated_as_hard_iron() {
-    for row in rows_of(
+    for row in run_plan(
         IntegrityPlan { flights_per_case: 8, aircraft: VehicleKind::Copter, ..PLAN },
         &["cal-current-unreported"],
     ) {
-        assert!(all_accepted(&row) && row.bad_percent <= 0.1, "{row:?}");
+        assert!(are_all_accepted(&row) && row.bad_percent <= 0.1, "{row:?}");
     }
 }
 
@@ -316,7 +319,7 @@ fn headings_of_a_clean_flight_are_within_their_sigmas() {
     for (heading, rms_deg, most_percent) in
         [(HeadingKind::Raw, 0.90, [74.0, 100.0]), (HeadingKind::Smooth, 0.45, [100.0; 2])]
     {
-        for row in rows_of(IntegrityPlan { flights_per_case: 12, heading, ..PLAN }, &["clean"]) {
+        for row in run_plan(IntegrityPlan { flights_per_case: 12, heading, ..PLAN }, &["clean"]) {
             assert!(row.rms_deg <= rms_deg, "{row:?}");
             assert!((62.0..=most_percent[0]).contains(&row.within_one_sigma_percent), "{row:?}");
             assert!((89.0..=most_percent[1]).contains(&row.within_two_sigma_percent), "{row:?}");
@@ -332,7 +335,7 @@ fn headings_of_a_clean_flight_are_within_their_sigmas() {
 #[test]
 fn gyro_errors_are_estimated() {
     for (case, rms_deg) in [("gyro-1", 0.45), ("gyro-3", 0.6), ("gyro-10", 0.85), ("gyro-ramp", 1.0)] {
-        for row in rows(&[case]) {
+        for row in run_cases(&[case]) {
             assert!(row.rms_deg <= rms_deg && row.bad_percent <= 0.3 && row.empty_percent <= 3.0, "{row:?}");
             assert!(row.worst_10s_deg < 5.0 && row.smooth_percent > 95.0, "{row:?}");
             // The estimate lags behind a growing offset; sigma does not include the lag.
@@ -346,7 +349,7 @@ fn gyro_errors_are_estimated() {
 #[test]
 fn a_hard_iron_change_is_estimated_beside_gyro_errors() {
     for (case, bad_percent) in [("gyro-1-moved-5", 0.5), ("gyro-5-moved-5", 1.0), ("gyro-10-moved-5", 3.0)] {
-        for row in rows(&[case]) {
+        for row in run_cases(&[case]) {
             assert!(row.bad_percent <= bad_percent && row.empty_percent <= 5.0, "{row:?}");
             assert!(row.hard_iron_error_median_percent.is_some_and(|percent| percent <= 40.0), "{row:?}");
         }
@@ -363,9 +366,9 @@ fn a_turn_of_the_module_in_its_mount_is_estimated() {
         ("mount-turned-20", 2.0, 15.0),
         ("mount-turned-10-slow", 2.0, 5.0),
     ] {
-        for row in rows(&[case]) {
-            assert!(all_accepted(&row) && row.bad_percent <= bad_percent, "{row:?}");
-            assert!(row.empty_percent <= empty_percent && count_of(&row, "mount-moved") > 0, "{row:?}");
+        for row in run_cases(&[case]) {
+            assert!(are_all_accepted(&row) && row.bad_percent <= bad_percent, "{row:?}");
+            assert!(row.empty_percent <= empty_percent && note_count(&row, "mount-moved") > 0, "{row:?}");
         }
     }
 }
@@ -375,17 +378,17 @@ fn a_turn_of_the_module_in_its_mount_is_estimated() {
 #[test]
 fn a_drift_in_straight_flight_is_in_the_sigma() {
     for case in ["drift-straight-60", "drift-straight-300"] {
-        for row in rows(&[case]) {
+        for row in run_cases(&[case]) {
             assert!(row.bad_percent <= 3.0 && row.within_two_sigma_percent >= 75.0, "{row:?}");
-            assert!(row.sigma_rms_deg < 8.0 && count_of(&row, "turn-wanted") > 0, "{row:?}");
+            assert!(row.sigma_rms_deg < 8.0 && note_count(&row, "turn-wanted") > 0, "{row:?}");
         }
     }
     // Among these flights are drifts across the horizontal field, which only the heading shows: 8.6 % were bad while the
     // sigma left them out.
-    for row in rows_of(IntegrityPlan { seed: 20_013, ..PLAN }, &["drift-straight-60"]) {
+    for row in run_plan(IntegrityPlan { seed: 20_013, ..PLAN }, &["drift-straight-60"]) {
         assert!(row.bad_percent <= 0.7 && row.sigma_rms_deg < 8.0, "{row:?}");
     }
-    for row in rows(&["steady"]) {
+    for row in run_cases(&["steady"]) {
         assert!(row.bad_percent <= 0.0 && row.empty_percent <= 0.0 && row.sigma_rms_deg < 1.0, "{row:?}");
         assert!(row.note_counts.is_empty(), "{row:?}");
     }
@@ -393,7 +396,7 @@ fn a_drift_in_straight_flight_is_in_the_sigma() {
 
 #[test]
 fn wrong_body_rates_do_not_affect_the_heading() {
-    for row in rows(&["rates-zero", "rates-degrees"]) {
+    for row in run_cases(&["rates-zero", "rates-degrees"]) {
         assert!(row.bad_percent <= 0.05 && row.worst_deg <= 15.0 && row.empty_percent <= 0.2, "{row:?}");
         assert!(row.smooth_percent <= 15.0, "{row:?}");
         assert!(row.rms_deg <= 1.1, "{row:?}");
@@ -404,7 +407,7 @@ fn wrong_body_rates_do_not_affect_the_heading() {
 /// the rates contradict the field and no heading is output; three of 175 s may be wrong.
 #[test]
 fn wrong_body_rates_in_turns_are_detected() {
-    for row in rows_of(IntegrityPlan { flights_per_case: 12, ..PLAN }, &["rates-sign", "rates-small"]) {
+    for row in run_plan(IntegrityPlan { flights_per_case: 12, ..PLAN }, &["rates-sign", "rates-small"]) {
         assert!(row.bad_percent <= 2.0 && row.empty_percent <= 12.0, "{row:?}");
     }
 }
@@ -427,7 +430,7 @@ fn faults_in_use_are_compensated_or_withhold_the_heading() {
         ("lean-70", 1.4, 20.0),
         ("ferry", 0.0, 5.0),
     ] {
-        for row in rows_of(IntegrityPlan { flights_per_case: 12, ..PLAN }, &[case]) {
+        for row in run_plan(IntegrityPlan { flights_per_case: 12, ..PLAN }, &[case]) {
             assert!(row.bad_percent <= bad_percent && row.empty_percent <= empty_percent, "{row:?}");
             // The reported hard-iron change is accurate to a third.
             assert!(row.hard_iron_error_median_percent.is_none_or(|percent| percent <= 30.0), "{row:?}");
@@ -440,25 +443,32 @@ fn faults_in_use_are_compensated_or_withhold_the_heading() {
     }
 }
 
-struct AtRest {
+struct RestNoise {
     sigma_ut: [f32; 3],
     counts_per_ut: [f32; 3],
     period_us: u32,
-    stuck_after: u16,
+    equal_readings_until_stuck: u16,
 }
 
 /// Noise of the LIS3MDL from its data sheet; of the LSM303DLHC 2 mG, little more than its resolution.
-const SENSORS: [AtRest; 2] = [
-    AtRest { sigma_ut: [0.32, 0.32, 0.41], counts_per_ut: [68.42; 3], period_us: 12_500, stuck_after: 12 },
-    AtRest { sigma_ut: [0.2; 3], counts_per_ut: [6.7, 6.7, 6.0], period_us: 13_333, stuck_after: 32 },
+const SENSORS: [RestNoise; 2] = [
+    RestNoise {
+        sigma_ut: [0.32, 0.32, 0.41],
+        counts_per_ut: [68.42; 3],
+        period_us: 12_500,
+        equal_readings_until_stuck: 12,
+    },
+    RestNoise { sigma_ut: [0.2; 3], counts_per_ut: [6.7, 6.7, 6.0], period_us: 13_333, equal_readings_until_stuck: 32 },
 ];
 
 #[test]
 fn a_vehicle_parked_for_a_day_raises_no_alarm() {
-    for AtRest { sigma_ut, counts_per_ut, period_us, stuck_after } in SENSORS {
+    for RestNoise { sigma_ut, counts_per_ut, period_us, equal_readings_until_stuck } in SENSORS {
         let mut random = Random(u64::from(period_us));
-        let mut instrument =
-            Instrument::new(InstrumentConfig { stuck_after: Some(stuck_after), ..InstrumentConfig::new(period_us) });
+        let mut instrument = Instrument::new(InstrumentConfig {
+            equal_readings_until_stuck: Some(equal_readings_until_stuck),
+            ..InstrumentConfig::new(period_us)
+        });
         let uncalibrated = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
         let calibration = Calibration { inclination_rad: 1.1, total_ut: 50.0, ..uncalibrated };
         let calibration = Some((calibration, HeadingUncertainty::NO_UNCERTAINTY));
@@ -488,7 +498,7 @@ fn a_vehicle_parked_for_a_day_raises_no_alarm() {
 #[test]
 fn a_run_is_a_function_of_its_seed() {
     let names = ["sensor-spikes", "throttle-5"];
-    let small_run = || rows_of(IntegrityPlan { flights_per_case: 2, seed: 9, ..PLAN }, &names);
+    let small_run = || run_plan(IntegrityPlan { flights_per_case: 2, seed: 9, ..PLAN }, &names);
     assert_eq!(small_run(), small_run());
 }
 

@@ -18,12 +18,12 @@ fn record_flight(world: &WorldConfig) -> FlightRecording {
     record_turns(world, 0.05)
 }
 
-fn read(text: &str) -> Flight {
+fn read_csv(text: &str) -> Flight {
     log::read_flight(&mut text.as_bytes(), FieldUnit::Milligauss).unwrap()
 }
 
-fn evaluate(text: &str) -> (Flight, FlightEvaluation) {
-    let flight = read(text);
+fn evaluate_csv(text: &str) -> (Flight, FlightEvaluation) {
+    let flight = read_csv(text);
     let verdict = evaluate_flight(&flight, &DEFAULT_OPTIONS);
     (flight, verdict)
 }
@@ -51,7 +51,7 @@ fn a_field_logged_at_1_hz_gives_the_same_headings() {
         let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
         let text = String::from_utf8(encode_dataflash_text(&record_flight(&world))).unwrap();
         for stride in [1, 4, 10] {
-            let (flight, verdict) = evaluate(&keep_every_nth(&text, "MAG", stride));
+            let (flight, verdict) = evaluate_csv(&keep_every_nth(&text, "MAG", stride));
             let compass = &verdict.compasses[0];
             assert_eq!(compass.module_result.acceptance, Ok(()), "seed {seed}, 1 of {stride}");
             let (module_score, smoothed_score) = (
@@ -75,7 +75,7 @@ fn a_field_logged_at_1_hz_gives_the_same_headings() {
 fn a_verdict_reports_attitude_below_3_hz() {
     let text = String::from_utf8(encode_dataflash_text(&record_flight(&WorldConfig::random_world(3)))).unwrap();
     for (stride, expected_text) in [(1, ""), (5, "2.0 times a second"), (20, "0.5 times a second")] {
-        let (_, verdict) = evaluate(&keep_every_nth(&text, "ATT", stride));
+        let (_, verdict) = evaluate_csv(&keep_every_nth(&text, "ATT", stride));
         let verdict_text = FlightOutcome::new(&verdict).to_string();
         assert!(
             verdict_text.contains(expected_text) && verdict_text.contains("below 3 Hz") == (stride > 1),
@@ -92,7 +92,7 @@ fn a_verdict_reports_a_log_without_flight() {
         sample.is_armed = i >= 2370;
     }
     let text = String::from_utf8(encode_csv(&recording)).unwrap();
-    let verdict_text = FlightOutcome::new(&evaluate(&text).1).to_string();
+    let verdict_text = FlightOutcome::new(&evaluate_csv(&text).1).to_string();
     assert!(verdict_text.contains("10 are usable") && verdict_text.contains("are disarmed"), "{verdict_text}");
 }
 
@@ -109,7 +109,7 @@ fn a_verdict_reports_the_refusal_of_the_better_compass() {
             sample.field_ut = if worse == 0 { vec![noise, better_field_ut] } else { vec![better_field_ut, noise] };
         }
         let text = String::from_utf8(encode_dataflash_text(&recording)).unwrap();
-        let (_, verdict) = evaluate(&text);
+        let (_, verdict) = evaluate_csv(&text);
         let verdict_text = FlightOutcome::new(&verdict).to_string();
         let subject = format!("the module would have refused each of 2 compasses; number {} came nearest: ", 2 - worse);
         assert!(verdict_text.starts_with(&subject), "{worse}: {verdict_text}");
@@ -127,7 +127,7 @@ fn a_mounting_change_within_the_log_is_reported() {
                 time_stamp.map_or_else(String::new, |time_stamp| format!("PARM, {time_stamp}, {name}, {}\n", i / 100));
             format!("{line}\n{parameter_line}")
         };
-        let (flight, verdict) = evaluate(&text.lines().enumerate().map(change).collect::<String>());
+        let (flight, verdict) = evaluate_csv(&text.lines().enumerate().map(change).collect::<String>());
         let notes = notes(&flight, &verdict);
         assert_eq!(notes.contains(&format!("mountings were changed in the log: {name} at ")), is_noted, "{notes}");
     }
@@ -147,7 +147,7 @@ fn implausible_units_are_reported_without_a_position() {
         text.lines().map(line).collect::<String>()
     };
     let notes = |text: &str| {
-        let (flight, verdict) = evaluate(text);
+        let (flight, verdict) = evaluate_csv(text);
         notes(&flight, &verdict)
     };
     assert_eq!(notes(&text), "");
@@ -214,7 +214,7 @@ fn a_compass_that_fails_in_flight_is_reported() {
                 let _ = writeln!(log, "MAG, {time_stamp}, 1, {values}");
             }
         }
-        let (flight, verdict) = evaluate(&log);
+        let (flight, verdict) = evaluate_csv(&log);
         let notes = LogWarning::warnings_of_flight(&flight, &verdict);
         let notes = notes.iter().map(ToString::to_string).filter(|note| note.starts_with("compass "));
         (notes.collect::<Vec<_>>(), verdict)
@@ -254,7 +254,7 @@ fn change_lines(text: &str, mut change: impl FnMut(&str) -> String) -> String {
 fn the_filters_attitude_gives_the_same_headings() {
     let text = String::from_utf8(encode_dataflash_text(&record_flight(&WorldConfig::random_world(3)))).unwrap();
     let without = text.replace("\nATT, ", "\nXKF1, ").replace(", ATT, ", ", XKF1, ");
-    let [(_, from_attitude), (flight, other)] = [evaluate(&text), evaluate(&without)];
+    let [(_, from_attitude), (flight, other)] = [evaluate_csv(&text), evaluate_csv(&without)];
     let score = |verdict: &FlightEvaluation| {
         verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap()
     };
@@ -280,7 +280,7 @@ fn rows_without_time_get_the_time_of_their_neighbours() {
             }
         })
     };
-    let (flight, verdict) = evaluate(&strip(&["MAG", "ATT"], &text));
+    let (flight, verdict) = evaluate_csv(&strip(&["MAG", "ATT"], &text));
     let score = verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap();
     assert!(score.rms_deg < 1.0, "{score:?}");
     assert!(notes(&flight, &verdict).contains("carry no time"));
@@ -304,7 +304,7 @@ fn a_log_with_lost_rows_gives_the_same_accuracy() {
             random_state = random_state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             if is_row && (random_state >> 33) % 10 < 3 { String::new() } else { line.to_owned() }
         });
-        let (flight, verdict) = evaluate(&holes);
+        let (flight, verdict) = evaluate_csv(&holes);
         let compass = &verdict.compasses[0];
         let module_score = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
         assert!(module_score.rms_deg < 0.5 + noise_deg, "seed {seed}: {module_score:?}");
@@ -323,7 +323,7 @@ fn a_log_at_rest_gives_no_field_strength() {
         sample.time_us += i as u64 * 100_000;
         sample.field_ut[0][i % 3] += if i % 2 == 0 { 0.5 } else { -0.5 };
     }
-    let (flight, verdict) = evaluate(&String::from_utf8(encode_dataflash_text(&recording)).unwrap());
+    let (flight, verdict) = evaluate_csv(&String::from_utf8(encode_dataflash_text(&recording)).unwrap());
     assert_eq!(verdict.compasses[0].radius_ut, None);
     let notes = notes(&flight, &verdict);
     assert!(!notes.contains("taken for") && !notes.contains("radians"), "{notes}");

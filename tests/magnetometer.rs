@@ -22,7 +22,7 @@ use testkit::simulation::{Level, Simulation};
 
 /// Runs `script` with a driver and its chip. The field's x component is 1 nT per 100 us since start, so a sample
 /// contains its time of measurement with a resolution of 15 nT = 1.5 ms.
-fn with_driver<S, F>(script: S)
+fn run_with_driver<S, F>(script: S)
 where
     S: FnOnce(Lis3mdl<SimulatedI2cBus>, Rc<RefCell<chip::Lis3mdl>>) -> F + 'static,
     F: Future<Output = ()> + 'static,
@@ -45,7 +45,7 @@ fn measured_at_us(reading: &Reading) -> f32 {
 /// half a count of the field that encodes time.
 #[test]
 fn every_measurement_is_read_once_and_fresh() {
-    with_driver(|mut driver, _| async move {
+    run_with_driver(|mut driver, _| async move {
         driver.init().await.unwrap();
         let mut last_us = measured_at_us(&driver.read_measurement().await.unwrap());
         for _ in 0..160 {
@@ -61,7 +61,7 @@ fn every_measurement_is_read_once_and_fresh() {
 
 #[test]
 fn a_silent_chip_is_reported_and_works_again_after_init() {
-    with_driver(|mut driver, chip| async move {
+    run_with_driver(|mut driver, chip| async move {
         driver.init().await.unwrap();
         chip.borrow_mut().set_silent(true);
         assert_eq!(driver.read_measurement().await, Err(MagnetometerError::Bus(BusError::NoAcknowledge(0x1E))));
@@ -76,7 +76,7 @@ fn a_silent_chip_is_reported_and_works_again_after_init() {
 /// ms.
 #[test]
 fn a_chip_that_lost_power_is_detected_and_reconfigured() {
-    with_driver(|mut driver, chip| async move {
+    run_with_driver(|mut driver, chip| async move {
         driver.init().await.unwrap();
         driver.read_measurement().await.unwrap();
         chip.borrow_mut().power_cycle();
@@ -90,7 +90,7 @@ fn a_chip_that_lost_power_is_detected_and_reconfigured() {
 
 #[test]
 fn a_late_reader_sees_the_overrun() {
-    with_driver(|mut driver, _| async move {
+    run_with_driver(|mut driver, _| async move {
         driver.init().await.unwrap();
         driver.read_measurement().await.unwrap();
         embassy_time::Timer::after_millis(100).await;
@@ -100,7 +100,7 @@ fn a_late_reader_sees_the_overrun() {
 }
 
 /// As [`with_driver`], with an RM3100. The field's z component is 1 uT per 10 ms, resolved to 0.13 ms.
-fn with_rm3100<S, F>(period_scale: f64, script: S)
+fn run_with_rm3100<S, F>(period_scale: f64, script: S)
 where
     S: FnOnce(Rm3100<SelectedDevice>, Rc<RefCell<rm3100::Rm3100>>) -> F + 'static,
     F: Future<Output = ()> + 'static,
@@ -120,7 +120,7 @@ where
 #[test]
 fn every_measurement_of_an_rm3100_is_read_once_and_fresh() {
     for period_scale in [1.0 / 1.21, 1.0, 1.0 / 0.79] {
-        with_rm3100(period_scale, move |mut driver, _| async move {
+        run_with_rm3100(period_scale, move |mut driver, _| async move {
             driver.init().await.unwrap();
             driver.read_measurement().await.unwrap();
             let measured_at_us = |reading: &Reading| reading.field.ut.z * 1e4;
@@ -141,8 +141,8 @@ fn every_measurement_of_an_rm3100_is_read_once_and_fresh() {
 #[test]
 fn a_missing_rm3100_is_reported_and_works_again_after_init() {
     for idle_byte in [0xFF, 0x00] {
-        with_rm3100(1.0, move |mut driver, chip| async move {
-            chip.borrow_mut().set_fault(Some(Rm3100Fault::MissingChip(idle_byte)));
+        run_with_rm3100(1.0, move |mut driver, chip| async move {
+            chip.borrow_mut().set_fault(Some(Rm3100Fault::Missing(idle_byte)));
             assert_eq!(driver.init().await, Err(MagnetometerError::WrongIdentity(idle_byte)));
             chip.borrow_mut().set_fault(None);
             driver.init().await.unwrap();
@@ -158,7 +158,7 @@ fn a_missing_rm3100_is_reported_and_works_again_after_init() {
 
 #[test]
 fn a_chip_that_is_no_working_rm3100_is_not_started() {
-    with_rm3100(1.0, |mut driver, chip| async move {
+    run_with_rm3100(1.0, |mut driver, chip| async move {
         for (fault, error) in [
             (Rm3100Fault::WrongRevision(0x23), MagnetometerError::WrongIdentity(0x23)),
             (Rm3100Fault::BrokenOscillator(1), MagnetometerError::SelfTest(0xDF)),
@@ -178,7 +178,7 @@ fn a_chip_that_is_no_working_rm3100_is_not_started() {
 /// Reset values are 37 Hz and no continuous mode: no data within four periods (53 ms) after the sleep of 10.5 ms.
 #[test]
 fn an_rm3100_that_lost_power_is_detected_and_reconfigured() {
-    with_rm3100(1.0, |mut driver, chip| async move {
+    run_with_rm3100(1.0, |mut driver, chip| async move {
         driver.init().await.unwrap();
         driver.read_measurement().await.unwrap();
         chip.borrow_mut().power_cycle();
@@ -197,7 +197,7 @@ fn an_rm3100_that_lost_power_is_detected_and_reconfigured() {
 /// The registers by which ArduPilot's driver recognises the chip, also after a restart without a power cycle.
 #[test]
 fn an_rm3100_keeps_the_default_cycle_counts_and_survives_a_restart_of_the_module() {
-    with_rm3100(1.0, |mut driver, chip| async move {
+    run_with_rm3100(1.0, |mut driver, chip| async move {
         for _ in 0..2 {
             driver.init().await.unwrap();
             for _ in 0..20 {

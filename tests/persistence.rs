@@ -20,14 +20,14 @@ use testkit::flash::{CutProgress, RamFlash};
 
 /// Flies turns both ways until the end of the solve.
 fn fly_calibration_turns(rig: &mut Rig) -> ModuleRunEnd {
-    match swing_outcome(rig) {
+    match fly_turns_outcome(rig) {
         Some(_) => ModuleRunEnd::Time,
         None => ModuleRunEnd::PowerCut,
     }
 }
 
 /// Flies turns both ways; returns the result message of the solve, `None` if the power was cut.
-fn swing_outcome(rig: &mut Rig) -> Option<transcript::SolveNotice> {
+fn fly_turns_outcome(rig: &mut Rig) -> Option<transcript::SolveNotice> {
     rig.send_console_line("cal start turns");
     rig.world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 1440.0 });
     rig.world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: -1440.0 });
@@ -202,7 +202,7 @@ fn a_calibration_that_is_no_better_changes_nothing() {
         rig.run_for_s(1.0);
         fly_calibration_turns(&mut rig);
         let first = shown_calibration(&mut rig).unwrap();
-        let outcome = swing_outcome(&mut rig).unwrap();
+        let outcome = fly_turns_outcome(&mut rig).unwrap();
         let second = shown_calibration(&mut rig).unwrap();
         match outcome {
             transcript::SolveNotice::Calibrated(_) => {
@@ -261,7 +261,7 @@ fn two_power_cuts_in_a_row_lose_nothing() {
 type StoreFlash = RamFlash<2048>;
 const STORE_PAGES: usize = 8;
 
-fn record(serial: u32) -> CalibrationRecord {
+fn calibration_record(serial: u32) -> CalibrationRecord {
     let calibration =
         Calibration { b_ut: [serial as f32, 2.0, 3.0], ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) };
     let quality = Quality {
@@ -286,25 +286,26 @@ fn record(serial: u32) -> CalibrationRecord {
     }
 }
 
-fn generations(serial: u32) -> StoredCalibrations {
+fn stored_calibrations(serial: u32) -> StoredCalibrations {
     StoredCalibrations {
-        current_calibration: Some(record(serial)),
-        previous_calibration: Some(record(serial.wrapping_sub(1))),
+        current_calibration: Some(calibration_record(serial)),
+        previous_calibration: Some(calibration_record(serial.wrapping_sub(1))),
     }
 }
 
-fn store(flash: &mut StoreFlash) -> Store<&mut StoreFlash> {
+fn open_store(flash: &mut StoreFlash) -> Store<&mut StoreFlash> {
     Store::new(flash, 0..(2048 * STORE_PAGES) as u32)
 }
 
-fn save(flash: &mut StoreFlash, serial: u32) -> Result<(), StoreError> {
-    let StoredCalibrations { current_calibration: current, previous_calibration: previous } = generations(serial);
+fn save_calibration(flash: &mut StoreFlash, serial: u32) -> Result<(), StoreError> {
+    let StoredCalibrations { current_calibration: current, previous_calibration: previous } =
+        stored_calibrations(serial);
     let change = StoreChange::StoredCalibrations { current: current.as_ref(), previous: previous.as_ref() };
-    block_on(store(flash).save_change(change))
+    block_on(open_store(flash).save_change(change))
 }
 
-fn load(flash: &mut StoreFlash) -> Result<StoredCalibrations, StoreError> {
-    let LoadedValues { stored_values: stored, load_error: error } = block_on(store(flash).load_state());
+fn load_calibrations(flash: &mut StoreFlash) -> Result<StoredCalibrations, StoreError> {
+    let LoadedValues { stored_values: stored, load_error: error } = block_on(open_store(flash).load_state());
     error.map_or(Ok(stored.stored_calibrations), Err)
 }
 
@@ -319,29 +320,29 @@ fn power_cuts_anywhere_leave_old_or_new() {
     for saves in 0..11 {
         for (first, first_cut) in power_cuts(&start, saves + 1) {
             let mut flash = start.cut_at(first, first_cut);
-            save(&mut flash, saves + 1).unwrap_err();
+            save_calibration(&mut flash, saves + 1).unwrap_err();
             let mut once_cut_flash = flash.power_on();
             let case = format!("{saves} saves, {first_cut:?} at {first}");
-            let between = load_allowed(&mut once_cut_flash, &[old, generations(saves + 1)], &case);
+            let between = load_allowed(&mut once_cut_flash, &[old, stored_calibrations(saves + 1)], &case);
             for (second, second_cut) in power_cuts(&once_cut_flash, saves + 2) {
                 let mut flash = once_cut_flash.cut_at(second, second_cut);
                 let case = format!("{case}, {second_cut:?} at {second}");
-                save(&mut flash, saves + 2).unwrap_err();
+                save_calibration(&mut flash, saves + 2).unwrap_err();
                 let mut flash = flash.power_on();
-                load_allowed(&mut flash, &[between, generations(saves + 2)], &case);
-                save(&mut flash, 1000).unwrap_or_else(|error| panic!("{case}: {error:?}"));
-                assert_eq!(load(&mut flash), Ok(generations(1000)), "{case}");
+                load_allowed(&mut flash, &[between, stored_calibrations(saves + 2)], &case);
+                save_calibration(&mut flash, 1000).unwrap_or_else(|error| panic!("{case}: {error:?}"));
+                assert_eq!(load_calibrations(&mut flash), Ok(stored_calibrations(1000)), "{case}");
                 cases += 1;
             }
         }
-        save(&mut start, saves + 1).unwrap();
-        old = generations(saves + 1);
+        save_calibration(&mut start, saves + 1).unwrap();
+        old = stored_calibrations(saves + 1);
     }
     assert!(cases > 20_000, "{cases}");
 }
 
 fn load_allowed(flash: &mut StoreFlash, allowed: &[StoredCalibrations], case: &str) -> StoredCalibrations {
-    let loaded = load(flash).unwrap_or_else(|error| panic!("{case}: {error:?}"));
+    let loaded = load_calibrations(flash).unwrap_or_else(|error| panic!("{case}: {error:?}"));
     assert!(allowed.contains(&loaded), "{case}: {loaded:?}");
     loaded
 }
@@ -349,12 +350,12 @@ fn load_allowed(flash: &mut StoreFlash, allowed: &[StoredCalibrations], case: &s
 /// Operation and kind of each power cut during a save.
 fn power_cuts(flash: &StoreFlash, serial: u32) -> impl Iterator<Item = (usize, (CutProgress, u64))> + use<> {
     let mut complete = flash.power_on();
-    save(&mut complete, serial).unwrap();
+    save_calibration(&mut complete, serial).unwrap();
     CutProgress::near_operation_limits(complete.operations)
 }
 
 /// Armed aeroplane on its routine, with automatic collection.
-fn start_flight() -> Rig {
+fn armed_rig() -> Rig {
     let mut rig = Rig::new(WorldConfig::of_table1(7));
     rig.run_for_s(8.0);
     take_off(&mut rig);
@@ -386,7 +387,7 @@ fn fly_to_end(rig: &mut Rig) -> String {
 }
 
 /// Largest difference of two calibrations' headings in level flight, degrees.
-fn differ_deg(first_calibration: &Calibration, second_calibration: &Calibration) -> f32 {
+fn max_heading_difference_deg(first_calibration: &Calibration, second_calibration: &Calibration) -> f32 {
     let inverse = first_calibration.w_matrix().try_inverse().expect("a calibration");
     let difference = |heading_deg: f32| {
         let (sin, cos) = heading_deg.to_radians().sin_cos();
@@ -411,7 +412,7 @@ fn retained_sample_count(rig: &mut Rig) -> u32 {
 /// resets by at most 1 deg, twice the wanted accuracy of 0.5 deg of each.
 #[test]
 fn a_watchdog_in_flight_does_not_end_a_collection() {
-    let mut uninterrupted_rig = start_flight();
+    let mut uninterrupted_rig = armed_rig();
     let transcript_text = fly_to_end(&mut uninterrupted_rig);
     assert!(
         matches!(transcript::parse_solve_notice(&transcript_text), Some(transcript::SolveNotice::Calibrated(_))),
@@ -419,7 +420,7 @@ fn a_watchdog_in_flight_does_not_end_a_collection() {
     );
     let uninterrupted = shown_calibration(&mut uninterrupted_rig).unwrap().calibration;
     for cuts_s in [vec![12.345], vec![33.037], vec![50.5], vec![20.0, 40.111, 60.2]] {
-        let mut rig = start_flight();
+        let mut rig = armed_rig();
         let began_us = rig.now_us();
         let mut before = 0;
         for &cut_s in &cuts_s {
@@ -437,7 +438,7 @@ fn a_watchdog_in_flight_does_not_end_a_collection() {
             matches!(transcript::parse_solve_notice(&transcript_text), Some(transcript::SolveNotice::Calibrated(_))),
             "{cuts_s:?}: {transcript_text}"
         );
-        let differ = differ_deg(&shown_calibration(&mut rig).unwrap().calibration, &uninterrupted);
+        let differ = max_heading_difference_deg(&shown_calibration(&mut rig).unwrap().calibration, &uninterrupted);
         println!("{cuts_s:?}: {differ:.2} deg");
         assert!(differ < 1.0, "{cuts_s:?}: {differ} deg");
         assert!(before > 0);
@@ -448,7 +449,7 @@ fn a_watchdog_in_flight_does_not_end_a_collection() {
 /// is nothing to resume.
 #[test]
 fn a_collection_survives_a_reboot_between_two_flights() {
-    let mut rig = start_flight();
+    let mut rig = armed_rig();
     rig.run_for_s(40.0);
     rig.world.set_armed(false);
     rig.world.set_motion(PrescribedMotion::default());
@@ -480,7 +481,7 @@ fn a_collection_survives_a_reboot_between_two_flights() {
 #[test]
 fn a_lost_collection_is_reported() {
     for damage in [false, true] {
-        let mut rig = start_flight();
+        let mut rig = armed_rig();
         rig.run_for_s(40.0);
         assert!(retained_sample_count(&mut rig) > 40);
         rig.power_off();

@@ -45,16 +45,16 @@ const MSP_INAV: FarEnd = FarEnd::Msp(
 /// of bias, 0.3 of noise) times the tangent of the inclination, 54 deg.
 const HEADING_BOUND_DEG: f64 = 2.5;
 
-fn world(vehicle_kind: VehicleKind) -> WorldConfig {
+fn world_with_vehicle(vehicle_kind: VehicleKind) -> WorldConfig {
     let world = WorldConfig::of_table1(7);
     WorldConfig { aircraft: VehicleConfig { kind: vehicle_kind, ..world.aircraft }, ..world }
 }
 
-fn rig(vehicle_kind: VehicleKind, far_ends: [FarEnd; 2]) -> Rig {
-    Rig::with_port_devices(world(vehicle_kind), Faults::default(), far_ends)
+fn rig_with_far_ends(vehicle_kind: VehicleKind, far_ends: [FarEnd; 2]) -> Rig {
+    Rig::with_port_devices(world_with_vehicle(vehicle_kind), Faults::default(), far_ends)
 }
 
-fn run(rig: &mut Rig, seconds: f64) {
+fn run_for_s(rig: &mut Rig, seconds: f64) {
     assert_eq!(rig.run_for_s(seconds), ModuleRunEnd::Time);
 }
 
@@ -69,7 +69,7 @@ fn fly_routine(rig: &mut Rig, vehicle_kind: VehicleKind) {
     {
         rig.world.fly_leg(leg);
     }
-    run(rig, 240.0);
+    run_for_s(rig, 240.0);
 }
 
 /// Frames received by the MAVLink autopilot since the last call.
@@ -106,7 +106,7 @@ fn status_texts(received_frames: &[MavlinkFrame]) -> Vec<String> {
     texts
 }
 
-fn readings(rig: &Rig, port: usize) -> Vec<CompassSample> {
+fn compass_readings(rig: &Rig, port: usize) -> Vec<CompassSample> {
     let AttachedDevice::Msp(autopilot) = &rig.port_devices[port] else { panic!("no MSP there") };
     autopilot.borrow_mut().take_compass_samples()
 }
@@ -129,17 +129,17 @@ fn rms_deg(rig: &Rig, readings: &[CompassSample]) -> f64 {
 }
 
 /// Compass samples in straight flight on eight headings, without the turns, and their RMS heading error.
-fn readings_all_round(rig: &mut Rig, port: usize) -> (Vec<CompassSample>, f64) {
+fn readings_on_eight_headings(rig: &mut Rig, port: usize) -> (Vec<CompassSample>, f64) {
     let (mut all_readings, mut squares) = (Vec::new(), 0.0);
     for heading in 0..8 {
         rig.world.fly_leg(Leg::Straight { heading_deg: 45.0 * f64::from(heading), seconds: 14.0 });
-        run(rig, 12.0);
-        let _ = readings(rig, port);
-        run(rig, 1.5);
-        let received = readings(rig, port);
+        run_for_s(rig, 12.0);
+        let _ = compass_readings(rig, port);
+        run_for_s(rig, 1.5);
+        let received = compass_readings(rig, port);
         squares += rms_deg(rig, &received).powi(2) * received.len() as f64;
         all_readings.extend(received);
-        run(rig, 0.5);
+        run_for_s(rig, 0.5);
     }
     let rms_deg = (squares / all_readings.len() as f64).sqrt();
     (all_readings, rms_deg)
@@ -149,8 +149,8 @@ fn readings_all_round(rig: &mut Rig, port: usize) -> (Vec<CompassSample>, f64) {
 #[test]
 fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
     for vehicle_kind in [VehicleKind::Plane, VehicleKind::Copter] {
-        let mut rig = rig(vehicle_kind, [ARDUPILOT, FarEnd::Unconnected]);
-        run(&mut rig, 12.0);
+        let mut rig = rig_with_far_ends(vehicle_kind, [ARDUPILOT, FarEnd::Unconnected]);
+        run_for_s(&mut rig, 12.0);
         let AttachedDevice::Mavlink(autopilot) = &rig.port_devices[0] else { panic!() };
         assert_eq!(
             (autopilot.borrow().rate_hz(30), autopilot.borrow().denied_requests()),
@@ -183,11 +183,11 @@ fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
         assert!(!frames_with_id(MAG_CAL_PROGRESS, &during).is_empty());
         // In straight flight the age of a named value has no effect.
         rig.world.fly_leg(Leg::Straight { heading_deg: 200.0, seconds: 60.0 });
-        run(&mut rig, 45.0);
+        run_for_s(&mut rig, 45.0);
         let _ = received_frames(&rig, 0);
         let mut headings = 0;
         for _ in 0..5 {
-            run(&mut rig, 1.0);
+            run_for_s(&mut rig, 1.0);
             let values = received_frames(&rig, 0);
             let is_heading =
                 |frame: &&MavlinkFrame| (8..15).map(|byte_index| frame.byte_at(byte_index)).eq(*b"hdg_mag");
@@ -211,20 +211,20 @@ fn msp_gets_the_raw_field_at_first_and_the_corrected_field_later() {
     for (far_end, vehicle_kind) in
         [(MSP_ARDUPILOT, VehicleKind::Plane), (MSP_INAV, VehicleKind::Plane), (MSP_ARDUPILOT, VehicleKind::Copter)]
     {
-        let mut rig = rig(vehicle_kind, [far_end, FarEnd::Unconnected]);
-        run(&mut rig, 0.5);
-        assert!(readings(&rig, 0).len() >= 15, "from power-up");
-        run(&mut rig, 5.0);
+        let mut rig = rig_with_far_ends(vehicle_kind, [far_end, FarEnd::Unconnected]);
+        run_for_s(&mut rig, 0.5);
+        assert!(compass_readings(&rig, 0).len() >= 15, "from power-up");
+        run_for_s(&mut rig, 5.0);
         let status = rig.send_console_line("status all");
         assert!(status.contains("port1: auto, 115200 baud, found msp\r\n"), "{status}");
         assert!(status.contains("armed: no\r\n") && status.contains("attitude: roll "), "{status}");
-        let _ = readings(&rig, 0);
-        run(&mut rig, 10.0);
-        let raw = readings(&rig, 0);
+        let _ = compass_readings(&rig, 0);
+        run_for_s(&mut rig, 10.0);
+        let raw = compass_readings(&rig, 0);
         assert!((480..=520).contains(&raw.len()), "fifty a second: {}", raw.len());
         assert!(vehicle_kind != VehicleKind::Plane || rms_deg(&rig, &raw) > 5.0, "iron bends it");
         fly_routine(&mut rig, vehicle_kind);
-        let (readings, rms) = readings_all_round(&mut rig, 0);
+        let (readings, rms) = readings_on_eight_headings(&mut rig, 0);
         println!("{far_end:?} {vehicle_kind:?}: {rms:.2} deg RMS");
         assert!(rms < 1.5, "{far_end:?} {vehicle_kind:?}: {rms} deg");
         let strengths = readings.iter().map(|reading| {
@@ -242,10 +242,12 @@ fn msp_gets_the_raw_field_at_first_and_the_corrected_field_later() {
 #[test]
 fn motor_current_interference_is_estimated_with_a_reported_current() {
     for (far_end, is_reported) in [(ARDUPILOT, true), (MSP_ARDUPILOT, true), (MSP_INAV, true), (ARDUPILOT, false)] {
-        let config =
-            WorldConfig { reports_current: is_reported, ..world(VehicleKind::Copter).with_current_interference(12.0) };
+        let config = WorldConfig {
+            reports_current: is_reported,
+            ..world_with_vehicle(VehicleKind::Copter).with_current_interference(12.0)
+        };
         let mut rig = Rig::with_port_devices(config, Faults::default(), [far_end, FarEnd::Unconnected]);
-        run(&mut rig, 12.0);
+        run_for_s(&mut rig, 12.0);
         let status = rig.send_console_line("status all");
         let current = status.lines().find_map(|line| line.strip_prefix("current: ")).expect("a line of the current");
         let amperes = current.strip_suffix(" A").and_then(|amperes| amperes.parse::<f64>().ok());
@@ -254,7 +256,7 @@ fn motor_current_interference_is_estimated_with_a_reported_current() {
         assert!(is_right && amperes.is_some() == is_reported, "{far_end:?}: {status}");
         fly_routine(&mut rig, VehicleKind::Copter);
         rig.power_on(ResetCause::PowerOn);
-        run(&mut rig, 12.0);
+        run_for_s(&mut rig, 12.0);
         let shown_text = rig.send_console_line("cal show");
         let shown_text =
             transcript::parse_shown_calibration(&shown_text).unwrap_or_else(|| panic!("{far_end:?}: {shown_text}"));
@@ -277,19 +279,19 @@ fn motor_current_interference_is_estimated_with_a_reported_current() {
         if far_end != ARDUPILOT {
             continue;
         }
-        let told_deg = sigma_deg(&mut rig);
+        let told_deg = status_sigma_deg(&mut rig);
         rig.world.set_reports_current(false);
-        run(&mut rig, 2.0);
+        run_for_s(&mut rig, 2.0);
         assert!(rig.send_console_line("status all").contains("\r\ncurrent: 1"), "it holds for three seconds");
-        run(&mut rig, 2.0);
+        run_for_s(&mut rig, 2.0);
         assert!(rig.send_console_line("status all").contains("\r\ncurrent: not reported\r\n"));
         // A current spread of 1 A causes 0.8 uT of 28 uT horizontal field: 1.6 deg.
-        let silent_deg = sigma_deg(&mut rig);
+        let silent_deg = status_sigma_deg(&mut rig);
         assert!(silent_deg > told_deg.hypot(1.2), "{told_deg} {silent_deg}");
     }
 }
 
-fn sigma_deg(rig: &mut Rig) -> f64 {
+fn status_sigma_deg(rig: &mut Rig) -> f64 {
     let status = rig.send_console_line("status all");
     let sigma = status.split_once("deg magnetic, sigma ").and_then(|(_, sigma)| sigma.split_once(' '));
     sigma.and_then(|(sigma, _)| sigma.parse().ok()).unwrap_or_else(|| panic!("{status}"))
@@ -299,14 +301,14 @@ fn sigma_deg(rig: &mut Rig) -> f64 {
 /// the output resumes at once.
 #[test]
 fn a_disturbed_field_is_not_sent() {
-    let mut rig = rig(VehicleKind::Plane, [MSP_ARDUPILOT, FarEnd::Unconnected]);
-    run(&mut rig, 10.0);
+    let mut rig = rig_with_far_ends(VehicleKind::Plane, [MSP_ARDUPILOT, FarEnd::Unconnected]);
+    run_for_s(&mut rig, 10.0);
     fly_routine(&mut rig, VehicleKind::Plane);
     let reading_count = |rig: &mut Rig| {
-        run(rig, 0.5);
-        let _ = readings(rig, 0);
-        run(rig, 2.0);
-        readings(rig, 0).len()
+        run_for_s(rig, 0.5);
+        let _ = compass_readings(rig, 0);
+        run_for_s(rig, 2.0);
+        compass_readings(rig, 0).len()
     };
     assert!((95..=105).contains(&reading_count(&mut rig)));
     for (magnet_ut, afterwards) in [(900.0, Some(95..=105)), (40.0, None)] {
@@ -323,29 +325,29 @@ fn a_disturbed_field_is_not_sent() {
 /// 57600 baud.
 #[test]
 fn mavlink_and_msp_run_at_once() {
-    let mut rig = rig(VehicleKind::Plane, [ARDUPILOT, MSP_ARDUPILOT]);
-    run(&mut rig, 1.0);
+    let mut rig = rig_with_far_ends(VehicleKind::Plane, [ARDUPILOT, MSP_ARDUPILOT]);
+    run_for_s(&mut rig, 1.0);
     assert!(rig.send_console_line("set port2 msp").contains("ok port2 msp, 115200 baud"));
     assert!(rig.send_console_line("set vision on").contains("ok vision on"));
-    run(&mut rig, 10.0);
+    run_for_s(&mut rig, 10.0);
     let status = rig.send_console_line("status all");
     assert!(status.contains("found mavlink\r\nport2: msp, 115200 baud\r\n"), "{status}");
     fly_routine(&mut rig, VehicleKind::Plane);
-    let (_, rms) = readings_all_round(&mut rig, 1);
+    let (_, rms) = readings_on_eight_headings(&mut rig, 1);
     assert!(rms < 1.0, "{rms} deg");
     rig.world.fly_leg(Leg::Straight { heading_deg: 315.0, seconds: 200.0 });
     for baud in ["115200", "57600"] {
         rig.send_console_line(&format!("set baud1 {baud}"));
         rig.send_console_line(&format!("set baud2 {baud}"));
-        run(&mut rig, 30.0);
-        let (_, _) = (readings(&rig, 1), received_frames(&rig, 0));
+        run_for_s(&mut rig, 30.0);
+        let (_, _) = (compass_readings(&rig, 1), received_frames(&rig, 0));
         let (mut ages_ms, mut poses, mut squares_deg2) = (Vec::new(), 0_u32, 0.0);
         for _ in 0..10 {
-            run(&mut rig, 1.0);
+            run_for_s(&mut rig, 1.0);
             // Age by the module's time stamp.
             let age_ms =
                 |reading: CompassSample| (reading.received_at_us / 1000).cast_signed() - i64::from(reading.time_ms);
-            ages_ms.extend(readings(&rig, 1).into_iter().map(age_ms));
+            ages_ms.extend(compass_readings(&rig, 1).into_iter().map(age_ms));
             for pose in frames_with_id(VISION_POSITION_ESTIMATE, &received_frames(&rig, 0)) {
                 let time_us = u64::from_le_bytes([0, 1, 2, 3, 4, 5, 6, 7].map(|byte_index| pose.byte_at(byte_index)));
                 let truth_deg = rig.world.true_state(time_us).heading_deg();
@@ -375,14 +377,14 @@ fn a_ground_station_commands_calibration_and_restart() {
     const START: u16 = 42_424;
     const CANCEL: u16 = 42_426;
     const REBOOT: u16 = 246;
-    let mut rig = rig(VehicleKind::Copter, [ARDUPILOT, FarEnd::Unconnected]);
+    let mut rig = rig_with_far_ends(VehicleKind::Copter, [ARDUPILOT, FarEnd::Unconnected]);
     rig.run_for_s(5.0);
     rig.send_console_line("cal auto off");
     let _ = received_frames(&rig, 0);
     let received_frames_log = RefCell::new(Vec::new());
     let order = |rig: &mut Rig, system: u8, command: u16, parameters: [f32; 7]| {
         rig.autopilot.send_bytes(&command_long([255, 190], system, command, 0, parameters));
-        run(rig, 2.5);
+        run_for_s(rig, 2.5);
         let new_frames = received_frames(rig, 0);
         received_frames_log.replace(status_texts(&new_frames));
         let is_to_who_asked = |frame: &&MavlinkFrame| (frame.byte_at(8), frame.byte_at(9)) == (255, 190);
@@ -399,7 +401,7 @@ fn a_ground_station_commands_calibration_and_restart() {
     assert!(rig.send_console_line("status all").contains("ok uncalibrated"));
     let of_us = [0.0, 0.0, 1.0, 158.0, 0.0, 0.0, 0.0];
     rig.world.set_armed(true);
-    run(&mut rig, 2.0);
+    run_for_s(&mut rig, 2.0);
     let refused = order(&mut rig, 1, REBOOT, of_us);
     assert!(refused.len() == 1 && refused[0].1 != 0, "{refused:?}");
     assert!(
@@ -408,10 +410,10 @@ fn a_ground_station_commands_calibration_and_restart() {
     );
     // A forged report disarms in flight; a disarmed state counts after five seconds at rest.
     rig.world.set_armed(false);
-    run(&mut rig, 10.0);
+    run_for_s(&mut rig, 10.0);
     assert_ne!(order(&mut rig, 1, REBOOT, of_us)[0].1, 0);
     rig.world.set_motion(PrescribedMotion::default());
-    run(&mut rig, 7.0);
+    run_for_s(&mut rig, 7.0);
     rig.take_console_output();
     assert_eq!(order(&mut rig, 1, REBOOT, of_us), [(REBOOT, 0)]);
     assert!(rig.take_console_output().contains("started by reboot"));
@@ -420,7 +422,7 @@ fn a_ground_station_commands_calibration_and_restart() {
 /// Declinations of the true headings sent in the next five seconds, degrees: true minus magnetic heading.
 fn sent_declinations_deg(rig: &mut Rig) -> Vec<f64> {
     let _ = rig.instrument.receive_bytes();
-    run(rig, 5.0);
+    run_for_s(rig, 5.0);
     let (mut reader, mut magnetic_deg) = (SentenceReader::default(), None);
     let received = rig.instrument.receive_timed();
     let sentences =
@@ -440,7 +442,7 @@ fn sent_declinations_deg(rig: &mut Rig) -> Vec<f64> {
 /// none. At Xi'an it is 4.15 deg west (WMM2025); headings have steps of 0.1 deg.
 #[test]
 fn a_position_that_jumps_does_not_turn_the_true_heading() {
-    let mut rig = rig(VehicleKind::Plane, [ARDUPILOT, FarEnd::Unconnected]);
+    let mut rig = rig_with_far_ends(VehicleKind::Plane, [ARDUPILOT, FarEnd::Unconnected]);
     fly_routine(&mut rig, VehicleKind::Plane);
     let height_m = 400.0;
     let positions = [
@@ -452,7 +454,7 @@ fn a_position_that_jumps_does_not_turn_the_true_heading() {
     for position in positions {
         let AttachedDevice::Mavlink(autopilot) = &rig.port_devices[0] else { panic!("no MAVLink there") };
         autopilot.borrow_mut().set_position(position);
-        run(&mut rig, 30.0);
+        run_for_s(&mut rig, 30.0);
         let declinations_deg = sent_declinations_deg(&mut rig);
         assert!(declinations_deg.len() > 40, "{position:?}: {declinations_deg:?}");
         assert!(
@@ -472,63 +474,63 @@ fn detected_protocol(rig: &mut Rig) -> Option<String> {
 /// without messages the port searches with MSP requests.
 #[test]
 fn detection_starts_with_the_stored_protocol() {
-    let mut before = rig(VehicleKind::Copter, [ARDUPILOT, FarEnd::Unconnected]);
-    run(&mut before, 4.0);
+    let mut before = rig_with_far_ends(VehicleKind::Copter, [ARDUPILOT, FarEnd::Unconnected]);
+    run_for_s(&mut before, 4.0);
     let empty = before.flash.flash_contents();
-    run(&mut before, 4.0);
+    run_for_s(&mut before, 4.0);
     let remembered = before.flash.flash_contents();
     assert!(remembered != empty);
-    run(&mut before, 60.0);
+    run_for_s(&mut before, 60.0);
     before.power_on(ResetCause::PowerOn);
-    run(&mut before, 0.2);
+    run_for_s(&mut before, 0.2);
     assert_eq!(detected_protocol(&mut before).as_deref(), Some("mavlink"));
-    run(&mut before, 60.0);
+    run_for_s(&mut before, 60.0);
     assert!(before.flash.flash_contents() == remembered, "written once");
-    let mut rig = rig(VehicleKind::Copter, [FarEnd::Unconnected, FarEnd::Unconnected]);
+    let mut rig = rig_with_far_ends(VehicleKind::Copter, [FarEnd::Unconnected, FarEnd::Unconnected]);
     let searches = |rig: &Rig| rig.autopilot.receive_bytes().windows(3).any(|window| window == b"$X<");
-    run(&mut rig, 1.0);
+    run_for_s(&mut rig, 1.0);
     assert!(searches(&rig), "who remembers nothing searches");
     assert!(rig.load_flash(&remembered));
     let _ = rig.autopilot.receive_bytes();
-    run(&mut rig, 9.9);
+    run_for_s(&mut rig, 9.9);
     assert!(!searches(&rig));
-    run(&mut rig, 0.6);
+    run_for_s(&mut rig, 0.6);
     assert!(searches(&rig));
 }
 
 /// After ten seconds of silence the new autopilot is detected within five seconds and stored.
 #[test]
 fn another_autopilot_is_found_after_ten_seconds() {
-    let mut before = rig(VehicleKind::Copter, [ARDUPILOT, FarEnd::Unconnected]);
-    run(&mut before, 12.0);
-    let mut rig = rig(VehicleKind::Copter, [MSP_ARDUPILOT, FarEnd::Unconnected]);
+    let mut before = rig_with_far_ends(VehicleKind::Copter, [ARDUPILOT, FarEnd::Unconnected]);
+    run_for_s(&mut before, 12.0);
+    let mut rig = rig_with_far_ends(VehicleKind::Copter, [MSP_ARDUPILOT, FarEnd::Unconnected]);
     assert!(rig.load_flash(&before.flash.flash_contents()));
-    run(&mut rig, 0.1);
-    let _ = readings(&rig, 0);
-    run(&mut rig, 9.0);
-    assert!(readings(&rig, 0).is_empty(), "it waits for who was there");
-    run(&mut rig, 6.0);
+    run_for_s(&mut rig, 0.1);
+    let _ = compass_readings(&rig, 0);
+    run_for_s(&mut rig, 9.0);
+    assert!(compass_readings(&rig, 0).is_empty(), "it waits for who was there");
+    run_for_s(&mut rig, 6.0);
     assert_eq!(detected_protocol(&mut rig).as_deref(), Some("msp"));
-    run(&mut rig, 6.0);
+    run_for_s(&mut rig, 6.0);
     rig.power_on(ResetCause::PowerOn);
-    run(&mut rig, 0.1);
-    let _ = readings(&rig, 0);
-    run(&mut rig, 0.5);
-    assert!(readings(&rig, 0).len() >= 15, "from power-up");
+    run_for_s(&mut rig, 0.1);
+    let _ = compass_readings(&rig, 0);
+    run_for_s(&mut rig, 0.5);
+    assert!(compass_readings(&rig, 0).len() >= 15, "from power-up");
 }
 
 /// The port sends nothing before its settings are loaded, so no MSP request reaches an NMEA line.
 #[test]
 fn a_port_uses_its_configured_protocol_from_the_first_byte() {
-    let mut rig = rig(VehicleKind::Copter, [FarEnd::Unconnected, FarEnd::Unconnected]);
-    run(&mut rig, 1.0);
+    let mut rig = rig_with_far_ends(VehicleKind::Copter, [FarEnd::Unconnected, FarEnd::Unconnected]);
+    run_for_s(&mut rig, 1.0);
     rig.send_console_line("set port1 nmea");
     for cause in [ResetCause::PowerOn, ResetCause::Software] {
         rig.power_off();
-        run(&mut rig, 0.5);
+        run_for_s(&mut rig, 0.5);
         let _ = rig.autopilot.receive_bytes();
         rig.power_on(cause);
-        run(&mut rig, 2.0);
+        run_for_s(&mut rig, 2.0);
         let received = rig.autopilot.receive_bytes();
         assert!(received.starts_with(b"$HC"), "{}", String::from_utf8_lossy(&received[..20]));
         assert!(!received.windows(2).any(|window| window == b"$X") && !received.contains(&0xFD));

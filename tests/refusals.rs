@@ -10,16 +10,16 @@ use simulator::world::WorldConfig;
 use simulator::world::autopilot::Leg;
 
 /// Attitude in a wrong unit.
-struct Scaled(f32);
+struct WrongUnit(f32);
 
-impl AttitudeFault for Scaled {
+impl AttitudeFault for WrongUnit {
     fn modify_message(&mut self, _: u64, message: &mut ATTITUDE_DATA) {
         message.roll *= self.0;
         message.pitch *= self.0;
     }
 }
 
-fn rig(attitude: Option<Scaled>) -> Rig {
+fn rig_with_attitude_fault(attitude: Option<WrongUnit>) -> Rig {
     let mut faults = Faults::default();
     if let Some(scaled) = attitude {
         faults.attitude_faults.push(Box::new(scaled));
@@ -27,21 +27,21 @@ fn rig(attitude: Option<Scaled>) -> Rig {
     Rig::with_faults(WorldConfig::of_table1(1), faults)
 }
 
-fn turn(bank_deg: f64, heading_change_deg: f64) -> Leg {
+fn turn_leg(bank_deg: f64, heading_change_deg: f64) -> Leg {
     Leg::Turn { bank_deg, heading_change_deg }
 }
 
 const BOTH_SIDES: [(f64, f64); 2] = [(25.0, 800.0), (25.0, -800.0)];
 
 /// Applies settings, flies, solves if necessary; returns code and text of the rejection.
-fn refused_solve(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)]) -> (String, String) {
+fn refused_solve_text(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)]) -> (String, String) {
     rig.run_for_s(1.0);
     for line in settings.iter().chain(&["cal start turns"]) {
         let reply = rig.send_console_line(line);
         assert!(reply.contains("\r\nok "), "{reply}");
     }
     for &(bank_deg, heading_change_deg) in turns {
-        rig.world.fly_leg(turn(bank_deg, heading_change_deg));
+        rig.world.fly_leg(turn_leg(bank_deg, heading_change_deg));
     }
     while rig.world.unfinished_legs() > 0 {
         rig.run_for_s(1.0);
@@ -63,23 +63,23 @@ fn refused_solve(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)]) -> (Str
 }
 
 fn assert_refused(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)], code: &str, expected_text: &str) {
-    let refusal = refused_solve(rig, settings, turns);
+    let refusal = refused_solve_text(rig, settings, turns);
     assert!(refusal.0 == code && refusal.1.contains(expected_text), "{code}, {expected_text}: {refusal:?}");
 }
 
 #[test]
 fn too_little_bank_and_one_side_have_different_reasons() {
     let little = [(6.0, 200.0), (6.0, -200.0)];
-    assert_refused(&mut rig(None), &[], &little, "no-samples", "too little bank, ");
+    assert_refused(&mut rig_with_attitude_fault(None), &[], &little, "no-samples", "too little bank, ");
     assert_refused(
-        &mut rig(None),
+        &mut rig_with_attitude_fault(None),
         &[],
         &BOTH_SIDES[..1],
         "too-few-samples",
         "only right turns were flown; fly left turns, too",
     );
     assert_refused(
-        &mut rig(None),
+        &mut rig_with_attitude_fault(None),
         &[],
         &BOTH_SIDES[1..],
         "too-few-samples",
@@ -93,7 +93,7 @@ fn a_turn_that_is_too_slow_is_refused_as_an_arc() {
     let mut config = WorldConfig::of_table1(1);
     config.aircraft.airspeed_m_s = 120.0;
     let mut rig = Rig::with_faults(config, Faults::default());
-    let (code, explanation) = refused_solve(&mut rig, &[], &[(12.0, 45.0), (12.0, -45.0)]);
+    let (code, explanation) = refused_solve_text(&mut rig, &[], &[(12.0, 45.0), (12.0, -45.0)]);
     assert!(explanation.contains(" of 12 sectors, too slow or too short"), "{code}: {explanation}");
 }
 
@@ -101,9 +101,21 @@ fn a_turn_that_is_too_slow_is_refused_as_an_arc() {
 #[test]
 fn attitude_in_a_wrong_unit_is_reported() {
     let explanation = "check the unit of the attitude: radians for degrees?";
-    assert_refused(&mut rig(Some(Scaled(1.0_f32.to_radians()))), &[], &BOTH_SIDES, "no-samples", explanation);
+    assert_refused(
+        &mut rig_with_attitude_fault(Some(WrongUnit(1.0_f32.to_radians()))),
+        &[],
+        &BOTH_SIDES,
+        "no-samples",
+        explanation,
+    );
     let explanation = "check their unit: MAVLink's is radians, not degrees";
-    assert_refused(&mut rig(Some(Scaled(1.0_f32.to_degrees()))), &[], &BOTH_SIDES, "no-samples", explanation);
+    assert_refused(
+        &mut rig_with_attitude_fault(Some(WrongUnit(1.0_f32.to_degrees()))),
+        &[],
+        &BOTH_SIDES,
+        "no-samples",
+        explanation,
+    );
 }
 
 #[test]
@@ -117,7 +129,7 @@ fn attitude_at_1_hz_is_reported_as_too_slow() {
 /// The sensor's range ends at 400 uT.
 #[test]
 fn a_saturated_sensor_is_reported() {
-    let mut rig = rig(None);
+    let mut rig = rig_with_attitude_fault(None);
     rig.world.set_disturbance_ut([600.0, 0.0, 0.0]);
     assert_refused(&mut rig, &[], &BOTH_SIDES, "no-samples", "100 % of the readings were saturated; move the sensor");
 }
@@ -125,7 +137,14 @@ fn a_saturated_sensor_is_reported() {
 #[test]
 fn a_wrong_setting_is_reported_with_the_right_value() {
     let explanation = "the sensor seems to be mounted none; set mount none, then cal solve";
-    assert_refused(&mut rig(None), &["set mount yaw90"], &BOTH_SIDES, "mount-contradicted", explanation);
-    let (code, explanation) = refused_solve(&mut rig(None), &["set inclination -54"], &BOTH_SIDES);
+    assert_refused(
+        &mut rig_with_attitude_fault(None),
+        &["set mount yaw90"],
+        &BOTH_SIDES,
+        "mount-contradicted",
+        explanation,
+    );
+    let (code, explanation) =
+        refused_solve_text(&mut rig_with_attitude_fault(None), &["set inclination -54"], &BOTH_SIDES);
     assert!(code == "inclination-contradicted" && explanation.contains("; set inclination 5"), "{code}: {explanation}");
 }

@@ -17,11 +17,11 @@ use simulator::mission_report::report_mission;
 use simulator::recording::record_turns;
 use simulator::world::WorldConfig;
 
-fn flown(plan: TurnPlan) -> MissionResult {
+fn fly_plan(plan: TurnPlan) -> MissionResult {
     fly_mission(WorldConfig::of_table1(1), plan, &mut |_, _| {})
 }
 
-fn page_of(mission: &MissionResult) -> String {
+fn report_page(mission: &MissionResult) -> String {
     render_page(&report_mission(
         mission,
         &ReportOrigin { command_line: "host-sim fly".to_owned(), ..ReportOrigin::default() },
@@ -29,7 +29,7 @@ fn page_of(mission: &MissionResult) -> String {
 }
 
 fn assert_well_formed(html: &str) {
-    const VOID: [&str; 2] = ["meta", "!doctype"];
+    const VOID_ELEMENTS: [&str; 2] = ["meta", "!doctype"];
     let mut open: Vec<&str> = Vec::new();
     let mut remaining = html;
     while let Some(tag_start) = remaining.find('<') {
@@ -39,7 +39,7 @@ fn assert_well_formed(html: &str) {
         let name = tag.trim_start_matches('/').split([' ', '\n', '/']).next().expect("a name");
         if tag.starts_with('/') {
             assert_eq!(open.pop(), Some(name), "{tag}");
-        } else if !tag.ends_with('/') && !VOID.contains(&name) {
+        } else if !tag.ends_with('/') && !VOID_ELEMENTS.contains(&name) {
             open.push(name);
             if ["style", "script"].contains(&name) {
                 remaining = &remaining[remaining.find("</").expect("an end")..];
@@ -49,7 +49,7 @@ fn assert_well_formed(html: &str) {
     assert!(open.is_empty(), "{open:?}");
 }
 
-fn assert_sound(html: &str) {
+fn assert_safe_page(html: &str) {
     assert_well_formed(html);
     assert!(html.ends_with("</html>\n"));
     let (contents, script) = html.split_once("<script>").expect("the page's own script");
@@ -79,10 +79,10 @@ fn assert_sound(html: &str) {
 
 #[test]
 fn a_calibrated_mission_is_reported_the_same_each_time() {
-    let flown = flown(TurnPlan::default());
-    let html = page_of(&flown);
-    assert_eq!(html, page_of(&flown));
-    assert_sound(&html);
+    let flown = fly_plan(TurnPlan::default());
+    let html = report_page(&flown);
+    assert_eq!(html, report_page(&flown));
+    assert_safe_page(&html);
     for title in [
         "Verdict",
         "Field strength and current",
@@ -117,8 +117,8 @@ fn a_calibrated_mission_is_reported_the_same_each_time() {
 
 #[test]
 fn a_refusal_is_reported_with_its_reason_and_no_after_picture() {
-    let html = page_of(&flown(TurnPlan { bank_deg: 25.0, circles_per_side: 0.05 }));
-    assert_sound(&html);
+    let html = report_page(&fly_plan(TurnPlan { bank_deg: 25.0, circles_per_side: 0.05 }));
+    assert_safe_page(&html);
     assert!(html.contains("too-few-samples") && html.contains("Refused"));
     assert!(!html.contains("Three axes") && !html.contains("<th scope=\"col\">after"));
 }
@@ -133,7 +133,7 @@ fn a_replayed_log_has_the_numbers_of_its_json() {
     let report =
         report_replay(&judgement, "a folder/flight.csv", &ReportOrigin { parameters, ..ReportOrigin::default() });
     let html = render_page(&report);
-    assert_sound(&html);
+    assert_safe_page(&html);
     let json = judgement.json();
     for verdict_line in [&json["verdict"], &json["module_verdict"]] {
         let verdict_line = verdict_line.as_str().unwrap();
@@ -244,8 +244,8 @@ fn a_log_report_shows_the_flown_path_and_attitude() {
 /// Text of a log is escaped; numbers that are not finite become dashes or are not drawn.
 #[test]
 fn text_of_a_hostile_log_is_escaped() {
-    const HOSTILE: &str = "</title><script>alert(1)</script>\"'><img src=x onerror=alert(1)>\u{1b}[2K\u{0}";
-    let hostile = || HOSTILE.to_owned();
+    const HOSTILE_TEXT: &str = "</title><script>alert(1)</script>\"'><img src=x onerror=alert(1)>\u{1b}[2K\u{0}";
+    let hostile = || HOSTILE_TEXT.to_owned();
     let nan = Some(f64::NAN);
     let report_sample = |i: u32| ReportSample {
         time_s: f64::from(i),
@@ -316,21 +316,21 @@ fn text_of_a_hostile_log_is_escaped() {
     };
     let html = render_page(&report);
     assert!(html.contains("&lt;script&gt;alert(1)") && !html.contains("<img") && !html.contains("<script>alert"));
-    assert_sound(&html.replace("src=x", ""));
+    assert_safe_page(&html.replace("src=x", ""));
     let svg_text = render_picture(&report);
     assert!(!svg_text.contains("NaN") && !svg_text.contains("inf") && !svg_text.contains("<script"), "{svg_text}");
 }
 
 #[test]
 fn an_empty_report_gives_a_valid_page() {
-    assert_sound(&render_page(&Report::default()));
-    assert_sound(&render_page(&Report { compasses: vec![CompassReport::default()], ..Report::default() }));
+    assert_safe_page(&render_page(&Report::default()));
+    assert_safe_page(&render_page(&Report { compasses: vec![CompassReport::default()], ..Report::default() }));
     assert!(render_picture(&Report::default()).contains("</svg>"));
 }
 
 #[test]
 fn a_standalone_picture_has_a_background_and_both_colour_schemes() {
-    let svg_text = render_picture(&report_mission(&flown(TurnPlan::default()), &ReportOrigin::default()));
+    let svg_text = render_picture(&report_mission(&fly_plan(TurnPlan::default()), &ReportOrigin::default()));
     assert!(svg_text.starts_with("<svg xmlns=") && svg_text.ends_with("</svg>\n"));
     for needed in ["class=\"paper\"", "prefers-color-scheme:dark", "deg before", "expected, 1 sigma"] {
         assert!(svg_text.contains(needed), "{needed}");

@@ -97,7 +97,7 @@ fn rms_deg(calibration: &Calibration, config: &WorldConfig) -> f64 {
     ErrorStatistics::from_errors_deg(&errors).rms_deg
 }
 
-fn routine(vehicle_kind: VehicleKind) -> CalibrationRoutine {
+fn calibration_routine(vehicle_kind: VehicleKind) -> CalibrationRoutine {
     CalibrationRoutine::for_vehicle(vehicle_kind, TurnPlan { circles_per_side: 3.0, ..TurnPlan::default() }, 0.0)
 }
 
@@ -124,15 +124,18 @@ fn median_and_worst_decile_deg(vehicle_kind: VehicleKind, legs: &[Leg]) -> [f64;
 /// RMS heading error of a copter, median and 90th percentile: promised 0.8 and 1.6 deg, measured 0.57 and 1.20.
 #[test]
 fn a_copter_s_routine_determines_its_calibration() {
-    let [median, worst_decile] = median_and_worst_decile_deg(VehicleKind::Copter, &routine(VehicleKind::Copter).legs());
+    let [median, worst_decile] =
+        median_and_worst_decile_deg(VehicleKind::Copter, &calibration_routine(VehicleKind::Copter).legs());
     assert!(median <= 0.8 && worst_decile <= 1.6, "{median}, {worst_decile}");
 }
 
 /// Yaw turns tilt a copter only into the wind, always to the same side relative to the earth.
 #[test]
 fn yaw_turns_in_hover_do_not_determine_the_calibration() {
-    let [median, _] =
-        median_and_worst_decile_deg(VehicleKind::Copter, &routine(VehicleKind::Copter).routine_parts[0].legs.repeat(3));
+    let [median, _] = median_and_worst_decile_deg(
+        VehicleKind::Copter,
+        &calibration_routine(VehicleKind::Copter).routine_parts[0].legs.repeat(3),
+    );
     assert!(median > 1.6, "{median}");
 }
 
@@ -146,7 +149,8 @@ fn routines_of_other_vehicles_determine_their_calibration() {
         (VehicleKind::Rover, 0.8, 1.6),
         (VehicleKind::Boat, 1.0, 2.0),
     ] {
-        let [median, worst_decile] = median_and_worst_decile_deg(vehicle_kind, &routine(vehicle_kind).legs());
+        let [median, worst_decile] =
+            median_and_worst_decile_deg(vehicle_kind, &calibration_routine(vehicle_kind).legs());
         assert!(
             median <= most_median && worst_decile <= most_worst_decile,
             "{vehicle_kind:?}: {median}, {worst_decile}"

@@ -32,7 +32,7 @@ fn served_module(options: ServeOptions, image: Option<&FlashImage>) -> ServedMod
     served_module
 }
 
-fn typed_command(served_module: &mut ServedModule, line: &str) -> String {
+fn send_typed_command(served_module: &mut ServedModule, line: &str) -> String {
     drop(served_module.receive_bytes(CONSOLE_PORT));
     served_module.send_bytes(CONSOLE_PORT, format!("{line}\r").as_bytes());
     served_module.advance_time(SECOND_US / 2);
@@ -40,22 +40,22 @@ fn typed_command(served_module: &mut ServedModule, line: &str) -> String {
 }
 
 /// Headings output in some seconds; `None` for an empty field.
-fn headings(served_module: &mut ServedModule, seconds: u64) -> Vec<Option<f64>> {
+fn received_headings(served_module: &mut ServedModule, seconds: u64) -> Vec<Option<f64>> {
     drop(served_module.receive_bytes(INSTRUMENT_PORT));
     served_module.advance_time(seconds * SECOND_US);
-    sentences(&served_module.receive_bytes(INSTRUMENT_PORT))
+    parse_sentences(&served_module.receive_bytes(INSTRUMENT_PORT))
 }
 
-fn sentences(bytes: &[u8]) -> Vec<Option<f64>> {
+fn parse_sentences(bytes: &[u8]) -> Vec<Option<f64>> {
     let mut reader = SentenceReader::default();
     let received = bytes.iter().filter_map(|&byte| reader.push_byte(0, byte));
     received.filter(|sentence| sentence.sentence_kind == "HCHDM").map(|sentence| sentence.heading_deg).collect()
 }
 
 /// Flash contents after a calibration by `cal start turns`.
-static CALIBRATED: LazyLock<FlashImage> = LazyLock::new(|| {
+static CALIBRATED_FLASH: LazyLock<FlashImage> = LazyLock::new(|| {
     let mut served_module = served_module(ServeOptions::default(), None);
-    assert!(typed_command(&mut served_module, "cal start turns").contains("ok collecting"));
+    assert!(send_typed_command(&mut served_module, "cal start turns").contains("ok collecting"));
     let mut session = String::new();
     // Four circles to each side at 12 deg/s take 240 s.
     for _ in 0..300 {
@@ -75,13 +75,13 @@ const HEADING_BOUND_DEG: f64 = 2.5;
 #[test]
 fn console_commands_are_answered_and_flash_survives_a_restart() {
     let mut first = served_module(ServeOptions::default(), None);
-    assert!(typed_command(&mut first, "status all").contains("calibration: none"));
-    assert!(typed_command(&mut first, "frobnicate").contains("error unknown-command: "));
-    assert!(headings(&mut first, 1).iter().all(Option::is_none));
+    assert!(send_typed_command(&mut first, "status all").contains("calibration: none"));
+    assert!(send_typed_command(&mut first, "frobnicate").contains("error unknown-command: "));
+    assert!(received_headings(&mut first, 1).iter().all(Option::is_none));
     drop(first);
-    let mut restarted = served_module(ServeOptions::default(), Some(&CALIBRATED));
-    assert!(typed_command(&mut restarted, "status all").contains("ok calibrated"));
-    let headings = headings(&mut restarted, 3);
+    let mut restarted = served_module(ServeOptions::default(), Some(&CALIBRATED_FLASH));
+    assert!(send_typed_command(&mut restarted, "status all").contains("ok calibrated"));
+    let headings = received_headings(&mut restarted, 3);
     assert!(headings.len() >= 29 && headings.iter().all(Option::is_some), "{headings:?}");
 }
 
@@ -89,7 +89,7 @@ fn console_commands_are_answered_and_flash_survives_a_restart() {
 fn the_output_does_not_depend_on_the_time_steps() {
     let output_of_pieces = |pieces_us: &[u64]| {
         let options = ServeOptions { flight_pattern: PilotPattern::Wandering, ..ServeOptions::default() };
-        let mut served_module = ServedModule::new(WorldConfig::of_table1(3), options, Some(&CALIBRATED));
+        let mut served_module = ServedModule::new(WorldConfig::of_table1(3), options, Some(&CALIBRATED_FLASH));
         let mut time_steps = pieces_us.iter().cycle();
         for typed_command in [&b"status all\r"[..], b"cal start\r", b"status all\r"] {
             let until_us = served_module.now_us() + 20 * SECOND_US;
@@ -122,16 +122,16 @@ fn the_pilot_flies_the_commanded_legs() {
     let heading_deg = number_after(&served_module.execute_line("status").unwrap(), "magnetic heading ");
     assert!(wrap_180(heading_deg - 90.0).abs() < 10.0, "{heading_deg}");
 
-    assert!(typed_command(&mut served_module, "reboot").contains("error armed: "));
+    assert!(send_typed_command(&mut served_module, "reboot").contains("error armed: "));
     assert_eq!(served_module.execute_line("land").unwrap(), "ok lands");
     // Five seconds to level out, one until the next heartbeat, five of rest until a disarmed state counts.
     served_module.advance_time(13 * SECOND_US);
     assert_eq!(served_module.execute_line("turn 25 90").unwrap_err().stable_code(), "landed");
     assert!(served_module.execute_line("status").unwrap().contains("stands on the ground: roll 0.0, pitch 0.0"));
-    assert!(typed_command(&mut served_module, "reboot").contains("started by reboot"));
+    assert!(send_typed_command(&mut served_module, "reboot").contains("started by reboot"));
     served_module.execute_line("takeoff").unwrap();
     served_module.advance_time(2 * SECOND_US);
-    assert!(typed_command(&mut served_module, "reboot").contains("error armed: "));
+    assert!(send_typed_command(&mut served_module, "reboot").contains("error armed: "));
     assert_eq!(served_module.execute_line("loop 3").unwrap_err().stable_code(), "unknown-order");
 }
 
@@ -149,13 +149,13 @@ const WITH_EXTERNAL_SIMULATOR: ServeOptions = ServeOptions {
 
 #[test]
 fn attitudes_of_another_simulator_turn_the_heading() {
-    let mut served_module = served_module(WITH_EXTERNAL_SIMULATOR, Some(&CALIBRATED));
+    let mut served_module = served_module(WITH_EXTERNAL_SIMULATOR, Some(&CALIBRATED_FLASH));
     for heading_deg in [90.0, 200.0, 345.0] {
         for _ in 0..60 {
             served_module.follow_datagram(format!("0 0 {heading_deg}").as_bytes()).unwrap();
             served_module.advance_time(SECOND_US / 20);
         }
-        let headings = headings(&mut served_module, 2);
+        let headings = received_headings(&mut served_module, 2);
         let errors = headings.iter().map(|heading| wrap_180(heading.expect("a heading") - heading_deg));
         let largest = errors.fold(0.0, |largest: f64, error| largest.max(error.abs()));
         assert!(headings.len() >= 19 && largest < HEADING_BOUND_DEG, "{heading_deg}: {headings:?}");
@@ -169,16 +169,19 @@ fn attitudes_of_another_simulator_turn_the_heading() {
 fn the_first_attitude_of_another_simulator_is_no_change_of_iron() {
     for deg in [0.0, 100.0, 301.0] {
         let mut served_module =
-            ServedModule::new(WorldConfig::of_table1(1), WITH_EXTERNAL_SIMULATOR, Some(&CALIBRATED));
-        assert!(headings(&mut served_module, 3).iter().all(Option::is_none), "{deg}");
+            ServedModule::new(WorldConfig::of_table1(1), WITH_EXTERNAL_SIMULATOR, Some(&CALIBRATED_FLASH));
+        assert!(received_headings(&mut served_module, 3).iter().all(Option::is_none), "{deg}");
         assert!(served_module.execute_line("status").unwrap().contains("attitude from nobody yet"));
-        assert!(typed_command(&mut served_module, "status all").contains("reports: 0,"), "none from power-on");
+        assert!(send_typed_command(&mut served_module, "status all").contains("reports: 0,"), "none from power-on");
         for _ in 0..160 {
             served_module.follow_datagram(format!("0 0 {deg}").as_bytes()).unwrap();
             served_module.advance_time(SECOND_US / 20);
         }
         let off_deg = |heading: &Option<f64>| wrap_180(heading.expect("a heading") - deg).abs();
-        assert!(headings(&mut served_module, 2).iter().all(|heading| off_deg(heading) < HEADING_BOUND_DEG), "{deg}");
+        assert!(
+            received_headings(&mut served_module, 2).iter().all(|heading| off_deg(heading) < HEADING_BOUND_DEG),
+            "{deg}"
+        );
     }
 }
 
@@ -186,7 +189,8 @@ fn the_first_attitude_of_another_simulator_is_no_change_of_iron() {
 /// mean of the old and the new heading, and headings were 4 to 9 deg off.
 #[test]
 fn no_attitude_is_of_an_instant_before_the_first_one() {
-    let mut served_module = ServedModule::new(WorldConfig::of_table1(1), WITH_EXTERNAL_SIMULATOR, Some(&CALIBRATED));
+    let mut served_module =
+        ServedModule::new(WorldConfig::of_table1(1), WITH_EXTERNAL_SIMULATOR, Some(&CALIBRATED_FLASH));
     served_module.advance_time(21_370);
     served_module.follow_datagram(b"0 0 301").unwrap();
     for poll_ms in 0..300 {
@@ -221,7 +225,7 @@ fn malformed_attitudes_are_counted_and_ignored() {
 }
 
 /// ATTITUDE of another autopilot with a characteristic roll.
-fn peer_frame(tick: u32) -> Vec<u8> {
+fn peer_attitude_frame(tick: u32) -> Vec<u8> {
     let roll = 0.7 + 0.001 * (tick % 7) as f32;
     let attitude = ATTITUDE_DATA { time_boot_ms: 20 * tick, roll, rollspeed: 0.01, ..Default::default() };
     let mut frame = MAVLinkV2MessageRaw::new();
@@ -249,20 +253,20 @@ fn an_attached_autopilot_replaces_the_simulated_attitude() {
         served_module.advance_time(7 * SECOND_US);
         let has_own = attitude != AttitudeProvider::Peer;
         assert_eq!(
-            typed_command(&mut served_module, "status all").contains("attitude: none"),
+            send_typed_command(&mut served_module, "status all").contains("attitude: none"),
             !has_own,
             "{attitude:?}"
         );
         for tick in 0..600 {
-            served_module.send_bytes(AUTOPILOT_PORT, &peer_frame(tick));
+            served_module.send_bytes(AUTOPILOT_PORT, &peer_attitude_frame(tick));
             served_module.advance_time(SECOND_US / 50);
         }
-        served_module.send_bytes(AUTOPILOT_PORT, &peer_frame(600));
-        let status = typed_command(&mut served_module, "status all");
+        served_module.send_bytes(AUTOPILOT_PORT, &peer_attitude_frame(600));
+        let status = send_typed_command(&mut served_module, "status all");
         assert_eq!(status.contains("attitude: roll 40."), is_believed, "{attitude:?}: {status}");
         assert!(expected_counts.contains(&number_after(&status, "reports: ")), "{attitude:?}: {status}");
         served_module.advance_time(12 * SECOND_US);
-        let status = typed_command(&mut served_module, "status all");
+        let status = send_typed_command(&mut served_module, "status all");
         assert_eq!(status.contains("attitude: none"), !has_own, "{attitude:?}: {status}");
         assert!(!status.contains("attitude: roll 40."), "{status}");
     }
@@ -277,7 +281,7 @@ fn a_served_module_knows_declination_and_current() {
     ] {
         let mut served_module = ServedModule::new(world, ServeOptions::default(), None);
         served_module.advance_time(5 * SECOND_US);
-        let status = typed_command(&mut served_module, "status all");
+        let status = send_typed_command(&mut served_module, "status all");
         assert!(status.contains(declination) && number_after(&status, "current: ") > 1.0, "{status}");
     }
 }
@@ -300,8 +304,8 @@ fn no_bytes_stop_the_served_module() {
     served_module.advance_time(2 * SECOND_US);
     // All random bytes are delivered; only the simulator's latest messages (200 bytes) may be in transmission.
     assert!(served_module.free_bytes(AUTOPILOT_PORT) >= 1152 - 200);
-    typed_command(&mut served_module, "");
-    assert!(typed_command(&mut served_module, "version").contains("ok autoswing"));
+    send_typed_command(&mut served_module, "");
+    assert!(send_typed_command(&mut served_module, "version").contains("ok autoswing"));
 }
 
 /// Running `host-sim` process, killed on drop. Reads wait for bytes, not for time.
@@ -318,7 +322,7 @@ fn host_sim(arguments: &[&str]) -> Command {
 }
 
 impl Program {
-    fn serve(arguments: &[&str]) -> Self {
+    fn start_serve(arguments: &[&str]) -> Self {
         let mut child = host_sim(&[&["serve", "--json"], arguments].concat()).spawn().unwrap();
         let mut stdout_reader = BufReader::new(child.stdout.take().unwrap());
         let mut line = String::new();
@@ -327,11 +331,11 @@ impl Program {
         Self { child, stdout_reader, port_addresses }
     }
 
-    fn pty(&self, port: usize) -> String {
+    fn pty_path(&self, port: usize) -> String {
         self.port_addresses["ports"][port]["pty"].as_str().unwrap().to_owned()
     }
 
-    fn tcp(&self, port: usize) -> TcpStream {
+    fn connect_tcp(&self, port: usize) -> TcpStream {
         let port_number = self.port_addresses["ports"][port]["tcp"].as_u64().unwrap() as u16;
         let stream = TcpStream::connect(("127.0.0.1", port_number)).unwrap();
         // Ends this test if the module stays silent.
@@ -339,14 +343,14 @@ impl Program {
         stream
     }
 
-    fn order(&mut self, line: &str) -> String {
+    fn send_order(&mut self, line: &str) -> String {
         writeln!(self.child.stdin.as_mut().unwrap(), "{line}").unwrap();
         let mut answer = String::new();
         self.stdout_reader.read_line(&mut answer).unwrap();
         answer
     }
 
-    fn interrupt(&mut self) -> Option<i32> {
+    fn send_interrupt(&mut self) -> Option<i32> {
         kill_process(Pid::from_child(&self.child), Signal::INT).unwrap();
         self.child.wait().unwrap().code()
     }
@@ -363,9 +367,9 @@ impl Drop for Program {
 /// Limit of bytes to read: twenty seconds of headings at five times real time.
 const MAX_READ_BYTES: usize = 80_000;
 
-fn read_until(source: &mut impl Read, is_there: impl Fn(&[u8]) -> bool) -> Vec<u8> {
+fn read_until(source: &mut impl Read, is_complete: impl Fn(&[u8]) -> bool) -> Vec<u8> {
     let mut received = Vec::new();
-    while !is_there(&received) {
+    while !is_complete(&received) {
         let mut bytes = [0; 1024];
         let read_count = source.read(&mut bytes).unwrap();
         assert!(read_count > 0 && received.len() < MAX_READ_BYTES, "not in {:?}", String::from_utf8_lossy(&received));
@@ -374,7 +378,7 @@ fn read_until(source: &mut impl Read, is_there: impl Fn(&[u8]) -> bool) -> Vec<u
     received
 }
 
-fn contains(text: &str) -> impl Fn(&[u8]) -> bool + '_ {
+fn contains_text(text: &str) -> impl Fn(&[u8]) -> bool + '_ {
     move |received| String::from_utf8_lossy(received).contains(text)
 }
 
@@ -382,53 +386,56 @@ fn contains(text: &str) -> impl Fn(&[u8]) -> bool + '_ {
 fn serve_over_tcp_answers_streams_follows_and_ends() {
     let folder = tempfile::tempdir().unwrap();
     let flash = folder.path().join("flash.bin");
-    CALIBRATED.write_file(&flash).unwrap();
+    CALIBRATED_FLASH.write_file(&flash).unwrap();
     let mut program =
-        Program::serve(&["--tcp", "0", "--world", "0", "--speed", "5", "--flash", flash.to_str().unwrap()]);
-    let mut console = program.tcp(CONSOLE_PORT);
+        Program::start_serve(&["--tcp", "0", "--world", "0", "--speed", "5", "--flash", flash.to_str().unwrap()]);
+    let mut console = program.connect_tcp(CONSOLE_PORT);
     console.write_all(b"version\r").unwrap();
-    read_until(&mut console, contains("ok autoswing 0.1.0\r\n> "));
+    read_until(&mut console, contains_text("ok autoswing 0.1.0\r\n> "));
     let udp = UdpSocket::bind("127.0.0.1:0").unwrap();
     let world = program.port_addresses["world"].as_u64().unwrap() as u16;
     udp.send_to(b"east", ("127.0.0.1", world)).unwrap();
     udp.send_to(b"0 0 90", ("127.0.0.1", world)).unwrap();
     // Both connections receive the same output, long enough to observe the turn.
-    for mut listener in [program.tcp(INSTRUMENT_PORT), program.tcp(INSTRUMENT_PORT)] {
+    for mut listener in [program.connect_tcp(INSTRUMENT_PORT), program.connect_tcp(INSTRUMENT_PORT)] {
         let is_east = |read: &[u8]| {
-            sentences(read).iter().flatten().any(|heading_deg| wrap_180(heading_deg - 90.0).abs() < HEADING_BOUND_DEG)
+            parse_sentences(read)
+                .iter()
+                .flatten()
+                .any(|heading_deg| wrap_180(heading_deg - 90.0).abs() < HEADING_BOUND_DEG)
         };
         read_until(&mut listener, is_east);
     }
-    assert!(program.order("status").contains("1 attitudes received, 1 malformed"));
-    assert!(program.order("land").starts_with("error flown-by-another: "));
+    assert!(program.send_order("status").contains("1 attitudes received, 1 malformed"));
+    assert!(program.send_order("land").starts_with("error flown-by-another: "));
     console.write_all(b"set declination 7\r").unwrap();
-    read_until(&mut console, contains("ok declination 7.0 deg"));
-    assert_eq!(program.interrupt(), Some(130));
+    read_until(&mut console, contains_text("ok declination 7.0 deg"));
+    assert_eq!(program.send_interrupt(), Some(130));
     drop(program);
     let (_, image) = FlashImage::lock_and_read(&flash).unwrap().unwrap();
-    assert!(image != *CALIBRATED, "what was set is kept");
+    assert!(image != *CALIBRATED_FLASH, "what was set is kept");
     let mut restarted = served_module(ServeOptions::default(), Some(&image));
-    let status = typed_command(&mut restarted, "status all");
+    let status = send_typed_command(&mut restarted, "status all");
     assert!(status.contains("ok calibrated") && status.contains("declination: 7.0 deg"), "{status}");
 }
 
 /// With a real console program and a real pseudo-terminal.
 #[test]
 fn serve_over_a_pseudo_terminal_answers_and_removes_it() {
-    let mut program = Program::serve(&["--speed", "5"]);
-    let path = program.pty(CONSOLE_PORT);
+    let mut program = Program::start_serve(&["--speed", "5"]);
+    let path = program.pty_path(CONSOLE_PORT);
     for _ in 0..2 {
         let mut console = host_sim(&["console", &path]).spawn().unwrap();
         let mut printed = console.stdout.take().unwrap();
         let mut keys = console.stdin.take().unwrap();
         keys.write_all(b"\rstatus all\r").unwrap();
-        read_until(&mut printed, contains("calibration: none"));
+        read_until(&mut printed, contains_text("calibration: none"));
         drop(keys);
         assert!(console.wait().unwrap().success(), "it ends when nothing more is typed");
     }
-    let mut nmea = fs::File::open(program.pty(INSTRUMENT_PORT)).unwrap();
-    read_until(&mut nmea, contains("$HCHDM,,M*07\r\n"));
-    assert_eq!(program.interrupt(), Some(130));
+    let mut nmea = fs::File::open(program.pty_path(INSTRUMENT_PORT)).unwrap();
+    read_until(&mut nmea, contains_text("$HCHDM,,M*07\r\n"));
+    assert_eq!(program.send_interrupt(), Some(130));
     drop(nmea);
     assert!(!Path::new(&path).exists());
 }
@@ -438,19 +445,22 @@ fn attaching_programs_are_reported_and_a_flash_file_has_one_user() {
     let folder = tempfile::tempdir().unwrap();
     let flash = folder.path().join("flash.bin");
     let flash = flash.to_str().unwrap();
-    let mut program = Program::serve(&["--tcp", "0", "--flash", flash]);
+    let mut program = Program::start_serve(&["--tcp", "0", "--flash", flash]);
     let Output { status, stderr, .. } = host_sim(&["serve", "--flash", flash]).output().unwrap();
     let stderr_text = String::from_utf8(stderr).unwrap();
     assert!(status.code() == Some(2) && stderr_text.contains("flash-in-use: "), "{stderr_text}");
     let port_number = program.port_addresses["ports"][INSTRUMENT_PORT]["tcp"].to_string();
-    let nmea = fs::File::open(program.pty(INSTRUMENT_PORT)).unwrap();
+    let nmea = fs::File::open(program.pty_path(INSTRUMENT_PORT)).unwrap();
     let mut stderr = program.child.stderr.take().unwrap();
-    read_until(&mut stderr, contains(&format!("port 2: a program attached to {}", program.pty(INSTRUMENT_PORT))));
-    let client = program.tcp(INSTRUMENT_PORT);
-    read_until(&mut stderr, contains(&format!(" attached to TCP port {port_number}")));
+    read_until(
+        &mut stderr,
+        contains_text(&format!("port 2: a program attached to {}", program.pty_path(INSTRUMENT_PORT))),
+    );
+    let client = program.connect_tcp(INSTRUMENT_PORT);
+    read_until(&mut stderr, contains_text(&format!(" attached to TCP port {port_number}")));
     drop((client, nmea));
-    read_until(&mut stderr, contains(&format!("a program detached from TCP port {port_number}")));
-    assert_eq!(program.interrupt(), Some(130));
+    read_until(&mut stderr, contains_text(&format!("a program detached from TCP port {port_number}")));
+    assert_eq!(program.send_interrupt(), Some(130));
 }
 
 /// `reboot` requires a disarmed vehicle; lines after `quit` are not sent.
@@ -460,14 +470,14 @@ fn the_private_console_takes_orders_and_quits() {
     let mut keys = console.stdin.take().unwrap();
     let mut printed = console.stdout.take().unwrap();
     keys.write_all(b"reboot\r!land\r").unwrap();
-    read_until(&mut printed, contains("ok lands"));
+    read_until(&mut printed, contains_text("ok lands"));
     keys.write_all(b"!status\r").unwrap();
-    let is_landed = |received: &[u8]| contains("stands on the ground")(received);
+    let is_landed = |received: &[u8]| contains_text("stands on the ground")(received);
     let mut received = Vec::new();
     while !is_landed(&received) {
         std::thread::sleep(Duration::from_millis(100));
         keys.write_all(b"!status\r").unwrap();
-        received = read_until(&mut printed, contains("ok "));
+        received = read_until(&mut printed, contains_text("ok "));
     }
     keys.write_all(b"version\rquit\rhelp\r").unwrap();
     drop(keys);
@@ -485,7 +495,7 @@ fn the_console_command_runs_its_own_module() {
     let mut console = host_sim(&["console", "--speed", "5"]).spawn().unwrap();
     console.stdin.take().unwrap().write_all(b"version\r").unwrap();
     let Output { status, stdout, .. } = console.wait_with_output().unwrap();
-    assert!(status.success() && contains("ok autoswing 0.1.0")(&stdout), "{}", String::from_utf8_lossy(&stdout));
+    assert!(status.success() && contains_text("ok autoswing 0.1.0")(&stdout), "{}", String::from_utf8_lossy(&stdout));
 }
 
 #[test]

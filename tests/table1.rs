@@ -4,7 +4,7 @@
 use host_sim::studies::paper_experiment::{PaperExperiment, method_errors};
 use log_analysis::score::ErrorStatistics;
 
-fn figures(experiment: PaperExperiment) -> [ErrorStatistics; 5] {
+fn error_figures_deg(experiment: PaperExperiment) -> [ErrorStatistics; 5] {
     method_errors(experiment).unwrap().map(|column| column.error_statistics())
 }
 
@@ -12,7 +12,7 @@ fn figures(experiment: PaperExperiment) -> [ErrorStatistics; 5] {
 /// to 0.4 deg, so the mean becomes 1.0 here.
 #[test]
 fn four_ellipses_leave_the_errors_of_the_paper() {
-    let [before, _, four_ellipses, ..] = figures(PaperExperiment::NOISE_FREE);
+    let [before, _, four_ellipses, ..] = error_figures_deg(PaperExperiment::NOISE_FREE);
     assert!((before.max_deg - 21.5).abs() < 0.5, "{before:?}");
     assert!((four_ellipses.max_demeaned_deg - 1.6).abs() <= 0.1, "{four_ellipses:?}");
     assert!((four_ellipses.mean_deg - 1.0).abs() <= 0.15, "{four_ellipses:?}");
@@ -21,7 +21,7 @@ fn four_ellipses_leave_the_errors_of_the_paper() {
 /// The airframe fits the model of these methods, so only f32 rounding remains.
 #[test]
 fn all_other_methods_are_exact_without_noise() {
-    let [_, reference, _, two_planes, maximum_likelihood] = figures(PaperExperiment::NOISE_FREE);
+    let [_, reference, _, two_planes, maximum_likelihood] = error_figures_deg(PaperExperiment::NOISE_FREE);
     for statistics in [reference, two_planes, maximum_likelihood] {
         assert!(statistics.max_deg <= 0.01, "{statistics:?}");
     }
@@ -32,7 +32,7 @@ fn all_other_methods_are_exact_without_noise() {
 #[test]
 fn maximum_likelihood_with_sensor_noise_is_within_0_3_deg() {
     for seed in 1..=20 {
-        let [.., maximum_likelihood] = figures(PaperExperiment::noisy_experiment(seed));
+        let [.., maximum_likelihood] = error_figures_deg(PaperExperiment::noisy_experiment(seed));
         assert!(maximum_likelihood.max_deg <= 0.3, "seed {seed}: {maximum_likelihood:?}");
     }
 }

@@ -36,7 +36,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 mod tests {
     use super::*;
 
-    const FLIGHT: &str = include_str!("../../host-sim/data/flight.csv");
+    const FLIGHT_CSV: &str = include_str!("../../host-sim/data/flight.csv");
 
     /// Declination of the flight (WMM2025), degrees: reference headings are true.
     const DECLINATION_DEG: f32 = -4.2;
@@ -44,8 +44,8 @@ mod tests {
     /// The RMS heading error stays below twice the expected error; measured: 0.4 deg.
     #[test]
     fn headings_are_as_accurate_as_expected() {
-        let true_deg: Vec<f32> = FLIGHT.lines().filter_map(|line| line.split(',').nth(6)?.parse().ok()).collect();
-        let samples = samples(FLIGHT);
+        let true_deg: Vec<f32> = FLIGHT_CSV.lines().filter_map(|line| line.split(',').nth(6)?.parse().ok()).collect();
+        let samples = samples(FLIGHT_CSV);
         assert_eq!((samples.len(), true_deg.len()), (1000, 1000));
         let solution = calibrate::calibrate(&samples).unwrap();
         let squares = samples.iter().zip(&true_deg).map(|(sample, true_deg)| {

@@ -28,28 +28,28 @@ pub struct AcceptancePolicy {
     /// Largest expected heading error, degrees RMS: about that of an uncalibrated compass in a clean airframe.
     pub max_expected_rms_deg: f32,
     /// Largest ratio of the error from a hard-iron change to all other errors.
-    pub max_iron_error_ratio: f32,
+    pub max_hard_iron_error_ratio: f32,
     /// Significance from which a bank-angle scale error is certain, sigma.
-    pub certain_sigmas: f32,
+    pub certain_bank_scale_sigmas: f32,
     /// Minimum number of held-back samples in each part of the collection that has samples: one in most heading
     /// sectors.
-    pub min_held_back: u16,
+    pub min_held_back_samples: u16,
     /// Factor on the active calibration's expected error, above which a candidate is less informative.
-    pub less_informative_ratio: f32,
+    pub max_expected_error_ratio: f32,
     /// Ratio of scores above which a less informative candidate is accepted: the airframe's iron has then changed, and
     /// the active calibration is wrong.
-    pub contradiction_ratio: f32,
+    pub contradicting_score_ratio: f32,
 }
 
 impl AcceptancePolicy {
     /// Thresholds for all vehicles.
     pub const DEFAULT: Self = Self {
         max_expected_rms_deg: 3.0,
-        max_iron_error_ratio: 2.5,
-        certain_sigmas: 3.5,
-        min_held_back: 8,
-        less_informative_ratio: 1.5,
-        contradiction_ratio: 3.0,
+        max_hard_iron_error_ratio: 2.5,
+        certain_bank_scale_sigmas: 3.5,
+        min_held_back_samples: 8,
+        max_expected_error_ratio: 1.5,
+        contradicting_score_ratio: 3.0,
     };
 }
 
@@ -102,7 +102,7 @@ pub enum Rejection {
     /// The attitude source has a bank-angle scale error.
     AttitudeContradicted {
         /// Ratio of reported to actual bank.
-        bank_ratio: f32,
+        reported_bank_ratio: f32,
         /// Expected heading error, degrees RMS.
         expected_rms_deg: f32,
     },
@@ -137,29 +137,29 @@ pub enum Rejection {
 pub fn evaluate_candidate(
     policy: &AcceptancePolicy,
     candidate: &Solution,
-    grounds: AcceptanceSamples<'_>,
+    samples: AcceptanceSamples<'_>,
     incumbent: &Incumbent,
 ) -> Result<HeldBackScores, Rejection> {
-    check_held_back(policy, &grounds)?;
+    check_held_back_count(policy, &samples)?;
     check_iron_change(policy, candidate)?;
     check_accuracy(policy, candidate)?;
-    check_observability(candidate, &grounds)?;
-    let scores = check_scores(candidate, &grounds, incumbent)?;
+    check_observability(candidate, &samples)?;
+    let scores = check_held_back_scores(candidate, &samples, incumbent)?;
     if let Some(quality) = &incumbent.quality {
         check_information(policy, candidate, quality, scores)?;
     }
     Ok(scores)
 }
 
-fn check_held_back(policy: &AcceptancePolicy, grounds: &AcceptanceSamples<'_>) -> Result<(), Rejection> {
-    let (have, need) = (fewest_held_back(grounds), policy.min_held_back);
+fn check_held_back_count(policy: &AcceptancePolicy, samples: &AcceptanceSamples<'_>) -> Result<(), Rejection> {
+    let (have, need) = (fewest_held_back(samples), policy.min_held_back_samples);
     if have < need { Err(Rejection::TooFewHeldBack { have, need }) } else { Ok(()) }
 }
 
 /// Smallest number of held-back samples among the parts used. Marks of a compass swing are never held back; samples
 /// between marks are.
-fn fewest_held_back(grounds: &AcceptanceSamples<'_>) -> u16 {
-    let AcceptanceSamples { fit_samples, held_back_samples, .. } = grounds;
+fn fewest_held_back(samples: &AcceptanceSamples<'_>) -> u16 {
+    let AcceptanceSamples { fit_samples, held_back_samples, .. } = samples;
     let parts_in_use =
         CollectionPart::ALL_PARTS.into_iter().filter(|part| !fit_samples.samples_of_part(*part).is_empty());
     parts_in_use
@@ -176,7 +176,7 @@ fn check_iron_change(policy: &AcceptancePolicy, candidate: &Solution) -> Result<
     else {
         return Ok(());
     };
-    let is_dominant = error_deg > policy.max_iron_error_ratio * without_deg;
+    let is_dominant = error_deg > policy.max_hard_iron_error_ratio * without_deg;
     if is_dominant || check_accuracy(policy, candidate).is_err() {
         return Err(Rejection::IronChanged(change));
     }
@@ -185,12 +185,12 @@ fn check_iron_change(policy: &AcceptancePolicy, candidate: &Solution) -> Result<
 
 /// Rejects free flight without tilt: of calibrations from yaw turns in hover, whose tilt keeps its direction over the
 /// ground, 30 % had more than three times the expected error. Ground procedures have no free samples.
-fn check_observability(candidate: &Solution, grounds: &AcceptanceSamples<'_>) -> Result<(), Rejection> {
+fn check_observability(candidate: &Solution, samples: &AcceptanceSamples<'_>) -> Result<(), Rejection> {
     let rests_on_priors =
         candidate.advice.as_ref().is_some_and(|advice| advice.unobservable != UnobservableQuantities::default());
     let is_undetermined = rests_on_priors || !candidate.quality.determines_all_coefficients();
     let is_free_flight =
-        candidate.quality.method == Method::MaximumLikelihood && grounds.fit_samples.has_free_flight_samples();
+        candidate.quality.method == Method::MaximumLikelihood && samples.fit_samples.has_free_flight_samples();
     if is_free_flight && is_undetermined { Err(Rejection::Unobservable) } else { Ok(()) }
 }
 
@@ -202,14 +202,14 @@ fn check_accuracy(policy: &AcceptancePolicy, candidate: &Solution) -> Result<(),
         (
             Err(_),
             Some(Finding {
-                violation: BankScaleFinding { read_ratio: read, significance_sigmas: sigmas },
+                violation: BankScaleFinding { reported_bank_ratio: read, significance_sigmas: sigmas },
                 expected_without_deg: without_deg,
                 ..
             }),
         ) => {
             check_expected_error(policy, *without_deg)?;
-            if *sigmas > policy.certain_sigmas {
-                return Err(Rejection::AttitudeContradicted { bank_ratio: *read, expected_rms_deg });
+            if *sigmas > policy.certain_bank_scale_sigmas {
+                return Err(Rejection::AttitudeContradicted { reported_bank_ratio: *read, expected_rms_deg });
             }
             Ok(())
         }
@@ -226,14 +226,14 @@ fn check_expected_error(policy: &AcceptancePolicy, expected_rms_deg: f32) -> Res
     }
 }
 
-fn check_scores(
+fn check_held_back_scores(
     candidate: &Solution,
-    grounds: &AcceptanceSamples<'_>,
+    samples: &AcceptanceSamples<'_>,
     incumbent: &Incumbent,
 ) -> Result<HeldBackScores, Rejection> {
     let scores = verification::score_held_back(
-        grounds.held_back_samples,
-        grounds.is_attitude_known,
+        samples.held_back_samples,
+        samples.is_attitude_known,
         &candidate.calibration,
         &incumbent.calibration,
     );
@@ -254,9 +254,9 @@ fn check_information(
 ) -> Result<(), Rejection> {
     let candidate_quality = &candidate.quality;
     let thinner = candidate_quality.expected_rms_deg
-        > policy.less_informative_ratio * incumbent_quality.expected_rms_deg
+        > policy.max_expected_error_ratio * incumbent_quality.expected_rms_deg
         || (incumbent_quality.determines_all_coefficients() && !candidate_quality.determines_all_coefficients());
-    let contradicted = scores.active_score > policy.contradiction_ratio * scores.candidate_score
+    let contradicted = scores.active_score > policy.contradicting_score_ratio * scores.candidate_score
         && candidate.bank_scale_error.is_none();
     if thinner && !contradicted {
         let (expected_rms_deg, incumbent_rms_deg) =
@@ -266,7 +266,7 @@ fn check_information(
     Ok(())
 }
 
-/// Stable code, kebab-case.
+/// Writes the stable code of the rejection, kebab-case.
 impl fmt::Display for Rejection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
@@ -275,7 +275,7 @@ impl fmt::Display for Rejection {
             }
             Self::IronChanged(change) => change.fmt(f),
             Self::Unobservable => f.write_str("turns without tilt do not determine a calibration"),
-            Self::AttitudeContradicted { bank_ratio: read, expected_rms_deg } => {
+            Self::AttitudeContradicted { reported_bank_ratio: read, expected_rms_deg } => {
                 let (percent, expected) = (Decimal::<0>(100.0 * read), Decimal::<1>(expected_rms_deg));
                 write!(f, "the attitude source seems to read {percent} % of the bank, which costs {expected} deg")
             }

@@ -50,7 +50,7 @@ fn active_calibration(b_ut: f32, expected_rms_deg: f32) -> Incumbent {
     Incumbent { calibration: calibration_with_error(b_ut), quality: Some(quality(expected_rms_deg)) }
 }
 
-const NOT_CALIBRATED: Incumbent = Incumbent {
+const UNCALIBRATED_INCUMBENT: Incumbent = Incumbent {
     calibration: Calibration {
         w: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
         b_ut: [9.0, 0.0, 0.0],
@@ -64,11 +64,11 @@ const NOT_CALIBRATED: Incumbent = Incumbent {
 
 /// Circle without iron. A hard-iron error b changes the field strength by up to b cos(inclination) / F, so scores
 /// are proportional to b.
-fn circle(roll_deg: f32, samples: u16) -> Vec<Sample> {
-    (0..samples)
+fn circle(roll_deg: f32, sample_count: u16) -> Vec<Sample> {
+    (0..sample_count)
         .map(|i| {
             let attitude = Attitude::from_deg(roll_deg, 0.0);
-            let heading_rad = f32::from(i) / f32::from(samples) * core::f32::consts::TAU;
+            let heading_rad = f32::from(i) / f32::from(sample_count) * core::f32::consts::TAU;
             let field = Field::new(attitude.to_body_frame(Field::earth_field(50.0, 1.0, heading_rad)).ut);
             Sample {
                 field,
@@ -83,11 +83,15 @@ fn circle(roll_deg: f32, samples: u16) -> Vec<Sample> {
 }
 
 /// Tests a candidate with these numbers of held-back samples of left turns, right turns and level flight.
-fn evaluate(held_back: [u16; 3], candidate: &Solution, incumbent: &Incumbent) -> Result<HeldBackScores, Rejection> {
+fn evaluate(
+    held_back_counts: [u16; 3],
+    candidate: &Solution,
+    incumbent: &Incumbent,
+) -> Result<HeldBackScores, Rejection> {
     let fitted = [-25.0, 25.0, 0.0].map(|roll_deg| circle(roll_deg, 24));
-    let [l, r, v] = [(-25.0, held_back[0]), (25.0, held_back[1]), (0.0, held_back[2])]
+    let [l, r, v] = [(-25.0, held_back_counts[0]), (25.0, held_back_counts[1]), (0.0, held_back_counts[2])]
         .map(|(roll_deg, samples)| circle(roll_deg, samples));
-    let level_used = held_back[2] > 0;
+    let level_used = held_back_counts[2] > 0;
     let grounds = AcceptanceSamples {
         fit_samples: Parts {
             left: &fitted[0],
@@ -102,12 +106,12 @@ fn evaluate(held_back: [u16; 3], candidate: &Solution, incumbent: &Incumbent) ->
     evaluate_candidate(&POLICY, candidate, grounds, incumbent)
 }
 
-const ENOUGH_HELD_BACK: [u16; 3] = [24, 24, 0];
+const ENOUGH_HELD_BACK_COUNTS: [u16; 3] = [24, 24, 0];
 
 #[test]
 fn a_better_candidate_replaces_an_empty_or_worse_calibration() {
-    for incumbent in [NOT_CALIBRATED, active_calibration(2.0, 0.5)] {
-        let scores = evaluate(ENOUGH_HELD_BACK, &candidate(0.1, quality(0.5)), &incumbent).unwrap();
+    for incumbent in [UNCALIBRATED_INCUMBENT, active_calibration(2.0, 0.5)] {
+        let scores = evaluate(ENOUGH_HELD_BACK_COUNTS, &candidate(0.1, quality(0.5)), &incumbent).unwrap();
         assert!(scores.candidate_score < scores.active_score, "{scores:?}");
     }
 }
@@ -124,7 +128,7 @@ fn every_used_part_needs_eight_held_back_samples() {
         ([30, 30, 8], None),
         ([0, 30, 0], Some(0)),
     ] {
-        let found = evaluate(held_back, &good, &NOT_CALIBRATED);
+        let found = evaluate(held_back, &good, &UNCALIBRATED_INCUMBENT);
         match expected {
             Some(have) => assert_eq!(found, rejected(have), "{held_back:?}"),
             None => assert!(found.is_ok(), "{held_back:?}: {found:?}"),
@@ -139,14 +143,15 @@ fn a_candidate_without_held_back_samples_is_rejected() {
         held_back_samples: Samples::default(),
         is_attitude_known: true,
     };
-    let found = evaluate_candidate(&POLICY, &candidate(0.1, quality(0.5)), grounds, &NOT_CALIBRATED);
+    let found = evaluate_candidate(&POLICY, &candidate(0.1, quality(0.5)), grounds, &UNCALIBRATED_INCUMBENT);
     assert_eq!(found, Err(Rejection::TooFewHeldBack { have: 0, need: 8 }));
 }
 
 #[test]
 fn a_large_expected_error_is_rejected() {
-    let evaluate_with_rms =
-        |expected_rms_deg| evaluate(ENOUGH_HELD_BACK, &candidate(0.1, quality(expected_rms_deg)), &NOT_CALIBRATED);
+    let evaluate_with_rms = |expected_rms_deg| {
+        evaluate(ENOUGH_HELD_BACK_COUNTS, &candidate(0.1, quality(expected_rms_deg)), &UNCALIBRATED_INCUMBENT)
+    };
     assert!(evaluate_with_rms(3.0).is_ok());
     assert_eq!(evaluate_with_rms(3.01), Err(Rejection::NotAccurate { expected_rms_deg: 3.01 }));
     assert!(matches!(evaluate_with_rms(f32::NAN), Err(Rejection::NotAccurate { .. })));
@@ -154,7 +159,7 @@ fn a_large_expected_error_is_rejected() {
 }
 
 /// Candidate with a detected hard-iron change and 0.5 deg of other errors.
-fn with_iron_change(error_deg: f32, expected_rms_deg: f32) -> Solution {
+fn candidate_with_hard_iron_change(error_deg: f32, expected_rms_deg: f32) -> Solution {
     let change =
         DetectedHardIronChange { size_ut: 4.2, time_course: HardIronTimeCourse::Step { after_s: 31 }, duration_s: 230 };
     let finding = Some(Finding { violation: change, added_error_deg: error_deg, expected_without_deg: 0.5 });
@@ -165,7 +170,11 @@ fn with_iron_change(error_deg: f32, expected_rms_deg: f32) -> Solution {
 #[test]
 fn a_dominant_hard_iron_change_is_rejected() {
     let evaluate_with_change = |error_deg, expected_rms_deg| {
-        evaluate(ENOUGH_HELD_BACK, &with_iron_change(error_deg, expected_rms_deg), &NOT_CALIBRATED)
+        evaluate(
+            ENOUGH_HELD_BACK_COUNTS,
+            &candidate_with_hard_iron_change(error_deg, expected_rms_deg),
+            &UNCALIBRATED_INCUMBENT,
+        )
     };
     assert!(evaluate_with_change(1.24, 1.34).is_ok());
     let Err(refused @ Rejection::IronChanged(change)) = evaluate_with_change(1.26, 1.35) else { panic!() };
@@ -174,14 +183,14 @@ fn a_dominant_hard_iron_change_is_rejected() {
     assert_eq!(evaluate_with_change(0.1, 3.01), Err(refused));
     assert_eq!(evaluate_with_change(0.1, f32::NAN), Err(refused));
     // Missing held-back samples are the first rejection reason.
-    let nothing = evaluate([7, 24, 0], &with_iron_change(9.0, 9.0), &NOT_CALIBRATED);
+    let nothing = evaluate([7, 24, 0], &candidate_with_hard_iron_change(9.0, 9.0), &UNCALIBRATED_INCUMBENT);
     assert_eq!(nothing, Err(Rejection::TooFewHeldBack { have: 7, need: 8 }));
 }
 
 /// Candidate with a bank-scale finding; expected errors without and with the scale error.
-fn with_bank_error(sigmas: f32, without_deg: f32, expected_rms_deg: f32) -> Solution {
+fn candidate_with_bank_scale_error(sigmas: f32, without_deg: f32, expected_rms_deg: f32) -> Solution {
     let bank = Some(Finding {
-        violation: BankScaleFinding { read_ratio: 0.91, significance_sigmas: sigmas },
+        violation: BankScaleFinding { reported_bank_ratio: 0.91, significance_sigmas: sigmas },
         added_error_deg: 1.0,
         expected_without_deg: without_deg,
     });
@@ -191,20 +200,21 @@ fn with_bank_error(sigmas: f32, without_deg: f32, expected_rms_deg: f32) -> Solu
 /// A suspected bank-angle scale error is ignored, a certain one is the rejection reason.
 #[test]
 fn a_bank_scale_error_is_the_reason_only_if_certain() {
-    let evaluate_candidate = |candidate: &Solution| evaluate(ENOUGH_HELD_BACK, candidate, &NOT_CALIBRATED);
+    let evaluate_candidate =
+        |candidate: &Solution| evaluate(ENOUGH_HELD_BACK_COUNTS, candidate, &UNCALIBRATED_INCUMBENT);
     for sigmas in [2.0, 3.4, 3.6, 9.0] {
-        assert!(evaluate_candidate(&with_bank_error(sigmas, 0.5, 2.99)).is_ok(), "{sigmas}");
+        assert!(evaluate_candidate(&candidate_with_bank_scale_error(sigmas, 0.5, 2.99)).is_ok(), "{sigmas}");
         // The expected error is too large even without the scale error.
-        let useless = evaluate_candidate(&with_bank_error(sigmas, 3.01, 3.5));
+        let useless = evaluate_candidate(&candidate_with_bank_scale_error(sigmas, 3.01, 3.5));
         assert_eq!(useless, Err(Rejection::NotAccurate { expected_rms_deg: 3.01 }), "{sigmas}");
     }
-    assert!(evaluate_candidate(&with_bank_error(3.4, 2.99, 3.01)).is_ok());
-    let refused = evaluate_candidate(&with_bank_error(3.6, 2.99, 3.01)).unwrap_err();
-    assert_eq!(refused, Rejection::AttitudeContradicted { bank_ratio: 0.91, expected_rms_deg: 3.01 });
+    assert!(evaluate_candidate(&candidate_with_bank_scale_error(3.4, 2.99, 3.01)).is_ok());
+    let refused = evaluate_candidate(&candidate_with_bank_scale_error(3.6, 2.99, 3.01)).unwrap_err();
+    assert_eq!(refused, Rejection::AttitudeContradicted { reported_bank_ratio: 0.91, expected_rms_deg: 3.01 });
     // A hard-iron change precedes the scale error as the reason, also when the latter is only suspected.
     let both = |sigmas| {
-        let finding = with_iron_change(0.1, 3.5).hard_iron_change;
-        evaluate_candidate(&Solution { hard_iron_change: finding, ..with_bank_error(sigmas, 0.5, 3.5) })
+        let finding = candidate_with_hard_iron_change(0.1, 3.5).hard_iron_change;
+        evaluate_candidate(&Solution { hard_iron_change: finding, ..candidate_with_bank_scale_error(sigmas, 0.5, 3.5) })
     };
     assert!(matches!(both(3.6), Err(Rejection::IronChanged(_))) && both(3.4).is_ok());
 }
@@ -212,7 +222,7 @@ fn a_bank_scale_error_is_the_reason_only_if_certain() {
 #[test]
 fn only_a_better_candidate_is_accepted() {
     let evaluate_with_b_ut =
-        |b_ut| evaluate(ENOUGH_HELD_BACK, &candidate(b_ut, quality(0.5)), &active_calibration(1.0, 0.5));
+        |b_ut| evaluate(ENOUGH_HELD_BACK_COUNTS, &candidate(b_ut, quality(0.5)), &active_calibration(1.0, 0.5));
     assert!(evaluate_with_b_ut(0.99).is_ok());
     for b_ut in [1.0, 1.01, f32::NAN] {
         let Err(Rejection::NotBetter { candidate, incumbent }) = evaluate_with_b_ut(b_ut) else { panic!("{b_ut}") };
@@ -223,14 +233,14 @@ fn only_a_better_candidate_is_accepted() {
 #[test]
 fn expected_error_above_1_5_times_the_active_one_is_rejected() {
     let evaluate_with_rms = |expected_rms_deg| {
-        evaluate(ENOUGH_HELD_BACK, &candidate(0.9, quality(expected_rms_deg)), &active_calibration(1.0, 1.0))
+        evaluate(ENOUGH_HELD_BACK_COUNTS, &candidate(0.9, quality(expected_rms_deg)), &active_calibration(1.0, 1.0))
     };
     assert!(evaluate_with_rms(1.5).is_ok());
     assert_eq!(
         evaluate_with_rms(1.51),
         Err(Rejection::LessInformative { expected_rms_deg: 1.51, incumbent_rms_deg: 1.0 })
     );
-    assert!(evaluate(ENOUGH_HELD_BACK, &candidate(0.9, quality(1.51)), &NOT_CALIBRATED).is_ok());
+    assert!(evaluate(ENOUGH_HELD_BACK_COUNTS, &candidate(0.9, quality(1.51)), &UNCALIBRATED_INCUMBENT).is_ok());
 }
 
 /// Only free flight needs tilt: the expected error of other procedures includes undetermined coefficients.
@@ -249,7 +259,7 @@ fn a_free_flight_without_tilt_is_unobservable() {
         (Quality { method: Method::Ellipsoid, ..quality(0.5) }, free, Ok(())),
     ] {
         let grounds = AcceptanceSamples { fit_samples: parts, held_back_samples: parts, is_attitude_known: true };
-        let found = evaluate_candidate(&POLICY, &candidate(0.1, quality), grounds, &NOT_CALIBRATED);
+        let found = evaluate_candidate(&POLICY, &candidate(0.1, quality), grounds, &UNCALIBRATED_INCUMBENT);
         assert_eq!(found.map(drop), expected, "{quality:?}");
     }
     let advice = Advice {
@@ -263,7 +273,7 @@ fn a_free_flight_without_tilt_is_unobservable() {
     };
     let on_priors = Solution { advice: Some(advice), ..candidate(0.1, quality(0.5)) };
     let grounds = AcceptanceSamples { fit_samples: free, held_back_samples: free, is_attitude_known: true };
-    assert_eq!(evaluate_candidate(&POLICY, &on_priors, grounds, &NOT_CALIBRATED), Err(Rejection::Unobservable));
+    assert_eq!(evaluate_candidate(&POLICY, &on_priors, grounds, &UNCALIBRATED_INCUMBENT), Err(Rejection::Unobservable));
 }
 
 /// A level envelope or an unobservable mounting makes a candidate less informative.
@@ -272,18 +282,21 @@ fn a_partial_calibration_does_not_replace_a_full_one() {
     let level = Quality { envelope: AttitudeEnvelope::Level, ..quality(0.2) };
     let tumbled = Quality { method: Method::Ellipsoid, ..quality(0.2) };
     for less in [level, tumbled] {
-        let found = evaluate(ENOUGH_HELD_BACK, &candidate(0.9, less), &active_calibration(1.0, 1.0));
+        let found = evaluate(ENOUGH_HELD_BACK_COUNTS, &candidate(0.9, less), &active_calibration(1.0, 1.0));
         assert_eq!(found, Err(Rejection::LessInformative { expected_rms_deg: 0.2, incumbent_rms_deg: 1.0 }));
         let incumbent = Incumbent { quality: Some(less), ..active_calibration(1.0, 1.0) };
-        assert!(evaluate(ENOUGH_HELD_BACK, &candidate(0.9, less), &incumbent).is_ok(), "both are of the same");
-        assert!(evaluate(ENOUGH_HELD_BACK, &candidate(0.9, quality(0.2)), &incumbent).is_ok(), "this one is of more");
+        assert!(evaluate(ENOUGH_HELD_BACK_COUNTS, &candidate(0.9, less), &incumbent).is_ok(), "both are of the same");
+        assert!(
+            evaluate(ENOUGH_HELD_BACK_COUNTS, &candidate(0.9, quality(0.2)), &incumbent).is_ok(),
+            "this one is of more"
+        );
     }
 }
 
 #[test]
-fn a_thinner_candidate_is_accepted_if_the_active_one_fits_3x_worse() {
+fn a_less_informative_candidate_is_accepted_if_the_active_one_fits_3x_worse() {
     let evaluate_with_b_ut =
-        |b_ut| evaluate(ENOUGH_HELD_BACK, &candidate(b_ut, quality(2.0)), &active_calibration(3.0, 1.0));
+        |b_ut| evaluate(ENOUGH_HELD_BACK_COUNTS, &candidate(b_ut, quality(2.0)), &active_calibration(3.0, 1.0));
     assert!(
         matches!(evaluate_with_b_ut(1.05), Err(Rejection::LessInformative { .. })),
         "{:?}",
@@ -302,7 +315,7 @@ fn unknown_attitude_is_ignored() {
         let parts = Parts { left: &samples, ..Parts::default() }.samples();
         let grounds =
             AcceptanceSamples { fit_samples: parts, held_back_samples: parts, is_attitude_known: knows_attitude };
-        evaluate_candidate(&POLICY, &candidate(0.1, quality(0.5)), grounds, &NOT_CALIBRATED)
+        evaluate_candidate(&POLICY, &candidate(0.1, quality(0.5)), grounds, &UNCALIBRATED_INCUMBENT)
             .map(|scores| scores.candidate_score)
     };
     assert!(score(false).unwrap() < 1.0, "{:?}", score(false));

@@ -1,7 +1,7 @@
 //! Task of a CAN bus: passes frames to the node and sends its frames, with every estimate and whenever the bus is free.
 //!
-//! A board implements [`ReceiveFrame`] and [`SendFrame`] for its controller, [`HandOver`] for its boot loader, and runs
-//! this task beside those of the ports.
+//! A board implements [`ReceiveFrame`] and [`SendFrame`] for its controller, [`UpdateHandOver`] for its boot loader, and
+//! runs this task beside those of the ports.
 
 use core::future::pending;
 
@@ -9,7 +9,7 @@ use embassy_futures::select::{Either4, select4};
 use embassy_time::{Duration, Instant, Timer};
 
 use super::TaskLinks;
-use super::line::{new_calibration, route_message, with_snapshot};
+use super::line::{calibration_to_report, route_message, with_snapshot};
 use super::task_links::{AutopilotLine, CommandSource, increment_counter, now, subscribe};
 use crate::compass::{Command, IndicatorState};
 use crate::heading::NoHeading;
@@ -21,7 +21,7 @@ use crate::wire::dronecan::outbound::NodeInfo;
 
 /// Period of polls in safe mode, where there are no estimates: shorter than half a second, the time limit of an
 /// allocation's next step.
-const SAFE_MODE_PERIOD: Duration = Duration::from_millis(50);
+const SAFE_MODE_POLL_PERIOD: Duration = Duration::from_millis(50);
 
 /// Receiver of a CAN controller.
 pub trait ReceiveFrame {
@@ -43,26 +43,26 @@ pub trait SendFrame {
 }
 
 /// Hand-over to the boot loader of a board.
-pub trait HandOver {
+pub trait UpdateHandOver {
     /// Whether the board has a boot loader that loads firmware over the bus; otherwise updates are refused.
     const ACCEPTS_UPDATES: bool = true;
 
     /// Stores the update where the boot loader finds it after the restart, which follows within 50 ms.
-    fn hand_over(&mut self, update: &FirmwareUpdate);
+    fn hand_over_update(&mut self, update: &FirmwareUpdate);
 }
 
 /// Board without a boot loader that loads firmware over the bus.
 pub struct NoBootLoader;
 
-impl HandOver for NoBootLoader {
+impl UpdateHandOver for NoBootLoader {
     const ACCEPTS_UPDATES: bool = false;
 
-    fn hand_over(&mut self, _update: &FirmwareUpdate) {}
+    fn hand_over_update(&mut self, _update: &FirmwareUpdate) {}
 }
 
 /// Runs the node for ever. It is silent until the settings are loaded; a changed node number applies after a restart.
 /// In safe mode it runs without settings and estimates.
-pub async fn run_can<B: HandOver>(
+pub async fn run_can<B: UpdateHandOver>(
     links: &TaskLinks,
     info: NodeInfo,
     mut rx: impl ReceiveFrame,
@@ -89,7 +89,7 @@ pub async fn run_can<B: HandOver>(
     let mut poll_at = Instant::now();
     loop {
         let send_frames = async {
-            match node.next_frame() {
+            match node.frame_to_send() {
                 None => pending().await,
                 Some(frame) => tx.send_frame(frame).await,
             }
@@ -107,7 +107,7 @@ pub async fn run_can<B: HandOver>(
             Either4::First(()) => {
                 increment_counter(&wires.heartbeat);
                 node.add_bus_errors(rx.take_error_count());
-                poll_at = Instant::now() + SAFE_MODE_PERIOD;
+                poll_at = Instant::now() + SAFE_MODE_POLL_PERIOD;
                 if let Some(changed) = changes.try_changed() {
                     settings = changed;
                     tx.set_termination(settings.can.is_terminated);
@@ -118,11 +118,11 @@ pub async fn run_can<B: HandOver>(
                 }
                 poll_function(links, &mut node, &settings);
             }
-            Either4::Second(()) => node.frame_sent(now()),
+            Either4::Second(()) => node.on_frame_sent(now()),
             Either4::Third((command, result)) => {
                 node.complete_command(command, result.as_ref().copied());
                 if let Some(update) = node.granted_update() {
-                    boot_loader.hand_over(update);
+                    boot_loader.hand_over_update(update);
                 }
                 poll_function(links, &mut node, &settings);
             }
@@ -147,7 +147,7 @@ fn poll_can_node(links: &TaskLinks, node: &mut CanNode, settings: &Settings) {
     links.set_can_state(node.can_state(now));
     let Some(stored_settings) = links.stored_settings.try_get() else { return };
     let is_armed = links.is_armed() == Some(true);
-    let correction = new_calibration(links, |calibration| node.differs_from_reported(calibration));
+    let correction = calibration_to_report(links, |calibration| node.differs_from_reported(calibration));
     let command = with_snapshot(links, now, settings, correction.as_ref(), |snapshot| {
         node.poll(&NodeContext { snapshot: *snapshot, stored_settings: &stored_settings, is_armed })
     });

@@ -34,7 +34,11 @@ const SAVE_TIMEOUT: Duration = Duration::from_millis(500);
 pub(super) const MAX_HEARTBEAT_INTERVAL_MS: u64 = SAVE_TIMEOUT.as_millis() + 100;
 
 /// Loads the flash contents and the retained collection, then runs the state machine for ever.
-pub async fn run_compass<F: NorFlash>(links: &TaskLinks, mut store: Store<F>, retained: &mut RetainedSamples) -> ! {
+pub async fn run_compass<F: NorFlash>(
+    links: &TaskLinks,
+    mut store: Store<F>,
+    retained_samples: &mut RetainedSamples,
+) -> ! {
     // The loaded data is dropped at the end of this block and takes no room in this task's memory afterwards.
     let mut compass = {
         let LoadedValues { stored_values: stored, load_error: error } =
@@ -43,7 +47,7 @@ pub async fn run_compass<F: NorFlash>(links: &TaskLinks, mut store: Store<F>, re
             report_unreadable_flash(links, error);
         }
         links.set_initial_protocols(stored.startup_values.detected_protocols);
-        Compass::new(AcceptancePolicy::DEFAULT, &stored, retained)
+        Compass::new(AcceptancePolicy::DEFAULT, &stored, retained_samples)
     };
     if let Some(loss_message) = compass.last_outcome() {
         links.broadcast_message(loss_message);
@@ -64,19 +68,19 @@ async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>,
             yield_now().await;
             match poll_once(events.next_event()) {
                 Poll::Ready(received_event) => received_event,
-                Poll::Pending => (Event::Advance, None),
+                Poll::Pending => (Event::AdvanceSolve, None),
             }
         } else if let Ok(received_event) = with_timeout(HEARTBEAT_INTERVAL, events.next_event()).await {
             received_event
         } else {
             continue;
         };
-        let mut effect = compass.step(event);
+        let mut effect = compass.process_event(event);
         if is_cal_start(event) && matches!(effect, Effect::Reply(Ok(_))) {
             counts_at_start = links.event_counts();
         }
         if let Effect::None = effect {
-            effect = compass.step(Event::ProtocolsDetected(links.port_protocols(), now().wrapping_millis()));
+            effect = compass.process_event(Event::ProtocolsDetected(links.port_protocols(), now().wrapping_millis()));
         }
         while let (Effect::Save, Some(change)) = (&effect, compass.pending_change()) {
             let result = with_timeout(SAVE_TIMEOUT, poll_in_own_stack_frame(pin!(store.save_change(change))))
@@ -87,7 +91,7 @@ async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>,
             } else {
                 &links.event_counters.store_errors
             });
-            effect = compass.step(Event::Saved(result));
+            effect = compass.process_event(Event::Saved(result));
         }
         add_sample_loss(&mut effect, SampleLoss::from_counts(&counts_at_start, &links.event_counts()));
         let message = if let Effect::Notify(message) = &effect { Some(message) } else { None };
@@ -138,29 +142,35 @@ async fn poll_in_own_stack_frame<F: Future>(mut future: Pin<&mut F>) -> F::Outpu
 /// The state machine's events from all other tasks, in one sequence.
 struct CompassEvents<'a> {
     links: &'a TaskLinks,
-    armed: ValueReceiver<'a, Option<bool>, 1>,
-    sensor: ValueReceiver<'a, DetectedSensor, 2>,
-    position: ValueReceiver<'a, Timestamped<Position>, 1>,
-    date: ValueReceiver<'a, Date, 1>,
+    armed_receiver: ValueReceiver<'a, Option<bool>, 1>,
+    sensor_receiver: ValueReceiver<'a, DetectedSensor, 2>,
+    position_receiver: ValueReceiver<'a, Timestamped<Position>, 1>,
+    date_receiver: ValueReceiver<'a, Date, 1>,
 }
 
 impl<'a> CompassEvents<'a> {
     fn new(links: &'a TaskLinks) -> Self {
         Self {
             links,
-            armed: subscribe(&links.armed_state),
-            sensor: subscribe(&links.sensor),
-            position: subscribe(&links.position),
-            date: subscribe(&links.date),
+            armed_receiver: subscribe(&links.armed_state),
+            sensor_receiver: subscribe(&links.sensor),
+            position_receiver: subscribe(&links.position),
+            date_receiver: subscribe(&links.date),
         }
     }
 
     /// Waits for the next event, and the source of a command. Of several that are ready, the first in this list is
     /// next: the armed state, because commands depend on it.
     async fn next_event(&mut self) -> (Event, Option<CommandSource>) {
-        let Self { links, armed, sensor, position, date } = self;
+        let Self {
+            links,
+            armed_receiver: armed,
+            sensor_receiver: sensor,
+            position_receiver: position,
+            date_receiver: date,
+        } = self;
         let events: [Pin<&mut dyn Future<Output = _>>; 6] = [
-            pin!(async { (Event::Armed(armed.changed().await), None) }),
+            pin!(async { (Event::ArmedStateReported(armed.changed().await), None) }),
             pin!(async {
                 let (source, command) = links.commands.receive().await;
                 (Event::Command(command, now().wrapping_millis()), Some(source))
@@ -194,7 +204,7 @@ fn publish_state(links: &TaskLinks, compass: &Compass<'_>, message: Option<&Mess
     publish_value(&links.correction, compass.instrument_correction());
     publish_value(&links.stored_settings, *compass.stored_settings());
     publish_value(&links.settings, compass.effective_settings());
-    let glance = compass.indicator_state();
+    let indicator_state = compass.indicator_state();
     if let Some(message) = message {
         info!("message: {=str}", message.stable_code());
     }
@@ -202,6 +212,6 @@ fn publish_state(links: &TaskLinks, compass: &Compass<'_>, message: Option<&Mess
         if let Some(message) = message {
             links.broadcast_message(message);
         }
-        publish_value(&links.indicator_state, glance);
+        publish_value(&links.indicator_state, indicator_state);
     });
 }

@@ -17,10 +17,10 @@ use crate::messages::Refusal;
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// Pause after a line error, one or two bytes long, so that a permanent error does not occupy the processor.
-const PAUSE_AFTER_LINE_ERROR: Duration = Duration::from_micros(200);
+const LINE_ERROR_PAUSE: Duration = Duration::from_micros(200);
 
 /// Delay of a restart, in which the reply to `reboot` is sent.
-const REBOOT_REPLY_TIME: Duration = Duration::from_millis(50);
+const REBOOT_DELAY: Duration = Duration::from_millis(50);
 
 /// Functions of a board for the tasks.
 pub trait Platform {
@@ -40,10 +40,10 @@ pub async fn run_console(
     mut rx: impl Read,
     mut tx: impl Write,
     mut platform: impl Platform,
-    reset: ResetCause,
+    reset_cause: ResetCause,
 ) -> ! {
-    let session = Session::new(|out| report::write_greeting(out, &reset));
-    let mut terminal = Terminal { links, session, reset };
+    let session = Session::new(|out| report::write_greeting(out, &reset_cause));
+    let mut terminal = Terminal { links, session, reset_cause };
     let mut bytes = [0; 32];
     let mut read = 0..0;
     // Each await point occurs once in this function: every one costs memory in this task and code in flash.
@@ -61,7 +61,7 @@ pub async fn run_console(
         match select3(links.restart_request.wait(), rx.read(&mut bytes), links.console_messages.receive()).await {
             Either3::First(()) => reboot_after_reply(&mut platform).await,
             Either3::Second(Ok(number)) if number > 0 => read = 0..number,
-            Either3::Second(_) => Timer::after(PAUSE_AFTER_LINE_ERROR).await,
+            Either3::Second(_) => Timer::after(LINE_ERROR_PAUSE).await,
             Either3::Third(message) => terminal.session.write_notice(|out| report::write_notice(out, &message)),
         }
     }
@@ -81,7 +81,7 @@ pub async fn restart_without_terminal(links: &TaskLinks, mut platform: impl Plat
 }
 
 async fn reboot_after_reply(platform: &mut impl Platform) {
-    Timer::after(REBOOT_REPLY_TIME).await;
+    Timer::after(REBOOT_DELAY).await;
     platform.reboot();
 }
 
@@ -89,14 +89,14 @@ async fn reboot_after_reply(platform: &mut impl Platform) {
 struct Terminal<'a> {
     links: &'a TaskLinks,
     session: Session,
-    reset: ResetCause,
+    reset_cause: ResetCause,
 }
 
 impl Terminal<'_> {
     /// Processes a received byte; returns a command for the state machine.
     fn process_byte(&mut self, byte: u8) -> Option<Command> {
         match self.session.process_byte(byte)? {
-            Err(error) => self.session.write_reply(|out| report::line_error(out, &error)),
+            Err(error) => self.session.write_reply(|out| report::write_line_error(out, &error)),
             Ok(Request::Help(help_topic)) => self.session.write_reply(|out| write_help(out, help_topic)),
             Ok(Request::Version) => self.session.write_reply(report::write_version),
             Ok(Request::Command(command)) => return Some(command),
@@ -119,7 +119,7 @@ impl Terminal<'_> {
             installation_change: change,
             current_a,
             event_counts: self.links.event_counts(),
-            reset_cause: self.reset,
+            reset_cause: self.reset_cause,
             uptime_s: Instant::now().as_secs() as u32,
             stack_use: platform.peak_stack_use(),
             ports: self.links.port_protocols(),

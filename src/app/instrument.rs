@@ -44,7 +44,7 @@ pub async fn run_instrument(links: &TaskLinks) -> ! {
                     turn_request.update_request(&estimate).filter(|_| links.is_armed() != Some(false));
                 estimates.send(estimate);
                 if let Some(sigma_rad) = requested_sigma_rad {
-                    links.broadcast_message(&Message::TurnWanted { sigma_rad });
+                    links.broadcast_message(&Message::TurnRequested { sigma_rad });
                 }
                 silent_at = silence_deadline(&instrument);
             }
@@ -63,7 +63,7 @@ pub async fn run_instrument(links: &TaskLinks) -> ! {
             // ports have run in between.
             yield_now().await;
             yield_now().await;
-            links.event_counters.store_rejections(&instrument.rejection_counts());
+            links.event_counters.copy_rejections(&instrument.rejection_counts());
             if let Some(changed) = correction.try_changed() {
                 instrument.set_correction(changed);
             }
@@ -82,8 +82,8 @@ fn silence_deadline(instrument: &Instrument) -> Instant {
 
 /// Reconfigures the instrument if another sensor was detected.
 fn configure_sensor(instrument: &mut Instrument, sensor: DetectedSensor) {
-    let InstrumentConfig { reading_period_us, stuck_after, .. } = *instrument.instrument_config();
-    if (sensor.period_us, Some(sensor.stuck_after)) != (reading_period_us, stuck_after) {
-        instrument.set_sensor(sensor.period_us, Some(sensor.stuck_after));
+    let InstrumentConfig { reading_period_us, equal_readings_until_stuck, .. } = *instrument.instrument_config();
+    if (sensor.period_us, Some(sensor.equal_readings_until_stuck)) != (reading_period_us, equal_readings_until_stuck) {
+        instrument.set_sensor_parameters(sensor.period_us, Some(sensor.equal_readings_until_stuck));
     }
 }

@@ -10,7 +10,7 @@ use crate::settings::Settings;
 use crate::time::Timestamp;
 
 /// Active calibration, if it is to be reported. It is large and rarely changes.
-pub(super) fn new_calibration(links: &TaskLinks, is_new: impl Fn(&Calibration) -> bool) -> Option<Correction> {
+pub(super) fn calibration_to_report(links: &TaskLinks, is_new: impl Fn(&Calibration) -> bool) -> Option<Correction> {
     links
         .correction
         .try_get_and(|correction| correction.calibration.as_ref().is_some_and(|(calibration, _)| is_new(calibration)))

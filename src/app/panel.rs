@@ -39,21 +39,21 @@ const SHORT_FLASH_MS: u16 = 100;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum LampPattern {
-    Of(IndicatorState),
+    Indicator(IndicatorState),
     Fault,
 }
 
 impl LampPattern {
     /// Whether the lamp is lit at a time within the pattern, milliseconds.
-    fn is_lit(self, ms: u16) -> bool {
+    fn is_lit(self, pattern_ms: u16) -> bool {
         match self {
-            Self::Of(IndicatorState::Idle) => ms < SHORT_FLASH_MS,
-            Self::Of(IndicatorState::Collecting(percent)) => {
+            Self::Indicator(IndicatorState::Idle) => pattern_ms < SHORT_FLASH_MS,
+            Self::Indicator(IndicatorState::Collecting(percent)) => {
                 // The lamp is lit for at least a tenth and at most nine tenths of each second.
-                ms % 1000 < u16::from(percent.clamp(10, 90)) * 10
+                pattern_ms % 1000 < u16::from(percent.clamp(10, 90)) * 10
             }
-            Self::Of(IndicatorState::Calibrated) => ms >= SHORT_FLASH_MS,
-            Self::Of(IndicatorState::Refused) | Self::Fault => (ms / SHORT_FLASH_MS).is_multiple_of(2),
+            Self::Indicator(IndicatorState::Calibrated) => pattern_ms >= SHORT_FLASH_MS,
+            Self::Indicator(IndicatorState::Refused) | Self::Fault => (pattern_ms / SHORT_FLASH_MS).is_multiple_of(2),
         }
     }
 }
@@ -85,5 +85,5 @@ fn select_pattern(links: &TaskLinks) -> LampPattern {
                 && (estimate.attitude.is_some() || indicator_state != IndicatorState::Idle)
         }
     });
-    if has_no_fault { LampPattern::Of(indicator_state) } else { LampPattern::Fault }
+    if has_no_fault { LampPattern::Indicator(indicator_state) } else { LampPattern::Fault }
 }

@@ -9,11 +9,11 @@ use embassy_time::{Duration, Timer};
 use embedded_io_async::{Read, Write};
 
 use super::TaskLinks;
-use super::line::{new_calibration, route_message, with_snapshot};
+use super::line::{calibration_to_report, route_message, with_snapshot};
 use super::task_links::{AutopilotLine, increment_counter, now, subscribe};
 use crate::health::EventCounters;
 use crate::port::{MessageSchedule, Port, TransmitBuffer};
-use crate::settings::{Baud, PortNumber, PortSettings, ProtocolKind, Settings};
+use crate::settings::{BaudRate, PortNumber, PortSettings, ProtocolKind, Settings};
 use crate::time::Timestamp;
 
 /// Pause after a line error, one or two bytes long, so that a permanent error does not occupy the processor.
@@ -25,25 +25,30 @@ const AUTOPILOT_SILENCE_CHECK_HZ: u8 = 5;
 /// Port with a selectable baud rate.
 pub trait SetBaud {
     /// Sets the baud rate of both directions.
-    fn set_baud(&mut self, baud: Baud);
+    fn set_baud(&mut self, baud: BaudRate);
 }
 
 /// Waits for the settings; returns whether they name a protocol of a port. A board with one UART runs the console on it
 /// otherwise.
-pub async fn has_protocol(links: &TaskLinks, number: PortNumber) -> bool {
-    subscribe(&links.settings).changed().await.ports.settings_of_port(number).protocol != ProtocolKind::Auto
+pub async fn has_protocol(links: &TaskLinks, port_number: PortNumber) -> bool {
+    subscribe(&links.settings).changed().await.ports.settings_of_port(port_number).protocol != ProtocolKind::Auto
 }
 
 /// Runs a port for ever. Until the settings are loaded it is silent, at the baud rate of [`Settings::DEFAULT`].
-pub async fn run_port(links: &TaskLinks, number: PortNumber, mut rx: impl Read, mut tx: impl Write + SetBaud) -> ! {
+pub async fn run_port(
+    links: &TaskLinks,
+    port_number: PortNumber,
+    mut rx: impl Read,
+    mut tx: impl Write + SetBaud,
+) -> ! {
     let mut estimates = subscribe(&links.estimates);
     let mut changes = subscribe(&links.settings);
-    let line = AutopilotLine::Port(number);
+    let line = AutopilotLine::Port(port_number);
     let wires = links.links_of_line(line);
     let mut settings = changes.changed().await;
-    let initial_settings = settings.ports.settings_of_port(number);
-    let mut port = Port::new(initial_settings.protocol, *number.element_of(&links.port_protocols()), now());
-    apply_settings(&mut port, &mut tx, Settings::DEFAULT.ports.settings_of_port(number), initial_settings);
+    let initial_settings = settings.ports.settings_of_port(port_number);
+    let mut port = Port::new(initial_settings.protocol, *port_number.port_element(&links.port_protocols()), now());
+    apply_settings(&mut port, &mut tx, Settings::DEFAULT.ports.settings_of_port(port_number), initial_settings);
     port.mavlink.set_signing_key(settings.signing_key);
     let mut published_counts = PublishedCounts::default();
     let mut silence_check = MessageSchedule::new();
@@ -67,8 +72,8 @@ pub async fn run_port(links: &TaskLinks, number: PortNumber, mut rx: impl Read, 
                     apply_settings(
                         &mut port,
                         &mut tx,
-                        settings.ports.settings_of_port(number),
-                        changed.ports.settings_of_port(number),
+                        settings.ports.settings_of_port(port_number),
+                        changed.ports.settings_of_port(port_number),
                     );
                     settings = changed;
                     port.mavlink.set_signing_key(settings.signing_key);
@@ -115,7 +120,7 @@ fn poll_port(links: &TaskLinks, port: &mut Port, now: Timestamp, settings: &Sett
     // Only MAVLink reports the calibration.
     let is_reported = port.active_protocol(now) == ProtocolKind::Mavlink;
     let correction =
-        new_calibration(links, |calibration| is_reported && port.mavlink.differs_from_reported(calibration));
+        calibration_to_report(links, |calibration| is_reported && port.mavlink.differs_from_reported(calibration));
     with_snapshot(links, now, settings, correction.as_ref(), |snapshot| port.poll(snapshot));
 }
 

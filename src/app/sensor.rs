@@ -33,8 +33,9 @@ pub async fn run_sensor(links: &TaskLinks, mut magnetometer: impl Magnetometer) 
         match with_timeout(DRIVER_TIMEOUT, magnetometer.init()).await {
             Ok(Ok(identity)) => {
                 info!("magnetometer {=str}", identity.model.model_name());
-                let (period_us, stuck_after) = (magnetometer.period_us(), magnetometer.stuck_reading_count());
-                links.sensor.sender().send(DetectedSensor { identity, period_us, stuck_after });
+                let (period_us, equal_readings_until_stuck) =
+                    (magnetometer.period_us(), magnetometer.equal_readings_until_stuck());
+                links.sensor.sender().send(DetectedSensor { identity, period_us, equal_readings_until_stuck });
                 if read_until_error(links, &mut magnetometer).await == StopReason::ConfigurationLost {
                     // The sensor answers, so that it is initialised again without a delay.
                     increment_counter(&links.event_counters.sensor_upsets);

@@ -34,7 +34,7 @@ pub(super) struct DetectedSensor {
     pub identity: Identity,
     pub period_us: u32,
     /// Number of equal readings on an axis that indicate that it is stuck.
-    pub stuck_after: u16,
+    pub equal_readings_until_stuck: u16,
 }
 
 /// Source of a command, which receives its reply.
@@ -258,14 +258,14 @@ pub(super) fn stamped_now<T>(value: T) -> Timestamped<T> {
 /// # Panics
 ///
 /// At the start of the firmware, if a board runs more tasks than the value has receivers: a mistake in its task list.
-pub(super) fn subscribe<T: Clone, const N: usize>(latest: &LatestValue<T, N>) -> ValueReceiver<'_, T, N> {
-    latest.receiver().expect("an end of the wire for each task that a board runs")
+pub(super) fn subscribe<T: Clone, const N: usize>(latest_value: &LatestValue<T, N>) -> ValueReceiver<'_, T, N> {
+    latest_value.receiver().expect("an end of the wire for each task that a board runs")
 }
 
 /// Publishes a value if it differs from the last, so that no task wakes needlessly.
-pub(super) fn publish_value<T: Clone + PartialEq, const N: usize>(latest: &LatestValue<T, N>, value: T) {
-    if latest.try_get().as_ref() != Some(&value) {
-        latest.sender().send(value);
+pub(super) fn publish_value<T: Clone + PartialEq, const N: usize>(latest_value: &LatestValue<T, N>, value: T) {
+    if latest_value.try_get().as_ref() != Some(&value) {
+        latest_value.sender().send(value);
     }
 }
 
@@ -320,9 +320,9 @@ pub(super) struct Heartbeats {
 }
 
 /// Number of heartbeat counters of the tasks of every board; each line of a board has a further one.
-pub(super) const HEARTBEATS_OF_EVERY_BOARD: usize = 3;
+pub(super) const COMMON_HEARTBEAT_COUNT: usize = 3;
 
-pub(super) const MAX_HEARTBEATS: usize = HEARTBEATS_OF_EVERY_BOARD + LINE_COUNT;
+pub(super) const MAX_HEARTBEAT_COUNT: usize = COMMON_HEARTBEAT_COUNT + LINE_COUNT;
 
 impl Heartbeats {
     pub const fn new() -> Self {
@@ -332,7 +332,7 @@ impl Heartbeats {
 
 impl TaskLinks {
     /// All heartbeat counters; 0 for a line that does not run.
-    pub(super) fn heartbeat_counts(&self) -> [u32; MAX_HEARTBEATS] {
+    pub(super) fn heartbeat_counts(&self) -> [u32; MAX_HEARTBEAT_COUNT] {
         let Heartbeats { sensor, instrument, compass } = &self.heartbeats;
         let [one, two, can] = self.lines.each_ref().map(|line| &line.heartbeat);
         [sensor, instrument, compass, one, two, can].map(|beat| beat.load(Ordering::Relaxed))

@@ -26,7 +26,7 @@ const INTEGRATED_RATE_FACTOR: f32 = 2.0;
 const MAX_FIELD_TO_TILT_RATIO: f32 = 0.3;
 
 /// Hold time after the last detection, seconds: a converging filter that is half a degree off may pause for 2 s.
-const HOLD_S: f32 = 5.0;
+const DETECTION_HOLD_S: f32 = 5.0;
 
 /// Gap between reports that restarts the means, seconds.
 const MAX_GAP_S: f32 = 0.5;
@@ -89,7 +89,7 @@ impl AlignmentDetector {
             if tilted_rad > MIN_TILT_DEVIATION_RAD + INTEGRATED_RATE_FACTOR * mean.integrated_rate_rad
                 && (field - mean.mean_field).vector_length() < MAX_FIELD_TO_TILT_RATIO * tilted_rad
             {
-                self.hold_remaining_s = HOLD_S;
+                self.hold_remaining_s = DETECTION_HOLD_S;
             }
             // Discards NaN, which would persist in the means.
             self.last_means = tilted_rad.is_finite().then_some(mean);
@@ -132,17 +132,17 @@ mod tests {
     }
 
     /// Simulated tilt: a step at 0 s.
-    fn step<const HUNDREDTHS: u16>(t_s: f32) -> f32 {
+    fn tilt_step_deg<const HUNDREDTHS: u16>(t_s: f32) -> f32 {
         if t_s >= 0.0 { f32::from(HUNDREDTHS) / 100.0 } else { 0.0 }
     }
 
     /// Simulated tilt: a ramp of 20 deg/s for two seconds, and back.
-    fn ramp(t_s: f32) -> f32 {
+    fn tilt_ramp_deg(t_s: f32) -> f32 {
         20.0 * t_s.clamp(0.0, 2.0) - 20.0 * (t_s - 2.0).clamp(0.0, 2.0)
     }
 
     const STILL_RAMP: SimulatedSource =
-        SimulatedSource { tilt_deg: ramp, is_pitch: false, rate_fraction: 0.0, field_fraction: 0.0 };
+        SimulatedSource { tilt_deg: tilt_ramp_deg, is_pitch: false, rate_fraction: 0.0, field_fraction: 0.0 };
 
     /// Times of the first and last report classified as aligning, seconds.
     fn aligning_period_s(source: SimulatedSource) -> Option<[f32; 2]> {
@@ -178,8 +178,8 @@ mod tests {
     fn an_unexplained_tilt_change_is_alignment() {
         for is_pitch in [false, true] {
             let period = |tilt_deg| aligning_period_s(SimulatedSource { tilt_deg, is_pitch, ..STILL_RAMP });
-            assert_eq!(period(step::<290>), None);
-            let [from_s, to_s] = period(step::<320>).unwrap();
+            assert_eq!(period(tilt_step_deg::<290>), None);
+            let [from_s, to_s] = period(tilt_step_deg::<320>).unwrap();
             // Detected for a twentieth of a second, plus 5 s of hold time.
             assert!(from_s.abs() < 0.01 && (to_s - 5.0).abs() < 0.1, "{from_s} {to_s}");
         }

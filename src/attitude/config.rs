@@ -23,7 +23,7 @@ pub struct AttitudeConfig {
     pub max_integrated_gap_us: u32,
     /// Longest silence of a sender without a clock that is no restart, microseconds. Autopilots take three seconds or
     /// more to boot; loaded links stall for less.
-    pub max_silence_us: u32,
+    pub restart_silence_us: u32,
 }
 
 impl AttitudeConfig {
@@ -35,6 +35,6 @@ impl AttitudeConfig {
         max_clock_error_us: 100_000,
         clock_offset_growth_us: 10,
         max_integrated_gap_us: 500_000,
-        max_silence_us: 2_500_000,
+        restart_silence_us: 2_500_000,
     };
 }

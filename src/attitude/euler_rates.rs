@@ -76,11 +76,11 @@ pub struct GyroHeading {
 }
 
 impl GyroHeading {
-    /// State `earlier_s` seconds before, at constant rates.
+    /// State `seconds` earlier, at constant rates.
     #[must_use]
-    pub fn extrapolated_back(self, earlier_s: f32) -> Self {
+    pub fn extrapolated_back(self, seconds: f32) -> Self {
         Self {
-            relative_heading_rad: wrap_pi(self.relative_heading_rad - self.euler_rates.heading_rad_s * earlier_s),
+            relative_heading_rad: wrap_pi(self.relative_heading_rad - self.euler_rates.heading_rad_s * seconds),
             ..self
         }
     }
@@ -99,7 +99,7 @@ impl HeadingIntegral {
     pub const EMPTY: Self = Self { euler_rates: None, relative_heading_rad: 0.0, run_number: 0 };
 
     /// Integrates to the next report, `step_s` later, with the mean of both rates. `None` starts a new run.
-    pub fn advanced(&self, report: &AttitudeReport, step_s: Option<f32>) -> Self {
+    pub fn integrate_to_report(&self, report: &AttitudeReport, step_s: Option<f32>) -> Self {
         let euler_rates = EulerRates::from_report(report);
         match (self.euler_rates, euler_rates, step_s) {
             (Some(before), Some(now), Some(step_s)) => {
@@ -114,10 +114,10 @@ impl HeadingIntegral {
         }
     }
 
-    /// State `ahead_s` after the report, at constant rates.
-    pub fn extrapolate_integral(&self, ahead_s: f32) -> Option<GyroHeading> {
+    /// State `seconds` after the report, at constant rates.
+    pub fn extrapolate_integral(&self, seconds: f32) -> Option<GyroHeading> {
         let rates = self.euler_rates?;
-        let turned_rad = wrap_pi(self.relative_heading_rad + rates.heading_rad_s * ahead_s);
+        let turned_rad = wrap_pi(self.relative_heading_rad + rates.heading_rad_s * seconds);
         Some(GyroHeading { euler_rates: rates, relative_heading_rad: turned_rad, run_number: self.run_number })
     }
 
@@ -176,8 +176,8 @@ mod tests {
     /// Heading rate from 10 to 30 deg/s in 1 s: a turn of 20 deg, 7.5 deg after 0.5 s.
     #[test]
     fn rates_are_integrated_by_the_trapezoidal_rule() {
-        let began = HeadingIntegral::EMPTY.advanced(&report(0.0, 0.0, [0.0, 0.0, 10.0]), None);
-        let ended = began.advanced(&report(0.0, 0.0, [0.0, 0.0, 30.0]), Some(1.0));
+        let began = HeadingIntegral::EMPTY.integrate_to_report(&report(0.0, 0.0, [0.0, 0.0, 10.0]), None);
+        let ended = began.integrate_to_report(&report(0.0, 0.0, [0.0, 0.0, 30.0]), Some(1.0));
         let turned_deg = |turning: Option<GyroHeading>| turning.unwrap().relative_heading_rad.to_degrees();
         assert!((turned_deg(ended.extrapolate_integral(0.0)) - 20.0).abs() < 1e-4);
         assert!((turned_deg(ended.extrapolate_integral(0.1)) - 23.0).abs() < 1e-4);
@@ -193,9 +193,9 @@ mod tests {
     #[test]
     fn the_integral_stays_within_a_circle() {
         let turning = report(0.0, 0.0, [0.0, 0.0, 300.0]);
-        let mut integral = HeadingIntegral::EMPTY.advanced(&turning, None);
+        let mut integral = HeadingIntegral::EMPTY.integrate_to_report(&turning, None);
         for _ in 0..50 * 3600 {
-            integral = integral.advanced(&turning, Some(0.02));
+            integral = integral.integrate_to_report(&turning, Some(0.02));
             assert!(integral.relative_heading_rad.abs() <= PI);
         }
         assert!(
@@ -208,16 +208,16 @@ mod tests {
     #[test]
     fn missing_rates_start_a_new_run() {
         let turning = report(0.0, 0.0, [0.0, 0.0, 30.0]);
-        let first = HeadingIntegral::EMPTY.advanced(&turning, None);
-        let second = first.advanced(&turning, Some(0.02));
+        let first = HeadingIntegral::EMPTY.integrate_to_report(&turning, None);
+        let second = first.integrate_to_report(&turning, Some(0.02));
         assert_eq!(second.run_number, first.run_number);
-        let later = second.advanced(&turning, None);
+        let later = second.integrate_to_report(&turning, None);
         assert_ne!(later.run_number, second.run_number);
         assert_eq!(second.interpolate(&later, 5.0, 0.5), None);
-        let silent = second.advanced(&report(0.0, 0.0, [0.0; 3]), Some(0.02));
+        let silent = second.integrate_to_report(&report(0.0, 0.0, [0.0; 3]), Some(0.02));
         assert_eq!(silent.extrapolate_integral(0.0), None);
         assert_eq!(second.interpolate(&silent, 0.02, 0.5), None);
-        let again = silent.advanced(&turning, Some(0.02));
+        let again = silent.integrate_to_report(&turning, Some(0.02));
         assert_ne!(again.extrapolate_integral(0.0).unwrap().run_number, second.run_number);
     }
 }

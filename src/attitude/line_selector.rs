@@ -6,7 +6,7 @@
 use crate::time::Timestamp;
 
 /// Silence after which another line may be selected, microseconds: several reports of the slowest source.
-const LINE_RELEASE_US: u64 = 1_000_000;
+const LINE_EXPIRY_US: u64 = 1_000_000;
 
 /// Line selected for attitude.
 #[derive(Clone, Copy, Debug)]
@@ -32,7 +32,7 @@ impl LineSelector {
         let is_accepted = self.0.is_none_or(|selected| {
             selected.line == line
                 || (has_gyro && !selected.has_gyro)
-                || now.us_since(selected.last_report_at) > LINE_RELEASE_US
+                || now.us_since(selected.last_report_at) > LINE_EXPIRY_US
         });
         if is_accepted {
             self.0 = Some(SelectedLine { line, has_gyro, last_report_at: now });

@@ -32,7 +32,7 @@ use timed_report::{TimedReport, extrapolate_attitude, interpolate};
 
 /// Time after a restart of the sender within which its attitude filter aligns, microseconds: 10 s on an ArduPilot, and
 /// some margin. In motion the alignment itself is not detectable.
-const RESTART_ALIGNMENT_US: u64 = 15_000_000;
+const ALIGNMENT_AFTER_RESTART_US: u64 = 15_000_000;
 
 /// Attitude at a requested instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,12 +59,12 @@ pub struct RejectedReports {
     /// Repeated reports of a frozen source, and reports with a stale attitude.
     pub frozen_reports: u32,
     /// Reports with body rates that contradict the attitude; used without the rates.
-    pub contradicting_rates: u32,
+    pub rate_contradictions: u32,
 }
 
 impl RejectedReports {
     /// All counts zero.
-    pub const NO_REJECTIONS: Self = Self { spike_reports: 0, frozen_reports: 0, contradicting_rates: 0 };
+    pub const NO_REJECTIONS: Self = Self { spike_reports: 0, frozen_reports: 0, rate_contradictions: 0 };
 }
 
 /// Recent plausible reports on the module's clock.
@@ -82,7 +82,7 @@ pub struct AttitudeHistory {
     /// Time of the last report, while the source is aligning or its attitude is stale.
     last_contradicted_at: Option<Timestamp>,
     rate_consistency: RateConsistency,
-    rejected: RejectedReports,
+    rejected_reports: RejectedReports,
 }
 
 impl AttitudeHistory {
@@ -100,7 +100,7 @@ impl AttitudeHistory {
             restarted_at: None,
             last_contradicted_at: None,
             rate_consistency: RateConsistency::EMPTY,
-            rejected: RejectedReports::NO_REJECTIONS,
+            rejected_reports: RejectedReports::NO_REJECTIONS,
         }
     }
 
@@ -108,10 +108,11 @@ impl AttitudeHistory {
     pub fn push_report(&mut self, arrival: Timestamp, mut report: AttitudeReport) {
         if self.reports.back().is_some_and(|last_report| last_report.report.sender != report.sender) {
             // Clock offset and history are valid for one sender only.
-            *self = Self { rejected: self.rejected, ..Self::new(self.config) };
+            *self = Self { rejected_reports: self.rejected_reports, ..Self::new(self.config) };
         }
         if self.clock.has_restarted(arrival, report.sender_time, &self.config) {
-            *self = Self { rejected: self.rejected, restarted_at: Some(arrival), ..Self::new(self.config) };
+            *self =
+                Self { rejected_reports: self.rejected_reports, restarted_at: Some(arrival), ..Self::new(self.config) };
         }
         let at = self.clock.sending_time(arrival, report.sender_time, &self.config);
         // Drops reports out of order. A rebooted sender's are stamped by arrival, hence newer.
@@ -120,29 +121,29 @@ impl AttitudeHistory {
         }
         self.freeze_detector.process_report(at, &report);
         if self.freeze_detector.frozen_at().is_some() {
-            self.rejected.frozen_reports = self.rejected.frozen_reports.wrapping_add(1);
+            self.rejected_reports.frozen_reports = self.rejected_reports.frozen_reports.wrapping_add(1);
             return;
         }
         let max_gap_us = u64::from(self.config.max_gap_us);
         let last_report = self.reports.back().filter(|last_report| at.us_since(last_report.sent_at) <= max_gap_us);
         if self.spike_filter.is_spike(last_report, at, report.attitude) {
-            self.rejected.spike_reports = self.rejected.spike_reports.wrapping_add(1);
+            self.rejected_reports.spike_reports = self.rejected_reports.spike_reports.wrapping_add(1);
             return;
         }
         // Contradicting rates cannot show that the aircraft is at rest.
         let is_aligning = self.alignment_detector.process_report(at, &report)
             && !self.rate_consistency.is_contradicted()
-            || self.restarted_at.is_some_and(|restart| at.us_since(restart) < RESTART_ALIGNMENT_US);
+            || self.restarted_at.is_some_and(|restart| at.us_since(restart) < ALIGNMENT_AFTER_RESTART_US);
         let is_stale = self.stale_attitude_detector.process_report(at, &report);
         self.last_contradicted_at = (is_aligning || is_stale).then_some(at);
         if is_stale {
-            self.rejected.frozen_reports = self.rejected.frozen_reports.wrapping_add(1);
+            self.rejected_reports.frozen_reports = self.rejected_reports.frozen_reports.wrapping_add(1);
         }
         if is_aligning || is_stale {
             return;
         }
         if self.rate_consistency.process_report(at, &report) {
-            self.rejected.contradicting_rates = self.rejected.contradicting_rates.wrapping_add(1);
+            self.rejected_reports.rate_contradictions = self.rejected_reports.rate_contradictions.wrapping_add(1);
             report.body_rates = None;
         }
         if self.reports.is_full() {
@@ -173,7 +174,7 @@ impl AttitudeHistory {
     /// Counts of rejected reports.
     #[must_use]
     pub const fn rejected_reports(&self) -> RejectedReports {
-        self.rejected
+        self.rejected_reports
     }
 
     /// Attitude at an instant of measurement.
@@ -195,7 +196,7 @@ impl AttitudeHistory {
             };
         }
         self.surrounding_reports(sent_at)
-            .and_then(|(before, after)| self.interpolate_gap(before, after, sent_at))
+            .and_then(|(before, after)| self.interpolate_between(before, after, sent_at))
             .map_or(AttitudeLookup::Missing, AttitudeLookup::Interpolated)
     }
 
@@ -228,10 +229,12 @@ impl AttitudeHistory {
     }
 
     fn heading_integral_at(&self, at: Timestamp, report: &AttitudeReport) -> HeadingIntegral {
-        let Some(last_report) = self.reports.back() else { return HeadingIntegral::EMPTY.advanced(report, None) };
+        let Some(last_report) = self.reports.back() else {
+            return HeadingIntegral::EMPTY.integrate_to_report(report, None);
+        };
         let gap_us = at.us_since(last_report.sent_at);
         let step_s = (gap_us <= u64::from(self.config.max_integrated_gap_us)).then_some(gap_us as f32 * 1e-6);
-        last_report.heading_integral.advanced(report, step_s)
+        last_report.heading_integral.integrate_to_report(report, step_s)
     }
 
     /// Reason to reject reports sent at `sent_at`, if any.
@@ -252,7 +255,7 @@ impl AttitudeHistory {
         pairs.find(|(before, after)| (before.sent_at..after.sent_at).contains(&sent_at))
     }
 
-    fn interpolate_gap(&self, before: &TimedReport, after: &TimedReport, sent_at: Timestamp) -> Option<Attitude> {
+    fn interpolate_between(&self, before: &TimedReport, after: &TimedReport, sent_at: Timestamp) -> Option<Attitude> {
         let gap_us = after.sent_at.us_since(before.sent_at);
         let fraction = sent_at.us_since(before.sent_at) as f32 / gap_us as f32;
         (sent_at == before.sent_at || gap_us <= u64::from(self.config.max_gap_us))

@@ -105,14 +105,14 @@ impl RateConsistency {
         self.agreement_rad2 =
             finite_or_zero(FORGETTING_FACTOR * self.agreement_rad2 + product - MIN_ATTITUDE_RATIO * gyro_squared)
                 .clamp(-EVIDENCE_THRESHOLD_RAD2, EVIDENCE_THRESHOLD_RAD2);
-        if self.are_too_slow(gyro_squared, attitude_squared) {
+        if self.are_rates_too_small(gyro_squared, attitude_squared) {
             self.agreement_rad2 = -EVIDENCE_THRESHOLD_RAD2;
         }
     }
 
     /// Whether the body rates are too small for the attitude's changes. Adds the squared changes of one interval,
     /// rad^2, to the evidence.
-    fn are_too_slow(&mut self, gyro_squared: f32, attitude_squared: f32) -> bool {
+    fn are_rates_too_small(&mut self, gyro_squared: f32, attitude_squared: f32) -> bool {
         let rate_excess = gyro_squared / (MIN_RATE_RATIO * MIN_RATE_RATIO) - attitude_squared;
         self.rate_evidence_rad2 =
             finite_or_zero(FORGETTING_FACTOR * self.rate_evidence_rad2 + rate_excess).min(MIN_ATTITUDE_CHANGE_RAD2);
@@ -139,7 +139,7 @@ mod tests {
 
     /// Seconds until a contradiction is reported, of 100 s. 50 Hz reports of rolling into and out of 25 deg of bank,
     /// with 0.3 deg of noise, a scale error and a latency of the attitude, and a scale of the rates.
-    fn seconds_to_contradiction(roll_scale: f32, late_s: f32, rates: f32) -> Option<u32> {
+    fn seconds_to_contradiction(roll_scale: f32, late_s: f32, rate_scale: f32) -> Option<u32> {
         let mut random = Random(1);
         let mut check = RateConsistency::EMPTY;
         let roll_rad = |t_s: f32| {
@@ -154,7 +154,7 @@ mod tests {
                 pitch_rad: 0.005 * random.normal(),
             };
             let p = (roll_rad(t_s - late_s + 0.01) - roll_rad(t_s - late_s - 0.01)) / 0.02;
-            let rates_rad_s = [rates * p, 0.0, rates * 0.01];
+            let rates_rad_s = [rate_scale * p, 0.0, rate_scale * 0.01];
             let report = AttitudeReport {
                 sender: SenderId::default(),
                 sender_time: WrappingMillis::default(),
@@ -184,21 +184,27 @@ mod tests {
     }
 
     /// Feeds a triangular roll with these rates and this attitude amplitude per second.
-    fn feed(check: &mut RateConsistency, from_s: u32, seconds: u32, per_gyro: f32, per_attitude: f32) -> bool {
+    fn feed_triangular_roll(
+        rate_consistency: &mut RateConsistency,
+        from_s: u32,
+        seconds: u32,
+        gyro_rad_per_s: f32,
+        attitude_rad_per_s: f32,
+    ) -> bool {
         let mut is_contradicted = false;
         for i in 10 * from_s..=10 * (from_s + seconds) {
             // Alternates between up and down every second.
             let up = (i / 10) % 2 == 0;
             let part = f32::from((i % 10) as u8) / 10.0;
-            let roll_rad = per_attitude * if up { part } else { 1.0 - part };
-            let rate = per_gyro * if up { 1.0 } else { -1.0 };
+            let roll_rad = attitude_rad_per_s * if up { part } else { 1.0 - part };
+            let rate = gyro_rad_per_s * if up { 1.0 } else { -1.0 };
             let report = AttitudeReport {
                 sender: SenderId::default(),
                 sender_time: WrappingMillis::default(),
                 attitude: Attitude { roll_rad, pitch_rad: 0.0 },
                 body_rates: BodyRates::from_rad_s([rate, 0.0, 1e-6]),
             };
-            is_contradicted = check.process_report(Timestamp::from_us(u64::from(i) * 100_000), &report);
+            is_contradicted = rate_consistency.process_report(Timestamp::from_us(u64::from(i) * 100_000), &report);
         }
         is_contradicted
     }
@@ -206,18 +212,18 @@ mod tests {
     /// An attitude change of less than 15 % of the integrated rates is a contradiction, and so are
     /// rates of less than 15 % of the attitude change.
     #[test]
-    fn limits_of_scale_and_magnitude() {
+    fn rates_and_attitude_may_differ_up_to_their_limits() {
         for (per_gyro, per_attitude, expected) in
             [(0.5, 0.09, false), (0.5, 0.06, true), (0.09, 0.5, false), (0.06, 0.5, true), (0.5, -0.5, true)]
         {
-            let found = feed(&mut RateConsistency::EMPTY.clone(), 0, 40, per_gyro, per_attitude);
+            let found = feed_triangular_roll(&mut RateConsistency::EMPTY.clone(), 0, 40, per_gyro, per_attitude);
             assert_eq!(found, expected, "{per_gyro} {per_attitude}");
         }
         // Evidence: 1.15 * 0.04^2 rad^2 per second of disagreement; 20 s of squared attitude change at slow rates.
         for (seconds, per_gyro, per_attitude, expected) in
             [(4, 0.04, -0.04, false), (6, 0.04, -0.04, true), (60, 0.001, 0.025, false), (60, 0.001, 0.03, true)]
         {
-            let found = feed(&mut RateConsistency::EMPTY.clone(), 0, seconds, per_gyro, per_attitude);
+            let found = feed_triangular_roll(&mut RateConsistency::EMPTY.clone(), 0, seconds, per_gyro, per_attitude);
             assert_eq!(found, expected, "{seconds} {per_gyro} {per_attitude}");
         }
     }
@@ -227,8 +233,8 @@ mod tests {
         for (per_gyro, per_attitude, seconds) in [(0.04, -0.04, 12), (0.001, 0.05, 16), (0.3, 0.01, 2), (0.001, 0.2, 2)]
         {
             let mut check = RateConsistency::EMPTY;
-            assert!(!feed(&mut check, 0, 60, 0.3, 0.3));
-            assert!(feed(&mut check, 61, seconds, per_gyro, per_attitude), "{per_gyro} {per_attitude}");
+            assert!(!feed_triangular_roll(&mut check, 0, 60, 0.3, 0.3));
+            assert!(feed_triangular_roll(&mut check, 61, seconds, per_gyro, per_attitude), "{per_gyro} {per_attitude}");
         }
     }
 
@@ -249,15 +255,15 @@ mod tests {
     #[test]
     fn corrected_rates_are_accepted_again() {
         let mut check = RateConsistency::EMPTY;
-        assert!(feed(&mut check, 0, 20, 0.3, -0.3));
-        assert!(!feed(&mut check, 21, 30, 0.3, 0.3));
+        assert!(feed_triangular_roll(&mut check, 0, 20, 0.3, -0.3));
+        assert!(!feed_triangular_roll(&mut check, 21, 30, 0.3, 0.3));
     }
 
     #[test]
     fn infinite_rates_are_discarded() {
         let mut check = RateConsistency::EMPTY;
-        feed(&mut check, 0, 3, f32::INFINITY, 0.3);
-        assert!(!feed(&mut check, 4, 40, 0.3, 0.3));
+        feed_triangular_roll(&mut check, 0, 3, f32::INFINITY, 0.3);
+        assert!(!feed_triangular_roll(&mut check, 4, 40, 0.3, 0.3));
         assert!(check.agreement_rad2.is_finite() && check.rate_evidence_rad2.is_finite());
     }
 }

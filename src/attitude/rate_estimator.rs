@@ -21,7 +21,7 @@ const MAX_STEP_S: f32 = 0.3;
 const MAX_RESIDUAL_RAD: f32 = 0.3;
 
 /// Number of consecutive deviations after which the filter restarts.
-const MAX_OUTLIERS: u8 = 3;
+const MAX_CONSECUTIVE_OUTLIERS: u8 = 3;
 
 /// Roll, pitch and heading, radians.
 type Angles = [f32; 3];
@@ -29,10 +29,10 @@ type Angles = [f32; 3];
 /// Smoothed angles and their rates.
 #[derive(Clone, Copy, Debug)]
 struct SmoothedAngles {
-    at: Timestamp,
+    updated_at: Timestamp,
     angles_rad: Angles,
     rates_rad_s: Angles,
-    outliers: u8,
+    consecutive_outliers: u8,
 }
 
 /// Tracking filter of roll, pitch and heading.
@@ -50,17 +50,18 @@ impl RateEstimator {
     /// unknown.
     pub fn update_rates(&mut self, at: Timestamp, attitude: Attitude, heading_rad: f32) -> [f32; 3] {
         let measured = [attitude.roll_rad, attitude.pitch_rad, heading_rad];
-        let started = SmoothedAngles { at, angles_rad: measured, rates_rad_s: [0.0; 3], outliers: 0 };
+        let started =
+            SmoothedAngles { updated_at: at, angles_rad: measured, rates_rad_s: [0.0; 3], consecutive_outliers: 0 };
         let Some(last_angles) = self.0.replace(started) else { return [0.0; 3] };
-        let step_s = at.us_since(last_angles.at) as f32 * 1e-6;
+        let step_s = at.us_since(last_angles.updated_at) as f32 * 1e-6;
         if !(0.0..=MAX_STEP_S).contains(&step_s) {
             return [0.0; 3];
         }
         let predicted: Angles = from_fn(|i| last_angles.angles_rad[i] + last_angles.rates_rad_s[i] * step_s);
         let mut residuals: Angles = from_fn(|i| wrap_pi(measured[i] - predicted[i]));
         let is_outlier = residuals.iter().any(|residual| residual.abs() > MAX_RESIDUAL_RAD);
-        let outliers = if is_outlier { last_angles.outliers + 1 } else { 0 };
-        if outliers > MAX_OUTLIERS || step_s == 0.0 {
+        let outliers = if is_outlier { last_angles.consecutive_outliers + 1 } else { 0 };
+        if outliers > MAX_CONSECUTIVE_OUTLIERS || step_s == 0.0 {
             return [0.0; 3];
         }
         if is_outlier {
@@ -70,10 +71,10 @@ impl RateEstimator {
         let memory = 1.0 / (1.0 + step_s / TIME_CONSTANT_S);
         let (angle_gain, rate_gain) = (1.0 - memory * memory, (1.0 - memory) * (1.0 - memory) / step_s);
         self.0 = Some(SmoothedAngles {
-            at,
+            updated_at: at,
             angles_rad: from_fn(|i| wrap_pi(predicted[i] + angle_gain * residuals[i])),
             rates_rad_s: from_fn(|i| last_angles.rates_rad_s[i] + rate_gain * residuals[i]),
-            outliers,
+            consecutive_outliers: outliers,
         });
         let [roll_rad_s, pitch_rad_s, heading_rad_s] =
             from_fn(|i| last_angles.rates_rad_s[i] + angle_gain * residuals[i] / step_s);

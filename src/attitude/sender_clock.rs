@@ -22,7 +22,7 @@ impl SenderClock {
     /// Whether the sender has restarted since the last report: its clock has stepped back, or it has none and was silent.
     pub fn has_restarted(&self, arrival: Timestamp, sender: WrappingMillis, config: &AttitudeConfig) -> bool {
         self.last_report.is_some_and(|(last_sender, last_sent)| match sender.signed_ms_since(last_sender) {
-            0 => arrival.us_since(last_sent) > u64::from(config.max_silence_us),
+            0 => arrival.us_since(last_sent) > u64::from(config.restart_silence_us),
             step_ms => step_ms <= -MIN_RESTART_STEP_MS,
         })
     }

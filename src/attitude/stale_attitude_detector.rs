@@ -55,8 +55,8 @@ pub(super) struct StaleAttitudeDetector {
     last_report: Option<(Timestamp, Vector3<f32>)>,
     /// Gyro offset across the vertical, rad/s.
     gyro_offset: Vector3<f32>,
-    vertical: VectorMotion,
-    field: VectorMotion,
+    vertical_motion: VectorMotion,
+    field_motion: VectorMotion,
     /// Evidence that the field follows the rates, leaky, square radians times seconds.
     field_evidence: f32,
     /// Integrated magnitude of the body rates with exponential forgetting, radians.
@@ -79,8 +79,8 @@ impl StaleAttitudeDetector {
             field_direction: None,
             last_report: None,
             gyro_offset: Vector3::new(0.0, 0.0, 0.0),
-            vertical: VectorMotion::new(),
-            field: VectorMotion::new(),
+            vertical_motion: VectorMotion::new(),
+            field_motion: VectorMotion::new(),
             field_evidence: 0.0,
             turned_rad: 0.0,
             is_stale: false,
@@ -113,19 +113,19 @@ impl StaleAttitudeDetector {
             return is_stale;
         }
         let down = report.attitude.tilt_rotation().down_in_body();
-        let missing_motion = self.vertical.accumulate_turn(down, turn, decay_factor);
+        let missing_motion = self.vertical_motion.accumulate_turn(down, turn, decay_factor);
         if !self.is_stale {
             let gyro_offset = self.gyro_offset + missing_motion.cross(&down) / GYRO_OFFSET_TIME_S;
             self.gyro_offset = gyro_offset.map(|rad_s| rad_s.clamp(-MAX_OFFSET_RAD_S, MAX_OFFSET_RAD_S));
         }
-        self.field.accumulate_turn(field, turn, decay_factor);
-        let VectorMotion { observed, predicted, .. } = &self.field;
+        self.field_motion.accumulate_turn(field, turn, decay_factor);
+        let VectorMotion { observed, predicted, .. } = &self.field_motion;
         self.field_evidence *= 1.0 - step_s / EVIDENCE_MEMORY_S;
         self.field_evidence += step_s * (observed - predicted * MIN_FOLLOWING_FRACTION).dot(predicted);
         let is_stale = if self.is_stale {
-            !self.vertical.moved_as_predicted(MIN_MISSING_MOTION_RAD)
+            !self.vertical_motion.has_moved_as_predicted(MIN_MISSING_MOTION_RAD)
         } else {
-            self.is_vertical_motion_missing() && self.field.moved_as_predicted(MIN_FIELD_MOTION_RAD)
+            self.is_vertical_motion_missing() && self.field_motion.has_moved_as_predicted(MIN_FIELD_MOTION_RAD)
         };
         self.is_stale = is_stale && self.field_evidence > 0.0;
         self.is_stale
@@ -133,7 +133,7 @@ impl StaleAttitudeDetector {
 
     /// Whether the vertical does not move while the rates show that it should.
     fn is_vertical_motion_missing(&self) -> bool {
-        let VectorMotion { observed, predicted, .. } = &self.vertical;
+        let VectorMotion { observed, predicted, .. } = &self.vertical_motion;
         (predicted - observed).vector_length() > MIN_MISSING_MOTION_RAD + MIN_MISSING_MOTION_PER_RAD * self.turned_rad
             && observed.vector_length() < MAX_STALE_FRACTION * predicted.vector_length()
     }
@@ -156,7 +156,7 @@ impl VectorMotion {
     }
 
     /// Whether the vector has moved as predicted, by at least this angle.
-    fn moved_as_predicted(&self, min_motion_rad: f32) -> bool {
+    fn has_moved_as_predicted(&self, min_motion_rad: f32) -> bool {
         let predicted_rad = self.predicted.vector_length();
         predicted_rad > min_motion_rad
             && (self.observed - self.predicted).vector_length() < (1.0 - MIN_FOLLOWING_FRACTION) * predicted_rad
@@ -174,35 +174,35 @@ mod tests {
 
     /// Errors of the simulated sensors.
     #[derive(Clone, Copy, Default)]
-    struct Errors {
+    struct SensorErrors {
         /// Time at which roll and pitch stop changing, seconds.
         stale_from_s: Option<f32>,
         stale_until_s: f32,
         /// Scale error and cross-axis error of the gyro.
-        scale: f32,
-        cross: f32,
-        offset_deg_s: f32,
+        gyro_scale: f32,
+        gyro_cross_axis: f32,
+        gyro_offset_deg_s: f32,
         /// Growth of the offsets, deg/s in a second.
-        growth_deg_s2: [f32; 3],
+        offset_growth_deg_s2: [f32; 3],
         /// Factor on the reported rates, for a wrong unit.
-        rates: f32,
+        rate_factor: f32,
         is_field_stale: bool,
     }
 
-    const GOOD: Errors = Errors {
+    const NO_ERRORS: SensorErrors = SensorErrors {
         stale_from_s: None,
         stale_until_s: f32::INFINITY,
-        scale: 0.0,
-        cross: 0.0,
-        offset_deg_s: 0.0,
-        growth_deg_s2: [0.0; 3],
-        rates: 1.0,
+        gyro_scale: 0.0,
+        gyro_cross_axis: 0.0,
+        gyro_offset_deg_s: 0.0,
+        offset_growth_deg_s2: [0.0; 3],
+        rate_factor: 1.0,
         is_field_stale: false,
     };
 
     /// 9 s of straight flight, a roll to 25 deg in 1 s, a turn of 18 deg/s for 9 s, and back in 1 s; repeated. Heading
     /// and roll at a time, degrees.
-    fn flown(t_s: f32) -> [f32; 2] {
+    fn heading_and_roll_deg(t_s: f32) -> [f32; 2] {
         let in_leg_s = t_s.rem_euclid(20.0);
         let part = |t_s: f32| (t_s - 9.0).clamp(0.0, 1.0) * (20.0 - t_s).clamp(0.0, 1.0);
         let turned_deg = (0..(in_leg_s * 50.0) as u16).map(|i| part(f32::from(i) / 50.0) * 18.0 / 50.0).sum::<f32>();
@@ -212,25 +212,29 @@ mod tests {
 
     /// Times at which the detection begins and ends, seconds, of 100 s at 50 Hz with 0.3 deg of noise each of attitude
     /// and rates.
-    fn detected(errors: Errors, seed: u64) -> Vec<f32> {
+    fn detection_changes_s(errors: SensorErrors, seed: u64) -> Vec<f32> {
         let (mut random, mut detector, mut changes, mut was_stale) =
             (Random(seed), StaleAttitudeDetector::new(), Vec::new(), false);
         for i in 0..5000_u16 {
             let t_s = f32::from(i) / 50.0;
-            let ([heading_deg, roll_deg], [_, before_deg]) = (flown(t_s), flown(t_s - 0.02));
-            let heading_rate_deg_s = (flown(t_s)[0] - flown(t_s - 0.02)[0]).max(0.0) * 50.0;
+            let ([heading_deg, roll_deg], [_, before_deg]) =
+                (heading_and_roll_deg(t_s), heading_and_roll_deg(t_s - 0.02));
+            let heading_rate_deg_s =
+                (heading_and_roll_deg(t_s)[0] - heading_and_roll_deg(t_s - 0.02)[0]).max(0.0) * 50.0;
             let mut noise_deg = || 0.3 * random.normal();
             let stale_since_s = errors.stale_from_s.filter(|from_s| t_s >= *from_s && t_s < errors.stale_until_s);
-            let attitude = Attitude::from_deg(flown(stale_since_s.unwrap_or(t_s))[1] + noise_deg(), noise_deg());
+            let attitude =
+                Attitude::from_deg(heading_and_roll_deg(stale_since_s.unwrap_or(t_s))[1] + noise_deg(), noise_deg());
             let (sin_roll, cos_roll) = roll_deg.to_radians().sin_cos();
             let true_deg_s =
                 [(roll_deg - before_deg) * 50.0, heading_rate_deg_s * sin_roll, heading_rate_deg_s * cos_roll];
-            let offset_deg_s = errors.growth_deg_s2.map(|growth_deg_s2| errors.offset_deg_s + growth_deg_s2 * t_s);
+            let offset_deg_s =
+                errors.offset_growth_deg_s2.map(|growth_deg_s2| errors.gyro_offset_deg_s + growth_deg_s2 * t_s);
             let sum_deg_s = true_deg_s.iter().sum::<f32>();
             let rates_rad_s = [0, 1, 2].map(|axis| {
                 let (rate, offset_deg_s) = (true_deg_s[axis], offset_deg_s[axis]);
-                let with_errors = rate * (1.0 + errors.scale) + (sum_deg_s - rate) * errors.cross;
-                (errors.rates * (with_errors + offset_deg_s + noise_deg())).to_radians()
+                let with_errors = rate * (1.0 + errors.gyro_scale) + (sum_deg_s - rate) * errors.gyro_cross_axis;
+                (errors.rate_factor * (with_errors + offset_deg_s + noise_deg())).to_radians()
             });
             let field_at = if errors.is_field_stale { [0.0; 2] } else { [heading_deg, roll_deg] };
             let earth = Field::earth_field(50.0, 1.1, field_at[0].to_radians() + 0.3);
@@ -257,8 +261,14 @@ mod tests {
                 for (scale, cross, offset_deg_s, within_s) in
                     [(0.0, 0.0, 0.0, 1.0), (0.1, 0.1, 1.0, 10.0), (-0.1, -0.1, -1.0, 10.0)]
                 {
-                    let errors = Errors { stale_from_s: Some(from_s), scale, cross, offset_deg_s, ..GOOD };
-                    let found = detected(errors, seed);
+                    let errors = SensorErrors {
+                        stale_from_s: Some(from_s),
+                        gyro_scale: scale,
+                        gyro_cross_axis: cross,
+                        gyro_offset_deg_s: offset_deg_s,
+                        ..NO_ERRORS
+                    };
+                    let found = detection_changes_s(errors, seed);
                     assert!(
                         matches!(found[..], [at_s] if (from_s..roll_from_s + within_s).contains(&at_s)),
                         "{found:?}"
@@ -272,7 +282,8 @@ mod tests {
     #[test]
     fn an_attitude_that_follows_again_is_accepted() {
         for seed in 0..20 {
-            let found = detected(Errors { stale_from_s: Some(25.0), stale_until_s: 45.0, ..GOOD }, seed);
+            let found =
+                detection_changes_s(SensorErrors { stale_from_s: Some(25.0), stale_until_s: 45.0, ..NO_ERRORS }, seed);
             assert!(matches!(found[..], [_, end_s] if (49.0..50.0).contains(&end_s)), "{found:?}");
         }
     }
@@ -283,16 +294,34 @@ mod tests {
     fn other_faults_are_no_stale_attitude() {
         for seed in 0..20 {
             for (scale, cross, offset_deg_s) in [(0.1, 0.1, 1.0), (-0.1, 0.1, -1.0), (0.1, -0.1, 1.0)] {
-                assert_eq!(detected(Errors { scale, cross, offset_deg_s, ..GOOD }, seed), []);
+                assert_eq!(
+                    detection_changes_s(
+                        SensorErrors {
+                            gyro_scale: scale,
+                            gyro_cross_axis: cross,
+                            gyro_offset_deg_s: offset_deg_s,
+                            ..NO_ERRORS
+                        },
+                        seed
+                    ),
+                    []
+                );
             }
             for direction in [[0.0, 1.0, 0.0], [1.0, -1.0, 1.0], [-1.0, -1.0, 1.0]] {
                 let growth_deg_s2 = direction.map(|axis| axis * 4.0 / 60.0);
-                assert_eq!(detected(Errors { growth_deg_s2, ..GOOD }, seed), [], "{direction:?}");
+                assert_eq!(
+                    detection_changes_s(SensorErrors { offset_growth_deg_s2: growth_deg_s2, ..NO_ERRORS }, seed),
+                    [],
+                    "{direction:?}"
+                );
             }
             for rates in [57.3, 1.0 / 57.3, -1.0] {
-                assert_eq!(detected(Errors { rates, ..GOOD }, seed), [], "{rates}");
+                assert_eq!(detection_changes_s(SensorErrors { rate_factor: rates, ..NO_ERRORS }, seed), [], "{rates}");
             }
-            assert_eq!(detected(Errors { stale_from_s: Some(25.0), is_field_stale: true, ..GOOD }, seed), []);
+            assert_eq!(
+                detection_changes_s(SensorErrors { stale_from_s: Some(25.0), is_field_stale: true, ..NO_ERRORS }, seed),
+                []
+            );
         }
     }
 
@@ -312,7 +341,7 @@ mod tests {
             detector.process_report(Timestamp::from_us(i as u64 * 20_000), &report);
         }
         // The infinite rate of the first report also enters the mean of the second step.
-        assert!(detector.turned_rad.is_finite() && detector.vertical.predicted.vector_length() < 0.01);
+        assert!(detector.turned_rad.is_finite() && detector.vertical_motion.predicted.vector_length() < 0.01);
     }
 
     #[test]

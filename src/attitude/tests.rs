@@ -9,18 +9,18 @@ fn at(us: u64) -> Timestamp {
     Timestamp::from_us(us)
 }
 
-fn rolling(sender_ms: u32, roll_deg: f32, p_deg_s: f32) -> AttitudeReport {
-    moving(sender_ms, Attitude::from_deg(roll_deg, 0.0), [p_deg_s, 0.0, 0.0])
+fn roll_report(sender_ms: u32, roll_deg: f32, p_deg_s: f32) -> AttitudeReport {
+    attitude_report(sender_ms, Attitude::from_deg(roll_deg, 0.0), [p_deg_s, 0.0, 0.0])
 }
 
-fn moving(sender_ms: u32, attitude: Attitude, rates_deg_s: [f32; 3]) -> AttitudeReport {
+fn attitude_report(sender_ms: u32, attitude: Attitude, rates_deg_s: [f32; 3]) -> AttitudeReport {
     let body_rates = BodyRates::from_rad_s(rates_deg_s.map(f32::to_radians));
     AttitudeReport { sender: SenderId::default(), sender_time: WrappingMillis::new(sender_ms), attitude, body_rates }
 }
 
-fn single_report(attitude: Attitude, rates_deg_s: [f32; 3]) -> AttitudeHistory {
+fn history_of_one_report(attitude: Attitude, rates_deg_s: [f32; 3]) -> AttitudeHistory {
     let mut track = AttitudeHistory::new(CONFIG);
-    track.push_report(at(1_000_000 + LATENCY_US), moving(0, attitude, rates_deg_s));
+    track.push_report(at(1_000_000 + LATENCY_US), attitude_report(0, attitude, rates_deg_s));
     track
 }
 
@@ -42,7 +42,7 @@ fn interpolates_and_extrapolates_to_the_instant() {
     let mut track = AttitudeHistory::new(CONFIG);
     for i in 0..8_u32 {
         let true_us = 1_000_000 + u64::from(i) * PERIOD_US;
-        track.push_report(at(true_us + LATENCY_US), rolling(500 + i * 20, 0.2 * i as f32, 10.0));
+        track.push_report(at(true_us + LATENCY_US), roll_report(500 + i * 20, 0.2 * i as f32, 10.0));
     }
     let lookup = track.attitude_at(at(1_050_000));
     assert!(matches!(lookup, AttitudeLookup::Interpolated(_)));
@@ -58,7 +58,7 @@ fn interpolates_and_extrapolates_to_the_instant() {
 fn both_angles_are_interpolated() {
     let mut track = AttitudeHistory::new(CONFIG);
     for (i, (roll_deg, pitch_deg)) in [(10.0, -4.0), (12.0, 0.0)].into_iter().enumerate() {
-        let report = moving(0, Attitude::from_deg(roll_deg, pitch_deg), [0.0; 3]);
+        let report = attitude_report(0, Attitude::from_deg(roll_deg, pitch_deg), [0.0; 3]);
         track.push_report(at(1_000_000 + i as u64 * PERIOD_US + LATENCY_US), report);
     }
     let [roll, pitch] = angles_deg(track.attitude_at(at(1_000_000 + PERIOD_US / 4)));
@@ -68,9 +68,9 @@ fn both_angles_are_interpolated() {
 /// A recording may hold attitude and field at the same instants only.
 #[test]
 fn a_lookup_at_the_time_of_a_report_needs_no_second_report() {
-    let mut track = single_report(Attitude::from_deg(12.0, -3.0), [0.0; 3]);
+    let mut track = history_of_one_report(Attitude::from_deg(12.0, -3.0), [0.0; 3]);
     assert!(matches!(track.attitude_at(at(1_000_000)), AttitudeLookup::Interpolated(_)));
-    track.push_report(at(3_000_000 + LATENCY_US), rolling(0, 50.0, 0.0));
+    track.push_report(at(3_000_000 + LATENCY_US), roll_report(0, 50.0, 0.0));
     let [roll, pitch] = angles_deg(track.attitude_at(at(1_000_000)));
     assert!((roll - 12.0).abs() < 1e-4 && (pitch + 3.0).abs() < 1e-4, "{roll} {pitch}");
     assert_eq!(track.attitude_at(at(1_000_001)), AttitudeLookup::Missing);
@@ -81,7 +81,9 @@ fn a_lookup_at_the_time_of_a_report_needs_no_second_report() {
 #[test]
 fn extrapolation_uses_body_rates_with_their_signs() {
     let after_tenth = |roll_deg: f32, pitch_deg: f32, rates_deg_s: [f32; 3]| {
-        angles_deg(single_report(Attitude::from_deg(roll_deg, pitch_deg), rates_deg_s).attitude_at(at(1_100_000)))
+        angles_deg(
+            history_of_one_report(Attitude::from_deg(roll_deg, pitch_deg), rates_deg_s).attitude_at(at(1_100_000)),
+        )
     };
     for (roll_deg, pitch_deg, rates_deg_s, [roll_to, pitch_to]) in [
         (0.0, 0.0, [30.0, 0.0, 0.0], [3.0, 0.0]),
@@ -112,7 +114,7 @@ fn extrapolation_uses_body_rates_with_their_signs() {
 /// The limit of extrapolation is 200 ms.
 #[test]
 fn extrapolation_is_limited() {
-    let track = single_report(Attitude::default(), [10.0, 0.0, 0.0]);
+    let track = history_of_one_report(Attitude::default(), [10.0, 0.0, 0.0]);
     assert!((roll_deg(track.attitude_at(at(1_200_000))) - 2.0).abs() < 1e-3);
     assert_eq!(track.attitude_at(at(1_200_001)), AttitudeLookup::Stale);
     assert_eq!(AttitudeHistory::new(CONFIG).attitude_at(at(0)), AttitudeLookup::Stale);
@@ -122,8 +124,8 @@ fn extrapolation_is_limited() {
 #[test]
 fn a_long_gap_is_not_interpolated() {
     for (gap_us, is_interpolated) in [(250_000, true), (250_001, false)] {
-        let mut track = single_report(Attitude::from_deg(10.0, 0.0), [0.0; 3]);
-        track.push_report(at(1_000_000 + gap_us + LATENCY_US), rolling(0, 20.0, 0.0));
+        let mut track = history_of_one_report(Attitude::from_deg(10.0, 0.0), [0.0; 3]);
+        track.push_report(at(1_000_000 + gap_us + LATENCY_US), roll_report(0, 20.0, 0.0));
         match track.attitude_at(at(1_100_000)) {
             AttitudeLookup::Interpolated(_) => assert!(is_interpolated, "{gap_us} us"),
             lookup => assert!(!is_interpolated && lookup == AttitudeLookup::Missing, "{gap_us} us: {lookup:?}"),
@@ -135,7 +137,7 @@ fn a_long_gap_is_not_interpolated() {
 fn the_oldest_report_is_dropped() {
     let mut track = AttitudeHistory::new(CONFIG);
     for i in 0..9_u32 {
-        track.push_report(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), rolling(0, i as f32, 0.0));
+        track.push_report(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), roll_report(0, i as f32, 0.0));
     }
     assert_eq!(track.attitude_at(at(1_010_000)), AttitudeLookup::Missing);
     assert!((roll_deg(track.attitude_at(at(1_030_000))) - 1.5).abs() < 1e-3);
@@ -143,9 +145,9 @@ fn the_oldest_report_is_dropped() {
 
 #[test]
 fn a_report_that_is_not_newer_changes_nothing() {
-    let mut track = single_report(Attitude::from_deg(10.0, 0.0), [0.0; 3]);
+    let mut track = history_of_one_report(Attitude::from_deg(10.0, 0.0), [0.0; 3]);
     for arrival_us in [1_000_000, 990_000, 0] {
-        track.push_report(at(arrival_us + LATENCY_US), rolling(0, 50.0, 0.0));
+        track.push_report(at(arrival_us + LATENCY_US), roll_report(0, 50.0, 0.0));
     }
     assert!((roll_deg(track.attitude_at(at(1_000_000))) - 10.0).abs() < 1e-3);
     assert_eq!(track.attitude_at(at(999_999)), AttitudeLookup::Missing);
@@ -157,7 +159,7 @@ fn jitter_of_arrival_times_is_removed() {
     for i in 0..200_u32 {
         let jitter_us = u64::from(i * 7919 % 15) * 1000;
         let sent_us = 1_000_000 + u64::from(i) * PERIOD_US;
-        track.push_report(at(sent_us + jitter_us), rolling(i * 20, i as f32 * 0.2, 0.0));
+        track.push_report(at(sent_us + jitter_us), roll_report(i * 20, i as f32 * 0.2, 0.0));
     }
     // At 10 deg/s a stamp error of 0.3 ms is 0.003 deg; arrival times would give up to 0.15 deg.
     let lookup_time = at(1_000_000 + 197 * PERIOD_US - LATENCY_US);
@@ -172,7 +174,7 @@ fn a_drifting_clock_is_followed() {
         let mut sent_us = 0;
         for i in 0..2000_i64 {
             sent_us = 1_000_000 + i * 20_000 + i * 20_000 * ppm / 1_000_000;
-            track.push_report(at(sent_us as u64), rolling(i as u32 * 20, i as f32 * 0.01, 0.0));
+            track.push_report(at(sent_us as u64), roll_report(i as u32 * 20, i as f32 * 0.01, 0.0));
         }
         // The roll grows by 0.01 deg per 20 ms: a clock error of 1 ms is 0.0005 deg.
         let found = roll_deg(track.attitude_at(at(sent_us as u64 - 10_000 - LATENCY_US)));
@@ -185,8 +187,8 @@ fn a_drifting_clock_is_followed() {
 fn a_distant_sender_clock_is_ignored() {
     for (delay_us, by_clock) in [(100_000, true), (100_001, false)] {
         let mut track = AttitudeHistory::new(CONFIG);
-        track.push_report(at(1_000_000), rolling(0, 0.0, 0.0));
-        track.push_report(at(1_020_000 + delay_us), rolling(20, 0.0, 0.0));
+        track.push_report(at(1_000_000), roll_report(0, 0.0, 0.0));
+        track.push_report(at(1_020_000 + delay_us), roll_report(20, 0.0, 0.0));
         // An instant just after the clock's stamp is extrapolated only if that stamp was used.
         let lookup = track.attitude_at(at(1_020_011 - LATENCY_US));
         assert_eq!(matches!(lookup, AttitudeLookup::Extrapolated(_)), by_clock, "{delay_us} us: {lookup:?}");
@@ -197,7 +199,7 @@ fn a_distant_sender_clock_is_ignored() {
 fn a_sender_without_clock_is_stamped_by_arrival() {
     let mut track = AttitudeHistory::new(CONFIG);
     for (i, sender_ms) in [0; 5].into_iter().enumerate() {
-        track.push_report(at(2_000_000 + i as u64 * PERIOD_US), rolling(sender_ms, i as f32, 0.0));
+        track.push_report(at(2_000_000 + i as u64 * PERIOD_US), roll_report(sender_ms, i as f32, 0.0));
     }
     let newest = at(2_080_000 - LATENCY_US);
     assert!((roll_deg(track.attitude_at(newest)) - 4.0).abs() < 1e-3);
@@ -208,10 +210,10 @@ fn a_sender_without_clock_is_stamped_by_arrival() {
 fn the_attitude_of_a_restarted_sender_is_rejected_at_first() {
     for (step_ms, is_restart) in [(999, false), (1_000, true), (900_000, true)] {
         let mut track = AttitudeHistory::new(CONFIG);
-        track.push_report(at(1_000_000), rolling(900_020, 0.0, 0.0));
+        track.push_report(at(1_000_000), roll_report(900_020, 0.0, 0.0));
         for i in 1..=1000_u32 {
             let at_us = 1_000_000 + u64::from(i) * PERIOD_US;
-            track.push_report(at(at_us), rolling(900_000 - step_ms + 20 * i, 0.01 * i as f32, 0.5));
+            track.push_report(at(at_us), roll_report(900_000 - step_ms + 20 * i, 0.01 * i as f32, 0.5));
             let is_accepted = matches!(track.attitude_at(at(at_us - LATENCY_US + 1)), AttitudeLookup::Extrapolated(_));
             assert_eq!(is_accepted, !is_restart || i > 750, "{step_ms} ms, {i}");
         }
@@ -223,10 +225,10 @@ fn the_attitude_of_a_restarted_sender_is_rejected_at_first() {
 fn a_sender_without_clock_has_restarted_after_silence() {
     for (silence_us, is_restart) in [(2_500_000, false), (2_500_001, true)] {
         let mut track = AttitudeHistory::new(CONFIG);
-        track.push_report(at(1_000_000), rolling(0, 0.0, 0.0));
+        track.push_report(at(1_000_000), roll_report(0, 0.0, 0.0));
         for i in 0..=1000_u32 {
             let at_us = 1_000_000 + silence_us + u64::from(i) * PERIOD_US;
-            track.push_report(at(at_us), rolling(0, 0.01 * i as f32, 0.5));
+            track.push_report(at(at_us), roll_report(0, 0.01 * i as f32, 0.5));
             let is_accepted = matches!(track.attitude_at(at(at_us - LATENCY_US + 1)), AttitudeLookup::Extrapolated(_));
             assert_eq!(is_accepted, !is_restart || i >= 750, "{silence_us} us, {i}");
         }
@@ -239,7 +241,10 @@ fn a_sender_s_clock_may_wrap() {
     for i in 0..40_u32 {
         let jitter_us = if i == 30 { 15_000 } else { 0 };
         let sent_us = 1_000_000 + u64::from(i) * PERIOD_US + jitter_us;
-        track.push_report(at(sent_us), rolling((i * 20).wrapping_sub(400), if i < 31 { i as f32 } else { 99.0 }, 0.0));
+        track.push_report(
+            at(sent_us),
+            roll_report((i * 20).wrapping_sub(400), if i < 31 { i as f32 } else { 99.0 }, 0.0),
+        );
         if i == 30 {
             break;
         }
@@ -251,8 +256,8 @@ fn a_sender_s_clock_may_wrap() {
 #[test]
 fn roll_is_interpolated_the_short_way_round() {
     let mut track = AttitudeHistory::new(CONFIG);
-    track.push_report(at(1_020_000), rolling(0, 179.0, 0.0));
-    track.push_report(at(1_040_000), rolling(20, -179.0, 0.0));
+    track.push_report(at(1_020_000), roll_report(0, 179.0, 0.0));
+    track.push_report(at(1_040_000), roll_report(20, -179.0, 0.0));
     assert!((roll_deg(track.attitude_at(at(1_010_000))).abs() - 180.0).abs() < 1e-3);
 }
 
@@ -289,7 +294,7 @@ fn rolled_history(rolls_deg: &[f32]) -> (AttitudeHistory, u64) {
     let mut true_us = 1_000_000;
     for &roll_deg in rolls_deg {
         true_us += PERIOD_US;
-        track.push_report(at(true_us + LATENCY_US), rolling(0, roll_deg, MINIMAL_RATE_DEG_S));
+        track.push_report(at(true_us + LATENCY_US), roll_report(0, roll_deg, MINIMAL_RATE_DEG_S));
     }
     (track, true_us)
 }
@@ -314,8 +319,8 @@ fn a_distant_report_is_rejected() {
 fn motion_predicted_by_rates_is_no_spike() {
     for (to_deg, is_accepted) in [(1.2 + 6.7, true), (1.2 + 7.1, false), (1.2 - 6.7, true), (1.2 - 7.1, false)] {
         let mut track = AttitudeHistory::new(CONFIG);
-        track.push_report(at(1_000_000), rolling(0, 0.0, 60.0));
-        track.push_report(at(1_000_000 + PERIOD_US), rolling(0, to_deg, 60.0));
+        track.push_report(at(1_000_000), roll_report(0, 0.0, 60.0));
+        track.push_report(at(1_000_000 + PERIOD_US), roll_report(0, to_deg, 60.0));
         assert_eq!(track.rejected_reports().spike_reports, u32::from(!is_accepted), "{to_deg}");
     }
 }
@@ -336,33 +341,36 @@ fn the_fourth_distant_report_is_accepted() {
 fn after_a_gap_any_attitude_is_accepted() {
     for (gap_us, spikes) in [(249_000, 1), (251_000, 0)] {
         let mut track = AttitudeHistory::new(CONFIG);
-        track.push_report(at(1_000_000), rolling(0, 0.0, MINIMAL_RATE_DEG_S));
-        track.push_report(at(1_000_000 + gap_us), rolling(0, 45.0, MINIMAL_RATE_DEG_S));
+        track.push_report(at(1_000_000), roll_report(0, 0.0, MINIMAL_RATE_DEG_S));
+        track.push_report(at(1_000_000 + gap_us), roll_report(0, 45.0, MINIMAL_RATE_DEG_S));
         assert_eq!(track.rejected_reports().spike_reports, spikes, "{gap_us}");
     }
 }
 
 #[test]
 fn roll_at_a_vertical_nose_is_no_spike() {
-    let mut track = single_report(Attitude::from_deg(0.0, 89.0), [0.0; 3]);
-    track.push_report(at(1_020_000 + LATENCY_US), moving(0, Attitude::from_deg(180.0, 89.0), [0.0; 3]));
+    let mut track = history_of_one_report(Attitude::from_deg(0.0, 89.0), [0.0; 3]);
+    track.push_report(at(1_020_000 + LATENCY_US), attitude_report(0, Attitude::from_deg(180.0, 89.0), [0.0; 3]));
     assert_eq!(track.rejected_reports().spike_reports, 0);
-    let mut track = single_report(Attitude::from_deg(0.0, 0.0), [MINIMAL_RATE_DEG_S; 3]);
-    track.push_report(at(1_020_000 + LATENCY_US), moving(0, Attitude::from_deg(0.0, 8.0), [MINIMAL_RATE_DEG_S; 3]));
+    let mut track = history_of_one_report(Attitude::from_deg(0.0, 0.0), [MINIMAL_RATE_DEG_S; 3]);
+    track.push_report(
+        at(1_020_000 + LATENCY_US),
+        attitude_report(0, Attitude::from_deg(0.0, 8.0), [MINIMAL_RATE_DEG_S; 3]),
+    );
     assert_eq!(track.rejected_reports().spike_reports, 1, "pitch counts as well");
 }
 
 #[test]
 fn the_body_rate_is_that_of_the_newest_report() {
     assert_eq!(AttitudeHistory::new(CONFIG).body_rate_rad_s(), None);
-    let track = single_report(Attitude::default(), [30.0, -40.0, 0.0]);
+    let track = history_of_one_report(Attitude::default(), [30.0, -40.0, 0.0]);
     assert!((track.body_rate_rad_s().unwrap() - 50_f32.to_radians()).abs() < 1e-5);
     // All-zero rates mean that the source sends none.
-    assert_eq!(single_report(Attitude::default(), [0.0; 3]).body_rate_rad_s(), None);
+    assert_eq!(history_of_one_report(Attitude::default(), [0.0; 3]).body_rate_rad_s(), None);
     // The limit of body rates is 36 rad/s, 2063 deg/s.
     for (rate_deg_s, reads) in [(2060.0, true), (-2060.0, true), (2066.0, false), (-2066.0, false), (f32::MAX, false)] {
         assert_eq!(
-            single_report(Attitude::default(), [0.1, 0.0, rate_deg_s]).body_rate_rad_s().is_some(),
+            history_of_one_report(Attitude::default(), [0.1, 0.0, rate_deg_s]).body_rate_rad_s().is_some(),
             reads,
             "{rate_deg_s}"
         );
@@ -383,7 +391,7 @@ fn a_frozen_source_is_rejected() {
     // Earlier attitudes remain valid.
     assert!(matches!(track.attitude_at(at(true_us - 50_000)), AttitudeLookup::Interpolated(_)));
     // A new value ends the freeze.
-    track.push_report(at(true_us + PERIOD_US + LATENCY_US), rolling(0, 10.07, 0.0));
+    track.push_report(at(true_us + PERIOD_US + LATENCY_US), roll_report(0, 10.07, 0.0));
     assert!(matches!(track.attitude_at(at(true_us + PERIOD_US + 1)), AttitudeLookup::Extrapolated(_)));
 }
 
@@ -392,9 +400,9 @@ fn a_frozen_source_is_rejected() {
 fn a_new_sender_resets_the_history() {
     let mut track = AttitudeHistory::new(CONFIG);
     for i in 0..4_u32 {
-        track.push_report(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), rolling(500 + i * 20, 10.0, 0.0));
+        track.push_report(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), roll_report(500 + i * 20, 10.0, 0.0));
     }
-    let other = AttitudeReport { sender: SenderId::new(7), ..rolling(500 + 4 * 20 - 50, 30.0, 0.0) };
+    let other = AttitudeReport { sender: SenderId::new(7), ..roll_report(500 + 4 * 20 - 50, 30.0, 0.0) };
     track.push_report(at(1_080_000 + LATENCY_US), other);
     assert!(matches!(track.attitude_at(at(1_080_000)), AttitudeLookup::Interpolated(_)));
     assert!((roll_deg(track.attitude_at(at(1_080_000))) - 30.0).abs() < 1e-3);
@@ -407,7 +415,7 @@ fn a_new_sender_resets_the_history() {
     );
     assert!(matches!(track.attitude_at(at(1_090_000)), AttitudeLookup::Interpolated(_)));
     // A change back to the first sender resets the history again, even for an older report.
-    track.push_report(at(1_090_000 + LATENCY_US), rolling(0, 10.0, 0.0));
+    track.push_report(at(1_090_000 + LATENCY_US), roll_report(0, 10.0, 0.0));
     assert!((roll_deg(track.attitude_at(at(1_090_000))) - 10.0).abs() < 1e-3);
 }
 
@@ -419,7 +427,7 @@ fn plausibility_state_is_per_sender() {
         track.rejected_reports(),
         RejectedReports { spike_reports: 1, frozen_reports: 1, ..RejectedReports::NO_REJECTIONS }
     );
-    let other = AttitudeReport { sender: SenderId::new(7), ..rolling(0, 50.0, 0.0) };
+    let other = AttitudeReport { sender: SenderId::new(7), ..roll_report(0, 50.0, 0.0) };
     track.push_report(at(true_us + PERIOD_US + LATENCY_US), other);
     assert!((roll_deg(track.attitude_at(at(true_us + PERIOD_US))) - 50.0).abs() < 1e-3);
     assert_eq!(
@@ -433,15 +441,15 @@ fn plausibility_state_is_per_sender() {
 fn without_rates_a_fast_roll_is_no_spike() {
     for (to_deg, is_accepted) in [(28.0, true), (29.2, false), (-28.0, true), (-29.2, false)] {
         let mut track = AttitudeHistory::new(CONFIG);
-        track.push_report(at(1_000_000), rolling(0, 0.0, 0.0));
-        track.push_report(at(1_100_000), rolling(0, to_deg, 0.0));
+        track.push_report(at(1_000_000), roll_report(0, 0.0, 0.0));
+        track.push_report(at(1_100_000), roll_report(0, to_deg, 0.0));
         assert_eq!(track.rejected_reports().spike_reports, u32::from(!is_accepted), "{to_deg}");
     }
     // A nonzero rate about any axis shows that the source has rates, so that its roll rate of zero is valid.
     for rates_deg_s in [[MINIMAL_RATE_DEG_S, 0.0, 0.0], [0.0, -MINIMAL_RATE_DEG_S, 0.0], [0.0, 0.0, MINIMAL_RATE_DEG_S]]
     {
-        let mut track = single_report(Attitude::default(), rates_deg_s);
-        track.push_report(at(1_100_000 + LATENCY_US), rolling(0, 20.0, MINIMAL_RATE_DEG_S));
+        let mut track = history_of_one_report(Attitude::default(), rates_deg_s);
+        track.push_report(at(1_100_000 + LATENCY_US), roll_report(0, 20.0, MINIMAL_RATE_DEG_S));
         assert_eq!(track.rejected_reports().spike_reports, 1, "{rates_deg_s:?}");
     }
 }
@@ -452,7 +460,8 @@ fn a_negative_latency_selects_earlier_reports() {
     for (latency_us, expected_deg) in [(-30_000, 0.5), (30_000, 1.1)] {
         let mut track = AttitudeHistory::new(AttitudeConfig { latency_us, ..CONFIG });
         for i in 0..8_u32 {
-            track.push_report(at(1_000_000 + u64::from(i) * PERIOD_US), rolling(500 + i * 20, 0.2 * i as f32, 10.0));
+            track
+                .push_report(at(1_000_000 + u64::from(i) * PERIOD_US), roll_report(500 + i * 20, 0.2 * i as f32, 10.0));
         }
         assert!((roll_deg(track.attitude_at(at(1_080_000))) - expected_deg).abs() < 1e-3, "{latency_us}");
     }
@@ -463,7 +472,7 @@ fn a_negative_latency_selects_earlier_reports() {
 fn the_gyro_heading_covers_the_range_of_the_attitude() {
     let mut track = AttitudeHistory::new(CONFIG);
     for i in 0..3_u32 {
-        let report = moving(500 + 20 * i, Attitude::default(), [0.0, 0.0, 10.0 * (i + 1) as f32]);
+        let report = attitude_report(500 + 20 * i, Attitude::default(), [0.0, 0.0, 10.0 * (i + 1) as f32]);
         track.push_report(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), report);
     }
     let turning = |us: u64| track.gyro_heading_at(at(us)).unwrap();
@@ -481,15 +490,18 @@ fn the_gyro_heading_covers_the_range_of_the_attitude() {
     }
     assert_eq!(track.gyro_heading_at(at(1_240_001)), None);
     assert_eq!(track.gyro_heading_at(at(999_999)), None);
-    assert_eq!(single_report(Attitude::default(), [0.0; 3]).gyro_heading_at(at(1_000_000)), None);
+    assert_eq!(history_of_one_report(Attitude::default(), [0.0; 3]).gyro_heading_at(at(1_000_000)), None);
 }
 
 #[test]
 fn integration_continues_over_a_short_gap() {
     for (gap_us, is_continued) in [(500_000, true), (500_001, false)] {
-        let mut track = single_report(Attitude::default(), [0.0, 0.0, 10.0]);
+        let mut track = history_of_one_report(Attitude::default(), [0.0, 0.0, 10.0]);
         let run = track.gyro_heading_at(at(1_000_000)).unwrap().run_number;
-        track.push_report(at(1_000_000 + gap_us + LATENCY_US), moving(0, Attitude::default(), [0.0, 0.0, 10.0]));
+        track.push_report(
+            at(1_000_000 + gap_us + LATENCY_US),
+            attitude_report(0, Attitude::default(), [0.0, 0.0, 10.0]),
+        );
         assert_eq!(
             track.gyro_heading_at(at(1_000_000 + gap_us)).unwrap().run_number == run,
             is_continued,
@@ -504,7 +516,7 @@ fn a_frozen_source_has_no_gyro_heading() {
     for i in 0..20_u32 {
         // The roll changes by fine steps, then stays constant.
         let roll_deg = 0.01 * i.min(8) as f32;
-        let report = moving(20 * i, Attitude::from_deg(roll_deg, 0.0), [0.0, 0.0, 10.0]);
+        let report = attitude_report(20 * i, Attitude::from_deg(roll_deg, 0.0), [0.0, 0.0, 10.0]);
         track.push_report(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), report);
     }
     let now = at(1_000_000 + 19 * PERIOD_US);
@@ -519,13 +531,13 @@ fn contradicting_rates_are_dropped() {
     for i in 0..500_u16 {
         let t_s = f32::from(i) * 0.02;
         now_us = 1_000_000 + u64::from(i) * PERIOD_US;
-        let report = rolling(20 * u32::from(i), 10.0 * t_s.sin(), -10.0 * t_s.cos());
+        let report = roll_report(20 * u32::from(i), 10.0 * t_s.sin(), -10.0 * t_s.cos());
         track.push_report(at(now_us + LATENCY_US), report);
     }
     assert!((roll_deg(track.attitude_at(at(now_us))) - 10.0 * 9.98_f32.sin()).abs() < 1e-3);
     assert_eq!((track.gyro_heading_at(at(now_us)), track.body_rate_rad_s()), (None, None));
     assert!(
-        track.rejected_reports().contradicting_rates > 300 && track.rejected_reports().spike_reports == 0,
+        track.rejected_reports().rate_contradictions > 300 && track.rejected_reports().spike_reports == 0,
         "{:?}",
         track.rejected_reports()
     );
@@ -547,7 +559,7 @@ fn an_aligning_source_is_rejected() {
             track.update_raw_field(Field::from_ut(20.0, 43.0 * angle.sin(), 43.0 * angle.cos()));
             let (roll_deg, p_deg_s) =
                 if is_flown { (10.0 * t_s.sin(), rates_are * 10.0 * t_s.cos()) } else { (20.0 * t_s.sin(), 0.01) };
-            track.push_report(at(now_us + LATENCY_US), rolling(20 * u32::from(i), roll_deg, p_deg_s));
+            track.push_report(at(now_us + LATENCY_US), roll_report(20 * u32::from(i), roll_deg, p_deg_s));
             if t_s > 20.0 {
                 found.push(track.attitude_at(at(now_us + 1)));
             }

@@ -95,10 +95,10 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
         magnetometer: Lis3mdl::new(bus, Lis3mdlConfig::default()),
         uarts: Uarts {
             port_uarts: [
-                new_uart(p.UART4, p.PA1, p.PA0, Irqs, AUTOPILOT_BUFFERS.init(UartBuffers::NEW)),
-                new_uart(p.USART2, p.PD6, p.PD5, Irqs, INSTRUMENT_BUFFERS.init(UartBuffers::NEW)),
+                new_uart(p.UART4, p.PA1, p.PA0, Irqs, AUTOPILOT_BUFFERS.init(UartBuffers::EMPTY)),
+                new_uart(p.USART2, p.PD6, p.PD5, Irqs, INSTRUMENT_BUFFERS.init(UartBuffers::EMPTY)),
             ],
-            console_uart: new_uart(p.USART1, p.PB7, p.PB6, Irqs, CONSOLE_BUFFERS.init(UartBuffers::NEW)),
+            console_uart: new_uart(p.USART1, p.PB7, p.PB6, Irqs, CONSOLE_BUFFERS.init(UartBuffers::EMPTY)),
         },
         can_bus: CanBus { node_info: node_info(), rx, tx, boot_loader: NoBootLoader },
         watchdog,
@@ -168,7 +168,7 @@ fn i2c2_bus() -> I2c<'static, Async, Master> {
 fn node_info() -> NodeInfo {
     NodeInfo {
         node_name: "org.autoswing.b-l475e-iot01a",
-        software_version: SoftwareVersion::of_this_firmware(SoftwareVersion::commit_of_version(VERSION)),
+        software_version: SoftwareVersion::from_firmware(SoftwareVersion::parse_commit(VERSION)),
         hardware_version: [1, 0],
         unique_id: unique_id(),
     }

@@ -6,7 +6,7 @@ use autoswing::health::ResetCause;
 pub struct Hardware<Magnetometer, Uarts, CanBus, Watchdog, Panel, StoreFlash, Platform> {
     pub magnetometer: Magnetometer,
     pub uarts: Uarts,
-    /// `()` on a board without a CAN controller.
+    /// CAN bus; `()` on a board without a CAN controller.
     #[cfg_attr(
         feature = "board-mps2-an386",
         expect(dead_code, reason = "QEMU has no CAN controller for this machine")

@@ -100,7 +100,7 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     let hardware = Hardware {
         // Infallible: an output pin accepts every level.
         magnetometer: Rm3100::new(ExclusiveDevice::new_no_delay(spi, chip_select).expect("a pin")),
-        uarts: new_uart(p.USART2, p.PA3, p.PA2, Irqs, UART_BUFFERS.init(UartBuffers::NEW)),
+        uarts: new_uart(p.USART2, p.PA3, p.PA2, Irqs, UART_BUFFERS.init(UartBuffers::EMPTY)),
         can_bus: CanBus { node_info: node_info(), rx, tx, boot_loader: BootLoader },
         watchdog: Watchdog(watchdog),
         panel: Panel {

@@ -18,7 +18,7 @@ pub fn contains_object<T>(place: *const T) -> bool {
 }
 
 /// Largest stack use: up to the lowest overwritten word of the fill pattern.
-pub fn high_water() -> StackUse {
+pub fn peak_use() -> StackUse {
     let bottom = &raw const _stack_end;
     let words = ((&raw const _stack_start).addr() - bottom.addr()) / size_of::<u32>();
     // SAFETY: all words between the bounds are stack memory. Volatile, because the pattern is not written by Rust code.

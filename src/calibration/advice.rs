@@ -292,9 +292,9 @@ pub(in crate::calibration) fn select_manoeuvre(
 }
 
 /// Unobservable quantities for the advice: all except the inclination, which no manoeuvre improves.
-fn report_unobservable(left_to_priors: impl Iterator<Item = PriorQuantity>) -> UnobservableQuantities {
+fn report_unobservable(unobservable: impl Iterator<Item = PriorQuantity>) -> UnobservableQuantities {
     let mut assumed = UnobservableQuantities::default();
-    for quantity in left_to_priors {
+    for quantity in unobservable {
         match quantity {
             PriorQuantity::SoftIron => assumed.soft_iron = true,
             PriorQuantity::Mounting => assumed.mounting = true,

@@ -4,8 +4,8 @@ use crate::calibration::advice::{self, Advice};
 use crate::calibration::fit::converged_fit::ConvergedFit;
 use crate::calibration::hypotheses::attitude_error::{AttitudeErrorFinding, AttitudeErrorTest};
 use crate::calibration::hypotheses::attitude_error_table::{
-    ATTITUDE_ERROR_COUNT, ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE, LAGGING_BANK_SCALE, ROLL_BIAS,
-    assumed_sigmas,
+    ATTITUDE_ERROR_COUNT, ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE_INDEX, LAGGING_BANK_SCALE_INDEX,
+    ROLL_BIAS_INDEX, assumed_sigmas,
 };
 use crate::calibration::hypotheses::hard_iron_change::{ConfirmedChange, HardIronScan};
 use crate::calibration::hypotheses::lagging_bank_scale::MIN_REPORTED_SIGMAS;
@@ -65,8 +65,10 @@ fn bank_scale_error(
     let lagging = lagging.filter(|finding| finding.violation.significance_sigmas > MIN_REPORTED_SIGMAS);
     let findings = [constant, lagging].into_iter().flatten().map(|finding| finding.violation);
     let larger = findings.max_by(|a, b| a.significance_sigmas.total_cmp(&b.significance_sigmas))?;
-    let violation =
-        BankScaleFinding { read_ratio: 1.0 / (1.0 + larger.estimate), significance_sigmas: larger.significance_sigmas };
+    let violation = BankScaleFinding {
+        reported_bank_ratio: 1.0 / (1.0 + larger.estimate),
+        significance_sigmas: larger.significance_sigmas,
+    };
     Some(Finding::new(violation, with_deg, without_deg))
 }
 
@@ -92,7 +94,7 @@ impl ConvergedFit<'_> {
             };
             let assumed_sigma = sigmas[index];
             let Information { linear_system, residuals, attitude_errors: sums, .. } = &*information;
-            let (roll_information, sums) = (sums[ROLL_BIAS].information.x, &sums[index]);
+            let (roll_information, sums) = (sums[ROLL_BIAS_INDEX].information.x, &sums[index]);
             let input = AttitudeErrorTest {
                 score_sums: sums,
                 roll_information,
@@ -107,8 +109,11 @@ impl ConvergedFit<'_> {
             expected = self.expected_error(information, &sigmas, &mut covariance)?;
             attitude_errors[index] = Some(Finding::new(finding, expected.rms_deg, without_deg));
         }
-        let bank_scale_error =
-            bank_scale_error(attitude_errors[BANK_SCALE], attitude_errors[LAGGING_BANK_SCALE], expected.rms_deg);
+        let bank_scale_error = bank_scale_error(
+            attitude_errors[BANK_SCALE_INDEX],
+            attitude_errors[LAGGING_BANK_SCALE_INDEX],
+            expected.rms_deg,
+        );
         if let Some(change) = change {
             let without_deg = expected.rms_deg;
             information.hard_iron_gradient = change.gradient_effect;

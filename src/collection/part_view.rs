@@ -21,7 +21,7 @@ pub(super) struct PartView<'a> {
     part: CollectionPart,
     buffer: &'a mut SampleBuffer,
     pub part_state: &'a mut PartState,
-    last_taken_at: &'a mut Option<WrappingMillis>,
+    last_due_at: &'a mut Option<WrappingMillis>,
 }
 
 impl<'a> PartView<'a> {
@@ -30,54 +30,54 @@ impl<'a> PartView<'a> {
         part: CollectionPart,
         buffer: &'a mut SampleBuffer,
         states: &'a mut [PartState; PART_COUNT],
-        last_taken_at: &'a mut [Option<WrappingMillis>; PART_COUNT],
+        last_due_at: &'a mut [Option<WrappingMillis>; PART_COUNT],
     ) -> Self {
         let index = part.index();
-        Self { part, buffer, part_state: &mut states[index], last_taken_at: &mut last_taken_at[index] }
+        Self { part, buffer, part_state: &mut states[index], last_due_at: &mut last_due_at[index] }
     }
 
     /// The part's samples for one purpose, fit or held back, in the order of their storage.
-    pub fn samples_of_use(&self, purpose: SampleUse) -> &[Sample] {
-        self.buffer.samples_of_part(purpose, self.part)
+    pub fn samples_of_use(&self, sample_use: SampleUse) -> &[Sample] {
+        self.buffer.samples_of_part(sample_use, self.part)
     }
 
     pub fn fit_then_held_back(&self) -> Samples<'_> {
         self.buffer.part_fit_then_held_back(self.part)
     }
 
-    pub fn is_full(&self, purpose: SampleUse, quota: SampleQuota) -> bool {
-        self.samples_of_use(purpose).len() >= quota.quota_of(purpose)
+    pub fn is_full(&self, sample_use: SampleUse, quota: SampleQuota) -> bool {
+        self.samples_of_use(sample_use).len() >= quota.quota_of(sample_use)
     }
 
     /// Whether a sample is finite and at least one sample interval after the last.
     pub fn is_due(&self, sample: &Sample) -> bool {
-        let is_late = self.last_taken_at.is_none_or(|taken_at| sample.time.ms_since(taken_at) >= SAMPLE_INTERVAL_MS);
+        let is_late = self.last_due_at.is_none_or(|taken_at| sample.time.ms_since(taken_at) >= SAMPLE_INTERVAL_MS);
         is_late && sample.field.ut.iter().all(|component| component.is_finite())
     }
 
     pub fn count_and_assign_use(&mut self, sample: &Sample) -> SampleUse {
-        *self.last_taken_at = Some(sample.time);
-        self.part_state.taken_count = self.part_state.taken_count.wrapping_add(1);
-        let is_held_back = self.part_state.taken_count.is_multiple_of(HOLD_BACK_CYCLE);
+        *self.last_due_at = Some(sample.time);
+        self.part_state.due_count = self.part_state.due_count.wrapping_add(1);
+        let is_held_back = self.part_state.due_count.is_multiple_of(HOLD_BACK_CYCLE);
         if is_held_back { SampleUse::Verification } else { SampleUse::Fit }
     }
 
     /// Stores the latest sample.
-    pub fn insert_sample(&mut self, purpose: SampleUse, sample: Sample) {
-        self.buffer.insert_sample(purpose, Sample { part: self.part, ..sample });
+    pub fn insert_sample(&mut self, sample_use: SampleUse, sample: Sample) {
+        self.buffer.insert_sample(sample_use, Sample { part: self.part, ..sample });
     }
 
     /// Stores the latest sample in place of the one at a position.
-    pub fn replace_sample(&mut self, purpose: SampleUse, position: usize, sample: Sample) {
-        self.replace_until(purpose, position, self.samples_of_use(purpose).len(), sample);
+    pub fn replace_sample(&mut self, sample_use: SampleUse, position: usize, sample: Sample) {
+        self.replace_until(sample_use, position, self.samples_of_use(sample_use).len(), sample);
     }
 
-    pub fn replace_until(&mut self, purpose: SampleUse, position: usize, end: usize, sample: Sample) {
-        self.buffer.replace_sample(purpose, position, end, Sample { part: self.part, ..sample });
+    pub fn replace_until(&mut self, sample_use: SampleUse, position: usize, end: usize, sample: Sample) {
+        self.buffer.replace_sample(sample_use, position, end, Sample { part: self.part, ..sample });
     }
 
-    pub fn remove_sample(&mut self, purpose: SampleUse, position: usize) {
-        self.buffer.remove_sample(purpose, self.part, position);
+    pub fn remove_sample(&mut self, sample_use: SampleUse, position: usize) {
+        self.buffer.remove_sample(sample_use, self.part, position);
     }
 
     pub fn coverage(&self) -> PartCoverage {
@@ -86,7 +86,7 @@ impl<'a> PartView<'a> {
 }
 
 pub(super) fn coverage(buffer: &SampleBuffer, part: CollectionPart, state: PartState) -> PartCoverage {
-    let [samples, held_back] =
-        [SampleUse::Fit, SampleUse::Verification].map(|purpose| buffer.samples_of_part(purpose, part).len() as u16);
+    let [samples, held_back] = [SampleUse::Fit, SampleUse::Verification]
+        .map(|sample_use| buffer.samples_of_part(sample_use, part).len() as u16);
     PartCoverage { samples, held_back_count: held_back, covered_sectors: state.covered_sectors, percent: state.percent }
 }

@@ -35,8 +35,8 @@ impl SampleQuota {
         held_back_quota: 2 * Self::TURN.held_back_quota + Self::LEVEL.held_back_quota,
     };
 
-    pub const fn quota_of(self, purpose: SampleUse) -> usize {
-        match purpose {
+    pub const fn quota_of(self, sample_use: SampleUse) -> usize {
+        match sample_use {
             SampleUse::Fit => self.fit_quota,
             SampleUse::Verification => self.held_back_quota,
         }

@@ -20,29 +20,29 @@ const HARD_IRON_UT: Vector3<f32> = Vector3::new(60.0, -45.0, 80.0);
 pub struct TestBuffer {
     pub samples: SampleBuffer,
     states: [PartState; PART_COUNT],
-    last_taken_at: [Option<WrappingMillis>; PART_COUNT],
+    last_due_at: [Option<WrappingMillis>; PART_COUNT],
 }
 
 impl TestBuffer {
     pub fn new() -> Self {
-        Self { samples: SampleBuffer::EMPTY, states: [PartState::EMPTY; PART_COUNT], last_taken_at: [None; PART_COUNT] }
+        Self { samples: SampleBuffer::EMPTY, states: [PartState::EMPTY; PART_COUNT], last_due_at: [None; PART_COUNT] }
     }
 
     pub fn part_view(&mut self, part: CollectionPart) -> PartView<'_> {
-        PartView::new(part, &mut self.samples, &mut self.states, &mut self.last_taken_at)
+        PartView::new(part, &mut self.samples, &mut self.states, &mut self.last_due_at)
     }
 
     pub fn fit_samples(&self, part: CollectionPart) -> &[Sample] {
         self.samples.samples_of_part(SampleUse::Fit, part)
     }
 
-    pub fn held_back(&self, part: CollectionPart) -> &[Sample] {
+    pub fn held_back_samples(&self, part: CollectionPart) -> &[Sample] {
         self.samples.samples_of_part(SampleUse::Verification, part)
     }
 
     /// Number of samples of a part, fit and held back.
     pub fn stored_samples(&self, part: CollectionPart) -> usize {
-        self.fit_samples(part).len() + self.held_back(part).len()
+        self.fit_samples(part).len() + self.held_back_samples(part).len()
     }
 
     pub fn coverage(&mut self, part: CollectionPart) -> PartCoverage {

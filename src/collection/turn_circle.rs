@@ -27,7 +27,7 @@ impl TurnCircle {
     /// Least-squares fit of `x^2 + y^2 = a x + b y + c` (I. Kasa, "A circle fitting procedure and its error analysis",
     /// IEEE Trans. Instrum. Meas. 25(1), 1976) in the plane of the two largest principal axes. An arc is enough; `None`
     /// if the fit is singular.
-    pub fn fit_to(samples: &Samples<'_>) -> Option<Self> {
+    pub fn fit_circle(samples: &Samples<'_>) -> Option<Self> {
         if samples.iter().count() < MIN_CIRCLE_POINTS {
             return None;
         }
@@ -61,7 +61,7 @@ mod tests {
     use super::*;
 
     fn through(samples: &[Sample]) -> Option<TurnCircle> {
-        TurnCircle::fit_to(&Samples::new(samples))
+        TurnCircle::fit_circle(&Samples::new(samples))
     }
 
     /// 60 deg of arc. Tolerance: `f32` rounding of 100 uT hard iron squared, 1e-6, times ten.

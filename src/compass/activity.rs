@@ -24,8 +24,8 @@ pub(super) enum Activity {
 /// A solve, up to the save of its calibration.
 #[derive(Debug)]
 pub(super) struct Solve {
-    pub current_stage: SolveStage,
-    pub run_purpose: SolvePurpose,
+    pub stage: SolveStage,
+    pub purpose: SolvePurpose,
     /// Sensor at the start of the solve; the calibration is valid for it alone.
     pub sensor: DetectedSensor,
 }
@@ -53,7 +53,7 @@ impl Activity {
         match self {
             Self::Idle => None,
             Self::Collecting(starter) => Some(*starter),
-            Self::Solving(solve) => match solve.run_purpose {
+            Self::Solving(solve) => match solve.purpose {
                 SolvePurpose::Trial(starter) => Some(starter),
                 SolvePurpose::Calibration(starter) => starter,
             },

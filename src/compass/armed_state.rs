@@ -19,24 +19,24 @@ const MAX_CHANGE_UT: f32 = 0.7;
 /// Reported armed state, and the evidence for rest.
 #[derive(Debug)]
 pub(super) struct ArmedState {
-    reported: Option<bool>,
+    reported_state: Option<bool>,
     /// Whether the vehicle moved while armed, and has not been at rest while disarmed since.
     has_flown: bool,
     /// Field of the first sample at rest; times of the first and the last one.
-    rest: Option<(Field<Sensor>, WrappingMillis, WrappingMillis)>,
+    rest_evidence: Option<(Field<Sensor>, WrappingMillis, WrappingMillis)>,
 }
 
 impl ArmedState {
-    pub const UNKNOWN: Self = Self { reported: None, has_flown: false, rest: None };
+    pub const UNKNOWN: Self = Self { reported_state: None, has_flown: false, rest_evidence: None };
 
     /// Armed state by the autopilot's last report, if known.
     pub const fn reported_state(&self) -> Option<bool> {
-        self.reported
+        self.reported_state
     }
 
     /// Processes the autopilot's report; `None` without a recent one.
     pub const fn update_reported(&mut self, reported: Option<bool>) {
-        self.reported = reported;
+        self.reported_state = reported;
     }
 
     /// Updates the evidence for rest.
@@ -44,17 +44,17 @@ impl ArmedState {
         let is_steady = |(field, _, last): &(Field<Sensor>, WrappingMillis, WrappingMillis)| {
             (sample.field.ut - field.ut).vector_length() <= MAX_CHANGE_UT && sample.time.ms_since(*last) <= MAX_GAP_MS
         };
-        let steady = self.rest.filter(is_steady);
-        self.has_flown |= self.reported == Some(true) && self.rest.is_some() && steady.is_none();
+        let steady = self.rest_evidence.filter(is_steady);
+        self.has_flown |= self.reported_state == Some(true) && self.rest_evidence.is_some() && steady.is_none();
         let (field, since, _) = steady.unwrap_or((sample.field, sample.time, sample.time));
-        self.rest = Some((field, since, sample.time));
-        self.has_flown &= self.reported != Some(false) || sample.time.ms_since(since) < REST_MS;
+        self.rest_evidence = Some((field, since, sample.time));
+        self.has_flown &= self.reported_state != Some(false) || sample.time.ms_since(since) < REST_MS;
     }
 
     /// Whether the vehicle is armed, or has flown and still moves. Without samples there is no evidence of motion.
     pub fn is_in_flight(&self, now: WrappingMillis) -> bool {
-        let has_samples = self.rest.is_some_and(|(_, _, last)| now.ms_since(last) <= REST_MS);
-        match self.reported {
+        let has_samples = self.rest_evidence.is_some_and(|(_, _, last)| now.ms_since(last) <= REST_MS);
+        match self.reported_state {
             Some(is_armed) => is_armed || (self.has_flown && has_samples),
             None => false,
         }

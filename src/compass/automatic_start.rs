@@ -46,9 +46,9 @@ impl Compass<'_> {
     }
 
     /// Returns control to the module, for `cal auto` and `cal clear`.
-    pub(super) fn enable_automatic_start(&mut self, auto_on: bool) {
+    pub(super) fn enable_automatic_start(&mut self, is_enabled: bool) {
         self.automatic_start.is_overridden = false;
-        if !auto_on && self.activity.is_automatic() {
+        if !is_enabled && self.activity.is_automatic() {
             self.discard_collection();
         }
     }

@@ -28,7 +28,7 @@ impl Compass<'_> {
             return Err(Refusal::Busy);
         }
         match self.activity {
-            Activity::Solving(Solve { run_purpose: SolvePurpose::Trial(starter), .. }) if waits_for_solve => {
+            Activity::Solving(Solve { purpose: SolvePurpose::Trial(starter), .. }) if waits_for_solve => {
                 self.resume_collection(starter);
                 Ok(())
             }

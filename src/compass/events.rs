@@ -17,7 +17,7 @@ pub enum Event {
     /// Detected magnetometer, and readings averaged per sample.
     SensorDetected(Identity, u16),
     /// Armed state of the autopilot; `None` if unknown.
-    Armed(Option<bool>),
+    ArmedStateReported(Option<bool>),
     /// Position from the autopilot, and its time on the sample clock.
     Position(Position, WrappingMillis),
     /// Date from the autopilot.
@@ -27,7 +27,7 @@ pub enum Event {
     /// Command and its time on the sample clock.
     Command(Command, WrappingMillis),
     /// Next step of a solve, while [`Compass::is_busy`](super::Compass::is_busy).
-    Advance,
+    AdvanceSolve,
     /// Idle time: detected protocol of each port, and time on the sample clock.
     ProtocolsDetected([ProtocolKind; PORT_COUNT], WrappingMillis),
     /// Result of [`Effect::Save`].
@@ -94,7 +94,7 @@ pub enum Reply {
     /// The command is done; the present state of the module.
     Done(ModuleState),
     /// Number of headings marked so far.
-    Marked(u16),
+    MarkCount(u16),
     /// Weakness of the last solve and recommended manoeuvre.
     Advice(Advice),
     /// Full report of the module's state.

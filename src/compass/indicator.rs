@@ -42,7 +42,7 @@ impl Compass<'_> {
             Procedure::Level => progress.level_progress.percent,
             Procedure::Flight => {
                 let expected_deg =
-                    self.trials.last_result.as_ref().and_then(|prospect: &TrialResult| prospect.expected_deg);
+                    self.trial_solves.last_result.as_ref().and_then(|prospect: &TrialResult| prospect.expected_deg);
                 // The cast saturates and maps NaN to 0.
                 expected_deg.map_or(0, |deg| (100.0 * self.settings.accuracy_deg / deg).min(100.0) as u8)
             }

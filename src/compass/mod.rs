@@ -1,8 +1,8 @@
 //! State machine of the module: uncalibrated, collecting, solving, verifying, calibrated. A collection of turns ends
 //! when complete; a collection in flight runs trial solves and ends when accurate enough.
 //!
-//! [`Compass::step`] takes an [`Event`] and returns an [`Effect`], without blocking or hardware access. A solve is
-//! divided into [`Event::Advance`] steps, so that its driver can do other work in between. A candidate calibration
+//! [`Compass::process_event`] takes an [`Event`] and returns an [`Effect`], without blocking or hardware access. A solve is
+//! divided into [`Event::AdvanceSolve`] steps, so that its driver can do other work in between. A candidate calibration
 //! becomes active after passing [`acceptance`](crate::acceptance) and being completely saved.
 
 mod activity;
@@ -61,9 +61,9 @@ impl<'a> Compass<'a> {
             pending_save: None,
             last_outcome: None,
             advice: None,
-            trials: TrialSolves::NO_TRIALS,
+            trial_solves: TrialSolves::NO_TRIALS,
             automatic_start: AutomaticStart::NEW,
-            persistent: PersistentState::new(startup_values),
+            persistent_state: PersistentState::new(startup_values),
         };
         compass.restore_collection();
         compass
@@ -79,9 +79,9 @@ impl<'a> Compass<'a> {
     /// Processes an event.
     ///
     /// Large methods are not inlined, so that their locals do not add to the solver's stack.
-    pub fn step(&mut self, event: Event) -> Effect {
+    pub fn process_event(&mut self, event: Event) -> Effect {
         let effect = self.dispatch_event(event);
-        self.update_retained();
+        self.update_retained_checksum();
         effect
     }
 
@@ -91,7 +91,7 @@ impl<'a> Compass<'a> {
                 self.sensor = Some(DetectedSensor { identity, readings_per_sample });
                 Effect::None
             }
-            Event::Armed(reported) => {
+            Event::ArmedStateReported(reported) => {
                 self.armed_state.update_reported(reported);
                 Effect::None
             }
@@ -100,7 +100,7 @@ impl<'a> Compass<'a> {
                 Effect::None
             }
             Event::Date(day) => {
-                self.local_field.set_date(day);
+                self.local_field.update_date(day);
                 Effect::None
             }
             Event::Sample(sample) => self.on_sample(sample),
@@ -108,9 +108,9 @@ impl<'a> Compass<'a> {
                 Ok(effect) => effect,
                 Err(refusal) => Effect::Reply(Err(refusal)),
             },
-            Event::Advance => self.advance_solve(),
+            Event::AdvanceSolve => self.advance_solve(),
             Event::Saved(result) => self.on_saved(result),
-            Event::ProtocolsDetected(detected, now) => self.save_persistent(detected, now),
+            Event::ProtocolsDetected(detected, now) => self.save_startup_values(detected, now),
         }
     }
 
@@ -122,7 +122,7 @@ impl<'a> Compass<'a> {
         let Some(starter) = self.activity.starter().filter(|starter| !self.is_paused(*starter)) else {
             return Effect::None;
         };
-        if let Activity::Solving(Solve { run_purpose: purpose, .. }) = self.activity {
+        if let Activity::Solving(Solve { purpose, .. }) = self.activity {
             let is_held = self.samples_during_solve.push(sample).is_ok();
             if is_held || !matches!(purpose, SolvePurpose::Trial(_)) {
                 return Effect::None;
@@ -130,10 +130,12 @@ impl<'a> Compass<'a> {
             self.resume_collection(starter);
         }
         self.collector.push_sample(sample);
-        self.update_retained();
+        self.update_retained_checksum();
         let purpose = if self.collector.collection_progress().is_complete() {
             SolvePurpose::Calibration(Some(starter))
-        } else if self.collector.procedure() == Procedure::Flight && self.trials.is_due(&self.collector, sample.time) {
+        } else if self.collector.procedure() == Procedure::Flight
+            && self.trial_solves.is_due(&self.collector, sample.time)
+        {
             SolvePurpose::Trial(starter)
         } else {
             return Effect::None;
@@ -171,7 +173,7 @@ impl<'a> Compass<'a> {
                 self.automatic_start.is_overridden = true;
             }
             Command::CalClear => return Ok(self.request_save(PendingSave::Clear)),
-            Command::CalUndo => return self.restore_previous(),
+            Command::CalUndo => return self.restore_previous_calibration(),
             Command::Status | Command::StatusAll | Command::CalShow => {
                 return Ok(Effect::Reply(Ok(Reply::Report(self.status_report()))));
             }
@@ -200,7 +202,7 @@ impl<'a> Compass<'a> {
             is_automatic: self.activity.is_automatic(),
             awaits_arming: self.awaits_arming(),
             progress: self.collector.collection_progress(),
-            last_trial: self.trials.last_result.clone(),
+            last_trial: self.trial_solves.last_result.clone(),
             settings: self.settings,
             local_field: self.local_field,
             stored_calibration: self.stored_calibrations.current_calibration.as_ref().map(CalibrationSummary::from),

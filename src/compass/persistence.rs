@@ -27,15 +27,17 @@ impl Compass<'_> {
                     CollectionState::Inactive => {}
                 }
             }
-            Some(_) => self.collector.discard(),
-            None if self.persistent.last_written.is_collecting => self.last_outcome = Some(Message::CollectionLost),
+            Some(_) => self.collector.discard_collection(),
+            None if self.persistent_state.last_written_values.is_collecting => {
+                self.last_outcome = Some(Message::CollectionLost);
+            }
             None => {}
         }
     }
 
     /// Updates the checksum of the retained collection.
     #[inline(never)]
-    pub(super) fn update_retained(&mut self) {
+    pub(super) fn update_retained_checksum(&mut self) {
         self.collector.update_header(CollectionContext {
             is_automatic: self.activity.is_automatic(),
             calibration_serial: self.calibration_serial(),
@@ -48,15 +50,19 @@ impl Compass<'_> {
     }
 
     /// Saves changed values while idle.
-    pub(super) fn save_persistent(&mut self, detected: [ProtocolKind; PORT_COUNT], now: WrappingMillis) -> Effect {
-        let mut new_values = self.persistent.last_written;
+    pub(super) fn save_startup_values(
+        &mut self,
+        detected_protocols: [ProtocolKind; PORT_COUNT],
+        now: WrappingMillis,
+    ) -> Effect {
+        let mut new_values = self.persistent_state.last_written_values;
         new_values.is_collecting = match self.collector.collection_state() {
             CollectionState::Inactive => false,
             CollectionState::Stopped | CollectionState::Running => {
                 new_values.is_collecting || self.collector.is_loss_reportable()
             }
         };
-        if let Some(settled) = self.persistent.stable_protocols(detected, now) {
+        if let Some(settled) = self.persistent_state.stable_protocols(detected_protocols, now) {
             for ((number, detected), kind) in
                 PortNumber::ALL_PORTS.into_iter().zip(&mut new_values.detected_protocols).zip(settled)
             {
@@ -68,10 +74,10 @@ impl Compass<'_> {
                 }
             }
         }
-        if new_values == self.persistent.last_written || self.is_busy() || self.is_saving() {
+        if new_values == self.persistent_state.last_written_values || self.is_busy() || self.is_saving() {
             return Effect::None;
         }
-        self.persistent.last_written = new_values;
+        self.persistent_state.last_written_values = new_values;
         self.request_save(PendingSave::StartupValues(new_values))
     }
 }

@@ -10,32 +10,32 @@ const MIN_DETECTION_MS: u32 = 5000;
 #[derive(Debug)]
 pub(super) struct PersistentState {
     /// Values written last, successfully or not.
-    pub last_written: StartupValues,
+    pub last_written_values: StartupValues,
     /// Detected protocols, and since when.
     detected_since: Option<([ProtocolKind; PORT_COUNT], WrappingMillis)>,
 }
 
 impl PersistentState {
     pub const fn new(stored: StartupValues) -> Self {
-        Self { last_written: stored, detected_since: None }
+        Self { last_written_values: stored, detected_since: None }
     }
 
     /// Clears the collection flag, as every save of calibrations does in flash.
     pub const fn forget_collection(&mut self) {
-        self.last_written.is_collecting = false;
+        self.last_written_values.is_collecting = false;
     }
 
     /// Detected protocols, once constant for long enough.
     pub fn stable_protocols(
         &mut self,
-        detected: [ProtocolKind; PORT_COUNT],
+        detected_protocols: [ProtocolKind; PORT_COUNT],
         now: WrappingMillis,
     ) -> Option<[ProtocolKind; PORT_COUNT]> {
-        let (candidate, since) = *self.detected_since.get_or_insert((detected, now));
-        if candidate != detected {
-            self.detected_since = Some((detected, now));
+        let (candidate, since) = *self.detected_since.get_or_insert((detected_protocols, now));
+        if candidate != detected_protocols {
+            self.detected_since = Some((detected_protocols, now));
             return None;
         }
-        (now.ms_since(since) >= MIN_DETECTION_MS).then_some(detected)
+        (now.ms_since(since) >= MIN_DETECTION_MS).then_some(detected_protocols)
     }
 }

@@ -27,7 +27,7 @@ impl Compass<'_> {
             return Err(Refusal::TooManyMarks);
         }
         self.recent_samples = RecentSamples::new();
-        Ok(Effect::Reply(Ok(Reply::Marked(self.collector.collection_progress().mark_count))))
+        Ok(Effect::Reply(Ok(Reply::MarkCount(self.collector.collection_progress().mark_count))))
     }
 
     /// Sets the alignment from the present and the given heading.

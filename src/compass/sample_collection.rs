@@ -13,7 +13,10 @@ impl Compass<'_> {
         self.sensor.ok_or(Refusal::NoSensor)?;
         match self.activity {
             Activity::Collecting(CollectionStarter::User) if !discards_previous => {
-                return Err(Refusal::Collecting { present: self.collector.procedure(), requested: procedure });
+                return Err(Refusal::Collecting {
+                    present_procedure: self.collector.procedure(),
+                    requested_procedure: procedure,
+                });
             }
             Activity::Collecting(CollectionStarter::Module)
                 if !discards_previous && procedure == self.collector.procedure() =>
@@ -29,15 +32,15 @@ impl Compass<'_> {
     pub(super) fn start_collection(&mut self, procedure: Procedure, starter: CollectionStarter) {
         self.collector.begin_procedure(procedure);
         self.recent_samples = RecentSamples::new();
-        self.trials = TrialSolves::NO_TRIALS;
+        self.trial_solves = TrialSolves::NO_TRIALS;
         self.activity = Activity::Collecting(starter);
     }
 
     /// Aborts all activity and discards the samples.
     #[inline(never)]
     pub(super) fn discard_collection(&mut self) {
-        self.collector.discard();
-        self.trials = TrialSolves::NO_TRIALS;
+        self.collector.discard_collection();
+        self.trial_solves = TrialSolves::NO_TRIALS;
         self.activity = Activity::Idle;
     }
 
@@ -55,6 +58,6 @@ impl Compass<'_> {
     pub(super) fn sample_deficiency(&self) -> Option<CollectionProblem> {
         self.collector
             .collection_problem()
-            .or_else(|| self.trials.last_result.as_ref().and_then(TrialResult::missing_manoeuvre_reason))
+            .or_else(|| self.trial_solves.last_result.as_ref().and_then(TrialResult::missing_manoeuvre_reason))
     }
 }

@@ -10,7 +10,7 @@ use crate::messages::{Message, Refusal, SolveOutcome};
 use crate::reading::Identity;
 use crate::store::CalibrationRecord;
 
-const _: () = assert!(AcceptancePolicy::DEFAULT.min_held_back <= MIN_HELD_BACK_WHEN_COMPLETE);
+const _: () = assert!(AcceptancePolicy::DEFAULT.min_held_back_samples <= MIN_HELD_BACK_WHEN_COMPLETE);
 
 impl Compass<'_> {
     pub(super) fn start_solving(&mut self, method: Option<Method>, purpose: SolvePurpose) -> Result<(), Refusal> {
@@ -39,21 +39,20 @@ impl Compass<'_> {
         let consider = self.settings.attitude_error.to_consider_sigmas();
         let solver = Solver::with_consider_sigmas(method, collected_samples(&self.collector), &prior, consider)
             .map_err(Refusal::Solve)?;
-        self.activity =
-            Activity::Solving(Solve { current_stage: SolveStage::Fitting(solver), run_purpose: purpose, sensor });
+        self.activity = Activity::Solving(Solve { stage: SolveStage::Fitting(solver), purpose, sensor });
         Ok(())
     }
 
     #[inline(never)]
     pub(super) fn advance_solve(&mut self) -> Effect {
         let Activity::Solving(solve) = &mut self.activity else { return Effect::None };
-        let (purpose, sensor) = (solve.run_purpose, solve.sensor);
-        match &mut solve.current_stage {
+        let (purpose, sensor) = (solve.purpose, solve.sensor);
+        match &mut solve.stage {
             SolveStage::Fitting(solver) => match solver.solve_step(collected_samples(&self.collector)) {
                 Solving::Continue => Effect::None,
                 Solving::Finished(Ok(solution)) => {
                     self.advice = solution.advice;
-                    solve.current_stage = SolveStage::Verifying(solution);
+                    solve.stage = SolveStage::Verifying(solution);
                     Effect::None
                 }
                 Solving::Finished(Err(error)) => self.on_solve_failed(error, purpose, sensor),
@@ -76,8 +75,7 @@ impl Compass<'_> {
 
     #[inline(never)]
     fn verify_candidate(&mut self) -> Effect {
-        let Activity::Solving(Solve { current_stage: SolveStage::Verifying(candidate), run_purpose: purpose, sensor }) =
-            &self.activity
+        let Activity::Solving(Solve { stage: SolveStage::Verifying(candidate), purpose, sensor }) = &self.activity
         else {
             return Effect::None;
         };
@@ -86,7 +84,7 @@ impl Compass<'_> {
         if let SolvePurpose::Trial(starter) = purpose {
             let refusal = accepted.as_ref().err().cloned();
             self.collector.use_trial_solution(candidate);
-            if !self.trials.record_result(candidate, refusal, self.settings.accuracy_deg) {
+            if !self.trial_solves.record_result(candidate, refusal, self.settings.accuracy_deg) {
                 self.resume_collection(starter);
                 return Effect::None;
             }
@@ -96,11 +94,7 @@ impl Compass<'_> {
         }
         match accepted {
             Ok(record) => {
-                self.activity = Activity::Solving(Solve {
-                    current_stage: SolveStage::Saving(record),
-                    run_purpose: purpose,
-                    sensor,
-                });
+                self.activity = Activity::Solving(Solve { stage: SolveStage::Saving(record), purpose, sensor });
                 Effect::Save
             }
             Err(refusal) => self.end_solve(purpose, Err(refusal)),
@@ -112,7 +106,7 @@ impl Compass<'_> {
         let selection = SelectedParts::new(self.collector.fit_samples(), self.collector.procedure());
         let grounds = AcceptanceSamples {
             fit_samples: selection.select_samples(self.collector.fit_samples()),
-            held_back_samples: selection.select_samples(self.collector.held_back()),
+            held_back_samples: selection.select_samples(self.collector.held_back_samples()),
             is_attitude_known: self.collector.procedure() != Procedure::Tumble,
         };
         acceptance::evaluate_candidate(&self.acceptance_policy, candidate, grounds, &self.incumbent())
@@ -140,7 +134,7 @@ impl Compass<'_> {
         let outcome = outcome.map_err(|refusal| refusal.with_cause(self.sample_deficiency()));
         match (purpose, &outcome) {
             (SolvePurpose::Trial(starter), Err(refusal)) => {
-                self.trials.last_result = Some(TrialResult::from_failure(refusal.clone()));
+                self.trial_solves.last_result = Some(TrialResult::from_failure(refusal.clone()));
                 self.resume_collection(starter);
                 return Effect::None;
             }

@@ -19,7 +19,7 @@ use crate::time::WrappingMillis;
 /// Capacity for samples during a solve, 4.8 s at ten a second. The longest solve, with motor-current interference,
 /// takes 54 million instructions at most (`bench budget`): 3.5 s in the emulator, less than 1 s at 80 MHz. A longer
 /// trial solve is ended, and ended each time: the collection would never finish.
-pub(super) const HELD_SAMPLES_CAPACITY: usize = 48;
+pub(super) const SAMPLES_DURING_SOLVE_CAPACITY: usize = 48;
 
 /// State machine. About 4 KB; samples are in borrowed memory.
 #[derive(Debug)]
@@ -34,13 +34,13 @@ pub struct Compass<'a> {
     pub(super) recent_samples: RecentSamples,
     pub(super) activity: Activity,
     /// Samples received during the solve, for a collection that continues; the samples of the solve do not change.
-    pub(super) samples_during_solve: heapless::Vec<Sample, HELD_SAMPLES_CAPACITY>,
+    pub(super) samples_during_solve: heapless::Vec<Sample, SAMPLES_DURING_SOLVE_CAPACITY>,
     pub(super) pending_save: Option<PendingSave>,
     pub(super) last_outcome: Option<Message>,
     pub(super) advice: Option<Advice>,
-    pub(super) trials: TrialSolves,
+    pub(super) trial_solves: TrialSolves,
     pub(super) automatic_start: AutomaticStart,
-    pub(super) persistent: PersistentState,
+    pub(super) persistent_state: PersistentState,
 }
 
 impl Compass<'_> {
@@ -50,20 +50,20 @@ impl Compass<'_> {
         self.last_outcome.as_ref()
     }
 
-    /// Solution that the next [`Event::Advance`](super::Event::Advance) verifies, for replay on a host.
+    /// Solution that the next [`Event::AdvanceSolve`](super::Event::AdvanceSolve) verifies, for replay on a host.
     #[cfg(not(target_os = "none"))]
     #[must_use]
     pub const fn candidate_solution(&self) -> Option<&crate::calibration::Solution> {
         match &self.activity {
-            Activity::Solving(Solve { current_stage: SolveStage::Verifying(solution), .. }) => Some(solution),
+            Activity::Solving(Solve { stage: SolveStage::Verifying(solution), .. }) => Some(solution),
             _ => None,
         }
     }
 
-    /// Whether [`Event::Advance`](super::Event::Advance) is needed.
+    /// Whether [`Event::AdvanceSolve`](super::Event::AdvanceSolve) is needed.
     #[must_use]
     pub fn is_busy(&self) -> bool {
-        matches!(&self.activity, Activity::Solving(solve) if !matches!(solve.current_stage, SolveStage::Saving(_)))
+        matches!(&self.activity, Activity::Solving(solve) if !matches!(solve.stage, SolveStage::Saving(_)))
     }
 
     /// Configuration of the instrument.
@@ -79,7 +79,7 @@ impl Compass<'_> {
             mount: self.sensor.map(|_| self.settings.mount),
             total_ut: self.model_field_strength_ut(),
             is_armed: self.armed_state.reported_state(),
-            sensor_errors: expected_errors(self.settings.sensor_error),
+            sensor_errors: sensor_error_sigmas(self.settings.sensor_error),
         }
     }
 
@@ -128,10 +128,10 @@ impl Compass<'_> {
     #[must_use]
     pub fn module_state(&self) -> ModuleState {
         match &self.activity {
-            Activity::Collecting(_) | Activity::Solving(Solve { run_purpose: SolvePurpose::Trial(_), .. }) => {
+            Activity::Collecting(_) | Activity::Solving(Solve { purpose: SolvePurpose::Trial(_), .. }) => {
                 ModuleState::Collecting
             }
-            Activity::Solving(Solve { current_stage: SolveStage::Fitting(_), .. }) => ModuleState::Solving,
+            Activity::Solving(Solve { stage: SolveStage::Fitting(_), .. }) => ModuleState::Solving,
             Activity::Solving(_) => ModuleState::Verifying,
             Activity::Idle if self.active_record().is_some() => ModuleState::Calibrated,
             Activity::Idle => ModuleState::Uncalibrated,
@@ -140,6 +140,6 @@ impl Compass<'_> {
 }
 
 /// Sensor errors of the settings (percent) in the monitor's units (fractions).
-fn expected_errors(error: SensorError) -> SensorErrorSigmas {
+fn sensor_error_sigmas(error: SensorError) -> SensorErrorSigmas {
     SensorErrorSigmas { gyro_scale: error.gyro_percent / 100.0, hard_iron_drift: error.drift_percent / 100.0 }
 }

@@ -11,7 +11,7 @@ impl Compass<'_> {
     pub fn pending_change(&self) -> Option<StoreChange<'_>> {
         let StoredCalibrations { current_calibration: current, previous_calibration: previous } =
             &self.stored_calibrations;
-        if let Activity::Solving(Solve { current_stage: SolveStage::Saving(record), .. }) = &self.activity {
+        if let Activity::Solving(Solve { stage: SolveStage::Saving(record), .. }) = &self.activity {
             return Some(StoreChange::StoredCalibrations { current: Some(record), previous: current.as_ref() });
         }
         Some(match self.pending_save.as_ref()? {
@@ -28,7 +28,7 @@ impl Compass<'_> {
         self.pending_change().is_some()
     }
 
-    pub(super) fn restore_previous(&mut self) -> Result<Effect, Refusal> {
+    pub(super) fn restore_previous_calibration(&mut self) -> Result<Effect, Refusal> {
         self.stored_calibrations.previous_calibration.as_ref().ok_or(Refusal::NoPreviousCalibration)?;
         Ok(self.request_save(PendingSave::Undo))
     }
@@ -40,12 +40,10 @@ impl Compass<'_> {
 
     #[inline(never)]
     pub(super) fn on_saved(&mut self, result: Result<(), StoreError>) -> Effect {
-        if let Activity::Solving(Solve { current_stage: SolveStage::Saving(record), run_purpose: purpose, .. }) =
-            &self.activity
-        {
+        if let Activity::Solving(Solve { stage: SolveStage::Saving(record), purpose, .. }) = &self.activity {
             let purpose = *purpose;
             let outcome = result.map_err(Refusal::Store).map(|()| {
-                self.persistent.forget_collection();
+                self.persistent_state.forget_collection();
                 self.stored_calibrations.push_record(record);
                 ExpectedAccuracy::new(record.quality, &record.calibration)
             });
@@ -61,12 +59,12 @@ impl Compass<'_> {
             (PendingSave::StartupValues(_), _) => Effect::None,
             (_, Err(error)) => Effect::Reply(Err(Refusal::Store(error))),
             (PendingSave::Undo, Ok(())) => {
-                self.persistent.forget_collection();
+                self.persistent_state.forget_collection();
                 self.stored_calibrations.undo_last();
                 self.reply_done()
             }
             (PendingSave::Clear, Ok(())) => {
-                self.persistent.forget_collection();
+                self.persistent_state.forget_collection();
                 self.stored_calibrations.clear();
                 self.enable_automatic_start(self.settings.auto_on);
                 self.reply_done()

@@ -8,7 +8,7 @@ use crate::calibration::method_selection::Procedure;
 use crate::calibration::{Method, Orientation};
 use crate::compass::Command;
 use crate::settings::{AttitudeError, CanSettings, HeadingKind, SensorError, SettingChange, Settings, SigningKey};
-use crate::settings::{Baud, PortNumber, ProtocolKind};
+use crate::settings::{BaudRate, PortNumber, ProtocolKind};
 
 /// Command, or the first word of several commands.
 #[derive(Debug)]
@@ -72,7 +72,7 @@ pub enum ArgumentValue {
     /// Index of a choice.
     Choice(usize),
     /// Key of a passphrase.
-    Key(SigningKey),
+    SigningKey(SigningKey),
 }
 
 /// Parsed arguments of a command, two at most.
@@ -97,14 +97,14 @@ impl Arguments {
 
 fn signing_key(arguments: &Arguments) -> Option<SigningKey> {
     match arguments.0 {
-        [ArgumentValue::Key(key), _] => Some(key),
+        [ArgumentValue::SigningKey(key), _] => Some(key),
         _ => None,
     }
 }
 
 impl CommandSpec {
-    const fn new(first: &'static str, second: &'static str, help: &'static str) -> Self {
-        Self { command_words: [first, second], help_text: help, arguments: &[], request: None }
+    const fn new(first_word: &'static str, second_word: &'static str, help_text: &'static str) -> Self {
+        Self { command_words: [first_word, second_word], help_text, arguments: &[], request: None }
     }
 
     const fn with_arguments(self, slots: &'static [ArgumentSpec]) -> Self {
@@ -171,7 +171,7 @@ pub static COMMANDS: &[CommandSpec] = &[
         ArgumentSpec::optional_argument("again", ArgumentKind::Confirmation("again")),
     ])
     .with_request(|arguments| match (arguments.0, arguments.choice_argument(0, nth_procedure)) {
-        ([ArgumentValue::Choice(CHOICE_AGAIN), _] | [_, ArgumentValue::Choice(_)], procedure) => {
+        ([ArgumentValue::Choice(AGAIN_INDEX), _] | [_, ArgumentValue::Choice(_)], procedure) => {
             Command::CalStartNew(procedure).into()
         }
         (_, procedure) => Command::CalStart(procedure.unwrap_or_default()).into(),
@@ -384,10 +384,10 @@ fn nth_procedure_name(index: usize) -> Option<&'static str> {
 }
 
 /// Index of the choice `again`, which follows the procedures: the last procedure with an empty collection.
-const CHOICE_AGAIN: usize = Procedure::ALL_PROCEDURES.len();
+const AGAIN_INDEX: usize = Procedure::ALL_PROCEDURES.len();
 
 fn nth_procedure_or_again(index: usize) -> Option<&'static str> {
-    if index == CHOICE_AGAIN { Some("again") } else { nth_procedure_name(index) }
+    if index == AGAIN_INDEX { Some("again") } else { nth_procedure_name(index) }
 }
 
 fn nth_switch(index: usize) -> Option<bool> {
@@ -426,30 +426,30 @@ fn protocol_change(port: PortNumber, arguments: &Arguments) -> SettingChange {
     SettingChange::Protocol(port, arguments.choice_argument(0, nth_protocol).unwrap_or(ProtocolKind::Auto))
 }
 
-fn nth_baud(index: usize) -> Option<Baud> {
-    Baud::ALL_RATES.get(index).copied()
+fn nth_baud(index: usize) -> Option<BaudRate> {
+    BaudRate::ALL_RATES.get(index).copied()
 }
 
 fn nth_baud_name(index: usize) -> Option<&'static str> {
-    nth_baud(index).map(Baud::baud_name)
+    nth_baud(index).map(BaudRate::baud_name)
 }
 
 fn baud_change(port: PortNumber, arguments: &Arguments) -> SettingChange {
-    SettingChange::Baud(port, arguments.choice_argument(0, nth_baud).unwrap_or(Baud::B115200))
+    SettingChange::Baud(port, arguments.choice_argument(0, nth_baud).unwrap_or(BaudRate::B115200))
 }
 
 /// The first two numeric arguments; `None` if a word replaces the first.
-fn two_numbers(arguments: &Arguments) -> Option<[f32; 2]> {
+fn first_two_numbers(arguments: &Arguments) -> Option<[f32; 2]> {
     arguments.number_argument(0).zip(arguments.number_argument(1)).map(<[f32; 2]>::from)
 }
 
 fn attitude_error(arguments: &Arguments) -> AttitudeError {
-    two_numbers(arguments)
+    first_two_numbers(arguments)
         .map_or(AttitudeError::DEFAULT, |[bias_deg, bank_percent]| AttitudeError { bias_deg, bank_percent })
 }
 
 fn sensor_error(arguments: &Arguments) -> SensorError {
-    two_numbers(arguments)
+    first_two_numbers(arguments)
         .map_or(SensorError::DEFAULT, |[gyro_percent, drift_percent]| SensorError { gyro_percent, drift_percent })
 }
 
@@ -524,7 +524,7 @@ mod tests {
             assert_eq!(nth_procedure(number), nth_procedure_name(number).and_then(Procedure::from_name));
             assert_eq!(nth_switch(number), nth_switch_name(number).map(|name| name == "on"));
             assert_eq!(nth_protocol(number), nth_protocol_name(number).and_then(ProtocolKind::from_name));
-            assert_eq!(nth_baud(number), nth_baud_name(number).and_then(Baud::from_name));
+            assert_eq!(nth_baud(number), nth_baud_name(number).and_then(BaudRate::from_name));
             assert_eq!(nth_heading_kind(number), nth_heading_kind_name(number).and_then(HeadingKind::from_name));
             assert_eq!(nth_orientation(number), nth_orientation_name(number).and_then(Orientation::from_name));
             assert_eq!(METHODS.get(number).copied(), nth_method_name(number).and_then(Method::from_name));

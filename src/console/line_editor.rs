@@ -140,7 +140,7 @@ impl Editor {
     }
 
     /// Text before the cursor.
-    pub fn before_cursor(&self) -> &str {
+    pub fn text_before_cursor(&self) -> &str {
         self.line().get(..self.cursor).unwrap_or_default()
     }
 
@@ -153,14 +153,14 @@ impl Editor {
     pub fn process_key(&mut self, key: Key, out: &mut dyn fmt::Write) {
         let line_length = self.line.len();
         match key {
-            Key::Character(byte) => return self.insert_byte(byte, out),
+            Key::Character(byte) => return self.insert_character(byte, out),
             Key::Backspace if self.excess_characters > 0 => self.excess_characters -= 1,
             Key::Backspace if self.cursor == 0 => {}
             Key::Backspace => {
                 self.cursor -= 1;
-                self.remove_byte(self.cursor);
+                self.remove_character(self.cursor);
             }
-            Key::Delete => self.remove_byte(self.cursor),
+            Key::Delete => self.remove_character(self.cursor),
             Key::Left => self.cursor = self.cursor.saturating_sub(1),
             Key::Right => self.cursor = line_length.min(self.cursor + 1),
             Key::Home => self.cursor = 0,
@@ -212,7 +212,7 @@ impl Editor {
         (self.cursor, self.excess_characters, self.history_index) = (0, 0, None);
     }
 
-    fn insert_byte(&mut self, byte: u8, out: &mut dyn fmt::Write) {
+    fn insert_character(&mut self, byte: u8, out: &mut dyn fmt::Write) {
         if self.is_too_long() || self.line.insert(self.cursor, byte).is_err() {
             self.excess_characters += 1;
             return;
@@ -225,26 +225,26 @@ impl Editor {
         }
     }
 
-    fn remove_byte(&mut self, at: usize) {
-        if at < self.line.len() {
-            self.line.remove(at);
+    fn remove_character(&mut self, position: usize) {
+        if position < self.line.len() {
+            self.line.remove(position);
         }
     }
 
-    fn recall_line(&mut self, back: usize) {
-        let Ok(line) = Vec::from_slice(self.history_line(back)) else { return };
+    fn recall_line(&mut self, lines_back: usize) {
+        let Ok(line) = Vec::from_slice(self.history_line(lines_back)) else { return };
         if line.is_empty() {
             return;
         }
         self.clear();
         self.cursor = line.len();
         self.line = line;
-        self.history_index = Some(back);
+        self.history_index = Some(lines_back);
     }
 
     /// Line of history, counted from the newest; empty beyond the oldest.
-    fn history_line(&self, back: usize) -> &[u8] {
-        self.history.rsplit(|&byte| byte == b'\n').nth(back + 1).unwrap_or_default()
+    fn history_line(&self, lines_back: usize) -> &[u8] {
+        self.history.rsplit(|&byte| byte == b'\n').nth(lines_back + 1).unwrap_or_default()
     }
 }
 
@@ -257,7 +257,7 @@ fn line_text(line: &[u8]) -> &str {
 mod tests {
     use super::*;
 
-    fn keys(bytes: &[u8]) -> std::vec::Vec<Key> {
+    fn decoded_keys(bytes: &[u8]) -> std::vec::Vec<Key> {
         let mut keys = KeyDecoder::default();
         // One byte at a time: a sequence may be split across reads.
         bytes.iter().filter_map(|&byte| keys.push_byte(byte)).collect()
@@ -295,15 +295,15 @@ mod tests {
             (b"\x1b[3~", Key::Delete),
             (b"\x1b[3;2~", Key::Delete),
         ] {
-            assert_eq!(keys(bytes), [key], "{bytes:?}");
+            assert_eq!(decoded_keys(bytes), [key], "{bytes:?}");
         }
         for nothing in
             [&b"\0"[..], b"\x02", b"\x1b", b"\x1b[", b"\x1b[5~", b"\x1b[13~", b"\x1b[Z", b"\x80", b"\xff", b"\x1b\x1b"]
         {
-            assert_eq!(keys(nothing), [], "{nothing:?}");
+            assert_eq!(decoded_keys(nothing), [], "{nothing:?}");
         }
-        assert_eq!(keys(b"\r\r\n\n"), [Key::Enter; 3]);
-        assert_eq!(keys(b"\r\0\n"), [Key::Enter; 2]);
+        assert_eq!(decoded_keys(b"\r\r\n\n"), [Key::Enter; 3]);
+        assert_eq!(decoded_keys(b"\r\0\n"), [Key::Enter; 2]);
     }
 
     /// An invalid byte ends a sequence and counts as a key, a line end in particular.
@@ -319,7 +319,7 @@ mod tests {
             (b"\x1b\x1b[Hx", &[Key::Home, x]),
             (b"\x1b[3\xffx", &[x]),
         ] {
-            assert_eq!(keys(bytes), found, "{bytes:?}");
+            assert_eq!(decoded_keys(bytes), found, "{bytes:?}");
         }
     }
 
@@ -349,7 +349,7 @@ mod tests {
     }
 
     /// Types bytes, and checks after each key that the screen shows the line and the cursor.
-    fn typed(editor: &mut Editor, screen: &mut Screen, bytes: &[u8]) {
+    fn type_bytes(editor: &mut Editor, screen: &mut Screen, bytes: &[u8]) {
         let mut keys = KeyDecoder::default();
         for key in bytes.iter().filter_map(|&byte| keys.push_byte(byte)) {
             if key == Key::Enter {
@@ -363,7 +363,7 @@ mod tests {
         }
     }
 
-    fn fresh() -> (Editor, Screen) {
+    fn new_editor_and_screen() -> (Editor, Screen) {
         let (editor, mut screen) = (Editor::default(), Screen::default());
         editor.draw_line(&mut screen);
         (editor, screen)
@@ -385,18 +385,18 @@ mod tests {
             (b"nonsense\x15status", "status", "status"),
             (b"cal status\x1b[D\x1b[D\x1b[D\x1b[D\x1b[D\x1b[D\x15", "status", ""),
         ] {
-            let (mut editor, mut screen) = fresh();
-            typed(&mut editor, &mut screen, bytes);
-            assert_eq!((editor.line(), editor.before_cursor()), (line, before), "{bytes:?}");
+            let (mut editor, mut screen) = new_editor_and_screen();
+            type_bytes(&mut editor, &mut screen, bytes);
+            assert_eq!((editor.line(), editor.text_before_cursor()), (line, before), "{bytes:?}");
         }
     }
 
     #[test]
-    fn lines_before_are_recalled() {
-        let (mut editor, mut screen) = fresh();
-        typed(&mut editor, &mut screen, b"\x1b[A\x1b[B");
+    fn earlier_lines_are_recalled() {
+        let (mut editor, mut screen) = new_editor_and_screen();
+        type_bytes(&mut editor, &mut screen, b"\x1b[A\x1b[B");
         assert_eq!(editor.line(), "");
-        typed(&mut editor, &mut screen, b"one\rtwo\rtwo\r\rthree\r");
+        type_bytes(&mut editor, &mut screen, b"one\rtwo\rtwo\r\rthree\r");
         for (key, line) in [
             (&b"\x1b[A"[..], "three"),
             (b"\x1b[A", "two"),
@@ -409,24 +409,24 @@ mod tests {
             (b"\x1b[B", ""),
             (b"typed\x1b[A", "three"),
         ] {
-            typed(&mut editor, &mut screen, key);
-            assert_eq!((editor.line(), editor.before_cursor()), (line, line), "{key:?}");
+            type_bytes(&mut editor, &mut screen, key);
+            assert_eq!((editor.line(), editor.text_before_cursor()), (line, line), "{key:?}");
         }
         // A recalled line that is entered is the newest again.
-        typed(&mut editor, &mut screen, b"\x15\x1b[A\x1b[A\r\x1b[A");
+        type_bytes(&mut editor, &mut screen, b"\x15\x1b[A\x1b[A\r\x1b[A");
         assert_eq!(editor.line(), "two");
     }
 
     /// 256 characters, line feeds included, hold three lines of full length; the oldest are dropped.
     #[test]
     fn history_holds_three_long_lines() {
-        let (mut editor, mut screen) = fresh();
+        let (mut editor, mut screen) = new_editor_and_screen();
         for character in b'a'..=b'z' {
-            typed(&mut editor, &mut screen, &[character; LINE_CAPACITY]);
-            typed(&mut editor, &mut screen, b"\r");
+            type_bytes(&mut editor, &mut screen, &[character; LINE_CAPACITY]);
+            type_bytes(&mut editor, &mut screen, b"\r");
         }
         for character in ["z", "y", "x", "x"] {
-            typed(&mut editor, &mut screen, b"\x1b[A");
+            type_bytes(&mut editor, &mut screen, b"\x1b[A");
             assert_eq!(editor.line(), character.repeat(LINE_CAPACITY));
         }
     }
@@ -435,20 +435,20 @@ mod tests {
     /// inserted.
     #[test]
     fn characters_beyond_the_capacity_are_counted() {
-        let (mut editor, mut screen) = fresh();
-        typed(&mut editor, &mut screen, &[b'a'; LINE_CAPACITY]);
+        let (mut editor, mut screen) = new_editor_and_screen();
+        type_bytes(&mut editor, &mut screen, &[b'a'; LINE_CAPACITY]);
         assert!(!editor.is_too_long());
-        typed(&mut editor, &mut screen, b"bc\x7f");
+        type_bytes(&mut editor, &mut screen, b"bc\x7f");
         assert!(editor.is_too_long());
-        typed(&mut editor, &mut screen, b"\x7f");
+        type_bytes(&mut editor, &mut screen, b"\x7f");
         assert!(!editor.is_too_long() && editor.line() == "a".repeat(LINE_CAPACITY));
         // No excess character is inserted in the middle of the line, nor another one after a deletion.
-        typed(&mut editor, &mut screen, b"\x1b[Dx\x1b[3~y");
+        type_bytes(&mut editor, &mut screen, b"\x1b[Dx\x1b[3~y");
         assert!(editor.is_too_long() && !editor.line().contains('y'));
-        typed(&mut editor, &mut screen, b"\r\x1b[A");
+        type_bytes(&mut editor, &mut screen, b"\r\x1b[A");
         assert_eq!(editor.line(), "", "it is not in history");
-        typed(&mut editor, &mut screen, &[b'a'; LINE_CAPACITY + 1]);
-        typed(&mut editor, &mut screen, b"\x15");
+        type_bytes(&mut editor, &mut screen, &[b'a'; LINE_CAPACITY + 1]);
+        type_bytes(&mut editor, &mut screen, b"\x15");
         assert!(!editor.is_too_long() && editor.line().is_empty());
     }
 
@@ -456,7 +456,7 @@ mod tests {
     #[test]
     fn no_input_stops_the_editor() {
         let mut random = testkit::random::Random(3);
-        let (mut editor, mut screen) = fresh();
+        let (mut editor, mut screen) = new_editor_and_screen();
         for _ in 0..3000 {
             let mut bytes = random.bytes(20);
             for byte in &mut bytes {
@@ -464,7 +464,7 @@ mod tests {
                     *byte = b"\x1b[[[ABCDHF~3O\x7f\x08\r"[usize::from(*byte % 16)];
                 }
             }
-            typed(&mut editor, &mut screen, &bytes);
+            type_bytes(&mut editor, &mut screen, &bytes);
             assert!(editor.cursor <= editor.line.len());
             assert!(
                 editor.line.iter().chain(&editor.history).all(|byte| (b' '..=b'~').contains(byte) || *byte == b'\n')

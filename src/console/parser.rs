@@ -41,7 +41,7 @@ impl LineError {
     }
 }
 
-/// Text of the expected input.
+/// Writes which input was expected.
 impl Display for LineError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
@@ -153,7 +153,7 @@ fn parse_value(argument: &ArgumentSpec, typed: &str) -> Option<ArgumentValue> {
         ArgumentKind::Choice(_) | ArgumentKind::Confirmation(_) => choice.map(ArgumentValue::Choice),
         ArgumentKind::Number { .. } | ArgumentKind::Passphrase if choice.is_some() => Some(ArgumentValue::Absent),
         ArgumentKind::Number { .. } => decimal::parse_decimal(typed).map(ArgumentValue::Number),
-        ArgumentKind::Passphrase => Some(ArgumentValue::Key(key_from_passphrase(typed))),
+        ArgumentKind::Passphrase => Some(ArgumentValue::SigningKey(key_from_passphrase(typed))),
         ArgumentKind::Integer { .. } => typed.parse::<u8>().ok().map(|number| ArgumentValue::Number(f32::from(number))),
     }
 }
@@ -195,10 +195,12 @@ impl ExpectedElement {
     /// Allowed word with this index.
     fn nth_word(self, number: usize) -> Option<&'static str> {
         match self {
-            Self::FirstWord => all_words().filter(|[_, second]| second.is_empty()).map(|[first, _]| first).nth(number),
+            Self::FirstWord => {
+                first_words().filter(|[_, second]| second.is_empty()).map(|[first, _]| first).nth(number)
+            }
             Self::SecondWord(command) => {
                 let is_subcommand = |[first, second]: &[&'static str; 2]| *first == command && !second.is_empty();
-                all_words().filter(is_subcommand).map(|[_, second]| second).nth(number)
+                first_words().filter(is_subcommand).map(|[_, second]| second).nth(number)
             }
             Self::Argument(slot) => slot.nth_word(number),
             Self::Nothing => None,
@@ -206,7 +208,7 @@ impl ExpectedElement {
     }
 }
 
-fn all_words() -> impl Iterator<Item = [&'static str; 2]> {
+fn first_words() -> impl Iterator<Item = [&'static str; 2]> {
     COMMANDS.iter().map(|row| row.command_words)
 }
 
@@ -226,7 +228,7 @@ pub fn complete_line(line: &str, report_match: &mut dyn FnMut(&'static str)) -> 
     let mut continuation: Option<&'static str> = None;
     let mut match_count = 0;
     for word in (0..).map_while(|number| expected.nth_word(number)) {
-        let Some(ending) = completion_rest(word, typed) else { continue };
+        let Some(ending) = completion_suffix(word, typed) else { continue };
         report_match(word);
         match_count += 1;
         continuation = Some(continuation.map_or(ending, |continuation| common_prefix(continuation, ending)));
@@ -235,14 +237,14 @@ pub fn complete_line(line: &str, report_match: &mut dyn FnMut(&'static str)) -> 
 }
 
 /// Rest of a word after its typed beginning; none if the beginning differs.
-fn completion_rest(word: &'static str, typed: &str) -> Option<&'static str> {
+fn completion_suffix(word: &'static str, typed: &str) -> Option<&'static str> {
     word.get(..typed.len())
         .filter(|beginning| beginning.eq_ignore_ascii_case(typed))
         .and_then(|_| word.get(typed.len()..))
 }
 
-fn common_prefix(first: &'static str, other: &str) -> &'static str {
-    let length = first.bytes().zip(other.bytes()).take_while(|(a, b)| a == b).count();
+fn common_prefix(first: &'static str, second: &str) -> &'static str {
+    let length = first.bytes().zip(second.bytes()).take_while(|(a, b)| a == b).count();
     first.get(..length).unwrap_or_default()
 }
 
@@ -357,7 +359,7 @@ mod tests {
     use crate::calibration::{Method, Orientation};
     use crate::compass::Command;
     use crate::settings::{AttitudeError, HeadingKind, SensorError, SettingChange};
-    use crate::settings::{Baud, PortNumber, ProtocolKind};
+    use crate::settings::{BaudRate, PortNumber, ProtocolKind};
 
     fn command(line: &str) -> Command {
         match parse_request(line) {
@@ -417,8 +419,8 @@ mod tests {
             ("set accuracy 0.7", set(SettingChange::Accuracy(0.7))),
             ("set port1 mavlink", set(SettingChange::Protocol(PortNumber::One, ProtocolKind::Mavlink))),
             ("set port2 msp", set(SettingChange::Protocol(PortNumber::Two, ProtocolKind::Msp))),
-            ("set baud1 460800", set(SettingChange::Baud(PortNumber::One, Baud::B460800))),
-            ("set baud2 57600", set(SettingChange::Baud(PortNumber::Two, Baud::B57600))),
+            ("set baud1 460800", set(SettingChange::Baud(PortNumber::One, BaudRate::B460800))),
+            ("set baud2 57600", set(SettingChange::Baud(PortNumber::Two, BaudRate::B57600))),
             ("set vision on", set(SettingChange::Vision(true))),
             ("set vision off", set(SettingChange::Vision(false))),
             ("set attitude-rate 50", set(SettingChange::AttitudeRateHz(50))),

@@ -60,8 +60,8 @@ impl Session {
             Key::Tab => self.complete_line(),
             Key::Cancel => {
                 self.editor.clear();
-                self.print_text("^C\n");
-                self.print_text(PROMPT);
+                self.print_message("^C\n");
+                self.print_message(PROMPT);
             }
             key => self.editor.process_key(key, &mut self.output),
         }
@@ -72,27 +72,27 @@ impl Session {
     pub fn write_reply(&mut self, write: impl FnOnce(&mut ConsoleOutput) -> fmt::Result) {
         // Writing to this output never fails.
         let _ = write(&mut self.output);
-        self.print_text(PROMPT);
+        self.print_message(PROMPT);
     }
 
     /// Writes an unsolicited message, and redraws the line being typed.
     pub fn write_notice(&mut self, write: impl FnOnce(&mut ConsoleOutput) -> fmt::Result) {
-        self.print_text("\r\x1b[2K");
+        self.print_message("\r\x1b[2K");
         let _ = write(&mut self.output);
         self.editor.draw_line(&mut self.output);
     }
 
-    fn print_text(&mut self, text: &str) {
+    fn print_message(&mut self, text: &str) {
         let _ = self.output.write_str(text);
     }
 
     fn submit_line(&mut self) -> Option<Result<Request, LineError>> {
-        self.print_text("\n");
+        self.print_message("\n");
         let entered =
             if self.editor.is_too_long() { Some(Err(LineError::TooLong)) } else { parse_request(self.editor.line()) };
         self.editor.submit_line();
         if entered.is_none() {
-            self.print_text(PROMPT);
+            self.print_message(PROMPT);
         }
         entered
     }
@@ -100,13 +100,13 @@ impl Session {
     /// Inserts the common continuation of all matching words, or lists the words if they share none.
     fn complete_line(&mut self) {
         let Self { editor, output, .. } = self;
-        let completion = parser::complete_line(editor.before_cursor(), &mut |_| {});
+        let completion = parser::complete_line(editor.text_before_cursor(), &mut |_| {});
         for byte in completion.continuation.bytes().chain((completion.match_count == 1).then_some(b' ')) {
             editor.process_key(Key::Character(byte), output);
         }
         if completion.continuation.is_empty() && completion.match_count > 1 {
             let _ = output.write_str("\n");
-            parser::complete_line(editor.before_cursor(), &mut |word| {
+            parser::complete_line(editor.text_before_cursor(), &mut |word| {
                 let _ = write!(output, "{word}  ");
             });
             let _ = output.write_str("\n");

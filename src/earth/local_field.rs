@@ -67,10 +67,10 @@ impl LocalField {
             return;
         }
         (self.position_time, self.distant_reports) = (at, 0);
-        if self.position.is_some_and(|last_position| is_same(last_position, position_at)) {
+        if self.position.is_some_and(|last_position| is_same_place(last_position, position_at)) {
             return;
         }
-        let updated = Self { position: Some(position_at), ..*self }.with_field();
+        let updated = Self { position: Some(position_at), ..*self }.with_model_field();
         let contradicts = |field: EarthField| {
             context
                 .calibrated_inclination_deg
@@ -82,9 +82,9 @@ impl LocalField {
     }
 
     /// Updates the date.
-    pub fn set_date(&mut self, day: Date) {
+    pub fn update_date(&mut self, day: Date) {
         if self.date != Some(day) {
-            *self = Self { date: Some(day), ..*self }.with_field();
+            *self = Self { date: Some(day), ..*self }.with_model_field();
         }
     }
 
@@ -112,14 +112,14 @@ impl LocalField {
         self.date.map(ModelValidity::on_date)
     }
 
-    fn with_field(self) -> Self {
+    fn with_model_field(self) -> Self {
         let field =
             self.position.zip(self.date).and_then(|(position_at, day)| EarthField::from_model(position_at, day));
         Self { field, ..self }
     }
 }
 
-fn is_same(first: Position, second: Position) -> bool {
+fn is_same_place(first: Position, second: Position) -> bool {
     let difference_deg = [first.latitude_deg - second.latitude_deg, first.longitude_deg - second.longitude_deg];
     difference_deg.iter().all(|deg| deg.abs() < MIN_DISTANCE_DEG)
 }
@@ -136,7 +136,7 @@ mod tests {
     use super::*;
 
     /// Time after the start of the module; a vehicle can move 300 m each second.
-    const LATER: WrappingMillis = WrappingMillis::new(5_000);
+    const TEST_TIME: WrappingMillis = WrappingMillis::new(5_000);
 
     fn position_at(latitude_deg: f32, longitude_deg: f32) -> Position {
         Position::new(latitude_deg, longitude_deg, 100.0).unwrap()
@@ -151,18 +151,18 @@ mod tests {
     fn position_and_date_give_a_field() {
         let (position_at, day) = (position_at(51.1, 13.7), day(20_779));
         let mut local_field = LocalField::UNKNOWN;
-        local_field.update_position(LATER, position_at, PositionContext::default());
+        local_field.update_position(TEST_TIME, position_at, PositionContext::default());
         assert_eq!(
             (local_field.model_position(), local_field.date(), local_field.model_field(), local_field.validity()),
             (Some(position_at), None, None, None)
         );
-        local_field.set_date(day);
+        local_field.update_date(day);
         assert_eq!(local_field.model_field(), EarthField::from_model(position_at, day).as_ref());
         assert!(local_field.model_field().is_some());
         let mut other = LocalField::UNKNOWN;
-        other.set_date(day);
+        other.update_date(day);
         assert_eq!((other.model_field(), other.validity()), (None, Some(ModelValidity::Valid)));
-        other.update_position(LATER, position_at, PositionContext::default());
+        other.update_position(TEST_TIME, position_at, PositionContext::default());
         assert_eq!(other, local_field);
     }
 
@@ -171,9 +171,9 @@ mod tests {
     fn the_field_follows_the_date() {
         let position_at = position_at(51.1, 13.7);
         let mut local_field = LocalField::UNKNOWN;
-        local_field.update_position(LATER, position_at, PositionContext::default());
+        local_field.update_position(TEST_TIME, position_at, PositionContext::default());
         for days in [20_000, 20_779, 20_780, 21_000] {
-            local_field.set_date(day(days));
+            local_field.update_date(day(days));
             assert_eq!(
                 (local_field.date(), local_field.model_field()),
                 (Some(day(days)), EarthField::from_model(position_at, day(days)).as_ref())
@@ -195,10 +195,10 @@ mod tests {
             (51.1, -13.7, false),
         ] {
             let mut local_field = LocalField { date: Some(day(20_779)), ..LocalField::UNKNOWN };
-            local_field.update_position(LATER, start, PositionContext::default());
+            local_field.update_position(TEST_TIME, start, PositionContext::default());
             let before = local_field;
             local_field.update_position(
-                LATER.plus_ms(12 * 3_600_000),
+                TEST_TIME.plus_ms(12 * 3_600_000),
                 position_at(latitude_deg, longitude_deg),
                 PositionContext::default(),
             );
@@ -206,7 +206,7 @@ mod tests {
         }
         let mut local_field = LocalField::UNKNOWN;
         for step in 0..10_u8 {
-            let at = LATER.plus_ms(10_000 * u32::from(step));
+            let at = TEST_TIME.plus_ms(10_000 * u32::from(step));
             local_field.update_position(
                 at,
                 position_at(51.1 + 0.015 * f32::from(step), 13.7),
@@ -222,13 +222,13 @@ mod tests {
     const CANADA: [f32; 2] = [48.1, -80.0];
 
     /// Reports one position each second for 30 s, long after the last one from Bavaria; returns whether it is accepted.
-    fn is_accepted([latitude_deg, longitude_deg]: [f32; 2], after_ms: u32, context: PositionContext) -> bool {
+    fn is_position_accepted([latitude_deg, longitude_deg]: [f32; 2], after_ms: u32, context: PositionContext) -> bool {
         let mut local_field = LocalField { date: Some(day(20_779)), ..LocalField::UNKNOWN };
-        local_field.update_position(LATER, position_at(BAVARIA[0], BAVARIA[1]), context);
+        local_field.update_position(TEST_TIME, position_at(BAVARIA[0], BAVARIA[1]), context);
         let before = local_field.model_field().copied();
         assert!(before.is_some());
         for second in 0..30 {
-            let at = LATER.plus_ms(after_ms + 1000 * second);
+            let at = TEST_TIME.plus_ms(after_ms + 1000 * second);
             local_field.update_position(at, position_at(latitude_deg, longitude_deg), context);
         }
         local_field.model_field().copied() != before
@@ -239,18 +239,18 @@ mod tests {
     fn a_position_moves_at_a_plausible_speed() {
         let hours = |hours: u32| hours * 3_600_000;
         for (after_ms, is_expected) in [(1000, false), (hours(4), false), (hours(10), true)] {
-            assert_eq!(is_accepted(CANADA, after_ms, PositionContext::default()), is_expected, "{after_ms}");
+            assert_eq!(is_position_accepted(CANADA, after_ms, PositionContext::default()), is_expected, "{after_ms}");
         }
     }
 
     #[test]
     fn a_disarmed_vehicle_takes_a_distant_position_that_persists() {
         let context = PositionContext { is_disarmed: true, ..PositionContext::default() };
-        assert!(is_accepted(CANADA, 1000, context) && is_accepted(GREENLAND, 1000, context));
+        assert!(is_position_accepted(CANADA, 1000, context) && is_position_accepted(GREENLAND, 1000, context));
         // A single report from Greenland is ignored.
         let mut local_field = LocalField::UNKNOWN;
         for [latitude_deg, longitude_deg] in [BAVARIA, GREENLAND, BAVARIA] {
-            local_field.update_position(LATER, position_at(latitude_deg, longitude_deg), context);
+            local_field.update_position(TEST_TIME, position_at(latitude_deg, longitude_deg), context);
             assert_eq!(local_field.model_position(), Some(position_at(BAVARIA[0], BAVARIA[1])));
         }
     }
@@ -261,7 +261,11 @@ mod tests {
             [(0.000_3, -0.009, true), (0.000_3, 0.02, false), (-0.02, 0.0, false)]
         {
             let mut local_field = LocalField::UNKNOWN;
-            local_field.update_position(LATER, position_at(latitude_deg, longitude_deg), PositionContext::default());
+            local_field.update_position(
+                TEST_TIME,
+                position_at(latitude_deg, longitude_deg),
+                PositionContext::default(),
+            );
             assert_eq!(local_field.model_position().is_none(), is_none, "{latitude_deg} {longitude_deg}");
         }
     }
@@ -269,7 +273,7 @@ mod tests {
     #[test]
     fn a_position_must_agree_with_the_calibrated_inclination() {
         let context = PositionContext { is_disarmed: true, calibrated_inclination_deg: Some(64.0) };
-        assert!(is_accepted(CANADA, 1000, context) && !is_accepted(GREENLAND, 1000, context));
+        assert!(is_position_accepted(CANADA, 1000, context) && !is_position_accepted(GREENLAND, 1000, context));
     }
 
     /// Largest change of declination within 0.02 deg, relative to the model's error `sqrt(0.26^2 + (5.417 uT / H)^2)`

@@ -23,7 +23,7 @@ pub(super) struct PairingQueue {
     averager: Averager,
     /// Time of the last reading, rejected ones included.
     last_reading_at: Timestamp,
-    unpaired: u32,
+    unpaired_count: u32,
 }
 
 impl PairingQueue {
@@ -32,7 +32,7 @@ impl PairingQueue {
             queue: heapless::Deque::new(),
             averager: Averager::new(readings_per_sample, max_step_us),
             last_reading_at: Timestamp::START,
-            unpaired: 0,
+            unpaired_count: 0,
         }
     }
 
@@ -88,10 +88,10 @@ impl PairingQueue {
     }
 
     pub const fn unpaired_readings(&self) -> u32 {
-        self.unpaired
+        self.unpaired_count
     }
 
     fn count_unpaired(&mut self) {
-        self.unpaired = self.unpaired.wrapping_add(1);
+        self.unpaired_count = self.unpaired_count.wrapping_add(1);
     }
 }

@@ -13,12 +13,12 @@ pub(super) struct Averager {
     readings_per_sample: u16,
     /// Longest step between readings, microseconds.
     max_step_us: u64,
-    run: Option<AveragingRun>,
+    averaging_run: Option<AveragingRun>,
 }
 
 #[derive(Debug)]
 struct AveragingRun {
-    count: u16,
+    reading_count: u16,
     first_at: Timestamp,
     last_at: Timestamp,
     field_ut: Vector3<f32>,
@@ -32,11 +32,11 @@ struct AveragingRun {
 
 impl Averager {
     pub const fn new(readings_per_sample: u16, max_step_us: u64) -> Self {
-        Self { readings_per_sample, max_step_us, run: None }
+        Self { readings_per_sample, max_step_us, averaging_run: None }
     }
 
     pub fn reset(&mut self) {
-        self.run = None;
+        self.averaging_run = None;
     }
 
     /// Adds a reading with the attitude and Euler-angle rates at its time; returns a sample at the end of a run.
@@ -48,8 +48,9 @@ impl Averager {
         rates: Option<EulerRates>,
     ) -> Option<Sample> {
         let continues_run = |run: &AveragingRun| at >= run.last_at && at.us_since(run.last_at) <= self.max_step_us;
-        let mut run = self.run.take().filter(continues_run).unwrap_or_else(|| AveragingRun::new_at(at, attitude));
-        run.count += 1;
+        let mut run =
+            self.averaging_run.take().filter(continues_run).unwrap_or_else(|| AveragingRun::new_at(at, attitude));
+        run.reading_count += 1;
         run.last_at = at;
         run.field_ut += field.ut;
         run.relative_roll_rad += wrap_pi(attitude.roll_rad - run.first_roll_rad);
@@ -57,10 +58,10 @@ impl Averager {
         run.rates_rad_s = run.rates_rad_s.zip(rates).map(|([roll, pitch, heading], rates)| {
             [roll + rates.roll_rad_s, pitch + rates.pitch_rad_s, heading + rates.heading_rad_s]
         });
-        if run.count >= self.readings_per_sample {
+        if run.reading_count >= self.readings_per_sample {
             return Some(run.mean_sample());
         }
-        self.run = Some(run);
+        self.averaging_run = Some(run);
         None
     }
 }
@@ -68,7 +69,7 @@ impl Averager {
 impl AveragingRun {
     fn new_at(at: Timestamp, attitude: Attitude) -> Self {
         Self {
-            count: 0,
+            reading_count: 0,
             first_at: at,
             last_at: at,
             field_ut: Vector3::zeros(),
@@ -80,7 +81,7 @@ impl AveragingRun {
     }
 
     fn mean_sample(&self) -> Sample {
-        let count = f32::from(self.count);
+        let count = f32::from(self.reading_count);
         let middle = self.first_at.plus_us(self.last_at.us_since(self.first_at) / 2);
         Sample {
             field: Field::new(self.field_ut / count),

@@ -8,7 +8,7 @@ pub struct InstrumentConfig {
     /// Period of the magnetometer's readings, microseconds.
     pub reading_period_us: u32,
     /// Equal consecutive readings of an axis that indicate a stuck sensor; `None` disables the test.
-    pub stuck_after: Option<u16>,
+    pub equal_readings_until_stuck: Option<u16>,
     /// Parameters of the attitude track, including its latency.
     pub attitude: attitude::AttitudeConfig,
     /// Acceptance limits of a heading.
@@ -31,7 +31,7 @@ impl InstrumentConfig {
     pub const fn new(reading_period_us: u32) -> Self {
         Self {
             reading_period_us,
-            stuck_after: None,
+            equal_readings_until_stuck: None,
             attitude: attitude::AttitudeConfig::DEFAULT,
             heading: heading::HeadingLimits::DEFAULT,
         }

@@ -29,14 +29,14 @@ impl GyroErrorRows {
         let by_axis = [1.0, p, q, r];
         let per_cos_pitch = 1.0 / cos_pitch.max(MIN_COS_PITCH);
         Self {
-            heading_row: of_axes(&by_axis, sin_roll * per_cos_pitch, cos_roll * per_cos_pitch),
-            pitch_row: of_axes(&by_axis, cos_roll, -sin_roll),
+            heading_row: gyro_error_row(&by_axis, sin_roll * per_cos_pitch, cos_roll * per_cos_pitch),
+            pitch_row: gyro_error_row(&by_axis, cos_roll, -sin_roll),
         }
     }
 }
 
 /// Derivatives by the gyro errors: those of the y axis multiplied by `y`, those of the z axis by `z`.
-fn of_axes(by_axis: &[f32; 4], y: f32, z: f32) -> GyroErrors {
+fn gyro_error_row(by_axis: &[f32; 4], y: f32, z: f32) -> GyroErrors {
     core::array::from_fn(|i| by_axis[i % 4] * if i < 4 { y } else { z })
 }
 

@@ -83,12 +83,12 @@ pub use turn_request::TurnRequest;
 #[derive(Debug)]
 pub struct Instrument {
     config: InstrumentConfig,
-    active: ActiveCalibration,
+    active_calibration: ActiveCalibration,
     attitude_history: AttitudeHistory,
     sensor_check: SensorCheck,
     pairing: PairingQueue,
     smoother: HeadingSmoother,
-    rejections: RejectionCounts,
+    rejection_counts: RejectionCounts,
     monitor: Monitor,
     /// Last sample, which the monitor has yet to process, and the time of its last reading.
     pending_sample: Option<(Timestamp, Sample)>,
@@ -106,7 +106,7 @@ const CURRENT_VALIDITY_US: u64 = 3_000_000;
 
 /// Without an attitude the monitor is not updated; time for which its last verdict of a disturbed field holds,
 /// microseconds.
-const DISTURBANCE_HOLD_US: u64 = 10_000_000;
+const VERDICT_HOLD_US: u64 = 10_000_000;
 
 impl Instrument {
     /// An instrument without a calibration.
@@ -115,12 +115,12 @@ impl Instrument {
     pub fn new(config: InstrumentConfig) -> Self {
         Self {
             config,
-            active: ActiveCalibration::new(Correction::UNCALIBRATED),
+            active_calibration: ActiveCalibration::new(Correction::UNCALIBRATED),
             attitude_history: AttitudeHistory::new(config.attitude),
             sensor_check: SensorCheck::new(&config),
             pairing: PairingQueue::new(config.readings_per_sample(), config.max_step_us()),
             smoother: HeadingSmoother::new(),
-            rejections: RejectionCounts::NO_REJECTIONS,
+            rejection_counts: RejectionCounts::NO_REJECTIONS,
             monitor: Monitor::new(SensorErrorSigmas::DEFAULT),
             pending_sample: None,
             compass_field: CompassField::INITIAL,
@@ -132,7 +132,7 @@ impl Instrument {
     /// Replaces the correction. Slow: call it after sending a heading.
     #[inline(never)]
     pub fn set_correction(&mut self, correction: Correction) {
-        let base = &self.active.stored_correction;
+        let base = &self.active_calibration.stored_correction;
         if correction.sample_attitude != base.sample_attitude {
             // A sample must not mix readings with and without attitude.
             self.pairing.clear_queue();
@@ -141,7 +141,7 @@ impl Instrument {
             self.smoother.reset_filter();
         }
         if correction.calibration == base.calibration && correction.sensor_errors == base.sensor_errors {
-            self.replace_active(self.active.clone().with_stored_correction(correction));
+            self.replace_active(self.active_calibration.clone().with_stored_correction(correction));
         } else {
             self.restart_monitor(correction);
         }
@@ -156,15 +156,15 @@ impl Instrument {
     }
 
     fn replace_active(&mut self, active: ActiveCalibration) {
-        self.compass_field.change_calibration(&self.active, &active);
-        self.active = active;
+        self.compass_field.change_calibration(&self.active_calibration, &active);
+        self.active_calibration = active;
     }
 
     /// Replaces the sensor parameters: period in microseconds, and equal consecutive readings that indicate a stuck
     /// axis.
-    pub fn set_sensor(&mut self, period_us: u32, stuck_after: Option<u16>) {
+    pub fn set_sensor_parameters(&mut self, period_us: u32, equal_readings_until_stuck: Option<u16>) {
         self.config.reading_period_us = period_us;
-        self.config.stuck_after = stuck_after;
+        self.config.equal_readings_until_stuck = equal_readings_until_stuck;
         self.sensor_check = SensorCheck::new(&self.config);
         self.pairing.set_sensor_parameters(self.config.readings_per_sample(), self.config.max_step_us());
     }
@@ -172,20 +172,20 @@ impl Instrument {
     /// Processes an attitude report whose last byte arrived at `at`. It may complete samples.
     #[inline(never)]
     pub fn on_attitude(&mut self, at: Timestamp, report: AttitudeReport) {
-        let rejected_before = self.attitude_history.rejected_reports().contradicting_rates;
+        let rejected_before = self.attitude_history.rejected_reports().rate_contradictions;
         self.attitude_history.push_report(at, report);
         self.compass_field.update_attitude(at, report.attitude);
-        let is_contradicted = self.attitude_history.rejected_reports().contradicting_rates != rejected_before;
+        let is_contradicted = self.attitude_history.rejected_reports().rate_contradictions != rejected_before;
         self.consecutive_rejected_rates =
             if is_contradicted { self.consecutive_rejected_rates.saturating_add(1) } else { 0 };
         if self.consecutive_rejected_rates == MAX_REJECTED_RATES {
-            self.restart_monitor(self.active.stored_correction.clone());
+            self.restart_monitor(self.active_calibration.stored_correction.clone());
         }
     }
 
     /// Stores the motor current, amperes, reported at `at`, unless it contradicts the currents of the calibration.
     pub fn on_current(&mut self, at: Timestamp, amperes: f32) {
-        let calibration = self.active.stored_correction.calibration.as_ref();
+        let calibration = self.active_calibration.stored_correction.calibration.as_ref();
         if calibration.is_none_or(|(calibration, _)| calibration.motor_current.is_plausible(amperes)) {
             self.motor_current = Some((at, amperes));
         }
@@ -210,8 +210,8 @@ impl Instrument {
             self.attitude_history.update_raw_field(reading.field);
         }
         let current_a = self.current_a(at);
-        let field = self.active.remove_motor_current(reading.field, current_a);
-        let corrected = self.active.calibrated_field(field);
+        let field = self.active_calibration.remove_motor_current(reading.field, current_a);
+        let corrected = self.active_calibration.calibrated_field(field);
         let body_field = corrected.filter(|_| fault.is_none());
         if let Some(body_field) = body_field {
             self.attitude_history.update_field(body_field);
@@ -222,9 +222,9 @@ impl Instrument {
             Some(fault) => Err(fault.into()),
             None => self.compute_heading((field, corrected), current_a, attitude, gyro_heading.as_ref()),
         };
-        let gyro = &self.active.adjustment.heading_rate_error;
+        let gyro = &self.active_calibration.adjustment.heading_rate_error;
         let smoothed_heading = self.smoother.smooth_heading(at, heading.as_ref().ok(), gyro_heading.as_ref(), gyro);
-        let compass_field = self.compass_field.output_field(at, &self.active, field, corrected);
+        let compass_field = self.compass_field.output_field(at, &self.active_calibration, field, corrected);
         Estimate {
             timestamp: at,
             body_field,
@@ -254,7 +254,7 @@ impl Instrument {
     /// samples.
     #[inline(never)]
     pub fn next_sample(&mut self) -> Option<Sample> {
-        match self.active.stored_correction.sample_attitude {
+        match self.active_calibration.stored_correction.sample_attitude {
             SampleAttitude::Interpolated => {
                 let euler_rates_at = |at| Some(self.attitude_history.gyro_heading_at(at)?.euler_rates);
                 let (at, mut sample) =
@@ -277,7 +277,7 @@ impl Instrument {
     #[inline(never)]
     pub fn update_monitor(&mut self) {
         let Some((at, sample)) = self.pending_sample.take() else { return };
-        let base = &self.active.stored_correction;
+        let base = &self.active_calibration.stored_correction;
         let Some((calibration, uncertainty)) = base.calibration.as_ref().filter(|_| base.has_valid_inclination) else {
             return;
         };
@@ -294,7 +294,7 @@ impl Instrument {
         // Headings of an instrument that accepts any field ignore the monitor.
         let is_ignored = self.config.heading.accepts_any_field() && adjustment.validity.is_err();
         let adjustment = if is_ignored { &MonitorOutput::INITIAL } else { adjustment };
-        self.active.apply_monitor_output(at, adjustment, readings_per_sample);
+        self.active_calibration.apply_monitor_output(at, adjustment, readings_per_sample);
     }
 
     /// Change of the installation since the calibration, once significant.
@@ -309,7 +309,7 @@ impl Instrument {
         RejectionCounts {
             unpaired_readings: self.pairing.unpaired_readings(),
             rejected_reports: self.attitude_history.rejected_reports(),
-            ..self.rejections
+            ..self.rejection_counts
         }
     }
 
@@ -321,18 +321,22 @@ impl Instrument {
 
     fn count_rejection(&mut self, fault: ReadingFault) {
         let counter = match fault {
-            ReadingFault::Saturated => &mut self.rejections.saturated_readings,
-            ReadingFault::Clipped => &mut self.rejections.clipped_readings,
-            ReadingFault::Stuck => &mut self.rejections.stuck_readings,
-            ReadingFault::Spike => &mut self.rejections.spike_readings,
+            ReadingFault::Saturated => &mut self.rejection_counts.saturated_readings,
+            ReadingFault::Clipped => &mut self.rejection_counts.clipped_readings,
+            ReadingFault::Stuck => &mut self.rejection_counts.stuck_readings,
+            ReadingFault::Spike => &mut self.rejection_counts.spike_readings,
         };
         *counter = counter.wrapping_add(1);
     }
 
     /// Lookup time of the attitude: `at` plus the calibration's attitude latency.
     fn attitude_lookup_time(&self, at: Timestamp) -> Timestamp {
-        let latency_s =
-            self.active.stored_correction.calibration.as_ref().map_or(0.0, |(calibration, _)| calibration.latency_s);
+        let latency_s = self
+            .active_calibration
+            .stored_correction
+            .calibration
+            .as_ref()
+            .map_or(0.0, |(calibration, _)| calibration.latency_s);
         // The cast saturates and maps NaN to 0.
         at.plus_signed_us((latency_s * 1e6) as i32)
     }
@@ -365,15 +369,15 @@ impl Instrument {
     }
 
     fn is_field_error_detected(&self, at: Timestamp) -> bool {
-        match self.active.adjustment.validity {
+        match self.active_calibration.adjustment.validity {
             Err(NoHeading::FieldChanged) => true,
-            Err(NoHeading::FieldDisturbed) => at.us_since(self.active.adjusted_at) <= DISTURBANCE_HOLD_US,
+            Err(NoHeading::FieldDisturbed) => at.us_since(self.active_calibration.adjusted_at) <= VERDICT_HOLD_US,
             _ => false,
         }
     }
 
     fn has_calibrated_strength(&self, body: Field<Body>) -> bool {
-        let Some((calibration, _)) = &self.active.adjusted_calibration else { return false };
+        let Some((calibration, _)) = &self.active_calibration.adjusted_calibration else { return false };
         let deviation = (body.total_ut() / calibration.total_ut - 1.0).abs();
         self.config
             .heading
@@ -391,7 +395,7 @@ impl Instrument {
         gyro_heading: Option<&GyroHeading>,
     ) -> Result<Heading, NoHeading> {
         let ActiveCalibration { stored_correction: base, adjustment, adjusted_calibration: adjusted, .. } =
-            &self.active;
+            &self.active_calibration;
         let ((calibration, uncertainty), body) = adjusted.as_ref().zip(corrected).ok_or(NoHeading::Uncalibrated)?;
         let euler_rates = gyro_heading.map_or_else(EulerRates::default, |gyro_heading| gyro_heading.euler_rates);
         let attitude = adjustment.correct_attitude(attitude?, &euler_rates);

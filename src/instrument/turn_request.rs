@@ -49,7 +49,7 @@ mod tests {
     use super::*;
     use crate::heading::Heading;
 
-    fn asked_at_s(sigmas_deg: impl Fn(u32) -> f32) -> Vec<u32> {
+    fn request_times_s(sigmas_deg: impl Fn(u32) -> f32) -> Vec<u32> {
         let mut request = TurnRequest::NO_GROWTH;
         let mut asks = |second: &u32| {
             let heading =
@@ -61,20 +61,20 @@ mod tests {
     }
 
     #[test]
-    fn a_sigma_over_3_deg_for_20_s_asks_once() {
-        assert_eq!(asked_at_s(|_| 3.1), [20]);
-        assert_eq!(asked_at_s(|_| 2.9), []);
-        assert_eq!(asked_at_s(|second| if second % 20 == 19 { 2.9 } else { 4.0 }), []);
+    fn a_sigma_over_3_deg_for_20_s_requests_one_turn() {
+        assert_eq!(request_times_s(|_| 3.1), [20]);
+        assert_eq!(request_times_s(|_| 2.9), []);
+        assert_eq!(request_times_s(|second| if second % 20 == 19 { 2.9 } else { 4.0 }), []);
     }
 
     #[test]
-    fn it_asks_again_after_the_sigma_was_small() {
-        assert_eq!(asked_at_s(|second| if second == 100 { 2.1 } else { 4.0 }), [20]);
-        assert_eq!(asked_at_s(|second| if second == 100 { 1.9 } else { 4.0 }), [20, 121]);
+    fn a_turn_is_requested_again_after_the_sigma_was_small() {
+        assert_eq!(request_times_s(|second| if second == 100 { 2.1 } else { 4.0 }), [20]);
+        assert_eq!(request_times_s(|second| if second == 100 { 1.9 } else { 4.0 }), [20, 121]);
     }
 
     #[test]
-    fn without_headings_nothing_is_asked() {
+    fn without_headings_no_turn_is_requested() {
         assert_eq!(TurnRequest::NO_GROWTH.clone().update_request(&Estimate::EMPTY), None);
     }
 }

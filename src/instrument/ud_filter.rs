@@ -55,7 +55,7 @@ impl<const N: usize> UdFilter<N> {
 
     /// Variance of `row . states`: `sum d_j (U^T row)_j^2`, never negative.
     pub fn projected_variance(&self, row: &[f32; N]) -> f32 {
-        let length = used_length(row);
+        let length = nonzero_length(row);
         let squares = self.diagonal.iter().enumerate().map(|(j, d)| {
             let f = self.u_transposed_times(row, length, j);
             d * f * f
@@ -77,7 +77,7 @@ impl<const N: usize> UdFilter<N> {
     /// Measurement update (Bierman).
     pub fn apply_measurement(&mut self, measurement: &Measurement<N>) {
         let Measurement { jacobian: row, residual, variance } = measurement;
-        let length = used_length(row);
+        let length = nonzero_length(row);
         let f: [f32; N] = core::array::from_fn(|j| self.u_transposed_times(row, length, j));
         let mut gain = [0.0; N];
         // Innovation variance from noise and states up to `j`.
@@ -121,15 +121,16 @@ impl<const N: usize> UdFilter<N> {
     }
 
     /// Time update `x_to += row . x`; the elements of `row` up to `to` must be zero.
-    pub fn propagate(&mut self, to: usize, row: &[f32; N]) {
-        self.mean[to] += self.projected_mean(row);
-        for j in to + 1..N {
-            self.upper[to][j] += row[j] + (to + 1..j).map(|i| self.upper[i][j] * row[i]).sum::<f32>();
+    pub fn propagate(&mut self, target_index: usize, row: &[f32; N]) {
+        self.mean[target_index] += self.projected_mean(row);
+        for j in target_index + 1..N {
+            self.upper[target_index][j] +=
+                row[j] + (target_index + 1..j).map(|i| self.upper[i][j] * row[i]).sum::<f32>();
         }
     }
 
     /// The last states alone, from `first` on: their covariance has their part of the factors.
-    pub fn last_states<const M: usize>(&self, first: usize) -> UdFilter<M> {
+    pub fn marginal_of_last<const M: usize>(&self, first: usize) -> UdFilter<M> {
         let upper = core::array::from_fn(|i| core::array::from_fn(|j| self.upper[first + i][first + j]));
         let [mean, diagonal] =
             [&self.mean, &self.diagonal].map(|elements| core::array::from_fn(|i| elements[first + i]));
@@ -138,7 +139,7 @@ impl<const N: usize> UdFilter<N> {
 }
 
 /// Number of elements up to the last nonzero one. Measurements have zeros for the last states.
-fn used_length<const N: usize>(row: &[f32; N]) -> usize {
+fn nonzero_length<const N: usize>(row: &[f32; N]) -> usize {
     row.iter().rposition(|element| *element != 0.0).map_or(0, |last_index| last_index + 1)
 }
 
@@ -257,7 +258,7 @@ mod tests {
         state.upper[0] = [0.0, 7.0, 8.0];
         state.upper[1][2] = 2.0;
         state.mean = [5.0, 0.0, 0.1];
-        let last: UdFilter<2> = state.last_states(1);
+        let last: UdFilter<2> = state.marginal_of_last(1);
         let row = [1.0, 3.0];
         assert!((last.projected_variance(&row) - 10.25).abs() < 1e-5 && (last.projected_mean(&row) - 0.3).abs() < 1e-6);
         assert!((state.projected_variance(&[0.0, 1.0, 3.0]) - 10.25).abs() < 1e-5);

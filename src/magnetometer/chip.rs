@@ -63,7 +63,7 @@ impl<S: SpiDevice> SpiRegisters<S> {
 }
 
 /// Compares written and read-back values.
-pub(super) fn check_readback<E, const N: usize>(written: [u8; N], read: [u8; N]) -> Result<(), MagnetometerError<E>> {
+pub(super) fn compare_readback<E, const N: usize>(written: [u8; N], read: [u8; N]) -> Result<(), MagnetometerError<E>> {
     match written.into_iter().zip(read).find(|(written, read)| written != read) {
         Some((written, read)) => Err(MagnetometerError::Configuration { written, read }),
         None => Ok(()),
@@ -79,7 +79,7 @@ pub(super) struct PollingSchedule {
     /// Nominal measurement period.
     period: Duration,
     /// Sleep after a measurement.
-    sleep: Duration,
+    sleep_duration: Duration,
     wake_at: Instant,
 }
 
@@ -90,7 +90,7 @@ impl PollingSchedule {
         let sleep_us = period_us as u64 * sleep_percent as u64 / 100;
         Self {
             period: Duration::from_micros(period_us as u64),
-            sleep: Duration::from_micros(sleep_us),
+            sleep_duration: Duration::from_micros(sleep_us),
             wake_at: Instant::MIN,
         }
     }
@@ -102,11 +102,11 @@ impl PollingSchedule {
 
     /// Starts the sleep, after a measurement or at the start of measuring.
     pub fn start_sleep(&mut self) {
-        self.wake_at = Instant::now() + self.sleep;
+        self.wake_at = Instant::now() + self.sleep_duration;
     }
 
     /// Waits for a new measurement; returns the status that announced it.
-    pub async fn wait_for_next<T, E>(
+    pub async fn wait_for_measurement<T, E>(
         &mut self,
         mut read_status: impl AsyncFnMut() -> Result<T, MagnetometerError<E>>,
         is_new: impl Fn(&T) -> bool,
@@ -147,7 +147,7 @@ mod tests {
     #[derive(Clone)]
     struct FakeChip {
         period_us: u64,
-        stops_after: Option<u64>,
+        stops_after_us: Option<u64>,
         /// Last measurement read.
         read: Rc<Cell<u64>>,
         /// Times of status requests.
@@ -156,23 +156,26 @@ mod tests {
 
     impl FakeChip {
         fn new(period_us: u64) -> Self {
-            Self { period_us, stops_after: None, read: Rc::default(), asked_at_us: Rc::default() }
+            Self { period_us, stops_after_us: None, read: Rc::default(), asked_at_us: Rc::default() }
         }
 
         /// Number of an unread measurement.
-        async fn ask(&self) -> Result<Option<u64>, MagnetometerError<BusFailure>> {
+        async fn poll_status(&self) -> Result<Option<u64>, MagnetometerError<BusFailure>> {
             Timer::after(TRANSFER).await;
             let now_us = Instant::now().as_micros();
             self.asked_at_us.borrow_mut().push(now_us);
-            let latest = (now_us / self.period_us).min(self.stops_after.unwrap_or(u64::MAX));
+            let latest = (now_us / self.period_us).min(self.stops_after_us.unwrap_or(u64::MAX));
             Ok((latest > self.read.get()).then(|| {
                 self.read.set(latest);
                 latest
             }))
         }
 
-        async fn next(&self, polling: &mut PollingSchedule) -> Result<u64, MagnetometerError<BusFailure>> {
-            polling.wait_for_next(async || self.ask().await, Option::is_some).await.map(Option::unwrap)
+        async fn wait_for_measurement(
+            &self,
+            polling: &mut PollingSchedule,
+        ) -> Result<u64, MagnetometerError<BusFailure>> {
+            polling.wait_for_measurement(async || self.poll_status().await, Option::is_some).await.map(Option::unwrap)
         }
     }
 
@@ -196,7 +199,11 @@ mod tests {
                     let chip = FakeChip::new(actual_us);
                     let mut polling = PollingSchedule::new(period_us as u32, sleep_percent);
                     for number in 1..=50 {
-                        assert_eq!(chip.next(&mut polling).await, Ok(number), "{actual_us} for {period_us} us");
+                        assert_eq!(
+                            chip.wait_for_measurement(&mut polling).await,
+                            Ok(number),
+                            "{actual_us} for {period_us} us"
+                        );
                         let age_us = Instant::now().as_micros() - number * actual_us;
                         assert!(age_us <= 590, "{age_us} us old, {actual_us} for {period_us} us");
                     }
@@ -217,13 +224,13 @@ mod tests {
                 let chip = FakeChip::new(u64::from(period_us));
                 let mut polling = PollingSchedule::new(period_us, SLEEP_PERCENT);
                 polling.start_sleep();
-                chip.next(&mut polling).await.unwrap();
+                chip.wait_for_measurement(&mut polling).await.unwrap();
                 let poll_times_us = chip.asked_at_us.borrow().clone();
                 assert_eq!(poll_times_us[0], first_us + 90);
                 assert!(poll_times_us.windows(2).all(|pair| pair[1] - pair[0] == 590), "{poll_times_us:?}");
                 // The next sleep starts at the measurement.
                 let found_us = Instant::now().as_micros();
-                chip.next(&mut polling).await.unwrap();
+                chip.wait_for_measurement(&mut polling).await.unwrap();
                 assert_eq!(chip.asked_at_us.borrow()[poll_times_us.len()], found_us + first_us + 90);
             });
         }
@@ -234,11 +241,11 @@ mod tests {
     fn a_stopped_chip_times_out_after_four_periods() {
         for period_us in [12_500, 6_452, 5_000] {
             simulate(async move {
-                let chip = FakeChip { stops_after: Some(1), ..FakeChip::new(period_us) };
+                let chip = FakeChip { stops_after_us: Some(1), ..FakeChip::new(period_us) };
                 let mut polling = PollingSchedule::new(period_us as u32, SLEEP_PERCENT);
-                chip.next(&mut polling).await.unwrap();
+                chip.wait_for_measurement(&mut polling).await.unwrap();
                 let from_us = Instant::now().as_micros() + period_us * 88 / 100;
-                assert_eq!(chip.next(&mut polling).await, Err(MagnetometerError::NoData));
+                assert_eq!(chip.wait_for_measurement(&mut polling).await, Err(MagnetometerError::NoData));
                 let waited_us = Instant::now().as_micros() - from_us;
                 assert!((4 * period_us..=4 * period_us + 590).contains(&waited_us), "{waited_us} us of {period_us}");
             });
@@ -250,10 +257,10 @@ mod tests {
         simulate(async {
             let chip = FakeChip::new(12_500);
             let mut polling = PollingSchedule::new(12_500, SLEEP_PERCENT);
-            chip.next(&mut polling).await.unwrap();
+            chip.wait_for_measurement(&mut polling).await.unwrap();
             Timer::after_millis(100).await;
             let start = Instant::now();
-            chip.next(&mut polling).await.unwrap();
+            chip.wait_for_measurement(&mut polling).await.unwrap();
             assert_eq!(start.elapsed(), TRANSFER);
         });
     }
@@ -263,7 +270,7 @@ mod tests {
         simulate(async {
             let mut polling = PollingSchedule::new(12_500, SLEEP_PERCENT);
             let answer =
-                polling.wait_for_next(async || Err::<u8, _>(MagnetometerError::Bus(BusFailure)), |_| true).await;
+                polling.wait_for_measurement(async || Err::<u8, _>(MagnetometerError::Bus(BusFailure)), |_| true).await;
             assert_eq!(answer, Err(MagnetometerError::Bus(BusFailure)));
             assert_eq!(Instant::now().as_micros(), 0);
         });
@@ -271,9 +278,9 @@ mod tests {
 
     #[test]
     fn the_first_register_that_reads_back_differently_is_reported() {
-        assert_eq!(check_readback::<BusFailure, 3>([1, 2, 3], [1, 2, 3]), Ok(()));
+        assert_eq!(compare_readback::<BusFailure, 3>([1, 2, 3], [1, 2, 3]), Ok(()));
         assert_eq!(
-            check_readback::<BusFailure, 3>([1, 2, 3], [1, 9, 8]),
+            compare_readback::<BusFailure, 3>([1, 2, 3], [1, 9, 8]),
             Err(MagnetometerError::Configuration { written: 2, read: 9 })
         );
     }

@@ -54,7 +54,7 @@ pub trait Magnetometer {
 
     /// Number of equal consecutive readings of an axis that indicates a stuck axis: more than noise produces in a day
     /// at rest.
-    fn stuck_reading_count(&self) -> u16;
+    fn equal_readings_until_stuck(&self) -> u16;
 
     /// Measurement period, microseconds, as configured by [`init`](Self::init).
     fn period_us(&self) -> u32;

@@ -27,19 +27,19 @@ const OVERFLOW: i16 = -4096;
 /// Measurement range, by the GN bits of `CRB_REG_M`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lsm303dlhcRange {
-    /// +-130 uT.
+    /// Range of +-130 uT.
     Gauss1_3 = 1,
-    /// +-190 uT.
+    /// Range of +-190 uT.
     Gauss1_9,
-    /// +-250 uT.
+    /// Range of +-250 uT.
     Gauss2_5,
-    /// +-400 uT.
+    /// Range of +-400 uT.
     Gauss4_0,
-    /// +-470 uT.
+    /// Range of +-470 uT.
     Gauss4_7,
-    /// +-560 uT.
+    /// Range of +-560 uT.
     Gauss5_6,
-    /// +-810 uT.
+    /// Range of +-810 uT.
     Gauss8_1,
 }
 
@@ -124,19 +124,19 @@ impl<B: I2c> Magnetometer for Lsm303dlhc<B> {
     async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<B::Error>> {
         let chip = &mut self.chip;
         self.polling
-            .wait_for_next(async || chip.read_registers(SR_REG_M).await, |[status]| status & DATA_READY != 0)
+            .wait_for_measurement(async || chip.read_registers(SR_REG_M).await, |[status]| status & DATA_READY != 0)
             .await?;
         let data = self.chip.read_registers(OUT_X_H_M).await?;
         Ok(decode_reading(data, self.config.range))
     }
 
     async fn verify_configuration(&mut self) -> Result<(), MagnetometerError<B::Error>> {
-        chip::check_readback(self.control_registers(), self.chip.read_registers(CRA_REG_M).await?)
+        chip::compare_readback(self.control_registers(), self.chip.read_registers(CRA_REG_M).await?)
     }
 
     /// Noise of about one count repeats the middle value in every third reading, at half the noise in every second. 32
     /// in a row then occur about once a month.
-    fn stuck_reading_count(&self) -> u16 {
+    fn equal_readings_until_stuck(&self) -> u16 {
         32
     }
 
@@ -180,7 +180,7 @@ mod tests {
 
     #[test]
     fn thirty_two_equal_readings_indicate_a_stuck_axis() {
-        assert_eq!(Lsm303dlhc::new(registers(), Lsm303dlhcConfig::default()).stuck_reading_count(), 32);
+        assert_eq!(Lsm303dlhc::new(registers(), Lsm303dlhcConfig::default()).equal_readings_until_stuck(), 32);
     }
 
     #[test]

@@ -25,7 +25,7 @@ pub enum Message {
     /// The installation is as calibrated again.
     InstallationRestored,
     /// The headings have become uncertain in straight flight.
-    TurnWanted {
+    TurnRequested {
         /// Standard deviation of the heading, radians.
         sigma_rad: f32,
     },
@@ -58,7 +58,7 @@ impl Message {
             | Self::StoreFailed(_)
             | Self::CollectionLost
             | Self::InstallationChanged(_)
-            | Self::TurnWanted { .. }
+            | Self::TurnRequested { .. }
             | Self::SafeMode => Severity::Warning,
         }
     }

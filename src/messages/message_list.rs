@@ -23,15 +23,15 @@ type EntryWriter<'a> = &'a mut dyn FnMut(&'static str, Arguments<'_>, Arguments<
 type TextWriter<'a> = &'a mut dyn FnMut(Arguments<'_>, Arguments<'_>) -> fmt::Result;
 
 const NO_ADVICE: Arguments<'_> = format_args!("");
-const FIRMWARE_FAULT: Arguments<'_> = format_args!("this is a fault of the firmware, please report it");
-const FLASH_FAULT: Arguments<'_> = format_args!("try again, then replace the board");
+const FIRMWARE_FAULT_ADVICE: Arguments<'_> = format_args!("this is a fault of the firmware, please report it");
+const FLASH_FAULT_ADVICE: Arguments<'_> = format_args!("try again, then replace the board");
 
 impl Message {
     fn entry(&self, show: EntryWriter<'_>) -> fmt::Result {
         match self {
             Self::Solved(Ok(verdict)) => show("calibrated", format_args!("{verdict}"), NO_ADVICE),
             Self::Solved(Err(refusal)) | Self::CommandRejected(refusal) => refusal.entry(show),
-            Self::StoreFailed(error) => store_error(*error, show),
+            Self::StoreFailed(error) => store_error_entry(*error, show),
             Self::CollectionLost => show(
                 "collection-lost",
                 format_args!("the power failed during a collection, and its samples are lost"),
@@ -50,12 +50,12 @@ impl Message {
                 format_args!("headings are corrected for it; fasten the module and calibrate again"),
             ),
             Self::InstallationRestored => show("iron-back", format_args!("as calibrated again"), NO_ADVICE),
-            Self::TurnWanted { sigma_rad } => show(
+            Self::TurnRequested { sigma_rad } => show(
                 "turn-wanted",
                 format_args!("headings have a sigma of {} deg by now", Decimal::<1>(sigma_rad.to_degrees())),
                 format_args!("turn once each way, so that a drift of iron is determined"),
             ),
-            Self::SafeMode => safe_mode(show),
+            Self::SafeMode => safe_mode_entry(show),
         }
     }
 }
@@ -69,7 +69,7 @@ impl Refusal {
                 format_args!("land, disarm and wait for 5 s"),
             ),
             Self::Busy => show("busy", format_args!("a solve is running"), format_args!("wait for it, or cal abort")),
-            Self::Collecting { present: present_procedure, requested: wanted } => show(
+            Self::Collecting { present_procedure, requested_procedure: wanted } => show(
                 "collecting",
                 format_args!("a collection of {} is in progress", present_procedure.procedure_name()),
                 format_args!("to discard it: cal start {} again", wanted.procedure_name()),
@@ -131,15 +131,15 @@ impl Refusal {
                 show("nothing-to-undo", format_args!("there is no previous calibration"), NO_ADVICE)
             }
             Self::OutOfRange(OutOfRange(range)) => show("out-of-range", format_args!("{range}"), NO_ADVICE),
-            Self::Solve(error) => solve_error(error, show),
-            Self::Rejected(rejection) => self::rejection(rejection, show),
-            Self::Store(error) => store_error(*error, show),
-            Self::SafeMode => safe_mode(show),
+            Self::Solve(error) => solve_error_entry(error, show),
+            Self::Rejected(rejection) => rejection_entry(rejection, show),
+            Self::Store(error) => store_error_entry(*error, show),
+            Self::SafeMode => safe_mode_entry(show),
         }
     }
 }
 
-fn safe_mode(show: EntryWriter<'_>) -> fmt::Result {
+fn safe_mode_entry(show: EntryWriter<'_>) -> fmt::Result {
     show(
         "safe-mode",
         format_args!("three starts in a row ended in a panic, so only the console runs"),
@@ -147,14 +147,14 @@ fn safe_mode(show: EntryWriter<'_>) -> fmt::Result {
     )
 }
 
-fn solve_error(error: &SolveError, show: EntryWriter<'_>) -> fmt::Result {
+fn solve_error_entry(error: &SolveError, show: EntryWriter<'_>) -> fmt::Result {
     let description = format_args!("{error}");
     match error {
         SolveError::TooFewSamples { part, .. } => {
             let verb = if let SamplePart::Turns(_) = part { "fly" } else { "take" };
             show("too-few-samples", description, format_args!("{verb} more {}", part.part_name()))
         }
-        SolveError::NotFinite => show("not-finite", description, FIRMWARE_FAULT),
+        SolveError::NotFinite => show("not-finite", description, FIRMWARE_FAULT_ADVICE),
         SolveError::TooFewHeadings { .. } => {
             show("too-few-headings", description, format_args!("turn through all of them"))
         }
@@ -164,7 +164,7 @@ fn solve_error(error: &SolveError, show: EntryWriter<'_>) -> fmt::Result {
         SolveError::NotAnEllipse(_) => show("not-an-ellipse", description, format_args!("turn all the way round")),
         SolveError::NotDetermined(_) => show("not-determined", description, format_args!("turn all the way round")),
         SolveError::SamePlane => show("same-plane", description, format_args!("bank 15 deg or more each way")),
-        SolveError::HardIronChanged(change) => iron_changed(change, show),
+        SolveError::HardIronChanged(change) => hard_iron_changed_entry(change, show),
         SolveError::NotConverged => {
             show("not-converged", description, format_args!("move the sensor away from iron and wires, then fly again"))
         }
@@ -184,13 +184,13 @@ fn solve_error(error: &SolveError, show: EntryWriter<'_>) -> fmt::Result {
     }
 }
 
-fn rejection(rejection: &Rejection, show: EntryWriter<'_>) -> fmt::Result {
+fn rejection_entry(rejection: &Rejection, show: EntryWriter<'_>) -> fmt::Result {
     let description = format_args!("{rejection}");
     match rejection {
         Rejection::TooFewHeldBack { .. } => {
             show("too-few-held-back", description, format_args!("fly longer turns each way"))
         }
-        Rejection::IronChanged(change) => iron_changed(change, show),
+        Rejection::IronChanged(change) => hard_iron_changed_entry(change, show),
         Rejection::Unobservable => show(
             "unobservable",
             description,
@@ -209,29 +209,29 @@ fn rejection(rejection: &Rejection, show: EntryWriter<'_>) -> fmt::Result {
     }
 }
 
-fn iron_changed(change: &DetectedHardIronChange, show: EntryWriter<'_>) -> fmt::Result {
+fn hard_iron_changed_entry(change: &DetectedHardIronChange, show: EntryWriter<'_>) -> fmt::Result {
     let advice = match change.time_course {
         HardIronTimeCourse::Step { .. } => format_args!("fix what moved and fly again"),
         HardIronTimeCourse::Drift => format_args!("wait until temperatures settle and fly again"),
-        HardIronTimeCourse::InTurns => {
+        HardIronTimeCourse::LoadFactor => {
             format_args!("remove the iron of the linkage, or move the module away from it, and fly again")
         }
-        HardIronTimeCourse::BehindTurns => format_args!("move the module away from steel and fly again"),
+        HardIronTimeCourse::Hysteresis => format_args!("move the module away from steel and fly again"),
     };
     show("iron-changed", format_args!("{change}"), advice)
 }
 
-fn store_error(error: StoreError, show: EntryWriter<'_>) -> fmt::Result {
+fn store_error_entry(error: StoreError, show: EntryWriter<'_>) -> fmt::Result {
     let description = format_args!("{error}");
     match error {
-        StoreError::Flash => show("store-flash", description, FLASH_FAULT),
-        StoreError::Timeout => show("store-timeout", description, FLASH_FAULT),
+        StoreError::Flash => show("store-flash", description, FLASH_FAULT_ADVICE),
+        StoreError::Timeout => show("store-timeout", description, FLASH_FAULT_ADVICE),
         StoreError::Corrupt => show("store-corrupt", description, format_args!("calibrate again")),
         StoreError::OtherFormat(_) => {
             show("store-version", description, format_args!("install that firmware, or delete them: cal clear all"))
         }
-        StoreError::Full => show("store-full", description, FIRMWARE_FAULT),
-        StoreError::Verify => show("store-verify", description, FLASH_FAULT),
+        StoreError::Full => show("store-full", description, FIRMWARE_FAULT_ADVICE),
+        StoreError::ReadBackDiffers => show("store-verify", description, FLASH_FAULT_ADVICE),
         StoreError::Invalid => show("store-invalid", description, NO_ADVICE),
     }
 }

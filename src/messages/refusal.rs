@@ -18,9 +18,9 @@ pub enum Refusal {
     /// `cal start` during a collection that the user started.
     Collecting {
         /// Procedure of the running collection.
-        present: Procedure,
+        present_procedure: Procedure,
         /// Procedure of the command.
-        requested: Procedure,
+        requested_procedure: Procedure,
     },
     /// `cal stop` without a collection.
     NotCollecting,

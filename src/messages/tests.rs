@@ -14,23 +14,24 @@ use crate::instrument::{HardIronChange, InstallationChange, MountTurn};
 use crate::settings::OutOfRange;
 use crate::store::StoreError;
 
-const STEP: DetectedHardIronChange =
+const STEP_CHANGE: DetectedHardIronChange =
     DetectedHardIronChange { size_ut: 14.26, time_course: HardIronTimeCourse::Step { after_s: 31 }, duration_s: 230 };
-const DRIFT: DetectedHardIronChange =
+const DRIFT_CHANGE: DetectedHardIronChange =
     DetectedHardIronChange { size_ut: 6.04, time_course: HardIronTimeCourse::Drift, duration_s: 230 };
 
-type Expected = (Refusal, &'static str, &'static str);
+type ExpectedMessage = (Refusal, &'static str, &'static str);
 
-const TOO_FEW: SolveError = SolveError::TooFewSamples { part: SamplePart::Turns(Side::Left), have: 8, need: 12 };
+const TOO_FEW_LEFT_SAMPLES: SolveError =
+    SolveError::TooFewSamples { part: SamplePart::Turns(Side::Left), have: 8, need: 12 };
 
-fn refusals() -> impl Iterator<Item = Expected> {
+fn refusals() -> impl Iterator<Item = ExpectedMessage> {
     [refused_commands(), known_causes(), solve_errors(), rejections(), store_errors()].into_iter().flatten()
 }
 
 const SAFE_MODE: &str = "three starts in a row ended in a panic, so only the console runs; report the panic shown by \
                          status; to erase all stored data: cal clear all, then reboot";
 
-fn refused_commands() -> Vec<Expected> {
+fn refused_commands() -> Vec<ExpectedMessage> {
     vec![
         (
             Refusal::Armed,
@@ -39,7 +40,7 @@ fn refused_commands() -> Vec<Expected> {
         ),
         (Refusal::Busy, "busy", "a solve is running; wait for it, or cal abort"),
         (
-            Refusal::Collecting { present: Procedure::Flight, requested: Procedure::Turns },
+            Refusal::Collecting { present_procedure: Procedure::Flight, requested_procedure: Procedure::Turns },
             "collecting",
             "a collection of flight is in progress; to discard it: cal start turns again",
         ),
@@ -76,8 +77,8 @@ fn refused_commands() -> Vec<Expected> {
     ]
 }
 
-fn known_causes() -> Vec<Expected> {
-    let refusal_for_lack = |lack| Refusal::Solve(TOO_FEW).with_cause(Some(lack));
+fn known_causes() -> Vec<ExpectedMessage> {
+    let refusal_for_lack = |lack| Refusal::Solve(TOO_FEW_LEFT_SAMPLES).with_cause(Some(lack));
     let lost = |loss| Refusal::NoSamples.with_cause(Some(loss));
     vec![
         (
@@ -86,7 +87,7 @@ fn known_causes() -> Vec<Expected> {
             "a sample comes every 1.0 s, too slow for turns; send field and attitude ten times a second",
         ),
         (
-            refusal_for_lack(CollectionProblem::NoTilt { most_deg: 0.44 }),
+            refusal_for_lack(CollectionProblem::NoTilt { max_tilt_deg: 0.44 }),
             "too-few-samples",
             "the attitude tilts by 0.4 deg at most; tilt by 15 deg or more to both sides, or if that was flown, check \
              the unit of the attitude: radians for degrees?",
@@ -140,10 +141,10 @@ fn known_causes() -> Vec<Expected> {
     ]
 }
 
-fn solve_errors() -> Vec<Expected> {
+fn solve_errors() -> Vec<ExpectedMessage> {
     let yaw90 = Orientation::from_name("yaw90").unwrap();
     vec![
-        (Refusal::Solve(TOO_FEW), "too-few-samples", "8 of 12 samples of left turns; fly more left turns"),
+        (Refusal::Solve(TOO_FEW_LEFT_SAMPLES), "too-few-samples", "8 of 12 samples of left turns; fly more left turns"),
         (
             Refusal::Solve(SolveError::TooFewSamples { part: SamplePart::Marks, have: 3, need: 4 }),
             "too-few-samples",
@@ -180,7 +181,7 @@ fn solve_errors() -> Vec<Expected> {
             "left and right bank differ too little; bank 15 deg or more each way",
         ),
         (
-            Refusal::Solve(SolveError::HardIronChanged(STEP)),
+            Refusal::Solve(SolveError::HardIronChanged(STEP_CHANGE)),
             "iron-changed",
             "iron changed by 14.3 uT after 31 of 230 s; fix what moved and fly again",
         ),
@@ -207,10 +208,10 @@ fn solve_errors() -> Vec<Expected> {
     ]
 }
 
-fn rejections() -> Vec<Expected> {
+fn rejections() -> Vec<ExpectedMessage> {
     vec![
         (
-            Refusal::Rejected(Rejection::IronChanged(DRIFT)),
+            Refusal::Rejected(Rejection::IronChanged(DRIFT_CHANGE)),
             "iron-changed",
             "iron drifted by 6.0 uT in 230 s; wait until temperatures settle and fly again",
         ),
@@ -226,7 +227,7 @@ fn rejections() -> Vec<Expected> {
              four headings",
         ),
         (
-            Refusal::Rejected(Rejection::AttitudeContradicted { bank_ratio: 0.91, expected_rms_deg: 3.01 }),
+            Refusal::Rejected(Rejection::AttitudeContradicted { reported_bank_ratio: 0.91, expected_rms_deg: 3.01 }),
             "attitude-contradicted",
             "the attitude source seems to read 91 % of the bank, which costs 3.0 deg; calibrate the attitude source \
              and fly again",
@@ -250,7 +251,7 @@ fn rejections() -> Vec<Expected> {
     ]
 }
 
-fn store_errors() -> Vec<Expected> {
+fn store_errors() -> Vec<ExpectedMessage> {
     vec![
         (
             Refusal::Store(StoreError::Flash),
@@ -274,7 +275,7 @@ fn store_errors() -> Vec<Expected> {
             "the data do not fit into the flash region; this is a fault of the firmware, please report it",
         ),
         (
-            Refusal::Store(StoreError::Verify),
+            Refusal::Store(StoreError::ReadBackDiffers),
             "store-verify",
             "the written data read back differently; try again, then replace the board",
         ),
@@ -317,7 +318,7 @@ fn messages() -> Vec<(Message, Severity, &'static str)> {
              it; fasten the module and calibrate again",
         ),
         (
-            Message::TurnWanted { sigma_rad: 0.06 },
+            Message::TurnRequested { sigma_rad: 0.06 },
             Severity::Warning,
             "turn-wanted: headings have a sigma of 3.4 deg by now; turn once each way, so that a drift of iron is determined",
         ),

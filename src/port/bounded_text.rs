@@ -5,7 +5,7 @@ use core::fmt;
 /// Capacity, characters: five chunks of a STATUSTEXT, three of a LogMessage.
 const TEXT_CAPACITY: usize = 240;
 
-/// Text. Characters beyond the capacity are cut.
+/// Text of limited length; characters beyond the capacity are cut.
 #[derive(Debug, Default)]
 pub(super) struct BoundedText(heapless::Vec<u8, TEXT_CAPACITY>);
 

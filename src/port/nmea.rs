@@ -45,15 +45,18 @@ mod tests {
     use super::*;
     use crate::heading::NoHeading;
     use crate::instrument::Estimate;
-    use crate::port::snapshot::tests::facts;
+    use crate::port::snapshot::tests::test_snapshot;
     use crate::settings::{HeadingKind, Settings};
     use crate::time::Timestamp;
 
     fn text(estimate: &Estimate, settings: &Settings) -> String {
         let mut out = TransmitBuffer::new();
-        Nmea::new().poll(&facts(estimate, settings), &mut out);
+        Nmea::new().poll(&test_snapshot(estimate, settings), &mut out);
         assert_eq!(out.message_count, u32::from(!out.pending_bytes().is_empty()));
-        assert_eq!(out.messages_without_heading, u32::from(facts(estimate, settings).selected_heading().0.is_err()));
+        assert_eq!(
+            out.messages_without_heading,
+            u32::from(test_snapshot(estimate, settings).selected_heading().0.is_err())
+        );
         String::from_utf8(out.pending_bytes().to_vec()).unwrap()
     }
 
@@ -125,7 +128,7 @@ mod tests {
             let (mut nmea, mut out) = (Nmea::new(), TransmitBuffer::new());
             for reading in 0..800 {
                 let estimate = Estimate { timestamp: Timestamp::from_us(reading * 12_500), ..Estimate::EMPTY };
-                nmea.poll(&facts(&estimate, &settings), &mut out);
+                nmea.poll(&test_snapshot(&estimate, &settings), &mut out);
                 out.consume_bytes(usize::MAX);
             }
             assert_eq!(out.message_count, sentences);

@@ -5,7 +5,7 @@ use core::ops::RangeInclusive;
 
 use crate::calibration::Orientation;
 use crate::settings::{
-    AttitudeError, Baud, CanSettings, HeadingKind, PortNumber, ProtocolKind, SensorError, SettingChange, Settings,
+    AttitudeError, BaudRate, CanSettings, HeadingKind, PortNumber, ProtocolKind, SensorError, SettingChange, Settings,
     SigningKey,
 };
 
@@ -14,7 +14,7 @@ use crate::settings::{
 pub struct SettingParameter {
     /// Name, that of the console's command in capitals.
     pub parameter_name: &'static str,
-    kind: ParameterKind,
+    parameter_kind: ParameterKind,
 }
 
 /// Value of a parameter.
@@ -113,7 +113,7 @@ pub static PARAMETERS: [SettingParameter; 23] = [
     ),
     SettingParameter {
         parameter_name: "SIGNING",
-        kind: ParameterKind::Key { get: |settings| settings.signing_key, set: SettingChange::Signing },
+        parameter_kind: ParameterKind::Key { get: |settings| settings.signing_key, set: SettingChange::Signing },
     },
     whole_number(
         "PORT1",
@@ -180,7 +180,7 @@ pub static PARAMETERS: [SettingParameter; 23] = [
 const SWITCH_RANGE: [u32; 2] = [0, 1];
 const PROTOCOLS: [u32; 2] = [0, ProtocolKind::ALL_PROTOCOLS.len() as u32 - 1];
 const BAUDS: [u32; 2] = {
-    let [least, .., most] = Baud::ALL_RATES;
+    let [least, .., most] = BaudRate::ALL_RATES;
     [least.bits_per_s(), most.bits_per_s()]
 };
 
@@ -188,7 +188,7 @@ impl SettingParameter {
     /// Value in these settings.
     #[must_use]
     pub fn parameter_value(&self, settings: &Settings) -> ParameterValue {
-        match self.kind {
+        match self.parameter_kind {
             ParameterKind::Whole { get, .. } => ParameterValue::Whole(get(settings)),
             ParameterKind::Number { get, .. } => ParameterValue::Number(get(settings)),
             ParameterKind::Key { get, .. } => ParameterValue::Key(get(settings)),
@@ -198,7 +198,7 @@ impl SettingParameter {
     /// Least and largest value; `None` of a key.
     #[must_use]
     pub fn value_range(&self) -> Option<[ParameterValue; 2]> {
-        match &self.kind {
+        match &self.parameter_kind {
             ParameterKind::Whole { range, .. } => Some(range.map(ParameterValue::Whole)),
             ParameterKind::Number { range, .. } => Some([*range.start(), *range.end()].map(ParameterValue::Number)),
             ParameterKind::Key { .. } => None,
@@ -208,7 +208,7 @@ impl SettingParameter {
     /// Change to a value; `None` for one of another kind, or of no choice. The state machine checks ranges.
     #[must_use]
     pub fn setting_change(&self, settings: &Settings, value: ParameterValue) -> Option<SettingChange> {
-        match (&self.kind, value) {
+        match (&self.parameter_kind, value) {
             (ParameterKind::Whole { set, .. }, ParameterValue::Whole(value)) => set(value),
             (ParameterKind::Number { set, .. }, ParameterValue::Number(value)) => Some(set(settings, value)),
             (ParameterKind::Key { set, .. }, ParameterValue::Key(key)) => Some(set(key)),
@@ -223,7 +223,7 @@ const fn whole_number(
     get: fn(&Settings) -> u32,
     set: fn(u32) -> Option<SettingChange>,
 ) -> SettingParameter {
-    SettingParameter { parameter_name: name, kind: ParameterKind::Whole { range, get, set } }
+    SettingParameter { parameter_name: name, parameter_kind: ParameterKind::Whole { range, get, set } }
 }
 
 const fn number_setting(
@@ -232,7 +232,7 @@ const fn number_setting(
     get: fn(&Settings) -> f32,
     set: fn(&Settings, f32) -> SettingChange,
 ) -> SettingParameter {
-    SettingParameter { parameter_name: name, kind: ParameterKind::Number { range, get, set } }
+    SettingParameter { parameter_name: name, parameter_kind: ParameterKind::Number { range, get, set } }
 }
 
 const fn byte_range(range: &RangeInclusive<u8>) -> [u32; 2] {
@@ -273,7 +273,7 @@ fn baud_number(settings: &Settings, port: PortNumber) -> u32 {
 }
 
 fn set_baud(port: PortNumber, value: u32) -> Option<SettingChange> {
-    let baud = Baud::ALL_RATES.into_iter().find(|baud| baud.bits_per_s() == value)?;
+    let baud = BaudRate::ALL_RATES.into_iter().find(|baud| baud.bits_per_s() == value)?;
     Some(SettingChange::Baud(port, baud))
 }
 
@@ -284,7 +284,7 @@ mod tests {
     use super::*;
 
     /// Extremes of a parameter, or a key.
-    fn extremes(parameter: &SettingParameter) -> [ParameterValue; 2] {
+    fn range_limits(parameter: &SettingParameter) -> [ParameterValue; 2] {
         parameter.value_range().unwrap_or([None, Some(SigningKey([7; 32]))].map(ParameterValue::Key))
     }
 
@@ -292,7 +292,7 @@ mod tests {
     #[test]
     fn a_parameter_changes_itself_and_nothing_else() {
         for parameter in &PARAMETERS {
-            for value in extremes(parameter) {
+            for value in range_limits(parameter) {
                 let change = parameter.setting_change(&Settings::DEFAULT, value).unwrap();
                 let changed = Settings::DEFAULT.with_setting(change).unwrap();
                 assert_eq!(parameter.parameter_value(&changed), value, "{}", parameter.parameter_name);
@@ -357,7 +357,7 @@ mod tests {
     fn every_setting_is_a_parameter_with_a_short_unique_name() {
         let changes = PARAMETERS
             .iter()
-            .filter_map(|parameter| parameter.setting_change(&Settings::DEFAULT, extremes(parameter)[0]));
+            .filter_map(|parameter| parameter.setting_change(&Settings::DEFAULT, range_limits(parameter)[0]));
         assert_eq!(changes.map(variant).collect::<BTreeSet<_>>(), (0..21).collect());
         let names: BTreeSet<&str> = PARAMETERS.iter().map(|parameter| parameter.parameter_name).collect();
         assert_eq!(names.len(), PARAMETERS.len());

@@ -10,7 +10,7 @@ const DETECTION_EXPIRY_US: u64 = 10_000_000;
 /// Autopilot port. While it sends NMEA sentences it still receives MAVLink, so that attitude may arrive on the same line.
 #[derive(Debug)]
 pub struct Port {
-    configured: ProtocolKind,
+    configured_protocol: ProtocolKind,
     detection: ProtocolDetection,
     /// Receives results of commands, and texts, whatever the active protocol.
     pub mavlink: Mavlink,
@@ -24,7 +24,7 @@ pub struct Port {
 #[derive(Clone, Copy, Debug)]
 struct ProtocolDetection {
     /// Detected protocol; `Auto` if none was detected.
-    kind: ProtocolKind,
+    protocol: ProtocolKind,
     last_frame_at: Timestamp,
     /// Whether a frame was received since the start. A protocol detected before the restart is used at once, so that
     /// the same autopilot need not wait; the first received frame may replace it.
@@ -33,14 +33,14 @@ struct ProtocolDetection {
 
 impl ProtocolDetection {
     /// Records a frame of a protocol; another protocol than the detected one changes nothing until that is silent.
-    fn record_frame(&mut self, kind: ProtocolKind, at: Timestamp) {
-        if !self.has_received_frame || [kind, ProtocolKind::Auto].contains(&self.protocol_at(at)) {
-            *self = Self { kind, last_frame_at: at, has_received_frame: true };
+    fn record_frame(&mut self, protocol: ProtocolKind, at: Timestamp) {
+        if !self.has_received_frame || [protocol, ProtocolKind::Auto].contains(&self.protocol_at(at)) {
+            *self = Self { protocol, last_frame_at: at, has_received_frame: true };
         }
     }
 
     fn protocol_at(&self, now: Timestamp) -> ProtocolKind {
-        if now.us_since(self.last_frame_at) <= DETECTION_EXPIRY_US { self.kind } else { ProtocolKind::Auto }
+        if now.us_since(self.last_frame_at) <= DETECTION_EXPIRY_US { self.protocol } else { ProtocolKind::Auto }
     }
 }
 
@@ -49,8 +49,8 @@ impl Port {
     #[must_use]
     pub fn new(configured: ProtocolKind, detected: ProtocolKind, start: Timestamp) -> Self {
         Self {
-            configured,
-            detection: ProtocolDetection { kind: detected, last_frame_at: start, has_received_frame: false },
+            configured_protocol: configured,
+            detection: ProtocolDetection { protocol: detected, last_frame_at: start, has_received_frame: false },
             mavlink: Mavlink::new(),
             msp: Msp::new(),
             nmea: Nmea::new(),
@@ -60,13 +60,13 @@ impl Port {
 
     /// Selects the protocol.
     pub const fn set_protocol(&mut self, configured: ProtocolKind) {
-        self.configured = configured;
+        self.configured_protocol = configured;
     }
 
     /// Protocol in use: if `auto` is set, the detected one, or `auto` during detection.
     #[must_use]
     pub fn active_protocol(&self, now: Timestamp) -> ProtocolKind {
-        match self.configured {
+        match self.configured_protocol {
             ProtocolKind::Auto => self.detection.protocol_at(now),
             configured => configured,
         }
@@ -75,7 +75,7 @@ impl Port {
     /// Processes a received byte.
     pub fn process_byte(&mut self, at: Timestamp, byte: u8) -> Option<ReceivedMessage> {
         // Until a frame is received, either protocol may be detected.
-        let is_detected = self.detection.has_received_frame || self.configured != ProtocolKind::Auto;
+        let is_detected = self.detection.has_received_frame || self.configured_protocol != ProtocolKind::Auto;
         let active = if is_detected { self.active_protocol(at) } else { ProtocolKind::Auto };
         let msp_message = if matches!(active, ProtocolKind::Auto | ProtocolKind::Msp) {
             self.msp.process_byte(at, byte)
@@ -117,7 +117,7 @@ impl Port {
     /// Whether the set protocol carries text messages, or may after detection.
     #[must_use]
     pub fn carries_texts(&self) -> bool {
-        matches!(self.configured, ProtocolKind::Auto | ProtocolKind::Mavlink)
+        matches!(self.configured_protocol, ProtocolKind::Auto | ProtocolKind::Mavlink)
     }
 }
 
@@ -126,7 +126,7 @@ mod tests {
     use super::*;
     use crate::attitude::SenderId;
     use crate::instrument::Estimate;
-    use crate::port::snapshot::tests::facts;
+    use crate::port::snapshot::tests::test_snapshot;
     use crate::settings::Settings;
     use ::mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot};
     use ::mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
@@ -163,7 +163,7 @@ mod tests {
 
     fn sent_bytes(port: &mut Port, ms: u64) -> Vec<u8> {
         let estimate = Estimate { timestamp: at(ms), ..Estimate::EMPTY };
-        port.poll(&facts(&estimate, &Settings::DEFAULT));
+        port.poll(&test_snapshot(&estimate, &Settings::DEFAULT));
         let bytes = port.pending_output.pending_bytes().to_vec();
         port.pending_output.consume_bytes(usize::MAX);
         bytes
@@ -171,18 +171,19 @@ mod tests {
 
     #[test]
     fn a_detected_protocol_expires_after_ten_seconds_of_silence() {
-        for (frame, kind) in [(heartbeat_frame(), ProtocolKind::Mavlink), (variant_frame(*b"ARDU"), ProtocolKind::Msp)]
+        for (frame, protocol) in
+            [(heartbeat_frame(), ProtocolKind::Mavlink), (variant_frame(*b"ARDU"), ProtocolKind::Msp)]
         {
             let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, at(0));
             assert_eq!(port.active_protocol(at(0)), ProtocolKind::Auto);
             receive(&mut port, 5, &frame[..frame.len() - 1]);
             assert_eq!(port.active_protocol(at(5)), ProtocolKind::Auto, "half a frame is none");
             receive(&mut port, 6, &frame[frame.len() - 1..]);
-            assert_eq!(port.active_protocol(at(6)), kind);
-            assert_eq!(port.active_protocol(at(10_006)), kind);
+            assert_eq!(port.active_protocol(at(6)), protocol);
+            assert_eq!(port.active_protocol(at(10_006)), protocol);
             assert_eq!(port.active_protocol(at(10_007)), ProtocolKind::Auto);
             receive(&mut port, 20_000, &frame);
-            assert_eq!(port.active_protocol(at(20_000)), kind);
+            assert_eq!(port.active_protocol(at(20_000)), protocol);
         }
     }
 
@@ -213,14 +214,15 @@ mod tests {
         assert_eq!(port.active_protocol(at(10_100)), ProtocolKind::Mavlink);
         assert_eq!(port.active_protocol(at(10_101)), ProtocolKind::Auto);
         assert!(sent_bytes(&mut port, 10_101).starts_with(b"$X<"));
-        for (frame, kind) in [(heartbeat_frame(), ProtocolKind::Mavlink), (variant_frame(*b"INAV"), ProtocolKind::Msp)]
+        for (frame, protocol) in
+            [(heartbeat_frame(), ProtocolKind::Mavlink), (variant_frame(*b"INAV"), ProtocolKind::Msp)]
         {
             let mut port = port_with_previous();
             receive(&mut port, 4000, &frame);
-            assert_eq!(port.active_protocol(at(4000)), kind);
+            assert_eq!(port.active_protocol(at(4000)), protocol);
             assert_eq!(
                 (port.active_protocol(at(14_000)), port.active_protocol(at(14_001))),
-                (kind, ProtocolKind::Auto)
+                (protocol, ProtocolKind::Auto)
             );
         }
         // After the first frame another protocol changes nothing.
@@ -243,13 +245,13 @@ mod tests {
 
     #[test]
     fn a_configured_protocol_is_never_replaced() {
-        for kind in [ProtocolKind::Mavlink, ProtocolKind::Msp, ProtocolKind::Nmea] {
-            let mut port = Port::new(kind, ProtocolKind::Auto, at(0));
+        for protocol in [ProtocolKind::Mavlink, ProtocolKind::Msp, ProtocolKind::Nmea] {
+            let mut port = Port::new(protocol, ProtocolKind::Auto, at(0));
             receive(&mut port, 0, &heartbeat_frame());
             receive(&mut port, 1, &variant_frame(*b"ARDU"));
-            assert_eq!(port.active_protocol(at(2)), kind);
+            assert_eq!(port.active_protocol(at(2)), protocol);
             port.set_protocol(ProtocolKind::Auto);
-            assert_eq!(port.active_protocol(at(2)) == ProtocolKind::Msp, kind == ProtocolKind::Msp);
+            assert_eq!(port.active_protocol(at(2)) == ProtocolKind::Msp, protocol == ProtocolKind::Msp);
         }
     }
 

@@ -14,7 +14,7 @@ const SAFE_MODE_TEXT: &[u8] = b"autoswing: safe-mode: see its console";
 const _: () = assert!(SAFE_MODE_TEXT.len() <= OutboundMessage::STATUSTEXT_CAPACITY);
 
 /// Most common address of an autopilot.
-const USUAL_AUTOPILOT: Address = Address { system_id: 1, component_id: 1 };
+const ASSUMED_AUTOPILOT: Address = Address { system_id: 1, component_id: 1 };
 
 /// Reports between two texts.
 const REPORTS_PER_TEXT: u8 = 20;
@@ -24,7 +24,7 @@ const REPORTS_PER_TEXT: u8 = 20;
 #[derive(Debug, Default)]
 pub struct SafeModeReporter {
     sequence: u8,
-    count: u8,
+    report_count: u8,
 }
 
 impl SafeModeReporter {
@@ -38,11 +38,11 @@ impl SafeModeReporter {
         ]);
         // Frames without a signature, because the key is one of the settings, which safe mode does not read.
         let mut signatures = Signatures::default();
-        let mut line = Transmitter::new(out, USUAL_AUTOPILOT.sender_id(), &mut self.sequence, &mut signatures);
+        let mut line = Transmitter::new(out, ASSUMED_AUTOPILOT.sender_id(), &mut self.sequence, &mut signatures);
         line.send_message(OutboundMessage::heartbeat(MavState::MAV_STATE_CRITICAL));
-        if self.count == 0 {
-            line.send_message(OutboundMessage::text(MavSeverity::MAV_SEVERITY_CRITICAL, SAFE_MODE_TEXT, 0, 0));
+        if self.report_count == 0 {
+            line.send_message(OutboundMessage::status_text(MavSeverity::MAV_SEVERITY_CRITICAL, SAFE_MODE_TEXT, 0, 0));
         }
-        self.count = (self.count + 1) % REPORTS_PER_TEXT;
+        self.report_count = (self.report_count + 1) % REPORTS_PER_TEXT;
     }
 }

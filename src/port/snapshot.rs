@@ -36,7 +36,7 @@ impl Snapshot<'_> {
 pub(super) mod tests {
     use super::*;
 
-    pub(in crate::port) fn facts<'a>(estimate: &'a Estimate, settings: &'a Settings) -> Snapshot<'a> {
+    pub(in crate::port) fn test_snapshot<'a>(estimate: &'a Estimate, settings: &'a Settings) -> Snapshot<'a> {
         Snapshot {
             now: estimate.timestamp,
             estimate,

@@ -4,8 +4,8 @@
 #[derive(Debug)]
 pub struct TransmitBuffer {
     bytes: [u8; TRANSMIT_CAPACITY],
-    begin: usize,
-    end: usize,
+    pending_begin: usize,
+    pending_end: usize,
     /// Number of messages since the start; wraps, as the other counters do.
     pub message_count: u32,
     /// Number of sent messages that have no valid heading.
@@ -30,8 +30,8 @@ impl TransmitBuffer {
     pub const fn new() -> Self {
         Self {
             bytes: [0; TRANSMIT_CAPACITY],
-            begin: 0,
-            end: 0,
+            pending_begin: 0,
+            pending_end: 0,
             message_count: 0,
             messages_without_heading: 0,
             lost_messages: 0,
@@ -42,19 +42,19 @@ impl TransmitBuffer {
     pub fn append_message(&mut self, parts: &[&[u8]]) -> bool {
         self.message_count = self.message_count.wrapping_add(1);
         let length: usize = parts.iter().map(|part| part.len()).sum();
-        if self.end + length > TRANSMIT_CAPACITY {
-            self.bytes.copy_within(self.begin..self.end, 0);
-            (self.begin, self.end) = (0, self.end - self.begin);
+        if self.pending_end + length > TRANSMIT_CAPACITY {
+            self.bytes.copy_within(self.pending_begin..self.pending_end, 0);
+            (self.pending_begin, self.pending_end) = (0, self.pending_end - self.pending_begin);
         }
-        if self.end + length > TRANSMIT_CAPACITY {
+        if self.pending_end + length > TRANSMIT_CAPACITY {
             self.lost_messages = self.lost_messages.wrapping_add(1);
             return false;
         }
         for part in parts {
-            let end = self.end + part.len();
-            if let Some(target) = self.bytes.get_mut(self.end..end) {
+            let end = self.pending_end + part.len();
+            if let Some(target) = self.bytes.get_mut(self.pending_end..end) {
                 target.copy_from_slice(part);
-                self.end = end;
+                self.pending_end = end;
             }
         }
         true
@@ -63,19 +63,19 @@ impl TransmitBuffer {
     /// Bytes not written yet.
     #[must_use]
     pub fn pending_bytes(&self) -> &[u8] {
-        self.bytes.get(self.begin..self.end).unwrap_or_default()
+        self.bytes.get(self.pending_begin..self.pending_end).unwrap_or_default()
     }
 
     /// Removes bytes that were written.
     pub fn consume_bytes(&mut self, count: usize) {
-        self.begin += count.min(self.end - self.begin);
-        if self.begin == self.end {
+        self.pending_begin += count.min(self.pending_end - self.pending_begin);
+        if self.pending_begin == self.pending_end {
             self.clear();
         }
     }
 
     fn clear(&mut self) {
-        (self.begin, self.end) = (0, 0);
+        (self.pending_begin, self.pending_end) = (0, 0);
     }
 
     /// Drops the pending bytes after a line error.

@@ -8,7 +8,7 @@ use core::ops::RangeInclusive;
 use serde::{Deserialize, Serialize};
 
 use crate::calibration::{ConsiderSigmas, Orientation};
-pub use ports::{Baud, PORT_COUNT, PortNumber, PortSettings, PortsSettings, ProtocolKind};
+pub use ports::{BaudRate, PORT_COUNT, PortNumber, PortSettings, PortsSettings, ProtocolKind};
 
 /// User settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -261,7 +261,7 @@ pub enum SettingChange {
     /// Protocol of a port.
     Protocol(PortNumber, ProtocolKind),
     /// Baud rate of a port.
-    Baud(PortNumber, Baud),
+    Baud(PortNumber, BaudRate),
     /// Whether true yaw is sent to an autopilot.
     Vision(bool),
     /// Highest requested attitude rate, Hz.

@@ -20,7 +20,7 @@ impl PortNumber {
 
     /// Selects the port's element of an array.
     #[must_use]
-    pub const fn element_of<T>(self, each: &[T; PORT_COUNT]) -> &T {
+    pub const fn port_element<T>(self, each: &[T; PORT_COUNT]) -> &T {
         let [first, second] = each;
         match self {
             Self::One => first,
@@ -66,7 +66,7 @@ impl ProtocolKind {
 
 /// Baud rate of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Baud {
+pub enum BaudRate {
     /// 57,600 Bd.
     B57600,
     /// 115,200 Bd.
@@ -77,7 +77,7 @@ pub enum Baud {
     B460800,
 }
 
-impl Baud {
+impl BaudRate {
     /// All rates, ascending.
     pub const ALL_RATES: [Self; 4] = [Self::B57600, Self::B115200, Self::B230400, Self::B460800];
 
@@ -113,10 +113,10 @@ impl Baud {
 /// Settings of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PortSettings {
-    /// Protocol.
+    /// Protocol of the port.
     pub protocol: ProtocolKind,
-    /// Baud rate.
-    pub baud: Baud,
+    /// Baud rate of the port.
+    pub baud: BaudRate,
 }
 
 /// Settings of all ports.
@@ -126,14 +126,14 @@ pub struct PortsSettings([PortSettings; PORT_COUNT]);
 impl PortsSettings {
     /// Factory settings: the first port detects the autopilot's protocol, the second sends NMEA to instruments.
     pub const DEFAULT: Self = Self([
-        PortSettings { protocol: ProtocolKind::Auto, baud: Baud::B115200 },
-        PortSettings { protocol: ProtocolKind::Nmea, baud: Baud::B115200 },
+        PortSettings { protocol: ProtocolKind::Auto, baud: BaudRate::B115200 },
+        PortSettings { protocol: ProtocolKind::Nmea, baud: BaudRate::B115200 },
     ]);
 
     /// Settings of a port.
     #[must_use]
     pub const fn settings_of_port(&self, number: PortNumber) -> PortSettings {
-        *number.element_of(&self.0)
+        *number.port_element(&self.0)
     }
 
     /// Mutable settings of a port.
@@ -155,20 +155,20 @@ mod tests {
         for kind in ProtocolKind::ALL_PROTOCOLS {
             assert_eq!(ProtocolKind::from_name(kind.protocol_name()), Some(kind));
         }
-        for baud in Baud::ALL_RATES {
-            assert_eq!(Baud::from_name(baud.baud_name()), Some(baud));
+        for baud in BaudRate::ALL_RATES {
+            assert_eq!(BaudRate::from_name(baud.baud_name()), Some(baud));
             assert_eq!(baud.baud_name(), baud.bits_per_s().to_string());
         }
-        assert_eq!((ProtocolKind::from_name("ubx"), Baud::from_name("9600")), (None, None));
+        assert_eq!((ProtocolKind::from_name("ubx"), BaudRate::from_name("9600")), (None, None));
     }
 
     #[test]
     fn ports_have_separate_settings() {
         let mut ports = PortsSettings::DEFAULT;
         ports.port_mut(PortNumber::Two).protocol = ProtocolKind::Msp;
-        ports.port_mut(PortNumber::One).baud = Baud::B57600;
+        ports.port_mut(PortNumber::One).baud = BaudRate::B57600;
         let [first, second] = PortNumber::ALL_PORTS.map(|number| ports.settings_of_port(number));
-        assert_eq!(first, PortSettings { protocol: ProtocolKind::Auto, baud: Baud::B57600 });
-        assert_eq!(second, PortSettings { protocol: ProtocolKind::Msp, baud: Baud::B115200 });
+        assert_eq!(first, PortSettings { protocol: ProtocolKind::Auto, baud: BaudRate::B57600 });
+        assert_eq!(second, PortSettings { protocol: ProtocolKind::Msp, baud: BaudRate::B115200 });
     }
 }

@@ -173,10 +173,10 @@ fn a_port_s_setting_changes_that_port() {
             before.with_setting(SettingChange::Protocol(port, ProtocolKind::Msp)),
             Ok(Settings { ports, ..before })
         );
-        ports.port_mut(port).baud = Baud::B230400;
+        ports.port_mut(port).baud = BaudRate::B230400;
         let both = Settings { ports, ..before };
         let changed = before.with_setting(SettingChange::Protocol(port, ProtocolKind::Msp)).unwrap();
-        assert_eq!(changed.with_setting(SettingChange::Baud(port, Baud::B230400)), Ok(both));
+        assert_eq!(changed.with_setting(SettingChange::Baud(port, BaudRate::B230400)), Ok(both));
     }
 }
 
@@ -202,7 +202,7 @@ fn solves_use_mounting_inclination_and_the_attitude_s_error() {
         (SettingChange::Accuracy(1.0), false),
         (SettingChange::Auto(false), false),
         (SettingChange::Protocol(PortNumber::One, ProtocolKind::Msp), false),
-        (SettingChange::Baud(PortNumber::One, Baud::B57600), false),
+        (SettingChange::Baud(PortNumber::One, BaudRate::B57600), false),
         (SettingChange::Vision(true), false),
         (SettingChange::AttitudeRateHz(50), false),
         (SettingChange::Signing(None), false),

@@ -14,7 +14,7 @@ pub enum StoreError {
     /// A value is too long for its place in the store.
     Full,
     /// The written bytes read back differently.
-    Verify,
+    ReadBackDiffers,
     /// A value is out of its range. Nothing was written.
     Invalid,
 }
@@ -27,7 +27,7 @@ impl core::fmt::Display for StoreError {
             Self::Corrupt => "the stored data are damaged",
             Self::OtherFormat(_) => "another firmware wrote the stored data",
             Self::Full => "the data do not fit into the flash region",
-            Self::Verify => "the written data read back differently",
+            Self::ReadBackDiffers => "the written data read back differently",
             Self::Invalid => "a value is out of its range, and nothing was written",
         })
     }

@@ -126,7 +126,7 @@ impl<F: NorFlash> Store<F> {
     /// - [`StoreError::OtherFormat`]: the store has another format, and the change is not [`StoreChange::Clear`].
     ///   Nothing was written.
     /// - [`StoreError::Invalid`]: a value is out of its range. Nothing was written.
-    /// - [`StoreError::Full`], [`StoreError::Verify`]: the value does not fit, or reads back differently.
+    /// - [`StoreError::Full`], [`StoreError::ReadBackDiffers`]: the value does not fit, or reads back differently.
     pub async fn save_change(&mut self, change: StoreChange<'_>) -> Result<(), StoreError> {
         let PageScan { valid_state: valid, other_format: other, error } = self.scan_pages().await;
         if error == Some(StoreError::Flash) {
@@ -134,7 +134,7 @@ impl<F: NorFlash> Store<F> {
         }
         if let Some((page, format)) = other {
             return match change {
-                StoreChange::Clear => self.replace_other_format(page).await,
+                StoreChange::Clear => self.erase_other_format(page).await,
                 _ => Err(StoreError::OtherFormat(format)),
             };
         }
@@ -174,7 +174,7 @@ impl<F: NorFlash> Store<F> {
 
     /// Replaces a store of another format by the default state. Erases the page with that format's item last, so that
     /// it is still reported after a power failure.
-    async fn replace_other_format(&mut self, format_page: u32) -> Result<(), StoreError> {
+    async fn erase_other_format(&mut self, format_page: u32) -> Result<(), StoreError> {
         let state_page = if format_page == FIRST_STATE_PAGE { FIRST_STATE_PAGE + 1 } else { FIRST_STATE_PAGE };
         self.write_state(state_page, &StoredState::default()).await?;
         for page in
@@ -248,7 +248,7 @@ impl<F: NorFlash> Store<F> {
     async fn program_page(&mut self, page: u32, item: &[u8]) -> Result<(), StoreError> {
         self.erase_page(page).await?;
         self.flash.write(self.page_offset(page), item).await.map_err(|_| StoreError::Flash)?;
-        if self.page_contains(page, item).await? { Ok(()) } else { Err(StoreError::Verify) }
+        if self.page_contains(page, item).await? { Ok(()) } else { Err(StoreError::ReadBackDiffers) }
     }
 
     async fn erase_page(&mut self, page: u32) -> Result<(), StoreError> {

@@ -9,10 +9,10 @@ use proptest::prelude::*;
 use crate::{PropertyResult, check_property};
 
 /// Output buffer of a session, bytes.
-const ROOM: usize = 2048;
+const OUTPUT_CAPACITY: usize = 2048;
 
 /// Words of the command language, keys, and beginnings and ends of key sequences.
-const TYPED: &[&str] = &[
+const TYPED_TEXTS: &[&str] = &[
     "help",
     "version",
     "status",
@@ -90,15 +90,15 @@ const TYPED: &[&str] = &[
 
 /// Typed parts, and whether the output is sent after each.
 fn typed_parts() -> impl Strategy<Value = Vec<(Vec<u8>, bool)>> {
-    let word = proptest::sample::select(TYPED).prop_map(|word| word.as_bytes().to_vec());
-    let upper = proptest::sample::select(TYPED).prop_map(|word| word.to_ascii_uppercase().into_bytes());
+    let word = proptest::sample::select(TYPED_TEXTS).prop_map(|word| word.as_bytes().to_vec());
+    let upper = proptest::sample::select(TYPED_TEXTS).prop_map(|word| word.to_ascii_uppercase().into_bytes());
     let noise = vec(any::<u8>(), 0..12);
     let typed_part = prop_oneof![12 => word, 2 => upper, 1 => noise];
     vec((typed_part, any::<bool>()), 0..40)
 }
 
 /// Feeds bytes to a session and returns the last request.
-fn feed(session: &mut Session, bytes: &[u8]) -> Result<Option<Request>, TestCaseError> {
+fn feed_bytes(session: &mut Session, bytes: &[u8]) -> Result<Option<Request>, TestCaseError> {
     let mut last = None;
     for &byte in bytes {
         match session.process_byte(byte) {
@@ -113,11 +113,11 @@ fn feed(session: &mut Session, bytes: &[u8]) -> Result<Option<Request>, TestCase
             Some(Err(error)) => {
                 let text = error.to_string();
                 prop_assert!(!text.is_empty() && text.bytes().all(|byte| (b' '..=b'~').contains(&byte)), "{text:?}");
-                session.write_reply(|reply| report::line_error(reply, &error));
+                session.write_reply(|reply| report::write_line_error(reply, &error));
             }
             None => {}
         }
-        prop_assert!(session.pending_output().len() <= ROOM);
+        prop_assert!(session.pending_output().len() <= OUTPUT_CAPACITY);
     }
     Ok(last)
 }
@@ -129,14 +129,14 @@ fn the_console_accepts_any_input() {
     check_property(typed_parts(), |parts| -> PropertyResult {
         let mut session = Session::new(report::write_version);
         for (typed_part, is_sent) in &parts {
-            let _ = feed(&mut session, typed_part)?;
+            let _ = feed_bytes(&mut session, typed_part)?;
             if *is_sent {
                 let strange = |byte: &&u8| !matches!(byte, b' '..=b'~' | b'\r' | b'\n' | 0x08 | 0x1B);
                 prop_assert_eq!(session.pending_output().iter().find(strange), None);
                 session.clear_output();
             }
         }
-        let last = feed(&mut session, b"\x03\x03version\r")?;
+        let last = feed_bytes(&mut session, b"\x03\x03version\r")?;
         prop_assert!(matches!(last, Some(Request::Version)), "{last:?}");
         Ok(())
     });

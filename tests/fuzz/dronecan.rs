@@ -6,7 +6,7 @@ use autoswing::port::{CanNode, NodeContext, Snapshot};
 use autoswing::settings::{CanSettings, Settings};
 use autoswing::time::Timestamp;
 use autoswing::wire::dronecan::outbound::{NodeInfo, SoftwareVersion};
-use autoswing::wire::dronecan::{CanFrame, DataType, InboundMessage, LONGEST_RECEIVED, NodeId, Receiver};
+use autoswing::wire::dronecan::{CanFrame, DataType, InboundMessage, MAX_RECEIVED_LENGTH, NodeId, Receiver};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
@@ -16,7 +16,7 @@ use crate::{PropertyResult, check_property};
 const OWN_NODE: u8 = 42;
 
 /// Frames of one transfer with its CRC, divided as the protocol requires.
-fn frames(id: u32, data_type: DataType, transfer_id: u8, payload: &[u8]) -> Vec<CanFrame> {
+fn frames_of_transfer(id: u32, data_type: DataType, transfer_id: u8, payload: &[u8]) -> Vec<CanFrame> {
     let checked = if payload.len() <= 7 {
         payload.to_vec()
     } else {
@@ -46,7 +46,7 @@ fn crc(bytes: &[u8]) -> u16 {
     })
 }
 
-const TYPES: [DataType; 12] = [
+const RECEIVED_TYPE_SPECS: [DataType; 12] = [
     DataType::TARGETTED,
     DataType::ARMING_STATUS,
     DataType::BATTERY_INFO,
@@ -62,19 +62,18 @@ const TYPES: [DataType; 12] = [
 ];
 
 /// Transfers of received types with any payload, up to lengths beyond the longest; source 0 is anonymous.
-fn transfer() -> impl Strategy<Value = Vec<CanFrame>> {
+fn any_transfer() -> impl Strategy<Value = Vec<CanFrame>> {
     let source = prop_oneof![6 => Just(10_u8), 2 => 0..128_u8, 1 => Just(OWN_NODE)];
     let length = prop_oneof![6 => 0..30_usize, 3 => 30..140_usize, 1 => 200..300_usize];
-    (proptest::sample::select(TYPES.to_vec()), source, any::<u8>(), length, vec(any::<u8>(), 300)).prop_map(
-        |(data_type, source, transfer_id, length, payload)| {
+    (proptest::sample::select(RECEIVED_TYPE_SPECS.to_vec()), source, any::<u8>(), length, vec(any::<u8>(), 300))
+        .prop_map(|(data_type, source, transfer_id, length, payload)| {
             let id = if data_type.is_service {
                 0x1E00_8080 | u32::from(data_type.type_id) << 16 | u32::from(OWN_NODE) << 8 | u32::from(source)
             } else {
                 0x1800_0000 | u32::from(data_type.type_id) << 8 | u32::from(source)
             };
-            frames(id, data_type, transfer_id, &payload[..length])
-        },
-    )
+            frames_of_transfer(id, data_type, transfer_id, &payload[..length])
+        })
 }
 
 /// Damage to a sequence of frames: a frame removed, repeated, moved or changed at an index modulo the length.
@@ -87,7 +86,7 @@ enum Damage {
     Flip(usize, usize),
 }
 
-fn damage() -> impl Strategy<Value = Damage> {
+fn any_damage() -> impl Strategy<Value = Damage> {
     let any_index = any::<usize>;
     prop_oneof![
         4 => Just(Damage::None),
@@ -99,7 +98,7 @@ fn damage() -> impl Strategy<Value = Damage> {
 }
 
 impl Damage {
-    fn apply(&self, frames: &mut Vec<CanFrame>) {
+    fn damage_frames(&self, frames: &mut Vec<CanFrame>) {
         let count = frames.len().max(1);
         match *self {
             Self::None => {}
@@ -123,9 +122,9 @@ impl Damage {
 }
 
 /// Transfers with damage, interleaved, and noise.
-fn traffic() -> impl Strategy<Value = Vec<CanFrame>> {
-    let damaged = (transfer(), damage()).prop_map(|(mut frames, damage)| {
-        damage.apply(&mut frames);
+fn any_traffic() -> impl Strategy<Value = Vec<CanFrame>> {
+    let damaged = (any_transfer(), any_damage()).prop_map(|(mut frames, damage)| {
+        damage.damage_frames(&mut frames);
         frames
     });
     let noise = (0..1_u32 << 29, vec(any::<u8>(), 0..=8))
@@ -144,11 +143,11 @@ fn traffic() -> impl Strategy<Value = Vec<CanFrame>> {
 }
 
 /// Whether the lengths in a message are within their limits.
-fn is_bounded(message: &InboundMessage<'_>) -> bool {
+fn is_within_limits(message: &InboundMessage<'_>) -> bool {
     match message {
         InboundMessage::Allocation(step) => step.unique_id.len() <= 16,
         InboundMessage::GetSet(request) => request.parameter_name.len() <= 92,
-        InboundMessage::BeginFirmwareUpdate { path, .. } => path.len() < LONGEST_RECEIVED,
+        InboundMessage::BeginFirmwareUpdate { path, .. } => path.len() < MAX_RECEIVED_LENGTH,
         InboundMessage::Targetted(piece) => piece.serial_bytes.len() <= 120,
         _ => true,
     }
@@ -157,14 +156,14 @@ fn is_bounded(message: &InboundMessage<'_>) -> bool {
 /// Nothing panics, every message is within its bounds, and an intact transfer after the traffic is received.
 #[test]
 fn any_frames_are_received_or_dropped() {
-    check_property(traffic(), |traffic| -> PropertyResult {
+    check_property(any_traffic(), |traffic| -> PropertyResult {
         let mut receiver = Receiver::new();
         for frame in &traffic {
             if let Some(transfer) = receiver.push_frame(Timestamp::START, NodeId::new(OWN_NODE), frame) {
-                prop_assert!(is_bounded(&transfer.message), "{transfer:?}");
+                prop_assert!(is_within_limits(&transfer.message), "{transfer:?}");
             }
         }
-        let good_frames = frames(0x1804_440A, DataType::BATTERY_INFO, 5, &[0; 30]);
+        let good_frames = frames_of_transfer(0x1804_440A, DataType::BATTERY_INFO, 5, &[0; 30]);
         let mut last = false;
         for frame in &good_frames {
             last = receiver.push_frame(Timestamp::START, NodeId::new(OWN_NODE), frame).is_some();
@@ -180,39 +179,44 @@ fn any_frames_are_received_or_dropped() {
 fn a_node_survives_any_frames() {
     const INFO: NodeInfo = NodeInfo {
         node_name: "org.autoswing.fuzz",
-        software_version: SoftwareVersion::of_this_firmware(None),
+        software_version: SoftwareVersion::from_firmware(None),
         hardware_version: [1, 0],
         unique_id: [7; 16],
     };
-    check_property((traffic(), any::<bool>(), any::<bool>()), |(traffic, has_number, is_armed)| -> PropertyResult {
-        let can = CanSettings { node: if has_number { OWN_NODE } else { 0 }, ..CanSettings::DEFAULT };
-        let settings = Settings { can, ..Settings::DEFAULT };
-        let mut node = CanNode::new(INFO, can);
-        for (frame_number, frame) in traffic.iter().enumerate() {
-            let now = Timestamp::from_us(frame_number as u64 * 12_500);
-            node.receive_frame(now, frame, &mut |_| {});
-            let estimate = Estimate { timestamp: now, ..Estimate::EMPTY };
-            let indicator = IndicatorState::Idle;
-            let snapshot = Snapshot {
-                now,
-                estimate: &estimate,
-                settings: &settings,
-                indicator_state: indicator,
-                calibration: None,
-            };
-            let command = node.poll(&NodeContext { snapshot, stored_settings: &settings, is_armed });
-            prop_assert!(!is_armed || command.is_none(), "{command:?} while armed");
-            if let Some(command) = command {
-                node.complete_command(command, Ok(()));
+    check_property(
+        (any_traffic(), any::<bool>(), any::<bool>()),
+        |(traffic, has_number, is_armed)| -> PropertyResult {
+            let can = CanSettings { node: if has_number { OWN_NODE } else { 0 }, ..CanSettings::DEFAULT };
+            let settings = Settings { can, ..Settings::DEFAULT };
+            let mut node = CanNode::new(INFO, can);
+            for (frame_number, frame) in traffic.iter().enumerate() {
+                let now = Timestamp::from_us(frame_number as u64 * 12_500);
+                node.receive_frame(now, frame, &mut |_| {});
+                let estimate = Estimate { timestamp: now, ..Estimate::EMPTY };
+                let indicator = IndicatorState::Idle;
+                let snapshot = Snapshot {
+                    now,
+                    estimate: &estimate,
+                    settings: &settings,
+                    indicator_state: indicator,
+                    calibration: None,
+                };
+                let command = node.poll(&NodeContext { snapshot, stored_settings: &settings, is_armed });
+                prop_assert!(!is_armed || command.is_none(), "{command:?} while armed");
+                if let Some(command) = command {
+                    node.complete_command(command, Ok(()));
+                }
+                for _ in 0..100 {
+                    let Some(frame) = node.frame_to_send() else { break };
+                    let source = frame.frame_id() as u8 & 0x7F;
+                    prop_assert!(
+                        frame.data().len() <= 8 && (has_number || frame.frame_id() & 0x80 == 0 || source != 0)
+                    );
+                    node.on_frame_sent(now);
+                }
+                prop_assert!(node.frame_to_send().is_none(), "frames without an end");
             }
-            for _ in 0..100 {
-                let Some(frame) = node.next_frame() else { break };
-                let source = frame.frame_id() as u8 & 0x7F;
-                prop_assert!(frame.data().len() <= 8 && (has_number || frame.frame_id() & 0x80 == 0 || source != 0));
-                node.frame_sent(now);
-            }
-            prop_assert!(node.next_frame().is_none(), "frames without an end");
-        }
-        Ok(())
-    });
+            Ok(())
+        },
+    );
 }

@@ -8,7 +8,7 @@ use crate::stream::{self, Piece, Wire};
 use crate::{PropertyResult, check_property};
 
 /// ID, CRC seed and longest payload of the decoded messages, from the protocol definition (common.xml).
-const MESSAGES: [(u8, u8, usize); 9] = [
+const MESSAGE_SPECS: [(u8, u8, usize); 9] = [
     (30, 39, 28),
     (1, 124, 43),
     (0, 50, 9),
@@ -21,7 +21,7 @@ const MESSAGES: [(u8, u8, usize); 9] = [
 ];
 
 /// Longest frame: version 2, signed, with the longest payload.
-const LONGEST: usize = 10 + 54 + 2 + 13;
+const MAX_FRAME_LENGTH: usize = 10 + 54 + 2 + 13;
 
 fn crc(bytes: impl IntoIterator<Item = u8>) -> [u8; 2] {
     let mut crc = 0xFFFF_u16;
@@ -35,14 +35,21 @@ fn crc(bytes: impl IntoIterator<Item = u8>) -> [u8; 2] {
 }
 
 /// Frame with a correct CRC; the length field `claims` may differ from the payload.
-fn framed(is_v2: bool, is_signed: bool, [system, component]: [u8; 2], id: u8, claims: u8, payload: &[u8]) -> Vec<u8> {
+fn frame_with_crc(
+    is_v2: bool,
+    is_signed: bool,
+    [system, component]: [u8; 2],
+    id: u8,
+    claimed_length: u8,
+    payload: &[u8],
+) -> Vec<u8> {
     let mut frame = if is_v2 {
-        vec![0xFD, claims, u8::from(is_signed), 0, 0, system, component, id, 0, 0]
+        vec![0xFD, claimed_length, u8::from(is_signed), 0, 0, system, component, id, 0, 0]
     } else {
-        vec![0xFE, claims, 0, system, component, id]
+        vec![0xFE, claimed_length, 0, system, component, id]
     };
     frame.extend_from_slice(payload);
-    let extra = MESSAGES.iter().find(|message| message.0 == id).map_or(0, |message| message.1);
+    let extra = MESSAGE_SPECS.iter().find(|message| message.0 == id).map_or(0, |message| message.1);
     let crc = crc(frame[1..].iter().copied().chain([extra]));
     frame.extend(crc);
     if is_v2 && is_signed {
@@ -52,9 +59,9 @@ fn framed(is_v2: bool, is_signed: bool, [system, component]: [u8; 2], id: u8, cl
 }
 
 /// Frame of any message, mostly decoded ones, from one of a few senders.
-pub fn frame() -> impl Strategy<Value = Vec<u8>> {
+pub fn any_frame() -> impl Strategy<Value = Vec<u8>> {
     let message =
-        prop_oneof![9 => proptest::sample::select(&MESSAGES[..]), 1 => (any::<u8>(), any::<u8>(), 0..40_usize)];
+        prop_oneof![9 => proptest::sample::select(&MESSAGE_SPECS[..]), 1 => (any::<u8>(), any::<u8>(), 0..40_usize)];
     let length_error = prop_oneof![6 => Just(0_i8), 1 => any::<i8>()];
     let sender = proptest::sample::select(&[[1, 1], [1, 1], [2, 1], [1, 158], [255, 190]][..]);
     (message, any::<[bool; 4]>(), sender, length_error, vec(any::<u8>(), 55)).prop_map(
@@ -66,17 +73,17 @@ pub fn frame() -> impl Strategy<Value = Vec<u8>> {
                 payload.truncate(if is_v2 && is_cut { 4 } else { longest });
             }
             let claims = (payload.len() as u8).wrapping_add_signed(length_error);
-            framed(is_v2, is_signed, sender, id, claims, &payload)
+            frame_with_crc(is_v2, is_signed, sender, id, claims, &payload)
         },
     )
 }
 
-pub fn stream() -> impl Strategy<Value = Vec<Piece>> {
-    stream::pieces_of(frame(), &[0xFE, 0xFD])
+pub fn any_stream() -> impl Strategy<Value = Vec<Piece>> {
+    stream::any_pieces(any_frame(), &[0xFE, 0xFD])
 }
 
 /// Intact frame, found independently of the receiver by a search from every byte.
-pub struct Intact {
+pub struct IntactFrame {
     end: usize,
     id: u8,
     sender: u16,
@@ -84,7 +91,7 @@ pub struct Intact {
 }
 
 /// All intact frames in the bytes, also nested ones.
-pub fn intact(bytes: &[u8]) -> Vec<Intact> {
+pub fn intact_frames(bytes: &[u8]) -> Vec<IntactFrame> {
     let mut intact_frames = Vec::new();
     for start in 0..bytes.len() {
         let from_start = &bytes[start..];
@@ -96,7 +103,7 @@ pub fn intact(bytes: &[u8]) -> Vec<Intact> {
             _ => continue,
         };
         let length = usize::from(from_start[1]);
-        let Some(&(_, extra, longest)) = MESSAGES.iter().find(|message| message.0 == id) else { continue };
+        let Some(&(_, extra, longest)) = MESSAGE_SPECS.iter().find(|message| message.0 == id) else { continue };
         let Some(frame) = from_start.get(..header + length + 2 + signature) else { continue };
         if length > longest
             || crc(frame[1..header + length].iter().copied().chain([extra]))[..] != frame[header + length..][..2]
@@ -105,7 +112,7 @@ pub fn intact(bytes: &[u8]) -> Vec<Intact> {
         }
         let mut payload = [0; 56];
         payload[..length].copy_from_slice(&frame[header..header + length]);
-        intact_frames.push(Intact {
+        intact_frames.push(IntactFrame {
             end: start + frame.len(),
             id,
             sender: u16::from_be_bytes([system, component]),
@@ -115,7 +122,7 @@ pub fn intact(bytes: &[u8]) -> Vec<Intact> {
     intact_frames
 }
 
-impl Intact {
+impl IntactFrame {
     fn u32(&self, offset: usize) -> u32 {
         u32::from_le_bytes([0, 1, 2, 3].map(|byte| self.payload[offset + byte]))
     }
@@ -126,7 +133,7 @@ impl Intact {
     }
 }
 
-impl stream::Intact<InboundMessage> for Intact {
+impl stream::IntactFrame<InboundMessage> for IntactFrame {
     fn end(&self) -> usize {
         self.end
     }
@@ -172,19 +179,24 @@ fn good_frame() -> Vec<u8> {
     let mut payload = [1; 28];
     payload[4..8].copy_from_slice(&0.5_f32.to_le_bytes());
     payload[8..12].fill(0);
-    framed(true, false, [1, 1], 30, 28, &payload)
+    frame_with_crc(true, false, [1, 1], 30, 28, &payload)
 }
 
 #[test]
 fn only_mavlink_frames_with_correct_crc_are_accepted() {
-    check_property(stream(), |pieces| -> PropertyResult {
-        let mut bytes = stream::bytes(&pieces);
-        let wire = Wire::new(&mut bytes, &good_frame(), LONGEST);
+    check_property(any_stream(), |pieces| -> PropertyResult {
+        let mut bytes = stream::joined_bytes(&pieces);
+        let wire = Wire::new(&mut bytes, &good_frame(), MAX_FRAME_LENGTH);
         let mut receiver = Receiver::new();
-        stream::check_decoder(&wire, &intact(wire.bytes), |byte| (receiver.push_byte(byte), receiver.rejected), is_good)
+        stream::assert_decoder_properties(
+            &wire,
+            &intact_frames(wire.bytes),
+            |byte| (receiver.push_byte(byte), receiver.rejected_count),
+            is_good_message,
+        )
     });
 }
 
-fn is_good(message: &InboundMessage) -> bool {
+fn is_good_message(message: &InboundMessage) -> bool {
     matches!(message, InboundMessage::Attitude(report) if (report.attitude.roll_rad - 0.5).abs() < 1e-6)
 }

@@ -16,7 +16,7 @@ const ANALOG: u16 = 110;
 const RTC: u16 = 247;
 
 /// Longest accepted frame, with 64 bytes of payload.
-const LONGEST: usize = 8 + 64 + 1;
+const MAX_FRAME_LENGTH: usize = 8 + 64 + 1;
 
 fn crc(bytes: &[u8]) -> u8 {
     bytes.iter().fold(0, |crc, byte| {
@@ -25,7 +25,7 @@ fn crc(bytes: &[u8]) -> u8 {
 }
 
 /// Frame with a correct CRC; the length field `claims` may differ from the payload.
-fn framed(direction: u8, function: u16, claims: u16, payload: &[u8]) -> Vec<u8> {
+fn frame_with_crc(direction: u8, function: u16, claims: u16, payload: &[u8]) -> Vec<u8> {
     let [f0, f1] = function.to_le_bytes();
     let [n0, n1] = claims.to_le_bytes();
     let checked = [&[0, f0, f1, n0, n1], payload].concat();
@@ -33,7 +33,7 @@ fn framed(direction: u8, function: u16, claims: u16, payload: &[u8]) -> Vec<u8> 
 }
 
 /// Frame of any function, mostly requested ones with plausible payloads.
-pub fn frame() -> impl Strategy<Value = Vec<u8>> {
+pub fn any_frame() -> impl Strategy<Value = Vec<u8>> {
     let functions = [
         (FC_VARIANT, 4),
         (STATUS, 11),
@@ -61,17 +61,17 @@ pub fn frame() -> impl Strategy<Value = Vec<u8>> {
             {
                 *begin = name;
             }
-            framed(direction, function, (payload.len() as u16).wrapping_add_signed(length_error), &payload)
+            frame_with_crc(direction, function, (payload.len() as u16).wrapping_add_signed(length_error), &payload)
         },
     )
 }
 
-pub fn stream() -> impl Strategy<Value = Vec<Piece>> {
-    stream::pieces_of(frame(), b"$X>!")
+pub fn any_stream() -> impl Strategy<Value = Vec<Piece>> {
+    stream::any_pieces(any_frame(), b"$X>!")
 }
 
 /// Intact frame, found independently of the receiver by a search from every byte.
-pub struct Intact<'a> {
+pub struct IntactFrame<'a> {
     end: usize,
     function: u16,
     is_error: bool,
@@ -79,7 +79,7 @@ pub struct Intact<'a> {
 }
 
 /// All intact frames in the bytes, also nested ones.
-pub fn intact(bytes: &[u8]) -> Vec<Intact<'_>> {
+pub fn intact_frames(bytes: &[u8]) -> Vec<IntactFrame<'_>> {
     let mut intact_frames = Vec::new();
     for start in 0..bytes.len() {
         let &[b'$', b'X', direction @ (b'>' | b'!'), _, f0, f1, n0, n1, ..] = &bytes[start..] else { continue };
@@ -87,7 +87,7 @@ pub fn intact(bytes: &[u8]) -> Vec<Intact<'_>> {
         let Some(&[_, _, _, ref checked @ .., last]) = bytes.get(start..frame_end) else { continue };
         if crc(checked) == last {
             let function = u16::from_le_bytes([f0, f1]);
-            intact_frames.push(Intact {
+            intact_frames.push(IntactFrame {
                 end: frame_end,
                 function,
                 is_error: direction == b'!',
@@ -98,7 +98,7 @@ pub fn intact(bytes: &[u8]) -> Vec<Intact<'_>> {
     intact_frames
 }
 
-impl Intact<'_> {
+impl IntactFrame<'_> {
     fn i16(&self, offset: usize) -> Option<i16> {
         Some(i16::from_le_bytes([*self.payload.get(offset)?, *self.payload.get(offset + 1)?]))
     }
@@ -112,7 +112,7 @@ impl Intact<'_> {
     }
 }
 
-impl stream::Intact<MspReply> for Intact<'_> {
+impl stream::IntactFrame<MspReply> for IntactFrame<'_> {
     fn end(&self) -> usize {
         self.end
     }
@@ -158,19 +158,24 @@ impl stream::Intact<MspReply> for Intact<'_> {
 }
 
 fn good_frame() -> Vec<u8> {
-    framed(b'>', ATTITUDE, 6, &[123, 0, 1, 0, 1, 0])
+    frame_with_crc(b'>', ATTITUDE, 6, &[123, 0, 1, 0, 1, 0])
 }
 
 #[test]
 fn only_msp_frames_with_correct_crc_are_accepted() {
-    check_property(stream(), |pieces| -> PropertyResult {
-        let mut bytes = stream::bytes(&pieces);
-        let wire = Wire::new(&mut bytes, &good_frame(), LONGEST);
+    check_property(any_stream(), |pieces| -> PropertyResult {
+        let mut bytes = stream::joined_bytes(&pieces);
+        let wire = Wire::new(&mut bytes, &good_frame(), MAX_FRAME_LENGTH);
         let mut receiver = Receiver::new();
-        stream::check_decoder(&wire, &intact(wire.bytes), |byte| (receiver.push_byte(byte), receiver.rejected), is_good)
+        stream::assert_decoder_properties(
+            &wire,
+            &intact_frames(wire.bytes),
+            |byte| (receiver.push_byte(byte), receiver.rejected_count),
+            is_good_message,
+        )
     });
 }
 
-fn is_good(message: &MspReply) -> bool {
+fn is_good_message(message: &MspReply) -> bool {
     matches!(message, MspReply::Attitude(angles) if angles.roll_decideg == 123)
 }

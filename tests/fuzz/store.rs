@@ -17,25 +17,26 @@ use crate::{PropertyResult, check_property};
 
 const PAGE: usize = 2048;
 const PAGES: usize = 8;
-const SIZE: usize = PAGE * PAGES;
+const REGION_SIZE: usize = PAGE * PAGES;
 
 type Flash = RamFlash<PAGE>;
 
 /// Flash after 0, 1, 2 and 30 rounds of accepting a calibration and changing a setting.
-static SAVED: LazyLock<[Flash; 4]> = LazyLock::new(|| {
+static SAVED_FLASHES: LazyLock<[Flash; 4]> = LazyLock::new(|| {
     [0, 1, 2, 30].map(|times| {
         let mut flash = Flash::new(PAGES);
         let mut generations = StoredCalibrations::default();
         for time in 0..times {
-            generations.push_record(&record(time));
-            accept(&mut flash, &generations).expect("a sound flash");
-            save(&mut flash, &Settings { stream_rate_hz: 1 + time as u8, ..Settings::DEFAULT }).expect("a sound flash");
+            generations.push_record(&calibration_record(time));
+            save_calibrations(&mut flash, &generations).expect("a sound flash");
+            save_settings(&mut flash, &Settings { stream_rate_hz: 1 + time as u8, ..Settings::DEFAULT })
+                .expect("a sound flash");
         }
         flash
     })
 });
 
-fn record(serial: u32) -> CalibrationRecord {
+fn calibration_record(serial: u32) -> CalibrationRecord {
     let calibration =
         Calibration { b_ut: [serial as f32, 2.0, 3.0], ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) };
     let quality = Quality {
@@ -60,33 +61,33 @@ fn record(serial: u32) -> CalibrationRecord {
     }
 }
 
-fn store(flash: &mut Flash) -> Store<&mut Flash> {
-    Store::new(flash, 0..SIZE as u32)
+fn open_store(flash: &mut Flash) -> Store<&mut Flash> {
+    Store::new(flash, 0..REGION_SIZE as u32)
 }
 
-fn save(flash: &mut Flash, settings: &Settings) -> Result<(), StoreError> {
-    block_on(store(flash).save_change(StoreChange::Settings(settings)))
+fn save_settings(flash: &mut Flash, settings: &Settings) -> Result<(), StoreError> {
+    block_on(open_store(flash).save_change(StoreChange::Settings(settings)))
 }
 
-fn accept(flash: &mut Flash, generations: &StoredCalibrations) -> Result<(), StoreError> {
+fn save_calibrations(flash: &mut Flash, generations: &StoredCalibrations) -> Result<(), StoreError> {
     let StoredCalibrations { current_calibration: current, previous_calibration: previous } = generations;
     block_on(
-        store(flash)
+        open_store(flash)
             .save_change(StoreChange::StoredCalibrations { current: current.as_ref(), previous: previous.as_ref() }),
     )
 }
 
 /// Replacement bytes and their positions, mostly within items.
-fn damage() -> impl Strategy<Value = Vec<(usize, Vec<u8>)>> {
+fn any_damage() -> impl Strategy<Value = Vec<(usize, Vec<u8>)>> {
     let item_offset = (0..PAGES, 0..480_usize).prop_map(|(page, offset)| page * PAGE + offset);
-    let offset = prop_oneof![2 => item_offset, 1 => 0..SIZE];
+    let offset = prop_oneof![2 => item_offset, 1 => 0..REGION_SIZE];
     let few_bytes = vec(any::<u8>(), 1..12);
     let equal_bytes =
         (proptest::sample::select(&[0x00, 0xFF, 0x55][..]), 1..PAGE).prop_map(|(byte, size)| vec![byte; size]);
     vec((offset, prop_oneof![3 => few_bytes, 1 => equal_bytes]), 0..4)
 }
 
-fn replace(flash: &mut Flash, offset: usize, bytes: &[u8]) {
+fn replace_bytes(flash: &mut Flash, offset: usize, bytes: &[u8]) {
     for (flash_byte, byte) in flash.bytes[offset..].iter_mut().zip(bytes) {
         *flash_byte = *byte;
     }
@@ -96,27 +97,27 @@ fn replace(flash: &mut Flash, offset: usize, bytes: &[u8]) {
 /// another format is preserved; it needs a correct CRC, which damage produces once in four billion cases.
 #[test]
 fn arbitrary_flash_contents_load_valid_values_and_allow_saves() {
-    check_property((0..4_usize, damage()), |(times, damage)| -> PropertyResult {
-        let mut flash = SAVED[times].clone();
+    check_property((0..4_usize, any_damage()), |(times, damage)| -> PropertyResult {
+        let mut flash = SAVED_FLASHES[times].clone();
         for (offset, bytes) in &damage {
-            replace(&mut flash, *offset, bytes);
+            replace_bytes(&mut flash, *offset, bytes);
         }
         let LoadedValues { stored_values: StoredValues { settings, stored_calibrations: generations, .. }, .. } =
-            block_on(store(&mut flash).load_state());
+            block_on(open_store(&mut flash).load_state());
         prop_assert!(settings.is_valid());
         for loaded_calibration in
             [generations.current_calibration, generations.previous_calibration].into_iter().flatten()
         {
-            prop_assert_eq!(loaded_calibration, record(loaded_calibration.serial_number));
+            prop_assert_eq!(loaded_calibration, calibration_record(loaded_calibration.serial_number));
         }
         let settings = Settings { stream_rate_hz: 77, ..Settings::DEFAULT };
         let generations = StoredCalibrations {
-            current_calibration: Some(record(99)),
+            current_calibration: Some(calibration_record(99)),
             previous_calibration: generations.current_calibration,
         };
-        prop_assert_eq!(save(&mut flash, &settings), Ok(()));
-        prop_assert_eq!(accept(&mut flash, &generations), Ok(()));
-        let LoadedValues { stored_values: stored, load_error: error } = block_on(store(&mut flash).load_state());
+        prop_assert_eq!(save_settings(&mut flash, &settings), Ok(()));
+        prop_assert_eq!(save_calibrations(&mut flash, &generations), Ok(()));
+        let LoadedValues { stored_values: stored, load_error: error } = block_on(open_store(&mut flash).load_state());
         prop_assert_eq!((stored.settings, stored.stored_calibrations, error), (settings, generations, None));
         Ok(())
     });
@@ -130,7 +131,7 @@ fn crc(bytes: &[u8]) -> u32 {
 }
 
 /// Items with a correct CRC: fields with headers like the store's, or arbitrary bytes.
-fn items() -> impl Strategy<Value = Vec<(usize, Vec<u8>)>> {
+fn any_items() -> impl Strategy<Value = Vec<(usize, Vec<u8>)>> {
     let field = (1..30_u8, vec(any::<u8>(), 0..40)).prop_map(|(tag, value)| {
         let mut field = vec![tag, value.len() as u8, 0];
         field.extend(value);
@@ -142,17 +143,17 @@ fn items() -> impl Strategy<Value = Vec<(usize, Vec<u8>)>> {
 
 #[test]
 fn the_store_handles_any_fields() {
-    check_property((0..4_usize, items()), |(times, items)| -> PropertyResult {
-        let mut flash = SAVED[times].clone();
+    check_property((0..4_usize, any_items()), |(times, items)| -> PropertyResult {
+        let mut flash = SAVED_FLASHES[times].clone();
         for (page, fields) in items {
             let mut encoded_item = vec![1];
             encoded_item.extend((fields.len() as u16).to_le_bytes());
             encoded_item.extend(fields);
             encoded_item.extend(crc(&encoded_item).to_le_bytes());
-            replace(&mut flash, page * PAGE, &encoded_item);
+            replace_bytes(&mut flash, page * PAGE, &encoded_item);
         }
         let LoadedValues { stored_values: StoredValues { settings, stored_calibrations: generations, .. }, .. } =
-            block_on(store(&mut flash).load_state());
+            block_on(open_store(&mut flash).load_state());
         prop_assert!(settings.is_valid());
         prop_assert!(
             [generations.current_calibration, generations.previous_calibration]
@@ -160,9 +161,10 @@ fn the_store_handles_any_fields() {
                 .flatten()
                 .all(CalibrationRecord::is_valid)
         );
-        let generations = StoredCalibrations { current_calibration: Some(record(99)), previous_calibration: None };
-        prop_assert_eq!(accept(&mut flash, &generations), Ok(()));
-        let LoadedValues { stored_values: stored, load_error: error } = block_on(store(&mut flash).load_state());
+        let generations =
+            StoredCalibrations { current_calibration: Some(calibration_record(99)), previous_calibration: None };
+        prop_assert_eq!(save_calibrations(&mut flash, &generations), Ok(()));
+        let LoadedValues { stored_values: stored, load_error: error } = block_on(open_store(&mut flash).load_state());
         prop_assert_eq!((stored.settings, stored.stored_calibrations, error), (settings, generations, None));
         Ok(())
     });

@@ -15,23 +15,23 @@ pub enum Damage {
     /// A flipped bit: byte index modulo the length, bit index.
     Flip(usize, u8),
     /// Truncated end: remaining bytes modulo the length.
-    Cut(usize),
+    TruncatedEnd(usize),
     /// Truncated beginning: missing bytes modulo the length.
-    Torn(usize),
+    TruncatedStart(usize),
 }
 
 /// Frame or noise with its damage.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Piece {
-    sent: Vec<u8>,
+    original_bytes: Vec<u8>,
     damage: Damage,
 }
 
 impl Piece {
     fn append(&self, stream: &mut Vec<u8>) {
         let start = stream.len();
-        stream.extend_from_slice(&self.sent);
-        let length = self.sent.len().max(1);
+        stream.extend_from_slice(&self.original_bytes);
+        let length = self.original_bytes.len().max(1);
         match self.damage {
             Damage::None => {}
             Damage::Flip(byte, bit) => {
@@ -39,34 +39,34 @@ impl Piece {
                     *byte ^= 1 << (bit % 8);
                 }
             }
-            Damage::Cut(bytes) => stream.truncate(start + bytes % length),
-            Damage::Torn(bytes) => drop(stream.drain(start..start + bytes % length)),
+            Damage::TruncatedEnd(bytes) => stream.truncate(start + bytes % length),
+            Damage::TruncatedStart(bytes) => drop(stream.drain(start..start + bytes % length)),
         }
     }
 }
 
-fn damage() -> impl Strategy<Value = Damage> {
+fn any_damage() -> impl Strategy<Value = Damage> {
     prop_oneof![
         4 => Just(Damage::None),
         2 => (any::<usize>(), any::<u8>()).prop_map(|(byte, bit)| Damage::Flip(byte, bit)),
-        2 => any::<usize>().prop_map(Damage::Cut),
-        1 => any::<usize>().prop_map(Damage::Torn),
+        2 => any::<usize>().prop_map(Damage::TruncatedEnd),
+        1 => any::<usize>().prop_map(Damage::TruncatedStart),
     ]
 }
 
 /// Up to six pieces: frames with random damage, and noise with frequent start-of-frame bytes.
-pub fn pieces_of(
+pub fn any_pieces(
     frames: impl Strategy<Value = Vec<u8>> + 'static,
     begins: &'static [u8],
 ) -> impl Strategy<Value = Vec<Piece>> {
-    let frame = (frames, damage()).prop_map(|(sent, damage)| Piece { sent, damage });
+    let frame = (frames, any_damage()).prop_map(|(sent, damage)| Piece { original_bytes: sent, damage });
     let byte = prop_oneof![4 => any::<u8>(), 1 => proptest::sample::select(begins)];
-    let noise = vec(byte, 0..40).prop_map(|sent| Piece { sent, damage: Damage::None });
+    let noise = vec(byte, 0..40).prop_map(|sent| Piece { original_bytes: sent, damage: Damage::None });
     vec(prop_oneof![5 => frame, 1 => noise], 0..6)
 }
 
 /// Bytes of all pieces after damage.
-pub fn bytes(pieces: &[Piece]) -> Vec<u8> {
+pub fn joined_bytes(pieces: &[Piece]) -> Vec<u8> {
     let mut bytes = Vec::new();
     for piece in pieces {
         piece.append(&mut bytes);
@@ -75,7 +75,7 @@ pub fn bytes(pieces: &[Piece]) -> Vec<u8> {
 }
 
 /// Intact frame found independently of the decoder.
-pub trait Intact<M> {
+pub trait IntactFrame<M> {
     fn end(&self) -> usize;
 
     fn matches_message(&self, message: &M) -> bool;
@@ -86,7 +86,7 @@ pub trait Intact<M> {
 /// good frame is decoded within the length of the longest frame.
 ///
 /// `push` decodes a byte and returns a message and the number of rejected candidates since the start.
-pub fn check_decoder<M: Debug, F: Intact<M>>(
+pub fn assert_decoder_properties<M: Debug, F: IntactFrame<M>>(
     wire: &Wire<'_>,
     intact: &[F],
     mut push: impl FnMut(u8) -> (Option<M>, u32),
@@ -99,7 +99,7 @@ pub fn check_decoder<M: Debug, F: Intact<M>>(
         rejected_before = rejected;
         checks += now as usize;
         prop_assert!(
-            now as usize <= wire.longest && checks <= byte_index + 1,
+            now as usize <= wire.max_frame_length && checks <= byte_index + 1,
             "{now} and {checks} checks at {byte_index}"
         );
         let Some(message) = message else { continue };
@@ -107,7 +107,7 @@ pub fn check_decoder<M: Debug, F: Intact<M>>(
             intact.iter().skip(next).position(|frame| frame.end() <= byte_index + 1 && frame.matches_message(&message));
         prop_assert!(it_is.is_some(), "{message:?} at {byte_index} is in no intact frame");
         next += it_is.map_or(0, |skipped| skipped + 1);
-        recovered |= byte_index >= wire.noise && is_good(&message);
+        recovered |= byte_index >= wire.noise_length && is_good(&message);
     }
     prop_assert!(recovered, "nothing good is understood");
     Ok(())
@@ -116,9 +116,9 @@ pub fn check_decoder<M: Debug, F: Intact<M>>(
 /// Random bytes followed by good frames.
 pub struct Wire<'a> {
     pub bytes: &'a [u8],
-    noise: usize,
+    noise_length: usize,
     /// Length of the longest frame, bytes.
-    longest: usize,
+    max_frame_length: usize,
 }
 
 impl<'a> Wire<'a> {
@@ -126,6 +126,6 @@ impl<'a> Wire<'a> {
     pub fn new(bytes: &'a mut Vec<u8>, good: &[u8], longest: usize) -> Self {
         let noise = bytes.len();
         (0..=longest.div_ceil(good.len())).for_each(|_| bytes.extend_from_slice(good));
-        Self { bytes, noise, longest }
+        Self { bytes, noise_length: noise, max_frame_length: longest }
     }
 }

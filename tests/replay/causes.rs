@@ -8,20 +8,20 @@ use simulator::recording::record_turns;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 
-use crate::{DEFAULT_OPTIONS, read};
+use crate::{DEFAULT_OPTIONS, read_flight};
 
 /// Change of a recording; `t_s` counts from its start.
 type Cause = fn(t_s: f64, sample: &mut FlightSample);
 
-struct Reported {
-    action: CompassAction,
+struct ReportedFindings {
+    recommended_action: CompassAction,
     /// The sentence on the compass and the log's warnings.
     text: String,
-    changes: usize,
+    change_count: usize,
     rms_deg: Option<f64>,
 }
 
-fn report(vehicle_kind: VehicleKind, seed: u64, cause: Cause) -> Reported {
+fn report_of_cause(vehicle_kind: VehicleKind, seed: u64, cause: Cause) -> ReportedFindings {
     let parameters = vec![("COMPASS_OFS_X".to_owned(), 0.0)];
     let mut recording = FlightRecording {
         parameters,
@@ -33,15 +33,15 @@ fn report(vehicle_kind: VehicleKind, seed: u64, cause: Cause) -> Reported {
     }
     // Samples disarmed by a cause are removed, as a gap of the log. The recorded yaw is the true heading.
     recording.samples.retain(|sample| sample.is_armed);
-    let mut flight = read(&encode_dataflash(&recording));
+    let mut flight = read_flight(&encode_dataflash(&recording));
     flight.true_attitude = flight.attitude.clone();
     let evaluation = evaluate_flight(&flight, &DEFAULT_OPTIONS);
     let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
     let notes: Vec<String> = verdict.log_warnings.iter().map(ToString::to_string).collect();
-    Reported {
-        action: verdict.compasses[0].judgement.recommended_action,
+    ReportedFindings {
+        recommended_action: verdict.compasses[0].judgement.recommended_action,
         text: format!("{} {}", verdict.summary_sentences().concat(), notes.join("; ")),
-        changes: evaluation.compasses[0].hard_iron_changes.len(),
+        change_count: evaluation.compasses[0].hard_iron_changes.len(),
         rms_deg: verdict.exported_corrections().first().map(|export| export.held_back_score.unwrap().rms_deg),
     }
 }
@@ -51,9 +51,9 @@ struct Case {
     cause: Cause,
     /// Actions, one of which must be recommended for an aeroplane; copters are exempt, as they turn too little after
     /// 118 s for parameters.
-    actions: &'static [CompassAction],
-    words: &'static str,
-    changes: usize,
+    allowed_actions: &'static [CompassAction],
+    expected_words: &'static str,
+    expected_change_count: usize,
     /// Whether a recorded copter turns enough to show the cause.
     is_shown_by_copter: bool,
 }
@@ -65,50 +65,75 @@ const fn case(
     words: &'static str,
     changes: usize,
 ) -> Case {
-    Case { name, cause, actions, words, changes, is_shown_by_copter: true }
+    Case {
+        name,
+        cause,
+        allowed_actions: actions,
+        expected_words: words,
+        expected_change_count: changes,
+        is_shown_by_copter: true,
+    }
 }
 
-const LOAD: &[CompassAction] = &[CompassAction::LoadParameters];
+const LOAD_PARAMETERS: &[CompassAction] = &[CompassAction::Load];
 const FLY_AGAIN: &[CompassAction] = &[CompassAction::FlyAgain];
-const LOAD_OR_REPLACE: &[CompassAction] = &[CompassAction::LoadParameters, CompassAction::Replace];
-const REPLACE: &[CompassAction] = &[CompassAction::Replace];
+const LOAD_OR_REPLACE_COMPASS: &[CompassAction] = &[CompassAction::Load, CompassAction::Replace];
+const REPLACE_COMPASS: &[CompassAction] = &[CompassAction::Replace];
 
 /// Steps are at 118 s, after half of the turns; the log's clock is 2 s ahead.
 const CASES: [Case; 22] = [
-    case("rate about x of the wrong sign", |_, s| s.rates_rad_s[0] *= -1.0, LOAD, "about x has the sign opposite", 0),
-    case("rate about z of the wrong sign", |_, s| s.rates_rad_s[2] *= -1.0, LOAD, "about z has the sign opposite", 0),
+    case(
+        "rate about x of the wrong sign",
+        |_, s| s.rates_rad_s[0] *= -1.0,
+        LOAD_PARAMETERS,
+        "about x has the sign opposite",
+        0,
+    ),
+    case(
+        "rate about z of the wrong sign",
+        |_, s| s.rates_rad_s[2] *= -1.0,
+        LOAD_PARAMETERS,
+        "about z has the sign opposite",
+        0,
+    ),
     case(
         "body rates in degrees",
         |_, s| s.rates_rad_s = s.rates_rad_s.map(f64::to_degrees),
-        LOAD,
+        LOAD_PARAMETERS,
         "in another unit",
         0,
     ),
-    case("body rates of zero", |_, s| s.rates_rad_s = [0.0; 3], LOAD, "contradicts the body rates", 0),
+    case("body rates of zero", |_, s| s.rates_rad_s = [0.0; 3], LOAD_PARAMETERS, "contradicts the body rates", 0),
     case(
         "body rates with vibration of 6 deg/s",
         |t_s, s| s.rates_rad_s[2] += if (t_s * 10.0).round() % 2.0 == 0.0 { 0.1 } else { -0.1 },
-        LOAD,
+        LOAD_PARAMETERS,
         "sampled too coarsely",
         0,
     ),
-    case("gyro offset of 1 deg/s", |_, s| s.rates_rad_s[2] += 0.017, LOAD, "", 0),
-    case("holes of 3 s", |t_s, s| s.is_armed = t_s % 20.0 > 3.0, LOAD, "", 0),
+    case("gyro offset of 1 deg/s", |_, s| s.rates_rad_s[2] += 0.017, LOAD_PARAMETERS, "", 0),
+    case("holes of 3 s", |t_s, s| s.is_armed = t_s % 20.0 > 3.0, LOAD_PARAMETERS, "", 0),
     case(
         "a jump of roll by 29 deg",
         |t_s, s| s.attitude_rad[0] += if (100.0..100.25).contains(&t_s) { 0.5 } else { 0.0 },
-        LOAD,
+        LOAD_PARAMETERS,
         "",
         0,
     ),
-    case("level trim of 2 deg", |_, s| s.attitude_rad[0] += 0.035, LOAD, "", 0),
-    case("current of 300 A", |_, s| s.current_a = 300.0, LOAD, "", 0),
-    case("field twice as strong", |_, s| s.field_ut[0] = s.field_ut[0].map(|ut| 2.0 * ut), LOAD, "", 0),
-    case("iron by 6 uT", |t_s, s| s.field_ut[0][1] += if t_s > 118.0 { 6.0 } else { 0.0 }, LOAD, "since 120 s, by", 1),
+    case("level trim of 2 deg", |_, s| s.attitude_rad[0] += 0.035, LOAD_PARAMETERS, "", 0),
+    case("current of 300 A", |_, s| s.current_a = 300.0, LOAD_PARAMETERS, "", 0),
+    case("field twice as strong", |_, s| s.field_ut[0] = s.field_ut[0].map(|ut| 2.0 * ut), LOAD_PARAMETERS, "", 0),
+    case(
+        "iron by 6 uT",
+        |t_s, s| s.field_ut[0][1] += if t_s > 118.0 { 6.0 } else { 0.0 },
+        LOAD_PARAMETERS,
+        "since 120 s, by",
+        1,
+    ),
     case(
         "iron by 4 uT",
         |t_s, s| s.field_ut[0][0] -= if t_s > 118.0 { 4.0 } else { 0.0 },
-        LOAD_OR_REPLACE,
+        LOAD_OR_REPLACE_COMPASS,
         "since 120 s, by",
         1,
     ),
@@ -137,7 +162,7 @@ const CASES: [Case; 22] = [
         ..case(
             "iron by 6 uT for 40 s",
             |t_s, s| s.field_ut[0][1] += if (60.0..100.0).contains(&t_s) { 6.0 } else { 0.0 },
-            LOAD_OR_REPLACE,
+            LOAD_OR_REPLACE_COMPASS,
             "from 62 to 102 s, by",
             2,
         )
@@ -147,7 +172,7 @@ const CASES: [Case; 22] = [
         ..case(
             "axis y stuck",
             |t_s, s| s.field_ut[0][1] = if t_s > 118.0 { 12.0 } else { s.field_ut[0][1] },
-            REPLACE,
+            REPLACE_COMPASS,
             "failed: its y axis is constant",
             0,
         )
@@ -155,7 +180,7 @@ const CASES: [Case; 22] = [
     case(
         "all axes stuck",
         |t_s, s| s.field_ut[0] = if t_s > 118.0 { [12.0, 10.0, 40.0] } else { s.field_ut[0] },
-        REPLACE,
+        REPLACE_COMPASS,
         "failed: its field is constant",
         0,
     ),
@@ -185,18 +210,21 @@ const CASES: [Case; 22] = [
 /// the error with parameters within a fifth and 0.2 deg of the error without the cause.
 fn check_causes(vehicle_kind: VehicleKind) {
     for seed in [3, 5, 7] {
-        let untouched = report(vehicle_kind, seed, |_, _| {});
-        assert_eq!(untouched.changes, 0, "{vehicle_kind:?} {seed}: {}", untouched.text);
+        let untouched = report_of_cause(vehicle_kind, seed, |_, _| {});
+        assert_eq!(untouched.change_count, 0, "{vehicle_kind:?} {seed}: {}", untouched.text);
         for case in CASES.iter().filter(|case| vehicle_kind == VehicleKind::Plane || case.is_shown_by_copter) {
-            let Reported { action, text, changes, rms_deg } = report(vehicle_kind, seed, case.cause);
+            let ReportedFindings { recommended_action: action, text, change_count: changes, rms_deg } =
+                report_of_cause(vehicle_kind, seed, case.cause);
             let about = format!("{vehicle_kind:?} {seed}: {}: {action:?}: {text}", case.name);
             println!("{about}");
-            assert!(vehicle_kind != VehicleKind::Plane || case.actions.contains(&action), "{about}");
-            assert!(text.contains(case.words), "{about}");
-            assert_eq!(changes, case.changes, "{about}");
+            assert!(vehicle_kind != VehicleKind::Plane || case.allowed_actions.contains(&action), "{about}");
+            assert!(text.contains(case.expected_words), "{about}");
+            assert_eq!(changes, case.expected_change_count, "{about}");
             assert!(!text.contains("mounted") && !text.contains("orientation"), "{about}");
-            assert_eq!(text.contains("with these parameters"), action == CompassAction::LoadParameters, "{about}");
-            if let (LOAD, Some(rms_deg), Some(untouched_deg)) = (case.actions, rms_deg, untouched.rms_deg) {
+            assert_eq!(text.contains("with these parameters"), action == CompassAction::Load, "{about}");
+            if let (LOAD_PARAMETERS, Some(rms_deg), Some(untouched_deg)) =
+                (case.allowed_actions, rms_deg, untouched.rms_deg)
+            {
                 assert!(rms_deg < 1.2 * untouched_deg + 0.2, "{about}: {untouched_deg} deg untouched");
             }
         }
@@ -218,7 +246,7 @@ fn a_copter_report_names_the_injected_cause_and_no_other() {
 fn a_vertical_step_of_iron_on_one_heading_is_not_reported_to_bend_headings() {
     for seed in 0..6 {
         let cause: Cause = |t_s, sample| sample.field_ut[0][2] += if t_s > 118.0 { 2.0 } else { 0.0 };
-        let Reported { text, changes, .. } = report(VehicleKind::Copter, seed, cause);
+        let ReportedFindings { text, change_count: changes, .. } = report_of_cause(VehicleKind::Copter, seed, cause);
         assert_eq!(changes, 0, "seed {seed}: {text}");
     }
 }

@@ -14,10 +14,10 @@ use simulator::world::aircraft::VehicleKind;
 use simulator::world::autopilot::Leg;
 use simulator::world::{World, WorldConfig};
 
-use crate::{DEFAULT_OPTIONS, read};
+use crate::{DEFAULT_OPTIONS, read_flight};
 
 /// A circle each way, then 30 s in each direction, at 48 N, with GPS.
-fn legs(world: &WorldConfig, headings_deg: &[f64]) -> FlightRecording {
+fn fly_legs(world: &WorldConfig, headings_deg: &[f64]) -> FlightRecording {
     let world = World::new(*world);
     let mut source = world.attitude_source();
     for heading_change_deg in [360.0, -360.0] {
@@ -55,7 +55,7 @@ fn gps_course_gives_the_heading_of_straight_flight_in_any_wind() {
     ] {
         let mut world = config_with_wind(seed, wind_m_s);
         world.weather.gust_m_s = 0.0;
-        let flight = read(&write(&with_delayed_velocity(legs(&world, &ALL_ROUND_DEG))));
+        let flight = read_flight(&write(&delay_velocity(fly_legs(&world, &ALL_ROUND_DEG))));
         let course = GpsCourseHeading::from_flight(&flight).unwrap();
         let name = format!("{:?}, {wind_m_s} m/s: {}", flight.log_format, course.accuracy_description());
         assert!((course.wind_speed_m_s() - wind_m_s).abs() < 0.2, "{name}");
@@ -79,7 +79,7 @@ fn gps_course_gives_the_heading_of_straight_flight_in_any_wind() {
 }
 
 /// Delays the GPS velocity by 0.3 s.
-fn with_delayed_velocity(mut recording: FlightRecording) -> FlightRecording {
+fn delay_velocity(mut recording: FlightRecording) -> FlightRecording {
     let velocities: Vec<[f64; 2]> = recording.samples.iter().map(|flight_sample| flight_sample.velocity_m_s).collect();
     for (flight_sample, velocity_m_s) in recording.samples.iter_mut().skip(3).zip(velocities) {
         flight_sample.velocity_m_s = velocity_m_s;
@@ -92,7 +92,7 @@ fn with_delayed_velocity(mut recording: FlightRecording) -> FlightRecording {
 #[test]
 fn errors_against_gps_course_match_errors_against_the_truth() {
     for seed in 1..5 {
-        let flight = read(&encode_dataflash(&legs(&config_with_wind(seed, 7.0), &ALL_ROUND_DEG)));
+        let flight = read_flight(&encode_dataflash(&fly_legs(&config_with_wind(seed, 7.0), &ALL_ROUND_DEG)));
         let course = ReferenceHeading::best_reference(&flight).unwrap();
         assert!(course.measures_error() && course.reference_name() == "GPS course in straight flight", "{course:?}");
         let [by_course, mut by_truth] = [&course, &ReferenceHeading::AutopilotYaw]
@@ -118,7 +118,7 @@ fn errors_against_gps_course_match_errors_against_the_truth() {
 
 #[test]
 fn gps_course_is_rejected_where_it_gives_no_heading() {
-    let plane = legs(&config_with_wind(1, 5.0), &ALL_ROUND_DEG);
+    let plane = fly_legs(&config_with_wind(1, 5.0), &ALL_ROUND_DEG);
     let changed = |change: &dyn Fn(&mut FlightSample, f64)| {
         let mut recording = plane.clone();
         let sample_count = recording.samples.len() as f64;
@@ -132,8 +132,8 @@ fn gps_course_is_rejected_where_it_gives_no_heading() {
         flight_sample.velocity_m_s[1] += east;
     };
     for (expected_rejection, recording) in [
-        (GpsCourseRejection::FewDirections, legs(&config_with_wind(1, 5.0), &[30.0, 210.0, 30.0, 210.0])),
-        (GpsCourseRejection::StrongWind, legs(&config_with_wind(1, 12.0), &ALL_ROUND_DEG)),
+        (GpsCourseRejection::FewDirections, fly_legs(&config_with_wind(1, 5.0), &[30.0, 210.0, 30.0, 210.0])),
+        (GpsCourseRejection::StrongWind, fly_legs(&config_with_wind(1, 12.0), &ALL_ROUND_DEG)),
         (GpsCourseRejection::Copter, FlightRecording { is_copter: true, ..plane.clone() }),
         // Wind that changes its direction.
         (
@@ -163,7 +163,7 @@ fn gps_course_is_rejected_where_it_gives_no_heading() {
             }),
         ),
     ] {
-        let flight = read(&encode_dataflash(&recording));
+        let flight = read_flight(&encode_dataflash(&recording));
         assert_eq!(GpsCourseHeading::from_flight(&flight).unwrap_err(), expected_rejection);
         assert_eq!(
             ReferenceHeading::best_reference(&flight),
@@ -192,14 +192,17 @@ fn a_copter_is_not_compared_with_its_course() {
     for i in 10..2400 {
         record_sample(&mut recording, &world, &mut source, i * 100_000);
     }
-    assert_eq!(GpsCourseHeading::from_flight(&read(&encode_ulog(&recording))).unwrap_err(), GpsCourseRejection::Copter);
+    assert_eq!(
+        GpsCourseHeading::from_flight(&read_flight(&encode_ulog(&recording))).unwrap_err(),
+        GpsCourseRejection::Copter
+    );
     recording.is_copter = false;
-    assert!(GpsCourseHeading::from_flight(&read(&encode_ulog(&recording))).is_err());
+    assert!(GpsCourseHeading::from_flight(&read_flight(&encode_ulog(&recording))).is_err());
 }
 
 #[test]
 fn gps_course_is_reported_with_its_accuracy() {
-    let flight = read(&encode_tlog(&legs(&config_with_wind(1, 5.0), &ALL_ROUND_DEG)));
+    let flight = read_flight(&encode_tlog(&fly_legs(&config_with_wind(1, 5.0), &ALL_ROUND_DEG)));
     let verdict = evaluate_flight(&flight, &DEFAULT_OPTIONS);
     let json = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot).json();
     let reference = &json["reference"];
@@ -218,7 +221,7 @@ fn gps_course_is_reported_with_its_accuracy() {
 
 #[test]
 fn references_are_ranked() {
-    let mut flight = read(&encode_dataflash(&legs(&config_with_wind(1, 5.0), &ALL_ROUND_DEG)));
+    let mut flight = read_flight(&encode_dataflash(&fly_legs(&config_with_wind(1, 5.0), &ALL_ROUND_DEG)));
     let best_name = |flight: &Flight| ReferenceHeading::best_reference(flight).unwrap().reference_name();
     let mut ranked = vec![best_name(&flight)];
     for row in flight.gps.rows_mut() {

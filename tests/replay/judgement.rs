@@ -9,13 +9,13 @@ use log_analysis::replay::verdict::{CompassAction, CompassState, Verdict};
 use simulator::recording::record_turns;
 use simulator::world::WorldConfig;
 
-use crate::{DEFAULT_OPTIONS, read};
+use crate::{DEFAULT_OPTIONS, read_flight};
 
 /// Time of the change of hard iron, seconds of the log's clock.
-const CHANGED_S: f64 = 120.0;
+const CHANGE_TIME_S: f64 = 120.0;
 
 /// A flight of turns with a compass that has no parameters, and a change of its field by the log's clock.
-fn record(seed: u64, change: impl Fn(f64, &mut [f64; 3])) -> FlightRecording {
+fn record_flight(seed: u64, change: impl Fn(f64, &mut [f64; 3])) -> FlightRecording {
     let parameters = ["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z"].map(|name| (name.to_owned(), 0.0)).to_vec();
     let mut recording = FlightRecording { parameters, ..record_turns(&WorldConfig::random_world(seed), 0.05) };
     for sample in &mut recording.samples {
@@ -25,8 +25,8 @@ fn record(seed: u64, change: impl Fn(f64, &mut [f64; 3])) -> FlightRecording {
 }
 
 /// Judges a flight as ArduPilot logs it, with the recorded (true) yaw in place of a simulator's attitude.
-fn judged<R>(recording: &FlightRecording, judge: impl Fn(&Verdict<'_>, &FlightEvaluation) -> R) -> R {
-    let mut flight = read(&encode_dataflash(recording));
+fn judge_flight<R>(recording: &FlightRecording, judge: impl Fn(&Verdict<'_>, &FlightEvaluation) -> R) -> R {
+    let mut flight = read_flight(&encode_dataflash(recording));
     flight.true_attitude = flight.attitude.clone();
     let evaluation = evaluate_flight(&flight, &DEFAULT_OPTIONS);
     judge(&Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot), &evaluation)
@@ -48,8 +48,8 @@ fn rms_deg(compass: &CompassEvaluation, is_scored: impl Fn(&ReplayRow) -> bool, 
 #[test]
 fn parameters_make_a_bad_compass_good() {
     for seed in [3, 5, 7] {
-        let mut recording = record(seed, |_, _| {});
-        let correction = judged(&recording, |verdict, evaluation| {
+        let mut recording = record_flight(seed, |_, _| {});
+        let correction = judge_flight(&recording, |verdict, evaluation| {
             let [compass] = verdict.compasses.as_slice() else { panic!("one compass") };
             let judgement = &compass.judgement;
             assert!(judgement.as_logged_rms_deg.unwrap() > 5.0, "seed {seed}: {judgement:?}");
@@ -75,7 +75,7 @@ fn parameters_make_a_bad_compass_good() {
                 .collect::<Vec<(String, f64)>>()
         });
         recording.parameters = correction;
-        judged(&recording, |verdict, _| {
+        judge_flight(&recording, |verdict, _| {
             let judgement = &verdict.compasses[0].judgement;
             let is_good = judgement.as_logged_rms_deg.unwrap() <= 2.0;
             assert_eq!(judgement.recommended_action, CompassAction::LeaveUnchanged, "{judgement:?}");
@@ -93,15 +93,15 @@ fn parameters_make_a_bad_compass_good() {
 #[test]
 fn after_a_change_of_iron_parameters_fit_what_was_flown_since() {
     for seed in [3, 5, 7] {
-        let recording = record(seed, |t_s, field_ut| field_ut[0] += if t_s > CHANGED_S { 6.0 } else { 0.0 });
-        judged(&recording, |verdict, evaluation| {
+        let recording = record_flight(seed, |t_s, field_ut| field_ut[0] += if t_s > CHANGE_TIME_S { 6.0 } else { 0.0 });
+        judge_flight(&recording, |verdict, evaluation| {
             let compass = &evaluation.compasses[0];
             let judgement = &verdict.compasses[0].judgement;
             let [change] = compass.hard_iron_changes.as_slice() else {
                 panic!("seed {seed}: {:?}", compass.hard_iron_changes)
             };
             assert!(
-                (change.hard_iron_step.time_s - CHANGED_S).abs() < 0.5 && change.heading_effect_deg > 5.0,
+                (change.hard_iron_step.time_s - CHANGE_TIME_S).abs() < 0.5 && change.heading_effect_deg > 5.0,
                 "seed {seed}: {change:?}"
             );
             assert_eq!(
@@ -112,7 +112,7 @@ fn after_a_change_of_iron_parameters_fit_what_was_flown_since() {
             assert!(judgement.reason_codes().contains(&"iron-changed"), "{judgement:?}");
             let correction = loaded_correction(verdict.flight, verdict);
             let [before_deg, since_deg] = [false, true].map(|is_since| {
-                rms_deg(compass, |row| row.is_usable && (row.t_s > CHANGED_S + 1.0) == is_since, &correction)
+                rms_deg(compass, |row| row.is_usable && (row.t_s > CHANGE_TIME_S + 1.0) == is_since, &correction)
             });
             let lost_deg = verdict.exported_corrections()[0].heading_loss_deg[0];
             assert!(since_deg < 1.0 + lost_deg, "seed {seed}: {since_deg}, {lost_deg}");
@@ -124,8 +124,8 @@ fn after_a_change_of_iron_parameters_fit_what_was_flown_since() {
 /// Rows of 15 s after a change do not determine parameters.
 #[test]
 fn too_little_after_a_change_of_iron_gives_no_parameters() {
-    let recording = record(3, |t_s, field_ut| field_ut[0] += if t_s > 224.0 { 8.0 } else { 0.0 });
-    judged(&recording, |verdict, _| {
+    let recording = record_flight(3, |t_s, field_ut| field_ut[0] += if t_s > 224.0 { 8.0 } else { 0.0 });
+    judge_flight(&recording, |verdict, _| {
         let judgement = &verdict.compasses[0].judgement;
         assert_eq!(
             (judgement.compass_state, judgement.recommended_action),
@@ -143,7 +143,7 @@ fn motor_compensation_is_given_where_it_is_significant() {
         let world = WorldConfig::random_world(3).with_current_interference(interference_ut);
         let parameters = vec![("COMPASS_OFS_X".to_owned(), 0.0)];
         let recording = FlightRecording { parameters, ..record_turns(&world, 0.05) };
-        judged(&recording, |verdict, _| {
+        judge_flight(&recording, |verdict, _| {
             let file =
                 format_parameter_file(verdict.flight, &verdict.exported_corrections(), ParameterFormat::ArduPilot);
             assert_eq!(file.contains("COMPASS_MOTCT,2"), is_given, "{interference_ut} uT: {file}");
@@ -157,10 +157,10 @@ fn motor_compensation_is_given_where_it_is_significant() {
 #[test]
 fn parameters_that_leave_a_compass_bad_are_not_given() {
     for seed in [3, 5, 7] {
-        let recording = record(seed, |t_s, field_ut| {
+        let recording = record_flight(seed, |t_s, field_ut| {
             field_ut[1] += if (t_s * 10.0).round() % 100.0 == 0.0 { 100.0 } else { 0.0 };
         });
-        judged(&recording, |verdict, _| {
+        judge_flight(&recording, |verdict, _| {
             let judgement = &verdict.compasses[0].judgement;
             assert_ne!(judgement.recommended_action, CompassAction::LoadParameters, "seed {seed}: {judgement:?}");
             assert!(judgement.reason_codes().contains(&"inaccurate"), "seed {seed}: {judgement:?}");
@@ -172,7 +172,7 @@ fn parameters_that_leave_a_compass_bad_are_not_given() {
 /// Against the autopilot's yaw no error is known, so the state is doubtful whatever the agreement.
 #[test]
 fn without_a_reference_the_state_is_doubtful() {
-    let flight = read(&encode_dataflash(&record(3, |_, _| {})));
+    let flight = read_flight(&encode_dataflash(&record_flight(3, |_, _| {})));
     let evaluation = evaluate_flight(&flight, &DEFAULT_OPTIONS);
     assert!(!evaluation.reference.as_ref().unwrap().measures_error());
     let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
@@ -186,7 +186,7 @@ fn without_a_reference_the_state_is_doubtful() {
 #[test]
 fn a_loss_by_the_symmetric_matrix_is_no_reason_to_fly_again() {
     for seed in [3, 5, 7] {
-        let flight = read(&encode_dataflash(&record(seed, |_, _| {})));
+        let flight = read_flight(&encode_dataflash(&record_flight(seed, |_, _| {})));
         let evaluation = evaluate_flight(&flight, &DEFAULT_OPTIONS);
         let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
         let judgement = &verdict.compasses[0].judgement;
@@ -198,7 +198,7 @@ fn a_loss_by_the_symmetric_matrix_is_no_reason_to_fly_again() {
 #[test]
 fn residuals_that_no_fit_explains_are_named_in_place_of_a_manoeuvre() {
     let is_named = |recording: &FlightRecording, expected_text: &str| {
-        judged(recording, |verdict, _| {
+        judge_flight(recording, |verdict, _| {
             let judgement = &verdict.compasses[0].judgement;
             let text = verdict.summary_sentences().concat();
             assert_eq!(
@@ -210,9 +210,12 @@ fn residuals_that_no_fit_explains_are_named_in_place_of_a_manoeuvre() {
             assert!(text.contains(expected_text) && !text.contains("missing most"), "{text}");
         });
     };
-    is_named(&record(5, |t_s, field_ut| field_ut[0] += 0.05 * t_s), "late in the flight does not fit that early");
+    is_named(
+        &record_flight(5, |t_s, field_ut| field_ut[0] += 0.05 * t_s),
+        "late in the flight does not fit that early",
+    );
     for seed in [5, 7] {
-        let mut leaning = record(seed, |_, _| {});
+        let mut leaning = record_flight(seed, |_, _| {});
         leaning.samples.iter_mut().for_each(|sample| sample.attitude_rad[0] *= 0.85);
         is_named(&leaning, "in steep banks does not fit that in shallow");
     }
@@ -222,8 +225,8 @@ fn residuals_that_no_fit_explains_are_named_in_place_of_a_manoeuvre() {
 #[test]
 fn a_wrong_orientation_is_named() {
     for seed in [3, 5, 7] {
-        let turned_recording = record(seed, |_, field_ut| *field_ut = [field_ut[0], field_ut[2], -field_ut[1]]);
-        judged(&turned_recording, |verdict, _| {
+        let turned_recording = record_flight(seed, |_, field_ut| *field_ut = [field_ut[0], field_ut[2], -field_ut[1]]);
+        judge_flight(&turned_recording, |verdict, _| {
             let text = verdict.summary_sentences().concat();
             assert_eq!(verdict.compasses[0].judgement.recommended_action, CompassAction::FlyAgain, "{text}");
             assert!(
@@ -237,10 +240,10 @@ fn a_wrong_orientation_is_named() {
 /// A compass of which each reading is zero is judged, and is not left out of the verdict.
 #[test]
 fn a_compass_without_a_reading_has_failed() {
-    let mut recording = record(3, |_, _| {});
+    let mut recording = record_flight(3, |_, _| {});
     recording.parameters.push(("COMPASS_USE".to_owned(), 1.0));
     recording.samples.iter_mut().for_each(|sample| sample.field_ut.insert(0, [0.0; 3]));
-    judged(&recording, |verdict, _| {
+    judge_flight(&recording, |verdict, _| {
         let [failed, other] = verdict.compasses.as_slice() else { panic!("two compasses") };
         let judgement = &failed.judgement;
         assert_eq!(

@@ -13,7 +13,7 @@ use log_analysis::replay::evaluation::EvaluationOptions;
 
 const DEFAULT_OPTIONS: EvaluationOptions = EvaluationOptions::DEFAULT;
 
-fn read(bytes: &[u8]) -> Flight {
+fn read_flight(bytes: &[u8]) -> Flight {
     let mut source = bytes;
     log::read_flight(&mut source, FieldUnit::Milligauss).unwrap()
 }

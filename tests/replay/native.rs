@@ -17,7 +17,7 @@ use nalgebra::{Matrix3, Vector3};
 use simulator::recording::record_turns;
 use simulator::world::{CRUISE_CURRENT_A, WorldConfig};
 
-use crate::{DEFAULT_OPTIONS, read};
+use crate::{DEFAULT_OPTIONS, read_flight};
 
 /// ArduPilot's and PX4's parameters of a badly calibrated compass.
 const BAD_PARAMETERS: [(&str, f64); 16] = [
@@ -45,8 +45,8 @@ fn record_flight(world: &WorldConfig, age_s: f64) -> FlightRecording {
     FlightRecording { parameters, ..record_turns(world, age_s) }
 }
 
-fn evaluate(bytes: &[u8]) -> (Flight, CompassEvaluation) {
-    let flight = read(bytes);
+fn evaluate_log(bytes: &[u8]) -> (Flight, CompassEvaluation) {
+    let flight = read_flight(bytes);
     let mut verdict = evaluate_flight(&flight, &DEFAULT_OPTIONS);
     (flight, verdict.compasses.remove(0))
 }
@@ -64,7 +64,7 @@ fn a_native_log_gives_heading_and_field_latency() {
         (0.0, encode_csv),
     ] {
         let recording = record_flight(&world, age_s);
-        let (flight, compass) = evaluate(&write(&recording));
+        let (flight, compass) = evaluate_log(&write(&recording));
         let name = flight.log_format.format_name();
         let most_s = 2.5 * compass.latency.sigma_s.unwrap();
         assert!((compass.latency.used_s - age_s).abs() < most_s.max(0.01), "{name}: {:?}", compass.latency);
@@ -95,7 +95,7 @@ fn disarmed_rows_are_used_by_no_calibrator() {
         }
         sample.field_ut.push([1.0, 2.0, 3.0]);
     }
-    let (_, compass) = evaluate(&encode_csv(&recording));
+    let (_, compass) = evaluate_log(&encode_csv(&recording));
     assert!((compass.radius_ut.unwrap() - 48.0).abs() < 3.0, "{:?} uT", compass.radius_ut);
     for correction_source in [CorrectionSource::Sphere, CorrectionSource::Ellipsoid] {
         // A sphere fit leaves the soft iron's error.
@@ -105,7 +105,7 @@ fn disarmed_rows_are_used_by_no_calibrator() {
             compass.correction_from(correction_source)
         );
     }
-    let flight = read(&encode_dataflash(&recording));
+    let flight = read_flight(&encode_dataflash(&recording));
     let verdict = evaluate_flight(&flight, &EvaluationOptions { compass_number: Some(2), ..DEFAULT_OPTIONS });
     assert_eq!((flight.compasses.len(), verdict.compasses.len(), verdict.compasses[0].compass_number), (2, 1, 2));
 }
@@ -118,7 +118,7 @@ fn exported_parameters_give_the_predicted_heading_error() {
         (5, encode_ulog, ParameterFormat::Px4),
         (7, encode_tlog, ParameterFormat::ArduPilot),
     ] {
-        let (flight, compass) = evaluate(&write(&record_flight(&WorldConfig::random_world(seed), 0.05)));
+        let (flight, compass) = evaluate_log(&write(&record_flight(&WorldConfig::random_world(seed), 0.05)));
         let export = export_module(&compass, Some(50.0), dialect);
         let score = score_of_file(&flight, &compass, &export, dialect);
         let module_score = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
@@ -135,7 +135,7 @@ fn exported_parameters_give_the_predicted_heading_error() {
 /// ArduPilot rotates an internal compass with the board.
 #[test]
 fn an_internal_compass_is_given_no_orientation() {
-    let (mut flight, compass) = evaluate(&encode_dataflash(&record_flight(&WorldConfig::random_world(3), 0.05)));
+    let (mut flight, compass) = evaluate_log(&encode_dataflash(&record_flight(&WorldConfig::random_world(3), 0.05)));
     let mut export = export_module(&compass, None, ParameterFormat::ArduPilot);
     export.rotation = NumberedRotation::new(2.0).unwrap();
     for (external, line) in
@@ -159,7 +159,7 @@ fn motor_current_interference_is_estimated_and_exported() {
     ] {
         let world = WorldConfig::random_world(seed).with_current_interference(8.0);
         let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
-        let (flight, compass) = evaluate(&write(&record_flight(&world, 0.05)));
+        let (flight, compass) = evaluate_log(&write(&record_flight(&world, 0.05)));
         assert_eq!(compass.module_result.acceptance, Ok(()), "seed {seed}");
         let interference = compass.module_result.solution.as_ref().unwrap().calibration.motor_current;
         for (estimated_ut_per_a, added_field_ut) in interference.ut_per_a.iter().zip(world.current_interference_ut) {
@@ -221,7 +221,7 @@ fn inav_correction(text: &str) -> FieldCorrection {
 /// Parameters that ArduPilot rejects are not given: the compass is to be moved.
 #[test]
 fn no_parameters_are_given_beyond_compass_offs_max() {
-    let (mut flight, compass) = evaluate(&encode_dataflash(&record_flight(&WorldConfig::random_world(3), 0.05)));
+    let (mut flight, compass) = evaluate_log(&encode_dataflash(&record_flight(&WorldConfig::random_world(3), 0.05)));
     let evaluation = evaluate_flight(&flight, &DEFAULT_OPTIONS);
     let offsets_mg = export_module(&compass, Some(50.0), ParameterFormat::ArduPilot).correction.hard_iron_ut * 10.0;
     for (limit_ratio, action) in [(0.95, CompassAction::Replace), (1.05, CompassAction::LoadParameters)] {
@@ -300,7 +300,7 @@ fn duplicate_and_unordered_readings_become_sorted_rows() {
             writeln!(untidy, "{later:.3},{other_cells}\n{line}\n{line}").unwrap();
         }
     }
-    let (tidy, untidy) = (evaluate(text.as_bytes()).1, evaluate(untidy.as_bytes()).1);
+    let (tidy, untidy) = (evaluate_log(text.as_bytes()).1, evaluate_log(untidy.as_bytes()).1);
     assert!(untidy.rows.len().abs_diff(tidy.rows.len()) < 20, "{} {}", untidy.rows.len(), tidy.rows.len());
     assert_eq!(untidy.module_result.acceptance, Ok(()));
     let [rms, before] = [&untidy, &tidy]
@@ -315,7 +315,7 @@ fn the_model_inclination_is_used_only_on_days_of_its_validity() {
         let mut world = WorldConfig::random_world(3);
         world.earth.inclination_deg = inclination_deg;
         let recording = FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..record_turns(&world, 0.0) };
-        let flight = read(&encode_dataflash(&recording));
+        let flight = read_flight(&encode_dataflash(&recording));
         let of_that_day = evaluate_flight(&flight, &DEFAULT_OPTIONS);
         let of_another = evaluate_flight(&Flight { flight_date: None, ..flight }, &DEFAULT_OPTIONS);
         for (verdict, is_valid) in [(&of_that_day, true), (&of_another, false)] {
@@ -335,7 +335,7 @@ fn evaluate_hard_iron_step(world: &WorldConfig, at_s: u64) -> CompassEvaluation 
     for sample in recording.samples.iter_mut().filter(|sample| sample.time_us >= at_s * 1_000_000) {
         sample.field_ut[0][0] += 8.0;
     }
-    evaluate(&encode_csv(&recording)).1
+    evaluate_log(&encode_csv(&recording)).1
 }
 
 /// Limits: 0.3 uT with a sixth of the flight on one side, and 0.5 s of the log's clock.

@@ -16,7 +16,7 @@ use simulator::heading_errors::HeadingErrors;
 use simulator::world::autopilot::Leg;
 use simulator::world::{World, WorldConfig};
 
-use crate::read;
+use crate::read_flight;
 
 const ALL_ROWS: ReplayOptions = ReplayOptions::with_selection(RowSelection::All);
 const TURN_SAMPLES: ReplayOptions = ReplayOptions { row_selection: RowSelection::Turns, ..ALL_ROWS };
@@ -28,12 +28,16 @@ fn rows_of(flight: &Flight, age_s: f64) -> Vec<ReplayRow> {
 
 /// Straight, circles each way, straight, at 10 Hz in milligauss with one decimal and reported attitude; the reference
 /// is the true magnetic heading. The first 10 s are not usable.
-fn recorded(world: &WorldConfig, circles: f64) -> Vec<ReplayRow> {
-    recorded_with(world, circles, |_| [0.0; 3])
+fn recorded_turns(world: &WorldConfig, circles: f64) -> Vec<ReplayRow> {
+    recorded_turns_with_hard_iron(world, circles, |_| [0.0; 3])
 }
 
 /// Rows as by [`recorded`], with additional hard iron `iron_ut(t_s)`.
-fn recorded_with(world: &WorldConfig, circles: f64, iron_ut: impl Fn(f64) -> [f64; 3]) -> Vec<ReplayRow> {
+fn recorded_turns_with_hard_iron(
+    world: &WorldConfig,
+    circles: f64,
+    iron_ut: impl Fn(f64) -> [f64; 3],
+) -> Vec<ReplayRow> {
     let world = World::new(*world);
     let mut source = world.attitude_source();
     world.fly_leg(Leg::Straight { heading_deg: 0.0, seconds: 15.0 });
@@ -59,7 +63,7 @@ fn recorded_with(world: &WorldConfig, circles: f64, iron_ut: impl Fn(f64) -> [f6
         write!(text, "{t_s},{x:.1},{y:.1},{z:.1},{roll_deg:.2},{pitch_deg:.2},{reference_deg:.2},{usable}").unwrap();
         writeln!(text, ",{p:.3},{q:.3},{r:.3}").unwrap();
     }
-    rows_of(&read(text.as_bytes()), 0.0)
+    rows_of(&read_flight(text.as_bytes()), 0.0)
 }
 
 /// Attitude noise of 0.3 deg and a bank-angle scale error of 1 % make up to 1 deg of heading at these inclinations.
@@ -67,7 +71,7 @@ fn recorded_with(world: &WorldConfig, circles: f64, iron_ut: impl Fn(f64) -> [f6
 fn all_rows_and_turns_alone_give_the_heading() {
     for seed in 0..10 {
         let world = WorldConfig::random_world(seed);
-        let rows = recorded(&world, 3.0);
+        let rows = recorded_turns(&world, 3.0);
         let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
         for options in [ALL_ROWS, TURN_SAMPLES] {
             let replay_result = replay_rows(&rows, &options);
@@ -87,7 +91,7 @@ fn body_rates_reduce_the_heading_error_by_smoothing() {
     let rms = |score: Option<HeadingScore>| score.unwrap().rms_deg;
     let mut ratios = Vec::new();
     for seed in 0..5 {
-        let mut rows = recorded(&WorldConfig::random_world(seed), 3.0);
+        let mut rows = recorded_turns(&WorldConfig::random_world(seed), 3.0);
         let with_rates = replay_rows(&rows, &ALL_ROWS);
         let smoothed_count = with_rates.headings.iter().filter(|heading_row| heading_row.smooth_deg.is_some()).count();
         assert!(smoothed_count > rows.len() * 9 / 10, "seed {seed}: {smoothed_count} of {}", rows.len());
@@ -109,7 +113,7 @@ fn body_rates_reduce_the_heading_error_by_smoothing() {
 /// Fits parts of the rows from the start, with the inclination unknown or configured (`--inclination`).
 #[test]
 fn a_fit_to_a_part_of_the_flight_is_good_or_refused() {
-    let rows = recorded(&WorldConfig::of_table1(1), 3.0);
+    let rows = recorded_turns(&WorldConfig::of_table1(1), 3.0);
     let until = |end_s: f64| -> Vec<ReplayRow> { rows.iter().filter(|row| row.t_s < end_s).copied().collect() };
     let early_result = replay_rows(&until(25.0), &TURN_SAMPLES);
     assert!(matches!(early_result.acceptance, Err(Refusal::Solve(_))), "{:?}", early_result.acceptance);
@@ -125,7 +129,7 @@ fn a_fit_to_a_part_of_the_flight_is_good_or_refused() {
 #[test]
 fn a_short_flight_is_refused_or_has_an_honest_expected_error() {
     for seed in 0..10 {
-        let rows = recorded(&WorldConfig::random_world(seed), 0.0);
+        let rows = recorded_turns(&WorldConfig::random_world(seed), 0.0);
         for options in [ALL_ROWS, TURN_SAMPLES] {
             let replay_result = replay_rows(&rows, &options);
             if replay_result.acceptance.is_ok() {
@@ -140,7 +144,7 @@ fn a_short_flight_is_refused_or_has_an_honest_expected_error() {
 
 #[test]
 fn a_steady_course_is_refused() {
-    let mut rows = recorded(&WorldConfig::of_table1(1), 0.0);
+    let mut rows = recorded_turns(&WorldConfig::of_table1(1), 0.0);
     rows.retain(|row| row.t_s < 14.0);
     for options in [ALL_ROWS, TURN_SAMPLES] {
         assert!(replay_rows(&rows, &options).acceptance.is_err(), "{options:?}");
@@ -149,7 +153,7 @@ fn a_steady_course_is_refused() {
 
 #[test]
 fn a_refusal_names_the_missing_manoeuvre() {
-    let replay_of_seed = |seed| replay_rows(&recorded(&WorldConfig::random_world(seed), 0.0), &ALL_ROWS);
+    let replay_of_seed = |seed| replay_rows(&recorded_turns(&WorldConfig::random_world(seed), 0.0), &ALL_ROWS);
     let inaccurate: Vec<_> = (0..10)
         .map(replay_of_seed)
         .filter(|replay_result| {
@@ -178,7 +182,7 @@ fn a_changing_hard_iron_is_refused_or_in_the_expected_error() {
             ("in a turn", |t_s| if t_s < 60.0 { [0.0; 3] } else { [-2.0, 2.0, 3.0] }),
             ("drift", |t_s| [0.03 * t_s, 0.02 * t_s, -0.03 * t_s]),
         ] {
-            let rows = recorded_with(&world, 3.0, iron_ut);
+            let rows = recorded_turns_with_hard_iron(&world, 3.0, iron_ut);
             let replay_result = replay_rows(&rows, &TURN_SAMPLES);
             match replay_result.acceptance {
                 Err(Refusal::Rejected(Rejection::IronChanged(_)) | Refusal::Solve(SolveError::HardIronChanged(_))) => {
@@ -206,7 +210,7 @@ fn a_changing_hard_iron_is_refused_or_in_the_expected_error() {
 fn a_wrong_inclination_is_named() {
     for seed in 0..6 {
         let world = WorldConfig::random_world(seed);
-        let rows = recorded(&world, 3.0);
+        let rows = recorded_turns(&world, 3.0);
         let true_deg = world.earth.inclination_deg;
         for told_deg in [true_deg + 10.0, true_deg - 20.0, if true_deg.abs() > 5.0 { -true_deg } else { 45.0 }] {
             let refused = replay_rows(&rows, &ReplayOptions { inclination_deg: Some(told_deg), ..TURN_SAMPLES })
@@ -223,7 +227,7 @@ fn a_wrong_inclination_is_named() {
 /// Rows with attitude in radians instead of degrees, and rows at 1 Hz.
 #[test]
 fn wrong_units_and_slow_rows_are_reported() {
-    let rows = recorded(&WorldConfig::of_table1(1), 3.0);
+    let rows = recorded_turns(&WorldConfig::of_table1(1), 3.0);
     let in_radians: Vec<ReplayRow> = rows
         .iter()
         .map(|&row| {
@@ -246,7 +250,7 @@ fn wrong_units_and_slow_rows_are_reported() {
 fn a_hard_iron_step_is_found_with_time_size_and_axis() {
     let world = WorldConfig::of_table1(1);
     for (step_ut, axis) in [([8.0, 0.0, 0.0], 'x'), ([0.0, -6.0, 2.0], 'y'), ([0.0; 3], ' ')] {
-        let rows = recorded_with(&world, 3.0, |t_s| if t_s < 110.0 { [0.0; 3] } else { step_ut });
+        let rows = recorded_turns_with_hard_iron(&world, 3.0, |t_s| if t_s < 110.0 { [0.0; 3] } else { step_ut });
         let solution = replay_rows(&rows, &ALL_ROWS).solution;
         let calibration = solution.map(|solution| solution.calibration);
         let about = calibration.map_or_else(FieldCorrection::identity, |calibration| FieldCorrection {

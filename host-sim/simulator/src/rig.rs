@@ -3,7 +3,7 @@
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
-use autoswing::app::can::HandOver;
+use autoswing::app::can::UpdateHandOver;
 use autoswing::app::{self, Panel, Platform, TaskLinks, Watchdog};
 use autoswing::collection::RetainedSamples;
 use autoswing::health::ResetCause;
@@ -65,8 +65,8 @@ pub struct Rig {
 
 struct SimulatedBootLoader(Rc<RefCell<Option<FirmwareUpdate>>>);
 
-impl HandOver for SimulatedBootLoader {
-    fn hand_over(&mut self, update: &FirmwareUpdate) {
+impl UpdateHandOver for SimulatedBootLoader {
+    fn hand_over_update(&mut self, update: &FirmwareUpdate) {
         *self.0.borrow_mut() = Some(update.clone());
     }
 }
@@ -197,7 +197,7 @@ impl Rig {
     pub fn attach_can(&mut self, can_end: CanEnd, unique_id_number: u64) {
         let mut unique_id = [0; UNIQUE_ID_LENGTH];
         unique_id[..8].copy_from_slice(&unique_id_number.to_be_bytes());
-        let software = SoftwareVersion::of_this_firmware(None);
+        let software = SoftwareVersion::from_firmware(None);
         self.can = Some((
             can_end,
             NodeInfo {

@@ -206,7 +206,7 @@ impl ServedModule {
     #[must_use]
     pub fn take_firmware_update(&self) -> Option<(String, u8)> {
         let update = self.rig.firmware_update.take()?;
-        Some((String::from_utf8_lossy(update.file_path()).into_owned(), update.server_node.get()))
+        Some((String::from_utf8_lossy(update.file_path()).into_owned(), update.server_node.number()))
     }
 
     /// Executes a pilot command line and returns the answer.

@@ -1,8 +1,8 @@
 //! Task of a CAN bus beside the other tasks.
 
 use super::TaskBench;
-use super::port::{ARMED, heartbeat};
-use super::safe_mode::{Bus, OWN, RESTART};
+use super::port::{ARMED_BASE_MODE, heartbeat_and_attitude_frames};
+use super::safe_mode::{FakeCanBus, OWN_NODE, RESTART};
 use crate::app::can::NoBootLoader;
 use crate::app::task_links::{AutopilotLine, publish_value};
 use crate::instrument::Estimate;
@@ -11,7 +11,7 @@ use crate::settings::{CanSettings, PortNumber, ProtocolKind, Settings, SigningKe
 use crate::time::Timestamp;
 use crate::wire::dronecan::{DataType, Targetted};
 
-const CAN: CanSettings = CanSettings { node: OWN, is_terminated: true, ..CanSettings::DEFAULT };
+const CAN: CanSettings = CanSettings { node: OWN_NODE, is_terminated: true, ..CanSettings::DEFAULT };
 const SETTINGS: Settings = Settings { can: CAN, ..Settings::DEFAULT };
 
 fn publish_settings(bench: &TaskBench, settings: Settings) {
@@ -20,7 +20,7 @@ fn publish_settings(bench: &TaskBench, settings: Settings) {
 }
 
 /// Publishes estimates every 12.5 ms for this time.
-fn stream(bench: &mut TaskBench, ms: u64) {
+fn publish_estimates(bench: &mut TaskBench, ms: u64) {
     let end_us = bench.simulation.now_us() + ms * 1000;
     while bench.simulation.now_us() < end_us {
         let at = Timestamp::from_us(bench.simulation.now_us());
@@ -29,64 +29,64 @@ fn stream(bench: &mut TaskBench, ms: u64) {
     }
 }
 
-fn with_node() -> (TaskBench, Bus) {
-    let (mut bench, bus) = (TaskBench::new(), Bus::default());
+fn bench_with_node() -> (TaskBench, FakeCanBus) {
+    let (mut bench, bus) = (TaskBench::new(), FakeCanBus::default());
     publish_settings(&bench, SETTINGS);
     bus.run_node(&mut bench, bus.clone(), false);
-    bus.put(DataType::ARMING_STATUS, &[0]);
-    stream(&mut bench, 100);
+    bus.queue_message(DataType::ARMING_STATUS, &[0]);
+    publish_estimates(&mut bench, 100);
     bus.take_sent(DataType::NODE_STATUS);
     (bench, bus)
 }
 
 #[test]
 fn the_termination_is_as_set() {
-    let (mut bench, bus) = with_node();
-    assert_eq!(bus.terminations.take(), [true]);
+    let (mut bench, bus) = bench_with_node();
+    assert_eq!(bus.termination_states.take(), [true]);
     publish_settings(&bench, Settings { can: CanSettings { is_terminated: false, ..CAN }, ..SETTINGS });
-    stream(&mut bench, 50);
-    assert_eq!(bus.terminations.take(), [false]);
+    publish_estimates(&mut bench, 50);
+    assert_eq!(bus.termination_states.take(), [false]);
 }
 
 #[test]
 fn errors_of_the_bus_are_in_the_state_of_the_node() {
-    let (mut bench, bus) = with_node();
+    let (mut bench, bus) = bench_with_node();
     for _ in 0..2 {
-        bus.errors.set(3);
-        stream(&mut bench, 50);
+        bus.unread_error_count.set(3);
+        publish_estimates(&mut bench, 50);
     }
     assert_eq!(bench.links.can_state().unwrap().frame_counts.bus_errors, 6);
 }
 
 #[test]
 fn requests_do_not_wait_for_an_estimate() {
-    let (mut bench, bus) = with_node();
-    bus.put(DataType::GET_NODE_INFO, &[]);
-    bench.ms(5);
+    let (mut bench, bus) = bench_with_node();
+    bus.queue_message(DataType::GET_NODE_INFO, &[]);
+    bench.run_for_ms(5);
     assert!(!bus.take_sent(DataType::GET_NODE_INFO).is_empty());
 }
 
 /// An autopilot on a port, or a node of the bus, reports that the vehicle is armed.
 #[test]
 fn armed_states_of_ports_and_bus_count_for_each_other() {
-    let (mut bench, bus) = with_node();
+    let (mut bench, bus) = bench_with_node();
     let port = AutopilotLine::Port(PortNumber::One);
     bench.links.update_line_state(port, ProtocolKind::Mavlink, Some(true));
-    bus.put(DataType::RESTART_NODE, &RESTART);
-    stream(&mut bench, 50);
+    bus.queue_message(DataType::RESTART_NODE, &RESTART);
+    publish_estimates(&mut bench, 50);
     assert_eq!(bus.take_sent(DataType::RESTART_NODE)[0][0], 0);
     bench.links.update_line_state(port, ProtocolKind::Mavlink, None);
     assert_eq!(bench.links.is_armed(), Some(false));
-    bus.put(DataType::ARMING_STATUS, &[255]);
-    stream(&mut bench, 50);
+    bus.queue_message(DataType::ARMING_STATUS, &[255]);
+    publish_estimates(&mut bench, 50);
     assert_eq!(bench.links.is_armed(), Some(true));
 }
 
 #[test]
 fn messages_of_the_module_are_texts() {
-    let (mut bench, bus) = with_node();
+    let (mut bench, bus) = bench_with_node();
     bench.links.broadcast_message(&Message::InstallationRestored);
-    stream(&mut bench, 500);
+    publish_estimates(&mut bench, 500);
     let text: Vec<u8> =
         bus.take_sent(DataType::LOG_MESSAGE).iter().flat_map(|data| data[..data.len() - 1].to_vec()).collect();
     let text = String::from_utf8_lossy(&text);
@@ -96,21 +96,21 @@ fn messages_of_the_module_are_texts() {
 /// An unsigned heartbeat of an armed autopilot, through the tunnel.
 #[test]
 fn a_changed_signing_key_applies_to_the_tunnel() {
-    let heartbeat = heartbeat(ARMED);
+    let heartbeat = heartbeat_and_attitude_frames(ARMED_BASE_MODE);
     let piece = Targetted {
         protocol: Targetted::MAVLINK_2,
-        target: OWN,
+        target: OWN_NODE,
         serial_line: 0,
         tunnel_options: 0,
         baud: 57_600,
         serial_bytes: &heartbeat,
     };
     for (signing_key, is_accepted) in [(None, true), (Some(SigningKey([7; 32])), false)] {
-        let (mut bench, bus) = with_node();
+        let (mut bench, bus) = bench_with_node();
         publish_settings(&bench, Settings { signing_key, ..SETTINGS });
-        stream(&mut bench, 50);
-        bus.put(DataType::TARGETTED, &piece.payload());
-        stream(&mut bench, 50);
+        publish_estimates(&mut bench, 50);
+        bus.queue_message(DataType::TARGETTED, &piece.payload());
+        publish_estimates(&mut bench, 50);
         assert_eq!(bench.links.is_armed(), Some(is_accepted));
     }
 }
@@ -118,11 +118,11 @@ fn a_changed_signing_key_applies_to_the_tunnel() {
 /// The first byte after the CRC is the update's result: 255, unknown.
 #[test]
 fn a_board_without_a_boot_loader_refuses_updates() {
-    let (mut bench, bus) = (TaskBench::new(), Bus::default());
+    let (mut bench, bus) = (TaskBench::new(), FakeCanBus::default());
     publish_settings(&bench, SETTINGS);
     bus.run_node(&mut bench, NoBootLoader, false);
-    bus.put(DataType::BEGIN_FIRMWARE_UPDATE, b"\0a.bin");
-    stream(&mut bench, 100);
+    bus.queue_message(DataType::BEGIN_FIRMWARE_UPDATE, b"\0a.bin");
+    publish_estimates(&mut bench, 100);
     assert_eq!(bus.take_sent(DataType::BEGIN_FIRMWARE_UPDATE)[0][2], 255);
     assert!(bench.links.commands.is_empty());
 }

@@ -12,7 +12,7 @@ use crate::app::SetBaud;
 use crate::frames::Field;
 use crate::magnetometer::{Magnetometer, MagnetometerError};
 use crate::reading::{Identity, MagnetometerModel, Reading};
-use crate::settings::Baud;
+use crate::settings::BaudRate;
 
 pub const SENSOR: Identity = Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E };
 
@@ -23,64 +23,66 @@ pub enum DeviceBehaviour {
     Fails,
     Hangs,
     /// The line returns no bytes, and does not wait.
-    Ends,
+    EndOfInput,
     /// The chip's registers differ from the written values.
-    Upset,
+    ChangedRegisters,
 }
 
 /// Magnetometer with a measurement every 10 ms.
 #[derive(Clone, Default)]
-pub struct Chip {
-    pub init: Rc<Cell<DeviceBehaviour>>,
-    pub read: Rc<Cell<DeviceBehaviour>>,
-    pub verify: Rc<Cell<DeviceBehaviour>>,
-    pub verifies: Rc<Cell<u32>>,
-    pub flags: Rc<Cell<(bool, bool)>>,
-    pub inits: Rc<Cell<u32>>,
+pub struct FakeMagnetometer {
+    pub init_behaviour: Rc<Cell<DeviceBehaviour>>,
+    pub read_behaviour: Rc<Cell<DeviceBehaviour>>,
+    pub verify_behaviour: Rc<Cell<DeviceBehaviour>>,
+    pub verify_count: Rc<Cell<u32>>,
+    pub saturated_and_overwritten: Rc<Cell<(bool, bool)>>,
+    pub init_count: Rc<Cell<u32>>,
 }
 
-impl Chip {
+impl FakeMagnetometer {
     pub const PERIOD_US: u32 = 10_000;
-    pub const STUCK_AFTER: u16 = 20;
+    pub const EQUAL_READINGS_UNTIL_STUCK: u16 = 20;
 }
 
-impl Magnetometer for Chip {
+impl Magnetometer for FakeMagnetometer {
     type BusError = ();
 
     async fn init(&mut self) -> Result<Identity, MagnetometerError<()>> {
-        self.inits.set(self.inits.get() + 1);
-        match self.init.get() {
+        self.init_count.set(self.init_count.get() + 1);
+        match self.init_behaviour.get() {
             DeviceBehaviour::Works => Ok(SENSOR),
-            DeviceBehaviour::Fails | DeviceBehaviour::Ends => Err(MagnetometerError::Bus(())),
-            DeviceBehaviour::Upset => Err(MagnetometerError::Configuration { written: 0, read: 1 }),
+            DeviceBehaviour::Fails | DeviceBehaviour::EndOfInput => Err(MagnetometerError::Bus(())),
+            DeviceBehaviour::ChangedRegisters => Err(MagnetometerError::Configuration { written: 0, read: 1 }),
             DeviceBehaviour::Hangs => pending().await,
         }
     }
 
     async fn verify_configuration(&mut self) -> Result<(), MagnetometerError<()>> {
-        self.verifies.set(self.verifies.get() + 1);
-        match self.verify.get() {
+        self.verify_count.set(self.verify_count.get() + 1);
+        match self.verify_behaviour.get() {
             DeviceBehaviour::Works => Ok(()),
-            DeviceBehaviour::Fails | DeviceBehaviour::Ends => Err(MagnetometerError::Bus(())),
-            DeviceBehaviour::Upset => Err(MagnetometerError::Configuration { written: 0, read: 1 }),
+            DeviceBehaviour::Fails | DeviceBehaviour::EndOfInput => Err(MagnetometerError::Bus(())),
+            DeviceBehaviour::ChangedRegisters => Err(MagnetometerError::Configuration { written: 0, read: 1 }),
             DeviceBehaviour::Hangs => pending().await,
         }
     }
 
-    fn stuck_reading_count(&self) -> u16 {
-        Self::STUCK_AFTER
+    fn equal_readings_until_stuck(&self) -> u16 {
+        Self::EQUAL_READINGS_UNTIL_STUCK
     }
 
     async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<()>> {
         Timer::after(Duration::from_micros(Self::PERIOD_US.into())).await;
-        let (saturated, overrun) = self.flags.get();
-        match self.read.get() {
+        let (saturated, overrun) = self.saturated_and_overwritten.get();
+        match self.read_behaviour.get() {
             DeviceBehaviour::Works => Ok(Reading {
                 field: Field::from_ut(20.0, 0.0, 40.0),
                 is_saturated: saturated,
                 was_overwritten: overrun,
             }),
-            DeviceBehaviour::Fails | DeviceBehaviour::Ends | DeviceBehaviour::Upset => Err(MagnetometerError::NoData),
+            DeviceBehaviour::Fails | DeviceBehaviour::EndOfInput | DeviceBehaviour::ChangedRegisters => {
+                Err(MagnetometerError::NoData)
+            }
             DeviceBehaviour::Hangs => pending().await,
         }
     }
@@ -92,29 +94,29 @@ impl Magnetometer for Chip {
 
 /// Line that returns queued bytes, then nothing or errors.
 #[derive(Clone, Default)]
-pub struct Line {
+pub struct FakeReceiver {
     pub bytes: Rc<RefCell<VecDeque<u8>>>,
-    pub mood: Rc<Cell<DeviceBehaviour>>,
-    pub reads: Rc<Cell<u32>>,
+    pub behaviour: Rc<Cell<DeviceBehaviour>>,
+    pub read_count: Rc<Cell<u32>>,
 }
 
-impl Line {
-    pub fn put(&self, bytes: &[u8]) {
+impl FakeReceiver {
+    pub fn queue_bytes(&self, bytes: &[u8]) {
         self.bytes.borrow_mut().extend(bytes);
     }
 }
 
-impl ErrorType for Line {
+impl ErrorType for FakeReceiver {
     type Error = ErrorKind;
 }
 
-impl Read for Line {
+impl Read for FakeReceiver {
     async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, ErrorKind> {
-        self.reads.set(self.reads.get() + 1);
+        self.read_count.set(self.read_count.get() + 1);
         loop {
-            match self.mood.get() {
-                DeviceBehaviour::Fails | DeviceBehaviour::Upset => return Err(ErrorKind::Other),
-                DeviceBehaviour::Ends => return Ok(0),
+            match self.behaviour.get() {
+                DeviceBehaviour::Fails | DeviceBehaviour::ChangedRegisters => return Err(ErrorKind::Other),
+                DeviceBehaviour::EndOfInput => return Ok(0),
                 DeviceBehaviour::Works if !self.bytes.borrow().is_empty() => break,
                 DeviceBehaviour::Works | DeviceBehaviour::Hangs => Timer::after_micros(100).await,
             }
@@ -128,30 +130,30 @@ impl Read for Line {
 
 /// Port that records its output.
 #[derive(Clone, Default)]
-pub struct Port {
+pub struct FakeTransmitter {
     pub written: Rc<RefCell<Vec<u8>>>,
     /// Baud rates in the order they were set.
-    pub bauds: Rc<RefCell<Vec<Baud>>>,
-    pub mood: Rc<Cell<DeviceBehaviour>>,
+    pub baud_changes: Rc<RefCell<Vec<BaudRate>>>,
+    pub behaviour: Rc<Cell<DeviceBehaviour>>,
 }
 
-impl Port {
+impl FakeTransmitter {
     /// Removes and returns the recorded output.
-    pub fn text(&self) -> String {
+    pub fn take_text(&self) -> String {
         String::from_utf8(self.written.take()).unwrap()
     }
 }
 
-impl ErrorType for Port {
+impl ErrorType for FakeTransmitter {
     type Error = ErrorKind;
 }
 
-impl Write for Port {
+impl Write for FakeTransmitter {
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, ErrorKind> {
-        match self.mood.get() {
+        match self.behaviour.get() {
             DeviceBehaviour::Works => self.written.borrow_mut().extend(bytes),
-            DeviceBehaviour::Fails | DeviceBehaviour::Upset => return Err(ErrorKind::Other),
-            DeviceBehaviour::Ends => return Ok(0),
+            DeviceBehaviour::Fails | DeviceBehaviour::ChangedRegisters => return Err(ErrorKind::Other),
+            DeviceBehaviour::EndOfInput => return Ok(0),
             DeviceBehaviour::Hangs => pending().await,
         }
         Ok(bytes.len())
@@ -162,8 +164,8 @@ impl Write for Port {
     }
 }
 
-impl SetBaud for Port {
-    fn set_baud(&mut self, baud: Baud) {
-        self.bauds.borrow_mut().push(baud);
+impl SetBaud for FakeTransmitter {
+    fn set_baud(&mut self, baud: BaudRate) {
+        self.baud_changes.borrow_mut().push(baud);
     }
 }

@@ -22,14 +22,14 @@ fn correction() -> Correction {
     Correction { calibration: Some((calibration(), HeadingUncertainty::NO_UNCERTAINTY)), ..Correction::UNCALIBRATED }
 }
 
-fn with_instrument() -> TaskBench {
+fn bench_with_instrument() -> TaskBench {
     let mut bench = TaskBench::new();
-    bench.run("instrument", |links| async move { instrument::run_instrument(&links).await });
+    bench.spawn_task("instrument", |links| async move { instrument::run_instrument(&links).await });
     bench
 }
 
 /// Sends a level reading with this heading.
-fn read(bench: &TaskBench, heading_rad: f32) {
+fn send_reading(bench: &TaskBench, heading_rad: f32) {
     let field = Field::new(Attitude::default().to_body_frame(Field::earth_field(50.0, 1.0, heading_rad)).ut);
     bench.links.queue_or_count(
         &bench.links.readings,
@@ -37,7 +37,7 @@ fn read(bench: &TaskBench, heading_rad: f32) {
     );
 }
 
-fn report(bench: &TaskBench) {
+fn send_level_attitude(bench: &TaskBench) {
     let report = AttitudeReport {
         sender: SenderId::default(),
         sender_time: WrappingMillis::default(),
@@ -47,48 +47,48 @@ fn report(bench: &TaskBench) {
     bench.links.queue_or_count(&bench.links.attitude_reports, stamped_now(report));
 }
 
-fn estimate(bench: &TaskBench) -> Estimate {
+fn latest_estimate(bench: &TaskBench) -> Estimate {
     bench.links.estimates.try_get().unwrap_or(Estimate::EMPTY)
 }
 
 #[test]
 fn readings_become_estimates_and_a_correction_applies_one_reading_later() {
-    let mut bench = with_instrument();
-    bench.ms(20);
-    report(&bench);
-    read(&bench, 0.5);
-    bench.ms(1);
-    assert_eq!(estimate(&bench).heading, Err(NoHeading::Uncalibrated));
-    assert_eq!(estimate(&bench).timestamp, Timestamp::from_us(20_000));
+    let mut bench = bench_with_instrument();
+    bench.run_for_ms(20);
+    send_level_attitude(&bench);
+    send_reading(&bench, 0.5);
+    bench.run_for_ms(1);
+    assert_eq!(latest_estimate(&bench).heading, Err(NoHeading::Uncalibrated));
+    assert_eq!(latest_estimate(&bench).timestamp, Timestamp::from_us(20_000));
     publish_value(&bench.links.correction, correction());
-    bench.ms(10);
-    assert_eq!(estimate(&bench).heading, Err(NoHeading::Uncalibrated), "of the reading before");
+    bench.run_for_ms(10);
+    assert_eq!(latest_estimate(&bench).heading, Err(NoHeading::Uncalibrated), "of the reading before");
     // Applying the correction first would delay this heading.
-    read(&bench, 0.5);
-    report(&bench);
-    bench.ms(10);
-    assert_eq!(estimate(&bench).heading, Err(NoHeading::Uncalibrated), "of the reading that came first");
+    send_reading(&bench, 0.5);
+    send_level_attitude(&bench);
+    bench.run_for_ms(10);
+    assert_eq!(latest_estimate(&bench).heading, Err(NoHeading::Uncalibrated), "of the reading that came first");
     // An attitude report of the same instant is processed before the reading, although it arrives later.
-    read(&bench, 0.5);
-    report(&bench);
-    bench.ms(1);
-    let heading = estimate(&bench).heading.unwrap();
+    send_reading(&bench, 0.5);
+    send_level_attitude(&bench);
+    bench.run_for_ms(1);
+    let heading = latest_estimate(&bench).heading.unwrap();
     assert!((heading.magnetic_rad - 0.5).abs() < 1e-3, "{heading:?}");
 }
 
 /// An estimate follows 100 ms after the last reading, and every 100 ms from then on, so that ports keep their rates.
 #[test]
 fn a_silent_sensor_is_reported_to_the_ports() {
-    let mut bench = with_instrument();
+    let mut bench = bench_with_instrument();
     let links = Rc::clone(&bench.links);
     let mut estimates = subscribe(&links.estimates);
-    bench.ms(50);
-    read(&bench, 0.5);
-    bench.ms(99);
+    bench.run_for_ms(50);
+    send_reading(&bench, 0.5);
+    bench.run_for_ms(99);
     assert_eq!(estimates.try_changed().unwrap().heading, Err(NoHeading::Uncalibrated));
     assert!(estimates.try_changed().is_none());
     for silence_ms in [150, 250, 350] {
-        bench.ms(if silence_ms == 150 { 1 } else { 100 });
+        bench.run_for_ms(if silence_ms == 150 { 1 } else { 100 });
         let estimate = estimates.try_changed().unwrap();
         let expected = (Err(NoHeading::SensorSilent), Timestamp::from_us(silence_ms * 1000));
         assert_eq!((estimate.heading, estimate.timestamp), expected);
@@ -99,33 +99,36 @@ fn a_silent_sensor_is_reported_to_the_ports() {
 /// The silence limit and the samples follow the sensor's rate: at 50 ms, two readings make a sample.
 #[test]
 fn the_instrument_follows_the_sensor_that_was_found() {
-    let mut bench = with_instrument();
-    publish_value(&bench.links.sensor, DetectedSensor { identity: SENSOR, period_us: 50_000, stuck_after: 7 });
-    bench.ms(20);
+    let mut bench = bench_with_instrument();
+    publish_value(
+        &bench.links.sensor,
+        DetectedSensor { identity: SENSOR, period_us: 50_000, equal_readings_until_stuck: 7 },
+    );
+    bench.run_for_ms(20);
     for _ in 0..4 {
-        report(&bench);
-        read(&bench, 0.5);
-        bench.ms(50);
+        send_level_attitude(&bench);
+        send_reading(&bench, 0.5);
+        bench.run_for_ms(50);
     }
-    report(&bench);
-    bench.ms(1);
+    send_level_attitude(&bench);
+    bench.run_for_ms(1);
     assert_eq!(bench.links.samples.len(), 2);
     let links = Rc::clone(&bench.links);
     let mut estimates = subscribe(&links.estimates);
     let _ = estimates.try_changed();
-    bench.ms(300);
+    bench.run_for_ms(300);
     assert!(estimates.try_changed().is_none(), "0.35 s are not yet eight periods");
-    bench.ms(50);
+    bench.run_for_ms(50);
     assert_eq!(estimates.try_changed().unwrap().heading, Err(NoHeading::SensorSilent));
 }
 
 #[test]
 fn readings_without_attitude_are_counted() {
-    let mut bench = with_instrument();
+    let mut bench = bench_with_instrument();
     for _ in 0..40 {
-        bench.ms(12);
-        read(&bench, 0.5);
-        bench.ms(1);
+        bench.run_for_ms(12);
+        send_reading(&bench, 0.5);
+        bench.run_for_ms(1);
     }
     // Readings of the last 0.3 s still wait for attitude.
     assert_eq!(bench.links.event_counts().unpaired, 40 - 24);

@@ -27,11 +27,15 @@ impl TaskBench {
         Self { simulation: Simulation::new(), links: Rc::new(TaskLinks::new()) }
     }
 
-    fn run<F: Future<Output = ()> + 'static>(&mut self, name: &'static str, task: impl FnOnce(Rc<TaskLinks>) -> F) {
+    fn spawn_task<F: Future<Output = ()> + 'static>(
+        &mut self,
+        name: &'static str,
+        task: impl FnOnce(Rc<TaskLinks>) -> F,
+    ) {
         self.simulation.spawn(Level::Interrupt, name, task(Rc::clone(&self.links)));
     }
 
-    fn ms(&mut self, ms: u64) {
+    fn run_for_ms(&mut self, ms: u64) {
         self.simulation.run_for(ms * 1000);
     }
 }

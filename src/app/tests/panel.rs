@@ -7,8 +7,8 @@ use embassy_time::Instant;
 use testkit::flash::RamFlash;
 
 use super::TaskBench;
-use super::devices::{Chip, SENSOR};
-use super::thread_tasks::ask;
+use super::devices::{FakeMagnetometer, SENSOR};
+use super::thread_tasks::execute_command;
 use crate::app::compass;
 use crate::app::panel::{self, Panel};
 use crate::app::task_links::{CommandSource, DetectedSensor, publish_value};
@@ -22,12 +22,12 @@ use crate::store::Store;
 
 /// Times of the lamp's changes, milliseconds, with its states, and the state of the button.
 #[derive(Clone, Default)]
-struct Post {
+struct FakePanel {
     lamp: Rc<RefCell<Vec<(u64, bool)>>>,
     is_down: Rc<Cell<bool>>,
 }
 
-impl Panel for Post {
+impl Panel for FakePanel {
     fn set_lamp(&mut self, on: bool) {
         let mut lamp = self.lamp.borrow_mut();
         if lamp.last().is_none_or(|&(_, before)| before != on) {
@@ -40,22 +40,26 @@ impl Panel for Post {
     }
 }
 
-fn with_panel() -> (TaskBench, Post) {
-    let (mut bench, fake_panel) = (TaskBench::new(), Post::default());
+fn bench_with_panel() -> (TaskBench, FakePanel) {
+    let (mut bench, fake_panel) = (TaskBench::new(), FakePanel::default());
     let fake_panel_clone = fake_panel.clone();
-    bench.run("panel", |links| async move { panel::run_panel(&links, fake_panel_clone).await });
+    bench.spawn_task("panel", |links| async move { panel::run_panel(&links, fake_panel_clone).await });
     (bench, fake_panel)
 }
 
 /// Share of time with the lamp lit, percent, and changes a second, over two periods.
-fn shown(indicator_state: Option<IndicatorState>, heading: NoHeading, attitude: Option<Attitude>) -> (u64, u64) {
-    let (mut bench, fake_panel) = with_panel();
+fn lit_percent_and_changes(
+    indicator_state: Option<IndicatorState>,
+    heading: NoHeading,
+    attitude: Option<Attitude>,
+) -> (u64, u64) {
+    let (mut bench, fake_panel) = bench_with_panel();
     if let Some(indicator_state) = indicator_state {
         publish_value(&bench.links.indicator_state, indicator_state);
         publish_value(&bench.links.estimates, Estimate { attitude, heading: Err(heading), ..Estimate::EMPTY });
     }
     let begin = Instant::now().as_millis();
-    bench.ms(4_000);
+    bench.run_for_ms(4_000);
     let lamp = fake_panel.lamp.borrow();
     let ends = lamp.iter().skip(1).map(|&(at, _)| at).chain([begin + 4_000]);
     let lit_ms: u64 = lamp.iter().zip(ends).filter(|((_, on), _)| *on).map(|(&(at, _), end)| end - at).sum();
@@ -65,7 +69,8 @@ fn shown(indicator_state: Option<IndicatorState>, heading: NoHeading, attitude: 
 #[test]
 fn each_indicator_state_has_its_own_lamp_pattern() {
     let flying = Some(Attitude::default());
-    let shown_uncalibrated = |indicator_state| shown(Some(indicator_state), NoHeading::Uncalibrated, flying);
+    let shown_uncalibrated =
+        |indicator_state| lit_percent_and_changes(Some(indicator_state), NoHeading::Uncalibrated, flying);
     // Tolerance: the lamp is polled every 50 ms, so the last period is incomplete.
     for (indicator_state, lit_percent) in [(IndicatorState::Idle, 5), (IndicatorState::Calibrated, 95)] {
         let (found, changes) = shown_uncalibrated(indicator_state);
@@ -84,7 +89,8 @@ fn each_indicator_state_has_its_own_lamp_pattern() {
 #[test]
 fn every_cause_of_a_missing_heading_shows_the_fault_pattern() {
     let flying = Some(Attitude::default());
-    let is_trouble = |indicator_state, heading, attitude| shown(indicator_state, heading, attitude).1 >= 9;
+    let is_trouble =
+        |indicator_state, heading, attitude| lit_percent_and_changes(indicator_state, heading, attitude).1 >= 9;
     assert!(is_trouble(None, NoHeading::Uncalibrated, None));
     for heading in [NoHeading::SensorSilent, NoHeading::AttitudeFrozen, NoHeading::FieldDisturbed] {
         for indicator_state in [IndicatorState::Idle, IndicatorState::Collecting(50), IndicatorState::Calibrated] {
@@ -99,14 +105,14 @@ fn every_cause_of_a_missing_heading_shows_the_fault_pattern() {
 /// The button is held for just less and just more than two seconds; a longer hold starts no second collection.
 #[test]
 fn the_button_acts_after_two_seconds() {
-    let (mut bench, fake_panel) = with_panel();
+    let (mut bench, fake_panel) = bench_with_panel();
     let start_command = (CommandSource::Button, Command::CalStart(Procedure::Flight));
     for (ms, is_pressed) in [(1_900, false), (2_060, true), (10_000, true)] {
         fake_panel.is_down.set(true);
-        bench.ms(ms);
+        bench.run_for_ms(ms);
         assert_eq!(bench.links.commands.try_receive() == Ok(start_command), is_pressed, "{ms}");
         fake_panel.is_down.set(false);
-        bench.ms(3_000);
+        bench.run_for_ms(3_000);
         assert!(bench.links.commands.try_receive().is_err(), "{ms}");
     }
 }
@@ -114,8 +120,8 @@ fn the_button_acts_after_two_seconds() {
 /// The button's `cal start` has no reply; the console receives only the replies to its own commands.
 #[test]
 fn the_button_begins_a_collection() {
-    let (mut bench, fake_panel) = with_panel();
-    bench.run("compass", |links| async move {
+    let (mut bench, fake_panel) = bench_with_panel();
+    bench.spawn_task("compass", |links| async move {
         Box::pin(compass::run_compass(
             &links,
             Store::new(RamFlash::<2048>::new(8), 0..2048 * 8),
@@ -125,14 +131,18 @@ fn the_button_begins_a_collection() {
     });
     publish_value(
         &bench.links.sensor,
-        DetectedSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER },
+        DetectedSensor {
+            identity: SENSOR,
+            period_us: FakeMagnetometer::PERIOD_US,
+            equal_readings_until_stuck: FakeMagnetometer::EQUAL_READINGS_UNTIL_STUCK,
+        },
     );
-    bench.ms(10);
+    bench.run_for_ms(10);
     assert_eq!(bench.links.indicator_state.try_get(), Some(IndicatorState::Idle));
     fake_panel.is_down.set(true);
-    bench.ms(2_100);
+    bench.run_for_ms(2_100);
     assert_eq!(bench.links.indicator_state.try_get(), Some(IndicatorState::Collecting(0)));
     assert!(bench.links.replies.try_receive().is_err(), "nobody asked");
-    let reply = ask(&mut bench, Command::CalStop);
+    let reply = execute_command(&mut bench, Command::CalStop);
     assert!(matches!(reply, Ok(Reply::Done(ModuleState::Uncalibrated))), "{reply:?}");
 }

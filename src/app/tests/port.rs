@@ -6,55 +6,55 @@ use mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot, Mav
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 
 use super::TaskBench;
-use super::devices::{DeviceBehaviour, Line, Port};
+use super::devices::{DeviceBehaviour, FakeReceiver, FakeTransmitter};
 use crate::app::port;
 use crate::app::task_links::{Timestamped, publish_value, subscribe};
 use crate::attitude::AttitudeReport;
 use crate::heading::{Heading, NoHeading};
 use crate::instrument::Estimate;
 use crate::messages::Message;
-use crate::settings::{Baud, PortNumber, ProtocolKind};
+use crate::settings::{BaudRate, PortNumber, ProtocolKind};
 use crate::settings::{SettingChange, Settings};
 use crate::time::Timestamp;
 
-fn frame(roll: f32) -> Vec<u8> {
-    frame_of(1, &ATTITUDE_DATA { time_boot_ms: 77, roll, ..Default::default() })
+fn attitude_frame(roll: f32) -> Vec<u8> {
+    mavlink_frame(1, &ATTITUDE_DATA { time_boot_ms: 77, roll, ..Default::default() })
 }
 
-fn frame_of(system_id: u32, data: &impl MessageData) -> Vec<u8> {
+fn mavlink_frame(system_id: u32, data: &impl MessageData) -> Vec<u8> {
     let mut raw = MAVLinkV2MessageRaw::new();
     raw.serialize_message_data(MavHeader { system_id, component_id: 1, sequence: 0 }, data);
     raw.raw_bytes().to_vec()
 }
 
-fn spawn_port(bench: &mut TaskBench, number: PortNumber) -> (Line, Port) {
-    let (line, port) = (Line::default(), Port::default());
+fn spawn_port(bench: &mut TaskBench, number: PortNumber) -> (FakeReceiver, FakeTransmitter) {
+    let (line, port) = (FakeReceiver::default(), FakeTransmitter::default());
     let (rx, tx) = (line.clone(), port.clone());
     publish_value(&bench.links.settings, Settings::DEFAULT);
-    bench.run("port", move |links| async move { port::run_port(&links, number, rx, tx).await });
-    bench.ms(1);
+    bench.spawn_task("port", move |links| async move { port::run_port(&links, number, rx, tx).await });
+    bench.run_for_ms(1);
     (line, port)
 }
 
-fn with_line() -> (TaskBench, Line) {
+fn bench_with_receiver() -> (TaskBench, FakeReceiver) {
     let mut bench = TaskBench::new();
     let (line, _) = spawn_port(&mut bench, PortNumber::One);
     (bench, line)
 }
 
-fn with_sentences() -> (TaskBench, Port) {
+fn bench_with_transmitter() -> (TaskBench, FakeTransmitter) {
     let mut bench = TaskBench::new();
     let (_, port) = spawn_port(&mut bench, PortNumber::Two);
     (bench, port)
 }
 
-fn rolls(bench: &TaskBench) -> Vec<f32> {
+fn received_rolls_rad(bench: &TaskBench) -> Vec<f32> {
     let reports = std::iter::from_fn(|| bench.links.attitude_reports.try_receive().ok());
     reports.map(|report| report.value.attitude.roll_rad).collect()
 }
 
 /// Publishes estimates every 12.5 ms for this time.
-fn stream(bench: &mut TaskBench, heading: Result<Heading, NoHeading>, ms: u64) {
+fn publish_estimates(bench: &mut TaskBench, heading: Result<Heading, NoHeading>, ms: u64) {
     let end_us = bench.simulation.now_us() + ms * 1000;
     while bench.simulation.now_us() < end_us {
         let at = Timestamp::from_us(bench.simulation.now_us());
@@ -68,19 +68,19 @@ const NORTH: Result<Heading, NoHeading> =
 
 #[test]
 fn reports_are_passed_on_with_their_arrival_and_counted() {
-    let (mut bench, line) = with_line();
-    bench.ms(4);
-    let mut broken = frame(0.2);
+    let (mut bench, line) = bench_with_receiver();
+    bench.run_for_ms(4);
+    let mut broken = attitude_frame(0.2);
     broken[15] ^= 1;
-    line.put(&[frame(0.1), broken, frame(0.3)].concat());
-    bench.ms(1);
+    line.queue_bytes(&[attitude_frame(0.1), broken, attitude_frame(0.3)].concat());
+    bench.run_for_ms(1);
     let reports: Vec<Timestamped<AttitudeReport>> =
         std::iter::from_fn(|| bench.links.attitude_reports.try_receive().ok()).collect();
     let rolls: Vec<f32> = reports.iter().map(|report| report.value.attitude.roll_rad).collect();
     assert_eq!(rolls, [0.1, 0.3]);
     assert!(reports.iter().all(|report| (5_000..=6_000).contains(&report.timestamp.as_us())), "{reports:?}");
     // Rejected frames are counted with the next estimate.
-    stream(&mut bench, NORTH, 10);
+    publish_estimates(&mut bench, NORTH, 10);
     let counts = bench.links.event_counts();
     assert_eq!((counts.attitude_reports, counts.attitude_rejected, counts.attitude_line_errors), (2, 1, 0));
 }
@@ -88,17 +88,23 @@ fn reports_are_passed_on_with_their_arrival_and_counted() {
 /// Two aircraft on one line; only the second sends heartbeats of an autopilot.
 #[test]
 fn attitude_of_other_senders_is_counted_and_dropped() {
-    let (mut bench, line) = with_line();
-    line.put(&frame(0.1));
-    bench.ms(1);
+    let (mut bench, line) = bench_with_receiver();
+    line.queue_bytes(&attitude_frame(0.1));
+    bench.run_for_ms(1);
     let other_attitude = ATTITUDE_DATA { roll: 0.2, ..Default::default() };
     let heartbeat =
         HEARTBEAT_DATA { autopilot: MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA, ..HEARTBEAT_DATA::default() };
-    line.put(
-        &[frame_of(2, &other_attitude), frame_of(2, &heartbeat), frame(0.3), frame_of(2, &other_attitude)].concat(),
+    line.queue_bytes(
+        &[
+            mavlink_frame(2, &other_attitude),
+            mavlink_frame(2, &heartbeat),
+            attitude_frame(0.3),
+            mavlink_frame(2, &other_attitude),
+        ]
+        .concat(),
     );
-    bench.ms(1);
-    assert_eq!(rolls(&bench), [0.1, 0.2]);
+    bench.run_for_ms(1);
+    assert_eq!(received_rolls_rad(&bench), [0.1, 0.2]);
     let counts = bench.links.event_counts();
     assert_eq!((counts.attitude_reports, counts.attitude_foreign, counts.attitude_rejected), (2, 2, 0));
 }
@@ -109,40 +115,42 @@ fn attitude_is_used_from_one_port_at_a_time() {
     let mut bench = TaskBench::new();
     let (one, _) = spawn_port(&mut bench, PortNumber::One);
     let (two, _) = spawn_port(&mut bench, PortNumber::Two);
-    let with_rates = |roll| frame_of(1, &ATTITUDE_DATA { roll, rollspeed: 0.1, ..Default::default() });
-    for (line, report) in [(&one, frame(0.1)), (&two, with_rates(0.2)), (&one, frame(0.3)), (&two, with_rates(0.4))] {
-        line.put(&report);
-        bench.ms(1);
+    let with_rates = |roll| mavlink_frame(1, &ATTITUDE_DATA { roll, rollspeed: 0.1, ..Default::default() });
+    for (line, report) in
+        [(&one, attitude_frame(0.1)), (&two, with_rates(0.2)), (&one, attitude_frame(0.3)), (&two, with_rates(0.4))]
+    {
+        line.queue_bytes(&report);
+        bench.run_for_ms(1);
     }
-    assert_eq!(rolls(&bench), [0.1, 0.2, 0.4]);
+    assert_eq!(received_rolls_rad(&bench), [0.1, 0.2, 0.4]);
     assert_eq!(bench.links.event_counts().attitude_foreign, 1);
 }
 
-pub(super) const ARMED: MavModeFlag = MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
+pub(super) const ARMED_BASE_MODE: MavModeFlag = MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
 
 /// Frames of an autopilot's heartbeat and attitude.
-pub(super) fn heartbeat(base_mode: MavModeFlag) -> Vec<u8> {
-    [frame_of(1, &HEARTBEAT_DATA { base_mode, ..HEARTBEAT_DATA::default() }), frame(0.1)].concat()
+pub(super) fn heartbeat_and_attitude_frames(base_mode: MavModeFlag) -> Vec<u8> {
+    [mavlink_frame(1, &HEARTBEAT_DATA { base_mode, ..HEARTBEAT_DATA::default() }), attitude_frame(0.1)].concat()
 }
 
 /// The armed state expires on a silent line, too.
 #[test]
 fn armed_state_is_published_on_change_and_expires_after_10_s() {
-    let (mut bench, line) = with_line();
+    let (mut bench, line) = bench_with_receiver();
     let links = Rc::clone(&bench.links);
     let mut armed = subscribe(&links.armed_state);
-    line.put(&heartbeat(ARMED));
-    bench.ms(1);
+    line.queue_bytes(&heartbeat_and_attitude_frames(ARMED_BASE_MODE));
+    bench.run_for_ms(1);
     assert_eq!(armed.try_changed(), Some(Some(true)));
-    stream(&mut bench, NORTH, 9_900);
+    publish_estimates(&mut bench, NORTH, 9_900);
     assert_eq!(armed.try_changed(), None);
-    stream(&mut bench, NORTH, 200);
+    publish_estimates(&mut bench, NORTH, 200);
     assert_eq!(armed.try_changed(), Some(None));
-    line.put(&heartbeat(ARMED));
-    bench.ms(1);
+    line.queue_bytes(&heartbeat_and_attitude_frames(ARMED_BASE_MODE));
+    bench.run_for_ms(1);
     assert_eq!(armed.try_changed(), Some(Some(true)));
-    line.put(&heartbeat(MavModeFlag::empty()));
-    bench.ms(1);
+    line.queue_bytes(&heartbeat_and_attitude_frames(MavModeFlag::empty()));
+    bench.run_for_ms(1);
     assert_eq!(armed.try_changed(), Some(Some(false)));
 }
 
@@ -152,14 +160,14 @@ fn armed_on_any_port_is_armed() {
     let lines = PortNumber::ALL_PORTS.map(|number| spawn_port(&mut bench, number).0);
     let links = Rc::clone(&bench.links);
     let mut armed_after_heartbeat = |line: usize, base_mode| {
-        lines[line].put(&heartbeat(base_mode));
-        bench.ms(1);
+        lines[line].queue_bytes(&heartbeat_and_attitude_frames(base_mode));
+        bench.run_for_ms(1);
         links.armed_state.try_get().flatten()
     };
     assert_eq!(armed_after_heartbeat(1, MavModeFlag::empty()), Some(false));
-    assert_eq!(armed_after_heartbeat(0, ARMED), Some(true));
+    assert_eq!(armed_after_heartbeat(0, ARMED_BASE_MODE), Some(true));
     assert_eq!(armed_after_heartbeat(1, MavModeFlag::empty()), Some(true));
-    assert_eq!(armed_after_heartbeat(1, ARMED), Some(true));
+    assert_eq!(armed_after_heartbeat(1, ARMED_BASE_MODE), Some(true));
     assert_eq!(armed_after_heartbeat(0, MavModeFlag::empty()), Some(true));
     assert_eq!(armed_after_heartbeat(1, MavModeFlag::empty()), Some(false));
 }
@@ -169,56 +177,56 @@ fn armed_on_any_port_is_armed() {
 fn a_line_error_is_counted_and_followed_by_a_pause() {
     let mut bench = TaskBench::new();
     let (line, port) = spawn_port(&mut bench, PortNumber::Two);
-    line.mood.set(DeviceBehaviour::Ends);
-    bench.ms(10);
+    line.behaviour.set(DeviceBehaviour::EndOfInput);
+    bench.run_for_ms(10);
     let ended = bench.links.event_counts().attitude_line_errors;
     assert!((45..=55).contains(&ended), "{ended}");
-    line.mood.set(DeviceBehaviour::Fails);
-    bench.ms(10);
+    line.behaviour.set(DeviceBehaviour::Fails);
+    bench.run_for_ms(10);
     let errors = bench.links.event_counts().attitude_line_errors;
     assert!((90..=110).contains(&errors), "{errors}");
-    stream(&mut bench, NORTH, 1_000);
-    assert_eq!(port.text().matches("$HCHDM").count(), 11, "one of them at once");
-    line.mood.set(DeviceBehaviour::Works);
-    line.put(&frame(0.1));
-    bench.ms(1);
+    publish_estimates(&mut bench, NORTH, 1_000);
+    assert_eq!(port.take_text().matches("$HCHDM").count(), 11, "one of them at once");
+    line.behaviour.set(DeviceBehaviour::Works);
+    line.queue_bytes(&attitude_frame(0.1));
+    bench.run_for_ms(1);
     assert_eq!(bench.links.event_counts().attitude_reports, 1);
 }
 
 #[test]
 fn a_port_writes_at_its_rate_and_counts() {
-    let (mut bench, port) = with_sentences();
-    stream(&mut bench, NORTH, 1_000);
-    let text = port.text();
+    let (mut bench, port) = bench_with_transmitter();
+    publish_estimates(&mut bench, NORTH, 1_000);
+    let text = port.take_text();
     assert_eq!(text.matches("$HCHDM,000.0,M").count(), 10, "{text}");
     assert_eq!(text.matches("\r\n").count(), 30, "{text}");
     let counts = bench.links.event_counts();
     assert_eq!((counts.messages, counts.messages_empty, counts.write_errors), (10, 0, 0));
-    stream(&mut bench, Err(NoHeading::Uncalibrated), 1_000);
+    publish_estimates(&mut bench, Err(NoHeading::Uncalibrated), 1_000);
     let counts = bench.links.event_counts();
     assert_eq!((counts.messages, counts.messages_empty), (20, 10));
-    assert_eq!(port.text().matches("$PASWH,,,uncalibrated").count(), 10);
+    assert_eq!(port.take_text().matches("$PASWH,,,uncalibrated").count(), 10);
     assert_eq!(bench.links.heartbeat_counts(), [0, 0, 0, 0, 160, 0], "one for each estimate");
 }
 
 #[test]
 fn a_port_follows_its_settings() {
-    let (mut bench, port) = with_sentences();
+    let (mut bench, port) = bench_with_transmitter();
     publish_value(&bench.links.settings, Settings { stream_rate_hz: 40, ..Settings::DEFAULT });
-    stream(&mut bench, NORTH, 1_000);
-    assert_eq!(port.text().matches("$HCHDM").count(), 40);
+    publish_estimates(&mut bench, NORTH, 1_000);
+    assert_eq!(port.take_text().matches("$HCHDM").count(), 40);
     publish_value(&bench.links.settings, Settings { stream_on: false, ..Settings::DEFAULT });
-    stream(&mut bench, NORTH, 1_000);
-    assert_eq!(port.text(), "");
+    publish_estimates(&mut bench, NORTH, 1_000);
+    assert_eq!(port.take_text(), "");
     publish_value(&bench.links.settings, Settings { declination_deg: Some(2.0), ..Settings::DEFAULT });
-    stream(&mut bench, NORTH, 200);
-    assert!(port.text().contains("$HCHDG,000.0,,,2.0,E"));
+    publish_estimates(&mut bench, NORTH, 200);
+    assert!(port.take_text().contains("$HCHDG,000.0,,,2.0,E"));
     assert_eq!(bench.links.port_protocols(), [ProtocolKind::Auto, ProtocolKind::Nmea]);
     let other =
         Settings::DEFAULT.with_setting(SettingChange::Protocol(PortNumber::Two, ProtocolKind::Mavlink)).unwrap();
     publish_value(&bench.links.settings, other);
-    stream(&mut bench, NORTH, 1_000);
-    assert!(!port.text().contains('$'));
+    publish_estimates(&mut bench, NORTH, 1_000);
+    assert!(!port.take_text().contains('$'));
     assert_eq!(bench.links.port_protocols(), [ProtocolKind::Auto, ProtocolKind::Mavlink]);
 }
 
@@ -229,8 +237,8 @@ fn a_message_is_sent_as_mavlink_status_text() {
     let (line, port) = spawn_port(&mut bench, PortNumber::Two);
     let sent = |bench: &mut TaskBench, message: &Message| {
         bench.links.broadcast_message(message);
-        line.put(&heartbeat(MavModeFlag::empty()));
-        stream(bench, NORTH, 500);
+        line.queue_bytes(&heartbeat_and_attitude_frames(MavModeFlag::empty()));
+        publish_estimates(bench, NORTH, 500);
         let bytes = port.written.take();
         move |text: &str| bytes.windows(text.len()).any(|window| window == text.as_bytes())
     };
@@ -247,30 +255,30 @@ fn a_message_is_sent_as_mavlink_status_text() {
 fn each_port_uses_its_configured_baud_rate() {
     let mut bench = TaskBench::new();
     let ports = PortNumber::ALL_PORTS.map(|number| spawn_port(&mut bench, number).1);
-    let bauds = || [ports[0].bauds.take(), ports[1].bauds.take()];
-    stream(&mut bench, NORTH, 100);
+    let bauds = || [ports[0].baud_changes.take(), ports[1].baud_changes.take()];
+    publish_estimates(&mut bench, NORTH, 100);
     assert_eq!(bauds(), [vec![], vec![]]);
-    let settings = Settings::DEFAULT.with_setting(SettingChange::Baud(PortNumber::Two, Baud::B460800)).unwrap();
+    let settings = Settings::DEFAULT.with_setting(SettingChange::Baud(PortNumber::Two, BaudRate::B460800)).unwrap();
     publish_value(&bench.links.settings, settings);
-    stream(&mut bench, NORTH, 100);
+    publish_estimates(&mut bench, NORTH, 100);
     publish_value(&bench.links.settings, Settings { stream_on: false, ..settings });
-    stream(&mut bench, NORTH, 100);
-    assert_eq!(bauds(), [vec![], vec![Baud::B460800]]);
+    publish_estimates(&mut bench, NORTH, 100);
+    assert_eq!(bauds(), [vec![], vec![BaudRate::B460800]]);
 }
 
 /// A failing port and a port that accepts no bytes: errors are counted, and later messages are up to date.
 #[test]
 fn errors_of_a_failing_port_are_counted_and_the_port_recovers() {
-    let (mut bench, port) = with_sentences();
-    port.mood.set(DeviceBehaviour::Fails);
-    stream(&mut bench, NORTH, 1_000);
+    let (mut bench, port) = bench_with_transmitter();
+    port.behaviour.set(DeviceBehaviour::Fails);
+    publish_estimates(&mut bench, NORTH, 1_000);
     assert_eq!((bench.links.event_counts().messages, bench.links.event_counts().write_errors), (10, 10));
-    port.mood.set(DeviceBehaviour::Hangs);
-    stream(&mut bench, NORTH, 1_000);
+    port.behaviour.set(DeviceBehaviour::Hangs);
+    publish_estimates(&mut bench, NORTH, 1_000);
     let errors = bench.links.event_counts().write_errors - 10;
     assert!((5..=8).contains(&errors), "four or five are buffered: {errors}");
-    port.mood.set(DeviceBehaviour::Works);
-    stream(&mut bench, NORTH, 1_000);
-    let sentences = port.text().matches("$HCHDM").count();
+    port.behaviour.set(DeviceBehaviour::Works);
+    publish_estimates(&mut bench, NORTH, 1_000);
+    let sentences = port.take_text().matches("$HCHDM").count();
     assert!((10..=15).contains(&sentences), "{sentences}");
 }

@@ -8,9 +8,9 @@ use embassy_time::Timer;
 use testkit::flash::SilentFault;
 
 use super::TaskBench;
-use super::devices::{DeviceBehaviour, Port};
-use super::thread_tasks::{Flash, PAGES, ask, store, with_compass};
-use crate::app::can::{self, HandOver, ReceiveFrame, SendFrame};
+use super::devices::{DeviceBehaviour, FakeTransmitter};
+use super::thread_tasks::{Flash, PAGES, bench_with_compass, execute_command, store};
+use crate::app::can::{self, ReceiveFrame, SendFrame, UpdateHandOver};
 use crate::app::watchdog::MAX_FEED_INTERVAL_US;
 use crate::app::{Watchdog, safe_mode};
 use crate::compass::{Command, ModuleState, Reply};
@@ -33,23 +33,23 @@ impl Watchdog for FeedTimer {
     }
 }
 
-fn with_safe_mode(flash: Flash) -> (TaskBench, [Port; 2], FeedTimer) {
+fn bench_in_safe_mode(flash: Flash) -> (TaskBench, [FakeTransmitter; 2], FeedTimer) {
     let mut bench = TaskBench::new();
-    let (ports, timer) = (<[Port; 2]>::default(), FeedTimer::default());
+    let (ports, timer) = (<[FakeTransmitter; 2]>::default(), FeedTimer::default());
     let (lines, watchdog) = (ports.clone(), timer.clone());
-    bench.run("safe mode", |links| async move {
+    bench.spawn_task("safe mode", |links| async move {
         Box::pin(safe_mode::run_safe_mode(&links, store(flash), lines, watchdog)).await;
     });
-    bench.ms(1);
+    bench.run_for_ms(1);
     (bench, ports, timer)
 }
 
 /// The ports send NMEA sentences, MAVLink heartbeats and a text without receiving anything.
 #[test]
-fn both_ports_report_it_in_both_protocols() {
-    let (mut bench, ports, _) = with_safe_mode(Flash::new(PAGES));
+fn both_ports_report_safe_mode_in_both_protocols() {
+    let (mut bench, ports, _) = bench_in_safe_mode(Flash::new(PAGES));
     assert_eq!(bench.links.console_messages.try_receive(), Ok(Message::SafeMode));
-    bench.ms(1_000);
+    bench.run_for_ms(1_000);
     for port in &ports {
         let bytes = port.written.take();
         let text = String::from_utf8_lossy(&bytes).into_owned();
@@ -64,16 +64,16 @@ fn both_ports_report_it_in_both_protocols() {
 }
 
 #[test]
-fn it_erases_the_store_and_refuses_other_commands() {
+fn safe_mode_erases_the_store_and_refuses_other_commands() {
     let flash = Flash::new(PAGES);
-    let mut before = with_compass(flash.clone());
-    assert!(ask(&mut before, Command::Set(SettingChange::StreamRateHz(20))).is_ok());
-    let (mut bench, ..) = with_safe_mode(flash.clone());
-    assert!(matches!(ask(&mut bench, Command::Status), Ok(Reply::SafeMode)));
-    assert!(matches!(ask(&mut bench, Command::CalSolve(None)), Err(Refusal::SafeMode)));
-    assert!(matches!(ask(&mut bench, Command::CalClear), Ok(Reply::Done(ModuleState::Uncalibrated))));
-    assert!(ask(&mut bench, Command::Restart).is_ok() && bench.links.restart_request.signaled());
-    assert_eq!(with_compass(flash).links.settings.try_get(), Some(Settings::DEFAULT));
+    let mut before = bench_with_compass(flash.clone());
+    assert!(execute_command(&mut before, Command::Set(SettingChange::StreamRateHz(20))).is_ok());
+    let (mut bench, ..) = bench_in_safe_mode(flash.clone());
+    assert!(matches!(execute_command(&mut bench, Command::Status), Ok(Reply::SafeMode)));
+    assert!(matches!(execute_command(&mut bench, Command::CalSolve(None)), Err(Refusal::SafeMode)));
+    assert!(matches!(execute_command(&mut bench, Command::CalClear), Ok(Reply::Done(ModuleState::Uncalibrated))));
+    assert!(execute_command(&mut bench, Command::Restart).is_ok() && bench.links.restart_request.signaled());
+    assert_eq!(bench_with_compass(flash).links.settings.try_get(), Some(Settings::DEFAULT));
 }
 
 /// Ports that accept nothing, and a flash that never completes an erase.
@@ -81,13 +81,13 @@ fn it_erases_the_store_and_refuses_other_commands() {
 fn broken_devices_do_not_starve_the_watchdog() {
     let mut flash = Flash::new(PAGES);
     flash.silent_fault = Some(SilentFault::WritesHang);
-    let (mut bench, ports, timer) = with_safe_mode(flash);
+    let (mut bench, ports, timer) = bench_in_safe_mode(flash);
     for port in &ports {
-        port.mood.set(DeviceBehaviour::Hangs);
+        port.behaviour.set(DeviceBehaviour::Hangs);
     }
     for _ in 0..20 {
         bench.links.commands.try_send((crate::app::task_links::CommandSource::Console, Command::CalClear)).unwrap();
-        bench.ms(937);
+        bench.run_for_ms(937);
         assert!(matches!(bench.links.replies.try_receive(), Ok(Err(Refusal::Store(StoreError::Timeout)))));
     }
     let (longest_us, last_us) = timer.0.get();
@@ -96,20 +96,20 @@ fn broken_devices_do_not_starve_the_watchdog() {
 
 /// CAN bus with one other node, the test, and the boot loader.
 #[derive(Clone, Default)]
-pub(super) struct Bus {
-    received: Rc<RefCell<VecDeque<CanFrame>>>,
-    sent: Rc<RefCell<Vec<CanFrame>>>,
-    update: Rc<RefCell<Option<FirmwareUpdate>>>,
+pub(super) struct FakeCanBus {
+    received_frames: Rc<RefCell<VecDeque<CanFrame>>>,
+    sent_frames: Rc<RefCell<Vec<CanFrame>>>,
+    handed_over_update: Rc<RefCell<Option<FirmwareUpdate>>>,
     /// States of the termination, in order.
-    pub terminations: Rc<RefCell<Vec<bool>>>,
+    pub termination_states: Rc<RefCell<Vec<bool>>>,
     /// Errors of the bus, not read yet.
-    pub errors: Rc<Cell<u32>>,
+    pub unread_error_count: Rc<Cell<u32>>,
 }
 
-impl ReceiveFrame for Bus {
+impl ReceiveFrame for FakeCanBus {
     async fn receive_frame(&mut self) -> CanFrame {
         loop {
-            let next = self.received.borrow_mut().pop_front();
+            let next = self.received_frames.borrow_mut().pop_front();
             match next {
                 Some(frame) => return frame,
                 None => Timer::after_micros(100).await,
@@ -118,72 +118,80 @@ impl ReceiveFrame for Bus {
     }
 
     fn take_error_count(&mut self) -> u32 {
-        self.errors.take()
+        self.unread_error_count.take()
     }
 }
 
-impl SendFrame for Bus {
+impl SendFrame for FakeCanBus {
     async fn send_frame(&mut self, frame: &CanFrame) {
-        self.sent.borrow_mut().push(frame.clone());
+        self.sent_frames.borrow_mut().push(frame.clone());
     }
 
     fn set_termination(&mut self, is_on: bool) {
-        self.terminations.borrow_mut().push(is_on);
+        self.termination_states.borrow_mut().push(is_on);
     }
 }
 
-impl HandOver for Bus {
-    fn hand_over(&mut self, update: &FirmwareUpdate) {
-        *self.update.borrow_mut() = Some(update.clone());
+impl UpdateHandOver for FakeCanBus {
+    fn hand_over_update(&mut self, update: &FirmwareUpdate) {
+        *self.handed_over_update.borrow_mut() = Some(update.clone());
     }
 }
 
 const UNIQUE_ID: [u8; 16] = [7; 16];
-pub(super) const OWN: u8 = 42;
+pub(super) const OWN_NODE: u8 = 42;
 
-impl Bus {
+impl FakeCanBus {
     /// A module in safe mode with a number of the bus.
     fn with_node() -> (TaskBench, Self) {
-        let (mut bench, ..) = with_safe_mode(Flash::new(PAGES));
+        let (mut bench, ..) = bench_in_safe_mode(Flash::new(PAGES));
         let bus = Self::default();
         bus.run_node(&mut bench, bus.clone(), true);
-        bus.put(DataType::ARMING_STATUS, &[0]);
-        bench.ms(1_100);
+        bus.queue_message(DataType::ARMING_STATUS, &[0]);
+        bench.run_for_ms(1_100);
         let is_anonymous = |frame: &CanFrame| FrameHeader::from_id(frame.frame_id()).unwrap().source_node.is_none();
-        assert!(bus.sent.take().iter().any(is_anonymous), "no request for a number");
-        bus.put(DataType::ALLOCATION, &[&[OWN << 1], &UNIQUE_ID[..]].concat());
-        bench.ms(1_100);
+        assert!(bus.sent_frames.take().iter().any(is_anonymous), "no request for a number");
+        bus.queue_message(DataType::ALLOCATION, &[&[OWN_NODE << 1], &UNIQUE_ID[..]].concat());
+        bench.run_for_ms(1_100);
         (bench, bus)
     }
 
     /// Runs the task of the bus.
-    pub(super) fn run_node(&self, bench: &mut TaskBench, boot_loader: impl HandOver + 'static, is_safe_mode: bool) {
+    pub(super) fn run_node(
+        &self,
+        bench: &mut TaskBench,
+        boot_loader: impl UpdateHandOver + 'static,
+        is_safe_mode: bool,
+    ) {
         let module = self.clone();
         let info = NodeInfo {
             node_name: "org.autoswing.test",
-            software_version: SoftwareVersion::of_this_firmware(None),
+            software_version: SoftwareVersion::from_firmware(None),
             hardware_version: [1, 0],
             unique_id: UNIQUE_ID,
         };
-        bench.run("can", move |links| async move {
+        bench.spawn_task("can", move |links| async move {
             can::run_can(&links, info, module.clone(), module, boot_loader, is_safe_mode).await;
         });
     }
 
     /// Puts a message, or a request to the module, on the bus.
-    pub(super) fn put(&self, data_type: DataType, payload: &[u8]) {
-        let kind =
-            if data_type.is_service { TransferKind::Request(NodeId::new(OWN).unwrap()) } else { TransferKind::Message };
+    pub(super) fn queue_message(&self, data_type: DataType, payload: &[u8]) {
+        let kind = if data_type.is_service {
+            TransferKind::Request(NodeId::new(OWN_NODE).unwrap())
+        } else {
+            TransferKind::Message
+        };
         let payload = Payload::from_slice(payload).unwrap();
-        let transfer_id = self.received.borrow().len() as u8;
+        let transfer_id = self.received_frames.borrow().len() as u8;
         let transfer = OutboundTransfer { data_type, priority: 16, transfer_kind: kind, transfer_id, payload };
-        self.received.borrow_mut().extend(transfer.frames(NodeId::new(10)));
+        self.received_frames.borrow_mut().extend(transfer.frames(NodeId::new(10)));
     }
 
     /// Data of the sent frames of a type since the last call.
     pub(super) fn take_sent(&self, data_type: DataType) -> Vec<Vec<u8>> {
-        let is_of = |frame: &CanFrame| data_type.is_of(FrameHeader::from_id(frame.frame_id()).unwrap());
-        self.sent.take().iter().filter(|frame| is_of(frame)).map(|frame| frame.data().to_vec()).collect()
+        let is_of = |frame: &CanFrame| data_type.matches_header(FrameHeader::from_id(frame.frame_id()).unwrap());
+        self.sent_frames.take().iter().filter(|frame| is_of(frame)).map(|frame| frame.data().to_vec()).collect()
     }
 }
 
@@ -191,17 +199,17 @@ pub(super) const RESTART: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];
 
 /// Health ERROR, mode OPERATIONAL; reason 12, no field: docs/dronecan.md.
 #[test]
-fn the_node_of_a_can_bus_reports_it_and_restarts() {
-    let (mut bench, bus) = Bus::with_node();
+fn the_node_of_a_can_bus_reports_safe_mode_and_restarts() {
+    let (mut bench, bus) = FakeCanBus::with_node();
     let all = bus.take_sent(DataType::NODE_STATUS);
     assert!(!all.is_empty() && all.iter().all(|status| status[4..7] == [0x80, 0x4C, 0]), "{all:?}");
-    bus.put(DataType::GET_NODE_INFO, &[]);
-    bench.ms(10);
+    bus.queue_message(DataType::GET_NODE_INFO, &[]);
+    bench.run_for_ms(10);
     assert!(!bus.take_sent(DataType::GET_NODE_INFO).is_empty());
     for (is_armed, is_accepted) in [(255, 0), (0, 0x80)] {
-        bus.put(DataType::ARMING_STATUS, &[is_armed]);
-        bus.put(DataType::RESTART_NODE, &RESTART);
-        bench.ms(10);
+        bus.queue_message(DataType::ARMING_STATUS, &[is_armed]);
+        bus.queue_message(DataType::RESTART_NODE, &RESTART);
+        bench.run_for_ms(10);
         assert_eq!(bus.take_sent(DataType::RESTART_NODE)[0][0], is_accepted);
         assert_eq!(bench.links.restart_request.signaled(), is_accepted != 0);
     }
@@ -209,30 +217,33 @@ fn the_node_of_a_can_bus_reports_it_and_restarts() {
 
 #[test]
 fn the_firmware_can_be_replaced_over_can() {
-    let (mut bench, bus) = Bus::with_node();
+    let (mut bench, bus) = FakeCanBus::with_node();
     bus.take_sent(DataType::NODE_STATUS);
-    bus.put(DataType::BEGIN_FIRMWARE_UPDATE, &[&[0], &b"a.bin"[..]].concat());
-    bench.ms(10);
+    bus.queue_message(DataType::BEGIN_FIRMWARE_UPDATE, &[&[0], &b"a.bin"[..]].concat());
+    bench.run_for_ms(10);
     assert_eq!(bus.take_sent(DataType::BEGIN_FIRMWARE_UPDATE)[0][0], 0);
     assert!(bench.links.restart_request.signaled());
-    let update = bus.update.take().expect("a hand-over");
-    assert_eq!((update.server_node.get(), update.own_node.get(), update.file_path()), (10, OWN, &b"a.bin"[..]));
+    let update = bus.handed_over_update.take().expect("a hand-over");
+    assert_eq!(
+        (update.server_node.number(), update.own_node.number(), update.file_path()),
+        (10, OWN_NODE, &b"a.bin"[..])
+    );
 }
 
 /// Parameters, texts of a tunnel and batteries belong to code that can be the cause of the panics.
 #[test]
-fn the_node_receives_nothing_else() {
-    let (mut bench, bus) = Bus::with_node();
+fn the_node_ignores_other_messages_in_safe_mode() {
+    let (mut bench, bus) = FakeCanBus::with_node();
     bus.take_sent(DataType::NODE_STATUS);
     for (data_type, payload) in [
         (DataType::GET_SET, &[0, 0][..]),
         (DataType::EXECUTE_OPCODE, &[1, 0, 0, 0, 0, 0, 0]),
         (DataType::GET_TRANSPORT_STATS, &[]),
-        (DataType::TARGETTED, &[1, OWN << 1, 0, 0, 0, 0]),
+        (DataType::TARGETTED, &[1, OWN_NODE << 1, 0, 0, 0, 0]),
         (DataType::BATTERY_INFO, &[0; 30]),
     ] {
-        bus.put(data_type, payload);
-        bench.ms(200);
+        bus.queue_message(data_type, payload);
+        bench.run_for_ms(200);
         assert_eq!(bus.take_sent(data_type), Vec::<Vec<u8>>::new());
     }
     assert!(bench.links.current.try_get().is_none() && bench.links.commands.is_empty());

@@ -3,43 +3,47 @@
 use std::rc::Rc;
 
 use super::TaskBench;
-use super::devices::{Chip, DeviceBehaviour, SENSOR};
+use super::devices::{DeviceBehaviour, FakeMagnetometer, SENSOR};
 use crate::app::sensor;
 use crate::app::task_links::{DetectedSensor, subscribe};
 
-fn bench() -> (TaskBench, Chip) {
-    let (mut bench, chip) = (TaskBench::new(), Chip::default());
+fn bench_with_sensor() -> (TaskBench, FakeMagnetometer) {
+    let (mut bench, chip) = (TaskBench::new(), FakeMagnetometer::default());
     let magnetometer = chip.clone();
-    bench.run("sensor", |links| async move { sensor::run_sensor(&links, magnetometer).await });
+    bench.spawn_task("sensor", |links| async move { sensor::run_sensor(&links, magnetometer).await });
     (bench, chip)
 }
 
 #[test]
 fn every_measurement_is_passed_on_with_its_instant() {
-    let (mut bench, _) = bench();
-    bench.ms(35);
+    let (mut bench, _) = bench_with_sensor();
+    bench.run_for_ms(35);
     let readings: Vec<u64> = std::iter::from_fn(|| bench.links.readings.try_receive().ok())
         .map(|reading| reading.timestamp.as_us())
         .collect();
     assert_eq!(readings, [10_000, 20_000, 30_000]);
     assert_eq!(bench.links.event_counts().readings, 3);
-    let found = DetectedSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER };
+    let found = DetectedSensor {
+        identity: SENSOR,
+        period_us: FakeMagnetometer::PERIOD_US,
+        equal_readings_until_stuck: FakeMagnetometer::EQUAL_READINGS_UNTIL_STUCK,
+    };
     assert_eq!(bench.links.sensor.try_get(), Some(found));
 }
 
 #[test]
 fn readings_dropped_from_a_full_queue_are_counted() {
-    let (mut bench, _) = bench();
-    bench.ms(65);
+    let (mut bench, _) = bench_with_sensor();
+    bench.run_for_ms(65);
     assert_eq!((bench.links.event_counts().readings, bench.links.event_counts().samples_dropped), (6, 2));
 }
 
 #[test]
 fn overwritten_measurements_are_counted() {
-    let (mut bench, chip) = bench();
+    let (mut bench, chip) = bench_with_sensor();
     for (overrun, overruns) in [(false, 0), (true, 1), (false, 1)] {
-        chip.flags.set((false, overrun));
-        bench.ms(10);
+        chip.saturated_and_overwritten.set((false, overrun));
+        bench.run_for_ms(10);
         assert_eq!(bench.links.event_counts().overruns, overruns);
     }
 }
@@ -47,26 +51,26 @@ fn overwritten_measurements_are_counted() {
 /// The sensor is initialised at once, without the delay after a lost sensor.
 #[test]
 fn a_changed_sensor_configuration_is_restored_within_1_s() {
-    let (mut bench, chip) = bench();
-    bench.ms(3_500);
-    assert_eq!((chip.verifies.get(), chip.inits.get()), (3, 1));
-    chip.verify.set(DeviceBehaviour::Upset);
-    bench.ms(509);
-    assert_eq!((chip.verifies.get(), chip.inits.get()), (4, 2));
+    let (mut bench, chip) = bench_with_sensor();
+    bench.run_for_ms(3_500);
+    assert_eq!((chip.verify_count.get(), chip.init_count.get()), (3, 1));
+    chip.verify_behaviour.set(DeviceBehaviour::ChangedRegisters);
+    bench.run_for_ms(509);
+    assert_eq!((chip.verify_count.get(), chip.init_count.get()), (4, 2));
     let counts = bench.links.event_counts();
     assert_eq!((counts.sensor_upsets, counts.sensor_errors), (1, 0));
-    chip.verify.set(DeviceBehaviour::Works);
+    chip.verify_behaviour.set(DeviceBehaviour::Works);
     let before = counts.readings;
-    bench.ms(990);
+    bench.run_for_ms(990);
     assert_eq!(bench.links.event_counts().readings, before + 99, "no measurement was lost over it");
 }
 
 #[test]
 fn a_sensor_that_fails_its_verification_is_lost() {
     for behaviour in [DeviceBehaviour::Fails, DeviceBehaviour::Hangs] {
-        let (mut bench, chip) = bench();
-        chip.verify.set(behaviour);
-        bench.ms(1_450);
+        let (mut bench, chip) = bench_with_sensor();
+        chip.verify_behaviour.set(behaviour);
+        bench.run_for_ms(1_450);
         let counts = bench.links.event_counts();
         assert_eq!((counts.sensor_upsets, counts.sensor_errors), (0, 1), "{behaviour:?}");
         assert_eq!(bench.links.heartbeat_counts()[0], counts.readings + 1);
@@ -75,48 +79,48 @@ fn a_sensor_that_fails_its_verification_is_lost() {
 
 #[test]
 fn a_missing_sensor_is_initialised_every_200_ms() {
-    let (mut bench, chip) = bench();
-    chip.init.set(DeviceBehaviour::Fails);
-    bench.ms(999);
-    assert_eq!(chip.inits.get(), 5, "at 0, 200, 400, 600 and 800 ms");
+    let (mut bench, chip) = bench_with_sensor();
+    chip.init_behaviour.set(DeviceBehaviour::Fails);
+    bench.run_for_ms(999);
+    assert_eq!(chip.init_count.get(), 5, "at 0, 200, 400, 600 and 800 ms");
     assert_eq!(bench.links.event_counts().sensor_errors, 5);
     assert_eq!(bench.links.heartbeat_counts()[0], 5);
     assert!(bench.links.sensor.try_get().is_none());
-    chip.init.set(DeviceBehaviour::Works);
-    bench.ms(1);
-    bench.ms(100);
+    chip.init_behaviour.set(DeviceBehaviour::Works);
+    bench.run_for_ms(1);
+    bench.run_for_ms(100);
     assert_eq!(bench.links.event_counts().readings, 10);
 }
 
 #[test]
 fn a_hanging_bus_times_out_after_0_4_s() {
-    let (mut bench, chip) = bench();
-    chip.init.set(DeviceBehaviour::Hangs);
-    bench.ms(399);
+    let (mut bench, chip) = bench_with_sensor();
+    chip.init_behaviour.set(DeviceBehaviour::Hangs);
+    bench.run_for_ms(399);
     assert_eq!(bench.links.event_counts().sensor_errors, 0);
-    bench.ms(1);
+    bench.run_for_ms(1);
     assert_eq!(bench.links.event_counts().sensor_errors, 1);
-    chip.init.set(DeviceBehaviour::Works);
-    bench.ms(250);
+    chip.init_behaviour.set(DeviceBehaviour::Works);
+    bench.run_for_ms(250);
     assert_eq!(bench.links.event_counts().readings, 5);
-    chip.read.set(DeviceBehaviour::Hangs);
-    bench.ms(420);
+    chip.read_behaviour.set(DeviceBehaviour::Hangs);
+    bench.run_for_ms(420);
     assert_eq!(bench.links.event_counts().sensor_errors, 2);
 }
 
 #[test]
 fn a_lost_sensor_is_found_again() {
-    let (mut bench, chip) = bench();
+    let (mut bench, chip) = bench_with_sensor();
     let links = Rc::clone(&bench.links);
     let mut found = subscribe(&links.sensor);
-    bench.ms(15);
+    bench.run_for_ms(15);
     assert!(found.try_changed().is_some());
-    chip.read.set(DeviceBehaviour::Fails);
-    bench.ms(10);
-    chip.read.set(DeviceBehaviour::Works);
-    assert_eq!((chip.inits.get(), bench.links.event_counts().sensor_errors), (1, 1));
+    chip.read_behaviour.set(DeviceBehaviour::Fails);
+    bench.run_for_ms(10);
+    chip.read_behaviour.set(DeviceBehaviour::Works);
+    assert_eq!((chip.init_count.get(), bench.links.event_counts().sensor_errors), (1, 1));
     assert!(found.try_changed().is_none());
-    bench.ms(200);
-    assert_eq!(chip.inits.get(), 2);
+    bench.run_for_ms(200);
+    assert_eq!(chip.init_count.get(), 2);
     assert!(found.try_changed().is_some());
 }

@@ -8,9 +8,9 @@ use embassy_time::Timer;
 use testkit::flash::SilentFault;
 
 use super::TaskBench;
-use super::thread_tasks::{Flash, PAGES, with_compass};
+use super::thread_tasks::{Flash, PAGES, bench_with_compass};
 use crate::app::task_links::{
-    AutopilotLine, CommandSource, HEARTBEATS_OF_EVERY_BOARD, Heartbeats, MAX_HEARTBEATS, increment_counter,
+    AutopilotLine, COMMON_HEARTBEAT_COUNT, CommandSource, Heartbeats, MAX_HEARTBEAT_COUNT, increment_counter,
 };
 use crate::app::watchdog::{self, MAX_FEED_INTERVAL_US};
 use crate::app::{TaskLinks, Watchdog};
@@ -32,21 +32,21 @@ impl Watchdog for FakeWatchdog {
     }
 }
 
-fn all(links: &TaskLinks) -> [&AtomicU32; MAX_HEARTBEATS] {
+fn all_heartbeats(links: &TaskLinks) -> [&AtomicU32; MAX_HEARTBEAT_COUNT] {
     let Heartbeats { sensor, instrument, compass } = &links.heartbeats;
     let [one, two, can] = AutopilotLine::ALL_LINES.map(|line| &links.links_of_line(line).heartbeat);
     [sensor, instrument, compass, one, two, can]
 }
 
 /// Tasks with heartbeats, one of which may stop after a second.
-fn with_silent(silent: Option<usize>) -> (TaskBench, FakeWatchdog) {
+fn bench_with_silent_task(silent_task: Option<usize>) -> (TaskBench, FakeWatchdog) {
     let (mut bench, watchdog_timer) = (TaskBench::new(), FakeWatchdog::default());
     let fed = watchdog_timer.clone();
-    bench.run("watchdog", |links| async move { watchdog::run_watchdog(&links, fed).await });
-    bench.run("tasks", |links: Rc<TaskLinks>| async move {
+    bench.spawn_task("watchdog", |links| async move { watchdog::run_watchdog(&links, fed).await });
+    bench.spawn_task("tasks", |links: Rc<TaskLinks>| async move {
         for ms in (0..).step_by(100) {
-            for (i, beat) in all(&links).into_iter().enumerate() {
-                if silent != Some(i) || ms < 1000 {
+            for (i, beat) in all_heartbeats(&links).into_iter().enumerate() {
+                if silent_task != Some(i) || ms < 1000 {
                     increment_counter(beat);
                 }
             }
@@ -58,74 +58,74 @@ fn with_silent(silent: Option<usize>) -> (TaskBench, FakeWatchdog) {
 
 #[test]
 fn the_watchdog_is_fed_while_all_tasks_run() {
-    let (mut bench, watchdog_timer) = with_silent(None);
-    bench.ms(7_050);
+    let (mut bench, watchdog_timer) = bench_with_silent_task(None);
+    bench.run_for_ms(7_050);
     assert_eq!(watchdog_timer.0.get(), 10);
 }
 
 #[test]
 fn the_watchdog_is_not_fed_after_any_task_stops() {
-    for silent in 0..MAX_HEARTBEATS {
-        let (mut bench, watchdog_timer) = with_silent(Some(silent));
-        bench.ms(1_450);
+    for silent in 0..MAX_HEARTBEAT_COUNT {
+        let (mut bench, watchdog_timer) = bench_with_silent_task(Some(silent));
+        bench.run_for_ms(1_450);
         let feeds = watchdog_timer.0.get();
         assert_eq!(feeds, 2, "task {silent}");
-        bench.ms(10_000);
+        bench.run_for_ms(10_000);
         assert_eq!(watchdog_timer.0.get(), feeds, "task {silent}");
     }
 }
 
 /// At the first check after 30 s; a boot loader then starts the image again after a reset by the watchdog.
 #[test]
-fn an_image_is_good_after_30_s() {
-    let (mut bench, watchdog_timer) = with_silent(None);
-    bench.ms(60_000);
+fn an_image_is_marked_good_after_30_s() {
+    let (mut bench, watchdog_timer) = bench_with_silent_task(None);
+    bench.run_for_ms(60_000);
     assert_eq!(watchdog_timer.1.get(), Some(30_100));
 }
 
 #[test]
 fn an_image_whose_tasks_do_not_run_is_not_good() {
-    for silent in 0..MAX_HEARTBEATS {
-        let (mut bench, watchdog_timer) = with_silent(Some(silent));
-        bench.ms(60_000);
+    for silent in 0..MAX_HEARTBEAT_COUNT {
+        let (mut bench, watchdog_timer) = bench_with_silent_task(Some(silent));
+        bench.run_for_ms(60_000);
         assert_eq!(watchdog_timer.1.get(), None, "task {silent}");
     }
 }
 
 /// A check fails 20 s after the start.
 #[test]
-fn the_30_s_of_a_good_image_are_without_an_interruption() {
+fn an_interruption_restarts_the_30_s_of_a_good_image() {
     let (mut bench, watchdog_timer) = (TaskBench::new(), FakeWatchdog::default());
     let watchdog_clone = watchdog_timer.clone();
-    bench.run("watchdog", |links| async move { watchdog::run_watchdog(&links, watchdog_clone).await });
-    bench.run("tasks", move |links: Rc<TaskLinks>| async move {
+    bench.spawn_task("watchdog", |links| async move { watchdog::run_watchdog(&links, watchdog_clone).await });
+    bench.spawn_task("tasks", move |links: Rc<TaskLinks>| async move {
         for ms in (0..).step_by(100) {
             if !(19_500..21_000).contains(&ms) {
-                all(&links).into_iter().for_each(increment_counter);
+                all_heartbeats(&links).into_iter().for_each(increment_counter);
             }
             Timer::after_millis(100).await;
         }
     });
-    bench.ms(50_000);
+    bench.run_for_ms(50_000);
     assert_eq!(watchdog_timer.1.get(), None);
-    bench.ms(3_000);
+    bench.run_for_ms(3_000);
     assert_eq!(watchdog_timer.1.get(), Some(51_100));
 }
 
 /// A board has fewer lines than there are heartbeat counters.
 #[test]
 fn the_watchdog_does_not_wait_for_lines_that_never_ran() {
-    for (counted_tasks, fed) in [(HEARTBEATS_OF_EVERY_BOARD, 10), (HEARTBEATS_OF_EVERY_BOARD - 1, 0)] {
+    for (counted_tasks, fed) in [(COMMON_HEARTBEAT_COUNT, 10), (COMMON_HEARTBEAT_COUNT - 1, 0)] {
         let (mut bench, watchdog_timer) = (TaskBench::new(), FakeWatchdog::default());
         let watchdog_clone = watchdog_timer.clone();
-        bench.run("watchdog", |links| async move { watchdog::run_watchdog(&links, watchdog_clone).await });
-        bench.run("tasks", move |links: Rc<TaskLinks>| async move {
+        bench.spawn_task("watchdog", |links| async move { watchdog::run_watchdog(&links, watchdog_clone).await });
+        bench.spawn_task("tasks", move |links: Rc<TaskLinks>| async move {
             loop {
-                all(&links).into_iter().take(counted_tasks).for_each(increment_counter);
+                all_heartbeats(&links).into_iter().take(counted_tasks).for_each(increment_counter);
                 Timer::after_millis(100).await;
             }
         });
-        bench.ms(7_050);
+        bench.run_for_ms(7_050);
         assert_eq!(watchdog_timer.0.get(), fed, "{counted_tasks} tasks");
     }
 }
@@ -138,8 +138,8 @@ fn the_longest_feed_interval_is_1_4_s() {
 
 #[test]
 fn an_idle_state_machine_shows_that_it_runs() {
-    let mut bench = with_compass(Flash::new(PAGES));
-    bench.ms(998);
+    let mut bench = bench_with_compass(Flash::new(PAGES));
+    bench.run_for_ms(998);
     assert_eq!(bench.links.heartbeat_counts(), [0, 0, 5, 0, 0, 0]);
 }
 
@@ -148,22 +148,26 @@ fn an_idle_state_machine_shows_that_it_runs() {
 fn saves_that_never_complete_cause_no_reset() {
     let mut flash = Flash::new(PAGES);
     flash.silent_fault = Some(SilentFault::WritesHang);
-    let (mut bench, watchdog_timer) = (with_compass(flash), FakeWatchdog::default());
+    let (mut bench, watchdog_timer) = (bench_with_compass(flash), FakeWatchdog::default());
     let fed = watchdog_timer.clone();
-    bench.run("watchdog", |links| async move { watchdog::run_watchdog(&links, fed).await });
-    bench.run("other tasks", |links: Rc<TaskLinks>| async move {
+    bench.spawn_task("watchdog", |links| async move { watchdog::run_watchdog(&links, fed).await });
+    bench.spawn_task("other tasks", |links: Rc<TaskLinks>| async move {
         loop {
-            all(&links).into_iter().enumerate().filter(|(i, _)| *i != 2).for_each(|(_, beat)| increment_counter(beat));
+            all_heartbeats(&links)
+                .into_iter()
+                .enumerate()
+                .filter(|(i, _)| *i != 2)
+                .for_each(|(_, beat)| increment_counter(beat));
             Timer::after_millis(100).await;
         }
     });
-    bench.run("person", |links: Rc<TaskLinks>| async move {
+    bench.spawn_task("person", |links: Rc<TaskLinks>| async move {
         loop {
             links.commands.send((CommandSource::Console, Command::CalClear)).await;
             assert!(matches!(links.replies.receive().await, Err(Refusal::Store(StoreError::Timeout))));
         }
     });
-    bench.ms(7_050);
+    bench.run_for_ms(7_050);
     assert_eq!(watchdog_timer.0.get(), 10);
     assert!(bench.links.event_counts().store_errors >= 13);
 }

@@ -124,7 +124,7 @@ pub(super) struct FreezeDetector {
     has_fine_resolution: bool,
     /// Mean field direction in body axes: current, and settled after the first of the equal reports.
     field_direction: MeanDirection,
-    settled_direction: Option<Vector3<f32>>,
+    settled_field_direction: Option<Vector3<f32>>,
     is_frozen: bool,
 }
 
@@ -137,7 +137,7 @@ impl FreezeDetector {
             last_report_at: Timestamp::START,
             has_fine_resolution: false,
             field_direction: MeanDirection::UNKNOWN,
-            settled_direction: None,
+            settled_field_direction: None,
             is_frozen: false,
         }
     }
@@ -157,14 +157,14 @@ impl FreezeDetector {
             self.equal_reports = self.equal_reports.saturating_add(1);
             if at.us_since(self.equal_since) >= FIELD_SETTLING_US {
                 // Before the first field reading the mean is `None`; a later report then stores it.
-                self.settled_direction = self.settled_direction.or(self.field_direction.mean());
+                self.settled_field_direction = self.settled_field_direction.or(self.field_direction.mean());
             }
         } else {
             self.has_fine_resolution |=
                 self.last_attitude.is_some_and(|previous_attitude| is_fine_step(previous_attitude, attitude));
             self.equal_reports = 1;
             self.equal_since = at;
-            self.settled_direction = None;
+            self.settled_field_direction = None;
         }
         self.last_attitude = Some(attitude);
         self.last_report_at = at;
@@ -184,7 +184,8 @@ impl FreezeDetector {
     /// Whether the field rotated in body axes since the first equal report, other than about the vertical of a level
     /// vehicle.
     fn has_field_rotated(&self, attitude: Attitude) -> bool {
-        let (Some(current_direction), Some(settled_direction)) = (self.field_direction.mean(), self.settled_direction)
+        let (Some(current_direction), Some(settled_direction)) =
+            (self.field_direction.mean(), self.settled_field_direction)
         else {
             return false;
         };

@@ -18,8 +18,14 @@ fn update_rotated(freeze: &mut FreezeDetector, axis: Vector3<f32>, turned_deg: f
 
 /// Whether a source is frozen after a first step and `reports` equal reports, while the aircraft rotates about
 /// `axis` by `turned_deg` after 0.4 s.
-fn is_frozen_about(axis: Vector3<f32>, first_step_deg: f32, reports: u32, apart_us: u64, turned_deg: f32) -> bool {
-    is_frozen_at([0.0, 0.0], axis, first_step_deg, reports, apart_us, turned_deg)
+fn is_frozen_about(
+    axis: Vector3<f32>,
+    first_step_deg: f32,
+    report_count: u32,
+    interval_us: u64,
+    turned_deg: f32,
+) -> bool {
+    is_frozen_at([0.0, 0.0], axis, first_step_deg, report_count, interval_us, turned_deg)
 }
 
 /// As `is_frozen_about`, at this roll and pitch, degrees.
@@ -27,16 +33,16 @@ fn is_frozen_at(
     [roll_deg, pitch_deg]: [f32; 2],
     axis: Vector3<f32>,
     first_step_deg: f32,
-    reports: u32,
-    apart_us: u64,
+    report_count: u32,
+    interval_us: u64,
     turned_deg: f32,
 ) -> bool {
     let mut freeze = FreezeDetector::new();
     update_rotated(&mut freeze, axis, 0.0);
     freeze.process_report(Timestamp::from_us(0), &report(roll_deg, pitch_deg));
-    for i in 1..=reports {
-        let at_us = apart_us * u64::from(i);
-        let turned = at_us > 400_000 + 2 * apart_us;
+    for i in 1..=report_count {
+        let at_us = interval_us * u64::from(i);
+        let turned = at_us > 400_000 + 2 * interval_us;
         update_rotated(&mut freeze, axis, if turned { turned_deg } else { 0.0 });
         freeze.process_report(Timestamp::from_us(at_us), &report(roll_deg + first_step_deg, pitch_deg));
     }
@@ -44,8 +50,8 @@ fn is_frozen_at(
 }
 
 /// As `is_frozen_about`, for the y axis: the rotation changes the test field's inclination by half its angle.
-fn is_frozen(first_step_deg: f32, reports: u32, apart_us: u64, turned_deg: f32) -> bool {
-    is_frozen_about(Vector3::y(), first_step_deg, reports, apart_us, turned_deg)
+fn is_frozen(first_step_deg: f32, report_count: u32, interval_us: u64, turned_deg: f32) -> bool {
+    is_frozen_about(Vector3::y(), first_step_deg, report_count, interval_us, turned_deg)
 }
 
 /// Limits of a fine source: changes of 0.05 deg, five equal reports, 80 ms.

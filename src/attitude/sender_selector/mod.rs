@@ -68,9 +68,9 @@ const MAX_SENDERS: usize = 8;
 /// Entry of the sender table.
 #[derive(Clone, Copy, Debug)]
 struct SenderEntry {
-    source: SenderId,
+    sender: SenderId,
     heartbeat: Option<(Timestamp, Heartbeat)>,
-    attitude_at: Option<Timestamp>,
+    last_attitude_at: Option<Timestamp>,
 }
 
 impl SenderEntry {
@@ -81,15 +81,15 @@ impl SenderEntry {
 
     /// Retention rank: senders of recent attitude first, regardless of heartbeats, then by last message.
     fn retention_priority(&self, now: Timestamp) -> (bool, Timestamp) {
-        let last_received_at = self.heartbeat.map(|(at, _)| at).max(self.attitude_at).unwrap_or_default();
-        (self.attitude_at.is_some_and(|at| is_unexpired(at, now)), last_received_at)
+        let last_received_at = self.heartbeat.map(|(at, _)| at).max(self.last_attitude_at).unwrap_or_default();
+        (self.last_attitude_at.is_some_and(|at| is_unexpired(at, now)), last_received_at)
     }
 }
 
 #[derive(Clone, Copy, Debug)]
 struct SelectedSender {
-    source: SenderId,
-    attitude_at: Timestamp,
+    sender: SenderId,
+    last_attitude_at: Timestamp,
     /// Whether a heartbeat identified the sender as an autopilot.
     is_autopilot: bool,
 }
@@ -107,7 +107,7 @@ pub struct SenderSelector {
     released_sender: Option<SenderId>,
     /// Time with contradictions minus time without, at least 0, microseconds, and its last update.
     contradicted_us: u64,
-    checked_at: Timestamp,
+    contradiction_checked_at: Timestamp,
 }
 
 impl SenderSelector {
@@ -120,24 +120,24 @@ impl SenderSelector {
             own_autopilot: None,
             released_sender: None,
             contradicted_us: 0,
-            checked_at: Timestamp::START,
+            contradiction_checked_at: Timestamp::START,
         }
     }
 
     /// Processes a heartbeat received at `now`.
     pub fn update_heartbeat(&mut self, now: Timestamp, heartbeat: Heartbeat) {
-        let Heartbeat { sender: source, is_autopilot, .. } = heartbeat;
+        let Heartbeat { sender, is_autopilot, .. } = heartbeat;
         let is_known_autopilot =
-            self.selected.is_some_and(|selected| selected.source == source && selected.is_autopilot)
-                || self.last_heartbeat(now, source).is_some_and(|previous| previous.is_autopilot);
+            self.selected.is_some_and(|selected| selected.sender == sender && selected.is_autopilot)
+                || self.last_heartbeat(now, sender).is_some_and(|previous| previous.is_autopilot);
         if is_known_autopilot && !is_autopilot {
             return;
         }
-        if let Some(entry) = self.entry_or_insert(now, source) {
+        if let Some(entry) = self.entry_or_insert(now, sender) {
             entry.heartbeat = Some((now, heartbeat));
         }
         self.selected = match self.selected {
-            Some(selected) if selected.source == source => {
+            Some(selected) if selected.sender == sender => {
                 is_autopilot.then_some(SelectedSender { is_autopilot, ..selected })
             }
             // An autopilot replaces the first sender.
@@ -146,23 +146,23 @@ impl SenderSelector {
         };
     }
 
-    /// Returns whether attitude received at `now` from `source` is accepted.
-    pub fn accept_attitude(&mut self, now: Timestamp, source: SenderId) -> bool {
-        if let Some(entry) = self.entry_or_insert(now, source) {
-            entry.attitude_at = Some(now);
+    /// Returns whether attitude received at `now` from `sender` is accepted.
+    pub fn accept_attitude(&mut self, now: Timestamp, sender: SenderId) -> bool {
+        if let Some(entry) = self.entry_or_insert(now, sender) {
+            entry.last_attitude_at = Some(now);
         }
         let candidate = match self.selected {
-            Some(chosen) if chosen.source == source => Some(chosen),
-            _ if self.own_autopilot == Some(source) => {
-                Some(SelectedSender { source, attitude_at: now, is_autopilot: true })
+            Some(chosen) if chosen.sender == sender => Some(chosen),
+            _ if self.own_autopilot == Some(sender) => {
+                Some(SelectedSender { sender, last_attitude_at: now, is_autopilot: true })
             }
-            Some(chosen) if is_unexpired(chosen.attitude_at, now) || self.is_other_vehicle(chosen, source) => None,
-            _ => self.try_select(now, source),
+            Some(chosen) if is_unexpired(chosen.last_attitude_at, now) || self.is_other_vehicle(chosen, sender) => None,
+            _ => self.permitted_selection(now, sender),
         };
         if let Some(candidate) = candidate {
-            self.selected = Some(SelectedSender { attitude_at: now, ..candidate });
+            self.selected = Some(SelectedSender { last_attitude_at: now, ..candidate });
             if candidate.is_autopilot {
-                self.own_autopilot.get_or_insert(source);
+                self.own_autopilot.get_or_insert(sender);
             }
         }
         candidate.is_some()
@@ -171,14 +171,14 @@ impl SenderSelector {
     /// Records whether the selected sender's attitude contradicts the field at `now`; releases the sender after
     /// a net minute if another autopilot sends attitude.
     pub fn record_field_contradiction(&mut self, now: Timestamp, is_contradicted: bool) {
-        let elapsed_us = now.us_since(self.checked_at).min(MAX_CHECK_INTERVAL_US);
-        self.checked_at = now;
+        let elapsed_us = now.us_since(self.contradiction_checked_at).min(MAX_CHECK_INTERVAL_US);
+        self.contradiction_checked_at = now;
         self.contradicted_us = if is_contradicted {
             (self.contradicted_us + elapsed_us).min(MAX_CONTRADICTED_US)
         } else {
             self.contradicted_us.saturating_sub(elapsed_us)
         };
-        if let Some(SelectedSender { source, .. }) = self.selected
+        if let Some(SelectedSender { sender: source, .. }) = self.selected
             && self.contradicted_us == MAX_CONTRADICTED_US
             && self.has_other_autopilot(now, source)
         {
@@ -188,18 +188,18 @@ impl SenderSelector {
     }
 
     /// Whether `source` is of another system than the selected sender, whose last heartbeat was armed.
-    fn is_other_vehicle(&self, selected: SelectedSender, source: SenderId) -> bool {
+    fn is_other_vehicle(&self, selected: SelectedSender, sender: SenderId) -> bool {
         let last_heartbeat =
-            self.entries.iter().find(|entry| entry.source == selected.source).and_then(|entry| entry.heartbeat);
-        selected.source.system_id() != source.system_id()
+            self.entries.iter().find(|entry| entry.sender == selected.sender).and_then(|entry| entry.heartbeat);
+        selected.sender.system_id() != sender.system_id()
             && last_heartbeat.is_some_and(|(_, heartbeat)| heartbeat.is_armed)
     }
 
-    /// Whether an autopilot other than `source` sends attitude.
-    fn has_other_autopilot(&self, now: Timestamp, source: SenderId) -> bool {
+    /// Whether an autopilot other than `sender` sends attitude.
+    fn has_other_autopilot(&self, now: Timestamp, sender: SenderId) -> bool {
         self.entries.iter().any(|entry| {
-            entry.source != source
-                && entry.attitude_at.is_some_and(|at| is_unexpired(at, now))
+            entry.sender != sender
+                && entry.last_attitude_at.is_some_and(|at| is_unexpired(at, now))
                 && entry.last_heartbeat(now).is_some_and(|heartbeat| heartbeat.is_autopilot)
         })
     }
@@ -207,13 +207,13 @@ impl SenderSelector {
     /// Armed state of the selected sender; `None` without a recent heartbeat.
     #[must_use]
     pub fn is_armed(&self, now: Timestamp) -> Option<bool> {
-        self.selected.and_then(|selected| self.last_heartbeat(now, selected.source)).map(|heartbeat| heartbeat.is_armed)
+        self.selected.and_then(|selected| self.last_heartbeat(now, selected.sender)).map(|heartbeat| heartbeat.is_armed)
     }
 
     /// Autopilot to query: the selected one, or before any attitude the first with a recent autopilot heartbeat.
     #[must_use]
     pub fn autopilot_to_query(&self, now: Timestamp) -> Option<SenderId> {
-        let selected = self.selected.filter(|selected| selected.is_autopilot).map(|selected| selected.source);
+        let selected = self.selected.filter(|selected| selected.is_autopilot).map(|selected| selected.sender);
         let autopilot_heartbeat = || {
             self.entries
                 .iter()
@@ -224,44 +224,44 @@ impl SenderSelector {
     }
 
     /// Selects a sender, if the rules permit it.
-    fn try_select(&self, now: Timestamp, source: SenderId) -> Option<SelectedSender> {
-        let heartbeat_of_source = self.last_heartbeat(now, source);
+    fn permitted_selection(&self, now: Timestamp, sender: SenderId) -> Option<SelectedSender> {
+        let heartbeat_of_source = self.last_heartbeat(now, sender);
         let autopilots = || {
             self.entries.iter().filter_map(|entry| entry.last_heartbeat(now)).any(|heartbeat| heartbeat.is_autopilot)
         };
         let is_selectable = heartbeat_of_source
             .map_or_else(|| !autopilots(), |heartbeat_of_source| heartbeat_of_source.is_autopilot)
-            && !(self.released_sender == Some(source) && self.has_other_autopilot(now, source));
+            && !(self.released_sender == Some(sender) && self.has_other_autopilot(now, sender));
         is_selectable.then_some(SelectedSender {
-            source,
-            attitude_at: now,
+            sender,
+            last_attitude_at: now,
             is_autopilot: heartbeat_of_source.is_some(),
         })
     }
 
     fn last_heartbeat(&self, now: Timestamp, source: SenderId) -> Option<Heartbeat> {
-        self.entries.iter().find(|entry| entry.source == source)?.last_heartbeat(now)
+        self.entries.iter().find(|entry| entry.sender == source)?.last_heartbeat(now)
     }
 
     /// Table entry of a sender. A new sender in a full table replaces the lowest-ranked one, never the selected one.
-    fn entry_or_insert(&mut self, now: Timestamp, source: SenderId) -> Option<&mut SenderEntry> {
-        if self.entries.iter().all(|entry| entry.source != source) {
+    fn entry_or_insert(&mut self, now: Timestamp, sender: SenderId) -> Option<&mut SenderEntry> {
+        if self.entries.iter().all(|entry| entry.sender != sender) {
             if self.entries.is_full() {
-                let selected = self.selected.map(|selected| selected.source);
+                let selected = self.selected.map(|selected| selected.sender);
                 let replaceable_entries =
-                    self.entries.iter().enumerate().filter(|(_, entry)| Some(entry.source) != selected);
+                    self.entries.iter().enumerate().filter(|(_, entry)| Some(entry.sender) != selected);
                 let (lowest_ranked, _) = replaceable_entries.min_by_key(|(_, entry)| entry.retention_priority(now))?;
                 self.entries.swap_remove(lowest_ranked);
             }
             // Cannot fail: an entry was removed if full.
-            let _ = self.entries.push(SenderEntry { source, heartbeat: None, attitude_at: None });
+            let _ = self.entries.push(SenderEntry { sender, heartbeat: None, last_attitude_at: None });
         }
-        self.entries.iter_mut().find(|entry| entry.source == source)
+        self.entries.iter_mut().find(|entry| entry.sender == sender)
     }
 }
 
-fn is_unexpired(at: Timestamp, now: Timestamp) -> bool {
-    now.us_since(at) <= SELECTION_EXPIRY_US
+fn is_unexpired(received_at: Timestamp, now: Timestamp) -> bool {
+    now.us_since(received_at) <= SELECTION_EXPIRY_US
 }
 
 #[cfg(test)]

@@ -41,8 +41,9 @@ const TEST_LATENCY_S: f32 = 0.06;
 /// Interference of the motor-current test, microtesla per ampere and axis: 8 uT in all.
 const UT_PER_A: f32 = 0.5;
 
-/// Duration of an instruction (`-icount shift=6`) and of a clock tick, nanoseconds.
+/// Duration of an instruction, nanoseconds (`-icount shift=6`).
 const INSTRUCTION_NS: u64 = 64;
+/// Duration of a clock tick, nanoseconds.
 const TICK_NS: u64 = 40;
 
 /// Test by number in the lockstep's messages (`BenchTest` in host-sim).
@@ -57,7 +58,7 @@ enum BenchTest {
     /// Panic with a message of 200 characters.
     Panic = 4,
     /// Panic, now and at each later start.
-    PanicAtStarts = 5,
+    PanicAtEachStart = 5,
 }
 
 /// Value of `STARTS`, in memory that survives a reset, that makes each start panic.
@@ -74,7 +75,8 @@ static REQUESTED_TEST: Signal<CriticalSectionRawMutex, BenchTest> = Signal::new(
 
 /// Requests a test by number; zero requests none.
 pub fn request_test(number: u8) {
-    let tests = [BenchTest::Budgets, BenchTest::Fault, BenchTest::Overflow, BenchTest::Panic, BenchTest::PanicAtStarts];
+    let tests =
+        [BenchTest::Budgets, BenchTest::Fault, BenchTest::Overflow, BenchTest::Panic, BenchTest::PanicAtEachStart];
     if let Some(test) = tests.into_iter().find(|&test| test as u8 == number) {
         REQUESTED_TEST.signal(test);
     }
@@ -96,7 +98,7 @@ pub async fn run_bench(mut tx: UartTx) -> ! {
                 results.write_str("\nerror no-overflow: the stack has no end\n")
             }
             BenchTest::Panic => panic!("{LONG_MESSAGE}"),
-            BenchTest::PanicAtStarts => {
+            BenchTest::PanicAtEachStart => {
                 PANIC_AT_START.store(PANIC_AT_START_MARK, Ordering::Relaxed);
                 panic_if_requested();
                 Ok(())
@@ -252,7 +254,7 @@ fn snapshot<'a>(estimate: &'a Estimate, settings: &'a Settings) -> Snapshot<'a> 
 fn can_field_instructions() -> Option<u64> {
     let can = CanSettings { node: 42, ..CanSettings::DEFAULT };
     let settings = Settings { can, ..Settings::DEFAULT };
-    let software = SoftwareVersion::of_this_firmware(None);
+    let software = SoftwareVersion::from_firmware(None);
     let mut node = CanNode::new(
         NodeInfo { node_name: "", software_version: software, hardware_version: [1, 0], unique_id: [7; 16] },
         can,
@@ -266,8 +268,8 @@ fn can_field_instructions() -> Option<u64> {
         let mut frames = 0;
         let count = count_instructions(|| {
             black_box(node.poll(black_box(&context)));
-            while black_box(node.next_frame()).is_some() {
-                node.frame_sent(estimate.timestamp);
+            while black_box(node.frame_to_send()).is_some() {
+                node.on_frame_sent(estimate.timestamp);
                 frames += 1;
             }
         });

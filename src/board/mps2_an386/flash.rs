@@ -5,11 +5,13 @@ use core::ops::Range;
 use embassy_time::{Duration, Timer};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 
-/// Page size, bytes, word size and durations of the STM32L4: pages of 2 KB, erased in 22 ms; double words, programmed
-/// in 82 us.
+/// Page size of the STM32L4, bytes.
 const PAGE_BYTES: usize = 2048;
+/// Programmed unit of the STM32L4, bytes: a double word.
 const WORD_BYTES: usize = 8;
+/// Time to erase a page of the STM32L4.
 const ERASE_TIME: Duration = Duration::from_millis(22);
+/// Time to program a double word of the STM32L4.
 const PROGRAM_TIME: Duration = Duration::from_micros(82);
 const ERASED: u8 = 0xFF;
 

@@ -38,7 +38,7 @@ impl SensorBus {
 
     /// Releases a data line held low by a chip.
     fn release_data_line(&mut self) {
-        self.take_bits(BUS_RECOVERY_CLOCKS);
+        self.read_bits(BUS_RECOVERY_CLOCKS);
         self.stop_condition();
     }
 
@@ -57,17 +57,17 @@ impl SensorBus {
 
     /// Sends one bit in the fewest instructions: the instruction counts of a reading include them, unlike on a board
     /// with an I2C peripheral.
-    fn put_bit(&mut self, bit: bool) {
+    fn write_bit(&mut self, bit: bool) {
         (if bit { SET_LINES } else { CLEAR_LINES }).write_register(SDA);
         SET_LINES.write_register(SCL);
         CLEAR_LINES.write_register(SCL);
     }
 
     /// Reads bits from the chip, most significant first. A broken data line reads high.
-    fn take_bits(&mut self, number: u32) -> u32 {
+    fn read_bits(&mut self, count: u32) -> u32 {
         SET_LINES.write_register(SDA);
         let mut bits = 0;
-        for _ in 0..number {
+        for _ in 0..count {
             SET_LINES.write_register(SCL);
             bits = bits << 1 | SET_LINES.read_register() & SDA;
             CLEAR_LINES.write_register(SCL);
@@ -75,26 +75,26 @@ impl SensorBus {
         if lockstep::sensor_is_broken() { u32::MAX } else { bits / SDA }
     }
 
-    fn put_byte(&mut self, byte: u8, source: NoAcknowledgeSource) -> Result<(), NoAcknowledge> {
+    fn write_byte(&mut self, byte: u8, source: NoAcknowledgeSource) -> Result<(), NoAcknowledge> {
         for bit in (0..8).rev() {
-            self.put_bit(byte >> bit & 1 != 0);
+            self.write_bit(byte >> bit & 1 != 0);
         }
-        if self.take_bits(1) == 0 { Ok(()) } else { Err(NoAcknowledge(source)) }
+        if self.read_bits(1) == 0 { Ok(()) } else { Err(NoAcknowledge(source)) }
     }
 
     fn read_byte(&mut self, is_last: bool) -> u8 {
-        let byte = self.take_bits(8) as u8;
-        self.put_bit(is_last);
+        let byte = self.read_bits(8) as u8;
+        self.write_bit(is_last);
         byte
     }
 
     fn perform_operation(&mut self, address: u8, operation: &mut Operation<'_>) -> Result<(), NoAcknowledge> {
         self.start_condition();
         let reads = matches!(operation, Operation::Read(_));
-        self.put_byte(address << 1 | u8::from(reads), NoAcknowledgeSource::Address)?;
+        self.write_byte(address << 1 | u8::from(reads), NoAcknowledgeSource::Address)?;
         match operation {
             Operation::Write(bytes) => {
-                bytes.iter().try_for_each(|&byte| self.put_byte(byte, NoAcknowledgeSource::Data))
+                bytes.iter().try_for_each(|&byte| self.write_byte(byte, NoAcknowledgeSource::Data))
             }
             Operation::Read(buffer) => {
                 let last = buffer.len().saturating_sub(1);

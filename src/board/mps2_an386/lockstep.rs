@@ -88,7 +88,7 @@ fn wait_for_message(message: LockstepMessage, due: Option<Instant>) {
         machine_clock::with_frozen_clock(|ticks| {
             send_message(message, due.map_or(ticks, |due| due.as_micros() * machine_clock::TICKS_PER_US));
             let others = mask_all_but_uarts();
-            let [console, autopilot, instrument, go] = core::array::from_fn(|_| take_byte(&LOCKSTEP));
+            let [console, autopilot, instrument, go] = core::array::from_fn(|_| wait_for_byte(&LOCKSTEP));
             receive_bytes(&CONSOLE, console);
             receive_bytes(&AUTOPILOT, autopilot);
             receive_bytes(&INSTRUMENT, instrument);
@@ -102,7 +102,7 @@ fn wait_for_message(message: LockstepMessage, due: Option<Instant>) {
     });
 }
 
-fn take_byte(uart: &Uart) -> u8 {
+fn wait_for_byte(uart: &Uart) -> u8 {
     loop {
         if let Some(byte) = uart.read_byte() {
             return byte;

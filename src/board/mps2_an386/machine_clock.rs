@@ -28,62 +28,62 @@ const TIMER_RUNNING: u32 = 0b1010_0011;
 const TIMER_PAUSED: u32 = 0b0010_0011;
 
 /// Longest timer interval: the counter must be read before it wraps after 171 s.
-const LONGEST_US: u64 = 60_000_000;
+const MAX_TIMER_US: u64 = 60_000_000;
 
 struct Clock {
-    queue: Queue,
+    wake_queue: Queue,
     /// Last counter value, and number of wraps.
-    low: u32,
-    high: u32,
+    last_counter: u32,
+    counter_wraps: u32,
     /// Number of ticks during which time was frozen.
-    frozen: u64,
+    frozen_ticks: u64,
     /// Last conversion of the clock: a time in microseconds, and the same time in ticks.
-    us: u64,
-    us_ticks: u64,
+    converted_us: u64,
+    converted_ticks: u64,
 }
 
 struct MachineClock(Mutex<RefCell<Clock>>);
 
 embassy_time_driver::time_driver_impl!(static CLOCK: MachineClock = MachineClock(Mutex::new(RefCell::new(Clock {
-    queue: Queue::new(),
-    low: 0,
-    high: 0,
-    frozen: 0,
-    us: 0,
-    us_ticks: 0,
+    wake_queue: Queue::new(),
+    last_counter: 0,
+    counter_wraps: 0,
+    frozen_ticks: 0,
+    converted_us: 0,
+    converted_ticks: 0,
 }))));
 
 impl Clock {
     fn read_counter(&mut self) -> u64 {
         let low = FPGA_COUNTER.read_register();
-        if low < self.low {
-            self.high = self.high.wrapping_add(1);
+        if low < self.last_counter {
+            self.counter_wraps = self.counter_wraps.wrapping_add(1);
         }
-        self.low = low;
-        u64::from(self.high) << 32 | u64::from(low)
+        self.last_counter = low;
+        u64::from(self.counter_wraps) << 32 | u64::from(low)
     }
 
     fn ticks(&mut self) -> u64 {
-        self.read_counter() - self.frozen
+        self.read_counter() - self.frozen_ticks
     }
 
     /// Microseconds since the start. Divides only the ticks since the last call, which fit into 32 bits; the processor
     /// has no 64-bit division.
     fn now_us(&mut self) -> u64 {
-        let since_us = (self.ticks() - self.us_ticks) as u32 / TICKS_PER_US as u32;
-        self.us += u64::from(since_us);
-        self.us_ticks += u64::from(since_us) * TICKS_PER_US;
-        self.us
+        let since_us = (self.ticks() - self.converted_ticks) as u32 / TICKS_PER_US as u32;
+        self.converted_us += u64::from(since_us);
+        self.converted_ticks += u64::from(since_us) * TICKS_PER_US;
+        self.converted_us
     }
 
     /// Wakes expired timers and sets the hardware timer for the next.
     fn set_timer(&mut self) {
         TIMER_CONTROL.write_register(TIMER_STOPPED);
         let now_us = self.now_us();
-        let next_us = self.queue.next_expiration(now_us);
+        let next_us = self.wake_queue.next_expiration(now_us);
         // The interval is at most a minute, and at least 1 us, so that deadlines passed meanwhile are handled by the
         // next interrupt.
-        let after_us = next_us.saturating_sub(now_us).clamp(1, LONGEST_US);
+        let after_us = next_us.saturating_sub(now_us).clamp(1, MAX_TIMER_US);
         TIMER_LOAD.write_register((after_us * TICKS_PER_US) as u32);
         TIMER_CONTROL.write_register(TIMER_RUNNING);
     }
@@ -103,7 +103,7 @@ impl Driver for MachineClock {
 
     fn schedule_wake(&self, at: u64, waker: &Waker) {
         self.with_clock(|clock| {
-            if clock.queue.schedule_wake(at, waker) {
+            if clock.wake_queue.schedule_wake(at, waker) {
                 clock.set_timer();
             }
         });
@@ -187,7 +187,7 @@ pub fn with_frozen_clock(f: impl FnOnce(u64)) {
     let before = CLOCK.with_clock(Clock::read_counter);
     f(ticks());
     restore_clock_phase(place);
-    CLOCK.with_clock(|clock| clock.frozen += clock.read_counter() - before);
+    CLOCK.with_clock(|clock| clock.frozen_ticks += clock.read_counter() - before);
     // An expired timer has its interrupt pending, which restarts it.
     if TIMER_VALUE.read_register() != 0 {
         TIMER_CONTROL.write_register(TIMER_RUNNING);

@@ -145,13 +145,13 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     };
 
     // Infallible: this task and the bench task are spawned only once.
-    STEP_TASK.start(Interrupt::StepTask).spawn(step().expect("one task"));
+    STEP_TASK.start(Interrupt::StepTask).spawn(lockstep_task().expect("one task"));
     let above = HEADING_TASKS.start(Interrupt::HeadingTasks);
     let below = OTHER_TASKS.start(Interrupt::OtherTasks);
     spawn_tasks(above, below, hardware);
     #[cfg(feature = "bench")]
     if !is_safe_mode {
-        below.spawn(bench_tests().expect("one task"));
+        below.spawn(bench_task().expect("one task"));
     }
     loop {
         asm::wfi();
@@ -185,17 +185,17 @@ impl app::Platform for Platform {
     }
 
     fn peak_stack_use(&self) -> Option<StackUse> {
-        Some(stack::high_water())
+        Some(stack::peak_use())
     }
 }
 
 #[embassy_executor::task]
-async fn step() -> ! {
+async fn lockstep_task() -> ! {
     lockstep::run_lockstep().await
 }
 
 #[cfg(feature = "bench")]
 #[embassy_executor::task]
-async fn bench_tests() -> ! {
+async fn bench_task() -> ! {
     bench::run_bench(CONSOLE_TX).await
 }

@@ -6,8 +6,9 @@ use autoswing::health::ResetCause;
 
 use crate::board::panic_message;
 
-/// Values of the stored state; any other value means power-on.
+/// Stored state of a running firmware; a value that is no state means power-on.
 const STATE_RUNNING: u32 = 0x5157_1A6E;
+/// Stored state of a restart by command.
 const STATE_REBOOTING: u32 = 0x0B00_7ED0;
 
 #[unsafe(link_section = ".uninit.state")]

@@ -7,9 +7,9 @@ use autoswing::reading::{Identity, Reading};
 
 use super::i2c::{NoAcknowledge, SensorBus};
 
-/// Offset added by the simulator and subtracted here, because QEMU accepts no negative fields: 93 uT on x and y, 104 uT
+/// Offset offset_ut by the simulator and subtracted here, because QEMU accepts no negative fields: 93 uT on x and y, 104 uT
 /// on z at a range of 1.3 gauss.
-const ADDED_COUNTS: [f32; 3] = [1023.0, 1023.0, 1019.0];
+const OFFSET_COUNTS: [f32; 3] = [1023.0, 1023.0, 1019.0];
 const UT_PER_COUNT: [f32; 3] = [100.0 / 1100.0, 100.0 / 1100.0, 100.0 / 980.0];
 
 pub struct Sensor(Lsm303dlhc<SensorBus>);
@@ -29,8 +29,8 @@ impl Magnetometer for Sensor {
 
     async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<NoAcknowledge>> {
         let reading = self.0.read_measurement().await?;
-        let added: [f32; 3] = core::array::from_fn(|axis| ADDED_COUNTS[axis] * UT_PER_COUNT[axis]);
-        let ut = reading.field.ut - nalgebra::Vector3::from(added);
+        let offset_ut: [f32; 3] = core::array::from_fn(|axis| OFFSET_COUNTS[axis] * UT_PER_COUNT[axis]);
+        let ut = reading.field.ut - nalgebra::Vector3::from(offset_ut);
         Ok(Reading { field: Field::<SensorFrame>::new(ut), ..reading })
     }
 
@@ -38,8 +38,8 @@ impl Magnetometer for Sensor {
         self.0.verify_configuration().await
     }
 
-    fn stuck_reading_count(&self) -> u16 {
-        self.0.stuck_reading_count()
+    fn equal_readings_until_stuck(&self) -> u16 {
+        self.0.equal_readings_until_stuck()
     }
 
     fn period_us(&self) -> u32 {

@@ -3,7 +3,7 @@
 use core::convert::Infallible;
 
 use autoswing::app::SetBaud;
-use autoswing::settings::Baud;
+use autoswing::settings::BaudRate;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
 use embassy_time::{Duration, Timer};
@@ -17,8 +17,9 @@ const UART_CONTROL: usize = 0x08;
 const UART_CLEAR: usize = 0x0C;
 const BAUD_DIVISOR: usize = 0x10;
 
-/// Bits of register `STATE`.
+/// Bit of the state register: the transmitter is busy.
 const TX_FULL: u32 = 1;
+/// Bit of the state register: a byte was received.
 const RX_FULL: u32 = 2;
 /// Value of `CONTROL` that enables transmitter, receiver and receive interrupt.
 const UART_ENABLED: u32 = 0b1011;
@@ -57,12 +58,12 @@ impl Uart {
 
     /// Enables the UART at 115200 baud, 8N1.
     pub fn enable(&self) {
-        self.set_baud(Baud::B115200);
+        self.set_baud(BaudRate::B115200);
         self.register(UART_CONTROL).write_register(UART_ENABLED);
     }
 
     /// Rounding error of the divisor: 0.5 % at 460,800 baud, otherwise less.
-    fn set_baud(&self, baud: Baud) {
+    fn set_baud(&self, baud: BaudRate) {
         let bits_per_s = baud.bits_per_s();
         self.register(BAUD_DIVISOR).write_register((CLOCK_HZ + bits_per_s / 2) / bits_per_s);
     }
@@ -103,7 +104,7 @@ pub struct UartTx {
 }
 
 impl SetBaud for UartTx {
-    fn set_baud(&mut self, baud: Baud) {
+    fn set_baud(&mut self, baud: BaudRate) {
         self.uart.set_baud(baud);
     }
 }

@@ -6,7 +6,7 @@
 use core::arch::naked_asm;
 use core::sync::atomic::{Ordering, compiler_fence};
 
-use autoswing::app::can::HandOver;
+use autoswing::app::can::UpdateHandOver;
 use autoswing::port::FirmwareUpdate;
 use autoswing::wire::dronecan::outbound::SoftwareVersion;
 use cortex_m::Peripherals;
@@ -121,8 +121,7 @@ pub struct AppDescriptor {
 impl AppDescriptor {
     /// Descriptor for a board number of ArduPilot.
     pub const fn new(board_id: u16) -> Self {
-        let SoftwareVersion { major_version: major, minor_version: minor, .. } =
-            SoftwareVersion::of_this_firmware(None);
+        let SoftwareVersion { major_version: major, minor_version: minor, .. } = SoftwareVersion::from_firmware(None);
         Self {
             signature: [0x40, 0xA2, 0xE4, 0xF1, 0x64, 0x68, 0x91, 0x06],
             image_crc1: 0,
@@ -144,7 +143,7 @@ impl AppDescriptor {
         };
         let commit = Some(number(&self.git_hash)).filter(|&commit| commit != 0);
         let image_crc = u64::from(number(&self.image_crc1)) | u64::from(number(&self.image_crc2)) << 32;
-        SoftwareVersion { image_crc: Some(image_crc), ..SoftwareVersion::of_this_firmware(commit) }
+        SoftwareVersion { image_crc: Some(image_crc), ..SoftwareVersion::from_firmware(commit) }
     }
 }
 
@@ -179,8 +178,8 @@ pub fn mark_image_good() {
 /// Hand-over of firmware updates to the boot loader.
 pub struct BootLoader;
 
-impl HandOver for BootLoader {
-    fn hand_over(&mut self, update: &FirmwareUpdate) {
+impl UpdateHandOver for BootLoader {
+    fn hand_over_update(&mut self, update: &FirmwareUpdate) {
         unsafe extern "C" {
             // Memory of the update, with its address in memory.x.
             static mut __boot_loader_update: [u8; autoswing::port::BOOT_LOADER_BYTES];
@@ -190,6 +189,6 @@ impl HandOver for BootLoader {
         unsafe { (&raw mut __boot_loader_update).write_volatile(update.boot_loader_bytes()) };
         // The structure is complete before the boot loader is asked to read it.
         compiler_fence(Ordering::SeqCst);
-        write_message(MESSAGE_FETCH_UPDATE | u32::from(update.own_node.get()));
+        write_message(MESSAGE_FETCH_UPDATE | u32::from(update.own_node.number()));
     }
 }

@@ -71,7 +71,7 @@ impl StoreFlash {
     }
 
     /// Volatile read, because the compiler does not know of flash writes.
-    fn byte(offset: u32) -> u8 {
+    fn read_byte(offset: u32) -> u8 {
         let address = (FLASH_BASE + offset) as *const u8;
         // SAFETY: callers checked that the offset is within the store, which is readable flash.
         unsafe { address.read_volatile() }
@@ -88,7 +88,7 @@ impl ReadNorFlash for StoreFlash {
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
         let start = self.flash_offset(offset, bytes.len())?;
         for (offset, byte) in (start..).zip(bytes) {
-            *byte = Self::byte(offset);
+            *byte = Self::read_byte(offset);
         }
         Ok(())
     }
@@ -109,7 +109,11 @@ impl NorFlash for StoreFlash {
         let cache = DataCacheOff::new();
         self.flash.erase(start, start + size).await.map_err(FlashError::Hardware)?;
         drop(cache);
-        if (start..start + size).all(|offset| Self::byte(offset) == 0xFF) { Ok(()) } else { Err(FlashError::Verify) }
+        if (start..start + size).all(|offset| Self::read_byte(offset) == 0xFF) {
+            Ok(())
+        } else {
+            Err(FlashError::Verify)
+        }
     }
 
     /// Writes double words and reads them back. Blocking, because only the HAL's blocking writes report errors.
@@ -118,7 +122,7 @@ impl NorFlash for StoreFlash {
         let cache = DataCacheOff::new();
         self.flash.blocking_write(start, bytes).map_err(FlashError::Hardware)?;
         drop(cache);
-        let same = (start..).zip(bytes).all(|(offset, &byte)| Self::byte(offset) == byte);
+        let same = (start..).zip(bytes).all(|(offset, &byte)| Self::read_byte(offset) == byte);
         if same { Ok(()) } else { Err(FlashError::Verify) }
     }
 }

@@ -15,7 +15,7 @@ const RECOVERY_CLOCKS: u32 = 9;
 /// The HAL's driver, with the means to recreate it.
 pub struct I2cBus {
     driver: Option<I2c<'static, Async, Master>>,
-    make: fn() -> I2c<'static, Async, Master>,
+    make_driver: fn() -> I2c<'static, Async, Master>,
     scl: Peri<'static, AnyPin>,
     sda: Peri<'static, AnyPin>,
 }
@@ -25,14 +25,14 @@ impl I2cBus {
     ///
     /// # Safety
     ///
-    /// `make` may be called whenever the previous driver has been dropped, `scl` and `sda` are that driver's pins, and
+    /// `make_driver` may be called whenever the previous driver has been dropped, `scl` and `sda` are that driver's pins, and
     /// nothing else uses these peripherals.
     pub unsafe fn new(
         scl: Peri<'static, AnyPin>,
         sda: Peri<'static, AnyPin>,
-        make: fn() -> I2c<'static, Async, Master>,
+        make_driver: fn() -> I2c<'static, Async, Master>,
     ) -> Self {
-        Self { driver: None, make, scl, sda }
+        Self { driver: None, make_driver, scl, sda }
     }
 
     /// The driver; created after bus recovery at the first use and after an error.
@@ -40,7 +40,7 @@ impl I2cBus {
         if self.driver.is_none() {
             self.free_data_line().await;
         }
-        self.driver.get_or_insert_with(self.make)
+        self.driver.get_or_insert_with(self.make_driver)
     }
 
     /// Drops the driver unless the transfer left it in a known state. After a timeout the HAL leaves a START pending,

@@ -14,6 +14,6 @@ impl app::Platform for Platform {
     }
 
     fn peak_stack_use(&self) -> Option<StackUse> {
-        Some(stack::high_water())
+        Some(stack::peak_use())
     }
 }

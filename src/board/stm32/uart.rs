@@ -1,7 +1,7 @@
 //! UARTs that continue after line errors, with a transmitter without deadlock.
 
 use autoswing::app::SetBaud;
-use autoswing::settings::Baud;
+use autoswing::settings::BaudRate;
 use embassy_stm32::gpio::Pull;
 use embassy_stm32::usart::{self, BufferedUart, BufferedUartRx, BufferedUartTx, Error};
 use embassy_stm32::{Peri, interrupt};
@@ -20,7 +20,7 @@ pub struct UartBuffers {
 }
 
 impl UartBuffers {
-    pub const NEW: Self = Self { tx: [0; BUFFER_SIZE], rx: [0; BUFFER_SIZE] };
+    pub const EMPTY: Self = Self { tx: [0; BUFFER_SIZE], rx: [0; BUFFER_SIZE] };
 }
 
 pub type UartRx = BufferedUartRx<'static>;
@@ -61,7 +61,7 @@ impl UartTx {
 }
 
 impl SetBaud for UartTx {
-    fn set_baud(&mut self, baud: Baud) {
+    fn set_baud(&mut self, baud: BaudRate) {
         // Infallible: the clocks of all boards can be divided to all rates. A byte being sent is corrupted.
         let _ = self.0.set_baudrate(baud.bits_per_s());
     }

@@ -26,7 +26,7 @@ pub async fn console_task(
     rx: UartRx,
     tx: UartTx,
     platform: Platform,
-    reset: ResetCause,
+    reset_cause: ResetCause,
 ) -> ! {
-    app::console::run_console(links, rx, tx, platform, reset).await
+    app::console::run_console(links, rx, tx, platform, reset_cause).await
 }

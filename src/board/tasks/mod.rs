@@ -24,12 +24,12 @@ use super::sample_memory;
 use board_uarts::SAFE_MODE_PORTS;
 use line_tasks::expect_spawn_token;
 
-/// Initialised at run time, so that `.data` costs no flash.
+/// Connections of all tasks; initialised at run time, so that `.data` costs no flash.
 static LINKS: StaticCell<TaskLinks> = StaticCell::new();
 
-/// Spawns all tasks: heading tasks on the executor `above`, which interrupts `below` with the slow tasks. In safe mode,
-/// spawns the console, a CAN bus, and the task of that mode only.
-pub fn spawn_all_tasks(above: SendSpawner, below: SendSpawner, hardware: Hardware) {
+/// Spawns all tasks: the heading tasks on one executor, which interrupts that of the slow tasks. In safe mode, spawns
+/// only the console, the task of a CAN bus, and that of safe mode.
+pub fn spawn_all_tasks(heading_spawner: SendSpawner, slow_spawner: SendSpawner, hardware: Hardware) {
     let links = LINKS.init_with(TaskLinks::new);
     let region = hardware.flash.store_region();
     let store = Store::new(hardware.flash, region);
@@ -37,20 +37,20 @@ pub fn spawn_all_tasks(above: SendSpawner, below: SendSpawner, hardware: Hardwar
     let is_safe_mode = hardware.reset_cause.requires_safe_mode();
     #[cfg(not(feature = "board-mps2-an386"))]
     {
-        let spawner = if is_safe_mode { below } else { above };
+        let spawner = if is_safe_mode { slow_spawner } else { heading_spawner };
         spawner.spawn(expect_spawn_token(can::can_task(links, hardware.can_bus, is_safe_mode)));
     }
     if is_safe_mode {
-        let ports = board_uarts::spawn_in_safe_mode(links, below, hardware.uarts, restart);
-        below.spawn(expect_spawn_token(safe_mode(links, store, ports, hardware.watchdog)));
+        let ports = board_uarts::spawn_in_safe_mode(links, slow_spawner, hardware.uarts, restart);
+        slow_spawner.spawn(expect_spawn_token(safe_mode_task(links, store, ports, hardware.watchdog)));
         return;
     }
-    board_uarts::spawn_uart_tasks(links, (above, below), hardware.uarts, restart);
-    above.spawn(expect_spawn_token(sensor_task(links, hardware.magnetometer)));
-    above.spawn(expect_spawn_token(instrument_task(links)));
-    above.spawn(expect_spawn_token(feed_watchdog(links, hardware.watchdog)));
-    above.spawn(expect_spawn_token(panel_task(links, hardware.panel)));
-    below.spawn(expect_spawn_token(compass_task(links, store, sample_memory::take_sample_memory())));
+    board_uarts::spawn_uart_tasks(links, (heading_spawner, slow_spawner), hardware.uarts, restart);
+    heading_spawner.spawn(expect_spawn_token(sensor_task(links, hardware.magnetometer)));
+    heading_spawner.spawn(expect_spawn_token(instrument_task(links)));
+    heading_spawner.spawn(expect_spawn_token(watchdog_task(links, hardware.watchdog)));
+    heading_spawner.spawn(expect_spawn_token(panel_task(links, hardware.panel)));
+    slow_spawner.spawn(expect_spawn_token(compass_task(links, store, sample_memory::take_sample_memory())));
 }
 
 #[embassy_executor::task]
@@ -64,7 +64,7 @@ async fn instrument_task(links: &'static TaskLinks) -> ! {
 }
 
 #[embassy_executor::task]
-async fn feed_watchdog(links: &'static TaskLinks, watchdog: Watchdog) -> ! {
+async fn watchdog_task(links: &'static TaskLinks, watchdog: Watchdog) -> ! {
     app::watchdog::run_watchdog(links, watchdog).await
 }
 
@@ -83,7 +83,7 @@ async fn compass_task(
 }
 
 #[embassy_executor::task]
-async fn safe_mode(
+async fn safe_mode_task(
     links: &'static TaskLinks,
     store: Store<StoreFlash>,
     ports: [UartTx; SAFE_MODE_PORTS],

@@ -11,24 +11,24 @@ use crate::board::chosen::{Platform, UartRx, UartTx, Uarts};
 /// Number of ports that report safe mode: none, because the only UART is the console then.
 pub const SAFE_MODE_PORTS: usize = 0;
 
-/// Spawns the port on `above`, or the console on `below`.
+/// Spawns the port on `heading_spawner`, or the console on `slow_spawner`.
 pub fn spawn_uart_tasks(
     links: &'static TaskLinks,
     spawners: (SendSpawner, SendSpawner),
     uart: Uarts,
-    (platform, reset): (Platform, ResetCause),
+    (platform, reset_cause): (Platform, ResetCause),
 ) {
-    spawners.1.spawn(expect_spawn_token(uart_task(links, spawners, uart, platform, reset)));
+    spawners.1.spawn(expect_spawn_token(uart_task(links, spawners, uart, platform, reset_cause)));
 }
 
 /// Spawns the console, whatever is selected for the UART.
 pub fn spawn_in_safe_mode(
     links: &'static TaskLinks,
-    below: SendSpawner,
+    slow_spawner: SendSpawner,
     (tx, rx): Uarts,
-    (platform, reset): (Platform, ResetCause),
+    (platform, reset_cause): (Platform, ResetCause),
 ) -> [UartTx; SAFE_MODE_PORTS] {
-    below.spawn(expect_spawn_token(console_task(links, rx, tx, platform, reset)));
+    slow_spawner.spawn(expect_spawn_token(console_task(links, rx, tx, platform, reset_cause)));
     []
 }
 
@@ -38,13 +38,13 @@ async fn uart_task(
     spawners: (SendSpawner, SendSpawner),
     line: (UartTx, UartRx),
     platform: Platform,
-    reset: ResetCause,
+    reset_cause: ResetCause,
 ) {
-    let ((above, below), (tx, rx)) = (spawners, line);
+    let ((heading_spawner, slow_spawner), (tx, rx)) = (spawners, line);
     if app::port::has_protocol(links, PortNumber::One).await {
-        above.spawn(expect_spawn_token(port_task(links, PortNumber::One, tx, rx)));
+        heading_spawner.spawn(expect_spawn_token(port_task(links, PortNumber::One, tx, rx)));
         app::console::restart_without_terminal(links, platform).await;
     } else {
-        below.spawn(expect_spawn_token(console_task(links, rx, tx, platform, reset)));
+        slow_spawner.spawn(expect_spawn_token(console_task(links, rx, tx, platform, reset_cause)));
     }
 }

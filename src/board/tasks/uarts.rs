@@ -11,28 +11,28 @@ use crate::board::chosen::{Platform, UartTx, Uarts};
 /// Ports that report safe mode.
 pub const SAFE_MODE_PORTS: usize = PORT_COUNT;
 
-/// Spawns the console on `below`, the ports on `above`.
+/// Spawns the console on `slow_spawner`, the ports on `heading_spawner`.
 pub fn spawn_uart_tasks(
     links: &'static TaskLinks,
-    (above, below): (SendSpawner, SendSpawner),
+    (heading_spawner, slow_spawner): (SendSpawner, SendSpawner),
     uarts: Uarts,
-    (platform, reset): (Platform, ResetCause),
+    (platform, reset_cause): (Platform, ResetCause),
 ) {
     let (tx, rx) = uarts.console_uart;
-    below.spawn(expect_spawn_token(console_task(links, rx, tx, platform, reset)));
+    slow_spawner.spawn(expect_spawn_token(console_task(links, rx, tx, platform, reset_cause)));
     for (number, (tx, rx)) in PortNumber::ALL_PORTS.into_iter().zip(uarts.port_uarts) {
-        above.spawn(expect_spawn_token(port_task(links, number, tx, rx)));
+        heading_spawner.spawn(expect_spawn_token(port_task(links, number, tx, rx)));
     }
 }
 
 /// Spawns the console alone; returns the transmitters of the ports.
 pub fn spawn_in_safe_mode(
     links: &'static TaskLinks,
-    below: SendSpawner,
+    slow_spawner: SendSpawner,
     uarts: Uarts,
-    (platform, reset): (Platform, ResetCause),
+    (platform, reset_cause): (Platform, ResetCause),
 ) -> [UartTx; SAFE_MODE_PORTS] {
     let (tx, rx) = uarts.console_uart;
-    below.spawn(expect_spawn_token(console_task(links, rx, tx, platform, reset)));
+    slow_spawner.spawn(expect_spawn_token(console_task(links, rx, tx, platform, reset_cause)));
     uarts.port_uarts.map(|(tx, _)| tx)
 }

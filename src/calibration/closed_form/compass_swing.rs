@@ -100,11 +100,11 @@ mod tests {
         Matrix3::new(1.1, 0.05, -0.02, -0.03, 0.9, 0.04, 0.02, 0.06, 1.05)
     }
 
-    fn marks(inclination_deg: f32, lean_deg: f32) -> Vec<HeadingMark> {
+    fn marks(inclination_deg: f32, tilt_deg: f32) -> Vec<HeadingMark> {
         let mark = |i: u8| {
             let heading_rad = f32::from(i) / 12.0 * TAU;
             let (roll, pitch) = [(1.0, 0.3), (-1.0, -0.2), (0.2, 1.0), (-0.3, -1.0)][usize::from(i % 4)];
-            let attitude = Attitude::from_deg(lean_deg * roll, lean_deg * pitch);
+            let attitude = Attitude::from_deg(tilt_deg * roll, tilt_deg * pitch);
             let level = Field::<Level>::earth_field(50.0, inclination_deg.to_radians(), heading_rad);
             let field = Field::new(a() * attitude.to_body_frame(level).ut + B_UT);
             HeadingMark {

@@ -80,16 +80,16 @@ struct PlaneFigures {
 
 impl PlaneFigures {
     /// `up`: 1, or -1 to negate the up axis in its figure.
-    fn new(samples: &[Sample], rotation: &Matrix3<f32>, side: Side, up: f32) -> Result<Self, SolveError> {
+    fn new(samples: &[Sample], rotation: &Matrix3<f32>, side: Side, up_sign: f32) -> Result<Self, SolveError> {
         let part = SamplePart::Turns(side);
         SolveError::require_samples(part, samples.len(), MIN_SAMPLES)?;
         let fields = samples.iter().map(|sample| rotation * sample.field.ut);
         let not_an_ellipse = SolveError::NotAnEllipse(part);
-        let xy =
-            EllipseMap::fit_ellipse_map(fields.clone().map(|f| Vector2::new(f.x, -f.z * up))).ok_or(not_an_ellipse)?;
+        let xy = EllipseMap::fit_ellipse_map(fields.clone().map(|f| Vector2::new(f.x, -f.z * up_sign)))
+            .ok_or(not_an_ellipse)?;
         let xz = EllipseMap::fit_ellipse_map(fields.map(|f| f.xy())).ok_or(not_an_ellipse)?;
         // Both figures contain x; eq. 13 and 14 use the x of (x, up).
-        let assemble = |of_xy: Vector2<f32>, of_xz: Vector2<f32>| Vector3::new(of_xy.x, of_xy.y * up, of_xz.y);
+        let assemble = |of_xy: Vector2<f32>, of_xz: Vector2<f32>| Vector3::new(of_xy.x, of_xy.y * up_sign, of_xz.y);
         Ok(Self {
             bank: MeanBank::from_samples(samples),
             response_to_x: assemble(xy.map_ut.column(0).into(), xz.map_ut.column(0).into()),

@@ -22,7 +22,7 @@ pub(in crate::calibration) struct SensorResponse {
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct StartingPoint {
     /// Unit of field, microtesla.
-    pub unit_ut: f32,
+    pub field_unit_ut: f32,
     pub w: Matrix3<f32>,
     pub hard_iron: Vector3<f32>,
     pub inclination_rad: f32,
@@ -35,11 +35,11 @@ impl SensorResponse {
         let total = sqrt(1.0 + self.tan_inclination * self.tan_inclination);
         let w = inverse(&self.response_ut)? / total;
         let determinant = w.determinant();
-        let unit_ut = trig::reciprocal_cbrt(determinant);
-        (determinant > 0.0 && unit_ut.is_finite() && unit_ut > 0.0).then(|| StartingPoint {
-            unit_ut,
-            w: w * unit_ut,
-            hard_iron: self.hard_iron_ut / unit_ut,
+        let field_unit_ut = trig::reciprocal_cbrt(determinant);
+        (determinant > 0.0 && field_unit_ut.is_finite() && field_unit_ut > 0.0).then(|| StartingPoint {
+            field_unit_ut,
+            w: w * field_unit_ut,
+            hard_iron: self.hard_iron_ut / field_unit_ut,
             inclination_rad: libm::atan2f(self.tan_inclination, 1.0),
         })
     }
@@ -73,7 +73,7 @@ pub(crate) fn fit_sphere(new_sample: Option<&Sample>, samples: Samples<'_>) -> O
 
 /// Starting point from the sphere fit: hard iron only. Fields are rotated by `rotation` first.
 pub(in crate::calibration) fn sphere_start(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<StartingPoint> {
-    let (centre_ut, unit_ut) = fit_sphere(None, samples)?;
+    let (centre_ut, field_unit_ut) = fit_sphere(None, samples)?;
     let b_ut = rotation * centre_ut;
     let sin_inclination = samples
         .all_samples()
@@ -84,7 +84,7 @@ pub(in crate::calibration) fn sphere_start(samples: Samples<'_>, rotation: &Matr
         .sum::<f32>()
         / samples.all_samples().count() as f32;
     let inclination_rad = trig::asin(sin_inclination);
-    Some(StartingPoint { unit_ut, w: Matrix3::identity(), hard_iron: b_ut / unit_ut, inclination_rad })
+    Some(StartingPoint { field_unit_ut, w: Matrix3::identity(), hard_iron: b_ut / field_unit_ut, inclination_rad })
 }
 
 /// Starting point from the vertical component, for samples tilted in several directions; needs no heading. With the
@@ -113,12 +113,12 @@ pub(in crate::calibration) fn vertical_component_start(
     // Chip axes are right-handed, so a mirrored solution belongs to a field that points up.
     let sign = if per_ut.determinant() < 0.0 { -1.0 } else { 1.0 };
     let w = per_ut * (sign / total);
-    let unit_ut = trig::reciprocal_cbrt(w.determinant());
-    let is_valid = unit_ut.is_finite() && unit_ut > 0.0 && b_ut.iter().all(|ut| ut.is_finite());
+    let field_unit_ut = trig::reciprocal_cbrt(w.determinant());
+    let is_valid = field_unit_ut.is_finite() && field_unit_ut > 0.0 && b_ut.iter().all(|ut| ut.is_finite());
     is_valid.then(|| StartingPoint {
-        unit_ut,
-        w: w * unit_ut,
-        hard_iron: b_ut / unit_ut,
+        field_unit_ut,
+        w: w * field_unit_ut,
+        hard_iron: b_ut / field_unit_ut,
         inclination_rad: sign * trig::asin(1.0 / total),
     })
 }
@@ -155,7 +155,7 @@ mod tests {
         let total = (1.0_f32 + 1.4 * 1.4).sqrt();
         for direction in [Vector3::x(), Vector3::y(), -Vector3::z(), Vector3::new(0.6, 0.0, 0.8)] {
             let measured_ut = response.response_ut * direction * total + response.hard_iron_ut;
-            let corrected = start.w * (measured_ut / start.unit_ut - start.hard_iron);
+            let corrected = start.w * (measured_ut / start.field_unit_ut - start.hard_iron);
             assert!((corrected - direction).norm() < 1e-5, "{corrected} {direction}");
         }
     }
@@ -197,8 +197,12 @@ mod tests {
         let start =
             sphere_start(Parts { left: &left, right: &right, ..Parts::default() }.samples(), &Matrix3::identity())
                 .unwrap();
-        assert!((start.unit_ut - 50.0).abs() < 0.1, "{}", start.unit_ut);
-        assert!((start.hard_iron * start.unit_ut - b_ut).norm() < 0.2, "{}", start.hard_iron * start.unit_ut);
+        assert!((start.field_unit_ut - 50.0).abs() < 0.1, "{}", start.field_unit_ut);
+        assert!(
+            (start.hard_iron * start.field_unit_ut - b_ut).norm() < 0.2,
+            "{}",
+            start.hard_iron * start.field_unit_ut
+        );
         assert!((start.inclination_rad - 1.0).abs() < 0.01, "{}", start.inclination_rad);
         assert_eq!(start.w, Matrix3::identity());
 
@@ -208,9 +212,9 @@ mod tests {
         let turned = sphere_start(Parts { marks: &marks, ..Parts::default() }.samples(), &about_z).unwrap();
         let expected_ut = about_z * b_ut;
         assert!(
-            (turned.hard_iron * turned.unit_ut - expected_ut).norm() < 0.2,
+            (turned.hard_iron * turned.field_unit_ut - expected_ut).norm() < 0.2,
             "{}",
-            turned.hard_iron * turned.unit_ut
+            turned.hard_iron * turned.field_unit_ut
         );
     }
 
@@ -219,9 +223,9 @@ mod tests {
     fn a_single_circle_gives_no_hard_iron_along_its_axis() {
         let level = circles(&[0.0], Vector3::new(5.0, -3.0, 0.0));
         let start = sphere_start(Parts { level: &level, ..Parts::default() }.samples(), &Matrix3::identity()).unwrap();
-        let b_ut = start.hard_iron * start.unit_ut;
+        let b_ut = start.hard_iron * start.field_unit_ut;
         assert!((b_ut - Vector3::new(5.0, -3.0, 0.0)).norm() < 2.0, "{b_ut}");
-        assert!((start.unit_ut - 50.0).abs() < 1.0, "{}", start.unit_ut);
+        assert!((start.field_unit_ut - 50.0).abs() < 1.0, "{}", start.field_unit_ut);
     }
 
     #[test]

@@ -11,21 +11,21 @@ use crate::calibration::model::{
 #[derive(Clone, Debug)]
 pub(crate) struct InformationMatrix {
     /// Products by pairs of components of `k`, then by pairs of components of `(x, 1)`.
-    products: [[f32; 10]; 6],
+    field_products: [[f32; 10]; 6],
     /// Products of the components of `k` and `(x, 1)` with the last element.
-    with_inclination: [[f32; 4]; 3],
+    inclination_products: [[f32; 4]; 3],
     inclination_squared: f32,
 }
 
 impl InformationMatrix {
     pub const fn zero() -> Self {
-        Self { products: [[0.0; 10]; 6], with_inclination: [[0.0; 4]; 3], inclination_squared: 0.0 }
+        Self { field_products: [[0.0; 10]; 6], inclination_products: [[0.0; 4]; 3], inclination_squared: 0.0 }
     }
 
     #[inline]
     pub fn add_row(&mut self, row: &JacobianRow, weight: f32) {
         self.add_inclination_products(row, weight);
-        self.add_products(&row.x, weighted_field_products(row, weight));
+        self.add_field_products(&row.x, weighted_field_products(row, weight));
     }
 
     /// Adds the outer products of two rows of one measurement, hardly slower than one.
@@ -37,15 +37,15 @@ impl InformationMatrix {
         });
         let [a, b, c, d, e, f] = second;
         let [x, y, z, u, v, w] = first;
-        self.add_products(&rows[0].x, [a + x, b + y, c + z, d + u, e + v, f + w]);
+        self.add_field_products(&rows[0].x, [a + x, b + y, c + z, d + u, e + v, f + w]);
     }
 
     /// Adds weighted products of `k` times those of `(x, 1)`. Unrolled: runs for each sample and pass.
     #[inline]
-    fn add_products(&mut self, x: &Vector3<f32>, pair_products: [f32; 6]) {
+    fn add_field_products(&mut self, x: &Vector3<f32>, pair_products: [f32; 6]) {
         let [x, y, z] = [x.x, x.y, x.z];
         let [xx, xy, xz, yy, yz, zz] = [x * x, x * y, x * z, y * y, y * z, z * z];
-        for (sums, k) in self.products.iter_mut().zip(&pair_products) {
+        for (sums, k) in self.field_products.iter_mut().zip(&pair_products) {
             sums[0] += k * xx;
             sums[1] += k * xy;
             sums[2] += k * xz;
@@ -66,7 +66,7 @@ impl InformationMatrix {
             return;
         }
         let weight = weight * by_inclination;
-        for (sums, k) in self.with_inclination.iter_mut().zip([
+        for (sums, k) in self.inclination_products.iter_mut().zip([
             row.derivative_by_field.x,
             row.derivative_by_field.y,
             row.derivative_by_field.z,
@@ -93,7 +93,7 @@ impl InformationMatrix {
 
     /// Calls `visit` with the indices and value of each element of one triangle.
     pub fn for_each_element(&self, mut visit: impl FnMut(usize, usize, f32)) {
-        for (&(k, l), products_of_pair) in PAIRS_OF_3.iter().zip(&self.products) {
+        for (&(k, l), products_of_pair) in PAIRS_OF_3.iter().zip(&self.field_products) {
             for (&(a, b), &element) in PAIRS_OF_4.iter().zip(products_of_pair) {
                 visit(product_index(k, a), product_index(l, b), element);
                 if k != l && a != b {
@@ -101,7 +101,7 @@ impl InformationMatrix {
                 }
             }
         }
-        for (k, products_of_pair) in self.with_inclination.iter().enumerate() {
+        for (k, products_of_pair) in self.inclination_products.iter().enumerate() {
             for (a, &element) in products_of_pair.iter().enumerate() {
                 visit(product_index(k, a), INCLINATION_INDEX, element);
             }

@@ -153,7 +153,7 @@ impl LinearisedProblem {
             damped.add_weighted_row(&scaled_unit_vector(i, 1.0), [0.0], damping * information);
         }
         let change = damped.solve()?;
-        Some((change, self.triangle.promised_reduction(&change)))
+        Some((change, self.triangle.predicted_reduction(&change)))
     }
 
     pub fn step_to_maximum(&self) -> Option<Vector13> {

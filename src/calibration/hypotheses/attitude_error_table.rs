@@ -19,19 +19,19 @@ pub(in crate::calibration) const ATTITUDE_ERRORS: &[AttitudeError] = &[
     AttitudeError { effect: |_| [0.0, 1.0], assumed_sigma: |consider| consider.bias_rad, acceptance_rule: None },
     bank_scale::BANK_SCALE_ERROR,
     attitude_latency::LATENCY_ERROR,
-    lagging_bank_scale::LAGGING_BANK_SCALE,
+    lagging_bank_scale::LAGGING_BANK_SCALE_ERROR,
 ];
 
 /// Number of attitude errors.
 pub(in crate::calibration) const ATTITUDE_ERROR_COUNT: usize = ATTITUDE_ERRORS.len();
 /// Index of the roll bias.
-pub(in crate::calibration) const ROLL_BIAS: usize = 0;
+pub(in crate::calibration) const ROLL_BIAS_INDEX: usize = 0;
 /// Index of the bank-angle scale error.
-pub(in crate::calibration) const BANK_SCALE: usize = 2;
+pub(in crate::calibration) const BANK_SCALE_INDEX: usize = 2;
 /// Index of the attitude latency, whose sigma is estimated.
 pub(in crate::calibration) const LATENCY_INDEX: usize = 3;
 /// Index of the lagging bank-angle scale error.
-pub(in crate::calibration) const LAGGING_BANK_SCALE: usize = 4;
+pub(in crate::calibration) const LAGGING_BANK_SCALE_INDEX: usize = 4;
 
 /// Standard deviations of all attitude errors.
 pub(in crate::calibration) type AttitudeErrorSigmas = [f32; ATTITUDE_ERROR_COUNT];
@@ -51,7 +51,7 @@ pub(in crate::calibration) fn assumed_sigmas(
 pub(in crate::calibration) type AttitudeErrorSums = [ScoreTest<1>; ATTITUDE_ERROR_COUNT];
 
 /// Adds the inclination residual of a sample to the sums.
-pub(in crate::calibration) fn add_inclination(
+pub(in crate::calibration) fn add_inclination_residual(
     sums: &mut AttitudeErrorSums,
     equations: &SampleEquations,
     state: &AttitudeState,

@@ -32,7 +32,7 @@ const PRIOR_SIGMA_S: f32 = 0.1;
 const MAX_SIGMA_S: f32 = 0.015;
 
 /// Minimum significance for a latency to be applied, sigmas.
-const MIN_SIGMAS: f32 = 3.0;
+const MIN_SIGNIFICANCE_SIGMAS: f32 = 3.0;
 
 /// Maximum sigma for a first try, seconds. An uncorrected latency increases the residuals and so its own sigma.
 const MAX_TRIAL_SIGMA_S: f32 = 2.0 * MAX_SIGMA_S;
@@ -44,19 +44,19 @@ const CONVERGED_SIGMAS: f32 = 0.5;
 pub(in crate::calibration) const MAX_UPDATES: u8 = 2;
 
 impl AttitudeLatency {
-    /// Maximum-likelihood latency and its sigma, with `used_s` applied. `contributions`: of the samples to `U`. `None`
+    /// Maximum-likelihood latency and its sigma, with `applied_s` applied. `contributions`: of the samples to `U`. `None`
     /// without rates or if not finite.
     pub(in crate::calibration) fn estimate_latency(
         sums: &ScoreTest<1>,
         score: &EfficientScore<1>,
         contributions: &Autocorrelation,
-        used_s: f32,
+        applied_s: f32,
     ) -> Option<Self> {
         let prior = 1.0 / (PRIOR_SIGMA_S * PRIOR_SIGMA_S);
         let sample_information = score.information.x.max(0.0);
         let total_information = sample_information + prior;
         let [excess_inflation, _] = contributions.excess_inflation();
-        let found_s = used_s + (score.gradient.x - prior * used_s) / total_information;
+        let found_s = applied_s + (score.gradient.x - prior * applied_s) / total_information;
         let sigma_s = sqrt(sample_information * (1.0 + excess_inflation) + prior) / total_information;
         (sums.information.x > 0.0 && (found_s + sigma_s).is_finite()).then_some(Self { estimate_s: found_s, sigma_s })
     }
@@ -66,22 +66,22 @@ impl AttitudeLatency {
     }
 
     const fn is_significant(self) -> bool {
-        self.estimate_s.abs() > MIN_SIGMAS * self.sigma_s
+        self.estimate_s.abs() > MIN_SIGNIFICANCE_SIGMAS * self.sigma_s
     }
 
-    /// Next latency after `update_count` updates, seconds; `None` if `used_s` is final. A latency that turns out
+    /// Next latency after `update_count` updates, seconds; `None` if `applied_s` is final. A latency that turns out
     /// useless is reset to 0.
-    pub(in crate::calibration) fn next_latency_s(self, used_s: f32, update_count: u8) -> Option<f32> {
+    pub(in crate::calibration) fn next_latency_s(self, applied_s: f32, update_count: u8) -> Option<f32> {
         if update_count == 0 {
             return (self.sigma_s < MAX_TRIAL_SIGMA_S && self.is_significant()).then_some(self.estimate_s);
         }
-        if used_s == 0.0 {
+        if applied_s == 0.0 {
             return None;
         }
         if !self.is_applicable() {
             return Some(0.0);
         }
-        let needs_update = (self.estimate_s - used_s).abs() > CONVERGED_SIGMAS * self.sigma_s;
+        let needs_update = (self.estimate_s - applied_s).abs() > CONVERGED_SIGMAS * self.sigma_s;
         (needs_update && update_count < MAX_UPDATES).then_some(self.estimate_s)
     }
 }
@@ -93,11 +93,11 @@ mod tests {
     use super::*;
     use crate::calibration::model::{JacobianRow, ResidualEquation, Vector13};
 
-    fn close(found: f32, expected: f32) -> bool {
+    fn is_close(found: f32, expected: f32) -> bool {
         (found - expected).abs() <= 1e-4 * expected.abs()
     }
 
-    fn dip(weight: f32, residual: f32) -> ResidualEquation {
+    fn inclination_equation(weight: f32, residual: f32) -> ResidualEquation {
         let row = JacobianRow { derivative_by_field: Vector3::zeros(), x: Vector3::zeros(), by_inclination: 0.0 };
         ResidualEquation::new(row, residual, 1.0 / weight, 1e6)
     }
@@ -114,19 +114,24 @@ mod tests {
     }
 
     impl Evidence {
-        fn add(&mut self, part: usize, dip: &ResidualEquation, by_latency: f32) {
+        fn add_residual(&mut self, part: usize, dip: &ResidualEquation, by_latency: f32) {
             self.sums.add_weighted_equation(dip, &Vector1::new(by_latency), 1.0);
             self.contributions.add_residuals(part, [dip.weight * by_latency * dip.residual, 0.0]);
         }
 
-        /// `known` and `pulled`: parts of information and gradient explained by the nuisance parameters.
-        fn estimate(&self, used_s: f32, known: f32, pulled: f32) -> Option<AttitudeLatency> {
+        /// Estimate from information and gradient, less the parts that the nuisance parameters explain.
+        fn estimate(
+            &self,
+            applied_s: f32,
+            explained_information: f32,
+            explained_gradient: f32,
+        ) -> Option<AttitudeLatency> {
             let score = EfficientScore {
                 nuisance_columns: [Vector13::zeros()],
-                information: self.sums.information.add_scalar(-known),
-                gradient: self.sums.gradient.add_scalar(-pulled),
+                information: self.sums.information.add_scalar(-explained_information),
+                gradient: self.sums.gradient.add_scalar(-explained_gradient),
             };
-            AttitudeLatency::estimate_latency(&self.sums, &score, &self.contributions, used_s)
+            AttitudeLatency::estimate_latency(&self.sums, &score, &self.contributions, applied_s)
         }
     }
 
@@ -134,17 +139,17 @@ mod tests {
     fn estimate_equals_hand_calculation() {
         let mut evidence = Evidence::default();
         for (weight, residual, by_latency) in [(1e4, -0.02, 0.5), (2e4, 0.01, 0.4), (1e4, -0.03, -0.3)] {
-            evidence.add(0, &dip(weight, residual), by_latency);
+            evidence.add_residual(0, &inclination_equation(weight, residual), by_latency);
         }
         let (information, gradient) = (2500.0 + 3200.0 + 900.0, 100.0 - 80.0 - 90.0);
         for used_s in [0.0, 0.05] {
             let found = evidence.estimate(used_s, 600.0, 7.0).unwrap();
             let all = information - 600.0 + 100.0;
-            assert!(close(found.estimate_s, used_s + (gradient - 7.0 - 100.0 * used_s) / all), "{found:?}");
-            assert!(close(found.sigma_s, f32::sqrt(1.0 / all)), "{found:?}");
+            assert!(is_close(found.estimate_s, used_s + (gradient - 7.0 - 100.0 * used_s) / all), "{found:?}");
+            assert!(is_close(found.sigma_s, f32::sqrt(1.0 / all)), "{found:?}");
         }
         let open = evidence.estimate(0.0, 1e6, 0.0).unwrap();
-        assert!(close(open.sigma_s, 0.1), "{open:?}");
+        assert!(is_close(open.sigma_s, 0.1), "{open:?}");
     }
 
     /// rho = 1/2 triples the variance of the samples' part only.
@@ -152,12 +157,12 @@ mod tests {
     fn autocorrelation_inflates_the_variance() {
         let mut evidence = Evidence::default();
         for residual in [0.01, 0.01, 0.0, 0.0, 0.01, 0.01, 0.0] {
-            evidence.add(1, &dip(1e4, residual), 0.5);
+            evidence.add_residual(1, &inclination_equation(1e4, residual), 0.5);
         }
         let sample_information = 7.0 * 2500.0;
         let found = evidence.estimate(0.0, 0.0, 0.0).unwrap();
         assert!(
-            close(found.sigma_s, f32::sqrt(sample_information * 3.0 + 100.0) / (sample_information + 100.0)),
+            is_close(found.sigma_s, f32::sqrt(sample_information * 3.0 + 100.0) / (sample_information + 100.0)),
             "{found:?}"
         );
     }
@@ -165,9 +170,9 @@ mod tests {
     #[test]
     fn without_rates_there_is_no_latency() {
         let mut evidence = Evidence::default();
-        evidence.add(0, &dip(1e4, 0.01), 0.0);
+        evidence.add_residual(0, &inclination_equation(1e4, 0.01), 0.0);
         assert_eq!(evidence.estimate(0.0, 0.0, 0.0), None);
-        evidence.add(0, &dip(1e4, 0.01), 0.1);
+        evidence.add_residual(0, &inclination_equation(1e4, 0.01), 0.1);
         assert!(evidence.estimate(0.0, 0.0, 0.0).is_some());
         assert_eq!(evidence.estimate(0.0, 0.0, f32::NAN), None);
         assert_eq!(evidence.estimate(f32::INFINITY, 0.0, 0.0), None);

@@ -20,7 +20,7 @@ use crate::trig::sqrt;
 pub(super) const BANK_SCALE_ERROR: AttitudeError = AttitudeError {
     effect: |state| [state.attitude.roll_rad, 0.0],
     assumed_sigma: |consider| consider.bank_scale,
-    acceptance_rule: Some(find_error),
+    acceptance_rule: Some(find_constant_error),
 };
 
 /// Maximum share of the information about `k` that roll noise may contribute.
@@ -49,7 +49,7 @@ struct BankScaleEstimate {
 
 /// Finds a significant error above the assumed one. Only then makes a second pass over the samples, for the
 /// cluster-robust variance.
-fn find_error(test: &AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding> {
+fn find_constant_error(test: &AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding> {
     let score = test.score_sums.eliminate_coefficients(test.linear_system, &test.linear_system.step_to_maximum()?)?;
     let roll_sigma_rad = test.fit.likelihood.noise.attitude_sigma_rad();
     let roll_noise = test.roll_information * roll_sigma_rad * roll_sigma_rad;
@@ -83,13 +83,22 @@ struct ClusterVariance {
 impl ClusterVariance {
     /// Adds the score contribution of a part's next sample; `column`: `H^-1` times the effect of the scale error on the
     /// gradient.
-    fn add_sample_score(&mut self, part: usize, equations: &SampleEquations, by_bank: f32, column: &Vector13) {
+    fn add_sample_score(
+        &mut self,
+        part: usize,
+        equations: &SampleEquations,
+        bank_scale_derivative: f32,
+        column: &Vector13,
+    ) {
         let score_of = |equation: &ResidualEquation, by_bank: f32| {
             equation.weight * equation.residual * (by_bank - equation.jacobian_row.dot(column))
         };
         let Some((sum, samples)) = self.open_clusters.get_mut(part) else { return };
         *sum += score_of(&equations.norm_equation, 0.0)
-            + equations.inclination_equation.as_ref().map_or(0.0, |inclination| score_of(inclination, by_bank));
+            + equations
+                .inclination_equation
+                .as_ref()
+                .map_or(0.0, |inclination| score_of(inclination, bank_scale_derivative));
         *samples += 1;
         if *samples == CLUSTER_SAMPLES {
             let closed_sum = core::mem::take(sum);
@@ -175,28 +184,28 @@ mod tests {
     use crate::calibration::hypotheses::score_test::ScoreTest;
     use crate::calibration::model::JacobianRow;
 
-    fn close(found: f32, expected: f32) -> bool {
+    fn is_close(found: f32, expected: f32) -> bool {
         (found - expected).abs() <= 1e-4 * expected.abs()
     }
 
-    const NOWHERE: JacobianRow = JacobianRow {
+    const ZERO_ROW: JacobianRow = JacobianRow {
         derivative_by_field: Vector3::new(0.0, 0.0, 0.0),
         x: Vector3::new(0.0, 0.0, 0.0),
         by_inclination: 0.0,
     };
 
-    fn dip(weight: f32, residual: f32, row: JacobianRow) -> ResidualEquation {
+    fn inclination_equation(weight: f32, residual: f32, row: JacobianRow) -> ResidualEquation {
         let equation = ResidualEquation::new(row, residual, 1.0 / weight, 1e6);
-        assert!(close(equation.weight, weight));
+        assert!(is_close(equation.weight, weight));
         equation
     }
 
-    /// Inclination residuals with their derivatives by roll and by the bank-angle scale error; `known` and `pulled`:
-    /// parts of information and gradient explained by the nuisance parameters.
+    /// Inclination residuals with their derivatives by roll and by the bank-angle scale error. The nuisance
+    /// parameters explain a part of information and gradient, which is subtracted.
     fn estimate(
         evidence: &[(ResidualEquation, [f32; 2])],
-        known: f32,
-        pulled: f32,
+        explained_information: f32,
+        explained_gradient: f32,
         roll_sigma_rad: f32,
         inflation: f32,
     ) -> Option<BankScaleEstimate> {
@@ -207,38 +216,41 @@ mod tests {
         }
         let score = EfficientScore {
             nuisance_columns: [Vector13::zeros()],
-            information: bank.information.add_scalar(-known),
-            gradient: bank.gradient.add_scalar(-pulled),
+            information: bank.information.add_scalar(-explained_information),
+            gradient: bank.gradient.add_scalar(-explained_gradient),
         };
         BankScaleEstimate::new(&score, roll.information.x * roll_sigma_rad * roll_sigma_rad, inflation)
     }
 
     #[test]
     fn estimate_equals_hand_calculation() {
-        let evidence = [(dip(100.0, -0.3, NOWHERE), [0.5, 2.0]), (dip(50.0, 0.2, NOWHERE), [-1.0, -3.0])];
+        let evidence = [
+            (inclination_equation(100.0, -0.3, ZERO_ROW), [0.5, 2.0]),
+            (inclination_equation(50.0, 0.2, ZERO_ROW), [-1.0, -3.0]),
+        ];
         let (information, gradient) = (100.0 * 4.0 + 50.0 * 9.0, 100.0 * 2.0 * 0.3 + 50.0 * 3.0 * 0.2);
         let noise = (100.0 * 0.25 + 50.0) * 0.04;
         let found = estimate(&evidence, 150.0, 7.0, 0.2, 1.5).unwrap();
         let bank_information = information - 150.0 - noise;
-        assert!(close(found.missing_bank, (gradient - 7.0 + noise) / bank_information), "{found:?}");
+        assert!(is_close(found.missing_bank, (gradient - 7.0 + noise) / bank_information), "{found:?}");
         assert!(
-            close(found.variance, (information - 150.0) * 1.5 / (bank_information * bank_information)),
+            is_close(found.variance, (information - 150.0) * 1.5 / (bank_information * bank_information)),
             "{found:?}"
         );
-        assert!(close(found.finding(0.0).unwrap().estimate, found.missing_bank));
+        assert!(is_close(found.finding(0.0).unwrap().estimate, found.missing_bank));
     }
 
     #[test]
     fn bank_scale_estimate_adds_in_quadrature() {
         // Information 1e4: an estimate of 0.1 with variance 1e-4.
-        let found = estimate(&[(dip(1e4, -0.1, NOWHERE), [0.0, 1.0])], 0.0, 0.0, 0.0, 1.0).unwrap();
+        let found = estimate(&[(inclination_equation(1e4, -0.1, ZERO_ROW), [0.0, 1.0])], 0.0, 0.0, 0.0, 1.0).unwrap();
         let allowed = found.finding(0.01).unwrap().allowed_sigma(0.01);
         assert!((allowed - (0.01_f32.powi(2) + 0.1_f32.powi(2)).sqrt()).abs() < 1e-5);
     }
 
     #[test]
     fn noise_dominated_estimate_is_rejected() {
-        let evidence = [(dip(1e6, 0.0, NOWHERE), [1.0, 1.0])];
+        let evidence = [(inclination_equation(1e6, 0.0, ZERO_ROW), [1.0, 1.0])];
         assert!(estimate(&evidence, 0.0, 0.0, 0.49_f32.sqrt(), 1.0).is_some());
         assert!(estimate(&evidence, 0.0, 0.0, 0.51_f32.sqrt(), 1.0).is_none());
         assert!(estimate(&evidence, f32::NAN, 0.0, 0.1, 1.0).is_none());
@@ -246,7 +258,7 @@ mod tests {
         assert!(estimate(&[], 0.0, 0.0, 0.1, 1.0).is_none());
     }
 
-    fn scale(missing: f32, sigma: f32) -> BankScaleEstimate {
+    fn bank_scale_estimate(missing: f32, sigma: f32) -> BankScaleEstimate {
         BankScaleEstimate { missing_bank: missing, variance: sigma * sigma, score_information: 1e4 }
     }
 
@@ -255,12 +267,12 @@ mod tests {
     fn errors_above_the_threshold_are_allowed_for() {
         for (square, excess) in [(14.9e-4, 0.0), (15.1e-4, 0.2e-4), (20e-4, 10e-4), (29e-4, 28e-4), (31e-4, 31e-4)] {
             for missing in [f32::sqrt(square), -f32::sqrt(square)] {
-                let found = scale(missing, 0.02);
+                let found = bank_scale_estimate(missing, 0.02);
                 assert!((found.excess_square(0.01) - excess).abs() < 1e-7, "{missing}: {}", found.excess_square(0.01));
                 let error = found.finding(0.01);
                 assert_eq!(error.is_some(), excess > 0.0, "{missing}");
                 if let Some(AttitudeErrorFinding { estimate, significance_sigmas: sigmas, .. }) = error {
-                    assert!(close(estimate, missing) && close(sigmas, (square / 5e-4).sqrt()));
+                    assert!(is_close(estimate, missing) && is_close(sigmas, (square / 5e-4).sqrt()));
                 }
             }
         }
@@ -268,8 +280,9 @@ mod tests {
 
     #[test]
     fn uncertain_estimate_is_rejected() {
-        let is_accepted =
-            |missing, sigma| scale(missing, sigma).with_cluster_variance(ClusterVariance::default()).is_some();
+        let is_accepted = |missing, sigma| {
+            bank_scale_estimate(missing, sigma).with_cluster_variance(ClusterVariance::default()).is_some()
+        };
         assert!(is_accepted(0.1, 0.049) && !is_accepted(0.1, 0.051) && !is_accepted(-0.1, 0.051));
         assert!(!is_accepted(0.34, 0.1) && is_accepted(0.36, 0.1) && is_accepted(-0.36, 0.1));
     }
@@ -278,8 +291,8 @@ mod tests {
         let mut clusters = ClusterVariance::default();
         let column = Vector13::zeros();
         for (part, contribution) in contributions {
-            let norm = dip(1.0, 5.0, NOWHERE);
-            let dip = Some(dip(1.0, contribution, NOWHERE));
+            let norm = inclination_equation(1.0, 5.0, ZERO_ROW);
+            let dip = Some(inclination_equation(1.0, contribution, ZERO_ROW));
             let equations = SampleEquations {
                 norm_equation: norm,
                 inclination_equation: dip,
@@ -313,24 +326,24 @@ mod tests {
         let sums = [12.0, -12.0, 12.0, 12.0, 6.0_f32];
         let mean = sums.iter().sum::<f32>() / 5.0;
         let expected = sums.iter().map(|s| (s - mean) * (s - mean)).sum::<f32>() * 5.0 / 4.0;
-        assert!(close(found, expected), "{found} {expected}");
+        assert!(is_close(found, expected), "{found} {expected}");
         assert!(!clusters((0..5).map(|_| (0, 1.0))).variance().is_finite());
     }
 
     #[test]
     fn contributions_exclude_the_explained_part() {
-        let row = JacobianRow { derivative_by_field: Vector3::x() * 3.0, x: Vector3::z(), ..NOWHERE };
+        let row = JacobianRow { derivative_by_field: Vector3::x() * 3.0, x: Vector3::z(), ..ZERO_ROW };
         let column = Vector13::ith(2, 0.5);
         let equations = SampleEquations {
-            norm_equation: dip(10.0, 0.1, row),
-            inclination_equation: Some(dip(4.0, -0.2, row)),
+            norm_equation: inclination_equation(10.0, 0.1, row),
+            inclination_equation: Some(inclination_equation(4.0, -0.2, row)),
             heading_equation: None,
             inclination_by_attitude: [0.0, 0.0],
         };
         let mut clusters = ClusterVariance::default();
         clusters.add_sample_score(0, &equations, 2.0, &column);
         let (sum, samples) = clusters.open_clusters[0];
-        assert!(close(sum, 10.0 * 0.1 * -1.5 + 4.0 * -0.2 * (2.0 - 1.5)) && samples == 1, "{sum}");
+        assert!(is_close(sum, 10.0 * 0.1 * -1.5 + 4.0 * -0.2 * (2.0 - 1.5)) && samples == 1, "{sum}");
         clusters.add_sample_score(PART_COUNT, &equations, 2.0, &column);
         assert_eq!(clusters.open_clusters.iter().map(|open| open.1).sum::<u8>(), 1);
     }
@@ -339,7 +352,7 @@ mod tests {
     fn the_larger_variance_counts() {
         let scattered = clusters((0..48).map(|i| (0, if i / 12 % 2 == 0 { 1.0 } else { -1.0 })));
         let expected = scattered.variance() / 1e8;
-        assert!(close(scale(0.1, 1e-4).with_cluster_variance(scattered).unwrap().variance, expected));
-        assert!(close(scale(0.1, 0.01).with_cluster_variance(scattered).unwrap().variance, 1e-4));
+        assert!(is_close(bank_scale_estimate(0.1, 1e-4).with_cluster_variance(scattered).unwrap().variance, expected));
+        assert!(is_close(bank_scale_estimate(0.1, 0.01).with_cluster_variance(scattered).unwrap().variance, 1e-4));
     }
 }

@@ -25,8 +25,8 @@ const POLAR_ITERATIONS: u8 = 5;
 pub(super) struct LastTurn(f32);
 
 impl LastTurn {
-    /// Updates with the next sample; returns the direction of the last turn at this sample.
-    pub fn next_direction(&mut self, sample: &Sample) -> f32 {
+    /// Updates with the next sample; returns the direction of the last turn at this sample: 1 right, -1 left.
+    pub fn direction_at_sample(&mut self, sample: &Sample) -> f32 {
         let (rate, bank) = (sample.rates.heading_rad_s(), sample.attitude.roll_rad);
         if rate.abs() > MIN_TURN_RATE_RAD_S {
             self.0 = 1_f32.copysign(rate);
@@ -40,8 +40,8 @@ impl LastTurn {
 /// Response of the corrected field to the soft iron's lag.
 #[derive(Clone, Debug)]
 pub(super) struct Hysteresis {
-    /// `W S`: share of the soft iron in the corrected field.
-    soft_iron: Matrix3<f32>,
+    /// Response of the corrected field to the soft iron alone, `W S`.
+    soft_iron_response: Matrix3<f32>,
     w: Matrix3<f32>,
     d: Vector3<f32>,
     cos_inclination: f32,
@@ -57,7 +57,7 @@ impl Hysteresis {
         }
         let scale = libm::cbrtf(response.determinant());
         Some(Self {
-            soft_iron: Matrix3::identity() - parameters.w * mounting * scale,
+            soft_iron_response: Matrix3::identity() - parameters.w * mounting * scale,
             w: parameters.w,
             d: parameters.d,
             cos_inclination: libm::cosf(parameters.inclination_rad),
@@ -67,12 +67,12 @@ impl Hysteresis {
     /// Derivative of the corrected field by the lag angle, after a turn in a direction; down in body axes.
     pub fn field_response(&self, down: &Vector3<f32>, direction: f32, equations: &SampleEquations) -> Vector3<f32> {
         let body = multiply(&self.w, &equations.norm_equation.jacobian_row.x) + self.d;
-        multiply(&self.soft_iron, &(down.cross(&body) * direction))
+        multiply(&self.soft_iron_response, &(down.cross(&body) * direction))
     }
 
     /// RMS field change by a lag angle, radians, over the headings, units of field.
-    pub fn effect_size(&self, lag_rad: f32) -> f32 {
-        lag_rad.abs() * sqrt(0.5 * self.soft_iron.fixed_columns::<2>(0).norm_squared()) * self.cos_inclination
+    pub fn rms_field_change(&self, lag_rad: f32) -> f32 {
+        lag_rad.abs() * sqrt(0.5 * self.soft_iron_response.fixed_columns::<2>(0).norm_squared()) * self.cos_inclination
     }
 }
 
@@ -111,11 +111,11 @@ mod tests {
         ] {
             let mut last = LastTurn::default();
             assert_eq!(
-                last.next_direction(&sample(roll_rad, rates)).to_bits(),
+                last.direction_at_sample(&sample(roll_rad, rates)).to_bits(),
                 f32::to_bits(expected),
                 "{roll_rad} {rates:?}"
             );
-            let after_it = last.next_direction(&sample(0.0, rate(0.049)));
+            let after_it = last.direction_at_sample(&sample(0.0, rate(0.049)));
             assert_eq!(after_it.to_bits(), f32::to_bits(expected), "straight flight keeps it: {roll_rad}");
         }
     }

@@ -13,30 +13,30 @@ use crate::time::WrappingMillis;
 use crate::trig::sqrt;
 
 /// Lagging bank-angle scale error in the table of attitude errors.
-pub(super) const LAGGING_BANK_SCALE: AttitudeError = AttitudeError {
+pub(super) const LAGGING_BANK_SCALE_ERROR: AttitudeError = AttitudeError {
     effect: |state| [state.lagged_roll_rad, 0.0],
     assumed_sigma: |_| 0.0,
-    acceptance_rule: Some(find_error),
+    acceptance_rule: Some(find_lagging_error),
 };
 
 /// Time constant of filters aided by accelerometers, seconds.
 const TIME_CONSTANT_S: f32 = 10.0;
 
 /// Minimum significance for which the expected error allows, sigmas.
-const MIN_SIGMAS: f32 = 2.5;
+const MIN_SIGNIFICANCE_SIGMAS: f32 = 2.5;
 
 /// Minimum significance of a reported error, sigmas.
 pub(in crate::calibration) const MIN_REPORTED_SIGMAS: f32 = 3.0;
 
 /// Share of the bank that the source loses in a long turn, if significant.
-fn find_error(test: &AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding> {
+fn find_lagging_error(test: &AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding> {
     let score = test.score_sums.eliminate_coefficients(test.linear_system, &test.linear_system.step_to_maximum()?)?;
     let estimate = score.gradient.x / score.information.x;
-    finding(estimate, sqrt(test.residuals.autocorrelation_inflation() / score.information.x))
+    significant_finding(estimate, sqrt(test.residuals.autocorrelation_inflation() / score.information.x))
 }
 
-fn finding(estimate: f32, sigma: f32) -> Option<AttitudeErrorFinding> {
-    (estimate.abs() > MIN_SIGMAS * sigma).then_some(AttitudeErrorFinding {
+fn significant_finding(estimate: f32, sigma: f32) -> Option<AttitudeErrorFinding> {
+    (estimate.abs() > MIN_SIGNIFICANCE_SIGMAS * sigma).then_some(AttitudeErrorFinding {
         estimate,
         significance_sigmas: estimate.abs() / sigma,
         excess_square: estimate * estimate,
@@ -47,13 +47,13 @@ fn finding(estimate: f32, sigma: f32) -> Option<AttitudeErrorFinding> {
 #[derive(Clone, Copy, Debug, Default)]
 pub(in crate::calibration) struct LaggedRoll {
     lagged_rad: f32,
-    last: Option<(WrappingMillis, f32)>,
+    last_sample: Option<(WrappingMillis, f32)>,
 }
 
 impl LaggedRoll {
     /// Lagged roll at the next sample in order of time, radians; zero at the first.
     pub fn filter_roll(&mut self, time: WrappingMillis, roll_rad: f32) -> f32 {
-        if let Some((last_time, last_roll_rad)) = self.last.replace((time, roll_rad)) {
+        if let Some((last_time, last_roll_rad)) = self.last_sample.replace((time, roll_rad)) {
             let step_s = time.ms_since(last_time) as f32 / 1000.0;
             let mean_rad = 0.5 * (roll_rad + last_roll_rad);
             self.lagged_rad += (mean_rad - self.lagged_rad) * step_s / (TIME_CONSTANT_S + step_s);
@@ -67,9 +67,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_lean_over_two_and_a_half_sigmas_is_found() {
+    fn a_lagging_error_over_two_and_a_half_sigmas_is_found() {
         for (estimate, is_found) in [(0.0249, false), (-0.0249, false), (0.0251, true), (-0.0251, true)] {
-            let found = finding(estimate, 0.01);
+            let found = significant_finding(estimate, 0.01);
             assert_eq!(found.is_some(), is_found, "{estimate}");
             if let Some(found) = found {
                 assert!(
@@ -78,7 +78,7 @@ mod tests {
                 assert!((found.excess_square - 0.0251 * 0.0251).abs() < 1e-8);
             }
         }
-        assert!(finding(f32::NAN, 0.01).is_none() && finding(0.1, f32::NAN).is_none());
+        assert!(significant_finding(f32::NAN, 0.01).is_none() && significant_finding(0.1, f32::NAN).is_none());
     }
 
     /// `1 - 1/e` of a constant bank after 10 s, on either side; to 3 % at samples 0.5 s apart.

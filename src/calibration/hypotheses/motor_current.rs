@@ -47,7 +47,7 @@ impl InterferenceEstimate {
     /// The estimate. `inflation`: variance inflation by autocorrelation. `None` if not finite.
     #[inline(never)]
     pub fn new(score: &EfficientScore<3>, likelihood: &Likelihood, inflation: f32) -> Option<Self> {
-        let (applied, prior) = (likelihood.motor_current_per_ampere(), Self::prior_precision(likelihood.unit_ut));
+        let (applied, prior) = (likelihood.motor_current_per_ampere(), Self::prior_precision(likelihood.field_unit_ut));
         let sample_information = score.information;
         let total_information = sample_information + Matrix3::from_diagonal_element(prior);
         let inverse_information = inverse(&total_information)?;

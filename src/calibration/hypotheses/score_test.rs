@@ -48,7 +48,7 @@ impl<const K: usize> ScoreTest<K> {
     }
 
     /// `H_ub beta`: effect of `beta` on the gradient of the thirteen unknowns.
-    pub fn coefficient_effect(&self, beta: &SVector<f32, K>) -> Vector13 {
+    pub fn gradient_effect(&self, beta: &SVector<f32, K>) -> Vector13 {
         self.cross_information.iter().zip(beta).map(|(cross_row, beta)| cross_row * *beta).sum()
     }
 

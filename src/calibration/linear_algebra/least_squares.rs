@@ -205,7 +205,7 @@ impl<const N: usize> LeastSquares<N, 1> {
     }
 
     /// Reduction of half the weighted sum of squares by a step from the origin, to first order.
-    pub fn promised_reduction(&self, change: &SVector<f32, N>) -> f32 {
+    pub fn predicted_reduction(&self, change: &SVector<f32, N>) -> f32 {
         let reduction_of_row = |k: usize| {
             let row_change = change[k] + (k + 1..N).map(|j| self.upper[k][j] * change[j]).sum::<f32>();
             self.diagonal[k] * self.right_sides[k][0] * row_change
@@ -285,7 +285,7 @@ mod tests {
         }
         assert!((system.diagonal() - information.diagonal()).norm() < 1e-5);
         let change = Vector3::new(0.1, -0.2, 0.3);
-        assert!((system.promised_reduction(&change) - 0.5 * change.dot(&right)).abs() < 1e-5);
+        assert!((system.predicted_reduction(&change) - 0.5 * change.dot(&right)).abs() < 1e-5);
     }
 
     /// A third column parallel to the first is undetermined until another equation is added.

@@ -35,7 +35,7 @@ pub(in crate::calibration) struct Likelihood {
     /// Configured mounting rotation, chip to mount axes. The model works in mount axes, nominally the body axes.
     pub mount_from_chip: Matrix3<f32>,
     /// Unit of field, microtesla.
-    pub unit_ut: f32,
+    pub field_unit_ut: f32,
     /// Mean of all samples, mount axes, units of field.
     pub mean_field: Vector3<f32>,
     pub noise: NoiseModel,
@@ -50,10 +50,10 @@ pub(in crate::calibration) struct Likelihood {
 }
 
 /// Number of samples that suffices far from the solution.
-const COARSE_SAMPLES: usize = 128;
+const COARSE_SAMPLE_COUNT: usize = 128;
 
 impl Likelihood {
-    pub fn new(prior: &Prior, config: ModelConfig, samples: Samples<'_>, unit_ut: f32) -> Self {
+    pub fn new(prior: &Prior, config: ModelConfig, samples: Samples<'_>, field_unit_ut: f32) -> Self {
         let rotation = prior.mount.body_from_sensor();
         let sum_ut = samples.all_samples().map(|sample| sample.field.ut).sum::<Vector3<f32>>();
         let sample_count = samples.all_samples().count();
@@ -62,14 +62,14 @@ impl Likelihood {
             known_inclination_rad: prior.inclination_rad,
             readings_per_sample: prior.readings_per_sample,
             mount_from_chip: rotation,
-            unit_ut,
-            mean_field: rotation * sum_ut / (sample_count.max(1) as f32 * unit_ut),
+            field_unit_ut,
+            mean_field: rotation * sum_ut / (sample_count.max(1) as f32 * field_unit_ut),
             noise: NoiseModel::INITIAL,
             has_noise_estimate: false,
             latency_s: 0.0,
             motor_current: MotorCurrentInterference::from_samples(samples),
-            sample_stride: (sample_count / COARSE_SAMPLES).max(1),
-            uses_normal_equations: sample_count > COARSE_SAMPLES,
+            sample_stride: (sample_count / COARSE_SAMPLE_COUNT).max(1),
+            uses_normal_equations: sample_count > COARSE_SAMPLE_COUNT,
         }
     }
 
@@ -94,7 +94,7 @@ impl Likelihood {
     ) -> SampleEquations {
         let added_ut = Vector3::from(self.motor_current.ut_per_a) * self.motor_current.current_offset_a(sample);
         let measured = MeasuredSample {
-            x: multiply(&self.mount_from_chip, &(sample.field.ut - added_ut)) / self.unit_ut - self.mean_field,
+            x: multiply(&self.mount_from_chip, &(sample.field.ut - added_ut)) / self.field_unit_ut - self.mean_field,
             tilt_rotation: sample.latency_compensated_attitude(self.latency_s).tilt_rotation(),
             heading_rad,
         };
@@ -115,7 +115,7 @@ impl Likelihood {
         let parameters = ModelParameters::new(unknowns);
         let b = self.mean_field - parameters.mean_minus_hard_iron()?;
         Some(StartingPoint {
-            unit_ut: self.unit_ut,
+            field_unit_ut: self.field_unit_ut,
             w: parameters.w,
             hard_iron: b,
             inclination_rad: parameters.inclination_rad,
@@ -123,7 +123,7 @@ impl Likelihood {
     }
 
     pub fn motor_current_per_ampere(&self) -> Vector3<f32> {
-        self.mount_from_chip * Vector3::from(self.motor_current.ut_per_a) / self.unit_ut
+        self.mount_from_chip * Vector3::from(self.motor_current.ut_per_a) / self.field_unit_ut
     }
 
     /// Estimates the noise from the sums of the clipped squared normalised residuals.
@@ -164,9 +164,10 @@ impl Likelihood {
         let per_unit = trig::reciprocal_cbrt(determinant);
         Ok(Calibration {
             w: matrix_rows(&(parameters.w * per_unit * self.mount_from_chip)),
-            b_ut: (self.mount_from_chip.tr_mul(&b) * self.unit_ut - self.motor_current.interference_ut(None)).into(),
+            b_ut: (self.mount_from_chip.tr_mul(&b) * self.field_unit_ut - self.motor_current.interference_ut(None))
+                .into(),
             inclination_rad: parameters.inclination_rad,
-            total_ut: self.unit_ut * per_unit,
+            total_ut: self.field_unit_ut * per_unit,
             latency_s: self.latency_s,
             motor_current: self.motor_current,
         })

@@ -88,7 +88,7 @@ impl NoiseModel {
 mod tests {
     use super::*;
     use crate::calibration::model::parameters::ModelParameters;
-    use crate::calibration::tests::derivatives::derivative;
+    use crate::calibration::tests::derivatives::numerical_derivative;
     use crate::frames::{Attitude, wrap_pi};
 
     const SKEWED: Matrix3<f32> = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
@@ -134,12 +134,14 @@ mod tests {
             let reference = predict(x, attitude);
             let heading_change_rad =
                 |perturbed: &FieldPrediction| wrap_pi(perturbed.heading_rad() - reference.heading_rad());
-            let sensor = (0..3)
-                .map(|axis| derivative(|step| heading_change_rad(&predict(x + Vector3::ith(axis, step), attitude))));
-            let roll = derivative(|step| {
+            let sensor = (0..3).map(|axis| {
+                numerical_derivative(|step| heading_change_rad(&predict(x + Vector3::ith(axis, step), attitude)))
+            });
+            let roll = numerical_derivative(|step| {
                 heading_change_rad(&predict(x, Attitude { roll_rad: roll_rad + step, pitch_rad: 0.0 }))
             });
-            let pitch = derivative(|step| heading_change_rad(&predict(x, Attitude { roll_rad, pitch_rad: step })));
+            let pitch =
+                numerical_derivative(|step| heading_change_rad(&predict(x, Attitude { roll_rad, pitch_rad: step })));
             let expected = sensor.map(|d| d * d).sum::<f32>() * 1e-4
                 + (roll * roll + pitch * pitch) * attitude_sigma_rad * attitude_sigma_rad;
             let found = noise.heading_variance(&reference.heading_by_field(&attitude.tilt_rotation()), &reference);

@@ -84,7 +84,7 @@ fn soft_iron_and_mounting_priors(
 fn hard_iron_priors(likelihood: &Likelihood, parameters: &ModelParameters, each: &mut dyn FnMut(&PriorEquation)) {
     let Some(field_from_body) = inverse(&parameters.w) else { return };
     let from_b = field_from_body * parameters.d;
-    let sigma = likelihood.config.hard_iron_sigma_ut / likelihood.unit_ut;
+    let sigma = likelihood.config.hard_iron_sigma_ut / likelihood.field_unit_ut;
     for i in 0..3 {
         let k = field_from_body.row(i).transpose();
         let mut row = JacobianRow { derivative_by_field: k, x: from_b, by_inclination: 0.0 }.as_vector();

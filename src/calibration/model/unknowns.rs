@@ -61,8 +61,9 @@ impl Coefficient {
     }
 }
 
-/// Index pairs `i <= j` of three axes, and of the four components of `(x, 1)`: upper triangle, row by row.
+/// Index pairs `i <= j` of three axes: upper triangle, row by row.
 pub(in crate::calibration) const PAIRS_OF_3: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+/// Index pairs `i <= j` of the four components of `(x, 1)`: upper triangle, row by row.
 pub(in crate::calibration) const PAIRS_OF_4: [(usize, usize); 10] =
     [(0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3)];
 

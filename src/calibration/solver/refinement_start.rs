@@ -76,7 +76,7 @@ pub(super) fn begin_refinement(
     prior: &Prior,
     samples: Samples<'_>,
     start: &StartingPoint,
-    assumed: SampleCorrections,
+    corrections: SampleCorrections,
 ) -> Result<Refinement, SolveError> {
     let config = match method {
         Method::Level => ModelConfig::WITH_FIXED_MOUNTING,
@@ -86,8 +86,8 @@ pub(super) fn begin_refinement(
         }
     };
     let mut likelihood =
-        Likelihood { latency_s: assumed.latency_s, ..Likelihood::new(prior, config, samples, start.unit_ut) };
-    likelihood.motor_current.ut_per_a = assumed.ut_per_a;
+        Likelihood { latency_s: corrections.latency_s, ..Likelihood::new(prior, config, samples, start.field_unit_ut) };
+    likelihood.motor_current.ut_per_a = corrections.ut_per_a;
     if method == Method::CompassSwing && AttitudeEnvelope::for_samples(method, samples) == AttitudeEnvelope::Level {
         // The inclination is unobservable on level ground, and fixed at its start value.
         likelihood.known_inclination_rad = Some(start.inclination_rad);

@@ -6,19 +6,19 @@
 use crate::calibration::types::time_order::PART_COUNT;
 
 /// Upper limit of rho: an effective sample size of 1/39.
-const MAX_RHO: f32 = 0.95;
+const MAX_AUTOCORRELATION: f32 = 0.95;
 
 /// Autocorrelation sums over neighbouring samples of each part.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in crate::calibration) struct Autocorrelation {
     lag_products: [f32; 2],
     square_sums: [f32; 2],
-    previous: [[f32; 2]; PART_COUNT],
+    previous_residuals: [[f32; 2]; PART_COUNT],
 }
 
 impl Autocorrelation {
     pub fn add_residuals(&mut self, part: usize, residuals: [f32; 2]) {
-        let Some(previous) = self.previous.get_mut(part) else { return };
+        let Some(previous) = self.previous_residuals.get_mut(part) else { return };
         for (kind, residual) in residuals.into_iter().enumerate() {
             self.lag_products[kind] += residual * previous[kind];
             self.square_sums[kind] += residual * residual;
@@ -30,7 +30,7 @@ impl Autocorrelation {
     pub fn excess_inflation(&self) -> [f32; 2] {
         [0, 1].map(|kind| {
             let (products, squares) = (self.lag_products[kind], self.square_sums[kind]);
-            let rho = if squares > 0.0 { (products / squares).clamp(0.0, MAX_RHO) } else { 0.0 };
+            let rho = if squares > 0.0 { (products / squares).clamp(0.0, MAX_AUTOCORRELATION) } else { 0.0 };
             2.0 * rho / (1.0 - rho)
         })
     }
@@ -44,7 +44,7 @@ impl Autocorrelation {
 mod tests {
     use super::*;
 
-    fn close(found: [f32; 2], expected: [f32; 2]) -> bool {
+    fn is_close(found: [f32; 2], expected: [f32; 2]) -> bool {
         found.iter().zip(expected).all(|(f, e)| (f - e).abs() < 1e-3)
     }
 
@@ -59,11 +59,21 @@ mod tests {
             (10.0, 10.0, 38.0),
         ] {
             let autocorrelation_of = |products, squares| {
-                Autocorrelation { lag_products: products, square_sums: squares, previous: [[0.0; 2]; PART_COUNT] }
-                    .excess_inflation()
+                Autocorrelation {
+                    lag_products: products,
+                    square_sums: squares,
+                    previous_residuals: [[0.0; 2]; PART_COUNT],
+                }
+                .excess_inflation()
             };
-            assert!(close(autocorrelation_of([products, 5.0], [squares, 10.0]), [excess, 2.0]), "{products} {squares}");
-            assert!(close(autocorrelation_of([5.0, products], [10.0, squares]), [2.0, excess]), "{products} {squares}");
+            assert!(
+                is_close(autocorrelation_of([products, 5.0], [squares, 10.0]), [excess, 2.0]),
+                "{products} {squares}"
+            );
+            assert!(
+                is_close(autocorrelation_of([5.0, products], [10.0, squares]), [2.0, excess]),
+                "{products} {squares}"
+            );
         }
     }
 
@@ -74,8 +84,8 @@ mod tests {
         {
             correlation.add_residuals(part, residuals);
         }
-        assert!(close(correlation.lag_products, [2.0 - 3.0, -1.0 + 2.0]), "{correlation:?}");
-        assert!(close(correlation.sums_of_squares(), [1.0 + 9.0 + 4.0 + 81.0 + 1.0, 4.0 + 1.0 + 0.25 + 81.0 + 4.0]));
+        assert!(is_close(correlation.lag_products, [2.0 - 3.0, -1.0 + 2.0]), "{correlation:?}");
+        assert!(is_close(correlation.sums_of_squares(), [1.0 + 9.0 + 4.0 + 81.0 + 1.0, 4.0 + 1.0 + 0.25 + 81.0 + 4.0]));
         let before = correlation;
         correlation.add_residuals(PART_COUNT, [1.0, 1.0]);
         assert_eq!(correlation, before);

@@ -12,7 +12,7 @@ use crate::frames::Attitude;
 const MIN_MEAN_SQUARE_TILT_RAD2: f32 = 0.003;
 
 /// Upper limit of the variance ratio.
-const MAX_RATIO: f32 = 5.0;
+const MAX_VARIANCE_RATIO: f32 = 5.0;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in crate::calibration) struct Heteroscedasticity {
@@ -40,7 +40,7 @@ impl Heteroscedasticity {
         }
         let ratio = (self.weighted_squares / self.squared_tilts) * (self.sample_count / self.squared_residuals);
         // A NaN ratio counts as 1.
-        if ratio > 1.0 { ratio.min(MAX_RATIO) } else { 1.0 }
+        if ratio > 1.0 { ratio.min(MAX_VARIANCE_RATIO) } else { 1.0 }
     }
 }
 

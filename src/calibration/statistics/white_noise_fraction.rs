@@ -17,14 +17,14 @@ const MIN_DIFFERENCES: f32 = 20.0;
 #[derive(Clone, Copy, Debug, Default)]
 pub(in crate::calibration) struct WhiteNoiseFraction {
     /// Residual of the sample before the last, residual and time of the last, of each part.
-    previous: [Option<(Option<f32>, f32, WrappingMillis)>; PART_COUNT],
+    previous_residuals: [Option<(Option<f32>, f32, WrappingMillis)>; PART_COUNT],
     difference_squares: f32,
     difference_count: f32,
 }
 
 impl WhiteNoiseFraction {
     pub fn add_residual(&mut self, part: usize, time: WrappingMillis, residual: f32) {
-        let Some(previous) = self.previous.get_mut(part) else { return };
+        let Some(previous) = self.previous_residuals.get_mut(part) else { return };
         let recent = previous.filter(|(.., last_time)| time.ms_since(*last_time) <= MAX_GAP_MS);
         if let Some((Some(first), second, _)) = recent {
             let difference = first - 2.0 * second + residual;

@@ -21,16 +21,20 @@ fn seeded_flight(seed: u64, flight: Flight) -> (Airframe, RecordedTurns) {
 
 const FLIGHT_MS: u32 = 149_500;
 
-fn with_changed_iron(recorded: &RecordedTurns, beta_ut: Vector3<f32>, share: impl Fn(u32) -> f32) -> RecordedTurns {
+fn with_changed_hard_iron(
+    recorded: &RecordedTurns,
+    beta_ut: Vector3<f32>,
+    fraction_at: impl Fn(u32) -> f32,
+) -> RecordedTurns {
     let mut changed = recorded.clone();
     for sample in changed.left.iter_mut().chain(&mut changed.right) {
-        sample.field.ut += beta_ut * share(sample.time.as_ms());
+        sample.field.ut += beta_ut * fraction_at(sample.time.as_ms());
     }
     changed
 }
 
-fn with_iron_step(recorded: &RecordedTurns, beta_ut: Vector3<f32>, at_ms: u32) -> RecordedTurns {
-    with_changed_iron(recorded, beta_ut, |ms| if ms < at_ms { 1.0 } else { 0.0 })
+fn with_hard_iron_step(recorded: &RecordedTurns, beta_ut: Vector3<f32>, at_ms: u32) -> RecordedTurns {
+    with_changed_hard_iron(recorded, beta_ut, |ms| if ms < at_ms { 1.0 } else { 0.0 })
 }
 
 fn error_deg(airframe: &Airframe, solution: &Solution) -> f32 {
@@ -62,7 +66,7 @@ fn a_moved_payload_is_detected() {
             let (airframe, recorded) = seeded_flight(seed, Flight::TYPICAL);
             let mut random = Random(seed);
             let beta_ut = vector(&mut random, 1.0).normalize() * size_ut;
-            let Ok(solution) = solved(&with_iron_step(&recorded, beta_ut, at_ms)) else { continue };
+            let Ok(solution) = solved(&with_hard_iron_step(&recorded, beta_ut, at_ms)) else { continue };
             ratios.push(error_deg(&airframe, &solution) / solution.quality.expected_rms_deg);
             let Some(finding) = solution.hard_iron_change else { continue };
             assert!(finding.added_error_deg > 0.0 && finding.expected_without_deg > 0.0);
@@ -90,7 +94,7 @@ fn a_drift_is_detected() {
         let (airframe, recorded) = seeded_flight(seed, Flight::TYPICAL);
         let mut random = Random(seed);
         let beta_ut = vector(&mut random, 1.0).normalize() * 3.0;
-        let drifted = with_changed_iron(&recorded, beta_ut, |ms| 1.0 - ms as f32 / FLIGHT_MS as f32);
+        let drifted = with_changed_hard_iron(&recorded, beta_ut, |ms| 1.0 - ms as f32 / FLIGHT_MS as f32);
         let solution = solved(&drifted).unwrap();
         let DetectedHardIronChange { size_ut: ut, time_course: course, .. } =
             solution.hard_iron_change.unwrap().violation;
@@ -124,7 +128,7 @@ fn hysteresis_is_detected_with_its_size() {
         let horizontal_ut = airframe.total_ut * airframe.inclination_rad.cos();
         let expected_ut = lag_rad * horizontal_ut * ((w * soft_iron).fixed_columns::<2>(0).norm_squared() / 2.0).sqrt();
         let Some(finding) = solved(&recorded).ok().and_then(|solution| solution.hard_iron_change) else { continue };
-        if finding.violation.time_course == HardIronTimeCourse::BehindTurns {
+        if finding.violation.time_course == HardIronTimeCourse::Hysteresis {
             ratios.push(finding.violation.size_ut / expected_ut);
         }
     }
@@ -137,7 +141,7 @@ fn hysteresis_is_detected_with_its_size() {
 fn every_method_of_turns_detects_a_change() {
     let flight = Flight { wander_deg: 0.5, ..Flight::TYPICAL };
     let (_, recorded) = seeded_flight(3, flight);
-    let mut changed = with_iron_step(&recorded, Vector3::new(1.5, 0.0, 1.5), 60_000);
+    let mut changed = with_hard_iron_step(&recorded, Vector3::new(1.5, 0.0, 1.5), 60_000);
     for offset in [0, u32::MAX - 80_000] {
         for sample in changed.left.iter_mut().chain(&mut changed.right) {
             sample.time = WrappingMillis::new(sample.time.as_ms().wrapping_add(offset));
@@ -155,7 +159,7 @@ fn every_method_of_turns_detects_a_change() {
 #[test]
 fn samples_with_equal_times_show_no_hard_iron_change() {
     let (_, recorded) = seeded_flight(4, Flight::TYPICAL);
-    let mut changed = with_iron_step(&recorded, Vector3::new(2.0, 0.0, 2.0), 60_000);
+    let mut changed = with_hard_iron_step(&recorded, Vector3::new(2.0, 0.0, 2.0), 60_000);
     for sample in changed.left.iter_mut().chain(&mut changed.right) {
         sample.time = WrappingMillis::default();
     }
@@ -169,7 +173,7 @@ fn a_change_beyond_any_fit_is_reported() {
         let (_, recorded) = seeded_flight(seed, Flight::TYPICAL);
         let mut random = Random(seed);
         let beta_ut = vector(&mut random, 1.0).normalize() * 12.0;
-        match solved(&with_iron_step(&recorded, beta_ut, 75_000)) {
+        match solved(&with_hard_iron_step(&recorded, beta_ut, 75_000)) {
             Err(SolveError::HardIronChanged(DetectedHardIronChange { size_ut: ut, .. })) => {
                 assert!(ut > 2.0, "seed {seed}: {ut}");
                 named += 1;
@@ -208,7 +212,7 @@ fn a_bank_scale_error_is_in_the_expected_error() {
             let total = finding.added_error_deg.hypot(finding.expected_without_deg);
             assert!((total / solution.quality.expected_rms_deg - 1.0).abs() < 1e-3, "{finding:?}");
             assert!(finding.violation.significance_sigmas > 1.7, "{finding:?}");
-            reads.push(finding.violation.read_ratio);
+            reads.push(finding.violation.reported_bank_ratio);
         }
         assert!(ratios.iter().filter(|&&ratio| ratio > 2.0).count() <= 2, "{bank_scale}: {ratios:?}");
         assert!(reads.len() >= 28 && (mean(&reads) - expected_ratio).abs() < 0.02, "{bank_scale}: {reads:?}");

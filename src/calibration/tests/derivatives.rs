@@ -22,14 +22,14 @@ const STEP: f32 = 0.02;
 const TOLERANCE: f32 = 3e-4;
 
 /// Derivative at zero by fourth-order central differences.
-pub(crate) fn derivative(function: impl Fn(f32) -> f32) -> f32 {
+pub(crate) fn numerical_derivative(function: impl Fn(f32) -> f32) -> f32 {
     let difference = |step: f32| function(step) - function(-step);
     (8.0 * difference(STEP) - difference(2.0 * STEP)) / (12.0 * STEP)
 }
 
 #[track_caller]
 pub(crate) fn assert_derivative(written: f32, function: impl Fn(f32) -> f32, label: &str) {
-    let numerical = derivative(function);
+    let numerical = numerical_derivative(function);
     assert!((written - numerical).abs() <= TOLERANCE * (1.0 + numerical.abs()), "{label}: {written}, not {numerical}");
 }
 

@@ -85,7 +85,7 @@ fn the_vertical_component_gives_a_start() {
         assert!((start.w.determinant() - 1.0).abs() < 1e-3);
         for (heading_rad, roll_deg) in [(0.3, 0.0), (2.0, 10.0), (4.0, -10.0)] {
             let attitude = Attitude::from_deg(roll_deg, 5.0);
-            let found = start.w * (airframe.field(attitude, heading_rad).ut / start.unit_ut - start.hard_iron);
+            let found = start.w * (airframe.field(attitude, heading_rad).ut / start.field_unit_ut - start.hard_iron);
             let heading = attitude.to_level_frame(Field::new(found)).heading_rad();
             let error_deg = crate::frames::wrap_pi(heading - heading_rad).to_degrees().abs();
             assert!(error_deg < 1.0 && (found.norm() - 1.0).abs() < 0.02, "seed {seed}: {error_deg} {found}");

@@ -209,7 +209,7 @@ fn a_start_converts_to_unknowns() {
     let samples = Parts { left: &samples, ..Parts::default() }.samples();
     let likelihood = Likelihood::new(&NO_PRIOR, ModelConfig::DEFAULT, samples, 40.0);
     let w = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
-    let start = StartingPoint { unit_ut: 40.0, w, hard_iron: Vector3::new(0.1, 0.2, -0.3), inclination_rad: 0.4 };
+    let start = StartingPoint { field_unit_ut: 40.0, w, hard_iron: Vector3::new(0.1, 0.2, -0.3), inclination_rad: 0.4 };
     let parameters = ModelParameters::new(&likelihood.unknowns_from_start(&start).unwrap());
     assert!((parameters.d - w * (likelihood.mean_field - start.hard_iron)).norm() < 1e-6 && parameters.w == w);
     assert!((parameters.mean_minus_hard_iron().unwrap() - (likelihood.mean_field - start.hard_iron)).norm() < 1e-5);

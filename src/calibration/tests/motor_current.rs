@@ -243,7 +243,7 @@ fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
             joint.add_weighted_row(
                 &row,
                 [-likelihood.motor_current_per_ampere()[axis]],
-                InterferenceEstimate::prior_precision(likelihood.unit_ut),
+                InterferenceEstimate::prior_precision(likelihood.field_unit_ut),
             );
         }
         for sample in samples.iter() {

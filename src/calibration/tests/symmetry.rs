@@ -8,7 +8,7 @@ use crate::calibration::{Calibration, Method, Orientation, Prior, Sample, solve_
 use crate::frames::{Field, wrap_pi};
 
 /// Largest heading difference of two calibrations of one flight, each on its own samples, degrees.
-fn difference_deg(a: (&Calibration, &RecordedTurns), b: (&Calibration, &RecordedTurns)) -> f32 {
+fn max_heading_difference_deg(a: (&Calibration, &RecordedTurns), b: (&Calibration, &RecordedTurns)) -> f32 {
     let headings = |(calibration, recorded): (&Calibration, &RecordedTurns)| -> Vec<f32> {
         let heading =
             |sample: &Sample| sample.attitude.to_level_frame(calibration.calibrated_field(sample.field)).heading_rad();
@@ -44,7 +44,7 @@ fn invariant_to_rotation_of_sensor_and_mount() {
         for mount in Orientation::all_orientations() {
             let turned = recorded.in_mount(mount);
             let calibration = calibrate(&turned, mount);
-            let difference = difference_deg((&straight, &recorded), (&calibration, &turned));
+            let difference = max_heading_difference_deg((&straight, &recorded), (&calibration, &turned));
             assert!(difference < 0.005, "seed {seed}, {}: {difference} deg", mount.orientation_name());
         }
     }
@@ -59,7 +59,7 @@ fn invariant_to_rotation_of_the_sensor_in_its_mount() {
         let turned = map_samples(&recorded, |sample| Sample { field: Field::new(turn * sample.field.ut), ..*sample });
         let (a, b) =
             (calibrate(&recorded, Orientation::IDENTITY_ROTATION), calibrate(&turned, Orientation::IDENTITY_ROTATION));
-        let difference = difference_deg((&a, &recorded), (&b, &turned));
+        let difference = max_heading_difference_deg((&a, &recorded), (&b, &turned));
         assert!(difference < 0.03, "seed {seed}: {difference} deg");
     }
 }
@@ -72,7 +72,7 @@ fn invariant_to_field_scale() {
         let scaled = map_samples(&recorded, |sample| Sample { field: Field::new(sample.field.ut * scale), ..*sample });
         let (a, b) =
             (calibrate(&recorded, Orientation::IDENTITY_ROTATION), calibrate(&scaled, Orientation::IDENTITY_ROTATION));
-        let difference = difference_deg((&a, &recorded), (&b, &scaled));
+        let difference = max_heading_difference_deg((&a, &recorded), (&b, &scaled));
         assert!(difference < 0.01, "seed {seed}, by {scale}: {difference} deg");
     }
 }
@@ -90,7 +90,7 @@ fn invariant_to_sample_order() {
             calibrate(&recorded, Orientation::IDENTITY_ROTATION),
             calibrate(&permuted, Orientation::IDENTITY_ROTATION),
         );
-        let difference = difference_deg((&a, &recorded), (&b, &recorded));
+        let difference = max_heading_difference_deg((&a, &recorded), (&b, &recorded));
         assert!(difference < 0.01, "seed {seed}: {difference} deg");
     }
 }

@@ -45,7 +45,7 @@ pub struct Airframe {
 impl Airframe {
     pub(in crate::calibration) fn exact_start(&self) -> StartingPoint {
         StartingPoint {
-            unit_ut: self.total_ut,
+            field_unit_ut: self.total_ut,
             w: self.a.try_inverse().unwrap(),
             hard_iron: self.b_ut / self.total_ut,
             inclination_rad: self.inclination_rad,

@@ -4,7 +4,7 @@
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BankScaleFinding {
     /// Ratio of reported to true bank; 1 is correct.
-    pub read_ratio: f32,
+    pub reported_bank_ratio: f32,
     /// Distance from 1 in sigmas, the allowance for good sources included.
     pub significance_sigmas: f32,
 }

@@ -13,9 +13,9 @@ pub enum HardIronTimeCourse {
     /// Linear change from the first sample to the last.
     Drift,
     /// Change in turns, with the load factor: iron in the linkage of the elevator.
-    InTurns,
+    LoadFactor,
     /// Lag of the soft iron behind turns: hysteresis.
-    BehindTurns,
+    Hysteresis,
 }
 
 /// A hard-iron change during a flight.
@@ -39,8 +39,8 @@ impl fmt::Display for DetectedHardIronChange {
                 write!(f, "iron changed by {whole}.{tenth} uT after {after_s} of {of_s} s")
             }
             HardIronTimeCourse::Drift => write!(f, "iron drifted by {whole}.{tenth} uT in {of_s} s"),
-            HardIronTimeCourse::InTurns => write!(f, "iron moves by {whole}.{tenth} uT with the elevator in turns"),
-            HardIronTimeCourse::BehindTurns => write!(f, "iron of {whole}.{tenth} uT lags behind turns (hysteresis)"),
+            HardIronTimeCourse::LoadFactor => write!(f, "iron moves by {whole}.{tenth} uT with the elevator in turns"),
+            HardIronTimeCourse::Hysteresis => write!(f, "iron of {whole}.{tenth} uT lags behind turns (hysteresis)"),
         }
     }
 }

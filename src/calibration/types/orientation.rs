@@ -10,7 +10,7 @@ use nalgebra::Matrix3;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Orientation(u8);
 
-/// Name, and roll, pitch, yaw in quarter turns.
+/// Names of the orientations, with roll, pitch and yaw in quarter turns.
 const ORIENTATION_TABLE: [(&str, [u8; 3]); 24] = [
     ("none", [0, 0, 0]),
     ("yaw90", [0, 0, 1]),

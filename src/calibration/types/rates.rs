@@ -15,7 +15,7 @@ impl Rates {
     /// Rates of roll, pitch and heading, rad/s, saturated at 32. NaN is 0.
     #[must_use]
     pub fn from_rad_s(rad_s: [f32; 3]) -> Self {
-        Self(rad_s.map(|rate_rad_s| to_steps(rate_rad_s * STEPS_PER_RAD_S).max(-i16::MAX)))
+        Self(rad_s.map(|rate_rad_s| round_to_steps(rate_rad_s * STEPS_PER_RAD_S).max(-i16::MAX)))
     }
 
     /// Whether the source has rates.
@@ -65,7 +65,7 @@ impl MotorCurrent {
     #[must_use]
     pub fn from_a(current_a: Option<f32>) -> Self {
         let known = current_a.filter(|amperes| !amperes.is_nan());
-        known.map_or(Self::UNKNOWN, |amperes| Self(to_steps(amperes.max(0.0) * STEPS_PER_A)))
+        known.map_or(Self::UNKNOWN, |amperes| Self(round_to_steps(amperes.max(0.0) * STEPS_PER_A)))
     }
 
     /// The current in amperes, if known.
@@ -80,7 +80,7 @@ impl MotorCurrent {
 }
 
 /// Rounds to the nearest whole number. The cast saturates and maps NaN to 0.
-fn to_steps(steps: f32) -> i16 {
+fn round_to_steps(steps: f32) -> i16 {
     libm::roundf(steps) as i16
 }
 
@@ -88,7 +88,7 @@ fn to_steps(steps: f32) -> i16 {
 mod tests {
     use super::*;
 
-    fn of(rad_s: [f32; 3]) -> [f32; 3] {
+    fn rates(rad_s: [f32; 3]) -> [f32; 3] {
         let rates = Rates::from_rad_s(rad_s);
         [rates.roll_rad_s(), rates.pitch_rad_s(), rates.heading_rad_s()]
     }
@@ -103,7 +103,7 @@ mod tests {
             [-0.001, 0.0, -0.003],
             [0.0, -0.001, 0.003],
         ] {
-            for (stored, given) in of(rad_s).iter().zip(rad_s) {
+            for (stored, given) in rates(rad_s).iter().zip(rad_s) {
                 assert!((stored - given).abs() <= 0.000_489, "{rad_s:?} {stored}");
             }
         }
@@ -112,7 +112,7 @@ mod tests {
     #[test]
     fn fast_rates_saturate_and_nan_rates_are_zero() {
         for fast in [40.0, f32::INFINITY] {
-            let [roll, pitch, heading] = of([fast, -fast, fast]);
+            let [roll, pitch, heading] = rates([fast, -fast, fast]);
             assert!((roll - 32.0).abs() < 1e-3 && (pitch + 32.0).abs() < 1e-3 && (heading - 32.0).abs() < 1e-3);
         }
         assert_eq!(Rates::from_rad_s([f32::NAN; 3]), Rates::from_rad_s([0.0; 3]));

@@ -77,7 +77,7 @@ impl CollectionPart {
 
     /// Part that contains the turns to one side.
     #[must_use]
-    pub const fn of_turn(side: Side) -> Self {
+    pub const fn from_turn_side(side: Side) -> Self {
         match side {
             Side::Left => Self::LEFT,
             Side::Right => Self::RIGHT,
@@ -179,7 +179,7 @@ impl<'a> Samples<'a> {
     /// Samples of the turns of a side, in order of time.
     #[must_use]
     pub fn samples_of_turn(&self, side: Side) -> &'a [Sample] {
-        self.samples_of_part(CollectionPart::of_turn(side))
+        self.samples_of_part(CollectionPart::from_turn_side(side))
     }
 
     /// Iterates over the samples without a given heading, by part, then time.

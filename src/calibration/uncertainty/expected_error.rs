@@ -44,7 +44,7 @@ impl Deviation {
 
     /// Stable name of a part of the deviation.
     #[must_use]
-    pub const fn measure_name(self) -> &'static str {
+    pub const fn deviation_name(self) -> &'static str {
         match self {
             Self::Constant => "constant",
             Self::Semicircular => "semicircular",
@@ -277,7 +277,7 @@ mod tests {
 
     #[test]
     fn each_deviation_part_has_a_name_and_a_text() {
-        let all = Deviation::ALL_DEVIATIONS.map(|part| (part.measure_name(), part.to_string()));
+        let all = Deviation::ALL_DEVIATIONS.map(|part| (part.deviation_name(), part.to_string()));
         assert_eq!(all.each_ref().map(|(name, _)| *name), ["constant", "semicircular", "quadrantal", "heeling"]);
         let words = ["at all headings", "one period", "two periods", "in turns"];
         assert!(all.iter().zip(words).all(|((_, said), word)| said.contains(word)), "{all:?}");

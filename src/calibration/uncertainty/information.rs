@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::hypotheses::attitude_error::AttitudeState;
 use crate::calibration::hypotheses::attitude_error_table::{
-    ATTITUDE_ERRORS, AttitudeErrorSums, LATENCY_INDEX, add_inclination,
+    ATTITUDE_ERRORS, AttitudeErrorSums, LATENCY_INDEX, add_inclination_residual,
 };
 use crate::calibration::hypotheses::hard_iron_change::{HardIronScan, derivative_by_hard_iron, hard_iron_residuals};
 use crate::calibration::hypotheses::lagging_bank_scale::LaggedRoll;
@@ -66,7 +66,7 @@ impl Information {
             let attitude = sample.latency_compensated_attitude(likelihood.latency_s);
             let lagged_roll_rad = lagged_roll.filter_roll(sample.time, attitude.roll_rad);
             let state = AttitudeState { attitude, rates: sample.rates, lagged_roll_rad };
-            self.add_inclination(&equations, &state);
+            self.add_inclination_residual(&equations, &state);
             if likelihood.motor_current.current_sigma_a > 0.0 {
                 let share_a = likelihood.motor_current.current_offset_a(sample);
                 hard_iron_residuals(&equations).for_each(|equation| {
@@ -97,17 +97,17 @@ impl Information {
         for mark in samples.marks {
             let equations = likelihood.sample_equations(&mark.sample, Some(mark.heading_rad), &parameters);
             let attitude = mark.sample.latency_compensated_attitude(likelihood.latency_s);
-            self.add_inclination(&equations, &AttitudeState::steady_turn(attitude, mark.sample.rates));
+            self.add_inclination_residual(&equations, &AttitudeState::steady_turn(attitude, mark.sample.rates));
             let inclination_residual =
                 equations.inclination_equation.as_ref().map_or(0.0, ResidualEquation::clipped_residual);
             self.residuals.autocorrelation.add_residuals(PART_COUNT - 1, [0.0, inclination_residual]);
         }
     }
 
-    pub(super) fn add_inclination(&mut self, equations: &SampleEquations, state: &AttitudeState) {
+    pub(super) fn add_inclination_residual(&mut self, equations: &SampleEquations, state: &AttitudeState) {
         let Some(inclination) = &equations.inclination_equation else { return };
         self.residuals.inclination_information.add_row(&inclination.jacobian_row, inclination.weight);
-        add_inclination(&mut self.attitude_errors, equations, state);
+        add_inclination_residual(&mut self.attitude_errors, equations, state);
     }
 
     /// Adds a hypothetical noise-free sample at an attitude and a heading. Its residual is zero.
@@ -123,7 +123,7 @@ impl Information {
         let measured = MeasuredSample { x, tilt_rotation: tilt, heading_rad: None };
         let equations = SampleEquations::new(parameters, &measured, &likelihood.noise, &likelihood.config, false);
         self.linear_system.add_sample_equations(&equations);
-        self.add_inclination(&equations, &AttitudeState::steady_turn(attitude, Rates::UNKNOWN));
+        self.add_inclination_residual(&equations, &AttitudeState::steady_turn(attitude, Rates::UNKNOWN));
     }
 
     /// Attitude latency, and the derivative of the unknowns by it (1/s). `None` without attitude rates.
@@ -150,6 +150,6 @@ impl Information {
 
     /// Step of the unknowns that follows a change of the interference.
     pub fn step_for_motor_current(&self, k: &Vector3<f32>) -> Option<Vector13> {
-        Some(-self.linear_system.covariance_times(&self.motor_current.coefficient_effect(k))?)
+        Some(-self.linear_system.covariance_times(&self.motor_current.gradient_effect(k))?)
     }
 }

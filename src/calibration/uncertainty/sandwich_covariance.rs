@@ -70,7 +70,7 @@ pub(in crate::calibration) fn sandwich_covariance(
     covariance.add_outer_product(&to_coefficients(&information.hard_iron_gradient), 1.0);
     let per_ampere = ModelParameters::new(unknowns).w;
     for error in &information.motor_current_errors {
-        covariance.add_outer_product(&to_coefficients(&information.motor_current.coefficient_effect(error)), 1.0);
+        covariance.add_outer_product(&to_coefficients(&information.motor_current.gradient_effect(error)), 1.0);
         // The unknowns follow an interference error at the mean current. One standard deviation from the mean, it
         // adds a hard-iron error.
         let excess_error = per_ampere * error * likelihood.motor_current.current_sigma_a;

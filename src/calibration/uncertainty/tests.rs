@@ -11,7 +11,7 @@ use super::sandwich_covariance::{CovarianceContent, sandwich_covariance};
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::hypotheses::attitude_error::AttitudeState;
 use crate::calibration::hypotheses::attitude_error_table::{
-    ATTITUDE_ERROR_COUNT, ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE, LATENCY_INDEX, assumed_sigmas,
+    ATTITUDE_ERROR_COUNT, ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE_INDEX, LATENCY_INDEX, assumed_sigmas,
 };
 use crate::calibration::hypotheses::hard_iron_change::derivative_by_hard_iron;
 use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
@@ -200,7 +200,7 @@ fn motor_current_estimate_equals_joint_least_squares() {
     for i in 0..UNKNOWN_COUNT {
         joint.add_weighted_row(&SVector::ith(i, 1.0), [0.0], 1e4);
     }
-    let prior = InterferenceEstimate::prior_precision(likelihood.unit_ut);
+    let prior = InterferenceEstimate::prior_precision(likelihood.field_unit_ut);
     for axis in 0..3 {
         joint.add_weighted_row(
             &SVector::ith(UNKNOWN_COUNT + axis, 1.0),
@@ -266,7 +266,7 @@ fn inclination_information_and_gradients_are_summed() {
         for (sum, error) in effects.iter_mut().zip(ATTITUDE_ERRORS) {
             *sum += row * (of_dip.weight * error.inclination_derivative(&equations, &state));
         }
-        information.add_inclination(&equations, &state);
+        information.add_inclination_residual(&equations, &state);
     }
     for i in 0..UNKNOWN_COUNT {
         let found = information.residuals.inclination_information.multiply_vector(&Vector13::ith(i, 1.0));
@@ -406,9 +406,9 @@ fn configured_inclination_is_removed_from_the_estimate() {
                     .autocorrelation
                     .add_residuals(0, if is_configured { [0.0, residual] } else { [residual, 0.0] });
             }
-            information.attitude_errors[BANK_SCALE].cross_information = [Vector13::ith(INCLINATION_INDEX, 2e3)];
+            information.attitude_errors[BANK_SCALE_INDEX].cross_information = [Vector13::ith(INCLINATION_INDEX, 2e3)];
             let mut sigmas = [0.0; ATTITUDE_ERROR_COUNT];
-            sigmas[BANK_SCALE] = 0.01;
+            sigmas[BANK_SCALE_INDEX] = 0.01;
             let Some([found_rad, variance]) = inclination_from_samples(&information, &likelihood, &at, &sigmas) else {
                 assert!(is_configured && !is_shown, "{own_rad} {sigma}");
                 continue;

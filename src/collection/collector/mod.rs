@@ -2,7 +2,7 @@
 
 use super::d_optimal_selection::DOptimalSelection;
 use super::flight_statistics::{CollectionProblem, TiltFilter};
-use super::free_flight::{self, FreeFlightSample};
+use super::free_flight::{self, OfferedSampleResult};
 use super::level_limits::is_level;
 use super::min_distance;
 use super::part_view::{PART_COUNT, PartView, coverage};
@@ -30,13 +30,13 @@ pub struct Collector<'a> {
     header: CollectionHeader,
     restored_context: Option<CollectionContext>,
     /// Whether data changed since the header's checksum.
-    has_changed: bool,
+    has_unsaved_change: bool,
     /// Offset from sample times to the collection's clock, milliseconds.
     clock_offset_ms: u32,
-    detector: TurnDetector,
+    turn_detector: TurnDetector,
     tilt_filter: TiltFilter,
     /// Time of the last sample of each part, stored or not, by [`CollectionPart::index`].
-    last_taken_at: [Option<WrappingMillis>; PART_COUNT],
+    last_due_at: [Option<WrappingMillis>; PART_COUNT],
     /// Information of the free-flight fit samples.
     selection: DOptimalSelection,
 }
@@ -51,17 +51,17 @@ impl<'a> Collector<'a> {
             memory,
             header,
             restored_context: is_valid.then(|| header.collection_context()),
-            has_changed: false,
+            has_unsaved_change: false,
             clock_offset_ms: header.clock_ms.wrapping_add(RESTART_GAP_MS),
-            detector: TurnDetector::new(TurnDetectorConfig::DEFAULT),
+            turn_detector: TurnDetector::new(TurnDetectorConfig::DEFAULT),
             tilt_filter: TiltFilter::NOT_STARTED,
-            last_taken_at: [None; _],
+            last_due_at: [None; _],
             selection: DOptimalSelection::NO_SELECTION,
         };
         if is_valid && header.state() != CollectionState::Inactive {
             collector.memory.count_unexpected_restart();
         } else {
-            collector.discard();
+            collector.discard_collection();
             collector.update_header(CollectionContext::default());
         }
         collector
@@ -89,10 +89,10 @@ impl<'a> Collector<'a> {
     /// Updates the header and its checksum after changes. Call it before long operations.
     pub fn update_header(&mut self, context: CollectionContext) {
         let is_over = self.collection_state() == CollectionState::Inactive;
-        if !self.has_changed && (is_over || context == self.memory.header().collection_context()) {
+        if !self.has_unsaved_change && (is_over || context == self.memory.header().collection_context()) {
             return;
         }
-        self.has_changed = false;
+        self.has_unsaved_change = false;
         if is_over {
             self.reset_restart_count();
             return self.memory.write_header_and_checksum(CollectionHeader::EMPTY);
@@ -111,7 +111,7 @@ impl<'a> Collector<'a> {
     pub fn push_sample(&mut self, mut sample: Sample) {
         sample.time = sample.time.plus_ms(self.clock_offset_ms);
         self.header.statistics.add_sample(&mut self.tilt_filter, &sample);
-        self.has_changed |= match self.header.procedure() {
+        self.has_unsaved_change |= match self.header.procedure() {
             Procedure::Turns => self.push_turn_or_level_sample(sample),
             Procedure::Level | Procedure::Swing => {
                 is_level(&sample) && SectorBalance::LEVEL.push_sample(self.part_view(CollectionPart::LEVEL), sample)
@@ -122,9 +122,9 @@ impl<'a> Collector<'a> {
     }
 
     fn push_turn_or_level_sample(&mut self, sample: Sample) -> bool {
-        if let Some(side) = self.detector.process_sample(&sample) {
+        if let Some(side) = self.turn_detector.process_sample(&sample) {
             self.header.set_turned();
-            SectorBalance::TURNS.push_sample(self.part_view(CollectionPart::of_turn(side)), sample)
+            SectorBalance::TURNS.push_sample(self.part_view(CollectionPart::from_turn_side(side)), sample)
         } else {
             // Before the first turn the aircraft may be parked near the iron of a hangar.
             self.header.has_detected_turn()
@@ -135,24 +135,24 @@ impl<'a> Collector<'a> {
 
     fn push_tumble_sample(&mut self, sample: Sample) -> bool {
         let CollectionHeader { part_states, min_distance_ut, .. } = &mut self.header;
-        let part = PartView::new(CollectionPart::FREE, &mut self.memory.samples, part_states, &mut self.last_taken_at);
+        let part = PartView::new(CollectionPart::FREE, &mut self.memory.samples, part_states, &mut self.last_due_at);
         min_distance::push_sample(part, SampleQuota::TURN, min_distance_ut, sample)
     }
 
     fn push_free_flight_sample(&mut self, sample: Sample) -> bool {
         let part_states = &mut self.header.part_states;
-        let part = PartView::new(CollectionPart::FREE, &mut self.memory.samples, part_states, &mut self.last_taken_at);
+        let part = PartView::new(CollectionPart::FREE, &mut self.memory.samples, part_states, &mut self.last_due_at);
         let end = free_flight::push_sample(part, &mut self.selection, sample);
-        if end == FreeFlightSample::Ignored {
+        if end == OfferedSampleResult::Ignored {
             return false;
         }
         self.header.distinct_count = self.header.distinct_count.saturating_add(1);
-        self.header.stored_count = self.header.stored_count.wrapping_add((end == FreeFlightSample::Stored).into());
+        self.header.stored_count = self.header.stored_count.wrapping_add((end == OfferedSampleResult::Stored).into());
         true
     }
 
     fn part_view(&mut self, part: CollectionPart) -> PartView<'_> {
-        PartView::new(part, &mut self.memory.samples, &mut self.header.part_states, &mut self.last_taken_at)
+        PartView::new(part, &mut self.memory.samples, &mut self.header.part_states, &mut self.last_due_at)
     }
 
     /// Evaluates the information of free-flight samples with a trial solution that determines all coefficients.
@@ -171,7 +171,7 @@ impl<'a> Collector<'a> {
     /// Stores a sample at a known heading; returns false if there is no room.
     pub fn add_mark(&mut self, mut mark: HeadingMark) -> bool {
         mark.sample.time = mark.sample.time.plus_ms(self.clock_offset_ms);
-        self.has_changed = true;
+        self.has_unsaved_change = true;
         let free_mark = self.memory.marks.get_mut(usize::from(self.header.mark_count));
         let has_room = free_mark.is_some();
         if let Some(free_mark) = free_mark {
@@ -185,9 +185,9 @@ impl<'a> Collector<'a> {
     pub fn begin_procedure(&mut self, procedure: Procedure) {
         self.header = CollectionHeader::new(procedure, min_distance::INITIAL_DISTANCE_UT);
         self.memory.samples.clear();
-        self.detector = TurnDetector::new(TurnDetectorConfig::DEFAULT);
+        self.turn_detector = TurnDetector::new(TurnDetectorConfig::DEFAULT);
         self.tilt_filter = TiltFilter::NOT_STARTED;
-        self.last_taken_at = [None; _];
+        self.last_due_at = [None; _];
         self.selection.reset_selection();
         self.clock_offset_ms = 0;
         self.reset_restart_count();
@@ -195,7 +195,7 @@ impl<'a> Collector<'a> {
     }
 
     /// Discards all samples and ends the collection.
-    pub fn discard(&mut self) {
+    pub fn discard_collection(&mut self) {
         self.begin_procedure(Procedure::default());
         self.set_state(CollectionState::Inactive);
     }
@@ -203,7 +203,7 @@ impl<'a> Collector<'a> {
     /// Sets the state. Samples stay stored until the next collection begins.
     pub fn set_state(&mut self, state: CollectionState) {
         self.header.set_state(state);
-        self.has_changed = true;
+        self.has_unsaved_change = true;
     }
 
     /// Most likely reason for missing or uninformative samples, if known.
@@ -249,7 +249,7 @@ impl<'a> Collector<'a> {
             right_turns: coverage_of(CollectionPart::RIGHT),
             level_progress: coverage_of(CollectionPart::LEVEL),
             mark_count: self.header.mark_count,
-            turn_in_progress: self.detector.turn_side(),
+            turn_in_progress: self.turn_detector.turn_side(),
         }
     }
 
@@ -262,7 +262,7 @@ impl<'a> Collector<'a> {
 
     /// Verification samples, not in the fit.
     #[must_use]
-    pub fn held_back(&self) -> Samples<'_> {
+    pub fn held_back_samples(&self) -> Samples<'_> {
         Samples::new(self.memory.samples.samples_of_use(SampleUse::Verification))
     }
 }

@@ -18,7 +18,7 @@ fn hold_bank(collector: &mut Collector, roll_deg: f32, from_s: u32, to_s: u32) {
 
 fn sample_counts(collector: &Collector) -> [usize; 4] {
     CollectionPart::ALL_PARTS.map(|part| {
-        collector.fit_samples().samples_of_part(part).len() + collector.held_back().samples_of_part(part).len()
+        collector.fit_samples().samples_of_part(part).len() + collector.held_back_samples().samples_of_part(part).len()
     })
 }
 
@@ -133,7 +133,10 @@ fn a_new_collection_discards_the_last_one() {
     collector.begin_procedure(Procedure::Tumble);
     let progress = CollectionProgress { procedure: Procedure::Tumble, ..CollectionProgress::default() };
     assert_eq!((collector.collection_progress(), collector.procedure()), (progress, Procedure::Tumble));
-    assert_eq!((collector.fit_samples().all_samples().count(), collector.held_back().all_samples().count()), (0, 0));
+    assert_eq!(
+        (collector.fit_samples().all_samples().count(), collector.held_back_samples().all_samples().count()),
+        (0, 0)
+    );
 }
 
 /// The hold-back cycle, the sample interval and the distance of a tumble start again.
@@ -143,7 +146,7 @@ fn a_new_collection_restarts_its_policy() {
     (0..3).for_each(|i| collector.push_sample(test_sample([i as f32, 0.0, 0.0], i * 400)));
     collector.begin_procedure(Procedure::Swing);
     collector.push_sample(test_sample([0.0; 3], 801));
-    assert_eq!((collector.fit_samples().iter().count(), collector.held_back().iter().count()), (1, 0));
+    assert_eq!((collector.fit_samples().iter().count(), collector.held_back_samples().iter().count()), (1, 0));
     collector.begin_procedure(Procedure::Flight);
     (0..3).for_each(|i| collector.push_sample(test_sample([i as f32 * 2.0, 0.0, 0.0], i * 100)));
     collector.begin_procedure(Procedure::Flight);
@@ -153,11 +156,11 @@ fn a_new_collection_restarts_its_policy() {
     );
     (0..4).for_each(|i| collector.push_sample(test_sample([i as f32 * 2.0, 0.0, 0.0], i * 100)));
     assert_eq!((collector.distinct_samples(), collector.stored_count()), (4, 4));
-    assert_eq!(collector.held_back().iter().map(|sample| sample.time.as_ms()).collect::<Vec<_>>(), [300]);
+    assert_eq!(collector.held_back_samples().iter().map(|sample| sample.time.as_ms()).collect::<Vec<_>>(), [300]);
     let tumble = |collector: &mut Collector, number: u32| {
         collector.begin_procedure(Procedure::Tumble);
         (0..number).for_each(|i| collector.push_sample(test_sample([i as f32 * 5.1, 0.0, 0.0], i * 400)));
-        collector.fit_samples().iter().chain(collector.held_back().iter()).count()
+        collector.fit_samples().iter().chain(collector.held_back_samples().iter()).count()
     };
     assert!(tumble(&mut collector, 300) < 252, "the distance grew");
     assert_eq!(tumble(&mut collector, 20), 20);

@@ -21,7 +21,7 @@ pub enum CollectionProblem {
     /// Almost no tilt: the vehicle was not flown, or the attitude has a wrong unit.
     NoTilt {
         /// Largest tilt, degrees.
-        most_deg: f32,
+        max_tilt_deg: f32,
     },
     /// Banks too small or too short.
     InsufficientBank {
@@ -47,7 +47,9 @@ impl fmt::Display for CollectionProblem {
             Self::SampleIntervalTooLong { interval_s: every_s } => {
                 write!(f, "a sample comes every {} s, too slow for turns", Decimal::<1>(every_s))
             }
-            Self::NoTilt { most_deg } => write!(f, "the attitude tilts by {} deg at most", Decimal::<1>(most_deg)),
+            Self::NoTilt { max_tilt_deg: most_deg } => {
+                write!(f, "the attitude tilts by {} deg at most", Decimal::<1>(most_deg))
+            }
             Self::InsufficientBank { most_deg } => write!(f, "too little bank, {} deg at most", Decimal::<1>(most_deg)),
             Self::OneSideOnly(side) => write!(f, "only {} turns were flown", side.side_name()),
             Self::ArcOnly { side, sectors } => {
@@ -90,7 +92,7 @@ struct DiagnosisLimits {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FlightStatistics {
     pub sample_count: u32,
-    pub long_intervals: u32,
+    pub long_interval_count: u32,
     pub duration_ms: u32,
     pub max_tilt_rad: f32,
     pub left_bank_ms: u32,
@@ -128,7 +130,7 @@ impl TiltFilter {
 impl FlightStatistics {
     pub const EMPTY: Self = Self {
         sample_count: 0,
-        long_intervals: 0,
+        long_interval_count: 0,
         duration_ms: 0,
         max_tilt_rad: 0.0,
         left_bank_ms: 0,
@@ -143,7 +145,7 @@ impl FlightStatistics {
         self.sample_count = self.sample_count.saturating_add(1);
         let Some(step_ms) = filter.filter_attitude(sample) else { return };
         self.duration_ms = self.duration_ms.saturating_add(step_ms);
-        self.long_intervals += u32::from(step_ms > TurnDetectorConfig::DEFAULT.max_gap_ms);
+        self.long_interval_count += u32::from(step_ms > TurnDetectorConfig::DEFAULT.max_gap_ms);
         let Attitude { roll_rad, pitch_rad } = filter.attitude;
         self.max_tilt_rad = self.max_tilt_rad.max(libm::fabsf(roll_rad)).max(libm::fabsf(pitch_rad));
         if libm::fabsf(roll_rad) >= TurnDetectorConfig::DEFAULT.enter_roll_rad {
@@ -158,7 +160,7 @@ impl FlightStatistics {
 
     pub fn check_tilt(&self) -> Option<CollectionProblem> {
         let has_no_tilt = self.is_long_enough() && self.max_tilt_rad < DIAGNOSIS_LIMITS.min_tilt_rad;
-        has_no_tilt.then(|| CollectionProblem::NoTilt { most_deg: self.max_tilt_rad.to_degrees() })
+        has_no_tilt.then(|| CollectionProblem::NoTilt { max_tilt_deg: self.max_tilt_rad.to_degrees() })
     }
 
     /// Diagnosis of a collection in turns; `None` if no threshold is violated.
@@ -169,7 +171,7 @@ impl FlightStatistics {
         if !self.is_long_enough() {
             return None;
         }
-        if 2 * u64::from(self.long_intervals) > u64::from(self.sample_count) {
+        if 2 * u64::from(self.long_interval_count) > u64::from(self.sample_count) {
             return Some(CollectionProblem::SampleIntervalTooLong {
                 interval_s: self.duration_ms as f32 / self.sample_count as f32 / 1e3,
             });

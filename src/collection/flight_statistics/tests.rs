@@ -47,7 +47,7 @@ fn long_sample_intervals_are_reported() {
 #[test]
 fn an_attitude_in_radians_is_reported() {
     assert!(
-        matches!(diagnose_banks(100, &[(-0.8, 60), (0.8, 60)]), Some(CollectionProblem::NoTilt { most_deg }) if (most_deg - 0.8).abs() < 0.01)
+        matches!(diagnose_banks(100, &[(-0.8, 60), (0.8, 60)]), Some(CollectionProblem::NoTilt { max_tilt_deg }) if (max_tilt_deg - 0.8).abs() < 0.01)
     );
     assert!(matches!(diagnose_banks(100, &[(-1.9, 60), (1.9, 60)]), Some(CollectionProblem::NoTilt { .. })));
     assert!(matches!(diagnose_banks(100, &[(-2.1, 60), (2.1, 60)]), Some(CollectionProblem::InsufficientBank { .. })));

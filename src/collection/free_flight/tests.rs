@@ -22,7 +22,7 @@ impl FreeFlight {
         flight
     }
 
-    fn push(&mut self, sample: Sample) -> FreeFlightSample {
+    fn push(&mut self, sample: Sample) -> OfferedSampleResult {
         push_sample(self.buffer.part_view(CollectionPart::FREE), &mut self.selection, sample)
     }
 
@@ -31,7 +31,7 @@ impl FreeFlight {
     }
 
     fn held_back_times(&self) -> Vec<u32> {
-        times(self.buffer.held_back(CollectionPart::FREE))
+        times(self.buffer.held_back_samples(CollectionPart::FREE))
     }
 
     fn coverage(&mut self) -> PartCoverage {
@@ -62,7 +62,7 @@ fn free_flight_samples_are_stored_until_full() {
     assert_eq!(flight.coverage(), PartCoverage { samples: 300, held_back_count: 100, ..PartCoverage::default() });
     assert!(
         flight.buffer.fit_samples(CollectionPart::LEFT).is_empty()
-            && flight.buffer.held_back(CollectionPart::LEVEL).is_empty()
+            && flight.buffer.held_back_samples(CollectionPart::LEVEL).is_empty()
     );
 }
 
@@ -72,20 +72,20 @@ fn informative_samples_replace_uninformative_ones() {
     let level = |minutes: u16| turn_samples(0.0, 0, 60 * minutes, 60.0);
     let mut flight = FreeFlight::collect(level(5));
     let turns = turn_samples(25.0, 300, 320, 60.0).chain(turn_samples(-25.0, 320, 340, 60.0));
-    let stored = turns.filter(|sample| flight.push(*sample) == FreeFlightSample::Stored).count();
+    let stored = turns.filter(|sample| flight.push(*sample) == OfferedSampleResult::Stored).count();
     let mut banked_sum = 0;
-    for purpose in [SampleUse::Fit, SampleUse::Verification] {
+    for sample_use in [SampleUse::Fit, SampleUse::Verification] {
         let (samples, capacity) = (
-            flight.buffer.samples.samples_of_part(purpose, CollectionPart::FREE),
-            SampleQuota::WHOLE_BUFFER.quota_of(purpose),
+            flight.buffer.samples.samples_of_part(sample_use, CollectionPart::FREE),
+            SampleQuota::WHOLE_BUFFER.quota_of(sample_use),
         );
         let banked = samples.iter().filter(|s| s.attitude.roll_rad.abs() > 0.3).count();
         banked_sum += banked;
         assert_eq!(samples.len(), capacity);
         // Of 400 banked samples, one in four is held back.
-        let samples_offered = if purpose == SampleUse::Fit { 300 } else { 100 };
+        let samples_offered = if sample_use == SampleUse::Fit { 300 } else { 100 };
         assert!(banked * 10 >= samples_offered * 8 || banked * 10 >= capacity * 7, "{banked} of {samples_offered}");
-        let ends = section_ends(purpose, samples.len());
+        let ends = section_ends(sample_use, samples.len());
         for [start, end] in [[0, ends[0]], [ends[0], ends[1]], [ends[1], ends[2]]] {
             assert!(times(&samples[start..end]).is_sorted());
         }
@@ -100,7 +100,7 @@ fn uninformative_samples_are_rejected() {
     let ends: Vec<_> = turn_samples(0.0, 500, 510, 60.0).map(|sample| flight.push(sample)).collect();
     let new = flight.fit_times().iter().filter(|time| !before.contains(time)).count();
     assert!(new <= 8, "{new} of 75");
-    assert!(ends.iter().filter(|end| **end == FreeFlightSample::Rejected).count() >= 67, "{ends:?}");
+    assert!(ends.iter().filter(|end| **end == OfferedSampleResult::Rejected).count() >= 67, "{ends:?}");
 }
 
 #[test]
@@ -110,9 +110,10 @@ fn identical_samples_are_stored_once() {
         let attitude = Attitude::from_deg(roll_deg, pitch_deg);
         let before = flight.coverage();
         let end = flight.push(Sample { attitude, ..test_sample([x_ut, 5.0, 40.0], 100) });
-        let expected = if flight.coverage() == before { FreeFlightSample::Ignored } else { FreeFlightSample::Stored };
+        let expected =
+            if flight.coverage() == before { OfferedSampleResult::Ignored } else { OfferedSampleResult::Stored };
         assert_eq!(end, expected);
-        end == FreeFlightSample::Stored
+        end == OfferedSampleResult::Stored
     };
     assert!(is_stored(20.0, 0.0, 0.0));
     for _ in 0..100 {

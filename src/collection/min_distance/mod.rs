@@ -22,8 +22,8 @@ pub(super) fn push_sample(mut part: PartView<'_>, quota: SampleQuota, distance_u
     let is_far = !part.fit_then_held_back().iter().any(|other| field_distance(other, &sample) < *distance_ut);
     let is_taken = part.is_due(&sample) && is_far;
     if is_taken {
-        let purpose = part.count_and_assign_use(&sample);
-        store_sample(&mut part, purpose, quota, distance_ut, sample);
+        let sample_use = part.count_and_assign_use(&sample);
+        store_sample(&mut part, sample_use, quota, distance_ut, sample);
         part.part_state.percent = percent(part.samples_of_use(SampleUse::Fit).len() as u16, COMPLETE_SAMPLE_COUNT);
     }
     is_taken
@@ -32,13 +32,13 @@ pub(super) fn push_sample(mut part: PartView<'_>, quota: SampleQuota, distance_u
 /// Stores a sample; for the fit if there is no room among the held-back ones.
 fn store_sample(
     part: &mut PartView<'_>,
-    purpose: SampleUse,
+    sample_use: SampleUse,
     quota: SampleQuota,
     distance_ut: &mut f32,
     sample: Sample,
 ) {
-    if purpose == SampleUse::Verification && !part.is_full(purpose, quota) {
-        return part.insert_sample(purpose, sample);
+    if sample_use == SampleUse::Verification && !part.is_full(sample_use, quota) {
+        return part.insert_sample(sample_use, sample);
     }
     if part.is_full(SampleUse::Fit, quota) {
         *distance_ut *= DISTANCE_GROWTH;

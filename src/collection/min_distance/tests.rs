@@ -50,7 +50,11 @@ fn tumbled_samples_are_at_least_5_ut_apart() {
     assert_eq!(Tumble::on_line(20, 5.0).stored(), 20, "at the very distance");
     assert_eq!(Tumble::on_line(20, 4.9).stored(), 10, "every other one");
     let five = Tumble::on_line(5, 5.1);
-    assert_eq!((five.stored(), five.buffer.held_back(CollectionPart::FREE).len()), (5, 1), "every fourth is held back");
+    assert_eq!(
+        (five.stored(), five.buffer.held_back_samples(CollectionPart::FREE).len()),
+        (5, 1),
+        "every fourth is held back"
+    );
 }
 
 #[test]

@@ -33,7 +33,7 @@ pub(in crate::collection) struct CollectionHeader {
 #[derive(Clone, Copy, Debug)]
 pub(in crate::collection) struct PartState {
     /// Number of samples taken, stored or not; wraps at a multiple of the hold-back cycle.
-    pub taken_count: u16,
+    pub due_count: u16,
     /// Sectors with at least one sample.
     pub covered_sectors: u8,
     /// Completeness, 0..100 percent.
@@ -41,7 +41,7 @@ pub(in crate::collection) struct PartState {
 }
 
 impl PartState {
-    pub const EMPTY: Self = Self { taken_count: 0, covered_sectors: 0, percent: 0 };
+    pub const EMPTY: Self = Self { due_count: 0, covered_sectors: 0, percent: 0 };
 }
 
 impl CollectionHeader {
@@ -132,5 +132,5 @@ words!(CollectionHeader {
     part_states,
     statistics,
 });
-words!(PartState { taken_count, covered_sectors, percent });
-words!(FlightStatistics { sample_count, long_intervals, duration_ms, max_tilt_rad, left_bank_ms, right_bank_ms });
+words!(PartState { due_count, covered_sectors, percent });
+words!(FlightStatistics { sample_count, long_interval_count, duration_ms, max_tilt_rad, left_bank_ms, right_bank_ms });

@@ -95,8 +95,8 @@ impl RetainedSamples {
         self.unexpected_restarts = 0;
     }
 
-    fn compute_checksum(&self, firmware: u32) -> u32 {
-        let mut sum = Checksum(firmware);
+    fn compute_checksum(&self, firmware_seed: u32) -> u32 {
+        let mut sum = Checksum(firmware_seed);
         sum.add_words(&self.header);
         // The samples of an inactive collection stay for another solve, until a restart.
         if self.header.state() != CollectionState::Inactive {

@@ -40,7 +40,7 @@ fn observable_state(
     (
         progress,
         copy_all(collector.fit_samples()),
-        copy_all(collector.held_back()),
+        copy_all(collector.held_back_samples()),
         collector.collection_problem(),
         collector.distinct_samples(),
     )
@@ -93,7 +93,7 @@ fn a_collection_continues_after_a_restart() {
         for part in [
             collector.fit_samples().samples_of_part(CollectionPart::LEFT),
             collector.fit_samples().samples_of_part(CollectionPart::RIGHT),
-            collector.held_back().samples_of_part(CollectionPart::LEFT),
+            collector.held_back_samples().samples_of_part(CollectionPart::LEFT),
         ] {
             assert!(part.is_sorted_by_key(|sample| sample.time.as_ms()), "{cut}");
             assert!(part.windows(2).all(|two| two[1].time.ms_since(two[0].time) >= 400), "{cut}");
@@ -164,7 +164,9 @@ fn an_interrupted_change_is_atomic() {
     let found = |retained: &RetainedSamples| {
         let mut retained = retained.clone();
         let collector = Collector::new(&mut retained);
-        collector.restored_context().map(|_| (copy_all(collector.fit_samples()), copy_all(collector.held_back())))
+        collector
+            .restored_context()
+            .map(|_| (copy_all(collector.fit_samples()), copy_all(collector.held_back_samples())))
     };
     let retained = empty_memory();
     let mut before: Option<RetainedSamples> = None;

@@ -39,17 +39,17 @@ impl SampleBuffer {
     }
 
     /// Samples of one use, ordered by part, then time.
-    pub fn samples_of_use(&self, purpose: SampleUse) -> &[Sample] {
+    pub fn samples_of_use(&self, sample_use: SampleUse) -> &[Sample] {
         let (fit, held_back) = self.all_samples().split_at_checked(usize::from(self.fit_count)).unwrap_or_default();
-        match purpose {
+        match sample_use {
             SampleUse::Fit => fit,
             SampleUse::Verification => held_back,
         }
     }
 
     /// Samples of one use and part, ordered by time.
-    pub fn samples_of_part(&self, purpose: SampleUse, part: CollectionPart) -> &[Sample] {
-        samples_of_part(self.samples_of_use(purpose), part)
+    pub fn samples_of_part(&self, sample_use: SampleUse, part: CollectionPart) -> &[Sample] {
+        samples_of_part(self.samples_of_use(sample_use), part)
     }
 
     /// Fit samples of a part, then the held-back ones.
@@ -65,31 +65,31 @@ impl SampleBuffer {
     }
 
     /// Stores a sample as the latest of its part; drops it if the buffer is full.
-    pub fn insert_sample(&mut self, purpose: SampleUse, sample: Sample) {
-        let [_, end] = self.index_range(purpose, sample.part);
+    pub fn insert_sample(&mut self, sample_use: SampleUse, sample: Sample) {
+        let [_, end] = self.index_range(sample_use, sample.part);
         let sample_count = self.all_samples().len();
         if let Some(shifted @ [_, ..]) = self.samples.get_mut(end..=sample_count) {
             shifted.copy_within(..shifted.len() - 1, 1);
             shifted[0] = sample;
-            *self.count_mut(purpose) += 1;
+            *self.count_mut(sample_use) += 1;
         }
     }
 
     /// Removes the sample at a position of its part.
-    pub fn remove_sample(&mut self, purpose: SampleUse, part: CollectionPart, position: usize) {
-        let [start, end] = self.index_range(purpose, part);
+    pub fn remove_sample(&mut self, sample_use: SampleUse, part: CollectionPart, position: usize) {
+        let [start, end] = self.index_range(sample_use, part);
         let sample_count = self.all_samples().len();
         if start + position < end
             && let Some(shifted) = self.samples.get_mut(start + position..sample_count)
         {
             shifted.copy_within(1.., 0);
-            *self.count_mut(purpose) -= 1;
+            *self.count_mut(sample_use) -= 1;
         }
     }
 
     /// Stores a sample at `end` of its part, exclusive, in place of the one at an earlier position.
-    pub fn replace_sample(&mut self, purpose: SampleUse, position: usize, end: usize, sample: Sample) {
-        let [start, _] = self.index_range(purpose, sample.part);
+    pub fn replace_sample(&mut self, sample_use: SampleUse, position: usize, end: usize, sample: Sample) {
+        let [start, _] = self.index_range(sample_use, sample.part);
         if let Some(shifted @ [_, ..]) = self.samples.get_mut(start + position..start + end) {
             shifted.copy_within(1.., 0);
             shifted[shifted.len() - 1] = sample;
@@ -97,16 +97,16 @@ impl SampleBuffer {
     }
 
     /// First and last position (exclusive) of a part.
-    fn index_range(&self, purpose: SampleUse, part: CollectionPart) -> [usize; 2] {
-        let start = match purpose {
+    fn index_range(&self, sample_use: SampleUse, part: CollectionPart) -> [usize; 2] {
+        let start = match sample_use {
             SampleUse::Fit => 0,
             SampleUse::Verification => usize::from(self.fit_count),
         };
-        part_range(self.samples_of_use(purpose), part).map(|position| start + position)
+        part_range(self.samples_of_use(sample_use), part).map(|position| start + position)
     }
 
-    fn count_mut(&mut self, purpose: SampleUse) -> &mut u16 {
-        match purpose {
+    fn count_mut(&mut self, sample_use: SampleUse) -> &mut u16 {
+        match sample_use {
             SampleUse::Fit => &mut self.fit_count,
             SampleUse::Verification => &mut self.held_back_count,
         }

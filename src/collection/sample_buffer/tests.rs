@@ -3,8 +3,8 @@ use super::*;
 
 const PARTS: [CollectionPart; 3] = [CollectionPart::LEFT, CollectionPart::LEVEL, CollectionPart::FREE];
 
-fn insert(buffer: &mut SampleBuffer, purpose: SampleUse, part: CollectionPart, time_ms: u32) {
-    buffer.insert_sample(purpose, Sample { part, ..test_sample([1.0; 3], time_ms) });
+fn insert(buffer: &mut SampleBuffer, sample_use: SampleUse, part: CollectionPart, time_ms: u32) {
+    buffer.insert_sample(sample_use, Sample { part, ..test_sample([1.0; 3], time_ms) });
 }
 
 fn times(samples: &[Sample]) -> Vec<u32> {
@@ -12,12 +12,12 @@ fn times(samples: &[Sample]) -> Vec<u32> {
 }
 
 /// Fit and held-back samples of three parts, stored in turn.
-fn filled() -> SampleBuffer {
+fn filled_buffer() -> SampleBuffer {
     let mut buffer = SampleBuffer::EMPTY;
     for time_ms in (0..60).step_by(10) {
         for (i, part) in PARTS.into_iter().enumerate() {
-            let purpose = if time_ms % 20 == 0 { SampleUse::Fit } else { SampleUse::Verification };
-            insert(&mut buffer, purpose, part, time_ms + i as u32);
+            let sample_use = if time_ms % 20 == 0 { SampleUse::Fit } else { SampleUse::Verification };
+            insert(&mut buffer, sample_use, part, time_ms + i as u32);
         }
     }
     buffer
@@ -25,7 +25,7 @@ fn filled() -> SampleBuffer {
 
 #[test]
 fn samples_are_ordered_by_use_part_and_time() {
-    let buffer = filled();
+    let buffer = filled_buffer();
     assert_eq!(times(buffer.samples_of_use(SampleUse::Fit)), [0, 20, 40, 1, 21, 41, 2, 22, 42]);
     assert_eq!(times(buffer.samples_of_use(SampleUse::Verification)), [10, 30, 50, 11, 31, 51, 12, 32, 52]);
     assert_eq!(
@@ -43,29 +43,29 @@ fn samples_are_ordered_by_use_part_and_time() {
 
 #[test]
 fn removing_a_sample_leaves_the_others_in_order() {
-    for (purpose, part, position, removed) in [
+    for (sample_use, part, position, removed) in [
         (SampleUse::Fit, CollectionPart::LEFT, 0, 0),
         (SampleUse::Fit, CollectionPart::FREE, 2, 42),
         (SampleUse::Verification, CollectionPart::LEFT, 1, 30),
         (SampleUse::Verification, CollectionPart::FREE, 2, 52),
     ] {
-        let (before, mut buffer) = (filled(), filled());
-        buffer.remove_sample(purpose, part, position);
+        let (before, mut buffer) = (filled_buffer(), filled_buffer());
+        buffer.remove_sample(sample_use, part, position);
         for use_of in [SampleUse::Fit, SampleUse::Verification] {
             let expected: Vec<u32> =
                 times(before.samples_of_use(use_of)).into_iter().filter(|time| *time != removed).collect();
             assert_eq!(times(buffer.samples_of_use(use_of)), expected, "{removed}");
         }
     }
-    let mut buffer = filled();
+    let mut buffer = filled_buffer();
     buffer.remove_sample(SampleUse::Fit, CollectionPart::LEFT, 3);
     buffer.remove_sample(SampleUse::Fit, CollectionPart::RIGHT, 0);
-    assert_eq!(buffer.all_samples(), filled().all_samples(), "there is none");
+    assert_eq!(buffer.all_samples(), filled_buffer().all_samples(), "there is none");
 }
 
 #[test]
 fn a_replacement_changes_its_part_only() {
-    let mut buffer = filled();
+    let mut buffer = filled_buffer();
     let new = |part, time_ms| Sample { part, ..test_sample([2.0; 3], time_ms) };
     buffer.replace_sample(SampleUse::Fit, 1, 3, new(CollectionPart::LEVEL, 99));
     assert_eq!(times(buffer.samples_of_use(SampleUse::Fit)), [0, 20, 40, 1, 41, 99, 2, 22, 42]);
@@ -102,9 +102,11 @@ fn numbers_beyond_the_capacity_are_an_empty_buffer() {
     for (fit_count, held_back_count) in
         [(SAMPLE_CAPACITY as u16 + 1, 0), (1, SAMPLE_CAPACITY as u16), (u16::MAX, u16::MAX)]
     {
-        let mut buffer = SampleBuffer { fit_count, held_back_count, ..filled() };
+        let mut buffer = SampleBuffer { fit_count, held_back_count, ..filled_buffer() };
         assert!(
-            [SampleUse::Fit, SampleUse::Verification].iter().all(|purpose| buffer.samples_of_use(*purpose).is_empty())
+            [SampleUse::Fit, SampleUse::Verification]
+                .iter()
+                .all(|sample_use| buffer.samples_of_use(*sample_use).is_empty())
         );
         buffer.remove_sample(SampleUse::Verification, CollectionPart::FREE, 0);
         buffer.replace_sample(SampleUse::Verification, 0, 1, test_sample([0.0; 3], 2));

@@ -15,7 +15,7 @@ pub(super) struct SectorBalance {
     /// Fit samples that fill a sector.
     sector_samples: u16,
     /// Fit samples of a complete part.
-    target: u16,
+    complete_fit_samples: u16,
     /// Smallest radius of a circle of headings, microtesla: a third of the horizontal field at 75 deg of inclination.
     /// Noise at a constant heading gives less.
     min_radius_ut: f32,
@@ -28,38 +28,44 @@ pub(crate) const MIN_HELD_BACK_WHEN_COMPLETE: u16 = SectorBalance::LEVEL.min_hel
 const _: () = assert!(MIN_HELD_BACK_WHEN_COMPLETE <= SectorBalance::TURNS.min_held_back_when_complete());
 
 // Every part must be able to become complete.
-const _: () = assert!(SectorBalance::TURNS.fits_quota() && SectorBalance::LEVEL.fits_quota());
+const _: () = assert!(SectorBalance::TURNS.is_quota_sufficient() && SectorBalance::LEVEL.is_quota_sufficient());
 
 impl SectorBalance {
     /// For turns of 5 to 30 deg/s; at 13 deg/s a sector needs two passes, the part about three circles.
-    pub const TURNS: Self =
-        Self { quota: SampleQuota::TURN, sector_samples: 8, target: 132, min_radius_ut: 4.0, min_samples: 10 };
+    pub const TURNS: Self = Self {
+        quota: SampleQuota::TURN,
+        sector_samples: 8,
+        complete_fit_samples: 132,
+        min_radius_ut: 4.0,
+        min_samples: 10,
+    };
 
     /// For level flight, with a smaller quota: the part needs two circles.
-    pub const LEVEL: Self = Self { quota: SampleQuota::LEVEL, sector_samples: 4, target: 48, ..Self::TURNS };
+    pub const LEVEL: Self =
+        Self { quota: SampleQuota::LEVEL, sector_samples: 4, complete_fit_samples: 48, ..Self::TURNS };
 
     /// Whether the quota suffices for a complete part.
-    const fn fits_quota(&self) -> bool {
-        self.target as usize <= self.quota.fit_quota
+    const fn is_quota_sufficient(&self) -> bool {
+        self.complete_fit_samples as usize <= self.quota.fit_quota
             && self.sector_samples as usize * SECTORS <= self.quota.fit_quota
-            && self.min_samples <= self.target
+            && self.min_samples <= self.complete_fit_samples
             && self.min_held_back_when_complete() as usize <= self.quota.held_back_quota
     }
 
     /// Fewest held-back samples of a complete part.
     const fn min_held_back_when_complete(&self) -> u16 {
         // The last sample of each cycle is held back, and the last cycle may be incomplete.
-        (self.target - 1) / (HOLD_BACK_CYCLE - 1)
+        (self.complete_fit_samples - 1) / (HOLD_BACK_CYCLE - 1)
     }
 
     /// Stores a sample if it is due and its sector is not the most crowded of a full part. Returns whether it is due.
     pub fn push_sample(&self, mut part: PartView<'_>, sample: Sample) -> bool {
         let is_due = part.is_due(&sample);
         if is_due {
-            let circle = TurnCircle::fit_to(&part.fit_then_held_back());
+            let circle = TurnCircle::fit_circle(&part.fit_then_held_back());
             let sector_of = |s: &Sample| circle.map_or(0, |circle| circle.sector_of(s));
-            let purpose = part.count_and_assign_use(&sample);
-            insert_balanced(&mut part, purpose, self.quota, sample, sector_of);
+            let sample_use = part.count_and_assign_use(&sample);
+            insert_balanced(&mut part, sample_use, self.quota, sample, sector_of);
             self.update_coverage(&mut part, circle);
         }
         is_due
@@ -83,7 +89,7 @@ impl SectorBalance {
     /// Lesser of sector filling and sample number, percent.
     fn balance_percent(&self, counts: &[u16; SECTORS], samples: u16) -> u8 {
         let filled: u16 = counts.iter().map(|&n| n.min(self.sector_samples)).sum();
-        percent(filled, self.sector_samples * SECTORS as u16).min(percent(samples, self.target))
+        percent(filled, self.sector_samples * SECTORS as u16).min(percent(samples, self.complete_fit_samples))
     }
 }
 
@@ -101,20 +107,20 @@ fn count_by_sector(samples: &[Sample], sector_of: impl Fn(&Sample) -> usize) -> 
 /// there.
 fn insert_balanced(
     part: &mut PartView<'_>,
-    purpose: SampleUse,
+    sample_use: SampleUse,
     quota: SampleQuota,
     sample: Sample,
     sector_of: impl Fn(&Sample) -> usize,
 ) {
-    if !part.is_full(purpose, quota) {
-        return part.insert_sample(purpose, sample);
+    if !part.is_full(sample_use, quota) {
+        return part.insert_sample(sample_use, sample);
     }
-    let counts = count_by_sector(part.samples_of_use(purpose), &sector_of);
+    let counts = count_by_sector(part.samples_of_use(sample_use), &sector_of);
     let crowded = (0..SECTORS).max_by_key(|&sector| counts[sector]).unwrap_or(0);
     if crowded != sector_of(&sample)
-        && let Some(oldest) = part.samples_of_use(purpose).iter().position(|s| sector_of(s) == crowded)
+        && let Some(oldest) = part.samples_of_use(sample_use).iter().position(|s| sector_of(s) == crowded)
     {
-        part.replace_sample(purpose, oldest, sample);
+        part.replace_sample(sample_use, oldest, sample);
     }
 }
 

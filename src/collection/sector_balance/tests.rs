@@ -71,9 +71,9 @@ fn a_full_buffer_stores_samples_of_missing_headings() {
 #[test]
 fn held_back_samples_differ_from_the_fit_and_cover_every_sector() {
     let buffer = collect(turn_samples(25.0, 0, 120, 13.0));
-    let (fit, held) = (buffer.fit_samples(CollectionPart::RIGHT), buffer.held_back(CollectionPart::RIGHT));
+    let (fit, held) = (buffer.fit_samples(CollectionPart::RIGHT), buffer.held_back_samples(CollectionPart::RIGHT));
     assert!(held.iter().all(|h| fit.iter().all(|f| f.time != h.time)));
-    let circle = TurnCircle::fit_to(&Samples::new(held)).unwrap();
+    let circle = TurnCircle::fit_circle(&Samples::new(held)).unwrap();
     for sector in 0..SECTORS {
         assert!(held.iter().filter(|s| circle.sector_of(s) == sector).count() >= 2, "sector {sector}");
     }
@@ -114,7 +114,7 @@ fn parts_are_separate() {
     ] {
         let coverage = buffer.coverage(part);
         assert_eq!((coverage.samples, coverage.held_back_count), numbers);
-        let samples = [buffer.fit_samples(part), buffer.held_back(part)].concat();
+        let samples = [buffer.fit_samples(part), buffer.held_back_samples(part)].concat();
         assert!(samples.iter().all(|sample| sample.part == part && sample.field.ut.y.to_bits() == number.to_bits()));
     }
     assert_eq!(buffer.coverage(CollectionPart::FREE), PartCoverage::default());
@@ -148,23 +148,23 @@ fn no_sensor_value_panics() {
 }
 
 /// Number of samples stored if offered at this interval, across a wrap of the clock.
-fn stored_at_interval(spacing_ms: u32, number: u32) -> usize {
+fn stored_count_at_interval(spacing_ms: u32, number: u32) -> usize {
     let at = |i: u32| test_sample([i as f32, 0.0, 0.0], (i * spacing_ms).wrapping_sub(1000));
     collect((0..number).map(at)).stored_samples(CollectionPart::RIGHT)
 }
 
 #[test]
 fn turn_samples_are_stored_at_most_every_0_4_s() {
-    assert_eq!(stored_at_interval(400, 40), 40);
-    assert_eq!(stored_at_interval(399, 40), 20, "every other one");
-    assert_eq!(stored_at_interval(100, 40), 10, "every fourth one");
+    assert_eq!(stored_count_at_interval(400, 40), 40);
+    assert_eq!(stored_count_at_interval(399, 40), 20, "every other one");
+    assert_eq!(stored_count_at_interval(100, 40), 10, "every fourth one");
 }
 
 #[test]
 fn every_fourth_sample_is_held_back() {
     let buffer = collect((0..13).map(|i| test_sample([i as f32, 0.0, 0.0], i * 400)));
     let times = |samples: &[Sample]| samples.iter().map(|sample| sample.time.as_ms() / 400).collect::<Vec<_>>();
-    assert_eq!(times(buffer.held_back(CollectionPart::RIGHT)), [3, 7, 11]);
+    assert_eq!(times(buffer.held_back_samples(CollectionPart::RIGHT)), [3, 7, 11]);
     assert_eq!(times(buffer.fit_samples(CollectionPart::RIGHT)), [0, 1, 2, 4, 5, 6, 8, 9, 10, 12]);
 }
 
@@ -174,11 +174,11 @@ fn a_sample_too_early_does_not_count() {
     assert!(push_turn(&mut buffer, test_sample([0.0; 3], 0)));
     assert!(!push_turn(&mut buffer, test_sample([1.0, 0.0, 0.0], 399)));
     assert!(push_turn(&mut buffer, test_sample([1.0, 0.0, 0.0], 400)));
-    assert_eq!(buffer.part_view(CollectionPart::RIGHT).part_state.taken_count, 2);
+    assert_eq!(buffer.part_view(CollectionPart::RIGHT).part_state.due_count, 2);
 }
 
 /// Six samples with the time `100 sector + age`; sector 3 is the most crowded.
-fn crowded() -> TestBuffer {
+fn buffer_with_crowded_sector() -> TestBuffer {
     let mut buffer = TestBuffer::new();
     for time_ms in [100, 301, 302, 500, 303, 700] {
         buffer.part_view(CollectionPart::LEFT).insert_sample(SampleUse::Fit, test_sample([0.0; 3], time_ms));
@@ -205,7 +205,7 @@ fn times(buffer: &TestBuffer) -> Vec<u32> {
 
 #[test]
 fn a_full_part_replaces_the_oldest_sample_of_the_fullest_sector() {
-    let mut buffer = crowded();
+    let mut buffer = buffer_with_crowded_sector();
     insert_at(&mut buffer, QUOTA_6, 1100);
     assert_eq!(times(&buffer), [100, 302, 500, 303, 700, 1100]);
     insert_at(&mut buffer, QUOTA_6, 0);
@@ -214,14 +214,14 @@ fn a_full_part_replaces_the_oldest_sample_of_the_fullest_sector() {
 
 #[test]
 fn a_full_part_rejects_samples_of_its_fullest_sector() {
-    let mut buffer = crowded();
+    let mut buffer = buffer_with_crowded_sector();
     insert_at(&mut buffer, QUOTA_6, 399);
-    assert_eq!(times(&buffer), times(&crowded()));
+    assert_eq!(times(&buffer), times(&buffer_with_crowded_sector()));
 }
 
 #[test]
 fn a_part_with_room_accepts_all() {
-    let mut buffer = crowded();
+    let mut buffer = buffer_with_crowded_sector();
     for time_ms in [304, 305, 306] {
         insert_at(&mut buffer, SampleQuota { fit_quota: 9, ..QUOTA_6 }, time_ms);
     }
@@ -277,23 +277,23 @@ fn the_circle_is_fitted_to_fit_and_held_back_samples() {
         let heading_deg = if i < 12 { 1.0 + i as f32 * 2.0 } else { 15.0 + i as f32 * 30.0 };
         Sample { time: WrappingMillis::new(i * 400), ..circle_sample(heading_deg) }
     };
-    for purpose in [SampleUse::Fit, SampleUse::Verification] {
+    for sample_use in [SampleUse::Fit, SampleUse::Verification] {
         let mut buffer = TestBuffer::new();
-        (0..12).for_each(|i| buffer.part_view(CollectionPart::LEFT).insert_sample(purpose, at(i)));
+        (0..12).for_each(|i| buffer.part_view(CollectionPart::LEFT).insert_sample(sample_use, at(i)));
         for i in 12..36 {
             // Makes the next sample one of the tested use.
-            buffer.part_view(CollectionPart::LEFT).part_state.taken_count =
-                if purpose == SampleUse::Fit { 0 } else { 3 };
+            buffer.part_view(CollectionPart::LEFT).part_state.due_count =
+                if sample_use == SampleUse::Fit { 0 } else { 3 };
             assert!(QUOTA_12.push_sample(buffer.part_view(CollectionPart::LEFT), at(i)));
         }
-        let samples = if purpose == SampleUse::Fit {
+        let samples = if sample_use == SampleUse::Fit {
             buffer.fit_samples(CollectionPart::LEFT)
         } else {
-            buffer.held_back(CollectionPart::LEFT)
+            buffer.held_back_samples(CollectionPart::LEFT)
         };
         assert_eq!((samples.len(), buffer.stored_samples(CollectionPart::LEFT)), (12, 12));
         assert!(samples.iter().filter(|sample| sample.time.as_ms() >= 12 * 400).count() >= 10, "{samples:?}");
-        assert!(purpose == SampleUse::Verification || buffer.coverage(CollectionPart::LEFT).covered_sectors >= 11);
+        assert!(sample_use == SampleUse::Verification || buffer.coverage(CollectionPart::LEFT).covered_sectors >= 11);
     }
 }
 
@@ -322,17 +322,17 @@ fn a_complete_part_stays_complete() {
 fn the_quota_must_suffice_for_a_complete_part() {
     let balance_with =
         |fit| SectorBalance { quota: SampleQuota { fit_quota: fit, held_back_quota: 60 }, ..SectorBalance::LEVEL };
-    assert!(balance_with(48).fits_quota() && !balance_with(47).fits_quota(), "either target");
-    assert!(!SectorBalance { target: 49, ..balance_with(48) }.fits_quota());
-    assert!(!SectorBalance { sector_samples: 5, ..balance_with(59) }.fits_quota());
-    assert!(SectorBalance { sector_samples: 5, ..balance_with(60) }.fits_quota());
-    assert!(!SectorBalance { min_samples: 49, ..balance_with(100) }.fits_quota());
-    assert!(SectorBalance { min_samples: 48, ..balance_with(100) }.fits_quota());
+    assert!(balance_with(48).is_quota_sufficient() && !balance_with(47).is_quota_sufficient(), "either target");
+    assert!(!SectorBalance { complete_fit_samples: 49, ..balance_with(48) }.is_quota_sufficient());
+    assert!(!SectorBalance { sector_samples: 5, ..balance_with(59) }.is_quota_sufficient());
+    assert!(SectorBalance { sector_samples: 5, ..balance_with(60) }.is_quota_sufficient());
+    assert!(!SectorBalance { min_samples: 49, ..balance_with(100) }.is_quota_sufficient());
+    assert!(SectorBalance { min_samples: 48, ..balance_with(100) }.is_quota_sufficient());
     let held_back = |held_back| SectorBalance {
         quota: SampleQuota { fit_quota: 48, held_back_quota: held_back },
         ..SectorBalance::LEVEL
     };
-    assert!(held_back(15).fits_quota() && !held_back(14).fits_quota());
+    assert!(held_back(15).is_quota_sufficient() && !held_back(14).is_quota_sufficient());
     assert_eq!(
         (SectorBalance::TURNS.min_held_back_when_complete(), SectorBalance::LEVEL.min_held_back_when_complete()),
         (43, 15)

@@ -20,8 +20,8 @@ fn naples() -> Position {
 
 impl TestBed {
     fn set_place(&mut self, place: Position) {
-        assert!(matches!(self.compass.step(Event::Position(place, self.time())), Effect::None));
-        assert!(matches!(self.compass.step(Event::Date(today())), Effect::None));
+        assert!(matches!(self.compass.process_event(Event::Position(place, self.time())), Effect::None));
+        assert!(matches!(self.compass.process_event(Event::Date(today())), Effect::None));
     }
 
     fn active_field(&self) -> (Option<f32>, Option<f32>) {
@@ -42,7 +42,7 @@ impl TestBed {
 fn a_distant_position_is_accepted_only_while_disarmed() {
     for (armed, is_accepted) in [(None, false), (Some(true), false), (Some(false), true)] {
         let mut bench = TestBed::new();
-        bench.compass.step(Event::Armed(armed));
+        bench.compass.process_event(Event::ArmedStateReported(armed));
         bench.set_place(dresden());
         for _ in 0..100 {
             bench.set_place(naples());
@@ -65,15 +65,15 @@ fn configured_declination_and_inclination_override_the_model() {
         ((declination_deg, inclination_deg), Some(field.total_ut))
     );
     assert_eq!(bench.compass.stored_settings(), &Settings::DEFAULT);
-    let report = bench.report();
+    let report = bench.status_report();
     assert_eq!((report.settings, report.local_field.model_field()), (Settings::DEFAULT, Some(&field)));
-    bench.saved(Command::Set(SettingChange::Declination(Some(-3.5)))).unwrap();
+    bench.save_by_command(Command::Set(SettingChange::Declination(Some(-3.5)))).unwrap();
     assert_eq!(bench.active_field(), (Some(-3.5), inclination_deg));
-    bench.saved(Command::Set(SettingChange::Inclination(Some(60.0)))).unwrap();
+    bench.save_by_command(Command::Set(SettingChange::Inclination(Some(60.0)))).unwrap();
     assert_eq!(bench.active_field(), (Some(-3.5), Some(60.0)));
-    bench.saved(Command::Set(SettingChange::Declination(None))).unwrap();
+    bench.save_by_command(Command::Set(SettingChange::Declination(None))).unwrap();
     assert_eq!(bench.active_field(), (declination_deg, Some(60.0)));
-    assert!(matches!(bench.command(Command::Set(SettingChange::StreamOn(false))), Effect::Save));
+    assert!(matches!(bench.send_command(Command::Set(SettingChange::StreamOn(false))), Effect::Save));
     let written = Settings { inclination_deg: Some(60.0), stream_on: false, ..Settings::DEFAULT };
     assert!(matches!(bench.compass.pending_change(), Some(StoreChange::Settings(settings)) if *settings == written));
 }
@@ -86,7 +86,7 @@ fn the_model_s_inclination_reaches_the_solver() {
     let with_deg = bench.solved_inclination_deg();
     assert!(with_deg > without_deg + 0.008, "{with_deg} {without_deg}");
     let mut bench = TestBed::new();
-    bench.saved(Command::Set(SettingChange::Inclination(model_deg(naples())))).unwrap();
+    bench.save_by_command(Command::Set(SettingChange::Inclination(model_deg(naples())))).unwrap();
     assert!((bench.solved_inclination_deg() - with_deg).abs() < 1e-4);
 }
 
@@ -103,7 +103,7 @@ fn a_model_inclination_contradicted_by_the_samples_is_ignored() {
     bench.solved_inclination_deg();
     assert_eq!(bench.compass.active_record(), bench_without_model.compass.active_record());
     let mut bench = TestBed::new();
-    bench.saved(Command::Set(SettingChange::Inclination(model_deg(dresden())))).unwrap();
+    bench.save_by_command(Command::Set(SettingChange::Inclination(model_deg(dresden())))).unwrap();
     let refused = bench.calibrate(&few_turns(&airframe(), 1));
     assert!(
         matches!(refused, Err(Refusal::Solve(SolveError::InclinationContradicted { found_deg: 55 }))),
@@ -118,11 +118,11 @@ fn a_tumble_at_a_known_position_uses_the_model_s_inclination() {
         if let Some(place) = place {
             bench.set_place(place);
         }
-        bench.done(Command::CalStart(Procedure::Tumble));
+        bench.expect_done(Command::CalStart(Procedure::Tumble));
         bench.tumble();
-        bench.done(Command::CalSolve(None));
-        let end = bench.solve();
-        bench.settle(end).unwrap();
+        bench.expect_done(Command::CalSolve(None));
+        let end = bench.run_solve();
+        bench.complete_outcome(end).unwrap();
         assert_eq!(bench.compass.instrument_correction().has_valid_inclination, knows);
         let solved_inclination_deg = bench.compass.active_record().unwrap().calibration.inclination_rad.to_degrees();
         assert!(

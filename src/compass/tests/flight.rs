@@ -6,15 +6,15 @@ use crate::calibration::{Manoeuvre, MotorCurrent};
 use nalgebra::Vector3;
 
 /// 100 s of a multirotor, 4 samples/s: 40 s of yaw turns, then tilts to all sides.
-fn hover(seed: u64) -> Vec<Sample> {
+fn hover_samples(seed: u64) -> Vec<Sample> {
     multirotor_samples(&airframe(), 0.3, &mut Random(seed))
 }
 
 impl TestBed {
     fn with_accuracy(accuracy_deg: f32) -> Self {
         let mut bench = Self::new();
-        bench.saved(Command::Set(SettingChange::Accuracy(accuracy_deg))).unwrap();
-        bench.done(Command::CalStart(Procedure::Flight));
+        bench.save_by_command(Command::Set(SettingChange::Accuracy(accuracy_deg))).unwrap();
+        bench.expect_done(Command::CalStart(Procedure::Flight));
         bench
     }
 
@@ -33,24 +33,24 @@ impl TestBed {
         for (number, sample) in samples.iter().enumerate() {
             self.now = began.wrapping_add(250 * number as u32);
             let sample = Sample { time: self.time(), ..*sample };
-            assert!(matches!(self.compass.step(Event::Sample(sample)), Effect::None));
+            assert!(matches!(self.compass.process_event(Event::Sample(sample)), Effect::None));
             let is_trial_running = self.compass.is_busy();
             while self.compass.is_busy() {
                 assert_eq!(self.compass.module_state(), ModuleState::Collecting, "nobody asked for a solve");
-                match self.compass.step(Event::Advance) {
+                match self.compass.process_event(Event::AdvanceSolve) {
                     Effect::None => {}
-                    end => return Some((self.settle(end), number)),
+                    end => return Some((self.complete_outcome(end), number)),
                 }
             }
             if is_trial_running {
-                self.prospect().into_iter().for_each(&mut *on_trial);
+                self.trial_result().into_iter().for_each(&mut *on_trial);
             }
         }
         None
     }
 
-    fn prospect(&mut self) -> Option<TrialResult> {
-        self.report().last_trial
+    fn trial_result(&mut self) -> Option<TrialResult> {
+        self.status_report().last_trial
     }
 }
 
@@ -59,7 +59,7 @@ fn a_flight_collection_ends_at_the_configured_accuracy() {
     let mut ends = Vec::new();
     for accuracy_deg in [1.5, 0.5] {
         let mut bench = TestBed::with_accuracy(accuracy_deg);
-        let (outcome, samples) = bench.hover(&hover(1)).unwrap();
+        let (outcome, samples) = bench.hover(&hover_samples(1)).unwrap();
         let expected_deg = outcome.unwrap().quality.expected_rms_deg;
         assert!(expected_deg <= accuracy_deg, "{expected_deg}");
         assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
@@ -74,7 +74,7 @@ fn a_flight_collection_ends_at_the_configured_accuracy() {
 #[test]
 fn with_motor_current_two_successive_good_trials_are_required() {
     for (ut_per_a, expected_good_trials) in [(0.4, 1), (0.0, 0)] {
-        let mut samples = hover(1);
+        let mut samples = hover_samples(1);
         for (number, sample) in samples.iter_mut().enumerate() {
             let current_a = 15.0 + 5.0 * (number as f32 * 0.3).sin();
             sample.current = MotorCurrent::from_a(Some(current_a));
@@ -96,19 +96,19 @@ fn with_motor_current_two_successive_good_trials_are_required() {
 #[test]
 fn a_collection_continues_until_the_accuracy_is_reached() {
     let mut bench = TestBed::with_accuracy(0.2);
-    assert!(bench.prospect().is_none() && !bench.compass.collector.uses_trial_solution(), "not tried");
+    assert!(bench.trial_result().is_none() && !bench.compass.collector.uses_trial_solution(), "not tried");
     assert_eq!(bench.compass.indicator_state(), IndicatorState::Collecting(0));
-    assert!(bench.hover(&hover(2)[..300]).is_none());
+    assert!(bench.hover(&hover_samples(2)[..300]).is_none());
     assert!(bench.compass.collector.uses_trial_solution());
-    let Some(TrialResult { expected_deg: Some(expected_deg), refusal: None, .. }) = bench.prospect() else {
-        panic!("{:?}", bench.prospect())
+    let Some(TrialResult { expected_deg: Some(expected_deg), refusal: None, .. }) = bench.trial_result() else {
+        panic!("{:?}", bench.trial_result())
     };
     assert!((0.2..1.0).contains(&expected_deg), "{expected_deg}");
     let percent = (100.0 * 0.2 / expected_deg) as u8;
     assert_eq!(bench.compass.indicator_state(), IndicatorState::Collecting(percent));
-    assert_eq!(bench.done(Command::CalSolve(None)), ModuleState::Solving);
-    let end = bench.solve();
-    let found = bench.settle(end).unwrap().quality.expected_rms_deg;
+    assert_eq!(bench.expect_done(Command::CalSolve(None)), ModuleState::Solving);
+    let end = bench.run_solve();
+    let found = bench.complete_outcome(end).unwrap().quality.expected_rms_deg;
     assert!(found <= expected_deg, "{found} {expected_deg}");
     bench.compass.collector.begin_procedure(Procedure::Flight);
     assert!(!bench.compass.collector.uses_trial_solution());
@@ -117,21 +117,21 @@ fn a_collection_continues_until_the_accuracy_is_reached() {
 #[test]
 fn the_recommended_manoeuvre_is_reported() {
     let mut bench = TestBed::with_accuracy(1.0);
-    assert!(bench.hover(&hover(3)[..160]).is_none());
-    bench.done(Command::CalSolve(None));
-    let end = bench.solve();
-    let refusal = bench.settle(end).unwrap_err();
+    assert!(bench.hover(&hover_samples(3)[..160]).is_none());
+    bench.expect_done(Command::CalSolve(None));
+    let end = bench.run_solve();
+    let refusal = bench.complete_outcome(end).unwrap_err();
     assert!(refusal.to_string().contains("deg; the attitude tilts by 1.1 deg at most; tilt by 15"), "{refusal}");
     let mut bench = TestBed::with_accuracy(1.0);
-    assert!(bench.hover(&hover(3)[..164]).is_none());
-    let prospect = bench.prospect().unwrap();
+    assert!(bench.hover(&hover_samples(3)[..164]).is_none());
+    let prospect = bench.trial_result().unwrap();
     assert!(matches!(prospect.missing_manoeuvre, Some(Manoeuvre::Tilt(_, None))), "{prospect:?}");
-    bench.done(Command::CalSolve(None));
-    let end = bench.solve();
-    let refusal = bench.settle(end).unwrap_err();
+    bench.expect_done(Command::CalSolve(None));
+    let end = bench.run_solve();
+    let refusal = bench.complete_outcome(end).unwrap_err();
     assert_eq!(refusal.stable_code(), "not-accurate");
     assert!(refusal.to_string().contains("deg; missing: tilt "), "{refusal}");
-    assert!(matches!(bench.ask(Command::CalAdvise), Ok(Reply::Advice(_))));
+    assert!(matches!(bench.request_reply(Command::CalAdvise), Ok(Reply::Advice(_))));
 }
 
 /// Trials begin at 40 fit samples; some of four samples per second are held back.
@@ -139,9 +139,9 @@ fn the_recommended_manoeuvre_is_reported() {
 fn trial_solves_are_ten_seconds_apart() {
     let mut bench = TestBed::with_accuracy(0.2);
     let mut began = Vec::new();
-    for (number, sample) in hover(4).into_iter().enumerate().take(200) {
+    for (number, sample) in hover_samples(4).into_iter().enumerate().take(200) {
         let sample = Sample { time: WrappingMillis::new(250 * number as u32), ..sample };
-        bench.compass.step(Event::Sample(sample));
+        bench.compass.process_event(Event::Sample(sample));
         if bench.compass.is_busy() {
             began.push((number, bench.compass.collector.collection_progress().left_turns.samples));
             bench.solve_trial();
@@ -154,21 +154,21 @@ fn trial_solves_are_ten_seconds_apart() {
 #[test]
 fn a_vehicle_at_rest_causes_no_further_trial_solve() {
     let mut bench = TestBed::with_accuracy(0.2);
-    let hover_samples = hover(5);
+    let hover_samples = hover_samples(5);
     assert!(bench.hover(&hover_samples[..80]).is_none());
     let mut trials = 0;
     for _ in 0..600 {
         bench.now = bench.now.wrapping_add(250);
         let sample = Sample { time: bench.time(), ..hover_samples[79] };
-        bench.compass.step(Event::Sample(sample));
+        bench.compass.process_event(Event::Sample(sample));
         trials += u8::from(bench.compass.is_busy());
         bench.solve_trial();
     }
     assert_eq!(trials, 1, "of what came since the last one");
-    let before = bench.prospect();
-    assert_eq!(bench.prospect(), before);
+    let before = bench.trial_result();
+    assert_eq!(bench.trial_result(), before);
     assert!(bench.hover(&hover_samples[160..]).is_none());
-    assert_ne!(bench.prospect(), before);
+    assert_ne!(bench.trial_result(), before);
 }
 
 /// At 10 samples/s and 20 deg/s: a vehicle that tilts by less than 10 deg is not calibrated in flight; with
@@ -199,39 +199,40 @@ fn a_vehicle_without_tilt_is_not_calibrated_in_flight() {
     let ends_after = |tilt_deg: f32| {
         let mut bench = TestBed::with_accuracy(3.0);
         for (number, sample) in rover(tilt_deg, 1500).into_iter().enumerate() {
-            bench.compass.step(Event::Sample(sample));
+            bench.compass.process_event(Event::Sample(sample));
             while bench.compass.is_busy() {
-                if matches!(bench.compass.step(Event::Advance), Effect::Save) {
+                if matches!(bench.compass.process_event(Event::AdvanceSolve), Effect::Save) {
                     return Ok(number);
                 }
             }
         }
-        bench.done(Command::CalSolve(None));
-        let end = bench.solve();
-        Err(bench.settle(end).unwrap_err().stable_code())
+        bench.expect_done(Command::CalSolve(None));
+        let end = bench.run_solve();
+        Err(bench.complete_outcome(end).unwrap_err().stable_code())
     };
     assert!(ends_after(11.0).is_ok_and(|number| number < 600));
     assert_eq!(ends_after(9.0), Err("unobservable"));
 }
 
 /// Runs the first trial, with this many samples before its first step and one before each further step up to twenty.
-fn collect_during_trial(before_first_step: usize) -> TestBed {
+fn collect_during_trial(samples_before_first_step: usize) -> TestBed {
     let mut bench = TestBed::with_accuracy(0.2);
-    let mut samples = (0..).zip(hover(9)).map(|(i, sample)| Sample { time: WrappingMillis::new(100 * i), ..sample });
+    let mut samples =
+        (0..).zip(hover_samples(9)).map(|(i, sample)| Sample { time: WrappingMillis::new(100 * i), ..sample });
     while !bench.compass.is_busy() {
-        bench.compass.step(Event::Sample(samples.next().unwrap()));
+        bench.compass.process_event(Event::Sample(samples.next().unwrap()));
     }
     let stored = |bench: &TestBed| bench.compass.collector.stored_count();
     let before = stored(&bench);
-    for (i, sample) in samples.take(before_first_step.max(20)).enumerate() {
-        if i >= before_first_step {
-            assert!(matches!(bench.compass.step(Event::Advance), Effect::None));
+    for (i, sample) in samples.take(samples_before_first_step.max(20)).enumerate() {
+        if i >= samples_before_first_step {
+            assert!(matches!(bench.compass.process_event(Event::AdvanceSolve), Effect::None));
         }
-        assert!(matches!(bench.compass.step(Event::Sample(sample)), Effect::None));
+        assert!(matches!(bench.compass.process_event(Event::Sample(sample)), Effect::None));
         assert_eq!(bench.compass.module_state(), ModuleState::Collecting);
     }
     bench.solve_trial();
-    assert_eq!(usize::from(stored(&bench) - before), before_first_step.max(20), "every one is stored");
+    assert_eq!(usize::from(stored(&bench) - before), samples_before_first_step.max(20), "every one is stored");
     bench
 }
 
@@ -241,21 +242,23 @@ fn samples_during_a_trial_are_stored_after_it() {
     let fit = |bench: &TestBed| bench.compass.collector.fit_samples().all_samples().copied().collect::<Vec<Sample>>();
     let [mut early, mut late] = [20, 0].map(collect_during_trial);
     assert_eq!(fit(&early), fit(&late));
-    assert!(early.prospect().is_some() && early.prospect() == late.prospect());
+    assert!(early.trial_result().is_some() && early.trial_result() == late.trial_result());
 }
 
 #[test]
 fn a_trial_that_takes_too_long_is_ended_without_loss_of_samples() {
-    assert!(collect_during_trial(HELD_SAMPLES_CAPACITY).prospect().is_some());
-    assert!(collect_during_trial(HELD_SAMPLES_CAPACITY + 1).prospect().is_none());
+    assert!(collect_during_trial(SAMPLES_DURING_SOLVE_CAPACITY).trial_result().is_some());
+    assert!(collect_during_trial(SAMPLES_DURING_SOLVE_CAPACITY + 1).trial_result().is_none());
 }
 
 #[test]
 fn commands_interrupt_trial_solves() {
     let bench_in_trial = || {
         let mut bench = TestBed::with_accuracy(0.2);
-        for (number, sample) in hover(7).into_iter().enumerate() {
-            bench.compass.step(Event::Sample(Sample { time: WrappingMillis::new(250 * number as u32), ..sample }));
+        for (number, sample) in hover_samples(7).into_iter().enumerate() {
+            bench
+                .compass
+                .process_event(Event::Sample(Sample { time: WrappingMillis::new(250 * number as u32), ..sample }));
             if bench.compass.is_busy() {
                 break;
             }
@@ -264,42 +267,42 @@ fn commands_interrupt_trial_solves() {
         bench
     };
     let mut bench = bench_in_trial();
-    assert_eq!(bench.report().module_state, ModuleState::Collecting);
+    assert_eq!(bench.status_report().module_state, ModuleState::Collecting);
     assert!(bench.compass.is_busy(), "a look changes nothing");
-    bench.saved(Command::Set(SettingChange::StreamRateHz(5))).unwrap();
+    bench.save_by_command(Command::Set(SettingChange::StreamRateHz(5))).unwrap();
     assert!(bench.compass.is_busy());
-    assert_eq!(bench.done(Command::CalStop), ModuleState::Uncalibrated);
+    assert_eq!(bench.expect_done(Command::CalStop), ModuleState::Uncalibrated);
     assert!(!bench.compass.is_busy());
     let mut bench = bench_in_trial();
-    assert_eq!(bench.done(Command::CalSolve(None)), ModuleState::Solving);
-    assert_eq!(bench.refused(Command::CalStop), Refusal::Busy, "this one was asked for");
+    assert_eq!(bench.expect_done(Command::CalSolve(None)), ModuleState::Solving);
+    assert_eq!(bench.expect_refusal(Command::CalStop), Refusal::Busy, "this one was asked for");
     let mut bench = bench_in_trial();
-    bench.saved(Command::Set(SettingChange::Inclination(Some(55.0)))).unwrap();
+    bench.save_by_command(Command::Set(SettingChange::Inclination(Some(55.0)))).unwrap();
     assert_eq!((bench.compass.module_state(), bench.compass.is_busy()), (ModuleState::Collecting, false));
     let mut bench = bench_in_trial();
-    assert_eq!(bench.done(Command::CalAbort), ModuleState::Uncalibrated);
-    assert!(bench.prospect().is_none() && !bench.compass.is_busy());
+    assert_eq!(bench.expect_done(Command::CalAbort), ModuleState::Uncalibrated);
+    assert!(bench.trial_result().is_none() && !bench.compass.is_busy());
     let mut bench = bench_in_trial();
-    assert_eq!(bench.done(Command::CalStartNew(None)), ModuleState::Collecting);
-    assert!(!bench.compass.is_busy() && bench.prospect().is_none());
+    assert_eq!(bench.expect_done(Command::CalStartNew(None)), ModuleState::Collecting);
+    assert!(!bench.compass.is_busy() && bench.trial_result().is_none());
 }
 
 #[test]
 fn a_trial_solve_reports_a_refusal_in_flight() {
     let mut bench = TestBed::new();
-    bench.saved(Command::Set(SettingChange::Mount(Orientation::from_name("yaw90").unwrap()))).unwrap();
-    bench.done(Command::CalStart(Procedure::Flight));
-    assert!(bench.hover(&hover(8)).is_none());
-    let prospect = bench.prospect().unwrap();
+    bench.save_by_command(Command::Set(SettingChange::Mount(Orientation::from_name("yaw90").unwrap()))).unwrap();
+    bench.expect_done(Command::CalStart(Procedure::Flight));
+    assert!(bench.hover(&hover_samples(8)).is_none());
+    let prospect = bench.trial_result().unwrap();
     let Some(Refusal::Solve(SolveError::MountContradicted { found })) = prospect.refusal else {
         panic!("{prospect:?}")
     };
     assert_eq!((found, prospect.expected_deg), (Orientation::IDENTITY_ROTATION, None));
     // The samples are usable with the corrected mounting.
-    bench.saved(Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION))).unwrap();
-    bench.done(Command::CalSolve(None));
-    let end = bench.solve();
-    assert!(bench.settle(end).is_ok());
+    bench.save_by_command(Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION))).unwrap();
+    bench.expect_done(Command::CalSolve(None));
+    let end = bench.run_solve();
+    assert!(bench.complete_outcome(end).is_ok());
 }
 
 #[test]
@@ -307,10 +310,10 @@ fn a_collection_ends_though_its_calibration_is_no_better() {
     let mut refused = 0;
     for seed in 0..8 {
         let mut bench = TestBed::with_accuracy(0.5);
-        let (first, _) = bench.hover(&hover(20 + seed)).unwrap();
+        let (first, _) = bench.hover(&hover_samples(20 + seed)).unwrap();
         first.unwrap();
-        bench.done(Command::CalStart(Procedure::Flight));
-        let Some((second, _)) = bench.hover(&hover(40 + seed)) else { panic!("{seed}: it goes on") };
+        bench.expect_done(Command::CalStart(Procedure::Flight));
+        let Some((second, _)) = bench.hover(&hover_samples(40 + seed)) else { panic!("{seed}: it goes on") };
         refused += usize::from(second.is_err_and(|refusal| refusal.stable_code() == "not-better"));
     }
     assert!(refused >= 1, "{refused}");
@@ -319,7 +322,7 @@ fn a_collection_ends_though_its_calibration_is_no_better() {
 impl TestBed {
     fn solve_trial(&mut self) {
         while self.compass.is_busy() {
-            assert!(matches!(self.compass.step(Event::Advance), Effect::None));
+            assert!(matches!(self.compass.process_event(Event::AdvanceSolve), Effect::None));
         }
     }
 }

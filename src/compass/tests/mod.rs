@@ -3,7 +3,7 @@ mod earth;
 mod flight;
 mod restart;
 
-use super::state::HELD_SAMPLES_CAPACITY;
+use super::state::SAMPLES_DURING_SOLVE_CAPACITY;
 use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
@@ -16,11 +16,11 @@ use crate::instrument::{Correction, SampleAttitude, SensorErrorSigmas};
 use crate::messages::{ExpectedAccuracy, Message, SolveOutcome};
 use crate::reading::{Identity, MagnetometerModel};
 use crate::settings::{AttitudeError, HeadingKind, OutOfRange, SensorError, Settings};
-use crate::store::tests::record;
+use crate::store::tests::calibration_record;
 use crate::store::{CalibrationRecord, StartupValues, StoreChange, StoreError, StoredCalibrations};
 
 const SENSOR: Identity = Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E };
-const READINGS: u16 = 8;
+const READINGS_PER_SAMPLE: u16 = 8;
 
 /// Sample interval, milliseconds: samples are distinct, and turns have no gap.
 const STEP_MS: u32 = 500;
@@ -37,16 +37,16 @@ struct TestBed {
 
 impl TestBed {
     fn new() -> Self {
-        Self::with(AcceptancePolicy::DEFAULT, StoredCalibrations::default())
+        Self::with_state(AcceptancePolicy::DEFAULT, StoredCalibrations::default())
     }
 
     #[expect(clippy::large_types_passed_by_value, reason = "each call makes one of its own")]
-    fn with(policy: AcceptancePolicy, stored_calibrations: StoredCalibrations) -> Self {
+    fn with_state(policy: AcceptancePolicy, stored_calibrations: StoredCalibrations) -> Self {
         let mut bench = Self {
             compass: Compass::new(policy, &StoredValues { stored_calibrations, ..StoredValues::default() }, memory()),
             now: u32::MAX - 20_000,
         };
-        bench.compass.step(Event::SensorDetected(SENSOR, READINGS));
+        bench.compass.process_event(Event::SensorDetected(SENSOR, READINGS_PER_SAMPLE));
         bench
     }
 
@@ -54,42 +54,42 @@ impl TestBed {
         WrappingMillis::new(self.now)
     }
 
-    fn command(&mut self, command: Command) -> Effect {
+    fn send_command(&mut self, command: Command) -> Effect {
         let now = self.time();
-        self.compass.step(Event::Command(command, now))
+        self.compass.process_event(Event::Command(command, now))
     }
 
     /// Sends a command with an immediate reply.
-    fn ask(&mut self, command: Command) -> Result<Reply, Refusal> {
-        match self.command(command) {
+    fn request_reply(&mut self, command: Command) -> Result<Reply, Refusal> {
+        match self.send_command(command) {
             Effect::Reply(reply) => reply,
             other => panic!("{command:?}: {other:?}"),
         }
     }
 
-    fn refused(&mut self, command: Command) -> Refusal {
-        self.ask(command).map(|_| ()).expect_err("a refusal")
+    fn expect_refusal(&mut self, command: Command) -> Refusal {
+        self.request_reply(command).map(|_| ()).expect_err("a refusal")
     }
 
-    fn done(&mut self, command: Command) -> ModuleState {
-        match self.ask(command) {
+    fn expect_done(&mut self, command: Command) -> ModuleState {
+        match self.request_reply(command) {
             Ok(Reply::Done(state)) => state,
             other => panic!("{command:?}: {other:?}"),
         }
     }
 
     /// Sends a command with a reply after saving.
-    fn saved(&mut self, command: Command) -> Result<Reply, Refusal> {
-        assert!(matches!(self.command(command), Effect::Save), "{command:?}");
+    fn save_by_command(&mut self, command: Command) -> Result<Reply, Refusal> {
+        assert!(matches!(self.send_command(command), Effect::Save), "{command:?}");
         assert!(self.compass.pending_change().is_some());
-        match self.compass.step(Event::Saved(Ok(()))) {
+        match self.compass.process_event(Event::Saved(Ok(()))) {
             Effect::Reply(reply) => reply,
             other => panic!("{command:?}: {other:?}"),
         }
     }
 
-    fn sample(&mut self, field: Field<Sensor>, attitude: Attitude) -> Effect {
-        let effect = self.compass.step(Event::Sample(Sample {
+    fn process_sample(&mut self, field: Field<Sensor>, attitude: Attitude) -> Effect {
+        let effect = self.compass.process_event(Event::Sample(Sample {
             field,
             attitude,
             time: self.time(),
@@ -101,9 +101,9 @@ impl TestBed {
         effect
     }
 
-    fn stand(&mut self, field: Field<Sensor>, samples: u32) {
+    fn collect_at_rest(&mut self, field: Field<Sensor>, samples: u32) {
         for _ in 0..samples {
-            self.compass.step(Event::Sample(Sample {
+            self.compass.process_event(Event::Sample(Sample {
                 field,
                 attitude: Attitude::default(),
                 time: self.time(),
@@ -119,14 +119,14 @@ impl TestBed {
     fn fly(&mut self, recorded: &RecordedTurns) {
         for sample in recorded.left.iter().chain(&recorded.right) {
             if !self.compass.is_busy() {
-                assert!(matches!(self.sample(sample.field, sample.attitude), Effect::None));
+                assert!(matches!(self.process_sample(sample.field, sample.attitude), Effect::None));
             }
         }
     }
 
-    fn solve(&mut self) -> Effect {
+    fn run_solve(&mut self) -> Effect {
         for _ in 0..1000 {
-            match self.compass.step(Event::Advance) {
+            match self.compass.process_event(Event::AdvanceSolve) {
                 Effect::None => assert!(self.compass.is_busy(), "it waits for nothing"),
                 end => return end,
             }
@@ -135,13 +135,13 @@ impl TestBed {
     }
 
     fn calibrate(&mut self, recorded: &RecordedTurns) -> SolveOutcome {
-        assert_eq!(self.done(Command::CalStart(Procedure::Turns)), ModuleState::Collecting);
+        assert_eq!(self.expect_done(Command::CalStart(Procedure::Turns)), ModuleState::Collecting);
         self.fly(recorded);
         if !self.compass.is_busy() {
-            assert_eq!(self.done(Command::CalSolve(None)), ModuleState::Solving);
+            assert_eq!(self.expect_done(Command::CalSolve(None)), ModuleState::Solving);
         }
-        let end = self.solve();
-        self.settle(end)
+        let end = self.run_solve();
+        self.complete_outcome(end)
     }
 
     fn tumble(&mut self) {
@@ -151,14 +151,14 @@ impl TestBed {
             let attitude =
                 Attitude { roll_rad: random.uniform(-3.1, 3.1), pitch_rad: random.uniform(-1.0, 1.0).asin() };
             let field = airframe.field(attitude, random.uniform(0.0, core::f32::consts::TAU));
-            self.sample(field, Attitude::default());
+            self.process_sample(field, Attitude::default());
         }
     }
 
-    fn settle(&mut self, end: Effect) -> SolveOutcome {
+    fn complete_outcome(&mut self, end: Effect) -> SolveOutcome {
         match end {
             Effect::Notify(Message::Solved(outcome)) => outcome,
-            Effect::Save => match self.compass.step(Event::Saved(Ok(()))) {
+            Effect::Save => match self.compass.process_event(Event::Saved(Ok(()))) {
                 Effect::Notify(Message::Solved(outcome)) => outcome,
                 other => panic!("{other:?}"),
             },
@@ -166,8 +166,8 @@ impl TestBed {
         }
     }
 
-    fn report(&mut self) -> StatusReport {
-        match self.ask(Command::Status) {
+    fn status_report(&mut self) -> StatusReport {
+        match self.request_reply(Command::Status) {
             Ok(Reply::Report(report)) => report,
             other => panic!("{other:?}"),
         }
@@ -197,14 +197,14 @@ fn some_field() -> Field<Sensor> {
 fn a_correction_contains_mounting_armed_state_and_expected_errors() {
     let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &StoredValues::default(), memory());
     assert_eq!(compass.instrument_correction(), Correction::UNCALIBRATED);
-    compass.step(Event::Armed(Some(false)));
+    compass.process_event(Event::ArmedStateReported(Some(false)));
     assert_eq!(compass.instrument_correction(), Correction { is_armed: Some(false), ..Correction::UNCALIBRATED });
     let mut bench = TestBed::new();
     let mount = Orientation::from_name("yaw90").unwrap();
-    bench.saved(Command::Set(SettingChange::Mount(mount))).unwrap();
+    bench.save_by_command(Command::Set(SettingChange::Mount(mount))).unwrap();
     assert_eq!(bench.compass.instrument_correction(), Correction { mount: Some(mount), ..Correction::UNCALIBRATED });
     let error = SensorError { gyro_percent: 50.0 / 8.0, drift_percent: 0.5 };
-    bench.saved(Command::Set(SettingChange::SensorError(error))).unwrap();
+    bench.save_by_command(Command::Set(SettingChange::SensorError(error))).unwrap();
     assert_eq!(
         bench.compass.instrument_correction().sensor_errors,
         SensorErrorSigmas { gyro_scale: 0.0625, hard_iron_drift: 0.005 }
@@ -219,14 +219,14 @@ fn full_turns_to_both_sides_give_a_calibration() {
         bench.compass.instrument_correction(),
         Correction { mount: Some(Orientation::IDENTITY_ROTATION), ..Correction::UNCALIBRATED }
     );
-    bench.done(Command::CalStart(Procedure::Turns));
+    bench.expect_done(Command::CalStart(Procedure::Turns));
     bench.fly(&turns(&airframe(), 1));
     assert_eq!(bench.compass.module_state(), ModuleState::Solving);
     while bench.compass.module_state() == ModuleState::Solving {
-        assert!(matches!(bench.compass.step(Event::Advance), Effect::None));
+        assert!(matches!(bench.compass.process_event(Event::AdvanceSolve), Effect::None));
     }
     assert_eq!(bench.compass.module_state(), ModuleState::Verifying);
-    assert!(matches!(bench.compass.step(Event::Advance), Effect::Save));
+    assert!(matches!(bench.compass.process_event(Event::AdvanceSolve), Effect::Save));
     assert_eq!(bench.compass.module_state(), ModuleState::Verifying, "until it is written");
     assert!(bench.compass.active_record().is_none());
     let Some(StoreChange::StoredCalibrations { current: Some(written), previous: None }) =
@@ -235,7 +235,7 @@ fn full_turns_to_both_sides_give_a_calibration() {
         panic!("{:?}", bench.compass.pending_change())
     };
     let written = *written;
-    let Effect::Notify(Message::Solved(Ok(verdict))) = bench.compass.step(Event::Saved(Ok(()))) else {
+    let Effect::Notify(Message::Solved(Ok(verdict))) = bench.compass.process_event(Event::Saved(Ok(()))) else {
         panic!("not told")
     };
     assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
@@ -245,7 +245,7 @@ fn full_turns_to_both_sides_give_a_calibration() {
     assert!(bench.compass.pending_change().is_none());
     assert!(rms(&airframe().errors_deg(&written.calibration)) < 3.0 * verdict.quality.expected_rms_deg);
     assert_eq!(bench.compass.instrument_correction().calibration, Some((written.calibration, written.uncertainty)));
-    let report = bench.report();
+    let report = bench.status_report();
     assert_eq!(
         (report.module_state, report.can_undo, report.last_outcome.is_some()),
         (ModuleState::Calibrated, false, true)
@@ -257,7 +257,7 @@ fn full_turns_to_both_sides_give_a_calibration() {
 #[test]
 fn settings_of_a_running_solve_cannot_change() {
     let mut bench = TestBed::new();
-    bench.done(Command::CalStart(Procedure::Turns));
+    bench.expect_done(Command::CalStart(Procedure::Turns));
     bench.fly(&turns(&airframe(), 1));
     assert_eq!(bench.compass.module_state(), ModuleState::Solving);
     for command in [
@@ -274,7 +274,7 @@ fn settings_of_a_running_solve_cannot_change() {
         Command::Set(SettingChange::Inclination(Some(50.0))),
         Command::Set(SettingChange::AttitudeError(AttitudeError::DEFAULT)),
     ] {
-        assert_eq!(bench.refused(command), Refusal::Busy, "{command:?}");
+        assert_eq!(bench.expect_refusal(command), Refusal::Busy, "{command:?}");
     }
     // Settings not used by solves can be saved during a solve.
     for setting in [
@@ -283,22 +283,27 @@ fn settings_of_a_running_solve_cannot_change() {
         SettingChange::StreamHeading(HeadingKind::Raw),
         SettingChange::Declination(Some(3.0)),
     ] {
-        assert!(matches!(bench.saved(Command::Set(setting)), Ok(Reply::Done(ModuleState::Solving))), "{setting:?}");
+        assert!(
+            matches!(bench.save_by_command(Command::Set(setting)), Ok(Reply::Done(ModuleState::Solving))),
+            "{setting:?}"
+        );
     }
-    assert_eq!(bench.report().module_state, ModuleState::Solving);
-    assert_eq!(bench.done(Command::Restart), ModuleState::Solving, "a solve is no reason to stay");
-    assert_eq!(bench.refused(Command::CalAdvise), Refusal::NotSolved);
-    let end = bench.solve();
-    assert!(bench.settle(end).is_ok());
+    assert_eq!(bench.status_report().module_state, ModuleState::Solving);
+    assert_eq!(bench.expect_done(Command::Restart), ModuleState::Solving, "a solve is no reason to stay");
+    assert_eq!(bench.expect_refusal(Command::CalAdvise), Refusal::NotSolved);
+    let end = bench.run_solve();
+    assert!(bench.complete_outcome(end).is_ok());
     let Settings { stream_on, stream_rate_hz, declination_deg, .. } = *bench.compass.stored_settings();
     assert_eq!((stream_on, stream_rate_hz, declination_deg), (false, 5, Some(3.0)));
 }
 
 #[test]
 fn ground_commands_are_refused_while_armed() {
-    let stored_calibrations =
-        StoredCalibrations { current_calibration: Some(record(2)), previous_calibration: Some(record(1)) };
-    let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, stored_calibrations);
+    let stored_calibrations = StoredCalibrations {
+        current_calibration: Some(calibration_record(2)),
+        previous_calibration: Some(calibration_record(1)),
+    };
+    let mut bench = TestBed::with_state(AcceptancePolicy::DEFAULT, stored_calibrations);
     let for_the_ground = [
         Command::CalStart(Procedure::Swing),
         Command::CalStartNew(Some(Procedure::Swing)),
@@ -308,46 +313,46 @@ fn ground_commands_are_refused_while_armed() {
         Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION)),
         Command::Restart,
     ];
-    assert_eq!(bench.report().is_armed, None, "before anything is known");
-    assert!(matches!(bench.compass.step(Event::Armed(Some(true))), Effect::None));
+    assert_eq!(bench.status_report().is_armed, None, "before anything is known");
+    assert!(matches!(bench.compass.process_event(Event::ArmedStateReported(Some(true))), Effect::None));
     for command in for_the_ground {
-        assert_eq!(bench.refused(command), Refusal::Armed, "{command:?}");
+        assert_eq!(bench.expect_refusal(command), Refusal::Armed, "{command:?}");
     }
-    assert_eq!(bench.report().is_armed, Some(true));
+    assert_eq!(bench.status_report().is_armed, Some(true));
     assert_eq!(bench.compass.stored_calibrations, stored_calibrations);
-    bench.compass.step(Event::Armed(Some(false)));
-    assert_eq!(bench.done(Command::Restart), ModuleState::Calibrated);
-    assert_eq!(bench.done(Command::CalStart(Procedure::Swing)), ModuleState::Collecting);
-    bench.stand(some_field(), 8);
-    assert!(matches!(bench.ask(Command::CalMark(10.0)), Ok(Reply::Marked(1))));
+    bench.compass.process_event(Event::ArmedStateReported(Some(false)));
+    assert_eq!(bench.expect_done(Command::Restart), ModuleState::Calibrated);
+    assert_eq!(bench.expect_done(Command::CalStart(Procedure::Swing)), ModuleState::Collecting);
+    bench.collect_at_rest(some_field(), 8);
+    assert!(matches!(bench.request_reply(Command::CalMark(10.0)), Ok(Reply::MarkCount(1))));
     for command in
         [Command::CalUndo, Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION)), Command::CalClear]
     {
-        bench.saved(command).unwrap();
+        bench.save_by_command(command).unwrap();
     }
 }
 
 #[test]
 fn marks_are_refused_while_armed() {
     let mut bench = TestBed::new();
-    bench.done(Command::CalStart(Procedure::Swing));
-    bench.stand(some_field(), 8);
-    bench.compass.step(Event::Armed(Some(true)));
-    assert_eq!(bench.refused(Command::CalMark(10.0)), Refusal::Armed);
-    assert_eq!(bench.refused(Command::CalStartNew(None)), Refusal::Armed, "it is a swing again");
-    assert_eq!(bench.done(Command::CalStop), ModuleState::Uncalibrated);
+    bench.expect_done(Command::CalStart(Procedure::Swing));
+    bench.collect_at_rest(some_field(), 8);
+    bench.compass.process_event(Event::ArmedStateReported(Some(true)));
+    assert_eq!(bench.expect_refusal(Command::CalMark(10.0)), Refusal::Armed);
+    assert_eq!(bench.expect_refusal(Command::CalStartNew(None)), Refusal::Armed, "it is a swing again");
+    assert_eq!(bench.expect_done(Command::CalStop), ModuleState::Uncalibrated);
 }
 
 #[test]
 fn commands_other_than_ground_commands_are_accepted_while_armed() {
     let mut bench = TestBed::new();
-    bench.compass.step(Event::Armed(Some(true)));
+    bench.compass.process_event(Event::ArmedStateReported(Some(true)));
     for procedure in [Procedure::Level, Procedure::Tumble, Procedure::Turns] {
-        assert_eq!(bench.done(Command::CalStart(procedure)), ModuleState::Collecting);
-        assert_eq!(bench.done(Command::CalStartNew(None)), ModuleState::Collecting);
-        assert_eq!(bench.done(Command::CalStop), ModuleState::Uncalibrated);
+        assert_eq!(bench.expect_done(Command::CalStart(procedure)), ModuleState::Collecting);
+        assert_eq!(bench.expect_done(Command::CalStartNew(None)), ModuleState::Collecting);
+        assert_eq!(bench.expect_done(Command::CalStop), ModuleState::Uncalibrated);
     }
-    assert_eq!(bench.done(Command::CalAbort), ModuleState::Uncalibrated);
+    assert_eq!(bench.expect_done(Command::CalAbort), ModuleState::Uncalibrated);
     for setting in [
         SettingChange::StreamOn(false),
         SettingChange::StreamRateHz(5),
@@ -356,21 +361,21 @@ fn commands_other_than_ground_commands_are_accepted_while_armed() {
         SettingChange::Inclination(None),
         SettingChange::AttitudeError(AttitudeError::DEFAULT),
     ] {
-        assert!(bench.saved(Command::Set(setting)).is_ok(), "{setting:?}");
+        assert!(bench.save_by_command(Command::Set(setting)).is_ok(), "{setting:?}");
     }
     bench.calibrate(&few_turns(&airframe(), 1)).unwrap();
-    assert!(matches!(bench.ask(Command::CalAdvise), Ok(Reply::Advice(_))));
-    bench.stand(some_field(), 8);
-    assert!(bench.saved(Command::AlignConfirmed(100.0)).is_ok());
-    assert!(bench.saved(Command::Align(None)).is_ok());
+    assert!(matches!(bench.request_reply(Command::CalAdvise), Ok(Reply::Advice(_))));
+    bench.collect_at_rest(some_field(), 8);
+    assert!(bench.save_by_command(Command::AlignConfirmed(100.0)).is_ok());
+    assert!(bench.save_by_command(Command::Align(None)).is_ok());
 }
 
 #[test]
 fn commands_that_change_state_are_refused_during_a_save() {
     let mut bench = TestBed::new();
-    bench.done(Command::CalStart(Procedure::Turns));
+    bench.expect_done(Command::CalStart(Procedure::Turns));
     bench.fly(&turns(&airframe(), 1));
-    assert!(matches!(bench.solve(), Effect::Save));
+    assert!(matches!(bench.run_solve(), Effect::Save));
     for command in [
         Command::CalAbort,
         Command::Restart,
@@ -379,24 +384,24 @@ fn commands_that_change_state_are_refused_during_a_save() {
         Command::Set(SettingChange::StreamOn(false)),
         Command::Align(None),
     ] {
-        assert_eq!(bench.refused(command), Refusal::Busy, "{command:?}");
+        assert_eq!(bench.expect_refusal(command), Refusal::Busy, "{command:?}");
     }
-    assert_eq!(bench.report().module_state, ModuleState::Verifying);
-    assert!(matches!(bench.compass.step(Event::Saved(Ok(()))), Effect::Notify(Message::Solved(Ok(_)))));
-    assert_eq!(bench.done(Command::CalAbort), ModuleState::Calibrated);
+    assert_eq!(bench.status_report().module_state, ModuleState::Verifying);
+    assert!(matches!(bench.compass.process_event(Event::Saved(Ok(()))), Effect::Notify(Message::Solved(Ok(_)))));
+    assert_eq!(bench.expect_done(Command::CalAbort), ModuleState::Calibrated);
 }
 
 #[test]
 fn an_abort_ends_a_solve_and_discards_the_samples() {
     let mut bench = TestBed::new();
-    bench.done(Command::CalStart(Procedure::Turns));
+    bench.expect_done(Command::CalStart(Procedure::Turns));
     bench.fly(&turns(&airframe(), 1));
-    assert_eq!(bench.done(Command::CalAbort), ModuleState::Uncalibrated);
+    assert_eq!(bench.expect_done(Command::CalAbort), ModuleState::Uncalibrated);
     assert!(!bench.compass.is_busy());
-    assert_eq!(bench.refused(Command::CalSolve(None)), Refusal::NoSamples);
-    bench.done(Command::CalStart(Procedure::Level));
-    assert_eq!(bench.done(Command::CalAbort), ModuleState::Uncalibrated);
-    assert_eq!(bench.refused(Command::CalStop), Refusal::NotCollecting);
+    assert_eq!(bench.expect_refusal(Command::CalSolve(None)), Refusal::NoSamples);
+    bench.expect_done(Command::CalStart(Procedure::Level));
+    assert_eq!(bench.expect_done(Command::CalAbort), ModuleState::Uncalibrated);
+    assert_eq!(bench.expect_refusal(Command::CalStop), Refusal::NotCollecting);
 }
 
 /// With a wrong mounting the indicator is idle before the solve, and shows the refusal after it until there is a
@@ -404,11 +409,11 @@ fn an_abort_ends_a_solve_and_discards_the_samples() {
 #[test]
 fn the_indicator_shows_a_refused_solve() {
     let mut bench = TestBed::new();
-    bench.saved(Command::Set(SettingChange::Mount(Orientation::from_name("yaw90").unwrap()))).unwrap();
+    bench.save_by_command(Command::Set(SettingChange::Mount(Orientation::from_name("yaw90").unwrap()))).unwrap();
     assert_eq!(bench.compass.indicator_state(), IndicatorState::Idle);
     assert_eq!(bench.calibrate(&turns(&airframe(), 1)).unwrap_err().stable_code(), "mount-contradicted");
     assert_eq!(bench.compass.indicator_state(), IndicatorState::Refused);
-    bench.saved(Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION))).unwrap();
+    bench.save_by_command(Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION))).unwrap();
     bench.calibrate(&turns(&airframe(), 1)).unwrap();
     assert_eq!(bench.compass.indicator_state(), IndicatorState::Calibrated);
 }
@@ -416,35 +421,35 @@ fn the_indicator_shows_a_refused_solve() {
 #[test]
 fn a_stopped_collection_keeps_its_samples() {
     let mut bench = TestBed::new();
-    bench.done(Command::CalStart(Procedure::Turns));
+    bench.expect_done(Command::CalStart(Procedure::Turns));
     bench.fly(&few_turns(&airframe(), 1));
-    let collected = bench.report().progress;
+    let collected = bench.status_report().progress;
     assert!(collected.left_turns.samples >= 30 && collected.right_turns.samples >= 30, "{collected:?}");
-    assert_eq!(bench.done(Command::CalStop), ModuleState::Uncalibrated);
-    assert_eq!(bench.refused(Command::CalStop), Refusal::NotCollecting);
+    assert_eq!(bench.expect_done(Command::CalStop), ModuleState::Uncalibrated);
+    assert_eq!(bench.expect_refusal(Command::CalStop), Refusal::NotCollecting);
     bench.fly(&few_turns(&airframe(), 2));
-    assert_eq!(bench.report().progress, collected, "nothing is collected any more");
-    assert_eq!(bench.done(Command::CalSolve(None)), ModuleState::Solving);
-    let end = bench.solve();
-    assert!(bench.settle(end).is_ok());
+    assert_eq!(bench.status_report().progress, collected, "nothing is collected any more");
+    assert_eq!(bench.expect_done(Command::CalSolve(None)), ModuleState::Solving);
+    let end = bench.run_solve();
+    assert!(bench.complete_outcome(end).is_ok());
 }
 
 #[test]
 fn a_new_collection_starts_without_samples() {
     for stopped in [false, true] {
         let mut bench = TestBed::new();
-        bench.done(Command::CalStart(Procedure::Turns));
+        bench.expect_done(Command::CalStart(Procedure::Turns));
         bench.fly(&few_turns(&airframe(), 1));
         if stopped {
-            bench.done(Command::CalStop);
-            bench.done(Command::CalStart(Procedure::Turns));
+            bench.expect_done(Command::CalStop);
+            bench.expect_done(Command::CalStart(Procedure::Turns));
         } else {
-            let refused = bench.refused(Command::CalStart(Procedure::Turns));
+            let refused = bench.expect_refusal(Command::CalStart(Procedure::Turns));
             assert_eq!(refused.stable_code(), "collecting");
-            assert!(bench.report().progress.left_turns.samples > 0);
-            bench.done(Command::CalStartNew(None));
+            assert!(bench.status_report().progress.left_turns.samples > 0);
+            bench.expect_done(Command::CalStartNew(None));
         }
-        assert_eq!(bench.refused(Command::CalSolve(None)), Refusal::NoSamples);
+        assert_eq!(bench.expect_refusal(Command::CalSolve(None)), Refusal::NoSamples);
     }
 }
 
@@ -452,7 +457,7 @@ fn a_new_collection_starts_without_samples() {
 fn without_a_sensor_calibration_is_refused() {
     let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &StoredValues::default(), memory());
     for command in [Command::CalStart(Procedure::Turns), Command::CalSolve(None)] {
-        let effect = compass.step(Event::Command(command, WrappingMillis::default()));
+        let effect = compass.process_event(Event::Command(command, WrappingMillis::default()));
         assert!(matches!(effect, Effect::Reply(Err(Refusal::NoSensor))), "{effect:?}");
     }
 }
@@ -460,35 +465,35 @@ fn without_a_sensor_calibration_is_refused() {
 #[test]
 fn a_failed_solve_is_refused_with_the_solver_s_reason() {
     let mut bench = TestBed::new();
-    assert_eq!(bench.refused(Command::CalSolve(None)), Refusal::NoSamples);
-    bench.done(Command::CalStart(Procedure::Turns));
+    assert_eq!(bench.expect_refusal(Command::CalSolve(None)), Refusal::NoSamples);
+    bench.expect_done(Command::CalStart(Procedure::Turns));
     let RecordedTurns { left, .. } = few_turns(&airframe(), 1);
     bench.fly(&RecordedTurns { left, right: Vec::new() });
     // A known cause replaces the solver's error.
-    let one_side = bench.refused(Command::CalSolve(None));
+    let one_side = bench.expect_refusal(Command::CalSolve(None));
     let lack = CollectionProblem::OneSideOnly(Side::Left);
     assert_eq!(
         one_side,
         Refusal::InsufficientSamples { code: "too-few-samples", expected_rms_deg: None, cause: lack.into() }
     );
     // A given method is always tried.
-    bench.done(Command::CalSolve(Some(Method::Ellipsoid)));
-    let end = bench.solve();
-    let refused = bench.settle(end).unwrap_err();
+    bench.expect_done(Command::CalSolve(Some(Method::Ellipsoid)));
+    let end = bench.run_solve();
+    let refused = bench.complete_outcome(end).unwrap_err();
     assert_eq!(
         refused,
         Refusal::InsufficientSamples { code: "not-determined", expected_rms_deg: None, cause: lack.into() }
     );
-    assert_eq!(bench.report().last_outcome, Some(Message::Solved(Err(refused))));
+    assert_eq!(bench.status_report().last_outcome, Some(Message::Solved(Err(refused))));
     assert_eq!(bench.compass.module_state(), ModuleState::Uncalibrated);
 }
 
 #[test]
 fn a_rejected_calibration_is_not_used() {
     let strict = AcceptancePolicy { max_expected_rms_deg: 0.01, ..AcceptancePolicy::DEFAULT };
-    let strict_policy = AcceptancePolicy { min_held_back: 1000, ..AcceptancePolicy::DEFAULT };
+    let strict_policy = AcceptancePolicy { min_held_back_samples: 1000, ..AcceptancePolicy::DEFAULT };
     for (policy, code) in [(strict, "not-accurate"), (strict_policy, "too-few-held-back")] {
-        let mut bench = TestBed::with(policy, StoredCalibrations::default());
+        let mut bench = TestBed::with_state(policy, StoredCalibrations::default());
         let refused = bench.calibrate(&turns(&airframe(), 1)).unwrap_err();
         assert_eq!(refused.stable_code(), code);
         assert!(matches!(refused, Refusal::Rejected(_)));
@@ -518,17 +523,17 @@ fn a_second_calibration_is_judged_against_the_first() {
     bench.calibrate(&turns(&changed_airframe, 2)).unwrap();
     let second = *bench.compass.active_record().unwrap();
     assert_eq!(second.serial_number, 2);
-    assert!(bench.report().can_undo);
-    assert!(matches!(bench.saved(Command::CalUndo), Ok(Reply::Done(ModuleState::Calibrated))));
+    assert!(bench.status_report().can_undo);
+    assert!(matches!(bench.save_by_command(Command::CalUndo), Ok(Reply::Done(ModuleState::Calibrated))));
     assert_eq!(bench.compass.active_record(), Some(&first));
-    bench.saved(Command::CalUndo).unwrap();
+    bench.save_by_command(Command::CalUndo).unwrap();
     assert_eq!(bench.compass.active_record(), Some(&second));
 }
 
 /// `tan(54 deg) = 1.38`, for either sign of inclination.
 #[test]
 fn heading_error_per_attitude_error_is_the_tangent_of_inclination() {
-    let CalibrationRecord { quality, calibration, .. } = record(1);
+    let CalibrationRecord { quality, calibration, .. } = calibration_record(1);
     for (inclination_deg, cost) in [(54.0_f32, 1.376_382), (-54.0, 1.376_382), (0.0, 0.0), (70.0, 2.747_477)] {
         let calibration = Calibration { inclination_rad: inclination_deg.to_radians(), ..calibration };
         let found = ExpectedAccuracy::new(quality, &calibration).heading_deg_per_attitude_deg.unwrap();
@@ -538,8 +543,8 @@ fn heading_error_per_attitude_error_is_the_tangent_of_inclination() {
 
 #[test]
 fn serial_numbers_wrap() {
-    let last = CalibrationRecord { serial_number: u32::MAX, ..record(1) };
-    let mut bench = TestBed::with(
+    let last = CalibrationRecord { serial_number: u32::MAX, ..calibration_record(1) };
+    let mut bench = TestBed::with_state(
         AcceptancePolicy::DEFAULT,
         StoredCalibrations { current_calibration: Some(last), previous_calibration: None },
     );
@@ -549,23 +554,23 @@ fn serial_numbers_wrap() {
 
 #[test]
 fn a_record_is_used_only_with_its_sensor_and_mounting() {
-    let current = Some(record(4));
+    let current = Some(calibration_record(4));
     let stored_calibrations = StoredCalibrations { current_calibration: current, previous_calibration: None };
-    let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, stored_calibrations);
+    let mut bench = TestBed::with_state(AcceptancePolicy::DEFAULT, stored_calibrations);
     assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
     // An equal chip at another address is another sensor.
     for other in [Identity { address: 0x1C, ..SENSOR }, Identity { model: MagnetometerModel::Lsm303dlhc, ..SENSOR }] {
-        bench.compass.step(Event::SensorDetected(other, READINGS));
+        bench.compass.process_event(Event::SensorDetected(other, READINGS_PER_SAMPLE));
         assert_eq!(bench.compass.module_state(), ModuleState::Uncalibrated, "{other:?}");
         assert!(bench.compass.instrument_correction().calibration.is_none());
-        assert_eq!(bench.refused(Command::Align(Some(10.0))), Refusal::NoCalibration);
+        assert_eq!(bench.expect_refusal(Command::Align(Some(10.0))), Refusal::NoCalibration);
     }
-    bench.compass.step(Event::SensorDetected(SENSOR, READINGS));
+    bench.compass.process_event(Event::SensorDetected(SENSOR, READINGS_PER_SAMPLE));
     assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
     let turned = Orientation::from_name("yaw90").unwrap();
-    bench.saved(Command::Set(SettingChange::Mount(turned))).unwrap();
+    bench.save_by_command(Command::Set(SettingChange::Mount(turned))).unwrap();
     assert_eq!(bench.compass.module_state(), ModuleState::Uncalibrated);
-    bench.saved(Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION))).unwrap();
+    bench.save_by_command(Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION))).unwrap();
     assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
     let unknown = Compass::new(
         AcceptancePolicy::DEFAULT,
@@ -579,13 +584,13 @@ fn a_record_is_used_only_with_its_sensor_and_mounting() {
 fn a_solve_uses_configured_mounting_and_inclination() {
     let mount = Orientation::from_name("roll180-yaw90").unwrap();
     let mut bench = TestBed::new();
-    bench.saved(Command::Set(SettingChange::Mount(mount))).unwrap();
+    bench.save_by_command(Command::Set(SettingChange::Mount(mount))).unwrap();
     bench.calibrate(&turns(&airframe(), 1).in_mount(mount)).unwrap();
     assert_eq!(bench.compass.active_record().unwrap().mount, mount);
     // An inclination prior 2 deg off shifts the estimate; 5 deg off is rejected.
     let found_deg = |given: Option<f32>| {
         let mut bench = TestBed::new();
-        bench.saved(Command::Set(SettingChange::Inclination(given))).unwrap();
+        bench.save_by_command(Command::Set(SettingChange::Inclination(given))).unwrap();
         bench.calibrate(&few_turns(&airframe(), 1)).unwrap();
         bench.compass.active_record().unwrap().calibration.inclination_rad.to_degrees()
     };
@@ -594,9 +599,9 @@ fn a_solve_uses_configured_mounting_and_inclination() {
     let expected_deg = |bias_deg, bank_percent| {
         let mut bench = TestBed::new();
         let error = AttitudeError { bias_deg, bank_percent };
-        bench.saved(Command::Set(SettingChange::AttitudeError(error))).unwrap();
+        bench.save_by_command(Command::Set(SettingChange::AttitudeError(error))).unwrap();
         let quality = bench.calibrate(&few_turns(&airframe(), 1)).unwrap().quality;
-        let Ok(Reply::Advice(advice)) = bench.ask(Command::CalAdvise) else { panic!("none") };
+        let Ok(Reply::Advice(advice)) = bench.request_reply(Command::CalAdvise) else { panic!("none") };
         assert!((advice.expected_deg - quality.expected_rms_deg).abs() < 1e-4, "{advice:?}");
         quality.expected_rms_deg
     };
@@ -607,7 +612,7 @@ fn a_solve_uses_configured_mounting_and_inclination() {
         assert!(larger_error_deg > 1.2 * nothing, "{larger_error_deg} {nothing}");
     }
     let mut bench = TestBed::new();
-    bench.saved(Command::Set(SettingChange::Inclination(Some(60.0)))).unwrap();
+    bench.save_by_command(Command::Set(SettingChange::Inclination(Some(60.0)))).unwrap();
     let contradicted = Refusal::Solve(SolveError::InclinationContradicted { found_deg: 55 });
     assert_eq!(bench.calibrate(&few_turns(&airframe(), 1)).unwrap_err(), contradicted);
 }
@@ -615,72 +620,73 @@ fn a_solve_uses_configured_mounting_and_inclination() {
 #[test]
 fn each_mark_uses_its_own_second_of_samples() {
     let mut bench = TestBed::new();
-    assert_eq!(bench.refused(Command::CalMark(10.0)), Refusal::NotSwinging);
-    bench.done(Command::CalStart(Procedure::Turns));
-    assert_eq!(bench.refused(Command::CalMark(10.0)), Refusal::NotSwinging);
-    bench.stand(some_field(), 8);
-    bench.done(Command::CalStop);
-    bench.done(Command::CalStart(Procedure::Swing));
-    assert_eq!(bench.refused(Command::CalMark(10.0)), Refusal::NotStationary);
-    bench.stand(some_field(), 8);
+    assert_eq!(bench.expect_refusal(Command::CalMark(10.0)), Refusal::NotSwinging);
+    bench.expect_done(Command::CalStart(Procedure::Turns));
+    assert_eq!(bench.expect_refusal(Command::CalMark(10.0)), Refusal::NotSwinging);
+    bench.collect_at_rest(some_field(), 8);
+    bench.expect_done(Command::CalStop);
+    bench.expect_done(Command::CalStart(Procedure::Swing));
+    assert_eq!(bench.expect_refusal(Command::CalMark(10.0)), Refusal::NotStationary);
+    bench.collect_at_rest(some_field(), 8);
     for outside in [-0.1, 360.1, f32::NAN] {
-        assert_eq!(bench.refused(Command::CalMark(outside)).stable_code(), "out-of-range");
+        assert_eq!(bench.expect_refusal(Command::CalMark(outside)).stable_code(), "out-of-range");
     }
-    assert!(matches!(bench.ask(Command::CalMark(360.0)), Ok(Reply::Marked(1))));
-    assert_eq!(bench.refused(Command::CalMark(0.0)), Refusal::NotStationary);
-    bench.stand(some_field(), 7);
-    assert_eq!(bench.refused(Command::CalMark(0.0)), Refusal::NotStationary);
-    bench.stand(some_field(), 1);
-    assert!(matches!(bench.ask(Command::CalMark(0.0)), Ok(Reply::Marked(2))));
+    assert!(matches!(bench.request_reply(Command::CalMark(360.0)), Ok(Reply::MarkCount(1))));
+    assert_eq!(bench.expect_refusal(Command::CalMark(0.0)), Refusal::NotStationary);
+    bench.collect_at_rest(some_field(), 7);
+    assert_eq!(bench.expect_refusal(Command::CalMark(0.0)), Refusal::NotStationary);
+    bench.collect_at_rest(some_field(), 1);
+    assert!(matches!(bench.request_reply(Command::CalMark(0.0)), Ok(Reply::MarkCount(2))));
     // Samples older than 1 s are ignored.
-    bench.stand(some_field(), 8);
+    bench.collect_at_rest(some_field(), 8);
     bench.now = bench.now.wrapping_add(3000);
-    assert_eq!(bench.refused(Command::CalMark(0.0)), Refusal::NotStationary);
+    assert_eq!(bench.expect_refusal(Command::CalMark(0.0)), Refusal::NotStationary);
 }
 
 #[test]
 fn there_is_room_for_36_marks() {
     let mut bench = TestBed::new();
-    bench.done(Command::CalStart(Procedure::Swing));
+    bench.expect_done(Command::CalStart(Procedure::Swing));
     for number in 1..=36 {
-        bench.stand(some_field(), 8);
-        assert!(matches!(bench.ask(Command::CalMark(10.0)), Ok(Reply::Marked(n)) if n == number));
+        bench.collect_at_rest(some_field(), 8);
+        assert!(matches!(bench.request_reply(Command::CalMark(10.0)), Ok(Reply::MarkCount(n)) if n == number));
     }
-    bench.stand(some_field(), 8);
-    assert_eq!(bench.refused(Command::CalMark(10.0)), Refusal::TooManyMarks);
+    bench.collect_at_rest(some_field(), 8);
+    assert_eq!(bench.expect_refusal(Command::CalMark(10.0)), Refusal::TooManyMarks);
 }
 
 #[test]
 fn alignment_removes_a_constant_heading_error() {
-    let stored_calibrations = StoredCalibrations { current_calibration: Some(record(1)), previous_calibration: None };
-    let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, stored_calibrations);
-    assert_eq!(bench.refused(Command::Align(Some(100.0))), Refusal::NotStationary);
-    assert_eq!(bench.refused(Command::Align(Some(360.5))).stable_code(), "out-of-range");
-    let calibration = record(1).calibration;
+    let stored_calibrations =
+        StoredCalibrations { current_calibration: Some(calibration_record(1)), previous_calibration: None };
+    let mut bench = TestBed::with_state(AcceptancePolicy::DEFAULT, stored_calibrations);
+    assert_eq!(bench.expect_refusal(Command::Align(Some(100.0))), Refusal::NotStationary);
+    assert_eq!(bench.expect_refusal(Command::Align(Some(360.5))).stable_code(), "out-of-range");
+    let calibration = calibration_record(1).calibration;
     for (shown_deg, given_heading_deg, align_deg) in [(90.0, 100.0, 10.0), (5.0, 350.0, -15.0), (350.0, 5.0, 15.0)] {
         let earth = Field::earth_field(48.0, 1.0, f32::to_radians(shown_deg));
-        bench.stand(Field::new(earth.ut + calibration.b_vector_ut()), 8);
-        bench.saved(Command::Align(Some(given_heading_deg))).unwrap();
+        bench.collect_at_rest(Field::new(earth.ut + calibration.b_vector_ut()), 8);
+        bench.save_by_command(Command::Align(Some(given_heading_deg))).unwrap();
         let found_deg = bench.compass.stored_settings().align_deg;
         assert!((found_deg - align_deg).abs() < 0.01, "{shown_deg} at {given_heading_deg}: {found_deg}");
         assert!((bench.compass.instrument_correction().align_deg - align_deg).abs() < 0.01);
     }
-    bench.saved(Command::Align(None)).unwrap();
+    bench.save_by_command(Command::Align(None)).unwrap();
     assert!(bench.compass.stored_settings().align_deg.abs() < f32::EPSILON);
 }
 
 #[test]
 fn a_large_alignment_must_be_confirmed() {
-    let calibration = record(1).calibration;
-    let mut bench = TestBed::with(
+    let calibration = calibration_record(1).calibration;
+    let mut bench = TestBed::with_state(
         AcceptancePolicy::DEFAULT,
-        StoredCalibrations { current_calibration: Some(record(1)), previous_calibration: None },
+        StoredCalibrations { current_calibration: Some(calibration_record(1)), previous_calibration: None },
     );
     let earth = Field::earth_field(48.0, 1.0, f32::to_radians(90.0));
-    let stand = |bench: &mut TestBed| bench.stand(Field::new(earth.ut + calibration.b_vector_ut()), 8);
+    let stand = |bench: &mut TestBed| bench.collect_at_rest(Field::new(earth.ut + calibration.b_vector_ut()), 8);
     for (given_heading_deg, align_deg) in [(109.9, 19.9), (70.1, -19.9)] {
         stand(&mut bench);
-        bench.saved(Command::Align(Some(given_heading_deg))).unwrap();
+        bench.save_by_command(Command::Align(Some(given_heading_deg))).unwrap();
         assert!((bench.compass.stored_settings().align_deg - align_deg).abs() < 0.01);
     }
     for (given_heading_deg, align_deg, words) in [
@@ -690,7 +696,7 @@ fn a_large_alignment_must_be_confirmed() {
     ] {
         let before_deg = bench.compass.stored_settings().align_deg;
         stand(&mut bench);
-        let refused = bench.refused(Command::Align(Some(given_heading_deg)));
+        let refused = bench.expect_refusal(Command::Align(Some(given_heading_deg)));
         assert!(bench.compass.stored_settings().align_deg.to_bits() == before_deg.to_bits(), "nothing has changed");
         let repeat = format!("; if that is right: set align {given_heading_deg} yes");
         let refusal_text = refused.to_string();
@@ -698,35 +704,35 @@ fn a_large_alignment_must_be_confirmed() {
             refused.stable_code() == "needs-word" && refusal_text.starts_with(words) && refusal_text.ends_with(&repeat),
             "{refusal_text}"
         );
-        bench.saved(Command::AlignConfirmed(given_heading_deg)).unwrap();
+        bench.save_by_command(Command::AlignConfirmed(given_heading_deg)).unwrap();
         assert!((bench.compass.stored_settings().align_deg - align_deg).abs() < 0.01);
     }
-    assert_eq!(bench.refused(Command::AlignConfirmed(360.5)).stable_code(), "out-of-range");
+    assert_eq!(bench.expect_refusal(Command::AlignConfirmed(360.5)).stable_code(), "out-of-range");
     bench.now = bench.now.wrapping_add(60_000);
-    assert_eq!(bench.refused(Command::AlignConfirmed(100.0)), Refusal::NotStationary);
+    assert_eq!(bench.expect_refusal(Command::AlignConfirmed(100.0)), Refusal::NotStationary);
 }
 
 #[test]
 fn a_refusal_reports_the_problem_of_the_flight() {
     let mut bench = TestBed::new();
-    bench.done(Command::CalStart(Procedure::Turns));
-    assert_eq!(bench.refused(Command::CalSolve(None)), Refusal::NoSamples);
+    bench.expect_done(Command::CalStart(Procedure::Turns));
+    assert_eq!(bench.expect_refusal(Command::CalSolve(None)), Refusal::NoSamples);
     bench.now = bench.now.wrapping_add(STEP_MS);
     let hold = |bench: &mut TestBed, roll_deg: f32, samples: usize| {
         for _ in 0..samples {
-            bench.sample(some_field(), Attitude::from_deg(roll_deg, 0.0));
+            bench.process_sample(some_field(), Attitude::from_deg(roll_deg, 0.0));
         }
     };
     hold(&mut bench, 6.0, 60);
-    let refused = bench.refused(Command::CalSolve(None));
+    let refused = bench.expect_refusal(Command::CalSolve(None));
     assert_eq!(refused.stable_code(), "no-samples");
     assert_eq!(refused.to_string(), "too little bank, 6.0 deg at most; fly turns at 15 deg of bank or more each way");
     hold(&mut bench, -25.0, 60);
-    let refused = bench.refused(Command::CalSolve(None));
+    let refused = bench.expect_refusal(Command::CalSolve(None));
     assert_eq!(refused.stable_code(), "too-few-samples");
     assert_eq!(refused.to_string(), "only left turns were flown; fly right turns, too");
-    bench.done(Command::CalStartNew(None));
-    assert_eq!(bench.refused(Command::CalSolve(None)), Refusal::NoSamples);
+    bench.expect_done(Command::CalStartNew(None));
+    assert_eq!(bench.expect_refusal(Command::CalSolve(None)), Refusal::NoSamples);
 }
 
 #[test]
@@ -777,93 +783,101 @@ fn collection_problems_explain_only_refusals_for_missing_samples() {
 
 #[test]
 fn clear_removes_all_calibrations_and_undo_needs_a_previous_one() {
-    let mut bench = TestBed::with(
+    let mut bench = TestBed::with_state(
         AcceptancePolicy::DEFAULT,
-        StoredCalibrations { current_calibration: Some(record(2)), previous_calibration: None },
+        StoredCalibrations { current_calibration: Some(calibration_record(2)), previous_calibration: None },
     );
-    assert_eq!(bench.refused(Command::CalUndo), Refusal::NoPreviousCalibration);
-    bench.compass.stored_calibrations.previous_calibration = Some(record(1));
-    assert!(matches!(bench.command(Command::CalClear), Effect::Save));
+    assert_eq!(bench.expect_refusal(Command::CalUndo), Refusal::NoPreviousCalibration);
+    bench.compass.stored_calibrations.previous_calibration = Some(calibration_record(1));
+    assert!(matches!(bench.send_command(Command::CalClear), Effect::Save));
     assert!(matches!(bench.compass.pending_change(), Some(StoreChange::Clear)));
     assert!(bench.compass.active_record().is_some(), "until it is written");
     assert!(matches!(
-        bench.compass.step(Event::Saved(Ok(()))),
+        bench.compass.process_event(Event::Saved(Ok(()))),
         Effect::Reply(Ok(Reply::Done(ModuleState::Uncalibrated)))
     ));
     assert!(bench.compass.active_record().is_none());
-    assert_eq!(bench.refused(Command::CalUndo), Refusal::NoPreviousCalibration);
+    assert_eq!(bench.expect_refusal(Command::CalUndo), Refusal::NoPreviousCalibration);
 }
 
 #[test]
 fn a_change_that_cannot_be_stored_has_no_effect() {
-    let failed = || Event::Saved(Err(StoreError::Verify));
-    let stored_calibrations =
-        StoredCalibrations { current_calibration: Some(record(2)), previous_calibration: Some(record(1)) };
-    let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, stored_calibrations);
+    let failed = || Event::Saved(Err(StoreError::ReadBackDiffers));
+    let stored_calibrations = StoredCalibrations {
+        current_calibration: Some(calibration_record(2)),
+        previous_calibration: Some(calibration_record(1)),
+    };
+    let mut bench = TestBed::with_state(AcceptancePolicy::DEFAULT, stored_calibrations);
     for command in
         [Command::CalUndo, Command::CalClear, Command::Set(SettingChange::StreamOn(false)), Command::Align(None)]
     {
-        assert!(matches!(bench.command(command), Effect::Save));
-        let effect = bench.compass.step(failed());
-        assert!(matches!(effect, Effect::Reply(Err(Refusal::Store(StoreError::Verify)))), "{command:?}: {effect:?}");
+        assert!(matches!(bench.send_command(command), Effect::Save));
+        let effect = bench.compass.process_event(failed());
+        assert!(
+            matches!(effect, Effect::Reply(Err(Refusal::Store(StoreError::ReadBackDiffers)))),
+            "{command:?}: {effect:?}"
+        );
         assert_eq!(bench.compass.stored_calibrations, stored_calibrations);
         assert_eq!(*bench.compass.stored_settings(), Settings::DEFAULT);
         assert!(bench.compass.pending_change().is_none());
     }
     let mut bench = TestBed::new();
-    bench.done(Command::CalStart(Procedure::Turns));
+    bench.expect_done(Command::CalStart(Procedure::Turns));
     bench.fly(&turns(&airframe(), 1));
-    assert!(matches!(bench.solve(), Effect::Save));
+    assert!(matches!(bench.run_solve(), Effect::Save));
     assert!(matches!(
-        bench.compass.step(failed()),
-        Effect::Notify(Message::Solved(Err(Refusal::Store(StoreError::Verify))))
+        bench.compass.process_event(failed()),
+        Effect::Notify(Message::Solved(Err(Refusal::Store(StoreError::ReadBackDiffers))))
     ));
     assert_eq!(bench.compass.module_state(), ModuleState::Uncalibrated);
-    assert_eq!(bench.report().last_outcome, Some(Message::Solved(Err(Refusal::Store(StoreError::Verify)))));
+    assert_eq!(
+        bench.status_report().last_outcome,
+        Some(Message::Solved(Err(Refusal::Store(StoreError::ReadBackDiffers))))
+    );
 }
 
 #[test]
 fn unexpected_events_are_ignored() {
     let mut bench = TestBed::new();
-    assert!(matches!(bench.compass.step(Event::Advance), Effect::None));
-    assert!(matches!(bench.compass.step(Event::Saved(Ok(()))), Effect::None));
-    bench.done(Command::CalStart(Procedure::Turns));
-    assert!(matches!(bench.compass.step(Event::Advance), Effect::None));
+    assert!(matches!(bench.compass.process_event(Event::AdvanceSolve), Effect::None));
+    assert!(matches!(bench.compass.process_event(Event::Saved(Ok(()))), Effect::None));
+    bench.expect_done(Command::CalStart(Procedure::Turns));
+    assert!(matches!(bench.compass.process_event(Event::AdvanceSolve), Effect::None));
     assert_eq!(bench.compass.module_state(), ModuleState::Collecting);
 }
 
 #[test]
 fn settings_out_of_range_are_refused_and_not_written() {
     let mut bench = TestBed::new();
-    let refused = bench.refused(Command::Set(SettingChange::StreamRateHz(81)));
+    let refused = bench.expect_refusal(Command::Set(SettingChange::StreamRateHz(81)));
     assert_eq!(refused, Refusal::OutOfRange(OutOfRange("a rate is 1 to 80 sentences a second")));
     assert!(bench.compass.pending_change().is_none());
-    assert!(matches!(bench.command(Command::Set(SettingChange::StreamRateHz(80))), Effect::Save));
+    assert!(matches!(bench.send_command(Command::Set(SettingChange::StreamRateHz(80))), Effect::Save));
     assert!(matches!(bench.compass.pending_change(), Some(StoreChange::Settings(Settings { stream_rate_hz: 80, .. }))));
 }
 
 #[test]
 fn a_tumbling_needs_no_attitude() {
     let mut bench = TestBed::new();
-    bench.done(Command::CalStart(Procedure::Tumble));
+    bench.expect_done(Command::CalStart(Procedure::Tumble));
     assert_eq!(bench.compass.instrument_correction().sample_attitude, SampleAttitude::Unknown);
     bench.tumble();
-    bench.done(Command::CalSolve(None));
+    bench.expect_done(Command::CalSolve(None));
     assert_eq!(bench.compass.instrument_correction().sample_attitude, SampleAttitude::Interpolated);
-    let end = bench.solve();
-    let verdict = bench.settle(end).unwrap();
+    let end = bench.run_solve();
+    let verdict = bench.complete_outcome(end).unwrap();
     assert_eq!((verdict.quality.method, verdict.heading_deg_per_attitude_deg), (Method::Ellipsoid, None));
     assert!(!bench.compass.instrument_correction().has_valid_inclination);
-    bench.done(Command::CalStart(Procedure::Level));
+    bench.expect_done(Command::CalStart(Procedure::Level));
     assert_eq!(bench.compass.instrument_correction().sample_attitude, SampleAttitude::Interpolated);
 }
 
 #[test]
 fn advice_refers_to_the_last_solve() {
     let mut bench = TestBed::new();
-    assert_eq!(bench.refused(Command::CalAdvise), Refusal::NotSolved);
+    assert_eq!(bench.expect_refusal(Command::CalAdvise), Refusal::NotSolved);
     bench.calibrate(&few_turns(&airframe(), 1)).unwrap();
-    let Ok(Reply::Advice(advice)) = bench.ask(Command::CalAdvise) else { panic!("none") };
+    let Ok(Reply::Advice(advice)) = bench.request_reply(Command::CalAdvise) else { panic!("none") };
     assert!(advice.expected_deg > 0.0);
 }
 

@@ -13,9 +13,9 @@ struct TrialConfig {
     /// Distinct samples required since the last trial; a stationary vehicle produces none.
     min_new_measurements: u16,
     /// Stored samples required since the last trial; with fewer the result hardly changes.
-    min_newly_retained: u16,
+    min_newly_stored: u16,
     /// With fewer stored samples, only every n-th trial runs (once a minute), to detect stagnation.
-    idle_trial_period: u8,
+    stagnation_trial_period: u8,
     /// Consecutive trials (one minute), run or skipped, without noticeable improvement that end a collection.
     max_stalled_trials: u8,
 }
@@ -24,8 +24,8 @@ const TRIAL_CONFIG: TrialConfig = TrialConfig {
     min_samples: 53,
     min_interval_ms: 10_000,
     min_new_measurements: 10,
-    min_newly_retained: 10,
-    idle_trial_period: 6,
+    min_newly_stored: 10,
+    stagnation_trial_period: 6,
     max_stalled_trials: 6,
 };
 
@@ -76,8 +76,8 @@ impl TrialResult {
 
     /// Whether the collection ends: wanted accuracy confirmed, or no manoeuvre would help. A refusal for missing
     /// samples continues it.
-    fn ends_collection(&self, wanted_deg: f32, confirmed: bool) -> bool {
-        let is_accurate = confirmed && self.reaches_accuracy(wanted_deg);
+    fn ends_collection(&self, wanted_deg: f32, is_confirmed: bool) -> bool {
+        let is_accurate = is_confirmed && self.reaches_accuracy(wanted_deg);
         let cannot_improve = (self.is_limited_by_attitude || self.is_stalled) && self.missing_manoeuvre.is_none();
         let is_curable = self.refusal.as_ref().is_some_and(Refusal::is_curable_by_samples);
         (is_accurate || cannot_improve) && !is_curable
@@ -89,9 +89,9 @@ impl TrialResult {
 pub struct TrialSchedule {
     /// Time of the last trial, run or skipped, and count of distinct samples then (wrapping).
     last_trial_at: WrappingMillis,
-    measurements_at_last: u16,
+    measurements_at_last_trial: u16,
     /// Count of stored samples at the last trial that ran (wrapping).
-    retained_at_last: u16,
+    stored_at_last_trial: u16,
     skipped_trials: u8,
     /// Trials that the last one represents, itself and skipped ones before it; 0 before the first.
     represented_trials: u8,
@@ -101,9 +101,9 @@ impl TrialSchedule {
     /// Schedule before the first trial.
     pub const NO_TRIAL: Self = Self {
         last_trial_at: WrappingMillis::new(0),
-        measurements_at_last: 0,
-        retained_at_last: 0,
-        skipped_trials: TRIAL_CONFIG.idle_trial_period - 1,
+        measurements_at_last_trial: 0,
+        stored_at_last_trial: 0,
+        skipped_trials: TRIAL_CONFIG.stagnation_trial_period - 1,
         represented_trials: 0,
     };
 
@@ -114,25 +114,25 @@ impl TrialSchedule {
             stored_count < TRIAL_CONFIG.min_samples
         } else {
             now.ms_since(self.last_trial_at) < TRIAL_CONFIG.min_interval_ms
-                || new_samples.wrapping_sub(self.measurements_at_last) < TRIAL_CONFIG.min_new_measurements
+                || new_samples.wrapping_sub(self.measurements_at_last_trial) < TRIAL_CONFIG.min_new_measurements
         };
         if is_early {
             return false;
         }
-        (self.last_trial_at, self.measurements_at_last) = (now, new_samples);
+        (self.last_trial_at, self.measurements_at_last_trial) = (now, new_samples);
         self.skipped_trials += 1;
-        let is_due = self.skipped_trials >= TRIAL_CONFIG.idle_trial_period
-            || stored_count.wrapping_sub(self.retained_at_last) >= TRIAL_CONFIG.min_newly_retained;
+        let is_due = self.skipped_trials >= TRIAL_CONFIG.stagnation_trial_period
+            || stored_count.wrapping_sub(self.stored_at_last_trial) >= TRIAL_CONFIG.min_newly_stored;
         if is_due {
-            (self.retained_at_last, self.skipped_trials, self.represented_trials) =
+            (self.stored_at_last_trial, self.skipped_trials, self.represented_trials) =
                 (stored_count, 0, self.skipped_trials);
         }
         is_due
     }
 
     /// Runs the next trial without waiting for newly stored samples.
-    fn require_next(&mut self) {
-        self.retained_at_last = self.retained_at_last.wrapping_sub(TRIAL_CONFIG.min_newly_retained);
+    fn force_next_trial(&mut self) {
+        self.stored_at_last_trial = self.stored_at_last_trial.wrapping_sub(TRIAL_CONFIG.min_newly_stored);
     }
 }
 
@@ -140,14 +140,18 @@ impl TrialSchedule {
 pub(super) struct TrialSolves {
     schedule: TrialSchedule,
     /// Best expected error, degrees RMS.
-    best_deg: Option<f32>,
-    trials_since_best: u8,
+    best_expected_deg: Option<f32>,
+    trials_since_improvement: u8,
     pub last_result: Option<TrialResult>,
 }
 
 impl TrialSolves {
-    pub const NO_TRIALS: Self =
-        Self { schedule: TrialSchedule::NO_TRIAL, best_deg: None, trials_since_best: 0, last_result: None };
+    pub const NO_TRIALS: Self = Self {
+        schedule: TrialSchedule::NO_TRIAL,
+        best_expected_deg: None,
+        trials_since_improvement: 0,
+        last_result: None,
+    };
 
     pub fn is_due(&mut self, collector: &Collector, now: WrappingMillis) -> bool {
         self.schedule.is_due(collector, now)
@@ -165,7 +169,7 @@ impl TrialSolves {
         let is_confirmed = !solution.calibration.motor_current.is_applied()
             || self.last_result.as_ref().is_some_and(|last_result| last_result.reaches_accuracy(wanted_deg));
         if result.reaches_accuracy(wanted_deg) && !is_confirmed {
-            self.schedule.require_next();
+            self.schedule.force_next_trial();
         }
         let is_over = result.ends_collection(wanted_deg, is_confirmed);
         self.last_result = Some(result);
@@ -181,12 +185,13 @@ impl TrialSolves {
 
     fn update_stalled(&mut self, expected_deg: f32) -> bool {
         let is_better = |best_deg| expected_deg <= NOTICEABLE_ERROR_RATIO * best_deg;
-        if self.best_deg.map_or(expected_deg.is_finite(), is_better) {
-            (self.best_deg, self.trials_since_best) = (Some(expected_deg), 0);
+        if self.best_expected_deg.map_or(expected_deg.is_finite(), is_better) {
+            (self.best_expected_deg, self.trials_since_improvement) = (Some(expected_deg), 0);
         } else {
-            self.trials_since_best = self.trials_since_best.saturating_add(self.schedule.represented_trials);
+            self.trials_since_improvement =
+                self.trials_since_improvement.saturating_add(self.schedule.represented_trials);
         }
-        self.trials_since_best >= TRIAL_CONFIG.max_stalled_trials
+        self.trials_since_improvement >= TRIAL_CONFIG.max_stalled_trials
     }
 }
 

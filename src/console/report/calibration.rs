@@ -79,7 +79,12 @@ pub(super) fn write_advice(out: &mut impl Write, advice: &Advice) -> fmt::Result
     let [expected, weakest, expected_after] =
         [advice.expected_deg, advice.weakest_deg, advice.expected_after_deg].map(Decimal::<2>);
     writeln!(out, "ok expected error {expected} deg rms")?;
-    writeln!(out, "weakest: {}, {weakest} deg: {}", advice.weakest_deviation.measure_name(), advice.weakest_deviation)?;
+    writeln!(
+        out,
+        "weakest: {}, {weakest} deg: {}",
+        advice.weakest_deviation.deviation_name(),
+        advice.weakest_deviation
+    )?;
     let assumed = [
         (advice.unobservable.soft_iron, " soft iron"),
         (advice.unobservable.mounting, " mounting"),

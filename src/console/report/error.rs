@@ -15,7 +15,7 @@ fn write_error(out: &mut impl Write, code: &str, advice: impl Display) -> fmt::R
 /// # Errors
 ///
 /// Those of `out`.
-pub fn line_error(out: &mut impl Write, line: &LineError) -> fmt::Result {
+pub fn write_line_error(out: &mut impl Write, line: &LineError) -> fmt::Result {
     write_error(out, line.stable_code(), line)
 }
 

@@ -14,10 +14,10 @@ use crate::health::{Diagnostics, ResetCause};
 use crate::messages::{Message, Refusal};
 use crate::settings::SettingChange;
 use calibration::{CalibrationTitle, write_advice, write_calibration};
-pub use error::line_error;
+pub use error::write_line_error;
 use error::write_refusal;
-use settings::{SettingGroup, setting_line};
-use status::{ResetText, full_status, safe_mode_status, write_status};
+use settings::{SettingGroup, write_setting};
+use status::{ResetText, write_full_status, write_safe_mode_status, write_status};
 
 /// The firmware's version; with its commit if a script of this repository built it (`scripts/foreign-target.sh`).
 pub const VERSION: &str = match option_env!("AUTOSWING_VERSION") {
@@ -39,8 +39,8 @@ pub fn write_version(out: &mut impl Write) -> fmt::Result {
 /// # Errors
 ///
 /// Those of `out`.
-pub fn write_greeting(out: &mut impl Write, reset: &ResetCause) -> fmt::Result {
-    writeln!(out, "autoswing {VERSION}, started by {}; help lists the commands", ResetText(reset))
+pub fn write_greeting(out: &mut impl Write, reset_cause: &ResetCause) -> fmt::Result {
+    writeln!(out, "autoswing {VERSION}, started by {}; help lists the commands", ResetText(reset_cause))
 }
 
 /// Writes the reply to a command; a report after a command that changes something shows the resulting state.
@@ -51,20 +51,20 @@ pub fn write_greeting(out: &mut impl Write, reset: &ResetCause) -> fmt::Result {
 pub fn write_reply(
     out: &mut impl Write,
     command: Command,
-    answer: &Result<Reply, Refusal>,
+    reply: &Result<Reply, Refusal>,
     health: &Diagnostics,
 ) -> fmt::Result {
-    match (answer, command) {
+    match (reply, command) {
         (Err(reason), _) => write_refusal(out, reason),
         (Ok(_), Command::Restart) => writeln!(out, "ok restarting"),
         (Ok(Reply::Report(report)), Command::Status) => write_status(out, report, health),
-        (Ok(Reply::Report(report)), Command::StatusAll) => full_status(out, report, health),
+        (Ok(Reply::Report(report)), Command::StatusAll) => write_full_status(out, report, health),
         (Ok(Reply::Report(report)), Command::CalShow) => write_calibration(out, report),
         (Ok(Reply::Report(report)), _) => write_state_after_change(out, command, report),
         (Ok(Reply::Done(state)), _) => writeln!(out, "ok {}", state.state_name()),
-        (Ok(Reply::Marked(number)), _) => writeln!(out, "ok mark {number}"),
+        (Ok(Reply::MarkCount(number)), _) => writeln!(out, "ok mark {number}"),
         (Ok(Reply::Advice(advice)), _) => write_advice(out, advice),
-        (Ok(Reply::SafeMode), _) => safe_mode_status(out, health),
+        (Ok(Reply::SafeMode), _) => write_safe_mode_status(out, health),
     }
 }
 
@@ -81,7 +81,7 @@ fn write_state_after_change(out: &mut impl Write, command: Command, report: &Sta
     match (command, &report.stored_calibration) {
         (Command::Set(setting), _) => {
             out.write_str("ok ")?;
-            setting_line(out, SettingGroup::from_setting(setting), " ", report)?;
+            write_setting(out, SettingGroup::from_setting(setting), " ", report)?;
             // A calibration is valid for one mounting.
             let state = if let SettingChange::Mount(_) = setting { report.module_state.state_name() } else { "" };
             writeln!(out, "{}{state}", if state.is_empty() { "" } else { "; " })

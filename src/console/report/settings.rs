@@ -67,7 +67,7 @@ impl SettingGroup {
 }
 
 /// Writes a line of settings, with `separator` after its name.
-pub(super) fn setting_line(
+pub(super) fn write_setting(
     out: &mut impl Write,
     line: SettingGroup,
     separator: &str,
@@ -157,7 +157,7 @@ fn write_degrees(
 }
 
 /// Writes the field model's validity, date and position, and the field there.
-pub(super) fn field_model(out: &mut impl Write, here: &LocalField) -> fmt::Result {
+pub(super) fn write_field_model(out: &mut impl Write, here: &LocalField) -> fmt::Result {
     write!(out, "field model: {MODEL_NAME}, ")?;
     out.write_str(match here.validity() {
         None => "no date yet",
@@ -173,8 +173,8 @@ pub(super) fn field_model(out: &mut impl Write, here: &LocalField) -> fmt::Resul
     match here.model_position() {
         None => out.write_str(", no position yet")?,
         Some(Position { latitude_deg, longitude_deg, .. }) => {
-            let north = side_word(latitude_deg, "N", "S");
-            let east = side_word(longitude_deg, "E", "W");
+            let north = hemisphere_word(latitude_deg, "N", "S");
+            let east = hemisphere_word(longitude_deg, "E", "W");
             write!(out, ", {} {north} {} {east}", Decimal::<1>(latitude_deg.abs()), Decimal::<1>(longitude_deg.abs()))?;
         }
     }
@@ -187,7 +187,7 @@ pub(super) fn field_model(out: &mut impl Write, here: &LocalField) -> fmt::Resul
     writeln!(out)
 }
 
-const fn side_word(deg: f32, positive: &'static str, negative: &'static str) -> &'static str {
+const fn hemisphere_word(deg: f32, positive: &'static str, negative: &'static str) -> &'static str {
     if deg < 0.0 { negative } else { positive }
 }
 
@@ -204,10 +204,10 @@ mod tests {
             local_field.update_position(WrappingMillis::default(), place, PositionContext::default());
         }
         if let Some(days) = days {
-            local_field.set_date(Date::from_unix_s(days * 86_400).unwrap());
+            local_field.update_date(Date::from_unix_s(days * 86_400).unwrap());
         }
         let mut out = String::new();
-        field_model(&mut out, &local_field).unwrap();
+        write_field_model(&mut out, &local_field).unwrap();
         out
     }
 

@@ -3,7 +3,7 @@
 use core::fmt::{self, Display, Write};
 
 use super::calibration::write_latency;
-use super::settings::{SettingGroup, field_model, setting_line};
+use super::settings::{SettingGroup, write_field_model, write_setting};
 use crate::calibration::method_selection::Procedure;
 use crate::collection::{PartCoverage, SECTORS};
 use crate::compass::{ModuleState, StatusReport, TrialResult};
@@ -20,14 +20,14 @@ use crate::wire::dronecan::outbound::BusCounts;
 /// calibration.
 pub(super) fn write_status(out: &mut impl Write, report: &StatusReport, health: &Diagnostics) -> fmt::Result {
     writeln!(out, "ok {}", report.module_state.state_name())?;
-    heading_lines(out, health)?;
+    write_headings(out, health)?;
     match (report.module_state, &report.last_outcome) {
         (ModuleState::Collecting, _) if report.progress.procedure == Procedure::Flight => {
             write_expected_accuracy(out, report.last_trial.as_ref(), report.settings.accuracy_deg)
         }
         (ModuleState::Collecting, _) => write_coverage(out, report),
-        (_, None | Some(Message::Solved(Ok(_)))) => calibration_line(out, report, health),
-        _ => last_outcome(out, report),
+        (_, None | Some(Message::Solved(Ok(_)))) => write_stored_calibration(out, report, health),
+        _ => write_last_outcome(out, report),
     }
 }
 
@@ -45,7 +45,7 @@ fn write_coverage(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
     }
 }
 
-fn last_outcome(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
+fn write_last_outcome(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
     match &report.last_outcome {
         Some(Message::Solved(Ok(_))) => writeln!(out, "last solve: ok"),
         Some(message) => writeln!(out, "last solve: {}: {}", message.stable_code(), message.message_text()),
@@ -54,7 +54,7 @@ fn last_outcome(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
 }
 
 /// Writes the stored calibration, or why it is not applied.
-fn calibration_line(out: &mut impl Write, report: &StatusReport, health: &Diagnostics) -> fmt::Result {
+fn write_stored_calibration(out: &mut impl Write, report: &StatusReport, health: &Diagnostics) -> fmt::Result {
     let Some(record) = &report.stored_calibration else { return writeln!(out, "calibration: none") };
     write!(out, "calibration: number {}, ", record.serial_number)?;
     if health.sensor.is_some_and(|sensor| sensor != record.sensor) {
@@ -67,22 +67,22 @@ fn calibration_line(out: &mut impl Write, report: &StatusReport, health: &Diagno
 }
 
 /// Writes the reply to `status all`.
-pub(super) fn full_status(out: &mut impl Write, report: &StatusReport, health: &Diagnostics) -> fmt::Result {
+pub(super) fn write_full_status(out: &mut impl Write, report: &StatusReport, health: &Diagnostics) -> fmt::Result {
     writeln!(out, "ok {}", report.module_state.state_name())?;
-    heading_lines(out, health)?;
+    write_headings(out, health)?;
     writeln!(out, "armed: {}", report.is_armed.map_or("not known", |armed| if armed { "yes" } else { "no" }))?;
     write_motor_current(out, health.current_a)?;
     write_progress(out, report)?;
     if let (ModuleState::Collecting, Procedure::Flight) = (report.module_state, report.progress.procedure) {
         write_expected_accuracy(out, report.last_trial.as_ref(), report.settings.accuracy_deg)?;
     }
-    calibration_line(out, report, health)?;
+    write_stored_calibration(out, report, health)?;
     if let Some(record) = &report.stored_calibration {
         write_latency(out, &record.calibration, record.quality.latency)?;
     }
-    last_outcome(out, report)?;
+    write_last_outcome(out, report)?;
     for line in SettingGroup::ALL_GROUPS {
-        setting_line(out, line, ": ", report)?;
+        write_setting(out, line, ": ", report)?;
         if let SettingGroup::Port(port) = line {
             write_detected_protocol(
                 out,
@@ -93,10 +93,10 @@ pub(super) fn full_status(out: &mut impl Write, report: &StatusReport, health: &
         writeln!(out)?;
     }
     if let Some(can) = &health.can_state {
-        setting_line(out, SettingGroup::Can, ": ", report)?;
+        write_setting(out, SettingGroup::Can, ": ", report)?;
         write_can_state(out, can)?;
     }
-    field_model(out, &report.local_field)?;
+    write_field_model(out, &report.local_field)?;
     write_counters(out, &health.event_counts)?;
     if let Some(StackUse { used_bytes, size_bytes }) = health.stack_use {
         writeln!(out, "stack: {used_bytes} of {size_bytes} bytes used at most")?;
@@ -105,7 +105,7 @@ pub(super) fn full_status(out: &mut impl Write, report: &StatusReport, health: &
 }
 
 /// Writes the reply to `status` in safe mode.
-pub(super) fn safe_mode_status(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
+pub(super) fn write_safe_mode_status(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
     writeln!(out, "ok {}: {}", Message::SafeMode.stable_code(), Message::SafeMode.message_text())?;
     write_uptime(out, health)
 }
@@ -133,7 +133,7 @@ fn write_detected_protocol(out: &mut impl Write, configured: ProtocolKind, detec
 /// Writes the number of the node, and its traffic.
 fn write_can_state(out: &mut impl Write, can: &CanState) -> fmt::Result {
     match can.node {
-        Some(node) => write!(out, "; node {}", node.get())?,
+        Some(node) => write!(out, "; node {}", node.number())?,
         None => out.write_str("; no number yet")?,
     }
     if can.has_conflict {
@@ -197,7 +197,7 @@ fn write_expected_accuracy(out: &mut impl Write, trial: Option<&TrialResult>, wa
     }
 }
 
-fn heading_lines(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
+fn write_headings(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
     match health.sensor {
         Some(identity) => writeln!(out, "sensor: {identity}")?,
         None => writeln!(out, "sensor: not found")?,

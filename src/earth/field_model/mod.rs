@@ -51,9 +51,11 @@ impl ModelValidity {
     /// Validity on a date.
     #[must_use]
     pub const fn on_date(day: Date) -> Self {
-        /// 2025-01-01, 2030-01-01 and 2035-01-01, days since 1970-01-01.
+        /// 2025-01-01, days since 1970-01-01.
         const VALID_FROM_DAY: u16 = 20_089;
+        /// 2030-01-01, days since 1970-01-01.
         const OVERDUE_FROM_DAY: u16 = 21_915;
+        /// 2035-01-01, days since 1970-01-01.
         const TOO_OLD_FROM_DAY: u16 = 23_741;
         match day.days_since_1970() {
             ..VALID_FROM_DAY => Self::TooEarly,
@@ -111,8 +113,9 @@ struct GeocentricPosition {
 
 impl GeocentricPosition {
     fn from_position(position: Position) -> Self {
-        /// WGS 84: semi-major axis, metres; first eccentricity squared.
+        /// Semi-major axis of the WGS 84 ellipsoid, metres.
         const SEMI_MAJOR_AXIS_M: f32 = 6_378_137.0;
+        /// First eccentricity of the WGS 84 ellipsoid, squared.
         const ECCENTRICITY_SQUARED: f32 = 0.006_694_38;
         const REFERENCE_RADIUS_M: f32 = 6_371_200.0;
         /// North is undefined at the pole; this keeps the division finite.

@@ -21,9 +21,10 @@ use crate::time::Timestamp;
 /// Largest heading rate caused by a new correction, degrees per second.
 const MAX_TURN_DEG_S: f32 = 1.0;
 
-/// Headings at which the rate is evaluated, and a margin for the maximum between them: deviations are one- and
-/// two-cycle curves of the heading, of which 24 points reach 97 % of the maximum.
+/// Number of headings at which the rate is evaluated: deviations are one- and two-cycle curves of the heading, of which
+/// 24 points reach 97 % of the maximum.
 const EVALUATED_HEADINGS: u8 = 24;
+/// Factor on the rate for a maximum between two evaluated headings.
 const SAMPLING_MARGIN: f32 = 1.05;
 
 /// Longest blend, seconds. Only a change of 130 deg or more would need longer, and then the old headings were useless.
@@ -47,8 +48,8 @@ const MAX_GAP_US: u64 = 500_000;
 struct FieldMap([[f32; 4]; 3]);
 
 impl FieldMap {
-    fn new(calibration: &Calibration, output: &OutputMap) -> Self {
-        let map = |ut: Vector3<f32>| output.map_field(Field::new(ut)).ut;
+    fn new(calibration: &Calibration, output_map: &OutputMap) -> Self {
+        let map = |ut: Vector3<f32>| output_map.map_field(Field::new(ut)).ut;
         let w = calibration.w_matrix();
         let [x, y, z, c] = [
             map(w.column(0).into()),
@@ -95,7 +96,7 @@ fn blend_duration_s(from: &FieldMap, to: &FieldMap, calibration: &Calibration, a
         let heading_rad = TAU / f32::from(EVALUATED_HEADINGS) * f32::from(heading);
         let new_field =
             Attitude::default().to_body_frame(Field::<Level>::earth_field(total_ut, inclination_rad, heading_rad));
-        max_turn_rad_per_weight(from.map_field(sensor_field(new_field)), new_field)
+        max_heading_rate_per_weight(from.map_field(sensor_field(new_field)), new_field)
     };
     let worst_rad = (0..EVALUATED_HEADINGS).map(turn_rad).fold(0.0, f32::max);
     (worst_rad.to_degrees() * SAMPLING_MARGIN / MAX_TURN_DEG_S).min(MAX_BLEND_S)
@@ -103,7 +104,7 @@ fn blend_duration_s(from: &FieldMap, to: &FieldMap, calibration: &Calibration, a
 
 /// Largest heading rate, radians per unit of weight, while the field moves linearly between two values. It occurs at
 /// the point of the line nearest to the origin, since the line sweeps area at a constant rate.
-fn max_turn_rad_per_weight(from: Field<Body>, to: Field<Body>) -> f32 {
+fn max_heading_rate_per_weight(from: Field<Body>, to: Field<Body>) -> f32 {
     let (from, to) = (from.ut.xy(), to.ut.xy());
     let change = to - from;
     let nearest_point = from + change * (-from.dot(&change) / change.norm_squared()).clamp(0.0, 1.0);
@@ -153,7 +154,7 @@ impl MapBlend {
 #[derive(Debug)]
 pub(super) struct CompassField {
     blend: Option<MapBlend>,
-    had_calibration: bool,
+    has_used_calibration: bool,
     rest_detector: RestDetector,
     last_output_at: Timestamp,
 }
@@ -161,7 +162,7 @@ pub(super) struct CompassField {
 impl CompassField {
     pub const INITIAL: Self = Self {
         blend: None,
-        had_calibration: false,
+        has_used_calibration: false,
         rest_detector: RestDetector { rest_start: None, last_attitude_at: Timestamp::START },
         last_output_at: Timestamp::START,
     };
@@ -174,7 +175,7 @@ impl CompassField {
     #[inline(never)]
     pub fn change_calibration(&mut self, old: &ActiveCalibration, new: &ActiveCalibration) {
         let map_before = self.active_map(old);
-        self.had_calibration |= new.adjusted_calibration.is_some();
+        self.has_used_calibration |= new.adjusted_calibration.is_some();
         let map_after = self.active_map(new);
         if map_after == map_before {
             return;
@@ -212,7 +213,7 @@ impl CompassField {
 
     /// After a corrected field the raw field must never be output.
     fn output_calibration(&self, active: &ActiveCalibration) -> Option<Calibration> {
-        active.calibration().filter(|_| active.adjusted_calibration.is_some() || !self.had_calibration)
+        active.calibration().filter(|_| active.adjusted_calibration.is_some() || !self.has_used_calibration)
     }
 
     fn active_map(&self, active: &ActiveCalibration) -> Option<FieldMap> {

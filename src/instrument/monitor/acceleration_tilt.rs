@@ -33,11 +33,11 @@ pub(super) struct AccelerationTilt {
 impl AccelerationTilt {
     pub const NEW: Self = Self { last_pitch_rad: None, reported_excursion_rad: 0.0, integrated_excursion_rad: 0.0 };
 
-    pub fn update_tilt(&mut self, Attitude { pitch_rad, .. }: Attitude, motion: &EulerRates, step_s: f32) {
+    pub fn update_tilt(&mut self, Attitude { pitch_rad, .. }: Attitude, euler_rates: &EulerRates, step_s: f32) {
         let last_rad = self.last_pitch_rad.replace(pitch_rad).unwrap_or(pitch_rad);
         let decay = (1.0 - step_s / AVERAGING_TIME_S).max(0.0);
         self.reported_excursion_rad = decay * (self.reported_excursion_rad + pitch_rad - last_rad);
-        self.integrated_excursion_rad = decay * (self.integrated_excursion_rad + motion.pitch_rad_s * step_s);
+        self.integrated_excursion_rad = decay * (self.integrated_excursion_rad + euler_rates.pitch_rad_s * step_s);
     }
 
     /// Variance of the tilt error about each horizontal axis, square radians.
@@ -54,7 +54,7 @@ mod tests {
 
     /// Tilt error after a minute of level flight and a pitch excursion within 0.5 s, by reported pitch and by rates,
     /// held until `seconds`.
-    fn tilt_error_rad(told_rad: f32, by_rates_rad: f32, seconds: u16) -> f32 {
+    fn tilt_error_rad(reported_rad: f32, by_rates_rad: f32, seconds: u16) -> f32 {
         let mut tilt = AccelerationTilt::NEW;
         let mut see = |pitch_rad: f32, pitch_rad_s: f32| {
             let motion = EulerRates { pitch_rad_s, ..EulerRates::default() };
@@ -65,7 +65,7 @@ mod tests {
         }
         for i in 1..=10 * seconds {
             let part = f32::from(i.min(5)) / 5.0;
-            see(0.05 + part * told_rad, if i <= 5 { 2.0 * by_rates_rad } else { 0.0 });
+            see(0.05 + part * reported_rad, if i <= 5 { 2.0 * by_rates_rad } else { 0.0 });
         }
         libm::sqrtf(tilt.variance_rad2())
     }

@@ -34,9 +34,11 @@ const MAX_STRENGTH_SIGMA: f32 = 0.008;
 /// Time constant of the autocorrelation and of the strength residual, seconds.
 const AUTOCORRELATION_AVERAGING_S: f32 = 30.0;
 
-/// Initial lag-1 autocorrelation of the inclination residual, and its limits.
+/// Initial lag-1 autocorrelation of the inclination residual.
 const INITIAL_AUTOCORRELATION: f32 = 0.78;
+/// Lower limit of the autocorrelation.
 const MIN_AUTOCORRELATION: f32 = 0.6;
+/// Upper limit of the autocorrelation.
 const MAX_AUTOCORRELATION: f32 = 0.9;
 
 #[derive(Clone, Copy, Debug)]
@@ -132,8 +134,8 @@ impl AdaptiveNoise {
     }
 }
 
-fn update_moving_average(mean: &mut f32, value: f32, part: f32) {
-    *mean += part.min(1.0) * (value - *mean);
+fn update_moving_average(mean: &mut f32, value: f32, weight: f32) {
+    *mean += weight.min(1.0) * (value - *mean);
 }
 
 #[cfg(test)]

@@ -41,7 +41,7 @@ impl CoordinatedTurn {
     pub fn integrate(
         &mut self,
         reported: Attitude,
-        motion: &EulerRates,
+        euler_rates: &EulerRates,
         gyro_row: &GyroErrors,
         step_s: f32,
         unknowns: &StateVector,
@@ -51,8 +51,8 @@ impl CoordinatedTurn {
             return None;
         };
         self.duration_s += step_s;
-        self.pitch_change_rad += motion.pitch_rad_s * step_s;
-        self.heading_change_rad += motion.heading_rad_s * step_s;
+        self.pitch_change_rad += euler_rates.pitch_rad_s * step_s;
+        self.heading_change_rad += euler_rates.heading_rad_s * step_s;
         self.roll_integral_rad_s += reported.roll_rad * step_s;
         for (sum, d) in self.gyro_row.iter_mut().zip(gyro_row) {
             *sum += d * step_s;
@@ -83,40 +83,40 @@ mod tests {
     const NO_GYRO: GyroErrors = [0.0; GYRO_ERROR_COUNT];
 
     /// Level turn at 45 deg bank and 0.3 rad/s with roll bias and bank-angle scale error.
-    fn measured(bias_rad: f32, bank: f32, unknowns: &StateVector) -> Measurement<STATE_COUNT> {
+    fn turn_measurements(bias_rad: f32, bank: f32, unknowns: &StateVector) -> Measurement<STATE_COUNT> {
         let (roll_rad, heading_rad_s) = (0.8_f32, 0.3);
         let reported_attitude = Attitude { roll_rad: roll_rad * (1.0 + bank) + bias_rad, pitch_rad: 0.0 };
         let rates_rad_s = [0.0, heading_rad_s * roll_rad.sin(), heading_rad_s * roll_rad.cos()];
-        let motion = EulerRates::from_body_rates(BodyRates::from_rad_s(rates_rad_s).unwrap(), reported_attitude);
+        let euler_rates = EulerRates::from_body_rates(BodyRates::from_rad_s(rates_rad_s).unwrap(), reported_attitude);
         let mut balance = CoordinatedTurn::EMPTY;
-        (0..30).find_map(|_| balance.integrate(reported_attitude, &motion, &NO_GYRO, 0.1, unknowns)).unwrap()
+        (0..30).find_map(|_| balance.integrate(reported_attitude, &euler_rates, &NO_GYRO, 0.1, unknowns)).unwrap()
     }
 
     /// Bias: 0.02 rad * 0.3 rad/s = 6 mrad/s; scale error: 0.1 * 0.8 rad * 0.3 rad/s = 24 mrad/s.
     #[test]
     fn a_bank_error_appears_in_the_pitch_balance() {
-        let right = measured(0.0, 0.0, &[0.0; STATE_COUNT]);
+        let right = turn_measurements(0.0, 0.0, &[0.0; STATE_COUNT]);
         assert!(right.residual.abs() < 1e-6, "{right:?}");
-        let biased = measured(0.02, 0.0, &[0.0; STATE_COUNT]);
+        let biased = turn_measurements(0.02, 0.0, &[0.0; STATE_COUNT]);
         assert!((biased.residual + 0.006).abs() < 1e-4, "{biased:?}");
-        let scaled = measured(0.0, 0.1, &[0.0; STATE_COUNT]);
+        let scaled = turn_measurements(0.0, 0.1, &[0.0; STATE_COUNT]);
         assert!((scaled.residual + 0.024).abs() < 2e-4, "{scaled:?}");
         let mut unknowns = [0.0; STATE_COUNT];
         unknowns[ROLL_BIAS] = 0.02;
-        assert!(measured(0.02, 0.0, &unknowns).residual.abs() < 2e-4);
+        assert!(turn_measurements(0.02, 0.0, &unknowns).residual.abs() < 2e-4);
         let mut unknowns = [0.0; STATE_COUNT];
         unknowns[BANK_SCALE_ERROR] = 0.1 / 1.1;
-        assert!(measured(0.0, 0.1, &unknowns).residual.abs() < 3e-4);
+        assert!(turn_measurements(0.0, 0.1, &unknowns).residual.abs() < 3e-4);
     }
 
     #[test]
     fn pitch_motion_explained_by_rates_has_no_residual() {
-        let motion = EulerRates { pitch_rad_s: 0.05, heading_rad_s: 0.2, roll_rad_s: 0.0 };
+        let euler_rates = EulerRates { pitch_rad_s: 0.05, heading_rad_s: 0.2, roll_rad_s: 0.0 };
         let mut balance = CoordinatedTurn::EMPTY;
         let reported_attitude = |i: u8| Attitude { roll_rad: 0.3, pitch_rad: 0.05 * 0.1 * f32::from(i) };
         let (i, found) = (0..60)
             .find_map(|i| {
-                Some((i, balance.integrate(reported_attitude(i), &motion, &NO_GYRO, 0.1, &[0.0; STATE_COUNT])?))
+                Some((i, balance.integrate(reported_attitude(i), &euler_rates, &NO_GYRO, 0.1, &[0.0; STATE_COUNT])?))
             })
             .unwrap();
         assert!((20..=21).contains(&i), "two seconds: {i}");
@@ -126,7 +126,7 @@ mod tests {
             "{found:?}"
         );
         let next = (i + 1..60)
-            .find_map(|i| balance.integrate(reported_attitude(i), &motion, &NO_GYRO, 0.1, &[0.0; STATE_COUNT]))
+            .find_map(|i| balance.integrate(reported_attitude(i), &euler_rates, &NO_GYRO, 0.1, &[0.0; STATE_COUNT]))
             .unwrap();
         assert!(next.residual.abs() < 1e-5, "{next:?}");
     }
@@ -134,12 +134,12 @@ mod tests {
     /// The Jacobian has the mean of the gyro's rows, and the derivatives by bank of a level turn.
     #[test]
     fn the_jacobian_is_the_mean_over_the_window() {
-        let motion = EulerRates { heading_rad_s: 0.3, ..EulerRates::default() };
+        let euler_rates = EulerRates { heading_rad_s: 0.3, ..EulerRates::default() };
         let reported = Attitude { roll_rad: 0.8, pitch_rad: 0.0 };
         let mut balance = CoordinatedTurn::EMPTY;
         let gyro_row: GyroErrors = core::array::from_fn(|i| 0.1 * i as f32 - 0.3);
         let found = (0..30)
-            .find_map(|_| balance.integrate(reported, &motion, &gyro_row, 0.1, &[0.0; STATE_COUNT]))
+            .find_map(|_| balance.integrate(reported, &euler_rates, &gyro_row, 0.1, &[0.0; STATE_COUNT]))
             .unwrap()
             .jacobian;
         let mut expected = [0.0; STATE_COUNT];

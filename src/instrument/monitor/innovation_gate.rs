@@ -45,13 +45,13 @@ const NARROW_GATE_SIGMAS: f32 = 2.0;
 const NARROW_GATE_COUNT: u8 = 6;
 
 /// Residual of relative strength or inclination (radians) above which a sample is gross.
-const GROSS_RESIDUAL: f32 = 0.2;
+const MIN_GROSS_RESIDUAL: f32 = 0.2;
 
 /// Consecutive gross samples after which the usual gates apply again: 1.3 s, longer than a sensor restart.
 const MAX_GROSS_COUNT: u8 = 13;
 
 /// Time for which headings are withheld after a detected change, seconds.
-const WITHHOLD_S: f32 = 4.0;
+const WITHHOLDING_S: f32 = 4.0;
 
 /// Withheld time beyond which the states no longer explain the field, seconds: four detected changes. It is forgotten
 /// with the time constant below.
@@ -133,7 +133,7 @@ impl InnovationGate {
             sizes[i] = if is_beyond_narrow { residual.abs() } else { 0.0 };
         }
         if has_changed {
-            self.withholding_remaining_s = WITHHOLD_S;
+            self.withholding_remaining_s = WITHHOLDING_S;
             GateResult::ChangeDetected { exceeding_residuals: sizes }
         } else {
             GateResult::Consistent { is_usable: usable }
@@ -143,7 +143,7 @@ impl InnovationGate {
     /// Counts gross samples; whether to wait for the end of a short disturbance.
     fn is_awaiting_gross_end(&mut self, innovations: &PerKind<Option<Innovation>>) -> bool {
         let [strength, inclination, _] = innovations;
-        let is_gross = [strength, inclination].into_iter().flatten().any(|d| d.residual.abs() > GROSS_RESIDUAL);
+        let is_gross = [strength, inclination].into_iter().flatten().any(|d| d.residual.abs() > MIN_GROSS_RESIDUAL);
         self.gross_count = if is_gross { self.gross_count.saturating_add(1) } else { 0 };
         let is_waiting = is_gross && self.gross_count < MAX_GROSS_COUNT;
         if is_waiting {
@@ -173,7 +173,7 @@ mod tests {
         each.map(|n| (!n.is_nan()).then_some(Innovation { residual: 0.01 * n, variance: 1e-4 }))
     }
 
-    fn changed_after(each: [f32; 3]) -> Option<usize> {
+    fn samples_to_change(each: [f32; 3]) -> Option<usize> {
         let mut gate = InnovationGate::NO_INNOVATIONS;
         (1..=40).find(|_| {
             matches!(gate.test_innovations(innovations_of_sigmas(each), 0.1), GateResult::ChangeDetected { .. })
@@ -185,9 +185,9 @@ mod tests {
         for i in 0..3 {
             let alone = |n: f32| core::array::from_fn(|k| if k == i { n } else { 0.0 });
             for (n, expected) in [(4.1, Some(2)), (-4.1, Some(2)), (3.9, Some(6)), (2.1, Some(6)), (-2.1, Some(6))] {
-                assert_eq!(changed_after(alone(n)), expected, "{n} of {:?}", MeasurementKind::ALL_MEASUREMENTS[i]);
+                assert_eq!(samples_to_change(alone(n)), expected, "{n} of {:?}", MeasurementKind::ALL_MEASUREMENTS[i]);
             }
-            assert_eq!(changed_after(alone(1.9)), None);
+            assert_eq!(samples_to_change(alone(1.9)), None);
         }
         // Alternating kinds do not form a sequence.
         let mut gate = InnovationGate::NO_INNOVATIONS;
@@ -280,12 +280,12 @@ mod tests {
             gate.test_innovations(innovations_of_sigmas([0.0, 0.0, 5.0]), 0.1),
             GateResult::ChangeDetected { .. }
         ));
-        assert_eq!(changed_after([f32::NAN; 3]), None);
+        assert_eq!(samples_to_change([f32::NAN; 3]), None);
     }
 
     #[test]
     fn gate_counters_saturate() {
-        assert_eq!(changed_after([9.0; 3]), Some(2));
+        assert_eq!(samples_to_change([9.0; 3]), Some(2));
         let mut gate = InnovationGate::NO_INNOVATIONS;
         for _ in 0..1000 {
             gate.test_innovations(innovations_of_sigmas([9.0; 3]), 0.1);

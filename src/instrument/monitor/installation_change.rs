@@ -55,11 +55,12 @@ pub struct ChangeReporter {
     last_reported: Option<InstallationChange>,
     last_report_at: Option<Timestamp>,
     /// Reports since the vehicle was last disarmed.
-    count: u8,
+    report_count: u8,
 }
 
-/// Difference from the last report that causes another one, sigmas, and microtesla: less is the estimate's own motion.
+/// Smallest difference from the last report that causes another one, sigmas.
 const REPORT_AGAIN_SIGMAS: f32 = 3.0;
+/// Smallest difference of hard iron from the last report, microtesla: the estimate itself varies by less.
 const MIN_REPORT_AGAIN_UT: f32 = 2.0;
 
 /// Shortest time between two reports, microseconds: iron that comes and goes is not reported at each turn.
@@ -70,7 +71,7 @@ const MAX_REPORTS: u8 = 5;
 
 impl ChangeReporter {
     /// Reporter that has reported no change yet.
-    pub const NOTHING_REPORTED: Self = Self { last_reported: None, last_report_at: None, count: 0 };
+    pub const NOTHING_REPORTED: Self = Self { last_reported: None, last_report_at: None, report_count: 0 };
 
     /// Returns the present change if it is to be reported; `Some(None)` if all is as calibrated again.
     pub fn select_report(
@@ -80,9 +81,10 @@ impl ChangeReporter {
         now: Option<InstallationChange>,
     ) -> Option<Option<InstallationChange>> {
         if !is_armed {
-            self.count = 0;
+            self.report_count = 0;
         }
-        if self.count >= MAX_REPORTS || self.last_report_at.is_some_and(|last| at.us_since(last) < MIN_REPORT_PERIOD_US)
+        if self.report_count >= MAX_REPORTS
+            || self.last_report_at.is_some_and(|last| at.us_since(last) < MIN_REPORT_PERIOD_US)
         {
             return None;
         }
@@ -93,7 +95,7 @@ impl ChangeReporter {
         };
         is_news.then(|| {
             (self.last_reported, self.last_report_at) = (now, Some(at));
-            self.count += 1;
+            self.report_count += 1;
             now
         })
     }
@@ -146,8 +148,8 @@ mod tests {
 
     const DETECTOR: ChangeDetector = ChangeDetector::new(MIN_HARD_IRON_CHANGE);
 
-    fn repeat_update(moved: &mut ChangeDetector, change: f32, sigma: f32, is_silent: bool, tenths: usize) -> bool {
-        (0..tenths).map(|_| moved.update_detection(change, sigma, is_silent, 0.1)).last().unwrap()
+    fn repeat_update(detector: &mut ChangeDetector, change: f32, sigma: f32, is_silent: bool, tenths: usize) -> bool {
+        (0..tenths).map(|_| detector.update_detection(change, sigma, is_silent, 0.1)).last().unwrap()
     }
 
     #[test]

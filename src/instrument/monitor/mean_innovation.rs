@@ -45,7 +45,7 @@ mod tests {
     use super::*;
 
     /// Result after `samples` constant innovations, given in sigmas, at 10 Hz.
-    fn change_after(sigmas: PerKind<f32>, samples: usize) -> Option<f32> {
+    fn slow_change_after(sigmas: PerKind<f32>, samples: usize) -> Option<f32> {
         let mut means = MeanInnovations::ZERO_MEANS;
         let innovations = sigmas.map(|n| Some(Innovation { residual: 0.01 * n, variance: 1e-4 }));
         (0..samples).map(|_| means.update_means(&innovations, 0.1)).last().flatten()
@@ -54,17 +54,17 @@ mod tests {
     /// The exponential mean over 4 s averages like 80 samples: its sigma is a ninth of an innovation's.
     #[test]
     fn a_mean_beyond_three_of_its_sigmas_is_a_slow_change() {
-        assert!(change_after([0.0, 0.0, 0.4], 300).is_some_and(|rad| (0.003..0.004_1).contains(&rad)));
-        assert!(change_after([0.0, 0.0, -0.4], 300).is_some_and(|rad| (-0.004_1..-0.003).contains(&rad)));
-        assert_eq!(change_after([0.0, 0.0, 0.3], 300), None);
-        assert_eq!(change_after([0.0, 0.0, 0.4], 20), None);
+        assert!(slow_change_after([0.0, 0.0, 0.4], 300).is_some_and(|rad| (0.003..0.004_1).contains(&rad)));
+        assert!(slow_change_after([0.0, 0.0, -0.4], 300).is_some_and(|rad| (-0.004_1..-0.003).contains(&rad)));
+        assert_eq!(slow_change_after([0.0, 0.0, 0.3], 300), None);
+        assert_eq!(slow_change_after([0.0, 0.0, 0.4], 20), None);
     }
 
     /// If strength or inclination changes with the heading, hard iron or attitude is the cause, and not the gyro.
     #[test]
     fn other_kinds_veto_a_change_of_the_heading_alone() {
-        assert_eq!(change_after([0.3, 0.0, 0.9], 300), None);
-        assert_eq!(change_after([0.0, 0.3, 0.9], 300), None);
-        assert_eq!(change_after([0.3, 0.9, 0.0], 300), None);
+        assert_eq!(slow_change_after([0.3, 0.0, 0.9], 300), None);
+        assert_eq!(slow_change_after([0.0, 0.3, 0.9], 300), None);
+        assert_eq!(slow_change_after([0.3, 0.9, 0.0], 300), None);
     }
 }

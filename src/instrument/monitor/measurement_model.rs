@@ -88,17 +88,17 @@ impl MountTurnEffect {
 }
 
 /// The Earth's field in body axes, by a sample and the states; and its derivative by the turn of the mount.
-pub(super) fn body_field(seen: &MonitorSample, states: &StateVector) -> (Field<Body>, Vector3<f32>) {
-    let [change, by_mount_turn] = seen.mount_turn_effect.field_change(states[MOUNT_TURN]);
-    (Field::new(seen.field + change - hard_iron_change(states)), by_mount_turn)
+pub(super) fn body_field(sample: &MonitorSample, states: &StateVector) -> (Field<Body>, Vector3<f32>) {
+    let [change, by_mount_turn] = sample.mount_turn_effect.field_change(states[MOUNT_TURN]);
+    (Field::new(sample.field + change - hard_iron_change(states)), by_mount_turn)
 }
 
-pub(super) fn correct_attitude(reported: Attitude, motion: &EulerRates, states: &StateVector) -> Attitude {
+pub(super) fn correct_attitude(reported: Attitude, euler_rates: &EulerRates, states: &StateVector) -> Attitude {
     let Attitude { roll_rad, pitch_rad } = reported;
     let tau = states[ATTITUDE_LATENCY];
     Attitude {
-        roll_rad: roll_rad - states[ROLL_BIAS] - states[BANK_SCALE_ERROR] * roll_rad + tau * motion.roll_rad_s,
-        pitch_rad: pitch_rad - states[PITCH_BIAS] + tau * motion.pitch_rad_s,
+        roll_rad: roll_rad - states[ROLL_BIAS] - states[BANK_SCALE_ERROR] * roll_rad + tau * euler_rates.roll_rad_s,
+        pitch_rad: pitch_rad - states[PITCH_BIAS] + tau * euler_rates.pitch_rad_s,
     }
 }
 
@@ -109,13 +109,13 @@ pub(super) struct MonitorSample {
     pub mount_turn_effect: MountTurnEffect,
     pub attitude: Attitude,
     /// Euler-angle rates; zero if the source sends no body rates.
-    pub motion: EulerRates,
+    pub euler_rates: EulerRates,
 }
 
 impl MonitorSample {
     pub fn is_finite(&self) -> bool {
-        let Self { field, mount_turn_effect, attitude, motion } = self;
-        let EulerRates { roll_rad_s, pitch_rad_s, heading_rad_s } = *motion;
+        let Self { field, mount_turn_effect, attitude, euler_rates } = self;
+        let EulerRates { roll_rad_s, pitch_rad_s, heading_rad_s } = *euler_rates;
         let angles = attitude.roll_rad + attitude.pitch_rad + roll_rad_s + pitch_rad_s + heading_rad_s;
         // A sum with infinity or NaN is not finite.
         (field.sum() + mount_turn_effect.q.sum() + angles).is_finite()
@@ -133,7 +133,7 @@ pub(super) struct PredictedField {
 
 impl PredictedField {
     /// Prediction from the states, the calibrated inclination and the gyro's integral: `psi = integral + c + tau psi'`.
-    pub fn new(states: &StateVector, inclination_rad: f32, turning: Option<&GyroHeading>) -> Self {
+    pub fn new(states: &StateVector, inclination_rad: f32, gyro_heading: Option<&GyroHeading>) -> Self {
         let by_gyro = |turning: &GyroHeading| {
             turning.relative_heading_rad
                 + states[GYRO_OFFSET]
@@ -142,7 +142,7 @@ impl PredictedField {
         Self {
             strength: 1.0 + states[STRENGTH_CHANGE],
             inclination_rad: inclination_rad + states[INCLINATION_CHANGE],
-            heading_rad: turning.map(by_gyro),
+            heading_rad: gyro_heading.map(by_gyro),
         }
     }
 }
@@ -165,9 +165,9 @@ impl MeasurementModel {
     /// Evaluates the model. The Jacobian is taken at the predicted field, not at the measured one: noise common to a
     /// residual and its derivative does not average out and would make the hard-iron estimate grow along the field.
     #[inline(never)]
-    pub fn new(seen: &MonitorSample, states: &StateVector, predicted: &PredictedField) -> Self {
-        let tilt = correct_attitude(seen.attitude, &seen.motion, states).tilt_rotation();
-        let (field, by_mount_turn) = body_field(seen, states);
+    pub fn new(sample: &MonitorSample, states: &StateVector, predicted: &PredictedField) -> Self {
+        let tilt = correct_attitude(sample.attitude, &sample.euler_rates, states).tilt_rotation();
+        let (field, by_mount_turn) = body_field(sample, states);
         let measured = tilt.to_level_frame(field);
         let heading_rad = measured.heading_rad();
         let level = Field::earth_field(
@@ -179,13 +179,13 @@ impl MeasurementModel {
         let prediction = FieldPrediction::new(earth, &earth, &tilt);
         let inclination_by_tilt = prediction.inclination_by_attitude(&tilt);
         let heading_by_tilt = prediction.heading_by_attitude(&tilt);
-        let row = |by_field: &Vector3<f32>, by_tilt| jacobian_row(seen, &by_mount_turn, by_field, by_tilt);
+        let row = |by_field: &Vector3<f32>, by_tilt| jacobian_row(sample, &by_mount_turn, by_field, by_tilt);
         Self {
             strength: measured.total_ut(),
             inclination_rad: measured.inclination_rad(),
             heading_rad,
             tan_inclination: prediction.level_field.z / prediction.cos_inclination,
-            uncorrected_residual: seen.field - earth,
+            uncorrected_residual: sample.field - earth,
             strength_jacobian: row(&prediction.field_direction, [0.0; 2]),
             inclination_jacobian: row(&prediction.inclination_by_field, inclination_by_tilt),
             heading_jacobian: row(&prediction.heading_by_field(&tilt), heading_by_tilt),
@@ -204,7 +204,7 @@ impl MeasurementModel {
     pub fn measurements(
         &self,
         predicted: &PredictedField,
-        seen: &MonitorSample,
+        sample: &MonitorSample,
         variances: PerKind<f32>,
     ) -> PerKind<Option<Measurement<STATE_COUNT>>> {
         let residuals = [
@@ -217,7 +217,7 @@ impl MeasurementModel {
         jacobians[0][STRENGTH_CHANGE] += 1.0;
         jacobians[1][INCLINATION_CHANGE] += 1.0;
         jacobians[2][GYRO_OFFSET] += 1.0;
-        jacobians[2][ATTITUDE_LATENCY] += seen.motion.heading_rad_s;
+        jacobians[2][ATTITUDE_LATENCY] += sample.euler_rates.heading_rad_s;
         array::from_fn(|kind| {
             let (jacobian, variance) = (jacobians[kind], variances[kind]);
             residuals[kind].map(|residual| Measurement { jacobian, residual, variance })
@@ -228,12 +228,12 @@ impl MeasurementModel {
 /// Jacobian row by the chain rule, from derivatives of the field by the turn of the mount, and with respect to the
 /// field and to roll and pitch.
 fn jacobian_row(
-    seen: &MonitorSample,
+    sample: &MonitorSample,
     by_mount_turn: &Vector3<f32>,
     by_field: &Vector3<f32>,
     [by_roll, by_pitch]: [f32; 2],
 ) -> StateVector {
-    let MonitorSample { attitude, motion, .. } = seen;
+    let MonitorSample { attitude, euler_rates, .. } = sample;
     let mut row = [0.0; STATE_COUNT];
     for axis in 0..3 {
         row[HARD_IRON_CHANGE + axis] = -by_field[axis];
@@ -242,7 +242,7 @@ fn jacobian_row(
     row[ROLL_BIAS] = -by_roll;
     row[PITCH_BIAS] = -by_pitch;
     row[BANK_SCALE_ERROR] = -by_roll * attitude.roll_rad;
-    row[ATTITUDE_LATENCY] = by_roll * motion.roll_rad_s + by_pitch * motion.pitch_rad_s;
+    row[ATTITUDE_LATENCY] = by_roll * euler_rates.roll_rad_s + by_pitch * euler_rates.pitch_rad_s;
     row
 }
 
@@ -264,7 +264,7 @@ mod tests {
                 q: Vector3::from_fn(|_, _| number(1.0)),
             },
             attitude,
-            motion: EulerRates { roll_rad_s: number(1.0), pitch_rad_s: number(0.5), heading_rad_s: number(0.6) },
+            euler_rates: EulerRates { roll_rad_s: number(1.0), pitch_rad_s: number(0.5), heading_rad_s: number(0.6) },
         }
     }
 
@@ -272,21 +272,27 @@ mod tests {
     fn jacobian_rows_equal_numerical_derivatives() {
         let mut random = Random(1);
         for _ in 0..20 {
-            let seen = random_sample(&mut random);
+            let monitor_sample = random_sample(&mut random);
             let at: StateVector = random_states(&mut random, 0.05);
             let reference_field = PredictedField { strength: 1.0, inclination_rad: 0.0, heading_rad: None };
-            let found = MeasurementModel::new(&seen, &at, &reference_field);
-            let seen = MonitorSample {
-                field: seen.field + body_field(&seen, &at).0.ut * ((1.0 + at[STRENGTH_CHANGE]) / found.strength - 1.0),
-                ..seen
+            let found = MeasurementModel::new(&monitor_sample, &at, &reference_field);
+            let monitor_sample = MonitorSample {
+                field: monitor_sample.field
+                    + body_field(&monitor_sample, &at).0.ut * ((1.0 + at[STRENGTH_CHANGE]) / found.strength - 1.0),
+                ..monitor_sample
             };
-            let by_gyro_rad = found.heading_rad - at[GYRO_OFFSET] - at[ATTITUDE_LATENCY] * seen.motion.heading_rad_s;
-            let turning = GyroHeading { euler_rates: seen.motion, relative_heading_rad: by_gyro_rad, run_number: 0 };
+            let by_gyro_rad =
+                found.heading_rad - at[GYRO_OFFSET] - at[ATTITUDE_LATENCY] * monitor_sample.euler_rates.heading_rad_s;
+            let turning = GyroHeading {
+                euler_rates: monitor_sample.euler_rates,
+                relative_heading_rad: by_gyro_rad,
+                run_number: 0,
+            };
             let measured = |states: &StateVector| {
                 let predicted_field =
                     PredictedField::new(states, found.inclination_rad - at[INCLINATION_CHANGE], Some(&turning));
-                let model = MeasurementModel::new(&seen, states, &predicted_field);
-                model.measurements(&predicted_field, &seen, [1.0; 3]).map(Option::unwrap)
+                let model = MeasurementModel::new(&monitor_sample, states, &predicted_field);
+                model.measurements(&predicted_field, &monitor_sample, [1.0; 3]).map(Option::unwrap)
             };
             let here = measured(&at);
             for (kind, measurement) in here.iter().enumerate() {
@@ -311,9 +317,10 @@ mod tests {
         let attitude = Attitude::from_deg(-30.0, 8.0);
         let body = attitude.to_body_frame(Field::earth_field(1.0, 1.1, 2.0)).ut;
         let mount_turn_effect = MountTurnEffect { p: Vector3::x(), q: Vector3::y() };
-        let seen = MonitorSample { field: body, mount_turn_effect, attitude, motion: EulerRates::default() };
+        let monitor_sample =
+            MonitorSample { field: body, mount_turn_effect, attitude, euler_rates: EulerRates::default() };
         let predicted_field = PredictedField::new(&[0.0; STATE_COUNT], 1.1, None);
-        let model = MeasurementModel::new(&seen, &[0.0; STATE_COUNT], &predicted_field);
+        let model = MeasurementModel::new(&monitor_sample, &[0.0; STATE_COUNT], &predicted_field);
         assert!((model.strength - 1.0).abs() < 1e-6 && (model.inclination_rad - 1.1).abs() < 1e-5);
         assert!((model.heading_rad - 2.0).abs() < 1e-5);
         assert!((model.tan_inclination / 1.1_f32.tan() - 1.0).abs() < 1e-4);
@@ -321,7 +328,7 @@ mod tests {
 
     #[test]
     fn attitude_is_corrected_by_the_estimated_errors() {
-        let motion = EulerRates { roll_rad_s: 0.5, pitch_rad_s: -0.2, heading_rad_s: 0.0 };
+        let euler_rates = EulerRates { roll_rad_s: 0.5, pitch_rad_s: -0.2, heading_rad_s: 0.0 };
         let reported = Attitude { roll_rad: 0.4, pitch_rad: 0.1 };
         for (index, value, roll_rad, pitch_rad) in [
             (ROLL_BIAS, 0.01, 0.39, 0.1),
@@ -332,7 +339,7 @@ mod tests {
         ] {
             let mut states = [0.0; STATE_COUNT];
             states[index] = value;
-            let found = correct_attitude(reported, &motion, &states);
+            let found = correct_attitude(reported, &euler_rates, &states);
             let error_rad = (found.roll_rad - roll_rad).abs() + (found.pitch_rad - pitch_rad).abs();
             assert!(error_rad < 1e-6, "{index}: {found:?}");
         }

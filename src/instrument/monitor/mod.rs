@@ -62,14 +62,14 @@ pub(super) use monitor_output::MonitorOutput;
 pub(super) use monitored_calibration::MonitoredCalibration;
 use mount_turn::mount_turn_rad;
 use parameters::{
-    ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_VARIANCE_FACTOR, DECAY_TIME_S, DRIFT_FACTOR, DRIFT_TIME_S,
-    INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD, MAX_AWAITED_SAMPLES, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON,
-    MAX_DECAYING_MOUNT_TURN_RAD, MAX_GAP_S, MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR,
-    MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD, MAX_INCLINATION_CHANGE_RAD, MAX_INNOVATION, MAX_MOUNT_TURN_RAD,
-    MAX_MOUNT_TURNING_BANK_RAD, MAX_MOUNT_TURNING_S, MAX_SENT_SIGMA_RAD, MAX_STRENGTH_CHANGE, MAX_TILT_INNOVATION_RAD,
-    MIN_DRIFT, MIN_DRIFTING_MOUNT_VARIANCE, MIN_SIN_INCLINATION, POST_CHANGE_HARD_IRON, POST_CHANGE_INFLATION,
-    POST_CHANGE_S, SAMPLE_VARIANCE_FACTORS, SLOW_CHANGE_TIME_S, UNKNOWN_ANGLE_VARIANCE_RAD2, VARIANCE_FLOORS,
-    state_noise,
+    ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_VARIANCE_FACTOR, DECAY_TIME_S, FIELD_DRIFT_FACTOR,
+    FIELD_DRIFT_TIME_S, INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD, MAX_AWAITED_SAMPLES, MAX_BANK_SCALE_ERROR,
+    MAX_DECAYING_HARD_IRON, MAX_DECAYING_MOUNT_TURN_RAD, MAX_GAP_S, MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE,
+    MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD, MAX_INCLINATION_CHANGE_RAD, MAX_INNOVATION,
+    MAX_MOUNT_TURN_RAD, MAX_MOUNT_TURNING_BANK_RAD, MAX_MOUNT_TURNING_S, MAX_SENT_SIGMA_RAD, MAX_STRENGTH_CHANGE,
+    MAX_TILT_INNOVATION_RAD, MIN_DRIFTING_MOUNT_VARIANCE, MIN_FIELD_DRIFT, MIN_SIN_INCLINATION, POST_CHANGE_HARD_IRON,
+    POST_CHANGE_INFLATION, POST_CHANGE_S, SAMPLE_VARIANCE_FACTORS, SLOW_CHANGE_TIME_S, UNKNOWN_ANGLE_VARIANCE_RAD2,
+    VARIANCE_FLOORS, state_noise,
 };
 
 /// The monitor. 2.3 KB.
@@ -89,10 +89,10 @@ pub(super) struct Monitor {
     last_gyro_row: Option<GyroErrors>,
     mean_innovations: MeanInnovations,
     /// Values of the [`DRIFTING_STATES`] about a minute ago.
-    past_field: [f32; DRIFTING_STATES.len()],
+    past_drifting_states: [f32; DRIFTING_STATES.len()],
     heading_drift: HeadingDrift,
     /// Present step of the [`noise_schedule`].
-    noise_step: usize,
+    noise_schedule_step: usize,
     acceleration_tilt: AccelerationTilt,
     hard_iron_detector: ChangeDetector,
     mount_detector: ChangeDetector,
@@ -130,9 +130,9 @@ impl Monitor {
             coordinated_turn: CoordinatedTurn::EMPTY,
             last_gyro_row: None,
             mean_innovations: MeanInnovations::ZERO_MEANS,
-            past_field: [0.0; DRIFTING_STATES.len()],
+            past_drifting_states: [0.0; DRIFTING_STATES.len()],
             heading_drift: HeadingDrift::NO_DRIFT,
-            noise_step: 0,
+            noise_schedule_step: 0,
             acceleration_tilt: AccelerationTilt::NEW,
             hard_iron_detector: ChangeDetector::new(MIN_HARD_IRON_CHANGE),
             mount_detector: ChangeDetector::new(MIN_MOUNT_TURN_RAD),
@@ -154,39 +154,40 @@ impl Monitor {
         monitored: &MonitoredCalibration<'_>,
         at: Timestamp,
         sample: &Sample,
-        turning: Option<GyroHeading>,
+        gyro_heading: Option<GyroHeading>,
     ) {
         let calibration = monitored.calibration;
         let field = calibration.corrected_body_field(sample).ut / calibration.total_ut;
-        let motion = turning.map_or_else(EulerRates::default, |turning| turning.euler_rates);
-        let seen = MonitorSample {
+        let euler_rates = gyro_heading.map_or_else(EulerRates::default, |gyro_heading| gyro_heading.euler_rates);
+        let monitor_sample = MonitorSample {
             field,
             mount_turn_effect: MountTurnEffect::new(calibration, &(sample.field.ut / calibration.total_ut)),
             attitude: sample.latency_compensated_attitude(calibration.latency_s),
-            motion,
+            euler_rates,
         };
         if self.is_awaiting_current(calibration, sample)
-            || !seen.is_finite()
-            || turning.is_some_and(|turning| !turning.relative_heading_rad.is_finite())
+            || !monitor_sample.is_finite()
+            || gyro_heading.is_some_and(|gyro_heading| !gyro_heading.relative_heading_rad.is_finite())
         {
             return;
         }
         let step_s = self.last_sample_at.map_or(INITIAL_STEP_S, |last| at.us_since(last) as f32 * 1e-6);
         self.last_sample_at = Some(at);
-        self.acceleration_tilt.update_tilt(seen.attitude, &seen.motion, step_s);
+        self.acceleration_tilt.update_tilt(monitor_sample.attitude, &monitor_sample.euler_rates, step_s);
         self.predict_state(step_s);
-        let gyro_rows = turning.map(|_| GyroErrorRows::new(seen.attitude, &seen.motion));
-        self.follow_drift(seen.attitude.roll_rad, step_s);
+        let gyro_rows = gyro_heading.map(|_| GyroErrorRows::new(monitor_sample.attitude, &monitor_sample.euler_rates));
+        self.inflate_by_drift(monitor_sample.attitude.roll_rad, step_s);
         self.propagate_gyro_offset(gyro_rows.map(|rows| rows.heading_row), step_s);
-        self.track_gyro_offset(&seen, turning, step_s);
+        self.initialise_gyro_offset(&monitor_sample, gyro_heading, step_s);
         // Field relative to the hard iron, in units of the field strength: errors of the soft iron multiply it.
         let position = (sample.field.ut - calibration.b_vector_ut()) / calibration.total_ut;
-        let heading_jacobian = self.update_measurements(monitored, &seen, &position, turning.as_ref(), step_s);
+        let heading_jacobian =
+            self.update_measurements(monitored, &monitor_sample, &position, gyro_heading.as_ref(), step_s);
         let [_, z] = GYRO_OFFSETS;
         let gyro_offset = OffsetEstimate { rad_s: self.filter.mean()[z], variance: self.filter.state_variance(z) };
-        self.heading_drift.update_drift(gyro_offset, seen.motion.heading_rad_s, step_s);
+        self.heading_drift.update_drift(gyro_offset, monitor_sample.euler_rates.heading_rad_s, step_s);
         if let Some(rows) = gyro_rows {
-            self.update_coordinated_turn(&seen, &rows.pitch_row, step_s);
+            self.update_coordinated_turn(&monitor_sample, &rows.pitch_row, step_s);
         }
         let offset_rad = self.filter.mean()[GYRO_OFFSET];
         self.filter.set_mean(GYRO_OFFSET, wrap_pi(offset_rad));
@@ -195,7 +196,7 @@ impl Monitor {
             self.reset_states();
             return;
         }
-        self.update_output(monitored, &seen, &heading_jacobian, step_s);
+        self.update_output(monitored, &monitor_sample, &heading_jacobian, step_s);
     }
 
     /// Whether to discard a sample because the motor current is not reported yet, for which the calibration corrects:
@@ -217,8 +218,8 @@ impl Monitor {
 
     fn predict_state(&mut self, step_s: f32) {
         self.post_change_remaining_s = (self.post_change_remaining_s - step_s).max(0.0);
-        let (i, samples) = noise_schedule(self.noise_step);
-        self.noise_step = (self.noise_step + 1) % NOISE_STEPS;
+        let (i, samples) = noise_schedule(self.noise_schedule_step);
+        self.noise_schedule_step = (self.noise_schedule_step + 1) % NOISE_STEPS;
         let is_unsettled = self.post_change_remaining_s > 0.0 && HARD_IRON_AXES.contains(&i);
         let noise = if is_unsettled { POST_CHANGE_HARD_IRON } else { state_noise(i, self.expected_errors) };
         if i == GYRO_OFFSET || self.filter.state_variance(i) < noise.initial_sigma * noise.initial_sigma {
@@ -254,17 +255,19 @@ impl Monitor {
     }
 
     /// Re-initialises the gyro heading offset after a gap or a restart of the integration.
-    fn track_gyro_offset(&mut self, seen: &MonitorSample, turning: Option<GyroHeading>, step_s: f32) {
-        if let Some(turning) = turning.filter(|turning| self.gyro_run != Some(turning.run_number) || step_s > MAX_GAP_S)
+    fn initialise_gyro_offset(&mut self, sample: &MonitorSample, gyro_heading: Option<GyroHeading>, step_s: f32) {
+        if let Some(gyro_heading) =
+            gyro_heading.filter(|gyro_heading| self.gyro_run != Some(gyro_heading.run_number) || step_s > MAX_GAP_S)
         {
-            let (measured, _) = measurement_model::body_field(seen, self.filter.mean());
-            let attitude = measurement_model::correct_attitude(seen.attitude, &seen.motion, self.filter.mean());
+            let (measured, _) = measurement_model::body_field(sample, self.filter.mean());
+            let attitude =
+                measurement_model::correct_attitude(sample.attitude, &sample.euler_rates, self.filter.mean());
             let heading_rad = attitude.to_level_frame(measured).heading_rad();
-            self.filter.set_mean(GYRO_OFFSET, wrap_pi(heading_rad - turning.relative_heading_rad));
+            self.filter.set_mean(GYRO_OFFSET, wrap_pi(heading_rad - gyro_heading.relative_heading_rad));
             self.filter.inflate_variance(GYRO_OFFSET, UNKNOWN_ANGLE_VARIANCE_RAD2);
             self.coordinated_turn = CoordinatedTurn::EMPTY;
         }
-        self.gyro_run = turning.map(|turning| turning.run_number);
+        self.gyro_run = gyro_heading.map(|gyro_heading| gyro_heading.run_number);
     }
 
     /// Updates with the measurements of strength, inclination and heading that pass the innovation gates. Returns the
@@ -273,20 +276,21 @@ impl Monitor {
     fn update_measurements(
         &mut self,
         monitored: &MonitoredCalibration<'_>,
-        seen: &MonitorSample,
-        position: &Vector3<f32>,
-        turning: Option<&GyroHeading>,
+        sample: &MonitorSample,
+        normalised_field: &Vector3<f32>,
+        gyro_heading: Option<&GyroHeading>,
         step_s: f32,
     ) -> StateVector {
         let states = *self.filter.mean();
-        let predicted = PredictedField::new(&states, monitored.calibration.inclination_rad, turning);
-        let model = MeasurementModel::new(seen, &states, &predicted);
-        let variances = self.measurement_variances(monitored, seen, &model, position, step_s);
-        let measurements = model.measurements(&predicted, seen, variances);
+        let predicted = PredictedField::new(&states, monitored.calibration.inclination_rad, gyro_heading);
+        let model = MeasurementModel::new(sample, &states, &predicted);
+        let variances = self.measurement_variances(monitored, sample, &model, normalised_field, step_s);
+        let measurements = model.measurements(&predicted, sample, variances);
         self.adapt_noise_to_residuals(monitored, &measurements, step_s);
-        let is_usable = self.test_innovations(monitored.calibration, seen, &model, &measurements, position, step_s);
-        if let Some(turning) = turning {
-            self.innovation_gate.update_turn(turning.euler_rates.heading_rad_s * step_s, step_s);
+        let is_usable =
+            self.test_innovations(monitored.calibration, sample, &model, &measurements, normalised_field, step_s);
+        if let Some(gyro_heading) = gyro_heading {
+            self.innovation_gate.update_turn(gyro_heading.euler_rates.heading_rad_s * step_s, step_s);
         }
         for (measurement, is_usable) in measurements.iter().zip(is_usable) {
             if let (Some(measurement), true) = (measurement, is_usable) {
@@ -300,15 +304,15 @@ impl Monitor {
     fn measurement_variances(
         &mut self,
         monitored: &MonitoredCalibration<'_>,
-        seen: &MonitorSample,
+        sample: &MonitorSample,
         model: &MeasurementModel,
-        position: &Vector3<f32>,
+        normalised_field: &Vector3<f32>,
         step_s: f32,
     ) -> PerKind<f32> {
         let calibration_noise = monitored.sample_noise();
         let noise = self.adaptive_noise.get_or_insert_with(|| AdaptiveNoise::new(calibration_noise, model.strength));
         noise.update_strength_noise(calibration_noise, model.strength, step_s);
-        let EulerRates { roll_rad_s, pitch_rad_s, .. } = seen.motion;
+        let EulerRates { roll_rad_s, pitch_rad_s, .. } = sample.euler_rates;
         let jitter_rad = ATTITUDE_JITTER_S * trig::hypot(roll_rad_s, pitch_rad_s);
         let tilt_rad2 = noise.correlated_noise_factor()
             * (noise.sample_noise(calibration_noise).tilt_rad2
@@ -318,7 +322,7 @@ impl Monitor {
         let by_sample = [noise.strength_mean_square(), tilt_rad2, tilt_rad2 * tan_squared];
         let by_coefficients = model
             .field_jacobians()
-            .map(|jacobian| monitored.uncertainty.variance_from_coefficients(&jacobian, position));
+            .map(|jacobian| monitored.uncertainty.variance_from_coefficients(&jacobian, normalised_field));
         self.max_coefficient_variance = by_coefficients.into_iter().fold(0.0, f32::max);
         array::from_fn(|kind| {
             SAMPLE_VARIANCE_FACTORS[kind] * by_sample[kind]
@@ -346,23 +350,23 @@ impl Monitor {
     fn test_innovations(
         &mut self,
         calibration: &Calibration,
-        seen: &MonitorSample,
+        sample: &MonitorSample,
         model: &MeasurementModel,
         measurements: &PerKind<Option<Measurement<STATE_COUNT>>>,
-        position: &Vector3<f32>,
+        normalised_field: &Vector3<f32>,
         step_s: f32,
     ) -> PerKind<bool> {
         let innovations = array::from_fn(|kind| measurements[kind].as_ref().map(|m| self.innovation(m)));
         if let Some(heading_change_rad) = self.mean_innovations.update_means(&innovations, step_s)
             && self.post_change_remaining_s <= 0.0
         {
-            self.follow_gyro_offset(heading_change_rad, step_s);
+            self.inflate_gyro_offset(heading_change_rad, step_s);
         }
         match self.innovation_gate.test_innovations(innovations, step_s) {
             GateResult::Consistent { is_usable } => is_usable,
             GateResult::ChangeDetected { exceeding_residuals } => {
-                let turn_rad = mount_turn_rad(calibration, &model.uncorrected_residual, position);
-                let is_level = seen.attitude.roll_rad.abs() < MAX_MOUNT_TURNING_BANK_RAD;
+                let turn_rad = mount_turn_rad(calibration, &model.uncorrected_residual, normalised_field);
+                let is_level = sample.attitude.roll_rad.abs() < MAX_MOUNT_TURNING_BANK_RAD;
                 self.inflate_covariance(model, exceeding_residuals);
                 self.test_mount_turn(turn_rad, is_level, exceeding_residuals);
                 [true; 3]
@@ -372,7 +376,7 @@ impl Monitor {
 
     /// Inflates the variance of the gyro's offsets, which may change faster than their process noise. Other states are
     /// not inflated: on recorded flights they would follow the attitude's errors.
-    fn follow_gyro_offset(&mut self, heading_change_rad: f32, step_s: f32) {
+    fn inflate_gyro_offset(&mut self, heading_change_rad: f32, step_s: f32) {
         let rate_rad_s = heading_change_rad / SLOW_CHANGE_TIME_S;
         let variance = rate_rad_s * rate_rad_s * step_s / SLOW_CHANGE_TIME_S;
         for state in GYRO_OFFSETS {
@@ -382,7 +386,7 @@ impl Monitor {
         }
     }
 
-    fn inflate_all(&mut self, states: &[usize], variance: f32) {
+    fn inflate_states(&mut self, states: &[usize], variance: f32) {
         for &state in states {
             self.filter.inflate_variance(state, variance);
         }
@@ -390,20 +394,20 @@ impl Monitor {
 
     /// Inflates all axes of hard iron by a drift of the field: unobserved axes may have drifted as much as observed
     /// ones. In a bank, which makes it observable, the mount's turn is inflated as well.
-    fn follow_drift(&mut self, roll_rad: f32, step_s: f32) {
+    fn inflate_by_drift(&mut self, roll_rad: f32, step_s: f32) {
         let states = self.filter.mean();
         let now: [f32; DRIFTING_STATES.len()] = DRIFTING_STATES.map(|i| states[i]);
         if self.post_change_remaining_s > 0.0 {
-            self.past_field = now;
+            self.past_drifting_states = now;
         }
         let mut drift_squared = 0.0;
-        for (past, now) in self.past_field.iter_mut().zip(now) {
-            *past += (now - *past) * step_s / (DRIFT_TIME_S + step_s);
+        for (past, now) in self.past_drifting_states.iter_mut().zip(now) {
+            *past += (now - *past) * step_s / (FIELD_DRIFT_TIME_S + step_s);
             drift_squared += (now - *past) * (now - *past);
         }
-        if drift_squared > MIN_DRIFT * MIN_DRIFT {
-            let variance = DRIFT_FACTOR * drift_squared * step_s / DRIFT_TIME_S;
-            self.inflate_all(&HARD_IRON_AXES, variance);
+        if drift_squared > MIN_FIELD_DRIFT * MIN_FIELD_DRIFT {
+            let variance = FIELD_DRIFT_FACTOR * drift_squared * step_s / FIELD_DRIFT_TIME_S;
+            self.inflate_states(&HARD_IRON_AXES, variance);
             if roll_rad.abs() > MAX_MOUNT_TURNING_BANK_RAD {
                 self.filter.inflate_variance(MOUNT_TURN, variance);
             }
@@ -425,10 +429,10 @@ impl Monitor {
     }
 
     /// Updates with the coordinated-turn pseudo-measurement at the end of its window.
-    fn update_coordinated_turn(&mut self, seen: &MonitorSample, gyro_row: &GyroErrors, step_s: f32) {
+    fn update_coordinated_turn(&mut self, sample: &MonitorSample, gyro_row: &GyroErrors, step_s: f32) {
         let states = self.filter.mean();
         let step_s = step_s.min(MAX_GAP_S);
-        let measured = self.coordinated_turn.integrate(seen.attitude, &seen.motion, gyro_row, step_s, states);
+        let measured = self.coordinated_turn.integrate(sample.attitude, &sample.euler_rates, gyro_row, step_s, states);
         if let Some(measurement) = measured {
             self.filter.apply_measurement(&measurement);
         }
@@ -442,14 +446,14 @@ impl Monitor {
             [strength, inclination, heading * cos_inclination].map(|size| size.min(MAX_INNOVATION));
         let field = strength.max(inclination);
         let hard_iron_sigma = field.max(across);
-        self.inflate_all(&HARD_IRON_AXES, hard_iron_sigma * hard_iron_sigma);
+        self.inflate_states(&HARD_IRON_AXES, hard_iron_sigma * hard_iron_sigma);
         self.filter.inflate_variance(STRENGTH_CHANGE, field * field);
         self.filter.inflate_variance(INCLINATION_CHANGE, field * field);
         // A heading error is `tan(inclination)` times the tilt.
         let sin_inclination = (model.tan_inclination * cos_inclination).abs().max(MIN_SIN_INCLINATION);
         let tilt_rad =
             ATTITUDE_SHARE_OF_CHANGE * inclination.max(across / sin_inclination).min(MAX_TILT_INNOVATION_RAD);
-        self.inflate_all(&[ROLL_BIAS, PITCH_BIAS], tilt_rad * tilt_rad);
+        self.inflate_states(&[ROLL_BIAS, PITCH_BIAS], tilt_rad * tilt_rad);
         self.is_strength_test_failed |= strength > 0.0;
         self.post_change_remaining_s = POST_CHANGE_S;
     }
@@ -461,10 +465,10 @@ impl Monitor {
         let is_first = self.innovation_gate.withheld_s() < MAX_MOUNT_TURNING_S;
         let is_confirmed = turn_rad.is_some_and(|rad| (rad - estimated_rad).abs() < MAX_DECAYING_MOUNT_TURN_RAD);
         match turn_rad {
-            Some(turn_rad) if is_first && is_level => self.turn_mount(turn_rad, residuals),
+            Some(turn_rad) if is_first && is_level => self.restart_from_mount_turn(turn_rad, residuals),
             Some(turn_rad) if is_first => self.inflate_mount_turn(residuals[2].max((turn_rad - estimated_rad).abs())),
             _ if is_first || is_confirmed || estimated_rad.abs() < MAX_DECAYING_MOUNT_TURN_RAD => {}
-            _ => self.turn_mount(0.0, residuals),
+            _ => self.restart_from_mount_turn(0.0, residuals),
         }
     }
 
@@ -475,7 +479,7 @@ impl Monitor {
 
     /// Starts again from a turn of the module that explains the field, with the hard iron as calibrated. The sigma is
     /// the heading's residual, or the change of the estimate.
-    fn turn_mount(&mut self, turn_rad: f32, [_, _, heading_rad]: PerKind<f32>) {
+    fn restart_from_mount_turn(&mut self, turn_rad: f32, [_, _, heading_rad]: PerKind<f32>) {
         let change_rad = (turn_rad - self.filter.mean()[MOUNT_TURN]).abs();
         self.inflate_mount_turn(heading_rad.max(change_rad));
         self.filter.set_mean(MOUNT_TURN, turn_rad);
@@ -488,7 +492,7 @@ impl Monitor {
     fn update_output(
         &mut self,
         monitored: &MonitoredCalibration<'_>,
-        seen: &MonitorSample,
+        sample: &MonitorSample,
         heading_jacobian: &StateVector,
         step_s: f32,
     ) {
@@ -516,14 +520,14 @@ impl Monitor {
             sample_noise: self.output_noise(monitored.sample_noise()),
             heading_rate_error: self.heading_rate_error(),
             gyro_offset: self.gyro_run.map(|run| (run, self.filter.state_variance(GYRO_OFFSET))),
-            validity: self.assess_validity(&states, seen, heading_jacobian, [variance_rad2, sent_rad2]),
+            validity: self.assess_validity(&states, sample, heading_jacobian, [variance_rad2, sent_rad2]),
             installation_change: self.detect_change(&change, monitored.calibration.total_ut, step_s),
         };
     }
 
     fn heading_rate_error(&self) -> HeadingRateError {
         let row = self.last_gyro_row.unwrap_or([0.0; GYRO_ERROR_COUNT]);
-        HeadingRateError::new(&self.filter.last_states(GYRO_ERRORS), row)
+        HeadingRateError::new(&self.filter.marginal_of_last(GYRO_ERRORS), row)
     }
 
     fn output_noise(&self, calibration_noise: SampleNoise) -> Option<SampleNoise> {
@@ -564,7 +568,7 @@ impl Monitor {
     fn assess_validity(
         &self,
         states: &StateVector,
-        seen: &MonitorSample,
+        sample: &MonitorSample,
         heading_jacobian: &StateVector,
         [variance_rad2, sent_rad2]: [f32; 2],
     ) -> Result<(), NoHeading> {
@@ -575,7 +579,7 @@ impl Monitor {
         }
         if self.innovation_gate.is_withholding() {
             // A wrong attitude leaves the field strength unchanged.
-            let tilt_rad = bias_rad.max((states[BANK_SCALE_ERROR] * seen.attitude.roll_rad).abs());
+            let tilt_rad = bias_rad.max((states[BANK_SCALE_ERROR] * sample.attitude.roll_rad).abs());
             let is_attitude = !self.is_strength_test_failed && tilt_rad > hard_iron_change;
             return Err(if is_attitude { NoHeading::AttitudeContradicted } else { NoHeading::FieldDisturbed });
         }

@@ -45,14 +45,14 @@ impl MonitorOutput {
         installation_change: None,
     };
 
-    pub fn correct_attitude(&self, reported: Attitude, motion: &EulerRates) -> Attitude {
-        measurement_model::correct_attitude(reported, motion, &self.states)
+    pub fn correct_attitude(&self, reported: Attitude, euler_rates: &EulerRates) -> Attitude {
+        measurement_model::correct_attitude(reported, euler_rates, &self.states)
     }
 
     /// Gate of a single reading against the gyro heading; it detects a field step 0.1 s earlier than an averaged
     /// sample.
-    pub fn passes_reading_gate(&self, heading: Heading, turning: Option<&GyroHeading>) -> bool {
-        let Some((turning, (run, offset_variance_rad2))) = turning.zip(self.gyro_offset) else { return true };
+    pub fn passes_reading_gate(&self, heading: Heading, gyro_heading: Option<&GyroHeading>) -> bool {
+        let Some((turning, (run, offset_variance_rad2))) = gyro_heading.zip(self.gyro_offset) else { return true };
         let GyroHeading { euler_rates, relative_heading_rad, .. } = turning;
         let gyro_heading_rad =
             relative_heading_rad + self.states[GYRO_OFFSET] + self.states[ATTITUDE_LATENCY] * euler_rates.heading_rad_s;

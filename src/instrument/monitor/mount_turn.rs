@@ -26,13 +26,13 @@ const MAX_UNCHANGED_FIELD_DIFFERENCE: f32 = 0.02;
 pub(super) fn mount_turn_rad(
     calibration: &Calibration,
     difference: &Vector3<f32>,
-    position: &Vector3<f32>,
+    normalised_field: &Vector3<f32>,
 ) -> Option<f32> {
     if difference.vector_length() < MAX_UNCHANGED_FIELD_DIFFERENCE {
         return Some(0.0);
     }
     let difference = inverse(&calibration.w_matrix())? * difference;
-    let mean = position + calibration.b_vector_ut() / calibration.total_ut - difference * 0.5;
+    let mean = normalised_field + calibration.b_vector_ut() / calibration.total_ut - difference * 0.5;
     let axis = mount_axis(calibration);
     let is_across = |direction: &Vector3<f32>| {
         let tolerance = MAX_COSINE_OF_CHANGE * difference.vector_length() + FIELD_TOLERANCE;
@@ -66,7 +66,7 @@ mod tests {
         }
     }
 
-    fn explained(module_turn_deg: f32, iron_ut: [f32; 3]) -> Option<f32> {
+    fn explained_turn_deg(module_turn_deg: f32, iron_ut: [f32; 3]) -> Option<f32> {
         let calibration = calibration();
         let (w, b_ut) = (calibration.w_matrix(), calibration.b_vector_ut());
         let earth = Vector3::new(0.3, -0.25, 0.9);
@@ -82,17 +82,17 @@ mod tests {
     #[test]
     fn a_turn_explains_the_field_of_a_turned_module() {
         for turn_deg in [5.0_f32, -10.0, 20.0, -20.0] {
-            let found = explained(turn_deg, [0.0; 3]).unwrap();
+            let found = explained_turn_deg(turn_deg, [0.0; 3]).unwrap();
             assert!((found.to_degrees() / turn_deg - 1.0).abs() < 0.01, "{turn_deg}: {found}");
         }
-        assert_eq!(explained(0.0, [0.5, 0.5, 0.0]), Some(0.0));
+        assert_eq!(explained_turn_deg(0.0, [0.5, 0.5, 0.0]), Some(0.0));
     }
 
     /// 0.5 uT of noise across a difference of 2 uT.
     #[test]
     fn a_small_turn_is_found_despite_noise() {
         for noise_ut in [[0.0, 0.0, 0.5], [0.0, 0.0, -0.5]] {
-            let found = explained(5.0, noise_ut);
+            let found = explained_turn_deg(5.0, noise_ut);
             assert!(found.is_some_and(|rad| (rad.to_degrees() - 5.0).abs() < 1.0), "{found:?}");
         }
     }
@@ -100,7 +100,7 @@ mod tests {
     #[test]
     fn changes_of_strength_or_along_the_axis_are_no_turn() {
         for iron_ut in [[0.0, 0.0, 6.0], [0.0, 0.0, -6.0], [4.0, -4.0, 3.0], [5.0, 0.0, 0.0]] {
-            assert_eq!(explained(0.0, iron_ut), None, "{iron_ut:?}");
+            assert_eq!(explained_turn_deg(0.0, iron_ut), None, "{iron_ut:?}");
         }
     }
 }

@@ -151,10 +151,12 @@ pub(super) const MAX_BANK_SCALE_ERROR: f32 = 0.5;
 /// Gate of a single reading's heading against the gyro heading, sigmas.
 pub(super) const READING_GATE_SIGMAS: f32 = 4.5;
 
-/// Time over which a drift of the field is measured, seconds; then its smallest size, and the factor on its square.
-pub(super) const DRIFT_TIME_S: f32 = 60.0;
-pub(super) const MIN_DRIFT: f32 = 0.004;
-pub(super) const DRIFT_FACTOR: f32 = 2.0;
+/// Time over which a drift of the field is measured, seconds.
+pub(super) const FIELD_DRIFT_TIME_S: f32 = 60.0;
+/// Smallest drift of the field within that time that inflates the covariance, relative to the field strength.
+pub(super) const MIN_FIELD_DRIFT: f32 = 0.004;
+/// Factor on the squared drift of the field in the inflated variance.
+pub(super) const FIELD_DRIFT_FACTOR: f32 = 2.0;
 
 /// Time within which the gyro's offset accounts for a significant mean innovation of the heading, seconds.
 pub(super) const SLOW_CHANGE_TIME_S: f32 = 3.0;

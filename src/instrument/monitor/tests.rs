@@ -21,40 +21,40 @@ const TILT_SIGMA_RAD: f32 = 0.005;
 
 #[derive(Clone, Copy, Debug)]
 struct SimulatedErrors {
-    iron_ut: [f32; 3],
-    strength: f32,
+    hard_iron_ut: [f32; 3],
+    strength_change: f32,
     inclination_rad: f32,
     /// Turn of the module in its mount, clockwise from above, radians.
     mount_turn_rad: f32,
-    /// Attitude bias: reported minus true, radians.
-    roll_rad: f32,
-    pitch_rad: f32,
+    /// Roll bias: reported minus true roll, radians.
+    roll_bias_rad: f32,
+    pitch_bias_rad: f32,
     /// Factor on the reported bank.
-    bank: f32,
+    bank_factor: f32,
     /// Attitude latency, seconds.
-    late_s: f32,
-    /// Gyro heading drift, rad/s, and factor on the gyro's rate of heading.
-    drift_rad_s: f32,
+    latency_s: f32,
+    /// Drift of the gyro heading, rad/s.
+    gyro_drift_rad_s: f32,
     gyro_scale: f32,
-    /// Real pitch excursion, radians, and its rate, rad/s.
-    raised_rad: f32,
-    raising_rad_s: f32,
+    /// Real pitch excursion, radians.
+    pitch_excursion_rad: f32,
+    pitch_excursion_rate_rad_s: f32,
 }
 
 impl SimulatedErrors {
-    const NOTHING: Self = Self {
-        iron_ut: [0.0; 3],
-        strength: 0.0,
+    const NO_ERRORS: Self = Self {
+        hard_iron_ut: [0.0; 3],
+        strength_change: 0.0,
         inclination_rad: 0.0,
         mount_turn_rad: 0.0,
-        roll_rad: 0.0,
-        pitch_rad: 0.0,
-        bank: 1.0,
-        late_s: 0.0,
-        drift_rad_s: 0.0,
+        roll_bias_rad: 0.0,
+        pitch_bias_rad: 0.0,
+        bank_factor: 1.0,
+        latency_s: 0.0,
+        gyro_drift_rad_s: 0.0,
         gyro_scale: 1.0,
-        raised_rad: 0.0,
-        raising_rad_s: 0.0,
+        pitch_excursion_rad: 0.0,
+        pitch_excursion_rate_rad_s: 0.0,
     };
 }
 
@@ -64,9 +64,9 @@ struct Flight {
     calibration: Calibration,
     uncertainty: HeadingUncertainty,
     random: Random,
-    wrong: SimulatedErrors,
-    samples: u32,
-    gyro_rad: f32,
+    errors: SimulatedErrors,
+    sample_count: u32,
+    gyro_offset_rad: f32,
     current: MotorCurrent,
 }
 
@@ -74,7 +74,7 @@ const STEP_S: f32 = 0.1;
 const CIRCLE_S: f32 = 24.0;
 const STRAIGHT_S: f32 = 60.0;
 
-fn moment(t_s: f32) -> (Attitude, EulerRates, f32) {
+fn motion_at(t_s: f32) -> (Attitude, EulerRates, f32) {
     let leg_time_s = t_s.rem_euclid(STRAIGHT_S + CIRCLE_S) - STRAIGHT_S;
     let side = if (t_s / (STRAIGHT_S + CIRCLE_S)).rem_euclid(2.0) < 1.0 { 1.0 } else { -1.0 };
     let banked = (leg_time_s / 2.0).min((CIRCLE_S - leg_time_s) / 2.0).clamp(0.0, 1.0);
@@ -88,7 +88,7 @@ fn moment(t_s: f32) -> (Attitude, EulerRates, f32) {
     let (phase, pitch_phase) = (0.9 * t_s, 0.6 * t_s);
     let attitude =
         Attitude { roll_rad: side * 0.45 * banked + 0.02 * phase.sin(), pitch_rad: 0.03 + 0.015 * pitch_phase.sin() };
-    let motion = EulerRates {
+    let euler_rates = EulerRates {
         roll_rad_s: side * 0.45 * rolling + 0.018 * phase.cos(),
         pitch_rad_s: 0.009 * pitch_phase.cos(),
         heading_rad_s: side * banked * 2.0 * PI / (CIRCLE_S - 2.0),
@@ -98,7 +98,7 @@ fn moment(t_s: f32) -> (Attitude, EulerRates, f32) {
         let v = (u - (CIRCLE_S - 2.0)).max(0.0);
         v - v * v / 4.0
     };
-    (attitude, motion, wrap_pi(0.7 + side * ramp * 2.0 * PI / (CIRCLE_S - 2.0)))
+    (attitude, euler_rates, wrap_pi(0.7 + side * ramp * 2.0 * PI / (CIRCLE_S - 2.0)))
 }
 
 impl Flight {
@@ -118,47 +118,56 @@ impl Flight {
             calibration,
             uncertainty,
             random: Random(seed),
-            wrong: SimulatedErrors::NOTHING,
-            samples: 0,
-            gyro_rad: 2.0,
+            errors: SimulatedErrors::NO_ERRORS,
+            sample_count: 0,
+            gyro_offset_rad: 2.0,
             current: MotorCurrent::UNKNOWN,
         }
     }
 
     fn now_s(&self) -> f32 {
         // The time wraps with the flight pattern and stays exact in `f32`.
-        (self.samples % 1680) as f32 * STEP_S
+        (self.sample_count % 1680) as f32 * STEP_S
     }
 
     /// Flies one sample; returns heading error and sigma in degrees, or the reason for no heading.
-    fn step(&mut self) -> Result<(f32, f32), NoHeading> {
-        self.samples += 1;
+    fn fly_sample(&mut self) -> Result<(f32, f32), NoHeading> {
+        self.sample_count += 1;
         let SimulatedErrors {
-            iron_ut, strength, inclination_rad, roll_rad, pitch_rad, bank, late_s, drift_rad_s, ..
-        } = self.wrong;
-        let (mut attitude, _, heading_rad) = moment(self.now_s());
-        attitude.pitch_rad += self.wrong.raised_rad;
+            hard_iron_ut: iron_ut,
+            strength_change: strength,
+            inclination_rad,
+            roll_bias_rad: roll_rad,
+            pitch_bias_rad: pitch_rad,
+            bank_factor: bank,
+            latency_s: late_s,
+            gyro_drift_rad_s: drift_rad_s,
+            ..
+        } = self.errors;
+        let (mut attitude, _, heading_rad) = motion_at(self.now_s());
+        attitude.pitch_rad += self.errors.pitch_excursion_rad;
         let earth = Field::earth_field(TOTAL_UT * (1.0 + strength), INCLINATION_RAD + inclination_rad, heading_rad);
-        let (mut reported, mut motion, reported_heading_rad) = moment(self.now_s() - late_s);
-        motion.heading_rad_s *= self.wrong.gyro_scale;
-        reported.pitch_rad += self.wrong.raised_rad;
-        motion.pitch_rad_s += self.wrong.raising_rad_s;
+        let (mut reported, mut euler_rates, reported_heading_rad) = motion_at(self.now_s() - late_s);
+        euler_rates.heading_rad_s *= self.errors.gyro_scale;
+        reported.pitch_rad += self.errors.pitch_excursion_rad;
+        euler_rates.pitch_rad_s += self.errors.pitch_excursion_rate_rad_s;
         let mut noise = |sigma: f32| sigma * self.random.normal();
         let body_ut = attitude.to_body_frame(earth).ut + Vector3::from(iron_ut) + self.calibration.b_vector_ut();
-        let module_from_body = Rotation3::from_axis_angle(&Vector3::z_axis(), -self.wrong.mount_turn_rad);
+        let module_from_body = Rotation3::from_axis_angle(&Vector3::z_axis(), -self.errors.mount_turn_rad);
         let field = module_from_body * body_ut + Vector3::from_fn(|_, _| noise(STRENGTH_SIGMA * TOTAL_UT));
         let reported = Attitude {
             roll_rad: bank * reported.roll_rad + roll_rad + noise(TILT_SIGMA_RAD),
             pitch_rad: reported.pitch_rad + pitch_rad + noise(TILT_SIGMA_RAD),
         };
-        let turned_rad = wrap_pi(reported_heading_rad - moment(self.now_s() - late_s - STEP_S).2);
-        self.gyro_rad = wrap_pi(self.gyro_rad + drift_rad_s * STEP_S + (self.wrong.gyro_scale - 1.0) * turned_rad);
+        let turned_rad = wrap_pi(reported_heading_rad - motion_at(self.now_s() - late_s - STEP_S).2);
+        self.gyro_offset_rad =
+            wrap_pi(self.gyro_offset_rad + drift_rad_s * STEP_S + (self.errors.gyro_scale - 1.0) * turned_rad);
         let turning = GyroHeading {
-            euler_rates: motion,
-            relative_heading_rad: wrap_pi(reported_heading_rad + self.gyro_rad),
+            euler_rates,
+            relative_heading_rad: wrap_pi(reported_heading_rad + self.gyro_offset_rad),
             run_number: 0,
         };
-        let at = Timestamp::from_us(u64::from(self.samples) * 100_000);
+        let at = Timestamp::from_us(u64::from(self.sample_count) * 100_000);
         let sample = Sample {
             field: Field::new(field),
             attitude: reported,
@@ -176,7 +185,7 @@ impl Flight {
         let adjustment = self.monitor.monitor_output();
         adjustment.validity?;
         let (calibration, uncertainty) = adjustment.correct_calibration(&monitored);
-        let attitude = adjustment.correct_attitude(reported, &motion);
+        let attitude = adjustment.correct_attitude(reported, &euler_rates);
         let found = crate::heading::compute_heading(
             crate::heading::HeadingLimits::ANY_FIELD,
             &calibration,
@@ -188,10 +197,10 @@ impl Flight {
         Ok((wrap_pi(found.magnetic_rad - heading_rad).to_degrees(), found.sigma_deg()))
     }
 
-    fn fly(&mut self, seconds: u32) -> FlightResult {
+    fn fly_seconds(&mut self, seconds: u32) -> FlightResult {
         let mut flight_result = FlightResult::default();
         for _ in 0..10 * seconds {
-            flight_result.take(self.step());
+            flight_result.add_heading(self.fly_sample());
         }
         flight_result
     }
@@ -199,21 +208,21 @@ impl Flight {
 
 #[derive(Clone, Debug, Default)]
 struct FlightResult {
-    told: u32,
+    heading_count: u32,
     worst_deg: f32,
-    beyond: u32,
-    none: Vec<NoHeading>,
+    beyond_3_sigma_count: u32,
+    empty_reasons: Vec<NoHeading>,
 }
 
 impl FlightResult {
-    fn take(&mut self, heading: Result<(f32, f32), NoHeading>) {
+    fn add_heading(&mut self, heading: Result<(f32, f32), NoHeading>) {
         match heading {
             Ok((error_deg, sigma_deg)) => {
-                self.told += 1;
+                self.heading_count += 1;
                 self.worst_deg = self.worst_deg.max(error_deg.abs());
-                self.beyond += u32::from(error_deg.abs() > 3.0 * sigma_deg);
+                self.beyond_3_sigma_count += u32::from(error_deg.abs() > 3.0 * sigma_deg);
             }
-            Err(reason) => self.none.push(reason),
+            Err(reason) => self.empty_reasons.push(reason),
         }
     }
 }
@@ -222,9 +231,12 @@ impl FlightResult {
 #[test]
 fn headings_of_a_clean_flight_are_never_withheld() {
     for seed in 0..3 {
-        let flight_result = Flight::new(seed).fly(1800);
-        assert_eq!(flight_result.none, []);
-        assert!(flight_result.beyond < flight_result.told / 300 && flight_result.worst_deg < 4.5, "{flight_result:?}");
+        let flight_result = Flight::new(seed).fly_seconds(1800);
+        assert_eq!(flight_result.empty_reasons, []);
+        assert!(
+            flight_result.beyond_3_sigma_count < flight_result.heading_count / 300 && flight_result.worst_deg < 4.5,
+            "{flight_result:?}"
+        );
     }
 }
 
@@ -232,15 +244,15 @@ fn headings_of_a_clean_flight_are_never_withheld() {
 #[test]
 fn headings_after_a_day_are_as_good_as_after_an_hour() {
     let mut flight = Flight::new(4);
-    flight.wrong.drift_rad_s = 0.05_f32.to_radians();
-    flight.fly(600);
-    let first = flight.fly(3600);
+    flight.errors.gyro_drift_rad_s = 0.05_f32.to_radians();
+    flight.fly_seconds(600);
+    let first = flight.fly_seconds(3600);
     for _ in 0..22 {
-        flight.fly(3600);
+        flight.fly_seconds(3600);
     }
-    let last = flight.fly(3600);
+    let last = flight.fly_seconds(3600);
     for hour in [first, last] {
-        assert_eq!(hour.none, []);
+        assert_eq!(hour.empty_reasons, []);
         assert!(hour.worst_deg < 4.5, "{hour:?}");
     }
     assert_eq!(flight.monitor.monitor_output().installation_change, None);
@@ -254,25 +266,28 @@ fn a_hard_iron_change_is_detected_and_reported() {
         [[3.0, 0.0, 0.0], [0.0, -5.0, 0.0], [0.0, 0.0, 5.0], [4.0, 4.0, -4.0], [-7.0, 6.0, 3.0]].into_iter().enumerate()
     {
         let mut flight = Flight::new(i as u64);
-        flight.fly(200);
-        flight.wrong.iron_ut = iron_ut;
+        flight.fly_seconds(200);
+        flight.errors.hard_iron_ut = iron_ut;
         // Detection takes two samples beyond the wide gate, or six beyond the narrow one.
-        let at_once = flight.fly(2);
-        let little = at_once.told <= 7 && at_once.worst_deg < 5.0;
-        assert!(at_once.told <= 1 || little, "{iron_ut:?}: {at_once:?}");
-        flight.fly(18);
-        let turning = flight.fly(60);
-        assert!(turning.none.len() <= 100 && turning.worst_deg < 8.0, "{iron_ut:?}: {turning:?}");
-        let flight_result = flight.fly(180);
-        assert!(flight_result.none.is_empty() && flight_result.worst_deg < 5.0, "{iron_ut:?}: {flight_result:?}");
+        let at_once = flight.fly_seconds(2);
+        let little = at_once.heading_count <= 7 && at_once.worst_deg < 5.0;
+        assert!(at_once.heading_count <= 1 || little, "{iron_ut:?}: {at_once:?}");
+        flight.fly_seconds(18);
+        let turning = flight.fly_seconds(60);
+        assert!(turning.empty_reasons.len() <= 100 && turning.worst_deg < 8.0, "{iron_ut:?}: {turning:?}");
+        let flight_result = flight.fly_seconds(180);
+        assert!(
+            flight_result.empty_reasons.is_empty() && flight_result.worst_deg < 5.0,
+            "{iron_ut:?}: {flight_result:?}"
+        );
         let Some(InstallationChange::HardIron(told)) = flight.monitor.monitor_output().installation_change else {
             panic!("{iron_ut:?}")
         };
         let off_ut = (told.change_ut - Vector3::from(iron_ut)).norm();
         assert!(off_ut < 0.3 * Vector3::from(iron_ut).norm(), "{iron_ut:?}: {told:?}");
         assert!(off_ut < 6.0 * told.sigma_ut, "{iron_ut:?}: {told:?}");
-        flight.wrong.iron_ut = [0.0; 3];
-        flight.fly(200);
+        flight.errors.hard_iron_ut = [0.0; 3];
+        flight.fly_seconds(200);
         assert_eq!(flight.monitor.monitor_output().installation_change, None, "{iron_ut:?}");
     }
 }
@@ -283,18 +298,21 @@ fn a_turn_in_the_mount_is_estimated_and_reported() {
     for (turn_deg, seed) in [(5.0_f32, 1), (10.0, 2), (-10.0, 3), (-20.0, 4)] {
         let mut flight = Flight::new(seed);
         flight.calibration.b_ut = [12.0, -8.0, 5.0];
-        flight.fly(200);
-        flight.wrong.mount_turn_rad = turn_deg.to_radians();
-        flight.fly(180);
-        let flight_result = flight.fly(400);
-        assert!(flight_result.none.is_empty() && flight_result.worst_deg < 4.5, "{turn_deg}: {flight_result:?}");
+        flight.fly_seconds(200);
+        flight.errors.mount_turn_rad = turn_deg.to_radians();
+        flight.fly_seconds(180);
+        let flight_result = flight.fly_seconds(400);
+        assert!(
+            flight_result.empty_reasons.is_empty() && flight_result.worst_deg < 4.5,
+            "{turn_deg}: {flight_result:?}"
+        );
         let Some(InstallationChange::Mount(told)) = flight.monitor.monitor_output().installation_change else {
             panic!("{turn_deg}")
         };
         let off_deg = told.turn_rad.to_degrees() - turn_deg;
         assert!(off_deg.abs() < 1.5 && off_deg.abs() < 4.0 * told.sigma_rad.to_degrees(), "{turn_deg}: {told:?}");
-        flight.wrong.mount_turn_rad = 0.0;
-        flight.fly(400);
+        flight.errors.mount_turn_rad = 0.0;
+        flight.fly_seconds(400);
         assert_eq!(flight.monitor.monitor_output().installation_change, None, "{turn_deg}");
     }
 }
@@ -303,12 +321,12 @@ fn a_turn_in_the_mount_is_estimated_and_reported() {
 #[test]
 fn a_change_of_place_is_estimated() {
     let mut flight = Flight::new(7);
-    flight.fly(100);
-    (flight.wrong.strength, flight.wrong.inclination_rad) = (-0.08, 0.12);
-    let turning = flight.fly(80);
-    assert!(turning.none.len() <= 150 && turning.worst_deg < 8.0, "{turning:?}");
-    let flight_result = flight.fly(1000);
-    assert!(flight_result.none.is_empty() && flight_result.worst_deg < 5.0, "{flight_result:?}");
+    flight.fly_seconds(100);
+    (flight.errors.strength_change, flight.errors.inclination_rad) = (-0.08, 0.12);
+    let turning = flight.fly_seconds(80);
+    assert!(turning.empty_reasons.len() <= 150 && turning.worst_deg < 8.0, "{turning:?}");
+    let flight_result = flight.fly_seconds(1000);
+    assert!(flight_result.empty_reasons.is_empty() && flight_result.worst_deg < 5.0, "{flight_result:?}");
     let adjustment = flight.monitor.monitor_output();
     assert_eq!(adjustment.installation_change, None);
     let (strength, inclination_rad) = (adjustment.states[STRENGTH_CHANGE], adjustment.states[INCLINATION_CHANGE]);
@@ -319,23 +337,27 @@ fn a_change_of_place_is_estimated() {
 #[test]
 fn attitude_errors_are_not_estimated_as_hard_iron() {
     let cases = [
-        ("roll", SimulatedErrors { roll_rad: 0.035, ..SimulatedErrors::NOTHING }, 0.2),
-        ("pitch", SimulatedErrors { pitch_rad: -0.035, ..SimulatedErrors::NOTHING }, 0.2),
-        ("bank", SimulatedErrors { bank: 0.7, ..SimulatedErrors::NOTHING }, 0.5),
-        ("late", SimulatedErrors { late_s: 0.3, ..SimulatedErrors::NOTHING }, 0.2),
+        ("roll", SimulatedErrors { roll_bias_rad: 0.035, ..SimulatedErrors::NO_ERRORS }, 0.2),
+        ("pitch", SimulatedErrors { pitch_bias_rad: -0.035, ..SimulatedErrors::NO_ERRORS }, 0.2),
+        ("bank", SimulatedErrors { bank_factor: 0.7, ..SimulatedErrors::NO_ERRORS }, 0.5),
+        ("late", SimulatedErrors { latency_s: 0.3, ..SimulatedErrors::NO_ERRORS }, 0.2),
     ];
     for (name, wrong, silent) in cases {
         let mut flight = Flight::new(8);
-        flight.fly(200);
-        flight.wrong = wrong;
-        let flight_result = flight.fly(600);
+        flight.fly_seconds(200);
+        flight.errors = wrong;
+        let flight_result = flight.fly_seconds(600);
         assert!(
-            flight_result.beyond < flight_result.told / 8,
+            flight_result.beyond_3_sigma_count < flight_result.heading_count / 8,
             "{name}: {} of {}",
-            flight_result.beyond,
-            flight_result.told
+            flight_result.beyond_3_sigma_count,
+            flight_result.heading_count
         );
-        assert!((flight_result.none.len() as f32) < silent * 6000.0, "{name}: {}", flight_result.none.len());
+        assert!(
+            (flight_result.empty_reasons.len() as f32) < silent * 6000.0,
+            "{name}: {}",
+            flight_result.empty_reasons.len()
+        );
     }
 }
 
@@ -345,16 +367,16 @@ fn attitude_errors_are_not_estimated_as_hard_iron() {
 fn attitude_noise_grows_while_the_aircraft_accelerates() {
     for (raised_rad, is_silenced) in [(0.14, false), (-0.14, false), (0.0, true)] {
         let mut flight = Flight::new(5);
-        assert!(flight.fly(40).none.is_empty());
+        assert!(flight.fly_seconds(40).empty_reasons.is_empty());
         let mut silent = 0;
         for i in 1..=36_u8 {
-            flight.wrong = SimulatedErrors {
-                raised_rad: raised_rad * f32::from(i.min(6)) / 6.0,
-                raising_rad_s: if i <= 6 { raised_rad / 0.6 } else { 0.0 },
-                pitch_rad: if i > 6 { 0.045 } else { 0.0 },
-                ..SimulatedErrors::NOTHING
+            flight.errors = SimulatedErrors {
+                pitch_excursion_rad: raised_rad * f32::from(i.min(6)) / 6.0,
+                pitch_excursion_rate_rad_s: if i <= 6 { raised_rad / 0.6 } else { 0.0 },
+                pitch_bias_rad: if i > 6 { 0.045 } else { 0.0 },
+                ..SimulatedErrors::NO_ERRORS
             };
-            silent += u32::from(flight.step().is_err());
+            silent += u32::from(flight.fly_sample().is_err());
         }
         assert_eq!(silent > 0, is_silenced, "{raised_rad}: {silent}");
         // Acceleration-induced tilt, 0.15 of the pitch excursion: 0.8 deg or more. Without it the sigma is 0.3 deg.
@@ -366,13 +388,13 @@ fn attitude_noise_grows_while_the_aircraft_accelerates() {
 #[test]
 fn attitude_latency_and_gyro_drift_are_distinguished() {
     for (wrong, index, expected, within) in [
-        (SimulatedErrors { late_s: 0.1, ..SimulatedErrors::NOTHING }, ATTITUDE_LATENCY, 0.1, 0.03),
-        (SimulatedErrors { late_s: -0.05, ..SimulatedErrors::NOTHING }, ATTITUDE_LATENCY, -0.05, 0.03),
-        (SimulatedErrors { drift_rad_s: 2e-3, ..SimulatedErrors::NOTHING }, GYRO_OFFSETS[1], 2e-3, 3e-4),
+        (SimulatedErrors { latency_s: 0.1, ..SimulatedErrors::NO_ERRORS }, ATTITUDE_LATENCY, 0.1, 0.03),
+        (SimulatedErrors { latency_s: -0.05, ..SimulatedErrors::NO_ERRORS }, ATTITUDE_LATENCY, -0.05, 0.03),
+        (SimulatedErrors { gyro_drift_rad_s: 2e-3, ..SimulatedErrors::NO_ERRORS }, GYRO_OFFSETS[1], 2e-3, 3e-4),
     ] {
         let mut flight = Flight::new(9);
-        flight.wrong = wrong;
-        flight.fly(600);
+        flight.errors = wrong;
+        flight.fly_seconds(600);
         let found = flight.monitor.monitor_output().states[index];
         assert!((found - expected).abs() < within, "{wrong:?}: {found}");
     }
@@ -384,17 +406,17 @@ fn attitude_latency_and_gyro_drift_are_distinguished() {
 fn the_scale_error_of_the_gyro_is_estimated() {
     for gyro_scale in [1.03, 0.9] {
         let mut flight = Flight::new(13);
-        flight.wrong.gyro_scale = gyro_scale;
-        let flight_result = flight.fly(600);
-        assert!(flight_result.none.len() < 50 && flight_result.worst_deg < 5.0, "{flight_result:?}");
-        let (attitude, motion, _) = moment(STRAIGHT_S + CIRCLE_S / 2.0);
-        let row = GyroErrorRows::new(attitude, &motion).heading_row;
+        flight.errors.gyro_scale = gyro_scale;
+        let flight_result = flight.fly_seconds(600);
+        assert!(flight_result.empty_reasons.len() < 50 && flight_result.worst_deg < 5.0, "{flight_result:?}");
+        let (attitude, euler_rates, _) = motion_at(STRAIGHT_S + CIRCLE_S / 2.0);
+        let row = GyroErrorRows::new(attitude, &euler_rates).heading_row;
         let errors = flight.monitor.monitor_output().heading_rate_error.gyro_errors;
         let found = estimated_scale_error(&flight, STRAIGHT_S + CIRCLE_S / 2.0);
         // Gyro errors multiply the true rates, the row the measured ones.
         let expected = (gyro_scale - 1.0) / gyro_scale;
         assert!((found - expected).abs() < 0.005, "{gyro_scale}: {found}");
-        assert!(sqrt(errors.projected_variance(&row)) / motion.heading_rad_s < 0.005);
+        assert!(sqrt(errors.projected_variance(&row)) / euler_rates.heading_rad_s < 0.005);
     }
 }
 
@@ -410,7 +432,7 @@ fn the_first_report_of_a_corrected_current_is_awaited() {
         flight.current = MotorCurrent::from_a(reported_a);
         let is_new = |flight: &Flight| flight.monitor.last_sample_at.is_none();
         let waited = (0..100).take_while(|_| {
-            let _ = flight.step();
+            let _ = flight.fly_sample();
             is_new(&flight)
         });
         assert_eq!(waited.count(), discarded, "{motor_current:?} {reported_a:?}");
@@ -419,9 +441,9 @@ fn the_first_report_of_a_corrected_current_is_awaited() {
 
 /// The estimated scale error of the gyro's rate of heading at `t_s`, relative.
 fn estimated_scale_error(flight: &Flight, t_s: f32) -> f32 {
-    let (attitude, motion, _) = moment(t_s);
-    let row = GyroErrorRows::new(attitude, &motion).heading_row;
-    flight.monitor.monitor_output().heading_rate_error.gyro_errors.projected_mean(&row) / motion.heading_rad_s
+    let (attitude, euler_rates, _) = motion_at(t_s);
+    let row = GyroErrorRows::new(attitude, &euler_rates).heading_row;
+    flight.monitor.monitor_output().heading_rate_error.gyro_errors.projected_mean(&row) / euler_rates.heading_rad_s
 }
 
 /// After a third of a circle with 10 % of gyro scale error the estimate follows if 10 % is expected, not if 0.2 %.
@@ -430,8 +452,8 @@ fn the_expected_scale_error_limits_what_a_turn_estimates() {
     let [narrow, wide] = [0.002, 0.1].map(|gyro_scale| {
         let expected_errors = SensorErrorSigmas { gyro_scale, ..SensorErrorSigmas::DEFAULT };
         let mut flight = Flight { monitor: Monitor::new(expected_errors), ..Flight::new(8) };
-        flight.wrong.gyro_scale = 1.1;
-        flight.fly((STRAIGHT_S + CIRCLE_S / 3.0) as u32);
+        flight.errors.gyro_scale = 1.1;
+        flight.fly_seconds((STRAIGHT_S + CIRCLE_S / 3.0) as u32);
         estimated_scale_error(&flight, STRAIGHT_S + CIRCLE_S / 3.0)
     });
     assert!((wide - 0.1 / 1.1).abs() < 0.02 && narrow < 0.7 * wide, "{narrow} {wide}");
@@ -442,8 +464,8 @@ fn the_expected_drift_of_the_hard_iron_is_in_the_sigma() {
     let [usual, large] = [0.0025, 0.01].map(|hard_iron_drift| {
         let expected_errors = SensorErrorSigmas { hard_iron_drift, ..SensorErrorSigmas::DEFAULT };
         let mut flight = Flight { monitor: Monitor::new(expected_errors), ..Flight::new(8) };
-        flight.fly(STRAIGHT_S as u32);
-        flight.step().unwrap().1
+        flight.fly_seconds(STRAIGHT_S as u32);
+        flight.fly_sample().unwrap().1
     });
     assert!(large > 1.5 * usual, "{large} {usual}");
 }
@@ -466,13 +488,13 @@ fn implausible_gyro_errors_withhold_the_heading() {
 #[test]
 fn a_drift_in_straight_flight_is_in_the_heading_variance() {
     let mut flight = Flight::new(14);
-    flight.fly(170);
+    flight.fly_seconds(170);
     let before_rad2 = flight.monitor.monitor_output().heading_variance_rad2;
     let mut worst_sigmas = 0.0_f32;
     for i in 0..500_u16 {
         let part = f32::from(i) / 500.0;
-        flight.wrong.iron_ut = [0.0, 3.0 * part, 4.0 * part];
-        if let Ok((error_deg, sigma_deg)) = flight.step() {
+        flight.errors.hard_iron_ut = [0.0, 3.0 * part, 4.0 * part];
+        if let Ok((error_deg, sigma_deg)) = flight.fly_sample() {
             worst_sigmas = worst_sigmas.max(error_deg.abs() / sigma_deg);
         }
     }
@@ -484,24 +506,24 @@ fn a_drift_in_straight_flight_is_in_the_heading_variance() {
 #[test]
 fn heading_variance_is_inflated_after_a_detected_change() {
     let mut flight = Flight::new(5);
-    flight.fly(40);
+    flight.fly_seconds(40);
     let unchanged_rad2 = flight.monitor.monitor_output().heading_variance_rad2;
     assert!(unchanged_rad2 < 0.006 * 0.006, "nothing has changed: {unchanged_rad2}");
-    flight.wrong.iron_ut = [0.0, 5.0, 0.0];
-    flight.fly(15);
-    let (attitude, motion, heading_rad) = moment(flight.now_s());
+    flight.errors.hard_iron_ut = [0.0, 5.0, 0.0];
+    flight.fly_seconds(15);
+    let (attitude, euler_rates, heading_rad) = motion_at(flight.now_s());
     let field = attitude.to_body_frame(Field::earth_field(1.0, INCLINATION_RAD, heading_rad)).ut;
     let mount_turn_effect = MountTurnEffect::new(&flight.calibration, &field);
-    let seen = MonitorSample { field, mount_turn_effect, attitude, motion };
+    let monitor_sample = MonitorSample { field, mount_turn_effect, attitude, euler_rates };
     let states = *flight.monitor.filter.mean();
     let predicted =
         PredictedField { heading_rad: Some(heading_rad), ..PredictedField::new(&states, INCLINATION_RAD, None) };
-    let jacobian = MeasurementModel::new(&seen, &states, &predicted).heading_jacobian;
+    let jacobian = MeasurementModel::new(&monitor_sample, &states, &predicted).heading_jacobian;
     let inflation =
         flight.monitor.monitor_output().heading_variance_rad2 / flight.monitor.filter.projected_variance(&jacobian);
     assert!((2.4..=3.6).contains(&inflation), "{inflation}");
-    flight.wrong.iron_ut = [0.0; 3];
-    flight.fly(200);
+    flight.errors.hard_iron_ut = [0.0; 3];
+    flight.fly_seconds(200);
     assert!(flight.monitor.monitor_output().heading_variance_rad2 < 0.006 * 0.006);
 }
 
@@ -509,15 +531,15 @@ fn heading_variance_is_inflated_after_a_detected_change() {
 fn estimated_changes_beyond_their_limits_withhold_the_heading() {
     let watched_verdict = |index: usize, value: f32| {
         let mut flight = Flight::new(10);
-        flight.fly(30);
+        flight.fly_seconds(30);
         flight.monitor.filter.set_mean(index, value);
-        let seen = MonitorSample {
+        let monitor_sample = MonitorSample {
             field: Vector3::new(0.5, 0.0, 0.8),
             mount_turn_effect: MountTurnEffect::new(&flight.calibration, &Vector3::zeros()),
             attitude: Attitude::default(),
-            motion: EulerRates::default(),
+            euler_rates: EulerRates::default(),
         };
-        flight.monitor.assess_validity(flight.monitor.filter.mean(), &seen, &[0.0; STATE_COUNT], [0.0; 2])
+        flight.monitor.assess_validity(flight.monitor.filter.mean(), &monitor_sample, &[0.0; STATE_COUNT], [0.0; 2])
     };
     for (index, limit, reason) in [
         (HARD_IRON_CHANGE, 0.6, NoHeading::FieldChanged),
@@ -538,22 +560,25 @@ fn estimated_changes_beyond_their_limits_withhold_the_heading() {
 #[test]
 fn a_heading_with_sigma_over_8_deg_is_withheld() {
     let mut flight = Flight::new(11);
-    flight.fly(30);
+    flight.fly_seconds(30);
     let monitor = &mut flight.monitor;
-    let seen = MonitorSample {
+    let monitor_sample = MonitorSample {
         field: Vector3::new(0.5, 0.0, 0.8),
         mount_turn_effect: MountTurnEffect::new(&flight.calibration, &Vector3::zeros()),
         attitude: Attitude::default(),
-        motion: EulerRates::default(),
+        euler_rates: EulerRates::default(),
     };
     let mut row = [0.0; STATE_COUNT];
     (row[HARD_IRON_CHANGE], row[ROLL_BIAS]) = (1.0, 1.0);
     let mean = *monitor.filter.mean();
-    assert_eq!(monitor.assess_validity(&mean, &seen, &row, [0.139 * 0.139; 2]), Ok(()));
+    assert_eq!(monitor.assess_validity(&mean, &monitor_sample, &row, [0.139 * 0.139; 2]), Ok(()));
     monitor.filter.inflate_variance(ROLL_BIAS, 0.01);
-    assert_eq!(monitor.assess_validity(&mean, &seen, &row, [0.0201; 2]), Err(NoHeading::AttitudeContradicted));
+    assert_eq!(
+        monitor.assess_validity(&mean, &monitor_sample, &row, [0.0201; 2]),
+        Err(NoHeading::AttitudeContradicted)
+    );
     monitor.filter.inflate_variance(HARD_IRON_CHANGE, 0.1);
-    assert_eq!(monitor.assess_validity(&mean, &seen, &row, [0.1; 2]), Err(NoHeading::FieldChanged));
+    assert_eq!(monitor.assess_validity(&mean, &monitor_sample, &row, [0.1; 2]), Err(NoHeading::FieldChanged));
 }
 
 #[test]
@@ -563,7 +588,7 @@ fn a_source_without_rates_is_monitored() {
     let mut verdicts = Vec::new();
     for i in 0..240_u16 {
         let iron_ut = if i < 200 { 0.0 } else { 8.0 };
-        let (attitude, _, heading_rad) = moment(f32::from(i) * STEP_S);
+        let (attitude, _, heading_rad) = motion_at(f32::from(i) * STEP_S);
         let field = attitude.to_body_frame(Field::earth_field(TOTAL_UT, INCLINATION_RAD, heading_rad)).ut
             + Vector3::z() * iron_ut;
         let at = Timestamp::from_us(u64::from(i) * 100_000);
@@ -591,7 +616,7 @@ fn a_source_without_rates_is_monitored() {
 #[test]
 fn non_finite_samples_are_ignored() {
     let mut flight = Flight::new(13);
-    flight.fly(30);
+    flight.fly_seconds(30);
     let before = *flight.monitor.monitor_output();
     let monitored = MonitoredCalibration {
         calibration: &flight.calibration,
@@ -621,11 +646,11 @@ fn non_finite_samples_are_ignored() {
 #[test]
 fn a_heading_contradicted_by_the_gyro_is_withheld() {
     let mut flight = Flight::new(14);
-    flight.fly(300);
+    flight.fly_seconds(300);
     let adjustment = flight.monitor.monitor_output();
     let (run, offset_rad2) = adjustment.gyro_offset.unwrap();
-    let motion = EulerRates { heading_rad_s: 0.3, ..EulerRates::default() };
-    let turning = GyroHeading { euler_rates: motion, relative_heading_rad: 1.0, run_number: run };
+    let euler_rates = EulerRates { heading_rad_s: 0.3, ..EulerRates::default() };
+    let turning = GyroHeading { euler_rates, relative_heading_rad: 1.0, run_number: run };
     let by_gyro = 1.0 + adjustment.states[GYRO_OFFSET] + 0.3 * adjustment.states[ATTITUDE_LATENCY];
     let sigma_rad = 0.02;
     let limit = 4.5 * (sigma_rad * sigma_rad + offset_rad2).sqrt();
@@ -784,13 +809,14 @@ fn a_detected_change_inflates_the_states_that_explain_it() {
     ] {
         let mut monitor = Monitor::new(SensorErrorSigmas::DEFAULT);
         let states = *monitor.filter.mean();
-        let seen = MonitorSample {
+        let monitor_sample = MonitorSample {
             field: Field::<crate::frames::Level>::earth_field(1.0, inclination_rad, 0.0).ut,
             mount_turn_effect: MountTurnEffect::new(&Flight::new(0).calibration, &Vector3::x()),
             attitude: Attitude::default(),
-            motion: EulerRates::default(),
+            euler_rates: EulerRates::default(),
         };
-        let model = MeasurementModel::new(&seen, &states, &PredictedField::new(&states, inclination_rad, None));
+        let model =
+            MeasurementModel::new(&monitor_sample, &states, &PredictedField::new(&states, inclination_rad, None));
         let before = variances(&monitor);
         monitor.inflate_covariance(&model, residuals);
         let added: StateVector = array::from_fn(|i| sqrt((variances(&monitor)[i] - before[i]).max(0.0)));
@@ -863,17 +889,17 @@ fn process_noise_ends_at_the_initial_variance() {
 fn the_gyro_offset_starts_again_after_a_gap() {
     for (run_number, step_s, is_restarted) in [(0, 3.0, false), (0, 3.1, true), (1, 0.1, true), (0, 0.1, false)] {
         let mut flight = Flight::new(3);
-        flight.fly(30);
-        let (attitude, motion, heading_rad) = moment(flight.now_s());
-        let seen = MonitorSample {
+        flight.fly_seconds(30);
+        let (attitude, euler_rates, heading_rad) = motion_at(flight.now_s());
+        let monitor_sample = MonitorSample {
             field: attitude.to_body_frame(Field::earth_field(1.0, INCLINATION_RAD, heading_rad)).ut,
             mount_turn_effect: MountTurnEffect::new(&flight.calibration, &Vector3::x()),
             attitude,
-            motion,
+            euler_rates,
         };
         let before = (flight.monitor.filter.mean()[GYRO_OFFSET], flight.monitor.filter.state_variance(GYRO_OFFSET));
-        let turning = GyroHeading { euler_rates: motion, relative_heading_rad: 3.0, run_number };
-        flight.monitor.track_gyro_offset(&seen, Some(turning), step_s);
+        let gyro_heading = GyroHeading { euler_rates, relative_heading_rad: 3.0, run_number };
+        flight.monitor.initialise_gyro_offset(&monitor_sample, Some(gyro_heading), step_s);
         let after = (flight.monitor.filter.mean()[GYRO_OFFSET], flight.monitor.filter.state_variance(GYRO_OFFSET));
         if is_restarted {
             // Three sigmas of the heading error by attitude states, which are not estimated yet.
@@ -895,7 +921,7 @@ fn a_drift_inflates_hard_iron_and_in_a_bank_the_mount() {
         let mut monitor = Monitor::new(SensorErrorSigmas::DEFAULT);
         let before = variances(&monitor);
         monitor.filter.set_mean(HARD_IRON_CHANGE, drift);
-        monitor.follow_drift(roll_rad, 1e-3);
+        monitor.inflate_by_drift(roll_rad, 1e-3);
         let rate = 2.0 * drift * drift * 1e-3 / 60.0;
         let mut expected = [0.0; STATE_COUNT];
         expected[..3].fill(hard_iron * rate);
@@ -906,7 +932,7 @@ fn a_drift_inflates_hard_iron_and_in_a_bank_the_mount() {
         // No inflation within the time after a detected change.
         monitor.post_change_remaining_s = 1.0;
         let before = variances(&monitor);
-        monitor.follow_drift(roll_rad, 1e-3);
+        monitor.inflate_by_drift(roll_rad, 1e-3);
         assert_eq!(variances(&monitor).map(f32::to_bits), before.map(f32::to_bits));
     }
 }
@@ -918,20 +944,21 @@ fn measurement_noise_follows_inclination_and_rotation() {
     let variances = |inclination_rad: f32, pitch_rad_s: f32| {
         let mut flight = Flight::new(0);
         let states = *flight.monitor.filter.mean();
-        let seen = MonitorSample {
+        let monitor_sample = MonitorSample {
             field: Field::<crate::frames::Level>::earth_field(1.0, inclination_rad, 0.0).ut,
             mount_turn_effect: MountTurnEffect::new(&flight.calibration, &Vector3::x()),
             attitude: Attitude::default(),
-            motion: EulerRates { pitch_rad_s, ..EulerRates::default() },
+            euler_rates: EulerRates { pitch_rad_s, ..EulerRates::default() },
         };
-        let model = MeasurementModel::new(&seen, &states, &PredictedField::new(&states, inclination_rad, None));
+        let model =
+            MeasurementModel::new(&monitor_sample, &states, &PredictedField::new(&states, inclination_rad, None));
         let monitored = MonitoredCalibration {
             calibration: &flight.calibration,
             uncertainty: &flight.uncertainty,
             readings_per_sample: 1,
         };
         let [strength, tilt, heading] =
-            flight.monitor.measurement_variances(&monitored, &seen, &model, &Vector3::x(), STEP_S);
+            flight.monitor.measurement_variances(&monitored, &monitor_sample, &model, &Vector3::x(), STEP_S);
         let correlation = flight.monitor.adaptive_noise.unwrap().correlated_noise_factor();
         ([strength - 9e-6, tilt - 9e-6, heading - 1.44e-4], correlation)
     };

@@ -74,7 +74,7 @@ impl AxisCheck {
     const NEW: Self =
         Self { last_ut: f32::NAN, repeat_count: 0, lowest_ut: f32::MAX, highest_ut: f32::MIN, clip_level_ut: None };
 
-    fn check_axis_value(&mut self, ut: f32, stuck_after: u16) -> Option<ReadingFault> {
+    fn check_axis_value(&mut self, ut: f32, equal_readings_until_stuck: u16) -> Option<ReadingFault> {
         // Compares bits, so that NaN equals itself.
         self.repeat_count =
             if ut.to_bits() == self.last_ut.to_bits() { self.repeat_count.saturating_add(1) } else { 1 };
@@ -88,12 +88,12 @@ impl AxisCheck {
         let is_extreme = ut <= self.lowest_ut || ut >= self.highest_ut;
         let has_range = self.highest_ut - self.lowest_ut >= MIN_RANGE_UT;
         // Noise rarely repeats an extreme value: half the count suffices.
-        if is_extreme && has_range && self.repeat_count >= stuck_after / 2 {
+        if is_extreme && has_range && self.repeat_count >= equal_readings_until_stuck / 2 {
             self.clip_level_ut = Some(ut);
         }
         if self.clip_level_ut.is_some_and(|level_ut| level_ut.to_bits() == ut.to_bits()) {
             Some(ReadingFault::Clipped)
-        } else if self.repeat_count >= stuck_after {
+        } else if self.repeat_count >= equal_readings_until_stuck {
             Some(ReadingFault::Stuck)
         } else {
             None
@@ -104,7 +104,7 @@ impl AxisCheck {
 #[derive(Debug)]
 pub(super) struct SensorCheck {
     /// Equal consecutive readings of a stuck axis; `None` for recordings of unknown resolution.
-    stuck_after: Option<u16>,
+    equal_readings_until_stuck: Option<u16>,
     axes: [AxisCheck; 3],
     last_accepted: Option<(Timestamp, Field<Sensor>)>,
     mean_square_step_ut2: f32,
@@ -114,7 +114,7 @@ pub(super) struct SensorCheck {
 impl SensorCheck {
     pub const fn new(config: &InstrumentConfig) -> Self {
         Self {
-            stuck_after: config.stuck_after,
+            equal_readings_until_stuck: config.equal_readings_until_stuck,
             axes: [AxisCheck::NEW; 3],
             last_accepted: None,
             mean_square_step_ut2: INITIAL_RMS_STEP_UT * INITIAL_RMS_STEP_UT,
@@ -135,13 +135,13 @@ impl SensorCheck {
         if self.is_spike(at, reading.field, turning_rad_s) {
             return Some(ReadingFault::Spike);
         }
-        let stuck_after = self.stuck_after?;
+        let equal_readings_until_stuck = self.equal_readings_until_stuck?;
         let [x, y, z] = &mut self.axes;
         let field = reading.field.ut;
         let faults = [
-            x.check_axis_value(field.x, stuck_after),
-            y.check_axis_value(field.y, stuck_after),
-            z.check_axis_value(field.z, stuck_after),
+            x.check_axis_value(field.x, equal_readings_until_stuck),
+            y.check_axis_value(field.y, equal_readings_until_stuck),
+            z.check_axis_value(field.z, equal_readings_until_stuck),
         ];
         faults.into_iter().flatten().next()
     }

@@ -5,21 +5,24 @@ use testkit::random::Random;
 use super::*;
 
 const PERIOD_US: u64 = 12_500;
-const STUCK_AFTER: u16 = 16;
+const EQUAL_READINGS_UNTIL_STUCK: u16 = 16;
 
 fn new_check() -> SensorCheck {
-    SensorCheck::new(&InstrumentConfig { stuck_after: Some(STUCK_AFTER), ..InstrumentConfig::new(PERIOD_US as u32) })
+    SensorCheck::new(&InstrumentConfig {
+        equal_readings_until_stuck: Some(EQUAL_READINGS_UNTIL_STUCK),
+        ..InstrumentConfig::new(PERIOD_US as u32)
+    })
 }
 
 struct Readings {
-    check: SensorCheck,
+    sensor_check: SensorCheck,
     number: u64,
     random: Random,
 }
 
 impl Readings {
     fn new() -> Self {
-        Self { check: new_check(), number: 0, random: Random(1) }
+        Self { sensor_check: new_check(), number: 0, random: Random(1) }
     }
 
     fn check_with_slow_turn(&mut self, field_ut: [f32; 3]) -> Option<ReadingFault> {
@@ -29,11 +32,11 @@ impl Readings {
     fn check_with_turn_rate(&mut self, [x, y, z]: [f32; 3], turning_rad_s: Option<f32>) -> Option<ReadingFault> {
         self.number += 1;
         let reading = Reading { field: Field::from_ut(x, y, z), is_saturated: false, was_overwritten: false };
-        self.check.check_reading(Timestamp::from_us(self.number * PERIOD_US), &reading, turning_rad_s)
+        self.sensor_check.check_reading(Timestamp::from_us(self.number * PERIOD_US), &reading, turning_rad_s)
     }
 
     /// Adds LIS3MDL noise, quantised to its counts.
-    fn noisy(&mut self, field_ut: [f32; 3]) -> [f32; 3] {
+    fn with_noise(&mut self, field_ut: [f32; 3]) -> [f32; 3] {
         let counts = field_ut.map(|ut| ((ut + 0.35 * self.random.normal()) * 68.42).round());
         counts.map(|counts| counts / 68.42)
     }
@@ -41,31 +44,31 @@ impl Readings {
     fn faults_at_rest(&mut self, field_ut: [f32; 3], readings: u32) -> Vec<ReadingFault> {
         (0..readings)
             .filter_map(|_| {
-                let field_ut = self.noisy(field_ut);
+                let field_ut = self.with_noise(field_ut);
                 self.check_with_slow_turn(field_ut)
             })
             .collect()
     }
 }
 
-const PARKED: [f32; 3] = [20.0, -5.0, 40.0];
+const PARKED_FIELD_UT: [f32; 3] = [20.0, -5.0, 40.0];
 
 #[test]
 fn an_axis_that_repeats_is_stuck_at_the_sixteenth_reading() {
     for axis in 0..3 {
         let mut readings = Readings::new();
-        readings.faults_at_rest(PARKED, 100);
-        let stuck_at = PARKED[axis];
+        readings.faults_at_rest(PARKED_FIELD_UT, 100);
+        let stuck_at = PARKED_FIELD_UT[axis];
         let faults: Vec<_> = (0..20)
             .map(|_| {
-                let mut field_ut = readings.noisy(PARKED);
+                let mut field_ut = readings.with_noise(PARKED_FIELD_UT);
                 field_ut[axis] = stuck_at;
                 readings.check_with_slow_turn(field_ut)
             })
             .collect();
         assert_eq!(faults.iter().position(Option::is_some), Some(15), "axis {axis}: {faults:?}");
         assert!(faults[15..].iter().all(|fault| *fault == Some(ReadingFault::Stuck)));
-        assert_eq!(readings.faults_at_rest(PARKED, 10), []);
+        assert_eq!(readings.faults_at_rest(PARKED_FIELD_UT, 10), []);
     }
 }
 
@@ -73,7 +76,7 @@ fn an_axis_that_repeats_is_stuck_at_the_sixteenth_reading() {
 #[test]
 fn a_parked_lis3mdl_is_neither_stuck_nor_spiky() {
     let mut readings = Readings::new();
-    assert_eq!(readings.faults_at_rest(PARKED, 80 * 3600), []);
+    assert_eq!(readings.faults_at_rest(PARKED_FIELD_UT, 80 * 3600), []);
 }
 
 #[test]
@@ -142,15 +145,15 @@ fn a_single_distant_reading_is_a_spike_and_the_next_one_is_accepted() {
     for (height_ut, expected) in [(3.0, None), (8.0, Some(ReadingFault::Spike)), (300.0, Some(ReadingFault::Spike))] {
         for axis in 0..3 {
             let mut readings = Readings::new();
-            assert_eq!(readings.faults_at_rest(PARKED, 500), []);
-            let mut field_ut = readings.noisy(PARKED);
+            assert_eq!(readings.faults_at_rest(PARKED_FIELD_UT, 500), []);
+            let mut field_ut = readings.with_noise(PARKED_FIELD_UT);
             field_ut[axis] += height_ut;
             assert_eq!(readings.check_with_slow_turn(field_ut), expected, "{height_ut}");
-            assert_eq!(readings.faults_at_rest(PARKED, 500), []);
+            assert_eq!(readings.faults_at_rest(PARKED_FIELD_UT, 500), []);
         }
     }
     let mut readings = Readings::new();
-    readings.faults_at_rest(PARKED, 500);
+    readings.faults_at_rest(PARKED_FIELD_UT, 500);
     assert_eq!(readings.check_with_slow_turn([f32::NAN, 0.0, 0.0]), Some(ReadingFault::Spike));
 }
 
@@ -173,7 +176,7 @@ fn the_spike_limit_grows_with_the_turn_rate() {
 #[test]
 fn a_lasting_field_step_is_accepted_at_the_fourth_reading() {
     let mut readings = Readings::new();
-    readings.faults_at_rest(PARKED, 500);
+    readings.faults_at_rest(PARKED_FIELD_UT, 500);
     let field_after_step = [35.0, -5.0, 40.0];
     assert_eq!(readings.faults_at_rest(field_after_step, 3), [ReadingFault::Spike; 3]);
     assert_eq!(readings.faults_at_rest(field_after_step, 500), []);
@@ -195,17 +198,18 @@ fn readings_far_apart_are_not_compared() {
 #[test]
 fn the_spike_limit_adapts_to_noise_within_1_s() {
     let mut readings = Readings::new();
-    readings.faults_at_rest(PARKED, 500);
+    readings.faults_at_rest(PARKED_FIELD_UT, 500);
     let mut spikes = [0; 2];
     for second in &mut spikes {
         for _ in 0..80 {
             let noise = [(); 3].map(|()| 1.75 * readings.random.normal());
-            let field_ut = [PARKED[0] + noise[0], PARKED[1] + noise[1], PARKED[2] + noise[2]];
+            let field_ut =
+                [PARKED_FIELD_UT[0] + noise[0], PARKED_FIELD_UT[1] + noise[1], PARKED_FIELD_UT[2] + noise[2]];
             *second += usize::from(readings.check_with_slow_turn(field_ut).is_some());
         }
     }
     assert!(spikes[0] < 40 && spikes[1] == 0, "{spikes:?}");
     // The spike limit decreases as fast as it grows.
-    readings.faults_at_rest(PARKED, 160);
+    readings.faults_at_rest(PARKED_FIELD_UT, 160);
     assert_eq!(readings.check_with_slow_turn([28.0, -5.0, 40.0]), Some(ReadingFault::Spike));
 }

@@ -21,7 +21,7 @@ pub(super) enum AgreementResult {
 
 /// Agreement test: the exponential mean of the innovation over two seconds must be within 3 sigma. A fast failure of
 /// the gyro is detected earlier, by two consecutive innovations beyond 4 sigma on the same side; if the raw heading is
-/// noisier than its sigma, the scatter of the innovations replaces that. A single outlier is ignored.
+/// noisier than its sigma, the scatter of the innovations replaces the sigma. A single outlier is ignored.
 #[derive(Clone, Debug)]
 pub(super) struct AgreementTest {
     mean_innovation_rad: f32,

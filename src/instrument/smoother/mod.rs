@@ -61,8 +61,9 @@ const GYRO_VARIANCE_PERIOD_US: u64 = 100_000;
 /// Fraction of the raw variance that remains in `noise_variance` at the usual gain.
 const NOMINAL_NOISE_FRACTION: f32 = 0.24;
 
-/// Limits of a raw heading's variance, rad^2: 0.05 deg and 180 deg.
+/// Lower limit of a raw heading's variance, rad^2: a sigma of 0.05 deg.
 const MIN_VARIANCE_RAD2: f32 = square(0.05 * DEG);
+/// Upper limit of a raw heading's variance, rad^2: a sigma of 180 deg.
 const MAX_VARIANCE_RAD2: f32 = square(180.0 * DEG);
 
 /// Normalised innovation beyond which a measurement counts less.
@@ -90,7 +91,7 @@ impl HeadingSmoother {
     pub fn smooth_heading(
         &mut self,
         at: Timestamp,
-        raw: Option<&Heading>,
+        raw_heading: Option<&Heading>,
         gyro_heading: Option<&GyroHeading>,
         gyro: &HeadingRateError,
     ) -> Option<Heading> {
@@ -98,7 +99,7 @@ impl HeadingSmoother {
         if gyro_heading.euler_rates.heading_rad_s.abs() > MAX_TURN_RATE_RAD_S {
             self.state = None;
         }
-        let raw = raw?;
+        let raw = raw_heading?;
         #[expect(clippy::manual_clamp, reason = "what is not a number becomes one here, and would not in a clamp")]
         let variance =
             (square(raw.sigma_rad) - raw.systematic_variance_rad2).max(MIN_VARIANCE_RAD2).min(MAX_VARIANCE_RAD2);

@@ -17,12 +17,15 @@ const STEP_S: f32 = 0.0125;
 type Gyro = fn(f32) -> f32;
 
 /// The monitor's gyro errors after some turns: estimates of zero, a scale sigma of 0.3 % on the z axis.
-fn errors() -> UdFilter<GYRO_ERROR_COUNT> {
+fn gyro_errors() -> UdFilter<GYRO_ERROR_COUNT> {
     UdFilter::new(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.003])
 }
 
-fn level(turning: &GyroHeading) -> HeadingRateError {
-    HeadingRateError::new(&errors(), GyroErrorRows::new(Attitude::default(), &turning.euler_rates).heading_row)
+fn level_rate_error(gyro_heading: &GyroHeading) -> HeadingRateError {
+    HeadingRateError::new(
+        &gyro_errors(),
+        GyroErrorRows::new(Attitude::default(), &gyro_heading.euler_rates).heading_row,
+    )
 }
 
 struct Flight {
@@ -32,21 +35,21 @@ struct Flight {
     step_us: u64,
     heading_rad: f32,
     turned_rad: f32,
-    run: u8,
+    gyro_run: u8,
     gyro: Gyro,
     /// Raw heading: reported sigma, true sigma, correlation time; then the sigma due to coefficients.
     sigma_rad: f32,
     noise_sigma_rad: f32,
-    noise_s: f32,
-    coefficients_rad: f32,
+    noise_correlation_s: f32,
+    coefficient_sigma_rad: f32,
     noise_rad: f32,
 }
 
 struct HeadingPair {
     /// Raw minus true heading, radians.
-    raw_rad: f32,
+    raw_error_rad: f32,
     /// Smoothed minus true heading, and its sigma, radians.
-    smooth: Option<(f32, f32)>,
+    smooth_error_and_sigma: Option<(f32, f32)>,
 }
 
 impl Flight {
@@ -59,59 +62,61 @@ impl Flight {
             step_us: STEP_US,
             heading_rad: 1.0,
             turned_rad: 0.0,
-            run: 1,
+            gyro_run: 1,
             gyro: |rate_rad_s| rate_rad_s,
             sigma_rad: DEG,
             noise_sigma_rad: DEG,
-            noise_s: 0.5,
-            coefficients_rad: 0.0,
+            noise_correlation_s: 0.5,
+            coefficient_sigma_rad: 0.0,
             noise_rad: 0.0,
         }
     }
 
-    fn turning(&self, rate_rad_s: f32) -> GyroHeading {
-        let motion = EulerRates { heading_rad_s: (self.gyro)(rate_rad_s), ..EulerRates::default() };
-        GyroHeading { euler_rates: motion, relative_heading_rad: self.turned_rad, run_number: self.run }
+    fn gyro_heading(&self, rate_rad_s: f32) -> GyroHeading {
+        let euler_rates = EulerRates { heading_rad_s: (self.gyro)(rate_rad_s), ..EulerRates::default() };
+        GyroHeading { euler_rates, relative_heading_rad: self.turned_rad, run_number: self.gyro_run }
     }
 
-    fn raw(&self) -> Heading {
+    fn raw_heading(&self) -> Heading {
         Heading {
             magnetic_rad: wrap_two_pi(self.heading_rad + self.noise_rad),
-            sigma_rad: self.sigma_rad.hypot(self.coefficients_rad),
-            systematic_variance_rad2: square(self.coefficients_rad),
+            sigma_rad: self.sigma_rad.hypot(self.coefficient_sigma_rad),
+            systematic_variance_rad2: square(self.coefficient_sigma_rad),
         }
     }
 
-    fn pass(&mut self, rate_deg_s: f32) -> f32 {
+    fn advance(&mut self, rate_deg_s: f32) -> f32 {
         let step_s = self.step_us as f32 * 1e-6;
         let rate_rad_s = rate_deg_s * DEG;
         self.at_us += self.step_us;
         self.heading_rad = wrap_pi(self.heading_rad + rate_rad_s * step_s);
         self.turned_rad = wrap_pi(self.turned_rad + (self.gyro)(rate_rad_s) * step_s);
-        let decay = (-step_s / self.noise_s).exp();
+        let decay = (-step_s / self.noise_correlation_s).exp();
         self.noise_rad =
             decay * self.noise_rad + (1.0 - decay * decay).sqrt() * self.noise_sigma_rad * self.random.normal();
         rate_rad_s
     }
 
-    fn step(&mut self, rate_deg_s: f32) -> HeadingPair {
-        let rate_rad_s = self.pass(rate_deg_s);
-        let (at, raw, turning) = (Timestamp::from_us(self.at_us), self.raw(), self.turning(rate_rad_s));
-        let smooth = self.smoother.smooth_heading(at, Some(&raw), Some(&turning), &level(&turning));
+    fn smooth_step(&mut self, rate_deg_s: f32) -> HeadingPair {
+        let rate_rad_s = self.advance(rate_deg_s);
+        let (at, raw, gyro_heading) =
+            (Timestamp::from_us(self.at_us), self.raw_heading(), self.gyro_heading(rate_rad_s));
+        let smooth =
+            self.smoother.smooth_heading(at, Some(&raw), Some(&gyro_heading), &level_rate_error(&gyro_heading));
         let error_and_sigma = |smooth: Heading| (wrap_pi(smooth.magnetic_rad - self.heading_rad), smooth.sigma_rad);
-        HeadingPair { raw_rad: self.noise_rad, smooth: smooth.map(error_and_sigma) }
+        HeadingPair { raw_error_rad: self.noise_rad, smooth_error_and_sigma: smooth.map(error_and_sigma) }
     }
 
-    fn fly(&mut self, rate_deg_s: f32, seconds: f32) -> Vec<HeadingPair> {
+    fn fly_seconds(&mut self, rate_deg_s: f32, seconds: f32) -> Vec<HeadingPair> {
         let steps = (seconds * 1e6) as u64 / self.step_us;
-        (0..steps).map(|_| self.step(rate_deg_s)).collect()
+        (0..steps).map(|_| self.smooth_step(rate_deg_s)).collect()
     }
 
     /// Straight flight and turns to both sides, 30 s.
-    fn wander(&mut self) -> Vec<HeadingPair> {
+    fn fly_turns(&mut self) -> Vec<HeadingPair> {
         [(0.0, 8.0), (18.0, 8.0), (0.0, 6.0), (-18.0, 8.0)]
             .into_iter()
-            .flat_map(|(rate_deg_s, seconds)| self.fly(rate_deg_s, seconds))
+            .flat_map(|(rate_deg_s, seconds)| self.fly_seconds(rate_deg_s, seconds))
             .collect()
     }
 }
@@ -121,24 +126,25 @@ fn rms_deg(errors_rad: impl Iterator<Item = f32>) -> f32 {
     (sum / number as f32).sqrt().to_degrees()
 }
 
-fn all_smooth(output: &[HeadingPair]) -> bool {
-    output.iter().all(|output| output.smooth.is_some())
+fn all_smoothed(output: &[HeadingPair]) -> bool {
+    output.iter().all(|output| output.smooth_error_and_sigma.is_some())
 }
 
-fn none_smooth(output: &[HeadingPair]) -> bool {
-    output.iter().all(|output| output.smooth.is_none())
+fn none_smoothed(output: &[HeadingPair]) -> bool {
+    output.iter().all(|output| output.smooth_error_and_sigma.is_none())
 }
 
 /// A filter with 10 s of memory leaves `sqrt(0.5 s / 10 s)` of noise correlated over 0.5 s, about a fifth.
 #[test]
 fn a_smoothed_heading_has_less_error_and_a_correct_sigma() {
     let mut flight = Flight::new();
-    flight.wander();
-    let output: Vec<HeadingPair> = (0..10).flat_map(|_| flight.wander()).collect();
-    assert!(all_smooth(&output));
-    let raw_deg = rms_deg(output.iter().map(|output| output.raw_rad));
-    let smooth_deg = rms_deg(output.iter().filter_map(|output| output.smooth).map(|(rad, _)| rad));
-    let sigma_deg = rms_deg(output.iter().filter_map(|output| output.smooth).map(|(_, sigma_rad)| sigma_rad));
+    flight.fly_turns();
+    let output: Vec<HeadingPair> = (0..10).flat_map(|_| flight.fly_turns()).collect();
+    assert!(all_smoothed(&output));
+    let raw_deg = rms_deg(output.iter().map(|output| output.raw_error_rad));
+    let smooth_deg = rms_deg(output.iter().filter_map(|output| output.smooth_error_and_sigma).map(|(rad, _)| rad));
+    let sigma_deg =
+        rms_deg(output.iter().filter_map(|output| output.smooth_error_and_sigma).map(|(_, sigma_rad)| sigma_rad));
     assert!((raw_deg - 1.0).abs() < 0.1, "{raw_deg}");
     assert!(smooth_deg < 0.4 * raw_deg, "{smooth_deg}");
     assert!(sigma_deg > 0.7 * smooth_deg && sigma_deg < 1.5 * smooth_deg, "{sigma_deg} {smooth_deg}");
@@ -146,13 +152,14 @@ fn a_smoothed_heading_has_less_error_and_a_correct_sigma() {
 
 #[test]
 fn correlated_noise_stays_in_the_smoothed_sigma() {
-    let mut flight = Flight { noise_s: 8.0, ..Flight::new() };
+    let mut flight = Flight { noise_correlation_s: 8.0, ..Flight::new() };
     for _ in 0..6 {
-        flight.wander();
+        flight.fly_turns();
     }
-    let output: Vec<HeadingPair> = (0..40).flat_map(|_| flight.wander()).collect();
-    let smooth_deg = rms_deg(output.iter().filter_map(|output| output.smooth).map(|(rad, _)| rad));
-    let sigma_deg = rms_deg(output.iter().filter_map(|output| output.smooth).map(|(_, sigma_rad)| sigma_rad));
+    let output: Vec<HeadingPair> = (0..40).flat_map(|_| flight.fly_turns()).collect();
+    let smooth_deg = rms_deg(output.iter().filter_map(|output| output.smooth_error_and_sigma).map(|(rad, _)| rad));
+    let sigma_deg =
+        rms_deg(output.iter().filter_map(|output| output.smooth_error_and_sigma).map(|(_, sigma_rad)| sigma_rad));
     assert!(smooth_deg > 0.6, "{smooth_deg}");
     assert!(sigma_deg > 0.4 * smooth_deg && sigma_deg < 1.2, "{sigma_deg} {smooth_deg}");
 }
@@ -160,25 +167,27 @@ fn correlated_noise_stays_in_the_smoothed_sigma() {
 /// Gyro drift of 1 deg/s: the sigma grows with the mean innovation before the test fails.
 #[test]
 fn the_mean_innovation_is_included_in_the_sigma() {
-    let mut flight = Flight { noise_s: 0.001, ..Flight::new() };
+    let mut flight = Flight { noise_correlation_s: 0.001, ..Flight::new() };
     for _ in 0..4 {
-        flight.wander();
+        flight.fly_turns();
     }
     flight.gyro = |rate_rad_s| rate_rad_s + DEG;
-    let output = flight.fly(0.0, 6.0);
-    assert!(output.iter().filter_map(|output| output.smooth).any(|(rad, _)| rad.abs() > 3.0 * DEG));
-    for (rad, sigma_rad) in output.iter().filter_map(|output| output.smooth).filter(|(rad, _)| rad.abs() > 2.5 * DEG) {
+    let output = flight.fly_seconds(0.0, 6.0);
+    assert!(output.iter().filter_map(|output| output.smooth_error_and_sigma).any(|(rad, _)| rad.abs() > 3.0 * DEG));
+    for (rad, sigma_rad) in
+        output.iter().filter_map(|output| output.smooth_error_and_sigma).filter(|(rad, _)| rad.abs() > 2.5 * DEG)
+    {
         assert!(rad.abs() < 4.0 * sigma_rad, "{} {}", rad.to_degrees(), sigma_rad.to_degrees());
     }
-    assert!(none_smooth(&output[output.len() - 40..]));
+    assert!(none_smoothed(&output[output.len() - 40..]));
 }
 
 #[test]
 fn coefficient_variance_is_added_to_the_smoothed_sigma() {
     let sigma_deg = |coefficients_deg: f32| {
-        let mut flight = Flight { coefficients_rad: coefficients_deg * DEG, ..Flight::new() };
-        let output = (0..4).flat_map(|_| flight.wander()).last().unwrap();
-        output.smooth.unwrap().1.to_degrees()
+        let mut flight = Flight { coefficient_sigma_rad: coefficients_deg * DEG, ..Flight::new() };
+        let output = (0..4).flat_map(|_| flight.fly_turns()).last().unwrap();
+        output.smooth_error_and_sigma.unwrap().1.to_degrees()
     };
     let (without, with) = (sigma_deg(0.0), sigma_deg(2.0));
     assert!((with - without.hypot(2.0)).abs() < 1e-3, "{with} {without}");
@@ -189,12 +198,12 @@ fn coefficient_variance_is_added_to_the_smoothed_sigma() {
 fn the_gyro_s_bias_is_found() {
     let mut flight = Flight { gyro: |rate_rad_s| rate_rad_s + 0.3 * DEG, ..Flight::new() };
     for _ in 0..10 {
-        flight.wander();
+        flight.fly_turns();
     }
-    let output: Vec<HeadingPair> = (0..4).flat_map(|_| flight.wander()).collect();
-    assert!(all_smooth(&output));
-    let mean_rad =
-        output.iter().filter_map(|output| output.smooth).map(|(rad, _)| rad).sum::<f32>() / output.len() as f32;
+    let output: Vec<HeadingPair> = (0..4).flat_map(|_| flight.fly_turns()).collect();
+    assert!(all_smoothed(&output));
+    let mean_rad = output.iter().filter_map(|output| output.smooth_error_and_sigma).map(|(rad, _)| rad).sum::<f32>()
+        / output.len() as f32;
     assert!(mean_rad.to_degrees().abs() < 0.15, "{}", mean_rad.to_degrees());
 }
 
@@ -204,21 +213,21 @@ fn the_smoother_equals_a_conventional_kalman_filter() {
     let square = |x: f64| x * x;
     let deg = core::f64::consts::PI / 180.0;
     let mut random = Random(5);
-    let mut turning = GyroHeading::default();
+    let mut gyro_heading = GyroHeading::default();
     let mut at_us = 0_u64;
-    let mut state = SmootherState::new_at(Timestamp::from_us(0), 0.5, square(deg) as f32, &turning);
+    let mut state = SmootherState::new_at(Timestamp::from_us(0), 0.5, square(deg) as f32, &gyro_heading);
     let (mut psi, mut beta) = (0.5_f64, 0.0_f64);
     let mut p = [[square(deg), 0.0], [0.0, square(0.1 * deg)]];
     for i in 0..4000 {
         let step_us = u64::from(random.byte()) * 400 + 5_000;
         let dt = step_us as f64 * 1e-6;
         at_us += step_us;
-        turning.euler_rates.heading_rad_s = random.uniform(-0.4, 0.4);
-        let turned = turning.euler_rates.heading_rad_s * dt as f32;
-        turning.relative_heading_rad = wrap_pi(turning.relative_heading_rad + turned);
-        state.predict_state(Timestamp::from_us(at_us), &turning, &level(&turning)).unwrap();
+        gyro_heading.euler_rates.heading_rad_s = random.uniform(-0.4, 0.4);
+        let turned = gyro_heading.euler_rates.heading_rad_s * dt as f32;
+        gyro_heading.relative_heading_rad = wrap_pi(gyro_heading.relative_heading_rad + turned);
+        state.predict_state(Timestamp::from_us(at_us), &gyro_heading, &level_rate_error(&gyro_heading)).unwrap();
         psi += f64::from(turned) - beta * dt;
-        let rate = f64::from(turning.euler_rates.heading_rad_s);
+        let rate = f64::from(gyro_heading.euler_rates.heading_rad_s);
         let [[a, b], [_, c]] = p;
         let b = b - dt * c;
         p = [[a - 2.0 * dt * p[0][1] + dt * dt * c, b], [b, c + square(0.002 * deg) * dt]];
@@ -256,7 +265,7 @@ fn the_smoother_does_not_degrade_in_a_day() {
         let mut number = 0.0;
         for step in 0..36_000 {
             let rate_deg_s = if step % 600 < 200 { 12.0 } else { 0.0 };
-            let output = flight.step(rate_deg_s);
+            let output = flight.smooth_step(rate_deg_s);
             let state = flight.smoother.state.as_ref().unwrap();
             assert!(
                 state.conditional_heading_variance > 0.0 && state.bias_variance > 0.0 && state.heading_rad.abs() <= PI
@@ -265,7 +274,7 @@ fn the_smoother_does_not_degrade_in_a_day() {
             if step < 3_000 {
                 continue; // Settling after the change of bias.
             }
-            let (rad, sigma_rad) = output.smooth.unwrap();
+            let (rad, sigma_rad) = output.smooth_error_and_sigma.unwrap();
             assert!(sigma_rad > 0.02 * DEG && sigma_rad < 3.1 * DEG, "{}", sigma_rad.to_degrees());
             squares += rad * rad;
             number += 1.0;
@@ -280,8 +289,8 @@ fn the_smoother_does_not_degrade_in_a_day() {
 #[test]
 fn a_raw_sigma_of_zero_counts_as_0_05_deg() {
     let mut flight = Flight { sigma_rad: 0.0, noise_sigma_rad: 0.0, ..Flight::new() };
-    for output in (0..4).flat_map(|_| flight.wander()).skip(400) {
-        let (rad, sigma_rad) = output.smooth.unwrap();
+    for output in (0..4).flat_map(|_| flight.fly_turns()).skip(400) {
+        let (rad, sigma_rad) = output.smooth_error_and_sigma.unwrap();
         assert!(rad.abs() < 0.05 * DEG && sigma_rad > 0.0 && sigma_rad < 0.1 * DEG, "{rad} {sigma_rad}");
     }
 }
@@ -290,12 +299,12 @@ fn a_raw_sigma_of_zero_counts_as_0_05_deg() {
 fn a_lost_smoother_restarts_after_5_s() {
     let mut flight = Flight::new();
     for _ in 0..4 {
-        flight.wander();
+        flight.fly_turns();
     }
     flight.heading_rad = wrap_pi(flight.heading_rad + PI / 2.0);
-    assert!(none_smooth(&flight.fly(18.0, 6.0)[1..]));
-    flight.fly(18.0, 16.0);
-    let (rad, sigma_rad) = flight.step(18.0).smooth.unwrap();
+    assert!(none_smoothed(&flight.fly_seconds(18.0, 6.0)[1..]));
+    flight.fly_seconds(18.0, 16.0);
+    let (rad, sigma_rad) = flight.smooth_step(18.0).smooth_error_and_sigma.unwrap();
     assert!(rad.abs() < 2.0 * DEG && sigma_rad < 0.55 * DEG, "{} {}", rad.to_degrees(), sigma_rad.to_degrees());
 }
 
@@ -303,82 +312,88 @@ fn a_lost_smoother_restarts_after_5_s() {
 fn no_smoothed_heading_before_the_filter_has_settled() {
     let mut flight = Flight::new();
     // The filter starts with the first heading.
-    assert!(none_smooth(&flight.fly(0.0, 2.0)));
-    flight.step(0.0);
-    assert!(all_smooth(&flight.fly(0.0, 1.0)));
+    assert!(none_smoothed(&flight.fly_seconds(0.0, 2.0)));
+    flight.smooth_step(0.0);
+    assert!(all_smoothed(&flight.fly_seconds(0.0, 1.0)));
 }
 
 #[test]
 fn a_gap_is_bridged_by_the_gyro_for_three_seconds() {
     for (gap_s, is_continued) in [(2.9, true), (3.1, false)] {
         let mut flight = Flight::new();
-        flight.wander();
+        flight.fly_turns();
         for _ in 0..(gap_s / STEP_S) as usize {
-            let rate_rad_s = flight.pass(40.0);
+            let rate_rad_s = flight.advance(40.0);
             let at = Timestamp::from_us(flight.at_us);
             assert_eq!(
                 flight.smoother.smooth_heading(
                     at,
                     None,
-                    Some(&flight.turning(rate_rad_s)),
+                    Some(&flight.gyro_heading(rate_rad_s)),
                     &HeadingRateError::ZERO_ERROR
                 ),
                 None,
                 "nothing to tell"
             );
         }
-        let output = flight.step(40.0);
-        assert_eq!(output.smooth.is_some(), is_continued, "{gap_s}");
-        assert!(output.smooth.is_none_or(|(rad, _)| rad.abs() < DEG));
-        let later = flight.fly(0.0, 2.2);
-        assert!(all_smooth(if is_continued { &later } else { &later[later.len() - 10..] }));
+        let output = flight.smooth_step(40.0);
+        assert_eq!(output.smooth_error_and_sigma.is_some(), is_continued, "{gap_s}");
+        assert!(output.smooth_error_and_sigma.is_none_or(|(rad, _)| rad.abs() < DEG));
+        let later = flight.fly_seconds(0.0, 2.2);
+        assert!(all_smoothed(if is_continued { &later } else { &later[later.len() - 10..] }));
     }
 }
 
 #[test]
 fn no_smoothed_heading_without_a_gyro_or_after_a_new_gyro_run() {
     let mut flight = Flight::new();
-    flight.wander();
-    flight.pass(0.0);
+    flight.fly_turns();
+    flight.advance(0.0);
     let at = Timestamp::from_us(flight.at_us);
-    assert_eq!(flight.smoother.smooth_heading(at, Some(&flight.raw()), None, &HeadingRateError::ZERO_ERROR), None);
-    assert!(flight.step(0.0).smooth.is_some(), "it is back within three seconds");
-    (flight.run, flight.turned_rad) = (2, -1.0);
-    assert!(none_smooth(&flight.fly(0.0, 1.9)));
-    assert!(all_smooth(&flight.fly(0.0, 2.0)[20..]));
+    assert_eq!(
+        flight.smoother.smooth_heading(at, Some(&flight.raw_heading()), None, &HeadingRateError::ZERO_ERROR),
+        None
+    );
+    assert!(flight.smooth_step(0.0).smooth_error_and_sigma.is_some(), "it is back within three seconds");
+    (flight.gyro_run, flight.turned_rad) = (2, -1.0);
+    assert!(none_smoothed(&flight.fly_seconds(0.0, 1.9)));
+    assert!(all_smoothed(&flight.fly_seconds(0.0, 2.0)[20..]));
 }
 
 #[test]
 fn turns_faster_than_360_deg_s_are_not_smoothed() {
     for (rate_deg_s, is_output) in [(355.0, true), (365.0, false), (-355.0, true), (-365.0, false)] {
         let mut flight = Flight::new();
-        flight.wander();
-        let output = flight.fly(rate_deg_s, 1.0);
-        assert!(if is_output { all_smooth(&output) } else { none_smooth(&output[1..]) }, "{rate_deg_s}");
+        flight.fly_turns();
+        let output = flight.fly_seconds(rate_deg_s, 1.0);
+        assert!(if is_output { all_smoothed(&output) } else { none_smoothed(&output[1..]) }, "{rate_deg_s}");
     }
 }
 
 #[test]
 fn a_reset_discards_the_smoother_state() {
     let mut flight = Flight::new();
-    flight.wander();
+    flight.fly_turns();
     flight.smoother.reset_filter();
-    assert!(none_smooth(&flight.fly(0.0, 2.0)));
+    assert!(none_smoothed(&flight.fly_seconds(0.0, 2.0)));
 }
 
 #[test]
 fn a_spike_of_the_raw_heading_changes_nothing() {
     let mut flight = Flight::new();
-    flight.wander();
+    flight.fly_turns();
     let at = |flight: &Flight| Timestamp::from_us(flight.at_us);
     for spike_rad in [PI, 0.5, -0.5] {
-        flight.fly(0.0, 3.0);
-        let rate_rad_s = flight.pass(0.0);
-        let raw = Heading { magnetic_rad: wrap_two_pi(flight.heading_rad + spike_rad), ..flight.raw() };
-        let turning = flight.turning(rate_rad_s);
-        let output = flight.smoother.smooth_heading(at(&flight), Some(&raw), Some(&turning), &level(&turning)).unwrap();
+        flight.fly_seconds(0.0, 3.0);
+        let rate_rad_s = flight.advance(0.0);
+        let raw = Heading { magnetic_rad: wrap_two_pi(flight.heading_rad + spike_rad), ..flight.raw_heading() };
+        let gyro_heading = flight.gyro_heading(rate_rad_s);
+        let output = flight
+            .smoother
+            .smooth_heading(at(&flight), Some(&raw), Some(&gyro_heading), &level_rate_error(&gyro_heading))
+            .unwrap();
         assert!(wrap_pi(output.magnetic_rad - flight.heading_rad).abs() < DEG);
-        assert!(all_smooth(&flight.fly(0.0, 1.0)), "{spike_rad}");
+        assert!(all_smoothed(&flight.fly_seconds(0.0, 1.0)), "{spike_rad}");
     }
 }
 
@@ -394,33 +409,37 @@ fn a_wrong_gyro_is_detected_in_the_first_turn() {
     ];
     for (name, gyro) in wrong {
         let mut flight = Flight::new();
-        flight.wander();
+        flight.fly_turns();
         flight.gyro = gyro;
-        let mut turn = flight.fly(0.0, 4.0);
+        let mut turn = flight.fly_seconds(0.0, 4.0);
         for rate in 0..80 {
-            turn.push(flight.step(18.0 * rate as f32 / 80.0));
+            turn.push(flight.smooth_step(18.0 * rate as f32 / 80.0));
         }
-        turn.extend(flight.fly(18.0, 8.0));
-        let worst_rad = turn.iter().filter_map(|output| output.smooth).map(|(rad, _)| rad.abs()).fold(0.0, f32::max);
+        turn.extend(flight.fly_seconds(18.0, 8.0));
+        let worst_rad = turn
+            .iter()
+            .filter_map(|output| output.smooth_error_and_sigma)
+            .map(|(rad, _)| rad.abs())
+            .fold(0.0, f32::max);
         assert!(worst_rad.to_degrees() < 5.5, "{name}: {}", worst_rad.to_degrees());
-        assert!(none_smooth(&turn[turn.len() - 300..]), "{name}");
-        assert!(none_smooth(&flight.fly(0.0, 20.0)), "{name}: nothing has shown that it is right");
+        assert!(none_smoothed(&turn[turn.len() - 300..]), "{name}");
+        assert!(none_smoothed(&flight.fly_seconds(0.0, 20.0)), "{name}: nothing has shown that it is right");
         flight.gyro = |rate_rad_s| rate_rad_s;
-        flight.fly(18.0, 8.0);
-        assert!(all_smooth(&flight.fly(0.0, 2.0)), "{name}");
+        flight.fly_seconds(18.0, 8.0);
+        assert!(all_smoothed(&flight.fly_seconds(0.0, 2.0)), "{name}");
     }
 }
 
 #[test]
 fn noise_above_the_reported_sigma_is_no_contradiction() {
-    let mut flight = Flight { noise_s: 0.001, ..Flight::new() };
-    flight.wander();
+    let mut flight = Flight { noise_correlation_s: 0.001, ..Flight::new() };
+    flight.fly_turns();
     flight.noise_sigma_rad = 5.0 * DEG;
-    flight.wander();
-    let output = flight.wander();
-    let number = output.iter().filter(|output| output.smooth.is_some()).count();
+    flight.fly_turns();
+    let output = flight.fly_turns();
+    let number = output.iter().filter(|output| output.smooth_error_and_sigma.is_some()).count();
     assert!(number > output.len() * 9 / 10, "{number} of {}", output.len());
-    assert!(rms_deg(output.iter().filter_map(|output| output.smooth).map(|(rad, _)| rad)) < 1.0);
+    assert!(rms_deg(output.iter().filter_map(|output| output.smooth_error_and_sigma).map(|(rad, _)| rad)) < 1.0);
 }
 
 #[test]
@@ -430,36 +449,36 @@ fn non_finite_input_is_discarded() {
         ("heading", (|raw, _, bad| raw.magnetic_rad = bad) as fn(&mut Heading, &mut GyroHeading, f32)),
         ("sigma", |raw, _, bad| raw.sigma_rad = bad),
         ("coefficients", |raw, _, bad| raw.systematic_variance_rad2 = bad),
-        ("turned", |_, turning, bad| turning.relative_heading_rad = bad),
-        ("rate", |_, turning, bad| turning.euler_rates.heading_rad_s = bad),
+        ("turned", |_, gyro_heading, bad| gyro_heading.relative_heading_rad = bad),
+        ("rate", |_, gyro_heading, bad| gyro_heading.euler_rates.heading_rad_s = bad),
     ] {
         for bad in bad {
             let mut flight = Flight::new();
-            flight.wander();
+            flight.fly_turns();
             for _ in 0..3 {
-                let rate_rad_s = flight.pass(0.0);
-                let (mut raw, mut turning) = (flight.raw(), flight.turning(rate_rad_s));
-                corrupt(&mut raw, &mut turning, bad);
+                let rate_rad_s = flight.advance(0.0);
+                let (mut raw, mut gyro_heading) = (flight.raw_heading(), flight.gyro_heading(rate_rad_s));
+                corrupt(&mut raw, &mut gyro_heading, bad);
                 flight.smoother.smooth_heading(
                     Timestamp::from_us(flight.at_us),
                     Some(&raw),
-                    Some(&turning),
-                    &level(&turning),
+                    Some(&gyro_heading),
+                    &level_rate_error(&gyro_heading),
                 );
             }
-            flight.wander();
-            flight.wander();
-            let output = flight.wander();
-            assert!(all_smooth(&output), "{input_name} {bad}");
+            flight.fly_turns();
+            flight.fly_turns();
+            let output = flight.fly_turns();
+            assert!(all_smoothed(&output), "{input_name} {bad}");
             assert!(
-                rms_deg(output.iter().filter_map(|output| output.smooth).map(|(rad, _)| rad)) < 1.0,
+                rms_deg(output.iter().filter_map(|output| output.smooth_error_and_sigma).map(|(rad, _)| rad)) < 1.0,
                 "{input_name} {bad}"
             );
         }
     }
 }
 
-mod agreement {
+mod agreement_tests {
     use super::super::agreement::{AgreementResult, AgreementTest};
     use super::{DEG, GyroStep, STEP_S, TAU};
 
@@ -574,12 +593,12 @@ mod agreement {
     }
 }
 
-mod lasting {
+mod residual_noise_tests {
     use super::super::residual_noise::ResidualNoise;
     use super::{Random, STEP_S};
 
     /// Mean fraction estimated from 30 runs of correlated noise.
-    fn share(noise_s: f32) -> f32 {
+    fn mean_remaining_fraction(noise_s: f32) -> f32 {
         let mut random = Random(3);
         let decay = (-STEP_S / noise_s).exp();
         let mut sum = 0.0;
@@ -598,10 +617,10 @@ mod lasting {
     #[test]
     fn the_remaining_fraction_is_that_of_a_5_s_mean() {
         for (noise_s, expected, within) in [(0.01, 0.003, 0.02), (0.5, 0.136, 0.03), (2.0, 0.43, 0.06)] {
-            let found = share(noise_s);
+            let found = mean_remaining_fraction(noise_s);
             assert!((found - expected).abs() < within, "{noise_s}: {found}");
         }
-        assert!(share(30.0) > 0.5, "{}", share(30.0));
+        assert!(mean_remaining_fraction(30.0) > 0.5, "{}", mean_remaining_fraction(30.0));
     }
 
     /// The fraction is limited to 1; half a sigma gives `1.5 * 0.25`.

@@ -4,7 +4,7 @@ use super::*;
 use crate::calibration::MotorCurrentInterference;
 
 /// 0.5 uT/A in total, calibrated at 20 +- 10 A.
-const IRON: MotorCurrentInterference = MotorCurrentInterference {
+const INTERFERENCE_UT_PER_A: MotorCurrentInterference = MotorCurrentInterference {
     ut_per_a: [0.3, 0.0, 0.4],
     sigma_ut_per_a: 0.01,
     mean_current_a: 20.0,
@@ -13,26 +13,26 @@ const IRON: MotorCurrentInterference = MotorCurrentInterference {
 
 const ATTITUDE: Attitude = Attitude { roll_rad: 0.2, pitch_rad: -0.1 };
 
-fn with_interference() -> Instrument {
+fn instrument_with_interference() -> Instrument {
     let mut instrument = instrument();
-    let calibration = Calibration { motor_current: IRON, ..calibration() };
+    let calibration = Calibration { motor_current: INTERFERENCE_UT_PER_A, ..calibration() };
     let calibration = Some((calibration, HeadingUncertainty::NO_UNCERTAINTY));
     instrument.set_correction(Correction { calibration, has_valid_inclination: true, ..Correction::UNCALIBRATED });
     instrument
 }
 
 fn field_with_current(current_a: f32) -> Field<Sensor> {
-    Field::new(sensed(2.0, ATTITUDE).ut + nalgebra::Vector3::from(IRON.ut_per_a) * current_a)
+    Field::new(sensor_field(2.0, ATTITUDE).ut + nalgebra::Vector3::from(INTERFERENCE_UT_PER_A.ut_per_a) * current_a)
 }
 
 /// Two seconds of reports and readings with a current, then 0.5 s of readings without attitude.
-fn fly(instrument: &mut Instrument, current_a: f32) -> [Estimate; 2] {
+fn fly_with_current(instrument: &mut Instrument, current_a: f32) -> [Estimate; 2] {
     let mut last = [Estimate::EMPTY; 2];
     for us in (0..2_500_000).step_by(PERIOD_US as usize) {
         instrument.on_current(at(us), current_a);
         let has_attitude = us < 2_000_000;
         if has_attitude && us % 25_000 == 0 {
-            report(instrument, us, ATTITUDE);
+            report_attitude(instrument, us, ATTITUDE);
         }
         last[usize::from(!has_attitude)] =
             instrument.on_reading(at(us + LATENCY_US), reading(field_with_current(current_a)));
@@ -46,8 +46,8 @@ fn fly(instrument: &mut Instrument, current_a: f32) -> [Estimate; 2] {
 #[test]
 fn at_a_reported_current_the_interference_is_compensated() {
     for current_a in [0.0, 20.0, 40.0] {
-        let [with, without] = fly(&mut with_interference(), current_a);
-        let body = sensed(2.0, ATTITUDE).ut;
+        let [with, without] = fly_with_current(&mut instrument_with_interference(), current_a);
+        let body = sensor_field(2.0, ATTITUDE).ut;
         assert!((with.heading.unwrap().magnetic_rad - 2.0).abs() < 1e-3, "{current_a}: {with:?}");
         assert!((with.body_field.unwrap().ut - body).norm() < 1e-3, "{current_a}: {with:?}");
         assert!((with.compass_field.unwrap().ut - body).norm() < 0.1, "{current_a}: {with:?}");
@@ -62,16 +62,16 @@ fn at_a_reported_current_the_interference_is_compensated() {
 #[test]
 fn a_reported_current_is_valid_for_three_seconds() {
     for (silent_us, current_a) in [(2_999_000, Some(40.0)), (3_001_000, None)] {
-        let mut instrument = with_interference();
+        let mut instrument = instrument_with_interference();
         instrument.on_current(at(0), 40.0);
-        report(&mut instrument, silent_us, ATTITUDE);
+        report_attitude(&mut instrument, silent_us, ATTITUDE);
         let expiry = at(silent_us + LATENCY_US);
         assert_eq!(instrument.current_a(at(silent_us)), current_a);
         assert_eq!(instrument.on_silence(at(silent_us)).current_a, current_a);
         // Without a report only the sigma differs, because the mean current is assumed.
-        let mut with_report = with_interference();
+        let mut with_report = instrument_with_interference();
         with_report.on_current(expiry, 20.0);
-        report(&mut with_report, silent_us, ATTITUDE);
+        report_attitude(&mut with_report, silent_us, ATTITUDE);
         let sigma_rad = |instrument: &mut Instrument| {
             instrument.on_reading(expiry, reading(field_with_current(20.0))).heading.map(|heading| heading.sigma_rad)
         };
@@ -91,9 +91,9 @@ fn samples_keep_their_current() {
         let mut found = Vec::new();
         for us in (0..1_000_000).step_by(PERIOD_US as usize) {
             instrument.on_current(at(us), 16.0);
-            report(&mut instrument, us, ATTITUDE);
-            instrument.on_reading(at(us), reading(SOME));
-            found.extend(samples(&mut instrument));
+            report_attitude(&mut instrument, us, ATTITUDE);
+            instrument.on_reading(at(us), reading(SAMPLE_FIELD));
+            found.extend(take_samples(&mut instrument));
         }
         assert!(found.len() >= 8, "{}", found.len());
         assert!(found.iter().all(|sample| sample.current.amperes() == Some(16.0)), "{sample_attitude:?}");
@@ -109,9 +109,9 @@ fn an_impossible_current_is_ignored() {
             instrument.on_silence(at(1)).current_a
         })
     };
-    assert_eq!(reported_a(&mut with_interference()), [Some(35.0); 3]);
+    assert_eq!(reported_a(&mut instrument_with_interference()), [Some(35.0); 3]);
     assert_eq!(reported_a(&mut instrument()), [Some(35.0), Some(201.0), Some(-201.0)]);
-    let mut instrument = with_interference();
+    let mut instrument = instrument_with_interference();
     instrument.on_current(at(0), 199.0);
     assert_eq!(instrument.on_silence(at(1)).current_a, Some(199.0));
 }

@@ -12,10 +12,10 @@ use testkit::random::Random;
 const PERIOD_US: u64 = 12_500;
 const LATENCY_US: u64 = AttitudeConfig::DEFAULT.latency_us.unsigned_abs() as u64;
 /// Start of the tests' clock, late enough that no time is negative.
-const BEGIN_US: u64 = 1_000_000;
+const START_US: u64 = 1_000_000;
 
 fn at(us: u64) -> Timestamp {
-    Timestamp::from_us(BEGIN_US + us)
+    Timestamp::from_us(START_US + us)
 }
 
 fn instrument() -> Instrument {
@@ -26,7 +26,7 @@ fn calibration() -> Calibration {
     Calibration { inclination_rad: 1.0, total_ut: 50.0, ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) }
 }
 
-fn calibrated() -> Instrument {
+fn calibrated_instrument() -> Instrument {
     let mut instrument = instrument();
     instrument.set_correction(Correction {
         calibration: Some((calibration(), HeadingUncertainty::NO_UNCERTAINTY)),
@@ -36,7 +36,7 @@ fn calibrated() -> Instrument {
 }
 
 /// Sensor field of an aircraft without iron.
-fn sensed(heading_rad: f32, attitude: Attitude) -> Field<Sensor> {
+fn sensor_field(heading_rad: f32, attitude: Attitude) -> Field<Sensor> {
     Field::new(attitude.to_body_frame(Field::earth_field(50.0, 1.0, heading_rad)).ut)
 }
 
@@ -44,12 +44,12 @@ fn reading(field: Field<Sensor>) -> Reading {
     Reading { field, is_saturated: false, was_overwritten: false }
 }
 
-fn saturated(field: Field<Sensor>) -> Reading {
+fn saturated_reading(field: Field<Sensor>) -> Reading {
     Reading { is_saturated: true, ..reading(field) }
 }
 
 /// Reports an attitude that is true at `us`, after the source's latency.
-fn report(instrument: &mut Instrument, us: u64, attitude: Attitude) {
+fn report_attitude(instrument: &mut Instrument, us: u64, attitude: Attitude) {
     let report = AttitudeReport {
         sender: SenderId::default(),
         sender_time: WrappingMillis::default(),
@@ -59,11 +59,11 @@ fn report(instrument: &mut Instrument, us: u64, attitude: Attitude) {
     instrument.on_attitude(at(us + LATENCY_US), report);
 }
 
-fn samples(instrument: &mut Instrument) -> Vec<Sample> {
+fn take_samples(instrument: &mut Instrument) -> Vec<Sample> {
     std::iter::from_fn(|| instrument.next_sample()).collect()
 }
 
-const SOME: Field<Sensor> = Field::from_ut(20.0, -5.0, 40.0);
+const SAMPLE_FIELD: Field<Sensor> = Field::from_ut(20.0, -5.0, 40.0);
 
 #[test]
 fn readings_per_sample_give_about_ten_samples_per_second() {
@@ -93,14 +93,14 @@ fn the_silence_limit_is_eight_periods() {
 
 #[test]
 fn a_calibrated_instrument_with_attitude_gives_heading_and_field() {
-    let mut instrument = calibrated();
+    let mut instrument = calibrated_instrument();
     let attitude = Attitude::from_deg(25.0, -4.0);
-    report(&mut instrument, 0, attitude);
-    let estimate = instrument.on_reading(at(10_000), reading(sensed(2.0, attitude)));
+    report_attitude(&mut instrument, 0, attitude);
+    let estimate = instrument.on_reading(at(10_000), reading(sensor_field(2.0, attitude)));
     assert!((estimate.heading.unwrap().magnetic_rad - 2.0).abs() < 1e-4, "{estimate:?}");
     assert_eq!(estimate.timestamp, at(10_000));
     assert_eq!(estimate.attitude, Some(attitude));
-    assert_eq!(estimate.body_field, Some(calibration().calibrated_field(sensed(2.0, attitude))));
+    assert_eq!(estimate.body_field, Some(calibration().calibrated_field(sensor_field(2.0, attitude))));
 }
 
 /// Latency of +-40 ms at a roll rate of 1 rad/s. Samples keep the reported attitude, so that any calibration can be
@@ -127,16 +127,16 @@ fn latency_is_applied_to_headings_and_not_to_samples() {
                 };
                 instrument.on_attitude(at(us + LATENCY_US), report);
             }
-            let estimate = instrument.on_reading(at(us), reading(sensed(1.0, rolled(us))));
+            let estimate = instrument.on_reading(at(us), reading(sensor_field(1.0, rolled(us))));
             if us >= 100_000 {
                 let roll_rad = estimate.attitude.unwrap().roll_rad;
                 assert!((roll_rad - rolled(us).roll_rad - latency_s).abs() < 1e-3, "{latency_s} {us}: {roll_rad}");
             }
-            found.extend(samples(&mut instrument));
+            found.extend(take_samples(&mut instrument));
         }
         assert!(found.len() >= 3);
         for sample in found {
-            let us = u64::from(sample.time.as_ms()) * 1000 - BEGIN_US;
+            let us = u64::from(sample.time.as_ms()) * 1000 - START_US;
             // Time resolution of a sample: 1 ms.
             assert!((sample.attitude.roll_rad - rolled(us).roll_rad).abs() < 2e-3, "{sample:?}");
             assert_eq!(sample.rates, Rates::from_rad_s([1.0, 0.0, 0.0]));
@@ -149,28 +149,28 @@ fn latency_is_applied_to_headings_and_not_to_samples() {
 
 #[test]
 fn alignment_is_added_to_the_heading_alone() {
-    let mut instrument = calibrated();
-    let correction = Correction { align_deg: -30.0, ..instrument.active.stored_correction.clone() };
+    let mut instrument = calibrated_instrument();
+    let correction = Correction { align_deg: -30.0, ..instrument.active_calibration.stored_correction.clone() };
     instrument.set_correction(correction);
-    report(&mut instrument, 0, Attitude::default());
-    let estimate = instrument.on_reading(at(0), reading(sensed(0.3, Attitude::default())));
+    report_attitude(&mut instrument, 0, Attitude::default());
+    let estimate = instrument.on_reading(at(0), reading(sensor_field(0.3, Attitude::default())));
     let expected_deg = 0.3_f32.to_degrees() - 30.0 + 360.0;
     assert!((estimate.heading.unwrap().magnetic_deg() - expected_deg).abs() < 1e-2, "{estimate:?}");
-    assert_eq!(estimate.body_field, Some(calibration().calibrated_field(sensed(0.3, Attitude::default()))));
+    assert_eq!(estimate.body_field, Some(calibration().calibrated_field(sensor_field(0.3, Attitude::default()))));
 }
 
 #[test]
 fn the_first_reason_for_an_empty_heading_is_reported() {
-    let estimate = instrument().on_reading(at(0), reading(SOME));
+    let estimate = instrument().on_reading(at(0), reading(SAMPLE_FIELD));
     assert_eq!((estimate.heading, estimate.body_field, estimate.attitude), (Err(NoHeading::Uncalibrated), None, None));
     // With a calibration but no attitude the body field is available.
-    let estimate = calibrated().on_reading(at(0), reading(SOME));
+    let estimate = calibrated_instrument().on_reading(at(0), reading(SAMPLE_FIELD));
     assert_eq!(estimate.heading, Err(NoHeading::AttitudeStale));
-    assert_eq!(estimate.body_field, Some(calibration().calibrated_field(SOME)));
-    let estimate = calibrated().on_reading(at(0), saturated(SOME));
+    assert_eq!(estimate.body_field, Some(calibration().calibrated_field(SAMPLE_FIELD)));
+    let estimate = calibrated_instrument().on_reading(at(0), saturated_reading(SAMPLE_FIELD));
     assert_eq!((estimate.heading, estimate.body_field), (Err(NoHeading::SensorSaturated), None));
-    let mut disturbed = calibrated();
-    report(&mut disturbed, 0, Attitude::default());
+    let mut disturbed = calibrated_instrument();
+    report_attitude(&mut disturbed, 0, Attitude::default());
     let estimate = disturbed.on_reading(at(0), reading(Field::from_ut(90.0, 0.0, 0.0)));
     assert_eq!(estimate.heading, Err(NoHeading::FieldDisturbed));
     assert!(estimate.body_field.is_some());
@@ -178,10 +178,10 @@ fn the_first_reason_for_an_empty_heading_is_reported() {
 
 #[test]
 fn a_silent_sensor_still_has_an_attitude() {
-    let mut instrument = calibrated();
+    let mut instrument = calibrated_instrument();
     assert_eq!(instrument.on_silence(at(0)), Estimate { timestamp: at(0), ..Estimate::EMPTY });
     let attitude = Attitude::from_deg(3.0, 2.0);
-    report(&mut instrument, 0, attitude);
+    report_attitude(&mut instrument, 0, attitude);
     let estimate = instrument.on_silence(at(50_000));
     assert_eq!(estimate.heading, Err(NoHeading::SensorSilent));
     assert_eq!((estimate.body_field, estimate.attitude), (None, Some(attitude)));
@@ -189,9 +189,9 @@ fn a_silent_sensor_still_has_an_attitude() {
 
 #[test]
 fn the_heading_ends_200_ms_after_the_last_attitude() {
-    let mut instrument = calibrated();
-    report(&mut instrument, 0, Attitude::default());
-    let field = sensed(1.0, Attitude::default());
+    let mut instrument = calibrated_instrument();
+    report_attitude(&mut instrument, 0, Attitude::default());
+    let field = sensor_field(1.0, Attitude::default());
     assert!(instrument.on_reading(at(200_000), reading(field)).heading.is_ok());
     assert_eq!(instrument.on_reading(at(200_001), reading(field)).heading, Err(NoHeading::AttitudeStale));
 }
@@ -200,15 +200,15 @@ fn the_heading_ends_200_ms_after_the_last_attitude() {
 #[test]
 fn a_sample_waits_for_the_attitude_after_it() {
     let mut instrument = instrument();
-    report(&mut instrument, 0, Attitude::from_deg(0.0, 2.0));
+    report_attitude(&mut instrument, 0, Attitude::from_deg(0.0, 2.0));
     for i in 0..8 {
-        instrument.on_reading(at(i * PERIOD_US), reading(SOME));
-        assert!(samples(&mut instrument).is_empty(), "an attitude that is carried on is not good enough");
+        instrument.on_reading(at(i * PERIOD_US), reading(SAMPLE_FIELD));
+        assert!(take_samples(&mut instrument).is_empty(), "an attitude that is carried on is not good enough");
     }
-    report(&mut instrument, 8 * PERIOD_US, Attitude::from_deg(8.0, 2.0));
-    let [sample] = samples(&mut instrument)[..] else { panic!("one sample") };
+    report_attitude(&mut instrument, 8 * PERIOD_US, Attitude::from_deg(8.0, 2.0));
+    let [sample] = take_samples(&mut instrument)[..] else { panic!("one sample") };
     assert!((sample.attitude.roll_rad.to_degrees() - 3.5).abs() < 1e-3, "{sample:?}");
-    assert_eq!(sample.field, SOME);
+    assert_eq!(sample.field, SAMPLE_FIELD);
     assert_eq!(sample.time, at(7 * PERIOD_US / 2).wrapping_millis());
     assert_eq!(instrument.rejection_counts().unpaired_readings, 0);
 }
@@ -216,13 +216,13 @@ fn a_sample_waits_for_the_attitude_after_it() {
 #[test]
 fn one_report_can_complete_several_samples() {
     let mut instrument = instrument();
-    report(&mut instrument, 0, Attitude::default());
+    report_attitude(&mut instrument, 0, Attitude::default());
     for i in 1..=17 {
-        instrument.on_reading(at(i * PERIOD_US), reading(SOME));
+        instrument.on_reading(at(i * PERIOD_US), reading(SAMPLE_FIELD));
     }
-    assert!(samples(&mut instrument).is_empty());
-    report(&mut instrument, 17 * PERIOD_US, Attitude::default());
-    assert_eq!(samples(&mut instrument).len(), 2);
+    assert!(take_samples(&mut instrument).is_empty());
+    report_attitude(&mut instrument, 17 * PERIOD_US, Attitude::default());
+    assert_eq!(take_samples(&mut instrument).len(), 2);
 }
 
 #[test]
@@ -230,25 +230,26 @@ fn saturated_readings_are_in_no_sample() {
     let mut instrument = instrument();
     let mut made = Vec::new();
     for i in 0..24 {
-        report(&mut instrument, i * PERIOD_US, Attitude::default());
+        report_attitude(&mut instrument, i * PERIOD_US, Attitude::default());
         let wrong = Field::from_ut(900.0, 0.0, 0.0);
         let is_saturated = i % 3 == 2;
-        instrument.on_reading(at(i * PERIOD_US), if is_saturated { saturated(wrong) } else { reading(SOME) });
-        made.extend(samples(&mut instrument));
+        instrument
+            .on_reading(at(i * PERIOD_US), if is_saturated { saturated_reading(wrong) } else { reading(SAMPLE_FIELD) });
+        made.extend(take_samples(&mut instrument));
     }
     assert_eq!(made.len(), 2);
-    assert!(made.iter().all(|sample| (sample.field.ut - SOME.ut).norm() < 1e-4), "{made:?}");
+    assert!(made.iter().all(|sample| (sample.field.ut - SAMPLE_FIELD.ut).norm() < 1e-4), "{made:?}");
 }
 
 #[test]
 fn readings_in_an_attitude_gap_are_counted_and_dropped() {
     let mut instrument = instrument();
-    report(&mut instrument, 0, Attitude::from_deg(30.0, 0.0));
+    report_attitude(&mut instrument, 0, Attitude::from_deg(30.0, 0.0));
     for i in 1..=32 {
-        instrument.on_reading(at(i * PERIOD_US), reading(SOME));
+        instrument.on_reading(at(i * PERIOD_US), reading(SAMPLE_FIELD));
     }
-    report(&mut instrument, 400_000, Attitude::from_deg(30.0, 0.0));
-    assert!(samples(&mut instrument).is_empty());
+    report_attitude(&mut instrument, 400_000, Attitude::from_deg(30.0, 0.0));
+    assert!(take_samples(&mut instrument).is_empty());
     assert_eq!(instrument.rejection_counts().unpaired_readings, 31);
 }
 
@@ -256,12 +257,12 @@ fn readings_in_an_attitude_gap_are_counted_and_dropped() {
 fn readings_wait_for_attitude_up_to_0_3_s() {
     let mut instrument = instrument();
     for (us, unpaired) in [(0, 0), (299_999, 0), (300_000, 1), (599_998, 1), (599_999, 2)] {
-        instrument.on_reading(at(us), reading(SOME));
-        assert!(samples(&mut instrument).is_empty());
+        instrument.on_reading(at(us), reading(SAMPLE_FIELD));
+        assert!(take_samples(&mut instrument).is_empty());
         assert_eq!(instrument.rejection_counts().unpaired_readings, unpaired, "after {us} us");
     }
-    instrument.on_reading(at(899_998), saturated(SOME));
-    assert!(samples(&mut instrument).is_empty());
+    instrument.on_reading(at(899_998), saturated_reading(SAMPLE_FIELD));
+    assert!(take_samples(&mut instrument).is_empty());
     assert_eq!(instrument.rejection_counts().unpaired_readings, 4);
 }
 
@@ -269,14 +270,14 @@ fn readings_wait_for_attitude_up_to_0_3_s() {
 #[test]
 fn readings_dropped_from_a_full_queue_are_counted() {
     let mut instrument = Instrument::new(InstrumentConfig::new(1_000));
-    report(&mut instrument, 0, Attitude::default());
+    report_attitude(&mut instrument, 0, Attitude::default());
     for i in 1..=70 {
-        instrument.on_reading(at(i * 1_000), reading(SOME));
-        assert!(samples(&mut instrument).is_empty());
+        instrument.on_reading(at(i * 1_000), reading(SAMPLE_FIELD));
+        assert!(take_samples(&mut instrument).is_empty());
     }
     assert_eq!(instrument.rejection_counts().unpaired_readings, 6);
-    report(&mut instrument, 70_000, Attitude::default());
-    assert!(samples(&mut instrument).is_empty(), "64 are not yet a sample of 100");
+    report_attitude(&mut instrument, 70_000, Attitude::default());
+    assert!(take_samples(&mut instrument).is_empty(), "64 are not yet a sample of 100");
     assert_eq!(instrument.rejection_counts().unpaired_readings, 6);
 }
 
@@ -288,9 +289,9 @@ fn a_gap_in_the_readings_starts_another_sample() {
         instrument.set_correction(unknown);
         for i in 0..8 {
             let us = i * PERIOD_US + if i < 4 { 0 } else { gap_us - PERIOD_US };
-            instrument.on_reading(at(us), reading(SOME));
+            instrument.on_reading(at(us), reading(SAMPLE_FIELD));
         }
-        assert_eq!(samples(&mut instrument).len(), made, "{gap_us} us");
+        assert_eq!(take_samples(&mut instrument).len(), made, "{gap_us} us");
     }
 }
 
@@ -301,13 +302,13 @@ fn field_only_samples_do_not_wait_for_attitude() {
     instrument.set_correction(unknown.clone());
     let mut made = Vec::new();
     for i in 0..16 {
-        instrument.on_reading(at(i * PERIOD_US), reading(SOME));
-        made.extend(samples(&mut instrument));
+        instrument.on_reading(at(i * PERIOD_US), reading(SAMPLE_FIELD));
+        made.extend(take_samples(&mut instrument));
     }
     assert_eq!(made.len(), 2);
-    assert!(made.iter().all(|sample| sample.attitude == Attitude::default() && sample.field == SOME));
-    instrument.on_reading(at(16 * PERIOD_US), saturated(SOME));
-    assert!(samples(&mut instrument).is_empty());
+    assert!(made.iter().all(|sample| sample.attitude == Attitude::default() && sample.field == SAMPLE_FIELD));
+    instrument.on_reading(at(16 * PERIOD_US), saturated_reading(SAMPLE_FIELD));
+    assert!(take_samples(&mut instrument).is_empty());
 }
 
 #[test]
@@ -316,23 +317,23 @@ fn a_sample_mixes_no_readings_with_and_without_attitude() {
     let unknown = Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::UNCALIBRATED };
     instrument.set_correction(unknown.clone());
     for i in 0..4 {
-        instrument.on_reading(at(i * PERIOD_US), reading(SOME));
-        assert!(samples(&mut instrument).is_empty());
+        instrument.on_reading(at(i * PERIOD_US), reading(SAMPLE_FIELD));
+        assert!(take_samples(&mut instrument).is_empty());
     }
     instrument.set_correction(Correction::UNCALIBRATED);
     for i in 4..8 {
-        report(&mut instrument, i * PERIOD_US, Attitude::from_deg(20.0, 0.0));
-        instrument.on_reading(at(i * PERIOD_US), reading(SOME));
+        report_attitude(&mut instrument, i * PERIOD_US, Attitude::from_deg(20.0, 0.0));
+        instrument.on_reading(at(i * PERIOD_US), reading(SAMPLE_FIELD));
     }
-    assert!(samples(&mut instrument).is_empty());
+    assert!(take_samples(&mut instrument).is_empty());
     // A change of alignment does not restart the averaging run.
     let align = Correction { align_deg: 5.0, ..Correction::UNCALIBRATED };
     instrument.set_correction(align);
     for i in 8..12 {
-        report(&mut instrument, i * PERIOD_US, Attitude::from_deg(20.0, 0.0));
-        instrument.on_reading(at(i * PERIOD_US), reading(SOME));
+        report_attitude(&mut instrument, i * PERIOD_US, Attitude::from_deg(20.0, 0.0));
+        instrument.on_reading(at(i * PERIOD_US), reading(SAMPLE_FIELD));
     }
-    assert_eq!(samples(&mut instrument).len(), 1);
+    assert_eq!(take_samples(&mut instrument).len(), 1);
 }
 
 /// Each row of the recording has field and attitude of one time, and becomes a sample.
@@ -361,7 +362,7 @@ fn a_recording_at_10_hz_passes_unchanged() {
             current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         };
-        assert_eq!(samples(&mut instrument), [sample], "row {row}");
+        assert_eq!(take_samples(&mut instrument), [sample], "row {row}");
     }
 }
 
@@ -374,11 +375,11 @@ fn a_faster_sensor_gives_as_many_samples() {
         let mut reported_us = 0;
         for us in (0..20_000_000_u64).step_by(period_us as usize) {
             while reported_us <= us {
-                report(&mut instrument, reported_us, Attitude::default());
+                report_attitude(&mut instrument, reported_us, Attitude::default());
                 reported_us += 20_000;
             }
-            instrument.on_reading(at(us), reading(SOME));
-            number += samples(&mut instrument).len();
+            instrument.on_reading(at(us), reading(SAMPLE_FIELD));
+            number += take_samples(&mut instrument).len();
         }
         assert!((in_20_s - 2..=in_20_s).contains(&number), "{period_us} us: {number}");
         assert_eq!(instrument.rejection_counts().unpaired_readings, 0);
@@ -389,16 +390,16 @@ fn a_faster_sensor_gives_as_many_samples() {
 fn a_new_sensor_sets_the_period_and_drops_waiting_readings() {
     let mut instrument = instrument();
     for us in [0, 300_000, 300_001] {
-        instrument.on_reading(at(us), reading(SOME));
-        assert!(samples(&mut instrument).is_empty());
+        instrument.on_reading(at(us), reading(SAMPLE_FIELD));
+        assert!(take_samples(&mut instrument).is_empty());
     }
     assert_eq!(instrument.rejection_counts().unpaired_readings, 1);
-    instrument.set_sensor(100_000, None);
+    instrument.set_sensor_parameters(100_000, None);
     assert_eq!(instrument.instrument_config().reading_period_us, 100_000);
-    report(&mut instrument, 400_000, Attitude::default());
-    assert!(samples(&mut instrument).is_empty(), "nothing waits");
-    instrument.on_reading(at(400_000), reading(SOME));
-    assert_eq!(samples(&mut instrument).len(), 1);
+    report_attitude(&mut instrument, 400_000, Attitude::default());
+    assert!(take_samples(&mut instrument).is_empty(), "nothing waits");
+    instrument.on_reading(at(400_000), reading(SAMPLE_FIELD));
+    assert_eq!(take_samples(&mut instrument).len(), 1);
     assert_eq!(instrument.rejection_counts().unpaired_readings, 1);
 }
 
@@ -406,7 +407,7 @@ fn a_new_sensor_sets_the_period_and_drops_waiting_readings() {
 fn no_report_or_reading_panics() {
     let mut random = Random(7);
     let extremes = [0.0, f32::NAN, f32::INFINITY, f32::MAX, -400.0, 1e-30];
-    let mut instrument = calibrated();
+    let mut instrument = calibrated_instrument();
     for _ in 0..5_000 {
         let mut pick = || extremes[random.bits() as usize % extremes.len()];
         let field = Field::from_ut(pick(), pick(), pick());
@@ -422,17 +423,17 @@ fn no_report_or_reading_panics() {
             1 => drop(instrument.on_silence(at)),
             _ => drop(instrument.on_reading(at, reading(field))),
         }
-        let _ = samples(&mut instrument);
+        let _ = take_samples(&mut instrument);
     }
 }
 
 fn monitored_instrument() -> Instrument {
-    let mut instrument = calibrated();
-    instrument.set_sensor(PERIOD_US as u32, Some(16));
+    let mut instrument = calibrated_instrument();
+    instrument.set_sensor_parameters(PERIOD_US as u32, Some(16));
     instrument
 }
 
-fn read_for_second(
+fn process_readings_for_second(
     instrument: &mut Instrument,
     from_us: u64,
     mut field: impl FnMut(u64) -> Field<Sensor>,
@@ -441,23 +442,23 @@ fn read_for_second(
     let estimates = (0..80)
         .map(|i| {
             let us = from_us + i * PERIOD_US;
-            report(instrument, us, Attitude::from_deg(0.01 * i as f32, 0.0));
+            report_attitude(instrument, us, Attitude::from_deg(0.01 * i as f32, 0.0));
             let estimate = instrument.on_reading(at(us + LATENCY_US + 1), reading(field(i)));
-            made.extend(samples(instrument));
+            made.extend(take_samples(instrument));
             estimate
         })
         .collect();
     (estimates, made)
 }
 
-fn reasons(estimates: &[Estimate]) -> Vec<NoHeading> {
+fn empty_reasons(estimates: &[Estimate]) -> Vec<NoHeading> {
     let mut reasons: Vec<_> = estimates.iter().filter_map(|estimate| estimate.heading.err()).collect();
     reasons.dedup();
     reasons
 }
 
-fn noisy(random: &mut Random) -> Field<Sensor> {
-    let sensed = sensed(0.5, Attitude::default()).ut;
+fn noisy_field(random: &mut Random) -> Field<Sensor> {
+    let sensed = sensor_field(0.5, Attitude::default()).ut;
     Field::new(sensed + nalgebra::Vector3::from_fn(|_, _| 0.3 * random.normal()))
 }
 
@@ -465,13 +466,13 @@ fn noisy(random: &mut Random) -> Field<Sensor> {
 fn a_stuck_axis_is_reported_and_makes_no_samples() {
     let mut random = Random(1);
     let mut instrument = monitored_instrument();
-    let (estimates, made) = read_for_second(&mut instrument, 0, |_| noisy(&mut random));
-    assert_eq!((reasons(&estimates), made.len()), (vec![], 9), "the tenth sample waits for a report");
-    let (estimates, made) = read_for_second(&mut instrument, 1_000_000, |_| {
-        let good = noisy(&mut random).ut;
-        Field::from_ut(good.x, sensed(0.5, Attitude::default()).ut.y, good.z)
+    let (estimates, made) = process_readings_for_second(&mut instrument, 0, |_| noisy_field(&mut random));
+    assert_eq!((empty_reasons(&estimates), made.len()), (vec![], 9), "the tenth sample waits for a report");
+    let (estimates, made) = process_readings_for_second(&mut instrument, 1_000_000, |_| {
+        let good = noisy_field(&mut random).ut;
+        Field::from_ut(good.x, sensor_field(0.5, Attitude::default()).ut.y, good.z)
     });
-    assert_eq!(reasons(&estimates), [NoHeading::SensorStuck]);
+    assert_eq!(empty_reasons(&estimates), [NoHeading::SensorStuck]);
     assert!(estimates[15].heading.is_err() && estimates[15].body_field.is_none() && estimates[14].heading.is_ok());
     assert_eq!(instrument.rejection_counts().stuck_readings, 65);
     assert_eq!(made.len(), 2);
@@ -481,17 +482,17 @@ fn a_stuck_axis_is_reported_and_makes_no_samples() {
 fn a_spike_is_reported_and_excluded_from_its_sample() {
     let mut random = Random(2);
     let mut instrument = monitored_instrument();
-    read_for_second(&mut instrument, 0, |_| noisy(&mut random));
-    let (estimates, made) = read_for_second(&mut instrument, 1_000_000, |i| {
-        let good = noisy(&mut random).ut;
+    process_readings_for_second(&mut instrument, 0, |_| noisy_field(&mut random));
+    let (estimates, made) = process_readings_for_second(&mut instrument, 1_000_000, |i| {
+        let good = noisy_field(&mut random).ut;
         Field::from_ut(if i % 20 == 10 { good.x + 40.0 } else { good.x }, good.y, good.z)
     });
-    assert_eq!(reasons(&estimates), [NoHeading::SensorSpike]);
+    assert_eq!(empty_reasons(&estimates), [NoHeading::SensorSpike]);
     assert_eq!(
         (instrument.rejection_counts().spike_readings, instrument.rejection_counts().saturated_readings),
         (4, 0)
     );
-    let true_x = sensed(0.5, Attitude::default()).ut.x;
+    let true_x = sensor_field(0.5, Attitude::default()).ut.x;
     assert!(made.len() >= 8 && made.iter().all(|sample| (sample.field.ut.x - true_x).abs() < 0.6), "{made:?}");
 }
 
@@ -499,15 +500,15 @@ fn a_spike_is_reported_and_excluded_from_its_sample() {
 fn a_clipped_axis_is_reported() {
     let mut random = Random(3);
     let mut instrument = monitored_instrument();
-    read_for_second(&mut instrument, 0, |i| {
-        let good = noisy(&mut random).ut;
+    process_readings_for_second(&mut instrument, 0, |i| {
+        let good = noisy_field(&mut random).ut;
         Field::from_ut((good.x + i as f32 * 0.2).min(30.0), good.y, good.z)
     });
-    let (estimates, _) = read_for_second(&mut instrument, 1_000_000, |_| {
-        let good = noisy(&mut random).ut;
+    let (estimates, _) = process_readings_for_second(&mut instrument, 1_000_000, |_| {
+        let good = noisy_field(&mut random).ut;
         Field::from_ut(30.0, good.y, good.z)
     });
-    assert_eq!(reasons(&estimates), [NoHeading::SensorClipped]);
+    assert_eq!(empty_reasons(&estimates), [NoHeading::SensorClipped]);
     assert!(instrument.rejection_counts().clipped_readings >= 80);
 }
 
@@ -515,16 +516,16 @@ fn a_clipped_axis_is_reported() {
 fn a_frozen_attitude_is_reported_at_the_fifth_equal_report() {
     let mut random = Random(4);
     let mut instrument = monitored_instrument();
-    read_for_second(&mut instrument, 0, |_| noisy(&mut random));
+    process_readings_for_second(&mut instrument, 0, |_| noisy_field(&mut random));
     let estimates: Vec<Estimate> = (0..20)
         .map(|i| {
             let us = 1_000_000 + i * 20_000;
-            report(&mut instrument, us, Attitude::from_deg(3.0, 1.0));
-            instrument.on_reading(at(us + LATENCY_US + 1), reading(noisy(&mut random)))
+            report_attitude(&mut instrument, us, Attitude::from_deg(3.0, 1.0));
+            instrument.on_reading(at(us + LATENCY_US + 1), reading(noisy_field(&mut random)))
         })
         .collect();
     assert_eq!(estimates.iter().position(|estimate| estimate.heading.is_err()), Some(4));
-    assert_eq!(reasons(&estimates), [NoHeading::AttitudeFrozen]);
+    assert_eq!(empty_reasons(&estimates), [NoHeading::AttitudeFrozen]);
     assert!(estimates[4].attitude.is_none() && estimates[4].body_field.is_some());
     assert_eq!(
         instrument.rejection_counts().rejected_reports,
@@ -542,38 +543,40 @@ fn a_coarse_source_is_frozen_when_the_field_turns() {
             .map(|i| {
                 let us = i * PERIOD_US;
                 if i % 2 == 0 {
-                    report(&mut instrument, us, Attitude::from_deg(0.1, 0.0));
+                    report_attitude(&mut instrument, us, Attitude::from_deg(0.1, 0.0));
                 }
                 let seconds = i as f32 / 80.0;
                 let noise = nalgebra::Vector3::from_fn(|_, _| 0.3 * random.normal());
                 let true_attitude = Attitude::from_deg(0.1 + rolls_deg_s * seconds, 0.0);
-                let field = Field::new(sensed(0.5 + turns * seconds, true_attitude).ut + noise);
+                let field = Field::new(sensor_field(0.5 + turns * seconds, true_attitude).ut + noise);
                 instrument.on_reading(at(us + LATENCY_US + 1), reading(field))
             })
             .collect();
-        assert_eq!(reasons(&estimates), expected, "{rolls_deg_s}");
+        assert_eq!(empty_reasons(&estimates), expected, "{rolls_deg_s}");
     }
 }
 
 #[test]
 fn with_unknown_inclination_any_inclination_is_accepted() {
     for (knows_inclination, heading) in [(true, false), (false, true)] {
-        let mut instrument = calibrated();
-        let correction =
-            Correction { has_valid_inclination: knows_inclination, ..instrument.active.stored_correction.clone() };
+        let mut instrument = calibrated_instrument();
+        let correction = Correction {
+            has_valid_inclination: knows_inclination,
+            ..instrument.active_calibration.stored_correction.clone()
+        };
         instrument.set_correction(correction);
-        report(&mut instrument, 0, Attitude::default());
+        report_attitude(&mut instrument, 0, Attitude::default());
         let steep = Field::new(Attitude::default().to_body_frame(Field::earth_field(50.0, 1.4, 0.5)).ut);
         assert_eq!(instrument.on_reading(at(0), reading(steep)).heading.is_ok(), heading);
         let strong = Field::new(steep.ut * 1.3);
-        report(&mut instrument, 900_000, Attitude::default());
+        report_attitude(&mut instrument, 900_000, Attitude::default());
         let disturbed = instrument.on_reading(at(900_000), reading(strong));
         assert_eq!(disturbed.heading, Err(NoHeading::FieldDisturbed));
     }
 }
 
 /// True heading and estimate every 20 ms of a level turn at 20 deg/s from 1 rad, with body rates scaled by a factor.
-fn turning(instrument: &mut Instrument, from_s: f32, seconds: f32, rate_scale: f32) -> Vec<(f32, Estimate)> {
+fn fly_level_turn(instrument: &mut Instrument, from_s: f32, seconds: f32, rate_scale: f32) -> Vec<(f32, Estimate)> {
     let steps = |s: f32| (s * 50.0) as u64;
     (steps(from_s)..steps(from_s + seconds))
         .map(|i| {
@@ -588,7 +591,7 @@ fn turning(instrument: &mut Instrument, from_s: f32, seconds: f32, rate_scale: f
                         .map(|part| rate_scale * 20_f32.to_radians() * part),
                 ),
             };
-            let field = sensed(heading_rad, report.attitude);
+            let field = sensor_field(heading_rad, report.attitude);
             instrument.on_attitude(at(us + LATENCY_US), report);
             (heading_rad, instrument.on_reading(at(us), reading(field)))
         })
@@ -597,28 +600,34 @@ fn turning(instrument: &mut Instrument, from_s: f32, seconds: f32, rate_scale: f
 
 #[test]
 fn a_source_with_rates_gives_a_smooth_heading() {
-    let mut instrument = calibrated();
-    let correction = Correction { align_deg: -30.0, ..instrument.active.stored_correction.clone() };
+    let mut instrument = calibrated_instrument();
+    let correction = Correction { align_deg: -30.0, ..instrument.active_calibration.stored_correction.clone() };
     instrument.set_correction(correction.clone());
-    let first = turning(&mut instrument, 0.0, 2.0, 1.0);
+    let first = fly_level_turn(&mut instrument, 0.0, 2.0, 1.0);
     assert!(first.iter().all(|(_, estimate)| estimate.smoothed_heading.is_none() && estimate.heading.is_ok()));
-    for (heading_rad, estimate) in &turning(&mut instrument, 2.0, 20.0, 1.0)[5..] {
+    for (heading_rad, estimate) in &fly_level_turn(&mut instrument, 2.0, 20.0, 1.0)[5..] {
         let off_rad = wrap_pi(estimate.smoothed_heading.unwrap().magnetic_rad - heading_rad + 30_f32.to_radians());
         assert!(off_rad.to_degrees().abs() < 0.1, "{}", off_rad.to_degrees());
     }
     instrument.set_correction(correction.clone());
-    assert!(turning(&mut instrument, 22.0, 1.0, 1.0).iter().all(|(_, estimate)| estimate.smoothed_heading.is_some()));
+    assert!(
+        fly_level_turn(&mut instrument, 22.0, 1.0, 1.0).iter().all(|(_, estimate)| estimate.smoothed_heading.is_some())
+    );
     instrument.set_correction(Correction { align_deg: -29.5, ..correction });
-    assert!(turning(&mut instrument, 23.0, 1.0, 1.0).iter().all(|(_, estimate)| estimate.smoothed_heading.is_none()));
+    assert!(
+        fly_level_turn(&mut instrument, 23.0, 1.0, 1.0).iter().all(|(_, estimate)| estimate.smoothed_heading.is_none())
+    );
 }
 
 #[test]
 fn no_smoothed_heading_without_rates_or_a_raw_heading() {
-    let mut instrument = calibrated();
-    assert!(turning(&mut instrument, 0.0, 10.0, 0.0).iter().all(|(_, estimate)| estimate.smoothed_heading.is_none()));
-    let mut instrument = calibrated();
-    assert!(turning(&mut instrument, 0.0, 10.0, 1.0).last().unwrap().1.smoothed_heading.is_some());
-    let lost = instrument.on_reading(at(10_000_000), saturated(SOME));
+    let mut instrument = calibrated_instrument();
+    assert!(
+        fly_level_turn(&mut instrument, 0.0, 10.0, 0.0).iter().all(|(_, estimate)| estimate.smoothed_heading.is_none())
+    );
+    let mut instrument = calibrated_instrument();
+    assert!(fly_level_turn(&mut instrument, 0.0, 10.0, 1.0).last().unwrap().1.smoothed_heading.is_some());
+    let lost = instrument.on_reading(at(10_000_000), saturated_reading(SAMPLE_FIELD));
     assert_eq!((lost.heading, lost.smoothed_heading), (Err(NoHeading::SensorSaturated), None));
     assert_eq!(instrument.on_silence(at(10_200_000)).smoothed_heading, None);
 }
@@ -628,9 +637,9 @@ fn no_smoothed_heading_without_rates_or_a_raw_heading() {
 fn ten_reports_with_contradicting_rates_restart_the_monitor() {
     let initial = *Monitor::new(SensorErrorSigmas::DEFAULT).monitor_output();
     for (rate_sign, is_contradicting) in [(1.0, false), (-1.0, true)] {
-        let mut instrument = calibrated();
+        let mut instrument = calibrated_instrument();
         for second in 0..10_u8 {
-            turning(&mut instrument, f32::from(second), 1.0, 1.0);
+            fly_level_turn(&mut instrument, f32::from(second), 1.0, 1.0);
             while instrument.next_sample().is_some() {
                 instrument.update_monitor();
             }
@@ -639,7 +648,7 @@ fn ten_reports_with_contradicting_rates_restart_the_monitor() {
         let mut consecutive = 0;
         for i in 0..500_u16 {
             let t_s = f32::from(i) * 0.02;
-            let before = instrument.attitude_history.rejected_reports().contradicting_rates;
+            let before = instrument.attitude_history.rejected_reports().rate_contradictions;
             let report = AttitudeReport {
                 sender: SenderId::default(),
                 sender_time: WrappingMillis::default(),
@@ -647,7 +656,7 @@ fn ten_reports_with_contradicting_rates_restart_the_monitor() {
                 body_rates: BodyRates::from_rad_s([rate_sign * 10_f32.to_radians() * t_s.cos(), 0.0, 0.0]),
             };
             instrument.on_attitude(at(10_000_000 + u64::from(i) * 20_000 + LATENCY_US), report);
-            let is_rejected = instrument.attitude_history.rejected_reports().contradicting_rates != before;
+            let is_rejected = instrument.attitude_history.rejected_reports().rate_contradictions != before;
             consecutive = if is_rejected { consecutive + 1 } else { 0 };
             assert_eq!(*instrument.monitor.monitor_output() == initial, consecutive >= 10, "{rate_sign} {i}");
         }

@@ -20,20 +20,20 @@ const OUT_X_L: u8 = 0x28;
 /// Address flag: auto-increment in longer transfers.
 const AUTO_INCREMENT: u8 = 0x80;
 /// `STATUS_REG`: new measurement of all axes.
-const ZYXDA: u8 = 0x08;
+const DATA_AVAILABLE_BIT: u8 = 0x08;
 /// `STATUS_REG`: a measurement was overwritten before it was read.
-const ZYXOR: u8 = 0x80;
+const OVERRUN_BIT: u8 = 0x80;
 
 /// Measurement range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lis3mdlRange {
-    /// +-400 uT.
+    /// Range of +-400 uT.
     Gauss4,
-    /// +-800 uT.
+    /// Range of +-800 uT.
     Gauss8,
-    /// +-1200 uT.
+    /// Range of +-1200 uT.
     Gauss12,
-    /// +-1600 uT.
+    /// Range of +-1600 uT.
     Gauss16,
 }
 
@@ -141,19 +141,22 @@ impl<B: I2c> Magnetometer for Lis3mdl<B> {
         let chip = &mut self.chip;
         let status = self
             .polling
-            .wait_for_next(async || chip.read_registers(STATUS_REG).await, |[status]| status & ZYXDA != 0)
+            .wait_for_measurement(
+                async || chip.read_registers(STATUS_REG).await,
+                |[status]| status & DATA_AVAILABLE_BIT != 0,
+            )
             .await?;
         let data = self.read_registers(OUT_X_L).await?;
         Ok(decode_reading(status[0], data, self.config.range))
     }
 
     async fn verify_configuration(&mut self) -> Result<(), MagnetometerError<B::Error>> {
-        chip::check_readback(self.control_registers(), self.read_registers(CTRL_REG1).await?)
+        chip::compare_readback(self.control_registers(), self.read_registers(CTRL_REG1).await?)
     }
 
     /// Noise of 22 counts repeats a value once in eighty readings, a tenth of that noise once in six. Twelve readings
     /// take 0.15 s, less than 3 deg of a turn at 35 deg of bank.
-    fn stuck_reading_count(&self) -> u16 {
+    fn equal_readings_until_stuck(&self) -> u16 {
         12
     }
 
@@ -172,7 +175,7 @@ fn decode_reading(status: u8, data: [u8; 6], range: Lis3mdlRange) -> Reading {
     Reading {
         field: Field::from_ut(x_ut, y_ut, z_ut),
         is_saturated: counts.iter().any(|&count| i32::from(count).abs() > full_scale),
-        was_overwritten: status & ZYXOR != 0,
+        was_overwritten: status & OVERRUN_BIT != 0,
     }
 }
 

@@ -60,7 +60,7 @@ fn every_configuration_bit_is_verified() {
 
 #[test]
 fn twelve_equal_readings_indicate_a_stuck_axis() {
-    assert_eq!(Lis3mdl::new(registers(), Lis3mdlConfig::default()).stuck_reading_count(), 12);
+    assert_eq!(Lis3mdl::new(registers(), Lis3mdlConfig::default()).equal_readings_until_stuck(), 12);
 }
 
 #[test]
@@ -160,7 +160,7 @@ fn counts_become_microtesla_on_the_chips_axes() {
 fn either_end_of_the_range_is_saturation() {
     for (counts, saturated) in [(27_368, false), (27_369, true), (-27_369, true), (i16::MAX, true), (i16::MIN, true)] {
         let [low, high] = counts.to_le_bytes();
-        let reading = decode_reading(ZYXDA, [0, 0, 0, 0, low, high], Lis3mdlRange::Gauss4);
+        let reading = decode_reading(DATA_AVAILABLE_BIT, [0, 0, 0, 0, low, high], Lis3mdlRange::Gauss4);
         assert_eq!(reading.is_saturated, saturated, "{counts}");
     }
 }

@@ -49,7 +49,7 @@ const DATA_READY: u8 = 0x80;
 /// Sensitivity at cycle count 200 (manual, table 3-1).
 const COUNTS_PER_UT: f32 = 75.0;
 /// End of the range, 800 uT.
-const FULL_SCALE: i32 = 60_000;
+const FULL_SCALE_COUNTS: i32 = 60_000;
 
 /// RM3100 on an SPI bus.
 #[derive(Debug)]
@@ -80,7 +80,7 @@ impl<S: SpiDevice> Rm3100<S> {
     async fn wait_for_measurement(&mut self) -> Result<(), MagnetometerError<S::Error>> {
         let chip = &mut self.chip;
         let is_ready = |[status]: &[u8; 1]| status & DATA_READY != 0;
-        self.polling.wait_for_next(async || chip.read_registers(STATUS_REGISTER).await, is_ready).await?;
+        self.polling.wait_for_measurement(async || chip.read_registers(STATUS_REGISTER).await, is_ready).await?;
         Ok(())
     }
 
@@ -129,13 +129,13 @@ impl<S: SpiDevice> Magnetometer for Rm3100<S> {
     /// Verifies all but continuous mode, which a read of `CMM` would end: a chip that left continuous mode sends no
     /// data.
     async fn verify_configuration(&mut self) -> Result<(), MagnetometerError<S::Error>> {
-        chip::check_readback(CYCLE_COUNTS, self.chip.read_registers(CCX1_REGISTER).await?)?;
-        chip::check_readback([RATE_75_HZ], self.chip.read_registers(TMRC_REGISTER).await?)
+        chip::compare_readback(CYCLE_COUNTS, self.chip.read_registers(CCX1_REGISTER).await?)?;
+        chip::compare_readback([RATE_75_HZ], self.chip.read_registers(TMRC_REGISTER).await?)
     }
 
     /// Noise of 1.1 counts repeats the middle value in every third reading, half of that noise in two of three. 48 in a
     /// row then occur every other year.
-    fn stuck_reading_count(&self) -> u16 {
+    fn equal_readings_until_stuck(&self) -> u16 {
         48
     }
 
@@ -152,7 +152,7 @@ fn decode_reading(data: [u8; 9]) -> Reading {
     let [x_ut, y_ut, z_ut] = counts.map(|count| count as f32 / COUNTS_PER_UT);
     Reading {
         field: Field::from_ut(x_ut, y_ut, z_ut),
-        is_saturated: counts.iter().any(|count| count.abs() > FULL_SCALE),
+        is_saturated: counts.iter().any(|count| count.abs() > FULL_SCALE_COUNTS),
         was_overwritten: false,
     }
 }

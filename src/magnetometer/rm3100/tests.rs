@@ -166,7 +166,7 @@ fn noise_at_rest_seldom_resembles_a_stuck_axis() {
     let sigma_counts = 0.5 * 0.015 * 75.0;
     let most_frequent = libm::erf(0.5 / (sigma_counts * core::f64::consts::SQRT_2));
     let readings_a_day = 3.0 * 86_400e6 / f64::from(driver().period_us());
-    let count = f64::from(driver().stuck_reading_count());
+    let count = f64::from(driver().equal_readings_until_stuck());
     let runs_a_day = readings_a_day * most_frequent.powf(count) * (1.0 - most_frequent);
     assert!(runs_a_day < 1.0 / 365.0, "{runs_a_day}");
     assert!(count * 13.333e-3 < 0.7, "a turn is detected within 0.7 s");

@@ -40,23 +40,23 @@ impl AllocationClient {
         &mut self,
         at: Timestamp,
         source: Option<NodeId>,
-        step: Allocation<'_>,
+        allocation: Allocation<'_>,
     ) -> Option<NodeId> {
         self.follow_up = None;
         self.request_at = Some(self.random_time_after(at, REQUEST_DELAY_US));
-        let received = step.unique_id.len();
-        if source.is_none() || received == 0 || !self.unique_id.starts_with(step.unique_id) {
+        let received = allocation.unique_id.len();
+        if source.is_none() || received == 0 || !self.unique_id.starts_with(allocation.unique_id) {
             return None;
         }
         if received == UNIQUE_ID_LENGTH {
-            return step.node;
+            return allocation.node;
         }
         self.follow_up = Some((self.random_time_after(at, FOLLOW_UP_DELAY_US), received));
         None
     }
 
     /// Next message, if due.
-    pub fn next_request(&mut self, now: Timestamp) -> Option<Payload> {
+    pub fn due_request(&mut self, now: Timestamp) -> Option<Payload> {
         if let Some((_, offset)) = self.follow_up.take_if(|(at, _)| *at <= now) {
             let rest = self.unique_id.get(offset..).unwrap_or_default();
             return Some(outbound::allocation_payload(false, rest.get(..MAX_ID_PART_LENGTH).unwrap_or(rest)));

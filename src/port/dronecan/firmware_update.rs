@@ -39,7 +39,7 @@ impl FirmwareUpdate {
         const _: () = assert!(PATH_OFFSET + PATH_LENGTH < BOOT_LOADER_BYTES);
         let mut bytes = [0; BOOT_LOADER_BYTES];
         let fields = BOOT_LOADER_MAGIC.to_le_bytes().into_iter().enumerate();
-        let nodes = [(SERVER_NODE_OFFSET, self.server_node.get()), (OWN_NODE_OFFSET, self.own_node.get())];
+        let nodes = [(SERVER_NODE_OFFSET, self.server_node.number()), (OWN_NODE_OFFSET, self.own_node.number())];
         let path = self.path.iter().copied().enumerate().map(|(at, byte)| (PATH_OFFSET + at, byte));
         for (at, byte) in fields.chain(nodes).chain(path) {
             if let Some(place) = bytes.get_mut(at) {

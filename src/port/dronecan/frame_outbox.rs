@@ -16,7 +16,7 @@ const FRAMES_PER_FIELD: usize = 3;
 const TIMEOUT_US: u64 = 1_000_000;
 
 /// Messages with a counter of transfers.
-const COUNTED_TYPES: [DataType; 5] = [
+const NUMBERED_TYPES: [DataType; 5] = [
     DataType::MAGNETIC_FIELD_STRENGTH_2,
     DataType::NODE_STATUS,
     DataType::LOG_MESSAGE,
@@ -27,13 +27,13 @@ const COUNTED_TYPES: [DataType; 5] = [
 /// Queue of frames; a field is sent before the others, and replaces a waiting one.
 #[derive(Debug, Default)]
 pub(super) struct FrameOutbox {
-    field: heapless::Deque<CanFrame, FRAMES_PER_FIELD>,
+    field_frames: heapless::Deque<CanFrame, FRAMES_PER_FIELD>,
     /// Whether the first frame of the field was sent.
     is_first_field_frame_sent: bool,
-    frames: heapless::Deque<CanFrame, CAPACITY_FRAMES>,
-    transfer_ids: [u8; COUNTED_TYPES.len()],
+    other_frames: heapless::Deque<CanFrame, CAPACITY_FRAMES>,
+    transfer_ids: [u8; NUMBERED_TYPES.len()],
     /// Time of the last sent frame, or of the first frame in an empty queue.
-    progress_at: Timestamp,
+    last_progress_at: Timestamp,
     /// Number of queued transfers; wraps.
     pub transfer_count: u32,
     /// Number of transfers dropped for lack of room or time; wraps.
@@ -44,18 +44,18 @@ impl FrameOutbox {
     /// Queues a transfer; returns whether there was room.
     pub fn queue_transfer(&mut self, now: Timestamp, source: Option<NodeId>, transfer: &OutboundTransfer) -> bool {
         self.start_progress_timeout(now);
-        if self.frames.len() + transfer.frame_count() > CAPACITY_FRAMES {
+        if self.other_frames.len() + transfer.frame_count() > CAPACITY_FRAMES {
             return false;
         }
         for frame in transfer.frames(source) {
-            let _ = self.frames.push_back(frame);
+            let _ = self.other_frames.push_back(frame);
         }
         self.transfer_count = self.transfer_count.wrapping_add(1);
         true
     }
 
     /// Queues a message; returns whether there was room.
-    pub fn send_message(
+    pub fn queue_message(
         &mut self,
         now: Timestamp,
         source: Option<NodeId>,
@@ -77,14 +77,14 @@ impl FrameOutbox {
     }
 
     /// Queues a field, in place of one of which no frame was sent.
-    pub fn send_field(&mut self, now: Timestamp, source: NodeId, priority: u8, payload: Payload) {
+    pub fn queue_field(&mut self, now: Timestamp, source: NodeId, priority: u8, payload: Payload) {
         self.start_progress_timeout(now);
-        if !self.field.is_empty() {
+        if !self.field_frames.is_empty() {
             self.lost_transfers = self.lost_transfers.wrapping_add(1);
             if self.is_first_field_frame_sent {
                 return;
             }
-            self.field.clear();
+            self.field_frames.clear();
         }
         let data_type = DataType::MAGNETIC_FIELD_STRENGTH_2;
         let transfer_id = self.transfer_id(data_type);
@@ -92,7 +92,7 @@ impl FrameOutbox {
         for frame in
             (OutboundTransfer { data_type, priority, transfer_kind: kind, transfer_id, payload }).frames(Some(source))
         {
-            let _ = self.field.push_back(frame);
+            let _ = self.field_frames.push_back(frame);
         }
         self.is_first_field_frame_sent = false;
         self.transfer_count = self.transfer_count.wrapping_add(1);
@@ -101,21 +101,21 @@ impl FrameOutbox {
 
     /// Next frame to send.
     pub fn first_frame(&self) -> Option<&CanFrame> {
-        self.field.front().or_else(|| self.frames.front())
+        self.field_frames.front().or_else(|| self.other_frames.front())
     }
 
     /// Removes the next frame after it was sent.
     pub fn pop_frame(&mut self, now: Timestamp) {
-        self.progress_at = now;
-        self.is_first_field_frame_sent = self.field.pop_front().is_some() || {
-            self.frames.pop_front();
+        self.last_progress_at = now;
+        self.is_first_field_frame_sent = self.field_frames.pop_front().is_some() || {
+            self.other_frames.pop_front();
             false
         };
     }
 
     /// Drops the frames that the bus did not accept in time.
     pub fn drop_expired_frames(&mut self, now: Timestamp) {
-        if self.first_frame().is_some() && now.us_since(self.progress_at) > TIMEOUT_US {
+        if self.first_frame().is_some() && now.us_since(self.last_progress_at) > TIMEOUT_US {
             self.clear();
             self.lost_transfers = self.lost_transfers.wrapping_add(1);
         }
@@ -123,23 +123,23 @@ impl FrameOutbox {
 
     /// Drops all frames.
     pub fn clear(&mut self) {
-        self.field.clear();
-        self.frames.clear();
+        self.field_frames.clear();
+        self.other_frames.clear();
     }
 
     /// Whether a text fits.
     pub fn has_room_for_text(&self) -> bool {
-        self.frames.len() + MAX_FRAMES_PER_TEXT <= CAPACITY_FRAMES
+        self.other_frames.len() + MAX_FRAMES_PER_TEXT <= CAPACITY_FRAMES
     }
 
     fn start_progress_timeout(&mut self, now: Timestamp) {
         if self.first_frame().is_none() {
-            self.progress_at = now;
+            self.last_progress_at = now;
         }
     }
 
     fn transfer_id(&self, data_type: DataType) -> u8 {
-        COUNTED_TYPES
+        NUMBERED_TYPES
             .iter()
             .zip(&self.transfer_ids)
             .find(|(counted, _)| **counted == data_type)
@@ -147,7 +147,7 @@ impl FrameOutbox {
     }
 
     fn next_transfer_id(&mut self, data_type: DataType) {
-        for (counted, id) in COUNTED_TYPES.iter().zip(&mut self.transfer_ids) {
+        for (counted, id) in NUMBERED_TYPES.iter().zip(&mut self.transfer_ids) {
             if *counted == data_type {
                 *id = (*id + 1) & TRANSFER_ID_MASK;
             }

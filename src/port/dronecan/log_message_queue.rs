@@ -18,7 +18,7 @@ const LOG_SOURCE: &str = "autoswing";
 const QUEUE_CAPACITY: usize = 3;
 
 /// Rate at which the pieces of texts are sent, Hz.
-const PIECE_RATE_HZ: u8 = 10;
+const LOG_MESSAGE_HZ: u8 = 10;
 
 /// Time after which a state that lasts is reported, microseconds.
 const MIN_STATE_DURATION_US: u64 = 2_000_000;
@@ -28,7 +28,7 @@ struct QueuedText {
     level: LogLevel,
     characters: BoundedText,
     /// Number of bytes of the text already sent.
-    sent: usize,
+    sent_bytes: usize,
 }
 
 /// State that is reported when it changes.
@@ -36,17 +36,17 @@ struct QueuedText {
 struct LoggedState {
     activity: &'static str,
     /// Reason why no field is sent.
-    withheld: Option<NoHeading>,
+    no_field_reason: Option<NoHeading>,
 }
 
 /// Queue of texts.
 #[derive(Debug, Default)]
 pub(super) struct LogMessageQueue {
-    waiting: heapless::Deque<QueuedText, QUEUE_CAPACITY>,
+    queued_texts: heapless::Deque<QueuedText, QUEUE_CAPACITY>,
     schedule: MessageSchedule,
-    logged: Option<LoggedState>,
+    last_logged_state: Option<LoggedState>,
     /// State that differs from the last reported one, and since when.
-    candidate: Option<(LoggedState, Timestamp)>,
+    pending_state: Option<(LoggedState, Timestamp)>,
 }
 
 impl LogMessageQueue {
@@ -68,19 +68,19 @@ impl LogMessageQueue {
                 IndicatorState::Calibrated => "calibrated",
                 IndicatorState::Refused => "calibration refused",
             },
-            withheld: snapshot.estimate.heading.err().filter(|_| snapshot.estimate.compass_field.is_none()),
+            no_field_reason: snapshot.estimate.heading.err().filter(|_| snapshot.estimate.compass_field.is_none()),
         };
-        if self.logged == Some(state) {
-            self.candidate = None;
+        if self.last_logged_state == Some(state) {
+            self.pending_state = None;
             return;
         }
-        let since = self.candidate.filter(|(candidate, _)| *candidate == state).map_or(snapshot.now, |(_, at)| at);
-        self.candidate = Some((state, since));
+        let since = self.pending_state.filter(|(candidate, _)| *candidate == state).map_or(snapshot.now, |(_, at)| at);
+        self.pending_state = Some((state, since));
         if snapshot.now.us_since(since) < MIN_STATE_DURATION_US {
             return;
         }
-        (self.logged, self.candidate) = (Some(state), None);
-        match state.withheld {
+        (self.last_logged_state, self.pending_state) = (Some(state), None);
+        match state.no_field_reason {
             None => self.queue_text(LogLevel::Info, format_args!("{}", state.activity)),
             Some(reason) => {
                 self.queue_text(
@@ -94,24 +94,24 @@ impl LogMessageQueue {
     fn queue_text(&mut self, level: LogLevel, text: core::fmt::Arguments<'_>) {
         let mut characters = BoundedText::default();
         let _ = characters.write_fmt(text);
-        if self.waiting.is_full() {
-            self.waiting.pop_front();
+        if self.queued_texts.is_full() {
+            self.queued_texts.pop_front();
         }
-        let _ = self.waiting.push_back(QueuedText { level, characters, sent: 0 });
+        let _ = self.queued_texts.push_back(QueuedText { level, characters, sent_bytes: 0 });
     }
 
     /// Next piece of a text, if due. A longer text is continued in the next message.
-    pub fn next_piece(&mut self, now: Timestamp) -> Option<Payload> {
-        let text = self.waiting.front_mut()?;
-        if !self.schedule.is_due(now, PIECE_RATE_HZ) {
+    pub fn next_log_message(&mut self, now: Timestamp) -> Option<Payload> {
+        let text = self.queued_texts.front_mut()?;
+        if !self.schedule.is_due(now, LOG_MESSAGE_HZ) {
             return None;
         }
-        let rest = text.characters.bytes().get(text.sent..).unwrap_or_default();
+        let rest = text.characters.bytes().get(text.sent_bytes..).unwrap_or_default();
         let piece = rest.get(..LOG_TEXT_LENGTH).unwrap_or(rest);
         let payload = log_message(text.level, LOG_SOURCE, piece);
-        text.sent += piece.len();
+        text.sent_bytes += piece.len();
         if piece.len() == rest.len() {
-            self.waiting.pop_front();
+            self.queued_texts.pop_front();
         }
         Some(payload)
     }

@@ -99,16 +99,16 @@ pub struct CanNode {
     receiver: Receiver,
     outbox: FrameOutbox,
     services: Services,
-    status: StatusMonitor,
+    status_monitor: StatusMonitor,
     vehicle_reports: VehicleReports,
-    log: LogMessageQueue,
+    log_messages: LogMessageQueue,
     tunnel: Tunnel,
-    field: MessageSchedule,
+    field_schedule: MessageSchedule,
     status_schedule: MessageSchedule,
     /// Time of the last frame of another node with this number.
-    conflict_at: Option<Timestamp>,
-    frames: BusCounts,
-    received_transfers: u32,
+    last_conflict_at: Option<Timestamp>,
+    frame_counts: BusCounts,
+    received_transfer_count: u32,
 }
 
 impl CanNode {
@@ -123,15 +123,15 @@ impl CanNode {
             receiver: Receiver::new(),
             outbox: FrameOutbox::default(),
             services: Services::default(),
-            status: StatusMonitor::default(),
+            status_monitor: StatusMonitor::default(),
             vehicle_reports: VehicleReports::default(),
-            log: LogMessageQueue::default(),
+            log_messages: LogMessageQueue::default(),
             tunnel: Tunnel::default(),
-            field: MessageSchedule::new(),
+            field_schedule: MessageSchedule::new(),
             status_schedule: MessageSchedule::new(),
-            conflict_at: None,
-            frames: BusCounts::default(),
-            received_transfers: 0,
+            last_conflict_at: None,
+            frame_counts: BusCounts::default(),
+            received_transfer_count: 0,
         }
     }
 
@@ -148,19 +148,21 @@ impl CanNode {
 
     /// Processes a frame; passes on the messages that it completes. A request is answered by [`poll`](Self::poll).
     pub fn receive_frame(&mut self, at: Timestamp, frame: &CanFrame, deliver: &mut dyn FnMut(ReceivedMessage)) {
-        self.frames.received_frames = self.frames.received_frames.wrapping_add(1);
+        self.frame_counts.received_frames = self.frame_counts.received_frames.wrapping_add(1);
         let own = self.node_id();
         let header = FrameHeader::from_id(frame.frame_id());
         if own.is_some() && header.and_then(|header| header.source_node) == own {
-            self.on_conflict(at);
+            self.on_number_conflict(at);
             return;
         }
-        if self.is_safe_mode && !header.is_some_and(|header| SAFE_MODE_TYPES.iter().any(|known| known.is_of(header))) {
+        if self.is_safe_mode
+            && !header.is_some_and(|header| SAFE_MODE_TYPES.iter().any(|known| known.matches_header(header)))
+        {
             return;
         }
         let Self { receiver, services, vehicle_reports, tunnel, allocation, .. } = self;
         let Some(transfer) = receiver.push_frame(at, own, frame) else { return };
-        self.received_transfers = self.received_transfers.wrapping_add(1);
+        self.received_transfer_count = self.received_transfer_count.wrapping_add(1);
         let InboundTransfer { source_node: source, message, .. } = transfer;
         match (message, own, source) {
             (InboundMessage::Allocation(step), None, _) => {
@@ -168,7 +170,7 @@ impl CanNode {
                     self.address = NodeAddress::Allocated(number);
                 }
             }
-            (InboundMessage::Targetted(piece), Some(own), _) if piece.target == own.get() => {
+            (InboundMessage::Targetted(piece), Some(own), _) if piece.target == own.number() => {
                 let has_battery = vehicle_reports.has_battery(at);
                 tunnel.receive_targetted(at, &transfer, &piece, &mut |message| match message {
                     ReceivedMessage::Current(_) if has_battery => {}
@@ -199,25 +201,25 @@ impl CanNode {
     pub fn poll(&mut self, context: &NodeContext<'_>) -> Option<Command> {
         let NodeContext { snapshot, .. } = context;
         let now = snapshot.now;
-        self.status.update_conditions(snapshot);
+        self.status_monitor.update_sensor_silence(snapshot);
         if !self.is_safe_mode {
-            self.log.queue_changes(snapshot);
+            self.log_messages.queue_changes(snapshot);
         }
         self.outbox.drop_expired_frames(now);
-        if self.frames.received_frames == 0 {
+        if self.frame_counts.received_frames == 0 {
             return None;
         }
         let Some(own) = self.node_id() else {
-            if let Some(payload) = self.allocation.next_request(now) {
-                self.outbox.send_message(now, None, DataType::ALLOCATION, priority::LOW_PRIORITY, payload);
+            if let Some(payload) = self.allocation.due_request(now) {
+                self.outbox.queue_message(now, None, DataType::ALLOCATION, priority::LOW_PRIORITY, payload);
             }
             return None;
         };
-        self.send_field(own, snapshot);
-        self.send_status(own, snapshot);
+        self.queue_field(own, snapshot);
+        self.queue_status(own, snapshot);
         let command = self.answer_requests(own, context);
-        self.send_tunnel(own, snapshot);
-        self.send_log(own, now);
+        self.queue_tunnel_bytes(own, snapshot);
+        self.queue_log_message(own, now);
         command
     }
 
@@ -236,7 +238,7 @@ impl CanNode {
 
     /// Queues a message for people.
     pub fn queue_text(&mut self, message: &Notice) {
-        self.log.push_message(message);
+        self.log_messages.push_message(message);
         self.tunnel.mavlink.queue_text(message);
     }
 
@@ -262,14 +264,14 @@ impl CanNode {
 
     /// Frame to send next.
     #[must_use]
-    pub fn next_frame(&self) -> Option<&CanFrame> {
+    pub fn frame_to_send(&self) -> Option<&CanFrame> {
         self.outbox.first_frame()
     }
 
     /// Removes the frame after it was sent.
-    pub fn frame_sent(&mut self, now: Timestamp) {
+    pub fn on_frame_sent(&mut self, now: Timestamp) {
         self.outbox.pop_frame(now);
-        self.frames.sent_frames = self.frames.sent_frames.wrapping_add(1);
+        self.frame_counts.sent_frames = self.frame_counts.sent_frames.wrapping_add(1);
     }
 
     /// Whether a request waits for [`poll`](Self::poll).
@@ -280,13 +282,13 @@ impl CanNode {
 
     /// Counts errors of the bus.
     pub const fn add_bus_errors(&mut self, count: u32) {
-        self.frames.bus_errors = self.frames.bus_errors.wrapping_add(count);
+        self.frame_counts.bus_errors = self.frame_counts.bus_errors.wrapping_add(count);
     }
 
     /// State of the node for status reports.
     #[must_use]
     pub fn can_state(&self, now: Timestamp) -> CanState {
-        CanState { node: self.node_id(), has_conflict: self.has_conflict(now), frame_counts: self.frames }
+        CanState { node: self.node_id(), has_conflict: self.has_number_conflict(now), frame_counts: self.frame_counts }
     }
 
     const fn node_id(&self) -> Option<NodeId> {
@@ -298,36 +300,38 @@ impl CanNode {
 
     /// Handles another node with this number: a configured number stays, but no field is sent; instead of an allocated
     /// one another is requested.
-    fn on_conflict(&mut self, at: Timestamp) {
-        self.conflict_at = Some(at);
+    fn on_number_conflict(&mut self, at: Timestamp) {
+        self.last_conflict_at = Some(at);
         if let NodeAddress::Allocated(_) = self.address {
             self.address = NodeAddress::Unallocated;
             self.outbox.clear();
         }
     }
 
-    fn has_conflict(&self, now: Timestamp) -> bool {
-        self.conflict_at.is_some_and(|at| now.us_since(at) <= NODE_CONFLICT_HOLD_US)
+    fn has_number_conflict(&self, now: Timestamp) -> bool {
+        self.last_conflict_at.is_some_and(|at| now.us_since(at) <= NODE_CONFLICT_HOLD_US)
     }
 
-    fn send_field(&mut self, own: NodeId, snapshot: &Snapshot<'_>) {
+    fn queue_field(&mut self, own_node: NodeId, snapshot: &Snapshot<'_>) {
         let CanSettings { rate_hz, sends_covariance, .. } = snapshot.settings.can;
-        let Some(field) = snapshot.estimate.compass_field.filter(|_| !self.has_conflict(snapshot.now)) else { return };
-        if field.ut.iter().all(|ut| ut.is_finite()) && self.field.is_due(snapshot.now, rate_hz) {
+        let Some(field) = snapshot.estimate.compass_field.filter(|_| !self.has_number_conflict(snapshot.now)) else {
+            return;
+        };
+        if field.ut.iter().all(|ut| ut.is_finite()) && self.field_schedule.is_due(snapshot.now, rate_hz) {
             let variances =
                 if sends_covariance { variance_gauss2(snapshot.estimate, field).map(|axis| [axis; 3]) } else { None };
             let gauss = [field.ut.x, field.ut.y, field.ut.z].map(|ut| ut / UT_PER_GAUSS);
             let payload = outbound::magnetic_field(SENSOR_NUMBER, gauss, variances);
-            self.outbox.send_field(snapshot.now, own, priority::LOW_PRIORITY, payload);
+            self.outbox.queue_field(snapshot.now, own_node, priority::LOW_PRIORITY, payload);
         }
     }
 
-    fn send_status(&mut self, own: NodeId, snapshot: &Snapshot<'_>) {
+    fn queue_status(&mut self, own_node: NodeId, snapshot: &Snapshot<'_>) {
         if self.status_schedule.is_due(snapshot.now, STATUS_HZ) {
             let status = self.node_status(snapshot);
-            self.outbox.send_message(
+            self.outbox.queue_message(
                 snapshot.now,
-                Some(own),
+                Some(own_node),
                 DataType::NODE_STATUS,
                 priority::LOW_PRIORITY,
                 status.payload(),
@@ -336,10 +340,14 @@ impl CanNode {
     }
 
     fn node_status(&self, snapshot: &Snapshot<'_>) -> outbound::NodeStatus {
-        self.status.node_status(snapshot, self.services.is_updating(), self.has_conflict(snapshot.now))
+        self.status_monitor.status_message(
+            snapshot,
+            self.services.is_updating(),
+            self.has_number_conflict(snapshot.now),
+        )
     }
 
-    fn answer_requests(&mut self, own: NodeId, context: &NodeContext<'_>) -> Option<Command> {
+    fn answer_requests(&mut self, own_node: NodeId, context: &NodeContext<'_>) -> Option<Command> {
         let NodeContext { snapshot, stored_settings, is_armed } = context;
         if self.services.is_idle() {
             return None;
@@ -347,18 +355,18 @@ impl CanNode {
         let status = self.node_status(snapshot);
         let transfers = BusCounts {
             sent_frames: self.outbox.transfer_count,
-            received_frames: self.received_transfers,
-            bus_errors: self.receiver.rejected.wrapping_add(self.outbox.lost_transfers),
+            received_frames: self.received_transfer_count,
+            bus_errors: self.receiver.rejected_count.wrapping_add(self.outbox.lost_transfers),
         };
-        let Self { info, services, outbox, frames, .. } = self;
+        let Self { info, services, outbox, frame_counts: frames, .. } = self;
         let describe = |data_type| match data_type {
             DataType::GET_NODE_INFO => info.payload(status),
             _ => outbound::transport_stats(transfers, *frames),
         };
         loop {
-            match services.next_decision(snapshot.now, stored_settings, *is_armed, describe) {
+            match services.next_request_step(snapshot.now, stored_settings, *is_armed, describe) {
                 RequestStep::Execute(command) => return Some(command),
-                RequestStep::Respond(response) if outbox.queue_transfer(snapshot.now, Some(own), &response) => {
+                RequestStep::Respond(response) if outbox.queue_transfer(snapshot.now, Some(own_node), &response) => {
                     services.pop_response();
                 }
                 // If the queue is full, the response is made again later.
@@ -367,12 +375,12 @@ impl CanNode {
         }
     }
 
-    fn send_tunnel(&mut self, own: NodeId, snapshot: &Snapshot<'_>) {
+    fn queue_tunnel_bytes(&mut self, own_node: NodeId, snapshot: &Snapshot<'_>) {
         self.tunnel.poll(snapshot);
-        if let Some((payload, length)) = self.tunnel.next_piece()
-            && self.outbox.send_message(
+        if let Some((payload, length)) = self.tunnel.next_targetted()
+            && self.outbox.queue_message(
                 snapshot.now,
-                Some(own),
+                Some(own_node),
                 DataType::TARGETTED,
                 priority::MEDIUM_PRIORITY,
                 payload,
@@ -382,11 +390,11 @@ impl CanNode {
         }
     }
 
-    fn send_log(&mut self, own: NodeId, now: Timestamp) {
+    fn queue_log_message(&mut self, own_node: NodeId, now: Timestamp) {
         if self.outbox.has_room_for_text()
-            && let Some(payload) = self.log.next_piece(now)
+            && let Some(payload) = self.log_messages.next_log_message(now)
         {
-            self.outbox.send_message(now, Some(own), DataType::LOG_MESSAGE, priority::LOW_PRIORITY, payload);
+            self.outbox.queue_message(now, Some(own_node), DataType::LOG_MESSAGE, priority::LOW_PRIORITY, payload);
         }
     }
 }

@@ -55,13 +55,13 @@ enum UpdateRequest {
     /// The board has no boot loader for updates over the bus.
     Unsupported,
     /// Another request for an update waits or is executed.
-    Second,
+    AlreadyPending,
 }
 
 /// Command in execution for a requester.
 #[derive(Clone, Copy, Debug)]
-struct OpenCommand {
-    at: Timestamp,
+struct RunningCommand {
+    started_at: Timestamp,
     command: Command,
     requester: Requester,
     request: ServiceRequest,
@@ -81,14 +81,14 @@ pub(super) enum RequestStep {
 #[derive(Debug, Default)]
 pub(super) struct Services {
     refuses_updates: bool,
-    waiting: heapless::Deque<(Requester, ServiceRequest), REQUEST_CAPACITY>,
-    open: Option<OpenCommand>,
+    waiting_requests: heapless::Deque<(Requester, ServiceRequest), REQUEST_CAPACITY>,
+    running_command: Option<RunningCommand>,
     /// Request of an executed command, and its result, which is sent before all others.
-    finished: Option<(Requester, ServiceRequest, Result<(), &'static str>)>,
+    finished_request: Option<(Requester, ServiceRequest, Result<(), &'static str>)>,
     /// Requested update; one at a time.
-    update: Option<FirmwareUpdate>,
+    requested_update: Option<FirmwareUpdate>,
     /// Update that the state machine has granted.
-    granted: Option<FirmwareUpdate>,
+    granted_update: Option<FirmwareUpdate>,
 }
 
 impl Services {
@@ -98,8 +98,8 @@ impl Services {
     }
 
     /// Queues a request.
-    pub fn receive_transfer(&mut self, own: NodeId, transfer: &InboundTransfer<'_>) {
-        let Some(node) = transfer.source_node.filter(|_| !self.waiting.is_full()) else { return };
+    pub fn receive_transfer(&mut self, own_node: NodeId, transfer: &InboundTransfer<'_>) {
+        let Some(node) = transfer.source_node.filter(|_| !self.waiting_requests.is_full()) else { return };
         let request = match transfer.message {
             InboundMessage::GetNodeInfo => ServiceRequest::GetNodeInfo,
             InboundMessage::GetTransportStats => ServiceRequest::GetTransportStats,
@@ -111,21 +111,21 @@ impl Services {
             InboundMessage::ExecuteOpcode(opcode) => ServiceRequest::Opcode(opcode),
             InboundMessage::RestartNode(is_confirmed) => ServiceRequest::Restart { is_confirmed },
             InboundMessage::BeginFirmwareUpdate { server, path } => {
-                ServiceRequest::Update(self.receive_update(FirmwareUpdate::new(server.unwrap_or(node), own, path)))
+                ServiceRequest::Update(self.receive_update(FirmwareUpdate::new(server.unwrap_or(node), own_node, path)))
             }
             _ => return,
         };
         let requester = Requester { node, priority: transfer.priority, transfer_id: transfer.transfer_id };
-        let _ = self.waiting.push_back((requester, request));
+        let _ = self.waiting_requests.push_back((requester, request));
     }
 
     fn receive_update(&mut self, update: Option<FirmwareUpdate>) -> UpdateRequest {
-        match (&self.update, update) {
+        match (&self.requested_update, update) {
             _ if self.refuses_updates => UpdateRequest::Unsupported,
-            (Some(_), _) => UpdateRequest::Second,
+            (Some(_), _) => UpdateRequest::AlreadyPending,
             (None, None) => UpdateRequest::Invalid,
             (None, update) => {
-                self.update = update;
+                self.requested_update = update;
                 UpdateRequest::Valid
             }
         }
@@ -133,38 +133,38 @@ impl Services {
 
     /// Whether no request waits, and none is executed.
     pub fn is_idle(&self) -> bool {
-        self.finished.is_none() && self.open.is_none() && self.waiting.is_empty()
+        self.finished_request.is_none() && self.running_command.is_none() && self.waiting_requests.is_empty()
     }
 
     /// Whether a request can be answered or executed.
     pub fn has_requests(&self) -> bool {
-        self.finished.is_some() || (self.open.is_none() && !self.waiting.is_empty())
+        self.finished_request.is_some() || (self.running_command.is_none() && !self.waiting_requests.is_empty())
     }
 
     /// Next step with the oldest request. While the vehicle is armed no request changes the module. `describe` returns
     /// the responses that only the node knows.
-    pub fn next_decision(
+    pub fn next_request_step(
         &mut self,
         now: Timestamp,
         settings: &Settings,
         is_armed: bool,
         describe: impl Fn(DataType) -> Payload,
     ) -> RequestStep {
-        if self.open.is_some_and(|open| now.us_since(open.at) > RESULT_TIMEOUT_US) {
+        if self.running_command.is_some_and(|open| now.us_since(open.started_at) > RESULT_TIMEOUT_US) {
             self.finish_request(Err("timeout"));
         }
-        if let Some((requester, request, result)) = self.finished {
-            return RequestStep::Respond(requester.response_transfer(result_of(request, result, settings)));
+        if let Some((requester, request, result)) = self.finished_request {
+            return RequestStep::Respond(requester.response_transfer(response_to_command(request, result, settings)));
         }
-        let Some((requester, request)) = self.waiting.front().copied() else { return RequestStep::Idle };
+        let Some((requester, request)) = self.waiting_requests.front().copied() else { return RequestStep::Idle };
         match self.next_step(request, settings, is_armed, describe) {
             RequestDecision::Answer(data_type, payload) => {
                 RequestStep::Respond(requester.response_transfer((data_type, payload)))
             }
-            RequestDecision::Execute(_) if self.open.is_some() => RequestStep::Idle,
+            RequestDecision::Execute(_) if self.running_command.is_some() => RequestStep::Idle,
             RequestDecision::Execute(command) => {
-                self.waiting.pop_front();
-                self.open = Some(OpenCommand { at: now, command, requester, request });
+                self.waiting_requests.pop_front();
+                self.running_command = Some(RunningCommand { started_at: now, command, requester, request });
                 RequestStep::Execute(command)
             }
         }
@@ -172,14 +172,14 @@ impl Services {
 
     /// Removes the request after its response was queued.
     pub fn pop_response(&mut self) {
-        if self.finished.take().is_none() {
-            self.waiting.pop_front();
+        if self.finished_request.take().is_none() {
+            self.waiting_requests.pop_front();
         }
     }
 
     /// Processes the result of a command; returns whether a request waited for it.
     pub fn complete_command(&mut self, command: Command, result: Result<(), &Refusal>) -> bool {
-        let is_open = self.open.is_some_and(|open| open.command == command);
+        let is_open = self.running_command.is_some_and(|open| open.command == command);
         if is_open {
             self.finish_request(result.map_err(Refusal::stable_code));
         }
@@ -188,12 +188,12 @@ impl Services {
 
     /// Whether the module is about to load another firmware.
     pub const fn is_updating(&self) -> bool {
-        self.granted.is_some()
+        self.granted_update.is_some()
     }
 
     /// Granted update, to be handed over before the restart.
     pub const fn granted_update(&self) -> Option<&FirmwareUpdate> {
-        self.granted.as_ref()
+        self.granted_update.as_ref()
     }
 
     fn next_step(
@@ -234,13 +234,13 @@ impl Services {
 
     fn decide_update(&mut self, request: UpdateRequest, is_armed: bool) -> RequestDecision {
         let (result, reason) = match request {
-            UpdateRequest::Second => (UpdateResult::InProgress, ""),
+            UpdateRequest::AlreadyPending => (UpdateResult::InProgress, ""),
             UpdateRequest::Valid if self.is_updating() => {
-                self.update = None;
+                self.requested_update = None;
                 (UpdateResult::InProgress, "")
             }
             UpdateRequest::Valid if is_armed => {
-                self.update = None;
+                self.requested_update = None;
                 (UpdateResult::InvalidMode, "armed")
             }
             UpdateRequest::Valid => return RequestDecision::Execute(Command::Restart),
@@ -252,16 +252,20 @@ impl Services {
 
     /// Ends the open command.
     fn finish_request(&mut self, result: Result<(), &'static str>) {
-        let Some(OpenCommand { requester, request, .. }) = self.open.take() else { return };
+        let Some(RunningCommand { requester, request, .. }) = self.running_command.take() else { return };
         if let ServiceRequest::Update(_) = request {
-            self.granted = self.update.take().filter(|_| result.is_ok());
+            self.granted_update = self.requested_update.take().filter(|_| result.is_ok());
         }
-        self.finished = Some((requester, request, result));
+        self.finished_request = Some((requester, request, result));
     }
 }
 
 /// Response to a request after its command. A parameter is answered with the value that is then in force.
-fn result_of(request: ServiceRequest, result: Result<(), &'static str>, settings: &Settings) -> (DataType, Payload) {
+fn response_to_command(
+    request: ServiceRequest,
+    result: Result<(), &'static str>,
+    settings: &Settings,
+) -> (DataType, Payload) {
     match request {
         ServiceRequest::Parameter { parameter, .. } => {
             (DataType::GET_SET, parameters::parameter_response(parameter, settings))

@@ -2,14 +2,14 @@
 
 use crate::port::parameters::{PARAMETERS, ParameterValue, SettingParameter};
 use crate::settings::Settings;
-use crate::wire::dronecan::{GetSet, GetSetValue, Payload, outbound};
+use crate::wire::dronecan::{GetSetRequest, GetSetValue, Payload, outbound};
 use crate::wire::mavlink::key_from_passphrase;
 
 /// Word that removes the key of signatures; the value without a key.
 const NO_KEY_TEXT: &str = "off";
 
 /// Parameter of a request: by its name, otherwise by its position.
-pub(super) fn requested_parameter(request: &GetSet<'_>) -> Option<&'static SettingParameter> {
+pub(super) fn requested_parameter(request: &GetSetRequest<'_>) -> Option<&'static SettingParameter> {
     if request.parameter_name.is_empty() {
         return PARAMETERS.get(usize::from(request.parameter_index));
     }
@@ -48,7 +48,7 @@ pub(super) fn parameter_response(parameter: Option<&SettingParameter>, settings:
     .payload()
 }
 
-/// A key is not sent, only whether there is one.
+/// Converts a value to that of GetSet; of a key it contains only whether there is one.
 fn to_value(value: ParameterValue) -> GetSetValue<'static> {
     match value {
         ParameterValue::Whole(number) => GetSetValue::Integer(number.into()),

@@ -8,29 +8,30 @@ use crate::wire::dronecan::outbound::{NodeHealth, NodeMode, NodeStatus};
 
 /// Silence of the sensor after which the node's health is ERROR, microseconds. Besides, only safe mode has this health:
 /// autopilots do not arm beside an unhealthy node, and other causes show in the withheld field.
-const SENSOR_FAULT_US: u64 = 10_000_000;
+const SENSOR_SILENCE_FAULT_US: u64 = 10_000_000;
 
 /// Readings and silence of the sensor so far, for NodeStatus.
 #[derive(Debug, Default)]
 pub(super) struct StatusMonitor {
     has_reading: bool,
     /// Time at which the sensor's silence began.
-    silent_since: Option<Timestamp>,
+    sensor_silent_since: Option<Timestamp>,
 }
 
 impl StatusMonitor {
     /// Updates the state with an estimate.
-    pub fn update_conditions(&mut self, snapshot: &Snapshot<'_>) {
+    pub fn update_sensor_silence(&mut self, snapshot: &Snapshot<'_>) {
         if snapshot.estimate.heading == Err(NoHeading::SensorSilent) {
-            self.silent_since.get_or_insert(snapshot.now);
+            self.sensor_silent_since.get_or_insert(snapshot.now);
         } else {
-            (self.has_reading, self.silent_since) = (true, None);
+            (self.has_reading, self.sensor_silent_since) = (true, None);
         }
     }
 
     /// Status to send.
-    pub fn node_status(&self, snapshot: &Snapshot<'_>, is_updating: bool, has_conflict: bool) -> NodeStatus {
-        let is_silent = self.silent_since.is_some_and(|since| snapshot.now.us_since(since) >= SENSOR_FAULT_US);
+    pub fn status_message(&self, snapshot: &Snapshot<'_>, is_updating: bool, has_conflict: bool) -> NodeStatus {
+        let is_silent =
+            self.sensor_silent_since.is_some_and(|since| snapshot.now.us_since(since) >= SENSOR_SILENCE_FAULT_US);
         let is_faulty = is_silent || snapshot.estimate.heading == Err(NoHeading::SafeMode);
         NodeStatus {
             uptime_s: (snapshot.now.as_us() / 1_000_000) as u32,
@@ -40,14 +41,14 @@ impl StatusMonitor {
                 (false, false) => NodeMode::Initialization,
                 (false, true) => NodeMode::Operational,
             },
-            vendor_code: vendor_code(snapshot, has_conflict),
+            vendor_code: vendor_status_code(snapshot, has_conflict),
         }
     }
 }
 
 /// State in 16 bits: bits 0 to 3 the reason for an empty heading (0: there is one), bits 4 and 5 the calibration, bit 6
 /// a field that is not sent, bit 7 another node with this number, bits 8 to 14 the progress of a collection in percent.
-fn vendor_code(snapshot: &Snapshot<'_>, has_conflict: bool) -> u16 {
+fn vendor_status_code(snapshot: &Snapshot<'_>, has_conflict: bool) -> u16 {
     let reason = snapshot.estimate.heading.err().map_or(0, no_heading_number);
     let (calibration, percent) = match snapshot.indicator_state {
         IndicatorState::Idle => (0, 0),

@@ -16,7 +16,7 @@ const TARGETTED_OPTIONS: u8 = 0;
 struct TunnelPeer {
     node: NodeId,
     protocol: u8,
-    serial: i8,
+    serial_line: i8,
     baud: u32,
     last_received_at: Timestamp,
     transfer_id: u8,
@@ -44,14 +44,20 @@ impl Tunnel {
             return;
         }
         let active = self.peer.filter(|peer| at.us_since(peer.last_received_at) <= TUNNEL_RELEASE_US);
-        let is_other = |peer: TunnelPeer| (peer.node, peer.serial) != (node, piece.serial_line);
+        let is_other = |peer: TunnelPeer| (peer.node, peer.serial_line) != (node, piece.serial_line);
         let is_repeated = |peer: TunnelPeer| peer.transfer_id == transfer.transfer_id;
         if active.is_some_and(|peer| is_other(peer) || is_repeated(peer)) {
             return;
         }
         let Targetted { protocol, serial_line: serial, baud, .. } = *piece;
-        self.peer =
-            Some(TunnelPeer { node, protocol, serial, baud, last_received_at: at, transfer_id: transfer.transfer_id });
+        self.peer = Some(TunnelPeer {
+            node,
+            protocol,
+            serial_line: serial,
+            baud,
+            last_received_at: at,
+            transfer_id: transfer.transfer_id,
+        });
         for &byte in piece.serial_bytes {
             if let Some(message) = self.mavlink.process_byte(at, byte) {
                 deliver(message);
@@ -69,13 +75,13 @@ impl Tunnel {
     }
 
     /// Next piece of the output, and its length.
-    pub fn next_piece(&self) -> Option<(Payload, usize)> {
-        let TunnelPeer { node, protocol, serial, baud, .. } = self.peer?;
+    pub fn next_targetted(&self) -> Option<(Payload, usize)> {
+        let TunnelPeer { node, protocol, serial_line: serial, baud, .. } = self.peer?;
         let pending = self.output.pending_bytes();
         let data = pending.get(..Targetted::MAX_DATA_LENGTH).unwrap_or(pending);
         let piece = Targetted {
             protocol,
-            target: node.get(),
+            target: node.number(),
             serial_line: serial,
             tunnel_options: TARGETTED_OPTIONS,
             baud,

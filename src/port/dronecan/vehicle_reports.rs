@@ -10,8 +10,8 @@ const REPORT_EXPIRY_US: u64 = 10_000_000;
 /// batteries, the first one.
 #[derive(Debug, Default)]
 pub(super) struct VehicleReports {
-    armed: Option<(Timestamp, NodeId, bool)>,
-    battery: Option<(Timestamp, NodeId, u8)>,
+    arming_report: Option<(Timestamp, NodeId, bool)>,
+    battery_report: Option<(Timestamp, NodeId, u8)>,
 }
 
 impl VehicleReports {
@@ -20,29 +20,29 @@ impl VehicleReports {
         let is_held = |(last, node, was_armed): (Timestamp, NodeId, bool)| {
             was_armed && !is_armed && node != source && at.us_since(last) <= REPORT_EXPIRY_US
         };
-        if !self.armed.is_some_and(is_held) {
-            self.armed = Some((at, source, is_armed));
+        if !self.arming_report.is_some_and(is_held) {
+            self.arming_report = Some((at, source, is_armed));
         }
     }
 
     /// Whether the vehicle is armed, if that was reported recently.
     pub fn is_armed(&self, now: Timestamp) -> Option<bool> {
-        self.armed.filter(|(at, ..)| now.us_since(*at) <= REPORT_EXPIRY_US).map(|(.., is_armed)| is_armed)
+        self.arming_report.filter(|(at, ..)| now.us_since(*at) <= REPORT_EXPIRY_US).map(|(.., is_armed)| is_armed)
     }
 
     /// Whether the current of this battery is used.
     pub fn accept_battery(&mut self, at: Timestamp, source: NodeId, number: u8) -> bool {
         let is_other =
             |(last, node, battery)| (node, battery) != (source, number) && at.us_since(last) <= REPORT_EXPIRY_US;
-        let accepts = !self.battery.is_some_and(is_other);
+        let accepts = !self.battery_report.is_some_and(is_other);
         if accepts {
-            self.battery = Some((at, source, number));
+            self.battery_report = Some((at, source, number));
         }
         accepts
     }
 
     /// Whether a battery reports its current.
     pub fn has_battery(&self, now: Timestamp) -> bool {
-        self.battery.is_some_and(|(at, ..)| now.us_since(at) <= REPORT_EXPIRY_US)
+        self.battery_report.is_some_and(|(at, ..)| now.us_since(at) <= REPORT_EXPIRY_US)
     }
 }

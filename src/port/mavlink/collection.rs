@@ -22,16 +22,16 @@ const MG_PER_UT: f32 = 10.0;
 #[derive(Debug, Default)]
 pub(super) struct CollectionReporter {
     /// The active calibration, and the noise of a reading relative to the field strength.
-    calibration: Option<(Calibration, f32)>,
+    reported_calibration: Option<(Calibration, f32)>,
     /// Number of calibrations that became active; wraps.
     calibration_count: u8,
     /// Tenths of progress already sent as a text; none without a collection.
     reported_tenths: Option<u8>,
     /// Whether the last solve succeeded; none once it was reported.
-    outcome: Option<bool>,
+    last_outcome: Option<bool>,
     /// Whether the pending report is a success; none without a pending report.
     pending_report: Option<bool>,
-    progress: MessageSchedule,
+    progress_schedule: MessageSchedule,
 }
 
 impl CollectionReporter {
@@ -41,12 +41,12 @@ impl CollectionReporter {
 
     /// Whether a calibration differs from the last reported one.
     pub fn differs_from_reported(&self, calibration: &Calibration) -> bool {
-        self.calibration.as_ref().is_none_or(|(reported, _)| reported != calibration)
+        self.reported_calibration.as_ref().is_none_or(|(reported, _)| reported != calibration)
     }
 
     /// Records the outcome of a solve; the next update contains the state after it.
     pub fn record_outcome(&mut self, outcome: &SolveOutcome) {
-        self.outcome = Some(outcome.is_ok());
+        self.last_outcome = Some(outcome.is_ok());
     }
 
     /// Tracks the module's state; must be called also while no autopilot is known.
@@ -54,11 +54,11 @@ impl CollectionReporter {
         if let Some((calibration, uncertainty)) =
             snapshot.calibration.filter(|(calibration, _)| self.differs_from_reported(calibration))
         {
-            self.calibration = Some((*calibration, uncertainty.sensor_sigma));
+            self.reported_calibration = Some((*calibration, uncertainty.sensor_sigma));
             self.calibration_count = self.calibration_count.wrapping_add(1);
         }
         // An automatic collection continues after a refused solve: that outcome does not end it.
-        let outcome = self.outcome.take();
+        let outcome = self.last_outcome.take();
         match (self.reported_tenths, snapshot.indicator_state) {
             (reported_tenths, IndicatorState::Collecting(percent)) => {
                 self.report_progress(reported_tenths, percent, texts);
@@ -85,7 +85,8 @@ impl CollectionReporter {
     /// Sends the due message; returns whether one was sent.
     pub fn send_progress(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
         if let Some(is_success) = self.pending_report {
-            let report = mag_cal_report(self.calibration.as_ref().filter(|_| is_success), snapshot.settings.mount);
+            let report =
+                mag_cal_report(self.reported_calibration.as_ref().filter(|_| is_success), snapshot.settings.mount);
             let is_sent = line.send_message(OutboundMessage::mag_cal_report(&report));
             if is_sent {
                 self.pending_report = None;
@@ -93,7 +94,7 @@ impl CollectionReporter {
             return is_sent;
         }
         match snapshot.indicator_state {
-            IndicatorState::Collecting(percent) if self.progress.is_due(snapshot.now, PROGRESS_HZ) => {
+            IndicatorState::Collecting(percent) if self.progress_schedule.is_due(snapshot.now, PROGRESS_HZ) => {
                 let field =
                     snapshot.estimate.body_field.and_then(|body| body.ut.try_normalize(0.0)).unwrap_or_default();
                 line.send_message(OutboundMessage::mag_cal_progress(percent, field.into()))

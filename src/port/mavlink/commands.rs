@@ -11,10 +11,12 @@ use crate::settings::OutOfRange;
 use crate::time::Timestamp;
 use crate::wire::mavlink::{Address, OutboundMessage, ReceivedCommand};
 
-/// Commands of a compass calibration, from ArduPilot's dialect. Their parameters are ignored: there is one compass, and
-/// a calibration is always stored.
+/// Command that starts a compass calibration, from ArduPilot's dialect. Its parameters are ignored: there is one
+/// compass, and a calibration is always stored.
 const DO_START_MAG_CAL: u16 = 42_424;
+/// Command that accepts a calibration, which the module does by itself.
 const DO_ACCEPT_MAG_CAL: u16 = 42_425;
+/// Command that cancels a compass calibration.
 const DO_CANCEL_MAG_CAL: u16 = 42_426;
 
 /// Time within which a repeated command counts as executed, microseconds.
@@ -28,7 +30,7 @@ const RESULT_TIMEOUT_US: u64 = 5_000_000;
 struct LastCommand {
     received_at: Timestamp,
     sender: SenderId,
-    number: u16,
+    command_number: u16,
     command: Command,
     /// Result of the command; none until it is known.
     result: Option<MavResult>,
@@ -63,11 +65,12 @@ impl CommandHandler {
         match self.evaluate_command(at, received) {
             Ok(command) => {
                 let (sender, number) = (received.sender_id, received.command_number);
-                self.last_command = Some(LastCommand { received_at: at, sender, number, command, result: None });
+                self.last_command =
+                    Some(LastCommand { received_at: at, sender, command_number: number, command, result: None });
                 Ok(command)
             }
             Err((result, reason)) => {
-                self.queue_reply(received.sender_id, received.command_number, result);
+                self.queue_acknowledgement(received.sender_id, received.command_number, result);
                 Err(reason)
             }
         }
@@ -86,13 +89,13 @@ impl CommandHandler {
             .filter(|open_command| open_command.command == command && open_command.result.is_none())
         {
             open_command.result = Some(result);
-            let LastCommand { sender, number, .. } = *open_command;
-            self.queue_reply(sender, number, result);
+            let LastCommand { sender, command_number: number, .. } = *open_command;
+            self.queue_acknowledgement(sender, number, result);
         }
     }
 
     /// Sends the oldest acknowledgement; returns whether one was sent.
-    pub fn send_replies(&mut self, line: &mut Transmitter<'_>) -> bool {
+    pub fn send_acknowledgements(&mut self, line: &mut Transmitter<'_>) -> bool {
         let Some(&PendingAcknowledgement { addressee, command, result }) = self.acknowledgements.front() else {
             return false;
         };
@@ -110,7 +113,7 @@ impl CommandHandler {
             let age_us = at.us_since(last_command.received_at);
             let is_open = last_command.result.is_none() && age_us <= RESULT_TIMEOUT_US;
             let is_repeated =
-                last_command.sender == received.sender_id && last_command.number == received.command_number;
+                last_command.sender == received.sender_id && last_command.command_number == received.command_number;
             if is_repeated && received.confirmation > 0 && (is_open || age_us <= REPETITION_WINDOW_US) {
                 return Err((last_command.result.unwrap_or(MavResult::MAV_RESULT_IN_PROGRESS), None));
             }
@@ -121,7 +124,7 @@ impl CommandHandler {
         Ok(command)
     }
 
-    fn queue_reply(&mut self, addressee: SenderId, command: u16, result: MavResult) {
+    fn queue_acknowledgement(&mut self, addressee: SenderId, command: u16, result: MavResult) {
         let _ = self.acknowledgements.push_back(PendingAcknowledgement { addressee, command, result });
     }
 }
@@ -132,7 +135,7 @@ fn requested_command(received: &ReceivedCommand) -> Result<Command, CommandRejec
         DO_START_MAG_CAL => Ok(Command::CalStart(Procedure::Flight)),
         DO_ACCEPT_MAG_CAL => Ok(Command::CalSolve(None)),
         DO_CANCEL_MAG_CAL => Ok(Command::CalAbort),
-        REBOOT_COMMAND if wants_restart(received.parameters) => Ok(Command::Restart),
+        REBOOT_COMMAND if requests_module_restart(received.parameters) => Ok(Command::Restart),
         REBOOT_COMMAND => {
             const PARAMETER_OUT_OF_RANGE: OutOfRange =
                 OutOfRange("the module can restart, but neither shut down nor wait in a bootloader");
@@ -144,7 +147,7 @@ fn requested_command(received: &ReceivedCommand) -> Result<Command, CommandRejec
 
 /// Whether the parameters request a restart of this component: the first one of all components, the third one of the
 /// component in the fourth, 0 for all (MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN in common.xml).
-fn wants_restart([autopilot, _companion, component, which]: [f32; 4]) -> bool {
+fn requests_module_restart([autopilot, _companion, component, which]: [f32; 4]) -> bool {
     const REBOOT_PARAMETER: f32 = 1.0;
     autopilot == REBOOT_PARAMETER || (component == REBOOT_PARAMETER && [0.0, f32::from(OWN_COMPONENT)].contains(&which))
 }

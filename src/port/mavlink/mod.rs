@@ -40,30 +40,30 @@ pub(super) use transmitter::Transmitter;
 use transmitter::{OWN_COMPONENT, own_address};
 
 /// Rate of poses, Hz. Autopilots drop poses at higher rates, and detect a loss below 3 Hz.
-const VISION_HZ: u8 = 50;
+const POSE_HZ: u8 = 50;
 /// Pending bytes above which no pose is sent: a pose is long, and on a slow line other messages keep their room.
 const MAX_PENDING_BEFORE_POSE_BYTES: usize = 64;
 const HEARTBEAT_HZ: u8 = 1;
 /// Rate of named values, heading and sigma in turn, Hz.
 const HEADING_HZ: u8 = 10;
-const PERCENTAGE_RATE_HZ: u8 = 1;
+const PERCENT_HZ: u8 = 1;
 
 /// MAVLink protocol of a port.
 #[derive(Debug, Default)]
 pub struct Mavlink {
     receiver: Receiver,
-    senders: SenderSelector,
-    sequence: u8,
-    requests: RequestSequence,
-    commands: CommandHandler,
-    texts: PendingTexts,
-    collection: CollectionReporter,
-    vision: MessageSchedule,
-    heartbeat: MessageSchedule,
-    heading: MessageSchedule,
+    sender_selector: SenderSelector,
+    sequence_number: u8,
+    request_sequence: RequestSequence,
+    command_handler: CommandHandler,
+    pending_texts: PendingTexts,
+    collection_reporter: CollectionReporter,
+    pose_schedule: MessageSchedule,
+    heartbeat_schedule: MessageSchedule,
+    heading_schedule: MessageSchedule,
     /// Whether the next named value is the heading's sigma.
     is_sigma_next: bool,
-    percent: MessageSchedule,
+    percent_schedule: MessageSchedule,
 }
 
 impl Mavlink {
@@ -81,36 +81,36 @@ impl Mavlink {
     /// Whether a calibration differs from the last reported one.
     #[must_use]
     pub fn differs_from_reported(&self, calibration: &Calibration) -> bool {
-        self.collection.differs_from_reported(calibration)
+        self.collection_reporter.differs_from_reported(calibration)
     }
 
     /// Acknowledges the command, and queues the reason of a refusal as a text. The output must be written before a
     /// restart.
     pub fn complete_command(&mut self, command: Command, result: Result<(), &Refusal>) {
-        self.commands.complete_command(command, result);
+        self.command_handler.complete_command(command, result);
         self.queue_refusal(result.err().cloned());
     }
 
     /// Queues a message until an autopilot is known; of more than three pending messages the newest three are sent.
     pub fn queue_text(&mut self, message: &Notice) {
         if let Notice::Solved(outcome) = message {
-            self.collection.record_outcome(outcome);
+            self.collection_reporter.record_outcome(outcome);
         }
-        self.texts.push_message(message);
+        self.pending_texts.push_message(message);
     }
 
     fn process_message(&mut self, at: Timestamp, message: InboundMessage) -> Option<ReceivedMessage> {
-        let autopilot = self.senders.autopilot_to_query(at);
+        let autopilot = self.sender_selector.autopilot_to_query(at);
         let is_autopilot = |source: &SenderId| Some(*source) == autopilot;
         let is_own =
             |target: Address| autopilot.is_some_and(|autopilot| is_addressed_to(target, own_address(autopilot)));
         match message {
             InboundMessage::Heartbeat(heartbeat) => {
-                self.senders.update_heartbeat(at, heartbeat);
+                self.sender_selector.update_heartbeat(at, heartbeat);
                 None
             }
-            InboundMessage::Attitude(report) if self.senders.accept_attitude(at, report.sender) => {
-                self.requests.on_attitude(at, report.sender_time);
+            InboundMessage::Attitude(report) if self.sender_selector.accept_attitude(at, report.sender) => {
+                self.request_sequence.on_attitude(at, report.sender_time);
                 Some(ReceivedMessage::Attitude(report))
             }
             InboundMessage::Attitude(_) => Some(ReceivedMessage::RejectedAttitude),
@@ -124,7 +124,7 @@ impl Mavlink {
             InboundMessage::Command(command)
                 if command.target.component_id == OWN_COMPONENT && is_own(command.target) =>
             {
-                match self.commands.process_command(at, &command) {
+                match self.command_handler.process_command(at, &command) {
                     Ok(command) => Some(ReceivedMessage::Command(command)),
                     Err(reason) => {
                         self.queue_refusal(reason);
@@ -135,7 +135,7 @@ impl Mavlink {
             InboundMessage::Command(_) => None,
             InboundMessage::Acknowledgement(ack) => {
                 if is_autopilot(&ack.sender_id) && is_own(ack.target) {
-                    self.requests.on_acknowledgement(at, ack);
+                    self.request_sequence.on_acknowledgement(at, ack);
                 }
                 None
             }
@@ -145,13 +145,13 @@ impl Mavlink {
     /// Queues the reason of a refused command as a text.
     fn queue_refusal(&mut self, reason: Option<Refusal>) {
         if let Some(refusal) = reason {
-            self.texts.push_message(&Notice::CommandRejected(refusal));
+            self.pending_texts.push_message(&Notice::CommandRejected(refusal));
         }
     }
 
     fn send_heading(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
         let (Ok(heading), _) = snapshot.selected_heading() else { return false };
-        if !snapshot.settings.stream_on || !self.heading.is_due(snapshot.now, HEADING_HZ) {
+        if !snapshot.settings.stream_on || !self.heading_schedule.is_due(snapshot.now, HEADING_HZ) {
             return false;
         }
         let (name, value) =
@@ -164,18 +164,18 @@ impl Mavlink {
         if line.transmit_buffer.pending_bytes().len() > MAX_PENDING_BEFORE_POSE_BYTES {
             return false;
         }
-        let Some(pose) = current_pose(snapshot, self.collection.calibration_count()) else { return false };
-        self.vision.is_due(snapshot.now, VISION_HZ) && line.send_message(OutboundMessage::pose_estimate(&pose))
+        let Some(pose) = current_pose(snapshot, self.collection_reporter.calibration_count()) else { return false };
+        self.pose_schedule.is_due(snapshot.now, POSE_HZ) && line.send_message(OutboundMessage::pose_estimate(&pose))
     }
 
     fn send_heartbeat(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
-        self.heartbeat.is_due(snapshot.now, HEARTBEAT_HZ)
+        self.heartbeat_schedule.is_due(snapshot.now, HEARTBEAT_HZ)
             && line.send_message(OutboundMessage::heartbeat(mav_state(snapshot.indicator_state)))
     }
 
     fn send_percent(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
-        let percent = f32::from(percent(snapshot.indicator_state));
-        self.percent.is_due(snapshot.now, PERCENTAGE_RATE_HZ)
+        let percent = f32::from(progress_percent(snapshot.indicator_state));
+        self.percent_schedule.is_due(snapshot.now, PERCENT_HZ)
             && line.send_message(OutboundMessage::named_value(snapshot.now, "cal_pct", percent))
     }
 }
@@ -193,36 +193,36 @@ impl Protocol for Mavlink {
     }
 
     fn is_armed(&self, now: Timestamp) -> Option<bool> {
-        self.senders.is_armed(now)
+        self.sender_selector.is_armed(now)
     }
 
     fn rejected_frames(&self) -> u32 {
-        self.receiver.rejected
+        self.receiver.rejected_count
     }
 
     /// Appends one message at most, so that the other port's sentences of the same reading are not delayed. All
     /// messages together are fewer than the slowest sensor's readings.
     fn poll(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
         let now = snapshot.now;
-        self.senders.record_field_contradiction(now, is_contradicted(snapshot.estimate.heading));
-        self.collection.track_state(snapshot, &mut self.texts);
-        let Some(autopilot) = self.senders.autopilot_to_query(now) else { return };
-        let (mut sequence, mut signatures) = (self.sequence, core::mem::take(&mut self.receiver.signatures));
+        self.sender_selector.record_field_contradiction(now, is_attitude_contradicted(snapshot.estimate.heading));
+        self.collection_reporter.track_state(snapshot, &mut self.pending_texts);
+        let Some(autopilot) = self.sender_selector.autopilot_to_query(now) else { return };
+        let (mut sequence, mut signatures) = (self.sequence_number, core::mem::take(&mut self.receiver.signatures));
         let line = &mut Transmitter::new(out, autopilot, &mut sequence, &mut signatures);
-        let _is_sent = self.commands.send_replies(line)
+        let _is_sent = self.command_handler.send_acknowledgements(line)
             || self.send_pose(snapshot, line)
             || self.send_heartbeat(snapshot, line)
-            || self.requests.send_requests(now, autopilot, snapshot.settings.attitude_rate_hz, line)
-            || self.collection.send_progress(snapshot, line)
+            || self.request_sequence.send_requests(now, autopilot, snapshot.settings.attitude_rate_hz, line)
+            || self.collection_reporter.send_progress(snapshot, line)
             || self.send_percent(snapshot, line)
-            || self.texts.send_texts(now, line)
+            || self.pending_texts.send_texts(now, line)
             || self.send_heading(snapshot, line);
-        (self.sequence, self.receiver.signatures) = (sequence, signatures);
+        (self.sequence_number, self.receiver.signatures) = (sequence, signatures);
     }
 }
 
 /// Whether attitude and field contradict each other; the attitude may be that of another vehicle.
-const fn is_contradicted(heading: Result<Heading, NoHeading>) -> bool {
+const fn is_attitude_contradicted(heading: Result<Heading, NoHeading>) -> bool {
     matches!(heading, Err(NoHeading::AttitudeContradicted | NoHeading::FieldDisturbed | NoHeading::FieldChanged))
 }
 
@@ -237,7 +237,7 @@ const fn mav_state(indicator_state: IndicatorState) -> MavState {
 }
 
 /// Progress of the calibration, percent.
-const fn percent(indicator_state: IndicatorState) -> u8 {
+const fn progress_percent(indicator_state: IndicatorState) -> u8 {
     match indicator_state {
         IndicatorState::Idle | IndicatorState::Refused => 0,
         IndicatorState::Collecting(percent) => percent,

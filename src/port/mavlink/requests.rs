@@ -41,7 +41,7 @@ const MESSAGE_REQUESTS: [MessageRequest; 8] = [
 const CURRENT_HZ: u8 = 10;
 
 /// Index of the first request after those for attitude.
-const FIRST_NON_ATTITUDE_REQUEST: usize = 5;
+const FIRST_NON_ATTITUDE_INDEX: usize = 5;
 
 /// Time for the reply to a request and for the first messages, microseconds; also the least time between requests.
 const REPLY_TIMEOUT_US: u64 = 1_000_000;
@@ -67,7 +67,7 @@ pub(super) struct RequestSequence {
     /// Number of times this request was sent.
     attempts: u8,
     /// Time of the request or of its acceptance; reports are counted from it.
-    counting_since: Timestamp,
+    report_count_start: Timestamp,
     report_count: u16,
     /// Time of the last attitude report, and its sender's clock.
     last_report: Option<(Timestamp, WrappingMillis)>,
@@ -140,11 +140,11 @@ impl RequestSequence {
     }
 
     fn restart_rate_count(&mut self, at: Timestamp) {
-        (self.counting_since, self.report_count) = (at, 0);
+        (self.report_count_start, self.report_count) = (at, 0);
     }
 
     fn due_request(&mut self, now: Timestamp) -> Option<MessageRequest> {
-        let elapsed_us = now.us_since(self.counting_since);
+        let elapsed_us = now.us_since(self.report_count_start);
         let periodic_request = MESSAGE_REQUESTS.get(self.request_index);
         if periodic_request.is_none() {
             let silence_us = self.last_report.map_or(elapsed_us, |(at, _)| now.us_since(at));
@@ -157,7 +157,7 @@ impl RequestSequence {
         }
         if periodic_request.is_some_and(|periodic_request| periodic_request.is_satisfied(self.report_count, elapsed_us))
         {
-            self.select_request(FIRST_NON_ATTITUDE_REQUEST);
+            self.select_request(FIRST_NON_ATTITUDE_INDEX);
         } else if self.attempts >= ATTEMPTS_PER_REQUEST {
             self.select_request(self.request_index + 1);
         }

@@ -29,7 +29,7 @@ struct PendingText {
 /// Pending texts. When full, the oldest is dropped, except one whose first chunk was sent.
 #[derive(Debug, Default)]
 pub(super) struct PendingTexts {
-    waiting: heapless::Vec<PendingText, QUEUE_CAPACITY>,
+    queued_texts: heapless::Vec<PendingText, QUEUE_CAPACITY>,
     /// Number of sent chunks of the first text.
     sent_chunks: u8,
     /// STATUSTEXT's `id`, counted for texts of several chunks; 0 is for texts of one chunk.
@@ -46,15 +46,15 @@ impl PendingTexts {
         };
         let mut characters = BoundedText::default();
         let _ = write!(characters, "{TEXT_PREFIX}{message}");
-        if self.waiting.is_full() {
-            self.waiting.remove(usize::from(self.sent_chunks > 0));
+        if self.queued_texts.is_full() {
+            self.queued_texts.remove(usize::from(self.sent_chunks > 0));
         }
-        let _ = self.waiting.push(PendingText { severity, characters });
+        let _ = self.queued_texts.push(PendingText { severity, characters });
     }
 
     /// Sends the next due chunk; returns whether one was sent.
     pub fn send_texts(&mut self, now: Timestamp, line: &mut Transmitter<'_>) -> bool {
-        let Some(text) = self.waiting.first() else { return false };
+        let Some(text) = self.queued_texts.first() else { return false };
         if !self.schedule.is_due(now, CHUNK_RATE_HZ) {
             return false;
         }
@@ -64,13 +64,13 @@ impl PendingTexts {
             characters.get(usize::from(self.sent_chunks) * OutboundMessage::STATUSTEXT_CAPACITY..).unwrap_or_default();
         let chunk = unsent.get(..OutboundMessage::STATUSTEXT_CAPACITY).unwrap_or(unsent);
         let text_id = if is_long { self.text_id.max(1) } else { 0 };
-        if !line.send_message(OutboundMessage::text(text.severity, chunk, text_id, self.sent_chunks)) {
+        if !line.send_message(OutboundMessage::status_text(text.severity, chunk, text_id, self.sent_chunks)) {
             return false;
         }
         self.sent_chunks += 1;
         // The last of several chunks must not be full: an empty one follows if all are.
         if !is_long || chunk.len() < OutboundMessage::STATUSTEXT_CAPACITY {
-            self.waiting.remove(0);
+            self.queued_texts.remove(0);
             (self.sent_chunks, self.text_id) = (0, text_id.wrapping_add(1));
         }
         true

@@ -52,16 +52,16 @@ const COMPASS_NUMBER: u8 = 0;
 #[derive(Debug, Default)]
 pub struct Msp {
     receiver: Receiver,
-    firmware: Option<AutopilotFirmware>,
-    armed: Option<(Timestamp, bool)>,
+    autopilot_firmware: Option<AutopilotFirmware>,
+    armed_report: Option<(Timestamp, bool)>,
     /// Time and body rates of the last MSP_RAW_IMU, rad/s.
-    gyro: Option<(Timestamp, [f32; 3])>,
+    gyro_report: Option<(Timestamp, [f32; 3])>,
     rate_estimator: RateEstimator,
     /// Time of the open request for attitude or firmware.
     requested_at: Option<Timestamp>,
-    compass: MessageSchedule,
-    attitude: MessageSchedule,
-    other_requests: MessageSchedule,
+    compass_schedule: MessageSchedule,
+    attitude_schedule: MessageSchedule,
+    periodic_schedule: MessageSchedule,
     /// Index of the next periodic request other than attitude.
     next_request: usize,
 }
@@ -72,14 +72,14 @@ impl Msp {
     pub const fn new() -> Self {
         Self {
             receiver: Receiver::new(),
-            firmware: None,
-            armed: None,
-            gyro: None,
+            autopilot_firmware: None,
+            armed_report: None,
+            gyro_report: None,
             rate_estimator: RateEstimator::new(),
             requested_at: None,
-            compass: MessageSchedule::new(),
-            attitude: MessageSchedule::new(),
-            other_requests: MessageSchedule::new(),
+            compass_schedule: MessageSchedule::new(),
+            attitude_schedule: MessageSchedule::new(),
+            periodic_schedule: MessageSchedule::new(),
             next_request: 0,
         }
     }
@@ -90,14 +90,14 @@ impl Msp {
         }
         match message {
             MspReply::Attitude(angles) => return self.attitude_report(at, angles),
-            MspReply::Gyro(counts) if self.firmware == Some(AutopilotFirmware::Inav) => {
-                self.gyro = Some((at, inav_body_rates_rad_s(counts)));
+            MspReply::Gyro(counts) if self.autopilot_firmware == Some(AutopilotFirmware::Inav) => {
+                self.gyro_report = Some((at, inav_body_rates_rad_s(counts)));
             }
             MspReply::RawGps(place) => return place.map(ReceivedMessage::Position),
             MspReply::Current(amperes) => return Some(ReceivedMessage::Current(amperes)),
             MspReply::Rtc(day) => return day.map(ReceivedMessage::Date),
-            MspReply::FcVariant(firmware) => self.firmware = Some(firmware),
-            MspReply::Armed(is_armed) => self.armed = Some((at, is_armed)),
+            MspReply::FcVariant(firmware) => self.autopilot_firmware = Some(firmware),
+            MspReply::Armed(is_armed) => self.armed_report = Some((at, is_armed)),
             MspReply::Gyro(_) | MspReply::Refused(_) => {}
         }
         None
@@ -106,9 +106,9 @@ impl Msp {
     fn attitude_report(&mut self, at: Timestamp, angles: MspAngles) -> Option<ReceivedMessage> {
         // MSP has one sender, without a clock.
         let (source, sender_time) = (SenderId::default(), WrappingMillis::new(0));
-        let attitude = self.firmware?.attitude_from_angles(angles)?;
+        let attitude = self.autopilot_firmware?.attitude_from_angles(angles)?;
         let estimated = self.rate_estimator.update_rates(at, attitude, f32::from(angles.heading_deg).to_radians());
-        let measured = self.gyro.filter(|(received_at, _)| at.us_since(*received_at) <= REPLY_TIMEOUT_US);
+        let measured = self.gyro_report.filter(|(received_at, _)| at.us_since(*received_at) <= REPLY_TIMEOUT_US);
         let body_rates = BodyRates::from_rad_s(measured.map_or(estimated, |(_, rates_rad_s)| rates_rad_s));
         Some(ReceivedMessage::Attitude(AttitudeReport { sender: source, sender_time, attitude, body_rates }))
     }
@@ -122,7 +122,7 @@ impl Msp {
 
     /// Request to send whenever the last was answered; none if the firmware's signs are unknown.
     fn repeated_request(&self) -> Option<MspFunction> {
-        match self.firmware {
+        match self.autopilot_firmware {
             None => Some(MspFunction::FcVariant),
             Some(AutopilotFirmware::Other) => None,
             Some(_) => Some(MspFunction::Attitude),
@@ -149,17 +149,17 @@ impl Protocol for Msp {
     }
 
     fn is_armed(&self, now: Timestamp) -> Option<bool> {
-        self.armed.filter(|(at, _)| now.us_since(*at) <= ARMED_EXPIRY_US).map(|(_, is_armed)| is_armed)
+        self.armed_report.filter(|(at, _)| now.us_since(*at) <= ARMED_EXPIRY_US).map(|(_, is_armed)| is_armed)
     }
 
     fn rejected_frames(&self) -> u32 {
-        self.receiver.rejected
+        self.receiver.rejected_count
     }
 
     fn poll(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
         let now = snapshot.now;
         if let Some(field) = snapshot.estimate.compass_field
-            && self.compass.is_due(now, COMPASS_HZ)
+            && self.compass_schedule.is_due(now, COMPASS_HZ)
         {
             out.append_message(&[&compass_message(
                 COMPASS_NUMBER,
@@ -167,19 +167,20 @@ impl Protocol for Msp {
                 field,
             )]);
         }
-        let is_other_due = self.other_requests.is_due(now, PERIODIC_REQUESTS_HZ);
+        let is_other_due = self.periodic_schedule.is_due(now, PERIODIC_REQUESTS_HZ);
         if is_other_due {
             out.append_message(&[&encode_request(self.next_periodic_request())]);
         }
         if let Some(function) = self.repeated_request()
             && self.may_request(now)
-            && self.attitude.is_due(now, ATTITUDE_HZ)
+            && self.attitude_schedule.is_due(now, ATTITUDE_HZ)
         {
             // The reply to the first request arrives first. At most two requests at a time: rates remain valid for 50
             // ms.
             let gyro = encode_request(MspFunction::RawImu);
-            let has_gyro =
-                function == MspFunction::Attitude && self.firmware == Some(AutopilotFirmware::Inav) && !is_other_due;
+            let has_gyro = function == MspFunction::Attitude
+                && self.autopilot_firmware == Some(AutopilotFirmware::Inav)
+                && !is_other_due;
             let requests = [if has_gyro { &gyro[..] } else { &[] }, &encode_request(function)];
             self.requested_at = out.append_message(&requests).then_some(now);
         }

@@ -7,13 +7,13 @@ use super::*;
 /// Flash with two accepted calibrations, then saved settings.
 fn stored() -> Flash {
     let mut flash = Flash::new(PAGES);
-    let first = StoredCalibrations { current_calibration: Some(record(1)), previous_calibration: None };
+    let first = StoredCalibrations { current_calibration: Some(calibration_record(1)), previous_calibration: None };
     save_change(&mut flash, StoreChange::Settings(&Settings { stream_rate_hz: 5, ..settings() })).unwrap();
-    save_change(&mut flash, change(&first)).unwrap();
+    save_change(&mut flash, calibration_change(&first)).unwrap();
     save_change(
         &mut flash,
-        change(&StoredCalibrations {
-            current_calibration: Some(record(2)),
+        calibration_change(&StoredCalibrations {
+            current_calibration: Some(calibration_record(2)),
             previous_calibration: first.current_calibration,
         }),
     )
@@ -41,7 +41,7 @@ fn one_damaged_page_never_loses_both_calibrations() {
             for damage in damages() {
                 let case = format!("page {page} after {saves} saves");
                 let mut damaged = flash.clone();
-                put(&mut damaged, page, &damage);
+                write_page(&mut damaged, page, &damage);
                 let LoadedValues { stored_values: stored, load_error: error } = load_readable(&mut damaged);
                 let StoredCalibrations { current_calibration: current, previous_calibration: previous } =
                     stored.stored_calibrations;
@@ -61,13 +61,13 @@ fn one_damaged_page_never_loses_both_calibrations() {
 
 #[test]
 fn the_previous_calibration_replaces_a_damaged_one() {
-    let mut flash = flash_after(2);
-    put(&mut flash, 2, &[0; PAGE]);
+    let mut flash = flash_after_saves(2);
+    write_page(&mut flash, 2, &[0; PAGE]);
     let LoadedValues { stored_values: stored, load_error: error } = load_readable(&mut flash);
     assert_eq!(error, Some(StoreError::Corrupt));
     assert_eq!(
         stored.stored_calibrations,
-        StoredCalibrations { current_calibration: None, previous_calibration: Some(record(1)) }
+        StoredCalibrations { current_calibration: None, previous_calibration: Some(calibration_record(1)) }
     );
     // After a save of settings the damage is still reported.
     save_change(&mut flash, StoreChange::Settings(&settings())).unwrap();
@@ -76,15 +76,15 @@ fn the_previous_calibration_replaces_a_damaged_one() {
         current_calibration: stored.stored_calibrations.previous_calibration,
         previous_calibration: None,
     };
-    save_change(&mut flash, change(&undone)).unwrap();
+    save_change(&mut flash, calibration_change(&undone)).unwrap();
     assert_eq!(load_generations(&mut flash), Ok(undone));
 }
 
 /// A complete item in the slot is not loaded unless its CRC is that in the state.
 #[test]
 fn a_slot_with_another_calibration_is_damaged() {
-    let mut flash = flash_after(1);
-    put(&mut flash, 0, &item_of(&record(7)));
+    let mut flash = flash_after_saves(1);
+    write_page(&mut flash, 0, &item_of(&calibration_record(7)));
     let LoadedValues { stored_values: stored, load_error: error } = load_readable(&mut flash);
     assert_eq!((stored.stored_calibrations.current_calibration, error), (None, Some(StoreError::Corrupt)));
 }
@@ -96,7 +96,7 @@ fn damaged_states_are_reported_and_replaced() {
         item.extend(fields);
         for page in CALIBRATION_SLOTS as usize..PAGES {
             let mut flash = Flash::new(PAGES);
-            put(&mut flash, page, &with_crc(item.clone()));
+            write_page(&mut flash, page, &append_crc(item.clone()));
             assert_eq!(load(&mut flash), Err(StoreError::Corrupt));
             save(&mut flash, 5).unwrap();
             assert_eq!(
@@ -105,7 +105,7 @@ fn damaged_states_are_reported_and_replaced() {
             );
         }
     }
-    let mut flash = flash_after(3);
+    let mut flash = flash_after_saves(3);
     flash.bytes[CALIBRATION_SLOTS as usize * PAGE..].fill(0x33);
     assert_eq!(
         load_readable(&mut flash),
@@ -119,7 +119,7 @@ fn random_flash_content_allows_later_saves() {
         let mut noise = Random(seed);
         // From 0.05 % to all of the bytes change.
         let density = 1_u64 << (seed % 12);
-        let mut flash = flash_after(seed as u32 % 20);
+        let mut flash = flash_after_saves(seed as u32 % 20);
         for byte in &mut flash.bytes {
             if noise.bits().is_multiple_of(density) {
                 *byte = noise.byte();
@@ -133,11 +133,11 @@ fn random_flash_content_allows_later_saves() {
 
 #[test]
 fn damage_never_invents_a_calibration() {
-    let flash = flash_after(5);
-    let stored: Vec<_> = (0..=5).map(record).map(Some).chain([None]).collect();
+    let flash = flash_after_saves(5);
+    let stored: Vec<_> = (0..=5).map(calibration_record).map(Some).chain([None]).collect();
     for position in 0..flash.bytes.len() {
         if position % PAGE > 600 {
-            continue; // After every item.
+            continue; // Erased bytes behind the items.
         }
         let mut damaged = flash.clone();
         damaged.bytes[position] ^= 0x5A;

@@ -19,7 +19,7 @@ fn an_unreadable_flash_is_not_written() {
     for saves in [0, 1, 2, 7] {
         for page in 0..PAGES {
             for times in [1, 2, usize::MAX] {
-                let good = flash_after(saves);
+                let good = flash_after_saves(saves);
                 let mut flash = good.clone();
                 flash.operations = 0;
                 flash.unreadable = Some((page_bytes(page), times));
@@ -32,7 +32,7 @@ fn an_unreadable_flash_is_not_written() {
 
 #[test]
 fn an_unreadable_page_is_reported_and_the_others_are_loaded() {
-    let mut flash = flash_after(2);
+    let mut flash = flash_after_saves(2);
     flash.unreadable = Some((0..PAGES * PAGE, usize::MAX));
     assert_eq!(load(&mut flash), Err(StoreError::Flash));
     // The second page for states is unreadable; the first state remains valid.
@@ -56,9 +56,9 @@ fn an_unreadable_page_is_reported_and_the_others_are_loaded() {
 fn bytes_that_read_back_differently_are_reported() {
     for (fault, save_range) in [(SilentFault::WritesIgnored, 0..3), (SilentFault::WritesAltered, 0..7)] {
         for saves in save_range {
-            let mut flash = flash_after(saves);
+            let mut flash = flash_after_saves(saves);
             flash.silent_fault = Some(fault);
-            assert_eq!(save(&mut flash, 99), Err(StoreError::Verify), "{fault:?} after {saves}");
+            assert_eq!(save(&mut flash, 99), Err(StoreError::ReadBackDiffers), "{fault:?} after {saves}");
             let old = if saves == 0 { StoredCalibrations::default() } else { stored_calibrations(saves) };
             assert_eq!(load_generations(&mut flash.power_on()), Ok(old), "{fault:?} after {saves}");
         }
@@ -68,7 +68,7 @@ fn bytes_that_read_back_differently_are_reported() {
 #[test]
 fn settings_out_of_range_are_rejected_and_not_written() {
     for saves in [0, 3] {
-        let mut flash = flash_after(saves);
+        let mut flash = flash_after_saves(saves);
         flash.operations = 0;
         let bad = Settings { stream_rate_hz: 0, ..Settings::default() };
         assert_eq!(save_change(&mut flash, StoreChange::Settings(&bad)), Err(StoreError::Invalid));

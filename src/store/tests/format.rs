@@ -3,9 +3,9 @@
 use serde::Serialize;
 
 use super::*;
-use crate::settings::{AttitudeError, Baud, CanSettings, PortNumber, SensorError, SigningKey};
+use crate::settings::{AttitudeError, BaudRate, CanSettings, PortNumber, SensorError, SigningKey};
 
-fn state() -> StoredState {
+fn stored_state() -> StoredState {
     let mut settings = Settings {
         inclination_deg: Some(-60.0),
         align_deg: 3.5,
@@ -15,7 +15,7 @@ fn state() -> StoredState {
         sends_vision_yaw: true,
         ..settings()
     };
-    settings.ports.port_mut(PortNumber::One).baud = Baud::B460800;
+    settings.ports.port_mut(PortNumber::One).baud = BaudRate::B460800;
     settings.ports.port_mut(PortNumber::Two).protocol = ProtocolKind::Msp;
     StoredState {
         save_count: 300,
@@ -30,7 +30,7 @@ fn state() -> StoredState {
 }
 
 fn calibration() -> CalibrationRecord {
-    let mut record = record(7);
+    let mut record = calibration_record(7);
     record.calibration.motor_current = MotorCurrentInterference {
         ut_per_a: [0.5, -0.25, 0.125],
         sigma_ut_per_a: 0.01,
@@ -50,7 +50,7 @@ fn fields_of(item: &[u8]) -> Vec<u8> {
 
 #[test]
 fn stored_items_round_trip() {
-    assert_eq!(fields::decode_fields(&fields_of(&item_of(&state()))), Ok(state()));
+    assert_eq!(fields::decode_fields(&fields_of(&item_of(&stored_state()))), Ok(stored_state()));
     assert_eq!(fields::decode_fields(&fields_of(&item_of(&StoredState::default()))), Ok(StoredState::default()));
     assert_eq!(fields::decode_fields(&fields_of(&item_of(&calibration()))), Ok(calibration()));
     let largest = CalibrationRecord { serial_number: u32::MAX, ..calibration() };
@@ -100,14 +100,14 @@ fn pinned_calibration() -> Vec<u8> {
 
 #[test]
 fn items_of_the_first_release_are_read() {
-    assert_eq!(fields::decode_fields(&fields_of(&bytes_of(STATE))), Ok(state()));
+    assert_eq!(fields::decode_fields(&fields_of(&bytes_of(STATE))), Ok(stored_state()));
     assert_eq!(fields::decode_fields(&fields_of(&pinned_calibration())), Ok(calibration()));
 }
 
 /// If this fails, the written bytes have changed. After appending a field, add its bytes to the later item.
 #[test]
 fn written_bytes_are_those_of_the_first_release_and_later_fields() {
-    let mut later = state();
+    let mut later = stored_state();
     later.settings.signing_key = Some(SigningKey([7; 32]));
     later.settings.can = CanSettings { node: 42, rate_hz: 20, sends_covariance: true, is_terminated: true };
     later.settings.sensor_error = SensorError { gyro_percent: 5.0, drift_percent: 0.5 };
@@ -121,11 +121,15 @@ fn written_bytes_are_those_of_the_first_release_and_later_fields() {
 fn a_store_of_the_first_release_is_loaded() {
     let mut flash = Flash::new(PAGES);
     let crc = u32::from_le_bytes(bytes_of("0acbef1b").try_into().unwrap());
-    put(&mut flash, 3, &pinned_calibration());
-    put(&mut flash, 5, &item_of(&StoredState { current_slot: Some(SlotReference { slot: 3, crc }), ..state() }));
+    write_page(&mut flash, 3, &pinned_calibration());
+    write_page(
+        &mut flash,
+        5,
+        &item_of(&StoredState { current_slot: Some(SlotReference { slot: 3, crc }), ..stored_state() }),
+    );
     let stored_calibrations =
         StoredCalibrations { current_calibration: Some(calibration()), previous_calibration: None };
-    let StoredState { settings, startup_values, .. } = state();
+    let StoredState { settings, startup_values, .. } = stored_state();
     assert_eq!(load(&mut flash), Ok(StoredValues { settings, stored_calibrations, startup_values }));
 }
 
@@ -138,9 +142,9 @@ fn unknown_fields_are_ignored() {
     for value in [&[][..], &[1], &[0xFF; 200]] {
         let unknown = field(200, value);
         for fields in
-            [[&fields_of(&item_of(&state()))[..], &unknown].concat(), [unknown.clone(), state_fields()].concat()]
+            [[&fields_of(&item_of(&stored_state()))[..], &unknown].concat(), [unknown.clone(), state_fields()].concat()]
         {
-            assert_eq!(fields::decode_fields(&fields), Ok(state()));
+            assert_eq!(fields::decode_fields(&fields), Ok(stored_state()));
         }
         let fields = [fields_of(&item_of(&calibration())), unknown].concat();
         assert_eq!(fields::decode_fields(&fields), Ok(calibration()));
@@ -148,10 +152,10 @@ fn unknown_fields_are_ignored() {
 }
 
 fn state_fields() -> Vec<u8> {
-    fields_of(&item_of(&state()))
+    fields_of(&item_of(&stored_state()))
 }
 
-fn split(mut fields: &[u8]) -> Vec<(u8, Vec<u8>)> {
+fn split_into_fields(mut fields: &[u8]) -> Vec<(u8, Vec<u8>)> {
     let mut all = Vec::new();
     while let [tag, low, high, rest @ ..] = fields {
         let (value, after) = rest.split_at(usize::from(u16::from_le_bytes([*low, *high])));
@@ -165,7 +169,7 @@ fn split(mut fields: &[u8]) -> Vec<(u8, Vec<u8>)> {
 /// one known here.
 #[test]
 fn a_missing_field_has_its_default() {
-    let fields = split(&state_fields());
+    let fields = split_into_fields(&state_fields());
     for (missing, _) in &fields {
         let others = fields.iter().filter(|(tag, _)| tag != missing).flat_map(|(_, field)| field.clone());
         let found: Result<StoredState, _> = fields::decode_fields(&others.collect::<Vec<_>>());
@@ -174,8 +178,8 @@ fn a_missing_field_has_its_default() {
         } else {
             // The other fields are unchanged.
             let found = found.unwrap();
-            let default = split(&fields_of(&item_of(&StoredState::default())));
-            for ((tag, stored), (_, default)) in split(&fields_of(&item_of(&found))).iter().zip(&default) {
+            let default = split_into_fields(&fields_of(&item_of(&StoredState::default())));
+            for ((tag, stored), (_, default)) in split_into_fields(&fields_of(&item_of(&found))).iter().zip(&default) {
                 let (_, before) = &fields[usize::from(*tag) - 1];
                 assert_eq!(stored, if tag == missing { default } else { before }, "{missing} {tag}");
             }
@@ -186,13 +190,13 @@ fn a_missing_field_has_its_default() {
     let mut from_later = from_later;
     from_later[at + 3] = 99;
     let stream_heading = HeadingKind::Smooth;
-    let settings = Settings { stream_heading, ..state().settings };
-    assert_eq!(fields::decode_fields(&from_later), Ok(StoredState { settings, ..state() }));
+    let settings = Settings { stream_heading, ..stored_state().settings };
+    assert_eq!(fields::decode_fields(&from_later), Ok(StoredState { settings, ..stored_state() }));
 }
 
 #[test]
 fn a_calibration_needs_every_field_of_the_first_release() {
-    let fields = split(&fields_of(&item_of(&calibration())));
+    let fields = split_into_fields(&fields_of(&item_of(&calibration())));
     assert_eq!(fields.len(), 25);
     for (missing, _) in &fields {
         let others = fields.iter().filter(|(tag, _)| tag != missing).flat_map(|(_, field)| field.clone());
@@ -213,7 +217,7 @@ fn variants_keep_their_numbers() {
     assert_numbers(&[AttitudeEnvelope::Banked, AttitudeEnvelope::Level]);
     assert_numbers(&[HeadingKind::Raw, HeadingKind::Smooth]);
     assert_numbers(&ProtocolKind::ALL_PROTOCOLS);
-    assert_numbers(&Baud::ALL_RATES);
+    assert_numbers(&BaudRate::ALL_RATES);
     assert_numbers(&[
         Method::Level,
         Method::FourEllipse,
@@ -228,18 +232,19 @@ fn variants_keep_their_numbers() {
 fn fields_beyond_the_buffer_are_rejected() {
     let size = state_fields().len();
     for room in 0..size {
-        assert_eq!(fields::encode_fields(&state(), &mut vec![0; room]), Err(StoreError::Full), "{room}");
+        assert_eq!(fields::encode_fields(&stored_state(), &mut vec![0; room]), Err(StoreError::Full), "{room}");
     }
-    assert_eq!(fields::encode_fields(&state(), &mut vec![0; size]), Ok(size));
+    assert_eq!(fields::encode_fields(&stored_state(), &mut vec![0; size]), Ok(size));
 }
 
 #[test]
 fn a_reference_beyond_the_slots_is_refused() {
     for (slot, valid) in [(3, true), (4, false), (255, false)] {
         let reference = Some(SlotReference { slot, crc: 1 });
-        for state in
-            [StoredState { current_slot: reference, ..state() }, StoredState { previous_slot: reference, ..state() }]
-        {
+        for state in [
+            StoredState { current_slot: reference, ..stored_state() },
+            StoredState { previous_slot: reference, ..stored_state() },
+        ] {
             assert_eq!(flash_page::encode_item(&state, &mut [0; ITEM_SIZE]).is_ok(), valid, "{slot}");
         }
     }
@@ -263,7 +268,7 @@ fn a_truncated_item_is_damaged() {
         assert_eq!(flash_page::parse_page(&item[..length]), PageContent::Damaged, "{length}");
     }
     for fields in [state_fields(), fields_of(&item)] {
-        let ends: Vec<_> = split(&fields)
+        let ends: Vec<_> = split_into_fields(&fields)
             .iter()
             .scan(0, |end, (_, field)| {
                 *end += field.len();

@@ -26,7 +26,7 @@ const REGION: Range<u32> = 0..(PAGE * PAGES) as u32;
 
 type Flash = RamFlash<PAGE>;
 
-pub(crate) fn record(serial: u32) -> CalibrationRecord {
+pub(crate) fn calibration_record(serial: u32) -> CalibrationRecord {
     let calibration = Calibration {
         b_ut: [serial as f32, 2.0, 3.0],
         inclination_rad: 1.0,
@@ -61,12 +61,12 @@ pub(crate) fn record(serial: u32) -> CalibrationRecord {
 
 fn stored_calibrations(serial: u32) -> StoredCalibrations {
     StoredCalibrations {
-        current_calibration: Some(record(serial)),
-        previous_calibration: Some(record(serial.wrapping_sub(1))),
+        current_calibration: Some(calibration_record(serial)),
+        previous_calibration: Some(calibration_record(serial.wrapping_sub(1))),
     }
 }
 
-fn change(stored_calibrations: &StoredCalibrations) -> StoreChange<'_> {
+fn calibration_change(stored_calibrations: &StoredCalibrations) -> StoreChange<'_> {
     StoreChange::StoredCalibrations {
         current: stored_calibrations.current_calibration.as_ref(),
         previous: stored_calibrations.previous_calibration.as_ref(),
@@ -89,12 +89,12 @@ fn item_of(value: &impl StoredFields) -> Vec<u8> {
     flash_page::encode_item(value, &mut [0; ITEM_SIZE]).unwrap().0.to_vec()
 }
 
-fn with_crc(mut bytes: Vec<u8>) -> Vec<u8> {
+fn append_crc(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes.extend(flash_page::CRC.checksum(&bytes).to_le_bytes());
     bytes
 }
 
-fn put(flash: &mut Flash, page: usize, bytes: &[u8]) {
+fn write_page(flash: &mut Flash, page: usize, bytes: &[u8]) {
     let page = &mut flash.bytes[page * PAGE..(page + 1) * PAGE];
     page.fill(0xFF);
     page[..bytes.len()].copy_from_slice(bytes);
@@ -106,7 +106,7 @@ fn changed_pages(before: &Flash, after: &Flash) -> Vec<usize> {
 }
 
 /// Flash after a number of saves, the last with this serial number.
-fn flash_after(saves: u32) -> Flash {
+fn flash_after_saves(saves: u32) -> Flash {
     let mut flash = Flash::new(PAGES);
     for serial in 1..=saves {
         save(&mut flash, serial).unwrap();
@@ -116,7 +116,7 @@ fn flash_after(saves: u32) -> Flash {
 
 /// Saves a calibration with a newly created store.
 fn save(flash: &mut Flash, serial: u32) -> Result<(), StoreError> {
-    save_change(flash, change(&stored_calibrations(serial)))
+    save_change(flash, calibration_change(&stored_calibrations(serial)))
 }
 
 fn save_change(flash: &mut Flash, change: StoreChange<'_>) -> Result<(), StoreError> {
@@ -165,7 +165,7 @@ fn settings_and_calibrations_do_not_disturb_each_other() {
         })
     );
     let only_current = StoredCalibrations { previous_calibration: None, ..stored_calibrations(7) };
-    save_change(&mut flash, change(&only_current)).unwrap();
+    save_change(&mut flash, calibration_change(&only_current)).unwrap();
     assert_eq!(
         load(&mut flash),
         Ok(StoredValues { settings: settings(), stored_calibrations: only_current, ..StoredValues::default() })
@@ -192,7 +192,7 @@ fn each_of_25_saves_is_loaded_again() {
 
 #[test]
 fn an_accepted_calibration_writes_a_free_slot_and_a_state() {
-    let mut flash = flash_after(1);
+    let mut flash = flash_after_saves(1);
     for serial in 2..12 {
         let before = flash.clone();
         save(&mut flash, serial).unwrap();
@@ -200,7 +200,7 @@ fn an_accepted_calibration_writes_a_free_slot_and_a_state() {
         assert!(slot < CALIBRATION_SLOTS as usize && state >= CALIBRATION_SLOTS as usize, "{slot} {state}");
         // Without the new state, the previous calibrations are loaded.
         let mut undone = flash.clone();
-        put(&mut undone, state, &[]);
+        write_page(&mut undone, state, &[]);
         assert_eq!(load_generations(&mut undone), Ok(stored_calibrations(serial - 1)));
     }
 }
@@ -209,8 +209,8 @@ fn an_accepted_calibration_writes_a_free_slot_and_a_state() {
 fn undo_clear_and_settings_write_a_state_alone() {
     let StoredCalibrations { current_calibration: current, previous_calibration: previous } = stored_calibrations(3);
     let undone = StoredCalibrations { current_calibration: previous, previous_calibration: current };
-    for change in [change(&undone), StoreChange::Clear, StoreChange::Settings(&settings())] {
-        let mut flash = flash_after(3);
+    for change in [calibration_change(&undone), StoreChange::Clear, StoreChange::Settings(&settings())] {
+        let mut flash = flash_after_saves(3);
         let before = flash.clone();
         save_change(&mut flash, change).unwrap();
         let [state] = changed_pages(&before, &flash)[..] else { panic!("one page") };
@@ -234,7 +234,8 @@ fn only_the_region_is_touched() {
     flash.bytes.fill(0x5A);
     let region = PAGE as u32..(7 * PAGE) as u32;
     for serial in 1..=12 {
-        block_on(Store::new(&mut flash, region.clone()).save_change(change(&stored_calibrations(serial)))).unwrap();
+        block_on(Store::new(&mut flash, region.clone()).save_change(calibration_change(&stored_calibrations(serial))))
+            .unwrap();
     }
     let untouched = |page: usize| flash.bytes[page * PAGE..(page + 1) * PAGE].iter().all(|&byte| byte == 0x5A);
     let pages: Vec<bool> = (0..PAGES).map(untouched).collect();
@@ -257,7 +258,7 @@ fn a_stored_calibration_clears_the_collecting_flag() {
     for (change, is_collecting) in
         [(StoreChange::Settings(&settings()), true), (none, false), (StoreChange::Clear, false)]
     {
-        let mut flash = flash_after(1);
+        let mut flash = flash_after_saves(1);
         save_change(&mut flash, StoreChange::StartupValues(startup_values)).unwrap();
         assert_eq!(load(&mut flash).unwrap().startup_values, startup_values);
         save_change(&mut flash, change).unwrap();
@@ -268,13 +269,16 @@ fn a_stored_calibration_clears_the_collecting_flag() {
 #[test]
 fn undo_twice_is_redo() {
     let mut stored_calibrations = StoredCalibrations::default();
-    stored_calibrations.push_record(&record(1));
-    stored_calibrations.push_record(&record(2));
+    stored_calibrations.push_record(&calibration_record(1));
+    stored_calibrations.push_record(&calibration_record(2));
     let before = stored_calibrations;
     stored_calibrations.undo_last();
     assert_eq!(
         stored_calibrations,
-        StoredCalibrations { current_calibration: Some(record(1)), previous_calibration: Some(record(2)) }
+        StoredCalibrations {
+            current_calibration: Some(calibration_record(1)),
+            previous_calibration: Some(calibration_record(2))
+        }
     );
     stored_calibrations.undo_last();
     assert_eq!(stored_calibrations, before);

@@ -6,14 +6,14 @@ use testkit::flash::CutProgress;
 
 use super::*;
 
-const LATER: u8 = flash_page::STORE_FORMAT + 1;
+const LATER_FORMAT: u8 = flash_page::STORE_FORMAT + 1;
 
 /// Item of another format, longer than any item of this format.
 fn other_item(format: u8) -> Vec<u8> {
     let mut item = vec![format];
     item.extend(1000_u16.to_le_bytes());
     item.extend((0..1000).map(|n| n as u8));
-    with_crc(item)
+    append_crc(item)
 }
 
 /// Start of a page written by firmware before the first release: page marker; CRC, length and CRC of the length of the
@@ -21,7 +21,7 @@ fn other_item(format: u8) -> Vec<u8> {
 fn development_page(format: u8) -> Vec<u8> {
     let mut value = vec![format];
     value.extend((0..700).map(|n| n as u8));
-    let value = with_crc(value);
+    let value = append_crc(value);
     let mut page = vec![0; 8];
     page.extend([0x11, 0x22, 0x33, 0x44]);
     page.extend((value.len() as u16 + 1).to_le_bytes());
@@ -34,16 +34,16 @@ fn development_page(format: u8) -> Vec<u8> {
 }
 
 /// Another format on one, two or all pages; the others are erased, hold values of this format, or are damaged.
-fn flashes(format: u8, item: &[u8]) -> Vec<(String, Flash)> {
+fn flashes_with_item(format: u8, item: &[u8]) -> Vec<(String, Flash)> {
     let mut flashes = Vec::new();
     let mut damaged = Flash::new(PAGES);
     damaged.bytes.fill(0x5A);
-    for (others, flash) in [("erased", Flash::new(PAGES)), ("in use", flash_after(6)), ("damaged", damaged)] {
+    for (others, flash) in [("erased", Flash::new(PAGES)), ("in use", flash_after_saves(6)), ("damaged", damaged)] {
         for first in 0..PAGES {
             for pages in [first..first + 1, first..PAGES, 0..first + 1] {
                 let mut flash = flash.clone();
                 flash.operations = 0;
-                pages.clone().for_each(|page| put(&mut flash, page, item));
+                pages.clone().for_each(|page| write_page(&mut flash, page, item));
                 flashes.push((format!("format {format} in pages {pages:?}, others {others}"), flash));
             }
         }
@@ -52,9 +52,10 @@ fn flashes(format: u8, item: &[u8]) -> Vec<(String, Flash)> {
 }
 
 fn all_flashes() -> Vec<(u8, String, Flash)> {
-    let flashes_of_format =
-        |format, item: Vec<u8>| flashes(format, &item).into_iter().map(move |(case, flash)| (format, case, flash));
-    flashes_of_format(LATER, other_item(LATER)).chain(flashes_of_format(9, development_page(9))).collect()
+    let flashes_of_format = |format, item: Vec<u8>| {
+        flashes_with_item(format, &item).into_iter().map(move |(case, flash)| (format, case, flash))
+    };
+    flashes_of_format(LATER_FORMAT, other_item(LATER_FORMAT)).chain(flashes_of_format(9, development_page(9))).collect()
 }
 
 /// Values of this format are not loaded, because they may be outdated: which of them remain depends on the number of
@@ -71,7 +72,9 @@ fn another_format_is_reported_and_left_untouched() {
         );
         let nothing = StoreChange::StoredCalibrations { current: None, previous: None };
         let startup_values = StoreChange::StartupValues(StartupValues::DEFAULT);
-        for change in [StoreChange::Settings(&settings()), change(&stored_calibrations(8)), nothing, startup_values] {
+        for change in
+            [StoreChange::Settings(&settings()), calibration_change(&stored_calibrations(8)), nothing, startup_values]
+        {
             assert_eq!(save_change(&mut copy, change), Err(error), "{case}");
         }
         assert_eq!((copy.operations, &copy.bytes), (0, &flash.bytes), "{case}");

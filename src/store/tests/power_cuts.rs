@@ -7,7 +7,7 @@ use testkit::random::Random;
 use super::*;
 
 /// Second cuts per first one.
-const SECOND_CUTS: usize = 2;
+const SECOND_CUTS_PER_FIRST: usize = 2;
 
 /// Cuts near the ends of a save and at every seventh word between, at every fill of the region, then a second cut in
 /// the next save. Saves succeed afterwards.
@@ -16,22 +16,22 @@ fn power_cuts_anywhere_leave_old_or_new() {
     let mut random = Random(1);
     let mut cases = 0;
     for saves in 0..11 {
-        let start = flash_after(saves);
+        let start = flash_after_saves(saves);
         let old = if saves == 0 { StoredCalibrations::default() } else { stored_calibrations(saves) };
-        for (first, first_cut) in cuts(&start, saves + 1) {
+        for (first, first_cut) in cut_flashes(&start, saves + 1) {
             let mut flash = start.cut_at(first, first_cut);
             save(&mut flash, saves + 1).unwrap_err();
             let mut once = flash.power_on();
             let case = format!("{saves} saves, {first_cut:?} at {first}");
-            let between = one_of(&mut once, &[old, stored_calibrations(saves + 1)], &case);
-            let all: Vec<_> = cuts(&once, saves + 2).collect();
-            for _ in 0..SECOND_CUTS {
+            let between = load_allowed(&mut once, &[old, stored_calibrations(saves + 1)], &case);
+            let all: Vec<_> = cut_flashes(&once, saves + 2).collect();
+            for _ in 0..SECOND_CUTS_PER_FIRST {
                 let (second, second_cut) = all[random.bits() as usize % all.len()];
                 let mut flash = once.cut_at(second, second_cut);
                 let case = format!("{case}, {second_cut:?} at {second}");
                 save(&mut flash, saves + 2).unwrap_err();
                 let mut flash = flash.power_on();
-                one_of(&mut flash, &[between, stored_calibrations(saves + 2)], &case);
+                load_allowed(&mut flash, &[between, stored_calibrations(saves + 2)], &case);
                 save(&mut flash, 1000).unwrap_or_else(|error| panic!("{case}: {error:?}"));
                 assert_eq!(load_generations(&mut flash), Ok(stored_calibrations(1000)), "{case}");
                 cases += 1;
@@ -60,8 +60,8 @@ fn a_power_cut_during_any_change_leaves_the_old_or_new_values() {
             StoreChange::Settings(&settings()),
             StoreChange::StartupValues(startup_values),
             StoreChange::Clear,
-            change(&undone),
-            change(&stored_calibrations(10)),
+            calibration_change(&undone),
+            calibration_change(&stored_calibrations(10)),
         ] {
             let old = load(&mut start).unwrap();
             let mut complete = start.power_on();
@@ -83,14 +83,14 @@ fn a_power_cut_during_any_change_leaves_the_old_or_new_values() {
 }
 
 /// Loads the calibrations and asserts that they are among `allowed`.
-fn one_of(flash: &mut Flash, allowed: &[StoredCalibrations], case: &str) -> StoredCalibrations {
+fn load_allowed(flash: &mut Flash, allowed: &[StoredCalibrations], case: &str) -> StoredCalibrations {
     let found = load_generations(flash).unwrap_or_else(|error| panic!("{case}: {error:?}"));
     assert!(allowed.contains(&found), "{case}: {found:?}");
     found
 }
 
 /// Operation and kind of each power cut during a save.
-fn cuts(flash: &Flash, serial: u32) -> impl Iterator<Item = (usize, (CutProgress, u64))> + use<> {
+fn cut_flashes(flash: &Flash, serial: u32) -> impl Iterator<Item = (usize, (CutProgress, u64))> + use<> {
     let mut complete = flash.power_on();
     save(&mut complete, serial).unwrap();
     CutProgress::near_operation_limits(complete.operations)

@@ -109,21 +109,21 @@ fn records_are_kept_if_every_number_is_finite() {
         for (number, valid) in
             [(0.5, true), (f32::MAX, true), (f32::INFINITY, false), (-f32::INFINITY, false), (f32::NAN, false)]
         {
-            let mut record = record(1);
+            let mut record = calibration_record(1);
             set(&mut record, number);
             assert_valid(&record, valid, label);
         }
     }
     for (number, valid) in [(23, true), (24, false)] {
-        assert_valid(&CalibrationRecord { mount: mount(number), ..record(1) }, valid, "mount");
+        assert_valid(&CalibrationRecord { mount: mount(number), ..calibration_record(1) }, valid, "mount");
     }
 }
 
 #[test]
 fn an_invalid_calibration_is_rejected_and_not_written() {
-    let bad = CalibrationRecord { mount: mount(24), ..record(9) };
-    for (current, previous) in [(&bad, &record(8)), (&record(9), &bad)] {
-        let mut flash = flash_after(2);
+    let bad = CalibrationRecord { mount: mount(24), ..calibration_record(9) };
+    for (current, previous) in [(&bad, &calibration_record(8)), (&calibration_record(9), &bad)] {
+        let mut flash = flash_after_saves(2);
         flash.operations = 0;
         let change = StoreChange::StoredCalibrations { current: Some(current), previous: Some(previous) };
         assert_eq!(save_change(&mut flash, change), Err(StoreError::Invalid));

@@ -8,7 +8,7 @@ use super::transfer::Payload;
 pub(super) struct BitWriter {
     bytes: Payload,
     /// Unused low bits of the last byte.
-    free: u32,
+    free_bits: u32,
 }
 
 impl BitWriter {
@@ -26,25 +26,25 @@ impl BitWriter {
     /// Appends 1 to 8 low bits of a byte.
     fn put_bits_of_byte(&mut self, value: u8, count: u32) {
         let aligned = value << (8 - count);
-        match self.bytes.last_mut().filter(|_| self.free > 0) {
+        match self.bytes.last_mut().filter(|_| self.free_bits > 0) {
             None => {
                 let _ = self.bytes.push(aligned);
-                self.free = 8 - count;
+                self.free_bits = 8 - count;
             }
             Some(last) => {
-                *last |= aligned >> (8 - self.free);
-                if count > self.free {
-                    let _ = self.bytes.push(aligned << self.free);
-                    self.free += 8;
+                *last |= aligned >> (8 - self.free_bits);
+                if count > self.free_bits {
+                    let _ = self.bytes.push(aligned << self.free_bits);
+                    self.free_bits += 8;
                 }
-                self.free -= count;
+                self.free_bits -= count;
             }
         }
     }
 
     /// Appends bytes.
     pub fn put_bytes(&mut self, bytes: &[u8]) {
-        if self.free == 0 && self.bytes.extend_from_slice(bytes).is_ok() {
+        if self.free_bits == 0 && self.bytes.extend_from_slice(bytes).is_ok() {
             return;
         }
         for &byte in bytes {
@@ -58,7 +58,7 @@ impl BitWriter {
     }
 
     /// The payload, with the last byte filled up with zeros.
-    pub fn finish(self) -> Payload {
+    pub fn into_payload(self) -> Payload {
         self.bytes
     }
 }
@@ -67,57 +67,57 @@ impl BitWriter {
 #[derive(Debug)]
 pub(super) struct BitReader<'a> {
     bytes: &'a [u8],
-    bit: usize,
+    bit_position: usize,
 }
 
 impl<'a> BitReader<'a> {
     pub const fn new(bytes: &'a [u8]) -> Self {
-        Self { bytes, bit: 0 }
+        Self { bytes, bit_position: 0 }
     }
 
     /// Next bits, at most 64.
-    pub fn take(&mut self, bits: u32) -> u64 {
+    pub fn read_bits(&mut self, bits: u32) -> u64 {
         let (mut value, mut shift) = (0, 0);
         while shift < bits {
             let count = (bits - shift).min(8);
-            value |= u64::from(self.take_bits_of_byte(count)) << shift;
+            value |= u64::from(self.read_bits_of_byte(count)) << shift;
             shift += 8;
         }
         value
     }
 
     /// Next 1 to 8 bits.
-    fn take_bits_of_byte(&mut self, count: u32) -> u8 {
+    fn read_bits_of_byte(&mut self, count: u32) -> u8 {
         let byte = |index| self.bytes.get(index).copied().unwrap_or(0);
-        let index = self.bit / 8;
+        let index = self.bit_position / 8;
         let two = u16::from_be_bytes([byte(index), byte(index + 1)]);
-        let value = (two << (self.bit % 8)) >> (16 - count);
-        self.bit += count as usize;
+        let value = (two << (self.bit_position % 8)) >> (16 - count);
+        self.bit_position += count as usize;
         value as u8
     }
 
     /// Takes the next `bits` bits as a signed integer.
-    pub fn take_signed(&mut self, bits: u32) -> i64 {
+    pub fn read_signed(&mut self, bits: u32) -> i64 {
         let unused = 64 - bits;
-        (self.take(bits) << unused).cast_signed() >> unused
+        (self.read_bits(bits) << unused).cast_signed() >> unused
     }
 
     /// Next number of half precision.
-    pub fn take_f16(&mut self) -> f32 {
-        half::f16::from_bits(self.take(16) as u16).to_f32()
+    pub fn read_f16(&mut self) -> f32 {
+        half::f16::from_bits(self.read_bits(16) as u16).to_f32()
     }
 
     /// Next bytes, fewer at the end of the payload. Only used where all values before are whole bytes.
-    pub fn take_bytes(&mut self, count: usize) -> &'a [u8] {
-        let rest = self.bytes.get(self.bit.div_ceil(8)..).unwrap_or_default();
+    pub fn read_bytes(&mut self, count: usize) -> &'a [u8] {
+        let rest = self.bytes.get(self.bit_position.div_ceil(8)..).unwrap_or_default();
         let taken = rest.get(..count).unwrap_or(rest);
-        self.bit += 8 * taken.len();
+        self.bit_position += 8 * taken.len();
         taken
     }
 
     /// All bytes up to the end.
-    pub fn take_rest(&mut self) -> &'a [u8] {
-        self.take_bytes(usize::MAX)
+    pub fn read_remaining_bytes(&mut self) -> &'a [u8] {
+        self.read_bytes(usize::MAX)
     }
 }
 
@@ -131,10 +131,10 @@ mod tests {
         let mut writer = BitWriter::default();
         writer.put_bits(300, 13);
         writer.put_bits(0, 3);
-        let payload = writer.finish();
+        let payload = writer.into_payload();
         assert_eq!(payload, [0x2C, 0x08]);
         let mut reader = BitReader::new(&payload);
-        assert_eq!((reader.take(13), reader.take(3)), (300, 0));
+        assert_eq!((reader.read_bits(13), reader.read_bits(3)), (300, 0));
     }
 
     /// Widths that leave every bit offset, with values of all ones and of a pattern.
@@ -148,11 +148,11 @@ mod tests {
                     writer.put_bits(0, offset);
                     writer.put_bits(pattern, width);
                     writer.put_bits(1, 1);
-                    let payload = writer.finish();
+                    let payload = writer.into_payload();
                     let mut reader = BitReader::new(&payload);
-                    assert_eq!(reader.take(offset), 0);
-                    assert_eq!(reader.take(width), value, "{width} bits at {offset}");
-                    assert_eq!(reader.take(1), 1);
+                    assert_eq!(reader.read_bits(offset), 0);
+                    assert_eq!(reader.read_bits(width), value, "{width} bits at {offset}");
+                    assert_eq!(reader.read_bits(1), 1);
                 }
             }
         }
@@ -161,9 +161,9 @@ mod tests {
     #[test]
     fn missing_bits_are_zero_and_missing_bytes_none() {
         let mut reader = BitReader::new(&[0xFF]);
-        assert_eq!(reader.take(12), 0xFF);
-        assert_eq!((reader.take(64), reader.take_rest()), (0, &[][..]));
-        assert_eq!(BitReader::new(&[0xFE]).take_signed(8), -2);
-        assert_eq!(BitReader::new(&[1, 2, 3]).take_bytes(2), [1, 2]);
+        assert_eq!(reader.read_bits(12), 0xFF);
+        assert_eq!((reader.read_bits(64), reader.read_remaining_bytes()), (0, &[][..]));
+        assert_eq!(BitReader::new(&[0xFE]).read_signed(8), -2);
+        assert_eq!(BitReader::new(&[1, 2, 3]).read_bytes(2), [1, 2]);
     }
 }

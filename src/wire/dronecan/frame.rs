@@ -58,7 +58,7 @@ impl NodeId {
 
     /// The node number.
     #[must_use]
-    pub const fn get(self) -> u8 {
+    pub const fn number(self) -> u8 {
         self.0.get()
     }
 }
@@ -116,12 +116,12 @@ impl FrameHeader {
     /// Encodes the identifier; that of an anonymous message has the discriminator in the high bits of its type.
     #[must_use]
     pub fn to_id(self) -> u32 {
-        let source = self.source_node.map_or(0, NodeId::get);
+        let source = self.source_node.map_or(0, NodeId::number);
         let [type_high, type_low] = self.type_id.to_be_bytes();
         let (middle, low, service) = match self.transfer_kind {
             TransferKind::Message => (type_high, type_low, 0),
-            TransferKind::Request(to) => (type_low, 0x80 | to.get(), 0x80),
-            TransferKind::Response(to) => (type_low, to.get(), 0x80),
+            TransferKind::Request(to) => (type_low, 0x80 | to.number(), 0x80),
+            TransferKind::Response(to) => (type_low, to.number(), 0x80),
         };
         u32::from_be_bytes([self.priority & 0x1F, middle, low, service | source])
     }

@@ -26,7 +26,7 @@ pub enum InboundMessage<'a> {
     /// Request for the description of this node.
     GetNodeInfo,
     /// Request to read or write a parameter.
-    GetSet(GetSet<'a>),
+    GetSet(GetSetRequest<'a>),
     /// Request to save or to reset all parameters.
     ExecuteOpcode(ParameterOpcode),
     /// Request to restart; false without the number that confirms it.
@@ -66,7 +66,7 @@ pub struct Allocation<'a> {
 
 /// Request to read or write a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GetSet<'a> {
+pub struct GetSetRequest<'a> {
     /// Position of the parameter; ignored if there is a name.
     pub parameter_index: u16,
     /// New value; empty to read.
@@ -166,29 +166,29 @@ pub(super) fn find_type(is_service: bool, id: u16, is_anonymous: bool) -> Option
 
 fn parse_allocation(payload: &[u8]) -> Option<InboundMessage<'_>> {
     let mut fields = BitReader::new(payload);
-    let node = NodeId::new(fields.take(7) as u8);
-    let _is_first_part = fields.take(1);
-    let unique_id = fields.take_rest();
+    let node = NodeId::new(fields.read_bits(7) as u8);
+    let _is_first_part = fields.read_bits(1);
+    let unique_id = fields.read_remaining_bytes();
     (unique_id.len() <= UNIQUE_ID_LENGTH).then_some(InboundMessage::Allocation(Allocation { node, unique_id }))
 }
 
 fn get_set(payload: &[u8]) -> Option<InboundMessage<'_>> {
     let mut fields = BitReader::new(payload);
-    let index = fields.take(13) as u16;
-    let value = match fields.take(3) {
+    let index = fields.read_bits(13) as u16;
+    let value = match fields.read_bits(3) {
         0 => GetSetValue::Empty,
-        1 => GetSetValue::Integer(fields.take(64).cast_signed()),
-        2 => GetSetValue::Real(f32::from_bits(fields.take(32) as u32)),
-        3 => GetSetValue::Boolean(fields.take(8) != 0),
+        1 => GetSetValue::Integer(fields.read_bits(64).cast_signed()),
+        2 => GetSetValue::Real(f32::from_bits(fields.read_bits(32) as u32)),
+        3 => GetSetValue::Boolean(fields.read_bits(8) != 0),
         4 => {
-            let length = fields.take(8) as usize;
-            let text = fields.take_bytes(length);
+            let length = fields.read_bits(8) as usize;
+            let text = fields.read_bytes(length);
             (text.len() == length).then_some(GetSetValue::Text(text))?
         }
         _ => return None,
     };
-    let name = fields.take_rest();
-    (name.len() <= NAME_LENGTH).then_some(InboundMessage::GetSet(GetSet {
+    let name = fields.read_remaining_bytes();
+    (name.len() <= NAME_LENGTH).then_some(InboundMessage::GetSet(GetSetRequest {
         parameter_index: index,
         value,
         parameter_name: name,
@@ -197,7 +197,7 @@ fn get_set(payload: &[u8]) -> Option<InboundMessage<'_>> {
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn execute_opcode(payload: &[u8]) -> Option<InboundMessage<'_>> {
-    Some(InboundMessage::ExecuteOpcode(match BitReader::new(payload).take(8) {
+    Some(InboundMessage::ExecuteOpcode(match BitReader::new(payload).read_bits(8) {
         0 if !payload.is_empty() => ParameterOpcode::Save,
         1 => ParameterOpcode::Erase,
         _ => ParameterOpcode::Other,
@@ -206,25 +206,25 @@ fn execute_opcode(payload: &[u8]) -> Option<InboundMessage<'_>> {
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn parse_restart(payload: &[u8]) -> Option<InboundMessage<'_>> {
-    Some(InboundMessage::RestartNode(BitReader::new(payload).take(40) == RESTART_MAGIC))
+    Some(InboundMessage::RestartNode(BitReader::new(payload).read_bits(40) == RESTART_MAGIC))
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn begin_firmware_update(payload: &[u8]) -> Option<InboundMessage<'_>> {
     let mut fields = BitReader::new(payload);
-    let server = NodeId::new(fields.take(8) as u8);
-    Some(InboundMessage::BeginFirmwareUpdate { server, path: fields.take_rest() })
+    let server = NodeId::new(fields.read_bits(8) as u8);
+    Some(InboundMessage::BeginFirmwareUpdate { server, path: fields.read_remaining_bytes() })
 }
 
 fn tunnel_targetted(payload: &[u8]) -> Option<InboundMessage<'_>> {
     let mut fields = BitReader::new(payload);
     let message = Targetted {
-        protocol: fields.take(8) as u8,
-        target: fields.take(7) as u8,
-        serial_line: fields.take_signed(5) as i8,
-        tunnel_options: fields.take(4) as u8,
-        baud: fields.take(24) as u32,
-        serial_bytes: fields.take_rest(),
+        protocol: fields.read_bits(8) as u8,
+        target: fields.read_bits(7) as u8,
+        serial_line: fields.read_signed(5) as i8,
+        tunnel_options: fields.read_bits(4) as u8,
+        baud: fields.read_bits(24) as u32,
+        serial_bytes: fields.read_remaining_bytes(),
     };
     (message.serial_bytes.len() <= Targetted::MAX_DATA_LENGTH).then_some(InboundMessage::Targetted(message))
 }
@@ -243,10 +243,10 @@ fn battery(payload: &[u8]) -> Option<InboundMessage<'_>> {
     const BYTES_BEFORE_CURRENT: usize = 4;
     const BYTES_BEFORE_BATTERY_ID: usize = 12;
     let mut fields = BitReader::new(payload);
-    fields.take_bytes(BYTES_BEFORE_CURRENT);
-    let current_a = Some(fields.take_f16()).filter(|current_a| current_a.is_finite());
-    fields.take_bytes(BYTES_BEFORE_BATTERY_ID);
-    Some(InboundMessage::Battery { battery: fields.take(8) as u8, current_a })
+    fields.read_bytes(BYTES_BEFORE_CURRENT);
+    let current_a = Some(fields.read_f16()).filter(|current_a| current_a.is_finite());
+    fields.read_bytes(BYTES_BEFORE_BATTERY_ID);
+    Some(InboundMessage::Battery { battery: fields.read_bits(8) as u8, current_a })
 }
 
 /// Times of the node and of the satellites in microseconds, longitude and latitude in 1e-8 deg, heights in millimetres.
@@ -256,17 +256,17 @@ fn parse_fix(payload: &[u8]) -> Option<InboundMessage<'_>> {
     const VELOCITY_BITS: u32 = 96;
     const STATUS_3D_FIX: u64 = 3;
     let mut fields = BitReader::new(payload);
-    fields.take(56);
-    let (satellite_us, time_standard) = (fields.take(56), fields.take(3));
-    fields.take(13 + 8);
-    let [longitude_deg, latitude_deg] = [(); 2].map(|()| (fields.take_signed(37) as f64 * 1e-8) as f32);
-    fields.take(27);
-    let height_m = fields.take_signed(27) as f32 / 1000.0;
+    fields.read_bits(56);
+    let (satellite_us, time_standard) = (fields.read_bits(56), fields.read_bits(3));
+    fields.read_bits(13 + 8);
+    let [longitude_deg, latitude_deg] = [(); 2].map(|()| (fields.read_signed(37) as f64 * 1e-8) as f32);
+    fields.read_bits(27);
+    let height_m = fields.read_signed(27) as f32 / 1000.0;
     for _ in 0..VELOCITY_BITS / 32 {
-        fields.take(32);
+        fields.read_bits(32);
     }
-    fields.take(6);
-    let has_fix = fields.take(2) == STATUS_3D_FIX;
+    fields.read_bits(6);
+    let has_fix = fields.read_bits(2) == STATUS_3D_FIX;
     let date = (time_standard == TIME_STANDARD_UTC).then(|| Date::from_unix_s(satellite_us / 1_000_000)).flatten();
     let position = has_fix.then(|| Position::new(latitude_deg, longitude_deg, height_m)).flatten();
     Some(InboundMessage::Fix(position, date))

@@ -53,7 +53,7 @@ impl NodeStatus {
     pub fn payload(self) -> Payload {
         let mut out = BitWriter::default();
         self.put_status(&mut out);
-        out.finish()
+        out.into_payload()
     }
 }
 
@@ -73,7 +73,7 @@ pub struct SoftwareVersion {
 impl SoftwareVersion {
     /// Version of this firmware, with the first 32 bits of its commit, if known.
     #[must_use]
-    pub const fn of_this_firmware(commit: Option<u32>) -> Self {
+    pub const fn from_firmware(commit: Option<u32>) -> Self {
         const fn parse_number(text: &str) -> u8 {
             match u8::from_str_radix(text, 10) {
                 Ok(number) => number,
@@ -87,7 +87,7 @@ impl SoftwareVersion {
 
     /// First 32 bits of the commit in a text such as `0.1.0 (148f00e4eb)`.
     #[must_use]
-    pub fn commit_of_version(text: &str) -> Option<u32> {
+    pub fn parse_commit(text: &str) -> Option<u32> {
         let (_, commit) = text.split_once('(')?;
         u32::from_str_radix(commit.get(..8)?, 16).ok()
     }
@@ -121,7 +121,7 @@ impl NodeInfo {
         // No certificate of authenticity.
         out.put_bytes(&[0]);
         out.put_bytes(self.node_name.as_bytes());
-        out.finish()
+        out.into_payload()
     }
 }
 
@@ -133,7 +133,7 @@ pub fn allocation_payload(is_first_part: bool, unique_id_part: &[u8]) -> Payload
     out.put_bits(0, 7);
     out.put_bits(is_first_part.into(), 1);
     out.put_bytes(unique_id_part);
-    out.finish()
+    out.into_payload()
 }
 
 /// Response to GetSet. Without a name the parameter does not exist, and all values are empty.
@@ -161,7 +161,7 @@ impl ParameterResponse<'_> {
             put_value(&mut out, value, tag_bits);
         }
         out.put_bytes(self.parameter_name.as_bytes());
-        out.finish()
+        out.into_payload()
     }
 }
 
@@ -194,7 +194,7 @@ pub fn opcode_result(is_ok: bool) -> Payload {
     let mut out = BitWriter::default();
     out.put_bits(0, 48);
     out.put_bits(is_ok.into(), 1);
-    out.finish()
+    out.into_payload()
 }
 
 /// Response to RestartNode.
@@ -202,7 +202,7 @@ pub fn opcode_result(is_ok: bool) -> Payload {
 pub fn restart_result(is_ok: bool) -> Payload {
     let mut out = BitWriter::default();
     out.put_bits(is_ok.into(), 1);
-    out.finish()
+    out.into_payload()
 }
 
 /// Counters of a bus since the start.
@@ -225,7 +225,7 @@ pub fn transport_stats(transfers: BusCounts, frames: BusCounts) -> Payload {
             out.put_bits(count.into(), 48);
         }
     }
-    out.finish()
+    out.into_payload()
 }
 
 /// Level of a text.
@@ -248,7 +248,7 @@ pub fn log_message(level: LogLevel, source: &str, text: &[u8]) -> Payload {
     out.put_bits(source.len() as u64, 5);
     out.put_bytes(source.as_bytes());
     out.put_bytes(text);
-    out.finish()
+    out.into_payload()
 }
 
 /// Magnetic field, gauss, with the variances of the axes, square gauss, if given.
@@ -259,7 +259,7 @@ pub fn magnetic_field(sensor: u8, field_gauss: [f32; 3], variances: Option<[f32;
     for number in field_gauss.into_iter().chain(variances.into_iter().flatten()) {
         out.put_f16(number);
     }
-    out.finish()
+    out.into_payload()
 }
 
 /// Result of a request to load another firmware.
@@ -281,7 +281,7 @@ pub fn update_result(result: UpdateResult, reason: &str) -> Payload {
     let mut out = BitWriter::default();
     out.put_bytes(&[result as u8]);
     out.put_bytes(reason.as_bytes());
-    out.finish()
+    out.into_payload()
 }
 
 impl Targetted<'_> {
@@ -295,6 +295,6 @@ impl Targetted<'_> {
         out.put_bits(self.tunnel_options.into(), 4);
         out.put_bits(self.baud.into(), 24);
         out.put_bytes(self.serial_bytes);
-        out.finish()
+        out.into_payload()
     }
 }

@@ -10,7 +10,7 @@ use super::transfer::{CRC_LENGTH, DataType};
 use crate::time::Timestamp;
 
 /// Longest received payload, bytes: GetSet with the longest string and name.
-pub const LONGEST_RECEIVED: usize = 224;
+pub const MAX_RECEIVED_LENGTH: usize = 224;
 
 /// Number of transfers of several frames that are received at the same time; the frames of one follow each other within
 /// milliseconds.
@@ -20,7 +20,7 @@ const TRANSFER_SLOTS: usize = 4;
 const TRANSFER_TIMEOUT_US: u64 = 2_000_000;
 
 /// Bits of an identifier without the priority.
-const KEY_MASK: u32 = 0x00FF_FFFF;
+const TRANSFER_KEY_MASK: u32 = 0x00FF_FFFF;
 
 /// Received transfer.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,7 +40,7 @@ pub struct InboundTransfer<'a> {
 pub struct Receiver {
     slots: [TransferSlot; TRANSFER_SLOTS],
     /// Frames and transfers dropped since the start; wraps.
-    pub rejected: u32,
+    pub rejected_count: u32,
 }
 
 impl Default for Receiver {
@@ -53,7 +53,7 @@ impl Receiver {
     /// Creates a receiver.
     #[must_use]
     pub const fn new() -> Self {
-        Self { slots: [const { TransferSlot::EMPTY }; TRANSFER_SLOTS], rejected: 0 }
+        Self { slots: [const { TransferSlot::EMPTY }; TRANSFER_SLOTS], rejected_count: 0 }
     }
 
     /// Processes a frame; returns the transfer that it completes. Requests to other nodes than `own_node` are ignored.
@@ -72,22 +72,22 @@ impl Receiver {
         let (tail, part) = frame.split_tail()?;
         let is_single = tail.is_start() && tail.is_end();
         let progress = if is_single {
-            if tail.toggle() { FrameEffect::Rejected } else { FrameEffect::Complete(part) }
+            if tail.toggle() { FrameResult::Rejected } else { FrameResult::Complete(part) }
         } else if header.source_node.is_none() || (!tail.is_end() && part.len() + 1 < FRAME_CAPACITY) {
-            FrameEffect::Rejected
+            FrameResult::Rejected
         } else {
-            match find_slot(&mut self.slots, frame.frame_id() & KEY_MASK, tail.is_start()) {
+            match find_slot(&mut self.slots, frame.frame_id() & TRANSFER_KEY_MASK, tail.is_start()) {
                 Some(slot) => slot.push_payload(at, tail, part, data_type),
-                None => FrameEffect::Rejected,
+                None => FrameResult::Rejected,
             }
         };
         let message = match progress {
-            FrameEffect::Waiting => return None,
-            FrameEffect::Rejected => None,
-            FrameEffect::Complete(payload) => decode(payload),
+            FrameResult::Waiting => return None,
+            FrameResult::Rejected => None,
+            FrameResult::Complete(payload) => decode(payload),
         };
         if message.is_none() {
-            self.rejected = self.rejected.wrapping_add(1);
+            self.rejected_count = self.rejected_count.wrapping_add(1);
         }
         let (source, priority, transfer_id) = (header.source_node, header.priority, tail.transfer_id());
         message.map(|message| InboundTransfer { source_node: source, priority, transfer_id, message })
@@ -95,20 +95,24 @@ impl Receiver {
 }
 
 /// Slot of a sender and type. A first frame without one takes a free slot, or that of the longest silent transfer.
-fn find_slot(slots: &mut [TransferSlot; TRANSFER_SLOTS], key: u32, is_start: bool) -> Option<&mut TransferSlot> {
-    let index = slots.iter().position(|slot| slot.key == Some(key)).or_else(|| {
-        let oldest = slots.iter().enumerate().min_by_key(|(_, slot)| (slot.key.is_some(), slot.last));
+fn find_slot(
+    slots: &mut [TransferSlot; TRANSFER_SLOTS],
+    transfer_key: u32,
+    is_start: bool,
+) -> Option<&mut TransferSlot> {
+    let index = slots.iter().position(|slot| slot.key == Some(transfer_key)).or_else(|| {
+        let oldest = slots.iter().enumerate().min_by_key(|(_, slot)| (slot.key.is_some(), slot.last_frame_at));
         oldest.map(|(index, _)| index).filter(|_| is_start)
     })?;
     let slot = slots.get_mut(index)?;
     if is_start {
-        *slot = TransferSlot { key: Some(key), ..TransferSlot::EMPTY };
+        *slot = TransferSlot { key: Some(transfer_key), ..TransferSlot::EMPTY };
     }
     Some(slot)
 }
 
 /// Effect of a frame on its transfer.
-enum FrameEffect<'a> {
+enum FrameResult<'a> {
     Waiting,
     Rejected,
     Complete(&'a [u8]),
@@ -122,9 +126,9 @@ struct TransferSlot {
     transfer_id: u8,
     /// Toggle bit of the next frame.
     toggle: bool,
-    last: Timestamp,
+    last_frame_at: Timestamp,
     crc: [u8; CRC_LENGTH],
-    payload: heapless::Vec<u8, LONGEST_RECEIVED>,
+    payload: heapless::Vec<u8, MAX_RECEIVED_LENGTH>,
 }
 
 impl TransferSlot {
@@ -132,42 +136,42 @@ impl TransferSlot {
         key: None,
         transfer_id: 0,
         toggle: false,
-        last: Timestamp::START,
+        last_frame_at: Timestamp::START,
         crc: [0; CRC_LENGTH],
         payload: heapless::Vec::new(),
     };
 
-    fn push_payload(&mut self, at: Timestamp, tail: TailByte, part: &[u8], data_type: &DataType) -> FrameEffect<'_> {
+    fn push_payload(&mut self, at: Timestamp, tail: TailByte, part: &[u8], data_type: &DataType) -> FrameResult<'_> {
         let part = if tail.is_start() {
             let Some((crc, part)) = part.split_first_chunk() else { return self.reject_transfer() };
             (self.transfer_id, self.crc) = (tail.transfer_id(), *crc);
             part
         } else {
-            if tail.transfer_id() != self.transfer_id || at.us_since(self.last) > TRANSFER_TIMEOUT_US {
+            if tail.transfer_id() != self.transfer_id || at.us_since(self.last_frame_at) > TRANSFER_TIMEOUT_US {
                 return self.reject_transfer();
             }
             part
         };
         if tail.toggle() != self.toggle {
-            return if tail.is_start() { self.reject_transfer() } else { FrameEffect::Waiting };
+            return if tail.is_start() { self.reject_transfer() } else { FrameResult::Waiting };
         }
-        (self.toggle, self.last) = (!self.toggle, at);
+        (self.toggle, self.last_frame_at) = (!self.toggle, at);
         if self.payload.extend_from_slice(part).is_err() {
             return self.reject_transfer();
         }
         if !tail.is_end() {
-            return FrameEffect::Waiting;
+            return FrameResult::Waiting;
         }
         self.key = None;
         if data_type.crc(&self.payload) == u16::from_le_bytes(self.crc) {
-            FrameEffect::Complete(&self.payload)
+            FrameResult::Complete(&self.payload)
         } else {
-            FrameEffect::Rejected
+            FrameResult::Rejected
         }
     }
 
-    const fn reject_transfer(&mut self) -> FrameEffect<'_> {
+    const fn reject_transfer(&mut self) -> FrameResult<'_> {
         self.key = None;
-        FrameEffect::Rejected
+        FrameResult::Rejected
     }
 }

@@ -48,7 +48,7 @@ fn receive_all(frames: &[CanFrame]) -> (Option<String>, u32) {
     for frame in frames {
         last = receiver.push_frame(Timestamp::START, Some(node(42)), frame).map(|transfer| format!("{transfer:?}"));
     }
-    (last, receiver.rejected)
+    (last, receiver.rejected_count)
 }
 
 #[track_caller]
@@ -148,7 +148,7 @@ fn the_commit_is_that_of_the_version() {
         ("0.1.0 (v1 release)", None),
         ("0.1.0", None),
     ] {
-        assert_eq!(SoftwareVersion::commit_of_version(text), commit, "{text}");
+        assert_eq!(SoftwareVersion::parse_commit(text), commit, "{text}");
     }
 }
 
@@ -180,8 +180,9 @@ fn an_allocation_is_requested_and_granted_in_three_parts() {
 
 #[test]
 fn parameters_are_read_and_written_by_name_or_index() {
-    let request =
-        |index, value, name| InboundMessage::GetSet(GetSet { parameter_index: index, value, parameter_name: name });
+    let request = |index, value, name| {
+        InboundMessage::GetSet(GetSetRequest { parameter_index: index, value, parameter_name: name })
+    };
     for (transfer_id, text, expected) in [
         (5, "AC 76 00 00 43 41 4E 85 ; 5F 4E 4F 44 45 65", request(0, GetSetValue::Empty, &b"CAN_NODE"[..])),
         (6, "03 00 C6", request(3, GetSetValue::Empty, b"")),
@@ -341,7 +342,7 @@ fn fix_payload(status: u64, time_standard: u64) -> Vec<u8> {
     bits.put_bits(9, 6);
     bits.put_bits(status, 2);
     bits.put_bits(0, 40);
-    bits.finish().to_vec()
+    bits.into_payload().to_vec()
 }
 
 #[test]

@@ -11,7 +11,7 @@ pub const PAYLOAD_CAPACITY: usize = 128;
 pub type Payload = heapless::Vec<u8, PAYLOAD_CAPACITY>;
 
 /// Payload bytes of a frame, before its tail byte.
-const FRAME_PAYLOAD: usize = FRAME_CAPACITY - 1;
+const FRAME_PAYLOAD_LENGTH: usize = FRAME_CAPACITY - 1;
 
 /// Bytes of the CRC that begins a transfer of several frames.
 pub(super) const CRC_LENGTH: usize = 2;
@@ -31,36 +31,36 @@ pub struct DataType {
 }
 
 impl DataType {
-    /// uavcan.protocol.NodeStatus.
-    pub const NODE_STATUS: Self = Self::new_message(341, 0x0F08_68D0_C1A7_C6F1);
-    /// uavcan.protocol.GetNodeInfo.
+    /// Data type of uavcan.protocol.NodeStatus.
+    pub const NODE_STATUS: Self = Self::message_type(341, 0x0F08_68D0_C1A7_C6F1);
+    /// Data type of uavcan.protocol.GetNodeInfo.
     pub const GET_NODE_INFO: Self = Self::service_type(1, 0xEE46_8A81_21C4_6A9E);
-    /// uavcan.protocol.dynamic_node_id.Allocation.
-    pub const ALLOCATION: Self = Self::new_message(1, 0x0B2A_8126_20A1_1D40);
-    /// uavcan.protocol.param.GetSet.
+    /// Data type of uavcan.protocol.dynamic_node_id.Allocation.
+    pub const ALLOCATION: Self = Self::message_type(1, 0x0B2A_8126_20A1_1D40);
+    /// Data type of uavcan.protocol.param.GetSet.
     pub const GET_SET: Self = Self::service_type(11, 0xA7B6_22F9_39D1_A4D5);
-    /// uavcan.protocol.param.ExecuteOpcode.
+    /// Data type of uavcan.protocol.param.ExecuteOpcode.
     pub const EXECUTE_OPCODE: Self = Self::service_type(10, 0x3B13_1AC5_EB69_D2CD);
-    /// uavcan.protocol.RestartNode.
+    /// Data type of uavcan.protocol.RestartNode.
     pub const RESTART_NODE: Self = Self::service_type(5, 0x569E_0539_4A30_17F0);
-    /// uavcan.protocol.GetTransportStats.
+    /// Data type of uavcan.protocol.GetTransportStats.
     pub const GET_TRANSPORT_STATS: Self = Self::service_type(4, 0xBE6F_76A7_EC31_2B04);
-    /// uavcan.protocol.debug.LogMessage.
-    pub const LOG_MESSAGE: Self = Self::new_message(16_383, 0xD654_A48E_0C04_9D75);
-    /// uavcan.protocol.file.BeginFirmwareUpdate.
+    /// Data type of uavcan.protocol.debug.LogMessage.
+    pub const LOG_MESSAGE: Self = Self::message_type(16_383, 0xD654_A48E_0C04_9D75);
+    /// Data type of uavcan.protocol.file.BeginFirmwareUpdate.
     pub const BEGIN_FIRMWARE_UPDATE: Self = Self::service_type(40, 0xB7D7_25DF_7272_4126);
-    /// uavcan.equipment.ahrs.MagneticFieldStrength2.
-    pub const MAGNETIC_FIELD_STRENGTH_2: Self = Self::new_message(1002, 0xB6AC_0C44_2430_297E);
-    /// uavcan.tunnel.Targetted.
-    pub const TARGETTED: Self = Self::new_message(3001, 0xB138_E7EA_72A2_A2E9);
-    /// uavcan.equipment.power.BatteryInfo.
-    pub const BATTERY_INFO: Self = Self::new_message(1092, 0x249C_2654_8A71_1966);
-    /// uavcan.equipment.gnss.Fix2.
-    pub const FIX_2: Self = Self::new_message(1063, 0xCA41_E700_0F37_435F);
-    /// uavcan.equipment.safety.ArmingStatus.
-    pub const ARMING_STATUS: Self = Self::new_message(1100, 0x8700_F375_556A_8003);
+    /// Data type of uavcan.equipment.ahrs.MagneticFieldStrength2.
+    pub const MAGNETIC_FIELD_STRENGTH_2: Self = Self::message_type(1002, 0xB6AC_0C44_2430_297E);
+    /// Data type of uavcan.tunnel.Targetted.
+    pub const TARGETTED: Self = Self::message_type(3001, 0xB138_E7EA_72A2_A2E9);
+    /// Data type of uavcan.equipment.power.BatteryInfo.
+    pub const BATTERY_INFO: Self = Self::message_type(1092, 0x249C_2654_8A71_1966);
+    /// Data type of uavcan.equipment.gnss.Fix2.
+    pub const FIX_2: Self = Self::message_type(1063, 0xCA41_E700_0F37_435F);
+    /// Data type of uavcan.equipment.safety.ArmingStatus.
+    pub const ARMING_STATUS: Self = Self::message_type(1100, 0x8700_F375_556A_8003);
 
-    const fn new_message(id: u16, signature: u64) -> Self {
+    const fn message_type(id: u16, signature: u64) -> Self {
         Self { type_id: id, is_service: false, signature }
     }
 
@@ -70,7 +70,7 @@ impl DataType {
 
     /// Whether a frame with this header is of this type.
     #[must_use]
-    pub const fn is_of(&self, header: FrameHeader) -> bool {
+    pub const fn matches_header(&self, header: FrameHeader) -> bool {
         header.type_id == self.type_id && self.is_service != matches!(header.transfer_kind, TransferKind::Message)
     }
 
@@ -102,11 +102,11 @@ impl OutboundTransfer {
     /// Number of frames that the transfer needs.
     #[must_use]
     pub fn frame_count(&self) -> usize {
-        if self.is_single() { 1 } else { (self.payload.len() + CRC_LENGTH).div_ceil(FRAME_PAYLOAD) }
+        if self.is_single() { 1 } else { (self.payload.len() + CRC_LENGTH).div_ceil(FRAME_PAYLOAD_LENGTH) }
     }
 
     fn is_single(&self) -> bool {
-        self.payload.len() <= FRAME_PAYLOAD
+        self.payload.len() <= FRAME_PAYLOAD_LENGTH
     }
 
     /// Frames in order. A sender without a number sends an anonymous message; it must fit into one frame.
@@ -118,7 +118,7 @@ impl OutboundTransfer {
             source_node: source,
         };
         if source.is_none() {
-            header.type_id = self.data_type.type_id & 3 | discriminator(&self.payload) << 2;
+            header.type_id = self.data_type.type_id & 3 | anonymous_discriminator(&self.payload) << 2;
         }
         let crc = (!self.is_single()).then(|| self.data_type.crc(&self.payload).to_le_bytes());
         let crc_length = crc.map_or(0, |crc| crc.len());
@@ -126,8 +126,9 @@ impl OutboundTransfer {
         (0..count).filter_map(move |number| {
             let mut data = heapless::Vec::<u8, FRAME_CAPACITY>::new();
             data.extend(crc.filter(|_| number == 0).into_iter().flatten());
-            let rest = self.payload.get((number * FRAME_PAYLOAD).saturating_sub(crc_length)..).unwrap_or_default();
-            let _ = data.extend_from_slice(rest.get(..FRAME_PAYLOAD - data.len()).unwrap_or(rest));
+            let rest =
+                self.payload.get((number * FRAME_PAYLOAD_LENGTH).saturating_sub(crc_length)..).unwrap_or_default();
+            let _ = data.extend_from_slice(rest.get(..FRAME_PAYLOAD_LENGTH - data.len()).unwrap_or(rest));
             let tail = TailByte::new(number == 0, number + 1 == count, number % 2 == 1, self.transfer_id);
             let _ = data.push(tail.0);
             CanFrame::new(header.to_id(), &data)
@@ -137,6 +138,6 @@ impl OutboundTransfer {
 
 /// Discriminator of an anonymous message, 14 bits, never zero in practice: it makes identifiers of two anonymous
 /// senders differ unless their payloads are equal.
-fn discriminator(payload: &[u8]) -> u16 {
+fn anonymous_discriminator(payload: &[u8]) -> u16 {
     (CRC.checksum(payload) & 0x7FFE) >> 1
 }

@@ -28,12 +28,14 @@ impl Address {
     }
 }
 
-/// First byte of a frame, by version.
+/// First byte of a frame of version 1.
 pub(super) const V1_START_BYTE: u8 = 0xFE;
+/// First byte of a frame of version 2.
 pub(super) const V2_START_BYTE: u8 = 0xFD;
 
-/// Header length, bytes, by version.
+/// Length of a header of version 1, bytes.
 pub(super) const V1_HEADER_LENGTH: usize = 6;
+/// Length of a header of version 2, bytes.
 pub(super) const V2_HEADER_LENGTH: usize = 10;
 
 /// CRC of a frame without its first byte, and of the message's extra byte. The mavlink library's function copies a

@@ -95,14 +95,14 @@ impl MessageSpec {
 /// Supported messages, the most frequent first.
 pub(super) const SUPPORTED_MESSAGES: [MessageSpec; 9] = [
     MessageSpec::from_library::<ATTITUDE_DATA>(parse_attitude),
-    MessageSpec::from_library::<SYS_STATUS_DATA>(system_status).with_extension(43),
+    MessageSpec::from_library::<SYS_STATUS_DATA>(parse_system_status).with_extension(43),
     MessageSpec::from_library::<HEARTBEAT_DATA>(parse_heartbeat),
-    MessageSpec::from_library::<GLOBAL_POSITION_INT_DATA>(global_position),
-    MessageSpec::from_library::<BATTERY_STATUS_DATA>(battery_status).with_extension(54),
-    MessageSpec::from_library::<SYSTEM_TIME_DATA>(parse_day),
-    MessageSpec::from_library::<COMMAND_LONG_DATA>(command_long),
-    MessageSpec::from_library::<COMMAND_INT_DATA>(command_int),
-    MessageSpec::from_library::<COMMAND_ACK_DATA>(acknowledgement).with_extension(10),
+    MessageSpec::from_library::<GLOBAL_POSITION_INT_DATA>(parse_global_position),
+    MessageSpec::from_library::<BATTERY_STATUS_DATA>(parse_battery_status).with_extension(54),
+    MessageSpec::from_library::<SYSTEM_TIME_DATA>(parse_date),
+    MessageSpec::from_library::<COMMAND_LONG_DATA>(parse_command_long),
+    MessageSpec::from_library::<COMMAND_INT_DATA>(parse_command_int),
+    MessageSpec::from_library::<COMMAND_ACK_DATA>(parse_acknowledgement).with_extension(10),
 ];
 
 /// Longest payload of a supported message, bytes.
@@ -122,33 +122,33 @@ pub(super) const MAX_PAYLOAD_LENGTH: usize = {
 struct PayloadReader<'a>(&'a [u8]);
 
 impl PayloadReader<'_> {
-    fn read_u8(&self, at: usize) -> u8 {
-        self.0.get(at).copied().unwrap_or(0)
+    fn read_u8(&self, offset: usize) -> u8 {
+        self.0.get(offset).copied().unwrap_or(0)
     }
 
-    fn read_u16(&self, at: usize) -> u16 {
-        u16::from_le_bytes([self.read_u8(at), self.read_u8(at + 1)])
+    fn read_u16(&self, offset: usize) -> u16 {
+        u16::from_le_bytes([self.read_u8(offset), self.read_u8(offset + 1)])
     }
 
-    fn read_u32(&self, at: usize) -> u32 {
+    fn read_u32(&self, offset: usize) -> u32 {
         // Only the last fields of a truncated payload are incomplete.
-        match self.0.get(at..).and_then(|rest| rest.first_chunk()) {
+        match self.0.get(offset..).and_then(|rest| rest.first_chunk()) {
             Some(whole) => u32::from_le_bytes(*whole),
-            None => u32::from_le_bytes(from_fn(|byte| self.read_u8(at + byte))),
+            None => u32::from_le_bytes(from_fn(|byte| self.read_u8(offset + byte))),
         }
     }
 
-    fn read_f32(&self, at: usize) -> f32 {
-        f32::from_bits(self.read_u32(at))
+    fn read_f32(&self, offset: usize) -> f32 {
+        f32::from_bits(self.read_u32(offset))
     }
 
     /// Signed integer, multiplied by its unit.
-    fn scaled_integer(&self, at: usize, unit: f32) -> f32 {
-        self.read_u32(at).cast_signed() as f32 * unit
+    fn read_scaled_integer(&self, offset: usize, unit: f32) -> f32 {
+        self.read_u32(offset).cast_signed() as f32 * unit
     }
 
-    fn read_address(&self, at: usize) -> Address {
-        Address { system_id: self.read_u8(at), component_id: self.read_u8(at + 1) }
+    fn read_address(&self, offset: usize) -> Address {
+        Address { system_id: self.read_u8(offset), component_id: self.read_u8(offset + 1) }
     }
 }
 
@@ -170,8 +170,9 @@ fn parse_attitude(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     })
 }
 
-/// Limits of roll and pitch, radians, with a margin for rounding; the comparison also rejects NaN.
+/// Largest roll, radians, with a margin for rounding; the comparison also rejects NaN.
 const MAX_ROLL_RAD: f32 = core::f32::consts::PI + 0.001;
+/// Largest pitch, radians, with a margin for rounding.
 const MAX_PITCH_RAD: f32 = core::f32::consts::FRAC_PI_2 + 0.001;
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
@@ -188,21 +189,21 @@ fn parse_heartbeat(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
 
 /// Latitude and longitude in 1e-7 deg, height above mean sea level in millimetres.
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn global_position(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+fn parse_global_position(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const LATITUDE_OFFSET: usize = 4;
     const LONGITUDE_OFFSET: usize = 8;
     const HEIGHT_OFFSET: usize = 12;
     let fields = PayloadReader(payload);
     let (latitude_deg, longitude_deg) =
-        (fields.scaled_integer(LATITUDE_OFFSET, 1e-7), fields.scaled_integer(LONGITUDE_OFFSET, 1e-7));
+        (fields.read_scaled_integer(LATITUDE_OFFSET, 1e-7), fields.read_scaled_integer(LONGITUDE_OFFSET, 1e-7));
     Some(InboundMessage::Position(
         source,
-        Position::new(latitude_deg, longitude_deg, fields.scaled_integer(HEIGHT_OFFSET, 1e-3)),
+        Position::new(latitude_deg, longitude_deg, fields.read_scaled_integer(HEIGHT_OFFSET, 1e-3)),
     ))
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn system_status(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+fn parse_system_status(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const BATTERY_CURRENT_OFFSET: usize = 16;
     Some(InboundMessage::Current(
         source,
@@ -212,7 +213,7 @@ fn system_status(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
 
 /// Ignores batteries other than the first, whose current SYS_STATUS has.
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn battery_status(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+fn parse_battery_status(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const BATTERY_CURRENT_OFFSET: usize = 30;
     const BATTERY_ID_OFFSET: usize = 32;
     let fields = PayloadReader(payload);
@@ -231,30 +232,26 @@ fn amperes_from_centiamperes(centiamperes: u16) -> Option<f32> {
 
 /// Unix time in microseconds.
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn parse_day(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+fn parse_date(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     let fields = PayloadReader(payload);
     let unix_us = u64::from(fields.read_u32(4)) << 32 | u64::from(fields.read_u32(0));
     Some(InboundMessage::Date(source, Date::from_unix_s(unix_us / 1_000_000)))
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn command_long(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+fn parse_command_long(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const CONFIRMATION_OFFSET: usize = 32;
-    Some(InboundMessage::Command(received_command(
-        source,
-        payload,
-        PayloadReader(payload).read_u8(CONFIRMATION_OFFSET),
-    )))
+    Some(InboundMessage::Command(parse_command(source, payload, PayloadReader(payload).read_u8(CONFIRMATION_OFFSET))))
 }
 
 /// Decodes COMMAND_INT, which has a coordinate frame in the place of COMMAND_LONG's confirmation; the fields before it
 /// are equal.
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn command_int(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    Some(InboundMessage::Command(received_command(source, payload, 0)))
+fn parse_command_int(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+    Some(InboundMessage::Command(parse_command(source, payload, 0)))
 }
 
-fn received_command(source: SenderId, payload: &[u8], confirmation: u8) -> ReceivedCommand {
+fn parse_command(source: SenderId, payload: &[u8], confirmation: u8) -> ReceivedCommand {
     const COMMAND_OFFSET: usize = 28;
     const TARGET_OFFSET: usize = 30;
     let fields = PayloadReader(payload);
@@ -268,7 +265,7 @@ fn received_command(source: SenderId, payload: &[u8], confirmation: u8) -> Recei
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn acknowledgement(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+fn parse_acknowledgement(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const COMMAND_OFFSET: usize = 0;
     const RESULT_OFFSET: usize = 2;
     const TARGET_OFFSET: usize = 8;

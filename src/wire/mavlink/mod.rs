@@ -26,17 +26,17 @@ pub use outbound::{EncodedFrame, MagCalReport, OutboundMessage, Pose};
 pub use signature::{Signatures, key_from_passphrase};
 
 /// Longest frame of version 2, bytes: header, payload, 2 of CRC, 13 of signature.
-const MAX_FRAME: usize = V2_HEADER_LENGTH + MAX_PAYLOAD_LENGTH + 2 + signature::SIGNATURE_SIZE;
+const MAX_FRAME_LENGTH: usize = V2_HEADER_LENGTH + MAX_PAYLOAD_LENGTH + 2 + signature::SIGNATURE_SIZE;
 
 /// Receiver of supported messages in a stream of bytes.
 #[derive(Debug, Default)]
 pub struct Receiver {
-    buffer: heapless::Vec<u8, { MAX_FRAME }>,
+    buffer: heapless::Vec<u8, { MAX_FRAME_LENGTH }>,
     /// Buffered bytes below which a scan finds nothing new.
-    needed: usize,
+    required_length: usize,
     /// Number of frames with a supported header but a wrong CRC, impossible values, or a missing or wrong signature;
     /// wraps.
-    pub rejected: u32,
+    pub rejected_count: u32,
     /// Signatures of received and sent frames.
     pub signatures: Signatures,
 }
@@ -68,7 +68,7 @@ impl Receiver {
     /// Creates an empty receiver.
     #[must_use]
     pub const fn new() -> Self {
-        Self { buffer: heapless::Vec::new(), needed: 0, rejected: 0, signatures: Signatures::new() }
+        Self { buffer: heapless::Vec::new(), required_length: 0, rejected_count: 0, signatures: Signatures::new() }
     }
 
     /// Processes a received byte; returns the message that it completes.
@@ -76,31 +76,31 @@ impl Receiver {
     pub fn push_byte(&mut self, byte: u8) -> Option<InboundMessage> {
         // The buffer is never full: `scan_buffer` leaves less than one frame.
         let _ = self.buffer.push(byte);
-        if self.buffer.len() < self.needed { None } else { self.scan_buffer() }
+        if self.buffer.len() < self.required_length { None } else { self.scan_buffer() }
     }
 
     /// Decodes frames at the start of the buffer until more bytes are needed.
     fn scan_buffer(&mut self) -> Option<InboundMessage> {
         loop {
             match find_frame_candidate(&self.buffer) {
-                FrameCandidate::NoFrame => self.drop_front(1),
+                FrameCandidate::NoFrame => self.drop_first_bytes(1),
                 FrameCandidate::Incomplete(needed) => {
-                    self.needed = needed;
+                    self.required_length = needed;
                     return None;
                 }
                 FrameCandidate::Frame(layout) => {
-                    self.needed = layout.frame_length();
-                    if self.buffer.len() < self.needed {
+                    self.required_length = layout.frame_length();
+                    if self.buffer.len() < self.required_length {
                         return None;
                     }
                     let message = decode_message(&self.buffer, &layout).filter(|_| self.is_signature_accepted(&layout));
                     if message.is_some() {
-                        self.drop_front(layout.frame_length());
+                        self.drop_first_bytes(layout.frame_length());
                         return message;
                     }
                     // A valid frame may start inside the invalid one: skip one byte only.
-                    self.rejected = self.rejected.wrapping_add(1);
-                    self.drop_front(1);
+                    self.rejected_count = self.rejected_count.wrapping_add(1);
+                    self.drop_first_bytes(1);
                 }
             }
         }
@@ -111,8 +111,8 @@ impl Receiver {
         self.signatures.accept_frame(frame, layout.source, layout.signature_length > 0)
     }
 
-    fn drop_front(&mut self, count: usize) {
-        self.needed = 0;
+    fn drop_first_bytes(&mut self, count: usize) {
+        self.required_length = 0;
         let count = count.min(self.buffer.len());
         self.buffer.copy_within(count.., 0);
         self.buffer.truncate(self.buffer.len() - count);

@@ -15,10 +15,10 @@ use super::signature::{self, Signatures};
 use crate::time::Timestamp;
 
 /// Longest payload, bytes: VISION_POSITION_ESTIMATE with its covariance.
-const MAX_PAYLOAD: usize = 117;
+const MAX_PAYLOAD_LENGTH: usize = 117;
 
 /// Encoded MAVLink frame.
-pub type EncodedFrame = heapless::Vec<u8, { V2_HEADER_LENGTH + MAX_PAYLOAD + 2 + signature::SIGNATURE_SIZE }>;
+pub type EncodedFrame = heapless::Vec<u8, { V2_HEADER_LENGTH + MAX_PAYLOAD_LENGTH + 2 + signature::SIGNATURE_SIZE }>;
 
 /// Message to send.
 #[derive(Clone, Debug)]
@@ -105,7 +105,7 @@ impl OutboundMessage {
     /// STATUSTEXT: a chunk of a text, cut at 50 characters. The chunks of a longer text share a number other than 0,
     /// and the first chunk that is not full is the last.
     #[must_use]
-    pub fn text(severity: MavSeverity, chunk: &[u8], number: u16, sequence: u8) -> Self {
+    pub fn status_text(severity: MavSeverity, chunk: &[u8], number: u16, sequence: u8) -> Self {
         let mut text = [0; Self::STATUSTEXT_CAPACITY];
         text.iter_mut().zip(chunk).for_each(|(target, source)| *target = *source);
         let mut message = Self::from_library::<STATUSTEXT_DATA>();

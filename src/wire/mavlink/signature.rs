@@ -30,7 +30,7 @@ pub(super) const MAX_NEW_STREAM_AGE: u64 = 6_000_000;
 const MAX_STREAMS: usize = 8;
 
 /// Link id in the frames that the module signs; it signs on one link for each key.
-const OWN_LINK: u8 = 0;
+const OWN_LINK_ID: u8 = 0;
 
 /// Key of a passphrase, as ground stations derive it.
 #[must_use]
@@ -82,7 +82,7 @@ impl Signatures {
         let known_stream = self.streams.iter_mut().find(|stream| (stream.link, stream.source) == (link, source));
         let is_new =
             known_stream.as_ref().map_or(time + MAX_NEW_STREAM_AGE >= self.newest_time, |stream| time > stream.time);
-        if !is_new || hash_of(key, signed) != *hash {
+        if !is_new || signature_hash(key, signed) != *hash {
             return false;
         }
         self.newest_time = self.newest_time.max(time);
@@ -101,12 +101,12 @@ impl Signatures {
         self.newest_time += 1;
         let [t0, t1, t2, t3, t4, t5, ..] = self.newest_time.to_le_bytes();
         // A frame's capacity includes the signature.
-        let _ = frame.extend_from_slice(&[OWN_LINK, t0, t1, t2, t3, t4, t5]);
-        let _ = frame.extend_from_slice(&hash_of(key, frame));
+        let _ = frame.extend_from_slice(&[OWN_LINK_ID, t0, t1, t2, t3, t4, t5]);
+        let _ = frame.extend_from_slice(&signature_hash(key, frame));
     }
 }
 
-fn hash_of(key: &SigningKey, signed: &[u8]) -> [u8; HASH_LENGTH] {
+fn signature_hash(key: &SigningKey, signed: &[u8]) -> [u8; HASH_LENGTH] {
     let digest: [u8; 32] = Sha256::new().chain_update(key.0).chain_update(signed).finalize().into();
     // Infallible: the digest is longer than the hash.
     digest.first_chunk().copied().unwrap_or_default()

@@ -146,62 +146,62 @@ pub enum MspReply {
 const FRAME_HEADER_SIZE: usize = 8;
 
 /// Longest accepted payload, bytes. MSP_STATUS has 11 to 40, depending on firmware and version.
-const MAX_PAYLOAD: usize = 64;
+const MAX_PAYLOAD_LENGTH: usize = 64;
 
-const MAX_FRAME: usize = FRAME_HEADER_SIZE + MAX_PAYLOAD + 1;
+const MAX_FRAME_LENGTH: usize = FRAME_HEADER_SIZE + MAX_PAYLOAD_LENGTH + 1;
 
 /// Receiver of supported replies in a stream of bytes.
 #[derive(Debug, Default)]
 pub struct Receiver {
-    buffer: heapless::Vec<u8, MAX_FRAME>,
+    buffer: heapless::Vec<u8, MAX_FRAME_LENGTH>,
     /// Buffered bytes below which a scan finds nothing new.
-    needed: usize,
+    required_length: usize,
     /// Number of frames with a supported header but a wrong CRC, a short payload or impossible values; wraps.
-    pub rejected: u32,
+    pub rejected_count: u32,
 }
 
 impl Receiver {
     /// Creates an empty receiver.
     #[must_use]
     pub const fn new() -> Self {
-        Self { buffer: heapless::Vec::new(), needed: 0, rejected: 0 }
+        Self { buffer: heapless::Vec::new(), required_length: 0, rejected_count: 0 }
     }
 
     /// Processes a received byte; returns the message that it completes.
     pub fn push_byte(&mut self, byte: u8) -> Option<MspReply> {
         // The buffer is never full: `scan_buffer` leaves less than one frame.
         let _ = self.buffer.push(byte);
-        if self.buffer.len() < self.needed { None } else { self.scan_buffer() }
+        if self.buffer.len() < self.required_length { None } else { self.scan_buffer() }
     }
 
     /// Drops a partly received frame.
     pub fn discard_partial(&mut self) {
         self.buffer.clear();
-        self.needed = 0;
+        self.required_length = 0;
     }
 
     /// Decodes frames at the start of the buffer until more bytes are needed.
     fn scan_buffer(&mut self) -> Option<MspReply> {
         loop {
-            let Some(needed) = required_length(&self.buffer) else {
-                self.drop_front(1);
+            let Some(needed) = required_frame_length(&self.buffer) else {
+                self.drop_first_bytes(1);
                 continue;
             };
-            self.needed = needed;
+            self.required_length = needed;
             let frame = self.buffer.get(..needed)?;
-            let message = if is_intact(frame) { decode_reply(frame) } else { None };
+            let message = if has_valid_checksum(frame) { decode_reply(frame) } else { None };
             if message.is_some() {
-                self.drop_front(needed);
+                self.drop_first_bytes(needed);
                 return message;
             }
             // A valid frame may start inside the invalid one: skip one byte only.
-            self.rejected = self.rejected.wrapping_add(1);
-            self.drop_front(1);
+            self.rejected_count = self.rejected_count.wrapping_add(1);
+            self.drop_first_bytes(1);
         }
     }
 
-    fn drop_front(&mut self, count: usize) {
-        self.needed = 0;
+    fn drop_first_bytes(&mut self, count: usize) {
+        self.required_length = 0;
         let count = count.min(self.buffer.len());
         self.buffer.rotate_left(count);
         self.buffer.truncate(self.buffer.len() - count);
@@ -210,11 +210,12 @@ impl Receiver {
 
 /// Length of the frame at the start of the buffer, or of a header while that is incomplete; none without a supported
 /// header.
-fn required_length(bytes: &[u8]) -> Option<usize> {
+fn required_frame_length(bytes: &[u8]) -> Option<usize> {
     match *bytes {
         [b'$', b'X', b'>' | b'!', _, f0, f1, n0, n1, ..] => {
             let payload = usize::from(u16::from_le_bytes([n0, n1]));
-            let is_wanted = MspFunction::from_number(u16::from_le_bytes([f0, f1])).is_some() && payload <= MAX_PAYLOAD;
+            let is_wanted =
+                MspFunction::from_number(u16::from_le_bytes([f0, f1])).is_some() && payload <= MAX_PAYLOAD_LENGTH;
             is_wanted.then_some(FRAME_HEADER_SIZE + payload + 1)
         }
         [] | [b'$'] | [b'$', b'X'] | [b'$', b'X', b'>' | b'!', ..] => Some(FRAME_HEADER_SIZE),
@@ -228,7 +229,7 @@ fn checksum(bytes: &[u8]) -> u8 {
     CRC.checksum(bytes)
 }
 
-fn is_intact(frame: &[u8]) -> bool {
+fn has_valid_checksum(frame: &[u8]) -> bool {
     matches!(frame, [_, _, _, checked @ .., crc] if checksum(checked) == *crc)
 }
 
@@ -244,7 +245,7 @@ fn decode_reply(frame: &[u8]) -> Option<MspReply> {
         (MspFunction::Status, [_, _, _, _, _, _, flags, _, _, _, _profile, ..]) => {
             Some(MspReply::Armed(flags & 1 != 0))
         }
-        (MspFunction::RawGps, payload) => raw_gps(payload),
+        (MspFunction::RawGps, payload) => parse_raw_gps(payload),
         (MspFunction::Attitude, [r0, r1, p0, p1, h0, h1, ..]) => parse_angles([[*r0, *r1], [*p0, *p1], [*h0, *h1]]),
         (MspFunction::RawImu, [_, _, _, _, _, _, x0, x1, y0, y1, z0, z1, ..]) => {
             Some(MspReply::Gyro([[*x0, *x1], [*y0, *y1], [*z0, *z1]].map(i16::from_le_bytes)))
@@ -275,7 +276,7 @@ fn parse_angles(bytes: [[u8; 2]; 3]) -> Option<MspReply> {
 
 /// Kind of fix, satellites, latitude and longitude in 1e-7 deg, height in metres, speed, course; later versions append
 /// the dilution. The height is declared unsigned, but is negative below sea level.
-fn raw_gps(payload: &[u8]) -> Option<MspReply> {
+fn parse_raw_gps(payload: &[u8]) -> Option<MspReply> {
     let [fix, _, a0, a1, a2, a3, o0, o1, o2, o3, h0, h1, _, _, _, _, ..] = *payload else { return None };
     let degrees = |bytes| i32::from_le_bytes(bytes) as f32 * 1e-7;
     let height_m = f32::from(i16::from_le_bytes([h0, h1]));

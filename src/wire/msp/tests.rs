@@ -1,7 +1,7 @@
 use super::*;
 use testkit::random::Random;
 
-fn hex(text: &str) -> Vec<u8> {
+fn bytes_of_hex(text: &str) -> Vec<u8> {
     text.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect()
 }
 
@@ -19,7 +19,7 @@ fn reply(function: MspFunction, payload: &[u8]) -> Vec<u8> {
     frame(b'>', function as u16, payload)
 }
 
-fn attitude(roll: i16, pitch: i16) -> Vec<u8> {
+fn attitude_reply(roll: i16, pitch: i16) -> Vec<u8> {
     reply(MspFunction::Attitude, &[roll.to_le_bytes(), pitch.to_le_bytes(), 10_i16.to_le_bytes()].concat())
 }
 
@@ -28,14 +28,14 @@ fn angles_of(roll_decideg: i16, pitch_decideg: i16) -> MspReply {
 }
 
 /// All messages in a stream, and the number of rejected frames.
-fn all(stream: &[u8]) -> (Vec<MspReply>, u32) {
+fn decoded_replies(stream: &[u8]) -> (Vec<MspReply>, u32) {
     let mut receiver = Receiver::new();
     let messages = stream.iter().filter_map(|&byte| receiver.push_byte(byte)).collect();
-    (messages, receiver.rejected)
+    (messages, receiver.rejected_count)
 }
 
 fn decode_single(stream: &[u8]) -> Option<MspReply> {
-    match all(stream) {
+    match decoded_replies(stream) {
         (messages, 0) if messages.len() == 1 => Some(messages[0]),
         (messages, 1) if messages.is_empty() => None,
         other => panic!("{other:?}"),
@@ -46,9 +46,9 @@ fn decode_single(stream: &[u8]) -> Option<MspReply> {
 #[test]
 fn sent_frames_match_frames_that_autopilots_accepted() {
     assert_eq!(checksum(b"123456789"), 0xBC);
-    assert_eq!(encode_request(MspFunction::Attitude).to_vec(), hex("24 58 3C 00 6C 00 00 00 D8"));
+    assert_eq!(encode_request(MspFunction::Attitude).to_vec(), bytes_of_hex("24 58 3C 00 6C 00 00 00 D8"));
     let sent = compass_message(0, 123_456, Field::from_ut(20.0, -5.1, 44.2));
-    assert_eq!(sent.to_vec(), hex("24 58 3C 00 04 1F 0B 00 00 40 E2 01 00 C8 00 CD FF BA 01 26"));
+    assert_eq!(sent.to_vec(), bytes_of_hex("24 58 3C 00 04 1F 0B 00 00 40 E2 01 00 C8 00 CD FF BA 01 26"));
     for (function, number) in [
         (MspFunction::FcVariant, 2),
         (MspFunction::Status, 101),
@@ -96,19 +96,20 @@ fn replies_of_later_longer_versions_are_decoded() {
         (MspFunction::FcVariant, b"INAV".to_vec(), MspReply::FcVariant(AutopilotFirmware::Inav)),
         (MspFunction::Status, status.to_vec(), MspReply::Armed(true)),
         (MspFunction::RawGps, gps.to_vec(), MspReply::RawGps(place)),
-        (MspFunction::Attitude, hex("7B 00 CE FF 0A 00"), angles_of(123, -50)),
+        (MspFunction::Attitude, bytes_of_hex("7B 00 CE FF 0A 00"), angles_of(123, -50)),
         (MspFunction::Rtc, date.to_vec(), MspReply::Rtc(day)),
     ];
     for (function, payload, message) in expected {
         assert_eq!(decode_single(&reply(function, &payload)), Some(message));
-        let longer = [payload.clone(), vec![0xA5; MAX_PAYLOAD - payload.len()]].concat();
+        let longer = [payload.clone(), vec![0xA5; MAX_PAYLOAD_LENGTH - payload.len()]].concat();
         assert_eq!(decode_single(&reply(function, &longer)), Some(message), "with more");
         if function != MspFunction::Rtc {
             assert_eq!(decode_single(&reply(function, &payload[1..])), None, "{function:?} that is too short");
         }
     }
     // A payload longer than any firmware's is skipped.
-    let (messages, rejected) = all(&[reply(MspFunction::Attitude, &[0; MAX_PAYLOAD + 1]), attitude(1, 2)].concat());
+    let (messages, rejected) =
+        decoded_replies(&[reply(MspFunction::Attitude, &[0; MAX_PAYLOAD_LENGTH + 1]), attitude_reply(1, 2)].concat());
     assert_eq!((messages, rejected), (vec![angles_of(1, 2)], 0));
 }
 
@@ -150,7 +151,7 @@ fn impossible_angles_are_rejected() {
         [(1800, 900, true), (-1800, -900, true), (1801, 0, false), (-1801, 0, false), (0, 901, false), (0, -901, false)]
     {
         let expected = possible.then(|| angles_of(roll, pitch));
-        assert_eq!(decode_single(&attitude(roll, pitch)), expected, "{roll} {pitch}");
+        assert_eq!(decode_single(&attitude_reply(roll, pitch)), expected, "{roll} {pitch}");
     }
 }
 
@@ -240,52 +241,59 @@ fn refusals_and_empty_replies_are_returned() {
 fn unsupported_frames_are_skipped() {
     let version_1 = [b'$', b'M', b'>', 6, 108, 1, 0, 2, 0, 3, 0, 0x6A];
     let other = frame(b'>', 0x3E6C, &[b'$'; 40]);
-    let noise = hex("24 24 58 24 58 3E 24 58 3F 00 6C 00 00");
-    let stream =
-        [&attitude(1, 2)[..], &version_1, &encode_request(MspFunction::Attitude), &other, &noise, &attitude(3, 4)]
-            .concat();
-    assert_eq!(all(&stream), (vec![angles_of(1, 2), angles_of(3, 4)], 0));
+    let noise = bytes_of_hex("24 24 58 24 58 3E 24 58 3F 00 6C 00 00");
+    let stream = [
+        &attitude_reply(1, 2)[..],
+        &version_1,
+        &encode_request(MspFunction::Attitude),
+        &other,
+        &noise,
+        &attitude_reply(3, 4),
+    ]
+    .concat();
+    assert_eq!(decoded_replies(&stream), (vec![angles_of(1, 2), angles_of(3, 4)], 0));
 }
 
 #[test]
 fn a_frame_within_a_payload_is_not_decoded() {
-    let payload = [&[0; 11][..], &attitude(1, 2)].concat();
-    let (messages, rejected) = all(&[reply(MspFunction::Status, &payload), vec![0; MAX_FRAME]].concat());
+    let payload = [&[0; 11][..], &attitude_reply(1, 2)].concat();
+    let (messages, rejected) =
+        decoded_replies(&[reply(MspFunction::Status, &payload), vec![0; MAX_FRAME_LENGTH]].concat());
     assert_eq!((messages, rejected), (vec![MspReply::Armed(false)], 0));
 }
 
 #[test]
 fn a_damaged_frame_costs_no_other_frame() {
-    let good = attitude(123, -45);
+    let good = attitude_reply(123, -45);
     for bit in 0..good.len() * 8 {
         let mut bad = good.clone();
         bad[bit / 8] ^= 1 << (bit % 8);
-        let stream = [bad, good.clone(), attitude(1, 2), vec![0; MAX_FRAME]].concat();
+        let stream = [bad, good.clone(), attitude_reply(1, 2), vec![0; MAX_FRAME_LENGTH]].concat();
         let mut receiver = Receiver::new();
         let found: Vec<_> = stream.iter().filter_map(|&byte| receiver.push_byte(byte)).collect();
         let expected = [angles_of(123, -45), angles_of(1, 2)];
         assert_eq!(found, expected, "bit {bit}");
-        assert!(receiver.rejected <= 1);
+        assert!(receiver.rejected_count <= 1);
     }
 }
 
 #[test]
 fn a_truncated_frame_costs_no_other_frame() {
-    let good = attitude(123, -45);
+    let good = attitude_reply(123, -45);
     for cut_length in 0..good.len() {
-        let stream = [&good[..cut_length], &attitude(5, 6), &good, &[0; MAX_FRAME]].concat();
-        assert_eq!(all(&stream).0, [angles_of(5, 6), angles_of(123, -45)], "{cut_length} bytes kept");
+        let stream = [&good[..cut_length], &attitude_reply(5, 6), &good, &[0; MAX_FRAME_LENGTH]].concat();
+        assert_eq!(decoded_replies(&stream).0, [angles_of(5, 6), angles_of(123, -45)], "{cut_length} bytes kept");
     }
 }
 
 #[test]
 fn an_incomplete_frame_can_be_discarded() {
-    let good = attitude(123, -45);
+    let good = attitude_reply(123, -45);
     let mut receiver = Receiver::new();
     assert!(good[..10].iter().all(|&byte| receiver.push_byte(byte).is_none()));
     receiver.discard_partial();
     let found: Vec<_> = good.iter().filter_map(|&byte| receiver.push_byte(byte)).collect();
-    assert_eq!((found.as_slice(), receiver.rejected), (&[angles_of(123, -45)][..], 0));
+    assert_eq!((found.as_slice(), receiver.rejected_count), (&[angles_of(123, -45)][..], 0));
     assert_eq!(good.iter().filter_map(|&byte| receiver.push_byte(byte)).count(), 1);
 }
 
@@ -302,10 +310,10 @@ fn no_bytes_stop_the_receiver() {
         let bytes = [if random.bits().is_multiple_of(2) { start } else { &[] }, &random.bytes(number)].concat();
         let _ = bytes.iter().filter_map(|&byte| receiver.push_byte(byte)).count();
         if index % 100 == 0 {
-            let _ = [0; MAX_FRAME].iter().filter_map(|&byte| receiver.push_byte(byte)).count();
-            let found: Vec<_> = attitude(-7, 8).iter().filter_map(|&byte| receiver.push_byte(byte)).collect();
+            let _ = [0; MAX_FRAME_LENGTH].iter().filter_map(|&byte| receiver.push_byte(byte)).count();
+            let found: Vec<_> = attitude_reply(-7, 8).iter().filter_map(|&byte| receiver.push_byte(byte)).collect();
             assert_eq!(found, [angles_of(-7, 8)]);
         }
     }
-    assert!(receiver.rejected > 1_000, "{}", receiver.rejected);
+    assert!(receiver.rejected_count > 1_000, "{}", receiver.rejected_count);
 }

@@ -2,7 +2,7 @@
 
 use super::*;
 
-fn text(sentence: &Sentence) -> &str {
+fn sentence_text(sentence: &Sentence) -> &str {
     str::from_utf8(sentence).unwrap()
 }
 
@@ -13,8 +13,8 @@ fn heading(magnetic_rad: f32, sigma_rad: f32) -> Heading {
 #[test]
 fn sentences_match_the_nmea_standard() {
     // Checksums from an independent implementation.
-    assert_eq!(text(&hdm_sentence(Some(101.14))), "$HCHDM,101.1,M*28\r\n");
-    assert_eq!(text(&hdm_sentence(None)), "$HCHDM,,M*07\r\n");
+    assert_eq!(sentence_text(&hdm_sentence(Some(101.14))), "$HCHDM,101.1,M*28\r\n");
+    assert_eq!(sentence_text(&hdm_sentence(None)), "$HCHDM,,M*07\r\n");
     assert!(hdg_sentence(Some(7.0), Some(-11.56)).starts_with(b"$HCHDG,007.0,,,11.6,W*"));
     assert!(hdg_sentence(None, None).starts_with(b"$HCHDG,,,,,*"));
 }
@@ -31,7 +31,7 @@ fn a_true_heading_is_magnetic_heading_plus_variation() {
         (None, 5.0, ""),
         (Some(1.0), f32::NAN, ""),
     ] {
-        assert_eq!(body(&hdt_sentence(heading_deg, variation_deg)), format!("HCHDT,{text},T"));
+        assert_eq!(sentence_body(&hdt_sentence(heading_deg, variation_deg)), format!("HCHDT,{text},T"));
     }
 }
 
@@ -40,7 +40,10 @@ fn quality_shows_sigma_or_the_reason() {
     let heading = heading(1.765_2, 0.009_6);
     for kind in [HeadingKind::Raw, HeadingKind::Smooth] {
         let sentence = quality_sentence(&Ok(heading), kind);
-        assert!(text(&sentence).starts_with(&format!("$PASWH,101.1,0.6,ok,{}*", kind.kind_name())), "{sentence:?}");
+        assert!(
+            sentence_text(&sentence).starts_with(&format!("$PASWH,101.1,0.6,ok,{}*", kind.kind_name())),
+            "{sentence:?}"
+        );
         assert!(quality_sentence(&Err(NoHeading::AttitudeStale), kind).starts_with(b"$PASWH,,,attitude-stale,*"));
     }
     let lost = Heading { sigma_rad: f32::NAN, ..heading };
@@ -50,14 +53,15 @@ fn quality_shows_sigma_or_the_reason() {
 #[test]
 fn heading_never_shows_360() {
     for (heading_deg, shown) in [(359.94, "359.9"), (359.96, "000.0"), (-0.2, "359.8"), (360.0, "000.0")] {
-        assert!(text(&hdm_sentence(Some(heading_deg))).contains(shown), "{heading_deg}");
+        assert!(sentence_text(&hdm_sentence(Some(heading_deg))).contains(shown), "{heading_deg}");
     }
     assert_eq!(hdm_sentence(Some(f32::NAN)), hdm_sentence(None));
 }
 
 /// Body of a sentence, whose length and checksum are checked independently.
-fn body(sentence: &Sentence) -> &str {
-    let (body, sum) = text(sentence).strip_prefix('$').unwrap().strip_suffix("\r\n").unwrap().split_once('*').unwrap();
+fn sentence_body(sentence: &Sentence) -> &str {
+    let (body, sum) =
+        sentence_text(sentence).strip_prefix('$').unwrap().strip_suffix("\r\n").unwrap().split_once('*').unwrap();
     let mut expected = 0;
     for byte in body.bytes() {
         expected ^= byte;
@@ -91,12 +95,12 @@ fn a_heading_has_three_digits_and_is_rounded_to_the_nearest_tenth() {
         (-90.0, "270.0"),
         (-360.1, "359.9"),
     ] {
-        assert_eq!(body(&hdm_sentence(Some(heading_deg))), format!("HCHDM,{text},M"), "{heading_deg}");
-        assert_eq!(body(&hdg_sentence(Some(heading_deg), None)), format!("HCHDG,{text},,,,"), "{heading_deg}");
+        assert_eq!(sentence_body(&hdm_sentence(Some(heading_deg))), format!("HCHDM,{text},M"), "{heading_deg}");
+        assert_eq!(sentence_body(&hdg_sentence(Some(heading_deg), None)), format!("HCHDG,{text},,,,"), "{heading_deg}");
     }
     for heading_deg in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-        assert_eq!(body(&hdm_sentence(Some(heading_deg))), "HCHDM,,M");
-        assert_eq!(body(&hdg_sentence(Some(heading_deg), Some(1.0))), "HCHDG,,,,1.0,E");
+        assert_eq!(sentence_body(&hdm_sentence(Some(heading_deg))), "HCHDM,,M");
+        assert_eq!(sentence_body(&hdg_sentence(Some(heading_deg), Some(1.0))), "HCHDG,,,,1.0,E");
     }
 }
 
@@ -114,7 +118,7 @@ fn variation_is_a_magnitude_with_east_or_west() {
         (180.0, "180.0,E"),
         (-180.0, "180.0,W"),
     ] {
-        assert_eq!(body(&hdg_sentence(Some(90.0), Some(variation_deg))), format!("HCHDG,090.0,,,{text}"));
+        assert_eq!(sentence_body(&hdg_sentence(Some(90.0), Some(variation_deg))), format!("HCHDG,090.0,,,{text}"));
     }
 }
 
@@ -130,28 +134,31 @@ fn sigma_is_in_degrees_and_limited_to_180() {
         (f32::INFINITY, "180.0"),
     ] {
         let heading = heading(45.0_f32.to_radians(), sigma_deg.to_radians());
-        assert_eq!(body(&quality_sentence(&Ok(heading), HeadingKind::Smooth)), format!("PASWH,045.0,{text},ok,smooth"));
+        assert_eq!(
+            sentence_body(&quality_sentence(&Ok(heading), HeadingKind::Smooth)),
+            format!("PASWH,045.0,{text},ok,smooth")
+        );
     }
     let none = quality_sentence(&Err(NoHeading::AttitudeStale), HeadingKind::Smooth);
-    assert_eq!(body(&none), "PASWH,,,attitude-stale,");
+    assert_eq!(sentence_body(&none), "PASWH,,,attitude-stale,");
 }
 
 #[test]
 fn the_longest_sentences_are_complete() {
     for extreme in [f32::MAX, f32::MIN, f32::INFINITY, f32::NAN, 1e7] {
-        body(&hdm_sentence(Some(extreme)));
-        body(&hdg_sentence(Some(extreme), Some(extreme)));
-        body(&hdt_sentence(Some(extreme), extreme));
-        body(&quality_sentence(&Ok(heading(extreme, extreme)), HeadingKind::Smooth));
+        sentence_body(&hdm_sentence(Some(extreme)));
+        sentence_body(&hdg_sentence(Some(extreme), Some(extreme)));
+        sentence_body(&hdt_sentence(Some(extreme), extreme));
+        sentence_body(&quality_sentence(&Ok(heading(extreme, extreme)), HeadingKind::Smooth));
     }
-    assert_eq!(body(&hdg_sentence(None, Some(f32::MAX))), format!("HCHDG,,,,{}.5,E", u32::MAX / 10));
+    assert_eq!(sentence_body(&hdg_sentence(None, Some(f32::MAX))), format!("HCHDG,,,,{}.5,E", u32::MAX / 10));
 }
 
 /// `$`, 76 characters, `*`, two digits and the line end are 82.
 #[test]
 fn a_sentence_over_82_characters_has_no_checksum() {
     let sentence_of_length = |length: usize| build_sentence(|out| put_text(out, &"A".repeat(length)));
-    assert_eq!((sentence_of_length(76).len(), body(&sentence_of_length(76)).len()), (82, 76));
+    assert_eq!((sentence_of_length(76).len(), sentence_body(&sentence_of_length(76)).len()), (82, 76));
     for length in [77, 80, 81, 82, 100] {
         assert!(!sentence_of_length(length).contains(&b'*'), "{length}");
     }

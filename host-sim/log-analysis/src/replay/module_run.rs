@@ -104,17 +104,17 @@ impl<'a> ModuleRun<'a> {
 
     /// Processes an event, and all steps of the solve and the save that it starts.
     fn process_event(&mut self, event: Event) {
-        let mut effect = self.compass.step(event);
+        let mut effect = self.compass.process_event(event);
         loop {
             if let Some(candidate) = self.compass.candidate_solution() {
                 self.candidate = Some(*candidate);
             }
             let next = match effect {
                 Effect::Save => Event::Saved(Ok(())),
-                _ if self.compass.is_busy() => Event::Advance,
+                _ if self.compass.is_busy() => Event::AdvanceSolve,
                 _ => break,
             };
-            effect = self.compass.step(next);
+            effect = self.compass.process_event(next);
         }
         match effect {
             Effect::Notify(Message::Solved(outcome)) => self.outcome = Some(outcome.map(|_| ())),

@@ -32,7 +32,7 @@ pub(super) fn instrument_config(rows: &[ReplayRow]) -> InstrumentConfig {
     let median_s = rows::median_step_s(rows).unwrap_or(0.1);
     // Gaps left by the selection of rows do not count as silence of the autopilot.
     let attitude =
-        attitude::AttitudeConfig { latency_us: 0, max_silence_us: u32::MAX, ..attitude::AttitudeConfig::DEFAULT };
+        attitude::AttitudeConfig { latency_us: 0, restart_silence_us: u32::MAX, ..attitude::AttitudeConfig::DEFAULT };
     InstrumentConfig { attitude, ..InstrumentConfig::new((median_s * 1e6).round() as u32) }
 }
 

@@ -89,7 +89,8 @@ pub(super) fn solve_by_procedure(samples: &[Sample], procedure: Procedure, solve
         collector.push_sample(sample);
     }
     let selection = SelectedParts::new(collector.fit_samples(), procedure);
-    let parts = [collector.fit_samples(), collector.held_back()].map(|samples| selection.select_samples(samples));
+    let parts =
+        [collector.fit_samples(), collector.held_back_samples()].map(|samples| selection.select_samples(samples));
     let solve_result = method_selection::select_method(collector.fit_samples(), procedure)
         .and_then(|method| solver_prior.solve(method, parts[0]));
     RunOutcome::new(&solve_result, parts, collector.collection_problem())

@@ -29,7 +29,10 @@ pub fn retain_samples(samples: &[Sample]) -> Recording {
         samples.sort_by_key(|sample| sample.time.as_ms());
         samples
     };
-    Recording::from_samples_without_side(all_samples(collector.fit_samples()), all_samples(collector.held_back()))
+    Recording::from_samples_without_side(
+        all_samples(collector.fit_samples()),
+        all_samples(collector.held_back_samples()),
+    )
 }
 
 #[cfg(test)]

@@ -33,10 +33,10 @@ const MAX_STEPS: u8 = 40;
 
 /// Convergence threshold: promised reduction of the cost, half a squared sigma. 0.005 is a tenth of a sigma in the
 /// worst direction. The last step is applied without evaluation and leaves 1 % of itself.
-const CONVERGED_COST: f32 = 0.005;
+const CONVERGED_COST_REDUCTION: f32 = 0.005;
 
 /// Convergence threshold before the last noise estimate: one sigma. New weights move the solution anyway.
-const NEARLY_CONVERGED_COST: f32 = 0.5;
+const NEARLY_CONVERGED_COST_REDUCTION: f32 = 0.5;
 
 /// Accepted increase of the cost, same units: with corrected measurements the gradient is not exactly that of the cost.
 const COST_TOLERANCE: f32 = 1.0;
@@ -72,7 +72,7 @@ impl Damping {
     /// Damping at a starting point that may be far from the solution.
     const START_DAMPING: Self = Self { value: 1e-3, growth: Self::INITIAL_GROWTH };
     /// Damping for new weights near a converged solution.
-    const AFTER_REWEIGHTING: f32 = 1e-6;
+    const REWEIGHTED_DAMPING: f32 = 1e-6;
 
     /// Damping after an accepted step; `gain_ratio`: achieved over predicted gain. A tenth for a ratio of 1, more for
     /// less than 0.5 (H. B. Nielsen, "Damping parameter in Marquardt's method", IMM-REP-1999-05).
@@ -98,7 +98,7 @@ pub(in crate::calibration) struct Refinement {
     system: LinearisedProblem,
     damping: Damping,
     noise_estimates: u8,
-    steps_since_estimate: u8,
+    steps_since_noise_estimate: u8,
 }
 
 impl Refinement {
@@ -111,7 +111,7 @@ impl Refinement {
             system,
             damping: Damping::START_DAMPING,
             noise_estimates: 0,
-            steps_since_estimate: 0,
+            steps_since_noise_estimate: 0,
         }
     }
 
@@ -138,7 +138,7 @@ impl Refinement {
     ) {
         let likelihood = &mut self.likelihood;
         let k = likelihood.motor_current_per_ampere() + interference_change;
-        likelihood.motor_current.ut_per_a = (likelihood.mount_from_chip.tr_mul(&k) * likelihood.unit_ut).into();
+        likelihood.motor_current.ut_per_a = (likelihood.mount_from_chip.tr_mul(&k) * likelihood.field_unit_ut).into();
         self.unknowns += step;
         self.restart_near_solution(samples);
         // The noise estimate contained the interference, so one more is needed.
@@ -154,8 +154,8 @@ impl Refinement {
     #[inline(never)]
     fn restart_near_solution(&mut self, samples: Samples<'_>) {
         self.noise_estimates = MAX_NOISE_ESTIMATES - 1;
-        self.steps_since_estimate = 0;
-        self.damping.value = Damping::AFTER_REWEIGHTING;
+        self.steps_since_noise_estimate = 0;
+        self.damping.value = Damping::REWEIGHTED_DAMPING;
         self.system = LinearisedProblem::linearise(&self.likelihood, samples, &self.unknowns);
     }
 
@@ -172,23 +172,27 @@ impl Refinement {
             return RefinementProgress::Converged;
         }
         self.noise_estimates += 1;
-        self.steps_since_estimate = 0;
+        self.steps_since_noise_estimate = 0;
         self.likelihood.estimate_noise(self.system.clipped_squares, self.system.sample_count, &self.unknowns);
         // The last pass and the covariance need all digits, which sums of thin data lose.
         self.likelihood.uses_normal_equations &= self.noise_estimates < MAX_NOISE_ESTIMATES;
         self.system = LinearisedProblem::linearise(&self.likelihood, samples, &self.unknowns);
-        self.damping.value = Damping::AFTER_REWEIGHTING;
+        self.damping.value = Damping::REWEIGHTED_DAMPING;
         RefinementProgress::Continue
     }
 
     fn levenberg_marquardt_step(&mut self, samples: Samples<'_>) -> RefinementProgress {
-        self.steps_since_estimate += 1;
+        self.steps_since_noise_estimate += 1;
         let Some((damped_step, promised_gain)) = self.system.damped_step(self.damping.value) else {
             return RefinementProgress::Failed;
         };
         let trial_unknowns = self.unknowns + damped_step;
         if promised_gain.abs()
-            <= if self.noise_estimates == MAX_NOISE_ESTIMATES { CONVERGED_COST } else { NEARLY_CONVERGED_COST }
+            <= if self.noise_estimates == MAX_NOISE_ESTIMATES {
+                CONVERGED_COST_REDUCTION
+            } else {
+                NEARLY_CONVERGED_COST_REDUCTION
+            }
         {
             self.unknowns = trial_unknowns;
             self.system.reset_origin();
@@ -208,7 +212,7 @@ impl Refinement {
         }
         let can_continue = promised_gain.is_finite()
             && self.damping.value < Damping::MAX_DAMPING
-            && self.steps_since_estimate < MAX_STEPS;
+            && self.steps_since_noise_estimate < MAX_STEPS;
         if can_continue { RefinementProgress::Continue } else { RefinementProgress::Converged }
     }
 }

@@ -11,7 +11,7 @@ use crate::calibration::{CollectionPart, MotorCurrent, Prior, Rates, Sample};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
-fn close(found: f32, expected: f32) -> bool {
+fn is_close(found: f32, expected: f32) -> bool {
     (found - expected).abs() <= 1e-4 * expected.abs()
 }
 
@@ -30,10 +30,10 @@ fn damping_follows_the_achieved_gain() {
         (-7.0, 2.0),
     ] {
         let after = damping.after_success(share);
-        assert!(close(after.value, 0.5 * factor), "{share}: {after:?}");
-        assert!(close(after.growth, 4.0));
+        assert!(is_close(after.value, 0.5 * factor), "{share}: {after:?}");
+        assert!(is_close(after.growth, 4.0));
     }
-    assert!(close(Damping { value: 5e-9, growth: 4.0 }.after_success(1.0).value, 1e-9), "not below f32's digits");
+    assert!(is_close(Damping { value: 5e-9, growth: 4.0 }.after_success(1.0).value, 1e-9), "not below f32's digits");
 }
 
 #[test]
@@ -41,7 +41,7 @@ fn damping_growth_doubles_with_each_failure() {
     let mut damping = Damping { value: 1.0, growth: 4.0 };
     for value in [4.0, 32.0, 512.0] {
         damping = damping.after_failure();
-        assert!(close(damping.value, value), "{damping:?}");
+        assert!(is_close(damping.value, value), "{damping:?}");
     }
 }
 
@@ -100,7 +100,7 @@ fn a_refinement_converges_when_the_predicted_gain_is_small() {
 fn a_refinement_ends_after_forty_steps() {
     for (before, progress) in [(38, RefinementProgress::Continue), (39, RefinementProgress::Converged)] {
         let mut refinement = refinement_off_by(3.0);
-        refinement.steps_since_estimate = before;
+        refinement.steps_since_noise_estimate = before;
         assert_eq!(descend(&mut refinement, 0.0), progress, "after {before}");
     }
 }
@@ -111,7 +111,7 @@ fn a_refinement_ends_when_no_step_reduces_the_cost() {
         let mut refinement = refinement_off_by(3000.0);
         refinement.damping.value = value;
         assert_eq!(descend(&mut refinement, -1e9), progress, "{value}");
-        assert!(close(refinement.damping.value, 4.0 * value), "a failed step");
+        assert!(is_close(refinement.damping.value, 4.0 * value), "a failed step");
     }
 }
 
@@ -166,7 +166,7 @@ fn flight(seed: u64) -> (Airframe, RecordedTurns) {
 
 fn refinement(recorded: &RecordedTurns, moves: bool) -> Refinement {
     let start = starting_point::sphere_start(recorded.turns(), &Matrix3::identity()).unwrap();
-    let likelihood = Likelihood::new(&Prior::default(), ModelConfig::DEFAULT, recorded.turns(), start.unit_ut);
+    let likelihood = Likelihood::new(&Prior::default(), ModelConfig::DEFAULT, recorded.turns(), start.field_unit_ut);
     let unknowns = likelihood.unknowns_from_start(&start).unwrap();
     Refinement::new(likelihood, recorded.turns(), unknowns, moves)
 }
@@ -181,10 +181,10 @@ fn the_noise_is_estimated_three_times() {
         let rounds = refinement.noise_estimates;
         match refinement.refine_step(recorded.turns()) {
             RefinementProgress::Continue if refinement.noise_estimates > rounds => {
-                assert!(close(refinement.damping.value, 1e-6) && refinement.steps_since_estimate == 0);
+                assert!(is_close(refinement.damping.value, 1e-6) && refinement.steps_since_noise_estimate == 0);
                 estimates.push(refinement.likelihood.noise.inclination_sigma_rad);
             }
-            RefinementProgress::Continue => assert!(refinement.steps_since_estimate > 0),
+            RefinementProgress::Continue => assert!(refinement.steps_since_noise_estimate > 0),
             end => break assert_eq!(end, RefinementProgress::Converged),
         }
     }
@@ -218,13 +218,13 @@ fn a_restart_converges_in_one_round() {
     late.restart_with_latency(recorded.turns(), 0.05, &Vector13::repeat(1e-4));
     assert_eq!(late.likelihood.latency_s.to_bits(), 0.05_f32.to_bits());
     assert!((late.unknowns - converged.unknowns - Vector13::repeat(1e-4)).norm() < 1e-6);
-    assert_eq!((late.noise_estimates, late.steps_since_estimate), (MAX_NOISE_ESTIMATES - 1, 0));
+    assert_eq!((late.noise_estimates, late.steps_since_noise_estimate), (MAX_NOISE_ESTIMATES - 1, 0));
     // The noise estimate contained the interference, so one more is needed.
     let mut with_current = settled();
     with_current.restart_with_motor_current(recorded.turns(), &Vector3::new(0.0, 1e-3, 0.0), &Vector13::repeat(1e-4));
     assert!((with_current.likelihood.motor_current_per_ampere() - Vector3::new(0.0, 1e-3, 0.0)).norm() < 1e-6);
     assert!((with_current.unknowns - converged.unknowns - Vector13::repeat(1e-4)).norm() < 1e-6);
-    assert_eq!((with_current.noise_estimates, with_current.steps_since_estimate), (MAX_NOISE_ESTIMATES - 2, 0));
+    assert_eq!((with_current.noise_estimates, with_current.steps_since_noise_estimate), (MAX_NOISE_ESTIMATES - 2, 0));
 }
 
 #[test]
@@ -286,7 +286,7 @@ fn normal_equations_agree_with_rotations() {
         likelihood.uses_normal_equations = sums_up;
         LinearisedProblem::linearise(&likelihood, recorded.turns(), &unknowns)
     });
-    assert!(close(summed.cost, exact.cost) && summed.sample_count == exact.sample_count);
+    assert!(is_close(summed.cost, exact.cost) && summed.sample_count == exact.sample_count);
     let (found, expected) = (summed.step_to_maximum().unwrap(), exact.step_to_maximum().unwrap());
     assert!((found - expected).norm() < 1e-3 * expected.norm(), "{found} {expected}");
 }

@@ -58,13 +58,13 @@ const MIN_HYSTERESIS_SIGNIFICANCE: f32 = 12.0;
 
 /// Significance from norm residuals alone that confirms a hypothesis that is tested once: 99 % quantile of chi-squared
 /// with one degree of freedom.
-const MIN_SINGLE_NORM_SIGNIFICANCE: f32 = 6.6;
+const MIN_NORM_SIGNIFICANCE_OF_SINGLE_TEST: f32 = 6.6;
 
 /// Significance that confirms iron in a linkage whatever the norm residuals are.
 const CERTAIN_SIGNIFICANCE: f32 = 60.0;
 
 /// Load factor less one in a turn at 25 deg of bank, for which the size of iron in a linkage is reported.
-const REFERENCE_LOAD: f32 = 0.1034;
+const REFERENCE_EXCESS_LOAD: f32 = 0.1034;
 
 /// Relative `f32` rounding error of the information about `beta`.
 const RELATIVE_ROUNDING: f32 = 1e-5;
@@ -76,7 +76,7 @@ enum TestedCourse {
     /// Linear decrease of `beta` to zero.
     Drift,
     /// Proportional to the load factor less one, as the deflection of the elevator; constant above 25 deg of bank.
-    Load,
+    LoadFactor,
     /// Lag of the soft iron's field behind the turn.
     Hysteresis,
 }
@@ -100,15 +100,15 @@ impl TimeSpan {
         match tested_course {
             TestedCourse::Step(until_ms) => f32::from(u8::from(ms <= until_ms)),
             TestedCourse::Drift => 1.0 - ms as f32 / self.duration_ms as f32,
-            TestedCourse::Load => load_fraction(&sample.attitude.tilt_rotation().down_in_body()),
+            TestedCourse::LoadFactor => load_factor_fraction(&sample.attitude.tilt_rotation().down_in_body()),
             TestedCourse::Hysteresis => 1.0,
         }
     }
 }
 
 /// Load factor less one, relative to the reference, with down in body axes; at most 1.
-fn load_fraction(down: &Vector3<f32>) -> f32 {
-    ((1.0 / down.z.max(0.1) - 1.0) / REFERENCE_LOAD).min(1.0)
+fn load_factor_fraction(down: &Vector3<f32>) -> f32 {
+    ((1.0 / down.z.max(0.1) - 1.0) / REFERENCE_EXCESS_LOAD).min(1.0)
 }
 
 /// Adds both residuals of a sample by an unknown with this effect on the corrected field: faster than one by one,
@@ -198,17 +198,17 @@ pub(in crate::calibration) struct HardIronScan {
     w: Matrix3<f32>,
     step_to_maximum: Vector13,
     step_sums: HardIronSums,
-    load_sums: HardIronSums,
+    load_factor_sums: HardIronSums,
     hysteresis_sums: ScoreTest<1>,
     hysteresis: Hysteresis,
     last_turn: LastTurn,
     /// Sums of a drift, approximated by steps at the tested times.
     drift_sums: HardIronSums,
     drift_fraction: f32,
-    samples_seen: usize,
+    processed_count: usize,
     sample_count: usize,
-    best: Option<ChangeEstimate>,
-    effect: Vector13,
+    best_estimate: Option<ChangeEstimate>,
+    gradient_effect: Vector13,
 }
 
 impl HardIronScan {
@@ -222,14 +222,14 @@ impl HardIronScan {
             w: parameters.w,
             step_to_maximum: system.step_to_maximum()?,
             step_sums: HardIronSums::zero(),
-            load_sums: HardIronSums::zero(),
+            load_factor_sums: HardIronSums::zero(),
             hysteresis_sums: ScoreTest::zero(),
             drift_sums: HardIronSums::zero(),
             drift_fraction: 1.0,
-            samples_seen: 0,
+            processed_count: 0,
             sample_count: samples.iter().count(),
-            best: None,
-            effect: Vector13::zeros(),
+            best_estimate: None,
+            gradient_effect: Vector13::zeros(),
         })
     }
 
@@ -238,12 +238,12 @@ impl HardIronScan {
         let down = sample.attitude.tilt_rotation().down_in_body();
         let products = SampleProducts::new(equations);
         self.step_sums.add_sample_products(&products, 1.0);
-        self.load_sums.add_sample_products(&products, load_fraction(&down));
-        let lagging = self.hysteresis.field_response(&down, self.last_turn.next_direction(sample), equations);
+        self.load_factor_sums.add_sample_products(&products, load_factor_fraction(&down));
+        let lagging = self.hysteresis.field_response(&down, self.last_turn.direction_at_sample(sample), equations);
         add_residual_pair(&mut self.hysteresis_sums, equations, &lagging);
-        self.samples_seen += 1;
-        if self.samples_seen.is_multiple_of(self.sample_count.div_ceil(MAX_TESTED_STEPS))
-            && self.samples_seen < self.sample_count
+        self.processed_count += 1;
+        if self.processed_count.is_multiple_of(self.sample_count.div_ceil(MAX_TESTED_STEPS))
+            && self.processed_count < self.sample_count
         {
             self.test_course(system, TestedCourse::Step(time.ms_since(self.span.start)));
             self.extend_drift(self.span.fraction_at(TestedCourse::Drift, sample));
@@ -264,13 +264,13 @@ impl HardIronScan {
         let sums = match tested_course {
             TestedCourse::Step(_) => self.step_sums.score_test(&self.w),
             TestedCourse::Drift => self.drift_sums.score_test(&self.w),
-            TestedCourse::Load => self.load_sums.score_test(&self.w),
+            TestedCourse::LoadFactor => self.load_factor_sums.score_test(&self.w),
             TestedCourse::Hysteresis => as_three_unknowns(&self.hysteresis_sums),
         };
         let Some((beta, significance)) = estimate_step(&sums, system, &self.step_to_maximum) else { return };
-        if self.best.is_none_or(|best| significance > best.significance) {
-            self.effect = sums.coefficient_effect(&beta);
-            self.best = Some(ChangeEstimate { tested_course, beta, significance });
+        if self.best_estimate.is_none_or(|best| significance > best.significance) {
+            self.gradient_effect = sums.gradient_effect(&beta);
+            self.best_estimate = Some(ChangeEstimate { tested_course, beta, significance });
         }
     }
 
@@ -283,27 +283,27 @@ impl HardIronScan {
         residuals: &ResidualStatistics,
     ) -> Option<ConfirmedChange> {
         self.extend_drift(0.0);
-        for tested_course in [TestedCourse::Drift, TestedCourse::Load, TestedCourse::Hysteresis] {
+        for tested_course in [TestedCourse::Drift, TestedCourse::LoadFactor, TestedCourse::Hysteresis] {
             self.test_course(system, tested_course);
         }
-        let estimate = self.best.filter(|estimate| estimate.significance > SECOND_PASS_SIGNIFICANCE)?;
+        let estimate = self.best_estimate.filter(|estimate| estimate.significance > SECOND_PASS_SIGNIFICANCE)?;
         let course = match estimate.tested_course {
             TestedCourse::Step(until_ms) => HardIronTimeCourse::Step { after_s: whole_seconds(until_ms) },
             TestedCourse::Drift => HardIronTimeCourse::Drift,
-            TestedCourse::Load => HardIronTimeCourse::InTurns,
-            TestedCourse::Hysteresis => HardIronTimeCourse::BehindTurns,
+            TestedCourse::LoadFactor => HardIronTimeCourse::LoadFactor,
+            TestedCourse::Hysteresis => HardIronTimeCourse::Hysteresis,
         };
         let size_ut = match estimate.tested_course {
-            TestedCourse::Hysteresis => self.hysteresis.effect_size(estimate.beta.x),
+            TestedCourse::Hysteresis => self.hysteresis.rms_field_change(estimate.beta.x),
             _ => estimate.beta.vector_length(),
         };
         let detected_change = DetectedHardIronChange {
-            size_ut: size_ut * fit.likelihood.unit_ut,
+            size_ut: size_ut * fit.likelihood.field_unit_ut,
             time_course: course,
             duration_s: whole_seconds(self.span.duration_ms),
         };
         is_significant(estimate.tested_course, self.significance(&estimate, fit, system, residuals)?)
-            .then_some(ConfirmedChange { detected_change, gradient_effect: self.effect })
+            .then_some(ConfirmedChange { detected_change, gradient_effect: self.gradient_effect })
     }
 
     fn significance(
@@ -313,7 +313,7 @@ impl HardIronScan {
         system: &LinearisedProblem,
         residuals: &ResidualStatistics,
     ) -> Option<[f32; 2]> {
-        let move_unknowns = self.step_to_maximum - system.covariance_times(&self.effect)?;
+        let move_unknowns = self.step_to_maximum - system.covariance_times(&self.gradient_effect)?;
         let parameters = ModelParameters::new(fit.unknowns);
         let mut remaining = Autocorrelation::default();
         let mut norm_sums = ScoreTest::zero();
@@ -323,7 +323,7 @@ impl HardIronScan {
             let fraction = self.span.fraction_at(estimate.tested_course, sample);
             let response = if estimate.tested_course == TestedCourse::Hysteresis {
                 let down = sample.attitude.tilt_rotation().down_in_body();
-                let lagging = self.hysteresis.field_response(&down, last_turn.next_direction(sample), &equations);
+                let lagging = self.hysteresis.field_response(&down, last_turn.direction_at_sample(sample), &equations);
                 Matrix3::from_columns(&[lagging, Vector3::zeros(), Vector3::zeros()])
             } else {
                 -self.w
@@ -356,10 +356,10 @@ impl HardIronScan {
 fn is_significant(tested_course: TestedCourse, [total_significance, norm_significance]: [f32; 2]) -> bool {
     let (total_limit, norm_limit) = match tested_course {
         TestedCourse::Step(_) | TestedCourse::Drift => (MIN_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE),
-        TestedCourse::Load if total_significance > CERTAIN_SIGNIFICANCE => return true,
+        TestedCourse::LoadFactor if total_significance > CERTAIN_SIGNIFICANCE => return true,
         TestedCourse::Hysteresis if total_significance > MIN_SIGNIFICANCE => return true,
-        TestedCourse::Load => (MIN_SIGNIFICANCE, MIN_SINGLE_NORM_SIGNIFICANCE),
-        TestedCourse::Hysteresis => (MIN_HYSTERESIS_SIGNIFICANCE, MIN_SINGLE_NORM_SIGNIFICANCE),
+        TestedCourse::LoadFactor => (MIN_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE_OF_SINGLE_TEST),
+        TestedCourse::Hysteresis => (MIN_HYSTERESIS_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE_OF_SINGLE_TEST),
     };
     total_significance > total_limit && norm_significance > norm_limit
 }

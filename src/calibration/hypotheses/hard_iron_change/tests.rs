@@ -36,7 +36,7 @@ impl Case {
         let mut likelihood =
             Likelihood::new(&Prior::default(), ModelConfig::DEFAULT, recorded.turns(), airframe.total_ut);
         let unknowns = likelihood
-            .unknowns_from_start(&starting_point::StartingPoint { unit_ut: airframe.total_ut, ..start })
+            .unknowns_from_start(&starting_point::StartingPoint { field_unit_ut: airframe.total_ut, ..start })
             .unwrap();
         likelihood.noise = NoiseModel::new(0.003, 0.006, Matrix3::identity());
         // Huber weights would depend on the point of linearisation.
@@ -91,11 +91,11 @@ const PAYLOAD_CHANGE_UT: Vector3<f32> = Vector3::new(0.8, -0.5, 0.6);
 #[test]
 fn hard_iron_derivatives_equal_numerical_ones() {
     let mut case = Case::new(Vector3::zeros(), 0);
-    case.likelihood.unit_ut = 40.0;
+    case.likelihood.field_unit_ut = 40.0;
     let parameters = ModelParameters::new(&case.unknowns);
     for sample in case.recorded.left.iter().step_by(20) {
         let equations_with = |beta: Vector3<f32>| {
-            let field = Field::new(sample.field.ut - beta * case.likelihood.unit_ut);
+            let field = Field::new(sample.field.ut - beta * case.likelihood.field_unit_ut);
             case.likelihood.sample_equations(&Sample { field, ..*sample }, None, &parameters)
         };
         let unchanged = equations_with(Vector3::zeros());
@@ -165,7 +165,7 @@ fn constant_hard_iron_is_no_change() {
     let system = case.system();
     let (beta, significance) = estimate_step(&sums, &system, &system.step_to_maximum().unwrap()).unwrap();
     assert!((0.0..1.0).contains(&significance), "{significance}");
-    assert!(beta.norm() * case.likelihood.unit_ut < 0.1, "{beta}");
+    assert!(beta.norm() * case.likelihood.field_unit_ut < 0.1, "{beta}");
 }
 
 /// Duplicate samples add no information: the autocorrelation of their residuals outweighs their number.
@@ -175,7 +175,7 @@ fn repeated_samples_add_no_significance() {
     let significance = |case: &Case| {
         let calibration = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
         let (scan, information) = case.scanned();
-        let found = scan.best.unwrap();
+        let found = scan.best_estimate.unwrap();
         scan.significance(&found, &case.fit(&calibration), &information.linear_system, &information.residuals).unwrap()
     };
     let once = significance(&case);
@@ -199,7 +199,7 @@ fn the_size_of_hysteresis_is_the_rms_of_its_response() {
         let equations = case.likelihood.sample_equations(&level, None, &parameters);
         squares += scan.hysteresis.field_response(&Vector3::z(), 1.0, &equations).norm_squared();
     }
-    let (rms, size) = ((squares / 36.0).sqrt(), scan.hysteresis.effect_size(-1.0));
+    let (rms, size) = ((squares / 36.0).sqrt(), scan.hysteresis.rms_field_change(-1.0));
     assert!((size / rms - 1.0).abs() < 0.03, "{size} {rms}");
 }
 
@@ -214,7 +214,7 @@ fn the_sums_of_hysteresis_are_those_of_each_equation() {
         let equations = case.likelihood.sample_equations(sample, None, &parameters);
         let lagging = scan.hysteresis.field_response(
             &sample.attitude.tilt_rotation().down_in_body(),
-            last_turn.next_direction(sample),
+            last_turn.direction_at_sample(sample),
             &equations,
         );
         for equation in hard_iron_residuals(&equations) {
@@ -237,12 +237,12 @@ fn the_scan_finds_time_and_size() {
     let (mut scan, information) = Case::new(PAYLOAD_CHANGE_UT, 65_000).scanned();
     scan.extend_drift(0.0);
     scan.test_course(&information.linear_system, TestedCourse::Drift);
-    let found = scan.best.unwrap();
+    let found = scan.best_estimate.unwrap();
     assert_eq!(found.tested_course, TestedCourse::Step(64_500));
-    let unit_ut = Case::new(PAYLOAD_CHANGE_UT, 65_000).likelihood.unit_ut;
+    let unit_ut = Case::new(PAYLOAD_CHANGE_UT, 65_000).likelihood.field_unit_ut;
     assert!((found.beta * unit_ut - PAYLOAD_CHANGE_UT).norm() < 0.4, "{}", found.beta * unit_ut);
     assert!(found.significance > 100.0);
-    let nothing = Case::new(Vector3::zeros(), 0).scanned().0.best.unwrap();
+    let nothing = Case::new(Vector3::zeros(), 0).scanned().0.best_estimate.unwrap();
     assert!(nothing.significance < SECOND_PASS_SIGNIFICANCE, "{nothing:?}");
 }
 
@@ -268,11 +268,11 @@ fn drift_sums_approximate_the_exact_sums() {
 fn the_gradient_effect_is_that_of_the_best_change() {
     let case = Case::new(PAYLOAD_CHANGE_UT, 60_000);
     let scan = case.scanned().0;
-    let found = scan.best.unwrap();
+    let found = scan.best_estimate.unwrap();
     let effect = case.equations(found.tested_course).iter().fold(Vector13::zeros(), |sum, (equation, by_beta, _)| {
         sum + equation.jacobian_row.as_vector() * (equation.weight * by_beta.dot(&found.beta))
     });
-    assert!((scan.effect - effect).norm() < 1e-3 * effect.norm());
+    assert!((scan.gradient_effect - effect).norm() < 1e-3 * effect.norm());
 }
 
 #[test]
@@ -317,7 +317,7 @@ fn both_significance_thresholds_must_be_exceeded() {
         assert!(is_significant(form, [30.1, 16.1]) && !is_significant(form, [29.9, 1e3]));
         assert!(!is_significant(form, [1e3, 15.9]) && !is_significant(form, [f32::NAN, 1e3]));
     }
-    let load = |significance| is_significant(TestedCourse::Load, significance);
+    let load = |significance| is_significant(TestedCourse::LoadFactor, significance);
     assert!(load([30.1, 6.7]) && load([60.1, 0.0]) && !load([59.9, 6.5]) && !load([29.9, 1e3]));
     let hysteresis = |significance| is_significant(TestedCourse::Hysteresis, significance);
     assert!(hysteresis([12.1, 6.7]) && hysteresis([30.1, 0.0]) && !hysteresis([11.9, 1e3]) && !hysteresis([29.9, 6.5]));
@@ -328,14 +328,14 @@ fn both_significance_thresholds_must_be_exceeded() {
     for (significance, is_found) in [(16.1, true), (15.9, false)] {
         let (mut scan, information) = case.scanned();
         (scan.drift_sums, scan.drift_fraction) = (HardIronSums::zero(), 0.0);
-        (scan.load_sums, scan.hysteresis_sums) = (HardIronSums::zero(), ScoreTest::zero());
-        scan.best.as_mut().unwrap().significance = significance;
+        (scan.load_factor_sums, scan.hysteresis_sums) = (HardIronSums::zero(), ScoreTest::zero());
+        scan.best_estimate.as_mut().unwrap().significance = significance;
         let found = scan.confirm_change(&case.fit(&calibration), &information.linear_system, &information.residuals);
         assert_eq!(found.is_some(), is_found, "{significance}");
     }
 }
 
-const STILL: Sample = Sample {
+const STEADY_SAMPLE: Sample = Sample {
     field: Field::from_ut(0.0, 0.0, 0.0),
     attitude: crate::frames::Attitude { roll_rad: 0.0, pitch_rad: 0.0 },
     time: WrappingMillis::new(0),
@@ -347,7 +347,7 @@ const STILL: Sample = Sample {
 #[test]
 fn fraction_of_the_change_at_a_time() {
     let span = TimeSpan { start: WrappingMillis::new(u32::MAX - 999), duration_ms: 4_000 };
-    let at = |ms: u32| Sample { time: WrappingMillis::new((u32::MAX - 999).wrapping_add(ms)), ..STILL };
+    let at = |ms: u32| Sample { time: WrappingMillis::new((u32::MAX - 999).wrapping_add(ms)), ..STEADY_SAMPLE };
     for (ms, step, drift) in [(0, 1.0, 1.0), (1_000, 1.0, 0.75), (1_001, 0.0, 0.749_75), (4_000, 0.0, 0.0)] {
         assert!((span.fraction_at(TestedCourse::Step(1_000), &at(ms)) - step).abs() < 1e-6, "{ms}");
         assert!((span.fraction_at(TestedCourse::Drift, &at(ms)) - drift).abs() < 1e-6, "{ms}");
@@ -355,15 +355,15 @@ fn fraction_of_the_change_at_a_time() {
     // Share of the change: 1 at the load factor of 25 deg of bank and above, 1/2 at half its excess over 1.
     for (load, fraction) in [(1.0, 0.0), (1.0517, 0.5), (1.1034, 1.0), (1.5, 1.0)] {
         let roll_rad = f32::acos(1.0 / load);
-        let turning = Sample { attitude: crate::frames::Attitude { roll_rad, pitch_rad: 0.0 }, ..STILL };
-        assert!((span.fraction_at(TestedCourse::Load, &turning) - fraction).abs() < 1e-3, "{load}");
+        let turning = Sample { attitude: crate::frames::Attitude { roll_rad, pitch_rad: 0.0 }, ..STEADY_SAMPLE };
+        assert!((span.fraction_at(TestedCourse::LoadFactor, &turning) - fraction).abs() < 1e-3, "{load}");
     }
     assert_eq!((whole_seconds(999), whole_seconds(31_999), whole_seconds(u32::MAX)), (0, 31, 65_535));
 }
 
 #[test]
 fn the_time_span_covers_all_parts() {
-    let at = |millis| Sample { time: WrappingMillis::new(millis), ..STILL };
+    let at = |millis| Sample { time: WrappingMillis::new(millis), ..STEADY_SAMPLE };
     let (left, right, level) = ([at(50), at(900)], [at(20), at(300)], [at(400), at(700)]);
     let span_of =
         |left, right, level| TimeSpan::from_samples(Parts { left, right, level, ..Parts::default() }.samples());

@@ -8,7 +8,7 @@ use super::*;
 use crate::calibration::model::unknowns::Vector13;
 use crate::frames::Attitude;
 
-fn close(found: f32, expected: f32) -> bool {
+fn is_close(found: f32, expected: f32) -> bool {
     (found - expected).abs() <= 2e-4 * expected.abs()
 }
 
@@ -27,7 +27,7 @@ fn loss_of_an_outlier_is_linear() {
     ] {
         for sigmas in [sigmas, -sigmas] {
             let equation = equation(sigmas);
-            assert!(close(equation.weight, weight) && close(equation.loss, loss), "{sigmas}: {equation:?}");
+            assert!(is_close(equation.weight, weight) && is_close(equation.loss, loss), "{sigmas}: {equation:?}");
         }
     }
 }
@@ -35,10 +35,10 @@ fn loss_of_an_outlier_is_linear() {
 #[test]
 fn a_residual_is_clipped() {
     for (sigmas, clipped) in [(0.5, 0.5), (1.98, 1.98), (2.02, 2.0), (30.0, 2.0)] {
-        assert!(close(equation(sigmas).clipped_square, clipped * clipped), "{sigmas}");
+        assert!(is_close(equation(sigmas).clipped_square, clipped * clipped), "{sigmas}");
         assert!(
-            close(equation(sigmas).clipped_residual(), clipped)
-                && close(equation(-sigmas).clipped_residual(), -clipped)
+            is_close(equation(sigmas).clipped_residual(), clipped)
+                && is_close(equation(-sigmas).clipped_residual(), -clipped)
         );
     }
 }
@@ -68,7 +68,7 @@ fn without_attitude_there_is_no_inclination_equation() {
 
 /// Expected gradient at the truth over all headings at 15 deg of bank each way and 70 deg of inclination, in
 /// standard deviations. Noise of 1 % as six sigma points with its mean and covariance.
-fn expected_gradient(refined: bool) -> f32 {
+fn expected_gradient(is_refined: bool) -> f32 {
     let parameters = ModelParameters {
         w: Matrix3::new(1.1, 0.1, -0.05, 0.0, 0.9, 0.1, 0.05, -0.1, 1.05),
         d: Vector3::new(0.1, -0.2, 0.6),
@@ -86,7 +86,7 @@ fn expected_gradient(refined: bool) -> f32 {
         for (axis, sign) in [(0, 1.0), (1, 1.0), (2, 1.0), (0, -1.0), (1, -1.0), (2, -1.0)] {
             let x = exact + Vector3::ith(axis, sign * sigma * 3_f32.sqrt());
             let measured = MeasuredSample { x, tilt_rotation: tilt, heading_rad: None };
-            let equations = SampleEquations::new(&parameters, &measured, &noise, &ModelConfig::DEFAULT, refined);
+            let equations = SampleEquations::new(&parameters, &measured, &noise, &ModelConfig::DEFAULT, is_refined);
             for equation in
                 [Some(&equations.norm_equation), equations.inclination_equation.as_ref()].into_iter().flatten()
             {
@@ -167,7 +167,7 @@ fn heading_variance_is_the_sum_of_reference_and_sensor_variance() {
             .unwrap();
         assert!((equation.residual - 0.01).abs() < 1e-5);
         assert!(
-            close(1.0 / equation.weight, 0.0175 * 0.0175 + measured_variance),
+            is_close(1.0 / equation.weight, 0.0175 * 0.0175 + measured_variance),
             "{} {measured_variance}",
             1.0 / equation.weight
         );

@@ -56,7 +56,7 @@ pub struct Solver {
 struct RetainedResult {
     start: StartingPoint,
     misfit: f32,
-    assumed: SampleCorrections,
+    corrections: SampleCorrections,
     noise: NoiseModel,
 }
 
@@ -179,9 +179,11 @@ impl Solver {
     /// Restarts at the retained result, unless the sphere fit led to a smaller misfit.
     #[inline(never)]
     fn restore_first_result(&mut self, result: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
-        let Some(RetainedResult { start, misfit, assumed, noise }) = self.first_result.take() else { return false };
+        let Some(RetainedResult { start, misfit, corrections, noise }) = self.first_result.take() else {
+            return false;
+        };
         let is_better = result.as_ref().is_ok_and(|solution| self.misfit(&solution.calibration) < misfit);
-        let is_started = !is_better && self.restart_refinement(samples, &start, assumed);
+        let is_started = !is_better && self.restart_refinement(samples, &start, corrections);
         if is_started {
             self.attempt.start = AttemptStart::FirstResult;
             self.refinement.restart_with_noise(samples, noise);
@@ -206,10 +208,17 @@ impl Solver {
     }
 
     /// Restarts the refinement, if possible; returns whether it did.
-    fn restart_refinement(&mut self, samples: Samples<'_>, start: &StartingPoint, assumed: SampleCorrections) -> bool {
-        let Ok(refinement) = begin_refinement(self.method, &self.prior, samples, start, assumed) else { return false };
+    fn restart_refinement(
+        &mut self,
+        samples: Samples<'_>,
+        start: &StartingPoint,
+        corrections: SampleCorrections,
+    ) -> bool {
+        let Ok(refinement) = begin_refinement(self.method, &self.prior, samples, start, corrections) else {
+            return false;
+        };
         self.refinement = refinement;
-        self.latency_updates = u8::from(assumed.latency_s != 0.0);
+        self.latency_updates = u8::from(corrections.latency_s != 0.0);
         self.motor_current_updates = u8::from(self.refinement.likelihood.motor_current.is_applied());
         true
     }
@@ -217,12 +226,12 @@ impl Solver {
     fn retain_result(&self, solution: &Solution) -> Option<RetainedResult> {
         let (likelihood, unknowns) = (&self.refinement.likelihood, &self.refinement.unknowns);
         let misfit = self.misfit(&solution.calibration);
-        let assumed =
+        let corrections =
             SampleCorrections { latency_s: likelihood.latency_s, ut_per_a: likelihood.motor_current.ut_per_a };
         Some(RetainedResult {
             start: likelihood.starting_point(unknowns)?,
             misfit,
-            assumed,
+            corrections,
             noise: likelihood.noise.clone(),
         })
     }
@@ -260,7 +269,7 @@ impl Solver {
             if self.restart_with_motor_current(samples, &information, &found) {
                 return None;
             }
-            calibration.motor_current.sigma_ut_per_a = found.max_sigma() * likelihood.unit_ut;
+            calibration.motor_current.sigma_ut_per_a = found.max_sigma() * likelihood.field_unit_ut;
         }
         let refined_fit =
             ConvergedFit { method: self.method, likelihood, unknowns, calibration: &calibration, samples };
@@ -295,7 +304,7 @@ impl Solver {
     ) -> bool {
         let likelihood = &self.refinement.likelihood;
         let applied = likelihood.motor_current_per_ampere();
-        let current_sigma_ut = likelihood.motor_current.current_sigma_a * likelihood.unit_ut;
+        let current_sigma_ut = likelihood.motor_current.current_sigma_a * likelihood.field_unit_ut;
         let Some(next_interference) =
             estimate.next_interference(&applied, self.motor_current_updates, current_sigma_ut)
         else {

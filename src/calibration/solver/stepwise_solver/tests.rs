@@ -116,15 +116,15 @@ fn non_finite_samples_are_rejected() {
     assert_eq!(nowhere, Err(SolveError::NotFinite));
 }
 
-fn found(expected_rms_deg: f32, b_ut: f32) -> Solution {
-    let (_, recorded) = flown();
+fn solution_with_error(expected_rms_deg: f32, b_ut: f32) -> Solution {
+    let (_, recorded) = typical_flight();
     let mut solution = solve_samples(Method::MaximumLikelihood, recorded.turns(), &Prior::default()).unwrap();
     solution.quality.expected_rms_deg = expected_rms_deg;
     solution.calibration.b_ut = [0.0, b_ut, 0.0];
     solution
 }
 
-fn flown() -> (Airframe, RecordedTurns) {
+fn typical_flight() -> (Airframe, RecordedTurns) {
     let mut random = Random(31);
     let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [55.0, 55.0]);
     let recorded = Flight::TYPICAL.fly(&airframe, &mut random);
@@ -136,14 +136,14 @@ fn limits_of_a_poor_result() {
     for (expected_rms_deg, b_ut, doubtful) in
         [(2.99, 299.0, false), (3.01, 0.0, true), (0.5, 301.0, true), (0.5, -301.0, true), (f32::NAN, 0.0, true)]
     {
-        assert_eq!(is_poor(&Ok(found(expected_rms_deg, b_ut))), doubtful, "{expected_rms_deg} {b_ut}");
+        assert_eq!(is_poor(&Ok(solution_with_error(expected_rms_deg, b_ut))), doubtful, "{expected_rms_deg} {b_ut}");
     }
     let change = DetectedHardIronChange { size_ut: 9.0, time_course: HardIronTimeCourse::Drift, duration_s: 200 };
     assert!(is_poor(&Err(SolveError::NotConverged)) && is_poor(&Err(SolveError::HardIronChanged(change))));
     assert!(!is_poor(&Err(SolveError::TurnsReversed)));
 }
 
-fn run(mut solver: Solver, samples: Samples<'_>) -> (Result<Solution, SolveError>, usize) {
+fn run_to_end(mut solver: Solver, samples: Samples<'_>) -> (Result<Solution, SolveError>, usize) {
     let mut began = 1;
     for _ in 0..MAX_SOLVE_STEPS {
         let before = solver.attempt;
@@ -158,10 +158,10 @@ fn run(mut solver: Solver, samples: Samples<'_>) -> (Result<Solution, SolveError
 
 #[test]
 fn the_better_of_two_results_is_returned() {
-    let (airframe, recorded) = flown();
+    let (airframe, recorded) = typical_flight();
     let samples = recorded.turns();
     let new = || Solver::new(Method::MaximumLikelihood, samples, &Prior::default()).unwrap();
-    let (plain, began) = run(new(), samples);
+    let (plain, began) = run_to_end(new(), samples);
     let plain = plain.unwrap();
     assert_eq!(began, 1);
     let error = |solution: &Solution| rms(&airframe.errors_deg(&solution.calibration));
@@ -174,9 +174,9 @@ fn the_better_of_two_results_is_returned() {
         assert!(solver.restart_refinement(samples, &sphere, SampleCorrections::NO_CORRECTIONS));
         (solver.attempt.start, solver.first_result) = (
             AttemptStart::Sphere,
-            Some(RetainedResult { start, misfit, assumed: SampleCorrections::NO_CORRECTIONS, noise }),
+            Some(RetainedResult { start, misfit, corrections: SampleCorrections::NO_CORRECTIONS, noise }),
         );
-        let (again, began) = run(solver, samples);
+        let (again, began) = run_to_end(solver, samples);
         assert_eq!(began, if is_found_again { 2 } else { 1 });
         let again = again.unwrap();
         assert!((error(&again) - error(&plain)).abs() < 0.05 && again.hard_iron_change.is_none());
@@ -185,9 +185,9 @@ fn the_better_of_two_results_is_returned() {
 
 #[test]
 fn the_misfit_scales_with_the_total_field() {
-    let (_, recorded) = flown();
+    let (_, recorded) = typical_flight();
     let solver = Solver::new(Method::MaximumLikelihood, recorded.turns(), &Prior::default()).unwrap();
-    let mut solution = found(0.5, 0.0);
+    let mut solution = solution_with_error(0.5, 0.0);
     let misfit = solver.misfit(&solution.calibration);
     let noise = &solver.refinement.likelihood.noise;
     assert!(
@@ -199,15 +199,15 @@ fn the_misfit_scales_with_the_total_field() {
 
 #[test]
 fn a_retained_result_is_restored_with_its_corrections() {
-    let (_, recorded) = flown();
+    let (_, recorded) = typical_flight();
     let mut solver = Solver::new(Method::MaximumLikelihood, recorded.turns(), &Prior::default()).unwrap();
     solver.refinement.likelihood.latency_s = 0.04;
     solver.refinement.likelihood.motor_current.ut_per_a = [0.3, -0.2, 0.1];
     let Refinement { likelihood, unknowns, .. } = &solver.refinement;
-    let retained = solver.retain_result(&found(0.5, 0.0)).unwrap();
+    let retained = solver.retain_result(&solution_with_error(0.5, 0.0)).unwrap();
     let again = likelihood.unknowns_from_start(&retained.start).unwrap();
     assert!((again - unknowns).norm() < 1e-5 * unknowns.norm(), "{again} {unknowns}");
-    assert!(solver.restart_refinement(recorded.turns(), &retained.start, retained.assumed));
+    assert!(solver.restart_refinement(recorded.turns(), &retained.start, retained.corrections));
     let Likelihood { latency_s, motor_current: current, .. } = &solver.refinement.likelihood;
     assert_eq!((*latency_s, current.ut_per_a), (0.04, [0.3, -0.2, 0.1]));
     assert_eq!((solver.latency_updates, solver.motor_current_updates), (1, 1), "each was tried once at least");
@@ -216,7 +216,7 @@ fn a_retained_result_is_restored_with_its_corrections() {
 /// A latency that changes with each estimate is used twice, and then not again.
 #[test]
 fn the_latency_is_updated_at_most_twice() {
-    let (_, recorded) = flown();
+    let (_, recorded) = typical_flight();
     let mut solver = Solver::new(Method::MaximumLikelihood, recorded.turns(), &Prior::default()).unwrap();
     let mut used_s = Vec::new();
     while used_s.len() < 5 {
@@ -231,13 +231,13 @@ fn the_latency_is_updated_at_most_twice() {
 
 #[test]
 fn the_current_s_spread_is_in_microtesla() {
-    let (_, recorded) = flown();
+    let (_, recorded) = typical_flight();
     let samples = recorded.turns();
     for (sigma_ut, stays) in [(0.45, true), (0.55, false)] {
         let mut solver = Solver::new(Method::MaximumLikelihood, samples, &Prior::default()).unwrap();
         let likelihood = &mut solver.refinement.likelihood;
         (likelihood.motor_current.current_sigma_a, likelihood.motor_current.ut_per_a) = (10.0, [0.3, 0.0, 0.0]);
-        let (k, sigma) = (likelihood.motor_current_per_ampere(), sigma_ut / 10.0 / likelihood.unit_ut);
+        let (k, sigma) = (likelihood.motor_current_per_ampere(), sigma_ut / 10.0 / likelihood.field_unit_ut);
         let covariance = Matrix3::from_diagonal_element(sigma * sigma);
         let found = InterferenceEstimate { interference_ut_per_a: k, covariance, significance: [99.0; 2] };
         solver.motor_current_updates = 2;
@@ -249,12 +249,12 @@ fn the_current_s_spread_is_in_microtesla() {
 
 #[test]
 fn a_poor_result_is_retried_without_the_inclination() {
-    let (_, recorded) = flown();
+    let (_, recorded) = typical_flight();
     let samples = recorded.turns();
     let prior_with_inclination = Prior { inclination_rad: Some(0.9), ..Prior::default() };
     for (prior, end, is_left_out) in [
-        (prior_with_inclination, Ok(found(2.9, 0.0)), false),
-        (prior_with_inclination, Ok(found(3.1, 0.0)), true),
+        (prior_with_inclination, Ok(solution_with_error(2.9, 0.0)), false),
+        (prior_with_inclination, Ok(solution_with_error(3.1, 0.0)), true),
         (prior_with_inclination, Err(SolveError::TurnsReversed), true),
         (Prior::default(), Err(SolveError::TurnsReversed), false),
     ] {

@@ -5,7 +5,7 @@ use nalgebra::Matrix3;
 use super::*;
 use crate::calibration::matrix_rows;
 use crate::calibration::model::{COEFFICIENT_COUNT, Vector12, coefficient_jacobian_row};
-use crate::calibration::tests::derivatives::{assert_derivative, derivative};
+use crate::calibration::tests::derivatives::{assert_derivative, numerical_derivative};
 use crate::calibration::tests::synthetic::{Random, vector};
 use crate::frames::{Attitude, wrap_pi};
 
@@ -101,7 +101,7 @@ fn sigma_equals_the_effect_of_wrong_coefficients() {
         let mut covariance = CoefficientCovariance::ZERO;
         covariance.add_outer_product(&direction, 1.0);
         let reference_rad = case.heading_rad(&case.calibration);
-        let turned = derivative(|step| {
+        let turned = numerical_derivative(|step| {
             wrap_pi(case.heading_rad(&case.perturbed_calibration(&(direction * 0.3), step)) - reference_rad)
         }) / 0.3;
         let sigma_rad = case.sigma_rad(&HeadingUncertainty::from_covariance(&covariance, 0.0, 0.0));
@@ -117,14 +117,14 @@ fn sigma_equals_the_effect_of_noise() {
         let reference_rad = case.heading_rad(&case.calibration);
         let total_ut = case.calibration.total_ut;
         let by_reading = |axis: usize| {
-            derivative(|step| {
+            numerical_derivative(|step| {
                 let reading = case.reading.ut + Vector3::ith(axis, step * total_ut);
                 let level = case.attitude.to_level_frame(case.calibration.calibrated_field(Field::new(reading)));
                 wrap_pi(level.heading_rad() - reference_rad)
             })
         };
         let by_attitude = |roll: f32, pitch: f32| {
-            derivative(|step| {
+            numerical_derivative(|step| {
                 let Attitude { roll_rad, pitch_rad } = case.attitude;
                 let attitude = Attitude { roll_rad: roll_rad + roll * step, pitch_rad: pitch_rad + pitch * step };
                 wrap_pi(

@@ -66,7 +66,7 @@ impl AllocationBus {
     }
 
     fn numbers(&self) -> Vec<Option<u8>> {
-        self.nodes.iter().map(|bench| bench.node.node_id().map(NodeId::get)).collect()
+        self.nodes.iter().map(|bench| bench.node.node_id().map(NodeId::number)).collect()
     }
 
     /// Runs until all nodes have numbers; returns the time in milliseconds.
@@ -81,7 +81,7 @@ impl AllocationBus {
             }
             if now_us.is_multiple_of(1_000_000) {
                 let heard = transfer(DataType::ARMING_STATUS, 0, &[0]);
-                on_bus.extend(heard.frames(NodeId::new(PEER)).map(|frame| (usize::MAX, frame)));
+                on_bus.extend(heard.frames(NodeId::new(PEER_NODE)).map(|frame| (usize::MAX, frame)));
             }
             let mut delivered = Vec::new();
             for (sender, frame) in on_bus.drain(..) {
@@ -90,7 +90,7 @@ impl AllocationBus {
                 }
                 let answer = (sender != usize::MAX).then(|| self.allocator.respond(now_us, &frame)).flatten();
                 delivered.push((sender, frame));
-                let frames: Vec<_> = answer.iter().flat_map(|answer| answer.frames(NodeId::new(PEER))).collect();
+                let frames: Vec<_> = answer.iter().flat_map(|answer| answer.frames(NodeId::new(PEER_NODE))).collect();
                 for frame in frames {
                     let copies = usize::from(self.random.uniform(0.0, 1.0) >= self.loss)
                         + usize::from(self.random.uniform(0.0, 1.0) < self.loss);
@@ -149,7 +149,7 @@ fn a_number_is_allocated_on_a_bad_bus() {
 fn delay_ms(client: &mut AllocationClient, source: Option<u8>, unique_id: &[u8]) -> u64 {
     let step = Allocation { node: None, unique_id };
     assert_eq!(client.receive_allocation(Timestamp::START, source.map(node), step), None);
-    (0..=1000).find(|ms| client.next_request(Timestamp::from_us(ms * 1000)).is_some()).unwrap()
+    (0..=1000).find(|ms| client.due_request(Timestamp::from_us(ms * 1000)).is_some()).unwrap()
 }
 
 /// Another client's request, an empty id or a part of another unique id ends the exchange.
@@ -158,10 +158,10 @@ fn only_an_allocator_continues_an_exchange() {
     let unique_id = info(1).unique_id;
     let own_part = &unique_id[..6];
     let mut client = AllocationClient::new(unique_id);
-    for (source, part) in [(None, own_part), (Some(PEER), &[]), (Some(PEER), &[9; 6])] {
-        assert!(delay_ms(&mut client, Some(PEER), own_part) <= 400);
+    for (source, part) in [(None, own_part), (Some(PEER_NODE), &[]), (Some(PEER_NODE), &[9; 6])] {
+        assert!(delay_ms(&mut client, Some(PEER_NODE), own_part) <= 400);
         let step = Allocation { node: None, unique_id: own_part };
-        client.receive_allocation(Timestamp::START, Some(node(PEER)), step);
+        client.receive_allocation(Timestamp::START, Some(node(PEER_NODE)), step);
         assert!(delay_ms(&mut client, source, part) >= 600, "{source:?} {part:?}");
     }
 }
@@ -172,7 +172,7 @@ fn delays_are_random_over_their_whole_range() {
     for (part_length, [least_ms, longest_ms]) in [(0, [600, 1000]), (6, [0, 400])] {
         let delays = (0..50).map(|first_byte| {
             let unique_id = info(first_byte).unique_id;
-            delay_ms(&mut AllocationClient::new(unique_id), Some(PEER), &unique_id[..part_length])
+            delay_ms(&mut AllocationClient::new(unique_id), Some(PEER_NODE), &unique_id[..part_length])
         });
         let delays: Vec<u64> = delays.collect();
         let (least, longest) = (delays.iter().min().unwrap(), delays.iter().max().unwrap());
@@ -188,15 +188,15 @@ fn delays_are_random_over_their_whole_range() {
 fn a_node_is_silent_until_it_hears_another() {
     let mut bench = Bench::unallocated(1);
     assert_eq!(bench.run(5000), []);
-    bench.receive(PEER, &transfer(DataType::ARMING_STATUS, 0, &[0]));
-    assert_eq!(bench.sent(DataType::ALLOCATION, 1100).len(), 1);
+    bench.receive(PEER_NODE, &transfer(DataType::ARMING_STATUS, 0, &[0]));
+    assert_eq!(bench.sent_in_ms(DataType::ALLOCATION, 1100).len(), 1);
 }
 
 /// Without an allocator the node asks every 0.6 to 1 s, and sends nothing else.
 #[test]
 fn an_unallocated_node_only_asks_for_a_number() {
     let mut bench = Bench::unallocated(1);
-    bench.receive(PEER, &transfer(DataType::ARMING_STATUS, 0, &[0]));
+    bench.receive(PEER_NODE, &transfer(DataType::ARMING_STATUS, 0, &[0]));
     let sent = bench.run(60_000);
     assert!((60..=101).contains(&sent.len()), "{}", sent.len());
     assert!(sent.iter().all(|sent| sent.header.source_node.is_none() && sent.payload.len() == 7));
@@ -208,12 +208,12 @@ fn another_node_with_an_allocated_number_makes_the_node_ask_again() {
     let mut bus = AllocationBus::new(&[7], 0.0, 1);
     bus.run(5000).unwrap();
     let bench = &mut bus.nodes[0];
-    assert!(!bench.sent(DataType::MAGNETIC_FIELD_STRENGTH_2, 1000).is_empty());
+    assert!(!bench.sent_in_ms(DataType::MAGNETIC_FIELD_STRENGTH_2, 1000).is_empty());
     bench.now_us += 100_000;
     bench.poll();
-    assert!(bench.node.next_frame().is_some());
+    assert!(bench.node.frame_to_send().is_some());
     bench.receive(125, &transfer(DataType::ARMING_STATUS, 0, &[0]));
     assert_eq!(bench.node.node_id(), None);
-    assert_eq!(bench.node.next_frame(), None, "a field with the number of another node");
+    assert_eq!(bench.node.frame_to_send(), None, "a field with the number of another node");
     assert!(bench.run(500).iter().all(|sent| sent.header.source_node.is_none()));
 }

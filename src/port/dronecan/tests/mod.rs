@@ -13,8 +13,8 @@ use crate::wire::dronecan::outbound::SoftwareVersion;
 use crate::wire::dronecan::{OutboundTransfer, Payload, TransferKind, UNIQUE_ID_LENGTH};
 
 const PERIOD_US: u64 = 12_500;
-const OWN: u8 = 42;
-const PEER: u8 = 10;
+const OWN_NODE: u8 = 42;
+const PEER_NODE: u8 = 10;
 
 fn node(number: u8) -> NodeId {
     NodeId::new(number).unwrap()
@@ -29,7 +29,7 @@ const fn info(first_byte: u8) -> NodeInfo {
 
 /// Transfer from another node; a request to this one if the type is a service.
 fn transfer(data_type: DataType, transfer_id: u8, payload: &[u8]) -> OutboundTransfer {
-    let kind = if data_type.is_service { TransferKind::Request(node(OWN)) } else { TransferKind::Message };
+    let kind = if data_type.is_service { TransferKind::Request(node(OWN_NODE)) } else { TransferKind::Message };
     let payload = Payload::from_slice(payload).unwrap();
     OutboundTransfer { data_type, priority: 20, transfer_kind: kind, transfer_id, payload }
 }
@@ -78,7 +78,7 @@ struct Bench {
     frames: Vec<CanFrame>,
 }
 
-const FIELD: Field<Body> = Field::from_ut(20.0, -5.0, 45.0);
+const BODY_FIELD: Field<Body> = Field::from_ut(20.0, -5.0, 45.0);
 
 const NORTH: Heading = Heading { magnetic_rad: 0.0, sigma_rad: 0.01, systematic_variance_rad2: 0.0 };
 
@@ -89,9 +89,9 @@ impl Bench {
 
     /// Node 42, after a frame of another node.
     fn new() -> Self {
-        let can = CanSettings { node: OWN, ..CanSettings::DEFAULT };
+        let can = CanSettings { node: OWN_NODE, ..CanSettings::DEFAULT };
         let mut bench = Self::with_settings(1, Settings { can, ..Settings::DEFAULT });
-        bench.receive(PEER, &transfer(DataType::ARMING_STATUS, 0, &[0]));
+        bench.receive(PEER_NODE, &transfer(DataType::ARMING_STATUS, 0, &[0]));
         bench
     }
 
@@ -101,7 +101,7 @@ impl Bench {
             now_us: 0,
             settings,
             estimate: Estimate {
-                compass_field: Some(FIELD),
+                compass_field: Some(BODY_FIELD),
                 heading: Ok(NORTH),
                 attitude: Some(Attitude::default()),
                 ..Estimate::EMPTY
@@ -145,8 +145,8 @@ impl Bench {
 
     /// Sends a frame; returns whether there was one.
     fn send_frame(&mut self) -> bool {
-        let Some(frame) = self.node.next_frame().cloned() else { return false };
-        self.node.frame_sent(self.now());
+        let Some(frame) = self.node.frame_to_send().cloned() else { return false };
+        self.node.on_frame_sent(self.now());
         self.frames.push(frame);
         true
     }
@@ -167,28 +167,31 @@ impl Bench {
         reassemble(&std::mem::take(&mut self.frames))
     }
 
-    fn sent(&mut self, data_type: DataType, ms: u64) -> Vec<Sent> {
-        self.run(ms).into_iter().filter(|sent| is_of(sent, data_type)).collect()
+    fn sent_in_ms(&mut self, data_type: DataType, ms: u64) -> Vec<Sent> {
+        self.run(ms).into_iter().filter(|sent| has_data_type(sent, data_type)).collect()
     }
 
     /// Sends a request, runs for 25 ms, and returns the response.
-    fn ask(&mut self, data_type: DataType, payload: &[u8]) -> Option<Vec<u8>> {
-        self.receive(PEER, &transfer(data_type, 9, payload));
+    fn request_response(&mut self, data_type: DataType, payload: &[u8]) -> Option<Vec<u8>> {
+        self.receive(PEER_NODE, &transfer(data_type, 9, payload));
         self.response(data_type)
     }
 
     fn response(&mut self, data_type: DataType) -> Option<Vec<u8>> {
-        let mut sent = self.sent(data_type, 25);
+        let mut sent = self.sent_in_ms(data_type, 25);
         assert!(sent.len() <= 1);
         sent.pop().map(|sent| {
-            assert_eq!((sent.header.transfer_kind, sent.header.priority), (TransferKind::Response(node(PEER)), 20));
-            assert_eq!((sent.header.source_node, sent.transfer_id), (Some(node(OWN)), 9));
+            assert_eq!(
+                (sent.header.transfer_kind, sent.header.priority),
+                (TransferKind::Response(node(PEER_NODE)), 20)
+            );
+            assert_eq!((sent.header.source_node, sent.transfer_id), (Some(node(OWN_NODE)), 9));
             sent.payload
         })
     }
 }
 
-fn is_of(sent: &Sent, data_type: DataType) -> bool {
+fn has_data_type(sent: &Sent, data_type: DataType) -> bool {
     (sent.header.type_id, sent.header.transfer_kind != TransferKind::Message)
         == (data_type.type_id, data_type.is_service)
 }

@@ -9,23 +9,23 @@ const MAG: DataType = DataType::MAGNETIC_FIELD_STRENGTH_2;
 #[test]
 fn the_field_is_sent_at_its_rate_in_gauss() {
     let mut bench = Bench::new();
-    let sent = bench.sent(MAG, 10_000);
+    let sent = bench.sent_in_ms(MAG, 10_000);
     assert!(sent.len().abs_diff(500) <= 1, "{}", sent.len());
     assert!(sent.iter().all(|sent| sent.payload == [0x00, 0x66, 0x32, 0x66, 0xAA, 0x33, 0x37]));
     assert!(sent.iter().zip(sent.iter().skip(1)).all(|(one, next)| next.transfer_id == (one.transfer_id + 1) % 32));
     bench.settings.can.rate_hz = 20;
-    assert!(bench.sent(MAG, 10_000).len().abs_diff(200) <= 1);
+    assert!(bench.sent_in_ms(MAG, 10_000).len().abs_diff(200) <= 1);
 }
 
 #[test]
 fn no_field_is_sent_while_it_is_not_trusted() {
     let mut bench = Bench::new();
     bench.estimate.compass_field = None;
-    assert!(bench.sent(MAG, 2000).is_empty());
+    assert!(bench.sent_in_ms(MAG, 2000).is_empty());
     bench.estimate.compass_field = Some(Field::from_ut(f32::NAN, 0.0, 0.0));
-    assert!(bench.sent(MAG, 2000).is_empty());
-    bench.estimate.compass_field = Some(FIELD);
-    assert!(!bench.sent(MAG, 100).is_empty());
+    assert!(bench.sent_in_ms(MAG, 2000).is_empty());
+    bench.estimate.compass_field = Some(BODY_FIELD);
+    assert!(!bench.sent_in_ms(MAG, 100).is_empty());
 }
 
 /// Sigma of 0.01 rad of a horizontal field of 0.206 gauss: a variance of 4.25e-6, in steps of 6e-8.
@@ -33,13 +33,13 @@ fn no_field_is_sent_while_it_is_not_trusted() {
 fn the_covariance_is_that_of_the_heading_s_sigma() {
     let mut bench = Bench::new();
     bench.settings.can.sends_covariance = true;
-    let sent = bench.sent(MAG, 100);
+    let sent = bench.sent_in_ms(MAG, 100);
     let variances: Vec<f32> =
         sent[0].payload[7..].chunks(2).map(|pair| half::f16::from_le_bytes([pair[0], pair[1]]).to_f32()).collect();
     assert_eq!(variances.len(), 3);
     assert!(variances.iter().all(|variance| (variance - 4.25e-6).abs() < 6e-8), "{variances:?}");
     bench.estimate.heading = Err(NoHeading::AttitudeStale);
-    assert!(bench.sent(MAG, 100).iter().all(|sent| sent.payload.len() == 7), "unknown without a heading");
+    assert!(bench.sent_in_ms(MAG, 100).iter().all(|sent| sent.payload.len() == 7), "unknown without a heading");
 }
 
 /// Most bits of a frame with an extended identifier: 67, interframe space included, and the data, with a stuff bit
@@ -76,17 +76,17 @@ fn status_of(sent: &Sent) -> (u8, u8, u16) {
 #[test]
 fn the_status_is_ok_unless_the_sensor_is_silent() {
     let mut bench = Bench::new();
-    let sent = bench.sent(DataType::NODE_STATUS, 10_000);
+    let sent = bench.sent_in_ms(DataType::NODE_STATUS, 10_000);
     assert_eq!(sent.len(), 11, "once a second");
     assert_eq!(sent[10].payload[..4], [10, 0, 0, 0]);
     // Vendor code: calibrated, 100 percent.
     assert_eq!(status_of(&sent[10]), (0, 0, 0x6420));
     bench.estimate = Estimate { heading: Err(NoHeading::SensorSilent), compass_field: None, ..bench.estimate };
-    let sent = bench.sent(DataType::NODE_STATUS, 15_000);
+    let sent = bench.sent_in_ms(DataType::NODE_STATUS, 15_000);
     assert_eq!(status_of(&sent[5]), (0, 0, 0x6462), "not yet");
     assert_eq!(status_of(&sent[14]), (2, 0, 0x6462), "error");
-    bench.estimate = Estimate { heading: Ok(NORTH), compass_field: Some(FIELD), ..bench.estimate };
-    assert_eq!(status_of(&bench.sent(DataType::NODE_STATUS, 1000)[0]), (0, 0, 0x6420));
+    bench.estimate = Estimate { heading: Ok(NORTH), compass_field: Some(BODY_FIELD), ..bench.estimate };
+    assert_eq!(status_of(&bench.sent_in_ms(DataType::NODE_STATUS, 1000)[0]), (0, 0, 0x6420));
 }
 
 /// Of NodeStatus only the health keeps an autopilot from arming.
@@ -101,7 +101,7 @@ fn calibration_and_reasons_are_in_the_vendor_s_code() {
     ] {
         let mut bench = Bench::new();
         (bench.indicator, bench.estimate.heading) = (indicator, heading);
-        assert_eq!(status_of(&bench.sent(DataType::NODE_STATUS, 100)[0]), (0, 0, code), "{heading:?}");
+        assert_eq!(status_of(&bench.sent_in_ms(DataType::NODE_STATUS, 100)[0]), (0, 0, code), "{heading:?}");
     }
 }
 
@@ -109,24 +109,24 @@ fn calibration_and_reasons_are_in_the_vendor_s_code() {
 fn a_node_without_a_reading_is_initialising() {
     let mut bench = Bench::new();
     bench.estimate = Estimate { attitude: None, ..Estimate::EMPTY };
-    assert_eq!(status_of(&bench.sent(DataType::NODE_STATUS, 100)[0]), (0, 1, 0x6462));
+    assert_eq!(status_of(&bench.sent_in_ms(DataType::NODE_STATUS, 100)[0]), (0, 1, 0x6462));
 }
 
 /// Two nodes with one number: an autopilot would mix their fields.
 #[test]
 fn a_second_node_with_this_number_stops_the_field() {
     let mut bench = Bench::new();
-    assert!(!bench.sent(MAG, 100).is_empty());
-    bench.receive(OWN, &transfer(DataType::ARMING_STATUS, 0, &[0]));
+    assert!(!bench.sent_in_ms(MAG, 100).is_empty());
+    bench.receive(OWN_NODE, &transfer(DataType::ARMING_STATUS, 0, &[0]));
     let sent = bench.run(2000);
-    assert!(sent.iter().all(|sent| !is_of(sent, MAG)));
-    let status = sent.iter().find(|sent| is_of(sent, DataType::NODE_STATUS)).unwrap();
+    assert!(sent.iter().all(|sent| !has_data_type(sent, MAG)));
+    let status = sent.iter().find(|sent| has_data_type(sent, DataType::NODE_STATUS)).unwrap();
     assert_eq!(status_of(status), (0, 0, 0x64E0));
-    assert!(!bench.sent(MAG, 2000).is_empty(), "three seconds after the last frame");
+    assert!(!bench.sent_in_ms(MAG, 2000).is_empty(), "three seconds after the last frame");
 }
 
 fn texts(sent: &[Sent]) -> Vec<String> {
-    let logs = sent.iter().filter(|sent| is_of(sent, DataType::LOG_MESSAGE));
+    let logs = sent.iter().filter(|sent| has_data_type(sent, DataType::LOG_MESSAGE));
     logs.map(|sent| {
         let source = usize::from(sent.payload[0] & 0x1F);
         let text = String::from_utf8(sent.payload[1 + source..].to_vec()).unwrap();
@@ -166,9 +166,9 @@ fn frames_that_the_bus_does_not_accept_are_dropped() {
     }
     bench.send();
     let sent = reassemble(&std::mem::take(&mut bench.frames));
-    assert!(sent.iter().filter(|sent| is_of(sent, MAG)).count() <= 1, "{sent:?}");
+    assert!(sent.iter().filter(|sent| has_data_type(sent, MAG)).count() <= 1, "{sent:?}");
     assert!(sent.len() <= 4, "{sent:?}");
-    assert!(bench.sent(MAG, 1000).len() >= 49);
+    assert!(bench.sent_in_ms(MAG, 1000).len() >= 49);
 }
 
 /// Polls between the frames of a field.
@@ -185,7 +185,7 @@ fn a_field_in_transmission_is_not_replaced() {
         bench.send();
     }
     let sent = reassemble(&bench.frames);
-    assert_eq!(sent.iter().filter(|sent| is_of(sent, MAG)).count(), 10);
+    assert_eq!(sent.iter().filter(|sent| has_data_type(sent, MAG)).count(), 10);
 }
 
 /// Transfers of nine frames: the queue has room for 48.
@@ -193,7 +193,7 @@ fn a_field_in_transmission_is_not_replaced() {
 fn a_transfer_without_room_is_not_queued_and_not_numbered() {
     fn send(outbox: &mut FrameOutbox) -> bool {
         let payload = Payload::from_slice(&[7; 60]).unwrap();
-        outbox.send_message(Timestamp::START, Some(node(OWN)), DataType::TARGETTED, 20, payload)
+        outbox.queue_message(Timestamp::START, Some(node(OWN_NODE)), DataType::TARGETTED, 20, payload)
     }
     let mut outbox = FrameOutbox::default();
     let mut frames = Vec::new();
@@ -216,7 +216,7 @@ fn a_text_waits_for_room() {
     bench.run(3000);
     for _ in 0..5 {
         let (now, payload) = (bench.now(), Payload::from_slice(&[7; 60]).unwrap());
-        bench.node.outbox.send_message(now, Some(node(OWN)), DataType::TARGETTED, 20, payload);
+        bench.node.outbox.queue_message(now, Some(node(OWN_NODE)), DataType::TARGETTED, 20, payload);
     }
     bench.node.queue_text(&Message::InstallationRestored);
     bench.poll();

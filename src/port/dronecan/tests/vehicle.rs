@@ -5,7 +5,7 @@ use crate::wire::dronecan::Targetted;
 use ::mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag};
 use ::mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 
-fn arm(bench: &mut Bench, source: u8, is_armed: bool) {
+fn send_arming_status(bench: &mut Bench, source: u8, is_armed: bool) {
     bench.receive(source, &transfer(DataType::ARMING_STATUS, 0, &[u8::from(is_armed) * 255]));
 }
 
@@ -14,23 +14,23 @@ fn arm(bench: &mut Bench, source: u8, is_armed: bool) {
 fn armed_counts_until_the_same_node_disarms() {
     let mut bench = Bench::new();
     assert_eq!(bench.node.is_armed(bench.now()), Some(false));
-    arm(&mut bench, PEER, true);
-    arm(&mut bench, 66, false);
+    send_arming_status(&mut bench, PEER_NODE, true);
+    send_arming_status(&mut bench, 66, false);
     assert_eq!(bench.node.is_armed(bench.now()), Some(true));
-    arm(&mut bench, PEER, false);
+    send_arming_status(&mut bench, PEER_NODE, false);
     assert_eq!(bench.node.is_armed(bench.now()), Some(false));
-    arm(&mut bench, 66, true);
+    send_arming_status(&mut bench, 66, true);
     assert_eq!(bench.node.is_armed(bench.now()), Some(true));
     bench.now_us += 10_000_000;
     assert_eq!(bench.node.is_armed(bench.now()), Some(true));
     bench.now_us += 1;
     assert_eq!(bench.node.is_armed(bench.now()), None, "silence");
-    arm(&mut bench, PEER, false);
+    send_arming_status(&mut bench, PEER_NODE, false);
     assert_eq!(bench.node.is_armed(bench.now()), Some(false));
 }
 
 /// Current as half precision at byte 4, number of the battery at byte 18.
-fn battery(number: u8, current_a: f32) -> OutboundTransfer {
+fn battery_transfer(number: u8, current_a: f32) -> OutboundTransfer {
     let mut payload = [0; 30];
     payload[4..6].copy_from_slice(&half::f16::from_f32(current_a).to_le_bytes());
     payload[18] = number;
@@ -41,12 +41,12 @@ fn battery(number: u8, current_a: f32) -> OutboundTransfer {
 fn the_current_is_that_of_the_first_battery() {
     let mut bench = Bench::new();
     for (source, number, current_a) in [(20, 0, 12.5), (20, 1, 3.0), (21, 0, 4.0), (20, 0, 13.0)] {
-        bench.receive(source, &battery(number, current_a));
+        bench.receive(source, &battery_transfer(number, current_a));
     }
-    bench.receive(20, &battery(0, f32::NAN));
+    bench.receive(20, &battery_transfer(0, f32::NAN));
     assert_eq!(bench.delivered, [12.5, 13.0].map(ReceivedMessage::Current));
     bench.now_us += 10_000_001;
-    bench.receive(21, &battery(0, 4.0));
+    bench.receive(21, &battery_transfer(0, 4.0));
     assert_eq!(bench.delivered[2], ReceivedMessage::Current(4.0));
 }
 
@@ -56,16 +56,16 @@ fn mavlink_frame(data: &impl MessageData) -> Vec<u8> {
     raw.raw_bytes().to_vec()
 }
 
-fn attitude(roll: f32) -> Vec<u8> {
+fn attitude_frame(roll: f32) -> Vec<u8> {
     mavlink_frame(&ATTITUDE_DATA { time_boot_ms: 77, roll, rollspeed: 0.1, ..Default::default() })
 }
 
-fn heartbeat(base_mode: MavModeFlag) -> Vec<u8> {
+fn heartbeat_frame(base_mode: MavModeFlag) -> Vec<u8> {
     let autopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;
     mavlink_frame(&HEARTBEAT_DATA { autopilot, base_mode, ..HEARTBEAT_DATA::default() })
 }
 
-fn piece(transfer_id: u8, target: u8, serial: i8, data: &[u8]) -> OutboundTransfer {
+fn tunnel_transfer(transfer_id: u8, target: u8, serial: i8, data: &[u8]) -> OutboundTransfer {
     let piece = Targetted {
         protocol: Targetted::MAVLINK_2,
         target,
@@ -77,7 +77,7 @@ fn piece(transfer_id: u8, target: u8, serial: i8, data: &[u8]) -> OutboundTransf
     transfer(DataType::TARGETTED, transfer_id, &piece.payload())
 }
 
-fn rolls(bench: &Bench) -> Vec<f32> {
+fn received_rolls_rad(bench: &Bench) -> Vec<f32> {
     let roll = |message: &ReceivedMessage| match message {
         ReceivedMessage::Attitude(report) => Some(report.attitude.roll_rad),
         _ => None,
@@ -89,12 +89,13 @@ fn rolls(bench: &Bench) -> Vec<f32> {
 #[test]
 fn mavlink_is_received_through_the_tunnel() {
     let mut bench = Bench::new();
-    let stream = [heartbeat(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED), attitude(0.1), attitude(0.2)].concat();
+    let stream =
+        [heartbeat_frame(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED), attitude_frame(0.1), attitude_frame(0.2)].concat();
     let (first, second) = stream.split_at(50);
     for (transfer_id, data) in [(0, first), (0, first), (1, second), (1, second)] {
-        bench.receive(PEER, &piece(transfer_id, OWN, 0, data));
+        bench.receive(PEER_NODE, &tunnel_transfer(transfer_id, OWN_NODE, 0, data));
     }
-    assert_eq!(rolls(&bench), [0.1, 0.2]);
+    assert_eq!(received_rolls_rad(&bench), [0.1, 0.2]);
     assert_eq!(bench.node.is_armed(bench.now()), Some(true));
 }
 
@@ -102,23 +103,23 @@ fn mavlink_is_received_through_the_tunnel() {
 #[test]
 fn one_serial_line_of_one_node_uses_the_tunnel() {
     let mut bench = Bench::new();
-    bench.receive(PEER, &piece(0, OWN, 0, &attitude(0.1)));
-    bench.receive(PEER, &piece(1, OWN + 1, 0, &attitude(0.2)));
-    bench.receive(66, &piece(1, OWN, 0, &attitude(0.3)));
-    bench.receive(PEER, &piece(2, OWN, 1, &attitude(0.4)));
+    bench.receive(PEER_NODE, &tunnel_transfer(0, OWN_NODE, 0, &attitude_frame(0.1)));
+    bench.receive(PEER_NODE, &tunnel_transfer(1, OWN_NODE + 1, 0, &attitude_frame(0.2)));
+    bench.receive(66, &tunnel_transfer(1, OWN_NODE, 0, &attitude_frame(0.3)));
+    bench.receive(PEER_NODE, &tunnel_transfer(2, OWN_NODE, 1, &attitude_frame(0.4)));
     let gps = Targetted {
         protocol: 2,
-        target: OWN,
+        target: OWN_NODE,
         serial_line: 0,
         tunnel_options: 0,
         baud: 0,
-        serial_bytes: &attitude(0.5),
+        serial_bytes: &attitude_frame(0.5),
     };
-    bench.receive(PEER, &transfer(DataType::TARGETTED, 3, &gps.payload()));
-    assert_eq!(rolls(&bench), [0.1]);
+    bench.receive(PEER_NODE, &transfer(DataType::TARGETTED, 3, &gps.payload()));
+    assert_eq!(received_rolls_rad(&bench), [0.1]);
     bench.now_us += 3_000_001;
-    bench.receive(66, &piece(4, OWN, 0, &attitude(0.6)));
-    assert_eq!(rolls(&bench), [0.1, 0.6]);
+    bench.receive(66, &tunnel_transfer(4, OWN_NODE, 0, &attitude_frame(0.6)));
+    assert_eq!(received_rolls_rad(&bench), [0.1, 0.6]);
 }
 
 /// Requests, heartbeats and headings are sent to the serial line that the autopilot uses, and nothing while it is
@@ -126,20 +127,20 @@ fn one_serial_line_of_one_node_uses_the_tunnel() {
 #[test]
 fn mavlink_is_sent_through_the_tunnel() {
     let mut bench = Bench::new();
-    assert!(bench.sent(DataType::TARGETTED, 2000).is_empty());
+    assert!(bench.sent_in_ms(DataType::TARGETTED, 2000).is_empty());
     let mut bytes = Vec::new();
     for transfer_id in 0..20 {
-        bench.receive(PEER, &piece(transfer_id, OWN, 3, &heartbeat(MavModeFlag::empty())));
-        for sent in bench.sent(DataType::TARGETTED, 500) {
+        bench.receive(PEER_NODE, &tunnel_transfer(transfer_id, OWN_NODE, 3, &heartbeat_frame(MavModeFlag::empty())));
+        for sent in bench.sent_in_ms(DataType::TARGETTED, 500) {
             // Protocol, target and serial line, options, baud rate.
-            assert_eq!(sent.payload[..6], [1, PEER << 1, 0x30, 0x00, 0xE1, 0x00], "{sent:?}");
+            assert_eq!(sent.payload[..6], [1, PEER_NODE << 1, 0x30, 0x00, 0xE1, 0x00], "{sent:?}");
             bytes.extend_from_slice(&sent.payload[6..]);
         }
     }
     let starts = bytes.windows(10).filter(|window| window[0] == 0xFD && window[5..7] == [1, 158]).count();
     assert!(starts > 100, "{starts} messages of component 158");
     bench.run(3100);
-    assert!(bench.sent(DataType::TARGETTED, 5000).is_empty(), "the autopilot is silent");
+    assert!(bench.sent_in_ms(DataType::TARGETTED, 5000).is_empty(), "the autopilot is silent");
 }
 
 #[test]
@@ -147,10 +148,18 @@ fn a_battery_replaces_the_current_of_the_tunnel() {
     use ::mavlink::dialects::common::SYS_STATUS_DATA;
     let status = mavlink_frame(&SYS_STATUS_DATA { current_battery: 500, ..SYS_STATUS_DATA::default() });
     let mut bench = Bench::new();
-    bench.receive(PEER, &piece(0, OWN, 0, &[heartbeat(MavModeFlag::empty()), attitude(0.1), status.clone()].concat()));
+    bench.receive(
+        PEER_NODE,
+        &tunnel_transfer(
+            0,
+            OWN_NODE,
+            0,
+            &[heartbeat_frame(MavModeFlag::empty()), attitude_frame(0.1), status.clone()].concat(),
+        ),
+    );
     assert!(bench.delivered.contains(&ReceivedMessage::Current(5.0)), "{:?}", bench.delivered);
-    bench.receive(20, &battery(0, 12.5));
+    bench.receive(20, &battery_transfer(0, 12.5));
     bench.delivered.clear();
-    bench.receive(PEER, &piece(1, OWN, 0, &status));
+    bench.receive(PEER_NODE, &tunnel_transfer(1, OWN_NODE, 0, &status));
     assert_eq!(bench.delivered, []);
 }

@@ -3,13 +3,13 @@
 use super::*;
 use crate::calibration::Orientation;
 use crate::messages::ExpectedAccuracy;
-use crate::store::tests::record;
+use crate::store::tests::calibration_record;
 
-const PROGRESS: u8 = 191;
-const REPORT: u8 = 192;
+const PROGRESS_ID: u8 = 191;
+const REPORT_ID: u8 = 192;
 const SUCCESS: u8 = 4;
 const FAILED: u8 = 5;
-const ENDED: &str = "collection-ended: no more samples";
+const ENDED_TEXT: &str = "collection-ended: no more samples";
 
 fn calibration(x_ut: f32) -> (Calibration, HeadingUncertainty) {
     let calibration = Calibration {
@@ -24,152 +24,152 @@ fn calibration(x_ut: f32) -> (Calibration, HeadingUncertainty) {
 }
 
 impl MavlinkBench {
-    fn is(&mut self, glance: IndicatorState) {
-        self.glance = glance;
+    fn set_indicator_state(&mut self, indicator_state: IndicatorState) {
+        self.indicator_state = indicator_state;
         self.run(1_000);
     }
 
     /// Reports a successful solve, whose calibration becomes active.
     fn complete_solve(&mut self, found: &(Calibration, HeadingUncertainty)) {
         self.calibration = Some(*found);
-        let verdict = ExpectedAccuracy::new(record(1).quality, &found.0);
-        self.module.queue_text(&Notice::Solved(Ok(verdict)));
-        self.is(IndicatorState::Calibrated);
+        let verdict = ExpectedAccuracy::new(calibration_record(1).quality, &found.0);
+        self.mavlink.queue_text(&Notice::Solved(Ok(verdict)));
+        self.set_indicator_state(IndicatorState::Calibrated);
     }
 
     /// Reports a refused solve, and the module's state after it.
     fn refuse_solve(&mut self, indicator: IndicatorState) {
-        self.module.queue_text(&Notice::Solved(Err(Refusal::NoSamples)));
-        self.is(indicator);
+        self.mavlink.queue_text(&Notice::Solved(Err(Refusal::NoSamples)));
+        self.set_indicator_state(indicator);
     }
 
-    fn lines(&mut self) -> Vec<String> {
+    fn text_lines(&mut self) -> Vec<String> {
         self.texts().into_iter().map(|(_, text)| text.replace("autoswing: ", "")).collect()
     }
 
     /// Removes and returns status and success of the sent reports.
-    fn reports(&mut self) -> Vec<(u8, u8)> {
-        self.take(REPORT).iter().map(|report| (report.payload[42], report.payload[43])).collect()
+    fn report_results(&mut self) -> Vec<(u8, u8)> {
+        self.take_messages(REPORT_ID).iter().map(|report| (report.payload[42], report.payload[43])).collect()
     }
 }
 
 #[test]
 fn texts_report_the_start_each_tenth_and_the_end_of_a_collection() {
-    let mut bench = MavlinkBench::beside_an_autopilot();
+    let mut bench = MavlinkBench::with_autopilot();
     for percent in [0, 9, 10, 19, 17, 35, 34, 29, 40, 100] {
-        bench.is(IndicatorState::Collecting(percent));
+        bench.set_indicator_state(IndicatorState::Collecting(percent));
     }
-    assert_eq!(bench.lines(), [0, 10, 30, 40, 100].map(|percent| format!("collecting: {percent} %")));
-    bench.is(IndicatorState::Calibrated);
-    assert_eq!(bench.lines(), [ENDED]);
-    bench.is(IndicatorState::Collecting(55));
-    bench.is(IndicatorState::Collecting(0));
-    bench.is(IndicatorState::Collecting(0));
-    bench.is(IndicatorState::Collecting(12));
-    bench.is(IndicatorState::Idle);
-    let expected = ["collecting: 50 %", "collecting: 0 %", "collecting: 10 %", ENDED];
-    assert_eq!(bench.lines(), expected);
+    assert_eq!(bench.text_lines(), [0, 10, 30, 40, 100].map(|percent| format!("collecting: {percent} %")));
+    bench.set_indicator_state(IndicatorState::Calibrated);
+    assert_eq!(bench.text_lines(), [ENDED_TEXT]);
+    bench.set_indicator_state(IndicatorState::Collecting(55));
+    bench.set_indicator_state(IndicatorState::Collecting(0));
+    bench.set_indicator_state(IndicatorState::Collecting(0));
+    bench.set_indicator_state(IndicatorState::Collecting(12));
+    bench.set_indicator_state(IndicatorState::Idle);
+    let expected = ["collecting: 50 %", "collecting: 0 %", "collecting: 10 %", ENDED_TEXT];
+    assert_eq!(bench.text_lines(), expected);
 }
 
 /// Progress is sent twice a second, with the direction of the field in body axes, if known.
 #[test]
 fn progress_is_sent_during_a_collection() {
-    let mut bench = MavlinkBench::beside_an_autopilot();
-    bench.is(IndicatorState::Idle);
-    assert_eq!(bench.take(PROGRESS), []);
-    bench.is(IndicatorState::Collecting(40));
-    let progress = bench.take(PROGRESS);
+    let mut bench = MavlinkBench::with_autopilot();
+    bench.set_indicator_state(IndicatorState::Idle);
+    assert_eq!(bench.take_messages(PROGRESS_ID), []);
+    bench.set_indicator_state(IndicatorState::Collecting(40));
+    let progress = bench.take_messages(PROGRESS_ID);
     assert_eq!(progress.len(), 2);
     for message in progress {
         assert_eq!(message.payload[..12], [0; 12]);
         assert_eq!(message.payload[12..27], [0, 1, 2, 1, 40, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
     }
     bench.estimate.body_field = Some(crate::frames::Field::from_ut(30.0, 0.0, -40.0));
-    bench.is(IndicatorState::Collecting(100));
-    let message = &bench.take(PROGRESS)[0];
-    assert!((message.float(0) - 0.6).abs() < 1e-6 && (message.float(8) + 0.8).abs() < 1e-6);
+    bench.set_indicator_state(IndicatorState::Collecting(100));
+    let message = &bench.take_messages(PROGRESS_ID)[0];
+    assert!((message.float_at(0) - 0.6).abs() < 1e-6 && (message.float_at(8) + 0.8).abs() < 1e-6);
     assert_eq!(message.payload[14], 3);
     bench.estimate.body_field = Some(crate::frames::Field::from_ut(0.0, 0.0, 0.0));
-    bench.is(IndicatorState::Collecting(100));
-    assert_eq!(bench.take(PROGRESS)[0].payload[..12], [0; 12]);
-    bench.is(IndicatorState::Calibrated);
-    assert_eq!(bench.take(PROGRESS), []);
+    bench.set_indicator_state(IndicatorState::Collecting(100));
+    assert_eq!(bench.take_messages(PROGRESS_ID)[0].payload[..12], [0; 12]);
+    bench.set_indicator_state(IndicatorState::Calibrated);
+    assert_eq!(bench.take_messages(PROGRESS_ID), []);
 }
 
 #[test]
 fn a_new_calibration_is_reported_once() {
     for old in [None, Some(calibration(12.0))] {
-        let mut bench = MavlinkBench::beside_an_autopilot();
+        let mut bench = MavlinkBench::with_autopilot();
         bench.calibration = old;
-        bench.is(if old.is_some() { IndicatorState::Calibrated } else { IndicatorState::Idle });
-        bench.is(IndicatorState::Collecting(0));
-        bench.is(IndicatorState::Collecting(100));
-        assert_eq!(bench.reports(), []);
+        bench.set_indicator_state(if old.is_some() { IndicatorState::Calibrated } else { IndicatorState::Idle });
+        bench.set_indicator_state(IndicatorState::Collecting(0));
+        bench.set_indicator_state(IndicatorState::Collecting(100));
+        assert_eq!(bench.report_results(), []);
         bench.complete_solve(&calibration(13.0));
-        bench.is(IndicatorState::Calibrated);
-        assert_eq!(bench.reports(), [(SUCCESS, 1)]);
+        bench.set_indicator_state(IndicatorState::Calibrated);
+        assert_eq!(bench.report_results(), [(SUCCESS, 1)]);
     }
 }
 
 #[test]
 fn a_refused_solve_is_reported_as_failed() {
     for (before, after) in [(None, IndicatorState::Refused), (Some(calibration(1.0)), IndicatorState::Calibrated)] {
-        let mut bench = MavlinkBench::beside_an_autopilot();
+        let mut bench = MavlinkBench::with_autopilot();
         bench.calibration = before;
-        bench.is(IndicatorState::Collecting(100));
-        bench.module.queue_text(&Notice::Solved(Err(Refusal::NoSamples)));
-        bench.glance = after;
+        bench.set_indicator_state(IndicatorState::Collecting(100));
+        bench.mavlink.queue_text(&Notice::Solved(Err(Refusal::NoSamples)));
+        bench.indicator_state = after;
         bench.poll();
-        let reports = bench.take(REPORT);
+        let reports = bench.take_messages(REPORT_ID);
         assert!(reports.iter().all(|report| report.payload[..16] == [0; 16]), "not the numbers of the active one");
         assert_eq!(reports.iter().map(|report| report.payload[42]).collect::<Vec<_>>(), [FAILED]);
         bench.calibration = Some(calibration(2.0));
-        bench.is(IndicatorState::Calibrated);
-        assert_eq!(bench.reports(), []);
+        bench.set_indicator_state(IndicatorState::Calibrated);
+        assert_eq!(bench.report_results(), []);
     }
 }
 
 /// An aborted or stopped collection is reported as failed. A module that waits for the next flight sends no report.
 #[test]
 fn a_collection_that_ends_without_an_outcome_has_failed() {
-    let mut bench = MavlinkBench::beside_an_autopilot();
+    let mut bench = MavlinkBench::with_autopilot();
     for (after, reports) in [
         (IndicatorState::Calibrated, vec![(FAILED, 0)]),
         (IndicatorState::Refused, vec![(FAILED, 0)]),
         (IndicatorState::Idle, vec![]),
     ] {
-        bench.is(IndicatorState::Collecting(50));
-        bench.is(after);
-        assert_eq!(bench.reports(), reports, "{after:?}");
+        bench.set_indicator_state(IndicatorState::Collecting(50));
+        bench.set_indicator_state(after);
+        assert_eq!(bench.report_results(), reports, "{after:?}");
     }
 }
 
 #[test]
 fn a_refused_solve_is_not_reported_while_the_collection_continues() {
-    let mut bench = MavlinkBench::beside_an_autopilot();
-    bench.is(IndicatorState::Collecting(30));
+    let mut bench = MavlinkBench::with_autopilot();
+    bench.set_indicator_state(IndicatorState::Collecting(30));
     bench.refuse_solve(IndicatorState::Collecting(30));
-    assert_eq!(bench.reports(), []);
-    assert_eq!(bench.take(PROGRESS).len(), 4);
-    bench.is(IndicatorState::Idle);
-    assert_eq!(bench.reports(), [], "it rests");
-    bench.is(IndicatorState::Collecting(30));
-    bench.is(IndicatorState::Refused);
-    assert_eq!(bench.reports(), [(FAILED, 0)], "the refused solve was not its end");
-    bench.is(IndicatorState::Collecting(30));
+    assert_eq!(bench.report_results(), []);
+    assert_eq!(bench.take_messages(PROGRESS_ID).len(), 4);
+    bench.set_indicator_state(IndicatorState::Idle);
+    assert_eq!(bench.report_results(), [], "it rests");
+    bench.set_indicator_state(IndicatorState::Collecting(30));
+    bench.set_indicator_state(IndicatorState::Refused);
+    assert_eq!(bench.report_results(), [(FAILED, 0)], "the refused solve was not its end");
+    bench.set_indicator_state(IndicatorState::Collecting(30));
     bench.complete_solve(&calibration(1.0));
-    assert_eq!(bench.reports(), [(SUCCESS, 1)]);
+    assert_eq!(bench.report_results(), [(SUCCESS, 1)]);
 }
 
 /// `cal stop` and `cal solve` are processed between two polls.
 #[test]
 fn a_solve_without_a_collection_is_reported() {
-    let mut bench = MavlinkBench::beside_an_autopilot();
-    bench.is(IndicatorState::Idle);
+    let mut bench = MavlinkBench::with_autopilot();
+    bench.set_indicator_state(IndicatorState::Idle);
     bench.refuse_solve(IndicatorState::Refused);
-    assert_eq!(bench.reports(), [(FAILED, 0)]);
+    assert_eq!(bench.report_results(), [(FAILED, 0)]);
     bench.complete_solve(&calibration(1.0));
-    assert_eq!(bench.reports(), [(SUCCESS, 1)]);
+    assert_eq!(bench.report_results(), [(SUCCESS, 1)]);
 }
 
 /// The reported parameters are compared with the calibration's own formula, with and without a mounting.
@@ -181,12 +181,12 @@ fn a_calibration_report_has_an_autopilot_s_parameters() {
         let symmetric = nalgebra::Matrix3::new(1.1, 0.02, -0.01, 0.02, 0.9, 0.03, -0.01, 0.03, 1.0);
         let w = symmetric * mounting;
         found.w = std::array::from_fn(|row| std::array::from_fn(|column| w[(row, column)]));
-        let mut bench = MavlinkBench::beside_an_autopilot();
+        let mut bench = MavlinkBench::with_autopilot();
         bench.settings.mount = orientation;
-        bench.is(IndicatorState::Collecting(100));
+        bench.set_indicator_state(IndicatorState::Collecting(100));
         bench.complete_solve(&(found, uncertainty));
-        let report = bench.take(REPORT).pop().unwrap();
-        let number = |at: usize| report.float(4 * at);
+        let report = bench.take_messages(REPORT_ID).pop().unwrap();
+        let number = |at: usize| report.float_at(4 * at);
         // 0.4 % of 50 uT, in milligauss.
         assert!((number(0) - 2.0).abs() < 1e-5);
         let raw_mg = nalgebra::Vector3::new(200.0, -100.0, 450.0);
@@ -205,11 +205,11 @@ fn a_calibration_report_has_an_autopilot_s_parameters() {
 
 #[test]
 fn the_matrix_of_a_calibration_report_is_the_nearest_symmetric_one() {
-    let mut bench = MavlinkBench::beside_an_autopilot();
-    bench.is(IndicatorState::Collecting(100));
+    let mut bench = MavlinkBench::with_autopilot();
+    bench.set_indicator_state(IndicatorState::Collecting(100));
     bench.complete_solve(&calibration(12.0));
-    let report = bench.take(REPORT).pop().unwrap();
-    let numbers: [f32; 9] = std::array::from_fn(|at| report.float(4 + 4 * at));
+    let report = bench.take_messages(REPORT_ID).pop().unwrap();
+    let numbers: [f32; 9] = std::array::from_fn(|at| report.float_at(4 + 4 * at));
     for (number, expected) in numbers.into_iter().zip([-120.0, 80.0, -200.0, 1.1, 0.9, 1.0, 0.02, 0.0, -0.02]) {
         assert!((number - expected).abs() < 1e-4, "{numbers:?}");
     }
@@ -217,18 +217,18 @@ fn the_matrix_of_a_calibration_report_is_the_nearest_symmetric_one() {
 
 #[test]
 fn only_a_new_calibration_resets_the_pose() {
-    let mut bench = MavlinkBench::beside_an_autopilot();
+    let mut bench = MavlinkBench::with_autopilot();
     bench.settings.sends_vision_yaw = true;
     bench.settings.declination_deg = Some(1.0);
     bench.estimate.heading = Ok(heading(10.0, 1.0));
     bench.estimate.attitude = Some(Attitude::default());
     let counter = |bench: &mut MavlinkBench| {
         bench.run(100);
-        bench.take(102).last().unwrap().payload[116]
+        bench.take_messages(102).last().unwrap().payload[116]
     };
     bench.calibration = Some(calibration(1.0));
     let first = counter(&mut bench);
-    bench.glance = IndicatorState::Collecting(3);
+    bench.indicator_state = IndicatorState::Collecting(3);
     assert_eq!(counter(&mut bench), first);
     bench.calibration = None;
     assert_eq!(counter(&mut bench), first);
@@ -242,10 +242,10 @@ fn only_a_new_calibration_resets_the_pose() {
 #[test]
 fn a_report_waits_for_an_autopilot() {
     let mut bench = MavlinkBench::new();
-    bench.is(IndicatorState::Collecting(100));
+    bench.set_indicator_state(IndicatorState::Collecting(100));
     bench.complete_solve(&calibration(1.0));
-    bench.is(IndicatorState::Calibrated);
-    bench.hear(&heartbeat(AUTOPILOT, true, false));
+    bench.set_indicator_state(IndicatorState::Calibrated);
+    bench.receive(&heartbeat(AUTOPILOT, true, false));
     bench.poll();
-    assert_eq!(bench.reports(), [(SUCCESS, 1)]);
+    assert_eq!(bench.report_results(), [(SUCCESS, 1)]);
 }

@@ -9,23 +9,23 @@ const DENIED: u8 = 2;
 const UNSUPPORTED: u8 = 3;
 const IN_PROGRESS: u8 = 5;
 
-const START: u16 = 42_424;
-const REBOOT: u16 = 246;
-const MODULE: Who = [1, 158];
+const START_COMMAND: u16 = 42_424;
+const REBOOT_COMMAND: u16 = 246;
+const MODULE_ADDRESS: SenderAddress = [1, 158];
 
 impl MavlinkBench {
-    fn command(&mut self, number: u16, confirmation: u8) -> Vec<ReceivedMessage> {
-        self.hear(&command(STATION, MODULE, number, confirmation, [0.0; 4]))
+    fn send_command(&mut self, number: u16, confirmation: u8) -> Vec<ReceivedMessage> {
+        self.receive(&command(GROUND_STATION, MODULE_ADDRESS, number, confirmation, [0.0; 4]))
     }
 
-    fn reboot(&mut self, parameters: [f32; 4]) -> Vec<ReceivedMessage> {
-        self.hear(&command(STATION, MODULE, REBOOT, 0, parameters))
+    fn send_reboot_command(&mut self, parameters: [f32; 4]) -> Vec<ReceivedMessage> {
+        self.receive(&command(GROUND_STATION, MODULE_ADDRESS, REBOOT_COMMAND, 0, parameters))
     }
 
     /// Removes and returns the sent acknowledgements: command, result and addressee.
-    fn answers(&mut self) -> Vec<(u16, u8, Who)> {
+    fn acknowledged_results(&mut self) -> Vec<(u16, u8, SenderAddress)> {
         self.poll();
-        let answers = self.take(77);
+        let answers = self.take_messages(77);
         answers
             .iter()
             .map(|ack| {
@@ -38,22 +38,24 @@ impl MavlinkBench {
 
 #[test]
 fn calibration_commands_are_executed_and_acknowledged() {
-    for (number, order) in
-        [(START, Command::CalStart(Procedure::Flight)), (42_425, Command::CalSolve(None)), (42_426, Command::CalAbort)]
-    {
+    for (number, order) in [
+        (START_COMMAND, Command::CalStart(Procedure::Flight)),
+        (42_425, Command::CalSolve(None)),
+        (42_426, Command::CalAbort),
+    ] {
         for (result, acknowledged) in [
             (Ok(()), ACCEPTED),
             (Err(&Refusal::Armed), REJECTED),
             (Err(&Refusal::Busy), REJECTED),
             (Err(&Refusal::NoSamples), DENIED),
         ] {
-            let mut bed = MavlinkBench::beside_an_autopilot();
-            assert_eq!(bed.command(number, 0), [ReceivedMessage::Command(order)]);
-            assert_eq!(bed.answers(), [], "not before it is known");
-            bed.module.complete_command(order, result);
-            assert_eq!(bed.answers(), [(number, acknowledged, STATION)]);
-            bed.module.complete_command(order, result);
-            assert_eq!(bed.answers(), [], "once");
+            let mut bed = MavlinkBench::with_autopilot();
+            assert_eq!(bed.send_command(number, 0), [ReceivedMessage::Command(order)]);
+            assert_eq!(bed.acknowledged_results(), [], "not before it is known");
+            bed.mavlink.complete_command(order, result);
+            assert_eq!(bed.acknowledged_results(), [(number, acknowledged, GROUND_STATION)]);
+            bed.mavlink.complete_command(order, result);
+            assert_eq!(bed.acknowledged_results(), [], "once");
         }
     }
 }
@@ -62,26 +64,26 @@ fn calibration_commands_are_executed_and_acknowledged() {
 #[test]
 fn only_commands_addressed_to_the_module_are_accepted() {
     for (target, is_taken) in
-        [(MODULE, true), ([0, 158], true), ([1, 0], false), ([0, 0], false), ([1, 1], false), ([2, 158], false)]
+        [(MODULE_ADDRESS, true), ([0, 158], true), ([1, 0], false), ([0, 0], false), ([1, 1], false), ([2, 158], false)]
     {
-        let mut bed = MavlinkBench::beside_an_autopilot();
-        let heard = bed.hear(&command(STATION, target, START, 0, [0.0; 4]));
+        let mut bed = MavlinkBench::with_autopilot();
+        let heard = bed.receive(&command(GROUND_STATION, target, START_COMMAND, 0, [0.0; 4]));
         assert_eq!(
             heard,
             if is_taken { vec![ReceivedMessage::Command(Command::CalStart(Procedure::Flight))] } else { vec![] },
             "{target:?}"
         );
-        bed.hear(&command(STATION, target, 512, 0, [0.0; 4]));
-        assert_eq!(bed.answers().len(), usize::from(is_taken), "{target:?}");
+        bed.receive(&command(GROUND_STATION, target, 512, 0, [0.0; 4]));
+        assert_eq!(bed.acknowledged_results().len(), usize::from(is_taken), "{target:?}");
     }
 }
 
 #[test]
 fn unknown_commands_are_answered_as_unsupported() {
-    let mut bed = MavlinkBench::beside_an_autopilot();
+    let mut bed = MavlinkBench::with_autopilot();
     for number in [511, 400, 42_423, 42_427] {
-        assert_eq!(bed.command(number, 0), []);
-        assert_eq!(bed.answers(), [(number, UNSUPPORTED, STATION)]);
+        assert_eq!(bed.send_command(number, 0), []);
+        assert_eq!(bed.acknowledged_results(), [(number, UNSUPPORTED, GROUND_STATION)]);
     }
 }
 
@@ -99,119 +101,135 @@ fn a_reboot_command_must_be_for_the_module_and_is_rejected_while_armed() {
         ([0.0; 4], false),
         ([f32::NAN; 4], false),
     ] {
-        let mut bed = MavlinkBench::beside_an_autopilot();
+        let mut bed = MavlinkBench::with_autopilot();
         if restarts {
-            assert_eq!(bed.reboot(parameters), [ReceivedMessage::Command(Command::Restart)], "{parameters:?}");
-            bed.module.complete_command(Command::Restart, Ok(()));
-            assert_eq!(bed.answers(), [(REBOOT, ACCEPTED, STATION)]);
+            assert_eq!(
+                bed.send_reboot_command(parameters),
+                [ReceivedMessage::Command(Command::Restart)],
+                "{parameters:?}"
+            );
+            bed.mavlink.complete_command(Command::Restart, Ok(()));
+            assert_eq!(bed.acknowledged_results(), [(REBOOT_COMMAND, ACCEPTED, GROUND_STATION)]);
         } else {
-            assert_eq!(bed.reboot(parameters), [], "{parameters:?}");
-            assert_eq!(bed.answers(), [(REBOOT, DENIED, STATION)]);
+            assert_eq!(bed.send_reboot_command(parameters), [], "{parameters:?}");
+            assert_eq!(bed.acknowledged_results(), [(REBOOT_COMMAND, DENIED, GROUND_STATION)]);
         }
-        let mut bed = MavlinkBench::beside_an_autopilot();
-        bed.hear(&heartbeat(AUTOPILOT, true, true));
+        let mut bed = MavlinkBench::with_autopilot();
+        bed.receive(&heartbeat(AUTOPILOT, true, true));
         let expected = if restarts { vec![ReceivedMessage::Command(Command::Restart)] } else { vec![] };
-        assert_eq!(bed.reboot(parameters), expected);
-        bed.module.complete_command(Command::Restart, Err(&Refusal::Armed));
-        assert_eq!(bed.answers(), [(REBOOT, if restarts { REJECTED } else { DENIED }, STATION)]);
-        assert_eq!(bed.command(START, 0), [ReceivedMessage::Command(Command::CalStart(Procedure::Flight))]);
+        assert_eq!(bed.send_reboot_command(parameters), expected);
+        bed.mavlink.complete_command(Command::Restart, Err(&Refusal::Armed));
+        assert_eq!(
+            bed.acknowledged_results(),
+            [(REBOOT_COMMAND, if restarts { REJECTED } else { DENIED }, GROUND_STATION)]
+        );
+        assert_eq!(
+            bed.send_command(START_COMMAND, 0),
+            [ReceivedMessage::Command(Command::CalStart(Procedure::Flight))]
+        );
     }
 }
 
 /// Commands repeated just before and after one second, and while the result is pending.
 #[test]
 fn a_repeated_command_is_answered_and_not_carried_out_again() {
-    let mut bed = MavlinkBench::beside_an_autopilot();
-    bed.command(START, 0);
-    assert_eq!(bed.command(START, 1), []);
-    assert_eq!(bed.answers(), [(START, IN_PROGRESS, STATION)]);
+    let mut bed = MavlinkBench::with_autopilot();
+    bed.send_command(START_COMMAND, 0);
+    assert_eq!(bed.send_command(START_COMMAND, 1), []);
+    assert_eq!(bed.acknowledged_results(), [(START_COMMAND, IN_PROGRESS, GROUND_STATION)]);
     bed.ms += 1_500;
-    assert_eq!(bed.command(START, 2), []);
-    assert_eq!(bed.answers(), [(START, IN_PROGRESS, STATION)]);
-    bed.module.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
-    assert_eq!(bed.answers(), [(START, ACCEPTED, STATION)]);
+    assert_eq!(bed.send_command(START_COMMAND, 2), []);
+    assert_eq!(bed.acknowledged_results(), [(START_COMMAND, IN_PROGRESS, GROUND_STATION)]);
+    bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
+    assert_eq!(bed.acknowledged_results(), [(START_COMMAND, ACCEPTED, GROUND_STATION)]);
     for (result, acknowledged) in [(Ok(()), ACCEPTED), (Err(&Refusal::NoSamples), DENIED)] {
         assert_eq!(
-            bed.command(START, 0),
+            bed.send_command(START_COMMAND, 0),
             [ReceivedMessage::Command(Command::CalStart(Procedure::Flight))],
             "not a repetition"
         );
-        bed.module.complete_command(Command::CalStart(Procedure::Flight), result);
-        bed.answers();
+        bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), result);
+        bed.acknowledged_results();
         bed.ms += 1_000;
-        assert_eq!(bed.command(START, 1), []);
-        assert_eq!(bed.answers(), [(START, acknowledged, STATION)]);
+        assert_eq!(bed.send_command(START_COMMAND, 1), []);
+        assert_eq!(bed.acknowledged_results(), [(START_COMMAND, acknowledged, GROUND_STATION)]);
         bed.ms += 1;
-        assert_eq!(bed.command(START, 2), [ReceivedMessage::Command(Command::CalStart(Procedure::Flight))]);
-        bed.module.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
-        bed.answers();
+        assert_eq!(
+            bed.send_command(START_COMMAND, 2),
+            [ReceivedMessage::Command(Command::CalStart(Procedure::Flight))]
+        );
+        bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
+        bed.acknowledged_results();
     }
 }
 
 #[test]
 fn a_repetition_has_the_same_command_and_sender() {
-    let mut bed = MavlinkBench::beside_an_autopilot();
-    bed.command(START, 0);
-    bed.module.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
-    assert_eq!(bed.command(42_426, 1), [ReceivedMessage::Command(Command::CalAbort)]);
-    bed.module.complete_command(Command::CalAbort, Ok(()));
+    let mut bed = MavlinkBench::with_autopilot();
+    bed.send_command(START_COMMAND, 0);
+    bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
+    assert_eq!(bed.send_command(42_426, 1), [ReceivedMessage::Command(Command::CalAbort)]);
+    bed.mavlink.complete_command(Command::CalAbort, Ok(()));
     let other = [254, 190];
-    assert_eq!(bed.hear(&command(other, MODULE, 42_426, 1, [0.0; 4])), [ReceivedMessage::Command(Command::CalAbort)]);
-    bed.module.complete_command(Command::CalAbort, Ok(()));
-    assert_eq!(bed.answers()[2], (42_426, ACCEPTED, other));
+    assert_eq!(
+        bed.receive(&command(other, MODULE_ADDRESS, 42_426, 1, [0.0; 4])),
+        [ReceivedMessage::Command(Command::CalAbort)]
+    );
+    bed.mavlink.complete_command(Command::CalAbort, Ok(()));
+    assert_eq!(bed.acknowledged_results()[2], (42_426, ACCEPTED, other));
 }
 
 /// One command is executed at a time, with a timeout of five seconds: a missing result must not block later commands.
 #[test]
 fn commands_are_rejected_while_another_is_pending() {
-    let mut bed = MavlinkBench::beside_an_autopilot();
-    bed.command(START, 0);
+    let mut bed = MavlinkBench::with_autopilot();
+    bed.send_command(START_COMMAND, 0);
     bed.ms += 5_000;
-    assert_eq!(bed.command(42_426, 0), []);
-    assert_eq!(bed.answers(), [(42_426, REJECTED, STATION)]);
+    assert_eq!(bed.send_command(42_426, 0), []);
+    assert_eq!(bed.acknowledged_results(), [(42_426, REJECTED, GROUND_STATION)]);
     bed.ms += 1;
-    assert_eq!(bed.command(42_426, 0), [ReceivedMessage::Command(Command::CalAbort)]);
+    assert_eq!(bed.send_command(42_426, 0), [ReceivedMessage::Command(Command::CalAbort)]);
     // The result of the previous command does not apply to this one.
-    bed.module.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
-    assert_eq!(bed.answers(), []);
-    bed.module.complete_command(Command::CalAbort, Ok(()));
-    assert_eq!(bed.answers(), [(42_426, ACCEPTED, STATION)]);
+    bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
+    assert_eq!(bed.acknowledged_results(), []);
+    bed.mavlink.complete_command(Command::CalAbort, Ok(()));
+    assert_eq!(bed.acknowledged_results(), [(42_426, ACCEPTED, GROUND_STATION)]);
 }
 
 ///  Unknown and repeated commands have no text.
 #[test]
 fn a_rejected_command_sends_a_text_with_the_reason() {
-    let mut bed = MavlinkBench::beside_an_autopilot();
-    bed.command(START, 0);
-    bed.command(42_426, 0);
-    bed.module.complete_command(Command::CalStart(Procedure::Flight), Err(&Refusal::NoSensor));
-    bed.command(START, 1);
-    bed.command(511, 0);
+    let mut bed = MavlinkBench::with_autopilot();
+    bed.send_command(START_COMMAND, 0);
+    bed.send_command(42_426, 0);
+    bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), Err(&Refusal::NoSensor));
+    bed.send_command(START_COMMAND, 1);
+    bed.send_command(511, 0);
     bed.run(2_000);
     let refused = |refusal| (4, format!("autoswing: {}", Notice::CommandRejected(refusal)));
     assert_eq!(bed.texts(), [refused(Refusal::Busy), refused(Refusal::NoSensor)]);
-    bed.reboot([2.0, 0.0, 0.0, 0.0]);
-    bed.hear(&heartbeat(AUTOPILOT, true, true));
-    bed.reboot([1.0, 0.0, 0.0, 0.0]);
-    bed.module.complete_command(Command::Restart, Err(&Refusal::Armed));
+    bed.send_reboot_command([2.0, 0.0, 0.0, 0.0]);
+    bed.receive(&heartbeat(AUTOPILOT, true, true));
+    bed.send_reboot_command([1.0, 0.0, 0.0, 0.0]);
+    bed.mavlink.complete_command(Command::Restart, Err(&Refusal::Armed));
     bed.run(2_000);
     let texts = bed.texts();
     assert!(texts[0].1.starts_with("autoswing: refused out-of-range: the module can restart"), "{texts:?}");
     assert_eq!(texts[1..], [refused(Refusal::Armed)]);
-    bed.command(START, 0);
-    bed.module.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
+    bed.send_command(START_COMMAND, 0);
+    bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
     bed.run(2_000);
     assert_eq!(bed.texts(), [], "no text where it is accepted");
 }
 
 #[test]
 fn at_most_four_acknowledgements_wait_for_room() {
-    let mut bed = MavlinkBench::beside_an_autopilot();
-    bed.room = Some(0);
+    let mut bed = MavlinkBench::with_autopilot();
+    bed.free_bytes = Some(0);
     for number in 0..6 {
-        bed.command(500 + number, 0);
+        bed.send_command(500 + number, 0);
     }
-    assert_eq!(bed.answers(), []);
-    bed.room = None;
-    assert_eq!(bed.answers(), [500, 501, 502, 503].map(|number| (number, UNSUPPORTED, STATION)));
+    assert_eq!(bed.acknowledged_results(), []);
+    bed.free_bytes = None;
+    assert_eq!(bed.acknowledged_results(), [500, 501, 502, 503].map(|number| (number, UNSUPPORTED, GROUND_STATION)));
 }

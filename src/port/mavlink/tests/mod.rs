@@ -17,45 +17,45 @@ use crate::settings::Settings;
 use ::mavlink::calculate_crc;
 
 /// Sender: system and component.
-type Who = [u8; 2];
+type SenderAddress = [u8; 2];
 
-const AUTOPILOT: Who = [1, 1];
-const SECOND: Who = [2, 1];
-const GIMBAL: Who = [1, 154];
-const STATION: Who = [255, 190];
+const AUTOPILOT: SenderAddress = [1, 1];
+const SECOND_AUTOPILOT: SenderAddress = [2, 1];
+const GIMBAL: SenderAddress = [1, 154];
+const GROUND_STATION: SenderAddress = [255, 190];
 
-fn frame([system, component]: Who, id: u8, extra: u8, payload: &[u8]) -> Vec<u8> {
+fn frame([system, component]: SenderAddress, id: u8, extra: u8, payload: &[u8]) -> Vec<u8> {
     let header = [0xFD, payload.len() as u8, 0, 0, 0, system, component, id, 0, 0];
     let mut frame = [&header, payload].concat();
     frame.extend(calculate_crc(&frame[1..], extra).to_le_bytes());
     frame
 }
 
-fn heartbeat(who: Who, is_autopilot: bool, is_armed: bool) -> Vec<u8> {
+fn heartbeat(who: SenderAddress, is_autopilot: bool, is_armed: bool) -> Vec<u8> {
     let (autopilot, mode) = (if is_autopilot { 3 } else { 8 }, if is_armed { 0x80 } else { 0 });
     frame(who, 0, 50, &[0, 0, 0, 0, 1, autopilot, mode, 4, 3])
 }
 
-fn attitude(who: Who, boot_ms: u32) -> Vec<u8> {
+fn attitude(who: SenderAddress, boot_ms: u32) -> Vec<u8> {
     let payload = [boot_ms.to_le_bytes(), 0.1_f32.to_le_bytes(), 0.2_f32.to_le_bytes()].concat();
     frame(who, 30, 39, &[&payload[..], &[0; 16]].concat())
 }
 
-fn place(who: Who) -> Vec<u8> {
+fn place(who: SenderAddress) -> Vec<u8> {
     let numbers = [0_i32, 473_000_000, 85_000_000, 400_000];
     frame(who, 33, 104, &numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<_>>())
 }
 
 /// SYS_STATUS with 12.5 A.
-fn current(who: Who) -> Vec<u8> {
+fn current(who: SenderAddress) -> Vec<u8> {
     frame(who, 1, 124, &[&[0; 16][..], &1_250_i16.to_le_bytes()].concat())
 }
 
-fn time(who: Who) -> Vec<u8> {
+fn time(who: SenderAddress) -> Vec<u8> {
     frame(who, 2, 137, &1_790_000_000_000_000_u64.to_le_bytes())
 }
 
-fn command(who: Who, target: Who, number: u16, confirmation: u8, parameters: [f32; 4]) -> Vec<u8> {
+fn command(who: SenderAddress, target: SenderAddress, number: u16, confirmation: u8, parameters: [f32; 4]) -> Vec<u8> {
     let mut payload: Vec<u8> = parameters.iter().flat_map(|parameter| parameter.to_le_bytes()).collect();
     payload.resize(28, 0);
     payload.extend(number.to_le_bytes());
@@ -65,53 +65,53 @@ fn command(who: Who, target: Who, number: u16, confirmation: u8, parameters: [f3
 
 /// Sent frame; the payload includes truncated zeros.
 #[derive(Clone, Debug, PartialEq)]
-struct Sent {
+struct SentMessage {
     ms: u64,
     sequence: u8,
-    from: Who,
+    from: SenderAddress,
     id: u8,
     payload: Vec<u8>,
 }
 
-impl Sent {
-    fn float(&self, at: usize) -> f32 {
+impl SentMessage {
+    fn float_at(&self, at: usize) -> f32 {
         f32::from_le_bytes(self.payload[at..at + 4].try_into().unwrap())
     }
 }
 
 /// Protocol under test, a clock in milliseconds, and the module's state.
 struct MavlinkBench {
-    module: Mavlink,
+    mavlink: Mavlink,
     ms: u64,
     estimate: Estimate,
     settings: Settings,
-    glance: IndicatorState,
+    indicator_state: IndicatorState,
     calibration: Option<(Calibration, HeadingUncertainty)>,
     /// Free bytes in the output, if limited.
-    room: Option<usize>,
-    sent: Vec<Sent>,
+    free_bytes: Option<usize>,
+    sent: Vec<SentMessage>,
 }
 
 impl MavlinkBench {
     /// Bench an hour after the start, without a known autopilot.
     fn new() -> Self {
         Self {
-            module: Mavlink::new(),
+            mavlink: Mavlink::new(),
             ms: 3_600_000,
             estimate: Estimate::EMPTY,
             settings: Settings::DEFAULT,
-            glance: IndicatorState::Idle,
+            indicator_state: IndicatorState::Idle,
             calibration: None,
-            room: None,
+            free_bytes: None,
             sent: vec![],
         }
     }
 
     /// Bench with a disarmed autopilot that sends attitude.
-    fn beside_an_autopilot() -> Self {
+    fn with_autopilot() -> Self {
         let mut bench = Self::new();
-        bench.hear(&heartbeat(AUTOPILOT, true, false));
-        bench.hear(&attitude(AUTOPILOT, 0));
+        bench.receive(&heartbeat(AUTOPILOT, true, false));
+        bench.receive(&attitude(AUTOPILOT, 0));
         bench
     }
 
@@ -119,9 +119,9 @@ impl MavlinkBench {
         Timestamp::from_us(1000 * self.ms)
     }
 
-    fn hear(&mut self, bytes: &[u8]) -> Vec<ReceivedMessage> {
+    fn receive(&mut self, bytes: &[u8]) -> Vec<ReceivedMessage> {
         let now = self.now();
-        let received = bytes.iter().filter_map(|&byte| self.module.process_byte(now, byte));
+        let received = bytes.iter().filter_map(|&byte| self.mavlink.process_byte(now, byte));
         received.filter(|received| *received != ReceivedMessage::Other).collect()
     }
 
@@ -135,13 +135,13 @@ impl MavlinkBench {
             now: self.now(),
             estimate: &self.estimate,
             settings: &self.settings,
-            indicator_state: self.glance,
+            indicator_state: self.indicator_state,
             calibration: self.calibration.as_ref(),
         };
         let mut out = TransmitBuffer::new();
-        let others = self.room.map_or(0, |room| TRANSMIT_CAPACITY - room);
+        let others = self.free_bytes.map_or(0, |room| TRANSMIT_CAPACITY - room);
         assert!(out.append_message(&[&vec![0; others]]));
-        self.module.poll(&snapshot, &mut out);
+        self.mavlink.poll(&snapshot, &mut out);
         let rest = &out.pending_bytes()[others..];
         let [0xFD, length, 0, 0, sequence, system, component, id, 0, 0, ..] = *rest else {
             assert!(rest.is_empty());
@@ -151,7 +151,7 @@ impl MavlinkBench {
         assert_eq!(rest.len(), end + 2, "more than a message");
         let mut payload = rest[10..end].to_vec();
         payload.resize(120, 0);
-        self.sent.push(Sent { ms: self.ms, sequence, from: [system, component], id, payload });
+        self.sent.push(SentMessage { ms: self.ms, sequence, from: [system, component], id, payload });
         true
     }
 
@@ -164,7 +164,7 @@ impl MavlinkBench {
     }
 
     /// Removes and returns the sent frames of a message.
-    fn take(&mut self, id: u8) -> Vec<Sent> {
+    fn take_messages(&mut self, id: u8) -> Vec<SentMessage> {
         let (taken, others) = std::mem::take(&mut self.sent).into_iter().partition(|sent| sent.id == id);
         self.sent = others;
         taken
@@ -173,7 +173,7 @@ impl MavlinkBench {
     /// Removes and returns the sent texts, joined from their chunks, with severities.
     fn texts(&mut self) -> Vec<(u8, String)> {
         let mut texts: Vec<(u8, u16, String)> = vec![];
-        for sent in self.take(253) {
+        for sent in self.take_messages(253) {
             let chunk: Vec<u8> = sent.payload[1..51].iter().copied().take_while(|&byte| byte != 0).collect();
             let chunk = String::from_utf8(chunk).unwrap();
             let number = u16::from_le_bytes([sent.payload[51], sent.payload[52]]);

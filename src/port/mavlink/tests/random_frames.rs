@@ -8,7 +8,7 @@ fn any_frame(random: &mut Random) -> Vec<u8> {
     const MESSAGES: [(u8, u8, usize); 7] =
         [(0, 50, 9), (30, 39, 28), (33, 104, 28), (2, 137, 12), (76, 152, 33), (75, 158, 35), (77, 143, 10)];
     let (id, extra, length) = MESSAGES[usize::from(random.byte()) % MESSAGES.len()];
-    let who = [AUTOPILOT, AUTOPILOT, AUTOPILOT, SECOND, GIMBAL, STATION, [1, 158], [random.byte(), 1]]
+    let who = [AUTOPILOT, AUTOPILOT, AUTOPILOT, SECOND_AUTOPILOT, GIMBAL, GROUND_STATION, [1, 158], [random.byte(), 1]]
         [usize::from(random.byte()) % 8];
     let mut payload = random.bytes(length);
     if id == 76 || id == 75 {
@@ -38,21 +38,23 @@ fn random_frames_cause_no_panic_and_bounded_output() {
     for _ in 0..100_000 {
         let bytes = any_frame(&mut random);
         commands += usize::from([75, 76].contains(&bytes[7]));
-        for message in bench.hear(&bytes) {
+        for message in bench.receive(&bytes) {
             if let ReceivedMessage::Command(command) = message
                 && random.byte() < 200
             {
-                bench.module.complete_command(command, if random.byte() < 128 { Ok(()) } else { Err(&Refusal::Armed) });
+                bench
+                    .mavlink
+                    .complete_command(command, if random.byte() < 128 { Ok(()) } else { Err(&Refusal::Armed) });
             }
         }
-        bench.glance = [
+        bench.indicator_state = [
             IndicatorState::Idle,
             IndicatorState::Collecting(random.byte() % 101),
             IndicatorState::Calibrated,
             IndicatorState::Refused,
         ][usize::from(random.byte()) % 4];
         bench.settings.sends_vision_yaw = random.byte() < 128;
-        bench.room = (random.byte() < 64).then(|| usize::from(random.byte()));
+        bench.free_bytes = (random.byte() < 64).then(|| usize::from(random.byte()));
         bench.ms += u64::from(random.byte() % 32);
         bench.poll();
         for sent in bench.sent.drain(..) {

@@ -8,10 +8,10 @@ const IN_PROGRESS: u8 = 5;
 
 /// Requests: time, milliseconds, message and rate, Hz. Message 66 is the stream that contains ATTITUDE.
 fn sent_requests(bench: &MavlinkBench) -> Vec<(u64, u32, u32)> {
-    let request = |sent: &Sent| match sent.id {
+    let request = |sent: &SentMessage| match sent.id {
         76 => {
             assert_eq!(sent.payload[28..33], [0xFF, 1, 1, 1, 0], "511, to the autopilot");
-            Some((sent.ms - 3_600_000, sent.float(0) as u32, (1e6 / sent.float(4)).round() as u32))
+            Some((sent.ms - 3_600_000, sent.float_at(0) as u32, (1e6 / sent.float_at(4)).round() as u32))
         }
         66 => Some((sent.ms - 3_600_000, 66, sent.payload[0].into())),
         _ => None,
@@ -19,18 +19,18 @@ fn sent_requests(bench: &MavlinkBench) -> Vec<(u64, u32, u32)> {
     bench.sent.iter().filter_map(request).collect()
 }
 
-fn answer(bench: &mut MavlinkBench, who: Who, target: Who, command: u16, result: u8) {
+fn send_acknowledgement(bench: &mut MavlinkBench, who: SenderAddress, target: SenderAddress, command: u16, result: u8) {
     let mut payload = command.to_le_bytes().to_vec();
     payload.extend([result, 0, 0, 0, 0, 0, target[0], target[1]]);
-    bench.hear(&frame(who, 77, 143, &payload));
+    bench.receive(&frame(who, 77, 143, &payload));
 }
 
 /// Sends attitude with this period for this time, milliseconds.
-fn attitudes(bench: &mut MavlinkBench, period_ms: u64, ms: u64) {
+fn send_attitudes(bench: &mut MavlinkBench, period_ms: u64, ms: u64) {
     for _ in 0..ms / 10 {
         if bench.ms.is_multiple_of(period_ms) {
             let boot_ms = bench.ms as u32;
-            bench.hear(&attitude(AUTOPILOT, boot_ms));
+            bench.receive(&attitude(AUTOPILOT, boot_ms));
         }
         bench.run(10);
     }
@@ -38,7 +38,7 @@ fn attitudes(bench: &mut MavlinkBench, period_ms: u64, ms: u64) {
 
 #[test]
 fn message_rates_are_observed_for_1_s_before_a_request() {
-    let mut bench = MavlinkBench::beside_an_autopilot();
+    let mut bench = MavlinkBench::with_autopilot();
     bench.run(1_000);
     assert_eq!(sent_requests(&bench), []);
     bench.run(10);
@@ -49,10 +49,10 @@ fn message_rates_are_observed_for_1_s_before_a_request() {
 fn four_fifths_of_the_requested_rate_suffice() {
     for (number, enough) in [(32, true), (31, false)] {
         let mut bench = MavlinkBench::new();
-        bench.hear(&heartbeat(AUTOPILOT, true, false));
+        bench.receive(&heartbeat(AUTOPILOT, true, false));
         bench.run(10);
         for _ in 0..number {
-            bench.hear(&attitude(AUTOPILOT, 0));
+            bench.receive(&attitude(AUTOPILOT, 0));
         }
         bench.run(1_000);
         assert_eq!(sent_requests(&bench), [if enough { (1_000, 1, 10) } else { (1_000, 30, 40) }]);
@@ -73,11 +73,11 @@ fn only_the_autopilot_s_denial_to_the_module_or_to_all_counts() {
         (AUTOPILOT, [1, 157], 511, DENIED, false),
         (AUTOPILOT, [2, 158], 511, DENIED, false),
         (GIMBAL, module_address, 511, DENIED, false),
-        (SECOND, module_address, 511, DENIED, false),
+        (SECOND_AUTOPILOT, module_address, 511, DENIED, false),
     ] {
-        let mut bench = MavlinkBench::beside_an_autopilot();
+        let mut bench = MavlinkBench::with_autopilot();
         bench.run(1_200);
-        answer(&mut bench, who, target, command, result);
+        send_acknowledgement(&mut bench, who, target, command, result);
         bench.run(800);
         assert_eq!(sent_requests(&bench).len(), 1);
         bench.run(10);
@@ -89,22 +89,22 @@ fn only_the_autopilot_s_denial_to_the_module_or_to_all_counts() {
 /// The messages must arrive within a second of the acceptance; earlier ones do not count.
 #[test]
 fn an_accepted_request_is_repeated_unless_its_messages_arrive() {
-    let mut bench = MavlinkBench::beside_an_autopilot();
+    let mut bench = MavlinkBench::with_autopilot();
     bench.run(1_010);
-    attitudes(&mut bench, 20, 500);
-    answer(&mut bench, AUTOPILOT, [1, 158], 511, ACCEPTED);
-    attitudes(&mut bench, 50, 990);
+    send_attitudes(&mut bench, 20, 500);
+    send_acknowledgement(&mut bench, AUTOPILOT, [1, 158], 511, ACCEPTED);
+    send_attitudes(&mut bench, 50, 990);
     assert_eq!(sent_requests(&bench).len(), 1);
     bench.run(30);
     assert_eq!(sent_requests(&bench)[1..], [(2_510, 30, 40)], "20 Hz is not 40: once more");
-    answer(&mut bench, AUTOPILOT, [1, 158], 511, ACCEPTED);
-    attitudes(&mut bench, 20, 1_100);
+    send_acknowledgement(&mut bench, AUTOPILOT, [1, 158], 511, ACCEPTED);
+    send_attitudes(&mut bench, 20, 1_100);
     assert_eq!(sent_requests(&bench)[2..], [(3_530, 1, 10)]);
 }
 
 #[test]
 fn each_rate_is_requested_twice_without_an_answer() {
-    let mut bench = MavlinkBench::beside_an_autopilot();
+    let mut bench = MavlinkBench::with_autopilot();
     bench.run(5_010);
     let expected = [(1_000, 30, 40), (2_000, 30, 40), (3_000, 30, 25), (4_000, 30, 25), (5_000, 30, 20)];
     assert_eq!(sent_requests(&bench), expected);
@@ -113,7 +113,7 @@ fn each_rate_is_requested_twice_without_an_answer() {
 /// The setting limits the first rate; a change of it repeats all requests.
 #[test]
 fn the_first_requested_attitude_rate_is_a_setting() {
-    let mut bench = MavlinkBench::beside_an_autopilot();
+    let mut bench = MavlinkBench::with_autopilot();
     bench.settings.attitude_rate_hz = 50;
     bench.run(3_010);
     assert_eq!(sent_requests(&bench), [(1_000, 30, 50), (2_000, 30, 50), (3_000, 30, 40)]);
@@ -124,23 +124,23 @@ fn the_first_requested_attitude_rate_is_a_setting() {
 
 #[test]
 fn acknowledgements_without_a_request_are_ignored() {
-    let mut bench = MavlinkBench::beside_an_autopilot();
+    let mut bench = MavlinkBench::with_autopilot();
     bench.run(500);
-    answer(&mut bench, AUTOPILOT, [1, 158], 511, DENIED);
+    send_acknowledgement(&mut bench, AUTOPILOT, [1, 158], 511, DENIED);
     bench.run(600);
     assert_eq!(sent_requests(&bench), [(1_000, 30, 40)]);
-    answer(&mut bench, AUTOPILOT, [1, 158], 511, DENIED);
-    answer(&mut bench, AUTOPILOT, [1, 158], 511, DENIED);
+    send_acknowledgement(&mut bench, AUTOPILOT, [1, 158], 511, DENIED);
+    send_acknowledgement(&mut bench, AUTOPILOT, [1, 158], 511, DENIED);
     bench.run(1_000);
     assert_eq!(sent_requests(&bench)[1..], [(2_000, 30, 25)]);
 }
 
 /// Module with granted requests: attitude at 50 Hz and three other messages.
-fn content() -> MavlinkBench {
-    let mut bench = MavlinkBench::beside_an_autopilot();
+fn request_contents() -> MavlinkBench {
+    let mut bench = MavlinkBench::with_autopilot();
     for _ in 0..4 {
-        attitudes(&mut bench, 20, 1_050);
-        answer(&mut bench, AUTOPILOT, [1, 158], 511, ACCEPTED);
+        send_attitudes(&mut bench, 20, 1_050);
+        send_acknowledgement(&mut bench, AUTOPILOT, [1, 158], 511, ACCEPTED);
     }
     assert_eq!(sent_requests(&bench).iter().map(|&(_, id, _)| id).collect::<Vec<_>>(), [1, 33, 2]);
     bench.sent.clear();
@@ -149,7 +149,7 @@ fn content() -> MavlinkBench {
 
 #[test]
 fn attitude_is_requested_again_after_2_s_of_silence() {
-    let mut bench = content();
+    let mut bench = request_contents();
     let last = (bench.ms - 10) / 20 * 20;
     bench.run(last + 2_010 - bench.ms);
     assert_eq!(sent_requests(&bench), []);
@@ -160,16 +160,16 @@ fn attitude_is_requested_again_after_2_s_of_silence() {
 #[test]
 fn attitude_is_requested_again_after_an_autopilot_restart() {
     for (back_ms, restarts) in [(1_001, true), (1_000, false)] {
-        let mut bench = content();
+        let mut bench = request_contents();
         let clock_ms = ((bench.ms - 10) / 20 * 20) as u32;
-        bench.hear(&attitude(AUTOPILOT, clock_ms - back_ms));
+        bench.receive(&attitude(AUTOPILOT, clock_ms - back_ms));
         bench.run(1_500);
         assert_eq!(!sent_requests(&bench).is_empty(), restarts, "{back_ms}");
     }
     // A clock that is always zero indicates no restart.
-    let mut bench = MavlinkBench::beside_an_autopilot();
+    let mut bench = MavlinkBench::with_autopilot();
     for _ in 0..500 {
-        bench.hear(&attitude(AUTOPILOT, 0));
+        bench.receive(&attitude(AUTOPILOT, 0));
         bench.run(20);
     }
     assert!(sent_requests(&bench).iter().all(|&(_, id, _)| id != 30), "{:?}", sent_requests(&bench));
@@ -177,25 +177,25 @@ fn attitude_is_requested_again_after_an_autopilot_restart() {
 
 #[test]
 fn another_autopilot_is_requested_after_1_s_of_observation() {
-    let mut bench = content();
+    let mut bench = request_contents();
     bench.ms += 10_001;
     // The other autopilot's clock is equal; only its address differs.
     let clock_ms = bench.ms as u32;
-    bench.hear(&[heartbeat([9, 1], true, false), attitude([9, 1], clock_ms)].concat());
+    bench.receive(&[heartbeat([9, 1], true, false), attitude([9, 1], clock_ms)].concat());
     bench.run(1_000);
     assert_eq!(bench.sent.iter().filter(|sent| sent.id == 76).count(), 0);
     bench.run(10);
-    let requests = bench.take(76);
+    let requests = bench.take_messages(76);
     assert_eq!(requests.len(), 1);
     assert_eq!((requests[0].from, &requests[0].payload[30..32]), ([9, 158], &[9, 1][..]));
 }
 
 #[test]
 fn a_request_that_does_not_fit_is_not_counted() {
-    let mut bench = MavlinkBench::beside_an_autopilot();
-    bench.room = Some(0);
+    let mut bench = MavlinkBench::with_autopilot();
+    bench.free_bytes = Some(0);
     bench.run(10_000);
-    bench.room = None;
+    bench.free_bytes = None;
     bench.run(10);
     assert_eq!(sent_requests(&bench), [(10_000, 30, 40)]);
 }

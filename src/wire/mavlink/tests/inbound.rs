@@ -4,30 +4,32 @@ use super::*;
 use crate::earth::{Date, Position};
 
 /// Decodes hexadecimal digits.
-pub fn bytes(hex: &str) -> Vec<u8> {
+pub fn bytes_of_hex(hex: &str) -> Vec<u8> {
     (0..hex.len() / 2).map(|at| u8::from_str_radix(&hex[2 * at..2 * at + 2], 16).unwrap()).collect()
 }
 
 fn decode_single(frame: &[u8]) -> InboundMessage {
-    let (messages, rejected) = messages(frame);
+    let (messages, rejected) = decoded_messages(frame);
     assert_eq!((messages.len(), rejected), (1, 0), "{frame:02X?}");
     messages[0]
 }
 
-fn assert_passed_over(frame: &[u8]) {
-    let (messages, rejected) = messages(&[frame, &[0; MAX_FRAME]].concat());
+fn assert_skipped(frame: &[u8]) {
+    let (messages, rejected) = decoded_messages(&[frame, &[0; MAX_FRAME_LENGTH]].concat());
     assert_eq!((messages, rejected), (vec![], 0), "{frame:02X?}");
 }
 
-const PLACE: [&str; 2] = [
+const POSITION_DATA: [&str; 2] = [
     "fd1b0000c90c22210000e80300004c52401c760be8fabb7207000100000002000300040005e4ab",
     "fe1cc90c2221e80300004c52401c760be8fabb720700010000000200030004000500fc87",
 ];
 
 #[test]
 fn a_position_is_in_degrees_and_metres_above_sea_level() {
-    for frame in PLACE {
-        let InboundMessage::Position(SENDER, Some(place)) = decode_single(&bytes(frame)) else { panic!("{frame}") };
+    for frame in POSITION_DATA {
+        let InboundMessage::Position(SENDER, Some(place)) = decode_single(&bytes_of_hex(frame)) else {
+            panic!("{frame}")
+        };
         // The resolution of degrees in an f32 is a metre.
         assert!((place.latitude_deg - 47.397_742).abs() < 1e-5, "{place:?}");
         assert!((place.longitude_deg + 8.545_601).abs() < 1e-5, "{place:?}");
@@ -43,7 +45,7 @@ fn a_current_is_in_amperes() {
     fn encode_and_decode<M: MessageData>(data: &M) -> InboundMessage {
         let mut payload = [0; 255];
         let length = data.ser(MavlinkVersion::V2, &mut payload);
-        decode_single(&frame(M::ID as u8, M::EXTRA_CRC, &payload[..length]))
+        decode_single(&v2_frame_with_payload(M::ID as u8, M::EXTRA_CRC, &payload[..length]))
     }
     let status = |current_battery| {
         encode_and_decode(&SYS_STATUS_DATA { current_battery, voltage_battery: 0x7777, ..SYS_STATUS_DATA::DEFAULT })
@@ -67,16 +69,16 @@ fn a_current_is_in_amperes() {
 }
 
 /// Frame of version 2; `extra` is the message's CRC extra byte.
-fn frame(id: u8, extra: u8, payload: &[u8]) -> Vec<u8> {
+fn v2_frame_with_payload(id: u8, extra: u8, payload: &[u8]) -> Vec<u8> {
     with_crc_of(extra, [&[0xFD, payload.len() as u8, 0, 0, 0, 12, 34, id, 0, 0], payload].concat())
 }
 
 #[test]
 fn a_position_without_a_fix_is_not_rejected() {
-    assert_eq!(decode_single(&frame(33, 104, &[1, 2, 3, 4])), InboundMessage::Position(SENDER, None));
+    assert_eq!(decode_single(&v2_frame_with_payload(33, 104, &[1, 2, 3, 4])), InboundMessage::Position(SENDER, None));
     let at = |latitude: i32, longitude: i32| {
         let payload = [[0; 4], latitude.to_le_bytes(), longitude.to_le_bytes(), [0; 4]].concat();
-        decode_single(&frame(33, 104, &payload))
+        decode_single(&v2_frame_with_payload(33, 104, &payload))
     };
     assert_eq!(at(-900_000_000, 1), InboundMessage::Position(SENDER, Position::new(-90.0, 1e-7, 0.0)));
     assert_eq!(at(i32::MIN, i32::MAX), InboundMessage::Position(SENDER, None));
@@ -86,11 +88,14 @@ fn a_position_without_a_fix_is_not_rejected() {
 fn a_date_is_received_in_microseconds_since_1970() {
     let frames = ["fd090000c90c2202000040c227dafe5b0600059bd1", "fe0cc90c220240c227dafe5b060005000000a1b8"];
     for hex in frames {
-        assert_eq!(decode_single(&bytes(hex)), InboundMessage::Date(SENDER, Date::from_unix_s(1_790_000_000)));
+        assert_eq!(decode_single(&bytes_of_hex(hex)), InboundMessage::Date(SENDER, Date::from_unix_s(1_790_000_000)));
     }
     // No date is decoded from an unset clock or out of range.
     for unix_us in [0, 5_000_000, u64::MAX] {
-        assert_eq!(decode_single(&frame(2, 137, &unix_us.to_le_bytes())), InboundMessage::Date(SENDER, None));
+        assert_eq!(
+            decode_single(&v2_frame_with_payload(2, 137, &unix_us.to_le_bytes())),
+            InboundMessage::Date(SENDER, None)
+        );
     }
 }
 
@@ -112,7 +117,7 @@ fn commands_are_decoded_from_command_long_and_command_int() {
         ("fd230000c90c224b00000000c03f000000c0000040400000804005000000060000000000e040b8a50c9e000101c811", 42424, 0),
         ("fe23c90c224b0000c03f000000c0000040400000804005000000060000000000e040b8a50c9e0001010f92", 42424, 0),
     ] {
-        assert_eq!(decode_single(&bytes(hex)), expected(command, confirmation), "{hex}");
+        assert_eq!(decode_single(&bytes_of_hex(hex)), expected(command, confirmation), "{hex}");
     }
 }
 
@@ -123,17 +128,20 @@ fn a_command_int_has_no_confirmation() {
         InboundMessage::Command(command) => command.confirmation,
         other => panic!("{other:?}"),
     };
-    assert_eq!(confirmation(&frame(75, 158, &payload)), 0);
-    assert_eq!(confirmation(&frame(76, 152, &payload)), 3);
+    assert_eq!(confirmation(&v2_frame_with_payload(75, 158, &payload)), 0);
+    assert_eq!(confirmation(&v2_frame_with_payload(76, 152, &payload)), 3);
 }
 
 /// Numbers of any dialect's commands and of later versions' results.
 #[test]
 fn unknown_command_and_result_numbers_are_returned() {
     let payload = [&[0; 28][..], &[0xFF, 0xFF, 1, 158, 0]].concat();
-    let InboundMessage::Command(command) = decode_single(&frame(76, 152, &payload)) else { panic!() };
+    let InboundMessage::Command(command) = decode_single(&v2_frame_with_payload(76, 152, &payload)) else { panic!() };
     assert_eq!(command.command_number, 0xFFFF);
-    let InboundMessage::Acknowledgement(ack) = decode_single(&frame(77, 143, &[0xFF, 0xFF, 200])) else { panic!() };
+    let InboundMessage::Acknowledgement(ack) = decode_single(&v2_frame_with_payload(77, 143, &[0xFF, 0xFF, 200]))
+    else {
+        panic!()
+    };
     assert_eq!((ack.command_number, ack.result), (0xFFFF, 200));
 }
 
@@ -144,17 +152,17 @@ fn an_acknowledgement_has_a_target_in_version_2() {
         let target = Address { system_id: system, component_id: component };
         InboundMessage::Acknowledgement(Acknowledgement { sender_id: SENDER, target, command_number: 511, result })
     };
-    assert_eq!(decode_single(&bytes("fd0a0000c90c224d0000ff010207fbffffff0c9ea59c")), ack(2, 12, 158));
+    assert_eq!(decode_single(&bytes_of_hex("fd0a0000c90c224d0000ff010207fbffffff0c9ea59c")), ack(2, 12, 158));
     let v1 = with_crc_of(143, vec![0xFE, 3, 0, 12, 34, 77, 0xFF, 1, 2]);
     assert_eq!(decode_single(&v1), ack(2, 0, 0));
     for length in 3..=10 {
         let payload = &[0xFF, 1, 2, 7, 1, 1, 1, 1, 12, 158][..length];
         let expected = ack(2, if length > 8 { 12 } else { 0 }, if length > 9 { 158 } else { 0 });
-        assert_eq!(decode_single(&frame(77, 143, payload)), expected, "{length}");
+        assert_eq!(decode_single(&v2_frame_with_payload(77, 143, payload)), expected, "{length}");
     }
-    assert_passed_over(&frame(77, 143, &[1; 11]));
+    assert_skipped(&v2_frame_with_payload(77, 143, &[1; 11]));
     let v1 = with_crc_of(143, [&[0xFE, 10, 0, 12, 34, 77][..], &[1; 10]].concat());
-    assert_passed_over(&v1);
+    assert_skipped(&v1);
 }
 
 /// Payloads from one byte to the full length are decoded; a longer one is another message.
@@ -162,11 +170,11 @@ fn an_acknowledgement_has_a_target_in_version_2() {
 fn each_message_has_its_maximum_length() {
     for (id, extra, length) in [(33, 104, 28), (2, 137, 12), (76, 152, 33), (75, 158, 35)] {
         for cut in 1..=length {
-            decode_single(&frame(id, extra, &vec![1; cut]));
+            decode_single(&v2_frame_with_payload(id, extra, &vec![1; cut]));
         }
-        assert_passed_over(&frame(id, extra, &vec![1; length + 1]));
+        assert_skipped(&v2_frame_with_payload(id, extra, &vec![1; length + 1]));
         let v1 = with_crc_of(extra, [&[0xFE, length as u8 - 1, 0, 12, 34, id][..], &vec![1; length - 1]].concat());
-        assert_passed_over(&v1);
+        assert_skipped(&v1);
     }
 }
 
@@ -174,7 +182,7 @@ fn each_message_has_its_maximum_length() {
 fn the_longest_frame_is_decoded() {
     let signed = [0xFD, 54, 1, 0, 0, 12, 34, 147, 0, 0];
     let frame = [with_crc_of(154, [&signed[..], &[1; 54]].concat()), vec![0xFD; 13]].concat();
-    assert_eq!(frame.len(), MAX_FRAME);
+    assert_eq!(frame.len(), MAX_FRAME_LENGTH);
     decode_single(&frame);
 }
 

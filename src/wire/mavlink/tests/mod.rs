@@ -13,31 +13,31 @@ use mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot, Mav
 use mavlink::{MAVLinkV1MessageRaw, MAVLinkV2MessageRaw, MavHeader};
 use testkit::random::Random;
 
-fn data(roll: f32) -> ATTITUDE_DATA {
+fn attitude_data(roll: f32) -> ATTITUDE_DATA {
     ATTITUDE_DATA { time_boot_ms: 1234, roll, pitch: -0.1, yaw: f32::NAN, ..Default::default() }
 }
 
-fn v2(data: &ATTITUDE_DATA) -> Vec<u8> {
+fn v2_frame(data: &ATTITUDE_DATA) -> Vec<u8> {
     let mut raw = MAVLinkV2MessageRaw::new();
     raw.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: 7 }, data);
     raw.raw_bytes().to_vec()
 }
 
-fn v1(data: &ATTITUDE_DATA) -> Vec<u8> {
+fn v1_frame(data: &ATTITUDE_DATA) -> Vec<u8> {
     let mut raw = MAVLinkV1MessageRaw::new();
     raw.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: 7 }, data);
     raw.raw_bytes().to_vec()
 }
 
-fn messages(bytes: &[u8]) -> (Vec<InboundMessage>, u32) {
+fn decoded_messages(bytes: &[u8]) -> (Vec<InboundMessage>, u32) {
     let mut receiver = Receiver::new();
     let messages = bytes.iter().filter_map(|&byte| receiver.push_byte(byte)).collect();
-    (messages, receiver.rejected)
+    (messages, receiver.rejected_count)
 }
 
 /// Attitude reports in a stream, and the number of rejected frames.
 fn receive(bytes: &[u8]) -> (Vec<AttitudeReport>, u32) {
-    let (messages, rejected) = messages(bytes);
+    let (messages, rejected) = decoded_messages(bytes);
     let report = |message| match message {
         InboundMessage::Attitude(report) => Some(report),
         _ => None,
@@ -47,7 +47,7 @@ fn receive(bytes: &[u8]) -> (Vec<AttitudeReport>, u32) {
 
 #[test]
 fn attitude_is_decoded_from_both_versions_without_yaw() {
-    let bytes = [v1(&data(0.25)), v2(&data(-0.5))].concat();
+    let bytes = [v1_frame(&attitude_data(0.25)), v2_frame(&attitude_data(-0.5))].concat();
     let (reports, rejected) = receive(&bytes);
     let rolls: Vec<f32> = reports.iter().map(|r| r.attitude.roll_rad).collect();
     assert_eq!(rolls, [0.25, -0.5]);
@@ -57,7 +57,7 @@ fn attitude_is_decoded_from_both_versions_without_yaw() {
 #[test]
 fn a_truncated_frame_costs_no_later_frame() {
     // A truncated frame, then a whole one within the length that the first claims.
-    let whole = v2(&data(0.3));
+    let whole = v2_frame(&attitude_data(0.3));
     for cut in 0..whole.len() {
         let (reports, _) = receive(&[&whole[..cut], &whole[..]].concat());
         assert_eq!(reports.len(), 1, "cut at {cut}");
@@ -66,7 +66,7 @@ fn a_truncated_frame_costs_no_later_frame() {
 
 #[test]
 fn a_frame_with_a_flipped_bit_is_never_accepted() {
-    let whole = v2(&data(0.3));
+    let whole = v2_frame(&attitude_data(0.3));
     for bit in 0..whole.len() * 8 {
         let mut broken = whole.clone();
         broken[bit / 8] ^= 1 << (bit % 8);
@@ -79,7 +79,7 @@ fn a_frame_with_a_flipped_bit_is_never_accepted() {
 #[test]
 fn impossible_angles_are_rejected() {
     for roll in [f32::NAN, f32::INFINITY, 4.0] {
-        let (reports, rejected) = receive(&v2(&data(roll)));
+        let (reports, rejected) = receive(&v2_frame(&attitude_data(roll)));
         assert!(reports.is_empty());
         assert_eq!(rejected, 1);
     }
@@ -96,7 +96,7 @@ fn random_bytes_never_panic_and_frames_between_them_are_found() {
             let byte = random.byte();
             receiver.push_byte(if byte < 0x40 { 0xFD + byte % 2 } else { random.byte() });
         }
-        for byte in v2(&data(0.3)) {
+        for byte in v2_frame(&attitude_data(0.3)) {
             found += usize::from(receiver.push_byte(byte).is_some());
         }
     }
@@ -128,7 +128,7 @@ fn with_crc_of(extra: u8, mut frame: Vec<u8>) -> Vec<u8> {
 }
 
 /// Payload of ATTITUDE: time, roll, pitch, yaw and the three rates, little endian.
-fn payload(numbers: [f32; 6]) -> Vec<u8> {
+fn float_payload(numbers: [f32; 6]) -> Vec<u8> {
     let mut payload = 4321_u32.to_le_bytes().to_vec();
     payload.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
     payload
@@ -143,12 +143,12 @@ fn frame_v2(incompatibility: u8, id: [u8; 3], payload: &[u8]) -> Vec<u8> {
     with_crc([&header, &id[..], payload].concat())
 }
 
-const ID: [u8; 3] = [30, 0, 0];
-const NUMBERS: [f32; 6] = [0.1, -0.2, 3.0, 0.4, -0.5, 0.6];
+const ATTITUDE_ID: [u8; 3] = [30, 0, 0];
+const ATTITUDE_NUMBERS: [f32; 6] = [0.1, -0.2, 3.0, 0.4, -0.5, 0.6];
 
 fn good_frames(roll: f32) -> [Vec<u8>; 2] {
-    let payload = payload([roll, -0.2, 3.0, 0.4, -0.5, 0.6]);
-    [frame_v1(30, &payload), frame_v2(0, ID, &payload)]
+    let payload = float_payload([roll, -0.2, 3.0, 0.4, -0.5, 0.6]);
+    [frame_v1(30, &payload), frame_v2(0, ATTITUDE_ID, &payload)]
 }
 
 fn assert_ignored(frame: &[u8], rejected: u32, label: &str) {
@@ -167,7 +167,9 @@ fn every_field_of_an_attitude_message_is_decoded() {
         attitude: Attitude { roll_rad: 0.1, pitch_rad: -0.2 },
         body_rates: BodyRates::from_rad_s([0.4, -0.5, 0.6]),
     };
-    for frame in [frame_v1(30, &payload(NUMBERS)), frame_v2(0, ID, &payload(NUMBERS))] {
+    for frame in
+        [frame_v1(30, &float_payload(ATTITUDE_NUMBERS)), frame_v2(0, ATTITUDE_ID, &float_payload(ATTITUDE_NUMBERS))]
+    {
         assert_eq!(receive(&frame), (vec![expected], 0));
     }
 }
@@ -175,7 +177,7 @@ fn every_field_of_an_attitude_message_is_decoded() {
 /// A signature has 13 bytes of any content; the report is returned with its last byte.
 #[test]
 fn an_attitude_is_returned_with_the_last_byte_of_its_frame() {
-    let signed = [&frame_v2(1, ID, &payload(NUMBERS))[..], &[0xFD; 13]].concat();
+    let signed = [&frame_v2(1, ATTITUDE_ID, &float_payload(ATTITUDE_NUMBERS))[..], &[0xFD; 13]].concat();
     let [v1, v2] = good_frames(0.1);
     for frame in [v1, v2, signed.clone()] {
         let mut receiver = Receiver::new();
@@ -184,21 +186,21 @@ fn an_attitude_is_returned_with_the_last_byte_of_its_frame() {
             assert!(rest.iter().all(|&byte| receiver.push_byte(byte).is_none()));
             assert!(receiver.push_byte(*last).is_some());
         }
-        assert_eq!(receiver.rejected, 0);
+        assert_eq!(receiver.rejected_count, 0);
     }
 }
 
 #[test]
 fn frames_with_unknown_incompatibility_flags_are_ignored() {
     for flags in [0x02, 0x03, 0x40, 0x80, 0xFE, 0xFF] {
-        assert_ignored(&frame_v2(flags, ID, &payload(NUMBERS)), 0, "flags");
+        assert_ignored(&frame_v2(flags, ATTITUDE_ID, &float_payload(ATTITUDE_NUMBERS)), 0, "flags");
     }
 }
 
 /// Compatibility flags are byte 3 of the header.
 #[test]
 fn compatibility_flags_are_ignored() {
-    let mut frame = frame_v2(0, ID, &payload(NUMBERS));
+    let mut frame = frame_v2(0, ATTITUDE_ID, &float_payload(ATTITUDE_NUMBERS));
     frame.truncate(10 + 28);
     frame[3] = 0xFF;
     assert_eq!(receive(&with_crc(frame)).0.len(), 1);
@@ -207,28 +209,28 @@ fn compatibility_flags_are_ignored() {
 #[test]
 fn other_messages_are_skipped() {
     for id in [[31, 0, 0], [29, 0, 0], [30, 1, 0], [30, 0, 1], [0, 0, 30]] {
-        assert_ignored(&frame_v2(0, id, &payload(NUMBERS)), 0, "id");
+        assert_ignored(&frame_v2(0, id, &float_payload(ATTITUDE_NUMBERS)), 0, "id");
     }
     for id in [29, 31, 0, 255] {
-        assert_ignored(&frame_v1(id, &payload(NUMBERS)), 0, "id");
+        assert_ignored(&frame_v1(id, &float_payload(ATTITUDE_NUMBERS)), 0, "id");
     }
 }
 
 /// Version 2 truncates zeros, to one byte at least; shorter and longer payloads are skipped.
 #[test]
 fn version_2_payloads_may_be_truncated_and_version_1_may_not() {
-    let whole = payload(NUMBERS);
+    let whole = float_payload(ATTITUDE_NUMBERS);
     for length in 1..=28 {
         let mut filled = whole[..length].to_vec();
-        let frame = frame_v2(0, ID, &filled);
+        let frame = frame_v2(0, ATTITUDE_ID, &filled);
         filled.resize(28, 0);
         let (reports, rejected) = receive(&frame);
         let (expected, _) = receive(&frame_v1(30, &filled));
         assert_eq!((reports.len(), rejected), (1, 0), "{length}");
         assert_eq!(reports, expected, "{length}");
     }
-    assert_ignored(&frame_v2(0, ID, &[]), 0, "length 0");
-    assert_ignored(&frame_v2(0, ID, &[&whole[..], &[0]].concat()), 0, "length 29");
+    assert_ignored(&frame_v2(0, ATTITUDE_ID, &[]), 0, "length 0");
+    assert_ignored(&frame_v2(0, ATTITUDE_ID, &[&whole[..], &[0]].concat()), 0, "length 29");
     assert_ignored(&frame_v1(30, &whole[..27]), 0, "version 1, length 27");
     assert_ignored(&frame_v1(30, &[&whole[..], &[0]].concat()), 0, "version 1, length 29");
 }
@@ -249,8 +251,8 @@ fn roll_beyond_180_and_pitch_beyond_90_deg_are_rejected() {
             (f32::NAN, 0.0, false),
             (0.0, f32::INFINITY, false),
         ] {
-            let payload = payload([sign * roll, sign * pitch, 0.0, 0.0, 0.0, 0.0]);
-            for frame in [frame_v1(30, &payload), frame_v2(0, ID, &payload)] {
+            let payload = float_payload([sign * roll, sign * pitch, 0.0, 0.0, 0.0, 0.0]);
+            for frame in [frame_v1(30, &payload), frame_v2(0, ATTITUDE_ID, &payload)] {
                 let (reports, rejected) = receive(&frame);
                 let expected = if possible { (1, 0) } else { (0, 1) };
                 assert_eq!((reports.len(), rejected), expected, "{sign} {roll} {pitch}");
@@ -263,9 +265,9 @@ fn roll_beyond_180_and_pitch_beyond_90_deg_are_rejected() {
 fn with_a_non_finite_rate_a_report_has_no_rates() {
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         for axis in 0..3 {
-            let mut numbers = NUMBERS;
+            let mut numbers = ATTITUDE_NUMBERS;
             numbers[3 + axis] = bad;
-            let (reports, _) = receive(&frame_v2(0, ID, &payload(numbers)));
+            let (reports, _) = receive(&frame_v2(0, ATTITUDE_ID, &float_payload(numbers)));
             assert_eq!((reports.len(), reports[0].body_rates), (1, None));
         }
     }
@@ -289,15 +291,15 @@ fn a_wrong_crc_is_rejected_and_counted() {
 
 #[test]
 fn the_count_of_rejected_frames_wraps() {
-    let mut receiver = Receiver { rejected: u32::MAX - 1, ..Receiver::new() };
-    let mut broken = frame_v1(30, &payload(NUMBERS));
+    let mut receiver = Receiver { rejected_count: u32::MAX - 1, ..Receiver::new() };
+    let mut broken = frame_v1(30, &float_payload(ATTITUDE_NUMBERS));
     *broken.last_mut().unwrap() ^= 1;
     let mut counts = Vec::new();
     for _ in 0..3 {
         for &byte in &broken {
             assert_eq!(receiver.push_byte(byte), None);
         }
-        counts.push(receiver.rejected);
+        counts.push(receiver.rejected_count);
     }
     assert_eq!(counts, [u32::MAX, 0, 1]);
 }
@@ -306,16 +308,19 @@ fn the_count_of_rejected_frames_wraps() {
 /// longest false frame before it.
 #[test]
 fn the_frame_after_every_kind_of_garbage_is_found() {
-    let whole = payload(NUMBERS);
+    let whole = float_payload(ATTITUDE_NUMBERS);
     let mut garbage: Vec<Vec<u8>> = vec![vec![0xFD], vec![0xFE], vec![0xFD, 0xFE], vec![0xFE; 7], vec![0xFD; 11]];
-    for frame in
-        [frame_v1(30, &whole), frame_v2(0, ID, &whole), frame_v2(1, ID, &whole), frame_v2(0, [76, 0, 0], &[7; 33])]
-    {
+    for frame in [
+        frame_v1(30, &whole),
+        frame_v2(0, ATTITUDE_ID, &whole),
+        frame_v2(1, ATTITUDE_ID, &whole),
+        frame_v2(0, [76, 0, 0], &[7; 33]),
+    ] {
         garbage.extend((1..frame.len()).map(|cut| frame[..cut].to_vec()));
         garbage.extend((1..frame.len()).map(|cut| frame[cut..].to_vec()));
     }
     garbage.push(b"$GPHDT,123.4,T*31\r\n".to_vec());
-    let flush = [0; MAX_FRAME];
+    let flush = [0; MAX_FRAME_LENGTH];
     for before in &garbage {
         for good in good_frames(0.7) {
             let (reports, _) = receive(&[&before[..], &good, &flush].concat());
@@ -353,7 +358,11 @@ fn a_heartbeat_contains_autopilot_kind_and_armed_state() {
         for (base_mode, is_armed) in [(0, false), (0x7F, false), (0x80, true), (0xFF, true)] {
             for vehicle in [1, 255] {
                 for frame in heartbeat_frames(&heartbeat_payload(vehicle, autopilot, base_mode)) {
-                    assert_eq!(messages(&frame), expected_heartbeat(is_autopilot, is_armed), "{autopilot} {base_mode}");
+                    assert_eq!(
+                        decoded_messages(&frame),
+                        expected_heartbeat(is_autopilot, is_armed),
+                        "{autopilot} {base_mode}"
+                    );
                 }
             }
         }
@@ -376,13 +385,13 @@ fn a_heartbeat_of_the_mavlink_library_is_decoded() {
     v1.serialize_message_data(header, &data);
     v2.serialize_message_data(header, &data);
     for frame in [v1.raw_bytes(), v2.raw_bytes()] {
-        assert_eq!(messages(frame), expected_heartbeat(false, true));
+        assert_eq!(decoded_messages(frame), expected_heartbeat(false, true));
     }
 }
 
 #[test]
 fn an_attitude_report_contains_its_sender() {
-    let payload = payload(NUMBERS);
+    let payload = float_payload(ATTITUDE_NUMBERS);
     let v1 = with_crc([&[0xFE, 28, 0, 12, 34, 30], &payload[..]].concat());
     let v2 = with_crc([&[0xFD, 28, 0, 0, 0, 12, 34, 30, 0, 0], &payload[..]].concat());
     for frame in [v1, v2] {
@@ -402,7 +411,7 @@ fn heartbeats_of_wrong_length_are_skipped() {
             assert_ignored(&v1, 0, "version 1 is never cut");
         }
         // Truncated bytes are zero: kind 0 is an autopilot, mode 0 is disarmed.
-        assert_eq!(messages(&v2), expected_heartbeat(true, length > 6), "{length}");
+        assert_eq!(decoded_messages(&v2), expected_heartbeat(true, length > 6), "{length}");
     }
     for too_long in [&[&whole[..], &[0]].concat()[..], &[1; 28], &[1; 29]] {
         for frame in heartbeat_frames(too_long) {
@@ -419,7 +428,7 @@ fn a_heartbeat_with_wrong_crc_is_rejected_and_counted() {
             let mut broken = frame.clone();
             let at = broken.len() - 2 + bit / 8;
             broken[at] ^= 1 << (bit % 8);
-            assert_eq!(messages(&broken), (vec![], 1));
+            assert_eq!(decoded_messages(&broken), (vec![], 1));
         }
         let frame_without_crc = frame[..frame.len() - 2].to_vec();
         assert_ignored(&with_crc_of(39, frame_without_crc), 1, "attitude's extra byte");
@@ -439,8 +448,8 @@ fn a_damaged_heartbeat_costs_no_other_frame() {
         for before in broken {
             for next in heartbeat_frames(&good).into_iter().chain(good_frames(0.7)) {
                 // Zeros end any pending false frame.
-                let (found, _) = messages(&[&before[..], &next, &[0; MAX_FRAME]].concat());
-                assert_eq!(found, messages(&next).0, "{before:02X?}");
+                let (found, _) = decoded_messages(&[&before[..], &next, &[0; MAX_FRAME_LENGTH]].concat());
+                assert_eq!(found, decoded_messages(&next).0, "{before:02X?}");
             }
         }
     }

@@ -34,9 +34,9 @@ fn after_random_bytes_the_next_frame_is_decoded() {
             2 => bytes = random.bytes(30),
             _ => {}
         }
-        for &byte in bytes.iter().chain(&[0; MAX_FRAME]) {
+        for &byte in bytes.iter().chain(&[0; MAX_FRAME_LENGTH]) {
             received += usize::from(receiver.push_byte(byte).is_some());
-            assert!(receiver.buffer.len() < MAX_FRAME, "{input}");
+            assert!(receiver.buffer.len() < MAX_FRAME_LENGTH, "{input}");
         }
         let found = good.iter().filter_map(|&byte| receiver.push_byte(byte)).count();
         assert_eq!(found, 1, "{input}: {bytes:02X?}");

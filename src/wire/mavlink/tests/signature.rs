@@ -8,7 +8,7 @@ use super::super::{Address, EncodedFrame, InboundMessage, OutboundMessage, Recei
 const AUTOPILOT: Address = Address { system_id: 1, component_id: 1 };
 
 /// HEARTBEAT of an armed autopilot with the passphrase "swing", link 2, time 100,000,000; made with Python's hashlib.
-const SIGNED: [u8; 34] = [
+const SIGNED_FRAME: [u8; 34] = [
     0xFD, 9, 1, 0, 7, 1, 1, 0, 0, 0, 0, 0, 0, 0, 1, 3, 0x80, 4, 3, 0xFD, 0xBC, 2, 0, 0xE1, 0xF5, 5, 0, 0, 0xF0, 0xA8,
     0x65, 0x87, 0x0C, 0xD4,
 ];
@@ -26,19 +26,19 @@ fn is_accepted(receiver: &mut Receiver, frame: &[u8]) -> bool {
         .any(|message| matches!(message, InboundMessage::Heartbeat(_)))
 }
 
-fn sent(signatures: &mut Signatures, from: Address) -> EncodedFrame {
+fn signed_frame(signatures: &mut Signatures, from: Address) -> EncodedFrame {
     OutboundMessage::heartbeat(MavState::MAV_STATE_ACTIVE).into_frame(from, 0, signatures)
 }
 
 #[test]
 fn a_frame_is_accepted_once_and_with_the_right_key() {
     let mut right = receiver("swing");
-    assert!(is_accepted(&mut right, &SIGNED));
-    assert!(!is_accepted(&mut right, &SIGNED) && right.rejected == 1, "repeated");
-    assert!(!is_accepted(&mut receiver("Swing"), &SIGNED));
-    assert!(is_accepted(&mut Receiver::new(), &SIGNED), "without a key");
+    assert!(is_accepted(&mut right, &SIGNED_FRAME));
+    assert!(!is_accepted(&mut right, &SIGNED_FRAME) && right.rejected_count == 1, "repeated");
+    assert!(!is_accepted(&mut receiver("Swing"), &SIGNED_FRAME));
+    assert!(is_accepted(&mut Receiver::new(), &SIGNED_FRAME), "without a key");
     for byte in [5, 14, 16, 22, 23, 33] {
-        let mut changed = SIGNED;
+        let mut changed = SIGNED_FRAME;
         changed[byte] ^= 1;
         assert!(!is_accepted(&mut receiver("swing"), &changed), "{byte}");
     }
@@ -47,17 +47,17 @@ fn a_frame_is_accepted_once_and_with_the_right_key() {
 #[test]
 fn with_a_key_unsigned_frames_are_rejected_and_sent_ones_signed() {
     let (mut one, mut other) = (receiver("swing"), receiver("swing"));
-    let unsigned = sent(&mut Signatures::new(), AUTOPILOT);
-    assert!(!is_accepted(&mut one, &unsigned) && one.rejected == 1);
+    let unsigned = signed_frame(&mut Signatures::new(), AUTOPILOT);
+    assert!(!is_accepted(&mut one, &unsigned) && one.rejected_count == 1);
     assert!(is_accepted(&mut Receiver::new(), &unsigned));
     for _ in 0..3 {
-        let signed = sent(&mut one.signatures, AUTOPILOT);
+        let signed = signed_frame(&mut one.signatures, AUTOPILOT);
         assert_eq!((signed.len(), signed[2]), (unsigned.len() + SIGNATURE_SIZE, SIGNED_FLAG));
         assert!(is_accepted(&mut other, &signed));
     }
     // The time follows the newest received frame.
-    assert!(is_accepted(&mut one, &SIGNED));
-    let signed = sent(&mut one.signatures, AUTOPILOT);
+    assert!(is_accepted(&mut one, &SIGNED_FRAME));
+    let signed = signed_frame(&mut one.signatures, AUTOPILOT);
     assert!(is_accepted(&mut other, &signed) && other.signatures.newest_time == 100_000_001);
 }
 
@@ -68,7 +68,7 @@ fn old_streams_and_too_many_are_rejected() {
         let mut sender = Signatures::new();
         sender.set_key(Some(key_from_passphrase("swing")));
         sender.newest_time = time;
-        sent(&mut sender, Address { system_id: system, component_id: 1 })
+        signed_frame(&mut sender, Address { system_id: system, component_id: 1 })
     };
     let mut receiver = receiver("swing");
     assert!(is_accepted(&mut receiver, &frame_at(2 * MAX_NEW_STREAM_AGE, 1)));

@@ -128,7 +128,7 @@ fn add_solution_facts(solution: &Solution, add_fact: &mut dyn FnMut(&str, String
         let [now, then] = [advice.expected_deg, advice.expected_after_deg].map(format_deg);
         add_fact(
             "least certain",
-            format!("{} deviation ({} deg)", advice.weakest_deviation.measure_name(), format_deg(advice.weakest_deg)),
+            format!("{} deviation ({} deg)", advice.weakest_deviation.deviation_name(), format_deg(advice.weakest_deg)),
         );
         add_fact("would help most", format!("{} ({now} to {then} deg)", advice.manoeuvre));
     }

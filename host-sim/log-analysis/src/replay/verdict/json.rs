@@ -126,7 +126,7 @@ fn result_json(result: &ReplayResult) -> Value {
         "inclination_deg": solution.map(|solution| rounded(solution.calibration.inclination_rad.to_degrees(), 2)),
         "expected_rms_deg": solution.map(|solution| rounded(solution.quality.expected_rms_deg, 3)),
         "iron_changed_ut": solution.and_then(|solution| solution.hard_iron_change).map(|finding| rounded(finding.violation.size_ut, 2)),
-        "bank_read": solution.and_then(|solution| solution.bank_scale_error).map(|finding| rounded(finding.violation.read_ratio, 3)),
+        "bank_read": solution.and_then(|solution| solution.bank_scale_error).map(|finding| rounded(finding.violation.reported_bank_ratio, 3)),
         "latency_ms": solution.map(|solution| milliseconds(solution.calibration.latency_s)),
         "latency_found_ms": latency.map(|latency| milliseconds(latency.estimate_s)),
         "latency_sigma_ms": latency.map(|latency| milliseconds(latency.sigma_s)),

@@ -12,7 +12,7 @@ use std::rc::Rc;
 use std::task::Poll;
 
 use autoswing::app::SetBaud;
-use autoswing::settings::Baud;
+use autoswing::settings::BaudRate;
 use embassy_time::{Instant, Timer};
 use embedded_io_async::{ErrorType, Read, Write};
 use testkit::clock;
@@ -197,7 +197,7 @@ impl Write for Transmitter {
 }
 
 impl SetBaud for Transmitter {
-    fn set_baud(&mut self, baud: Baud) {
+    fn set_baud(&mut self, baud: BaudRate) {
         for direction in [&self.direction, &self.opposite_direction] {
             direction.borrow_mut().set_baud(baud.bits_per_s());
         }

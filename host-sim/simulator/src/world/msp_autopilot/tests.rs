@@ -46,7 +46,7 @@ fn request_reply(
         .into_iter()
         .filter_map(|byte| receiver.push_byte(byte))
         .collect();
-    assert!(messages.len() <= 1 && receiver.rejected == 0);
+    assert!(messages.len() <= 1 && receiver.rejected_count == 0);
     messages.first().copied()
 }
 
@@ -179,7 +179,7 @@ fn replies_with_faults(answer_faults: AnswerFaults) -> (Vec<MspReply>, usize, u3
     let mut receiver = Receiver::new();
     bytes.extend([0; 128]);
     let messages = bytes.into_iter().filter_map(|byte| receiver.push_byte(byte)).collect();
-    (messages, number, receiver.rejected)
+    (messages, number, receiver.rejected_count)
 }
 
 /// Probability 0.1 within four sigmas; unaffected answers arrive.
