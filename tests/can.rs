@@ -13,7 +13,7 @@ use simulator::world::cable_far_end::FarEnd;
 
 const FIELD_TYPE: DataType = DataType::MAGNETIC_FIELD_STRENGTH_2;
 
-fn node(number: u8) -> NodeId {
+fn node_id(number: u8) -> NodeId {
     NodeId::new(number).expect("1 to 127")
 }
 
@@ -42,7 +42,7 @@ impl Autopilot {
     fn new(bus: &CanBus) -> Self {
         Self {
             bus_end: bus.attach_node(),
-            node_number: node(10),
+            node_number: node_id(10),
             transfer_id: 0,
             unique_ids: Vec::new(),
             unique_id_so_far: Vec::new(),
@@ -106,7 +106,7 @@ impl Autopilot {
         let count = self
             .received_frames
             .iter()
-            .filter(|frame| is_message(frame, FIELD_TYPE) && source_node(frame) == Some(node(number)));
+            .filter(|frame| is_message(frame, FIELD_TYPE) && source_node(frame) == Some(node_id(number)));
         let count = count.count();
         self.received_frames.clear();
         count
@@ -250,7 +250,7 @@ fn a_second_node_with_this_number_silences_the_field() {
     };
     bench.run_ms_with(5_000, |bench| {
         if bench.rig.now_us().is_multiple_of(1_000_000) {
-            status.frames(Some(node(42))).for_each(|frame| second.queue_frame(&frame));
+            status.frames(Some(node_id(42))).for_each(|frame| second.queue_frame(&frame));
         }
     });
     bench.autopilot.take_field_count(42);
@@ -271,7 +271,7 @@ fn mavlink_goes_through_the_tunnel() {
     };
     use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 
-    fn frame(data: &impl MessageData) -> Vec<u8> {
+    fn mavlink_frame(data: &impl MessageData) -> Vec<u8> {
         let mut raw = MAVLinkV2MessageRaw::new();
         raw.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: 0 }, data);
         raw.raw_bytes().to_vec()
@@ -284,7 +284,8 @@ fn mavlink_goes_through_the_tunnel() {
         bench.autopilot.send_transfer(DataType::TARGETTED, TransferKind::Message, &piece.payload());
     };
     let autopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;
-    let heartbeat = frame(&HEARTBEAT_DATA { autopilot, base_mode: MavModeFlag::empty(), ..HEARTBEAT_DATA::default() });
+    let heartbeat =
+        mavlink_frame(&HEARTBEAT_DATA { autopilot, base_mode: MavModeFlag::empty(), ..HEARTBEAT_DATA::default() });
     let mut time_boot_ms = 0;
     bench.run_ms_with(3_000, |bench| {
         time_boot_ms += 5;
@@ -293,7 +294,7 @@ fn mavlink_goes_through_the_tunnel() {
         }
         if time_boot_ms % 50 == 0 {
             let roll = 0.1 + time_boot_ms as f32 * 1e-6;
-            send(bench, &frame(&ATTITUDE_DATA { time_boot_ms, roll, ..ATTITUDE_DATA::default() }));
+            send(bench, &mavlink_frame(&ATTITUDE_DATA { time_boot_ms, roll, ..ATTITUDE_DATA::default() }));
         }
     });
     bench.rig.console.send_bytes(b"status all\r");
@@ -309,7 +310,7 @@ fn mavlink_goes_through_the_tunnel() {
         ..COMMAND_LONG_DATA::default()
     };
     bench.autopilot.received_frames.clear();
-    send(&mut bench, &frame(&restart));
+    send(&mut bench, &mavlink_frame(&restart));
     bench.run_ms(4_000);
     assert!(bench.autopilot.received_frames.iter().any(|frame| is_message(frame, DataType::TARGETTED)));
     let console = String::from_utf8_lossy(&bench.rig.console.receive_bytes()).into_owned();

@@ -13,14 +13,14 @@ use std::error::Error;
 use autoswing::calibration::Sample;
 
 /// Reads samples from CSV; ignores lines that do not start with six numbers, such as the header.
-fn samples(csv: &str) -> Vec<Sample> {
+fn samples_of_csv(csv: &str) -> Vec<Sample> {
     let numbers = |line: &str| line.split(',').take(6).map(|cell| cell.trim().parse()).collect::<Result<Vec<f32>, _>>();
     csv.lines().filter_map(|line| numbers(line).ok()?.try_into().ok()).map(calibrate::sample).collect()
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
     let path = std::env::args().nth(1).ok_or("usage: headings FILE.csv")?;
-    let samples = samples(&std::fs::read_to_string(path)?);
+    let samples = samples_of_csv(&std::fs::read_to_string(path)?);
     let solution = calibrate::calibrate(&samples).map_err(|error| error.to_string())?;
     println!("expected error {:.2} deg RMS, {} samples", solution.quality.expected_rms_deg, samples.len());
     for sample in &samples {
@@ -45,7 +45,7 @@ mod tests {
     #[test]
     fn headings_are_as_accurate_as_expected() {
         let true_deg: Vec<f32> = FLIGHT_CSV.lines().filter_map(|line| line.split(',').nth(6)?.parse().ok()).collect();
-        let samples = samples(FLIGHT_CSV);
+        let samples = samples_of_csv(FLIGHT_CSV);
         assert_eq!((samples.len(), true_deg.len()), (1000, 1000));
         let solution = calibrate::calibrate(&samples).unwrap();
         let squares = samples.iter().zip(&true_deg).map(|(sample, true_deg)| {

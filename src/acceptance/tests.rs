@@ -11,7 +11,7 @@ use crate::time::WrappingMillis;
 
 const POLICY: AcceptancePolicy = AcceptancePolicy::DEFAULT;
 
-fn quality(expected_rms_deg: f32) -> Quality {
+fn quality_with_error(expected_rms_deg: f32) -> Quality {
     Quality {
         method: Method::MaximumLikelihood,
         envelope: AttitudeEnvelope::Banked,
@@ -47,7 +47,7 @@ fn candidate(b_ut: f32, quality: Quality) -> Solution {
 }
 
 fn active_calibration(b_ut: f32, expected_rms_deg: f32) -> Incumbent {
-    Incumbent { calibration: calibration_with_error(b_ut), quality: Some(quality(expected_rms_deg)) }
+    Incumbent { calibration: calibration_with_error(b_ut), quality: Some(quality_with_error(expected_rms_deg)) }
 }
 
 const UNCALIBRATED_INCUMBENT: Incumbent = Incumbent {
@@ -64,7 +64,7 @@ const UNCALIBRATED_INCUMBENT: Incumbent = Incumbent {
 
 /// Circle without iron. A hard-iron error b changes the field strength by up to b cos(inclination) / F, so scores
 /// are proportional to b.
-fn circle(roll_deg: f32, sample_count: u16) -> Vec<Sample> {
+fn circle_samples(roll_deg: f32, sample_count: u16) -> Vec<Sample> {
     (0..sample_count)
         .map(|i| {
             let attitude = Attitude::from_deg(roll_deg, 0.0);
@@ -83,14 +83,14 @@ fn circle(roll_deg: f32, sample_count: u16) -> Vec<Sample> {
 }
 
 /// Tests a candidate with these numbers of held-back samples of left turns, right turns and level flight.
-fn evaluate(
+fn evaluate_with_held_back(
     held_back_counts: [u16; 3],
     candidate: &Solution,
     incumbent: &Incumbent,
 ) -> Result<HeldBackScores, Rejection> {
-    let fitted = [-25.0, 25.0, 0.0].map(|roll_deg| circle(roll_deg, 24));
+    let fitted = [-25.0, 25.0, 0.0].map(|roll_deg| circle_samples(roll_deg, 24));
     let [l, r, v] = [(-25.0, held_back_counts[0]), (25.0, held_back_counts[1]), (0.0, held_back_counts[2])]
-        .map(|(roll_deg, samples)| circle(roll_deg, samples));
+        .map(|(roll_deg, samples)| circle_samples(roll_deg, samples));
     let level_used = held_back_counts[2] > 0;
     let grounds = AcceptanceSamples {
         fit_samples: Parts {
@@ -111,14 +111,16 @@ const ENOUGH_HELD_BACK_COUNTS: [u16; 3] = [24, 24, 0];
 #[test]
 fn a_better_candidate_replaces_an_empty_or_worse_calibration() {
     for incumbent in [UNCALIBRATED_INCUMBENT, active_calibration(2.0, 0.5)] {
-        let scores = evaluate(ENOUGH_HELD_BACK_COUNTS, &candidate(0.1, quality(0.5)), &incumbent).unwrap();
+        let scores =
+            evaluate_with_held_back(ENOUGH_HELD_BACK_COUNTS, &candidate(0.1, quality_with_error(0.5)), &incumbent)
+                .unwrap();
         assert!(scores.candidate_score < scores.active_score, "{scores:?}");
     }
 }
 
 #[test]
 fn every_used_part_needs_eight_held_back_samples() {
-    let good = candidate(0.1, quality(0.5));
+    let good = candidate(0.1, quality_with_error(0.5));
     let rejected = |have| Err(Rejection::TooFewHeldBack { have, need: 8 });
     for (held_back, expected) in [
         ([8, 8, 0], None),
@@ -128,7 +130,7 @@ fn every_used_part_needs_eight_held_back_samples() {
         ([30, 30, 8], None),
         ([0, 30, 0], Some(0)),
     ] {
-        let found = evaluate(held_back, &good, &UNCALIBRATED_INCUMBENT);
+        let found = evaluate_with_held_back(held_back, &good, &UNCALIBRATED_INCUMBENT);
         match expected {
             Some(have) => assert_eq!(found, rejected(have), "{held_back:?}"),
             None => assert!(found.is_ok(), "{held_back:?}: {found:?}"),
@@ -143,14 +145,18 @@ fn a_candidate_without_held_back_samples_is_rejected() {
         held_back_samples: Samples::default(),
         is_attitude_known: true,
     };
-    let found = evaluate_candidate(&POLICY, &candidate(0.1, quality(0.5)), grounds, &UNCALIBRATED_INCUMBENT);
+    let found = evaluate_candidate(&POLICY, &candidate(0.1, quality_with_error(0.5)), grounds, &UNCALIBRATED_INCUMBENT);
     assert_eq!(found, Err(Rejection::TooFewHeldBack { have: 0, need: 8 }));
 }
 
 #[test]
 fn a_large_expected_error_is_rejected() {
     let evaluate_with_rms = |expected_rms_deg| {
-        evaluate(ENOUGH_HELD_BACK_COUNTS, &candidate(0.1, quality(expected_rms_deg)), &UNCALIBRATED_INCUMBENT)
+        evaluate_with_held_back(
+            ENOUGH_HELD_BACK_COUNTS,
+            &candidate(0.1, quality_with_error(expected_rms_deg)),
+            &UNCALIBRATED_INCUMBENT,
+        )
     };
     assert!(evaluate_with_rms(3.0).is_ok());
     assert_eq!(evaluate_with_rms(3.01), Err(Rejection::NotAccurate { expected_rms_deg: 3.01 }));
@@ -163,14 +169,14 @@ fn candidate_with_hard_iron_change(error_deg: f32, expected_rms_deg: f32) -> Sol
     let change =
         DetectedHardIronChange { size_ut: 4.2, time_course: HardIronTimeCourse::Step { after_s: 31 }, duration_s: 230 };
     let finding = Some(Finding { violation: change, added_error_deg: error_deg, expected_without_deg: 0.5 });
-    Solution { hard_iron_change: finding, ..candidate(0.1, quality(expected_rms_deg)) }
+    Solution { hard_iron_change: finding, ..candidate(0.1, quality_with_error(expected_rms_deg)) }
 }
 
 /// A hard-iron change of up to 2.5 times all other errors is accepted, if the total error is below the limit.
 #[test]
 fn a_dominant_hard_iron_change_is_rejected() {
     let evaluate_with_change = |error_deg, expected_rms_deg| {
-        evaluate(
+        evaluate_with_held_back(
             ENOUGH_HELD_BACK_COUNTS,
             &candidate_with_hard_iron_change(error_deg, expected_rms_deg),
             &UNCALIBRATED_INCUMBENT,
@@ -183,7 +189,8 @@ fn a_dominant_hard_iron_change_is_rejected() {
     assert_eq!(evaluate_with_change(0.1, 3.01), Err(refused));
     assert_eq!(evaluate_with_change(0.1, f32::NAN), Err(refused));
     // Missing held-back samples are the first rejection reason.
-    let nothing = evaluate([7, 24, 0], &candidate_with_hard_iron_change(9.0, 9.0), &UNCALIBRATED_INCUMBENT);
+    let nothing =
+        evaluate_with_held_back([7, 24, 0], &candidate_with_hard_iron_change(9.0, 9.0), &UNCALIBRATED_INCUMBENT);
     assert_eq!(nothing, Err(Rejection::TooFewHeldBack { have: 7, need: 8 }));
 }
 
@@ -194,14 +201,14 @@ fn candidate_with_bank_scale_error(sigmas: f32, without_deg: f32, expected_rms_d
         added_error_deg: 1.0,
         expected_without_deg: without_deg,
     });
-    Solution { bank_scale_error: bank, ..candidate(0.1, quality(expected_rms_deg)) }
+    Solution { bank_scale_error: bank, ..candidate(0.1, quality_with_error(expected_rms_deg)) }
 }
 
 /// A suspected bank-angle scale error is ignored, a certain one is the rejection reason.
 #[test]
 fn a_bank_scale_error_is_the_reason_only_if_certain() {
     let evaluate_candidate =
-        |candidate: &Solution| evaluate(ENOUGH_HELD_BACK_COUNTS, candidate, &UNCALIBRATED_INCUMBENT);
+        |candidate: &Solution| evaluate_with_held_back(ENOUGH_HELD_BACK_COUNTS, candidate, &UNCALIBRATED_INCUMBENT);
     for sigmas in [2.0, 3.4, 3.6, 9.0] {
         assert!(evaluate_candidate(&candidate_with_bank_scale_error(sigmas, 0.5, 2.99)).is_ok(), "{sigmas}");
         // The expected error is too large even without the scale error.
@@ -221,8 +228,13 @@ fn a_bank_scale_error_is_the_reason_only_if_certain() {
 
 #[test]
 fn only_a_better_candidate_is_accepted() {
-    let evaluate_with_b_ut =
-        |b_ut| evaluate(ENOUGH_HELD_BACK_COUNTS, &candidate(b_ut, quality(0.5)), &active_calibration(1.0, 0.5));
+    let evaluate_with_b_ut = |b_ut| {
+        evaluate_with_held_back(
+            ENOUGH_HELD_BACK_COUNTS,
+            &candidate(b_ut, quality_with_error(0.5)),
+            &active_calibration(1.0, 0.5),
+        )
+    };
     assert!(evaluate_with_b_ut(0.99).is_ok());
     for b_ut in [1.0, 1.01, f32::NAN] {
         let Err(Rejection::NotBetter { candidate, incumbent }) = evaluate_with_b_ut(b_ut) else { panic!("{b_ut}") };
@@ -233,30 +245,41 @@ fn only_a_better_candidate_is_accepted() {
 #[test]
 fn expected_error_above_1_5_times_the_active_one_is_rejected() {
     let evaluate_with_rms = |expected_rms_deg| {
-        evaluate(ENOUGH_HELD_BACK_COUNTS, &candidate(0.9, quality(expected_rms_deg)), &active_calibration(1.0, 1.0))
+        evaluate_with_held_back(
+            ENOUGH_HELD_BACK_COUNTS,
+            &candidate(0.9, quality_with_error(expected_rms_deg)),
+            &active_calibration(1.0, 1.0),
+        )
     };
     assert!(evaluate_with_rms(1.5).is_ok());
     assert_eq!(
         evaluate_with_rms(1.51),
         Err(Rejection::LessInformative { expected_rms_deg: 1.51, incumbent_rms_deg: 1.0 })
     );
-    assert!(evaluate(ENOUGH_HELD_BACK_COUNTS, &candidate(0.9, quality(1.51)), &UNCALIBRATED_INCUMBENT).is_ok());
+    assert!(
+        evaluate_with_held_back(
+            ENOUGH_HELD_BACK_COUNTS,
+            &candidate(0.9, quality_with_error(1.51)),
+            &UNCALIBRATED_INCUMBENT
+        )
+        .is_ok()
+    );
 }
 
 /// Only free flight needs tilt: the expected error of other procedures includes undetermined coefficients.
 #[test]
 fn a_free_flight_without_tilt_is_unobservable() {
-    let level = Quality { envelope: AttitudeEnvelope::Level, ..quality(0.5) };
-    let samples = circle(0.0, 24);
+    let level = Quality { envelope: AttitudeEnvelope::Level, ..quality_with_error(0.5) };
+    let samples = circle_samples(0.0, 24);
     let [free, swung] = [
         Parts { free: &samples, ..Parts::default() }.samples(),
         Parts { level: &samples, ..Parts::default() }.samples(),
     ];
     for (quality, parts, expected) in [
         (level, free, Err(Rejection::Unobservable)),
-        (quality(0.5), free, Ok(())),
+        (quality_with_error(0.5), free, Ok(())),
         (Quality { method: Method::CompassSwing, ..level }, swung, Ok(())),
-        (Quality { method: Method::Ellipsoid, ..quality(0.5) }, free, Ok(())),
+        (Quality { method: Method::Ellipsoid, ..quality_with_error(0.5) }, free, Ok(())),
     ] {
         let grounds = AcceptanceSamples { fit_samples: parts, held_back_samples: parts, is_attitude_known: true };
         let found = evaluate_candidate(&POLICY, &candidate(0.1, quality), grounds, &UNCALIBRATED_INCUMBENT);
@@ -271,7 +294,7 @@ fn a_free_flight_without_tilt_is_unobservable() {
         error_floor_deg: 0.5,
         unobservable: UnobservableQuantities { mounting: true, ..UnobservableQuantities::default() },
     };
-    let on_priors = Solution { advice: Some(advice), ..candidate(0.1, quality(0.5)) };
+    let on_priors = Solution { advice: Some(advice), ..candidate(0.1, quality_with_error(0.5)) };
     let grounds = AcceptanceSamples { fit_samples: free, held_back_samples: free, is_attitude_known: true };
     assert_eq!(evaluate_candidate(&POLICY, &on_priors, grounds, &UNCALIBRATED_INCUMBENT), Err(Rejection::Unobservable));
 }
@@ -279,15 +302,20 @@ fn a_free_flight_without_tilt_is_unobservable() {
 /// A level envelope or an unobservable mounting makes a candidate less informative.
 #[test]
 fn a_partial_calibration_does_not_replace_a_full_one() {
-    let level = Quality { envelope: AttitudeEnvelope::Level, ..quality(0.2) };
-    let tumbled = Quality { method: Method::Ellipsoid, ..quality(0.2) };
+    let level = Quality { envelope: AttitudeEnvelope::Level, ..quality_with_error(0.2) };
+    let tumbled = Quality { method: Method::Ellipsoid, ..quality_with_error(0.2) };
     for less in [level, tumbled] {
-        let found = evaluate(ENOUGH_HELD_BACK_COUNTS, &candidate(0.9, less), &active_calibration(1.0, 1.0));
+        let found =
+            evaluate_with_held_back(ENOUGH_HELD_BACK_COUNTS, &candidate(0.9, less), &active_calibration(1.0, 1.0));
         assert_eq!(found, Err(Rejection::LessInformative { expected_rms_deg: 0.2, incumbent_rms_deg: 1.0 }));
         let incumbent = Incumbent { quality: Some(less), ..active_calibration(1.0, 1.0) };
-        assert!(evaluate(ENOUGH_HELD_BACK_COUNTS, &candidate(0.9, less), &incumbent).is_ok(), "both are of the same");
         assert!(
-            evaluate(ENOUGH_HELD_BACK_COUNTS, &candidate(0.9, quality(0.2)), &incumbent).is_ok(),
+            evaluate_with_held_back(ENOUGH_HELD_BACK_COUNTS, &candidate(0.9, less), &incumbent).is_ok(),
+            "both are of the same"
+        );
+        assert!(
+            evaluate_with_held_back(ENOUGH_HELD_BACK_COUNTS, &candidate(0.9, quality_with_error(0.2)), &incumbent)
+                .is_ok(),
             "this one is of more"
         );
     }
@@ -295,8 +323,13 @@ fn a_partial_calibration_does_not_replace_a_full_one() {
 
 #[test]
 fn a_less_informative_candidate_is_accepted_if_the_active_one_fits_3x_worse() {
-    let evaluate_with_b_ut =
-        |b_ut| evaluate(ENOUGH_HELD_BACK_COUNTS, &candidate(b_ut, quality(2.0)), &active_calibration(3.0, 1.0));
+    let evaluate_with_b_ut = |b_ut| {
+        evaluate_with_held_back(
+            ENOUGH_HELD_BACK_COUNTS,
+            &candidate(b_ut, quality_with_error(2.0)),
+            &active_calibration(3.0, 1.0),
+        )
+    };
     assert!(
         matches!(evaluate_with_b_ut(1.05), Err(Rejection::LessInformative { .. })),
         "{:?}",
@@ -307,7 +340,7 @@ fn a_less_informative_candidate_is_accepted_if_the_active_one_fits_3x_worse() {
 
 #[test]
 fn unknown_attitude_is_ignored() {
-    let mut samples = circle(0.0, 24);
+    let mut samples = circle_samples(0.0, 24);
     for (i, sample) in samples.iter_mut().enumerate() {
         sample.attitude = Attitude::from_deg(40.0 * (i as f32).sin(), 30.0);
     }
@@ -315,7 +348,7 @@ fn unknown_attitude_is_ignored() {
         let parts = Parts { left: &samples, ..Parts::default() }.samples();
         let grounds =
             AcceptanceSamples { fit_samples: parts, held_back_samples: parts, is_attitude_known: knows_attitude };
-        evaluate_candidate(&POLICY, &candidate(0.1, quality(0.5)), grounds, &UNCALIBRATED_INCUMBENT)
+        evaluate_candidate(&POLICY, &candidate(0.1, quality_with_error(0.5)), grounds, &UNCALIBRATED_INCUMBENT)
             .map(|scores| scores.candidate_score)
     };
     assert!(score(false).unwrap() < 1.0, "{:?}", score(false));

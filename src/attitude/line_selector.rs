@@ -45,37 +45,37 @@ impl LineSelector {
 mod tests {
     use super::*;
 
-    const fn at(ms: u64) -> Timestamp {
+    const fn timestamp_ms(ms: u64) -> Timestamp {
         Timestamp::from_us(ms * 1000)
     }
 
     #[test]
     fn the_selected_line_is_kept_while_it_sends() {
         let mut lines = LineSelector::new();
-        assert!(lines.accept_line_report(at(0), 1, true));
+        assert!(lines.accept_line_report(timestamp_ms(0), 1, true));
         for ms in (10..5_000).step_by(10) {
-            assert!(!lines.accept_line_report(at(ms), 0, true), "{ms}");
-            assert!(!lines.accept_line_report(at(ms), 0, false), "{ms}");
-            assert!(lines.accept_line_report(at(ms), 1, true), "{ms}");
+            assert!(!lines.accept_line_report(timestamp_ms(ms), 0, true), "{ms}");
+            assert!(!lines.accept_line_report(timestamp_ms(ms), 0, false), "{ms}");
+            assert!(lines.accept_line_report(timestamp_ms(ms), 1, true), "{ms}");
         }
     }
 
     #[test]
     fn a_line_with_rates_replaces_one_without() {
         let mut lines = LineSelector::new();
-        assert!(lines.accept_line_report(at(0), 0, false));
-        assert!(!lines.accept_line_report(at(1), 1, false));
-        assert!(lines.accept_line_report(at(2), 1, true));
-        assert!(!lines.accept_line_report(at(3), 0, false));
+        assert!(lines.accept_line_report(timestamp_ms(0), 0, false));
+        assert!(!lines.accept_line_report(timestamp_ms(1), 1, false));
+        assert!(lines.accept_line_report(timestamp_ms(2), 1, true));
+        assert!(!lines.accept_line_report(timestamp_ms(3), 0, false));
     }
 
     /// A rejected line does not prolong its own selection.
     #[test]
     fn a_silent_line_is_released() {
         let mut lines = LineSelector::new();
-        assert!(lines.accept_line_report(at(0), 1, true));
-        assert!(!lines.accept_line_report(at(1_000), 0, false));
+        assert!(lines.accept_line_report(timestamp_ms(0), 1, true));
+        assert!(!lines.accept_line_report(timestamp_ms(1_000), 0, false));
         assert!(lines.accept_line_report(Timestamp::from_us(1_000_001), 0, false));
-        assert!(lines.accept_line_report(at(1_002), 1, true), "with rates it is back at once");
+        assert!(lines.accept_line_report(timestamp_ms(1_002), 1, true), "with rates it is back at once");
     }
 }

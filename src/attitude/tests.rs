@@ -5,7 +5,7 @@ const CONFIG: AttitudeConfig = AttitudeConfig::DEFAULT;
 const LATENCY_US: u64 = CONFIG.latency_us.unsigned_abs() as u64;
 const PERIOD_US: u64 = 20_000;
 
-fn at(us: u64) -> Timestamp {
+fn timestamp(us: u64) -> Timestamp {
     Timestamp::from_us(us)
 }
 
@@ -20,7 +20,7 @@ fn attitude_report(sender_ms: u32, attitude: Attitude, rates_deg_s: [f32; 3]) ->
 
 fn history_of_one_report(attitude: Attitude, rates_deg_s: [f32; 3]) -> AttitudeHistory {
     let mut track = AttitudeHistory::new(CONFIG);
-    track.push_report(at(1_000_000 + LATENCY_US), attitude_report(0, attitude, rates_deg_s));
+    track.push_report(timestamp(1_000_000 + LATENCY_US), attitude_report(0, attitude, rates_deg_s));
     track
 }
 
@@ -42,16 +42,16 @@ fn interpolates_and_extrapolates_to_the_instant() {
     let mut track = AttitudeHistory::new(CONFIG);
     for i in 0..8_u32 {
         let true_us = 1_000_000 + u64::from(i) * PERIOD_US;
-        track.push_report(at(true_us + LATENCY_US), roll_report(500 + i * 20, 0.2 * i as f32, 10.0));
+        track.push_report(timestamp(true_us + LATENCY_US), roll_report(500 + i * 20, 0.2 * i as f32, 10.0));
     }
-    let lookup = track.attitude_at(at(1_050_000));
+    let lookup = track.attitude_at(timestamp(1_050_000));
     assert!(matches!(lookup, AttitudeLookup::Interpolated(_)));
     assert!((roll_deg(lookup) - 0.5).abs() < 1e-3);
-    let lookup = track.attitude_at(at(1_180_000));
+    let lookup = track.attitude_at(timestamp(1_180_000));
     assert!(matches!(lookup, AttitudeLookup::Extrapolated(_)));
     assert!((roll_deg(lookup) - 1.8).abs() < 1e-3);
-    assert_eq!(track.attitude_at(at(1_400_000)), AttitudeLookup::Stale);
-    assert_eq!(track.attitude_at(at(900_000)), AttitudeLookup::Missing);
+    assert_eq!(track.attitude_at(timestamp(1_400_000)), AttitudeLookup::Stale);
+    assert_eq!(track.attitude_at(timestamp(900_000)), AttitudeLookup::Missing);
 }
 
 #[test]
@@ -59,9 +59,9 @@ fn both_angles_are_interpolated() {
     let mut track = AttitudeHistory::new(CONFIG);
     for (i, (roll_deg, pitch_deg)) in [(10.0, -4.0), (12.0, 0.0)].into_iter().enumerate() {
         let report = attitude_report(0, Attitude::from_deg(roll_deg, pitch_deg), [0.0; 3]);
-        track.push_report(at(1_000_000 + i as u64 * PERIOD_US + LATENCY_US), report);
+        track.push_report(timestamp(1_000_000 + i as u64 * PERIOD_US + LATENCY_US), report);
     }
-    let [roll, pitch] = angles_deg(track.attitude_at(at(1_000_000 + PERIOD_US / 4)));
+    let [roll, pitch] = angles_deg(track.attitude_at(timestamp(1_000_000 + PERIOD_US / 4)));
     assert!((roll - 10.5).abs() < 1e-4 && (pitch + 3.0).abs() < 1e-4, "{roll} {pitch}");
 }
 
@@ -69,11 +69,11 @@ fn both_angles_are_interpolated() {
 #[test]
 fn a_lookup_at_the_time_of_a_report_needs_no_second_report() {
     let mut track = history_of_one_report(Attitude::from_deg(12.0, -3.0), [0.0; 3]);
-    assert!(matches!(track.attitude_at(at(1_000_000)), AttitudeLookup::Interpolated(_)));
-    track.push_report(at(3_000_000 + LATENCY_US), roll_report(0, 50.0, 0.0));
-    let [roll, pitch] = angles_deg(track.attitude_at(at(1_000_000)));
+    assert!(matches!(track.attitude_at(timestamp(1_000_000)), AttitudeLookup::Interpolated(_)));
+    track.push_report(timestamp(3_000_000 + LATENCY_US), roll_report(0, 50.0, 0.0));
+    let [roll, pitch] = angles_deg(track.attitude_at(timestamp(1_000_000)));
     assert!((roll - 12.0).abs() < 1e-4 && (pitch + 3.0).abs() < 1e-4, "{roll} {pitch}");
-    assert_eq!(track.attitude_at(at(1_000_001)), AttitudeLookup::Missing);
+    assert_eq!(track.attitude_at(timestamp(1_000_001)), AttitudeLookup::Missing);
 }
 
 /// Level: p rolls right, q pitches up, r affects neither. At 90 deg of bank, r pitches down; at 45 deg of pitch, phi' =
@@ -82,7 +82,8 @@ fn a_lookup_at_the_time_of_a_report_needs_no_second_report() {
 fn extrapolation_uses_body_rates_with_their_signs() {
     let after_tenth = |roll_deg: f32, pitch_deg: f32, rates_deg_s: [f32; 3]| {
         angles_deg(
-            history_of_one_report(Attitude::from_deg(roll_deg, pitch_deg), rates_deg_s).attitude_at(at(1_100_000)),
+            history_of_one_report(Attitude::from_deg(roll_deg, pitch_deg), rates_deg_s)
+                .attitude_at(timestamp(1_100_000)),
         )
     };
     for (roll_deg, pitch_deg, rates_deg_s, [roll_to, pitch_to]) in [
@@ -115,9 +116,9 @@ fn extrapolation_uses_body_rates_with_their_signs() {
 #[test]
 fn extrapolation_is_limited() {
     let track = history_of_one_report(Attitude::default(), [10.0, 0.0, 0.0]);
-    assert!((roll_deg(track.attitude_at(at(1_200_000))) - 2.0).abs() < 1e-3);
-    assert_eq!(track.attitude_at(at(1_200_001)), AttitudeLookup::Stale);
-    assert_eq!(AttitudeHistory::new(CONFIG).attitude_at(at(0)), AttitudeLookup::Stale);
+    assert!((roll_deg(track.attitude_at(timestamp(1_200_000))) - 2.0).abs() < 1e-3);
+    assert_eq!(track.attitude_at(timestamp(1_200_001)), AttitudeLookup::Stale);
+    assert_eq!(AttitudeHistory::new(CONFIG).attitude_at(timestamp(0)), AttitudeLookup::Stale);
 }
 
 /// The limit of interpolation is 250 ms.
@@ -125,8 +126,8 @@ fn extrapolation_is_limited() {
 fn a_long_gap_is_not_interpolated() {
     for (gap_us, is_interpolated) in [(250_000, true), (250_001, false)] {
         let mut track = history_of_one_report(Attitude::from_deg(10.0, 0.0), [0.0; 3]);
-        track.push_report(at(1_000_000 + gap_us + LATENCY_US), roll_report(0, 20.0, 0.0));
-        match track.attitude_at(at(1_100_000)) {
+        track.push_report(timestamp(1_000_000 + gap_us + LATENCY_US), roll_report(0, 20.0, 0.0));
+        match track.attitude_at(timestamp(1_100_000)) {
             AttitudeLookup::Interpolated(_) => assert!(is_interpolated, "{gap_us} us"),
             lookup => assert!(!is_interpolated && lookup == AttitudeLookup::Missing, "{gap_us} us: {lookup:?}"),
         }
@@ -137,20 +138,20 @@ fn a_long_gap_is_not_interpolated() {
 fn the_oldest_report_is_dropped() {
     let mut track = AttitudeHistory::new(CONFIG);
     for i in 0..9_u32 {
-        track.push_report(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), roll_report(0, i as f32, 0.0));
+        track.push_report(timestamp(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), roll_report(0, i as f32, 0.0));
     }
-    assert_eq!(track.attitude_at(at(1_010_000)), AttitudeLookup::Missing);
-    assert!((roll_deg(track.attitude_at(at(1_030_000))) - 1.5).abs() < 1e-3);
+    assert_eq!(track.attitude_at(timestamp(1_010_000)), AttitudeLookup::Missing);
+    assert!((roll_deg(track.attitude_at(timestamp(1_030_000))) - 1.5).abs() < 1e-3);
 }
 
 #[test]
 fn a_report_that_is_not_newer_changes_nothing() {
     let mut track = history_of_one_report(Attitude::from_deg(10.0, 0.0), [0.0; 3]);
     for arrival_us in [1_000_000, 990_000, 0] {
-        track.push_report(at(arrival_us + LATENCY_US), roll_report(0, 50.0, 0.0));
+        track.push_report(timestamp(arrival_us + LATENCY_US), roll_report(0, 50.0, 0.0));
     }
-    assert!((roll_deg(track.attitude_at(at(1_000_000))) - 10.0).abs() < 1e-3);
-    assert_eq!(track.attitude_at(at(999_999)), AttitudeLookup::Missing);
+    assert!((roll_deg(track.attitude_at(timestamp(1_000_000))) - 10.0).abs() < 1e-3);
+    assert_eq!(track.attitude_at(timestamp(999_999)), AttitudeLookup::Missing);
 }
 
 #[test]
@@ -159,10 +160,10 @@ fn jitter_of_arrival_times_is_removed() {
     for i in 0..200_u32 {
         let jitter_us = u64::from(i * 7919 % 15) * 1000;
         let sent_us = 1_000_000 + u64::from(i) * PERIOD_US;
-        track.push_report(at(sent_us + jitter_us), roll_report(i * 20, i as f32 * 0.2, 0.0));
+        track.push_report(timestamp(sent_us + jitter_us), roll_report(i * 20, i as f32 * 0.2, 0.0));
     }
     // At 10 deg/s a stamp error of 0.3 ms is 0.003 deg; arrival times would give up to 0.15 deg.
-    let lookup_time = at(1_000_000 + 197 * PERIOD_US - LATENCY_US);
+    let lookup_time = timestamp(1_000_000 + 197 * PERIOD_US - LATENCY_US);
     assert!((roll_deg(track.attitude_at(lookup_time)) - 197.0 * 0.2).abs() < 0.003);
 }
 
@@ -174,10 +175,10 @@ fn a_drifting_clock_is_followed() {
         let mut sent_us = 0;
         for i in 0..2000_i64 {
             sent_us = 1_000_000 + i * 20_000 + i * 20_000 * ppm / 1_000_000;
-            track.push_report(at(sent_us as u64), roll_report(i as u32 * 20, i as f32 * 0.01, 0.0));
+            track.push_report(timestamp(sent_us as u64), roll_report(i as u32 * 20, i as f32 * 0.01, 0.0));
         }
         // The roll grows by 0.01 deg per 20 ms: a clock error of 1 ms is 0.0005 deg.
-        let found = roll_deg(track.attitude_at(at(sent_us as u64 - 10_000 - LATENCY_US)));
+        let found = roll_deg(track.attitude_at(timestamp(sent_us as u64 - 10_000 - LATENCY_US)));
         assert!((found - 19.985).abs() < 0.0006, "{name}: {found}");
     }
 }
@@ -187,10 +188,10 @@ fn a_drifting_clock_is_followed() {
 fn a_distant_sender_clock_is_ignored() {
     for (delay_us, by_clock) in [(100_000, true), (100_001, false)] {
         let mut track = AttitudeHistory::new(CONFIG);
-        track.push_report(at(1_000_000), roll_report(0, 0.0, 0.0));
-        track.push_report(at(1_020_000 + delay_us), roll_report(20, 0.0, 0.0));
+        track.push_report(timestamp(1_000_000), roll_report(0, 0.0, 0.0));
+        track.push_report(timestamp(1_020_000 + delay_us), roll_report(20, 0.0, 0.0));
         // An instant just after the clock's stamp is extrapolated only if that stamp was used.
-        let lookup = track.attitude_at(at(1_020_011 - LATENCY_US));
+        let lookup = track.attitude_at(timestamp(1_020_011 - LATENCY_US));
         assert_eq!(matches!(lookup, AttitudeLookup::Extrapolated(_)), by_clock, "{delay_us} us: {lookup:?}");
     }
 }
@@ -199,9 +200,9 @@ fn a_distant_sender_clock_is_ignored() {
 fn a_sender_without_clock_is_stamped_by_arrival() {
     let mut track = AttitudeHistory::new(CONFIG);
     for (i, sender_ms) in [0; 5].into_iter().enumerate() {
-        track.push_report(at(2_000_000 + i as u64 * PERIOD_US), roll_report(sender_ms, i as f32, 0.0));
+        track.push_report(timestamp(2_000_000 + i as u64 * PERIOD_US), roll_report(sender_ms, i as f32, 0.0));
     }
-    let newest = at(2_080_000 - LATENCY_US);
+    let newest = timestamp(2_080_000 - LATENCY_US);
     assert!((roll_deg(track.attitude_at(newest)) - 4.0).abs() < 1e-3);
 }
 
@@ -210,11 +211,12 @@ fn a_sender_without_clock_is_stamped_by_arrival() {
 fn the_attitude_of_a_restarted_sender_is_rejected_at_first() {
     for (step_ms, is_restart) in [(999, false), (1_000, true), (900_000, true)] {
         let mut track = AttitudeHistory::new(CONFIG);
-        track.push_report(at(1_000_000), roll_report(900_020, 0.0, 0.0));
+        track.push_report(timestamp(1_000_000), roll_report(900_020, 0.0, 0.0));
         for i in 1..=1000_u32 {
             let at_us = 1_000_000 + u64::from(i) * PERIOD_US;
-            track.push_report(at(at_us), roll_report(900_000 - step_ms + 20 * i, 0.01 * i as f32, 0.5));
-            let is_accepted = matches!(track.attitude_at(at(at_us - LATENCY_US + 1)), AttitudeLookup::Extrapolated(_));
+            track.push_report(timestamp(at_us), roll_report(900_000 - step_ms + 20 * i, 0.01 * i as f32, 0.5));
+            let is_accepted =
+                matches!(track.attitude_at(timestamp(at_us - LATENCY_US + 1)), AttitudeLookup::Extrapolated(_));
             assert_eq!(is_accepted, !is_restart || i > 750, "{step_ms} ms, {i}");
         }
     }
@@ -225,11 +227,12 @@ fn the_attitude_of_a_restarted_sender_is_rejected_at_first() {
 fn a_sender_without_clock_has_restarted_after_silence() {
     for (silence_us, is_restart) in [(2_500_000, false), (2_500_001, true)] {
         let mut track = AttitudeHistory::new(CONFIG);
-        track.push_report(at(1_000_000), roll_report(0, 0.0, 0.0));
+        track.push_report(timestamp(1_000_000), roll_report(0, 0.0, 0.0));
         for i in 0..=1000_u32 {
             let at_us = 1_000_000 + silence_us + u64::from(i) * PERIOD_US;
-            track.push_report(at(at_us), roll_report(0, 0.01 * i as f32, 0.5));
-            let is_accepted = matches!(track.attitude_at(at(at_us - LATENCY_US + 1)), AttitudeLookup::Extrapolated(_));
+            track.push_report(timestamp(at_us), roll_report(0, 0.01 * i as f32, 0.5));
+            let is_accepted =
+                matches!(track.attitude_at(timestamp(at_us - LATENCY_US + 1)), AttitudeLookup::Extrapolated(_));
             assert_eq!(is_accepted, !is_restart || i >= 750, "{silence_us} us, {i}");
         }
     }
@@ -242,7 +245,7 @@ fn a_sender_s_clock_may_wrap() {
         let jitter_us = if i == 30 { 15_000 } else { 0 };
         let sent_us = 1_000_000 + u64::from(i) * PERIOD_US + jitter_us;
         track.push_report(
-            at(sent_us),
+            timestamp(sent_us),
             roll_report((i * 20).wrapping_sub(400), if i < 31 { i as f32 } else { 99.0 }, 0.0),
         );
         if i == 30 {
@@ -250,15 +253,15 @@ fn a_sender_s_clock_may_wrap() {
         }
     }
     // Stamped by arrival, the last report would be 15 ms late, and the lookup would return the previous one.
-    assert!((roll_deg(track.attitude_at(at(1_000_000 + 30 * PERIOD_US - LATENCY_US))) - 30.0).abs() < 0.01);
+    assert!((roll_deg(track.attitude_at(timestamp(1_000_000 + 30 * PERIOD_US - LATENCY_US))) - 30.0).abs() < 0.01);
 }
 
 #[test]
 fn roll_is_interpolated_the_short_way_round() {
     let mut track = AttitudeHistory::new(CONFIG);
-    track.push_report(at(1_020_000), roll_report(0, 179.0, 0.0));
-    track.push_report(at(1_040_000), roll_report(20, -179.0, 0.0));
-    assert!((roll_deg(track.attitude_at(at(1_010_000))).abs() - 180.0).abs() < 1e-3);
+    track.push_report(timestamp(1_020_000), roll_report(0, 179.0, 0.0));
+    track.push_report(timestamp(1_040_000), roll_report(20, -179.0, 0.0));
+    assert!((roll_deg(track.attitude_at(timestamp(1_010_000))).abs() - 180.0).abs() < 1e-3);
 }
 
 /// Extreme rates, angles and times, including NaN.
@@ -273,7 +276,7 @@ fn no_report_panics() {
         let rates_rad_s = [pick(), pick(), pick()];
         let sender_time = WrappingMillis::new(pick().to_bits());
         track.push_report(
-            at(pick().to_bits().into()),
+            timestamp(pick().to_bits().into()),
             AttitudeReport {
                 sender: SenderId::default(),
                 sender_time,
@@ -281,7 +284,7 @@ fn no_report_panics() {
                 body_rates: BodyRates::from_rad_s(rates_rad_s),
             },
         );
-        let _ = (track.attitude_at(at(i * 1_000)), track.attitude_at(at(u64::MAX)));
+        let _ = (track.attitude_at(timestamp(i * 1_000)), track.attitude_at(timestamp(u64::MAX)));
     }
 }
 
@@ -294,7 +297,7 @@ fn rolled_history(rolls_deg: &[f32]) -> (AttitudeHistory, u64) {
     let mut true_us = 1_000_000;
     for &roll_deg in rolls_deg {
         true_us += PERIOD_US;
-        track.push_report(at(true_us + LATENCY_US), roll_report(0, roll_deg, MINIMAL_RATE_DEG_S));
+        track.push_report(timestamp(true_us + LATENCY_US), roll_report(0, roll_deg, MINIMAL_RATE_DEG_S));
     }
     (track, true_us)
 }
@@ -304,7 +307,7 @@ fn rolled_history(rolls_deg: &[f32]) -> (AttitudeHistory, u64) {
 fn a_distant_report_is_rejected() {
     for (spike_deg, is_accepted) in [(6.7, true), (7.1, false), (-6.7, true), (-7.1, false), (45.0, false)] {
         let (track, true_us) = rolled_history(&[0.0, 0.0, spike_deg]);
-        let found_deg = roll_deg(track.attitude_at(at(true_us)));
+        let found_deg = roll_deg(track.attitude_at(timestamp(true_us)));
         let expected_deg = if is_accepted { spike_deg } else { 0.0 };
         assert!((found_deg - expected_deg).abs() < 1e-3, "{spike_deg}: {found_deg}");
         assert_eq!(
@@ -319,8 +322,8 @@ fn a_distant_report_is_rejected() {
 fn motion_predicted_by_rates_is_no_spike() {
     for (to_deg, is_accepted) in [(1.2 + 6.7, true), (1.2 + 7.1, false), (1.2 - 6.7, true), (1.2 - 7.1, false)] {
         let mut track = AttitudeHistory::new(CONFIG);
-        track.push_report(at(1_000_000), roll_report(0, 0.0, 60.0));
-        track.push_report(at(1_000_000 + PERIOD_US), roll_report(0, to_deg, 60.0));
+        track.push_report(timestamp(1_000_000), roll_report(0, 0.0, 60.0));
+        track.push_report(timestamp(1_000_000 + PERIOD_US), roll_report(0, to_deg, 60.0));
         assert_eq!(track.rejected_reports().spike_reports, u32::from(!is_accepted), "{to_deg}");
     }
 }
@@ -328,9 +331,11 @@ fn motion_predicted_by_rates_is_no_spike() {
 #[test]
 fn the_fourth_distant_report_is_accepted() {
     let (track, true_us) = rolled_history(&[0.0, 30.0, 30.1, 30.2]);
-    assert!(roll_deg(track.attitude_at(at(true_us))).abs() < 1e-3 && track.rejected_reports().spike_reports == 3);
+    assert!(
+        roll_deg(track.attitude_at(timestamp(true_us))).abs() < 1e-3 && track.rejected_reports().spike_reports == 3
+    );
     let (track, true_us) = rolled_history(&[0.0, 30.0, 30.1, 30.2, 30.3]);
-    assert!((roll_deg(track.attitude_at(at(true_us))) - 30.3).abs() < 1e-3);
+    assert!((roll_deg(track.attitude_at(timestamp(true_us))) - 30.3).abs() < 1e-3);
     assert_eq!(track.rejected_reports().spike_reports, 3);
     let (track, _) = rolled_history(&[0.0, 30.0, 30.1, 0.1, 30.2, 30.3, 30.4]);
     assert_eq!(track.rejected_reports().spike_reports, 5);
@@ -341,8 +346,8 @@ fn the_fourth_distant_report_is_accepted() {
 fn after_a_gap_any_attitude_is_accepted() {
     for (gap_us, spikes) in [(249_000, 1), (251_000, 0)] {
         let mut track = AttitudeHistory::new(CONFIG);
-        track.push_report(at(1_000_000), roll_report(0, 0.0, MINIMAL_RATE_DEG_S));
-        track.push_report(at(1_000_000 + gap_us), roll_report(0, 45.0, MINIMAL_RATE_DEG_S));
+        track.push_report(timestamp(1_000_000), roll_report(0, 0.0, MINIMAL_RATE_DEG_S));
+        track.push_report(timestamp(1_000_000 + gap_us), roll_report(0, 45.0, MINIMAL_RATE_DEG_S));
         assert_eq!(track.rejected_reports().spike_reports, spikes, "{gap_us}");
     }
 }
@@ -350,11 +355,11 @@ fn after_a_gap_any_attitude_is_accepted() {
 #[test]
 fn roll_at_a_vertical_nose_is_no_spike() {
     let mut track = history_of_one_report(Attitude::from_deg(0.0, 89.0), [0.0; 3]);
-    track.push_report(at(1_020_000 + LATENCY_US), attitude_report(0, Attitude::from_deg(180.0, 89.0), [0.0; 3]));
+    track.push_report(timestamp(1_020_000 + LATENCY_US), attitude_report(0, Attitude::from_deg(180.0, 89.0), [0.0; 3]));
     assert_eq!(track.rejected_reports().spike_reports, 0);
     let mut track = history_of_one_report(Attitude::from_deg(0.0, 0.0), [MINIMAL_RATE_DEG_S; 3]);
     track.push_report(
-        at(1_020_000 + LATENCY_US),
+        timestamp(1_020_000 + LATENCY_US),
         attitude_report(0, Attitude::from_deg(0.0, 8.0), [MINIMAL_RATE_DEG_S; 3]),
     );
     assert_eq!(track.rejected_reports().spike_reports, 1, "pitch counts as well");
@@ -381,18 +386,18 @@ fn the_body_rate_is_that_of_the_newest_report() {
 fn a_frozen_source_is_rejected() {
     let rolls_deg = [10.0, 10.02, 10.05, 10.05, 10.05, 10.05];
     let (track, true_us) = rolled_history(&rolls_deg);
-    assert_ne!(track.attitude_at(at(true_us + 1)), AttitudeLookup::Frozen, "four are equal");
+    assert_ne!(track.attitude_at(timestamp(true_us + 1)), AttitudeLookup::Frozen, "four are equal");
     let (mut track, true_us) = rolled_history(&[&rolls_deg[..], &[10.05]].concat());
-    assert_eq!(track.attitude_at(at(true_us + 1)), AttitudeLookup::Frozen);
+    assert_eq!(track.attitude_at(timestamp(true_us + 1)), AttitudeLookup::Frozen);
     assert_eq!(track.rejected_reports(), RejectedReports { frozen_reports: 1, ..RejectedReports::NO_REJECTIONS });
     // `Frozen` holds for the extrapolation limit after the last report.
-    assert_eq!(track.attitude_at(at(true_us + 200_000)), AttitudeLookup::Frozen);
-    assert_eq!(track.attitude_at(at(true_us + 200_001)), AttitudeLookup::Stale);
+    assert_eq!(track.attitude_at(timestamp(true_us + 200_000)), AttitudeLookup::Frozen);
+    assert_eq!(track.attitude_at(timestamp(true_us + 200_001)), AttitudeLookup::Stale);
     // Earlier attitudes remain valid.
-    assert!(matches!(track.attitude_at(at(true_us - 50_000)), AttitudeLookup::Interpolated(_)));
+    assert!(matches!(track.attitude_at(timestamp(true_us - 50_000)), AttitudeLookup::Interpolated(_)));
     // A new value ends the freeze.
-    track.push_report(at(true_us + PERIOD_US + LATENCY_US), roll_report(0, 10.07, 0.0));
-    assert!(matches!(track.attitude_at(at(true_us + PERIOD_US + 1)), AttitudeLookup::Extrapolated(_)));
+    track.push_report(timestamp(true_us + PERIOD_US + LATENCY_US), roll_report(0, 10.07, 0.0));
+    assert!(matches!(track.attitude_at(timestamp(true_us + PERIOD_US + 1)), AttitudeLookup::Extrapolated(_)));
 }
 
 /// The second sender's clock is 50 ms behind, which the first one's clock offset would treat as a delayed report.
@@ -400,23 +405,26 @@ fn a_frozen_source_is_rejected() {
 fn a_new_sender_resets_the_history() {
     let mut track = AttitudeHistory::new(CONFIG);
     for i in 0..4_u32 {
-        track.push_report(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), roll_report(500 + i * 20, 10.0, 0.0));
+        track.push_report(
+            timestamp(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US),
+            roll_report(500 + i * 20, 10.0, 0.0),
+        );
     }
     let other = AttitudeReport { sender: SenderId::new(7), ..roll_report(500 + 4 * 20 - 50, 30.0, 0.0) };
-    track.push_report(at(1_080_000 + LATENCY_US), other);
-    assert!(matches!(track.attitude_at(at(1_080_000)), AttitudeLookup::Interpolated(_)));
-    assert!((roll_deg(track.attitude_at(at(1_080_000))) - 30.0).abs() < 1e-3);
+    track.push_report(timestamp(1_080_000 + LATENCY_US), other);
+    assert!(matches!(track.attitude_at(timestamp(1_080_000)), AttitudeLookup::Interpolated(_)));
+    assert!((roll_deg(track.attitude_at(timestamp(1_080_000))) - 30.0).abs() < 1e-3);
     for before in [1_079_999, 1_060_000, 1_030_000] {
-        assert_eq!(track.attitude_at(at(before)), AttitudeLookup::Missing, "{before}");
+        assert_eq!(track.attitude_at(timestamp(before)), AttitudeLookup::Missing, "{before}");
     }
     track.push_report(
-        at(1_100_000 + LATENCY_US),
+        timestamp(1_100_000 + LATENCY_US),
         AttitudeReport { sender_time: WrappingMillis::new(500 + 5 * 20 - 50), ..other },
     );
-    assert!(matches!(track.attitude_at(at(1_090_000)), AttitudeLookup::Interpolated(_)));
+    assert!(matches!(track.attitude_at(timestamp(1_090_000)), AttitudeLookup::Interpolated(_)));
     // A change back to the first sender resets the history again, even for an older report.
-    track.push_report(at(1_090_000 + LATENCY_US), roll_report(0, 10.0, 0.0));
-    assert!((roll_deg(track.attitude_at(at(1_090_000))) - 10.0).abs() < 1e-3);
+    track.push_report(timestamp(1_090_000 + LATENCY_US), roll_report(0, 10.0, 0.0));
+    assert!((roll_deg(track.attitude_at(timestamp(1_090_000))) - 10.0).abs() < 1e-3);
 }
 
 /// Plausibility state is reset, counters are not.
@@ -428,8 +436,8 @@ fn plausibility_state_is_per_sender() {
         RejectedReports { spike_reports: 1, frozen_reports: 1, ..RejectedReports::NO_REJECTIONS }
     );
     let other = AttitudeReport { sender: SenderId::new(7), ..roll_report(0, 50.0, 0.0) };
-    track.push_report(at(true_us + PERIOD_US + LATENCY_US), other);
-    assert!((roll_deg(track.attitude_at(at(true_us + PERIOD_US))) - 50.0).abs() < 1e-3);
+    track.push_report(timestamp(true_us + PERIOD_US + LATENCY_US), other);
+    assert!((roll_deg(track.attitude_at(timestamp(true_us + PERIOD_US))) - 50.0).abs() < 1e-3);
     assert_eq!(
         track.rejected_reports(),
         RejectedReports { spike_reports: 1, frozen_reports: 1, ..RejectedReports::NO_REJECTIONS }
@@ -441,15 +449,15 @@ fn plausibility_state_is_per_sender() {
 fn without_rates_a_fast_roll_is_no_spike() {
     for (to_deg, is_accepted) in [(28.0, true), (29.2, false), (-28.0, true), (-29.2, false)] {
         let mut track = AttitudeHistory::new(CONFIG);
-        track.push_report(at(1_000_000), roll_report(0, 0.0, 0.0));
-        track.push_report(at(1_100_000), roll_report(0, to_deg, 0.0));
+        track.push_report(timestamp(1_000_000), roll_report(0, 0.0, 0.0));
+        track.push_report(timestamp(1_100_000), roll_report(0, to_deg, 0.0));
         assert_eq!(track.rejected_reports().spike_reports, u32::from(!is_accepted), "{to_deg}");
     }
     // A nonzero rate about any axis shows that the source has rates, so that its roll rate of zero is valid.
     for rates_deg_s in [[MINIMAL_RATE_DEG_S, 0.0, 0.0], [0.0, -MINIMAL_RATE_DEG_S, 0.0], [0.0, 0.0, MINIMAL_RATE_DEG_S]]
     {
         let mut track = history_of_one_report(Attitude::default(), rates_deg_s);
-        track.push_report(at(1_100_000 + LATENCY_US), roll_report(0, 20.0, MINIMAL_RATE_DEG_S));
+        track.push_report(timestamp(1_100_000 + LATENCY_US), roll_report(0, 20.0, MINIMAL_RATE_DEG_S));
         assert_eq!(track.rejected_reports().spike_reports, 1, "{rates_deg_s:?}");
     }
 }
@@ -460,10 +468,12 @@ fn a_negative_latency_selects_earlier_reports() {
     for (latency_us, expected_deg) in [(-30_000, 0.5), (30_000, 1.1)] {
         let mut track = AttitudeHistory::new(AttitudeConfig { latency_us, ..CONFIG });
         for i in 0..8_u32 {
-            track
-                .push_report(at(1_000_000 + u64::from(i) * PERIOD_US), roll_report(500 + i * 20, 0.2 * i as f32, 10.0));
+            track.push_report(
+                timestamp(1_000_000 + u64::from(i) * PERIOD_US),
+                roll_report(500 + i * 20, 0.2 * i as f32, 10.0),
+            );
         }
-        assert!((roll_deg(track.attitude_at(at(1_080_000))) - expected_deg).abs() < 1e-3, "{latency_us}");
+        assert!((roll_deg(track.attitude_at(timestamp(1_080_000))) - expected_deg).abs() < 1e-3, "{latency_us}");
     }
 }
 
@@ -473,9 +483,9 @@ fn the_gyro_heading_covers_the_range_of_the_attitude() {
     let mut track = AttitudeHistory::new(CONFIG);
     for i in 0..3_u32 {
         let report = attitude_report(500 + 20 * i, Attitude::default(), [0.0, 0.0, 10.0 * (i + 1) as f32]);
-        track.push_report(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), report);
+        track.push_report(timestamp(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), report);
     }
-    let turning = |us: u64| track.gyro_heading_at(at(us)).unwrap();
+    let turning = |us: u64| track.gyro_heading_at(timestamp(us)).unwrap();
     let from = turning(1_000_000);
     for (us, turned_deg, rate_deg_s) in
         [(1_010_000, 0.125, 15.0), (1_020_000, 0.3, 20.0), (1_040_000, 0.8, 30.0), (1_140_000, 3.8, 30.0)]
@@ -488,22 +498,22 @@ fn the_gyro_heading_covers_the_range_of_the_attitude() {
         assert!((found.euler_rates.heading_rad_s.to_degrees() - rate_deg_s).abs() < 1e-3, "{us}: {found:?}");
         assert_eq!(found.run_number, from.run_number);
     }
-    assert_eq!(track.gyro_heading_at(at(1_240_001)), None);
-    assert_eq!(track.gyro_heading_at(at(999_999)), None);
-    assert_eq!(history_of_one_report(Attitude::default(), [0.0; 3]).gyro_heading_at(at(1_000_000)), None);
+    assert_eq!(track.gyro_heading_at(timestamp(1_240_001)), None);
+    assert_eq!(track.gyro_heading_at(timestamp(999_999)), None);
+    assert_eq!(history_of_one_report(Attitude::default(), [0.0; 3]).gyro_heading_at(timestamp(1_000_000)), None);
 }
 
 #[test]
 fn integration_continues_over_a_short_gap() {
     for (gap_us, is_continued) in [(500_000, true), (500_001, false)] {
         let mut track = history_of_one_report(Attitude::default(), [0.0, 0.0, 10.0]);
-        let run = track.gyro_heading_at(at(1_000_000)).unwrap().run_number;
+        let run = track.gyro_heading_at(timestamp(1_000_000)).unwrap().run_number;
         track.push_report(
-            at(1_000_000 + gap_us + LATENCY_US),
+            timestamp(1_000_000 + gap_us + LATENCY_US),
             attitude_report(0, Attitude::default(), [0.0, 0.0, 10.0]),
         );
         assert_eq!(
-            track.gyro_heading_at(at(1_000_000 + gap_us)).unwrap().run_number == run,
+            track.gyro_heading_at(timestamp(1_000_000 + gap_us)).unwrap().run_number == run,
             is_continued,
             "{gap_us} us"
         );
@@ -517,9 +527,9 @@ fn a_frozen_source_has_no_gyro_heading() {
         // The roll changes by fine steps, then stays constant.
         let roll_deg = 0.01 * i.min(8) as f32;
         let report = attitude_report(20 * i, Attitude::from_deg(roll_deg, 0.0), [0.0, 0.0, 10.0]);
-        track.push_report(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), report);
+        track.push_report(timestamp(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), report);
     }
-    let now = at(1_000_000 + 19 * PERIOD_US);
+    let now = timestamp(1_000_000 + 19 * PERIOD_US);
     assert_eq!(track.attitude_at(now), AttitudeLookup::Frozen);
     assert_eq!(track.gyro_heading_at(now), None);
 }
@@ -532,10 +542,10 @@ fn contradicting_rates_are_dropped() {
         let t_s = f32::from(i) * 0.02;
         now_us = 1_000_000 + u64::from(i) * PERIOD_US;
         let report = roll_report(20 * u32::from(i), 10.0 * t_s.sin(), -10.0 * t_s.cos());
-        track.push_report(at(now_us + LATENCY_US), report);
+        track.push_report(timestamp(now_us + LATENCY_US), report);
     }
-    assert!((roll_deg(track.attitude_at(at(now_us))) - 10.0 * 9.98_f32.sin()).abs() < 1e-3);
-    assert_eq!((track.gyro_heading_at(at(now_us)), track.body_rate_rad_s()), (None, None));
+    assert!((roll_deg(track.attitude_at(timestamp(now_us))) - 10.0 * 9.98_f32.sin()).abs() < 1e-3);
+    assert_eq!((track.gyro_heading_at(timestamp(now_us)), track.body_rate_rad_s()), (None, None));
     assert!(
         track.rejected_reports().rate_contradictions > 300 && track.rejected_reports().spike_reports == 0,
         "{:?}",
@@ -559,9 +569,9 @@ fn an_aligning_source_is_rejected() {
             track.update_raw_field(Field::from_ut(20.0, 43.0 * angle.sin(), 43.0 * angle.cos()));
             let (roll_deg, p_deg_s) =
                 if is_flown { (10.0 * t_s.sin(), rates_are * 10.0 * t_s.cos()) } else { (20.0 * t_s.sin(), 0.01) };
-            track.push_report(at(now_us + LATENCY_US), roll_report(20 * u32::from(i), roll_deg, p_deg_s));
+            track.push_report(timestamp(now_us + LATENCY_US), roll_report(20 * u32::from(i), roll_deg, p_deg_s));
             if t_s > 20.0 {
-                found.push(track.attitude_at(at(now_us + 1)));
+                found.push(track.attitude_at(timestamp(now_us + 1)));
             }
         }
         assert!(found.iter().all(|lookup| (*lookup == AttitudeLookup::Contradicted) == is_sought), "{rates_are}");

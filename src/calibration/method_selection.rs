@@ -125,7 +125,7 @@ mod tests {
     use crate::frames::{Attitude, Field, Level};
     use crate::time::WrappingMillis;
 
-    fn circle(number: usize) -> Vec<Sample> {
+    fn circle_samples(number: usize) -> Vec<Sample> {
         (0..number)
             .map(|i| {
                 let field = Field::<Level>::earth_field(50.0, 1.0, TAU * i as f32 / number as f32);
@@ -141,8 +141,8 @@ mod tests {
             .collect()
     }
 
-    fn chosen(left: usize, right: usize, level: usize) -> Result<Method, SolveError> {
-        let (left, right, level) = (circle(left), circle(right), circle(level));
+    fn selected_method(left: usize, right: usize, level: usize) -> Result<Method, SolveError> {
+        let (left, right, level) = (circle_samples(left), circle_samples(right), circle_samples(level));
         let samples = Parts { left: &left, right: &right, level: &level, ..Parts::default() }.samples();
         select_method(samples, Procedure::Turns)
     }
@@ -164,7 +164,7 @@ mod tests {
             (0, 0, 0, missing(Side::Left, 0)),
             (3, 0, 0, missing(Side::Left, 3)),
         ] {
-            assert_eq!(chosen(left, right, level), expected, "{left} {right} {level}");
+            assert_eq!(selected_method(left, right, level), expected, "{left} {right} {level}");
         }
     }
 
@@ -182,8 +182,8 @@ mod tests {
 
     #[test]
     fn small_parts_and_redundant_level_flight_are_omitted() {
-        let parts = [0, 11, 12].map(circle);
-        let marks = [HeadingMark { sample: circle(1)[0], heading_rad: 0.0 }];
+        let parts = [0, 11, 12].map(circle_samples);
+        let marks = [HeadingMark { sample: circle_samples(1)[0], heading_rad: 0.0 }];
         let selected = |left: usize, right: usize, level: usize, procedure| {
             let [left, right, level] = [left, right, level].map(|part| &parts[part][..]);
             let all = Parts { left, right, level, free: &parts[1], marks: &marks }.samples();

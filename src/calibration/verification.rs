@@ -63,7 +63,7 @@ mod tests {
 
     const HALF: f32 = core::f32::consts::FRAC_1_SQRT_2;
 
-    fn samples(norm_scales: f32, dip_scales: f32) -> Vec<Sample> {
+    fn samples_with_deviations(norm_scales: f32, dip_scales: f32) -> Vec<Sample> {
         (0..16_u8)
             .map(|i| {
                 let (norm, inclination_sign) =
@@ -83,7 +83,7 @@ mod tests {
             .collect()
     }
 
-    fn scores(samples: &[Sample], knows_attitude: bool) -> HeldBackScores {
+    fn scores_of(samples: &[Sample], knows_attitude: bool) -> HeldBackScores {
         let none = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
         // The scale of `W` must not change the score.
         let doubled = Calibration { w: none.w.map(|row| row.map(|w| 2.0 * w)), ..none };
@@ -99,7 +99,7 @@ mod tests {
         for (norm, inclination_scale, expected) in
             [(0.0, 0.0, 0.0), (1.0, 0.0, HALF), (0.0, 1.0, HALF), (1.0, 1.0, 1.0), (3.0, 4.0, 5.0 * HALF)]
         {
-            let found = scores(&samples(norm, inclination_scale), true).candidate_score;
+            let found = scores_of(&samples_with_deviations(norm, inclination_scale), true).candidate_score;
             assert!((found - expected).abs() < 2e-3, "{norm} {inclination_scale}: {found}");
         }
     }
@@ -107,14 +107,14 @@ mod tests {
     #[test]
     fn without_attitude_only_the_total_field_counts() {
         for (norm, inclination_scale, expected) in [(0.0, 3.0, 0.0), (1.0, 0.0, HALF), (1.0, 3.0, HALF)] {
-            let found = scores(&samples(norm, inclination_scale), false).candidate_score;
+            let found = scores_of(&samples_with_deviations(norm, inclination_scale), false).candidate_score;
             assert!((found - expected).abs() < 2e-3, "{norm} {inclination_scale}: {found}");
         }
     }
 
     #[test]
     fn each_calibration_has_its_own_score() {
-        let clean = samples(0.0, 0.0);
+        let clean = samples_with_deviations(0.0, 0.0);
         let held_back = Parts { right: &clean, ..Parts::default() }.samples();
         let none = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
         let shifted = Calibration { b_ut: [3.0, 0.0, 0.0], ..none };
@@ -130,7 +130,7 @@ mod tests {
     #[test]
     fn without_held_back_samples_both_scores_are_nan() {
         let none = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
-        let marks = [HeadingMark { sample: samples(0.0, 0.0)[0], heading_rad: 0.0 }; 4];
+        let marks = [HeadingMark { sample: samples_with_deviations(0.0, 0.0)[0], heading_rad: 0.0 }; 4];
         for nothing in [Samples::default(), Parts { marks: &marks, ..Parts::default() }.samples()] {
             let scores = score_held_back(nothing, true, &none, &none);
             assert!(scores.candidate_score.is_nan() && scores.active_score.is_nan(), "{scores:?}");
@@ -139,7 +139,7 @@ mod tests {
 
     #[test]
     fn a_banked_aircraft_measures_the_same_inclination() {
-        let leaning: Vec<Sample> = samples(0.0, 0.0)
+        let leaning: Vec<Sample> = samples_with_deviations(0.0, 0.0)
             .into_iter()
             .zip((0..).map(|i: u8| Attitude::from_deg(f32::from(i) * 4.0 - 30.0, f32::from(i % 3) * 5.0)))
             .map(|(s, attitude)| Sample {
@@ -148,6 +148,6 @@ mod tests {
                 ..s
             })
             .collect();
-        assert!(scores(&leaning, true).candidate_score < 1e-2);
+        assert!(scores_of(&leaning, true).candidate_score < 1e-2);
     }
 }

@@ -77,12 +77,12 @@ mod tests {
     use super::super::test_samples::test_sample;
     use super::*;
 
-    fn at(ms: u32) -> WrappingMillis {
+    fn millis(ms: u32) -> WrappingMillis {
         WrappingMillis::new(ms)
     }
 
     /// Samples every 100 ms from 1000 ms, with this x field and an attitude that follows it.
-    fn recent(fields_ut: impl IntoIterator<Item = f32>) -> RecentSamples {
+    fn samples_with_fields(fields_ut: impl IntoIterator<Item = f32>) -> RecentSamples {
         let mut recent = RecentSamples::new();
         for (i, x) in fields_ut.into_iter().enumerate() {
             let attitude = Attitude::from_deg(1.0 + x / 10.0, -2.0 - x / 10.0);
@@ -94,8 +94,8 @@ mod tests {
 
     #[test]
     fn a_vehicle_at_rest_is_averaged() {
-        let rest = recent((0_u8..20).map(|i| 20.0 + f32::from(i % 2) * 0.4));
-        let mean = rest.mean_at_rest(at(3000)).unwrap();
+        let rest = samples_with_fields((0_u8..20).map(|i| 20.0 + f32::from(i % 2) * 0.4));
+        let mean = rest.mean_at_rest(millis(3000)).unwrap();
         assert!((mean.field.ut - Vector3::new(20.2, 5.0, 40.0)).norm() < 1e-4, "{mean:?}");
         assert!((mean.attitude.roll_rad.to_degrees() - 3.02).abs() < 1e-4, "{mean:?}");
         assert!((mean.attitude.pitch_rad.to_degrees() + 4.02).abs() < 1e-4, "{mean:?}");
@@ -104,47 +104,51 @@ mod tests {
             // One step: samples and mean are each rounded by half a step.
             assert!((mean_rad_s - expected_rad_s).abs() <= 1.0 / 1024.0, "{rates:?}");
         }
-        assert_eq!(mean.time, at(2200), "the oldest of the last eight");
+        assert_eq!(mean.time, millis(2200), "the oldest of the last eight");
     }
 
     #[test]
     fn a_turning_vehicle_or_old_samples_have_no_mean() {
-        let turning = recent((0_u8..20).map(|i| 20.0 + f32::from(i) * 0.3));
-        assert_eq!(turning.mean_at_rest(at(3000)), None, "3 uT a second");
-        assert_eq!(recent([20.0; 20]).mean_at_rest(at(30_000)), None, "27 s later");
+        let turning = samples_with_fields((0_u8..20).map(|i| 20.0 + f32::from(i) * 0.3));
+        assert_eq!(turning.mean_at_rest(millis(3000)), None, "3 uT a second");
+        assert_eq!(samples_with_fields([20.0; 20]).mean_at_rest(millis(30_000)), None, "27 s later");
     }
 
     #[test]
     fn a_mean_at_rest_needs_eight_samples() {
-        assert_eq!(recent([20.0; 7]).mean_at_rest(at(1700)), None);
-        assert!(recent([20.0; 8]).mean_at_rest(at(1800)).is_some());
-        assert_eq!(RecentSamples::new().mean_at_rest(at(0)), None);
+        assert_eq!(samples_with_fields([20.0; 7]).mean_at_rest(millis(1700)), None);
+        assert!(samples_with_fields([20.0; 8]).mean_at_rest(millis(1800)).is_some());
+        assert_eq!(RecentSamples::new().mean_at_rest(millis(0)), None);
         // Seven samples of zero field pass the deviation test; only their number rejects them.
         let mut seven = RecentSamples::new();
         (0..7).for_each(|i| seven.push_sample(test_sample([0.0; 3], 1000 + i * 100)));
-        assert_eq!(seven.mean_at_rest(at(1700)), None);
+        assert_eq!(seven.mean_at_rest(millis(1700)), None);
     }
 
     #[test]
     fn samples_are_old_after_two_seconds() {
-        assert!(recent([20.0; 8]).mean_at_rest(at(3000)).is_some());
-        assert_eq!(recent([20.0; 8]).mean_at_rest(at(3001)), None);
+        assert!(samples_with_fields([20.0; 8]).mean_at_rest(millis(3000)).is_some());
+        assert_eq!(samples_with_fields([20.0; 8]).mean_at_rest(millis(3001)), None);
     }
 
     #[test]
     fn samples_at_rest_are_within_0_7_ut_of_their_mean() {
-        let swaying = |ut: f32| recent([20.0 + ut, 20.0 - ut].repeat(4)).mean_at_rest(at(1800)).is_some();
+        let swaying =
+            |ut: f32| samples_with_fields([20.0 + ut, 20.0 - ut].repeat(4)).mean_at_rest(millis(1800)).is_some();
         assert!(swaying(0.69) && swaying(-0.69));
         assert!(!swaying(0.71) && !swaying(-0.71));
         // A single outlier: 0.81 uT from the others is 0.81 * 7 / 8 = 0.71 from the mean.
-        let jolt =
-            |ut: f32| recent([20.0, 20.0, 20.0, 20.0 + ut, 20.0, 20.0, 20.0, 20.0]).mean_at_rest(at(1800)).is_some();
+        let jolt = |ut: f32| {
+            samples_with_fields([20.0, 20.0, 20.0, 20.0 + ut, 20.0, 20.0, 20.0, 20.0])
+                .mean_at_rest(millis(1800))
+                .is_some()
+        };
         assert!(jolt(0.79) && !jolt(0.81));
     }
 
     #[test]
     fn the_mean_at_rest_uses_the_last_eight_samples() {
-        let stopped = recent([50.0; 5].into_iter().chain([20.0; 8]));
-        assert_eq!(stopped.mean_at_rest(at(2200)).map(|mean| mean.field.ut.x), Some(20.0));
+        let stopped = samples_with_fields([50.0; 5].into_iter().chain([20.0; 8]));
+        assert_eq!(stopped.mean_at_rest(millis(2200)).map(|mean| mean.field.ut.x), Some(20.0));
     }
 }

@@ -141,7 +141,7 @@ mod tests {
         assert!((sample.attitude.roll_rad.to_degrees().abs() - 180.0).abs() < 1e-3, "{sample:?}");
     }
 
-    fn samples(instants_us: impl IntoIterator<Item = u64>) -> Vec<Sample> {
+    fn averaged_samples(instants_us: impl IntoIterator<Item = u64>) -> Vec<Sample> {
         let mut averager = averager();
         let field = Field::from_ut(1.0, 0.0, 0.0);
         let mut push = |us| averager.push_reading(Timestamp::from_us(us), field, Attitude::default(), None);
@@ -151,16 +151,17 @@ mod tests {
     #[test]
     fn a_gap_or_a_backward_clock_step_starts_a_new_run() {
         let broken = [0, 12_500, 25_000, 37_500, 200_000, 100_000];
-        assert!(samples(broken).is_empty());
-        let later = samples(broken.into_iter().chain((1..=7).map(|i| 100_000 + i * PERIOD_US)));
+        assert!(averaged_samples(broken).is_empty());
+        let later = averaged_samples(broken.into_iter().chain((1..=7).map(|i| 100_000 + i * PERIOD_US)));
         assert_eq!(later.len(), 1, "the run starts at the reading after the last gap");
         assert_eq!(later[0].time, WrappingMillis::new(143));
     }
 
     #[test]
     fn a_gap_of_up_to_40_ms_is_averaged_over() {
-        let with_step =
-            |step_us: u64| samples((0..8).map(|i| i * PERIOD_US + if i > 3 { step_us - PERIOD_US } else { 0 }));
+        let with_step = |step_us: u64| {
+            averaged_samples((0..8).map(|i| i * PERIOD_US + if i > 3 { step_us - PERIOD_US } else { 0 }))
+        };
         assert_eq!(with_step(40_000).len(), 1);
         assert!(with_step(40_001).is_empty());
     }

@@ -49,7 +49,7 @@ mod tests {
     use crate::settings::{HeadingKind, Settings};
     use crate::time::Timestamp;
 
-    fn text(estimate: &Estimate, settings: &Settings) -> String {
+    fn sentences_text(estimate: &Estimate, settings: &Settings) -> String {
         let mut out = TransmitBuffer::new();
         Nmea::new().poll(&test_snapshot(estimate, settings), &mut out);
         assert_eq!(out.message_count, u32::from(!out.pending_bytes().is_empty()));
@@ -68,24 +68,25 @@ mod tests {
     fn a_heading_is_sent_in_four_sentences() {
         let estimate = Estimate { heading: Ok(RAW), ..Estimate::EMPTY };
         let settings = Settings { declination_deg: Some(-3.5), ..Settings::DEFAULT };
-        let lines: Vec<String> = text(&estimate, &settings).split_inclusive("\r\n").map(str::to_owned).collect();
+        let lines: Vec<String> =
+            sentences_text(&estimate, &settings).split_inclusive("\r\n").map(str::to_owned).collect();
         assert!(lines[0].starts_with("$HCHDM,101.1,M*"), "{lines:?}");
         assert!(lines[1].starts_with("$HCHDG,101.1,,,3.5,W*"), "{lines:?}");
         assert!(lines[2].starts_with("$HCHDT,097.6,T*"), "{lines:?}");
         assert!(lines[3].starts_with("$PASWH,101.1,0.6,ok,raw*"), "{lines:?}");
         assert_eq!(lines.len(), 4);
-        let text = text(&estimate, &Settings::DEFAULT);
+        let text = sentences_text(&estimate, &Settings::DEFAULT);
         assert!(!text.contains("HCHDT") && text.lines().count() == 3, "{text}");
     }
 
     #[test]
     fn an_empty_heading_is_sent_with_its_reason() {
         let estimate = Estimate { heading: Err(NoHeading::SensorSaturated), ..Estimate::EMPTY };
-        let text = text(&estimate, &Settings::DEFAULT);
+        let text = sentences_text(&estimate, &Settings::DEFAULT);
         assert!(text.starts_with("$HCHDM,,M*07\r\n$HCHDG,,,,,*"), "{text}");
         assert!(text.contains("$PASWH,,,sensor-saturated,*"), "{text}");
         let settings = Settings { declination_deg: Some(1.0), ..Settings::DEFAULT };
-        assert!(self::text(&estimate, &settings).contains("$HCHDT,,T*"));
+        assert!(sentences_text(&estimate, &settings).contains("$HCHDT,,T*"));
     }
 
     /// Longest heading, variation, sigma, code and kind.
@@ -97,7 +98,7 @@ mod tests {
             Estimate { smoothed_heading: Some(unsure), ..Estimate::EMPTY },
             Estimate { heading: Err(NoHeading::SensorSaturated), ..Estimate::EMPTY },
         ] {
-            assert_eq!(text(&estimate, &settings).matches("\r\n").count(), 4, "{estimate:?}");
+            assert_eq!(sentences_text(&estimate, &settings).matches("\r\n").count(), 4, "{estimate:?}");
         }
     }
 
@@ -112,7 +113,7 @@ mod tests {
             (only_raw, HeadingKind::Smooth, "101.1", "0.6,ok,raw*"),
             (only_raw, HeadingKind::Raw, "101.1", "0.6,ok,raw*"),
         ] {
-            let text = text(&estimate, &Settings { stream_heading, ..Settings::DEFAULT });
+            let text = sentences_text(&estimate, &Settings { stream_heading, ..Settings::DEFAULT });
             for sentence in ["$HCHDM", "$HCHDG", "$PASWH"] {
                 assert!(text.contains(&format!("{sentence},{degrees},")), "{text}");
             }

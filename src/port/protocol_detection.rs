@@ -151,18 +151,18 @@ mod tests {
         [&b"$X>"[..], &checked, &[crc]].concat()
     }
 
-    const fn at(ms: u64) -> Timestamp {
+    const fn timestamp_ms(ms: u64) -> Timestamp {
         Timestamp::from_us(ms * 1000)
     }
 
-    fn receive(port: &mut Port, ms: u64, bytes: &[u8]) {
+    fn receive_bytes(port: &mut Port, ms: u64, bytes: &[u8]) {
         for &byte in bytes {
-            let _ = port.process_byte(at(ms), byte);
+            let _ = port.process_byte(timestamp_ms(ms), byte);
         }
     }
 
     fn sent_bytes(port: &mut Port, ms: u64) -> Vec<u8> {
-        let estimate = Estimate { timestamp: at(ms), ..Estimate::EMPTY };
+        let estimate = Estimate { timestamp: timestamp_ms(ms), ..Estimate::EMPTY };
         port.poll(&test_snapshot(&estimate, &Settings::DEFAULT));
         let bytes = port.pending_output.pending_bytes().to_vec();
         port.pending_output.consume_bytes(usize::MAX);
@@ -174,16 +174,16 @@ mod tests {
         for (frame, protocol) in
             [(heartbeat_frame(), ProtocolKind::Mavlink), (variant_frame(*b"ARDU"), ProtocolKind::Msp)]
         {
-            let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, at(0));
-            assert_eq!(port.active_protocol(at(0)), ProtocolKind::Auto);
-            receive(&mut port, 5, &frame[..frame.len() - 1]);
-            assert_eq!(port.active_protocol(at(5)), ProtocolKind::Auto, "half a frame is none");
-            receive(&mut port, 6, &frame[frame.len() - 1..]);
-            assert_eq!(port.active_protocol(at(6)), protocol);
-            assert_eq!(port.active_protocol(at(10_006)), protocol);
-            assert_eq!(port.active_protocol(at(10_007)), ProtocolKind::Auto);
-            receive(&mut port, 20_000, &frame);
-            assert_eq!(port.active_protocol(at(20_000)), protocol);
+            let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, timestamp_ms(0));
+            assert_eq!(port.active_protocol(timestamp_ms(0)), ProtocolKind::Auto);
+            receive_bytes(&mut port, 5, &frame[..frame.len() - 1]);
+            assert_eq!(port.active_protocol(timestamp_ms(5)), ProtocolKind::Auto, "half a frame is none");
+            receive_bytes(&mut port, 6, &frame[frame.len() - 1..]);
+            assert_eq!(port.active_protocol(timestamp_ms(6)), protocol);
+            assert_eq!(port.active_protocol(timestamp_ms(10_006)), protocol);
+            assert_eq!(port.active_protocol(timestamp_ms(10_007)), ProtocolKind::Auto);
+            receive_bytes(&mut port, 20_000, &frame);
+            assert_eq!(port.active_protocol(timestamp_ms(20_000)), protocol);
         }
     }
 
@@ -191,76 +191,76 @@ mod tests {
     #[test]
     fn a_detected_protocol_is_kept_while_it_is_received() {
         let (mavlink, msp) = (heartbeat_frame(), variant_frame(*b"INAV"));
-        let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, at(0));
-        receive(&mut port, 0, &mavlink);
+        let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, timestamp_ms(0));
+        receive_bytes(&mut port, 0, &mavlink);
         for ms in (0..20_000).step_by(1000) {
-            receive(&mut port, ms, &mavlink);
-            receive(&mut port, ms + 1, &msp);
-            assert_eq!(port.active_protocol(at(ms + 1)), ProtocolKind::Mavlink);
+            receive_bytes(&mut port, ms, &mavlink);
+            receive_bytes(&mut port, ms + 1, &msp);
+            assert_eq!(port.active_protocol(timestamp_ms(ms + 1)), ProtocolKind::Mavlink);
         }
         for ms in (20_000..30_001).step_by(1000) {
-            receive(&mut port, ms, &msp);
+            receive_bytes(&mut port, ms, &msp);
         }
-        assert_eq!(port.active_protocol(at(30_001)), ProtocolKind::Msp);
+        assert_eq!(port.active_protocol(timestamp_ms(30_001)), ProtocolKind::Msp);
     }
 
     /// The protocol detected before the restart is used at once and expires after ten seconds of silence; the first
     /// frame of either protocol replaces it.
     #[test]
     fn detection_begins_with_the_protocol_before_the_restart() {
-        let port_with_previous = || Port::new(ProtocolKind::Auto, ProtocolKind::Mavlink, at(100));
+        let port_with_previous = || Port::new(ProtocolKind::Auto, ProtocolKind::Mavlink, timestamp_ms(100));
         let mut port = port_with_previous();
         assert!(!sent_bytes(&mut port, 100).starts_with(b"$X<"), "no MSP to one that speaks MAVLink");
-        assert_eq!(port.active_protocol(at(10_100)), ProtocolKind::Mavlink);
-        assert_eq!(port.active_protocol(at(10_101)), ProtocolKind::Auto);
+        assert_eq!(port.active_protocol(timestamp_ms(10_100)), ProtocolKind::Mavlink);
+        assert_eq!(port.active_protocol(timestamp_ms(10_101)), ProtocolKind::Auto);
         assert!(sent_bytes(&mut port, 10_101).starts_with(b"$X<"));
         for (frame, protocol) in
             [(heartbeat_frame(), ProtocolKind::Mavlink), (variant_frame(*b"INAV"), ProtocolKind::Msp)]
         {
             let mut port = port_with_previous();
-            receive(&mut port, 4000, &frame);
-            assert_eq!(port.active_protocol(at(4000)), protocol);
+            receive_bytes(&mut port, 4000, &frame);
+            assert_eq!(port.active_protocol(timestamp_ms(4000)), protocol);
             assert_eq!(
-                (port.active_protocol(at(14_000)), port.active_protocol(at(14_001))),
+                (port.active_protocol(timestamp_ms(14_000)), port.active_protocol(timestamp_ms(14_001))),
                 (protocol, ProtocolKind::Auto)
             );
         }
         // After the first frame another protocol changes nothing.
         let mut port = port_with_previous();
-        receive(&mut port, 4000, &heartbeat_frame());
-        receive(&mut port, 4001, &variant_frame(*b"INAV"));
-        assert_eq!(port.active_protocol(at(4001)), ProtocolKind::Mavlink);
-        let port = Port::new(ProtocolKind::Nmea, ProtocolKind::Mavlink, at(0));
-        assert_eq!(port.active_protocol(at(1)), ProtocolKind::Nmea);
+        receive_bytes(&mut port, 4000, &heartbeat_frame());
+        receive_bytes(&mut port, 4001, &variant_frame(*b"INAV"));
+        assert_eq!(port.active_protocol(timestamp_ms(4001)), ProtocolKind::Mavlink);
+        let port = Port::new(ProtocolKind::Nmea, ProtocolKind::Mavlink, timestamp_ms(0));
+        assert_eq!(port.active_protocol(timestamp_ms(1)), ProtocolKind::Nmea);
     }
 
     /// The requests end with the first MAVLink frame.
     #[test]
     fn detection_sends_msp_requests() {
-        let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, at(0));
+        let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, timestamp_ms(0));
         assert!(sent_bytes(&mut port, 0).starts_with(b"$X<"));
-        receive(&mut port, 1, &heartbeat_frame());
+        receive_bytes(&mut port, 1, &heartbeat_frame());
         assert!((1..2_000).step_by(12).all(|ms| !sent_bytes(&mut port, ms).starts_with(b"$X<")));
     }
 
     #[test]
     fn a_configured_protocol_is_never_replaced() {
         for protocol in [ProtocolKind::Mavlink, ProtocolKind::Msp, ProtocolKind::Nmea] {
-            let mut port = Port::new(protocol, ProtocolKind::Auto, at(0));
-            receive(&mut port, 0, &heartbeat_frame());
-            receive(&mut port, 1, &variant_frame(*b"ARDU"));
-            assert_eq!(port.active_protocol(at(2)), protocol);
+            let mut port = Port::new(protocol, ProtocolKind::Auto, timestamp_ms(0));
+            receive_bytes(&mut port, 0, &heartbeat_frame());
+            receive_bytes(&mut port, 1, &variant_frame(*b"ARDU"));
+            assert_eq!(port.active_protocol(timestamp_ms(2)), protocol);
             port.set_protocol(ProtocolKind::Auto);
-            assert_eq!(port.active_protocol(at(2)) == ProtocolKind::Msp, protocol == ProtocolKind::Msp);
+            assert_eq!(port.active_protocol(timestamp_ms(2)) == ProtocolKind::Msp, protocol == ProtocolKind::Msp);
         }
     }
 
     #[test]
     fn sentences_and_attitude_share_a_line() {
-        let mut port = Port::new(ProtocolKind::Nmea, ProtocolKind::Auto, at(0));
+        let mut port = Port::new(ProtocolKind::Nmea, ProtocolKind::Auto, timestamp_ms(0));
         assert!(sent_bytes(&mut port, 0).starts_with(b"$HCHDM"));
         let frame = mavlink_frame(&ATTITUDE_DATA { roll: 0.1, ..ATTITUDE_DATA::default() });
-        let message = frame.iter().find_map(|&byte| port.process_byte(at(1), byte));
+        let message = frame.iter().find_map(|&byte| port.process_byte(timestamp_ms(1), byte));
         assert!(
             matches!(message, Some(ReceivedMessage::Attitude(report)) if report.sender != SenderId::default()),
             "{message:?}"

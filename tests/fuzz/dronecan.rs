@@ -20,7 +20,7 @@ fn frames_of_transfer(id: u32, data_type: DataType, transfer_id: u8, payload: &[
     let checked = if payload.len() <= 7 {
         payload.to_vec()
     } else {
-        [&crc(&[&data_type.signature.to_le_bytes(), payload].concat()).to_le_bytes(), payload].concat()
+        [&payload_crc(&[&data_type.signature.to_le_bytes(), payload].concat()).to_le_bytes(), payload].concat()
     };
     let count = checked.len().div_ceil(7).max(1);
     (0..count)
@@ -35,7 +35,7 @@ fn frames_of_transfer(id: u32, data_type: DataType, transfer_id: u8, payload: &[
 }
 
 /// CRC-16-CCITT, computed bit by bit, independent of the library.
-fn crc(bytes: &[u8]) -> u16 {
+fn payload_crc(bytes: &[u8]) -> u16 {
     bytes.iter().fold(0xFFFF, |crc, byte| {
         (0..8).fold(
             crc ^ u16::from(*byte) << 8,

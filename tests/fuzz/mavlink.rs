@@ -23,7 +23,7 @@ const MESSAGE_SPECS: [(u8, u8, usize); 9] = [
 /// Longest frame: version 2, signed, with the longest payload.
 const MAX_FRAME_LENGTH: usize = 10 + 54 + 2 + 13;
 
-fn crc(bytes: impl IntoIterator<Item = u8>) -> [u8; 2] {
+fn frame_crc(bytes: impl IntoIterator<Item = u8>) -> [u8; 2] {
     let mut crc = 0xFFFF_u16;
     for byte in bytes {
         crc ^= u16::from(byte);
@@ -50,7 +50,7 @@ fn frame_with_crc(
     };
     frame.extend_from_slice(payload);
     let extra = MESSAGE_SPECS.iter().find(|message| message.0 == id).map_or(0, |message| message.1);
-    let crc = crc(frame[1..].iter().copied().chain([extra]));
+    let crc = frame_crc(frame[1..].iter().copied().chain([extra]));
     frame.extend(crc);
     if is_v2 && is_signed {
         frame.extend([0xFD; 13]);
@@ -106,7 +106,7 @@ pub fn intact_frames(bytes: &[u8]) -> Vec<IntactFrame> {
         let Some(&(_, extra, longest)) = MESSAGE_SPECS.iter().find(|message| message.0 == id) else { continue };
         let Some(frame) = from_start.get(..header + length + 2 + signature) else { continue };
         if length > longest
-            || crc(frame[1..header + length].iter().copied().chain([extra]))[..] != frame[header + length..][..2]
+            || frame_crc(frame[1..header + length].iter().copied().chain([extra]))[..] != frame[header + length..][..2]
         {
             continue;
         }

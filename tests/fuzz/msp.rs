@@ -18,7 +18,7 @@ const RTC: u16 = 247;
 /// Longest accepted frame, with 64 bytes of payload.
 const MAX_FRAME_LENGTH: usize = 8 + 64 + 1;
 
-fn crc(bytes: &[u8]) -> u8 {
+fn frame_crc(bytes: &[u8]) -> u8 {
     bytes.iter().fold(0, |crc, byte| {
         (0..8).fold(crc ^ byte, |crc: u8, _| if crc & 0x80 == 0 { crc << 1 } else { crc << 1 ^ 0xD5 })
     })
@@ -29,7 +29,7 @@ fn frame_with_crc(direction: u8, function: u16, claims: u16, payload: &[u8]) -> 
     let [f0, f1] = function.to_le_bytes();
     let [n0, n1] = claims.to_le_bytes();
     let checked = [&[0, f0, f1, n0, n1], payload].concat();
-    [&[b'$', b'X', direction], &checked[..], &[crc(&checked)]].concat()
+    [&[b'$', b'X', direction], &checked[..], &[frame_crc(&checked)]].concat()
 }
 
 /// Frame of any function, mostly requested ones with plausible payloads.
@@ -85,7 +85,7 @@ pub fn intact_frames(bytes: &[u8]) -> Vec<IntactFrame<'_>> {
         let &[b'$', b'X', direction @ (b'>' | b'!'), _, f0, f1, n0, n1, ..] = &bytes[start..] else { continue };
         let frame_end = start + 8 + usize::from(u16::from_le_bytes([n0, n1])) + 1;
         let Some(&[_, _, _, ref checked @ .., last]) = bytes.get(start..frame_end) else { continue };
-        if crc(checked) == last {
+        if frame_crc(checked) == last {
             let function = u16::from_le_bytes([f0, f1]);
             intact_frames.push(IntactFrame {
                 end: frame_end,

@@ -124,7 +124,7 @@ fn arbitrary_flash_contents_load_valid_values_and_allow_saves() {
 }
 
 /// CRC-32 (ISO-HDLC).
-fn crc(bytes: &[u8]) -> u32 {
+fn item_crc(bytes: &[u8]) -> u32 {
     !bytes
         .iter()
         .fold(!0, |crc, byte| (0..8).fold(crc ^ u32::from(*byte), |crc: u32, _| (crc >> 1) ^ (0xEDB8_8320 * (crc & 1))))
@@ -149,7 +149,7 @@ fn the_store_handles_any_fields() {
             let mut encoded_item = vec![1];
             encoded_item.extend((fields.len() as u16).to_le_bytes());
             encoded_item.extend(fields);
-            encoded_item.extend(crc(&encoded_item).to_le_bytes());
+            encoded_item.extend(item_crc(&encoded_item).to_le_bytes());
             replace_bytes(&mut flash, page * PAGE, &encoded_item);
         }
         let LoadedValues { stored_values: StoredValues { settings, stored_calibrations: generations, .. }, .. } =

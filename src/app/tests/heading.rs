@@ -14,12 +14,15 @@ use crate::instrument::{Correction, Estimate};
 use crate::reading::Reading;
 use crate::time::{Timestamp, WrappingMillis};
 
-fn calibration() -> Calibration {
+fn test_calibration() -> Calibration {
     Calibration { inclination_rad: 1.0, total_ut: 50.0, ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) }
 }
 
-fn correction() -> Correction {
-    Correction { calibration: Some((calibration(), HeadingUncertainty::NO_UNCERTAINTY)), ..Correction::UNCALIBRATED }
+fn test_correction() -> Correction {
+    Correction {
+        calibration: Some((test_calibration(), HeadingUncertainty::NO_UNCERTAINTY)),
+        ..Correction::UNCALIBRATED
+    }
 }
 
 fn bench_with_instrument() -> TaskBench {
@@ -60,7 +63,7 @@ fn readings_become_estimates_and_a_correction_applies_one_reading_later() {
     bench.run_for_ms(1);
     assert_eq!(latest_estimate(&bench).heading, Err(NoHeading::Uncalibrated));
     assert_eq!(latest_estimate(&bench).timestamp, Timestamp::from_us(20_000));
-    publish_value(&bench.links.correction, correction());
+    publish_value(&bench.links.correction, test_correction());
     bench.run_for_ms(10);
     assert_eq!(latest_estimate(&bench).heading, Err(NoHeading::Uncalibrated), "of the reading before");
     // Applying the correction first would delay this heading.

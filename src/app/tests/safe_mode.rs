@@ -9,7 +9,7 @@ use testkit::flash::SilentFault;
 
 use super::TaskBench;
 use super::devices::{DeviceBehaviour, FakeTransmitter};
-use super::thread_tasks::{Flash, PAGES, bench_with_compass, execute_command, store};
+use super::thread_tasks::{Flash, PAGES, bench_with_compass, execute_command, test_store};
 use crate::app::can::{self, ReceiveFrame, SendFrame, UpdateHandOver};
 use crate::app::watchdog::MAX_FEED_INTERVAL_US;
 use crate::app::{Watchdog, safe_mode};
@@ -38,7 +38,7 @@ fn bench_in_safe_mode(flash: Flash) -> (TaskBench, [FakeTransmitter; 2], FeedTim
     let (ports, timer) = (<[FakeTransmitter; 2]>::default(), FeedTimer::default());
     let (lines, watchdog) = (ports.clone(), timer.clone());
     bench.spawn_task("safe mode", |links| async move {
-        Box::pin(safe_mode::run_safe_mode(&links, store(flash), lines, watchdog)).await;
+        Box::pin(safe_mode::run_safe_mode(&links, test_store(flash), lines, watchdog)).await;
     });
     bench.run_for_ms(1);
     (bench, ports, timer)

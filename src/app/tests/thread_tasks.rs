@@ -29,14 +29,14 @@ use crate::time::WrappingMillis;
 pub(super) type Flash = RamFlash<2048>;
 pub(super) const PAGES: usize = 8;
 
-pub(super) fn store(flash: Flash) -> Store<Flash> {
+pub(super) fn test_store(flash: Flash) -> Store<Flash> {
     Store::new(flash, 0..(2048 * PAGES) as u32)
 }
 
 pub(super) fn bench_with_compass(flash: Flash) -> TaskBench {
     let mut bench = TaskBench::new();
     bench.spawn_task("compass", |links| async move {
-        Box::pin(compass::run_compass(&links, store(flash), &mut RetainedSamples::EMPTY.clone())).await;
+        Box::pin(compass::run_compass(&links, test_store(flash), &mut RetainedSamples::EMPTY.clone())).await;
     });
     bench.run_for_ms(1);
     bench

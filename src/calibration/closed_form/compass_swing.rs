@@ -96,17 +96,17 @@ mod tests {
 
     const B_UT: Vector3<f32> = Vector3::new(12.0, -30.0, 8.0);
 
-    fn a() -> Matrix3<f32> {
+    fn soft_iron() -> Matrix3<f32> {
         Matrix3::new(1.1, 0.05, -0.02, -0.03, 0.9, 0.04, 0.02, 0.06, 1.05)
     }
 
-    fn marks(inclination_deg: f32, tilt_deg: f32) -> Vec<HeadingMark> {
+    fn test_marks(inclination_deg: f32, tilt_deg: f32) -> Vec<HeadingMark> {
         let mark = |i: u8| {
             let heading_rad = f32::from(i) / 12.0 * TAU;
             let (roll, pitch) = [(1.0, 0.3), (-1.0, -0.2), (0.2, 1.0), (-0.3, -1.0)][usize::from(i % 4)];
             let attitude = Attitude::from_deg(tilt_deg * roll, tilt_deg * pitch);
             let level = Field::<Level>::earth_field(50.0, inclination_deg.to_radians(), heading_rad);
-            let field = Field::new(a() * attitude.to_body_frame(level).ut + B_UT);
+            let field = Field::new(soft_iron() * attitude.to_body_frame(level).ut + B_UT);
             HeadingMark {
                 sample: Sample {
                     field,
@@ -125,14 +125,18 @@ mod tests {
     /// Tolerances allow for the bias by the ridge regularisation.
     fn assert_found(found: &SensorResponse, inclination_deg: f32) {
         let h0_ut = 50.0 * inclination_deg.to_radians().cos();
-        assert!((found.response_ut / h0_ut - a()).norm() < 0.02, "{inclination_deg}: {}", found.response_ut / h0_ut);
+        assert!(
+            (found.response_ut / h0_ut - soft_iron()).norm() < 0.02,
+            "{inclination_deg}: {}",
+            found.response_ut / h0_ut
+        );
         assert!((found.hard_iron_ut - B_UT).norm() < 1.0, "{inclination_deg}: {}", found.hard_iron_ut);
     }
 
     #[test]
     fn candidate_inclinations_are_found_and_a_configured_one_is_used() {
         for inclination_deg in INCLINATIONS_DEG {
-            let marks = marks(inclination_deg, 20.0);
+            let marks = test_marks(inclination_deg, 20.0);
             let tried = solve_compass_swing(&marks, &Matrix3::identity(), None).unwrap();
             let found_deg = tried.tan_inclination.atan().to_degrees();
             assert!((found_deg - inclination_deg).abs() < 0.01, "{inclination_deg}: {found_deg}");
@@ -140,7 +144,7 @@ mod tests {
         }
         for configured_deg in [52.5_f32, -67.0] {
             let configured = solve_compass_swing(
-                &marks(configured_deg, 20.0),
+                &test_marks(configured_deg, 20.0),
                 &Matrix3::identity(),
                 Some(configured_deg.to_radians()),
             )
@@ -153,7 +157,7 @@ mod tests {
     #[test]
     fn an_inclination_between_the_candidates_is_found_to_8_deg() {
         for inclination_deg in [-70.0_f32, -8.0, 20.0, 50.0, 66.0] {
-            let found = solve_compass_swing(&marks(inclination_deg, 20.0), &Matrix3::identity(), None).unwrap();
+            let found = solve_compass_swing(&test_marks(inclination_deg, 20.0), &Matrix3::identity(), None).unwrap();
             let error_deg = found.tan_inclination.atan().to_degrees() - inclination_deg;
             assert!(error_deg.abs() < 8.0, "{inclination_deg}: {error_deg}");
         }
@@ -161,8 +165,9 @@ mod tests {
 
     #[test]
     fn level_marks_determine_only_the_horizontal_response() {
-        let found = solve_compass_swing(&marks(60.0, 0.0), &Matrix3::identity(), Some(60.0_f32.to_radians())).unwrap();
-        let horizontal = (found.response_ut / 25.0 - a()).fixed_view::<2, 2>(0, 0).norm();
+        let found =
+            solve_compass_swing(&test_marks(60.0, 0.0), &Matrix3::identity(), Some(60.0_f32.to_radians())).unwrap();
+        let horizontal = (found.response_ut / 25.0 - soft_iron()).fixed_view::<2, 2>(0, 0).norm();
         assert!(horizontal < 1e-3, "{horizontal}");
         let vertical = found.response_ut.column(2) / 25.0 - Vector3::z();
         assert!(vertical.norm() < 0.05, "{vertical}");
@@ -171,7 +176,7 @@ mod tests {
     #[test]
     fn fields_are_rotated_first() {
         let about_z = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
-        let turned: Vec<HeadingMark> = marks(60.0, 20.0)
+        let turned: Vec<HeadingMark> = test_marks(60.0, 20.0)
             .into_iter()
             .map(|mark| {
                 let field = Field::new(about_z.transpose() * mark.sample.field.ut);
@@ -183,7 +188,7 @@ mod tests {
 
     #[test]
     fn four_marks_are_enough_and_three_are_not() {
-        let marks = marks(60.0, 0.0);
+        let marks = test_marks(60.0, 0.0);
         let spread = [marks[0], marks[3], marks[6], marks[9]];
         assert!(solve_compass_swing(&spread, &Matrix3::identity(), None).is_ok());
         let missing = SolveError::TooFewSamples { part: SamplePart::Marks, have: 3, need: 4 };
@@ -211,6 +216,6 @@ mod tests {
         assert!(solve_compass_swing(&scaled(1.1), &Matrix3::identity(), None).is_ok());
         let open = Err(SolveError::NotDetermined(SamplePart::Marks));
         assert_eq!(solve_compass_swing(&scaled(0.9), &Matrix3::identity(), None).map(|_| ()), open);
-        assert_eq!(solve_compass_swing(&[marks(60.0, 0.0)[2]; 6], &Matrix3::identity(), None).map(|_| ()), open);
+        assert_eq!(solve_compass_swing(&[test_marks(60.0, 0.0)[2]; 6], &Matrix3::identity(), None).map(|_| ()), open);
     }
 }

@@ -99,7 +99,7 @@ mod tests {
         CENTRE_UT + U_UT * phase_rad.cos() + V_UT * phase_rad.sin()
     }
 
-    fn samples(field_ut: impl Fn(f32) -> Vector3<f32>) -> Vec<Sample> {
+    fn samples_on_ellipse(field_ut: impl Fn(f32) -> Vector3<f32>) -> Vec<Sample> {
         (0..24_u8)
             .map(|i| {
                 let field = Field::new(field_ut(f32::from(i) / 24.0 * TAU));
@@ -117,7 +117,8 @@ mod tests {
 
     #[test]
     fn an_ellipse_in_space_is_found_with_its_conjugate_axes() {
-        let ellipse = Ellipse::fit_ellipse(&samples(ellipse_point), &Matrix3::identity(), Side::Left).unwrap();
+        let ellipse =
+            Ellipse::fit_ellipse(&samples_on_ellipse(ellipse_point), &Matrix3::identity(), Side::Left).unwrap();
         assert!((ellipse.centre_ut - CENTRE_UT).norm() < 1e-3, "{}", ellipse.centre_ut);
         assert!((ellipse.normal.dot(&U_UT.cross(&V_UT).normalize()).abs() - 1.0).abs() < 1e-5);
         for (direction, conjugate) in [(U_UT, V_UT), (V_UT, U_UT), (U_UT + V_UT, (V_UT - U_UT) / 2_f32.sqrt())] {
@@ -137,37 +138,38 @@ mod tests {
     #[test]
     fn fields_are_rotated_before_they_are_fitted() {
         let rotation = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
-        let ellipse = Ellipse::fit_ellipse(&samples(ellipse_point), &rotation, Side::Left).unwrap();
+        let ellipse = Ellipse::fit_ellipse(&samples_on_ellipse(ellipse_point), &rotation, Side::Left).unwrap();
         assert!((ellipse.centre_ut - Vector3::new(40.0, 100.0, 15.0)).norm() < 1e-3, "{}", ellipse.centre_ut);
     }
 
     #[test]
     fn a_hyperbola_is_rejected_with_the_side_of_its_turn() {
-        let hyperbola =
-            samples(|phase| Vector3::new((phase / 3.0 - 1.0).cosh(), 2.0 * (phase / 3.0 - 1.0).sinh(), 0.0) * 20.0);
+        let hyperbola = samples_on_ellipse(|phase| {
+            Vector3::new((phase / 3.0 - 1.0).cosh(), 2.0 * (phase / 3.0 - 1.0).sinh(), 0.0) * 20.0
+        });
         for side in [Side::Left, Side::Right] {
             let refused = Ellipse::fit_ellipse(&hyperbola, &Matrix3::identity(), side).map(|_| ());
             assert_eq!(refused, Err(SolveError::NotAnEllipse(SamplePart::Turns(side))));
         }
-        let nothing = samples(|_| Vector3::repeat(f32::NAN));
+        let nothing = samples_on_ellipse(|_| Vector3::repeat(f32::NAN));
         assert_eq!(
             Ellipse::fit_ellipse(&nothing, &Matrix3::identity(), Side::Left).map(|_| ()),
             Err(SolveError::NotFinite)
         );
     }
 
-    fn points(point: impl Fn(f32) -> [f32; 2]) -> Option<(Vector2<f32>, Matrix2<f32>)> {
+    fn fit_points(point: impl Fn(f32) -> [f32; 2]) -> Option<(Vector2<f32>, Matrix2<f32>)> {
         fit_conic((0..24_u8).map(|i| point(f32::from(i) / 24.0 * TAU).into()))
     }
 
     #[test]
     fn the_form_of_an_ellipse_is_found_wherever_it_lies() {
         for (x, y) in [(0.0, 0.0), (0.3, -0.4), (3.0, 0.0), (-2.0, 4.0)] {
-            let (centre, form) = points(|t| [x + 2.0 * t.cos(), y + t.sin()]).unwrap();
+            let (centre, form) = fit_points(|t| [x + 2.0 * t.cos(), y + t.sin()]).unwrap();
             assert!((centre - Vector2::new(x, y)).norm() < 1e-3, "{x} {y}: {centre}");
             assert!((form - Matrix2::new(0.25, 0.0, 0.0, 1.0)).norm() < 1e-3, "{x} {y}: {form}");
             // (2 cos t, cos t + sin t) is x^2 / 4 + (y - x / 2)^2 = 1.
-            let (centre, form) = points(|t| [x + 2.0 * t.cos(), y + t.cos() + t.sin()]).unwrap();
+            let (centre, form) = fit_points(|t| [x + 2.0 * t.cos(), y + t.cos() + t.sin()]).unwrap();
             assert!((centre - Vector2::new(x, y)).norm() < 1e-3, "{x} {y}: {centre}");
             assert!((form - Matrix2::new(0.5, -0.5, -0.5, 1.0)).norm() < 2e-3, "{x} {y}: {form}");
         }
@@ -176,11 +178,11 @@ mod tests {
     #[test]
     fn other_conics_are_no_ellipses() {
         let hyperbola = |t: f32| ((t / 3.0 - 1.0).cosh(), (t / 3.0 - 1.0).sinh());
-        assert!(points(|t| [hyperbola(t).0, 0.5 * hyperbola(t).1]).is_none());
-        assert!(points(|t| [0.5 * hyperbola(t).0, 2.0 * hyperbola(t).1]).is_none());
-        assert!(points(|t| [2.0 * hyperbola(t).1, 0.5 * hyperbola(t).0 - 1.0]).is_none());
-        assert!(points(|t| [t - 3.0, 2.0 * t]).is_none(), "a line");
-        assert!(points(|_| [1.0, 0.5]).is_none(), "a point");
+        assert!(fit_points(|t| [hyperbola(t).0, 0.5 * hyperbola(t).1]).is_none());
+        assert!(fit_points(|t| [0.5 * hyperbola(t).0, 2.0 * hyperbola(t).1]).is_none());
+        assert!(fit_points(|t| [2.0 * hyperbola(t).1, 0.5 * hyperbola(t).0 - 1.0]).is_none());
+        assert!(fit_points(|t| [t - 3.0, 2.0 * t]).is_none(), "a line");
+        assert!(fit_points(|_| [1.0, 0.5]).is_none(), "a point");
         assert!(fit_conic([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]].into_iter().map(Vector2::from)).is_none());
     }
 }

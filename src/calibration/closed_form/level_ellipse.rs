@@ -140,7 +140,7 @@ mod tests {
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
-    fn map_ut() -> Matrix2<f32> {
+    fn test_map_ut() -> Matrix2<f32> {
         let (sin, cos) = 0.1_f32.sin_cos();
         Matrix2::new(30.0 * cos, 30.0 * sin, 20.0 * sin, 20.0 * cos)
     }
@@ -151,7 +151,7 @@ mod tests {
             .iter()
             .map(|heading_deg| {
                 let (sin, cos) = heading_deg.to_radians().sin_cos();
-                let flat = (map_ut() * Vector2::new(cos, -sin) + Vector2::new(12.0, -30.0)) * scale;
+                let flat = (test_map_ut() * Vector2::new(cos, -sin) + Vector2::new(12.0, -30.0)) * scale;
                 let field = Field::from_ut(flat.x, flat.y, 40.0 + 3.0 * cos - 1.5 * -sin);
                 Sample {
                     field,
@@ -165,18 +165,18 @@ mod tests {
             .collect()
     }
 
-    fn evenly_spaced_deg(number: u8) -> Vec<f32> {
-        (0..number).map(|i| f32::from(i) * 360.0 / f32::from(number) + 7.0).collect()
+    fn evenly_spaced_deg(heading_count: u8) -> Vec<f32> {
+        (0..heading_count).map(|i| f32::from(i) * 360.0 / f32::from(heading_count) + 7.0).collect()
     }
 
-    fn solved(samples: &[Sample]) -> Result<SensorResponse, SolveError> {
+    fn solve_level(samples: &[Sample]) -> Result<SensorResponse, SolveError> {
         solve_level_ellipse(Parts { level: samples, ..Parts::default() }.samples(), &Matrix3::identity())
     }
 
     #[test]
     fn the_ellipse_map_is_recovered() {
-        let found = solved(&samples_at(&evenly_spaced_deg(24), 1.0)).unwrap();
-        let map = map_ut();
+        let found = solve_level(&samples_at(&evenly_spaced_deg(24), 1.0)).unwrap();
+        let map = test_map_ut();
         let vertical_ut = map.determinant().sqrt();
         let expected =
             Matrix3::new(map[(0, 0)], map[(0, 1)], 0.0, map[(1, 0)], map[(1, 1)], 0.0, 3.0, -1.5, vertical_ut);
@@ -200,18 +200,18 @@ mod tests {
 
     #[test]
     fn eight_samples_are_enough_and_seven_are_not() {
-        assert!(solved(&samples_at(&evenly_spaced_deg(8), 1.0)).is_ok());
+        assert!(solve_level(&samples_at(&evenly_spaced_deg(8), 1.0)).is_ok());
         let missing = SolveError::TooFewSamples { part: SamplePart::Level, have: 7, need: 8 };
-        assert_eq!(solved(&samples_at(&evenly_spaced_deg(7), 1.0)).map(|_| ()), Err(missing));
+        assert_eq!(solve_level(&samples_at(&evenly_spaced_deg(7), 1.0)).map(|_| ()), Err(missing));
     }
 
     /// The mean radius is sqrt(Kx Ky cos 2p) = 24.25 uT, the limit 6.
     #[test]
     fn circles_below_six_microtesla_are_rejected() {
-        assert!(solved(&samples_at(&evenly_spaced_deg(24), 6.1 / 24.25)).is_ok());
-        let refused = solved(&samples_at(&evenly_spaced_deg(24), 5.9 / 24.25)).map(|_| ());
+        assert!(solve_level(&samples_at(&evenly_spaced_deg(24), 6.1 / 24.25)).is_ok());
+        let refused = solve_level(&samples_at(&evenly_spaced_deg(24), 5.9 / 24.25)).map(|_| ());
         assert_eq!(refused, Err(SolveError::NotAnEllipse(SamplePart::Level)));
-        let at_constant_heading = solved(&samples_at(&[30.0; 24], 1.0)).map(|_| ());
+        let at_constant_heading = solve_level(&samples_at(&[30.0; 24], 1.0)).map(|_| ());
         assert_eq!(at_constant_heading, Err(SolveError::NotAnEllipse(SamplePart::Level)));
     }
 
@@ -220,15 +220,15 @@ mod tests {
         let legs = |headings_deg: &[f32]| -> Vec<f32> {
             headings_deg.iter().flat_map(|heading| [-2.0, 0.0, 2.0].map(|offset_deg| heading + offset_deg)).collect()
         };
-        assert!(solved(&samples_at(&legs(&[7.0, 80.0, 150.0, 220.0, 295.0]), 1.0)).is_ok());
+        assert!(solve_level(&samples_at(&legs(&[7.0, 80.0, 150.0, 220.0, 295.0]), 1.0)).is_ok());
         let missing = |have| Err(SolveError::TooFewHeadings { have, need: 5 });
-        assert_eq!(solved(&samples_at(&legs(&[7.0, 97.0, 187.0, 277.0]), 1.0)).map(|_| ()), missing(4));
+        assert_eq!(solve_level(&samples_at(&legs(&[7.0, 97.0, 187.0, 277.0]), 1.0)).map(|_| ()), missing(4));
         let arc: Vec<f32> = (0..60_u8).map(|i| 1.0 + f32::from(i) * 2.0).collect();
-        assert_eq!(solved(&samples_at(&arc, 1.0)).map(|_| ()), missing(4));
+        assert_eq!(solve_level(&samples_at(&arc, 1.0)).map(|_| ()), missing(4));
     }
 
     fn count_headings_of(headings_deg: &[f32]) -> u8 {
-        let hypothesis = EllipseMap { map_ut: map_ut(), centre_ut: Vector2::new(12.0, -30.0) };
+        let hypothesis = EllipseMap { map_ut: test_map_ut(), centre_ut: Vector2::new(12.0, -30.0) };
         hypothesis.count_headings(samples_at(headings_deg, 1.0).iter().map(|sample| sample.field.ut.xy()))
     }
 
@@ -253,7 +253,10 @@ mod tests {
                 |sample: Sample| Sample { field: Field::from_ut(sample.field.ut.x, sample.field.ut.y, z), ..sample };
             samples_at(&evenly_spaced_deg(24), 1.0).into_iter().map(shifted).collect()
         };
-        assert!(solved(&samples_with_z(24_000.0)).is_ok());
-        assert_eq!(solved(&samples_with_z(24_500.0)).map(|_| ()), Err(SolveError::NotAnEllipse(SamplePart::Level)));
+        assert!(solve_level(&samples_with_z(24_000.0)).is_ok());
+        assert_eq!(
+            solve_level(&samples_with_z(24_500.0)).map(|_| ()),
+            Err(SolveError::NotAnEllipse(SamplePart::Level))
+        );
     }
 }

@@ -68,7 +68,7 @@ mod tests {
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
-    fn samples(fields_ut: &[Vector3<f32>]) -> Vec<Sample> {
+    fn samples_of_fields(fields_ut: &[Vector3<f32>]) -> Vec<Sample> {
         let sample = |&ut| Sample {
             field: Field::new(ut),
             attitude: Attitude::default(),
@@ -80,8 +80,8 @@ mod tests {
         fields_ut.iter().map(sample).collect()
     }
 
-    fn through(fields_ut: &[Vector3<f32>], rotation: &Matrix3<f32>) -> Option<PrincipalPlane> {
-        let samples = samples(fields_ut);
+    fn plane_through(fields_ut: &[Vector3<f32>], rotation: &Matrix3<f32>) -> Option<PrincipalPlane> {
+        let samples = samples_of_fields(fields_ut);
         let (left, rest) = samples.split_at(1);
         let (right, level) = rest.split_at(1);
         PrincipalPlane::fit_plane(&Parts { left, right, level, ..Parts::default() }.samples(), rotation)
@@ -92,7 +92,7 @@ mod tests {
         let origin = Vector3::new(1.0, 2.0, 40.0);
         let (first, second) = (Vector3::new(10.0, 0.0, 0.0), Vector3::new(0.0, 3.6, 4.8));
         let corners = [first + second, first - second, -first - second, second - first].map(|c| origin + c);
-        let plane = through(&corners, &Matrix3::identity()).unwrap();
+        let plane = plane_through(&corners, &Matrix3::identity()).unwrap();
         assert!((plane.origin_ut - origin).norm() < 1e-5, "{}", plane.origin_ut);
         assert!((plane.normal.dot(&Vector3::new(0.0, -0.8, 0.6)).abs() - 1.0).abs() < 1e-5, "{}", plane.normal);
         assert!((plane.rms_distance_ut - 11.661_9).abs() < 1e-3, "{}", plane.rms_distance_ut);
@@ -105,7 +105,7 @@ mod tests {
         assert!(plane.plane_coordinates(&(origin + plane.normal * 7.0)).norm() < 1e-5);
 
         let about_z = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
-        let turned = through(&corners, &about_z).unwrap();
+        let turned = plane_through(&corners, &about_z).unwrap();
         assert!((turned.origin_ut - Vector3::new(-2.0, 1.0, 40.0)).norm() < 1e-5, "{}", turned.origin_ut);
         assert!((turned.normal.dot(&Vector3::new(0.8, 0.0, 0.6)).abs() - 1.0).abs() < 1e-5, "{}", turned.normal);
     }
@@ -116,7 +116,7 @@ mod tests {
         for lengths in [[30.0, 15.0, 10.0], [10.0, 30.0, 15.0], [20.0, 0.0, 20.0], [5.0, 400.0, 5e-3]] {
             let fields: Vec<_> =
                 axes.iter().zip(lengths).flat_map(|(axis, length)| [axis * length, -axis * length]).collect();
-            let plane = through(&fields, &Matrix3::identity()).unwrap();
+            let plane = plane_through(&fields, &Matrix3::identity()).unwrap();
             let shortest_axis = (0..3).min_by(|&a, &b| f32::total_cmp(&lengths[a], &lengths[b])).unwrap();
             assert!((plane.normal.dot(&axes[shortest_axis]).abs() - 1.0).abs() < 1e-5, "{lengths:?} {}", plane.normal);
             let [x, y] = plane.plane_axes;
@@ -126,17 +126,17 @@ mod tests {
 
     #[test]
     fn a_single_point_has_no_plane() {
-        assert!(through(&[Vector3::new(1.0, 2.0, 3.0); 5], &Matrix3::identity()).is_none());
+        assert!(plane_through(&[Vector3::new(1.0, 2.0, 3.0); 5], &Matrix3::identity()).is_none());
         // A line lies in many planes.
         let line: Vec<_> = [-2.0, -1.0, 1.0, 2.0].map(|n| Vector3::new(0.6, 0.8, 0.0) * n).into();
-        let normal = through(&line, &Matrix3::identity()).unwrap().normal;
+        let normal = plane_through(&line, &Matrix3::identity()).unwrap().normal;
         assert!(normal.dot(&Vector3::new(0.6, 0.8, 0.0)).abs() < 1e-3 && (normal.norm() - 1.0).abs() < 1e-5);
     }
 
     #[test]
     fn non_finite_fields_have_no_plane() {
         let fields = [Vector3::x(), Vector3::y(), Vector3::new(f32::NAN, 0.0, 1.0)];
-        assert!(through(&fields, &Matrix3::identity()).is_none());
+        assert!(plane_through(&fields, &Matrix3::identity()).is_none());
         assert!(PrincipalPlane::fit_plane(&Samples::default(), &Matrix3::identity()).is_none());
     }
 }

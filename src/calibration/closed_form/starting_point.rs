@@ -138,7 +138,7 @@ mod tests {
     use crate::frames::{Attitude, Level};
     use crate::time::WrappingMillis;
 
-    fn response() -> SensorResponse {
+    fn test_response() -> SensorResponse {
         SensorResponse {
             response_ut: Matrix3::new(27.0, 2.0, -1.0, 0.5, 22.0, 3.0, -2.0, 1.0, 30.0),
             hard_iron_ut: Vector3::new(12.0, -7.0, 40.0),
@@ -148,7 +148,7 @@ mod tests {
 
     #[test]
     fn a_start_corrects_to_the_unit_of_field() {
-        let response = response();
+        let response = test_response();
         let start = response.starting_point().unwrap();
         assert!((start.w.determinant() - 1.0).abs() < 1e-5);
         assert!((start.inclination_rad - 1.4_f32.atan()).abs() < 1e-6);
@@ -162,15 +162,18 @@ mod tests {
 
     #[test]
     fn mirrored_or_singular_responses_are_rejected() {
-        let mirrored = SensorResponse { response_ut: -response().response_ut, ..response() };
+        let mirrored = SensorResponse { response_ut: -test_response().response_ut, ..test_response() };
         assert!(mirrored.starting_point().is_none());
-        let flat = SensorResponse { response_ut: Matrix3::from_diagonal(&Vector3::new(20.0, 20.0, 0.0)), ..response() };
+        let flat =
+            SensorResponse { response_ut: Matrix3::from_diagonal(&Vector3::new(20.0, 20.0, 0.0)), ..test_response() };
         assert!(flat.starting_point().is_none());
-        assert!(SensorResponse { tan_inclination: f32::NAN, ..response() }.starting_point().is_none());
-        assert!(SensorResponse { response_ut: Matrix3::repeat(f32::NAN), ..response() }.starting_point().is_none());
+        assert!(SensorResponse { tan_inclination: f32::NAN, ..test_response() }.starting_point().is_none());
+        assert!(
+            SensorResponse { response_ut: Matrix3::repeat(f32::NAN), ..test_response() }.starting_point().is_none()
+        );
     }
 
-    fn circles(banks_deg: &[f32], b_ut: Vector3<f32>) -> Vec<Sample> {
+    fn circle_samples(banks_deg: &[f32], b_ut: Vector3<f32>) -> Vec<Sample> {
         let fly = |&bank_deg: &f32| {
             let attitude = Attitude::from_deg(bank_deg, 2.0);
             (0..24_u8).map(move |i| {
@@ -193,7 +196,7 @@ mod tests {
     #[test]
     fn a_sphere_finds_hard_iron_and_inclination() {
         let b_ut = Vector3::new(30.0, -60.0, 45.0);
-        let (left, right) = (circles(&[-25.0], b_ut), circles(&[25.0], b_ut));
+        let (left, right) = (circle_samples(&[-25.0], b_ut), circle_samples(&[25.0], b_ut));
         let start =
             sphere_start(Parts { left: &left, right: &right, ..Parts::default() }.samples(), &Matrix3::identity())
                 .unwrap();
@@ -206,8 +209,10 @@ mod tests {
         assert!((start.inclination_rad - 1.0).abs() < 0.01, "{}", start.inclination_rad);
         assert_eq!(start.w, Matrix3::identity());
 
-        let marks: Vec<HeadingMark> =
-            circles(&[-25.0, 25.0], b_ut).iter().map(|&sample| HeadingMark { sample, heading_rad: 0.0 }).collect();
+        let marks: Vec<HeadingMark> = circle_samples(&[-25.0, 25.0], b_ut)
+            .iter()
+            .map(|&sample| HeadingMark { sample, heading_rad: 0.0 })
+            .collect();
         let about_z = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
         let turned = sphere_start(Parts { marks: &marks, ..Parts::default() }.samples(), &about_z).unwrap();
         let expected_ut = about_z * b_ut;
@@ -221,7 +226,7 @@ mod tests {
     /// The ridge selects the sphere with the least hard iron through the circle.
     #[test]
     fn a_single_circle_gives_no_hard_iron_along_its_axis() {
-        let level = circles(&[0.0], Vector3::new(5.0, -3.0, 0.0));
+        let level = circle_samples(&[0.0], Vector3::new(5.0, -3.0, 0.0));
         let start = sphere_start(Parts { level: &level, ..Parts::default() }.samples(), &Matrix3::identity()).unwrap();
         let b_ut = start.hard_iron * start.field_unit_ut;
         assert!((b_ut - Vector3::new(5.0, -3.0, 0.0)).norm() < 2.0, "{b_ut}");

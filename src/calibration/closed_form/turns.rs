@@ -123,7 +123,7 @@ mod tests {
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
-    fn sample(roll_deg: f32, x_ut: f32, millis: u32) -> Sample {
+    fn turn_sample(roll_deg: f32, x_ut: f32, millis: u32) -> Sample {
         let field = Field::from_ut(x_ut, 0.0, 0.0);
         Sample {
             field,
@@ -137,7 +137,8 @@ mod tests {
 
     #[test]
     fn the_bank_of_a_turn_is_the_mean() {
-        let bank = MeanBank::from_samples(&[sample(20.0, 0.0, 0), sample(40.0, 0.0, 0), sample(30.0, 0.0, 0)]);
+        let bank =
+            MeanBank::from_samples(&[turn_sample(20.0, 0.0, 0), turn_sample(40.0, 0.0, 0), turn_sample(30.0, 0.0, 0)]);
         assert!((bank.sin - 0.5).abs() < 1e-6 && (bank.cos - 0.866_025_4).abs() < 1e-6, "{bank:?}");
         let none = MeanBank::from_samples(&[]);
         assert!(none.sin.abs() < 1e-6 && (none.cos - 1.0).abs() < 1e-6, "{none:?}");
@@ -145,7 +146,7 @@ mod tests {
 
     #[test]
     fn banks_less_than_9_8_deg_apart_are_one_plane() {
-        let bank = |roll_deg| MeanBank::from_samples(&[sample(roll_deg, 0.0, 0)]);
+        let bank = |roll_deg| MeanBank::from_samples(&[turn_sample(roll_deg, 0.0, 0)]);
         for left_deg in [-4.9, 0.0, 20.0] {
             let to = |right_deg| bank(left_deg).sine_of_difference(bank(right_deg));
             assert_eq!(to(left_deg + 9.7), Err(SolveError::SamePlane), "{left_deg}");
@@ -170,19 +171,21 @@ mod tests {
         }
     }
 
-    fn progress(side: Side, samples: &[(u32, f32)]) -> f32 {
-        let samples: Vec<Sample> = samples.iter().map(|&(millis, x_ut)| sample(0.0, x_ut, millis)).collect();
+    fn heading_progress_rad(side: Side, samples: &[(u32, f32)]) -> f32 {
+        let samples: Vec<Sample> = samples.iter().map(|&(millis, x_ut)| turn_sample(0.0, x_ut, millis)).collect();
         turn_progress_rad(&samples, side, |s| s.field.ut.x)
     }
 
     #[test]
     fn heading_progress_is_positive_along_the_turn_of_either_side() {
         let up = [(0, 1.0), (500, 1.5), (1000, 2.75)];
-        assert!((progress(Side::Right, &up) - 1.75).abs() < 1e-6);
-        assert!((progress(Side::Left, &up) + 1.75).abs() < 1e-6);
-        assert!((progress(Side::Right, &[(0, 3.0), (500, -3.0)]) - 0.283_185).abs() < 1e-5);
+        assert!((heading_progress_rad(Side::Right, &up) - 1.75).abs() < 1e-6);
+        assert!((heading_progress_rad(Side::Left, &up) + 1.75).abs() < 1e-6);
+        assert!((heading_progress_rad(Side::Right, &[(0, 3.0), (500, -3.0)]) - 0.283_185).abs() < 1e-5);
         for side in [Side::Left, Side::Right] {
-            assert!(progress(side, &[]).abs() < 1e-9 && progress(side, &[(0, 1.0)]).abs() < 1e-9);
+            assert!(
+                heading_progress_rad(side, &[]).abs() < 1e-9 && heading_progress_rad(side, &[(0, 1.0)]).abs() < 1e-9
+            );
         }
     }
 
@@ -191,7 +194,7 @@ mod tests {
             .map(|i| {
                 let heading_rad = wrap_pi((20.0 * (i * every_ms) as f32 * 1e-3).to_radians());
                 let rates = Rates::from_rad_s([0.0, 0.0, deg_s.to_radians()]);
-                Sample { rates, ..sample(0.0, heading_rad, i * every_ms) }
+                Sample { rates, ..turn_sample(0.0, heading_rad, i * every_ms) }
             })
             .collect();
         let (first, rest) = circle.split_at(circle.len() / 2);
@@ -220,9 +223,9 @@ mod tests {
 
     #[test]
     fn large_gaps_are_ignored() {
-        assert!((progress(Side::Right, &[(100, 1.0), (3100, 2.0)]) - 1.0).abs() < 1e-6);
-        assert!(progress(Side::Right, &[(100, 1.0), (3101, 2.0)]).abs() < 1e-9);
-        assert!(progress(Side::Right, &[(3101, 1.0), (100, 2.0)]).abs() < 1e-9);
-        assert!((progress(Side::Right, &[(0, 0.0), (9000, 1.0), (9500, 1.25)]) - 0.25).abs() < 1e-6);
+        assert!((heading_progress_rad(Side::Right, &[(100, 1.0), (3100, 2.0)]) - 1.0).abs() < 1e-6);
+        assert!(heading_progress_rad(Side::Right, &[(100, 1.0), (3101, 2.0)]).abs() < 1e-9);
+        assert!(heading_progress_rad(Side::Right, &[(3101, 1.0), (100, 2.0)]).abs() < 1e-9);
+        assert!((heading_progress_rad(Side::Right, &[(0, 0.0), (9000, 1.0), (9500, 1.25)]) - 0.25).abs() < 1e-6);
     }
 }

@@ -96,7 +96,7 @@ mod tests {
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
-    fn circle(plane_deg: f32, bank_deg: f32, radius_ut: f32) -> Vec<Sample> {
+    fn circle_samples(plane_deg: f32, bank_deg: f32, radius_ut: f32) -> Vec<Sample> {
         let (sin, cos) = plane_deg.to_radians().sin_cos();
         let sense = bank_deg.signum();
         (0..24_u16)
@@ -115,20 +115,20 @@ mod tests {
             .collect()
     }
 
-    fn solved(left: &[Sample], right: &[Sample]) -> Result<SensorResponse, SolveError> {
+    fn solve_turns(left: &[Sample], right: &[Sample]) -> Result<SensorResponse, SolveError> {
         solve_two_plane(Parts { left, right, ..Parts::default() }.samples(), &Matrix3::identity())
     }
 
     #[test]
     fn the_common_axis_is_the_mean_of_both_turns() {
-        let found = solved(&circle(-25.0, -25.0, 20.0), &circle(25.0, 25.0, 24.0)).unwrap();
+        let found = solve_turns(&circle_samples(-25.0, -25.0, 20.0), &circle_samples(25.0, 25.0, 24.0)).unwrap();
         assert!((found.response_ut.column(0) - Vector3::new(22.0, 0.0, 0.0)).norm() < 1e-3, "{}", found.response_ut);
     }
 
     #[test]
     fn turns_in_one_plane_are_rejected() {
-        let refused = solved(&circle(10.0, -25.0, 20.0), &circle(10.0, 25.0, 20.0)).map(|_| ());
+        let refused = solve_turns(&circle_samples(10.0, -25.0, 20.0), &circle_samples(10.0, 25.0, 20.0)).map(|_| ());
         assert_eq!(refused, Err(SolveError::SamePlane));
-        assert!(solved(&circle(9.0, -25.0, 20.0), &circle(11.0, 25.0, 20.0)).is_ok());
+        assert!(solve_turns(&circle_samples(9.0, -25.0, 20.0), &circle_samples(11.0, 25.0, 20.0)).is_ok());
     }
 }

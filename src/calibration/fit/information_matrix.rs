@@ -132,11 +132,15 @@ mod tests {
 
     use super::*;
     use crate::calibration::model::Matrix13;
-    use crate::calibration::tests::synthetic::{Random, vector};
+    use crate::calibration::tests::synthetic::{Random, random_vector};
 
     fn rows(random: &mut Random) -> [JacobianRow; 2] {
-        let x = vector(random, 1.0);
-        [0.0, -1.0].map(|by_inclination| JacobianRow { derivative_by_field: vector(random, 1.0), x, by_inclination })
+        let x = random_vector(random, 1.0);
+        [0.0, -1.0].map(|by_inclination| JacobianRow {
+            derivative_by_field: random_vector(random, 1.0),
+            x,
+            by_inclination,
+        })
     }
 
     #[test]

@@ -83,7 +83,7 @@ mod tests {
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
-    fn sample(roll_rad: f32, rates: Rates) -> Sample {
+    fn sample_with(roll_rad: f32, rates: Rates) -> Sample {
         Sample {
             field: Field::new(Vector3::zeros()),
             attitude: Attitude { roll_rad, pitch_rad: 0.0 },
@@ -111,11 +111,11 @@ mod tests {
         ] {
             let mut last = LastTurn::default();
             assert_eq!(
-                last.direction_at_sample(&sample(roll_rad, rates)).to_bits(),
+                last.direction_at_sample(&sample_with(roll_rad, rates)).to_bits(),
                 f32::to_bits(expected),
                 "{roll_rad} {rates:?}"
             );
-            let after_it = last.direction_at_sample(&sample(0.0, rate(0.049)));
+            let after_it = last.direction_at_sample(&sample_with(0.0, rate(0.049)));
             assert_eq!(after_it.to_bits(), f32::to_bits(expected), "straight flight keeps it: {roll_rad}");
         }
     }

@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::synthetic::{Airframe, Flight, Random, RecordedTurns, max_abs, mean, rms, vector};
-use crate::calibration::tests::{NO_PRIOR, solved};
+use super::synthetic::{Airframe, Flight, Random, RecordedTurns, max_abs, mean, random_vector, rms};
+use crate::calibration::tests::{NO_PRIOR, solve_turns};
 use crate::calibration::{DetectedHardIronChange, HardIronTimeCourse, Method, Solution, SolveError, solve_samples};
 use crate::frames::Field;
 use crate::time::WrappingMillis;
@@ -48,7 +48,7 @@ fn a_constant_airframe_has_no_findings() {
     for wander_deg in [0.5, 2.0, 4.0] {
         for seed in 0..25 {
             let (_, recorded) = seeded_flight(seed, Flight { wander_deg, ..Flight::TYPICAL });
-            let solution = solved(&recorded).unwrap();
+            let solution = solve_turns(&recorded).unwrap();
             assert_eq!(solution.hard_iron_change, None, "seed {seed}, wander {wander_deg} deg");
             suspected += usize::from(solution.bank_scale_error.is_some());
         }
@@ -65,8 +65,8 @@ fn a_moved_payload_is_detected() {
         for seed in 0..20 {
             let (airframe, recorded) = seeded_flight(seed, Flight::TYPICAL);
             let mut random = Random(seed);
-            let beta_ut = vector(&mut random, 1.0).normalize() * size_ut;
-            let Ok(solution) = solved(&with_hard_iron_step(&recorded, beta_ut, at_ms)) else { continue };
+            let beta_ut = random_vector(&mut random, 1.0).normalize() * size_ut;
+            let Ok(solution) = solve_turns(&with_hard_iron_step(&recorded, beta_ut, at_ms)) else { continue };
             ratios.push(error_deg(&airframe, &solution) / solution.quality.expected_rms_deg);
             let Some(finding) = solution.hard_iron_change else { continue };
             assert!(finding.added_error_deg > 0.0 && finding.expected_without_deg > 0.0);
@@ -93,9 +93,9 @@ fn a_drift_is_detected() {
     for seed in 0..20 {
         let (airframe, recorded) = seeded_flight(seed, Flight::TYPICAL);
         let mut random = Random(seed);
-        let beta_ut = vector(&mut random, 1.0).normalize() * 3.0;
+        let beta_ut = random_vector(&mut random, 1.0).normalize() * 3.0;
         let drifted = with_changed_hard_iron(&recorded, beta_ut, |ms| 1.0 - ms as f32 / FLIGHT_MS as f32);
-        let solution = solved(&drifted).unwrap();
+        let solution = solve_turns(&drifted).unwrap();
         let DetectedHardIronChange { size_ut: ut, time_course: course, .. } =
             solution.hard_iron_change.unwrap().violation;
         assert_eq!(course, HardIronTimeCourse::Drift, "seed {seed}");
@@ -127,7 +127,9 @@ fn hysteresis_is_detected_with_its_size() {
         recorded.right.iter_mut().for_each(|sample| sample.time = WrappingMillis::new(sample.time.as_ms() + 75_000));
         let horizontal_ut = airframe.total_ut * airframe.inclination_rad.cos();
         let expected_ut = lag_rad * horizontal_ut * ((w * soft_iron).fixed_columns::<2>(0).norm_squared() / 2.0).sqrt();
-        let Some(finding) = solved(&recorded).ok().and_then(|solution| solution.hard_iron_change) else { continue };
+        let Some(finding) = solve_turns(&recorded).ok().and_then(|solution| solution.hard_iron_change) else {
+            continue;
+        };
         if finding.violation.time_course == HardIronTimeCourse::Hysteresis {
             ratios.push(finding.violation.size_ut / expected_ut);
         }
@@ -163,7 +165,7 @@ fn samples_with_equal_times_show_no_hard_iron_change() {
     for sample in changed.left.iter_mut().chain(&mut changed.right) {
         sample.time = WrappingMillis::default();
     }
-    assert_eq!(solved(&changed).unwrap().hard_iron_change, None);
+    assert_eq!(solve_turns(&changed).unwrap().hard_iron_change, None);
 }
 
 #[test]
@@ -172,8 +174,8 @@ fn a_change_beyond_any_fit_is_reported() {
     for seed in 0..20 {
         let (_, recorded) = seeded_flight(seed, Flight::TYPICAL);
         let mut random = Random(seed);
-        let beta_ut = vector(&mut random, 1.0).normalize() * 12.0;
-        match solved(&with_hard_iron_step(&recorded, beta_ut, 75_000)) {
+        let beta_ut = random_vector(&mut random, 1.0).normalize() * 12.0;
+        match solve_turns(&with_hard_iron_step(&recorded, beta_ut, 75_000)) {
             Err(SolveError::HardIronChanged(DetectedHardIronChange { size_ut: ut, .. })) => {
                 assert!(ut > 2.0, "seed {seed}: {ut}");
                 named += 1;
@@ -194,7 +196,7 @@ fn an_attitude_error_at_the_end_is_not_a_hard_iron_change() {
             sample.attitude.roll_rad += 0.08;
             sample.attitude.pitch_rad -= 0.05;
         }
-        assert_eq!(solved(&recorded).unwrap().hard_iron_change, None, "seed {seed}");
+        assert_eq!(solve_turns(&recorded).unwrap().hard_iron_change, None, "seed {seed}");
     }
 }
 
@@ -205,7 +207,7 @@ fn a_bank_scale_error_is_in_the_expected_error() {
         let (mut ratios, mut reads) = (Vec::new(), Vec::new());
         for seed in 0..30 {
             let (airframe, recorded) = seeded_flight(seed, Flight { bank_scale, ..Flight::TYPICAL });
-            let solution = solved(&recorded).unwrap();
+            let solution = solve_turns(&recorded).unwrap();
             ratios.push(error_deg(&airframe, &solution) / solution.quality.expected_rms_deg);
             assert_eq!(solution.hard_iron_change, None, "seed {seed}");
             let Some(finding) = solution.bank_scale_error else { continue };
@@ -223,6 +225,6 @@ fn a_bank_scale_error_is_in_the_expected_error() {
 fn steady_bank_gives_no_bank_scale_finding() {
     for seed in 0..20 {
         let (_, recorded) = seeded_flight(seed, Flight { wander_deg: 0.05, ..Flight::TYPICAL });
-        assert_eq!(solved(&recorded).unwrap().bank_scale_error, None, "seed {seed}");
+        assert_eq!(solve_turns(&recorded).unwrap().bank_scale_error, None, "seed {seed}");
     }
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::synthetic::{Random, vector};
+use super::synthetic::{Random, random_vector};
 use crate::calibration::hypotheses::attitude_error::AttitudeState;
 use crate::calibration::hypotheses::attitude_error_table::ATTITUDE_ERRORS;
 use crate::calibration::model::{
@@ -58,13 +58,13 @@ impl Case {
         loop {
             let parameters = ModelParameters {
                 w: Matrix3::identity() + Matrix3::from_fn(|_, _| random.uniform(-0.3, 0.3)),
-                d: vector(random, 0.5),
+                d: random_vector(random, 0.5),
                 inclination_rad: random.uniform(-1.2, 1.2),
             };
             let case = Self {
                 unknowns: parameters.unknowns().unwrap(),
                 attitude: Attitude { roll_rad: random.uniform(-1.2, 1.2), pitch_rad: random.uniform(-0.7, 0.7) },
-                x: vector(random, 1.0),
+                x: random_vector(random, 1.0),
             };
             let prediction = case.predict(&case.unknowns);
             if (0.7..1.4).contains(&prediction.norm) && prediction.cos_inclination > 0.4 {
@@ -89,14 +89,14 @@ impl Case {
     }
 }
 
-fn cases(make: impl Fn(&mut Random) -> Case) -> impl Iterator<Item = Case> {
+fn random_cases(make: impl Fn(&mut Random) -> Case) -> impl Iterator<Item = Case> {
     let mut random = Random(81);
     (0..40).map(move |_| make(&mut random))
 }
 
 #[test]
 fn norm_row() {
-    for case in cases(Case::random) {
+    for case in random_cases(Case::random) {
         let row = case.predict(&case.unknowns).norm_row().as_vector();
         assert_row(&row, &case.unknowns, |u| case.predict(u).norm - 1.0, "norm");
     }
@@ -104,7 +104,7 @@ fn norm_row() {
 
 #[test]
 fn inclination_row() {
-    for case in cases(Case::random) {
+    for case in random_cases(Case::random) {
         let row = case.predict(&case.unknowns).inclination_row().as_vector();
         let residual = |u: &Vector13| case.predict(u).inclination_rad - ModelParameters::new(u).inclination_rad;
         assert_row(&row, &case.unknowns, residual, "dip");
@@ -113,7 +113,7 @@ fn inclination_row() {
 
 #[test]
 fn heading_row() {
-    for case in cases(Case::random) {
+    for case in random_cases(Case::random) {
         let prediction = case.predict(&case.unknowns);
         let residual = |u: &Vector13| wrap_pi(case.predict(u).heading_rad() - prediction.heading_rad());
         assert_row(
@@ -127,7 +127,7 @@ fn heading_row() {
 
 #[test]
 fn norm_inclination_and_heading_by_field() {
-    for case in cases(Case::random) {
+    for case in random_cases(Case::random) {
         let tilt = case.attitude.tilt_rotation();
         let prediction = case.predict(&case.unknowns);
         let heading = prediction.heading_by_field(&tilt);
@@ -154,7 +154,7 @@ fn norm_inclination_and_heading_by_field() {
 /// A bank scale of 1 is a roll error equal to the roll.
 #[test]
 fn inclination_by_attitude() {
-    for case in cases(Case::normalised) {
+    for case in random_cases(Case::normalised) {
         let parameters = ModelParameters::new(&case.unknowns);
         let predicted_inclination_rad =
             |attitude: Attitude| parameters.predict_field(case.x, &attitude.tilt_rotation()).inclination_rad;
@@ -209,7 +209,7 @@ fn equations(case: &Case, unknowns: &Vector13, heading_rad: Option<f32>, refined
 /// residual uses the corrected measurement, which depends on the other two, and is tested without the correction.
 #[test]
 fn equation_rows() {
-    for case in cases(Case::normalised) {
+    for case in random_cases(Case::normalised) {
         let mut parameters = ModelParameters::new(&case.unknowns);
         let prediction = case.predict(&case.unknowns);
         parameters.inclination_rad = prediction.inclination_rad;
@@ -243,7 +243,7 @@ fn equation_rows() {
 #[test]
 fn inclination_is_decorrelated_from_the_norm() {
     let noise_w = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
-    for case in cases(Case::normalised) {
+    for case in random_cases(Case::normalised) {
         let prediction = case.predict(&case.unknowns);
         let equations = equations(&case, &case.unknowns, None, false);
         let (norm_by_x, dip_by_x) =
@@ -287,7 +287,7 @@ fn priors(likelihood: &Likelihood, unknowns: &Vector13) -> Vec<(PriorQuantity, V
 
 #[test]
 fn prior_rows() {
-    for case in cases(Case::random) {
+    for case in random_cases(Case::random) {
         for likelihood in [likelihood(None), likelihood(Some(0.9))] {
             for (i, (quantity, row, ..)) in priors(&likelihood, &case.unknowns).into_iter().enumerate() {
                 assert_row(
@@ -360,7 +360,7 @@ fn prior_sigmas_match_their_sources() {
 #[test]
 fn an_expected_field_has_no_residuals() {
     let mut random = Random(82);
-    for case in cases(Case::normalised) {
+    for case in random_cases(Case::normalised) {
         let parameters = ModelParameters::new(&case.unknowns);
         let heading_rad = random.uniform(-3.0, 3.0);
         let tilt = case.attitude.tilt_rotation();

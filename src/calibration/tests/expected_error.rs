@@ -2,7 +2,7 @@
 
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
 use crate::calibration::tests::synthetic::Parts;
-use crate::calibration::tests::{NO_PRIOR, solved};
+use crate::calibration::tests::{NO_PRIOR, solve_turns};
 use crate::calibration::{
     Calibration, CollectionPart, ConsiderSigmas, Manoeuvre, Method, Sample, Side, Solution, Solver, solve_samples,
 };
@@ -98,7 +98,7 @@ fn consider_states_predict_the_effect_of_attitude_errors() {
 #[test]
 fn default_consider_states_are_of_a_good_autopilot() {
     let (_, _, recorded) = flights(0..1).next().unwrap();
-    assert_eq!(solved(&recorded).unwrap().quality, solve_with_consider_states(&recorded, 0.0035, 0.01).quality);
+    assert_eq!(solve_turns(&recorded).unwrap().quality, solve_with_consider_states(&recorded, 0.0035, 0.01).quality);
     let nothing = ConsiderSigmas::ZERO;
     assert_eq!((nothing.bias_rad.to_bits(), nothing.bank_scale.to_bits()), (0, 0));
 }
@@ -145,8 +145,13 @@ fn the_ellipsoid_ignores_attitude() {
                 let attitude =
                     Attitude { roll_rad: turns.uniform(-3.1, 3.1), pitch_rad: turns.uniform(-1.0, 1.0).asin() };
                 let heading_rad = turns.uniform(0.0, core::f32::consts::TAU);
-                let measured =
-                    crate::calibration::tests::synthetic::sample(&airframe, attitude, heading_rad, 0.0, &mut random);
+                let measured = crate::calibration::tests::synthetic::measured_sample(
+                    &airframe,
+                    attitude,
+                    heading_rad,
+                    0.0,
+                    &mut random,
+                );
                 Sample { attitude: Attitude::from_deg(if has_attitude { 40.0 } else { 0.0 }, 0.0), ..measured }
             })
             .collect()

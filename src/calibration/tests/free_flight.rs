@@ -3,7 +3,7 @@
 use crate::calibration::tests::synthetic::Parts;
 use core::f32::consts::TAU;
 
-use super::synthetic::{Airframe, Flight, Random, max_abs, multirotor_samples, quantile, rms, sample};
+use super::synthetic::{Airframe, Flight, Random, max_abs, measured_sample, multirotor_samples, quantile, rms};
 use crate::calibration::closed_form::starting_point::vertical_component_start;
 use crate::calibration::tests::{NO_PRIOR, harsh_airframe};
 use crate::calibration::{Method, Orientation, Prior, Rates, Sample, SamplePart, Samples, SolveError, solve_samples};
@@ -11,7 +11,10 @@ use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 use nalgebra::{Matrix3, Vector3};
 
-fn solved(samples: &[Sample], prior: &Prior) -> Result<crate::calibration::assessment::Solution, SolveError> {
+fn solve_free_flight(
+    samples: &[Sample],
+    prior: &Prior,
+) -> Result<crate::calibration::assessment::Solution, SolveError> {
     solve_samples(Method::MaximumLikelihood, Samples::new(samples), prior)
 }
 
@@ -23,7 +26,7 @@ fn a_multirotor_tilted_to_all_sides_is_calibrated() {
     for seed in 0..40 {
         let mut random = Random(8000 + seed);
         let airframe = harsh_airframe(&mut random);
-        let solution = solved(&multirotor_samples(&airframe, 0.3, &mut random), &NO_PRIOR)
+        let solution = solve_free_flight(&multirotor_samples(&airframe, 0.3, &mut random), &NO_PRIOR)
             .unwrap_or_else(|error| panic!("seed {seed}: {error:?} {airframe:?}"));
         let error_deg = rms(&airframe.errors_deg(&solution.calibration));
         assert!(error_deg <= 3.0 * solution.quality.expected_rms_deg, "seed {seed}: {error_deg} {solution:?}");
@@ -61,7 +64,7 @@ fn the_error_floor_remains_with_more_samples() {
             let mut samples: Vec<Sample> =
                 (0..times).flat_map(|_| multirotor_samples(&airframe, 0.6, &mut random)).collect();
             samples.iter_mut().zip(0..).for_each(|(sample, i)| sample.time = WrappingMillis::new(250 * i));
-            solved(&samples, &NO_PRIOR).unwrap().advice.unwrap()
+            solve_free_flight(&samples, &NO_PRIOR).unwrap().advice.unwrap()
         };
         let (once, often) = (expected_error_of_samples(1), expected_error_of_samples(12));
         let square = |deg: f32| deg * deg;
@@ -97,7 +100,7 @@ fn the_vertical_component_gives_a_start() {
 fn coplanar_samples_give_no_start() {
     let airframe = Airframe::random(&mut Random(1), 0.2, 1.0, 5.0, [60.0, 60.1]);
     let level: Vec<Sample> = (0..40_u8)
-        .map(|i| sample(&airframe, Attitude::default(), f32::from(i) / 40.0 * TAU, 0.0, &mut Random(2)))
+        .map(|i| measured_sample(&airframe, Attitude::default(), f32::from(i) / 40.0 * TAU, 0.0, &mut Random(2)))
         .collect();
     let broken = [Sample { field: Field::new(Vector3::repeat(f32::NAN)), ..level[0] }; 20];
     for samples in [&level[..], &level[..3], &broken, &[]] {
@@ -115,18 +118,18 @@ fn a_mirrored_attitude_is_detected() {
         let mut random = Random(8300 + seed);
         let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [40.0, 70.0]);
         let samples = multirotor_samples(&airframe, 0.3, &mut random);
-        assert!(solved(&samples, &NO_PRIOR).is_ok());
+        assert!(solve_free_flight(&samples, &NO_PRIOR).is_ok());
         for (roll, pitch) in [(-1.0, 1.0), (1.0, -1.0)] {
             let mirror = |sample: &Sample| {
                 let Attitude { roll_rad, pitch_rad } = sample.attitude;
                 Sample { attitude: Attitude { roll_rad: roll * roll_rad, pitch_rad: pitch * pitch_rad }, ..*sample }
             };
             let mirrored: Vec<Sample> = samples.iter().map(mirror).collect();
-            let refused = solved(&mirrored, &NO_PRIOR).map(|_| ());
+            let refused = solve_free_flight(&mirrored, &NO_PRIOR).map(|_| ());
             assert_eq!(refused, Err(SolveError::TurnsReversed), "seed {seed}: {roll} {pitch}");
             let silent: Vec<Sample> =
                 mirrored.iter().map(|sample| Sample { rates: Rates::UNKNOWN, ..*sample }).collect();
-            let refused = solved(&silent, &NO_PRIOR).map(|_| ());
+            let refused = solve_free_flight(&silent, &NO_PRIOR).map(|_| ());
             assert!(matches!(refused, Err(SolveError::MountContradicted { .. })), "seed {seed}: {refused:?}");
         }
     }
@@ -144,7 +147,7 @@ fn banking_out_of_a_turn_is_accepted_with_body_rates() {
                 let wobble = Attitude::from_deg(bank_deg + 2.0 * t_s.sin(), 2.0 * (0.7 * t_s).cos());
                 let rates = if known { Rates::from_rad_s([0.0, 0.0, rate_rad_s]) } else { Rates::UNKNOWN };
                 let time = WrappingMillis::new(from_ms + u32::from(i) * 400);
-                Sample { rates, time, ..sample(&airframe, wobble, rate_rad_s * t_s, 0.1, random) }
+                Sample { rates, time, ..measured_sample(&airframe, wobble, rate_rad_s * t_s, 0.1, random) }
             })
             .collect()
     };
@@ -166,11 +169,15 @@ fn another_mounting_is_reported() {
             .iter()
             .map(|sample| Sample { field: Field::new(sensor_from_body * sample.field.ut), ..*sample })
             .collect();
-        let refused = solved(&turned, &NO_PRIOR).map(|_| ());
+        let refused = solve_free_flight(&turned, &NO_PRIOR).map(|_| ());
         let expected =
             if found == Orientation::IDENTITY_ROTATION { Ok(()) } else { Err(SolveError::MountContradicted { found }) };
         assert_eq!(refused, expected, "{}", found.orientation_name());
-        assert!(solved(&turned, &Prior { mount: found, ..NO_PRIOR }).is_ok(), "{}", found.orientation_name());
+        assert!(
+            solve_free_flight(&turned, &Prior { mount: found, ..NO_PRIOR }).is_ok(),
+            "{}",
+            found.orientation_name()
+        );
     }
 }
 
@@ -188,7 +195,7 @@ fn straight_flight_has_an_honest_expected_error() {
                 let t = f32::from(i);
                 let true_attitude = Attitude::from_deg(roll_deg * (t / 1.7).sin(), 2.0 + pitch_deg * (t / 2.3).cos());
                 let heading_rad = ahead_rad + (heading_deg * (t / 13.0).sin()).to_radians();
-                let measured = sample(&airframe, true_attitude, heading_rad, 0.2, &mut random);
+                let measured = measured_sample(&airframe, true_attitude, heading_rad, 0.2, &mut random);
                 let mut attitude_error_rad = || (random.normal() * 0.2).to_radians();
                 let [roll_off, pitch_off] = core::array::from_fn(|_| attitude_error_rad());
                 let attitude = Attitude {
@@ -198,7 +205,7 @@ fn straight_flight_has_an_honest_expected_error() {
                 Sample { attitude, time: WrappingMillis::new(u32::from(i) * 1000), ..measured }
             })
             .collect();
-        match solved(&samples, &NO_PRIOR) {
+        match solve_free_flight(&samples, &NO_PRIOR) {
             Ok(solution) => {
                 let error_deg = rms(&airframe.errors_deg(&solution.calibration));
                 let expected_deg = solution.quality.expected_rms_deg;

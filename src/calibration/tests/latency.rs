@@ -9,7 +9,7 @@ use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::hypotheses::attitude_error::AttitudeState;
 use crate::calibration::hypotheses::attitude_error_table::{ATTITUDE_ERRORS, LATENCY_INDEX};
 use crate::calibration::model::{Likelihood, ModelConfig, ModelParameters, NoiseModel, for_each_prior};
-use crate::calibration::tests::{NO_PRIOR, solved};
+use crate::calibration::tests::{NO_PRIOR, solve_turns};
 use crate::calibration::uncertainty::information::Information;
 use crate::calibration::verification;
 use crate::calibration::{AttitudeLatency, Calibration, LeastSquares, Rates, Sample};
@@ -34,7 +34,7 @@ impl AttitudeWander {
     }
 }
 
-fn fly(airframe: &Airframe, wander_deg: f32, late_s: f32, random: &mut Random) -> RecordedTurns {
+fn fly_with_latency(airframe: &Airframe, wander_deg: f32, late_s: f32, random: &mut Random) -> RecordedTurns {
     let mut recorded = Flight { attitude_noise_deg: 0.3, ..Flight::TYPICAL }.fly(airframe, random);
     for (side, bank_deg) in [(&mut recorded.left, -25.0_f32), (&mut recorded.right, 25.0)] {
         let [roll, pitch] = [(); 2].map(|()| AttitudeWander::new(random, wander_deg));
@@ -51,8 +51,13 @@ fn fly(airframe: &Airframe, wander_deg: f32, late_s: f32, random: &mut Random) -
             let heading_rad = wrap_pi(bank_deg.signum() * 13_f32.to_radians() * t_s);
             noise = noise.map(|n| 0.45 * n + 0.893 * 0.3_f32.to_radians() * random.normal());
             let (reported, rates) = attitude(t_s - late_s);
-            let measured =
-                crate::calibration::tests::synthetic::sample(airframe, attitude(t_s).0, heading_rad, 0.12, random);
+            let measured = crate::calibration::tests::synthetic::measured_sample(
+                airframe,
+                attitude(t_s).0,
+                heading_rad,
+                0.12,
+                random,
+            );
             *sample = Sample {
                 attitude: Attitude { roll_rad: reported.roll_rad + noise[0], pitch_rad: reported.pitch_rad + noise[1] },
                 rates,
@@ -71,7 +76,7 @@ struct FlightResults {
     ratios: Vec<f32>,
 }
 
-fn results_of_flights(wander_deg: f32, late_s: f32) -> FlightResults {
+fn latency_results(wander_deg: f32, late_s: f32) -> FlightResults {
     let mut shown = FlightResults {
         found_ms: Vec::new(),
         sigma_ms: Vec::new(),
@@ -82,7 +87,7 @@ fn results_of_flights(wander_deg: f32, late_s: f32) -> FlightResults {
     for seed in 0..60 {
         let mut random = Random(9000 + seed);
         let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [-65.0, 65.0]);
-        let solution = solved(&fly(&airframe, wander_deg, late_s, &mut random)).unwrap();
+        let solution = solve_turns(&fly_with_latency(&airframe, wander_deg, late_s, &mut random)).unwrap();
         let AttitudeLatency { estimate_s: found_s, sigma_s } = solution.quality.latency.unwrap();
         shown.found_ms.push(found_s * 1e3);
         shown.sigma_ms.push(sigma_s * 1e3);
@@ -98,7 +103,7 @@ fn results_of_flights(wander_deg: f32, late_s: f32) -> FlightResults {
 #[test]
 fn latency_is_estimated_with_an_honest_sigma() {
     for (late_s, applied_count) in [(0.0, 0..=1), (0.02, 0..=20), (0.1, 60..=60)] {
-        let shown = results_of_flights(3.0, late_s);
+        let shown = latency_results(3.0, late_s);
         let found_ms = mean(&shown.found_ms);
         assert!((found_ms - late_s * 1e3).abs() < 5.0, "{late_s}: {found_ms}");
         assert!((8.0..12.0).contains(&mean(&shown.sigma_ms)), "{late_s}: {:?}", shown.sigma_ms);
@@ -110,7 +115,7 @@ fn latency_is_estimated_with_an_honest_sigma() {
 
 #[test]
 fn an_uncertain_latency_is_not_used() {
-    let shown = results_of_flights(1.0, 0.1);
+    let shown = latency_results(1.0, 0.1);
     assert_eq!(shown.used, 0);
     assert!((20.0..40.0).contains(&mean(&shown.sigma_ms)), "{:?}", shown.sigma_ms);
     assert!((0.75..1.25).contains(&rms(&shown.normalised_errors)), "{}", rms(&shown.normalised_errors));
@@ -119,7 +124,7 @@ fn an_uncertain_latency_is_not_used() {
 fn flight_with_latency(seed: u64, late_s: f32) -> (Airframe, RecordedTurns) {
     let mut random = Random(seed);
     let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [50.0, 60.0]);
-    let recorded = fly(&airframe, 3.0, late_s, &mut random);
+    let recorded = fly_with_latency(&airframe, 3.0, late_s, &mut random);
     (airframe, recorded)
 }
 
@@ -133,7 +138,7 @@ fn without_rates(recorded: &RecordedTurns) -> RecordedTurns {
 #[test]
 fn without_rates_there_is_no_estimate() {
     let (_, recorded) = flight_with_latency(1, 0.1);
-    let (with, without) = (solved(&recorded).unwrap(), solved(&without_rates(&recorded)).unwrap());
+    let (with, without) = (solve_turns(&recorded).unwrap(), solve_turns(&without_rates(&recorded)).unwrap());
     assert_eq!((without.quality.latency, without.calibration.latency_s), (None, 0.0));
     assert!(
         with.quality.inclination_residual_deg < 0.85 * without.quality.inclination_residual_deg,
@@ -144,7 +149,7 @@ fn without_rates_there_is_no_estimate() {
 #[test]
 fn verification_applies_each_calibration_s_latency() {
     let (_, recorded) = flight_with_latency(2, -0.1);
-    let calibration = solved(&recorded).unwrap().calibration;
+    let calibration = solve_turns(&recorded).unwrap().calibration;
     assert!((calibration.latency_s + 0.1).abs() < 0.03, "{}", calibration.latency_s);
     let without_latency = Calibration { latency_s: 0.0, ..calibration };
     let scores = verification::score_held_back(recorded.turns(), true, &calibration, &without_latency);

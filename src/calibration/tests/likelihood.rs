@@ -14,7 +14,7 @@ use crate::calibration::{
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
-fn sample(ut: [f32; 3]) -> Sample {
+fn sample_of_field(ut: [f32; 3]) -> Sample {
     Sample {
         field: Field::new(ut.into()),
         attitude: Attitude::default(),
@@ -91,7 +91,7 @@ fn large_residuals_are_not_explained() {
 /// First iterations use a subset of many samples (about 128, then half of 512); marks are always used.
 #[test]
 fn early_iterations_use_a_subset_of_many_samples() {
-    let turn: Vec<Sample> = (0..512_u16).map(|i| sample([f32::from(i % 40), 20.0, 30.0])).collect();
+    let turn: Vec<Sample> = (0..512_u16).map(|i| sample_of_field([f32::from(i % 40), 20.0, 30.0])).collect();
     let mark = HeadingMark { sample: turn[0], heading_rad: 0.0 };
     for (samples, at_first) in [(512, 128), (384, 128), (383, 192), (256, 128), (255, 255), (12, 12)] {
         for marks in [&[][..], &[mark]] {
@@ -121,8 +121,8 @@ fn early_iterations_use_a_subset_of_many_samples() {
 #[test]
 fn the_sample_mean_is_subtracted() {
     let mount = Orientation::from_name("yaw90").unwrap();
-    let (left, right) = ([sample([10.0, 0.0, 5.0])], [sample([30.0, -8.0, 5.0])]);
-    let marks = [HeadingMark { sample: sample([20.0, 20.0, 35.0]), heading_rad: 0.0 }];
+    let (left, right) = ([sample_of_field([10.0, 0.0, 5.0])], [sample_of_field([30.0, -8.0, 5.0])]);
+    let marks = [HeadingMark { sample: sample_of_field([20.0, 20.0, 35.0]), heading_rad: 0.0 }];
     let samples = Parts { left: &left, right: &right, marks: &marks, ..Parts::default() }.samples();
     let prior = Prior { mount, ..NO_PRIOR };
     let likelihood = Likelihood::new(&prior, ModelConfig::DEFAULT, samples, 10.0);
@@ -170,8 +170,8 @@ fn huge_hard_iron_costs_no_precision() {
 #[test]
 fn a_calibration_is_equivalent_to_its_unknowns() {
     let mount = Orientation::from_name("roll90-yaw90").unwrap();
-    let field = sample([12.0, -31.0, 28.0]);
-    let samples = [field, sample([5.0, 3.0, -20.0]), sample([-30.0, 9.0, 2.0])];
+    let field = sample_of_field([12.0, -31.0, 28.0]);
+    let samples = [field, sample_of_field([5.0, 3.0, -20.0]), sample_of_field([-30.0, 9.0, 2.0])];
     let samples = Parts { left: &samples, ..Parts::default() }.samples();
     let likelihood = Likelihood::new(&Prior { mount, ..NO_PRIOR }, ModelConfig::DEFAULT, samples, 40.0);
     let parameters = ModelParameters {
@@ -205,7 +205,7 @@ fn mirrored_or_singular_matrices_are_rejected() {
 
 #[test]
 fn a_start_converts_to_unknowns() {
-    let samples = [sample([12.0, -31.0, 28.0]), sample([5.0, 3.0, -20.0])];
+    let samples = [sample_of_field([12.0, -31.0, 28.0]), sample_of_field([5.0, 3.0, -20.0])];
     let samples = Parts { left: &samples, ..Parts::default() }.samples();
     let likelihood = Likelihood::new(&NO_PRIOR, ModelConfig::DEFAULT, samples, 40.0);
     let w = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
@@ -260,7 +260,7 @@ fn the_cost_sums_all_equations_and_priors() {
 /// Inclination two sigma off its prior costs 2; damping shortens the step to 1/2, 1/4.
 #[test]
 fn damping_shortens_a_step() {
-    let samples = [sample([50.0, 0.0, 0.0])];
+    let samples = [sample_of_field([50.0, 0.0, 0.0])];
     let samples = Parts { left: &samples, ..Parts::default() }.samples();
     let prior = Prior { inclination_rad: Some(0.3), ..NO_PRIOR };
     let likelihood = Likelihood::new(&prior, ModelConfig::WITHOUT_ATTITUDE, samples, 50.0);

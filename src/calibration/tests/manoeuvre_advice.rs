@@ -10,22 +10,22 @@ use crate::calibration::{
     solve_samples,
 };
 
-fn airframe(random: &mut Random) -> Airframe {
+fn random_airframe(random: &mut Random) -> Airframe {
     Airframe::random(random, 0.2, 1.5, 10.0, [45.0, 65.0])
 }
 
-fn solution(samples: Samples<'_>) -> Solution {
+fn solve_flight(samples: Samples<'_>) -> Solution {
     solve_samples(Method::MaximumLikelihood, samples, &NO_PRIOR).unwrap()
 }
 
-fn advice(samples: Samples<'_>) -> Advice {
-    solution(samples).advice.unwrap()
+fn advice_of_flight(samples: Samples<'_>) -> Advice {
+    solve_flight(samples).advice.unwrap()
 }
 
 #[test]
 fn the_best_supported_method_is_selected() {
     let mut random = Random(31);
-    let airframe = airframe(&mut random);
+    let airframe = random_airframe(&mut random);
     let turns = Flight::TYPICAL.fly(&airframe, &mut random);
     let level = level_circle(&airframe, 60, &mut random);
     let five_samples = &turns.right[..5];
@@ -47,7 +47,7 @@ fn the_best_supported_method_is_selected() {
 #[test]
 fn level_samples_are_used_only_for_a_missing_side() {
     let mut random = Random(32);
-    let airframe = airframe(&mut random);
+    let airframe = random_airframe(&mut random);
     let RecordedTurns { left, right } = Flight::TYPICAL.fly(&airframe, &mut random);
     let all = Parts { left: &left, right: &right, level: &left, ..Parts::default() }.samples();
     let select = |fit: Samples<'_>| SelectedParts::new(fit, Procedure::Turns).select_samples(all);
@@ -64,9 +64,9 @@ fn one_side_advises_a_turn_to_the_other() {
     let mut suspected = 0;
     for seed in 0..20 {
         let mut random = Random(3100 + seed);
-        let airframe = airframe(&mut random);
+        let airframe = random_airframe(&mut random);
         let turns = Flight::TYPICAL.fly(&airframe, &mut random);
-        let solution = solution(turns.turns().without_part(CollectionPart::RIGHT));
+        let solution = solve_flight(turns.turns().without_part(CollectionPart::RIGHT));
         let advice = solution.advice.unwrap();
         assert!(matches!(advice.manoeuvre, Manoeuvre::Circle(Side::Right, _)), "seed {seed}: {advice:?}");
         // A circle does not reduce a bank-angle scale error, which one flight seems to have by chance.
@@ -82,14 +82,14 @@ fn one_side_advises_a_turn_to_the_other() {
 fn the_predicted_gain_is_reached() {
     for seed in 0..20 {
         let mut random = Random(3200 + seed);
-        let airframe = airframe(&mut random);
+        let airframe = random_airframe(&mut random);
         let turns = Flight::TYPICAL.fly(&airframe, &mut random);
-        let before = advice(turns.turns().without_part(CollectionPart::RIGHT));
+        let before = advice_of_flight(turns.turns().without_part(CollectionPart::RIGHT));
         let Manoeuvre::Circle(Side::Right, bank_deg) = before.manoeuvre else { panic!("{before:?}") };
         // A circle at 25 deg takes 27 s, 54 samples; the prediction counts 24.
         let advised_turn =
             Flight { bank_deg: f32::from(bank_deg), samples: 54, ..Flight::TYPICAL }.fly(&airframe, &mut random);
-        let after = solution(Parts { left: &turns.left, right: &advised_turn.right, ..Parts::default() }.samples())
+        let after = solve_flight(Parts { left: &turns.left, right: &advised_turn.right, ..Parts::default() }.samples())
             .quality
             .expected_rms_deg;
         assert!(after < 1.33 * before.expected_after_deg, "seed {seed}: {after} deg, promised {before:?}");
@@ -99,8 +99,8 @@ fn the_predicted_gain_is_reached() {
 #[test]
 fn a_good_flight_depends_on_no_prior() {
     let mut random = Random(33);
-    let airframe = airframe(&mut random);
-    let good = advice(Flight::TYPICAL.fly(&airframe, &mut random).turns());
+    let airframe = random_airframe(&mut random);
+    let good = advice_of_flight(Flight::TYPICAL.fly(&airframe, &mut random).turns());
     assert_eq!(good.unobservable, crate::calibration::UnobservableQuantities::default());
     assert!(
         good.expected_after_deg <= good.expected_deg && good.expected_after_deg > 0.5 * good.expected_deg,
@@ -111,7 +111,7 @@ fn a_good_flight_depends_on_no_prior() {
 #[test]
 fn level_flight_reports_the_assumed_mounting() {
     let mut random = Random(34);
-    let airframe = airframe(&mut random);
+    let airframe = random_airframe(&mut random);
     let level = level_circle(&airframe, 60, &mut random);
     let samples = Parts { level: &level, ..Parts::default() }.samples();
     let advice = solve_samples(Method::Level, samples, &NO_PRIOR).unwrap().advice.unwrap();

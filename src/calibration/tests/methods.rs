@@ -5,7 +5,7 @@ use core::f32::consts::TAU;
 
 use nalgebra::Matrix3;
 
-use super::synthetic::{Airframe, Flight, Random, level_circle, max_abs, mean, rms, sample};
+use super::synthetic::{Airframe, Flight, Random, level_circle, max_abs, mean, measured_sample, rms};
 use crate::calibration::closed_form::four_ellipse;
 use crate::calibration::method_selection;
 use crate::calibration::method_selection::Procedure;
@@ -18,28 +18,28 @@ use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
 /// Turn at constant bank and zero pitch without noise, as the paper assumes.
-fn circle(airframe: &Airframe, bank_deg: f32, samples: u16) -> Vec<Sample> {
+fn fly_circle(airframe: &Airframe, bank_deg: f32, sample_count: u16) -> Vec<Sample> {
     let attitude = Attitude::from_deg(bank_deg, 0.0);
     let turn_sign = if bank_deg < 0.0 { -1.0 } else { 1.0 };
-    (0..samples)
+    (0..sample_count)
         .map(|i| {
-            let heading_rad = turn_sign * f32::from(i) / f32::from(samples) * TAU;
-            let sample = sample(airframe, attitude, heading_rad, 0.0, &mut Random(0));
+            let heading_rad = turn_sign * f32::from(i) / f32::from(sample_count) * TAU;
+            let sample = measured_sample(airframe, attitude, heading_rad, 0.0, &mut Random(0));
             Sample { time: WrappingMillis::new(u32::from(i) * 400), ..sample }
         })
         .collect()
 }
 
-fn airframe(a: Matrix3<f32>, b_ut: [f32; 3]) -> Airframe {
+fn airframe_with_iron(a: Matrix3<f32>, b_ut: [f32; 3]) -> Airframe {
     Airframe { a, b_ut: b_ut.into(), total_ut: 50.0, inclination_rad: 0.94 }
 }
 
 /// Without axis coupling the phase hypothesis holds exactly. f32 rounding leaves 0.02 deg.
 #[test]
 fn four_ellipses_recover_a_diagonal_airframe_exactly() {
-    let airframe = airframe(Matrix3::from_diagonal(&[0.9, 1.15, 1.02].into()), [12.0, -7.0, 20.0]);
+    let airframe = airframe_with_iron(Matrix3::from_diagonal(&[0.9, 1.15, 1.02].into()), [12.0, -7.0, 20.0]);
     for (left_deg, right_deg) in [(-20.0, 20.0), (-15.0, 40.0)] {
-        let (left, right) = (circle(&airframe, left_deg, 72), circle(&airframe, right_deg, 72));
+        let (left, right) = (fly_circle(&airframe, left_deg, 72), fly_circle(&airframe, right_deg, 72));
         let samples = Parts { left: &left, right: &right, ..Parts::default() }.samples();
         for inclination_rad in [None, Some(airframe.inclination_rad)] {
             let prior = Prior { inclination_rad, ..NO_PRIOR };
@@ -52,8 +52,8 @@ fn four_ellipses_recover_a_diagonal_airframe_exactly() {
 
 #[test]
 fn four_ellipses_use_a_configured_inclination() {
-    let airframe = airframe(Matrix3::identity(), [12.0, -7.0, 20.0]);
-    let (left, right) = (circle(&airframe, -20.0, 72), circle(&airframe, 20.0, 72));
+    let airframe = airframe_with_iron(Matrix3::identity(), [12.0, -7.0, 20.0]);
+    let (left, right) = (fly_circle(&airframe, -20.0, 72), fly_circle(&airframe, 20.0, 72));
     let samples = Parts { left: &left, right: &right, ..Parts::default() }.samples();
     for (inclination_rad, expected_rad) in [(None, airframe.inclination_rad), (Some(0.9), 0.9)] {
         let found = four_ellipse::solve_four_ellipse(samples, &Matrix3::identity(), inclination_rad).unwrap();
@@ -65,8 +65,8 @@ fn four_ellipses_use_a_configured_inclination() {
 #[test]
 fn axis_coupling_needs_two_planes() {
     let coupled = Matrix3::new(0.98, 0.03, -0.02, -0.02, 0.92, -0.02, -0.01, 0.02, 0.99);
-    let airframe = airframe(coupled, [9.0, -1.0, 0.0]);
-    let (left, right) = (circle(&airframe, -20.0, 72), circle(&airframe, 20.0, 72));
+    let airframe = airframe_with_iron(coupled, [9.0, -1.0, 0.0]);
+    let (left, right) = (fly_circle(&airframe, -20.0, 72), fly_circle(&airframe, 20.0, 72));
     let samples = Parts { left: &left, right: &right, ..Parts::default() }.samples();
     let error = |method| max_abs(&airframe.errors_deg(&solve_samples(method, samples, &NO_PRIOR).unwrap().calibration));
     assert!((0.5..4.0).contains(&error(Method::FourEllipse)), "{}", error(Method::FourEllipse));
@@ -97,13 +97,13 @@ fn level_flight_leaves_a_constant_error() {
 
 #[test]
 fn level_flight_at_too_few_headings_is_refused() {
-    let airframe = airframe(Matrix3::identity(), [5.0, 3.0, 0.0]);
+    let airframe = airframe_with_iron(Matrix3::identity(), [5.0, 3.0, 0.0]);
     let legs = |headings: u8| -> Vec<Sample> {
         let mut random = Random(1);
         (0..20 * headings)
             .map(|i| {
                 let heading_rad = f32::from(i % headings) / f32::from(headings) * TAU;
-                sample(&airframe, Attitude::default(), heading_rad, 0.1, &mut random)
+                measured_sample(&airframe, Attitude::default(), heading_rad, 0.1, &mut random)
             })
             .collect()
     };
@@ -126,7 +126,7 @@ fn a_tilted_swing_determines_all_coefficients() {
             .map(|i| {
                 let heading_rad = f32::from(i % 12) / 12.0 * TAU;
                 let attitude = Attitude::from_deg(if i < 12 { 20.0 } else { -20.0 }, 0.0);
-                let sample = sample(&airframe, attitude, heading_rad, 0.05, &mut random);
+                let sample = measured_sample(&airframe, attitude, heading_rad, 0.05, &mut random);
                 HeadingMark { sample, heading_rad: heading_rad + (random.normal() * 0.5).to_radians() }
             })
             .collect();
@@ -148,7 +148,7 @@ fn a_level_swing_is_accurate_level_and_honest_when_banked() {
         let marks: Vec<HeadingMark> = (0..8_u8)
             .map(|i| {
                 let heading_rad = f32::from(i) / 8.0 * TAU;
-                let sample = sample(&airframe, Attitude::default(), heading_rad, 0.05, &mut random);
+                let sample = measured_sample(&airframe, Attitude::default(), heading_rad, 0.05, &mut random);
                 HeadingMark { sample, heading_rad: heading_rad + (random.normal() * 0.5).to_radians() }
             })
             .collect();
@@ -168,9 +168,11 @@ fn a_level_swing_is_accurate_level_and_honest_when_banked() {
 
 #[test]
 fn too_few_marks_are_refused() {
-    let airframe = airframe(Matrix3::identity(), [5.0, 3.0, 0.0]);
-    let mark =
-        HeadingMark { sample: sample(&airframe, Attitude::default(), 1.0, 0.0, &mut Random(0)), heading_rad: 1.0 };
+    let airframe = airframe_with_iron(Matrix3::identity(), [5.0, 3.0, 0.0]);
+    let mark = HeadingMark {
+        sample: measured_sample(&airframe, Attitude::default(), 1.0, 0.0, &mut Random(0)),
+        heading_rad: 1.0,
+    };
     let solve = |marks: &[HeadingMark]| {
         solve_samples(Method::CompassSwing, Parts { marks, ..Parts::default() }.samples(), &NO_PRIOR).map(|_| ())
     };
@@ -194,7 +196,7 @@ fn tumbling_determines_shape_and_centre() {
                     pitch_rad: random.uniform(-1.0, 1.0).asin(),
                 };
                 let heading_rad = random.uniform(0.0, TAU);
-                let measured = sample(&airframe, attitude, heading_rad, 0.12, &mut random);
+                let measured = measured_sample(&airframe, attitude, heading_rad, 0.12, &mut random);
                 Sample { attitude: Attitude::default(), ..measured }
             })
             .collect();
@@ -234,7 +236,7 @@ fn a_configured_inclination_improves_a_level_swing_when_banked() {
             .map(|i| {
                 let heading_rad = f32::from(i) / 8.0 * TAU;
                 let tilt = Attitude::from_deg(random.normal() * 0.5, random.normal() * 0.5);
-                let sample = sample(&airframe, tilt, heading_rad, 0.05, &mut random);
+                let sample = measured_sample(&airframe, tilt, heading_rad, 0.05, &mut random);
                 HeadingMark { sample, heading_rad: heading_rad + (random.normal() * 0.5).to_radians() }
             })
             .collect();

@@ -26,11 +26,11 @@ use crate::calibration::{
     Calibration, CollectionPart, Method, Orientation, Prior, SamplePart, Side, SolveError, matrix_rows, solve_samples,
 };
 use crate::frames::Field;
-use synthetic::{Airframe, Flight, Random, RecordedTurns, max_abs, mean, quantile, rms, vector};
+use synthetic::{Airframe, Flight, Random, RecordedTurns, max_abs, mean, quantile, random_vector, rms};
 
 const NO_PRIOR: Prior = Prior { mount: Orientation::IDENTITY_ROTATION, inclination_rad: None, readings_per_sample: 1 };
 
-fn solved(recorded: &RecordedTurns) -> Result<crate::calibration::assessment::Solution, SolveError> {
+fn solve_turns(recorded: &RecordedTurns) -> Result<crate::calibration::assessment::Solution, SolveError> {
     solve_samples(Method::MaximumLikelihood, recorded.turns(), &NO_PRIOR)
 }
 
@@ -72,7 +72,7 @@ fn maximum_likelihood_is_exact_without_noise() {
         let mut random = Random(seed);
         let airframe = harsh_airframe(&mut random);
         let flight = Flight { wander_deg: 2.0, ..Flight::NOISE_FREE };
-        let solution = solved(&flight.fly(&airframe, &mut random)).unwrap();
+        let solution = solve_turns(&flight.fly(&airframe, &mut random)).unwrap();
         let error = max_abs(&airframe.errors_deg(&solution.calibration));
         // The priors bias the fit, because the residual scales have lower limits: 0.1 deg at worst.
         assert!(error < 0.1, "seed {seed}: {error} deg");
@@ -85,7 +85,8 @@ fn every_start_converges() {
         let mut random = Random(1000 + seed);
         let airframe = harsh_airframe(&mut random);
         let flight = Flight { bank_deg: random.uniform(15.0, 45.0), sensor_noise_ut: 0.3, ..Flight::TYPICAL };
-        let solution = solved(&flight.fly(&airframe, &mut random)).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
+        let solution =
+            solve_turns(&flight.fly(&airframe, &mut random)).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
         let errors = airframe.errors_deg(&solution.calibration);
         let expected = solution.quality.expected_rms_deg;
         assert!(rms(&errors) < 3.0 * expected, "seed {seed}: {} deg, expected {expected}", rms(&errors));
@@ -100,7 +101,7 @@ fn expected_error_matches_the_actual_error_of_100_flights() {
     for seed in 0..100 {
         let mut random = Random(5000 + seed);
         let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
-        let solution = solved(&Flight::TYPICAL.fly(&airframe, &mut random)).unwrap();
+        let solution = solve_turns(&Flight::TYPICAL.fly(&airframe, &mut random)).unwrap();
         let errors = airframe.errors_deg(&solution.calibration);
         actual.push(rms(&errors));
         constant.push(mean(&errors).abs());
@@ -139,7 +140,7 @@ fn every_right_angle_mounting_is_solved_and_a_wrong_one_reported() {
         };
         assert!(rms(&in_chip_axes.errors_deg(&solution.calibration)) < 1.0, "{}", mount.orientation_name());
         if mount != Orientation::IDENTITY_ROTATION {
-            let contradicted = solved(&turned).unwrap_err();
+            let contradicted = solve_turns(&turned).unwrap_err();
             assert_eq!(contradicted, SolveError::MountContradicted { found: mount });
         }
     }
@@ -153,7 +154,7 @@ fn unsolvable_samples_are_rejected_with_a_reason() {
     let refused = |change: &dyn Fn(&mut RecordedTurns)| {
         let mut recorded = good.clone();
         change(&mut recorded);
-        solved(&recorded).map(|solution| solution.quality.expected_rms_deg)
+        solve_turns(&recorded).map(|solution| solution.quality.expected_rms_deg)
     };
     let one_side = good.turns().without_part(CollectionPart::LEFT);
     let missing = method_selection::select_method(one_side, Procedure::Turns);
@@ -180,9 +181,9 @@ fn unsolvable_samples_are_rejected_with_a_reason() {
     let mut noise = Random(3);
     let mut chaos = good.clone();
     for sample in chaos.left.iter_mut().chain(&mut chaos.right) {
-        sample.field = Field::new(vector(&mut noise, 60.0));
+        sample.field = Field::new(random_vector(&mut noise, 60.0));
     }
-    assert!(solved(&chaos).is_err());
+    assert!(solve_turns(&chaos).is_err());
 }
 
 #[test]

@@ -2,11 +2,11 @@
 
 use nalgebra::{Matrix3, SVector, Vector3};
 
-use super::synthetic::{Airframe, Flight, Random, RecordedTurns, mean, rms, vector};
+use super::synthetic::{Airframe, Flight, Random, RecordedTurns, mean, random_vector, rms};
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
 use crate::calibration::model::{Likelihood, ModelConfig, ModelParameters, NoiseModel, for_each_prior};
-use crate::calibration::tests::{NO_PRIOR, solved};
+use crate::calibration::tests::{NO_PRIOR, solve_turns};
 use crate::calibration::uncertainty::information::Information;
 use crate::calibration::verification;
 use crate::calibration::{
@@ -35,7 +35,12 @@ impl CurrentProfile {
     }
 }
 
-fn fly(airframe: &Airframe, k: Vector3<f32>, currents: CurrentProfile, random: &mut Random) -> RecordedTurns {
+fn fly_with_current(
+    airframe: &Airframe,
+    k: Vector3<f32>,
+    currents: CurrentProfile,
+    random: &mut Random,
+) -> RecordedTurns {
     let mut recorded = Flight::TYPICAL.fly(airframe, random);
     for (is_right, side) in [(false, &mut recorded.left), (true, &mut recorded.right)] {
         for (i, sample) in side.iter_mut().enumerate() {
@@ -67,13 +72,13 @@ fn errors_deg(airframe: &Airframe, k: Vector3<f32>, solution: &Solution) -> Vec<
     [mean_a - spread_a, mean_a + spread_a].map(at).concat()
 }
 
-fn results_of_flights(size_ut_per_a: f32, currents: CurrentProfile) -> FlightResults {
+fn interference_results(size_ut_per_a: f32, currents: CurrentProfile) -> FlightResults {
     let mut shown = FlightResults::default();
     for seed in 0..40 {
         let mut random = Random(4000 + seed);
         let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [-65.0, 65.0]);
-        let k = vector(&mut random, 1.0).normalize() * size_ut_per_a;
-        let solution = solved(&fly(&airframe, k, currents, &mut random)).unwrap();
+        let k = random_vector(&mut random, 1.0).normalize() * size_ut_per_a;
+        let solution = solve_turns(&fly_with_current(&airframe, k, currents, &mut random)).unwrap();
         let interference = solution.calibration.motor_current;
         if interference.is_applied() {
             shown.used += 1;
@@ -101,7 +106,7 @@ impl FlightResults {
 /// below 1.
 #[test]
 fn interference_is_estimated_and_used() {
-    let shown = results_of_flights(0.4, CurrentProfile::Bursts);
+    let shown = interference_results(0.4, CurrentProfile::Bursts);
     assert_eq!(shown.used, 40);
     assert!((0.5..1.1).contains(&rms(&shown.normalised_errors)), "{}", rms(&shown.normalised_errors));
     assert!((0.6..1.05).contains(&shown.error_ratio_rms()), "{}", shown.error_ratio_rms());
@@ -110,7 +115,7 @@ fn interference_is_estimated_and_used() {
 
 #[test]
 fn insignificant_interference_is_not_used() {
-    let shown = results_of_flights(0.0, CurrentProfile::Bursts);
+    let shown = interference_results(0.0, CurrentProfile::Bursts);
     assert_eq!(shown.used, 0);
     assert!((0.6..1.05).contains(&shown.error_ratio_rms()), "{}", shown.error_ratio_rms());
     assert!(mean(&shown.expected_deg) < 0.35, "{:?}", shown.expected_deg);
@@ -118,7 +123,7 @@ fn insignificant_interference_is_not_used() {
 
 #[test]
 fn a_steady_current_is_hard_iron() {
-    let shown = results_of_flights(0.4, CurrentProfile::Steady);
+    let shown = interference_results(0.4, CurrentProfile::Steady);
     assert_eq!(shown.used, 0);
     assert!((0.6..1.05).contains(&shown.error_ratio_rms()), "{}", shown.error_ratio_rms());
     assert!(mean(&shown.expected_deg) < 0.35, "{:?}", shown.expected_deg);
@@ -128,17 +133,17 @@ fn a_steady_current_is_hard_iron() {
 /// larger expected error.
 #[test]
 fn interference_correlated_with_the_turn_is_estimated() {
-    let shown = results_of_flights(0.4, CurrentProfile::BySide);
+    let shown = interference_results(0.4, CurrentProfile::BySide);
     assert_eq!(shown.used, 40);
     assert!((0.6..1.05).contains(&shown.error_ratio_rms()), "{}", shown.error_ratio_rms());
     assert!(mean(&shown.expected_deg) < 0.4, "{:?}", shown.expected_deg);
 }
 
-fn one_flight(seed: u64) -> (Airframe, Vector3<f32>, RecordedTurns) {
+fn flight_with_current(seed: u64) -> (Airframe, Vector3<f32>, RecordedTurns) {
     let mut random = Random(seed);
     let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [50.0, 60.0]);
     let k = Vector3::new(0.25, -0.3, 0.15);
-    let recorded = fly(&airframe, k, CurrentProfile::Bursts, &mut random);
+    let recorded = fly_with_current(&airframe, k, CurrentProfile::Bursts, &mut random);
     (airframe, k, recorded)
 }
 
@@ -147,14 +152,14 @@ fn without_current_there_is_no_estimate() {
     let mut random = Random(1);
     let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [50.0, 60.0]);
     // Interference small enough for a calibration to be accepted without its correction.
-    let recorded = fly(&airframe, Vector3::new(0.05, -0.06, 0.03), CurrentProfile::Bursts, &mut random);
+    let recorded = fly_with_current(&airframe, Vector3::new(0.05, -0.06, 0.03), CurrentProfile::Bursts, &mut random);
     let strip = |samples: &[Sample], period: usize| -> Vec<Sample> {
         let current = |i: usize, s: &Sample| if i.is_multiple_of(period) { MotorCurrent::UNKNOWN } else { s.current };
         samples.iter().enumerate().map(|(i, s)| Sample { current: current(i, s), ..*s }).collect()
     };
     let with_every_nth_current =
         |period: usize| RecordedTurns { left: strip(&recorded.left, period), right: strip(&recorded.right, period) };
-    let [none, few, many] = [1, 3, 5].map(|period| solved(&with_every_nth_current(period)).unwrap());
+    let [none, few, many] = [1, 3, 5].map(|period| solve_turns(&with_every_nth_current(period)).unwrap());
     assert_eq!(
         (none.calibration.motor_current, few.calibration.motor_current),
         (MotorCurrentInterference::NO_INTERFERENCE, MotorCurrentInterference::NO_INTERFERENCE)
@@ -162,7 +167,7 @@ fn without_current_there_is_no_estimate() {
     assert_eq!(none.calibration, few.calibration);
     // One sample in five lacks a current.
     assert!(many.calibration.motor_current.is_applied());
-    let solution_with_currents = solved(&recorded).unwrap();
+    let solution_with_currents = solve_turns(&recorded).unwrap();
     assert!(
         solution_with_currents.quality.norm_residual < 0.5 * none.quality.norm_residual,
         "{solution_with_currents:?} {none:?}"
@@ -171,8 +176,8 @@ fn without_current_there_is_no_estimate() {
 
 #[test]
 fn verification_corrects_for_the_current() {
-    let (_, _, recorded) = one_flight(2);
-    let calibration = solved(&recorded).unwrap().calibration;
+    let (_, _, recorded) = flight_with_current(2);
+    let calibration = solve_turns(&recorded).unwrap().calibration;
     let without_interference = Calibration { motor_current: MotorCurrentInterference::NO_INTERFERENCE, ..calibration };
     let scores = verification::score_held_back(recorded.turns(), true, &calibration, &without_interference);
     assert!(scores.candidate_score < 0.2 * scores.active_score, "{scores:?}");
@@ -218,7 +223,7 @@ fn heading_variance_grows_outside_the_calibrated_currents() {
 /// with priors, for white errors.
 #[test]
 fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
-    let (airframe, k, recorded) = one_flight(3);
+    let (airframe, k, recorded) = flight_with_current(3);
     let samples = recorded.turns();
     let mut likelihood = Likelihood::new(&NO_PRIOR, ModelConfig::DEFAULT, samples, airframe.total_ut);
     likelihood.noise = NoiseModel::new(0.01, 0.02, Matrix3::identity());
@@ -329,8 +334,8 @@ fn covariance_factors_multiply_to_the_covariance() {
 /// For another mounting only rounding differs, by at most a tenth of sigma.
 #[test]
 fn interference_is_estimated_in_sensor_axes() {
-    let (_, _, recorded) = one_flight(5);
-    let straight = solved(&recorded).unwrap().calibration.motor_current;
+    let (_, _, recorded) = flight_with_current(5);
+    let straight = solve_turns(&recorded).unwrap().calibration.motor_current;
     let mount = Orientation::from_name("roll90-yaw90").unwrap();
     let rotation = mount.body_from_sensor();
     let turned = |samples: &[Sample]| -> Vec<Sample> {
@@ -353,7 +358,7 @@ fn interference_is_estimated_in_sensor_axes() {
 /// Currents known for three quarters of the samples.
 #[test]
 fn current_statistics_are_those_of_the_samples() {
-    let (_, _, mut recorded) = one_flight(4);
+    let (_, _, mut recorded) = flight_with_current(4);
     let all: Vec<f32> = recorded.turns().all_samples().filter_map(|s| s.current.amperes()).collect();
     let interference = MotorCurrentInterference::from_samples(recorded.turns());
     assert!((interference.mean_current_a - mean(&all)).abs() < 1e-3);

@@ -5,7 +5,7 @@ use core::f32::consts::{PI, TAU};
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::synthetic::{Airframe, Flight, Random, RecordedTurns, level_circle, rms, sample, vector};
+use super::synthetic::{Airframe, Flight, Random, RecordedTurns, level_circle, measured_sample, random_vector, rms};
 use crate::calibration::tests::NO_PRIOR;
 use crate::calibration::{
     Axis, HeadingMark, Method, Orientation, Sample, SamplePart, Samples, Side, Solution, SolveError, Solver,
@@ -58,7 +58,7 @@ fn too_few_headings_reports_their_number() {
     let (airframe, _) = ordinary_flight(Flight::TYPICAL);
     let mut random = Random(2);
     let level: Vec<Sample> = (0..40_u8)
-        .map(|i| sample(&airframe, Attitude::default(), f32::from(i % 4) * PI / 2.0 + 0.1, 0.05, &mut random))
+        .map(|i| measured_sample(&airframe, Attitude::default(), f32::from(i % 4) * PI / 2.0 + 0.1, 0.05, &mut random))
         .collect();
     let level = Parts { level: &level, ..Parts::default() }.samples();
     let refused = solve_error(Method::Level, level);
@@ -96,7 +96,7 @@ fn a_turn_that_is_no_ellipse_is_reported() {
 fn unobservable_coefficients_are_reported() {
     let (airframe, recorded) = ordinary_flight(Flight { wander_deg: 0.5, ..Flight::TYPICAL });
     assert_eq!(solve_error(Method::Ellipsoid, recorded.turns()), Some(SolveError::NotDetermined(SamplePart::All)));
-    let constant_sample = sample(&airframe, Attitude::default(), 1.0, 0.0, &mut Random(0));
+    let constant_sample = measured_sample(&airframe, Attitude::default(), 1.0, 0.0, &mut Random(0));
     let marks =
         Parts { marks: &[HeadingMark { sample: constant_sample, heading_rad: 1.0 }; 6], ..Parts::default() }.samples();
     assert_eq!(solve_error(Method::CompassSwing, marks), Some(SolveError::NotDetermined(SamplePart::Marks)));
@@ -120,7 +120,7 @@ fn a_random_field_does_not_converge() {
     let (_, mut recorded) = ordinary_flight(Flight::TYPICAL);
     let mut random = Random(3);
     for s in recorded.left.iter_mut().chain(&mut recorded.right) {
-        s.field = Field::new(vector(&mut random, 60.0));
+        s.field = Field::new(random_vector(&mut random, 60.0));
     }
     assert_eq!(solve_error(Method::MaximumLikelihood, recorded.turns()), Some(SolveError::NotConverged));
 }
@@ -134,20 +134,20 @@ const ALIGNED: Airframe = Airframe {
 };
 
 fn aligned_sample(bank_deg: f32, heading_rad: f32, millis: u32) -> Sample {
-    let measured = sample(&ALIGNED, Attitude::from_deg(bank_deg, 0.0), heading_rad, 0.0, &mut Random(0));
+    let measured = measured_sample(&ALIGNED, Attitude::from_deg(bank_deg, 0.0), heading_rad, 0.0, &mut Random(0));
     Sample { time: WrappingMillis::new(millis), ..measured }
 }
 
-fn circles(bank_deg: f32, rate_rad: f32) -> Vec<Sample> {
+fn both_circles(bank_deg: f32, rate_rad: f32) -> Vec<Sample> {
     (0..72_u16).map(|i| aligned_sample(bank_deg, f32::from(i) * rate_rad, u32::from(i) * 500)).collect()
 }
 
 #[test]
 fn headings_against_the_bank_are_reversed_turns() {
     const RATE_RAD: f32 = TAU / 36.0;
-    let level = circles(0.0, RATE_RAD);
+    let level = both_circles(0.0, RATE_RAD);
     for (rate_rad, expected) in [(RATE_RAD, None), (-RATE_RAD, Some(SolveError::TurnsReversed))] {
-        let (left, right) = (circles(-25.0, -rate_rad), circles(25.0, rate_rad));
+        let (left, right) = (both_circles(-25.0, -rate_rad), both_circles(25.0, rate_rad));
         let error_of = |method, left, right| {
             solve_error(method, Parts { left, right, level: &level, ..Parts::default() }.samples())
         };
@@ -206,7 +206,8 @@ fn a_second_start_solves_a_misled_first() {
         let airframe = crate::calibration::tests::harsh_airframe(&mut random);
         let rough = Flight { samples: 60, wander_deg: 8.0, bank_deg: 15.0, sensor_noise_ut: 0.12, ..Flight::TYPICAL };
         let recorded = rough.fly(&airframe, &mut random);
-        let solution = crate::calibration::tests::solved(&recorded).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
+        let solution =
+            crate::calibration::tests::solve_turns(&recorded).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
         let (error, expected) = (rms(&airframe.errors_deg(&solution.calibration)), solution.quality.expected_rms_deg);
         assert!(error < 1.0 && error < 3.0 * expected, "seed {seed}: {error} deg, expected {expected}");
     }

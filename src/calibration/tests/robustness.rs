@@ -1,7 +1,7 @@
 //! Faulty samples: a correct solution or a rejection, never a wrong solution with a small expected error.
 
-use super::synthetic::{Airframe, Flight, Random, RecordedTurns, rms, vector};
-use crate::calibration::tests::solved;
+use super::synthetic::{Airframe, Flight, Random, RecordedTurns, random_vector, rms};
+use crate::calibration::tests::solve_turns;
 use crate::calibration::{Sample, SolveError};
 
 #[derive(Debug, Default)]
@@ -15,14 +15,14 @@ struct FaultOutcomes {
 const MAX_EXPECTED_RMS_DEG: f32 = 3.0;
 
 /// Flies 60 airframes with a fault; asserts that accepted solutions are within three times the expected error.
-fn run_with_fault(fault: impl Fn(&mut RecordedTurns, &mut Random)) -> FaultOutcomes {
+fn fly_with_fault(fault: impl Fn(&mut RecordedTurns, &mut Random)) -> FaultOutcomes {
     let mut tally = FaultOutcomes::default();
     for seed in 0..60 {
         let mut random = Random(4000 + seed);
         let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
         let mut recorded = Flight::TYPICAL.fly(&airframe, &mut random);
         fault(&mut recorded, &mut random);
-        match solved(&recorded) {
+        match solve_turns(&recorded) {
             Ok(solution) if solution.quality.expected_rms_deg <= MAX_EXPECTED_RMS_DEG => {
                 let error = rms(&airframe.errors_deg(&solution.calibration));
                 let expected = solution.quality.expected_rms_deg;
@@ -46,7 +46,7 @@ fn for_each_sample(recorded: &mut RecordedTurns, change: impl FnMut(&mut Sample)
 /// Attitude errors of 10 deg for 3 s, four times per side.
 #[test]
 fn gusts_cause_no_wrong_calibration() {
-    let tally = run_with_fault(|recorded, random| {
+    let tally = fly_with_fault(|recorded, random| {
         for side in [&mut recorded.left, &mut recorded.right] {
             for gust in 0..4 {
                 let [roll_rad, pitch_rad] = [0; 2].map(|_| (random.normal() * 10.0).to_radians());
@@ -63,9 +63,9 @@ fn gusts_cause_no_wrong_calibration() {
 /// Power lines add up to 15 uT for 5 s, once per side.
 #[test]
 fn a_power_line_causes_no_wrong_calibration() {
-    let tally = run_with_fault(|recorded, random| {
+    let tally = fly_with_fault(|recorded, random| {
         for side in [&mut recorded.left, &mut recorded.right] {
-            let disturbance = vector(random, 1.0).normalize() * 15.0;
+            let disturbance = random_vector(random, 1.0).normalize() * 15.0;
             for (i, sample) in side.iter_mut().skip(60).take(10).enumerate() {
                 sample.field.ut += disturbance * (core::f32::consts::PI * i as f32 / 10.0).sin();
             }
@@ -77,8 +77,8 @@ fn a_power_line_causes_no_wrong_calibration() {
 /// The motor current adds steps of 0.5 uT every 20 s.
 #[test]
 fn motor_current_steps_cause_no_wrong_calibration() {
-    let tally = run_with_fault(|recorded, random| {
-        let step = vector(random, 1.0).normalize() * 0.5;
+    let tally = fly_with_fault(|recorded, random| {
+        let step = random_vector(random, 1.0).normalize() * 0.5;
         let mut seconds = 0.0;
         for_each_sample(recorded, |sample| {
             seconds += 0.5;
@@ -93,7 +93,7 @@ fn motor_current_steps_cause_no_wrong_calibration() {
 /// An axis clipped at 75 % of its range.
 #[test]
 fn a_saturated_axis_is_rejected() {
-    let tally = run_with_fault(|recorded, _| {
+    let tally = fly_with_fault(|recorded, _| {
         let all = recorded.left.iter().chain(&recorded.right);
         let top = all.map(|s| s.field.ut.x).fold(f32::MIN, f32::max);
         let bottom = recorded.left.iter().chain(&recorded.right).map(|s| s.field.ut.x).fold(f32::MAX, f32::min);
@@ -107,7 +107,7 @@ fn a_saturated_axis_is_rejected() {
 #[test]
 fn a_frozen_axis_is_rejected() {
     for axis in 0..3 {
-        let tally = run_with_fault(|recorded, _| {
+        let tally = fly_with_fault(|recorded, _| {
             let stuck = recorded.left[0].field.ut[axis];
             for_each_sample(recorded, |sample| sample.field.ut[axis] = stuck);
         });
@@ -117,7 +117,7 @@ fn a_frozen_axis_is_rejected() {
 
 #[test]
 fn swapped_turns_are_rejected() {
-    let tally = run_with_fault(|recorded, _| {
+    let tally = fly_with_fault(|recorded, _| {
         core::mem::swap(&mut recorded.left, &mut recorded.right);
         for_each_sample(recorded, |sample| sample.attitude.roll_rad = -sample.attitude.roll_rad);
     });
@@ -126,11 +126,11 @@ fn swapped_turns_are_rejected() {
 
 #[test]
 fn standing_still_is_rejected() {
-    let tally = run_with_fault(|recorded, random| {
+    let tally = fly_with_fault(|recorded, random| {
         for side in [&mut recorded.left, &mut recorded.right] {
             let first = side[0];
             for sample in side.iter_mut() {
-                let noise = vector(random, 0.2);
+                let noise = random_vector(random, 0.2);
                 *sample = Sample { time: sample.time, ..first };
                 sample.field.ut += noise;
             }

@@ -92,7 +92,7 @@ fn the_first_failure_is_reported() {
     let (_, mut recorded) = flight_at_inclination(2, Flight::TYPICAL, 55.0);
     let mut random = Random(5);
     for sample in recorded.left.iter_mut().chain(&mut recorded.right) {
-        sample.field.ut = crate::calibration::tests::synthetic::vector(&mut random, 60.0);
+        sample.field.ut = crate::calibration::tests::synthetic::random_vector(&mut random, 60.0);
     }
     assert_eq!(solve_with_inclination(&recorded, 55.0).unwrap_err(), SolveError::NotConverged);
 }

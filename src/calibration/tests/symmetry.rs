@@ -2,7 +2,7 @@
 
 use nalgebra::{Rotation3, Unit};
 
-use super::synthetic::{Airframe, Flight, Random, RecordedTurns, vector};
+use super::synthetic::{Airframe, Flight, Random, RecordedTurns, random_vector};
 use crate::calibration::tests::NO_PRIOR;
 use crate::calibration::{Calibration, Method, Orientation, Prior, Sample, solve_samples};
 use crate::frames::{Field, wrap_pi};
@@ -54,7 +54,7 @@ fn invariant_to_rotation_of_sensor_and_mount() {
 #[test]
 fn invariant_to_rotation_of_the_sensor_in_its_mount() {
     for (seed, recorded, mut random) in flights() {
-        let axis = Unit::new_normalize(vector(&mut random, 1.0));
+        let axis = Unit::new_normalize(random_vector(&mut random, 1.0));
         let turn = Rotation3::from_axis_angle(&axis, 10.0_f32.to_radians());
         let turned = map_samples(&recorded, |sample| Sample { field: Field::new(turn * sample.field.ut), ..*sample });
         let (a, b) =

@@ -12,7 +12,7 @@ use crate::calibration::{
 use crate::frames::{Attitude, Field, Level, Sensor, wrap_pi};
 use crate::time::WrappingMillis;
 
-pub fn vector(random: &mut Random, bound: f32) -> Vector3<f32> {
+pub fn random_vector(random: &mut Random, bound: f32) -> Vector3<f32> {
     Vector3::from_fn(|_, _| random.uniform(-bound, bound))
 }
 
@@ -27,7 +27,7 @@ impl GaussMarkov {
         Self { sigma, correlation: (-step_s / tau_s).exp(), value: sigma * random.normal() }
     }
 
-    fn next(&mut self, random: &mut Random) -> f32 {
+    fn next_value(&mut self, random: &mut Random) -> f32 {
         self.value = self.correlation * self.value
             + self.sigma * (1.0 - self.correlation * self.correlation).sqrt() * random.normal();
         self.value
@@ -57,11 +57,11 @@ impl Airframe {
         let inclination_rad = random.uniform(inclination_deg[0], inclination_deg[1]).to_radians();
         let total_ut = random.uniform(40.0, 60.0);
         let half = Matrix3::from_fn(|_, _| random.uniform(-soft, soft));
-        let axis = nalgebra::Unit::new_normalize(vector(random, 1.0));
+        let axis = nalgebra::Unit::new_normalize(random_vector(random, 1.0));
         let turn = Rotation3::from_axis_angle(&axis, random.uniform(0.0, mount_deg).to_radians());
         let soft_iron = (half + half.transpose()) / 2.0;
         let h0_ut = total_ut * inclination_rad.cos();
-        let direction = vector(random, 1.0).normalize();
+        let direction = random_vector(random, 1.0).normalize();
         Self {
             a: turn.matrix() * (Matrix3::identity() + soft_iron),
             b_ut: direction * h0_ut * random.uniform(0.0, hard),
@@ -96,7 +96,13 @@ impl Airframe {
     }
 }
 
-pub fn sample(airframe: &Airframe, attitude: Attitude, heading_rad: f32, noise_ut: f32, random: &mut Random) -> Sample {
+pub fn measured_sample(
+    airframe: &Airframe,
+    attitude: Attitude,
+    heading_rad: f32,
+    noise_ut: f32,
+    random: &mut Random,
+) -> Sample {
     let noise = Vector3::from_fn(|_, _| random.normal() * noise_ut);
     Sample {
         field: Field::new(airframe.field(attitude, heading_rad).ut + noise),
@@ -114,7 +120,7 @@ pub fn level_circle(airframe: &Airframe, samples: u16, random: &mut Random) -> V
         .map(|i| {
             let true_attitude = Attitude::from_deg(random.normal() * 0.5, random.normal() * 0.5);
             let heading_rad = f32::from(i) / f32::from(samples) * TAU;
-            let measured = sample(airframe, true_attitude, heading_rad, 0.12, random);
+            let measured = measured_sample(airframe, true_attitude, heading_rad, 0.12, random);
             let [roll_rad, pitch_rad] = [true_attitude.roll_rad, true_attitude.pitch_rad]
                 .map(|angle| angle + (random.normal() * 0.3).to_radians());
             Sample {
@@ -144,7 +150,7 @@ pub fn multirotor_samples(airframe: &Airframe, noise_deg: f32, random: &mut Rand
             heading_rad += STEP_S * rate_rad_s;
             let tilt_deg = if t_s < 40.0 { 1.0 } else { 15.0 };
             let true_attitude = Attitude::from_deg(tilt_deg * (t_s / 1.7).sin(), tilt_deg * (t_s / 2.3).cos());
-            let measured = sample(airframe, true_attitude, heading_rad, 0.4 * noise_deg, random);
+            let measured = measured_sample(airframe, true_attitude, heading_rad, 0.4 * noise_deg, random);
             let [roll_rad, pitch_rad] = [true_attitude.roll_rad, true_attitude.pitch_rad]
                 .map(|angle| angle + (random.normal() * noise_deg).to_radians());
             Sample {
@@ -208,11 +214,11 @@ impl Flight {
         let mut heading_rad = random.uniform(0.0, TAU);
         (0..self.samples)
             .map(|i| {
-                let roll_deg = sign * self.bank_deg + attitude_noise[0].next(random);
-                let pitch_deg = 2.0 + attitude_noise[1].next(random);
+                let roll_deg = sign * self.bank_deg + attitude_noise[0].next_value(random);
+                let pitch_deg = 2.0 + attitude_noise[1].next_value(random);
                 let true_attitude = Attitude::from_deg(roll_deg, pitch_deg);
                 heading_rad += STEP_S * 9.81 * true_attitude.roll_rad.tan() / 22.0;
-                let error_deg = noise.each_mut().map(|n| n.next(random));
+                let error_deg = noise.each_mut().map(|n| n.next_value(random));
                 let reported =
                     Attitude::from_deg(roll_deg * (1.0 + self.bank_scale) + error_deg[0], pitch_deg + error_deg[1]);
                 let sensor_noise = Vector3::from_fn(|_, _| random.normal() * self.sensor_noise_ut);

@@ -8,7 +8,7 @@ use crate::calibration::{
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
-fn sample(x_ut: f32) -> Sample {
+fn sample_of_field(x_ut: f32) -> Sample {
     Sample {
         field: Field::from_ut(x_ut, 0.0, 0.0),
         attitude: Attitude::default(),
@@ -29,14 +29,14 @@ fn a_sample_takes_36_bytes() {
 #[test]
 fn attitude_is_extrapolated_with_its_rates() {
     let attitude = Attitude { roll_rad: 3.1, pitch_rad: 0.2 };
-    let turning = Sample { attitude, rates: Rates::from_rad_s([1.0, -0.5, 0.0]), ..sample(1.0) };
+    let turning = Sample { attitude, rates: Rates::from_rad_s([1.0, -0.5, 0.0]), ..sample_of_field(1.0) };
     let later = turning.latency_compensated_attitude(0.1);
     assert!((later.roll_rad - (3.2 - core::f32::consts::TAU)).abs() < 1e-5 && (later.pitch_rad - 0.15).abs() < 1e-6);
     let earlier = turning.latency_compensated_attitude(-0.1);
     assert!((earlier.roll_rad - 3.0).abs() < 1e-5 && (earlier.pitch_rad - 0.25).abs() < 1e-6);
     assert_eq!(turning.latency_compensated_attitude(0.0), attitude);
     assert_eq!(Sample { rates: Rates::UNKNOWN, ..turning }.latency_compensated_attitude(1.0), attitude);
-    let calibration = Calibration { latency_s: 0.1, ..calibration() };
+    let calibration = Calibration { latency_s: 0.1, ..test_calibration() };
     assert_eq!(
         calibration.corrected_level_field(&turning),
         later.to_level_frame(calibration.calibrated_field(turning.field))
@@ -45,8 +45,12 @@ fn attitude_is_extrapolated_with_its_rates() {
 
 #[test]
 fn iter_omits_marks_and_all_includes_them() {
-    let (left, right, level) = ([sample(1.0), sample(2.0)], [sample(3.0)], [sample(4.0), sample(5.0)]);
-    let marks = [HeadingMark { sample: sample(6.0), heading_rad: 0.0 }];
+    let (left, right, level) = (
+        [sample_of_field(1.0), sample_of_field(2.0)],
+        [sample_of_field(3.0)],
+        [sample_of_field(4.0), sample_of_field(5.0)],
+    );
+    let marks = [HeadingMark { sample: sample_of_field(6.0), heading_rad: 0.0 }];
     let samples = Parts { left: &left, right: &right, level: &level, marks: &marks, ..Parts::default() }.samples();
     let numbers = |iter: &mut dyn Iterator<Item = &Sample>| -> Vec<f32> { iter.map(|s| s.field.ut.x).collect() };
     assert_eq!(numbers(&mut samples.iter()), [1.0, 2.0, 3.0, 4.0, 5.0]);
@@ -54,7 +58,7 @@ fn iter_omits_marks_and_all_includes_them() {
     assert_eq!(Samples::default().all_samples().count(), 0);
 }
 
-fn calibration() -> Calibration {
+fn test_calibration() -> Calibration {
     Calibration {
         w: [[1.0, 2.0, 0.0], [0.0, 1.0, -1.0], [3.0, 0.0, 2.0]],
         b_ut: [10.0, -20.0, 30.0],
@@ -68,11 +72,11 @@ fn calibration() -> Calibration {
 /// Liu 2007 eq. 8 by hand: (1, 2, 3) remains after the hard iron is subtracted.
 #[test]
 fn a_calibration_subtracts_hard_iron_before_the_matrix() {
-    let corrected = calibration().calibrated_field(Field::from_ut(11.0, -18.0, 33.0));
+    let corrected = test_calibration().calibrated_field(Field::from_ut(11.0, -18.0, 33.0));
     assert_eq!(corrected, Field::from_ut(5.0, -1.0, 9.0));
-    assert_eq!(calibration().w_matrix() * nalgebra::Vector3::new(1.0, 2.0, 3.0), corrected.ut);
-    assert_eq!(matrix_rows(&calibration().w_matrix()), calibration().w);
-    assert_eq!(calibration().b_vector_ut(), nalgebra::Vector3::new(10.0, -20.0, 30.0));
+    assert_eq!(test_calibration().w_matrix() * nalgebra::Vector3::new(1.0, 2.0, 3.0), corrected.ut);
+    assert_eq!(matrix_rows(&test_calibration().w_matrix()), test_calibration().w);
+    assert_eq!(test_calibration().b_vector_ut(), nalgebra::Vector3::new(10.0, -20.0, 30.0));
 }
 
 #[test]
@@ -85,28 +89,28 @@ fn uncalibrated_applies_the_mounting_only() {
 
 #[test]
 fn a_nonfinite_coefficient_is_detected() {
-    assert!(calibration().is_finite());
+    assert!(test_calibration().is_finite());
     for bad in [f32::NAN, f32::INFINITY] {
         for i in 0..9 {
-            let mut calibration = calibration();
+            let mut calibration = test_calibration();
             calibration.w[i / 3][i % 3] = bad;
             assert!(!calibration.is_finite(), "w {i}");
         }
         for i in 0..3 {
-            let mut calibration = calibration();
+            let mut calibration = test_calibration();
             calibration.b_ut[i] = bad;
             assert!(!calibration.is_finite(), "b {i}");
         }
-        assert!(!Calibration { inclination_rad: bad, ..calibration() }.is_finite());
-        assert!(!Calibration { total_ut: bad, ..calibration() }.is_finite());
-        assert!(!Calibration { latency_s: bad, ..calibration() }.is_finite());
+        assert!(!Calibration { inclination_rad: bad, ..test_calibration() }.is_finite());
+        assert!(!Calibration { total_ut: bad, ..test_calibration() }.is_finite());
+        assert!(!Calibration { latency_s: bad, ..test_calibration() }.is_finite());
         for current in [
             MotorCurrentInterference { ut_per_a: [0.0, bad, 0.0], ..MotorCurrentInterference::NO_INTERFERENCE },
             MotorCurrentInterference { sigma_ut_per_a: bad, ..MotorCurrentInterference::NO_INTERFERENCE },
             MotorCurrentInterference { mean_current_a: bad, ..MotorCurrentInterference::NO_INTERFERENCE },
             MotorCurrentInterference { current_sigma_a: bad, ..MotorCurrentInterference::NO_INTERFERENCE },
         ] {
-            assert!(!Calibration { motor_current: current, ..calibration() }.is_finite(), "{current:?}");
+            assert!(!Calibration { motor_current: current, ..test_calibration() }.is_finite(), "{current:?}");
         }
     }
 }

@@ -250,7 +250,7 @@ mod tests {
     use crate::calibration::tests::synthetic::Parts;
 
     /// Two samples of each part, and a mark; their times are 1 to 9 ms.
-    fn samples() -> Samples<'static> {
+    fn test_samples() -> Samples<'static> {
         let sample = |time_ms| Sample {
             field: Field::from_ut(0.0, 0.0, 0.0),
             attitude: Attitude::default(),
@@ -264,21 +264,24 @@ mod tests {
         Parts { left: &left, right: &right, level: &level, free: &free, marks: &marks }.samples()
     }
 
-    fn times<'a>(samples: impl IntoIterator<Item = &'a Sample>) -> Vec<u32> {
+    fn times_ms<'a>(samples: impl IntoIterator<Item = &'a Sample>) -> Vec<u32> {
         samples.into_iter().map(|sample| sample.time.as_ms()).collect()
     }
 
     #[test]
     fn samples_are_iterated_by_part_and_marks_last() {
-        assert_eq!(times(samples().iter()), [1, 2, 3, 4, 5, 6, 7, 8]);
-        assert_eq!(times(samples().all_samples()), [1, 2, 3, 4, 5, 6, 7, 8, 9]);
+        assert_eq!(times_ms(test_samples().iter()), [1, 2, 3, 4, 5, 6, 7, 8]);
+        assert_eq!(times_ms(test_samples().all_samples()), [1, 2, 3, 4, 5, 6, 7, 8, 9]);
         assert_eq!(
-            CollectionPart::ALL_PARTS.map(|part| times(samples().samples_of_part(part))),
+            CollectionPart::ALL_PARTS.map(|part| times_ms(test_samples().samples_of_part(part))),
             [[1, 2], [3, 4], [5, 6], [7, 8]]
         );
-        assert_eq!([Side::Left, Side::Right].map(|side| times(samples().samples_of_turn(side))), [[1, 2], [3, 4]]);
-        assert_eq!(times(Samples::default().all_samples()), []);
-        assert!(samples().has_free_flight_samples() && !Samples::default().has_free_flight_samples());
+        assert_eq!(
+            [Side::Left, Side::Right].map(|side| times_ms(test_samples().samples_of_turn(side))),
+            [[1, 2], [3, 4]]
+        );
+        assert_eq!(times_ms(Samples::default().all_samples()), []);
+        assert!(test_samples().has_free_flight_samples() && !Samples::default().has_free_flight_samples());
     }
 
     #[test]
@@ -288,14 +291,18 @@ mod tests {
             let view = CollectionPart::ALL_PARTS
                 .into_iter()
                 .filter(|part| is_excluded(*part))
-                .fold(samples(), Samples::without_part);
+                .fold(test_samples(), Samples::without_part);
             let included = || CollectionPart::ALL_PARTS.into_iter().filter(|part| !is_excluded(*part));
             assert_eq!(
-                times(view.iter()),
-                times(included().flat_map(|part| samples().samples_of_part(part))),
+                times_ms(view.iter()),
+                times_ms(included().flat_map(|part| test_samples().samples_of_part(part))),
                 "{excluded}"
             );
-            assert_eq!(times(view.iter()), times(included().flat_map(|part| view.samples_of_part(part))), "{excluded}");
+            assert_eq!(
+                times_ms(view.iter()),
+                times_ms(included().flat_map(|part| view.samples_of_part(part))),
+                "{excluded}"
+            );
             assert_eq!(view.iter().count() + 1, view.all_samples().count());
         }
     }

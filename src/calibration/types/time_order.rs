@@ -52,7 +52,7 @@ mod tests {
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
-    fn at(millis: &[u32]) -> Vec<Sample> {
+    fn samples_at_ms(millis: &[u32]) -> Vec<Sample> {
         let sample = |&millis: &u32| Sample {
             field: Field::from_ut(0.0, 0.0, 0.0),
             attitude: Attitude::default(),
@@ -64,22 +64,22 @@ mod tests {
         millis.iter().map(sample).collect()
     }
 
-    fn order(left: &[u32], right: &[u32], level: &[u32]) -> Vec<(usize, u32)> {
-        let [left, right, level] = [left, right, level].map(at);
+    fn merged_order(left: &[u32], right: &[u32], level: &[u32]) -> Vec<(usize, u32)> {
+        let [left, right, level] = [left, right, level].map(samples_at_ms);
         let samples = Parts { left: &left, right: &right, level: &level, ..Parts::default() }.samples();
         TimeOrdered::new(samples).map(|(part, sample)| (part, sample.time.as_ms())).collect()
     }
 
     #[test]
     fn parts_are_merged_by_time() {
-        assert_eq!(order(&[5, 9], &[1, 7, 8], &[6]), [(1, 1), (0, 5), (2, 6), (1, 7), (1, 8), (0, 9)]);
-        assert_eq!(order(&[], &[1, 2], &[]), [(1, 1), (1, 2)]);
-        assert_eq!(order(&[], &[], &[]), []);
+        assert_eq!(merged_order(&[5, 9], &[1, 7, 8], &[6]), [(1, 1), (0, 5), (2, 6), (1, 7), (1, 8), (0, 9)]);
+        assert_eq!(merged_order(&[], &[1, 2], &[]), [(1, 1), (1, 2)]);
+        assert_eq!(merged_order(&[], &[], &[]), []);
     }
 
     #[test]
     fn runs_of_free_flight_are_merged() {
-        let [level, free] = [&[4][..], &[2, 9, 3, 7, 1]].map(at);
+        let [level, free] = [&[4][..], &[2, 9, 3, 7, 1]].map(samples_at_ms);
         let samples = Parts { level: &level, free: &free, ..Parts::default() }.samples();
         let order: Vec<_> = TimeOrdered::new(samples).map(|(part, sample)| (part, sample.time.as_ms())).collect();
         assert_eq!(order, [(3, 1), (3, 2), (3, 3), (2, 4), (3, 7), (3, 9)]);
@@ -87,12 +87,12 @@ mod tests {
 
     #[test]
     fn simultaneous_samples_keep_the_part_order() {
-        assert_eq!(order(&[1, 2], &[1, 2], &[1]), [(0, 1), (1, 1), (2, 1), (0, 2), (1, 2)]);
+        assert_eq!(merged_order(&[1, 2], &[1, 2], &[1]), [(0, 1), (1, 1), (2, 1), (0, 2), (1, 2)]);
     }
 
     #[test]
     fn order_survives_clock_wrap() {
-        assert_eq!(order(&[5], &[u32::MAX - 5], &[]), [(1, u32::MAX - 5), (0, 5)]);
-        assert_eq!(order(&[u32::MAX - 5], &[5], &[]), [(0, u32::MAX - 5), (1, 5)]);
+        assert_eq!(merged_order(&[5], &[u32::MAX - 5], &[]), [(1, u32::MAX - 5), (0, 5)]);
+        assert_eq!(merged_order(&[u32::MAX - 5], &[5], &[]), [(0, u32::MAX - 5), (1, 5)]);
     }
 }

@@ -14,24 +14,24 @@ impl FreeFlight {
         Self { buffer: TestBuffer::new(), selection: DOptimalSelection::NO_SELECTION }
     }
 
-    fn collect(samples: impl Iterator<Item = Sample>) -> Self {
+    fn collect_samples(samples: impl Iterator<Item = Sample>) -> Self {
         let mut flight = Self::new();
         samples.for_each(|sample| {
-            flight.push(sample);
+            flight.push_sample(sample);
         });
         flight
     }
 
-    fn push(&mut self, sample: Sample) -> OfferedSampleResult {
+    fn push_sample(&mut self, sample: Sample) -> OfferedSampleResult {
         push_sample(self.buffer.part_view(CollectionPart::FREE), &mut self.selection, sample)
     }
 
     fn fit_times(&self) -> Vec<u32> {
-        times(self.buffer.fit_samples(CollectionPart::FREE))
+        times_ms(self.buffer.fit_samples(CollectionPart::FREE))
     }
 
     fn held_back_times(&self) -> Vec<u32> {
-        times(self.buffer.held_back_samples(CollectionPart::FREE))
+        times_ms(self.buffer.held_back_samples(CollectionPart::FREE))
     }
 
     fn coverage(&mut self) -> PartCoverage {
@@ -39,7 +39,7 @@ impl FreeFlight {
     }
 }
 
-fn times(samples: &[Sample]) -> Vec<u32> {
+fn times_ms(samples: &[Sample]) -> Vec<u32> {
     samples.iter().map(|sample| sample.time.as_ms()).collect()
 }
 
@@ -51,7 +51,7 @@ fn free_flight(seconds: u16) -> impl Iterator<Item = Sample> {
 
 #[test]
 fn free_flight_samples_are_stored_until_full() {
-    let mut flight = FreeFlight::collect(free_flight(40));
+    let mut flight = FreeFlight::collect_samples(free_flight(40));
     let (fit, held_back) = (flight.fit_times(), flight.held_back_times());
     assert_eq!((fit.len(), held_back.len()), (300, 100));
     assert_eq!(held_back[..3], [300, 700, 1100]);
@@ -70,9 +70,9 @@ fn free_flight_samples_are_stored_until_full() {
 #[test]
 fn informative_samples_replace_uninformative_ones() {
     let level = |minutes: u16| turn_samples(0.0, 0, 60 * minutes, 60.0);
-    let mut flight = FreeFlight::collect(level(5));
+    let mut flight = FreeFlight::collect_samples(level(5));
     let turns = turn_samples(25.0, 300, 320, 60.0).chain(turn_samples(-25.0, 320, 340, 60.0));
-    let stored = turns.filter(|sample| flight.push(*sample) == OfferedSampleResult::Stored).count();
+    let stored = turns.filter(|sample| flight.push_sample(*sample) == OfferedSampleResult::Stored).count();
     let mut banked_sum = 0;
     for sample_use in [SampleUse::Fit, SampleUse::Verification] {
         let (samples, capacity) = (
@@ -87,7 +87,7 @@ fn informative_samples_replace_uninformative_ones() {
         assert!(banked * 10 >= samples_offered * 8 || banked * 10 >= capacity * 7, "{banked} of {samples_offered}");
         let ends = section_ends(sample_use, samples.len());
         for [start, end] in [[0, ends[0]], [ends[0], ends[1]], [ends[1], ends[2]]] {
-            assert!(times(&samples[start..end]).is_sorted());
+            assert!(times_ms(&samples[start..end]).is_sorted());
         }
     }
     assert!(stored >= banked_sum && stored <= 400, "{stored}, {banked_sum}");
@@ -95,9 +95,9 @@ fn informative_samples_replace_uninformative_ones() {
 
 #[test]
 fn uninformative_samples_are_rejected() {
-    let mut flight = FreeFlight::collect(free_flight(400));
+    let mut flight = FreeFlight::collect_samples(free_flight(400));
     let before = flight.fit_times();
-    let ends: Vec<_> = turn_samples(0.0, 500, 510, 60.0).map(|sample| flight.push(sample)).collect();
+    let ends: Vec<_> = turn_samples(0.0, 500, 510, 60.0).map(|sample| flight.push_sample(sample)).collect();
     let new = flight.fit_times().iter().filter(|time| !before.contains(time)).count();
     assert!(new <= 8, "{new} of 75");
     assert!(ends.iter().filter(|end| **end == OfferedSampleResult::Rejected).count() >= 67, "{ends:?}");
@@ -109,7 +109,7 @@ fn identical_samples_are_stored_once() {
     let mut is_stored = |x_ut: f32, roll_deg: f32, pitch_deg: f32| {
         let attitude = Attitude::from_deg(roll_deg, pitch_deg);
         let before = flight.coverage();
-        let end = flight.push(Sample { attitude, ..test_sample([x_ut, 5.0, 40.0], 100) });
+        let end = flight.push_sample(Sample { attitude, ..test_sample([x_ut, 5.0, 40.0], 100) });
         let expected =
             if flight.coverage() == before { OfferedSampleResult::Ignored } else { OfferedSampleResult::Stored };
         assert_eq!(end, expected);

@@ -16,7 +16,7 @@ impl Tumble {
     }
 
     /// Collects a number of points on a line, `step_ut` apart.
-    fn on_line(number: u32, step_ut: f32) -> Self {
+    fn collect_on_line(number: u32, step_ut: f32) -> Self {
         let mut tumble = Self::new(SampleQuota::TURN);
         (0..number).for_each(|i| tumble.push_at(i as f32 * step_ut, i * 400));
         tumble
@@ -35,7 +35,7 @@ impl Tumble {
         self.buffer.fit_samples(CollectionPart::FREE)
     }
 
-    fn stored(&self) -> usize {
+    fn stored_count(&self) -> usize {
         self.buffer.stored_samples(CollectionPart::FREE)
     }
 
@@ -46,12 +46,12 @@ impl Tumble {
 
 #[test]
 fn tumbled_samples_are_at_least_5_ut_apart() {
-    assert_eq!(Tumble::on_line(20, 5.1).stored(), 20);
-    assert_eq!(Tumble::on_line(20, 5.0).stored(), 20, "at the very distance");
-    assert_eq!(Tumble::on_line(20, 4.9).stored(), 10, "every other one");
-    let five = Tumble::on_line(5, 5.1);
+    assert_eq!(Tumble::collect_on_line(20, 5.1).stored_count(), 20);
+    assert_eq!(Tumble::collect_on_line(20, 5.0).stored_count(), 20, "at the very distance");
+    assert_eq!(Tumble::collect_on_line(20, 4.9).stored_count(), 10, "every other one");
+    let five = Tumble::collect_on_line(5, 5.1);
     assert_eq!(
-        (five.stored(), five.buffer.held_back_samples(CollectionPart::FREE).len()),
+        (five.stored_count(), five.buffer.held_back_samples(CollectionPart::FREE).len()),
         (5, 1),
         "every fourth is held back"
     );
@@ -62,7 +62,7 @@ fn tumbled_samples_are_stored_at_most_every_0_4_s() {
     for (spacing_ms, expected) in [(400, 20), (399, 10)] {
         let mut tumble = Tumble::new(SampleQuota::TURN);
         (0..20).for_each(|i| tumble.push_at(i as f32 * 10.0, i * spacing_ms));
-        assert_eq!(tumble.stored(), expected);
+        assert_eq!(tumble.stored_count(), expected);
     }
 }
 
@@ -70,9 +70,9 @@ fn tumbled_samples_are_stored_at_most_every_0_4_s() {
 #[test]
 fn a_full_tumble_is_thinned() {
     let both = SampleQuota::TURN.fit_quota + SampleQuota::TURN.held_back_quota;
-    assert_eq!(Tumble::on_line(both as u32, 5.1).stored(), both);
-    let mut tumble = Tumble::on_line(both as u32 + 1, 5.1);
-    assert_eq!(tumble.stored(), SampleQuota::TURN.held_back_quota + expected_after_thinning() + 1);
+    assert_eq!(Tumble::collect_on_line(both as u32, 5.1).stored_count(), both);
+    let mut tumble = Tumble::collect_on_line(both as u32 + 1, 5.1);
+    assert_eq!(tumble.stored_count(), SampleQuota::TURN.held_back_quota + expected_after_thinning() + 1);
     assert!((tumble.distance_ut - 6.5).abs() < 1e-4, "{}", tumble.distance_ut);
     let coverage = tumble.coverage();
     assert_eq!(
@@ -99,7 +99,7 @@ fn expected_after_thinning() -> usize {
 fn a_tumble_is_complete_at_66_fit_samples() {
     for (number, percent) in [(44, 50), (86, 98), (87, 100), (200, 100)] {
         // Three of four samples are for the fit: 33 of 44, 65 of 86, 66 of 87, 150 of 200.
-        let coverage = Tumble::on_line(number, 6.0).coverage();
+        let coverage = Tumble::collect_on_line(number, 6.0).coverage();
         assert_eq!((coverage.percent, coverage.covered_sectors), (percent, 0), "{number}");
     }
 }
@@ -135,5 +135,5 @@ fn nonfinite_samples_are_rejected() {
     for (i, broken) in (0..).zip([f32::NAN, f32::INFINITY, f32::NEG_INFINITY]) {
         tumble.push_at(broken, i * 400);
     }
-    assert_eq!(tumble.stored(), 0);
+    assert_eq!(tumble.stored_count(), 0);
 }

@@ -3,11 +3,11 @@ use super::*;
 
 const PARTS: [CollectionPart; 3] = [CollectionPart::LEFT, CollectionPart::LEVEL, CollectionPart::FREE];
 
-fn insert(buffer: &mut SampleBuffer, sample_use: SampleUse, part: CollectionPart, time_ms: u32) {
+fn insert_test_sample(buffer: &mut SampleBuffer, sample_use: SampleUse, part: CollectionPart, time_ms: u32) {
     buffer.insert_sample(sample_use, Sample { part, ..test_sample([1.0; 3], time_ms) });
 }
 
-fn times(samples: &[Sample]) -> Vec<u32> {
+fn times_ms(samples: &[Sample]) -> Vec<u32> {
     samples.iter().map(|sample| sample.time.as_ms()).collect()
 }
 
@@ -17,7 +17,7 @@ fn filled_buffer() -> SampleBuffer {
     for time_ms in (0..60).step_by(10) {
         for (i, part) in PARTS.into_iter().enumerate() {
             let sample_use = if time_ms % 20 == 0 { SampleUse::Fit } else { SampleUse::Verification };
-            insert(&mut buffer, sample_use, part, time_ms + i as u32);
+            insert_test_sample(&mut buffer, sample_use, part, time_ms + i as u32);
         }
     }
     buffer
@@ -26,18 +26,19 @@ fn filled_buffer() -> SampleBuffer {
 #[test]
 fn samples_are_ordered_by_use_part_and_time() {
     let buffer = filled_buffer();
-    assert_eq!(times(buffer.samples_of_use(SampleUse::Fit)), [0, 20, 40, 1, 21, 41, 2, 22, 42]);
-    assert_eq!(times(buffer.samples_of_use(SampleUse::Verification)), [10, 30, 50, 11, 31, 51, 12, 32, 52]);
+    assert_eq!(times_ms(buffer.samples_of_use(SampleUse::Fit)), [0, 20, 40, 1, 21, 41, 2, 22, 42]);
+    assert_eq!(times_ms(buffer.samples_of_use(SampleUse::Verification)), [10, 30, 50, 11, 31, 51, 12, 32, 52]);
     assert_eq!(
-        times(buffer.all_samples()),
-        [times(buffer.samples_of_use(SampleUse::Fit)), times(buffer.samples_of_use(SampleUse::Verification))].concat()
+        times_ms(buffer.all_samples()),
+        [times_ms(buffer.samples_of_use(SampleUse::Fit)), times_ms(buffer.samples_of_use(SampleUse::Verification))]
+            .concat()
     );
-    assert_eq!(times(buffer.samples_of_part(SampleUse::Fit, CollectionPart::LEVEL)), [1, 21, 41]);
-    assert_eq!(times(buffer.samples_of_part(SampleUse::Verification, CollectionPart::FREE)), [12, 32, 52]);
+    assert_eq!(times_ms(buffer.samples_of_part(SampleUse::Fit, CollectionPart::LEVEL)), [1, 21, 41]);
+    assert_eq!(times_ms(buffer.samples_of_part(SampleUse::Verification, CollectionPart::FREE)), [12, 32, 52]);
     assert!(buffer.samples_of_part(SampleUse::Fit, CollectionPart::RIGHT).is_empty());
     for (i, part) in PARTS.into_iter().enumerate() {
         let both: Vec<Sample> = buffer.part_fit_then_held_back(part).iter().copied().collect();
-        assert_eq!(times(&both), [0, 20, 40, 10, 30, 50].map(|time_ms| time_ms + i as u32));
+        assert_eq!(times_ms(&both), [0, 20, 40, 10, 30, 50].map(|time_ms| time_ms + i as u32));
     }
 }
 
@@ -53,8 +54,8 @@ fn removing_a_sample_leaves_the_others_in_order() {
         buffer.remove_sample(sample_use, part, position);
         for use_of in [SampleUse::Fit, SampleUse::Verification] {
             let expected: Vec<u32> =
-                times(before.samples_of_use(use_of)).into_iter().filter(|time| *time != removed).collect();
-            assert_eq!(times(buffer.samples_of_use(use_of)), expected, "{removed}");
+                times_ms(before.samples_of_use(use_of)).into_iter().filter(|time| *time != removed).collect();
+            assert_eq!(times_ms(buffer.samples_of_use(use_of)), expected, "{removed}");
         }
     }
     let mut buffer = filled_buffer();
@@ -68,9 +69,9 @@ fn a_replacement_changes_its_part_only() {
     let mut buffer = filled_buffer();
     let new = |part, time_ms| Sample { part, ..test_sample([2.0; 3], time_ms) };
     buffer.replace_sample(SampleUse::Fit, 1, 3, new(CollectionPart::LEVEL, 99));
-    assert_eq!(times(buffer.samples_of_use(SampleUse::Fit)), [0, 20, 40, 1, 41, 99, 2, 22, 42]);
+    assert_eq!(times_ms(buffer.samples_of_use(SampleUse::Fit)), [0, 20, 40, 1, 41, 99, 2, 22, 42]);
     buffer.replace_sample(SampleUse::Verification, 0, 3, new(CollectionPart::FREE, 98));
-    assert_eq!(times(buffer.samples_of_use(SampleUse::Verification)), [10, 30, 50, 11, 31, 51, 32, 52, 98]);
+    assert_eq!(times_ms(buffer.samples_of_use(SampleUse::Verification)), [10, 30, 50, 11, 31, 51, 32, 52, 98]);
     let before = buffer.clone();
     buffer.replace_sample(SampleUse::Fit, 3, 3, new(CollectionPart::LEVEL, 97));
     assert_eq!(buffer.all_samples(), before.all_samples(), "there is none");
@@ -80,7 +81,7 @@ fn a_replacement_changes_its_part_only() {
 fn a_full_buffer_accepts_no_more() {
     let mut buffer = SampleBuffer::EMPTY;
     for time_ms in 0..SAMPLE_CAPACITY as u32 + 5 {
-        insert(
+        insert_test_sample(
             &mut buffer,
             if time_ms % 4 == 3 { SampleUse::Verification } else { SampleUse::Fit },
             CollectionPart::FREE,
@@ -89,8 +90,8 @@ fn a_full_buffer_accepts_no_more() {
     }
     assert_eq!(buffer.all_samples().len(), SAMPLE_CAPACITY);
     assert!(
-        times(buffer.samples_of_use(SampleUse::Fit)).is_sorted()
-            && times(buffer.samples_of_use(SampleUse::Verification)).is_sorted()
+        times_ms(buffer.samples_of_use(SampleUse::Fit)).is_sorted()
+            && times_ms(buffer.samples_of_use(SampleUse::Verification)).is_sorted()
     );
     buffer.clear();
     assert!(buffer.all_samples().is_empty() && buffer.samples_of_use(SampleUse::Verification).is_empty());
@@ -111,7 +112,7 @@ fn numbers_beyond_the_capacity_are_an_empty_buffer() {
         buffer.remove_sample(SampleUse::Verification, CollectionPart::FREE, 0);
         buffer.replace_sample(SampleUse::Verification, 0, 1, test_sample([0.0; 3], 2));
         buffer.clear();
-        insert(&mut buffer, SampleUse::Fit, CollectionPart::FREE, 3);
-        assert_eq!(times(buffer.all_samples()), [3]);
+        insert_test_sample(&mut buffer, SampleUse::Fit, CollectionPart::FREE, 3);
+        assert_eq!(times_ms(buffer.all_samples()), [3]);
     }
 }

@@ -199,7 +199,7 @@ fn insert_at(buffer: &mut TestBuffer, quota: SampleQuota, time_ms: u32) {
     );
 }
 
-fn times(buffer: &TestBuffer) -> Vec<u32> {
+fn stored_times_ms(buffer: &TestBuffer) -> Vec<u32> {
     buffer.fit_samples(CollectionPart::LEFT).iter().map(|sample| sample.time.as_ms()).collect()
 }
 
@@ -207,16 +207,16 @@ fn times(buffer: &TestBuffer) -> Vec<u32> {
 fn a_full_part_replaces_the_oldest_sample_of_the_fullest_sector() {
     let mut buffer = buffer_with_crowded_sector();
     insert_at(&mut buffer, QUOTA_6, 1100);
-    assert_eq!(times(&buffer), [100, 302, 500, 303, 700, 1100]);
+    assert_eq!(stored_times_ms(&buffer), [100, 302, 500, 303, 700, 1100]);
     insert_at(&mut buffer, QUOTA_6, 0);
-    assert_eq!(times(&buffer), [100, 500, 303, 700, 1100, 0]);
+    assert_eq!(stored_times_ms(&buffer), [100, 500, 303, 700, 1100, 0]);
 }
 
 #[test]
 fn a_full_part_rejects_samples_of_its_fullest_sector() {
     let mut buffer = buffer_with_crowded_sector();
     insert_at(&mut buffer, QUOTA_6, 399);
-    assert_eq!(times(&buffer), times(&buffer_with_crowded_sector()));
+    assert_eq!(stored_times_ms(&buffer), stored_times_ms(&buffer_with_crowded_sector()));
 }
 
 #[test]
@@ -225,7 +225,7 @@ fn a_part_with_room_accepts_all() {
     for time_ms in [304, 305, 306] {
         insert_at(&mut buffer, SampleQuota { fit_quota: 9, ..QUOTA_6 }, time_ms);
     }
-    assert_eq!(times(&buffer), [100, 301, 302, 500, 303, 700, 304, 305, 306]);
+    assert_eq!(stored_times_ms(&buffer), [100, 301, 302, 500, 303, 700, 304, 305, 306]);
 }
 
 #[test]

@@ -212,9 +212,9 @@ fn a_disarmed_vehicle_is_in_flight_until_it_is_at_rest() {
     bench.now = last_sample.wrapping_add(5_001);
     bench.expect_done(Command::Restart);
     bench.now = last_sample;
-    bench.collect_at_rest(some_field(), 50);
+    bench.collect_at_rest(test_field(), 50);
     assert_eq!(bench.expect_refusal(Command::Restart), Refusal::Armed);
-    bench.collect_at_rest(some_field(), 2);
+    bench.collect_at_rest(test_field(), 2);
     bench.expect_done(Command::Restart);
     fly(&mut bench);
     bench.expect_done(Command::Restart);

@@ -182,9 +182,14 @@ fn a_vehicle_without_tilt_is_not_calibrated_in_flight() {
                 let t_s = f32::from(i) * 0.1;
                 let attitude = Attitude::from_deg(tilt_deg * (t_s / 1.1).sin(), tilt_deg * (t_s / 1.7).cos());
                 let rates = Rates::from_rad_s([0.0, 0.0, 0.35]);
-                let field =
-                    crate::calibration::tests::synthetic::sample(&airframe(), attitude, t_s * 0.35, 0.1, &mut random)
-                        .field;
+                let field = crate::calibration::tests::synthetic::measured_sample(
+                    &airframe(),
+                    attitude,
+                    t_s * 0.35,
+                    0.1,
+                    &mut random,
+                )
+                .field;
                 Sample {
                     field,
                     attitude,

@@ -25,7 +25,7 @@ const READINGS_PER_SAMPLE: u16 = 8;
 /// Sample interval, milliseconds: samples are distinct, and turns have no gap.
 const STEP_MS: u32 = 500;
 
-fn memory() -> &'static mut RetainedSamples {
+fn leaked_memory() -> &'static mut RetainedSamples {
     Box::leak(Box::new(RetainedSamples::EMPTY))
 }
 
@@ -43,7 +43,11 @@ impl TestBed {
     #[expect(clippy::large_types_passed_by_value, reason = "each call makes one of its own")]
     fn with_state(policy: AcceptancePolicy, stored_calibrations: StoredCalibrations) -> Self {
         let mut bench = Self {
-            compass: Compass::new(policy, &StoredValues { stored_calibrations, ..StoredValues::default() }, memory()),
+            compass: Compass::new(
+                policy,
+                &StoredValues { stored_calibrations, ..StoredValues::default() },
+                leaked_memory(),
+            ),
             now: u32::MAX - 20_000,
         };
         bench.compass.process_event(Event::SensorDetected(SENSOR, READINGS_PER_SAMPLE));
@@ -116,7 +120,7 @@ impl TestBed {
     }
 
     /// Flies left then right turns until a solve starts.
-    fn fly(&mut self, recorded: &RecordedTurns) {
+    fn fly_turns(&mut self, recorded: &RecordedTurns) {
         for sample in recorded.left.iter().chain(&recorded.right) {
             if !self.compass.is_busy() {
                 assert!(matches!(self.process_sample(sample.field, sample.attitude), Effect::None));
@@ -136,7 +140,7 @@ impl TestBed {
 
     fn calibrate(&mut self, recorded: &RecordedTurns) -> SolveOutcome {
         assert_eq!(self.expect_done(Command::CalStart(Procedure::Turns)), ModuleState::Collecting);
-        self.fly(recorded);
+        self.fly_turns(recorded);
         if !self.compass.is_busy() {
             assert_eq!(self.expect_done(Command::CalSolve(None)), ModuleState::Solving);
         }
@@ -179,7 +183,7 @@ fn airframe() -> Airframe {
 }
 
 /// A complete collection: two and a half circles each way.
-fn turns(airframe: &Airframe, seed: u64) -> RecordedTurns {
+fn complete_turns(airframe: &Airframe, seed: u64) -> RecordedTurns {
     Flight { samples: 190, ..Flight::TYPICAL }.fly(airframe, &mut Random(seed))
 }
 
@@ -188,14 +192,14 @@ fn few_turns(airframe: &Airframe, seed: u64) -> RecordedTurns {
     Flight { samples: 60, ..Flight::TYPICAL }.fly(airframe, &mut Random(seed))
 }
 
-fn some_field() -> Field<Sensor> {
+fn test_field() -> Field<Sensor> {
     airframe().field(Attitude::default(), 0.7)
 }
 
 /// The mounting is output only for a known sensor.
 #[test]
 fn a_correction_contains_mounting_armed_state_and_expected_errors() {
-    let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &StoredValues::default(), memory());
+    let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &StoredValues::default(), leaked_memory());
     assert_eq!(compass.instrument_correction(), Correction::UNCALIBRATED);
     compass.process_event(Event::ArmedStateReported(Some(false)));
     assert_eq!(compass.instrument_correction(), Correction { is_armed: Some(false), ..Correction::UNCALIBRATED });
@@ -220,7 +224,7 @@ fn full_turns_to_both_sides_give_a_calibration() {
         Correction { mount: Some(Orientation::IDENTITY_ROTATION), ..Correction::UNCALIBRATED }
     );
     bench.expect_done(Command::CalStart(Procedure::Turns));
-    bench.fly(&turns(&airframe(), 1));
+    bench.fly_turns(&complete_turns(&airframe(), 1));
     assert_eq!(bench.compass.module_state(), ModuleState::Solving);
     while bench.compass.module_state() == ModuleState::Solving {
         assert!(matches!(bench.compass.process_event(Event::AdvanceSolve), Effect::None));
@@ -258,7 +262,7 @@ fn full_turns_to_both_sides_give_a_calibration() {
 fn settings_of_a_running_solve_cannot_change() {
     let mut bench = TestBed::new();
     bench.expect_done(Command::CalStart(Procedure::Turns));
-    bench.fly(&turns(&airframe(), 1));
+    bench.fly_turns(&complete_turns(&airframe(), 1));
     assert_eq!(bench.compass.module_state(), ModuleState::Solving);
     for command in [
         Command::CalStart(Procedure::Turns),
@@ -323,7 +327,7 @@ fn ground_commands_are_refused_while_armed() {
     bench.compass.process_event(Event::ArmedStateReported(Some(false)));
     assert_eq!(bench.expect_done(Command::Restart), ModuleState::Calibrated);
     assert_eq!(bench.expect_done(Command::CalStart(Procedure::Swing)), ModuleState::Collecting);
-    bench.collect_at_rest(some_field(), 8);
+    bench.collect_at_rest(test_field(), 8);
     assert!(matches!(bench.request_reply(Command::CalMark(10.0)), Ok(Reply::MarkCount(1))));
     for command in
         [Command::CalUndo, Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION)), Command::CalClear]
@@ -336,7 +340,7 @@ fn ground_commands_are_refused_while_armed() {
 fn marks_are_refused_while_armed() {
     let mut bench = TestBed::new();
     bench.expect_done(Command::CalStart(Procedure::Swing));
-    bench.collect_at_rest(some_field(), 8);
+    bench.collect_at_rest(test_field(), 8);
     bench.compass.process_event(Event::ArmedStateReported(Some(true)));
     assert_eq!(bench.expect_refusal(Command::CalMark(10.0)), Refusal::Armed);
     assert_eq!(bench.expect_refusal(Command::CalStartNew(None)), Refusal::Armed, "it is a swing again");
@@ -365,7 +369,7 @@ fn commands_other_than_ground_commands_are_accepted_while_armed() {
     }
     bench.calibrate(&few_turns(&airframe(), 1)).unwrap();
     assert!(matches!(bench.request_reply(Command::CalAdvise), Ok(Reply::Advice(_))));
-    bench.collect_at_rest(some_field(), 8);
+    bench.collect_at_rest(test_field(), 8);
     assert!(bench.save_by_command(Command::AlignConfirmed(100.0)).is_ok());
     assert!(bench.save_by_command(Command::Align(None)).is_ok());
 }
@@ -374,7 +378,7 @@ fn commands_other_than_ground_commands_are_accepted_while_armed() {
 fn commands_that_change_state_are_refused_during_a_save() {
     let mut bench = TestBed::new();
     bench.expect_done(Command::CalStart(Procedure::Turns));
-    bench.fly(&turns(&airframe(), 1));
+    bench.fly_turns(&complete_turns(&airframe(), 1));
     assert!(matches!(bench.run_solve(), Effect::Save));
     for command in [
         Command::CalAbort,
@@ -395,7 +399,7 @@ fn commands_that_change_state_are_refused_during_a_save() {
 fn an_abort_ends_a_solve_and_discards_the_samples() {
     let mut bench = TestBed::new();
     bench.expect_done(Command::CalStart(Procedure::Turns));
-    bench.fly(&turns(&airframe(), 1));
+    bench.fly_turns(&complete_turns(&airframe(), 1));
     assert_eq!(bench.expect_done(Command::CalAbort), ModuleState::Uncalibrated);
     assert!(!bench.compass.is_busy());
     assert_eq!(bench.expect_refusal(Command::CalSolve(None)), Refusal::NoSamples);
@@ -411,10 +415,10 @@ fn the_indicator_shows_a_refused_solve() {
     let mut bench = TestBed::new();
     bench.save_by_command(Command::Set(SettingChange::Mount(Orientation::from_name("yaw90").unwrap()))).unwrap();
     assert_eq!(bench.compass.indicator_state(), IndicatorState::Idle);
-    assert_eq!(bench.calibrate(&turns(&airframe(), 1)).unwrap_err().stable_code(), "mount-contradicted");
+    assert_eq!(bench.calibrate(&complete_turns(&airframe(), 1)).unwrap_err().stable_code(), "mount-contradicted");
     assert_eq!(bench.compass.indicator_state(), IndicatorState::Refused);
     bench.save_by_command(Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION))).unwrap();
-    bench.calibrate(&turns(&airframe(), 1)).unwrap();
+    bench.calibrate(&complete_turns(&airframe(), 1)).unwrap();
     assert_eq!(bench.compass.indicator_state(), IndicatorState::Calibrated);
 }
 
@@ -422,12 +426,12 @@ fn the_indicator_shows_a_refused_solve() {
 fn a_stopped_collection_keeps_its_samples() {
     let mut bench = TestBed::new();
     bench.expect_done(Command::CalStart(Procedure::Turns));
-    bench.fly(&few_turns(&airframe(), 1));
+    bench.fly_turns(&few_turns(&airframe(), 1));
     let collected = bench.status_report().progress;
     assert!(collected.left_turns.samples >= 30 && collected.right_turns.samples >= 30, "{collected:?}");
     assert_eq!(bench.expect_done(Command::CalStop), ModuleState::Uncalibrated);
     assert_eq!(bench.expect_refusal(Command::CalStop), Refusal::NotCollecting);
-    bench.fly(&few_turns(&airframe(), 2));
+    bench.fly_turns(&few_turns(&airframe(), 2));
     assert_eq!(bench.status_report().progress, collected, "nothing is collected any more");
     assert_eq!(bench.expect_done(Command::CalSolve(None)), ModuleState::Solving);
     let end = bench.run_solve();
@@ -439,7 +443,7 @@ fn a_new_collection_starts_without_samples() {
     for stopped in [false, true] {
         let mut bench = TestBed::new();
         bench.expect_done(Command::CalStart(Procedure::Turns));
-        bench.fly(&few_turns(&airframe(), 1));
+        bench.fly_turns(&few_turns(&airframe(), 1));
         if stopped {
             bench.expect_done(Command::CalStop);
             bench.expect_done(Command::CalStart(Procedure::Turns));
@@ -455,7 +459,7 @@ fn a_new_collection_starts_without_samples() {
 
 #[test]
 fn without_a_sensor_calibration_is_refused() {
-    let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &StoredValues::default(), memory());
+    let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &StoredValues::default(), leaked_memory());
     for command in [Command::CalStart(Procedure::Turns), Command::CalSolve(None)] {
         let effect = compass.process_event(Event::Command(command, WrappingMillis::default()));
         assert!(matches!(effect, Effect::Reply(Err(Refusal::NoSensor))), "{effect:?}");
@@ -468,7 +472,7 @@ fn a_failed_solve_is_refused_with_the_solver_s_reason() {
     assert_eq!(bench.expect_refusal(Command::CalSolve(None)), Refusal::NoSamples);
     bench.expect_done(Command::CalStart(Procedure::Turns));
     let RecordedTurns { left, .. } = few_turns(&airframe(), 1);
-    bench.fly(&RecordedTurns { left, right: Vec::new() });
+    bench.fly_turns(&RecordedTurns { left, right: Vec::new() });
     // A known cause replaces the solver's error.
     let one_side = bench.expect_refusal(Command::CalSolve(None));
     let lack = CollectionProblem::OneSideOnly(Side::Left);
@@ -494,7 +498,7 @@ fn a_rejected_calibration_is_not_used() {
     let strict_policy = AcceptancePolicy { min_held_back_samples: 1000, ..AcceptancePolicy::DEFAULT };
     for (policy, code) in [(strict, "not-accurate"), (strict_policy, "too-few-held-back")] {
         let mut bench = TestBed::with_state(policy, StoredCalibrations::default());
-        let refused = bench.calibrate(&turns(&airframe(), 1)).unwrap_err();
+        let refused = bench.calibrate(&complete_turns(&airframe(), 1)).unwrap_err();
         assert_eq!(refused.stable_code(), code);
         assert!(matches!(refused, Refusal::Rejected(_)));
         assert_eq!(bench.compass.module_state(), ModuleState::Uncalibrated);
@@ -505,7 +509,7 @@ fn a_rejected_calibration_is_not_used() {
 #[test]
 fn a_second_calibration_is_judged_against_the_first() {
     let mut bench = TestBed::new();
-    bench.calibrate(&turns(&airframe(), 1)).unwrap();
+    bench.calibrate(&complete_turns(&airframe(), 1)).unwrap();
     let first = *bench.compass.active_record().unwrap();
     let short_flight =
         Flight { samples: 40, attitude_noise_deg: 1.5, ..Flight::TYPICAL }.fly(&airframe(), &mut Random(5));
@@ -520,7 +524,7 @@ fn a_second_calibration_is_judged_against_the_first() {
     assert_eq!(bench.compass.active_record(), Some(&first));
     assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
     let changed_airframe = Airframe { b_ut: airframe().b_ut * 0.2, ..airframe() };
-    bench.calibrate(&turns(&changed_airframe, 2)).unwrap();
+    bench.calibrate(&complete_turns(&changed_airframe, 2)).unwrap();
     let second = *bench.compass.active_record().unwrap();
     assert_eq!(second.serial_number, 2);
     assert!(bench.status_report().can_undo);
@@ -548,7 +552,7 @@ fn serial_numbers_wrap() {
         AcceptancePolicy::DEFAULT,
         StoredCalibrations { current_calibration: Some(last), previous_calibration: None },
     );
-    bench.calibrate(&turns(&airframe(), 1)).unwrap();
+    bench.calibrate(&complete_turns(&airframe(), 1)).unwrap();
     assert_eq!(bench.compass.active_record().unwrap().serial_number, 0);
 }
 
@@ -575,7 +579,7 @@ fn a_record_is_used_only_with_its_sensor_and_mounting() {
     let unknown = Compass::new(
         AcceptancePolicy::DEFAULT,
         &StoredValues { stored_calibrations, ..StoredValues::default() },
-        memory(),
+        leaked_memory(),
     );
     assert!(unknown.active_record().is_none());
 }
@@ -585,7 +589,7 @@ fn a_solve_uses_configured_mounting_and_inclination() {
     let mount = Orientation::from_name("roll180-yaw90").unwrap();
     let mut bench = TestBed::new();
     bench.save_by_command(Command::Set(SettingChange::Mount(mount))).unwrap();
-    bench.calibrate(&turns(&airframe(), 1).in_mount(mount)).unwrap();
+    bench.calibrate(&complete_turns(&airframe(), 1).in_mount(mount)).unwrap();
     assert_eq!(bench.compass.active_record().unwrap().mount, mount);
     // An inclination prior 2 deg off shifts the estimate; 5 deg off is rejected.
     let found_deg = |given: Option<f32>| {
@@ -623,22 +627,22 @@ fn each_mark_uses_its_own_second_of_samples() {
     assert_eq!(bench.expect_refusal(Command::CalMark(10.0)), Refusal::NotSwinging);
     bench.expect_done(Command::CalStart(Procedure::Turns));
     assert_eq!(bench.expect_refusal(Command::CalMark(10.0)), Refusal::NotSwinging);
-    bench.collect_at_rest(some_field(), 8);
+    bench.collect_at_rest(test_field(), 8);
     bench.expect_done(Command::CalStop);
     bench.expect_done(Command::CalStart(Procedure::Swing));
     assert_eq!(bench.expect_refusal(Command::CalMark(10.0)), Refusal::NotStationary);
-    bench.collect_at_rest(some_field(), 8);
+    bench.collect_at_rest(test_field(), 8);
     for outside in [-0.1, 360.1, f32::NAN] {
         assert_eq!(bench.expect_refusal(Command::CalMark(outside)).stable_code(), "out-of-range");
     }
     assert!(matches!(bench.request_reply(Command::CalMark(360.0)), Ok(Reply::MarkCount(1))));
     assert_eq!(bench.expect_refusal(Command::CalMark(0.0)), Refusal::NotStationary);
-    bench.collect_at_rest(some_field(), 7);
+    bench.collect_at_rest(test_field(), 7);
     assert_eq!(bench.expect_refusal(Command::CalMark(0.0)), Refusal::NotStationary);
-    bench.collect_at_rest(some_field(), 1);
+    bench.collect_at_rest(test_field(), 1);
     assert!(matches!(bench.request_reply(Command::CalMark(0.0)), Ok(Reply::MarkCount(2))));
     // Samples older than 1 s are ignored.
-    bench.collect_at_rest(some_field(), 8);
+    bench.collect_at_rest(test_field(), 8);
     bench.now = bench.now.wrapping_add(3000);
     assert_eq!(bench.expect_refusal(Command::CalMark(0.0)), Refusal::NotStationary);
 }
@@ -648,10 +652,10 @@ fn there_is_room_for_36_marks() {
     let mut bench = TestBed::new();
     bench.expect_done(Command::CalStart(Procedure::Swing));
     for number in 1..=36 {
-        bench.collect_at_rest(some_field(), 8);
+        bench.collect_at_rest(test_field(), 8);
         assert!(matches!(bench.request_reply(Command::CalMark(10.0)), Ok(Reply::MarkCount(n)) if n == number));
     }
-    bench.collect_at_rest(some_field(), 8);
+    bench.collect_at_rest(test_field(), 8);
     assert_eq!(bench.expect_refusal(Command::CalMark(10.0)), Refusal::TooManyMarks);
 }
 
@@ -720,7 +724,7 @@ fn a_refusal_reports_the_problem_of_the_flight() {
     bench.now = bench.now.wrapping_add(STEP_MS);
     let hold = |bench: &mut TestBed, roll_deg: f32, samples: usize| {
         for _ in 0..samples {
-            bench.process_sample(some_field(), Attitude::from_deg(roll_deg, 0.0));
+            bench.process_sample(test_field(), Attitude::from_deg(roll_deg, 0.0));
         }
     };
     hold(&mut bench, 6.0, 60);
@@ -823,7 +827,7 @@ fn a_change_that_cannot_be_stored_has_no_effect() {
     }
     let mut bench = TestBed::new();
     bench.expect_done(Command::CalStart(Procedure::Turns));
-    bench.fly(&turns(&airframe(), 1));
+    bench.fly_turns(&complete_turns(&airframe(), 1));
     assert!(matches!(bench.run_solve(), Effect::Save));
     assert!(matches!(
         bench.compass.process_event(failed()),

@@ -74,7 +74,7 @@ impl Run<'_> {
         }
     }
 
-    fn fly(&mut self, samples: &[Sample]) -> Option<SolveOutcome> {
+    fn collect_flight(&mut self, samples: &[Sample]) -> Option<SolveOutcome> {
         for sample in samples {
             *self.now += 250;
             let sample = Sample { time: WrappingMillis::new(*self.now), ..*sample };
@@ -124,10 +124,10 @@ fn a_restarted_collection_ends_with_the_same_accuracy() {
         let mut began = 0;
         for &cut in cuts {
             let (now, later) = rest.split_at(cut - began);
-            assert!(module.run_module(|run| run.fly(now)).is_none(), "{cuts:?}");
+            assert!(module.run_module(|run| run.collect_flight(now)).is_none(), "{cuts:?}");
             (rest, began) = (later, cut);
         }
-        let outcome = module.run_module(|run| run.fly(rest)).unwrap_or_else(|| panic!("{cuts:?}: no end"));
+        let outcome = module.run_module(|run| run.collect_flight(rest)).unwrap_or_else(|| panic!("{cuts:?}: no end"));
         assert!(outcome.is_ok(), "{cuts:?}: {outcome:?}");
         let calibration = module.stored_values.stored_calibrations.current_calibration.unwrap().calibration;
         rms(&airframe().errors_deg(&calibration))
@@ -143,12 +143,14 @@ fn a_restarted_collection_ends_with_the_same_accuracy() {
 fn control_of_a_collection_survives_restarts() {
     let hover_samples = hover_samples();
     let mut module = Module::new();
-    module.run_module(|run| assert!(run.fly(&hover_samples[..60]).is_none() && run.status_report().is_automatic));
+    module.run_module(|run| {
+        assert!(run.collect_flight(&hover_samples[..60]).is_none() && run.status_report().is_automatic);
+    });
     let samples = module.run_module(|run| {
         let report = run.status_report();
         assert!(report.is_automatic && report.module_state == ModuleState::Collecting);
         run.compass.process_event(Event::ArmedStateReported(Some(false)));
-        assert!(run.fly(&hover_samples[60..100]).is_none() && run.status_report().awaits_arming);
+        assert!(run.collect_flight(&hover_samples[60..100]).is_none() && run.status_report().awaits_arming);
         report.progress.left_turns.samples
     });
     module.run_module(|run| {
@@ -162,7 +164,7 @@ fn control_of_a_collection_survives_restarts() {
         run.send_command(Command::CalStop);
     });
     module.run_module(|run| {
-        assert!(run.fly(&hover_samples[100..160]).is_none());
+        assert!(run.collect_flight(&hover_samples[100..160]).is_none());
         let report = run.status_report();
         assert_eq!(
             (report.module_state, report.progress.left_turns.samples),
@@ -214,7 +216,7 @@ fn samples_survive_a_restart_in_a_solve_but_not_its_end() {
     });
     module.run_module(|run| {
         run.send_command(Command::CalStart(Procedure::Flight));
-        run.fly(&hover_samples[..30]);
+        run.collect_flight(&hover_samples[..30]);
         run.send_command(Command::CalAbort);
     });
     module.run_module(|run| assert_eq!(run.status_report().progress.left_turns.samples, 0));
@@ -223,7 +225,7 @@ fn samples_survive_a_restart_in_a_solve_but_not_its_end() {
 #[test]
 fn a_collection_whose_calibration_is_stored_is_discarded() {
     let mut module = Module::new();
-    module.run_module(|run| assert!(run.fly(&hover_samples()[..60]).is_none()));
+    module.run_module(|run| assert!(run.collect_flight(&hover_samples()[..60]).is_none()));
     module.stored_values.stored_calibrations.current_calibration =
         Some(CalibrationRecord { sensor: SENSOR, ..calibration_record(1) });
     module.run_module(|run| {
@@ -242,9 +244,9 @@ fn a_collection_lost_with_the_power_is_reported() {
     let hover_samples = hover_samples();
     let mut module = Module::new();
     module.run_module(|run| {
-        run.fly(&hover_samples[..4]);
+        run.collect_flight(&hover_samples[..4]);
         assert_eq!(*run.write_count, 0, "nothing to lose yet");
-        run.fly(&hover_samples[4..80]);
+        run.collect_flight(&hover_samples[4..80]);
         assert_eq!(*run.write_count, 1);
     });
     module.run_module(|run| assert_eq!((run.compass.last_outcome(), *run.write_count), (None, 1), "it is not lost"));
@@ -257,7 +259,7 @@ fn a_collection_lost_with_the_power_is_reported() {
     });
     module.lose_power();
     module.run_module(|run| assert_eq!((run.compass.last_outcome(), *run.write_count), (None, 2), "told once"));
-    module.run_module(|run| assert!(run.fly(&hover_samples).is_some_and(|end| end.is_ok())));
+    module.run_module(|run| assert!(run.collect_flight(&hover_samples).is_some_and(|end| end.is_ok())));
     module.lose_power();
     module.run_module(|run| {
         assert_eq!((run.compass.last_outcome(), *run.write_count), (None, 3), "stored with the calibration");
@@ -269,7 +271,7 @@ fn a_collection_lost_with_the_power_is_reported() {
 fn a_damaged_collection_is_reported() {
     let hover_samples = hover_samples();
     let mut module = Module::new();
-    module.run_module(|run| assert!(run.fly(&hover_samples[..80]).is_none()));
+    module.run_module(|run| assert!(run.collect_flight(&hover_samples[..80]).is_none()));
     let mut damaged = Module {
         retained_samples: module.retained_samples.clone(),
         stored_values: module.stored_values,
@@ -295,7 +297,7 @@ fn a_damaged_collection_is_reported() {
 fn requested_restarts_and_trial_solves_reset_the_restart_count() {
     let hover_samples = hover_samples();
     let mut module = Module::new();
-    module.run_module(|run| assert!(run.fly(&hover_samples[..60]).is_none()));
+    module.run_module(|run| assert!(run.collect_flight(&hover_samples[..60]).is_none()));
     for _ in 0..6 {
         module.run_module(|run| {
             assert_eq!(run.compass.module_state(), ModuleState::Collecting);
@@ -306,7 +308,10 @@ fn requested_restarts_and_trial_solves_reset_the_restart_count() {
     for _ in 0..6 {
         module.run_module(|run| {
             assert_eq!(run.compass.module_state(), ModuleState::Collecting);
-            assert!(run.fly(&hover_samples[60..62]).is_none() && run.status_report().last_trial.is_some(), "a trial");
+            assert!(
+                run.collect_flight(&hover_samples[60..62]).is_none() && run.status_report().last_trial.is_some(),
+                "a trial"
+            );
         });
     }
 }
@@ -368,7 +373,7 @@ fn a_failed_save_of_protocols_is_not_repeated() {
 fn no_flash_write_happens_during_a_solve() {
     let mut bench = TestBed::new();
     bench.expect_done(Command::CalStart(Procedure::Turns));
-    bench.fly(&turns(&airframe(), 1));
+    bench.fly_turns(&complete_turns(&airframe(), 1));
     assert!(bench.compass.is_busy());
     assert!(matches!(
         bench.compass.process_event(Event::ProtocolsDetected(NO_PROTOCOLS, WrappingMillis::new(0))),

@@ -8,18 +8,18 @@ use testkit::random::Random;
 const PERIOD_US: u64 = 12_500;
 const START_US: u64 = 1_000_000;
 
-fn at(us: u64) -> Timestamp {
+fn timestamp(us: u64) -> Timestamp {
     Timestamp::from_us(START_US + us)
 }
 
-fn calibration() -> Calibration {
+fn test_calibration() -> Calibration {
     Calibration { inclination_rad: 1.0, total_ut: 50.0, ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) }
 }
 
 /// Another calibration of the same aircraft; headings differ by up to 12 deg.
 fn other_calibration() -> Calibration {
     let w = [[1.05, 0.04, 0.0], [0.03, 0.97, 0.02], [-0.02, 0.0, 1.0]];
-    Calibration { w, b_ut: [3.0, -4.0, 2.0], ..calibration() }
+    Calibration { w, b_ut: [3.0, -4.0, 2.0], ..test_calibration() }
 }
 
 fn correction_with(calibration: Calibration) -> Correction {
@@ -41,12 +41,12 @@ fn sensor_field(heading_rad: f32, attitude: Attitude) -> Field<Sensor> {
 }
 
 fn process_reading(instrument: &mut Instrument, us: u64, field: Field<Sensor>) -> Estimate {
-    instrument.on_reading(at(us), Reading { field, is_saturated: false, was_overwritten: false })
+    instrument.on_reading(timestamp(us), Reading { field, is_saturated: false, was_overwritten: false })
 }
 
 fn report_attitude(instrument: &mut Instrument, us: u64, attitude: Attitude) {
     let (source, sender_time) = (SenderId::default(), WrappingMillis::default());
-    let arrival = at(us).plus_signed_us(AttitudeConfig::DEFAULT.latency_us);
+    let arrival = timestamp(us).plus_signed_us(AttitudeConfig::DEFAULT.latency_us);
     instrument.on_attitude(arrival, AttitudeReport { sender: source, sender_time, attitude, body_rates: None });
 }
 
@@ -99,7 +99,7 @@ fn the_compass_field_has_the_true_strength_where_it_is_known() {
         (Some(f32::NAN), 50.0),
         (Some(-50.0), 50.0),
     ] {
-        let mut instrument = instrument_with_correction(Correction { total_ut, ..correction_with(calibration()) });
+        let mut instrument = instrument_with_correction(Correction { total_ut, ..correction_with(test_calibration()) });
         report_attitude(&mut instrument, 0, Attitude::default());
         let output = process_reading(&mut instrument, 0, sensor_field(0.7, Attitude::default())).compass_field.unwrap();
         assert!((output.total_ut() - told_ut).abs() < 1e-3, "{total_ut:?}: {output:?}");
@@ -119,14 +119,14 @@ fn an_uncalibrated_module_sends_the_raw_field() {
     // A chip rotated to the right has its y axis towards the tail.
     assert_eq!(estimate.compass_field, Some(Field::from_ut(5.0, 20.0, 40.0)));
     let saturated = Reading { field: SAMPLE_FIELD, is_saturated: true, was_overwritten: false };
-    assert_eq!(instrument.on_reading(at(2 * PERIOD_US), saturated).compass_field, None);
-    assert_eq!(instrument.on_silence(at(1_000_000)).compass_field, None);
+    assert_eq!(instrument.on_reading(timestamp(2 * PERIOD_US), saturated).compass_field, None);
+    assert_eq!(instrument.on_silence(timestamp(1_000_000)).compass_field, None);
 }
 
 #[test]
 fn the_raw_field_is_never_sent_after_a_calibration_was_used() {
     let mount = Some(Orientation::IDENTITY_ROTATION);
-    let mut instrument = instrument_with_correction(Correction { mount, ..correction_with(calibration()) });
+    let mut instrument = instrument_with_correction(Correction { mount, ..correction_with(test_calibration()) });
     assert!(process_reading(&mut instrument, 0, SAMPLE_FIELD).compass_field.is_some());
     instrument.set_correction(Correction { mount, ..Correction::UNCALIBRATED });
     assert_eq!(process_reading(&mut instrument, PERIOD_US, SAMPLE_FIELD).compass_field, None);
@@ -143,7 +143,7 @@ fn the_raw_field_is_never_sent_after_a_calibration_was_used() {
 #[test]
 fn a_missing_or_frozen_attitude_keeps_the_compass_field() {
     let level = Attitude::default();
-    let mut instrument = instrument_with_correction(correction_with(calibration()));
+    let mut instrument = instrument_with_correction(correction_with(test_calibration()));
     let missing = process_reading(&mut instrument, 0, sensor_field(1.0, level));
     assert_eq!((missing.heading, missing.compass_field.is_some()), (Err(NoHeading::AttitudeStale), true));
     report_attitude(&mut instrument, 0, level);
@@ -162,7 +162,7 @@ fn a_missing_or_frozen_attitude_keeps_the_compass_field() {
 #[test]
 fn without_attitude_only_the_field_strength_is_checked() {
     let output = |times: f32, attitude: Option<Attitude>| {
-        let mut instrument = instrument_with_correction(correction_with(calibration()));
+        let mut instrument = instrument_with_correction(correction_with(test_calibration()));
         if let Some(attitude) = attitude {
             report_attitude(&mut instrument, 0, attitude);
         }
@@ -179,9 +179,10 @@ fn without_attitude_only_the_field_strength_is_checked() {
 }
 
 fn instrument_with_verdict(verdict: Result<(), NoHeading>) -> Instrument {
-    let mut instrument = instrument_with_correction(correction_with(calibration()));
+    let mut instrument = instrument_with_correction(correction_with(test_calibration()));
     report_attitude(&mut instrument, 0, Attitude::default());
-    (instrument.active_calibration.adjustment.validity, instrument.active_calibration.adjusted_at) = (verdict, at(0));
+    (instrument.active_calibration.adjustment.validity, instrument.active_calibration.adjusted_at) =
+        (verdict, timestamp(0));
     instrument
 }
 
@@ -227,14 +228,14 @@ fn a_field_rejected_by_the_monitor_is_not_sent() {
 
 #[test]
 fn the_compass_field_uses_the_monitored_calibration() {
-    let mut instrument = instrument_with_correction(correction_with(calibration()));
-    let monitored = Calibration { b_ut: [1.0, 0.0, 0.0], ..calibration() };
+    let mut instrument = instrument_with_correction(correction_with(test_calibration()));
+    let monitored = Calibration { b_ut: [1.0, 0.0, 0.0], ..test_calibration() };
     instrument.active_calibration.adjusted_calibration = Some((monitored, HeadingUncertainty::NO_UNCERTAINTY));
     assert!(is_near(
         process_reading(&mut instrument, 0, SAMPLE_FIELD).compass_field,
         monitored.calibrated_field(SAMPLE_FIELD)
     ));
-    instrument.set_correction(with_armed_state(true, &correction_with(calibration())));
+    instrument.set_correction(with_armed_state(true, &correction_with(test_calibration())));
     assert!(is_near(
         process_reading(&mut instrument, PERIOD_US, SAMPLE_FIELD).compass_field,
         monitored.calibrated_field(SAMPLE_FIELD)
@@ -244,7 +245,7 @@ fn the_compass_field_uses_the_monitored_calibration() {
 /// Full path through the monitor: 2 uT of added hard iron are compensated.
 #[test]
 fn added_hard_iron_is_compensated_in_the_compass_field() {
-    let mut instrument = instrument_with_correction(correction_with(calibration()));
+    let mut instrument = instrument_with_correction(correction_with(test_calibration()));
     let mut random = Random(3);
     let mut last = None;
     for i in 0..80 * 120_u64 {
@@ -261,7 +262,7 @@ fn added_hard_iron_is_compensated_in_the_compass_field() {
                 attitude,
                 body_rates: BodyRates::from_rad_s(rates_rad_s),
             };
-            instrument.on_attitude(at(us).plus_signed_us(AttitudeConfig::DEFAULT.latency_us), report);
+            instrument.on_attitude(timestamp(us).plus_signed_us(AttitudeConfig::DEFAULT.latency_us), report);
         }
         let noise = Vector3::from_fn(|_, _| 0.1 * random.normal());
         let hard_iron_change_ut = Vector3::new(2.0, 0.0, 0.0);
@@ -271,14 +272,14 @@ fn added_hard_iron_is_compensated_in_the_compass_field() {
         instrument.update_monitor();
         last = estimate.compass_field.map(|output| (output.ut - noise - true_field).norm());
     }
-    assert!(instrument.active_calibration.adjusted_at > at(119_000_000), "the last sample");
+    assert!(instrument.active_calibration.adjusted_at > timestamp(119_000_000), "the last sample");
     assert!(last.is_some_and(|off_ut| off_ut < 0.7), "{last:?} of 2 uT is left");
 }
 
 /// Compass field of a reading, without its plausibility checks.
 fn output_at(instrument: &mut Instrument, us: u64, field: Field<Sensor>) -> Option<Field<Body>> {
     let Instrument { active_calibration: active, compass_field, .. } = instrument;
-    compass_field.output_field(at(us), active, field, active.calibrated_field(field))
+    compass_field.output_field(timestamp(us), active, field, active.calibrated_field(field))
 }
 
 fn output_of_readings(
@@ -302,7 +303,7 @@ fn while_armed_a_new_calibration_turns_the_heading_by_1_deg_s() {
             * sensor_field(f32::from(heading).to_radians(), Attitude::default()).ut
             + other_calibration().b_vector_ut();
         let field = Field::new(read_ut);
-        let mut instrument = instrument_with_correction(with_armed_state(true, &correction_with(calibration())));
+        let mut instrument = instrument_with_correction(with_armed_state(true, &correction_with(test_calibration())));
         let before = output_at(&mut instrument, 0, field).unwrap();
         instrument.set_correction(with_armed_state(true, &correction_with(other_calibration())));
         let output = output_of_readings(&mut instrument, 0, 40, field);
@@ -320,10 +321,12 @@ fn while_armed_a_new_calibration_turns_the_heading_by_1_deg_s() {
 #[test]
 fn a_change_of_100_deg_also_turns_at_1_deg_s() {
     let field = sensor_field(0.3, Attitude::default());
-    let mut instrument = instrument_with_correction(with_armed_state(true, &correction_with(calibration())));
+    let mut instrument = instrument_with_correction(with_armed_state(true, &correction_with(test_calibration())));
     output_at(&mut instrument, 0, field);
-    instrument
-        .set_correction(Correction { align_deg: 100.0, ..with_armed_state(true, &correction_with(calibration())) });
+    instrument.set_correction(Correction {
+        align_deg: 100.0,
+        ..with_armed_state(true, &correction_with(test_calibration()))
+    });
     let output = output_of_readings(&mut instrument, 0, 200, field);
     let fastest_deg_s = max_turn_rate_deg_s(&output);
     assert!((0.9..1.01).contains(&fastest_deg_s), "{fastest_deg_s}");
@@ -339,7 +342,7 @@ fn a_further_change_starts_from_the_present_blend() {
         instrument_with_correction(with_armed_state(true, &Correction { mount, ..Correction::UNCALIBRATED }));
     output_at(&mut instrument, 0, field);
     let aligned =
-        |align_deg| with_armed_state(true, &Correction { align_deg, mount, ..correction_with(calibration()) });
+        |align_deg| with_armed_state(true, &Correction { align_deg, mount, ..correction_with(test_calibration()) });
     instrument.set_correction(aligned(10.0));
     let mut all = output_of_readings(&mut instrument, 0, 5, field);
     instrument.set_correction(aligned(-10.0));
@@ -358,9 +361,9 @@ fn a_further_change_starts_from_the_present_blend() {
 #[test]
 fn a_blend_continues_after_disarming() {
     let field = sensor_field(0.3, Attitude::default());
-    let mut instrument = instrument_with_correction(with_armed_state(true, &correction_with(calibration())));
+    let mut instrument = instrument_with_correction(with_armed_state(true, &correction_with(test_calibration())));
     output_at(&mut instrument, 0, field);
-    let changed = Correction { align_deg: 10.0, ..correction_with(calibration()) };
+    let changed = Correction { align_deg: 10.0, ..correction_with(test_calibration()) };
     instrument.set_correction(with_armed_state(true, &changed));
     let before = output_of_readings(&mut instrument, 0, 5, field);
     instrument.set_correction(with_armed_state(false, &changed));
@@ -378,11 +381,11 @@ fn is_applied_at_once(instrument: &mut Instrument, us: u64, correction: Correcti
 #[test]
 fn while_disarmed_a_new_calibration_applies_at_once() {
     for (is_armed, expected) in [(Some(false), true), (Some(true), false), (None, false)] {
-        let mut instrument = instrument_with_correction(Correction { is_armed, ..correction_with(calibration()) });
+        let mut instrument = instrument_with_correction(Correction { is_armed, ..correction_with(test_calibration()) });
         let correction = Correction { is_armed, ..correction_with(other_calibration()) };
         assert_eq!(is_applied_at_once(&mut instrument, 0, correction), expected, "{is_armed:?}");
     }
-    let mut instrument = instrument_with_correction(with_armed_state(true, &correction_with(calibration())));
+    let mut instrument = instrument_with_correction(with_armed_state(true, &correction_with(test_calibration())));
     for i in 0..200 {
         report_attitude(&mut instrument, i * 20_000, Attitude::default());
     }
@@ -398,7 +401,7 @@ fn while_disarmed_a_new_calibration_applies_at_once() {
 fn two_seconds_of_constant_attitude_are_rest() {
     let latency_us = AttitudeConfig::DEFAULT.latency_us.unsigned_abs();
     let rests = |step_us: u64, seconds: f32, moves_deg: (f32, f32), asked_after_us: u64| {
-        let mut instrument = instrument_with_correction(correction_with(calibration()));
+        let mut instrument = instrument_with_correction(correction_with(test_calibration()));
         let steps = (seconds * 1e6) as u64 / step_us;
         for i in 0..=steps {
             let (roll_deg, pitch_deg) = if i == steps / 2 { moves_deg } else { (0.0, 0.0) };
@@ -421,12 +424,12 @@ fn two_seconds_of_constant_attitude_are_rest() {
 
 #[test]
 fn rest_is_detected_upside_down() {
-    let mut rest = RestDetector { rest_start: None, last_attitude_at: at(0) };
+    let mut rest = RestDetector { rest_start: None, last_attitude_at: timestamp(0) };
     for i in 0..200 {
         let roll_deg = if i % 2 == 0 { 179.95 } else { -179.95 };
-        rest.update_rest(at(i * 20_000), Attitude::from_deg(roll_deg, 0.0));
+        rest.update_rest(timestamp(i * 20_000), Attitude::from_deg(roll_deg, 0.0));
     }
-    assert!(rest.is_at_rest(at(3_980_000)));
+    assert!(rest.is_at_rest(timestamp(3_980_000)));
 }
 
 #[test]
@@ -436,7 +439,7 @@ fn every_blend_ends() {
         let mut any = || {
             let mut number = || random.uniform(-3.0, 3.0);
             let w = [(); 3].map(|()| [(); 3].map(|()| number()));
-            Calibration { w, b_ut: [(); 3].map(|()| 30.0 * number()), ..calibration() }
+            Calibration { w, b_ut: [(); 3].map(|()| 30.0 * number()), ..test_calibration() }
         };
         let (from, to) = (any(), any());
         let active = ActiveCalibration::new(correction_with(to));
@@ -444,7 +447,7 @@ fn every_blend_ends() {
         let seconds = blend_duration_s(&before, &after, &to, &active);
         assert!((0.0..=MAX_BLEND_S).contains(&seconds), "{seconds}");
     }
-    let flat = Calibration { w: [[0.0; 3]; 3], ..calibration() };
+    let flat = Calibration { w: [[0.0; 3]; 3], ..test_calibration() };
     let active = ActiveCalibration::new(correction_with(flat));
     let map = FieldMap::new(&flat, &active.output_map);
     assert!(blend_duration_s(&map, &map, &flat, &active).abs() < 1e-9, "a singular map applies at once");
@@ -455,10 +458,10 @@ fn every_blend_ends() {
 #[test]
 fn the_fastest_moment_of_a_blend_has_1_deg_s() {
     for (b_ut, total_ut) in [([2.0, 0.0, 0.0], None), ([-6.0, 9.0, 1.0], None), ([6.0, 3.0, 0.0], Some(40.0))] {
-        let active = ActiveCalibration::new(Correction { total_ut, ..correction_with(calibration()) });
-        let [from, to] = [Calibration { b_ut, ..other_calibration() }, calibration()]
+        let active = ActiveCalibration::new(Correction { total_ut, ..correction_with(test_calibration()) });
+        let [from, to] = [Calibration { b_ut, ..other_calibration() }, test_calibration()]
             .map(|calibration| FieldMap::new(&calibration, &active.output_map));
-        let seconds = blend_duration_s(&from, &to, &calibration(), &active);
+        let seconds = blend_duration_s(&from, &to, &test_calibration(), &active);
         let sensor_field = to.inverse().unwrap();
         let fastest_rad = (0_u16..360)
             .flat_map(|heading| {
@@ -478,17 +481,17 @@ fn the_fastest_moment_of_a_blend_has_1_deg_s() {
 #[test]
 fn a_blend_with_unknown_inclination_takes_longer() {
     let seconds = |knows_inclination| {
-        let correction = Correction { has_valid_inclination: knows_inclination, ..correction_with(calibration()) };
+        let correction = Correction { has_valid_inclination: knows_inclination, ..correction_with(test_calibration()) };
         let active = ActiveCalibration::new(correction);
-        let from = FieldMap::new(&Calibration { b_ut: [2.0, 0.0, 0.0], ..calibration() }, &active.output_map);
-        blend_duration_s(&from, &FieldMap::new(&calibration(), &active.output_map), &calibration(), &active)
+        let from = FieldMap::new(&Calibration { b_ut: [2.0, 0.0, 0.0], ..test_calibration() }, &active.output_map);
+        blend_duration_s(&from, &FieldMap::new(&test_calibration(), &active.output_map), &test_calibration(), &active)
     };
     assert!(seconds(false) > 1.3 * seconds(true), "{} {}", seconds(false), seconds(true));
 }
 
 #[test]
 fn arming_does_not_change_headings() {
-    let correction = correction_with(calibration());
+    let correction = correction_with(test_calibration());
     let changed = [
         with_armed_state(true, &correction),
         Correction { total_ut: Some(48.0), ..correction.clone() },

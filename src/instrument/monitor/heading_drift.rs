@@ -65,7 +65,7 @@ mod tests {
 
     const SIGMA_RAD_S: f32 = 1e-3;
 
-    fn update(drift: &mut HeadingDrift, rad_s: f32, heading_rate_rad_s: f32, seconds: u16) {
+    fn update_for_seconds(drift: &mut HeadingDrift, rad_s: f32, heading_rate_rad_s: f32, seconds: u16) {
         let offset = OffsetEstimate { rad_s, variance: SIGMA_RAD_S * SIGMA_RAD_S };
         (0..10 * seconds).for_each(|_| drift.update_drift(offset, heading_rate_rad_s, 0.1));
     }
@@ -73,9 +73,9 @@ mod tests {
     /// Heading sigma, radians, after a turn and 100 s straight ahead in which the offset has changed.
     fn sigma_rad(change_sigmas: f32) -> f32 {
         let mut drift = HeadingDrift::NO_DRIFT;
-        update(&mut drift, 0.01, 0.2, 30);
-        update(&mut drift, 0.01, 0.0, 20);
-        update(&mut drift, 0.01 + change_sigmas * SIGMA_RAD_S, 0.0, 100);
+        update_for_seconds(&mut drift, 0.01, 0.2, 30);
+        update_for_seconds(&mut drift, 0.01, 0.0, 20);
+        update_for_seconds(&mut drift, 0.01 + change_sigmas * SIGMA_RAD_S, 0.0, 100);
         drift.variance_rad2().sqrt()
     }
 
@@ -91,8 +91,8 @@ mod tests {
     #[test]
     fn nothing_is_integrated_before_the_first_turn() {
         let mut drift = HeadingDrift::NO_DRIFT;
-        update(&mut drift, 0.0, 0.0, 10);
-        update(&mut drift, 0.1, 0.0, 100);
+        update_for_seconds(&mut drift, 0.0, 0.0, 10);
+        update_for_seconds(&mut drift, 0.1, 0.0, 100);
         assert!(drift.variance_rad2() < 1e-9, "{drift:?}");
     }
 
@@ -100,14 +100,14 @@ mod tests {
     #[test]
     fn a_turn_ends_the_drift() {
         let mut drift = HeadingDrift::NO_DRIFT;
-        update(&mut drift, 0.0, 0.2, 30);
-        update(&mut drift, 0.0, 0.0, 20);
+        update_for_seconds(&mut drift, 0.0, 0.2, 30);
+        update_for_seconds(&mut drift, 0.0, 0.0, 20);
         for gust in 0..60_u8 {
-            update(&mut drift, 0.01, if gust.is_multiple_of(2) { 0.2 } else { -0.2 }, 1);
+            update_for_seconds(&mut drift, 0.01, if gust.is_multiple_of(2) { 0.2 } else { -0.2 }, 1);
         }
         assert!((drift.drift_rad - 0.6).abs() < 0.01, "{drift:?}");
-        update(&mut drift, 0.01, 0.2, 15);
-        update(&mut drift, 0.01, 0.0, 60);
+        update_for_seconds(&mut drift, 0.01, 0.2, 15);
+        update_for_seconds(&mut drift, 0.01, 0.0, 60);
         assert!(drift.drift_rad < 0.06, "{drift:?}");
     }
 }

@@ -484,7 +484,7 @@ mod agreement_tests {
 
     const VARIANCE: f32 = 1.0;
 
-    fn step(turned_deg: f32) -> GyroStep {
+    fn gyro_step(turned_deg: f32) -> GyroStep {
         GyroStep { step_s: STEP_S, turned_rad: turned_deg * DEG }
     }
 
@@ -497,7 +497,7 @@ mod agreement_tests {
     /// Repeats an innovation in sigmas; whether all results were in agreement.
     fn repeat_innovation(agreement: &mut AgreementTest, innovation: f32, seconds: f32) -> bool {
         (0..(seconds / STEP_S) as usize).fold(true, |all, _| {
-            agreement.test_innovation(innovation, VARIANCE, step(0.0)) == AgreementResult::InAgreement && all
+            agreement.test_innovation(innovation, VARIANCE, gyro_step(0.0)) == AgreementResult::InAgreement && all
         })
     }
 
@@ -516,8 +516,9 @@ mod agreement_tests {
     fn innovations_are_normalised_by_their_variance() {
         let contradicts = |innovation: f32, variance: f32| {
             let mut agreement = settled_test();
-            (0..2000)
-                .any(|_| agreement.test_innovation(innovation, variance, step(0.0)) != AgreementResult::InAgreement)
+            (0..2000).any(|_| {
+                agreement.test_innovation(innovation, variance, gyro_step(0.0)) != AgreementResult::InAgreement
+            })
         };
         assert!(!contradicts(5.8, 4.0) && contradicts(6.2, 4.0));
         assert!(!contradicts(0.29, 0.01) && contradicts(0.31, 0.01));
@@ -528,7 +529,7 @@ mod agreement_tests {
         let all = |innovations: &[f32]| {
             let mut agreement = settled_test();
             innovations.iter().all(|&innovation| {
-                agreement.test_innovation(innovation, VARIANCE, step(0.0)) == AgreementResult::InAgreement
+                agreement.test_innovation(innovation, VARIANCE, gyro_step(0.0)) == AgreementResult::InAgreement
             })
         };
         assert!(all(&[3.9, 3.9, 3.9]) && all(&[-3.9, -3.9]));
@@ -555,12 +556,12 @@ mod agreement_tests {
         for (turned_deg, sign, agreed) in [(44.0, 1.0, false), (46.0, 1.0, true), (46.0, -1.0, true)] {
             let mut agreement = settled_test();
             for _ in 0..2 {
-                agreement.test_innovation(5.0, VARIANCE, step(20.0));
+                agreement.test_innovation(5.0, VARIANCE, gyro_step(20.0));
             }
             let steps = (4.0 / STEP_S) as usize;
             let mut last = AgreementResult::NotInAgreement;
             for i in 0..steps {
-                last = agreement.test_innovation(0.0, VARIANCE, step(sign * turned_deg / steps as f32));
+                last = agreement.test_innovation(0.0, VARIANCE, gyro_step(sign * turned_deg / steps as f32));
                 assert!(i as f32 * STEP_S > 1.9 || last == AgreementResult::NotInAgreement);
             }
             assert_eq!(last == AgreementResult::InAgreement, agreed, "{turned_deg}");
@@ -577,17 +578,17 @@ mod agreement_tests {
     fn five_seconds_of_contradiction_are_lost() {
         let mut agreement = settled_test();
         let lost = (0..1000)
-            .position(|_| agreement.test_innovation(TAU, VARIANCE, step(0.0)) == AgreementResult::Lost)
+            .position(|_| agreement.test_innovation(TAU, VARIANCE, gyro_step(0.0)) == AgreementResult::Lost)
             .unwrap();
         assert!((lost as f32 * STEP_S - 5.0).abs() < 0.05, "{lost}");
         // A disagreement restarts the time of agreement.
         let mut agreement = settled_test();
         for _ in 0..10 {
             for _ in 0..200 {
-                assert_ne!(agreement.test_innovation(5.0, VARIANCE, step(0.0)), AgreementResult::Lost);
+                assert_ne!(agreement.test_innovation(5.0, VARIANCE, gyro_step(0.0)), AgreementResult::Lost);
             }
             for _ in 0..2000 {
-                agreement.test_innovation(0.0, VARIANCE, step(0.1));
+                agreement.test_innovation(0.0, VARIANCE, gyro_step(0.1));
             }
         }
     }

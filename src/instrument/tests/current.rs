@@ -15,7 +15,7 @@ const ATTITUDE: Attitude = Attitude { roll_rad: 0.2, pitch_rad: -0.1 };
 
 fn instrument_with_interference() -> Instrument {
     let mut instrument = instrument();
-    let calibration = Calibration { motor_current: INTERFERENCE_UT_PER_A, ..calibration() };
+    let calibration = Calibration { motor_current: INTERFERENCE_UT_PER_A, ..test_calibration() };
     let calibration = Some((calibration, HeadingUncertainty::NO_UNCERTAINTY));
     instrument.set_correction(Correction { calibration, has_valid_inclination: true, ..Correction::UNCALIBRATED });
     instrument
@@ -29,13 +29,13 @@ fn field_with_current(current_a: f32) -> Field<Sensor> {
 fn fly_with_current(instrument: &mut Instrument, current_a: f32) -> [Estimate; 2] {
     let mut last = [Estimate::EMPTY; 2];
     for us in (0..2_500_000).step_by(PERIOD_US as usize) {
-        instrument.on_current(at(us), current_a);
+        instrument.on_current(timestamp(us), current_a);
         let has_attitude = us < 2_000_000;
         if has_attitude && us % 25_000 == 0 {
             report_attitude(instrument, us, ATTITUDE);
         }
         last[usize::from(!has_attitude)] =
-            instrument.on_reading(at(us + LATENCY_US), reading(field_with_current(current_a)));
+            instrument.on_reading(timestamp(us + LATENCY_US), reading_of_field(field_with_current(current_a)));
         while instrument.next_sample().is_some() {}
         instrument.update_monitor();
     }
@@ -63,17 +63,20 @@ fn at_a_reported_current_the_interference_is_compensated() {
 fn a_reported_current_is_valid_for_three_seconds() {
     for (silent_us, current_a) in [(2_999_000, Some(40.0)), (3_001_000, None)] {
         let mut instrument = instrument_with_interference();
-        instrument.on_current(at(0), 40.0);
+        instrument.on_current(timestamp(0), 40.0);
         report_attitude(&mut instrument, silent_us, ATTITUDE);
-        let expiry = at(silent_us + LATENCY_US);
-        assert_eq!(instrument.current_a(at(silent_us)), current_a);
-        assert_eq!(instrument.on_silence(at(silent_us)).current_a, current_a);
+        let expiry = timestamp(silent_us + LATENCY_US);
+        assert_eq!(instrument.current_a(timestamp(silent_us)), current_a);
+        assert_eq!(instrument.on_silence(timestamp(silent_us)).current_a, current_a);
         // Without a report only the sigma differs, because the mean current is assumed.
         let mut with_report = instrument_with_interference();
         with_report.on_current(expiry, 20.0);
         report_attitude(&mut with_report, silent_us, ATTITUDE);
         let sigma_rad = |instrument: &mut Instrument| {
-            instrument.on_reading(expiry, reading(field_with_current(20.0))).heading.map(|heading| heading.sigma_rad)
+            instrument
+                .on_reading(expiry, reading_of_field(field_with_current(20.0)))
+                .heading
+                .map(|heading| heading.sigma_rad)
         };
         let known = sigma_rad(&mut with_report).unwrap();
         if current_a.is_none() {
@@ -90,9 +93,9 @@ fn samples_keep_their_current() {
         instrument.set_correction(Correction { sample_attitude, ..Correction::UNCALIBRATED });
         let mut found = Vec::new();
         for us in (0..1_000_000).step_by(PERIOD_US as usize) {
-            instrument.on_current(at(us), 16.0);
+            instrument.on_current(timestamp(us), 16.0);
             report_attitude(&mut instrument, us, ATTITUDE);
-            instrument.on_reading(at(us), reading(SAMPLE_FIELD));
+            instrument.on_reading(timestamp(us), reading_of_field(SAMPLE_FIELD));
             found.extend(take_samples(&mut instrument));
         }
         assert!(found.len() >= 8, "{}", found.len());
@@ -105,13 +108,13 @@ fn samples_keep_their_current() {
 fn an_impossible_current_is_ignored() {
     let reported_a = |instrument: &mut Instrument| {
         [35.0, 201.0, -201.0].map(|current_a| {
-            instrument.on_current(at(0), current_a);
-            instrument.on_silence(at(1)).current_a
+            instrument.on_current(timestamp(0), current_a);
+            instrument.on_silence(timestamp(1)).current_a
         })
     };
     assert_eq!(reported_a(&mut instrument_with_interference()), [Some(35.0); 3]);
     assert_eq!(reported_a(&mut instrument()), [Some(35.0), Some(201.0), Some(-201.0)]);
     let mut instrument = instrument_with_interference();
-    instrument.on_current(at(0), 199.0);
-    assert_eq!(instrument.on_silence(at(1)).current_a, Some(199.0));
+    instrument.on_current(timestamp(0), 199.0);
+    assert_eq!(instrument.on_silence(timestamp(1)).current_a, Some(199.0));
 }

@@ -14,7 +14,7 @@ const LATENCY_US: u64 = AttitudeConfig::DEFAULT.latency_us.unsigned_abs() as u64
 /// Start of the tests' clock, late enough that no time is negative.
 const START_US: u64 = 1_000_000;
 
-fn at(us: u64) -> Timestamp {
+fn timestamp(us: u64) -> Timestamp {
     Timestamp::from_us(START_US + us)
 }
 
@@ -22,14 +22,14 @@ fn instrument() -> Instrument {
     Instrument::new(InstrumentConfig::new(PERIOD_US as u32))
 }
 
-fn calibration() -> Calibration {
+fn test_calibration() -> Calibration {
     Calibration { inclination_rad: 1.0, total_ut: 50.0, ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) }
 }
 
 fn calibrated_instrument() -> Instrument {
     let mut instrument = instrument();
     instrument.set_correction(Correction {
-        calibration: Some((calibration(), HeadingUncertainty::NO_UNCERTAINTY)),
+        calibration: Some((test_calibration(), HeadingUncertainty::NO_UNCERTAINTY)),
         ..Correction::UNCALIBRATED
     });
     instrument
@@ -40,12 +40,12 @@ fn sensor_field(heading_rad: f32, attitude: Attitude) -> Field<Sensor> {
     Field::new(attitude.to_body_frame(Field::earth_field(50.0, 1.0, heading_rad)).ut)
 }
 
-fn reading(field: Field<Sensor>) -> Reading {
+fn reading_of_field(field: Field<Sensor>) -> Reading {
     Reading { field, is_saturated: false, was_overwritten: false }
 }
 
 fn saturated_reading(field: Field<Sensor>) -> Reading {
-    Reading { is_saturated: true, ..reading(field) }
+    Reading { is_saturated: true, ..reading_of_field(field) }
 }
 
 /// Reports an attitude that is true at `us`, after the source's latency.
@@ -56,7 +56,7 @@ fn report_attitude(instrument: &mut Instrument, us: u64, attitude: Attitude) {
         attitude,
         body_rates: None,
     };
-    instrument.on_attitude(at(us + LATENCY_US), report);
+    instrument.on_attitude(timestamp(us + LATENCY_US), report);
 }
 
 fn take_samples(instrument: &mut Instrument) -> Vec<Sample> {
@@ -96,11 +96,11 @@ fn a_calibrated_instrument_with_attitude_gives_heading_and_field() {
     let mut instrument = calibrated_instrument();
     let attitude = Attitude::from_deg(25.0, -4.0);
     report_attitude(&mut instrument, 0, attitude);
-    let estimate = instrument.on_reading(at(10_000), reading(sensor_field(2.0, attitude)));
+    let estimate = instrument.on_reading(timestamp(10_000), reading_of_field(sensor_field(2.0, attitude)));
     assert!((estimate.heading.unwrap().magnetic_rad - 2.0).abs() < 1e-4, "{estimate:?}");
-    assert_eq!(estimate.timestamp, at(10_000));
+    assert_eq!(estimate.timestamp, timestamp(10_000));
     assert_eq!(estimate.attitude, Some(attitude));
-    assert_eq!(estimate.body_field, Some(calibration().calibrated_field(sensor_field(2.0, attitude))));
+    assert_eq!(estimate.body_field, Some(test_calibration().calibrated_field(sensor_field(2.0, attitude))));
 }
 
 /// Latency of +-40 ms at a roll rate of 1 rad/s. Samples keep the reported attitude, so that any calibration can be
@@ -109,7 +109,7 @@ fn a_calibrated_instrument_with_attitude_gives_heading_and_field() {
 fn latency_is_applied_to_headings_and_not_to_samples() {
     for latency_s in [0.04, -0.04, 0.0] {
         let mut instrument = instrument();
-        let calibration = Calibration { latency_s, ..calibration() };
+        let calibration = Calibration { latency_s, ..test_calibration() };
         instrument.set_correction(Correction {
             calibration: Some((calibration, HeadingUncertainty::NO_UNCERTAINTY)),
             ..Correction::UNCALIBRATED
@@ -125,9 +125,9 @@ fn latency_is_applied_to_headings_and_not_to_samples() {
                     attitude: rolled(us),
                     body_rates: BodyRates::from_rad_s([1.0, 0.0, 0.0]),
                 };
-                instrument.on_attitude(at(us + LATENCY_US), report);
+                instrument.on_attitude(timestamp(us + LATENCY_US), report);
             }
-            let estimate = instrument.on_reading(at(us), reading(sensor_field(1.0, rolled(us))));
+            let estimate = instrument.on_reading(timestamp(us), reading_of_field(sensor_field(1.0, rolled(us))));
             if us >= 100_000 {
                 let roll_rad = estimate.attitude.unwrap().roll_rad;
                 assert!((roll_rad - rolled(us).roll_rad - latency_s).abs() < 1e-3, "{latency_s} {us}: {roll_rad}");
@@ -153,25 +153,25 @@ fn alignment_is_added_to_the_heading_alone() {
     let correction = Correction { align_deg: -30.0, ..instrument.active_calibration.stored_correction.clone() };
     instrument.set_correction(correction);
     report_attitude(&mut instrument, 0, Attitude::default());
-    let estimate = instrument.on_reading(at(0), reading(sensor_field(0.3, Attitude::default())));
+    let estimate = instrument.on_reading(timestamp(0), reading_of_field(sensor_field(0.3, Attitude::default())));
     let expected_deg = 0.3_f32.to_degrees() - 30.0 + 360.0;
     assert!((estimate.heading.unwrap().magnetic_deg() - expected_deg).abs() < 1e-2, "{estimate:?}");
-    assert_eq!(estimate.body_field, Some(calibration().calibrated_field(sensor_field(0.3, Attitude::default()))));
+    assert_eq!(estimate.body_field, Some(test_calibration().calibrated_field(sensor_field(0.3, Attitude::default()))));
 }
 
 #[test]
 fn the_first_reason_for_an_empty_heading_is_reported() {
-    let estimate = instrument().on_reading(at(0), reading(SAMPLE_FIELD));
+    let estimate = instrument().on_reading(timestamp(0), reading_of_field(SAMPLE_FIELD));
     assert_eq!((estimate.heading, estimate.body_field, estimate.attitude), (Err(NoHeading::Uncalibrated), None, None));
     // With a calibration but no attitude the body field is available.
-    let estimate = calibrated_instrument().on_reading(at(0), reading(SAMPLE_FIELD));
+    let estimate = calibrated_instrument().on_reading(timestamp(0), reading_of_field(SAMPLE_FIELD));
     assert_eq!(estimate.heading, Err(NoHeading::AttitudeStale));
-    assert_eq!(estimate.body_field, Some(calibration().calibrated_field(SAMPLE_FIELD)));
-    let estimate = calibrated_instrument().on_reading(at(0), saturated_reading(SAMPLE_FIELD));
+    assert_eq!(estimate.body_field, Some(test_calibration().calibrated_field(SAMPLE_FIELD)));
+    let estimate = calibrated_instrument().on_reading(timestamp(0), saturated_reading(SAMPLE_FIELD));
     assert_eq!((estimate.heading, estimate.body_field), (Err(NoHeading::SensorSaturated), None));
     let mut disturbed = calibrated_instrument();
     report_attitude(&mut disturbed, 0, Attitude::default());
-    let estimate = disturbed.on_reading(at(0), reading(Field::from_ut(90.0, 0.0, 0.0)));
+    let estimate = disturbed.on_reading(timestamp(0), reading_of_field(Field::from_ut(90.0, 0.0, 0.0)));
     assert_eq!(estimate.heading, Err(NoHeading::FieldDisturbed));
     assert!(estimate.body_field.is_some());
 }
@@ -179,10 +179,10 @@ fn the_first_reason_for_an_empty_heading_is_reported() {
 #[test]
 fn a_silent_sensor_still_has_an_attitude() {
     let mut instrument = calibrated_instrument();
-    assert_eq!(instrument.on_silence(at(0)), Estimate { timestamp: at(0), ..Estimate::EMPTY });
+    assert_eq!(instrument.on_silence(timestamp(0)), Estimate { timestamp: timestamp(0), ..Estimate::EMPTY });
     let attitude = Attitude::from_deg(3.0, 2.0);
     report_attitude(&mut instrument, 0, attitude);
-    let estimate = instrument.on_silence(at(50_000));
+    let estimate = instrument.on_silence(timestamp(50_000));
     assert_eq!(estimate.heading, Err(NoHeading::SensorSilent));
     assert_eq!((estimate.body_field, estimate.attitude), (None, Some(attitude)));
 }
@@ -192,8 +192,11 @@ fn the_heading_ends_200_ms_after_the_last_attitude() {
     let mut instrument = calibrated_instrument();
     report_attitude(&mut instrument, 0, Attitude::default());
     let field = sensor_field(1.0, Attitude::default());
-    assert!(instrument.on_reading(at(200_000), reading(field)).heading.is_ok());
-    assert_eq!(instrument.on_reading(at(200_001), reading(field)).heading, Err(NoHeading::AttitudeStale));
+    assert!(instrument.on_reading(timestamp(200_000), reading_of_field(field)).heading.is_ok());
+    assert_eq!(
+        instrument.on_reading(timestamp(200_001), reading_of_field(field)).heading,
+        Err(NoHeading::AttitudeStale)
+    );
 }
 
 /// The roll grows by 1 deg per reading; the mean of eight is 3.5 deg.
@@ -202,14 +205,14 @@ fn a_sample_waits_for_the_attitude_after_it() {
     let mut instrument = instrument();
     report_attitude(&mut instrument, 0, Attitude::from_deg(0.0, 2.0));
     for i in 0..8 {
-        instrument.on_reading(at(i * PERIOD_US), reading(SAMPLE_FIELD));
+        instrument.on_reading(timestamp(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
         assert!(take_samples(&mut instrument).is_empty(), "an attitude that is carried on is not good enough");
     }
     report_attitude(&mut instrument, 8 * PERIOD_US, Attitude::from_deg(8.0, 2.0));
     let [sample] = take_samples(&mut instrument)[..] else { panic!("one sample") };
     assert!((sample.attitude.roll_rad.to_degrees() - 3.5).abs() < 1e-3, "{sample:?}");
     assert_eq!(sample.field, SAMPLE_FIELD);
-    assert_eq!(sample.time, at(7 * PERIOD_US / 2).wrapping_millis());
+    assert_eq!(sample.time, timestamp(7 * PERIOD_US / 2).wrapping_millis());
     assert_eq!(instrument.rejection_counts().unpaired_readings, 0);
 }
 
@@ -218,7 +221,7 @@ fn one_report_can_complete_several_samples() {
     let mut instrument = instrument();
     report_attitude(&mut instrument, 0, Attitude::default());
     for i in 1..=17 {
-        instrument.on_reading(at(i * PERIOD_US), reading(SAMPLE_FIELD));
+        instrument.on_reading(timestamp(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
     }
     assert!(take_samples(&mut instrument).is_empty());
     report_attitude(&mut instrument, 17 * PERIOD_US, Attitude::default());
@@ -233,8 +236,10 @@ fn saturated_readings_are_in_no_sample() {
         report_attitude(&mut instrument, i * PERIOD_US, Attitude::default());
         let wrong = Field::from_ut(900.0, 0.0, 0.0);
         let is_saturated = i % 3 == 2;
-        instrument
-            .on_reading(at(i * PERIOD_US), if is_saturated { saturated_reading(wrong) } else { reading(SAMPLE_FIELD) });
+        instrument.on_reading(
+            timestamp(i * PERIOD_US),
+            if is_saturated { saturated_reading(wrong) } else { reading_of_field(SAMPLE_FIELD) },
+        );
         made.extend(take_samples(&mut instrument));
     }
     assert_eq!(made.len(), 2);
@@ -246,7 +251,7 @@ fn readings_in_an_attitude_gap_are_counted_and_dropped() {
     let mut instrument = instrument();
     report_attitude(&mut instrument, 0, Attitude::from_deg(30.0, 0.0));
     for i in 1..=32 {
-        instrument.on_reading(at(i * PERIOD_US), reading(SAMPLE_FIELD));
+        instrument.on_reading(timestamp(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
     }
     report_attitude(&mut instrument, 400_000, Attitude::from_deg(30.0, 0.0));
     assert!(take_samples(&mut instrument).is_empty());
@@ -257,11 +262,11 @@ fn readings_in_an_attitude_gap_are_counted_and_dropped() {
 fn readings_wait_for_attitude_up_to_0_3_s() {
     let mut instrument = instrument();
     for (us, unpaired) in [(0, 0), (299_999, 0), (300_000, 1), (599_998, 1), (599_999, 2)] {
-        instrument.on_reading(at(us), reading(SAMPLE_FIELD));
+        instrument.on_reading(timestamp(us), reading_of_field(SAMPLE_FIELD));
         assert!(take_samples(&mut instrument).is_empty());
         assert_eq!(instrument.rejection_counts().unpaired_readings, unpaired, "after {us} us");
     }
-    instrument.on_reading(at(899_998), saturated_reading(SAMPLE_FIELD));
+    instrument.on_reading(timestamp(899_998), saturated_reading(SAMPLE_FIELD));
     assert!(take_samples(&mut instrument).is_empty());
     assert_eq!(instrument.rejection_counts().unpaired_readings, 4);
 }
@@ -272,7 +277,7 @@ fn readings_dropped_from_a_full_queue_are_counted() {
     let mut instrument = Instrument::new(InstrumentConfig::new(1_000));
     report_attitude(&mut instrument, 0, Attitude::default());
     for i in 1..=70 {
-        instrument.on_reading(at(i * 1_000), reading(SAMPLE_FIELD));
+        instrument.on_reading(timestamp(i * 1_000), reading_of_field(SAMPLE_FIELD));
         assert!(take_samples(&mut instrument).is_empty());
     }
     assert_eq!(instrument.rejection_counts().unpaired_readings, 6);
@@ -289,7 +294,7 @@ fn a_gap_in_the_readings_starts_another_sample() {
         instrument.set_correction(unknown);
         for i in 0..8 {
             let us = i * PERIOD_US + if i < 4 { 0 } else { gap_us - PERIOD_US };
-            instrument.on_reading(at(us), reading(SAMPLE_FIELD));
+            instrument.on_reading(timestamp(us), reading_of_field(SAMPLE_FIELD));
         }
         assert_eq!(take_samples(&mut instrument).len(), made, "{gap_us} us");
     }
@@ -302,12 +307,12 @@ fn field_only_samples_do_not_wait_for_attitude() {
     instrument.set_correction(unknown.clone());
     let mut made = Vec::new();
     for i in 0..16 {
-        instrument.on_reading(at(i * PERIOD_US), reading(SAMPLE_FIELD));
+        instrument.on_reading(timestamp(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
         made.extend(take_samples(&mut instrument));
     }
     assert_eq!(made.len(), 2);
     assert!(made.iter().all(|sample| sample.attitude == Attitude::default() && sample.field == SAMPLE_FIELD));
-    instrument.on_reading(at(16 * PERIOD_US), saturated_reading(SAMPLE_FIELD));
+    instrument.on_reading(timestamp(16 * PERIOD_US), saturated_reading(SAMPLE_FIELD));
     assert!(take_samples(&mut instrument).is_empty());
 }
 
@@ -317,13 +322,13 @@ fn a_sample_mixes_no_readings_with_and_without_attitude() {
     let unknown = Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::UNCALIBRATED };
     instrument.set_correction(unknown.clone());
     for i in 0..4 {
-        instrument.on_reading(at(i * PERIOD_US), reading(SAMPLE_FIELD));
+        instrument.on_reading(timestamp(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
         assert!(take_samples(&mut instrument).is_empty());
     }
     instrument.set_correction(Correction::UNCALIBRATED);
     for i in 4..8 {
         report_attitude(&mut instrument, i * PERIOD_US, Attitude::from_deg(20.0, 0.0));
-        instrument.on_reading(at(i * PERIOD_US), reading(SAMPLE_FIELD));
+        instrument.on_reading(timestamp(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
     }
     assert!(take_samples(&mut instrument).is_empty());
     // A change of alignment does not restart the averaging run.
@@ -331,7 +336,7 @@ fn a_sample_mixes_no_readings_with_and_without_attitude() {
     instrument.set_correction(align);
     for i in 8..12 {
         report_attitude(&mut instrument, i * PERIOD_US, Attitude::from_deg(20.0, 0.0));
-        instrument.on_reading(at(i * PERIOD_US), reading(SAMPLE_FIELD));
+        instrument.on_reading(timestamp(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
     }
     assert_eq!(take_samples(&mut instrument).len(), 1);
 }
@@ -351,13 +356,13 @@ fn a_recording_at_10_hz_passes_unchanged() {
             attitude,
             body_rates: None,
         };
-        instrument.on_attitude(at(us), report);
-        let estimate = instrument.on_reading(at(us), reading(field));
+        instrument.on_attitude(timestamp(us), report);
+        let estimate = instrument.on_reading(timestamp(us), reading_of_field(field));
         assert_eq!(estimate.attitude, Some(attitude), "row {row}");
         let sample = Sample {
             field,
             attitude,
-            time: at(us).wrapping_millis(),
+            time: timestamp(us).wrapping_millis(),
             rates: Rates::UNKNOWN,
             current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
@@ -378,7 +383,7 @@ fn a_faster_sensor_gives_as_many_samples() {
                 report_attitude(&mut instrument, reported_us, Attitude::default());
                 reported_us += 20_000;
             }
-            instrument.on_reading(at(us), reading(SAMPLE_FIELD));
+            instrument.on_reading(timestamp(us), reading_of_field(SAMPLE_FIELD));
             number += take_samples(&mut instrument).len();
         }
         assert!((in_20_s - 2..=in_20_s).contains(&number), "{period_us} us: {number}");
@@ -390,7 +395,7 @@ fn a_faster_sensor_gives_as_many_samples() {
 fn a_new_sensor_sets_the_period_and_drops_waiting_readings() {
     let mut instrument = instrument();
     for us in [0, 300_000, 300_001] {
-        instrument.on_reading(at(us), reading(SAMPLE_FIELD));
+        instrument.on_reading(timestamp(us), reading_of_field(SAMPLE_FIELD));
         assert!(take_samples(&mut instrument).is_empty());
     }
     assert_eq!(instrument.rejection_counts().unpaired_readings, 1);
@@ -398,7 +403,7 @@ fn a_new_sensor_sets_the_period_and_drops_waiting_readings() {
     assert_eq!(instrument.instrument_config().reading_period_us, 100_000);
     report_attitude(&mut instrument, 400_000, Attitude::default());
     assert!(take_samples(&mut instrument).is_empty(), "nothing waits");
-    instrument.on_reading(at(400_000), reading(SAMPLE_FIELD));
+    instrument.on_reading(timestamp(400_000), reading_of_field(SAMPLE_FIELD));
     assert_eq!(take_samples(&mut instrument).len(), 1);
     assert_eq!(instrument.rejection_counts().unpaired_readings, 1);
 }
@@ -421,7 +426,7 @@ fn no_report_or_reading_panics() {
                 instrument.on_attitude(at, AttitudeReport { sender, sender_time, attitude, body_rates });
             }
             1 => drop(instrument.on_silence(at)),
-            _ => drop(instrument.on_reading(at, reading(field))),
+            _ => drop(instrument.on_reading(at, reading_of_field(field))),
         }
         let _ = take_samples(&mut instrument);
     }
@@ -443,7 +448,7 @@ fn process_readings_for_second(
         .map(|i| {
             let us = from_us + i * PERIOD_US;
             report_attitude(instrument, us, Attitude::from_deg(0.01 * i as f32, 0.0));
-            let estimate = instrument.on_reading(at(us + LATENCY_US + 1), reading(field(i)));
+            let estimate = instrument.on_reading(timestamp(us + LATENCY_US + 1), reading_of_field(field(i)));
             made.extend(take_samples(instrument));
             estimate
         })
@@ -521,7 +526,7 @@ fn a_frozen_attitude_is_reported_at_the_fifth_equal_report() {
         .map(|i| {
             let us = 1_000_000 + i * 20_000;
             report_attitude(&mut instrument, us, Attitude::from_deg(3.0, 1.0));
-            instrument.on_reading(at(us + LATENCY_US + 1), reading(noisy_field(&mut random)))
+            instrument.on_reading(timestamp(us + LATENCY_US + 1), reading_of_field(noisy_field(&mut random)))
         })
         .collect();
     assert_eq!(estimates.iter().position(|estimate| estimate.heading.is_err()), Some(4));
@@ -549,7 +554,7 @@ fn a_coarse_source_is_frozen_when_the_field_turns() {
                 let noise = nalgebra::Vector3::from_fn(|_, _| 0.3 * random.normal());
                 let true_attitude = Attitude::from_deg(0.1 + rolls_deg_s * seconds, 0.0);
                 let field = Field::new(sensor_field(0.5 + turns * seconds, true_attitude).ut + noise);
-                instrument.on_reading(at(us + LATENCY_US + 1), reading(field))
+                instrument.on_reading(timestamp(us + LATENCY_US + 1), reading_of_field(field))
             })
             .collect();
         assert_eq!(empty_reasons(&estimates), expected, "{rolls_deg_s}");
@@ -567,10 +572,10 @@ fn with_unknown_inclination_any_inclination_is_accepted() {
         instrument.set_correction(correction);
         report_attitude(&mut instrument, 0, Attitude::default());
         let steep = Field::new(Attitude::default().to_body_frame(Field::earth_field(50.0, 1.4, 0.5)).ut);
-        assert_eq!(instrument.on_reading(at(0), reading(steep)).heading.is_ok(), heading);
+        assert_eq!(instrument.on_reading(timestamp(0), reading_of_field(steep)).heading.is_ok(), heading);
         let strong = Field::new(steep.ut * 1.3);
         report_attitude(&mut instrument, 900_000, Attitude::default());
-        let disturbed = instrument.on_reading(at(900_000), reading(strong));
+        let disturbed = instrument.on_reading(timestamp(900_000), reading_of_field(strong));
         assert_eq!(disturbed.heading, Err(NoHeading::FieldDisturbed));
     }
 }
@@ -592,8 +597,8 @@ fn fly_level_turn(instrument: &mut Instrument, from_s: f32, seconds: f32, rate_s
                 ),
             };
             let field = sensor_field(heading_rad, report.attitude);
-            instrument.on_attitude(at(us + LATENCY_US), report);
-            (heading_rad, instrument.on_reading(at(us), reading(field)))
+            instrument.on_attitude(timestamp(us + LATENCY_US), report);
+            (heading_rad, instrument.on_reading(timestamp(us), reading_of_field(field)))
         })
         .collect()
 }
@@ -627,9 +632,9 @@ fn no_smoothed_heading_without_rates_or_a_raw_heading() {
     );
     let mut instrument = calibrated_instrument();
     assert!(fly_level_turn(&mut instrument, 0.0, 10.0, 1.0).last().unwrap().1.smoothed_heading.is_some());
-    let lost = instrument.on_reading(at(10_000_000), saturated_reading(SAMPLE_FIELD));
+    let lost = instrument.on_reading(timestamp(10_000_000), saturated_reading(SAMPLE_FIELD));
     assert_eq!((lost.heading, lost.smoothed_heading), (Err(NoHeading::SensorSaturated), None));
-    assert_eq!(instrument.on_silence(at(10_200_000)).smoothed_heading, None);
+    assert_eq!(instrument.on_silence(timestamp(10_200_000)).smoothed_heading, None);
 }
 
 /// Wrong rates also corrupt the monitor's states. A single report does not restart it.
@@ -655,7 +660,7 @@ fn ten_reports_with_contradicting_rates_restart_the_monitor() {
                 attitude: Attitude::from_deg(5.0 + 10.0 * t_s.sin(), 0.0),
                 body_rates: BodyRates::from_rad_s([rate_sign * 10_f32.to_radians() * t_s.cos(), 0.0, 0.0]),
             };
-            instrument.on_attitude(at(10_000_000 + u64::from(i) * 20_000 + LATENCY_US), report);
+            instrument.on_attitude(timestamp(10_000_000 + u64::from(i) * 20_000 + LATENCY_US), report);
             let is_rejected = instrument.attitude_history.rejected_reports().rate_contradictions != before;
             consecutive = if is_rejected { consecutive + 1 } else { 0 };
             assert_eq!(*instrument.monitor.monitor_output() == initial, consecutive >= 10, "{rate_sign} {i}");

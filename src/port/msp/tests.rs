@@ -7,18 +7,18 @@ use crate::settings::Settings;
 
 const PERIOD_US: u64 = 12_500;
 
-fn at(us: u64) -> Timestamp {
+fn timestamp(us: u64) -> Timestamp {
     Timestamp::from_us(1_000_000 + us)
 }
 
 fn estimate_at(us: u64) -> Estimate {
-    Estimate { timestamp: at(us), compass_field: Some(Field::from_ut(20.0, -5.1, 44.2)), ..Estimate::EMPTY }
+    Estimate { timestamp: timestamp(us), compass_field: Some(Field::from_ut(20.0, -5.1, 44.2)), ..Estimate::EMPTY }
 }
 
-fn poll(msp: &mut Msp, us: u64, estimate: &Estimate) -> Vec<Vec<u8>> {
+fn poll_frames(msp: &mut Msp, us: u64, estimate: &Estimate) -> Vec<Vec<u8>> {
     let mut out = TransmitBuffer::new();
     let snapshot = Snapshot {
-        now: at(us),
+        now: timestamp(us),
         estimate,
         settings: &Settings::DEFAULT,
         indicator_state: IndicatorState::Calibrated,
@@ -28,19 +28,19 @@ fn poll(msp: &mut Msp, us: u64, estimate: &Estimate) -> Vec<Vec<u8>> {
     let mut rest = out.pending_bytes();
     let mut frames = Vec::new();
     while let [b'$', b'X', b'<', _, _, _, length, ..] = rest {
-        let (frame, other_requests) = rest.split_at(9 + usize::from(*length));
+        let (frame, remaining) = rest.split_at(9 + usize::from(*length));
         frames.push(frame.to_vec());
-        rest = other_requests;
+        rest = remaining;
     }
     assert!(rest.is_empty());
     frames
 }
 
-fn function(frame: &[u8]) -> u16 {
+fn function_of_frame(frame: &[u8]) -> u16 {
     u16::from_le_bytes([frame[4], frame[5]])
 }
 
-fn frame(direction: u8, function: u16, payload: &[u8]) -> Vec<u8> {
+fn msp_frame(direction: u8, function: u16, payload: &[u8]) -> Vec<u8> {
     let [f0, f1] = function.to_le_bytes();
     let mut frame = [&[b'$', b'X', direction, 0, f0, f1, payload.len() as u8, 0], payload].concat();
     let crc = crc::Crc::<u8>::new(&crc::CRC_8_DVB_S2).checksum(&frame[3..]);
@@ -50,8 +50,10 @@ fn frame(direction: u8, function: u16, payload: &[u8]) -> Vec<u8> {
 
 /// Decoded messages except `Other`, which only identifies the protocol in use.
 fn receive(msp: &mut Msp, us: u64, direction: u8, function: MspFunction, payload: &[u8]) -> Vec<ReceivedMessage> {
-    let mut received: Vec<_> =
-        frame(direction, function as u16, payload).iter().filter_map(|&byte| msp.process_byte(at(us), byte)).collect();
+    let mut received: Vec<_> = msp_frame(direction, function as u16, payload)
+        .iter()
+        .filter_map(|&byte| msp.process_byte(timestamp(us), byte))
+        .collect();
     received.retain(|received| *received != ReceivedMessage::Other);
     received
 }
@@ -68,7 +70,7 @@ fn msp_with_firmware(name: &[u8]) -> Msp {
 }
 
 /// Times, microseconds, and functions of the requests, if each attitude request is answered after a time, or never.
-fn requested(msp: &mut Msp, seconds: u64, answered_after_us: Option<u64>) -> Vec<(u64, u16)> {
+fn requests_in_seconds(msp: &mut Msp, seconds: u64, answered_after_us: Option<u64>) -> Vec<(u64, u16)> {
     let mut requested = Vec::new();
     let mut answer_us = None;
     for us in (0..seconds * 1_000_000).step_by(500) {
@@ -77,9 +79,9 @@ fn requested(msp: &mut Msp, seconds: u64, answered_after_us: Option<u64>) -> Vec
             assert_eq!(receive(msp, us, b'>', MspFunction::Attitude, &ANGLES).len(), 1);
         }
         if us % PERIOD_US == 0 {
-            for frame in poll(msp, us, &Estimate::EMPTY) {
-                requested.push((us, function(&frame)));
-                if function(&frame) == MspFunction::Attitude as u16 {
+            for frame in poll_frames(msp, us, &Estimate::EMPTY) {
+                requested.push((us, function_of_frame(&frame)));
+                if function_of_frame(&frame) == MspFunction::Attitude as u16 {
                     answer_us = answered_after_us.map(|after_us| us + after_us);
                 }
             }
@@ -97,19 +99,25 @@ fn count_requests(requested: &[(u64, u16)], function: MspFunction) -> usize {
 fn compass_frames_are_sent_from_power_up() {
     let mut msp = Msp::new();
     let expected = compass_message(0, 1_000, Field::from_ut(20.0, -5.1, 44.2)).to_vec();
-    assert_eq!(poll(&mut msp, 3_000, &estimate_at(0))[0], expected, "the reading's time, not that of the sending");
+    assert_eq!(
+        poll_frames(&mut msp, 3_000, &estimate_at(0))[0],
+        expected,
+        "the reading's time, not that of the sending"
+    );
     let mut frame_count = 0;
     for i in 1..=400 {
-        let frames = poll(&mut msp, i * PERIOD_US, &estimate_at(i * PERIOD_US));
-        frame_count += frames.iter().filter(|frame| function(frame) == 0x1F04).count();
+        let frames = poll_frames(&mut msp, i * PERIOD_US, &estimate_at(i * PERIOD_US));
+        frame_count += frames.iter().filter(|frame| function_of_frame(frame) == 0x1F04).count();
     }
     assert!((249..=251).contains(&frame_count), "in 5 s: {frame_count}");
     for i in 401..500 {
-        let distrusted = Estimate { timestamp: at(i * PERIOD_US), ..Estimate::EMPTY };
-        assert!(poll(&mut msp, i * PERIOD_US, &distrusted).iter().all(|frame| function(frame) != 0x1F04));
+        let distrusted = Estimate { timestamp: timestamp(i * PERIOD_US), ..Estimate::EMPTY };
+        assert!(
+            poll_frames(&mut msp, i * PERIOD_US, &distrusted).iter().all(|frame| function_of_frame(frame) != 0x1F04)
+        );
     }
     assert!(
-        poll(&mut msp, 500 * PERIOD_US, &estimate_at(0)).iter().any(|frame| function(frame) == 0x1F04),
+        poll_frames(&mut msp, 500 * PERIOD_US, &estimate_at(0)).iter().any(|frame| function_of_frame(frame) == 0x1F04),
         "at once again"
     );
 }
@@ -120,14 +128,14 @@ fn without_a_known_firmware_attitude_is_ignored() {
     for (name, times) in [(None, 209..=211), (Some(b"PX4X"), 10..=10)] {
         let mut msp = name.map_or_else(Msp::new, |name| msp_with_firmware(name));
         assert!(receive(&mut msp, 0, b'>', MspFunction::Attitude, &ANGLES).is_empty());
-        let requested = requested(&mut msp, 10, None);
+        let requested = requests_in_seconds(&mut msp, 10, None);
         assert_eq!(count_requests(&requested, MspFunction::Attitude), 0);
         let request_count = count_requests(&requested, MspFunction::FcVariant);
         assert!(times.contains(&request_count), "{name:?}: {request_count}");
         assert!((9..=11).contains(&count_requests(&requested, MspFunction::Status)), "whether it is armed is of use");
     }
-    let first = poll(&mut Msp::new(), 0, &Estimate::EMPTY);
-    assert!(first.iter().any(|frame| function(frame) == MspFunction::FcVariant as u16), "at once");
+    let first = poll_frames(&mut Msp::new(), 0, &Estimate::EMPTY);
+    assert!(first.iter().any(|frame| function_of_frame(frame) == MspFunction::FcVariant as u16), "at once");
 }
 
 /// Roll of 10 deg right, pitch of 5 deg up or down; no clock and no rates.
@@ -159,7 +167,7 @@ fn inav_s_gyro_gives_the_body_rates() {
         let [ReceivedMessage::Attitude(report)] = received[..] else { panic!("{received:?}") };
         let found_deg_s = report.body_rates.map(|rates| rates.rad_s().map(|rad_s| rad_s.to_degrees().round()));
         assert_eq!(found_deg_s, expected_deg_s, "{name:?}");
-        let requested = requested(&mut msp, 10, Some(10_000));
+        let requested = requests_in_seconds(&mut msp, 10, Some(10_000));
         let [attitudes, gyros] = [MspFunction::Attitude, MspFunction::RawImu].map(|f| count_requests(&requested, f));
         let expected = if name == b"INAV" { attitudes * 3 / 4..attitudes } else { 0..1 };
         assert!(attitudes > 100 && expected.contains(&gyros), "{name:?}: {attitudes} {gyros}");
@@ -188,7 +196,7 @@ fn attitude_is_requested_at_the_rate_of_the_replies() {
         [(3_500, 495, 501), (9_500, 495, 501), (18_000, 395, 401), (40_000, 195, 201)]
     {
         let mut msp = msp_with_firmware(b"ARDU");
-        let requested = requested(&mut msp, 10, Some(after_us));
+        let requested = requests_in_seconds(&mut msp, 10, Some(after_us));
         let request_count = count_requests(&requested, MspFunction::Attitude);
         assert!(
             (min_requests..=max_requests).contains(&request_count),
@@ -205,7 +213,7 @@ fn attitude_is_requested_at_the_rate_of_the_replies() {
 #[test]
 fn unanswered_requests_do_not_stop_polling() {
     let mut msp = msp_with_firmware(b"INAV");
-    let unanswered = requested(&mut msp, 10, None);
+    let unanswered = requests_in_seconds(&mut msp, 10, None);
     let attitudes: Vec<u64> = unanswered
         .iter()
         .filter(|(_, function)| *function == MspFunction::Attitude as u16)
@@ -214,7 +222,8 @@ fn unanswered_requests_do_not_stop_polling() {
     assert!(attitudes.windows(2).all(|pair| pair[1] - pair[0] == 50_000), "{attitudes:?}");
     // No request is repeated before the timeout, even if polled just before it.
     let mut msp = msp_with_firmware(b"INAV");
-    let is_asked = |msp: &mut Msp, us| poll(msp, us, &Estimate::EMPTY).iter().any(|f| function(f) == 108);
+    let is_asked =
+        |msp: &mut Msp, us| poll_frames(msp, us, &Estimate::EMPTY).iter().any(|f| function_of_frame(f) == 108);
     assert!(is_asked(&mut msp, 0) && !is_asked(&mut msp, 49_999) && is_asked(&mut msp, 50_000));
     assert!(receive(&mut msp, 51_000, b'!', MspFunction::Attitude, &[]).is_empty());
     assert!(is_asked(&mut msp, 70_000));
@@ -225,21 +234,21 @@ fn unanswered_requests_do_not_stop_polling() {
 #[test]
 fn an_incomplete_reply_is_discarded() {
     let mut msp = msp_with_firmware(b"ARDU");
-    poll(&mut msp, 0, &Estimate::EMPTY);
-    let answer = frame(b'>', MspFunction::Attitude as u16, &ANGLES);
-    assert!(answer[..12].iter().all(|&byte| msp.process_byte(at(10_000), byte).is_none()));
-    poll(&mut msp, 50_000, &Estimate::EMPTY);
-    let received: Vec<_> = answer.iter().filter_map(|&byte| msp.process_byte(at(60_000), byte)).collect();
+    poll_frames(&mut msp, 0, &Estimate::EMPTY);
+    let answer = msp_frame(b'>', MspFunction::Attitude as u16, &ANGLES);
+    assert!(answer[..12].iter().all(|&byte| msp.process_byte(timestamp(10_000), byte).is_none()));
+    poll_frames(&mut msp, 50_000, &Estimate::EMPTY);
+    let received: Vec<_> = answer.iter().filter_map(|&byte| msp.process_byte(timestamp(60_000), byte)).collect();
     assert_eq!((received.len(), msp.rejected_frames()), (1, 0));
 }
 
 #[test]
 fn only_a_reply_detects_an_msp_peer() {
     let mut msp = Msp::new();
-    assert!(b"$GPRMC,$X>$X!".iter().all(|&byte| msp.process_byte(at(0), byte).is_none()));
+    assert!(b"$GPRMC,$X>$X!".iter().all(|&byte| msp.process_byte(timestamp(0), byte).is_none()));
     for (direction, payload) in [(b'!', &b""[..]), (b'>', b"INAV")] {
-        let answer = frame(direction, MspFunction::FcVariant as u16, payload);
-        let received: Vec<_> = answer.iter().map(|&byte| msp.process_byte(at(7), byte)).collect();
+        let answer = msp_frame(direction, MspFunction::FcVariant as u16, payload);
+        let received: Vec<_> = answer.iter().map(|&byte| msp.process_byte(timestamp(7), byte)).collect();
         let (last, before) = received.split_last().unwrap();
         assert_eq!((*last, before.iter().flatten().count()), (Some(ReceivedMessage::Other), 0));
     }
@@ -254,13 +263,13 @@ fn a_motor_current_is_received() {
 #[test]
 fn armed_state_expires_after_ten_seconds() {
     let mut msp = Msp::new();
-    assert_eq!(msp.is_armed(at(0)), None);
+    assert_eq!(msp.is_armed(timestamp(0)), None);
     assert!(receive(&mut msp, 0, b'>', MspFunction::Status, &STATUS_ARMED).is_empty());
-    assert_eq!((msp.is_armed(at(10_000_000)), msp.is_armed(at(10_000_001))), (Some(true), None));
+    assert_eq!((msp.is_armed(timestamp(10_000_000)), msp.is_armed(timestamp(10_000_001))), (Some(true), None));
     assert!(receive(&mut msp, 11_000_000, b'>', MspFunction::Status, &STATUS_DISARMED).is_empty());
-    assert_eq!(msp.is_armed(at(11_000_000)), Some(false));
+    assert_eq!(msp.is_armed(timestamp(11_000_000)), Some(false));
     assert!(receive(&mut msp, 12_000_000, b'!', MspFunction::Status, &[]).is_empty());
-    assert_eq!(msp.is_armed(at(12_000_000)), Some(false), "a refusal says nothing");
+    assert_eq!(msp.is_armed(timestamp(12_000_000)), Some(false), "a refusal says nothing");
 }
 
 #[test]
@@ -282,9 +291,9 @@ fn position_and_date_are_received() {
 #[test]
 fn damaged_frames_are_counted() {
     let mut msp = msp_with_firmware(b"ARDU");
-    let mut broken = frame(b'>', MspFunction::Attitude as u16, &ANGLES);
+    let mut broken = msp_frame(b'>', MspFunction::Attitude as u16, &ANGLES);
     broken[9] ^= 1;
-    assert!(broken.iter().all(|&byte| msp.process_byte(at(0), byte).is_none()));
+    assert!(broken.iter().all(|&byte| msp.process_byte(timestamp(0), byte).is_none()));
     assert_eq!(msp.rejected_frames(), 1);
 }
 
@@ -295,7 +304,7 @@ fn a_request_that_does_not_fit_is_sent_later() {
     assert!(out.append_message(&[&[0; 380]]));
     let settings = Settings::DEFAULT;
     let snapshot = Snapshot {
-        now: at(0),
+        now: timestamp(0),
         estimate: &Estimate::EMPTY,
         settings: &settings,
         indicator_state: IndicatorState::Idle,
@@ -303,5 +312,5 @@ fn a_request_that_does_not_fit_is_sent_later() {
     };
     msp.poll(&snapshot, &mut out);
     assert_eq!(out.pending_bytes().len(), 380);
-    assert!(poll(&mut msp, 25_000, &Estimate::EMPTY).iter().any(|frame| function(frame) == 108));
+    assert!(poll_frames(&mut msp, 25_000, &Estimate::EMPTY).iter().any(|frame| function_of_frame(frame) == 108));
 }

@@ -5,7 +5,7 @@ use testkit::random::Random;
 use super::*;
 
 /// Flash with two accepted calibrations, then saved settings.
-fn stored() -> Flash {
+fn flash_with_values() -> Flash {
     let mut flash = Flash::new(PAGES);
     let first = StoredCalibrations { current_calibration: Some(calibration_record(1)), previous_calibration: None };
     save_change(&mut flash, StoreChange::Settings(&Settings { stream_rate_hz: 5, ..settings() })).unwrap();
@@ -23,7 +23,7 @@ fn stored() -> Flash {
 }
 
 /// Replacement bytes of a damaged page.
-fn damages() -> [Vec<u8>; 4] {
+fn damaged_pages() -> [Vec<u8>; 4] {
     let mut noise = Random(3);
     [vec![0; PAGE], vec![0xFF; PAGE], vec![0x5A; PAGE], (0..PAGE).map(|_| noise.byte()).collect()]
 }
@@ -32,13 +32,13 @@ fn damages() -> [Vec<u8>; 4] {
 #[test]
 fn one_damaged_page_never_loses_both_calibrations() {
     for saves in 0..8 {
-        let mut flash = stored();
+        let mut flash = flash_with_values();
         for serial in 0..saves {
-            save(&mut flash, 3 + serial).unwrap();
+            save_calibration(&mut flash, 3 + serial).unwrap();
         }
-        let whole = load(&mut flash).unwrap();
+        let whole = load_values(&mut flash).unwrap();
         for page in 0..PAGES {
-            for damage in damages() {
+            for damage in damaged_pages() {
                 let case = format!("page {page} after {saves} saves");
                 let mut damaged = flash.clone();
                 write_page(&mut damaged, page, &damage);
@@ -48,9 +48,9 @@ fn one_damaged_page_never_loses_both_calibrations() {
                 assert!(current.is_some() || previous.is_some(), "{case}");
                 assert_eq!(error.is_some(), current.is_none() || previous.is_none(), "{case}");
                 assert!(stored.settings == whole.settings || stored.settings.stream_rate_hz == 5, "{case}");
-                save(&mut damaged, 99).unwrap();
+                save_calibration(&mut damaged, 99).unwrap();
                 assert_eq!(
-                    load(&mut damaged),
+                    load_values(&mut damaged),
                     Ok(StoredValues { stored_calibrations: stored_calibrations(99), ..stored }),
                     "{case}"
                 );
@@ -71,7 +71,7 @@ fn the_previous_calibration_replaces_a_damaged_one() {
     );
     // After a save of settings the damage is still reported.
     save_change(&mut flash, StoreChange::Settings(&settings())).unwrap();
-    assert_eq!(load(&mut flash), Err(StoreError::Corrupt));
+    assert_eq!(load_values(&mut flash), Err(StoreError::Corrupt));
     let undone = StoredCalibrations {
         current_calibration: stored.stored_calibrations.previous_calibration,
         previous_calibration: None,
@@ -84,7 +84,7 @@ fn the_previous_calibration_replaces_a_damaged_one() {
 #[test]
 fn a_slot_with_another_calibration_is_damaged() {
     let mut flash = flash_after_saves(1);
-    write_page(&mut flash, 0, &item_of(&calibration_record(7)));
+    write_page(&mut flash, 0, &encoded_item(&calibration_record(7)));
     let LoadedValues { stored_values: stored, load_error: error } = load_readable(&mut flash);
     assert_eq!((stored.stored_calibrations.current_calibration, error), (None, Some(StoreError::Corrupt)));
 }
@@ -97,10 +97,10 @@ fn damaged_states_are_reported_and_replaced() {
         for page in CALIBRATION_SLOTS as usize..PAGES {
             let mut flash = Flash::new(PAGES);
             write_page(&mut flash, page, &append_crc(item.clone()));
-            assert_eq!(load(&mut flash), Err(StoreError::Corrupt));
-            save(&mut flash, 5).unwrap();
+            assert_eq!(load_values(&mut flash), Err(StoreError::Corrupt));
+            save_calibration(&mut flash, 5).unwrap();
             assert_eq!(
-                load(&mut flash),
+                load_values(&mut flash),
                 Ok(StoredValues { stored_calibrations: stored_calibrations(5), ..StoredValues::default() })
             );
         }
@@ -125,8 +125,8 @@ fn random_flash_content_allows_later_saves() {
                 *byte = noise.byte();
             }
         }
-        let _ = load(&mut flash);
-        save(&mut flash, 77).unwrap_or_else(|error| panic!("seed {seed}: {error:?}"));
+        let _ = load_values(&mut flash);
+        save_calibration(&mut flash, 77).unwrap_or_else(|error| panic!("seed {seed}: {error:?}"));
         assert_eq!(load_generations(&mut flash), Ok(stored_calibrations(77)), "seed {seed}");
     }
 }

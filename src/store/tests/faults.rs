@@ -7,7 +7,7 @@ use super::*;
 #[test]
 fn a_failed_flash_write_is_reported() {
     let mut flash = Flash::new(PAGES).cut_at(0, (CutProgress::Before, 0));
-    assert_eq!(save(&mut flash, 1), Err(StoreError::Flash));
+    assert_eq!(save_calibration(&mut flash, 1), Err(StoreError::Flash));
 }
 
 fn page_bytes(page: usize) -> Range<usize> {
@@ -23,7 +23,7 @@ fn an_unreadable_flash_is_not_written() {
                 let mut flash = good.clone();
                 flash.operations = 0;
                 flash.unreadable = Some((page_bytes(page), times));
-                assert_eq!(save(&mut flash, 99), Err(StoreError::Flash), "{saves} {page} {times}");
+                assert_eq!(save_calibration(&mut flash, 99), Err(StoreError::Flash), "{saves} {page} {times}");
                 assert_eq!((flash.operations, &flash.bytes), (0, &good.bytes), "{saves} {page} {times}");
             }
         }
@@ -34,7 +34,7 @@ fn an_unreadable_flash_is_not_written() {
 fn an_unreadable_page_is_reported_and_the_others_are_loaded() {
     let mut flash = flash_after_saves(2);
     flash.unreadable = Some((0..PAGES * PAGE, usize::MAX));
-    assert_eq!(load(&mut flash), Err(StoreError::Flash));
+    assert_eq!(load_values(&mut flash), Err(StoreError::Flash));
     // The second page for states is unreadable; the first state remains valid.
     flash.unreadable = Some((page_bytes(5), usize::MAX));
     assert_eq!(load_generations(&mut flash), Ok(stored_calibrations(1)));
@@ -47,7 +47,7 @@ fn an_unreadable_page_is_reported_and_the_others_are_loaded() {
     assert_eq!((stored.stored_calibrations, error), (only_previous, Some(StoreError::Flash)));
     let mut empty = Flash::new(PAGES);
     empty.unreadable = Some((page_bytes(7), usize::MAX));
-    assert_eq!(load(&mut empty), Err(StoreError::Flash), "that page may hold the only state");
+    assert_eq!(load_values(&mut empty), Err(StoreError::Flash), "that page may hold the only state");
 }
 
 /// Flash that keeps its bits or programs other bits without an error. (If it ignores an erase as well, it refuses the
@@ -58,7 +58,7 @@ fn bytes_that_read_back_differently_are_reported() {
         for saves in save_range {
             let mut flash = flash_after_saves(saves);
             flash.silent_fault = Some(fault);
-            assert_eq!(save(&mut flash, 99), Err(StoreError::ReadBackDiffers), "{fault:?} after {saves}");
+            assert_eq!(save_calibration(&mut flash, 99), Err(StoreError::ReadBackDiffers), "{fault:?} after {saves}");
             let old = if saves == 0 { StoredCalibrations::default() } else { stored_calibrations(saves) };
             assert_eq!(load_generations(&mut flash.power_on()), Ok(old), "{fault:?} after {saves}");
         }

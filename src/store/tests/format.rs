@@ -50,11 +50,11 @@ fn fields_of(item: &[u8]) -> Vec<u8> {
 
 #[test]
 fn stored_items_round_trip() {
-    assert_eq!(fields::decode_fields(&fields_of(&item_of(&stored_state()))), Ok(stored_state()));
-    assert_eq!(fields::decode_fields(&fields_of(&item_of(&StoredState::default()))), Ok(StoredState::default()));
-    assert_eq!(fields::decode_fields(&fields_of(&item_of(&calibration()))), Ok(calibration()));
+    assert_eq!(fields::decode_fields(&fields_of(&encoded_item(&stored_state()))), Ok(stored_state()));
+    assert_eq!(fields::decode_fields(&fields_of(&encoded_item(&StoredState::default()))), Ok(StoredState::default()));
+    assert_eq!(fields::decode_fields(&fields_of(&encoded_item(&calibration()))), Ok(calibration()));
     let largest = CalibrationRecord { serial_number: u32::MAX, ..calibration() };
-    assert!(item_of(&largest).len() <= ITEM_SIZE / 2, "room for as many fields again");
+    assert!(encoded_item(&largest).len() <= ITEM_SIZE / 2, "room for as many fields again");
 }
 
 fn bytes_of(hex: &str) -> Vec<u8> {
@@ -111,9 +111,9 @@ fn written_bytes_are_those_of_the_first_release_and_later_fields() {
     later.settings.signing_key = Some(SigningKey([7; 32]));
     later.settings.can = CanSettings { node: 42, rate_hz: 20, sends_covariance: true, is_terminated: true };
     later.settings.sensor_error = SensorError { gyro_percent: 5.0, drift_percent: 0.5 };
-    assert_eq!(item_of(&later), bytes_of(LATER_STATE));
+    assert_eq!(encoded_item(&later), bytes_of(LATER_STATE));
     assert_eq!(fields::decode_fields(&fields_of(&bytes_of(LATER_STATE))), Ok(later));
-    assert_eq!(item_of(&calibration()), pinned_calibration());
+    assert_eq!(encoded_item(&calibration()), pinned_calibration());
 }
 
 /// Flash after three saves of the first release.
@@ -125,12 +125,12 @@ fn a_store_of_the_first_release_is_loaded() {
     write_page(
         &mut flash,
         5,
-        &item_of(&StoredState { current_slot: Some(SlotReference { slot: 3, crc }), ..stored_state() }),
+        &encoded_item(&StoredState { current_slot: Some(SlotReference { slot: 3, crc }), ..stored_state() }),
     );
     let stored_calibrations =
         StoredCalibrations { current_calibration: Some(calibration()), previous_calibration: None };
     let StoredState { settings, startup_values, .. } = stored_state();
-    assert_eq!(load(&mut flash), Ok(StoredValues { settings, stored_calibrations, startup_values }));
+    assert_eq!(load_values(&mut flash), Ok(StoredValues { settings, stored_calibrations, startup_values }));
 }
 
 fn field(tag: u8, value: &[u8]) -> Vec<u8> {
@@ -141,18 +141,19 @@ fn field(tag: u8, value: &[u8]) -> Vec<u8> {
 fn unknown_fields_are_ignored() {
     for value in [&[][..], &[1], &[0xFF; 200]] {
         let unknown = field(200, value);
-        for fields in
-            [[&fields_of(&item_of(&stored_state()))[..], &unknown].concat(), [unknown.clone(), state_fields()].concat()]
-        {
+        for fields in [
+            [&fields_of(&encoded_item(&stored_state()))[..], &unknown].concat(),
+            [unknown.clone(), state_fields()].concat(),
+        ] {
             assert_eq!(fields::decode_fields(&fields), Ok(stored_state()));
         }
-        let fields = [fields_of(&item_of(&calibration())), unknown].concat();
+        let fields = [fields_of(&encoded_item(&calibration())), unknown].concat();
         assert_eq!(fields::decode_fields(&fields), Ok(calibration()));
     }
 }
 
 fn state_fields() -> Vec<u8> {
-    fields_of(&item_of(&stored_state()))
+    fields_of(&encoded_item(&stored_state()))
 }
 
 fn split_into_fields(mut fields: &[u8]) -> Vec<(u8, Vec<u8>)> {
@@ -178,8 +179,10 @@ fn a_missing_field_has_its_default() {
         } else {
             // The other fields are unchanged.
             let found = found.unwrap();
-            let default = split_into_fields(&fields_of(&item_of(&StoredState::default())));
-            for ((tag, stored), (_, default)) in split_into_fields(&fields_of(&item_of(&found))).iter().zip(&default) {
+            let default = split_into_fields(&fields_of(&encoded_item(&StoredState::default())));
+            for ((tag, stored), (_, default)) in
+                split_into_fields(&fields_of(&encoded_item(&found))).iter().zip(&default)
+            {
                 let (_, before) = &fields[usize::from(*tag) - 1];
                 assert_eq!(stored, if tag == missing { default } else { before }, "{missing} {tag}");
             }
@@ -196,7 +199,7 @@ fn a_missing_field_has_its_default() {
 
 #[test]
 fn a_calibration_needs_every_field_of_the_first_release() {
-    let fields = split_into_fields(&fields_of(&item_of(&calibration())));
+    let fields = split_into_fields(&fields_of(&encoded_item(&calibration())));
     assert_eq!(fields.len(), 25);
     for (missing, _) in &fields {
         let others = fields.iter().filter(|(tag, _)| tag != missing).flat_map(|(_, field)| field.clone());
@@ -286,7 +289,7 @@ fn a_truncated_item_is_damaged() {
 fn random_fields_decode_to_valid_values_or_an_error() {
     for seed in 0..20_000 {
         let mut noise = testkit::random::Random(seed);
-        let mut fields = if seed % 2 == 0 { state_fields() } else { fields_of(&item_of(&calibration())) };
+        let mut fields = if seed % 2 == 0 { state_fields() } else { fields_of(&encoded_item(&calibration())) };
         for _ in 0..=seed % 7 {
             let at = noise.bits() as usize % fields.len();
             fields[at] = noise.byte();

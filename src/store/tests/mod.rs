@@ -85,7 +85,7 @@ pub(super) fn settings() -> Settings {
     }
 }
 
-fn item_of(value: &impl StoredFields) -> Vec<u8> {
+fn encoded_item(value: &impl StoredFields) -> Vec<u8> {
     flash_page::encode_item(value, &mut [0; ITEM_SIZE]).unwrap().0.to_vec()
 }
 
@@ -109,13 +109,13 @@ fn changed_pages(before: &Flash, after: &Flash) -> Vec<usize> {
 fn flash_after_saves(saves: u32) -> Flash {
     let mut flash = Flash::new(PAGES);
     for serial in 1..=saves {
-        save(&mut flash, serial).unwrap();
+        save_calibration(&mut flash, serial).unwrap();
     }
     flash
 }
 
 /// Saves a calibration with a newly created store.
-fn save(flash: &mut Flash, serial: u32) -> Result<(), StoreError> {
+fn save_calibration(flash: &mut Flash, serial: u32) -> Result<(), StoreError> {
     save_change(flash, calibration_change(&stored_calibrations(serial)))
 }
 
@@ -124,7 +124,7 @@ fn save_change(flash: &mut Flash, change: StoreChange<'_>) -> Result<(), StoreEr
 }
 
 /// Loaded values, or the error.
-fn load(flash: &mut Flash) -> Result<StoredValues, StoreError> {
+fn load_values(flash: &mut Flash) -> Result<StoredValues, StoreError> {
     let LoadedValues { stored_values: stored, load_error: error } = load_readable(flash);
     error.map_or(Ok(stored), Err)
 }
@@ -134,30 +134,30 @@ fn load_readable(flash: &mut Flash) -> LoadedValues {
 }
 
 fn load_generations(flash: &mut Flash) -> Result<StoredCalibrations, StoreError> {
-    load(flash).map(|stored| stored.stored_calibrations)
+    load_values(flash).map(|stored| stored.stored_calibrations)
 }
 
 #[test]
 fn an_empty_flash_gives_the_defaults() {
-    assert_eq!(load(&mut Flash::new(PAGES)), Ok(StoredValues::default()));
+    assert_eq!(load_values(&mut Flash::new(PAGES)), Ok(StoredValues::default()));
 }
 
 #[test]
 fn settings_and_calibrations_do_not_disturb_each_other() {
     let mut flash = Flash::new(PAGES);
-    save(&mut flash, 5).unwrap();
+    save_calibration(&mut flash, 5).unwrap();
     save_change(&mut flash, StoreChange::Settings(&settings())).unwrap();
     assert_eq!(
-        load(&mut flash),
+        load_values(&mut flash),
         Ok(StoredValues {
             settings: settings(),
             stored_calibrations: stored_calibrations(5),
             ..StoredValues::default()
         })
     );
-    save(&mut flash, 6).unwrap();
+    save_calibration(&mut flash, 6).unwrap();
     assert_eq!(
-        load(&mut flash),
+        load_values(&mut flash),
         Ok(StoredValues {
             settings: settings(),
             stored_calibrations: stored_calibrations(6),
@@ -167,12 +167,12 @@ fn settings_and_calibrations_do_not_disturb_each_other() {
     let only_current = StoredCalibrations { previous_calibration: None, ..stored_calibrations(7) };
     save_change(&mut flash, calibration_change(&only_current)).unwrap();
     assert_eq!(
-        load(&mut flash),
+        load_values(&mut flash),
         Ok(StoredValues { settings: settings(), stored_calibrations: only_current, ..StoredValues::default() })
     );
     save_change(&mut flash, StoreChange::Clear).unwrap();
     assert_eq!(
-        load(&mut flash),
+        load_values(&mut flash),
         Ok(StoredValues {
             settings: settings(),
             stored_calibrations: StoredCalibrations::default(),
@@ -185,7 +185,7 @@ fn settings_and_calibrations_do_not_disturb_each_other() {
 fn each_of_25_saves_is_loaded_again() {
     let mut flash = Flash::new(PAGES);
     for serial in 1..=25 {
-        save(&mut flash, serial).unwrap();
+        save_calibration(&mut flash, serial).unwrap();
         assert_eq!(load_generations(&mut flash), Ok(stored_calibrations(serial)));
     }
 }
@@ -195,7 +195,7 @@ fn an_accepted_calibration_writes_a_free_slot_and_a_state() {
     let mut flash = flash_after_saves(1);
     for serial in 2..12 {
         let before = flash.clone();
-        save(&mut flash, serial).unwrap();
+        save_calibration(&mut flash, serial).unwrap();
         let [slot, state] = changed_pages(&before, &flash)[..] else { panic!("two pages") };
         assert!(slot < CALIBRATION_SLOTS as usize && state >= CALIBRATION_SLOTS as usize, "{slot} {state}");
         // Without the new state, the previous calibrations are loaded.
@@ -260,9 +260,9 @@ fn a_stored_calibration_clears_the_collecting_flag() {
     {
         let mut flash = flash_after_saves(1);
         save_change(&mut flash, StoreChange::StartupValues(startup_values)).unwrap();
-        assert_eq!(load(&mut flash).unwrap().startup_values, startup_values);
+        assert_eq!(load_values(&mut flash).unwrap().startup_values, startup_values);
         save_change(&mut flash, change).unwrap();
-        assert_eq!(load(&mut flash).unwrap().startup_values, StartupValues { is_collecting, ..startup_values });
+        assert_eq!(load_values(&mut flash).unwrap().startup_values, StartupValues { is_collecting, ..startup_values });
     }
 }
 

@@ -95,9 +95,9 @@ fn each_other_format_is_named() {
 fn clear_replaces_another_format() {
     for (_, case, mut flash) in all_flashes() {
         save_change(&mut flash, StoreChange::Clear).unwrap();
-        assert_eq!(load(&mut flash), Ok(StoredValues::default()), "{case}");
+        assert_eq!(load_values(&mut flash), Ok(StoredValues::default()), "{case}");
         for serial in 1..=4 {
-            save(&mut flash, serial).unwrap();
+            save_calibration(&mut flash, serial).unwrap();
             assert_eq!(load_generations(&mut flash), Ok(stored_calibrations(serial)), "{case}");
         }
     }
@@ -114,11 +114,11 @@ fn a_power_cut_while_clearing_leaves_the_other_format_or_the_defaults() {
                 let mut flash = start.cut_at(at, cut);
                 save_change(&mut flash, StoreChange::Clear).unwrap_err();
                 let mut flash = flash.power_on();
-                let found = load(&mut flash);
+                let found = load_values(&mut flash);
                 let allowed = [Err(StoreError::OtherFormat(format)), Ok(StoredValues::default())];
                 assert!(allowed.contains(&found), "{case}, {cut:?} at {at}: {found:?}");
                 save_change(&mut flash, StoreChange::Clear).unwrap();
-                assert_eq!(load(&mut flash), Ok(StoredValues::default()), "{case}, {cut:?} at {at}");
+                assert_eq!(load_values(&mut flash), Ok(StoredValues::default()), "{case}, {cut:?} at {at}");
             }
         }
     }

@@ -20,7 +20,7 @@ fn power_cuts_anywhere_leave_old_or_new() {
         let old = if saves == 0 { StoredCalibrations::default() } else { stored_calibrations(saves) };
         for (first, first_cut) in cut_flashes(&start, saves + 1) {
             let mut flash = start.cut_at(first, first_cut);
-            save(&mut flash, saves + 1).unwrap_err();
+            save_calibration(&mut flash, saves + 1).unwrap_err();
             let mut once = flash.power_on();
             let case = format!("{saves} saves, {first_cut:?} at {first}");
             let between = load_allowed(&mut once, &[old, stored_calibrations(saves + 1)], &case);
@@ -29,10 +29,10 @@ fn power_cuts_anywhere_leave_old_or_new() {
                 let (second, second_cut) = all[random.bits() as usize % all.len()];
                 let mut flash = once.cut_at(second, second_cut);
                 let case = format!("{case}, {second_cut:?} at {second}");
-                save(&mut flash, saves + 2).unwrap_err();
+                save_calibration(&mut flash, saves + 2).unwrap_err();
                 let mut flash = flash.power_on();
                 load_allowed(&mut flash, &[between, stored_calibrations(saves + 2)], &case);
-                save(&mut flash, 1000).unwrap_or_else(|error| panic!("{case}: {error:?}"));
+                save_calibration(&mut flash, 1000).unwrap_or_else(|error| panic!("{case}: {error:?}"));
                 assert_eq!(load_generations(&mut flash), Ok(stored_calibrations(1000)), "{case}");
                 cases += 1;
             }
@@ -55,7 +55,7 @@ fn a_power_cut_during_any_change_leaves_the_old_or_new_values() {
             save_change(&mut start, StoreChange::Settings(&Settings { stream_rate_hz: 1 + serial, ..settings() }))
                 .unwrap();
         }
-        save(&mut start, 9).unwrap();
+        save_calibration(&mut start, 9).unwrap();
         for change in [
             StoreChange::Settings(&settings()),
             StoreChange::StartupValues(startup_values),
@@ -63,20 +63,20 @@ fn a_power_cut_during_any_change_leaves_the_old_or_new_values() {
             calibration_change(&undone),
             calibration_change(&stored_calibrations(10)),
         ] {
-            let old = load(&mut start).unwrap();
+            let old = load_values(&mut start).unwrap();
             let mut complete = start.power_on();
             save_change(&mut complete, change).unwrap();
-            let new = load(&mut complete).unwrap();
+            let new = load_values(&mut complete).unwrap();
             assert_ne!(old, new, "{change:?}");
             for (at, cut) in (0..complete.operations).flat_map(|at| CutProgress::ALL.map(|cut| (at, cut))) {
                 let case = format!("{change:?}, {cut:?} at {at}");
                 let mut flash = start.cut_at(at, cut);
                 save_change(&mut flash, change).unwrap_err();
                 let mut flash = flash.power_on();
-                let found = load(&mut flash);
+                let found = load_values(&mut flash);
                 assert!(found == Ok(old) || found == Ok(new), "{case}: {found:?}");
                 save_change(&mut flash, change).unwrap();
-                assert_eq!(load(&mut flash), Ok(new), "{case}");
+                assert_eq!(load_values(&mut flash), Ok(new), "{case}");
             }
         }
     }
@@ -92,6 +92,6 @@ fn load_allowed(flash: &mut Flash, allowed: &[StoredCalibrations], case: &str) -
 /// Operation and kind of each power cut during a save.
 fn cut_flashes(flash: &Flash, serial: u32) -> impl Iterator<Item = (usize, (CutProgress, u64))> + use<> {
     let mut complete = flash.power_on();
-    save(&mut complete, serial).unwrap();
+    save_calibration(&mut complete, serial).unwrap();
     CutProgress::near_operation_limits(complete.operations)
 }

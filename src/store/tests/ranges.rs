@@ -23,7 +23,7 @@ impl<T: StoredFields> StoredFields for Unchecked<T> {
 }
 
 fn assert_valid<T: StoredFields + PartialEq + core::fmt::Debug>(value: &T, valid: bool, label: &str) {
-    let unchecked = item_of(&Unchecked(*value));
+    let unchecked = encoded_item(&Unchecked(*value));
     let PageContent::Item(StoredItem { field_bytes: fields, .. }) = flash_page::parse_page(&unchecked) else {
         panic!("{label}")
     };

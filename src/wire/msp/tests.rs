@@ -5,7 +5,7 @@ fn bytes_of_hex(text: &str) -> Vec<u8> {
     text.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect()
 }
 
-fn frame(direction: u8, function: u16, payload: &[u8]) -> Vec<u8> {
+fn msp_frame(direction: u8, function: u16, payload: &[u8]) -> Vec<u8> {
     let mut frame = vec![b'$', b'X', direction, 0];
     frame.extend(function.to_le_bytes());
     frame.extend((payload.len() as u16).to_le_bytes());
@@ -15,12 +15,12 @@ fn frame(direction: u8, function: u16, payload: &[u8]) -> Vec<u8> {
     frame
 }
 
-fn reply(function: MspFunction, payload: &[u8]) -> Vec<u8> {
-    frame(b'>', function as u16, payload)
+fn reply_frame(function: MspFunction, payload: &[u8]) -> Vec<u8> {
+    msp_frame(b'>', function as u16, payload)
 }
 
 fn attitude_reply(roll: i16, pitch: i16) -> Vec<u8> {
-    reply(MspFunction::Attitude, &[roll.to_le_bytes(), pitch.to_le_bytes(), 10_i16.to_le_bytes()].concat())
+    reply_frame(MspFunction::Attitude, &[roll.to_le_bytes(), pitch.to_le_bytes(), 10_i16.to_le_bytes()].concat())
 }
 
 fn angles_of(roll_decideg: i16, pitch_decideg: i16) -> MspReply {
@@ -56,7 +56,7 @@ fn sent_frames_match_frames_that_autopilots_accepted() {
         (MspFunction::Attitude, 108),
         (MspFunction::Rtc, 247),
     ] {
-        assert_eq!(encode_request(function).to_vec(), frame(b'<', number, &[]));
+        assert_eq!(encode_request(function).to_vec(), msp_frame(b'<', number, &[]));
     }
     assert_eq!(compass_message(7, u32::MAX, Field::from_ut(0.0, 0.0, 0.0))[8..13], [7, 255, 255, 255, 255]);
 }
@@ -100,16 +100,17 @@ fn replies_of_later_longer_versions_are_decoded() {
         (MspFunction::Rtc, date.to_vec(), MspReply::Rtc(day)),
     ];
     for (function, payload, message) in expected {
-        assert_eq!(decode_single(&reply(function, &payload)), Some(message));
+        assert_eq!(decode_single(&reply_frame(function, &payload)), Some(message));
         let longer = [payload.clone(), vec![0xA5; MAX_PAYLOAD_LENGTH - payload.len()]].concat();
-        assert_eq!(decode_single(&reply(function, &longer)), Some(message), "with more");
+        assert_eq!(decode_single(&reply_frame(function, &longer)), Some(message), "with more");
         if function != MspFunction::Rtc {
-            assert_eq!(decode_single(&reply(function, &payload[1..])), None, "{function:?} that is too short");
+            assert_eq!(decode_single(&reply_frame(function, &payload[1..])), None, "{function:?} that is too short");
         }
     }
     // A payload longer than any firmware's is skipped.
-    let (messages, rejected) =
-        decoded_replies(&[reply(MspFunction::Attitude, &[0; MAX_PAYLOAD_LENGTH + 1]), attitude_reply(1, 2)].concat());
+    let (messages, rejected) = decoded_replies(
+        &[reply_frame(MspFunction::Attitude, &[0; MAX_PAYLOAD_LENGTH + 1]), attitude_reply(1, 2)].concat(),
+    );
     assert_eq!((messages, rejected), (vec![angles_of(1, 2)], 0));
 }
 
@@ -123,7 +124,7 @@ fn firmware_is_identified_by_its_name() {
         (b"BTFLX", AutopilotFirmware::Betaflight),
     ];
     for (name, firmware) in names {
-        assert_eq!(decode_single(&reply(MspFunction::FcVariant, name)), Some(MspReply::FcVariant(firmware)));
+        assert_eq!(decode_single(&reply_frame(MspFunction::FcVariant, name)), Some(MspReply::FcVariant(firmware)));
     }
 }
 
@@ -159,7 +160,11 @@ fn impossible_angles_are_rejected() {
 fn armed_state_is_the_lowest_status_bit() {
     for (flags, is_armed) in [([1, 0], true), ([0xFE, 0xFF], false), ([0xFF, 0], true), ([0, 1], false)] {
         let payload = [[9; 6].as_slice(), &flags, &[1, 1, 1]].concat();
-        assert_eq!(decode_single(&reply(MspFunction::Status, &payload)), Some(MspReply::Armed(is_armed)), "{flags:?}");
+        assert_eq!(
+            decode_single(&reply_frame(MspFunction::Status, &payload)),
+            Some(MspReply::Armed(is_armed)),
+            "{flags:?}"
+        );
     }
 }
 
@@ -168,10 +173,10 @@ fn armed_state_is_the_lowest_status_bit() {
 fn a_current_is_in_hundredths() {
     for (bytes, amperes) in [([0xD2, 0x04], 12.34), ([0, 0], 0.0), ([0xFE, 0xFF], -0.02)] {
         let payload = [[7; 5].as_slice(), &bytes].concat();
-        assert_eq!(decode_single(&reply(MspFunction::Analog, &payload)), Some(MspReply::Current(amperes)));
+        assert_eq!(decode_single(&reply_frame(MspFunction::Analog, &payload)), Some(MspReply::Current(amperes)));
         let longer = [&payload[..], &[9, 9]].concat();
-        assert_eq!(decode_single(&reply(MspFunction::Analog, &longer)), Some(MspReply::Current(amperes)));
-        assert_eq!(decode_single(&reply(MspFunction::Analog, &payload[..6])), None, "too short");
+        assert_eq!(decode_single(&reply_frame(MspFunction::Analog, &longer)), Some(MspReply::Current(amperes)));
+        assert_eq!(decode_single(&reply_frame(MspFunction::Analog, &payload[..6])), None, "too short");
     }
 }
 
@@ -183,7 +188,7 @@ fn a_position_needs_a_fix() {
         payload.extend((-10_000_000_i32).to_le_bytes());
         payload.extend(height_m.to_le_bytes());
         payload.extend([0; 6]);
-        decode_single(&reply(MspFunction::RawGps, &payload))
+        decode_single(&reply_frame(MspFunction::RawGps, &payload))
     };
     let place = |latitude_deg, height_m| Some(MspReply::RawGps(Position::new(latitude_deg, -1.0, height_m)));
     assert_eq!(gps(1, 315_000_000, -400), place(31.5, -400.0));
@@ -197,7 +202,7 @@ fn a_position_needs_a_fix() {
 fn a_date_is_decoded_from_calendar_or_seconds() {
     let of_date = |year: u16, month, day| {
         let [y0, y1] = year.to_le_bytes();
-        decode_single(&reply(MspFunction::Rtc, &[y0, y1, month, day, 1, 2, 3, 4, 0]))
+        decode_single(&reply_frame(MspFunction::Rtc, &[y0, y1, month, day, 1, 2, 3, 4, 0]))
     };
     let day = |seconds| Some(MspReply::Rtc(Date::from_unix_s(seconds)));
     for (year, month, date, seconds) in [
@@ -219,28 +224,28 @@ fn a_date_is_decoded_from_calendar_or_seconds() {
         assert_eq!(of_date(year, 1, 1), Some(MspReply::Rtc(None)));
     }
     let of_seconds =
-        |seconds: u32| decode_single(&reply(MspFunction::Rtc, &[&seconds.to_le_bytes()[..], &[7, 0]].concat()));
+        |seconds: u32| decode_single(&reply_frame(MspFunction::Rtc, &[&seconds.to_le_bytes()[..], &[7, 0]].concat()));
     assert_eq!(of_seconds(1_709_164_800), day(1_709_164_800));
     assert_eq!(of_seconds(0), Some(MspReply::Rtc(None)));
-    assert_eq!(decode_single(&reply(MspFunction::Rtc, &[0; 5])), None);
+    assert_eq!(decode_single(&reply_frame(MspFunction::Rtc, &[0; 5])), None);
 }
 
 #[test]
 fn refusals_and_empty_replies_are_returned() {
     for function in MspFunction::ALL_FUNCTIONS {
-        assert_eq!(decode_single(&frame(b'!', function as u16, &[])), Some(MspReply::Refused(function)));
+        assert_eq!(decode_single(&msp_frame(b'!', function as u16, &[])), Some(MspReply::Refused(function)));
         assert_eq!(
-            decode_single(&frame(b'!', function as u16, &[1, 2, 3, 4, 5, 6])),
+            decode_single(&msp_frame(b'!', function as u16, &[1, 2, 3, 4, 5, 6])),
             Some(MspReply::Refused(function))
         );
-        assert_eq!(decode_single(&reply(function, &[])), Some(MspReply::Refused(function)));
+        assert_eq!(decode_single(&reply_frame(function, &[])), Some(MspReply::Refused(function)));
     }
 }
 
 #[test]
 fn unsupported_frames_are_skipped() {
     let version_1 = [b'$', b'M', b'>', 6, 108, 1, 0, 2, 0, 3, 0, 0x6A];
-    let other = frame(b'>', 0x3E6C, &[b'$'; 40]);
+    let other = msp_frame(b'>', 0x3E6C, &[b'$'; 40]);
     let noise = bytes_of_hex("24 24 58 24 58 3E 24 58 3F 00 6C 00 00");
     let stream = [
         &attitude_reply(1, 2)[..],
@@ -258,7 +263,7 @@ fn unsupported_frames_are_skipped() {
 fn a_frame_within_a_payload_is_not_decoded() {
     let payload = [&[0; 11][..], &attitude_reply(1, 2)].concat();
     let (messages, rejected) =
-        decoded_replies(&[reply(MspFunction::Status, &payload), vec![0; MAX_FRAME_LENGTH]].concat());
+        decoded_replies(&[reply_frame(MspFunction::Status, &payload), vec![0; MAX_FRAME_LENGTH]].concat());
     assert_eq!((messages, rejected), (vec![MspReply::Armed(false)], 0));
 }
 

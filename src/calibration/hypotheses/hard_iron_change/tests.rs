@@ -7,7 +7,7 @@ use super::*;
 use crate::calibration::closed_form::starting_point;
 use crate::calibration::model::{JacobianRow, Likelihood, ModelConfig, NoiseModel};
 use crate::calibration::tests::derivatives::assert_derivative;
-use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, sample};
+use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, measured_sample};
 use crate::calibration::uncertainty::information::Information;
 use crate::calibration::{
     Calibration, CollectionPart, LeastSquares, Method, MotorCurrent, Orientation, Prior, Rates, Sample,
@@ -195,7 +195,7 @@ fn the_size_of_hysteresis_is_the_rms_of_its_response() {
     let mut squares = 0.0;
     for heading in 0_u8..36 {
         let heading_rad = (10.0 * f32::from(heading)).to_radians();
-        let level = sample(&airframe, crate::frames::Attitude::default(), heading_rad, 0.0, &mut Random(1));
+        let level = measured_sample(&airframe, crate::frames::Attitude::default(), heading_rad, 0.0, &mut Random(1));
         let equations = case.likelihood.sample_equations(&level, None, &parameters);
         squares += scan.hysteresis.field_response(&Vector3::z(), 1.0, &equations).norm_squared();
     }

@@ -6,7 +6,7 @@ use super::*;
 use crate::calibration::matrix_rows;
 use crate::calibration::model::{COEFFICIENT_COUNT, Vector12, coefficient_jacobian_row};
 use crate::calibration::tests::derivatives::{assert_derivative, numerical_derivative};
-use crate::calibration::tests::synthetic::{Random, vector};
+use crate::calibration::tests::synthetic::{Random, random_vector};
 use crate::frames::{Attitude, wrap_pi};
 
 #[test]
@@ -38,7 +38,7 @@ impl Case {
         let w = Matrix3::identity() + Matrix3::from_fn(|_, _| random.uniform(-0.2, 0.2));
         let calibration = Calibration {
             w: matrix_rows(&w),
-            b_ut: vector(random, 40.0).into(),
+            b_ut: random_vector(random, 40.0).into(),
             inclination_rad: random.uniform(-1.1, 1.1),
             total_ut: random.uniform(30.0, 60.0),
             latency_s: 0.0,

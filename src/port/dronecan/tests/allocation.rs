@@ -17,7 +17,7 @@ impl Allocator {
         Self { granted: Vec::new(), exchange: Vec::new(), last_us: 0, transfer_id: 0 }
     }
 
-    fn respond(&mut self, now_us: u64, request: &CanFrame) -> Option<OutboundTransfer> {
+    fn answer_request(&mut self, now_us: u64, request: &CanFrame) -> Option<OutboundTransfer> {
         let header = FrameHeader::from_id(request.frame_id()).unwrap();
         let (_, [first, part @ ..]) = request.data().split_last()? else { return None };
         if header.source_node.is_some() || header.type_id != 1 {
@@ -46,7 +46,7 @@ impl Allocator {
             self.exchange.clear();
         }
         self.transfer_id = (self.transfer_id + 1) % 32;
-        Some(transfer(DataType::ALLOCATION, self.transfer_id, &payload))
+        Some(transfer_from_peer(DataType::ALLOCATION, self.transfer_id, &payload))
     }
 }
 
@@ -65,22 +65,22 @@ impl AllocationBus {
         Self { nodes, allocator: Allocator::new(), random: Random(seed), loss }
     }
 
-    fn numbers(&self) -> Vec<Option<u8>> {
+    fn node_numbers(&self) -> Vec<Option<u8>> {
         self.nodes.iter().map(|bench| bench.node.node_id().map(NodeId::number)).collect()
     }
 
     /// Runs until all nodes have numbers; returns the time in milliseconds.
-    fn run(&mut self, at_most_ms: u64) -> Option<u64> {
+    fn run_until_allocated(&mut self, at_most_ms: u64) -> Option<u64> {
         let mut on_bus: Vec<(usize, CanFrame)> = Vec::new();
         for now_us in (0..at_most_ms * 1000).step_by(PERIOD_US as usize) {
             for (number, bench) in self.nodes.iter_mut().enumerate() {
                 bench.now_us = now_us;
                 bench.poll();
-                bench.send();
+                bench.send_all_frames();
                 on_bus.extend(bench.frames.drain(..).map(|frame| (number, frame)));
             }
             if now_us.is_multiple_of(1_000_000) {
-                let heard = transfer(DataType::ARMING_STATUS, 0, &[0]);
+                let heard = transfer_from_peer(DataType::ARMING_STATUS, 0, &[0]);
                 on_bus.extend(heard.frames(NodeId::new(PEER_NODE)).map(|frame| (usize::MAX, frame)));
             }
             let mut delivered = Vec::new();
@@ -88,7 +88,7 @@ impl AllocationBus {
                 if self.random.uniform(0.0, 1.0) < self.loss {
                     continue;
                 }
-                let answer = (sender != usize::MAX).then(|| self.allocator.respond(now_us, &frame)).flatten();
+                let answer = (sender != usize::MAX).then(|| self.allocator.answer_request(now_us, &frame)).flatten();
                 delivered.push((sender, frame));
                 let frames: Vec<_> = answer.iter().flat_map(|answer| answer.frames(NodeId::new(PEER_NODE))).collect();
                 for frame in frames {
@@ -104,7 +104,7 @@ impl AllocationBus {
                     }
                 }
             }
-            if self.numbers().iter().all(Option::is_some) {
+            if self.node_numbers().iter().all(Option::is_some) {
                 return Some(now_us / 1000);
             }
         }
@@ -117,9 +117,9 @@ impl AllocationBus {
 fn a_number_is_allocated_within_two_seconds() {
     for first_byte in 0..50 {
         let mut bus = AllocationBus::new(&[first_byte], 0.0, 1);
-        let ms = bus.run(5000).expect("a number");
+        let ms = bus.run_until_allocated(5000).expect("a number");
         assert!((600..2000).contains(&ms), "{ms} ms");
-        assert_eq!(bus.numbers(), [Some(125)]);
+        assert_eq!(bus.node_numbers(), [Some(125)]);
     }
 }
 
@@ -128,8 +128,8 @@ fn a_number_is_allocated_within_two_seconds() {
 fn two_modules_on_one_bus_get_different_numbers() {
     for first_byte in 0..50 {
         let mut bus = AllocationBus::new(&[first_byte, 200 - first_byte], 0.0, 1);
-        assert!(bus.run(20_000).is_some());
-        let mut numbers = bus.numbers();
+        assert!(bus.run_until_allocated(20_000).is_some());
+        let mut numbers = bus.node_numbers();
         numbers.sort_unstable();
         assert_eq!(numbers, [Some(124), Some(125)]);
     }
@@ -140,8 +140,8 @@ fn two_modules_on_one_bus_get_different_numbers() {
 fn a_number_is_allocated_on_a_bad_bus() {
     for seed in 0..50 {
         let mut bus = AllocationBus::new(&[7], 0.1, seed);
-        assert!(bus.run(30_000).is_some(), "seed {seed}");
-        assert_eq!(bus.numbers(), [Some(125)]);
+        assert!(bus.run_until_allocated(30_000).is_some(), "seed {seed}");
+        assert_eq!(bus.node_numbers(), [Some(125)]);
     }
 }
 
@@ -155,7 +155,7 @@ fn delay_ms(client: &mut AllocationClient, source: Option<u8>, unique_id: &[u8])
 /// Another client's request, an empty id or a part of another unique id ends the exchange.
 #[test]
 fn only_an_allocator_continues_an_exchange() {
-    let unique_id = info(1).unique_id;
+    let unique_id = node_info(1).unique_id;
     let own_part = &unique_id[..6];
     let mut client = AllocationClient::new(unique_id);
     for (source, part) in [(None, own_part), (Some(PEER_NODE), &[]), (Some(PEER_NODE), &[9; 6])] {
@@ -171,7 +171,7 @@ fn only_an_allocator_continues_an_exchange() {
 fn delays_are_random_over_their_whole_range() {
     for (part_length, [least_ms, longest_ms]) in [(0, [600, 1000]), (6, [0, 400])] {
         let delays = (0..50).map(|first_byte| {
-            let unique_id = info(first_byte).unique_id;
+            let unique_id = node_info(first_byte).unique_id;
             delay_ms(&mut AllocationClient::new(unique_id), Some(PEER_NODE), &unique_id[..part_length])
         });
         let delays: Vec<u64> = delays.collect();
@@ -187,8 +187,8 @@ fn delays_are_random_over_their_whole_range() {
 #[test]
 fn a_node_is_silent_until_it_hears_another() {
     let mut bench = Bench::unallocated(1);
-    assert_eq!(bench.run(5000), []);
-    bench.receive(PEER_NODE, &transfer(DataType::ARMING_STATUS, 0, &[0]));
+    assert_eq!(bench.run_ms(5000), []);
+    bench.receive(PEER_NODE, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[0]));
     assert_eq!(bench.sent_in_ms(DataType::ALLOCATION, 1100).len(), 1);
 }
 
@@ -196,8 +196,8 @@ fn a_node_is_silent_until_it_hears_another() {
 #[test]
 fn an_unallocated_node_only_asks_for_a_number() {
     let mut bench = Bench::unallocated(1);
-    bench.receive(PEER_NODE, &transfer(DataType::ARMING_STATUS, 0, &[0]));
-    let sent = bench.run(60_000);
+    bench.receive(PEER_NODE, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[0]));
+    let sent = bench.run_ms(60_000);
     assert!((60..=101).contains(&sent.len()), "{}", sent.len());
     assert!(sent.iter().all(|sent| sent.header.source_node.is_none() && sent.payload.len() == 7));
 }
@@ -206,14 +206,14 @@ fn an_unallocated_node_only_asks_for_a_number() {
 #[test]
 fn another_node_with_an_allocated_number_makes_the_node_ask_again() {
     let mut bus = AllocationBus::new(&[7], 0.0, 1);
-    bus.run(5000).unwrap();
+    bus.run_until_allocated(5000).unwrap();
     let bench = &mut bus.nodes[0];
     assert!(!bench.sent_in_ms(DataType::MAGNETIC_FIELD_STRENGTH_2, 1000).is_empty());
     bench.now_us += 100_000;
     bench.poll();
     assert!(bench.node.frame_to_send().is_some());
-    bench.receive(125, &transfer(DataType::ARMING_STATUS, 0, &[0]));
+    bench.receive(125, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[0]));
     assert_eq!(bench.node.node_id(), None);
     assert_eq!(bench.node.frame_to_send(), None, "a field with the number of another node");
-    assert!(bench.run(500).iter().all(|sent| sent.header.source_node.is_none()));
+    assert!(bench.run_ms(500).iter().all(|sent| sent.header.source_node.is_none()));
 }

@@ -20,7 +20,7 @@ fn node(number: u8) -> NodeId {
     NodeId::new(number).unwrap()
 }
 
-const fn info(first_byte: u8) -> NodeInfo {
+const fn node_info(first_byte: u8) -> NodeInfo {
     let mut unique_id = [7; UNIQUE_ID_LENGTH];
     unique_id[0] = first_byte;
     let software = SoftwareVersion { major_version: 0, minor_version: 1, commit: None, image_crc: None };
@@ -28,7 +28,7 @@ const fn info(first_byte: u8) -> NodeInfo {
 }
 
 /// Transfer from another node; a request to this one if the type is a service.
-fn transfer(data_type: DataType, transfer_id: u8, payload: &[u8]) -> OutboundTransfer {
+fn transfer_from_peer(data_type: DataType, transfer_id: u8, payload: &[u8]) -> OutboundTransfer {
     let kind = if data_type.is_service { TransferKind::Request(node(OWN_NODE)) } else { TransferKind::Message };
     let payload = Payload::from_slice(payload).unwrap();
     OutboundTransfer { data_type, priority: 20, transfer_kind: kind, transfer_id, payload }
@@ -91,13 +91,13 @@ impl Bench {
     fn new() -> Self {
         let can = CanSettings { node: OWN_NODE, ..CanSettings::DEFAULT };
         let mut bench = Self::with_settings(1, Settings { can, ..Settings::DEFAULT });
-        bench.receive(PEER_NODE, &transfer(DataType::ARMING_STATUS, 0, &[0]));
+        bench.receive(PEER_NODE, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[0]));
         bench
     }
 
     fn with_settings(first_byte: u8, settings: Settings) -> Self {
         Self {
-            node: CanNode::new(info(first_byte), settings.can),
+            node: CanNode::new(node_info(first_byte), settings.can),
             now_us: 0,
             settings,
             estimate: Estimate {
@@ -152,28 +152,28 @@ impl Bench {
     }
 
     /// Sends all queued frames.
-    fn send(&mut self) {
+    fn send_all_frames(&mut self) {
         while self.send_frame() {}
     }
 
     /// Polls and sends for a time; returns the transfers sent in it.
-    fn run(&mut self, ms: u64) -> Vec<Sent> {
+    fn run_ms(&mut self, ms: u64) -> Vec<Sent> {
         let end_us = self.now_us + ms * 1000;
         while self.now_us < end_us {
             self.now_us += PERIOD_US;
             self.poll();
-            self.send();
+            self.send_all_frames();
         }
         reassemble(&std::mem::take(&mut self.frames))
     }
 
     fn sent_in_ms(&mut self, data_type: DataType, ms: u64) -> Vec<Sent> {
-        self.run(ms).into_iter().filter(|sent| has_data_type(sent, data_type)).collect()
+        self.run_ms(ms).into_iter().filter(|sent| has_data_type(sent, data_type)).collect()
     }
 
     /// Sends a request, runs for 25 ms, and returns the response.
     fn request_response(&mut self, data_type: DataType, payload: &[u8]) -> Option<Vec<u8>> {
-        self.receive(PEER_NODE, &transfer(data_type, 9, payload));
+        self.receive(PEER_NODE, &transfer_from_peer(data_type, 9, payload));
         self.response(data_type)
     }
 

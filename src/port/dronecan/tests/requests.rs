@@ -13,14 +13,14 @@ fn a_node_describes_itself() {
     let payload = bench.request_response(DataType::GET_NODE_INFO, &[]).unwrap();
     assert_eq!(payload[7..10], [0, 1, 0], "version");
     assert_eq!(payload[22..24], [1, 0], "hardware");
-    assert_eq!(payload[24..40], info(1).unique_id);
+    assert_eq!(payload[24..40], node_info(1).unique_id);
     assert_eq!(payload[41..], *b"org.autoswing.test");
 }
 
 #[test]
 fn traffic_is_counted() {
     let mut bench = Bench::new();
-    bench.run(1000);
+    bench.run_ms(1000);
     bench.node.add_bus_errors(2);
     bench.node.add_bus_errors(5);
     let payload = bench.request_response(DataType::GET_TRANSPORT_STATS, &[]).unwrap();
@@ -233,12 +233,12 @@ fn a_refused_update_can_be_repeated() {
 #[test]
 fn one_update_is_requested_at_a_time() {
     let mut bench = Bench::new();
-    let update = |transfer_id, payload| transfer(DataType::BEGIN_FIRMWARE_UPDATE, transfer_id, payload);
+    let update = |transfer_id, payload| transfer_from_peer(DataType::BEGIN_FIRMWARE_UPDATE, transfer_id, payload);
     for source in 11..15 {
-        bench.receive(source, &transfer(DataType::GET_NODE_INFO, 0, &[]));
+        bench.receive(source, &transfer_from_peer(DataType::GET_NODE_INFO, 0, &[]));
     }
     bench.receive(PEER_NODE, &update(0, b"\x00lost"));
-    bench.run(100);
+    bench.run_ms(100);
     bench.receive(PEER_NODE, &update(1, b"\x00a"));
     bench.receive(66, &update(2, b"\x00b"));
     let answers = bench.sent_in_ms(DataType::BEGIN_FIRMWARE_UPDATE, 100);
@@ -252,7 +252,7 @@ fn one_update_is_requested_at_a_time() {
 fn each_requester_gets_its_answer() {
     let mut bench = Bench::new();
     for source in 11..20 {
-        bench.receive(source, &transfer(DataType::GET_NODE_INFO, source, &[]));
+        bench.receive(source, &transfer_from_peer(DataType::GET_NODE_INFO, source, &[]));
     }
     let sent = bench.sent_in_ms(DataType::GET_NODE_INFO, 100);
     let answered: Vec<_> = sent.iter().map(|sent| (sent.header.transfer_kind, sent.transfer_id)).collect();

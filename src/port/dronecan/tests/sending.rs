@@ -61,7 +61,7 @@ fn the_bus_is_loaded_by_3_percent_at_most() {
         }
         bench.now_us += PERIOD_US;
         bench.poll();
-        bench.send();
+        bench.send_all_frames();
         bits += bench.frames.drain(..).map(|frame| worst_bits(&frame)).sum::<usize>();
     }
     let percent = bits as f32 / 10.0 / 1e6 * 100.0;
@@ -117,8 +117,8 @@ fn a_node_without_a_reading_is_initialising() {
 fn a_second_node_with_this_number_stops_the_field() {
     let mut bench = Bench::new();
     assert!(!bench.sent_in_ms(MAG, 100).is_empty());
-    bench.receive(OWN_NODE, &transfer(DataType::ARMING_STATUS, 0, &[0]));
-    let sent = bench.run(2000);
+    bench.receive(OWN_NODE, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[0]));
+    let sent = bench.run_ms(2000);
     assert!(sent.iter().all(|sent| !has_data_type(sent, MAG)));
     let status = sent.iter().find(|sent| has_data_type(sent, DataType::NODE_STATUS)).unwrap();
     assert_eq!(status_of(status), (0, 0, 0x64E0));
@@ -139,32 +139,32 @@ fn texts(sent: &[Sent]) -> Vec<String> {
 #[test]
 fn messages_and_changes_of_state_are_texts() {
     let mut bench = Bench::new();
-    assert_eq!(texts(&bench.run(3000)), ["1 calibrated"]);
+    assert_eq!(texts(&bench.run_ms(3000)), ["1 calibrated"]);
     bench.node.queue_text(&Message::InstallationRestored);
     bench.node.queue_text(&Message::CollectionLost);
-    let sent = texts(&bench.run(1000));
+    let sent = texts(&bench.run_ms(1000));
     assert_eq!(sent[0], format!("1 {}", Message::InstallationRestored));
     let long: String = sent[1..].iter().map(|text| text.trim_start_matches("2 ")).collect();
     assert_eq!((sent.len() > 2, long), (true, Message::CollectionLost.to_string()));
     bench.estimate = Estimate { heading: Err(NoHeading::SensorStuck), compass_field: None, ..bench.estimate };
-    assert_eq!(texts(&bench.run(10_000)), ["2 calibrated; no field: sensor-stuck"]);
+    assert_eq!(texts(&bench.run_ms(10_000)), ["2 calibrated; no field: sensor-stuck"]);
     // A state of less than two seconds is not reported.
     bench.indicator = IndicatorState::Collecting(1);
-    assert_eq!(texts(&bench.run(1900)), [] as [&str; 0]);
+    assert_eq!(texts(&bench.run_ms(1900)), [] as [&str; 0]);
     bench.indicator = IndicatorState::Calibrated;
-    assert_eq!(texts(&bench.run(3000)), [] as [&str; 0]);
+    assert_eq!(texts(&bench.run_ms(3000)), [] as [&str; 0]);
 }
 
 /// A frame that waited longer than a second is out of date; a new field replaces a waiting one.
 #[test]
 fn frames_that_the_bus_does_not_accept_are_dropped() {
     let mut bench = Bench::new();
-    bench.run(100);
+    bench.run_ms(100);
     for _ in 0..400 {
         bench.now_us += PERIOD_US;
         bench.poll();
     }
-    bench.send();
+    bench.send_all_frames();
     let sent = reassemble(&std::mem::take(&mut bench.frames));
     assert!(sent.iter().filter(|sent| has_data_type(sent, MAG)).count() <= 1, "{sent:?}");
     assert!(sent.len() <= 4, "{sent:?}");
@@ -182,7 +182,7 @@ fn a_field_in_transmission_is_not_replaced() {
         assert!(bench.send_frame());
         bench.now_us += 20_000;
         bench.poll();
-        bench.send();
+        bench.send_all_frames();
     }
     let sent = reassemble(&bench.frames);
     assert_eq!(sent.iter().filter(|sent| has_data_type(sent, MAG)).count(), 10);
@@ -213,13 +213,13 @@ fn a_transfer_without_room_is_not_queued_and_not_numbered() {
 #[test]
 fn a_text_waits_for_room() {
     let mut bench = Bench::new();
-    bench.run(3000);
+    bench.run_ms(3000);
     for _ in 0..5 {
         let (now, payload) = (bench.now(), Payload::from_slice(&[7; 60]).unwrap());
         bench.node.outbox.queue_message(now, Some(node(OWN_NODE)), DataType::TARGETTED, 20, payload);
     }
     bench.node.queue_text(&Message::InstallationRestored);
     bench.poll();
-    bench.send();
-    assert_eq!(texts(&bench.run(500)), [format!("1 {}", Message::InstallationRestored)]);
+    bench.send_all_frames();
+    assert_eq!(texts(&bench.run_ms(500)), [format!("1 {}", Message::InstallationRestored)]);
 }

@@ -6,7 +6,7 @@ use ::mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot, M
 use ::mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 
 fn send_arming_status(bench: &mut Bench, source: u8, is_armed: bool) {
-    bench.receive(source, &transfer(DataType::ARMING_STATUS, 0, &[u8::from(is_armed) * 255]));
+    bench.receive(source, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[u8::from(is_armed) * 255]));
 }
 
 /// A forged report of disarming does not end a flight while the autopilot reports that it is armed.
@@ -34,7 +34,7 @@ fn battery_transfer(number: u8, current_a: f32) -> OutboundTransfer {
     let mut payload = [0; 30];
     payload[4..6].copy_from_slice(&half::f16::from_f32(current_a).to_le_bytes());
     payload[18] = number;
-    transfer(DataType::BATTERY_INFO, 0, &payload)
+    transfer_from_peer(DataType::BATTERY_INFO, 0, &payload)
 }
 
 #[test]
@@ -74,7 +74,7 @@ fn tunnel_transfer(transfer_id: u8, target: u8, serial: i8, data: &[u8]) -> Outb
         baud: 57_600,
         serial_bytes: data,
     };
-    transfer(DataType::TARGETTED, transfer_id, &piece.payload())
+    transfer_from_peer(DataType::TARGETTED, transfer_id, &piece.payload())
 }
 
 fn received_rolls_rad(bench: &Bench) -> Vec<f32> {
@@ -115,7 +115,7 @@ fn one_serial_line_of_one_node_uses_the_tunnel() {
         baud: 0,
         serial_bytes: &attitude_frame(0.5),
     };
-    bench.receive(PEER_NODE, &transfer(DataType::TARGETTED, 3, &gps.payload()));
+    bench.receive(PEER_NODE, &transfer_from_peer(DataType::TARGETTED, 3, &gps.payload()));
     assert_eq!(received_rolls_rad(&bench), [0.1]);
     bench.now_us += 3_000_001;
     bench.receive(66, &tunnel_transfer(4, OWN_NODE, 0, &attitude_frame(0.6)));
@@ -139,7 +139,7 @@ fn mavlink_is_sent_through_the_tunnel() {
     }
     let starts = bytes.windows(10).filter(|window| window[0] == 0xFD && window[5..7] == [1, 158]).count();
     assert!(starts > 100, "{starts} messages of component 158");
-    bench.run(3100);
+    bench.run_ms(3100);
     assert!(bench.sent_in_ms(DataType::TARGETTED, 5000).is_empty(), "the autopilot is silent");
 }
 

@@ -26,7 +26,7 @@ fn calibration(x_ut: f32) -> (Calibration, HeadingUncertainty) {
 impl MavlinkBench {
     fn set_indicator_state(&mut self, indicator_state: IndicatorState) {
         self.indicator_state = indicator_state;
-        self.run(1_000);
+        self.run_ms(1_000);
     }
 
     /// Reports a successful solve, whose calibration becomes active.
@@ -223,7 +223,7 @@ fn only_a_new_calibration_resets_the_pose() {
     bench.estimate.heading = Ok(heading(10.0, 1.0));
     bench.estimate.attitude = Some(Attitude::default());
     let counter = |bench: &mut MavlinkBench| {
-        bench.run(100);
+        bench.run_ms(100);
         bench.take_messages(102).last().unwrap().payload[116]
     };
     bench.calibration = Some(calibration(1.0));
@@ -245,7 +245,7 @@ fn a_report_waits_for_an_autopilot() {
     bench.set_indicator_state(IndicatorState::Collecting(100));
     bench.complete_solve(&calibration(1.0));
     bench.set_indicator_state(IndicatorState::Calibrated);
-    bench.receive(&heartbeat(AUTOPILOT, true, false));
+    bench.receive(&heartbeat_frame(AUTOPILOT, true, false));
     bench.poll();
     assert_eq!(bench.report_results(), [(SUCCESS, 1)]);
 }

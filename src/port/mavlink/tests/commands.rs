@@ -15,11 +15,11 @@ const MODULE_ADDRESS: SenderAddress = [1, 158];
 
 impl MavlinkBench {
     fn send_command(&mut self, number: u16, confirmation: u8) -> Vec<ReceivedMessage> {
-        self.receive(&command(GROUND_STATION, MODULE_ADDRESS, number, confirmation, [0.0; 4]))
+        self.receive(&command_frame(GROUND_STATION, MODULE_ADDRESS, number, confirmation, [0.0; 4]))
     }
 
     fn send_reboot_command(&mut self, parameters: [f32; 4]) -> Vec<ReceivedMessage> {
-        self.receive(&command(GROUND_STATION, MODULE_ADDRESS, REBOOT_COMMAND, 0, parameters))
+        self.receive(&command_frame(GROUND_STATION, MODULE_ADDRESS, REBOOT_COMMAND, 0, parameters))
     }
 
     /// Removes and returns the sent acknowledgements: command, result and addressee.
@@ -67,13 +67,13 @@ fn only_commands_addressed_to_the_module_are_accepted() {
         [(MODULE_ADDRESS, true), ([0, 158], true), ([1, 0], false), ([0, 0], false), ([1, 1], false), ([2, 158], false)]
     {
         let mut bed = MavlinkBench::with_autopilot();
-        let heard = bed.receive(&command(GROUND_STATION, target, START_COMMAND, 0, [0.0; 4]));
+        let heard = bed.receive(&command_frame(GROUND_STATION, target, START_COMMAND, 0, [0.0; 4]));
         assert_eq!(
             heard,
             if is_taken { vec![ReceivedMessage::Command(Command::CalStart(Procedure::Flight))] } else { vec![] },
             "{target:?}"
         );
-        bed.receive(&command(GROUND_STATION, target, 512, 0, [0.0; 4]));
+        bed.receive(&command_frame(GROUND_STATION, target, 512, 0, [0.0; 4]));
         assert_eq!(bed.acknowledged_results().len(), usize::from(is_taken), "{target:?}");
     }
 }
@@ -115,7 +115,7 @@ fn a_reboot_command_must_be_for_the_module_and_is_rejected_while_armed() {
             assert_eq!(bed.acknowledged_results(), [(REBOOT_COMMAND, DENIED, GROUND_STATION)]);
         }
         let mut bed = MavlinkBench::with_autopilot();
-        bed.receive(&heartbeat(AUTOPILOT, true, true));
+        bed.receive(&heartbeat_frame(AUTOPILOT, true, true));
         let expected = if restarts { vec![ReceivedMessage::Command(Command::Restart)] } else { vec![] };
         assert_eq!(bed.send_reboot_command(parameters), expected);
         bed.mavlink.complete_command(Command::Restart, Err(&Refusal::Armed));
@@ -172,7 +172,7 @@ fn a_repetition_has_the_same_command_and_sender() {
     bed.mavlink.complete_command(Command::CalAbort, Ok(()));
     let other = [254, 190];
     assert_eq!(
-        bed.receive(&command(other, MODULE_ADDRESS, 42_426, 1, [0.0; 4])),
+        bed.receive(&command_frame(other, MODULE_ADDRESS, 42_426, 1, [0.0; 4])),
         [ReceivedMessage::Command(Command::CalAbort)]
     );
     bed.mavlink.complete_command(Command::CalAbort, Ok(()));
@@ -205,20 +205,20 @@ fn a_rejected_command_sends_a_text_with_the_reason() {
     bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), Err(&Refusal::NoSensor));
     bed.send_command(START_COMMAND, 1);
     bed.send_command(511, 0);
-    bed.run(2_000);
+    bed.run_ms(2_000);
     let refused = |refusal| (4, format!("autoswing: {}", Notice::CommandRejected(refusal)));
     assert_eq!(bed.texts(), [refused(Refusal::Busy), refused(Refusal::NoSensor)]);
     bed.send_reboot_command([2.0, 0.0, 0.0, 0.0]);
-    bed.receive(&heartbeat(AUTOPILOT, true, true));
+    bed.receive(&heartbeat_frame(AUTOPILOT, true, true));
     bed.send_reboot_command([1.0, 0.0, 0.0, 0.0]);
     bed.mavlink.complete_command(Command::Restart, Err(&Refusal::Armed));
-    bed.run(2_000);
+    bed.run_ms(2_000);
     let texts = bed.texts();
     assert!(texts[0].1.starts_with("autoswing: refused out-of-range: the module can restart"), "{texts:?}");
     assert_eq!(texts[1..], [refused(Refusal::Armed)]);
     bed.send_command(START_COMMAND, 0);
     bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
-    bed.run(2_000);
+    bed.run_ms(2_000);
     assert_eq!(bed.texts(), [], "no text where it is accepted");
 }
 

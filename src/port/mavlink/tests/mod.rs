@@ -24,43 +24,49 @@ const SECOND_AUTOPILOT: SenderAddress = [2, 1];
 const GIMBAL: SenderAddress = [1, 154];
 const GROUND_STATION: SenderAddress = [255, 190];
 
-fn frame([system, component]: SenderAddress, id: u8, extra: u8, payload: &[u8]) -> Vec<u8> {
+fn frame_from([system, component]: SenderAddress, id: u8, extra: u8, payload: &[u8]) -> Vec<u8> {
     let header = [0xFD, payload.len() as u8, 0, 0, 0, system, component, id, 0, 0];
     let mut frame = [&header, payload].concat();
     frame.extend(calculate_crc(&frame[1..], extra).to_le_bytes());
     frame
 }
 
-fn heartbeat(who: SenderAddress, is_autopilot: bool, is_armed: bool) -> Vec<u8> {
+fn heartbeat_frame(who: SenderAddress, is_autopilot: bool, is_armed: bool) -> Vec<u8> {
     let (autopilot, mode) = (if is_autopilot { 3 } else { 8 }, if is_armed { 0x80 } else { 0 });
-    frame(who, 0, 50, &[0, 0, 0, 0, 1, autopilot, mode, 4, 3])
+    frame_from(who, 0, 50, &[0, 0, 0, 0, 1, autopilot, mode, 4, 3])
 }
 
-fn attitude(who: SenderAddress, boot_ms: u32) -> Vec<u8> {
+fn attitude_frame(who: SenderAddress, boot_ms: u32) -> Vec<u8> {
     let payload = [boot_ms.to_le_bytes(), 0.1_f32.to_le_bytes(), 0.2_f32.to_le_bytes()].concat();
-    frame(who, 30, 39, &[&payload[..], &[0; 16]].concat())
+    frame_from(who, 30, 39, &[&payload[..], &[0; 16]].concat())
 }
 
-fn place(who: SenderAddress) -> Vec<u8> {
+fn position_frame(who: SenderAddress) -> Vec<u8> {
     let numbers = [0_i32, 473_000_000, 85_000_000, 400_000];
-    frame(who, 33, 104, &numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<_>>())
+    frame_from(who, 33, 104, &numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<_>>())
 }
 
 /// SYS_STATUS with 12.5 A.
-fn current(who: SenderAddress) -> Vec<u8> {
-    frame(who, 1, 124, &[&[0; 16][..], &1_250_i16.to_le_bytes()].concat())
+fn current_frame(who: SenderAddress) -> Vec<u8> {
+    frame_from(who, 1, 124, &[&[0; 16][..], &1_250_i16.to_le_bytes()].concat())
 }
 
-fn time(who: SenderAddress) -> Vec<u8> {
-    frame(who, 2, 137, &1_790_000_000_000_000_u64.to_le_bytes())
+fn time_frame(who: SenderAddress) -> Vec<u8> {
+    frame_from(who, 2, 137, &1_790_000_000_000_000_u64.to_le_bytes())
 }
 
-fn command(who: SenderAddress, target: SenderAddress, number: u16, confirmation: u8, parameters: [f32; 4]) -> Vec<u8> {
+fn command_frame(
+    who: SenderAddress,
+    target: SenderAddress,
+    number: u16,
+    confirmation: u8,
+    parameters: [f32; 4],
+) -> Vec<u8> {
     let mut payload: Vec<u8> = parameters.iter().flat_map(|parameter| parameter.to_le_bytes()).collect();
     payload.resize(28, 0);
     payload.extend(number.to_le_bytes());
     payload.extend([target[0], target[1], confirmation]);
-    frame(who, 76, 152, &payload)
+    frame_from(who, 76, 152, &payload)
 }
 
 /// Sent frame; the payload includes truncated zeros.
@@ -110,8 +116,8 @@ impl MavlinkBench {
     /// Bench with a disarmed autopilot that sends attitude.
     fn with_autopilot() -> Self {
         let mut bench = Self::new();
-        bench.receive(&heartbeat(AUTOPILOT, true, false));
-        bench.receive(&attitude(AUTOPILOT, 0));
+        bench.receive(&heartbeat_frame(AUTOPILOT, true, false));
+        bench.receive(&attitude_frame(AUTOPILOT, 0));
         bench
     }
 
@@ -156,7 +162,7 @@ impl MavlinkBench {
     }
 
     /// Polls every 10 ms for this time, milliseconds.
-    fn run(&mut self, ms: u64) {
+    fn run_ms(&mut self, ms: u64) {
         for _ in 0..ms / 10 {
             self.poll();
             self.ms += 10;

@@ -24,7 +24,7 @@ fn any_frame(random: &mut Random) -> Vec<u8> {
         // Small angles, and a clock that sometimes goes back.
         payload[4..].fill(0);
     }
-    frame(who, id, extra, &payload)
+    frame_from(who, id, extra, &payload)
 }
 
 /// 100,000 frames: nothing panics, whole frames are sent, requests are a second apart, and no command has more than one

@@ -22,7 +22,7 @@ fn sent_requests(bench: &MavlinkBench) -> Vec<(u64, u32, u32)> {
 fn send_acknowledgement(bench: &mut MavlinkBench, who: SenderAddress, target: SenderAddress, command: u16, result: u8) {
     let mut payload = command.to_le_bytes().to_vec();
     payload.extend([result, 0, 0, 0, 0, 0, target[0], target[1]]);
-    bench.receive(&frame(who, 77, 143, &payload));
+    bench.receive(&frame_from(who, 77, 143, &payload));
 }
 
 /// Sends attitude with this period for this time, milliseconds.
@@ -30,18 +30,18 @@ fn send_attitudes(bench: &mut MavlinkBench, period_ms: u64, ms: u64) {
     for _ in 0..ms / 10 {
         if bench.ms.is_multiple_of(period_ms) {
             let boot_ms = bench.ms as u32;
-            bench.receive(&attitude(AUTOPILOT, boot_ms));
+            bench.receive(&attitude_frame(AUTOPILOT, boot_ms));
         }
-        bench.run(10);
+        bench.run_ms(10);
     }
 }
 
 #[test]
 fn message_rates_are_observed_for_1_s_before_a_request() {
     let mut bench = MavlinkBench::with_autopilot();
-    bench.run(1_000);
+    bench.run_ms(1_000);
     assert_eq!(sent_requests(&bench), []);
-    bench.run(10);
+    bench.run_ms(10);
     assert_eq!(sent_requests(&bench), [(1_000, 30, 40)]);
 }
 
@@ -49,12 +49,12 @@ fn message_rates_are_observed_for_1_s_before_a_request() {
 fn four_fifths_of_the_requested_rate_suffice() {
     for (number, enough) in [(32, true), (31, false)] {
         let mut bench = MavlinkBench::new();
-        bench.receive(&heartbeat(AUTOPILOT, true, false));
-        bench.run(10);
+        bench.receive(&heartbeat_frame(AUTOPILOT, true, false));
+        bench.run_ms(10);
         for _ in 0..number {
-            bench.receive(&attitude(AUTOPILOT, 0));
+            bench.receive(&attitude_frame(AUTOPILOT, 0));
         }
-        bench.run(1_000);
+        bench.run_ms(1_000);
         assert_eq!(sent_requests(&bench), [if enough { (1_000, 1, 10) } else { (1_000, 30, 40) }]);
     }
 }
@@ -76,11 +76,11 @@ fn only_the_autopilot_s_denial_to_the_module_or_to_all_counts() {
         (SECOND_AUTOPILOT, module_address, 511, DENIED, false),
     ] {
         let mut bench = MavlinkBench::with_autopilot();
-        bench.run(1_200);
+        bench.run_ms(1_200);
         send_acknowledgement(&mut bench, who, target, command, result);
-        bench.run(800);
+        bench.run_ms(800);
         assert_eq!(sent_requests(&bench).len(), 1);
-        bench.run(10);
+        bench.run_ms(10);
         let next = if counts { (2_000, 30, 25) } else { (2_000, 30, 40) };
         assert_eq!(sent_requests(&bench)[1..], [next], "{who:?} {target:?} {command} {result}");
     }
@@ -90,12 +90,12 @@ fn only_the_autopilot_s_denial_to_the_module_or_to_all_counts() {
 #[test]
 fn an_accepted_request_is_repeated_unless_its_messages_arrive() {
     let mut bench = MavlinkBench::with_autopilot();
-    bench.run(1_010);
+    bench.run_ms(1_010);
     send_attitudes(&mut bench, 20, 500);
     send_acknowledgement(&mut bench, AUTOPILOT, [1, 158], 511, ACCEPTED);
     send_attitudes(&mut bench, 50, 990);
     assert_eq!(sent_requests(&bench).len(), 1);
-    bench.run(30);
+    bench.run_ms(30);
     assert_eq!(sent_requests(&bench)[1..], [(2_510, 30, 40)], "20 Hz is not 40: once more");
     send_acknowledgement(&mut bench, AUTOPILOT, [1, 158], 511, ACCEPTED);
     send_attitudes(&mut bench, 20, 1_100);
@@ -105,7 +105,7 @@ fn an_accepted_request_is_repeated_unless_its_messages_arrive() {
 #[test]
 fn each_rate_is_requested_twice_without_an_answer() {
     let mut bench = MavlinkBench::with_autopilot();
-    bench.run(5_010);
+    bench.run_ms(5_010);
     let expected = [(1_000, 30, 40), (2_000, 30, 40), (3_000, 30, 25), (4_000, 30, 25), (5_000, 30, 20)];
     assert_eq!(sent_requests(&bench), expected);
 }
@@ -115,23 +115,23 @@ fn each_rate_is_requested_twice_without_an_answer() {
 fn the_first_requested_attitude_rate_is_a_setting() {
     let mut bench = MavlinkBench::with_autopilot();
     bench.settings.attitude_rate_hz = 50;
-    bench.run(3_010);
+    bench.run_ms(3_010);
     assert_eq!(sent_requests(&bench), [(1_000, 30, 50), (2_000, 30, 50), (3_000, 30, 40)]);
     bench.settings.attitude_rate_hz = 24;
-    bench.run(1_020);
+    bench.run_ms(1_020);
     assert_eq!(sent_requests(&bench)[3..], [(4_010, 30, 20)]);
 }
 
 #[test]
 fn acknowledgements_without_a_request_are_ignored() {
     let mut bench = MavlinkBench::with_autopilot();
-    bench.run(500);
+    bench.run_ms(500);
     send_acknowledgement(&mut bench, AUTOPILOT, [1, 158], 511, DENIED);
-    bench.run(600);
+    bench.run_ms(600);
     assert_eq!(sent_requests(&bench), [(1_000, 30, 40)]);
     send_acknowledgement(&mut bench, AUTOPILOT, [1, 158], 511, DENIED);
     send_acknowledgement(&mut bench, AUTOPILOT, [1, 158], 511, DENIED);
-    bench.run(1_000);
+    bench.run_ms(1_000);
     assert_eq!(sent_requests(&bench)[1..], [(2_000, 30, 25)]);
 }
 
@@ -151,9 +151,9 @@ fn request_contents() -> MavlinkBench {
 fn attitude_is_requested_again_after_2_s_of_silence() {
     let mut bench = request_contents();
     let last = (bench.ms - 10) / 20 * 20;
-    bench.run(last + 2_010 - bench.ms);
+    bench.run_ms(last + 2_010 - bench.ms);
     assert_eq!(sent_requests(&bench), []);
-    bench.run(10);
+    bench.run_ms(10);
     assert_eq!(sent_requests(&bench), [(last + 2_010 - 3_600_000, 30, 40)]);
 }
 
@@ -162,15 +162,15 @@ fn attitude_is_requested_again_after_an_autopilot_restart() {
     for (back_ms, restarts) in [(1_001, true), (1_000, false)] {
         let mut bench = request_contents();
         let clock_ms = ((bench.ms - 10) / 20 * 20) as u32;
-        bench.receive(&attitude(AUTOPILOT, clock_ms - back_ms));
-        bench.run(1_500);
+        bench.receive(&attitude_frame(AUTOPILOT, clock_ms - back_ms));
+        bench.run_ms(1_500);
         assert_eq!(!sent_requests(&bench).is_empty(), restarts, "{back_ms}");
     }
     // A clock that is always zero indicates no restart.
     let mut bench = MavlinkBench::with_autopilot();
     for _ in 0..500 {
-        bench.receive(&attitude(AUTOPILOT, 0));
-        bench.run(20);
+        bench.receive(&attitude_frame(AUTOPILOT, 0));
+        bench.run_ms(20);
     }
     assert!(sent_requests(&bench).iter().all(|&(_, id, _)| id != 30), "{:?}", sent_requests(&bench));
 }
@@ -181,10 +181,10 @@ fn another_autopilot_is_requested_after_1_s_of_observation() {
     bench.ms += 10_001;
     // The other autopilot's clock is equal; only its address differs.
     let clock_ms = bench.ms as u32;
-    bench.receive(&[heartbeat([9, 1], true, false), attitude([9, 1], clock_ms)].concat());
-    bench.run(1_000);
+    bench.receive(&[heartbeat_frame([9, 1], true, false), attitude_frame([9, 1], clock_ms)].concat());
+    bench.run_ms(1_000);
     assert_eq!(bench.sent.iter().filter(|sent| sent.id == 76).count(), 0);
-    bench.run(10);
+    bench.run_ms(10);
     let requests = bench.take_messages(76);
     assert_eq!(requests.len(), 1);
     assert_eq!((requests[0].from, &requests[0].payload[30..32]), ([9, 158], &[9, 1][..]));
@@ -194,8 +194,8 @@ fn another_autopilot_is_requested_after_1_s_of_observation() {
 fn a_request_that_does_not_fit_is_not_counted() {
     let mut bench = MavlinkBench::with_autopilot();
     bench.free_bytes = Some(0);
-    bench.run(10_000);
+    bench.run_ms(10_000);
     bench.free_bytes = None;
-    bench.run(10);
+    bench.run_ms(10);
     assert_eq!(sent_requests(&bench), [(10_000, 30, 40)]);
 }

@@ -18,12 +18,12 @@ fn long_message(end: &str) -> Notice {
 fn nothing_is_sent_before_an_autopilot_s_heartbeat() {
     let mut bench = MavlinkBench::new();
     bench.mavlink.queue_text(&Notice::InstallationRestored);
-    bench.receive(&heartbeat(GIMBAL, false, false));
-    bench.receive(&attitude(GIMBAL, 0));
-    bench.receive(&command(GROUND_STATION, [0, 158], 42_424, 0, [0.0; 4]));
-    bench.run(5_000);
+    bench.receive(&heartbeat_frame(GIMBAL, false, false));
+    bench.receive(&attitude_frame(GIMBAL, 0));
+    bench.receive(&command_frame(GROUND_STATION, [0, 158], 42_424, 0, [0.0; 4]));
+    bench.run_ms(5_000);
     assert_eq!(bench.sent, []);
-    bench.receive(&heartbeat(AUTOPILOT, true, false));
+    bench.receive(&heartbeat_frame(AUTOPILOT, true, false));
     bench.poll();
     assert!(bench.sent.iter().all(|sent| sent.from == [1, 158]));
     assert_eq!(bench.take_messages(0).len(), 1);
@@ -40,7 +40,7 @@ fn one_heartbeat_per_second_reports_the_state() {
         (IndicatorState::Refused, 5),
     ] {
         bench.indicator_state = indicator_state;
-        bench.run(10_000);
+        bench.run_ms(10_000);
         let beats = bench.take_messages(0);
         assert_eq!(beats.len(), 10);
         assert!(beats.iter().all(|beat| beat.payload[4..9] == [18, 8, 0, state, 3]), "{indicator_state:?}");
@@ -51,34 +51,35 @@ fn one_heartbeat_per_second_reports_the_state() {
 #[test]
 fn position_date_and_current_are_used_from_the_selected_autopilot() {
     let mut bench = MavlinkBench::with_autopilot();
-    bench.receive(&heartbeat(SECOND_AUTOPILOT, true, true));
+    bench.receive(&heartbeat_frame(SECOND_AUTOPILOT, true, true));
     for who in [SECOND_AUTOPILOT, GIMBAL, [1, 158], GROUND_STATION] {
-        assert_eq!(bench.receive(&[place(who), time(who), current(who)].concat()), [], "{who:?}");
+        assert_eq!(bench.receive(&[position_frame(who), time_frame(who), current_frame(who)].concat()), [], "{who:?}");
     }
-    let received = bench.receive(&[place(AUTOPILOT), time(AUTOPILOT), current(AUTOPILOT)].concat());
+    let received =
+        bench.receive(&[position_frame(AUTOPILOT), time_frame(AUTOPILOT), current_frame(AUTOPILOT)].concat());
     let [ReceivedMessage::Position(here), ReceivedMessage::Date(day), ReceivedMessage::Current(12.5)] = received[..]
     else {
         panic!("{received:?}")
     };
     assert_eq!((here.latitude_deg, here.longitude_deg), (47.3, 8.5));
     assert_eq!(Some(day), Date::from_unix_s(1_790_000_000));
-    assert_eq!(bench.receive(&frame(AUTOPILOT, 33, 104, &[1])), []);
+    assert_eq!(bench.receive(&frame_from(AUTOPILOT, 33, 104, &[1])), []);
     // Without a selected sender an autopilot's messages are ignored, too.
-    assert_eq!(MavlinkBench::new().receive(&place(AUTOPILOT)), []);
+    assert_eq!(MavlinkBench::new().receive(&position_frame(AUTOPILOT)), []);
 }
 
 #[test]
 fn attitude_and_armed_state_are_used_from_the_selected_sender() {
     let mut bench = MavlinkBench::with_autopilot();
-    assert_eq!(bench.receive(&attitude(SECOND_AUTOPILOT, 0)), [ReceivedMessage::RejectedAttitude]);
-    let received = bench.receive(&attitude(AUTOPILOT, 7));
+    assert_eq!(bench.receive(&attitude_frame(SECOND_AUTOPILOT, 0)), [ReceivedMessage::RejectedAttitude]);
+    let received = bench.receive(&attitude_frame(AUTOPILOT, 7));
     let [ReceivedMessage::Attitude(report)] = received[..] else { panic!("{received:?}") };
     assert_eq!(report.attitude, Attitude { roll_rad: 0.1, pitch_rad: 0.2 });
-    bench.receive(&heartbeat(SECOND_AUTOPILOT, true, true));
+    bench.receive(&heartbeat_frame(SECOND_AUTOPILOT, true, true));
     assert_eq!(bench.mavlink.is_armed(bench.now()), Some(false));
-    bench.receive(&heartbeat(AUTOPILOT, true, true));
+    bench.receive(&heartbeat_frame(AUTOPILOT, true, true));
     assert_eq!(bench.mavlink.is_armed(bench.now()), Some(true));
-    let mut broken = attitude(AUTOPILOT, 8);
+    let mut broken = attitude_frame(AUTOPILOT, 8);
     *broken.last_mut().unwrap() ^= 1;
     assert_eq!((bench.receive(&broken), bench.mavlink.rejected_frames()), (vec![], 1));
 }
@@ -86,7 +87,7 @@ fn attitude_and_armed_state_are_used_from_the_selected_sender() {
 #[test]
 fn echoed_own_messages_are_ignored() {
     let mut bench = MavlinkBench::with_autopilot();
-    bench.receive(&heartbeat(AUTOPILOT, true, true));
+    bench.receive(&heartbeat_frame(AUTOPILOT, true, true));
     for _ in 0..2_000 {
         let snapshot = Snapshot {
             now: bench.now(),
@@ -108,11 +109,11 @@ fn echoed_own_messages_are_ignored() {
 fn sequence_numbers_count_sent_frames_only() {
     let mut bench = MavlinkBench::with_autopilot();
     bench.estimate.heading = Ok(heading(10.0, 1.0));
-    bench.run(30_000);
+    bench.run_ms(30_000);
     bench.free_bytes = Some(0);
-    bench.run(2_000);
+    bench.run_ms(2_000);
     bench.free_bytes = None;
-    bench.run(30_000);
+    bench.run_ms(30_000);
     assert!(bench.sent.len() > 512, "it wraps");
     for (number, sent) in bench.sent.iter().enumerate() {
         assert_eq!(usize::from(sent.sequence), number % 256);
@@ -140,7 +141,7 @@ fn headings_are_sent_as_named_values() {
         bench.settings.stream_heading = stream_heading;
         bench.estimate.heading = Ok(heading(10.0, 1.0));
         bench.estimate.smoothed_heading = has_smooth.then(|| heading(20.0, 1.0));
-        bench.run(2_000);
+        bench.run_ms(2_000);
         let [headings, sigmas] = ["hdg_mag", "hdg_sigma"].map(|name| named_values(&mut bench, name));
         assert_eq!((headings.len(), sigmas.len()), (10, 10));
         assert!(headings.iter().all(|deg| (deg - expected_deg).abs() < 1e-4), "{headings:?}");
@@ -153,10 +154,10 @@ fn headings_are_sent_as_named_values() {
 fn missing_or_disabled_headings_are_not_sent() {
     let mut bench = MavlinkBench::with_autopilot();
     bench.estimate.heading = Err(NoHeading::FieldDisturbed);
-    bench.run(2_000);
+    bench.run_ms(2_000);
     bench.estimate.heading = Ok(heading(10.0, 1.0));
     bench.settings.stream_on = false;
-    bench.run(2_000);
+    bench.run_ms(2_000);
     assert_eq!(named_values(&mut bench, "hdg"), []);
 }
 
@@ -170,7 +171,7 @@ fn the_percentage_is_that_of_the_indicator_state() {
     ] {
         let mut bench = MavlinkBench::with_autopilot();
         bench.indicator_state = indicator_state;
-        bench.run(100);
+        bench.run_ms(100);
         assert_eq!(named_values(&mut bench, "cal_pct"), [percent]);
     }
 }
@@ -190,7 +191,7 @@ fn bench_with_heading() -> MavlinkBench {
 #[test]
 fn a_pose_contains_the_raw_true_heading_and_attitude() {
     let mut bench = bench_with_heading();
-    bench.run(1_000);
+    bench.run_ms(1_000);
     let poses = bench.take_messages(102);
     assert_eq!(poses.len(), 50);
     for pose in poses {
@@ -203,7 +204,7 @@ fn a_pose_contains_the_raw_true_heading_and_attitude() {
         assert_eq!(pose.payload[116], 0);
     }
     bench.estimate.heading = Ok(heading(350.0, 2.0));
-    bench.run(100);
+    bench.run_ms(100);
     assert!((bench.take_messages(102)[0].float_at(28).to_degrees() + 30.0).abs() < 1e-3);
 }
 
@@ -218,7 +219,7 @@ fn a_pose_needs_declination_heading_attitude_and_the_setting() {
     for change in removals {
         let mut bench = bench_with_heading();
         change(&mut bench);
-        bench.run(1_000);
+        bench.run_ms(1_000);
         assert_eq!(bench.take_messages(102), []);
     }
 }
@@ -234,7 +235,7 @@ fn a_text_has_the_severity_of_its_message() {
     for message in [&Notice::CommandRejected(Refusal::NoSensor), &moved, &Notice::InstallationRestored] {
         bench.mavlink.queue_text(message);
     }
-    bench.run(2_000);
+    bench.run_ms(2_000);
     let expected = [
         (4, format!("autoswing: {}", Notice::CommandRejected(Refusal::NoSensor))),
         (4, format!("autoswing: {moved}")),
@@ -250,7 +251,7 @@ fn a_long_text_comes_in_chunks() {
         let mut bench = MavlinkBench::with_autopilot();
         let end: String = ('a'..='z').cycle().take(length - TEXT_BEGINNING.len()).collect();
         bench.mavlink.queue_text(&long_message(&end));
-        bench.run(2_000);
+        bench.run_ms(2_000);
         let chunks = bench.sent.iter().filter(|sent| sent.id == 253);
         let sequences: Vec<u8> = chunks.clone().map(|sent| sent.payload[53]).collect();
         let sent = length.min(240);
@@ -271,7 +272,7 @@ fn each_long_text_has_its_own_id() {
     for end in ["a".repeat(60), "b".repeat(60)] {
         bench.mavlink.queue_text(&long_message(&end));
     }
-    bench.run(2_000);
+    bench.run_ms(2_000);
     let ids: Vec<u8> = bench.sent.iter().filter(|sent| sent.id == 253).map(|sent| sent.payload[51]).collect();
     assert_eq!(ids, [1, 1, 2, 2]);
 }
@@ -282,17 +283,17 @@ fn a_full_text_queue_keeps_the_newest_and_the_begun_text() {
     for percent in 0..5 {
         bench.mavlink.queue_text(&Notice::Collecting(percent));
     }
-    bench.receive(&heartbeat(AUTOPILOT, true, false));
-    bench.run(1_000);
+    bench.receive(&heartbeat_frame(AUTOPILOT, true, false));
+    bench.run_ms(1_000);
     let texts = |bench: &mut MavlinkBench| bench.texts().into_iter().map(|(_, text)| text).collect::<Vec<_>>();
     assert_eq!(texts(&mut bench), [2, 3, 4].map(|percent| format!("autoswing: collecting: {percent} %")));
     let long = "x".repeat(120);
     bench.mavlink.queue_text(&long_message(&long));
-    bench.run(10);
+    bench.run_ms(10);
     for percent in 0..5 {
         bench.mavlink.queue_text(&Notice::Collecting(percent));
     }
-    bench.run(2_000);
+    bench.run_ms(2_000);
     let newest = [3, 4].map(|percent| format!("autoswing: collecting: {percent} %"));
     assert_eq!(texts(&mut bench), [&[format!("{TEXT_BEGINNING}{long}")][..], &newest].concat());
 }
@@ -302,9 +303,9 @@ fn a_text_waits_for_room() {
     let mut bench = MavlinkBench::with_autopilot();
     bench.mavlink.queue_text(&Notice::Collecting(10));
     bench.free_bytes = Some(20);
-    bench.run(1_000);
+    bench.run_ms(1_000);
     assert_eq!(bench.texts(), []);
     bench.free_bytes = None;
-    bench.run(200);
+    bench.run_ms(200);
     assert_eq!(bench.texts(), [(6, "autoswing: collecting: 10 %".to_owned())]);
 }

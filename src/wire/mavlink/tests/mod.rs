@@ -36,7 +36,7 @@ fn decoded_messages(bytes: &[u8]) -> (Vec<InboundMessage>, u32) {
 }
 
 /// Attitude reports in a stream, and the number of rejected frames.
-fn receive(bytes: &[u8]) -> (Vec<AttitudeReport>, u32) {
+fn received_reports(bytes: &[u8]) -> (Vec<AttitudeReport>, u32) {
     let (messages, rejected) = decoded_messages(bytes);
     let report = |message| match message {
         InboundMessage::Attitude(report) => Some(report),
@@ -48,7 +48,7 @@ fn receive(bytes: &[u8]) -> (Vec<AttitudeReport>, u32) {
 #[test]
 fn attitude_is_decoded_from_both_versions_without_yaw() {
     let bytes = [v1_frame(&attitude_data(0.25)), v2_frame(&attitude_data(-0.5))].concat();
-    let (reports, rejected) = receive(&bytes);
+    let (reports, rejected) = received_reports(&bytes);
     let rolls: Vec<f32> = reports.iter().map(|r| r.attitude.roll_rad).collect();
     assert_eq!(rolls, [0.25, -0.5]);
     assert_eq!((reports[0].sender_time.as_ms(), rejected), (1234, 0));
@@ -59,7 +59,7 @@ fn a_truncated_frame_costs_no_later_frame() {
     // A truncated frame, then a whole one within the length that the first claims.
     let whole = v2_frame(&attitude_data(0.3));
     for cut in 0..whole.len() {
-        let (reports, _) = receive(&[&whole[..cut], &whole[..]].concat());
+        let (reports, _) = received_reports(&[&whole[..cut], &whole[..]].concat());
         assert_eq!(reports.len(), 1, "cut at {cut}");
     }
 }
@@ -70,7 +70,7 @@ fn a_frame_with_a_flipped_bit_is_never_accepted() {
     for bit in 0..whole.len() * 8 {
         let mut broken = whole.clone();
         broken[bit / 8] ^= 1 << (bit % 8);
-        let (reports, _) = receive(&[&broken[..], &whole[..]].concat());
+        let (reports, _) = received_reports(&[&broken[..], &whole[..]].concat());
         assert!(reports.iter().all(|r| (r.attitude.roll_rad - 0.3).abs() < 1e-6), "bit {bit}");
         assert!(!reports.is_empty(), "bit {bit} cost the next frame");
     }
@@ -79,7 +79,7 @@ fn a_frame_with_a_flipped_bit_is_never_accepted() {
 #[test]
 fn impossible_angles_are_rejected() {
     for roll in [f32::NAN, f32::INFINITY, 4.0] {
-        let (reports, rejected) = receive(&v2_frame(&attitude_data(roll)));
+        let (reports, rejected) = received_reports(&v2_frame(&attitude_data(roll)));
         assert!(reports.is_empty());
         assert_eq!(rejected, 1);
     }
@@ -106,7 +106,7 @@ fn random_bytes_never_panic_and_frames_between_them_are_found() {
 
 /// CRC-16/MCRF4XX without the first byte, with the message's extra byte; implemented from MAVLink's guide, independent
 /// of the receiver's library.
-fn crc(bytes: &[u8], extra: u8) -> [u8; 2] {
+fn crc_bytes(bytes: &[u8], extra: u8) -> [u8; 2] {
     let mut crc = 0xFFFF_u16;
     for byte in bytes.iter().chain([&extra]) {
         let mut mixed = byte ^ crc as u8;
@@ -123,7 +123,7 @@ fn with_crc(frame: Vec<u8>) -> Vec<u8> {
 }
 
 fn with_crc_of(extra: u8, mut frame: Vec<u8>) -> Vec<u8> {
-    frame.extend(crc(&frame[1..], extra));
+    frame.extend(crc_bytes(&frame[1..], extra));
     frame
 }
 
@@ -152,9 +152,9 @@ fn good_frames(roll: f32) -> [Vec<u8>; 2] {
 }
 
 fn assert_ignored(frame: &[u8], rejected: u32, label: &str) {
-    assert_eq!(receive(frame), (vec![], rejected), "{label}");
+    assert_eq!(received_reports(frame), (vec![], rejected), "{label}");
     for good in good_frames(0.7) {
-        let (reports, _) = receive(&[frame, &good[..]].concat());
+        let (reports, _) = received_reports(&[frame, &good[..]].concat());
         assert_eq!(reports.iter().map(|r| r.attitude.roll_rad).collect::<Vec<_>>(), [0.7], "{label}");
     }
 }
@@ -170,7 +170,7 @@ fn every_field_of_an_attitude_message_is_decoded() {
     for frame in
         [frame_v1(30, &float_payload(ATTITUDE_NUMBERS)), frame_v2(0, ATTITUDE_ID, &float_payload(ATTITUDE_NUMBERS))]
     {
-        assert_eq!(receive(&frame), (vec![expected], 0));
+        assert_eq!(received_reports(&frame), (vec![expected], 0));
     }
 }
 
@@ -203,7 +203,7 @@ fn compatibility_flags_are_ignored() {
     let mut frame = frame_v2(0, ATTITUDE_ID, &float_payload(ATTITUDE_NUMBERS));
     frame.truncate(10 + 28);
     frame[3] = 0xFF;
-    assert_eq!(receive(&with_crc(frame)).0.len(), 1);
+    assert_eq!(received_reports(&with_crc(frame)).0.len(), 1);
 }
 
 #[test]
@@ -224,8 +224,8 @@ fn version_2_payloads_may_be_truncated_and_version_1_may_not() {
         let mut filled = whole[..length].to_vec();
         let frame = frame_v2(0, ATTITUDE_ID, &filled);
         filled.resize(28, 0);
-        let (reports, rejected) = receive(&frame);
-        let (expected, _) = receive(&frame_v1(30, &filled));
+        let (reports, rejected) = received_reports(&frame);
+        let (expected, _) = received_reports(&frame_v1(30, &filled));
         assert_eq!((reports.len(), rejected), (1, 0), "{length}");
         assert_eq!(reports, expected, "{length}");
     }
@@ -253,7 +253,7 @@ fn roll_beyond_180_and_pitch_beyond_90_deg_are_rejected() {
         ] {
             let payload = float_payload([sign * roll, sign * pitch, 0.0, 0.0, 0.0, 0.0]);
             for frame in [frame_v1(30, &payload), frame_v2(0, ATTITUDE_ID, &payload)] {
-                let (reports, rejected) = receive(&frame);
+                let (reports, rejected) = received_reports(&frame);
                 let expected = if possible { (1, 0) } else { (0, 1) };
                 assert_eq!((reports.len(), rejected), expected, "{sign} {roll} {pitch}");
             }
@@ -267,7 +267,7 @@ fn with_a_non_finite_rate_a_report_has_no_rates() {
         for axis in 0..3 {
             let mut numbers = ATTITUDE_NUMBERS;
             numbers[3 + axis] = bad;
-            let (reports, _) = receive(&frame_v2(0, ATTITUDE_ID, &float_payload(numbers)));
+            let (reports, _) = received_reports(&frame_v2(0, ATTITUDE_ID, &float_payload(numbers)));
             assert_eq!((reports.len(), reports[0].body_rates), (1, None));
         }
     }
@@ -284,7 +284,7 @@ fn a_wrong_crc_is_rejected_and_counted() {
             assert_ignored(&broken, 1, "bit");
         }
         let mut other = frame[..frame.len() - 2].to_vec();
-        other.extend(crc(&frame[1..frame.len() - 2], 38));
+        other.extend(crc_bytes(&frame[1..frame.len() - 2], 38));
         assert_ignored(&other, 1, "extra byte");
     }
 }
@@ -323,7 +323,7 @@ fn the_frame_after_every_kind_of_garbage_is_found() {
     let flush = [0; MAX_FRAME_LENGTH];
     for before in &garbage {
         for good in good_frames(0.7) {
-            let (reports, _) = receive(&[&before[..], &good, &flush].concat());
+            let (reports, _) = received_reports(&[&before[..], &good, &flush].concat());
             let found = reports.iter().filter(|report| (report.attitude.roll_rad - 0.7).abs() < 1e-6).count();
             assert_eq!(found, 1, "{before:02X?}");
         }
@@ -395,11 +395,11 @@ fn an_attitude_report_contains_its_sender() {
     let v1 = with_crc([&[0xFE, 28, 0, 12, 34, 30], &payload[..]].concat());
     let v2 = with_crc([&[0xFD, 28, 0, 0, 0, 12, 34, 30, 0, 0], &payload[..]].concat());
     for frame in [v1, v2] {
-        let (reports, _) = receive(&frame);
+        let (reports, _) = received_reports(&frame);
         assert_eq!(reports.iter().map(|report| report.sender).collect::<Vec<_>>(), [SENDER]);
     }
     let swapped = with_crc([&[0xFE, 28, 0, 34, 12, 30], &payload[..]].concat());
-    assert_ne!(receive(&swapped).0[0].sender, SENDER);
+    assert_ne!(received_reports(&swapped).0[0].sender, SENDER);
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use super::*;
 
-fn frame(random: &mut Random) -> Vec<u8> {
+fn random_frame(random: &mut Random) -> Vec<u8> {
     let wanted = &SUPPORTED_MESSAGES[usize::from(random.byte()) % SUPPORTED_MESSAGES.len()];
     let id = if random.byte() < 32 { random.byte() } else { wanted.message_id as u8 };
     let length = usize::from(random.byte()) % (wanted.extended_length + 2);
@@ -24,7 +24,7 @@ fn after_random_bytes_the_next_frame_is_decoded() {
     let good = &good_frames(0.7)[1];
     let mut received = 0;
     for input in 0..100_000 {
-        let mut bytes = frame(&mut random);
+        let mut bytes = random_frame(&mut random);
         match random.byte() % 4 {
             0 => {
                 let bit = random.bits() as usize % (8 * bytes.len());
