@@ -14,7 +14,7 @@ use syn::{Item, UseTree};
 type ModulePath = Vec<String>;
 
 /// Source folders of the library and of the host's crates.
-const SOURCES: [&str; 5] =
+const SOURCE_FOLDERS: [&str; 5] =
     ["src", "host-sim/log-analysis/src", "host-sim/simulator/src", "host-sim/web/src", "host-sim/src"];
 
 fn repository_root() -> PathBuf {
@@ -280,7 +280,7 @@ fn modules_of_the_library_use_only_lower_layers() {
 #[test]
 fn arrows_in_a_folder_lead_neither_up_nor_in_circles() {
     let mut wrong = Vec::new();
-    for source in SOURCES {
+    for source in SOURCE_FOLDERS {
         for (path, folder) in Crate::parse(&repository_root().join(source)).folders() {
             let path = if path.is_empty() { source.to_owned() } else { format!("{source}/{path}") };
             let circles = folder.rooms_in_cycles();

@@ -181,7 +181,7 @@ fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
     let stack = parse_stack_use(&status);
     println!("stack {stack:?}");
     assert_eq!(stack.size_bytes, 32 * 1024);
-    // [`STACK_BYTES`] allows for deeper calls in other flights.
+    // [`MAX_STACK_BYTES`] allows for deeper calls in other flights.
     assert!(stack.used_bytes <= MAX_STACK_BYTES, "{stack:?}");
 }
 

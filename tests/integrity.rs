@@ -19,7 +19,7 @@ use simulator::world::autopilot::Leg;
 use testkit::{documents, random::Random};
 
 /// The airframes of this seed, unlike the README's, were not used to choose limits.
-const PLAN: IntegrityPlan = IntegrityPlan {
+const TEST_PLAN: IntegrityPlan = IntegrityPlan {
     flights_per_case: 6,
     seed: 5000,
     heading: HeadingKind::Smooth,
@@ -28,7 +28,7 @@ const PLAN: IntegrityPlan = IntegrityPlan {
 };
 
 fn run_cases(names: &[&str]) -> Vec<IntegrityRow> {
-    run_plan(PLAN, names)
+    run_plan(TEST_PLAN, names)
 }
 
 fn run_plan(plan: IntegrityPlan, names: &[&str]) -> Vec<IntegrityRow> {
@@ -53,12 +53,12 @@ fn note_count(row: &IntegrityRow, code: &str) -> usize {
 #[test]
 fn attitude_by_msp_has_rates() {
     for source in [integrity::AttitudeProtocol::Msp, integrity::AttitudeProtocol::MspInav] {
-        for row in run_plan(IntegrityPlan { attitude_protocol: source, ..PLAN }, &["clean"]) {
+        for row in run_plan(IntegrityPlan { attitude_protocol: source, ..TEST_PLAN }, &["clean"]) {
             assert!(are_all_accepted(&row) && row.smooth_percent > 60.0, "{source:?} {row:?}");
             assert!(row.rms_deg < 0.7 && row.worst_deg < 6.0 && row.bad_percent <= 0.0, "{source:?} {row:?}");
             assert!(row.within_three_sigma_percent > 90.0 && row.empty_percent < 0.1, "{source:?} {row:?}");
         }
-        for row in run_plan(IntegrityPlan { attitude_protocol: source, ..PLAN }, &["stuck-noisy"]) {
+        for row in run_plan(IntegrityPlan { attitude_protocol: source, ..TEST_PLAN }, &["stuck-noisy"]) {
             assert!(row.bad_percent <= 3.0 && row.empty_percent > 90.0, "{source:?} {row:?}");
         }
     }
@@ -134,7 +134,7 @@ fn gaps_and_stalls_of_the_attitude_are_no_change_of_iron() {
 fn a_restart_of_the_autopilot_gives_no_wrong_heading() {
     use integrity::AttitudeProtocol::{Mavlink, Msp, MspInav};
     for attitude_protocol in [Mavlink, Msp, MspInav] {
-        for row in run_plan(IntegrityPlan { attitude_protocol, ..PLAN }, &["autopilot-restarts"]) {
+        for row in run_plan(IntegrityPlan { attitude_protocol, ..TEST_PLAN }, &["autopilot-restarts"]) {
             assert!(note_count(&row, "iron-moved") == 0 && row.bad_percent <= 0.05 && row.worst_deg <= 6.5, "{row:?}");
             assert!((5.0..16.0).contains(&row.empty_percent), "{row:?}");
         }
@@ -210,7 +210,7 @@ fn forged_messages_do_not_silence_the_heading() {
 /// may be wrong: a change across the wings between left and right turns is nearly unobservable.
 #[test]
 fn hard_iron_change_in_calibration_is_refused_or_in_the_expected_error() {
-    let plan = IntegrityPlan { flights_per_case: 12, ..PLAN };
+    let plan = IntegrityPlan { flights_per_case: 12, ..TEST_PLAN };
     for row in run_plan(plan, &["cal-moved-2", "cal-moved-5", "cal-moved-10", "cal-warming"]) {
         assert!(row.wrong_percent <= 10.0, "{row:?}");
         assert!(row.refusal_counts.iter().any(|(code, _)| code == "iron-changed"), "{row:?}");
@@ -228,7 +228,7 @@ fn turns_with_5_deg_of_bank_are_refused() {
 /// A bank-angle scale error of 10 % leads to a rejection, or to an estimated error of at least half of the true one.
 #[test]
 fn a_bank_scale_error_is_refused_or_in_the_expected_error() {
-    for row in run_plan(IntegrityPlan { flights_per_case: 20, ..PLAN }, &["cal-lean-90"]) {
+    for row in run_plan(IntegrityPlan { flights_per_case: 20, ..TEST_PLAN }, &["cal-lean-90"]) {
         assert!(row.ratio_worst.is_none_or(|ratio| ratio <= 2.0), "{row:?}");
     }
 }
@@ -238,7 +238,7 @@ fn a_bank_scale_error_is_refused_or_in_the_expected_error() {
 /// flights are all accepted.
 #[test]
 fn faults_that_stay_the_same_are_refused_or_in_the_expected_error() {
-    let plan = IntegrityPlan { flights_per_case: 40, ..PLAN };
+    let plan = IntegrityPlan { flights_per_case: 40, ..TEST_PLAN };
     for (case, reason) in [
         ("cal-linkage-3", "iron-changed"),
         ("cal-hysteresis-15", "iron-changed"),
@@ -258,7 +258,7 @@ fn faults_that_stay_the_same_are_refused_or_in_the_expected_error() {
 #[test]
 fn yaw_turns_without_tilt_are_refused() {
     for aircraft in [VehicleKind::Copter, VehicleKind::Vtol] {
-        for row in run_plan(IntegrityPlan { flights_per_case: 4, aircraft, ..PLAN }, &["cal-yaw-only"]) {
+        for row in run_plan(IntegrityPlan { flights_per_case: 4, aircraft, ..TEST_PLAN }, &["cal-yaw-only"]) {
             assert!(row.accepted_percent <= 0.0, "{row:?}");
             assert!(row.refusal_counts.iter().any(|(code, _)| code == "unobservable"), "{row:?}");
         }
@@ -280,7 +280,7 @@ fn a_clean_flight_raises_no_alarm() {
 #[test]
 fn a_clean_flight_of_a_copter_or_vtol_raises_no_alarm() {
     for (aircraft, bad_percent) in [(VehicleKind::Copter, 0.0), (VehicleKind::Vtol, 0.02)] {
-        for row in run_plan(IntegrityPlan { flights_per_case: 8, aircraft, ..PLAN }, &["clean"]) {
+        for row in run_plan(IntegrityPlan { flights_per_case: 8, aircraft, ..TEST_PLAN }, &["clean"]) {
             assert!(row.bad_percent <= bad_percent, "{aircraft:?}: {row:?}");
             assert!(row.empty_percent <= 0.1 && row.alarms_per_hour == 0.0, "{aircraft:?}: {row:?}");
             assert!(are_all_accepted(&row), "{aircraft:?}: {row:?}");
@@ -295,7 +295,8 @@ fn faults_in_use_of_a_copter_are_compensated_or_withhold_the_heading() {
     for (case, bad_percent, empty_percent) in
         [("moved-2", 2.0, 5.0), ("moved-5", 1.0, 5.0), ("bias-2", 2.0, 5.0), ("late-300", 1.0, 15.0)]
     {
-        for row in run_plan(IntegrityPlan { flights_per_case: 8, aircraft: VehicleKind::Copter, ..PLAN }, &[case]) {
+        for row in run_plan(IntegrityPlan { flights_per_case: 8, aircraft: VehicleKind::Copter, ..TEST_PLAN }, &[case])
+        {
             assert!(row.bad_percent <= bad_percent && row.empty_percent <= empty_percent, "{row:?}");
             assert!(are_all_accepted(&row), "{row:?}");
         }
@@ -305,7 +306,7 @@ fn faults_in_use_of_a_copter_are_compensated_or_withhold_the_heading() {
 #[test]
 fn motor_current_interference_in_hover_is_calibrated_as_hard_iron() {
     for row in run_plan(
-        IntegrityPlan { flights_per_case: 8, aircraft: VehicleKind::Copter, ..PLAN },
+        IntegrityPlan { flights_per_case: 8, aircraft: VehicleKind::Copter, ..TEST_PLAN },
         &["cal-current-unreported"],
     ) {
         assert!(are_all_accepted(&row) && row.bad_percent <= 0.1, "{row:?}");
@@ -319,7 +320,7 @@ fn headings_of_a_clean_flight_are_within_their_sigmas() {
     for (heading, rms_deg, most_percent) in
         [(HeadingKind::Raw, 0.90, [74.0, 100.0]), (HeadingKind::Smooth, 0.45, [100.0; 2])]
     {
-        for row in run_plan(IntegrityPlan { flights_per_case: 12, heading, ..PLAN }, &["clean"]) {
+        for row in run_plan(IntegrityPlan { flights_per_case: 12, heading, ..TEST_PLAN }, &["clean"]) {
             assert!(row.rms_deg <= rms_deg, "{row:?}");
             assert!((62.0..=most_percent[0]).contains(&row.within_one_sigma_percent), "{row:?}");
             assert!((89.0..=most_percent[1]).contains(&row.within_two_sigma_percent), "{row:?}");
@@ -385,7 +386,7 @@ fn a_drift_in_straight_flight_is_in_the_sigma() {
     }
     // Among these flights are drifts across the horizontal field, which only the heading shows: 8.6 % were bad while the
     // sigma left them out.
-    for row in run_plan(IntegrityPlan { seed: 20_013, ..PLAN }, &["drift-straight-60"]) {
+    for row in run_plan(IntegrityPlan { seed: 20_013, ..TEST_PLAN }, &["drift-straight-60"]) {
         assert!(row.bad_percent <= 0.7 && row.sigma_rms_deg < 8.0, "{row:?}");
     }
     for row in run_cases(&["steady"]) {
@@ -407,7 +408,7 @@ fn wrong_body_rates_do_not_affect_the_heading() {
 /// the rates contradict the field and no heading is output; three of 175 s may be wrong.
 #[test]
 fn wrong_body_rates_in_turns_are_detected() {
-    for row in run_plan(IntegrityPlan { flights_per_case: 12, ..PLAN }, &["rates-sign", "rates-small"]) {
+    for row in run_plan(IntegrityPlan { flights_per_case: 12, ..TEST_PLAN }, &["rates-sign", "rates-small"]) {
         assert!(row.bad_percent <= 2.0 && row.empty_percent <= 12.0, "{row:?}");
     }
 }
@@ -430,7 +431,7 @@ fn faults_in_use_are_compensated_or_withhold_the_heading() {
         ("lean-70", 1.4, 20.0),
         ("ferry", 0.0, 5.0),
     ] {
-        for row in run_plan(IntegrityPlan { flights_per_case: 12, ..PLAN }, &[case]) {
+        for row in run_plan(IntegrityPlan { flights_per_case: 12, ..TEST_PLAN }, &[case]) {
             assert!(row.bad_percent <= bad_percent && row.empty_percent <= empty_percent, "{row:?}");
             // The reported hard-iron change is accurate to a third.
             assert!(row.hard_iron_error_median_percent.is_none_or(|percent| percent <= 30.0), "{row:?}");
@@ -451,7 +452,7 @@ struct RestNoise {
 }
 
 /// Noise of the LIS3MDL from its data sheet; of the LSM303DLHC 2 mG, little more than its resolution.
-const SENSORS: [RestNoise; 2] = [
+const SENSOR_NOISES: [RestNoise; 2] = [
     RestNoise {
         sigma_ut: [0.32, 0.32, 0.41],
         counts_per_ut: [68.42; 3],
@@ -463,7 +464,7 @@ const SENSORS: [RestNoise; 2] = [
 
 #[test]
 fn a_vehicle_parked_for_a_day_raises_no_alarm() {
-    for RestNoise { sigma_ut, counts_per_ut, period_us, equal_readings_until_stuck } in SENSORS {
+    for RestNoise { sigma_ut, counts_per_ut, period_us, equal_readings_until_stuck } in SENSOR_NOISES {
         let mut random = Random(u64::from(period_us));
         let mut instrument = Instrument::new(InstrumentConfig {
             equal_readings_until_stuck: Some(equal_readings_until_stuck),
@@ -498,7 +499,7 @@ fn a_vehicle_parked_for_a_day_raises_no_alarm() {
 #[test]
 fn a_run_is_a_function_of_its_seed() {
     let names = ["sensor-spikes", "throttle-5"];
-    let small_run = || run_plan(IntegrityPlan { flights_per_case: 2, seed: 9, ..PLAN }, &names);
+    let small_run = || run_plan(IntegrityPlan { flights_per_case: 2, seed: 9, ..TEST_PLAN }, &names);
     assert_eq!(small_run(), small_run());
 }
 

@@ -99,7 +99,7 @@ fn a_late_reader_sees_the_overrun() {
     });
 }
 
-/// As [`with_driver`], with an RM3100. The field's z component is 1 uT per 10 ms, resolved to 0.13 ms.
+/// As [`run_with_driver`], with an RM3100. The field's z component is 1 uT per 10 ms, resolved to 0.13 ms.
 fn run_with_rm3100<S, F>(period_scale: f64, script: S)
 where
     S: FnOnce(Rm3100<SelectedDevice>, Rc<RefCell<rm3100::Rm3100>>) -> F + 'static,

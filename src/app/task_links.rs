@@ -169,8 +169,8 @@ impl TaskLinks {
     }
 
     /// Publishes the state of the node on a CAN bus.
-    pub(super) fn set_can_state(&self, state: CanState) {
-        self.can_state.lock(|present| present.set(Some(state)));
+    pub(super) fn set_can_state(&self, line_state: CanState) {
+        self.can_state.lock(|present| present.set(Some(line_state)));
     }
 
     /// State of the node on a CAN bus; `None` until it runs.

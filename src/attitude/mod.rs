@@ -72,7 +72,7 @@ impl RejectedReports {
 pub struct AttitudeHistory {
     config: AttitudeConfig,
     reports: heapless::Deque<TimedReport, 8>,
-    clock: SenderClock,
+    sender_clock: SenderClock,
     spike_filter: SpikeFilter,
     freeze_detector: FreezeDetector,
     alignment_detector: AlignmentDetector,
@@ -92,7 +92,7 @@ impl AttitudeHistory {
         Self {
             config,
             reports: heapless::Deque::new(),
-            clock: SenderClock::new(),
+            sender_clock: SenderClock::new(),
             spike_filter: SpikeFilter::new(),
             freeze_detector: FreezeDetector::new(),
             alignment_detector: AlignmentDetector::new(),
@@ -110,11 +110,11 @@ impl AttitudeHistory {
             // Clock offset and history are valid for one sender only.
             *self = Self { rejected_reports: self.rejected_reports, ..Self::new(self.config) };
         }
-        if self.clock.has_restarted(arrival, report.sender_time, &self.config) {
+        if self.sender_clock.has_restarted(arrival, report.sender_time, &self.config) {
             *self =
                 Self { rejected_reports: self.rejected_reports, restarted_at: Some(arrival), ..Self::new(self.config) };
         }
-        let at = self.clock.sending_time(arrival, report.sender_time, &self.config);
+        let at = self.sender_clock.sending_time(arrival, report.sender_time, &self.config);
         // Drops reports out of order. A rebooted sender's are stamped by arrival, hence newer.
         if self.reports.back().is_some_and(|last_report| last_report.sent_at >= at) {
             return;

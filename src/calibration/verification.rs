@@ -61,7 +61,7 @@ mod tests {
     use crate::frames::{Attitude, Field, Level};
     use crate::time::WrappingMillis;
 
-    const HALF: f32 = core::f32::consts::FRAC_1_SQRT_2;
+    const SIN_45_DEG: f32 = core::f32::consts::FRAC_1_SQRT_2;
 
     fn samples_with_deviations(norm_scales: f32, dip_scales: f32) -> Vec<Sample> {
         (0..16_u8)
@@ -96,9 +96,13 @@ mod tests {
 
     #[test]
     fn one_unit_of_norm_and_inclination_residual_scores_one() {
-        for (norm, inclination_scale, expected) in
-            [(0.0, 0.0, 0.0), (1.0, 0.0, HALF), (0.0, 1.0, HALF), (1.0, 1.0, 1.0), (3.0, 4.0, 5.0 * HALF)]
-        {
+        for (norm, inclination_scale, expected) in [
+            (0.0, 0.0, 0.0),
+            (1.0, 0.0, SIN_45_DEG),
+            (0.0, 1.0, SIN_45_DEG),
+            (1.0, 1.0, 1.0),
+            (3.0, 4.0, 5.0 * SIN_45_DEG),
+        ] {
             let found = scores_of(&samples_with_deviations(norm, inclination_scale), true).candidate_score;
             assert!((found - expected).abs() < 2e-3, "{norm} {inclination_scale}: {found}");
         }
@@ -106,7 +110,7 @@ mod tests {
 
     #[test]
     fn without_attitude_only_the_total_field_counts() {
-        for (norm, inclination_scale, expected) in [(0.0, 3.0, 0.0), (1.0, 0.0, HALF), (1.0, 3.0, HALF)] {
+        for (norm, inclination_scale, expected) in [(0.0, 3.0, 0.0), (1.0, 0.0, SIN_45_DEG), (1.0, 3.0, SIN_45_DEG)] {
             let found = scores_of(&samples_with_deviations(norm, inclination_scale), false).candidate_score;
             assert!((found - expected).abs() < 2e-3, "{norm} {inclination_scale}: {found}");
         }

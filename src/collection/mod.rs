@@ -47,4 +47,4 @@ pub use retained_samples::{MARKS_CAPACITY, RetainedSamples};
 #[cfg(feature = "firmware")]
 pub(crate) use sector_balance::MIN_HELD_BACK_WHEN_COMPLETE;
 pub use state::{CollectionContext, CollectionState};
-pub use turn_circle::SECTORS;
+pub use turn_circle::SECTOR_COUNT;

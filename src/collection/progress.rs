@@ -10,7 +10,7 @@ pub struct PartCoverage {
     pub samples: u16,
     /// Number of held-back samples.
     pub held_back_count: u16,
-    /// Sectors with at least one sample, of [`SECTORS`](super::SECTORS).
+    /// Sectors with at least one sample, of [`SECTOR_COUNT`](super::SECTOR_COUNT).
     pub covered_sectors: u8,
     /// Completeness of the part, 0..100 percent.
     pub percent: u8,

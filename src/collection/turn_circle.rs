@@ -12,7 +12,7 @@ use crate::calibration::{LeastSquares, PrincipalPlane, Sample, Samples};
 use crate::trig::sqrt;
 
 /// Number of heading sectors, 30 deg each.
-pub const SECTORS: usize = 12;
+pub const SECTOR_COUNT: usize = 12;
 
 const MIN_CIRCLE_POINTS: usize = 3;
 
@@ -43,7 +43,7 @@ impl TurnCircle {
         radius_ut.is_finite().then_some(Self { plane, centre_ut, radius_ut })
     }
 
-    /// Heading sector of a sample, 0..[`SECTORS`].
+    /// Heading sector of a sample, 0..[`SECTOR_COUNT`].
     pub fn sector_of(&self, sample: &Sample) -> usize {
         sector_of_direction(self.plane.plane_coordinates(&sample.field.ut) - self.centre_ut)
     }
@@ -52,7 +52,7 @@ impl TurnCircle {
 fn sector_of_direction(direction: Vector2<f32>) -> usize {
     let turns = libm::atan2f(direction.y, direction.x) / TAU + 0.5;
     // The cast saturates and maps NaN to 0.
-    ((turns * SECTORS as f32) as usize).min(SECTORS - 1)
+    ((turns * SECTOR_COUNT as f32) as usize).min(SECTOR_COUNT - 1)
 }
 
 #[cfg(test)]
@@ -86,9 +86,12 @@ mod tests {
     fn an_angle_of_pi_is_in_the_last_sector() {
         assert_eq!(
             (sector_of_direction(Vector2::new(-1.0, 0.0)), sector_of_direction(Vector2::new(-1.0, -0.0))),
-            (SECTORS - 1, 0)
+            (SECTOR_COUNT - 1, 0)
         );
-        assert_eq!([0.1, -0.1].map(|y| sector_of_direction(Vector2::new(1.0, y))), [SECTORS / 2, SECTORS / 2 - 1]);
+        assert_eq!(
+            [0.1, -0.1].map(|y| sector_of_direction(Vector2::new(1.0, y))),
+            [SECTOR_COUNT / 2, SECTOR_COUNT / 2 - 1]
+        );
         assert_eq!(sector_of_direction(Vector2::new(f32::NAN, 1.0)), 0);
     }
 
@@ -98,12 +101,12 @@ mod tests {
         let all: Vec<Sample> = (0..360_u16).map(|heading_deg| circle_sample(f32::from(heading_deg))).collect();
         let circle = through(&all).unwrap();
         let sectors: Vec<usize> = all.iter().map(|s| circle.sector_of(s)).collect();
-        for sector in 0..SECTORS {
+        for sector in 0..SECTOR_COUNT {
             let wide = sectors.iter().filter(|s| **s == sector).count();
             assert!((29..=31).contains(&wide), "sector {sector} is {wide} deg wide");
         }
         let changes = sectors.iter().zip(sectors.iter().cycle().skip(1)).filter(|(a, b)| a != b);
-        assert_eq!(changes.clone().count(), SECTORS);
-        assert!(changes.clone().all(|(a, b)| a.abs_diff(*b) == 1 || a.abs_diff(*b) == SECTORS - 1));
+        assert_eq!(changes.clone().count(), SECTOR_COUNT);
+        assert!(changes.clone().all(|(a, b)| a.abs_diff(*b) == 1 || a.abs_diff(*b) == SECTOR_COUNT - 1));
     }
 }

@@ -93,5 +93,5 @@ pub(super) struct AutomaticStart {
 }
 
 impl AutomaticStart {
-    pub const NEW: Self = Self { is_overridden: false, samples_since_start: 0 };
+    pub const INITIAL: Self = Self { is_overridden: false, samples_since_start: 0 };
 }

@@ -144,7 +144,7 @@ pub struct StatusReport {
     /// Whether automatic collection waits for arming.
     pub awaits_arming: bool,
     /// Progress of the collection.
-    pub progress: CollectionProgress,
+    pub collection_progress: CollectionProgress,
     /// Result of the last trial solve.
     pub last_trial: Option<TrialResult>,
     /// Stored settings.

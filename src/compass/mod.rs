@@ -62,7 +62,7 @@ impl<'a> Compass<'a> {
             last_outcome: None,
             advice: None,
             trial_solves: TrialSolves::NO_TRIALS,
-            automatic_start: AutomaticStart::NEW,
+            automatic_start: AutomaticStart::INITIAL,
             persistent_state: PersistentState::new(startup_values),
         };
         compass.restore_collection();
@@ -201,7 +201,7 @@ impl<'a> Compass<'a> {
             is_armed: self.armed_state.reported_state(),
             is_automatic: self.activity.is_automatic(),
             awaits_arming: self.awaits_arming(),
-            progress: self.collector.collection_progress(),
+            collection_progress: self.collector.collection_progress(),
             last_trial: self.trial_solves.last_result.clone(),
             settings: self.settings,
             local_field: self.local_field,

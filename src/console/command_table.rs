@@ -196,7 +196,7 @@ pub static COMMANDS: &[CommandSpec] = &[
     )
     .with_arguments(&[ArgumentSpec::optional_argument("METHOD", ArgumentKind::Choice(nth_method_name))])
     .with_request(|arguments| {
-        Command::CalSolve(arguments.choice_argument(0, |index| METHODS.get(index).copied())).into()
+        Command::CalSolve(arguments.choice_argument(0, |index| METHODS_BY_RANK.get(index).copied())).into()
     }),
     CommandSpec::new("cal", "advise", "show the weakest part of the last solve, and the manoeuvre that improves it")
         .with_request(|_| Command::CalAdvise.into()),
@@ -294,16 +294,16 @@ pub static COMMANDS: &[CommandSpec] = &[
             set_request(SettingChange::Accuracy(arguments.number_argument(0).unwrap_or(f32::NAN)))
         }),
     CommandSpec::new("set", "port1", "protocol of the first port; auto: detect the autopilot's")
-        .with_arguments(&[PROTOCOL])
+        .with_arguments(&[PROTOCOL_ARGUMENT])
         .with_request(|arguments| set_request(protocol_change(PortNumber::One, arguments))),
     CommandSpec::new("set", "port2", "protocol of the second port; auto: detect the autopilot's")
-        .with_arguments(&[PROTOCOL])
+        .with_arguments(&[PROTOCOL_ARGUMENT])
         .with_request(|arguments| set_request(protocol_change(PortNumber::Two, arguments))),
     CommandSpec::new("set", "baud1", "baud rate of the first port")
-        .with_arguments(&[BAUD])
+        .with_arguments(&[BAUD_ARGUMENT])
         .with_request(|arguments| set_request(baud_change(PortNumber::One, arguments))),
     CommandSpec::new("set", "baud2", "baud rate of the second port")
-        .with_arguments(&[BAUD])
+        .with_arguments(&[BAUD_ARGUMENT])
         .with_request(|arguments| set_request(baud_change(PortNumber::Two, arguments))),
     CommandSpec::new(
         "set",
@@ -358,11 +358,11 @@ pub static COMMANDS: &[CommandSpec] = &[
     CommandSpec::new("reboot", "", "restart the module").with_request(|_| Command::Restart.into()),
 ];
 
-const PROTOCOL: ArgumentSpec = ArgumentSpec::new("PROTOCOL", ArgumentKind::Choice(nth_protocol_name));
-const BAUD: ArgumentSpec = ArgumentSpec::new("BAUD", ArgumentKind::Choice(nth_baud_name));
+const PROTOCOL_ARGUMENT: ArgumentSpec = ArgumentSpec::new("PROTOCOL", ArgumentKind::Choice(nth_protocol_name));
+const BAUD_ARGUMENT: ArgumentSpec = ArgumentSpec::new("BAUD", ArgumentKind::Choice(nth_baud_name));
 
 /// Methods, the best first.
-const METHODS: [Method; 6] = [
+const METHODS_BY_RANK: [Method; 6] = [
     Method::MaximumLikelihood,
     Method::TwoPlane,
     Method::FourEllipse,
@@ -372,7 +372,7 @@ const METHODS: [Method; 6] = [
 ];
 
 fn nth_method_name(index: usize) -> Option<&'static str> {
-    METHODS.get(index).map(|method| method.method_name())
+    METHODS_BY_RANK.get(index).map(|method| method.method_name())
 }
 
 fn nth_procedure(index: usize) -> Option<Procedure> {
@@ -480,7 +480,7 @@ mod tests {
 
     #[test]
     fn every_method_can_be_selected() {
-        assert!(Method::ALL_METHODS.iter().all(|method| METHODS.contains(method)));
+        assert!(Method::ALL_METHODS.iter().all(|method| METHODS_BY_RANK.contains(method)));
     }
 
     /// Commands follow the row of their first word; no two are equal; a row without a request has second words.
@@ -527,7 +527,7 @@ mod tests {
             assert_eq!(nth_baud(number), nth_baud_name(number).and_then(BaudRate::from_name));
             assert_eq!(nth_heading_kind(number), nth_heading_kind_name(number).and_then(HeadingKind::from_name));
             assert_eq!(nth_orientation(number), nth_orientation_name(number).and_then(Orientation::from_name));
-            assert_eq!(METHODS.get(number).copied(), nth_method_name(number).and_then(Method::from_name));
+            assert_eq!(METHODS_BY_RANK.get(number).copied(), nth_method_name(number).and_then(Method::from_name));
         }
     }
 }

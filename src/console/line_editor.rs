@@ -47,7 +47,7 @@ pub enum Key {
 /// Decoder from bytes to keys.
 #[derive(Debug, Default)]
 pub struct KeyDecoder {
-    sequence: KeySequence,
+    key_sequence: KeySequence,
     /// The last byte was a carriage return: a line feed after it belongs to the same line end.
     after_carriage_return: bool,
 }
@@ -66,11 +66,11 @@ impl KeyDecoder {
     /// Returns the key that this byte completes. Unknown bytes are ignored; an invalid byte ends a sequence.
     pub fn push_byte(&mut self, byte: u8) -> Option<Key> {
         let after_return = core::mem::replace(&mut self.after_carriage_return, byte == b'\r');
-        match (core::mem::take(&mut self.sequence), byte) {
-            (KeySequence::Escape, b'[' | b'O') => self.sequence = KeySequence::Control(0, false),
+        match (core::mem::take(&mut self.key_sequence), byte) {
+            (KeySequence::Escape, b'[' | b'O') => self.key_sequence = KeySequence::Control(0, false),
             (KeySequence::Control(number, is_complete), b' '..=b'?') => {
                 let digit = byte.wrapping_sub(b'0');
-                self.sequence = if digit > 9 || is_complete {
+                self.key_sequence = if digit > 9 || is_complete {
                     KeySequence::Control(number, true)
                 } else {
                     KeySequence::Control(number.saturating_mul(10).saturating_add(digit), false)
@@ -78,7 +78,7 @@ impl KeyDecoder {
             }
             (KeySequence::Control(number, _), b'@'..=b'~') => return key_of_sequence(number, byte),
             (_, b'\n') if after_return => {}
-            (_, 0x1B) => self.sequence = KeySequence::Escape,
+            (_, 0x1B) => self.key_sequence = KeySequence::Escape,
             (_, byte) => return plain_key(byte),
         }
         None

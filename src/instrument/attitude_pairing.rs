@@ -19,7 +19,7 @@ const QUEUE_CAPACITY: usize = 64;
 
 #[derive(Debug)]
 pub(super) struct PairingQueue {
-    queue: heapless::Deque<(Timestamp, Field<Sensor>), QUEUE_CAPACITY>,
+    waiting_readings: heapless::Deque<(Timestamp, Field<Sensor>), QUEUE_CAPACITY>,
     averager: Averager,
     /// Time of the last reading, rejected ones included.
     last_reading_at: Timestamp,
@@ -29,7 +29,7 @@ pub(super) struct PairingQueue {
 impl PairingQueue {
     pub const fn new(readings_per_sample: u16, max_step_us: u64) -> Self {
         Self {
-            queue: heapless::Deque::new(),
+            waiting_readings: heapless::Deque::new(),
             averager: Averager::new(readings_per_sample, max_step_us),
             last_reading_at: Timestamp::START,
             unpaired_count: 0,
@@ -37,23 +37,23 @@ impl PairingQueue {
     }
 
     pub fn clear_queue(&mut self) {
-        self.queue.clear();
+        self.waiting_readings.clear();
         self.averager.reset();
     }
 
     pub fn set_sensor_parameters(&mut self, readings_per_sample: u16, max_step_us: u64) {
-        self.queue.clear();
+        self.waiting_readings.clear();
         self.averager = Averager::new(readings_per_sample, max_step_us);
     }
 
     pub fn push_field(&mut self, at: Timestamp, field: Field<Sensor>) {
         self.advance_time(at);
-        if self.queue.is_full() {
-            self.queue.pop_front();
+        if self.waiting_readings.is_full() {
+            self.waiting_readings.pop_front();
             self.count_unpaired();
         }
         // Infallible: a full queue was shortened above.
-        let _ = self.queue.push_back((at, field));
+        let _ = self.waiting_readings.push_back((at, field));
     }
 
     /// Advances time for a rejected reading.
@@ -67,7 +67,7 @@ impl PairingQueue {
         attitude_at: impl Fn(Timestamp) -> AttitudeLookup,
         euler_rates_at: impl Fn(Timestamp) -> Option<EulerRates>,
     ) -> Option<(Timestamp, Sample)> {
-        while let Some(&(at, field)) = self.queue.front() {
+        while let Some(&(at, field)) = self.waiting_readings.front() {
             let attitude = match attitude_at(at) {
                 AttitudeLookup::Interpolated(attitude) => Some(attitude),
                 AttitudeLookup::Missing => None,
@@ -75,7 +75,7 @@ impl PairingQueue {
                 _ if self.last_reading_at.us_since(at) < MAX_WAIT_US => return None,
                 _ => None,
             };
-            self.queue.pop_front();
+            self.waiting_readings.pop_front();
             let Some(attitude) = attitude else {
                 self.count_unpaired();
                 continue;

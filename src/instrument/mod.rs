@@ -86,7 +86,7 @@ pub struct Instrument {
     active_calibration: ActiveCalibration,
     attitude_history: AttitudeHistory,
     sensor_check: SensorCheck,
-    pairing: PairingQueue,
+    pairing_queue: PairingQueue,
     smoother: HeadingSmoother,
     rejection_counts: RejectionCounts,
     monitor: Monitor,
@@ -118,7 +118,7 @@ impl Instrument {
             active_calibration: ActiveCalibration::new(Correction::UNCALIBRATED),
             attitude_history: AttitudeHistory::new(config.attitude),
             sensor_check: SensorCheck::new(&config),
-            pairing: PairingQueue::new(config.readings_per_sample(), config.max_step_us()),
+            pairing_queue: PairingQueue::new(config.readings_per_sample(), config.max_step_us()),
             smoother: HeadingSmoother::new(),
             rejection_counts: RejectionCounts::NO_REJECTIONS,
             monitor: Monitor::new(SensorErrorSigmas::DEFAULT),
@@ -135,7 +135,7 @@ impl Instrument {
         let base = &self.active_calibration.stored_correction;
         if correction.sample_attitude != base.sample_attitude {
             // A sample must not mix readings with and without attitude.
-            self.pairing.clear_queue();
+            self.pairing_queue.clear_queue();
         }
         if !correction.gives_same_headings(base) {
             self.smoother.reset_filter();
@@ -166,7 +166,7 @@ impl Instrument {
         self.config.reading_period_us = period_us;
         self.config.equal_readings_until_stuck = equal_readings_until_stuck;
         self.sensor_check = SensorCheck::new(&self.config);
-        self.pairing.set_sensor_parameters(self.config.readings_per_sample(), self.config.max_step_us());
+        self.pairing_queue.set_sensor_parameters(self.config.readings_per_sample(), self.config.max_step_us());
     }
 
     /// Processes an attitude report whose last byte arrived at `at`. It may complete samples.
@@ -204,9 +204,9 @@ impl Instrument {
         if let Some(fault) = fault {
             self.count_rejection(fault);
             // Earlier readings still time out while waiting for an attitude.
-            self.pairing.advance_time(at);
+            self.pairing_queue.advance_time(at);
         } else {
-            self.pairing.push_field(at, reading.field);
+            self.pairing_queue.push_field(at, reading.field);
             self.attitude_history.update_raw_field(reading.field);
         }
         let current_a = self.current_a(at);
@@ -258,14 +258,14 @@ impl Instrument {
             SampleAttitude::Interpolated => {
                 let euler_rates_at = |at| Some(self.attitude_history.gyro_heading_at(at)?.euler_rates);
                 let (at, mut sample) =
-                    self.pairing.next_sample(|at| self.attitude_history.attitude_at(at), euler_rates_at)?;
+                    self.pairing_queue.next_sample(|at| self.attitude_history.attitude_at(at), euler_rates_at)?;
                 sample.current = MotorCurrent::from_a(self.current_a(at));
                 self.pending_sample = Some((at, sample));
                 Some(sample)
             }
             SampleAttitude::Unknown => {
                 let (at, mut sample) =
-                    self.pairing.next_sample(|_| AttitudeLookup::Interpolated(Attitude::default()), |_| None)?;
+                    self.pairing_queue.next_sample(|_| AttitudeLookup::Interpolated(Attitude::default()), |_| None)?;
                 sample.current = MotorCurrent::from_a(self.current_a(at));
                 Some(sample)
             }
@@ -307,7 +307,7 @@ impl Instrument {
     #[must_use]
     pub const fn rejection_counts(&self) -> RejectionCounts {
         RejectionCounts {
-            unpaired_readings: self.pairing.unpaired_readings(),
+            unpaired_readings: self.pairing_queue.unpaired_readings(),
             rejected_reports: self.attitude_history.rejected_reports(),
             ..self.rejection_counts
         }

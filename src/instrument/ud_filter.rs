@@ -120,7 +120,7 @@ impl<const N: usize> UdFilter<N> {
         }
     }
 
-    /// Time update `x_to += row . x`; the elements of `row` up to `to` must be zero.
+    /// Time update `x_i += row . x` with `i` the target index; the elements of `row` up to `i` must be zero.
     pub fn propagate(&mut self, target_index: usize, row: &[f32; N]) {
         self.mean[target_index] += self.projected_mean(row);
         for j in target_index + 1..N {

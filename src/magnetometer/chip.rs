@@ -141,7 +141,7 @@ mod tests {
     struct BusFailure;
 
     /// Duration of a status transfer.
-    const TRANSFER: Duration = Duration::from_micros(90);
+    const STATUS_TRANSFER_TIME: Duration = Duration::from_micros(90);
 
     /// Simulated chip that measures at multiples of its period.
     #[derive(Clone)]
@@ -149,24 +149,24 @@ mod tests {
         period_us: u64,
         stops_after_us: Option<u64>,
         /// Last measurement read.
-        read: Rc<Cell<u64>>,
+        last_read_number: Rc<Cell<u64>>,
         /// Times of status requests.
         asked_at_us: Rc<RefCell<Vec<u64>>>,
     }
 
     impl FakeChip {
         fn new(period_us: u64) -> Self {
-            Self { period_us, stops_after_us: None, read: Rc::default(), asked_at_us: Rc::default() }
+            Self { period_us, stops_after_us: None, last_read_number: Rc::default(), asked_at_us: Rc::default() }
         }
 
         /// Number of an unread measurement.
         async fn poll_status(&self) -> Result<Option<u64>, MagnetometerError<BusFailure>> {
-            Timer::after(TRANSFER).await;
+            Timer::after(STATUS_TRANSFER_TIME).await;
             let now_us = Instant::now().as_micros();
             self.asked_at_us.borrow_mut().push(now_us);
             let latest = (now_us / self.period_us).min(self.stops_after_us.unwrap_or(u64::MAX));
-            Ok((latest > self.read.get()).then(|| {
-                self.read.set(latest);
+            Ok((latest > self.last_read_number.get()).then(|| {
+                self.last_read_number.set(latest);
                 latest
             }))
         }
@@ -261,7 +261,7 @@ mod tests {
             Timer::after_millis(100).await;
             let start = Instant::now();
             chip.wait_for_measurement(&mut polling).await.unwrap();
-            assert_eq!(start.elapsed(), TRANSFER);
+            assert_eq!(start.elapsed(), STATUS_TRANSFER_TIME);
         });
     }
 
@@ -299,9 +299,9 @@ pub(super) mod registers {
     pub struct SimulatedRegisters {
         pub values: [u8; 0x80],
         /// Registers that ignore writes.
-        pub broken: Vec<u8>,
+        pub write_protected: Vec<u8>,
         /// Registers and values written so far.
-        pub writes: Vec<(u8, u8)>,
+        pub write_log: Vec<(u8, u8)>,
         /// Chip address; others are not acknowledged.
         pub address: u8,
         /// Registers read so far.
@@ -316,7 +316,14 @@ pub(super) mod registers {
             for &(register, value) in set {
                 values[usize::from(register)] = value;
             }
-            Self { values, broken: Vec::new(), writes: Vec::new(), address: 0x1E, was_read: [false; 0x40], flags }
+            Self {
+                values,
+                write_protected: Vec::new(),
+                write_log: Vec::new(),
+                address: 0x1E,
+                was_read: [false; 0x40],
+                flags,
+            }
         }
 
         /// First register of a transfer; longer transfers need the auto-increment flags.
@@ -333,8 +340,8 @@ pub(super) mod registers {
 
         fn write(&mut self, first: u8, values: &[u8]) {
             for (register, &value) in (first..).zip(values) {
-                self.writes.push((register, value));
-                if !self.broken.contains(&register) {
+                self.write_log.push((register, value));
+                if !self.write_protected.contains(&register) {
                     self.values[usize::from(register)] = value;
                 }
             }

@@ -18,11 +18,11 @@ const CRA_REG_M: u8 = 0x00;
 const OUT_X_H_M: u8 = 0x03;
 const SR_REG_M: u8 = 0x09;
 const IRA_REG_M: u8 = 0x0A;
-const IDENTITY: [u8; 3] = *b"H43";
+const IDENTITY_VALUES: [u8; 3] = *b"H43";
 /// `SR_REG_M`: new measurement of all axes.
 const DATA_READY: u8 = 0x01;
 /// Value of an axis at the end of its range (data sheet section 7.2).
-const OVERFLOW: i16 = -4096;
+const OVERFLOW_COUNTS: i16 = -4096;
 
 /// Measurement range, by the GN bits of `CRB_REG_M`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -106,7 +106,8 @@ impl<B: I2c> Magnetometer for Lsm303dlhc<B> {
 
     async fn init(&mut self) -> Result<Identity, MagnetometerError<B::Error>> {
         let identity: [u8; 3] = self.chip.read_registers(IRA_REG_M).await?;
-        if let Some((_, &unexpected)) = IDENTITY.iter().zip(&identity).find(|(expected, read)| expected != read) {
+        if let Some((_, &unexpected)) = IDENTITY_VALUES.iter().zip(&identity).find(|(expected, read)| expected != read)
+        {
             return Err(MagnetometerError::WrongIdentity(unexpected));
         }
         // The address auto-increments in reads, not in writes.
@@ -154,7 +155,7 @@ fn decode_reading(data: [u8; 6], range: Lsm303dlhcRange) -> Reading {
     let [x_count, y_count, z_count] = counts.map(f32::from);
     Reading {
         field: Field::from_ut(x_count * xy, y_count * xy, z_count * z),
-        is_saturated: counts.contains(&OVERFLOW),
+        is_saturated: counts.contains(&OVERFLOW_COUNTS),
         was_overwritten: false,
     }
 }
@@ -203,7 +204,7 @@ mod tests {
     #[test]
     fn a_control_register_that_reads_back_differently_is_reported() {
         let mut driver = Lsm303dlhc::new(registers(), Lsm303dlhcConfig::default());
-        driver.chip.i2c_bus.broken = vec![0x01];
+        driver.chip.i2c_bus.write_protected = vec![0x01];
         assert_eq!(block_on(driver.init()), Err(MagnetometerError::Configuration { written: 0x60, read: 0x00 }));
     }
 

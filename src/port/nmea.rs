@@ -60,13 +60,13 @@ mod tests {
         String::from_utf8(out.pending_bytes().to_vec()).unwrap()
     }
 
-    const RAW: Heading = Heading { magnetic_rad: 1.765_2, sigma_rad: 0.009_6, systematic_variance_rad2: 0.0 };
-    const SMOOTH: Heading = Heading { magnetic_rad: 1.784, sigma_rad: 0.005, systematic_variance_rad2: 0.0 };
+    const RAW_HEADING: Heading = Heading { magnetic_rad: 1.765_2, sigma_rad: 0.009_6, systematic_variance_rad2: 0.0 };
+    const SMOOTH_HEADING: Heading = Heading { magnetic_rad: 1.784, sigma_rad: 0.005, systematic_variance_rad2: 0.0 };
 
     /// Without a declination three sentences are sent.
     #[test]
     fn a_heading_is_sent_in_four_sentences() {
-        let estimate = Estimate { heading: Ok(RAW), ..Estimate::EMPTY };
+        let estimate = Estimate { heading: Ok(RAW_HEADING), ..Estimate::EMPTY };
         let settings = Settings { declination_deg: Some(-3.5), ..Settings::DEFAULT };
         let lines: Vec<String> =
             sentences_text(&estimate, &settings).split_inclusive("\r\n").map(str::to_owned).collect();
@@ -93,7 +93,7 @@ mod tests {
     #[test]
     fn the_longest_message_fits() {
         let settings = Settings { declination_deg: Some(-180.0), ..Settings::DEFAULT };
-        let unsure = Heading { sigma_rad: f32::INFINITY, ..SMOOTH };
+        let unsure = Heading { sigma_rad: f32::INFINITY, ..SMOOTH_HEADING };
         for estimate in [
             Estimate { smoothed_heading: Some(unsure), ..Estimate::EMPTY },
             Estimate { heading: Err(NoHeading::SensorSaturated), ..Estimate::EMPTY },
@@ -105,7 +105,7 @@ mod tests {
     /// All sentences contain the same heading.
     #[test]
     fn the_smoothed_heading_is_sent_if_available_and_selected() {
-        let both = Estimate { heading: Ok(RAW), smoothed_heading: Some(SMOOTH), ..Estimate::EMPTY };
+        let both = Estimate { heading: Ok(RAW_HEADING), smoothed_heading: Some(SMOOTH_HEADING), ..Estimate::EMPTY };
         let only_raw = Estimate { smoothed_heading: None, ..both };
         for (estimate, stream_heading, degrees, end) in [
             (both, HeadingKind::Smooth, "102.2", "0.3,ok,smooth*"),

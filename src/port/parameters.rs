@@ -117,25 +117,25 @@ pub static PARAMETERS: [SettingParameter; 23] = [
     },
     whole_number(
         "PORT1",
-        PROTOCOLS,
+        PROTOCOL_CHOICES,
         |settings| protocol_number(settings, PortNumber::One),
         |value| set_protocol(PortNumber::One, value),
     ),
     whole_number(
         "PORT2",
-        PROTOCOLS,
+        PROTOCOL_CHOICES,
         |settings| protocol_number(settings, PortNumber::Two),
         |value| set_protocol(PortNumber::Two, value),
     ),
     whole_number(
         "BAUD1",
-        BAUDS,
+        BAUD_CHOICES,
         |settings| baud_number(settings, PortNumber::One),
         |value| set_baud(PortNumber::One, value),
     ),
     whole_number(
         "BAUD2",
-        BAUDS,
+        BAUD_CHOICES,
         |settings| baud_number(settings, PortNumber::Two),
         |value| set_baud(PortNumber::Two, value),
     ),
@@ -178,8 +178,8 @@ pub static PARAMETERS: [SettingParameter; 23] = [
 ];
 
 const SWITCH_RANGE: [u32; 2] = [0, 1];
-const PROTOCOLS: [u32; 2] = [0, ProtocolKind::ALL_PROTOCOLS.len() as u32 - 1];
-const BAUDS: [u32; 2] = {
+const PROTOCOL_CHOICES: [u32; 2] = [0, ProtocolKind::ALL_PROTOCOLS.len() as u32 - 1];
+const BAUD_CHOICES: [u32; 2] = {
     let [least, .., most] = BaudRate::ALL_RATES;
     [least.bits_per_s(), most.bits_per_s()]
 };

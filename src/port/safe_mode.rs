@@ -23,7 +23,7 @@ const REPORTS_PER_TEXT: u8 = 20;
 /// the panics: both protocols are sent on every port, MAVLink as a component of system 1.
 #[derive(Debug, Default)]
 pub struct SafeModeReporter {
-    sequence: u8,
+    sequence_number: u8,
     report_count: u8,
 }
 
@@ -38,7 +38,7 @@ impl SafeModeReporter {
         ]);
         // Frames without a signature, because the key is one of the settings, which safe mode does not read.
         let mut signatures = Signatures::default();
-        let mut line = Transmitter::new(out, ASSUMED_AUTOPILOT.sender_id(), &mut self.sequence, &mut signatures);
+        let mut line = Transmitter::new(out, ASSUMED_AUTOPILOT.sender_id(), &mut self.sequence_number, &mut signatures);
         line.send_message(OutboundMessage::heartbeat(MavState::MAV_STATE_CRITICAL));
         if self.report_count == 0 {
             line.send_message(OutboundMessage::status_text(MavSeverity::MAV_SEVERITY_CRITICAL, SAFE_MODE_TEXT, 0, 0));

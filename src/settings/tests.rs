@@ -117,11 +117,11 @@ fn heading_kind_names_round_trip() {
     assert_eq!(Settings::DEFAULT.stream_heading, HeadingKind::Smooth);
 }
 
-const KEY: SigningKey = SigningKey([7; 32]);
+const TEST_KEY: SigningKey = SigningKey([7; 32]);
 
 #[test]
 fn a_signing_key_is_not_printed() {
-    assert_eq!(format!("{:?}", SettingChange::Signing(Some(KEY))), "Signing(Some(SigningKey))");
+    assert_eq!(format!("{:?}", SettingChange::Signing(Some(TEST_KEY))), "Signing(Some(SigningKey))");
 }
 
 #[test]
@@ -136,7 +136,7 @@ fn a_setting_changes_itself_and_nothing_else() {
         (SettingChange::Auto(false), Settings { auto_on: false, ..before }),
         (SettingChange::Vision(true), Settings { sends_vision_yaw: true, ..before }),
         (SettingChange::AttitudeRateHz(50), Settings { attitude_rate_hz: 50, ..before }),
-        (SettingChange::Signing(Some(KEY)), Settings { signing_key: Some(KEY), ..before }),
+        (SettingChange::Signing(Some(TEST_KEY)), Settings { signing_key: Some(TEST_KEY), ..before }),
         (SettingChange::CanNode(9), Settings { can: CanSettings { node: 9, ..before.can }, ..before }),
         (SettingChange::CanRateHz(20), Settings { can: CanSettings { rate_hz: 20, ..before.can }, ..before }),
         (

@@ -64,7 +64,7 @@ struct PageScan {
     /// Page and format of an item of another format.
     other_format: Option<(u32, u8)>,
     /// [`StoreError::Flash`] if a page could not be read; otherwise [`StoreError::Corrupt`] if a state is damaged.
-    error: Option<StoreError>,
+    scan_error: Option<StoreError>,
 }
 
 impl<F: NorFlash> Store<F> {
@@ -90,7 +90,7 @@ impl<F: NorFlash> Store<F> {
     /// [`Corrupt`](StoreError::Corrupt) or [`Flash`](StoreError::Flash) if no state or one of the calibrations is
     /// unreadable.
     pub async fn load_state(&mut self) -> LoadedValues {
-        let PageScan { valid_state: valid, other_format: other, error } = self.scan_pages().await;
+        let PageScan { valid_state: valid, other_format: other, scan_error: error } = self.scan_pages().await;
         let mut loaded = LoadedValues { stored_values: StoredValues::default(), load_error: error };
         if let Some((_, format)) = other {
             loaded.load_error = Some(StoreError::OtherFormat(format));
@@ -128,7 +128,7 @@ impl<F: NorFlash> Store<F> {
     /// - [`StoreError::Invalid`]: a value is out of its range. Nothing was written.
     /// - [`StoreError::Full`], [`StoreError::ReadBackDiffers`]: the value does not fit, or reads back differently.
     pub async fn save_change(&mut self, change: StoreChange<'_>) -> Result<(), StoreError> {
-        let PageScan { valid_state: valid, other_format: other, error } = self.scan_pages().await;
+        let PageScan { valid_state: valid, other_format: other, scan_error: error } = self.scan_pages().await;
         if error == Some(StoreError::Flash) {
             return Err(StoreError::Flash);
         }
@@ -187,11 +187,11 @@ impl<F: NorFlash> Store<F> {
 
     /// Reads every page and finds the valid state.
     async fn scan_pages(&mut self) -> PageScan {
-        let mut scan = PageScan { valid_state: None, other_format: None, error: None };
+        let mut scan = PageScan { valid_state: None, other_format: None, scan_error: None };
         for page in 0..self.page_count() {
             let mut buffer = [0; ITEM_SIZE];
             match self.read_page(page, &mut buffer).await {
-                Err(error) => scan.error = Some(error),
+                Err(error) => scan.scan_error = Some(error),
                 Ok(PageContent::OtherFormat(format)) => scan.other_format = Some((page, format)),
                 Ok(content) if page >= FIRST_STATE_PAGE => scan.add_state(page, &content),
                 Ok(_) => {}
@@ -297,7 +297,7 @@ impl PageScan {
         match (state, &self.valid_state) {
             (Ok(state), Some((_, valid))) if state.save_count < valid.save_count => {}
             (Ok(state), _) => self.valid_state = Some((page, state)),
-            (Err(error), _) => _ = self.error.get_or_insert(error),
+            (Err(error), _) => _ = self.scan_error.get_or_insert(error),
         }
     }
 }

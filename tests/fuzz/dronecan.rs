@@ -177,7 +177,7 @@ fn any_frames_are_received_or_dropped() {
 /// one.
 #[test]
 fn a_node_survives_any_frames() {
-    const INFO: NodeInfo = NodeInfo {
+    const NODE_INFO: NodeInfo = NodeInfo {
         node_name: "org.autoswing.fuzz",
         software_version: SoftwareVersion::from_firmware(None),
         hardware_version: [1, 0],
@@ -188,7 +188,7 @@ fn a_node_survives_any_frames() {
         |(traffic, has_number, is_armed)| -> PropertyResult {
             let can = CanSettings { node: if has_number { OWN_NODE } else { 0 }, ..CanSettings::DEFAULT };
             let settings = Settings { can, ..Settings::DEFAULT };
-            let mut node = CanNode::new(INFO, can);
+            let mut node = CanNode::new(NODE_INFO, can);
             for (frame_number, frame) in traffic.iter().enumerate() {
                 let now = Timestamp::from_us(frame_number as u64 * 12_500);
                 node.receive_frame(now, frame, &mut |_| {});

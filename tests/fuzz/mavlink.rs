@@ -34,7 +34,7 @@ fn frame_crc(bytes: impl IntoIterator<Item = u8>) -> [u8; 2] {
     crc.to_le_bytes()
 }
 
-/// Frame with a correct CRC; the length field `claims` may differ from the payload.
+/// Frame with a correct CRC; the length field may differ from the payload.
 fn frame_with_crc(
     is_v2: bool,
     is_signed: bool,

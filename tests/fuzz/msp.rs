@@ -24,10 +24,10 @@ fn frame_crc(bytes: &[u8]) -> u8 {
     })
 }
 
-/// Frame with a correct CRC; the length field `claims` may differ from the payload.
-fn frame_with_crc(direction: u8, function: u16, claims: u16, payload: &[u8]) -> Vec<u8> {
+/// Frame with a correct CRC; the length field may differ from the payload.
+fn frame_with_crc(direction: u8, function: u16, claimed_length: u16, payload: &[u8]) -> Vec<u8> {
     let [f0, f1] = function.to_le_bytes();
-    let [n0, n1] = claims.to_le_bytes();
+    let [n0, n1] = claimed_length.to_le_bytes();
     let checked = [&[0, f0, f1, n0, n1], payload].concat();
     [&[b'$', b'X', direction], &checked[..], &[frame_crc(&checked)]].concat()
 }

@@ -15,16 +15,16 @@ use testkit::flash::RamFlash;
 
 use crate::{PropertyResult, check_property};
 
-const PAGE: usize = 2048;
-const PAGES: usize = 8;
-const REGION_SIZE: usize = PAGE * PAGES;
+const PAGE_SIZE: usize = 2048;
+const PAGE_COUNT: usize = 8;
+const REGION_SIZE: usize = PAGE_SIZE * PAGE_COUNT;
 
-type Flash = RamFlash<PAGE>;
+type Flash = RamFlash<PAGE_SIZE>;
 
 /// Flash after 0, 1, 2 and 30 rounds of accepting a calibration and changing a setting.
 static SAVED_FLASHES: LazyLock<[Flash; 4]> = LazyLock::new(|| {
     [0, 1, 2, 30].map(|times| {
-        let mut flash = Flash::new(PAGES);
+        let mut flash = Flash::new(PAGE_COUNT);
         let mut generations = StoredCalibrations::default();
         for time in 0..times {
             generations.push_record(&calibration_record(time));
@@ -79,11 +79,11 @@ fn save_calibrations(flash: &mut Flash, generations: &StoredCalibrations) -> Res
 
 /// Replacement bytes and their positions, mostly within items.
 fn any_damage() -> impl Strategy<Value = Vec<(usize, Vec<u8>)>> {
-    let item_offset = (0..PAGES, 0..480_usize).prop_map(|(page, offset)| page * PAGE + offset);
+    let item_offset = (0..PAGE_COUNT, 0..480_usize).prop_map(|(page, offset)| page * PAGE_SIZE + offset);
     let offset = prop_oneof![2 => item_offset, 1 => 0..REGION_SIZE];
     let few_bytes = vec(any::<u8>(), 1..12);
     let equal_bytes =
-        (proptest::sample::select(&[0x00, 0xFF, 0x55][..]), 1..PAGE).prop_map(|(byte, size)| vec![byte; size]);
+        (proptest::sample::select(&[0x00, 0xFF, 0x55][..]), 1..PAGE_SIZE).prop_map(|(byte, size)| vec![byte; size]);
     vec((offset, prop_oneof![3 => few_bytes, 1 => equal_bytes]), 0..4)
 }
 
@@ -138,7 +138,7 @@ fn any_items() -> impl Strategy<Value = Vec<(usize, Vec<u8>)>> {
         field
     });
     let fields = prop_oneof![3 => vec(field, 0..25).prop_map(|fields| fields.concat()), 1 => vec(any::<u8>(), 0..300)];
-    vec((0..PAGES, fields), 1..6)
+    vec((0..PAGE_COUNT, fields), 1..6)
 }
 
 #[test]
@@ -150,7 +150,7 @@ fn the_store_handles_any_fields() {
             encoded_item.extend((fields.len() as u16).to_le_bytes());
             encoded_item.extend(fields);
             encoded_item.extend(item_crc(&encoded_item).to_le_bytes());
-            replace_bytes(&mut flash, page * PAGE, &encoded_item);
+            replace_bytes(&mut flash, page * PAGE_SIZE, &encoded_item);
         }
         let LoadedValues { stored_values: StoredValues { settings, stored_calibrations: generations, .. }, .. } =
             block_on(open_store(&mut flash).load_state());

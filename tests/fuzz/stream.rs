@@ -82,7 +82,7 @@ pub trait IntactFrame<M> {
 }
 
 /// Decoder properties: each decoded message is an intact frame, at most once and in order; CRC calculations, which
-/// dominate the cost, number at most one per received byte in total and at most `longest` for one byte; after noise a
+/// dominate the cost, number at most one per received byte in total and at most `max_frame_length` for one byte; after noise a
 /// good frame is decoded within the length of the longest frame.
 ///
 /// `push` decodes a byte and returns a message and the number of rejected candidates since the start.

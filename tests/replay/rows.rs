@@ -32,7 +32,7 @@ fn recorded_turns(world: &WorldConfig, circles: f64) -> Vec<ReplayRow> {
     recorded_turns_with_hard_iron(world, circles, |_| [0.0; 3])
 }
 
-/// Rows as by [`recorded`], with additional hard iron `iron_ut(t_s)`.
+/// Rows as by [`recorded_turns`], with additional hard iron `iron_ut(t_s)`.
 fn recorded_turns_with_hard_iron(
     world: &WorldConfig,
     circles: f64,

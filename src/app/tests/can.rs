@@ -2,7 +2,7 @@
 
 use super::TaskBench;
 use super::port::{ARMED_BASE_MODE, heartbeat_and_attitude_frames};
-use super::safe_mode::{FakeCanBus, OWN_NODE, RESTART};
+use super::safe_mode::{FakeCanBus, OWN_NODE, RESTART_PAYLOAD};
 use crate::app::can::NoBootLoader;
 use crate::app::task_links::{AutopilotLine, publish_value};
 use crate::instrument::Estimate;
@@ -12,7 +12,7 @@ use crate::time::Timestamp;
 use crate::wire::dronecan::{DataType, Targetted};
 
 const CAN: CanSettings = CanSettings { node: OWN_NODE, is_terminated: true, ..CanSettings::DEFAULT };
-const SETTINGS: Settings = Settings { can: CAN, ..Settings::DEFAULT };
+const CAN_SETTINGS: Settings = Settings { can: CAN, ..Settings::DEFAULT };
 
 fn publish_settings(bench: &TaskBench, settings: Settings) {
     publish_value(&bench.links.settings, settings);
@@ -31,7 +31,7 @@ fn publish_estimates(bench: &mut TaskBench, ms: u64) {
 
 fn bench_with_node() -> (TaskBench, FakeCanBus) {
     let (mut bench, bus) = (TaskBench::new(), FakeCanBus::default());
-    publish_settings(&bench, SETTINGS);
+    publish_settings(&bench, CAN_SETTINGS);
     bus.run_node(&mut bench, bus.clone(), false);
     bus.queue_message(DataType::ARMING_STATUS, &[0]);
     publish_estimates(&mut bench, 100);
@@ -43,7 +43,7 @@ fn bench_with_node() -> (TaskBench, FakeCanBus) {
 fn the_termination_is_as_set() {
     let (mut bench, bus) = bench_with_node();
     assert_eq!(bus.termination_states.take(), [true]);
-    publish_settings(&bench, Settings { can: CanSettings { is_terminated: false, ..CAN }, ..SETTINGS });
+    publish_settings(&bench, Settings { can: CanSettings { is_terminated: false, ..CAN }, ..CAN_SETTINGS });
     publish_estimates(&mut bench, 50);
     assert_eq!(bus.termination_states.take(), [false]);
 }
@@ -72,7 +72,7 @@ fn armed_states_of_ports_and_bus_count_for_each_other() {
     let (mut bench, bus) = bench_with_node();
     let port = AutopilotLine::Port(PortNumber::One);
     bench.links.update_line_state(port, ProtocolKind::Mavlink, Some(true));
-    bus.queue_message(DataType::RESTART_NODE, &RESTART);
+    bus.queue_message(DataType::RESTART_NODE, &RESTART_PAYLOAD);
     publish_estimates(&mut bench, 50);
     assert_eq!(bus.take_sent(DataType::RESTART_NODE)[0][0], 0);
     bench.links.update_line_state(port, ProtocolKind::Mavlink, None);
@@ -107,7 +107,7 @@ fn a_changed_signing_key_applies_to_the_tunnel() {
     };
     for (signing_key, is_accepted) in [(None, true), (Some(SigningKey([7; 32])), false)] {
         let (mut bench, bus) = bench_with_node();
-        publish_settings(&bench, Settings { signing_key, ..SETTINGS });
+        publish_settings(&bench, Settings { signing_key, ..CAN_SETTINGS });
         publish_estimates(&mut bench, 50);
         bus.queue_message(DataType::TARGETTED, &piece.payload());
         publish_estimates(&mut bench, 50);
@@ -119,7 +119,7 @@ fn a_changed_signing_key_applies_to_the_tunnel() {
 #[test]
 fn a_board_without_a_boot_loader_refuses_updates() {
     let (mut bench, bus) = (TaskBench::new(), FakeCanBus::default());
-    publish_settings(&bench, SETTINGS);
+    publish_settings(&bench, CAN_SETTINGS);
     bus.run_node(&mut bench, NoBootLoader, false);
     bus.queue_message(DataType::BEGIN_FIRMWARE_UPDATE, b"\0a.bin");
     publish_estimates(&mut bench, 100);

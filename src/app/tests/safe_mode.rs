@@ -9,7 +9,7 @@ use testkit::flash::SilentFault;
 
 use super::TaskBench;
 use super::devices::{DeviceBehaviour, FakeTransmitter};
-use super::thread_tasks::{Flash, PAGES, bench_with_compass, execute_command, test_store};
+use super::thread_tasks::{Flash, PAGE_COUNT, bench_with_compass, execute_command, test_store};
 use crate::app::can::{self, ReceiveFrame, SendFrame, UpdateHandOver};
 use crate::app::watchdog::MAX_FEED_INTERVAL_US;
 use crate::app::{Watchdog, safe_mode};
@@ -47,7 +47,7 @@ fn bench_in_safe_mode(flash: Flash) -> (TaskBench, [FakeTransmitter; 2], FeedTim
 /// The ports send NMEA sentences, MAVLink heartbeats and a text without receiving anything.
 #[test]
 fn both_ports_report_safe_mode_in_both_protocols() {
-    let (mut bench, ports, _) = bench_in_safe_mode(Flash::new(PAGES));
+    let (mut bench, ports, _) = bench_in_safe_mode(Flash::new(PAGE_COUNT));
     assert_eq!(bench.links.console_messages.try_receive(), Ok(Message::SafeMode));
     bench.run_for_ms(1_000);
     for port in &ports {
@@ -65,7 +65,7 @@ fn both_ports_report_safe_mode_in_both_protocols() {
 
 #[test]
 fn safe_mode_erases_the_store_and_refuses_other_commands() {
-    let flash = Flash::new(PAGES);
+    let flash = Flash::new(PAGE_COUNT);
     let mut before = bench_with_compass(flash.clone());
     assert!(execute_command(&mut before, Command::Set(SettingChange::StreamRateHz(20))).is_ok());
     let (mut bench, ..) = bench_in_safe_mode(flash.clone());
@@ -79,7 +79,7 @@ fn safe_mode_erases_the_store_and_refuses_other_commands() {
 /// Ports that accept nothing, and a flash that never completes an erase.
 #[test]
 fn broken_devices_do_not_starve_the_watchdog() {
-    let mut flash = Flash::new(PAGES);
+    let mut flash = Flash::new(PAGE_COUNT);
     flash.silent_fault = Some(SilentFault::WritesHang);
     let (mut bench, ports, timer) = bench_in_safe_mode(flash);
     for port in &ports {
@@ -144,7 +144,7 @@ pub(super) const OWN_NODE: u8 = 42;
 impl FakeCanBus {
     /// A module in safe mode with a number of the bus.
     fn with_node() -> (TaskBench, Self) {
-        let (mut bench, ..) = bench_in_safe_mode(Flash::new(PAGES));
+        let (mut bench, ..) = bench_in_safe_mode(Flash::new(PAGE_COUNT));
         let bus = Self::default();
         bus.run_node(&mut bench, bus.clone(), true);
         bus.queue_message(DataType::ARMING_STATUS, &[0]);
@@ -195,7 +195,7 @@ impl FakeCanBus {
     }
 }
 
-pub(super) const RESTART: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];
+pub(super) const RESTART_PAYLOAD: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];
 
 /// Health ERROR, mode OPERATIONAL; reason 12, no field: docs/dronecan.md.
 #[test]
@@ -208,7 +208,7 @@ fn the_node_of_a_can_bus_reports_safe_mode_and_restarts() {
     assert!(!bus.take_sent(DataType::GET_NODE_INFO).is_empty());
     for (is_armed, is_accepted) in [(255, 0), (0, 0x80)] {
         bus.queue_message(DataType::ARMING_STATUS, &[is_armed]);
-        bus.queue_message(DataType::RESTART_NODE, &RESTART);
+        bus.queue_message(DataType::RESTART_NODE, &RESTART_PAYLOAD);
         bench.run_for_ms(10);
         assert_eq!(bus.take_sent(DataType::RESTART_NODE)[0][0], is_accepted);
         assert_eq!(bench.links.restart_request.signaled(), is_accepted != 0);

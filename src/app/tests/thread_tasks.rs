@@ -27,10 +27,10 @@ use crate::store::{Store, StoreError};
 use crate::time::WrappingMillis;
 
 pub(super) type Flash = RamFlash<2048>;
-pub(super) const PAGES: usize = 8;
+pub(super) const PAGE_COUNT: usize = 8;
 
 pub(super) fn test_store(flash: Flash) -> Store<Flash> {
-    Store::new(flash, 0..(2048 * PAGES) as u32)
+    Store::new(flash, 0..(2048 * PAGE_COUNT) as u32)
 }
 
 pub(super) fn bench_with_compass(flash: Flash) -> TaskBench {
@@ -50,7 +50,7 @@ pub(super) fn execute_command(bench: &mut TaskBench, command: Command) -> Result
 
 #[test]
 fn settings_are_written_published_and_counted() {
-    let mut bench = bench_with_compass(Flash::new(PAGES));
+    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
     assert_eq!(bench.links.settings.try_get(), Some(Settings::DEFAULT));
     let reply = execute_command(&mut bench, Command::Set(SettingChange::StreamRateHz(20)));
     assert!(matches!(reply, Ok(Reply::Done(ModuleState::Uncalibrated))), "{reply:?}");
@@ -63,7 +63,7 @@ fn settings_are_written_published_and_counted() {
 fn position_and_date_apply_the_field_model() {
     let (place, day) = (Position::new(51.1, 13.7, 100.0).unwrap(), Date::from_unix_s(20_779 * 86_400).unwrap());
     let field = EarthField::from_model(place, day).unwrap();
-    let mut bench = bench_with_compass(Flash::new(PAGES));
+    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
     publish_value(&bench.links.date, day);
     bench.run_for_ms(1);
     assert_eq!(bench.links.settings.try_get(), Some(Settings::DEFAULT));
@@ -79,8 +79,8 @@ fn position_and_date_apply_the_field_model() {
 
 #[test]
 fn a_failed_save_is_reported_and_counted() {
-    let mut flash = Flash::new(PAGES);
-    flash.unreadable = Some((0..2048 * PAGES, usize::MAX));
+    let mut flash = Flash::new(PAGE_COUNT);
+    flash.unreadable = Some((0..2048 * PAGE_COUNT, usize::MAX));
     let mut bench = bench_with_compass(flash);
     assert_eq!(bench.links.event_counts().store_errors, 1, "of the load, once");
     assert_eq!(bench.links.console_messages.try_receive(), Ok(Message::StoreFailed(StoreError::Flash)));
@@ -94,7 +94,7 @@ fn a_failed_save_is_reported_and_counted() {
 /// without a command is reported by a message.
 #[test]
 fn a_save_that_never_completes_times_out_and_is_reported() {
-    let mut flash = Flash::new(PAGES);
+    let mut flash = Flash::new(PAGE_COUNT);
     flash.silent_fault = Some(SilentFault::WritesHang);
     let mut bench = bench_with_compass(flash);
     bench.links.commands.try_send((CommandSource::Console, Command::CalClear)).unwrap();
@@ -120,7 +120,7 @@ fn a_save_that_never_completes_times_out_and_is_reported() {
 /// Readings lost before the collection do not count.
 #[test]
 fn readings_lost_during_the_collection_are_the_cause_of_a_refusal() {
-    let mut bench = bench_with_compass(Flash::new(PAGES));
+    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
     publish_value(
         &bench.links.sensor,
         DetectedSensor {
@@ -147,7 +147,7 @@ fn readings_lost_during_the_collection_are_the_cause_of_a_refusal() {
 /// The state machine makes a correction from a detected sensor and samples of turns, without `cal solve`.
 #[test]
 fn samples_become_a_correction() {
-    let mut bench = bench_with_compass(Flash::new(PAGES));
+    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
     assert!(matches!(execute_command(&mut bench, Command::CalStart(Procedure::Turns)), Err(Refusal::NoSensor)));
     publish_value(
         &bench.links.sensor,
@@ -213,7 +213,7 @@ fn samples_become_a_correction() {
 /// A sample with every step of the executor: more than the queue holds arrive during a trial solve.
 #[test]
 fn no_sample_is_dropped_during_a_trial_solve() {
-    let mut bench = bench_with_compass(Flash::new(PAGES));
+    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
     publish_value(
         &bench.links.sensor,
         DetectedSensor {
@@ -235,13 +235,16 @@ fn no_sample_is_dropped_during_a_trial_solve() {
     bench.run_for_ms(1);
     let Ok(Reply::Report(report)) = execute_command(&mut bench, Command::Status) else { panic!("no report") };
     assert!(report.last_trial.is_some());
-    assert_eq!(report.progress.left_turns.samples + report.progress.left_turns.held_back_count, 75);
+    assert_eq!(
+        report.collection_progress.left_turns.samples + report.collection_progress.left_turns.held_back_count,
+        75
+    );
     assert_eq!(bench.links.event_counts().samples_dropped, 0);
 }
 
 #[test]
 fn restart_is_refused_while_the_autopilot_is_armed() {
-    let mut bench = bench_with_compass(Flash::new(PAGES));
+    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
     assert!(matches!(execute_command(&mut bench, Command::Restart), Ok(Reply::Done(_))));
     publish_value(&bench.links.armed_state, Some(true));
     assert!(matches!(execute_command(&mut bench, Command::Restart), Err(Refusal::Armed)));
@@ -252,7 +255,7 @@ fn restart_is_refused_while_the_autopilot_is_armed() {
 /// The state machine admits the command of any source, and signals the console to restart the module.
 #[test]
 fn a_restart_commanded_on_a_port_needs_a_disarmed_autopilot() {
-    let mut bench = bench_with_compass(Flash::new(PAGES));
+    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
     for (is_armed, result) in [(true, Err(Refusal::Armed)), (false, Ok(()))] {
         publish_value(&bench.links.armed_state, Some(is_armed));
         bench
@@ -285,7 +288,7 @@ impl Platform for FakePlatform {
 
 /// Console task with its greeting removed from the output.
 fn bench_with_console() -> (TaskBench, FakeReceiver, FakeTransmitter, FakePlatform) {
-    let mut bench = bench_with_compass(Flash::new(PAGES));
+    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
     let (line, port, board) = (FakeReceiver::default(), FakeTransmitter::default(), FakePlatform::default());
     let (rx, tx, platform) = (line.clone(), port.clone(), board.clone());
     bench.spawn_task("console", |links| async move {
@@ -369,7 +372,7 @@ fn a_reboot_is_announced_first() {
 /// On a board whose only UART serves a port, no console executes the restart.
 #[test]
 fn a_module_without_a_console_restarts_on_command() {
-    let mut bench = bench_with_compass(Flash::new(PAGES));
+    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
     let board = FakePlatform::default();
     let platform = board.clone();
     bench.spawn_task("restart", |links| async move { console::restart_without_terminal(&links, platform).await });

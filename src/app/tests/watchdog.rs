@@ -8,7 +8,7 @@ use embassy_time::Timer;
 use testkit::flash::SilentFault;
 
 use super::TaskBench;
-use super::thread_tasks::{Flash, PAGES, bench_with_compass};
+use super::thread_tasks::{Flash, PAGE_COUNT, bench_with_compass};
 use crate::app::task_links::{
     AutopilotLine, COMMON_HEARTBEAT_COUNT, CommandSource, Heartbeats, MAX_HEARTBEAT_COUNT, increment_counter,
 };
@@ -138,7 +138,7 @@ fn the_longest_feed_interval_is_1_4_s() {
 
 #[test]
 fn an_idle_state_machine_shows_that_it_runs() {
-    let mut bench = bench_with_compass(Flash::new(PAGES));
+    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
     bench.run_for_ms(998);
     assert_eq!(bench.links.heartbeat_counts(), [0, 0, 5, 0, 0, 0]);
 }
@@ -146,7 +146,7 @@ fn an_idle_state_machine_shows_that_it_runs() {
 /// The state machine gives a save up before the watchdog would reset the module.
 #[test]
 fn saves_that_never_complete_cause_no_reset() {
-    let mut flash = Flash::new(PAGES);
+    let mut flash = Flash::new(PAGE_COUNT);
     flash.silent_fault = Some(SilentFault::WritesHang);
     let (mut bench, watchdog_timer) = (bench_with_compass(flash), FakeWatchdog::default());
     let fed = watchdog_timer.clone();

@@ -16,7 +16,7 @@ fn update_rotated(freeze: &mut FreezeDetector, axis: Vector3<f32>, turned_deg: f
     (0..200).for_each(|_| freeze.update_field(field));
 }
 
-/// Whether a source is frozen after a first step and `reports` equal reports, while the aircraft rotates about
+/// Whether a source is frozen after a first step and `report_count` equal reports, while the aircraft rotates about
 /// `axis` by `turned_deg` after 0.4 s.
 fn is_frozen_about(
     axis: Vector3<f32>,

@@ -187,7 +187,7 @@ impl SenderSelector {
         }
     }
 
-    /// Whether `source` is of another system than the selected sender, whose last heartbeat was armed.
+    /// Whether `sender` is of another system than the selected sender, whose last heartbeat was armed.
     fn is_other_vehicle(&self, selected: SelectedSender, sender: SenderId) -> bool {
         let last_heartbeat =
             self.entries.iter().find(|entry| entry.sender == selected.sender).and_then(|entry| entry.heartbeat);

@@ -19,16 +19,16 @@ enum HeartbeatContent {
 /// Senders and a clock in milliseconds.
 struct TestSenders {
     sender_selector: SenderSelector,
-    ms: u64,
+    now_ms: u64,
 }
 
 impl TestSenders {
     fn new() -> Self {
-        Self { sender_selector: SenderSelector::new(), ms: 3_600_000 }
+        Self { sender_selector: SenderSelector::new(), now_ms: 3_600_000 }
     }
 
     fn now(&self) -> Timestamp {
-        Timestamp::from_us(self.ms * 1000)
+        Timestamp::from_us(self.now_ms * 1000)
     }
 
     fn send_heartbeat(&mut self, source: SenderId, content: HeartbeatContent) {
@@ -56,7 +56,7 @@ impl TestSenders {
                 }
                 *accepted += u64::from(self.send_attitude(source));
             }
-            self.ms += 50;
+            self.now_ms += 50;
         }
         accepted
     }
@@ -119,11 +119,11 @@ fn a_silent_sender_is_released_after_ten_seconds() {
         bench.send_heartbeat(source, Disarmed);
     }
     assert!(bench.send_attitude(AUTOPILOT));
-    bench.ms += 9_000;
+    bench.now_ms += 9_000;
     bench.send_heartbeat(SECOND_AUTOPILOT, Disarmed);
-    bench.ms += 1_000;
+    bench.now_ms += 1_000;
     assert!(!bench.send_attitude(SECOND_AUTOPILOT));
-    bench.ms += 1;
+    bench.now_ms += 1;
     assert!(bench.send_attitude(SECOND_AUTOPILOT));
     assert!(bench.send_attitude(AUTOPILOT), "the module's own autopilot has returned");
     assert!(!bench.send_attitude(SECOND_AUTOPILOT));
@@ -142,9 +142,9 @@ fn a_sender_of_heartbeats_alone_does_not_block_an_autopilot() {
 fn an_autopilot_s_heartbeat_expires_after_ten_seconds() {
     let mut bench = TestSenders::new();
     bench.send_heartbeat(AUTOPILOT, Disarmed);
-    bench.ms += 10_000;
+    bench.now_ms += 10_000;
     assert!(!bench.send_attitude(GIMBAL));
-    bench.ms += 1;
+    bench.now_ms += 1;
     assert!(bench.send_attitude(GIMBAL));
 }
 
@@ -166,16 +166,16 @@ fn the_selected_autopilot_is_queried() {
     bench.send_heartbeat(AUTOPILOT, Disarmed);
     bench.send_heartbeat(SECOND_AUTOPILOT, Disarmed);
     assert_eq!(queried(&bench), Some(AUTOPILOT));
-    bench.ms += 10_000;
+    bench.now_ms += 10_000;
     assert_eq!(queried(&bench), Some(AUTOPILOT));
-    bench.ms += 1;
+    bench.now_ms += 1;
     assert_eq!(queried(&bench), None);
     for source in [AUTOPILOT, SECOND_AUTOPILOT] {
         bench.send_heartbeat(source, Disarmed);
     }
     assert!(bench.send_attitude(SECOND_AUTOPILOT));
     assert_eq!(queried(&bench), Some(SECOND_AUTOPILOT));
-    bench.ms += 60_000;
+    bench.now_ms += 60_000;
     assert_eq!(queried(&bench), Some(SECOND_AUTOPILOT), "it keeps its place");
     bench.send_heartbeat(AUTOPILOT, Disarmed);
     assert!(bench.send_attitude(AUTOPILOT));
@@ -211,9 +211,9 @@ fn armed_state_expires_after_ten_seconds_without_a_heartbeat() {
         for ms in (0..=10_000).step_by(100) {
             assert!(ms > attitude_ends_ms || bench.send_attitude(AUTOPILOT));
             assert!(bench.is_armed(), "{ms}");
-            bench.ms += 100;
+            bench.now_ms += 100;
         }
-        bench.ms -= 99;
+        bench.now_ms -= 99;
         assert!(!bench.is_armed());
     }
 }
@@ -233,7 +233,7 @@ fn a_flood_of_heartbeats_does_not_displace_the_autopilot() {
         }
         accepted += u16::from(bench.send_attitude(AUTOPILOT));
         assert_eq!(bench.is_armed(), tick >= 19);
-        bench.ms += 50;
+        bench.now_ms += 50;
     }
     assert_eq!(accepted, 600 - 19);
 }
@@ -245,7 +245,7 @@ fn the_selected_sender_is_never_evicted() {
     bench.send_heartbeat(AUTOPILOT, Armed);
     assert!(bench.send_attitude(AUTOPILOT));
     for other in 0..20 {
-        bench.ms += 100;
+        bench.now_ms += 100;
         bench.send_heartbeat(SenderId::new(other), Disarmed);
         assert!(!bench.send_attitude(SenderId::new(other)));
     }
@@ -258,11 +258,11 @@ fn the_oldest_sender_is_evicted() {
     let mut bench = TestSenders::new();
     for other in 0..7 {
         bench.send_heartbeat(SenderId::new(other), NotAutopilot);
-        bench.ms += 1;
+        bench.now_ms += 1;
     }
     bench.send_heartbeat(GIMBAL, NotAutopilot);
     for other in 0..7 {
-        bench.ms += 1;
+        bench.now_ms += 1;
         bench.send_heartbeat(SenderId::new(100 + other), NotAutopilot);
     }
     assert!(!bench.send_attitude(GIMBAL));
@@ -296,7 +296,7 @@ fn a_heartbeat_without_autopilot_does_not_displace_the_autopilot() {
         let mut bench = TestSenders::new();
         bench.send_heartbeat(AUTOPILOT, Armed);
         assert!(bench.send_attitude(AUTOPILOT));
-        bench.ms += silent_ms;
+        bench.now_ms += silent_ms;
         bench.send_heartbeat(AUTOPILOT, NotAutopilot);
         bench.send_heartbeat(SECOND_AUTOPILOT, Disarmed);
         assert!(!bench.send_attitude(SECOND_AUTOPILOT) && bench.send_attitude(AUTOPILOT));

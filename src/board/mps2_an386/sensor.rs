@@ -7,7 +7,7 @@ use autoswing::reading::{Identity, Reading};
 
 use super::i2c::{NoAcknowledge, SensorBus};
 
-/// Offset offset_ut by the simulator and subtracted here, because QEMU accepts no negative fields: 93 uT on x and y, 104 uT
+/// Offset added by the simulator and subtracted here, because QEMU accepts no negative fields: 93 uT on x and y, 104 uT
 /// on z at a range of 1.3 gauss.
 const OFFSET_COUNTS: [f32; 3] = [1023.0, 1023.0, 1019.0];
 const UT_PER_COUNT: [f32; 3] = [100.0 / 1100.0, 100.0 / 1100.0, 100.0 / 980.0];

@@ -25,8 +25,8 @@ impl I2cBus {
     ///
     /// # Safety
     ///
-    /// `make_driver` may be called whenever the previous driver has been dropped, `scl` and `sda` are that driver's pins, and
-    /// nothing else uses these peripherals.
+    /// `make_driver` may be called whenever the previous driver has been dropped, `scl` and `sda` are that driver's
+    /// pins, and nothing else uses these peripherals.
     pub unsafe fn new(
         scl: Peri<'static, AnyPin>,
         sda: Peri<'static, AnyPin>,

@@ -79,7 +79,7 @@ struct PlaneFigures {
 }
 
 impl PlaneFigures {
-    /// `up`: 1, or -1 to negate the up axis in its figure.
+    /// `up_sign`: 1, or -1 to negate the up axis in its figure.
     fn new(samples: &[Sample], rotation: &Matrix3<f32>, side: Side, up_sign: f32) -> Result<Self, SolveError> {
         let part = SamplePart::Turns(side);
         SolveError::require_samples(part, samples.len(), MIN_SAMPLES)?;

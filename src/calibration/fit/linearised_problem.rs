@@ -9,7 +9,7 @@ use crate::calibration::{LeastSquares, Samples};
 
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct LinearisedProblem {
-    triangle: LeastSquares<UNKNOWN_COUNT, 1>,
+    least_squares: LeastSquares<UNKNOWN_COUNT, 1>,
     /// Cost: half the weighted sum of squares, with Huber's loss.
     pub cost: f32,
     /// Sums of the clipped squared normalised residuals, of norm and inclination.
@@ -60,7 +60,7 @@ impl NormalEquations {
 
 impl LinearisedProblem {
     fn empty() -> Self {
-        Self { triangle: LeastSquares::new(), cost: 0.0, clipped_squares: [0.0; 2], sample_count: 0 }
+        Self { least_squares: LeastSquares::new(), cost: 0.0, clipped_squares: [0.0; 2], sample_count: 0 }
     }
 
     #[cfg(test)]
@@ -73,7 +73,7 @@ impl LinearisedProblem {
     fn add_priors(&mut self, likelihood: &Likelihood, unknowns: &Vector13) {
         for_each_prior(likelihood, &ModelParameters::new(unknowns), &mut |prior| {
             let weight = 1.0 / (prior.sigma * prior.sigma);
-            self.triangle.add_weighted_row(&prior.jacobian_row, [-prior.residual], weight);
+            self.least_squares.add_weighted_row(&prior.jacobian_row, [-prior.residual], weight);
             self.cost += 0.5 * weight * prior.residual * prior.residual;
         });
     }
@@ -88,7 +88,7 @@ impl LinearisedProblem {
                 system.accumulate_cost(equations);
                 sums.add_sample_equations(equations);
             });
-            system.triangle = LeastSquares::from_normal_equations(
+            system.least_squares = LeastSquares::from_normal_equations(
                 sums.information.upper_triangle(),
                 sums.gradient.data.0[0].map(|g| [g]),
             );
@@ -109,7 +109,7 @@ impl LinearisedProblem {
         let norm = &equations.norm_equation;
         if let Some(inclination) = &equations.inclination_equation {
             let residuals = [-norm.residual, -inclination.residual];
-            self.triangle.add_weighted_row_pair(
+            self.least_squares.add_weighted_row_pair(
                 [&norm.jacobian_row.as_vector(), &inclination.jacobian_row.as_vector()],
                 residuals,
                 [norm.weight, inclination.weight],
@@ -123,7 +123,7 @@ impl LinearisedProblem {
     }
 
     fn add_equation(&mut self, equation: &ResidualEquation) {
-        self.triangle.add_weighted_row(&equation.jacobian_row.as_vector(), [-equation.residual], equation.weight);
+        self.least_squares.add_weighted_row(&equation.jacobian_row.as_vector(), [-equation.residual], equation.weight);
     }
 
     #[inline]
@@ -137,31 +137,31 @@ impl LinearisedProblem {
 
     #[cfg(test)]
     pub fn add_row(&mut self, row: &Vector13, residual: f32, weight: f32) {
-        self.triangle.add_weighted_row(row, [-residual], weight);
+        self.least_squares.add_weighted_row(row, [-residual], weight);
     }
 
     /// Moves the origin to the solution: the remaining step is zero.
     pub const fn reset_origin(&mut self) {
-        self.triangle.reset_origin();
+        self.least_squares.reset_origin();
     }
 
     /// Damped step (Levenberg-Marquardt) to the maximum likelihood, and the promised reduction of the cost. `None` when
     /// the information is singular.
     pub fn damped_step(&self, damping: f32) -> Option<(Vector13, f32)> {
-        let mut damped = self.triangle.clone();
-        for (i, information) in self.triangle.diagonal().iter().enumerate() {
+        let mut damped = self.least_squares.clone();
+        for (i, information) in self.least_squares.diagonal().iter().enumerate() {
             damped.add_weighted_row(&scaled_unit_vector(i, 1.0), [0.0], damping * information);
         }
         let change = damped.solve()?;
-        Some((change, self.triangle.predicted_reduction(&change)))
+        Some((change, self.least_squares.predicted_reduction(&change)))
     }
 
     pub fn step_to_maximum(&self) -> Option<Vector13> {
-        self.triangle.solve()
+        self.least_squares.solve()
     }
 
     /// Covariance of the unknowns times a vector; `None` when the information is singular.
     pub fn covariance_times(&self, vector: &Vector13) -> Option<Vector13> {
-        self.triangle.covariance_times(vector)
+        self.least_squares.covariance_times(vector)
     }
 }

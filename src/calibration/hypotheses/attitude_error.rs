@@ -12,7 +12,7 @@ use crate::trig::sqrt;
 /// Row of the [table](super::attitude_error_table) of attitude errors.
 pub(in crate::calibration) struct AttitudeError {
     /// Change of roll and pitch by one unit of the error, radians.
-    pub effect: fn(&AttitudeState) -> [f32; 2],
+    pub attitude_derivative: fn(&AttitudeState) -> [f32; 2],
     /// Standard deviation of the error that is assumed before a test.
     pub assumed_sigma: fn(ConsiderSigmas) -> f32,
     /// Decides whether a tested error is significant. Such an error is not corrected; its square is added to the
@@ -40,7 +40,7 @@ impl AttitudeError {
     /// Derivative of a sample's inclination by the error.
     pub fn inclination_derivative(&self, equations: &SampleEquations, state: &AttitudeState) -> f32 {
         let [by_roll, by_pitch] = equations.inclination_by_attitude;
-        let [roll, pitch] = (self.effect)(state);
+        let [roll, pitch] = (self.attitude_derivative)(state);
         by_roll * roll + by_pitch * pitch
     }
 }

@@ -15,8 +15,16 @@ use crate::calibration::{AttitudeLatency, ConsiderSigmas};
 
 /// Constant errors of the attitude source, in the order in which they are tested.
 pub(in crate::calibration) const ATTITUDE_ERRORS: &[AttitudeError] = &[
-    AttitudeError { effect: |_| [1.0, 0.0], assumed_sigma: |consider| consider.bias_rad, acceptance_rule: None },
-    AttitudeError { effect: |_| [0.0, 1.0], assumed_sigma: |consider| consider.bias_rad, acceptance_rule: None },
+    AttitudeError {
+        attitude_derivative: |_| [1.0, 0.0],
+        assumed_sigma: |consider| consider.bias_rad,
+        acceptance_rule: None,
+    },
+    AttitudeError {
+        attitude_derivative: |_| [0.0, 1.0],
+        assumed_sigma: |consider| consider.bias_rad,
+        acceptance_rule: None,
+    },
     bank_scale::BANK_SCALE_ERROR,
     attitude_latency::LATENCY_ERROR,
     lagging_bank_scale::LAGGING_BANK_SCALE_ERROR,

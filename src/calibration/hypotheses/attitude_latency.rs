@@ -20,7 +20,7 @@ use crate::trig::sqrt;
 /// Attitude latency in the table of attitude errors. The sigma is estimated, and the latency corrected rather than
 /// allowed for.
 pub(super) const LATENCY_ERROR: AttitudeError = AttitudeError {
-    effect: |state| [state.rates.roll_rad_s(), state.rates.pitch_rad_s()],
+    attitude_derivative: |state| [state.rates.roll_rad_s(), state.rates.pitch_rad_s()],
     assumed_sigma: |_| 0.0,
     acceptance_rule: None,
 };

@@ -18,7 +18,7 @@ use crate::trig::sqrt;
 
 /// Bank-angle scale error in the table of attitude errors.
 pub(super) const BANK_SCALE_ERROR: AttitudeError = AttitudeError {
-    effect: |state| [state.attitude.roll_rad, 0.0],
+    attitude_derivative: |state| [state.attitude.roll_rad, 0.0],
     assumed_sigma: |consider| consider.bank_scale,
     acceptance_rule: Some(find_constant_error),
 };

@@ -14,7 +14,7 @@ use crate::trig::sqrt;
 
 /// Lagging bank-angle scale error in the table of attitude errors.
 pub(super) const LAGGING_BANK_SCALE_ERROR: AttitudeError = AttitudeError {
-    effect: |state| [state.lagged_roll_rad, 0.0],
+    attitude_derivative: |state| [state.lagged_roll_rad, 0.0],
     assumed_sigma: |_| 0.0,
     acceptance_rule: Some(find_lagging_error),
 };

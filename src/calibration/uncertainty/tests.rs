@@ -28,10 +28,10 @@ use crate::frames::Attitude;
 
 type Matrix12 = SMatrix<f32, 12, 12>;
 
-const TRUTH: Matrix3<f32> = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
+const TRUE_W: Matrix3<f32> = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
 
 fn parameters() -> ModelParameters {
-    ModelParameters { w: TRUTH, d: Vector3::new(0.2, -0.4, 0.6), inclination_rad: 0.7 }
+    ModelParameters { w: TRUE_W, d: Vector3::new(0.2, -0.4, 0.6), inclination_rad: 0.7 }
 }
 
 fn likelihood(prior: &Prior, config: ModelConfig) -> Likelihood {
@@ -317,12 +317,12 @@ fn unobservable_if_half_of_the_prior_sigma_remains() {
 #[test]
 fn the_sensor_s_noise_is_that_of_a_single_reading() {
     let at = parameters().unknowns().unwrap();
-    let per_unit = TRUTH.determinant().cbrt();
+    let per_unit = TRUE_W.determinant().cbrt();
     for (readings_per_sample, white, factor) in
         [(1, 1.0, 1.0), (8, 1.0, 8_f32.sqrt()), (0, 1.0, 1.0), (8, 0.25, 2_f32.sqrt()), (1, 0.0, 0.0)]
     {
         let mut likelihood = likelihood(&Prior { readings_per_sample, ..Prior::default() }, ModelConfig::DEFAULT);
-        likelihood.noise = NoiseModel::new(0.003, 0.005, TRUTH);
+        likelihood.noise = NoiseModel::new(0.003, 0.005, TRUE_W);
         let found = heading_uncertainty(&likelihood, &at, &CoefficientCovariance::ZERO, white).unwrap();
         let expected = 0.003 * factor * per_unit;
         assert!((found.sensor_sigma - expected).abs() < 1e-5 * 0.003, "{readings_per_sample}: {}", found.sensor_sigma);

@@ -110,7 +110,7 @@ impl<'a> Collector<'a> {
     /// Adds the next averaged sample.
     pub fn push_sample(&mut self, mut sample: Sample) {
         sample.time = sample.time.plus_ms(self.clock_offset_ms);
-        self.header.statistics.add_sample(&mut self.tilt_filter, &sample);
+        self.header.flight_statistics.add_sample(&mut self.tilt_filter, &sample);
         self.has_unsaved_change |= match self.header.procedure() {
             Procedure::Turns => self.push_turn_or_level_sample(sample),
             Procedure::Level | Procedure::Swing => {
@@ -210,8 +210,8 @@ impl<'a> Collector<'a> {
     #[must_use]
     pub fn collection_problem(&self) -> Option<CollectionProblem> {
         match self.procedure() {
-            Procedure::Turns => self.header.statistics.diagnose(&self.collection_progress()),
-            Procedure::Flight => self.header.statistics.check_tilt(),
+            Procedure::Turns => self.header.flight_statistics.diagnose(&self.collection_progress()),
+            Procedure::Flight => self.header.flight_statistics.check_tilt(),
             Procedure::Level | Procedure::Swing | Procedure::Tumble => None,
         }
     }

@@ -3,7 +3,7 @@
 use core::fmt;
 
 use super::progress::CollectionProgress;
-use super::turn_circle::SECTORS;
+use super::turn_circle::SECTOR_COUNT;
 use super::turn_detector::TurnDetectorConfig;
 use crate::calibration::{Manoeuvre, Sample, Side};
 use crate::decimal::Decimal;
@@ -34,7 +34,7 @@ pub enum CollectionProblem {
     ArcOnly {
         /// Side of the arc.
         side: Side,
-        /// Sectors covered, of [`SECTORS`].
+        /// Sectors covered, of [`SECTOR_COUNT`].
         sectors: u8,
     },
     /// Manoeuvre that adds the most missing information.
@@ -54,7 +54,7 @@ impl fmt::Display for CollectionProblem {
             Self::OneSideOnly(side) => write!(f, "only {} turns were flown", side.side_name()),
             Self::ArcOnly { side, sectors } => {
                 let side = side.side_name();
-                write!(f, "the {side} turns went through {sectors} of {SECTORS} sectors, too slow or too short")
+                write!(f, "the {side} turns went through {sectors} of {SECTOR_COUNT} sectors, too slow or too short")
             }
             Self::MissingManoeuvre(manoeuvre) => write!(f, "missing: {manoeuvre}"),
         }

@@ -26,7 +26,7 @@ pub(in crate::collection) struct CollectionHeader {
     pub min_distance_ut: f32,
     /// States of the parts by [`CollectionPart::index`].
     pub part_states: [PartState; CollectionPart::ALL_PARTS.len()],
-    pub statistics: FlightStatistics,
+    pub flight_statistics: FlightStatistics,
 }
 
 /// State of a part that its retention policy stores.
@@ -58,7 +58,7 @@ impl CollectionHeader {
         distinct_count: 0,
         min_distance_ut: 0.0,
         part_states: [PartState::EMPTY; _],
-        statistics: FlightStatistics::EMPTY,
+        flight_statistics: FlightStatistics::EMPTY,
     };
 
     /// Start of a collection.
@@ -130,7 +130,7 @@ words!(CollectionHeader {
     distinct_count,
     min_distance_ut,
     part_states,
-    statistics,
+    flight_statistics,
 });
 words!(PartState { due_count, covered_sectors, percent });
 words!(FlightStatistics { sample_count, long_interval_count, duration_ms, max_tilt_rad, left_bank_ms, right_bank_ms });

@@ -7,7 +7,7 @@ use crate::calibration::method_selection::Procedure;
 use crate::calibration::{CollectionPart, Sample, Samples};
 use crate::time::WrappingMillis;
 
-const MANUAL: CollectionContext = CollectionContext { is_automatic: false, calibration_serial: 7 };
+const MANUAL_CONTEXT: CollectionContext = CollectionContext { is_automatic: false, calibration_serial: 7 };
 
 /// Flight with samples for all buffers.
 fn flight() -> impl Iterator<Item = Sample> {
@@ -20,11 +20,11 @@ fn collect(retained: &mut RetainedSamples, procedure: Procedure, samples: impl I
     collector.begin_procedure(procedure);
     for sample in samples {
         collector.push_sample(sample);
-        collector.update_header(MANUAL);
+        collector.update_header(MANUAL_CONTEXT);
     }
     if procedure == Procedure::Swing {
         assert!(collector.add_mark(HeadingMark { sample: circle_sample(30.0), heading_rad: 0.5 }));
-        collector.update_header(MANUAL);
+        collector.update_header(MANUAL_CONTEXT);
     }
 }
 
@@ -62,7 +62,7 @@ fn samples_survive_a_restart() {
         let ((progress, fit, held_back, ..), then) = (observable_state(&after), observable_state(&before));
         assert_eq!(
             (after.restored_context(), after.collection_state()),
-            (Some(MANUAL), CollectionState::Running),
+            (Some(MANUAL_CONTEXT), CollectionState::Running),
             "{procedure:?}"
         );
         assert_eq!((progress, progress.procedure), (then.0, procedure));
@@ -87,7 +87,7 @@ fn a_collection_continues_after_a_restart() {
         for &sample in &samples[cut..] {
             let time = WrappingMillis::new(300 + sample.time.ms_since(anew));
             collector.push_sample(Sample { time, ..sample });
-            collector.update_header(MANUAL);
+            collector.update_header(MANUAL_CONTEXT);
         }
         assert!(collector.collection_progress().is_complete(), "{cut}: {:?}", collector.collection_progress());
         for part in [
@@ -114,12 +114,15 @@ fn state_and_context_are_stored() {
         (Some(automatic), CollectionState::Running)
     );
     collector.set_state(CollectionState::Stopped);
-    collector.update_header(MANUAL);
+    collector.update_header(MANUAL_CONTEXT);
     let mut collector = Collector::new(retained);
-    assert_eq!((collector.restored_context(), collector.collection_state()), (Some(MANUAL), CollectionState::Stopped));
+    assert_eq!(
+        (collector.restored_context(), collector.collection_state()),
+        (Some(MANUAL_CONTEXT), CollectionState::Stopped)
+    );
     assert!(collector.is_loss_reportable() && collector.fit_samples().all_samples().next().is_some());
     collector.set_state(CollectionState::Inactive);
-    collector.update_header(MANUAL);
+    collector.update_header(MANUAL_CONTEXT);
     assert!(collector.fit_samples().all_samples().next().is_some(), "they stay for another solve");
     let collector = Collector::new(retained);
     assert_eq!(
@@ -226,7 +229,8 @@ fn a_flipped_bit_invalidates_the_memory() {
         let mut collector = Collector::new(&mut damaged);
         if collector.restored_context().is_some() {
             assert!(
-                (collector.restored_context(), observable_state(&collector)) == (Some(MANUAL), state_before.clone()),
+                (collector.restored_context(), observable_state(&collector))
+                    == (Some(MANUAL_CONTEXT), state_before.clone()),
                 "bit {bit}"
             );
             same += 1;
@@ -272,7 +276,7 @@ fn another_use_of_a_sample_invalidates_the_memory() {
 fn memory_of_other_firmware_is_rejected() {
     let retained = empty_memory();
     collect(retained, Procedure::Turns, flight());
-    for (firmware, found) in [(FIRMWARE_SEED ^ 1, None), (FIRMWARE_SEED, Some(MANUAL))] {
+    for (firmware, found) in [(FIRMWARE_SEED ^ 1, None), (FIRMWARE_SEED, Some(MANUAL_CONTEXT))] {
         retained.checksum = retained.compute_checksum(firmware);
         assert_eq!(Collector::new(&mut retained.clone()).restored_context(), found);
     }
@@ -286,13 +290,13 @@ fn a_collection_is_discarded_after_repeated_restarts() {
     collect(retained, Procedure::Turns, flight());
     for _ in 0..3 {
         Collector::new(retained).reset_restart_count();
-        assert_eq!(Collector::new(retained).restored_context(), Some(MANUAL));
+        assert_eq!(Collector::new(retained).restored_context(), Some(MANUAL_CONTEXT));
     }
-    for found in [Some(MANUAL), Some(MANUAL), None, Some(CollectionContext::default())] {
+    for found in [Some(MANUAL_CONTEXT), Some(MANUAL_CONTEXT), None, Some(CollectionContext::default())] {
         assert_eq!(Collector::new(retained).restored_context(), found);
     }
     collect(retained, Procedure::Turns, flight());
-    assert_eq!(Collector::new(retained).restored_context(), Some(MANUAL), "another begins anew");
+    assert_eq!(Collector::new(retained).restored_context(), Some(MANUAL_CONTEXT), "another begins anew");
 }
 
 #[test]
@@ -302,13 +306,13 @@ fn a_sample_that_is_not_stored_does_not_change_the_memory() {
     let mut collector = Collector::new(retained);
     collector.reset_restart_count();
     collector.push_sample(banked_sample(8.0, 0.0, 1000));
-    collector.update_header(MANUAL);
+    collector.update_header(MANUAL_CONTEXT);
     let before = memory_words(retained);
     let mut collector = Collector::new(retained);
     collector.reset_restart_count();
     for i in 0..10 {
         collector.push_sample(banked_sample(8.0, 0.0, 2000 + i * 100));
-        collector.update_header(MANUAL);
+        collector.update_header(MANUAL_CONTEXT);
     }
     assert_eq!(memory_words(retained)[2..], before[2..], "neither level nor turned");
 }

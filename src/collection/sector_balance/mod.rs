@@ -5,7 +5,7 @@
 use super::part_view::{HOLD_BACK_CYCLE, PartView};
 use super::progress::percent;
 use super::quota::{SampleQuota, SampleUse};
-use super::turn_circle::{SECTORS, TurnCircle};
+use super::turn_circle::{SECTOR_COUNT, TurnCircle};
 use crate::calibration::Sample;
 
 #[derive(Clone, Copy, Debug)]
@@ -47,7 +47,7 @@ impl SectorBalance {
     /// Whether the quota suffices for a complete part.
     const fn is_quota_sufficient(&self) -> bool {
         self.complete_fit_samples as usize <= self.quota.fit_quota
-            && self.sector_samples as usize * SECTORS <= self.quota.fit_quota
+            && self.sector_samples as usize * SECTOR_COUNT <= self.quota.fit_quota
             && self.min_samples <= self.complete_fit_samples
             && self.min_held_back_when_complete() as usize <= self.quota.held_back_quota
     }
@@ -87,14 +87,14 @@ impl SectorBalance {
     }
 
     /// Lesser of sector filling and sample number, percent.
-    fn balance_percent(&self, counts: &[u16; SECTORS], samples: u16) -> u8 {
+    fn balance_percent(&self, counts: &[u16; SECTOR_COUNT], samples: u16) -> u8 {
         let filled: u16 = counts.iter().map(|&n| n.min(self.sector_samples)).sum();
-        percent(filled, self.sector_samples * SECTORS as u16).min(percent(samples, self.complete_fit_samples))
+        percent(filled, self.sector_samples * SECTOR_COUNT as u16).min(percent(samples, self.complete_fit_samples))
     }
 }
 
-fn count_by_sector(samples: &[Sample], sector_of: impl Fn(&Sample) -> usize) -> [u16; SECTORS] {
-    let mut counts = [0; SECTORS];
+fn count_by_sector(samples: &[Sample], sector_of: impl Fn(&Sample) -> usize) -> [u16; SECTOR_COUNT] {
+    let mut counts = [0; SECTOR_COUNT];
     for sample in samples {
         if let Some(n) = counts.get_mut(sector_of(sample)) {
             *n += 1;
@@ -116,7 +116,7 @@ fn insert_balanced(
         return part.insert_sample(sample_use, sample);
     }
     let counts = count_by_sector(part.samples_of_use(sample_use), &sector_of);
-    let crowded = (0..SECTORS).max_by_key(|&sector| counts[sector]).unwrap_or(0);
+    let crowded = (0..SECTOR_COUNT).max_by_key(|&sector| counts[sector]).unwrap_or(0);
     if crowded != sector_of(&sample)
         && let Some(oldest) = part.samples_of_use(sample_use).iter().position(|s| sector_of(s) == crowded)
     {

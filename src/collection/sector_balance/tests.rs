@@ -74,7 +74,7 @@ fn held_back_samples_differ_from_the_fit_and_cover_every_sector() {
     let (fit, held) = (buffer.fit_samples(CollectionPart::RIGHT), buffer.held_back_samples(CollectionPart::RIGHT));
     assert!(held.iter().all(|h| fit.iter().all(|f| f.time != h.time)));
     let circle = TurnCircle::fit_circle(&Samples::new(held)).unwrap();
-    for sector in 0..SECTORS {
+    for sector in 0..SECTOR_COUNT {
         assert!(held.iter().filter(|s| circle.sector_of(s) == sector).count() >= 2, "sector {sector}");
     }
 }
@@ -230,18 +230,21 @@ fn a_part_with_room_accepts_all() {
 
 #[test]
 fn a_turn_is_complete_with_8_samples_per_sector_and_132_in_all() {
-    let turns = |counts: &[u16; SECTORS], samples| SectorBalance::TURNS.balance_percent(counts, samples);
-    let mut counts = [8; SECTORS];
+    let turns = |counts: &[u16; SECTOR_COUNT], samples| SectorBalance::TURNS.balance_percent(counts, samples);
+    let mut counts = [8; SECTOR_COUNT];
     assert_eq!(turns(&counts, 132), 100);
     assert_eq!(turns(&counts, 131), 99);
     assert_eq!(turns(&counts, 66), 50);
     counts[5] = 7;
     assert_eq!(turns(&counts, 132), 98);
-    counts = [50; SECTORS];
+    counts = [50; SECTOR_COUNT];
     counts[0] = 0;
     assert_eq!(turns(&counts, 132), 91);
-    let level = |counts: &[u16; SECTORS], samples| SectorBalance::LEVEL.balance_percent(counts, samples);
-    assert_eq!((level(&[4; SECTORS], 48), level(&[4; SECTORS], 47), level(&[3; SECTORS], 48)), (100, 97, 75));
+    let level = |counts: &[u16; SECTOR_COUNT], samples| SectorBalance::LEVEL.balance_percent(counts, samples);
+    assert_eq!(
+        (level(&[4; SECTOR_COUNT], 48), level(&[4; SECTOR_COUNT], 47), level(&[3; SECTOR_COUNT], 48)),
+        (100, 97, 75)
+    );
 }
 
 fn circle_coverage(radius_ut: f32, fit: u16) -> PartCoverage {

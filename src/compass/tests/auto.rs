@@ -16,7 +16,7 @@ impl TestBed {
     /// Processes samples and trial solves until the collection ends.
     fn collect_until_end(&mut self, samples: &[Sample]) -> Option<SolveOutcome> {
         for sample in samples {
-            self.now = self.now.wrapping_add(250);
+            self.now_ms = self.now_ms.wrapping_add(250);
             let sample = Sample { time: self.time(), ..*sample };
             assert!(matches!(self.compass.process_event(Event::Sample(sample)), Effect::None));
             while self.compass.is_busy() {
@@ -30,7 +30,7 @@ impl TestBed {
     }
 
     fn stored_sample_count(&mut self) -> u16 {
-        self.status_report().progress.left_turns.samples
+        self.status_report().collection_progress.left_turns.samples
     }
 }
 
@@ -111,16 +111,22 @@ fn cal_start_takes_control_of_an_automatic_collection() {
         );
     }
     assert_eq!(bench.expect_done(Command::CalStartNew(None)), ModuleState::Collecting);
-    assert_eq!((bench.stored_sample_count(), bench.status_report().progress.procedure), (0, Procedure::Flight));
+    assert_eq!(
+        (bench.stored_sample_count(), bench.status_report().collection_progress.procedure),
+        (0, Procedure::Flight)
+    );
     let mut bench = TestBed::new();
     bench.report_armed(true);
     assert!(bench.collect_until_end(&hover_samples(5)[..60]).is_none());
     assert_eq!(bench.expect_done(Command::CalStart(Procedure::Turns)), ModuleState::Collecting);
-    assert_eq!((bench.stored_sample_count(), bench.status_report().progress.procedure), (0, Procedure::Turns));
+    assert_eq!(
+        (bench.stored_sample_count(), bench.status_report().collection_progress.procedure),
+        (0, Procedure::Turns)
+    );
     assert_eq!(bench.expect_done(Command::CalStartNew(None)), ModuleState::Collecting);
-    assert_eq!(bench.status_report().progress.procedure, Procedure::Turns);
+    assert_eq!(bench.status_report().collection_progress.procedure, Procedure::Turns);
     assert_eq!(bench.expect_done(Command::CalStartNew(Some(Procedure::Level))), ModuleState::Collecting);
-    assert_eq!(bench.status_report().progress.procedure, Procedure::Level);
+    assert_eq!(bench.status_report().collection_progress.procedure, Procedure::Level);
 }
 
 #[test]
@@ -208,10 +214,10 @@ fn a_disarmed_vehicle_is_in_flight_until_it_is_at_rest() {
     assert_eq!(bench.expect_refusal(Command::Restart), Refusal::Armed);
     fly(&mut bench);
     assert_eq!(bench.expect_refusal(Command::Restart), Refusal::Armed);
-    let last_sample = bench.now;
-    bench.now = last_sample.wrapping_add(5_001);
+    let last_sample = bench.now_ms;
+    bench.now_ms = last_sample.wrapping_add(5_001);
     bench.expect_done(Command::Restart);
-    bench.now = last_sample;
+    bench.now_ms = last_sample;
     bench.collect_at_rest(test_field(), 50);
     assert_eq!(bench.expect_refusal(Command::Restart), Refusal::Armed);
     bench.collect_at_rest(test_field(), 2);

@@ -29,9 +29,9 @@ impl TestBed {
         samples: &[Sample],
         on_trial: &mut dyn FnMut(TrialResult),
     ) -> Option<(SolveOutcome, usize)> {
-        let began = self.now;
+        let began = self.now_ms;
         for (number, sample) in samples.iter().enumerate() {
-            self.now = began.wrapping_add(250 * number as u32);
+            self.now_ms = began.wrapping_add(250 * number as u32);
             let sample = Sample { time: self.time(), ..*sample };
             assert!(matches!(self.compass.process_event(Event::Sample(sample)), Effect::None));
             let is_trial_running = self.compass.is_busy();
@@ -158,7 +158,7 @@ fn a_vehicle_at_rest_causes_no_further_trial_solve() {
     assert!(bench.hover(&hover_samples[..80]).is_none());
     let mut trials = 0;
     for _ in 0..600 {
-        bench.now = bench.now.wrapping_add(250);
+        bench.now_ms = bench.now_ms.wrapping_add(250);
         let sample = Sample { time: bench.time(), ..hover_samples[79] };
         bench.compass.process_event(Event::Sample(sample));
         trials += u8::from(bench.compass.is_busy());

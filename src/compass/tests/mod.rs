@@ -32,7 +32,7 @@ fn leaked_memory() -> &'static mut RetainedSamples {
 /// State machine and sample clock.
 struct TestBed {
     compass: Compass<'static>,
-    now: u32,
+    now_ms: u32,
 }
 
 impl TestBed {
@@ -48,14 +48,14 @@ impl TestBed {
                 &StoredValues { stored_calibrations, ..StoredValues::default() },
                 leaked_memory(),
             ),
-            now: u32::MAX - 20_000,
+            now_ms: u32::MAX - 20_000,
         };
         bench.compass.process_event(Event::SensorDetected(SENSOR, READINGS_PER_SAMPLE));
         bench
     }
 
     fn time(&self) -> WrappingMillis {
-        WrappingMillis::new(self.now)
+        WrappingMillis::new(self.now_ms)
     }
 
     fn send_command(&mut self, command: Command) -> Effect {
@@ -101,7 +101,7 @@ impl TestBed {
             current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         }));
-        self.now = self.now.wrapping_add(STEP_MS);
+        self.now_ms = self.now_ms.wrapping_add(STEP_MS);
         effect
     }
 
@@ -115,7 +115,7 @@ impl TestBed {
                 current: MotorCurrent::UNKNOWN,
                 part: CollectionPart::FREE,
             }));
-            self.now = self.now.wrapping_add(100);
+            self.now_ms = self.now_ms.wrapping_add(100);
         }
     }
 
@@ -427,12 +427,12 @@ fn a_stopped_collection_keeps_its_samples() {
     let mut bench = TestBed::new();
     bench.expect_done(Command::CalStart(Procedure::Turns));
     bench.fly_turns(&few_turns(&airframe(), 1));
-    let collected = bench.status_report().progress;
+    let collected = bench.status_report().collection_progress;
     assert!(collected.left_turns.samples >= 30 && collected.right_turns.samples >= 30, "{collected:?}");
     assert_eq!(bench.expect_done(Command::CalStop), ModuleState::Uncalibrated);
     assert_eq!(bench.expect_refusal(Command::CalStop), Refusal::NotCollecting);
     bench.fly_turns(&few_turns(&airframe(), 2));
-    assert_eq!(bench.status_report().progress, collected, "nothing is collected any more");
+    assert_eq!(bench.status_report().collection_progress, collected, "nothing is collected any more");
     assert_eq!(bench.expect_done(Command::CalSolve(None)), ModuleState::Solving);
     let end = bench.run_solve();
     assert!(bench.complete_outcome(end).is_ok());
@@ -450,7 +450,7 @@ fn a_new_collection_starts_without_samples() {
         } else {
             let refused = bench.expect_refusal(Command::CalStart(Procedure::Turns));
             assert_eq!(refused.stable_code(), "collecting");
-            assert!(bench.status_report().progress.left_turns.samples > 0);
+            assert!(bench.status_report().collection_progress.left_turns.samples > 0);
             bench.expect_done(Command::CalStartNew(None));
         }
         assert_eq!(bench.expect_refusal(Command::CalSolve(None)), Refusal::NoSamples);
@@ -643,7 +643,7 @@ fn each_mark_uses_its_own_second_of_samples() {
     assert!(matches!(bench.request_reply(Command::CalMark(0.0)), Ok(Reply::MarkCount(2))));
     // Samples older than 1 s are ignored.
     bench.collect_at_rest(test_field(), 8);
-    bench.now = bench.now.wrapping_add(3000);
+    bench.now_ms = bench.now_ms.wrapping_add(3000);
     assert_eq!(bench.expect_refusal(Command::CalMark(0.0)), Refusal::NotStationary);
 }
 
@@ -712,7 +712,7 @@ fn a_large_alignment_must_be_confirmed() {
         assert!((bench.compass.stored_settings().align_deg - align_deg).abs() < 0.01);
     }
     assert_eq!(bench.expect_refusal(Command::AlignConfirmed(360.5)).stable_code(), "out-of-range");
-    bench.now = bench.now.wrapping_add(60_000);
+    bench.now_ms = bench.now_ms.wrapping_add(60_000);
     assert_eq!(bench.expect_refusal(Command::AlignConfirmed(100.0)), Refusal::NotStationary);
 }
 
@@ -721,7 +721,7 @@ fn a_refusal_reports_the_problem_of_the_flight() {
     let mut bench = TestBed::new();
     bench.expect_done(Command::CalStart(Procedure::Turns));
     assert_eq!(bench.expect_refusal(Command::CalSolve(None)), Refusal::NoSamples);
-    bench.now = bench.now.wrapping_add(STEP_MS);
+    bench.now_ms = bench.now_ms.wrapping_add(STEP_MS);
     let hold = |bench: &mut TestBed, roll_deg: f32, samples: usize| {
         for _ in 0..samples {
             bench.process_sample(test_field(), Attitude::from_deg(roll_deg, 0.0));

@@ -13,7 +13,7 @@ const DETECTED_PROTOCOLS: [ProtocolKind; PORT_COUNT] = [ProtocolKind::Mavlink, P
 struct Module {
     retained_samples: RetainedSamples,
     stored_values: StoredValues,
-    now: u32,
+    now_ms: u32,
     write_count: u32,
 }
 
@@ -22,7 +22,7 @@ impl Module {
         Self {
             retained_samples: RetainedSamples::EMPTY,
             stored_values: StoredValues::default(),
-            now: 0,
+            now_ms: 0,
             write_count: 0,
         }
     }
@@ -32,11 +32,11 @@ impl Module {
         let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &self.stored_values, &mut self.retained_samples);
         compass.process_event(Event::SensorDetected(SENSOR, READINGS_PER_SAMPLE));
         compass.process_event(Event::ArmedStateReported(Some(true)));
-        self.now = 100;
+        self.now_ms = 100;
         let mut started = Run {
             compass,
             stored_values: &mut self.stored_values,
-            now: &mut self.now,
+            now_ms: &mut self.now_ms,
             write_count: &mut self.write_count,
         };
         let result = run(&mut started);
@@ -53,19 +53,19 @@ impl Module {
 struct Run<'a> {
     compass: Compass<'a>,
     stored_values: &'a mut StoredValues,
-    now: &'a mut u32,
+    now_ms: &'a mut u32,
     write_count: &'a mut u32,
 }
 
 impl Run<'_> {
     fn send_command(&mut self, command: Command) -> Effect {
-        self.compass.process_event(Event::Command(command, WrappingMillis::new(*self.now)))
+        self.compass.process_event(Event::Command(command, WrappingMillis::new(*self.now_ms)))
     }
 
     /// Passes detected protocols as in idle time; saves if requested.
     fn detect_protocols(&mut self, detected: [ProtocolKind; PORT_COUNT]) {
         if let Effect::Save =
-            self.compass.process_event(Event::ProtocolsDetected(detected, WrappingMillis::new(*self.now)))
+            self.compass.process_event(Event::ProtocolsDetected(detected, WrappingMillis::new(*self.now_ms)))
         {
             let Some(StoreChange::StartupValues(startup_values)) = self.compass.pending_change() else { panic!() };
             self.stored_values.startup_values = startup_values;
@@ -76,8 +76,8 @@ impl Run<'_> {
 
     fn collect_flight(&mut self, samples: &[Sample]) -> Option<SolveOutcome> {
         for sample in samples {
-            *self.now += 250;
-            let sample = Sample { time: WrappingMillis::new(*self.now), ..*sample };
+            *self.now_ms += 250;
+            let sample = Sample { time: WrappingMillis::new(*self.now_ms), ..*sample };
             assert!(matches!(self.compass.process_event(Event::Sample(sample)), Effect::None));
             self.detect_protocols(NO_PROTOCOLS);
             while self.compass.is_busy() {
@@ -151,10 +151,10 @@ fn control_of_a_collection_survives_restarts() {
         assert!(report.is_automatic && report.module_state == ModuleState::Collecting);
         run.compass.process_event(Event::ArmedStateReported(Some(false)));
         assert!(run.collect_flight(&hover_samples[60..100]).is_none() && run.status_report().awaits_arming);
-        report.progress.left_turns.samples
+        report.collection_progress.left_turns.samples
     });
     module.run_module(|run| {
-        assert_eq!(run.status_report().progress.left_turns.samples, samples);
+        assert_eq!(run.status_report().collection_progress.left_turns.samples, samples);
         assert!(matches!(run.send_command(Command::CalStart(Procedure::Flight)), Effect::Reply(Ok(_))), "taken over");
     });
     module.run_module(|run| {
@@ -167,7 +167,7 @@ fn control_of_a_collection_survives_restarts() {
         assert!(run.collect_flight(&hover_samples[100..160]).is_none());
         let report = run.status_report();
         assert_eq!(
-            (report.module_state, report.progress.left_turns.samples),
+            (report.module_state, report.collection_progress.left_turns.samples),
             (ModuleState::Uncalibrated, samples),
             "nor does it begin"
         );
@@ -209,7 +209,7 @@ fn samples_survive_a_restart_in_a_solve_but_not_its_end() {
     });
     module.run_module(|run| {
         assert_eq!(
-            (run.compass.module_state(), run.status_report().progress.left_turns.samples),
+            (run.compass.module_state(), run.status_report().collection_progress.left_turns.samples),
             (ModuleState::Uncalibrated, 0)
         );
         assert_eq!(run.compass.last_outcome(), None, "it was told");
@@ -219,7 +219,7 @@ fn samples_survive_a_restart_in_a_solve_but_not_its_end() {
         run.collect_flight(&hover_samples[..30]);
         run.send_command(Command::CalAbort);
     });
-    module.run_module(|run| assert_eq!(run.status_report().progress.left_turns.samples, 0));
+    module.run_module(|run| assert_eq!(run.status_report().collection_progress.left_turns.samples, 0));
 }
 
 #[test]
@@ -230,7 +230,7 @@ fn a_collection_whose_calibration_is_stored_is_discarded() {
         Some(CalibrationRecord { sensor: SENSOR, ..calibration_record(1) });
     module.run_module(|run| {
         assert_eq!(
-            (run.compass.module_state(), run.status_report().progress.left_turns.samples),
+            (run.compass.module_state(), run.status_report().collection_progress.left_turns.samples),
             (ModuleState::Calibrated, 0)
         );
         assert_eq!(run.compass.last_outcome(), None);
@@ -275,7 +275,7 @@ fn a_damaged_collection_is_reported() {
     let mut damaged = Module {
         retained_samples: module.retained_samples.clone(),
         stored_values: module.stored_values,
-        now: 0,
+        now_ms: 0,
         write_count: 0,
     };
     let mut at = 0;
@@ -285,7 +285,7 @@ fn a_damaged_collection_is_reported() {
     });
     damaged.run_module(|run| {
         assert_eq!(run.compass.last_outcome(), Some(&Message::CollectionLost));
-        assert_eq!(run.status_report().progress.left_turns.samples, 0);
+        assert_eq!(run.status_report().collection_progress.left_turns.samples, 0);
     });
     for _ in 0..3 {
         module.run_module(|run| assert_eq!(run.compass.last_outcome(), None));
@@ -321,7 +321,7 @@ fn requested_restarts_and_trial_solves_reset_the_restart_count() {
 fn detected_protocols_are_written_once() {
     let mut module = Module::new();
     let at = |run: &mut Run<'_>, ms: u32, spoken| {
-        *run.now = ms;
+        *run.now_ms = ms;
         run.detect_protocols(spoken);
         // The other port may be NMEA, or detecting in a firmware without NMEA.
         let [found, _] = run.stored_values.startup_values.detected_protocols;

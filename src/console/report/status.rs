@@ -5,7 +5,7 @@ use core::fmt::{self, Display, Write};
 use super::calibration::write_latency;
 use super::settings::{SettingGroup, write_field_model, write_setting};
 use crate::calibration::method_selection::Procedure;
-use crate::collection::{PartCoverage, SECTORS};
+use crate::collection::{PartCoverage, SECTOR_COUNT};
 use crate::compass::{ModuleState, StatusReport, TrialResult};
 use crate::decimal::{Decimal, ShortestDecimal};
 use crate::frames::Attitude;
@@ -22,7 +22,7 @@ pub(super) fn write_status(out: &mut impl Write, report: &StatusReport, health: 
     writeln!(out, "ok {}", report.module_state.state_name())?;
     write_headings(out, health)?;
     match (report.module_state, &report.last_outcome) {
-        (ModuleState::Collecting, _) if report.progress.procedure == Procedure::Flight => {
+        (ModuleState::Collecting, _) if report.collection_progress.procedure == Procedure::Flight => {
             write_expected_accuracy(out, report.last_trial.as_ref(), report.settings.accuracy_deg)
         }
         (ModuleState::Collecting, _) => write_coverage(out, report),
@@ -33,7 +33,7 @@ pub(super) fn write_status(out: &mut impl Write, report: &StatusReport, health: 
 
 /// Writes the progress of a collection.
 fn write_coverage(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
-    let progress = &report.progress;
+    let progress = &report.collection_progress;
     let [left, right, level] =
         [&progress.left_turns, &progress.right_turns, &progress.level_progress].map(|part| part.percent);
     write!(out, "collecting: {}", progress.procedure.procedure_name())?;
@@ -73,7 +73,7 @@ pub(super) fn write_full_status(out: &mut impl Write, report: &StatusReport, hea
     writeln!(out, "armed: {}", report.is_armed.map_or("not known", |armed| if armed { "yes" } else { "no" }))?;
     write_motor_current(out, health.current_a)?;
     write_progress(out, report)?;
-    if let (ModuleState::Collecting, Procedure::Flight) = (report.module_state, report.progress.procedure) {
+    if let (ModuleState::Collecting, Procedure::Flight) = (report.module_state, report.collection_progress.procedure) {
         write_expected_accuracy(out, report.last_trial.as_ref(), report.settings.accuracy_deg)?;
     }
     write_stored_calibration(out, report, health)?;
@@ -144,7 +144,7 @@ fn write_can_state(out: &mut impl Write, can: &CanState) -> fmt::Result {
 }
 
 fn write_progress(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
-    let progress = &report.progress;
+    let progress = &report.collection_progress;
     let automatic_text = if report.is_automatic { ", automatic" } else { "" };
     let waiting_text = if report.awaits_arming { ", when the autopilot arms" } else { "" };
     writeln!(out, "collection: {}{automatic_text}{waiting_text}", progress.procedure.procedure_name())?;
@@ -266,7 +266,7 @@ struct CoverageText<'a>(&'a PartCoverage);
 impl Display for CoverageText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let PartCoverage { samples, held_back_count: held_back, covered_sectors: sectors, percent } = *self.0;
-        write!(f, "{percent} %, {sectors} of {SECTORS} sectors, {samples} samples, {held_back} held back")
+        write!(f, "{percent} %, {sectors} of {SECTOR_COUNT} sectors, {samples} samples, {held_back} held back")
     }
 }
 

@@ -153,7 +153,7 @@ impl MapBlend {
 /// State of the field output, with the blend between two calibrations. 0.1 KB.
 #[derive(Debug)]
 pub(super) struct CompassField {
-    blend: Option<MapBlend>,
+    map_blend: Option<MapBlend>,
     has_used_calibration: bool,
     rest_detector: RestDetector,
     last_output_at: Timestamp,
@@ -161,7 +161,7 @@ pub(super) struct CompassField {
 
 impl CompassField {
     pub const INITIAL: Self = Self {
-        blend: None,
+        map_blend: None,
         has_used_calibration: false,
         rest_detector: RestDetector { rest_start: None, last_attitude_at: Timestamp::START },
         last_output_at: Timestamp::START,
@@ -182,7 +182,7 @@ impl CompassField {
         }
         let now = self.last_output_at;
         let is_in_air = new.stored_correction.is_armed.unwrap_or_else(|| !self.rest_detector.is_at_rest(now));
-        self.blend = match (map_before, map_after, &new.adjusted_calibration) {
+        self.map_blend = match (map_before, map_after, &new.adjusted_calibration) {
             (Some(old), Some(to), Some((calibration, _))) if is_in_air => {
                 let start_map = self.blended_map(now, old);
                 let duration_s = blend_duration_s(&start_map, &to, calibration, new);
@@ -203,8 +203,9 @@ impl CompassField {
         self.last_output_at = at;
         let new_field = body.or_else(|| Some(self.output_calibration(active)?.calibrated_field(field)))?;
         let new_field = active.output_map.map_field(new_field);
-        let Some((blend, weight)) = self.blend.as_ref().and_then(|blend| Some((blend, blend.blend_weight(at)?))) else {
-            self.blend = None;
+        let Some((blend, weight)) = self.map_blend.as_ref().and_then(|blend| Some((blend, blend.blend_weight(at)?)))
+        else {
+            self.map_blend = None;
             return Some(new_field);
         };
         let old_field = blend.start_map.map_field(field);
@@ -222,7 +223,7 @@ impl CompassField {
 
     fn blended_map(&self, now: Timestamp, to: FieldMap) -> FieldMap {
         let blended =
-            self.blend.as_ref().and_then(|blend| Some(blend.start_map.interpolate(&to, blend.blend_weight(now)?)));
+            self.map_blend.as_ref().and_then(|blend| Some(blend.start_map.interpolate(&to, blend.blend_weight(now)?)));
         blended.unwrap_or(to)
     }
 }

@@ -31,7 +31,7 @@ pub(super) struct AccelerationTilt {
 }
 
 impl AccelerationTilt {
-    pub const NEW: Self = Self { last_pitch_rad: None, reported_excursion_rad: 0.0, integrated_excursion_rad: 0.0 };
+    pub const INITIAL: Self = Self { last_pitch_rad: None, reported_excursion_rad: 0.0, integrated_excursion_rad: 0.0 };
 
     pub fn update_tilt(&mut self, Attitude { pitch_rad, .. }: Attitude, euler_rates: &EulerRates, step_s: f32) {
         let last_rad = self.last_pitch_rad.replace(pitch_rad).unwrap_or(pitch_rad);
@@ -55,7 +55,7 @@ mod tests {
     /// Tilt error after a minute of level flight and a pitch excursion within 0.5 s, by reported pitch and by rates,
     /// held until `seconds`.
     fn tilt_error_rad(reported_rad: f32, by_rates_rad: f32, seconds: u16) -> f32 {
-        let mut tilt = AccelerationTilt::NEW;
+        let mut tilt = AccelerationTilt::INITIAL;
         let mut see = |pitch_rad: f32, pitch_rad_s: f32| {
             let motion = EulerRates { pitch_rad_s, ..EulerRates::default() };
             tilt.update_tilt(Attitude { roll_rad: 0.3, pitch_rad }, &motion, 0.1);
@@ -86,7 +86,7 @@ mod tests {
     #[test]
     fn attitude_or_rate_change_alone_adds_no_tilt_error() {
         assert!(tilt_error_rad(0.14, 0.0, 1) < 1e-6 && tilt_error_rad(0.0, 0.14, 1) < 1e-6);
-        let mut tilt = AccelerationTilt::NEW;
+        let mut tilt = AccelerationTilt::INITIAL;
         for i in 0..10_u8 {
             let motion = EulerRates { roll_rad_s: 0.5, heading_rad_s: 0.3, ..EulerRates::default() };
             tilt.update_tilt(Attitude { roll_rad: 0.05 * f32::from(i), pitch_rad: 0.1 }, &motion, 0.1);
@@ -99,7 +99,7 @@ mod tests {
     fn tilt_error_decays_in_a_steady_climb() {
         let found = tilt_error_rad(0.08, 0.08, 20) / 0.012;
         assert!((found - 0.372).abs() < 0.02, "{found}");
-        let mut tilt = AccelerationTilt::NEW;
+        let mut tilt = AccelerationTilt::INITIAL;
         for (pitch_rad, step_s) in [(0.0, 0.1), (0.3, 25.0)] {
             tilt.update_tilt(
                 Attitude { roll_rad: 0.0, pitch_rad },

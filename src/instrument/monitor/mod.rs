@@ -133,7 +133,7 @@ impl Monitor {
             past_drifting_states: [0.0; DRIFTING_STATES.len()],
             heading_drift: HeadingDrift::NO_DRIFT,
             noise_schedule_step: 0,
-            acceleration_tilt: AccelerationTilt::NEW,
+            acceleration_tilt: AccelerationTilt::INITIAL,
             hard_iron_detector: ChangeDetector::new(MIN_HARD_IRON_CHANGE),
             mount_detector: ChangeDetector::new(MIN_MOUNT_TURN_RAD),
             last_sample_at: None,

@@ -21,8 +21,8 @@ const FIELD_TOLERANCE: f32 = 0.006;
 const MAX_UNCHANGED_FIELD_DIFFERENCE: f32 = 0.02;
 
 /// The turn of the module that explains a field, clockwise from above, radians; `None` if none does. `difference`:
-/// measured field after correction as calibrated, less the predicted one, in units of the field strength; `position`:
-/// measured field less hard iron, sensor axes, same units.
+/// measured field after correction as calibrated, less the predicted one, in units of the field strength;
+/// `normalised_field`: measured field less hard iron, sensor axes, same units.
 pub(super) fn mount_turn_rad(
     calibration: &Calibration,
     difference: &Vector3<f32>,

@@ -71,7 +71,7 @@ struct AxisCheck {
 }
 
 impl AxisCheck {
-    const NEW: Self =
+    const INITIAL: Self =
         Self { last_ut: f32::NAN, repeat_count: 0, lowest_ut: f32::MAX, highest_ut: f32::MIN, clip_level_ut: None };
 
     fn check_axis_value(&mut self, ut: f32, equal_readings_until_stuck: u16) -> Option<ReadingFault> {
@@ -105,7 +105,7 @@ impl AxisCheck {
 pub(super) struct SensorCheck {
     /// Equal consecutive readings of a stuck axis; `None` for recordings of unknown resolution.
     equal_readings_until_stuck: Option<u16>,
-    axes: [AxisCheck; 3],
+    axis_checks: [AxisCheck; 3],
     last_accepted: Option<(Timestamp, Field<Sensor>)>,
     mean_square_step_ut2: f32,
     consecutive_spikes: u8,
@@ -115,7 +115,7 @@ impl SensorCheck {
     pub const fn new(config: &InstrumentConfig) -> Self {
         Self {
             equal_readings_until_stuck: config.equal_readings_until_stuck,
-            axes: [AxisCheck::NEW; 3],
+            axis_checks: [AxisCheck::INITIAL; 3],
             last_accepted: None,
             mean_square_step_ut2: INITIAL_RMS_STEP_UT * INITIAL_RMS_STEP_UT,
             consecutive_spikes: 0,
@@ -136,7 +136,7 @@ impl SensorCheck {
             return Some(ReadingFault::Spike);
         }
         let equal_readings_until_stuck = self.equal_readings_until_stuck?;
-        let [x, y, z] = &mut self.axes;
+        let [x, y, z] = &mut self.axis_checks;
         let field = reading.field.ut;
         let faults = [
             x.check_axis_value(field.x, equal_readings_until_stuck),

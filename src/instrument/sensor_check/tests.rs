@@ -81,11 +81,11 @@ fn a_parked_lis3mdl_is_neither_stuck_nor_spiky() {
 
 #[test]
 fn repeated_nan_is_stuck() {
-    let mut axis = AxisCheck::NEW;
+    let mut axis = AxisCheck::INITIAL;
     let faults: Vec<_> = (0..16).map(|_| axis.check_axis_value(f32::NAN, 16)).collect();
     assert_eq!(faults[15], Some(ReadingFault::Stuck));
     // 0.0 and -0.0 differ in bits.
-    let mut axis = AxisCheck::NEW;
+    let mut axis = AxisCheck::INITIAL;
     assert!((0..32).all(|i| axis.check_axis_value(if i % 2 == 0 { 0.0 } else { -0.0 }, 16).is_none()));
 }
 
@@ -93,7 +93,7 @@ fn repeated_nan_is_stuck() {
 #[test]
 fn a_clipping_level_is_found_in_eight_readings_and_remembered() {
     for sign in [1.0, -1.0] {
-        let mut axis = AxisCheck::NEW;
+        let mut axis = AxisCheck::INITIAL;
         for i in 0_u8..40 {
             assert_eq!(axis.check_axis_value(sign * f32::from(i) * 0.5, 16), None);
         }
@@ -116,11 +116,11 @@ fn a_clipping_level_is_found_in_eight_readings_and_remembered() {
 #[test]
 fn an_axis_that_moved_under_5_ut_is_not_clipped() {
     for (range_ut, expected) in [(4.9, None), (5.1, Some(ReadingFault::Clipped))] {
-        let mut axis = AxisCheck::NEW;
+        let mut axis = AxisCheck::INITIAL;
         axis.check_axis_value(0.0, 16);
         assert_eq!((0..8).find_map(|_| axis.check_axis_value(range_ut, 16)), expected, "{range_ut}");
     }
-    let mut axis = AxisCheck::NEW;
+    let mut axis = AxisCheck::INITIAL;
     axis.check_axis_value(0.0, 16);
     axis.check_axis_value(20.0, 16);
     assert_eq!((0..15).find_map(|_| axis.check_axis_value(10.0, 16)), None);

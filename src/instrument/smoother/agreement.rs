@@ -55,7 +55,7 @@ impl AgreementTest {
     /// Disagreement after which the filter restarts, seconds.
     const MAX_DISAGREEMENT_S: f32 = 5.0;
 
-    pub const NEW: Self = Self {
+    pub const INITIAL: Self = Self {
         mean_innovation_rad: 0.0,
         last_innovation_rad: 0.0,
         innovation_scatter_rad2: 0.0,
@@ -68,7 +68,7 @@ impl AgreementTest {
 
     /// Restarts the test with the filter, except for the turn still required.
     pub fn restart_test(&mut self) {
-        *self = Self { required_turn_rad: self.required_turn_rad, ..Self::NEW };
+        *self = Self { required_turn_rad: self.required_turn_rad, ..Self::INITIAL };
     }
 
     /// Excess of the squared mean innovation over its variance, rad^2: an error of the raw or the smoothed heading.

@@ -72,14 +72,14 @@ const OUTLIER_SIGMAS: f32 = 3.0;
 /// Heading smoother: filter, agreement test and residual noise. 120 bytes.
 #[derive(Clone, Debug)]
 pub(super) struct HeadingSmoother {
-    state: Option<SmootherState>,
-    agreement: AgreementTest,
+    filter_state: Option<SmootherState>,
+    agreement_test: AgreementTest,
     residual_noise: ResidualNoise,
 }
 
 impl HeadingSmoother {
     pub const fn new() -> Self {
-        Self { state: None, agreement: AgreementTest::NEW, residual_noise: ResidualNoise::NEW }
+        Self { filter_state: None, agreement_test: AgreementTest::INITIAL, residual_noise: ResidualNoise::INITIAL }
     }
 
     pub fn reset_filter(&mut self) {
@@ -97,7 +97,7 @@ impl HeadingSmoother {
     ) -> Option<Heading> {
         let gyro_heading = gyro_heading?;
         if gyro_heading.euler_rates.heading_rad_s.abs() > MAX_TURN_RATE_RAD_S {
-            self.state = None;
+            self.filter_state = None;
         }
         let raw = raw_heading?;
         #[expect(clippy::manual_clamp, reason = "what is not a number becomes one here, and would not in a clamp")]
@@ -105,14 +105,14 @@ impl HeadingSmoother {
             (square(raw.sigma_rad) - raw.systematic_variance_rad2).max(MIN_VARIANCE_RAD2).min(MAX_VARIANCE_RAD2);
         let agreed = self.update_filter((at, raw.magnetic_rad, variance), gyro_heading, gyro);
         if agreed == AgreementResult::Lost {
-            self.agreement.restart_test();
+            self.agreement_test.restart_test();
             self.residual_noise.restart_noise();
-            self.state = Some(SmootherState::new_at(at, raw.magnetic_rad, variance, gyro_heading));
+            self.filter_state = Some(SmootherState::new_at(at, raw.magnetic_rad, variance, gyro_heading));
         }
-        let state = self.state.as_ref().filter(|_| agreed == AgreementResult::InAgreement)?;
+        let state = self.filter_state.as_ref().filter(|_| agreed == AgreementResult::InAgreement)?;
         let noise = self.residual_noise.remaining_fraction() / NOMINAL_NOISE_FRACTION * state.noise_variance;
         // The remaining noise is estimated from innovations, which contain the gyro's errors as well.
-        let noise = noise.max(state.gyro_variance) + self.agreement.excess_variance_rad2();
+        let noise = noise.max(state.gyro_variance) + self.agreement_test.excess_variance_rad2();
         Some(Heading {
             magnetic_rad: wrap_two_pi(state.heading_rad),
             sigma_rad: sqrt(noise + raw.systematic_variance_rad2),
@@ -127,7 +127,7 @@ impl HeadingSmoother {
         gyro_heading: &GyroHeading,
         gyro: &HeadingRateError,
     ) -> AgreementResult {
-        let Some(state) = &mut self.state else { return AgreementResult::Lost };
+        let Some(state) = &mut self.filter_state else { return AgreementResult::Lost };
         let Some(step) = state.predict_state(at, gyro_heading, gyro) else { return AgreementResult::Lost };
         let innovation_rad = wrap_pi(raw_rad - state.heading_rad);
         if !innovation_rad.is_finite() {
@@ -135,7 +135,7 @@ impl HeadingSmoother {
         }
         let innovation_variance = state.variance() + variance;
         self.residual_noise.update_noise(innovation_rad, innovation_variance, step.step_s);
-        let result = self.agreement.test_innovation(innovation_rad, innovation_variance, step);
+        let result = self.agreement_test.test_innovation(innovation_rad, innovation_variance, step);
         state.update_measurement(innovation_rad, variance, step.step_s);
         result
     }
@@ -146,7 +146,7 @@ impl HeadingSmoother {
 /// are sums and products of non-negative terms.
 #[derive(Clone, Debug)]
 struct SmootherState {
-    at: Timestamp,
+    updated_at: Timestamp,
     turned_rad: f32,
     gyro_run: u8,
     heading_rad: f32,
@@ -166,7 +166,7 @@ struct SmootherState {
 impl SmootherState {
     fn new_at(at: Timestamp, heading_rad: f32, variance: f32, gyro_heading: &GyroHeading) -> Self {
         Self {
-            at,
+            updated_at: at,
             turned_rad: gyro_heading.relative_heading_rad,
             gyro_run: gyro_heading.run_number,
             heading_rad: wrap_pi(heading_rad),
@@ -192,13 +192,13 @@ impl SmootherState {
         gyro_heading: &GyroHeading,
         gyro: &HeadingRateError,
     ) -> Option<GyroStep> {
-        let step_us = at.us_since(self.at);
+        let step_us = at.us_since(self.updated_at);
         if gyro_heading.run_number != self.gyro_run || step_us > MAX_GAP_US {
             return None;
         }
         let step_s = step_us as f32 * 1e-6;
         let turned_rad = wrap_pi(gyro_heading.relative_heading_rad - self.turned_rad - gyro.rate_error_rad_s * step_s);
-        (self.at, self.turned_rad) = (at, gyro_heading.relative_heading_rad);
+        (self.updated_at, self.turned_rad) = (at, gyro_heading.relative_heading_rad);
         self.heading_rad = wrap_pi(self.heading_rad + turned_rad - self.bias_rad_s * step_s);
         self.bias_regression_s -= step_s;
         for (sensitivity, d) in self.gyro_sensitivity.iter_mut().zip(gyro.derivative_row) {

@@ -25,7 +25,7 @@ impl ResidualNoise {
     /// innovation contains only two thirds.
     const TRACKING_CORRECTION: f32 = 1.5;
 
-    pub const NEW: Self =
+    pub const INITIAL: Self =
         Self { mean_innovation_rad: 0.0, remaining_fraction: 0.15, averaging_s: Self::INITIAL_AVERAGING_S };
 
     pub fn remaining_fraction(&self) -> f32 {

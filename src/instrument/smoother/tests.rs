@@ -266,7 +266,7 @@ fn the_smoother_does_not_degrade_in_a_day() {
         for step in 0..36_000 {
             let rate_deg_s = if step % 600 < 200 { 12.0 } else { 0.0 };
             let output = flight.smooth_step(rate_deg_s);
-            let state = flight.smoother.state.as_ref().unwrap();
+            let state = flight.smoother.filter_state.as_ref().unwrap();
             assert!(
                 state.conditional_heading_variance > 0.0 && state.bias_variance > 0.0 && state.heading_rad.abs() <= PI
             );
@@ -489,7 +489,7 @@ mod agreement_tests {
     }
 
     fn settled_test() -> AgreementTest {
-        let mut agreement = AgreementTest::NEW;
+        let mut agreement = AgreementTest::INITIAL;
         repeat_innovation(&mut agreement, 0.0, 10.0);
         agreement
     }
@@ -604,7 +604,7 @@ mod residual_noise_tests {
         let decay = (-STEP_S / noise_s).exp();
         let mut sum = 0.0;
         for _ in 0..30 {
-            let (mut residual_noise, mut noise) = (ResidualNoise::NEW, 2.0 * random.normal());
+            let (mut residual_noise, mut noise) = (ResidualNoise::INITIAL, 2.0 * random.normal());
             for _ in 0..(240.0 / STEP_S) as usize {
                 noise = decay * noise + 2.0 * (1.0 - decay * decay).sqrt() * random.normal();
                 residual_noise.update_noise(noise, 4.0, STEP_S);
@@ -628,7 +628,7 @@ mod residual_noise_tests {
     #[test]
     fn the_remaining_fraction_is_at_most_one() {
         for (innovation, expected) in [(1.0, 1.0), (2.0, 1.0), (-1.0, 1.0), (0.5, 0.375)] {
-            let mut residual_noise = ResidualNoise::NEW;
+            let mut residual_noise = ResidualNoise::INITIAL;
             assert!((residual_noise.remaining_fraction() - 0.225).abs() < 1e-6);
             for _ in 0..(1200.0 / STEP_S) as usize {
                 residual_noise.update_noise(innovation, 1.0, STEP_S);
@@ -643,7 +643,7 @@ mod residual_noise_tests {
 
     #[test]
     fn the_remaining_fraction_adapts_fast_at_first_and_slowly_later() {
-        let mut residual_noise = ResidualNoise::NEW;
+        let mut residual_noise = ResidualNoise::INITIAL;
         let quiet = |residual_noise: &mut ResidualNoise, seconds: f32| {
             for _ in 0..(seconds / STEP_S) as usize {
                 residual_noise.update_noise(0.0, 1.0, STEP_S);

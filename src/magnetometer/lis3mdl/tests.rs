@@ -46,7 +46,7 @@ fn a_chip_with_another_identity_is_not_configured() {
 #[test]
 fn a_control_register_that_reads_back_differently_is_reported() {
     let mut driver = Lis3mdl::new(registers(), Lis3mdlConfig::default());
-    driver.chip.i2c_bus.broken = vec![0x24];
+    driver.chip.i2c_bus.write_protected = vec![0x24];
     assert_eq!(block_on(driver.init()), Err(MagnetometerError::Configuration { written: 0x40, read: 0x00 }));
 }
 

@@ -9,7 +9,7 @@ use super::*;
 /// A chip that has a measurement, and whose self-test gives `result`.
 fn driver_with_test_result(result: u8) -> Rm3100<SimulatedRegisters> {
     let mut registers = SimulatedRegisters::new(0, &[(0x36, 0x22), (0x34, 0x80), (0x33, result)]);
-    registers.broken = vec![0x33];
+    registers.write_protected = vec![0x33];
     Rm3100::new(registers)
 }
 
@@ -38,7 +38,7 @@ fn init_stops_tests_configures_and_starts_in_this_order() {
             .chain(cycle_counts)
             .chain([(0x0B, 0x95), (0x01, 0x79)])
             .collect();
-        assert_eq!(driver.chip.spi_device.writes, expected);
+        assert_eq!(driver.chip.spi_device.write_log, expected);
     });
 }
 
@@ -63,7 +63,7 @@ fn a_chip_with_another_identity_is_not_configured() {
             let mut driver = driver();
             driver.chip.spi_device.values[0x36] = other;
             assert_eq!(driver.init().await, Err(MagnetometerError::WrongIdentity(other)));
-            assert_eq!(driver.chip.spi_device.writes, []);
+            assert_eq!(driver.chip.spi_device.write_log, []);
         }
     });
 }
@@ -76,7 +76,7 @@ fn each_failed_oscillator_fails_the_self_test() {
             let result = !(1_u8 << bit);
             let mut driver = driver_with_test_result(result);
             assert_eq!(driver.init().await, Err(MagnetometerError::SelfTest(result)));
-            assert!(!driver.chip.spi_device.writes.contains(&(0x01, 0x79)), "not started");
+            assert!(!driver.chip.spi_device.write_log.contains(&(0x01, 0x79)), "not started");
         }
         let mut driver = driver_with_test_result(0xF0);
         assert!(driver.init().await.is_ok(), "bits 0 to 3 are settings");
@@ -97,9 +97,9 @@ fn a_register_that_reads_back_differently_is_reported_before_the_start() {
     for (register, written) in [(0x05, 0xC8), (0x07, 0xC8), (0x09, 0xC8), (0x0B, 0x95)] {
         simulate(async move {
             let mut driver = driver();
-            driver.chip.spi_device.broken.push(register);
+            driver.chip.spi_device.write_protected.push(register);
             assert_eq!(driver.init().await, Err(MagnetometerError::Configuration { written, read: 0 }));
-            assert!(!driver.chip.spi_device.writes.contains(&(0x01, 0x79)), "not started");
+            assert!(!driver.chip.spi_device.write_log.contains(&(0x01, 0x79)), "not started");
         });
     }
 }

@@ -25,7 +25,7 @@ const MIN_STATE_DURATION_US: u64 = 2_000_000;
 
 #[derive(Debug)]
 struct QueuedText {
-    level: LogLevel,
+    log_level: LogLevel,
     characters: BoundedText,
     /// Number of bytes of the text already sent.
     sent_bytes: usize,
@@ -97,7 +97,7 @@ impl LogMessageQueue {
         if self.queued_texts.is_full() {
             self.queued_texts.pop_front();
         }
-        let _ = self.queued_texts.push_back(QueuedText { level, characters, sent_bytes: 0 });
+        let _ = self.queued_texts.push_back(QueuedText { log_level: level, characters, sent_bytes: 0 });
     }
 
     /// Next piece of a text, if due. A longer text is continued in the next message.
@@ -108,7 +108,7 @@ impl LogMessageQueue {
         }
         let rest = text.characters.bytes().get(text.sent_bytes..).unwrap_or_default();
         let piece = rest.get(..LOG_TEXT_LENGTH).unwrap_or(rest);
-        let payload = log_message(text.level, LOG_SOURCE, piece);
+        let payload = log_message(text.log_level, LOG_SOURCE, piece);
         text.sent_bytes += piece.len();
         if piece.len() == rest.len() {
             self.queued_texts.pop_front();

@@ -94,7 +94,7 @@ pub struct NodeContext<'a> {
 pub struct CanNode {
     info: NodeInfo,
     is_safe_mode: bool,
-    address: NodeAddress,
+    node_address: NodeAddress,
     allocation: AllocationClient,
     receiver: Receiver,
     outbox: FrameOutbox,
@@ -116,7 +116,7 @@ impl CanNode {
     #[must_use]
     pub fn new(info: NodeInfo, settings: CanSettings) -> Self {
         Self {
-            address: NodeId::new(settings.node).map_or(NodeAddress::Unallocated, NodeAddress::Configured),
+            node_address: NodeId::new(settings.node).map_or(NodeAddress::Unallocated, NodeAddress::Configured),
             allocation: AllocationClient::new(info.unique_id),
             info,
             is_safe_mode: false,
@@ -167,7 +167,7 @@ impl CanNode {
         match (message, own, source) {
             (InboundMessage::Allocation(step), None, _) => {
                 if let Some(number) = allocation.receive_allocation(at, source, step) {
-                    self.address = NodeAddress::Allocated(number);
+                    self.node_address = NodeAddress::Allocated(number);
                 }
             }
             (InboundMessage::Targetted(piece), Some(own), _) if piece.target == own.number() => {
@@ -292,7 +292,7 @@ impl CanNode {
     }
 
     const fn node_id(&self) -> Option<NodeId> {
-        match self.address {
+        match self.node_address {
             NodeAddress::Configured(number) | NodeAddress::Allocated(number) => Some(number),
             NodeAddress::Unallocated => None,
         }
@@ -302,8 +302,8 @@ impl CanNode {
     /// one another is requested.
     fn on_number_conflict(&mut self, at: Timestamp) {
         self.last_conflict_at = Some(at);
-        if let NodeAddress::Allocated(_) = self.address {
-            self.address = NodeAddress::Unallocated;
+        if let NodeAddress::Allocated(_) = self.node_address {
+            self.node_address = NodeAddress::Unallocated;
             self.outbox.clear();
         }
     }

@@ -46,7 +46,7 @@ enum ServiceRequest {
     Update(UpdateRequest),
 }
 
-/// Request for an update; the data of a valid one is in `Services::update`.
+/// Request for an update; the data of a valid one is in `Services::requested_update`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum UpdateRequest {
     Valid,

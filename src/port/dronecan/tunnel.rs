@@ -26,7 +26,7 @@ struct TunnelPeer {
 #[derive(Debug, Default)]
 pub(super) struct Tunnel {
     pub mavlink: Mavlink,
-    output: TransmitBuffer,
+    transmit_buffer: TransmitBuffer,
     peer: Option<TunnelPeer>,
 }
 
@@ -68,16 +68,16 @@ impl Tunnel {
     /// Queues due messages while a node is at the other end.
     pub fn poll(&mut self, snapshot: &Snapshot<'_>) {
         if self.peer.is_some_and(|peer| snapshot.now.us_since(peer.last_received_at) <= TUNNEL_RELEASE_US) {
-            self.mavlink.poll(snapshot, &mut self.output);
+            self.mavlink.poll(snapshot, &mut self.transmit_buffer);
         } else {
-            self.output.consume_bytes(usize::MAX);
+            self.transmit_buffer.consume_bytes(usize::MAX);
         }
     }
 
     /// Next piece of the output, and its length.
     pub fn next_targetted(&self) -> Option<(Payload, usize)> {
         let TunnelPeer { node, protocol, serial_line: serial, baud, .. } = self.peer?;
-        let pending = self.output.pending_bytes();
+        let pending = self.transmit_buffer.pending_bytes();
         let data = pending.get(..Targetted::MAX_DATA_LENGTH).unwrap_or(pending);
         let piece = Targetted {
             protocol,
@@ -92,6 +92,6 @@ impl Tunnel {
 
     /// Removes a sent piece.
     pub fn consume_bytes(&mut self, length: usize) {
-        self.output.consume_bytes(length);
+        self.transmit_buffer.consume_bytes(length);
     }
 }

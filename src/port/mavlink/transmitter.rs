@@ -16,7 +16,7 @@ pub(super) fn own_address(autopilot: SenderId) -> Address {
 pub(in crate::port) struct Transmitter<'a> {
     pub transmit_buffer: &'a mut TransmitBuffer,
     pub own_address: Address,
-    pub sequence: &'a mut u8,
+    pub sequence_number: &'a mut u8,
     pub signatures: &'a mut Signatures,
 }
 
@@ -28,7 +28,7 @@ impl<'a> Transmitter<'a> {
         sequence: &'a mut u8,
         signatures: &'a mut Signatures,
     ) -> Self {
-        Self { transmit_buffer: out, own_address: own_address(autopilot), sequence, signatures }
+        Self { transmit_buffer: out, own_address: own_address(autopilot), sequence_number: sequence, signatures }
     }
 
     /// Appends a message; returns whether there was room. Only appended messages take a sequence number, so that a gap
@@ -36,10 +36,10 @@ impl<'a> Transmitter<'a> {
     pub fn send_message(&mut self, message: OutboundMessage) -> bool {
         let has_room = self.transmit_buffer.append_message(&[&message.into_frame(
             self.own_address,
-            *self.sequence,
+            *self.sequence_number,
             self.signatures,
         )]);
-        *self.sequence = self.sequence.wrapping_add(u8::from(has_room));
+        *self.sequence_number = self.sequence_number.wrapping_add(u8::from(has_room));
         has_room
     }
 }

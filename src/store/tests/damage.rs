@@ -6,7 +6,7 @@ use super::*;
 
 /// Flash with two accepted calibrations, then saved settings.
 fn flash_with_values() -> Flash {
-    let mut flash = Flash::new(PAGES);
+    let mut flash = Flash::new(PAGE_COUNT);
     let first = StoredCalibrations { current_calibration: Some(calibration_record(1)), previous_calibration: None };
     save_change(&mut flash, StoreChange::Settings(&Settings { stream_rate_hz: 5, ..settings() })).unwrap();
     save_change(&mut flash, calibration_change(&first)).unwrap();
@@ -25,7 +25,7 @@ fn flash_with_values() -> Flash {
 /// Replacement bytes of a damaged page.
 fn damaged_pages() -> [Vec<u8>; 4] {
     let mut noise = Random(3);
-    [vec![0; PAGE], vec![0xFF; PAGE], vec![0x5A; PAGE], (0..PAGE).map(|_| noise.byte()).collect()]
+    [vec![0; PAGE_SIZE], vec![0xFF; PAGE_SIZE], vec![0x5A; PAGE_SIZE], (0..PAGE_SIZE).map(|_| noise.byte()).collect()]
 }
 
 /// The other calibration remains, the loss is reported, and saves succeed.
@@ -37,7 +37,7 @@ fn one_damaged_page_never_loses_both_calibrations() {
             save_calibration(&mut flash, 3 + serial).unwrap();
         }
         let whole = load_values(&mut flash).unwrap();
-        for page in 0..PAGES {
+        for page in 0..PAGE_COUNT {
             for damage in damaged_pages() {
                 let case = format!("page {page} after {saves} saves");
                 let mut damaged = flash.clone();
@@ -62,7 +62,7 @@ fn one_damaged_page_never_loses_both_calibrations() {
 #[test]
 fn the_previous_calibration_replaces_a_damaged_one() {
     let mut flash = flash_after_saves(2);
-    write_page(&mut flash, 2, &[0; PAGE]);
+    write_page(&mut flash, 2, &[0; PAGE_SIZE]);
     let LoadedValues { stored_values: stored, load_error: error } = load_readable(&mut flash);
     assert_eq!(error, Some(StoreError::Corrupt));
     assert_eq!(
@@ -94,8 +94,8 @@ fn damaged_states_are_reported_and_replaced() {
     for fields in [vec![], vec![1, 2, 3], vec![1, 1, 0, 7]] {
         let mut item = vec![flash_page::STORE_FORMAT, fields.len() as u8, 0];
         item.extend(fields);
-        for page in CALIBRATION_SLOTS as usize..PAGES {
-            let mut flash = Flash::new(PAGES);
+        for page in CALIBRATION_SLOTS as usize..PAGE_COUNT {
+            let mut flash = Flash::new(PAGE_COUNT);
             write_page(&mut flash, page, &append_crc(item.clone()));
             assert_eq!(load_values(&mut flash), Err(StoreError::Corrupt));
             save_calibration(&mut flash, 5).unwrap();
@@ -106,7 +106,7 @@ fn damaged_states_are_reported_and_replaced() {
         }
     }
     let mut flash = flash_after_saves(3);
-    flash.bytes[CALIBRATION_SLOTS as usize * PAGE..].fill(0x33);
+    flash.bytes[CALIBRATION_SLOTS as usize * PAGE_SIZE..].fill(0x33);
     assert_eq!(
         load_readable(&mut flash),
         LoadedValues { stored_values: StoredValues::default(), load_error: Some(StoreError::Corrupt) }
@@ -136,7 +136,7 @@ fn damage_never_invents_a_calibration() {
     let flash = flash_after_saves(5);
     let stored: Vec<_> = (0..=5).map(calibration_record).map(Some).chain([None]).collect();
     for position in 0..flash.bytes.len() {
-        if position % PAGE > 600 {
+        if position % PAGE_SIZE > 600 {
             continue; // Erased bytes behind the items.
         }
         let mut damaged = flash.clone();

@@ -6,18 +6,18 @@ use super::*;
 
 #[test]
 fn a_failed_flash_write_is_reported() {
-    let mut flash = Flash::new(PAGES).cut_at(0, (CutProgress::Before, 0));
+    let mut flash = Flash::new(PAGE_COUNT).cut_at(0, (CutProgress::Before, 0));
     assert_eq!(save_calibration(&mut flash, 1), Err(StoreError::Flash));
 }
 
 fn page_bytes(page: usize) -> Range<usize> {
-    page * PAGE..(page + 1) * PAGE
+    page * PAGE_SIZE..(page + 1) * PAGE_SIZE
 }
 
 #[test]
 fn an_unreadable_flash_is_not_written() {
     for saves in [0, 1, 2, 7] {
-        for page in 0..PAGES {
+        for page in 0..PAGE_COUNT {
             for times in [1, 2, usize::MAX] {
                 let good = flash_after_saves(saves);
                 let mut flash = good.clone();
@@ -33,7 +33,7 @@ fn an_unreadable_flash_is_not_written() {
 #[test]
 fn an_unreadable_page_is_reported_and_the_others_are_loaded() {
     let mut flash = flash_after_saves(2);
-    flash.unreadable = Some((0..PAGES * PAGE, usize::MAX));
+    flash.unreadable = Some((0..PAGE_COUNT * PAGE_SIZE, usize::MAX));
     assert_eq!(load_values(&mut flash), Err(StoreError::Flash));
     // The second page for states is unreadable; the first state remains valid.
     flash.unreadable = Some((page_bytes(5), usize::MAX));
@@ -45,7 +45,7 @@ fn an_unreadable_page_is_reported_and_the_others_are_loaded() {
     let LoadedValues { stored_values: stored, load_error: error } = load_readable(&mut flash);
     let only_previous = StoredCalibrations { current_calibration: None, ..stored_calibrations(2) };
     assert_eq!((stored.stored_calibrations, error), (only_previous, Some(StoreError::Flash)));
-    let mut empty = Flash::new(PAGES);
+    let mut empty = Flash::new(PAGE_COUNT);
     empty.unreadable = Some((page_bytes(7), usize::MAX));
     assert_eq!(load_values(&mut empty), Err(StoreError::Flash), "that page may hold the only state");
 }

@@ -63,7 +63,7 @@ fn bytes_of(hex: &str) -> Vec<u8> {
 }
 
 /// Items of the first release. They never change, because every later firmware of this format must read them.
-const STATE: &str = "
+const FIRST_RELEASE_STATE: &str = "
     01 7700
     01 0200 ac02  02 0700 0102f8acd19101  03 0100 00  04 0500 0100004841  05 0500 01000070c2
     06 0400 00006040  07 0100 00  08 0100 19  09 0100 01  0a 0400 0000003f  0b 0400 00000040  0c 0100 00
@@ -100,7 +100,7 @@ fn pinned_calibration() -> Vec<u8> {
 
 #[test]
 fn items_of_the_first_release_are_read() {
-    assert_eq!(fields::decode_fields(&fields_of(&bytes_of(STATE))), Ok(stored_state()));
+    assert_eq!(fields::decode_fields(&fields_of(&bytes_of(FIRST_RELEASE_STATE))), Ok(stored_state()));
     assert_eq!(fields::decode_fields(&fields_of(&pinned_calibration())), Ok(calibration()));
 }
 
@@ -119,7 +119,7 @@ fn written_bytes_are_those_of_the_first_release_and_later_fields() {
 /// Flash after three saves of the first release.
 #[test]
 fn a_store_of_the_first_release_is_loaded() {
-    let mut flash = Flash::new(PAGES);
+    let mut flash = Flash::new(PAGE_COUNT);
     let crc = u32::from_le_bytes(bytes_of("0acbef1b").try_into().unwrap());
     write_page(&mut flash, 3, &pinned_calibration());
     write_page(

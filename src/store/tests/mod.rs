@@ -19,12 +19,12 @@ use crate::calibration::{
 use crate::reading::{Identity, MagnetometerModel};
 use crate::settings::{HeadingKind, ProtocolKind, Settings};
 
-const PAGE: usize = 2048;
+const PAGE_SIZE: usize = 2048;
 /// Number of pages, as on the board.
-const PAGES: usize = 8;
-const REGION: Range<u32> = 0..(PAGE * PAGES) as u32;
+const PAGE_COUNT: usize = 8;
+const STORE_REGION: Range<u32> = 0..(PAGE_SIZE * PAGE_COUNT) as u32;
 
-type Flash = RamFlash<PAGE>;
+type Flash = RamFlash<PAGE_SIZE>;
 
 pub(crate) fn calibration_record(serial: u32) -> CalibrationRecord {
     let calibration = Calibration {
@@ -95,19 +95,19 @@ fn append_crc(mut bytes: Vec<u8>) -> Vec<u8> {
 }
 
 fn write_page(flash: &mut Flash, page: usize, bytes: &[u8]) {
-    let page = &mut flash.bytes[page * PAGE..(page + 1) * PAGE];
+    let page = &mut flash.bytes[page * PAGE_SIZE..(page + 1) * PAGE_SIZE];
     page.fill(0xFF);
     page[..bytes.len()].copy_from_slice(bytes);
 }
 
 fn changed_pages(before: &Flash, after: &Flash) -> Vec<usize> {
-    let pages = before.bytes.chunks(PAGE).zip(after.bytes.chunks(PAGE));
+    let pages = before.bytes.chunks(PAGE_SIZE).zip(after.bytes.chunks(PAGE_SIZE));
     pages.enumerate().filter(|(_, (before, after))| before != after).map(|(page, _)| page).collect()
 }
 
 /// Flash after a number of saves, the last with this serial number.
 fn flash_after_saves(saves: u32) -> Flash {
-    let mut flash = Flash::new(PAGES);
+    let mut flash = Flash::new(PAGE_COUNT);
     for serial in 1..=saves {
         save_calibration(&mut flash, serial).unwrap();
     }
@@ -120,7 +120,7 @@ fn save_calibration(flash: &mut Flash, serial: u32) -> Result<(), StoreError> {
 }
 
 fn save_change(flash: &mut Flash, change: StoreChange<'_>) -> Result<(), StoreError> {
-    block_on(Store::new(flash, REGION).save_change(change))
+    block_on(Store::new(flash, STORE_REGION).save_change(change))
 }
 
 /// Loaded values, or the error.
@@ -130,7 +130,7 @@ fn load_values(flash: &mut Flash) -> Result<StoredValues, StoreError> {
 }
 
 fn load_readable(flash: &mut Flash) -> LoadedValues {
-    block_on(Store::new(flash, REGION).load_state())
+    block_on(Store::new(flash, STORE_REGION).load_state())
 }
 
 fn load_generations(flash: &mut Flash) -> Result<StoredCalibrations, StoreError> {
@@ -139,12 +139,12 @@ fn load_generations(flash: &mut Flash) -> Result<StoredCalibrations, StoreError>
 
 #[test]
 fn an_empty_flash_gives_the_defaults() {
-    assert_eq!(load_values(&mut Flash::new(PAGES)), Ok(StoredValues::default()));
+    assert_eq!(load_values(&mut Flash::new(PAGE_COUNT)), Ok(StoredValues::default()));
 }
 
 #[test]
 fn settings_and_calibrations_do_not_disturb_each_other() {
-    let mut flash = Flash::new(PAGES);
+    let mut flash = Flash::new(PAGE_COUNT);
     save_calibration(&mut flash, 5).unwrap();
     save_change(&mut flash, StoreChange::Settings(&settings())).unwrap();
     assert_eq!(
@@ -183,7 +183,7 @@ fn settings_and_calibrations_do_not_disturb_each_other() {
 
 #[test]
 fn each_of_25_saves_is_loaded_again() {
-    let mut flash = Flash::new(PAGES);
+    let mut flash = Flash::new(PAGE_COUNT);
     for serial in 1..=25 {
         save_calibration(&mut flash, serial).unwrap();
         assert_eq!(load_generations(&mut flash), Ok(stored_calibrations(serial)));
@@ -220,7 +220,7 @@ fn undo_clear_and_settings_write_a_state_alone() {
 
 #[test]
 fn states_are_written_to_each_page_in_turn() {
-    let mut flash = Flash::new(PAGES);
+    let mut flash = Flash::new(PAGE_COUNT);
     for save in 0..10 {
         let before = flash.clone();
         save_change(&mut flash, StoreChange::Settings(&Settings { stream_rate_hz: 1 + save, ..settings() })).unwrap();
@@ -230,15 +230,16 @@ fn states_are_written_to_each_page_in_turn() {
 
 #[test]
 fn only_the_region_is_touched() {
-    let mut flash = Flash::new(PAGES);
+    let mut flash = Flash::new(PAGE_COUNT);
     flash.bytes.fill(0x5A);
-    let region = PAGE as u32..(7 * PAGE) as u32;
+    let region = PAGE_SIZE as u32..(7 * PAGE_SIZE) as u32;
     for serial in 1..=12 {
         block_on(Store::new(&mut flash, region.clone()).save_change(calibration_change(&stored_calibrations(serial))))
             .unwrap();
     }
-    let untouched = |page: usize| flash.bytes[page * PAGE..(page + 1) * PAGE].iter().all(|&byte| byte == 0x5A);
-    let pages: Vec<bool> = (0..PAGES).map(untouched).collect();
+    let untouched =
+        |page: usize| flash.bytes[page * PAGE_SIZE..(page + 1) * PAGE_SIZE].iter().all(|&byte| byte == 0x5A);
+    let pages: Vec<bool> = (0..PAGE_COUNT).map(untouched).collect();
     assert_eq!(pages, [true, false, false, false, false, false, false, true]);
     let found = block_on(Store::new(&mut flash, region).load_state());
     assert_eq!((found.stored_values.stored_calibrations, found.load_error), (stored_calibrations(12), None));
@@ -247,7 +248,7 @@ fn only_the_region_is_touched() {
 #[test]
 #[should_panic(expected = "assertion failed")]
 fn a_region_that_is_too_small_is_refused() {
-    let _ = Store::new(&mut Flash::new(PAGES), 0..(5 * PAGE) as u32);
+    let _ = Store::new(&mut Flash::new(PAGE_COUNT), 0..(5 * PAGE_SIZE) as u32);
 }
 
 #[test]

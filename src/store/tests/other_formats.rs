@@ -36,11 +36,12 @@ fn development_page(format: u8) -> Vec<u8> {
 /// Another format on one, two or all pages; the others are erased, hold values of this format, or are damaged.
 fn flashes_with_item(format: u8, item: &[u8]) -> Vec<(String, Flash)> {
     let mut flashes = Vec::new();
-    let mut damaged = Flash::new(PAGES);
+    let mut damaged = Flash::new(PAGE_COUNT);
     damaged.bytes.fill(0x5A);
-    for (others, flash) in [("erased", Flash::new(PAGES)), ("in use", flash_after_saves(6)), ("damaged", damaged)] {
-        for first in 0..PAGES {
-            for pages in [first..first + 1, first..PAGES, 0..first + 1] {
+    for (others, flash) in [("erased", Flash::new(PAGE_COUNT)), ("in use", flash_after_saves(6)), ("damaged", damaged)]
+    {
+        for first in 0..PAGE_COUNT {
+            for pages in [first..first + 1, first..PAGE_COUNT, 0..first + 1] {
                 let mut flash = flash.clone();
                 flash.operations = 0;
                 pages.clone().for_each(|page| write_page(&mut flash, page, item));
@@ -128,7 +129,7 @@ fn a_power_cut_while_clearing_leaves_the_other_format_or_the_defaults() {
 fn an_unreadable_flash_is_not_cleared() {
     for (_, case, flash) in all_flashes() {
         let mut copy = flash.clone();
-        copy.unreadable = Some((0..PAGE, usize::MAX));
+        copy.unreadable = Some((0..PAGE_SIZE, usize::MAX));
         assert_eq!(save_change(&mut copy, StoreChange::Clear), Err(StoreError::Flash), "{case}");
         assert_eq!((copy.operations, &copy.bytes), (0, &flash.bytes), "{case}");
     }

@@ -50,7 +50,7 @@ fn a_power_cut_during_any_change_leaves_the_old_or_new_values() {
     let StoredCalibrations { current_calibration: current, previous_calibration: previous } = stored_calibrations(9);
     let undone = StoredCalibrations { current_calibration: previous, previous_calibration: current };
     for saves in 0..6 {
-        let mut start = Flash::new(PAGES);
+        let mut start = Flash::new(PAGE_COUNT);
         for serial in 0..saves {
             save_change(&mut start, StoreChange::Settings(&Settings { stream_rate_hz: 1 + serial, ..settings() }))
                 .unwrap();

@@ -100,13 +100,13 @@ fn find_slot(
     transfer_key: u32,
     is_start: bool,
 ) -> Option<&mut TransferSlot> {
-    let index = slots.iter().position(|slot| slot.key == Some(transfer_key)).or_else(|| {
-        let oldest = slots.iter().enumerate().min_by_key(|(_, slot)| (slot.key.is_some(), slot.last_frame_at));
+    let index = slots.iter().position(|slot| slot.transfer_key == Some(transfer_key)).or_else(|| {
+        let oldest = slots.iter().enumerate().min_by_key(|(_, slot)| (slot.transfer_key.is_some(), slot.last_frame_at));
         oldest.map(|(index, _)| index).filter(|_| is_start)
     })?;
     let slot = slots.get_mut(index)?;
     if is_start {
-        *slot = TransferSlot { key: Some(transfer_key), ..TransferSlot::EMPTY };
+        *slot = TransferSlot { transfer_key: Some(transfer_key), ..TransferSlot::EMPTY };
     }
     Some(slot)
 }
@@ -122,10 +122,10 @@ enum FrameResult<'a> {
 #[derive(Debug)]
 struct TransferSlot {
     /// Identifier without priority; `None` if free.
-    key: Option<u32>,
+    transfer_key: Option<u32>,
     transfer_id: u8,
     /// Toggle bit of the next frame.
-    toggle: bool,
+    expected_toggle: bool,
     last_frame_at: Timestamp,
     crc: [u8; CRC_LENGTH],
     payload: heapless::Vec<u8, MAX_RECEIVED_LENGTH>,
@@ -133,9 +133,9 @@ struct TransferSlot {
 
 impl TransferSlot {
     const EMPTY: Self = Self {
-        key: None,
+        transfer_key: None,
         transfer_id: 0,
-        toggle: false,
+        expected_toggle: false,
         last_frame_at: Timestamp::START,
         crc: [0; CRC_LENGTH],
         payload: heapless::Vec::new(),
@@ -152,17 +152,17 @@ impl TransferSlot {
             }
             part
         };
-        if tail.toggle() != self.toggle {
+        if tail.toggle() != self.expected_toggle {
             return if tail.is_start() { self.reject_transfer() } else { FrameResult::Waiting };
         }
-        (self.toggle, self.last_frame_at) = (!self.toggle, at);
+        (self.expected_toggle, self.last_frame_at) = (!self.expected_toggle, at);
         if self.payload.extend_from_slice(part).is_err() {
             return self.reject_transfer();
         }
         if !tail.is_end() {
             return FrameResult::Waiting;
         }
-        self.key = None;
+        self.transfer_key = None;
         if data_type.crc(&self.payload) == u16::from_le_bytes(self.crc) {
             FrameResult::Complete(&self.payload)
         } else {
@@ -171,7 +171,7 @@ impl TransferSlot {
     }
 
     const fn reject_transfer(&mut self) -> FrameResult<'_> {
-        self.key = None;
+        self.transfer_key = None;
         FrameResult::Rejected
     }
 }

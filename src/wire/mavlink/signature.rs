@@ -44,7 +44,7 @@ struct SignedStream {
     link: u8,
     source: SenderId,
     /// Time of the last frame.
-    time: u64,
+    last_time: u64,
 }
 
 /// Key, and times of the received streams.
@@ -80,18 +80,19 @@ impl Signatures {
         let Some(&[link, t0, t1, t2, t3, t4, t5]) = signed.last_chunk() else { return false };
         let time = u64::from_le_bytes([t0, t1, t2, t3, t4, t5, 0, 0]);
         let known_stream = self.streams.iter_mut().find(|stream| (stream.link, stream.source) == (link, source));
-        let is_new =
-            known_stream.as_ref().map_or(time + MAX_NEW_STREAM_AGE >= self.newest_time, |stream| time > stream.time);
+        let is_new = known_stream
+            .as_ref()
+            .map_or(time + MAX_NEW_STREAM_AGE >= self.newest_time, |stream| time > stream.last_time);
         if !is_new || signature_hash(key, signed) != *hash {
             return false;
         }
         self.newest_time = self.newest_time.max(time);
         match known_stream {
             Some(stream) => {
-                stream.time = time;
+                stream.last_time = time;
                 true
             }
-            None => self.streams.push(SignedStream { link, source, time }).is_ok(),
+            None => self.streams.push(SignedStream { link, source, last_time: time }).is_ok(),
         }
     }
 

@@ -95,7 +95,7 @@ pub(in crate::calibration) struct Refinement {
     pub unknowns: Vector13,
     /// Whether the unknowns are refined, not only the noise.
     refines_unknowns: bool,
-    system: LinearisedProblem,
+    linear_system: LinearisedProblem,
     damping: Damping,
     noise_estimates: u8,
     steps_since_noise_estimate: u8,
@@ -108,7 +108,7 @@ impl Refinement {
             likelihood,
             unknowns,
             refines_unknowns,
-            system,
+            linear_system: system,
             damping: Damping::START_DAMPING,
             noise_estimates: 0,
             steps_since_noise_estimate: 0,
@@ -116,7 +116,7 @@ impl Refinement {
     }
 
     pub fn normal_equations(&self) -> &LinearisedProblem {
-        &self.system
+        &self.linear_system
     }
 
     /// Restarts with a latency in seconds, with the unknowns moved by `step`.
@@ -156,7 +156,7 @@ impl Refinement {
         self.noise_estimates = MAX_NOISE_ESTIMATES - 1;
         self.steps_since_noise_estimate = 0;
         self.damping.value = Damping::REWEIGHTED_DAMPING;
-        self.system = LinearisedProblem::linearise(&self.likelihood, samples, &self.unknowns);
+        self.linear_system = LinearisedProblem::linearise(&self.likelihood, samples, &self.unknowns);
     }
 
     /// One pass over the samples. Not inlined, which bounds the solver's stack.
@@ -173,17 +173,21 @@ impl Refinement {
         }
         self.noise_estimates += 1;
         self.steps_since_noise_estimate = 0;
-        self.likelihood.estimate_noise(self.system.clipped_squares, self.system.sample_count, &self.unknowns);
+        self.likelihood.estimate_noise(
+            self.linear_system.clipped_squares,
+            self.linear_system.sample_count,
+            &self.unknowns,
+        );
         // The last pass and the covariance need all digits, which sums of thin data lose.
         self.likelihood.uses_normal_equations &= self.noise_estimates < MAX_NOISE_ESTIMATES;
-        self.system = LinearisedProblem::linearise(&self.likelihood, samples, &self.unknowns);
+        self.linear_system = LinearisedProblem::linearise(&self.likelihood, samples, &self.unknowns);
         self.damping.value = Damping::REWEIGHTED_DAMPING;
         RefinementProgress::Continue
     }
 
     fn levenberg_marquardt_step(&mut self, samples: Samples<'_>) -> RefinementProgress {
         self.steps_since_noise_estimate += 1;
-        let Some((damped_step, promised_gain)) = self.system.damped_step(self.damping.value) else {
+        let Some((damped_step, promised_gain)) = self.linear_system.damped_step(self.damping.value) else {
             return RefinementProgress::Failed;
         };
         let trial_unknowns = self.unknowns + damped_step;
@@ -195,15 +199,15 @@ impl Refinement {
             }
         {
             self.unknowns = trial_unknowns;
-            self.system.reset_origin();
+            self.linear_system.reset_origin();
             return RefinementProgress::Converged;
         }
         let system = LinearisedProblem::linearise(&self.likelihood, samples, &trial_unknowns);
         let tolerance = if self.likelihood.has_noise_estimate { COST_TOLERANCE } else { f32::MIN_POSITIVE };
-        let actual_gain = self.system.cost - system.cost;
+        let actual_gain = self.linear_system.cost - system.cost;
         if actual_gain >= -tolerance {
             self.unknowns = trial_unknowns;
-            self.system = system;
+            self.linear_system = system;
             // A promised gain below the tolerance does not show whether the damping fits.
             self.damping =
                 self.damping.after_success(if promised_gain > tolerance { actual_gain / promised_gain } else { 1.0 });

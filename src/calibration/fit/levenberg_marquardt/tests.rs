@@ -73,7 +73,7 @@ fn descend(refinement: &mut Refinement, higher: f32) -> RefinementProgress {
         current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,
     };
-    refinement.system.cost += higher;
+    refinement.linear_system.cost += higher;
     refinement.levenberg_marquardt_step(Parts { left: &[sample], ..Parts::default() }.samples())
 }
 
@@ -91,7 +91,7 @@ fn a_refinement_converges_when_the_predicted_gain_is_small() {
         refinement.noise_estimates = rounds;
         assert_eq!(descend(&mut refinement, 0.0), progress, "{rounds} {sigmas}");
         assert!(refinement.unknowns[INCLINATION_INDEX].abs() < 2e-5, "{}", refinement.unknowns[INCLINATION_INDEX]);
-        let left = refinement.system.step_to_maximum().unwrap();
+        let left = refinement.linear_system.step_to_maximum().unwrap();
         assert!(left.amax() < 2e-5, "{left}");
     }
 }

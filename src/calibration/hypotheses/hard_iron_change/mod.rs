@@ -193,7 +193,7 @@ pub(in crate::calibration) struct ConfirmedChange {
 /// Search for a hard-iron change in one pass in time order. About 900 bytes.
 #[derive(Debug)]
 pub(in crate::calibration) struct HardIronScan {
-    span: TimeSpan,
+    time_span: TimeSpan,
     /// `W`: maps a hard-iron change to the corrected field.
     w: Matrix3<f32>,
     step_to_maximum: Vector13,
@@ -216,7 +216,7 @@ impl HardIronScan {
     pub fn new(samples: Samples<'_>, system: &LinearisedProblem, unknowns: &Vector13) -> Option<Self> {
         let parameters = ModelParameters::new(unknowns);
         Some(Self {
-            span: TimeSpan::from_samples(samples).filter(|span| span.duration_ms > 0)?,
+            time_span: TimeSpan::from_samples(samples).filter(|span| span.duration_ms > 0)?,
             hysteresis: Hysteresis::new(&parameters)?,
             last_turn: LastTurn::default(),
             w: parameters.w,
@@ -245,8 +245,8 @@ impl HardIronScan {
         if self.processed_count.is_multiple_of(self.sample_count.div_ceil(MAX_TESTED_STEPS))
             && self.processed_count < self.sample_count
         {
-            self.test_course(system, TestedCourse::Step(time.ms_since(self.span.start)));
-            self.extend_drift(self.span.fraction_at(TestedCourse::Drift, sample));
+            self.test_course(system, TestedCourse::Step(time.ms_since(self.time_span.start)));
+            self.extend_drift(self.time_span.fraction_at(TestedCourse::Drift, sample));
         }
     }
 
@@ -300,7 +300,7 @@ impl HardIronScan {
         let detected_change = DetectedHardIronChange {
             size_ut: size_ut * fit.likelihood.field_unit_ut,
             time_course: course,
-            duration_s: whole_seconds(self.span.duration_ms),
+            duration_s: whole_seconds(self.time_span.duration_ms),
         };
         is_significant(estimate.tested_course, self.significance(&estimate, fit, system, residuals)?)
             .then_some(ConfirmedChange { detected_change, gradient_effect: self.gradient_effect })
@@ -320,7 +320,7 @@ impl HardIronScan {
         let mut last_turn = LastTurn::default();
         for (part, sample) in TimeOrdered::new(fit.samples) {
             let equations = fit.likelihood.sample_equations(sample, None, &parameters);
-            let fraction = self.span.fraction_at(estimate.tested_course, sample);
+            let fraction = self.time_span.fraction_at(estimate.tested_course, sample);
             let response = if estimate.tested_course == TestedCourse::Hysteresis {
                 let down = sample.attitude.tilt_rotation().down_in_body();
                 let lagging = self.hysteresis.field_response(&down, last_turn.direction_at_sample(sample), &equations);

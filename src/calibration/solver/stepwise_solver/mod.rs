@@ -40,10 +40,10 @@ pub enum SolveProgress {
 pub struct Solver {
     method: Method,
     prior: Prior,
-    consider: ConsiderSigmas,
+    consider_sigmas: ConsiderSigmas,
     refinement: Refinement,
     attempt: Attempt,
-    inclination: GivenInclination,
+    given_inclination: GivenInclination,
     /// Poor result from the closed form, retained during the attempt from the sphere fit.
     first_result: Option<RetainedResult>,
     latency_updates: u8,
@@ -54,7 +54,7 @@ pub struct Solver {
 
 #[derive(Debug)]
 struct RetainedResult {
-    start: StartingPoint,
+    starting_point: StartingPoint,
     misfit: f32,
     corrections: SampleCorrections,
     noise: NoiseModel,
@@ -97,10 +97,10 @@ impl Solver {
         Ok(Self {
             method,
             prior: *prior,
-            consider,
+            consider_sigmas: consider,
             refinement,
             attempt: Attempt { start, uses_inclination: true },
-            inclination: GivenInclination::new(prior.inclination_rad),
+            given_inclination: GivenInclination::new(prior.inclination_rad),
             first_result: None,
             latency_updates: 0,
             motor_current_updates: 0,
@@ -122,7 +122,7 @@ impl Solver {
         if self.method == Method::MaximumLikelihood && self.start_next_attempt(&result, samples) {
             return SolveProgress::Continue;
         }
-        let result = self.inclination.decide_against_samples(&result).map_or(result, Err);
+        let result = self.given_inclination.decide_against_samples(&result).map_or(result, Err);
         SolveProgress::Finished(result.map_err(|error| self.implausible_error.unwrap_or(error)))
     }
 
@@ -179,7 +179,8 @@ impl Solver {
     /// Restarts at the retained result, unless the sphere fit led to a smaller misfit.
     #[inline(never)]
     fn restore_first_result(&mut self, result: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
-        let Some(RetainedResult { start, misfit, corrections, noise }) = self.first_result.take() else {
+        let Some(RetainedResult { starting_point: start, misfit, corrections, noise }) = self.first_result.take()
+        else {
             return false;
         };
         let is_better = result.as_ref().is_ok_and(|solution| self.misfit(&solution.calibration) < misfit);
@@ -194,11 +195,11 @@ impl Solver {
     /// Restarts without the given inclination after an error or an inaccurate result.
     #[inline(never)]
     fn start_without_inclination(&mut self, result: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
-        let GivenInclination::Prior(given_rad) = self.inclination else { return false };
+        let GivenInclination::Prior(given_rad) = self.given_inclination else { return false };
         if result.as_ref().is_ok_and(|solution| is_accurate(&solution.quality)) {
             return false;
         }
-        self.inclination = GivenInclination::Dropped { given_rad, error: result.as_ref().err().copied() };
+        self.given_inclination = GivenInclination::Dropped { given_rad, error: result.as_ref().err().copied() };
         self.prior.inclination_rad = None;
         let Ok((starting_point, start)) = choose_starting_point(self.method, samples, &self.prior) else {
             return false;
@@ -229,7 +230,7 @@ impl Solver {
         let corrections =
             SampleCorrections { latency_s: likelihood.latency_s, ut_per_a: likelihood.motor_current.ut_per_a };
         Some(RetainedResult {
-            start: likelihood.starting_point(unknowns)?,
+            starting_point: likelihood.starting_point(unknowns)?,
             misfit,
             corrections,
             noise: likelihood.noise.clone(),
@@ -247,8 +248,10 @@ impl Solver {
     #[inline(never)]
     fn assess_refined(&mut self, samples: Samples<'_>) -> Option<Result<Solution, SolveError>> {
         // A compass swing on level ground fixes the inclination during refinement only.
-        let likelihood =
-            &Likelihood { known_inclination_rad: self.inclination.prior_rad(), ..self.refinement.likelihood.clone() };
+        let likelihood = &Likelihood {
+            known_inclination_rad: self.given_inclination.prior_rad(),
+            ..self.refinement.likelihood.clone()
+        };
         let unknowns = &self.refinement.unknowns.clone();
         let mut calibration = match likelihood.calibration(unknowns) {
             Ok(calibration) => calibration,
@@ -336,9 +339,10 @@ impl Solver {
             change.as_ref().map_or(error, |change| SolveError::HardIronChanged(change.detected_change))
         })?;
         if self.method == Method::MaximumLikelihood {
-            let sigmas = assumed_sigmas(self.consider, latency);
+            let sigmas = assumed_sigmas(self.consider_sigmas, latency);
             let sample_inclination = inclination_from_samples(information, likelihood, refined_fit.unknowns, &sigmas);
-            self.inclination.check_inclination(sample_inclination, likelihood.config.known_inclination_sigma_rad)?;
+            self.given_inclination
+                .check_inclination(sample_inclination, likelihood.config.known_inclination_sigma_rad)?;
         }
         if self.method == Method::Ellipsoid && !ellipsoid::is_determined(refined_fit, information) {
             return Err(SolveError::NotDetermined(SamplePart::All));
@@ -349,7 +353,7 @@ impl Solver {
                 || self.method != Method::MaximumLikelihood
                 || has_small_error_and_hard_iron(quality, calibration)
         };
-        refined_fit.assess(information, change, latency, self.consider, needs_advice)
+        refined_fit.assess(information, change, latency, self.consider_sigmas, needs_advice)
     }
 
     /// Information at the result; linearised again if the refinement fixed the inclination.

@@ -169,12 +169,17 @@ fn the_better_of_two_results_is_returned() {
     for (misfit, is_found_again) in [(f32::INFINITY, false), (0.0, true)] {
         let mut solver = new();
         while !matches!(solver.refinement.refine_step(samples), Refining::Converged) {}
-        let RetainedResult { start, noise, .. } = solver.retain_result(&plain).unwrap();
+        let RetainedResult { starting_point: start, noise, .. } = solver.retain_result(&plain).unwrap();
         let sphere = starting_point::sphere_start(samples, &Matrix3::identity()).unwrap();
         assert!(solver.restart_refinement(samples, &sphere, SampleCorrections::NO_CORRECTIONS));
         (solver.attempt.start, solver.first_result) = (
             AttemptStart::Sphere,
-            Some(RetainedResult { start, misfit, corrections: SampleCorrections::NO_CORRECTIONS, noise }),
+            Some(RetainedResult {
+                starting_point: start,
+                misfit,
+                corrections: SampleCorrections::NO_CORRECTIONS,
+                noise,
+            }),
         );
         let (again, began) = run_to_end(solver, samples);
         assert_eq!(began, if is_found_again { 2 } else { 1 });
@@ -205,9 +210,9 @@ fn a_retained_result_is_restored_with_its_corrections() {
     solver.refinement.likelihood.motor_current.ut_per_a = [0.3, -0.2, 0.1];
     let Refinement { likelihood, unknowns, .. } = &solver.refinement;
     let retained = solver.retain_result(&solution_with_error(0.5, 0.0)).unwrap();
-    let again = likelihood.unknowns_from_start(&retained.start).unwrap();
+    let again = likelihood.unknowns_from_start(&retained.starting_point).unwrap();
     assert!((again - unknowns).norm() < 1e-5 * unknowns.norm(), "{again} {unknowns}");
-    assert!(solver.restart_refinement(recorded.turns(), &retained.start, retained.corrections));
+    assert!(solver.restart_refinement(recorded.turns(), &retained.starting_point, retained.corrections));
     let Likelihood { latency_s, motor_current: current, .. } = &solver.refinement.likelihood;
     assert_eq!((*latency_s, current.ut_per_a), (0.04, [0.3, -0.2, 0.1]));
     assert_eq!((solver.latency_updates, solver.motor_current_updates), (1, 1), "each was tried once at least");
@@ -260,7 +265,7 @@ fn a_poor_result_is_retried_without_the_inclination() {
     ] {
         let mut solver = Solver::new(Method::MaximumLikelihood, samples, &prior).unwrap();
         assert_eq!(solver.start_without_inclination(&end, samples), is_left_out);
-        assert_eq!(matches!(solver.inclination, GivenInclination::Dropped { .. }), is_left_out);
+        assert_eq!(matches!(solver.given_inclination, GivenInclination::Dropped { .. }), is_left_out);
         assert_eq!(solver.prior.inclination_rad.is_some(), prior.inclination_rad.is_some() && !is_left_out);
         assert!(!is_left_out || !solver.start_without_inclination(&end, samples));
     }

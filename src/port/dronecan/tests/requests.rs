@@ -122,14 +122,14 @@ fn a_passphrase_is_set_and_not_read() {
     assert_eq!(bench.commands[1], Command::Set(SettingChange::Signing(None)));
 }
 
-const MAGIC: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];
+const RESTART_MAGIC_BYTES: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];
 
 #[test]
 fn nothing_changes_while_the_vehicle_is_armed() {
     let mut bench = Bench::new();
     bench.is_armed = true;
     assert_eq!(bench.request_response(GET_SET, &integer(20, "CAN_RATE")).unwrap()[1], 50);
-    assert_eq!(bench.request_response(DataType::RESTART_NODE, &MAGIC), Some(vec![0]));
+    assert_eq!(bench.request_response(DataType::RESTART_NODE, &RESTART_MAGIC_BYTES), Some(vec![0]));
     assert_eq!(bench.request_response(DataType::EXECUTE_OPCODE, &[1, 0, 0, 0, 0, 0, 0]), Some(vec![0; 7]));
     assert_eq!(bench.request_response(DataType::BEGIN_FIRMWARE_UPDATE, b"\x00a.bin"), Some(b"\x01armed".to_vec()));
     assert_eq!(bench.commands, []);
@@ -138,12 +138,12 @@ fn nothing_changes_while_the_vehicle_is_armed() {
 #[test]
 fn a_restart_needs_its_magic_number_and_the_state_machine() {
     let mut bench = Bench::new();
-    for magic in [&MAGIC[..4], &[0; 5], b""] {
+    for magic in [&RESTART_MAGIC_BYTES[..4], &[0; 5], b""] {
         assert_eq!(bench.request_response(DataType::RESTART_NODE, magic), Some(vec![0]));
     }
     assert_eq!(bench.commands, []);
     for (result, answer) in [(Err(&Refusal::Armed), 0), (Ok(()), 0x80)] {
-        assert_eq!(bench.request_response(DataType::RESTART_NODE, &MAGIC), None);
+        assert_eq!(bench.request_response(DataType::RESTART_NODE, &RESTART_MAGIC_BYTES), None);
         assert_eq!(bench.commands.pop(), Some(Command::Restart));
         bench.node.complete_command(Command::Restart, result);
         assert_eq!(bench.response(DataType::RESTART_NODE), Some(vec![answer]));

@@ -3,29 +3,29 @@
 use super::*;
 use crate::messages::Message;
 
-const MAG: DataType = DataType::MAGNETIC_FIELD_STRENGTH_2;
+const FIELD_TYPE: DataType = DataType::MAGNETIC_FIELD_STRENGTH_2;
 
 /// 0.2, -0.05 and 0.45 gauss, as pydronecan encodes them.
 #[test]
 fn the_field_is_sent_at_its_rate_in_gauss() {
     let mut bench = Bench::new();
-    let sent = bench.sent_in_ms(MAG, 10_000);
+    let sent = bench.sent_in_ms(FIELD_TYPE, 10_000);
     assert!(sent.len().abs_diff(500) <= 1, "{}", sent.len());
     assert!(sent.iter().all(|sent| sent.payload == [0x00, 0x66, 0x32, 0x66, 0xAA, 0x33, 0x37]));
     assert!(sent.iter().zip(sent.iter().skip(1)).all(|(one, next)| next.transfer_id == (one.transfer_id + 1) % 32));
     bench.settings.can.rate_hz = 20;
-    assert!(bench.sent_in_ms(MAG, 10_000).len().abs_diff(200) <= 1);
+    assert!(bench.sent_in_ms(FIELD_TYPE, 10_000).len().abs_diff(200) <= 1);
 }
 
 #[test]
 fn no_field_is_sent_while_it_is_not_trusted() {
     let mut bench = Bench::new();
     bench.estimate.compass_field = None;
-    assert!(bench.sent_in_ms(MAG, 2000).is_empty());
+    assert!(bench.sent_in_ms(FIELD_TYPE, 2000).is_empty());
     bench.estimate.compass_field = Some(Field::from_ut(f32::NAN, 0.0, 0.0));
-    assert!(bench.sent_in_ms(MAG, 2000).is_empty());
+    assert!(bench.sent_in_ms(FIELD_TYPE, 2000).is_empty());
     bench.estimate.compass_field = Some(BODY_FIELD);
-    assert!(!bench.sent_in_ms(MAG, 100).is_empty());
+    assert!(!bench.sent_in_ms(FIELD_TYPE, 100).is_empty());
 }
 
 /// Sigma of 0.01 rad of a horizontal field of 0.206 gauss: a variance of 4.25e-6, in steps of 6e-8.
@@ -33,13 +33,13 @@ fn no_field_is_sent_while_it_is_not_trusted() {
 fn the_covariance_is_that_of_the_heading_s_sigma() {
     let mut bench = Bench::new();
     bench.settings.can.sends_covariance = true;
-    let sent = bench.sent_in_ms(MAG, 100);
+    let sent = bench.sent_in_ms(FIELD_TYPE, 100);
     let variances: Vec<f32> =
         sent[0].payload[7..].chunks(2).map(|pair| half::f16::from_le_bytes([pair[0], pair[1]]).to_f32()).collect();
     assert_eq!(variances.len(), 3);
     assert!(variances.iter().all(|variance| (variance - 4.25e-6).abs() < 6e-8), "{variances:?}");
     bench.estimate.heading = Err(NoHeading::AttitudeStale);
-    assert!(bench.sent_in_ms(MAG, 100).iter().all(|sent| sent.payload.len() == 7), "unknown without a heading");
+    assert!(bench.sent_in_ms(FIELD_TYPE, 100).iter().all(|sent| sent.payload.len() == 7), "unknown without a heading");
 }
 
 /// Most bits of a frame with an extended identifier: 67, interframe space included, and the data, with a stuff bit
@@ -116,13 +116,13 @@ fn a_node_without_a_reading_is_initialising() {
 #[test]
 fn a_second_node_with_this_number_stops_the_field() {
     let mut bench = Bench::new();
-    assert!(!bench.sent_in_ms(MAG, 100).is_empty());
+    assert!(!bench.sent_in_ms(FIELD_TYPE, 100).is_empty());
     bench.receive(OWN_NODE, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[0]));
     let sent = bench.run_ms(2000);
-    assert!(sent.iter().all(|sent| !has_data_type(sent, MAG)));
+    assert!(sent.iter().all(|sent| !has_data_type(sent, FIELD_TYPE)));
     let status = sent.iter().find(|sent| has_data_type(sent, DataType::NODE_STATUS)).unwrap();
     assert_eq!(status_of(status), (0, 0, 0x64E0));
-    assert!(!bench.sent_in_ms(MAG, 2000).is_empty(), "three seconds after the last frame");
+    assert!(!bench.sent_in_ms(FIELD_TYPE, 2000).is_empty(), "three seconds after the last frame");
 }
 
 fn texts(sent: &[Sent]) -> Vec<String> {
@@ -166,9 +166,9 @@ fn frames_that_the_bus_does_not_accept_are_dropped() {
     }
     bench.send_all_frames();
     let sent = reassemble(&std::mem::take(&mut bench.frames));
-    assert!(sent.iter().filter(|sent| has_data_type(sent, MAG)).count() <= 1, "{sent:?}");
+    assert!(sent.iter().filter(|sent| has_data_type(sent, FIELD_TYPE)).count() <= 1, "{sent:?}");
     assert!(sent.len() <= 4, "{sent:?}");
-    assert!(bench.sent_in_ms(MAG, 1000).len() >= 49);
+    assert!(bench.sent_in_ms(FIELD_TYPE, 1000).len() >= 49);
 }
 
 /// Polls between the frames of a field.
@@ -185,7 +185,7 @@ fn a_field_in_transmission_is_not_replaced() {
         bench.send_all_frames();
     }
     let sent = reassemble(&bench.frames);
-    assert_eq!(sent.iter().filter(|sent| has_data_type(sent, MAG)).count(), 10);
+    assert_eq!(sent.iter().filter(|sent| has_data_type(sent, FIELD_TYPE)).count(), 10);
 }
 
 /// Transfers of nine frames: the queue has room for 48.

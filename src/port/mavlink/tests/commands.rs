@@ -137,7 +137,7 @@ fn a_repeated_command_is_answered_and_not_carried_out_again() {
     bed.send_command(START_COMMAND, 0);
     assert_eq!(bed.send_command(START_COMMAND, 1), []);
     assert_eq!(bed.acknowledged_results(), [(START_COMMAND, IN_PROGRESS, GROUND_STATION)]);
-    bed.ms += 1_500;
+    bed.now_ms += 1_500;
     assert_eq!(bed.send_command(START_COMMAND, 2), []);
     assert_eq!(bed.acknowledged_results(), [(START_COMMAND, IN_PROGRESS, GROUND_STATION)]);
     bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
@@ -150,10 +150,10 @@ fn a_repeated_command_is_answered_and_not_carried_out_again() {
         );
         bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), result);
         bed.acknowledged_results();
-        bed.ms += 1_000;
+        bed.now_ms += 1_000;
         assert_eq!(bed.send_command(START_COMMAND, 1), []);
         assert_eq!(bed.acknowledged_results(), [(START_COMMAND, acknowledged, GROUND_STATION)]);
-        bed.ms += 1;
+        bed.now_ms += 1;
         assert_eq!(
             bed.send_command(START_COMMAND, 2),
             [ReceivedMessage::Command(Command::CalStart(Procedure::Flight))]
@@ -184,10 +184,10 @@ fn a_repetition_has_the_same_command_and_sender() {
 fn commands_are_rejected_while_another_is_pending() {
     let mut bed = MavlinkBench::with_autopilot();
     bed.send_command(START_COMMAND, 0);
-    bed.ms += 5_000;
+    bed.now_ms += 5_000;
     assert_eq!(bed.send_command(42_426, 0), []);
     assert_eq!(bed.acknowledged_results(), [(42_426, REJECTED, GROUND_STATION)]);
-    bed.ms += 1;
+    bed.now_ms += 1;
     assert_eq!(bed.send_command(42_426, 0), [ReceivedMessage::Command(Command::CalAbort)]);
     // The result of the previous command does not apply to this one.
     bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), Ok(()));

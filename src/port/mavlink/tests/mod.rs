@@ -72,10 +72,10 @@ fn command_frame(
 /// Sent frame; the payload includes truncated zeros.
 #[derive(Clone, Debug, PartialEq)]
 struct SentMessage {
-    ms: u64,
+    sent_at_ms: u64,
     sequence: u8,
-    from: SenderAddress,
-    id: u8,
+    sender: SenderAddress,
+    message_id: u8,
     payload: Vec<u8>,
 }
 
@@ -88,14 +88,14 @@ impl SentMessage {
 /// Protocol under test, a clock in milliseconds, and the module's state.
 struct MavlinkBench {
     mavlink: Mavlink,
-    ms: u64,
+    now_ms: u64,
     estimate: Estimate,
     settings: Settings,
     indicator_state: IndicatorState,
     calibration: Option<(Calibration, HeadingUncertainty)>,
     /// Free bytes in the output, if limited.
     free_bytes: Option<usize>,
-    sent: Vec<SentMessage>,
+    sent_messages: Vec<SentMessage>,
 }
 
 impl MavlinkBench {
@@ -103,13 +103,13 @@ impl MavlinkBench {
     fn new() -> Self {
         Self {
             mavlink: Mavlink::new(),
-            ms: 3_600_000,
+            now_ms: 3_600_000,
             estimate: Estimate::EMPTY,
             settings: Settings::DEFAULT,
             indicator_state: IndicatorState::Idle,
             calibration: None,
             free_bytes: None,
-            sent: vec![],
+            sent_messages: vec![],
         }
     }
 
@@ -122,7 +122,7 @@ impl MavlinkBench {
     }
 
     fn now(&self) -> Timestamp {
-        Timestamp::from_us(1000 * self.ms)
+        Timestamp::from_us(1000 * self.now_ms)
     }
 
     fn receive(&mut self, bytes: &[u8]) -> Vec<ReceivedMessage> {
@@ -157,7 +157,13 @@ impl MavlinkBench {
         assert_eq!(rest.len(), end + 2, "more than a message");
         let mut payload = rest[10..end].to_vec();
         payload.resize(120, 0);
-        self.sent.push(SentMessage { ms: self.ms, sequence, from: [system, component], id, payload });
+        self.sent_messages.push(SentMessage {
+            sent_at_ms: self.now_ms,
+            sequence,
+            sender: [system, component],
+            message_id: id,
+            payload,
+        });
         true
     }
 
@@ -165,14 +171,15 @@ impl MavlinkBench {
     fn run_ms(&mut self, ms: u64) {
         for _ in 0..ms / 10 {
             self.poll();
-            self.ms += 10;
+            self.now_ms += 10;
         }
     }
 
     /// Removes and returns the sent frames of a message.
     fn take_messages(&mut self, id: u8) -> Vec<SentMessage> {
-        let (taken, others) = std::mem::take(&mut self.sent).into_iter().partition(|sent| sent.id == id);
-        self.sent = others;
+        let (taken, others) =
+            std::mem::take(&mut self.sent_messages).into_iter().partition(|sent| sent.message_id == id);
+        self.sent_messages = others;
         taken
     }
 

@@ -55,13 +55,13 @@ fn random_frames_cause_no_panic_and_bounded_output() {
         ][usize::from(random.byte()) % 4];
         bench.settings.sends_vision_yaw = random.byte() < 128;
         bench.free_bytes = (random.byte() < 64).then(|| usize::from(random.byte()));
-        bench.ms += u64::from(random.byte() % 32);
+        bench.now_ms += u64::from(random.byte() % 32);
         bench.poll();
-        for sent in bench.sent.drain(..) {
-            match sent.id {
+        for sent in bench.sent_messages.drain(..) {
+            match sent.message_id {
                 76 | 66 => {
-                    assert!(sent.ms >= last_request_ms + 1_000);
-                    last_request_ms = sent.ms;
+                    assert!(sent.sent_at_ms >= last_request_ms + 1_000);
+                    last_request_ms = sent.sent_at_ms;
                     requests += 1;
                 }
                 77 => answers += 1,

@@ -8,15 +8,15 @@ const IN_PROGRESS: u8 = 5;
 
 /// Requests: time, milliseconds, message and rate, Hz. Message 66 is the stream that contains ATTITUDE.
 fn sent_requests(bench: &MavlinkBench) -> Vec<(u64, u32, u32)> {
-    let request = |sent: &SentMessage| match sent.id {
+    let request = |sent: &SentMessage| match sent.message_id {
         76 => {
             assert_eq!(sent.payload[28..33], [0xFF, 1, 1, 1, 0], "511, to the autopilot");
-            Some((sent.ms - 3_600_000, sent.float_at(0) as u32, (1e6 / sent.float_at(4)).round() as u32))
+            Some((sent.sent_at_ms - 3_600_000, sent.float_at(0) as u32, (1e6 / sent.float_at(4)).round() as u32))
         }
-        66 => Some((sent.ms - 3_600_000, 66, sent.payload[0].into())),
+        66 => Some((sent.sent_at_ms - 3_600_000, 66, sent.payload[0].into())),
         _ => None,
     };
-    bench.sent.iter().filter_map(request).collect()
+    bench.sent_messages.iter().filter_map(request).collect()
 }
 
 fn send_acknowledgement(bench: &mut MavlinkBench, who: SenderAddress, target: SenderAddress, command: u16, result: u8) {
@@ -28,8 +28,8 @@ fn send_acknowledgement(bench: &mut MavlinkBench, who: SenderAddress, target: Se
 /// Sends attitude with this period for this time, milliseconds.
 fn send_attitudes(bench: &mut MavlinkBench, period_ms: u64, ms: u64) {
     for _ in 0..ms / 10 {
-        if bench.ms.is_multiple_of(period_ms) {
-            let boot_ms = bench.ms as u32;
+        if bench.now_ms.is_multiple_of(period_ms) {
+            let boot_ms = bench.now_ms as u32;
             bench.receive(&attitude_frame(AUTOPILOT, boot_ms));
         }
         bench.run_ms(10);
@@ -143,15 +143,15 @@ fn request_contents() -> MavlinkBench {
         send_acknowledgement(&mut bench, AUTOPILOT, [1, 158], 511, ACCEPTED);
     }
     assert_eq!(sent_requests(&bench).iter().map(|&(_, id, _)| id).collect::<Vec<_>>(), [1, 33, 2]);
-    bench.sent.clear();
+    bench.sent_messages.clear();
     bench
 }
 
 #[test]
 fn attitude_is_requested_again_after_2_s_of_silence() {
     let mut bench = request_contents();
-    let last = (bench.ms - 10) / 20 * 20;
-    bench.run_ms(last + 2_010 - bench.ms);
+    let last = (bench.now_ms - 10) / 20 * 20;
+    bench.run_ms(last + 2_010 - bench.now_ms);
     assert_eq!(sent_requests(&bench), []);
     bench.run_ms(10);
     assert_eq!(sent_requests(&bench), [(last + 2_010 - 3_600_000, 30, 40)]);
@@ -161,7 +161,7 @@ fn attitude_is_requested_again_after_2_s_of_silence() {
 fn attitude_is_requested_again_after_an_autopilot_restart() {
     for (back_ms, restarts) in [(1_001, true), (1_000, false)] {
         let mut bench = request_contents();
-        let clock_ms = ((bench.ms - 10) / 20 * 20) as u32;
+        let clock_ms = ((bench.now_ms - 10) / 20 * 20) as u32;
         bench.receive(&attitude_frame(AUTOPILOT, clock_ms - back_ms));
         bench.run_ms(1_500);
         assert_eq!(!sent_requests(&bench).is_empty(), restarts, "{back_ms}");
@@ -178,16 +178,16 @@ fn attitude_is_requested_again_after_an_autopilot_restart() {
 #[test]
 fn another_autopilot_is_requested_after_1_s_of_observation() {
     let mut bench = request_contents();
-    bench.ms += 10_001;
+    bench.now_ms += 10_001;
     // The other autopilot's clock is equal; only its address differs.
-    let clock_ms = bench.ms as u32;
+    let clock_ms = bench.now_ms as u32;
     bench.receive(&[heartbeat_frame([9, 1], true, false), attitude_frame([9, 1], clock_ms)].concat());
     bench.run_ms(1_000);
-    assert_eq!(bench.sent.iter().filter(|sent| sent.id == 76).count(), 0);
+    assert_eq!(bench.sent_messages.iter().filter(|sent| sent.message_id == 76).count(), 0);
     bench.run_ms(10);
     let requests = bench.take_messages(76);
     assert_eq!(requests.len(), 1);
-    assert_eq!((requests[0].from, &requests[0].payload[30..32]), ([9, 158], &[9, 1][..]));
+    assert_eq!((requests[0].sender, &requests[0].payload[30..32]), ([9, 158], &[9, 1][..]));
 }
 
 #[test]

@@ -22,10 +22,10 @@ fn nothing_is_sent_before_an_autopilot_s_heartbeat() {
     bench.receive(&attitude_frame(GIMBAL, 0));
     bench.receive(&command_frame(GROUND_STATION, [0, 158], 42_424, 0, [0.0; 4]));
     bench.run_ms(5_000);
-    assert_eq!(bench.sent, []);
+    assert_eq!(bench.sent_messages, []);
     bench.receive(&heartbeat_frame(AUTOPILOT, true, false));
     bench.poll();
-    assert!(bench.sent.iter().all(|sent| sent.from == [1, 158]));
+    assert!(bench.sent_messages.iter().all(|sent| sent.sender == [1, 158]));
     assert_eq!(bench.take_messages(0).len(), 1);
     assert_eq!(bench.texts(), [(6, "autoswing: iron-back: as calibrated again".into())]);
 }
@@ -99,7 +99,7 @@ fn echoed_own_messages_are_ignored() {
         let mut out = TransmitBuffer::new();
         bench.mavlink.poll(&snapshot, &mut out);
         assert_eq!(bench.receive(out.pending_bytes()), []);
-        bench.ms += 1;
+        bench.now_ms += 1;
     }
     assert_eq!((bench.mavlink.is_armed(bench.now()), bench.mavlink.rejected_frames()), (Some(true), 0));
     assert_eq!(bench.mavlink.sender_selector.autopilot_to_query(bench.now()), Some(SenderId::new(0x0101)));
@@ -114,17 +114,17 @@ fn sequence_numbers_count_sent_frames_only() {
     bench.run_ms(2_000);
     bench.free_bytes = None;
     bench.run_ms(30_000);
-    assert!(bench.sent.len() > 512, "it wraps");
-    for (number, sent) in bench.sent.iter().enumerate() {
+    assert!(bench.sent_messages.len() > 512, "it wraps");
+    for (number, sent) in bench.sent_messages.iter().enumerate() {
         assert_eq!(usize::from(sent.sequence), number % 256);
     }
 }
 
 fn named_values(bench: &mut MavlinkBench, name: &str) -> Vec<f32> {
     let mut values = vec![];
-    for sent in bench.sent.iter().filter(|sent| sent.id == 251) {
+    for sent in bench.sent_messages.iter().filter(|sent| sent.message_id == 251) {
         if sent.payload[8..18].starts_with(name.as_bytes()) {
-            assert_eq!(sent.payload[..4], (sent.ms as u32).to_le_bytes());
+            assert_eq!(sent.payload[..4], (sent.sent_at_ms as u32).to_le_bytes());
             values.push(sent.float_at(4));
         }
     }
@@ -252,14 +252,14 @@ fn a_long_text_comes_in_chunks() {
         let end: String = ('a'..='z').cycle().take(length - TEXT_BEGINNING.len()).collect();
         bench.mavlink.queue_text(&long_message(&end));
         bench.run_ms(2_000);
-        let chunks = bench.sent.iter().filter(|sent| sent.id == 253);
+        let chunks = bench.sent_messages.iter().filter(|sent| sent.message_id == 253);
         let sequences: Vec<u8> = chunks.clone().map(|sent| sent.payload[53]).collect();
         let sent = length.min(240);
         let number = if sent > 50 { sent / 50 + 1 } else { 1 };
         assert_eq!(sequences, (0..number as u8).collect::<Vec<_>>(), "{length}");
         let ids: Vec<[u8; 2]> = chunks.clone().map(|sent| [sent.payload[51], sent.payload[52]]).collect();
         assert!(ids.iter().all(|&id| (id != [0, 0]) == (sent > 50) && id == ids[0]), "{ids:?}");
-        let times: Vec<u64> = chunks.map(|sent| sent.ms).collect();
+        let times: Vec<u64> = chunks.map(|sent| sent.sent_at_ms).collect();
         assert!(times.windows(2).all(|pair| pair[1] - pair[0] >= 100), "{times:?}");
         let whole = format!("{TEXT_BEGINNING}{end}");
         assert_eq!(bench.texts(), [(4, whole[..sent].to_owned())]);
@@ -273,7 +273,8 @@ fn each_long_text_has_its_own_id() {
         bench.mavlink.queue_text(&long_message(&end));
     }
     bench.run_ms(2_000);
-    let ids: Vec<u8> = bench.sent.iter().filter(|sent| sent.id == 253).map(|sent| sent.payload[51]).collect();
+    let ids: Vec<u8> =
+        bench.sent_messages.iter().filter(|sent| sent.message_id == 253).map(|sent| sent.payload[51]).collect();
     assert_eq!(ids, [1, 1, 2, 2]);
 }
 
