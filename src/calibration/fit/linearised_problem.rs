@@ -145,7 +145,7 @@ impl LinearisedProblem {
         self.least_squares.reset_origin();
     }
 
-    /// Damped step (Levenberg-Marquardt) to the maximum likelihood, and the promised reduction of the cost. `None` when
+    /// Damped step (Levenberg-Marquardt) to the maximum likelihood, and the predicted reduction of the cost. `None` when
     /// the information is singular.
     pub fn damped_step(&self, damping: f32) -> Option<(Vector13, f32)> {
         let mut damped = self.least_squares.clone();

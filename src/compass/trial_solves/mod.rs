@@ -178,7 +178,7 @@ impl TrialSolves {
 
     /// Whether the expected error is, but for a twentieth, the best of the trials before.
     fn confirms_best(&self, expected_deg: f32) -> bool {
-        self.best_deg.is_some_and(|best_deg| {
+        self.best_expected_deg.is_some_and(|best_deg| {
             expected_deg >= NOTICEABLE_ERROR_RATIO * best_deg && best_deg >= NOTICEABLE_ERROR_RATIO * expected_deg
         })
     }

@@ -31,7 +31,7 @@ use crate::calibration::model::{Likelihood, NoiseModel, Vector13};
 /// of unknowns with little effect on the heading; the remaining distance is carried as uncertainty.
 const MAX_STEPS: u8 = 40;
 
-/// Convergence threshold: promised reduction of the cost, half a squared sigma. 0.005 is a tenth of a sigma in the
+/// Convergence threshold: predicted reduction of the cost, half a squared sigma. 0.005 is a tenth of a sigma in the
 /// worst direction. The last step is applied without evaluation and leaves 1 % of itself.
 const CONVERGED_COST_REDUCTION: f32 = 0.005;
 
@@ -187,11 +187,11 @@ impl Refinement {
 
     fn levenberg_marquardt_step(&mut self, samples: Samples<'_>) -> RefinementProgress {
         self.steps_since_noise_estimate += 1;
-        let Some((damped_step, promised_gain)) = self.linear_system.damped_step(self.damping.value) else {
+        let Some((damped_step, predicted_gain)) = self.linear_system.damped_step(self.damping.value) else {
             return RefinementProgress::Failed;
         };
         let trial_unknowns = self.unknowns + damped_step;
-        if promised_gain.abs()
+        if predicted_gain.abs()
             <= if self.noise_estimates == MAX_NOISE_ESTIMATES {
                 CONVERGED_COST_REDUCTION
             } else {
@@ -208,13 +208,13 @@ impl Refinement {
         if actual_gain >= -tolerance {
             self.unknowns = trial_unknowns;
             self.linear_system = system;
-            // A promised gain below the tolerance does not show whether the damping fits.
+            // A predicted gain below the tolerance does not show whether the damping fits.
             self.damping =
-                self.damping.after_success(if promised_gain > tolerance { actual_gain / promised_gain } else { 1.0 });
+                self.damping.after_success(if predicted_gain > tolerance { actual_gain / predicted_gain } else { 1.0 });
         } else {
             self.damping = self.damping.after_failure();
         }
-        let can_continue = promised_gain.is_finite()
+        let can_continue = predicted_gain.is_finite()
             && self.damping.value < Damping::MAX_DAMPING
             && self.steps_since_noise_estimate < MAX_STEPS;
         if can_continue { RefinementProgress::Continue } else { RefinementProgress::Converged }
