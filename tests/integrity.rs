@@ -44,7 +44,7 @@ fn are_all_accepted(row: &IntegrityRow) -> bool {
 
 /// Notes of a code in all flights of a row.
 fn note_count(row: &IntegrityRow, code: &str) -> usize {
-    row.notes.iter().filter(|(noted, _)| noted == code).map(|(_, count)| count).sum()
+    row.note_counts.iter().filter(|(noted, _)| noted == code).map(|(_, count)| count).sum()
 }
 
 /// By ArduPilot's MSP the rates are changes of a heading in steps of 1 deg, by INAV's gyro rates in steps of 1 deg/s.
@@ -228,8 +228,8 @@ fn turns_with_5_deg_of_bank_are_refused() {
 /// A bank-angle scale error of 10 % leads to a rejection, or to an estimated error of at least half of the true one.
 #[test]
 fn a_bank_scale_error_is_refused_or_in_the_expected_error() {
-    for row in run_plan(IntegrityPlan { flights_per_case: 20, ..TEST_PLAN }, &["cal-lean-90"]) {
-        assert!(row.ratio_worst.is_none_or(|ratio| ratio <= 2.0), "{row:?}");
+    for row in rows_of(IntegrityPlan { flights_per_case: 20, ..PLAN }, &["cal-lean-90"]) {
+        assert!(row.error_ratio_largest.is_none_or(|ratio| ratio <= 2.0), "{row:?}");
     }
 }
 
