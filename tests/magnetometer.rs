@@ -142,7 +142,7 @@ fn every_measurement_of_an_rm3100_is_read_once_and_fresh() {
 fn a_missing_rm3100_is_reported_and_works_again_after_init() {
     for idle_byte in [0xFF, 0x00] {
         run_with_rm3100(1.0, move |mut driver, chip| async move {
-            chip.borrow_mut().set_fault(Some(Rm3100Fault::Missing(idle_byte)));
+            chip.borrow_mut().set_fault(Some(Rm3100Fault::MissingChip(idle_byte)));
             assert_eq!(driver.init().await, Err(MagnetometerError::WrongIdentity(idle_byte)));
             chip.borrow_mut().set_fault(None);
             driver.init().await.unwrap();

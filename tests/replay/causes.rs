@@ -75,9 +75,9 @@ const fn case(
     }
 }
 
-const LOAD_PARAMETERS: &[CompassAction] = &[CompassAction::Load];
+const LOAD_PARAMETERS: &[CompassAction] = &[CompassAction::LoadParameters];
 const FLY_AGAIN: &[CompassAction] = &[CompassAction::FlyAgain];
-const LOAD_OR_REPLACE_COMPASS: &[CompassAction] = &[CompassAction::Load, CompassAction::Replace];
+const LOAD_OR_REPLACE_COMPASS: &[CompassAction] = &[CompassAction::LoadParameters, CompassAction::Replace];
 const REPLACE_COMPASS: &[CompassAction] = &[CompassAction::Replace];
 
 /// Steps are at 118 s, after half of the turns; the log's clock is 2 s ahead.
@@ -221,7 +221,7 @@ fn check_causes(vehicle_kind: VehicleKind) {
             assert!(text.contains(case.expected_words), "{about}");
             assert_eq!(changes, case.expected_change_count, "{about}");
             assert!(!text.contains("mounted") && !text.contains("orientation"), "{about}");
-            assert_eq!(text.contains("with these parameters"), action == CompassAction::Load, "{about}");
+            assert_eq!(text.contains("with these parameters"), action == CompassAction::LoadParameters, "{about}");
             if let (LOAD_PARAMETERS, Some(rms_deg), Some(untouched_deg)) =
                 (case.allowed_actions, rms_deg, untouched.rms_deg)
             {
