@@ -14,8 +14,14 @@ use syn::{Item, UseTree};
 type ModulePath = Vec<String>;
 
 /// Source folders of the library and of the host's crates.
-const SOURCE_FOLDERS: [&str; 5] =
-    ["src", "host-sim/log-analysis/src", "host-sim/simulator/src", "host-sim/web/src", "host-sim/src"];
+const SOURCE_FOLDERS: [&str; 6] = [
+    "src",
+    "host-sim/testkit/src",
+    "host-sim/log-analysis/src",
+    "host-sim/simulator/src",
+    "host-sim/web/src",
+    "host-sim/src",
+];
 
 fn repository_root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
@@ -187,6 +193,14 @@ impl ModuleVisitor<'_> {
         self.parsed.used_paths.insert((self.module.clone(), target.clone()));
         self.parsed.imports.insert([self.module.clone(), vec![name]].concat(), target);
     }
+
+    fn use_path(&mut self, written: &ModulePath) {
+        if written.len() > 1
+            && let Some(target) = self.parsed.absolute_path(&self.module, written)
+        {
+            self.parsed.used_paths.insert((self.module.clone(), target));
+        }
+    }
 }
 
 impl<'a> Visit<'a> for ModuleVisitor<'_> {
@@ -225,12 +239,17 @@ impl<'a> Visit<'a> for ModuleVisitor<'_> {
 
     fn visit_path(&mut self, path: &'a syn::Path) {
         let written: ModulePath = path.segments.iter().map(|segment| segment.ident.to_string()).collect();
-        if written.len() > 1
-            && let Some(target) = self.parsed.absolute_path(&self.module, &written)
-        {
-            self.parsed.used_paths.insert((self.module.clone(), target));
-        }
+        self.use_path(&written);
         visit::visit_path(self, path);
+    }
+
+    /// The input of a macro is not parsed: its paths are found in its text.
+    fn visit_macro(&mut self, call: &'a syn::Macro) {
+        let input = call.tokens.to_string().replace(" :: ", "::");
+        for written in input.split(|character: char| !(character.is_alphanumeric() || "_:".contains(character))) {
+            self.use_path(&written.split("::").map(str::to_owned).collect::<ModulePath>());
+        }
+        visit::visit_macro(self, call);
     }
 }
 
@@ -257,7 +276,7 @@ fn parse_layers() -> BTreeMap<String, u32> {
     for line in diagram.lines() {
         let Some((layer_number, after_fence)) = line.trim().split_once("  ") else { continue };
         let Ok(layer) = layer_number.parse() else { continue };
-        // Names are separated by two spaces; three or more precede the description.
+        // ModulePath are separated by two spaces; three or more precede the description.
         let names = after_fence.split("   ").next().unwrap_or_default();
         layers.extend(names.split_whitespace().map(|name| (name.to_owned(), layer)));
     }

@@ -11,7 +11,7 @@
 //! The crate needs no operating system: it reads from any [`std::io::Read`], returns text and bytes, and knows neither
 //! files nor clocks, so that it also runs in a browser. The same input gives the same result on every computer.
 
-#![warn(clippy::disallowed_methods)]
+#![warn(clippy::disallowed_methods, clippy::disallowed_types)]
 
 pub mod log;
 pub mod numbers;

@@ -18,7 +18,7 @@
 //! functions of the seed: no code reads real time, files or unseeded random numbers, and the crate needs no operating
 //! system.
 
-#![warn(clippy::disallowed_methods)]
+#![warn(clippy::disallowed_methods, clippy::disallowed_types)]
 
 pub mod devices;
 pub mod faults;

@@ -11,6 +11,8 @@
 //! A separate package, because the simulator depends on the library and the library's tests must not depend on the
 //! simulator.
 
+#![warn(clippy::disallowed_methods, clippy::disallowed_types)]
+
 pub mod clock;
 pub mod documents;
 pub mod flash;

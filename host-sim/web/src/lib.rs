@@ -9,7 +9,7 @@
 //! `page/` has the page and its worker, `scripts/build-web` puts all into one HTML file. Requests and answers are JSON
 //! in buffers of this module's memory, so that no generated code is needed between Rust and JavaScript.
 
-#![warn(clippy::disallowed_methods)]
+#![warn(clippy::disallowed_methods, clippy::disallowed_types)]
 
 pub mod example_flight;
 pub mod loaded_log;
