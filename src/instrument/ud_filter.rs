@@ -42,8 +42,8 @@ impl<const N: usize> UdFilter<N> {
     pub fn is_finite(&self) -> bool {
         // Zero times infinity or NaN is NaN, and so is the sum: half the time of a test of each element.
         let mut sum: f32 = self.mean.iter().chain(&self.diagonal).map(|x| x * 0.0).sum();
-        for (i, row) in self.upper.iter().enumerate() {
-            sum += row.iter().skip(i + 1).map(|x| x * 0.0).sum::<f32>();
+        for (first, row) in (1..).zip(&self.upper) {
+            sum += row.iter().skip(first).map(|x| x * 0.0).sum::<f32>();
         }
         sum.is_finite()
     }

@@ -163,7 +163,7 @@ impl<'a> Collector<'a> {
     }
 
     /// Whether the selection uses the coefficients of a trial solve.
-    #[must_use]
+    #[cfg(test)]
     pub fn uses_trial_solution(&self) -> bool {
         self.selection.uses_trial_solution()
     }

@@ -138,6 +138,7 @@ impl DOptimalSelection {
         self.min_leverage = 0.0;
     }
 
+    #[cfg(test)]
     pub fn uses_trial_solution(&self) -> bool {
         self.linearisation.is_from_trial
     }

@@ -85,7 +85,7 @@ impl AgreementTest {
         self.innovation_scatter_rad2 +=
             weight * (0.5 * square(innovation_rad - self.last_innovation_rad) - self.innovation_scatter_rad2);
         self.last_innovation_rad = innovation_rad;
-        let exceeded_side = (square(innovation_rad) > limit_rad2).then_some(innovation_rad > 0.0);
+        let exceeded_side = (square(innovation_rad) > limit_rad2).then_some(innovation_rad.is_sign_negative());
         let is_fast_failure = exceeded_side.is_some() && exceeded_side == self.last_exceeded_side;
         self.last_exceeded_side = exceeded_side;
         if is_fast_failure || square(self.mean_innovation_rad) > square(Self::MEAN_GATE_SIGMAS) * variance {
