@@ -228,7 +228,7 @@ fn turns_with_5_deg_of_bank_are_refused() {
 /// A bank-angle scale error of 10 % leads to a rejection, or to an estimated error of at least half of the true one.
 #[test]
 fn a_bank_scale_error_is_refused_or_in_the_expected_error() {
-    for row in rows_of(IntegrityPlan { flights_per_case: 20, ..PLAN }, &["cal-lean-90"]) {
+    for row in run_plan(IntegrityPlan { flights_per_case: 20, ..TEST_PLAN }, &["cal-lean-90"]) {
         assert!(row.error_ratio_largest.is_none_or(|ratio| ratio <= 2.0), "{row:?}");
     }
 }

@@ -404,9 +404,9 @@ fn attitude_latency_and_gyro_drift_are_distinguished() {
 #[test]
 fn a_jump_of_the_gyro_offset_is_followed() {
     let mut flight = Flight::new(16);
-    flight.fly(600);
-    flight.wrong.drift_rad_s = 5e-3;
-    flight.fly(20);
+    flight.fly_seconds(600);
+    flight.errors.gyro_drift_rad_s = 5e-3;
+    flight.fly_seconds(20);
     let found = flight.monitor.monitor_output().states[GYRO_OFFSETS[1]];
     assert!((found - 5e-3).abs() < 1e-3, "{found}");
 }
@@ -584,7 +584,7 @@ fn the_reason_for_a_withheld_heading_is_the_larger_error() {
             field: Vector3::new(0.5, 0.0, 0.8),
             mount_turn_effect: MountTurnEffect::new(&Flight::new(0).calibration, &Vector3::zeros()),
             attitude: Attitude { roll_rad: -0.35, pitch_rad: 0.0 },
-            motion: EulerRates::default(),
+            euler_rates: EulerRates::default(),
         };
         let found = monitor.assess_validity(monitor.filter.mean(), &seen, &[0.0; STATE_COUNT], [0.0; 2]);
         assert_eq!(found, Err(reason), "{state} {value} {hard_iron}");

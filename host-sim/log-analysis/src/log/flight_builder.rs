@@ -161,7 +161,7 @@ impl FlightBuilder {
         flight.battery_current.sort_and_dedup();
         flight.reference_heading.sort_and_dedup();
         flight.row_usability.sort_and_dedup();
-        flight.skipped_counts.repeats += attitude_repeats as u64;
+        flight.skipped_counts.repeated_times += attitude_repeats as u64;
         if self.field_rows.iter().all(|(_, _, field)| field.rows().is_empty()) {
             self.field_rows.clear();
         }

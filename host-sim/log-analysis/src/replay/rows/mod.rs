@@ -78,8 +78,9 @@ pub struct RowCounts {
     pub used: usize,
     /// Number of readings without a neighbouring attitude.
     pub without_attitude: usize,
-    /// Readings with attitude changes that contradict the body rates (filter alignment or reset).
-    pub unsettled: usize,
+    /// Number of readings with attitude changes that contradict the body rates (filter alignment or reset).
+    #[serde(rename = "unsettled")]
+    pub contradicting_attitude: usize,
     /// Number of rows in which the aircraft was disarmed.
     pub disarmed: usize,
     /// Number of rows before the first and after the last movement, where foreign iron may be near.
