@@ -30,7 +30,7 @@ fn maximum_likelihood_reaches_the_cramer_rao_bound() {
 #[test]
 fn every_solve_converges_and_none_is_accepted_wrongly() {
     let result = maximum_likelihood();
-    assert!((result.converged_percent, result.wrong) == (100.0, 0), "{result:?}");
+    assert!((result.converged_percent, result.wrong_calibrations) == (100.0, 0), "{result:?}");
     // All flights provide enough information.
     assert!(result.accepted_percent >= 99.0, "{result:?}");
 }
@@ -67,7 +67,10 @@ fn a_copter_is_calibrated_by_its_routine_either_way_round() {
         let flight = Flight { kind: VehicleKind::Copter, flight_pattern: pattern, duration_minutes: 3.0 };
         let row =
             flight_study::run_flight_study(flight, AccuracyPlan { airframes: 20, noise_draws: 5, seed: 1000 }, &|| {});
-        assert!(row.converged_percent >= 100.0 && row.accepted_percent >= 95.0 && row.wrong == 0, "{row:?}");
+        assert!(
+            row.converged_percent >= 100.0 && row.accepted_percent >= 95.0 && row.wrong_calibrations == 0,
+            "{row:?}"
+        );
         assert!(row.rms_median_deg <= 0.8 && row.rms_worst_decile_deg <= 1.6, "{row:?}");
         // RMS error over the bound: the solver weights attitudes equally, although accelerations degrade some.
         assert!((0.9..=1.25).contains(&row.solver_loss_median), "{row:?}");

@@ -105,7 +105,7 @@ fn format_outcome(plan: AccuracyPlan, outcome: &AccuracyResult) -> String {
                 format!("{:.3}", method.rms_median_deg),
                 format!("{:.1}", method.converged_percent),
                 format!("{:.1}", method.accepted_percent),
-                format!("{}", method.wrong),
+                format!("{}", method.wrong_calibrations),
             ]
             .map(right_aligned),
         );
@@ -171,12 +171,12 @@ fn format_flights(plan: AccuracyPlan, rows: &[FlightStudyRow]) -> String {
             [
                 name(row),
                 format!("{:.0}", row.minutes),
-                format!("{:.0}", row.readings),
+                format!("{:.0}", row.retained_samples_median),
                 format!("{:.3}", row.rms_median_deg),
                 format!("{:.3}", row.rms_worst_decile_deg),
                 format!("{:.1}", row.converged_percent),
                 format!("{:.1}", row.accepted_percent),
-                format!("{}", row.wrong),
+                format!("{}", row.wrong_calibrations),
             ]
             .map(right_aligned),
         );

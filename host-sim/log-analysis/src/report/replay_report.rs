@@ -385,7 +385,7 @@ mod tests {
         )
     }
 
-    const REFUSED: Result<(), Refusal> = Err(Refusal::Solve(SolveError::NotConverged));
+    const REFUSED_SOLVE: Result<(), Refusal> = Err(Refusal::Solve(SolveError::NotConverged));
 
     fn fact(report: &Report, name_wanted: &str) -> Option<String> {
         report.compasses[0].facts.iter().find(|[name, _]| name == name_wanted).map(|[_, words]| words.clone())
@@ -394,7 +394,7 @@ mod tests {
     #[test]
     fn a_refused_calibration_is_labelled_as_refused() {
         let automatic = report(|_, _| {});
-        let refused = report(|_, verdict| verdict.compasses[0].module_result.acceptance = REFUSED);
+        let refused = report(|_, verdict| verdict.compasses[0].module_result.acceptance = REFUSED_SOLVE);
         for (report, line, mark, expected_text) in [
             (&automatic, "module", "would have calibrated", "would have calibrated itself at"),
             (&refused, "module, but refused", "would have solved", "would have been refused: not-converged"),

@@ -133,13 +133,13 @@ mod tests {
 
     const STEP_S: f64 = 0.02;
 
-    fn turning() -> TrueState {
+    fn turning_state() -> TrueState {
         TrueState { roll_rad: 0.4, heading_rate_rad_s: 0.2, roll_rate_rad_s: 0.1, ..TrueState::default() }
     }
 
     #[test]
     fn a_perfect_gyro_measures_the_true_rates() {
-        let truth = turning();
+        let truth = turning_state();
         let measured = Gyro::new(GyroConfig::ERROR_FREE, 1, STEP_S).measure_rates(&truth);
         assert_eq!(measured.map(f64::to_bits), truth.body_rates_rad_s().map(f64::to_bits));
     }

@@ -11,11 +11,11 @@ use crate::devices::uart::{self, SerialCable};
 use testkit::clock;
 use testkit::simulation::{Level, Simulation};
 
-const EXAMPLE: &str = include_str!("../../../airframes/example.toml");
+const EXAMPLE_AIRFRAME_FILE: &str = include_str!("../../../airframes/example.toml");
 
 #[test]
 fn the_example_file_shows_the_defaults() {
-    let config = WorldConfig::from_toml(EXAMPLE, 3).unwrap();
+    let config = WorldConfig::from_toml(EXAMPLE_AIRFRAME_FILE, 3).unwrap();
     let defaults = WorldConfig::of_table1(3);
     assert_eq!(WorldConfig { airframe: defaults.airframe, ..config }, defaults);
     // The file's 8 % of soft iron and 24.8 uT of hard iron; singular values do not depend on the mounting.
@@ -41,7 +41,7 @@ fn an_airframe_round_trips_through_its_file() {
 
 #[test]
 fn a_world_file_selects_the_vehicle_kind() {
-    let text = EXAMPLE
+    let text = EXAMPLE_AIRFRAME_FILE
         .replace("kind = \"plane\"", "kind = \"copter\"")
         .replace("push_error_deg = 0.0", "push_error_deg = 1.5");
     let copter = WorldConfig::from_toml(&text, 3).unwrap();
@@ -54,8 +54,8 @@ fn a_world_file_selects_the_vehicle_kind() {
 #[test]
 fn mistakes_in_a_file_are_named() {
     let message = |from: &str, to: &str| {
-        assert!(EXAMPLE.contains(from));
-        WorldConfig::from_toml(&EXAMPLE.replace(from, to), 0).unwrap_err().to_string()
+        assert!(EXAMPLE_AIRFRAME_FILE.contains(from));
+        WorldConfig::from_toml(&EXAMPLE_AIRFRAME_FILE.replace(from, to), 0).unwrap_err().to_string()
     };
     assert_eq!(
         message("inclination_deg = 54.0", "inclination_deg = 95.0"),

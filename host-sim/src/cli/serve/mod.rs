@@ -175,7 +175,7 @@ impl ModuleOptions {
         has_can: bool,
     ) -> Result<(ServedModule, FlashWriter), CommandFailure> {
         let pattern = PilotPattern::from_name(&self.pattern).unwrap_or_default();
-        let (mut flash, image) = FlashWriter::open_file(self.flash.as_deref())?;
+        let (mut flash_writer, image) = FlashWriter::open_file(self.flash.as_deref())?;
         let served_module = ServedModule::new(
             self.world_config()?,
             serve::ServeOptions {
@@ -187,14 +187,14 @@ impl ModuleOptions {
             image.as_ref(),
         );
         // The file is written at the start, so that an unwritable one is noticed before a calibration is lost.
-        flash.write_flash(&served_module)?;
-        Ok((served_module, flash))
+        flash_writer.write_flash(&served_module)?;
+        Ok((served_module, flash_writer))
     }
 }
 
 pub fn run_serve(options: &ServeCommandOptions) -> Result<ExitCode, CommandFailure> {
     let interruption = TerminationSignals::install_handlers(SecondSignal::Exits)?;
-    let (mut served_module, flash) =
+    let (mut served_module, flash_writer) =
         options.module_options.build_module(options.attitude, options.world.is_some(), options.can.is_some())?;
     let mut port_wires: Vec<Vec<Box<dyn ByteConnection>>> = Vec::new();
     let mut port_addresses = Vec::new();
@@ -226,7 +226,7 @@ pub fn run_serve(options: &ServeCommandOptions) -> Result<ExitCode, CommandFailu
         attitude_socket: world,
         can_bus: can,
         pilot_commands: Some(PilotCommandInput::from_stdin()),
-        flash,
+        flash_writer,
     };
     wiring.run_connections(&mut served_module, options.module_options.speed, interruption.stop_flag())?;
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
@@ -363,7 +363,7 @@ fn open_terminal(pilot_lines: Option<Sender<Vec<u8>>>) -> Result<Terminal, Comma
 }
 
 fn serve_private_module(module_options: &ModuleOptions) -> Result<ExitCode, CommandFailure> {
-    let (mut served_module, flash) = module_options.build_module(AttitudeProvider::Own, false, false)?;
+    let (mut served_module, flash_writer) = module_options.build_module(AttitudeProvider::Own, false, false)?;
     let mut port_wires: Vec<Vec<Box<dyn ByteConnection>>> = PORTS.iter().map(|_| Vec::new()).collect();
     let interruption = TerminationSignals::install_handlers(SecondSignal::Exits)?;
     let (pilot_lines, line_receiver) = mpsc::channel();
@@ -373,7 +373,7 @@ fn serve_private_module(module_options: &ModuleOptions) -> Result<ExitCode, Comm
         attitude_socket: None,
         can_bus: None,
         pilot_commands: Some(PilotCommandInput::from_channel(line_receiver)),
-        flash,
+        flash_writer,
     };
     wiring.run_connections(&mut served_module, module_options.speed, interruption.stop_flag())?;
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))

@@ -21,7 +21,7 @@ pub struct Connections {
     pub attitude_socket: Option<UdpSocket>,
     pub can_bus: Option<MulticastBus>,
     pub pilot_commands: Option<PilotCommandInput>,
-    pub flash: FlashWriter,
+    pub flash_writer: FlashWriter,
 }
 
 /// Largest number of datagrams read in one poll; the system's buffer drops the excess.
@@ -79,10 +79,10 @@ impl Connections {
             if let Some(error_text) = virtual_clock.take_warning() {
                 print::print_error(format_args!("{error_text}\r"));
             }
-            self.flash.write_if_stable(served_module, false)?;
+            self.flash_writer.write_if_stable(served_module, false)?;
             thread::sleep(POLL_INTERVAL);
         }
-        self.flash.write_if_stable(served_module, true)
+        self.flash_writer.write_if_stable(served_module, true)
     }
 }
 

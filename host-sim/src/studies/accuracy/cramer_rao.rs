@@ -20,7 +20,7 @@ pub type InformationRoot = SMatrix<f64, 2, 13>;
 /// Cramér-Rao bound of the RMS heading error over the envelope, degrees; `None` if the common parameters are
 /// unobservable.
 #[must_use]
-pub fn rms_deg(trial: &RandomFlight) -> Option<f64> {
+pub fn bound_rms_deg(trial: &RandomFlight) -> Option<f64> {
     bound_deg_of_samples(trial, trial.true_samples())
 }
 
@@ -155,7 +155,8 @@ mod tests {
             .true_samples()
             .map(|true_sample| TrueSample { disturbing_acceleration_m_s2: 5.0, ..*true_sample })
             .collect();
-        let [calm, turbulent] = [rms_deg(&trial).unwrap(), bound_deg_of_samples(&trial, turbulent.iter()).unwrap()];
+        let [calm, turbulent] =
+            [bound_rms_deg(&trial).unwrap(), bound_deg_of_samples(&trial, turbulent.iter()).unwrap()];
         // The acceleration adds 2 deg of tilt error to 0.2 to 1 deg of noise.
         assert!(turbulent > 1.5 * calm, "{turbulent} {calm}");
     }
@@ -163,7 +164,7 @@ mod tests {
     #[test]
     fn a_flight_flown_twice_is_known_better_by_the_root_of_two() {
         let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, 7);
-        let bound_deg = rms_deg(&trial).unwrap();
+        let bound_deg = bound_rms_deg(&trial).unwrap();
         let twice = bound_deg_of_samples(&trial, trial.true_samples().chain(trial.true_samples())).unwrap();
         assert!((bound_deg / twice - 2_f64.sqrt()).abs() < 1e-9, "{bound_deg} {twice}");
     }

@@ -80,7 +80,7 @@ pub fn select_samples(trial: &RandomFlight, sample_count: usize) -> Vec<TrueSamp
 
 /// Cramér-Rao bound of the RMS heading error for a selection of `sample_count` samples, degrees.
 #[must_use]
-pub fn rms_deg(trial: &RandomFlight, sample_count: usize) -> Option<f64> {
+pub fn bound_rms_deg(trial: &RandomFlight, sample_count: usize) -> Option<f64> {
     cramer_rao::bound_deg_of_samples(trial, select_samples(trial, sample_count).iter())
 }
 
@@ -148,11 +148,11 @@ mod tests {
                 .true_flight(&RandomRanges::WORST_CASE, 3);
         let trial = trial(1).with_flight(flight, AttitudeEnvelope::Tilted);
         let thinned = cramer_rao::bound_deg_of_samples(&trial, trial.true_samples().step_by(9)).unwrap();
-        let chosen = rms_deg(&trial, 200).unwrap();
+        let chosen = bound_rms_deg(&trial, 200).unwrap();
         assert!(chosen < 0.9 * thinned, "{chosen} {thinned}");
-        assert!(rms_deg(&trial, 400).unwrap() < chosen);
+        assert!(bound_rms_deg(&trial, 400).unwrap() < chosen);
         assert_eq!(select_samples(&trial, 10_000).len(), 1800);
-        let all_samples_deg = rms_deg(&trial, 10_000).unwrap();
-        assert!((all_samples_deg / cramer_rao::rms_deg(&trial).unwrap() - 1.0).abs() < 1e-9);
+        let all_samples_deg = bound_rms_deg(&trial, 10_000).unwrap();
+        assert!((all_samples_deg / cramer_rao::bound_rms_deg(&trial).unwrap() - 1.0).abs() < 1e-9);
     }
 }

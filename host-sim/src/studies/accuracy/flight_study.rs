@@ -27,13 +27,15 @@ pub struct FlightStudyRow {
     /// Duration, minutes.
     pub minutes: f64,
     /// Number of retained samples, median over the airframes.
-    pub readings: f64,
+    #[serde(rename = "readings")]
+    pub retained_samples_median: f64,
     /// Solves that returned coefficients, percent.
     pub converged_percent: f64,
     /// Solves that an uncalibrated module accepts, percent.
     pub accepted_percent: f64,
     /// Accepted solves with a true RMS error above three times the estimated one.
-    pub wrong: u32,
+    #[serde(rename = "wrong")]
+    pub wrong_calibrations: u32,
     /// RMS heading error, median over the airframes, degrees.
     pub rms_median_deg: f64,
     /// RMS heading error, 90th percentile over the airframes, degrees.
@@ -74,7 +76,7 @@ pub fn run_flight_study(flight: Flight, plan: AccuracyPlan, on_airframe_done: &(
 }
 
 struct FlightResult {
-    readings: usize,
+    retained_count: usize,
     retained_bound_deg: f64,
     best_bound_deg: f64,
     solve_counts: SolveCounts,
@@ -97,11 +99,11 @@ impl FlightResult {
                 .collect();
         let kept_samples =
             trial.true_samples().filter(|true_sample| retained_times.contains(&true_sample.time.as_ms()));
-        let readings = retained_times.len();
+        let retained_count = retained_times.len();
         let mut flight_result = Self {
-            readings,
+            retained_count,
             retained_bound_deg: cramer_rao::bound_deg_of_samples(&trial, kept_samples)?,
-            best_bound_deg: d_optimal::rms_deg(&trial, readings)?,
+            best_bound_deg: d_optimal::bound_rms_deg(&trial, retained_count)?,
             solve_counts: SolveCounts::default(),
             normalised: Vec::new(),
             normalised_with_faults: Vec::new(),
@@ -151,10 +153,10 @@ fn study_row(flight: Flight, trials: &[FlightResult]) -> FlightStudyRow {
         aircraft: flight.kind.vehicle_name(),
         pattern: flight.flight_pattern,
         minutes: flight.duration_minutes,
-        readings: median(trials.iter().map(|flight_result| flight_result.readings as f64)),
+        retained_samples_median: median(trials.iter().map(|flight_result| flight_result.retained_count as f64)),
         converged_percent: percent(solved_count),
         accepted_percent: percent(total_count(|solve_counts| solve_counts.accepted_solves)),
-        wrong: total_count(|solve_counts| solve_counts.wrong_solves),
+        wrong_calibrations: total_count(|solve_counts| solve_counts.wrong_solves),
         rms_median_deg: rms_deg(0.5),
         rms_worst_decile_deg: rms_deg(0.9),
         solver_loss_median: median(kept_ratios),

@@ -35,7 +35,8 @@ pub struct MethodResult {
     /// Solves that an uncalibrated module accepts, percent.
     pub accepted_percent: f64,
     /// Accepted solves with a true RMS error above three times the estimated one.
-    pub wrong: u32,
+    #[serde(rename = "wrong")]
+    pub wrong_calibrations: u32,
     /// RMS heading error, median over the airframes, degrees.
     pub rms_median_deg: f64,
     /// RMS heading error over the bound, median over the airframes.
@@ -94,7 +95,7 @@ struct AirframeResult {
 impl AirframeResult {
     fn evaluate_airframe(trial: &RandomFlight, draws: u64) -> Option<Self> {
         let mut airframe_result = Self {
-            bound_deg: cramer_rao::rms_deg(trial)?,
+            bound_deg: cramer_rao::bound_rms_deg(trial)?,
             methods: [SolveCounts::default(); COMPARED_METHODS.len()],
             normalised: Vec::new(),
             normalised_with_faults: Vec::new(),
@@ -132,7 +133,7 @@ fn method_result(trials: &[AirframeResult], index: usize, method: Method) -> Met
         method: method.method_name(),
         converged_percent: percent(solved_count),
         accepted_percent: percent(total_count(|counts| counts.accepted_solves)),
-        wrong: total_count(|counts| counts.wrong_solves),
+        wrong_calibrations: total_count(|counts| counts.wrong_solves),
         rms_median_deg: median(solved_ones().map(|(_, counts)| counts.rms_deg())),
         ratio_median: median(ratios()),
         ratio_worst_decile: quantile(ratios(), 0.9).unwrap_or(f64::NAN),

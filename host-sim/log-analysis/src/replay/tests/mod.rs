@@ -38,4 +38,4 @@ fn verdict(compasses: Vec<CompassEvaluation>) -> FlightEvaluation {
     FlightEvaluation { compasses, ..FLOWN_TURNS.1.clone() }
 }
 
-const REFUSED: Result<(), Refusal> = Err(Refusal::Solve(SolveError::NotConverged));
+const REFUSED_SOLVE: Result<(), Refusal> = Err(Refusal::Solve(SolveError::NotConverged));

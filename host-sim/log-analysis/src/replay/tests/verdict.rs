@@ -34,7 +34,7 @@ fn a_verdict_reports_the_worst_compass_s_time_and_accuracy() {
         verdict_at(None)
     );
     let refused = outcome_of_two(|second| {
-        (second.module_result.acceptance, second.module_result.collection_end_s) = (REFUSED, None);
+        (second.module_result.acceptance, second.module_result.collection_end_s) = (REFUSED_SOLVE, None);
     });
     assert!(refused.contains("1 of 2 compasses (number 1) by itself at 40 s of the log, expecting 0.5"), "{refused}");
 }
@@ -55,7 +55,7 @@ fn the_time_of_the_calibration_is_on_the_log_s_clock() {
 fn a_log_with_under_20_usable_rows_is_the_cause_of_a_refusal() {
     let refused = |readings: usize, used_count: usize| {
         let (_, mut compass) = compass_of_flown_turns();
-        (compass.module_result.acceptance, compass.module_result.collection_end_s) = (REFUSED, None);
+        (compass.module_result.acceptance, compass.module_result.collection_end_s) = (REFUSED_SOLVE, None);
         compass.row_counts =
             RowCounts { readings, used: used_count, disarmed: readings - used_count, ..RowCounts::default() };
         let module_refusal = compass.module_result.acceptance.as_ref().unwrap_err().to_string();
@@ -70,7 +70,7 @@ fn a_log_with_under_20_usable_rows_is_the_cause_of_a_refusal() {
 fn the_refusal_of_the_compass_closest_to_acceptance_is_reported() {
     let compass_with = |compass_number: u8, readings: usize| {
         let (_, mut compass) = compass_of_flown_turns();
-        (compass.module_result.acceptance, compass.module_result.collection_end_s) = (REFUSED, None);
+        (compass.module_result.acceptance, compass.module_result.collection_end_s) = (REFUSED_SOLVE, None);
         compass.row_counts = RowCounts { readings, used: readings, ..RowCounts::default() };
         CompassEvaluation { compass_number, ..compass }
     };
