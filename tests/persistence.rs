@@ -501,7 +501,7 @@ fn a_lost_collection_is_reported() {
         assert!(retained_sample_count(&mut rig) < 10);
         rig.power_on(cause);
         rig.run_for_s(1.0);
-        assert!(!rig.take_console_output().contains("collection-lost"), "told once");
+        assert!(!rig.take_console_output().contains("collection-lost"), "reported once");
         let transcript_text = fly_to_end(&mut rig);
         let notice = transcript::parse_solve_notice(&transcript_text);
         assert!(matches!(notice, Some(transcript::SolveNotice::Calibrated(_)) | None), "{transcript_text}");

@@ -262,7 +262,10 @@ fn motor_current_interference_is_estimated_with_a_reported_current() {
             transcript::parse_shown_calibration(&shown_text).unwrap_or_else(|| panic!("{far_end:?}: {shown_text}"));
         let MotorCurrentInterference { ut_per_a, sigma_ut_per_a, .. } = shown_text.calibration.motor_current;
         let error_deg = HeadingErrors::evaluate_calibration(&shown_text.calibration, &config).statistics().rms_deg;
-        println!("{far_end:?}, told: {is_reported}: {error_deg:.2} deg, {:?}", shown_text.calibration.motor_current);
+        println!(
+            "{far_end:?}, reported: {is_reported}: {error_deg:.2} deg, {:?}",
+            shown_text.calibration.motor_current
+        );
         if !is_reported {
             assert_eq!(shown_text.calibration.motor_current, MotorCurrentInterference::NO_INTERFERENCE);
             continue;

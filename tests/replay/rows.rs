@@ -212,14 +212,17 @@ fn a_wrong_inclination_is_named() {
         let world = WorldConfig::random_world(seed);
         let rows = recorded_turns(&world, 3.0);
         let true_deg = world.earth.inclination_deg;
-        for told_deg in [true_deg + 10.0, true_deg - 20.0, if true_deg.abs() > 5.0 { -true_deg } else { 45.0 }] {
-            let refused = replay_rows(&rows, &ReplayOptions { inclination_deg: Some(told_deg), ..TURN_SAMPLES })
+        for configured_deg in [true_deg + 10.0, true_deg - 20.0, if true_deg.abs() > 5.0 { -true_deg } else { 45.0 }] {
+            let refused = replay_rows(&rows, &ReplayOptions { inclination_deg: Some(configured_deg), ..TURN_SAMPLES })
                 .acceptance
                 .unwrap_err();
             let Refusal::Solve(SolveError::InclinationContradicted { found_deg }) = refused else {
-                panic!("seed {seed}, told {told_deg}: {refused:?}");
+                panic!("seed {seed}, configured {configured_deg}: {refused:?}");
             };
-            assert!((f64::from(found_deg) - true_deg).abs() < 1.5, "seed {seed}, told {told_deg}: {found_deg}");
+            assert!(
+                (f64::from(found_deg) - true_deg).abs() < 1.5,
+                "seed {seed}, configured {configured_deg}: {found_deg}"
+            );
         }
     }
 }

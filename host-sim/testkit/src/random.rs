@@ -47,7 +47,7 @@ mod tests {
         let mut random = Random(1);
         let moments = |numbers: Vec<f64>| {
             let mean = numbers.iter().sum::<f64>() / NUMBER as f64;
-            (mean, numbers.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / NUMBER as f64)
+            (mean, numbers.iter().map(|value| (value - mean) * (value - mean)).sum::<f64>() / NUMBER as f64)
         };
         let (mean, variance) = moments((0..NUMBER).map(|_| f64::from(random.normal())).collect());
         assert!(mean.abs() < 0.02 && (variance - 1.0).abs() < 0.03, "{mean} {variance}");

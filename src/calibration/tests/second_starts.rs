@@ -27,13 +27,13 @@ fn a_wrong_inclination_is_reported() {
                     solve_with_inclination(&recorded, configured_deg)
                 else {
                     panic!(
-                        "{true_deg}, told {configured_deg}: {:?}",
+                        "{true_deg}, configured {configured_deg}: {:?}",
                         solve_with_inclination(&recorded, configured_deg)
                     );
                 };
                 assert!(
                     (f32::from(found_deg) - true_deg).abs() <= 1.5,
-                    "{true_deg}, told {configured_deg}: {found_deg}"
+                    "{true_deg}, configured {configured_deg}: {found_deg}"
                 );
             }
             for configured_deg in [true_deg + 40.0, true_deg - 40.0] {
@@ -42,7 +42,7 @@ fn a_wrong_inclination_is_reported() {
                         solve_with_inclination(&recorded, configured_deg),
                         Err(SolveError::InclinationContradicted { .. })
                     );
-                    assert!(named, "{true_deg}, told {configured_deg}");
+                    assert!(named, "{true_deg}, configured {configured_deg}");
                 }
             }
         }

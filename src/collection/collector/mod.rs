@@ -164,6 +164,7 @@ impl<'a> Collector<'a> {
 
     /// Whether the selection uses the coefficients of a trial solve.
     #[cfg(test)]
+    #[must_use]
     pub fn uses_trial_solution(&self) -> bool {
         self.selection.uses_trial_solution()
     }

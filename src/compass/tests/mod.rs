@@ -240,7 +240,7 @@ fn full_turns_to_both_sides_give_a_calibration() {
     };
     let written = *written;
     let Effect::Notify(Message::Solved(Ok(verdict))) = bench.compass.process_event(Event::Saved(Ok(()))) else {
-        panic!("not told")
+        panic!("no message")
     };
     assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
     assert_eq!(bench.compass.active_record(), Some(&written));

@@ -212,7 +212,7 @@ fn samples_survive_a_restart_in_a_solve_but_not_its_end() {
             (run.compass.module_state(), run.status_report().collection_progress.left_turns.samples),
             (ModuleState::Uncalibrated, 0)
         );
-        assert_eq!(run.compass.last_outcome(), None, "it was told");
+        assert_eq!(run.compass.last_outcome(), None, "the loss was reported before");
     });
     module.run_module(|run| {
         run.send_command(Command::CalStart(Procedure::Flight));
@@ -258,7 +258,9 @@ fn a_collection_lost_with_the_power_is_reported() {
         assert_eq!((run.stored_values.startup_values, *run.write_count), (StartupValues::DEFAULT, 2));
     });
     module.lose_power();
-    module.run_module(|run| assert_eq!((run.compass.last_outcome(), *run.write_count), (None, 2), "told once"));
+    module.run_module(|run| {
+        assert_eq!((run.compass.last_outcome(), *run.write_count), (None, 2), "the loss is reported once");
+    });
     module.run_module(|run| assert!(run.collect_flight(&hover_samples).is_some_and(|end| end.is_ok())));
     module.lose_power();
     module.run_module(|run| {

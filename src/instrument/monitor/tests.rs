@@ -280,12 +280,13 @@ fn a_hard_iron_change_is_detected_and_reported() {
             flight_result.empty_reasons.is_empty() && flight_result.worst_deg < 5.0,
             "{iron_ut:?}: {flight_result:?}"
         );
-        let Some(InstallationChange::HardIron(told)) = flight.monitor.monitor_output().installation_change else {
+        let Some(InstallationChange::HardIron(reported_change)) = flight.monitor.monitor_output().installation_change
+        else {
             panic!("{iron_ut:?}")
         };
-        let off_ut = (told.change_ut - Vector3::from(iron_ut)).norm();
-        assert!(off_ut < 0.3 * Vector3::from(iron_ut).norm(), "{iron_ut:?}: {told:?}");
-        assert!(off_ut < 6.0 * told.sigma_ut, "{iron_ut:?}: {told:?}");
+        let off_ut = (reported_change.change_ut - Vector3::from(iron_ut)).norm();
+        assert!(off_ut < 0.3 * Vector3::from(iron_ut).norm(), "{iron_ut:?}: {reported_change:?}");
+        assert!(off_ut < 6.0 * reported_change.sigma_ut, "{iron_ut:?}: {reported_change:?}");
         flight.errors.hard_iron_ut = [0.0; 3];
         flight.fly_seconds(200);
         assert_eq!(flight.monitor.monitor_output().installation_change, None, "{iron_ut:?}");
@@ -306,11 +307,15 @@ fn a_turn_in_the_mount_is_estimated_and_reported() {
             flight_result.empty_reasons.is_empty() && flight_result.worst_deg < 4.5,
             "{turn_deg}: {flight_result:?}"
         );
-        let Some(InstallationChange::Mount(told)) = flight.monitor.monitor_output().installation_change else {
+        let Some(InstallationChange::Mount(reported_change)) = flight.monitor.monitor_output().installation_change
+        else {
             panic!("{turn_deg}")
         };
-        let off_deg = told.turn_rad.to_degrees() - turn_deg;
-        assert!(off_deg.abs() < 1.5 && off_deg.abs() < 4.0 * told.sigma_rad.to_degrees(), "{turn_deg}: {told:?}");
+        let off_deg = reported_change.turn_rad.to_degrees() - turn_deg;
+        assert!(
+            off_deg.abs() < 1.5 && off_deg.abs() < 4.0 * reported_change.sigma_rad.to_degrees(),
+            "{turn_deg}: {reported_change:?}"
+        );
         flight.errors.mount_turn_rad = 0.0;
         flight.fly_seconds(400);
         assert_eq!(flight.monitor.monitor_output().installation_change, None, "{turn_deg}");
