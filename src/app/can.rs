@@ -146,10 +146,9 @@ fn poll_can_node(links: &TaskLinks, node: &mut CanNode, settings: &Settings) {
     links.update_line_state(AutopilotLine::Can, ProtocolKind::Mavlink, node.is_armed(now));
     links.set_can_state(node.can_state(now));
     let Some(stored_settings) = links.stored_settings.try_get() else { return };
-    let is_armed = links.is_armed() == Some(true);
     let correction = calibration_to_report(links, |calibration| node.differs_from_reported(calibration));
     let command = with_snapshot(links, now, settings, correction.as_ref(), |snapshot| {
-        node.poll(&NodeContext { snapshot: *snapshot, stored_settings: &stored_settings, is_armed })
+        node.poll(&NodeContext { snapshot: *snapshot, stored_settings: &stored_settings })
     });
     send_command(links, command.flatten());
 }
@@ -161,8 +160,8 @@ fn poll_in_safe_mode(links: &TaskLinks, node: &mut CanNode, settings: &Settings)
     let estimate = Estimate { timestamp: now, heading: Err(NoHeading::SafeMode), ..Estimate::EMPTY };
     let indicator = IndicatorState::Idle;
     let snapshot = Snapshot { now, estimate: &estimate, settings, indicator_state: indicator, calibration: None };
-    let is_armed = node.is_armed(now) == Some(true);
-    send_command(links, node.poll(&NodeContext { snapshot, stored_settings: settings, is_armed }));
+    links.update_line_state(AutopilotLine::Can, ProtocolKind::Mavlink, node.is_armed(now));
+    send_command(links, node.poll(&NodeContext { snapshot, stored_settings: settings }));
 }
 
 /// Sends a command to the state machine. If the queue is full, the request times out, and its sender repeats it.

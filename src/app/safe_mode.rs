@@ -47,6 +47,10 @@ pub async fn run_safe_mode<F: NorFlash, const PORTS: usize>(
             Either::First((source, command)) => {
                 let reply = match command {
                     Command::Status | Command::StatusAll => Ok(Reply::SafeMode),
+                    // A person at the console may restart it, a node of the bus not in flight.
+                    Command::Restart if source != CommandSource::Console && links.is_armed() == Some(true) => {
+                        Err(Refusal::Armed)
+                    }
                     Command::Restart => {
                         links.restart_request.signal(());
                         Ok(Reply::SafeMode)

@@ -20,7 +20,7 @@ impl Compass<'_> {
         let waits_for_solve = match command {
             Command::Status | Command::StatusAll | Command::CalShow | Command::CalAdvise => return Ok(()),
             Command::CalAbort | Command::Restart => false,
-            Command::Set(setting) => setting.is_used_by_solves(),
+            Command::Set(setting) | Command::SetFromBus(setting) => setting.is_used_by_solves(),
             _ => true,
         };
         // A save is always completed.
@@ -46,6 +46,7 @@ impl Compass<'_> {
             | Command::CalClear
             | Command::CalUndo
             | Command::Set(SettingChange::Mount(_))
+            | Command::SetFromBus(_)
             | Command::ResetSettings
             | Command::Restart => true,
             Command::CalStop

@@ -63,6 +63,8 @@ pub enum Command {
     CalShow,
     /// Change a setting.
     Set(SettingChange),
+    /// Changes a setting from a CAN bus, which has no authentication: refused while armed.
+    SetFromBus(SettingChange),
     /// Reset all settings but the alignment.
     ResetSettings,
     /// Set the alignment so that the present heading becomes this one, degrees; `None` resets it.

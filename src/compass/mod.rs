@@ -177,7 +177,7 @@ impl<'a> Compass<'a> {
             Command::Status | Command::StatusAll | Command::CalShow => {
                 return Ok(Effect::Reply(Ok(Reply::Report(self.status_report()))));
             }
-            Command::Set(setting) => {
+            Command::Set(setting) | Command::SetFromBus(setting) => {
                 let settings = self.settings.with_setting(setting).map_err(Refusal::OutOfRange)?;
                 if let SettingChange::Auto(true) = setting {
                     self.enable_automatic_start(true);

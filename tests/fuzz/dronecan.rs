@@ -183,40 +183,34 @@ fn a_node_survives_any_frames() {
         hardware_version: [1, 0],
         unique_id: [7; 16],
     };
-    check_property(
-        (any_traffic(), any::<bool>(), any::<bool>()),
-        |(traffic, has_number, is_armed)| -> PropertyResult {
-            let can = CanSettings { node: if has_number { OWN_NODE } else { 0 }, ..CanSettings::DEFAULT };
-            let settings = Settings { can, ..Settings::DEFAULT };
-            let mut node = CanNode::new(NODE_INFO, can);
-            for (frame_number, frame) in traffic.iter().enumerate() {
-                let now = Timestamp::from_us(frame_number as u64 * 12_500);
-                node.receive_frame(now, frame, &mut |_| {});
-                let estimate = Estimate { timestamp: now, ..Estimate::EMPTY };
-                let indicator = IndicatorState::Idle;
-                let snapshot = Snapshot {
-                    now,
-                    estimate: &estimate,
-                    settings: &settings,
-                    indicator_state: indicator,
-                    calibration: None,
-                };
-                let command = node.poll(&NodeContext { snapshot, stored_settings: &settings, is_armed });
-                prop_assert!(!is_armed || command.is_none(), "{command:?} while armed");
-                if let Some(command) = command {
-                    node.complete_command(command, Ok(()));
-                }
-                for _ in 0..100 {
-                    let Some(frame) = node.frame_to_send() else { break };
-                    let source = frame.frame_id() as u8 & 0x7F;
-                    prop_assert!(
-                        frame.data().len() <= 8 && (has_number || frame.frame_id() & 0x80 == 0 || source != 0)
-                    );
-                    node.on_frame_sent(now);
-                }
-                prop_assert!(node.frame_to_send().is_none(), "frames without an end");
+    check_property((any_traffic(), any::<bool>()), |(traffic, has_number)| -> PropertyResult {
+        let can = CanSettings { node: if has_number { OWN_NODE } else { 0 }, ..CanSettings::DEFAULT };
+        let settings = Settings { can, ..Settings::DEFAULT };
+        let mut node = CanNode::new(NODE_INFO, can);
+        for (frame_number, frame) in traffic.iter().enumerate() {
+            let now = Timestamp::from_us(frame_number as u64 * 12_500);
+            node.receive_frame(now, frame, &mut |_| {});
+            let estimate = Estimate { timestamp: now, ..Estimate::EMPTY };
+            let indicator = IndicatorState::Idle;
+            let snapshot = Snapshot {
+                now,
+                estimate: &estimate,
+                settings: &settings,
+                indicator_state: indicator,
+                calibration: None,
+            };
+            let command = node.poll(&NodeContext { snapshot, stored_settings: &settings });
+            if let Some(command) = command {
+                node.complete_command(command, Ok(()));
             }
-            Ok(())
-        },
-    );
+            for _ in 0..100 {
+                let Some(frame) = node.frame_to_send() else { break };
+                let source = frame.frame_id() as u8 & 0x7F;
+                prop_assert!(frame.data().len() <= 8 && (has_number || frame.frame_id() & 0x80 == 0 || source != 0));
+                node.on_frame_sent(now);
+            }
+            prop_assert!(node.frame_to_send().is_none(), "frames without an end");
+        }
+        Ok(())
+    });
 }

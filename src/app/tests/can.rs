@@ -3,6 +3,7 @@
 use super::TaskBench;
 use super::port::{ARMED_BASE_MODE, heartbeat_and_attitude_frames};
 use super::safe_mode::{FakeCanBus, OWN_NODE, RESTART_PAYLOAD};
+use super::thread_tasks::{Flash, PAGES, with_compass};
 use crate::app::can::NoBootLoader;
 use crate::app::task_links::{AutopilotLine, publish_value};
 use crate::instrument::Estimate;
@@ -31,12 +32,16 @@ fn publish_estimates(bench: &mut TaskBench, ms: u64) {
 
 fn bench_with_node() -> (TaskBench, FakeCanBus) {
     let (mut bench, bus) = (TaskBench::new(), FakeCanBus::default());
-    publish_settings(&bench, CAN_SETTINGS);
-    bus.run_node(&mut bench, bus.clone(), false);
-    bus.queue_message(DataType::ARMING_STATUS, &[0]);
-    publish_estimates(&mut bench, 100);
-    bus.take_sent(DataType::NODE_STATUS);
+    run_node(&mut bench, &bus);
     (bench, bus)
+}
+
+fn run_node(bench: &mut TaskBench, bus: &FakeCanBus) {
+    publish_settings(bench, CAN_SETTINGS);
+    bus.run_node(bench, bus.clone(), false);
+    bus.queue_message(DataType::ARMING_STATUS, &[0]);
+    publish_estimates(bench, 100);
+    bus.take_sent(DataType::NODE_STATUS);
 }
 
 #[test]
@@ -69,7 +74,8 @@ fn requests_do_not_wait_for_an_estimate() {
 /// An autopilot on a port, or a node of the bus, reports that the vehicle is armed.
 #[test]
 fn armed_states_of_ports_and_bus_count_for_each_other() {
-    let (mut bench, bus) = bench_with_node();
+    let (mut bench, bus) = (with_compass(Flash::new(PAGES)), FakeCanBus::default());
+    run_node(&mut bench, &bus);
     let port = AutopilotLine::Port(PortNumber::One);
     bench.links.update_line_state(port, ProtocolKind::Mavlink, Some(true));
     bus.queue_message(DataType::RESTART_NODE, &RESTART_PAYLOAD);

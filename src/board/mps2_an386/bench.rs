@@ -264,7 +264,7 @@ fn can_field_instructions() -> Option<u64> {
     let counts = (1..ESTIMATE_COUNT).filter_map(|number| {
         let estimate = bench_estimate(number);
         let snapshot = snapshot(&estimate, &settings);
-        let context = NodeContext { snapshot, stored_settings: &settings, is_armed: false };
+        let context = NodeContext { snapshot, stored_settings: &settings };
         let mut frames = 0;
         let count = count_instructions(|| {
             black_box(node.poll(black_box(&context)));

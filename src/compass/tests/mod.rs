@@ -315,6 +315,8 @@ fn ground_commands_are_refused_while_armed() {
         Command::CalClear,
         Command::CalUndo,
         Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION)),
+        Command::SetFromBus(SettingChange::StreamRateHz(20)),
+        Command::ResetSettings,
         Command::Restart,
     ];
     assert_eq!(bench.status_report().is_armed, None, "before anything is known");

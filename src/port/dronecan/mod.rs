@@ -11,8 +11,8 @@
 //!
 //! In safe mode it receives only what replacing the firmware needs, and reports the mode.
 //!
-//! The bus has no authentication: nothing changes while the vehicle is armed, and a second node with the same number
-//! stops the field.
+//! The bus has no authentication: the state machine refuses its commands while the vehicle is armed, and a second node
+//! with the same number stops the field.
 
 mod allocation;
 mod firmware_update;
@@ -85,8 +85,6 @@ pub struct NodeContext<'a> {
     pub snapshot: Snapshot<'a>,
     /// Settings as stored, for the parameters.
     pub stored_settings: &'a Settings,
-    /// Whether the vehicle is armed, as far as any port or the bus knows.
-    pub is_armed: bool,
 }
 
 /// Compass node of a CAN bus.
@@ -348,7 +346,7 @@ impl CanNode {
     }
 
     fn answer_requests(&mut self, own_node: NodeId, context: &NodeContext<'_>) -> Option<Command> {
-        let NodeContext { snapshot, stored_settings, is_armed } = context;
+        let NodeContext { snapshot, stored_settings } = context;
         if self.services.is_idle() {
             return None;
         }
@@ -364,7 +362,7 @@ impl CanNode {
             _ => outbound::transport_stats(transfers, *frames),
         };
         loop {
-            match services.next_request_step(snapshot.now, stored_settings, *is_armed, describe) {
+            match services.next_request_step(snapshot.now, stored_settings, describe) {
                 RequestStep::Execute(command) => return Some(command),
                 RequestStep::Respond(response) if outbox.queue_transfer(snapshot.now, Some(own_node), &response) => {
                     services.pop_response();

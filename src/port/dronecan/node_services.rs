@@ -141,13 +141,11 @@ impl Services {
         self.finished_request.is_some() || (self.running_command.is_none() && !self.waiting_requests.is_empty())
     }
 
-    /// Next step with the oldest request. While the vehicle is armed no request changes the module. `describe` returns
-    /// the responses that only the node knows.
+    /// Next step with the oldest request. `describe` returns the responses that only the node knows.
     pub fn next_request_step(
         &mut self,
         now: Timestamp,
         settings: &Settings,
-        is_armed: bool,
         describe: impl Fn(DataType) -> Payload,
     ) -> RequestStep {
         if self.running_command.is_some_and(|open| now.us_since(open.started_at) > RESULT_TIMEOUT_US) {
@@ -157,7 +155,7 @@ impl Services {
             return RequestStep::Respond(requester.response_transfer(response_to_command(request, result, settings)));
         }
         let Some((requester, request)) = self.waiting_requests.front().copied() else { return RequestStep::Idle };
-        match self.next_step(request, settings, is_armed, describe) {
+        match self.next_step(request, settings, describe) {
             RequestDecision::Answer(data_type, payload) => {
                 RequestStep::Respond(requester.response_transfer((data_type, payload)))
             }
@@ -200,7 +198,6 @@ impl Services {
         &mut self,
         request: ServiceRequest,
         settings: &Settings,
-        is_armed: bool,
         describe: impl Fn(DataType) -> Payload,
     ) -> RequestDecision {
         let described = |data_type| RequestDecision::Answer(data_type, describe(data_type));
@@ -208,40 +205,33 @@ impl Services {
             ServiceRequest::GetNodeInfo => described(DataType::GET_NODE_INFO),
             ServiceRequest::GetTransportStats => described(DataType::GET_TRANSPORT_STATS),
             ServiceRequest::Parameter { parameter, value } => {
-                let change = parameter
-                    .zip(value)
-                    .filter(|(parameter, value)| !is_armed && parameter.parameter_value(settings) != *value);
+                let change =
+                    parameter.zip(value).filter(|(parameter, value)| parameter.parameter_value(settings) != *value);
                 change.and_then(|(parameter, value)| parameter.setting_change(settings, value)).map_or_else(
                     || RequestDecision::Answer(DataType::GET_SET, parameters::parameter_response(parameter, settings)),
-                    |change| RequestDecision::Execute(Command::Set(change)),
+                    |change| RequestDecision::Execute(Command::SetFromBus(change)),
                 )
             }
-            ServiceRequest::Opcode(ParameterOpcode::Erase) if !is_armed => {
-                RequestDecision::Execute(Command::ResetSettings)
-            }
+            ServiceRequest::Opcode(ParameterOpcode::Erase) => RequestDecision::Execute(Command::ResetSettings),
             // A parameter is saved when it is set.
             ServiceRequest::Opcode(opcode) => RequestDecision::Answer(
                 DataType::EXECUTE_OPCODE,
                 outbound::opcode_result(opcode == ParameterOpcode::Save),
             ),
-            ServiceRequest::Restart { is_confirmed: true } if !is_armed => RequestDecision::Execute(Command::Restart),
-            ServiceRequest::Restart { .. } => {
+            ServiceRequest::Restart { is_confirmed: true } => RequestDecision::Execute(Command::Restart),
+            ServiceRequest::Restart { is_confirmed: false } => {
                 RequestDecision::Answer(DataType::RESTART_NODE, outbound::restart_result(false))
             }
-            ServiceRequest::Update(request) => self.decide_update(request, is_armed),
+            ServiceRequest::Update(request) => self.decide_update(request),
         }
     }
 
-    fn decide_update(&mut self, request: UpdateRequest, is_armed: bool) -> RequestDecision {
+    fn decide_update(&mut self, request: UpdateRequest) -> RequestDecision {
         let (result, reason) = match request {
             UpdateRequest::AlreadyPending => (UpdateResult::InProgress, ""),
             UpdateRequest::Valid if self.is_updating() => {
                 self.requested_update = None;
                 (UpdateResult::InProgress, "")
-            }
-            UpdateRequest::Valid if is_armed => {
-                self.requested_update = None;
-                (UpdateResult::InvalidMode, "armed")
             }
             UpdateRequest::Valid => return RequestDecision::Execute(Command::Restart),
             UpdateRequest::Unsupported => (UpdateResult::Unknown, "no boot loader for updates over CAN"),

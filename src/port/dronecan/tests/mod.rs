@@ -72,7 +72,6 @@ struct Bench {
     settings: Settings,
     estimate: Estimate,
     indicator: IndicatorState,
-    is_armed: bool,
     commands: Vec<Command>,
     delivered: Vec<ReceivedMessage>,
     frames: Vec<CanFrame>,
@@ -107,7 +106,6 @@ impl Bench {
                 ..Estimate::EMPTY
             },
             indicator: IndicatorState::Calibrated,
-            is_armed: false,
             commands: Vec::new(),
             delivered: Vec::new(),
             frames: Vec::new(),
@@ -139,7 +137,7 @@ impl Bench {
             indicator_state: self.indicator,
             calibration: None,
         };
-        let context = NodeContext { snapshot, stored_settings: &self.settings, is_armed: self.is_armed };
+        let context = NodeContext { snapshot, stored_settings: &self.settings };
         self.commands.extend(self.node.poll(&context));
     }
 

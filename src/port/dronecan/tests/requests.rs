@@ -60,7 +60,7 @@ fn integer(value: i64, name: &str) -> Vec<u8> {
 fn a_parameter_is_set_by_a_command() {
     let mut bench = Bench::new();
     assert_eq!(bench.request_response(GET_SET, &integer(20, "CAN_RATE")), None);
-    let command = Command::Set(SettingChange::CanRateHz(20));
+    let command = Command::SetFromBus(SettingChange::CanRateHz(20));
     assert_eq!(bench.commands, [command]);
     bench.settings.can.rate_hz = 20;
     bench.node.complete_command(command, Ok(()));
@@ -72,7 +72,7 @@ fn a_refused_or_unanswered_setting_is_answered_with_the_old_value() {
     let old = [1, 50, 0, 0, 0, 0, 0, 0, 0];
     let mut bench = Bench::new();
     bench.request_response(GET_SET, &integer(81, "CAN_RATE"));
-    bench.node.complete_command(Command::Set(SettingChange::CanRateHz(81)), Err(&Refusal::Busy));
+    bench.node.complete_command(Command::SetFromBus(SettingChange::CanRateHz(81)), Err(&Refusal::Busy));
     assert_eq!(bench.response(GET_SET).unwrap()[..9], old);
     bench.request_response(GET_SET, &integer(30, "CAN_RATE"));
     assert_eq!(bench.sent_in_ms(GET_SET, 1900).len(), 0);
@@ -82,7 +82,7 @@ fn a_refused_or_unanswered_setting_is_answered_with_the_old_value() {
 #[test]
 fn commands_are_executed_one_after_another() {
     let mut bench = Bench::new();
-    let commands = [20, 30].map(|rate| Command::Set(SettingChange::CanRateHz(rate)));
+    let commands = [20, 30].map(|rate| Command::SetFromBus(SettingChange::CanRateHz(rate)));
     for (number, rate) in [20, 30].into_iter().enumerate() {
         assert_eq!(bench.request_response(GET_SET, &integer(rate, "CAN_RATE")), None);
         assert_eq!(bench.commands, commands[..1], "request {number}");
@@ -114,12 +114,12 @@ fn requests_that_change_nothing_are_answered_at_once() {
 fn a_passphrase_is_set_and_not_read() {
     let mut bench = Bench::new();
     assert_eq!(bench.request_response(GET_SET, b"\x00\x04\x04wordSIGNING"), None);
-    assert_eq!(bench.commands, [Command::Set(SettingChange::Signing(Some(key_from_passphrase("word"))))]);
+    assert_eq!(bench.commands, [Command::SetFromBus(SettingChange::Signing(Some(key_from_passphrase("word"))))]);
     bench.node.complete_command(bench.commands[0], Ok(()));
     bench.settings.signing_key = Some(SigningKey([7; 32]));
     assert_eq!(bench.response(GET_SET).unwrap(), b"\x04\x02on\x04\x03off\x00\x00SIGNING");
     bench.request_response(GET_SET, b"\x00\x04\x03offSIGNING");
-    assert_eq!(bench.commands[1], Command::Set(SettingChange::Signing(None)));
+    assert_eq!(bench.commands[1], Command::SetFromBus(SettingChange::Signing(None)));
 }
 
 const RESTART_MAGIC_BYTES: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];
@@ -127,12 +127,16 @@ const RESTART_MAGIC_BYTES: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];
 #[test]
 fn nothing_changes_while_the_vehicle_is_armed() {
     let mut bench = Bench::new();
-    bench.is_armed = true;
-    assert_eq!(bench.request_response(GET_SET, &integer(20, "CAN_RATE")).unwrap()[1], 50);
-    assert_eq!(bench.request_response(DataType::RESTART_NODE, &RESTART_MAGIC_BYTES), Some(vec![0]));
-    assert_eq!(bench.request_response(DataType::EXECUTE_OPCODE, &[1, 0, 0, 0, 0, 0, 0]), Some(vec![0; 7]));
-    assert_eq!(bench.request_response(DataType::BEGIN_FIRMWARE_UPDATE, b"\x00a.bin"), Some(b"\x01armed".to_vec()));
-    assert_eq!(bench.commands, []);
+    let mut refused = |data_type, payload: &[u8]| {
+        assert_eq!(bench.request_response(data_type, payload), None);
+        bench.node.complete_command(bench.commands.pop().unwrap(), Err(&Refusal::Armed));
+        bench.response(data_type).unwrap()
+    };
+    assert_eq!(refused(GET_SET, &integer(20, "CAN_RATE"))[1], 50);
+    assert_eq!(refused(DataType::RESTART_NODE, &RESTART_MAGIC_BYTES), [0]);
+    assert_eq!(refused(DataType::EXECUTE_OPCODE, &[1, 0, 0, 0, 0, 0, 0]), [0; 7]);
+    assert_eq!(refused(DataType::BEGIN_FIRMWARE_UPDATE, b"\x00a.bin"), b"\x01armed");
+    assert_eq!(bench.node.granted_update(), None);
 }
 
 #[test]
