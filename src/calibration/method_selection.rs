@@ -32,7 +32,7 @@ pub enum Procedure {
 }
 
 impl Procedure {
-    /// All procedures, in the order of display.
+    /// All procedures, in the order of display and of their numbers.
     pub const ALL_PROCEDURES: [Self; 5] = [Self::Flight, Self::Turns, Self::Level, Self::Swing, Self::Tumble];
 
     /// Name typed after `cal start`.

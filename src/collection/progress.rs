@@ -1,7 +1,7 @@
 //! Progress of a collection: the samples that it has stored.
 
-use crate::calibration::Side;
 use crate::calibration::method_selection::Procedure;
+use crate::calibration::{CollectionPart, Side};
 
 /// Coverage of a part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -29,12 +29,8 @@ impl PartCoverage {
 pub struct CollectionProgress {
     /// Collection procedure.
     pub procedure: Procedure,
-    /// Progress of the left turns, or of all samples of `Tumble` and `Flight`.
-    pub left_turns: PartCoverage,
-    /// Progress of the right turns.
-    pub right_turns: PartCoverage,
-    /// Progress of level flight.
-    pub level_progress: PartCoverage,
+    /// Coverage of each part, in the order of [`CollectionPart::ALL_PARTS`].
+    pub(super) part_coverages: [PartCoverage; CollectionPart::ALL_PARTS.len()],
     /// Number of compass-swing marks.
     pub mark_count: u16,
     /// Side of the turn in progress.
@@ -42,15 +38,27 @@ pub struct CollectionProgress {
 }
 
 impl CollectionProgress {
-    /// Whether all required samples are stored. Always false for `Swing`, `Tumble` and `Flight`, which only the user
-    /// can end.
+    /// Coverage of a part.
+    #[must_use]
+    pub const fn coverage_of(&self, part: CollectionPart) -> &PartCoverage {
+        &self.part_coverages[part.index()]
+    }
+
+    /// Progress, percent; `None` for procedures whose end their samples do not determine.
+    #[must_use]
+    pub fn percent(&self) -> Option<u8> {
+        let percent_of = |part| self.coverage_of(part).percent;
+        match self.procedure {
+            Procedure::Turns => Some(percent_of(CollectionPart::LEFT).midpoint(percent_of(CollectionPart::RIGHT))),
+            Procedure::Level => Some(percent_of(CollectionPart::LEVEL)),
+            Procedure::Swing | Procedure::Tumble | Procedure::Flight => None,
+        }
+    }
+
+    /// Whether all required samples are stored.
     #[must_use]
     pub fn is_complete(&self) -> bool {
-        match self.procedure {
-            Procedure::Turns => self.left_turns.is_complete() && self.right_turns.is_complete(),
-            Procedure::Level => self.level_progress.is_complete(),
-            Procedure::Swing | Procedure::Tumble | Procedure::Flight => false,
-        }
+        self.percent() == Some(100)
     }
 }
 
@@ -68,14 +76,8 @@ mod tests {
         let full = PartCoverage { percent: 100, ..PartCoverage::default() };
         let part = PartCoverage { percent: 99, ..full };
         let is_complete = |procedure, [left, right, level]: [PartCoverage; 3]| {
-            CollectionProgress {
-                procedure,
-                left_turns: left,
-                right_turns: right,
-                level_progress: level,
-                ..CollectionProgress::default()
-            }
-            .is_complete()
+            let part_coverages = [left, right, level, full];
+            CollectionProgress { procedure, part_coverages, ..CollectionProgress::default() }.is_complete()
         };
         assert!(is_complete(Procedure::Turns, [full, full, part]));
         assert!(!is_complete(Procedure::Turns, [full, part, full]));

@@ -1,7 +1,6 @@
 //! Indicator state, for an LED.
 
-use super::{Compass, ModuleState, TrialResult};
-use crate::calibration::method_selection::Procedure;
+use super::{Compass, ModuleState};
 use crate::messages::Message;
 
 /// Indicator state.
@@ -37,16 +36,9 @@ impl Compass<'_> {
     /// Progress, percent: in a flight, wanted over expected heading error; 0 for procedures that the user ends.
     fn progress_percent(&self) -> u8 {
         let progress = self.collector.collection_progress();
-        match progress.procedure {
-            Procedure::Turns => progress.left_turns.percent.midpoint(progress.right_turns.percent),
-            Procedure::Level => progress.level_progress.percent,
-            Procedure::Flight => {
-                let expected_deg =
-                    self.trial_solves.last_result.as_ref().and_then(|prospect: &TrialResult| prospect.expected_deg);
-                // The cast saturates and maps NaN to 0.
-                expected_deg.map_or(0, |deg| (100.0 * self.settings.accuracy_deg / deg).min(100.0) as u8)
-            }
-            Procedure::Swing | Procedure::Tumble => 0,
-        }
+        let expected_deg = self.trial_solves.last_result.as_ref().and_then(|result| result.expected_deg);
+        // The cast saturates and maps NaN to 0.
+        let trial_percent = || Some((100.0 * self.settings.accuracy_deg / expected_deg?).min(100.0) as u8);
+        progress.percent().or_else(trial_percent).unwrap_or(0)
     }
 }

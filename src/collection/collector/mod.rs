@@ -238,17 +238,10 @@ impl<'a> Collector<'a> {
     /// Progress by part.
     #[must_use]
     pub fn collection_progress(&self) -> CollectionProgress {
-        let coverage_of =
-            |part: CollectionPart| coverage(&self.memory.samples, part, self.header.part_states[part.index()]);
-        let procedure = self.procedure();
         CollectionProgress {
-            procedure,
-            left_turns: match procedure {
-                Procedure::Flight | Procedure::Tumble => coverage_of(CollectionPart::FREE),
-                Procedure::Turns | Procedure::Level | Procedure::Swing => coverage_of(CollectionPart::LEFT),
-            },
-            right_turns: coverage_of(CollectionPart::RIGHT),
-            level_progress: coverage_of(CollectionPart::LEVEL),
+            procedure: self.procedure(),
+            part_coverages: CollectionPart::ALL_PARTS
+                .map(|part| coverage(&self.memory.samples, part, self.header.part_states[part.index()])),
             mark_count: self.header.mark_count,
             turn_in_progress: self.turn_detector.turn_side(),
         }

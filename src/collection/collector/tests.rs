@@ -1,6 +1,6 @@
 use super::super::test_samples::{banked_sample, circle_sample, empty_memory, test_sample, turn_samples};
 use super::*;
-use crate::calibration::Side;
+use crate::calibration::{CollectionPart, Side};
 use crate::collection::level_limits::LevelLimits;
 use crate::collection::progress::PartCoverage;
 
@@ -102,7 +102,7 @@ fn a_flight_and_a_level_drive_become_complete() {
         collector.push_sample(sample);
     }
     let progress = collector.collection_progress();
-    assert!(progress.left_turns.is_complete() && !progress.is_complete(), "{progress:?}");
+    assert!(progress.coverage_of(CollectionPart::LEFT).is_complete() && !progress.is_complete(), "{progress:?}");
     turn_samples(25.0, 130, 190, 13.0).for_each(|sample| collector.push_sample(sample));
     assert!(collector.collection_progress().is_complete(), "{:?}", collector.collection_progress());
     collector.begin_procedure(Procedure::Level);
@@ -151,8 +151,8 @@ fn a_new_collection_restarts_its_policy() {
     (0..3).for_each(|i| collector.push_sample(test_sample([i as f32 * 2.0, 0.0, 0.0], i * 100)));
     collector.begin_procedure(Procedure::Flight);
     assert_eq!(
-        (collector.collection_progress().left_turns, collector.distinct_samples()),
-        (PartCoverage::default(), 0)
+        (collector.collection_progress().coverage_of(CollectionPart::FREE), collector.distinct_samples()),
+        (&PartCoverage::default(), 0)
     );
     (0..4).for_each(|i| collector.push_sample(test_sample([i as f32 * 2.0, 0.0, 0.0], i * 100)));
     assert_eq!((collector.distinct_samples(), collector.stored_count()), (4, 4));

@@ -2,10 +2,10 @@
 
 use core::fmt;
 
-use super::progress::CollectionProgress;
+use super::progress::{CollectionProgress, PartCoverage};
 use super::turn_circle::SECTOR_COUNT;
 use super::turn_detector::TurnDetectorConfig;
-use crate::calibration::{Manoeuvre, Sample, Side};
+use crate::calibration::{CollectionPart, Manoeuvre, Sample, Side};
 use crate::decimal::Decimal;
 use crate::frames::Attitude;
 use crate::time::WrappingMillis;
@@ -186,12 +186,11 @@ impl FlightStatistics {
             (false, true) => return Some(CollectionProblem::OneSideOnly(Side::Right)),
             (true, true) => {}
         }
-        [(Side::Left, progress.left_turns), (Side::Right, progress.right_turns)].into_iter().find_map(
-            |(side, side_progress)| {
-                let is_arc = side_progress.samples >= arc_samples && side_progress.covered_sectors <= arc_sectors;
-                is_arc.then_some(CollectionProblem::ArcOnly { side, sectors: side_progress.covered_sectors })
-            },
-        )
+        [Side::Left, Side::Right].into_iter().find_map(|side| {
+            let PartCoverage { samples, covered_sectors: sectors, .. } =
+                *progress.coverage_of(CollectionPart::of_turn(side));
+            (samples >= arc_samples && sectors <= arc_sectors).then_some(CollectionProblem::ArcOnly { side, sectors })
+        })
     }
 }
 

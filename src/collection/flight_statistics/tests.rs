@@ -117,9 +117,10 @@ fn arcs_are_reported() {
         "{:?}",
         through(1.3, 90)
     );
-    let progress_of = |samples, sectors| CollectionProgress {
-        right_turns: super::super::progress::PartCoverage { samples, covered_sectors: sectors, ..Default::default() },
-        ..CollectionProgress::default()
+    let progress_of = |samples, sectors| {
+        let mut progress = CollectionProgress::default();
+        progress.part_coverages[1] = PartCoverage { samples, covered_sectors: sectors, ..PartCoverage::default() };
+        progress
     };
     let (mut both, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NOT_STARTED);
     turn_samples(-25.0, 0, 20, 9.0)

@@ -63,24 +63,11 @@ impl CollectionHeader {
 
     /// Start of a collection.
     pub fn new(procedure: Procedure, min_distance_ut: f32) -> Self {
-        let procedure = match procedure {
-            Procedure::Flight => 0,
-            Procedure::Turns => 1,
-            Procedure::Level => 2,
-            Procedure::Swing => 3,
-            Procedure::Tumble => 4,
-        };
-        Self { procedure, min_distance_ut, ..Self::EMPTY }
+        Self { procedure: procedure as u8, min_distance_ut, ..Self::EMPTY }
     }
 
-    pub const fn procedure(&self) -> Procedure {
-        match self.procedure {
-            1 => Procedure::Turns,
-            2 => Procedure::Level,
-            3 => Procedure::Swing,
-            4 => Procedure::Tumble,
-            _ => Procedure::Flight,
-        }
+    pub fn procedure(&self) -> Procedure {
+        Procedure::ALL_PROCEDURES.get(usize::from(self.procedure)).copied().unwrap_or_default()
     }
 
     pub const fn state(&self) -> CollectionState {

@@ -1,6 +1,7 @@
 //! Automatic collection: start, pause, takeover and end.
 
 use super::*;
+use crate::calibration::CollectionPart;
 use crate::calibration::tests::synthetic::multirotor_samples;
 
 /// 100 s of a multirotor, 4 samples/s.
@@ -30,7 +31,7 @@ impl TestBed {
     }
 
     fn stored_sample_count(&mut self) -> u16 {
-        self.status_report().collection_progress.left_turns.samples
+        self.status_report().collection_progress.coverage_of(CollectionPart::FREE).samples
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::calibration::tests::synthetic::multirotor_samples;
-use crate::calibration::{Manoeuvre, MotorCurrent};
+use crate::calibration::{CollectionPart, Manoeuvre, MotorCurrent};
 use nalgebra::Vector3;
 
 /// 100 s of a multirotor, 4 samples/s: 40 s of yaw turns, then tilts to all sides.
@@ -143,7 +143,10 @@ fn trial_solves_are_ten_seconds_apart() {
         let sample = Sample { time: WrappingMillis::new(250 * number as u32), ..sample };
         bench.compass.process_event(Event::Sample(sample));
         if bench.compass.is_busy() {
-            began.push((number, bench.compass.collector.collection_progress().left_turns.samples));
+            began.push((
+                number,
+                bench.compass.collector.collection_progress().coverage_of(CollectionPart::FREE).samples,
+            ));
             bench.solve_trial();
         }
     }

@@ -430,7 +430,8 @@ fn a_stopped_collection_keeps_its_samples() {
     bench.expect_done(Command::CalStart(Procedure::Turns));
     bench.fly_turns(&few_turns(&airframe(), 1));
     let collected = bench.status_report().collection_progress;
-    assert!(collected.left_turns.samples >= 30 && collected.right_turns.samples >= 30, "{collected:?}");
+    let [left, right] = [CollectionPart::LEFT, CollectionPart::RIGHT].map(|part| collected.coverage_of(part).samples);
+    assert!(left >= 30 && right >= 30, "{collected:?}");
     assert_eq!(bench.expect_done(Command::CalStop), ModuleState::Uncalibrated);
     assert_eq!(bench.expect_refusal(Command::CalStop), Refusal::NotCollecting);
     bench.fly_turns(&few_turns(&airframe(), 2));
@@ -452,7 +453,7 @@ fn a_new_collection_starts_without_samples() {
         } else {
             let refused = bench.expect_refusal(Command::CalStart(Procedure::Turns));
             assert_eq!(refused.stable_code(), "collecting");
-            assert!(bench.status_report().collection_progress.left_turns.samples > 0);
+            assert!(bench.status_report().collection_progress.coverage_of(CollectionPart::LEFT).samples > 0);
             bench.expect_done(Command::CalStartNew(None));
         }
         assert_eq!(bench.expect_refusal(Command::CalSolve(None)), Refusal::NoSamples);

@@ -3,6 +3,7 @@
 use testkit::random::Random as Bits;
 
 use super::*;
+use crate::calibration::CollectionPart;
 use crate::calibration::tests::synthetic::multirotor_samples;
 use crate::settings::{PORT_COUNT, PortNumber, ProtocolKind};
 
@@ -151,10 +152,10 @@ fn control_of_a_collection_survives_restarts() {
         assert!(report.is_automatic && report.module_state == ModuleState::Collecting);
         run.compass.process_event(Event::ArmedStateReported(Some(false)));
         assert!(run.collect_flight(&hover_samples[60..100]).is_none() && run.status_report().awaits_arming);
-        report.collection_progress.left_turns.samples
+        report.collection_progress.coverage_of(CollectionPart::FREE).samples
     });
     module.run_module(|run| {
-        assert_eq!(run.status_report().collection_progress.left_turns.samples, samples);
+        assert_eq!(run.status_report().collection_progress.coverage_of(CollectionPart::FREE).samples, samples);
         assert!(matches!(run.send_command(Command::CalStart(Procedure::Flight)), Effect::Reply(Ok(_))), "taken over");
     });
     module.run_module(|run| {
@@ -167,7 +168,7 @@ fn control_of_a_collection_survives_restarts() {
         assert!(run.collect_flight(&hover_samples[100..160]).is_none());
         let report = run.status_report();
         assert_eq!(
-            (report.module_state, report.collection_progress.left_turns.samples),
+            (report.module_state, report.collection_progress.coverage_of(CollectionPart::FREE).samples),
             (ModuleState::Uncalibrated, samples),
             "nor does it begin"
         );
@@ -209,7 +210,10 @@ fn samples_survive_a_restart_in_a_solve_but_not_its_end() {
     });
     module.run_module(|run| {
         assert_eq!(
-            (run.compass.module_state(), run.status_report().collection_progress.left_turns.samples),
+            (
+                run.compass.module_state(),
+                run.status_report().collection_progress.coverage_of(CollectionPart::FREE).samples
+            ),
             (ModuleState::Uncalibrated, 0)
         );
         assert_eq!(run.compass.last_outcome(), None, "the loss was reported before");
@@ -219,7 +223,9 @@ fn samples_survive_a_restart_in_a_solve_but_not_its_end() {
         run.collect_flight(&hover_samples[..30]);
         run.send_command(Command::CalAbort);
     });
-    module.run_module(|run| assert_eq!(run.status_report().collection_progress.left_turns.samples, 0));
+    module.run_module(|run| {
+        assert_eq!(run.status_report().collection_progress.coverage_of(CollectionPart::FREE).samples, 0)
+    });
 }
 
 #[test]
@@ -230,7 +236,10 @@ fn a_collection_whose_calibration_is_stored_is_discarded() {
         Some(CalibrationRecord { sensor: SENSOR, ..calibration_record(1) });
     module.run_module(|run| {
         assert_eq!(
-            (run.compass.module_state(), run.status_report().collection_progress.left_turns.samples),
+            (
+                run.compass.module_state(),
+                run.status_report().collection_progress.coverage_of(CollectionPart::FREE).samples
+            ),
             (ModuleState::Calibrated, 0)
         );
         assert_eq!(run.compass.last_outcome(), None);
@@ -287,7 +296,7 @@ fn a_damaged_collection_is_reported() {
     });
     damaged.run_module(|run| {
         assert_eq!(run.compass.last_outcome(), Some(&Message::CollectionLost));
-        assert_eq!(run.status_report().collection_progress.left_turns.samples, 0);
+        assert_eq!(run.status_report().collection_progress.coverage_of(CollectionPart::FREE).samples, 0);
     });
     for _ in 0..3 {
         module.run_module(|run| assert_eq!(run.compass.last_outcome(), None));

@@ -4,6 +4,7 @@ use core::fmt::{self, Display, Write};
 
 use super::calibration::write_latency;
 use super::settings::{SettingGroup, write_field_model, write_setting};
+use crate::calibration::CollectionPart;
 use crate::calibration::method_selection::Procedure;
 use crate::collection::{PartCoverage, SECTOR_COUNT};
 use crate::compass::{ModuleState, StatusReport, TrialResult};
@@ -34,14 +35,14 @@ pub(super) fn write_status(out: &mut impl Write, report: &StatusReport, health: 
 /// Writes the progress of a collection.
 fn write_coverage(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
     let progress = &report.collection_progress;
-    let [left, right, level] =
-        [&progress.left_turns, &progress.right_turns, &progress.level_progress].map(|part| part.percent);
+    let [left, right, level, free] = CollectionPart::ALL_PARTS.map(|part| progress.coverage_of(part));
+    let (left, right, level) = (left.percent, right.percent, level.percent);
     write!(out, "collecting: {}", progress.procedure.procedure_name())?;
     match progress.procedure {
         Procedure::Turns => writeln!(out, ", left {left} %, right {right} %, level {level} %"),
         Procedure::Level => writeln!(out, ", {level} %"),
         Procedure::Swing => writeln!(out, ", {} marks, level {level} %", progress.mark_count),
-        Procedure::Flight | Procedure::Tumble => writeln!(out, ", {} samples", progress.left_turns.samples),
+        Procedure::Flight | Procedure::Tumble => writeln!(out, ", {} samples", free.samples),
     }
 }
 
@@ -148,20 +149,20 @@ fn write_progress(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
     let automatic_text = if report.is_automatic { ", automatic" } else { "" };
     let waiting_text = if report.awaits_arming { ", when the autopilot arms" } else { "" };
     writeln!(out, "collection: {}{automatic_text}{waiting_text}", progress.procedure.procedure_name())?;
+    let [left, right, level, free] = CollectionPart::ALL_PARTS.map(|part| progress.coverage_of(part));
     match progress.procedure {
         Procedure::Turns => {
-            writeln!(out, "left: {}", CoverageText(&progress.left_turns))?;
-            writeln!(out, "right: {}", CoverageText(&progress.right_turns))?;
-            writeln!(out, "level: {}", CoverageText(&progress.level_progress))
+            writeln!(out, "left: {}", CoverageText(left))?;
+            writeln!(out, "right: {}", CoverageText(right))?;
+            writeln!(out, "level: {}", CoverageText(level))
         }
-        Procedure::Level => writeln!(out, "level: {}", CoverageText(&progress.level_progress)),
+        Procedure::Level => writeln!(out, "level: {}", CoverageText(level)),
         Procedure::Swing => {
             writeln!(out, "marks: {}", progress.mark_count)?;
-            writeln!(out, "level: {}", CoverageText(&progress.level_progress))
+            writeln!(out, "level: {}", CoverageText(level))
         }
         Procedure::Flight | Procedure::Tumble => {
-            let PartCoverage { samples, held_back_count: held_back, .. } = progress.left_turns;
-            writeln!(out, "attitudes: {samples} samples, {held_back} held back")
+            writeln!(out, "attitudes: {} samples, {} held back", free.samples, free.held_back_count)
         }
     }
 }
