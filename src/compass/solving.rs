@@ -1,10 +1,10 @@
 //! Solve, verification and acceptance of a candidate calibration.
 
-use super::activity::{Activity, CollectionStarter, DetectedSensor, Solve, SolvePurpose, SolveStage};
+use super::activity::{Activity, CollectionStarter, Solve, SolvePurpose, SolveStage};
 use super::{Compass, Effect, TrialResult};
 use crate::acceptance::{self, AcceptancePolicy, AcceptanceSamples, Incumbent};
 use crate::calibration::method_selection::{self, Procedure, SelectedParts};
-use crate::calibration::{Method, Prior, Samples, Solution, SolveError, SolveProgress as Solving, Solver};
+use crate::calibration::{Method, Prior, Samples, Solution, SolveProgress as Solving, Solver};
 use crate::collection::{CollectionState, Collector, MIN_HELD_BACK_WHEN_COMPLETE};
 use crate::messages::{Message, Refusal, SolveOutcome};
 use crate::reading::Identity;
@@ -21,19 +21,10 @@ impl Compass<'_> {
         }
         let supported = || method_selection::select_method(self.collector.fit_samples(), self.collector.procedure());
         let method = method.map_or_else(supported, Ok).map_err(Refusal::Solve)?;
-        self.start_solve_with_inclination(method, self.effective_settings().inclination_deg, purpose, sensor)
-    }
-
-    fn start_solve_with_inclination(
-        &mut self,
-        method: Method,
-        inclination_deg: Option<f32>,
-        purpose: SolvePurpose,
-        sensor: DetectedSensor,
-    ) -> Result<(), Refusal> {
         let prior = Prior {
             mount: self.settings.mount,
-            inclination_rad: inclination_deg.map(f32::to_radians),
+            inclination_rad: self.effective_settings().inclination_deg.map(f32::to_radians),
+            is_inclination_modelled: self.settings.inclination_deg.is_none(),
             readings_per_sample: sensor.readings_per_sample,
         };
         let consider = self.settings.attitude_error.to_consider_sigmas();
@@ -46,7 +37,7 @@ impl Compass<'_> {
     #[inline(never)]
     pub(super) fn advance_solve(&mut self) -> Effect {
         let Activity::Solving(solve) = &mut self.activity else { return Effect::None };
-        let (purpose, sensor) = (solve.purpose, solve.sensor);
+        let purpose = solve.purpose;
         match &mut solve.stage {
             SolveStage::Fitting(solver) => match solver.solve_step(collected_samples(&self.collector)) {
                 Solving::Continue => Effect::None,
@@ -55,22 +46,11 @@ impl Compass<'_> {
                     solve.stage = SolveStage::Verifying(solution);
                     Effect::None
                 }
-                Solving::Finished(Err(error)) => self.on_solve_failed(error, purpose, sensor),
+                Solving::Finished(Err(error)) => self.end_solve(purpose, Err(Refusal::Solve(error))),
             },
             SolveStage::Verifying(_) => self.verify_candidate(),
             SolveStage::Saving(_) => Effect::None,
         }
-    }
-
-    /// Handles a failed solve. If the samples contradict the field model's inclination (local anomaly, attitude
-    /// errors), solves again without it; an inclination set by the user is never ignored.
-    fn on_solve_failed(&mut self, error: SolveError, purpose: SolvePurpose, sensor: DetectedSensor) -> Effect {
-        if let (SolveError::InclinationContradicted { .. }, None) = (error, self.settings.inclination_deg)
-            && self.start_solve_with_inclination(Method::MaximumLikelihood, None, purpose, sensor).is_ok()
-        {
-            return Effect::None;
-        }
-        self.end_solve(purpose, Err(Refusal::Solve(error)))
     }
 
     #[inline(never)]

@@ -49,11 +49,8 @@ mod tests {
     use testkit::random::Random;
 
     use super::*;
-    use crate::calibration::{
-        CollectionPart, Method, MotorCurrent, Prior, Quality, Rates, Sample, SamplePart, SolveError, solve_samples,
-    };
+    use crate::calibration::{Method, Prior, Quality, Sample, SamplePart, SolveError, solve_samples};
     use crate::frames::{Attitude, Field};
-    use crate::time::WrappingMillis;
 
     #[test]
     fn every_field_direction_falls_into_one_of_24_sectors() {
@@ -80,14 +77,7 @@ mod tests {
             .filter(|field| direction_index(field) >= missing)
             .take(300)
             .map(|field| Vector3::new(1.1 * field.x + 9.0, field.y - 20.0, 0.95 * field.z + 3.0))
-            .map(|ut| Sample {
-                field: Field::new(ut),
-                attitude: Attitude::default(),
-                time: WrappingMillis::default(),
-                rates: Rates::UNKNOWN,
-                current: MotorCurrent::UNKNOWN,
-                part: CollectionPart::FREE,
-            })
+            .map(|ut| Sample::new(Field::new(ut), Attitude::default()))
             .collect()
     }
 

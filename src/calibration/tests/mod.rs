@@ -28,7 +28,12 @@ use crate::calibration::{
 use crate::frames::Field;
 use synthetic::{Airframe, Flight, Random, RecordedTurns, max_abs, mean, quantile, random_vector, rms};
 
-const NO_PRIOR: Prior = Prior { mount: Orientation::IDENTITY_ROTATION, inclination_rad: None, readings_per_sample: 1 };
+const NO_PRIOR: Prior = Prior {
+    mount: Orientation::IDENTITY_ROTATION,
+    inclination_rad: None,
+    is_inclination_modelled: false,
+    readings_per_sample: 1,
+};
 
 fn solve_turns(recorded: &RecordedTurns) -> Result<crate::calibration::assessment::Solution, SolveError> {
     solve_samples(Method::MaximumLikelihood, recorded.turns(), &NO_PRIOR)

@@ -9,6 +9,8 @@ pub struct Prior {
     pub mount: Orientation,
     /// Inclination of the local Earth field, radians, positive down, if known.
     pub inclination_rad: Option<f32>,
+    /// Whether the inclination is that of a field model: samples that contradict it are solved without it.
+    pub is_inclination_modelled: bool,
     /// Number of sensor readings averaged in each sample.
     pub readings_per_sample: u16,
 }
@@ -16,6 +18,11 @@ pub struct Prior {
 /// Sensor aligned with the body, unknown field, single readings.
 impl Default for Prior {
     fn default() -> Self {
-        Self { mount: Orientation::IDENTITY_ROTATION, inclination_rad: None, readings_per_sample: 1 }
+        Self {
+            mount: Orientation::IDENTITY_ROTATION,
+            inclination_rad: None,
+            is_inclination_modelled: false,
+            readings_per_sample: 1,
+        }
     }
 }

@@ -9,7 +9,7 @@ use super::module_run::ModuleRun;
 use super::result::{HeadingRow, ReplayOptions, ReplayResult, RowSelection};
 use super::row::ReplayRow;
 use super::row_headings::{compute_headings, estimate_heading, instrument_config, score_rows};
-use super::row_solve::{RunOutcome, SolverPrior, solve_by_procedure, solve_evenly_thinned};
+use super::row_solve::{RunOutcome, solve_by_procedure, solve_evenly_thinned, solver_prior};
 use crate::log::Flight;
 
 /// Expected error of a poor solve, degrees RMS: larger than that of a good compass.
@@ -27,8 +27,8 @@ pub fn replay_rows_of_flight(rows: &[ReplayRow], flight: Option<&Flight>, option
     let config = instrument_config(rows);
     let usable = samples_of_usable_rows(rows, config);
     let run_outcome = match options.row_selection {
-        RowSelection::All => solve_evenly_thinned(&usable, &SolverPrior::new(options, config)),
-        RowSelection::Turns => solve_by_procedure(&usable, Procedure::Turns, &SolverPrior::new(options, config)),
+        RowSelection::All => solve_evenly_thinned(&usable, &solver_prior(options, config)),
+        RowSelection::Turns => solve_by_procedure(&usable, Procedure::Turns, &solver_prior(options, config)),
         RowSelection::Flight => {
             let mut retained = RetainedSamples::EMPTY;
             let mut module = ModuleRun::new(options, config.readings_per_sample(), &mut retained);
@@ -68,13 +68,13 @@ pub(super) fn solve_all_rows(rows: &[ReplayRow]) -> Option<Solution> {
 pub(super) fn solve_rows(rows: &[ReplayRow], options: &ReplayOptions) -> (Option<Solution>, bool) {
     let config = instrument_config(rows);
     let options = ReplayOptions { row_selection: RowSelection::All, ..*options };
-    let (samples, solver_prior) = (samples_of_usable_rows(rows, config), SolverPrior::new(&options, config));
+    let (samples, prior) = (samples_of_usable_rows(rows, config), solver_prior(&options, config));
     let expected_deg = |outcome: &RunOutcome| {
         outcome.solution.as_ref().map_or(f32::INFINITY, |solution| solution.quality.expected_rms_deg)
     };
-    let mut outcome = solve_evenly_thinned(&samples, &solver_prior);
+    let mut outcome = solve_evenly_thinned(&samples, &prior);
     if expected_deg(&outcome) > POOR_SOLVE_RMS_DEG {
-        let retained = solve_by_procedure(&samples, Procedure::Flight, &solver_prior);
+        let retained = solve_by_procedure(&samples, Procedure::Flight, &prior);
         if expected_deg(&retained) < expected_deg(&outcome) {
             outcome = retained;
         }

@@ -54,34 +54,18 @@ pub(super) fn solved_correction(solution: &Solution) -> FieldCorrection {
     }
 }
 
-pub(super) struct SolverPrior {
-    prior: Prior,
-    is_inclination_configured: bool,
-}
-
-impl SolverPrior {
-    pub fn new(options: &ReplayOptions, config: InstrumentConfig) -> Self {
-        let prior = Prior {
-            mount: Orientation::IDENTITY_ROTATION,
-            inclination_rad: options.inclination_rad(),
-            readings_per_sample: config.readings_per_sample(),
-        };
-        Self { prior, is_inclination_configured: options.inclination_deg.is_some() }
-    }
-
-    /// Solves as the module does: without the modelled inclination if the samples contradict it.
-    fn solve(&self, method: Method, samples: Samples<'_>) -> Result<Solution, SolveError> {
-        match solve_samples(method, samples, &self.prior) {
-            Err(SolveError::InclinationContradicted { .. }) if !self.is_inclination_configured => {
-                solve_samples(Method::MaximumLikelihood, samples, &Prior { inclination_rad: None, ..self.prior })
-            }
-            end => end,
-        }
+/// Prior of the module: an inclination that no option configures is that of the field model.
+pub(super) fn solver_prior(options: &ReplayOptions, config: InstrumentConfig) -> Prior {
+    Prior {
+        mount: Orientation::IDENTITY_ROTATION,
+        inclination_rad: options.inclination_rad(),
+        is_inclination_modelled: options.inclination_deg.is_none(),
+        readings_per_sample: config.readings_per_sample(),
     }
 }
 
 /// Solves all samples that a procedure retains, with the device's choice of method.
-pub(super) fn solve_by_procedure(samples: &[Sample], procedure: Procedure, solver_prior: &SolverPrior) -> RunOutcome {
+pub(super) fn solve_by_procedure(samples: &[Sample], procedure: Procedure, prior: &Prior) -> RunOutcome {
     let mut retained = RetainedSamples::EMPTY;
     let mut collector = Collector::new(&mut retained);
     collector.begin_procedure(procedure);
@@ -92,12 +76,12 @@ pub(super) fn solve_by_procedure(samples: &[Sample], procedure: Procedure, solve
     let parts =
         [collector.fit_samples(), collector.held_back_samples()].map(|samples| selection.select_samples(samples));
     let solve_result = method_selection::select_method(collector.fit_samples(), procedure)
-        .and_then(|method| solver_prior.solve(method, parts[0]));
+        .and_then(|method| solve_samples(method, parts[0], prior));
     RunOutcome::new(&solve_result, parts, collector.collection_problem())
 }
 
 /// Solves evenly thinned samples; those halfway between are held back.
-pub(super) fn solve_evenly_thinned(samples: &[Sample], solver_prior: &SolverPrior) -> RunOutcome {
+pub(super) fn solve_evenly_thinned(samples: &[Sample], prior: &Prior) -> RunOutcome {
     let fit_and_held_back_count = samples.len().min(2 * FIT_CAPACITY);
     let thinned = |phase: f64| -> Vec<Sample> {
         (0..fit_and_held_back_count)
@@ -109,7 +93,7 @@ pub(super) fn solve_evenly_thinned(samples: &[Sample], solver_prior: &SolverPrio
     };
     let [fit, held_back] = [0.0, 0.5].map(|phase| assign_collection_parts(&thinned(phase)));
     let [fit, held_back] = [&fit, &held_back].map(|samples| Samples::new(samples));
-    let solve_result = solver_prior.solve(Method::MaximumLikelihood, fit);
+    let solve_result = solve_samples(Method::MaximumLikelihood, fit, prior);
     RunOutcome::new(&solve_result, [fit, held_back], None)
 }
 

@@ -100,7 +100,7 @@ impl Solver {
             consider_sigmas: consider,
             refinement,
             attempt: Attempt { start, uses_inclination: true },
-            given_inclination: GivenInclination::new(prior.inclination_rad),
+            given_inclination: GivenInclination::new(prior),
             first_result: None,
             latency_updates: 0,
             motor_current_updates: 0,
@@ -195,11 +195,12 @@ impl Solver {
     /// Restarts without the given inclination after an error or an inaccurate result.
     #[inline(never)]
     fn start_without_inclination(&mut self, result: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
-        let GivenInclination::Prior(given_rad) = self.given_inclination else { return false };
+        let GivenInclination::Prior { given_rad, is_modelled } = self.given_inclination else { return false };
         if result.as_ref().is_ok_and(|solution| is_accurate(&solution.quality)) {
             return false;
         }
-        self.given_inclination = GivenInclination::Dropped { given_rad, error: result.as_ref().err().copied() };
+        self.given_inclination =
+            GivenInclination::Dropped { given_rad, is_modelled, error: result.as_ref().err().copied() };
         self.prior.inclination_rad = None;
         let Ok((starting_point, start)) = choose_starting_point(self.method, samples, &self.prior) else {
             return false;
@@ -322,7 +323,7 @@ impl Solver {
 
     #[inline(never)]
     fn build_solution(
-        &self,
+        &mut self,
         refined_fit: &ConvergedFit<'_>,
         information: &mut Information,
         change: Option<ConfirmedChange>,

@@ -7,23 +7,13 @@ use super::*;
 use crate::calibration::Axis;
 use crate::calibration::solver::sample_checks::stuck_axis;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
-use crate::calibration::{
-    CollectionPart, DetectedHardIronChange, HardIronTimeCourse, HeadingMark, MotorCurrent, Rates,
-};
+use crate::calibration::{DetectedHardIronChange, HardIronTimeCourse, HeadingMark};
 use crate::frames::Attitude;
 use crate::frames::Field;
-use crate::time::WrappingMillis;
 
 fn varying_samples(number: u8) -> Vec<Sample> {
     let field = |i: u8| Field::from_ut(f32::from(i), 100.0 - f32::from(i), 3.0 * f32::from(i % 10));
-    let sample = |i| Sample {
-        field: field(i),
-        attitude: Attitude::default(),
-        time: WrappingMillis::default(),
-        rates: Rates::UNKNOWN,
-        current: MotorCurrent::UNKNOWN,
-        part: CollectionPart::FREE,
-    };
+    let sample = |i| Sample::new(field(i), Attitude::default());
     (0..number).map(sample).collect()
 }
 
