@@ -3,8 +3,7 @@
 use super::*;
 use crate::calibration::tests::synthetic::Parts;
 use crate::calibration::{
-    Advice, AttitudeEnvelope, CollectionPart, Deviation, HardIronTimeCourse, HeadingUncertainty, Manoeuvre, Method,
-    MotorCurrent, Rates, Sample,
+    Advice, AttitudeEnvelope, Deviation, HardIronTimeCourse, HeadingUncertainty, Manoeuvre, Method, Sample,
 };
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
@@ -70,14 +69,7 @@ fn circle_samples(roll_deg: f32, sample_count: u16) -> Vec<Sample> {
             let attitude = Attitude::from_deg(roll_deg, 0.0);
             let heading_rad = f32::from(i) / f32::from(sample_count) * core::f32::consts::TAU;
             let field = Field::new(attitude.to_body_frame(Field::earth_field(50.0, 1.0, heading_rad)).ut);
-            Sample {
-                field,
-                attitude,
-                time: WrappingMillis::new(u32::from(i) * 400),
-                rates: Rates::UNKNOWN,
-                current: MotorCurrent::UNKNOWN,
-                part: CollectionPart::FREE,
-            }
+            Sample { time: WrappingMillis::new(u32::from(i) * 400), ..Sample::new(field, attitude) }
         })
         .collect()
 }

@@ -309,9 +309,8 @@ fn report_unobservable(unobservable: impl Iterator<Item = PriorQuantity>) -> Uno
 mod tests {
     use super::*;
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{CollectionPart, MotorCurrent, Rates, Sample};
+    use crate::calibration::{Rates, Sample};
     use crate::frames::Field;
-    use crate::time::WrappingMillis;
 
     #[test]
     fn each_manoeuvre_has_a_text_and_an_attitude() {
@@ -367,14 +366,7 @@ mod tests {
                 .map(|i: u8| {
                     let attitude = Attitude::from_deg(bank_deg(f32::from(i) * 0.1), 0.0);
                     let rates = Rates::from_rad_s([0.0, 0.0, rate_deg_s(f32::from(i) * 0.1).to_radians()]);
-                    Sample {
-                        field: Field::from_ut(20.0, 0.0, 40.0),
-                        attitude,
-                        time: WrappingMillis::default(),
-                        rates,
-                        current: MotorCurrent::UNKNOWN,
-                        part: CollectionPart::FREE,
-                    }
+                    Sample { rates, ..Sample::new(Field::from_ut(20.0, 0.0, 40.0), attitude) }
                 })
                 .collect();
             banks_into_turns(Parts { free: &samples, ..Parts::default() }.samples())

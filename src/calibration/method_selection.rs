@@ -121,22 +121,14 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::calibration::{CollectionPart, HeadingMark, MotorCurrent, Rates, Sample};
+    use crate::calibration::{CollectionPart, HeadingMark, Sample};
     use crate::frames::{Attitude, Field, Level};
-    use crate::time::WrappingMillis;
 
     fn circle_samples(number: usize) -> Vec<Sample> {
         (0..number)
             .map(|i| {
                 let field = Field::<Level>::earth_field(50.0, 1.0, TAU * i as f32 / number as f32);
-                Sample {
-                    field: Field::new(field.ut),
-                    attitude: Attitude::default(),
-                    time: WrappingMillis::default(),
-                    rates: Rates::UNKNOWN,
-                    current: MotorCurrent::UNKNOWN,
-                    part: CollectionPart::FREE,
-                }
+                Sample::new(Field::new(field.ut), Attitude::default())
             })
             .collect()
     }

@@ -30,7 +30,7 @@
 //!             let attitude = Attitude::from_deg(bank_deg, 2.0);
 //!             let heading_rad = bank_deg.signum() * TAU * i as f32 / 60.0;
 //!             let (field, time) = (measure(attitude, heading_rad), WrappingMillis::new(i * 500));
-//!             Sample { field, attitude, rates: Rates::UNKNOWN, current: MotorCurrent::UNKNOWN, time, part }
+//!             Sample { time, part, ..Sample::new(field, attitude) }
 //!         })
 //! };
 //! let turns: Vec<Sample> = circle(-25.0, CollectionPart::LEFT).chain(circle(25.0, CollectionPart::RIGHT)).collect();

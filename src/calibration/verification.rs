@@ -57,9 +57,8 @@ fn score_calibration(samples: Samples<'_>, knows_attitude: bool, calibration: &C
 mod tests {
     use super::*;
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{CollectionPart, HeadingMark, MotorCurrent, Orientation, Rates};
+    use crate::calibration::{HeadingMark, Orientation};
     use crate::frames::{Attitude, Field, Level};
-    use crate::time::WrappingMillis;
 
     const SIN_45_DEG: f32 = core::f32::consts::FRAC_1_SQRT_2;
 
@@ -71,14 +70,7 @@ mod tests {
                 let total_ut = 50.0 * (1.0 + norm * norm_scales * 0.004);
                 let inclination_rad = 1.0 + inclination_sign * dip_scales * 0.005;
                 let field = Field::<Level>::earth_field(total_ut, inclination_rad, f32::from(i));
-                Sample {
-                    field: Field::new(field.ut),
-                    attitude: Attitude::default(),
-                    time: WrappingMillis::default(),
-                    rates: Rates::UNKNOWN,
-                    current: MotorCurrent::UNKNOWN,
-                    part: CollectionPart::FREE,
-                }
+                Sample::new(Field::new(field.ut), Attitude::default())
             })
             .collect()
     }

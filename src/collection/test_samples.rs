@@ -6,7 +6,7 @@ use super::progress::PartCoverage;
 use super::quota::SampleUse;
 use super::retained_samples::PartState;
 use super::sample_buffer::SampleBuffer;
-use crate::calibration::{CollectionPart, MotorCurrent, Rates, Sample};
+use crate::calibration::{CollectionPart, Sample};
 use crate::frames::{Attitude, Field, Level};
 use crate::time::WrappingMillis;
 
@@ -56,12 +56,8 @@ pub fn empty_memory() -> &'static mut RetainedSamples {
 
 pub fn test_sample(field_ut: [f32; 3], time_ms: u32) -> Sample {
     Sample {
-        field: Field::from_ut(field_ut[0], field_ut[1], field_ut[2]),
-        attitude: Attitude::default(),
         time: WrappingMillis::new(time_ms),
-        rates: Rates::UNKNOWN,
-        current: MotorCurrent::UNKNOWN,
-        part: CollectionPart::FREE,
+        ..Sample::new(Field::from_ut(field_ut[0], field_ut[1], field_ut[2]), Attitude::default())
     }
 }
 
@@ -83,12 +79,8 @@ pub fn turn_samples(roll_deg: f32, from_s: u16, to_s: u16, rate_deg_s: f32) -> i
         let attitude = Attitude::from_deg(roll_deg + (t_s * 4.2).sin(), 2.0);
         let body = attitude.to_body_frame(Field::<Level>::earth_field(49.2, 1.152, (rate_deg_s * t_s).to_radians()));
         Sample {
-            field: Field::new(body.ut + HARD_IRON_UT),
-            attitude,
             time: WrappingMillis::new(u32::from(i) * 100),
-            rates: Rates::UNKNOWN,
-            current: MotorCurrent::UNKNOWN,
-            part: CollectionPart::FREE,
+            ..Sample::new(Field::new(body.ut + HARD_IRON_UT), attitude)
         }
     })
 }

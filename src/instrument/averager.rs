@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::attitude::EulerRates;
-use crate::calibration::{CollectionPart, MotorCurrent, Rates, Sample};
+use crate::calibration::{Rates, Sample};
 use crate::frames::{Attitude, Field, Sensor, wrap_pi};
 use crate::time::Timestamp;
 
@@ -84,15 +84,15 @@ impl AveragingRun {
         let count = f32::from(self.reading_count);
         let middle = self.first_at.plus_us(self.last_at.us_since(self.first_at) / 2);
         Sample {
-            field: Field::new(self.field_ut / count),
-            attitude: Attitude {
-                roll_rad: wrap_pi(self.first_roll_rad + self.relative_roll_rad / count),
-                pitch_rad: self.pitch_rad / count,
-            },
             rates: self.rates_rad_s.map_or(Rates::UNKNOWN, |sums| Rates::from_rad_s(sums.map(|sum| sum / count))),
             time: middle.wrapping_millis(),
-            current: MotorCurrent::UNKNOWN,
-            part: CollectionPart::FREE,
+            ..Sample::new(
+                Field::new(self.field_ut / count),
+                Attitude {
+                    roll_rad: wrap_pi(self.first_roll_rad + self.relative_roll_rad / count),
+                    pitch_rad: self.pitch_rad / count,
+                },
+            )
         }
     }
 }

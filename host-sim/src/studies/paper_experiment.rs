@@ -2,8 +2,7 @@
 //! with all methods on the same samples.
 
 use autoswing::calibration::{
-    Calibration, CollectionPart, HeadingMark, Method, MotorCurrent, Orientation, Prior, Rates, Sample, Samples,
-    SolveError, solve_samples,
+    Calibration, CollectionPart, HeadingMark, Method, Orientation, Prior, Sample, Samples, SolveError, solve_samples,
 };
 use autoswing::frames::{Attitude, Field};
 use autoswing::instrument::readings_per_sample;
@@ -107,14 +106,7 @@ impl Table1Experiment {
         let truth = Euler { roll_rad: roll_deg.to_radians(), pitch_rad: 0.0, heading_rad };
         let field = self.airframe.measured_field(&self.earth.body_field_ut(truth));
         let attitude = Attitude::from_deg(roll_deg as f32, 0.0);
-        Sample {
-            field: Field::new(field.ut + noise_ut.cast()),
-            attitude,
-            time: WrappingMillis::default(),
-            rates: Rates::UNKNOWN,
-            current: MotorCurrent::UNKNOWN,
-            part: CollectionPart::FREE,
-        }
+        Sample::new(Field::new(field.ut + noise_ut.cast()), attitude)
     }
 
     /// Left and right turns, each in the direction of flight.

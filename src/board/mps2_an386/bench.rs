@@ -420,12 +420,9 @@ fn bench_sample(side: f32, i: usize, noise: &mut Noise) -> Sample {
         pitch_rad: attitude.pitch_rad + 0.005 * noise.next_noise(),
     };
     Sample {
-        field: Field::new(noisy),
-        attitude: reported,
         rates,
         time: WrappingMillis::new(SAMPLE_INTERVAL_MS * i as u32),
-        current: MotorCurrent::UNKNOWN,
-        part: CollectionPart::FREE,
+        ..Sample::new(Field::new(noisy), reported)
     }
 }
 

@@ -90,9 +90,8 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::calibration::{CollectionPart, MotorCurrent, Rates, Sample};
+    use crate::calibration::Sample;
     use crate::frames::{Attitude, Level};
-    use crate::time::WrappingMillis;
 
     const B_UT: Vector3<f32> = Vector3::new(12.0, -30.0, 8.0);
 
@@ -107,17 +106,7 @@ mod tests {
             let attitude = Attitude::from_deg(tilt_deg * roll, tilt_deg * pitch);
             let level = Field::<Level>::earth_field(50.0, inclination_deg.to_radians(), heading_rad);
             let field = Field::new(soft_iron() * attitude.to_body_frame(level).ut + B_UT);
-            HeadingMark {
-                sample: Sample {
-                    field,
-                    attitude,
-                    time: WrappingMillis::default(),
-                    rates: Rates::UNKNOWN,
-                    current: MotorCurrent::UNKNOWN,
-                    part: CollectionPart::FREE,
-                },
-                heading_rad,
-            }
+            HeadingMark { sample: Sample::new(field, attitude), heading_rad }
         };
         (0..12).map(mark).collect()
     }
@@ -201,14 +190,7 @@ mod tests {
             let mark = |i: u8| {
                 let heading_rad = f32::from(i) / 12.0 * TAU;
                 let field = Field::from_ut(h0_ut * heading_rad.cos() + 9.0, -h0_ut * heading_rad.sin(), 40.0);
-                let sample = Sample {
-                    field,
-                    attitude: Attitude::default(),
-                    time: WrappingMillis::default(),
-                    rates: Rates::UNKNOWN,
-                    current: MotorCurrent::UNKNOWN,
-                    part: CollectionPart::FREE,
-                };
+                let sample = Sample::new(field, Attitude::default());
                 HeadingMark { sample, heading_rad }
             };
             (0..12).map(mark).collect()

@@ -83,13 +83,10 @@ pub(in crate::calibration) fn fit_conic(
 
 #[cfg(test)]
 mod tests {
-    use crate::calibration::{CollectionPart, MotorCurrent};
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::calibration::Rates;
     use crate::frames::{Attitude, Field};
-    use crate::time::WrappingMillis;
 
     const U_UT: Vector3<f32> = Vector3::new(25.0, 4.0, -3.0);
     const V_UT: Vector3<f32> = Vector3::new(6.0, -20.0, 9.0);
@@ -103,14 +100,7 @@ mod tests {
         (0..24_u8)
             .map(|i| {
                 let field = Field::new(field_ut(f32::from(i) / 24.0 * TAU));
-                Sample {
-                    field,
-                    attitude: Attitude::default(),
-                    time: WrappingMillis::default(),
-                    rates: Rates::UNKNOWN,
-                    current: MotorCurrent::UNKNOWN,
-                    part: CollectionPart::FREE,
-                }
+                Sample::new(field, Attitude::default())
             })
             .collect()
     }

@@ -136,9 +136,8 @@ impl VerticalAxisFit {
 mod tests {
     use super::*;
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{CollectionPart, HeadingMark, MotorCurrent, Rates, Sample};
+    use crate::calibration::{HeadingMark, Sample};
     use crate::frames::{Attitude, Field};
-    use crate::time::WrappingMillis;
 
     fn test_map_ut() -> Matrix2<f32> {
         let (sin, cos) = 0.1_f32.sin_cos();
@@ -153,14 +152,7 @@ mod tests {
                 let (sin, cos) = heading_deg.to_radians().sin_cos();
                 let flat = (test_map_ut() * Vector2::new(cos, -sin) + Vector2::new(12.0, -30.0)) * scale;
                 let field = Field::from_ut(flat.x, flat.y, 40.0 + 3.0 * cos - 1.5 * -sin);
-                Sample {
-                    field,
-                    attitude: Attitude::default(),
-                    time: WrappingMillis::default(),
-                    rates: Rates::UNKNOWN,
-                    current: MotorCurrent::UNKNOWN,
-                    part: CollectionPart::FREE,
-                }
+                Sample::new(field, Attitude::default())
             })
             .collect()
     }

@@ -63,20 +63,12 @@ fn least_scatter_direction(scatter: &Matrix3<f32>) -> Option<Vector3<f32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibration::Sample;
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{CollectionPart, MotorCurrent, Rates, Sample};
     use crate::frames::{Attitude, Field};
-    use crate::time::WrappingMillis;
 
     fn samples_of_fields(fields_ut: &[Vector3<f32>]) -> Vec<Sample> {
-        let sample = |&ut| Sample {
-            field: Field::new(ut),
-            attitude: Attitude::default(),
-            time: WrappingMillis::default(),
-            rates: Rates::UNKNOWN,
-            current: MotorCurrent::UNKNOWN,
-            part: CollectionPart::FREE,
-        };
+        let sample = |&ut| Sample::new(Field::new(ut), Attitude::default());
         fields_ut.iter().map(sample).collect()
     }
 

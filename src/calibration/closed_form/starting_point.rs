@@ -134,9 +134,8 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::calibration::{CollectionPart, HeadingMark, MotorCurrent, Rates, Sample};
+    use crate::calibration::{HeadingMark, Sample};
     use crate::frames::{Attitude, Level};
-    use crate::time::WrappingMillis;
 
     fn test_response() -> SensorResponse {
         SensorResponse {
@@ -179,14 +178,7 @@ mod tests {
             (0..24_u8).map(move |i| {
                 let level = Field::<Level>::earth_field(50.0, 1.0, f32::from(i) / 24.0 * TAU);
                 let field = Field::new(attitude.to_body_frame(level).ut + b_ut);
-                Sample {
-                    field,
-                    attitude,
-                    time: WrappingMillis::default(),
-                    rates: Rates::UNKNOWN,
-                    current: MotorCurrent::UNKNOWN,
-                    part: CollectionPart::FREE,
-                }
+                Sample::new(field, attitude)
             })
         };
         banks_deg.iter().flat_map(fly).collect()

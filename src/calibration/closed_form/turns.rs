@@ -115,7 +115,6 @@ pub(in crate::calibration) fn turn_progress_by_rates_rad(
 #[cfg(test)]
 mod tests {
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{CollectionPart, MotorCurrent};
     use core::f32::consts::TAU;
 
     use super::*;
@@ -125,14 +124,7 @@ mod tests {
 
     fn turn_sample(roll_deg: f32, x_ut: f32, millis: u32) -> Sample {
         let field = Field::from_ut(x_ut, 0.0, 0.0);
-        Sample {
-            field,
-            attitude: Attitude::from_deg(roll_deg, 3.0),
-            time: WrappingMillis::new(millis),
-            rates: Rates::UNKNOWN,
-            current: MotorCurrent::UNKNOWN,
-            part: CollectionPart::FREE,
-        }
+        Sample { time: WrappingMillis::new(millis), ..Sample::new(field, Attitude::from_deg(roll_deg, 3.0)) }
     }
 
     #[test]

@@ -88,11 +88,9 @@ impl<'a> TurnEllipse<'a> {
 #[cfg(test)]
 mod tests {
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{CollectionPart, MotorCurrent};
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::calibration::Rates;
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -104,12 +102,8 @@ mod tests {
                 let heading_rad = sense * f32::from(i) / 24.0 * TAU;
                 let (x, y) = (radius_ut * heading_rad.cos(), -radius_ut * heading_rad.sin());
                 Sample {
-                    field: Field::from_ut(x, y * cos, -y * sin),
-                    attitude: Attitude::from_deg(bank_deg, 0.0),
                     time: WrappingMillis::new(u32::from(i) * 500),
-                    rates: Rates::UNKNOWN,
-                    current: MotorCurrent::UNKNOWN,
-                    part: CollectionPart::FREE,
+                    ..Sample::new(Field::from_ut(x, y * cos, -y * sin), Attitude::from_deg(bank_deg, 0.0))
                 }
             })
             .collect()

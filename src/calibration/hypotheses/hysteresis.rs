@@ -79,19 +79,11 @@ impl Hysteresis {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::{CollectionPart, MotorCurrent, Rates};
+    use crate::calibration::Rates;
     use crate::frames::{Attitude, Field};
-    use crate::time::WrappingMillis;
 
     fn sample_with(roll_rad: f32, rates: Rates) -> Sample {
-        Sample {
-            field: Field::new(Vector3::zeros()),
-            attitude: Attitude { roll_rad, pitch_rad: 0.0 },
-            rates,
-            time: WrappingMillis::new(0),
-            current: MotorCurrent::UNKNOWN,
-            part: CollectionPart::FREE,
-        }
+        Sample { rates, ..Sample::new(Field::new(Vector3::zeros()), Attitude { roll_rad, pitch_rad: 0.0 }) }
     }
 
     /// The heading rate decides if known, otherwise the bank.

@@ -9,9 +9,8 @@ use crate::calibration::model::{
     FieldPrediction, Likelihood, MeasuredSample, ModelConfig, ModelParameters, NoiseModel, PriorQuantity,
     SampleEquations, UNKNOWN_COUNT, Vector13, for_each_prior,
 };
-use crate::calibration::{CollectionPart, MotorCurrent, Prior, Rates, Sample, Samples};
+use crate::calibration::{Prior, Rates, Sample, Samples};
 use crate::frames::{Attitude, Field, Level, wrap_pi};
-use crate::time::WrappingMillis;
 
 /// Step of the differences. The functions are of size one with curvature scale above 0.4: the fourth-order rule leaves
 /// 1e-5, `f32` rounding 1e-7 / 0.02.
@@ -188,14 +187,7 @@ fn rates() -> Rates {
 }
 
 fn sample_at(attitude: Attitude) -> Sample {
-    Sample {
-        field: Field::from_ut(0.0, 0.0, 0.0),
-        attitude,
-        rates: Rates::UNKNOWN,
-        time: WrappingMillis::default(),
-        current: MotorCurrent::UNKNOWN,
-        part: CollectionPart::FREE,
-    }
+    Sample::new(Field::from_ut(0.0, 0.0, 0.0), attitude)
 }
 
 fn equations(case: &Case, unknowns: &Vector13, heading_rad: Option<f32>, refined: bool) -> SampleEquations {

@@ -8,21 +8,11 @@ use crate::calibration::closed_form::starting_point::StartingPoint;
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::model::{Likelihood, ModelConfig, ModelParameters, NoiseModel, Vector13};
 use crate::calibration::tests::NO_PRIOR;
-use crate::calibration::{
-    CollectionPart, HeadingMark, MotorCurrent, Orientation, Prior, Rates, Sample, Samples, SolveError,
-};
+use crate::calibration::{HeadingMark, Orientation, Prior, Sample, Samples, SolveError};
 use crate::frames::{Attitude, Field};
-use crate::time::WrappingMillis;
 
 fn sample_of_field(ut: [f32; 3]) -> Sample {
-    Sample {
-        field: Field::new(ut.into()),
-        attitude: Attitude::default(),
-        time: WrappingMillis::default(),
-        rates: Rates::UNKNOWN,
-        current: MotorCurrent::UNKNOWN,
-        part: CollectionPart::FREE,
-    }
+    Sample::new(Field::new(ut.into()), Attitude::default())
 }
 
 fn identity_unknowns() -> Vector13 {

@@ -6,9 +6,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 pub use testkit::random::Random;
 
 use crate::calibration::closed_form::starting_point::StartingPoint;
-use crate::calibration::{
-    Calibration, CollectionPart, HeadingMark, MotorCurrent, Orientation, Rates, Sample, Samples, Side,
-};
+use crate::calibration::{Calibration, CollectionPart, HeadingMark, Orientation, Rates, Sample, Samples, Side};
 use crate::frames::{Attitude, Field, Level, Sensor, wrap_pi};
 use crate::time::WrappingMillis;
 
@@ -104,14 +102,7 @@ pub fn measured_sample(
     random: &mut Random,
 ) -> Sample {
     let noise = Vector3::from_fn(|_, _| random.normal() * noise_ut);
-    Sample {
-        field: Field::new(airframe.field(attitude, heading_rad).ut + noise),
-        attitude,
-        time: WrappingMillis::default(),
-        rates: Rates::UNKNOWN,
-        current: MotorCurrent::UNKNOWN,
-        part: CollectionPart::FREE,
-    }
+    Sample::new(Field::new(airframe.field(attitude, heading_rad).ut + noise), attitude)
 }
 
 /// Level circle of a multirotor or boat, with typical noise.
@@ -223,15 +214,14 @@ impl Flight {
                     Attitude::from_deg(roll_deg * (1.0 + self.bank_scale) + error_deg[0], pitch_deg + error_deg[1]);
                 let sensor_noise = Vector3::from_fn(|_, _| random.normal() * self.sensor_noise_ut);
                 Sample {
-                    field: Field::new(airframe.field(true_attitude, heading_rad).ut + sensor_noise),
-                    attitude: Attitude {
-                        roll_rad: reported.roll_rad + bias.roll_rad,
-                        pitch_rad: reported.pitch_rad + bias.pitch_rad,
-                    },
                     time: WrappingMillis::new(u32::from(i) * 500),
-                    rates: Rates::UNKNOWN,
-                    current: MotorCurrent::UNKNOWN,
-                    part: CollectionPart::FREE,
+                    ..Sample::new(
+                        Field::new(airframe.field(true_attitude, heading_rad).ut + sensor_noise),
+                        Attitude {
+                            roll_rad: reported.roll_rad + bias.roll_rad,
+                            pitch_rad: reported.pitch_rad + bias.pitch_rad,
+                        },
+                    )
                 }
             })
             .collect()

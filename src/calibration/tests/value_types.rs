@@ -2,21 +2,13 @@
 
 use crate::calibration::tests::synthetic::Parts;
 use crate::calibration::{
-    AttitudeEnvelope, Axis, Calibration, CollectionPart, HeadingMark, Method, MotorCurrent, MotorCurrentInterference,
-    Orientation, Quality, Rates, Sample, SamplePart, Samples, Side, matrix_rows,
+    AttitudeEnvelope, Axis, Calibration, HeadingMark, Method, MotorCurrentInterference, Orientation, Quality, Rates,
+    Sample, SamplePart, Samples, Side, matrix_rows,
 };
 use crate::frames::{Attitude, Field};
-use crate::time::WrappingMillis;
 
 fn sample_of_field(x_ut: f32) -> Sample {
-    Sample {
-        field: Field::from_ut(x_ut, 0.0, 0.0),
-        attitude: Attitude::default(),
-        time: WrappingMillis::default(),
-        rates: Rates::UNKNOWN,
-        current: MotorCurrent::UNKNOWN,
-        part: CollectionPart::FREE,
-    }
+    Sample::new(Field::from_ut(x_ut, 0.0, 0.0), Attitude::default())
 }
 
 /// 1,024 samples of a flight are kept in RAM.

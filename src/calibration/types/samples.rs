@@ -24,6 +24,19 @@ pub struct Sample {
 }
 
 impl Sample {
+    /// Sample at time 0 without rates, current and part.
+    #[must_use]
+    pub const fn new(field: Field<Sensor>, attitude: Attitude) -> Self {
+        Self {
+            field,
+            attitude,
+            rates: Rates::UNKNOWN,
+            current: MotorCurrent::UNKNOWN,
+            time: WrappingMillis::new(0),
+            part: CollectionPart::FREE,
+        }
+    }
+
     /// Attitude extrapolated by `latency_s` seconds along its rates: compensates an attitude source that lags by that
     /// time.
     #[must_use]
@@ -252,12 +265,8 @@ mod tests {
     /// Two samples of each part, and a mark; their times are 1 to 9 ms.
     fn test_samples() -> Samples<'static> {
         let sample = |time_ms| Sample {
-            field: Field::from_ut(0.0, 0.0, 0.0),
-            attitude: Attitude::default(),
-            rates: Rates::UNKNOWN,
             time: WrappingMillis::new(time_ms),
-            current: MotorCurrent::UNKNOWN,
-            part: CollectionPart::FREE,
+            ..Sample::new(Field::from_ut(0.0, 0.0, 0.0), Attitude::default())
         };
         let [left, right, level, free] = [[1, 2], [3, 4], [5, 6], [7, 8]].map(|times| times.map(sample));
         let marks = [HeadingMark { sample: sample(9), heading_rad: 0.0 }];

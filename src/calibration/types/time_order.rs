@@ -48,18 +48,13 @@ impl<'a> Iterator for TimeOrdered<'a> {
 mod tests {
     use super::*;
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{MotorCurrent, Rates};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
     fn samples_at_ms(millis: &[u32]) -> Vec<Sample> {
         let sample = |&millis: &u32| Sample {
-            field: Field::from_ut(0.0, 0.0, 0.0),
-            attitude: Attitude::default(),
             time: WrappingMillis::new(millis),
-            rates: Rates::UNKNOWN,
-            current: MotorCurrent::UNKNOWN,
-            part: CollectionPart::FREE,
+            ..Sample::new(Field::from_ut(0.0, 0.0, 0.0), Attitude::default())
         };
         millis.iter().map(sample).collect()
     }

@@ -163,9 +163,8 @@ mod tests {
     use super::*;
     use crate::calibration::model::{beta_index, w_index};
     use crate::calibration::tests::synthetic::{max_abs, mean, rms};
-    use crate::calibration::{CollectionPart, Method, MotorCurrent, Orientation, Rates, Sample, matrix_rows};
+    use crate::calibration::{Method, Orientation, Sample, matrix_rows};
     use crate::frames::wrap_pi;
-    use crate::time::WrappingMillis;
 
     fn iron_free_calibration() -> Calibration {
         Calibration { inclination_rad: 0.9, total_ut: 1.0, ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) }
@@ -256,14 +255,7 @@ mod tests {
 
     #[test]
     fn banked_samples_give_the_banked_envelope() {
-        let sample = |roll_deg: f32| Sample {
-            field: Field::from_ut(1.0, 0.0, 0.0),
-            attitude: Attitude::from_deg(roll_deg, 0.0),
-            time: WrappingMillis::default(),
-            rates: Rates::UNKNOWN,
-            current: MotorCurrent::UNKNOWN,
-            part: CollectionPart::FREE,
-        };
+        let sample = |roll_deg: f32| Sample::new(Field::from_ut(1.0, 0.0, 0.0), Attitude::from_deg(roll_deg, 0.0));
         let envelope_of = |method, rolls_deg: &[f32]| {
             let level: Vec<Sample> = rolls_deg.iter().map(|&roll_deg| sample(roll_deg)).collect();
             AttitudeEnvelope::for_samples(method, Parts { level: &level, ..Parts::default() }.samples())

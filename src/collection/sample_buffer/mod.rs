@@ -5,19 +5,14 @@
 //! A full free flight is in order of time within three sections only, in which its policy replaces samples.
 
 use super::quota::{SampleQuota, SampleUse};
-use crate::calibration::{CollectionPart, MotorCurrent, Rates, Sample, Samples, part_range, samples_of_part};
+use crate::calibration::{CollectionPart, Sample, Samples, part_range, samples_of_part};
 use crate::frames::{Attitude, Field};
-use crate::time::WrappingMillis;
 
 const SAMPLE_CAPACITY: usize = SampleQuota::WHOLE_BUFFER.fit_quota + SampleQuota::WHOLE_BUFFER.held_back_quota;
 
 pub(super) const UNUSED_SAMPLE: Sample = Sample {
-    field: Field::from_ut(0.0, 0.0, 0.0),
-    attitude: Attitude { roll_rad: 0.0, pitch_rad: 0.0 },
-    rates: Rates::UNKNOWN,
-    time: WrappingMillis::new(0),
-    current: MotorCurrent::UNKNOWN,
     part: CollectionPart::LEFT,
+    ..Sample::new(Field::from_ut(0.0, 0.0, 0.0), Attitude { roll_rad: 0.0, pitch_rad: 0.0 })
 };
 
 /// Samples and their numbers; valid for every content of its memory.

@@ -1,6 +1,6 @@
 use super::super::test_samples::{TestBuffer, circle_sample, test_sample, turn_samples};
 use super::*;
-use crate::calibration::{CollectionPart, MotorCurrent, Rates, Samples};
+use crate::calibration::{CollectionPart, Samples};
 use crate::collection::progress::PartCoverage;
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
@@ -137,12 +137,11 @@ fn nonfinite_samples_are_rejected() {
 fn no_sensor_value_panics() {
     let values = [0.0, f32::NAN, f32::INFINITY, f32::MAX, 1e-30, -400.0];
     let samples = (0..600_u32).map(|i| Sample {
-        field: Field::from_ut(values[i as usize % 6], values[i as usize / 6 % 6], values[i as usize / 36 % 6]),
-        attitude: Attitude::from_deg(25.0, 0.0),
         time: WrappingMillis::new(i * 400),
-        rates: Rates::UNKNOWN,
-        current: MotorCurrent::UNKNOWN,
-        part: CollectionPart::FREE,
+        ..Sample::new(
+            Field::from_ut(values[i as usize % 6], values[i as usize / 6 % 6], values[i as usize / 36 % 6]),
+            Attitude::from_deg(25.0, 0.0),
+        )
     });
     assert!(coverage(samples).samples > 0);
 }

@@ -193,14 +193,7 @@ fn a_vehicle_without_tilt_is_not_calibrated_in_flight() {
                     &mut random,
                 )
                 .field;
-                Sample {
-                    field,
-                    attitude,
-                    rates,
-                    time: WrappingMillis::new(u32::from(i) * 100),
-                    current: MotorCurrent::UNKNOWN,
-                    part: CollectionPart::FREE,
-                }
+                Sample { rates, time: WrappingMillis::new(u32::from(i) * 100), ..Sample::new(field, attitude) }
             })
             .collect()
     };

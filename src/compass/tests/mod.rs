@@ -7,9 +7,7 @@ use super::state::SAMPLES_DURING_SOLVE_CAPACITY;
 use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
-use crate::calibration::{
-    Calibration, CollectionPart, Method, MotorCurrent, Orientation, Rates, SamplePart, Side, SolveError,
-};
+use crate::calibration::{Calibration, CollectionPart, Method, Orientation, SamplePart, Side, SolveError};
 use crate::collection::CollectionProblem;
 use crate::frames::{Attitude, Field, Sensor};
 use crate::instrument::{Correction, SampleAttitude, SensorErrorSigmas};
@@ -93,28 +91,16 @@ impl TestBed {
     }
 
     fn process_sample(&mut self, field: Field<Sensor>, attitude: Attitude) -> Effect {
-        let effect = self.compass.process_event(Event::Sample(Sample {
-            field,
-            attitude,
-            time: self.time(),
-            rates: Rates::UNKNOWN,
-            current: MotorCurrent::UNKNOWN,
-            part: CollectionPart::FREE,
-        }));
+        let effect =
+            self.compass.process_event(Event::Sample(Sample { time: self.time(), ..Sample::new(field, attitude) }));
         self.now_ms = self.now_ms.wrapping_add(STEP_MS);
         effect
     }
 
     fn collect_at_rest(&mut self, field: Field<Sensor>, samples: u32) {
         for _ in 0..samples {
-            self.compass.process_event(Event::Sample(Sample {
-                field,
-                attitude: Attitude::default(),
-                time: self.time(),
-                rates: Rates::UNKNOWN,
-                current: MotorCurrent::UNKNOWN,
-                part: CollectionPart::FREE,
-            }));
+            self.compass
+                .process_event(Event::Sample(Sample { time: self.time(), ..Sample::new(field, Attitude::default()) }));
             self.now_ms = self.now_ms.wrapping_add(100);
         }
     }

@@ -4,8 +4,8 @@ use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::method_selection::Procedure;
 use crate::calibration::{
-    AttitudeEnvelope, Calibration, CollectionPart, Deviation, HeadingUncertainty, Method, MotorCurrent,
-    MotorCurrentInterference, Orientation, Quality, Rates, Sample, UnobservableQuantities,
+    AttitudeEnvelope, Calibration, Deviation, HeadingUncertainty, Method, MotorCurrentInterference, Orientation,
+    Quality, Sample, UnobservableQuantities,
 };
 use crate::collection::RetainedSamples;
 use crate::frames::{Attitude, Field, Level};
@@ -25,14 +25,7 @@ fn trial_times_in_turns(result: impl Fn(usize) -> Option<Solution>) -> Vec<(f32,
         let heading_rad = f32::from(tenths % 180).to_radians() * 2.0;
         let field = Field::new(attitude.to_body_frame(Field::<Level>::earth_field(50.0, 1.1, heading_rad)).ut);
         let time = WrappingMillis::new(u32::from(tenths) * 100);
-        collector.push_sample(Sample {
-            field,
-            attitude,
-            rates: Rates::UNKNOWN,
-            time,
-            current: MotorCurrent::UNKNOWN,
-            part: CollectionPart::FREE,
-        });
+        collector.push_sample(Sample { time, ..Sample::new(field, attitude) });
         if trials.is_due(&collector, time) {
             due.push((t_s, trials.schedule.represented_trials));
             if let Some(solution) = result(due.len()) {

@@ -6,12 +6,9 @@ use nalgebra::Rotation3;
 use testkit::random::Random;
 
 use super::*;
-use crate::calibration::{
-    Calibration, CollectionPart, HeadingUncertainty, MotorCurrent, MotorCurrentInterference, Orientation, Rates,
-};
+use crate::calibration::{Calibration, HeadingUncertainty, MotorCurrent, MotorCurrentInterference, Orientation};
 use crate::frames::{Attitude, Field};
 use crate::heading::Heading;
-use crate::time::WrappingMillis;
 
 const INCLINATION_RAD: f32 = 1.0;
 const TOTAL_UT: f32 = 50.0;
@@ -168,14 +165,8 @@ impl Flight {
             run_number: 0,
         };
         let at = Timestamp::from_us(u64::from(self.sample_count) * 100_000);
-        let sample = Sample {
-            field: Field::new(field),
-            attitude: reported,
-            rates: Rates::UNKNOWN,
-            time: at.wrapping_millis(),
-            current: self.current,
-            part: CollectionPart::FREE,
-        };
+        let sample =
+            Sample { time: at.wrapping_millis(), current: self.current, ..Sample::new(Field::new(field), reported) };
         let monitored = MonitoredCalibration {
             calibration: &self.calibration,
             uncertainty: &self.uncertainty,
@@ -632,14 +623,7 @@ fn a_source_without_rates_is_monitored() {
         let field = attitude.to_body_frame(Field::earth_field(TOTAL_UT, INCLINATION_RAD, heading_rad)).ut
             + Vector3::z() * iron_ut;
         let at = Timestamp::from_us(u64::from(i) * 100_000);
-        let sample = Sample {
-            field: Field::new(field),
-            attitude,
-            rates: Rates::UNKNOWN,
-            time: at.wrapping_millis(),
-            current: MotorCurrent::UNKNOWN,
-            part: CollectionPart::FREE,
-        };
+        let sample = Sample { time: at.wrapping_millis(), ..Sample::new(Field::new(field), attitude) };
         let monitored = MonitoredCalibration {
             calibration: &flight.calibration,
             uncertainty: &flight.uncertainty,
@@ -663,14 +647,7 @@ fn non_finite_samples_are_ignored() {
         uncertainty: &flight.uncertainty,
         readings_per_sample: 1,
     };
-    let good = Sample {
-        field: Field::from_ut(20.0, 3.0, 40.0),
-        attitude: Attitude::default(),
-        rates: Rates::UNKNOWN,
-        time: WrappingMillis::default(),
-        current: MotorCurrent::UNKNOWN,
-        part: CollectionPart::FREE,
-    };
+    let good = Sample::new(Field::from_ut(20.0, 3.0, 40.0), Attitude::default());
     let non_finite = Attitude { roll_rad: f32::NAN, pitch_rad: 0.0 };
     let turned = GyroHeading { relative_heading_rad: f32::INFINITY, ..GyroHeading::default() };
     for (sample, turning) in [
@@ -746,14 +723,7 @@ fn a_day_at_rest_changes_no_state() {
     for i in 0..864_000_u32 {
         let field = body + Vector3::from_fn(|_, _| STRENGTH_SIGMA * TOTAL_UT * random.normal());
         let at = Timestamp::from_us(u64::from(i) * 100_000);
-        let sample = Sample {
-            field: Field::new(field),
-            attitude,
-            rates: Rates::UNKNOWN,
-            time: at.wrapping_millis(),
-            current: MotorCurrent::UNKNOWN,
-            part: CollectionPart::FREE,
-        };
+        let sample = Sample { time: at.wrapping_millis(), ..Sample::new(Field::new(field), attitude) };
         let monitored = MonitoredCalibration {
             calibration: &flight.calibration,
             uncertainty: &flight.uncertainty,

@@ -4,7 +4,7 @@ mod current;
 
 use super::*;
 use crate::attitude::{AttitudeConfig, BodyRates, RejectedReports, SenderId};
-use crate::calibration::{Calibration, CollectionPart, HeadingUncertainty, MotorCurrent, Orientation, Rates};
+use crate::calibration::{Calibration, HeadingUncertainty, Orientation, Rates};
 use crate::frames::{Sensor, wrap_pi};
 use crate::time::WrappingMillis;
 use testkit::random::Random;
@@ -359,14 +359,7 @@ fn a_recording_at_10_hz_passes_unchanged() {
         instrument.on_attitude(timestamp(us), report);
         let estimate = instrument.on_reading(timestamp(us), reading_of_field(field));
         assert_eq!(estimate.attitude, Some(attitude), "row {row}");
-        let sample = Sample {
-            field,
-            attitude,
-            time: timestamp(us).wrapping_millis(),
-            rates: Rates::UNKNOWN,
-            current: MotorCurrent::UNKNOWN,
-            part: CollectionPart::FREE,
-        };
+        let sample = Sample { time: timestamp(us).wrapping_millis(), ..Sample::new(field, attitude) };
         assert_eq!(take_samples(&mut instrument), [sample], "row {row}");
     }
 }

@@ -1,7 +1,7 @@
 //! Headings of the rows by the module's instrument, and their score.
 
 use autoswing::attitude::{self, AttitudeReport, BodyRates, EulerRates, SenderId};
-use autoswing::calibration::{Calibration, CollectionPart, MotorCurrent, Rates, Sample, Solution};
+use autoswing::calibration::{Calibration, Rates, Sample, Solution};
 use autoswing::frames::{Attitude, Field, Level};
 use autoswing::heading;
 use autoswing::instrument::{Correction, Estimate, InstallationChange, Instrument, InstrumentConfig};
@@ -63,14 +63,7 @@ pub fn level_field(calibration: &Calibration, row: &ReplayRow) -> Field<Level> {
         let motion = EulerRates::from_body_rates(body_rates, row.attitude);
         Rates::from_rad_s([motion.roll_rad_s, motion.pitch_rad_s, motion.heading_rad_s])
     });
-    let sample = Sample {
-        field: row.raw_field,
-        attitude: row.attitude,
-        rates,
-        current: MotorCurrent::UNKNOWN,
-        time: WrappingMillis::default(),
-        part: CollectionPart::FREE,
-    };
+    let sample = Sample { rates, ..Sample::new(row.raw_field, row.attitude) };
     calibration.corrected_level_field(&sample)
 }
 

@@ -1,8 +1,6 @@
 //! One random airframe with its turns, and simulated recordings of them.
 
-use autoswing::calibration::{
-    Calibration, CollectionPart, ConsiderSigmas, MotorCurrent, Rates, Sample, Samples, Solution,
-};
+use autoswing::calibration::{Calibration, CollectionPart, ConsiderSigmas, Rates, Sample, Samples, Solution};
 use autoswing::frames::{Attitude, Field};
 use autoswing::heading;
 use autoswing::time::WrappingMillis;
@@ -305,12 +303,9 @@ impl RandomFlight {
         let sigma_rad = self.attitude_sigma_rad(true_sample);
         let [roll_rad, pitch_rad] = reported_angles.map(|angle| (angle + random.gaussian() * sigma_rad) as f32);
         Sample {
-            field: Field::new((sensed * FIELD_STRENGTH_UT).cast()),
-            attitude: Attitude { roll_rad, pitch_rad },
             time: true_sample.time,
             rates: true_sample.rates,
-            current: MotorCurrent::UNKNOWN,
-            part: CollectionPart::FREE,
+            ..Sample::new(Field::new((sensed * FIELD_STRENGTH_UT).cast()), Attitude { roll_rad, pitch_rad })
         }
     }
 

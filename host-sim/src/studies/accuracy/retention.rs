@@ -37,7 +37,7 @@ pub fn retain_samples(samples: &[Sample]) -> Recording {
 
 #[cfg(test)]
 mod tests {
-    use autoswing::calibration::{CollectionPart, MotorCurrent, Rates, Samples};
+    use autoswing::calibration::Samples;
     use autoswing::frames::{Attitude, Field};
     use autoswing::time::WrappingMillis;
     use log_analysis::replay::module_run::ModuleRun;
@@ -58,14 +58,7 @@ mod tests {
                 body_field.y - 10.0 + 0.3 * random.normal(),
                 body_field.z + 0.3 * random.normal(),
             );
-            Sample {
-                field,
-                attitude,
-                rates: Rates::UNKNOWN,
-                current: MotorCurrent::UNKNOWN,
-                time: WrappingMillis::new(u32::from(i) * 100),
-                part: CollectionPart::FREE,
-            }
+            Sample { time: WrappingMillis::new(u32::from(i) * 100), ..Sample::new(field, attitude) }
         };
         (0..2400).map(sample_at).collect()
     }

@@ -7,9 +7,8 @@ use super::*;
 use crate::calibration::closed_form::starting_point;
 use crate::calibration::model::{INCLINATION_INDEX, ModelConfig, ModelParameters};
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns};
-use crate::calibration::{CollectionPart, MotorCurrent, Prior, Rates, Sample};
+use crate::calibration::{Prior, Sample};
 use crate::frames::{Attitude, Field};
-use crate::time::WrappingMillis;
 
 fn is_close(found: f32, expected: f32) -> bool {
     (found - expected).abs() <= 1e-4 * expected.abs()
@@ -48,14 +47,7 @@ fn damping_growth_doubles_with_each_failure() {
 /// One sample without attitude at the maximum likelihood, except for an inclination that is off by `sigmas`: the
 /// cost is half the square, and a step promises all of it.
 fn refinement_off_by(sigmas: f32) -> Refinement {
-    let sample = Sample {
-        field: Field::from_ut(50.0, 0.0, 0.0),
-        attitude: Attitude::default(),
-        time: WrappingMillis::default(),
-        rates: Rates::UNKNOWN,
-        current: MotorCurrent::UNKNOWN,
-        part: CollectionPart::FREE,
-    };
+    let sample = Sample::new(Field::from_ut(50.0, 0.0, 0.0), Attitude::default());
     let samples = Parts { left: &[sample], ..Parts::default() }.samples();
     let prior = Prior { inclination_rad: Some(0.0), ..Prior::default() };
     let likelihood = Likelihood::new(&prior, ModelConfig::WITHOUT_ATTITUDE, samples, 50.0);
@@ -65,14 +57,7 @@ fn refinement_off_by(sigmas: f32) -> Refinement {
 }
 
 fn descend(refinement: &mut Refinement, higher: f32) -> RefinementProgress {
-    let sample = Sample {
-        field: Field::from_ut(50.0, 0.0, 0.0),
-        attitude: Attitude::default(),
-        time: WrappingMillis::default(),
-        rates: Rates::UNKNOWN,
-        current: MotorCurrent::UNKNOWN,
-        part: CollectionPart::FREE,
-    };
+    let sample = Sample::new(Field::from_ut(50.0, 0.0, 0.0), Attitude::default());
     refinement.linear_system.cost += higher;
     refinement.levenberg_marquardt_step(Parts { left: &[sample], ..Parts::default() }.samples())
 }

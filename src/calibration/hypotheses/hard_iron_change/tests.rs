@@ -9,9 +9,7 @@ use crate::calibration::model::{JacobianRow, Likelihood, ModelConfig, NoiseModel
 use crate::calibration::tests::derivatives::assert_derivative;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, measured_sample};
 use crate::calibration::uncertainty::information::Information;
-use crate::calibration::{
-    Calibration, CollectionPart, LeastSquares, Method, MotorCurrent, Orientation, Prior, Rates, Sample,
-};
+use crate::calibration::{Calibration, LeastSquares, Method, Orientation, Prior, Sample};
 use crate::frames::Field;
 
 /// Flight with a hard-iron change by `beta_ut` before a time, and unknowns near the maximum likelihood.
@@ -335,14 +333,8 @@ fn both_significance_thresholds_must_be_exceeded() {
     }
 }
 
-const STEADY_SAMPLE: Sample = Sample {
-    field: Field::from_ut(0.0, 0.0, 0.0),
-    attitude: crate::frames::Attitude { roll_rad: 0.0, pitch_rad: 0.0 },
-    time: WrappingMillis::new(0),
-    rates: Rates::UNKNOWN,
-    current: MotorCurrent::UNKNOWN,
-    part: CollectionPart::FREE,
-};
+const STEADY_SAMPLE: Sample =
+    Sample::new(Field::from_ut(0.0, 0.0, 0.0), crate::frames::Attitude { roll_rad: 0.0, pitch_rad: 0.0 });
 
 #[test]
 fn fraction_of_the_change_at_a_time() {
