@@ -34,26 +34,28 @@ impl GivenInclination {
 
     /// Returns the error that replaces the result of a solve without the given inclination.
     ///
-    /// A contradiction of a person's inclination remains the result, because only a person can find its cause; a
-    /// contradicted model is ignored. Without a contradiction, the error of the solve with the given inclination is
-    /// reported.
+    /// A contradiction of a person's inclination remains the result, because only a person can find its cause. Without
+    /// a contradiction, the error of the solve with the given inclination is reported.
     pub const fn decide_against_samples(self, result: &Result<Solution, SolveError>) -> Option<SolveError> {
-        const fn is_contradiction(error: &SolveError) -> bool {
-            matches!(error, SolveError::InclinationContradicted { .. })
-        }
         match (result, self) {
-            (Err(error), _) if is_contradiction(error) => None,
-            (_, Self::Dropped { error: Some(error), is_modelled, .. })
-                if !(is_modelled && is_contradiction(&error)) =>
-            {
-                Some(error)
-            }
-            _ => None,
+            (Err(SolveError::InclinationContradicted { .. }), _) | (_, Self::Unknown | Self::Prior { .. }) => None,
+            (_, Self::Dropped { error, .. }) => error,
         }
     }
 
-    /// Compares the given inclination, of `sigma_rad`, with that of the samples alone and its variance. A model's
-    /// inclination that is no longer a prior is unknown from then on if the samples contradict it.
+    /// Removes the prior after a solve with this error, or an inaccurate one; returns whether there was a prior. A
+    /// model's inclination that the samples contradict is unknown from then on.
+    pub const fn drop_prior(&mut self, error: Option<SolveError>) -> bool {
+        let Self::Prior { given_rad, is_modelled } = *self else { return false };
+        *self = match error {
+            Some(SolveError::InclinationContradicted { .. }) if is_modelled => Self::Unknown,
+            _ => Self::Dropped { given_rad, is_modelled, error },
+        };
+        true
+    }
+
+    /// Compares the given inclination, of `sigma_rad`, with that of the samples alone and its variance. The contradicted
+    /// inclination of a model that is no prior any more is unknown from then on.
     ///
     /// # Errors
     ///
@@ -73,6 +75,40 @@ impl GivenInclination {
                 Err(SolveError::InclinationContradicted { found_deg })
             }
             _ => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CONTRADICTED: SolveError = SolveError::InclinationContradicted { found_deg: 57 };
+
+    /// Inclination of 1 rad by samples, and 0.5 rad given, to 0.1 rad each: 3.5 sigmas are consistent.
+    fn check(given: &mut GivenInclination, sigma_rad: f32) -> Result<(), SolveError> {
+        given.check_inclination(Some([1.0, sigma_rad * sigma_rad]), sigma_rad)
+    }
+
+    #[test]
+    fn a_person_is_contradicted_and_a_model_ignored() {
+        for is_modelled in [false, true] {
+            let prior = GivenInclination::Prior { given_rad: 0.5, is_modelled };
+            let mut given = prior;
+            assert_eq!((check(&mut given, 0.1), given), (Ok(()), prior));
+            assert_eq!((check(&mut given, 0.08), given), (Err(CONTRADICTED), prior), "the samples alone decide");
+            for error in [None, Some(SolveError::NotConverged), Some(CONTRADICTED)] {
+                let mut given = prior;
+                assert!(given.drop_prior(error) && !given.drop_prior(error));
+                let is_unknown = is_modelled && error == Some(CONTRADICTED);
+                assert_eq!(given == GivenInclination::Unknown, is_unknown, "{error:?}");
+                assert_eq!(check(&mut given, 0.1), Ok(()));
+                let reported = if is_unknown { None } else { error };
+                assert_eq!(given.decide_against_samples(&Err(SolveError::NotFinite)), reported);
+                assert_eq!(check(&mut given, 0.08), if is_modelled { Ok(()) } else { Err(CONTRADICTED) });
+                assert_eq!(given == GivenInclination::Unknown, is_modelled);
+                assert_eq!(given.decide_against_samples(&Err(CONTRADICTED)), None);
+            }
         }
     }
 }

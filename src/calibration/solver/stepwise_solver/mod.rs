@@ -195,12 +195,12 @@ impl Solver {
     /// Restarts without the given inclination after an error or an inaccurate result.
     #[inline(never)]
     fn start_without_inclination(&mut self, result: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
-        let GivenInclination::Prior { given_rad, is_modelled } = self.given_inclination else { return false };
-        if result.as_ref().is_ok_and(|solution| is_accurate(&solution.quality)) {
+        let error = result.as_ref().err().copied();
+        if result.as_ref().is_ok_and(|solution| is_accurate(&solution.quality))
+            || !self.given_inclination.drop_prior(error)
+        {
             return false;
         }
-        self.given_inclination =
-            GivenInclination::Dropped { given_rad, is_modelled, error: result.as_ref().err().copied() };
         self.prior.inclination_rad = None;
         let Ok((starting_point, start)) = choose_starting_point(self.method, samples, &self.prior) else {
             return false;
