@@ -3,7 +3,7 @@
 use super::TaskBench;
 use super::port::{ARMED_BASE_MODE, heartbeat_and_attitude_frames};
 use super::safe_mode::{FakeCanBus, OWN_NODE, RESTART_PAYLOAD};
-use super::thread_tasks::{Flash, PAGES, with_compass};
+use super::thread_tasks::{Flash, PAGE_COUNT, bench_with_compass};
 use crate::app::can::NoBootLoader;
 use crate::app::task_links::{AutopilotLine, publish_value};
 use crate::instrument::Estimate;
@@ -74,7 +74,7 @@ fn requests_do_not_wait_for_an_estimate() {
 /// An autopilot on a port, or a node of the bus, reports that the vehicle is armed.
 #[test]
 fn armed_states_of_ports_and_bus_count_for_each_other() {
-    let (mut bench, bus) = (with_compass(Flash::new(PAGES)), FakeCanBus::default());
+    let (mut bench, bus) = (bench_with_compass(Flash::new(PAGE_COUNT)), FakeCanBus::default());
     run_node(&mut bench, &bus);
     let port = AutopilotLine::Port(PortNumber::One);
     bench.links.update_line_state(port, ProtocolKind::Mavlink, Some(true));

@@ -188,7 +188,7 @@ impl FlightStatistics {
         }
         [Side::Left, Side::Right].into_iter().find_map(|side| {
             let PartCoverage { samples, covered_sectors: sectors, .. } =
-                *progress.coverage_of(CollectionPart::of_turn(side));
+                *progress.coverage_of(CollectionPart::from_turn_side(side));
             (samples >= arc_samples && sectors <= arc_sectors).then_some(CollectionProblem::ArcOnly { side, sectors })
         })
     }

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::calibration::tests::synthetic::multirotor_samples;
-use crate::calibration::{CollectionPart, Manoeuvre, MotorCurrent};
+use crate::calibration::{CollectionPart, Manoeuvre, MotorCurrent, Rates};
 use nalgebra::Vector3;
 
 /// 100 s of a multirotor, 4 samples/s: 40 s of yaw turns, then tilts to all sides.

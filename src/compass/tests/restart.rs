@@ -224,7 +224,7 @@ fn samples_survive_a_restart_in_a_solve_but_not_its_end() {
         run.send_command(Command::CalAbort);
     });
     module.run_module(|run| {
-        assert_eq!(run.status_report().collection_progress.coverage_of(CollectionPart::FREE).samples, 0)
+        assert_eq!(run.status_report().collection_progress.coverage_of(CollectionPart::FREE).samples, 0);
     });
 }
 
