@@ -205,6 +205,16 @@ mod tests {
         );
     }
 
+    /// A turn of 0.5 rad/s, 0.2 s before: 0.1 rad less, across south.
+    #[test]
+    fn a_gyro_heading_is_extrapolated_back() {
+        let euler_rates = EulerRates { heading_rad_s: 0.5, ..EulerRates::default() };
+        let now = GyroHeading { euler_rates, relative_heading_rad: -3.1, run_number: 7 };
+        let before = now.extrapolated_back(0.2);
+        assert!((before.relative_heading_rad - (core::f32::consts::TAU - 3.2)).abs() < 1e-5, "{before:?}");
+        assert_eq!((before.euler_rates, before.run_number), (euler_rates, 7));
+    }
+
     #[test]
     fn missing_rates_start_a_new_run() {
         let turning = report(0.0, 0.0, [0.0, 0.0, 30.0]);

@@ -42,8 +42,8 @@ impl<const N: usize> UdFilter<N> {
     pub fn is_finite(&self) -> bool {
         // Zero times infinity or NaN is NaN, and so is the sum: half the time of a test of each element.
         let mut sum: f32 = self.mean.iter().chain(&self.diagonal).map(|x| x * 0.0).sum();
-        for (first, row) in (1..).zip(&self.upper) {
-            sum += row.iter().skip(first).map(|x| x * 0.0).sum::<f32>();
+        for (used_from, row) in (1..).zip(&self.upper) {
+            sum += row.iter().skip(used_from).map(|x| x * 0.0).sum::<f32>();
         }
         sum.is_finite()
     }
@@ -262,6 +262,7 @@ mod tests {
         let row = [1.0, 3.0];
         assert!((last.projected_variance(&row) - 10.25).abs() < 1e-5 && (last.projected_mean(&row) - 0.3).abs() < 1e-6);
         assert!((state.projected_variance(&[0.0, 1.0, 3.0]) - 10.25).abs() < 1e-5);
+        assert_eq!(state.last_states(0), state);
     }
 
     #[test]

@@ -177,7 +177,7 @@ fn the_spike_limit_grows_with_the_turn_rate() {
 fn a_lasting_field_step_is_accepted_at_the_fourth_reading() {
     let mut readings = Readings::new();
     readings.faults_at_rest(PARKED_FIELD_UT, 500);
-    let field_after_step = [35.0, -5.0, 40.0];
+    let field_after_step = [335.0, -5.0, 40.0];
     assert_eq!(readings.faults_at_rest(field_after_step, 3), [ReadingFault::Spike; 3]);
     assert_eq!(readings.faults_at_rest(field_after_step, 500), []);
 }

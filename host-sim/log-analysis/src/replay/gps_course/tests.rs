@@ -112,7 +112,7 @@ fn velocities_far_from_the_circle_are_excluded() {
 #[test]
 fn a_strong_wind_is_refused() {
     for (wind_m_s, is_taken) in [(9.5, true), (10.5, false)] {
-        let wind = Vector2::new(0.0, wind_m_s);
+        let wind = Vector2::new(-0.6, 0.8) * wind_m_s;
         let blown = |velocities: Vec<GroundVelocity>| -> Vec<GroundVelocity> {
             velocities
                 .into_iter()
@@ -132,7 +132,10 @@ fn a_strong_wind_is_refused() {
             &blown(straight),
         );
         assert_eq!(course.as_ref().err(), (!is_taken).then_some(&GpsCourseRejection::StrongWind), "{wind_m_s}");
-        assert!(course.is_err() || (course.unwrap().sigma_deg() - ASSUMED_SIDESLIP_DEG).abs() < 0.1);
+        if let Ok(course) = course {
+            assert!((course.sigma_deg() - ASSUMED_SIDESLIP_DEG).abs() < 0.1);
+            assert!((course.wind_from_deg() - 306.87).abs() < 0.01, "north-west: {}", course.wind_from_deg());
+        }
     }
 }
 

@@ -1,6 +1,7 @@
 use autoswing::frames::{Attitude, Field};
 
 use super::*;
+use crate::replay::frozen_field::frozen_intervals;
 use crate::replay::log_warning;
 
 #[test]
@@ -19,6 +20,21 @@ fn the_longest_frozen_field_is_reported() {
         let note = log_warning::sensor_failure(&flight, &compass).unwrap().to_string();
         let [from_s, to_s] = [from_s, to_s].map(|time_s| compass.rows[time_s * 10].t_s.round());
         assert!(note.contains(&format!("from {from_s} to {to_s} s")), "{note}");
+    }
+}
+
+/// An axis keeps its value for 12 s of a turn, in which the other axes change.
+#[test]
+fn a_stuck_axis_is_found() {
+    let (_, compass) = flown_compass();
+    for (axis, name) in ['x', 'y', 'z'].into_iter().enumerate() {
+        let mut rows = compass.rows.clone();
+        for (i, row) in rows[200..=320].iter_mut().enumerate() {
+            row.raw_field.ut[axis] = 20.0;
+            row.attitude = Attitude::from_deg(if i % 2 == 0 { 10.0 } else { -10.0 }, 0.0);
+        }
+        let found: Vec<_> = frozen_intervals(&rows).iter().map(|interval| interval.stuck_axis).collect();
+        assert_eq!(found, [Some(name)]);
     }
 }
 
