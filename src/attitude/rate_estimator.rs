@@ -105,24 +105,26 @@ mod tests {
     }
 
     /// A turn of 18.7 deg/s through north at 25 deg of bank and 5 deg of pitch. After ten time constants the mean of
-    /// two seconds is exact to the angles' steps.
+    /// two seconds is exact to the angles' steps; a step of the heading by 1 deg changes the rate by 6 deg/s.
     #[test]
     fn a_steady_turn_has_its_body_rates() {
         let euler_rates = EulerRates { roll_rad_s: 0.0, pitch_rad_s: 0.0, heading_rad_s: 18.7_f32.to_radians() };
         let expected = euler_rates.to_body_rates(Attitude::from_deg(25.0, 5.0)).map(f32::to_degrees);
-        let found = mean_deg_s(&body_rates_rad_s(|t_s| [25.0, 5.0, 300.0 + 18.7 * t_s])[125..225]);
-        for (found, expected) in found.into_iter().zip(expected) {
+        let rates_rad_s = &body_rates_rad_s(|t_s| [25.0, 5.0, 300.0 + 18.7 * t_s])[125..225];
+        for (found, expected) in mean_deg_s(rates_rad_s).into_iter().zip(expected) {
             assert!((found - expected).abs() < 0.3, "{found} {expected}");
         }
+        assert!(rates_rad_s.iter().all(|[.., r]| (r.to_degrees() - expected[2]).abs() < 7.0));
     }
 
-    /// The integrated roll follows a roll of 40 deg in 2 s at its end to 2 deg: acceleration times the square of the
-    /// time constant.
+    /// The integrated roll follows a steady roll of 20 deg/s without lag, and at its end to 2 deg: acceleration times the
+    /// square of the time constant.
     #[test]
     fn integrated_rates_follow_the_angles() {
         let rates_rad_s = body_rates_rad_s(|t_s| [20.0 * (t_s - 10.0).clamp(0.0, 2.0), 0.0, 90.5]);
         let rolled_deg = |until: usize| rates_rad_s[..until].iter().map(|[p, ..]| p.to_degrees() * 0.02).sum::<f32>();
         assert!(rolled_deg(500).abs() < 0.2, "{}", rolled_deg(500));
+        assert!((rolled_deg(596) - 38.0).abs() < 0.3, "{}", rolled_deg(596));
         assert!((rolled_deg(601) - 40.0).abs() < 2.0, "{}", rolled_deg(601));
         assert!((rolled_deg(1000) - 40.0).abs() < 0.2, "{}", rolled_deg(1000));
     }
@@ -147,6 +149,18 @@ mod tests {
                 .iter()
                 .all(|rate_rad_s| rate_rad_s.abs() < f32::EPSILON)
         );
+    }
+
+    /// Three wrong angles do not interrupt the rates of a turn of 18.7 deg/s; more are a changed attitude, after which the
+    /// filter starts again.
+    #[test]
+    fn a_lasting_change_of_angles_is_accepted() {
+        let turns = |rates: &[f32; 3]| rates[1].hypot(rates[2]) > 8.0_f32.to_radians();
+        let roll_deg = |is_changed: bool| if is_changed { 55.0 } else { 10.0 };
+        let spike = body_rates_rad_s(|t_s| [roll_deg((5.0..5.05).contains(&t_s)), 0.0, 18.7 * t_s]);
+        assert!(spike[150..].iter().all(turns));
+        let step = body_rates_rad_s(|t_s| [roll_deg(t_s >= 5.0), 0.0, 18.7 * (t_s - 8.0).max(0.0)]);
+        assert!(step[500..].iter().all(turns));
     }
 
     #[test]
