@@ -26,7 +26,7 @@ fn the_longest_frozen_field_is_reported() {
 /// An axis keeps its value for 12 s of a turn, in which the other axes change.
 #[test]
 fn a_stuck_axis_is_found() {
-    let (_, compass) = flown_compass();
+    let (_, compass) = compass_of_flown_turns();
     for (axis, name) in ['x', 'y', 'z'].into_iter().enumerate() {
         let mut rows = compass.rows.clone();
         for (i, row) in rows[200..=320].iter_mut().enumerate() {
