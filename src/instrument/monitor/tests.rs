@@ -611,7 +611,8 @@ fn the_reason_for_a_withheld_heading_is_the_larger_error() {
     }
 }
 
-/// Limits: 8 deg, and 11 deg with the inflation after a change. The reason names the states with the larger part of the variance.
+/// Limits: 8 deg, and 11 deg with the inflation after a change. The reason names the states with the larger part of the
+/// variance.
 #[test]
 fn a_heading_with_sigma_over_8_deg_is_withheld() {
     let mut flight = Flight::new(11);
