@@ -262,7 +262,7 @@ mod tests {
         let row = [1.0, 3.0];
         assert!((last.projected_variance(&row) - 10.25).abs() < 1e-5 && (last.projected_mean(&row) - 0.3).abs() < 1e-6);
         assert!((state.projected_variance(&[0.0, 1.0, 3.0]) - 10.25).abs() < 1e-5);
-        assert_eq!(state.last_states(0), state);
+        assert_eq!(state.marginal_of_last(0), state);
     }
 
     #[test]
