@@ -509,7 +509,7 @@ fn a_drift_in_straight_flight_is_in_the_heading_variance() {
     assert!(worst_sigmas < 4.0, "{worst_sigmas}");
 }
 
-/// Three times the filter's variance of the heading at the attitude of that moment, for as long as the iron is changed.
+/// Three times the filter's variance of the heading at the attitude of that moment.
 #[test]
 fn heading_variance_is_inflated_after_a_detected_change() {
     let mut flight = Flight::new(5);
@@ -517,22 +517,20 @@ fn heading_variance_is_inflated_after_a_detected_change() {
     let unchanged_rad2 = flight.monitor.monitor_output().heading_variance_rad2;
     assert!(unchanged_rad2 < 0.006 * 0.006, "nothing has changed: {unchanged_rad2}");
     flight.errors.hard_iron_ut = [0.0, 5.0, 0.0];
-    for seconds in [15, 60] {
-        flight.fly_seconds(seconds);
-        let (attitude, euler_rates, heading_rad) = motion_at(flight.now_s());
-        let field = attitude.to_body_frame(Field::earth_field(1.0, INCLINATION_RAD, heading_rad)).ut;
-        let mount_turn_effect = MountTurnEffect::new(&flight.calibration, &field);
-        let monitor_sample = MonitorSample { field, mount_turn_effect, attitude, euler_rates };
-        let states = *flight.monitor.filter.mean();
-        let predicted =
-            PredictedField { heading_rad: Some(heading_rad), ..PredictedField::new(&states, INCLINATION_RAD, None) };
-        let jacobian = MeasurementModel::new(&monitor_sample, &states, &predicted).heading_jacobian;
-        let inflation =
-            flight.monitor.monitor_output().heading_variance_rad2 / flight.monitor.filter.projected_variance(&jacobian);
-        assert!((2.4..=3.6).contains(&inflation), "{inflation}");
-    }
+    flight.fly_seconds(15);
+    let (attitude, euler_rates, heading_rad) = motion_at(flight.now_s());
+    let field = attitude.to_body_frame(Field::earth_field(1.0, INCLINATION_RAD, heading_rad)).ut;
+    let mount_turn_effect = MountTurnEffect::new(&flight.calibration, &field);
+    let monitor_sample = MonitorSample { field, mount_turn_effect, attitude, euler_rates };
+    let states = *flight.monitor.filter.mean();
+    let predicted =
+        PredictedField { heading_rad: Some(heading_rad), ..PredictedField::new(&states, INCLINATION_RAD, None) };
+    let jacobian = MeasurementModel::new(&monitor_sample, &states, &predicted).heading_jacobian;
+    let inflation =
+        flight.monitor.monitor_output().heading_variance_rad2 / flight.monitor.filter.projected_variance(&jacobian);
+    assert!((2.4..=3.6).contains(&inflation), "{inflation}");
     flight.errors.hard_iron_ut = [0.0; 3];
-    flight.fly_seconds(240);
+    flight.fly_seconds(200);
     assert!(flight.monitor.monitor_output().heading_variance_rad2 < 0.006 * 0.006);
 }
 
