@@ -106,6 +106,21 @@ fn a_frozen_attitude_gives_no_heading() {
     }
 }
 
+/// ArduPilot by MSP: a heading that stops in a turn shows after 2 deg. When a coarse source was detected after 0.5 s
+/// only, a third of the headings sent was bad, and after a stall of 1.4 s all headings of a flight were.
+#[test]
+fn a_source_by_msp_that_stops_in_a_turn_gives_no_heading() {
+    let plan = IntegrityPlan {
+        flights_per_case: 16,
+        seed: 40_013,
+        attitude_protocol: integrity::AttitudeProtocol::Msp,
+        ..TEST_PLAN
+    };
+    for row in run_plan(plan, &["frozen-turn", "source-stalls"]) {
+        assert!(row.bad_percent <= 0.05 && row.worst_deg <= 5.0, "{row:?}");
+    }
+}
+
 /// Detected in the next roll, after about 10 of its 25 deg; until then the error is due to the small roll and pitch of
 /// level flight.
 #[test]

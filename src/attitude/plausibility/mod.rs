@@ -35,6 +35,18 @@ const FINE_RESOLUTION_RAD: f32 = 8.7e-4;
 /// microseconds.
 const MIN_COARSE_EQUAL_DURATION_US: u64 = 500_000;
 
+/// Smallest rotation, radians (2 deg), by the rates at the first of the equal reports, after which a source whose rates
+/// vanish has stopped: two steps of a heading by MSP. In steps of 0.1 deg a moving aircraft's roll and pitch seldom
+/// repeat for so long.
+const MIN_MISSING_ROTATION_RAD: f32 = 0.035;
+
+/// Largest ratio of vanished rates to those at the first of the equal reports. In a steady turn the rates remain.
+const MAX_VANISHED_RATE_RATIO: f32 = 0.5;
+
+/// Longest duration of equal reports in which vanished rates count, microseconds. By then an aircraft in straight flight
+/// has swayed by 3 deg, or the vehicle stands.
+const MAX_STOPPED_DURATION_US: u64 = 10_000_000;
+
 /// Cosine of the smallest field rotation in body axes that contradicts a repeated attitude (3 deg).
 const COS_MIN_FIELD_ROTATION: f32 = 0.998_63;
 
@@ -120,6 +132,10 @@ pub(super) struct FreezeDetector {
     /// Times of the first and of the last of the equal reports.
     equal_since: Timestamp,
     last_report_at: Timestamp,
+    /// Magnitude of the body rates at the first of the equal reports, rad/s.
+    initial_rate_rad_s: f32,
+    /// Whether the rates, which the source derives from its angles, vanish while the attitude repeats.
+    has_stopped: bool,
     /// Whether a change below the fine resolution was observed.
     has_fine_resolution: bool,
     /// Mean field direction in body axes: current, and settled after the first of the equal reports.
@@ -135,6 +151,8 @@ impl FreezeDetector {
             equal_reports: 0,
             equal_since: Timestamp::START,
             last_report_at: Timestamp::START,
+            initial_rate_rad_s: 0.0,
+            has_stopped: false,
             has_fine_resolution: false,
             field_direction: MeanDirection::UNKNOWN,
             settled_field_direction: None,
@@ -149,6 +167,7 @@ impl FreezeDetector {
     /// Processes a report, before other plausibility tests.
     pub fn process_report(&mut self, at: Timestamp, report: &AttitudeReport) {
         let attitude = report.attitude;
+        let rate_rad_s = report.body_rates.map_or(0.0, |rates| rates.magnitude_rad_s());
         let is_equal = self.last_attitude.is_some_and(|previous_attitude| {
             previous_attitude.roll_rad.to_bits() == attitude.roll_rad.to_bits()
                 && previous_attitude.pitch_rad.to_bits() == attitude.pitch_rad.to_bits()
@@ -164,13 +183,18 @@ impl FreezeDetector {
                 self.last_attitude.is_some_and(|previous_attitude| is_fine_step(previous_attitude, attitude));
             self.equal_reports = 1;
             self.equal_since = at;
+            self.initial_rate_rad_s = rate_rad_s;
             self.settled_field_direction = None;
         }
         self.last_attitude = Some(attitude);
         self.last_report_at = at;
         self.is_frozen &= is_equal;
+        self.has_stopped &= is_equal;
         if self.equal_reports >= MIN_EQUAL_REPORTS {
             let for_us = at.us_since(self.equal_since);
+            self.has_stopped |= rate_rad_s < MAX_VANISHED_RATE_RATIO * self.initial_rate_rad_s
+                && self.initial_rate_rad_s * for_us as f32 * 1e-6 > MIN_MISSING_ROTATION_RAD;
+            self.has_stopped &= for_us < MAX_STOPPED_DURATION_US;
             self.is_frozen |= self.has_fine_resolution && for_us >= MIN_EQUAL_DURATION_US;
             self.is_frozen |= for_us >= MIN_COARSE_EQUAL_DURATION_US && self.has_field_rotated(attitude);
         }
@@ -178,7 +202,7 @@ impl FreezeDetector {
 
     /// Time of the last report, if the source is frozen.
     pub fn frozen_at(&self) -> Option<Timestamp> {
-        self.is_frozen.then_some(self.last_report_at)
+        (self.is_frozen || self.has_stopped).then_some(self.last_report_at)
     }
 
     /// Whether the field rotated in body axes since the first equal report, other than about the vertical of a level
