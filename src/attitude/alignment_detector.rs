@@ -61,7 +61,7 @@ impl AlignmentDetector {
 
     /// Updates the field direction with an uncalibrated reading.
     pub fn update_field(&mut self, field: Field<Sensor>) {
-        self.field_direction.update_mean(field.ut);
+        self.field_direction.update_mean_direction(field.ut);
     }
 
     /// Processes a report; returns whether the source is still aligning. Always false without a field or without body

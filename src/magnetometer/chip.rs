@@ -228,7 +228,7 @@ mod tests {
                 let poll_times_us = chip.asked_at_us.borrow().clone();
                 assert_eq!(poll_times_us[0], first_us + 90);
                 assert!(poll_times_us.windows(2).all(|pair| pair[1] - pair[0] == 590), "{poll_times_us:?}");
-                // The next sleep starts at the measurement.
+                // The driver sleeps from the measurement on.
                 let found_us = Instant::now().as_micros();
                 chip.wait_for_measurement(&mut polling).await.unwrap();
                 assert_eq!(chip.asked_at_us.borrow()[poll_times_us.len()], found_us + first_us + 90);

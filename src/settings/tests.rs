@@ -180,13 +180,13 @@ fn a_port_s_setting_changes_that_port() {
     }
 }
 
-/// The alignment is computed from headings, so only loading checks its range.
 #[test]
 fn a_factory_reset_keeps_the_alignment() {
     let used = Settings { align_deg: 5.0, attitude_rate_hz: 20, ..Settings::DEFAULT };
     assert_eq!(used.factory_reset(), Settings { align_deg: 5.0, ..Settings::DEFAULT });
 }
 
+/// The alignment is computed from headings, so only loading checks its range.
 #[test]
 fn alignment_is_limited_to_180_deg() {
     for (align_deg, valid) in [(180.0, true), (-180.0, true), (180.1, false), (-180.1, false), (f32::NAN, false)] {

@@ -110,7 +110,7 @@ impl MeanDirection {
     pub const UNKNOWN: Self = Self(None);
 
     /// Updates the mean with a reading, in any axes.
-    pub fn update_mean(&mut self, field: Vector3<f32>) {
+    pub fn update_mean_direction(&mut self, field: Vector3<f32>) {
         let direction = field / field.vector_length();
         let old_mean = self.0.unwrap_or(direction);
         let new_mean = old_mean + (direction - old_mean) / FIELD_MEAN_READINGS;
@@ -161,7 +161,7 @@ impl FreezeDetector {
     }
 
     pub fn update_field(&mut self, field: Field<Body>) {
-        self.field_direction.update_mean(field.ut);
+        self.field_direction.update_mean_direction(field.ut);
     }
 
     /// Processes a report, before other plausibility tests.

@@ -167,7 +167,8 @@ fn write_message(message: u32) {
     TAMP.bkpr(0).write(|register| register.set_bkp(message));
 }
 
-/// Marks this image as good: a watchdog reset then starts it again. An update that is handed over stays.
+/// Marks this image as good: a watchdog reset then starts it again. A request for an
+/// update, already written for the boot loader, is kept.
 pub fn mark_image_good() {
     enable_backup_registers();
     if TAMP.bkpr(0).read().bkp() == 0 {

@@ -64,8 +64,8 @@ impl Ellipse {
     }
 }
 
-/// Centre and form of the conic `C1 x^2 + C2 y^2 + C3 xy + C4 x + C5 y = 1` by linear least squares (Liu 2007 eq. 6),
-/// through points of magnitude about 1; `None` if it is not an ellipse.
+/// Centre and matrix of the quadratic form of the conic `C1 x^2 + C2 y^2 + C3 xy + C4 x + C5 y = 1` by linear least
+/// squares (Liu 2007 eq. 6), through points of magnitude about 1; `None` if it is not an ellipse.
 pub(in crate::calibration) fn fit_conic(
     points: impl Iterator<Item = Vector2<f32>>,
 ) -> Option<(Vector2<f32>, Matrix2<f32>)> {

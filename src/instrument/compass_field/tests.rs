@@ -425,13 +425,16 @@ fn two_seconds_of_constant_attitude_are_rest() {
 }
 
 #[test]
-fn rest_is_detected_upside_down() {
-    let mut rest = RestDetector { rest_start: None, last_attitude_at: timestamp(0) };
-    for i in 0..200 {
-        let roll_deg = if i % 2 == 0 { 179.95 } else { -179.95 };
-        rest.update_rest(timestamp(i * 20_000), Attitude::from_deg(roll_deg, 0.0));
+fn rest_is_detected_on_a_slope_and_upside_down() {
+    for mean_roll_deg in [10.0, 180.0] {
+        let mut rest = RestDetector { rest_start: None, last_attitude_at: timestamp(0) };
+        for i in 0..200 {
+            let roll_deg: f32 = mean_roll_deg + if i % 2 == 0 { 0.05 } else { -0.05 };
+            let attitude = Attitude { roll_rad: wrap_pi(roll_deg.to_radians()), pitch_rad: -0.14 };
+            rest.update_rest(timestamp(i * 20_000), attitude);
+        }
+        assert!(rest.is_at_rest(timestamp(3_980_000)), "{mean_roll_deg} deg");
     }
-    assert!(rest.is_at_rest(timestamp(3_980_000)));
 }
 
 #[test]

@@ -70,7 +70,7 @@ pub(super) const POST_CHANGE_INFLATION: f32 = 3.0;
 pub(super) const MAX_DECAYING_HARD_IRON: f32 = 0.03;
 
 /// Time constant of the decay of states that a flight does not observe, seconds.
-pub(super) const DECAY_TIME_S: f32 = 1000.0;
+pub(super) const UNOBSERVED_DECAY_TIME_S: f32 = 1000.0;
 
 /// Longest interval over which the gyro heading offset is kept, seconds.
 pub(super) const MAX_GAP_S: f32 = 3.0;

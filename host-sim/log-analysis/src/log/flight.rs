@@ -172,9 +172,9 @@ pub struct Flight {
     /// Number of rows without a time stamp; each is stored with the preceding message's time.
     pub rows_without_time: u64,
     /// MAVLink systems with an autopilot, first the one read.
-    pub autopilot_systems: Vec<u8>,
+    pub autopilot_system_ids: Vec<u8>,
     /// Components with an autopilot in the system that is read, first the one read.
-    pub autopilot_components: Vec<u8>,
+    pub autopilot_component_ids: Vec<u8>,
     /// Counts of skipped rows.
     pub skipped_counts: SkippedCounts,
 }
@@ -251,8 +251,8 @@ impl Flight {
             parameters: ParameterHistory::default(),
             flight_date: None,
             rows_without_time: 0,
-            autopilot_systems: Vec::new(),
-            autopilot_components: Vec::new(),
+            autopilot_system_ids: Vec::new(),
+            autopilot_component_ids: Vec::new(),
             skipped_counts: SkippedCounts::default(),
         }
     }

@@ -144,8 +144,8 @@ fn read_with_unchecked_rates(source: &mut dyn Read, unit: FieldUnit, system: Opt
         LogFormat::TLog => tlog::read_tlog(&mut source, system)?,
         LogFormat::Csv => csv::read_csv(source, unit).map_err(LogError::Csv)?,
     };
-    if let Some(system) = system.filter(|system| flight.autopilot_systems.first() != Some(system)) {
-        return Err(LogError::SystemNotFound(system, flight.autopilot_systems));
+    if let Some(system) = system.filter(|system| flight.autopilot_system_ids.first() != Some(system)) {
+        return Err(LogError::SystemNotFound(system, flight.autopilot_system_ids));
     }
     if flight.compasses.is_empty() && flight.rows_without_time > 0 {
         return Err(LogError::NoTimeStamps(format));

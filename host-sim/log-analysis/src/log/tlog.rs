@@ -244,8 +244,8 @@ impl TlogReader {
 
     fn finish_flight(mut self) -> Flight {
         let id_part = |id_index: usize| self.autopilot.map(|sender| sender[id_index]).into_iter();
-        self.builder.flight.autopilot_systems = id_part(0).chain(self.other_systems.iter().copied()).collect();
-        self.builder.flight.autopilot_components = id_part(1).chain(self.other_components.iter().copied()).collect();
+        self.builder.flight.autopilot_system_ids = id_part(0).chain(self.other_systems.iter().copied()).collect();
+        self.builder.flight.autopilot_component_ids = id_part(1).chain(self.other_components.iter().copied()).collect();
         self.builder.finish_flight()
     }
 

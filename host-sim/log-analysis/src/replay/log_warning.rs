@@ -130,7 +130,7 @@ impl LogWarning {
         warnings.extend((oldest_s < -LATE_ATTITUDE_S).then_some(Self::LateAttitude(-oldest_s * 1e3)));
         warnings.extend(mounting_changes(flight, evaluation));
         warnings.extend(
-            first_and_others(&flight.autopilot_components)
+            first_and_others(&flight.autopilot_component_ids)
                 .map(|(own_id, other_ids)| Self::OtherAutopilots(own_id, other_ids)),
         );
         let contradicted =
@@ -141,7 +141,7 @@ impl LogWarning {
             )
         }));
         warnings.extend(
-            first_and_others(&flight.autopilot_systems)
+            first_and_others(&flight.autopilot_system_ids)
                 .map(|(own_id, other_ids)| Self::OtherVehicles(own_id, other_ids)),
         );
         let mut add_if = |applies: bool, warning: Self| warnings.extend(applies.then_some(warning));
@@ -385,7 +385,7 @@ mod tests {
                 "tilts by 1.15 deg at most",
             ),
             (
-                |flight| flight.autopilot_systems = vec![3, 7, 9],
+                |flight| flight.autopilot_system_ids = vec![3, 7, 9],
                 "system 3 is evaluated; --system selects another (7, 9)",
             ),
             (|flight| flight.skipped_counts.restarts = 2, "restarted 2 time"),

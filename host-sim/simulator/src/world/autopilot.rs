@@ -53,7 +53,7 @@ pub enum Leg {
     },
 }
 
-/// Commanded horizontal motion; other than hovering vehicles always move forward.
+/// Commanded horizontal motion. Vehicles that cannot hover always move forward.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum TranslationMode {
     /// Move forward at cruise speed.

@@ -21,11 +21,11 @@ fn only_the_first_autopilot_of_a_link_counts() {
     link_bytes.extend(with_system_id);
     let flight = read_bytes(&link_bytes).unwrap();
     assert!(
-        flight.skipped_counts.other_system_messages > 600 && flight.autopilot_systems.len() == 2,
+        flight.skipped_counts.other_system_messages > 600 && flight.autopilot_system_ids.len() == 2,
         "{:?}",
-        flight.autopilot_systems
+        flight.autopilot_system_ids
     );
-    assert_eq!(read_bytes(&encode_tlog(&selected)).unwrap().autopilot_systems, [1]);
+    assert_eq!(read_bytes(&encode_tlog(&selected)).unwrap().autopilot_system_ids, [1]);
     assert_eq!(flight.compasses[0].field.rows().len(), 300);
 }
 
@@ -33,7 +33,7 @@ fn only_the_first_autopilot_of_a_link_counts() {
 fn a_second_autopilot_of_the_same_system_is_reported() {
     let selected = encode_tlog(&two_compass_recording(&ARDUPILOT_PARAMETERS));
     let log_40_s_after_boot = read_bytes(&selected).unwrap();
-    assert_eq!(log_40_s_after_boot.autopilot_components, [1]);
+    assert_eq!(log_40_s_after_boot.autopilot_component_ids, [1]);
     let mut link_bytes = selected;
     let beside = MavHeader { system_id: 1, component_id: 2, sequence: 0 };
     let mut frame = MAVLinkV2MessageRaw::new();
@@ -43,7 +43,7 @@ fn a_second_autopilot_of_the_same_system_is_reported() {
     );
     link_bytes.extend([&70_000_000_u64.to_be_bytes(), frame.raw_bytes()].concat());
     let flight = read_bytes(&link_bytes).unwrap();
-    assert_eq!((flight.autopilot_systems, flight.autopilot_components), (vec![1], vec![1, 2]));
+    assert_eq!((flight.autopilot_system_ids, flight.autopilot_component_ids), (vec![1], vec![1, 2]));
     assert_eq!(flight.autopilot, log_40_s_after_boot.autopilot);
 }
 
@@ -224,7 +224,7 @@ fn the_requested_vehicle_is_read() {
     }
     for (requested, systems, x_ut) in [(None, [1, 2], None), (Some(1), [1, 2], None), (Some(2), [2, 1], Some(1.0))] {
         let flight = read_flight_of_system(&mut &link[..], FieldUnit::Milligauss, requested).unwrap();
-        assert_eq!(flight.autopilot_systems, systems, "{requested:?}");
+        assert_eq!(flight.autopilot_system_ids, systems, "{requested:?}");
         let rows = flight.compasses[0].field.rows();
         assert!(rows.len() >= 299, "{requested:?}: {}", rows.len());
         let is_the_other = rows.iter().all(|row| (row.row_values[0] - 1.0).abs() < 0.01);
@@ -246,5 +246,5 @@ fn a_gimbal_is_not_a_second_vehicle() {
     frame.serialize_message_data(MavHeader { system_id: 1, component_id: 154, sequence: 0 }, &heartbeat);
     let gimbal_frame = [&0_u64.to_be_bytes(), frame.raw_bytes()].concat();
     let flight = read_bytes(&[started_px4_log(), gimbal_frame].concat()).unwrap();
-    assert_eq!((flight.autopilot_systems, flight.skipped_counts.other_system_messages), (vec![1], 1));
+    assert_eq!((flight.autopilot_system_ids, flight.skipped_counts.other_system_messages), (vec![1], 1));
 }

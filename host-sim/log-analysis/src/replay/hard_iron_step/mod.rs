@@ -22,7 +22,7 @@ const CANDIDATE_TIMES: usize = 120;
 const MIN_ROWS_PER_SIDE: usize = 60;
 
 /// Largest number of rows in which a hard-iron step is searched.
-const MAX_ROWS: usize = 4000;
+const MAX_SEARCHED_ROWS: usize = 4000;
 
 /// Smallest detected step: its largest component in standard deviations.
 const MIN_STEP_SIGMAS: f64 = 8.0;
@@ -77,7 +77,7 @@ impl HardIronStep {
 #[must_use]
 pub fn find_step(rows: &[ReplayRow], initial: &FieldCorrection) -> Option<HardIronStep> {
     let usable: Vec<&ReplayRow> = rows.iter().filter(|row| row.is_usable).collect();
-    let row_stride = usable.len().div_ceil(MAX_ROWS).max(1);
+    let row_stride = usable.len().div_ceil(MAX_SEARCHED_ROWS).max(1);
     let usable: Vec<&ReplayRow> = usable.into_iter().step_by(row_stride).collect();
     if usable.len() < 2 * MIN_ROWS_PER_SIDE {
         return None;

@@ -105,7 +105,7 @@ impl RowCounts {
         ]
     }
 
-    /// Causes of rejection with their numbers.
+    /// Number of rejected rows and the cause, a text for each cause.
     #[must_use]
     pub fn rejection_texts(&self) -> Vec<String> {
         let rejections_by_cause = self.rejections_by_cause();
