@@ -43,6 +43,11 @@ const MIN_MISSING_ROTATION_RAD: f32 = 0.035;
 /// Largest ratio of vanished rates to those at the first of the equal reports. In a steady turn the rates remain.
 const MAX_VANISHED_RATE_RATIO: f32 = 0.5;
 
+/// Duration of equal reports after which vanished rates no longer count while the field keeps its direction in body axes
+/// to 0.7 deg, microseconds: the vehicle has stopped, not its attitude.
+const MIN_STEADY_FIELD_US: u64 = 1_000_000;
+const COS_MAX_STEADY_FIELD_ROTATION: f32 = 0.999_925;
+
 /// Longest duration of equal reports in which vanished rates count, microseconds. By then an aircraft in straight flight
 /// has swayed by 3 deg, or the vehicle stands.
 const MAX_STOPPED_DURATION_US: u64 = 10_000_000;
@@ -194,7 +199,8 @@ impl FreezeDetector {
             let for_us = at.us_since(self.equal_since);
             self.has_stopped |= rate_rad_s < MAX_VANISHED_RATE_RATIO * self.initial_rate_rad_s
                 && self.initial_rate_rad_s * for_us as f32 * 1e-6 > MIN_MISSING_ROTATION_RAD;
-            self.has_stopped &= for_us < MAX_STOPPED_DURATION_US;
+            self.has_stopped &= for_us < MAX_STOPPED_DURATION_US
+                && (for_us < MIN_STEADY_FIELD_US || self.field_rotation_cos() < COS_MAX_STEADY_FIELD_ROTATION);
             self.is_frozen |= self.has_fine_resolution && for_us >= MIN_EQUAL_DURATION_US;
             self.is_frozen |= for_us >= MIN_COARSE_EQUAL_DURATION_US && self.has_field_rotated(attitude);
         }
@@ -203,6 +209,14 @@ impl FreezeDetector {
     /// Time of the last report, if the source is frozen.
     pub fn frozen_at(&self) -> Option<Timestamp> {
         (self.is_frozen || self.has_stopped).then_some(self.last_report_at)
+    }
+
+    /// Cosine of the field's rotation in body axes since the first equal report; 1 if it is unknown.
+    fn field_rotation_cos(&self) -> f32 {
+        let directions = self.field_direction.mean().zip(self.settled_field_direction);
+        directions.map_or(1.0, |(current, settled)| {
+            current.dot(&settled) / (current.vector_length() * settled.vector_length())
+        })
     }
 
     /// Whether the field rotated in body axes since the first equal report, other than about the vertical of a level
@@ -220,7 +234,7 @@ impl FreezeDetector {
             [current_direction, settled_direction].map(|direction| trig::asin(direction.dot(&down)));
         let is_contradicted = (current_inclination - settled_inclination).abs() > MIN_INCLINATION_CHANGE_RAD
             || down.z < COS_MAX_GROUND_TILT;
-        current_direction.dot(&settled_direction) < COS_MIN_FIELD_ROTATION && is_contradicted
+        self.field_rotation_cos() < COS_MIN_FIELD_ROTATION && is_contradicted
     }
 }
 
