@@ -139,7 +139,7 @@ pub(super) struct FreezeDetector {
     last_report_at: Timestamp,
     /// Magnitude of the body rates at the first of the equal reports, rad/s.
     initial_rate_rad_s: f32,
-    /// Whether the rates, which the source derives from its angles, vanish while the attitude repeats.
+    /// Whether the rates have vanished while the attitude repeats, by the last report.
     has_stopped: bool,
     /// Whether a change below the fine resolution was observed.
     has_fine_resolution: bool,
@@ -194,13 +194,10 @@ impl FreezeDetector {
         self.last_attitude = Some(attitude);
         self.last_report_at = at;
         self.is_frozen &= is_equal;
-        self.has_stopped &= is_equal;
-        if self.equal_reports >= MIN_EQUAL_REPORTS {
-            let for_us = at.us_since(self.equal_since);
-            self.has_stopped |= rate_rad_s < MAX_VANISHED_RATE_RATIO * self.initial_rate_rad_s
-                && self.initial_rate_rad_s * for_us as f32 * 1e-6 > MIN_MISSING_ROTATION_RAD;
-            self.has_stopped &= for_us < MAX_STOPPED_DURATION_US
-                && (for_us < MIN_STEADY_FIELD_US || self.field_rotation_cos() < COS_MAX_STEADY_FIELD_ROTATION);
+        let for_us = at.us_since(self.equal_since);
+        let is_repeated = self.equal_reports >= MIN_EQUAL_REPORTS;
+        self.has_stopped = is_repeated && self.is_rotation_missing(rate_rad_s, for_us);
+        if is_repeated {
             self.is_frozen |= self.has_fine_resolution && for_us >= MIN_EQUAL_DURATION_US;
             self.is_frozen |= for_us >= MIN_COARSE_EQUAL_DURATION_US && self.has_field_rotated(attitude);
         }
@@ -211,30 +208,34 @@ impl FreezeDetector {
         (self.is_frozen || self.has_stopped).then_some(self.last_report_at)
     }
 
-    /// Cosine of the field's rotation in body axes since the first equal report; 1 if it is unknown.
-    fn field_rotation_cos(&self) -> f32 {
-        let directions = self.field_direction.mean().zip(self.settled_field_direction);
-        directions.map_or(1.0, |(current, settled)| {
-            current.dot(&settled) / (current.vector_length() * settled.vector_length())
-        })
+    /// Whether a rotation is missing that the rates showed before they vanished, while the field does not show that the
+    /// vehicle has stopped.
+    fn is_rotation_missing(&self, rate_rad_s: f32, for_us: u64) -> bool {
+        rate_rad_s < MAX_VANISHED_RATE_RATIO * self.initial_rate_rad_s
+            && self.initial_rate_rad_s * for_us as f32 * 1e-6 > MIN_MISSING_ROTATION_RAD
+            && for_us < MAX_STOPPED_DURATION_US
+            && (for_us < MIN_STEADY_FIELD_US
+                || self.field_directions().is_some_and(|[current_direction, settled_direction]| {
+                    current_direction.dot(&settled_direction) < COS_MAX_STEADY_FIELD_ROTATION
+                }))
+    }
+
+    /// Unit vectors of the field in body axes: current, and settled after the first equal report.
+    fn field_directions(&self) -> Option<[Vector3<f32>; 2]> {
+        let directions = [self.field_direction.mean()?, self.settled_field_direction?];
+        Some(directions.map(|direction| direction / direction.vector_length()))
     }
 
     /// Whether the field rotated in body axes since the first equal report, other than about the vertical of a level
     /// vehicle.
     fn has_field_rotated(&self, attitude: Attitude) -> bool {
-        let (Some(current_direction), Some(settled_direction)) =
-            (self.field_direction.mean(), self.settled_field_direction)
-        else {
-            return false;
-        };
-        let [current_direction, settled_direction] =
-            [current_direction, settled_direction].map(|direction| direction / direction.vector_length());
+        let Some([current_direction, settled_direction]) = self.field_directions() else { return false };
         let down = attitude.tilt_rotation().down_in_body();
         let [current_inclination, settled_inclination] =
             [current_direction, settled_direction].map(|direction| trig::asin(direction.dot(&down)));
         let is_contradicted = (current_inclination - settled_inclination).abs() > MIN_INCLINATION_CHANGE_RAD
             || down.z < COS_MAX_GROUND_TILT;
-        self.field_rotation_cos() < COS_MIN_FIELD_ROTATION && is_contradicted
+        current_direction.dot(&settled_direction) < COS_MIN_FIELD_ROTATION && is_contradicted
     }
 }
 
