@@ -14,7 +14,7 @@ use crate::wire::mavlink::{Address, OutboundMessage, ReceivedCommand};
 /// Command that starts a compass calibration, from ArduPilot's dialect. Its parameters are ignored: there is one
 /// compass, and a calibration is always stored.
 const DO_START_MAG_CAL: u16 = 42_424;
-/// Command that accepts a calibration, which the module does by itself.
+/// Command that accepts a calibration: ends the collection and solves. The module itself decides on acceptance.
 const DO_ACCEPT_MAG_CAL: u16 = 42_425;
 /// Command that cancels a compass calibration.
 const DO_CANCEL_MAG_CAL: u16 = 42_426;

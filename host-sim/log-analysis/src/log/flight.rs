@@ -130,7 +130,7 @@ pub struct SkippedCounts {
     pub restarts: u32,
 }
 
-/// A logged flight: the series of all sensors on one clock, parameters, and counts of what was skipped.
+/// A logged flight: the series of all sensors on one clock, parameters, and counts of skipped rows.
 #[derive(Clone, Debug)]
 pub struct Flight {
     /// Format of the log.
