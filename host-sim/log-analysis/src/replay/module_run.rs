@@ -17,9 +17,10 @@ use super::row_solve::{RunOutcome, sample_time_s};
 /// Arbitrary sensor identity, since samples are already averaged and nothing is stored.
 const PLACEHOLDER_SENSOR: Identity = Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E };
 
-/// A module that collects in flight, without a calibration.
+/// An uncalibrated module that collects samples by one procedure.
 pub struct ModuleRun<'a> {
     compass: Compass<'a>,
+    procedure: Procedure,
     /// Last solution that was verified, accepted or not.
     candidate: Option<Solution>,
     /// Result of the collection, once it has ended.
@@ -32,18 +33,23 @@ pub struct ModuleRun<'a> {
 impl<'a> ModuleRun<'a> {
     /// A module at the start of a collection.
     #[must_use]
-    pub fn new(options: &ReplayOptions, readings_per_sample: u16, retained: &'a mut RetainedSamples) -> Self {
+    pub fn new(
+        procedure: Procedure,
+        options: &ReplayOptions,
+        readings_per_sample: u16,
+        retained: &'a mut RetainedSamples,
+    ) -> Self {
         let inclination_deg = options.inclination_deg.map(|degrees| degrees as f32);
         let settings = Settings { inclination_deg, ..Settings::DEFAULT };
         let stored = StoredValues { settings, ..StoredValues::default() };
         let compass = Compass::new(AcceptancePolicy::DEFAULT, &stored, retained);
-        let mut module = Self { compass, candidate: None, outcome: None, ended_s: None, refused_run: None };
+        let mut module = Self { compass, procedure, candidate: None, outcome: None, ended_s: None, refused_run: None };
         module.process_event(Event::SensorDetected(PLACEHOLDER_SENSOR, readings_per_sample));
         if let Some((place, day)) = options.place_and_day {
             module.process_event(Event::Position(place, WrappingMillis::default()));
             module.process_event(Event::Date(day));
         }
-        module.process_event(command_event(Command::CalStart(Procedure::Flight)));
+        module.process_event(command_event(Command::CalStart(procedure)));
         module
     }
 
@@ -60,7 +66,7 @@ impl<'a> ModuleRun<'a> {
             }
             self.refused_run = Some(self.run_outcome());
             (self.candidate, self.outcome, self.ended_s) = (None, None, None);
-            self.process_event(command_event(Command::CalStart(Procedure::Flight)));
+            self.process_event(command_event(Command::CalStart(self.procedure)));
         }
     }
 

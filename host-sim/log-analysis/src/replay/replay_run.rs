@@ -9,7 +9,7 @@ use super::module_run::ModuleRun;
 use super::result::{HeadingRow, ReplayOptions, ReplayResult, RowSelection};
 use super::row::ReplayRow;
 use super::row_headings::{compute_headings, estimate_heading, instrument_config, score_rows};
-use super::row_solve::{RunOutcome, solve_by_procedure, solve_evenly_thinned, solver_prior};
+use super::row_solve::{RunOutcome, solve_evenly_thinned, solve_retained_samples, solver_prior};
 use crate::log::Flight;
 
 /// Expected error of a poor solve, degrees RMS: larger than that of a good compass.
@@ -28,13 +28,8 @@ pub fn replay_rows_of_flight(rows: &[ReplayRow], flight: Option<&Flight>, option
     let usable = samples_of_usable_rows(rows, config);
     let run_outcome = match options.row_selection {
         RowSelection::All => solve_evenly_thinned(&usable, &solver_prior(options, config)),
-        RowSelection::Turns => solve_by_procedure(&usable, Procedure::Turns, &solver_prior(options, config)),
-        RowSelection::Flight => {
-            let mut retained = RetainedSamples::EMPTY;
-            let mut module = ModuleRun::new(options, config.readings_per_sample(), &mut retained);
-            module.collect_samples(&usable);
-            module.into_outcome()
-        }
+        RowSelection::Turns => calibrate_module(&usable, Procedure::Turns, options, config),
+        RowSelection::Flight => calibrate_module(&usable, Procedure::Flight, options, config),
     };
     let RunOutcome { solution, acceptance: accepted, fitted_times_s: fitted_s, collection_end_s: ended_s } =
         run_outcome;
@@ -58,6 +53,19 @@ pub fn replay_rows_of_flight(rows: &[ReplayRow], flight: Option<&Flight>, option
     }
 }
 
+/// The module's calibration from samples that it collects by a procedure.
+fn calibrate_module(
+    samples: &[Sample],
+    procedure: Procedure,
+    options: &ReplayOptions,
+    config: InstrumentConfig,
+) -> RunOutcome {
+    let mut retained = RetainedSamples::EMPTY;
+    let mut module = ModuleRun::new(procedure, options, config.readings_per_sample(), &mut retained);
+    module.collect_samples(samples);
+    module.into_outcome()
+}
+
 /// Solves the usable rows, evenly thinned.
 pub(super) fn solve_all_rows(rows: &[ReplayRow]) -> Option<Solution> {
     solve_rows(rows, &ReplayOptions::with_selection(RowSelection::All)).0
@@ -74,7 +82,7 @@ pub(super) fn solve_rows(rows: &[ReplayRow], options: &ReplayOptions) -> (Option
     };
     let mut outcome = solve_evenly_thinned(&samples, &prior);
     if expected_deg(&outcome) > POOR_SOLVE_RMS_DEG {
-        let retained = solve_by_procedure(&samples, Procedure::Flight, &prior);
+        let retained = solve_retained_samples(&samples, &prior);
         if expected_deg(&retained) < expected_deg(&outcome) {
             outcome = retained;
         }

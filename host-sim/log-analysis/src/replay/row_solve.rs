@@ -1,4 +1,4 @@
-//! Solves of rows that are selected without the module: all of them, or those of turns.
+//! Solves of a log's rows without the module's trial solves and automatic end.
 
 use autoswing::calibration::method_selection::{self, Procedure, SelectedParts};
 use autoswing::calibration::{
@@ -64,8 +64,9 @@ pub(super) fn solver_prior(options: &ReplayOptions, config: InstrumentConfig) ->
     }
 }
 
-/// Solves all samples that a procedure retains, with the device's choice of method.
-pub(super) fn solve_by_procedure(samples: &[Sample], procedure: Procedure, prior: &Prior) -> RunOutcome {
+/// Solves the samples that a collection in flight retains of all, with the device's choice of method.
+pub(super) fn solve_retained_samples(samples: &[Sample], prior: &Prior) -> RunOutcome {
+    let procedure = Procedure::Flight;
     let mut retained = RetainedSamples::EMPTY;
     let mut collector = Collector::new(&mut retained);
     collector.begin_procedure(procedure);

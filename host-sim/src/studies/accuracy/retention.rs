@@ -84,7 +84,7 @@ mod tests {
         let samples = samples();
         let options = ReplayOptions::with_selection(RowSelection::Flight);
         let mut retained = RetainedSamples::EMPTY;
-        let mut module = ModuleRun::new(&options, 1, &mut retained);
+        let mut module = ModuleRun::new(Procedure::Flight, &options, 1, &mut retained);
         module.collect_samples(&samples);
         let collected = sorted(module.collector().fit_samples());
         assert_eq!(module.ended_s(), None);
