@@ -146,7 +146,7 @@ fn poll_can_node(links: &TaskLinks, node: &mut CanNode, settings: &Settings) {
     links.update_line_state(AutopilotLine::Can, ProtocolKind::Mavlink, node.is_armed(now));
     links.set_can_state(node.can_state(now));
     let Some(stored_settings) = links.stored_settings.try_get() else { return };
-    let correction = calibration_to_report(links, |calibration| node.differs_from_reported(calibration));
+    let correction = calibration_to_report(links, |calibration| node.is_unreported_calibration(calibration));
     let command = with_snapshot(links, now, settings, correction.as_ref(), |snapshot| {
         node.poll(&NodeContext { snapshot: *snapshot, stored_settings: &stored_settings })
     });

@@ -120,7 +120,7 @@ fn poll_port(links: &TaskLinks, port: &mut Port, now: Timestamp, settings: &Sett
     // Only MAVLink reports the calibration.
     let is_reported = port.active_protocol(now) == ProtocolKind::Mavlink;
     let correction =
-        calibration_to_report(links, |calibration| is_reported && port.mavlink.differs_from_reported(calibration));
+        calibration_to_report(links, |calibration| is_reported && port.mavlink.is_unreported_calibration(calibration));
     with_snapshot(links, now, settings, correction.as_ref(), |snapshot| port.poll(snapshot));
 }
 

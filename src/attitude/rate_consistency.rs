@@ -18,7 +18,8 @@ const MIN_ATTITUDE_RATIO: f32 = 0.15;
 /// not delay detection.
 const EVIDENCE_THRESHOLD_RAD2: f32 = 0.0076;
 
-/// Ratio of integrated rates to attitude change below which the rates are too slow: half of an accepted scale of 1/3.
+/// Ratio of integrated rates to attitude change below which the rates are too slow: about half of the
+/// ratio of rates to a bank that a source reports three times too large.
 const MIN_RATE_RATIO: f32 = 0.15;
 
 /// Attitude change that exceeds noise, square radians, (7 deg)^2; also the clamp of the rate-magnitude evidence.

@@ -383,7 +383,7 @@ fn the_body_rate_is_that_of_the_newest_report() {
 }
 
 #[test]
-fn a_frozen_source_is_rejected() {
+fn the_fifth_equal_attitude_of_a_fine_source_is_frozen() {
     let rolls_deg = [10.0, 10.02, 10.05, 10.05, 10.05, 10.05];
     let (track, true_us) = rolled_history(&rolls_deg);
     assert_ne!(track.attitude_at(timestamp(true_us + 1)), AttitudeLookup::Frozen, "four are equal");

@@ -60,7 +60,7 @@ impl Compass<'_> {
             return Effect::None;
         };
         let (mut purpose, sensor) = (*purpose, *sensor);
-        let accepted = self.accept_candidate(candidate, sensor.identity);
+        let accepted = self.record_if_accepted(candidate, sensor.identity);
         if let SolvePurpose::Trial(starter) = purpose {
             let refusal = accepted.as_ref().err().cloned();
             self.collector.use_trial_solution(candidate);
@@ -81,8 +81,9 @@ impl Compass<'_> {
         }
     }
 
+    /// The record to save if the candidate is accepted.
     #[inline(never)]
-    fn accept_candidate(&self, candidate: &Solution, sensor: Identity) -> Result<CalibrationRecord, Refusal> {
+    fn record_if_accepted(&self, candidate: &Solution, sensor: Identity) -> Result<CalibrationRecord, Refusal> {
         let selection = SelectedParts::new(self.collector.fit_samples(), self.collector.procedure());
         let grounds = AcceptanceSamples {
             fit_samples: selection.select_samples(self.collector.fit_samples()),

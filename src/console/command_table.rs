@@ -183,7 +183,7 @@ pub static COMMANDS: &[CommandSpec] = &[
     )
     .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(nth_switch_name))])
     .with_request(|arguments| {
-        set_request(SettingChange::Auto(arguments.choice_argument(0, nth_switch).unwrap_or(true)))
+        request_to_set(SettingChange::Auto(arguments.choice_argument(0, nth_switch).unwrap_or(true)))
     }),
     CommandSpec::new("cal", "mark", "in a swing: record samples at this magnetic heading of the vehicle")
         .with_arguments(&[ArgumentSpec::new("HEADING", HEADING_NUMBER)])
@@ -209,15 +209,16 @@ pub static COMMANDS: &[CommandSpec] = &[
     CommandSpec::new("cal", "abort", "stop the collection or the solve, delete the samples")
         .with_request(|_| Command::CalAbort.into()),
     CommandSpec::new("stream", "", "heading sentences"),
-    CommandSpec::new("stream", "on", "send them").with_request(|_| set_request(SettingChange::StreamOn(true))),
-    CommandSpec::new("stream", "off", "do not send them").with_request(|_| set_request(SettingChange::StreamOn(false))),
+    CommandSpec::new("stream", "on", "send them").with_request(|_| request_to_set(SettingChange::StreamOn(true))),
+    CommandSpec::new("stream", "off", "do not send them")
+        .with_request(|_| request_to_set(SettingChange::StreamOn(false))),
     CommandSpec::new("stream", "rate", "sentences per second")
         .with_arguments(&[ArgumentSpec::new(
             "HZ",
             ArgumentKind::Integer { range: Settings::STREAM_RATE_HZ_RANGE, unit: "a second" },
         )])
         .with_request(|arguments| {
-            set_request(SettingChange::StreamRateHz(arguments.number_argument(0).unwrap_or_default() as u8))
+            request_to_set(SettingChange::StreamRateHz(arguments.number_argument(0).unwrap_or_default() as u8))
         }),
     CommandSpec::new(
         "stream",
@@ -226,7 +227,7 @@ pub static COMMANDS: &[CommandSpec] = &[
     )
     .with_arguments(&[ArgumentSpec::new("KIND", ArgumentKind::Choice(nth_heading_kind_name))])
     .with_request(|arguments| {
-        set_request(SettingChange::StreamHeading(
+        request_to_set(SettingChange::StreamHeading(
             arguments.choice_argument(0, nth_heading_kind).unwrap_or(HeadingKind::Smooth),
         ))
     }),
@@ -236,7 +237,7 @@ pub static COMMANDS: &[CommandSpec] = &[
             "DEG",
             number_or_word("none", Settings::DECLINATION_DEG_RANGE, DEGREES_UNIT),
         )])
-        .with_request(|arguments| set_request(SettingChange::Declination(arguments.number_argument(0)))),
+        .with_request(|arguments| request_to_set(SettingChange::Declination(arguments.number_argument(0)))),
     CommandSpec::new(
         "set",
         "mount",
@@ -244,7 +245,7 @@ pub static COMMANDS: &[CommandSpec] = &[
     )
     .with_arguments(&[ArgumentSpec::new("ORIENTATION", ArgumentKind::Choice(nth_orientation_name))])
     .with_request(|arguments| {
-        set_request(SettingChange::Mount(
+        request_to_set(SettingChange::Mount(
             arguments.choice_argument(0, nth_orientation).unwrap_or(Orientation::IDENTITY_ROTATION),
         ))
     }),
@@ -254,7 +255,7 @@ pub static COMMANDS: &[CommandSpec] = &[
         "inclination of the local field, positive down; none: by the field model or the samples",
     )
     .with_arguments(&[ArgumentSpec::new("DEG", number_or_word("none", Settings::INCLINATION_DEG_RANGE, DEGREES_UNIT))])
-    .with_request(|arguments| set_request(SettingChange::Inclination(arguments.number_argument(0)))),
+    .with_request(|arguments| request_to_set(SettingChange::Inclination(arguments.number_argument(0)))),
     CommandSpec::new(
         "set",
         "align",
@@ -277,7 +278,7 @@ pub static COMMANDS: &[CommandSpec] = &[
         ArgumentSpec::new("DEG", number_or_word("default", AttitudeError::BIAS_DEG_RANGE, DEGREES_UNIT)),
         ArgumentSpec::new("PERCENT", number_kind(AttitudeError::BANK_PERCENT_RANGE, "%")),
     ])
-    .with_request(|arguments| set_request(SettingChange::AttitudeError(attitude_error(arguments)))),
+    .with_request(|arguments| request_to_set(SettingChange::AttitudeError(attitude_error(arguments)))),
     CommandSpec::new(
         "set",
         "sensor-error",
@@ -287,24 +288,24 @@ pub static COMMANDS: &[CommandSpec] = &[
         ArgumentSpec::new("GYRO", number_or_word("default", SensorError::GYRO_PERCENT_RANGE, "%")),
         ArgumentSpec::new("DRIFT", number_kind(SensorError::DRIFT_PERCENT_RANGE, "% of the field")),
     ])
-    .with_request(|arguments| set_request(SettingChange::SensorError(sensor_error(arguments)))),
+    .with_request(|arguments| request_to_set(SettingChange::SensorError(sensor_error(arguments)))),
     CommandSpec::new("set", "accuracy", "expected error at which a collection in flight ends")
         .with_arguments(&[ArgumentSpec::new("DEG", number_kind(Settings::ACCURACY_DEG_RANGE, DEGREES_UNIT))])
         .with_request(|arguments| {
-            set_request(SettingChange::Accuracy(arguments.number_argument(0).unwrap_or(f32::NAN)))
+            request_to_set(SettingChange::Accuracy(arguments.number_argument(0).unwrap_or(f32::NAN)))
         }),
     CommandSpec::new("set", "port1", "protocol of the first port; auto: detect the autopilot's")
         .with_arguments(&[PROTOCOL_ARGUMENT])
-        .with_request(|arguments| set_request(protocol_change(PortNumber::One, arguments))),
+        .with_request(|arguments| request_to_set(protocol_change(PortNumber::One, arguments))),
     CommandSpec::new("set", "port2", "protocol of the second port; auto: detect the autopilot's")
         .with_arguments(&[PROTOCOL_ARGUMENT])
-        .with_request(|arguments| set_request(protocol_change(PortNumber::Two, arguments))),
+        .with_request(|arguments| request_to_set(protocol_change(PortNumber::Two, arguments))),
     CommandSpec::new("set", "baud1", "baud rate of the first port")
         .with_arguments(&[BAUD_ARGUMENT])
-        .with_request(|arguments| set_request(baud_change(PortNumber::One, arguments))),
+        .with_request(|arguments| request_to_set(baud_change(PortNumber::One, arguments))),
     CommandSpec::new("set", "baud2", "baud rate of the second port")
         .with_arguments(&[BAUD_ARGUMENT])
-        .with_request(|arguments| set_request(baud_change(PortNumber::Two, arguments))),
+        .with_request(|arguments| request_to_set(baud_change(PortNumber::Two, arguments))),
     CommandSpec::new(
         "set",
         "vision",
@@ -312,7 +313,7 @@ pub static COMMANDS: &[CommandSpec] = &[
     )
     .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(nth_switch_name))])
     .with_request(|arguments| {
-        set_request(SettingChange::Vision(arguments.choice_argument(0, nth_switch).unwrap_or(false)))
+        request_to_set(SettingChange::Vision(arguments.choice_argument(0, nth_switch).unwrap_or(false)))
     }),
     CommandSpec::new("set", "attitude-rate", "highest rate at which attitude is requested from a MAVLink autopilot")
         .with_arguments(&[ArgumentSpec::new(
@@ -320,7 +321,7 @@ pub static COMMANDS: &[CommandSpec] = &[
             ArgumentKind::Integer { range: Settings::ATTITUDE_RATE_HZ_RANGE, unit: "a second" },
         )])
         .with_request(|arguments| {
-            set_request(SettingChange::AttitudeRateHz(arguments.number_argument(0).unwrap_or_default() as u8))
+            request_to_set(SettingChange::AttitudeRateHz(arguments.number_argument(0).unwrap_or_default() as u8))
         }),
     CommandSpec::new(
         "set",
@@ -328,14 +329,14 @@ pub static COMMANDS: &[CommandSpec] = &[
         "sign MAVLink frames, and reject others, with the key of a passphrase, one word",
     )
     .with_arguments(&[ArgumentSpec::new("PASSPHRASE", ArgumentKind::Passphrase)])
-    .with_request(|arguments| set_request(SettingChange::Signing(signing_key(arguments)))),
+    .with_request(|arguments| request_to_set(SettingChange::Signing(signing_key(arguments)))),
     CommandSpec::new("set", "can-node", "number on the CAN bus, after a restart; 0: the autopilot gives one")
         .with_arguments(&[ArgumentSpec::new(
             "NUMBER",
             ArgumentKind::Integer { range: CanSettings::NODE_ID_RANGE, unit: "as a node" },
         )])
         .with_request(|arguments| {
-            set_request(SettingChange::CanNode(arguments.number_argument(0).unwrap_or_default() as u8))
+            request_to_set(SettingChange::CanNode(arguments.number_argument(0).unwrap_or_default() as u8))
         }),
     CommandSpec::new("set", "can-rate", "rate of the field on the CAN bus")
         .with_arguments(&[ArgumentSpec::new(
@@ -343,17 +344,17 @@ pub static COMMANDS: &[CommandSpec] = &[
             ArgumentKind::Integer { range: CanSettings::RATE_HZ_RANGE, unit: "a second" },
         )])
         .with_request(|arguments| {
-            set_request(SettingChange::CanRateHz(arguments.number_argument(0).unwrap_or_default() as u8))
+            request_to_set(SettingChange::CanRateHz(arguments.number_argument(0).unwrap_or_default() as u8))
         }),
     CommandSpec::new("set", "can-covariance", "send the field on the CAN bus with its covariance")
         .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(nth_switch_name))])
         .with_request(|arguments| {
-            set_request(SettingChange::CanCovariance(arguments.choice_argument(0, nth_switch).unwrap_or(false)))
+            request_to_set(SettingChange::CanCovariance(arguments.choice_argument(0, nth_switch).unwrap_or(false)))
         }),
     CommandSpec::new("set", "can-termination", "terminating resistor of the CAN bus, if the board switches one")
         .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(nth_switch_name))])
         .with_request(|arguments| {
-            set_request(SettingChange::CanTermination(arguments.choice_argument(0, nth_switch).unwrap_or(false)))
+            request_to_set(SettingChange::CanTermination(arguments.choice_argument(0, nth_switch).unwrap_or(false)))
         }),
     CommandSpec::new("reboot", "", "restart the module").with_request(|_| Command::Restart.into()),
 ];
@@ -453,7 +454,7 @@ fn sensor_error(arguments: &Arguments) -> SensorError {
         .map_or(SensorError::DEFAULT, |[gyro_percent, drift_percent]| SensorError { gyro_percent, drift_percent })
 }
 
-const fn set_request(setting: SettingChange) -> Request {
+const fn request_to_set(setting: SettingChange) -> Request {
     Request::Command(Command::Set(setting))
 }
 

@@ -316,18 +316,18 @@ impl Display for ArgumentSpec {
 pub fn write_help(out: &mut dyn fmt::Write, topic: Option<&'static CommandSpec>) -> fmt::Result {
     let Some(topic) = topic else {
         writeln!(out, "ok help COMMAND explains one")?;
-        return write_subcommands(out, ExpectedElement::FirstWord);
+        return write_help_of_next_words(out, ExpectedElement::FirstWord);
     };
     writeln!(out, "ok {}", CommandHelp(topic))?;
     for argument in topic.arguments {
         writeln!(out, "{}: {argument}", argument.argument_name)?;
     }
     let [first, second] = topic.command_words;
-    if second.is_empty() { write_subcommands(out, ExpectedElement::SecondWord(first)) } else { Ok(()) }
+    if second.is_empty() { write_help_of_next_words(out, ExpectedElement::SecondWord(first)) } else { Ok(()) }
 }
 
 /// Writes the help of each word allowed next.
-fn write_subcommands(out: &mut dyn fmt::Write, expected: ExpectedElement) -> fmt::Result {
+fn write_help_of_next_words(out: &mut dyn fmt::Write, expected: ExpectedElement) -> fmt::Result {
     for word in (0..).map_while(|number| expected.nth_word(number)) {
         let words = if let ExpectedElement::SecondWord(first) = expected { [first, word] } else { [word, ""] };
         if let Some(row) = find_command(words) {

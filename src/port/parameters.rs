@@ -283,7 +283,7 @@ mod tests {
 
     use super::*;
 
-    /// Extremes of a parameter, or a key.
+    /// Least and largest value of a parameter; no key and an example key for the signing key, which has no range.
     fn range_limits(parameter: &SettingParameter) -> [ParameterValue; 2] {
         parameter.value_range().unwrap_or([None, Some(SigningKey([7; 32]))].map(ParameterValue::Key))
     }

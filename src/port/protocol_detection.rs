@@ -34,12 +34,12 @@ struct ProtocolDetection {
 impl ProtocolDetection {
     /// Records a frame of a protocol; another protocol than the detected one changes nothing until that is silent.
     fn record_frame(&mut self, protocol: ProtocolKind, at: Timestamp) {
-        if !self.has_received_frame || [protocol, ProtocolKind::Auto].contains(&self.protocol_at(at)) {
+        if !self.has_received_frame || [protocol, ProtocolKind::Auto].contains(&self.unexpired_protocol(at)) {
             *self = Self { protocol, last_frame_at: at, has_received_frame: true };
         }
     }
 
-    fn protocol_at(&self, now: Timestamp) -> ProtocolKind {
+    fn unexpired_protocol(&self, now: Timestamp) -> ProtocolKind {
         if now.us_since(self.last_frame_at) <= DETECTION_EXPIRY_US { self.protocol } else { ProtocolKind::Auto }
     }
 }
@@ -67,7 +67,7 @@ impl Port {
     #[must_use]
     pub fn active_protocol(&self, now: Timestamp) -> ProtocolKind {
         match self.configured_protocol {
-            ProtocolKind::Auto => self.detection.protocol_at(now),
+            ProtocolKind::Auto => self.detection.unexpired_protocol(now),
             configured => configured,
         }
     }

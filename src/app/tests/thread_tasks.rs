@@ -459,7 +459,7 @@ fn line_errors_do_not_stop_the_console() {
     line.behaviour.set(DeviceBehaviour::Works);
     port.behaviour.set(DeviceBehaviour::Hangs);
     assert_eq!(type_line(&mut bench, &line, &port, "version"), "");
-    // Each character has a write timeout of half a second.
+    // While the port hangs, the echo of each character times out after half a second; wait for all.
     bench.run_for_ms(8_000);
     port.behaviour.set(DeviceBehaviour::Works);
     bench.run_for_ms(1_000);

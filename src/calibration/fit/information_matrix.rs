@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::calibration::model::{
-    INCLINATION_INDEX, JacobianRow, PAIRS_OF_3, PAIRS_OF_4, UNKNOWN_COUNT, Vector13, product_index,
+    INCLINATION_INDEX, JacobianRow, UNKNOWN_COUNT, UPPER_TRIANGLE_3, UPPER_TRIANGLE_4, Vector13, product_index,
 };
 
 /// Sum of `weight row row^T`. A row is `k (x, 1)^T` except for its last element, so the sum has only 73 different
@@ -93,8 +93,8 @@ impl InformationMatrix {
 
     /// Calls `visit` with the indices and value of each element of one triangle.
     pub fn for_each_element(&self, mut visit: impl FnMut(usize, usize, f32)) {
-        for (&(k, l), products_of_pair) in PAIRS_OF_3.iter().zip(&self.field_products) {
-            for (&(a, b), &element) in PAIRS_OF_4.iter().zip(products_of_pair) {
+        for (&(k, l), products_of_pair) in UPPER_TRIANGLE_3.iter().zip(&self.field_products) {
+            for (&(a, b), &element) in UPPER_TRIANGLE_4.iter().zip(products_of_pair) {
                 visit(product_index(k, a), product_index(l, b), element);
                 if k != l && a != b {
                     visit(product_index(k, b), product_index(l, a), element);
@@ -120,7 +120,7 @@ impl InformationMatrix {
     }
 }
 
-/// Weighted products of two components of `k`, in the order of `PAIRS_OF_3`.
+/// Weighted products of two components of `k`, in the order of `UPPER_TRIANGLE_3`.
 fn weighted_field_products(row: &JacobianRow, weight: f32) -> [f32; 6] {
     let [a, b, c] = [row.derivative_by_field.x, row.derivative_by_field.y, row.derivative_by_field.z];
     let [wa, wb, wc] = [weight * a, weight * b, weight * c];

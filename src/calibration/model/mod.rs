@@ -18,8 +18,8 @@ pub(super) use {
     prediction::{heading_by_field, horizontal_squared},
     priors::{PriorQuantity, for_each_prior, scaled_unit_vector},
     unknowns::{
-        COEFFICIENT_COUNT, Coefficient, INCLINATION_INDEX, PAIRS_OF_3, PAIRS_OF_4, UNKNOWN_COUNT, Vector12, Vector13,
-        beta_index, coefficient_jacobian_row, d_index, product_index, w_index,
+        COEFFICIENT_COUNT, Coefficient, INCLINATION_INDEX, UNKNOWN_COUNT, UPPER_TRIANGLE_3, UPPER_TRIANGLE_4, Vector12,
+        Vector13, beta_index, coefficient_jacobian_row, d_index, product_index, w_index,
     },
 };
 pub(crate) use {prediction::FieldPrediction, unknowns::JacobianRow};

@@ -62,9 +62,10 @@ impl Coefficient {
 }
 
 /// Index pairs `i <= j` of three axes: upper triangle, row by row.
-pub(in crate::calibration) const PAIRS_OF_3: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+pub(in crate::calibration) const UPPER_TRIANGLE_3: [(usize, usize); 6] =
+    [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
 /// Index pairs `i <= j` of the four components of `(x, 1)`: upper triangle, row by row.
-pub(in crate::calibration) const PAIRS_OF_4: [(usize, usize); 10] =
+pub(in crate::calibration) const UPPER_TRIANGLE_4: [(usize, usize); 10] =
     [(0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3)];
 
 /// Index of the unknown that multiplies axis `k` of the derivative and component `a` of `(x, 1)`.

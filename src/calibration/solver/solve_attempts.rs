@@ -44,7 +44,8 @@ pub(super) const MAX_SOLVE_STEPS: u32 = {
 };
 
 impl Attempt {
-    /// Whether this attempt may follow another.
+    /// Whether this attempt may follow another: a sphere a closed form, a first result a sphere, and a closed form only
+    /// an attempt with the other use of the inclination.
     pub fn may_follow(self, previous: Self) -> bool {
         let is_same = self.uses_inclination == previous.uses_inclination;
         match self.start {

@@ -108,7 +108,7 @@ fn a_drift_is_detected() {
 /// Soft iron of up to 40 % that lags by 15 deg in turns. The size is the RMS field of the lag over the headings of
 /// level flight.
 #[test]
-fn hysteresis_is_detected_with_its_size() {
+fn lag_of_soft_iron_in_turns_is_detected_with_its_size() {
     let lag_rad = 15_f32.to_radians();
     let mut ratios = Vec::new();
     for seed in 0..20 {

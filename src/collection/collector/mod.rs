@@ -16,7 +16,7 @@ use crate::calibration::method_selection::Procedure;
 use crate::calibration::{CollectionPart, HeadingMark, Method, Sample, Samples, Solution};
 use crate::time::WrappingMillis;
 
-/// Fit samples (4 s of flight) below which a loss is not reported.
+/// Least fit samples (4 s of flight) of a collection whose loss, as by a restart, is reported.
 const MIN_REPORTED_LOSS_SAMPLES: usize = 10;
 
 /// Clock advance over a restart, milliseconds: keeps time stamps distinct.

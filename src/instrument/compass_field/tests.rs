@@ -8,7 +8,7 @@ use testkit::random::Random;
 const PERIOD_US: u64 = 12_500;
 const START_US: u64 = 1_000_000;
 
-fn timestamp(us: u64) -> Timestamp {
+fn us_after_start(us: u64) -> Timestamp {
     Timestamp::from_us(START_US + us)
 }
 
@@ -41,12 +41,12 @@ fn sensor_field(heading_rad: f32, attitude: Attitude) -> Field<Sensor> {
 }
 
 fn process_reading(instrument: &mut Instrument, us: u64, field: Field<Sensor>) -> Estimate {
-    instrument.on_reading(timestamp(us), Reading { field, is_saturated: false, was_overwritten: false })
+    instrument.on_reading(us_after_start(us), Reading { field, is_saturated: false, was_overwritten: false })
 }
 
 fn report_attitude(instrument: &mut Instrument, us: u64, attitude: Attitude) {
     let (source, sender_time) = (SenderId::default(), WrappingMillis::default());
-    let arrival = timestamp(us).plus_signed_us(AttitudeConfig::DEFAULT.latency_us);
+    let arrival = us_after_start(us).plus_signed_us(AttitudeConfig::DEFAULT.latency_us);
     instrument.on_attitude(arrival, AttitudeReport { sender: source, sender_time, attitude, body_rates: None });
 }
 
@@ -119,8 +119,8 @@ fn an_uncalibrated_module_sends_the_raw_field() {
     // A chip rotated to the right has its y axis towards the tail.
     assert_eq!(estimate.compass_field, Some(Field::from_ut(5.0, 20.0, 40.0)));
     let saturated = Reading { field: SAMPLE_FIELD, is_saturated: true, was_overwritten: false };
-    assert_eq!(instrument.on_reading(timestamp(2 * PERIOD_US), saturated).compass_field, None);
-    assert_eq!(instrument.on_silence(timestamp(1_000_000)).compass_field, None);
+    assert_eq!(instrument.on_reading(us_after_start(2 * PERIOD_US), saturated).compass_field, None);
+    assert_eq!(instrument.on_silence(us_after_start(1_000_000)).compass_field, None);
 }
 
 #[test]
@@ -182,7 +182,7 @@ fn instrument_with_verdict(verdict: Result<(), NoHeading>) -> Instrument {
     let mut instrument = instrument_with_correction(correction_with(test_calibration()));
     report_attitude(&mut instrument, 0, Attitude::default());
     (instrument.active_calibration.adjustment.validity, instrument.active_calibration.adjusted_at) =
-        (verdict, timestamp(0));
+        (verdict, us_after_start(0));
     instrument
 }
 
@@ -262,7 +262,7 @@ fn added_hard_iron_is_compensated_in_the_compass_field() {
                 attitude,
                 body_rates: BodyRates::from_rad_s(rates_rad_s),
             };
-            instrument.on_attitude(timestamp(us).plus_signed_us(AttitudeConfig::DEFAULT.latency_us), report);
+            instrument.on_attitude(us_after_start(us).plus_signed_us(AttitudeConfig::DEFAULT.latency_us), report);
         }
         let noise = Vector3::from_fn(|_, _| 0.1 * random.normal());
         let hard_iron_change_ut = Vector3::new(2.0, 0.0, 0.0);
@@ -272,14 +272,14 @@ fn added_hard_iron_is_compensated_in_the_compass_field() {
         instrument.update_monitor();
         last = estimate.compass_field.map(|output| (output.ut - noise - true_field).norm());
     }
-    assert!(instrument.active_calibration.adjusted_at > timestamp(119_000_000), "the last sample");
+    assert!(instrument.active_calibration.adjusted_at > us_after_start(119_000_000), "the last sample");
     assert!(last.is_some_and(|off_ut| off_ut < 0.7), "{last:?} of 2 uT is left");
 }
 
 /// Compass field of a reading, without its plausibility checks.
 fn output_at(instrument: &mut Instrument, us: u64, field: Field<Sensor>) -> Option<Field<Body>> {
     let Instrument { active_calibration: active, compass_field, .. } = instrument;
-    compass_field.output_field(timestamp(us), active, field, active.calibrated_field(field))
+    compass_field.output_field(us_after_start(us), active, field, active.calibrated_field(field))
 }
 
 fn output_of_readings(
@@ -427,13 +427,13 @@ fn two_seconds_of_constant_attitude_are_rest() {
 #[test]
 fn rest_is_detected_on_a_slope_and_upside_down() {
     for mean_roll_deg in [10.0, 180.0] {
-        let mut rest = RestDetector { rest_start: None, last_attitude_at: timestamp(0) };
+        let mut rest = RestDetector { rest_start: None, last_attitude_at: us_after_start(0) };
         for i in 0..200 {
             let roll_deg: f32 = mean_roll_deg + if i % 2 == 0 { 0.05 } else { -0.05 };
             let attitude = Attitude { roll_rad: wrap_pi(roll_deg.to_radians()), pitch_rad: -0.14 };
-            rest.update_rest(timestamp(i * 20_000), attitude);
+            rest.update_rest(us_after_start(i * 20_000), attitude);
         }
-        assert!(rest.is_at_rest(timestamp(3_980_000)), "{mean_roll_deg} deg");
+        assert!(rest.is_at_rest(us_after_start(3_980_000)), "{mean_roll_deg} deg");
     }
 }
 

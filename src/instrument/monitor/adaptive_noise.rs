@@ -148,7 +148,7 @@ mod tests {
 
     /// Noise after `seconds` of samples at 10 Hz with this multiple of the calibration's sigma, and a strength drift of
     /// 0.1 % per second.
-    fn noise_after(sigmas: f32, seconds: u16) -> SampleNoise {
+    fn sample_noise_after_seconds(sigmas: f32, seconds: u16) -> SampleNoise {
         let mut random = Random(1);
         let mut noise = AdaptiveNoise::new(CALIBRATION_NOISE, 1.0);
         for i in 0..10 * seconds {
@@ -164,7 +164,7 @@ mod tests {
     #[test]
     fn recent_noise_has_a_weight_of_three_quarters() {
         for (sigmas, expected) in [(1.0, 1.0), (2.0, 3.25), (0.0, 0.25)] {
-            let found = noise_after(sigmas, 120);
+            let found = sample_noise_after_seconds(sigmas, 120);
             assert!(
                 (found.strength_variance / CALIBRATION_NOISE.strength_variance / expected - 1.0).abs() < 0.25,
                 "{sigmas}: {found:?}"

@@ -80,8 +80,8 @@ impl MountTurnEffect {
         Self { p: multiply(&w, &across), q: multiply(&w, &axis.cross(&across)) }
     }
 
-    /// Change of the field by a turn, and its derivative.
-    fn field_change(&self, turn_rad: f32) -> [Vector3<f32>; 2] {
+    /// Change of the field by a turn, relative to the field strength, and its derivative by the turn.
+    fn field_change_and_derivative(&self, turn_rad: f32) -> [Vector3<f32>; 2] {
         let (sin, cos) = trig::sin_cos(turn_rad);
         [self.p * sin + self.q * (1.0 - cos), self.p * cos + self.q * sin]
     }
@@ -89,7 +89,7 @@ impl MountTurnEffect {
 
 /// The Earth's field in body axes, by a sample and the states; and its derivative by the turn of the mount.
 pub(super) fn body_field(sample: &MonitorSample, states: &StateVector) -> (Field<Body>, Vector3<f32>) {
-    let [change, by_mount_turn] = sample.mount_turn_effect.field_change(states[MOUNT_TURN]);
+    let [change, by_mount_turn] = sample.mount_turn_effect.field_change_and_derivative(states[MOUNT_TURN]);
     (Field::new(sample.field + change - hard_iron_change(states)), by_mount_turn)
 }
 

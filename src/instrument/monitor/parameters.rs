@@ -171,4 +171,4 @@ pub(super) const MAX_GYRO_OFFSET_RAD_S: f32 = 0.15;
 pub(super) const MAX_GYRO_SCALE_ERROR: f32 = 0.2;
 
 /// Longest wait for the first report of the motor current, samples: 3 s, three periods of the slowest autopilot.
-pub(super) const MAX_AWAITED_SAMPLES: u8 = 30;
+pub(super) const MAX_SAMPLES_AWAITING_CURRENT: u8 = 30;

@@ -112,7 +112,7 @@ impl Flight {
         (0..steps).map(|_| self.smooth_step(rate_deg_s)).collect()
     }
 
-    /// Straight flight and turns to both sides, 30 s.
+    /// Straight flight and turns to both sides, 30 s in total.
     fn fly_turns(&mut self) -> Vec<HeadingPair> {
         [(0.0, 8.0), (18.0, 8.0), (0.0, 6.0), (-18.0, 8.0)]
             .into_iter()

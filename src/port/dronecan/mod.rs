@@ -216,7 +216,7 @@ impl CanNode {
         self.queue_field(own, snapshot);
         self.queue_status(own, snapshot);
         let command = self.answer_requests(own, context);
-        self.queue_tunnel_bytes(own, snapshot);
+        self.queue_tunnel_output(own, snapshot);
         self.queue_log_message(own, now);
         command
     }
@@ -247,8 +247,8 @@ impl CanNode {
 
     /// Whether a calibration differs from the last one reported by MAVLink.
     #[must_use]
-    pub fn differs_from_reported(&self, calibration: &Calibration) -> bool {
-        self.tunnel.mavlink.differs_from_reported(calibration)
+    pub fn is_unreported_calibration(&self, calibration: &Calibration) -> bool {
+        self.tunnel.mavlink.is_unreported_calibration(calibration)
     }
 
     /// Whether the vehicle is armed, if another node has reported that recently; `armed` of either report counts.
@@ -373,7 +373,7 @@ impl CanNode {
         }
     }
 
-    fn queue_tunnel_bytes(&mut self, own_node: NodeId, snapshot: &Snapshot<'_>) {
+    fn queue_tunnel_output(&mut self, own_node: NodeId, snapshot: &Snapshot<'_>) {
         self.tunnel.poll(snapshot);
         if let Some((payload, length)) = self.tunnel.next_targetted()
             && self.outbox.queue_message(

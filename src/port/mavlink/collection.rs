@@ -40,7 +40,7 @@ impl CollectionReporter {
     }
 
     /// Whether a calibration differs from the last reported one.
-    pub fn differs_from_reported(&self, calibration: &Calibration) -> bool {
+    pub fn is_unreported_calibration(&self, calibration: &Calibration) -> bool {
         self.reported_calibration.as_ref().is_none_or(|(reported, _)| reported != calibration)
     }
 
@@ -52,7 +52,7 @@ impl CollectionReporter {
     /// Tracks the module's state; must be called also while no autopilot is known.
     pub fn track_state(&mut self, snapshot: &Snapshot<'_>, texts: &mut PendingTexts) {
         if let Some((calibration, uncertainty)) =
-            snapshot.calibration.filter(|(calibration, _)| self.differs_from_reported(calibration))
+            snapshot.calibration.filter(|(calibration, _)| self.is_unreported_calibration(calibration))
         {
             self.reported_calibration = Some((*calibration, uncertainty.sensor_sigma));
             self.calibration_count = self.calibration_count.wrapping_add(1);

@@ -80,8 +80,8 @@ impl Mavlink {
 
     /// Whether a calibration differs from the last reported one.
     #[must_use]
-    pub fn differs_from_reported(&self, calibration: &Calibration) -> bool {
-        self.collection_reporter.differs_from_reported(calibration)
+    pub fn is_unreported_calibration(&self, calibration: &Calibration) -> bool {
+        self.collection_reporter.is_unreported_calibration(calibration)
     }
 
     /// Acknowledges the command, and queues the reason of a refusal as a text. The output must be written before a

@@ -105,7 +105,7 @@ fn changed_pages(before: &Flash, after: &Flash) -> Vec<usize> {
     pages.enumerate().filter(|(_, (before, after))| before != after).map(|(page, _)| page).collect()
 }
 
-/// Flash after a number of saves, the last with this serial number.
+/// Flash after this number of saves of calibrations with serial numbers from 1.
 fn flash_after_saves(saves: u32) -> Flash {
     let mut flash = Flash::new(PAGE_COUNT);
     for serial in 1..=saves {

@@ -149,7 +149,7 @@ pub struct Flight {
     pub attitude_source: Option<&'static str>,
     /// Body rates p, q, r, rad/s: as logged, repaired, or differences of the attitude.
     pub body_rates: Series<3>,
-    /// Reason why body rates are not as logged.
+    /// Why `body_rates` were repaired or replaced by differences of the attitude; `None` if as logged.
     pub rates_problem: Option<RatesProblem>,
     /// Whether a heading can be integrated from the rates: not from differences of the attitude.
     pub has_heading_rates: bool,

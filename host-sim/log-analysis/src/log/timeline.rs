@@ -64,7 +64,7 @@ impl Timeline {
     }
 
     #[must_use]
-    pub const fn has_stamps(&self) -> bool {
+    pub const fn has_accepted_stamp(&self) -> bool {
         self.newest_us.is_some()
     }
 

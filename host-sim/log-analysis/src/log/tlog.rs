@@ -204,7 +204,7 @@ impl TlogReader {
         }
     }
 
-    /// Records another vehicle, or a second autopilot of the same system.
+    /// Notes the id of another vehicle, or of a second autopilot of the same system, for the flight's lists.
     fn record_other_vehicle(&mut self, frame: &LogFrame<'_>, autopilot: Option<u8>) {
         let [system, component] = frame.sender;
         let is_own = self.autopilot.is_some_and(|[selected_system, _]| selected_system == system);

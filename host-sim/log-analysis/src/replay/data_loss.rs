@@ -26,7 +26,7 @@ pub(super) fn has_integrable_rates(flight: &Flight) -> bool {
 }
 
 /// Largest interpolation gap of attitudes, seconds, at most `limit_s`.
-pub(super) fn max_attitude_gap_s(flight: &Flight, limit_s: f64) -> f64 {
+pub(super) fn attitude_gap_limit_s(flight: &Flight, limit_s: f64) -> f64 {
     flight
         .attitude
         .median_step_s()

@@ -116,7 +116,7 @@ pub fn choose_parameters(
     if rows.len() < MIN_ROWS {
         return Err(NoParameters::FewRows(rows.len()));
     }
-    let sigma_deg = reference.and_then(ReferenceHeading::accurate_sigma_deg);
+    let sigma_deg = reference.and_then(ReferenceHeading::sigma_if_accurate_deg);
     let sigma_deg =
         sigma_deg.filter(|_| rows.iter().filter(|row| row.reference_deg.is_some()).count() >= MIN_REFERENCE_ROWS);
     let candidate = |variant: &FitVariant| {

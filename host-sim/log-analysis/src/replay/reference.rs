@@ -111,7 +111,7 @@ impl ReferenceHeading {
     /// Standard deviation of a reference that is accurate enough to judge a compass, degrees; of a column it is unknown
     /// and set to zero.
     #[must_use]
-    pub fn accurate_sigma_deg(&self) -> Option<f64> {
+    pub fn sigma_if_accurate_deg(&self) -> Option<f64> {
         const MAX_SIGMA_DEG: f64 = 2.0;
         let sigma_deg = match self {
             Self::Simulator | Self::Column => 0.0,

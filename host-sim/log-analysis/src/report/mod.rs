@@ -4,12 +4,12 @@
 //! `pictures`; `frame`, `svg` and `text` are their building blocks. `samples` gives the charts of `assets/charts.js`
 //! their numbers; `assets/` has style and scripts, and uPlot.
 
+mod chart_samples;
 mod frame;
 pub mod model;
 mod page;
 mod pictures;
 mod replay_report;
-mod samples;
 mod sections;
 mod svg;
 mod text;

@@ -77,7 +77,7 @@ fn reference_info(verdict: &FlightEvaluation) -> ReferenceInfo {
                 || "The mean is subtracted: the declination there is not known.".to_owned(),
                 |deg| format!("The declination, {} deg by the field model, is subtracted.", format_number(deg, 1)),
             ),
-            is_accurate: reference.accurate_sigma_deg().is_some(),
+            is_accurate: reference.sigma_if_accurate_deg().is_some(),
         },
         None => ReferenceInfo {
             difference_name: "correction",

@@ -1,8 +1,8 @@
 //! Sections of the page.
 
+use super::chart_samples::{has_samples, samples_json};
 use super::model::{CompassReport, DeviationCurve, ReferenceInfo, Report, ReportSample, VerdictLine};
 use super::pictures::{Picture, coverage, map as map_of};
-use super::samples::{has_samples, samples_json};
 use super::text::{concat_map, escape_html};
 use crate::numbers::{format_number, format_optional};
 use crate::replay::verdict::CompassState;

@@ -61,7 +61,7 @@ pub enum TranslationMode {
     Forward,
     /// Hold the position.
     HoldPosition,
-    /// Hold a tilt.
+    /// Hold a constant tilt in a direction (multirotor).
     HoldTilt {
         /// Direction, radians clockwise from the nose.
         toward_rad: f64,

@@ -29,7 +29,7 @@ pub struct GyroConfig {
     pub scale_percent: f64,
     /// Remaining offset of each axis, degrees per second.
     pub offset_deg_s: f64,
-    /// In-run change of the offset, stationary, degrees per second.
+    /// Standard deviation of the slow random change of the offset during a run, degrees per second.
     pub drift_deg_s: f64,
     /// Correlation time of that change, seconds.
     pub drift_time_s: f64,

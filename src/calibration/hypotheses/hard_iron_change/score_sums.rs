@@ -3,7 +3,9 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::calibration::hypotheses::score_test::ScoreTest;
-use crate::calibration::model::{INCLINATION_INDEX, PAIRS_OF_3, ResidualEquation, SampleEquations, product_index};
+use crate::calibration::model::{
+    INCLINATION_INDEX, ResidualEquation, SampleEquations, UPPER_TRIANGLE_3, product_index,
+};
 
 /// Sums over residuals with the derivative `k` by the corrected field and the fraction `f` of the change: of
 /// `f k k^T (x, 1)`, `f^2 k k^T`, and `f k` times residual and derivative by the inclination. A quarter of the
@@ -95,7 +97,9 @@ impl HardIronSums {
     pub fn score_test(&self, w: &Matrix3<f32>) -> ScoreTest<3> {
         let mut test = ScoreTest::zero();
         let mut information = Matrix3::zeros();
-        for ((&(k, l), products), pair_information) in PAIRS_OF_3.iter().zip(&self.products).zip(&self.information) {
+        for ((&(k, l), products), pair_information) in
+            UPPER_TRIANGLE_3.iter().zip(&self.products).zip(&self.information)
+        {
             information[(k, l)] = *pair_information;
             information[(l, k)] = *pair_information;
             for (axis, sums) in test.cross_information.iter_mut().enumerate() {

@@ -52,7 +52,7 @@ impl Case {
         LinearisedProblem::linearise(&likelihood, self.recorded.turns(), &self.unknowns)
     }
 
-    fn fit<'a>(&'a self, calibration: &'a Calibration) -> ConvergedFit<'a> {
+    fn converged_fit<'a>(&'a self, calibration: &'a Calibration) -> ConvergedFit<'a> {
         let Self { recorded, likelihood, unknowns } = self;
         ConvergedFit { method: Method::MaximumLikelihood, likelihood, unknowns, calibration, samples: recorded.turns() }
     }
@@ -174,7 +174,8 @@ fn repeated_samples_add_no_significance() {
         let calibration = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
         let (scan, information) = case.scanned();
         let found = scan.best_estimate.unwrap();
-        scan.significance(&found, &case.fit(&calibration), &information.linear_system, &information.residuals).unwrap()
+        scan.significance(&found, &case.converged_fit(&calibration), &information.linear_system, &information.residuals)
+            .unwrap()
     };
     let once = significance(&case);
     for samples in [&mut case.recorded.left, &mut case.recorded.right] {
@@ -328,7 +329,8 @@ fn both_significance_thresholds_must_be_exceeded() {
         (scan.drift_sums, scan.drift_fraction) = (HardIronSums::zero(), 0.0);
         (scan.load_factor_sums, scan.hysteresis_sums) = (HardIronSums::zero(), ScoreTest::zero());
         scan.best_estimate.as_mut().unwrap().significance = significance;
-        let found = scan.confirm_change(&case.fit(&calibration), &information.linear_system, &information.residuals);
+        let found =
+            scan.confirm_change(&case.converged_fit(&calibration), &information.linear_system, &information.residuals);
         assert_eq!(found.is_some(), is_found, "{significance}");
     }
 }

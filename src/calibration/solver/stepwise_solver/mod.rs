@@ -119,7 +119,7 @@ impl Solver {
             },
             Refining::Failed => Err(SolveError::NotConverged),
         };
-        if self.method == Method::MaximumLikelihood && self.start_next_attempt(&result, samples) {
+        if self.method == Method::MaximumLikelihood && self.start_required_attempt(&result, samples) {
             return SolveProgress::Continue;
         }
         let result = self.given_inclination.decide_against_samples(&result).map_or(result, Err);
@@ -143,7 +143,7 @@ impl Solver {
     }
 
     /// Starts the next attempt that the result of this one requires; returns whether there is one.
-    fn start_next_attempt(&mut self, result: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
+    fn start_required_attempt(&mut self, result: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
         let current = self.attempt;
         let mut later_attempts = ATTEMPT_QUEUE.iter().skip_while(|attempt| **attempt != current).skip(1);
         later_attempts.any(|attempt| {

@@ -6,7 +6,7 @@ use super::coefficient_conversion::CoefficientConversion;
 use super::coefficient_covariance::CoefficientCovariance;
 use crate::calibration::Calibration;
 use crate::calibration::model::{
-    Likelihood, PAIRS_OF_3, PAIRS_OF_4, Vector13, beta_index, heading_by_field, horizontal_squared, w_index,
+    Likelihood, UPPER_TRIANGLE_3, UPPER_TRIANGLE_4, Vector13, beta_index, heading_by_field, horizontal_squared, w_index,
 };
 use crate::frames::{AttitudeRotation, Field, Level, Sensor};
 use crate::trig::sqrt;
@@ -57,8 +57,8 @@ impl HeadingUncertainty {
     fn from_covariance(covariance: &CoefficientCovariance, sensor_sigma: f32, attitude_sigma_rad: f32) -> Self {
         // Index of the coefficient multiplied by components `k` of `f` and `a` of `y`.
         let coefficient = |k: usize, a: usize| if a < 3 { w_index(k, a) } else { beta_index(k) };
-        let products = PAIRS_OF_3.map(|(k, l)| {
-            PAIRS_OF_4.map(|(a, b)| {
+        let products = UPPER_TRIANGLE_3.map(|(k, l)| {
+            UPPER_TRIANGLE_4.map(|(a, b)| {
                 let first = covariance.element(coefficient(k, a), coefficient(l, b));
                 let second = covariance.element(coefficient(k, b), coefficient(l, a));
                 let sum = if a == b { first } else { first + second };
@@ -106,7 +106,7 @@ impl HeadingUncertainty {
     /// `x = (m - b) / F`; units of the total field. At least 0.
     pub(crate) fn variance_from_coefficients(&self, by_field: &Vector3<f32>, x: &Vector3<f32>) -> f32 {
         let (f, x) = (by_field, x);
-        // In the order of `PAIRS_OF_3` and `PAIRS_OF_4`, unrolled because it runs for every heading.
+        // In the order of `UPPER_TRIANGLE_3` and `UPPER_TRIANGLE_4`, unrolled because it runs for every heading.
         let products_of_f = [f.x * f.x, f.x * f.y, f.x * f.z, f.y * f.y, f.y * f.z, f.z * f.z];
         let products_of_x = [x.x * x.x, x.x * x.y, x.x * x.z, x.y * x.y, x.y * x.z, x.z * x.z];
         let variance = self.reduced_covariance.iter().zip(&products_of_f).map(

@@ -21,7 +21,7 @@ pub(super) struct TableReader {
     builder: FlightBuilder,
     rates: Series<3>,
     armed_states: Series<1>,
-    /// Median time of the first lines, seconds. Times may be Unix time.
+    /// Median time of the first lines, seconds (possibly Unix time); rows with times far from it are rejected.
     median_time_s: f64,
     /// Whether the lines are not in order of time; then a step back is no restart of the clock.
     is_unordered: bool,

@@ -103,7 +103,7 @@ fn time_of_unstamped_message_s(builder: &mut FlightBuilder, name: &str, message:
     builder.flight.rows_without_time += u64::from(matches!(name, "MAG" | "MAG2"));
     let is_once = matches!(name, "MSG" | "EV");
     let is_row = matches!(name, "MAG" | "MAG2" | "ATT" | "IMU" | "GPS" | "CURR");
-    (is_once || is_row && builder.timeline.has_stamps()).then(|| builder.timeline.newest_s())
+    (is_once || is_row && builder.timeline.has_accepted_stamp()).then(|| builder.timeline.newest_s())
 }
 
 /// Roll, pitch and yaw, radians, from columns in degrees; yaw is NaN if absent.

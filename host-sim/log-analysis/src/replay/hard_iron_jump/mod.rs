@@ -147,7 +147,7 @@ struct JumpSearch<'a> {
     /// Rotations from body axes to a level frame that does not turn with the heading.
     rotations: Vec<Rotation3<f64>>,
     /// Angle of rotation about any axis since the first row, summed without sign, radians.
-    turned_rad: Vec<f64>,
+    rotation_sum_rad: Vec<f64>,
     /// Median field of the window after each row less that of the window before, level frame; none if incomplete.
     differences: Vec<Option<Vector3<f64>>>,
 }
@@ -157,7 +157,7 @@ impl<'a> JumpSearch<'a> {
         let rows: Vec<&ReplayRow> = rows.iter().filter(|row| row.is_usable).collect();
         let fields = rows.iter().map(|row| row.corrected_field(correction)).collect();
         let (mut heading_rad, mut turned) = (0.0, 0.0);
-        let (mut rotations, mut turned_rad) = (Vec::new(), Vec::new());
+        let (mut rotations, mut rotation_sum_rad) = (Vec::new(), Vec::new());
         for (i, row) in rows.iter().enumerate() {
             if let Some(before) = i.checked_sub(1).map(|before| rows[before]) {
                 let step_s = row.t_s - before.t_s;
@@ -166,10 +166,10 @@ impl<'a> JumpSearch<'a> {
             }
             let Attitude { roll_rad, pitch_rad } = row.attitude;
             rotations.push(Rotation3::from_euler_angles(roll_rad.into(), pitch_rad.into(), heading_rad));
-            turned_rad.push(turned);
+            rotation_sum_rad.push(turned);
         }
         let differences = vec![None; rows.len()];
-        let mut search = Self { rows, fields, rotations, turned_rad, differences };
+        let mut search = Self { rows, fields, rotations, rotation_sum_rad, differences };
         search.update_differences();
         search
     }
@@ -245,9 +245,9 @@ impl<'a> JumpSearch<'a> {
         let least_ut = MIN_JUMP_UT.max(MIN_QUANTILE_RATIO * reference_ut);
         let excess = |at: usize| {
             let size_ut = self.differences[at]?.norm();
-            let turned_rad =
-                self.turned_rad[self.window_after(at)?.end] - self.turned_rad[self.window_before(at)?.start];
-            let limit_ut = least_ut.max(MAX_FRACTION_PER_RADIAN * turned_rad * self.fields[at].norm());
+            let rotation_sum_rad = self.rotation_sum_rad[self.window_after(at)?.end]
+                - self.rotation_sum_rad[self.window_before(at)?.start];
+            let limit_ut = least_ut.max(MAX_FRACTION_PER_RADIAN * rotation_sum_rad * self.fields[at].norm());
             (size_ut > limit_ut).then_some(size_ut)
         };
         let over: Vec<(usize, f64)> = (0..self.rows.len()).filter_map(|at| Some((at, excess(at)?))).collect();

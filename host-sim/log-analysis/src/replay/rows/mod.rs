@@ -133,7 +133,7 @@ pub fn build_rows(
     // A log that was never armed has no arming state.
     let was_armed = compass.field.rows().iter().any(|row| flight.is_armed(row.t_s - latency_s) == Some(true));
     let unsettled = intervals_contradicting_rates(flight);
-    let gap_s = data_loss::max_attitude_gap_s(flight, MAX_GAP_S);
+    let gap_s = data_loss::attitude_gap_limit_s(flight, MAX_GAP_S);
     let mut rows = Vec::new();
     let mut accumulator = RowAccumulator::default();
     for reading in compass.field.rows() {

@@ -29,6 +29,6 @@ fn attitude_is_not_interpolated_over_two_lost_reports() {
         for i in 0..100 {
             flight.attitude.push_row(f64::from(i) * step_s, [0.0; 3]);
         }
-        assert!((data_loss::max_attitude_gap_s(&flight, 0.7) - gap_s).abs() < 1e-9, "{step_s} s");
+        assert!((data_loss::attitude_gap_limit_s(&flight, 0.7) - gap_s).abs() < 1e-9, "{step_s} s");
     }
 }

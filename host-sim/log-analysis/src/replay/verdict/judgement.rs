@@ -196,7 +196,7 @@ fn action_without_parameters(
 }
 
 fn accurate_reference(evaluation: &FlightEvaluation) -> Option<&ReferenceHeading> {
-    evaluation.reference.as_ref().filter(|reference| reference.accurate_sigma_deg().is_some())
+    evaluation.reference.as_ref().filter(|reference| reference.sigma_if_accurate_deg().is_some())
 }
 
 /// Heading error as logged since the last change of hard iron, degrees RMS less mean; none on too few headings.
