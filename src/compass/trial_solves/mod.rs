@@ -36,10 +36,10 @@ pub struct TrialResult {
     pub expected_deg: Option<f32>,
     /// Manoeuvre that would noticeably reduce the expected error.
     pub missing_manoeuvre: Option<Manoeuvre>,
-    /// The attitude source limits the accuracy: the expected error is at its floor, and as small as the best before. A
-    /// single trial of 20 s of a recorded flight gave a floor of 5.2 deg, and later ones 0.7 deg.
+    /// The attitude source limits the accuracy: the expected error is at its floor, settled, and as small as the best
+    /// before. A single trial of 20 s of a recorded flight gave a floor of 5.2 deg, and later ones 0.7 deg.
     pub is_limited_by_attitude: bool,
-    /// Recent trials brought no improvement.
+    /// Recent trials brought no improvement, and the expected error has settled.
     pub is_stalled: bool,
     /// Reason for which the solution would be rejected.
     pub refusal: Option<Refusal>,
@@ -163,9 +163,11 @@ impl TrialSolves {
     /// expected error is too small; twice in a row that is rare. Of 400 simulated copters with 20 uT in hover, five had
     /// three times the expected error when one trial sufficed, two with two trials.
     pub fn record_result(&mut self, solution: &Solution, refusal: Option<Refusal>, wanted_deg: f32) -> bool {
+        let expected_deg = solution.quality.expected_rms_deg;
         let mut result = TrialResult::from_solution(solution, refusal);
-        result.is_limited_by_attitude &= self.confirms_best(solution.quality.expected_rms_deg);
-        result.is_stalled = self.update_stalled(solution.quality.expected_rms_deg);
+        let is_settled = self.is_settled(expected_deg);
+        result.is_limited_by_attitude &= is_settled && is_unchanged(self.best_expected_deg, expected_deg);
+        result.is_stalled = self.update_stalled(expected_deg) && is_settled;
         let is_confirmed = !solution.calibration.motor_current.is_applied()
             || self.last_result.as_ref().is_some_and(|last_result| last_result.reaches_accuracy(wanted_deg));
         if result.reaches_accuracy(wanted_deg) && !is_confirmed {
@@ -176,11 +178,10 @@ impl TrialSolves {
         is_over
     }
 
-    /// Whether the expected error is, but for a twentieth, the best of the trials before.
-    fn confirms_best(&self, expected_deg: f32) -> bool {
-        self.best_expected_deg.is_some_and(|best_deg| {
-            expected_deg >= NOTICEABLE_ERROR_RATIO * best_deg && best_deg >= NOTICEABLE_ERROR_RATIO * expected_deg
-        })
+    /// Whether the expected error is that of the last trial. While it changes, its limit is not known: of two recorded
+    /// flights with 0 to 6 s cut off, one ended at 0.8 or at 1.9 deg, depending on the cut, without this condition.
+    fn is_settled(&self, expected_deg: f32) -> bool {
+        is_unchanged(self.last_result.as_ref().and_then(|last_result| last_result.expected_deg), expected_deg)
     }
 
     fn update_stalled(&mut self, expected_deg: f32) -> bool {
@@ -193,6 +194,13 @@ impl TrialSolves {
         }
         self.trials_since_improvement >= TRIAL_CONFIG.max_stalled_trials
     }
+}
+
+/// Whether an expected error differs from an earlier one by less than is noticeable.
+fn is_unchanged(earlier_deg: Option<f32>, expected_deg: f32) -> bool {
+    earlier_deg.is_some_and(|earlier_deg| {
+        expected_deg >= NOTICEABLE_ERROR_RATIO * earlier_deg && earlier_deg >= NOTICEABLE_ERROR_RATIO * expected_deg
+    })
 }
 
 #[cfg(test)]

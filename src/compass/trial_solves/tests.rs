@@ -165,29 +165,47 @@ fn motor_current_interference_requires_two_good_trial_solves_in_a_row() {
     }
 }
 
+/// Whether each of a series of trials ends the collection; with expected errors at their floor or without a floor.
+fn ends_of_trials(mut trials: TrialSolves, trials_deg: &[f32], is_at_floor: bool) -> Vec<bool> {
+    let solution = |deg| {
+        let advice = Advice {
+            weakest_deviation: Deviation::Heeling,
+            weakest_deg: deg,
+            expected_deg: deg,
+            manoeuvre: Manoeuvre::Level,
+            expected_after_deg: deg,
+            error_floor_deg: if is_at_floor { deg } else { 0.5 * deg },
+            unobservable: UnobservableQuantities::default(),
+        };
+        Solution { advice: Some(advice), ..solution_with(deg, 0.0) }
+    };
+    trials_deg.iter().map(|&deg| trials.record_result(&solution(deg), None, 0.5)).collect()
+}
+
 #[test]
 fn attitude_limits_a_collection_only_as_confirmed_by_the_best_trial() {
     for (trials_deg, ends) in [
         (&[5.4][..], &[false][..]),
         (&[5.4, 1.8, 1.8], &[false, false, true]),
-        (&[1.3, 2.9, 2.7, 1.36], &[false, false, false, true]),
+        (&[1.3, 2.9, 2.9, 1.36, 1.33], &[false, false, false, false, true]),
     ] {
-        let mut trials = TrialSolves::NO_TRIALS;
-        let ended: Vec<bool> = trials_deg
-            .iter()
-            .map(|&deg| {
-                let advice = Advice {
-                    weakest_deviation: Deviation::Heeling,
-                    weakest_deg: deg,
-                    expected_deg: deg,
-                    manoeuvre: Manoeuvre::Level,
-                    expected_after_deg: deg,
-                    error_floor_deg: deg,
-                    unobservable: UnobservableQuantities::default(),
-                };
-                trials.record_result(&Solution { advice: Some(advice), ..solution_with(deg, 0.0) }, None, 1.0)
-            })
-            .collect();
-        assert_eq!(ended, ends, "{trials_deg:?}");
+        assert_eq!(ends_of_trials(TrialSolves::NO_TRIALS, trials_deg, true), ends, "{trials_deg:?}");
+    }
+}
+
+/// Trials of recorded flights: the best one was an early fluke, and the expected error was still falling, or rose.
+#[test]
+fn a_collection_does_not_end_while_the_expected_error_changes() {
+    for (trials_deg, is_end) in [
+        (&[1.71, 2.31, 5.33, 4.40, 3.36, 2.08, 1.95][..], false),
+        (&[1.71, 2.31, 5.33, 4.40, 3.36, 2.08, 1.95, 1.90], true),
+        (&[1.71, 2.31, 5.33, 4.40, 3.36, 2.08, 1.95, 1.15], false),
+        (&[0.96, 0.96, 1.07, 1.07, 1.06, 1.06, 1.27], false),
+        (&[0.96, 0.96, 1.07, 1.07, 1.06, 1.06, 1.27, 2.08], false),
+        (&[0.96, 0.96, 1.07, 1.07, 1.06, 1.06, 1.27, 2.08, 1.99], true),
+    ] {
+        let ends = ends_of_trials(trials_representing(1), trials_deg, false);
+        assert_eq!(ends.last(), Some(&is_end), "{trials_deg:?}");
+        assert!(!ends[..ends.len() - 1].contains(&true), "{trials_deg:?}");
     }
 }
