@@ -18,6 +18,12 @@ struct TrialConfig {
     stagnation_trial_period: u8,
     /// Consecutive trials (one minute), run or skipped, without noticeable improvement that end a collection.
     max_stalled_trials: u8,
+    /// Ratio of the expected errors of two successive trials from which they are unchanged.
+    unchanged_error_ratio: f32,
+    /// Consecutive trials, run or skipped, with an unchanged expected error before a limit of the accuracy is known.
+    /// Without them, a recorded flight with 0 to 6 s cut off at its start ended at 0.8 or at 1.9 deg, depending on the
+    /// cut, and another at 1.3 to 2.1 deg.
+    min_settled_trials: u8,
 }
 
 const TRIAL_CONFIG: TrialConfig = TrialConfig {
@@ -27,6 +33,8 @@ const TRIAL_CONFIG: TrialConfig = TrialConfig {
     min_newly_stored: 10,
     stagnation_trial_period: 6,
     max_stalled_trials: 6,
+    unchanged_error_ratio: 0.9,
+    min_settled_trials: 2,
 };
 
 /// Result of a trial solve.
@@ -142,6 +150,7 @@ pub(super) struct TrialSolves {
     /// Best expected error, degrees RMS.
     best_expected_deg: Option<f32>,
     trials_since_improvement: u8,
+    settled_trials: u8,
     pub last_result: Option<TrialResult>,
 }
 
@@ -150,6 +159,7 @@ impl TrialSolves {
         schedule: TrialSchedule::NO_TRIAL,
         best_expected_deg: None,
         trials_since_improvement: 0,
+        settled_trials: 0,
         last_result: None,
     };
 
@@ -165,8 +175,9 @@ impl TrialSolves {
     pub fn record_result(&mut self, solution: &Solution, refusal: Option<Refusal>, wanted_deg: f32) -> bool {
         let expected_deg = solution.quality.expected_rms_deg;
         let mut result = TrialResult::from_solution(solution, refusal);
-        let is_settled = self.is_settled(expected_deg);
-        result.is_limited_by_attitude &= is_settled && is_unchanged(self.best_expected_deg, expected_deg);
+        let is_settled = self.update_settled(expected_deg);
+        result.is_limited_by_attitude &=
+            is_settled && is_unchanged(self.best_expected_deg, expected_deg, NOTICEABLE_ERROR_RATIO);
         result.is_stalled = self.update_stalled(expected_deg) && is_settled;
         let is_confirmed = !solution.calibration.motor_current.is_applied()
             || self.last_result.as_ref().is_some_and(|last_result| last_result.reaches_accuracy(wanted_deg));
@@ -178,10 +189,14 @@ impl TrialSolves {
         is_over
     }
 
-    /// Whether the expected error is that of the last trial. While it changes, its limit is not known: of two recorded
-    /// flights with 0 to 6 s cut off, one ended at 0.8 or at 1.9 deg, depending on the cut, without this condition.
-    fn is_settled(&self, expected_deg: f32) -> bool {
-        is_unchanged(self.last_result.as_ref().and_then(|last_result| last_result.expected_deg), expected_deg)
+    fn update_settled(&mut self, expected_deg: f32) -> bool {
+        let last_deg = self.last_result.as_ref().and_then(|last_result| last_result.expected_deg);
+        self.settled_trials = if is_unchanged(last_deg, expected_deg, TRIAL_CONFIG.unchanged_error_ratio) {
+            self.settled_trials.saturating_add(self.schedule.represented_trials)
+        } else {
+            0
+        };
+        self.settled_trials >= TRIAL_CONFIG.min_settled_trials
     }
 
     fn update_stalled(&mut self, expected_deg: f32) -> bool {
@@ -196,11 +211,9 @@ impl TrialSolves {
     }
 }
 
-/// Whether an expected error differs from an earlier one by less than is noticeable.
-fn is_unchanged(earlier_deg: Option<f32>, expected_deg: f32) -> bool {
-    earlier_deg.is_some_and(|earlier_deg| {
-        expected_deg >= NOTICEABLE_ERROR_RATIO * earlier_deg && earlier_deg >= NOTICEABLE_ERROR_RATIO * expected_deg
-    })
+/// Whether neither of two expected errors is smaller than the other by more than this ratio.
+fn is_unchanged(earlier_deg: Option<f32>, expected_deg: f32, ratio: f32) -> bool {
+    earlier_deg.is_some_and(|earlier_deg| expected_deg >= ratio * earlier_deg && earlier_deg >= ratio * expected_deg)
 }
 
 #[cfg(test)]
