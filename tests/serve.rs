@@ -498,6 +498,16 @@ fn the_console_command_runs_its_own_module() {
     assert!(status.success() && contains_text("ok autoswing 0.1.0")(&stdout), "{}", String::from_utf8_lossy(&stdout));
 }
 
+/// The answers of 80 lines are 140 KB; the lines that arrive during one would not fit the port's receive buffer.
+#[test]
+fn each_piped_line_is_answered() {
+    let mut console = host_sim(&["console", "--speed", "20"]).spawn().unwrap();
+    console.stdin.take().unwrap().write_all("status all\n".repeat(80).as_bytes()).unwrap();
+    let Output { status, stdout, .. } = console.wait_with_output().unwrap();
+    assert!(status.success());
+    assert_eq!(String::from_utf8(stdout).unwrap().matches("> status all").count(), 80);
+}
+
 #[test]
 fn serve_errors_are_reported_with_code_and_cause() {
     let folder = tempfile::tempdir().unwrap();

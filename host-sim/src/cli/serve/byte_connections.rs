@@ -190,8 +190,11 @@ const PILOT_LINE_PREFIX: u8 = b'!';
 /// Longest typed line that is compared with `quit`, bytes.
 const MAX_LINE_BYTES: usize = 256;
 
-/// Silence of the module after the end of piped input that ends the session.
-const SILENCE_BEFORE_END: Duration = Duration::from_secs(1);
+/// Silence of the module after which it is taken to have answered: ends the session after the end of piped input.
+const SILENCE_AFTER_ANSWER: Duration = Duration::from_secs(1);
+
+/// Prompt of the module, which follows an answer.
+const PROMPT: [u8; 2] = *b"> ";
 
 /// The program's terminal, or its redirected input and output.
 pub struct Terminal {
@@ -204,6 +207,11 @@ pub struct Terminal {
     is_closed: bool,
     /// Time of the last output after the end of the input.
     last_output: Option<Instant>,
+    /// Time of the last piped line or of the output that followed it, until the prompt returns. The next line waits
+    /// for the prompt: the module drops characters that arrive during a long answer and do not fit its receive buffer.
+    awaited_since: Option<Instant>,
+    /// Last bytes of the output.
+    output_end: [u8; PROMPT.len()],
     /// Whether a person types, into a terminal in raw mode.
     is_raw: bool,
 }
@@ -226,6 +234,8 @@ impl Terminal {
             pilot_lines,
             is_closed: false,
             last_output: None,
+            awaited_since: None,
+            output_end: [0; PROMPT.len()],
             is_raw,
         })
     }
@@ -274,12 +284,24 @@ impl Terminal {
         }
     }
 
-    /// Ends the session: immediately at a terminal; with redirected input after [`SILENCE_BEFORE_END`] without
+    /// Ends the session: immediately at a terminal; with redirected input after [`SILENCE_AFTER_ANSWER`] without
     /// output.
     fn end_session(&mut self) {
         self.is_closed |= self.is_raw;
         self.unprocessed_bytes.clear();
         self.last_output.get_or_insert_with(Instant::now);
+    }
+
+    /// Number of bytes to send now: of piped input one line at most, and none until the last line is answered.
+    fn sendable_bytes(&self) -> usize {
+        if self.is_raw {
+            return self.unprocessed_bytes.len();
+        }
+        if self.awaited_since.is_some_and(|since| since.elapsed() < SILENCE_AFTER_ANSWER) {
+            return 0;
+        }
+        let line_end = self.unprocessed_bytes.iter().position(|&byte| is_line_end(byte));
+        line_end.map_or(self.unprocessed_bytes.len(), |end| end + 1)
     }
 
     fn receive_typed_bytes(&mut self) {
@@ -299,7 +321,7 @@ impl Terminal {
 impl ByteConnection for Terminal {
     fn read_bytes(&mut self, max_bytes: usize) -> Vec<u8> {
         self.receive_typed_bytes();
-        let bytes: Vec<u8> = self.unprocessed_bytes.drain(..max_bytes.min(self.unprocessed_bytes.len())).collect();
+        let bytes: Vec<u8> = self.unprocessed_bytes.drain(..self.sendable_bytes().min(max_bytes)).collect();
         let was_closed = self.is_closed;
         let mut sent = Vec::new();
         for byte in bytes {
@@ -312,12 +334,22 @@ impl ByteConnection for Terminal {
             // next session.
             sent.push(CLEAR_LINE_KEY);
         }
+        if sent.last().is_some_and(|&byte| is_line_end(byte)) {
+            self.awaited_since = Some(Instant::now());
+        }
         sent
     }
 
     fn write_bytes(&mut self, bytes: &[u8]) {
         if !bytes.is_empty() {
             self.last_output = self.last_output.map(|_| Instant::now());
+            self.awaited_since = self.awaited_since.map(|_| Instant::now());
+        }
+        for &byte in bytes {
+            self.output_end = [self.output_end[1], byte];
+        }
+        if self.output_end == PROMPT {
+            self.awaited_since = None;
         }
         print::print_bytes(bytes);
         // The reader closed the output.
@@ -325,7 +357,7 @@ impl ByteConnection for Terminal {
     }
 
     fn has_ended(&self) -> bool {
-        let is_answered = |last: Instant| self.unprocessed_bytes.is_empty() && last.elapsed() > SILENCE_BEFORE_END;
+        let is_answered = |last: Instant| self.unprocessed_bytes.is_empty() && last.elapsed() > SILENCE_AFTER_ANSWER;
         self.is_closed || self.last_output.is_some_and(is_answered)
     }
 }
@@ -337,6 +369,10 @@ impl Drop for Terminal {
             let _ = disable_raw_mode();
         }
     }
+}
+
+const fn is_line_end(byte: u8) -> bool {
+    matches!(byte, b'\r' | b'\n')
 }
 
 /// Reads a blocking source in a thread; the channel disconnects at its end.
@@ -371,6 +407,8 @@ mod tests {
                 pilot_lines: None,
                 is_closed: false,
                 last_output: None,
+                awaited_since: None,
+                output_end: [0; PROMPT.len()],
                 is_raw: true,
             };
             assert_eq!(terminal.read_bytes(100), expected_bytes);

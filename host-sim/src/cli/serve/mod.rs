@@ -79,7 +79,7 @@ pub struct ServeCommandOptions {
 /// With --tcp or the path of a pseudo-terminal it connects to a module of `host-sim serve`; with a serial port, to a
 /// board (set it to 115200 baud with stty; not on Windows). Without either it runs a private module, whose pilot takes
 /// orders after an exclamation mark: `!land` disarms, `!help` lists them. `quit`, Ctrl-D on an empty line and Ctrl-]
-/// end. Piped input is sent, and its answers are awaited.
+/// end. Piped input is sent line by line, each after the answer to the one before.
 #[derive(Args)]
 pub struct ConsoleOptions {
     /// Pseudo-terminal or serial port
