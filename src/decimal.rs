@@ -1,10 +1,9 @@
-//! Fixed-point decimal text: core's float formatting and parsing cost 20 KB of flash and are not linked.
+//! Decimal text of numbers: fixed and shortest formatting, and a strict parser without exponents.
 
 use core::fmt::{self, Write};
 
-/// Displays a number with a fixed number of decimals, rounded half away from zero; NaN and infinity as `-`.
-///
-/// Exact to 7 digits, the precision of `f32`; numbers beyond +-2 000 000 are limited to that bound.
+/// Displays a number with a fixed number of decimals, as `core` rounds it, without a sign on zero; NaN and infinity as
+/// `-`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Decimal<const DECIMALS: usize>(pub f32);
 
@@ -17,7 +16,7 @@ impl<const DECIMALS: usize> fmt::Display for Decimal<DECIMALS> {
 /// Displays a number with the decimals it was typed with: the fewest that parse to the same number, but at least a
 /// minimum.
 ///
-/// The range is that of [`Decimal`]; typed zeros at the end are lost.
+/// Typed zeros at the end are lost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShortestDecimal(pub f32, pub usize);
 

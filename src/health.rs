@@ -132,7 +132,7 @@ macro_rules! counters {
                 Self { $($name: AtomicU32::new(0),)* }
             }
 
-            /// Reads all counters. Not inlined, to save flash.
+            /// Reads all counters.
             #[must_use]
             pub fn snapshot(&self) -> EventCounts {
                 EventCounts { $($name: self.$name.load(Ordering::Relaxed),)* }

@@ -266,7 +266,7 @@ fn check_information(
     Ok(())
 }
 
-/// Writes the stable code of the rejection, kebab-case.
+/// One clause, for people.
 impl fmt::Display for Rejection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {

@@ -4,7 +4,6 @@
 //! Candidates are circles for aircraft that bank into turns, otherwise tilts on given headings.
 
 use core::f32::consts::{FRAC_PI_2, TAU};
-use core::fmt;
 
 use crate::calibration::fit::converged_fit::ConvergedFit;
 use crate::calibration::hypotheses::attitude_error_table::AttitudeErrorSigmas;
@@ -84,7 +83,7 @@ impl TiltDirection {
         Attitude::from_deg(roll_deg, pitch_deg)
     }
 
-    const fn direction_name(self) -> &'static str {
+    pub(crate) const fn direction_name(self) -> &'static str {
         match self {
             Self::Ahead => "ahead",
             Self::Back => "back",
@@ -97,7 +96,7 @@ impl TiltDirection {
 impl HeadingQuadrant {
     const ALL_QUADRANTS: [Self; 4] = [Self::North, Self::East, Self::South, Self::West];
 
-    const fn quadrant_name(self) -> &'static str {
+    pub(crate) const fn quadrant_name(self) -> &'static str {
         match self {
             Self::North => "north to east",
             Self::East => "east to south",
@@ -140,23 +139,6 @@ impl Manoeuvre {
             _ => (0.0, TAU, CIRCLE_EFFECTIVE_SAMPLES),
         };
         (0..samples).map(move |i| first_rad + f32::from(i) * (range_rad / f32::from(samples)))
-    }
-}
-
-impl fmt::Display for Manoeuvre {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Circle(side, bank_deg) => write!(f, "a {} circle at {bank_deg} deg of bank", side.side_name()),
-            Self::Level => f.write_str("a level circle, or straight legs at eight headings"),
-            Self::YawTurn => f.write_str("turn once round, level"),
-            Self::Tilt(towards, quarter) => {
-                write!(f, "tilt {} while ", towards.direction_name())?;
-                match quarter {
-                    Some(quarter) => write!(f, "heading {}", quarter.quadrant_name()),
-                    None => f.write_str("turning all round"),
-                }
-            }
-        }
     }
 }
 

@@ -36,7 +36,6 @@ impl Compass<'_> {
     }
 
     /// Updates the checksum of the retained collection.
-    #[inline(never)]
     pub(super) fn update_retained_checksum(&mut self) {
         self.collector.update_header(CollectionContext {
             is_automatic: self.activity.is_automatic(),

@@ -37,7 +37,6 @@ impl Compass<'_> {
     }
 
     /// Aborts all activity and discards the samples.
-    #[inline(never)]
     pub(super) fn discard_collection(&mut self) {
         self.collector.discard_collection();
         self.trial_solves = TrialSolves::NO_TRIALS;

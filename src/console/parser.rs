@@ -59,6 +59,8 @@ impl Display for LineError {
     }
 }
 
+impl core::error::Error for LineError {}
+
 /// Parses a line; none for an empty line. Case is ignored.
 ///
 /// # Errors

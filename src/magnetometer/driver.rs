@@ -1,5 +1,7 @@
 //! Interface of the drivers, and their errors.
 
+use core::fmt;
+
 use crate::reading::{Identity, Reading};
 
 /// Magnetometer error.
@@ -22,6 +24,22 @@ pub enum MagnetometerError<E> {
     NoData,
 }
 
+impl<E: fmt::Display> fmt::Display for MagnetometerError<E> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Bus(error) => write!(f, "bus error: {error}"),
+            Self::WrongIdentity(identity) => write!(f, "the identity register reads {identity:#04x}"),
+            Self::Configuration { written, read } => {
+                write!(f, "a register with {written:#04x} written reads {read:#04x}")
+            }
+            Self::SelfTest(result) => write!(f, "the self-test returned {result:#04x}"),
+            Self::NoData => f.write_str("no measurement within the timeout"),
+        }
+    }
+}
+
+impl<E: fmt::Debug + fmt::Display> core::error::Error for MagnetometerError<E> {}
+
 /// Three-axis magnetometer with its own configuration.
 ///
 /// Call [`init`](Self::init) first and after any error, then [`read_measurement`](Self::read_measurement) for each
@@ -29,7 +47,7 @@ pub enum MagnetometerError<E> {
 #[expect(async_fn_in_trait, reason = "used through generics by tasks of one executor; no caller needs Send bounds")]
 pub trait Magnetometer {
     /// Error of the bus.
-    type BusError: core::fmt::Debug;
+    type BusError: fmt::Debug;
 
     /// Checks the identity, sets range and rate, starts continuous measurement.
     ///

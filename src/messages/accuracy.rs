@@ -19,7 +19,6 @@ pub struct ExpectedAccuracy {
 impl ExpectedAccuracy {
     /// A tilt about magnetic north rotates the vertical field into the horizontal one: `d psi = tan(inclination) d
     /// phi`, from Liu 2007 eq. 3.
-    #[inline(never)]
     pub(crate) fn new(quality: Quality, calibration: &Calibration) -> Self {
         let (sin, cos) = trig::sin_cos(calibration.inclination_rad);
         let attitude_cost = quality.knows_inclination.then_some((sin / cos).abs());

@@ -12,7 +12,6 @@ use crate::collection::CollectionProblem;
 use crate::decimal::{Decimal, ShortestDecimal};
 use crate::health::SampleLoss;
 use crate::instrument::{HardIronChange, InstallationChange, MountTurn};
-use crate::settings::OutOfRange;
 use crate::store::StoreError;
 use crate::trig::VectorLength as _;
 
@@ -130,7 +129,7 @@ impl Refusal {
             Self::NoPreviousCalibration => {
                 show("nothing-to-undo", format_args!("there is no previous calibration"), NO_ADVICE)
             }
-            Self::OutOfRange(OutOfRange(range)) => show("out-of-range", format_args!("{range}"), NO_ADVICE),
+            Self::OutOfRange(error) => show("out-of-range", format_args!("{error}"), NO_ADVICE),
             Self::Solve(error) => solve_error_entry(error, show),
             Self::Rejected(rejection) => rejection_entry(rejection, show),
             Self::Store(error) => store_error_entry(*error, show),

@@ -284,6 +284,14 @@ pub enum SettingChange {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OutOfRange(pub &'static str);
 
+impl fmt::Display for OutOfRange {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.0)
+    }
+}
+
+impl core::error::Error for OutOfRange {}
+
 impl SettingChange {
     /// Whether solves use this setting, so that it must not change during one.
     #[must_use]

@@ -114,9 +114,9 @@ mod tests {
     }
 
     impl Evidence {
-        fn add_residual(&mut self, part: usize, dip: &ResidualEquation, by_latency: f32) {
-            self.sums.add_weighted_equation(dip, &Vector1::new(by_latency), 1.0);
-            self.contributions.add_residuals(part, [dip.weight * by_latency * dip.residual, 0.0]);
+        fn add_residual(&mut self, part: usize, inclination: &ResidualEquation, by_latency: f32) {
+            self.sums.add_weighted_equation(inclination, &Vector1::new(by_latency), 1.0);
+            self.contributions.add_residuals(part, [inclination.weight * by_latency * inclination.residual, 0.0]);
         }
 
         /// Estimate from information and gradient, less the parts that the nuisance parameters explain.

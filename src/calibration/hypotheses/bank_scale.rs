@@ -163,7 +163,7 @@ impl BankScaleEstimate {
     /// Squared error to allow for beyond the allowance.
     fn excess_square(&self, allowance: f32) -> f32 {
         let estimate_squared = self.missing_bank * self.missing_bank;
-        // `clamp` would panic on NaN, which links float formatting (8 KB of flash).
+        // Zero for NaN.
         let excess_square =
             ALLOWANCE_SLOPE * (estimate_squared - MIN_SIGNIFICANCE_SQUARED * self.null_variance(allowance));
         if excess_square > 0.0 { excess_square.min(estimate_squared) } else { 0.0 }
@@ -292,10 +292,10 @@ mod tests {
         let column = Vector13::zeros();
         for (part, contribution) in contributions {
             let norm = inclination_equation(1.0, 5.0, ZERO_ROW);
-            let dip = Some(inclination_equation(1.0, contribution, ZERO_ROW));
+            let inclination = Some(inclination_equation(1.0, contribution, ZERO_ROW));
             let equations = SampleEquations {
                 norm_equation: norm,
-                inclination_equation: dip,
+                inclination_equation: inclination,
                 heading_equation: None,
                 inclination_by_attitude: [7.0, 7.0],
             };

@@ -106,7 +106,7 @@ fn inclination_row() {
     for case in random_cases(Case::random) {
         let row = case.predict(&case.unknowns).inclination_row().as_vector();
         let residual = |u: &Vector13| case.predict(u).inclination_rad - ModelParameters::new(u).inclination_rad;
-        assert_row(&row, &case.unknowns, residual, "dip");
+        assert_row(&row, &case.unknowns, residual, "inclination");
     }
 }
 
@@ -142,7 +142,7 @@ fn norm_inclination_and_heading_by_field() {
             assert_derivative(
                 prediction.inclination_by_field[axis],
                 |step| prediction_after(step).inclination_rad,
-                "dip by field",
+                "inclination by field",
             );
             let turned = |step| wrap_pi(prediction_after(step).heading_rad() - prediction.heading_rad());
             assert_derivative(heading[axis], turned, "heading by field");
@@ -164,21 +164,21 @@ fn inclination_by_attitude() {
         let [by_roll, by_pitch] = parameters
             .predict_field(case.x, &case.attitude.tilt_rotation())
             .inclination_by_attitude(&case.attitude.tilt_rotation());
-        assert_derivative(by_roll, rolled, "dip by roll");
-        assert_derivative(by_pitch, pitched, "dip by pitch");
+        assert_derivative(by_roll, rolled, "inclination by roll");
+        assert_derivative(by_pitch, pitched, "inclination by pitch");
         let equations = equations(&case, &case.unknowns, None, false);
         let [roll_bias, pitch_bias, bank_scale, latency] = core::array::from_fn(|index| {
             ATTITUDE_ERRORS[index]
                 .inclination_derivative(&equations, &AttitudeState::steady_turn(case.attitude, rates()))
         });
-        assert_derivative(roll_bias, rolled, "dip by roll bias");
-        assert_derivative(pitch_bias, pitched, "dip by pitch bias");
-        assert_derivative(bank_scale, scaled, "dip by bank scale");
+        assert_derivative(roll_bias, rolled, "inclination by roll bias");
+        assert_derivative(pitch_bias, pitched, "inclination by pitch bias");
+        assert_derivative(bank_scale, scaled, "inclination by bank scale");
         let later = |step: f32| {
             let sample = Sample { rates: rates(), ..sample_at(case.attitude) };
             predicted_inclination_rad(sample.latency_compensated_attitude(step))
         };
-        assert_derivative(latency, later, "dip by latency");
+        assert_derivative(latency, later, "inclination by latency");
     }
 }
 
@@ -217,7 +217,7 @@ fn equation_rows() {
                 &row,
                 &at,
                 |u| equations_at(&slightly(u)).inclination_equation.unwrap().residual * 10.0,
-                "equation of the dip",
+                "equation of the inclination",
             );
         }
         let equations_at =

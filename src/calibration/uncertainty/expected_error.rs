@@ -2,7 +2,6 @@
 //! not: a norm residual of 0.3 % can hide a heading error of 5 deg in an unobservable direction.
 
 use core::f32::consts::FRAC_PI_6;
-use core::fmt;
 
 use nalgebra::Matrix3;
 
@@ -51,17 +50,6 @@ impl Deviation {
             Self::Quadrantal => "quadrantal",
             Self::Heeling => "heeling",
         }
-    }
-}
-
-impl fmt::Display for Deviation {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Constant => "the same error at all headings",
-            Self::Semicircular => "an error with one period per circle, opposite on opposite headings",
-            Self::Quadrantal => "an error with two periods per circle, equal on opposite headings",
-            Self::Heeling => "an error in turns that level flight does not have",
-        })
     }
 }
 

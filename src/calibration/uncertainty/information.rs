@@ -37,7 +37,6 @@ pub(in crate::calibration) struct Information {
 }
 
 impl Information {
-    #[inline(never)]
     pub fn new(system: &LinearisedProblem) -> Self {
         Self {
             linear_system: system.clone(),

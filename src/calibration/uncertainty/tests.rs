@@ -108,14 +108,14 @@ fn covariance_is_the_sum_of_its_terms() {
     information.linear_system.add_row(&row, 0.05, 1e4);
     // Inflation `2 rho / (1 - rho)` of the information: 2 of the inclination residual (rho = 1/2), 1 of the norm
     // residuals (rho = 1/3).
-    let dip = JacobianRow {
+    let inclination = JacobianRow {
         derivative_by_field: Vector3::new(1.0, -0.7, 0.5),
         x: Vector3::new(0.6, 0.9, -1.1),
         by_inclination: -1.0,
     };
-    let dip_row = dip.as_vector();
-    information.linear_system.add_row(&dip_row, 0.0, 3e3);
-    information.residuals.inclination_information.add_row(&dip, 3e3);
+    let inclination_row = inclination.as_vector();
+    information.linear_system.add_row(&inclination_row, 0.0, 3e3);
+    information.residuals.inclination_information.add_row(&inclination, 3e3);
     for residuals in [[1.0, 1.0], [1.0, 1.0], [0.0, 0.0], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0]] {
         information.residuals.autocorrelation.add_residuals(0, residuals);
     }
@@ -139,7 +139,7 @@ fn covariance_is_the_sum_of_its_terms() {
     let latency = AttitudeLatency { estimate_s: 0.0, sigma_s: 0.01 };
     let consider = assumed_sigmas(ConsiderSigmas { bias_rad: 0.003, bank_scale: 0.02 }, Some(latency));
     let norm = (Matrix13::identity() + row * row.transpose()) * 1e4;
-    let doubted = norm + dip_row * dip_row.transpose() * (3e3 * 2.0);
+    let doubted = norm + inclination_row * inclination_row.transpose() * (3e3 * 2.0);
     let mut expected = g * j.transpose() + g * doubted * g.transpose();
     let shift = g * information.hard_iron_gradient;
     expected += shift * shift.transpose();
@@ -251,7 +251,7 @@ fn inclination_information_and_gradients_are_summed() {
     let likelihood = likelihood(&Prior::default(), ModelConfig::DEFAULT);
     let parameters = parameters();
     let mut information = prior_information(&likelihood, &parameters.unknowns().unwrap());
-    let mut dip = Matrix13::zeros();
+    let mut inclination = Matrix13::zeros();
     let mut effects = [Vector13::zeros(); 4];
     for (bank_deg, heading_rad) in [(25.0, 0.3), (-40.0, 2.0), (10.0, 5.0)] {
         let attitude = Attitude::from_deg(bank_deg, 3.0);
@@ -260,17 +260,17 @@ fn inclination_information_and_gradients_are_summed() {
         let state = AttitudeState::steady_turn(attitude, Rates::from_rad_s([0.3, -0.2, 0.0]));
         let measured = MeasuredSample { x, tilt_rotation: tilt, heading_rad: None };
         let equations = SampleEquations::new(&parameters, &measured, &likelihood.noise, &likelihood.config, false);
-        let of_dip = equations.inclination_equation.as_ref().unwrap();
-        let row = of_dip.jacobian_row.as_vector();
-        dip += row * row.transpose() * of_dip.weight;
+        let of_inclination = equations.inclination_equation.as_ref().unwrap();
+        let row = of_inclination.jacobian_row.as_vector();
+        inclination += row * row.transpose() * of_inclination.weight;
         for (sum, error) in effects.iter_mut().zip(ATTITUDE_ERRORS) {
-            *sum += row * (of_dip.weight * error.inclination_derivative(&equations, &state));
+            *sum += row * (of_inclination.weight * error.inclination_derivative(&equations, &state));
         }
         information.add_inclination_residual(&equations, &state);
     }
     for i in 0..UNKNOWN_COUNT {
         let found = information.residuals.inclination_information.multiply_vector(&Vector13::ith(i, 1.0));
-        assert!((found - dip.column(i)).norm() < 1e-4 * dip.norm());
+        assert!((found - inclination.column(i)).norm() < 1e-4 * inclination.norm());
     }
     for (found, expected) in information.attitude_errors.iter().zip(effects) {
         assert!((found.cross_information[0] - expected).norm() < 1e-4 * expected.norm());

@@ -175,7 +175,7 @@ fn without_attitude_only_the_field_strength_is_checked() {
         assert_eq!(output(times, Some(Attitude::default())), expected, "{times} with attitude");
     }
     assert!(!output(f32::NAN, None) && !output(f32::INFINITY, None));
-    assert!(!output(1.0, Some(Attitude::from_deg(0.0, 40.0))), "a dip that is not the Earth's");
+    assert!(!output(1.0, Some(Attitude::from_deg(0.0, 40.0))), "an inclination that is not the Earth's");
 }
 
 fn instrument_with_verdict(verdict: Result<(), NoHeading>) -> Instrument {

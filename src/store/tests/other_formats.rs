@@ -56,7 +56,8 @@ fn all_flashes() -> Vec<(u8, String, Flash)> {
     let flashes_of_format = |format, item: Vec<u8>| {
         flashes_with_item(format, &item).into_iter().map(move |(case, flash)| (format, case, flash))
     };
-    flashes_of_format(LATER_FORMAT, other_item(LATER_FORMAT)).chain(flashes_of_format(9, development_page(9))).collect()
+    let development_formats = (2..=9).flat_map(|format| flashes_of_format(format, development_page(format)));
+    flashes_of_format(LATER_FORMAT, other_item(LATER_FORMAT)).chain(development_formats).collect()
 }
 
 /// Values of this format are not loaded, because they may be outdated: which of them remain depends on the number of

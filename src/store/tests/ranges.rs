@@ -100,7 +100,7 @@ fn records_are_kept_if_every_number_is_finite() {
         ("expected", |record, n| record.quality.expected_rms_deg = n),
         ("worst", |record, n| record.quality.expected_worst_deg = n),
         ("norm", |record, n| record.quality.norm_residual = n),
-        ("dip", |record, n| record.quality.inclination_residual_deg = n),
+        ("inclination", |record, n| record.quality.inclination_residual_deg = n),
         ("products", |record, n| record.uncertainty.reduced_covariance[5][9] = n),
         ("sensor sigma", |record, n| record.uncertainty.sensor_sigma = n),
         ("attitude sigma", |record, n| record.uncertainty.attitude_sigma_rad = n),

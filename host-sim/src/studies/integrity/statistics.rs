@@ -21,7 +21,7 @@ pub enum EvaluatedSentence {
         error_deg: f64,
         /// Standard deviation sent with the heading, degrees.
         sigma_deg: f64,
-        /// Whether the smooth heading was output.
+        /// Whether the smoothed heading was output.
         is_smooth: bool,
     },
     /// Status code of a sentence without heading.

@@ -13,9 +13,7 @@
 //! definite in some compass swings; the scheme in use, rotations throughout, and sums solved in `f64` are equally
 //! accurate.
 //!
-//! Avoiding `f64` saves 33 KB of 233 KB of flash; a product in `f64` takes 100 instructions on a Cortex-M4. A solve of
-//! 2 x 256 samples takes 17 million instructions, 26 with an attitude latency, up to 44 with a second starting point
-//! (`host-sim bench budget`).
+//! A product in `f64` takes 100 instructions on a Cortex-M4, whose FPU has `f32` only.
 //!
 //! A step that promises little is applied without evaluating the cost, so a solve makes eight passes: two over a
 //! quarter of the samples, two over half, two over all with sums, two with rotations. The samples are centred on their
@@ -120,7 +118,6 @@ impl Refinement {
     }
 
     /// Restarts with a latency in seconds, with the unknowns moved by `step`.
-    #[inline(never)]
     pub fn restart_with_latency(&mut self, samples: Samples<'_>, latency_s: f32, step: &Vector13) {
         self.likelihood.latency_s = latency_s;
         self.unknowns += step;
@@ -129,7 +126,6 @@ impl Refinement {
 
     /// Restarts with a change of the motor-current interference (mount axes, units of field per ampere), with the
     /// unknowns moved by `step`.
-    #[inline(never)]
     pub fn restart_with_motor_current(
         &mut self,
         samples: Samples<'_>,
@@ -145,7 +141,6 @@ impl Refinement {
         self.noise_estimates = MAX_NOISE_ESTIMATES - 2;
     }
 
-    #[inline(never)]
     pub fn restart_with_noise(&mut self, samples: Samples<'_>, noise: NoiseModel) {
         self.likelihood = Likelihood { noise, has_noise_estimate: true, sample_stride: 1, ..self.likelihood.clone() };
         self.restart_near_solution(samples);

@@ -109,7 +109,7 @@ fn hard_iron_derivatives_equal_numerical_ones() {
             assert_derivative(
                 by(inclination),
                 |step| changed(step).inclination_equation.unwrap().residual,
-                "dip by hard iron",
+                "inclination by hard iron",
             );
         }
     }
@@ -293,8 +293,8 @@ fn the_significance_of_norms_is_that_of_their_gradient() {
     let of_inclination = |(equation, _, is_norm): (ResidualEquation, Vector3<f32>, bool)| {
         if is_norm { 0.0 } else { equation.weight * equation.jacobian_row.by_inclination.powi(2) }
     };
-    let dips: f32 = case.equations(form).into_iter().map(of_inclination).sum();
-    let inclination_excess = information.residuals.excess_inclination_product(&Vector13::ith(12, 1.0), 0.0)[12] / dips;
+    let inclinations: f32 = case.equations(form).into_iter().map(of_inclination).sum();
+    let inclination_excess = information.residuals.excess_inclination_product(&Vector13::ith(12, 1.0), 0.0)[12] / inclinations;
     let norm = 1.3;
     let mut variance = Matrix3::zeros();
     for (equation, by_beta, is_norm) in case.equations(form) {
