@@ -33,7 +33,7 @@ pub struct Diagnostics {
     /// Stack use, if known.
     pub stack_use: Option<StackUse>,
     /// Detected protocol of each port; `Auto` while searching.
-    pub ports: [ProtocolKind; PORT_COUNT],
+    pub port_protocols: [ProtocolKind; PORT_COUNT],
     /// Node on a CAN bus, if the board has one.
     pub can_state: Option<CanState>,
 }
@@ -44,7 +44,7 @@ pub struct CanState {
     /// Node number; `None` until the node has one.
     pub node: Option<NodeId>,
     /// Whether another node has the same number.
-    pub has_conflict: bool,
+    pub has_number_conflict: bool,
     /// Counters of frames.
     pub frame_counts: BusCounts,
 }
@@ -53,7 +53,7 @@ impl Diagnostics {
     /// Detected protocol of a port.
     #[must_use]
     pub const fn port_protocol(&self, number: PortNumber) -> ProtocolKind {
-        *number.port_element(&self.ports)
+        *number.port_element(&self.port_protocols)
     }
 }
 
@@ -61,7 +61,7 @@ impl Diagnostics {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StackUse {
     /// Stack used at most, bytes.
-    pub used_bytes: usize,
+    pub peak_used_bytes: usize,
     /// Size of the stack, bytes.
     pub size_bytes: usize,
 }
@@ -87,7 +87,7 @@ pub struct PanicReport {
     /// File, line and message of the panic.
     pub message: &'static str,
     /// Consecutive runs that ended in an early panic, this one included.
-    pub early_panics: u8,
+    pub early_panic_count: u8,
 }
 
 /// Consecutive early panics after which the module starts in safe mode.
@@ -107,7 +107,7 @@ impl ResetCause {
     /// Whether the module starts in safe mode.
     #[must_use]
     pub const fn requires_safe_mode(&self) -> bool {
-        matches!(self, Self::Panic(report) if report.early_panics >= MAX_EARLY_PANICS)
+        matches!(self, Self::Panic(report) if report.early_panic_count >= MAX_EARLY_PANICS)
     }
 }
 
@@ -157,19 +157,19 @@ counters! {
     /// Sensor errors that led to a new initialisation.
     sensor_errors,
     /// Unexpected changes of the sensor's configuration.
-    sensor_upsets,
+    sensor_register_upsets,
     /// Valid attitude reports of the selected sender.
     attitude_reports,
     /// Valid attitude reports of other senders.
-    attitude_foreign,
+    attitude_of_other_senders,
     /// Attitude and heartbeat frames with a wrong CRC or impossible values.
-    attitude_rejected,
+    attitude_frames_rejected,
     /// Attitude reports rejected because they repeat.
     attitude_frozen,
     /// Attitude reports rejected as spikes.
     attitude_spikes,
     /// Attitude reports whose body rates contradict their attitude.
-    attitude_rates,
+    attitude_rate_contradictions,
     /// Line errors of the attitude port.
     attitude_line_errors,
     /// Messages to ports, of one or more sentences each.
@@ -179,7 +179,7 @@ counters! {
     /// Messages dropped for write errors or lack of space.
     write_errors,
     /// Readings without an attitude.
-    unpaired,
+    unpaired_readings,
     /// Readings, attitude reports and samples dropped at a full queue.
     samples_dropped,
     /// Successful saves to flash.
@@ -192,14 +192,14 @@ impl EventCounters {
     /// Copies the instrument's counters.
     pub fn copy_rejections(&self, counts: &instrument::RejectionCounts) {
         for (counter, count) in [
-            (&self.unpaired, counts.unpaired_readings),
+            (&self.unpaired_readings, counts.unpaired_readings),
             (&self.saturated, counts.saturated_readings),
             (&self.sensor_clipped, counts.clipped_readings),
             (&self.sensor_stuck, counts.stuck_readings),
             (&self.sensor_spikes, counts.spike_readings),
             (&self.attitude_frozen, counts.rejected_reports.frozen_reports),
             (&self.attitude_spikes, counts.rejected_reports.spike_reports),
-            (&self.attitude_rates, counts.rejected_reports.rate_contradictions),
+            (&self.attitude_rate_contradictions, counts.rejected_reports.rate_contradictions),
         ] {
             counter.store(count, Ordering::Relaxed);
         }
@@ -231,9 +231,9 @@ impl SampleLoss {
         let saturated = counts_after.saturated.wrapping_sub(counts_before.saturated);
         let clipped = counts_after.sensor_clipped.wrapping_sub(counts_before.sensor_clipped);
         let saturated = percent(saturated.saturating_add(clipped), readings);
-        let unpaired = percent(counts_after.unpaired.wrapping_sub(counts_before.unpaired), readings);
+        let unpaired = percent(counts_after.unpaired_readings.wrapping_sub(counts_before.unpaired_readings), readings);
         let accepted = counts_after.attitude_reports.wrapping_sub(counts_before.attitude_reports);
-        let rejected = counts_after.attitude_rejected.wrapping_sub(counts_before.attitude_rejected);
+        let rejected = counts_after.attitude_frames_rejected.wrapping_sub(counts_before.attitude_frames_rejected);
         if saturated >= SATURATED_LIMIT_PERCENT {
             Some(Self::Saturated(saturated))
         } else if rejected > accepted {
@@ -274,9 +274,9 @@ mod tests {
             readings: u32::MAX - 50,
             saturated: 900,
             sensor_clipped: 40,
-            unpaired: 77,
+            unpaired_readings: 77,
             attitude_reports: 5000,
-            attitude_rejected: 12,
+            attitude_frames_rejected: 12,
             ..EventCounts::default()
         }
     }
@@ -293,9 +293,9 @@ mod tests {
             readings: some.readings.wrapping_add(readings),
             saturated: some.saturated + saturated,
             sensor_clipped: some.sensor_clipped + clipped,
-            unpaired: some.unpaired + unpaired,
+            unpaired_readings: some.unpaired_readings + unpaired,
             attitude_reports: some.attitude_reports + attitude[0],
-            attitude_rejected: some.attitude_rejected + attitude[1],
+            attitude_frames_rejected: some.attitude_frames_rejected + attitude[1],
             ..some
         };
         SampleLoss::from_counts(&some, &now)
@@ -305,8 +305,8 @@ mod tests {
     #[test]
     fn three_early_panics_in_a_row_require_safe_mode() {
         let after = |uptimes_s: &[u64]| {
-            let early_panics = uptimes_s.iter().fold(0, |count, &uptime_s| count_early_panics(count, uptime_s));
-            ResetCause::Panic(PanicReport { message: "", early_panics }).requires_safe_mode()
+            let early_panic_count = uptimes_s.iter().fold(0, |count, &uptime_s| count_early_panics(count, uptime_s));
+            ResetCause::Panic(PanicReport { message: "", early_panic_count }).requires_safe_mode()
         };
         assert!(!after(&[0, 0]) && after(&[0, 59, 1]) && after(&[0; 300]));
         assert!(!after(&[0, 0, 60]) && !after(&[0, 0, 60, 0, 0]) && after(&[60, 0, 0, 0]));

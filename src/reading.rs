@@ -21,20 +21,20 @@ pub struct Reading {
 pub struct Identity {
     /// Model of the magnetometer.
     pub model: MagnetometerModel,
-    /// 7-bit I2C address, or [`SPI`](Self::SPI).
+    /// 7-bit I2C address, or [`SPI_ADDRESS`](Self::SPI_ADDRESS).
     pub address: u8,
 }
 
 impl Identity {
     /// Address of a sensor on an SPI bus; no I2C device has it.
-    pub const SPI: u8 = 0;
+    pub const SPI_ADDRESS: u8 = 0;
 }
 
 impl fmt::Display for Identity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.model.model_name())?;
         match self.address {
-            Self::SPI => f.write_str(" on SPI"),
+            Self::SPI_ADDRESS => f.write_str(" on SPI"),
             address => write!(f, " at {address:02x}"),
         }
     }
@@ -77,6 +77,9 @@ mod tests {
     #[test]
     fn an_identity_is_shown_with_its_address_or_its_bus() {
         assert_eq!(Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E }.to_string(), "LIS3MDL at 1e");
-        assert_eq!(Identity { model: MagnetometerModel::Rm3100, address: Identity::SPI }.to_string(), "RM3100 on SPI");
+        assert_eq!(
+            Identity { model: MagnetometerModel::Rm3100, address: Identity::SPI_ADDRESS }.to_string(),
+            "RM3100 on SPI"
+        );
     }
 }

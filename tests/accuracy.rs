@@ -10,18 +10,19 @@ use simulator::world::aircraft::VehicleKind;
 
 /// 40 airframes with 20 flights each: the ratio of one airframe has a standard error of 0.3 / sqrt(20) = 7 %, which
 /// raises the 90th percentile by 1.28 times 7 %.
-fn outcome() -> &'static AccuracyResult {
-    static OUTCOME: OnceLock<AccuracyResult> = OnceLock::new();
-    OUTCOME.get_or_init(|| run_accuracy_study(AccuracyPlan { airframes: 40, noise_draws: 20, seed: 1000 }, &|| {}))
+fn study_result() -> &'static AccuracyResult {
+    static STUDY_RESULT: OnceLock<AccuracyResult> = OnceLock::new();
+    STUDY_RESULT
+        .get_or_init(|| run_accuracy_study(AccuracyPlan { airframe_count: 40, noise_draws: 20, seed: 1000 }, &|| {}))
 }
 
-fn maximum_likelihood() -> MethodResult {
-    outcome().methods[0]
+fn maximum_likelihood_result() -> MethodResult {
+    study_result().methods[0]
 }
 
 #[test]
 fn maximum_likelihood_reaches_the_cramer_rao_bound() {
-    let result = maximum_likelihood();
+    let result = maximum_likelihood_result();
     assert_eq!(result.method, "maximum-likelihood");
     assert!(result.ratio_median <= 1.05, "{result:?}");
     assert!(result.ratio_worst_decile <= 1.15 + 0.09, "{result:?}");
@@ -29,7 +30,7 @@ fn maximum_likelihood_reaches_the_cramer_rao_bound() {
 
 #[test]
 fn every_solve_converges_and_none_is_accepted_wrongly() {
-    let result = maximum_likelihood();
+    let result = maximum_likelihood_result();
     assert!((result.converged_percent, result.wrong_calibrations) == (100.0, 0), "{result:?}");
     // All flights provide enough information.
     assert!(result.accepted_percent >= 99.0, "{result:?}");
@@ -39,7 +40,7 @@ fn every_solve_converges_and_none_is_accepted_wrongly() {
 #[test]
 fn errors_are_within_sigma_as_often_as_predicted() {
     for SigmaCoverage { one_sigma_percent, two_sigma_percent, headings } in
-        [outcome().coverage, outcome().coverage_with_faults]
+        [study_result().coverage, study_result().coverage_with_faults]
     {
         assert_eq!(headings, 40 * 4 * 16);
         assert!((one_sigma_percent - 68.3).abs() <= 3.0, "{one_sigma_percent}");
@@ -50,14 +51,14 @@ fn errors_are_within_sigma_as_often_as_predicted() {
 /// Closed-form methods assume constant attitude in the turns; their order follows from their assumptions.
 #[test]
 fn closed_forms_are_less_accurate_than_maximum_likelihood() {
-    let [ml, two_plane, four_ellipse] = [0, 1, 2].map(|i| outcome().methods[i].rms_median_deg);
+    let [ml, two_plane, four_ellipse] = [0, 1, 2].map(|i| study_result().methods[i].rms_median_deg);
     assert!(ml < two_plane && two_plane < four_ellipse, "{ml} {two_plane} {four_ellipse}");
 }
 
 /// Results do not depend on the number of threads and their order.
 #[test]
 fn a_run_is_a_function_of_its_seed() {
-    let small_plan = AccuracyPlan { airframes: 4, noise_draws: 2, seed: 7 };
+    let small_plan = AccuracyPlan { airframe_count: 4, noise_draws: 2, seed: 7 };
     assert_eq!(run_accuracy_study(small_plan, &|| {}), run_accuracy_study(small_plan, &|| {}));
 }
 
@@ -65,8 +66,11 @@ fn a_run_is_a_function_of_its_seed() {
 fn a_copter_is_calibrated_by_its_routine_either_way_round() {
     for pattern in [FlightPattern::Routine, FlightPattern::Mirrored] {
         let flight = Flight { kind: VehicleKind::Copter, flight_pattern: pattern, duration_minutes: 3.0 };
-        let row =
-            flight_study::run_flight_study(flight, AccuracyPlan { airframes: 20, noise_draws: 5, seed: 1000 }, &|| {});
+        let row = flight_study::run_flight_study(
+            flight,
+            AccuracyPlan { airframe_count: 20, noise_draws: 5, seed: 1000 },
+            &|| {},
+        );
         assert!(
             row.converged_percent >= 100.0 && row.accepted_percent >= 95.0 && row.wrong_calibrations == 0,
             "{row:?}"
@@ -78,10 +82,10 @@ fn a_copter_is_calibrated_by_its_routine_either_way_round() {
         assert!((0.85..=1.15).contains(&row.error_to_best_bound_median), "{row:?}");
         assert_eq!(row.coverage.headings, 20 * 16);
         let repeated =
-            flight_study::run_flight_study(flight, AccuracyPlan { airframes: 2, noise_draws: 2, seed: 7 }, &|| {});
+            flight_study::run_flight_study(flight, AccuracyPlan { airframe_count: 2, noise_draws: 2, seed: 7 }, &|| {});
         assert_eq!(
             repeated,
-            flight_study::run_flight_study(flight, AccuracyPlan { airframes: 2, noise_draws: 2, seed: 7 }, &|| {})
+            flight_study::run_flight_study(flight, AccuracyPlan { airframe_count: 2, noise_draws: 2, seed: 7 }, &|| {})
         );
     }
 }
@@ -92,8 +96,11 @@ fn a_copter_is_calibrated_by_its_routine_either_way_round() {
 fn a_wandering_flight_reaches_nearly_the_best_possible_accuracy() {
     for (vehicle_kind, max_choice_ratio) in [(VehicleKind::Copter, 1.08), (VehicleKind::Plane, 1.09)] {
         let flight = Flight { kind: vehicle_kind, flight_pattern: FlightPattern::Wandering, duration_minutes: 3.0 };
-        let row =
-            flight_study::run_flight_study(flight, AccuracyPlan { airframes: 20, noise_draws: 5, seed: 1000 }, &|| {});
+        let row = flight_study::run_flight_study(
+            flight,
+            AccuracyPlan { airframe_count: 20, noise_draws: 5, seed: 1000 },
+            &|| {},
+        );
         assert!(row.accepted_percent >= 95.0, "{row:?}");
         assert!(row.selection_loss_median <= max_choice_ratio, "{row:?}");
         assert!(row.error_to_best_bound_median <= 1.1 + 0.08, "{row:?}");

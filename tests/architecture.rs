@@ -194,7 +194,7 @@ impl ModuleVisitor<'_> {
         self.parsed.imports.insert([self.module.clone(), vec![name]].concat(), target);
     }
 
-    fn use_path(&mut self, written: &ModulePath) {
+    fn record_used_path(&mut self, written: &ModulePath) {
         if written.len() > 1
             && let Some(target) = self.parsed.absolute_path(&self.module, written)
         {
@@ -239,7 +239,7 @@ impl<'a> Visit<'a> for ModuleVisitor<'_> {
 
     fn visit_path(&mut self, path: &'a syn::Path) {
         let written: ModulePath = path.segments.iter().map(|segment| segment.ident.to_string()).collect();
-        self.use_path(&written);
+        self.record_used_path(&written);
         visit::visit_path(self, path);
     }
 
@@ -247,7 +247,7 @@ impl<'a> Visit<'a> for ModuleVisitor<'_> {
     fn visit_macro(&mut self, call: &'a syn::Macro) {
         let input = call.tokens.to_string().replace(" :: ", "::");
         for written in input.split(|character: char| !(character.is_alphanumeric() || "_:".contains(character))) {
-            self.use_path(&written.split("::").map(str::to_owned).collect::<ModulePath>());
+            self.record_used_path(&written.split("::").map(str::to_owned).collect::<ModulePath>());
         }
         visit::visit_macro(self, call);
     }
@@ -276,7 +276,7 @@ fn parse_layers() -> BTreeMap<String, u32> {
     for line in diagram.lines() {
         let Some((layer_number, after_fence)) = line.trim().split_once("  ") else { continue };
         let Ok(layer) = layer_number.parse() else { continue };
-        // ModulePath are separated by two spaces; three or more precede the description.
+        // Names are separated by two spaces; three or more precede the description.
         let names = after_fence.split("   ").next().unwrap_or_default();
         layers.extend(names.split_whitespace().map(|name| (name.to_owned(), layer)));
     }

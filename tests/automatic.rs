@@ -32,7 +32,7 @@ fn fly_armed_routine(rig: &mut Rig, vehicle_kind: VehicleKind) -> (Option<SolveN
     )
     .legs();
     for leg in legs {
-        rig.world.fly_leg(leg);
+        rig.world.append_leg(leg);
     }
     let (mut printed, mut lamp) = (String::new(), 0);
     for second in 0..240 {
@@ -85,7 +85,7 @@ fn motion_while_disarmed_collects_nothing() {
     let mut rig = Rig::new(world_with_vehicle(VehicleKind::Copter));
     let legs = CalibrationRoutine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0).legs();
     for leg in legs {
-        rig.world.fly_leg(leg);
+        rig.world.append_leg(leg);
     }
     rig.run_for_s(120.0);
     let status = rig.send_console_line("status all");

@@ -31,7 +31,7 @@ struct Autopilot {
     bus_end: CanEnd,
     node_number: NodeId,
     transfer_id: u8,
-    unique_ids: Vec<Vec<u8>>,
+    allocated_unique_ids: Vec<Vec<u8>>,
     unique_id_so_far: Vec<u8>,
     is_armed: bool,
     /// Frames of other nodes.
@@ -44,7 +44,7 @@ impl Autopilot {
             bus_end: bus.attach_node(),
             node_number: node_id(10),
             transfer_id: 0,
-            unique_ids: Vec::new(),
+            allocated_unique_ids: Vec::new(),
             unique_id_so_far: Vec::new(),
             is_armed: false,
             received_frames: Vec::new(),
@@ -91,10 +91,12 @@ impl Autopilot {
         let mut number = 0;
         if self.unique_id_so_far.len() == 16 {
             let position =
-                self.unique_ids.iter().position(|known| *known == self.unique_id_so_far).unwrap_or_else(|| {
-                    self.unique_ids.push(self.unique_id_so_far.clone());
-                    self.unique_ids.len() - 1
-                });
+                self.allocated_unique_ids.iter().position(|known| *known == self.unique_id_so_far).unwrap_or_else(
+                    || {
+                        self.allocated_unique_ids.push(self.unique_id_so_far.clone());
+                        self.allocated_unique_ids.len() - 1
+                    },
+                );
             number = 125 - position as u8;
         }
         let answer = Allocation { node: NodeId::new(number), unique_id: &self.unique_id_so_far };
@@ -184,7 +186,7 @@ fn a_module_keeps_its_number_over_a_restart() {
     bench.autopilot.take_field_count(125);
     bench.run_ms(3_000);
     assert!(bench.autopilot.take_field_count(125) > 10);
-    assert_eq!(bench.autopilot.unique_ids.len(), 1);
+    assert_eq!(bench.autopilot.allocated_unique_ids.len(), 1);
 }
 
 /// In the second after bus-off the field is sent at its usual 50 Hz, without old frames.

@@ -19,8 +19,8 @@ fn repository_root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// Runs `host-sim` with arguments, in the root.
-fn host_sim(arguments: &str) -> Command {
+/// Command that runs `host-sim` with arguments, in the root.
+fn host_sim_command(arguments: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
     command.args(arguments.split(' ')).current_dir(repository_root()).stdin(Stdio::null());
     command
@@ -28,7 +28,7 @@ fn host_sim(arguments: &str) -> Command {
 
 /// Exit code, standard output and error output.
 fn run_command(arguments: &str) -> (Option<i32>, String, String) {
-    let Output { status, stdout, stderr } = host_sim(arguments).output().unwrap();
+    let Output { status, stdout, stderr } = host_sim_command(arguments).output().unwrap();
     (status.code(), String::from_utf8(stdout).unwrap(), String::from_utf8(stderr).unwrap())
 }
 
@@ -62,7 +62,7 @@ fn a_closed_pipe_ends_every_command_silently() {
         for is_heard in [true, false] {
             let (reader, writer) = io::pipe().unwrap();
             drop(reader);
-            let mut command = host_sim(&format!("{arguments}{report}"));
+            let mut command = host_sim_command(&format!("{arguments}{report}"));
             // The console prints only in answer to input.
             let (typed, mut types) = io::pipe().unwrap();
             io::Write::write_all(&mut types, b"version\r").unwrap();
@@ -81,7 +81,7 @@ fn a_closed_pipe_ends_every_command_silently() {
 #[test]
 fn a_full_disk_is_reported() {
     let full = File::options().write(true).open("/dev/full").unwrap();
-    let Output { status, stderr, .. } = host_sim("table1").stdout(full).output().unwrap();
+    let Output { status, stderr, .. } = host_sim_command("table1").stdout(full).output().unwrap();
     assert_eq!(status.code(), Some(2));
     assert!(String::from_utf8_lossy(&stderr).contains("cannot write to the standard output: No space left"));
 }
@@ -101,7 +101,7 @@ fn wait_for_interrupt_handler(pid: u32) {
 #[test]
 fn ctrl_c_ends_a_long_run() {
     for arguments in ["bench accuracy --airframes 1000000", "bench integrity --flights 100000", "serve", "console"] {
-        let mut child = host_sim(arguments).stdin(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+        let mut child = host_sim_command(arguments).stdin(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
         wait_for_interrupt_handler(child.id());
         kill_process(Pid::from_child(&child), Signal::INT).unwrap();
         assert_eq!(child.wait().unwrap().code(), Some(130), "{arguments}");
@@ -122,7 +122,7 @@ fn ctrl_c_leaves_no_emulator_and_no_files_behind() {
         fs::set_permissions(path_in_folder("qemu-system-arm"), fs::Permissions::from_mode(0o755)).unwrap();
         fs::create_dir(path_in_folder("tmp")).unwrap();
         let path = format!("{}:{}", folder.path().display(), std::env::var("PATH").unwrap());
-        let mut command = host_sim(&format!("{arguments} --image {}", path_in_folder("image.elf").display()));
+        let mut command = host_sim_command(&format!("{arguments} --image {}", path_in_folder("image.elf").display()));
         command.env("PATH", path).env("TMPDIR", path_in_folder("tmp")).env("PID_FILE", path_in_folder("pid"));
         let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
         let pid = loop {
@@ -164,14 +164,18 @@ fn tables_fit_a_terminal() {
 }
 
 /// Paths of all values: `a.b` in objects, `[]` in lists, `?` after a null.
-fn collect_paths(value: &Value, path: &str, paths_found: &mut BTreeSet<String>) {
+fn collect_json_paths(value: &Value, path: &str, paths_found: &mut BTreeSet<String>) {
     match value {
         Value::Object(fields) => {
             for (name, value) in fields {
-                collect_paths(value, format!("{path}.{name}").trim_start_matches('.'), paths_found);
+                collect_json_paths(value, format!("{path}.{name}").trim_start_matches('.'), paths_found);
             }
         }
-        Value::Array(values) => values.iter().for_each(|value| collect_paths(value, &format!("{path}[]"), paths_found)),
+        Value::Array(values) => {
+            for value in values {
+                collect_json_paths(value, &format!("{path}[]"), paths_found);
+            }
+        }
         Value::Null => {
             paths_found.insert(format!("{path}?"));
         }
@@ -229,7 +233,7 @@ fn assert_schema(section: &str, outputs: &[Value]) {
     let mut output_paths = BTreeSet::new();
     for output in outputs {
         assert_digits(output, "");
-        collect_paths(output, "", &mut output_paths);
+        collect_json_paths(output, "", &mut output_paths);
     }
     let documented = documented_paths(section);
     for path in &output_paths {
@@ -272,7 +276,7 @@ fn json_output_is_documented() {
     assert_digits(&flight, "");
     let text = fs::read_to_string(repository_root().join("docs/your-flight.md")).unwrap();
     let mut output_paths = BTreeSet::new();
-    collect_paths(&flight, "", &mut output_paths);
+    collect_json_paths(&flight, "", &mut output_paths);
     // The keys of `log.passed_over` are causes, not documented names.
     for path in output_paths.into_iter().filter(|path| !path.starts_with("log.passed_over.")) {
         let name = path.trim_end_matches(['?', '[', ']']).rsplit('.').next().unwrap().to_owned();
@@ -286,7 +290,7 @@ fn json_output_is_documented() {
 #[test]
 fn json_output_of_serve_is_documented() {
     let startup_output = |arguments: &str| {
-        let mut child = host_sim(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+        let mut child = host_sim_command(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
         let mut line = String::new();
         io::BufRead::read_line(&mut io::BufReader::new(child.stdout.take().unwrap()), &mut line).unwrap();
         // The program ends because its standard input is closed.
@@ -310,7 +314,8 @@ fn json_output_of_the_budget_is_documented() {
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn ctrl_c_ends_qemu_too() {
     let folder = tempfile::tempdir().unwrap();
-    let mut child = host_sim("emulate --json").env("TMPDIR", folder.path()).stdout(Stdio::null()).spawn().unwrap();
+    let mut child =
+        host_sim_command("emulate --json").env("TMPDIR", folder.path()).stdout(Stdio::null()).spawn().unwrap();
     let sockets = || fs::read_dir(folder.path()).unwrap().flatten().any(|entry| entry.path().join("qmp").exists());
     while !sockets() {
         assert!(child.try_wait().unwrap().is_none());
@@ -385,7 +390,7 @@ fn open_terminal(columns: u16) -> (File, thread::JoinHandle<String>) {
 fn ctrl_c_removes_the_progress_bar() {
     let (terminal, displayed_text) = open_terminal(80);
     let arguments = "bench accuracy --airframes 1000000";
-    let mut child = host_sim(arguments).stdout(Stdio::null()).stderr(terminal).spawn().unwrap();
+    let mut child = host_sim_command(arguments).stdout(Stdio::null()).stderr(terminal).spawn().unwrap();
     wait_for_interrupt_handler(child.id());
     thread::sleep(Duration::from_millis(500));
     kill_process(Pid::from_child(&child), Signal::INT).unwrap();
@@ -398,7 +403,7 @@ fn ctrl_c_removes_the_progress_bar() {
 fn text_fits_a_narrow_terminal() {
     for arguments in ["replay host-sim/data/flight.csv", "serve --help"] {
         let (terminal, displayed_text) = open_terminal(60);
-        host_sim(arguments).stdout(terminal).stderr(Stdio::null()).status().unwrap();
+        host_sim_command(arguments).stdout(terminal).stderr(Stdio::null()).status().unwrap();
         let displayed_text = displayed_text.join().unwrap();
         // Escape sequences of bold text have no width.
         for line in displayed_text.lines().filter(|line| !line.contains('\u{1b}')) {
@@ -417,7 +422,7 @@ fn progress_is_shown_on_a_terminal_only() {
         ("fly --json --circles 0.1", "take-off"),
     ] {
         let (terminal, displayed_text) = open_terminal(80);
-        let child = host_sim(arguments).stdout(Stdio::piped()).stderr(terminal).spawn().unwrap();
+        let child = host_sim_command(arguments).stdout(Stdio::piped()).stderr(terminal).spawn().unwrap();
         let Output { stdout, .. } = child.wait_with_output().unwrap();
         let displayed_text = displayed_text.join().unwrap().to_lowercase();
         assert!(displayed_text.contains(label), "{arguments}: {displayed_text:?}");

@@ -287,7 +287,7 @@ fn an_armed_module_refuses_ground_commands() {
     assert!(send_line_and_wait(&mut rig, "status all").contains("armed: no"));
     assert!(send_line_and_wait(&mut rig, "cal start swing").starts_with("ok "));
     assert!(send_line_and_wait(&mut rig, "reboot").starts_with("error armed: "), "in flight");
-    rig.world.set_motion(PrescribedMotion::default());
+    rig.world.set_prescribed_motion(PrescribedMotion::default());
     rig.run_for_s(7.0);
     assert!(rig.send_console_line("reboot").contains("ok restarting"));
 }
@@ -325,7 +325,7 @@ fn random_keys_do_not_stop_the_console() {
 }
 
 #[test]
-fn no_bytes_stop_the_console() {
+fn random_bytes_do_not_stop_the_console() {
     let mut rig = started_rig();
     let mut random = Random(12345);
     for _ in 0..200 {
@@ -347,7 +347,7 @@ fn no_bytes_stop_the_console() {
 fn documented_examples_match_the_output() {
     const DOCUMENTS: [&str; 3] = ["../README.md", "../docs/manual.md", "../docs/autopilots.md"];
     // Commands whose documented answers need a previous flight; these answers are not compared.
-    const AFTER_A_FLIGHT: [&str; 2] = ["cal show", "cal advise"];
+    const COMMANDS_AFTER_A_FLIGHT: [&str; 2] = ["cal show", "cal advise"];
     let mut typed = 0;
     for name in DOCUMENTS {
         let document = std::fs::read_to_string(name).unwrap();
@@ -361,7 +361,7 @@ fn documented_examples_match_the_output() {
                 let expected_lines: Vec<&str> =
                     std::iter::from_fn(|| lines.next_if(|line| !line.starts_with("> "))).collect();
                 typed += 1;
-                if AFTER_A_FLIGHT.contains(&command) {
+                if COMMANDS_AFTER_A_FLIGHT.contains(&command) {
                     assert!(
                         ["error no-", "error not-"].iter().any(|code| reply_text.starts_with(code)),
                         "{name}: {command}: {reply_text}"

@@ -57,7 +57,7 @@ const PANIC_MESSAGE: &str = "asked for, with a message of 200 characters, the mo
 fn parse_stack_use(status: &str) -> StackUse {
     let line = status.lines().find_map(|line| line.strip_prefix("stack: ")).unwrap_or_else(|| panic!("{status}"));
     let numbers: Vec<usize> = line.split(' ').filter_map(|word| word.parse().ok()).collect();
-    StackUse { used_bytes: numbers[0], size_bytes: numbers[1] }
+    StackUse { peak_used_bytes: numbers[0], size_bytes: numbers[1] }
 }
 
 /// Deterministic noise without letters, so that no random line is a command.
@@ -122,7 +122,7 @@ fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
     assert!(headings >= 27 && empty == 0, "{headings} {empty}");
 
     // A frozen sensor is detected in a turn after 32 samples (0.43 s at 75 Hz): four outputs of three sentences.
-    emulator.world().fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 360.0 });
+    emulator.world().append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 360.0 });
     emulator.run_for_s(6.0);
     emulator.freeze_sensor(true);
     let (headings, _) = count_sentences(&mut emulator, 3.0);
@@ -147,13 +147,13 @@ fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
     let mut emulator = start_emulator_in(&world);
     emulator.send_console_line("stream rate 80");
     emulator.send_console_line("cal start turns");
-    emulator.world().fly_leg(Leg::Turn { bank_deg: 30.0, heading_change_deg: 900.0 });
-    emulator.world().fly_leg(Leg::Turn { bank_deg: 30.0, heading_change_deg: -900.0 });
-    while emulator.world().unfinished_legs() > 0 {
+    emulator.world().append_leg(Leg::Turn { bank_deg: 30.0, heading_change_deg: 900.0 });
+    emulator.world().append_leg(Leg::Turn { bank_deg: 30.0, heading_change_deg: -900.0 });
+    while emulator.world().unfinished_leg_count() > 0 {
         assert_eq!(emulator.run_for_s(1.0), ModuleRunEnd::Time);
     }
     emulator.take_console_output();
-    emulator.take_path_instructions();
+    emulator.take_path_instruction_counts();
     // Requests a solve unless one has run automatically; then writes settings, which erase and program flash.
     let text = emulator.send_console_line("cal solve");
     emulator.run_for_s(4.0);
@@ -165,7 +165,7 @@ fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
     for declination_deg in 0..12 {
         emulator.send_console_line(&format!("set declination {declination_deg}"));
     }
-    let mut path_instructions = emulator.take_path_instructions();
+    let mut path_instructions = emulator.take_path_instruction_counts();
     assert!(path_instructions.len() > 700, "{}", path_instructions.len());
     path_instructions.sort_unstable();
     // Time from the first sensor access to the last written byte, at 15.6 million instructions per second; the
@@ -182,7 +182,7 @@ fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
     println!("stack {stack:?}");
     assert_eq!(stack.size_bytes, 32 * 1024);
     // [`MAX_STACK_BYTES`] allows for deeper calls in other flights.
-    assert!(stack.used_bytes <= MAX_STACK_BYTES, "{stack:?}");
+    assert!(stack.peak_used_bytes <= MAX_STACK_BYTES, "{stack:?}");
 }
 
 #[test]
@@ -191,7 +191,7 @@ fn one_seed_gives_one_run() {
     let transcript_of_run = || {
         let mut emulator = start_emulator();
         emulator.send_console_line("cal start turns");
-        emulator.world().fly_leg(Leg::Turn { bank_deg: 30.0, heading_change_deg: 90.0 });
+        emulator.world().append_leg(Leg::Turn { bank_deg: 30.0, heading_change_deg: 90.0 });
         emulator.run_for_s(10.0);
         let status = emulator.send_console_line("status all");
         (status, emulator.instrument_cable().receive_bytes())
@@ -340,7 +340,7 @@ fn mavlink_and_msp_run_at_once_on_the_emulator() {
     assert!(emulator.send_console_line("set port2 msp").contains("ok port2 msp, 115200 baud"));
     emulator.run_for_s(10.0);
     let [AttachedDevice::Mavlink(mavlink), AttachedDevice::Msp(msp)] = emulator.port_devices.clone() else { panic!() };
-    assert_eq!(mavlink.borrow().rate_hz(30), Some(40.0), "of ATTITUDE");
+    assert_eq!(mavlink.borrow().message_rate_hz(30), Some(40.0), "of ATTITUDE");
     let _ = (msp.borrow_mut().take_compass_samples(), mavlink.borrow_mut().take_received());
     emulator.run_for_s(10.0);
     let readings = msp.borrow_mut().take_compass_samples();
@@ -366,7 +366,7 @@ fn a_collection_continues_after_a_reboot() {
     };
     let mut emulator = start_emulator();
     emulator.send_console_line("cal start");
-    emulator.world().fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 200.0 });
+    emulator.world().append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 200.0 });
     emulator.run_for_s(14.0);
     let before = samples(&mut emulator);
     assert!(before > 15, "{before}");
@@ -394,7 +394,7 @@ fn a_collection_continues_after_a_reboot() {
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
-    const HEADING_BOUND_DEG: f64 = 2.5;
+    const HEADING_ERROR_BOUND_DEG: f64 = 2.5;
     let far_ends = [FarEnd::Mavlink(mavlink_autopilot::MavlinkFirmware::ArduPilot), FarEnd::Unconnected];
     // A copter has the shortest routine.
     let config = WorldConfig::of_table1(7);
@@ -408,7 +408,7 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
     let routine = CalibrationRoutine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), heading_deg).legs();
     // Flown twice, because the collection continues until an error of 0.5 deg is expected, which one routine may miss.
     for leg in routine.iter().chain(&routine) {
-        emulator.world().fly_leg(*leg);
+        emulator.world().append_leg(*leg);
     }
     let mut received: Vec<MavlinkFrame> = Vec::new();
     // MAG_CAL_REPORT (192) with status MAG_CAL_SUCCESS (4) and `autosaved` 1.
@@ -449,15 +449,15 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
     }
     let stack = parse_stack_use(&emulator.send_console_line("status all"));
     println!("stack {stack:?}");
-    assert!(stack.used_bytes <= MAX_STACK_BYTES, "{stack:?}");
+    assert!(stack.peak_used_bytes <= MAX_STACK_BYTES, "{stack:?}");
 
     // Flies the remaining legs of the routines.
-    while emulator.world().unfinished_legs() > 0 {
+    while emulator.world().unfinished_leg_count() > 0 {
         assert_eq!(emulator.run_for_s(1.0), ModuleRunEnd::Time);
     }
     let mut errors_deg = Vec::new();
     for heading_deg in [200.0, 245.0] {
-        emulator.world().fly_leg(Leg::Straight { heading_deg, seconds: 20.0 });
+        emulator.world().append_leg(Leg::Straight { heading_deg, seconds: 20.0 });
         assert_eq!(emulator.run_for_s(15.0), ModuleRunEnd::Time);
         let _ = autopilot.borrow_mut().take_received();
         assert_eq!(emulator.run_for_s(4.0), ModuleRunEnd::Time);
@@ -472,5 +472,5 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
     }
     println!("headings by MAVLink are off by {errors_deg:.2?} deg");
     assert!((36..=44).contains(&errors_deg.len()), "five a second on two headings: {}", errors_deg.len());
-    assert!(errors_deg.iter().all(|error_deg| error_deg.abs() < HEADING_BOUND_DEG), "{errors_deg:?}");
+    assert!(errors_deg.iter().all(|error_deg| error_deg.abs() < HEADING_ERROR_BOUND_DEG), "{errors_deg:?}");
 }

@@ -11,7 +11,7 @@ use simulator::world::gyro::GyroConfig;
 
 fn started_rig(config: &WorldConfig) -> Rig {
     let rig = Rig::new(*config);
-    rig.world.set_motion(PrescribedMotion::default());
+    rig.world.set_prescribed_motion(PrescribedMotion::default());
     rig
 }
 
@@ -22,14 +22,14 @@ fn table1_rig() -> Rig {
     rig
 }
 
-fn fly_both_turns(rig: &mut Rig, circles: f64) {
+fn turn_level_circles(rig: &mut Rig, circles: f64) {
     let heading_rate_deg_s = 8.0;
-    rig.world.set_motion(PrescribedMotion { heading_rate_deg_s, ..PrescribedMotion::default() });
+    rig.world.set_prescribed_motion(PrescribedMotion { heading_rate_deg_s, ..PrescribedMotion::default() });
     rig.run_for_s(360.0 / heading_rate_deg_s * circles);
 }
 
 fn stand_at_heading(rig: &mut Rig, heading_deg: f64) {
-    rig.world.set_motion(PrescribedMotion { heading_deg, ..PrescribedMotion::default() });
+    rig.world.set_prescribed_motion(PrescribedMotion { heading_deg, ..PrescribedMotion::default() });
     rig.run_for_s(2.0);
 }
 
@@ -86,7 +86,7 @@ fn a_level_circle_leaves_only_a_constant_heading_error() {
     let mut rig = table1_rig();
     rig.take_console_output();
     assert!(rig.send_console_line("cal start level").contains("ok collecting"));
-    fly_both_turns(&mut rig, 2.5);
+    turn_level_circles(&mut rig, 2.5);
     let shown_calibration = solve_outcome(&mut rig, "").unwrap();
     assert_eq!(shown_calibration.method, "level");
     let (remaining_deg, constant_deg) = level_errors_deg(&rig, &shown_calibration);
@@ -152,7 +152,7 @@ fn a_compass_swing_finds_the_mounting() {
 /// Turns to the next heading; a mark is rejected during the turn.
 fn mark_next_heading(rig: &mut Rig, i: u32) {
     let heading_deg = f64::from(i) * 45.0;
-    rig.world.set_motion(PrescribedMotion {
+    rig.world.set_prescribed_motion(PrescribedMotion {
         heading_deg: heading_deg - 45.0,
         heading_rate_deg_s: 9.0,
         ..PrescribedMotion::default()
@@ -180,7 +180,7 @@ fn tumble_module(rig: &mut Rig) {
     ] {
         let tumbling_motion =
             PrescribedMotion { pitch_deg, heading_deg, roll_rate_deg_s: 30.0, ..PrescribedMotion::default() };
-        rig.world.set_motion(tumbling_motion);
+        rig.world.set_prescribed_motion(tumbling_motion);
         rig.run_for_s(13.0);
     }
 }
@@ -223,7 +223,7 @@ fn a_tumbled_module_shows_headings() {
 fn a_level_circle_is_refused_as_a_tumble() {
     let mut rig = table1_rig();
     rig.send_console_line("cal start tumble");
-    fly_both_turns(&mut rig, 2.0);
+    turn_level_circles(&mut rig, 2.0);
     let Err(SolveNotice::Refused { code, .. }) = solve_present_samples(&mut rig) else {
         panic!("a level circle was enough")
     };

@@ -51,7 +51,7 @@ fn note_count(row: &IntegrityRow, code: &str) -> usize {
 /// Headings are accurate to 0.4 deg RMS (MAVLink 0.3); a stuck sensor is found as by MAVLink. Bounds are 1.5 times the
 /// measured values, of `stuck-noisy` the promise.
 #[test]
-fn attitude_by_msp_has_rates() {
+fn headings_by_msp_are_smooth_and_accurate() {
     for source in [integrity::AttitudeProtocol::Msp, integrity::AttitudeProtocol::MspInav] {
         for row in run_plan(IntegrityPlan { attitude_protocol: source, ..TEST_PLAN }, &["clean"]) {
             assert!(are_all_accepted(&row) && row.smooth_percent > 60.0, "{source:?} {row:?}");
@@ -529,13 +529,13 @@ fn parked_for_ten_minutes_with_either_source_raises_no_alarm() {
         rig.run_for_s(1.0);
         rig.send_console_line("cal start turns");
         for heading_change_deg in [1440.0, -1440.0] {
-            rig.world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
+            rig.world.append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
         }
         rig.run_for_s(250.0);
         assert!(rig.take_console_output().contains("note calibrated"));
         // Stops at the present heading, because a jump without body rates would count as a change of the field.
         let heading_deg = rig.world.true_state(rig.now_us()).heading_rad.to_degrees();
-        rig.world.set_motion(PrescribedMotion { heading_deg, ..PrescribedMotion::default() });
+        rig.world.set_prescribed_motion(PrescribedMotion { heading_deg, ..PrescribedMotion::default() });
         rig.run_for_s(1.0);
         let _ = rig.instrument.receive_bytes();
         let mut reader = SentenceReader::default();

@@ -18,21 +18,21 @@ fn record_flight(world: &WorldConfig) -> FlightRecording {
     record_turns(world, 0.05)
 }
 
-fn read_csv(text: &str) -> Flight {
+fn read_log_text(text: &str) -> Flight {
     log::read_flight(&mut text.as_bytes(), FieldUnit::Milligauss).unwrap()
 }
 
-fn evaluate_csv(text: &str) -> (Flight, FlightEvaluation) {
-    let flight = read_csv(text);
+fn evaluate_log_text(text: &str) -> (Flight, FlightEvaluation) {
+    let flight = read_log_text(text);
     let verdict = evaluate_flight(&flight, &DEFAULT_OPTIONS);
     (flight, verdict)
 }
 
-fn notes(flight: &Flight, evaluation: &FlightEvaluation) -> String {
+fn warnings_text(flight: &Flight, evaluation: &FlightEvaluation) -> String {
     LogWarning::warnings_of_flight(flight, evaluation).iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
 }
 
-fn keep_every_nth(text: &str, name: &str, stride: usize) -> String {
+fn keep_every_nth_message(text: &str, name: &str, stride: usize) -> String {
     let mut line_count = 0;
     let is_kept = |line: &&str| {
         let is_of = line.strip_prefix(name).is_some_and(|after_name| after_name.starts_with(','));
@@ -51,7 +51,7 @@ fn a_field_logged_at_1_hz_gives_the_same_headings() {
         let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
         let text = String::from_utf8(encode_dataflash_text(&record_flight(&world))).unwrap();
         for stride in [1, 4, 10] {
-            let (flight, verdict) = evaluate_csv(&keep_every_nth(&text, "MAG", stride));
+            let (flight, verdict) = evaluate_log_text(&keep_every_nth_message(&text, "MAG", stride));
             let compass = &verdict.compasses[0];
             assert_eq!(compass.module_result.acceptance, Ok(()), "seed {seed}, 1 of {stride}");
             let (module_score, smoothed_score) = (
@@ -64,7 +64,7 @@ fn a_field_logged_at_1_hz_gives_the_same_headings() {
                 smoothed_score.rms_deg < module_score.rms_deg + 0.1,
                 "seed {seed}, 1 of {stride}: {smoothed_score:?} {module_score:?}"
             );
-            let notes = notes(&flight, &verdict);
+            let notes = warnings_text(&flight, &verdict);
             assert_eq!(notes.contains("too slowly for the monitor"), stride > 1, "{notes}");
         }
     }
@@ -75,7 +75,7 @@ fn a_field_logged_at_1_hz_gives_the_same_headings() {
 fn a_verdict_reports_attitude_below_3_hz() {
     let text = String::from_utf8(encode_dataflash_text(&record_flight(&WorldConfig::random_world(3)))).unwrap();
     for (stride, expected_text) in [(1, ""), (5, "2.0 times a second"), (20, "0.5 times a second")] {
-        let (_, verdict) = evaluate_csv(&keep_every_nth(&text, "ATT", stride));
+        let (_, verdict) = evaluate_log_text(&keep_every_nth_message(&text, "ATT", stride));
         let verdict_text = FlightOutcome::new(&verdict).to_string();
         assert!(
             verdict_text.contains(expected_text) && verdict_text.contains("below 3 Hz") == (stride > 1),
@@ -92,7 +92,7 @@ fn a_verdict_reports_a_log_without_flight() {
         sample.is_armed = i >= 2370;
     }
     let text = String::from_utf8(encode_csv(&recording)).unwrap();
-    let verdict_text = FlightOutcome::new(&evaluate_csv(&text).1).to_string();
+    let verdict_text = FlightOutcome::new(&evaluate_log_text(&text).1).to_string();
     assert!(verdict_text.contains("10 are usable") && verdict_text.contains("are disarmed"), "{verdict_text}");
 }
 
@@ -109,7 +109,7 @@ fn a_verdict_reports_the_refusal_of_the_better_compass() {
             sample.field_ut = if worse == 0 { vec![noise, better_field_ut] } else { vec![better_field_ut, noise] };
         }
         let text = String::from_utf8(encode_dataflash_text(&recording)).unwrap();
-        let (_, verdict) = evaluate_csv(&text);
+        let (_, verdict) = evaluate_log_text(&text);
         let verdict_text = FlightOutcome::new(&verdict).to_string();
         let subject = format!("the module would have refused each of 2 compasses; number {} came nearest: ", 2 - worse);
         assert!(verdict_text.starts_with(&subject), "{worse}: {verdict_text}");
@@ -127,8 +127,8 @@ fn a_mounting_change_within_the_log_is_reported() {
                 time_stamp.map_or_else(String::new, |time_stamp| format!("PARM, {time_stamp}, {name}, {}\n", i / 100));
             format!("{line}\n{parameter_line}")
         };
-        let (flight, verdict) = evaluate_csv(&text.lines().enumerate().map(change).collect::<String>());
-        let notes = notes(&flight, &verdict);
+        let (flight, verdict) = evaluate_log_text(&text.lines().enumerate().map(change).collect::<String>());
+        let notes = warnings_text(&flight, &verdict);
         assert_eq!(notes.contains(&format!("mountings were changed in the log: {name} at ")), is_noted, "{notes}");
     }
 }
@@ -147,8 +147,8 @@ fn implausible_units_are_reported_without_a_position() {
         text.lines().map(line).collect::<String>()
     };
     let notes = |text: &str| {
-        let (flight, verdict) = evaluate_csv(text);
-        notes(&flight, &verdict)
+        let (flight, verdict) = evaluate_log_text(text);
+        warnings_text(&flight, &verdict)
     };
     assert_eq!(notes(&text), "");
     for (factor, expected_texts) in [
@@ -214,7 +214,7 @@ fn a_compass_that_fails_in_flight_is_reported() {
                 let _ = writeln!(log, "MAG, {time_stamp}, 1, {values}");
             }
         }
-        let (flight, verdict) = evaluate_csv(&log);
+        let (flight, verdict) = evaluate_log_text(&log);
         let notes = LogWarning::warnings_of_flight(&flight, &verdict);
         let notes = notes.iter().map(ToString::to_string).filter(|note| note.starts_with("compass "));
         (notes.collect::<Vec<_>>(), verdict)
@@ -254,12 +254,12 @@ fn change_lines(text: &str, mut change: impl FnMut(&str) -> String) -> String {
 fn the_filters_attitude_gives_the_same_headings() {
     let text = String::from_utf8(encode_dataflash_text(&record_flight(&WorldConfig::random_world(3)))).unwrap();
     let without = text.replace("\nATT, ", "\nXKF1, ").replace(", ATT, ", ", XKF1, ");
-    let [(_, from_attitude), (flight, other)] = [evaluate_csv(&text), evaluate_csv(&without)];
+    let [(_, from_attitude), (flight, other)] = [evaluate_log_text(&text), evaluate_log_text(&without)];
     let score = |verdict: &FlightEvaluation| {
         verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap()
     };
     assert_eq!(score(&from_attitude), score(&other));
-    assert!(notes(&flight, &other).contains("that of XKF1 is used"));
+    assert!(warnings_text(&flight, &other).contains("that of XKF1 is used"));
 }
 
 /// Until 2014 field and attitude had no time; they get the stamp before, 0.1 s earlier, while the rates have their own,
@@ -280,10 +280,10 @@ fn rows_without_time_get_the_time_of_their_neighbours() {
             }
         })
     };
-    let (flight, verdict) = evaluate_csv(&strip(&["MAG", "ATT"], &text));
+    let (flight, verdict) = evaluate_log_text(&strip(&["MAG", "ATT"], &text));
     let score = verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap();
     assert!(score.rms_deg < 1.0, "{score:?}");
-    assert!(notes(&flight, &verdict).contains("carry no time"));
+    assert!(warnings_text(&flight, &verdict).contains("carry no time"));
     let without_columns = strip(&["MAG", "ATT", "IMU", "BAT", "GPS", "MSG", "PARM"], &text);
     let refused = log::read_flight(&mut without_columns.as_bytes(), FieldUnit::Milligauss).unwrap_err();
     assert!(refused.to_string().contains("carry no time"), "{refused}");
@@ -304,12 +304,12 @@ fn a_log_with_lost_rows_gives_the_same_accuracy() {
             random_state = random_state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             if is_row && (random_state >> 33) % 10 < 3 { String::new() } else { line.to_owned() }
         });
-        let (flight, verdict) = evaluate_csv(&holes);
+        let (flight, verdict) = evaluate_log_text(&holes);
         let compass = &verdict.compasses[0];
         let module_score = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
         assert!(module_score.rms_deg < 0.5 + noise_deg, "seed {seed}: {module_score:?}");
         assert_eq!(compass.module_result.smoothed_score, Some(module_score), "seed {seed}");
-        let notes = notes(&flight, &verdict);
+        let notes = warnings_text(&flight, &verdict);
         assert!(notes.contains("of the body rates are lost"), "{notes}");
     }
 }
@@ -323,8 +323,8 @@ fn a_log_at_rest_gives_no_field_strength() {
         sample.time_us += i as u64 * 100_000;
         sample.field_ut[0][i % 3] += if i % 2 == 0 { 0.5 } else { -0.5 };
     }
-    let (flight, verdict) = evaluate_csv(&String::from_utf8(encode_dataflash_text(&recording)).unwrap());
-    assert_eq!(verdict.compasses[0].radius_ut, None);
-    let notes = notes(&flight, &verdict);
+    let (flight, verdict) = evaluate_log_text(&String::from_utf8(encode_dataflash_text(&recording)).unwrap());
+    assert_eq!(verdict.compasses[0].sphere_radius_ut, None);
+    let notes = warnings_text(&flight, &verdict);
     assert!(!notes.contains("taken for") && !notes.contains("radians"), "{notes}");
 }

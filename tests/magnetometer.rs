@@ -34,7 +34,7 @@ where
     bus.attach_device(chip.clone());
     simulation.spawn(Level::Interrupt, "script", script(Lis3mdl::new(bus, Lis3mdlConfig::default()), chip));
     simulation.run_for(60_000_000);
-    assert_eq!(simulation.tasks(), 0, "the script did not end");
+    assert_eq!(simulation.task_count(), 0, "the script did not end");
 }
 
 fn measured_at_us(reading: &Reading) -> f32 {
@@ -112,7 +112,7 @@ where
     let driver = Rm3100::new(SelectedDevice::new(chip.clone()));
     simulation.spawn(Level::Interrupt, "script", script(driver, chip));
     simulation.run_for(60_000_000);
-    assert_eq!(simulation.tasks(), 0, "the script did not end");
+    assert_eq!(simulation.task_count(), 0, "the script did not end");
 }
 
 /// 75 Hz with an oscillator up to three standard deviations of 7 % off. z is measured last; its middle is 1.14 ms

@@ -20,17 +20,17 @@ use testkit::flash::{CutProgress, RamFlash};
 
 /// Flies turns both ways until the end of the solve.
 fn fly_calibration_turns(rig: &mut Rig) -> ModuleRunEnd {
-    match fly_turns_outcome(rig) {
+    match fly_turns_until_solve_notice(rig) {
         Some(_) => ModuleRunEnd::Time,
         None => ModuleRunEnd::PowerCut,
     }
 }
 
 /// Flies turns both ways; returns the result message of the solve, `None` if the power was cut.
-fn fly_turns_outcome(rig: &mut Rig) -> Option<transcript::SolveNotice> {
+fn fly_turns_until_solve_notice(rig: &mut Rig) -> Option<transcript::SolveNotice> {
     rig.send_console_line("cal start turns");
-    rig.world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 1440.0 });
-    rig.world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: -1440.0 });
+    rig.world.append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 1440.0 });
+    rig.world.append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: -1440.0 });
     let mut session = String::new();
     for _ in 0..300 {
         if rig.run_for_s(1.0) == ModuleRunEnd::PowerCut {
@@ -69,7 +69,7 @@ fn a_calibration_survives_a_restart_and_a_power_cut() {
     assert!(rig.send_console_line("status all").contains("ok calibrated"));
 }
 
-/// Power cut at every operation of the first save, in three ways: the module starts uncalibrated or with the complete
+/// Power cuts at every third operation of the first save, of three kinds: it starts uncalibrated or with the complete
 /// new calibration.
 #[test]
 fn a_power_cut_in_the_first_save_leaves_the_new_calibration_or_none() {
@@ -167,11 +167,11 @@ fn a_one_sided_flight_does_not_replace_turns_to_both_sides() {
     let mut rig = calibrated_rig();
     let first = shown_calibration(&mut rig).unwrap();
     rig.send_console_line("cal start turns");
-    rig.world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: -720.0 });
+    rig.world.append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: -720.0 });
     for heading_deg in [0.0, 30.0, 60.0] {
-        rig.world.fly_leg(Leg::Straight { heading_deg, seconds: 10.0 });
+        rig.world.append_leg(Leg::Straight { heading_deg, seconds: 10.0 });
     }
-    while rig.world.unfinished_legs() > 0 {
+    while rig.world.unfinished_leg_count() > 0 {
         rig.run_for_s(1.0);
     }
     rig.take_console_output();
@@ -202,7 +202,7 @@ fn a_calibration_that_is_no_better_changes_nothing() {
         rig.run_for_s(1.0);
         fly_calibration_turns(&mut rig);
         let first = shown_calibration(&mut rig).unwrap();
-        let outcome = fly_turns_outcome(&mut rig).unwrap();
+        let outcome = fly_turns_until_solve_notice(&mut rig).unwrap();
         let second = shown_calibration(&mut rig).unwrap();
         match outcome {
             transcript::SolveNotice::Calibrated(_) => {
@@ -318,18 +318,18 @@ fn power_cuts_anywhere_leave_old_or_new() {
     let mut start = StoreFlash::new(STORE_PAGES);
     let mut old = StoredCalibrations::default();
     for saves in 0..11 {
-        for (first, first_cut) in power_cuts(&start, saves + 1) {
+        for (first, first_cut) in power_cuts_of_save(&start, saves + 1) {
             let mut flash = start.cut_at(first, first_cut);
             save_calibration(&mut flash, saves + 1).unwrap_err();
             let mut once_cut_flash = flash.power_on();
             let case = format!("{saves} saves, {first_cut:?} at {first}");
-            let between = load_allowed(&mut once_cut_flash, &[old, stored_calibrations(saves + 1)], &case);
-            for (second, second_cut) in power_cuts(&once_cut_flash, saves + 2) {
+            let between = load_and_assert_allowed(&mut once_cut_flash, &[old, stored_calibrations(saves + 1)], &case);
+            for (second, second_cut) in power_cuts_of_save(&once_cut_flash, saves + 2) {
                 let mut flash = once_cut_flash.cut_at(second, second_cut);
                 let case = format!("{case}, {second_cut:?} at {second}");
                 save_calibration(&mut flash, saves + 2).unwrap_err();
                 let mut flash = flash.power_on();
-                load_allowed(&mut flash, &[between, stored_calibrations(saves + 2)], &case);
+                load_and_assert_allowed(&mut flash, &[between, stored_calibrations(saves + 2)], &case);
                 save_calibration(&mut flash, 1000).unwrap_or_else(|error| panic!("{case}: {error:?}"));
                 assert_eq!(load_calibrations(&mut flash), Ok(stored_calibrations(1000)), "{case}");
                 cases += 1;
@@ -341,29 +341,29 @@ fn power_cuts_anywhere_leave_old_or_new() {
     assert!(cases > 20_000, "{cases}");
 }
 
-fn load_allowed(flash: &mut StoreFlash, allowed: &[StoredCalibrations], case: &str) -> StoredCalibrations {
+fn load_and_assert_allowed(flash: &mut StoreFlash, allowed: &[StoredCalibrations], case: &str) -> StoredCalibrations {
     let loaded = load_calibrations(flash).unwrap_or_else(|error| panic!("{case}: {error:?}"));
     assert!(allowed.contains(&loaded), "{case}: {loaded:?}");
     loaded
 }
 
 /// Operation and kind of each power cut during a save.
-fn power_cuts(flash: &StoreFlash, serial: u32) -> impl Iterator<Item = (usize, (CutProgress, u64))> + use<> {
+fn power_cuts_of_save(flash: &StoreFlash, serial: u32) -> impl Iterator<Item = (usize, (CutProgress, u64))> + use<> {
     let mut complete = flash.power_on();
     save_calibration(&mut complete, serial).unwrap();
-    CutProgress::near_operation_limits(complete.operations)
+    CutProgress::cuts_at_sampled_operations(complete.operation_count)
 }
 
 /// Armed aeroplane on its routine, with automatic collection.
 fn armed_rig() -> Rig {
     let mut rig = Rig::new(WorldConfig::of_table1(7));
     rig.run_for_s(8.0);
-    take_off(&mut rig);
+    arm_and_start_routine(&mut rig);
     rig.take_console_output();
     rig
 }
 
-fn take_off(rig: &mut Rig) {
+fn arm_and_start_routine(rig: &mut Rig) {
     rig.world.set_armed(true);
     for leg in CalibrationRoutine::for_vehicle(
         VehicleKind::Plane,
@@ -372,14 +372,14 @@ fn take_off(rig: &mut Rig) {
     )
     .legs()
     {
-        rig.world.fly_leg(leg);
+        rig.world.append_leg(leg);
     }
 }
 
 /// Unsolicited output of the module until the end of the routine.
-fn fly_to_end(rig: &mut Rig) -> String {
+fn output_until_routine_end(rig: &mut Rig) -> String {
     let mut transcript_text = String::new();
-    while rig.world.unfinished_legs() > 0 && transcript::parse_solve_notice(&transcript_text).is_none() {
+    while rig.world.unfinished_leg_count() > 0 && transcript::parse_solve_notice(&transcript_text).is_none() {
         assert_eq!(rig.run_for_s(1.0), ModuleRunEnd::Time);
         transcript_text.push_str(&rig.take_console_output());
     }
@@ -413,7 +413,7 @@ fn retained_sample_count(rig: &mut Rig) -> u32 {
 #[test]
 fn a_watchdog_in_flight_does_not_end_a_collection() {
     let mut uninterrupted_rig = armed_rig();
-    let transcript_text = fly_to_end(&mut uninterrupted_rig);
+    let transcript_text = output_until_routine_end(&mut uninterrupted_rig);
     assert!(
         matches!(transcript::parse_solve_notice(&transcript_text), Some(transcript::SolveNotice::Calibrated(_))),
         "{transcript_text}"
@@ -432,7 +432,7 @@ fn a_watchdog_in_flight_does_not_end_a_collection() {
             let after = retained_sample_count(&mut rig);
             assert!((before..=before + 4).contains(&after), "{cuts_s:?}: {before} {after}");
         }
-        let transcript_text = fly_to_end(&mut rig);
+        let transcript_text = output_until_routine_end(&mut rig);
         assert!(!transcript_text.contains("collection-lost"), "{transcript_text}");
         assert!(
             matches!(transcript::parse_solve_notice(&transcript_text), Some(transcript::SolveNotice::Calibrated(_))),
@@ -452,7 +452,7 @@ fn a_collection_survives_a_reboot_between_two_flights() {
     let mut rig = armed_rig();
     rig.run_for_s(40.0);
     rig.world.set_armed(false);
-    rig.world.set_motion(PrescribedMotion::default());
+    rig.world.set_prescribed_motion(PrescribedMotion::default());
     rig.run_for_s(7.0);
     let before = retained_sample_count(&mut rig);
     let mut printed = rig.send_console_line("reboot");
@@ -463,8 +463,8 @@ fn a_collection_survives_a_reboot_between_two_flights() {
     let status = rig.send_console_line("status all");
     assert!(status.contains("ok collecting") && status.contains("when the autopilot arms"), "{status}");
     rig.world.end_prescribed_motion();
-    take_off(&mut rig);
-    let transcript_text = fly_to_end(&mut rig);
+    arm_and_start_routine(&mut rig);
+    let transcript_text = output_until_routine_end(&mut rig);
     assert!(
         matches!(transcript::parse_solve_notice(&transcript_text), Some(transcript::SolveNotice::Calibrated(_))),
         "{transcript_text}"
@@ -502,7 +502,7 @@ fn a_lost_collection_is_reported() {
         rig.power_on(cause);
         rig.run_for_s(1.0);
         assert!(!rig.take_console_output().contains("collection-lost"), "reported once");
-        let transcript_text = fly_to_end(&mut rig);
+        let transcript_text = output_until_routine_end(&mut rig);
         let notice = transcript::parse_solve_notice(&transcript_text);
         assert!(matches!(notice, Some(transcript::SolveNotice::Calibrated(_)) | None), "{transcript_text}");
     }

@@ -21,7 +21,7 @@ use simulator::world::mavlink_autopilot::{self, MavlinkFrame, ReportedPosition, 
 use simulator::world::msp_autopilot::{self, AnswerFaults, CompassSample};
 use simulator::world::{CRUISE_CURRENT_A, TrueState, WorldConfig};
 
-const ARDUPILOT: FarEnd = FarEnd::Mavlink(mavlink_autopilot::MavlinkFirmware::ArduPilot);
+const MAVLINK_ARDUPILOT: FarEnd = FarEnd::Mavlink(mavlink_autopilot::MavlinkFirmware::ArduPilot);
 const MSP_ARDUPILOT: FarEnd = FarEnd::Msp(
     msp_autopilot::MspFirmware::ArduPilot,
     AnswerFaults {
@@ -31,7 +31,7 @@ const MSP_ARDUPILOT: FarEnd = FarEnd::Msp(
         delay_probability: 0.0,
     },
 );
-const MSP_INAV: FarEnd = FarEnd::Msp(
+const FAULTY_MSP_INAV: FarEnd = FarEnd::Msp(
     msp_autopilot::MspFirmware::Inav,
     AnswerFaults {
         drop_probability: 0.05,
@@ -43,7 +43,7 @@ const MSP_INAV: FarEnd = FarEnd::Msp(
 
 /// Bound of a single heading error, degrees: calibration error of 1.0 (README), and three sigmas of attitude error (0.2
 /// of bias, 0.3 of noise) times the tangent of the inclination, 54 deg.
-const HEADING_BOUND_DEG: f64 = 2.5;
+const HEADING_ERROR_BOUND_DEG: f64 = 2.5;
 
 fn world_with_vehicle(vehicle_kind: VehicleKind) -> WorldConfig {
     let world = WorldConfig::of_table1(7);
@@ -67,7 +67,7 @@ fn fly_routine(rig: &mut Rig, vehicle_kind: VehicleKind) {
     )
     .legs()
     {
-        rig.world.fly_leg(leg);
+        rig.world.append_leg(leg);
     }
     run_for_s(rig, 240.0);
 }
@@ -120,7 +120,7 @@ fn heading_deg(reading: &CompassSample, truth: &TrueState) -> f64 {
     (-level_y).atan2(level_x).rem_euclid(2.0 * PI).to_degrees()
 }
 
-fn rms_deg(rig: &Rig, readings: &[CompassSample]) -> f64 {
+fn rms_heading_error_deg(rig: &Rig, readings: &[CompassSample]) -> f64 {
     let squares = readings.iter().map(|reading| {
         let truth = rig.world.true_state(reading.received_at_us);
         wrap_180(heading_deg(reading, &truth) - truth.heading_deg()).powi(2)
@@ -132,12 +132,12 @@ fn rms_deg(rig: &Rig, readings: &[CompassSample]) -> f64 {
 fn readings_on_eight_headings(rig: &mut Rig, port: usize) -> (Vec<CompassSample>, f64) {
     let (mut all_readings, mut squares) = (Vec::new(), 0.0);
     for heading in 0..8 {
-        rig.world.fly_leg(Leg::Straight { heading_deg: 45.0 * f64::from(heading), seconds: 14.0 });
+        rig.world.append_leg(Leg::Straight { heading_deg: 45.0 * f64::from(heading), seconds: 14.0 });
         run_for_s(rig, 12.0);
         let _ = compass_readings(rig, port);
         run_for_s(rig, 1.5);
         let received = compass_readings(rig, port);
-        squares += rms_deg(rig, &received).powi(2) * received.len() as f64;
+        squares += rms_heading_error_deg(rig, &received).powi(2) * received.len() as f64;
         all_readings.extend(received);
         run_for_s(rig, 0.5);
     }
@@ -149,15 +149,18 @@ fn readings_on_eight_headings(rig: &mut Rig, port: usize) -> (Vec<CompassSample>
 #[test]
 fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
     for vehicle_kind in [VehicleKind::Plane, VehicleKind::Copter] {
-        let mut rig = rig_with_far_ends(vehicle_kind, [ARDUPILOT, FarEnd::Unconnected]);
+        let mut rig = rig_with_far_ends(vehicle_kind, [MAVLINK_ARDUPILOT, FarEnd::Unconnected]);
         run_for_s(&mut rig, 12.0);
         let AttachedDevice::Mavlink(autopilot) = &rig.port_devices[0] else { panic!() };
         assert_eq!(
-            (autopilot.borrow().rate_hz(30), autopilot.borrow().denied_requests()),
+            (autopilot.borrow().message_rate_hz(30), autopilot.borrow().denied_request_count()),
             (Some(40.0), 0),
             "of ATTITUDE"
         );
-        assert!(autopilot.borrow().rate_hz(33).is_some() && autopilot.borrow().rate_hz(2).is_some(), "place and time");
+        assert!(
+            autopilot.borrow().message_rate_hz(33).is_some() && autopilot.borrow().message_rate_hz(2).is_some(),
+            "place and time"
+        );
         let before = received_frames(&rig, 0);
         assert!(before.iter().all(|frame| (frame.system_id, frame.component_id) == (1, 158)));
         assert!(frames_with_id(HEARTBEAT, &before).len() >= 10);
@@ -182,7 +185,7 @@ fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
         assert!(reports.iter().any(is_success), "{vehicle_kind:?}: {reports:?}");
         assert!(!frames_with_id(MAG_CAL_PROGRESS, &during).is_empty());
         // In straight flight the age of a named value has no effect.
-        rig.world.fly_leg(Leg::Straight { heading_deg: 200.0, seconds: 60.0 });
+        rig.world.append_leg(Leg::Straight { heading_deg: 200.0, seconds: 60.0 });
         run_for_s(&mut rig, 45.0);
         let _ = received_frames(&rig, 0);
         let mut headings = 0;
@@ -195,7 +198,7 @@ fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
                 let time_ms = u32::from_le_bytes([0, 1, 2, 3].map(|byte_index| heading.byte_at(byte_index)));
                 let truth_deg = rig.world.true_state(u64::from(time_ms) * 1000).heading_deg();
                 let error_deg = wrap_180(f64::from(heading.float_at(4)) - truth_deg);
-                assert!(error_deg.abs() < HEADING_BOUND_DEG, "{vehicle_kind:?}: {error_deg}");
+                assert!(error_deg.abs() < HEADING_ERROR_BOUND_DEG, "{vehicle_kind:?}: {error_deg}");
                 headings += 1;
             }
         }
@@ -208,9 +211,11 @@ fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
 /// milliseconds of latency: the bound is 1.5 times that of MAVLink.
 #[test]
 fn msp_gets_the_raw_field_at_first_and_the_corrected_field_later() {
-    for (far_end, vehicle_kind) in
-        [(MSP_ARDUPILOT, VehicleKind::Plane), (MSP_INAV, VehicleKind::Plane), (MSP_ARDUPILOT, VehicleKind::Copter)]
-    {
+    for (far_end, vehicle_kind) in [
+        (MSP_ARDUPILOT, VehicleKind::Plane),
+        (FAULTY_MSP_INAV, VehicleKind::Plane),
+        (MSP_ARDUPILOT, VehicleKind::Copter),
+    ] {
         let mut rig = rig_with_far_ends(vehicle_kind, [far_end, FarEnd::Unconnected]);
         run_for_s(&mut rig, 0.5);
         assert!(compass_readings(&rig, 0).len() >= 15, "from power-up");
@@ -222,7 +227,7 @@ fn msp_gets_the_raw_field_at_first_and_the_corrected_field_later() {
         run_for_s(&mut rig, 10.0);
         let raw = compass_readings(&rig, 0);
         assert!((480..=520).contains(&raw.len()), "fifty a second: {}", raw.len());
-        assert!(vehicle_kind != VehicleKind::Plane || rms_deg(&rig, &raw) > 5.0, "iron bends it");
+        assert!(vehicle_kind != VehicleKind::Plane || rms_heading_error_deg(&rig, &raw) > 5.0, "iron bends it");
         fly_routine(&mut rig, vehicle_kind);
         let (readings, rms) = readings_on_eight_headings(&mut rig, 0);
         println!("{far_end:?} {vehicle_kind:?}: {rms:.2} deg RMS");
@@ -241,7 +246,9 @@ fn msp_gets_the_raw_field_at_first_and_the_corrected_field_later() {
 /// report the mean current is assumed, with a larger sigma.
 #[test]
 fn motor_current_interference_is_estimated_with_a_reported_current() {
-    for (far_end, is_reported) in [(ARDUPILOT, true), (MSP_ARDUPILOT, true), (MSP_INAV, true), (ARDUPILOT, false)] {
+    for (far_end, is_reported) in
+        [(MAVLINK_ARDUPILOT, true), (MSP_ARDUPILOT, true), (FAULTY_MSP_INAV, true), (MAVLINK_ARDUPILOT, false)]
+    {
         let config = WorldConfig {
             reports_current: is_reported,
             ..world_with_vehicle(VehicleKind::Copter).with_current_interference(12.0)
@@ -279,7 +286,7 @@ fn motor_current_interference_is_estimated_with_a_reported_current() {
             );
         }
         assert!(error_deg < 1.5, "{far_end:?}: {error_deg}");
-        if far_end != ARDUPILOT {
+        if far_end != MAVLINK_ARDUPILOT {
             continue;
         }
         let told_deg = status_sigma_deg(&mut rig);
@@ -328,7 +335,7 @@ fn a_disturbed_field_is_not_sent() {
 /// 57600 baud.
 #[test]
 fn mavlink_and_msp_run_at_once() {
-    let mut rig = rig_with_far_ends(VehicleKind::Plane, [ARDUPILOT, MSP_ARDUPILOT]);
+    let mut rig = rig_with_far_ends(VehicleKind::Plane, [MAVLINK_ARDUPILOT, MSP_ARDUPILOT]);
     run_for_s(&mut rig, 1.0);
     assert!(rig.send_console_line("set port2 msp").contains("ok port2 msp, 115200 baud"));
     assert!(rig.send_console_line("set vision on").contains("ok vision on"));
@@ -338,7 +345,7 @@ fn mavlink_and_msp_run_at_once() {
     fly_routine(&mut rig, VehicleKind::Plane);
     let (_, rms) = readings_on_eight_headings(&mut rig, 1);
     assert!(rms < 1.0, "{rms} deg");
-    rig.world.fly_leg(Leg::Straight { heading_deg: 315.0, seconds: 200.0 });
+    rig.world.append_leg(Leg::Straight { heading_deg: 315.0, seconds: 200.0 });
     for baud in ["115200", "57600"] {
         rig.send_console_line(&format!("set baud1 {baud}"));
         rig.send_console_line(&format!("set baud2 {baud}"));
@@ -380,7 +387,7 @@ fn a_ground_station_commands_calibration_and_restart() {
     const START: u16 = 42_424;
     const CANCEL: u16 = 42_426;
     const REBOOT: u16 = 246;
-    let mut rig = rig_with_far_ends(VehicleKind::Copter, [ARDUPILOT, FarEnd::Unconnected]);
+    let mut rig = rig_with_far_ends(VehicleKind::Copter, [MAVLINK_ARDUPILOT, FarEnd::Unconnected]);
     rig.run_for_s(5.0);
     rig.send_console_line("cal auto off");
     let _ = received_frames(&rig, 0);
@@ -415,7 +422,7 @@ fn a_ground_station_commands_calibration_and_restart() {
     rig.world.set_armed(false);
     run_for_s(&mut rig, 10.0);
     assert_ne!(order(&mut rig, 1, REBOOT, of_us)[0].1, 0);
-    rig.world.set_motion(PrescribedMotion::default());
+    rig.world.set_prescribed_motion(PrescribedMotion::default());
     run_for_s(&mut rig, 7.0);
     rig.take_console_output();
     assert_eq!(order(&mut rig, 1, REBOOT, of_us), [(REBOOT, 0)]);
@@ -445,7 +452,7 @@ fn sent_declinations_deg(rig: &mut Rig) -> Vec<f64> {
 /// none. At Xi'an it is 4.15 deg west (WMM2025); headings have steps of 0.1 deg.
 #[test]
 fn a_position_that_jumps_does_not_turn_the_true_heading() {
-    let mut rig = rig_with_far_ends(VehicleKind::Plane, [ARDUPILOT, FarEnd::Unconnected]);
+    let mut rig = rig_with_far_ends(VehicleKind::Plane, [MAVLINK_ARDUPILOT, FarEnd::Unconnected]);
     fly_routine(&mut rig, VehicleKind::Plane);
     let height_m = 400.0;
     let positions = [
@@ -477,7 +484,7 @@ fn detected_protocol(rig: &mut Rig) -> Option<String> {
 /// without messages the port searches with MSP requests.
 #[test]
 fn detection_starts_with_the_stored_protocol() {
-    let mut before = rig_with_far_ends(VehicleKind::Copter, [ARDUPILOT, FarEnd::Unconnected]);
+    let mut before = rig_with_far_ends(VehicleKind::Copter, [MAVLINK_ARDUPILOT, FarEnd::Unconnected]);
     run_for_s(&mut before, 4.0);
     let empty = before.flash.flash_contents();
     run_for_s(&mut before, 4.0);
@@ -504,7 +511,7 @@ fn detection_starts_with_the_stored_protocol() {
 /// After ten seconds of silence the new autopilot is detected within five seconds and stored.
 #[test]
 fn another_autopilot_is_found_after_ten_seconds() {
-    let mut before = rig_with_far_ends(VehicleKind::Copter, [ARDUPILOT, FarEnd::Unconnected]);
+    let mut before = rig_with_far_ends(VehicleKind::Copter, [MAVLINK_ARDUPILOT, FarEnd::Unconnected]);
     run_for_s(&mut before, 12.0);
     let mut rig = rig_with_far_ends(VehicleKind::Copter, [MSP_ARDUPILOT, FarEnd::Unconnected]);
     assert!(rig.load_flash(&before.flash.flash_contents()));

@@ -22,9 +22,9 @@ fn a_recorded_flight_has_its_position_and_true_headings() {
     let recorder = Recorder::new(&rig);
     let mut module = ObservedModule::new(&mut rig, recorder);
     for heading_change_deg in [1440.0, -1440.0] {
-        module.world().fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
+        module.world().append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
     }
-    module.world().fly_leg(Leg::Straight { heading_deg: 90.0, seconds: 60.0 });
+    module.world().append_leg(Leg::Straight { heading_deg: 90.0, seconds: 60.0 });
     for _ in 0..300 {
         module.run_for_s(1.0);
     }

@@ -31,19 +31,19 @@ fn turn_leg(bank_deg: f64, heading_change_deg: f64) -> Leg {
     Leg::Turn { bank_deg, heading_change_deg }
 }
 
-const BOTH_SIDES: [(f64, f64); 2] = [(25.0, 800.0), (25.0, -800.0)];
+const TURNS_TO_BOTH_SIDES: [(f64, f64); 2] = [(25.0, 800.0), (25.0, -800.0)];
 
 /// Applies settings, flies, solves if necessary; returns code and text of the rejection.
-fn refused_solve_text(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)]) -> (String, String) {
+fn refusal_code_and_text(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)]) -> (String, String) {
     rig.run_for_s(1.0);
     for line in settings.iter().chain(&["cal start turns"]) {
         let reply = rig.send_console_line(line);
         assert!(reply.contains("\r\nok "), "{reply}");
     }
     for &(bank_deg, heading_change_deg) in turns {
-        rig.world.fly_leg(turn_leg(bank_deg, heading_change_deg));
+        rig.world.append_leg(turn_leg(bank_deg, heading_change_deg));
     }
-    while rig.world.unfinished_legs() > 0 {
+    while rig.world.unfinished_leg_count() > 0 {
         rig.run_for_s(1.0);
     }
     rig.run_for_s(3.0);
@@ -63,7 +63,7 @@ fn refused_solve_text(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)]) ->
 }
 
 fn assert_refused(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)], code: &str, expected_text: &str) {
-    let refusal = refused_solve_text(rig, settings, turns);
+    let refusal = refusal_code_and_text(rig, settings, turns);
     assert!(refusal.0 == code && refusal.1.contains(expected_text), "{code}, {expected_text}: {refusal:?}");
 }
 
@@ -74,14 +74,14 @@ fn too_little_bank_and_one_side_have_different_reasons() {
     assert_refused(
         &mut rig_with_attitude_fault(None),
         &[],
-        &BOTH_SIDES[..1],
+        &TURNS_TO_BOTH_SIDES[..1],
         "too-few-samples",
         "only right turns were flown; fly left turns, too",
     );
     assert_refused(
         &mut rig_with_attitude_fault(None),
         &[],
-        &BOTH_SIDES[1..],
+        &TURNS_TO_BOTH_SIDES[1..],
         "too-few-samples",
         "only left turns were flown; fly right turns, too",
     );
@@ -93,7 +93,7 @@ fn a_turn_that_is_too_slow_is_refused_as_an_arc() {
     let mut config = WorldConfig::of_table1(1);
     config.aircraft.airspeed_m_s = 120.0;
     let mut rig = Rig::with_faults(config, Faults::default());
-    let (code, explanation) = refused_solve_text(&mut rig, &[], &[(12.0, 45.0), (12.0, -45.0)]);
+    let (code, explanation) = refusal_code_and_text(&mut rig, &[], &[(12.0, 45.0), (12.0, -45.0)]);
     assert!(explanation.contains(" of 12 sectors, too slow or too short"), "{code}: {explanation}");
 }
 
@@ -104,7 +104,7 @@ fn attitude_in_a_wrong_unit_is_reported() {
     assert_refused(
         &mut rig_with_attitude_fault(Some(WrongUnit(1.0_f32.to_radians()))),
         &[],
-        &BOTH_SIDES,
+        &TURNS_TO_BOTH_SIDES,
         "no-samples",
         explanation,
     );
@@ -112,7 +112,7 @@ fn attitude_in_a_wrong_unit_is_reported() {
     assert_refused(
         &mut rig_with_attitude_fault(Some(WrongUnit(1.0_f32.to_degrees()))),
         &[],
-        &BOTH_SIDES,
+        &TURNS_TO_BOTH_SIDES,
         "no-samples",
         explanation,
     );
@@ -123,7 +123,7 @@ fn attitude_at_1_hz_is_reported_as_too_slow() {
     let mut config = WorldConfig::of_table1(1);
     config.attitude_source.rate_hz = 1.0;
     let mut rig = Rig::with_faults(config, Faults::default());
-    assert_refused(&mut rig, &[], &BOTH_SIDES, "no-samples", "send ATTITUDE ten times a second or more");
+    assert_refused(&mut rig, &[], &TURNS_TO_BOTH_SIDES, "no-samples", "send ATTITUDE ten times a second or more");
 }
 
 /// The sensor's range ends at 400 uT.
@@ -131,7 +131,13 @@ fn attitude_at_1_hz_is_reported_as_too_slow() {
 fn a_saturated_sensor_is_reported() {
     let mut rig = rig_with_attitude_fault(None);
     rig.world.set_disturbance_ut([600.0, 0.0, 0.0]);
-    assert_refused(&mut rig, &[], &BOTH_SIDES, "no-samples", "100 % of the readings were saturated; move the sensor");
+    assert_refused(
+        &mut rig,
+        &[],
+        &TURNS_TO_BOTH_SIDES,
+        "no-samples",
+        "100 % of the readings were saturated; move the sensor",
+    );
 }
 
 #[test]
@@ -140,11 +146,11 @@ fn a_wrong_setting_is_reported_with_the_right_value() {
     assert_refused(
         &mut rig_with_attitude_fault(None),
         &["set mount yaw90"],
-        &BOTH_SIDES,
+        &TURNS_TO_BOTH_SIDES,
         "mount-contradicted",
         explanation,
     );
     let (code, explanation) =
-        refused_solve_text(&mut rig_with_attitude_fault(None), &["set inclination -54"], &BOTH_SIDES);
+        refusal_code_and_text(&mut rig_with_attitude_fault(None), &["set inclination -54"], &TURNS_TO_BOTH_SIDES);
     assert!(code == "inclination-contradicted" && explanation.contains("; set inclination 5"), "{code}: {explanation}");
 }

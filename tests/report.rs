@@ -128,10 +128,10 @@ fn a_replayed_log_has_the_numbers_of_its_json() {
     let mut bytes: &[u8] = include_bytes!("../host-sim/data/flight.csv");
     let flight = log::read_flight(&mut bytes, FieldUnit::Milligauss).unwrap();
     let verdict = evaluate_flight(&flight, &EvaluationOptions::DEFAULT);
-    let parameters = Some(["compass.param".to_owned(), "COMPASS_OFS_X,1\n".to_owned()]);
+    let parameter_file = Some(["compass.param".to_owned(), "COMPASS_OFS_X,1\n".to_owned()]);
     let judgement = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot);
     let report =
-        report_replay(&judgement, "a folder/flight.csv", &ReportOrigin { parameters, ..ReportOrigin::default() });
+        report_replay(&judgement, "a folder/flight.csv", &ReportOrigin { parameter_file, ..ReportOrigin::default() });
     let html = render_page(&report);
     assert_safe_page(&html);
     let json = judgement.json();
@@ -276,7 +276,7 @@ fn text_of_a_hostile_log_is_escaped() {
         facts: vec![[hostile(), hostile()]],
         curves_before: vec![line.clone()],
         curves_after: vec![line],
-        sigma_deg: vec![f64::NAN, 0.5, f64::INFINITY, -0.0],
+        sigma_by_heading_deg: vec![f64::NAN, 0.5, f64::INFINITY, -0.0],
         samples: (0..50).map(report_sample).collect(),
         event_marks: vec![
             EventMark { time_s: f64::NAN, event_name: hostile() },
@@ -302,7 +302,7 @@ fn text_of_a_hostile_log_is_escaped() {
             difference_name: "error",
             reference_name: hostile(),
             accuracy_text: hostile(),
-            card_constant: hostile(),
+            card_constant_text: hostile(),
             is_accurate: true,
         },
         calibrators: CalibratorComparison {
@@ -310,7 +310,7 @@ fn text_of_a_hostile_log_is_escaped() {
             calibrator_rows: vec![(hostile(), vec![nan]), (hostile(), vec![Some(1.0)])],
         },
         compasses: vec![compass_report],
-        parameters: Some([hostile(), hostile()]),
+        parameter_file: Some([hostile(), hostile()]),
         terminal_output: Some([hostile(), hostile()]),
         origin: vec![[hostile(), hostile()]],
     };

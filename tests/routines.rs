@@ -47,7 +47,7 @@ fn fly_samples(config: &WorldConfig, legs: &[Leg]) -> Vec<Sample> {
     let mut source = world.attitude_source();
     let mut noise = RandomStream::new(config.seed, StreamPurpose::Magnetometer);
     for &leg in legs {
-        world.fly_leg(leg);
+        world.append_leg(leg);
     }
     let latency_us = (config.attitude_source.latency_ms * 1e3) as u64;
     let mut instrument = Instrument::new(InstrumentConfig::new(12_500));
@@ -55,7 +55,7 @@ fn fly_samples(config: &WorldConfig, legs: &[Leg]) -> Vec<Sample> {
     for tick in 8.. {
         let now_us = tick * STEP_US;
         simulation.run_until(now_us);
-        if world.unfinished_legs() == 0 {
+        if world.unfinished_leg_count() == 0 {
             break;
         }
         let now = Timestamp::from_us(now_us);
@@ -102,7 +102,7 @@ fn calibration_routine(vehicle_kind: VehicleKind) -> CalibrationRoutine {
 }
 
 /// Median and 90th percentile of the RMS heading error of 40 airframes; infinite without a solution.
-fn median_and_worst_decile_deg(vehicle_kind: VehicleKind, legs: &[Leg]) -> [f64; 2] {
+fn rms_error_median_and_worst_decile_deg(vehicle_kind: VehicleKind, legs: &[Leg]) -> [f64; 2] {
     let mut rms: Vec<f64> = (100..140)
         .map(|seed| {
             let config = harsh_config(vehicle_kind, seed);
@@ -125,14 +125,14 @@ fn median_and_worst_decile_deg(vehicle_kind: VehicleKind, legs: &[Leg]) -> [f64;
 #[test]
 fn a_copter_s_routine_determines_its_calibration() {
     let [median, worst_decile] =
-        median_and_worst_decile_deg(VehicleKind::Copter, &calibration_routine(VehicleKind::Copter).legs());
+        rms_error_median_and_worst_decile_deg(VehicleKind::Copter, &calibration_routine(VehicleKind::Copter).legs());
     assert!(median <= 0.8 && worst_decile <= 1.6, "{median}, {worst_decile}");
 }
 
 /// Yaw turns tilt a copter only into the wind, always to the same side relative to the earth.
 #[test]
 fn yaw_turns_in_hover_do_not_determine_the_calibration() {
-    let [median, _] = median_and_worst_decile_deg(
+    let [median, _] = rms_error_median_and_worst_decile_deg(
         VehicleKind::Copter,
         &calibration_routine(VehicleKind::Copter).routine_parts[0].legs.repeat(3),
     );
@@ -150,7 +150,7 @@ fn routines_of_other_vehicles_determine_their_calibration() {
         (VehicleKind::Boat, 1.0, 2.0),
     ] {
         let [median, worst_decile] =
-            median_and_worst_decile_deg(vehicle_kind, &calibration_routine(vehicle_kind).legs());
+            rms_error_median_and_worst_decile_deg(vehicle_kind, &calibration_routine(vehicle_kind).legs());
         assert!(
             median <= most_median && worst_decile <= most_worst_decile,
             "{vehicle_kind:?}: {median}, {worst_decile}"

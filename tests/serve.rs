@@ -70,7 +70,7 @@ static CALIBRATED_FLASH: LazyLock<FlashImage> = LazyLock::new(|| {
 
 /// Bound of a heading error, degrees: calibration error of 1.0 (README), and three sigmas of attitude error (0.2 of
 /// bias, 0.3 of noise) times the tangent of the inclination, 54 deg.
-const HEADING_BOUND_DEG: f64 = 2.5;
+const HEADING_ERROR_BOUND_DEG: f64 = 2.5;
 
 #[test]
 fn console_commands_are_answered_and_flash_survives_a_restart() {
@@ -109,30 +109,30 @@ fn the_output_does_not_depend_on_the_time_steps() {
 #[test]
 fn the_pilot_flies_the_commanded_legs() {
     let mut served_module = served_module(ServeOptions::default(), None);
-    assert_eq!(served_module.execute_line("turn 25 -360").unwrap(), "ok flies as ordered");
-    served_module.execute_line("heading 90 30").unwrap();
+    assert_eq!(served_module.execute_pilot_line("turn 25 -360").unwrap(), "ok flies as ordered");
+    served_module.execute_pilot_line("heading 90 30").unwrap();
     let mut banks = Vec::new();
     for _ in 0..30 {
         served_module.advance_time(SECOND_US);
-        banks.push(number_after(&served_module.execute_line("status").unwrap(), "roll "));
+        banks.push(number_after(&served_module.execute_pilot_line("status").unwrap(), "roll "));
     }
     let [shortest, longest] = [banks.iter().copied().fold(0.0, f64::max), banks.iter().copied().fold(0.0, f64::min)];
     assert!(longest < -20.0 && shortest < 5.0, "to the left only: {banks:?}");
     served_module.advance_time(30 * SECOND_US);
-    let heading_deg = number_after(&served_module.execute_line("status").unwrap(), "magnetic heading ");
+    let heading_deg = number_after(&served_module.execute_pilot_line("status").unwrap(), "magnetic heading ");
     assert!(wrap_180(heading_deg - 90.0).abs() < 10.0, "{heading_deg}");
 
     assert!(send_typed_command(&mut served_module, "reboot").contains("error armed: "));
-    assert_eq!(served_module.execute_line("land").unwrap(), "ok lands");
+    assert_eq!(served_module.execute_pilot_line("land").unwrap(), "ok lands");
     // Five seconds to level out, one until the next heartbeat, five of rest until a disarmed state counts.
     served_module.advance_time(13 * SECOND_US);
-    assert_eq!(served_module.execute_line("turn 25 90").unwrap_err().stable_code(), "landed");
-    assert!(served_module.execute_line("status").unwrap().contains("stands on the ground: roll 0.0, pitch 0.0"));
+    assert_eq!(served_module.execute_pilot_line("turn 25 90").unwrap_err().stable_code(), "landed");
+    assert!(served_module.execute_pilot_line("status").unwrap().contains("stands on the ground: roll 0.0, pitch 0.0"));
     assert!(send_typed_command(&mut served_module, "reboot").contains("started by reboot"));
-    served_module.execute_line("takeoff").unwrap();
+    served_module.execute_pilot_line("takeoff").unwrap();
     served_module.advance_time(2 * SECOND_US);
     assert!(send_typed_command(&mut served_module, "reboot").contains("error armed: "));
-    assert_eq!(served_module.execute_line("loop 3").unwrap_err().stable_code(), "unknown-order");
+    assert_eq!(served_module.execute_pilot_line("loop 3").unwrap_err().stable_code(), "unknown-order");
 }
 
 fn number_after(text: &str, label: &str) -> f64 {
@@ -158,9 +158,9 @@ fn attitudes_of_another_simulator_turn_the_heading() {
         let headings = received_headings(&mut served_module, 2);
         let errors = headings.iter().map(|heading| wrap_180(heading.expect("a heading") - heading_deg));
         let largest = errors.fold(0.0, |largest: f64, error| largest.max(error.abs()));
-        assert!(headings.len() >= 19 && largest < HEADING_BOUND_DEG, "{heading_deg}: {headings:?}");
+        assert!(headings.len() >= 19 && largest < HEADING_ERROR_BOUND_DEG, "{heading_deg}: {headings:?}");
     }
-    assert_eq!(served_module.execute_line("turn 25 90").unwrap_err().stable_code(), "flown-by-another");
+    assert_eq!(served_module.execute_pilot_line("turn 25 90").unwrap_err().stable_code(), "flown-by-another");
 }
 
 /// The first datagram moves the aircraft at once, without body rates. When attitudes were sent before it, the module
@@ -171,7 +171,7 @@ fn the_first_attitude_of_another_simulator_is_no_change_of_iron() {
         let mut served_module =
             ServedModule::new(WorldConfig::of_table1(1), WITH_EXTERNAL_SIMULATOR, Some(&CALIBRATED_FLASH));
         assert!(received_headings(&mut served_module, 3).iter().all(Option::is_none), "{deg}");
-        assert!(served_module.execute_line("status").unwrap().contains("attitude from nobody yet"));
+        assert!(served_module.execute_pilot_line("status").unwrap().contains("attitude from nobody yet"));
         assert!(send_typed_command(&mut served_module, "status all").contains("reports: 0,"), "none from power-on");
         for _ in 0..160 {
             served_module.follow_datagram(format!("0 0 {deg}").as_bytes()).unwrap();
@@ -179,7 +179,7 @@ fn the_first_attitude_of_another_simulator_is_no_change_of_iron() {
         }
         let off_deg = |heading: &Option<f64>| wrap_180(heading.expect("a heading") - deg).abs();
         assert!(
-            received_headings(&mut served_module, 2).iter().all(|heading| off_deg(heading) < HEADING_BOUND_DEG),
+            received_headings(&mut served_module, 2).iter().all(|heading| off_deg(heading) < HEADING_ERROR_BOUND_DEG),
             "{deg}"
         );
     }
@@ -195,7 +195,7 @@ fn no_attitude_is_of_an_instant_before_the_first_one() {
     served_module.follow_datagram(b"0 0 301").unwrap();
     for poll_ms in 0..300 {
         served_module.send_bytes(AUTOPILOT_PORT, &[]);
-        let awaits = served_module.execute_line("status").unwrap().contains("attitude from nobody yet");
+        let awaits = served_module.execute_pilot_line("status").unwrap().contains("attitude from nobody yet");
         assert!(if poll_ms < 150 { awaits } else { poll_ms < 201 || !awaits }, "{poll_ms} ms");
         served_module.advance_time(SECOND_US / 1000);
     }
@@ -206,7 +206,7 @@ fn malformed_attitudes_are_counted_and_ignored() {
     let mut served_module = served_module(WITH_EXTERNAL_SIMULATOR, None);
     served_module.follow_datagram(b"10 5 90").unwrap();
     served_module.advance_time(SECOND_US);
-    let before = served_module.execute_line("status").unwrap();
+    let before = served_module.execute_pilot_line("status").unwrap();
     let mut random = Random(7);
     for (datagram_index, datagram) in
         [&b"10 5"[..], b"", b"90 0 nan", b"\xff\xff", &random.bytes(200)].into_iter().enumerate()
@@ -216,7 +216,7 @@ fn malformed_attitudes_are_counted_and_ignored() {
     }
     served_module.advance_time(SECOND_US);
     assert_eq!(served_module.datagram_counts(), Some(DatagramCounts { accepted_datagrams: 1, rejected_datagrams: 5 }));
-    let after = served_module.execute_line("status").unwrap();
+    let after = served_module.execute_pilot_line("status").unwrap();
     let followed_attitude =
         |status: &str| status.split_once("follows: ").unwrap().1.split_once(';').unwrap().0.to_owned();
     assert_eq!(followed_attitude(&after), followed_attitude(&before));
@@ -249,7 +249,7 @@ fn an_attached_autopilot_replaces_the_simulated_attitude() {
         let options = ServeOptions { attitude, flight_pattern: PilotPattern::Level, ..ServeOptions::default() };
         let mut served_module = served_module(options, None);
         // Landed, since the module changes its autopilot only when disarmed. Seven more seconds of own reports.
-        let _ = served_module.execute_line("land");
+        let _ = served_module.execute_pilot_line("land");
         served_module.advance_time(7 * SECOND_US);
         let has_own = attitude != AttitudeProvider::Peer;
         assert_eq!(
@@ -288,7 +288,7 @@ fn a_served_module_knows_declination_and_current() {
 
 /// Random bytes at all ports, bounded by what a real line carries.
 #[test]
-fn no_bytes_stop_the_served_module() {
+fn random_bytes_do_not_stop_the_served_module() {
     let mut served_module = served_module(ServeOptions::default(), None);
     let mut random = Random(5);
     for _ in 0..200 {
@@ -309,21 +309,21 @@ fn no_bytes_stop_the_served_module() {
 }
 
 /// Running `host-sim` process, killed on drop. Reads wait for bytes, not for time.
-struct Program {
+struct ServeProgram {
     child: Child,
     stdout_reader: BufReader<ChildStdout>,
     port_addresses: Value,
 }
 
-fn host_sim(arguments: &[&str]) -> Command {
+fn host_sim_command(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
     command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
     command
 }
 
-impl Program {
+impl ServeProgram {
     fn start_serve(arguments: &[&str]) -> Self {
-        let mut child = host_sim(&[&["serve", "--json"], arguments].concat()).spawn().unwrap();
+        let mut child = host_sim_command(&[&["serve", "--json"], arguments].concat()).spawn().unwrap();
         let mut stdout_reader = BufReader::new(child.stdout.take().unwrap());
         let mut line = String::new();
         stdout_reader.read_line(&mut line).unwrap();
@@ -350,13 +350,13 @@ impl Program {
         answer
     }
 
-    fn send_interrupt(&mut self) -> Option<i32> {
+    fn interrupt_for_exit_code(&mut self) -> Option<i32> {
         kill_process(Pid::from_child(&self.child), Signal::INT).unwrap();
         self.child.wait().unwrap().code()
     }
 }
 
-impl Drop for Program {
+impl Drop for ServeProgram {
     fn drop(&mut self) {
         // The process has ended unless the test failed.
         let _ = self.child.kill();
@@ -388,7 +388,7 @@ fn serve_over_tcp_answers_streams_follows_and_ends() {
     let flash = folder.path().join("flash.bin");
     CALIBRATED_FLASH.write_file(&flash).unwrap();
     let mut program =
-        Program::start_serve(&["--tcp", "0", "--world", "0", "--speed", "5", "--flash", flash.to_str().unwrap()]);
+        ServeProgram::start_serve(&["--tcp", "0", "--world", "0", "--speed", "5", "--flash", flash.to_str().unwrap()]);
     let mut console = program.connect_tcp(CONSOLE_PORT);
     console.write_all(b"version\r").unwrap();
     read_until(&mut console, contains_text("ok autoswing 0.1.0\r\n> "));
@@ -402,7 +402,7 @@ fn serve_over_tcp_answers_streams_follows_and_ends() {
             parse_sentences(read)
                 .iter()
                 .flatten()
-                .any(|heading_deg| wrap_180(heading_deg - 90.0).abs() < HEADING_BOUND_DEG)
+                .any(|heading_deg| wrap_180(heading_deg - 90.0).abs() < HEADING_ERROR_BOUND_DEG)
         };
         read_until(&mut listener, is_east);
     }
@@ -410,7 +410,7 @@ fn serve_over_tcp_answers_streams_follows_and_ends() {
     assert!(program.send_order("land").starts_with("error flown-by-another: "));
     console.write_all(b"set declination 7\r").unwrap();
     read_until(&mut console, contains_text("ok declination 7.0 deg"));
-    assert_eq!(program.send_interrupt(), Some(130));
+    assert_eq!(program.interrupt_for_exit_code(), Some(130));
     drop(program);
     let (_, image) = FlashImage::lock_and_read(&flash).unwrap().unwrap();
     assert!(image != *CALIBRATED_FLASH, "what was set is kept");
@@ -422,10 +422,10 @@ fn serve_over_tcp_answers_streams_follows_and_ends() {
 /// With a real console program and a real pseudo-terminal.
 #[test]
 fn serve_over_a_pseudo_terminal_answers_and_removes_it() {
-    let mut program = Program::start_serve(&["--speed", "5"]);
+    let mut program = ServeProgram::start_serve(&["--speed", "5"]);
     let path = program.pty_path(CONSOLE_PORT);
     for _ in 0..2 {
-        let mut console = host_sim(&["console", &path]).spawn().unwrap();
+        let mut console = host_sim_command(&["console", &path]).spawn().unwrap();
         let mut printed = console.stdout.take().unwrap();
         let mut keys = console.stdin.take().unwrap();
         keys.write_all(b"\rstatus all\r").unwrap();
@@ -435,7 +435,7 @@ fn serve_over_a_pseudo_terminal_answers_and_removes_it() {
     }
     let mut nmea = fs::File::open(program.pty_path(INSTRUMENT_PORT)).unwrap();
     read_until(&mut nmea, contains_text("$HCHDM,,M*07\r\n"));
-    assert_eq!(program.send_interrupt(), Some(130));
+    assert_eq!(program.interrupt_for_exit_code(), Some(130));
     drop(nmea);
     assert!(!Path::new(&path).exists());
 }
@@ -445,8 +445,8 @@ fn attaching_programs_are_reported_and_a_flash_file_has_one_user() {
     let folder = tempfile::tempdir().unwrap();
     let flash = folder.path().join("flash.bin");
     let flash = flash.to_str().unwrap();
-    let mut program = Program::start_serve(&["--tcp", "0", "--flash", flash]);
-    let Output { status, stderr, .. } = host_sim(&["serve", "--flash", flash]).output().unwrap();
+    let mut program = ServeProgram::start_serve(&["--tcp", "0", "--flash", flash]);
+    let Output { status, stderr, .. } = host_sim_command(&["serve", "--flash", flash]).output().unwrap();
     let stderr_text = String::from_utf8(stderr).unwrap();
     assert!(status.code() == Some(2) && stderr_text.contains("flash-in-use: "), "{stderr_text}");
     let port_number = program.port_addresses["ports"][INSTRUMENT_PORT]["tcp"].to_string();
@@ -460,13 +460,13 @@ fn attaching_programs_are_reported_and_a_flash_file_has_one_user() {
     read_until(&mut stderr, contains_text(&format!(" attached to TCP port {port_number}")));
     drop((client, nmea));
     read_until(&mut stderr, contains_text(&format!("a program detached from TCP port {port_number}")));
-    assert_eq!(program.send_interrupt(), Some(130));
+    assert_eq!(program.interrupt_for_exit_code(), Some(130));
 }
 
 /// `reboot` requires a disarmed vehicle; lines after `quit` are not sent.
 #[test]
 fn the_private_console_takes_orders_and_quits() {
-    let mut console = host_sim(&["console", "--speed", "20"]).spawn().unwrap();
+    let mut console = host_sim_command(&["console", "--speed", "20"]).spawn().unwrap();
     let mut keys = console.stdin.take().unwrap();
     let mut printed = console.stdout.take().unwrap();
     keys.write_all(b"reboot\r!land\r").unwrap();
@@ -492,7 +492,7 @@ fn the_private_console_takes_orders_and_quits() {
 
 #[test]
 fn the_console_command_runs_its_own_module() {
-    let mut console = host_sim(&["console", "--speed", "5"]).spawn().unwrap();
+    let mut console = host_sim_command(&["console", "--speed", "5"]).spawn().unwrap();
     console.stdin.take().unwrap().write_all(b"version\r").unwrap();
     let Output { status, stdout, .. } = console.wait_with_output().unwrap();
     assert!(status.success() && contains_text("ok autoswing 0.1.0")(&stdout), "{}", String::from_utf8_lossy(&stdout));
@@ -501,7 +501,7 @@ fn the_console_command_runs_its_own_module() {
 /// The answers of 80 lines are 140 KB; the lines that arrive during one would not fit the port's receive buffer.
 #[test]
 fn each_piped_line_is_answered() {
-    let mut console = host_sim(&["console", "--speed", "20"]).spawn().unwrap();
+    let mut console = host_sim_command(&["console", "--speed", "20"]).spawn().unwrap();
     console.stdin.take().unwrap().write_all("status all\n".repeat(80).as_bytes()).unwrap();
     let Output { status, stdout, .. } = console.wait_with_output().unwrap();
     assert!(status.success());
@@ -541,7 +541,7 @@ fn serve_errors_are_reported_with_code_and_cause() {
         (["console", "/nowhere/pts", "--speed=1"], "no-module", "/nowhere/pts"),
         (["serve", "--pattern", "eights"], "invalid value 'eights'", "routine, circles, wandering, level"),
     ] {
-        let Output { status, stderr, .. } = host_sim(&arguments).output().unwrap();
+        let Output { status, stderr, .. } = host_sim_command(&arguments).output().unwrap();
         let stderr_text = String::from_utf8(stderr).unwrap();
         assert_eq!(status.code(), Some(2), "{arguments:?}: {stderr_text}");
         assert!(stderr_text.contains(code) && stderr_text.contains(about), "{arguments:?}: {stderr_text}");

@@ -13,14 +13,14 @@ fn calibrated_rig() -> Rig {
     let mut rig = Rig::new(WorldConfig::of_table1(2));
     rig.run_for_s(1.0);
     rig.send_console_line("cal start turns");
-    rig.world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 1440.0 });
-    rig.world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: -1440.0 });
+    rig.world.append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 1440.0 });
+    rig.world.append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: -1440.0 });
     let mut session = String::new();
     while transcript::parse_solve_notice(&session).is_none() {
         assert_eq!(rig.run_for_s(1.0), ModuleRunEnd::Time);
         session.push_str(&rig.take_console_output());
     }
-    rig.world.fly_leg(Leg::Straight { heading_deg: 90.0, seconds: 20.0 });
+    rig.world.append_leg(Leg::Straight { heading_deg: 90.0, seconds: 20.0 });
     rig.run_for_s(25.0);
     let _ = rig.instrument.receive_bytes();
     rig
@@ -41,7 +41,7 @@ fn receive_sentences(rig: &mut Rig, seconds: f64) -> Vec<HeadingSentence> {
     received
 }
 
-fn received_headings(received: &[HeadingSentence]) -> usize {
+fn count_headings(received: &[HeadingSentence]) -> usize {
     received.iter().filter(|sentence| sentence.heading_deg.is_some()).count()
 }
 
@@ -56,7 +56,7 @@ fn every_sentence_is_sent_at_the_set_rate() {
             // Sentences are sent at samples (80 Hz), whose rate need not be a multiple of the output rate.
             assert!(count.abs_diff(expected) <= 1 + expected / 20, "{sentence_kind} at {rate_hz} Hz: {count} in 5 s");
         }
-        assert_eq!(received_headings(&received), received.len());
+        assert_eq!(count_headings(&received), received.len());
     }
     rig.send_console_line("stream off");
     assert!(receive_sentences(&mut rig, 2.0).is_empty());
@@ -94,7 +94,7 @@ fn an_uncalibrated_module_sends_empty_headings() {
     rig.run_for_s(1.0);
     let received = receive_sentences(&mut rig, 3.0);
     assert!(received.len() >= 50);
-    assert_eq!(received_headings(&received), 0);
+    assert_eq!(count_headings(&received), 0);
 }
 
 #[test]
@@ -133,16 +133,16 @@ fn a_saturated_sensor_gives_no_heading() {
     rig.run_for_s(0.2);
     let received = receive_sentences(&mut rig, 2.0);
     assert!(
-        received.len() >= 30 && received_headings(&received) == 0,
+        received.len() >= 30 && count_headings(&received) == 0,
         "{} of {}",
-        received_headings(&received),
+        count_headings(&received),
         received.len()
     );
     assert!(rig.send_console_line("status all").contains("heading: none, sensor-saturated"));
     rig.world.set_disturbance_ut([0.0; 3]);
     rig.run_for_s(0.2);
     let received = receive_sentences(&mut rig, 2.0);
-    assert_eq!(received_headings(&received), received.len());
+    assert_eq!(count_headings(&received), received.len());
 }
 
 /// A field 20 uT stronger than the Earth's indicates interference.
@@ -151,7 +151,7 @@ fn a_disturbed_field_gives_no_heading() {
     let mut rig = calibrated_rig();
     rig.world.set_disturbance_ut([0.0, 0.0, 25.0]);
     rig.run_for_s(0.2);
-    assert_eq!(received_headings(&receive_sentences(&mut rig, 2.0)), 0);
+    assert_eq!(count_headings(&receive_sentences(&mut rig, 2.0)), 0);
     assert!(rig.send_console_line("status all").contains("heading: none, field-disturbed"));
 }
 
@@ -163,9 +163,9 @@ fn a_lost_sensor_is_detected_and_used_again_when_it_returns() {
     rig.run_for_s(0.25);
     let received = receive_sentences(&mut rig, 2.0);
     assert!(
-        received.len() >= 20 && received_headings(&received) == 0,
+        received.len() >= 20 && count_headings(&received) == 0,
         "{} of {}",
-        received_headings(&received),
+        count_headings(&received),
         received.len()
     );
     assert!(rig.send_console_line("status all").contains("heading: none, sensor-silent"));
@@ -173,7 +173,7 @@ fn a_lost_sensor_is_detected_and_used_again_when_it_returns() {
     rig.magnetometer.set_silent(false);
     rig.run_for_s(1.0);
     let received = receive_sentences(&mut rig, 2.0);
-    assert_eq!(received_headings(&received), received.len());
+    assert_eq!(count_headings(&received), received.len());
     // The module did not restart.
     assert!(rig.send_console_line("status all").contains("started by power-on"));
 }
@@ -186,7 +186,7 @@ fn garbage_between_the_attitude_messages_does_not_stop_the_stream() {
     for _ in 0..100 {
         rig.autopilot.send_bytes(&random.bytes(40));
         let received = receive_sentences(&mut rig, 0.1);
-        heading_counts = (heading_counts.0 + received_headings(&received), heading_counts.1 + received.len());
+        heading_counts = (heading_counts.0 + count_headings(&received), heading_counts.1 + received.len());
     }
     assert!(heading_counts.1 >= 150 && heading_counts.0 == heading_counts.1, "{heading_counts:?}");
 }

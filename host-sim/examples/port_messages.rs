@@ -48,7 +48,7 @@ fn print_flight(vehicle_kind: VehicleKind, port_devices: [FarEnd; 2], setting: &
     )
     .legs()
     {
-        rig.world.fly_leg(leg);
+        rig.world.append_leg(leg);
     }
     let end_us = rig.now_us() + (FLIGHT_S * 1e6) as u64;
     while rig.now_us() < end_us {

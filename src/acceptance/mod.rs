@@ -116,9 +116,9 @@ pub enum Rejection {
     /// No better than the active calibration on held-back samples.
     NotBetter {
         /// Score of the candidate; smaller is better.
-        candidate: f32,
+        candidate_score: f32,
         /// Score of the active calibration.
-        incumbent: f32,
+        incumbent_score: f32,
     },
     /// Less information than the active calibration, without contradicting it.
     LessInformative {
@@ -171,12 +171,12 @@ fn fewest_held_back(samples: &AcceptanceSamples<'_>) -> u16 {
 /// Small hard-iron changes are included in the expected error. Rejects a change that dominates it, or that comes with
 /// too large an expected error.
 fn check_iron_change(policy: &AcceptancePolicy, candidate: &Solution) -> Result<(), Rejection> {
-    let Some(Finding { violation: change, added_error_deg: error_deg, expected_without_deg: without_deg }) =
+    let Some(Finding { violation: change, added_error_deg: error_deg, error_without_violation_deg: error_without_deg }) =
         candidate.hard_iron_change
     else {
         return Ok(());
     };
-    let is_dominant = error_deg > policy.max_hard_iron_error_ratio * without_deg;
+    let is_dominant = error_deg > policy.max_hard_iron_error_ratio * error_without_deg;
     if is_dominant || check_accuracy(policy, candidate).is_err() {
         return Err(Rejection::IronChanged(change));
     }
@@ -203,11 +203,11 @@ fn check_accuracy(policy: &AcceptancePolicy, candidate: &Solution) -> Result<(),
             Err(_),
             Some(Finding {
                 violation: BankScaleFinding { reported_bank_ratio: read, significance_sigmas: sigmas },
-                expected_without_deg: without_deg,
+                error_without_violation_deg: error_without_deg,
                 ..
             }),
         ) => {
-            check_expected_error(policy, *without_deg)?;
+            check_expected_error(policy, *error_without_deg)?;
             if *sigmas > policy.certain_bank_scale_sigmas {
                 return Err(Rejection::AttitudeContradicted { reported_bank_ratio: *read, expected_rms_deg });
             }
@@ -240,7 +240,7 @@ fn check_held_back_scores(
     if scores.candidate_score < scores.active_score {
         Ok(scores)
     } else {
-        Err(Rejection::NotBetter { candidate: scores.candidate_score, incumbent: scores.active_score })
+        Err(Rejection::NotBetter { candidate_score: scores.candidate_score, incumbent_score: scores.active_score })
     }
 }
 
@@ -282,7 +282,7 @@ impl fmt::Display for Rejection {
             Self::NotAccurate { expected_rms_deg } => {
                 write!(f, "expected error {} deg", Decimal::<1>(expected_rms_deg))
             }
-            Self::NotBetter { candidate, incumbent } => {
+            Self::NotBetter { candidate_score: candidate, incumbent_score: incumbent } => {
                 let (candidate, incumbent) = (Decimal::<2>(candidate), Decimal::<2>(incumbent));
                 write!(f, "score {candidate} against {incumbent} of the active calibration")
             }

@@ -160,7 +160,7 @@ fn a_large_expected_error_is_rejected() {
 fn candidate_with_hard_iron_change(error_deg: f32, expected_rms_deg: f32) -> Solution {
     let change =
         DetectedHardIronChange { size_ut: 4.2, time_course: HardIronTimeCourse::Step { after_s: 31 }, duration_s: 230 };
-    let finding = Some(Finding { violation: change, added_error_deg: error_deg, expected_without_deg: 0.5 });
+    let finding = Some(Finding { violation: change, added_error_deg: error_deg, error_without_violation_deg: 0.5 });
     Solution { hard_iron_change: finding, ..candidate(0.1, quality_with_error(expected_rms_deg)) }
 }
 
@@ -187,18 +187,18 @@ fn a_dominant_hard_iron_change_is_rejected() {
 }
 
 /// Candidate with a bank-scale finding; expected errors without and with the scale error.
-fn candidate_with_bank_scale_error(sigmas: f32, without_deg: f32, expected_rms_deg: f32) -> Solution {
+fn candidate_with_bank_scale_error(sigmas: f32, error_without_deg: f32, expected_rms_deg: f32) -> Solution {
     let bank = Some(Finding {
         violation: BankScaleFinding { reported_bank_ratio: 0.91, significance_sigmas: sigmas },
         added_error_deg: 1.0,
-        expected_without_deg: without_deg,
+        error_without_violation_deg: error_without_deg,
     });
     Solution { bank_scale_error: bank, ..candidate(0.1, quality_with_error(expected_rms_deg)) }
 }
 
 /// A suspected bank-angle scale error is ignored, a certain one is the rejection reason.
 #[test]
-fn a_bank_scale_error_is_the_reason_only_if_certain() {
+fn a_bank_scale_error_is_a_rejection_reason_only_if_certain() {
     let evaluate_candidate =
         |candidate: &Solution| evaluate_with_held_back(ENOUGH_HELD_BACK_COUNTS, candidate, &UNCALIBRATED_INCUMBENT);
     for sigmas in [2.0, 3.4, 3.6, 9.0] {
@@ -229,7 +229,11 @@ fn only_a_better_candidate_is_accepted() {
     };
     assert!(evaluate_with_b_ut(0.99).is_ok());
     for b_ut in [1.0, 1.01, f32::NAN] {
-        let Err(Rejection::NotBetter { candidate, incumbent }) = evaluate_with_b_ut(b_ut) else { panic!("{b_ut}") };
+        let Err(Rejection::NotBetter { candidate_score: candidate, incumbent_score: incumbent }) =
+            evaluate_with_b_ut(b_ut)
+        else {
+            panic!("{b_ut}")
+        };
         assert!(candidate.is_nan() || candidate >= incumbent, "{candidate} {incumbent}");
     }
 }
@@ -279,7 +283,7 @@ fn a_free_flight_without_tilt_is_unobservable() {
     }
     let advice = Advice {
         weakest_deviation: Deviation::Constant,
-        weakest_deg: 0.5,
+        weakest_deviation_deg: 0.5,
         expected_deg: 0.5,
         manoeuvre: Manoeuvre::YawTurn,
         expected_after_deg: 0.5,

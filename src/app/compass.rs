@@ -49,7 +49,7 @@ pub async fn run_compass<F: NorFlash>(
         links.set_initial_protocols(stored.startup_values.detected_protocols);
         Compass::new(AcceptancePolicy::DEFAULT, &stored, retained_samples)
     };
-    if let Some(loss_message) = compass.last_outcome() {
+    if let Some(loss_message) = compass.last_collection_outcome() {
         links.broadcast_message(loss_message);
     }
     run_state_machine(links, &mut store, &mut compass).await
@@ -63,7 +63,7 @@ async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>,
     publish_state(links, compass, None);
     loop {
         increment_counter(&links.heartbeats.compass);
-        let (event, source) = if compass.is_busy() {
+        let (event, source) = if compass.needs_solve_step() {
             // The console runs between two steps of a solve.
             yield_now().await;
             match poll_once(events.next_event()) {
@@ -122,7 +122,8 @@ fn add_sample_loss(effect: &mut Effect, loss: Option<SampleLoss>) {
     match effect {
         Effect::Reply(Err(refusal)) => *refusal = refusal.clone().with_cause(loss),
         Effect::Reply(Ok(Reply::Report(report))) => {
-            report.last_outcome = report.last_outcome.take().map(|outcome| outcome.with_cause(loss));
+            report.last_collection_outcome =
+                report.last_collection_outcome.take().map(|outcome| outcome.with_cause(loss));
         }
         Effect::Notify(message) => *message = message.clone().with_cause(loss),
         Effect::Reply(Ok(_)) | Effect::None | Effect::Save => {}

@@ -122,7 +122,7 @@ impl Terminal<'_> {
             reset_cause: self.reset_cause,
             uptime_s: Instant::now().as_secs() as u32,
             stack_use: platform.peak_stack_use(),
-            ports: self.links.port_protocols(),
+            port_protocols: self.links.port_protocols(),
             can_state: self.links.can_state(),
         }
     }

@@ -34,7 +34,7 @@ pub async fn run_instrument(links: &TaskLinks) -> ! {
                 instrument.on_attitude(report.timestamp, report.value);
                 // The motor current is polled on attitude reports, which are more frequent than currents and less
                 // urgent than readings.
-                if let Some(current) = links.current.try_get() {
+                if let Some(current) = links.motor_current.try_get() {
                     instrument.on_current(current.timestamp, current.value);
                 }
             }
@@ -69,7 +69,7 @@ pub async fn run_instrument(links: &TaskLinks) -> ! {
             }
             instrument.update_monitor();
             let is_armed = links.is_armed() == Some(true);
-            if let Some(change) = change_report.select_report(now(), is_armed, instrument.installation_change()) {
+            if let Some(change) = change_report.report_if_changed(now(), is_armed, instrument.installation_change()) {
                 links.broadcast_message(&change.map_or(Message::InstallationRestored, Message::InstallationChanged));
             }
         }
@@ -77,7 +77,7 @@ pub async fn run_instrument(links: &TaskLinks) -> ! {
 }
 
 fn silence_deadline(instrument: &Instrument) -> Instant {
-    Instant::now() + embassy_time::Duration::from_micros(instrument.instrument_config().silence_us())
+    Instant::now() + embassy_time::Duration::from_micros(instrument.instrument_config().silence_timeout_us())
 }
 
 /// Reconfigures the instrument if another sensor was detected.

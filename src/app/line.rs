@@ -47,7 +47,7 @@ pub(super) fn route_message(
             links.queue_or_count(&links.attitude_reports, Timestamped { timestamp: at, value: report });
         }
         ReceivedMessage::Attitude(_) | ReceivedMessage::RejectedAttitude => {
-            increment_counter(&links.event_counters.attitude_foreign);
+            increment_counter(&links.event_counters.attitude_of_other_senders);
         }
         // If the queue is full, the command is dropped, and its sender repeats it.
         ReceivedMessage::Command(command) => {
@@ -55,7 +55,7 @@ pub(super) fn route_message(
         }
         ReceivedMessage::Position(place) => links.update_position(at, place),
         ReceivedMessage::Date(day) => publish_value(&links.date, day),
-        ReceivedMessage::Current(value) => links.current.sender().send(Timestamped { timestamp: at, value }),
+        ReceivedMessage::Current(value) => links.motor_current.sender().send(Timestamped { timestamp: at, value }),
         ReceivedMessage::Other => {}
     }
 }

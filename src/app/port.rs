@@ -94,7 +94,7 @@ pub async fn run_port(
                 published_counts.add_new_counts(&port, &links.event_counters);
             }
             Either4::Second(Ok(number)) if number > 0 => port.pending_output.consume_bytes(number),
-            Either4::Second(_) => port.pending_output.mark_failed(),
+            Either4::Second(_) => port.pending_output.drop_after_line_error(),
             Either4::Third((command, result)) => port.mavlink.complete_command(command, result.as_ref().copied()),
             Either4::Fourth(Ok(read)) if read > 0 => {
                 receive_bytes(links, line, &mut port, bytes.get(..read).unwrap_or_default());
@@ -141,11 +141,14 @@ struct PublishedCounts([u32; 4]);
 impl PublishedCounts {
     fn add_new_counts(&mut self, port: &Port, counters: &EventCounters) {
         let TransmitBuffer {
-            message_count: messages, messages_without_heading: without_heading, lost_messages, ..
+            message_count: messages,
+            headingless_message_count: without_heading,
+            lost_message_count,
+            ..
         } = port.pending_output;
-        let counts = [messages, without_heading, lost_messages, port.rejected_frames()];
+        let counts = [messages, without_heading, lost_message_count, port.rejected_frame_count()];
         let totals =
-            [&counters.messages, &counters.messages_empty, &counters.write_errors, &counters.attitude_rejected];
+            [&counters.messages, &counters.messages_empty, &counters.write_errors, &counters.attitude_frames_rejected];
         for ((counter, count), published_count) in totals.into_iter().zip(counts).zip(&mut self.0) {
             if count != *published_count {
                 counter.fetch_add(count.wrapping_sub(*published_count), Ordering::Relaxed);

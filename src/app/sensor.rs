@@ -38,7 +38,7 @@ pub async fn run_sensor(links: &TaskLinks, mut magnetometer: impl Magnetometer) 
                 links.sensor.sender().send(DetectedSensor { identity, period_us, equal_readings_until_stuck });
                 if read_until_error(links, &mut magnetometer).await == StopReason::ConfigurationLost {
                     // The sensor answers, so that it is initialised again without a delay.
-                    increment_counter(&links.event_counters.sensor_upsets);
+                    increment_counter(&links.event_counters.sensor_register_upsets);
                     continue;
                 }
             }

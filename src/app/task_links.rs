@@ -100,7 +100,7 @@ pub struct TaskLinks {
     /// Date, for the state machine.
     pub(super) date: LatestValue<Date, 1>,
     /// Motor current, amperes; the instrument polls it.
-    pub(super) current: LatestValue<Timestamped<f32>, 0>,
+    pub(super) motor_current: LatestValue<Timestamped<f32>, 0>,
     /// Correction for the instrument, replaced as a whole, so that a heading never mixes two calibrations.
     pub(super) correction: LatestValue<Correction, 1>,
     /// Effective settings, for the lines.
@@ -112,7 +112,7 @@ pub struct TaskLinks {
     /// Request to restart the module, for the console, which does so.
     pub(super) restart_request: Signal<CriticalSectionRawMutex, ()>,
     lines: [LineLinks; LINE_COUNT],
-    attitude_line: Mutex<CriticalSectionRawMutex, Cell<LineSelector>>,
+    attitude_line_selector: Mutex<CriticalSectionRawMutex, Cell<LineSelector>>,
     can_state: Mutex<CriticalSectionRawMutex, Cell<Option<CanState>>>,
     pub(super) event_counters: EventCounters,
     pub(super) heartbeats: Heartbeats,
@@ -134,14 +134,14 @@ impl TaskLinks {
             armed_state: Watch::new(),
             position: Watch::new(),
             date: Watch::new(),
-            current: Watch::new(),
+            motor_current: Watch::new(),
             correction: Watch::new(),
             settings: Watch::new(),
             stored_settings: Watch::new(),
             estimates: Watch::new(),
             restart_request: Signal::new(),
             lines: [const { LineLinks::new() }; LINE_COUNT],
-            attitude_line: Mutex::new(Cell::new(LineSelector::new())),
+            attitude_line_selector: Mutex::new(Cell::new(LineSelector::new())),
             can_state: Mutex::new(Cell::new(None)),
             event_counters: EventCounters::new(),
             heartbeats: Heartbeats::new(),
@@ -160,7 +160,7 @@ impl TaskLinks {
     /// Whether an attitude report from a line is accepted, with a gyro's rates or without: one line is selected at a
     /// time.
     pub(super) fn accept_attitude(&self, line: AutopilotLine, at: Timestamp, has_gyro: bool) -> bool {
-        self.attitude_line.lock(|selector| {
+        self.attitude_line_selector.lock(|selector| {
             let mut line_selector = selector.get();
             let is_accepted = line_selector.accept_line_report(at, line.line_number(), has_gyro);
             selector.set(line_selector);
@@ -320,9 +320,9 @@ pub(super) struct Heartbeats {
 }
 
 /// Number of heartbeat counters of the tasks of every board; each line of a board has a further one.
-pub(super) const COMMON_HEARTBEAT_COUNT: usize = 3;
+pub(super) const COMMON_HEARTBEAT_COUNTERS: usize = 3;
 
-pub(super) const MAX_HEARTBEAT_COUNT: usize = COMMON_HEARTBEAT_COUNT + LINE_COUNT;
+pub(super) const MAX_HEARTBEAT_COUNTERS: usize = COMMON_HEARTBEAT_COUNTERS + LINE_COUNT;
 
 impl Heartbeats {
     pub const fn new() -> Self {
@@ -332,7 +332,7 @@ impl Heartbeats {
 
 impl TaskLinks {
     /// All heartbeat counters; 0 for a line that does not run.
-    pub(super) fn heartbeat_counts(&self) -> [u32; MAX_HEARTBEAT_COUNT] {
+    pub(super) fn heartbeat_counts(&self) -> [u32; MAX_HEARTBEAT_COUNTERS] {
         let Heartbeats { sensor, instrument, compass } = &self.heartbeats;
         let [one, two, can] = self.lines.each_ref().map(|line| &line.heartbeat);
         [sensor, instrument, compass, one, two, can].map(|beat| beat.load(Ordering::Relaxed))

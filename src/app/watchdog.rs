@@ -3,7 +3,7 @@
 use embassy_time::{Duration, Instant, Timer};
 
 use super::TaskLinks;
-use super::task_links::{COMMON_HEARTBEAT_COUNT, MAX_HEARTBEAT_COUNT};
+use super::task_links::{COMMON_HEARTBEAT_COUNTERS, MAX_HEARTBEAT_COUNTERS};
 
 /// Interval of checks; longer than the slowest heartbeat, that of a sensor that does not answer.
 const CHECK_INTERVAL: Duration = Duration::from_millis(700);
@@ -47,8 +47,8 @@ pub async fn run_watchdog(links: &TaskLinks, mut watchdog: impl Watchdog) -> ! {
 }
 
 /// Whether each task has sent a heartbeat; a line is exempt until its first one.
-fn all_sent_heartbeats(last_counts: &[u32; MAX_HEARTBEAT_COUNT], counts: &[u32; MAX_HEARTBEAT_COUNT]) -> bool {
-    let is_unused_line = |i: usize, beat: u32| i >= COMMON_HEARTBEAT_COUNT && beat == 0;
+fn all_sent_heartbeats(last_counts: &[u32; MAX_HEARTBEAT_COUNTERS], counts: &[u32; MAX_HEARTBEAT_COUNTERS]) -> bool {
+    let is_unused_line = |i: usize, beat: u32| i >= COMMON_HEARTBEAT_COUNTERS && beat == 0;
     counts
         .iter()
         .zip(last_counts)

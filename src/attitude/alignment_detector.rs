@@ -33,7 +33,7 @@ const MAX_GAP_S: f32 = 0.5;
 
 /// Detector of an aligning source: exponential means and hold time.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct AlignmentDetector {
+pub(super) struct InitialAlignmentDetector {
     /// Field direction in sensor axes; only angles are used.
     field_direction: MeanDirection,
     last_means: Option<RunningMeans>,
@@ -51,10 +51,10 @@ struct RunningMeans {
     /// Integrated magnitude of the body rates, radians, with exponential forgetting.
     integrated_rate_rad: f32,
     /// Magnitude of the last report's body rates, radians per second.
-    rate_rad_s: f32,
+    last_rate_rad_s: f32,
 }
 
-impl AlignmentDetector {
+impl InitialAlignmentDetector {
     pub const fn new() -> Self {
         Self { field_direction: MeanDirection::UNKNOWN, last_means: None, hold_remaining_s: 0.0 }
     }
@@ -78,7 +78,7 @@ impl AlignmentDetector {
             mean_down: report.attitude.tilt_rotation().down_in_body(),
             mean_field: field,
             integrated_rate_rad: 0.0,
-            rate_rad_s,
+            last_rate_rad_s: rate_rad_s,
         };
         let Some(previous_means) = self.last_means.replace(current_means) else { return false };
         let step_s = at.us_since(previous_means.updated_at) as f32 * 1e-6;
@@ -102,13 +102,13 @@ impl RunningMeans {
     /// Means updated with the report `latest`, `step_s` later.
     fn updated_means(&self, latest: &Self, step_s: f32) -> Self {
         let weight = step_s / MEAN_TIME_CONSTANT_S;
-        let rate_rad_s = latest.rate_rad_s.max(self.rate_rad_s);
+        let rate_rad_s = latest.last_rate_rad_s.max(self.last_rate_rad_s);
         Self {
             updated_at: latest.updated_at,
             mean_down: self.mean_down + (latest.mean_down - self.mean_down) * weight,
             mean_field: self.mean_field + (latest.mean_field - self.mean_field) * weight,
             integrated_rate_rad: (1.0 - weight) * self.integrated_rate_rad + rate_rad_s * step_s,
-            rate_rad_s: latest.rate_rad_s,
+            last_rate_rad_s: latest.last_rate_rad_s,
         }
     }
 }
@@ -127,8 +127,8 @@ mod tests {
         tilt_deg: fn(f32) -> f32,
         is_pitch: bool,
         /// Fractions of the tilt change that appear in the rates and in the field.
-        rate_fraction: f32,
-        field_fraction: f32,
+        tilt_fraction_in_rates: f32,
+        tilt_fraction_in_field: f32,
     }
 
     /// Simulated tilt: a step at 0 s.
@@ -141,13 +141,18 @@ mod tests {
         20.0 * t_s.clamp(0.0, 2.0) - 20.0 * (t_s - 2.0).clamp(0.0, 2.0)
     }
 
-    const STILL_RAMP: SimulatedSource =
-        SimulatedSource { tilt_deg: tilt_ramp_deg, is_pitch: false, rate_fraction: 0.0, field_fraction: 0.0 };
+    const UNEXPLAINED_RAMP: SimulatedSource = SimulatedSource {
+        tilt_deg: tilt_ramp_deg,
+        is_pitch: false,
+        tilt_fraction_in_rates: 0.0,
+        tilt_fraction_in_field: 0.0,
+    };
 
     /// Times of the first and last report classified as aligning, seconds.
     fn aligning_period_s(source: SimulatedSource) -> Option<[f32; 2]> {
-        let SimulatedSource { tilt_deg, is_pitch, rate_fraction: by_rates, field_fraction: by_field } = source;
-        let mut aligning = AlignmentDetector::new();
+        let SimulatedSource { tilt_deg, is_pitch, tilt_fraction_in_rates: by_rates, tilt_fraction_in_field: by_field } =
+            source;
+        let mut aligning = InitialAlignmentDetector::new();
         let mut found: Option<[f32; 2]> = None;
         for i in 0..1000_u16 {
             let t_s = f32::from(i) * 0.02 - 10.0;
@@ -177,14 +182,14 @@ mod tests {
     #[test]
     fn an_unexplained_tilt_change_is_alignment() {
         for is_pitch in [false, true] {
-            let period = |tilt_deg| aligning_period_s(SimulatedSource { tilt_deg, is_pitch, ..STILL_RAMP });
+            let period = |tilt_deg| aligning_period_s(SimulatedSource { tilt_deg, is_pitch, ..UNEXPLAINED_RAMP });
             assert_eq!(period(tilt_step_deg::<290>), None);
             let [from_s, to_s] = period(tilt_step_deg::<320>).unwrap();
             // Detected for a twentieth of a second, plus 5 s of hold time.
             assert!(from_s.abs() < 0.01 && (to_s - 5.0).abs() < 0.1, "{from_s} {to_s}");
         }
         // Detected during the whole ramp, plus 5 s.
-        let [from_s, to_s] = aligning_period_s(STILL_RAMP).unwrap();
+        let [from_s, to_s] = aligning_period_s(UNEXPLAINED_RAMP).unwrap();
         assert!((0.1..0.3).contains(&from_s) && (8.8..10.0).contains(&to_s), "{from_s} {to_s}");
     }
 
@@ -192,18 +197,20 @@ mod tests {
     #[test]
     fn slow_drift_is_not_alignment() {
         assert_eq!(
-            aligning_period_s(SimulatedSource { tilt_deg: |t_s| 2.0 * t_s.clamp(0.0, 10.0), ..STILL_RAMP }),
+            aligning_period_s(SimulatedSource { tilt_deg: |t_s| 2.0 * t_s.clamp(0.0, 10.0), ..UNEXPLAINED_RAMP }),
             None
         );
         assert!(
-            aligning_period_s(SimulatedSource { tilt_deg: |t_s| 4.0 * t_s.clamp(0.0, 10.0), ..STILL_RAMP }).is_some()
+            aligning_period_s(SimulatedSource { tilt_deg: |t_s| 4.0 * t_s.clamp(0.0, 10.0), ..UNEXPLAINED_RAMP })
+                .is_some()
         );
     }
 
     /// At 20 deg/s the tilt is up to 20 deg off its mean. Rates count twice, so half of the motion must appear in them.
     #[test]
     fn motion_seen_by_the_rates_is_not_alignment() {
-        let by_rates = |by_rates| aligning_period_s(SimulatedSource { rate_fraction: by_rates, ..STILL_RAMP });
+        let by_rates =
+            |by_rates| aligning_period_s(SimulatedSource { tilt_fraction_in_rates: by_rates, ..UNEXPLAINED_RAMP });
         assert!(by_rates(0.3).is_some() && by_rates(-0.3).is_some());
         assert_eq!((by_rates(0.5), by_rates(-1.0), by_rates(1.0)), (None, None, None));
     }
@@ -212,7 +219,11 @@ mod tests {
     #[test]
     fn motion_seen_by_the_field_is_not_alignment() {
         let by_field = |by_field| {
-            aligning_period_s(SimulatedSource { field_fraction: by_field, rate_fraction: 0.017, ..STILL_RAMP })
+            aligning_period_s(SimulatedSource {
+                tilt_fraction_in_field: by_field,
+                tilt_fraction_in_rates: 0.017,
+                ..UNEXPLAINED_RAMP
+            })
         };
         assert!(by_field(0.25).is_some() && by_field(-0.25).is_some());
         assert_eq!((by_field(0.4), by_field(-0.4), by_field(1.0)), (None, None, None));
@@ -223,7 +234,7 @@ mod tests {
     fn missing_data_is_not_alignment() {
         let tilted = |deg: f32| Attitude::from_deg(deg, 0.0);
         let is_detected = |step_us: u64, rate_rad_s: f32, has_field: bool| {
-            let mut aligning = AlignmentDetector::new();
+            let mut aligning = InitialAlignmentDetector::new();
             if has_field {
                 aligning.update_field(Field::from_ut(20.0, 0.0, 43.0));
             }
@@ -240,7 +251,7 @@ mod tests {
 
     #[test]
     fn the_hold_time_continues_over_a_gap() {
-        let mut aligning = AlignmentDetector::new();
+        let mut aligning = InitialAlignmentDetector::new();
         aligning.update_field(Field::from_ut(20.0, 0.0, 43.0));
         let mut see = |us: u64, deg: f32| {
             aligning.process_report(Timestamp::from_us(us), &report(Attitude::from_deg(deg, 0.0), [1e-4, 0.0, 0.0]))
@@ -251,7 +262,7 @@ mod tests {
 
     #[test]
     fn nan_is_discarded() {
-        let mut aligning = AlignmentDetector::new();
+        let mut aligning = InitialAlignmentDetector::new();
         aligning.update_field(Field::from_ut(f32::NAN, 0.0, 0.0));
         let mut see = |i: u64, roll_deg: f32| {
             aligning.update_field(Field::from_ut(20.0, 0.0, 43.0));

@@ -17,7 +17,7 @@ pub struct AttitudeConfig {
     pub max_clock_error_us: u32,
     /// Growth of the clock-offset estimate, microseconds per report. 50 reports per second track 500 ppm of drift, ten
     /// times that of two poor crystals.
-    pub clock_offset_growth_us: u32,
+    pub clock_offset_growth_us_per_report: u32,
     /// Longest interval between reports over which rates are integrated, microseconds. Over 1.5 s in turns of 45 deg of
     /// bank they cost a heading error of up to 6 deg, which no sigma includes.
     pub max_integrated_gap_us: u32,
@@ -33,7 +33,7 @@ impl AttitudeConfig {
         max_extrapolation_us: 200_000,
         max_gap_us: 250_000,
         max_clock_error_us: 100_000,
-        clock_offset_growth_us: 10,
+        clock_offset_growth_us_per_report: 10,
         max_integrated_gap_us: 500_000,
         restart_silence_us: 2_500_000,
     };

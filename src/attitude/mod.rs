@@ -15,7 +15,7 @@ mod timed_report;
 
 use crate::frames::{Attitude, Body, Field, Sensor};
 use crate::time::Timestamp;
-use alignment_detector::AlignmentDetector;
+use alignment_detector::InitialAlignmentDetector;
 pub use config::AttitudeConfig;
 use euler_rates::HeadingIntegral;
 pub(crate) use euler_rates::MIN_COS_PITCH;
@@ -75,7 +75,7 @@ pub struct AttitudeHistory {
     sender_clock: SenderClock,
     spike_filter: SpikeFilter,
     freeze_detector: FreezeDetector,
-    alignment_detector: AlignmentDetector,
+    initial_alignment_detector: InitialAlignmentDetector,
     stale_attitude_detector: StaleAttitudeDetector,
     /// Time of the first report after a restart of the sender.
     restarted_at: Option<Timestamp>,
@@ -95,7 +95,7 @@ impl AttitudeHistory {
             sender_clock: SenderClock::new(),
             spike_filter: SpikeFilter::new(),
             freeze_detector: FreezeDetector::new(),
-            alignment_detector: AlignmentDetector::new(),
+            initial_alignment_detector: InitialAlignmentDetector::new(),
             stale_attitude_detector: StaleAttitudeDetector::new(),
             restarted_at: None,
             last_contradicted_at: None,
@@ -131,7 +131,7 @@ impl AttitudeHistory {
             return;
         }
         // Contradicting rates cannot show that the aircraft is at rest.
-        let is_aligning = self.alignment_detector.process_report(at, &report)
+        let is_aligning = self.initial_alignment_detector.process_report(at, &report)
             && !self.rate_consistency.is_contradicted()
             || self.restarted_at.is_some_and(|restart| at.us_since(restart) < ALIGNMENT_AFTER_RESTART_US);
         let is_stale = self.stale_attitude_detector.process_report(at, &report);
@@ -162,7 +162,7 @@ impl AttitudeHistory {
 
     /// Updates the alignment detector with the raw field of a reading.
     pub fn update_raw_field(&mut self, field: Field<Sensor>) {
-        self.alignment_detector.update_field(field);
+        self.initial_alignment_detector.update_field(field);
     }
 
     /// Magnitude of the newest body rates, rad/s; `None` without body rates.
@@ -181,7 +181,7 @@ impl AttitudeHistory {
     #[must_use]
     pub fn attitude_at(&self, at: Timestamp) -> AttitudeLookup {
         let Some(newest) = self.reports.back() else { return AttitudeLookup::Stale };
-        let sent_at = self.sending_time(at);
+        let sent_at = self.report_time_for_instant(at);
         if sent_at == newest.sent_at {
             return AttitudeLookup::Interpolated(newest.report.attitude);
         }
@@ -204,7 +204,7 @@ impl AttitudeHistory {
     #[must_use]
     pub fn gyro_heading_at(&self, at: Timestamp) -> Option<GyroHeading> {
         let newest = self.reports.back()?;
-        let sent_at = self.sending_time(at);
+        let sent_at = self.report_time_for_instant(at);
         if sent_at >= newest.sent_at {
             let ahead_us = sent_at.us_since(newest.sent_at);
             let can_extrapolate =
@@ -224,7 +224,7 @@ impl AttitudeHistory {
     }
 
     /// Time of sending of the report that describes the instant `at`.
-    const fn sending_time(&self, at: Timestamp) -> Timestamp {
+    const fn report_time_for_instant(&self, at: Timestamp) -> Timestamp {
         at.plus_signed_us(self.config.latency_us)
     }
 

@@ -30,7 +30,7 @@ const FORGETTING_FACTOR: f32 = 0.95;
 
 /// Immediate detection: integrated rates of more than (12 deg)^2, square radians, with an attitude change of less than
 /// 15 % (squared here).
-const LARGE_RATE_CHANGE_RAD2: f32 = 0.044;
+const LARGE_GYRO_CHANGE_RAD2: f32 = 0.044;
 const MAX_ATTITUDE_RATIO_SQUARED: f32 = 0.022_5;
 
 /// Longest interval between reports that is integrated, microseconds.
@@ -47,7 +47,7 @@ pub(super) struct RateConsistency {
     /// Evidence of agreement, square radians, clamped on both sides.
     agreement_rad2: f32,
     /// Evidence that the rates are fast enough, square radians of attitude.
-    rate_evidence_rad2: f32,
+    sufficient_rate_evidence_rad2: f32,
     is_contradicted: bool,
 }
 
@@ -58,7 +58,7 @@ impl RateConsistency {
         gyro_change_rad: [0.0; 2],
         attitude_change_rad: [0.0; 2],
         agreement_rad2: 0.0,
-        rate_evidence_rad2: 0.0,
+        sufficient_rate_evidence_rad2: 0.0,
         is_contradicted: false,
     };
 
@@ -88,7 +88,7 @@ impl RateConsistency {
         if self.elapsed_us >= INTEGRATION_US {
             self.update_evidence();
         }
-        if by_gyro > LARGE_RATE_CHANGE_RAD2 && by_attitude < MAX_ATTITUDE_RATIO_SQUARED * by_gyro {
+        if by_gyro > LARGE_GYRO_CHANGE_RAD2 && by_attitude < MAX_ATTITUDE_RATIO_SQUARED * by_gyro {
             self.agreement_rad2 = -EVIDENCE_THRESHOLD_RAD2;
         }
         if self.agreement_rad2.abs() >= EVIDENCE_THRESHOLD_RAD2 {
@@ -100,24 +100,25 @@ impl RateConsistency {
     /// Updates the evidence at the end of an integration interval.
     fn update_evidence(&mut self) {
         let (gyro, attitude) = (self.gyro_change_rad, self.attitude_change_rad);
-        let (gyro_squared, attitude_squared) = (norm_squared(gyro), norm_squared(attitude));
+        let (gyro_change_rad2, attitude_change_rad2) = (norm_squared(gyro), norm_squared(attitude));
         let product = gyro[0] * attitude[0] + gyro[1] * attitude[1];
         (self.elapsed_us, self.gyro_change_rad, self.attitude_change_rad) = (0, [0.0; 2], [0.0; 2]);
         self.agreement_rad2 =
-            finite_or_zero(FORGETTING_FACTOR * self.agreement_rad2 + product - MIN_ATTITUDE_RATIO * gyro_squared)
+            finite_or_zero(FORGETTING_FACTOR * self.agreement_rad2 + product - MIN_ATTITUDE_RATIO * gyro_change_rad2)
                 .clamp(-EVIDENCE_THRESHOLD_RAD2, EVIDENCE_THRESHOLD_RAD2);
-        if self.are_rates_too_small(gyro_squared, attitude_squared) {
+        if self.are_rates_too_small(gyro_change_rad2, attitude_change_rad2) {
             self.agreement_rad2 = -EVIDENCE_THRESHOLD_RAD2;
         }
     }
 
     /// Whether the body rates are too small for the attitude's changes. Adds the squared changes of one interval,
     /// rad^2, to the evidence.
-    fn are_rates_too_small(&mut self, gyro_squared: f32, attitude_squared: f32) -> bool {
-        let rate_excess = gyro_squared / (MIN_RATE_RATIO * MIN_RATE_RATIO) - attitude_squared;
-        self.rate_evidence_rad2 =
-            finite_or_zero(FORGETTING_FACTOR * self.rate_evidence_rad2 + rate_excess).min(MIN_ATTITUDE_CHANGE_RAD2);
-        self.rate_evidence_rad2 < -MIN_ATTITUDE_CHANGE_RAD2
+    fn are_rates_too_small(&mut self, gyro_change_rad2: f32, attitude_change_rad2: f32) -> bool {
+        let rate_excess = gyro_change_rad2 / (MIN_RATE_RATIO * MIN_RATE_RATIO) - attitude_change_rad2;
+        self.sufficient_rate_evidence_rad2 =
+            finite_or_zero(FORGETTING_FACTOR * self.sufficient_rate_evidence_rad2 + rate_excess)
+                .min(MIN_ATTITUDE_CHANGE_RAD2);
+        self.sufficient_rate_evidence_rad2 < -MIN_ATTITUDE_CHANGE_RAD2
     }
 }
 
@@ -140,7 +141,7 @@ mod tests {
 
     /// Seconds until a contradiction is reported, of 100 s. 50 Hz reports of rolling into and out of 25 deg of bank,
     /// with 0.3 deg of noise, a scale error and a latency of the attitude, and a scale of the rates.
-    fn seconds_to_contradiction(roll_scale: f32, late_s: f32, rate_scale: f32) -> Option<u32> {
+    fn seconds_to_contradiction(roll_scale: f32, attitude_latency_s: f32, rate_scale: f32) -> Option<u32> {
         let mut random = Random(1);
         let mut check = RateConsistency::EMPTY;
         let roll_rad = |t_s: f32| {
@@ -151,10 +152,10 @@ mod tests {
         (1..=5000).find_map(|i: u16| {
             let t_s = f32::from(i) * 0.02;
             let attitude = Attitude {
-                roll_rad: roll_scale * roll_rad(t_s - late_s) + 0.005 * random.normal(),
+                roll_rad: roll_scale * roll_rad(t_s - attitude_latency_s) + 0.005 * random.normal(),
                 pitch_rad: 0.005 * random.normal(),
             };
-            let p = (roll_rad(t_s - late_s + 0.01) - roll_rad(t_s - late_s - 0.01)) / 0.02;
+            let p = (roll_rad(t_s - attitude_latency_s + 0.01) - roll_rad(t_s - attitude_latency_s - 0.01)) / 0.02;
             let rates_rad_s = [rate_scale * p, 0.0, rate_scale * 0.01];
             let report = AttitudeReport {
                 sender: SenderId::default(),
@@ -169,8 +170,12 @@ mod tests {
     /// Accepted: scale errors and latency of the attitude, rates wrong by up to a factor of two.
     #[test]
     fn consistent_rates_are_accepted() {
-        for (roll_scale, late_s) in [(1.0, 0.0), (0.7, 0.0), (0.3, 0.0), (1.0, 0.5), (1.2, 0.1)] {
-            assert_eq!(seconds_to_contradiction(roll_scale, late_s, 1.0), None, "{roll_scale} {late_s}");
+        for (roll_scale, attitude_latency_s) in [(1.0, 0.0), (0.7, 0.0), (0.3, 0.0), (1.0, 0.5), (1.2, 0.1)] {
+            assert_eq!(
+                seconds_to_contradiction(roll_scale, attitude_latency_s, 1.0),
+                None,
+                "{roll_scale} {attitude_latency_s}"
+            );
         }
         assert_eq!(seconds_to_contradiction(1.0, 0.0, 0.5), None);
         assert_eq!(seconds_to_contradiction(1.0, 0.0, 2.0), None);
@@ -265,6 +270,6 @@ mod tests {
         let mut check = RateConsistency::EMPTY;
         feed_triangular_roll(&mut check, 0, 3, f32::INFINITY, 0.3);
         assert!(!feed_triangular_roll(&mut check, 4, 40, 0.3, 0.3));
-        assert!(check.agreement_rad2.is_finite() && check.rate_evidence_rad2.is_finite());
+        assert!(check.agreement_rad2.is_finite() && check.sufficient_rate_evidence_rad2.is_finite());
     }
 }

@@ -18,10 +18,10 @@ const MOTION_MEMORY_S: f32 = 2.0;
 
 /// Time constant of the estimated gyro offset, seconds: much longer than a roll. An offset that grows by 2 deg/s in a
 /// minute is followed with an error of 1 deg/s.
-const GYRO_OFFSET_TIME_S: f32 = 30.0;
+const GYRO_OFFSET_TIME_CONSTANT_S: f32 = 30.0;
 
 /// Largest gyro offset on an axis, rad/s: that of the monitor.
-const MAX_OFFSET_RAD_S: f32 = 0.15;
+const MAX_GYRO_OFFSET_RAD_S: f32 = 0.15;
 
 /// Smallest predicted but missing motion of the vertical, radians (4 deg): a gyro offset of 1 deg/s on two axes reaches
 /// 2.8 deg, noise of the attitude 0.6 deg.
@@ -32,10 +32,10 @@ const MIN_MISSING_MOTION_PER_RAD: f32 = 0.15;
 
 /// Largest ratio of the reported to the predicted motion of the vertical in a stale attitude. A source that reports a
 /// third of the bank is not detected.
-const MAX_STALE_FRACTION: f32 = 0.3;
+const MAX_STALE_MOTION_RATIO: f32 = 0.3;
 
 /// Smallest ratio of observed to predicted motion of a vector that follows the rates.
-const MIN_FOLLOWING_FRACTION: f32 = 0.5;
+const MIN_FOLLOWING_MOTION_RATIO: f32 = 0.5;
 
 /// Smallest predicted motion of the field that shows whether it follows, radians (2 deg): three times its noise.
 const MIN_FIELD_MOTION_RAD: f32 = 0.035;
@@ -54,13 +54,13 @@ pub(super) struct StaleAttitudeDetector {
     /// Time and body rates of the last report.
     last_report: Option<(Timestamp, Vector3<f32>)>,
     /// Gyro offset across the vertical, rad/s.
-    gyro_offset: Vector3<f32>,
+    gyro_offset_rad_s: Vector3<f32>,
     vertical_motion: VectorMotion,
     field_motion: VectorMotion,
     /// Evidence that the field follows the rates, leaky, square radians times seconds.
-    field_evidence: f32,
+    field_following_evidence: f32,
     /// Integrated magnitude of the body rates with exponential forgetting, radians.
-    turned_rad: f32,
+    rotation_sum_rad: f32,
     is_stale: bool,
 }
 
@@ -78,11 +78,11 @@ impl StaleAttitudeDetector {
         Self {
             field_direction: None,
             last_report: None,
-            gyro_offset: Vector3::new(0.0, 0.0, 0.0),
+            gyro_offset_rad_s: Vector3::new(0.0, 0.0, 0.0),
             vertical_motion: VectorMotion::new(),
             field_motion: VectorMotion::new(),
-            field_evidence: 0.0,
-            turned_rad: 0.0,
+            field_following_evidence: 0.0,
+            rotation_sum_rad: 0.0,
             is_stale: false,
         }
     }
@@ -103,39 +103,41 @@ impl StaleAttitudeDetector {
         let rates = Vector3::from(body_rates.rad_s());
         let (last_at, last_rates) = self.last_report.replace((at, rates)).unwrap_or((at, rates));
         let step_s = at.us_since(last_at) as f32 * 1e-6;
-        let turn = ((last_rates + rates) * 0.5 - self.gyro_offset) * step_s;
+        let turn = ((last_rates + rates) * 0.5 - self.gyro_offset_rad_s) * step_s;
         let decay_factor = 1.0 - step_s / MOTION_MEMORY_S;
-        self.turned_rad = decay_factor * self.turned_rad + turn.vector_length();
-        if step_s > MAX_STEP_S || !self.turned_rad.is_finite() {
+        self.rotation_sum_rad = decay_factor * self.rotation_sum_rad + turn.vector_length();
+        if step_s > MAX_STEP_S || !self.rotation_sum_rad.is_finite() {
             // Forgets the motion before a gap.
-            let Self { field_direction, last_report, gyro_offset, is_stale, .. } = *self;
-            *self = Self { field_direction, last_report, gyro_offset, is_stale, ..Self::new() };
+            let Self { field_direction, last_report, gyro_offset_rad_s, is_stale, .. } = *self;
+            *self = Self { field_direction, last_report, gyro_offset_rad_s, is_stale, ..Self::new() };
             return is_stale;
         }
         let down = report.attitude.tilt_rotation().down_in_body();
-        let missing_motion = self.vertical_motion.accumulate_turn(down, turn, decay_factor);
+        let missing_motion = self.vertical_motion.accumulate_motion(down, turn, decay_factor);
         if !self.is_stale {
-            let gyro_offset = self.gyro_offset + missing_motion.cross(&down) / GYRO_OFFSET_TIME_S;
-            self.gyro_offset = gyro_offset.map(|rad_s| rad_s.clamp(-MAX_OFFSET_RAD_S, MAX_OFFSET_RAD_S));
+            let gyro_offset_rad_s = self.gyro_offset_rad_s + missing_motion.cross(&down) / GYRO_OFFSET_TIME_CONSTANT_S;
+            self.gyro_offset_rad_s =
+                gyro_offset_rad_s.map(|rad_s| rad_s.clamp(-MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_RAD_S));
         }
-        self.field_motion.accumulate_turn(field, turn, decay_factor);
+        self.field_motion.accumulate_motion(field, turn, decay_factor);
         let VectorMotion { observed, predicted, .. } = &self.field_motion;
-        self.field_evidence *= 1.0 - step_s / EVIDENCE_MEMORY_S;
-        self.field_evidence += step_s * (observed - predicted * MIN_FOLLOWING_FRACTION).dot(predicted);
+        self.field_following_evidence *= 1.0 - step_s / EVIDENCE_MEMORY_S;
+        self.field_following_evidence += step_s * (observed - predicted * MIN_FOLLOWING_MOTION_RATIO).dot(predicted);
         let is_stale = if self.is_stale {
             !self.vertical_motion.has_moved_as_predicted(MIN_MISSING_MOTION_RAD)
         } else {
             self.is_vertical_motion_missing() && self.field_motion.has_moved_as_predicted(MIN_FIELD_MOTION_RAD)
         };
-        self.is_stale = is_stale && self.field_evidence > 0.0;
+        self.is_stale = is_stale && self.field_following_evidence > 0.0;
         self.is_stale
     }
 
     /// Whether the vertical does not move while the rates show that it should.
     fn is_vertical_motion_missing(&self) -> bool {
         let VectorMotion { observed, predicted, .. } = &self.vertical_motion;
-        (predicted - observed).vector_length() > MIN_MISSING_MOTION_RAD + MIN_MISSING_MOTION_PER_RAD * self.turned_rad
-            && observed.vector_length() < MAX_STALE_FRACTION * predicted.vector_length()
+        (predicted - observed).vector_length()
+            > MIN_MISSING_MOTION_RAD + MIN_MISSING_MOTION_PER_RAD * self.rotation_sum_rad
+            && observed.vector_length() < MAX_STALE_MOTION_RATIO * predicted.vector_length()
     }
 }
 
@@ -147,7 +149,7 @@ impl VectorMotion {
 
     /// Adds the step to the vector's present value, with the integrated body rates; keeps a part of earlier motion.
     /// Returns the predicted but missing motion of the step.
-    fn accumulate_turn(&mut self, vector: Vector3<f32>, turn: Vector3<f32>, decay_factor: f32) -> Vector3<f32> {
+    fn accumulate_motion(&mut self, vector: Vector3<f32>, turn: Vector3<f32>, decay_factor: f32) -> Vector3<f32> {
         let last_vector = self.last_vector.replace(vector).unwrap_or(vector);
         let (observed, predicted) = (vector - last_vector, (last_vector + vector).cross(&turn) * 0.5);
         self.observed = self.observed * decay_factor + observed;
@@ -159,7 +161,7 @@ impl VectorMotion {
     fn has_moved_as_predicted(&self, min_motion_rad: f32) -> bool {
         let predicted_rad = self.predicted.vector_length();
         predicted_rad > min_motion_rad
-            && (self.observed - self.predicted).vector_length() < (1.0 - MIN_FOLLOWING_FRACTION) * predicted_rad
+            && (self.observed - self.predicted).vector_length() < (1.0 - MIN_FOLLOWING_MOTION_RATIO) * predicted_rad
     }
 }
 
@@ -179,7 +181,7 @@ mod tests {
         stale_from_s: Option<f32>,
         stale_until_s: f32,
         /// Scale error and cross-axis error of the gyro.
-        gyro_scale: f32,
+        gyro_scale_error: f32,
         gyro_cross_axis: f32,
         gyro_offset_deg_s: f32,
         /// Growth of the offsets, deg/s in a second.
@@ -192,7 +194,7 @@ mod tests {
     const NO_ERRORS: SensorErrors = SensorErrors {
         stale_from_s: None,
         stale_until_s: f32::INFINITY,
-        gyro_scale: 0.0,
+        gyro_scale_error: 0.0,
         gyro_cross_axis: 0.0,
         gyro_offset_deg_s: 0.0,
         offset_growth_deg_s2: [0.0; 3],
@@ -233,7 +235,7 @@ mod tests {
             let sum_deg_s = true_deg_s.iter().sum::<f32>();
             let rates_rad_s = [0, 1, 2].map(|axis| {
                 let (rate, offset_deg_s) = (true_deg_s[axis], offset_deg_s[axis]);
-                let with_errors = rate * (1.0 + errors.gyro_scale) + (sum_deg_s - rate) * errors.gyro_cross_axis;
+                let with_errors = rate * (1.0 + errors.gyro_scale_error) + (sum_deg_s - rate) * errors.gyro_cross_axis;
                 (errors.rate_factor * (with_errors + offset_deg_s + noise_deg())).to_radians()
             });
             let field_at = if errors.is_field_stale { [0.0; 2] } else { [heading_deg, roll_deg] };
@@ -263,7 +265,7 @@ mod tests {
                 {
                     let errors = SensorErrors {
                         stale_from_s: Some(from_s),
-                        gyro_scale: scale,
+                        gyro_scale_error: scale,
                         gyro_cross_axis: cross,
                         gyro_offset_deg_s: offset_deg_s,
                         ..NO_ERRORS
@@ -297,7 +299,7 @@ mod tests {
                 assert_eq!(
                     detection_changes_s(
                         SensorErrors {
-                            gyro_scale: scale,
+                            gyro_scale_error: scale,
                             gyro_cross_axis: cross,
                             gyro_offset_deg_s: offset_deg_s,
                             ..NO_ERRORS
@@ -341,7 +343,7 @@ mod tests {
             detector.process_report(Timestamp::from_us(i as u64 * 20_000), &report);
         }
         // The infinite rate of the first report also enters the mean of the second step.
-        assert!(detector.turned_rad.is_finite() && detector.vertical_motion.predicted.vector_length() < 0.01);
+        assert!(detector.rotation_sum_rad.is_finite() && detector.vertical_motion.predicted.vector_length() < 0.01);
     }
 
     #[test]

@@ -292,7 +292,7 @@ fn no_report_panics() {
 const MINIMAL_RATE_DEG_S: f32 = 1e-3;
 
 /// 50 Hz reports without a roll rate, and the time at which the last attitude was measured, microseconds.
-fn rolled_history(rolls_deg: &[f32]) -> (AttitudeHistory, u64) {
+fn history_of_rolls(rolls_deg: &[f32]) -> (AttitudeHistory, u64) {
     let mut track = AttitudeHistory::new(CONFIG);
     let mut true_us = 1_000_000;
     for &roll_deg in rolls_deg {
@@ -306,7 +306,7 @@ fn rolled_history(rolls_deg: &[f32]) -> (AttitudeHistory, u64) {
 #[test]
 fn a_distant_report_is_rejected() {
     for (spike_deg, is_accepted) in [(6.7, true), (7.1, false), (-6.7, true), (-7.1, false), (45.0, false)] {
-        let (track, true_us) = rolled_history(&[0.0, 0.0, spike_deg]);
+        let (track, true_us) = history_of_rolls(&[0.0, 0.0, spike_deg]);
         let found_deg = roll_deg(track.attitude_at(timestamp(true_us)));
         let expected_deg = if is_accepted { spike_deg } else { 0.0 };
         assert!((found_deg - expected_deg).abs() < 1e-3, "{spike_deg}: {found_deg}");
@@ -330,14 +330,14 @@ fn motion_predicted_by_rates_is_no_spike() {
 
 #[test]
 fn the_fourth_distant_report_is_accepted() {
-    let (track, true_us) = rolled_history(&[0.0, 30.0, 30.1, 30.2]);
+    let (track, true_us) = history_of_rolls(&[0.0, 30.0, 30.1, 30.2]);
     assert!(
         roll_deg(track.attitude_at(timestamp(true_us))).abs() < 1e-3 && track.rejected_reports().spike_reports == 3
     );
-    let (track, true_us) = rolled_history(&[0.0, 30.0, 30.1, 30.2, 30.3]);
+    let (track, true_us) = history_of_rolls(&[0.0, 30.0, 30.1, 30.2, 30.3]);
     assert!((roll_deg(track.attitude_at(timestamp(true_us))) - 30.3).abs() < 1e-3);
     assert_eq!(track.rejected_reports().spike_reports, 3);
-    let (track, _) = rolled_history(&[0.0, 30.0, 30.1, 0.1, 30.2, 30.3, 30.4]);
+    let (track, _) = history_of_rolls(&[0.0, 30.0, 30.1, 0.1, 30.2, 30.3, 30.4]);
     assert_eq!(track.rejected_reports().spike_reports, 5);
 }
 
@@ -385,9 +385,9 @@ fn the_body_rate_is_that_of_the_newest_report() {
 #[test]
 fn the_fifth_equal_attitude_of_a_fine_source_is_frozen() {
     let rolls_deg = [10.0, 10.02, 10.05, 10.05, 10.05, 10.05];
-    let (track, true_us) = rolled_history(&rolls_deg);
+    let (track, true_us) = history_of_rolls(&rolls_deg);
     assert_ne!(track.attitude_at(timestamp(true_us + 1)), AttitudeLookup::Frozen, "four are equal");
-    let (mut track, true_us) = rolled_history(&[&rolls_deg[..], &[10.05]].concat());
+    let (mut track, true_us) = history_of_rolls(&[&rolls_deg[..], &[10.05]].concat());
     assert_eq!(track.attitude_at(timestamp(true_us + 1)), AttitudeLookup::Frozen);
     assert_eq!(track.rejected_reports(), RejectedReports { frozen_reports: 1, ..RejectedReports::NO_REJECTIONS });
     // `Frozen` holds for the extrapolation limit after the last report.
@@ -430,7 +430,7 @@ fn a_new_sender_resets_the_history() {
 /// Plausibility state is reset, counters are not.
 #[test]
 fn plausibility_state_is_per_sender() {
-    let (mut track, true_us) = rolled_history(&[10.0, 10.02, 40.0, 10.05, 10.05, 10.05, 10.05, 10.05]);
+    let (mut track, true_us) = history_of_rolls(&[10.0, 10.02, 40.0, 10.05, 10.05, 10.05, 10.05, 10.05]);
     assert_eq!(
         track.rejected_reports(),
         RejectedReports { spike_reports: 1, frozen_reports: 1, ..RejectedReports::NO_REJECTIONS }

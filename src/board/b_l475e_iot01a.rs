@@ -71,14 +71,14 @@ pub type CanBus = hardware::CanBus<CanReceiver<SilentBxcan>, CanSender, NoBootLo
 pub type Hardware = hardware::Hardware<Magnetometer, Uarts, CanBus, Watchdog, Panel, StoreFlash, Platform>;
 
 /// Executor of the heading tasks.
-static HEADING_TASKS: InterruptExecutor = InterruptExecutor::new();
+static HEADING_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 
 pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! {
     static CONSOLE_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
     static AUTOPILOT_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
     static INSTRUMENT_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
     static CAN_BUFFERS: StaticCell<CanBuffers> = StaticCell::new();
-    static OTHER_TASKS: StaticCell<Executor> = StaticCell::new();
+    static OTHER_EXECUTOR: StaticCell<Executor> = StaticCell::new();
 
     let reset = reset::take_reset_cause();
     let p = embassy_stm32::init(clock_config());
@@ -113,8 +113,8 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     };
     set_priorities();
 
-    let above = HEADING_TASKS.start(interrupt::TSC);
-    OTHER_TASKS.init(Executor::new()).run(|below| spawn_tasks(above, below.make_send(), hardware))
+    let above = HEADING_EXECUTOR.start(interrupt::TSC);
+    OTHER_EXECUTOR.init(Executor::new()).run(|below| spawn_tasks(above, below.make_send(), hardware))
 }
 
 /// System clock 80 MHz, the maximum, from the internal 16 MHz oscillator; its 1 % tolerance suffices for 115200 baud.
@@ -153,7 +153,7 @@ fn set_priorities() {
 #[interrupt]
 unsafe fn TSC() {
     // SAFETY: the executor was started with this interrupt.
-    unsafe { HEADING_TASKS.on_interrupt() }
+    unsafe { HEADING_EXECUTOR.on_interrupt() }
 }
 
 /// Creates the sensor bus driver.

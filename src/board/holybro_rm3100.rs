@@ -77,12 +77,12 @@ pub type CanBus = hardware::CanBus<CanReceiver<RestrictedFdcan>, CanSender, Boot
 pub type Hardware = hardware::Hardware<Magnetometer, Uarts, CanBus, Watchdog, Panel, StoreFlash, Platform>;
 
 /// Executor of the heading tasks.
-static HEADING_TASKS: InterruptExecutor = InterruptExecutor::new();
+static HEADING_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 
 pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! {
     static CAN_BUFFERS: StaticCell<CanBuffers> = StaticCell::new();
     static UART_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
-    static OTHER_TASKS: StaticCell<Executor> = StaticCell::new();
+    static OTHER_EXECUTOR: StaticCell<Executor> = StaticCell::new();
 
     boot_loader::reset_boot_loader_state();
     let reset = reset::take_reset_cause();
@@ -107,7 +107,7 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
             lamp: Output::new(p.PC10, Level::High, Speed::Low),
             _sensor_power: Output::new(p.PC11, Level::High, Speed::Low),
             _transceiver_silent: transceiver_silent,
-            _dark: [Output::new(p.PB15, Level::High, Speed::Low), Output::new(p.PC6, Level::High, Speed::Low)],
+            _dark_leds: [Output::new(p.PB15, Level::High, Speed::Low), Output::new(p.PC6, Level::High, Speed::Low)],
         },
         flash: StoreFlash::new(Flash::new(p.FLASH, Irqs)),
         platform: Platform,
@@ -115,8 +115,8 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     };
     set_priorities();
 
-    let above = HEADING_TASKS.start(interrupt::CORDIC);
-    OTHER_TASKS.init(Executor::new()).run(|below| spawn_tasks(above, below.make_send(), hardware))
+    let above = HEADING_EXECUTOR.start(interrupt::CORDIC);
+    OTHER_EXECUTOR.init(Executor::new()).run(|below| spawn_tasks(above, below.make_send(), hardware))
 }
 
 /// System clock 160 MHz, CAN 80 MHz, from the 16 MHz crystal, as ArduPilot has them.
@@ -165,7 +165,7 @@ fn set_priorities() {
 #[interrupt]
 unsafe fn CORDIC() {
     // SAFETY: the executor was started with this interrupt.
-    unsafe { HEADING_TASKS.on_interrupt() }
+    unsafe { HEADING_EXECUTOR.on_interrupt() }
 }
 
 /// Description of the node. Not a name of ArduPilot's: Mission Planner would offer its firmware.
@@ -196,7 +196,7 @@ pub struct Panel {
     lamp: Output<'static>,
     _sensor_power: Output<'static>,
     _transceiver_silent: Output<'static>,
-    _dark: [Output<'static>; 2],
+    _dark_leds: [Output<'static>; 2],
 }
 
 impl app::Panel for Panel {

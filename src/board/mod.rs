@@ -1,8 +1,8 @@
 //! Board support: one board per Cargo feature, on drivers shared by a chip family. All `unsafe` code of the project is
 //! here.
 //!
-//! A board consists of a module with the types of [`hardware::Hardware`] and a `start` function that initialises the
-//! hardware and passes it to its argument, [`tasks::spawn`]; a file `BOARD.x` with its memory layout, listed in
+//! A board has a module with the types of [`hardware::Hardware`] and a `start_board` function that initialises the
+//! hardware and passes it to its argument, [`tasks::spawn_all_tasks`]; a file `BOARD.x` with its memory, listed in
 //! build.rs; and a feature in Cargo.toml.
 
 #[cfg(feature = "board-b-l475e-iot01a")]

@@ -21,18 +21,18 @@ const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 struct PanicMessage {
     length: usize,
     /// Number of consecutive panics soon after the start.
-    early_panics: u8,
+    early_panic_count: u8,
     text: [u8; TEXT_CAPACITY],
     crc: u32,
 }
 
 impl PanicMessage {
-    const EMPTY: Self = Self { length: 0, early_panics: 0, text: [0; TEXT_CAPACITY], crc: 0 };
+    const EMPTY: Self = Self { length: 0, early_panic_count: 0, text: [0; TEXT_CAPACITY], crc: 0 };
 
     fn checksum(&self) -> u32 {
         let mut digest = CRC.digest();
         digest.update(&self.length.to_le_bytes());
-        digest.update(&[self.early_panics]);
+        digest.update(&[self.early_panic_count]);
         digest.update(&self.text);
         // The CRC is inverted, so that memory of all zeros is invalid.
         !digest.finalize()
@@ -70,7 +70,7 @@ impl Write for PanicMessage {
 /// Memory not initialised by the start-up code.
 struct UninitialisedMessage(UnsafeCell<MaybeUninit<PanicMessage>>);
 
-// SAFETY: written only at a panic or fault, with interrupts disabled, and read at the start, before tasks and
+// SAFETY: accessed only at a panic or fault, with interrupts disabled, and at the start, before tasks and
 // interrupts exist.
 unsafe impl Sync for UninitialisedMessage {}
 
@@ -80,9 +80,10 @@ static PANIC_MESSAGE: UninitialisedMessage = UninitialisedMessage(UnsafeCell::ne
 /// Stores a message and resets.
 fn store_panic_and_reset(message: fmt::Arguments<'_>) -> ! {
     cortex_m::interrupt::disable();
-    let early_panics = count_early_panics(PanicMessage::load_message().early_panics, Instant::now().as_secs());
-    let mut words = PanicMessage { early_panics, ..PanicMessage::EMPTY };
-    // Infallible: `Message` truncates a text that is too long.
+    let early_panic_count =
+        count_early_panics(PanicMessage::load_message().early_panic_count, Instant::now().as_secs());
+    let mut words = PanicMessage { early_panic_count, ..PanicMessage::EMPTY };
+    // Infallible: `PanicMessage` truncates a text that is too long.
     let _ = words.write_fmt(message);
     words.store_message();
     SCB::sys_reset()
@@ -92,11 +93,12 @@ fn store_panic_and_reset(message: fmt::Arguments<'_>) -> ! {
 /// otherwise. Call once, first of all.
 pub fn take_panic_report() -> Option<PanicReport> {
     static MESSAGE_TEXT: StaticCell<[u8; TEXT_CAPACITY]> = StaticCell::new();
-    let PanicMessage { length, early_panics, text, .. } = PanicMessage::load_message();
+    let PanicMessage { length, early_panic_count, text, .. } = PanicMessage::load_message();
     let message = MESSAGE_TEXT.init(text).get(..length).and_then(|text| core::str::from_utf8(text).ok())?;
     let has_panicked = !message.is_empty();
-    PanicMessage { early_panics: if has_panicked { early_panics } else { 0 }, ..PanicMessage::EMPTY }.store_message();
-    has_panicked.then_some(PanicReport { message, early_panics })
+    PanicMessage { early_panic_count: if has_panicked { early_panic_count } else { 0 }, ..PanicMessage::EMPTY }
+        .store_message();
+    has_panicked.then_some(PanicReport { message, early_panic_count })
 }
 
 #[panic_handler]

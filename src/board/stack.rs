@@ -24,5 +24,5 @@ pub fn peak_use() -> StackUse {
     // SAFETY: all words between the bounds are stack memory. Volatile, because the pattern is not written by Rust code.
     let clean =
         (0..words).take_while(|&word| unsafe { bottom.add(word).read_volatile() } == STACK_FILL_PATTERN).count();
-    StackUse { used_bytes: size_of::<u32>() * (words - clean), size_bytes: size_of::<u32>() * words }
+    StackUse { peak_used_bytes: size_of::<u32>() * (words - clean), size_bytes: size_of::<u32>() * words }
 }

@@ -4,6 +4,7 @@
 //! Candidates are circles for aircraft that bank into turns, otherwise tilts on given headings.
 
 use core::f32::consts::{FRAC_PI_2, TAU};
+use core::fmt;
 
 use crate::calibration::fit::converged_fit::ConvergedFit;
 use crate::calibration::hypotheses::attitude_error_table::AttitudeErrorSigmas;
@@ -83,7 +84,7 @@ impl TiltDirection {
         Attitude::from_deg(roll_deg, pitch_deg)
     }
 
-    pub(crate) const fn direction_name(self) -> &'static str {
+    const fn direction_name(self) -> &'static str {
         match self {
             Self::Ahead => "ahead",
             Self::Back => "back",
@@ -96,7 +97,7 @@ impl TiltDirection {
 impl HeadingQuadrant {
     const ALL_QUADRANTS: [Self; 4] = [Self::North, Self::East, Self::South, Self::West];
 
-    pub(crate) const fn quadrant_name(self) -> &'static str {
+    const fn quadrant_name(self) -> &'static str {
         match self {
             Self::North => "north to east",
             Self::East => "east to south",
@@ -142,13 +143,30 @@ impl Manoeuvre {
     }
 }
 
+impl fmt::Display for Manoeuvre {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Circle(side, bank_deg) => write!(f, "a {} circle at {bank_deg} deg of bank", side.side_name()),
+            Self::Level => f.write_str("a level circle, or straight legs at eight headings"),
+            Self::YawTurn => f.write_str("turn once round, level"),
+            Self::Tilt(towards, quarter) => {
+                write!(f, "tilt {} while ", towards.direction_name())?;
+                match quarter {
+                    Some(quarter) => write!(f, "heading {}", quarter.quadrant_name()),
+                    None => f.write_str("turning all round"),
+                }
+            }
+        }
+    }
+}
+
 /// Weakest part of a calibration and recommended manoeuvre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Advice {
     /// Largest part of the expected error.
     pub weakest_deviation: Deviation,
     /// Size of the largest part, degrees RMS.
-    pub weakest_deg: f32,
+    pub weakest_deviation_deg: f32,
     /// Expected error, degrees RMS.
     pub expected_deg: f32,
     /// Recommended manoeuvre.
@@ -198,7 +216,7 @@ pub struct UnobservableQuantities {
 const CIRCLE_EFFECTIVE_SAMPLES: u8 = 24;
 
 /// Expected error above which headings are too uncertain to name a quadrant, degrees RMS.
-const MAX_QUADRANT_ERROR_DEG: f32 = 3.0;
+const MAX_ERROR_TO_NAME_QUADRANT_DEG: f32 = 3.0;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum VehicleMotion {
@@ -208,7 +226,7 @@ enum VehicleMotion {
 }
 
 /// Correlation of bank and heading rate: 1 in coordinated turns, about 0.5 for a VTOL that hovered before them.
-const MIN_BANK_CORRELATION: f32 = 0.45;
+const MIN_BANK_TO_TURN_RATE_CORRELATION: f32 = 0.45;
 
 /// Whether the vehicle banks into its turns; true for samples of the turns procedure.
 fn banks_into_turns(samples: Samples<'_>) -> bool {
@@ -219,7 +237,8 @@ fn banks_into_turns(samples: Samples<'_>) -> bool {
         bank_squares += roll_rad * roll_rad;
         rate_squares += rate_rad_s * rate_rad_s;
     }
-    !samples.has_free_flight_samples() || product_sum > MIN_BANK_CORRELATION * sqrt(bank_squares * rate_squares)
+    !samples.has_free_flight_samples()
+        || product_sum > MIN_BANK_TO_TURN_RATE_CORRELATION * sqrt(bank_squares * rate_squares)
 }
 
 #[inline(never)]
@@ -245,7 +264,7 @@ pub(in crate::calibration) fn select_manoeuvre(
     let parameters = ModelParameters::new(unknowns);
     // Samples without attitude show no motion.
     let is_banking = fit.method == Method::Ellipsoid || banks_into_turns(fit.samples);
-    let vehicle_motion = match (is_banking, current_error.rms_deg <= MAX_QUADRANT_ERROR_DEG) {
+    let vehicle_motion = match (is_banking, current_error.rms_deg <= MAX_ERROR_TO_NAME_QUADRANT_DEG) {
         (true, _) => VehicleMotion::BanksIntoTurns,
         (false, true) => VehicleMotion::TiltsOnKnownHeading,
         (false, false) => VehicleMotion::TiltsOnUnknownHeading,
@@ -262,19 +281,19 @@ pub(in crate::calibration) fn select_manoeuvre(
         .min_by(|a, b| a.1.total_cmp(&b.1))?;
     Some(Advice {
         weakest_deviation: current_error.weakest_deviation.0,
-        weakest_deg: current_error.weakest_deviation.1,
+        weakest_deviation_deg: current_error.weakest_deviation.1,
         expected_deg: current_error.rms_deg,
         manoeuvre,
         expected_after_deg: error_after_deg,
         error_floor_deg: rms_deg(information, CovarianceContent::WithoutNoise)?,
-        unobservable: report_unobservable(
+        unobservable: unobservable_flags(
             unobservable_quantities(&information.linear_system, likelihood, unknowns).into_iter().flatten(),
         ),
     })
 }
 
 /// Unobservable quantities for the advice: all except the inclination, which no manoeuvre improves.
-fn report_unobservable(unobservable: impl Iterator<Item = PriorQuantity>) -> UnobservableQuantities {
+fn unobservable_flags(unobservable: impl Iterator<Item = PriorQuantity>) -> UnobservableQuantities {
     let mut assumed = UnobservableQuantities::default();
     for quantity in unobservable {
         match quantity {
@@ -367,7 +386,7 @@ mod tests {
         let gains = |expected_deg, with_it_deg| {
             let advice = Advice {
                 weakest_deviation: Deviation::Constant,
-                weakest_deg: 0.1,
+                weakest_deviation_deg: 0.1,
                 expected_deg,
                 manoeuvre: Manoeuvre::Level,
                 expected_after_deg: with_it_deg,
@@ -399,7 +418,7 @@ mod tests {
         let is_at_floor = |expected_deg, floor_deg| {
             let advice = Advice {
                 weakest_deviation: Deviation::Constant,
-                weakest_deg: 0.1,
+                weakest_deviation_deg: 0.1,
                 expected_deg,
                 manoeuvre: Manoeuvre::YawTurn,
                 expected_after_deg: 0.0,
@@ -412,8 +431,8 @@ mod tests {
     }
 
     #[test]
-    fn each_unobservable_quantity_is_reported() {
-        let reported = |quantity| report_unobservable([quantity].into_iter());
+    fn each_unobservable_quantity_but_inclination_sets_its_flag() {
+        let reported = |quantity| unobservable_flags([quantity].into_iter());
         let nothing = UnobservableQuantities::default();
         assert_eq!(reported(PriorQuantity::SoftIron), UnobservableQuantities { soft_iron: true, ..nothing });
         assert_eq!(reported(PriorQuantity::Mounting), UnobservableQuantities { mounting: true, ..nothing });

@@ -2,7 +2,7 @@
 
 use crate::calibration::advice::{self, Advice};
 use crate::calibration::fit::converged_fit::ConvergedFit;
-use crate::calibration::hypotheses::attitude_error::{AttitudeErrorFinding, AttitudeErrorTest};
+use crate::calibration::hypotheses::attitude_error::{AttitudeErrorFinding, AttitudeErrorTestInput};
 use crate::calibration::hypotheses::attitude_error_table::{
     ATTITUDE_ERROR_COUNT, ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE_INDEX, LAGGING_BANK_SCALE_INDEX,
     ROLL_BIAS_INDEX, assumed_sigmas,
@@ -44,24 +44,24 @@ pub struct Finding<T> {
     /// Contribution of the violation to the expected heading error, degrees RMS; adds in squares.
     pub added_error_deg: f32,
     /// Expected heading error without the violation, degrees RMS.
-    pub expected_without_deg: f32,
+    pub error_without_violation_deg: f32,
 }
 
 impl<T> Finding<T> {
-    fn new(violation: T, with_deg: f32, without_deg: f32) -> Self {
-        let squared = with_deg * with_deg - without_deg * without_deg;
-        Self { violation, added_error_deg: sqrt(squared.max(0.0)), expected_without_deg: without_deg }
+    fn new(violation: T, error_with_deg: f32, error_without_deg: f32) -> Self {
+        let squared = error_with_deg * error_with_deg - error_without_deg * error_without_deg;
+        Self { violation, added_error_deg: sqrt(squared.max(0.0)), error_without_violation_deg: error_without_deg }
     }
 }
 
 /// The more significant of a constant and a lagging bank-scale error, with the effect of both on the expected error. A
 /// lagging one below `MIN_REPORTED_SIGMAS` is not reported, but its effect is included.
-fn bank_scale_error(
+fn more_significant_bank_scale_finding(
     constant: Option<Finding<AttitudeErrorFinding>>,
     lagging: Option<Finding<AttitudeErrorFinding>>,
-    with_deg: f32,
+    error_with_deg: f32,
 ) -> Option<Finding<BankScaleFinding>> {
-    let without_deg = constant.or(lagging)?.expected_without_deg;
+    let error_without_deg = constant.or(lagging)?.error_without_violation_deg;
     let lagging = lagging.filter(|finding| finding.violation.significance_sigmas > MIN_REPORTED_SIGMAS);
     let findings = [constant, lagging].into_iter().flatten().map(|finding| finding.violation);
     let larger = findings.max_by(|a, b| a.significance_sigmas.total_cmp(&b.significance_sigmas))?;
@@ -69,7 +69,7 @@ fn bank_scale_error(
         reported_bank_ratio: 1.0 / (1.0 + larger.estimate),
         significance_sigmas: larger.significance_sigmas,
     };
-    Some(Finding::new(violation, with_deg, without_deg))
+    Some(Finding::new(violation, error_with_deg, error_without_deg))
 }
 
 impl ConvergedFit<'_> {
@@ -78,24 +78,24 @@ impl ConvergedFit<'_> {
     pub fn assess(
         &self,
         information: &mut Information,
-        change: Option<ConfirmedChange>,
+        hard_iron_change: Option<ConfirmedChange>,
         latency: Option<AttitudeLatency>,
-        consider: ConsiderSigmas,
+        consider_sigmas: ConsiderSigmas,
         needs_advice: impl Fn(&Quality) -> bool,
     ) -> Result<Solution, SolveError> {
-        let mut sigmas = assumed_sigmas(consider, latency);
+        let mut sigmas = assumed_sigmas(consider_sigmas, latency);
         let mut covariance = CoefficientCovariance::ZERO;
         let mut expected = self.expected_error(information, &sigmas, &mut covariance)?;
         let (mut attitude_errors, mut iron_finding) = ([None; ATTITUDE_ERROR_COUNT], None);
         for (index, error) in ATTITUDE_ERRORS.iter().enumerate() {
             // Closed forms are too far from the maximum likelihood for the linearised test.
-            let Some(test) = error.acceptance_rule.filter(|_| self.method == Method::MaximumLikelihood) else {
+            let Some(test) = error.significance_test.filter(|_| self.method == Method::MaximumLikelihood) else {
                 continue;
             };
             let assumed_sigma = sigmas[index];
-            let Information { linear_system, residuals, attitude_errors: sums, .. } = &*information;
+            let Information { linear_system, residuals, attitude_error_sums: sums, .. } = &*information;
             let (roll_information, sums) = (sums[ROLL_BIAS_INDEX].information.x, &sums[index]);
-            let input = AttitudeErrorTest {
+            let input = AttitudeErrorTestInput {
                 score_sums: sums,
                 roll_information,
                 linear_system,
@@ -104,21 +104,21 @@ impl ConvergedFit<'_> {
                 assumed_sigma,
             };
             let Some(finding) = test(&input) else { continue };
-            let without_deg = expected.rms_deg;
+            let error_without_deg = expected.rms_deg;
             sigmas[index] = finding.allowed_sigma(assumed_sigma);
             expected = self.expected_error(information, &sigmas, &mut covariance)?;
-            attitude_errors[index] = Some(Finding::new(finding, expected.rms_deg, without_deg));
+            attitude_errors[index] = Some(Finding::new(finding, expected.rms_deg, error_without_deg));
         }
-        let bank_scale_error = bank_scale_error(
+        let bank_scale_error = more_significant_bank_scale_finding(
             attitude_errors[BANK_SCALE_INDEX],
             attitude_errors[LAGGING_BANK_SCALE_INDEX],
             expected.rms_deg,
         );
-        if let Some(change) = change {
-            let without_deg = expected.rms_deg;
-            information.hard_iron_gradient = change.gradient_effect;
+        if let Some(change) = hard_iron_change {
+            let error_without_deg = expected.rms_deg;
+            information.hard_iron_change_gradient = change.gradient_effect;
             expected = self.expected_error(information, &sigmas, &mut covariance)?;
-            iron_finding = Some(Finding::new(change.detected_change, expected.rms_deg, without_deg));
+            iron_finding = Some(Finding::new(change.detected_change, expected.rms_deg, error_without_deg));
         }
         let uncertainty = self.uncertainty(information, latency, &mut covariance)?;
         let quality = Quality {

@@ -62,13 +62,13 @@ mod tests {
 
     const SIN_45_DEG: f32 = core::f32::consts::FRAC_1_SQRT_2;
 
-    fn samples_with_deviations(norm_scales: f32, dip_scales: f32) -> Vec<Sample> {
+    fn samples_with_deviations(norm_scales: f32, inclination_scales: f32) -> Vec<Sample> {
         (0..16_u8)
             .map(|i| {
                 let (norm, inclination_sign) =
                     (if i % 2 == 0 { 1.0 } else { -1.0 }, if i % 4 < 2 { 1.0 } else { -1.0 });
                 let total_ut = 50.0 * (1.0 + norm * norm_scales * 0.004);
-                let inclination_rad = 1.0 + inclination_sign * dip_scales * 0.005;
+                let inclination_rad = 1.0 + inclination_sign * inclination_scales * 0.005;
                 let field = Field::<Level>::earth_field(total_ut, inclination_rad, f32::from(i));
                 Sample::new(Field::new(field.ut), Attitude::default())
             })

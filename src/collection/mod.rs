@@ -41,7 +41,7 @@ pub use collector::Collector;
 pub use flight_statistics::CollectionProblem;
 pub use level_limits::LevelLimits;
 pub use progress::{CollectionProgress, PartCoverage};
-pub use quota::FIT_CAPACITY;
+pub use quota::FIT_CAPACITY_PER_SIDE;
 pub use recent_samples::RecentSamples;
 pub use retained_samples::{MARKS_CAPACITY, RetainedSamples};
 #[cfg(feature = "firmware")]

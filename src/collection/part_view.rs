@@ -16,12 +16,12 @@ pub(super) const HOLD_BACK_CYCLE: u16 = 4;
 /// Number of parts of the sample buffer.
 pub(super) const PART_COUNT: usize = CollectionPart::ALL_PARTS.len();
 
-/// One part (left, right or level) of the sample buffer, with its state.
+/// One part of the sample buffer, with its state.
 pub(super) struct PartView<'a> {
     part: CollectionPart,
     buffer: &'a mut SampleBuffer,
     pub part_state: &'a mut PartState,
-    last_due_at: &'a mut Option<WrappingMillis>,
+    last_due_sample_at: &'a mut Option<WrappingMillis>,
 }
 
 impl<'a> PartView<'a> {
@@ -30,10 +30,10 @@ impl<'a> PartView<'a> {
         part: CollectionPart,
         buffer: &'a mut SampleBuffer,
         states: &'a mut [PartState; PART_COUNT],
-        last_due_at: &'a mut [Option<WrappingMillis>; PART_COUNT],
+        last_due_sample_at: &'a mut [Option<WrappingMillis>; PART_COUNT],
     ) -> Self {
         let index = part.index();
-        Self { part, buffer, part_state: &mut states[index], last_due_at: &mut last_due_at[index] }
+        Self { part, buffer, part_state: &mut states[index], last_due_sample_at: &mut last_due_sample_at[index] }
     }
 
     /// The part's samples for one purpose, fit or held back, in the order of their storage.
@@ -51,14 +51,15 @@ impl<'a> PartView<'a> {
 
     /// Whether a sample is finite and at least one sample interval after the last.
     pub fn is_due(&self, sample: &Sample) -> bool {
-        let is_late = self.last_due_at.is_none_or(|taken_at| sample.time.ms_since(taken_at) >= SAMPLE_INTERVAL_MS);
+        let is_late =
+            self.last_due_sample_at.is_none_or(|taken_at| sample.time.ms_since(taken_at) >= SAMPLE_INTERVAL_MS);
         is_late && sample.field.ut.iter().all(|component| component.is_finite())
     }
 
     pub fn count_and_assign_use(&mut self, sample: &Sample) -> SampleUse {
-        *self.last_due_at = Some(sample.time);
-        self.part_state.due_count = self.part_state.due_count.wrapping_add(1);
-        let is_held_back = self.part_state.due_count.is_multiple_of(HOLD_BACK_CYCLE);
+        *self.last_due_sample_at = Some(sample.time);
+        self.part_state.due_sample_count = self.part_state.due_sample_count.wrapping_add(1);
+        let is_held_back = self.part_state.due_sample_count.is_multiple_of(HOLD_BACK_CYCLE);
         if is_held_back { SampleUse::Verification } else { SampleUse::Fit }
     }
 
@@ -69,10 +70,10 @@ impl<'a> PartView<'a> {
 
     /// Stores the latest sample in place of the one at a position.
     pub fn replace_sample(&mut self, sample_use: SampleUse, position: usize, sample: Sample) {
-        self.replace_until(sample_use, position, self.samples_of_use(sample_use).len(), sample);
+        self.replace_within_section(sample_use, position, self.samples_of_use(sample_use).len(), sample);
     }
 
-    pub fn replace_until(&mut self, sample_use: SampleUse, position: usize, end: usize, sample: Sample) {
+    pub fn replace_within_section(&mut self, sample_use: SampleUse, position: usize, end: usize, sample: Sample) {
         self.buffer.replace_sample(sample_use, position, end, Sample { part: self.part, ..sample });
     }
 
@@ -88,5 +89,10 @@ impl<'a> PartView<'a> {
 pub(super) fn coverage(buffer: &SampleBuffer, part: CollectionPart, state: PartState) -> PartCoverage {
     let [samples, held_back] = [SampleUse::Fit, SampleUse::Verification]
         .map(|sample_use| buffer.samples_of_part(sample_use, part).len() as u16);
-    PartCoverage { samples, held_back_count: held_back, covered_sectors: state.covered_sectors, percent: state.percent }
+    PartCoverage {
+        fit_count: samples,
+        held_back_count: held_back,
+        covered_sectors: state.covered_sectors,
+        percent: state.percent,
+    }
 }

@@ -7,7 +7,7 @@ use crate::calibration::{CollectionPart, Side};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct PartCoverage {
     /// Number of fit samples.
-    pub samples: u16,
+    pub fit_count: u16,
     /// Number of held-back samples.
     pub held_back_count: u16,
     /// Sectors with at least one sample, of [`SECTOR_COUNT`](super::SECTOR_COUNT).

@@ -3,7 +3,7 @@
 use super::turn_circle::SECTOR_COUNT;
 
 /// Fit samples per turn side: 16 per sector. 6.9 KB.
-pub const FIT_CAPACITY: usize = 16 * SECTOR_COUNT;
+pub const FIT_CAPACITY_PER_SIDE: usize = 16 * SECTOR_COUNT;
 
 /// Use of a stored sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,7 +24,7 @@ pub(super) struct SampleQuota {
 impl SampleQuota {
     /// Quota of a turn side; 5 held-back samples per sector. Also of a tumble, whose closest samples are searched at
     /// each sample.
-    pub const TURN: Self = Self { fit_quota: FIT_CAPACITY, held_back_quota: 5 * SECTOR_COUNT };
+    pub const TURN: Self = Self { fit_quota: FIT_CAPACITY_PER_SIDE, held_back_quota: 5 * SECTOR_COUNT };
 
     /// Quota of level flight; 5 fit samples per sector, rounded up.
     pub const LEVEL: Self = Self { fit_quota: 64, held_back_quota: 20 };

@@ -20,16 +20,20 @@ const HARD_IRON_UT: Vector3<f32> = Vector3::new(60.0, -45.0, 80.0);
 pub struct TestBuffer {
     pub samples: SampleBuffer,
     states: [PartState; PART_COUNT],
-    last_due_at: [Option<WrappingMillis>; PART_COUNT],
+    last_due_sample_at: [Option<WrappingMillis>; PART_COUNT],
 }
 
 impl TestBuffer {
     pub fn new() -> Self {
-        Self { samples: SampleBuffer::EMPTY, states: [PartState::EMPTY; PART_COUNT], last_due_at: [None; PART_COUNT] }
+        Self {
+            samples: SampleBuffer::EMPTY,
+            states: [PartState::EMPTY; PART_COUNT],
+            last_due_sample_at: [None; PART_COUNT],
+        }
     }
 
     pub fn part_view(&mut self, part: CollectionPart) -> PartView<'_> {
-        PartView::new(part, &mut self.samples, &mut self.states, &mut self.last_due_at)
+        PartView::new(part, &mut self.samples, &mut self.states, &mut self.last_due_sample_at)
     }
 
     pub fn fit_samples(&self, part: CollectionPart) -> &[Sample] {
@@ -41,7 +45,7 @@ impl TestBuffer {
     }
 
     /// Number of samples of a part, fit and held back.
-    pub fn stored_samples(&self, part: CollectionPart) -> usize {
+    pub fn stored_count(&self, part: CollectionPart) -> usize {
         self.fit_samples(part).len() + self.held_back_samples(part).len()
     }
 

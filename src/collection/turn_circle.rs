@@ -60,7 +60,7 @@ mod tests {
     use super::super::test_samples::{RADIUS_UT, circle_sample};
     use super::*;
 
-    fn through(samples: &[Sample]) -> Option<TurnCircle> {
+    fn circle_through(samples: &[Sample]) -> Option<TurnCircle> {
         TurnCircle::fit_circle(&Samples::new(samples))
     }
 
@@ -68,17 +68,17 @@ mod tests {
     #[test]
     fn an_arc_determines_the_circle() {
         let arc: Vec<Sample> = (0..=60).step_by(5).map(|heading_deg| circle_sample(heading_deg as f32)).collect();
-        let circle = through(&arc).unwrap();
+        let circle = circle_through(&arc).unwrap();
         assert!((circle.radius_ut - RADIUS_UT).abs() < 0.01, "{circle:?}");
     }
 
     #[test]
     fn two_points_or_nonfinite_values_have_no_circle() {
         let points = [0.0, 90.0, 200.0].map(circle_sample);
-        assert!(through(&points[..2]).is_none());
-        assert!(through(&points).is_some());
+        assert!(circle_through(&points[..2]).is_none());
+        assert!(circle_through(&points).is_some());
         let broken = Sample { field: crate::frames::Field::from_ut(f32::NAN, 0.0, 0.0), ..points[0] };
-        assert!(through(&[points[0], points[1], points[2], broken]).is_none());
+        assert!(circle_through(&[points[0], points[1], points[2], broken]).is_none());
     }
 
     /// An angle of exactly pi would be a thirteenth sector.
@@ -99,7 +99,7 @@ mod tests {
     #[test]
     fn sectors_are_twelve_of_thirty_degrees_in_order() {
         let all: Vec<Sample> = (0..360_u16).map(|heading_deg| circle_sample(f32::from(heading_deg))).collect();
-        let circle = through(&all).unwrap();
+        let circle = circle_through(&all).unwrap();
         let sectors: Vec<usize> = all.iter().map(|s| circle.sector_of(s)).collect();
         for sector in 0..SECTOR_COUNT {
             let wide = sectors.iter().filter(|s| **s == sector).count();

@@ -46,23 +46,23 @@ struct SteadyBank {
 #[derive(Debug)]
 pub(super) struct TurnDetector {
     config: TurnDetectorConfig,
-    bank: Option<SteadyBank>,
+    steady_bank: Option<SteadyBank>,
 }
 
 impl TurnDetector {
     pub const fn new(config: TurnDetectorConfig) -> Self {
-        Self { config, bank: None }
+        Self { config, steady_bank: None }
     }
 
     /// Processes a sample; returns the side of the sustained turn it belongs to.
     pub fn process_sample(&mut self, sample: &Sample) -> Option<Side> {
-        self.bank = self.next_bank(sample);
+        self.steady_bank = self.next_bank(sample);
         self.turn_side()
     }
 
     /// Side of the sustained turn in progress.
     pub fn turn_side(&self) -> Option<Side> {
-        self.bank
+        self.steady_bank
             .filter(|bank| bank.last_sample_at.ms_since(bank.started_at) >= self.config.settling_ms)
             .map(|bank| bank.side)
     }
@@ -71,7 +71,7 @@ impl TurnDetector {
         let roll_rad = sample.attitude.roll_rad;
         let side = if roll_rad < 0.0 { Side::Left } else { Side::Right };
         let previous_bank = self
-            .bank
+            .steady_bank
             .filter(|bank| bank.side == side && sample.time.ms_since(bank.last_sample_at) <= self.config.max_gap_ms);
         let min_roll_rad =
             if previous_bank.is_some() { self.config.leave_roll_rad } else { self.config.enter_roll_rad };
@@ -103,7 +103,7 @@ mod tests {
             .collect()
     }
 
-    fn count(detected: &[Option<Side>], side: Side) -> usize {
+    fn count_of_side(detected: &[Option<Side>], side: Side) -> usize {
         detected.iter().filter(|s| **s == Some(side)).count()
     }
 
@@ -124,8 +124,8 @@ mod tests {
     fn sustained_banks_are_turns_of_their_side() {
         // Right, then left turn of 30 s each, with 3 deg of bank wander; the first 2 s of each do not count.
         let detected = detect_sides(|t| (if t < 30.0 { 25.0 } else { -25.0 }) + 3.0 * (t * 4.2).sin(), 3.0, 60);
-        assert_eq!(count(&detected, Side::Right), 280);
-        assert_eq!(count(&detected, Side::Left), 280);
+        assert_eq!(count_of_side(&detected, Side::Right), 280);
+        assert_eq!(count_of_side(&detected, Side::Left), 280);
     }
 
     #[test]
@@ -160,7 +160,7 @@ mod tests {
         assert_eq!(side_after_turn(100, 6.9, 0.0), None);
         // Wander down to 9 deg does not end a turn.
         let detected = detect_sides(|t| 12.0 + 3.0 * (t * 4.2).sin(), 0.0, 32);
-        assert_eq!(count(&detected, Side::Right), 300, "all but the 2 s of settling");
+        assert_eq!(count_of_side(&detected, Side::Right), 300, "all but the 2 s of settling");
     }
 
     #[test]

@@ -89,9 +89,9 @@ pub(super) struct AutomaticStart {
     /// Whether a user has taken control, so that no collection starts automatically.
     pub is_overridden: bool,
     /// Number of samples since start-up, saturating at the timeout.
-    pub samples_since_start: u8,
+    pub samples_since_startup: u8,
 }
 
 impl AutomaticStart {
-    pub const INITIAL: Self = Self { is_overridden: false, samples_since_start: 0 };
+    pub const INITIAL: Self = Self { is_overridden: false, samples_since_startup: 0 };
 }

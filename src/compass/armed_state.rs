@@ -8,26 +8,26 @@ use crate::trig::VectorLength as _;
 
 /// Time without motion after which a vehicle is at rest, milliseconds. In level flight and in hover, turbulence exceeds
 /// the limit within this time.
-const REST_MS: u32 = 5_000;
+const MIN_REST_MS: u32 = 5_000;
 
 /// Longest interval between samples at rest, milliseconds.
 const MAX_GAP_MS: u32 = 1_000;
 
 /// Largest change of the field at rest, microtesla: six times the noise of a sample, or 1 deg of rotation.
-const MAX_CHANGE_UT: f32 = 0.7;
+const MAX_FIELD_CHANGE_UT: f32 = 0.7;
 
 /// Reported armed state, and the evidence for rest.
 #[derive(Debug)]
 pub(super) struct ArmedState {
     reported_state: Option<bool>,
     /// Whether the vehicle moved while armed, and has not been at rest while disarmed since.
-    has_flown: bool,
+    has_flown_since_rest: bool,
     /// Field of the first sample at rest; times of the first and the last one.
     rest_evidence: Option<(Field<Sensor>, WrappingMillis, WrappingMillis)>,
 }
 
 impl ArmedState {
-    pub const UNKNOWN: Self = Self { reported_state: None, has_flown: false, rest_evidence: None };
+    pub const UNKNOWN: Self = Self { reported_state: None, has_flown_since_rest: false, rest_evidence: None };
 
     /// Armed state by the autopilot's last report, if known.
     pub const fn reported_state(&self) -> Option<bool> {
@@ -42,20 +42,22 @@ impl ArmedState {
     /// Updates the evidence for rest.
     pub fn update_motion(&mut self, sample: &Sample) {
         let is_steady = |(field, _, last): &(Field<Sensor>, WrappingMillis, WrappingMillis)| {
-            (sample.field.ut - field.ut).vector_length() <= MAX_CHANGE_UT && sample.time.ms_since(*last) <= MAX_GAP_MS
+            (sample.field.ut - field.ut).vector_length() <= MAX_FIELD_CHANGE_UT
+                && sample.time.ms_since(*last) <= MAX_GAP_MS
         };
         let steady = self.rest_evidence.filter(is_steady);
-        self.has_flown |= self.reported_state == Some(true) && self.rest_evidence.is_some() && steady.is_none();
+        self.has_flown_since_rest |=
+            self.reported_state == Some(true) && self.rest_evidence.is_some() && steady.is_none();
         let (field, since, _) = steady.unwrap_or((sample.field, sample.time, sample.time));
         self.rest_evidence = Some((field, since, sample.time));
-        self.has_flown &= self.reported_state != Some(false) || sample.time.ms_since(since) < REST_MS;
+        self.has_flown_since_rest &= self.reported_state != Some(false) || sample.time.ms_since(since) < MIN_REST_MS;
     }
 
     /// Whether the vehicle is armed, or has flown and still moves. Without samples there is no evidence of motion.
     pub fn is_in_flight(&self, now: WrappingMillis) -> bool {
-        let has_samples = self.rest_evidence.is_some_and(|(_, _, last)| now.ms_since(last) <= REST_MS);
+        let has_samples = self.rest_evidence.is_some_and(|(_, _, last)| now.ms_since(last) <= MIN_REST_MS);
         match self.reported_state {
-            Some(is_armed) => is_armed || (self.has_flown && has_samples),
+            Some(is_armed) => is_armed || (self.has_flown_since_rest && has_samples),
             None => false,
         }
     }

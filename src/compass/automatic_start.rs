@@ -11,8 +11,8 @@ impl Compass<'_> {
     /// Starts a collection if enabled and the vehicle is armed, because before arming it may be carried or stand near
     /// iron.
     pub(super) fn start_automatic_collection(&mut self) {
-        self.automatic_start.samples_since_start =
-            self.automatic_start.samples_since_start.saturating_add(1).min(ARMED_STATE_TIMEOUT_SAMPLES);
+        self.automatic_start.samples_since_startup =
+            self.automatic_start.samples_since_startup.saturating_add(1).min(ARMED_STATE_TIMEOUT_SAMPLES);
         let is_ready = self.pending_save.is_none() && self.sensor.is_some();
         if self.is_assumed_armed() && is_ready && self.wants_automatic_collection() {
             self.start_collection(Procedure::Flight, CollectionStarter::Module);
@@ -23,7 +23,7 @@ impl Compass<'_> {
     fn is_assumed_armed(&self) -> bool {
         self.armed_state
             .reported_state()
-            .unwrap_or(self.automatic_start.samples_since_start == ARMED_STATE_TIMEOUT_SAMPLES)
+            .unwrap_or(self.automatic_start.samples_since_startup == ARMED_STATE_TIMEOUT_SAMPLES)
     }
 
     /// Whether automatic collection waits for arming.

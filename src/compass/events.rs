@@ -26,7 +26,7 @@ pub enum Event {
     Sample(Sample),
     /// Command and its time on the sample clock.
     Command(Command, WrappingMillis),
-    /// Next step of a solve, while [`Compass::is_busy`](super::Compass::is_busy).
+    /// Next step of a solve, while [`Compass::needs_solve_step`](super::Compass::needs_solve_step).
     AdvanceSolve,
     /// Idle time: detected protocol of each port, and time on the sample clock.
     ProtocolsDetected([ProtocolKind; PORT_COUNT], WrappingMillis),
@@ -158,7 +158,7 @@ pub struct StatusReport {
     /// Whether `cal undo` has a calibration to restore.
     pub can_undo: bool,
     /// Result of the last solve.
-    pub last_outcome: Option<Message>,
+    pub last_collection_outcome: Option<Message>,
 }
 
 /// Stored calibration without coefficient covariance.

@@ -21,7 +21,7 @@ impl Compass<'_> {
     #[must_use]
     pub fn indicator_state(&self) -> IndicatorState {
         match self.module_state() {
-            ModuleState::Uncalibrated => match self.last_outcome {
+            ModuleState::Uncalibrated => match self.last_collection_outcome {
                 Some(Message::Solved(Err(_))) => IndicatorState::Refused,
                 // The next flight starts another collection, so the module is idle.
                 _ => IndicatorState::Idle,
@@ -36,9 +36,9 @@ impl Compass<'_> {
     /// Progress, percent: in a flight, wanted over expected heading error; 0 for procedures that the user ends.
     fn progress_percent(&self) -> u8 {
         let progress = self.collector.collection_progress();
-        let expected_deg = self.trial_solves.last_result.as_ref().and_then(|result| result.expected_deg);
+        let expected_error_deg = self.trial_solves.last_result.as_ref().and_then(|result| result.expected_error_deg);
         // The cast saturates and maps NaN to 0.
-        let trial_percent = || Some((100.0 * self.settings.accuracy_deg / expected_deg?).min(100.0) as u8);
+        let trial_percent = || Some((100.0 * self.settings.accuracy_deg / expected_error_deg?).min(100.0) as u8);
         progress.percent().or_else(trial_percent).unwrap_or(0)
     }
 }

@@ -59,7 +59,7 @@ impl<'a> Compass<'a> {
             activity: Activity::Idle,
             samples_during_solve: heapless::Vec::new(),
             pending_save: None,
-            last_outcome: None,
+            last_collection_outcome: None,
             advice: None,
             trial_solves: TrialSolves::NO_TRIALS,
             automatic_start: AutomaticStart::INITIAL,
@@ -134,7 +134,7 @@ impl<'a> Compass<'a> {
         let purpose = if self.collector.collection_progress().is_complete() {
             SolvePurpose::Calibration(Some(starter))
         } else if self.collector.procedure() == Procedure::Flight
-            && self.trial_solves.is_due(&self.collector, sample.time)
+            && self.trial_solves.start_trial_if_due(&self.collector, sample.time)
         {
             SolvePurpose::Trial(starter)
         } else {
@@ -207,7 +207,7 @@ impl<'a> Compass<'a> {
             local_field: self.local_field,
             stored_calibration: self.stored_calibrations.current_calibration.as_ref().map(CalibrationSummary::from),
             can_undo: self.stored_calibrations.previous_calibration.is_some(),
-            last_outcome: self.last_outcome.clone(),
+            last_collection_outcome: self.last_collection_outcome.clone(),
         }
     }
 }

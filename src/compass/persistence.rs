@@ -29,7 +29,7 @@ impl Compass<'_> {
             }
             Some(_) => self.collector.discard_collection(),
             None if self.persistent_state.last_written_values.is_collecting => {
-                self.last_outcome = Some(Message::CollectionLost);
+                self.last_collection_outcome = Some(Message::CollectionLost);
             }
             None => {}
         }
@@ -73,7 +73,7 @@ impl Compass<'_> {
                 }
             }
         }
-        if new_values == self.persistent_state.last_written_values || self.is_busy() || self.is_saving() {
+        if new_values == self.persistent_state.last_written_values || self.needs_solve_step() || self.is_saving() {
             return Effect::None;
         }
         self.persistent_state.last_written_values = new_values;

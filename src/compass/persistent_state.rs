@@ -5,7 +5,7 @@ use crate::store::StartupValues;
 use crate::time::WrappingMillis;
 
 /// Duration after which a detected protocol is stored, milliseconds.
-const MIN_DETECTION_MS: u32 = 5000;
+const STABLE_DETECTION_MS: u32 = 5000;
 
 #[derive(Debug)]
 pub(super) struct PersistentState {
@@ -21,7 +21,7 @@ impl PersistentState {
     }
 
     /// Clears the collection flag, as every save of calibrations does in flash.
-    pub const fn forget_collection(&mut self) {
+    pub const fn clear_collection_flag(&mut self) {
         self.last_written_values.is_collecting = false;
     }
 
@@ -36,6 +36,6 @@ impl PersistentState {
             self.detected_since = Some((detected_protocols, now));
             return None;
         }
-        (now.ms_since(since) >= MIN_DETECTION_MS).then_some(detected_protocols)
+        (now.ms_since(since) >= STABLE_DETECTION_MS).then_some(detected_protocols)
     }
 }

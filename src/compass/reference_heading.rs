@@ -34,7 +34,7 @@ impl Compass<'_> {
     pub(super) fn set_alignment(
         &mut self,
         heading_deg: Option<f32>,
-        is_sure: bool,
+        is_confirmed: bool,
         now: WrappingMillis,
     ) -> Result<Effect, Refusal> {
         let mut align_deg = 0.0;
@@ -45,7 +45,7 @@ impl Compass<'_> {
             let shown_rad =
                 mean_sample.attitude.to_level_frame(calibration.corrected_body_field(&mean_sample)).heading_rad();
             align_deg = wrap_pi(heading_deg.to_radians() - shown_rad).to_degrees();
-            if align_deg.abs() > MAX_UNCONFIRMED_ALIGNMENT_DEG && !is_sure {
+            if align_deg.abs() > MAX_UNCONFIRMED_ALIGNMENT_DEG && !is_confirmed {
                 return Err(Refusal::LargeAlignment { heading_deg, align_deg });
             }
         }

@@ -129,7 +129,7 @@ impl Compass<'_> {
             }
         }
         let message = Message::Solved(outcome);
-        self.last_outcome = Some(message.clone());
+        self.last_collection_outcome = Some(message.clone());
         Effect::Notify(message)
     }
 }

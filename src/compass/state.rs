@@ -36,7 +36,7 @@ pub struct Compass<'a> {
     /// Samples received during the solve, for a collection that continues; the samples of the solve do not change.
     pub(super) samples_during_solve: heapless::Vec<Sample, SAMPLES_DURING_SOLVE_CAPACITY>,
     pub(super) pending_save: Option<PendingSave>,
-    pub(super) last_outcome: Option<Message>,
+    pub(super) last_collection_outcome: Option<Message>,
     pub(super) advice: Option<Advice>,
     pub(super) trial_solves: TrialSolves,
     pub(super) automatic_start: AutomaticStart,
@@ -46,8 +46,8 @@ pub struct Compass<'a> {
 impl Compass<'_> {
     /// Result of the last solve; at start-up, the loss of a collection.
     #[must_use]
-    pub fn last_outcome(&self) -> Option<&Message> {
-        self.last_outcome.as_ref()
+    pub fn last_collection_outcome(&self) -> Option<&Message> {
+        self.last_collection_outcome.as_ref()
     }
 
     /// Solution that the next [`Event::AdvanceSolve`](super::Event::AdvanceSolve) verifies, for replay on a host.
@@ -62,7 +62,7 @@ impl Compass<'_> {
 
     /// Whether [`Event::AdvanceSolve`](super::Event::AdvanceSolve) is needed.
     #[must_use]
-    pub fn is_busy(&self) -> bool {
+    pub fn needs_solve_step(&self) -> bool {
         matches!(&self.activity, Activity::Solving(solve) if !matches!(solve.stage, SolveStage::Saving(_)))
     }
 
@@ -141,5 +141,8 @@ impl Compass<'_> {
 
 /// Sensor errors of the settings (percent) in the monitor's units (fractions).
 fn sensor_error_sigmas(error: SensorError) -> SensorErrorSigmas {
-    SensorErrorSigmas { gyro_scale: error.gyro_percent / 100.0, hard_iron_drift: error.drift_percent / 100.0 }
+    SensorErrorSigmas {
+        gyro_scale: error.gyro_percent / 100.0,
+        hard_iron_drift_per_minute: error.drift_percent / 100.0,
+    }
 }

@@ -43,7 +43,7 @@ impl Compass<'_> {
         if let Activity::Solving(Solve { stage: SolveStage::Saving(record), purpose, .. }) = &self.activity {
             let purpose = *purpose;
             let outcome = result.map_err(Refusal::Store).map(|()| {
-                self.persistent_state.forget_collection();
+                self.persistent_state.clear_collection_flag();
                 self.stored_calibrations.push_record(record);
                 ExpectedAccuracy::new(record.quality, &record.calibration)
             });
@@ -59,12 +59,12 @@ impl Compass<'_> {
             (PendingSave::StartupValues(_), _) => Effect::None,
             (_, Err(error)) => Effect::Reply(Err(Refusal::Store(error))),
             (PendingSave::Undo, Ok(())) => {
-                self.persistent_state.forget_collection();
+                self.persistent_state.clear_collection_flag();
                 self.stored_calibrations.undo_last();
                 self.reply_done()
             }
             (PendingSave::Clear, Ok(())) => {
-                self.persistent_state.forget_collection();
+                self.persistent_state.clear_collection_flag();
                 self.stored_calibrations.clear();
                 self.enable_automatic_start(self.settings.auto_on);
                 self.reply_done()

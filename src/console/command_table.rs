@@ -20,7 +20,7 @@ pub struct CommandSpec {
     /// Arguments of the command, in order.
     pub arguments: &'static [ArgumentSpec],
     /// Constructor of the request; none if a second word is required.
-    pub request: Option<fn(&Arguments) -> Request>,
+    pub request_constructor: Option<fn(&Arguments) -> Request>,
 }
 
 /// Specification of a command's argument.
@@ -104,7 +104,7 @@ fn signing_key(arguments: &Arguments) -> Option<SigningKey> {
 
 impl CommandSpec {
     const fn new(first_word: &'static str, second_word: &'static str, help_text: &'static str) -> Self {
-        Self { command_words: [first_word, second_word], help_text, arguments: &[], request: None }
+        Self { command_words: [first_word, second_word], help_text, arguments: &[], request_constructor: None }
     }
 
     const fn with_arguments(self, slots: &'static [ArgumentSpec]) -> Self {
@@ -112,7 +112,7 @@ impl CommandSpec {
     }
 
     const fn with_request(self, to_request: fn(&Arguments) -> Request) -> Self {
-        Self { request: Some(to_request), ..self }
+        Self { request_constructor: Some(to_request), ..self }
     }
 }
 
@@ -140,7 +140,8 @@ impl ArgumentSpec {
 
 const DEGREES_UNIT: &str = "deg";
 
-const HEADING_NUMBER: ArgumentKind = ArgumentKind::Number { range: 0.0..=360.0, unit: DEGREES_UNIT, alternative: None };
+const HEADING_ARGUMENT_KIND: ArgumentKind =
+    ArgumentKind::Number { range: 0.0..=360.0, unit: DEGREES_UNIT, alternative: None };
 
 const fn number_kind(range: RangeInclusive<f32>, unit: &'static str) -> ArgumentKind {
     ArgumentKind::Number { range, unit, alternative: None }
@@ -186,7 +187,7 @@ pub static COMMANDS: &[CommandSpec] = &[
         request_to_set(SettingChange::Auto(arguments.choice_argument(0, nth_switch).unwrap_or(true)))
     }),
     CommandSpec::new("cal", "mark", "in a swing: record samples at this magnetic heading of the vehicle")
-        .with_arguments(&[ArgumentSpec::new("HEADING", HEADING_NUMBER)])
+        .with_arguments(&[ArgumentSpec::new("HEADING", HEADING_ARGUMENT_KIND)])
         .with_request(|arguments| Command::CalMark(arguments.number_argument(0).unwrap_or(f32::NAN)).into()),
     CommandSpec::new("cal", "stop", "stop collecting, keep the samples").with_request(|_| Command::CalStop.into()),
     CommandSpec::new(
@@ -494,7 +495,7 @@ mod tests {
                 "{first} {second} is there twice"
             );
             assert!(second.is_empty() || COMMANDS[i - 1].command_words[0] == first, "{first} {second} stands alone");
-            let is_group = row.request.is_none() && first != "help";
+            let is_group = row.request_constructor.is_none() && first != "help";
             assert_eq!(
                 is_group,
                 second.is_empty() && COMMANDS.iter().filter(|row| row.command_words[0] == first).count() > 1

@@ -126,7 +126,7 @@ pub struct Editor {
     line: Vec<u8, LINE_CAPACITY>,
     cursor: usize,
     /// Number of characters beyond the capacity.
-    excess_characters: usize,
+    excess_character_count: usize,
     /// Previous lines, the newest last, each with a line feed at its end.
     history: Vec<u8, 256>,
     /// Index of the recalled line from the newest; none for a typed line.
@@ -146,7 +146,7 @@ impl Editor {
 
     /// Whether more characters were typed than fit.
     pub const fn is_too_long(&self) -> bool {
-        self.excess_characters > 0
+        self.excess_character_count > 0
     }
 
     /// Applies a key to the line and updates the terminal.
@@ -154,7 +154,7 @@ impl Editor {
         let line_length = self.line.len();
         match key {
             Key::Character(byte) => return self.insert_character(byte, out),
-            Key::Backspace if self.excess_characters > 0 => self.excess_characters -= 1,
+            Key::Backspace if self.excess_character_count > 0 => self.excess_character_count -= 1,
             Key::Backspace if self.cursor == 0 => {}
             Key::Backspace => {
                 self.cursor -= 1;
@@ -173,7 +173,7 @@ impl Editor {
             Key::EraseToStart => {
                 self.line.rotate_left(self.cursor);
                 self.line.truncate(line_length - self.cursor);
-                (self.cursor, self.excess_characters, self.history_index) = (0, 0, None);
+                (self.cursor, self.excess_character_count, self.history_index) = (0, 0, None);
             }
             Key::Enter | Key::Tab | Key::Cancel => return,
         }
@@ -209,12 +209,12 @@ impl Editor {
     /// Clears the line.
     pub fn clear(&mut self) {
         self.line.clear();
-        (self.cursor, self.excess_characters, self.history_index) = (0, 0, None);
+        (self.cursor, self.excess_character_count, self.history_index) = (0, 0, None);
     }
 
     fn insert_character(&mut self, byte: u8, out: &mut dyn fmt::Write) {
         if self.is_too_long() || self.line.insert(self.cursor, byte).is_err() {
-            self.excess_characters += 1;
+            self.excess_character_count += 1;
             return;
         }
         self.cursor += 1;

@@ -77,14 +77,14 @@ fn split_words(line: &str) -> impl Iterator<Item = &str> {
 }
 
 /// Splits a line before its last word, which is empty after a space.
-fn last_word(line: &str) -> (&str, &str) {
+fn split_last_word(line: &str) -> (&str, &str) {
     let begin = line.bytes().rposition(|byte| byte == b' ').map_or(0, |space| space + 1);
     line.split_at_checked(begin).unwrap_or((line, ""))
 }
 
 fn parse_words<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Request, LineError> {
     let row = find_command([first, ""]).ok_or(LineError::UnknownCommand(None))?;
-    if let Some(to_request) = row.request {
+    if let Some(to_request) = row.request_constructor {
         return parse_arguments(row, to_request, words);
     }
     let [first, _] = row.command_words;
@@ -95,13 +95,14 @@ fn parse_words<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Res
         return parse_help(second, words);
     }
     let row = find_command([first, second]).ok_or(LineError::UnknownCommand(Some(first)))?;
-    row.request.map_or(Err(LineError::UnknownCommand(None)), |to_request| parse_arguments(row, to_request, words))
+    row.request_constructor
+        .map_or(Err(LineError::UnknownCommand(None)), |to_request| parse_arguments(row, to_request, words))
 }
 
 fn parse_help<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Request, LineError> {
     let row = find_command([first, ""]).ok_or(LineError::UnknownCommand(None))?;
     let row = match words.next() {
-        Some(second) if row.request.is_none() && !is_help(row.command_words[0]) => {
+        Some(second) if row.request_constructor.is_none() && !is_help(row.command_words[0]) => {
             find_command([first, second]).ok_or(LineError::UnknownCommand(Some(row.command_words[0])))?
         }
         Some(_) => return Err(LineError::UnexpectedArgument(row)),
@@ -180,7 +181,7 @@ impl ExpectedElement {
             first = explained;
         }
         let Some(row) = find_command([first, ""]) else { return Self::Nothing };
-        let row = if row.request.is_some() {
+        let row = if row.request_constructor.is_some() {
             Some(row)
         } else {
             let Some(second) = words.next() else { return Self::SecondWord(row.command_words[0]) };
@@ -198,11 +199,11 @@ impl ExpectedElement {
     fn nth_word(self, number: usize) -> Option<&'static str> {
         match self {
             Self::FirstWord => {
-                first_words().filter(|[_, second]| second.is_empty()).map(|[first, _]| first).nth(number)
+                command_word_pairs().filter(|[_, second]| second.is_empty()).map(|[first, _]| first).nth(number)
             }
             Self::SecondWord(command) => {
                 let is_subcommand = |[first, second]: &[&'static str; 2]| *first == command && !second.is_empty();
-                first_words().filter(is_subcommand).map(|[_, second]| second).nth(number)
+                command_word_pairs().filter(is_subcommand).map(|[_, second]| second).nth(number)
             }
             Self::Argument(slot) => slot.nth_word(number),
             Self::Nothing => None,
@@ -210,7 +211,7 @@ impl ExpectedElement {
     }
 }
 
-fn first_words() -> impl Iterator<Item = [&'static str; 2]> {
+fn command_word_pairs() -> impl Iterator<Item = [&'static str; 2]> {
     COMMANDS.iter().map(|row| row.command_words)
 }
 
@@ -225,7 +226,7 @@ pub struct Completion {
 
 /// Completes the last word of a line, which is empty after a space; passes each matching word to the callback.
 pub fn complete_line(line: &str, report_match: &mut dyn FnMut(&'static str)) -> Completion {
-    let (complete_words, typed) = last_word(line);
+    let (complete_words, typed) = split_last_word(line);
     let expected = ExpectedElement::after_words(complete_words);
     let mut continuation: Option<&'static str> = None;
     let mut match_count = 0;
@@ -346,7 +347,7 @@ impl Display for CommandHelp {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}", self.0, self.0.help_text)?;
         let [first, second] = self.0.command_words;
-        if self.0.request.is_none() && second.is_empty() && !is_help(first) {
+        if self.0.request_constructor.is_none() && second.is_empty() && !is_help(first) {
             f.write_str(": ")?;
             write_list(f, &|number| ExpectedElement::SecondWord(first).nth_word(number), ", ")?;
         }
@@ -363,7 +364,7 @@ mod tests {
     use crate::settings::{AttitudeError, HeadingKind, SensorError, SettingChange};
     use crate::settings::{BaudRate, PortNumber, ProtocolKind};
 
-    fn command(line: &str) -> Command {
+    fn parsed_command(line: &str) -> Command {
         match parse_request(line) {
             Some(Ok(Request::Command(command))) => command,
             other => panic!("{line}: {other:?}"),
@@ -377,7 +378,7 @@ mod tests {
         }
     }
 
-    fn help_text(line: &str) -> String {
+    fn help_reply(line: &str) -> String {
         let Some(Ok(Request::Help(topic))) = parse_request(line) else { panic!("{line}") };
         let mut text = String::new();
         write_help(&mut text, topic).unwrap();
@@ -440,10 +441,10 @@ mod tests {
             ("set attitude-error default", set(SettingChange::AttitudeError(AttitudeError::DEFAULT))),
         ];
         for (line, meaning) in examples {
-            assert_eq!(command(line), meaning, "{line}");
+            assert_eq!(parsed_command(line), meaning, "{line}");
             // Commands are accepted in upper case and with extra spaces.
-            assert_eq!(command(&line.to_ascii_uppercase()), meaning, "{line}");
-            assert_eq!(command(&format!("  {}  ", line.replace(' ', "   "))), meaning, "{line}");
+            assert_eq!(parsed_command(&line.to_ascii_uppercase()), meaning, "{line}");
+            assert_eq!(parsed_command(&format!("  {}  ", line.replace(' ', "   "))), meaning, "{line}");
         }
         let others = [
             ("version", "Version"),
@@ -457,7 +458,7 @@ mod tests {
             let Some(Ok(request)) = parse_request(line) else { panic!("{line}") };
             assert!(format!("{request:?}").starts_with(name), "{request:?}");
         }
-        for row in COMMANDS.iter().filter(|row| row.request.is_some()) {
+        for row in COMMANDS.iter().filter(|row| row.request_constructor.is_some()) {
             let words = row.command_words.join(" ");
             let mut tested_lines = examples.iter().map(|(line, _)| *line).chain(others.map(|(line, _)| line));
             assert!(tested_lines.any(|line| line.to_ascii_lowercase().starts_with(words.trim_end())), "{words}");
@@ -547,34 +548,34 @@ mod tests {
 
     #[test]
     fn help_explains_everything_there_is() {
-        let all = help_text("help");
+        let all = help_reply("help");
         for row in COMMANDS {
             let words = row.command_words.join(" ");
-            let reply = help_text(&format!("help {words}"));
+            let reply = help_reply(&format!("help {words}"));
             assert!(reply.starts_with(&format!("ok {}", words.trim_end())), "{reply}");
             assert!(reply.contains(row.help_text), "{reply}");
             let [first, second] = row.command_words;
-            let group = if second.is_empty() { all.clone() } else { help_text(&format!("help {first}")) };
+            let group = if second.is_empty() { all.clone() } else { help_reply(&format!("help {first}")) };
             assert!(
                 group.starts_with("ok ") && group.contains(&format!("\n{row}: {}", row.help_text)),
                 "{row}: {group}"
             );
         }
         assert_eq!(
-            help_text("HELP Stream"),
+            help_reply("HELP Stream"),
             "ok stream: heading sentences: on, off, rate, heading\n\
              stream on: send them\n\
              stream off: do not send them\n\
              stream rate HZ: sentences per second\n\
              stream heading KIND: heading sent: smoothed by the body rates, or raw for an autopilot with its own filter\n"
         );
-        let mounts = help_text("help set mount");
+        let mounts = help_reply("help set mount");
         assert!(Orientation::all_orientations().all(|mount| mounts.contains(mount.orientation_name())), "{mounts}");
-        assert!(help_text("help set inclination").ends_with("DEG: a number, -90 to 90 deg, or none\n"));
+        assert!(help_reply("help set inclination").ends_with("DEG: a number, -90 to 90 deg, or none\n"));
     }
 
     #[test]
-    fn every_word_is_completed() {
+    fn partial_words_are_completed() {
         for (line, rest, fit) in [
             ("", "", 7),
             ("v", "ersion", 1),

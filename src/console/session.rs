@@ -60,8 +60,8 @@ impl Session {
             Key::Tab => self.complete_line(),
             Key::Cancel => {
                 self.editor.clear();
-                self.print_message("^C\n");
-                self.print_message(PROMPT);
+                self.write_text("^C\n");
+                self.write_text(PROMPT);
             }
             key => self.editor.process_key(key, &mut self.output),
         }
@@ -72,27 +72,27 @@ impl Session {
     pub fn write_reply(&mut self, write: impl FnOnce(&mut ConsoleOutput) -> fmt::Result) {
         // Writing to this output never fails.
         let _ = write(&mut self.output);
-        self.print_message(PROMPT);
+        self.write_text(PROMPT);
     }
 
     /// Writes an unsolicited message, and redraws the line being typed.
     pub fn write_notice(&mut self, write: impl FnOnce(&mut ConsoleOutput) -> fmt::Result) {
-        self.print_message("\r\x1b[2K");
+        self.write_text("\r\x1b[2K");
         let _ = write(&mut self.output);
         self.editor.draw_line(&mut self.output);
     }
 
-    fn print_message(&mut self, text: &str) {
+    fn write_text(&mut self, text: &str) {
         let _ = self.output.write_str(text);
     }
 
     fn submit_line(&mut self) -> Option<Result<Request, LineError>> {
-        self.print_message("\n");
+        self.write_text("\n");
         let entered =
             if self.editor.is_too_long() { Some(Err(LineError::TooLong)) } else { parse_request(self.editor.line()) };
         self.editor.submit_line();
         if entered.is_none() {
-            self.print_message(PROMPT);
+            self.write_text(PROMPT);
         }
         entered
     }

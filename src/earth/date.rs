@@ -6,13 +6,13 @@ pub struct Date(u16);
 
 impl Date {
     /// 2020-01-01; an unset clock is earlier.
-    const MIN_DAYS: u64 = 18_262;
+    const FIRST_VALID_DAY: u64 = 18_262;
 
     /// Date of a Unix time, seconds; `None` before 2020 (unset clock) and after 2149.
     #[must_use]
     pub fn from_unix_s(seconds: u64) -> Option<Self> {
         let days = seconds / 86_400;
-        (days >= Self::MIN_DAYS).then(|| u16::try_from(days).ok().map(Self))?
+        (days >= Self::FIRST_VALID_DAY).then(|| u16::try_from(days).ok().map(Self))?
     }
 
     /// Days since 1970-01-01.

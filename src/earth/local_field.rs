@@ -7,7 +7,7 @@ use crate::trig;
 
 /// Movement that updates the field, degrees of latitude or longitude: 2 km. Below that, declination changes by less
 /// than a quarter of the model's own error. Height is not compared: 2 km change the field by 0.1 %.
-const MIN_DISTANCE_DEG: f32 = 0.02;
+const MIN_UPDATE_DISTANCE_DEG: f32 = 0.02;
 
 /// Distance from latitude and longitude zero within which a position means none, degrees: without a fix, an autopilot's
 /// estimator starts there and drifts.
@@ -39,38 +39,44 @@ pub struct LocalField {
     /// Time of the last plausible position.
     position_time: WrappingMillis,
     /// Number of consecutive reports of a distant position.
-    distant_reports: u8,
+    distant_report_count: u8,
     date: Option<Date>,
     field: Option<EarthField>,
 }
 
 impl LocalField {
     /// State without position and date.
-    pub const UNKNOWN: Self =
-        Self { position: None, position_time: WrappingMillis::new(0), distant_reports: 0, date: None, field: None };
+    pub const UNKNOWN: Self = Self {
+        position: None,
+        position_time: WrappingMillis::new(0),
+        distant_report_count: 0,
+        date: None,
+        field: None,
+    };
 
     /// Updates the position, unless it is that of an estimator without a fix, its distance from the last one implies an
     /// impossible speed, or its inclination contradicts the calibration.
-    pub fn update_position(&mut self, at: WrappingMillis, position_at: Position, context: PositionContext) {
-        if position_at.latitude_deg.abs() < MAX_NO_FIX_DISTANCE_DEG
-            && position_at.longitude_deg.abs() < MAX_NO_FIX_DISTANCE_DEG
+    pub fn update_position(&mut self, report_time: WrappingMillis, position: Position, context: PositionContext) {
+        if position.latitude_deg.abs() < MAX_NO_FIX_DISTANCE_DEG
+            && position.longitude_deg.abs() < MAX_NO_FIX_DISTANCE_DEG
         {
             return;
         }
         let is_plausible = self.position.is_none_or(|last_position| {
-            let reachable_deg = MIN_DISTANCE_DEG * 1.5 + MAX_SPEED_DEG_MS * at.ms_since(self.position_time) as f32;
-            distance_deg(last_position, position_at) <= reachable_deg
+            let reachable_deg =
+                MIN_UPDATE_DISTANCE_DEG * 1.5 + MAX_SPEED_DEG_MS * report_time.ms_since(self.position_time) as f32;
+            distance_deg(last_position, position) <= reachable_deg
         });
-        let is_confirmed = context.is_disarmed && self.distant_reports >= REQUIRED_DISTANT_REPORTS;
+        let is_confirmed = context.is_disarmed && self.distant_report_count >= REQUIRED_DISTANT_REPORTS;
         if !(is_plausible || is_confirmed) {
-            self.distant_reports = self.distant_reports.saturating_add(1);
+            self.distant_report_count = self.distant_report_count.saturating_add(1);
             return;
         }
-        (self.position_time, self.distant_reports) = (at, 0);
-        if self.position.is_some_and(|last_position| is_same_place(last_position, position_at)) {
+        (self.position_time, self.distant_report_count) = (report_time, 0);
+        if self.position.is_some_and(|last_position| is_same_place(last_position, position)) {
             return;
         }
-        let updated = Self { position: Some(position_at), ..*self }.with_model_field();
+        let updated = Self { position: Some(position), ..*self }.with_model_field();
         let contradicts = |field: EarthField| {
             context
                 .calibrated_inclination_deg
@@ -113,15 +119,14 @@ impl LocalField {
     }
 
     fn with_model_field(self) -> Self {
-        let field =
-            self.position.zip(self.date).and_then(|(position_at, day)| EarthField::from_model(position_at, day));
+        let field = self.position.zip(self.date).and_then(|(position, day)| EarthField::from_model(position, day));
         Self { field, ..self }
     }
 }
 
 fn is_same_place(first: Position, second: Position) -> bool {
     let difference_deg = [first.latitude_deg - second.latitude_deg, first.longitude_deg - second.longitude_deg];
-    difference_deg.iter().all(|deg| deg.abs() < MIN_DISTANCE_DEG)
+    difference_deg.iter().all(|deg| deg.abs() < MIN_UPDATE_DISTANCE_DEG)
 }
 
 /// Distance of two positions, degrees, in the plane of their mean latitude: exact enough for a speed limit.
@@ -149,34 +154,34 @@ mod tests {
     /// Position and date may arrive in either order.
     #[test]
     fn position_and_date_give_a_field() {
-        let (position_at, day) = (position_at(51.1, 13.7), day(20_779));
+        let (position, day) = (position_at(51.1, 13.7), day(20_779));
         let mut local_field = LocalField::UNKNOWN;
-        local_field.update_position(TEST_TIME, position_at, PositionContext::default());
+        local_field.update_position(TEST_TIME, position, PositionContext::default());
         assert_eq!(
             (local_field.model_position(), local_field.date(), local_field.model_field(), local_field.validity()),
-            (Some(position_at), None, None, None)
+            (Some(position), None, None, None)
         );
         local_field.update_date(day);
-        assert_eq!(local_field.model_field(), EarthField::from_model(position_at, day).as_ref());
+        assert_eq!(local_field.model_field(), EarthField::from_model(position, day).as_ref());
         assert!(local_field.model_field().is_some());
         let mut other = LocalField::UNKNOWN;
         other.update_date(day);
         assert_eq!((other.model_field(), other.validity()), (None, Some(ModelValidity::Valid)));
-        other.update_position(TEST_TIME, position_at, PositionContext::default());
+        other.update_position(TEST_TIME, position, PositionContext::default());
         assert_eq!(other, local_field);
     }
 
     /// The date changes at midnight, or because the first date was wrong.
     #[test]
     fn the_field_follows_the_date() {
-        let position_at = position_at(51.1, 13.7);
+        let position = position_at(51.1, 13.7);
         let mut local_field = LocalField::UNKNOWN;
-        local_field.update_position(TEST_TIME, position_at, PositionContext::default());
+        local_field.update_position(TEST_TIME, position, PositionContext::default());
         for days in [20_000, 20_779, 20_780, 21_000] {
             local_field.update_date(day(days));
             assert_eq!(
                 (local_field.date(), local_field.model_field()),
-                (Some(day(days)), EarthField::from_model(position_at, day(days)).as_ref())
+                (Some(day(days)), EarthField::from_model(position, day(days)).as_ref())
             );
         }
     }
@@ -256,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn a_position_near_zero_is_none() {
+    fn a_position_near_zero_is_ignored() {
         for (latitude_deg, longitude_deg, is_none) in
             [(0.000_3, -0.009, true), (0.000_3, 0.02, false), (-0.02, 0.0, false)]
         {
@@ -284,7 +289,7 @@ mod tests {
         for row in 0..170_u8 {
             for column in 0..90_u8 {
                 let at = position_at(f32::from(row) - 84.5, 4.0 * f32::from(column) - 179.5);
-                let field = |position_at| EarthField::from_model(position_at, day(20_779)).unwrap();
+                let field = |position| EarthField::from_model(position, day(20_779)).unwrap();
                 let field_here = field(at);
                 let Some(declination_deg) = field_here.declination_deg else { continue };
                 let horizontal_ut = field_here.total_ut * field_here.inclination_deg.to_radians().cos();

@@ -153,7 +153,13 @@ pub fn compute_heading(
     field: Field<Sensor>,
     attitude: Attitude,
 ) -> Result<Heading, NoHeading> {
-    compute_corrected_heading(limits, calibration, uncertainty, (field, calibration.calibrated_field(field)), attitude)
+    heading_from_corrected_field(
+        limits,
+        calibration,
+        uncertainty,
+        (field, calibration.calibrated_field(field)),
+        attitude,
+    )
 }
 
 /// Heading from an already corrected field. `field` holds the raw field and the corrected one.
@@ -161,7 +167,7 @@ pub fn compute_heading(
 /// # Errors
 ///
 /// As [`compute_heading`].
-pub fn compute_corrected_heading(
+pub fn heading_from_corrected_field(
     limits: HeadingLimits,
     calibration: &Calibration,
     uncertainty: &HeadingUncertainty,
@@ -179,7 +185,7 @@ pub fn compute_corrected_heading(
     Ok(Heading {
         magnetic_rad: level.heading_rad(),
         sigma_rad: variance.sigma_rad(),
-        systematic_variance_rad2: variance.coefficients,
+        systematic_variance_rad2: variance.coefficient_variance_rad2,
     })
 }
 

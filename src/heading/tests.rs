@@ -8,7 +8,7 @@ fn ideal_calibration() -> Calibration {
     Calibration { inclination_rad: 1.0, total_ut: 50.0, ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) }
 }
 
-fn measured(total_ut: f32, inclination_rad: f32, heading_rad: f32, attitude: Attitude) -> Field<Sensor> {
+fn measured_field(total_ut: f32, inclination_rad: f32, heading_rad: f32, attitude: Attitude) -> Field<Sensor> {
     Field::new(attitude.to_body_frame(Field::earth_field(total_ut, inclination_rad, heading_rad)).ut)
 }
 
@@ -18,7 +18,7 @@ fn heading_is_exact_at_any_attitude() {
     for heading_deg in (0_u16..360).step_by(15) {
         for (roll_deg, pitch_deg) in [(0.0, 0.0), (25.0, 3.0), (-60.0, -20.0), (170.0, 10.0), (10.0, 80.0)] {
             let attitude = Attitude::from_deg(roll_deg, pitch_deg);
-            let field = measured(50.0, 1.0, f32::from(heading_deg).to_radians(), attitude);
+            let field = measured_field(50.0, 1.0, f32::from(heading_deg).to_radians(), attitude);
             let found = compute_heading(
                 HeadingLimits::DEFAULT,
                 &ideal_calibration(),
@@ -35,7 +35,7 @@ fn heading_is_exact_at_any_attitude() {
 
 /// Whether a heading results from this field at 0.5 rad.
 fn is_accepted(config: HeadingLimits, total_ut: f32, inclination_rad: f32, attitude: Attitude) -> bool {
-    let field = measured(total_ut, inclination_rad, 0.5, attitude);
+    let field = measured_field(total_ut, inclination_rad, 0.5, attitude);
     match compute_heading(config, &ideal_calibration(), &HeadingUncertainty::NO_UNCERTAINTY, field, attitude) {
         Ok(_) => true,
         Err(reason) => {
@@ -80,7 +80,7 @@ fn a_non_finite_field_is_disturbed() {
         assert!(!is_accepted(HeadingLimits::DEFAULT, total_ut, inclination_rad, Attitude::default()));
     }
     let non_finite = Attitude { roll_rad: f32::NAN, pitch_rad: 0.0 };
-    let field = measured(50.0, 1.0, 0.5, Attitude::default());
+    let field = measured_field(50.0, 1.0, 0.5, Attitude::default());
     let found = compute_heading(
         HeadingLimits::DEFAULT,
         &ideal_calibration(),
@@ -113,10 +113,10 @@ fn all_field_limits_can_be_disabled() {
 }
 
 #[test]
-fn sigma_depends_on_attitude_and_field() {
+fn sigma_includes_attitude_and_sensor_noise() {
     let mut uncertainty = HeadingUncertainty::NO_UNCERTAINTY;
     uncertainty.attitude_sigma_rad = 0.5_f32.to_radians();
-    let field = measured(50.0, 1.0, 0.5, Attitude::default());
+    let field = measured_field(50.0, 1.0, 0.5, Attitude::default());
     let found = compute_heading(HeadingLimits::DEFAULT, &ideal_calibration(), &uncertainty, field, Attitude::default())
         .unwrap();
     let expected_deg = 0.5 * 1.0_f32.tan();

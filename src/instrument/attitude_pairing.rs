@@ -23,7 +23,7 @@ pub(super) struct PairingQueue {
     averager: Averager,
     /// Time of the last reading, rejected ones included.
     last_reading_at: Timestamp,
-    unpaired_count: u32,
+    unpaired_reading_count: u32,
 }
 
 impl PairingQueue {
@@ -32,7 +32,7 @@ impl PairingQueue {
             waiting_readings: heapless::Deque::new(),
             averager: Averager::new(readings_per_sample, max_step_us),
             last_reading_at: Timestamp::START,
-            unpaired_count: 0,
+            unpaired_reading_count: 0,
         }
     }
 
@@ -87,11 +87,11 @@ impl PairingQueue {
         None
     }
 
-    pub const fn unpaired_readings(&self) -> u32 {
-        self.unpaired_count
+    pub const fn unpaired_reading_count(&self) -> u32 {
+        self.unpaired_reading_count
     }
 
     fn count_unpaired(&mut self) {
-        self.unpaired_count = self.unpaired_count.wrapping_add(1);
+        self.unpaired_reading_count = self.unpaired_reading_count.wrapping_add(1);
     }
 }

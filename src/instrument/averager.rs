@@ -21,13 +21,13 @@ struct AveragingRun {
     reading_count: u16,
     first_at: Timestamp,
     last_at: Timestamp,
-    field_ut: Vector3<f32>,
+    field_sum_ut: Vector3<f32>,
     first_roll_rad: f32,
     /// Sum of the rolls relative to the first one, radians, so that a roll through 180 deg averages correctly.
-    relative_roll_rad: f32,
-    pitch_rad: f32,
+    relative_roll_sum_rad: f32,
+    pitch_sum_rad: f32,
     /// Sum of the rates of roll, pitch and heading, rad/s; `None` if the rates at one of the readings are unknown.
-    rates_rad_s: Option<[f32; 3]>,
+    rate_sums_rad_s: Option<[f32; 3]>,
 }
 
 impl Averager {
@@ -52,10 +52,10 @@ impl Averager {
             self.averaging_run.take().filter(continues_run).unwrap_or_else(|| AveragingRun::new_at(at, attitude));
         run.reading_count += 1;
         run.last_at = at;
-        run.field_ut += field.ut;
-        run.relative_roll_rad += wrap_pi(attitude.roll_rad - run.first_roll_rad);
-        run.pitch_rad += attitude.pitch_rad;
-        run.rates_rad_s = run.rates_rad_s.zip(rates).map(|([roll, pitch, heading], rates)| {
+        run.field_sum_ut += field.ut;
+        run.relative_roll_sum_rad += wrap_pi(attitude.roll_rad - run.first_roll_rad);
+        run.pitch_sum_rad += attitude.pitch_rad;
+        run.rate_sums_rad_s = run.rate_sums_rad_s.zip(rates).map(|([roll, pitch, heading], rates)| {
             [roll + rates.roll_rad_s, pitch + rates.pitch_rad_s, heading + rates.heading_rad_s]
         });
         if run.reading_count >= self.readings_per_sample {
@@ -72,11 +72,11 @@ impl AveragingRun {
             reading_count: 0,
             first_at: at,
             last_at: at,
-            field_ut: Vector3::zeros(),
+            field_sum_ut: Vector3::zeros(),
             first_roll_rad: attitude.roll_rad,
-            relative_roll_rad: 0.0,
-            pitch_rad: 0.0,
-            rates_rad_s: Some([0.0; 3]),
+            relative_roll_sum_rad: 0.0,
+            pitch_sum_rad: 0.0,
+            rate_sums_rad_s: Some([0.0; 3]),
         }
     }
 
@@ -84,13 +84,13 @@ impl AveragingRun {
         let count = f32::from(self.reading_count);
         let middle = self.first_at.plus_us(self.last_at.us_since(self.first_at) / 2);
         Sample {
-            rates: self.rates_rad_s.map_or(Rates::UNKNOWN, |sums| Rates::from_rad_s(sums.map(|sum| sum / count))),
+            rates: self.rate_sums_rad_s.map_or(Rates::UNKNOWN, |sums| Rates::from_rad_s(sums.map(|sum| sum / count))),
             time: middle.wrapping_millis(),
             ..Sample::new(
-                Field::new(self.field_ut / count),
+                Field::new(self.field_sum_ut / count),
                 Attitude {
-                    roll_rad: wrap_pi(self.first_roll_rad + self.relative_roll_rad / count),
-                    pitch_rad: self.pitch_rad / count,
+                    roll_rad: wrap_pi(self.first_roll_rad + self.relative_roll_sum_rad / count),
+                    pitch_rad: self.pitch_sum_rad / count,
                 },
             )
         }

@@ -23,7 +23,7 @@ const SAMPLE_SPAN_US: u32 = 100_000;
 const SILENT_PERIODS: u32 = 8;
 
 /// Longest step between two averaged readings, in fifths of the sensor period: three periods plus clock tolerance.
-const MAX_STEP_FIFTHS: u64 = 16;
+const MAX_STEP_PERIOD_FIFTHS: u64 = 16;
 
 impl InstrumentConfig {
     /// Default parameters for a magnetometer of this period.
@@ -45,13 +45,13 @@ impl InstrumentConfig {
 
     /// Time without a reading until the sensor counts as silent, microseconds.
     #[must_use]
-    pub const fn silence_us(&self) -> u64 {
+    pub const fn silence_timeout_us(&self) -> u64 {
         self.reading_period_us as u64 * SILENT_PERIODS as u64
     }
 
     /// Longest step between two averaged readings, microseconds.
     pub(super) const fn max_step_us(&self) -> u64 {
-        self.reading_period_us as u64 * MAX_STEP_FIFTHS / 5
+        self.reading_period_us as u64 * MAX_STEP_PERIOD_FIFTHS / 5
     }
 }
 

@@ -30,12 +30,12 @@ pub struct SensorErrorSigmas {
     /// Scale error and cross-axis sensitivity of the gyro, relative.
     pub gyro_scale: f32,
     /// Drift of each axis of the hard iron in a minute, relative to the field strength.
-    pub hard_iron_drift: f32,
+    pub hard_iron_drift_per_minute: f32,
 }
 
 impl SensorErrorSigmas {
     /// Default errors: gyro 2 %; hard iron that drifts by 0.25 % of the field in a minute, 0.12 of 50 uT.
-    pub const DEFAULT: Self = Self { gyro_scale: 0.02, hard_iron_drift: 0.0025 };
+    pub const DEFAULT: Self = Self { gyro_scale: 0.02, hard_iron_drift_per_minute: 0.0025 };
 }
 
 impl Correction {

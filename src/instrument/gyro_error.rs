@@ -26,18 +26,18 @@ impl GyroErrorRows {
         let (sin_roll, cos_roll) = trig::sin_cos(attitude.roll_rad);
         let (_, cos_pitch) = trig::sin_cos(attitude.pitch_rad);
         let [p, q, r] = euler_rates.to_body_rates(attitude);
-        let by_axis = [1.0, p, q, r];
+        let axis_derivatives = [1.0, p, q, r];
         let per_cos_pitch = 1.0 / cos_pitch.max(MIN_COS_PITCH);
         Self {
-            heading_row: gyro_error_row(&by_axis, sin_roll * per_cos_pitch, cos_roll * per_cos_pitch),
-            pitch_row: gyro_error_row(&by_axis, cos_roll, -sin_roll),
+            heading_row: gyro_error_row(&axis_derivatives, sin_roll * per_cos_pitch, cos_roll * per_cos_pitch),
+            pitch_row: gyro_error_row(&axis_derivatives, cos_roll, -sin_roll),
         }
     }
 }
 
-/// Derivatives by the gyro errors: those of the y axis multiplied by `y`, those of the z axis by `z`.
-fn gyro_error_row(by_axis: &[f32; 4], y: f32, z: f32) -> GyroErrors {
-    core::array::from_fn(|i| by_axis[i % 4] * if i < 4 { y } else { z })
+/// Derivatives by the gyro errors: those of the y axis multiplied by `y_factor`, those of the z axis by `z_factor`.
+fn gyro_error_row(axis_derivatives: &[f32; 4], y_factor: f32, z_factor: f32) -> GyroErrors {
+    core::array::from_fn(|i| axis_derivatives[i % 4] * if i < 4 { y_factor } else { z_factor })
 }
 
 /// Error of the heading rate due to the gyro, updated with each sample (10 Hz).

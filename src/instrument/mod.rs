@@ -99,7 +99,7 @@ pub struct Instrument {
 }
 
 /// Consecutive reports with inconsistent body rates that restart the monitor: 0.2 s at 50 Hz.
-const MAX_REJECTED_RATES: u8 = 10;
+const MAX_CONSECUTIVE_REJECTED_RATES: u8 = 10;
 
 /// Validity of a reported current, microseconds. Autopilots report it at 1 Hz or faster.
 const CURRENT_VALIDITY_US: u64 = 3_000_000;
@@ -178,7 +178,7 @@ impl Instrument {
         let is_contradicted = self.attitude_history.rejected_reports().rate_contradictions != rejected_before;
         self.consecutive_rejected_rates =
             if is_contradicted { self.consecutive_rejected_rates.saturating_add(1) } else { 0 };
-        if self.consecutive_rejected_rates == MAX_REJECTED_RATES {
+        if self.consecutive_rejected_rates == MAX_CONSECUTIVE_REJECTED_RATES {
             self.restart_monitor(self.active_calibration.stored_correction.clone());
         }
     }
@@ -186,7 +186,7 @@ impl Instrument {
     /// Stores the motor current, amperes, reported at `at`, unless it contradicts the currents of the calibration.
     pub fn on_current(&mut self, at: Timestamp, amperes: f32) {
         let calibration = self.active_calibration.stored_correction.calibration.as_ref();
-        if calibration.is_none_or(|(calibration, _)| calibration.motor_current.is_plausible(amperes)) {
+        if calibration.is_none_or(|(calibration, _)| calibration.motor_current.is_plausible_current(amperes)) {
             self.motor_current = Some((at, amperes));
         }
     }
@@ -307,7 +307,7 @@ impl Instrument {
     #[must_use]
     pub const fn rejection_counts(&self) -> RejectionCounts {
         RejectionCounts {
-            unpaired_readings: self.pairing_queue.unpaired_readings(),
+            unpaired_readings: self.pairing_queue.unpaired_reading_count(),
             rejected_reports: self.attitude_history.rejected_reports(),
             ..self.rejection_counts
         }
@@ -403,7 +403,7 @@ impl Instrument {
         let limits = self.config.heading;
         let accepts_any_field = limits.accepts_any_field();
         let limits = if base.has_valid_inclination { limits } else { limits.without_inclination_limit() };
-        let heading = heading::compute_corrected_heading(limits, calibration, uncertainty, (field, body), attitude)?
+        let heading = heading::heading_from_corrected_field(limits, calibration, uncertainty, (field, body), attitude)?
             .with_min_systematic_variance(adjustment.heading_variance_rad2)
             .with_added_systematic_variance(calibration.motor_current_heading_variance_rad2(current_a));
         if accepts_any_field || adjustment.passes_reading_gate(heading, gyro_heading) {

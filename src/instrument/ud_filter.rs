@@ -163,7 +163,7 @@ mod tests {
         upper * Matrix::from_diagonal(&Vector::from_fn(|i, _| f64::from(state.diagonal[i]))) * upper.transpose()
     }
 
-    fn row(random: &mut Random) -> [f32; N] {
+    fn random_row(random: &mut Random) -> [f32; N] {
         core::array::from_fn(|_| random.uniform(-1.0, 1.0))
     }
 
@@ -193,7 +193,7 @@ mod tests {
         };
         for step in 0..200_usize {
             let variance = random.uniform(0.05, 2.0);
-            let measurement = Measurement { jacobian: row(&mut random), residual: random.normal(), variance };
+            let measurement = Measurement { jacobian: random_row(&mut random), residual: random.normal(), variance };
             state.apply_measurement(&measurement);
             textbook.update(&measurement);
             let (index, noise) = (step % N, random.uniform(0.0, 0.1));
@@ -210,7 +210,7 @@ mod tests {
                 assert!((f64::from(state.mean()[i]) - textbook.mean[i]).abs() < 1e-4, "step {step}, unknown {i}");
             }
         }
-        let h = row(&mut random);
+        let h = random_row(&mut random);
         let exact = Vector::from_fn(|i, _| f64::from(h[i]));
         let exact = exact.dot(&(textbook.covariance * exact));
         assert!((f64::from(state.projected_variance(&h)) / exact - 1.0).abs() < 1e-4);

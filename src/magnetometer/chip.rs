@@ -147,24 +147,29 @@ mod tests {
     #[derive(Clone)]
     struct FakeChip {
         period_us: u64,
-        stops_after_us: Option<u64>,
+        stops_after_measurement: Option<u64>,
         /// Last measurement read.
         last_read_number: Rc<Cell<u64>>,
         /// Times of status requests.
-        asked_at_us: Rc<RefCell<Vec<u64>>>,
+        status_requested_at_us: Rc<RefCell<Vec<u64>>>,
     }
 
     impl FakeChip {
         fn new(period_us: u64) -> Self {
-            Self { period_us, stops_after_us: None, last_read_number: Rc::default(), asked_at_us: Rc::default() }
+            Self {
+                period_us,
+                stops_after_measurement: None,
+                last_read_number: Rc::default(),
+                status_requested_at_us: Rc::default(),
+            }
         }
 
         /// Number of an unread measurement.
         async fn poll_status(&self) -> Result<Option<u64>, MagnetometerError<BusFailure>> {
             Timer::after(STATUS_TRANSFER_TIME).await;
             let now_us = Instant::now().as_micros();
-            self.asked_at_us.borrow_mut().push(now_us);
-            let latest = (now_us / self.period_us).min(self.stops_after_us.unwrap_or(u64::MAX));
+            self.status_requested_at_us.borrow_mut().push(now_us);
+            let latest = (now_us / self.period_us).min(self.stops_after_measurement.unwrap_or(u64::MAX));
             Ok((latest > self.last_read_number.get()).then(|| {
                 self.last_read_number.set(latest);
                 latest
@@ -184,7 +189,7 @@ mod tests {
         let mut simulation = Simulation::new();
         simulation.spawn(Level::Interrupt, "script", script);
         simulation.run_for(10_000_000);
-        assert_eq!(simulation.tasks(), 0, "the script did not end");
+        assert_eq!(simulation.task_count(), 0, "the script did not end");
     }
 
     /// Rates of 75 to 200 Hz, oscillators off by 10 %, an RM3100's by 21 %. Each measurement is read once within two
@@ -208,7 +213,7 @@ mod tests {
                         assert!(age_us <= 590, "{age_us} us old, {actual_us} for {period_us} us");
                     }
                     // The chip is polled for the rest of each period, and for the whole of the first one.
-                    let polls = chip.asked_at_us.borrow().len() as u64;
+                    let polls = chip.status_requested_at_us.borrow().len() as u64;
                     let polled_us = actual_us - period_us * u64::from(sleep_percent) / 100;
                     assert!(polls <= 50 * (2 + polled_us / 590) + actual_us / 590, "{polls} for {actual_us}");
                 });
@@ -225,13 +230,13 @@ mod tests {
                 let mut polling = PollingSchedule::new(period_us, SLEEP_PERCENT);
                 polling.start_sleep();
                 chip.wait_for_measurement(&mut polling).await.unwrap();
-                let poll_times_us = chip.asked_at_us.borrow().clone();
+                let poll_times_us = chip.status_requested_at_us.borrow().clone();
                 assert_eq!(poll_times_us[0], first_us + 90);
                 assert!(poll_times_us.windows(2).all(|pair| pair[1] - pair[0] == 590), "{poll_times_us:?}");
                 // The driver sleeps from the measurement on.
                 let found_us = Instant::now().as_micros();
                 chip.wait_for_measurement(&mut polling).await.unwrap();
-                assert_eq!(chip.asked_at_us.borrow()[poll_times_us.len()], found_us + first_us + 90);
+                assert_eq!(chip.status_requested_at_us.borrow()[poll_times_us.len()], found_us + first_us + 90);
             });
         }
     }
@@ -241,7 +246,7 @@ mod tests {
     fn a_stopped_chip_times_out_after_four_periods() {
         for period_us in [12_500, 6_452, 5_000] {
             simulate(async move {
-                let chip = FakeChip { stops_after_us: Some(1), ..FakeChip::new(period_us) };
+                let chip = FakeChip { stops_after_measurement: Some(1), ..FakeChip::new(period_us) };
                 let mut polling = PollingSchedule::new(period_us as u32, SLEEP_PERCENT);
                 chip.wait_for_measurement(&mut polling).await.unwrap();
                 let from_us = Instant::now().as_micros() + period_us * 88 / 100;
@@ -307,13 +312,13 @@ pub(super) mod registers {
         /// Registers read so far.
         pub was_read: [bool; 0x40],
         /// Flag bits of a register address.
-        flags: u8,
+        address_flags: u8,
     }
 
     impl SimulatedRegisters {
-        pub fn new(flags: u8, set: &[(u8, u8)]) -> Self {
+        pub fn new(address_flags: u8, initial_values: &[(u8, u8)]) -> Self {
             let mut values = [0; 0x80];
-            for &(register, value) in set {
+            for &(register, value) in initial_values {
                 values[usize::from(register)] = value;
             }
             Self {
@@ -322,14 +327,14 @@ pub(super) mod registers {
                 write_log: Vec::new(),
                 address: 0x1E,
                 was_read: [false; 0x40],
-                flags,
+                address_flags,
             }
         }
 
         /// First register of a transfer; longer transfers need the auto-increment flags.
-        fn first(&self, message: u8, length: usize) -> u8 {
-            assert!(length == 1 || message & self.flags == self.flags, "the address does not advance");
-            message & !self.flags
+        fn first_register(&self, message: u8, length: usize) -> u8 {
+            assert!(length == 1 || message & self.address_flags == self.address_flags, "the address does not advance");
+            message & !self.address_flags
         }
 
         fn read(&mut self, first: u8, buffer: &mut [u8]) {
@@ -382,11 +387,11 @@ pub(super) mod registers {
             }
             match operations {
                 [Operation::Write(message)] => {
-                    let first = self.first(message[0], message.len() - 1);
+                    let first = self.first_register(message[0], message.len() - 1);
                     self.write(first, &message[1..]);
                 }
                 [Operation::Write(message), Operation::Read(buffer)] => {
-                    let first = self.first(message[0], buffer.len());
+                    let first = self.first_register(message[0], buffer.len());
                     self.read(first, buffer);
                 }
                 _ => unreachable!("drivers write, or write and read"),

@@ -274,7 +274,7 @@ mod tests {
                 assert_eq!(Instant::now().as_micros(), 11_733 + 53_500);
             });
             simulation.run_for(1_000_000);
-            assert_eq!(simulation.tasks(), 0);
+            assert_eq!(simulation.task_count(), 0);
         }
     }
 

@@ -26,10 +26,10 @@ const FIRMWARE_FAULT_ADVICE: Arguments<'_> = format_args!("this is a fault of th
 const FLASH_FAULT_ADVICE: Arguments<'_> = format_args!("try again, then replace the board");
 
 impl Message {
-    fn entry(&self, show: EntryWriter<'_>) -> fmt::Result {
+    fn show_entry(&self, show: EntryWriter<'_>) -> fmt::Result {
         match self {
             Self::Solved(Ok(verdict)) => show("calibrated", format_args!("{verdict}"), NO_ADVICE),
-            Self::Solved(Err(refusal)) | Self::CommandRejected(refusal) => refusal.entry(show),
+            Self::Solved(Err(refusal)) | Self::CommandRejected(refusal) => refusal.show_entry(show),
             Self::StoreFailed(error) => store_error_entry(*error, show),
             Self::CollectionLost => show(
                 "collection-lost",
@@ -60,7 +60,7 @@ impl Message {
 }
 
 impl Refusal {
-    fn entry(&self, show: EntryWriter<'_>) -> fmt::Result {
+    fn show_entry(&self, show: EntryWriter<'_>) -> fmt::Result {
         match self {
             Self::Armed => show(
                 "armed",
@@ -108,7 +108,7 @@ impl Refusal {
                 format_args!("cal start, then fly, turning and tilting to all sides"),
             ),
             Self::InsufficientSamples { code, expected_rms_deg, cause } => {
-                cause.entry(&mut |fact, advice| match *expected_rms_deg {
+                cause.show_entry(&mut |fact, advice| match *expected_rms_deg {
                     Some(deg) => show(code, format_args!("expected error {} deg; {fact}", Decimal::<1>(deg)), advice),
                     None => show(code, fact, advice),
                 })
@@ -236,7 +236,7 @@ fn store_error_entry(error: StoreError, show: EntryWriter<'_>) -> fmt::Result {
 }
 
 impl RefusalCause {
-    fn entry(&self, show: TextWriter<'_>) -> fmt::Result {
+    fn show_entry(&self, show: TextWriter<'_>) -> fmt::Result {
         match self {
             Self::CollectionProblem(problem) => {
                 let description = format_args!("{problem}");
@@ -313,13 +313,13 @@ impl Message {
     /// Stable code, kebab-case.
     #[must_use]
     pub fn stable_code(&self) -> &'static str {
-        entry_code(|show| self.entry(show))
+        entry_code(|show| self.show_entry(show))
     }
 
     /// Text of the message: what happened, then what to do.
     #[must_use]
     pub fn message_text(&self) -> impl Display {
-        fmt::from_fn(|f| entry_text(f, |show| self.entry(show)))
+        fmt::from_fn(|f| entry_text(f, |show| self.show_entry(show)))
     }
 }
 
@@ -335,13 +335,13 @@ impl Refusal {
     /// Stable code, kebab-case.
     #[must_use]
     pub fn stable_code(&self) -> &'static str {
-        entry_code(|show| self.entry(show))
+        entry_code(|show| self.show_entry(show))
     }
 }
 
 impl Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        entry_text(f, |show| self.entry(show))
+        entry_text(f, |show| self.show_entry(show))
     }
 }
 

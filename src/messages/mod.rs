@@ -6,13 +6,11 @@
 //! | `refusal.rs` | [`Refusal`]: why a command or a solve was refused |
 //! | `message_list.rs` | the list: stable code, what happened and what to do, an entry for each message and each refusal |
 //! | `accuracy.rs` | [`ExpectedAccuracy`] of a calibration, as text |
-//! | `advice_texts.rs` | texts of the advice on a calibration: manoeuvres and parts of the deviation |
 //!
 //! The console writes a message after `note `, MAVLink sends it as a STATUSTEXT of its severity. The errors of the
 //! rooms below have one plain clause each; advice and severity are here.
 
 mod accuracy;
-mod advice_texts;
 mod message;
 mod message_list;
 mod refusal;

@@ -19,19 +19,19 @@ const STEP_CHANGE: DetectedHardIronChange =
 const DRIFT_CHANGE: DetectedHardIronChange =
     DetectedHardIronChange { size_ut: 6.04, time_course: HardIronTimeCourse::Drift, duration_s: 230 };
 
-type ExpectedMessage = (Refusal, &'static str, &'static str);
+type ExpectedRefusal = (Refusal, &'static str, &'static str);
 
 const TOO_FEW_LEFT_SAMPLES: SolveError =
     SolveError::TooFewSamples { part: SamplePart::Turns(Side::Left), have: 8, need: 12 };
 
-fn refusals() -> impl Iterator<Item = ExpectedMessage> {
+fn refusals() -> impl Iterator<Item = ExpectedRefusal> {
     [refused_commands(), known_causes(), solve_errors(), rejections(), store_errors()].into_iter().flatten()
 }
 
 const SAFE_MODE: &str = "three starts in a row ended in a panic, so only the console runs; report the panic shown by \
                          status; to erase all stored data: cal clear all, then reboot";
 
-fn refused_commands() -> Vec<ExpectedMessage> {
+fn refused_commands() -> Vec<ExpectedRefusal> {
     vec![
         (
             Refusal::Armed,
@@ -77,7 +77,7 @@ fn refused_commands() -> Vec<ExpectedMessage> {
     ]
 }
 
-fn known_causes() -> Vec<ExpectedMessage> {
+fn known_causes() -> Vec<ExpectedRefusal> {
     let refusal_for_lack = |lack| Refusal::Solve(TOO_FEW_LEFT_SAMPLES).with_cause(Some(lack));
     let lost = |loss| Refusal::NoSamples.with_cause(Some(loss));
     vec![
@@ -93,7 +93,7 @@ fn known_causes() -> Vec<ExpectedMessage> {
              the unit of the attitude: radians for degrees?",
         ),
         (
-            refusal_for_lack(CollectionProblem::InsufficientBank { most_deg: 6.3 }),
+            refusal_for_lack(CollectionProblem::InsufficientBank { max_tilt_deg: 6.3 }),
             "too-few-samples",
             "too little bank, 6.3 deg at most; fly turns at 15 deg of bank or more each way",
         ),
@@ -141,7 +141,7 @@ fn known_causes() -> Vec<ExpectedMessage> {
     ]
 }
 
-fn solve_errors() -> Vec<ExpectedMessage> {
+fn solve_errors() -> Vec<ExpectedRefusal> {
     let yaw90 = Orientation::from_name("yaw90").unwrap();
     vec![
         (Refusal::Solve(TOO_FEW_LEFT_SAMPLES), "too-few-samples", "8 of 12 samples of left turns; fly more left turns"),
@@ -208,7 +208,7 @@ fn solve_errors() -> Vec<ExpectedMessage> {
     ]
 }
 
-fn rejections() -> Vec<ExpectedMessage> {
+fn rejections() -> Vec<ExpectedRefusal> {
     vec![
         (
             Refusal::Rejected(Rejection::IronChanged(DRIFT_CHANGE)),
@@ -238,7 +238,7 @@ fn rejections() -> Vec<ExpectedMessage> {
             "expected error 4.3 deg; cal advise shows what to fly",
         ),
         (
-            Refusal::Rejected(Rejection::NotBetter { candidate: 1.5, incumbent: 1.25 }),
+            Refusal::Rejected(Rejection::NotBetter { candidate_score: 1.5, incumbent_score: 1.25 }),
             "not-better",
             "score 1.50 against 1.25 of the active calibration; the active one stays",
         ),
@@ -251,7 +251,7 @@ fn rejections() -> Vec<ExpectedMessage> {
     ]
 }
 
-fn store_errors() -> Vec<ExpectedMessage> {
+fn store_errors() -> Vec<ExpectedRefusal> {
     vec![
         (
             Refusal::Store(StoreError::Flash),
@@ -283,7 +283,7 @@ fn store_errors() -> Vec<ExpectedMessage> {
     ]
 }
 
-/// Every message except refusals, with severity and line.
+/// Every message but `Solved`, with severity and line.
 fn messages() -> Vec<(Message, Severity, &'static str)> {
     let change = HardIronChange { change_ut: Vector3::new(-4.9, 0.3, -1.7), sigma_ut: 0.44 };
     let refusal = Refusal::Armed;

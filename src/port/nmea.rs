@@ -35,7 +35,7 @@ impl Nmea {
         let hdt = hdt.as_deref().unwrap_or_default();
         out.append_message(&[&hdm, &hdg, hdt, &quality]);
         if heading.is_err() {
-            out.messages_without_heading = out.messages_without_heading.wrapping_add(1);
+            out.headingless_message_count = out.headingless_message_count.wrapping_add(1);
         }
     }
 }
@@ -54,7 +54,7 @@ mod tests {
         Nmea::new().poll(&test_snapshot(estimate, settings), &mut out);
         assert_eq!(out.message_count, u32::from(!out.pending_bytes().is_empty()));
         assert_eq!(
-            out.messages_without_heading,
+            out.headingless_message_count,
             u32::from(test_snapshot(estimate, settings).selected_heading().0.is_err())
         );
         String::from_utf8(out.pending_bytes().to_vec()).unwrap()

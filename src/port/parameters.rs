@@ -20,7 +20,7 @@ pub struct SettingParameter {
 /// Value of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ParameterValue {
-    /// Integer; 0 and 1 of a switch, the position of a choice.
+    /// Integer; 0 and 1 of a switch, the position of a choice, bits per second of a baud rate.
     Whole(u32),
     /// Number; NaN if the setting has no value.
     Number(f32),
@@ -37,61 +37,61 @@ enum ParameterKind {
 
 /// All parameters. Tools also refer to parameters by position, so a new one is appended.
 pub static PARAMETERS: [SettingParameter; 23] = [
-    whole_number(
+    whole_number_parameter(
         "CAN_NODE",
         byte_range(&CanSettings::NODE_ID_RANGE),
         |settings| settings.can.node.into(),
-        |value| byte_setting(value, SettingChange::CanNode),
+        |value| change_to_byte(value, SettingChange::CanNode),
     ),
-    whole_number(
+    whole_number_parameter(
         "CAN_RATE",
         byte_range(&CanSettings::RATE_HZ_RANGE),
         |settings| settings.can.rate_hz.into(),
-        |value| byte_setting(value, SettingChange::CanRateHz),
+        |value| change_to_byte(value, SettingChange::CanRateHz),
     ),
-    whole_number(
+    whole_number_parameter(
         "CAN_COVARIANCE",
         SWITCH_RANGE,
         |settings| settings.can.sends_covariance.into(),
-        |value| switch_setting(value, SettingChange::CanCovariance),
+        |value| change_to_switch(value, SettingChange::CanCovariance),
     ),
-    whole_number(
+    whole_number_parameter(
         "AUTO",
         SWITCH_RANGE,
         |settings| settings.auto_on.into(),
-        |value| switch_setting(value, SettingChange::Auto),
+        |value| change_to_switch(value, SettingChange::Auto),
     ),
-    number_setting(
+    number_parameter(
         "ACCURACY",
         Settings::ACCURACY_DEG_RANGE,
         |settings| settings.accuracy_deg,
         |_, deg| SettingChange::Accuracy(deg),
     ),
-    number_setting(
+    number_parameter(
         "DECLINATION",
         Settings::DECLINATION_DEG_RANGE,
         |settings| settings.declination_deg.unwrap_or(f32::NAN),
         |_, deg| SettingChange::Declination(number_if_set(deg)),
     ),
-    number_setting(
+    number_parameter(
         "INCLINATION",
         Settings::INCLINATION_DEG_RANGE,
         |settings| settings.inclination_deg.unwrap_or(f32::NAN),
         |_, deg| SettingChange::Inclination(number_if_set(deg)),
     ),
-    whole_number(
+    whole_number_parameter(
         "MOUNT",
         [0, Orientation::ORIENTATION_COUNT as u32 - 1],
         |settings| choice_position(Orientation::all_orientations(), &settings.mount),
         |value| nth_choice(Orientation::all_orientations(), value).map(SettingChange::Mount),
     ),
-    number_setting(
+    number_parameter(
         "ATT_ERROR_DEG",
         AttitudeError::BIAS_DEG_RANGE,
         |settings| settings.attitude_error.bias_deg,
         |settings, bias_deg| SettingChange::AttitudeError(AttitudeError { bias_deg, ..settings.attitude_error }),
     ),
-    number_setting(
+    number_parameter(
         "ATT_ERROR_BANK",
         AttitudeError::BANK_PERCENT_RANGE,
         |settings| settings.attitude_error.bank_percent,
@@ -99,87 +99,87 @@ pub static PARAMETERS: [SettingParameter; 23] = [
             SettingChange::AttitudeError(AttitudeError { bank_percent, ..settings.attitude_error })
         },
     ),
-    whole_number(
+    whole_number_parameter(
         "ATTITUDE_RATE",
         byte_range(&Settings::ATTITUDE_RATE_HZ_RANGE),
         |settings| settings.attitude_rate_hz.into(),
-        |value| byte_setting(value, SettingChange::AttitudeRateHz),
+        |value| change_to_byte(value, SettingChange::AttitudeRateHz),
     ),
-    whole_number(
+    whole_number_parameter(
         "VISION",
         SWITCH_RANGE,
         |settings| settings.sends_vision_yaw.into(),
-        |value| switch_setting(value, SettingChange::Vision),
+        |value| change_to_switch(value, SettingChange::Vision),
     ),
     SettingParameter {
         parameter_name: "SIGNING",
         parameter_kind: ParameterKind::Key { get: |settings| settings.signing_key, set: SettingChange::Signing },
     },
-    whole_number(
+    whole_number_parameter(
         "PORT1",
-        PROTOCOL_CHOICES,
-        |settings| protocol_number(settings, PortNumber::One),
-        |value| set_protocol(PortNumber::One, value),
+        PROTOCOL_POSITION_RANGE,
+        |settings| protocol_position(settings, PortNumber::One),
+        |value| protocol_change(PortNumber::One, value),
     ),
-    whole_number(
+    whole_number_parameter(
         "PORT2",
-        PROTOCOL_CHOICES,
-        |settings| protocol_number(settings, PortNumber::Two),
-        |value| set_protocol(PortNumber::Two, value),
+        PROTOCOL_POSITION_RANGE,
+        |settings| protocol_position(settings, PortNumber::Two),
+        |value| protocol_change(PortNumber::Two, value),
     ),
-    whole_number(
+    whole_number_parameter(
         "BAUD1",
-        BAUD_CHOICES,
-        |settings| baud_number(settings, PortNumber::One),
-        |value| set_baud(PortNumber::One, value),
+        BAUD_RANGE_BITS_PER_S,
+        |settings| baud_bits_per_s(settings, PortNumber::One),
+        |value| baud_change(PortNumber::One, value),
     ),
-    whole_number(
+    whole_number_parameter(
         "BAUD2",
-        BAUD_CHOICES,
-        |settings| baud_number(settings, PortNumber::Two),
-        |value| set_baud(PortNumber::Two, value),
+        BAUD_RANGE_BITS_PER_S,
+        |settings| baud_bits_per_s(settings, PortNumber::Two),
+        |value| baud_change(PortNumber::Two, value),
     ),
-    whole_number(
+    whole_number_parameter(
         "STREAM",
         SWITCH_RANGE,
         |settings| settings.stream_on.into(),
-        |value| switch_setting(value, SettingChange::StreamOn),
+        |value| change_to_switch(value, SettingChange::StreamOn),
     ),
-    whole_number(
+    whole_number_parameter(
         "STREAM_RATE",
         byte_range(&Settings::STREAM_RATE_HZ_RANGE),
         |settings| settings.stream_rate_hz.into(),
-        |value| byte_setting(value, SettingChange::StreamRateHz),
+        |value| change_to_byte(value, SettingChange::StreamRateHz),
     ),
-    whole_number(
+    whole_number_parameter(
         "STREAM_HEADING",
         [0, HeadingKind::ALL_HEADING_KINDS.len() as u32 - 1],
         |settings| choice_position(HeadingKind::ALL_HEADING_KINDS, &settings.stream_heading),
         |value| nth_choice(HeadingKind::ALL_HEADING_KINDS, value).map(SettingChange::StreamHeading),
     ),
-    number_setting(
+    number_parameter(
         "GYRO_ERROR",
         SensorError::GYRO_PERCENT_RANGE,
         |settings| settings.sensor_error.gyro_percent,
         |settings, gyro_percent| SettingChange::SensorError(SensorError { gyro_percent, ..settings.sensor_error }),
     ),
-    number_setting(
+    number_parameter(
         "IRON_DRIFT",
         SensorError::DRIFT_PERCENT_RANGE,
         |settings| settings.sensor_error.drift_percent,
         |settings, drift_percent| SettingChange::SensorError(SensorError { drift_percent, ..settings.sensor_error }),
     ),
-    whole_number(
+    whole_number_parameter(
         "CAN_TERMINATE",
         SWITCH_RANGE,
         |settings| settings.can.is_terminated.into(),
-        |value| switch_setting(value, SettingChange::CanTermination),
+        |value| change_to_switch(value, SettingChange::CanTermination),
     ),
 ];
 
 const SWITCH_RANGE: [u32; 2] = [0, 1];
-const PROTOCOL_CHOICES: [u32; 2] = [0, ProtocolKind::ALL_PROTOCOLS.len() as u32 - 1];
-const BAUD_CHOICES: [u32; 2] = {
+const PROTOCOL_POSITION_RANGE: [u32; 2] = [0, ProtocolKind::ALL_PROTOCOLS.len() as u32 - 1];
+const BAUD_RANGE_BITS_PER_S: [u32; 2] = {
     let [least, .., most] = BaudRate::ALL_RATES;
     [least.bits_per_s(), most.bits_per_s()]
 };
@@ -217,7 +217,7 @@ impl SettingParameter {
     }
 }
 
-const fn whole_number(
+const fn whole_number_parameter(
     name: &'static str,
     range: [u32; 2],
     get: fn(&Settings) -> u32,
@@ -226,7 +226,7 @@ const fn whole_number(
     SettingParameter { parameter_name: name, parameter_kind: ParameterKind::Whole { range, get, set } }
 }
 
-const fn number_setting(
+const fn number_parameter(
     name: &'static str,
     range: RangeInclusive<f32>,
     get: fn(&Settings) -> f32,
@@ -239,11 +239,11 @@ const fn byte_range(range: &RangeInclusive<u8>) -> [u32; 2] {
     [*range.start() as u32, *range.end() as u32]
 }
 
-fn byte_setting(value: u32, set: fn(u8) -> SettingChange) -> Option<SettingChange> {
+fn change_to_byte(value: u32, set: fn(u8) -> SettingChange) -> Option<SettingChange> {
     u8::try_from(value).ok().map(set)
 }
 
-fn switch_setting(value: u32, set: fn(bool) -> SettingChange) -> Option<SettingChange> {
+fn change_to_switch(value: u32, set: fn(bool) -> SettingChange) -> Option<SettingChange> {
     nth_choice([false, true], value).map(set)
 }
 
@@ -260,19 +260,19 @@ fn nth_choice<T>(choices: impl IntoIterator<Item = T>, position: u32) -> Option<
     choices.into_iter().nth(usize::try_from(position).ok()?)
 }
 
-fn protocol_number(settings: &Settings, port: PortNumber) -> u32 {
+fn protocol_position(settings: &Settings, port: PortNumber) -> u32 {
     choice_position(ProtocolKind::ALL_PROTOCOLS, &settings.ports.settings_of_port(port).protocol)
 }
 
-fn set_protocol(port: PortNumber, value: u32) -> Option<SettingChange> {
+fn protocol_change(port: PortNumber, value: u32) -> Option<SettingChange> {
     nth_choice(ProtocolKind::ALL_PROTOCOLS, value).map(|kind| SettingChange::Protocol(port, kind))
 }
 
-fn baud_number(settings: &Settings, port: PortNumber) -> u32 {
+fn baud_bits_per_s(settings: &Settings, port: PortNumber) -> u32 {
     settings.ports.settings_of_port(port).baud.bits_per_s()
 }
 
-fn set_baud(port: PortNumber, value: u32) -> Option<SettingChange> {
+fn baud_change(port: PortNumber, value: u32) -> Option<SettingChange> {
     let baud = BaudRate::ALL_RATES.into_iter().find(|baud| baud.bits_per_s() == value)?;
     Some(SettingChange::Baud(port, baud))
 }
@@ -307,7 +307,7 @@ mod tests {
 
     /// One past each end of the range is refused, by the parameter or by the settings.
     #[test]
-    fn ranges_are_those_of_the_settings() {
+    fn values_beyond_a_range_are_refused() {
         let settings = Settings::DEFAULT;
         let refuses = |parameter: &SettingParameter, value| {
             parameter.setting_change(&settings, value).is_none_or(|change| settings.with_setting(change).is_err())
@@ -329,7 +329,7 @@ mod tests {
     }
 
     /// Position of a variant; a new one is missing here at compile time.
-    const fn variant(change: SettingChange) -> u8 {
+    const fn variant_index(change: SettingChange) -> u8 {
         match change {
             SettingChange::StreamOn(_) => 0,
             SettingChange::StreamRateHz(_) => 1,
@@ -358,7 +358,7 @@ mod tests {
         let changes = PARAMETERS
             .iter()
             .filter_map(|parameter| parameter.setting_change(&Settings::DEFAULT, range_limits(parameter)[0]));
-        assert_eq!(changes.map(variant).collect::<BTreeSet<_>>(), (0..21).collect());
+        assert_eq!(changes.map(variant_index).collect::<BTreeSet<_>>(), (0..21).collect());
         let names: BTreeSet<&str> = PARAMETERS.iter().map(|parameter| parameter.parameter_name).collect();
         assert_eq!(names.len(), PARAMETERS.len());
         assert!(names.iter().all(|name| name.len() <= 16));

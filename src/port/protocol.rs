@@ -34,7 +34,7 @@ pub trait Protocol {
     fn is_armed(&self, now: Timestamp) -> Option<bool>;
 
     /// Number of broken or impossible frames since the start; wraps.
-    fn rejected_frames(&self) -> u32;
+    fn rejected_frame_count(&self) -> u32;
 
     /// Appends due messages. Called for every estimate, at least ten times a second.
     fn poll(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer);

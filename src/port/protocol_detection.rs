@@ -100,8 +100,8 @@ impl Port {
 
     /// Number of broken or impossible frames; wraps.
     #[must_use]
-    pub fn rejected_frames(&self) -> u32 {
-        self.mavlink.rejected_frames().wrapping_add(self.msp.rejected_frames())
+    pub fn rejected_frame_count(&self) -> u32 {
+        self.mavlink.rejected_frame_count().wrapping_add(self.msp.rejected_frame_count())
     }
 
     /// Appends due messages to the output. During detection the port sends MSP requests: an MSP autopilot sends nothing
@@ -145,7 +145,7 @@ mod tests {
         })
     }
 
-    fn variant_frame(name: [u8; 4]) -> Vec<u8> {
+    fn msp_firmware_frame(name: [u8; 4]) -> Vec<u8> {
         let checked = [&[0, 2, 0, 4, 0], &name[..]].concat();
         let crc = Crc::<u8>::new(&CRC_8_DVB_S2).checksum(&checked);
         [&b"$X>"[..], &checked, &[crc]].concat()
@@ -161,7 +161,7 @@ mod tests {
         }
     }
 
-    fn sent_bytes(port: &mut Port, ms: u64) -> Vec<u8> {
+    fn polled_output(port: &mut Port, ms: u64) -> Vec<u8> {
         let estimate = Estimate { timestamp: timestamp_ms(ms), ..Estimate::EMPTY };
         port.poll(&test_snapshot(&estimate, &Settings::DEFAULT));
         let bytes = port.pending_output.pending_bytes().to_vec();
@@ -172,7 +172,7 @@ mod tests {
     #[test]
     fn a_detected_protocol_expires_after_ten_seconds_of_silence() {
         for (frame, protocol) in
-            [(heartbeat_frame(), ProtocolKind::Mavlink), (variant_frame(*b"ARDU"), ProtocolKind::Msp)]
+            [(heartbeat_frame(), ProtocolKind::Mavlink), (msp_firmware_frame(*b"ARDU"), ProtocolKind::Msp)]
         {
             let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, timestamp_ms(0));
             assert_eq!(port.active_protocol(timestamp_ms(0)), ProtocolKind::Auto);
@@ -190,7 +190,7 @@ mod tests {
     /// Frames of another protocol, for example from a repeater, change nothing until the autopilot is silent.
     #[test]
     fn a_detected_protocol_is_kept_while_it_is_received() {
-        let (mavlink, msp) = (heartbeat_frame(), variant_frame(*b"INAV"));
+        let (mavlink, msp) = (heartbeat_frame(), msp_firmware_frame(*b"INAV"));
         let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, timestamp_ms(0));
         receive_bytes(&mut port, 0, &mavlink);
         for ms in (0..20_000).step_by(1000) {
@@ -210,12 +210,12 @@ mod tests {
     fn detection_begins_with_the_protocol_before_the_restart() {
         let port_with_previous = || Port::new(ProtocolKind::Auto, ProtocolKind::Mavlink, timestamp_ms(100));
         let mut port = port_with_previous();
-        assert!(!sent_bytes(&mut port, 100).starts_with(b"$X<"), "no MSP to one that speaks MAVLink");
+        assert!(!polled_output(&mut port, 100).starts_with(b"$X<"), "no MSP to one that speaks MAVLink");
         assert_eq!(port.active_protocol(timestamp_ms(10_100)), ProtocolKind::Mavlink);
         assert_eq!(port.active_protocol(timestamp_ms(10_101)), ProtocolKind::Auto);
-        assert!(sent_bytes(&mut port, 10_101).starts_with(b"$X<"));
+        assert!(polled_output(&mut port, 10_101).starts_with(b"$X<"));
         for (frame, protocol) in
-            [(heartbeat_frame(), ProtocolKind::Mavlink), (variant_frame(*b"INAV"), ProtocolKind::Msp)]
+            [(heartbeat_frame(), ProtocolKind::Mavlink), (msp_firmware_frame(*b"INAV"), ProtocolKind::Msp)]
         {
             let mut port = port_with_previous();
             receive_bytes(&mut port, 4000, &frame);
@@ -228,7 +228,7 @@ mod tests {
         // After the first frame another protocol changes nothing.
         let mut port = port_with_previous();
         receive_bytes(&mut port, 4000, &heartbeat_frame());
-        receive_bytes(&mut port, 4001, &variant_frame(*b"INAV"));
+        receive_bytes(&mut port, 4001, &msp_firmware_frame(*b"INAV"));
         assert_eq!(port.active_protocol(timestamp_ms(4001)), ProtocolKind::Mavlink);
         let port = Port::new(ProtocolKind::Nmea, ProtocolKind::Mavlink, timestamp_ms(0));
         assert_eq!(port.active_protocol(timestamp_ms(1)), ProtocolKind::Nmea);
@@ -238,9 +238,9 @@ mod tests {
     #[test]
     fn detection_sends_msp_requests() {
         let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, timestamp_ms(0));
-        assert!(sent_bytes(&mut port, 0).starts_with(b"$X<"));
+        assert!(polled_output(&mut port, 0).starts_with(b"$X<"));
         receive_bytes(&mut port, 1, &heartbeat_frame());
-        assert!((1..2_000).step_by(12).all(|ms| !sent_bytes(&mut port, ms).starts_with(b"$X<")));
+        assert!((1..2_000).step_by(12).all(|ms| !polled_output(&mut port, ms).starts_with(b"$X<")));
     }
 
     #[test]
@@ -248,7 +248,7 @@ mod tests {
         for protocol in [ProtocolKind::Mavlink, ProtocolKind::Msp, ProtocolKind::Nmea] {
             let mut port = Port::new(protocol, ProtocolKind::Auto, timestamp_ms(0));
             receive_bytes(&mut port, 0, &heartbeat_frame());
-            receive_bytes(&mut port, 1, &variant_frame(*b"ARDU"));
+            receive_bytes(&mut port, 1, &msp_firmware_frame(*b"ARDU"));
             assert_eq!(port.active_protocol(timestamp_ms(2)), protocol);
             port.set_protocol(ProtocolKind::Auto);
             assert_eq!(port.active_protocol(timestamp_ms(2)) == ProtocolKind::Msp, protocol == ProtocolKind::Msp);
@@ -258,7 +258,7 @@ mod tests {
     #[test]
     fn sentences_and_attitude_share_a_line() {
         let mut port = Port::new(ProtocolKind::Nmea, ProtocolKind::Auto, timestamp_ms(0));
-        assert!(sent_bytes(&mut port, 0).starts_with(b"$HCHDM"));
+        assert!(polled_output(&mut port, 0).starts_with(b"$HCHDM"));
         let frame = mavlink_frame(&ATTITUDE_DATA { roll: 0.1, ..ATTITUDE_DATA::default() });
         let message = frame.iter().find_map(|&byte| port.process_byte(timestamp_ms(1), byte));
         assert!(

@@ -24,7 +24,7 @@ const REPORTS_PER_TEXT: u8 = 20;
 #[derive(Debug, Default)]
 pub struct SafeModeReporter {
     sequence_number: u8,
-    report_count: u8,
+    reports_since_text: u8,
 }
 
 impl SafeModeReporter {
@@ -40,9 +40,9 @@ impl SafeModeReporter {
         let mut signatures = Signatures::default();
         let mut line = Transmitter::new(out, ASSUMED_AUTOPILOT.sender_id(), &mut self.sequence_number, &mut signatures);
         line.send_message(OutboundMessage::heartbeat(MavState::MAV_STATE_CRITICAL));
-        if self.report_count == 0 {
+        if self.reports_since_text == 0 {
             line.send_message(OutboundMessage::status_text(MavSeverity::MAV_SEVERITY_CRITICAL, SAFE_MODE_TEXT, 0, 0));
         }
-        self.report_count = (self.report_count + 1) % REPORTS_PER_TEXT;
+        self.reports_since_text = (self.reports_since_text + 1) % REPORTS_PER_TEXT;
     }
 }

@@ -9,9 +9,9 @@ pub struct TransmitBuffer {
     /// Number of messages since the start; wraps, as the other counters do.
     pub message_count: u32,
     /// Number of sent messages that have no valid heading.
-    pub messages_without_heading: u32,
+    pub headingless_message_count: u32,
     /// Number of dropped or lost messages.
-    pub lost_messages: u32,
+    pub lost_message_count: u32,
 }
 
 /// Capacity, bytes, for the longest simultaneous messages: a STATUSTEXT, a VISION_POSITION_ESTIMATE and some smaller
@@ -33,8 +33,8 @@ impl TransmitBuffer {
             pending_begin: 0,
             pending_end: 0,
             message_count: 0,
-            messages_without_heading: 0,
-            lost_messages: 0,
+            headingless_message_count: 0,
+            lost_message_count: 0,
         }
     }
 
@@ -47,7 +47,7 @@ impl TransmitBuffer {
             (self.pending_begin, self.pending_end) = (0, self.pending_end - self.pending_begin);
         }
         if self.pending_end + length > TRANSMIT_CAPACITY {
-            self.lost_messages = self.lost_messages.wrapping_add(1);
+            self.lost_message_count = self.lost_message_count.wrapping_add(1);
             return false;
         }
         for part in parts {
@@ -79,9 +79,9 @@ impl TransmitBuffer {
     }
 
     /// Drops the pending bytes after a line error.
-    pub fn mark_failed(&mut self) {
+    pub fn drop_after_line_error(&mut self) {
         self.clear();
-        self.lost_messages = self.lost_messages.wrapping_add(1);
+        self.lost_message_count = self.lost_message_count.wrapping_add(1);
     }
 }
 
@@ -96,12 +96,12 @@ mod tests {
         assert!(!out.append_message(&[&[2], &[2]]));
         assert_eq!(out.pending_bytes(), [1; TRANSMIT_CAPACITY - 1]);
         assert!(out.append_message(&[&[3]]));
-        assert_eq!((out.message_count, out.lost_messages), (3, 1));
+        assert_eq!((out.message_count, out.lost_message_count), (3, 1));
         out.consume_bytes(TRANSMIT_CAPACITY - 2);
         assert_eq!(out.pending_bytes(), [1, 3]);
-        out.mark_failed();
+        out.drop_after_line_error();
         assert!(out.pending_bytes().is_empty());
-        assert_eq!(out.lost_messages, 2);
+        assert_eq!(out.lost_message_count, 2);
         assert!(out.append_message(&[&[4; TRANSMIT_CAPACITY]]));
         out.consume_bytes(usize::MAX);
         assert!(out.pending_bytes().is_empty());

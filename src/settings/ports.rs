@@ -20,8 +20,8 @@ impl PortNumber {
 
     /// Selects the port's element of an array.
     #[must_use]
-    pub const fn port_element<T>(self, each: &[T; PORT_COUNT]) -> &T {
-        let [first, second] = each;
+    pub const fn port_element<T>(self, per_port: &[T; PORT_COUNT]) -> &T {
+        let [first, second] = per_port;
         match self {
             Self::One => first,
             Self::Two => second,

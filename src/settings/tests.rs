@@ -2,7 +2,7 @@
 
 use super::*;
 
-const fn attitude_error(bias_deg: f32, bank_percent: f32) -> SettingChange {
+const fn attitude_error_change(bias_deg: f32, bank_percent: f32) -> SettingChange {
     SettingChange::AttitudeError(AttitudeError { bias_deg, bank_percent })
 }
 
@@ -21,7 +21,7 @@ fn attitude_errors_convert_to_the_solver_s_units() {
     }
 }
 
-const fn sensor_error(gyro_percent: f32, drift_percent: f32) -> SettingChange {
+const fn sensor_error_change(gyro_percent: f32, drift_percent: f32) -> SettingChange {
     SettingChange::SensorError(SensorError { gyro_percent, drift_percent })
 }
 
@@ -71,26 +71,26 @@ fn every_setting_has_its_range() {
             "an inclination is -90 to 90",
         ),
         (
-            &[sensor_error(0.1, 0.05), sensor_error(20.0, 5.0)],
+            &[sensor_error_change(0.1, 0.05), sensor_error_change(20.0, 5.0)],
             &[
-                sensor_error(0.0, 1.0),
-                sensor_error(20.1, 1.0),
-                sensor_error(nan, 1.0),
-                sensor_error(1.0, 0.0),
-                sensor_error(1.0, 5.1),
-                sensor_error(1.0, nan),
+                sensor_error_change(0.0, 1.0),
+                sensor_error_change(20.1, 1.0),
+                sensor_error_change(nan, 1.0),
+                sensor_error_change(1.0, 0.0),
+                sensor_error_change(1.0, 5.1),
+                sensor_error_change(1.0, nan),
             ],
             "an error of the gyro is 0.1 to 20",
         ),
         (
-            &[attitude_error(0.0, 0.0), attitude_error(5.0, 0.0), attitude_error(0.0, 20.0)],
+            &[attitude_error_change(0.0, 0.0), attitude_error_change(5.0, 0.0), attitude_error_change(0.0, 20.0)],
             &[
-                attitude_error(-0.1, 1.0),
-                attitude_error(5.1, 1.0),
-                attitude_error(nan, 1.0),
-                attitude_error(1.0, -0.1),
-                attitude_error(1.0, 20.1),
-                attitude_error(1.0, nan),
+                attitude_error_change(-0.1, 1.0),
+                attitude_error_change(5.1, 1.0),
+                attitude_error_change(nan, 1.0),
+                attitude_error_change(1.0, -0.1),
+                attitude_error_change(1.0, 20.1),
+                attitude_error_change(1.0, nan),
             ],
             "a constant error is 0 to 5 degrees",
         ),
@@ -151,11 +151,11 @@ fn a_setting_changes_itself_and_nothing_else() {
         (SettingChange::Inclination(Some(60.0)), Settings { inclination_deg: Some(60.0), ..before }),
         (SettingChange::Mount(mount), Settings { mount, ..before }),
         (
-            sensor_error(5.0, 1.0),
+            sensor_error_change(5.0, 1.0),
             Settings { sensor_error: SensorError { gyro_percent: 5.0, drift_percent: 1.0 }, ..before },
         ),
         (
-            attitude_error(1.5, 3.0),
+            attitude_error_change(1.5, 3.0),
             Settings { attitude_error: AttitudeError { bias_deg: 1.5, bank_percent: 3.0 }, ..before },
         ),
     ] {
@@ -200,7 +200,7 @@ fn solves_use_mounting_inclination_and_the_attitude_s_error() {
     for (setting, is_used) in [
         (SettingChange::Mount(none), true),
         (SettingChange::Inclination(None), true),
-        (attitude_error(0.2, 1.0), true),
+        (attitude_error_change(0.2, 1.0), true),
         (SettingChange::Declination(None), false),
         (SettingChange::StreamOn(true), false),
         (SettingChange::StreamRateHz(1), false),
@@ -216,7 +216,7 @@ fn solves_use_mounting_inclination_and_the_attitude_s_error() {
         (SettingChange::CanRateHz(20), false),
         (SettingChange::CanCovariance(true), false),
         (SettingChange::CanTermination(true), false),
-        (sensor_error(2.0, 1.0), false),
+        (sensor_error_change(2.0, 1.0), false),
     ] {
         assert_eq!(setting.is_used_by_solves(), is_used, "{setting:?}");
     }

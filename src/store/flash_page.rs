@@ -19,7 +19,7 @@ use super::fields::{self, StoredFields};
 pub const STORE_FORMAT: u8 = 1;
 
 /// Largest item of any format, bytes: twice a calibration of the first release.
-pub const ITEM_SIZE: usize = 1024;
+pub const MAX_ITEM_SIZE: usize = 1024;
 
 /// Program granularity, bytes: a double word of the STM32L4.
 pub const WORD_SIZE: usize = 8;
@@ -51,7 +51,7 @@ pub struct StoredItem<'a> {
 pub fn parse_page(page: &[u8]) -> PageContent<'_> {
     let Some(&[format, low, high]) = page.first_chunk::<HEADER_SIZE>() else { return PageContent::Damaged };
     let length = HEADER_SIZE + usize::from(u16::from_le_bytes([low, high]));
-    match split_checked(page, length) {
+    match split_with_valid_crc(page, length) {
         Some((item, crc)) if format == STORE_FORMAT => {
             PageContent::Item(StoredItem { field_bytes: &item[HEADER_SIZE..], crc })
         }
@@ -67,10 +67,10 @@ pub fn parse_page(page: &[u8]) -> PageContent<'_> {
 /// Encodes an item into the buffer, padded like erased flash. Returns the bytes to program and the item's CRC.
 pub fn encode_item<'a, T: StoredFields>(
     value: &T,
-    buffer: &'a mut [u8; ITEM_SIZE],
+    buffer: &'a mut [u8; MAX_ITEM_SIZE],
 ) -> Result<(&'a [u8], u32), StoreError> {
     buffer.fill(0xFF);
-    let length = HEADER_SIZE + fields::encode_fields(value, &mut buffer[HEADER_SIZE..ITEM_SIZE - CRC_SIZE])?;
+    let length = HEADER_SIZE + fields::encode_fields(value, &mut buffer[HEADER_SIZE..MAX_ITEM_SIZE - CRC_SIZE])?;
     let [low, high] = ((length - HEADER_SIZE) as u16).to_le_bytes();
     buffer[..HEADER_SIZE].copy_from_slice(&[STORE_FORMAT, low, high]);
     let crc = CRC.checksum(&buffer[..length]);
@@ -79,7 +79,7 @@ pub fn encode_item<'a, T: StoredFields>(
 }
 
 /// The first `length` bytes and their CRC, if the CRC that follows them is correct.
-fn split_checked(bytes: &[u8], length: usize) -> Option<(&[u8], u32)> {
+fn split_with_valid_crc(bytes: &[u8], length: usize) -> Option<(&[u8], u32)> {
     let (body, crc_and_padding) = bytes.split_at_checked(length)?;
     let crc = u32::from_le_bytes(*crc_and_padding.first_chunk::<CRC_SIZE>()?);
     (CRC.checksum(body) == crc).then_some((body, crc))
@@ -90,6 +90,6 @@ fn split_checked(bytes: &[u8], length: usize) -> Option<(&[u8], u32)> {
 /// format and content.
 fn development_format(page: &[u8]) -> Option<u8> {
     let length = u16::from_le_bytes(*page.get(12..)?.first_chunk()?);
-    let (value, _) = split_checked(page.get(17..)?, usize::from(length).checked_sub(1 + CRC_SIZE)?)?;
+    let (value, _) = split_with_valid_crc(page.get(17..)?, usize::from(length).checked_sub(1 + CRC_SIZE)?)?;
     value.first().copied()
 }

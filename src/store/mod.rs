@@ -11,9 +11,9 @@
 //!
 //! # Method
 //!
-//! Each page holds one item (`page`), whose content is a list of tagged fields (`fields`). The first pages are slots
-//! for calibrations. The others hold states: settings, notes, and references to the slots of the current and the
-//! previous calibration. The state with the highest count of saves is valid.
+//! Each page holds one item (`flash_page`), whose content is a list of tagged fields (`fields`). The first pages are
+//! slots for calibrations. The others hold states: settings, startup values, and references to the slots of the current
+//! and the previous calibration. The state with the highest count of saves is valid.
 //!
 //! A save writes a new calibration to a slot to which the valid state does not refer, and then a new state to the page
 //! after the valid one. The write of the state is the instant at which the save takes effect. Every write begins with
@@ -33,7 +33,7 @@ use core::ops::Range;
 use embedded_storage_async::nor_flash::NorFlash;
 
 pub use error::StoreError;
-use flash_page::{ITEM_SIZE, PageContent, StoredItem, WORD_SIZE};
+use flash_page::{MAX_ITEM_SIZE, PageContent, StoredItem, WORD_SIZE};
 use stored_items::{CALIBRATION_SLOTS, SlotReference, StoredState};
 pub use stored_items::{CalibrationRecord, StartupValues, StoreChange, StoredCalibrations, StoredValues};
 
@@ -78,7 +78,7 @@ impl<F: NorFlash> Store<F> {
     /// first start.
     #[must_use]
     pub const fn new(flash: F, region: Range<u32>) -> Self {
-        const { assert!(F::ERASE_SIZE >= ITEM_SIZE && WORD_SIZE.is_multiple_of(F::WRITE_SIZE)) };
+        const { assert!(F::ERASE_SIZE >= MAX_ITEM_SIZE && WORD_SIZE.is_multiple_of(F::WRITE_SIZE)) };
         assert!(region.start.is_multiple_of(Self::PAGE_SIZE) && region.end.is_multiple_of(Self::PAGE_SIZE));
         assert!((region.end - region.start) / Self::PAGE_SIZE >= FIRST_STATE_PAGE + MIN_STATE_PAGES);
         Self { flash, region }
@@ -189,7 +189,7 @@ impl<F: NorFlash> Store<F> {
     async fn scan_pages(&mut self) -> PageScan {
         let mut scan = PageScan { valid_state: None, other_format: None, scan_error: None };
         for page in 0..self.page_count() {
-            let mut buffer = [0; ITEM_SIZE];
+            let mut buffer = [0; MAX_ITEM_SIZE];
             match self.read_page(page, &mut buffer).await {
                 Err(error) => scan.scan_error = Some(error),
                 Ok(PageContent::OtherFormat(format)) => scan.other_format = Some((page, format)),
@@ -205,7 +205,7 @@ impl<F: NorFlash> Store<F> {
         reference: Option<SlotReference>,
     ) -> Result<Option<CalibrationRecord>, StoreError> {
         let Some(SlotReference { slot, crc }) = reference else { return Ok(None) };
-        let mut buffer = [0; ITEM_SIZE];
+        let mut buffer = [0; MAX_ITEM_SIZE];
         match self.read_page(u32::from(slot), &mut buffer).await? {
             PageContent::Item(item) if item.crc == crc => fields::decode_fields(item.field_bytes).map(Some),
             _ => Err(StoreError::Corrupt),
@@ -219,7 +219,7 @@ impl<F: NorFlash> Store<F> {
         used_slots: &[Option<SlotReference>],
     ) -> Result<Option<SlotReference>, StoreError> {
         let Some(record) = record else { return Ok(None) };
-        let mut buffer = [0; ITEM_SIZE];
+        let mut buffer = [0; MAX_ITEM_SIZE];
         let (item, crc) = flash_page::encode_item(record, &mut buffer)?;
         for slot in 0..CALIBRATION_SLOTS {
             if self.page_contains(u32::from(slot), item).await? {
@@ -239,7 +239,7 @@ impl<F: NorFlash> Store<F> {
 
     /// Writes the state to a page.
     async fn write_state(&mut self, page: u32, state: &StoredState) -> Result<(), StoreError> {
-        let mut buffer = [0; ITEM_SIZE];
+        let mut buffer = [0; MAX_ITEM_SIZE];
         let (item, _) = flash_page::encode_item(state, &mut buffer)?;
         self.program_page(page, item).await
     }
@@ -257,7 +257,7 @@ impl<F: NorFlash> Store<F> {
     }
 
     async fn page_contains(&mut self, page: u32, item: &[u8]) -> Result<bool, StoreError> {
-        let mut buffer = [0; ITEM_SIZE];
+        let mut buffer = [0; MAX_ITEM_SIZE];
         let page_bytes = &mut buffer[..item.len()];
         self.flash.read(self.page_offset(page), page_bytes).await.map_err(|_| StoreError::Flash)?;
         Ok(page_bytes == item)
@@ -266,7 +266,7 @@ impl<F: NorFlash> Store<F> {
     async fn read_page<'a>(
         &mut self,
         page: u32,
-        buffer: &'a mut [u8; ITEM_SIZE],
+        buffer: &'a mut [u8; MAX_ITEM_SIZE],
     ) -> Result<PageContent<'a>, StoreError> {
         self.flash.read(self.page_offset(page), buffer).await.map_err(|_| StoreError::Flash)?;
         Ok(flash_page::parse_page(buffer))

@@ -4,7 +4,7 @@ use autoswing::wire::mavlink::{InboundMessage, Receiver};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
-use crate::stream::{self, Piece, Wire};
+use crate::stream::{self, NoiseAndGoodFrames, Piece};
 use crate::{PropertyResult, check_property};
 
 /// ID, CRC seed and longest payload of the decoded messages, from the protocol definition (common.xml).
@@ -186,7 +186,7 @@ fn good_frame() -> Vec<u8> {
 fn only_mavlink_frames_with_correct_crc_are_accepted() {
     check_property(any_stream(), |pieces| -> PropertyResult {
         let mut bytes = stream::joined_bytes(&pieces);
-        let wire = Wire::new(&mut bytes, &good_frame(), MAX_FRAME_LENGTH);
+        let wire = NoiseAndGoodFrames::new(&mut bytes, &good_frame(), MAX_FRAME_LENGTH);
         let mut receiver = Receiver::new();
         stream::assert_decoder_properties(
             &wire,

@@ -87,7 +87,7 @@ pub trait IntactFrame<M> {
 ///
 /// `push` decodes a byte and returns a message and the number of rejected candidates since the start.
 pub fn assert_decoder_properties<M: Debug, F: IntactFrame<M>>(
-    wire: &Wire<'_>,
+    wire: &NoiseAndGoodFrames<'_>,
     intact: &[F],
     mut push: impl FnMut(u8) -> (Option<M>, u32),
     is_good: impl Fn(&M) -> bool,
@@ -114,14 +114,14 @@ pub fn assert_decoder_properties<M: Debug, F: IntactFrame<M>>(
 }
 
 /// Random bytes followed by good frames.
-pub struct Wire<'a> {
+pub struct NoiseAndGoodFrames<'a> {
     pub bytes: &'a [u8],
     noise_length: usize,
     /// Length of the longest frame, bytes.
     max_frame_length: usize,
 }
 
-impl<'a> Wire<'a> {
+impl<'a> NoiseAndGoodFrames<'a> {
     /// Appends good frames: one more than the longest frame can contain.
     pub fn new(bytes: &'a mut Vec<u8>, good: &[u8], longest: usize) -> Self {
         let noise = bytes.len();

@@ -10,7 +10,7 @@ const { chromium } = installed("playwright-core");
 const axe = fs.readFileSync(installed.resolve("axe-core/axe.min.js"), "utf8");
 const inPage = fs.readFileSync(path.join(__dirname, "in-page.js"), "utf8");
 
-const wrong = [];
+const recordedFindings = [];
 
 function launchBrowser(more = []) {
   const args = process.getuid() === 0 ? ["--no-sandbox", ...more] : more;
@@ -21,7 +21,7 @@ function launchBrowser(more = []) {
 async function openPage(browser, url, viewport, colorScheme, where) {
   const context = await browser.newContext({ viewport, colorScheme });
   const page = await context.newPage();
-  const addFinding = (what) => wrong.push(`${where}: ${what}`);
+  const addFinding = (what) => recordedFindings.push(`${where}: ${what}`);
   page.on("console", (message) => ["error", "warning"].includes(message.type()) && addFinding(`console: ${message.text()}`));
   page.on("pageerror", (error) => addFinding(`script: ${error.message}`));
   page.on("request", (request) => request.url() !== url && !request.url().startsWith("blob:") && addFinding(`asks for ${request.url()}`));
@@ -31,21 +31,21 @@ async function openPage(browser, url, viewport, colorScheme, where) {
 
 async function checkLayout({ page, addFinding }) {
   await page.evaluate(inPage);
-  for (const what of await page.evaluate(() => window.looked())) addFinding(what);
+  for (const what of await page.evaluate(() => window.layoutFindings())) addFinding(what);
   await page.evaluate(axe);
   const { violations } = await page.evaluate(() => window.axe.run(document));
   for (const { id, nodes } of violations) addFinding(`axe: ${id}: ${nodes.slice(0, 3).map((node) => node.target).join(", ")}`);
 }
 
 function reportFindings(text) {
-  for (const what of wrong) console.error(`page: ${what}`);
-  if (wrong.length) process.exit(1);
+  for (const what of recordedFindings) console.error(`page: ${what}`);
+  if (recordedFindings.length) process.exit(1);
   console.log(`page: ${text}`);
 }
 
 function reportFailure(error) {
-  wrong.push(error.message);
+  recordedFindings.push(error.message);
   reportFindings("");
 }
 
-module.exports = { reportFailure, inPage, launchBrowser, checkLayout, openPage, reportFindings, wrong };
+module.exports = { reportFailure, inPage, launchBrowser, checkLayout, openPage, reportFindings, recordedFindings };

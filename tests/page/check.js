@@ -4,23 +4,23 @@
 "use strict";
 const path = require("node:path");
 const { pathToFileURL } = require("node:url");
-const { reportFailure, inPage, launchBrowser, checkLayout, openPage, reportFindings, wrong } = require("./browser.js");
+const { reportFailure, inPage, launchBrowser, checkLayout, openPage, reportFindings, recordedFindings } = require("./browser.js");
 
 const WIDTHS = [320, 390, 820, 1280];
 const HEIGHT = 844;
 const SCHEMES = ["light", "dark"];
 
 // Largest height of the page with folded parts, in screens; the first screen must show the button that copies the parameters.
-const MOST_SCREENS = 5;
+const MAX_SCREENS = 5;
 // Largest number of printed sheets of a page with three compasses.
-const MOST_SHEETS = 6;
+const MAX_SHEETS = 6;
 
 async function checkHeight({ page, addFinding }) {
   const [screens, button] = await page.evaluate(() => {
     const copy = document.querySelector("button[data-copy]");
     return [document.documentElement.scrollHeight / innerHeight, copy === null ? 0 : copy.getBoundingClientRect().bottom / innerHeight];
   });
-  if (screens > MOST_SCREENS) addFinding(`${screens.toFixed(1)} screens`);
+  if (screens > MAX_SCREENS) addFinding(`${screens.toFixed(1)} screens`);
   if (button > 1) addFinding(`the parameters are ${button.toFixed(1)} screens down`);
 }
 
@@ -74,11 +74,11 @@ async function checkCharts({ page, addFinding }) {
 async function checkKeyboard({ page, addFinding }) {
   await page.reload();
   await page.evaluate(inPage);
-  const all = await page.evaluate(() => window.usable());
+  const all = await page.evaluate(() => window.usableControlCount());
   const reached = [];
   for (let i = 0; i < all; i++) {
     await page.keyboard.press("Tab");
-    const { number, isSeen } = await page.evaluate(() => window.focused());
+    const { number, isSeen } = await page.evaluate(() => window.focusedControl());
     reached.push(number);
     if (!isSeen) addFinding(`focus on number ${number} is not seen`);
   }
@@ -111,13 +111,13 @@ async function checkPrint({ page, addFinding }) {
   await page.emulateMedia({ media: "print", colorScheme: "light" });
   await page.evaluate(() => addEventListener("beforeprint", () => (window.unfolded = document.querySelectorAll("details:not(.terminal)[open]").length)));
   const parts = await page.locator("details:not(.terminal)").count();
-  for (const what of await page.evaluate(() => window.printed())) addFinding(what);
+  for (const what of await page.evaluate(() => window.printFindings())) addFinding(what);
   const paper = await page.pdf({ format: "A4" });
   const sheets = paper.toString("latin1").match(/\/Type\s*\/Page\b(?!s)/g).length;
   if (paper.length < 20000) addFinding("prints nothing");
   const [unfolded, left] = await page.evaluate(() => [window.unfolded, document.querySelectorAll("details[open]").length]);
   if (unfolded !== parts || left !== 0) addFinding(`prints ${unfolded} of ${parts} parts, leaves ${left} unfolded`);
-  if (sheets > MOST_SHEETS) addFinding(`prints ${sheets} sheets`);
+  if (sheets > MAX_SHEETS) addFinding(`prints ${sheets} sheets`);
 }
 
 async function main(files) {
@@ -148,8 +148,8 @@ async function main(files) {
     }
   }
   await browser.close();
-  if (copied === 0) wrong.push("no page had anything to copy");
-  if (charted === 0) wrong.push("no page had charts");
+  if (copied === 0) recordedFindings.push("no page had anything to copy");
+  if (charted === 0) recordedFindings.push("no page had charts");
   reportFindings(`${files.length} pages, ${WIDTHS.length} widths, ${SCHEMES.length} schemes: all right`);
 }
 

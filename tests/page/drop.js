@@ -9,7 +9,7 @@ const net = require("node:net");
 const os = require("node:os");
 const path = require("node:path");
 const { pathToFileURL } = require("node:url");
-const { reportFailure, inPage, launchBrowser, checkLayout, openPage, reportFindings, wrong } = require("./browser.js");
+const { reportFailure, inPage, launchBrowser, checkLayout, openPage, reportFindings, recordedFindings } = require("./browser.js");
 
 const WIDE = { width: 1440, height: 900 };
 const PHONE = { width: 320, height: 700 };
@@ -18,7 +18,7 @@ const WAIT = { timeout: 300000 };
 const HUGE_BYTES = 500e6;
 // Longest task of the page while it judges and shows a log, milliseconds. An idle computer takes 80, a busy one was seen to take 280;
 // work of the worker on the page's own thread takes seconds.
-const LONGEST_MS = 1000;
+const MAX_TASK_MS = 1000;
 // Chromium's own requests (updates, account), which are not the page's.
 const OF_THE_BROWSER = /^(CONNECT |POST http:\/\/)[a-z.-]+\.google(apis)?\.com[:/]/;
 
@@ -31,7 +31,7 @@ const POLICY = [
 const work = fs.mkdtempSync(path.join(os.tmpdir(), "page-"));
 process.on("exit", () => fs.rmSync(work, { recursive: true }));
 
-function byCommand(log, ...options) {
+function judgeByCommand(log, ...options) {
   const parameters = path.join(work, "command.param");
   fs.rmSync(parameters, { force: true });
   const { stdout, status, stderr } = spawnSync(process.env.HOST_SIM, ["replay", log, "--json", "--params", parameters, ...options]);
@@ -39,19 +39,19 @@ function byCommand(log, ...options) {
   return { json: stdout.toString(), parameters: fs.existsSync(parameters) ? fs.readFileSync(parameters, "utf8") : null };
 }
 
-const ends = (page) => page.waitForFunction(() => document.querySelector("progress").hidden, null, WAIT);
+const untilJudged = (page) => page.waitForFunction(() => document.querySelector("progress").hidden, null, WAIT);
 
-async function saved(page, id) {
+async function downloadedText(page, id) {
   const button = page.locator(`#${id}`);
   if (!(await button.isVisible())) return null;
   const [download] = await Promise.all([page.waitForEvent("download"), button.click()]);
   return fs.readFileSync(await download.path(), "utf8");
 }
 
-async function compare({ page, addFinding }, expected, what) {
-  const json = await saved(page, "save-json");
+async function compareWithCommand({ page, addFinding }, expected, what) {
+  const json = await downloadedText(page, "save-json");
   if (json !== expected.json) addFinding(`${what}: figures differ: ${json} is not ${expected.json}`);
-  if ((await saved(page, "save-parameters")) !== expected.parameters) addFinding(`${what}: parameters differ`);
+  if ((await downloadedText(page, "save-parameters")) !== expected.parameters) addFinding(`${what}: parameters differ`);
 }
 
 // Drops a file by the events of a mouse; the page's file dialog is used otherwise.
@@ -85,24 +85,24 @@ async function checkExampleFlight(look, seed, shot) {
   const early = [await measured(), await covered()];
   const isInView = await page.evaluate(() => ["circles", "errors"].every((id) => document.getElementById(id).getBoundingClientRect().bottom <= innerHeight));
   if (!isInView) addFinding("the pictures of the flight are not in view");
-  await ends(page);
+  await untilJudged(page);
   const seconds = (performance.now() - start) / 1e3;
   const late = [await measured(), await covered()];
-  if ((await chosen(page)) !== "none") addFinding(`the example flight has the name of ${await chosen(page)}`);
+  if ((await chosenFileName(page)) !== "none") addFinding(`the example flight has the name of ${await chosenFileName(page)}`);
   if (late[0] <= early[0] || late[1] <= early[1]) addFinding(`the pictures do not grow: ${early} to ${late}`);
   if ((await page.locator("#circles .corrected").count()) < 50) addFinding("no circle is corrected");
-  const json = await saved(page, "save-json");
+  const json = await downloadedText(page, "save-json");
   if (json !== expected) addFinding(`seed ${seed}: figures differ: ${json} is not ${expected}`);
   if (!(await page.locator("#verdict").isVisible())) addFinding("no report of the flight");
   const longest_ms = await page.evaluate(() => window.longest);
-  if (longest_ms > LONGEST_MS) addFinding(`the flight: does not answer for ${longest_ms} ms`);
+  if (longest_ms > MAX_TASK_MS) addFinding(`the flight: does not answer for ${longest_ms} ms`);
   await checkLayout(look);
   await shot(look, `flight-${seed}`);
   console.log(`example flight: ${seconds.toFixed(1)} s, ${late[0]} steps, longest task ${longest_ms.toFixed(0)} ms`);
 }
 
 const choose = (page, log) => page.setInputFiles("#file", log);
-const chosen = (page) => page.evaluate(() => document.querySelector("#file").files[0]?.name ?? "none");
+const chosenFileName = (page) => page.evaluate(() => document.querySelector("#file").files[0]?.name ?? "none");
 
 // Judges a log and compares it with the command line. Returns the seconds, and the longest task of the page in milliseconds.
 async function judge(look, log, give) {
@@ -110,15 +110,15 @@ async function judge(look, log, give) {
   await page.evaluate(() => (window.longest = 0));
   const start = performance.now();
   await give(page, log);
-  await ends(page);
+  await untilJudged(page);
   const seconds = (performance.now() - start) / 1e3;
   if (!(await page.locator("#verdict").isVisible())) addFinding(`${log}: ${await page.locator("#status").textContent()}`);
-  if ((await chosen(page)) !== path.basename(log)) addFinding(`${log}: the file dialog names ${await chosen(page)}`);
+  if ((await chosenFileName(page)) !== path.basename(log)) addFinding(`${log}: the file dialog names ${await chosenFileName(page)}`);
   const isInView = await page.evaluate(() => document.querySelector("#verdict").getBoundingClientRect().bottom <= innerHeight);
   if (!isInView) addFinding(`${log}: the verdict is not in view`);
-  await compare(look, byCommand(log), log);
+  await compareWithCommand(look, judgeByCommand(log), log);
   const longest_ms = await page.evaluate(() => window.longest);
-  if (longest_ms > LONGEST_MS) addFinding(`${log}: does not answer for ${longest_ms} ms`);
+  if (longest_ms > MAX_TASK_MS) addFinding(`${log}: does not answer for ${longest_ms} ms`);
   return { seconds, longest_ms };
 }
 
@@ -139,9 +139,9 @@ async function checkOptions(look, log) {
   const before = await page.locator("#report section").first().elementHandle();
   await page.keyboard.press("Enter");
   await page.waitForFunction((element) => !element.isConnected, before, WAIT);
-  await ends(page);
+  await untilJudged(page);
   const options = ["--compass", compass, "--samples", "all", "--from", `${from}`, "--reference", reference, ...(isTable ? ["--unit", "ut"] : [])];
-  await compare(look, byCommand(log, ...options), `${log} with choices`);
+  await compareWithCommand(look, judgeByCommand(log, ...options), `${log} with choices`);
 }
 
 async function checkRefusals({ page, addFinding }) {
@@ -152,7 +152,7 @@ async function checkRefusals({ page, addFinding }) {
   fs.truncateSync(huge, HUGE_BYTES);
   for (const [log, words] of [[text, "not a known log"], [huge, "huge.csv: "]]) {
     await choose(page, log);
-    await ends(page);
+    await untilJudged(page);
     const status = await page.locator("#status").textContent();
     if (!status.includes(words) || status.includes("failed")) addFinding(`of ${log} it says: ${status}`);
     if (await page.locator("#again").isVisible()) addFinding(`offers choices of ${log}`);
@@ -162,12 +162,12 @@ async function checkRefusals({ page, addFinding }) {
 // Each control is reached by Tab, in the order of the page, with a visible focus.
 async function checkKeyboard({ page, addFinding }) {
   await page.evaluate(inPage);
-  const all = await page.evaluate(() => window.usable());
+  const all = await page.evaluate(() => window.usableControlCount());
   const reached = [];
   // Tab proceeds from the control clicked last to the page's end, then from its start; the page itself has number -1.
   for (let i = 0; i <= all; i++) {
     await page.keyboard.press("Tab");
-    const { number, isSeen } = await page.evaluate(() => window.focused());
+    const { number, isSeen } = await page.evaluate(() => window.focusedControl());
     reached.push(number);
     if (!isSeen && number >= 0) addFinding(`focus on number ${number} is not seen`);
   }
@@ -189,18 +189,18 @@ async function checkRequestDetection(browser, file, connections) {
   for (const [name, source] of Object.entries(changed)) {
     const copy = path.join(work, `${name}.html`);
     fs.writeFileSync(copy, source);
-    const [findings, tried] = [wrong.length, connections()];
+    const [findings, tried] = [recordedFindings.length, connections()];
     const { page, context } = await openPage(browser, pathToFileURL(copy).href, WIDE, "light", name);
     await page.waitForTimeout(1000);
     await context.close();
-    const [isNoticed, isSent] = [wrong.length > findings, connections() > tried];
-    wrong.splice(findings);
-    if (name.endsWith("Page") && !isNoticed) wrong.push(`a request of ${name} was not noticed`);
-    if (isSent !== name.startsWith("open")) wrong.push(`a request of ${name} was ${isSent ? "sent" : "not sent"}`);
+    const [isNoticed, isSent] = [recordedFindings.length > findings, connections() > tried];
+    recordedFindings.splice(findings);
+    if (name.endsWith("Page") && !isNoticed) recordedFindings.push(`a request of ${name} was not noticed`);
+    if (isSent !== name.startsWith("open")) recordedFindings.push(`a request of ${name} was ${isSent ? "sent" : "not sent"}`);
   }
 }
 
-function listening(server) {
+function listenForPort(server) {
   return new Promise((resolve) => server.listen(0, "127.0.0.1", () => resolve(server.address().port)));
 }
 
@@ -211,11 +211,11 @@ async function main([file, ...logs]) {
   const proxy = net.createServer((socket) => {
     socket.once("data", (request) => (counted(request), socket.destroy())).on("error", () => socket.destroy());
   });
-  const browser = await launchBrowser([`--proxy-server=127.0.0.1:${await listening(proxy)}`]);
+  const browser = await launchBrowser([`--proxy-server=127.0.0.1:${await listenForPort(proxy)}`]);
   // The page is served without its policy, which would block a worker's requests, so that the proxy can count them.
   const bare = withoutPolicy(fs.readFileSync(file, "utf8"));
   const server = http.createServer((_, answer) => answer.setHeader("content-type", "text/html").end(bare));
-  const served = `http://127.0.0.1:${await listening(server)}/`;
+  const served = `http://127.0.0.1:${await listenForPort(server)}/`;
   const start = async (url, viewport, scheme) => {
     const look = await openPage(browser, url, viewport, scheme, `${path.basename(file)} at ${viewport.width} px, ${scheme}`);
     await look.page.evaluate(() => {
@@ -252,7 +252,7 @@ async function main([file, ...logs]) {
   await checkExampleFlight(phone, 7, shot);
   await phone.context.close();
 
-  if (connections > 0) wrong.push(`${connections} connections were tried`);
+  if (connections > 0) recordedFindings.push(`${connections} connections were tried`);
   await checkRequestDetection(browser, file, () => connections);
   await browser.close();
   server.close();

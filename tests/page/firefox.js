@@ -9,7 +9,7 @@ const { pathToFileURL } = require("node:url");
 
 const puppeteer = createRequire(path.join(process.env.PAGE_MODULES, "package.json"))("puppeteer-core");
 const WAIT = { timeout: 300000 };
-const wrong = [];
+const recordedFindings = [];
 
 function byCommand(...words) {
   const { stdout, status, stderr } = spawnSync(process.env.HOST_SIM, [...words, "--json"]);
@@ -25,8 +25,8 @@ async function compare(page, what, start, expected) {
   const seconds = ((performance.now() - began) / 1e3).toFixed(1);
   // `judged` is the variable of page.js with the last judgement.
   const json = await page.evaluate("judged === null || judged === undefined ? null : judged.json");
-  if (`${json}\n` !== expected) wrong.push(`${what}: ${await page.$eval("#status", (status) => status.textContent)}: ${json} is not ${expected}`);
-  if ((await page.$("#verdict")) === null) wrong.push(`${what}: no report`);
+  if (`${json}\n` !== expected) recordedFindings.push(`${what}: ${await page.$eval("#status", (status) => status.textContent)}: ${json} is not ${expected}`);
+  if ((await page.$("#verdict")) === null) recordedFindings.push(`${what}: no report`);
   console.log(`Firefox: ${what}: ${seconds} s`);
 }
 
@@ -34,8 +34,8 @@ async function main([file, ...logs]) {
   const browser = await puppeteer.launch({ browser: "firefox", executablePath: process.env.FIREFOX, headless: true });
   try {
     const page = await browser.newPage();
-    page.on("console", (message) => ["error", "warn"].includes(message.type()) && wrong.push(`console: ${message.text()}`));
-    page.on("pageerror", (error) => wrong.push(`script: ${error.message}`));
+    page.on("console", (message) => ["error", "warn"].includes(message.type()) && recordedFindings.push(`console: ${message.text()}`));
+    page.on("pageerror", (error) => recordedFindings.push(`script: ${error.message}`));
     await page.setViewport({ width: 1280, height: 900 });
     await page.goto(pathToFileURL(path.resolve(file)).href);
     for (const log of logs) {
@@ -44,7 +44,7 @@ async function main([file, ...logs]) {
     }
     await compare(page, "example flight", () => page.click("#fly"), byCommand("fly", "--seed", "1"));
     const corrected = await page.$$eval("#circles .corrected", (points) => points.length);
-    if (corrected < 50) wrong.push(`${corrected} corrected points are drawn`);
+    if (corrected < 50) recordedFindings.push(`${corrected} corrected points are drawn`);
     await page.screenshot({ path: path.join(process.env.PAGE_SHOTS, "firefox.png"), fullPage: true });
     console.log(await browser.version());
   } finally {
@@ -53,8 +53,8 @@ async function main([file, ...logs]) {
 }
 
 main(process.argv.slice(2))
-  .catch((error) => wrong.push(error.message))
+  .catch((error) => recordedFindings.push(error.message))
   .finally(() => {
-    for (const what of wrong) console.error(`page: ${what}`);
-    process.exitCode = wrong.length ? 1 : 0;
+    for (const what of recordedFindings) console.error(`page: ${what}`);
+    process.exitCode = recordedFindings.length ? 1 : 0;
   });

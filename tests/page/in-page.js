@@ -66,7 +66,7 @@
   }
 
   // axe does not check SVG figures.
-  window.looked = () => [...overflows(), ...new Set(pictures())];
+  window.layoutFindings = () => [...overflows(), ...new Set(pictures())];
 
   const candidates = () =>
     [...document.querySelectorAll("a[href], button, input, select, summary, [tabindex='0']")].filter(
@@ -74,8 +74,8 @@
         element.closest("[hidden]") === null &&
         (element.tagName === "SUMMARY" ? element.parentElement.parentElement : element).closest("details:not([open])") === null,
     );
-  window.usable = () => candidates().length;
-  window.focused = () => {
+  window.usableControlCount = () => candidates().length;
+  window.focusedControl = () => {
     const element = document.activeElement;
     const style = getComputedStyle(element);
     const { left, right, top, bottom } = element.getBoundingClientRect();
@@ -84,7 +84,7 @@
     return { number: candidates().indexOf(element), isSeen };
   };
 
-  window.printed = () => {
+  window.printFindings = () => {
     const found = [];
     for (const hidden of document.querySelectorAll("nav, button, .skip")) {
       if (getComputedStyle(hidden).display !== "none") found.push(`${hidden.tagName} is printed`);

@@ -4,9 +4,9 @@
 from flight import ADDRESSES, SPEED, fly
 from pymavlink import mavutil
 
-from served import Served
+from served import ServedModule
 
-with Served("--attitude", "peer", "--speed", str(SPEED)) as module:
+with ServedModule("--attitude", "peer", "--speed", str(SPEED)) as module:
     fly(module, mavutil.mavlink_connection(f"tcp:127.0.0.1:{module.autopilot_tcp}", **ADDRESSES))
     module.type("status all", "saves: ")
     assert " 0 rejected, 0 line errors" in module.printed, module.printed

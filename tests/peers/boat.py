@@ -4,11 +4,11 @@ import json
 import subprocess
 from pathlib import Path
 
-from served import PATIENCE_S, Served, check_errors, wrap_180
+from served import PATIENCE_S, ServedModule, check_errors, wrap_180
 
 HEADING_DEG = 301.0
 
-with Served() as module:
+with ServedModule() as module:
     module.hold_heading(HEADING_DEG)
     command = ["node", Path(__file__).with_name("boat.js"), str(module.tcp)]
     read = subprocess.run(command, check=True, timeout=PATIENCE_S, stdout=subprocess.PIPE)

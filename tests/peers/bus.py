@@ -36,7 +36,7 @@ class Bus:
             self.node.spin(0.01)
         return time.monotonic() - began
 
-    def module(self):
+    def module_node_number(self):
         """Node number of the module, from its first field message."""
         self.spin_until(lambda: self.fields, "no field")
         return self.fields[0].transfer.source_node_id

@@ -12,7 +12,7 @@ import dronecan
 from dronecan import uavcan
 
 from bus import BUS, TOOL_NODE, Bus
-from served import Served, check_errors, wrap_180
+from served import ServedModule, check_errors, wrap_180
 
 HEADING_DEG = 147.0
 # Xi'an; WMM2025: 0.526 G in 2026.
@@ -78,7 +78,7 @@ def set_parameter(bus, number, name, typed, answered, **value):
     assert answer == answered, answer
 
 
-def restarted(bus, number, request):
+def request_restart(bus, number, request):
     """Sends a request that restarts the module; returns its answer when the module is back with the same number.
 
     Its counters show the restart: the simulator's clock goes on.
@@ -93,7 +93,7 @@ def restarted(bus, number, request):
     return answer
 
 
-def navigate(bus):
+def broadcast_position_and_time(bus):
     """Broadcasts a position and a time, as a node with satellite navigation does five times a second."""
     fix = uavcan.equipment.gnss.Fix2(longitude_deg_1e8=854_000_000, latitude_deg_1e8=4_737_000_000)
     fix.gnss_timestamp.usec = 1_780_000_000_000_000
@@ -104,10 +104,10 @@ def navigate(bus):
         bus.spin(0.2)
 
 
-with Served("--can", BUS) as module:
+with ServedModule("--can", BUS) as module:
     bus = Bus()
     module.hold_heading(HEADING_DEG)
-    number = bus.module()
+    number = bus.module_node_number()
     print(f"$ host-sim serve --can {BUS}\n\nNode {TOOL_NODE}, with an allocator: pydronecan {dronecan.__version__}")
     print(f"\nAllocation\n  node {number}")
 
@@ -146,22 +146,22 @@ with Served("--can", BUS) as module:
     answer = bus.request_response(Restart(magic_number=1), number)
     show("RestartNode, magic number 1", answer)
     assert not answer.ok
-    answer = restarted(bus, number, Restart(magic_number=Restart().MAGIC_NUMBER))
+    answer = request_restart(bus, number, Restart(magic_number=Restart().MAGIC_NUMBER))
     show(f"RestartNode, magic number 0x{Restart().MAGIC_NUMBER:X}", answer)
     assert answer.ok
     path = uavcan.protocol.file.Path(path="a.bin")
-    answer = restarted(bus, number, Update(source_node_id=0, image_file_remote_path=path))
+    answer = request_restart(bus, number, Update(source_node_id=0, image_file_remote_path=path))
     show("BeginFirmwareUpdate a.bin", answer)
     assert answer.error == 0, answer
     bus.spin_until(lambda: "calibrated" in bus.texts, f"no text: {bus.texts}")
     print("\nLogMessage\n  calibrated")
 
-    with Served("--can", BUS, "--seed", "2", "--attitude", "peer", flash=os.environ["FLASH"] + ".second") as second:
+    with ServedModule("--can", BUS, "--seed", "2", "--attitude", "peer", flash=os.environ["FLASH"] + ".second") as second:
         bus.fields.clear()
         bus.spin_until(lambda: len({event.transfer.source_node_id for event in bus.fields}) == 2, "no second compass")
         others = {event.transfer.source_node_id for event in bus.fields} - {number}
         print(f"\nAllocation to a second module\n  node {others.pop()}")
-        navigate(bus)
+        broadcast_position_and_time(bus)
         for line in second.type("status all", "saves: ").splitlines():
             if line.startswith("field model: "):
                 print(f"\nFix2; status all of the second module\n  {line}")

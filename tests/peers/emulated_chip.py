@@ -33,7 +33,7 @@ class EmulatedChip:
     def __init__(self, image, image_at, registers, node, errors_us=()):
         self.node, self.image_at, self.errors_us = node, image_at, list(errors_us)
         self.registers = registers | USART_STATUS
-        self.now_us, self.timed_us, self.until_us = 0, 0, 0
+        self.now_us, self.timer_updated_us, self.until_us = 0, 0, 0
         self.enabled, self.pending, self.suspended = set(), set(), []
         self.received, self.sent, self.failure, self.is_reset = [], [], None, False
         cpu = self.cpu = Uc(UC_ARCH_ARM, UC_MODE_THUMB | UC_MODE_MCLASS)
@@ -133,18 +133,18 @@ class EmulatedChip:
     def timer_events(self):
         """Timer's flags, with the times after the last update at which they are set."""
         compares = [(bit, self.registers.get(at, 0)) for bit, at in TIM15_COMPARES]
-        return [(bit, (count - self.timed_us - 1 & 0xFFFF) + 1) for bit, count in [(0, 0), *compares]]
+        return [(bit, (count - self.timer_updated_us - 1 & 0xFFFF) + 1) for bit, count in [(0, 0), *compares]]
 
     def update_timer(self):
         """Sets the flags of the time that has passed."""
-        due = sum(1 << bit for bit, after_us in self.timer_events() if after_us <= self.now_us - self.timed_us)
-        self.timed_us = self.now_us
+        due = sum(1 << bit for bit, after_us in self.timer_events() if after_us <= self.now_us - self.timer_updated_us)
+        self.timer_updated_us = self.now_us
         self.registers[TIM15_SR] = self.registers.get(TIM15_SR, 0) | due
         if due & self.registers.get(TIM15_DIER, 0):
             self.pending.add(TIM15_IRQ)
 
     def pass_time(self):
-        timer_us = self.timed_us + min(after_us for _, after_us in self.timer_events())
+        timer_us = self.timer_updated_us + min(after_us for _, after_us in self.timer_events())
         error_us = self.errors_us[0] if self.errors_us else NEVER_US
         frame_us = self.node.next_frame_us()
         self.now_us = max(self.now_us, min(timer_us, error_us, frame_us))

@@ -20,7 +20,7 @@ os.environ["MAVLINK20"] = "1"
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from served import PATIENCE_S, Served, check_errors, wrap_180
+from served import PATIENCE_S, ServedModule, check_errors, wrap_180
 
 mavutil.set_dialect("ardupilotmega")
 
@@ -29,7 +29,7 @@ SPEED = 5.0
 PERIOD_S = 0.02
 # Longest time of one step in which the aircraft rolls: 2 deg. A busy computer pauses the flight for longer; after a jump in roll
 # attitude and field would not belong together.
-LONGEST_ROLL_S = 0.1
+MAX_ROLL_STEP_S = 0.1
 BANK_DEG = 25.0
 BANK_RATE_DEG_S = 20.0
 # Aeroplane at 22 m/s and this bank: 30 s per circle.
@@ -54,7 +54,7 @@ class Aircraft:
 
     def fly(self, bank_deg, seconds):
         """Advances by one step toward a bank. During a pause the aircraft turns, but does not roll."""
-        step = BANK_RATE_DEG_S * min(seconds, LONGEST_ROLL_S)
+        step = BANK_RATE_DEG_S * min(seconds, MAX_ROLL_STEP_S)
         change = max(-step, min(step, bank_deg - self.roll_deg))
         self.roll_deg += change
         self.roll_rate_deg_s = change / seconds
@@ -81,9 +81,9 @@ class Flight:
         self.station = mavlink.MAVLink(self.link, srcSystem=STATION[0], srcComponent=STATION[1])
         self.aircraft, self.noise = Aircraft(), random.Random(1)
         self.began = time.monotonic()
-        self.flown_s, self.beats, self.sent, self.rate_hz = 0.0, 0, 0.0, 1.0
+        self.flown_s, self.heartbeat_count, self.attitude_sent_s, self.rate_hz = 0.0, 0, 0.0, 1.0
         self.message_counts, self.texts, self.answers = Counter(), [], []
-        self.last, self.asked_hz = {}, []
+        self.last, self.requested_rates_hz = {}, []
 
     def fly_period(self, bank_deg):
         """Flies at a bank for one period (longer if the computer is busy), sends the aircraft's messages, and records the module's."""
@@ -92,12 +92,12 @@ class Flight:
         before_s, self.flown_s = self.flown_s, (time.monotonic() - self.began) * SPEED
         aircraft.fly(bank_deg, self.flown_s - before_s)
         self.module.send_attitude(aircraft.roll_deg, 0.0, aircraft.heading_deg)
-        if self.flown_s >= self.beats:
-            self.beats += 1
+        if self.flown_s >= self.heartbeat_count:
+            self.heartbeat_count += 1
             kind, autopilot = mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
             mav.heartbeat_send(kind, autopilot, 0, 0, mavlink.MAV_STATE_ACTIVE)
-        if (self.flown_s - self.sent) * self.rate_hz >= 0.999:
-            self.sent = max(self.sent + 1.0 / self.rate_hz, self.flown_s - PERIOD_S)
+        if (self.flown_s - self.attitude_sent_s) * self.rate_hz >= 0.999:
+            self.attitude_sent_s = max(self.attitude_sent_s + 1.0 / self.rate_hz, self.flown_s - PERIOD_S)
             roll, pitch = (math.radians(deg + self.noise.gauss(0.0, NOISE_DEG)) for deg in (aircraft.roll_deg, 0.0))
             mav.attitude_send(int(self.flown_s * 1000.0), roll, pitch, 0.0, *aircraft.rates_rad_s())
         while (message := self.link.recv_match()) is not None:
@@ -126,7 +126,7 @@ class Flight:
         assert command.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, command
         result = mavlink.MAV_RESULT_FAILED
         if command.param1 == mavlink.MAVLINK_MSG_ID_ATTITUDE:
-            self.asked_hz.append(round(1e6 / command.param2))
+            self.requested_rates_hz.append(round(1e6 / command.param2))
             result = mavlink.MAV_RESULT_DENIED
             if command.param2 >= LEAST_INTERVAL_US:
                 self.rate_hz, result = 1e6 / command.param2, mavlink.MAV_RESULT_ACCEPTED
@@ -184,8 +184,8 @@ def fly(module, link):
     flight = Flight(module, link)
     while flight.rate_hz < 20.0:
         flight.fly_period(0.0)
-        assert flight.flown_s < 30.0, f"attitude was not asked for: {flight.asked_hz}"
-    assert flight.asked_hz[-1] == 40, flight.asked_hz
+        assert flight.flown_s < 30.0, f"attitude was not asked for: {flight.requested_rates_hz}"
+    assert flight.requested_rates_hz[-1] == 40, flight.requested_rates_hz
     flight.send_command(mavlink.MAV_CMD_DO_START_MAG_CAL)
     for _ in range(250):
         flight.fly_period(BANK_DEG)

@@ -2,12 +2,12 @@
 
 import pynmea2
 
-from served import Served, check_errors, wrap_180
+from served import ServedModule, check_errors, wrap_180
 
 HEADING_DEG = 123.0
 DECLINATION_DEG = -3.5
 
-with Served() as module:
+with ServedModule() as module:
     module.type(f"set declination {DECLINATION_DEG}", f"ok declination {DECLINATION_DEG} deg")
     module.hold_heading(HEADING_DEG)
     errors = []

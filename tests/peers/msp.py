@@ -9,7 +9,7 @@ import socket
 import struct
 import time
 
-from served import PATIENCE_S, Served, check_errors, wrap_180
+from served import PATIENCE_S, ServedModule, check_errors, wrap_180
 
 COMPASS, FC_VARIANT, STATUS, RAW_GPS, ATTITUDE, RTC = 0x1F04, 2, 101, 106, 108, 247
 HEADING_DEG = 147.0
@@ -60,9 +60,9 @@ def answer(function, variant):
     }.get(function)
 
 
-def fly(variant):
+def receive_compass_samples(variant):
     """Compass samples received by one autopilot from power-up."""
-    with Served("--attitude", "peer") as module:
+    with ServedModule("--attitude", "peer") as module:
         module.hold_heading(HEADING_DEG)
         line = socket.create_connection(("127.0.0.1", module.autopilot_tcp), timeout=PATIENCE_S)
         asked, readings, stream, began = set(), [], b"", time.monotonic()
@@ -90,7 +90,7 @@ def fly(variant):
 
 
 for variant in (b"ARDU", b"INAV"):
-    readings = fly(variant)[READINGS // 3 :]
+    readings = receive_compass_samples(variant)[READINGS // 3 :]
     times = [reading[1] for reading in readings]
     assert times == sorted(times), times
     errors = [wrap_180(math.degrees(math.atan2(-y, x)) - HEADING_DEG) for _, _, x, y, _ in readings]

@@ -12,14 +12,14 @@ import threading
 
 import pynmea2
 
-from served import PATIENCE_S, Served, check_errors, wrap_180
+from served import PATIENCE_S, ServedModule, check_errors, wrap_180
 
 HEADING_DEG = 217.0
 # By the field model at Xi'an, whose position and date the simulator reports. gpsd 3.22 reports the true heading as the magnetic one.
 DECLINATION_DEG = -4.2
 
 
-def position():
+def gps_sentences():
     """First and last sentence of a GPS cycle at Xi'an."""
     time, date = datetime.datetime.now(datetime.timezone.utc).strftime("%H%M%S.00 %d%m%y").split()
     rmc = (time, "A", "3415.00", "N", "10856.00", "E", "0.0", "", date, "", "", "A")
@@ -34,7 +34,7 @@ def multiplex(module, listener):
         # Three sentences at 10 Hz. gpsd treats sentences between the GPS's two as one cycle.
         for number, line in enumerate(module.connect(module.tcp).makefile("rb")):
             if number % 30 == 0:
-                first, last = position()
+                first, last = gps_sentences()
                 gpsd.sendall(first)
             gpsd.sendall(line)
             if number % 30 == 3:
@@ -53,7 +53,7 @@ def headings(client):
             yield heading
 
 
-def connected(port, gpsd):
+def connect_client(port, gpsd):
     """Client of a newly started gpsd."""
     while True:
         assert gpsd.poll() is None, "gpsd has ended"
@@ -63,7 +63,7 @@ def connected(port, gpsd):
             pass
 
 
-with Served() as module, socket.create_server(("127.0.0.1", 0)) as listener, socket.socket() as free:
+with ServedModule() as module, socket.create_server(("127.0.0.1", 0)) as listener, socket.socket() as free:
     module.hold_heading(HEADING_DEG)
     threading.Thread(target=multiplex, args=(module, listener), daemon=True).start()
     free.bind(("127.0.0.1", 0))
@@ -72,7 +72,7 @@ with Served() as module, socket.create_server(("127.0.0.1", 0)) as listener, soc
     command = ["gpsd", "-N", "-n", "-S", str(port), f"tcp://127.0.0.1:{listener.getsockname()[1]}"]
     gpsd = subprocess.Popen(command, stderr=subprocess.DEVNULL)
     try:
-        client = connected(port, gpsd)
+        client = connect_client(port, gpsd)
         client.sendall(b'?WATCH={"enable":true,"json":true};\n')
         received_headings = headings(client.makefile())
         headings_deg = [next(received_headings) for _ in range(5)]

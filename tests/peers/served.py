@@ -36,8 +36,8 @@ def check_errors(errors_deg):
     return mean_deg
 
 
-class Served:
-    """Served module: `with Served("--speed", "2") as module:`."""
+class ServedModule:
+    """Served module: `with ServedModule("--speed", "2") as module:`."""
 
     def __init__(self, *arguments, flash=None):
         command = [os.environ["HOST_SIM"], "serve", "--json", "--tcp", "0", "--world", "0"]

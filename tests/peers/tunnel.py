@@ -11,7 +11,7 @@ from flight import ADDRESSES, SPEED, fly
 from pymavlink import mavutil
 
 from bus import BUS, TOOL_NODE, Bus
-from served import Served, check_errors, wrap_180
+from served import ServedModule, check_errors, wrap_180
 
 SERIAL, BAUD = 0, 57600
 Targetted = uavcan.tunnel.Targetted
@@ -51,9 +51,9 @@ class TunnelLink(mavutil.mavfile):
             )
 
 
-with Served("--can", BUS, "--attitude", "peer", "--speed", str(SPEED)) as module:
+with ServedModule("--can", BUS, "--attitude", "peer", "--speed", str(SPEED)) as module:
     bus = Bus()
-    number = bus.module()
+    number = bus.module_node_number()
     flight = fly(module, TunnelLink(bus, number))
     bus.fields.clear()
     while len(bus.fields) < 100:

@@ -17,7 +17,7 @@ struct ReportedFindings {
     recommended_action: CompassAction,
     /// The sentence on the compass and the log's warnings.
     text: String,
-    change_count: usize,
+    hard_iron_change_count: usize,
     rms_deg: Option<f64>,
 }
 
@@ -41,7 +41,7 @@ fn report_of_cause(vehicle_kind: VehicleKind, seed: u64, cause: Cause) -> Report
     ReportedFindings {
         recommended_action: verdict.compasses[0].judgement.recommended_action,
         text: format!("{} {}", verdict.summary_sentences().concat(), notes.join("; ")),
-        change_count: evaluation.compasses[0].hard_iron_changes.len(),
+        hard_iron_change_count: evaluation.compasses[0].hard_iron_changes.len(),
         rms_deg: verdict.exported_corrections().first().map(|export| export.held_back_score.unwrap().rms_deg),
     }
 }
@@ -58,7 +58,7 @@ struct Case {
     is_shown_by_copter: bool,
 }
 
-const fn case(
+const fn injected_cause(
     name: &'static str,
     cause: Cause,
     actions: &'static [CompassAction],
@@ -82,55 +82,67 @@ const REPLACE_COMPASS: &[CompassAction] = &[CompassAction::Replace];
 
 /// Steps are at 118 s, after half of the turns; the log's clock is 2 s ahead.
 const CASES: [Case; 22] = [
-    case(
+    injected_cause(
         "rate about x of the wrong sign",
         |_, s| s.rates_rad_s[0] *= -1.0,
         LOAD_PARAMETERS,
         "about x has the sign opposite",
         0,
     ),
-    case(
+    injected_cause(
         "rate about z of the wrong sign",
         |_, s| s.rates_rad_s[2] *= -1.0,
         LOAD_PARAMETERS,
         "about z has the sign opposite",
         0,
     ),
-    case(
+    injected_cause(
         "body rates in degrees",
         |_, s| s.rates_rad_s = s.rates_rad_s.map(f64::to_degrees),
         LOAD_PARAMETERS,
         "in another unit",
         0,
     ),
-    case("body rates of zero", |_, s| s.rates_rad_s = [0.0; 3], LOAD_PARAMETERS, "contradicts the body rates", 0),
-    case(
+    injected_cause(
+        "body rates of zero",
+        |_, s| s.rates_rad_s = [0.0; 3],
+        LOAD_PARAMETERS,
+        "contradicts the body rates",
+        0,
+    ),
+    injected_cause(
         "body rates with vibration of 6 deg/s",
         |t_s, s| s.rates_rad_s[2] += if (t_s * 10.0).round() % 2.0 == 0.0 { 0.1 } else { -0.1 },
         LOAD_PARAMETERS,
         "sampled too coarsely",
         0,
     ),
-    case("gyro offset of 1 deg/s", |_, s| s.rates_rad_s[2] += 0.017, LOAD_PARAMETERS, "", 0),
-    case("holes of 3 s", |t_s, s| s.is_armed = t_s % 20.0 > 3.0, LOAD_PARAMETERS, "", 0),
-    case(
+    injected_cause("gyro offset of 1 deg/s", |_, s| s.rates_rad_s[2] += 0.017, LOAD_PARAMETERS, "", 0),
+    injected_cause("holes of 3 s", |t_s, s| s.is_armed = t_s % 20.0 > 3.0, LOAD_PARAMETERS, "", 0),
+    injected_cause(
         "a jump of roll by 29 deg",
         |t_s, s| s.attitude_rad[0] += if (100.0..100.25).contains(&t_s) { 0.5 } else { 0.0 },
         LOAD_PARAMETERS,
         "",
         0,
     ),
-    case("level trim of 2 deg", |_, s| s.attitude_rad[0] += 0.035, LOAD_PARAMETERS, "", 0),
-    case("current of 300 A", |_, s| s.current_a = 300.0, LOAD_PARAMETERS, "", 0),
-    case("field twice as strong", |_, s| s.field_ut[0] = s.field_ut[0].map(|ut| 2.0 * ut), LOAD_PARAMETERS, "", 0),
-    case(
+    injected_cause("level trim of 2 deg", |_, s| s.attitude_rad[0] += 0.035, LOAD_PARAMETERS, "", 0),
+    injected_cause("current of 300 A", |_, s| s.current_a = 300.0, LOAD_PARAMETERS, "", 0),
+    injected_cause(
+        "field twice as strong",
+        |_, s| s.field_ut[0] = s.field_ut[0].map(|ut| 2.0 * ut),
+        LOAD_PARAMETERS,
+        "",
+        0,
+    ),
+    injected_cause(
         "iron by 6 uT",
         |t_s, s| s.field_ut[0][1] += if t_s > 118.0 { 6.0 } else { 0.0 },
         LOAD_PARAMETERS,
         "since 120 s, by",
         1,
     ),
-    case(
+    injected_cause(
         "iron by 4 uT",
         |t_s, s| s.field_ut[0][0] -= if t_s > 118.0 { 4.0 } else { 0.0 },
         LOAD_OR_REPLACE_COMPASS,
@@ -139,7 +151,7 @@ const CASES: [Case; 22] = [
     ),
     Case {
         is_shown_by_copter: false,
-        ..case(
+        ..injected_cause(
             "iron by 8 uT in the last 15 s",
             |t_s, s| s.field_ut[0][0] += if t_s > 222.0 { 8.0 } else { 0.0 },
             FLY_AGAIN,
@@ -149,7 +161,7 @@ const CASES: [Case; 22] = [
     },
     Case {
         is_shown_by_copter: false,
-        ..case(
+        ..injected_cause(
             "iron by 8 uT in the last 5 s",
             |t_s, s| s.field_ut[0][1] += if t_s > 232.0 { 8.0 } else { 0.0 },
             FLY_AGAIN,
@@ -159,7 +171,7 @@ const CASES: [Case; 22] = [
     },
     Case {
         is_shown_by_copter: false,
-        ..case(
+        ..injected_cause(
             "iron by 6 uT for 40 s",
             |t_s, s| s.field_ut[0][1] += if (60.0..100.0).contains(&t_s) { 6.0 } else { 0.0 },
             LOAD_OR_REPLACE_COMPASS,
@@ -169,7 +181,7 @@ const CASES: [Case; 22] = [
     },
     Case {
         is_shown_by_copter: false,
-        ..case(
+        ..injected_cause(
             "axis y stuck",
             |t_s, s| s.field_ut[0][1] = if t_s > 118.0 { 12.0 } else { s.field_ut[0][1] },
             REPLACE_COMPASS,
@@ -177,14 +189,14 @@ const CASES: [Case; 22] = [
             0,
         )
     },
-    case(
+    injected_cause(
         "all axes stuck",
         |t_s, s| s.field_ut[0] = if t_s > 118.0 { [12.0, 10.0, 40.0] } else { s.field_ut[0] },
         REPLACE_COMPASS,
         "failed: its field is constant",
         0,
     ),
-    case(
+    injected_cause(
         "noise of 6 uT",
         |t_s, s| {
             for (axis, ut) in s.field_ut[0].iter_mut().enumerate() {
@@ -195,15 +207,21 @@ const CASES: [Case; 22] = [
         "no fit of these rows converges",
         0,
     ),
-    case("roll of the wrong sign", |_, s| s.attitude_rad[0] *= -1.0, FLY_AGAIN, "about x has the sign opposite", 0),
-    case(
+    injected_cause(
+        "roll of the wrong sign",
+        |_, s| s.attitude_rad[0] *= -1.0,
+        FLY_AGAIN,
+        "about x has the sign opposite",
+        0,
+    ),
+    injected_cause(
         "roll of 85 %",
         |_, s| s.attitude_rad[0] *= 0.85,
         &[CompassAction::LoadParameters, CompassAction::FlyAgain],
         "",
         0,
     ),
-    case("8 s of straight flight", |t_s, s| s.is_armed = t_s < 8.0, FLY_AGAIN, "too few for a fit", 0),
+    injected_cause("8 s of straight flight", |t_s, s| s.is_armed = t_s < 8.0, FLY_AGAIN, "too few for a fit", 0),
 ];
 
 /// Each injected cause that the samples show is named, and no other. A cause that does not concern the compass leaves
@@ -211,9 +229,9 @@ const CASES: [Case; 22] = [
 fn check_causes(vehicle_kind: VehicleKind) {
     for seed in [3, 5, 7] {
         let untouched = report_of_cause(vehicle_kind, seed, |_, _| {});
-        assert_eq!(untouched.change_count, 0, "{vehicle_kind:?} {seed}: {}", untouched.text);
+        assert_eq!(untouched.hard_iron_change_count, 0, "{vehicle_kind:?} {seed}: {}", untouched.text);
         for case in CASES.iter().filter(|case| vehicle_kind == VehicleKind::Plane || case.is_shown_by_copter) {
-            let ReportedFindings { recommended_action: action, text, change_count: changes, rms_deg } =
+            let ReportedFindings { recommended_action: action, text, hard_iron_change_count: changes, rms_deg } =
                 report_of_cause(vehicle_kind, seed, case.cause);
             let about = format!("{vehicle_kind:?} {seed}: {}: {action:?}: {text}", case.name);
             println!("{about}");
@@ -246,7 +264,8 @@ fn a_copter_report_names_the_injected_cause_and_no_other() {
 fn a_vertical_step_of_iron_on_one_heading_is_not_reported_to_bend_headings() {
     for seed in 0..6 {
         let cause: Cause = |t_s, sample| sample.field_ut[0][2] += if t_s > 118.0 { 2.0 } else { 0.0 };
-        let ReportedFindings { text, change_count: changes, .. } = report_of_cause(VehicleKind::Copter, seed, cause);
+        let ReportedFindings { text, hard_iron_change_count: changes, .. } =
+            report_of_cause(VehicleKind::Copter, seed, cause);
         assert_eq!(changes, 0, "seed {seed}: {text}");
     }
 }

@@ -17,14 +17,14 @@ use simulator::world::{World, WorldConfig};
 use crate::{DEFAULT_OPTIONS, read_flight};
 
 /// A circle each way, then 30 s in each direction, at 48 N, with GPS.
-fn fly_legs(world: &WorldConfig, headings_deg: &[f64]) -> FlightRecording {
+fn record_circles_and_legs(world: &WorldConfig, headings_deg: &[f64]) -> FlightRecording {
     let world = World::new(*world);
     let mut source = world.attitude_source();
     for heading_change_deg in [360.0, -360.0] {
-        world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
+        world.append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
     }
     for &heading_deg in headings_deg {
-        world.fly_leg(Leg::Straight { heading_deg, seconds: 30.0 });
+        world.append_leg(Leg::Straight { heading_deg, seconds: 30.0 });
     }
     let mut recording =
         FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..FlightRecording::with_field_latency(0.0) };
@@ -34,7 +34,7 @@ fn fly_legs(world: &WorldConfig, headings_deg: &[f64]) -> FlightRecording {
     recording
 }
 
-const ALL_ROUND_DEG: [f64; 6] = [10.0, 130.0, 250.0, 70.0, 190.0, 310.0];
+const ALL_ROUND_HEADINGS_DEG: [f64; 6] = [10.0, 130.0, 250.0, 70.0, 190.0, 310.0];
 
 fn config_with_wind(seed: u64, wind_m_s: f64) -> WorldConfig {
     let mut world = WorldConfig::random_world(seed);
@@ -55,7 +55,7 @@ fn gps_course_gives_the_heading_of_straight_flight_in_any_wind() {
     ] {
         let mut world = config_with_wind(seed, wind_m_s);
         world.weather.gust_m_s = 0.0;
-        let flight = read_flight(&write(&delay_velocity(fly_legs(&world, &ALL_ROUND_DEG))));
+        let flight = read_flight(&write(&delay_velocity(record_circles_and_legs(&world, &ALL_ROUND_HEADINGS_DEG))));
         let course = GpsCourseHeading::from_flight(&flight).unwrap();
         let name = format!("{:?}, {wind_m_s} m/s: {}", flight.log_format, course.accuracy_description());
         assert!((course.wind_speed_m_s() - wind_m_s).abs() < 0.2, "{name}");
@@ -92,7 +92,10 @@ fn delay_velocity(mut recording: FlightRecording) -> FlightRecording {
 #[test]
 fn errors_against_gps_course_match_errors_against_the_truth() {
     for seed in 1..5 {
-        let flight = read_flight(&encode_dataflash(&fly_legs(&config_with_wind(seed, 7.0), &ALL_ROUND_DEG)));
+        let flight = read_flight(&encode_dataflash(&record_circles_and_legs(
+            &config_with_wind(seed, 7.0),
+            &ALL_ROUND_HEADINGS_DEG,
+        )));
         let course = ReferenceHeading::best_reference(&flight).unwrap();
         assert!(course.measures_error() && course.reference_name() == "GPS course in straight flight", "{course:?}");
         let [by_course, mut by_truth] = [&course, &ReferenceHeading::AutopilotYaw]
@@ -118,7 +121,7 @@ fn errors_against_gps_course_match_errors_against_the_truth() {
 
 #[test]
 fn gps_course_is_rejected_where_it_gives_no_heading() {
-    let plane = fly_legs(&config_with_wind(1, 5.0), &ALL_ROUND_DEG);
+    let plane = record_circles_and_legs(&config_with_wind(1, 5.0), &ALL_ROUND_HEADINGS_DEG);
     let changed = |change: &dyn Fn(&mut FlightSample, f64)| {
         let mut recording = plane.clone();
         let sample_count = recording.samples.len() as f64;
@@ -132,8 +135,11 @@ fn gps_course_is_rejected_where_it_gives_no_heading() {
         flight_sample.velocity_m_s[1] += east;
     };
     for (expected_rejection, recording) in [
-        (GpsCourseRejection::FewDirections, fly_legs(&config_with_wind(1, 5.0), &[30.0, 210.0, 30.0, 210.0])),
-        (GpsCourseRejection::StrongWind, fly_legs(&config_with_wind(1, 12.0), &ALL_ROUND_DEG)),
+        (
+            GpsCourseRejection::FewDirections,
+            record_circles_and_legs(&config_with_wind(1, 5.0), &[30.0, 210.0, 30.0, 210.0]),
+        ),
+        (GpsCourseRejection::StrongWind, record_circles_and_legs(&config_with_wind(1, 12.0), &ALL_ROUND_HEADINGS_DEG)),
         (GpsCourseRejection::Copter, FlightRecording { is_copter: true, ..plane.clone() }),
         // Wind that changes its direction.
         (
@@ -184,8 +190,8 @@ fn a_copter_is_not_compared_with_its_course() {
     let world = World::new(config);
     let mut source = world.attitude_source();
     for i in 0..8 {
-        world.fly_leg(Leg::Tilt { toward_deg: f64::from(i) * 45.0, tilt_deg: 15.0, seconds: 20.0 });
-        world.fly_leg(Leg::Hover { seconds: 10.0 });
+        world.append_leg(Leg::Tilt { toward_deg: f64::from(i) * 45.0, tilt_deg: 15.0, seconds: 20.0 });
+        world.append_leg(Leg::Hover { seconds: 10.0 });
     }
     let mut recording =
         FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..FlightRecording::with_field_latency(0.0) };
@@ -202,7 +208,8 @@ fn a_copter_is_not_compared_with_its_course() {
 
 #[test]
 fn gps_course_is_reported_with_its_accuracy() {
-    let flight = read_flight(&encode_tlog(&fly_legs(&config_with_wind(1, 5.0), &ALL_ROUND_DEG)));
+    let flight =
+        read_flight(&encode_tlog(&record_circles_and_legs(&config_with_wind(1, 5.0), &ALL_ROUND_HEADINGS_DEG)));
     let verdict = evaluate_flight(&flight, &DEFAULT_OPTIONS);
     let json = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot).json();
     let reference = &json["reference"];
@@ -221,7 +228,8 @@ fn gps_course_is_reported_with_its_accuracy() {
 
 #[test]
 fn references_are_ranked() {
-    let mut flight = read_flight(&encode_dataflash(&fly_legs(&config_with_wind(1, 5.0), &ALL_ROUND_DEG)));
+    let mut flight =
+        read_flight(&encode_dataflash(&record_circles_and_legs(&config_with_wind(1, 5.0), &ALL_ROUND_HEADINGS_DEG)));
     let best_name = |flight: &Flight| ReferenceHeading::best_reference(flight).unwrap().reference_name();
     let mut ranked = vec![best_name(&flight)];
     for row in flight.gps.rows_mut() {

@@ -58,7 +58,7 @@ fn parameters_make_a_bad_compass_good() {
                 (CompassState::Bad, CompassAction::LoadParameters),
                 "seed {seed}"
             );
-            assert!(verdict.is_solved());
+            assert!(verdict.is_good_or_correctable());
             let correction = loaded_correction(verdict.flight, verdict);
             let loaded_deg = rms_deg(&evaluation.compasses[0], |row| row.is_usable, &correction);
             let reported_deg = compass.parameters.as_ref().unwrap().held_back_score.unwrap().rms_deg;
@@ -80,7 +80,7 @@ fn parameters_make_a_bad_compass_good() {
             let is_good = judgement.as_logged_rms_deg.unwrap() <= 2.0;
             assert_eq!(judgement.recommended_action, CompassAction::LeaveUnchanged, "{judgement:?}");
             assert_eq!(
-                (judgement.compass_state == CompassState::Good, verdict.is_solved()),
+                (judgement.compass_state == CompassState::Good, verdict.is_good_or_correctable()),
                 (is_good, is_good),
                 "{judgement:?}"
             );
@@ -132,7 +132,7 @@ fn too_little_after_a_change_of_iron_gives_no_parameters() {
             (CompassState::Bad, CompassAction::FlyAgain),
             "{judgement:?}"
         );
-        assert!(verdict.exported_corrections().is_empty() && !verdict.is_solved());
+        assert!(verdict.exported_corrections().is_empty() && !verdict.is_good_or_correctable());
     });
 }
 
@@ -164,7 +164,7 @@ fn parameters_that_leave_a_compass_bad_are_not_given() {
             let judgement = &verdict.compasses[0].judgement;
             assert_ne!(judgement.recommended_action, CompassAction::LoadParameters, "seed {seed}: {judgement:?}");
             assert!(judgement.reason_codes().contains(&"inaccurate"), "seed {seed}: {judgement:?}");
-            assert!(verdict.exported_corrections().is_empty() && !verdict.is_solved(), "seed {seed}");
+            assert!(verdict.exported_corrections().is_empty() && !verdict.is_good_or_correctable(), "seed {seed}");
         });
     }
 }
@@ -252,7 +252,7 @@ fn a_compass_without_a_reading_has_failed() {
         );
         assert_eq!(judgement.reason_codes(), ["sensor-failed"]);
         assert!(
-            !verdict.is_solved()
+            !verdict.is_good_or_correctable()
                 && verdict.summary_sentences()[0].starts_with("Compass 1, in use, failed: all its readings")
         );
         assert_eq!(other.judgement.recommended_action, CompassAction::LoadParameters);

@@ -96,7 +96,7 @@ fn disarmed_rows_are_used_by_no_calibrator() {
         sample.field_ut.push([1.0, 2.0, 3.0]);
     }
     let (_, compass) = evaluate_log(&encode_csv(&recording));
-    assert!((compass.radius_ut.unwrap() - 48.0).abs() < 3.0, "{:?} uT", compass.radius_ut);
+    assert!((compass.sphere_radius_ut.unwrap() - 48.0).abs() < 3.0, "{:?} uT", compass.sphere_radius_ut);
     for correction_source in [CorrectionSource::Sphere, CorrectionSource::Ellipsoid] {
         // A sphere fit leaves the soft iron's error.
         assert!(
@@ -119,7 +119,7 @@ fn exported_parameters_give_the_predicted_heading_error() {
         (7, encode_tlog, ParameterFormat::ArduPilot),
     ] {
         let (flight, compass) = evaluate_log(&write(&record_flight(&WorldConfig::random_world(seed), 0.05)));
-        let export = export_module(&compass, Some(50.0), dialect);
+        let export = export_module_calibration(&compass, Some(50.0), dialect);
         let score = score_of_file(&flight, &compass, &export, dialect);
         let module_score = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
         let max_rms_deg = module_score.rms_deg + export.heading_loss_deg[0] + 0.05;
@@ -136,8 +136,8 @@ fn exported_parameters_give_the_predicted_heading_error() {
 #[test]
 fn an_internal_compass_is_given_no_orientation() {
     let (mut flight, compass) = evaluate_log(&encode_dataflash(&record_flight(&WorldConfig::random_world(3), 0.05)));
-    let mut export = export_module(&compass, None, ParameterFormat::ArduPilot);
-    export.rotation = NumberedRotation::new(2.0).unwrap();
+    let mut export = export_module_calibration(&compass, None, ParameterFormat::ArduPilot);
+    export.rotation_from_logged = NumberedRotation::new(2.0).unwrap();
     for (external, line) in
         [(1.0, "\nCOMPASS_ORIENT,2\n"), (0.0, "\n# COMPASS_ORIENT: not used, because COMPASS_EXTERNAL is 0")]
     {
@@ -177,14 +177,14 @@ fn motor_current_interference_is_estimated_and_exported() {
             "seed {seed}: {:?}",
             compass.rms_without_current_deg
         );
-        let export = export_module(&compass, Some(50.0), dialect);
+        let export = export_module_calibration(&compass, Some(50.0), dialect);
         let score = score_of_file(&flight, &compass, &export, dialect);
         assert!(
             score.rms_deg < module_score.rms_deg + export.heading_loss_deg[0] + 0.05,
             "seed {seed}: {score:?} {module_score:?}"
         );
         // Without current compensation the mean interference goes into the offsets, and its variation is lost.
-        let inav = export_module(&compass, Some(50.0), ParameterFormat::Inav);
+        let inav = export_module_calibration(&compass, Some(50.0), ParameterFormat::Inav);
         assert!(inav.warnings.iter().any(|warning| warning.contains("current")), "seed {seed}: {:?}", inav.warnings);
         assert!(inav.heading_loss_deg[0] > export.heading_loss_deg[0], "seed {seed}: {inav:?}");
         // Without compensation 0.5 uT/A times 10 A in a bank would cause degrees of heading error.
@@ -193,7 +193,7 @@ fn motor_current_interference_is_estimated_and_exported() {
         // The file rounds to whole numbers: offsets to 0.5 mG, gains to 1/1024.
         let score = score_correction(
             &compass.rows,
-            &inav_correction(&parameter_export::format_parameter_file(
+            &parse_inav_correction(&parameter_export::format_parameter_file(
                 &flight,
                 std::slice::from_ref(&inav),
                 ParameterFormat::Inav,
@@ -206,7 +206,7 @@ fn motor_current_interference_is_estimated_and_exported() {
 }
 
 /// Parses INAV's zeros and gains: `(raw - zero) 1024 / gain`, raw in milligauss.
-fn inav_correction(text: &str) -> FieldCorrection {
+fn parse_inav_correction(text: &str) -> FieldCorrection {
     let parameter = |name: &str, axis: &str| {
         let line = text.lines().find_map(|line| line.strip_prefix(&format!("set {name}_{axis} = "))).unwrap();
         line.parse::<f64>().unwrap()
@@ -223,7 +223,8 @@ fn inav_correction(text: &str) -> FieldCorrection {
 fn no_parameters_are_given_beyond_compass_offs_max() {
     let (mut flight, compass) = evaluate_log(&encode_dataflash(&record_flight(&WorldConfig::random_world(3), 0.05)));
     let evaluation = evaluate_flight(&flight, &DEFAULT_OPTIONS);
-    let offsets_mg = export_module(&compass, Some(50.0), ParameterFormat::ArduPilot).correction.hard_iron_ut * 10.0;
+    let offsets_mg =
+        export_module_calibration(&compass, Some(50.0), ParameterFormat::ArduPilot).correction.hard_iron_ut * 10.0;
     for (limit_ratio, action) in [(0.95, CompassAction::Replace), (1.05, CompassAction::LoadParameters)] {
         flight.parameters.set_value(f64::MAX, "COMPASS_OFFS_MAX", offsets_mg.amax() * limit_ratio);
         let judgement = &Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot).compasses[0].judgement;
@@ -231,7 +232,11 @@ fn no_parameters_are_given_beyond_compass_offs_max() {
     }
 }
 
-fn export_module(compass: &CompassEvaluation, total_ut: Option<f64>, dialect: ParameterFormat) -> ExportedCorrection {
+fn export_module_calibration(
+    compass: &CompassEvaluation,
+    total_ut: Option<f64>,
+    dialect: ParameterFormat,
+) -> ExportedCorrection {
     let calibration = &compass.module_result.solution.as_ref().unwrap().calibration;
     parameter_export::export_correction(compass.compass_number, &compass.rows, calibration, total_ut, dialect).unwrap()
 }
@@ -245,7 +250,7 @@ fn score_of_file(
 ) -> HeadingScore {
     let text = parameter_export::format_parameter_file(flight, std::slice::from_ref(export), dialect);
     let loaded = parameter_export::parse_parameter_file(&text, &flight.parameters);
-    assert_eq!(export.rotation.rotation_number(), 0, "mounted as the log says");
+    assert_eq!(export.rotation_from_logged.rotation_number(), 0, "mounted as the log says");
     let correction = match dialect {
         ParameterFormat::Px4 => FieldCorrection::from_px4(&loaded, compass.compass_number),
         ParameterFormat::ArduPilot | ParameterFormat::Inav => {

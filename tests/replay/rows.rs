@@ -18,8 +18,8 @@ use simulator::world::{World, WorldConfig};
 
 use crate::read_flight;
 
-const ALL_ROWS: ReplayOptions = ReplayOptions::with_selection(RowSelection::All);
-const TURN_SAMPLES: ReplayOptions = ReplayOptions { row_selection: RowSelection::Turns, ..ALL_ROWS };
+const ALL_ROWS_OPTIONS: ReplayOptions = ReplayOptions::with_selection(RowSelection::All);
+const TURN_SAMPLES_OPTIONS: ReplayOptions = ReplayOptions { row_selection: RowSelection::Turns, ..ALL_ROWS_OPTIONS };
 
 /// Rows of a flight's first compass, with a field latency in seconds.
 fn rows_of(flight: &Flight, age_s: f64) -> Vec<ReplayRow> {
@@ -40,11 +40,11 @@ fn recorded_turns_with_hard_iron(
 ) -> Vec<ReplayRow> {
     let world = World::new(*world);
     let mut source = world.attitude_source();
-    world.fly_leg(Leg::Straight { heading_deg: 0.0, seconds: 15.0 });
+    world.append_leg(Leg::Straight { heading_deg: 0.0, seconds: 15.0 });
     for heading_change_deg in [360.0 * circles, -360.0 * circles] {
-        world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
+        world.append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
     }
-    world.fly_leg(Leg::Straight { heading_deg: 120.0, seconds: 20.0 });
+    world.append_leg(Leg::Straight { heading_deg: 120.0, seconds: 20.0 });
     let mut text = "t_s,mx,my,mz,roll_deg,pitch_deg,yaw_ref_deg,use,p_dps,q_dps,r_dps\n".to_owned();
     let mut last = None;
     for i in 0..(35 + (60.0 * circles) as u64) * 10 {
@@ -73,7 +73,7 @@ fn all_rows_and_turns_alone_give_the_heading() {
         let world = WorldConfig::random_world(seed);
         let rows = recorded_turns(&world, 3.0);
         let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
-        for options in [ALL_ROWS, TURN_SAMPLES] {
+        for options in [ALL_ROWS_OPTIONS, TURN_SAMPLES_OPTIONS] {
             let replay_result = replay_rows(&rows, &options);
             assert_eq!(replay_result.acceptance, Ok(()), "seed {seed} {options:?}");
             let score = replay_result.score.unwrap();
@@ -92,16 +92,23 @@ fn body_rates_reduce_the_heading_error_by_smoothing() {
     let mut ratios = Vec::new();
     for seed in 0..5 {
         let mut rows = recorded_turns(&WorldConfig::random_world(seed), 3.0);
-        let with_rates = replay_rows(&rows, &ALL_ROWS);
-        let smoothed_count = with_rates.headings.iter().filter(|heading_row| heading_row.smooth_deg.is_some()).count();
+        let with_rates = replay_rows(&rows, &ALL_ROWS_OPTIONS);
+        let smoothed_count =
+            with_rates.headings.iter().filter(|heading_row| heading_row.smoothed_and_sigma_deg.is_some()).count();
         assert!(smoothed_count > rows.len() * 9 / 10, "seed {seed}: {smoothed_count} of {}", rows.len());
-        assert!(with_rates.headings.iter().take(20).all(|heading_row| heading_row.smooth_deg.is_none()), "seed {seed}");
+        assert!(
+            with_rates.headings.iter().take(20).all(|heading_row| heading_row.smoothed_and_sigma_deg.is_none()),
+            "seed {seed}"
+        );
         ratios.push(rms(with_rates.smoothed_score) / rms(with_rates.score));
         for row in &mut rows {
             row.rates_rad_s = None;
         }
-        let without_rates = replay_rows(&rows, &ALL_ROWS);
-        assert!(without_rates.headings.iter().all(|heading_row| heading_row.smooth_deg.is_none()), "seed {seed}");
+        let without_rates = replay_rows(&rows, &ALL_ROWS_OPTIONS);
+        assert!(
+            without_rates.headings.iter().all(|heading_row| heading_row.smoothed_and_sigma_deg.is_none()),
+            "seed {seed}"
+        );
         assert_eq!(without_rates.smoothed_score, without_rates.score, "seed {seed}");
     }
     // Near the magnetic equator attitude errors hardly affect the heading, and the estimate of the mount's turn adds 1
@@ -115,14 +122,14 @@ fn body_rates_reduce_the_heading_error_by_smoothing() {
 fn a_fit_to_a_part_of_the_flight_is_good_or_refused() {
     let rows = recorded_turns(&WorldConfig::of_table1(1), 3.0);
     let until = |end_s: f64| -> Vec<ReplayRow> { rows.iter().filter(|row| row.t_s < end_s).copied().collect() };
-    let early_result = replay_rows(&until(25.0), &TURN_SAMPLES);
+    let early_result = replay_rows(&until(25.0), &TURN_SAMPLES_OPTIONS);
     assert!(matches!(early_result.acceptance, Err(Refusal::Solve(_))), "{:?}", early_result.acceptance);
     assert!(early_result.headings.is_empty() && early_result.score.is_none());
     let with_inclination =
-        replay_rows(&rows, &ReplayOptions { inclination_deg: Some(54.0), ..TURN_SAMPLES }).solution.unwrap();
+        replay_rows(&rows, &ReplayOptions { inclination_deg: Some(54.0), ..TURN_SAMPLES_OPTIONS }).solution.unwrap();
     assert!((with_inclination.calibration.inclination_rad.to_degrees() - 54.0).abs() < 1.0);
-    let all_rows_result = replay_rows(&rows, &ALL_ROWS);
-    assert!(all_rows_result.sample_count > replay_rows(&until(35.0), &ALL_ROWS).sample_count);
+    let all_rows_result = replay_rows(&rows, &ALL_ROWS_OPTIONS);
+    assert!(all_rows_result.sample_count > replay_rows(&until(35.0), &ALL_ROWS_OPTIONS).sample_count);
 }
 
 /// A straight leg and a third of a circle.
@@ -130,7 +137,7 @@ fn a_fit_to_a_part_of_the_flight_is_good_or_refused() {
 fn a_short_flight_is_refused_or_has_an_honest_expected_error() {
     for seed in 0..10 {
         let rows = recorded_turns(&WorldConfig::random_world(seed), 0.0);
-        for options in [ALL_ROWS, TURN_SAMPLES] {
+        for options in [ALL_ROWS_OPTIONS, TURN_SAMPLES_OPTIONS] {
             let replay_result = replay_rows(&rows, &options);
             if replay_result.acceptance.is_ok() {
                 let expected_deg = f64::from(replay_result.solution.unwrap().quality.expected_rms_deg);
@@ -146,14 +153,14 @@ fn a_short_flight_is_refused_or_has_an_honest_expected_error() {
 fn a_steady_course_is_refused() {
     let mut rows = recorded_turns(&WorldConfig::of_table1(1), 0.0);
     rows.retain(|row| row.t_s < 14.0);
-    for options in [ALL_ROWS, TURN_SAMPLES] {
+    for options in [ALL_ROWS_OPTIONS, TURN_SAMPLES_OPTIONS] {
         assert!(replay_rows(&rows, &options).acceptance.is_err(), "{options:?}");
     }
 }
 
 #[test]
 fn a_refusal_names_the_missing_manoeuvre() {
-    let replay_of_seed = |seed| replay_rows(&recorded_turns(&WorldConfig::random_world(seed), 0.0), &ALL_ROWS);
+    let replay_of_seed = |seed| replay_rows(&recorded_turns(&WorldConfig::random_world(seed), 0.0), &ALL_ROWS_OPTIONS);
     let inaccurate: Vec<_> = (0..10)
         .map(replay_of_seed)
         .filter(|replay_result| {
@@ -183,7 +190,7 @@ fn a_changing_hard_iron_is_refused_or_in_the_expected_error() {
             ("drift", |t_s| [0.03 * t_s, 0.02 * t_s, -0.03 * t_s]),
         ] {
             let rows = recorded_turns_with_hard_iron(&world, 3.0, iron_ut);
-            let replay_result = replay_rows(&rows, &TURN_SAMPLES);
+            let replay_result = replay_rows(&rows, &TURN_SAMPLES_OPTIONS);
             match replay_result.acceptance {
                 Err(Refusal::Rejected(Rejection::IronChanged(_)) | Refusal::Solve(SolveError::HardIronChanged(_))) => {
                     refused += 1;
@@ -213,9 +220,10 @@ fn a_wrong_inclination_is_named() {
         let rows = recorded_turns(&world, 3.0);
         let true_deg = world.earth.inclination_deg;
         for configured_deg in [true_deg + 10.0, true_deg - 20.0, if true_deg.abs() > 5.0 { -true_deg } else { 45.0 }] {
-            let refused = replay_rows(&rows, &ReplayOptions { inclination_deg: Some(configured_deg), ..TURN_SAMPLES })
-                .acceptance
-                .unwrap_err();
+            let refused =
+                replay_rows(&rows, &ReplayOptions { inclination_deg: Some(configured_deg), ..TURN_SAMPLES_OPTIONS })
+                    .acceptance
+                    .unwrap_err();
             let Refusal::Solve(SolveError::InclinationContradicted { found_deg }) = refused else {
                 panic!("seed {seed}, configured {configured_deg}: {refused:?}");
             };
@@ -239,14 +247,14 @@ fn wrong_units_and_slow_rows_are_reported() {
             ReplayRow { attitude, ..row }
         })
         .collect();
-    let problem = |rows: &[ReplayRow]| match replay_rows(rows, &TURN_SAMPLES).acceptance {
+    let problem = |rows: &[ReplayRow]| match replay_rows(rows, &TURN_SAMPLES_OPTIONS).acceptance {
         Err(Refusal::InsufficientSamples { cause: RefusalCause::CollectionProblem(problem), .. }) => problem,
         other => panic!("{other:?}"),
     };
     assert!(matches!(problem(&in_radians), CollectionProblem::NoTilt { .. }));
     let slow: Vec<ReplayRow> = rows.iter().step_by(10).copied().collect();
     assert!(matches!(problem(&slow), CollectionProblem::SampleIntervalTooLong { .. }));
-    assert_eq!(replay_rows(&rows, &TURN_SAMPLES).acceptance, Ok(()));
+    assert_eq!(replay_rows(&rows, &TURN_SAMPLES_OPTIONS).acceptance, Ok(()));
 }
 
 #[test]
@@ -254,7 +262,7 @@ fn a_hard_iron_step_is_found_with_time_size_and_axis() {
     let world = WorldConfig::of_table1(1);
     for (step_ut, axis) in [([8.0, 0.0, 0.0], 'x'), ([0.0, -6.0, 2.0], 'y'), ([0.0; 3], ' ')] {
         let rows = recorded_turns_with_hard_iron(&world, 3.0, |t_s| if t_s < 110.0 { [0.0; 3] } else { step_ut });
-        let solution = replay_rows(&rows, &ALL_ROWS).solution;
+        let solution = replay_rows(&rows, &ALL_ROWS_OPTIONS).solution;
         let calibration = solution.map(|solution| solution.calibration);
         let about = calibration.map_or_else(FieldCorrection::identity, |calibration| FieldCorrection {
             matrix: calibration.w_matrix().map(f64::from),

@@ -21,7 +21,7 @@ const DEFAULT_DECIMALS: i32 = 3;
 const UNROUNDED_FIELD: &str = "coefficients";
 
 /// Rounds all numbers of a value for JSON, by the names of their fields; see docs/json.md.
-pub fn round_json(value: &mut Value) {
+pub fn round_all_numbers(value: &mut Value) {
     round_by_name(value, DEFAULT_DECIMALS);
 }
 
@@ -127,7 +127,7 @@ mod tests {
             "readings": 191.6, "mean_deg": -0.000_01,
             "coefficients": { "w": [1.012_345_6] }, "errors": [{ "right_deg": [[1.234_56]] }],
         });
-        round_json(&mut value);
+        round_all_numbers(&mut value);
         let expected = json!({
             "rms_deg": 0.123, "ratio": 1.001, "within_percent": [68.27, 95.0], "wrong": 3,
             "readings": 192.0, "mean_deg": 0.0,

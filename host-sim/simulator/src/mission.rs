@@ -202,7 +202,7 @@ impl<M: Module> Mission<'_, M> {
             }
             self.send_console_line("status");
         }
-        let notice = self.await_outcome();
+        let notice = self.await_solve_notice();
         match notice {
             SolveNotice::Calibrated(_) => {
                 transcript::parse_shown_calibration(&self.send_console_line("cal show")).ok_or(notice)
@@ -212,7 +212,7 @@ impl<M: Module> Mission<'_, M> {
     }
 
     /// Result of the solve. If the module does not solve automatically, the pilot requests it.
-    fn await_outcome(&mut self) -> SolveNotice {
+    fn await_solve_notice(&mut self) -> SolveNotice {
         let timeout_steps = (SOLVE_TIMEOUT_S / RUN_STEP_S) as usize;
         for step in 0..2 * timeout_steps {
             if let Some(notice) = transcript::parse_solve_notice(&self.transcript) {
@@ -241,8 +241,8 @@ impl<M: Module> Mission<'_, M> {
         let mut empty = 0;
         let mut reader = SentenceReader::default();
         for (done, &leg) in legs.iter().enumerate() {
-            self.module.world().fly_leg(leg);
-            while self.module.world().unfinished_legs() > 0 && self.advance_one_step() {
+            self.module.world().append_leg(leg);
+            while self.module.world().unfinished_leg_count() > 0 && self.advance_one_step() {
                 (self.on_progress)(MissionStage::OutputEvaluation, done as f64 / legs.len() as f64);
                 for timed_byte in self.module.instrument_cable().receive_timed() {
                     let Some(received) = reader
@@ -279,8 +279,8 @@ impl<M: Module> Mission<'_, M> {
     /// Flies a leg; records measurements during the routine.
     fn fly_leg(&mut self, stage: MissionStage, leg: Leg) {
         let start_state = self.module.world().true_state(self.module.now_us());
-        self.module.world().fly_leg(leg);
-        while self.module.world().unfinished_legs() > 0 && self.advance_one_step() {
+        self.module.world().append_leg(leg);
+        while self.module.world().unfinished_leg_count() > 0 && self.advance_one_step() {
             self.append_console_output();
             let now = self.module.world().true_state(self.module.now_us());
             if matches!(stage, MissionStage::Routine(_)) {

@@ -2,7 +2,7 @@
 
 use autoswing::calibration::{Calibration, Orientation};
 use autoswing::frames::{Body, Field};
-use log_analysis::numbers::{coefficients_json, format_number, round_json, round_to};
+use log_analysis::numbers::{coefficients_json, format_number, round_all_numbers, round_to};
 use log_analysis::replay::verdict::CompassState;
 use log_analysis::report::ReportOrigin;
 use log_analysis::report::model::{
@@ -32,7 +32,7 @@ pub fn report_mission(mission_result: &MissionResult, origin: &ReportOrigin) -> 
             accuracy_text:
                 "exact field and true attitude at twelve headings; indicated less true, the constant included"
                     .to_owned(),
-            card_constant: String::new(),
+            card_constant_text: String::new(),
             is_accurate: true,
         },
         compasses: vec![mission_compass_report(mission_result)],
@@ -74,7 +74,7 @@ pub fn mission_json(mission_result: &MissionResult) -> Value {
         "airframe": airframe_json(&mission_result.world),
         "seed": mission_result.world.seed,
     });
-    round_json(&mut figures);
+    round_all_numbers(&mut figures);
     figures
 }
 
@@ -168,7 +168,7 @@ fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
         } else {
             Vec::new()
         },
-        sigma_deg: expected_deg.map_or_else(Vec::new, |rms_deg| vec![rms_deg; 12]),
+        sigma_by_heading_deg: expected_deg.map_or_else(Vec::new, |rms_deg| vec![rms_deg; 12]),
         sigma_description: "the expected error of the calibration, RMS over all headings",
         samples: moments,
         event_marks: vec![EventMark {
@@ -176,7 +176,7 @@ fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
             event_name: if mission_result.calibration_result.is_ok() { "calibrated, restarted" } else { "refused" }
                 .to_owned(),
         }],
-        before_name: "uncorrected",
+        before_correction_name: "uncorrected",
         corrected_by: "by the module",
         earth_field: calibration
             .map(|calibration| [calibration.total_ut, calibration.inclination_rad.to_degrees()].map(f64::from)),

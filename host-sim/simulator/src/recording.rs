@@ -17,13 +17,13 @@ use crate::world::{World, WorldConfig};
 const RECORDING_INTERVAL_US: u64 = 100_000;
 
 /// Longest recorded end part of a time step, microseconds; the world keeps 2 s of history.
-const MAX_RECORDED_STEP_US: u64 = 1_900_000;
+const MAX_RECORDED_HISTORY_US: u64 = 1_900_000;
 
 /// Parameters by which the log reader recognises a compass of ArduPilot and of PX4; their value zero means no
 /// correction.
-const IDENTIFYING_PARAMETERS: [&str; 4] = ["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z", "CAL_MAG0_ROT"];
+const COMPASS_IDENTIFYING_PARAMETERS: [&str; 4] = ["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z", "CAL_MAG0_ROT"];
 
-/// Appends the state of the world at a time no more than one second past.
+/// Appends the state of the world at a time within the last two seconds.
 pub fn record_sample(recording: &mut FlightRecording, world: &World, source: &mut AttitudeSource, at_us: u64) {
     recording.is_copter = world.world_config().aircraft.kind == VehicleKind::Copter;
     let (truth, reported) = (world.true_state(at_us), source.next_report(&world.true_state(at_us)));
@@ -62,9 +62,9 @@ pub fn record_turns(world: &WorldConfig, field_latency_s: f64) -> FlightRecordin
     let world = World::new(*world);
     let mut source = world.attitude_source();
     for bank_deg in [25.0, 40.0] {
-        world.fly_leg(Leg::Straight { heading_deg: 0.0, seconds: 10.0 });
+        world.append_leg(Leg::Straight { heading_deg: 0.0, seconds: 10.0 });
         for heading_change_deg in [720.0, -720.0] {
-            world.fly_leg(Leg::Turn { bank_deg, heading_change_deg });
+            world.append_leg(Leg::Turn { bank_deg, heading_change_deg });
         }
     }
     let mut recording = FlightRecording::with_field_latency(field_latency_s);
@@ -86,7 +86,7 @@ impl Recorder {
     /// A recorder of a module that starts at the present time.
     pub fn new(module: &impl Module) -> Self {
         let (source, next_sample_us) = (module.world().attitude_source(), module.now_us());
-        let parameters = IDENTIFYING_PARAMETERS.map(|name| (name.to_owned(), 0.0)).to_vec();
+        let parameters = COMPASS_IDENTIFYING_PARAMETERS.map(|name| (name.to_owned(), 0.0)).to_vec();
         let mut recording = FlightRecording { parameters, ..FlightRecording::default() };
         if module.world().world_config().earth == Earth::default() {
             set_place(&mut recording, XIAN_POSITION);
@@ -99,7 +99,7 @@ impl ModuleObserver for Recorder {
     fn time_advanced(&mut self, module: &impl Module) {
         let now_us = module.now_us();
         self.next_sample_us = self.next_sample_us.max(
-            now_us.saturating_sub(MAX_RECORDED_STEP_US) / RECORDING_INTERVAL_US * RECORDING_INTERVAL_US
+            now_us.saturating_sub(MAX_RECORDED_HISTORY_US) / RECORDING_INTERVAL_US * RECORDING_INTERVAL_US
                 + RECORDING_INTERVAL_US,
         );
         while self.next_sample_us <= now_us {

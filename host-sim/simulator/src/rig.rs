@@ -59,7 +59,7 @@ pub struct Rig {
     console_cable: SerialCable,
     autopilot_cable: SerialCable,
     instrument_cable: SerialCable,
-    reset: Rc<ResetLine>,
+    reset_line: Rc<ResetLine>,
     can: Option<(CanEnd, NodeInfo)>,
 }
 
@@ -153,8 +153,8 @@ impl Rig {
         let instrument_cable = SerialCable::new(CableConfig::default());
         let field = world.magnetometer_source(faults.field_faults);
         let magnetometer = SimulatedMagnetometer::new(config.sensor, config.seed, field, faults.sensor_faults);
-        let reset = Rc::new(ResetLine {
-            stop: simulation.stop(),
+        let reset_line = Rc::new(ResetLine {
+            stop: simulation.stop_handle(),
             cause: RefCell::new(None),
             watchdog_due_us: Cell::new(u64::MAX),
         });
@@ -170,7 +170,7 @@ impl Rig {
         for foreign in faults.second_senders {
             simulation.spawn(Level::World, "foreign sender", foreign.run_sender(&world, autopilot.clone()));
         }
-        simulation.spawn(Level::World, "watchdog timer", watchdog_timer(reset.clone()));
+        simulation.spawn(Level::World, "watchdog timer", watchdog_timer(reset_line.clone()));
         let mut rig = Self {
             simulation,
             world,
@@ -186,7 +186,7 @@ impl Rig {
             console_cable,
             autopilot_cable,
             instrument_cable,
-            reset,
+            reset_line,
             can: None,
         };
         rig.power_on(ResetCause::PowerOn);
@@ -222,7 +222,7 @@ impl Rig {
     /// Cuts the power; drops the module's tasks.
     pub fn power_off(&mut self) {
         self.simulation.power_off();
-        self.reset.watchdog_due_us.set(u64::MAX);
+        self.reset_line.watchdog_due_us.set(u64::MAX);
     }
 
     /// Restarts the module. Flash contents persist, and sample memory too unless power was lost.
@@ -234,12 +234,12 @@ impl Rig {
             self.retained_samples.borrow_mut().transform_words(|_| random.bits() as u32);
         }
         self.flash.power_on();
-        self.reset.watchdog_due_us.set(clock::now_us() + WATCHDOG_US);
+        self.reset_line.watchdog_due_us.set(clock::now_us() + WATCHDOG_US);
         let links = Rc::new(TaskLinks::new());
         let (console_rx, console_tx) = self.console_cable.module_ends();
         let store = Store::new(self.flash.clone(), 0..STORE_BYTES as u32);
-        let platform = SimulatedPlatform(self.reset.clone());
-        let watchdog = SimulatedWatchdog(self.reset.clone());
+        let platform = SimulatedPlatform(self.reset_line.clone());
+        let watchdog = SimulatedWatchdog(self.reset_line.clone());
         let panel = self.panel.clone();
         let simulation = &mut self.simulation;
         self.magnetometer.spawn_task(simulation, links.clone());
@@ -283,7 +283,7 @@ impl Rig {
 
     /// Schedules a power cut during the flash operation after `operations` more.
     pub fn cut_power_after(&mut self, operations: u32, outcome: crate::devices::nor_flash::CutOutcome) {
-        self.flash.cut_power_after(operations, outcome, self.simulation.stop());
+        self.flash.cut_power_after(operations, outcome, self.simulation.stop_handle());
     }
 }
 
@@ -318,7 +318,7 @@ impl Module for Rig {
             match self.simulation.run_until(until_us) {
                 RunEnd::Time => return ModuleRunEnd::Time,
                 RunEnd::Stopped => {
-                    let cause = self.reset.cause.borrow_mut().take();
+                    let cause = self.reset_line.cause.borrow_mut().take();
                     let Some(cause) = cause else {
                         self.power_off();
                         return ModuleRunEnd::PowerCut;
@@ -331,11 +331,11 @@ impl Module for Rig {
 }
 
 /// Resets the module if the watchdog was not fed in time.
-async fn watchdog_timer(reset: Rc<ResetLine>) {
+async fn watchdog_timer(reset_line: Rc<ResetLine>) {
     loop {
         Timer::after(Duration::from_millis(50)).await;
-        if clock::now_us() > reset.watchdog_due_us.get() {
-            reset.request_reset(ResetCause::Watchdog);
+        if clock::now_us() > reset_line.watchdog_due_us.get() {
+            reset_line.request_reset(ResetCause::Watchdog);
         }
     }
 }

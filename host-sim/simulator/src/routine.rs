@@ -97,7 +97,7 @@ pub fn all_instructions() -> String {
     })
 }
 
-fn circle_leg(rate_deg_s: f64, heading_change_deg: f64) -> Leg {
+fn yaw_leg(rate_deg_s: f64, heading_change_deg: f64) -> Leg {
     Leg::Yaw { rate_deg_s, heading_change_deg }
 }
 
@@ -108,7 +108,7 @@ fn yaw_turns_part() -> RoutinePart {
     RoutinePart {
         part_name: "yaw turns",
         instruction: "in hover, turn the nose slowly once all round to the right, then once to the left, in 12 s each",
-        legs: vec![circle_leg(HOVER_RATE_DEG_S, 360.0), circle_leg(HOVER_RATE_DEG_S, -360.0)],
+        legs: vec![yaw_leg(HOVER_RATE_DEG_S, 360.0), yaw_leg(HOVER_RATE_DEG_S, -360.0)],
     }
 }
 
@@ -116,7 +116,7 @@ fn yaw_turns_part() -> RoutinePart {
 fn tilts_part(name: &'static str, instruction_text: &'static str, heading_count: usize) -> RoutinePart {
     const TILT_DURATION_S: f64 = 2.0;
     const REST_AFTER_TILT_S: f64 = 2.5;
-    let turn = circle_leg(2.0 * HOVER_RATE_DEG_S, 360.0 / heading_count as f64);
+    let turn = yaw_leg(2.0 * HOVER_RATE_DEG_S, 360.0 / heading_count as f64);
     let tilt_legs = [0.0, 180.0, 90.0, 270.0].into_iter().flat_map(|toward_deg| {
         [Leg::Tilt { toward_deg, tilt_deg: 18.0, seconds: TILT_DURATION_S }, Leg::Hover { seconds: REST_AFTER_TILT_S }]
     });
@@ -156,7 +156,7 @@ fn copter_routine() -> CalibrationRoutine {
         take_off: Leg::Hover { seconds: 5.0 },
         routine_parts: vec![yaw_turns_part(), tilts_part("pushes", instruction_text, 4)],
         mission_legs: vec![
-            circle_leg(45.0, 360.0),
+            yaw_leg(45.0, 360.0),
             Leg::Straight { heading_deg: 60.0, seconds: 20.0 },
             Leg::Turn { bank_deg: 10.0, heading_change_deg: -360.0 },
             Leg::Hover { seconds: 5.0 },
@@ -183,7 +183,7 @@ fn vtol_routine(heading_deg: f64) -> CalibrationRoutine {
             },
         ],
         mission_legs: vec![
-            circle_leg(45.0, 360.0),
+            yaw_leg(45.0, 360.0),
             Leg::Straight { heading_deg: 60.0, seconds: 25.0 },
             Leg::Turn { bank_deg: 20.0, heading_change_deg: -360.0 },
             Leg::Straight { heading_deg: 250.0, seconds: 15.0 },
@@ -192,21 +192,21 @@ fn vtol_routine(heading_deg: f64) -> CalibrationRoutine {
     }
 }
 
-/// Alternating circles to both sides, so that they cover different places.
-fn circles_part(name: &'static str, instruction_text: &'static str, rate_deg_s: f64, circles: usize) -> RoutinePart {
+/// Legs of two circles each, to alternating sides, so that they cover different places.
+fn circles_part(name: &'static str, instruction_text: &'static str, rate_deg_s: f64, leg_count: usize) -> RoutinePart {
     let signed_turns_deg = [720.0, -720.0].into_iter().cycle();
     RoutinePart {
         part_name: name,
         instruction: instruction_text,
-        legs: signed_turns_deg.take(circles).map(|change_deg| circle_leg(rate_deg_s, change_deg)).collect(),
+        legs: signed_turns_deg.take(leg_count).map(|change_deg| yaw_leg(rate_deg_s, change_deg)).collect(),
     }
 }
 
 fn surface_mission_legs() -> Vec<Leg> {
     vec![
-        circle_leg(20.0, 360.0),
+        yaw_leg(20.0, 360.0),
         Leg::Straight { heading_deg: 60.0, seconds: 20.0 },
-        circle_leg(10.0, -360.0),
+        yaw_leg(10.0, -360.0),
         Leg::Straight { heading_deg: 250.0, seconds: 15.0 },
     ]
 }
@@ -268,9 +268,9 @@ mod tests {
         let config = WorldConfig::random_world(seed).with_vehicle_kind(vehicle_kind);
         let mut aircraft = Aircraft::new(config.aircraft, config.weather, seed, 0);
         for &leg in legs {
-            aircraft.autopilot_mut().fly_leg(leg);
+            aircraft.autopilot_mut().append_leg(leg);
         }
-        while aircraft.autopilot().unfinished_legs() > 0 && aircraft.true_state().time_us < 1_000_000_000 {
+        while aircraft.autopilot().unfinished_leg_count() > 0 && aircraft.true_state().time_us < 1_000_000_000 {
             aircraft.advance_step();
         }
         aircraft.true_state().time_us as f64 / 1e6

@@ -57,25 +57,25 @@ pub struct AccuracyOptions {
 }
 
 /// Default duration of a flight, minutes.
-const FLIGHT_MINUTES: f64 = 3.0;
+const DEFAULT_FLIGHT_MINUTES: f64 = 3.0;
 
 pub fn run_accuracy(options: &AccuracyOptions) -> Result<ExitCode, CommandFailure> {
     let vehicle_kind = options.aircraft;
-    let plan = AccuracyPlan { airframes: options.airframes, noise_draws: options.draws, seed: options.seed };
+    let plan = AccuracyPlan { airframe_count: options.airframes, noise_draws: options.draws, seed: options.seed };
     if vehicle_kind == VehicleKind::Plane && options.patterns.is_empty() && options.minutes.is_none() {
-        run_turns(options, plan)
+        run_turns_study(options, plan)
     } else {
-        run_whole_flights(options, vehicle_kind, plan)
+        run_whole_flights_study(options, vehicle_kind, plan)
     }
 }
 
-fn run_turns(options: &AccuracyOptions, plan: AccuracyPlan) -> Result<ExitCode, CommandFailure> {
-    let bar = progress_bar("airframes", plan.airframes);
+fn run_turns_study(options: &AccuracyOptions, plan: AccuracyPlan) -> Result<ExitCode, CommandFailure> {
+    let bar = progress_bar("airframes", plan.airframe_count);
     let outcome = accuracy::run_accuracy_study(plan, &|| bar.inc(1));
     bar.finish_and_clear();
     if options.json {
         let mut value = serde_json::to_value(&outcome).map_err(|error| CommandFailure(error.to_string()))?;
-        value["airframes"] = json!(plan.airframes);
+        value["airframes"] = json!(plan.airframe_count);
         value["draws"] = json!(plan.noise_draws);
         value["seed"] = json!(plan.seed);
         print::print_json(value)?;
@@ -86,7 +86,7 @@ fn run_turns(options: &AccuracyOptions, plan: AccuracyPlan) -> Result<ExitCode, 
 }
 
 fn format_outcome(plan: AccuracyPlan, outcome: &AccuracyResult) -> String {
-    let AccuracyPlan { airframes, noise_draws: draws, .. } = plan;
+    let AccuracyPlan { airframe_count: airframes, noise_draws: draws, .. } = plan;
     let mut text = String::new();
     let bound_deg = outcome.bound_median_deg;
     append_wrapped(
@@ -126,15 +126,15 @@ fn format_outcome(plan: AccuracyPlan, outcome: &AccuracyResult) -> String {
     text
 }
 
-fn run_whole_flights(
+fn run_whole_flights_study(
     options: &AccuracyOptions,
     vehicle_kind: VehicleKind,
     plan: AccuracyPlan,
 ) -> Result<ExitCode, CommandFailure> {
     let patterns =
         if options.patterns.is_empty() { FlightPattern::ALL_PATTERNS.to_vec() } else { options.patterns.clone() };
-    let minutes = options.minutes.unwrap_or(FLIGHT_MINUTES);
-    let bar = progress_bar("airframes", plan.airframes * patterns.len() as u64);
+    let minutes = options.minutes.unwrap_or(DEFAULT_FLIGHT_MINUTES);
+    let bar = progress_bar("airframes", plan.airframe_count * patterns.len() as u64);
     let rows: Vec<FlightStudyRow> = patterns
         .into_iter()
         .map(|pattern| {
@@ -148,7 +148,7 @@ fn run_whole_flights(
     bar.finish_and_clear();
     if options.json {
         let flights = serde_json::to_value(&rows).map_err(|error| CommandFailure(error.to_string()))?;
-        let AccuracyPlan { airframes, noise_draws: draws, seed } = plan;
+        let AccuracyPlan { airframe_count: airframes, noise_draws: draws, seed } = plan;
         print::print_json(json!({ "flights": flights, "airframes": airframes, "draws": draws, "seed": seed }))?;
     } else {
         print::print_text(&format_flights(plan, &rows));
@@ -157,7 +157,7 @@ fn run_whole_flights(
 }
 
 fn format_flights(plan: AccuracyPlan, rows: &[FlightStudyRow]) -> String {
-    let AccuracyPlan { airframes, noise_draws: draws, .. } = plan;
+    let AccuracyPlan { airframe_count: airframes, noise_draws: draws, .. } = plan;
     let name = |row: &FlightStudyRow| format!("{} {}", row.aircraft, row.pattern.pattern_name());
     let mut errors =
         narrow_table(["flight", "minutes", "readings", "rms", "worst\n10 %", "solved,\n%", "accepted,\n%", "wrong"]);

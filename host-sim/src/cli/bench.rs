@@ -71,7 +71,7 @@ pub fn run_instruction_budget(options: &BudgetOptions) -> Result<ExitCode, Comma
 /// Measures wall-clock time, so the result is not reproducible from a seed.
 pub fn run_speed(options: &SpeedOptions) -> Result<ExitCode, CommandFailure> {
     const TIMED_SOLVES: usize = 21;
-    let trial = RandomFlight::draw_flight(&RandomRanges { samples: 256, ..RandomRanges::WORST_CASE }, 1);
+    let trial = RandomFlight::draw_flight(&RandomRanges { samples_per_side: 256, ..RandomRanges::WORST_CASE }, 1);
     let (recording, _) = trial.record_flight(0, ConstantErrorSigmas::NO_ERRORS);
     let methods = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse].map(|method| {
         (method.method_name(), median((0..TIMED_SOLVES).map(|_| solve_time_ms(method, recording.fit_samples()))))

@@ -199,7 +199,7 @@ fn fly_mission(module: &mut impl Module, options: &FlyOptions) -> MissionResult 
     let plan = TurnPlan { bank_deg: options.bank, circles_per_side: options.circles };
     let mission_result = mission::fly_mission_of_module(module, plan, &mut |stage, fraction| {
         if current.as_ref().is_none_or(|(displayed_stage, _)| *displayed_stage != stage) {
-            finish_stage(current.take());
+            finish_stage_bar(current.take());
             let bar = ProgressBar::new(PROGRESS_TICKS).with_message(stage.stage_name());
             if let Ok(style) = ProgressStyle::with_template("{msg:24} {bar:40} {percent:>3} %") {
                 bar.set_style(style);
@@ -210,11 +210,11 @@ fn fly_mission(module: &mut impl Module, options: &FlyOptions) -> MissionResult 
             bar.set_position((fraction * PROGRESS_TICKS as f64) as u64);
         }
     });
-    finish_stage(current);
+    finish_stage_bar(current);
     mission_result
 }
 
-fn finish_stage(current: Option<(MissionStage, ProgressBar)>) {
+fn finish_stage_bar(current: Option<(MissionStage, ProgressBar)>) {
     if let Some((_, bar)) = current {
         bar.finish();
     }

@@ -90,7 +90,7 @@ fn execute_command(command: &CliCommand) -> Result<ExitCode, CommandFailure> {
         | CliCommand::Serve(_)
         | CliCommand::Console(_)
         | CliCommand::Bench(BenchCommand::Budget(_)) => {}
-        _ => TerminationSignals::exit_immediately()?,
+        _ => TerminationSignals::install_immediate_exit()?,
     }
     match command {
         CliCommand::Fly(options) => fly::run_fly(options),

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use std::sync::OnceLock;
 
 use comfy_table::{Cell, CellAlignment, ContentArrangement, Table, presets};
-use log_analysis::numbers::round_json;
+use log_analysis::numbers::round_all_numbers;
 use log_analysis::report::Report;
 use serde::Serialize;
 use terminal_size::terminal_size_of;
@@ -96,7 +96,7 @@ pub fn final_exit_code(code: ExitCode) -> ExitCode {
 /// Prints a value as one line of JSON with rounded numbers; see docs/json.md.
 pub fn print_json(value: impl Serialize) -> Result<(), CommandFailure> {
     let mut value = serde_json::to_value(value).map_err(|error| CommandFailure(error.to_string()))?;
-    round_json(&mut value);
+    round_all_numbers(&mut value);
     print_line(value);
     Ok(())
 }

@@ -135,7 +135,7 @@ pub fn read_flight(file: &Path, options: &ReplayArguments) -> Result<Flight, Com
     })?;
     if let Some(mount) = options.mount {
         if flight.log_format == LogFormat::Csv {
-            flight.rotate_sensors(mount);
+            flight.rotate_fields_to_body(mount);
         } else {
             flight.set_orientation(mount, options.compass).map_err(|compass_number| {
                 CommandFailure(format!(
@@ -241,7 +241,7 @@ pub fn run_replay(file: &Path, options: &ReplayArguments) -> Result<ExitCode, Co
             command_line: command_line(),
             settings: settings_table(options),
             terminal_output: text.clone(),
-            parameters: (!parameters.is_empty()).then(|| [format.file_name().to_owned(), parameter_file()]),
+            parameter_file: (!parameters.is_empty()).then(|| [format.file_name().to_owned(), parameter_file()]),
         };
         write_report(&report::report_replay(&verdict, &name.to_string(), &origin), path)?;
     }
@@ -250,7 +250,7 @@ pub fn run_replay(file: &Path, options: &ReplayArguments) -> Result<ExitCode, Co
     } else {
         print::print_text(&text);
     }
-    Ok(if verdict.is_solved() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(if verdict.is_good_or_correctable() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 fn settings_table(options: &ReplayArguments) -> Vec<[String; 2]> {
@@ -291,7 +291,7 @@ fn verdict_text(name: &str, verdict: &Verdict<'_>) -> String {
         );
     }
     append_wrapped(&mut report_text, "", &verdict.log_description(name));
-    append_wrapped(&mut report_text, "", &format!("an Autoswing module on this flight: {}", verdict.outcome));
+    append_wrapped(&mut report_text, "", &format!("an Autoswing module on this flight: {}", verdict.module_outcome));
     for compass in verdict.compasses_in_use_first() {
         let _ = writeln!(report_text, "\ncompass {}", compass.evaluation.compass_number);
         for [name, value] in verdict.key_facts(compass) {
@@ -324,7 +324,7 @@ fn verdict_table(verdict: &Verdict<'_>) -> Table {
             table.add_row(std::iter::once(name.to_owned()).chain(cells).map(right_aligned));
         }
     };
-    for (name, cells) in verdict.comparison_deg() {
+    for (name, cells) in verdict.rms_by_correction_deg() {
         add_row(name, cells.into_iter().map(|error_deg| Some(format!("{:.2}", error_deg?))).collect());
     }
     let cells_of_compasses = |cell: &dyn Fn(&CompassEvaluation) -> Option<String>| compasses.iter().map(cell).collect();
@@ -337,7 +337,7 @@ fn verdict_table(verdict: &Verdict<'_>) -> Table {
         cells_of_compasses(&|compass| Some(format!("{:+.2}", compass.module_result.score?.mean_deg))),
     );
     let within = |compass: &CompassEvaluation| {
-        let [one, two] = compass.module_result.score?.within_percent;
+        let [one, two] = compass.module_result.score?.within_sigmas_percent;
         Some(format!("{one:.0}, {two:.0} %"))
     };
     add_row("module, within 1, 2 sigma", cells_of_compasses(&within));
@@ -378,8 +378,9 @@ fn write_headings(path: &Path, flight: &Flight, compass: Option<&CompassEvaluati
         let row = &headings[index];
         let status = if is_refused { Err(NoHeading::Uncalibrated) } else { row.status };
         let status = status.map_or_else(NoHeading::stable_code, |()| "ok");
-        let smooth =
-            row.smooth_deg.map_or_else(|| ",".to_owned(), |[deg, sigma_deg]| format!("{deg:.2},{sigma_deg:.2}"));
+        let smooth = row
+            .smoothed_and_sigma_deg
+            .map_or_else(|| ",".to_owned(), |[deg, sigma_deg]| format!("{deg:.2},{sigma_deg:.2}"));
         let reading_count = readings[index];
         writeln!(
             output_file,

@@ -39,14 +39,14 @@ pub fn replay_several_logs(options: &ReplayArguments) -> Result<ExitCode, Comman
         if options.json {
             print::print_line(&line.json);
         } else {
-            print::print_text(&one_line(&line.verdict_text, stdout().is_terminal()));
+            print::print_text(&format_verdict_line(&line.verdict_text, stdout().is_terminal()));
         }
     }
     Ok(ExitCode::from(lines.iter().map(|line| line.exit_code).max().unwrap_or(2)))
 }
 
 /// The line of a log: wrapped on a terminal, whole in a file or pipe, for `grep` and `sort`.
-fn one_line(verdict_text: &str, is_terminal: bool) -> String {
+fn format_verdict_line(verdict_text: &str, is_terminal: bool) -> String {
     if !is_terminal {
         return format!("{verdict_text}\n");
     }
@@ -93,11 +93,11 @@ fn judge_log(log: &Path, options: &ReplayArguments) -> LogLine {
         json["file"] = json!(name);
         let as_logged_deg =
             verdict.compasses_in_use_first().first().and_then(|compass| compass.judgement.as_logged_rms_deg);
-        let state = verdict.compass_state();
+        let state = verdict.state_of_compass_in_use();
         let sentences = verdict.summary_sentences().join(" ");
         Ok(LogLine {
             rank: (state_rank(state), (as_logged_deg.unwrap_or(0.0) * 1e3) as u64),
-            exit_code: u8::from(!verdict.is_solved()),
+            exit_code: u8::from(!verdict.is_good_or_correctable()),
             verdict_text: format!("{}: {name}: {sentences}", state.to_string().to_uppercase()),
             json,
         })

@@ -27,7 +27,7 @@ const POLL_PERIOD: Duration = Duration::from_millis(20);
 
 pub struct TerminationSignals {
     stop: Arc<AtomicBool>,
-    signal: Arc<AtomicUsize>,
+    received_exit_status: Arc<AtomicUsize>,
 }
 
 /// Effect of a second Ctrl-C.
@@ -40,27 +40,28 @@ pub enum SecondSignal {
 
 impl TerminationSignals {
     /// Installs immediate termination, for commands without clean-up.
-    pub fn exit_immediately() -> Result<(), CommandFailure> {
+    pub fn install_immediate_exit() -> Result<(), CommandFailure> {
         let signals = Self::install_handlers(SecondSignal::Exits)?;
         thread::spawn(move || {
             while !signals.stop.load(Ordering::SeqCst) {
                 thread::sleep(POLL_PERIOD);
             }
             progress::clear_progress_line();
-            signal_hook::low_level::exit(i32::from(signals.signal.load(Ordering::SeqCst) as u8));
+            signal_hook::low_level::exit(i32::from(signals.received_exit_status.load(Ordering::SeqCst) as u8));
         });
         Ok(())
     }
 
     /// Installs handlers that record the signal.
     pub fn install_handlers(second_signal: SecondSignal) -> Result<Self, CommandFailure> {
-        let interruption = Self { stop: Arc::new(AtomicBool::new(false)), signal: Arc::new(AtomicUsize::new(0)) };
+        let interruption =
+            Self { stop: Arc::new(AtomicBool::new(false)), received_exit_status: Arc::new(AtomicUsize::new(0)) };
         for &signal in TERMINATION_SIGNALS {
             if second_signal == SecondSignal::Exits {
                 flag::register_conditional_shutdown(signal, exit_status(signal), Arc::clone(&interruption.stop))
                     .map_err(signal_failure)?;
             }
-            flag::register_usize(signal, Arc::clone(&interruption.signal), exit_status(signal) as usize)
+            flag::register_usize(signal, Arc::clone(&interruption.received_exit_status), exit_status(signal) as usize)
                 .map_err(signal_failure)?;
             flag::register(signal, Arc::clone(&interruption.stop)).map_err(signal_failure)?;
         }
@@ -74,7 +75,7 @@ impl TerminationSignals {
     /// Exit code after a signal, if any: 128 plus its number, as in a shell; 130 for Ctrl-C.
     pub fn exit_code(&self) -> Option<ExitCode> {
         let is_to_end = self.stop.load(Ordering::SeqCst);
-        is_to_end.then(|| ExitCode::from(self.signal.load(Ordering::SeqCst) as u8))
+        is_to_end.then(|| ExitCode::from(self.received_exit_status.load(Ordering::SeqCst) as u8))
     }
 }
 

@@ -145,7 +145,7 @@ impl EmulatedMachine {
     /// Waits for the machine's next message; returns it with the ticks since the last reset.
     pub fn wait_for_message(&mut self) -> Result<(MachineMessage, u64), EmulatorError> {
         let mut bytes = [0; 9];
-        let read_result = read_until(&mut self.lockstep, &mut bytes, &self.stop_flag);
+        let read_result = fill_until_stopped(&mut self.lockstep, &mut bytes, &self.stop_flag);
         // An interrupt from the terminal also ends QEMU.
         if self.stop_flag.load(Ordering::SeqCst) {
             return Err(EmulatorError::Interrupted);
@@ -291,7 +291,7 @@ fn non_blocking(stream: LocalStream) -> Result<LocalStream, EmulatorError> {
 
 /// Fills `bytes` from a stream within [`REPLY_TIMEOUT`] and until `stop_flag` is set; the stream has a short read
 /// timeout.
-fn read_until(stream: &mut LocalStream, bytes: &mut [u8], stop_flag: &AtomicBool) -> std::io::Result<()> {
+fn fill_until_stopped(stream: &mut LocalStream, bytes: &mut [u8], stop_flag: &AtomicBool) -> std::io::Result<()> {
     let (mut filled_count, mut remaining_time) = (0, REPLY_TIMEOUT);
     while filled_count < bytes.len() && !stop_flag.load(Ordering::SeqCst) {
         match stream.read(&mut bytes[filled_count..]) {

@@ -149,8 +149,8 @@ impl Emulator {
     }
 
     /// Instructions from the first sensor access to the last written byte, per sample since the last call.
-    pub fn take_path_instructions(&mut self) -> Vec<u64> {
-        self.sample_path.take_instructions()
+    pub fn take_path_instruction_counts(&mut self) -> Vec<u64> {
+        self.sample_path.take_instruction_counts()
     }
 
     /// Runs the machine to its next message and the world to the machine's time.
@@ -162,9 +162,9 @@ impl Emulator {
         }
         self.advance_world(ticks / TICKS_PER_US);
         let [console, autopilot, instrument] = self.machine.take_output()?;
-        self.console_wire.write_bytes(&console);
-        self.autopilot_wire.write_bytes(&autopilot);
-        self.instrument_wire.write_bytes(&instrument);
+        self.console_wire.send_to_cable(&console);
+        self.autopilot_wire.send_to_cable(&autopilot);
+        self.instrument_wire.send_to_cable(&instrument);
         match message {
             MachineMessage::Written => {
                 self.sample_path.on_output(ticks);
@@ -181,9 +181,9 @@ impl Emulator {
             MachineMessage::Started | MachineMessage::Step => {}
         }
         let step_input = StepInput {
-            console_bytes: self.console_wire.take_bytes(),
-            autopilot_bytes: self.autopilot_wire.take_bytes(),
-            instrument_bytes: self.instrument_wire.take_bytes(),
+            console_bytes: self.console_wire.take_bytes_for_machine(),
+            autopilot_bytes: self.autopilot_wire.take_bytes_for_machine(),
+            instrument_bytes: self.instrument_wire.take_bytes_for_machine(),
             is_sensor_wire_broken: self.is_sensor_wire_broken,
             bench_test: self.requested_bench_test.take(),
         };

@@ -63,7 +63,7 @@ const SOLVE_TIMEOUT_S: u32 = 30;
 /// The emulator's failure. A missing count is not an error but `None` in its budget.
 pub fn count_budgets(emulator: &mut Emulator) -> Result<Vec<InstructionBudget>, EmulatorError> {
     emulator.run_for_s(1.0);
-    let sample = sample_path_instructions(emulator);
+    let sample = sample_path_instruction_count(emulator);
     emulator.take_console_output();
     emulator.request_bench_test(BenchTest::Budgets);
     let mut printed = String::new();
@@ -89,7 +89,7 @@ pub fn count_budgets(emulator: &mut Emulator) -> Result<Vec<InstructionBudget>, 
 }
 
 /// Instructions of the full sample path in a module calibrated by a compass swing.
-fn sample_path_instructions(emulator: &mut Emulator) -> Option<u64> {
+fn sample_path_instruction_count(emulator: &mut Emulator) -> Option<u64> {
     const HEADING_COUNT: u8 = 8;
     let heading_rate_deg_s = 15.0;
     let step_deg = 360.0 / f64::from(HEADING_COUNT);
@@ -97,14 +97,14 @@ fn sample_path_instructions(emulator: &mut Emulator) -> Option<u64> {
     emulator.send_console_line("cal start swing");
     for i in 0..HEADING_COUNT {
         let heading_deg = f64::from(i) * step_deg;
-        emulator.world().set_motion(PrescribedMotion {
+        emulator.world().set_prescribed_motion(PrescribedMotion {
             heading_deg,
             heading_rate_deg_s: 0.0,
             ..PrescribedMotion::default()
         });
         emulator.run_for_s(2.0);
         emulator.send_console_line(&format!("cal mark {heading_deg:.0}"));
-        emulator.world().set_motion(PrescribedMotion {
+        emulator.world().set_prescribed_motion(PrescribedMotion {
             heading_deg,
             heading_rate_deg_s,
             ..PrescribedMotion::default()
@@ -113,10 +113,10 @@ fn sample_path_instructions(emulator: &mut Emulator) -> Option<u64> {
     }
     emulator.send_console_line("cal solve");
     emulator.run_for_s(2.0);
-    emulator.take_path_instructions();
+    emulator.take_path_instruction_counts();
     emulator.run_for_s(2.0);
     let is_calibrated = emulator.send_console_line("status").contains("ok calibrated");
-    let mut path_instructions = emulator.take_path_instructions();
+    let mut path_instructions = emulator.take_path_instruction_counts();
     path_instructions.sort_unstable();
     path_instructions.get(path_instructions.len() / 2).copied().filter(|_| is_calibrated)
 }

@@ -33,7 +33,7 @@ impl MachinePort {
         wire
     }
 
-    pub fn write_bytes(&self, bytes: &[u8]) {
+    pub fn send_to_cable(&self, bytes: &[u8]) {
         if !bytes.is_empty() {
             self.to_cable.bytes.borrow_mut().extend_from_slice(bytes);
             self.to_cable.data_ready.signal(());
@@ -41,7 +41,7 @@ impl MachinePort {
     }
 
     /// Received bytes, up to the machine's limit per step.
-    pub fn take_bytes(&self) -> Vec<u8> {
+    pub fn take_bytes_for_machine(&self) -> Vec<u8> {
         let mut waiting = self.to_machine.borrow_mut();
         let byte_count = waiting.len().min(MAX_STEP_BYTES);
         waiting.drain(..byte_count).collect()

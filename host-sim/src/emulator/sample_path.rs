@@ -17,7 +17,7 @@ pub struct SamplePath {
 
 impl SamplePath {
     /// Takes the instructions of the samples since the last call.
-    pub fn take_instructions(&mut self) -> Vec<u64> {
+    pub fn take_instruction_counts(&mut self) -> Vec<u64> {
         let instructions = |ticks: u64| ticks * TICK_NS / INSTRUCTION_NS;
         std::mem::take(&mut self.durations_ticks).into_iter().map(instructions).collect()
     }

@@ -101,7 +101,7 @@ pub struct ServedModule {
     pilot: SimulatedPilot,
     external_autopilot: ExternalAutopilot,
     attitude: AttitudeProvider,
-    external_datagrams: Option<DatagramCounts>,
+    external_datagram_counts: Option<DatagramCounts>,
     /// Time of the first attitude of an external simulator.
     first_attitude_us: Option<u64>,
     /// The bus as other nodes see it.
@@ -138,13 +138,13 @@ impl ServedModule {
         });
         let pilot = SimulatedPilot::new(&world, options.flight_pattern, options.has_external_simulator);
         pilot.start_pattern(&rig.world);
-        let external_datagrams = options.has_external_simulator.then(DatagramCounts::default);
+        let external_datagram_counts = options.has_external_simulator.then(DatagramCounts::default);
         let module = Self {
             rig,
             pilot,
             external_autopilot: ExternalAutopilot::default(),
             attitude: options.attitude,
-            external_datagrams,
+            external_datagram_counts,
             first_attitude_us: None,
             can_end,
         };
@@ -189,7 +189,7 @@ impl ServedModule {
     }
 
     /// Puts a frame of another node on the CAN bus; ignored without one.
-    pub fn send_frame(&self, frame: &CanFrame) {
+    pub fn send_frame_to_module(&self, frame: &CanFrame) {
         if let Some(can_end) = &self.can_end {
             can_end.queue_frame(frame);
         }
@@ -197,7 +197,7 @@ impl ServedModule {
 
     /// Frames that the module has sent on the CAN bus.
     #[must_use]
-    pub fn take_frames(&self) -> Vec<CanFrame> {
+    pub fn take_module_frames(&self) -> Vec<CanFrame> {
         self.can_end.as_ref().map_or_else(Vec::new, CanEnd::take_received)
     }
 
@@ -214,10 +214,10 @@ impl ServedModule {
     /// # Errors
     ///
     /// The command is invalid or not possible now.
-    pub fn execute_line(&mut self, line: &str) -> Result<String, PilotCommandError> {
+    pub fn execute_pilot_line(&mut self, line: &str) -> Result<String, PilotCommandError> {
         match line.parse()? {
             PilotCommand::Help => Ok(pilot_command::help_text()),
-            PilotCommand::Status => Ok(self.status_json()),
+            PilotCommand::Status => Ok(self.status_text()),
             command => self.pilot.execute_command(&self.rig.world, command),
         }
     }
@@ -229,10 +229,10 @@ impl ServedModule {
     /// [`DatagramError`] if the datagram is invalid; it is counted and otherwise ignored.
     pub fn follow_datagram(&mut self, datagram: &[u8]) -> Result<(), DatagramError> {
         let attitude_datagram = parse_attitude(datagram);
-        let external_datagrams = self.external_datagrams.get_or_insert_default();
+        let external_datagram_counts = self.external_datagram_counts.get_or_insert_default();
         match attitude_datagram {
-            Ok(Euler { .. }) => external_datagrams.accepted_datagrams += 1,
-            Err(_) => external_datagrams.rejected_datagrams += 1,
+            Ok(Euler { .. }) => external_datagram_counts.accepted_datagrams += 1,
+            Err(_) => external_datagram_counts.rejected_datagrams += 1,
         }
         attitude_datagram.map(|attitude| {
             self.first_attitude_us.get_or_insert(self.rig.now_us());
@@ -243,7 +243,7 @@ impl ServedModule {
     /// Counters of attitude datagrams; `None` without an external simulator.
     #[must_use]
     pub fn datagram_counts(&self) -> Option<DatagramCounts> {
-        self.external_datagrams
+        self.external_datagram_counts
     }
 
     /// Number of bytes that the port accepts now; 0 for an invalid index.
@@ -262,22 +262,22 @@ impl ServedModule {
 
     /// Number of flash operations (programmed words and erased pages).
     #[must_use]
-    pub fn flash_changes(&self) -> u64 {
+    pub fn flash_change_count(&self) -> u64 {
         let wear = self.rig.flash.wear_counters();
         wear.page_erases + wear.programmed_words
     }
 
-    fn status_json(&self) -> String {
+    fn status_text(&self) -> String {
         let truth = self.rig.world.true_state(self.now_us());
         let [roll_deg, pitch_deg] = [truth.roll_rad, truth.pitch_rad].map(f64::to_degrees);
         let seconds = self.now_us() as f64 / 1e6;
-        let flies = if self.external_datagrams.is_some() { "follows" } else { self.pilot.activity_text() };
+        let flies = if self.external_datagram_counts.is_some() { "follows" } else { self.pilot.activity_text() };
         let source = match self.rig.world.sends_attitude() {
             true => "the simulator",
             false if self.awaits_datagram() => "nobody yet",
             false => "who is attached",
         };
-        let sender_text = self.external_datagrams.map_or_else(
+        let sender_text = self.external_datagram_counts.map_or_else(
             String::new,
             |DatagramCounts { accepted_datagrams: accepted, rejected_datagrams: rejected }| {
                 format!("; {accepted} attitudes received, {rejected} malformed")
@@ -298,7 +298,7 @@ impl ServedModule {
     /// so that older attitudes must not be sent.
     fn awaits_datagram(&self) -> bool {
         let is_early = |first_us| self.rig.now_us() < first_us + FIRST_ATTITUDE_SETTLING_US;
-        self.external_datagrams.is_some() && self.first_attitude_us.is_none_or(is_early)
+        self.external_datagram_counts.is_some() && self.first_attitude_us.is_none_or(is_early)
     }
 
     fn select_attitude_sender(&self) {

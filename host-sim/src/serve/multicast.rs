@@ -45,19 +45,19 @@ mod tests {
     fn a_datagram_is_that_of_pydronecan() {
         let frame = CanFrame::new(0x1804_4C0A, &[0xFF, 0xC0]).unwrap();
         let datagram = to_datagram(&frame);
-        assert_eq!(datagram, PYDRONECAN);
+        assert_eq!(datagram, PYDRONECAN_DATAGRAM);
         assert_eq!(from_datagram(&datagram), Some(frame));
     }
 
-    const PYDRONECAN: &[u8] = &[0x34, 0x29, 0xA5, 0xEC, 0x00, 0x00, 0x0A, 0x4C, 0x04, 0x98, 0xFF, 0xC0];
+    const PYDRONECAN_DATAGRAM: &[u8] = &[0x34, 0x29, 0xA5, 0xEC, 0x00, 0x00, 0x0A, 0x4C, 0x04, 0x98, 0xFF, 0xC0];
 
     #[test]
     fn damaged_and_foreign_datagrams_are_dropped() {
-        for length in 0..PYDRONECAN.len() {
-            assert_eq!(from_datagram(&PYDRONECAN[..length]), None);
+        for length in 0..PYDRONECAN_DATAGRAM.len() {
+            assert_eq!(from_datagram(&PYDRONECAN_DATAGRAM[..length]), None);
         }
-        for bit in 0..PYDRONECAN.len() * 8 {
-            let mut damaged = PYDRONECAN.to_vec();
+        for bit in 0..PYDRONECAN_DATAGRAM.len() * 8 {
+            let mut damaged = PYDRONECAN_DATAGRAM.to_vec();
             damaged[bit / 8] ^= 1 << (bit % 8);
             assert_eq!(from_datagram(&damaged), None, "bit {bit}");
         }

@@ -52,13 +52,13 @@ impl SimulatedPilot {
 
     /// Continues with the next legs, or completes the landing.
     pub fn continue_flight(&mut self, world: &World) {
-        if world.unfinished_legs() > 0 {
+        if world.unfinished_leg_count() > 0 {
             return;
         }
         self.fly_pattern(world);
         if self.task == PilotTask::Landing {
             let heading_deg = heading_deg(world);
-            world.set_motion(PrescribedMotion { heading_deg, ..PrescribedMotion::default() });
+            world.set_prescribed_motion(PrescribedMotion { heading_deg, ..PrescribedMotion::default() });
             world.set_armed(false);
             self.task = PilotTask::Landed;
         }
@@ -77,11 +77,11 @@ impl SimulatedPilot {
             (PilotTask::Landed, _) => return Err(PilotCommandError::Landed),
             (_, PilotCommand::Turn { bank_deg, change_deg }) => {
                 let heading_change_deg = change_deg * bank_deg.signum();
-                self.fly_leg(world, Leg::Turn { bank_deg: bank_deg.abs(), heading_change_deg });
+                self.append_commanded_leg(world, Leg::Turn { bank_deg: bank_deg.abs(), heading_change_deg });
             }
-            (_, PilotCommand::Level { seconds }) => self.fly_leg(world, Leg::Hover { seconds }),
+            (_, PilotCommand::Level { seconds }) => self.append_commanded_leg(world, Leg::Hover { seconds }),
             (_, PilotCommand::Heading { heading_deg, seconds }) => {
-                self.fly_leg(world, Leg::Straight { heading_deg, seconds });
+                self.append_commanded_leg(world, Leg::Straight { heading_deg, seconds });
             }
             (_, PilotCommand::Pattern(pattern)) => {
                 self.start_task(world, PilotTask::Pattern(pattern));
@@ -89,7 +89,7 @@ impl SimulatedPilot {
             }
             (_, PilotCommand::Land) => {
                 self.start_task(world, PilotTask::Landing);
-                world.fly_leg(Leg::Straight { heading_deg: heading_deg(world), seconds: LANDING_DURATION_S });
+                world.append_leg(Leg::Straight { heading_deg: heading_deg(world), seconds: LANDING_DURATION_S });
             }
             (_, PilotCommand::TakeOff | PilotCommand::Status | PilotCommand::Help) => {}
         }
@@ -111,11 +111,11 @@ impl SimulatedPilot {
     }
 
     /// Appends a leg to previous commands; cancels any other activity.
-    fn fly_leg(&mut self, world: &World, leg: Leg) {
+    fn append_commanded_leg(&mut self, world: &World, leg: Leg) {
         if self.task != PilotTask::Commands {
             self.start_task(world, PilotTask::Commands);
         }
-        world.fly_leg(leg);
+        world.append_leg(leg);
     }
 
     fn start_task(&mut self, world: &World, task: PilotTask) {
@@ -127,7 +127,7 @@ impl SimulatedPilot {
         if let PilotTask::Pattern(pattern) = self.task {
             let legs = pattern.legs(self.vehicle_kind, heading_deg(world), &mut self.random.borrow_mut());
             for leg in legs {
-                world.fly_leg(leg);
+                world.append_leg(leg);
             }
         }
     }

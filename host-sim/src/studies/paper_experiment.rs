@@ -31,19 +31,19 @@ const READING_PERIOD_US: u32 = 12_500;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PaperExperiment {
     /// Samples per side, uniform over all headings.
-    pub samples: u16,
+    pub samples_per_side: u16,
     /// Seed of the sensor noise; `None` for no noise.
-    pub noise: Option<u64>,
+    pub noise_seed: Option<u64>,
 }
 
 impl PaperExperiment {
     /// The paper's twelve headings per side, without noise.
-    pub const NOISE_FREE: Self = Self { samples: 12, noise: None };
+    pub const NOISE_FREE: Self = Self { samples_per_side: 12, noise_seed: None };
 
     /// As many samples as a long flight provides, with the noise of a LIS3MDL.
     #[must_use]
     pub const fn noisy_experiment(seed: u64) -> Self {
-        Self { samples: 256, noise: Some(seed) }
+        Self { samples_per_side: 256, noise_seed: Some(seed) }
     }
 }
 
@@ -85,10 +85,11 @@ pub fn method_errors(experiment: PaperExperiment) -> Result<[MethodErrors; 5], S
     let marks = Table1Experiment::heading_marks(experiment, &left_turns, &right_turns);
     let swing = Samples::default().with_marks(&marks);
     let solved_errors = |name, method, samples| {
-        solve_samples(method, samples, &Prior::default()).map(|solution| table.column(name, &solution.calibration))
+        solve_samples(method, samples, &Prior::default())
+            .map(|solution| table.errors_column(name, &solution.calibration))
     };
     Ok([
-        table.column("before", &Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)),
+        table.errors_column("before", &Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)),
         solved_errors("reference", Method::CompassSwing, swing)?,
         solved_errors("four ellipses", Method::FourEllipse, samples_by_side)?,
         solved_errors("two planes", Method::TwoPlane, samples_by_side)?,
@@ -111,9 +112,9 @@ impl Table1Experiment {
 
     /// Left and right turns, each in the direction of flight.
     fn measure_turns(&self, experiment: PaperExperiment) -> (Vec<Sample>, Vec<Sample>) {
-        let mut noise = experiment.noise.map(|seed| RandomStream::new(seed, StreamPurpose::Magnetometer));
+        let mut noise = experiment.noise_seed.map(|seed| RandomStream::new(seed, StreamPurpose::Magnetometer));
         let mut turn_samples = |sign: f64, collection_part: CollectionPart| -> Vec<Sample> {
-            (0..experiment.samples)
+            (0..experiment.samples_per_side)
                 .map(|i| {
                     let noise_ut = noise.as_mut().map_or_else(Vector3::zeros, |noise| {
                         noise.normal_vector().component_mul(&Vector3::from(READING_NOISE_UT))
@@ -121,7 +122,7 @@ impl Table1Experiment {
                     });
                     let sample = self.simulated_sample(
                         sign * EXPERIMENT_BANK_DEG,
-                        sign * heading_rad(i, experiment.samples),
+                        sign * heading_rad(i, experiment.samples_per_side),
                         noise_ut,
                     );
                     Sample { time: WrappingMillis::new(u32::from(i) * 400), part: collection_part, ..sample }
@@ -133,13 +134,13 @@ impl Table1Experiment {
 
     /// A subset of the samples with known headings, limited to the module's capacity.
     fn heading_marks(experiment: PaperExperiment, left_turns: &[Sample], right_turns: &[Sample]) -> Vec<HeadingMark> {
-        let sample_stride = usize::from(experiment.samples) / HEADING_COUNT;
+        let sample_stride = usize::from(experiment.samples_per_side) / HEADING_COUNT;
         let marks_of_turn = |samples: &[Sample], turn_sign: f64| -> Vec<HeadingMark> {
-            (0..experiment.samples)
+            (0..experiment.samples_per_side)
                 .zip(samples)
                 .step_by(sample_stride)
                 .map(|(i, &sample)| {
-                    let heading_rad = (turn_sign * heading_rad(i, experiment.samples)) as f32;
+                    let heading_rad = (turn_sign * heading_rad(i, experiment.samples_per_side)) as f32;
                     HeadingMark { sample, heading_rad }
                 })
                 .collect()
@@ -147,7 +148,7 @@ impl Table1Experiment {
         marks_of_turn(left_turns, -1.0).into_iter().chain(marks_of_turn(right_turns, 1.0)).collect()
     }
 
-    fn column(&self, name: &'static str, calibration: &Calibration) -> MethodErrors {
+    fn errors_column(&self, name: &'static str, calibration: &Calibration) -> MethodErrors {
         let error_deg = |roll_deg: f64, row: usize| {
             let heading_rad = heading_rad(row as u16, HEADING_COUNT as u16);
             let noise_free_sample = self.simulated_sample(roll_deg, heading_rad, Vector3::zeros());

@@ -26,7 +26,7 @@ impl CutProgress {
     pub const ALL: [(Self, u64); 4] = [(Self::Before, 0), (Self::Torn, 1), (Self::Torn, 2), (Self::After, 0)];
 
     /// All power cuts at the first and last four operations (headers and markers) and at every seventh between them.
-    pub fn near_operation_limits(operations: usize) -> impl Iterator<Item = (usize, (Self, u64))> {
+    pub fn cuts_at_sampled_operations(operations: usize) -> impl Iterator<Item = (usize, (Self, u64))> {
         let near_an_end =
             move |operation: &usize| *operation < 4 || *operation + 4 >= operations || operation.is_multiple_of(7);
         (0..operations).filter(near_an_end).flat_map(|operation| Self::ALL.map(|cut| (operation, cut)))
@@ -68,7 +68,7 @@ pub struct RamFlash<const PAGE_BYTES: usize> {
     /// Memory contents.
     pub bytes: Vec<u8>,
     /// Programmed double words and erased pages since power-on.
-    pub operations: usize,
+    pub operation_count: usize,
     /// Byte range and number of reads that fail there.
     pub unreadable: Option<(Range<usize>, usize)>,
     /// Programming fault, if any.
@@ -82,29 +82,29 @@ impl<const PAGE_BYTES: usize> RamFlash<PAGE_BYTES> {
     #[must_use]
     pub fn new(pages: usize) -> Self {
         let bytes = vec![0xFF; PAGE_BYTES * pages];
-        Self { bytes, operations: 0, unreadable: None, silent_fault: None, cut: None, noise: Random(1) }
+        Self { bytes, operation_count: 0, unreadable: None, silent_fault: None, cut: None, noise: Random(1) }
     }
 
     /// A copy whose power fails at an operation counted from 0.
     #[must_use]
     pub fn cut_at(&self, operation: usize, (cut, seed): (CutProgress, u64)) -> Self {
-        Self { operations: 0, cut: Some((operation, cut)), noise: Random(seed), ..self.clone() }
+        Self { operation_count: 0, cut: Some((operation, cut)), noise: Random(seed), ..self.clone() }
     }
 
     /// A copy with power and without faults.
     #[must_use]
     pub fn power_on(&self) -> Self {
-        Self { operations: 0, cut: None, unreadable: None, silent_fault: None, ..self.clone() }
+        Self { operation_count: 0, cut: None, unreadable: None, silent_fault: None, ..self.clone() }
     }
 
     /// Writes `target` at `start`, unless the power fails.
     fn write_cells(&mut self, start: usize, target: &[u8]) -> Result<(), FlashFault> {
         let cut = match self.cut {
-            Some((at, _)) if self.operations > at => return Err(FlashFault::NoPower),
-            Some((at, cut)) if self.operations == at => Some(cut),
+            Some((at, _)) if self.operation_count > at => return Err(FlashFault::NoPower),
+            Some((at, cut)) if self.operation_count == at => Some(cut),
             _ => None,
         };
-        self.operations += 1;
+        self.operation_count += 1;
         for (byte, &target) in self.bytes[start..].iter_mut().zip(target) {
             let changed = match cut {
                 None | Some(CutProgress::After) => 0xFF,

@@ -79,7 +79,7 @@ struct StepReporter<'a> {
 }
 
 impl StepReporter<'_> {
-    fn report_step(&self, module: &impl Module) -> FlightStep {
+    fn flight_step(&self, module: &impl Module) -> FlightStep {
         let world = module.world();
         let state = world.true_state(module.now_us());
         let field = world.sensor_field(state.time_us);
@@ -106,7 +106,7 @@ impl StepReporter<'_> {
 
 impl ModuleObserver for StepReporter<'_> {
     fn time_advanced(&mut self, module: &impl Module) {
-        let step = self.report_step(module);
+        let step = self.flight_step(module);
         (self.report_step)(&step);
     }
 

@@ -115,7 +115,7 @@ impl LoadedLog {
             .then(|| [format.file_name().to_owned(), format_parameter_file(flight, &exported, format)]);
         let origin = ReportOrigin {
             settings: settings_table(choices),
-            parameters: parameters.clone(),
+            parameter_file: parameters.clone(),
             ..ReportOrigin::default()
         };
         Ok(JudgedLog {
@@ -143,14 +143,14 @@ mod tests {
 
     const CHOICES: &str = r#"{ "samples": "all", "compass": 1, "from_s": 30, "to_s": null, "reference": "column" }"#;
 
-    fn loaded() -> LoadedLog {
+    fn loaded_example_log() -> LoadedLog {
         let request = serde_json::from_str(r#"{ "name": "flight.csv", "unit": "mg" }"#).unwrap();
         LoadedLog::read_log(&mut include_bytes!("../../data/flight.csv").as_slice(), request).unwrap()
     }
 
     #[test]
     fn choices_of_the_page_are_used_and_stated_in_the_report() {
-        let log = loaded();
+        let log = loaded_example_log();
         let LogSummary { compasses, range_s: [from_s, to_s], is_table } = log.log_summary();
         assert!(compasses == [1] && from_s < 30.0 && to_s > 199.0 && is_table, "{from_s} to {to_s} s");
         let judged_whole =
@@ -176,8 +176,8 @@ mod tests {
         let error = LoadedLog::read_log(&mut b"Dear reader".as_slice(), request).unwrap_err();
         assert!(error.starts_with("not a known log"), "{error}");
         let missing = PageChoices { reference: Some(ReferenceKind::GpsYaw), ..serde_json::from_str(CHOICES).unwrap() };
-        assert_eq!(loaded().judge_log(&missing).unwrap_err(), "the log has no such reference");
+        assert_eq!(loaded_example_log().judge_log(&missing).unwrap_err(), "the log has no such reference");
         let missing = PageChoices { compass: Some(8), ..serde_json::from_str(CHOICES).unwrap() };
-        assert_eq!(loaded().judge_log(&missing).unwrap_err(), "the log has no compass of this number");
+        assert_eq!(loaded_example_log().judge_log(&missing).unwrap_err(), "the log has no compass of this number");
     }
 }

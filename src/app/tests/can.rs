@@ -12,8 +12,8 @@ use crate::settings::{CanSettings, PortNumber, ProtocolKind, Settings, SigningKe
 use crate::time::Timestamp;
 use crate::wire::dronecan::{DataType, Targetted};
 
-const CAN: CanSettings = CanSettings { node: OWN_NODE, is_terminated: true, ..CanSettings::DEFAULT };
-const CAN_SETTINGS: Settings = Settings { can: CAN, ..Settings::DEFAULT };
+const CAN_SETTINGS: CanSettings = CanSettings { node: OWN_NODE, is_terminated: true, ..CanSettings::DEFAULT };
+const SETTINGS_WITH_NODE: Settings = Settings { can: CAN_SETTINGS, ..Settings::DEFAULT };
 
 fn publish_settings(bench: &TaskBench, settings: Settings) {
     publish_value(&bench.links.settings, settings);
@@ -37,18 +37,21 @@ fn bench_with_node() -> (TaskBench, FakeCanBus) {
 }
 
 fn run_node(bench: &mut TaskBench, bus: &FakeCanBus) {
-    publish_settings(bench, CAN_SETTINGS);
+    publish_settings(bench, SETTINGS_WITH_NODE);
     bus.run_node(bench, bus.clone(), false);
     bus.queue_message(DataType::ARMING_STATUS, &[0]);
     publish_estimates(bench, 100);
-    bus.take_sent(DataType::NODE_STATUS);
+    bus.take_sent_data(DataType::NODE_STATUS);
 }
 
 #[test]
 fn the_termination_is_as_set() {
     let (mut bench, bus) = bench_with_node();
     assert_eq!(bus.termination_states.take(), [true]);
-    publish_settings(&bench, Settings { can: CanSettings { is_terminated: false, ..CAN }, ..CAN_SETTINGS });
+    publish_settings(
+        &bench,
+        Settings { can: CanSettings { is_terminated: false, ..CAN_SETTINGS }, ..SETTINGS_WITH_NODE },
+    );
     publish_estimates(&mut bench, 50);
     assert_eq!(bus.termination_states.take(), [false]);
 }
@@ -68,7 +71,7 @@ fn requests_do_not_wait_for_an_estimate() {
     let (mut bench, bus) = bench_with_node();
     bus.queue_message(DataType::GET_NODE_INFO, &[]);
     bench.run_for_ms(5);
-    assert!(!bus.take_sent(DataType::GET_NODE_INFO).is_empty());
+    assert!(!bus.take_sent_data(DataType::GET_NODE_INFO).is_empty());
 }
 
 /// An autopilot on a port, or a node of the bus, reports that the vehicle is armed.
@@ -80,7 +83,7 @@ fn armed_states_of_ports_and_bus_count_for_each_other() {
     bench.links.update_line_state(port, ProtocolKind::Mavlink, Some(true));
     bus.queue_message(DataType::RESTART_NODE, &RESTART_PAYLOAD);
     publish_estimates(&mut bench, 50);
-    assert_eq!(bus.take_sent(DataType::RESTART_NODE)[0][0], 0);
+    assert_eq!(bus.take_sent_data(DataType::RESTART_NODE)[0][0], 0);
     bench.links.update_line_state(port, ProtocolKind::Mavlink, None);
     assert_eq!(bench.links.is_armed(), Some(false));
     bus.queue_message(DataType::ARMING_STATUS, &[255]);
@@ -89,12 +92,12 @@ fn armed_states_of_ports_and_bus_count_for_each_other() {
 }
 
 #[test]
-fn messages_of_the_module_are_texts() {
+fn module_messages_are_sent_as_log_messages() {
     let (mut bench, bus) = bench_with_node();
     bench.links.broadcast_message(&Message::InstallationRestored);
     publish_estimates(&mut bench, 500);
     let text: Vec<u8> =
-        bus.take_sent(DataType::LOG_MESSAGE).iter().flat_map(|data| data[..data.len() - 1].to_vec()).collect();
+        bus.take_sent_data(DataType::LOG_MESSAGE).iter().flat_map(|data| data[..data.len() - 1].to_vec()).collect();
     let text = String::from_utf8_lossy(&text);
     assert!(text.ends_with(&Message::InstallationRestored.to_string()), "{text}");
 }
@@ -104,7 +107,7 @@ fn messages_of_the_module_are_texts() {
 fn a_changed_signing_key_applies_to_the_tunnel() {
     let heartbeat = heartbeat_and_attitude_frames(ARMED_BASE_MODE);
     let piece = Targetted {
-        protocol: Targetted::MAVLINK_2,
+        protocol: Targetted::MAVLINK_2_PROTOCOL,
         target: OWN_NODE,
         serial_line: 0,
         tunnel_options: 0,
@@ -113,7 +116,7 @@ fn a_changed_signing_key_applies_to_the_tunnel() {
     };
     for (signing_key, is_accepted) in [(None, true), (Some(SigningKey([7; 32])), false)] {
         let (mut bench, bus) = bench_with_node();
-        publish_settings(&bench, Settings { signing_key, ..CAN_SETTINGS });
+        publish_settings(&bench, Settings { signing_key, ..SETTINGS_WITH_NODE });
         publish_estimates(&mut bench, 50);
         bus.queue_message(DataType::TARGETTED, &piece.payload());
         publish_estimates(&mut bench, 50);
@@ -125,10 +128,10 @@ fn a_changed_signing_key_applies_to_the_tunnel() {
 #[test]
 fn a_board_without_a_boot_loader_refuses_updates() {
     let (mut bench, bus) = (TaskBench::new(), FakeCanBus::default());
-    publish_settings(&bench, CAN_SETTINGS);
+    publish_settings(&bench, SETTINGS_WITH_NODE);
     bus.run_node(&mut bench, NoBootLoader, false);
     bus.queue_message(DataType::BEGIN_FIRMWARE_UPDATE, b"\0a.bin");
     publish_estimates(&mut bench, 100);
-    assert_eq!(bus.take_sent(DataType::BEGIN_FIRMWARE_UPDATE)[0][2], 255);
+    assert_eq!(bus.take_sent_data(DataType::BEGIN_FIRMWARE_UPDATE)[0][2], 255);
     assert!(bench.links.commands.is_empty());
 }

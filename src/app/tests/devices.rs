@@ -95,14 +95,14 @@ impl Magnetometer for FakeMagnetometer {
 /// Line that returns queued bytes, then nothing or errors.
 #[derive(Clone, Default)]
 pub struct FakeReceiver {
-    pub bytes: Rc<RefCell<VecDeque<u8>>>,
+    pub queued_bytes: Rc<RefCell<VecDeque<u8>>>,
     pub behaviour: Rc<Cell<DeviceBehaviour>>,
     pub read_count: Rc<Cell<u32>>,
 }
 
 impl FakeReceiver {
     pub fn queue_bytes(&self, bytes: &[u8]) {
-        self.bytes.borrow_mut().extend(bytes);
+        self.queued_bytes.borrow_mut().extend(bytes);
     }
 }
 
@@ -117,11 +117,11 @@ impl Read for FakeReceiver {
             match self.behaviour.get() {
                 DeviceBehaviour::Fails | DeviceBehaviour::ChangedRegisters => return Err(ErrorKind::Other),
                 DeviceBehaviour::EndOfInput => return Ok(0),
-                DeviceBehaviour::Works if !self.bytes.borrow().is_empty() => break,
+                DeviceBehaviour::Works if !self.queued_bytes.borrow().is_empty() => break,
                 DeviceBehaviour::Works | DeviceBehaviour::Hangs => Timer::after_micros(100).await,
             }
         }
-        let mut bytes = self.bytes.borrow_mut();
+        let mut bytes = self.queued_bytes.borrow_mut();
         let read = buffer.len().min(bytes.len());
         buffer.iter_mut().zip(bytes.drain(..read)).for_each(|(place, byte)| *place = byte);
         Ok(read)

@@ -134,5 +134,5 @@ fn readings_without_attitude_are_counted() {
         bench.run_for_ms(1);
     }
     // Readings of the last 0.3 s still wait for attitude.
-    assert_eq!(bench.links.event_counts().unpaired, 40 - 24);
+    assert_eq!(bench.links.event_counts().unpaired_readings, 40 - 24);
 }

@@ -23,20 +23,20 @@ use crate::store::Store;
 /// Times of the lamp's changes, milliseconds, with its states, and the state of the button.
 #[derive(Clone, Default)]
 struct FakePanel {
-    lamp: Rc<RefCell<Vec<(u64, bool)>>>,
-    is_down: Rc<Cell<bool>>,
+    lamp_changes: Rc<RefCell<Vec<(u64, bool)>>>,
+    is_button_down: Rc<Cell<bool>>,
 }
 
 impl Panel for FakePanel {
     fn set_lamp(&mut self, on: bool) {
-        let mut lamp = self.lamp.borrow_mut();
+        let mut lamp = self.lamp_changes.borrow_mut();
         if lamp.last().is_none_or(|&(_, before)| before != on) {
             lamp.push((Instant::now().as_millis(), on));
         }
     }
 
     fn is_pressed(&self) -> bool {
-        self.is_down.get()
+        self.is_button_down.get()
     }
 }
 
@@ -60,7 +60,7 @@ fn lit_percent_and_changes(
     }
     let begin = Instant::now().as_millis();
     bench.run_for_ms(4_000);
-    let lamp = fake_panel.lamp.borrow();
+    let lamp = fake_panel.lamp_changes.borrow();
     let ends = lamp.iter().skip(1).map(|&(at, _)| at).chain([begin + 4_000]);
     let lit_ms: u64 = lamp.iter().zip(ends).filter(|((_, on), _)| *on).map(|(&(at, _), end)| end - at).sum();
     (lit_ms / 40, lamp.len() as u64 / 4)
@@ -108,10 +108,10 @@ fn the_button_acts_after_two_seconds() {
     let (mut bench, fake_panel) = bench_with_panel();
     let start_command = (CommandSource::Button, Command::CalStart(Procedure::Flight));
     for (ms, is_pressed) in [(1_900, false), (2_060, true), (10_000, true)] {
-        fake_panel.is_down.set(true);
+        fake_panel.is_button_down.set(true);
         bench.run_for_ms(ms);
         assert_eq!(bench.links.commands.try_receive() == Ok(start_command), is_pressed, "{ms}");
-        fake_panel.is_down.set(false);
+        fake_panel.is_button_down.set(false);
         bench.run_for_ms(3_000);
         assert!(bench.links.commands.try_receive().is_err(), "{ms}");
     }
@@ -139,7 +139,7 @@ fn the_button_begins_a_collection() {
     );
     bench.run_for_ms(10);
     assert_eq!(bench.links.indicator_state.try_get(), Some(IndicatorState::Idle));
-    fake_panel.is_down.set(true);
+    fake_panel.is_button_down.set(true);
     bench.run_for_ms(2_100);
     assert_eq!(bench.links.indicator_state.try_get(), Some(IndicatorState::Collecting(0)));
     assert!(bench.links.replies.try_receive().is_err(), "nobody asked");

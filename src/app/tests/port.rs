@@ -82,7 +82,7 @@ fn reports_are_passed_on_with_their_arrival_and_counted() {
     // Rejected frames are counted with the next estimate.
     publish_estimates(&mut bench, NORTH, 10);
     let counts = bench.links.event_counts();
-    assert_eq!((counts.attitude_reports, counts.attitude_rejected, counts.attitude_line_errors), (2, 1, 0));
+    assert_eq!((counts.attitude_reports, counts.attitude_frames_rejected, counts.attitude_line_errors), (2, 1, 0));
 }
 
 /// Two aircraft on one line; only the second sends heartbeats of an autopilot.
@@ -106,7 +106,7 @@ fn attitude_of_other_senders_is_counted_and_dropped() {
     bench.run_for_ms(1);
     assert_eq!(received_rolls_rad(&bench), [0.1, 0.2]);
     let counts = bench.links.event_counts();
-    assert_eq!((counts.attitude_reports, counts.attitude_foreign, counts.attitude_rejected), (2, 2, 0));
+    assert_eq!((counts.attitude_reports, counts.attitude_of_other_senders, counts.attitude_frames_rejected), (2, 2, 0));
 }
 
 /// Attitude on both ports, with rates on the second: the first is selected until the second delivers.
@@ -123,7 +123,7 @@ fn attitude_is_used_from_one_port_at_a_time() {
         bench.run_for_ms(1);
     }
     assert_eq!(received_rolls_rad(&bench), [0.1, 0.2, 0.4]);
-    assert_eq!(bench.links.event_counts().attitude_foreign, 1);
+    assert_eq!(bench.links.event_counts().attitude_of_other_senders, 1);
 }
 
 pub(super) const ARMED_BASE_MODE: MavModeFlag = MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;

@@ -97,8 +97,8 @@ fn broken_devices_do_not_starve_the_watchdog() {
 /// CAN bus with one other node, the test, and the boot loader.
 #[derive(Clone, Default)]
 pub(super) struct FakeCanBus {
-    received_frames: Rc<RefCell<VecDeque<CanFrame>>>,
-    sent_frames: Rc<RefCell<Vec<CanFrame>>>,
+    frames_to_module: Rc<RefCell<VecDeque<CanFrame>>>,
+    frames_from_module: Rc<RefCell<Vec<CanFrame>>>,
     handed_over_update: Rc<RefCell<Option<FirmwareUpdate>>>,
     /// States of the termination, in order.
     pub termination_states: Rc<RefCell<Vec<bool>>>,
@@ -109,7 +109,7 @@ pub(super) struct FakeCanBus {
 impl ReceiveFrame for FakeCanBus {
     async fn receive_frame(&mut self) -> CanFrame {
         loop {
-            let next = self.received_frames.borrow_mut().pop_front();
+            let next = self.frames_to_module.borrow_mut().pop_front();
             match next {
                 Some(frame) => return frame,
                 None => Timer::after_micros(100).await,
@@ -124,7 +124,7 @@ impl ReceiveFrame for FakeCanBus {
 
 impl SendFrame for FakeCanBus {
     async fn send_frame(&mut self, frame: &CanFrame) {
-        self.sent_frames.borrow_mut().push(frame.clone());
+        self.frames_from_module.borrow_mut().push(frame.clone());
     }
 
     fn set_termination(&mut self, is_on: bool) {
@@ -143,14 +143,14 @@ pub(super) const OWN_NODE: u8 = 42;
 
 impl FakeCanBus {
     /// A module in safe mode with a number of the bus.
-    fn with_node() -> (TaskBench, Self) {
+    fn with_allocated_node() -> (TaskBench, Self) {
         let (mut bench, ..) = bench_in_safe_mode(Flash::new(PAGE_COUNT));
         let bus = Self::default();
         bus.run_node(&mut bench, bus.clone(), true);
         bus.queue_message(DataType::ARMING_STATUS, &[0]);
         bench.run_for_ms(1_100);
         let is_anonymous = |frame: &CanFrame| FrameHeader::from_id(frame.frame_id()).unwrap().source_node.is_none();
-        assert!(bus.sent_frames.take().iter().any(is_anonymous), "no request for a number");
+        assert!(bus.frames_from_module.take().iter().any(is_anonymous), "no request for a number");
         bus.queue_message(DataType::ALLOCATION, &[&[OWN_NODE << 1], &UNIQUE_ID[..]].concat());
         bench.run_for_ms(1_100);
         (bench, bus)
@@ -183,15 +183,15 @@ impl FakeCanBus {
             TransferKind::Message
         };
         let payload = Payload::from_slice(payload).unwrap();
-        let transfer_id = self.received_frames.borrow().len() as u8;
+        let transfer_id = self.frames_to_module.borrow().len() as u8;
         let transfer = OutboundTransfer { data_type, priority: 16, transfer_kind: kind, transfer_id, payload };
-        self.received_frames.borrow_mut().extend(transfer.frames(NodeId::new(10)));
+        self.frames_to_module.borrow_mut().extend(transfer.frames(NodeId::new(10)));
     }
 
     /// Data of the sent frames of a type since the last call.
-    pub(super) fn take_sent(&self, data_type: DataType) -> Vec<Vec<u8>> {
+    pub(super) fn take_sent_data(&self, data_type: DataType) -> Vec<Vec<u8>> {
         let is_of = |frame: &CanFrame| data_type.matches_header(FrameHeader::from_id(frame.frame_id()).unwrap());
-        self.sent_frames.take().iter().filter(|frame| is_of(frame)).map(|frame| frame.data().to_vec()).collect()
+        self.frames_from_module.take().iter().filter(|frame| is_of(frame)).map(|frame| frame.data().to_vec()).collect()
     }
 }
 
@@ -200,28 +200,28 @@ pub(super) const RESTART_PAYLOAD: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];
 /// Health ERROR, mode OPERATIONAL; reason 12, no field: docs/dronecan.md.
 #[test]
 fn the_node_of_a_can_bus_reports_safe_mode_and_restarts() {
-    let (mut bench, bus) = FakeCanBus::with_node();
-    let all = bus.take_sent(DataType::NODE_STATUS);
+    let (mut bench, bus) = FakeCanBus::with_allocated_node();
+    let all = bus.take_sent_data(DataType::NODE_STATUS);
     assert!(!all.is_empty() && all.iter().all(|status| status[4..7] == [0x80, 0x4C, 0]), "{all:?}");
     bus.queue_message(DataType::GET_NODE_INFO, &[]);
     bench.run_for_ms(10);
-    assert!(!bus.take_sent(DataType::GET_NODE_INFO).is_empty());
+    assert!(!bus.take_sent_data(DataType::GET_NODE_INFO).is_empty());
     for (is_armed, is_accepted) in [(255, 0), (0, 0x80)] {
         bus.queue_message(DataType::ARMING_STATUS, &[is_armed]);
         bus.queue_message(DataType::RESTART_NODE, &RESTART_PAYLOAD);
         bench.run_for_ms(10);
-        assert_eq!(bus.take_sent(DataType::RESTART_NODE)[0][0], is_accepted);
+        assert_eq!(bus.take_sent_data(DataType::RESTART_NODE)[0][0], is_accepted);
         assert_eq!(bench.links.restart_request.signaled(), is_accepted != 0);
     }
 }
 
 #[test]
 fn the_firmware_can_be_replaced_over_can() {
-    let (mut bench, bus) = FakeCanBus::with_node();
-    bus.take_sent(DataType::NODE_STATUS);
+    let (mut bench, bus) = FakeCanBus::with_allocated_node();
+    bus.take_sent_data(DataType::NODE_STATUS);
     bus.queue_message(DataType::BEGIN_FIRMWARE_UPDATE, &[&[0], &b"a.bin"[..]].concat());
     bench.run_for_ms(10);
-    assert_eq!(bus.take_sent(DataType::BEGIN_FIRMWARE_UPDATE)[0][0], 0);
+    assert_eq!(bus.take_sent_data(DataType::BEGIN_FIRMWARE_UPDATE)[0][0], 0);
     assert!(bench.links.restart_request.signaled());
     let update = bus.handed_over_update.take().expect("a hand-over");
     assert_eq!(
@@ -233,8 +233,8 @@ fn the_firmware_can_be_replaced_over_can() {
 /// Parameters, texts of a tunnel and batteries belong to code that can be the cause of the panics.
 #[test]
 fn the_node_ignores_other_messages_in_safe_mode() {
-    let (mut bench, bus) = FakeCanBus::with_node();
-    bus.take_sent(DataType::NODE_STATUS);
+    let (mut bench, bus) = FakeCanBus::with_allocated_node();
+    bus.take_sent_data(DataType::NODE_STATUS);
     for (data_type, payload) in [
         (DataType::GET_SET, &[0, 0][..]),
         (DataType::EXECUTE_OPCODE, &[1, 0, 0, 0, 0, 0, 0]),
@@ -244,7 +244,7 @@ fn the_node_ignores_other_messages_in_safe_mode() {
     ] {
         bus.queue_message(data_type, payload);
         bench.run_for_ms(200);
-        assert_eq!(bus.take_sent(data_type), Vec::<Vec<u8>>::new());
+        assert_eq!(bus.take_sent_data(data_type), Vec::<Vec<u8>>::new());
     }
-    assert!(bench.links.current.try_get().is_none() && bench.links.commands.is_empty());
+    assert!(bench.links.motor_current.try_get().is_none() && bench.links.commands.is_empty());
 }

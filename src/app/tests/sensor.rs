@@ -58,7 +58,7 @@ fn a_changed_sensor_configuration_is_restored_within_1_s() {
     bench.run_for_ms(509);
     assert_eq!((chip.verify_count.get(), chip.init_count.get()), (4, 2));
     let counts = bench.links.event_counts();
-    assert_eq!((counts.sensor_upsets, counts.sensor_errors), (1, 0));
+    assert_eq!((counts.sensor_register_upsets, counts.sensor_errors), (1, 0));
     chip.verify_behaviour.set(DeviceBehaviour::Works);
     let before = counts.readings;
     bench.run_for_ms(990);
@@ -72,7 +72,7 @@ fn a_sensor_that_fails_its_verification_is_lost() {
         chip.verify_behaviour.set(behaviour);
         bench.run_for_ms(1_450);
         let counts = bench.links.event_counts();
-        assert_eq!((counts.sensor_upsets, counts.sensor_errors), (0, 1), "{behaviour:?}");
+        assert_eq!((counts.sensor_register_upsets, counts.sensor_errors), (0, 1), "{behaviour:?}");
         assert_eq!(bench.links.heartbeat_counts()[0], counts.readings + 1);
     }
 }

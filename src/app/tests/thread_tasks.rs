@@ -163,7 +163,7 @@ fn samples_become_a_correction() {
         Ok(Reply::Done(ModuleState::Collecting))
     ));
     let airframe = Airframe::random(&mut Random(11), 0.1, 1.0, 5.0, [55.0, 55.0]);
-    let recorded = Flight { samples: 190, ..Flight::TYPICAL }.fly(&airframe, &mut Random(1));
+    let recorded = Flight { samples_per_side: 190, ..Flight::TYPICAL }.fly(&airframe, &mut Random(1));
     for (i, sample) in recorded.left.iter().chain(&recorded.right).enumerate() {
         let time = WrappingMillis::new(i as u32 * 500);
         bench.links.queue_or_count(&bench.links.samples, Sample { time, ..*sample });
@@ -236,7 +236,7 @@ fn no_sample_is_dropped_during_a_trial_solve() {
     let Ok(Reply::Report(report)) = execute_command(&mut bench, Command::Status) else { panic!("no report") };
     assert!(report.last_trial.is_some());
     let coverage = report.collection_progress.coverage_of(CollectionPart::FREE);
-    assert_eq!(coverage.samples + coverage.held_back_count, 75);
+    assert_eq!(coverage.fit_count + coverage.held_back_count, 75);
     assert_eq!(bench.links.event_counts().samples_dropped, 0);
 }
 
@@ -280,7 +280,7 @@ impl Platform for FakePlatform {
     }
 
     fn peak_stack_use(&self) -> Option<StackUse> {
-        Some(StackUse { used_bytes: 1234, size_bytes: 24576 })
+        Some(StackUse { peak_used_bytes: 1234, size_bytes: 24576 })
     }
 }
 
@@ -384,7 +384,7 @@ fn a_module_without_a_console_restarts_on_command() {
 /// The only UART of a board is the console unless a protocol is selected for port 1, and not before the settings are
 /// known.
 #[test]
-fn a_selected_protocol_turns_the_console_into_a_port() {
+fn a_selected_protocol_is_found_once_the_settings_are_known() {
     for (selected, expected) in
         [(None, None), (Some(ProtocolKind::Auto), Some(false)), (Some(ProtocolKind::Msp), Some(true))]
     {

@@ -10,7 +10,7 @@ use testkit::flash::SilentFault;
 use super::TaskBench;
 use super::thread_tasks::{Flash, PAGE_COUNT, bench_with_compass};
 use crate::app::task_links::{
-    AutopilotLine, COMMON_HEARTBEAT_COUNT, CommandSource, Heartbeats, MAX_HEARTBEAT_COUNT, increment_counter,
+    AutopilotLine, COMMON_HEARTBEAT_COUNTERS, CommandSource, Heartbeats, MAX_HEARTBEAT_COUNTERS, increment_counter,
 };
 use crate::app::watchdog::{self, MAX_FEED_INTERVAL_US};
 use crate::app::{TaskLinks, Watchdog};
@@ -32,7 +32,7 @@ impl Watchdog for FakeWatchdog {
     }
 }
 
-fn all_heartbeats(links: &TaskLinks) -> [&AtomicU32; MAX_HEARTBEAT_COUNT] {
+fn all_heartbeats(links: &TaskLinks) -> [&AtomicU32; MAX_HEARTBEAT_COUNTERS] {
     let Heartbeats { sensor, instrument, compass } = &links.heartbeats;
     let [one, two, can] = AutopilotLine::ALL_LINES.map(|line| &links.links_of_line(line).heartbeat);
     [sensor, instrument, compass, one, two, can]
@@ -65,7 +65,7 @@ fn the_watchdog_is_fed_while_all_tasks_run() {
 
 #[test]
 fn the_watchdog_is_not_fed_after_any_task_stops() {
-    for silent in 0..MAX_HEARTBEAT_COUNT {
+    for silent in 0..MAX_HEARTBEAT_COUNTERS {
         let (mut bench, watchdog_timer) = bench_with_silent_task(Some(silent));
         bench.run_for_ms(1_450);
         let feeds = watchdog_timer.0.get();
@@ -85,7 +85,7 @@ fn an_image_is_marked_good_after_30_s() {
 
 #[test]
 fn an_image_whose_tasks_do_not_run_is_not_good() {
-    for silent in 0..MAX_HEARTBEAT_COUNT {
+    for silent in 0..MAX_HEARTBEAT_COUNTERS {
         let (mut bench, watchdog_timer) = bench_with_silent_task(Some(silent));
         bench.run_for_ms(60_000);
         assert_eq!(watchdog_timer.1.get(), None, "task {silent}");
@@ -115,7 +115,7 @@ fn an_interruption_restarts_the_30_s_of_a_good_image() {
 /// A board has fewer lines than there are heartbeat counters.
 #[test]
 fn the_watchdog_does_not_wait_for_lines_that_never_ran() {
-    for (counted_tasks, fed) in [(COMMON_HEARTBEAT_COUNT, 10), (COMMON_HEARTBEAT_COUNT - 1, 0)] {
+    for (counted_tasks, fed) in [(COMMON_HEARTBEAT_COUNTERS, 10), (COMMON_HEARTBEAT_COUNTERS - 1, 0)] {
         let (mut bench, watchdog_timer) = (TaskBench::new(), FakeWatchdog::default());
         let watchdog_clone = watchdog_timer.clone();
         bench.spawn_task("watchdog", |links| async move { watchdog::run_watchdog(&links, watchdog_clone).await });

@@ -50,7 +50,7 @@ const COS_MAX_STEADY_FIELD_ROTATION: f32 = 0.999_925;
 
 /// Longest duration of equal reports in which vanished rates count, microseconds. By then an aircraft in straight flight
 /// has swayed by 3 deg, or the vehicle stands.
-const MAX_STOPPED_DURATION_US: u64 = 10_000_000;
+const MAX_VANISHED_RATES_US: u64 = 10_000_000;
 
 /// Cosine of the smallest field rotation in body axes that contradicts a repeated attitude (3 deg).
 const COS_MIN_FIELD_ROTATION: f32 = 0.998_63;
@@ -133,14 +133,14 @@ impl MeanDirection {
 #[derive(Debug)]
 pub(super) struct FreezeDetector {
     last_attitude: Option<Attitude>,
-    equal_reports: u8,
+    equal_report_count: u8,
     /// Times of the first and of the last of the equal reports.
     equal_since: Timestamp,
     last_report_at: Timestamp,
     /// Magnitude of the body rates at the first of the equal reports, rad/s.
-    initial_rate_rad_s: f32,
+    first_equal_rate_rad_s: f32,
     /// Whether the rates have vanished while the attitude repeats, by the last report.
-    has_stopped: bool,
+    have_rates_vanished: bool,
     /// Whether a change below the fine resolution was observed.
     has_fine_resolution: bool,
     /// Mean field direction in body axes: current, and settled after the first of the equal reports.
@@ -153,11 +153,11 @@ impl FreezeDetector {
     pub const fn new() -> Self {
         Self {
             last_attitude: None,
-            equal_reports: 0,
+            equal_report_count: 0,
             equal_since: Timestamp::START,
             last_report_at: Timestamp::START,
-            initial_rate_rad_s: 0.0,
-            has_stopped: false,
+            first_equal_rate_rad_s: 0.0,
+            have_rates_vanished: false,
             has_fine_resolution: false,
             field_direction: MeanDirection::UNKNOWN,
             settled_field_direction: None,
@@ -178,7 +178,7 @@ impl FreezeDetector {
                 && previous_attitude.pitch_rad.to_bits() == attitude.pitch_rad.to_bits()
         });
         if is_equal {
-            self.equal_reports = self.equal_reports.saturating_add(1);
+            self.equal_report_count = self.equal_report_count.saturating_add(1);
             if at.us_since(self.equal_since) >= FIELD_SETTLING_US {
                 // Before the first field reading the mean is `None`; a later report then stores it.
                 self.settled_field_direction = self.settled_field_direction.or(self.field_direction.mean());
@@ -186,17 +186,17 @@ impl FreezeDetector {
         } else {
             self.has_fine_resolution |=
                 self.last_attitude.is_some_and(|previous_attitude| is_fine_step(previous_attitude, attitude));
-            self.equal_reports = 1;
+            self.equal_report_count = 1;
             self.equal_since = at;
-            self.initial_rate_rad_s = rate_rad_s;
+            self.first_equal_rate_rad_s = rate_rad_s;
             self.settled_field_direction = None;
         }
         self.last_attitude = Some(attitude);
         self.last_report_at = at;
         self.is_frozen &= is_equal;
         let for_us = at.us_since(self.equal_since);
-        let is_repeated = self.equal_reports >= MIN_EQUAL_REPORTS;
-        self.has_stopped = is_repeated && self.is_rotation_missing(rate_rad_s, for_us);
+        let is_repeated = self.equal_report_count >= MIN_EQUAL_REPORTS;
+        self.have_rates_vanished = is_repeated && self.is_rotation_missing(rate_rad_s, for_us);
         if is_repeated {
             self.is_frozen |= self.has_fine_resolution && for_us >= MIN_EQUAL_DURATION_US;
             self.is_frozen |= for_us >= MIN_COARSE_EQUAL_DURATION_US && self.has_field_rotated(attitude);
@@ -205,15 +205,15 @@ impl FreezeDetector {
 
     /// Time of the last report, if the source is frozen.
     pub fn frozen_at(&self) -> Option<Timestamp> {
-        (self.is_frozen || self.has_stopped).then_some(self.last_report_at)
+        (self.is_frozen || self.have_rates_vanished).then_some(self.last_report_at)
     }
 
     /// Whether a rotation is missing that the rates showed before they vanished, while the field does not show that the
     /// vehicle has stopped.
     fn is_rotation_missing(&self, rate_rad_s: f32, for_us: u64) -> bool {
-        rate_rad_s < MAX_VANISHED_RATE_RATIO * self.initial_rate_rad_s
-            && self.initial_rate_rad_s * for_us as f32 * 1e-6 > MIN_MISSING_ROTATION_RAD
-            && for_us < MAX_STOPPED_DURATION_US
+        rate_rad_s < MAX_VANISHED_RATE_RATIO * self.first_equal_rate_rad_s
+            && self.first_equal_rate_rad_s * for_us as f32 * 1e-6 > MIN_MISSING_ROTATION_RAD
+            && for_us < MAX_VANISHED_RATES_US
             && (for_us < MIN_STEADY_FIELD_US
                 || self.field_directions().is_some_and(|[current_direction, settled_direction]| {
                     current_direction.dot(&settled_direction) < COS_MAX_STEADY_FIELD_ROTATION

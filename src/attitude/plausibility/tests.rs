@@ -10,7 +10,7 @@ fn report(roll_deg: f32, pitch_deg: f32) -> AttitudeReport {
 }
 
 /// Updates with the field of an aircraft rotated about an axis until the mean has settled.
-fn update_rotated(freeze: &mut FreezeDetector, axis: Vector3<f32>, turned_deg: f32) {
+fn settle_rotated_field(freeze: &mut FreezeDetector, axis: Vector3<f32>, turned_deg: f32) {
     let turn = nalgebra::Rotation3::new(axis.normalize() * turned_deg.to_radians());
     let field = Field::new(turn * Vector3::new(20.0, 0.0, 20.0));
     (0..200).for_each(|_| freeze.update_field(field));
@@ -18,18 +18,18 @@ fn update_rotated(freeze: &mut FreezeDetector, axis: Vector3<f32>, turned_deg: f
 
 /// Whether a source is frozen after a first step and `report_count` equal reports, while the aircraft rotates about
 /// `axis` by `turned_deg` after 0.4 s.
-fn is_frozen_about(
+fn is_frozen_in_rotation(
     axis: Vector3<f32>,
     first_step_deg: f32,
     report_count: u32,
     interval_us: u64,
     turned_deg: f32,
 ) -> bool {
-    is_frozen_at([0.0, 0.0], axis, first_step_deg, report_count, interval_us, turned_deg)
+    is_frozen_at_attitude([0.0, 0.0], axis, first_step_deg, report_count, interval_us, turned_deg)
 }
 
-/// As `is_frozen_about`, at this roll and pitch, degrees.
-fn is_frozen_at(
+/// As `is_frozen_in_rotation`, at this roll and pitch, degrees.
+fn is_frozen_at_attitude(
     [roll_deg, pitch_deg]: [f32; 2],
     axis: Vector3<f32>,
     first_step_deg: f32,
@@ -38,31 +38,34 @@ fn is_frozen_at(
     turned_deg: f32,
 ) -> bool {
     let mut freeze = FreezeDetector::new();
-    update_rotated(&mut freeze, axis, 0.0);
+    settle_rotated_field(&mut freeze, axis, 0.0);
     freeze.process_report(Timestamp::from_us(0), &report(roll_deg, pitch_deg));
     for i in 1..=report_count {
         let at_us = interval_us * u64::from(i);
         let turned = at_us > 400_000 + 2 * interval_us;
-        update_rotated(&mut freeze, axis, if turned { turned_deg } else { 0.0 });
+        settle_rotated_field(&mut freeze, axis, if turned { turned_deg } else { 0.0 });
         freeze.process_report(Timestamp::from_us(at_us), &report(roll_deg + first_step_deg, pitch_deg));
     }
     freeze.frozen_at().is_some()
 }
 
-/// As `is_frozen_about`, for the y axis: the rotation changes the test field's inclination by half its angle.
-fn is_frozen(first_step_deg: f32, report_count: u32, interval_us: u64, turned_deg: f32) -> bool {
-    is_frozen_about(Vector3::y(), first_step_deg, report_count, interval_us, turned_deg)
+/// As `is_frozen_in_rotation`, for the y axis: the rotation changes the test field's inclination by half its angle.
+fn is_frozen_while_pitching(first_step_deg: f32, report_count: u32, interval_us: u64, turned_deg: f32) -> bool {
+    is_frozen_in_rotation(Vector3::y(), first_step_deg, report_count, interval_us, turned_deg)
 }
 
 /// Limits of a fine source: changes of 0.05 deg, five equal reports, 80 ms.
 #[test]
 fn fine_resolution_is_frozen_after_five_reports() {
     for step_deg in [0.04, -0.04] {
-        assert!(is_frozen(step_deg, 5, 20_000, 0.0) && !is_frozen(step_deg, 4, 30_000, 0.0), "{step_deg}");
+        assert!(
+            is_frozen_while_pitching(step_deg, 5, 20_000, 0.0) && !is_frozen_while_pitching(step_deg, 4, 30_000, 0.0),
+            "{step_deg}"
+        );
     }
-    assert!(!is_frozen(0.06, 100, 20_000, 0.0) && !is_frozen(-0.06, 100, 20_000, 0.0));
+    assert!(!is_frozen_while_pitching(0.06, 100, 20_000, 0.0) && !is_frozen_while_pitching(-0.06, 100, 20_000, 0.0));
     // At 100 Hz, 80 ms are nine reports.
-    assert!(!is_frozen(0.04, 8, 10_000, 0.0) && is_frozen(0.04, 9, 10_000, 0.0));
+    assert!(!is_frozen_while_pitching(0.04, 8, 10_000, 0.0) && is_frozen_while_pitching(0.04, 9, 10_000, 0.0));
 }
 
 #[test]
@@ -82,12 +85,15 @@ fn a_fine_step_of_pitch_counts() {
 #[test]
 fn coarse_resolution_is_frozen_when_the_field_rotated() {
     for sign in [1.0, -1.0] {
-        assert!(is_frozen(0.1, 30, 20_000, sign * 3.2) && !is_frozen(0.1, 30, 20_000, sign * 2.8));
+        assert!(
+            is_frozen_while_pitching(0.1, 30, 20_000, sign * 3.2)
+                && !is_frozen_while_pitching(0.1, 30, 20_000, sign * 2.8)
+        );
     }
     // 26 reports at 50 Hz are 0.5 s.
-    assert!(is_frozen(0.1, 26, 20_000, 20.0) && !is_frozen(0.1, 25, 20_000, 20.0));
+    assert!(is_frozen_while_pitching(0.1, 26, 20_000, 20.0) && !is_frozen_while_pitching(0.1, 25, 20_000, 20.0));
     // Four reports at 4 Hz are too few, though long enough.
-    assert!(!is_frozen(0.1, 4, 250_000, 20.0) && is_frozen(0.1, 5, 250_000, 20.0));
+    assert!(!is_frozen_while_pitching(0.1, 4, 250_000, 20.0) && is_frozen_while_pitching(0.1, 5, 250_000, 20.0));
 }
 
 /// About an axis 10 deg from the vertical, 8.5 deg of rotation change the inclination by 1.4 deg, 4.5 deg by 0.7
@@ -95,11 +101,15 @@ fn coarse_resolution_is_frozen_when_the_field_rotated() {
 #[test]
 fn a_level_turn_about_the_vertical_is_not_frozen() {
     for turned_deg in [5.0, 90.0, -170.0] {
-        assert!(!is_frozen_about(Vector3::z(), 0.1, 30, 20_000, turned_deg), "{turned_deg}");
+        assert!(!is_frozen_in_rotation(Vector3::z(), 0.1, 30, 20_000, turned_deg), "{turned_deg}");
     }
     let tilted = Vector3::new(0.0, 10_f32.to_radians().sin(), 10_f32.to_radians().cos());
-    assert!(is_frozen_about(tilted, 0.1, 30, 20_000, 8.5) && !is_frozen_about(tilted, 0.1, 30, 20_000, 4.5));
-    assert!(is_frozen_about(tilted, 0.1, 30, 20_000, -8.5) && !is_frozen_about(tilted, 0.1, 30, 20_000, -4.5));
+    assert!(
+        is_frozen_in_rotation(tilted, 0.1, 30, 20_000, 8.5) && !is_frozen_in_rotation(tilted, 0.1, 30, 20_000, 4.5)
+    );
+    assert!(
+        is_frozen_in_rotation(tilted, 0.1, 30, 20_000, -8.5) && !is_frozen_in_rotation(tilted, 0.1, 30, 20_000, -4.5)
+    );
 }
 
 /// A banked vehicle that turns flies, and its attitude varies. The axis of rotation is the vertical.
@@ -109,13 +119,13 @@ fn a_banked_turn_about_the_vertical_is_frozen() {
         [([9.5, 0.0], false), ([10.5, 0.0], true), ([-10.5, 0.0], true), ([0.0, 9.5], false), ([0.0, -10.5], true)]
     {
         let down = Attitude::from_deg(attitude_deg[0] + 0.1, attitude_deg[1]).tilt_rotation().down_in_body();
-        assert_eq!(is_frozen_at(attitude_deg, down, 0.1, 30, 20_000, 20.0), frozen, "{attitude_deg:?}");
-        assert!(!is_frozen_at(attitude_deg, down, 0.1, 30, 20_000, 2.0), "{attitude_deg:?}");
+        assert_eq!(is_frozen_at_attitude(attitude_deg, down, 0.1, 30, 20_000, 20.0), frozen, "{attitude_deg:?}");
+        assert!(!is_frozen_at_attitude(attitude_deg, down, 0.1, 30, 20_000, 2.0), "{attitude_deg:?}");
     }
 }
 
 /// Whether a coarse source whose attitude repeats at 50 Hz is frozen after each report, with these yaw rates, rad/s.
-fn is_frozen_with_rates(rates_rad_s: impl IntoIterator<Item = f32>) -> Vec<bool> {
+fn frozen_after_each_report(rates_rad_s: impl IntoIterator<Item = f32>) -> Vec<bool> {
     let mut freeze = FreezeDetector::new();
     let mut process = |(i, rate_rad_s): (u64, f32)| {
         let repeated =
@@ -131,12 +141,12 @@ fn is_frozen_with_rates(rates_rad_s: impl IntoIterator<Item = f32>) -> Vec<bool>
 #[test]
 fn a_source_whose_rates_vanish_is_frozen() {
     let stops = |rate_rad_s: f32| [0.314; 2].into_iter().chain([rate_rad_s; 600]);
-    let found = is_frozen_with_rates(stops(0.1));
+    let found = frozen_after_each_report(stops(0.1));
     let changes: Vec<_> = (1..found.len()).filter(|&i| found[i] != found[i - 1]).collect();
     assert_eq!(changes, [6, 50]);
-    assert!(!is_frozen_with_rates(stops(0.314)).contains(&true), "a steady turn");
-    assert!(!is_frozen_with_rates(stops(0.2)).contains(&true), "a turn that becomes slower");
-    assert!(!is_frozen_with_rates([0.0; 100]).contains(&true), "at rest");
+    assert!(!frozen_after_each_report(stops(0.314)).contains(&true), "a steady turn");
+    assert!(!frozen_after_each_report(stops(0.2)).contains(&true), "a turn that becomes slower");
+    assert!(!frozen_after_each_report([0.0; 100]).contains(&true), "at rest");
 }
 
 #[test]

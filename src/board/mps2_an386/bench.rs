@@ -38,7 +38,7 @@ const SAMPLES_PER_TURN: usize = 256;
 /// Attitude latency of the latency test, seconds.
 const TEST_LATENCY_S: f32 = 0.06;
 
-/// Interference of the motor-current test, microtesla per ampere and axis: 8 uT in all.
+/// Interference of the motor-current test, microtesla per ampere on each axis: 7.5 uT at the mean current of 15 A.
 const UT_PER_A: f32 = 0.5;
 
 /// Duration of an instruction, nanoseconds (`-icount shift=6`).
@@ -61,7 +61,7 @@ enum BenchTest {
     PanicAtEachStart = 5,
 }
 
-/// Value of `STARTS`, in memory that survives a reset, that makes each start panic.
+/// Value of `PANIC_AT_START`, in memory that survives a reset, that makes each start panic.
 const PANIC_AT_START_MARK: u32 = 0x0BAD_57A7;
 
 #[unsafe(link_section = ".uninit.starts")]
@@ -86,15 +86,15 @@ pub fn request_test(number: u8) {
 pub async fn run_bench(mut tx: UartTx) -> ! {
     static RETAINED_SAMPLES: StaticCell<RetainedSamples> = StaticCell::new();
     panic_if_requested();
-    let mut turns = BenchTurns::fly_turns();
+    let mut turns = BenchTurns::simulate_turns();
     let mut collector = Collector::new(RETAINED_SAMPLES.init_with(|| RetainedSamples::EMPTY));
     loop {
         let mut results = ResultText::new();
         let written = match REQUESTED_TEST.wait().await {
-            BenchTest::Budgets => measure_budgets(&mut turns, &mut collector, &mut results),
+            BenchTest::Budgets => measure_instruction_counts(&mut turns, &mut collector, &mut results),
             BenchTest::Fault => cortex_m::asm::udf(),
             BenchTest::Overflow => {
-                fill_stack(black_box(0));
+                overflow_stack(black_box(0));
                 results.write_str("\nerror no-overflow: the stack has no end\n")
             }
             BenchTest::Panic => panic!("{LONG_MESSAGE}"),
@@ -110,7 +110,7 @@ pub async fn run_bench(mut tx: UartTx) -> ! {
     }
 }
 
-/// Panics if `STARTS` requires a panic at each start.
+/// Panics if `PANIC_AT_START` requires a panic at each start.
 fn panic_if_requested() {
     assert!(PANIC_AT_START.load(Ordering::Relaxed) != PANIC_AT_START_MARK, "at each start");
 }
@@ -120,13 +120,17 @@ type ResultText = heapless::String<256>;
 /// Recurses without end.
 #[expect(unconditional_recursion, reason = "that is what it is for")]
 #[inline(never)]
-fn fill_stack(depth: u32) -> u32 {
+fn overflow_stack(depth: u32) -> u32 {
     let ballast = black_box([depth; 64]);
-    let below = fill_stack(black_box(depth + 1));
+    let below = overflow_stack(black_box(depth + 1));
     ballast.iter().fold(below, |sum, &word| sum.wrapping_add(word))
 }
 
-fn measure_budgets(turns: &mut BenchTurns, collector: &mut Collector<'_>, out: &mut ResultText) -> fmt::Result {
+fn measure_instruction_counts(
+    turns: &mut BenchTurns,
+    collector: &mut Collector<'_>,
+    out: &mut ResultText,
+) -> fmt::Result {
     let (mut solve, mut late, mut current) = (0, 0, 0);
     turns.add_attitude_latency(TEST_LATENCY_S);
     let is_latency_found = turns.solve_turns(&mut late).is_some_and(|solution| solution.calibration.uses_latency());
@@ -207,12 +211,12 @@ fn measure_budgets(turns: &mut BenchTurns, collector: &mut Collector<'_>, out: &
 /// Largest instruction count of a monitor update, over two seconds of a turn with body rates.
 #[inline(never)]
 fn monitor_instructions(solution: &Solution) -> u64 {
-    let mut instrument = Instrument::new(InstrumentConfig::new(READING_US as u32));
+    let mut instrument = Instrument::new(InstrumentConfig::new(READING_PERIOD_US as u32));
     let calibration = Some((solution.calibration, solution.uncertainty));
     instrument.set_correction(Correction { calibration, ..Correction::UNCALIBRATED });
     let mut most = 0;
     for i in 1..160_u16 {
-        let at = Timestamp::from_us(u64::from(i) * READING_US);
+        let at = Timestamp::from_us(u64::from(i) * READING_PERIOD_US);
         let heading_rad = 0.004 * f32::from(i);
         let attitude = Attitude::from_deg(25.0 + 0.01 * f32::from(i % 7), 3.0);
         let report = AttitudeReport {
@@ -236,7 +240,7 @@ const ESTIMATE_COUNT: u64 = 160;
 
 fn bench_estimate(number: u64) -> Estimate {
     let compass_field = Some(Field::from_ut(20.0, -5.1, 44.2));
-    Estimate { timestamp: Timestamp::from_us(number * READING_US), compass_field, ..Estimate::EMPTY }
+    Estimate { timestamp: Timestamp::from_us(number * READING_PERIOD_US), compass_field, ..Estimate::EMPTY }
 }
 
 fn snapshot<'a>(estimate: &'a Estimate, settings: &'a Settings) -> Snapshot<'a> {
@@ -318,7 +322,7 @@ fn collection_instructions(collector: &mut Collector<'_>) -> u64 {
 }
 
 /// Sensor period of the reference sensor, microseconds.
-const READING_US: u64 = 12_500;
+const READING_PERIOD_US: u64 = 12_500;
 
 fn count_instructions(f: impl FnOnce()) -> u64 {
     let ticks = |f: &mut dyn FnMut()| {
@@ -343,7 +347,7 @@ struct BenchTurns(&'static mut [Sample]);
 
 impl BenchTurns {
     /// Simulates the turns; may be called only once.
-    fn fly_turns() -> Self {
+    fn simulate_turns() -> Self {
         // An array made by a function would be on the stack first.
         static TURN_SAMPLES: ConstStaticCell<heapless::Vec<Sample, { 2 * SAMPLES_PER_TURN }>> =
             ConstStaticCell::new(heapless::Vec::new());
@@ -355,9 +359,9 @@ impl BenchTurns {
     }
 
     /// Adds attitude latency, seconds.
-    fn add_attitude_latency(&mut self, late_s: f32) {
+    fn add_attitude_latency(&mut self, latency_s: f32) {
         for sample in &mut *self.0 {
-            sample.attitude = sample.latency_compensated_attitude(-late_s);
+            sample.attitude = sample.latency_compensated_attitude(-latency_s);
         }
     }
 

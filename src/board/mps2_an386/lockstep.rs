@@ -58,7 +58,7 @@ pub async fn run_lockstep() -> ! {
     loop {
         due += LOCKSTEP_PERIOD;
         Timer::at(due).await;
-        wait_for_message(LockstepMessage::Step, Some(due));
+        send_and_wait_for_release(LockstepMessage::Step, Some(due));
     }
 }
 
@@ -68,7 +68,7 @@ pub fn report_start() {
 }
 
 pub fn wait_before_sensor_access() {
-    wait_for_message(LockstepMessage::Sensor, None);
+    send_and_wait_for_release(LockstepMessage::Sensor, None);
 }
 
 /// Reports a write to the instrument port.
@@ -83,7 +83,7 @@ fn send_message(message: LockstepMessage, ticks: u64) {
     }
 }
 
-fn wait_for_message(message: LockstepMessage, due: Option<Instant>) {
+fn send_and_wait_for_release(message: LockstepMessage, due: Option<Instant>) {
     critical_section::with(|_| {
         machine_clock::with_frozen_clock(|ticks| {
             send_message(message, due.map_or(ticks, |due| due.as_micros() * machine_clock::TICKS_PER_US));
@@ -97,7 +97,7 @@ fn wait_for_message(message: LockstepMessage, due: Option<Instant>) {
             SENSOR_BROKEN.store(go & ReleaseBits::SENSOR_BROKEN != 0, Ordering::Relaxed);
             #[cfg(feature = "bench")]
             super::bench::request_test(go >> ReleaseBits::BENCH_TEST_SHIFT);
-            unmask_interrupts(others);
+            restore_interrupt_mask(others);
         });
     });
 }
@@ -111,8 +111,8 @@ fn wait_for_byte(uart: &Uart) -> u8 {
     }
 }
 
-fn receive_bytes(uart: &Uart, bytes: u8) {
-    let mut left = bytes;
+fn receive_bytes(uart: &Uart, byte_count: u8) {
+    let mut left = byte_count;
     while left > 0 {
         if uart.receive_byte() { left -= 1 } else { wait_for_interrupt() }
     }
@@ -135,7 +135,7 @@ const RECEIVE_INTERRUPTS: [Interrupt; 4] =
 
 /// Enables the UART interrupts only; returns the previous mask.
 fn mask_all_but_uarts() -> u32 {
-    // SAFETY: interrupts are disabled, and `unmask_interrupts` restores the mask.
+    // SAFETY: interrupts are disabled, and `restore_interrupt_mask` restores the mask.
     let nvic = unsafe { &*NVIC::PTR };
     let enabled = nvic.iser[0].read();
     let receivers = RECEIVE_INTERRUPTS.iter().fold(0, |bits, &interrupt| bits | 1 << interrupt as u32);
@@ -147,7 +147,7 @@ fn mask_all_but_uarts() -> u32 {
     enabled
 }
 
-fn unmask_interrupts(enabled: u32) {
+fn restore_interrupt_mask(enabled: u32) {
     // SAFETY: these writes only enable or disable interrupts: they restore the mask from before `mask_all_but_uarts`.
     unsafe {
         let nvic = &*NVIC::PTR;

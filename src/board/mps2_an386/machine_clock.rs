@@ -24,7 +24,7 @@ pub const TICKS_PER_US: u64 = 25;
 /// Values of `TIMER_CONTROL`: one shot, 32 bits. QEMU applies 32 bits of `TIMER_LOAD` only if 32-bit mode was set before.
 const TIMER_STOPPED: u32 = 0b0000_0011;
 const TIMER_RUNNING: u32 = 0b1010_0011;
-/// Value of `CONTROL` that stops the timer, which keeps its remaining time.
+/// Value of `TIMER_CONTROL` that stops the timer, which keeps its remaining time.
 const TIMER_PAUSED: u32 = 0b0010_0011;
 
 /// Longest timer interval: the counter must be read before it wraps after 171 s.
@@ -155,8 +155,8 @@ fn clock_phase() -> u32 {
 
 /// Executes instructions until the processor has this phase relative to the counter again.
 #[inline(never)]
-fn restore_clock_phase(place: u32) {
-    let missing_cycles = (place + 5 - clock_phase()) % 5;
+fn restore_clock_phase(phase: u32) {
+    let missing_cycles = (phase + 5 - clock_phase()) % 5;
     // SAFETY: skips `4 - missing_cycles` of four `nop`s; the first `nop` is always skipped.
     unsafe {
         core::arch::asm!(
@@ -183,10 +183,10 @@ pub fn ticks() -> u64 {
 /// 40 ns, so five instructions are eight ticks; without restoring the phase, runs of one seed would differ.
 pub fn with_frozen_clock(f: impl FnOnce(u64)) {
     TIMER_CONTROL.write_register(TIMER_PAUSED);
-    let place = clock_phase();
+    let phase = clock_phase();
     let before = CLOCK.with_clock(Clock::read_counter);
     f(ticks());
-    restore_clock_phase(place);
+    restore_clock_phase(phase);
     CLOCK.with_clock(|clock| clock.frozen_ticks += clock.read_counter() - before);
     // An expired timer has its interrupt pending, which restarts it.
     if TIMER_VALUE.read_register() != 0 {

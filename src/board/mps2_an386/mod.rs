@@ -49,9 +49,9 @@ pub type Hardware = hardware::Hardware<Magnetometer, Uarts, (), Watchdog, Panel,
 const CONSOLE_TX: UartTx = UartTx { uart: &CONSOLE, on_written: || {} };
 
 /// Executor of the heading tasks.
-static HEADING_TASKS: InterruptExecutor = InterruptExecutor::new();
-static OTHER_TASKS: InterruptExecutor = InterruptExecutor::new();
-static STEP_TASK: InterruptExecutor = InterruptExecutor::new();
+static HEADING_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
+static OTHER_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
+static STEP_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 
 /// Interrupt vector table, placed by cortex-m-rt's linker script.
 #[unsafe(link_section = ".vector_table.interrupts")]
@@ -80,17 +80,17 @@ extern "C" fn on_instrument() {
 
 extern "C" fn on_step_task() {
     // SAFETY: the executor was started with this interrupt.
-    unsafe { STEP_TASK.on_interrupt() }
+    unsafe { STEP_EXECUTOR.on_interrupt() }
 }
 
 extern "C" fn on_heading_tasks() {
     // SAFETY: the executor was started with this interrupt.
-    unsafe { HEADING_TASKS.on_interrupt() }
+    unsafe { HEADING_EXECUTOR.on_interrupt() }
 }
 
 extern "C" fn on_other_tasks() {
     // SAFETY: the executor was started with this interrupt.
-    unsafe { OTHER_TASKS.on_interrupt() }
+    unsafe { OTHER_EXECUTOR.on_interrupt() }
 }
 
 /// Interrupt priorities; lower values are more urgent.
@@ -145,9 +145,9 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     };
 
     // Infallible: this task and the bench task are spawned only once.
-    STEP_TASK.start(Interrupt::StepTask).spawn(lockstep_task().expect("one task"));
-    let above = HEADING_TASKS.start(Interrupt::HeadingTasks);
-    let below = OTHER_TASKS.start(Interrupt::OtherTasks);
+    STEP_EXECUTOR.start(Interrupt::StepTask).spawn(lockstep_task().expect("one task"));
+    let above = HEADING_EXECUTOR.start(Interrupt::HeadingTasks);
+    let below = OTHER_EXECUTOR.start(Interrupt::OtherTasks);
     spawn_tasks(above, below, hardware);
     #[cfg(feature = "bench")]
     if !is_safe_mode {

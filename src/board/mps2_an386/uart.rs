@@ -21,9 +21,9 @@ const BAUD_DIVISOR: usize = 0x10;
 const TX_FULL: u32 = 1;
 /// Bit of the state register: a byte was received.
 const RX_FULL: u32 = 2;
-/// Value of `CONTROL` that enables transmitter, receiver and receive interrupt.
+/// Value of `UART_CONTROL` that enables transmitter, receiver and receive interrupt.
 const UART_ENABLED: u32 = 0b1011;
-/// Bit of `CLEAR` that clears the receive interrupt.
+/// Bit of `UART_CLEAR` that clears the receive interrupt.
 const RX_INTERRUPT: u32 = 2;
 
 /// Input clock of the baud-rate divisor, Hz.

@@ -147,10 +147,10 @@ impl AppDescriptor {
     }
 }
 
-/// Value of [`write_message`]: start the image at once, also after a watchdog reset. Without it the boot loader stays
+/// Value of [`write_to_boot_loader`]: start the image, also after a watchdog reset. Without it the boot loader stays
 /// after one.
 const MESSAGE_START_AT_ONCE: u32 = 0xB009_3A26;
-/// Value of [`write_message`], with the node's number in the low byte: fetch the update in memory.
+/// Value of [`write_to_boot_loader`], with the node's number in the low byte: fetch the update in memory.
 const MESSAGE_FETCH_UPDATE: u32 = 0xB008_0000;
 
 /// Makes the registers of the backup domain accessible; the HAL enables writing to them.
@@ -162,7 +162,7 @@ fn enable_backup_registers() {
 }
 
 /// Writes to backup register 0, which the boot loader reads after the next reset, and clears before it starts an image.
-fn write_message(message: u32) {
+fn write_to_boot_loader(message: u32) {
     enable_backup_registers();
     TAMP.bkpr(0).write(|register| register.set_bkp(message));
 }
@@ -172,7 +172,7 @@ fn write_message(message: u32) {
 pub fn mark_image_good() {
     enable_backup_registers();
     if TAMP.bkpr(0).read().bkp() == 0 {
-        write_message(MESSAGE_START_AT_ONCE);
+        write_to_boot_loader(MESSAGE_START_AT_ONCE);
     }
 }
 
@@ -183,13 +183,13 @@ impl UpdateHandOver for BootLoader {
     fn hand_over_update(&mut self, update: &FirmwareUpdate) {
         unsafe extern "C" {
             // Memory of the update, with its address in memory.x.
-            static mut __boot_loader_update: [u8; autoswing::port::BOOT_LOADER_BYTES];
+            static mut __boot_loader_update: [u8; autoswing::port::BOOT_LOADER_HANDOVER_LENGTH];
         }
         // SAFETY: this memory is reserved for the boot loader, and nothing else accesses it. Volatile, because nothing
         // reads it in this run.
-        unsafe { (&raw mut __boot_loader_update).write_volatile(update.boot_loader_bytes()) };
+        unsafe { (&raw mut __boot_loader_update).write_volatile(update.boot_loader_handover()) };
         // The structure is complete before the boot loader is asked to read it.
         compiler_fence(Ordering::SeqCst);
-        write_message(MESSAGE_FETCH_UPDATE | u32::from(update.own_node.number()));
+        write_to_boot_loader(MESSAGE_FETCH_UPDATE | u32::from(update.own_node.number()));
     }
 }

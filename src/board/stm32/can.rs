@@ -40,15 +40,15 @@ pub trait Controller {
 }
 
 pub struct CanReceiver<C> {
-    frames: BufferedCanReceiver,
+    hal_receiver: BufferedCanReceiver,
     controller: C,
     is_silent: bool,
 }
 
 impl<C> CanReceiver<C> {
     /// Wraps the receiver of a controller that has been started in its silent mode.
-    pub fn new(frames: BufferedCanReceiver, controller: C) -> Self {
-        Self { frames, controller, is_silent: true }
+    pub fn new(hal_receiver: BufferedCanReceiver, controller: C) -> Self {
+        Self { hal_receiver, controller, is_silent: true }
     }
 }
 
@@ -56,7 +56,7 @@ impl<C: Controller> ReceiveFrame for CanReceiver<C> {
     async fn receive_frame(&mut self) -> CanFrame {
         loop {
             // The HAL reports errors only of the moment after a received frame; the controller counts all.
-            let Ok(Envelope { frame, .. }) = self.frames.receive().await else { continue };
+            let Ok(Envelope { frame, .. }) = self.hal_receiver.receive().await else { continue };
             if self.is_silent {
                 self.is_silent = !self.controller.end_silence();
             }
@@ -76,15 +76,15 @@ impl<C: Controller> ReceiveFrame for CanReceiver<C> {
 }
 
 pub struct CanSender {
-    frames: BufferedCanSender,
+    hal_sender: BufferedCanSender,
     /// Switch of the terminating resistor, on a board with one.
     termination: Option<Output<'static>>,
 }
 
 impl CanSender {
     /// Wraps the sender of a controller.
-    pub fn new(frames: BufferedCanSender, termination: Option<Output<'static>>) -> Self {
-        Self { frames, termination }
+    pub fn new(hal_sender: BufferedCanSender, termination: Option<Output<'static>>) -> Self {
+        Self { hal_sender, termination }
     }
 }
 
@@ -92,7 +92,7 @@ impl SendFrame for CanSender {
     async fn send_frame(&mut self, frame: &CanFrame) {
         // Infallible: a `CanFrame` has at most 29 bits and eight bytes.
         if let Ok(frame) = Frame::new_extended(frame.frame_id(), frame.data()) {
-            self.frames.write(frame).await;
+            self.hal_sender.write(frame).await;
         }
     }
 

@@ -44,13 +44,13 @@ impl NorFlashError for FlashError {
 pub struct StoreFlash {
     flash: Flash<'static, Async>,
     /// Range of the store's pages, bytes from the start of the flash.
-    pages: Range<u32>,
+    page_range: Range<u32>,
 }
 
 impl StoreFlash {
     /// The pages reserved in memory.x.
     pub fn new(flash: Flash<'static, Async>) -> Self {
-        Self { flash, pages: Self::reserved_pages() }
+        Self { flash, page_range: Self::reserved_pages() }
     }
 
     fn reserved_pages() -> Range<u32> {
@@ -61,13 +61,17 @@ impl StoreFlash {
 
     /// All pages, as offsets.
     pub fn store_region(&self) -> Range<u32> {
-        0..self.pages.end - self.pages.start
+        0..self.page_range.end - self.page_range.start
     }
 
     /// Converts an offset in the store to one in the flash and checks the range.
     fn flash_offset(&self, offset: u32, size: usize) -> Result<u32, FlashError> {
         let available_bytes = self.store_region().end.checked_sub(offset).ok_or(FlashError::Bounds)?;
-        if size as u64 > u64::from(available_bytes) { Err(FlashError::Bounds) } else { Ok(self.pages.start + offset) }
+        if size as u64 > u64::from(available_bytes) {
+            Err(FlashError::Bounds)
+        } else {
+            Ok(self.page_range.start + offset)
+        }
     }
 
     /// Volatile read, because the compiler does not know of flash writes.
@@ -94,7 +98,7 @@ impl ReadNorFlash for StoreFlash {
     }
 
     fn capacity(&self) -> usize {
-        self.pages.len()
+        self.page_range.len()
     }
 }
 

@@ -52,7 +52,7 @@ impl UartTx {
     /// Most bytes passed to the HAL at once; its buffer must be larger.
     const CHUNK_SIZE: usize = 32;
     /// Duration of a chunk at 115200 baud.
-    const RETRY_DELAY: Duration = Duration::from_micros(2_800);
+    const WRITE_ATTEMPT_TIMEOUT: Duration = Duration::from_micros(2_800);
 
     /// Wraps a transmitter with a buffer larger than [`CHUNK_SIZE`](Self::CHUNK_SIZE).
     fn new(tx: BufferedUartTx<'static>) -> Self {
@@ -81,7 +81,7 @@ impl Write for UartTx {
         }
         let chunk = bytes.get(..Self::CHUNK_SIZE).unwrap_or(bytes);
         loop {
-            if let Ok(result) = with_timeout(Self::RETRY_DELAY, self.0.write(chunk)).await {
+            if let Ok(result) = with_timeout(Self::WRITE_ATTEMPT_TIMEOUT, self.0.write(chunk)).await {
                 return result;
             }
         }

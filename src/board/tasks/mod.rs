@@ -21,16 +21,16 @@ use static_cell::StaticCell;
 
 use super::chosen::{Hardware, Magnetometer, Panel, StoreFlash, UartTx, Watchdog};
 use super::sample_memory;
-use board_uarts::SAFE_MODE_PORTS;
+use board_uarts::SAFE_MODE_PORT_COUNT;
 use line_tasks::expect_spawn_token;
 
 /// Connections of all tasks; initialised at run time, so that `.data` costs no flash.
-static LINKS: StaticCell<TaskLinks> = StaticCell::new();
+static TASK_LINKS: StaticCell<TaskLinks> = StaticCell::new();
 
 /// Spawns all tasks: the heading tasks on one executor, which interrupts that of the slow tasks. In safe mode, spawns
 /// only the console, the task of a CAN bus, and that of safe mode.
 pub fn spawn_all_tasks(heading_spawner: SendSpawner, slow_spawner: SendSpawner, hardware: Hardware) {
-    let links = LINKS.init_with(TaskLinks::new);
+    let links = TASK_LINKS.init_with(TaskLinks::new);
     let region = hardware.flash.store_region();
     let store = Store::new(hardware.flash, region);
     let restart = (hardware.platform, hardware.reset_cause);
@@ -86,7 +86,7 @@ async fn compass_task(
 async fn safe_mode_task(
     links: &'static TaskLinks,
     store: Store<StoreFlash>,
-    ports: [UartTx; SAFE_MODE_PORTS],
+    ports: [UartTx; SAFE_MODE_PORT_COUNT],
     watchdog: Watchdog,
 ) -> ! {
     app::safe_mode::run_safe_mode(links, store, ports, watchdog).await

@@ -9,7 +9,7 @@ use super::line_tasks::{console_task, expect_spawn_token, port_task};
 use crate::board::chosen::{Platform, UartRx, UartTx, Uarts};
 
 /// Number of ports that report safe mode: none, because the only UART is the console then.
-pub const SAFE_MODE_PORTS: usize = 0;
+pub const SAFE_MODE_PORT_COUNT: usize = 0;
 
 /// Spawns the port on `heading_spawner`, or the console on `slow_spawner`.
 pub fn spawn_uart_tasks(
@@ -27,7 +27,7 @@ pub fn spawn_in_safe_mode(
     slow_spawner: SendSpawner,
     (tx, rx): Uarts,
     (platform, reset_cause): (Platform, ResetCause),
-) -> [UartTx; SAFE_MODE_PORTS] {
+) -> [UartTx; SAFE_MODE_PORT_COUNT] {
     slow_spawner.spawn(expect_spawn_token(console_task(links, rx, tx, platform, reset_cause)));
     []
 }

@@ -9,7 +9,7 @@ use super::line_tasks::{console_task, expect_spawn_token, port_task};
 use crate::board::chosen::{Platform, UartTx, Uarts};
 
 /// Ports that report safe mode.
-pub const SAFE_MODE_PORTS: usize = PORT_COUNT;
+pub const SAFE_MODE_PORT_COUNT: usize = PORT_COUNT;
 
 /// Spawns the console on `slow_spawner`, the ports on `heading_spawner`.
 pub fn spawn_uart_tasks(
@@ -31,7 +31,7 @@ pub fn spawn_in_safe_mode(
     slow_spawner: SendSpawner,
     uarts: Uarts,
     (platform, reset_cause): (Platform, ResetCause),
-) -> [UartTx; SAFE_MODE_PORTS] {
+) -> [UartTx; SAFE_MODE_PORT_COUNT] {
     let (tx, rx) = uarts.console_uart;
     slow_spawner.spawn(expect_spawn_token(console_task(links, rx, tx, platform, reset_cause)));
     uarts.port_uarts.map(|(tx, _)| tx)

@@ -112,7 +112,7 @@ mod tests {
     }
 
     /// Tolerances allow for the bias by the ridge regularisation.
-    fn assert_found(found: &SensorResponse, inclination_deg: f32) {
+    fn assert_response_recovered(found: &SensorResponse, inclination_deg: f32) {
         let h0_ut = 50.0 * inclination_deg.to_radians().cos();
         assert!(
             (found.response_ut / h0_ut - soft_iron()).norm() < 0.02,
@@ -129,7 +129,7 @@ mod tests {
             let tried = solve_compass_swing(&marks, &Matrix3::identity(), None).unwrap();
             let found_deg = tried.tan_inclination.atan().to_degrees();
             assert!((found_deg - inclination_deg).abs() < 0.01, "{inclination_deg}: {found_deg}");
-            assert_found(&tried, inclination_deg);
+            assert_response_recovered(&tried, inclination_deg);
         }
         for configured_deg in [52.5_f32, -67.0] {
             let configured = solve_compass_swing(
@@ -139,7 +139,7 @@ mod tests {
             )
             .unwrap();
             assert!((configured.tan_inclination - configured_deg.to_radians().tan()).abs() < 1e-5);
-            assert_found(&configured, configured_deg);
+            assert_response_recovered(&configured, configured_deg);
         }
     }
 
@@ -172,7 +172,7 @@ mod tests {
                 HeadingMark { sample: Sample { field, ..mark.sample }, ..mark }
             })
             .collect();
-        assert_found(&solve_compass_swing(&turned, &about_z, None).unwrap(), 60.0);
+        assert_response_recovered(&solve_compass_swing(&turned, &about_z, None).unwrap(), 60.0);
     }
 
     #[test]

@@ -11,8 +11,8 @@ use crate::trig::sqrt;
 pub(in crate::calibration) struct Ellipse {
     pub centre_ut: Vector3<f32>,
     pub normal: Vector3<f32>,
-    axes: [Vector3<f32>; 2],
-    /// `Q` in the coordinates of `axes`, 1/uT^2.
+    plane_axes: [Vector3<f32>; 2],
+    /// `Q` in the coordinates of `plane_axes`, 1/uT^2.
     quadratic_form: Matrix2<f32>,
 }
 
@@ -26,19 +26,19 @@ impl Ellipse {
         let samples = Samples::new(samples);
         let Some(plane) = PrincipalPlane::fit_plane(&samples, rotation) else { return Err(SolveError::NotFinite) };
         // Scaled to about 1; otherwise the equations would mix magnitudes of 1 and uT^4.
-        let scale = plane.rms_distance_ut;
+        let scale = plane.rms_distance_from_mean_ut;
         let points = samples.iter().map(|sample| plane.plane_coordinates(&(rotation * sample.field.ut)) / scale);
         let (centre, quadratic_form) = fit_conic(points).ok_or(SolveError::NotAnEllipse(SamplePart::Turns(side)))?;
         Ok(Self {
             centre_ut: plane.origin_ut + (plane.plane_axes[0] * centre.x + plane.plane_axes[1] * centre.y) * scale,
             normal: plane.normal,
-            axes: plane.plane_axes,
+            plane_axes: plane.plane_axes,
             quadratic_form: quadratic_form / (scale * scale),
         })
     }
 
     fn plane_coordinates(&self, direction: &Vector3<f32>) -> Vector2<f32> {
-        Vector2::from(self.axes.map(|axis| axis.dot(direction)))
+        Vector2::from(self.plane_axes.map(|axis| axis.dot(direction)))
     }
 
     /// Distance from the centre to the ellipse along a direction of the plane, microtesla.
@@ -49,12 +49,12 @@ impl Ellipse {
 
     /// Semi-axis conjugate to a direction of the plane: parallel to the tangent where that meets the ellipse; arbitrary
     /// sign.
-    pub fn conjugate_ut(&self, direction: &Vector3<f32>) -> Vector3<f32> {
+    pub fn conjugate_semi_axis_ut(&self, direction: &Vector3<f32>) -> Vector3<f32> {
         let form_times_direction = self.quadratic_form * self.plane_coordinates(direction);
         let conjugate_direction = Vector2::new(-form_times_direction.y, form_times_direction.x);
         let semi_axis =
             conjugate_direction / sqrt(conjugate_direction.dot(&(self.quadratic_form * conjugate_direction)));
-        self.axes[0] * semi_axis.x + self.axes[1] * semi_axis.y
+        self.plane_axes[0] * semi_axis.x + self.plane_axes[1] * semi_axis.y
     }
 
     /// Phase of a field on the ellipse `centre + u cos(phase) + v sin(phase)` with conjugate `u` and `v`, radians.
@@ -114,7 +114,7 @@ mod tests {
         for (direction, conjugate) in [(U_UT, V_UT), (V_UT, U_UT), (U_UT + V_UT, (V_UT - U_UT) / 2_f32.sqrt())] {
             let radius_ut = direction.norm() / if direction == U_UT + V_UT { 2_f32.sqrt() } else { 1.0 };
             assert!((ellipse.radius_ut(&direction.normalize()) - radius_ut).abs() < 1e-3);
-            let found = ellipse.conjugate_ut(&direction);
+            let found = ellipse.conjugate_semi_axis_ut(&direction);
             assert!((found - conjugate).norm().min((found + conjugate).norm()) < 2e-3, "{found} {conjugate}");
         }
         for phase_rad in [-3.0_f32, -1.2, 0.0, 0.4, 2.0] {
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn the_form_of_an_ellipse_is_found_wherever_it_lies() {
+    fn an_ellipse_is_found_wherever_its_centre_lies() {
         for (x, y) in [(0.0, 0.0), (0.3, -0.4), (3.0, 0.0), (-2.0, 4.0)] {
             let (centre, form) = fit_points(|t| [x + 2.0 * t.cos(), y + t.sin()]).unwrap();
             assert!((centre - Vector2::new(x, y)).norm() < 1e-3, "{x} {y}: {centre}");

@@ -31,8 +31,8 @@ pub(in crate::calibration) fn solve_four_ellipse(
     rotation: &Matrix3<f32>,
     inclination_rad: Option<f32>,
 ) -> Result<SensorResponse, SolveError> {
-    let left_figures = PlaneFigures::new(samples.samples_of_turn(Side::Left), rotation, Side::Left, -1.0)?;
-    let right_figures = PlaneFigures::new(samples.samples_of_turn(Side::Right), rotation, Side::Right, 1.0)?;
+    let left_figures = TurnEllipsePair::new(samples.samples_of_turn(Side::Left), rotation, Side::Left, -1.0)?;
+    let right_figures = TurnEllipsePair::new(samples.samples_of_turn(Side::Right), rotation, Side::Right, 1.0)?;
     left_figures.bank.sine_of_difference(right_figures.bank)?;
     // Eq. 13: A [2 0 0; 0 sl sr; 0 cl cr] = coefficients, with the first columns of both turns added.
     let banks = Matrix3::new(
@@ -69,7 +69,7 @@ pub(in crate::calibration) fn solve_four_ellipse(
     })
 }
 
-struct PlaneFigures {
+struct TurnEllipsePair {
     bank: MeanBank,
     /// Response of (x, up, right) to `Hx`.
     response_to_x: Vector3<f32>,
@@ -78,7 +78,7 @@ struct PlaneFigures {
     centre_ut: Vector3<f32>,
 }
 
-impl PlaneFigures {
+impl TurnEllipsePair {
     /// `up_sign`: 1, or -1 to negate the up axis in its figure.
     fn new(samples: &[Sample], rotation: &Matrix3<f32>, side: Side, up_sign: f32) -> Result<Self, SolveError> {
         let part = SamplePart::Turns(side);

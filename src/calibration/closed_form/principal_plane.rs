@@ -13,7 +13,7 @@ pub(crate) struct PrincipalPlane {
     /// Two orthonormal vectors in the plane.
     pub plane_axes: [Vector3<f32>; 2],
     /// RMS distance of the fields from their mean.
-    pub rms_distance_ut: f32,
+    pub rms_distance_from_mean_ut: f32,
 }
 
 impl PrincipalPlane {
@@ -33,7 +33,7 @@ impl PrincipalPlane {
             origin_ut,
             normal,
             plane_axes: [first_axis, normal.cross(&first_axis)],
-            rms_distance_ut: spread_ut,
+            rms_distance_from_mean_ut: spread_ut,
         })
     }
 
@@ -87,7 +87,7 @@ mod tests {
         let plane = plane_through(&corners, &Matrix3::identity()).unwrap();
         assert!((plane.origin_ut - origin).norm() < 1e-5, "{}", plane.origin_ut);
         assert!((plane.normal.dot(&Vector3::new(0.0, -0.8, 0.6)).abs() - 1.0).abs() < 1e-5, "{}", plane.normal);
-        assert!((plane.rms_distance_ut - 11.661_9).abs() < 1e-3, "{}", plane.rms_distance_ut);
+        assert!((plane.rms_distance_from_mean_ut - 11.661_9).abs() < 1e-3, "{}", plane.rms_distance_from_mean_ut);
         let [x, y] = plane.plane_axes;
         assert!((x.norm() - 1.0).abs() < 1e-5 && (y.norm() - 1.0).abs() < 1e-5 && x.dot(&y).abs() < 1e-5);
         for corner in corners {

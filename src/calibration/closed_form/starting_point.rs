@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn a_start_corrects_to_the_unit_of_field() {
+    fn a_start_corrects_fields_to_unit_length() {
         let response = test_response();
         let start = response.starting_point().unwrap();
         assert!((start.w.determinant() - 1.0).abs() < 1e-5);

@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn centres_hold_hard_iron_and_the_vertical_field() {
+    fn hard_iron_and_vertical_field_follow_from_the_centres() {
         let b_ut = Vector3::new(10.0, -20.0, 5.0);
         let by_vertical_ut = [Vector3::new(1.0, -9.0, 20.0), Vector3::new(-2.0, 8.0, 22.0)];
         for vertical in [-1.5, 0.0, 0.7, 3.0] {

@@ -22,7 +22,7 @@ use crate::calibration::{Sample, SamplePart, Samples, Side, SolveError};
 use crate::trig::VectorLength as _;
 
 /// Minimum sine of the angle between the planes; below it their intersection is noise.
-const MIN_SINE_OF_PLANES: f32 = 1e-3;
+const MIN_SINE_BETWEEN_PLANES: f32 = 1e-3;
 
 /// Solves left and right turns; fields are rotated by `rotation` first.
 ///
@@ -37,14 +37,14 @@ pub(in crate::calibration) fn solve_two_plane(
     let left_turn = TurnEllipse::new(turns.samples_of_turn(Side::Left), rotation, Side::Left)?;
     let right_turn = TurnEllipse::new(turns.samples_of_turn(Side::Right), rotation, Side::Right)?;
     let roll_axis_response = left_turn.ellipse.normal.cross(&right_turn.ellipse.normal);
-    if roll_axis_response.vector_length() < MIN_SINE_OF_PLANES {
+    if roll_axis_response.vector_length() < MIN_SINE_BETWEEN_PLANES {
         return Err(SolveError::SamePlane);
     }
     let roll_axis_response = roll_axis_response.unit_vector();
     let radius_ut =
         left_turn.ellipse.radius_ut(&roll_axis_response).midpoint(right_turn.ellipse.radius_ut(&roll_axis_response));
     let u_ut = roll_axis_response * radius_ut;
-    let (v_left, v_right) = (left_turn.conjugate_ut(&u_ut), right_turn.conjugate_ut(&u_ut));
+    let (v_left, v_right) = (left_turn.conjugate_semi_axis_ut(&u_ut), right_turn.conjugate_semi_axis_ut(&u_ut));
 
     // `v = -cos(phi) A e_y + sin(phi) A e_z` for both banks, solved for `A e_y` and `A e_z`.
     let sine = left_turn.bank.sine_of_difference(right_turn.bank)?;
@@ -78,8 +78,8 @@ impl<'a> TurnEllipse<'a> {
         Ok(Self { samples, rotation, side, ellipse, bank: MeanBank::from_samples(samples) })
     }
 
-    fn conjugate_ut(&self, u_ut: &Vector3<f32>) -> Vector3<f32> {
-        let v_ut = self.ellipse.conjugate_ut(u_ut);
+    fn conjugate_semi_axis_ut(&self, u_ut: &Vector3<f32>) -> Vector3<f32> {
+        let v_ut = self.ellipse.conjugate_semi_axis_ut(u_ut);
         let phase = |sample: &Sample| self.ellipse.phase_rad(&(self.rotation * sample.field.ut), u_ut, &v_ut);
         if turn_progress_rad(self.samples, self.side, phase) >= 0.0 { v_ut } else { -v_ut }
     }

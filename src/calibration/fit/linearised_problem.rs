@@ -41,8 +41,8 @@ impl NormalEquations {
                 (-norm.weight * norm.residual, -inclination.weight * inclination.residual);
             let by_field = norm.jacobian_row.derivative_by_field * norm_gradient
                 + inclination.jacobian_row.derivative_by_field * inclination_gradient;
-            let by_inclination = inclination.jacobian_row.by_inclination * inclination_gradient;
-            JacobianRow { derivative_by_field: by_field, by_inclination, ..inclination.jacobian_row }
+            let derivative_by_inclination = inclination.jacobian_row.derivative_by_inclination * inclination_gradient;
+            JacobianRow { derivative_by_field: by_field, derivative_by_inclination, ..inclination.jacobian_row }
                 .add_scaled_to(&mut self.gradient, 1.0);
         } else {
             self.add_equation(norm);
@@ -149,7 +149,7 @@ impl LinearisedProblem {
     /// the information is singular.
     pub fn damped_step(&self, damping: f32) -> Option<(Vector13, f32)> {
         let mut damped = self.least_squares.clone();
-        for (i, information) in self.least_squares.diagonal().iter().enumerate() {
+        for (i, information) in self.least_squares.information_diagonal().iter().enumerate() {
             damped.add_weighted_row(&scaled_unit_vector(i, 1.0), [0.0], damping * information);
         }
         let change = damped.solve()?;

@@ -17,7 +17,7 @@ pub(in crate::calibration) struct AttitudeError {
     pub assumed_sigma: fn(ConsiderSigmas) -> f32,
     /// Decides whether a tested error is significant. Such an error is not corrected; its square is added to the
     /// variance.
-    pub acceptance_rule: Option<fn(&AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding>>,
+    pub significance_test: Option<fn(&AttitudeErrorTestInput<'_>) -> Option<AttitudeErrorFinding>>,
 }
 
 /// Attitude and rates of a sample, with the roll after a low-pass filter.
@@ -39,14 +39,14 @@ impl AttitudeState {
 impl AttitudeError {
     /// Derivative of a sample's inclination by the error.
     pub fn inclination_derivative(&self, equations: &SampleEquations, state: &AttitudeState) -> f32 {
-        let [by_roll, by_pitch] = equations.inclination_by_attitude;
+        let [by_roll, by_pitch] = equations.inclination_derivatives_by_attitude;
         let [roll, pitch] = (self.attitude_derivative)(state);
         by_roll * roll + by_pitch * pitch
     }
 }
 
 /// Input of the test for a constant attitude error.
-pub(in crate::calibration) struct AttitudeErrorTest<'a> {
+pub(in crate::calibration) struct AttitudeErrorTestInput<'a> {
     /// Sums of the tested error.
     pub score_sums: &'a ScoreTest<1>,
     /// Information of a roll bias: sensitivity of the inclination residuals to roll noise.

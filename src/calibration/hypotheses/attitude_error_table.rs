@@ -1,6 +1,6 @@
 //! Table of the constant errors of the attitude source. Each is a consider state; some are tested by their score.
 //!
-//! A new hypothesis is a file with its [`AttitudeError`] and, if tested, its rule of acceptance, and a row at the end
+//! A new hypothesis is a file with its [`AttitudeError`] and, if tested, its significance test, and a row at the end
 //! of the table.
 
 use core::array;
@@ -17,13 +17,13 @@ use crate::calibration::{AttitudeLatency, ConsiderSigmas};
 pub(in crate::calibration) const ATTITUDE_ERRORS: &[AttitudeError] = &[
     AttitudeError {
         attitude_derivative: |_| [1.0, 0.0],
-        assumed_sigma: |consider| consider.bias_rad,
-        acceptance_rule: None,
+        assumed_sigma: |consider_sigmas| consider_sigmas.bias_rad,
+        significance_test: None,
     },
     AttitudeError {
         attitude_derivative: |_| [0.0, 1.0],
-        assumed_sigma: |consider| consider.bias_rad,
-        acceptance_rule: None,
+        assumed_sigma: |consider_sigmas| consider_sigmas.bias_rad,
+        significance_test: None,
     },
     bank_scale::BANK_SCALE_ERROR,
     attitude_latency::LATENCY_ERROR,
@@ -47,10 +47,10 @@ pub(in crate::calibration) type AttitudeErrorSigmas = [f32; ATTITUDE_ERROR_COUNT
 /// Standard deviations of all errors before they are tested: the assumed ones, and for the latency that of its
 /// estimate.
 pub(in crate::calibration) fn assumed_sigmas(
-    consider: ConsiderSigmas,
+    consider_sigmas: ConsiderSigmas,
     latency: Option<AttitudeLatency>,
 ) -> AttitudeErrorSigmas {
-    let mut sigmas = array::from_fn(|index| (ATTITUDE_ERRORS[index].assumed_sigma)(consider));
+    let mut sigmas = array::from_fn(|index| (ATTITUDE_ERRORS[index].assumed_sigma)(consider_sigmas));
     sigmas[LATENCY_INDEX] = latency.map_or(0.0, |latency| latency.sigma_s);
     sigmas
 }

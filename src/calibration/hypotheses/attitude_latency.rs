@@ -22,7 +22,7 @@ use crate::trig::sqrt;
 pub(super) const LATENCY_ERROR: AttitudeError = AttitudeError {
     attitude_derivative: |state| [state.rates.roll_rad_s(), state.rates.pitch_rad_s()],
     assumed_sigma: |_| 0.0,
-    acceptance_rule: None,
+    significance_test: None,
 };
 
 /// Prior sigma of the latency, seconds.
@@ -55,9 +55,9 @@ impl AttitudeLatency {
         let prior = 1.0 / (PRIOR_SIGMA_S * PRIOR_SIGMA_S);
         let sample_information = score.information.x.max(0.0);
         let total_information = sample_information + prior;
-        let [excess_inflation, _] = contributions.excess_inflation();
+        let [excess_variance_inflation, _] = contributions.excess_variance_inflation();
         let found_s = applied_s + (score.gradient.x - prior * applied_s) / total_information;
-        let sigma_s = sqrt(sample_information * (1.0 + excess_inflation) + prior) / total_information;
+        let sigma_s = sqrt(sample_information * (1.0 + excess_variance_inflation) + prior) / total_information;
         (sums.information.x > 0.0 && (found_s + sigma_s).is_finite()).then_some(Self { estimate_s: found_s, sigma_s })
     }
 
@@ -98,7 +98,11 @@ mod tests {
     }
 
     fn inclination_equation(weight: f32, residual: f32) -> ResidualEquation {
-        let row = JacobianRow { derivative_by_field: Vector3::zeros(), x: Vector3::zeros(), by_inclination: 0.0 };
+        let row = JacobianRow {
+            derivative_by_field: Vector3::zeros(),
+            centred_field: Vector3::zeros(),
+            derivative_by_inclination: 0.0,
+        };
         ResidualEquation::new(row, residual, 1.0 / weight, 1e6)
     }
 
@@ -114,9 +118,9 @@ mod tests {
     }
 
     impl Evidence {
-        fn add_residual(&mut self, part: usize, inclination: &ResidualEquation, by_latency: f32) {
-            self.sums.add_weighted_equation(inclination, &Vector1::new(by_latency), 1.0);
-            self.contributions.add_residuals(part, [inclination.weight * by_latency * inclination.residual, 0.0]);
+        fn add_residual(&mut self, part: usize, equation: &ResidualEquation, by_latency: f32) {
+            self.sums.add_weighted_equation(equation, &Vector1::new(by_latency), 1.0);
+            self.contributions.add_residuals(part, [equation.weight * by_latency * equation.residual, 0.0]);
         }
 
         /// Estimate from information and gradient, less the parts that the nuisance parameters explain.

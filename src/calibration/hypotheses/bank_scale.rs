@@ -10,7 +10,7 @@
 //! 330 samples of turns at 25 deg give a sigma of 2 %. Correcting for `k` makes the headings of a good source worse
 //! (0.12 to 0.32 deg), so it is only a finding.
 
-use super::attitude_error::{AttitudeError, AttitudeErrorFinding, AttitudeErrorTest, AttitudeState};
+use super::attitude_error::{AttitudeError, AttitudeErrorFinding, AttitudeErrorTestInput, AttitudeState};
 use super::score_test::EfficientScore;
 use crate::calibration::model::{ModelParameters, ResidualEquation, SampleEquations, Vector13};
 use crate::calibration::types::time_order::{PART_COUNT, TimeOrdered};
@@ -19,8 +19,8 @@ use crate::trig::sqrt;
 /// Bank-angle scale error in the table of attitude errors.
 pub(super) const BANK_SCALE_ERROR: AttitudeError = AttitudeError {
     attitude_derivative: |state| [state.attitude.roll_rad, 0.0],
-    assumed_sigma: |consider| consider.bank_scale,
-    acceptance_rule: Some(find_constant_error),
+    assumed_sigma: |consider_sigmas| consider_sigmas.bank_scale,
+    significance_test: Some(find_bank_scale_error),
 };
 
 /// Maximum share of the information about `k` that roll noise may contribute.
@@ -42,14 +42,14 @@ const ALLOWANCE_SLOPE: f32 = 2.0;
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct BankScaleEstimate {
     /// Missing bank relative to the reported bank; negative if the source reports too much.
-    missing_bank: f32,
+    missing_bank_share: f32,
     variance: f32,
     score_information: f32,
 }
 
 /// Finds a significant error above the assumed one. Only then makes a second pass over the samples, for the
 /// cluster-robust variance.
-fn find_constant_error(test: &AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding> {
+fn find_bank_scale_error(test: &AttitudeErrorTestInput<'_>) -> Option<AttitudeErrorFinding> {
     let score = test.score_sums.eliminate_coefficients(test.linear_system, &test.linear_system.step_to_maximum()?)?;
     let roll_sigma_rad = test.fit.likelihood.noise.attitude_sigma_rad();
     let roll_noise = test.roll_information * roll_sigma_rad * roll_sigma_rad;
@@ -75,23 +75,23 @@ const CLUSTER_SAMPLES: u8 = 12;
 #[derive(Clone, Copy, Debug, Default)]
 struct ClusterVariance {
     open_clusters: [(f32, u8); PART_COUNT],
-    closed_clusters: f32,
+    closed_cluster_count: f32,
     cluster_sum: f32,
     cluster_squares: f32,
 }
 
 impl ClusterVariance {
-    /// Adds the score contribution of a part's next sample; `column`: `H^-1` times the effect of the scale error on the
+    /// Adds the score of a part's next sample; `nuisance_column`: `H^-1` times the effect of the scale error on the
     /// gradient.
     fn add_sample_score(
         &mut self,
         part: usize,
         equations: &SampleEquations,
         bank_scale_derivative: f32,
-        column: &Vector13,
+        nuisance_column: &Vector13,
     ) {
         let score_of = |equation: &ResidualEquation, by_bank: f32| {
-            equation.weight * equation.residual * (by_bank - equation.jacobian_row.dot(column))
+            equation.weight * equation.residual * (by_bank - equation.jacobian_row.dot(nuisance_column))
         };
         let Some((sum, samples)) = self.open_clusters.get_mut(part) else { return };
         *sum += score_of(&equations.norm_equation, 0.0)
@@ -108,7 +108,7 @@ impl ClusterVariance {
     }
 
     fn close_cluster(&mut self, sum: f32) {
-        self.closed_clusters += 1.0;
+        self.closed_cluster_count += 1.0;
         self.cluster_sum += sum;
         self.cluster_squares += sum * sum;
     }
@@ -119,8 +119,9 @@ impl ClusterVariance {
                 self.close_cluster(sum);
             }
         }
-        (self.cluster_squares - self.cluster_sum * self.cluster_sum / self.closed_clusters) * self.closed_clusters
-            / (self.closed_clusters - 1.0)
+        (self.cluster_squares - self.cluster_sum * self.cluster_sum / self.closed_cluster_count)
+            * self.closed_cluster_count
+            / (self.closed_cluster_count - 1.0)
     }
 }
 
@@ -133,10 +134,10 @@ impl BankScaleEstimate {
             return None;
         }
         let bank_information = total_information - roll_noise;
-        let missing_bank = (score.gradient.x + roll_noise) / bank_information;
+        let missing_bank_share = (score.gradient.x + roll_noise) / bank_information;
         let variance = total_information * inflation / (bank_information * bank_information);
-        (missing_bank.is_finite() && variance.is_finite()).then_some(Self {
-            missing_bank,
+        (missing_bank_share.is_finite() && variance.is_finite()).then_some(Self {
+            missing_bank_share,
             variance,
             score_information: bank_information,
         })
@@ -146,7 +147,7 @@ impl BankScaleEstimate {
     fn with_cluster_variance(self, clusters: ClusterVariance) -> Option<Self> {
         let variance = self.variance.max(clusters.variance() / (self.score_information * self.score_information));
         let is_informative = variance <= MAX_SIGMA * MAX_SIGMA
-            || self.missing_bank * self.missing_bank > CERTAIN_SIGMAS * CERTAIN_SIGMAS * variance;
+            || self.missing_bank_share * self.missing_bank_share > CERTAIN_SIGMAS * CERTAIN_SIGMAS * variance;
         is_informative.then_some(Self { variance, ..self })
     }
 
@@ -154,15 +155,17 @@ impl BankScaleEstimate {
     fn finding(&self, allowance: f32) -> Option<AttitudeErrorFinding> {
         let excess_square = self.excess_square(allowance);
         (excess_square > 0.0).then(|| AttitudeErrorFinding {
-            estimate: self.missing_bank,
-            significance_sigmas: sqrt(self.missing_bank * self.missing_bank / self.null_variance(allowance)),
+            estimate: self.missing_bank_share,
+            significance_sigmas: sqrt(
+                self.missing_bank_share * self.missing_bank_share / self.null_variance(allowance),
+            ),
             excess_square,
         })
     }
 
     /// Squared error to allow for beyond the allowance.
     fn excess_square(&self, allowance: f32) -> f32 {
-        let estimate_squared = self.missing_bank * self.missing_bank;
+        let estimate_squared = self.missing_bank_share * self.missing_bank_share;
         // Zero for NaN.
         let excess_square =
             ALLOWANCE_SLOPE * (estimate_squared - MIN_SIGNIFICANCE_SQUARED * self.null_variance(allowance));
@@ -190,8 +193,8 @@ mod tests {
 
     const ZERO_ROW: JacobianRow = JacobianRow {
         derivative_by_field: Vector3::new(0.0, 0.0, 0.0),
-        x: Vector3::new(0.0, 0.0, 0.0),
-        by_inclination: 0.0,
+        centred_field: Vector3::new(0.0, 0.0, 0.0),
+        derivative_by_inclination: 0.0,
     };
 
     fn inclination_equation(weight: f32, residual: f32, row: JacobianRow) -> ResidualEquation {
@@ -232,16 +235,16 @@ mod tests {
         let noise = (100.0 * 0.25 + 50.0) * 0.04;
         let found = estimate(&evidence, 150.0, 7.0, 0.2, 1.5).unwrap();
         let bank_information = information - 150.0 - noise;
-        assert!(is_close(found.missing_bank, (gradient - 7.0 + noise) / bank_information), "{found:?}");
+        assert!(is_close(found.missing_bank_share, (gradient - 7.0 + noise) / bank_information), "{found:?}");
         assert!(
             is_close(found.variance, (information - 150.0) * 1.5 / (bank_information * bank_information)),
             "{found:?}"
         );
-        assert!(is_close(found.finding(0.0).unwrap().estimate, found.missing_bank));
+        assert!(is_close(found.finding(0.0).unwrap().estimate, found.missing_bank_share));
     }
 
     #[test]
-    fn bank_scale_estimate_adds_in_quadrature() {
+    fn the_estimate_adds_to_the_assumed_sigma_in_quadrature() {
         // Information 1e4: an estimate of 0.1 with variance 1e-4.
         let found = estimate(&[(inclination_equation(1e4, -0.1, ZERO_ROW), [0.0, 1.0])], 0.0, 0.0, 0.0, 1.0).unwrap();
         let allowed = found.finding(0.01).unwrap().allowed_sigma(0.01);
@@ -259,7 +262,7 @@ mod tests {
     }
 
     fn bank_scale_estimate(missing: f32, sigma: f32) -> BankScaleEstimate {
-        BankScaleEstimate { missing_bank: missing, variance: sigma * sigma, score_information: 1e4 }
+        BankScaleEstimate { missing_bank_share: missing, variance: sigma * sigma, score_information: 1e4 }
     }
 
     /// Estimate and allowance together have a variance of 5e-4; the threshold is three times that.
@@ -297,7 +300,7 @@ mod tests {
                 norm_equation: norm,
                 inclination_equation: inclination,
                 heading_equation: None,
-                inclination_by_attitude: [7.0, 7.0],
+                inclination_derivatives_by_attitude: [7.0, 7.0],
             };
             clusters.add_sample_score(part, &equations, 1.0, &column);
         }
@@ -331,14 +334,14 @@ mod tests {
     }
 
     #[test]
-    fn contributions_exclude_the_explained_part() {
-        let row = JacobianRow { derivative_by_field: Vector3::x() * 3.0, x: Vector3::z(), ..ZERO_ROW };
+    fn score_contributions_exclude_the_nuisance_parameters() {
+        let row = JacobianRow { derivative_by_field: Vector3::x() * 3.0, centred_field: Vector3::z(), ..ZERO_ROW };
         let column = Vector13::ith(2, 0.5);
         let equations = SampleEquations {
             norm_equation: inclination_equation(10.0, 0.1, row),
             inclination_equation: Some(inclination_equation(4.0, -0.2, row)),
             heading_equation: None,
-            inclination_by_attitude: [0.0, 0.0],
+            inclination_derivatives_by_attitude: [0.0, 0.0],
         };
         let mut clusters = ClusterVariance::default();
         clusters.add_sample_score(0, &equations, 2.0, &column);
@@ -349,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn the_larger_variance_counts() {
+    fn the_larger_of_cluster_and_estimate_variance_is_used() {
         let scattered = clusters((0..48).map(|i| (0, if i / 12 % 2 == 0 { 1.0 } else { -1.0 })));
         let expected = scattered.variance() / 1e8;
         assert!(is_close(bank_scale_estimate(0.1, 1e-4).with_cluster_variance(scattered).unwrap().variance, expected));

@@ -18,7 +18,7 @@ const MIN_TURN_RATE_RAD_S: f32 = 0.05;
 const MIN_TURN_BANK_RAD: f32 = 0.14;
 
 /// Iterations of the polar decomposition, which converges quadratically.
-const POLAR_ITERATIONS: u8 = 5;
+const POLAR_DECOMPOSITION_ITERATIONS: u8 = 5;
 
 /// Direction of the last turn: 1 right, -1 left, 0 before the first.
 #[derive(Clone, Copy, Debug, Default)]
@@ -43,7 +43,7 @@ pub(super) struct Hysteresis {
     /// Response of the corrected field to the soft iron alone, `W S`.
     soft_iron_response: Matrix3<f32>,
     w: Matrix3<f32>,
-    d: Vector3<f32>,
+    corrected_mean_field: Vector3<f32>,
     cos_inclination: f32,
 }
 
@@ -52,22 +52,27 @@ impl Hysteresis {
     pub fn new(parameters: &ModelParameters) -> Option<Self> {
         let response = inverse(&parameters.w)?;
         let mut mounting = response;
-        for _ in 0..POLAR_ITERATIONS {
+        for _ in 0..POLAR_DECOMPOSITION_ITERATIONS {
             mounting = (mounting + inverse(&mounting)?.transpose()) * 0.5;
         }
         let scale = libm::cbrtf(response.determinant());
         Some(Self {
             soft_iron_response: Matrix3::identity() - parameters.w * mounting * scale,
             w: parameters.w,
-            d: parameters.d,
+            corrected_mean_field: parameters.corrected_mean_field,
             cos_inclination: libm::cosf(parameters.inclination_rad),
         })
     }
 
     /// Derivative of the corrected field by the lag angle, after a turn in a direction; down in body axes.
-    pub fn field_response(&self, down: &Vector3<f32>, direction: f32, equations: &SampleEquations) -> Vector3<f32> {
-        let body = multiply(&self.w, &equations.norm_equation.jacobian_row.x) + self.d;
-        multiply(&self.soft_iron_response, &(down.cross(&body) * direction))
+    pub fn field_response(
+        &self,
+        down: &Vector3<f32>,
+        turn_direction: f32,
+        equations: &SampleEquations,
+    ) -> Vector3<f32> {
+        let body = multiply(&self.w, &equations.norm_equation.jacobian_row.centred_field) + self.corrected_mean_field;
+        multiply(&self.soft_iron_response, &(down.cross(&body) * turn_direction))
     }
 
     /// RMS field change by a lag angle, radians, over the headings, units of field.

@@ -8,7 +8,7 @@
 //! An error of 12 % with 10 s has 4 to 8 sigmas in simulated calibrations, 60 flights without an error have at most 3;
 //! time constants of 5 and 20 s are found with the same model.
 
-use super::attitude_error::{AttitudeError, AttitudeErrorFinding, AttitudeErrorTest};
+use super::attitude_error::{AttitudeError, AttitudeErrorFinding, AttitudeErrorTestInput};
 use crate::time::WrappingMillis;
 use crate::trig::sqrt;
 
@@ -16,7 +16,7 @@ use crate::trig::sqrt;
 pub(super) const LAGGING_BANK_SCALE_ERROR: AttitudeError = AttitudeError {
     attitude_derivative: |state| [state.lagged_roll_rad, 0.0],
     assumed_sigma: |_| 0.0,
-    acceptance_rule: Some(find_lagging_error),
+    significance_test: Some(find_lagging_error),
 };
 
 /// Time constant of filters aided by accelerometers, seconds.
@@ -29,7 +29,7 @@ const MIN_SIGNIFICANCE_SIGMAS: f32 = 2.5;
 pub(in crate::calibration) const MIN_REPORTED_SIGMAS: f32 = 3.0;
 
 /// Share of the bank that the source loses in a long turn, if significant.
-fn find_lagging_error(test: &AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding> {
+fn find_lagging_error(test: &AttitudeErrorTestInput<'_>) -> Option<AttitudeErrorFinding> {
     let score = test.score_sums.eliminate_coefficients(test.linear_system, &test.linear_system.step_to_maximum()?)?;
     let estimate = score.gradient.x / score.information.x;
     significant_finding(estimate, sqrt(test.residuals.autocorrelation_inflation() / score.information.x))

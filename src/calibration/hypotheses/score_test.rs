@@ -52,11 +52,11 @@ impl<const K: usize> ScoreTest<K> {
         self.cross_information.iter().zip(beta).map(|(cross_row, beta)| cross_row * *beta).sum()
     }
 
-    /// Eliminates the thirteen unknowns; `to_maximum`: their remaining step to the maximum likelihood, `H^-1 g_u`.
+    /// Eliminates the thirteen unknowns; `step_to_maximum`: their remaining step to the maximum likelihood, `H^-1 g_u`.
     pub fn eliminate_coefficients(
         &self,
         system: &LinearisedProblem,
-        to_maximum: &Vector13,
+        step_to_maximum: &Vector13,
     ) -> Option<EfficientScore<K>> {
         let mut score = EfficientScore {
             nuisance_columns: [Vector13::zeros(); K],
@@ -68,7 +68,7 @@ impl<const K: usize> ScoreTest<K> {
             for (other_axis, cross_row) in self.cross_information.iter().enumerate() {
                 score.information[(axis, other_axis)] -= column.dot(cross_row);
             }
-            score.gradient[axis] -= cross_row.dot(to_maximum);
+            score.gradient[axis] -= cross_row.dot(step_to_maximum);
             score.nuisance_columns[axis] = column;
         }
         Some(score)

@@ -157,7 +157,7 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
         variances
     }
 
-    pub fn diagonal(&self) -> SVector<f32, N> {
+    pub fn information_diagonal(&self) -> SVector<f32, N> {
         SVector::from_fn(|i, _| {
             self.diagonal[i] + (0..i).map(|k| self.diagonal[k] * self.upper[k][i] * self.upper[k][i]).sum::<f32>()
         })
@@ -165,18 +165,23 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
 }
 
 #[inline]
-fn rotate_row(r: &mut f32, u: &mut f32, x: f32, [retained_ratio, gain]: [f32; 2]) {
-    let old_element = *r;
-    *r -= x * *u;
-    *u = retained_ratio * *u + gain * old_element;
+fn rotate_row(
+    equation_element: &mut f32,
+    triangle_element: &mut f32,
+    pivot_element: f32,
+    [retained_ratio, gain]: [f32; 2],
+) {
+    let old_element = *equation_element;
+    *equation_element -= pivot_element * *triangle_element;
+    *triangle_element = retained_ratio * *triangle_element + gain * old_element;
 }
 
 /// Faster rotation, for rows with prior information. Loses digits of the equation when the row's diagonal element is
 /// nearly zero.
 #[inline]
-fn rotate_fast(r: &mut f32, u: &mut f32, x: f32, gain: f32) {
-    *r -= x * *u;
-    *u += gain * *r;
+fn rotate_fast(equation_element: &mut f32, triangle_element: &mut f32, pivot_element: f32, gain: f32) {
+    *equation_element -= pivot_element * *triangle_element;
+    *triangle_element += gain * *equation_element;
 }
 
 impl<const N: usize> LeastSquares<N, 1> {
@@ -283,7 +288,7 @@ mod tests {
             let unit = Matrix3::identity().column(column).into_owned();
             assert!((system.covariance_times(&unit).unwrap() - inverse.column(column)).norm() < 1e-5);
         }
-        assert!((system.diagonal() - information.diagonal()).norm() < 1e-5);
+        assert!((system.information_diagonal() - information.diagonal()).norm() < 1e-5);
         let change = Vector3::new(0.1, -0.2, 0.3);
         assert!((system.predicted_reduction(&change) - 0.5 * change.dot(&right)).abs() < 1e-5);
     }

@@ -92,9 +92,10 @@ impl Likelihood {
         heading_rad: Option<f32>,
         parameters: &ModelParameters,
     ) -> SampleEquations {
-        let added_ut = Vector3::from(self.motor_current.ut_per_a) * self.motor_current.current_offset_a(sample);
+        let added_ut = Vector3::from(self.motor_current.ut_per_a) * self.motor_current.current_deviation_a(sample);
         let measured = MeasuredSample {
-            x: multiply(&self.mount_from_chip, &(sample.field.ut - added_ut)) / self.field_unit_ut - self.mean_field,
+            centred_field: multiply(&self.mount_from_chip, &(sample.field.ut - added_ut)) / self.field_unit_ut
+                - self.mean_field,
             tilt_rotation: sample.latency_compensated_attitude(self.latency_s).tilt_rotation(),
             heading_rad,
         };
@@ -104,7 +105,7 @@ impl Likelihood {
     pub fn unknowns_from_start(&self, start: &StartingPoint) -> Option<Vector13> {
         ModelParameters {
             w: start.w,
-            d: start.w * (self.mean_field - start.hard_iron),
+            corrected_mean_field: start.w * (self.mean_field - start.hard_iron),
             inclination_rad: start.inclination_rad,
         }
         .unknowns()
@@ -122,19 +123,20 @@ impl Likelihood {
         })
     }
 
-    pub fn motor_current_per_ampere(&self) -> Vector3<f32> {
+    pub fn interference_per_ampere(&self) -> Vector3<f32> {
         self.mount_from_chip * Vector3::from(self.motor_current.ut_per_a) / self.field_unit_ut
     }
 
     /// Estimates the noise from the sums of the clipped squared normalised residuals.
-    pub fn estimate_noise(&mut self, clipped_squares: [f32; 2], samples: u16, unknowns: &Vector13) {
+    pub fn estimate_noise(&mut self, clipped_squares: [f32; 2], sample_count: u16, unknowns: &Vector13) {
         // Degrees of freedom: half of the thirteen unknowns for each kind of residual.
-        let degrees_of_freedom = (f32::from(samples) - UNKNOWN_COUNT as f32 / 2.0).max(1.0);
-        let ModelConfig { typical_norm_sigma, typical_inclination_sigma_rad, typical_sigma_samples, .. } = self.config;
+        let degrees_of_freedom = (f32::from(sample_count) - UNKNOWN_COUNT as f32 / 2.0).max(1.0);
+        let ModelConfig { typical_norm_sigma, typical_inclination_sigma_rad, typical_sigma_sample_weight, .. } =
+            self.config;
         let estimate = |sum: f32, old_sigma: f32, typical_sigma: f32| {
             let squares = sum / CLIPPED_MEAN_SQUARE * old_sigma * old_sigma
-                + typical_sigma_samples * typical_sigma * typical_sigma;
-            sqrt(squares / (degrees_of_freedom + typical_sigma_samples))
+                + typical_sigma_sample_weight * typical_sigma * typical_sigma;
+            sqrt(squares / (degrees_of_freedom + typical_sigma_sample_weight))
         };
         let [norm, inclination] = clipped_squares;
         let norm = estimate(norm, self.noise.norm_sigma, typical_norm_sigma);

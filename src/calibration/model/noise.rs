@@ -49,7 +49,7 @@ impl NoiseModel {
         &self,
         norm_derivative: &Vector3<f32>,
         inclination_derivative: &Vector3<f32>,
-        by_attitude: [f32; 2],
+        attitude_derivatives: [f32; 2],
     ) -> ResidualCovariance {
         let (norm_derivative, inclination_derivative) =
             (self.w.tr_mul(norm_derivative), self.w.tr_mul(inclination_derivative));
@@ -58,7 +58,7 @@ impl NoiseModel {
         let cross_covariance = sensor_variance * norm_derivative.dot(&inclination_derivative);
         let slope = cross_covariance / norm_variance;
         let tilt_variance = (self.inclination_sigma_rad * self.inclination_sigma_rad - sensor_variance).max(0.0);
-        let [roll, pitch] = by_attitude;
+        let [roll, pitch] = attitude_derivatives;
         // Next to the pole both derivatives by attitude vanish; the floor keeps the variance positive.
         let inclination_variance = sensor_variance * inclination_derivative.norm_squared()
             + tilt_variance * (roll * roll + pitch * pitch)
@@ -70,17 +70,17 @@ impl NoiseModel {
         }
     }
 
-    /// Most likely sensor error for a correction `by_field` of the corrected field.
-    pub fn likely_sensor_error(&self, by_field: &Vector3<f32>) -> Vector3<f32> {
-        self.w.tr_mul(by_field) * (self.norm_sigma * self.norm_sigma)
+    /// Most likely sensor error for this gradient of the cost by the corrected field.
+    pub fn likely_sensor_error(&self, field_gradient: &Vector3<f32>) -> Vector3<f32> {
+        self.w.tr_mul(field_gradient) * (self.norm_sigma * self.norm_sigma)
     }
 
     /// Heading variance of one sample from its derivative by the corrected field. A tilt error rotates the heading by
     /// `tan(inclination)` times its component towards the field.
-    pub fn heading_variance(&self, by_field: &Vector3<f32>, prediction: &FieldPrediction) -> f32 {
+    pub fn heading_variance(&self, heading_derivative: &Vector3<f32>, prediction: &FieldPrediction) -> f32 {
         let tan_inclination = prediction.level_field.z / prediction.cos_inclination;
         let attitude = self.attitude_sigma_rad() * tan_inclination;
-        self.w.tr_mul(by_field).norm_squared() * self.norm_sigma * self.norm_sigma + attitude * attitude
+        self.w.tr_mul(heading_derivative).norm_squared() * self.norm_sigma * self.norm_sigma + attitude * attitude
     }
 }
 
@@ -94,7 +94,7 @@ mod tests {
     const SKEWED: Matrix3<f32> = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
 
     #[test]
-    fn attitude_noise_is_the_remainder_of_sensor_noise() {
+    fn attitude_noise_is_inclination_noise_less_sensor_noise() {
         let share =
             |norm, inclination_sigma_rad| NoiseModel::new(norm, inclination_sigma_rad, SKEWED).attitude_sigma_rad();
         assert!((share(0.003, 0.005) - 0.004).abs() < 1e-7);
@@ -127,7 +127,8 @@ mod tests {
     fn heading_variance_equals_numerical_propagation() {
         let noise = NoiseModel::new(0.01, 0.02, SKEWED);
         let attitude_sigma_rad = noise.attitude_sigma_rad();
-        let parameters = ModelParameters { w: SKEWED, d: Vector3::new(0.1, 0.2, 0.1), inclination_rad: 0.0 };
+        let parameters =
+            ModelParameters { w: SKEWED, corrected_mean_field: Vector3::new(0.1, 0.2, 0.1), inclination_rad: 0.0 };
         for (roll_rad, x) in [(0.3, Vector3::new(0.7, -0.3, 0.4)), (-0.5, Vector3::new(-0.2, 0.6, -0.8))] {
             let attitude = Attitude { roll_rad, pitch_rad: 0.0 };
             let predict = |x, attitude: Attitude| parameters.predict_field(x, &attitude.tilt_rotation());
@@ -144,7 +145,8 @@ mod tests {
                 numerical_derivative(|step| heading_change_rad(&predict(x, Attitude { roll_rad, pitch_rad: step })));
             let expected = sensor.map(|d| d * d).sum::<f32>() * 1e-4
                 + (roll * roll + pitch * pitch) * attitude_sigma_rad * attitude_sigma_rad;
-            let found = noise.heading_variance(&reference.heading_by_field(&attitude.tilt_rotation()), &reference);
+            let found =
+                noise.heading_variance(&reference.heading_derivative_by_field(&attitude.tilt_rotation()), &reference);
             assert!((found / expected - 1.0).abs() < 1e-3, "{found} {expected}");
         }
     }

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::prediction::FieldPrediction;
-use super::unknowns::{INCLINATION_INDEX, Vector13, d_index, w_index};
+use super::unknowns::{INCLINATION_INDEX, Vector13, corrected_mean_index, w_index};
 use crate::calibration::{inverse, multiply};
 use crate::frames::{AttitudeRotation, Field};
 
@@ -13,8 +13,8 @@ use crate::frames::{AttitudeRotation, Field};
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct ModelParameters {
     pub w: Matrix3<f32>,
-    /// Corrected field of a measurement equal to the mean.
-    pub d: Vector3<f32>,
+    /// `d`: corrected field of a measurement equal to the mean.
+    pub corrected_mean_field: Vector3<f32>,
     pub inclination_rad: f32,
 }
 
@@ -22,7 +22,7 @@ impl ModelParameters {
     pub fn new(unknowns: &Vector13) -> Self {
         Self {
             w: Matrix3::from_fn(|row, column| unknowns[w_index(row, column)]),
-            d: Vector3::from_fn(|axis, _| unknowns[d_index(axis)]),
+            corrected_mean_field: Vector3::from_fn(|axis, _| unknowns[corrected_mean_index(axis)]),
             inclination_rad: unknowns[INCLINATION_INDEX],
         }
     }
@@ -34,7 +34,7 @@ impl ModelParameters {
             for j in 0..3 {
                 unknowns[w_index(i, j)] = self.w[(i, j)];
             }
-            unknowns[d_index(i)] = self.d[i];
+            unknowns[corrected_mean_index(i)] = self.corrected_mean_field[i];
         }
         unknowns[INCLINATION_INDEX] = self.inclination_rad;
         unknowns.iter().all(|u| u.is_finite()).then_some(unknowns)
@@ -42,17 +42,17 @@ impl ModelParameters {
 
     /// Mean field minus hard iron, `W^-1 d`; `None` when `W` is singular.
     pub fn mean_minus_hard_iron(&self) -> Option<Vector3<f32>> {
-        inverse(&self.w).map(|field_from_body| field_from_body * self.d)
+        inverse(&self.w).map(|field_from_body| field_from_body * self.corrected_mean_field)
     }
 
     #[inline]
-    pub fn predict_field(&self, x: Vector3<f32>, tilt: &AttitudeRotation) -> FieldPrediction {
-        FieldPrediction::new(x, &(multiply(&self.w, &x) + self.d), tilt)
+    pub fn predict_field(&self, centred_field: Vector3<f32>, tilt: &AttitudeRotation) -> FieldPrediction {
+        FieldPrediction::new(centred_field, &(multiply(&self.w, &centred_field) + self.corrected_mean_field), tilt)
     }
 
     /// Noise-free field minus the mean, at an attitude and heading: `W^-1 (C^T h - d)`. `None` when `W` is singular.
     pub fn expected_field(&self, tilt: &AttitudeRotation, heading_rad: f32) -> Option<Vector3<f32>> {
         let level = Field::earth_field(1.0, self.inclination_rad, heading_rad);
-        Some(inverse(&self.w)? * (tilt.to_body_frame(level).ut - self.d))
+        Some(inverse(&self.w)? * (tilt.to_body_frame(level).ut - self.corrected_mean_field))
     }
 }

@@ -18,14 +18,15 @@ const MIN_HORIZONTAL_SQUARED: f32 = 1e-6;
 /// Corrected field `w = W x + d`, units of field; its direction `n = w / |w|` in body and `l = C n` in level axes.
 #[derive(Clone, Debug)]
 pub(crate) struct FieldPrediction {
-    pub x: Vector3<f32>,
+    /// `x`: measured field minus the mean of all samples.
+    pub centred_field: Vector3<f32>,
     /// Norm of the corrected field, `|w|`; nominally 1.
     pub norm: f32,
     /// Direction `n` of the corrected field, body axes; also the derivative of its norm by the field.
     pub field_direction: Vector3<f32>,
     /// Derivative of the inclination `i` by the corrected field. From `sin i = down . n` and
     /// `d n = (1 - n n^T) d w / |w|`: `(down - n l_z) / (|w| cos i)`.
-    pub inclination_by_field: Vector3<f32>,
+    pub inclination_derivative_by_field: Vector3<f32>,
     /// Direction `l` of the corrected field, level axes.
     pub level_field: Vector3<f32>,
     /// Cosine of the inclination, `cos i = sqrt(l_x^2 + l_y^2)`.
@@ -37,16 +38,16 @@ pub(crate) struct FieldPrediction {
 impl FieldPrediction {
     #[expect(clippy::inline_always, reason = "runs twice for each sample and pass, and returns sixteen numbers")]
     #[inline(always)]
-    pub fn new(x: Vector3<f32>, corrected: &Vector3<f32>, tilt: &AttitudeRotation) -> Self {
+    pub fn new(centred_field: Vector3<f32>, corrected: &Vector3<f32>, tilt: &AttitudeRotation) -> Self {
         let total = corrected.vector_length().max(MIN_NORM);
         let direction = corrected / total;
         let level = tilt.to_level_frame(Field::new(direction)).ut;
         let horizontal = sqrt(level.x * level.x + level.y * level.y).max(MIN_HORIZONTAL);
         Self {
-            x,
+            centred_field,
             norm: total,
             field_direction: direction,
-            inclination_by_field: (tilt.down_in_body() - direction * level.z) / (total * horizontal),
+            inclination_derivative_by_field: (tilt.down_in_body() - direction * level.z) / (total * horizontal),
             level_field: level,
             cos_inclination: horizontal,
             inclination_rad: libm::atan2f(level.z, horizontal),
@@ -55,19 +56,31 @@ impl FieldPrediction {
 
     /// Jacobian row of `e_norm = |W x + d| - 1`: `n x^T` by `W`, `n` by `d`, 0 by `I`.
     pub(crate) fn norm_row(&self) -> JacobianRow {
-        JacobianRow { derivative_by_field: self.field_direction, x: self.x, by_inclination: 0.0 }
+        JacobianRow {
+            derivative_by_field: self.field_direction,
+            centred_field: self.centred_field,
+            derivative_by_inclination: 0.0,
+        }
     }
 
     /// Jacobian row of `e_incl = i - I`, with `t` the derivative of `i` by the field: `t x^T` by `W`, `t` by `d`, -1 by
     /// `I`.
     pub(crate) fn inclination_row(&self) -> JacobianRow {
-        JacobianRow { derivative_by_field: self.inclination_by_field, x: self.x, by_inclination: -1.0 }
+        JacobianRow {
+            derivative_by_field: self.inclination_derivative_by_field,
+            centred_field: self.centred_field,
+            derivative_by_inclination: -1.0,
+        }
     }
 
-    /// Jacobian row of `e_heading = atan2(-l_y, l_x) - given`, with `g` = [`heading_by_field`](Self::heading_by_field):
+    /// Jacobian row of `e_heading = atan2(-l_y, l_x) - given`, `g` the derivative of the heading by the field:
     /// `g x^T` by `W`, `g` by `d`, 0 by `I`.
     pub(in crate::calibration) fn heading_row(&self, tilt: &AttitudeRotation) -> JacobianRow {
-        JacobianRow { derivative_by_field: self.heading_by_field(tilt), x: self.x, by_inclination: 0.0 }
+        JacobianRow {
+            derivative_by_field: self.heading_derivative_by_field(tilt),
+            centred_field: self.centred_field,
+            derivative_by_inclination: 0.0,
+        }
     }
 
     /// Magnetic heading, radians (Liu 2007 eq. 3).
@@ -76,20 +89,20 @@ impl FieldPrediction {
     }
 
     /// Derivative of the heading by the corrected field, in body axes.
-    pub fn heading_by_field(&self, tilt: &AttitudeRotation) -> Vector3<f32> {
-        heading_by_field(tilt, &self.level_field) / self.norm
+    pub fn heading_derivative_by_field(&self, tilt: &AttitudeRotation) -> Vector3<f32> {
+        heading_derivative_by_field(tilt, &self.level_field) / self.norm
     }
 
     /// Derivatives of the inclination by roll and by pitch. From `sin i = down . n` and
     /// `down = (-sin theta, cos theta sin phi, cos theta cos phi)`: `cos theta l_y / cos i` and `-l_x / cos i`.
-    pub fn inclination_by_attitude(&self, tilt: &AttitudeRotation) -> [f32; 2] {
+    pub fn inclination_derivatives_by_attitude(&self, tilt: &AttitudeRotation) -> [f32; 2] {
         [tilt.cos_pitch() * self.level_field.y / self.cos_inclination, -self.level_field.x / self.cos_inclination]
     }
 
     /// Derivatives of the heading by roll and by pitch. A roll rotates the level field about
     /// `(cos theta, 0, -sin theta)`, a pitch about `(0, 1, 0)`: `sin theta + cos theta l_x l_z / cos^2 i` and
     /// `l_y l_z / cos^2 i`.
-    pub fn heading_by_attitude(&self, tilt: &AttitudeRotation) -> [f32; 2] {
+    pub fn heading_derivatives_by_attitude(&self, tilt: &AttitudeRotation) -> [f32; 2] {
         let per_horizontal = self.level_field.z / (self.cos_inclination * self.cos_inclination);
         [tilt.sin_pitch() + tilt.cos_pitch() * self.level_field.x * per_horizontal, self.level_field.y * per_horizontal]
     }
@@ -101,7 +114,10 @@ pub(in crate::calibration) fn horizontal_squared(level: &Vector3<f32>) -> f32 {
 
 /// Derivative of the heading by the corrected field in body axes, both in units of field. From `psi = atan2(-l_y, l_x)`
 /// (Liu 2007 eq. 3): `d psi = (l_y d l_x - l_x d l_y) / (l_x^2 + l_y^2)`.
-pub(in crate::calibration) fn heading_by_field(tilt: &AttitudeRotation, level: &Vector3<f32>) -> Vector3<f32> {
+pub(in crate::calibration) fn heading_derivative_by_field(
+    tilt: &AttitudeRotation,
+    level: &Vector3<f32>,
+) -> Vector3<f32> {
     let horizontal = horizontal_squared(level);
     tilt.to_body_frame(Field::from_ut(level.y / horizontal, -level.x / horizontal, 0.0)).ut
 }

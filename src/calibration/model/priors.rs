@@ -3,7 +3,7 @@
 
 use super::likelihood::Likelihood;
 use super::parameters::ModelParameters;
-use super::unknowns::{INCLINATION_INDEX, JacobianRow, Vector13, d_index, w_index};
+use super::unknowns::{INCLINATION_INDEX, JacobianRow, Vector13, corrected_mean_index, w_index};
 use crate::calibration::inverse;
 
 /// Linearised prior: `row . change = -residual`, with standard deviation `sigma`.
@@ -34,15 +34,15 @@ impl PriorQuantity {
 /// Sigma of an unknown inclination, radians: wide, keeps the information regular.
 const UNKNOWN_INCLINATION_SIGMA_RAD: f32 = 10.0;
 
-/// Calls `each` with every prior, linearised at the parameters.
+/// Calls `visit` with every prior, linearised at the parameters.
 pub(in crate::calibration) fn for_each_prior(
     likelihood: &Likelihood,
     parameters: &ModelParameters,
-    each: &mut dyn FnMut(&PriorEquation),
+    visit: &mut dyn FnMut(&PriorEquation),
 ) {
-    soft_iron_and_mounting_priors(likelihood, parameters, each);
-    hard_iron_priors(likelihood, parameters, each);
-    inclination_prior(likelihood, parameters, each);
+    soft_iron_and_mounting_priors(likelihood, parameters, visit);
+    hard_iron_priors(likelihood, parameters, visit);
+    inclination_prior(likelihood, parameters, visit);
 }
 
 /// Priors on `W` except its scale:
@@ -55,22 +55,22 @@ pub(in crate::calibration) fn for_each_prior(
 fn soft_iron_and_mounting_priors(
     likelihood: &Likelihood,
     parameters: &ModelParameters,
-    each: &mut dyn FnMut(&PriorEquation),
+    visit: &mut dyn FnMut(&PriorEquation),
 ) {
     let config = &likelihood.config;
     for (i, j) in [(0, 1), (0, 2), (1, 2)] {
         let (ij, ji) = (parameters.w[(i, j)], parameters.w[(j, i)]);
         let (by_ij, by_ji) = (scaled_unit_vector(w_index(i, j), 0.5), scaled_unit_vector(w_index(j, i), 0.5));
         let (residual, sigma) = (ij.midpoint(ji), config.soft_iron_sigma);
-        each(&PriorEquation { jacobian_row: by_ij + by_ji, residual, sigma, prior_quantity: PriorQuantity::SoftIron });
-        let (residual, sigma) = ((ij - ji) / 2.0, config.mounting_sigma);
-        each(&PriorEquation { jacobian_row: by_ij - by_ji, residual, sigma, prior_quantity: PriorQuantity::Mounting });
+        visit(&PriorEquation { jacobian_row: by_ij + by_ji, residual, sigma, prior_quantity: PriorQuantity::SoftIron });
+        let (residual, sigma) = ((ij - ji) / 2.0, config.mounting_sigma_rad);
+        visit(&PriorEquation { jacobian_row: by_ij - by_ji, residual, sigma, prior_quantity: PriorQuantity::Mounting });
     }
     let third_of_trace = (0..3).map(|i| scaled_unit_vector(w_index(i, i), 1.0 / 3.0)).sum::<Vector13>();
     for i in 0..3 {
         let row = scaled_unit_vector(w_index(i, i), 1.0) - third_of_trace;
         let residual = parameters.w[(i, i)] - parameters.w.trace() / 3.0;
-        each(&PriorEquation {
+        visit(&PriorEquation {
             jacobian_row: row,
             residual,
             sigma: config.soft_iron_sigma,
@@ -81,26 +81,27 @@ fn soft_iron_and_mounting_priors(
 
 /// Priors on the hard iron `b = mean - W^-1 d`. Its change is `W^-1 dW W^-1 d - W^-1 dd`: with `k` a row of `W^-1`,
 /// `k (W^-1 d)^T` by `W` and `-k` by `d`. None if `W` is singular.
-fn hard_iron_priors(likelihood: &Likelihood, parameters: &ModelParameters, each: &mut dyn FnMut(&PriorEquation)) {
+fn hard_iron_priors(likelihood: &Likelihood, parameters: &ModelParameters, visit: &mut dyn FnMut(&PriorEquation)) {
     let Some(field_from_body) = inverse(&parameters.w) else { return };
-    let from_b = field_from_body * parameters.d;
+    let from_b = field_from_body * parameters.corrected_mean_field;
     let sigma = likelihood.config.hard_iron_sigma_ut / likelihood.field_unit_ut;
     for i in 0..3 {
         let k = field_from_body.row(i).transpose();
-        let mut row = JacobianRow { derivative_by_field: k, x: from_b, by_inclination: 0.0 }.as_vector();
+        let mut row =
+            JacobianRow { derivative_by_field: k, centred_field: from_b, derivative_by_inclination: 0.0 }.as_vector();
         for axis in 0..3 {
-            row[d_index(axis)] = -k[axis];
+            row[corrected_mean_index(axis)] = -k[axis];
         }
         let residual = likelihood.mean_field[i] - from_b[i];
-        each(&PriorEquation { jacobian_row: row, residual, sigma, prior_quantity: PriorQuantity::HardIron });
+        visit(&PriorEquation { jacobian_row: row, residual, sigma, prior_quantity: PriorQuantity::HardIron });
     }
 }
 
-fn inclination_prior(likelihood: &Likelihood, parameters: &ModelParameters, each: &mut dyn FnMut(&PriorEquation)) {
+fn inclination_prior(likelihood: &Likelihood, parameters: &ModelParameters, visit: &mut dyn FnMut(&PriorEquation)) {
     let given = likelihood.known_inclination_rad.map(|given| (given, likelihood.config.known_inclination_sigma_rad));
     let (value_rad, sigma) = given.unwrap_or((0.0, UNKNOWN_INCLINATION_SIGMA_RAD));
     let residual = parameters.inclination_rad - value_rad;
-    each(&PriorEquation {
+    visit(&PriorEquation {
         jacobian_row: scaled_unit_vector(INCLINATION_INDEX, 1.0),
         residual,
         sigma,

@@ -27,15 +27,15 @@ pub(in crate::calibration) const fn w_index(row: usize, column: usize) -> usize 
 }
 
 /// Index of a component of `d` in the unknowns. Contiguous.
-pub(in crate::calibration) const fn d_index(axis: usize) -> usize {
+pub(in crate::calibration) const fn corrected_mean_index(axis: usize) -> usize {
     w_index(3, axis)
 }
 
-pub(in crate::calibration) const INCLINATION_INDEX: usize = d_index(3);
+pub(in crate::calibration) const INCLINATION_INDEX: usize = corrected_mean_index(3);
 
 /// Index of a component of `beta` in the coefficients, equal to that of `d`.
 pub(in crate::calibration) const fn beta_index(axis: usize) -> usize {
-    d_index(axis)
+    corrected_mean_index(axis)
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,8 +69,8 @@ pub(in crate::calibration) const UPPER_TRIANGLE_4: [(usize, usize); 10] =
     [(0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3)];
 
 /// Index of the unknown that multiplies axis `k` of the derivative and component `a` of `(x, 1)`.
-pub(in crate::calibration) const fn product_index(k: usize, a: usize) -> usize {
-    if a < 3 { w_index(k, a) } else { d_index(k) }
+pub(in crate::calibration) const fn unknown_index_of_product(k: usize, a: usize) -> usize {
+    if a < 3 { w_index(k, a) } else { corrected_mean_index(k) }
 }
 
 /// Jacobian row of a function of one measurement, `k . (W x + d)` plus a multiple of `I`: `k x^T` by `W`, `k` by `d`.
@@ -79,9 +79,9 @@ pub(in crate::calibration) const fn product_index(k: usize, a: usize) -> usize {
 pub(crate) struct JacobianRow {
     /// Derivative `k` of the function by the corrected field.
     pub derivative_by_field: Vector3<f32>,
-    /// Measurement minus the mean.
-    pub x: Vector3<f32>,
-    pub by_inclination: f32,
+    /// `x`: measured field minus the mean of all samples.
+    pub centred_field: Vector3<f32>,
+    pub derivative_by_inclination: f32,
 }
 
 impl JacobianRow {
@@ -89,8 +89,8 @@ impl JacobianRow {
     pub fn as_vector(&self) -> Vector13 {
         // Unrolled: runs twice for each sample and pass.
         let [a, b, c] = [self.derivative_by_field.x, self.derivative_by_field.y, self.derivative_by_field.z];
-        let [x, y, z] = [self.x.x, self.x.y, self.x.z];
-        let i = self.by_inclination;
+        let [x, y, z] = [self.centred_field.x, self.centred_field.y, self.centred_field.z];
+        let i = self.derivative_by_inclination;
         Vector13::from([a * x, a * y, a * z, b * x, b * y, b * z, c * x, c * y, c * z, a, b, c, i])
     }
 
@@ -98,35 +98,41 @@ impl JacobianRow {
     pub fn add_scaled_to(&self, sum: &mut Vector13, weight: f32) {
         let k = self.derivative_by_field * weight;
         for (axis, k) in [k.x, k.y, k.z].into_iter().enumerate() {
-            sum[w_index(axis, 0)] += k * self.x.x;
-            sum[w_index(axis, 1)] += k * self.x.y;
-            sum[w_index(axis, 2)] += k * self.x.z;
-            sum[d_index(axis)] += k;
+            sum[w_index(axis, 0)] += k * self.centred_field.x;
+            sum[w_index(axis, 1)] += k * self.centred_field.y;
+            sum[w_index(axis, 2)] += k * self.centred_field.z;
+            sum[corrected_mean_index(axis)] += k;
         }
-        sum[INCLINATION_INDEX] += weight * self.by_inclination;
+        sum[INCLINATION_INDEX] += weight * self.derivative_by_inclination;
     }
 
     #[inline]
     pub fn dot(&self, change: &Vector13) -> f32 {
         let axis_term = |axis: usize| {
-            change[w_index(axis, 0)] * self.x.x
-                + change[w_index(axis, 1)] * self.x.y
-                + change[w_index(axis, 2)] * self.x.z
-                + change[d_index(axis)]
+            change[w_index(axis, 0)] * self.centred_field.x
+                + change[w_index(axis, 1)] * self.centred_field.y
+                + change[w_index(axis, 2)] * self.centred_field.z
+                + change[corrected_mean_index(axis)]
         };
         let [a, b, c] = [self.derivative_by_field.x, self.derivative_by_field.y, self.derivative_by_field.z];
-        a * axis_term(0) + b * axis_term(1) + c * axis_term(2) + self.by_inclination * change[INCLINATION_INDEX]
+        a * axis_term(0)
+            + b * axis_term(1)
+            + c * axis_term(2)
+            + self.derivative_by_inclination * change[INCLINATION_INDEX]
     }
 }
 
 /// Jacobian row of `k . (W x - beta)` by the coefficients: `k x^T` by `W`, `-k` by `beta`.
-pub(in crate::calibration) fn coefficient_jacobian_row(k: &Vector3<f32>, x: &Vector3<f32>) -> Vector12 {
+pub(in crate::calibration) fn coefficient_jacobian_row(
+    derivative_by_field: &Vector3<f32>,
+    relative_field: &Vector3<f32>,
+) -> Vector12 {
     let mut row = Vector12::zeros();
     for i in 0..3 {
         for j in 0..3 {
-            row[w_index(i, j)] = k[i] * x[j];
+            row[w_index(i, j)] = derivative_by_field[i] * relative_field[j];
         }
-        row[beta_index(i)] = -k[i];
+        row[beta_index(i)] = -derivative_by_field[i];
     }
     row
 }
@@ -138,7 +144,7 @@ mod tests {
     #[test]
     fn every_unknown_has_its_own_index() {
         let mut indices: Vec<usize> = (0..3).flat_map(|i| (0..3).map(move |j| w_index(i, j))).collect();
-        indices.extend((0..3).map(d_index));
+        indices.extend((0..3).map(corrected_mean_index));
         indices.push(INCLINATION_INDEX);
         assert_eq!(indices, (0..UNKNOWN_COUNT).collect::<Vec<_>>());
     }
@@ -163,11 +169,11 @@ mod tests {
             for j in 0..3 {
                 unknowns[w_index(i, j)] = matrix[(i, j)];
             }
-            unknowns[d_index(i)] = vector[i];
+            unknowns[corrected_mean_index(i)] = vector[i];
         }
         unknowns[INCLINATION_INDEX] = 23.0;
         let coefficients = Vector12::from_fn(|i, _| unknowns[i]);
-        let row = JacobianRow { derivative_by_field: k, x, by_inclination: -2.0 };
+        let row = JacobianRow { derivative_by_field: k, centred_field: x, derivative_by_inclination: -2.0 };
         let expected = k.dot(&(matrix * x + vector)) - 2.0 * 23.0;
         assert!(
             (row.as_vector().dot(&unknowns) - expected).abs() < 1e-6 && (row.dot(&unknowns) - expected).abs() < 1e-6

@@ -69,20 +69,21 @@ mod tests {
         assert!(seen.iter().all(|&seen| seen));
     }
 
-    fn tumbled_samples(missing: usize) -> Vec<Sample> {
+    fn tumbled_samples(missing_direction_count: usize) -> Vec<Sample> {
         let mut random = Random(5);
         let mut noise = move || Vector3::from_fn(|_, _| random.normal());
         core::iter::repeat_with(&mut noise)
             .map(|v| v.normalize() * 50.0)
-            .filter(|field| direction_index(field) >= missing)
+            .filter(|field| direction_index(field) >= missing_direction_count)
             .take(300)
             .map(|field| Vector3::new(1.1 * field.x + 9.0, field.y - 20.0, 0.95 * field.z + 3.0))
             .map(|ut| Sample::new(Field::new(ut), Attitude::default()))
             .collect()
     }
 
-    fn tumbled(missing: usize) -> Result<Quality, SolveError> {
-        solve_samples(Method::Ellipsoid, Samples::new(&tumbled_samples(missing)), &Prior::default()).map(|s| s.quality)
+    fn solve_tumbled(missing_direction_count: usize) -> Result<Quality, SolveError> {
+        solve_samples(Method::Ellipsoid, Samples::new(&tumbled_samples(missing_direction_count)), &Prior::default())
+            .map(|s| s.quality)
     }
 
     /// The ellipsoid fit starts from the sphere fit; its advice assumes turns.
@@ -103,8 +104,8 @@ mod tests {
 
     #[test]
     fn twenty_two_directions_are_enough_and_twenty_one_are_not() {
-        assert!(tumbled(0).is_ok());
-        assert!(tumbled(2).is_ok(), "{:?}", tumbled(2));
-        assert_eq!(tumbled(3).map(|_| ()), Err(SolveError::NotDetermined(SamplePart::All)));
+        assert!(solve_tumbled(0).is_ok());
+        assert!(solve_tumbled(2).is_ok(), "{:?}", solve_tumbled(2));
+        assert_eq!(solve_tumbled(3).map(|_| ()), Err(SolveError::NotDetermined(SamplePart::All)));
     }
 }

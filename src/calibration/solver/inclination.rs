@@ -36,7 +36,7 @@ impl GivenInclination {
     ///
     /// A contradiction of a person's inclination remains the result, because only a person can find its cause. Without
     /// a contradiction, the error of the solve with the given inclination is reported.
-    pub const fn decide_against_samples(self, result: &Result<Solution, SolveError>) -> Option<SolveError> {
+    pub const fn error_replacing_result(self, result: &Result<Solution, SolveError>) -> Option<SolveError> {
         match (result, self) {
             (Err(SolveError::InclinationContradicted { .. }), _) | (_, Self::Unknown | Self::Prior { .. }) => None,
             (_, Self::Dropped { error, .. }) => error,
@@ -60,9 +60,13 @@ impl GivenInclination {
     /// # Errors
     ///
     /// [`SolveError::InclinationContradicted`] beyond the gate.
-    pub fn check_inclination(&mut self, from_samples: Option<[f32; 2]>, sigma_rad: f32) -> Result<(), SolveError> {
+    pub fn check_inclination(
+        &mut self,
+        inclination_from_samples: Option<[f32; 2]>,
+        sigma_rad: f32,
+    ) -> Result<(), SolveError> {
         let (Self::Prior { given_rad, .. } | Self::Dropped { given_rad, .. }) = *self else { return Ok(()) };
-        match from_samples {
+        match inclination_from_samples {
             Some([own_rad, variance])
                 if libm::fabsf(own_rad - given_rad)
                     > INCLINATION_GATE_SIGMAS * sqrt(variance + sigma_rad * sigma_rad) =>
@@ -86,28 +90,35 @@ mod tests {
     const CONTRADICTED: SolveError = SolveError::InclinationContradicted { found_deg: 57 };
 
     /// Inclination of 1 rad by samples, and 0.5 rad given, to 0.1 rad each: 3.5 sigmas are consistent.
-    fn check(given: &mut GivenInclination, sigma_rad: f32) -> Result<(), SolveError> {
+    fn check_half_radian_off(given: &mut GivenInclination, sigma_rad: f32) -> Result<(), SolveError> {
         given.check_inclination(Some([1.0, sigma_rad * sigma_rad]), sigma_rad)
     }
 
     #[test]
-    fn a_person_is_contradicted_and_a_model_ignored() {
+    fn a_contradicted_person_is_reported_and_a_contradicted_model_is_ignored() {
         for is_modelled in [false, true] {
             let prior = GivenInclination::Prior { given_rad: 0.5, is_modelled };
             let mut given = prior;
-            assert_eq!((check(&mut given, 0.1), given), (Ok(()), prior));
-            assert_eq!((check(&mut given, 0.08), given), (Err(CONTRADICTED), prior), "the samples alone decide");
+            assert_eq!((check_half_radian_off(&mut given, 0.1), given), (Ok(()), prior));
+            assert_eq!(
+                (check_half_radian_off(&mut given, 0.08), given),
+                (Err(CONTRADICTED), prior),
+                "the samples alone decide"
+            );
             for error in [None, Some(SolveError::NotConverged), Some(CONTRADICTED)] {
                 let mut given = prior;
                 assert!(given.drop_prior(error) && !given.drop_prior(error));
                 let is_unknown = is_modelled && error == Some(CONTRADICTED);
                 assert_eq!(given == GivenInclination::Unknown, is_unknown, "{error:?}");
-                assert_eq!(check(&mut given, 0.1), Ok(()));
+                assert_eq!(check_half_radian_off(&mut given, 0.1), Ok(()));
                 let reported = if is_unknown { None } else { error };
-                assert_eq!(given.decide_against_samples(&Err(SolveError::NotFinite)), reported);
-                assert_eq!(check(&mut given, 0.08), if is_modelled { Ok(()) } else { Err(CONTRADICTED) });
+                assert_eq!(given.error_replacing_result(&Err(SolveError::NotFinite)), reported);
+                assert_eq!(
+                    check_half_radian_off(&mut given, 0.08),
+                    if is_modelled { Ok(()) } else { Err(CONTRADICTED) }
+                );
                 assert_eq!(given == GivenInclination::Unknown, is_modelled);
-                assert_eq!(given.decide_against_samples(&Err(CONTRADICTED)), None);
+                assert_eq!(given.error_replacing_result(&Err(CONTRADICTED)), None);
             }
         }
     }

@@ -11,7 +11,7 @@ const MAX_FIELD_UT: f32 = 1e6;
 const RANGE_END_FRACTION: f32 = 0.01;
 
 /// Stuck if more than 1/5 of the samples are at one end of the range.
-const MIN_SAMPLES_PER_RANGE_END: usize = 5;
+const STUCK_FRACTION_DIVISOR: usize = 5;
 
 pub(super) fn check_samples(method: Method, samples: Samples<'_>) -> Result<(), SolveError> {
     let part = if method == Method::Level { SamplePart::Level } else { SamplePart::All };
@@ -40,7 +40,7 @@ pub(super) fn stuck_axis(samples: Samples<'_>) -> Option<Axis> {
         let (low, high) = values().fold((f32::MAX, f32::MIN), |(low, high), v| (low.min(v), high.max(v)));
         let end_width = RANGE_END_FRACTION * (high - low);
         let is_stuck_at = |range_end: f32| {
-            values().filter(|v| (v - range_end).abs() <= end_width).count() * MIN_SAMPLES_PER_RANGE_END > sample_count
+            values().filter(|v| (v - range_end).abs() <= end_width).count() * STUCK_FRACTION_DIVISOR > sample_count
         };
         sample_count >= MIN_SAMPLES && (is_stuck_at(low) || is_stuck_at(high))
     })

@@ -22,18 +22,18 @@ pub(super) enum AttemptStart {
 pub(super) struct Attempt {
     pub start: AttemptStart,
     /// Whether a given inclination is a prior.
-    pub uses_inclination: bool,
+    pub uses_given_inclination: bool,
 }
 
 /// All attempts in order. The next attempt is the first later entry that [may follow](Attempt::may_follow), is needed
 /// and can start. The last attempt gives the result.
 pub(super) static ATTEMPT_QUEUE: [Attempt; 6] = [
-    Attempt { start: AttemptStart::ClosedForm, uses_inclination: true },
-    Attempt { start: AttemptStart::Sphere, uses_inclination: true },
-    Attempt { start: AttemptStart::FirstResult, uses_inclination: true },
-    Attempt { start: AttemptStart::ClosedForm, uses_inclination: false },
-    Attempt { start: AttemptStart::Sphere, uses_inclination: false },
-    Attempt { start: AttemptStart::FirstResult, uses_inclination: false },
+    Attempt { start: AttemptStart::ClosedForm, uses_given_inclination: true },
+    Attempt { start: AttemptStart::Sphere, uses_given_inclination: true },
+    Attempt { start: AttemptStart::FirstResult, uses_given_inclination: true },
+    Attempt { start: AttemptStart::ClosedForm, uses_given_inclination: false },
+    Attempt { start: AttemptStart::Sphere, uses_given_inclination: false },
+    Attempt { start: AttemptStart::FirstResult, uses_given_inclination: false },
 ];
 
 /// Bound on the steps of a solve: each attempt refines once, and again after each update of latency and of motor
@@ -47,7 +47,7 @@ impl Attempt {
     /// Whether this attempt may follow another: a sphere a closed form, a first result a sphere, and a closed form only
     /// an attempt with the other use of the inclination.
     pub fn may_follow(self, previous: Self) -> bool {
-        let is_same = self.uses_inclination == previous.uses_inclination;
+        let is_same = self.uses_given_inclination == previous.uses_given_inclination;
         match self.start {
             AttemptStart::ClosedForm => !is_same,
             AttemptStart::Sphere => is_same && previous.start == AttemptStart::ClosedForm,
@@ -57,7 +57,7 @@ impl Attempt {
 }
 
 /// Expected heading error above which a second starting point is tried, degrees RMS.
-const MAX_GOOD_RMS_DEG: f32 = 3.0;
+const MAX_GOOD_EXPECTED_RMS_DEG: f32 = 3.0;
 
 /// Hard iron above which a second starting point is tried, microtesla: six times the Earth's field.
 const MAX_GOOD_HARD_IRON_UT: f32 = 300.0;
@@ -71,7 +71,7 @@ pub(super) fn is_poor(result: &Result<Solution, SolveError>) -> bool {
 }
 
 /// Whether another starting point may avoid the error: wrong mounting, reversed turns, field next to the pole.
-pub(super) const fn is_implausible(error: &SolveError) -> bool {
+pub(super) const fn is_avoidable_by_another_start(error: &SolveError) -> bool {
     matches!(error, SolveError::MountContradicted { .. } | SolveError::TurnsReversed | SolveError::NotDetermined(_))
 }
 
@@ -81,5 +81,5 @@ pub(super) fn has_small_error_and_hard_iron(quality: &Quality, calibration: &Cal
 }
 
 pub(super) fn is_accurate(quality: &Quality) -> bool {
-    quality.expected_rms_deg <= MAX_GOOD_RMS_DEG
+    quality.expected_rms_deg <= MAX_GOOD_EXPECTED_RMS_DEG
 }

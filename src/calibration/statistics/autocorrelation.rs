@@ -27,7 +27,7 @@ impl Autocorrelation {
     }
 
     /// Variance inflation minus one, `2 rho / (1 - rho)`, of norm and inclination residuals; 0 for negative rho.
-    pub fn excess_inflation(&self) -> [f32; 2] {
+    pub fn excess_variance_inflation(&self) -> [f32; 2] {
         [0, 1].map(|kind| {
             let (products, squares) = (self.lag_products[kind], self.square_sums[kind]);
             let rho = if squares > 0.0 { (products / squares).clamp(0.0, MAX_AUTOCORRELATION) } else { 0.0 };
@@ -64,7 +64,7 @@ mod tests {
                     square_sums: squares,
                     previous_residuals: [[0.0; 2]; PART_COUNT],
                 }
-                .excess_inflation()
+                .excess_variance_inflation()
             };
             assert!(
                 is_close(autocorrelation_of([products, 5.0], [squares, 10.0]), [excess, 2.0]),

@@ -16,7 +16,7 @@ const MAX_VARIANCE_RATIO: f32 = 5.0;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in crate::calibration) struct Heteroscedasticity {
-    weighted_squares: f32,
+    tilt_weighted_squares: f32,
     squared_tilts: f32,
     squared_residuals: f32,
     sample_count: f32,
@@ -27,7 +27,7 @@ impl Heteroscedasticity {
         let Attitude { roll_rad, pitch_rad } = attitude;
         let tilt = (roll_rad * roll_rad + pitch_rad * pitch_rad).min(1.0);
         let square = residual * residual;
-        self.weighted_squares += square * tilt;
+        self.tilt_weighted_squares += square * tilt;
         self.squared_tilts += tilt;
         self.squared_residuals += square;
         self.sample_count += 1.0;
@@ -38,7 +38,7 @@ impl Heteroscedasticity {
         if self.squared_tilts < MIN_MEAN_SQUARE_TILT_RAD2 * self.sample_count || self.squared_residuals <= 0.0 {
             return 1.0;
         }
-        let ratio = (self.weighted_squares / self.squared_tilts) * (self.sample_count / self.squared_residuals);
+        let ratio = (self.tilt_weighted_squares / self.squared_tilts) * (self.sample_count / self.squared_residuals);
         // A NaN ratio counts as 1.
         if ratio > 1.0 { ratio.min(MAX_VARIANCE_RATIO) } else { 1.0 }
     }
@@ -48,7 +48,7 @@ impl Heteroscedasticity {
 mod tests {
     use super::*;
 
-    fn ratio(samples: &[(f32, f32)]) -> f32 {
+    fn variance_ratio_of(samples: &[(f32, f32)]) -> f32 {
         let mut unevenness = Heteroscedasticity::default();
         for &(tilt_deg, residual) in samples {
             unevenness.add_residual(Attitude::from_deg(0.6 * tilt_deg, -0.8 * tilt_deg), residual);
@@ -59,21 +59,24 @@ mod tests {
     /// Half of the samples level, half tilted with twice the residual: 4 over the mean of 1 and 4.
     #[test]
     fn inclination_residuals_are_weighted_by_squared_tilt() {
-        assert!((ratio(&[(0.0, 1.0), (20.0, -2.0)]) - 4.0 / 2.5).abs() < 1e-5);
+        assert!((variance_ratio_of(&[(0.0, 1.0), (20.0, -2.0)]) - 4.0 / 2.5).abs() < 1e-5);
         // Weighted by squared tilt: (16 * 4 + 1 * 1) / 17 over the mean of 4, 1 and 1.
-        assert!((ratio(&[(20.0, 2.0), (5.0, 1.0), (0.0, 1.0)]) - (65.0 / 17.0) / 2.0).abs() < 1e-4);
-        assert!((ratio(&[(0.0, 2.0), (20.0, 1.0)]) - 1.0).abs() < f32::EPSILON);
-        assert!((ratio(&[(25.0, 1.0), (25.0, -1.0)]) - 1.0).abs() < 1e-5);
+        assert!((variance_ratio_of(&[(20.0, 2.0), (5.0, 1.0), (0.0, 1.0)]) - (65.0 / 17.0) / 2.0).abs() < 1e-4);
+        assert!((variance_ratio_of(&[(0.0, 2.0), (20.0, 1.0)]) - 1.0).abs() < f32::EPSILON);
+        assert!((variance_ratio_of(&[(25.0, 1.0), (25.0, -1.0)]) - 1.0).abs() < 1e-5);
         for (tilt_deg, uneven) in [(4.2, false), (4.6, true)] {
-            assert_eq!(ratio(&[(0.0, 1.0), (tilt_deg, 2.0)]) > 1.5, uneven, "{tilt_deg}");
+            assert_eq!(variance_ratio_of(&[(0.0, 1.0), (tilt_deg, 2.0)]) > 1.5, uneven, "{tilt_deg}");
         }
     }
 
     #[test]
     fn ratio_is_limited_and_finite() {
-        assert!((ratio(&[(0.0, 0.0); 9].iter().copied().chain([(20.0, 1.0)]).collect::<Vec<_>>()) - 5.0).abs() < 1e-6);
+        assert!(
+            (variance_ratio_of(&[(0.0, 0.0); 9].iter().copied().chain([(20.0, 1.0)]).collect::<Vec<_>>()) - 5.0).abs()
+                < 1e-6
+        );
         for samples in [&[][..], &[(20.0, 0.0)], &[(20.0, f32::NAN), (20.0, 1.0)], &[(f32::NAN, 1.0), (20.0, 1.0)]] {
-            assert!((ratio(samples) - 1.0).abs() < f32::EPSILON, "{samples:?}");
+            assert!((variance_ratio_of(samples) - 1.0).abs() < f32::EPSILON, "{samples:?}");
         }
     }
 }

@@ -28,13 +28,13 @@ impl ResidualStatistics {
 
     /// Variance inflation by autocorrelation, the larger of both residuals'.
     pub fn autocorrelation_inflation(&self) -> f32 {
-        let [norm_excess, inclination_excess] = self.autocorrelation.excess_inflation();
+        let [norm_excess, inclination_excess] = self.autocorrelation.excess_variance_inflation();
         1.0 + norm_excess.max(inclination_excess)
     }
 
-    /// `(x - than) H_incl vector`, with `x` the variance inflation of the inclination residuals; zero if `x < than`.
-    pub fn excess_inclination_product(&self, vector: &Vector13, reference_excess: f32) -> Vector13 {
-        let [_, inclination_excess] = self.autocorrelation.excess_inflation();
-        self.inclination_information.multiply_vector(vector) * (1.0 + inclination_excess - reference_excess).max(0.0)
+    /// `(x - reference_inflation) H_incl vector`, `x` the variance inflation of the inclination residuals; at least 0.
+    pub fn excess_inclination_information_times(&self, vector: &Vector13, reference_inflation: f32) -> Vector13 {
+        let [_, inclination_excess] = self.autocorrelation.excess_variance_inflation();
+        self.inclination_information.multiply_vector(vector) * (1.0 + inclination_excess - reference_inflation).max(0.0)
     }
 }

@@ -43,7 +43,7 @@ fn error_deg(airframe: &Airframe, solution: &Solution) -> f32 {
 
 /// No hard-iron finding in 75 clean flights; five false bank-scale findings by chance.
 #[test]
-fn a_constant_airframe_has_no_findings() {
+fn a_constant_airframe_has_no_hard_iron_and_few_bank_scale_findings() {
     let mut suspected = 0;
     for wander_deg in [0.5, 2.0, 4.0] {
         for seed in 0..25 {
@@ -69,8 +69,8 @@ fn a_moved_payload_is_detected() {
             let Ok(solution) = solve_turns(&with_hard_iron_step(&recorded, beta_ut, at_ms)) else { continue };
             ratios.push(error_deg(&airframe, &solution) / solution.quality.expected_rms_deg);
             let Some(finding) = solution.hard_iron_change else { continue };
-            assert!(finding.added_error_deg > 0.0 && finding.expected_without_deg > 0.0);
-            let total = finding.added_error_deg.hypot(finding.expected_without_deg);
+            assert!(finding.added_error_deg > 0.0 && finding.error_without_violation_deg > 0.0);
+            let total = finding.added_error_deg.hypot(finding.error_without_violation_deg);
             assert!((total / solution.quality.expected_rms_deg - 1.0).abs() < 1e-3, "{finding:?}");
             let DetectedHardIronChange { size_ut: ut, time_course: course, duration_s: of_s } = finding.violation;
             assert_eq!(of_s, 149);
@@ -89,7 +89,7 @@ fn a_moved_payload_is_detected() {
 }
 
 #[test]
-fn a_drift_is_detected() {
+fn a_hard_iron_drift_is_detected() {
     for seed in 0..20 {
         let (airframe, recorded) = seeded_flight(seed, Flight::TYPICAL);
         let mut random = Random(seed);
@@ -140,7 +140,7 @@ fn lag_of_soft_iron_in_turns_is_detected_with_its_size() {
 }
 
 #[test]
-fn every_method_of_turns_detects_a_change() {
+fn every_method_of_turns_detects_a_hard_iron_step() {
     let flight = Flight { wander_deg: 0.5, ..Flight::TYPICAL };
     let (_, recorded) = seeded_flight(3, flight);
     let mut changed = with_hard_iron_step(&recorded, Vector3::new(1.5, 0.0, 1.5), 60_000);
@@ -169,7 +169,7 @@ fn samples_with_equal_times_show_no_hard_iron_change() {
 }
 
 #[test]
-fn a_change_beyond_any_fit_is_reported() {
+fn a_hard_iron_change_beyond_any_fit_is_reported() {
     let mut named = 0;
     for seed in 0..20 {
         let (_, recorded) = seeded_flight(seed, Flight::TYPICAL);
@@ -211,7 +211,7 @@ fn a_bank_scale_error_is_in_the_expected_error() {
             ratios.push(error_deg(&airframe, &solution) / solution.quality.expected_rms_deg);
             assert_eq!(solution.hard_iron_change, None, "seed {seed}");
             let Some(finding) = solution.bank_scale_error else { continue };
-            let total = finding.added_error_deg.hypot(finding.expected_without_deg);
+            let total = finding.added_error_deg.hypot(finding.error_without_violation_deg);
             assert!((total / solution.quality.expected_rms_deg - 1.0).abs() < 1e-3, "{finding:?}");
             assert!(finding.violation.significance_sigmas > 1.7, "{finding:?}");
             reads.push(finding.violation.reported_bank_ratio);

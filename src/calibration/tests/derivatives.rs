@@ -27,13 +27,16 @@ pub(crate) fn numerical_derivative(function: impl Fn(f32) -> f32) -> f32 {
 }
 
 #[track_caller]
-pub(crate) fn assert_derivative(written: f32, function: impl Fn(f32) -> f32, label: &str) {
+pub(crate) fn assert_derivative(analytic: f32, function: impl Fn(f32) -> f32, label: &str) {
     let numerical = numerical_derivative(function);
-    assert!((written - numerical).abs() <= TOLERANCE * (1.0 + numerical.abs()), "{label}: {written}, not {numerical}");
+    assert!(
+        (analytic - numerical).abs() <= TOLERANCE * (1.0 + numerical.abs()),
+        "{label}: {analytic}, not {numerical}"
+    );
 }
 
 #[track_caller]
-fn assert_row(row: &Vector13, at: &Vector13, function: impl Fn(&Vector13) -> f32, label: &str) {
+fn assert_jacobian_row(row: &Vector13, at: &Vector13, function: impl Fn(&Vector13) -> f32, label: &str) {
     for i in 0..UNKNOWN_COUNT {
         let value_after = |step: f32| {
             let mut unknowns = *at;
@@ -57,7 +60,7 @@ impl Case {
         loop {
             let parameters = ModelParameters {
                 w: Matrix3::identity() + Matrix3::from_fn(|_, _| random.uniform(-0.3, 0.3)),
-                d: random_vector(random, 0.5),
+                corrected_mean_field: random_vector(random, 0.5),
                 inclination_rad: random.uniform(-1.2, 1.2),
             };
             let case = Self {
@@ -78,7 +81,7 @@ impl Case {
         let mut parameters = ModelParameters::new(&case.unknowns);
         let total = case.predict(&case.unknowns).norm;
         parameters.w /= total;
-        parameters.d /= total;
+        parameters.corrected_mean_field /= total;
         case.unknowns = parameters.unknowns().unwrap();
         case
     }
@@ -94,28 +97,28 @@ fn random_cases(make: impl Fn(&mut Random) -> Case) -> impl Iterator<Item = Case
 }
 
 #[test]
-fn norm_row() {
+fn norm_row_equals_numerical_derivatives() {
     for case in random_cases(Case::random) {
         let row = case.predict(&case.unknowns).norm_row().as_vector();
-        assert_row(&row, &case.unknowns, |u| case.predict(u).norm - 1.0, "norm");
+        assert_jacobian_row(&row, &case.unknowns, |u| case.predict(u).norm - 1.0, "norm");
     }
 }
 
 #[test]
-fn inclination_row() {
+fn inclination_row_equals_numerical_derivatives() {
     for case in random_cases(Case::random) {
         let row = case.predict(&case.unknowns).inclination_row().as_vector();
         let residual = |u: &Vector13| case.predict(u).inclination_rad - ModelParameters::new(u).inclination_rad;
-        assert_row(&row, &case.unknowns, residual, "inclination");
+        assert_jacobian_row(&row, &case.unknowns, residual, "inclination");
     }
 }
 
 #[test]
-fn heading_row() {
+fn heading_row_equals_numerical_derivatives() {
     for case in random_cases(Case::random) {
         let prediction = case.predict(&case.unknowns);
         let residual = |u: &Vector13| wrap_pi(case.predict(u).heading_rad() - prediction.heading_rad());
-        assert_row(
+        assert_jacobian_row(
             &prediction.heading_row(&case.attitude.tilt_rotation()).as_vector(),
             &case.unknowns,
             residual,
@@ -125,11 +128,11 @@ fn heading_row() {
 }
 
 #[test]
-fn norm_inclination_and_heading_by_field() {
+fn derivatives_by_field_equal_numerical_ones() {
     for case in random_cases(Case::random) {
         let tilt = case.attitude.tilt_rotation();
         let prediction = case.predict(&case.unknowns);
-        let heading = prediction.heading_by_field(&tilt);
+        let heading = prediction.heading_derivative_by_field(&tilt);
         for axis in 0..3 {
             let prediction_after = |step| {
                 FieldPrediction::new(
@@ -140,7 +143,7 @@ fn norm_inclination_and_heading_by_field() {
             };
             assert_derivative(prediction.field_direction[axis], |step| prediction_after(step).norm, "total by field");
             assert_derivative(
-                prediction.inclination_by_field[axis],
+                prediction.inclination_derivative_by_field[axis],
                 |step| prediction_after(step).inclination_rad,
                 "inclination by field",
             );
@@ -152,7 +155,7 @@ fn norm_inclination_and_heading_by_field() {
 
 /// A bank scale of 1 is a roll error equal to the roll.
 #[test]
-fn inclination_by_attitude() {
+fn inclination_derivatives_by_attitude_equal_numerical_ones() {
     for case in random_cases(Case::normalised) {
         let parameters = ModelParameters::new(&case.unknowns);
         let predicted_inclination_rad =
@@ -163,26 +166,26 @@ fn inclination_by_attitude() {
         let scaled = |step: f32| predicted_inclination_rad(Attitude { roll_rad: roll_rad * (1.0 + step), pitch_rad });
         let [by_roll, by_pitch] = parameters
             .predict_field(case.x, &case.attitude.tilt_rotation())
-            .inclination_by_attitude(&case.attitude.tilt_rotation());
+            .inclination_derivatives_by_attitude(&case.attitude.tilt_rotation());
         assert_derivative(by_roll, rolled, "inclination by roll");
         assert_derivative(by_pitch, pitched, "inclination by pitch");
         let equations = equations(&case, &case.unknowns, None, false);
         let [roll_bias, pitch_bias, bank_scale, latency] = core::array::from_fn(|index| {
             ATTITUDE_ERRORS[index]
-                .inclination_derivative(&equations, &AttitudeState::steady_turn(case.attitude, rates()))
+                .inclination_derivative(&equations, &AttitudeState::steady_turn(case.attitude, test_rates()))
         });
         assert_derivative(roll_bias, rolled, "inclination by roll bias");
         assert_derivative(pitch_bias, pitched, "inclination by pitch bias");
         assert_derivative(bank_scale, scaled, "inclination by bank scale");
         let later = |step: f32| {
-            let sample = Sample { rates: rates(), ..sample_at(case.attitude) };
+            let sample = Sample { rates: test_rates(), ..sample_at(case.attitude) };
             predicted_inclination_rad(sample.latency_compensated_attitude(step))
         };
         assert_derivative(latency, later, "inclination by latency");
     }
 }
 
-fn rates() -> Rates {
+fn test_rates() -> Rates {
     Rates::from_rad_s([0.8, -0.6, 0.0])
 }
 
@@ -191,7 +194,7 @@ fn sample_at(attitude: Attitude) -> Sample {
 }
 
 fn equations(case: &Case, unknowns: &Vector13, heading_rad: Option<f32>, refined: bool) -> SampleEquations {
-    let measured = MeasuredSample { x: case.x, tilt_rotation: case.attitude.tilt_rotation(), heading_rad };
+    let measured = MeasuredSample { centred_field: case.x, tilt_rotation: case.attitude.tilt_rotation(), heading_rad };
     // Noise with another W correlates norm and inclination.
     let noise = NoiseModel::new(0.01, 0.02, Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1));
     SampleEquations::new(&ModelParameters::new(unknowns), &measured, &noise, &ModelConfig::DEFAULT, refined)
@@ -200,7 +203,7 @@ fn equations(case: &Case, unknowns: &Vector13, heading_rad: Option<f32>, refined
 /// Rows after decorrelation and attitude correction, at zero residuals, where these do not contribute. The heading
 /// residual uses the corrected measurement, which depends on the other two, and is tested without the correction.
 #[test]
-fn equation_rows() {
+fn equation_rows_equal_numerical_derivatives() {
     for case in random_cases(Case::normalised) {
         let mut parameters = ModelParameters::new(&case.unknowns);
         let prediction = case.predict(&case.unknowns);
@@ -211,9 +214,14 @@ fn equation_rows() {
         for refined in [false, true] {
             let equations_at = |u: &Vector13| equations(&case, u, Some(prediction.heading_rad()), refined);
             let row = equations_at(&at).norm_equation.jacobian_row.as_vector();
-            assert_row(&row, &at, |u| equations_at(&slightly(u)).norm_equation.residual * 10.0, "equation of the norm");
+            assert_jacobian_row(
+                &row,
+                &at,
+                |u| equations_at(&slightly(u)).norm_equation.residual * 10.0,
+                "equation of the norm",
+            );
             let row = equations_at(&at).inclination_equation.unwrap().jacobian_row.as_vector();
-            assert_row(
+            assert_jacobian_row(
                 &row,
                 &at,
                 |u| equations_at(&slightly(u)).inclination_equation.unwrap().residual * 10.0,
@@ -222,7 +230,7 @@ fn equation_rows() {
         }
         let equations_at =
             |u: &Vector13| equations(&case, u, Some(prediction.heading_rad()), false).heading_equation.unwrap();
-        assert_row(
+        assert_jacobian_row(
             &equations_at(&at).jacobian_row.as_vector(),
             &at,
             |u| equations_at(u).residual,
@@ -239,10 +247,10 @@ fn inclination_is_decorrelated_from_the_norm() {
         let prediction = case.predict(&case.unknowns);
         let equations = equations(&case, &case.unknowns, None, false);
         let (norm_by_x, dip_by_x) =
-            (noise_w.tr_mul(&prediction.field_direction), noise_w.tr_mul(&prediction.inclination_by_field));
+            (noise_w.tr_mul(&prediction.field_direction), noise_w.tr_mul(&prediction.inclination_derivative_by_field));
         let slope = norm_by_x.dot(&dip_by_x) / norm_by_x.norm_squared();
         let tilt_variance = 0.02_f32.powi(2) - 0.01_f32.powi(2);
-        let [roll, pitch] = prediction.inclination_by_attitude(&case.attitude.tilt_rotation());
+        let [roll, pitch] = prediction.inclination_derivatives_by_attitude(&case.attitude.tilt_rotation());
         let left = (dip_by_x - norm_by_x * slope).norm_squared() * 0.01_f32.powi(2)
             + tilt_variance * (roll * roll + pitch * pitch);
         let inclination_equation = equations.inclination_equation.unwrap();
@@ -278,11 +286,11 @@ fn priors(likelihood: &Likelihood, unknowns: &Vector13) -> Vec<(PriorQuantity, V
 }
 
 #[test]
-fn prior_rows() {
+fn prior_rows_equal_numerical_derivatives() {
     for case in random_cases(Case::random) {
         for likelihood in [likelihood(None), likelihood(Some(0.9))] {
             for (i, (quantity, row, ..)) in priors(&likelihood, &case.unknowns).into_iter().enumerate() {
-                assert_row(
+                assert_jacobian_row(
                     &row,
                     &case.unknowns,
                     |u| priors(&likelihood, u)[i].2,
@@ -298,7 +306,8 @@ fn prior_rows() {
 #[test]
 fn each_prior_constrains_its_own_quantity() {
     let likelihood = likelihood(Some(0.9));
-    let straight = ModelParameters { w: Matrix3::identity(), d: likelihood.mean_field, inclination_rad: 0.9 };
+    let straight =
+        ModelParameters { w: Matrix3::identity(), corrected_mean_field: likelihood.mean_field, inclination_rad: 0.9 };
     let sizes = |parameters: &ModelParameters| {
         let mut sizes = [0.0_f32; PriorQuantity::PRIOR_COUNT];
         for (quantity, _, residual, _) in priors(&likelihood, &parameters.unknowns().unwrap()) {
@@ -314,9 +323,13 @@ fn each_prior_constrains_its_own_quantity() {
     close(sizes(&straight), [0.0; 4]);
     close(sizes(&ModelParameters { inclination_rad: 1.0, ..straight.clone() }), [0.0, 0.0, 0.0, 0.1]);
     let hard_iron = Vector3::new(0.1, 0.2, -0.2);
-    close(sizes(&ModelParameters { d: straight.d - hard_iron, ..straight.clone() }), [0.0, 0.0, 0.3, 0.0]);
+    close(
+        sizes(&ModelParameters { corrected_mean_field: straight.corrected_mean_field - hard_iron, ..straight.clone() }),
+        [0.0, 0.0, 0.3, 0.0],
+    );
     // Adjusting `d` keeps the hard iron when W changes.
-    let parameters_with = |w: Matrix3<f32>| ModelParameters { d: w * likelihood.mean_field, w, ..straight.clone() };
+    let parameters_with =
+        |w: Matrix3<f32>| ModelParameters { corrected_mean_field: w * likelihood.mean_field, w, ..straight.clone() };
     close(sizes(&parameters_with(Matrix3::identity() * 1.3)), [0.0; 4]);
     let turn = Vector3::new(0.02, -0.01, 0.02);
     close(sizes(&parameters_with(Matrix3::identity() + turn.cross_matrix())), [0.0, 0.03, 0.0, 0.0]);
@@ -331,7 +344,9 @@ fn each_prior_constrains_its_own_quantity() {
 #[test]
 fn prior_sigmas_match_their_sources() {
     let unknowns =
-        ModelParameters { w: Matrix3::identity(), d: Vector3::zeros(), inclination_rad: 0.5 }.unknowns().unwrap();
+        ModelParameters { w: Matrix3::identity(), corrected_mean_field: Vector3::zeros(), inclination_rad: 0.5 }
+            .unknowns()
+            .unwrap();
     for (config, mounting) in [
         (ModelConfig::DEFAULT, 0.35),
         (ModelConfig::WITH_FIXED_MOUNTING, 0.009),
@@ -378,7 +393,8 @@ fn parameters_round_trip_through_unknowns() {
 
 #[test]
 fn a_field_without_heading_has_finite_equations() {
-    let straight = ModelParameters { w: Matrix3::identity(), d: Vector3::zeros(), inclination_rad: 1.0 };
+    let straight =
+        ModelParameters { w: Matrix3::identity(), corrected_mean_field: Vector3::zeros(), inclination_rad: 1.0 };
     for x in [Vector3::new(1e-9, 0.0, 0.0), Vector3::new(0.0, 0.0, 1.0)] {
         let case = Case { unknowns: straight.unknowns().unwrap(), attitude: Attitude::default(), x };
         let equations = equations(&case, &case.unknowns, Some(0.0), true);

@@ -15,7 +15,7 @@ fn flights(seeds: core::ops::Range<u64>) -> impl Iterator<Item = (u64, Airframe,
         let airframe = Airframe::random(&mut random, 0.3, 2.0, 15.0, [-70.0, 72.0]);
         let flight = Flight {
             bank_deg: random.uniform(15.0, 45.0),
-            samples: 80,
+            samples_per_side: 80,
             wander_deg: random.uniform(0.5, 3.0),
             attitude_noise_deg: random.uniform(0.1, 0.6),
             ..Flight::TYPICAL
@@ -177,8 +177,8 @@ fn advice_starts_from_the_expected_error() {
             assert!((advice.expected_deg - solution.quality.expected_rms_deg).abs() < 1e-5, "seed {seed}");
             assert!(advice.expected_after_deg < advice.expected_deg, "seed {seed}: {advice:?}");
             assert!(
-                advice.weakest_deg > 0.3 * advice.expected_deg
-                    && advice.weakest_deg < 1.2 * solution.quality.expected_worst_deg,
+                advice.weakest_deviation_deg > 0.3 * advice.expected_deg
+                    && advice.weakest_deviation_deg < 1.2 * solution.quality.expected_worst_deg,
                 "seed {seed}: {advice:?}"
             );
             match (samples.samples_of_turn(Side::Left).is_empty(), samples.samples_of_turn(Side::Right).is_empty()) {

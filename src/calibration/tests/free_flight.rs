@@ -97,7 +97,7 @@ fn the_vertical_component_gives_a_start() {
 }
 
 #[test]
-fn coplanar_samples_give_no_start() {
+fn coplanar_or_broken_samples_give_no_non_finite_start() {
     let airframe = Airframe::random(&mut Random(1), 0.2, 1.0, 5.0, [60.0, 60.1]);
     let level: Vec<Sample> = (0..40_u8)
         .map(|i| measured_sample(&airframe, Attitude::default(), f32::from(i) / 40.0 * TAU, 0.0, &mut Random(2)))

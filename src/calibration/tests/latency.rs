@@ -72,8 +72,8 @@ struct FlightResults {
     found_ms: Vec<f32>,
     sigma_ms: Vec<f32>,
     normalised_errors: Vec<f32>,
-    used: usize,
-    ratios: Vec<f32>,
+    applied_flight_count: usize,
+    error_ratios: Vec<f32>,
 }
 
 fn latency_results(wander_deg: f32, late_s: f32) -> FlightResults {
@@ -81,8 +81,8 @@ fn latency_results(wander_deg: f32, late_s: f32) -> FlightResults {
         found_ms: Vec::new(),
         sigma_ms: Vec::new(),
         normalised_errors: Vec::new(),
-        used: 0,
-        ratios: Vec::new(),
+        applied_flight_count: 0,
+        error_ratios: Vec::new(),
     };
     for seed in 0..60 {
         let mut random = Random(9000 + seed);
@@ -92,8 +92,8 @@ fn latency_results(wander_deg: f32, late_s: f32) -> FlightResults {
         shown.found_ms.push(found_s * 1e3);
         shown.sigma_ms.push(sigma_s * 1e3);
         shown.normalised_errors.push((found_s - late_s) / sigma_s);
-        shown.used += usize::from(solution.calibration.uses_latency());
-        shown.ratios.push(rms(&airframe.errors_deg(&solution.calibration)) / solution.quality.expected_rms_deg);
+        shown.applied_flight_count += usize::from(solution.calibration.uses_latency());
+        shown.error_ratios.push(rms(&airframe.errors_deg(&solution.calibration)) / solution.quality.expected_rms_deg);
     }
     shown
 }
@@ -108,15 +108,15 @@ fn latency_is_estimated_with_an_honest_sigma() {
         assert!((found_ms - late_s * 1e3).abs() < 5.0, "{late_s}: {found_ms}");
         assert!((8.0..12.0).contains(&mean(&shown.sigma_ms)), "{late_s}: {:?}", shown.sigma_ms);
         assert!((0.75..1.25).contains(&rms(&shown.normalised_errors)), "{late_s}: {}", rms(&shown.normalised_errors));
-        assert!(applied_count.contains(&shown.used), "{late_s}: {}", shown.used);
-        assert!((0.4..1.1).contains(&rms(&shown.ratios)), "{late_s}: {}", rms(&shown.ratios));
+        assert!(applied_count.contains(&shown.applied_flight_count), "{late_s}: {}", shown.applied_flight_count);
+        assert!((0.4..1.1).contains(&rms(&shown.error_ratios)), "{late_s}: {}", rms(&shown.error_ratios));
     }
 }
 
 #[test]
 fn an_uncertain_latency_is_not_used() {
     let shown = latency_results(1.0, 0.1);
-    assert_eq!(shown.used, 0);
+    assert_eq!(shown.applied_flight_count, 0);
     assert!((20.0..40.0).contains(&mean(&shown.sigma_ms)), "{:?}", shown.sigma_ms);
     assert!((0.75..1.25).contains(&rms(&shown.normalised_errors)), "{}", rms(&shown.normalised_errors));
 }

@@ -16,7 +16,9 @@ fn sample_of_field(ut: [f32; 3]) -> Sample {
 }
 
 fn identity_unknowns() -> Vector13 {
-    ModelParameters { w: Matrix3::identity(), d: Vector3::zeros(), inclination_rad: 0.0 }.unknowns().unwrap()
+    ModelParameters { w: Matrix3::identity(), corrected_mean_field: Vector3::zeros(), inclination_rad: 0.0 }
+        .unknowns()
+        .unwrap()
 }
 
 /// Noise estimate after samples with these normalised mean squares, from sigmas of 1 % and 0.02 rad.
@@ -70,7 +72,7 @@ fn noise_estimates_have_a_floor() {
 }
 
 #[test]
-fn large_residuals_are_not_explained() {
+fn a_fit_with_large_residuals_is_not_acceptable() {
     let mut likelihood = Likelihood::new(&NO_PRIOR, ModelConfig::DEFAULT, Samples::default(), 50.0);
     for (norm, inclination_sigma_rad, explains) in [(0.049, 0.086, true), (0.051, 0.01, false), (0.01, 0.088, false)] {
         likelihood.noise = NoiseModel::new(norm, inclination_sigma_rad, Matrix3::identity());
@@ -120,11 +122,15 @@ fn the_sample_mean_is_subtracted() {
     let mean = Vector3::new(-0.4, 2.0, 1.5);
     assert!((likelihood.mean_field - mean).norm() < 1e-6, "{}", likelihood.mean_field);
     let mut norms = Vec::new();
-    let parameters = ModelParameters { w: Matrix3::identity(), d: Vector3::new(0.0, 0.0, 2.0), inclination_rad: 0.0 };
+    let parameters = ModelParameters {
+        w: Matrix3::identity(),
+        corrected_mean_field: Vector3::new(0.0, 0.0, 2.0),
+        inclination_rad: 0.0,
+    };
     likelihood
         .for_each_sample_equations(samples, &parameters, &mut |equations| norms.push(equations.norm_equation.residual));
     for (norm, field) in norms.iter().zip([[0.0, 1.0, 0.5], [0.8, 3.0, 0.5], [-2.0, 2.0, 3.5]]) {
-        let expected = (Vector3::from(field) - mean + parameters.d).norm() - 1.0;
+        let expected = (Vector3::from(field) - mean + parameters.corrected_mean_field).norm() - 1.0;
         assert!((norm - expected).abs() < 1e-5, "{norm} {expected}");
     }
     assert_eq!(norms.len(), 3);
@@ -166,19 +172,19 @@ fn a_calibration_is_equivalent_to_its_unknowns() {
     let likelihood = Likelihood::new(&Prior { mount, ..NO_PRIOR }, ModelConfig::DEFAULT, samples, 40.0);
     let parameters = ModelParameters {
         w: Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1),
-        d: Vector3::new(0.2, -0.4, 0.6),
+        corrected_mean_field: Vector3::new(0.2, -0.4, 0.6),
         inclination_rad: 0.7,
     };
     let calibration = likelihood.calibration(&parameters.unknowns().unwrap()).unwrap();
     assert!((calibration.w_matrix().determinant() - 1.0).abs() < 1e-5);
     assert!((calibration.inclination_rad - 0.7).abs() < 1e-6);
     let x = mount.body_from_sensor() * field.field.ut / 40.0 - likelihood.mean_field;
-    let expected = parameters.w * x + parameters.d;
+    let expected = parameters.w * x + parameters.corrected_mean_field;
     let found = calibration.calibrated_field(field.field).ut / calibration.total_ut;
     assert!((found - expected).norm() < 1e-5, "{found} {expected}");
     let nothing = calibration.calibrated_field(Field::new(calibration.b_vector_ut())).ut;
     let x = mount.body_from_sensor() * calibration.b_vector_ut() / 40.0 - likelihood.mean_field;
-    assert!(nothing.norm() < 1e-4 && (parameters.w * x + parameters.d).norm() < 1e-5);
+    assert!(nothing.norm() < 1e-4 && (parameters.w * x + parameters.corrected_mean_field).norm() < 1e-5);
 }
 
 #[test]
@@ -201,7 +207,10 @@ fn a_start_converts_to_unknowns() {
     let w = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
     let start = StartingPoint { field_unit_ut: 40.0, w, hard_iron: Vector3::new(0.1, 0.2, -0.3), inclination_rad: 0.4 };
     let parameters = ModelParameters::new(&likelihood.unknowns_from_start(&start).unwrap());
-    assert!((parameters.d - w * (likelihood.mean_field - start.hard_iron)).norm() < 1e-6 && parameters.w == w);
+    assert!(
+        (parameters.corrected_mean_field - w * (likelihood.mean_field - start.hard_iron)).norm() < 1e-6
+            && parameters.w == w
+    );
     assert!((parameters.mean_minus_hard_iron().unwrap() - (likelihood.mean_field - start.hard_iron)).norm() < 1e-5);
     assert!((parameters.inclination_rad - 0.4).abs() < 1e-6);
     assert!(
@@ -223,9 +232,12 @@ fn the_cost_sums_all_equations_and_priors() {
     let samples = Parts { left: &recorded.left[..40], marks: &marks, ..Parts::default() }.samples();
     for config in [ModelConfig::DEFAULT, ModelConfig::WITHOUT_ATTITUDE] {
         let likelihood = Likelihood::new(&NO_PRIOR, config, samples, airframe.total_ut);
-        let unknowns = ModelParameters { d: likelihood.mean_field, ..ModelParameters::new(&identity_unknowns()) }
-            .unknowns()
-            .unwrap();
+        let unknowns = ModelParameters {
+            corrected_mean_field: likelihood.mean_field,
+            ..ModelParameters::new(&identity_unknowns())
+        }
+        .unknowns()
+        .unwrap();
         let system = LinearisedProblem::linearise(&likelihood, samples, &unknowns);
         let mut cost = LinearisedProblem::from_priors(&likelihood, &unknowns).cost;
         let mut clipped = [0.0, 0.0];
@@ -254,7 +266,8 @@ fn damping_shortens_a_step() {
     let samples = Parts { left: &samples, ..Parts::default() }.samples();
     let prior = Prior { inclination_rad: Some(0.3), ..NO_PRIOR };
     let likelihood = Likelihood::new(&prior, ModelConfig::WITHOUT_ATTITUDE, samples, 50.0);
-    let parameters = ModelParameters { w: Matrix3::identity(), d: Vector3::x(), inclination_rad: 0.3 + 0.035 };
+    let parameters =
+        ModelParameters { w: Matrix3::identity(), corrected_mean_field: Vector3::x(), inclination_rad: 0.3 + 0.035 };
     let system = LinearisedProblem::linearise(&likelihood, samples, &parameters.unknowns().unwrap());
     assert!((system.cost - 2.0).abs() < 1e-3, "{}", system.cost);
     for (damping, share) in [(0.0, 1.0), (1.0, 0.5), (3.0, 0.25)] {

@@ -87,8 +87,8 @@ fn the_predicted_gain_is_reached() {
         let before = advice_of_flight(turns.turns().without_part(CollectionPart::RIGHT));
         let Manoeuvre::Circle(Side::Right, bank_deg) = before.manoeuvre else { panic!("{before:?}") };
         // A circle at 25 deg takes 27 s, 54 samples; the prediction counts 24.
-        let advised_turn =
-            Flight { bank_deg: f32::from(bank_deg), samples: 54, ..Flight::TYPICAL }.fly(&airframe, &mut random);
+        let advised_turn = Flight { bank_deg: f32::from(bank_deg), samples_per_side: 54, ..Flight::TYPICAL }
+            .fly(&airframe, &mut random);
         let after = solve_flight(Parts { left: &turns.left, right: &advised_turn.right, ..Parts::default() }.samples())
             .quality
             .expected_rms_deg;
@@ -109,7 +109,7 @@ fn a_good_flight_depends_on_no_prior() {
 }
 
 #[test]
-fn level_flight_reports_the_assumed_mounting() {
+fn level_flight_reports_the_unobservable_mounting() {
     let mut random = Random(34);
     let airframe = random_airframe(&mut random);
     let level = level_circle(&airframe, 60, &mut random);

@@ -51,7 +51,7 @@ fn two_planes_are_exact_on_perfect_turns() {
         let mut random = Random(seed);
         let airframe = harsh_airframe(&mut random);
         let mut flight = Flight { bank_deg: random.uniform(15.0, 45.0), ..Flight::NOISE_FREE };
-        flight.samples = 200;
+        flight.samples_per_side = 200;
         let mut recorded = flight.fly(&airframe, &mut random);
         for sample in recorded.left.iter_mut().chain(&mut recorded.right) {
             // The generator flies at 2 deg of pitch; the closed form requires zero.

@@ -54,10 +54,10 @@ fn fly_with_current(
 
 #[derive(Default)]
 struct FlightResults {
-    used: usize,
+    applied_flight_count: usize,
     normalised_errors: Vec<f32>,
     errors_deg: Vec<f32>,
-    expected_deg: Vec<f32>,
+    expected_errors_deg: Vec<f32>,
 }
 
 /// Heading errors at the mean current plus and minus its standard deviation, degrees.
@@ -81,12 +81,12 @@ fn interference_results(size_ut_per_a: f32, currents: CurrentProfile) -> FlightR
         let solution = solve_turns(&fly_with_current(&airframe, k, currents, &mut random)).unwrap();
         let interference = solution.calibration.motor_current;
         if interference.is_applied() {
-            shown.used += 1;
+            shown.applied_flight_count += 1;
             let estimate_error = Vector3::from(interference.ut_per_a) - k;
             shown.normalised_errors.extend(estimate_error.iter().map(|axis| axis / interference.sigma_ut_per_a));
         }
         shown.errors_deg.push(rms(&errors_deg(&airframe, k, &solution)));
-        shown.expected_deg.push(solution.quality.expected_rms_deg);
+        shown.expected_errors_deg.push(solution.quality.expected_rms_deg);
     }
     shown
 }
@@ -96,7 +96,7 @@ impl FlightResults {
         rms(&self
             .errors_deg
             .iter()
-            .zip(&self.expected_deg)
+            .zip(&self.expected_errors_deg)
             .map(|(error, expected)| error / expected)
             .collect::<Vec<_>>())
     }
@@ -107,26 +107,26 @@ impl FlightResults {
 #[test]
 fn interference_is_estimated_and_used() {
     let shown = interference_results(0.4, CurrentProfile::Bursts);
-    assert_eq!(shown.used, 40);
+    assert_eq!(shown.applied_flight_count, 40);
     assert!((0.5..1.1).contains(&rms(&shown.normalised_errors)), "{}", rms(&shown.normalised_errors));
     assert!((0.6..1.05).contains(&shown.error_ratio_rms()), "{}", shown.error_ratio_rms());
-    assert!(mean(&shown.expected_deg) < 0.35 && mean(&shown.errors_deg) < 0.3, "{:?}", shown.errors_deg);
+    assert!(mean(&shown.expected_errors_deg) < 0.35 && mean(&shown.errors_deg) < 0.3, "{:?}", shown.errors_deg);
 }
 
 #[test]
 fn insignificant_interference_is_not_used() {
     let shown = interference_results(0.0, CurrentProfile::Bursts);
-    assert_eq!(shown.used, 0);
+    assert_eq!(shown.applied_flight_count, 0);
     assert!((0.6..1.05).contains(&shown.error_ratio_rms()), "{}", shown.error_ratio_rms());
-    assert!(mean(&shown.expected_deg) < 0.35, "{:?}", shown.expected_deg);
+    assert!(mean(&shown.expected_errors_deg) < 0.35, "{:?}", shown.expected_errors_deg);
 }
 
 #[test]
 fn a_steady_current_is_hard_iron() {
     let shown = interference_results(0.4, CurrentProfile::Steady);
-    assert_eq!(shown.used, 0);
+    assert_eq!(shown.applied_flight_count, 0);
     assert!((0.6..1.05).contains(&shown.error_ratio_rms()), "{}", shown.error_ratio_rms());
-    assert!(mean(&shown.expected_deg) < 0.35, "{:?}", shown.expected_deg);
+    assert!(mean(&shown.expected_errors_deg) < 0.35, "{:?}", shown.expected_errors_deg);
 }
 
 /// The current correlates with the turn side, as would a change of hard iron; both sides together determine `k`, with a
@@ -134,9 +134,9 @@ fn a_steady_current_is_hard_iron() {
 #[test]
 fn interference_correlated_with_the_turn_is_estimated() {
     let shown = interference_results(0.4, CurrentProfile::BySide);
-    assert_eq!(shown.used, 40);
+    assert_eq!(shown.applied_flight_count, 40);
     assert!((0.6..1.05).contains(&shown.error_ratio_rms()), "{}", shown.error_ratio_rms());
-    assert!(mean(&shown.expected_deg) < 0.4, "{:?}", shown.expected_deg);
+    assert!(mean(&shown.expected_errors_deg) < 0.4, "{:?}", shown.expected_errors_deg);
 }
 
 fn flight_with_current(seed: u64) -> (Airframe, Vector3<f32>, RecordedTurns) {
@@ -247,7 +247,7 @@ fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
             let row = SVector::<f32, 16>::ith(13 + axis, 1.0);
             joint.add_weighted_row(
                 &row,
-                [-likelihood.motor_current_per_ampere()[axis]],
+                [-likelihood.interference_per_ampere()[axis]],
                 InterferenceEstimate::prior_precision(likelihood.field_unit_ut),
             );
         }
@@ -266,11 +266,11 @@ fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
         let expected = joint.solve().unwrap();
         let mut information = Information::new(&LinearisedProblem::linearise(&likelihood, samples, &unknowns));
         information.accumulate_samples(&likelihood, samples, &unknowns, None);
-        let found = information.estimate_motor_current(&likelihood).unwrap();
-        let step = found.interference_ut_per_a - likelihood.motor_current_per_ampere();
+        let found = information.estimate_interference(&likelihood).unwrap();
+        let step = found.interference_per_ampere - likelihood.interference_per_ampere();
         let interference_part = expected.fixed_rows::<3>(13).into_owned();
-        assert!((step - interference_part).norm() < 0.01 * found.max_sigma(), "{step} {interference_part}");
-        let follow = information.step_for_motor_current(&step).unwrap();
+        assert!((step - interference_part).norm() < 0.01 * found.largest_axis_sigma(), "{step} {interference_part}");
+        let follow = information.step_for_interference_change(&step).unwrap();
         let change = information.linear_system.step_to_maximum().unwrap() + follow;
         let others = expected.fixed_rows::<13>(0).into_owned();
         assert!((change - others).norm() < 0.02 * others.norm(), "{change} {others}");
@@ -287,7 +287,7 @@ fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
 fn interference_is_used_while_certain_and_significant() {
     let zero = Vector3::zeros();
     let found = |x: f32, sigma: f32, significance| InterferenceEstimate {
-        interference_ut_per_a: Vector3::new(x, 0.0, 0.0),
+        interference_per_ampere: Vector3::new(x, 0.0, 0.0),
         covariance: Matrix3::from_diagonal(&Vector3::new(0.5, 1.0, 0.2)) * (sigma * sigma),
         significance,
     };
@@ -316,7 +316,7 @@ fn interference_is_used_while_certain_and_significant() {
 fn covariance_factors_multiply_to_the_covariance() {
     let a = Matrix3::new(1.0, 0.2, -0.3, 0.0, 0.7, 0.1, 0.5, 0.0, 0.4);
     let found = InterferenceEstimate {
-        interference_ut_per_a: Vector3::new(1.0, 2.0, 3.0),
+        interference_per_ampere: Vector3::new(1.0, 2.0, 3.0),
         covariance: a * a.transpose(),
         significance: [17.0; 2],
     };

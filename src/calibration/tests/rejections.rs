@@ -107,7 +107,7 @@ fn unobservable_coefficients_are_reported() {
 fn small_banks_give_the_same_plane() {
     for method in [Method::TwoPlane, Method::FourEllipse] {
         let solved_with = |bank_deg| {
-            let (_, recorded) = ordinary_flight(Flight { bank_deg, samples: 700, ..Flight::NOISE_FREE });
+            let (_, recorded) = ordinary_flight(Flight { bank_deg, samples_per_side: 700, ..Flight::NOISE_FREE });
             solve_error(method, recorded.turns())
         };
         assert_eq!(solved_with(4.0), Some(SolveError::SamePlane), "{}", method.method_name());
@@ -126,7 +126,7 @@ fn a_random_field_does_not_converge() {
 }
 
 /// Airframe that the closed forms recover exactly.
-const ALIGNED: Airframe = Airframe {
+const ALIGNED_AIRFRAME: Airframe = Airframe {
     a: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
     b_ut: Vector3::new(9.0, -4.0, 15.0),
     total_ut: 50.0,
@@ -134,27 +134,29 @@ const ALIGNED: Airframe = Airframe {
 };
 
 fn aligned_sample(bank_deg: f32, heading_rad: f32, millis: u32) -> Sample {
-    let measured = measured_sample(&ALIGNED, Attitude::from_deg(bank_deg, 0.0), heading_rad, 0.0, &mut Random(0));
+    let measured =
+        measured_sample(&ALIGNED_AIRFRAME, Attitude::from_deg(bank_deg, 0.0), heading_rad, 0.0, &mut Random(0));
     Sample { time: WrappingMillis::new(millis), ..measured }
 }
 
-fn both_circles(bank_deg: f32, rate_rad: f32) -> Vec<Sample> {
-    (0..72_u16).map(|i| aligned_sample(bank_deg, f32::from(i) * rate_rad, u32::from(i) * 500)).collect()
+fn two_circles(bank_deg: f32, heading_step_rad: f32) -> Vec<Sample> {
+    (0..72_u16).map(|i| aligned_sample(bank_deg, f32::from(i) * heading_step_rad, u32::from(i) * 500)).collect()
 }
 
 #[test]
 fn headings_against_the_bank_are_reversed_turns() {
-    const RATE_RAD: f32 = TAU / 36.0;
-    let level = both_circles(0.0, RATE_RAD);
-    for (rate_rad, expected) in [(RATE_RAD, None), (-RATE_RAD, Some(SolveError::TurnsReversed))] {
-        let (left, right) = (both_circles(-25.0, -rate_rad), both_circles(25.0, rate_rad));
+    const HEADING_STEP_RAD: f32 = TAU / 36.0;
+    let level = two_circles(0.0, HEADING_STEP_RAD);
+    for (heading_step_rad, expected) in [(HEADING_STEP_RAD, None), (-HEADING_STEP_RAD, Some(SolveError::TurnsReversed))]
+    {
+        let (left, right) = (two_circles(-25.0, -heading_step_rad), two_circles(25.0, heading_step_rad));
         let error_of = |method, left, right| {
             solve_error(method, Parts { left, right, level: &level, ..Parts::default() }.samples())
         };
-        assert_eq!(error_of(Method::MaximumLikelihood, &left, &[]), expected, "left {rate_rad}");
-        assert_eq!(error_of(Method::MaximumLikelihood, &[], &right), expected, "right {rate_rad}");
+        assert_eq!(error_of(Method::MaximumLikelihood, &left, &[]), expected, "left {heading_step_rad}");
+        assert_eq!(error_of(Method::MaximumLikelihood, &[], &right), expected, "right {heading_step_rad}");
         let both = solve_error(Method::FourEllipse, Parts { left: &left, right: &right, ..Parts::default() }.samples());
-        assert_eq!(both, expected, "both {rate_rad}");
+        assert_eq!(both, expected, "both {heading_step_rad}");
         // In the fit of both sides, a sensor mounted upside down explains reversed turns.
         let both =
             solve_error(Method::MaximumLikelihood, Parts { left: &left, right: &right, ..Parts::default() }.samples());
@@ -204,7 +206,8 @@ fn a_second_start_solves_a_misled_first() {
     for seed in [26, 86, 109, 124, 184, 202, 254, 279, 288] {
         let mut random = Random(seed);
         let airframe = crate::calibration::tests::harsh_airframe(&mut random);
-        let rough = Flight { samples: 60, wander_deg: 8.0, bank_deg: 15.0, sensor_noise_ut: 0.12, ..Flight::TYPICAL };
+        let rough =
+            Flight { samples_per_side: 60, wander_deg: 8.0, bank_deg: 15.0, sensor_noise_ut: 0.12, ..Flight::TYPICAL };
         let recorded = rough.fly(&airframe, &mut random);
         let solution =
             crate::calibration::tests::solve_turns(&recorded).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));

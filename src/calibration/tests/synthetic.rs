@@ -106,11 +106,11 @@ pub fn measured_sample(
 }
 
 /// Level circle of a multirotor or boat, with typical noise.
-pub fn level_circle(airframe: &Airframe, samples: u16, random: &mut Random) -> Vec<Sample> {
-    (0..samples)
+pub fn level_circle(airframe: &Airframe, sample_count: u16, random: &mut Random) -> Vec<Sample> {
+    (0..sample_count)
         .map(|i| {
             let true_attitude = Attitude::from_deg(random.normal() * 0.5, random.normal() * 0.5);
-            let heading_rad = f32::from(i) / f32::from(samples) * TAU;
+            let heading_rad = f32::from(i) / f32::from(sample_count) * TAU;
             let measured = measured_sample(airframe, true_attitude, heading_rad, 0.12, random);
             let [roll_rad, pitch_rad] = [true_attitude.roll_rad, true_attitude.pitch_rad]
                 .map(|angle| angle + (random.normal() * 0.3).to_radians());
@@ -157,7 +157,7 @@ pub fn multirotor_samples(airframe: &Airframe, noise_deg: f32, random: &mut Rand
 #[derive(Clone, Copy, Debug)]
 pub struct Flight {
     pub bank_deg: f32,
-    pub samples: u16,
+    pub samples_per_side: u16,
     /// Bank and pitch wander, 1 sigma, correlated over 1.5 s.
     pub wander_deg: f32,
     pub sensor_noise_ut: f32,
@@ -170,7 +170,7 @@ pub struct Flight {
 impl Flight {
     pub const NOISE_FREE: Self = Self {
         bank_deg: 25.0,
-        samples: 150,
+        samples_per_side: 150,
         wander_deg: 0.0,
         sensor_noise_ut: 0.0,
         attitude_noise_deg: 0.0,
@@ -203,7 +203,7 @@ impl Flight {
         let mut attitude_noise = [0, 1].map(|_| GaussMarkov::new(random, self.wander_deg, 1.5, STEP_S));
         let mut noise = [0, 1].map(|_| GaussMarkov::new(random, self.attitude_noise_deg, 0.5, STEP_S));
         let mut heading_rad = random.uniform(0.0, TAU);
-        (0..self.samples)
+        (0..self.samples_per_side)
             .map(|i| {
                 let roll_deg = sign * self.bank_deg + attitude_noise[0].next_value(random);
                 let pitch_deg = 2.0 + attitude_noise[1].next_value(random);
@@ -234,7 +234,7 @@ pub struct RecordedTurns {
     pub right: Vec<Sample>,
 }
 
-/// Owned samples by part; [`samples`](Self::samples) makes a view of them.
+/// Slices of samples by part; [`samples`](Self::samples) makes a view of them.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Parts<'a> {
     pub left: &'a [Sample],

@@ -80,7 +80,7 @@ pub enum SolveError {
 }
 
 impl SolveError {
-    /// Numbers saturate at 65,535.
+    /// Error of a part with too few samples; numbers saturate at 65,535.
     pub(in crate::calibration) fn too_few(part: SamplePart, have: usize, need: usize) -> Self {
         let [have, need] = [have, need].map(|number| u16::try_from(number).unwrap_or(u16::MAX));
         Self::TooFewSamples { part, have, need }

@@ -9,7 +9,7 @@ use crate::trig::sqrt;
 const MAX_CURRENT_RATIO: f32 = 5.0;
 
 /// At most one of this many samples may lack a current.
-const MIN_SAMPLES_PER_UNKNOWN: usize = 4;
+const MIN_SAMPLES_PER_MISSING_CURRENT: usize = 4;
 
 /// Motor-current interference, and the distribution of the currents it was estimated from.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -33,7 +33,8 @@ impl MotorCurrentInterference {
     pub(in crate::calibration) fn from_samples(samples: Samples<'_>) -> Self {
         let currents = || samples.all_samples().filter_map(|sample| sample.current.amperes());
         let known_count = currents().count();
-        if known_count * MIN_SAMPLES_PER_UNKNOWN < samples.all_samples().count() * (MIN_SAMPLES_PER_UNKNOWN - 1)
+        if known_count * MIN_SAMPLES_PER_MISSING_CURRENT
+            < samples.all_samples().count() * (MIN_SAMPLES_PER_MISSING_CURRENT - 1)
             || known_count == 0
         {
             return Self::NO_INTERFERENCE;
@@ -52,7 +53,7 @@ impl MotorCurrentInterference {
 
     /// Whether the aircraft of the samples can draw this current; a larger one is an error of the report.
     #[must_use]
-    pub fn is_plausible(&self, current_a: f32) -> bool {
+    pub fn is_plausible_current(&self, current_a: f32) -> bool {
         let highest_a = self.mean_current_a.abs() + 2.0 * self.current_sigma_a;
         self.sigma_ut_per_a == 0.0 || current_a.abs() <= MAX_CURRENT_RATIO * highest_a
     }
@@ -64,7 +65,7 @@ impl MotorCurrentInterference {
     }
 
     /// Current minus the mean, amperes; 0 if unknown.
-    pub(in crate::calibration) fn current_offset_a(&self, sample: &Sample) -> f32 {
+    pub(in crate::calibration) fn current_deviation_a(&self, sample: &Sample) -> f32 {
         sample.current.amperes().map_or(0.0, |amperes| amperes - self.mean_current_a)
     }
 
@@ -104,9 +105,12 @@ mod tests {
                 ..MotorCurrentInterference::NO_INTERFERENCE
             };
             for sign in [1.0, -1.0] {
-                assert!(known.is_plausible(sign * 69.9) && !known.is_plausible(sign * 70.1));
+                assert!(known.is_plausible_current(sign * 69.9) && !known.is_plausible_current(sign * 70.1));
             }
         }
-        assert!(MotorCurrentInterference::NO_INTERFERENCE.is_plausible(500.0), "there are no currents to compare with");
+        assert!(
+            MotorCurrentInterference::NO_INTERFERENCE.is_plausible_current(500.0),
+            "there are no currents to compare with"
+        );
     }
 }

@@ -65,7 +65,7 @@ impl Orientation {
     /// Rotation from chip to body axes.
     #[must_use]
     pub fn body_from_sensor(self) -> Matrix3<f32> {
-        let [roll, pitch, yaw] = self.table_entry().1.map(quarter_turn);
+        let [roll, pitch, yaw] = self.table_entry().1.map(quarter_turn_sin_cos);
         let about_x = Matrix3::new(1.0, 0.0, 0.0, 0.0, roll.1, -roll.0, 0.0, roll.0, roll.1);
         let about_y = Matrix3::new(pitch.1, 0.0, pitch.0, 0.0, 1.0, 0.0, -pitch.0, 0.0, pitch.1);
         let about_z = Matrix3::new(yaw.1, -yaw.0, 0.0, yaw.0, yaw.1, 0.0, 0.0, 0.0, 1.0);
@@ -94,7 +94,7 @@ impl Orientation {
 }
 
 /// Sine and cosine of quarter turns, exact.
-fn quarter_turn(turns: u8) -> (f32, f32) {
+fn quarter_turn_sin_cos(turns: u8) -> (f32, f32) {
     match turns % 4 {
         0 => (0.0, 1.0),
         1 => (1.0, 0.0),

@@ -88,7 +88,7 @@ fn round_to_steps(steps: f32) -> i16 {
 mod tests {
     use super::*;
 
-    fn rates(rad_s: [f32; 3]) -> [f32; 3] {
+    fn round_trip_rad_s(rad_s: [f32; 3]) -> [f32; 3] {
         let rates = Rates::from_rad_s(rad_s);
         [rates.roll_rad_s(), rates.pitch_rad_s(), rates.heading_rad_s()]
     }
@@ -103,7 +103,7 @@ mod tests {
             [-0.001, 0.0, -0.003],
             [0.0, -0.001, 0.003],
         ] {
-            for (stored, given) in rates(rad_s).iter().zip(rad_s) {
+            for (stored, given) in round_trip_rad_s(rad_s).iter().zip(rad_s) {
                 assert!((stored - given).abs() <= 0.000_489, "{rad_s:?} {stored}");
             }
         }
@@ -112,7 +112,7 @@ mod tests {
     #[test]
     fn fast_rates_saturate_and_nan_rates_are_zero() {
         for fast in [40.0, f32::INFINITY] {
-            let [roll, pitch, heading] = rates([fast, -fast, fast]);
+            let [roll, pitch, heading] = round_trip_rad_s([fast, -fast, fast]);
             assert!((roll - 32.0).abs() < 1e-3 && (pitch + 32.0).abs() < 1e-3 && (heading - 32.0).abs() < 1e-3);
         }
         assert_eq!(Rates::from_rad_s([f32::NAN; 3]), Rates::from_rad_s([0.0; 3]));

@@ -119,9 +119,9 @@ impl CollectionPart {
 /// View of samples that are ordered by part, then time, and of marks.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Samples<'a> {
-    part_ordered: &'a [Sample],
+    ordered_by_part: &'a [Sample],
     /// Whether the view leaves a part out, by [`CollectionPart::index`].
-    is_excluded: [bool; CollectionPart::ALL_PARTS.len()],
+    is_part_excluded: [bool; CollectionPart::ALL_PARTS.len()],
     /// Samples with a given heading.
     pub marks: &'a [HeadingMark],
 }
@@ -165,8 +165,8 @@ impl SamplePart {
 impl<'a> Samples<'a> {
     /// View of samples ordered by part, then time.
     #[must_use]
-    pub const fn new(part_ordered: &'a [Sample]) -> Self {
-        Self { part_ordered, is_excluded: [false; _], marks: &[] }
+    pub const fn new(ordered_by_part: &'a [Sample]) -> Self {
+        Self { ordered_by_part, is_part_excluded: [false; _], marks: &[] }
     }
 
     /// The same samples with other compass-swing marks.
@@ -179,14 +179,14 @@ impl<'a> Samples<'a> {
     /// The samples without those of `part`.
     #[must_use]
     pub fn without_part(mut self, part: CollectionPart) -> Self {
-        self.is_excluded[part.index()] = true;
+        self.is_part_excluded[part.index()] = true;
         self
     }
 
     /// Samples of a part, in order of time.
     #[must_use]
     pub fn samples_of_part(&self, part: CollectionPart) -> &'a [Sample] {
-        if self.is_excluded[part.index()] { &[] } else { samples_of_part(self.part_ordered, part) }
+        if self.is_part_excluded[part.index()] { &[] } else { samples_of_part(self.ordered_by_part, part) }
     }
 
     /// Samples of the turns of a side, in order of time.
@@ -197,7 +197,11 @@ impl<'a> Samples<'a> {
 
     /// Iterates over the samples without a given heading, by part, then time.
     pub fn iter(&self) -> impl Iterator<Item = &'a Sample> + Clone + Debug + use<'a> {
-        IncludedSamples { current_run: [].iter(), remaining: self.part_ordered, is_excluded: self.is_excluded }
+        IncludedSamples {
+            current_run: [].iter(),
+            remaining: self.ordered_by_part,
+            is_part_excluded: self.is_part_excluded,
+        }
     }
 
     /// Iterates over all samples, those with given headings last.
@@ -211,16 +215,16 @@ impl<'a> Samples<'a> {
 }
 
 /// Samples of one part, if all are ordered by part.
-pub(crate) fn samples_of_part(part_ordered: &[Sample], part: CollectionPart) -> &[Sample] {
-    let [start, end] = part_range(part_ordered, part);
-    part_ordered.get(start..end).unwrap_or_default()
+pub(crate) fn samples_of_part(ordered_by_part: &[Sample], part: CollectionPart) -> &[Sample] {
+    let [start, end] = part_range(ordered_by_part, part);
+    ordered_by_part.get(start..end).unwrap_or_default()
 }
 
 /// First and last position (exclusive) of a part, of samples ordered by part.
-pub(crate) fn part_range(part_ordered: &[Sample], part: CollectionPart) -> [usize; 2] {
+pub(crate) fn part_range(ordered_by_part: &[Sample], part: CollectionPart) -> [usize; 2] {
     [
-        part_ordered.partition_point(|sample| sample.part < part),
-        part_ordered.partition_point(|sample| sample.part <= part),
+        ordered_by_part.partition_point(|sample| sample.part < part),
+        ordered_by_part.partition_point(|sample| sample.part <= part),
     ]
 }
 
@@ -230,15 +234,15 @@ pub(crate) fn part_range(part_ordered: &[Sample], part: CollectionPart) -> [usiz
 struct IncludedSamples<'a> {
     current_run: core::slice::Iter<'a, Sample>,
     remaining: &'a [Sample],
-    is_excluded: [bool; CollectionPart::ALL_PARTS.len()],
+    is_part_excluded: [bool; CollectionPart::ALL_PARTS.len()],
 }
 
 impl<'a> IncludedSamples<'a> {
     fn start_next_run(&mut self) -> Option<&'a Sample> {
-        let is_excluded = |sample: &Sample| self.is_excluded[sample.part.index()];
-        let start = self.remaining.iter().position(|sample| !is_excluded(sample))?;
+        let is_part_excluded = |sample: &Sample| self.is_part_excluded[sample.part.index()];
+        let start = self.remaining.iter().position(|sample| !is_part_excluded(sample))?;
         let included = self.remaining.get(start..).unwrap_or_default();
-        let length = included.iter().position(is_excluded).unwrap_or(included.len());
+        let length = included.iter().position(is_part_excluded).unwrap_or(included.len());
         let (run, remaining) = included.split_at_checked(length)?;
         (self.current_run, self.remaining) = (run.iter(), remaining);
         self.current_run.next()
@@ -295,12 +299,12 @@ mod tests {
     #[test]
     fn excluded_parts_are_left_out() {
         for excluded in 0..16_u32 {
-            let is_excluded = |part: CollectionPart| excluded >> part.index() & 1 == 1;
+            let is_part_excluded = |part: CollectionPart| excluded >> part.index() & 1 == 1;
             let view = CollectionPart::ALL_PARTS
                 .into_iter()
-                .filter(|part| is_excluded(*part))
+                .filter(|part| is_part_excluded(*part))
                 .fold(test_samples(), Samples::without_part);
-            let included = || CollectionPart::ALL_PARTS.into_iter().filter(|part| !is_excluded(*part));
+            let included = || CollectionPart::ALL_PARTS.into_iter().filter(|part| !is_part_excluded(*part));
             assert_eq!(
                 times_ms(view.iter()),
                 times_ms(included().flat_map(|part| test_samples().samples_of_part(part))),

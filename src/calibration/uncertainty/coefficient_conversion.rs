@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::calibration::model::{Coefficient, Likelihood, ModelParameters, Vector13, d_index, w_index};
+use crate::calibration::model::{Coefficient, Likelihood, ModelParameters, Vector13, corrected_mean_index, w_index};
 use crate::trig;
 
 /// Conversion from the unknowns `W` and `d` to the coefficients: `W` in chip axes with determinant 1, and `beta`. The
@@ -24,9 +24,9 @@ impl CoefficientConversion {
         })
     }
 
-    pub fn jacobian_row(&self, i: usize) -> Vector13 {
+    pub fn jacobian_row(&self, coefficient_index: usize) -> Vector13 {
         let mut derivative = Vector13::zeros();
-        match Coefficient::from_index(i) {
+        match Coefficient::from_index(coefficient_index) {
             Coefficient::W { row, column } => {
                 derivative
                     .fixed_rows_mut::<3>(w_index(row, 0))
@@ -34,7 +34,7 @@ impl CoefficientConversion {
             }
             Coefficient::Beta(axis) => {
                 derivative.fixed_rows_mut::<3>(w_index(axis, 0)).copy_from(&self.mean_minus_hard_iron);
-                derivative[d_index(axis)] = -1.0;
+                derivative[corrected_mean_index(axis)] = -1.0;
             }
         }
         derivative

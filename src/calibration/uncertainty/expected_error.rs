@@ -2,11 +2,12 @@
 //! not: a norm residual of 0.3 % can hide a heading error of 5 deg in an unobservable direction.
 
 use core::f32::consts::FRAC_PI_6;
+use core::fmt;
 
 use nalgebra::Matrix3;
 
 use super::coefficient_covariance::CoefficientCovariance;
-use crate::calibration::model::{Vector12, coefficient_jacobian_row, heading_by_field};
+use crate::calibration::model::{Vector12, coefficient_jacobian_row, heading_derivative_by_field};
 use crate::calibration::{AttitudeEnvelope, Calibration, inverse};
 use crate::frames::{Attitude, Field, Level};
 use crate::trig;
@@ -53,16 +54,27 @@ impl Deviation {
     }
 }
 
+impl fmt::Display for Deviation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Constant => "the same error at all headings",
+            Self::Semicircular => "an error with one period per circle, opposite on opposite headings",
+            Self::Quadrantal => "an error with two periods per circle, equal on opposite headings",
+            Self::Heeling => "an error in turns that level flight does not have",
+        })
+    }
+}
+
 pub(in crate::calibration) fn expected_heading_error(
     calibration: &Calibration,
     covariance: &CoefficientCovariance,
     envelope: AttitudeEnvelope,
 ) -> Option<ExpectedError> {
-    let envelope_model = EnvelopeModel::new(calibration)?;
-    let (rms_deg, worst_deg) = envelope_model.rms_and_worst_deg(covariance, envelope)?;
+    let heading_error_model = HeadingErrorModel::new(calibration)?;
+    let (rms_deg, worst_deg) = heading_error_model.rms_and_worst_deg(covariance, envelope)?;
     let size_deg = |part: Deviation| {
-        sigma_deg(mean_square_of_part(part, covariance, &|bank_deg, step| {
-            envelope_model.heading_jacobian_row(bank_deg, step)
+        sigma_deg(mean_square_of_part(part, covariance, &|bank_deg, heading_index| {
+            heading_error_model.heading_jacobian_row(bank_deg, heading_index)
         }))
     };
     let weakest = Deviation::ALL_DEVIATIONS
@@ -78,33 +90,33 @@ pub(in crate::calibration) fn expected_rms_deg(
     covariance: &CoefficientCovariance,
     envelope: AttitudeEnvelope,
 ) -> Option<f32> {
-    EnvelopeModel::new(calibration)?.rms_and_worst_deg(covariance, envelope).map(|(rms_deg, _)| rms_deg)
+    HeadingErrorModel::new(calibration)?.rms_and_worst_deg(covariance, envelope).map(|(rms_deg, _)| rms_deg)
 }
 
-struct EnvelopeModel {
+struct HeadingErrorModel {
     field_from_body: Matrix3<f32>,
     inclination_rad: f32,
 }
 
-impl EnvelopeModel {
+impl HeadingErrorModel {
     fn new(calibration: &Calibration) -> Option<Self> {
         let field_from_body = inverse(&calibration.w_matrix())?;
         Some(Self { field_from_body, inclination_rad: calibration.inclination_rad })
     }
 
-    fn heading_jacobian_row(&self, bank_deg: f32, step: u8) -> Vector12 {
+    fn heading_jacobian_row(&self, bank_deg: f32, heading_index: u8) -> Vector12 {
         let tilt = Attitude::from_deg(bank_deg, 0.0).tilt_rotation();
-        let level = Field::<Level>::earth_field(1.0, self.inclination_rad, f32::from(step) * FRAC_PI_6);
+        let level = Field::<Level>::earth_field(1.0, self.inclination_rad, f32::from(heading_index) * FRAC_PI_6);
         let x = self.field_from_body * tilt.to_body_frame(level).ut;
-        coefficient_jacobian_row(&heading_by_field(&tilt, &level.ut), &x)
+        coefficient_jacobian_row(&heading_derivative_by_field(&tilt, &level.ut), &x)
     }
 
     fn rms_and_worst_deg(&self, covariance: &CoefficientCovariance, envelope: AttitudeEnvelope) -> Option<(f32, f32)> {
         let mut sum = 0.0;
         let mut worst: f32 = 0.0;
         for &bank_deg in envelope.banks_deg() {
-            for step in 0..HEADING_COUNT {
-                let variance = covariance.variance(&self.heading_jacobian_row(bank_deg, step));
+            for heading_index in 0..HEADING_COUNT {
+                let variance = covariance.variance(&self.heading_jacobian_row(bank_deg, heading_index));
                 sum += variance;
                 worst = worst.max(variance);
             }
@@ -118,25 +130,38 @@ fn sigma_deg(variance: f32) -> f32 {
     sqrt(variance).to_degrees()
 }
 
-fn mean_square_of_part(part: Deviation, covariance: &CoefficientCovariance, row: &impl Fn(f32, u8) -> Vector12) -> f32 {
+fn mean_square_of_part(
+    part: Deviation,
+    covariance: &CoefficientCovariance,
+    jacobian_row_at: &impl Fn(f32, u8) -> Vector12,
+) -> f32 {
     let heading_count = f32::from(HEADING_COUNT);
     match part {
-        Deviation::Constant => {
-            covariance.variance(&((0..HEADING_COUNT).map(|step| row(0.0, step)).sum::<Vector12>() / heading_count))
-        }
-        Deviation::Semicircular => mean_square_of_harmonic(1.0, covariance, row),
-        Deviation::Quadrantal => mean_square_of_harmonic(2.0, covariance, row),
+        Deviation::Constant => covariance.variance(
+            &((0..HEADING_COUNT).map(|heading_index| jacobian_row_at(0.0, heading_index)).sum::<Vector12>()
+                / heading_count),
+        ),
+        Deviation::Semicircular => mean_square_of_harmonic(1.0, covariance, jacobian_row_at),
+        Deviation::Quadrantal => mean_square_of_harmonic(2.0, covariance, jacobian_row_at),
         Deviation::Heeling => {
-            let differences = (0..HEADING_COUNT).map(|step| (row(30.0, step) - row(-30.0, step)) / 2.0);
+            let differences = (0..HEADING_COUNT).map(|heading_index| {
+                (jacobian_row_at(30.0, heading_index) - jacobian_row_at(-30.0, heading_index)) / 2.0
+            });
             differences.map(|difference| covariance.variance(&difference)).sum::<f32>() / heading_count
         }
     }
 }
 
-/// Mean square of the part with `times` periods per circle, square radians.
-fn mean_square_of_harmonic(times: f32, covariance: &CoefficientCovariance, row: &impl Fn(f32, u8) -> Vector12) -> f32 {
+/// Mean square of the part with a number of periods per circle, square radians.
+fn mean_square_of_harmonic(
+    periods_per_circle: f32,
+    covariance: &CoefficientCovariance,
+    jacobian_row_at: &impl Fn(f32, u8) -> Vector12,
+) -> f32 {
     let coefficient = |weight: fn(f32) -> f32| {
-        let weighted = (0..HEADING_COUNT).map(|step| row(0.0, step) * weight(times * f32::from(step) * FRAC_PI_6));
+        let weighted = (0..HEADING_COUNT).map(|heading_index| {
+            jacobian_row_at(0.0, heading_index) * weight(periods_per_circle * f32::from(heading_index) * FRAC_PI_6)
+        });
         covariance.variance(&(weighted.sum::<Vector12>() * (2.0 / f32::from(HEADING_COUNT))))
     };
     // A sine of amplitude `c` has the mean square `c^2 / 2`.
@@ -158,7 +183,7 @@ mod tests {
         Calibration { inclination_rad: 0.9, total_ut: 1.0, ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) }
     }
 
-    fn expected_of(wrong: &[(usize, f32)], envelope: AttitudeEnvelope) -> ExpectedError {
+    fn expected_error_of(wrong: &[(usize, f32)], envelope: AttitudeEnvelope) -> ExpectedError {
         let mut direction = Vector12::zeros();
         for &(index, size) in wrong {
             direction[index] = size;
@@ -170,41 +195,45 @@ mod tests {
 
     fn errors_deg(w: Matrix3<f32>, beta: [f32; 3], banks_deg: &[f32]) -> Vec<f32> {
         let wrong = Calibration { w: matrix_rows(&(Matrix3::identity() + w)), b_ut: beta, ..iron_free_calibration() };
-        let error = |bank_deg: f32, step: u8| {
-            let heading_rad = f32::from(step) * FRAC_PI_6;
+        let error = |bank_deg: f32, heading_index: u8| {
+            let heading_rad = f32::from(heading_index) * FRAC_PI_6;
             let attitude = Attitude::from_deg(bank_deg, 0.0);
             let field = Field::new(attitude.to_body_frame(Field::earth_field(1.0, 0.9, heading_rad)).ut);
             wrap_pi(attitude.to_level_frame(wrong.calibrated_field(field)).heading_rad() - heading_rad).to_degrees()
         };
-        banks_deg.iter().flat_map(|&bank_deg| (0..12).map(move |step| error(bank_deg, step))).collect()
+        banks_deg
+            .iter()
+            .flat_map(|&bank_deg| (0..12).map(move |heading_index| error(bank_deg, heading_index)))
+            .collect()
     }
 
     /// Causes: sensor rotated about the vertical, horizontal hard iron, horizontal soft iron, vertical response.
     #[test]
     fn the_weakest_part_identifies_the_cause() {
         let sensor_yaw = [(w_index(0, 1), -0.02), (w_index(1, 0), 0.02)];
-        let constant = expected_of(&sensor_yaw, AttitudeEnvelope::Banked).weakest_deviation;
+        let constant = expected_error_of(&sensor_yaw, AttitudeEnvelope::Banked).weakest_deviation;
         assert_eq!(constant.0, Deviation::Constant);
         assert!((constant.1 - 0.02_f32.to_degrees()).abs() < 0.01, "{constant:?}");
         for axis in [0, 1] {
-            let semicircular = expected_of(&[(beta_index(axis), 0.02)], AttitudeEnvelope::Banked).weakest_deviation;
+            let semicircular =
+                expected_error_of(&[(beta_index(axis), 0.02)], AttitudeEnvelope::Banked).weakest_deviation;
             assert_eq!(semicircular.0, Deviation::Semicircular);
             let amplitude_deg = (0.02 / 0.9_f32.cos()).to_degrees();
             assert!((semicircular.1 - amplitude_deg / 2_f32.sqrt()).abs() < 0.01, "{semicircular:?}");
         }
         for wrong in [&[(w_index(0, 0), 0.02), (w_index(1, 1), -0.02)], &[(w_index(0, 1), 0.02), (w_index(1, 0), 0.02)]]
         {
-            let quadrantal = expected_of(wrong, AttitudeEnvelope::Level).weakest_deviation;
+            let quadrantal = expected_error_of(wrong, AttitudeEnvelope::Level).weakest_deviation;
             assert_eq!(quadrantal.0, Deviation::Quadrantal);
             assert!((quadrantal.1 - 0.02_f32.to_degrees() / 2_f32.sqrt()).abs() < 0.01, "{quadrantal:?}");
         }
-        let heeling = expected_of(&[(beta_index(2), 0.02)], AttitudeEnvelope::Banked).weakest_deviation;
+        let heeling = expected_error_of(&[(beta_index(2), 0.02)], AttitudeEnvelope::Banked).weakest_deviation;
         assert_eq!(heeling.0, Deviation::Heeling);
         let [right, left] = [30.0, -30.0].map(|bank_deg| errors_deg(Matrix3::zeros(), [0.0, 0.0, 0.02], &[bank_deg]));
         let halves: Vec<f32> = right.iter().zip(left).map(|(right, left)| (right - left) / 2.0).collect();
         assert!((heeling.1 - rms(&halves)).abs() < 0.02 * rms(&halves), "{heeling:?} {}", rms(&halves));
         assert_ne!(
-            expected_of(&[(beta_index(2), 0.02)], AttitudeEnvelope::Level).weakest_deviation.0,
+            expected_error_of(&[(beta_index(2), 0.02)], AttitudeEnvelope::Level).weakest_deviation.0,
             Deviation::Heeling
         );
     }
@@ -214,7 +243,7 @@ mod tests {
         for (envelope, banks_deg) in
             [(AttitudeEnvelope::Banked, &[-30.0, 0.0, 30.0][..]), (AttitudeEnvelope::Level, &[0.0])]
         {
-            let beta_z = expected_of(&[(beta_index(2), 0.01), (w_index(0, 2), 0.01)], envelope);
+            let beta_z = expected_error_of(&[(beta_index(2), 0.01), (w_index(0, 2), 0.01)], envelope);
             let mut change = Matrix3::zeros();
             change[(0, 2)] = 0.01;
             let errors = errors_deg(change, [0.0, 0.0, 0.01], banks_deg);

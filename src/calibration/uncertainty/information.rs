@@ -25,15 +25,15 @@ use crate::frames::Attitude;
 pub(in crate::calibration) struct Information {
     pub linear_system: LinearisedProblem,
     pub residuals: ResidualStatistics,
-    pub attitude_errors: AttitudeErrorSums,
+    pub attitude_error_sums: AttitudeErrorSums,
     /// Contributions of the samples to the gradient of the attitude latency.
     pub latency_contributions: Autocorrelation,
-    pub motor_current: ScoreTest<3>,
+    pub motor_current_sums: ScoreTest<3>,
     /// Remaining errors of the interference, mount axes, units of field per ampere; their outer products sum to its
     /// covariance.
-    pub motor_current_errors: [Vector3<f32>; 4],
+    pub interference_error_factors: [Vector3<f32>; 4],
     /// Effect of a detected hard-iron change on the gradient.
-    pub hard_iron_gradient: Vector13,
+    pub hard_iron_change_gradient: Vector13,
 }
 
 impl Information {
@@ -41,11 +41,11 @@ impl Information {
         Self {
             linear_system: system.clone(),
             residuals: ResidualStatistics::zero(),
-            attitude_errors: core::array::from_fn(|_| ScoreTest::zero()),
+            attitude_error_sums: core::array::from_fn(|_| ScoreTest::zero()),
             latency_contributions: Autocorrelation::default(),
-            motor_current: ScoreTest::zero(),
-            motor_current_errors: [Vector3::zeros(); 4],
-            hard_iron_gradient: Vector13::zeros(),
+            motor_current_sums: ScoreTest::zero(),
+            interference_error_factors: [Vector3::zeros(); 4],
+            hard_iron_change_gradient: Vector13::zeros(),
         }
     }
 
@@ -67,9 +67,9 @@ impl Information {
             let state = AttitudeState { attitude, rates: sample.rates, lagged_roll_rad };
             self.add_inclination_residual(&equations, &state);
             if likelihood.motor_current.current_sigma_a > 0.0 {
-                let share_a = likelihood.motor_current.current_offset_a(sample);
+                let share_a = likelihood.motor_current.current_deviation_a(sample);
                 hard_iron_residuals(&equations).for_each(|equation| {
-                    self.motor_current.add_weighted_equation(
+                    self.motor_current_sums.add_weighted_equation(
                         equation,
                         &derivative_by_hard_iron(&parameters.w, equation),
                         share_a,
@@ -106,7 +106,7 @@ impl Information {
     pub(super) fn add_inclination_residual(&mut self, equations: &SampleEquations, state: &AttitudeState) {
         let Some(inclination) = &equations.inclination_equation else { return };
         self.residuals.inclination_information.add_row(&inclination.jacobian_row, inclination.weight);
-        add_inclination_residual(&mut self.attitude_errors, equations, state);
+        add_inclination_residual(&mut self.attitude_error_sums, equations, state);
     }
 
     /// Adds a hypothetical noise-free sample at an attitude and a heading. Its residual is zero.
@@ -119,7 +119,7 @@ impl Information {
     ) {
         let tilt = attitude.tilt_rotation();
         let Some(x) = parameters.expected_field(&tilt, heading_rad) else { return };
-        let measured = MeasuredSample { x, tilt_rotation: tilt, heading_rad: None };
+        let measured = MeasuredSample { centred_field: x, tilt_rotation: tilt, heading_rad: None };
         let equations = SampleEquations::new(parameters, &measured, &likelihood.noise, &likelihood.config, false);
         self.linear_system.add_sample_equations(&equations);
         self.add_inclination_residual(&equations, &AttitudeState::steady_turn(attitude, Rates::UNKNOWN));
@@ -128,7 +128,7 @@ impl Information {
     /// Attitude latency, and the derivative of the unknowns by it (1/s). `None` without attitude rates.
     #[inline(never)]
     pub fn estimate_latency(&self, used_s: f32) -> Option<(AttitudeLatency, Vector13)> {
-        let sums = &self.attitude_errors[LATENCY_INDEX];
+        let sums = &self.attitude_error_sums[LATENCY_INDEX];
         let score = sums.eliminate_coefficients(&self.linear_system, &self.linear_system.step_to_maximum()?)?;
         let latency = AttitudeLatency::estimate_latency(sums, &score, &self.latency_contributions, used_s)?;
         Some((latency, -score.nuisance_columns[0]))
@@ -136,19 +136,20 @@ impl Information {
 
     /// Motor-current interference; its error enters the covariance. `None` without a varying current.
     #[inline(never)]
-    pub fn estimate_motor_current(&mut self, likelihood: &Likelihood) -> Option<InterferenceEstimate> {
+    pub fn estimate_interference(&mut self, likelihood: &Likelihood) -> Option<InterferenceEstimate> {
         if likelihood.motor_current.current_sigma_a == 0.0 {
             return None;
         }
-        let score =
-            self.motor_current.eliminate_coefficients(&self.linear_system, &self.linear_system.step_to_maximum()?)?;
+        let score = self
+            .motor_current_sums
+            .eliminate_coefficients(&self.linear_system, &self.linear_system.step_to_maximum()?)?;
         let estimate = InterferenceEstimate::new(&score, likelihood, self.residuals.autocorrelation_inflation())?;
-        self.motor_current_errors = estimate.covariance_factors(&likelihood.motor_current_per_ampere());
+        self.interference_error_factors = estimate.covariance_factors(&likelihood.interference_per_ampere());
         Some(estimate)
     }
 
     /// Step of the unknowns that follows a change of the interference.
-    pub fn step_for_motor_current(&self, k: &Vector3<f32>) -> Option<Vector13> {
-        Some(-self.linear_system.covariance_times(&self.motor_current.gradient_effect(k))?)
+    pub fn step_for_interference_change(&self, interference_change: &Vector3<f32>) -> Option<Vector13> {
+        Some(-self.linear_system.covariance_times(&self.motor_current_sums.gradient_effect(interference_change))?)
     }
 }

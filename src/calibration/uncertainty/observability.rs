@@ -36,7 +36,7 @@ pub(in crate::calibration) fn inclination_from_samples(
         }
     };
     let shifts = information
-        .attitude_errors
+        .attitude_error_sums
         .iter()
         .zip(sigmas)
         .map(|(error, sigma)| column.dot(&error.cross_information[0]) * sigma);

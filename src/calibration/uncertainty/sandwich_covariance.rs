@@ -40,7 +40,7 @@ pub(in crate::calibration) fn sandwich_covariance(
     for (i, column) in columns.iter_mut().enumerate() {
         *column = information.linear_system.covariance_times(&units.jacobian_row(i))?;
     }
-    let [mut norm_excess, inclination_excess] = information.residuals.autocorrelation.excess_inflation();
+    let [mut norm_excess, inclination_excess] = information.residuals.autocorrelation.excess_variance_inflation();
     let inclination_excess =
         (1.0 + inclination_excess) * information.residuals.heteroscedasticity.variance_ratio() - 1.0;
     let mut inflated = Vector13::zeros();
@@ -49,7 +49,7 @@ pub(in crate::calibration) fn sandwich_covariance(
             return 0.0;
         }
         if j == 0 {
-            // `fill` visits the lower triangle row by row, so each row starts with column 0.
+            // `set_lower_triangle` visits the lower triangle row by row, so each row starts with column 0.
             inflated = units.jacobian_row(i) * (1.0 + norm_excess)
                 + information.residuals.inclination_information.multiply_vector(&columns[i])
                     * (inclination_excess - norm_excess);
@@ -64,13 +64,13 @@ pub(in crate::calibration) fn sandwich_covariance(
     for_each_prior(likelihood, &ModelParameters::new(unknowns), &mut |prior| {
         covariance.add_outer_product(&to_coefficients(&prior.jacobian_row), -norm_excess / (prior.sigma * prior.sigma));
     });
-    for (error, sigma) in information.attitude_errors.iter().zip(sigmas) {
+    for (error, sigma) in information.attitude_error_sums.iter().zip(sigmas) {
         covariance.add_outer_product(&to_coefficients(&error.cross_information[0]), sigma * sigma);
     }
-    covariance.add_outer_product(&to_coefficients(&information.hard_iron_gradient), 1.0);
+    covariance.add_outer_product(&to_coefficients(&information.hard_iron_change_gradient), 1.0);
     let per_ampere = ModelParameters::new(unknowns).w;
-    for error in &information.motor_current_errors {
-        covariance.add_outer_product(&to_coefficients(&information.motor_current.gradient_effect(error)), 1.0);
+    for error in &information.interference_error_factors {
+        covariance.add_outer_product(&to_coefficients(&information.motor_current_sums.gradient_effect(error)), 1.0);
         // The unknowns follow an interference error at the mean current. One standard deviation from the mean, it
         // adds a hard-iron error.
         let excess_error = per_ampere * error * likelihood.motor_current.current_sigma_a;

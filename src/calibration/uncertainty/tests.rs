@@ -31,7 +31,7 @@ type Matrix12 = SMatrix<f32, 12, 12>;
 const TRUE_W: Matrix3<f32> = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
 
 fn parameters() -> ModelParameters {
-    ModelParameters { w: TRUE_W, d: Vector3::new(0.2, -0.4, 0.6), inclination_rad: 0.7 }
+    ModelParameters { w: TRUE_W, corrected_mean_field: Vector3::new(0.2, -0.4, 0.6), inclination_rad: 0.7 }
 }
 
 fn likelihood(prior: &Prior, config: ModelConfig) -> Likelihood {
@@ -110,8 +110,8 @@ fn covariance_is_the_sum_of_its_terms() {
     // residuals (rho = 1/3).
     let inclination = JacobianRow {
         derivative_by_field: Vector3::new(1.0, -0.7, 0.5),
-        x: Vector3::new(0.6, 0.9, -1.1),
-        by_inclination: -1.0,
+        centred_field: Vector3::new(0.6, 0.9, -1.1),
+        derivative_by_inclination: -1.0,
     };
     let inclination_row = inclination.as_vector();
     information.linear_system.add_row(&inclination_row, 0.0, 3e3);
@@ -119,13 +119,13 @@ fn covariance_is_the_sum_of_its_terms() {
     for residuals in [[1.0, 1.0], [1.0, 1.0], [0.0, 0.0], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0]] {
         information.residuals.autocorrelation.add_residuals(0, residuals);
     }
-    information.hard_iron_gradient = Vector13::from_fn(|i, _| 150.0 * (i as f32 * 0.3).cos());
+    information.hard_iron_change_gradient = Vector13::from_fn(|i, _| 150.0 * (i as f32 * 0.3).cos());
     let derivatives: [f32; 3] = [0.2, 1.1, 2.3];
-    information.motor_current.cross_information =
+    information.motor_current_sums.cross_information =
         derivatives.map(|phase| Vector13::from_fn(|i, _| 1e5 * (i as f32 * 0.9 + phase).sin()));
-    information.motor_current_errors = [[1.0, 0.4, -0.3], [0.0, 0.8, 0.5], [0.0, 0.0, 0.6], [-0.7, 0.2, 0.9]]
+    information.interference_error_factors = [[1.0, 0.4, -0.3], [0.0, 0.8, 0.5], [0.0, 0.0, 0.6], [-0.7, 0.2, 0.9]]
         .map(|error: [f32; 3]| Vector3::from(error) * 1e-3);
-    for (error, phase) in information.attitude_errors.iter_mut().zip([0.4, 1.9, 2.8, 3.7]) {
+    for (error, phase) in information.attitude_error_sums.iter_mut().zip([0.4, 1.9, 2.8, 3.7]) {
         error.cross_information = [Vector13::from_fn(|i, _| 1e4 * (i as f32 + phase).sin())];
     }
     let units = CoefficientConversion::new(&likelihood, &at).unwrap();
@@ -141,17 +141,17 @@ fn covariance_is_the_sum_of_its_terms() {
     let norm = (Matrix13::identity() + row * row.transpose()) * 1e4;
     let doubted = norm + inclination_row * inclination_row.transpose() * (3e3 * 2.0);
     let mut expected = g * j.transpose() + g * doubted * g.transpose();
-    let shift = g * information.hard_iron_gradient;
+    let shift = g * information.hard_iron_change_gradient;
     expected += shift * shift.transpose();
     expected += change * change.transpose();
-    for (error, sigma) in information.attitude_errors.iter().zip([0.003, 0.003, 0.02, 0.01]) {
+    for (error, sigma) in information.attitude_error_sums.iter().zip([0.003, 0.003, 0.02, 0.01]) {
         let shift = g * error.cross_information[0] * sigma;
         expected += shift * shift.transpose();
     }
     let mut followed = Matrix12::zeros();
     let mut interference_term = Matrix12::zeros();
-    for error in information.motor_current_errors {
-        let [x, y, z] = information.motor_current.cross_information;
+    for error in information.interference_error_factors {
+        let [x, y, z] = information.motor_current_sums.cross_information;
         let shift = g * (x * error.x + y * error.y + z * error.z);
         followed += shift * shift.transpose();
         let mut spread = Vector12::zeros();
@@ -204,16 +204,20 @@ fn motor_current_estimate_equals_joint_least_squares() {
     for axis in 0..3 {
         joint.add_weighted_row(
             &SVector::ith(UNKNOWN_COUNT + axis, 1.0),
-            [-likelihood.motor_current_per_ampere()[axis]],
+            [-likelihood.interference_per_ampere()[axis]],
             prior,
         );
     }
     for (i, residual) in [(0, 0.02), (1, -0.01), (2, 0.015), (3, 0.005)] {
         let by_field = Vector3::from_fn(|axis, _| f32::sin(i as f32 * 2.1 + axis as f32 * 1.3));
-        let row = JacobianRow { derivative_by_field: by_field, x: Vector3::new(0.6, 0.9, -1.1), by_inclination: 0.3 };
+        let row = JacobianRow {
+            derivative_by_field: by_field,
+            centred_field: Vector3::new(0.6, 0.9, -1.1),
+            derivative_by_inclination: 0.3,
+        };
         let equation = ResidualEquation::new(row, residual, 1.0 / 1e4, 1e6);
         let (current_derivative, share_a) = (derivative_by_hard_iron(&parameters().w, &equation), 1.0 + i as f32 / 2.0);
-        information.motor_current.add_weighted_equation(&equation, &current_derivative, share_a);
+        information.motor_current_sums.add_weighted_equation(&equation, &current_derivative, share_a);
         information.linear_system.add_row(&equation.jacobian_row.as_vector(), residual, 1e4);
         joint.add_weighted_row(
             &rows(&equation.jacobian_row.as_vector(), current_derivative * share_a),
@@ -224,10 +228,10 @@ fn motor_current_estimate_equals_joint_least_squares() {
     for residual in [1.0, 1.0, 0.0] {
         information.residuals.autocorrelation.add_residuals(0, [residual, 0.0]);
     }
-    let found = information.estimate_motor_current(&likelihood).unwrap();
+    let found = information.estimate_interference(&likelihood).unwrap();
     let step = joint.solve().unwrap().fixed_rows::<3>(UNKNOWN_COUNT).into_owned();
     assert!(
-        (found.interference_ut_per_a - likelihood.motor_current_per_ampere() - step).norm() < 1e-3 * step.norm(),
+        (found.interference_per_ampere - likelihood.interference_per_ampere() - step).norm() < 1e-3 * step.norm(),
         "{found:?} {step}"
     );
     let independent = Matrix3::from_fn(|i, j| {
@@ -239,10 +243,11 @@ fn motor_current_estimate_equals_joint_least_squares() {
     assert!((independent * 3.0 - expected).norm() > 0.1 * expected.norm());
     assert!((expected - independent).norm() > 0.1 * expected.norm());
     let [alone, alike] = found.significance;
-    let by_all = found.interference_ut_per_a.dot(&(independent.try_inverse().unwrap() * found.interference_ut_per_a));
+    let by_all =
+        found.interference_per_ampere.dot(&(independent.try_inverse().unwrap() * found.interference_per_ampere));
     assert!((alone / by_all - 1.0).abs() < 1e-2 && (alone / alike - 3.0).abs() < 1e-3, "{found:?} {by_all}");
     let sum: Matrix3<f32> =
-        information.motor_current_errors.iter().take(3).map(|error| error * error.transpose()).sum();
+        information.interference_error_factors.iter().take(3).map(|error| error * error.transpose()).sum();
     assert!((sum - found.covariance).norm() < 1e-3 * expected.norm(), "{sum}");
 }
 
@@ -258,7 +263,7 @@ fn inclination_information_and_gradients_are_summed() {
         let tilt = attitude.tilt_rotation();
         let x = parameters.expected_field(&tilt, heading_rad).unwrap();
         let state = AttitudeState::steady_turn(attitude, Rates::from_rad_s([0.3, -0.2, 0.0]));
-        let measured = MeasuredSample { x, tilt_rotation: tilt, heading_rad: None };
+        let measured = MeasuredSample { centred_field: x, tilt_rotation: tilt, heading_rad: None };
         let equations = SampleEquations::new(&parameters, &measured, &likelihood.noise, &likelihood.config, false);
         let of_inclination = equations.inclination_equation.as_ref().unwrap();
         let row = of_inclination.jacobian_row.as_vector();
@@ -272,7 +277,7 @@ fn inclination_information_and_gradients_are_summed() {
         let found = information.residuals.inclination_information.multiply_vector(&Vector13::ith(i, 1.0));
         assert!((found - inclination.column(i)).norm() < 1e-4 * inclination.norm());
     }
-    for (found, expected) in information.attitude_errors.iter().zip(effects) {
+    for (found, expected) in information.attitude_error_sums.iter().zip(effects) {
         assert!((found.cross_information[0] - expected).norm() < 1e-4 * expected.norm());
     }
 }
@@ -282,8 +287,9 @@ fn latency_sigma_becomes_a_consider_state() {
     let likelihood = likelihood(&Prior::default(), ModelConfig::DEFAULT);
     let mut information = uniform_information(&likelihood, &parameters().unknowns().unwrap(), 1e4);
     assert!(information.estimate_latency(0.0).is_none());
-    let row = JacobianRow { derivative_by_field: Vector3::x(), x: Vector3::y(), by_inclination: -1.0 };
-    let latency = &mut information.attitude_errors[LATENCY_INDEX];
+    let row =
+        JacobianRow { derivative_by_field: Vector3::x(), centred_field: Vector3::y(), derivative_by_inclination: -1.0 };
+    let latency = &mut information.attitude_error_sums[LATENCY_INDEX];
     latency.add_weighted_equation(&ResidualEquation::new(row, 0.01, 1e-4, 1e6), &Vector1::new(0.5), 1.0);
     latency.cross_information = [Vector13::ith(2, 40.0)];
     let (latency, follows) = information.estimate_latency(0.0).unwrap();
@@ -406,7 +412,8 @@ fn configured_inclination_is_removed_from_the_estimate() {
                     .autocorrelation
                     .add_residuals(0, if is_configured { [0.0, residual] } else { [residual, 0.0] });
             }
-            information.attitude_errors[BANK_SCALE_INDEX].cross_information = [Vector13::ith(INCLINATION_INDEX, 2e3)];
+            information.attitude_error_sums[BANK_SCALE_INDEX].cross_information =
+                [Vector13::ith(INCLINATION_INDEX, 2e3)];
             let mut sigmas = [0.0; ATTITUDE_ERROR_COUNT];
             sigmas[BANK_SCALE_INDEX] = 0.01;
             let Some([found_rad, variance]) = inclination_from_samples(&information, &likelihood, &at, &sigmas) else {

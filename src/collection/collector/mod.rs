@@ -20,7 +20,7 @@ use crate::time::WrappingMillis;
 const MIN_REPORTED_LOSS_SAMPLES: usize = 10;
 
 /// Clock advance over a restart, milliseconds: keeps time stamps distinct.
-const RESTART_GAP_MS: u32 = 1000;
+const RESTART_CLOCK_ADVANCE_MS: u32 = 1000;
 
 /// Sample collector of one calibration. Its procedure selects a policy, which stores samples in the one buffer.
 #[derive(Debug)]
@@ -36,7 +36,7 @@ pub struct Collector<'a> {
     turn_detector: TurnDetector,
     tilt_filter: TiltFilter,
     /// Time of the last sample of each part, stored or not, by [`CollectionPart::index`].
-    last_due_at: [Option<WrappingMillis>; PART_COUNT],
+    last_due_sample_at: [Option<WrappingMillis>; PART_COUNT],
     /// Information of the free-flight fit samples.
     selection: DOptimalSelection,
 }
@@ -52,10 +52,10 @@ impl<'a> Collector<'a> {
             header,
             restored_context: is_valid.then(|| header.collection_context()),
             has_unsaved_change: false,
-            clock_offset_ms: header.clock_ms.wrapping_add(RESTART_GAP_MS),
+            clock_offset_ms: header.clock_ms.wrapping_add(RESTART_CLOCK_ADVANCE_MS),
             turn_detector: TurnDetector::new(TurnDetectorConfig::DEFAULT),
             tilt_filter: TiltFilter::NOT_STARTED,
-            last_due_at: [None; _],
+            last_due_sample_at: [None; _],
             selection: DOptimalSelection::NO_SELECTION,
         };
         if is_valid && header.state() != CollectionState::Inactive {
@@ -123,7 +123,7 @@ impl<'a> Collector<'a> {
 
     fn push_turn_or_level_sample(&mut self, sample: Sample) -> bool {
         if let Some(side) = self.turn_detector.process_sample(&sample) {
-            self.header.set_turned();
+            self.header.set_turn_detected();
             SectorBalance::TURNS.push_sample(self.part_view(CollectionPart::from_turn_side(side)), sample)
         } else {
             // Before the first turn the aircraft may be parked near the iron of a hangar.
@@ -135,24 +135,26 @@ impl<'a> Collector<'a> {
 
     fn push_tumble_sample(&mut self, sample: Sample) -> bool {
         let CollectionHeader { part_states, min_distance_ut, .. } = &mut self.header;
-        let part = PartView::new(CollectionPart::FREE, &mut self.memory.samples, part_states, &mut self.last_due_at);
+        let part =
+            PartView::new(CollectionPart::FREE, &mut self.memory.samples, part_states, &mut self.last_due_sample_at);
         min_distance::push_sample(part, SampleQuota::TURN, min_distance_ut, sample)
     }
 
     fn push_free_flight_sample(&mut self, sample: Sample) -> bool {
         let part_states = &mut self.header.part_states;
-        let part = PartView::new(CollectionPart::FREE, &mut self.memory.samples, part_states, &mut self.last_due_at);
+        let part =
+            PartView::new(CollectionPart::FREE, &mut self.memory.samples, part_states, &mut self.last_due_sample_at);
         let end = free_flight::push_sample(part, &mut self.selection, sample);
         if end == OfferedSampleResult::Ignored {
             return false;
         }
-        self.header.distinct_count = self.header.distinct_count.saturating_add(1);
+        self.header.distinct_sample_count = self.header.distinct_sample_count.saturating_add(1);
         self.header.stored_count = self.header.stored_count.wrapping_add((end == OfferedSampleResult::Stored).into());
         true
     }
 
     fn part_view(&mut self, part: CollectionPart) -> PartView<'_> {
-        PartView::new(part, &mut self.memory.samples, &mut self.header.part_states, &mut self.last_due_at)
+        PartView::new(part, &mut self.memory.samples, &mut self.header.part_states, &mut self.last_due_sample_at)
     }
 
     /// Evaluates the information of free-flight samples with a trial solution that determines all coefficients.
@@ -184,11 +186,11 @@ impl<'a> Collector<'a> {
 
     /// Discards all samples and starts a procedure.
     pub fn begin_procedure(&mut self, procedure: Procedure) {
-        self.header = CollectionHeader::new(procedure, min_distance::INITIAL_DISTANCE_UT);
+        self.header = CollectionHeader::new(procedure, min_distance::INITIAL_MIN_DISTANCE_UT);
         self.memory.samples.clear();
         self.turn_detector = TurnDetector::new(TurnDetectorConfig::DEFAULT);
         self.tilt_filter = TiltFilter::NOT_STARTED;
-        self.last_due_at = [None; _];
+        self.last_due_sample_at = [None; _];
         self.selection.reset_selection();
         self.clock_offset_ms = 0;
         self.reset_restart_count();
@@ -219,8 +221,8 @@ impl<'a> Collector<'a> {
 
     /// Number of distinct free-flight samples, stored or not.
     #[must_use]
-    pub fn distinct_samples(&self) -> u32 {
-        self.header.distinct_count
+    pub fn distinct_sample_count(&self) -> u32 {
+        self.header.distinct_sample_count
     }
 
     /// Number of free-flight samples stored, including replacements; wraps.

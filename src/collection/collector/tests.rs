@@ -151,11 +151,11 @@ fn a_new_collection_restarts_its_policy() {
     (0..3).for_each(|i| collector.push_sample(test_sample([i as f32 * 2.0, 0.0, 0.0], i * 100)));
     collector.begin_procedure(Procedure::Flight);
     assert_eq!(
-        (collector.collection_progress().coverage_of(CollectionPart::FREE), collector.distinct_samples()),
+        (collector.collection_progress().coverage_of(CollectionPart::FREE), collector.distinct_sample_count()),
         (&PartCoverage::default(), 0)
     );
     (0..4).for_each(|i| collector.push_sample(test_sample([i as f32 * 2.0, 0.0, 0.0], i * 100)));
-    assert_eq!((collector.distinct_samples(), collector.stored_count()), (4, 4));
+    assert_eq!((collector.distinct_sample_count(), collector.stored_count()), (4, 4));
     assert_eq!(collector.held_back_samples().iter().map(|sample| sample.time.as_ms()).collect::<Vec<_>>(), [300]);
     let tumble = |collector: &mut Collector, number: u32| {
         collector.begin_procedure(Procedure::Tumble);

@@ -33,7 +33,7 @@ const MIN_NORM_UT: f32 = 1e-3;
 
 /// Largest correction of the direction, radians: five sigma of a sensor with 1 % noise. Larger residuals have other
 /// causes.
-const MAX_CORRECTION_RAD: f32 = 0.05;
+const MAX_DIRECTION_CORRECTION_RAD: f32 = 0.05;
 
 #[derive(Clone, Debug)]
 struct Linearisation {
@@ -41,7 +41,7 @@ struct Linearisation {
     /// Share of an inclination residual that is sensor noise, 0..1; the rest is attitude error.
     sensor_noise_share: f32,
     /// Factor on a new sample's leverage, below 1 because noise raises it; smaller for a sphere.
-    new_sample_factor: f32,
+    new_sample_leverage_factor: f32,
     is_from_trial: bool,
 }
 
@@ -57,14 +57,14 @@ impl Linearisation {
             motor_current: crate::calibration::MotorCurrentInterference::NO_INTERFERENCE,
         },
         sensor_noise_share: 0.0,
-        new_sample_factor: 0.0,
+        new_sample_leverage_factor: 0.0,
         is_from_trial: false,
     };
 
     fn from_centre(centre_ut: Vector3<f32>) -> Self {
         let calibration =
             Calibration { b_ut: centre_ut.into(), ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) };
-        Self { calibration, sensor_noise_share: 0.0, new_sample_factor: 0.8, is_from_trial: false }
+        Self { calibration, sensor_noise_share: 0.0, new_sample_leverage_factor: 0.8, is_from_trial: false }
     }
 
     /// Coefficients of a trial solve, with the residuals of its quality.
@@ -74,7 +74,7 @@ impl Linearisation {
         Self {
             calibration: *calibration,
             sensor_noise_share: (norm_noise_ratio * norm_noise_ratio).min(1.0),
-            new_sample_factor: 0.9,
+            new_sample_leverage_factor: 0.9,
             is_from_trial: true,
         }
     }
@@ -91,14 +91,15 @@ impl Linearisation {
         }
         let noise_rotation_rad =
             self.sensor_noise_share * (prediction.inclination_rad - self.calibration.inclination_rad);
-        let noise_rotation_rad = noise_rotation_rad.clamp(-MAX_CORRECTION_RAD, MAX_CORRECTION_RAD);
+        let noise_rotation_rad = noise_rotation_rad.clamp(-MAX_DIRECTION_CORRECTION_RAD, MAX_DIRECTION_CORRECTION_RAD);
         // Small rotation in the plane of field and vertical.
-        let direction = prediction.field_direction - prediction.inclination_by_field * noise_rotation_rad;
-        let rotation_direction = prediction.inclination_by_field + prediction.field_direction * noise_rotation_rad;
+        let direction = prediction.field_direction - prediction.inclination_derivative_by_field * noise_rotation_rad;
+        let rotation_direction =
+            prediction.inclination_derivative_by_field + prediction.field_direction * noise_rotation_rad;
         let corrected_prediction = FieldPrediction {
-            x: direction,
+            centred_field: direction,
             field_direction: direction,
-            inclination_by_field: rotation_direction,
+            inclination_derivative_by_field: rotation_direction,
             ..prediction
         };
         [corrected_prediction.norm_row(), corrected_prediction.inclination_row()]
@@ -106,21 +107,24 @@ impl Linearisation {
 }
 
 /// Factor on the smallest leverage that a new sample must exceed: its information lowers the leverage of all others.
-const NEW_SAMPLE_THRESHOLD: f32 = 0.9;
+const MIN_NEW_SAMPLE_LEVERAGE_RATIO: f32 = 0.9;
 
 #[derive(Debug)]
 pub(super) struct DOptimalSelection {
     linearisation: Linearisation,
     information: LeastSquares<13, 1>,
-    min_leverage: f32,
+    smallest_leverage: f32,
 }
 
 impl DOptimalSelection {
-    pub const NO_SELECTION: Self =
-        Self { linearisation: Linearisation::NO_COEFFICIENTS, information: LeastSquares::new(), min_leverage: 0.0 };
+    pub const NO_SELECTION: Self = Self {
+        linearisation: Linearisation::NO_COEFFICIENTS,
+        information: LeastSquares::new(),
+        smallest_leverage: 0.0,
+    };
 
     pub fn with_reset_leverages(&self) -> Self {
-        Self { linearisation: self.linearisation.clone(), information: LeastSquares::new(), min_leverage: 0.0 }
+        Self { linearisation: self.linearisation.clone(), information: LeastSquares::new(), smallest_leverage: 0.0 }
     }
 
     pub fn reset_selection(&mut self) {
@@ -135,7 +139,7 @@ impl DOptimalSelection {
     fn set_linearisation(&mut self, linearisation: Linearisation) {
         // The leverages of earlier coefficients do not apply; zero accepts every sample until the next full evaluation.
         self.linearisation = linearisation;
-        self.min_leverage = 0.0;
+        self.smallest_leverage = 0.0;
     }
 
     #[cfg(test)]
@@ -150,7 +154,8 @@ impl DOptimalSelection {
         let leverage_sum: f32 = self.leverages(sample).into_iter().map(|leverage| leverage / (1.0 + leverage)).sum();
         // NaN is left to the full evaluation, as is every sample without coefficients.
         leverage_sum.is_nan()
-            || self.linearisation.new_sample_factor * leverage_sum >= NEW_SAMPLE_THRESHOLD * self.min_leverage
+            || self.linearisation.new_sample_leverage_factor * leverage_sum
+                >= MIN_NEW_SAMPLE_LEVERAGE_RATIO * self.smallest_leverage
     }
 
     #[inline]
@@ -182,10 +187,10 @@ impl DOptimalSelection {
         }
         self.information = LeastSquares::from_normal_equations(information, [[0.0]; _]);
         let leverage_of = |sample: &Sample| self.leverages(sample).iter().sum::<f32>();
-        let new_leverage = self.linearisation.new_sample_factor * leverage_of(new_sample);
+        let new_leverage = self.linearisation.new_sample_leverage_factor * leverage_of(new_sample);
         let leverages = core::iter::once(new_leverage).chain(samples.all_samples().map(leverage_of)).enumerate();
         let (position, least_leverage) = leverages.min_by(|a, b| a.1.total_cmp(&b.1))?;
-        self.min_leverage = least_leverage;
+        self.smallest_leverage = least_leverage;
         Some(position)
     }
 }

@@ -26,7 +26,7 @@ fn random_samples(soft_iron: &Matrix3<f32>) -> Vec<Sample> {
         .collect()
 }
 
-fn weakest_of(samples: &[Sample]) -> Option<usize> {
+fn weakest_sample_index(samples: &[Sample]) -> Option<usize> {
     let mut spread = DOptimalSelection::NO_SELECTION;
     let (new, others) = samples.split_first()?;
     spread.find_least_informative_sample(new, Samples::new(others))
@@ -37,7 +37,7 @@ fn repeated_samples_have_the_least_leverage() {
     for first in [0, 20, 60] {
         let mut samples = random_samples(&Matrix3::identity());
         samples.splice(first..first, vec![sample_at(1.0, 0.0, 0.0, &Matrix3::identity()); 40]);
-        let place = weakest_of(&samples).unwrap();
+        let place = weakest_sample_index(&samples).unwrap();
         assert!((first..first + 40).contains(&place), "{first} {place}");
     }
 }
@@ -50,7 +50,7 @@ fn unique_samples_are_retained() {
         let mut samples: Vec<Sample> = (0..40).map(level).collect();
         samples.insert(7, rare);
         while samples.len() > 13 {
-            let place = weakest_of(&samples).unwrap();
+            let place = weakest_sample_index(&samples).unwrap();
             assert_ne!(samples.remove(place), rare, "of {}", samples.len());
         }
     }
@@ -64,7 +64,7 @@ fn soft_iron_hardly_changes_the_selection() {
         let mut samples: Vec<(usize, Sample)> = random_samples(&soft_iron).into_iter().enumerate().collect();
         while samples.len() > 20 {
             let plain_samples: Vec<Sample> = samples.iter().map(|&(_, sample)| sample).collect();
-            samples.remove(weakest_of(&plain_samples).unwrap());
+            samples.remove(weakest_sample_index(&plain_samples).unwrap());
         }
         samples.into_iter().map(|(number, _)| number).collect::<Vec<_>>()
     });
@@ -82,7 +82,7 @@ fn attitude_changes_the_leverage_and_norm_noise_does_not() {
     let mut samples = level;
     samples.push(tilted);
     for _ in 0..20 {
-        let place = weakest_of(&samples).unwrap();
+        let place = weakest_sample_index(&samples).unwrap();
         assert_ne!(samples.remove(place), tilted);
     }
     // Each sample and its copy, 2 % stronger, are removed at the same rate.
@@ -92,7 +92,7 @@ fn attitude_changes_the_leverage_and_norm_noise_does_not() {
     let mut both: Vec<(bool, Sample)> = samples.iter().flat_map(|s| [(false, *s), (true, stronger(s))]).collect();
     while both.len() > 60 {
         let plain_samples: Vec<Sample> = both.iter().map(|&(_, sample)| sample).collect();
-        both.remove(weakest_of(&plain_samples).unwrap());
+        both.remove(weakest_sample_index(&plain_samples).unwrap());
     }
     let stronger_count = both.iter().filter(|(is_stronger, _)| *is_stronger).count();
     assert!((22..=38).contains(&stronger_count), "{stronger_count} of 60");
@@ -109,7 +109,7 @@ fn a_new_sample_must_exceed_the_margin() {
     for (roll_deg, is_replaced) in [(10.0, true), (10.6, true), (20.0, false)] {
         let new = sample_at(0.05, roll_deg, 0.0, &Matrix3::identity());
         let samples: Vec<Sample> = core::iter::once(new).chain(others.iter().copied()).collect();
-        assert_eq!(weakest_of(&samples) == Some(0), is_replaced, "{roll_deg}");
+        assert_eq!(weakest_sample_index(&samples) == Some(0), is_replaced, "{roll_deg}");
     }
 }
 
@@ -125,14 +125,14 @@ fn the_quick_test_accepts_what_the_full_evaluation_accepts() {
         let tilt_deg = random.uniform(0.0, 14.0);
         let sample = sample_at(random.uniform(0.0, TAU), tilt_deg, -tilt_deg, &Matrix3::identity());
         let all = [&[sample], &samples[..]].concat();
-        let gains = weakest_of(&all) != Some(0);
+        let gains = weakest_sample_index(&all) != Some(0);
         decisions[usize::from(gains)] += 1;
         assert!(!gains || known.may_exceed_weakest(&sample), "{tilt_deg}");
     }
     assert!(decisions.iter().all(|&times| times > 20), "{decisions:?}");
     let inside = sample_at(0.3, 0.0, 0.0, &Matrix3::identity());
     assert!(!known.may_exceed_weakest(&inside));
-    assert_eq!(weakest_of(&[&[inside], &samples[..]].concat()), Some(0));
+    assert_eq!(weakest_sample_index(&[&[inside], &samples[..]].concat()), Some(0));
     let no_number = Sample { field: Field::from_ut(f32::NAN, 0.0, 0.0), ..inside };
     assert!(known.may_exceed_weakest(&no_number), "the caller knows what to do with it");
 }
@@ -150,7 +150,7 @@ fn trial_linearisation(soft_iron: &Matrix3<f32>, sensor_noise_share_of_trial: f3
     Linearisation {
         calibration,
         sensor_noise_share: sensor_noise_share_of_trial,
-        new_sample_factor: 0.9,
+        new_sample_leverage_factor: 0.9,
         is_from_trial: true,
     }
 }
@@ -208,7 +208,7 @@ fn noise_does_not_change_the_inclination_row() {
         let with_attitude_noise = |sample: &Sample| {
             let body = bent.try_inverse().unwrap() * (sample.field.ut - centre_ut);
             let [by_roll, by_pitch] = FieldPrediction::new(body, &body, &sample.attitude.tilt_rotation())
-                .inclination_by_attitude(&sample.attitude.tilt_rotation());
+                .inclination_derivatives_by_attitude(&sample.attitude.tilt_rotation());
             let Attitude { roll_rad, pitch_rad } = sample.attitude;
             let attitude = Attitude { roll_rad: roll_rad + by_roll * size, pitch_rad: pitch_rad + by_pitch * size };
             Sample { attitude, ..*sample }
@@ -248,6 +248,6 @@ fn a_trial_solution_applies_to_all_sets() {
 
 #[test]
 fn identical_readings_have_no_weakest_sample() {
-    assert_eq!(weakest_of(&[]), None);
-    assert_eq!(weakest_of(&vec![test_sample([20.0, 0.0, 40.0], 0); 30]), None);
+    assert_eq!(weakest_sample_index(&[]), None);
+    assert_eq!(weakest_sample_index(&vec![test_sample([20.0, 0.0, 40.0], 0); 30]), None);
 }

@@ -26,7 +26,7 @@ pub enum CollectionProblem {
     /// Banks too small or too short.
     InsufficientBank {
         /// Largest tilt, degrees.
-        most_deg: f32,
+        max_tilt_deg: f32,
     },
     /// Turns to this side only.
     OneSideOnly(Side),
@@ -47,10 +47,12 @@ impl fmt::Display for CollectionProblem {
             Self::SampleIntervalTooLong { interval_s: every_s } => {
                 write!(f, "a sample comes every {} s, too slow for turns", Decimal::<1>(every_s))
             }
-            Self::NoTilt { max_tilt_deg: most_deg } => {
-                write!(f, "the attitude tilts by {} deg at most", Decimal::<1>(most_deg))
+            Self::NoTilt { max_tilt_deg } => {
+                write!(f, "the attitude tilts by {} deg at most", Decimal::<1>(max_tilt_deg))
             }
-            Self::InsufficientBank { most_deg } => write!(f, "too little bank, {} deg at most", Decimal::<1>(most_deg)),
+            Self::InsufficientBank { max_tilt_deg } => {
+                write!(f, "too little bank, {} deg at most", Decimal::<1>(max_tilt_deg))
+            }
             Self::OneSideOnly(side) => write!(f, "only {} turns were flown", side.side_name()),
             Self::ArcOnly { side, sectors } => {
                 let side = side.side_name();
@@ -62,7 +64,7 @@ impl fmt::Display for CollectionProblem {
 }
 
 const DIAGNOSIS_LIMITS: DiagnosisLimits = DiagnosisLimits {
-    tilt_filter_ms: 1000,
+    tilt_filter_time_constant_ms: 1000,
     min_samples: 20,
     min_duration_ms: 20_000,
     min_tilt_rad: 2_f32.to_radians(),
@@ -73,7 +75,7 @@ const DIAGNOSIS_LIMITS: DiagnosisLimits = DiagnosisLimits {
 
 struct DiagnosisLimits {
     /// Time constant of the tilt average, milliseconds: suppresses gusts.
-    tilt_filter_ms: u32,
+    tilt_filter_time_constant_ms: u32,
     /// Fewest samples for a diagnosis.
     min_samples: u32,
     /// Shortest duration for a diagnosis, milliseconds.
@@ -120,7 +122,7 @@ impl TiltFilter {
             return None;
         };
         let step_ms = sample.time.ms_since(last_time);
-        let weight = step_ms as f32 / (step_ms as f32 + DIAGNOSIS_LIMITS.tilt_filter_ms as f32);
+        let weight = step_ms as f32 / (step_ms as f32 + DIAGNOSIS_LIMITS.tilt_filter_time_constant_ms as f32);
         self.attitude.roll_rad += weight * (sample.attitude.roll_rad - self.attitude.roll_rad);
         self.attitude.pitch_rad += weight * (sample.attitude.pitch_rad - self.attitude.pitch_rad);
         Some(step_ms)
@@ -179,15 +181,15 @@ impl FlightStatistics {
         if let Some(problem) = self.check_tilt() {
             return Some(problem);
         }
-        let most_deg = self.max_tilt_rad.to_degrees();
+        let max_tilt_deg = self.max_tilt_rad.to_degrees();
         match (self.left_bank_ms >= held_ms, self.right_bank_ms >= held_ms) {
-            (false, false) => return Some(CollectionProblem::InsufficientBank { most_deg }),
+            (false, false) => return Some(CollectionProblem::InsufficientBank { max_tilt_deg }),
             (true, false) => return Some(CollectionProblem::OneSideOnly(Side::Left)),
             (false, true) => return Some(CollectionProblem::OneSideOnly(Side::Right)),
             (true, true) => {}
         }
         [Side::Left, Side::Right].into_iter().find_map(|side| {
-            let PartCoverage { samples, covered_sectors: sectors, .. } =
+            let PartCoverage { fit_count: samples, covered_sectors: sectors, .. } =
                 *progress.coverage_of(CollectionPart::from_turn_side(side));
             (samples >= arc_samples && sectors <= arc_sectors).then_some(CollectionProblem::ArcOnly { side, sectors })
         })

@@ -47,7 +47,7 @@ pub(super) fn push_sample(
         .into_iter()
         .find(|section_end| weakest < *section_end)
         .unwrap_or(0);
-    part.replace_until(sample_use, weakest, section_end, sample);
+    part.replace_within_section(sample_use, weakest, section_end, sample);
     OfferedSampleResult::Stored
 }
 

@@ -26,11 +26,11 @@ impl FreeFlight {
         push_sample(self.buffer.part_view(CollectionPart::FREE), &mut self.selection, sample)
     }
 
-    fn fit_times(&self) -> Vec<u32> {
+    fn fit_times_ms(&self) -> Vec<u32> {
         times_ms(self.buffer.fit_samples(CollectionPart::FREE))
     }
 
-    fn held_back_times(&self) -> Vec<u32> {
+    fn held_back_times_ms(&self) -> Vec<u32> {
         times_ms(self.buffer.held_back_samples(CollectionPart::FREE))
     }
 
@@ -52,14 +52,14 @@ fn free_flight(seconds: u16) -> impl Iterator<Item = Sample> {
 #[test]
 fn free_flight_samples_are_stored_until_full() {
     let mut flight = FreeFlight::collect_samples(free_flight(40));
-    let (fit, held_back) = (flight.fit_times(), flight.held_back_times());
+    let (fit, held_back) = (flight.fit_times_ms(), flight.held_back_times_ms());
     assert_eq!((fit.len(), held_back.len()), (300, 100));
     assert_eq!(held_back[..3], [300, 700, 1100]);
     let mut all = [fit.clone(), held_back].concat();
     all.sort_unstable();
     assert_eq!(all, (0..400).map(|i| i * 100).collect::<Vec<_>>());
     assert!(fit.is_sorted());
-    assert_eq!(flight.coverage(), PartCoverage { samples: 300, held_back_count: 100, ..PartCoverage::default() });
+    assert_eq!(flight.coverage(), PartCoverage { fit_count: 300, held_back_count: 100, ..PartCoverage::default() });
     assert!(
         flight.buffer.fit_samples(CollectionPart::LEFT).is_empty()
             && flight.buffer.held_back_samples(CollectionPart::LEVEL).is_empty()
@@ -96,9 +96,9 @@ fn informative_samples_replace_uninformative_ones() {
 #[test]
 fn uninformative_samples_are_rejected() {
     let mut flight = FreeFlight::collect_samples(free_flight(400));
-    let before = flight.fit_times();
+    let before = flight.fit_times_ms();
     let ends: Vec<_> = turn_samples(0.0, 500, 510, 60.0).map(|sample| flight.push_sample(sample)).collect();
-    let new = flight.fit_times().iter().filter(|time| !before.contains(time)).count();
+    let new = flight.fit_times_ms().iter().filter(|time| !before.contains(time)).count();
     assert!(new <= 8, "{new} of 75");
     assert!(ends.iter().filter(|end| **end == OfferedSampleResult::Rejected).count() >= 67, "{ends:?}");
 }

@@ -7,7 +7,7 @@ use crate::calibration::Sample;
 use crate::trig::VectorLength as _;
 
 /// Initial minimum distance between samples, microtesla: a thirtieth of a circle in a weak field.
-pub(super) const INITIAL_DISTANCE_UT: f32 = 5.0;
+pub(super) const INITIAL_MIN_DISTANCE_UT: f32 = 5.0;
 
 /// Factor on the distance when the part is full.
 const DISTANCE_GROWTH: f32 = 1.3;
@@ -16,14 +16,19 @@ const DISTANCE_GROWTH: f32 = 1.3;
 const COMPLETE_SAMPLE_COUNT: u16 = 66;
 const _: () = assert!(COMPLETE_SAMPLE_COUNT as usize <= SampleQuota::TURN.fit_quota);
 
-/// Stores a sample of any attitude if it is due and at least `distance_ut` from the others; increases the distance when
+/// Stores a sample of any attitude if it is due and at least `min_distance_ut` from the others; increases this when
 /// the quota is used. Returns whether the sample was stored.
-pub(super) fn push_sample(mut part: PartView<'_>, quota: SampleQuota, distance_ut: &mut f32, sample: Sample) -> bool {
-    let is_far = !part.fit_then_held_back().iter().any(|other| field_distance(other, &sample) < *distance_ut);
+pub(super) fn push_sample(
+    mut part: PartView<'_>,
+    quota: SampleQuota,
+    min_distance_ut: &mut f32,
+    sample: Sample,
+) -> bool {
+    let is_far = !part.fit_then_held_back().iter().any(|other| field_distance(other, &sample) < *min_distance_ut);
     let is_taken = part.is_due(&sample) && is_far;
     if is_taken {
         let sample_use = part.count_and_assign_use(&sample);
-        store_sample(&mut part, sample_use, quota, distance_ut, sample);
+        store_sample(&mut part, sample_use, quota, min_distance_ut, sample);
         part.part_state.percent = percent(part.samples_of_use(SampleUse::Fit).len() as u16, COMPLETE_SAMPLE_COUNT);
     }
     is_taken
@@ -34,15 +39,15 @@ fn store_sample(
     part: &mut PartView<'_>,
     sample_use: SampleUse,
     quota: SampleQuota,
-    distance_ut: &mut f32,
+    min_distance_ut: &mut f32,
     sample: Sample,
 ) {
     if sample_use == SampleUse::Verification && !part.is_full(sample_use, quota) {
         return part.insert_sample(sample_use, sample);
     }
     if part.is_full(SampleUse::Fit, quota) {
-        *distance_ut *= DISTANCE_GROWTH;
-        remove_close_samples(part, *distance_ut);
+        *min_distance_ut *= DISTANCE_GROWTH;
+        remove_close_samples(part, *min_distance_ut);
     }
     // If thinning removed nothing, the sample is dropped.
     if !part.is_full(SampleUse::Fit, quota) {
@@ -50,11 +55,11 @@ fn store_sample(
     }
 }
 
-/// Removes every fit sample nearer than `distance_ut` to an earlier one.
-fn remove_close_samples(part: &mut PartView<'_>, distance_ut: f32) {
+/// Removes every fit sample nearer than `min_distance_ut` to an earlier one.
+fn remove_close_samples(part: &mut PartView<'_>, min_distance_ut: f32) {
     let mut i = 0;
     while let Some((sample, earlier)) = part.samples_of_use(SampleUse::Fit).get(..=i).and_then(<[_]>::split_last) {
-        if earlier.iter().any(|other| field_distance(other, sample) < distance_ut) {
+        if earlier.iter().any(|other| field_distance(other, sample) < min_distance_ut) {
             part.remove_sample(SampleUse::Fit, i);
         } else {
             i += 1;

@@ -7,12 +7,12 @@ use crate::collection::progress::PartCoverage;
 struct Tumble {
     buffer: TestBuffer,
     quota: SampleQuota,
-    distance_ut: f32,
+    min_distance_ut: f32,
 }
 
 impl Tumble {
     fn new(quota: SampleQuota) -> Self {
-        Self { buffer: TestBuffer::new(), quota, distance_ut: INITIAL_DISTANCE_UT }
+        Self { buffer: TestBuffer::new(), quota, min_distance_ut: INITIAL_MIN_DISTANCE_UT }
     }
 
     /// Collects a number of points on a line, `step_ut` apart.
@@ -26,17 +26,17 @@ impl Tumble {
         push_sample(
             self.buffer.part_view(CollectionPart::FREE),
             self.quota,
-            &mut self.distance_ut,
+            &mut self.min_distance_ut,
             test_sample([x_ut, 0.0, 0.0], time_ms),
         );
     }
 
-    fn fit(&self) -> &[Sample] {
+    fn fit_samples(&self) -> &[Sample] {
         self.buffer.fit_samples(CollectionPart::FREE)
     }
 
     fn stored_count(&self) -> usize {
-        self.buffer.stored_samples(CollectionPart::FREE)
+        self.buffer.stored_count(CollectionPart::FREE)
     }
 
     fn coverage(&mut self) -> PartCoverage {
@@ -72,23 +72,23 @@ fn a_full_tumble_is_thinned() {
     let both = SampleQuota::TURN.fit_quota + SampleQuota::TURN.held_back_quota;
     assert_eq!(Tumble::collect_on_line(both as u32, 5.1).stored_count(), both);
     let mut tumble = Tumble::collect_on_line(both as u32 + 1, 5.1);
-    assert_eq!(tumble.stored_count(), SampleQuota::TURN.held_back_quota + expected_after_thinning() + 1);
-    assert!((tumble.distance_ut - 6.5).abs() < 1e-4, "{}", tumble.distance_ut);
+    assert_eq!(tumble.stored_count(), SampleQuota::TURN.held_back_quota + expected_fit_count_after_thinning() + 1);
+    assert!((tumble.min_distance_ut - 6.5).abs() < 1e-4, "{}", tumble.min_distance_ut);
     let coverage = tumble.coverage();
     assert_eq!(
-        (coverage.samples as usize, coverage.held_back_count as usize),
-        (expected_after_thinning() + 1, SampleQuota::TURN.held_back_quota)
+        (coverage.fit_count as usize, coverage.held_back_count as usize),
+        (expected_fit_count_after_thinning() + 1, SampleQuota::TURN.held_back_quota)
     );
     // After thinning, samples nearer than 6.5 uT are not stored.
-    let stored_count = tumble.fit().len();
-    let last_ut = tumble.fit().last().unwrap().field.ut.x;
+    let stored_count = tumble.fit_samples().len();
+    let last_ut = tumble.fit_samples().last().unwrap().field.ut.x;
     tumble.push_at(last_ut + 6.4, 1_000_000);
-    assert_eq!(tumble.fit().len(), stored_count);
+    assert_eq!(tumble.fit_samples().len(), stored_count);
     tumble.push_at(last_ut + 6.6, 1_000_000);
-    assert_eq!(tumble.fit().len(), stored_count + 1);
+    assert_eq!(tumble.fit_samples().len(), stored_count + 1);
 }
 
-fn expected_after_thinning() -> usize {
+fn expected_fit_count_after_thinning() -> usize {
     let SampleQuota { fit_quota: fit, held_back_quota: held_back } = SampleQuota::TURN;
     let is_held_back = |i: usize| i % 4 == 3 && i / 4 < held_back;
     let fit = (0..fit + held_back).filter(|i| !is_held_back(*i)).map(|i| i as f64 * 5.1);
@@ -111,7 +111,7 @@ fn thinning_keeps_the_first_of_close_samples() {
         tumble.buffer.part_view(CollectionPart::FREE).insert_sample(SampleUse::Fit, test_sample([x_ut, 0.0, 0.0], 0));
     }
     remove_close_samples(&mut tumble.buffer.part_view(CollectionPart::FREE), 2.0);
-    assert_eq!(tumble.fit().iter().map(|sample| sample.field.ut.x).collect::<Vec<_>>(), [0.0, 2.0, 10.0]);
+    assert_eq!(tumble.fit_samples().iter().map(|sample| sample.field.ut.x).collect::<Vec<_>>(), [0.0, 2.0, 10.0]);
 }
 
 #[test]
@@ -119,14 +119,14 @@ fn a_full_held_back_quota_passes_samples_to_the_fit() {
     let mut tumble = Tumble::new(SampleQuota { fit_quota: 12, held_back_quota: 1 });
     (0..8).for_each(|i| tumble.push_at(i as f32 * 10.0, i * 400));
     let coverage = tumble.coverage();
-    assert_eq!((coverage.samples, coverage.held_back_count), (7, 1));
+    assert_eq!((coverage.fit_count, coverage.held_back_count), (7, 1));
 }
 
 #[test]
 fn a_part_of_distant_samples_stays_as_it_is() {
     let mut tumble = Tumble::new(SampleQuota { fit_quota: 3, held_back_quota: 1 });
     (0..12).for_each(|i| tumble.push_at(i as f32 * 1000.0, i * 400));
-    assert_eq!(tumble.fit().iter().map(|sample| sample.time.as_ms() / 400).collect::<Vec<_>>(), [0, 1, 2]);
+    assert_eq!(tumble.fit_samples().iter().map(|sample| sample.time.as_ms() / 400).collect::<Vec<_>>(), [0, 1, 2]);
 }
 
 #[test]

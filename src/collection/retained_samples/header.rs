@@ -21,7 +21,7 @@ pub(in crate::collection) struct CollectionHeader {
     /// Number of free-flight samples stored, including replacements; wraps.
     pub stored_count: u16,
     /// Number of distinct free-flight samples, stored or not.
-    pub distinct_count: u32,
+    pub distinct_sample_count: u32,
     /// Minimum distance between samples of a tumble, microtesla; grows when the buffer is full.
     pub min_distance_ut: f32,
     /// States of the parts by [`CollectionPart::index`].
@@ -33,7 +33,7 @@ pub(in crate::collection) struct CollectionHeader {
 #[derive(Clone, Copy, Debug)]
 pub(in crate::collection) struct PartState {
     /// Number of samples taken, stored or not; wraps at a multiple of the hold-back cycle.
-    pub due_count: u16,
+    pub due_sample_count: u16,
     /// Sectors with at least one sample.
     pub covered_sectors: u8,
     /// Completeness, 0..100 percent.
@@ -41,7 +41,7 @@ pub(in crate::collection) struct PartState {
 }
 
 impl PartState {
-    pub const EMPTY: Self = Self { due_count: 0, covered_sectors: 0, percent: 0 };
+    pub const EMPTY: Self = Self { due_sample_count: 0, covered_sectors: 0, percent: 0 };
 }
 
 impl CollectionHeader {
@@ -55,7 +55,7 @@ impl CollectionHeader {
         clock_ms: 0,
         mark_count: 0,
         stored_count: 0,
-        distinct_count: 0,
+        distinct_sample_count: 0,
         min_distance_ut: 0.0,
         part_states: [PartState::EMPTY; _],
         flight_statistics: FlightStatistics::EMPTY,
@@ -100,7 +100,7 @@ impl CollectionHeader {
         self.has_detected_turn != 0
     }
 
-    pub const fn set_turned(&mut self) {
+    pub const fn set_turn_detected(&mut self) {
         self.has_detected_turn = 1;
     }
 }
@@ -114,10 +114,10 @@ words!(CollectionHeader {
     clock_ms,
     mark_count,
     stored_count,
-    distinct_count,
+    distinct_sample_count,
     min_distance_ut,
     part_states,
     flight_statistics,
 });
-words!(PartState { due_count, covered_sectors, percent });
+words!(PartState { due_sample_count, covered_sectors, percent });
 words!(FlightStatistics { sample_count, long_interval_count, duration_ms, max_tilt_rad, left_bank_ms, right_bank_ms });

@@ -35,40 +35,40 @@ const FIRMWARE_SEED: u32 = {
 };
 
 /// Unexpected restarts in a row, without a completed solve, after which the samples are discarded as a possible cause.
-const MAX_RESTARTS: u32 = 3;
+const MAX_UNEXPECTED_RESTARTS: u32 = 3;
 
 /// Sample memory of one collection, 23 KB.
 #[derive(Clone, Debug)]
 pub struct RetainedSamples {
     checksum: u32,
     /// Unexpected restarts in a row. Excluded from the checksum: it can be written on its own.
-    unexpected_restarts: u32,
+    unexpected_restart_count: u32,
     header: CollectionHeader,
     pub(super) samples: SampleBuffer,
     pub(super) marks: [HeadingMark; MARKS_CAPACITY],
 }
 
 words!(SampleBuffer { samples, fit_count, held_back_count });
-words!(RetainedSamples { checksum, unexpected_restarts, header, samples, marks });
+words!(RetainedSamples { checksum, unexpected_restart_count, header, samples, marks });
 
 impl RetainedSamples {
     /// Memory without a collection.
     pub const EMPTY: Self = Self {
         checksum: 0,
-        unexpected_restarts: 0,
+        unexpected_restart_count: 0,
         header: CollectionHeader::EMPTY,
         samples: SampleBuffer::EMPTY,
         marks: [HeadingMark { sample: UNUSED_SAMPLE, heading_rad: 0.0 }; MARKS_CAPACITY],
     };
 
     /// Transforms every word, to simulate memory contents.
-    pub fn transform_words(&mut self, mut word: impl FnMut(u32) -> u32) {
-        self.visit_words(&mut |it| *it = word(*it));
+    pub fn transform_words(&mut self, mut transform: impl FnMut(u32) -> u32) {
+        self.visit_words(&mut |it| *it = transform(*it));
     }
 
     /// Whether the checksum matches header, samples and marks, and restarts are below the limit.
     pub(super) fn is_valid(&self) -> bool {
-        self.checksum == self.compute_checksum(FIRMWARE_SEED) && self.unexpected_restarts < MAX_RESTARTS
+        self.checksum == self.compute_checksum(FIRMWARE_SEED) && self.unexpected_restart_count < MAX_UNEXPECTED_RESTARTS
     }
 
     /// Header as of the last update.
@@ -88,11 +88,11 @@ impl RetainedSamples {
     }
 
     pub(super) fn count_unexpected_restart(&mut self) {
-        self.unexpected_restarts = self.unexpected_restarts.saturating_add(1);
+        self.unexpected_restart_count = self.unexpected_restart_count.saturating_add(1);
     }
 
     pub(super) fn reset_restart_count(&mut self) {
-        self.unexpected_restarts = 0;
+        self.unexpected_restart_count = 0;
     }
 
     fn compute_checksum(&self, firmware_seed: u32) -> u32 {

@@ -42,7 +42,7 @@ fn observable_state(
         copy_all(collector.fit_samples()),
         copy_all(collector.held_back_samples()),
         collector.collection_problem(),
-        collector.distinct_samples(),
+        collector.distinct_sample_count(),
     )
 }
 
@@ -70,7 +70,7 @@ fn samples_survive_a_restart() {
         assert_eq!(after.collection_problem().is_some(), before.collection_problem().is_some(), "{procedure:?}");
         assert!(fit.len() > 20 && held_back.len() > 5, "{procedure:?}");
         // The count of distinct samples is retained only with a stored sample.
-        assert!(before.distinct_samples() - after.distinct_samples() <= 4, "{procedure:?}");
+        assert!(before.distinct_sample_count() - after.distinct_sample_count() <= 4, "{procedure:?}");
     }
 }
 

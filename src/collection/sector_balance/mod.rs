@@ -13,7 +13,7 @@ pub(super) struct SectorBalance {
     /// Capacity of the part, samples.
     quota: SampleQuota,
     /// Fit samples that fill a sector.
-    sector_samples: u16,
+    samples_per_full_sector: u16,
     /// Fit samples of a complete part.
     complete_fit_samples: u16,
     /// Smallest radius of a circle of headings, microtesla: a third of the horizontal field at 75 deg of inclination.
@@ -34,7 +34,7 @@ impl SectorBalance {
     /// For turns of 5 to 30 deg/s; at 13 deg/s a sector needs two passes, the part about three circles.
     pub const TURNS: Self = Self {
         quota: SampleQuota::TURN,
-        sector_samples: 8,
+        samples_per_full_sector: 8,
         complete_fit_samples: 132,
         min_radius_ut: 4.0,
         min_samples: 10,
@@ -42,12 +42,12 @@ impl SectorBalance {
 
     /// For level flight, with a smaller quota: the part needs two circles.
     pub const LEVEL: Self =
-        Self { quota: SampleQuota::LEVEL, sector_samples: 4, complete_fit_samples: 48, ..Self::TURNS };
+        Self { quota: SampleQuota::LEVEL, samples_per_full_sector: 4, complete_fit_samples: 48, ..Self::TURNS };
 
     /// Whether the quota suffices for a complete part.
     const fn is_quota_sufficient(&self) -> bool {
         self.complete_fit_samples as usize <= self.quota.fit_quota
-            && self.sector_samples as usize * SECTOR_COUNT <= self.quota.fit_quota
+            && self.samples_per_full_sector as usize * SECTOR_COUNT <= self.quota.fit_quota
             && self.min_samples <= self.complete_fit_samples
             && self.min_held_back_when_complete() as usize <= self.quota.held_back_quota
     }
@@ -87,9 +87,10 @@ impl SectorBalance {
     }
 
     /// Lesser of sector filling and sample number, percent.
-    fn balance_percent(&self, counts: &[u16; SECTOR_COUNT], samples: u16) -> u8 {
-        let filled: u16 = counts.iter().map(|&n| n.min(self.sector_samples)).sum();
-        percent(filled, self.sector_samples * SECTOR_COUNT as u16).min(percent(samples, self.complete_fit_samples))
+    fn balance_percent(&self, counts: &[u16; SECTOR_COUNT], sample_count: u16) -> u8 {
+        let filled: u16 = counts.iter().map(|&n| n.min(self.samples_per_full_sector)).sum();
+        percent(filled, self.samples_per_full_sector * SECTOR_COUNT as u16)
+            .min(percent(sample_count, self.complete_fit_samples))
     }
 }
 

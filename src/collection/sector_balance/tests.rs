@@ -5,17 +5,17 @@ use crate::collection::progress::PartCoverage;
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
-const QUOTA_12: SectorBalance =
+const BALANCE_WITH_QUOTA_12: SectorBalance =
     SectorBalance { quota: SampleQuota { fit_quota: 12, held_back_quota: 12 }, ..SectorBalance::TURNS };
 
-fn push_turn(buffer: &mut TestBuffer, sample: Sample) -> bool {
+fn push_right_turn_sample(buffer: &mut TestBuffer, sample: Sample) -> bool {
     SectorBalance::TURNS.push_sample(buffer.part_view(CollectionPart::RIGHT), sample)
 }
 
 fn collect(samples: impl Iterator<Item = Sample>) -> TestBuffer {
     let mut buffer = TestBuffer::new();
     for sample in samples {
-        push_turn(&mut buffer, sample);
+        push_right_turn_sample(&mut buffer, sample);
     }
     buffer
 }
@@ -40,7 +40,7 @@ fn a_complete_side_stays_complete() {
         let mut buffer = TestBuffer::new();
         let mut completed = false;
         for sample in turn_samples(25.0, 0, 150, f32::from(tenths) / 10.0) {
-            push_turn(&mut buffer, sample);
+            push_right_turn_sample(&mut buffer, sample);
             let complete = buffer.coverage(CollectionPart::RIGHT).is_complete();
             assert!(complete || !completed, "{tenths} tenths of a degree a second, at {} ms", sample.time.as_ms());
             completed = complete;
@@ -63,7 +63,7 @@ fn a_full_buffer_stores_samples_of_missing_headings() {
     let later = turn_samples(25.0, 700, 728, 13.0);
     let mut buffer = collect(third.chain(later));
     let coverage = buffer.coverage(CollectionPart::RIGHT);
-    assert_eq!(coverage.samples as usize, SampleQuota::TURN.fit_quota, "the buffer was full");
+    assert_eq!(coverage.fit_count as usize, SampleQuota::TURN.fit_quota, "the buffer was full");
     assert_eq!(coverage.covered_sectors, 12);
     assert!(buffer.fit_samples(CollectionPart::RIGHT).is_sorted_by_key(|sample| sample.time.as_ms()));
 }
@@ -113,7 +113,7 @@ fn parts_are_separate() {
         (2.0, CollectionPart::LEVEL, (3, 1)),
     ] {
         let coverage = buffer.coverage(part);
-        assert_eq!((coverage.samples, coverage.held_back_count), numbers);
+        assert_eq!((coverage.fit_count, coverage.held_back_count), numbers);
         let samples = [buffer.fit_samples(part), buffer.held_back_samples(part)].concat();
         assert!(samples.iter().all(|sample| sample.part == part && sample.field.ut.y.to_bits() == number.to_bits()));
     }
@@ -127,10 +127,10 @@ fn nonfinite_samples_are_rejected() {
         for axis in 0..3 {
             let mut field_ut = [20.0; 3];
             field_ut[axis] = broken;
-            assert!(!push_turn(&mut buffer, test_sample(field_ut, (i * 3 + axis) as u32 * 400)));
+            assert!(!push_right_turn_sample(&mut buffer, test_sample(field_ut, (i * 3 + axis) as u32 * 400)));
         }
     }
-    assert_eq!(buffer.stored_samples(CollectionPart::RIGHT), 0);
+    assert_eq!(buffer.stored_count(CollectionPart::RIGHT), 0);
 }
 
 #[test]
@@ -143,13 +143,13 @@ fn no_sensor_value_panics() {
             Attitude::from_deg(25.0, 0.0),
         )
     });
-    assert!(coverage(samples).samples > 0);
+    assert!(coverage(samples).fit_count > 0);
 }
 
 /// Number of samples stored if offered at this interval, across a wrap of the clock.
 fn stored_count_at_interval(spacing_ms: u32, number: u32) -> usize {
     let at = |i: u32| test_sample([i as f32, 0.0, 0.0], (i * spacing_ms).wrapping_sub(1000));
-    collect((0..number).map(at)).stored_samples(CollectionPart::RIGHT)
+    collect((0..number).map(at)).stored_count(CollectionPart::RIGHT)
 }
 
 #[test]
@@ -170,10 +170,10 @@ fn every_fourth_sample_is_held_back() {
 #[test]
 fn a_sample_too_early_does_not_count() {
     let mut buffer = TestBuffer::new();
-    assert!(push_turn(&mut buffer, test_sample([0.0; 3], 0)));
-    assert!(!push_turn(&mut buffer, test_sample([1.0, 0.0, 0.0], 399)));
-    assert!(push_turn(&mut buffer, test_sample([1.0, 0.0, 0.0], 400)));
-    assert_eq!(buffer.part_view(CollectionPart::RIGHT).part_state.due_count, 2);
+    assert!(push_right_turn_sample(&mut buffer, test_sample([0.0; 3], 0)));
+    assert!(!push_right_turn_sample(&mut buffer, test_sample([1.0, 0.0, 0.0], 399)));
+    assert!(push_right_turn_sample(&mut buffer, test_sample([1.0, 0.0, 0.0], 400)));
+    assert_eq!(buffer.part_view(CollectionPart::RIGHT).part_state.due_sample_count, 2);
 }
 
 /// Six samples with the time `100 sector + age`; sector 3 is the most crowded.
@@ -246,14 +246,14 @@ fn a_turn_is_complete_with_8_samples_per_sector_and_132_in_all() {
     );
 }
 
-fn circle_coverage(radius_ut: f32, fit: u16) -> PartCoverage {
+fn circle_coverage(radius_ut: f32, fit_count: u16) -> PartCoverage {
     // Every fourth sample is held back.
-    let number = u32::from(fit + (fit - 1) / 3);
+    let number = u32::from(fit_count + (fit_count - 1) / 3);
     let coverage = coverage((0..number).map(|i| {
         let (sin, cos) = (i as f32 * 30.5).to_radians().sin_cos();
         test_sample([radius_ut * cos, radius_ut * sin, 40.0], i * 400)
     }));
-    assert_eq!(coverage.samples, fit);
+    assert_eq!(coverage.fit_count, fit_count);
     coverage
 }
 
@@ -265,7 +265,7 @@ fn sectors_need_a_circle_of_4_ut_and_ten_samples() {
     assert_eq!(sectors(circle_coverage(20.0, 10)), (true, true));
     assert_eq!(sectors(circle_coverage(20.0, 9)), (false, false));
     assert_eq!(
-        (circle_coverage(3.9, 60).samples, circle_coverage(3.9, 60).held_back_count),
+        (circle_coverage(3.9, 60).fit_count, circle_coverage(3.9, 60).held_back_count),
         (60, 19),
         "they are counted all the same"
     );
@@ -284,16 +284,16 @@ fn the_circle_is_fitted_to_fit_and_held_back_samples() {
         (0..12).for_each(|i| buffer.part_view(CollectionPart::LEFT).insert_sample(sample_use, at(i)));
         for i in 12..36 {
             // Makes the next sample one of the tested use.
-            buffer.part_view(CollectionPart::LEFT).part_state.due_count =
+            buffer.part_view(CollectionPart::LEFT).part_state.due_sample_count =
                 if sample_use == SampleUse::Fit { 0 } else { 3 };
-            assert!(QUOTA_12.push_sample(buffer.part_view(CollectionPart::LEFT), at(i)));
+            assert!(BALANCE_WITH_QUOTA_12.push_sample(buffer.part_view(CollectionPart::LEFT), at(i)));
         }
         let samples = if sample_use == SampleUse::Fit {
             buffer.fit_samples(CollectionPart::LEFT)
         } else {
             buffer.held_back_samples(CollectionPart::LEFT)
         };
-        assert_eq!((samples.len(), buffer.stored_samples(CollectionPart::LEFT)), (12, 12));
+        assert_eq!((samples.len(), buffer.stored_count(CollectionPart::LEFT)), (12, 12));
         assert!(samples.iter().filter(|sample| sample.time.as_ms() >= 12 * 400).count() >= 10, "{samples:?}");
         assert!(sample_use == SampleUse::Verification || buffer.coverage(CollectionPart::LEFT).covered_sectors >= 11);
     }
@@ -315,7 +315,7 @@ fn a_complete_part_stays_complete() {
         collect((0..190_u32).map(|i| Sample { time: WrappingMillis::new(i * 400), ..circle_sample(i as f32 * 13.0) }));
     assert!(buffer.coverage(CollectionPart::RIGHT).is_complete());
     for i in 190..194_u32 {
-        push_turn(&mut buffer, test_sample([900.0, 0.0, 0.0], i * 400));
+        push_right_turn_sample(&mut buffer, test_sample([900.0, 0.0, 0.0], i * 400));
         assert!(buffer.coverage(CollectionPart::RIGHT).is_complete(), "{:?}", buffer.coverage(CollectionPart::RIGHT));
     }
 }
@@ -326,8 +326,8 @@ fn the_quota_must_suffice_for_a_complete_part() {
         |fit| SectorBalance { quota: SampleQuota { fit_quota: fit, held_back_quota: 60 }, ..SectorBalance::LEVEL };
     assert!(balance_with(48).is_quota_sufficient() && !balance_with(47).is_quota_sufficient(), "either target");
     assert!(!SectorBalance { complete_fit_samples: 49, ..balance_with(48) }.is_quota_sufficient());
-    assert!(!SectorBalance { sector_samples: 5, ..balance_with(59) }.is_quota_sufficient());
-    assert!(SectorBalance { sector_samples: 5, ..balance_with(60) }.is_quota_sufficient());
+    assert!(!SectorBalance { samples_per_full_sector: 5, ..balance_with(59) }.is_quota_sufficient());
+    assert!(SectorBalance { samples_per_full_sector: 5, ..balance_with(60) }.is_quota_sufficient());
     assert!(!SectorBalance { min_samples: 49, ..balance_with(100) }.is_quota_sufficient());
     assert!(SectorBalance { min_samples: 48, ..balance_with(100) }.is_quota_sufficient());
     let held_back = |held_back| SectorBalance {

@@ -20,10 +20,10 @@ impl TestBed {
             self.now_ms = self.now_ms.wrapping_add(250);
             let sample = Sample { time: self.time(), ..*sample };
             assert!(matches!(self.compass.process_event(Event::Sample(sample)), Effect::None));
-            while self.compass.is_busy() {
+            while self.compass.needs_solve_step() {
                 match self.compass.process_event(Event::AdvanceSolve) {
                     Effect::None => {}
-                    end => return Some(self.complete_outcome(end)),
+                    end => return Some(self.outcome_after_save(end)),
                 }
             }
         }
@@ -31,7 +31,7 @@ impl TestBed {
     }
 
     fn stored_sample_count(&mut self) -> u16 {
-        self.status_report().collection_progress.coverage_of(CollectionPart::FREE).samples
+        self.status_report().collection_progress.coverage_of(CollectionPart::FREE).fit_count
     }
 }
 
@@ -160,7 +160,7 @@ fn user_control_prevents_automatic_starts() {
     let kept = bench.stored_sample_count();
     assert_eq!(bench.expect_done(Command::CalSolve(None)), ModuleState::Solving);
     let end = bench.run_solve();
-    assert!(bench.complete_outcome(end).is_err());
+    assert!(bench.outcome_after_save(end).is_err());
     assert!(bench.collect_until_end(&hover_samples(8)[100..160]).is_none());
     assert_eq!((bench.compass.module_state(), bench.stored_sample_count()), (ModuleState::Uncalibrated, kept));
 }
@@ -195,7 +195,7 @@ fn a_failed_solve_continues_the_automatic_collection() {
     let kept = bench.stored_sample_count();
     assert_eq!(bench.expect_done(Command::CalSolve(None)), ModuleState::Solving);
     let end = bench.run_solve();
-    assert!(bench.complete_outcome(end).is_err());
+    assert!(bench.outcome_after_save(end).is_err());
     assert_eq!((bench.compass.module_state(), bench.stored_sample_count()), (ModuleState::Collecting, kept));
     assert!(bench.status_report().is_automatic);
     assert!(bench.collect_until_end(&hover_samples(8)[100..]).unwrap().is_ok());

@@ -19,12 +19,12 @@ impl TestBed {
     }
 
     /// Processes samples and trial solves; returns the outcome and the number of samples at the end.
-    fn hover(&mut self, samples: &[Sample]) -> Option<(SolveOutcome, usize)> {
-        self.hover_with_trials(samples, &mut |_| ())
+    fn collect_hover_samples(&mut self, samples: &[Sample]) -> Option<(SolveOutcome, usize)> {
+        self.collect_with_trial_callback(samples, &mut |_| ())
     }
 
     /// Processes samples and trial solves, with a callback after each trial.
-    fn hover_with_trials(
+    fn collect_with_trial_callback(
         &mut self,
         samples: &[Sample],
         on_trial: &mut dyn FnMut(TrialResult),
@@ -34,12 +34,12 @@ impl TestBed {
             self.now_ms = began.wrapping_add(250 * number as u32);
             let sample = Sample { time: self.time(), ..*sample };
             assert!(matches!(self.compass.process_event(Event::Sample(sample)), Effect::None));
-            let is_trial_running = self.compass.is_busy();
-            while self.compass.is_busy() {
+            let is_trial_running = self.compass.needs_solve_step();
+            while self.compass.needs_solve_step() {
                 assert_eq!(self.compass.module_state(), ModuleState::Collecting, "nobody asked for a solve");
                 match self.compass.process_event(Event::AdvanceSolve) {
                     Effect::None => {}
-                    end => return Some((self.complete_outcome(end), number)),
+                    end => return Some((self.outcome_after_save(end), number)),
                 }
             }
             if is_trial_running {
@@ -59,7 +59,7 @@ fn a_flight_collection_ends_at_the_configured_accuracy() {
     let mut ends = Vec::new();
     for accuracy_deg in [1.5, 0.5] {
         let mut bench = TestBed::with_accuracy(accuracy_deg);
-        let (outcome, samples) = bench.hover(&hover_samples(1)).unwrap();
+        let (outcome, samples) = bench.collect_hover_samples(&hover_samples(1)).unwrap();
         let expected_deg = outcome.unwrap().quality.expected_rms_deg;
         assert!(expected_deg <= accuracy_deg, "{expected_deg}");
         assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
@@ -82,8 +82,8 @@ fn with_motor_current_two_successive_good_trials_are_required() {
         }
         let (mut bench, mut good) = (TestBed::with_accuracy(1.5), 0);
         let (outcome, _) = bench
-            .hover_with_trials(&samples, &mut |prospect| {
-                good += usize::from(prospect.expected_deg.is_some_and(|expected_deg| expected_deg <= 1.5));
+            .collect_with_trial_callback(&samples, &mut |prospect| {
+                good += usize::from(prospect.expected_error_deg.is_some_and(|expected_deg| expected_deg <= 1.5));
             })
             .unwrap();
         assert!(outcome.unwrap().quality.expected_rms_deg <= 1.5);
@@ -98,9 +98,9 @@ fn a_collection_continues_until_the_accuracy_is_reached() {
     let mut bench = TestBed::with_accuracy(0.2);
     assert!(bench.trial_result().is_none() && !bench.compass.collector.uses_trial_solution(), "not tried");
     assert_eq!(bench.compass.indicator_state(), IndicatorState::Collecting(0));
-    assert!(bench.hover(&hover_samples(2)[..300]).is_none());
+    assert!(bench.collect_hover_samples(&hover_samples(2)[..300]).is_none());
     assert!(bench.compass.collector.uses_trial_solution());
-    let Some(TrialResult { expected_deg: Some(expected_deg), refusal: None, .. }) = bench.trial_result() else {
+    let Some(TrialResult { expected_error_deg: Some(expected_deg), refusal: None, .. }) = bench.trial_result() else {
         panic!("{:?}", bench.trial_result())
     };
     assert!((0.2..1.0).contains(&expected_deg), "{expected_deg}");
@@ -108,7 +108,7 @@ fn a_collection_continues_until_the_accuracy_is_reached() {
     assert_eq!(bench.compass.indicator_state(), IndicatorState::Collecting(percent));
     assert_eq!(bench.expect_done(Command::CalSolve(None)), ModuleState::Solving);
     let end = bench.run_solve();
-    let found = bench.complete_outcome(end).unwrap().quality.expected_rms_deg;
+    let found = bench.outcome_after_save(end).unwrap().quality.expected_rms_deg;
     assert!(found <= expected_deg, "{found} {expected_deg}");
     bench.compass.collector.begin_procedure(Procedure::Flight);
     assert!(!bench.compass.collector.uses_trial_solution());
@@ -117,18 +117,18 @@ fn a_collection_continues_until_the_accuracy_is_reached() {
 #[test]
 fn the_recommended_manoeuvre_is_reported() {
     let mut bench = TestBed::with_accuracy(1.0);
-    assert!(bench.hover(&hover_samples(3)[..160]).is_none());
+    assert!(bench.collect_hover_samples(&hover_samples(3)[..160]).is_none());
     bench.expect_done(Command::CalSolve(None));
     let end = bench.run_solve();
-    let refusal = bench.complete_outcome(end).unwrap_err();
+    let refusal = bench.outcome_after_save(end).unwrap_err();
     assert!(refusal.to_string().contains("deg; the attitude tilts by 1.1 deg at most; tilt by 15"), "{refusal}");
     let mut bench = TestBed::with_accuracy(1.0);
-    assert!(bench.hover(&hover_samples(3)[..164]).is_none());
+    assert!(bench.collect_hover_samples(&hover_samples(3)[..164]).is_none());
     let prospect = bench.trial_result().unwrap();
     assert!(matches!(prospect.missing_manoeuvre, Some(Manoeuvre::Tilt(_, None))), "{prospect:?}");
     bench.expect_done(Command::CalSolve(None));
     let end = bench.run_solve();
-    let refusal = bench.complete_outcome(end).unwrap_err();
+    let refusal = bench.outcome_after_save(end).unwrap_err();
     assert_eq!(refusal.stable_code(), "not-accurate");
     assert!(refusal.to_string().contains("deg; missing: tilt "), "{refusal}");
     assert!(matches!(bench.request_reply(Command::CalAdvise), Ok(Reply::Advice(_))));
@@ -142,10 +142,10 @@ fn trial_solves_are_ten_seconds_apart() {
     for (number, sample) in hover_samples(4).into_iter().enumerate().take(200) {
         let sample = Sample { time: WrappingMillis::new(250 * number as u32), ..sample };
         bench.compass.process_event(Event::Sample(sample));
-        if bench.compass.is_busy() {
+        if bench.compass.needs_solve_step() {
             began.push((
                 number,
-                bench.compass.collector.collection_progress().coverage_of(CollectionPart::FREE).samples,
+                bench.compass.collector.collection_progress().coverage_of(CollectionPart::FREE).fit_count,
             ));
             bench.solve_trial();
         }
@@ -158,19 +158,19 @@ fn trial_solves_are_ten_seconds_apart() {
 fn a_vehicle_at_rest_causes_no_further_trial_solve() {
     let mut bench = TestBed::with_accuracy(0.2);
     let hover_samples = hover_samples(5);
-    assert!(bench.hover(&hover_samples[..80]).is_none());
+    assert!(bench.collect_hover_samples(&hover_samples[..80]).is_none());
     let mut trials = 0;
     for _ in 0..600 {
         bench.now_ms = bench.now_ms.wrapping_add(250);
         let sample = Sample { time: bench.time(), ..hover_samples[79] };
         bench.compass.process_event(Event::Sample(sample));
-        trials += u8::from(bench.compass.is_busy());
+        trials += u8::from(bench.compass.needs_solve_step());
         bench.solve_trial();
     }
     assert_eq!(trials, 1, "of what came since the last one");
     let before = bench.trial_result();
     assert_eq!(bench.trial_result(), before);
-    assert!(bench.hover(&hover_samples[160..]).is_none());
+    assert!(bench.collect_hover_samples(&hover_samples[160..]).is_none());
     assert_ne!(bench.trial_result(), before);
 }
 
@@ -201,7 +201,7 @@ fn a_vehicle_without_tilt_is_not_calibrated_in_flight() {
         let mut bench = TestBed::with_accuracy(3.0);
         for (number, sample) in rover(tilt_deg, 1500).into_iter().enumerate() {
             bench.compass.process_event(Event::Sample(sample));
-            while bench.compass.is_busy() {
+            while bench.compass.needs_solve_step() {
                 if matches!(bench.compass.process_event(Event::AdvanceSolve), Effect::Save) {
                     return Ok(number);
                 }
@@ -209,7 +209,7 @@ fn a_vehicle_without_tilt_is_not_calibrated_in_flight() {
         }
         bench.expect_done(Command::CalSolve(None));
         let end = bench.run_solve();
-        Err(bench.complete_outcome(end).unwrap_err().stable_code())
+        Err(bench.outcome_after_save(end).unwrap_err().stable_code())
     };
     assert!(ends_after(11.0).is_ok_and(|number| number < 600));
     assert_eq!(ends_after(9.0), Err("unobservable"));
@@ -220,7 +220,7 @@ fn collect_during_trial(samples_before_first_step: usize) -> TestBed {
     let mut bench = TestBed::with_accuracy(0.2);
     let mut samples =
         (0..).zip(hover_samples(9)).map(|(i, sample)| Sample { time: WrappingMillis::new(100 * i), ..sample });
-    while !bench.compass.is_busy() {
+    while !bench.compass.needs_solve_step() {
         bench.compass.process_event(Event::Sample(samples.next().unwrap()));
     }
     let stored = |bench: &TestBed| bench.compass.collector.stored_count();
@@ -260,32 +260,32 @@ fn commands_interrupt_trial_solves() {
             bench
                 .compass
                 .process_event(Event::Sample(Sample { time: WrappingMillis::new(250 * number as u32), ..sample }));
-            if bench.compass.is_busy() {
+            if bench.compass.needs_solve_step() {
                 break;
             }
         }
-        assert!(bench.compass.is_busy());
+        assert!(bench.compass.needs_solve_step());
         bench
     };
     let mut bench = bench_in_trial();
     assert_eq!(bench.status_report().module_state, ModuleState::Collecting);
-    assert!(bench.compass.is_busy(), "a look changes nothing");
+    assert!(bench.compass.needs_solve_step(), "a look changes nothing");
     bench.save_by_command(Command::Set(SettingChange::StreamRateHz(5))).unwrap();
-    assert!(bench.compass.is_busy());
+    assert!(bench.compass.needs_solve_step());
     assert_eq!(bench.expect_done(Command::CalStop), ModuleState::Uncalibrated);
-    assert!(!bench.compass.is_busy());
+    assert!(!bench.compass.needs_solve_step());
     let mut bench = bench_in_trial();
     assert_eq!(bench.expect_done(Command::CalSolve(None)), ModuleState::Solving);
     assert_eq!(bench.expect_refusal(Command::CalStop), Refusal::Busy, "this one was asked for");
     let mut bench = bench_in_trial();
     bench.save_by_command(Command::Set(SettingChange::Inclination(Some(55.0)))).unwrap();
-    assert_eq!((bench.compass.module_state(), bench.compass.is_busy()), (ModuleState::Collecting, false));
+    assert_eq!((bench.compass.module_state(), bench.compass.needs_solve_step()), (ModuleState::Collecting, false));
     let mut bench = bench_in_trial();
     assert_eq!(bench.expect_done(Command::CalAbort), ModuleState::Uncalibrated);
-    assert!(bench.trial_result().is_none() && !bench.compass.is_busy());
+    assert!(bench.trial_result().is_none() && !bench.compass.needs_solve_step());
     let mut bench = bench_in_trial();
     assert_eq!(bench.expect_done(Command::CalStartNew(None)), ModuleState::Collecting);
-    assert!(!bench.compass.is_busy() && bench.trial_result().is_none());
+    assert!(!bench.compass.needs_solve_step() && bench.trial_result().is_none());
 }
 
 #[test]
@@ -293,17 +293,17 @@ fn a_trial_solve_reports_a_refusal_in_flight() {
     let mut bench = TestBed::new();
     bench.save_by_command(Command::Set(SettingChange::Mount(Orientation::from_name("yaw90").unwrap()))).unwrap();
     bench.expect_done(Command::CalStart(Procedure::Flight));
-    assert!(bench.hover(&hover_samples(8)).is_none());
+    assert!(bench.collect_hover_samples(&hover_samples(8)).is_none());
     let prospect = bench.trial_result().unwrap();
     let Some(Refusal::Solve(SolveError::MountContradicted { found })) = prospect.refusal else {
         panic!("{prospect:?}")
     };
-    assert_eq!((found, prospect.expected_deg), (Orientation::IDENTITY_ROTATION, None));
+    assert_eq!((found, prospect.expected_error_deg), (Orientation::IDENTITY_ROTATION, None));
     // The samples are usable with the corrected mounting.
     bench.save_by_command(Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION))).unwrap();
     bench.expect_done(Command::CalSolve(None));
     let end = bench.run_solve();
-    assert!(bench.complete_outcome(end).is_ok());
+    assert!(bench.outcome_after_save(end).is_ok());
 }
 
 #[test]
@@ -311,10 +311,12 @@ fn a_collection_ends_though_its_calibration_is_no_better() {
     let mut refused = 0;
     for seed in 0..8 {
         let mut bench = TestBed::with_accuracy(0.5);
-        let (first, _) = bench.hover(&hover_samples(20 + seed)).unwrap();
+        let (first, _) = bench.collect_hover_samples(&hover_samples(20 + seed)).unwrap();
         first.unwrap();
         bench.expect_done(Command::CalStart(Procedure::Flight));
-        let Some((second, _)) = bench.hover(&hover_samples(40 + seed)) else { panic!("{seed}: it goes on") };
+        let Some((second, _)) = bench.collect_hover_samples(&hover_samples(40 + seed)) else {
+            panic!("{seed}: it goes on")
+        };
         refused += usize::from(second.is_err_and(|refusal| refusal.stable_code() == "not-better"));
     }
     assert!(refused >= 1, "{refused}");
@@ -322,7 +324,7 @@ fn a_collection_ends_though_its_calibration_is_no_better() {
 
 impl TestBed {
     fn solve_trial(&mut self) {
-        while self.compass.is_busy() {
+        while self.compass.needs_solve_step() {
             assert!(matches!(self.compass.process_event(Event::AdvanceSolve), Effect::None));
         }
     }

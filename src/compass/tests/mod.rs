@@ -23,7 +23,7 @@ const READINGS_PER_SAMPLE: u16 = 8;
 /// Sample interval, milliseconds: samples are distinct, and turns have no gap.
 const STEP_MS: u32 = 500;
 
-fn leaked_memory() -> &'static mut RetainedSamples {
+fn leaked_retained_samples() -> &'static mut RetainedSamples {
     Box::leak(Box::new(RetainedSamples::EMPTY))
 }
 
@@ -44,7 +44,7 @@ impl TestBed {
             compass: Compass::new(
                 policy,
                 &StoredValues { stored_calibrations, ..StoredValues::default() },
-                leaked_memory(),
+                leaked_retained_samples(),
             ),
             now_ms: u32::MAX - 20_000,
         };
@@ -108,7 +108,7 @@ impl TestBed {
     /// Flies left then right turns until a solve starts.
     fn fly_turns(&mut self, recorded: &RecordedTurns) {
         for sample in recorded.left.iter().chain(&recorded.right) {
-            if !self.compass.is_busy() {
+            if !self.compass.needs_solve_step() {
                 assert!(matches!(self.process_sample(sample.field, sample.attitude), Effect::None));
             }
         }
@@ -117,7 +117,7 @@ impl TestBed {
     fn run_solve(&mut self) -> Effect {
         for _ in 0..1000 {
             match self.compass.process_event(Event::AdvanceSolve) {
-                Effect::None => assert!(self.compass.is_busy(), "it waits for nothing"),
+                Effect::None => assert!(self.compass.needs_solve_step(), "it waits for nothing"),
                 end => return end,
             }
         }
@@ -127,11 +127,11 @@ impl TestBed {
     fn calibrate(&mut self, recorded: &RecordedTurns) -> SolveOutcome {
         assert_eq!(self.expect_done(Command::CalStart(Procedure::Turns)), ModuleState::Collecting);
         self.fly_turns(recorded);
-        if !self.compass.is_busy() {
+        if !self.compass.needs_solve_step() {
             assert_eq!(self.expect_done(Command::CalSolve(None)), ModuleState::Solving);
         }
         let end = self.run_solve();
-        self.complete_outcome(end)
+        self.outcome_after_save(end)
     }
 
     fn tumble(&mut self) {
@@ -145,7 +145,7 @@ impl TestBed {
         }
     }
 
-    fn complete_outcome(&mut self, end: Effect) -> SolveOutcome {
+    fn outcome_after_save(&mut self, end: Effect) -> SolveOutcome {
         match end {
             Effect::Notify(Message::Solved(outcome)) => outcome,
             Effect::Save => match self.compass.process_event(Event::Saved(Ok(()))) {
@@ -170,12 +170,12 @@ fn airframe() -> Airframe {
 
 /// A complete collection: two and a half circles each way.
 fn complete_turns(airframe: &Airframe, seed: u64) -> RecordedTurns {
-    Flight { samples: 190, ..Flight::TYPICAL }.fly(airframe, &mut Random(seed))
+    Flight { samples_per_side: 190, ..Flight::TYPICAL }.fly(airframe, &mut Random(seed))
 }
 
 /// Enough for `cal solve`: one circle each way.
 fn few_turns(airframe: &Airframe, seed: u64) -> RecordedTurns {
-    Flight { samples: 60, ..Flight::TYPICAL }.fly(airframe, &mut Random(seed))
+    Flight { samples_per_side: 60, ..Flight::TYPICAL }.fly(airframe, &mut Random(seed))
 }
 
 fn test_field() -> Field<Sensor> {
@@ -185,7 +185,7 @@ fn test_field() -> Field<Sensor> {
 /// The mounting is output only for a known sensor.
 #[test]
 fn a_correction_contains_mounting_armed_state_and_expected_errors() {
-    let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &StoredValues::default(), leaked_memory());
+    let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &StoredValues::default(), leaked_retained_samples());
     assert_eq!(compass.instrument_correction(), Correction::UNCALIBRATED);
     compass.process_event(Event::ArmedStateReported(Some(false)));
     assert_eq!(compass.instrument_correction(), Correction { is_armed: Some(false), ..Correction::UNCALIBRATED });
@@ -197,7 +197,7 @@ fn a_correction_contains_mounting_armed_state_and_expected_errors() {
     bench.save_by_command(Command::Set(SettingChange::SensorError(error))).unwrap();
     assert_eq!(
         bench.compass.instrument_correction().sensor_errors,
-        SensorErrorSigmas { gyro_scale: 0.0625, hard_iron_drift: 0.005 }
+        SensorErrorSigmas { gyro_scale: 0.0625, hard_iron_drift_per_minute: 0.005 }
     );
 }
 
@@ -237,7 +237,7 @@ fn full_turns_to_both_sides_give_a_calibration() {
     assert_eq!(bench.compass.instrument_correction().calibration, Some((written.calibration, written.uncertainty)));
     let report = bench.status_report();
     assert_eq!(
-        (report.module_state, report.can_undo, report.last_outcome.is_some()),
+        (report.module_state, report.can_undo, report.last_collection_outcome.is_some()),
         (ModuleState::Calibrated, false, true)
     );
     assert_eq!(report.stored_calibration.as_ref().map(|summary| summary.serial_number), Some(1));
@@ -282,7 +282,7 @@ fn settings_of_a_running_solve_cannot_change() {
     assert_eq!(bench.expect_done(Command::Restart), ModuleState::Solving, "a solve is no reason to stay");
     assert_eq!(bench.expect_refusal(Command::CalAdvise), Refusal::NotSolved);
     let end = bench.run_solve();
-    assert!(bench.complete_outcome(end).is_ok());
+    assert!(bench.outcome_after_save(end).is_ok());
     let Settings { stream_on, stream_rate_hz, declination_deg, .. } = *bench.compass.stored_settings();
     assert_eq!((stream_on, stream_rate_hz, declination_deg), (false, 5, Some(3.0)));
 }
@@ -389,7 +389,7 @@ fn an_abort_ends_a_solve_and_discards_the_samples() {
     bench.expect_done(Command::CalStart(Procedure::Turns));
     bench.fly_turns(&complete_turns(&airframe(), 1));
     assert_eq!(bench.expect_done(Command::CalAbort), ModuleState::Uncalibrated);
-    assert!(!bench.compass.is_busy());
+    assert!(!bench.compass.needs_solve_step());
     assert_eq!(bench.expect_refusal(Command::CalSolve(None)), Refusal::NoSamples);
     bench.expect_done(Command::CalStart(Procedure::Level));
     assert_eq!(bench.expect_done(Command::CalAbort), ModuleState::Uncalibrated);
@@ -416,7 +416,7 @@ fn a_stopped_collection_keeps_its_samples() {
     bench.expect_done(Command::CalStart(Procedure::Turns));
     bench.fly_turns(&few_turns(&airframe(), 1));
     let collected = bench.status_report().collection_progress;
-    let [left, right] = [CollectionPart::LEFT, CollectionPart::RIGHT].map(|part| collected.coverage_of(part).samples);
+    let [left, right] = [CollectionPart::LEFT, CollectionPart::RIGHT].map(|part| collected.coverage_of(part).fit_count);
     assert!(left >= 30 && right >= 30, "{collected:?}");
     assert_eq!(bench.expect_done(Command::CalStop), ModuleState::Uncalibrated);
     assert_eq!(bench.expect_refusal(Command::CalStop), Refusal::NotCollecting);
@@ -424,7 +424,7 @@ fn a_stopped_collection_keeps_its_samples() {
     assert_eq!(bench.status_report().collection_progress, collected, "nothing is collected any more");
     assert_eq!(bench.expect_done(Command::CalSolve(None)), ModuleState::Solving);
     let end = bench.run_solve();
-    assert!(bench.complete_outcome(end).is_ok());
+    assert!(bench.outcome_after_save(end).is_ok());
 }
 
 #[test]
@@ -439,7 +439,7 @@ fn a_new_collection_starts_without_samples() {
         } else {
             let refused = bench.expect_refusal(Command::CalStart(Procedure::Turns));
             assert_eq!(refused.stable_code(), "collecting");
-            assert!(bench.status_report().collection_progress.coverage_of(CollectionPart::LEFT).samples > 0);
+            assert!(bench.status_report().collection_progress.coverage_of(CollectionPart::LEFT).fit_count > 0);
             bench.expect_done(Command::CalStartNew(None));
         }
         assert_eq!(bench.expect_refusal(Command::CalSolve(None)), Refusal::NoSamples);
@@ -448,7 +448,7 @@ fn a_new_collection_starts_without_samples() {
 
 #[test]
 fn without_a_sensor_calibration_is_refused() {
-    let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &StoredValues::default(), leaked_memory());
+    let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &StoredValues::default(), leaked_retained_samples());
     for command in [Command::CalStart(Procedure::Turns), Command::CalSolve(None)] {
         let effect = compass.process_event(Event::Command(command, WrappingMillis::default()));
         assert!(matches!(effect, Effect::Reply(Err(Refusal::NoSensor))), "{effect:?}");
@@ -472,12 +472,12 @@ fn a_failed_solve_is_refused_with_the_solver_s_reason() {
     // A given method is always tried.
     bench.expect_done(Command::CalSolve(Some(Method::Ellipsoid)));
     let end = bench.run_solve();
-    let refused = bench.complete_outcome(end).unwrap_err();
+    let refused = bench.outcome_after_save(end).unwrap_err();
     assert_eq!(
         refused,
         Refusal::InsufficientSamples { code: "not-determined", expected_rms_deg: None, cause: lack.into() }
     );
-    assert_eq!(bench.status_report().last_outcome, Some(Message::Solved(Err(refused))));
+    assert_eq!(bench.status_report().last_collection_outcome, Some(Message::Solved(Err(refused))));
     assert_eq!(bench.compass.module_state(), ModuleState::Uncalibrated);
 }
 
@@ -501,7 +501,7 @@ fn a_second_calibration_is_judged_against_the_first() {
     bench.calibrate(&complete_turns(&airframe(), 1)).unwrap();
     let first = *bench.compass.active_record().unwrap();
     let short_flight =
-        Flight { samples: 40, attitude_noise_deg: 1.5, ..Flight::TYPICAL }.fly(&airframe(), &mut Random(5));
+        Flight { samples_per_side: 40, attitude_noise_deg: 1.5, ..Flight::TYPICAL }.fly(&airframe(), &mut Random(5));
     let refused = bench.calibrate(&short_flight).unwrap_err();
     let rejected = matches!(
         refused,
@@ -568,7 +568,7 @@ fn a_record_is_used_only_with_its_sensor_and_mounting() {
     let unknown = Compass::new(
         AcceptancePolicy::DEFAULT,
         &StoredValues { stored_calibrations, ..StoredValues::default() },
-        leaked_memory(),
+        leaked_retained_samples(),
     );
     assert!(unknown.active_record().is_none());
 }
@@ -767,7 +767,7 @@ fn collection_problems_explain_only_refusals_for_missing_samples() {
         Refusal::NoSensor,
         Refusal::Solve(marks),
         Refusal::Solve(SolveError::TurnsReversed),
-        Refusal::Rejected(Rejection::NotBetter { candidate: 1.0, incumbent: 0.5 }),
+        Refusal::Rejected(Rejection::NotBetter { candidate_score: 1.0, incumbent_score: 0.5 }),
         Refusal::Store(StoreError::Full),
     ] {
         assert_eq!(other.clone().with_cause(lack), other);
@@ -824,7 +824,7 @@ fn a_change_that_cannot_be_stored_has_no_effect() {
     ));
     assert_eq!(bench.compass.module_state(), ModuleState::Uncalibrated);
     assert_eq!(
-        bench.status_report().last_outcome,
+        bench.status_report().last_collection_outcome,
         Some(Message::Solved(Err(Refusal::Store(StoreError::ReadBackDiffers))))
     );
 }
@@ -858,7 +858,7 @@ fn a_tumbling_needs_no_attitude() {
     bench.expect_done(Command::CalSolve(None));
     assert_eq!(bench.compass.instrument_correction().sample_attitude, SampleAttitude::Interpolated);
     let end = bench.run_solve();
-    let verdict = bench.complete_outcome(end).unwrap();
+    let verdict = bench.outcome_after_save(end).unwrap();
     assert_eq!((verdict.quality.method, verdict.heading_deg_per_attitude_deg), (Method::Ellipsoid, None));
     assert!(!bench.compass.instrument_correction().has_valid_inclination);
     bench.expect_done(Command::CalStart(Procedure::Level));
@@ -866,7 +866,7 @@ fn a_tumbling_needs_no_attitude() {
 }
 
 #[test]
-fn advice_refers_to_the_last_solve() {
+fn advice_requires_a_solve() {
     let mut bench = TestBed::new();
     assert_eq!(bench.expect_refusal(Command::CalAdvise), Refusal::NotSolved);
     bench.calibrate(&few_turns(&airframe(), 1)).unwrap();

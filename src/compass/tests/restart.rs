@@ -29,19 +29,19 @@ impl Module {
     }
 
     /// Starts the armed module at clock zero and runs a test on it.
-    fn run_module<T>(&mut self, run: impl FnOnce(&mut Run<'_>) -> T) -> T {
+    fn run_module<T>(&mut self, run: impl FnOnce(&mut RunningModule<'_>) -> T) -> T {
         let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &self.stored_values, &mut self.retained_samples);
         compass.process_event(Event::SensorDetected(SENSOR, READINGS_PER_SAMPLE));
         compass.process_event(Event::ArmedStateReported(Some(true)));
         self.now_ms = 100;
-        let mut started = Run {
+        let mut started = RunningModule {
             compass,
             stored_values: &mut self.stored_values,
             now_ms: &mut self.now_ms,
             write_count: &mut self.write_count,
         };
         let result = run(&mut started);
-        started.detect_protocols(NO_PROTOCOLS);
+        started.report_detected_protocols(NO_PROTOCOLS);
         result
     }
 
@@ -51,20 +51,20 @@ impl Module {
     }
 }
 
-struct Run<'a> {
+struct RunningModule<'a> {
     compass: Compass<'a>,
     stored_values: &'a mut StoredValues,
     now_ms: &'a mut u32,
     write_count: &'a mut u32,
 }
 
-impl Run<'_> {
+impl RunningModule<'_> {
     fn send_command(&mut self, command: Command) -> Effect {
         self.compass.process_event(Event::Command(command, WrappingMillis::new(*self.now_ms)))
     }
 
     /// Passes detected protocols as in idle time; saves if requested.
-    fn detect_protocols(&mut self, detected: [ProtocolKind; PORT_COUNT]) {
+    fn report_detected_protocols(&mut self, detected: [ProtocolKind; PORT_COUNT]) {
         if let Effect::Save =
             self.compass.process_event(Event::ProtocolsDetected(detected, WrappingMillis::new(*self.now_ms)))
         {
@@ -80,10 +80,10 @@ impl Run<'_> {
             *self.now_ms += 250;
             let sample = Sample { time: WrappingMillis::new(*self.now_ms), ..*sample };
             assert!(matches!(self.compass.process_event(Event::Sample(sample)), Effect::None));
-            self.detect_protocols(NO_PROTOCOLS);
-            while self.compass.is_busy() {
+            self.report_detected_protocols(NO_PROTOCOLS);
+            while self.compass.needs_solve_step() {
                 match self.compass.process_event(Event::AdvanceSolve) {
-                    Effect::None => self.detect_protocols(NO_PROTOCOLS),
+                    Effect::None => self.report_detected_protocols(NO_PROTOCOLS),
                     Effect::Save => {
                         let Some(StoreChange::StoredCalibrations { current, .. }) = self.compass.pending_change()
                         else {
@@ -152,10 +152,10 @@ fn control_of_a_collection_survives_restarts() {
         assert!(report.is_automatic && report.module_state == ModuleState::Collecting);
         run.compass.process_event(Event::ArmedStateReported(Some(false)));
         assert!(run.collect_flight(&hover_samples[60..100]).is_none() && run.status_report().awaits_arming);
-        report.collection_progress.coverage_of(CollectionPart::FREE).samples
+        report.collection_progress.coverage_of(CollectionPart::FREE).fit_count
     });
     module.run_module(|run| {
-        assert_eq!(run.status_report().collection_progress.coverage_of(CollectionPart::FREE).samples, samples);
+        assert_eq!(run.status_report().collection_progress.coverage_of(CollectionPart::FREE).fit_count, samples);
         assert!(matches!(run.send_command(Command::CalStart(Procedure::Flight)), Effect::Reply(Ok(_))), "taken over");
     });
     module.run_module(|run| {
@@ -168,7 +168,7 @@ fn control_of_a_collection_survives_restarts() {
         assert!(run.collect_flight(&hover_samples[100..160]).is_none());
         let report = run.status_report();
         assert_eq!(
-            (report.module_state, report.collection_progress.coverage_of(CollectionPart::FREE).samples),
+            (report.module_state, report.collection_progress.coverage_of(CollectionPart::FREE).fit_count),
             (ModuleState::Uncalibrated, samples),
             "nor does it begin"
         );
@@ -187,7 +187,7 @@ fn samples_survive_a_restart_in_a_solve_but_not_its_end() {
         run.send_command(Command::CalStart(Procedure::Flight));
         for (i, sample) in hover_samples[..60].iter().enumerate() {
             run.compass.process_event(Event::Sample(Sample { time: WrappingMillis::new(250 * i as u32), ..*sample }));
-            if run.compass.is_busy() {
+            if run.compass.needs_solve_step() {
                 run.compass.process_event(Event::AdvanceSolve);
                 return;
             }
@@ -198,25 +198,25 @@ fn samples_survive_a_restart_in_a_solve_but_not_its_end() {
         assert_eq!((run.compass.module_state(), run.status_report().is_automatic), (ModuleState::Collecting, false));
         run.send_command(Command::CalSolve(Some(Method::TwoPlane)));
         let mut steps = 0;
-        while run.compass.is_busy() && steps < 1000 {
+        while run.compass.needs_solve_step() && steps < 1000 {
             run.compass.process_event(Event::AdvanceSolve);
             steps += 1;
         }
         assert!(
-            matches!(run.compass.last_outcome(), Some(Message::Solved(Err(_)))),
+            matches!(run.compass.last_collection_outcome(), Some(Message::Solved(Err(_)))),
             "no turns: {:?}",
-            run.compass.last_outcome()
+            run.compass.last_collection_outcome()
         );
     });
     module.run_module(|run| {
         assert_eq!(
             (
                 run.compass.module_state(),
-                run.status_report().collection_progress.coverage_of(CollectionPart::FREE).samples
+                run.status_report().collection_progress.coverage_of(CollectionPart::FREE).fit_count
             ),
             (ModuleState::Uncalibrated, 0)
         );
-        assert_eq!(run.compass.last_outcome(), None, "the loss was reported before");
+        assert_eq!(run.compass.last_collection_outcome(), None, "the loss was reported before");
     });
     module.run_module(|run| {
         run.send_command(Command::CalStart(Procedure::Flight));
@@ -224,7 +224,7 @@ fn samples_survive_a_restart_in_a_solve_but_not_its_end() {
         run.send_command(Command::CalAbort);
     });
     module.run_module(|run| {
-        assert_eq!(run.status_report().collection_progress.coverage_of(CollectionPart::FREE).samples, 0);
+        assert_eq!(run.status_report().collection_progress.coverage_of(CollectionPart::FREE).fit_count, 0);
     });
 }
 
@@ -238,11 +238,11 @@ fn a_collection_whose_calibration_is_stored_is_discarded() {
         assert_eq!(
             (
                 run.compass.module_state(),
-                run.status_report().collection_progress.coverage_of(CollectionPart::FREE).samples
+                run.status_report().collection_progress.coverage_of(CollectionPart::FREE).fit_count
             ),
             (ModuleState::Calibrated, 0)
         );
-        assert_eq!(run.compass.last_outcome(), None);
+        assert_eq!(run.compass.last_collection_outcome(), None);
     });
 }
 
@@ -258,22 +258,24 @@ fn a_collection_lost_with_the_power_is_reported() {
         run.collect_flight(&hover_samples[4..80]);
         assert_eq!(*run.write_count, 1);
     });
-    module.run_module(|run| assert_eq!((run.compass.last_outcome(), *run.write_count), (None, 1), "it is not lost"));
+    module.run_module(|run| {
+        assert_eq!((run.compass.last_collection_outcome(), *run.write_count), (None, 1), "it is not lost");
+    });
     module.lose_power();
     module.run_module(|run| {
-        assert_eq!(run.compass.last_outcome(), Some(&Message::CollectionLost));
+        assert_eq!(run.compass.last_collection_outcome(), Some(&Message::CollectionLost));
         assert_eq!(run.compass.indicator_state(), IndicatorState::Idle, "no trouble");
-        run.detect_protocols(NO_PROTOCOLS);
+        run.report_detected_protocols(NO_PROTOCOLS);
         assert_eq!((run.stored_values.startup_values, *run.write_count), (StartupValues::DEFAULT, 2));
     });
     module.lose_power();
     module.run_module(|run| {
-        assert_eq!((run.compass.last_outcome(), *run.write_count), (None, 2), "the loss is reported once");
+        assert_eq!((run.compass.last_collection_outcome(), *run.write_count), (None, 2), "the loss is reported once");
     });
     module.run_module(|run| assert!(run.collect_flight(&hover_samples).is_some_and(|end| end.is_ok())));
     module.lose_power();
     module.run_module(|run| {
-        assert_eq!((run.compass.last_outcome(), *run.write_count), (None, 3), "stored with the calibration");
+        assert_eq!((run.compass.last_collection_outcome(), *run.write_count), (None, 3), "stored with the calibration");
     });
 }
 
@@ -295,13 +297,13 @@ fn a_damaged_collection_is_reported() {
         if at == 100 { word ^ 1 } else { word }
     });
     damaged.run_module(|run| {
-        assert_eq!(run.compass.last_outcome(), Some(&Message::CollectionLost));
-        assert_eq!(run.status_report().collection_progress.coverage_of(CollectionPart::FREE).samples, 0);
+        assert_eq!(run.compass.last_collection_outcome(), Some(&Message::CollectionLost));
+        assert_eq!(run.status_report().collection_progress.coverage_of(CollectionPart::FREE).fit_count, 0);
     });
     for _ in 0..3 {
-        module.run_module(|run| assert_eq!(run.compass.last_outcome(), None));
+        module.run_module(|run| assert_eq!(run.compass.last_collection_outcome(), None));
     }
-    module.run_module(|run| assert_eq!(run.compass.last_outcome(), Some(&Message::CollectionLost)));
+    module.run_module(|run| assert_eq!(run.compass.last_collection_outcome(), Some(&Message::CollectionLost)));
 }
 
 #[test]
@@ -331,9 +333,9 @@ fn requested_restarts_and_trial_solves_reset_the_restart_count() {
 #[test]
 fn detected_protocols_are_written_once() {
     let mut module = Module::new();
-    let at = |run: &mut Run<'_>, ms: u32, spoken| {
+    let at = |run: &mut RunningModule<'_>, ms: u32, spoken| {
         *run.now_ms = ms;
-        run.detect_protocols(spoken);
+        run.report_detected_protocols(spoken);
         // The other port may be NMEA, or detecting in a firmware without NMEA.
         let [found, _] = run.stored_values.startup_values.detected_protocols;
         (found, *run.write_count)
@@ -385,14 +387,14 @@ fn no_flash_write_happens_during_a_solve() {
     let mut bench = TestBed::new();
     bench.expect_done(Command::CalStart(Procedure::Turns));
     bench.fly_turns(&complete_turns(&airframe(), 1));
-    assert!(bench.compass.is_busy());
+    assert!(bench.compass.needs_solve_step());
     assert!(matches!(
         bench.compass.process_event(Event::ProtocolsDetected(NO_PROTOCOLS, WrappingMillis::new(0))),
         Effect::None
     ));
     assert!(matches!(bench.compass.process_event(Event::AdvanceSolve), Effect::None));
     let end = bench.run_solve();
-    assert!(bench.complete_outcome(end).is_ok());
+    assert!(bench.outcome_after_save(end).is_ok());
     // A collection without stored flag needs no second write.
     assert!(matches!(
         bench.compass.process_event(Event::ProtocolsDetected(NO_PROTOCOLS, WrappingMillis::new(0))),

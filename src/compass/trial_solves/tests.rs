@@ -26,7 +26,7 @@ fn trial_times_in_turns(result: impl Fn(usize) -> Option<Solution>) -> Vec<(f32,
         let field = Field::new(attitude.to_body_frame(Field::<Level>::earth_field(50.0, 1.1, heading_rad)).ut);
         let time = WrappingMillis::new(u32::from(tenths) * 100);
         collector.push_sample(Sample { time, ..Sample::new(field, attitude) });
-        if trials.is_due(&collector, time) {
+        if trials.start_trial_if_due(&collector, time) {
             due.push((t_s, trials.schedule.represented_trials));
             if let Some(solution) = result(due.len()) {
                 trials.record_result(&solution, None, 1.0);
@@ -95,7 +95,7 @@ fn skipped_trial_solves_count_as_without_improvement() {
 fn a_collection_ends_when_accurate_or_not_improvable() {
     let over = |expected_deg, missing, is_at_floor, refusal| {
         let prospect = TrialResult {
-            expected_deg,
+            expected_error_deg: expected_deg,
             missing_manoeuvre: missing,
             is_limited_by_attitude: is_at_floor,
             is_stalled: false,
@@ -117,7 +117,7 @@ fn a_collection_ends_when_accurate_or_not_improvable() {
     assert!(!over(Some(1.4), missing, true, None), "something else would help");
     assert!(!over(None, None, false, None) && !over(Some(f32::NAN), None, false, None));
     let held_back = Refusal::Rejected(Rejection::TooFewHeldBack { have: 5, need: 8 });
-    let not_better = Refusal::Rejected(Rejection::NotBetter { candidate: 1.1, incumbent: 1.0 });
+    let not_better = Refusal::Rejected(Rejection::NotBetter { candidate_score: 1.1, incumbent_score: 1.0 });
     assert!(!over(Some(0.5), None, true, Some(held_back)), "more samples come");
     assert!(over(Some(0.5), None, false, Some(not_better.clone())), "more would not change it");
     assert!(!over(Some(1.4), None, false, Some(not_better)));
@@ -172,7 +172,7 @@ fn ends_of_trials(trials_deg: &[f32], is_at_floor: bool) -> Vec<bool> {
     let solution = |deg| {
         let advice = Advice {
             weakest_deviation: Deviation::Heeling,
-            weakest_deg: deg,
+            weakest_deviation_deg: deg,
             expected_deg: deg,
             manoeuvre: Manoeuvre::Level,
             expected_after_deg: deg,

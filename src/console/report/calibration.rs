@@ -77,7 +77,7 @@ impl Display for CalibrationTitle<'_> {
 
 pub(super) fn write_advice(out: &mut impl Write, advice: &Advice) -> fmt::Result {
     let [expected, weakest, expected_after] =
-        [advice.expected_deg, advice.weakest_deg, advice.expected_after_deg].map(Decimal::<2>);
+        [advice.expected_deg, advice.weakest_deviation_deg, advice.expected_after_deg].map(Decimal::<2>);
     writeln!(out, "ok expected error {expected} deg rms")?;
     writeln!(
         out,

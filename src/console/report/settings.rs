@@ -26,7 +26,7 @@ pub(super) enum SettingGroup {
 
 impl SettingGroup {
     /// All groups but that of the CAN bus, which not every board has.
-    pub const ALL_GROUPS: [Self; 13] = [
+    pub const GROUPS_WITHOUT_CAN: [Self; 13] = [
         Self::Stream,
         Self::Declination,
         Self::Inclination,
@@ -69,13 +69,13 @@ impl SettingGroup {
 /// Writes a line of settings, with `separator` after its name.
 pub(super) fn write_setting(
     out: &mut impl Write,
-    line: SettingGroup,
+    group: SettingGroup,
     separator: &str,
     report: &StatusReport,
 ) -> fmt::Result {
     let StatusReport { settings, local_field: here, .. } = report;
     let field = here.model_field();
-    match line {
+    match group {
         SettingGroup::Stream => {
             let stream_state = on_or_off(settings.stream_on);
             let (rate_hz, heading) = (settings.stream_rate_hz, settings.stream_heading.kind_name());
@@ -197,7 +197,7 @@ mod tests {
     use crate::earth::{Date, PositionContext};
     use crate::time::WrappingMillis;
 
-    fn line(place: Option<[f32; 2]>, days: Option<u64>) -> String {
+    fn field_model_line(place: Option<[f32; 2]>, days: Option<u64>) -> String {
         let mut local_field = LocalField::UNKNOWN;
         if let Some([latitude_deg, longitude_deg]) = place {
             let place = Position::new(latitude_deg, longitude_deg, 100.0).unwrap();
@@ -233,7 +233,7 @@ mod tests {
                 "valid until 2029-12-31; 2026-11-22, 86.0 N 140.0 E, 57.7 uT, no declination so near to a magnetic pole",
             ),
         ] {
-            assert_eq!(line(place, days), format!("field model: WMM2025, {words}\n"));
+            assert_eq!(field_model_line(place, days), format!("field model: WMM2025, {words}\n"));
         }
     }
 

@@ -21,19 +21,19 @@ use crate::wire::dronecan::outbound::BusCounts;
 /// calibration.
 pub(super) fn write_status(out: &mut impl Write, report: &StatusReport, health: &Diagnostics) -> fmt::Result {
     writeln!(out, "ok {}", report.module_state.state_name())?;
-    write_headings(out, health)?;
-    match (report.module_state, &report.last_outcome) {
+    write_instrument_state(out, health)?;
+    match (report.module_state, &report.last_collection_outcome) {
         (ModuleState::Collecting, _) if report.collection_progress.procedure == Procedure::Flight => {
             write_expected_accuracy(out, report.last_trial.as_ref(), report.settings.accuracy_deg)
         }
-        (ModuleState::Collecting, _) => write_coverage(out, report),
+        (ModuleState::Collecting, _) => write_progress_summary(out, report),
         (_, None | Some(Message::Solved(Ok(_)))) => write_stored_calibration(out, report, health),
         _ => write_last_outcome(out, report),
     }
 }
 
 /// Writes the progress of a collection.
-fn write_coverage(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
+fn write_progress_summary(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
     let progress = &report.collection_progress;
     let [left, right, level, free] = CollectionPart::ALL_PARTS.map(|part| progress.coverage_of(part));
     let (left, right, level) = (left.percent, right.percent, level.percent);
@@ -42,12 +42,12 @@ fn write_coverage(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
         Procedure::Turns => writeln!(out, ", left {left} %, right {right} %, level {level} %"),
         Procedure::Level => writeln!(out, ", {level} %"),
         Procedure::Swing => writeln!(out, ", {} marks, level {level} %", progress.mark_count),
-        Procedure::Flight | Procedure::Tumble => writeln!(out, ", {} samples", free.samples),
+        Procedure::Flight | Procedure::Tumble => writeln!(out, ", {} samples", free.fit_count),
     }
 }
 
 fn write_last_outcome(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
-    match &report.last_outcome {
+    match &report.last_collection_outcome {
         Some(Message::Solved(Ok(_))) => writeln!(out, "last solve: ok"),
         Some(message) => writeln!(out, "last solve: {}: {}", message.stable_code(), message.message_text()),
         None => writeln!(out, "last solve: none"),
@@ -70,10 +70,10 @@ fn write_stored_calibration(out: &mut impl Write, report: &StatusReport, health:
 /// Writes the reply to `status all`.
 pub(super) fn write_full_status(out: &mut impl Write, report: &StatusReport, health: &Diagnostics) -> fmt::Result {
     writeln!(out, "ok {}", report.module_state.state_name())?;
-    write_headings(out, health)?;
+    write_instrument_state(out, health)?;
     writeln!(out, "armed: {}", report.is_armed.map_or("not known", |armed| if armed { "yes" } else { "no" }))?;
     write_motor_current(out, health.current_a)?;
-    write_progress(out, report)?;
+    write_progress_details(out, report)?;
     if let (ModuleState::Collecting, Procedure::Flight) = (report.module_state, report.collection_progress.procedure) {
         write_expected_accuracy(out, report.last_trial.as_ref(), report.settings.accuracy_deg)?;
     }
@@ -82,7 +82,7 @@ pub(super) fn write_full_status(out: &mut impl Write, report: &StatusReport, hea
         write_latency(out, &record.calibration, record.quality.latency)?;
     }
     write_last_outcome(out, report)?;
-    for line in SettingGroup::ALL_GROUPS {
+    for line in SettingGroup::GROUPS_WITHOUT_CAN {
         write_setting(out, line, ": ", report)?;
         if let SettingGroup::Port(port) = line {
             write_detected_protocol(
@@ -99,8 +99,8 @@ pub(super) fn write_full_status(out: &mut impl Write, report: &StatusReport, hea
     }
     write_field_model(out, &report.local_field)?;
     write_counters(out, &health.event_counts)?;
-    if let Some(StackUse { used_bytes, size_bytes }) = health.stack_use {
-        writeln!(out, "stack: {used_bytes} of {size_bytes} bytes used at most")?;
+    if let Some(StackUse { peak_used_bytes, size_bytes }) = health.stack_use {
+        writeln!(out, "stack: {peak_used_bytes} of {size_bytes} bytes used at most")?;
     }
     write_uptime(out, health)
 }
@@ -137,14 +137,14 @@ fn write_can_state(out: &mut impl Write, can: &CanState) -> fmt::Result {
         Some(node) => write!(out, "; node {}", node.number())?,
         None => out.write_str("; no number yet")?,
     }
-    if can.has_conflict {
+    if can.has_number_conflict {
         out.write_str(", which another node has, too")?;
     }
     let BusCounts { sent_frames: sent, received_frames: received, bus_errors: errors } = can.frame_counts;
     writeln!(out, "; {sent} frames sent, {received} received, {errors} errors")
 }
 
-fn write_progress(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
+fn write_progress_details(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
     let progress = &report.collection_progress;
     let automatic_text = if report.is_automatic { ", automatic" } else { "" };
     let waiting_text = if report.awaits_arming { ", when the autopilot arms" } else { "" };
@@ -162,7 +162,7 @@ fn write_progress(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
             writeln!(out, "level: {}", CoverageText(level))
         }
         Procedure::Flight | Procedure::Tumble => {
-            writeln!(out, "attitudes: {} samples, {} held back", free.samples, free.held_back_count)
+            writeln!(out, "attitudes: {} samples, {} held back", free.fit_count, free.held_back_count)
         }
     }
 }
@@ -171,7 +171,7 @@ fn write_progress(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
 fn write_expected_accuracy(out: &mut impl Write, trial: Option<&TrialResult>, wanted_deg: f32) -> fmt::Result {
     out.write_str("collecting: ")?;
     let Some(TrialResult {
-        expected_deg,
+        expected_error_deg,
         missing_manoeuvre: manoeuvre,
         is_limited_by_attitude: is_at_floor,
         is_stalled,
@@ -180,8 +180,8 @@ fn write_expected_accuracy(out: &mut impl Write, trial: Option<&TrialResult>, wa
     else {
         return writeln!(out, "no expected error yet; go on");
     };
-    if let Some(expected_deg) = *expected_deg {
-        write!(out, "expected {} deg, wanted {}", Decimal::<1>(expected_deg), ShortestDecimal(wanted_deg, 1))?;
+    if let Some(expected_error_deg) = *expected_error_deg {
+        write!(out, "expected {} deg, wanted {}", Decimal::<1>(expected_error_deg), ShortestDecimal(wanted_deg, 1))?;
     }
     match (manoeuvre, refusal) {
         (Some(manoeuvre), _) => write!(out, "; missing: {manoeuvre}")?,
@@ -191,14 +191,19 @@ fn write_expected_accuracy(out: &mut impl Write, trial: Option<&TrialResult>, wa
         (None, Some(_)) => {}
     }
     match refusal {
-        Some(refusal) if manoeuvre.is_none() || expected_deg.is_none() || !refusal.is_curable_by_samples() => {
-            writeln!(out, "{}{}: {refusal}", if expected_deg.is_some() { "; " } else { "" }, refusal.stable_code())
+        Some(refusal) if manoeuvre.is_none() || expected_error_deg.is_none() || !refusal.is_curable_by_samples() => {
+            writeln!(
+                out,
+                "{}{}: {refusal}",
+                if expected_error_deg.is_some() { "; " } else { "" },
+                refusal.stable_code()
+            )
         }
         _ => writeln!(out),
     }
 }
 
-fn write_headings(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
+fn write_instrument_state(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
     match health.sensor {
         Some(identity) => writeln!(out, "sensor: {identity}")?,
         None => writeln!(out, "sensor: not found")?,
@@ -236,7 +241,7 @@ fn write_counters(out: &mut impl Write, counts: &EventCounts) -> fmt::Result {
     writeln!(
         out,
         "readings: {}, {} overruns, {} errors, {} register upsets repaired",
-        counts.readings, counts.overruns, counts.sensor_errors, counts.sensor_upsets
+        counts.readings, counts.overruns, counts.sensor_errors, counts.sensor_register_upsets
     )?;
     writeln!(
         out,
@@ -247,17 +252,20 @@ fn write_counters(out: &mut impl Write, counts: &EventCounts) -> fmt::Result {
         counts.sensor_spikes,
         counts.attitude_frozen,
         counts.attitude_spikes,
-        counts.attitude_rates
+        counts.attitude_rate_contradictions
     )?;
     writeln!(
         out,
         "reports: {}, {} from others, {} rejected, {} line errors",
-        counts.attitude_reports, counts.attitude_foreign, counts.attitude_rejected, counts.attitude_line_errors
+        counts.attitude_reports,
+        counts.attitude_of_other_senders,
+        counts.attitude_frames_rejected,
+        counts.attitude_line_errors
     )?;
     writeln!(
         out,
         "sentences: {}, {} empty, {} not sent; readings: {} unpaired, {} dropped",
-        counts.messages, counts.messages_empty, counts.write_errors, counts.unpaired, counts.samples_dropped
+        counts.messages, counts.messages_empty, counts.write_errors, counts.unpaired_readings, counts.samples_dropped
     )?;
     writeln!(out, "saves: {}, {} failed", counts.saves, counts.store_errors)
 }
@@ -266,7 +274,8 @@ struct CoverageText<'a>(&'a PartCoverage);
 
 impl Display for CoverageText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let PartCoverage { samples, held_back_count: held_back, covered_sectors: sectors, percent } = *self.0;
+        let PartCoverage { fit_count: samples, held_back_count: held_back, covered_sectors: sectors, percent } =
+            *self.0;
         write!(f, "{percent} %, {sectors} of {SECTOR_COUNT} sectors, {samples} samples, {held_back} held back")
     }
 }

@@ -96,8 +96,8 @@ impl EarthField {
 /// Years since 2025.0. Ignoring leap days costs 0.003 years, in which no component changes by 0.5 nT.
 fn years_since_epoch(day: Date) -> f32 {
     /// 2025-01-01, days since 1970-01-01.
-    const EPOCH: f32 = 20_089.0;
-    (f32::from(day.days_since_1970()) - EPOCH) / 365.25
+    const EPOCH_DAY: f32 = 20_089.0;
+    (f32::from(day.days_since_1970()) - EPOCH_DAY) / 365.25
 }
 
 /// Geocentric position (eqs. 7, 8).
@@ -108,7 +108,7 @@ struct GeocentricPosition {
     sin_colatitude: f32,
     cos_colatitude: f32,
     /// Sine and cosine of geocentric minus geodetic latitude.
-    latitude_difference: (f32, f32),
+    latitude_difference_sin_cos: (f32, f32),
 }
 
 impl GeocentricPosition {
@@ -127,11 +127,16 @@ impl GeocentricPosition {
         let distance_m = trig::hypot(from_axis_m, from_equator_m);
         let (sin_colatitude, cos_colatitude) =
             ((from_axis_m / distance_m).max(MIN_SIN_COLATITUDE), from_equator_m / distance_m);
-        let latitude_difference = (
+        let latitude_difference_sin_cos = (
             cos_colatitude * cos_latitude - sin_colatitude * sin_latitude,
             sin_colatitude * cos_latitude + cos_colatitude * sin_latitude,
         );
-        Self { radius_ratio: REFERENCE_RADIUS_M / distance_m, sin_colatitude, cos_colatitude, latitude_difference }
+        Self {
+            radius_ratio: REFERENCE_RADIUS_M / distance_m,
+            sin_colatitude,
+            cos_colatitude,
+            latitude_difference_sin_cos,
+        }
     }
 }
 
@@ -170,7 +175,7 @@ fn components_nt(position: Position, years: f32) -> [f32; 3] {
         radius_ratio: ratio,
         sin_colatitude: sin,
         cos_colatitude: cos,
-        latitude_difference: (sin_turn, cos_turn),
+        latitude_difference_sin_cos: (sin_turn, cos_turn),
     } = GeocentricPosition::from_position(position);
     let (sin_longitude, cos_longitude) = trig::sin_cos(position.longitude_deg.to_radians());
     let (mut north, mut east, mut down) = (0.0, 0.0, 0.0);

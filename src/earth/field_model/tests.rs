@@ -1,15 +1,15 @@
 use super::*;
 
 /// 2025-01-01, days since 1970-01-01: `date -d 2025-01-01 +%s` over 86400.
-const EPOCH: u64 = 20_089;
+const EPOCH_DAY: u64 = 20_089;
 
 fn place(latitude_deg: f32, longitude_deg: f32, height_m: f32) -> Position {
     Position::new(latitude_deg, longitude_deg, height_m).unwrap()
 }
 
-/// Date `after` days after 2025-01-01.
-fn day(after: u64) -> Date {
-    Date::from_unix_s((EPOCH + after) * 86_400).unwrap()
+/// Date `days_after_epoch` days after 2025-01-01.
+fn day(days_after_epoch: u64) -> Date {
+    Date::from_unix_s((EPOCH_DAY + days_after_epoch) * 86_400).unwrap()
 }
 
 fn date_in_year(year: f32) -> Date {
@@ -168,7 +168,7 @@ fn the_model_is_used_for_ten_years() {
         (3651, (2034, 12, 31), ModelValidity::Extrapolated),
         (3652, (2035, 1, 1), ModelValidity::TooOld),
     ] {
-        let day = Date::from_unix_s(EPOCH.saturating_add_signed(after) * 86_400).unwrap();
+        let day = Date::from_unix_s(EPOCH_DAY.saturating_add_signed(after) * 86_400).unwrap();
         assert_eq!((day.year_month_day(), ModelValidity::on_date(day)), (date, validity));
         let is_used = matches!(validity, ModelValidity::Valid | ModelValidity::Extrapolated);
         assert_eq!(EarthField::from_model(place(50.0, 10.0, 0.0), day).is_some(), is_used, "{date:?}");

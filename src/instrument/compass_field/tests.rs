@@ -495,7 +495,7 @@ fn a_blend_with_unknown_inclination_takes_longer() {
 }
 
 #[test]
-fn arming_does_not_change_headings() {
+fn corrections_with_same_headings_are_recognised() {
     let correction = correction_with(test_calibration());
     let changed = [
         with_armed_state(true, &correction),

@@ -12,11 +12,11 @@ use crate::frames::Attitude;
 
 /// Tilt error per pitch excursion. A multirotor that brakes by tilt and drag decelerates by about `2 g` times the
 /// excursion; attitude sources err by 0.4 deg per m/s^2, which makes 0.15.
-const TILT_PER_EXCURSION: f32 = 0.15;
+const TILT_ERROR_PER_EXCURSION: f32 = 0.15;
 
 /// Upper limit of the tilt error, radians. Larger pitch is a steep climb, not braking; on a recorded flight with 90 deg
 /// bank, a higher limit only weakened the heading measurement.
-const MAX_TILT_RAD: f32 = 0.015;
+const MAX_TILT_ERROR_RAD: f32 = 0.015;
 
 /// Time constant of the pitch average, seconds; a sustained climb is not an excursion.
 const AVERAGING_TIME_S: f32 = 20.0;
@@ -26,24 +26,27 @@ const AVERAGING_TIME_S: f32 = 20.0;
 pub(super) struct AccelerationTilt {
     last_pitch_rad: Option<f32>,
     /// Excursion by reported pitch and by integrated pitch rate, radians.
-    reported_excursion_rad: f32,
-    integrated_excursion_rad: f32,
+    reported_pitch_excursion_rad: f32,
+    integrated_pitch_excursion_rad: f32,
 }
 
 impl AccelerationTilt {
-    pub const INITIAL: Self = Self { last_pitch_rad: None, reported_excursion_rad: 0.0, integrated_excursion_rad: 0.0 };
+    pub const INITIAL: Self =
+        Self { last_pitch_rad: None, reported_pitch_excursion_rad: 0.0, integrated_pitch_excursion_rad: 0.0 };
 
     pub fn update_tilt(&mut self, Attitude { pitch_rad, .. }: Attitude, euler_rates: &EulerRates, step_s: f32) {
         let last_rad = self.last_pitch_rad.replace(pitch_rad).unwrap_or(pitch_rad);
         let decay = (1.0 - step_s / AVERAGING_TIME_S).max(0.0);
-        self.reported_excursion_rad = decay * (self.reported_excursion_rad + pitch_rad - last_rad);
-        self.integrated_excursion_rad = decay * (self.integrated_excursion_rad + euler_rates.pitch_rad_s * step_s);
+        self.reported_pitch_excursion_rad = decay * (self.reported_pitch_excursion_rad + pitch_rad - last_rad);
+        self.integrated_pitch_excursion_rad =
+            decay * (self.integrated_pitch_excursion_rad + euler_rates.pitch_rad_s * step_s);
     }
 
     /// Variance of the tilt error about each horizontal axis, square radians.
     pub fn variance_rad2(&self) -> f32 {
-        let off_rad = (TILT_PER_EXCURSION * self.reported_excursion_rad.abs().min(self.integrated_excursion_rad.abs()))
-            .min(MAX_TILT_RAD);
+        let off_rad = (TILT_ERROR_PER_EXCURSION
+            * self.reported_pitch_excursion_rad.abs().min(self.integrated_pitch_excursion_rad.abs()))
+        .min(MAX_TILT_ERROR_RAD);
         off_rad * off_rad
     }
 }

@@ -9,21 +9,21 @@ pub(super) struct SampleNoise {
     /// Variance of the relative field strength.
     pub strength_variance: f32,
     /// Variance of the tilt about each horizontal axis, square radians.
-    pub tilt_rad2: f32,
+    pub tilt_variance_rad2: f32,
 }
 
 /// Time constant of the recent noise, seconds.
-const RECENT_TIME_S: f32 = 10.0;
+const RECENT_NOISE_TIME_CONSTANT_S: f32 = 10.0;
 
 /// Weight of the recent variance; the rest is the weight of the calibration's variance. Fitted to recorded flights, as
 /// the limits below.
-const RECENT_WEIGHT: f32 = 0.75;
+const RECENT_NOISE_WEIGHT: f32 = 0.75;
 
 /// Clipping of inclination and strength residuals, in sigmas.
 const MAX_RESIDUAL_SIGMAS: f32 = 4.0;
 
 /// Clipping of second differences of the strength, in sigmas of the calibration.
-const MAX_STRENGTH_SIGMAS: f32 = 6.0;
+const MAX_STRENGTH_DIFFERENCE_SIGMAS: f32 = 6.0;
 
 /// Lower limit of the strength sigma.
 const MIN_STRENGTH_SIGMA: f32 = 0.003;
@@ -47,55 +47,62 @@ pub(super) struct AdaptiveNoise {
     last_strengths: [f32; 2],
     /// Last residual, radians, and running means of its square and lag-1 product.
     last_inclination_residual_rad: f32,
-    inclination_mean_square_rad2: f32,
-    inclination_lag_1_product_rad2: f32,
+    inclination_residual_mean_square_rad2: f32,
+    inclination_residual_lag_1_product_rad2: f32,
     /// Running mean square of the strength residual, slow errors included.
-    strength_mean_square: f32,
+    strength_residual_mean_square: f32,
 }
 
 impl AdaptiveNoise {
     pub fn new(calibration_noise: SampleNoise, strength: f32) -> Self {
-        let dip_squared = calibration_noise.tilt_rad2 + calibration_noise.strength_variance;
+        let dip_squared = calibration_noise.tilt_variance_rad2 + calibration_noise.strength_variance;
         Self {
             recent_noise: calibration_noise,
             last_strengths: [strength; 2],
             last_inclination_residual_rad: 0.0,
-            inclination_mean_square_rad2: dip_squared,
-            inclination_lag_1_product_rad2: INITIAL_AUTOCORRELATION * dip_squared,
-            strength_mean_square: calibration_noise.strength_variance.max(MIN_STRENGTH_SIGMA * MIN_STRENGTH_SIGMA),
+            inclination_residual_mean_square_rad2: dip_squared,
+            inclination_residual_lag_1_product_rad2: INITIAL_AUTOCORRELATION * dip_squared,
+            strength_residual_mean_square: calibration_noise
+                .strength_variance
+                .max(MIN_STRENGTH_SIGMA * MIN_STRENGTH_SIGMA),
         }
     }
 
     /// Variance inflation by autocorrelation `rho`: `(1 + rho) / (1 - rho)`.
     pub fn correlated_noise_factor(&self) -> f32 {
-        let rho = self.inclination_lag_1_product_rad2 / self.inclination_mean_square_rad2;
+        let rho = self.inclination_residual_lag_1_product_rad2 / self.inclination_residual_mean_square_rad2;
         // 0/0 gives NaN, which is not above the lower limit.
         let rho = if rho > MIN_AUTOCORRELATION { rho.min(MAX_AUTOCORRELATION) } else { MIN_AUTOCORRELATION };
         (1.0 + rho) / (1.0 - rho)
     }
 
     pub fn sample_noise(&self, calibration_noise: SampleNoise) -> SampleNoise {
-        let mixed =
-            |recent: f32, calibration_noise: f32| calibration_noise + RECENT_WEIGHT * (recent - calibration_noise);
+        let mixed = |recent: f32, calibration_noise: f32| {
+            calibration_noise + RECENT_NOISE_WEIGHT * (recent - calibration_noise)
+        };
         SampleNoise {
             strength_variance: mixed(self.recent_noise.strength_variance, calibration_noise.strength_variance),
-            tilt_rad2: mixed(self.recent_noise.tilt_rad2.max(0.0), calibration_noise.tilt_rad2),
+            tilt_variance_rad2: mixed(
+                self.recent_noise.tilt_variance_rad2.max(0.0),
+                calibration_noise.tilt_variance_rad2,
+            ),
         }
     }
 
-    pub const fn strength_mean_square(&self) -> f32 {
-        self.strength_mean_square
+    pub const fn strength_residual_mean_square(&self) -> f32 {
+        self.strength_residual_mean_square
     }
 
     pub fn update_strength_residual(&mut self, residual: f32, step_s: f32) {
         let least = MIN_STRENGTH_SIGMA * MIN_STRENGTH_SIGMA;
-        let most = MAX_RESIDUAL_SIGMAS * MAX_RESIDUAL_SIGMAS * self.strength_mean_square;
+        let most = MAX_RESIDUAL_SIGMAS * MAX_RESIDUAL_SIGMAS * self.strength_residual_mean_square;
         update_moving_average(
-            &mut self.strength_mean_square,
+            &mut self.strength_residual_mean_square,
             (residual * residual).min(most).max(least),
             step_s / AUTOCORRELATION_AVERAGING_S,
         );
-        self.strength_mean_square = self.strength_mean_square.min(MAX_STRENGTH_SIGMA * MAX_STRENGTH_SIGMA);
+        self.strength_residual_mean_square =
+            self.strength_residual_mean_square.min(MAX_STRENGTH_SIGMA * MAX_STRENGTH_SIGMA);
     }
 
     /// Updates the white part of the strength noise with a sample `step_s` after the last. A second difference has six
@@ -104,29 +111,30 @@ impl AdaptiveNoise {
         let [before, last] = self.last_strengths;
         self.last_strengths = [last, strength];
         let second = strength - 2.0 * last + before;
-        let most = MAX_STRENGTH_SIGMAS * MAX_STRENGTH_SIGMAS * calibration_noise.strength_variance;
+        let most =
+            MAX_STRENGTH_DIFFERENCE_SIGMAS * MAX_STRENGTH_DIFFERENCE_SIGMAS * calibration_noise.strength_variance;
         update_moving_average(
             &mut self.recent_noise.strength_variance,
             (second * second / 6.0).min(most),
-            step_s / RECENT_TIME_S,
+            step_s / RECENT_NOISE_TIME_CONSTANT_S,
         );
     }
 
     /// Updates tilt noise and autocorrelation with an inclination residual, radians, `step_s` after the last. The
     /// sensor's noise in it is subtracted.
     pub fn update_tilt_noise(&mut self, calibration_noise: SampleNoise, residual_rad: f32, step_s: f32) {
-        let most = MAX_RESIDUAL_SIGMAS * MAX_RESIDUAL_SIGMAS * calibration_noise.tilt_rad2;
+        let most = MAX_RESIDUAL_SIGMAS * MAX_RESIDUAL_SIGMAS * calibration_noise.tilt_variance_rad2;
         let most_rad = sqrt(most);
         let residual_rad = residual_rad.max(-most_rad).min(most_rad);
         update_moving_average(
-            &mut self.recent_noise.tilt_rad2,
+            &mut self.recent_noise.tilt_variance_rad2,
             residual_rad * residual_rad - self.recent_noise.strength_variance,
-            step_s / RECENT_TIME_S,
+            step_s / RECENT_NOISE_TIME_CONSTANT_S,
         );
         let part = step_s / AUTOCORRELATION_AVERAGING_S;
-        update_moving_average(&mut self.inclination_mean_square_rad2, residual_rad * residual_rad, part);
+        update_moving_average(&mut self.inclination_residual_mean_square_rad2, residual_rad * residual_rad, part);
         update_moving_average(
-            &mut self.inclination_lag_1_product_rad2,
+            &mut self.inclination_residual_lag_1_product_rad2,
             residual_rad * self.last_inclination_residual_rad,
             part,
         );
@@ -144,7 +152,7 @@ mod tests {
 
     use super::*;
 
-    const CALIBRATION_NOISE: SampleNoise = SampleNoise { strength_variance: 1e-4, tilt_rad2: 4e-4 };
+    const CALIBRATION_NOISE: SampleNoise = SampleNoise { strength_variance: 1e-4, tilt_variance_rad2: 4e-4 };
 
     /// Noise after `seconds` of samples at 10 Hz with this multiple of the calibration's sigma, and a strength drift of
     /// 0.1 % per second.
@@ -170,7 +178,7 @@ mod tests {
                 "{sigmas}: {found:?}"
             );
             assert!(
-                (found.tilt_rad2 / CALIBRATION_NOISE.tilt_rad2 / expected - 1.0).abs() < 0.25,
+                (found.tilt_variance_rad2 / CALIBRATION_NOISE.tilt_variance_rad2 / expected - 1.0).abs() < 0.25,
                 "{sigmas}: {found:?}"
             );
         }
@@ -182,7 +190,7 @@ mod tests {
         for _ in 0..100 {
             noise.update_tilt_noise(CALIBRATION_NOISE, 0.041_23, 0.1);
         }
-        let recent = noise.recent_noise.tilt_rad2 / CALIBRATION_NOISE.tilt_rad2;
+        let recent = noise.recent_noise.tilt_variance_rad2 / CALIBRATION_NOISE.tilt_variance_rad2;
         assert!((recent - (1.0 + 3.0 * 0.632)).abs() < 0.02, "{recent}");
     }
 
@@ -201,7 +209,10 @@ mod tests {
         for _ in 0..2000 {
             noise.update_tilt_noise(CALIBRATION_NOISE, 1.0, 0.1);
         }
-        assert!((noise.recent_noise.tilt_rad2 / CALIBRATION_NOISE.tilt_rad2 - 15.75).abs() < 0.01, "{noise:?}");
+        assert!(
+            (noise.recent_noise.tilt_variance_rad2 / CALIBRATION_NOISE.tilt_variance_rad2 - 15.75).abs() < 0.01,
+            "{noise:?}"
+        );
     }
 
     #[test]
@@ -211,24 +222,24 @@ mod tests {
             noise.update_tilt_noise(CALIBRATION_NOISE, 0.0, 0.1);
         }
         let found = noise.sample_noise(CALIBRATION_NOISE);
-        assert!((found.tilt_rad2 - 1e-4).abs() < 1e-9, "a quarter of the calibration's: {found:?}");
+        assert!((found.tilt_variance_rad2 - 1e-4).abs() < 1e-9, "a quarter of the calibration's: {found:?}");
     }
 
     #[test]
     fn a_long_gap_replaces_the_recent_noise() {
         let mut noise = AdaptiveNoise::new(CALIBRATION_NOISE, 1.0);
         noise.update_tilt_noise(CALIBRATION_NOISE, 0.014_142, 1000.0);
-        assert!((noise.recent_noise.tilt_rad2 - 1e-4).abs() < 1e-8, "{noise:?}");
+        assert!((noise.recent_noise.tilt_variance_rad2 - 1e-4).abs() < 1e-8, "{noise:?}");
     }
 
     /// Time constant of the strength residual: 30 s, after which 63 % of a change is followed.
     #[test]
     fn the_strength_residual_is_followed_within_30_s() {
-        let mut noise = AdaptiveNoise::new(SampleNoise { strength_variance: 9e-6, tilt_rad2: 1e-5 }, 1.0);
+        let mut noise = AdaptiveNoise::new(SampleNoise { strength_variance: 9e-6, tilt_variance_rad2: 1e-5 }, 1.0);
         for _ in 0..300 {
             noise.update_strength_residual(0.004, 0.1);
         }
-        let followed = (noise.strength_mean_square() - 9e-6) / (16e-6 - 9e-6);
+        let followed = (noise.strength_residual_mean_square() - 9e-6) / (16e-6 - 9e-6);
         assert!((followed - 0.632).abs() < 0.005, "{followed}");
     }
 }

@@ -6,7 +6,9 @@
 
 use super::super::gyro_error::{GYRO_ERROR_COUNT, GyroErrors};
 use super::super::ud_filter::Measurement;
-use super::measurement_model::{BANK_SCALE_ERROR, GYRO_ERRORS, ROLL_BIAS, STATE_COUNT, StateVector};
+use super::measurement_model::{
+    BANK_SCALE_ERROR_INDEX, FIRST_GYRO_ERROR_INDEX, ROLL_BIAS_INDEX, STATE_COUNT, StateVector,
+};
 use crate::attitude::EulerRates;
 use crate::frames::Attitude;
 
@@ -22,9 +24,9 @@ pub(super) struct CoordinatedTurn {
     duration_s: f32,
     pitch_change_rad: f32,
     heading_change_rad: f32,
-    roll_integral_rad_s: f32,
+    roll_integral_rad_times_s: f32,
     /// Derivatives of the pitch change by the gyro's errors.
-    gyro_row: GyroErrors,
+    gyro_error_row: GyroErrors,
 }
 
 impl CoordinatedTurn {
@@ -33,8 +35,8 @@ impl CoordinatedTurn {
         duration_s: 0.0,
         pitch_change_rad: 0.0,
         heading_change_rad: 0.0,
-        roll_integral_rad_s: 0.0,
-        gyro_row: [0.0; GYRO_ERROR_COUNT],
+        roll_integral_rad_times_s: 0.0,
+        gyro_error_row: [0.0; GYRO_ERROR_COUNT],
     };
 
     /// Integrates a sample `step_s` after the last; returns a measurement at the end of each window.
@@ -42,7 +44,7 @@ impl CoordinatedTurn {
         &mut self,
         reported: Attitude,
         euler_rates: &EulerRates,
-        gyro_row: &GyroErrors,
+        gyro_error_row: &GyroErrors,
         step_s: f32,
         unknowns: &StateVector,
     ) -> Option<Measurement<STATE_COUNT>> {
@@ -53,23 +55,23 @@ impl CoordinatedTurn {
         self.duration_s += step_s;
         self.pitch_change_rad += euler_rates.pitch_rad_s * step_s;
         self.heading_change_rad += euler_rates.heading_rad_s * step_s;
-        self.roll_integral_rad_s += reported.roll_rad * step_s;
-        for (sum, d) in self.gyro_row.iter_mut().zip(gyro_row) {
+        self.roll_integral_rad_times_s += reported.roll_rad * step_s;
+        for (sum, d) in self.gyro_error_row.iter_mut().zip(gyro_error_row) {
             *sum += d * step_s;
         }
         if self.duration_s < WINDOW_S {
             return None;
         }
         let (heading_rad_s, roll_rad) =
-            (self.heading_change_rad / self.duration_s, self.roll_integral_rad_s / self.duration_s);
+            (self.heading_change_rad / self.duration_s, self.roll_integral_rad_times_s / self.duration_s);
         let unbalanced = (self.pitch_change_rad - (reported.pitch_rad - from_pitch_rad)) / self.duration_s;
         let mut row = [0.0; STATE_COUNT];
-        for (d, sum) in row.iter_mut().skip(GYRO_ERRORS).zip(self.gyro_row) {
+        for (d, sum) in row.iter_mut().skip(FIRST_GYRO_ERROR_INDEX).zip(self.gyro_error_row) {
             *d = sum / self.duration_s;
         }
         *self = Self { start_pitch_rad: Some(reported.pitch_rad), ..Self::EMPTY };
-        row[ROLL_BIAS] = -heading_rad_s;
-        row[BANK_SCALE_ERROR] = -heading_rad_s * roll_rad;
+        row[ROLL_BIAS_INDEX] = -heading_rad_s;
+        row[BANK_SCALE_ERROR_INDEX] = -heading_rad_s * roll_rad;
         let predicted = row.iter().zip(unknowns).map(|(d, x)| d * x).sum::<f32>();
         Some(Measurement { jacobian: row, residual: unbalanced - predicted, variance: PITCH_RATE_VARIANCE_RAD2_S2 })
     }
@@ -80,33 +82,35 @@ mod tests {
     use super::*;
     use crate::attitude::BodyRates;
 
-    const NO_GYRO: GyroErrors = [0.0; GYRO_ERROR_COUNT];
+    const NO_GYRO_ERRORS: GyroErrors = [0.0; GYRO_ERROR_COUNT];
 
     /// Level turn at 45 deg bank and 0.3 rad/s with roll bias and bank-angle scale error.
-    fn turn_measurements(bias_rad: f32, bank: f32, unknowns: &StateVector) -> Measurement<STATE_COUNT> {
+    fn turn_measurement(bias_rad: f32, bank_scale_error: f32, unknowns: &StateVector) -> Measurement<STATE_COUNT> {
         let (roll_rad, heading_rad_s) = (0.8_f32, 0.3);
-        let reported_attitude = Attitude { roll_rad: roll_rad * (1.0 + bank) + bias_rad, pitch_rad: 0.0 };
+        let reported_attitude = Attitude { roll_rad: roll_rad * (1.0 + bank_scale_error) + bias_rad, pitch_rad: 0.0 };
         let rates_rad_s = [0.0, heading_rad_s * roll_rad.sin(), heading_rad_s * roll_rad.cos()];
         let euler_rates = EulerRates::from_body_rates(BodyRates::from_rad_s(rates_rad_s).unwrap(), reported_attitude);
         let mut balance = CoordinatedTurn::EMPTY;
-        (0..30).find_map(|_| balance.integrate(reported_attitude, &euler_rates, &NO_GYRO, 0.1, unknowns)).unwrap()
+        (0..30)
+            .find_map(|_| balance.integrate(reported_attitude, &euler_rates, &NO_GYRO_ERRORS, 0.1, unknowns))
+            .unwrap()
     }
 
     /// Bias: 0.02 rad * 0.3 rad/s = 6 mrad/s; scale error: 0.1 * 0.8 rad * 0.3 rad/s = 24 mrad/s.
     #[test]
-    fn a_bank_error_appears_in_the_pitch_balance() {
-        let right = turn_measurements(0.0, 0.0, &[0.0; STATE_COUNT]);
+    fn a_bank_error_appears_in_the_pitch_rate_residual() {
+        let right = turn_measurement(0.0, 0.0, &[0.0; STATE_COUNT]);
         assert!(right.residual.abs() < 1e-6, "{right:?}");
-        let biased = turn_measurements(0.02, 0.0, &[0.0; STATE_COUNT]);
+        let biased = turn_measurement(0.02, 0.0, &[0.0; STATE_COUNT]);
         assert!((biased.residual + 0.006).abs() < 1e-4, "{biased:?}");
-        let scaled = turn_measurements(0.0, 0.1, &[0.0; STATE_COUNT]);
+        let scaled = turn_measurement(0.0, 0.1, &[0.0; STATE_COUNT]);
         assert!((scaled.residual + 0.024).abs() < 2e-4, "{scaled:?}");
         let mut unknowns = [0.0; STATE_COUNT];
-        unknowns[ROLL_BIAS] = 0.02;
-        assert!(turn_measurements(0.02, 0.0, &unknowns).residual.abs() < 2e-4);
+        unknowns[ROLL_BIAS_INDEX] = 0.02;
+        assert!(turn_measurement(0.02, 0.0, &unknowns).residual.abs() < 2e-4);
         let mut unknowns = [0.0; STATE_COUNT];
-        unknowns[BANK_SCALE_ERROR] = 0.1 / 1.1;
-        assert!(turn_measurements(0.0, 0.1, &unknowns).residual.abs() < 3e-4);
+        unknowns[BANK_SCALE_ERROR_INDEX] = 0.1 / 1.1;
+        assert!(turn_measurement(0.0, 0.1, &unknowns).residual.abs() < 3e-4);
     }
 
     #[test]
@@ -116,17 +120,23 @@ mod tests {
         let reported_attitude = |i: u8| Attitude { roll_rad: 0.3, pitch_rad: 0.05 * 0.1 * f32::from(i) };
         let (i, found) = (0..60)
             .find_map(|i| {
-                Some((i, balance.integrate(reported_attitude(i), &euler_rates, &NO_GYRO, 0.1, &[0.0; STATE_COUNT])?))
+                Some((
+                    i,
+                    balance.integrate(reported_attitude(i), &euler_rates, &NO_GYRO_ERRORS, 0.1, &[0.0; STATE_COUNT])?,
+                ))
             })
             .unwrap();
         assert!((20..=21).contains(&i), "two seconds: {i}");
         assert!(found.residual.abs() < 1e-5, "{found:?}");
         assert!(
-            (found.jacobian[ROLL_BIAS] + 0.2).abs() < 1e-5 && (found.jacobian[BANK_SCALE_ERROR] + 0.06).abs() < 1e-5,
+            (found.jacobian[ROLL_BIAS_INDEX] + 0.2).abs() < 1e-5
+                && (found.jacobian[BANK_SCALE_ERROR_INDEX] + 0.06).abs() < 1e-5,
             "{found:?}"
         );
         let next = (i + 1..60)
-            .find_map(|i| balance.integrate(reported_attitude(i), &euler_rates, &NO_GYRO, 0.1, &[0.0; STATE_COUNT]))
+            .find_map(|i| {
+                balance.integrate(reported_attitude(i), &euler_rates, &NO_GYRO_ERRORS, 0.1, &[0.0; STATE_COUNT])
+            })
             .unwrap();
         assert!(next.residual.abs() < 1e-5, "{next:?}");
     }
@@ -137,14 +147,14 @@ mod tests {
         let euler_rates = EulerRates { heading_rad_s: 0.3, ..EulerRates::default() };
         let reported = Attitude { roll_rad: 0.8, pitch_rad: 0.0 };
         let mut balance = CoordinatedTurn::EMPTY;
-        let gyro_row: GyroErrors = core::array::from_fn(|i| 0.1 * i as f32 - 0.3);
+        let gyro_error_row: GyroErrors = core::array::from_fn(|i| 0.1 * i as f32 - 0.3);
         let found = (0..30)
-            .find_map(|_| balance.integrate(reported, &euler_rates, &gyro_row, 0.1, &[0.0; STATE_COUNT]))
+            .find_map(|_| balance.integrate(reported, &euler_rates, &gyro_error_row, 0.1, &[0.0; STATE_COUNT]))
             .unwrap()
             .jacobian;
         let mut expected = [0.0; STATE_COUNT];
-        expected[GYRO_ERRORS..].copy_from_slice(&gyro_row);
-        (expected[ROLL_BIAS], expected[BANK_SCALE_ERROR]) = (-0.3, -0.24);
+        expected[FIRST_GYRO_ERROR_INDEX..].copy_from_slice(&gyro_error_row);
+        (expected[ROLL_BIAS_INDEX], expected[BANK_SCALE_ERROR_INDEX]) = (-0.3, -0.24);
         assert!(found.iter().zip(expected).all(|(d, expected)| (d - expected).abs() < 1e-5), "{found:?}");
     }
 }

@@ -6,7 +6,7 @@
 //! integrated change times the probability of the latter.
 
 /// Time constant of the mean heading rate, seconds: gusts are shorter, turns are longer.
-const MEAN_RATE_TIME_S: f32 = 5.0;
+const MEAN_RATE_TIME_CONSTANT_S: f32 = 5.0;
 
 /// Mean heading rate of a turn, rad/s: 2.3 deg/s.
 const MIN_TURN_RATE_RAD_S: f32 = 0.04;
@@ -21,8 +21,8 @@ const HARD_IRON_PROBABILITY: f32 = 0.25;
 
 /// Estimate of the gyro offset of the z axis, rad/s.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct OffsetEstimate {
-    pub rad_s: f32,
+pub(super) struct GyroOffsetEstimate {
+    pub offset_rad_s: f32,
     pub variance: f32,
 }
 
@@ -31,7 +31,7 @@ pub(super) struct OffsetEstimate {
 pub(super) struct HeadingDrift {
     mean_heading_rate_rad_s: f32,
     /// Estimate in the last turn; `None` before the first.
-    offset_in_turn: Option<OffsetEstimate>,
+    offset_in_turn: Option<GyroOffsetEstimate>,
     drift_rad: f32,
 }
 
@@ -39,14 +39,14 @@ impl HeadingDrift {
     pub const NO_DRIFT: Self = Self { mean_heading_rate_rad_s: 0.0, offset_in_turn: None, drift_rad: 0.0 };
 
     /// Integrates the estimate of a sample `step_s` after the last one.
-    pub fn update_drift(&mut self, offset: OffsetEstimate, heading_rate_rad_s: f32, step_s: f32) {
-        let part = step_s / (MEAN_RATE_TIME_S + step_s);
+    pub fn update_drift(&mut self, offset: GyroOffsetEstimate, heading_rate_rad_s: f32, step_s: f32) {
+        let part = step_s / (MEAN_RATE_TIME_CONSTANT_S + step_s);
         self.mean_heading_rate_rad_s += part * (heading_rate_rad_s - self.mean_heading_rate_rad_s);
         if self.mean_heading_rate_rad_s.abs() > MIN_TURN_RATE_RAD_S {
             self.offset_in_turn = Some(offset);
             self.drift_rad -= part * self.drift_rad;
         } else if let Some(before) = self.offset_in_turn {
-            let change_rad_s = offset.rad_s - before.rad_s;
+            let change_rad_s = offset.offset_rad_s - before.offset_rad_s;
             if change_rad_s * change_rad_s > SIGNIFICANCE_SIGMAS * SIGNIFICANCE_SIGMAS * before.variance {
                 self.drift_rad += change_rad_s * step_s;
             }
@@ -65,8 +65,8 @@ mod tests {
 
     const SIGMA_RAD_S: f32 = 1e-3;
 
-    fn update_for_seconds(drift: &mut HeadingDrift, rad_s: f32, heading_rate_rad_s: f32, seconds: u16) {
-        let offset = OffsetEstimate { rad_s, variance: SIGMA_RAD_S * SIGMA_RAD_S };
+    fn update_for_seconds(drift: &mut HeadingDrift, offset_rad_s: f32, heading_rate_rad_s: f32, seconds: u16) {
+        let offset = GyroOffsetEstimate { offset_rad_s, variance: SIGMA_RAD_S * SIGMA_RAD_S };
         (0..10 * seconds).for_each(|_| drift.update_drift(offset, heading_rate_rad_s, 0.1));
     }
 

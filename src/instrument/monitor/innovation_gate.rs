@@ -36,19 +36,19 @@ pub(super) struct Innovation {
 const WIDE_GATE_SIGMAS: f32 = 4.0;
 
 /// Consecutive innovations beyond the wide gate that detect a change: 0.2 s.
-const WIDE_GATE_COUNT: u8 = 2;
+const WIDE_GATE_FAILURES: u8 = 2;
 
 /// Half-width of the narrow innovation gate, sigmas.
 const NARROW_GATE_SIGMAS: f32 = 2.0;
 
 /// Consecutive innovations beyond the narrow gate that detect a change: 0.6 s.
-const NARROW_GATE_COUNT: u8 = 6;
+const NARROW_GATE_FAILURES: u8 = 6;
 
 /// Residual of relative strength or inclination (radians) above which a sample is gross.
 const MIN_GROSS_RESIDUAL: f32 = 0.2;
 
 /// Consecutive gross samples after which the usual gates apply again: 1.3 s, longer than a sensor restart.
-const MAX_GROSS_COUNT: u8 = 13;
+const MAX_GROSS_SAMPLES: u8 = 13;
 
 /// Time for which headings are withheld after a detected change, seconds.
 const WITHHOLDING_S: f32 = 4.0;
@@ -56,7 +56,7 @@ const WITHHOLDING_S: f32 = 4.0;
 /// Withheld time beyond which the states no longer explain the field, seconds: four detected changes. It is forgotten
 /// with the time constant below.
 const MAX_WITHHELD_S: f32 = 16.0;
-const FORGETTING_TIME_S: f32 = 60.0;
+const WITHHELD_FORGETTING_TIME_S: f32 = 60.0;
 
 /// Turn without a detected change that restores trust in the states, radians: 60 deg. In straight flight wrong states
 /// may agree.
@@ -79,9 +79,9 @@ pub(super) enum GateResult {
 /// Counters of consecutive innovations beyond each gate.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct InnovationGate {
-    beyond_wide_gate: PerKind<u8>,
-    beyond_narrow_gate: PerKind<u8>,
-    gross_count: u8,
+    beyond_wide_gate_counts: PerKind<u8>,
+    beyond_narrow_gate_counts: PerKind<u8>,
+    gross_sample_count: u8,
     withholding_remaining_s: f32,
     withheld_s: f32,
     required_turn_rad: f32,
@@ -89,9 +89,9 @@ pub(super) struct InnovationGate {
 
 impl InnovationGate {
     pub const NO_INNOVATIONS: Self = Self {
-        beyond_wide_gate: [0; 3],
-        beyond_narrow_gate: [0; 3],
-        gross_count: 0,
+        beyond_wide_gate_counts: [0; 3],
+        beyond_narrow_gate_counts: [0; 3],
+        gross_sample_count: 0,
         withholding_remaining_s: 0.0,
         withheld_s: 0.0,
         required_turn_rad: 0.0,
@@ -102,7 +102,7 @@ impl InnovationGate {
         if self.withholding_remaining_s > 0.0 {
             self.withheld_s += step_s;
         } else {
-            self.withheld_s *= (1.0 - step_s / FORGETTING_TIME_S).max(0.0);
+            self.withheld_s *= (1.0 - step_s / WITHHELD_FORGETTING_TIME_S).max(0.0);
             self.required_turn_rad = (self.required_turn_rad - turned_rad.abs()).max(0.0);
         }
         if self.withheld_s > MAX_WITHHELD_S {
@@ -124,11 +124,12 @@ impl InnovationGate {
             let Some(Innovation { residual, variance }) = innovation else { continue };
             let beyond = |sigmas: f32| residual * residual > sigmas * sigmas * variance;
             let (is_beyond_wide, is_beyond_narrow) = (beyond(WIDE_GATE_SIGMAS), beyond(NARROW_GATE_SIGMAS));
-            self.beyond_wide_gate[i] = if is_beyond_wide { self.beyond_wide_gate[i].saturating_add(1) } else { 0 };
-            self.beyond_narrow_gate[i] =
-                if is_beyond_narrow { self.beyond_narrow_gate[i].saturating_add(1) } else { 0 };
-            has_changed |=
-                self.beyond_wide_gate[i] >= WIDE_GATE_COUNT || self.beyond_narrow_gate[i] >= NARROW_GATE_COUNT;
+            self.beyond_wide_gate_counts[i] =
+                if is_beyond_wide { self.beyond_wide_gate_counts[i].saturating_add(1) } else { 0 };
+            self.beyond_narrow_gate_counts[i] =
+                if is_beyond_narrow { self.beyond_narrow_gate_counts[i].saturating_add(1) } else { 0 };
+            has_changed |= self.beyond_wide_gate_counts[i] >= WIDE_GATE_FAILURES
+                || self.beyond_narrow_gate_counts[i] >= NARROW_GATE_FAILURES;
             usable[i] = !is_beyond_wide;
             sizes[i] = if is_beyond_narrow { residual.abs() } else { 0.0 };
         }
@@ -144,12 +145,12 @@ impl InnovationGate {
     fn is_awaiting_gross_end(&mut self, innovations: &PerKind<Option<Innovation>>) -> bool {
         let [strength, inclination, _] = innovations;
         let is_gross = [strength, inclination].into_iter().flatten().any(|d| d.residual.abs() > MIN_GROSS_RESIDUAL);
-        self.gross_count = if is_gross { self.gross_count.saturating_add(1) } else { 0 };
-        let is_waiting = is_gross && self.gross_count < MAX_GROSS_COUNT;
+        self.gross_sample_count = if is_gross { self.gross_sample_count.saturating_add(1) } else { 0 };
+        let is_waiting = is_gross && self.gross_sample_count < MAX_GROSS_SAMPLES;
         if is_waiting {
             // Averaged samples at the start and end of a gross disturbance are partly disturbed, and must not complete
             // a sequence.
-            (self.beyond_wide_gate, self.beyond_narrow_gate) = ([0; 3], [0; 3]);
+            (self.beyond_wide_gate_counts, self.beyond_narrow_gate_counts) = ([0; 3], [0; 3]);
         }
         is_waiting
     }
@@ -160,7 +161,7 @@ impl InnovationGate {
     }
 
     pub fn is_withholding(&self) -> bool {
-        self.withholding_remaining_s > 0.0 || self.gross_count > 0 || self.required_turn_rad > 0.0
+        self.withholding_remaining_s > 0.0 || self.gross_sample_count > 0 || self.required_turn_rad > 0.0
     }
 }
 
@@ -169,14 +170,14 @@ mod tests {
     use super::*;
 
     /// Innovations in sigmas of 0.01; NaN for a missing one.
-    fn innovations_of_sigmas(each: [f32; 3]) -> PerKind<Option<Innovation>> {
-        each.map(|n| (!n.is_nan()).then_some(Innovation { residual: 0.01 * n, variance: 1e-4 }))
+    fn innovations_of_sigmas(sigmas: [f32; 3]) -> PerKind<Option<Innovation>> {
+        sigmas.map(|n| (!n.is_nan()).then_some(Innovation { residual: 0.01 * n, variance: 1e-4 }))
     }
 
-    fn samples_to_change(each: [f32; 3]) -> Option<usize> {
+    fn samples_to_change(sigmas: [f32; 3]) -> Option<usize> {
         let mut gate = InnovationGate::NO_INNOVATIONS;
         (1..=40).find(|_| {
-            matches!(gate.test_innovations(innovations_of_sigmas(each), 0.1), GateResult::ChangeDetected { .. })
+            matches!(gate.test_innovations(innovations_of_sigmas(sigmas), 0.1), GateResult::ChangeDetected { .. })
         })
     }
 
@@ -192,9 +193,9 @@ mod tests {
         // Alternating kinds do not form a sequence.
         let mut gate = InnovationGate::NO_INNOVATIONS;
         for i in 0..20 {
-            let each = if i % 2 == 0 { [5.0, 0.0, 0.0] } else { [0.0, 5.0, 0.0] };
+            let sigmas = if i % 2 == 0 { [5.0, 0.0, 0.0] } else { [0.0, 5.0, 0.0] };
             assert!(
-                matches!(gate.test_innovations(innovations_of_sigmas(each), 0.1), GateResult::Consistent { .. }),
+                matches!(gate.test_innovations(innovations_of_sigmas(sigmas), 0.1), GateResult::Consistent { .. }),
                 "{i}"
             );
         }

@@ -67,14 +67,14 @@ const MIN_REPORT_AGAIN_UT: f32 = 2.0;
 const MIN_REPORT_PERIOD_US: u64 = 30_000_000;
 
 /// Most reports in a flight.
-const MAX_REPORTS: u8 = 5;
+const MAX_REPORTS_PER_FLIGHT: u8 = 5;
 
 impl ChangeReporter {
     /// Reporter that has reported no change yet.
     pub const NOTHING_REPORTED: Self = Self { last_reported: None, last_report_at: None, report_count: 0 };
 
     /// Returns the present change if it is to be reported; `Some(None)` if all is as calibrated again.
-    pub fn select_report(
+    pub fn report_if_changed(
         &mut self,
         at: Timestamp,
         is_armed: bool,
@@ -83,7 +83,7 @@ impl ChangeReporter {
         if !is_armed {
             self.report_count = 0;
         }
-        if self.report_count >= MAX_REPORTS
+        if self.report_count >= MAX_REPORTS_PER_FLIGHT
             || self.last_report_at.is_some_and(|last| at.us_since(last) < MIN_REPORT_PERIOD_US)
         {
             return None;
@@ -130,8 +130,8 @@ impl ChangeDetector {
     }
 
     /// Updates with the size of the estimated change and its sigma, `step_s` after the last.
-    pub fn update_detection(&mut self, size: f32, sigma: f32, is_silent: bool, step_s: f32) -> bool {
-        self.undisturbed_s = if is_silent { 0.0 } else { self.undisturbed_s + step_s };
+    pub fn update_detection(&mut self, size: f32, sigma: f32, is_withholding: bool, step_s: f32) -> bool {
+        self.undisturbed_s = if is_withholding { 0.0 } else { self.undisturbed_s + step_s };
         self.is_significant = if self.is_significant {
             // A larger sigma does not end a reported change.
             size > HYSTERESIS_RATIO * self.min_size
@@ -148,8 +148,14 @@ mod tests {
 
     const DETECTOR: ChangeDetector = ChangeDetector::new(MIN_HARD_IRON_CHANGE);
 
-    fn repeat_update(detector: &mut ChangeDetector, change: f32, sigma: f32, is_silent: bool, tenths: usize) -> bool {
-        (0..tenths).map(|_| detector.update_detection(change, sigma, is_silent, 0.1)).last().unwrap()
+    fn detection_after_tenths(
+        detector: &mut ChangeDetector,
+        change: f32,
+        sigma: f32,
+        is_withholding: bool,
+        tenths: usize,
+    ) -> bool {
+        (0..tenths).map(|_| detector.update_detection(change, sigma, is_withholding, 0.1)).last().unwrap()
     }
 
     #[test]
@@ -157,7 +163,11 @@ mod tests {
         for (change, sigma, expected) in
             [(0.021, 0.004, true), (0.019, 0.001, false), (0.1, 0.019, true), (0.1, 0.021, false)]
         {
-            assert_eq!(repeat_update(&mut DETECTOR.clone(), change, sigma, false, 200), expected, "{change} {sigma}");
+            assert_eq!(
+                detection_after_tenths(&mut DETECTOR.clone(), change, sigma, false, 200),
+                expected,
+                "{change} {sigma}"
+            );
         }
     }
 
@@ -183,7 +193,7 @@ mod tests {
             (None, None),
         ] {
             at = at.plus_us(MIN_REPORT_PERIOD_US);
-            assert_eq!(reporter.select_report(at, false, now), expected, "{now:?}");
+            assert_eq!(reporter.report_if_changed(at, false, now), expected, "{now:?}");
         }
     }
 
@@ -195,7 +205,7 @@ mod tests {
         let mut reports = (0..700_u32).filter_map(|tenth| {
             let now = if tenth / 10 % 2 == 0 { change } else { None };
             reporter
-                .select_report(Timestamp::from_us(u64::from(tenth) * 100_000), false, now)
+                .report_if_changed(Timestamp::from_us(u64::from(tenth) * 100_000), false, now)
                 .map(|report| (tenth, report))
         });
         assert_eq!(reports.by_ref().collect::<Vec<_>>(), [(0, change), (310, None), (620, change)]);
@@ -206,8 +216,8 @@ mod tests {
     fn a_further_change_must_be_significant() {
         let reports_again = |first: InstallationChange, then: InstallationChange| {
             let mut reporter = ChangeReporter::NOTHING_REPORTED;
-            reporter.select_report(Timestamp::from_us(0), false, Some(first));
-            reporter.select_report(Timestamp::from_us(MIN_REPORT_PERIOD_US), false, Some(then)).is_some()
+            reporter.report_if_changed(Timestamp::from_us(0), false, Some(first));
+            reporter.report_if_changed(Timestamp::from_us(MIN_REPORT_PERIOD_US), false, Some(then)).is_some()
         };
         let iron = |y_ut: f32, sigma_ut: f32| {
             InstallationChange::HardIron(HardIronChange { change_ut: Vector3::new(0.0, y_ut, 0.0), sigma_ut })
@@ -228,7 +238,7 @@ mod tests {
             let change = Some(hard_iron_change(Vector3::new(5.0, 0.0, 0.0)));
             let update = |i: &u64| {
                 let at = Timestamp::from_us(i * MIN_REPORT_PERIOD_US);
-                reporter.select_report(at, is_armed, change.filter(|_| i.is_multiple_of(2))).is_some()
+                reporter.report_if_changed(at, is_armed, change.filter(|_| i.is_multiple_of(2))).is_some()
             };
             (from..from + 20).filter(update).count()
         };
@@ -240,18 +250,18 @@ mod tests {
     #[test]
     fn a_hard_iron_change_is_reported_after_15_calm_seconds() {
         let mut moved = DETECTOR;
-        assert!(!repeat_update(&mut moved, 0.1, 0.01, true, 300));
-        assert!(!repeat_update(&mut moved, 0.1, 0.01, false, 149));
-        assert!(repeat_update(&mut moved, 0.1, 0.01, false, 2));
+        assert!(!detection_after_tenths(&mut moved, 0.1, 0.01, true, 300));
+        assert!(!detection_after_tenths(&mut moved, 0.1, 0.01, false, 149));
+        assert!(detection_after_tenths(&mut moved, 0.1, 0.01, false, 2));
     }
 
     #[test]
     fn a_reported_hard_iron_change_holds_until_it_vanishes() {
         let mut moved = DETECTOR;
-        assert!(repeat_update(&mut moved, 0.1, 0.01, false, 200));
-        assert!(repeat_update(&mut moved, 0.1, 0.2, true, 50));
-        assert!(repeat_update(&mut moved, 0.016, 0.01, false, 1));
-        assert!(!repeat_update(&mut moved, 0.014, 0.01, false, 1));
-        assert!(!repeat_update(&mut moved, 0.016, 0.001, false, 200));
+        assert!(detection_after_tenths(&mut moved, 0.1, 0.01, false, 200));
+        assert!(detection_after_tenths(&mut moved, 0.1, 0.2, true, 50));
+        assert!(detection_after_tenths(&mut moved, 0.016, 0.01, false, 1));
+        assert!(!detection_after_tenths(&mut moved, 0.014, 0.01, false, 1));
+        assert!(!detection_after_tenths(&mut moved, 0.016, 0.001, false, 200));
     }
 }

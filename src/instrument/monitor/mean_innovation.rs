@@ -6,13 +6,13 @@
 use super::innovation_gate::{Innovation, PerKind};
 
 /// Time constant of the means, seconds.
-const MEAN_TIME_S: f32 = 4.0;
+const MEAN_TIME_CONSTANT_S: f32 = 4.0;
 
 /// Normalised mean beyond which an innovation is significant.
-const GATE_SIGMAS: f32 = 3.0;
+const HEADING_GATE_SIGMAS: f32 = 3.0;
 
 /// Normalised mean of strength or inclination beyond which the field or the attitude has changed, and not the gyro.
-const QUIET_SIGMAS: f32 = 2.0;
+const FIELD_CHANGE_SIGMAS: f32 = 2.0;
 
 /// Mean innovations of strength, inclination and heading.
 #[derive(Clone, Copy, Debug)]
@@ -26,7 +26,7 @@ impl MeanInnovations {
     /// Adds the innovations of a sample `step_s` after the last one. Returns the mean innovation of the heading,
     /// radians, if it is significant and that of no other measurement is.
     pub fn update_means(&mut self, innovations: &PerKind<Option<Innovation>>, step_s: f32) -> Option<f32> {
-        let part = step_s / (MEAN_TIME_S + step_s);
+        let part = step_s / (MEAN_TIME_CONSTANT_S + step_s);
         let mut sigmas_squared = [0.0; 3];
         for ((mean, innovation), sigmas_squared) in self.means.iter_mut().zip(innovations).zip(&mut sigmas_squared) {
             let Some(Innovation { residual, variance }) = innovation else { continue };
@@ -35,7 +35,8 @@ impl MeanInnovations {
             *sigmas_squared = *mean * *mean * (2.0 - part) / (variance * part);
         }
         let beyond = |kind: usize, sigmas: f32| sigmas_squared[kind] > sigmas * sigmas;
-        let is_of_heading = beyond(2, GATE_SIGMAS) && !beyond(0, QUIET_SIGMAS) && !beyond(1, QUIET_SIGMAS);
+        let is_of_heading =
+            beyond(2, HEADING_GATE_SIGMAS) && !beyond(0, FIELD_CHANGE_SIGMAS) && !beyond(1, FIELD_CHANGE_SIGMAS);
         is_of_heading.then_some(self.means[2])
     }
 }
@@ -62,7 +63,7 @@ mod tests {
 
     /// If strength or inclination changes with the heading, hard iron or attitude is the cause, and not the gyro.
     #[test]
-    fn other_kinds_veto_a_change_of_the_heading_alone() {
+    fn a_strength_or_inclination_change_vetoes_a_heading_change() {
         assert_eq!(slow_change_after([0.3, 0.0, 0.9], 300), None);
         assert_eq!(slow_change_after([0.0, 0.3, 0.9], 300), None);
         assert_eq!(slow_change_after([0.3, 0.9, 0.0], 300), None);

@@ -26,32 +26,40 @@ use crate::frames::{Attitude, Body, Field, wrap_pi};
 use crate::trig;
 use crate::trig::VectorLength as _;
 
-pub(super) const STATE_COUNT: usize = GYRO_ERRORS + GYRO_ERROR_COUNT;
-pub(super) const HARD_IRON_CHANGE: usize = 0;
-pub(super) const HARD_IRON_AXES: [usize; 3] = [HARD_IRON_CHANGE, HARD_IRON_CHANGE + 1, HARD_IRON_CHANGE + 2];
+pub(super) const STATE_COUNT: usize = FIRST_GYRO_ERROR_INDEX + GYRO_ERROR_COUNT;
+pub(super) const HARD_IRON_CHANGE_INDEX: usize = 0;
+pub(super) const HARD_IRON_INDICES: [usize; 3] =
+    [HARD_IRON_CHANGE_INDEX, HARD_IRON_CHANGE_INDEX + 1, HARD_IRON_CHANGE_INDEX + 2];
 /// The mount turn is an early state, because the field strength depends only on the states up to it.
-pub(super) const MOUNT_TURN: usize = 3;
-pub(super) const STRENGTH_CHANGE: usize = 4;
-pub(super) const INCLINATION_CHANGE: usize = 5;
-pub(super) const ROLL_BIAS: usize = 6;
-pub(super) const PITCH_BIAS: usize = 7;
-pub(super) const BANK_SCALE_ERROR: usize = 8;
-pub(super) const ATTITUDE_LATENCY: usize = 9;
+pub(super) const MOUNT_TURN_INDEX: usize = 3;
+pub(super) const STRENGTH_CHANGE_INDEX: usize = 4;
+pub(super) const INCLINATION_CHANGE_INDEX: usize = 5;
+pub(super) const ROLL_BIAS_INDEX: usize = 6;
+pub(super) const PITCH_BIAS_INDEX: usize = 7;
+pub(super) const BANK_SCALE_ERROR_INDEX: usize = 8;
+pub(super) const ATTITUDE_LATENCY_INDEX: usize = 9;
 /// Offset of the gyro heading; propagated from the gyro's errors, so it is the state before them.
-pub(super) const GYRO_OFFSET: usize = 10;
+pub(super) const GYRO_HEADING_OFFSET_INDEX: usize = 10;
 /// First state of the gyro's errors, which are the last states.
-pub(super) const GYRO_ERRORS: usize = 11;
+pub(super) const FIRST_GYRO_ERROR_INDEX: usize = 11;
 /// States of the gyro offsets of the y and the z axis.
-pub(super) const GYRO_OFFSETS: [usize; 2] = [GYRO_ERRORS, GYRO_ERRORS + GYRO_ERROR_COUNT / 2];
+pub(super) const GYRO_RATE_OFFSET_INDICES: [usize; 2] =
+    [FIRST_GYRO_ERROR_INDEX, FIRST_GYRO_ERROR_INDEX + GYRO_ERROR_COUNT / 2];
 
 /// States whose change shows a drift of the field.
-pub(super) const DRIFTING_STATES: [usize; 6] =
-    [HARD_IRON_CHANGE, HARD_IRON_CHANGE + 1, HARD_IRON_CHANGE + 2, MOUNT_TURN, STRENGTH_CHANGE, INCLINATION_CHANGE];
+pub(super) const DRIFTING_STATES: [usize; 6] = [
+    HARD_IRON_CHANGE_INDEX,
+    HARD_IRON_CHANGE_INDEX + 1,
+    HARD_IRON_CHANGE_INDEX + 2,
+    MOUNT_TURN_INDEX,
+    STRENGTH_CHANGE_INDEX,
+    INCLINATION_CHANGE_INDEX,
+];
 
 pub(super) type StateVector = [f32; STATE_COUNT];
 
 pub(super) fn hard_iron_change(states: &StateVector) -> Vector3<f32> {
-    Vector3::new(states[HARD_IRON_CHANGE], states[HARD_IRON_CHANGE + 1], states[HARD_IRON_CHANGE + 2])
+    Vector3::new(states[HARD_IRON_CHANGE_INDEX], states[HARD_IRON_CHANGE_INDEX + 1], states[HARD_IRON_CHANGE_INDEX + 2])
 }
 
 /// Axis of a turn of the module in its mount: the body's z axis in the sensor's axes. Soft iron is symmetric but for
@@ -66,10 +74,10 @@ pub(super) fn mount_axis(calibration: &Calibration) -> Vector3<f32> {
 /// does not turn: with the axis `a` and the measured field `m`, `W (R(mu) m - b) = h + sin mu p + (1 - cos mu) q`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MountTurnEffect {
-    /// Field change by the sine of the mount's turn: `W (a x m)`.
-    p: Vector3<f32>,
-    /// Field change by one minus the cosine of the mount's turn: `W (a x (a x m))`.
-    q: Vector3<f32>,
+    /// Field change `p` by the sine of the mount's turn: `W (a x m)`.
+    change_by_sine: Vector3<f32>,
+    /// Field change `q` by one minus the cosine of the mount's turn: `W (a x (a x m))`.
+    change_by_one_minus_cosine: Vector3<f32>,
 }
 
 impl MountTurnEffect {
@@ -77,28 +85,32 @@ impl MountTurnEffect {
     pub fn new(calibration: &Calibration, measured: &Vector3<f32>) -> Self {
         let (w, axis) = (calibration.w_matrix(), mount_axis(calibration));
         let across = axis.cross(measured);
-        Self { p: multiply(&w, &across), q: multiply(&w, &axis.cross(&across)) }
+        Self { change_by_sine: multiply(&w, &across), change_by_one_minus_cosine: multiply(&w, &axis.cross(&across)) }
     }
 
     /// Change of the field by a turn, relative to the field strength, and its derivative by the turn.
     fn field_change_and_derivative(&self, turn_rad: f32) -> [Vector3<f32>; 2] {
         let (sin, cos) = trig::sin_cos(turn_rad);
-        [self.p * sin + self.q * (1.0 - cos), self.p * cos + self.q * sin]
+        [
+            self.change_by_sine * sin + self.change_by_one_minus_cosine * (1.0 - cos),
+            self.change_by_sine * cos + self.change_by_one_minus_cosine * sin,
+        ]
     }
 }
 
 /// The Earth's field in body axes, by a sample and the states; and its derivative by the turn of the mount.
 pub(super) fn body_field(sample: &MonitorSample, states: &StateVector) -> (Field<Body>, Vector3<f32>) {
-    let [change, by_mount_turn] = sample.mount_turn_effect.field_change_and_derivative(states[MOUNT_TURN]);
+    let [change, by_mount_turn] = sample.mount_turn_effect.field_change_and_derivative(states[MOUNT_TURN_INDEX]);
     (Field::new(sample.field + change - hard_iron_change(states)), by_mount_turn)
 }
 
 pub(super) fn correct_attitude(reported: Attitude, euler_rates: &EulerRates, states: &StateVector) -> Attitude {
     let Attitude { roll_rad, pitch_rad } = reported;
-    let tau = states[ATTITUDE_LATENCY];
+    let tau = states[ATTITUDE_LATENCY_INDEX];
     Attitude {
-        roll_rad: roll_rad - states[ROLL_BIAS] - states[BANK_SCALE_ERROR] * roll_rad + tau * euler_rates.roll_rad_s,
-        pitch_rad: pitch_rad - states[PITCH_BIAS] + tau * euler_rates.pitch_rad_s,
+        roll_rad: roll_rad - states[ROLL_BIAS_INDEX] - states[BANK_SCALE_ERROR_INDEX] * roll_rad
+            + tau * euler_rates.roll_rad_s,
+        pitch_rad: pitch_rad - states[PITCH_BIAS_INDEX] + tau * euler_rates.pitch_rad_s,
     }
 }
 
@@ -118,7 +130,7 @@ impl MonitorSample {
         let EulerRates { roll_rad_s, pitch_rad_s, heading_rad_s } = *euler_rates;
         let angles = attitude.roll_rad + attitude.pitch_rad + roll_rad_s + pitch_rad_s + heading_rad_s;
         // A sum with infinity or NaN is not finite.
-        (field.sum() + mount_turn_effect.q.sum() + angles).is_finite()
+        (field.sum() + mount_turn_effect.change_by_one_minus_cosine.sum() + angles).is_finite()
     }
 }
 
@@ -136,12 +148,12 @@ impl PredictedField {
     pub fn new(states: &StateVector, inclination_rad: f32, gyro_heading: Option<&GyroHeading>) -> Self {
         let by_gyro = |turning: &GyroHeading| {
             turning.relative_heading_rad
-                + states[GYRO_OFFSET]
-                + states[ATTITUDE_LATENCY] * turning.euler_rates.heading_rad_s
+                + states[GYRO_HEADING_OFFSET_INDEX]
+                + states[ATTITUDE_LATENCY_INDEX] * turning.euler_rates.heading_rad_s
         };
         Self {
-            strength: 1.0 + states[STRENGTH_CHANGE],
-            inclination_rad: inclination_rad + states[INCLINATION_CHANGE],
+            strength: 1.0 + states[STRENGTH_CHANGE_INDEX],
+            inclination_rad: inclination_rad + states[INCLINATION_CHANGE_INDEX],
             heading_rad: gyro_heading.map(by_gyro),
         }
     }
@@ -155,7 +167,7 @@ pub(super) struct MeasurementModel {
     pub heading_rad: f32,
     pub tan_inclination: f32,
     /// Measured field, corrected as calibrated, less the predicted one, body axes.
-    pub uncorrected_residual: Vector3<f32>,
+    pub calibrated_field_residual: Vector3<f32>,
     pub strength_jacobian: StateVector,
     pub inclination_jacobian: StateVector,
     pub heading_jacobian: StateVector,
@@ -177,18 +189,18 @@ impl MeasurementModel {
         );
         let earth = tilt.to_body_frame(level).ut;
         let prediction = FieldPrediction::new(earth, &earth, &tilt);
-        let inclination_by_tilt = prediction.inclination_by_attitude(&tilt);
-        let heading_by_tilt = prediction.heading_by_attitude(&tilt);
+        let inclination_by_tilt = prediction.inclination_derivatives_by_attitude(&tilt);
+        let heading_by_tilt = prediction.heading_derivatives_by_attitude(&tilt);
         let row = |by_field: &Vector3<f32>, by_tilt| jacobian_row(sample, &by_mount_turn, by_field, by_tilt);
         Self {
             strength: measured.total_ut(),
             inclination_rad: measured.inclination_rad(),
             heading_rad,
             tan_inclination: prediction.level_field.z / prediction.cos_inclination,
-            uncorrected_residual: sample.field - earth,
+            calibrated_field_residual: sample.field - earth,
             strength_jacobian: row(&prediction.field_direction, [0.0; 2]),
-            inclination_jacobian: row(&prediction.inclination_by_field, inclination_by_tilt),
-            heading_jacobian: row(&prediction.heading_by_field(&tilt), heading_by_tilt),
+            inclination_jacobian: row(&prediction.inclination_derivative_by_field, inclination_by_tilt),
+            heading_jacobian: row(&prediction.heading_derivative_by_field(&tilt), heading_by_tilt),
         }
     }
 
@@ -214,10 +226,10 @@ impl MeasurementModel {
         ];
         let mut jacobians =
             [self.strength_jacobian, self.inclination_jacobian, self.heading_jacobian].map(|row| row.map(|d| -d));
-        jacobians[0][STRENGTH_CHANGE] += 1.0;
-        jacobians[1][INCLINATION_CHANGE] += 1.0;
-        jacobians[2][GYRO_OFFSET] += 1.0;
-        jacobians[2][ATTITUDE_LATENCY] += sample.euler_rates.heading_rad_s;
+        jacobians[0][STRENGTH_CHANGE_INDEX] += 1.0;
+        jacobians[1][INCLINATION_CHANGE_INDEX] += 1.0;
+        jacobians[2][GYRO_HEADING_OFFSET_INDEX] += 1.0;
+        jacobians[2][ATTITUDE_LATENCY_INDEX] += sample.euler_rates.heading_rad_s;
         array::from_fn(|kind| {
             let (jacobian, variance) = (jacobians[kind], variances[kind]);
             residuals[kind].map(|residual| Measurement { jacobian, residual, variance })
@@ -236,13 +248,13 @@ fn jacobian_row(
     let MonitorSample { attitude, euler_rates, .. } = sample;
     let mut row = [0.0; STATE_COUNT];
     for axis in 0..3 {
-        row[HARD_IRON_CHANGE + axis] = -by_field[axis];
+        row[HARD_IRON_CHANGE_INDEX + axis] = -by_field[axis];
     }
-    row[MOUNT_TURN] = by_field.dot(by_mount_turn);
-    row[ROLL_BIAS] = -by_roll;
-    row[PITCH_BIAS] = -by_pitch;
-    row[BANK_SCALE_ERROR] = -by_roll * attitude.roll_rad;
-    row[ATTITUDE_LATENCY] = by_roll * euler_rates.roll_rad_s + by_pitch * euler_rates.pitch_rad_s;
+    row[MOUNT_TURN_INDEX] = by_field.dot(by_mount_turn);
+    row[ROLL_BIAS_INDEX] = -by_roll;
+    row[PITCH_BIAS_INDEX] = -by_pitch;
+    row[BANK_SCALE_ERROR_INDEX] = -by_roll * attitude.roll_rad;
+    row[ATTITUDE_LATENCY_INDEX] = by_roll * euler_rates.roll_rad_s + by_pitch * euler_rates.pitch_rad_s;
     row
 }
 
@@ -260,8 +272,8 @@ mod tests {
         MonitorSample {
             field: attitude.to_body_frame(level).ut,
             mount_turn_effect: MountTurnEffect {
-                p: Vector3::from_fn(|_, _| number(1.0)),
-                q: Vector3::from_fn(|_, _| number(1.0)),
+                change_by_sine: Vector3::from_fn(|_, _| number(1.0)),
+                change_by_one_minus_cosine: Vector3::from_fn(|_, _| number(1.0)),
             },
             attitude,
             euler_rates: EulerRates { roll_rad_s: number(1.0), pitch_rad_s: number(0.5), heading_rad_s: number(0.6) },
@@ -278,11 +290,13 @@ mod tests {
             let found = MeasurementModel::new(&monitor_sample, &at, &reference_field);
             let monitor_sample = MonitorSample {
                 field: monitor_sample.field
-                    + body_field(&monitor_sample, &at).0.ut * ((1.0 + at[STRENGTH_CHANGE]) / found.strength - 1.0),
+                    + body_field(&monitor_sample, &at).0.ut
+                        * ((1.0 + at[STRENGTH_CHANGE_INDEX]) / found.strength - 1.0),
                 ..monitor_sample
             };
-            let by_gyro_rad =
-                found.heading_rad - at[GYRO_OFFSET] - at[ATTITUDE_LATENCY] * monitor_sample.euler_rates.heading_rad_s;
+            let by_gyro_rad = found.heading_rad
+                - at[GYRO_HEADING_OFFSET_INDEX]
+                - at[ATTITUDE_LATENCY_INDEX] * monitor_sample.euler_rates.heading_rad_s;
             let turning = GyroHeading {
                 euler_rates: monitor_sample.euler_rates,
                 relative_heading_rad: by_gyro_rad,
@@ -290,7 +304,7 @@ mod tests {
             };
             let measured = |states: &StateVector| {
                 let predicted_field =
-                    PredictedField::new(states, found.inclination_rad - at[INCLINATION_CHANGE], Some(&turning));
+                    PredictedField::new(states, found.inclination_rad - at[INCLINATION_CHANGE_INDEX], Some(&turning));
                 let model = MeasurementModel::new(&monitor_sample, states, &predicted_field);
                 model.measurements(&predicted_field, &monitor_sample, [1.0; 3]).map(Option::unwrap)
             };
@@ -316,7 +330,8 @@ mod tests {
     fn the_prediction_of_a_true_field_is_exact() {
         let attitude = Attitude::from_deg(-30.0, 8.0);
         let body = attitude.to_body_frame(Field::earth_field(1.0, 1.1, 2.0)).ut;
-        let mount_turn_effect = MountTurnEffect { p: Vector3::x(), q: Vector3::y() };
+        let mount_turn_effect =
+            MountTurnEffect { change_by_sine: Vector3::x(), change_by_one_minus_cosine: Vector3::y() };
         let monitor_sample =
             MonitorSample { field: body, mount_turn_effect, attitude, euler_rates: EulerRates::default() };
         let predicted_field = PredictedField::new(&[0.0; STATE_COUNT], 1.1, None);
@@ -331,11 +346,11 @@ mod tests {
         let euler_rates = EulerRates { roll_rad_s: 0.5, pitch_rad_s: -0.2, heading_rad_s: 0.0 };
         let reported = Attitude { roll_rad: 0.4, pitch_rad: 0.1 };
         for (index, value, roll_rad, pitch_rad) in [
-            (ROLL_BIAS, 0.01, 0.39, 0.1),
-            (PITCH_BIAS, 0.01, 0.4, 0.09),
-            (BANK_SCALE_ERROR, 0.1, 0.36, 0.1),
-            (ATTITUDE_LATENCY, 0.1, 0.45, 0.08),
-            (GYRO_OFFSET, 1.0, 0.4, 0.1),
+            (ROLL_BIAS_INDEX, 0.01, 0.39, 0.1),
+            (PITCH_BIAS_INDEX, 0.01, 0.4, 0.09),
+            (BANK_SCALE_ERROR_INDEX, 0.1, 0.36, 0.1),
+            (ATTITUDE_LATENCY_INDEX, 0.1, 0.45, 0.08),
+            (GYRO_HEADING_OFFSET_INDEX, 1.0, 0.4, 0.1),
         ] {
             let mut states = [0.0; STATE_COUNT];
             states[index] = value;

@@ -48,45 +48,47 @@ use crate::trig::{VectorLength as _, sqrt};
 use acceleration_tilt::AccelerationTilt;
 use adaptive_noise::{AdaptiveNoise, SampleNoise};
 use coordinated_turn::CoordinatedTurn;
-use heading_drift::{HeadingDrift, OffsetEstimate};
+use heading_drift::{GyroOffsetEstimate, HeadingDrift};
 use innovation_gate::{GateResult, Innovation, InnovationGate, PerKind};
 use installation_change::{ChangeDetector, MIN_HARD_IRON_CHANGE, MIN_MOUNT_TURN_RAD};
 pub use installation_change::{ChangeReporter, HardIronChange, InstallationChange, MountTurn};
 use mean_innovation::MeanInnovations;
 use measurement_model::{
-    ATTITUDE_LATENCY, BANK_SCALE_ERROR, DRIFTING_STATES, GYRO_ERRORS, GYRO_OFFSET, GYRO_OFFSETS, HARD_IRON_AXES,
-    HARD_IRON_CHANGE, INCLINATION_CHANGE, MOUNT_TURN, MeasurementModel, MonitorSample, MountTurnEffect, PITCH_BIAS,
-    PredictedField, ROLL_BIAS, STATE_COUNT, STRENGTH_CHANGE, StateVector,
+    ATTITUDE_LATENCY_INDEX, BANK_SCALE_ERROR_INDEX, DRIFTING_STATES, FIRST_GYRO_ERROR_INDEX, GYRO_HEADING_OFFSET_INDEX,
+    GYRO_RATE_OFFSET_INDICES, HARD_IRON_CHANGE_INDEX, HARD_IRON_INDICES, INCLINATION_CHANGE_INDEX, MOUNT_TURN_INDEX,
+    MeasurementModel, MonitorSample, MountTurnEffect, PITCH_BIAS_INDEX, PredictedField, ROLL_BIAS_INDEX, STATE_COUNT,
+    STRENGTH_CHANGE_INDEX, StateVector,
 };
 pub(super) use monitor_output::MonitorOutput;
 pub(super) use monitored_calibration::MonitoredCalibration;
 use mount_turn::mount_turn_rad;
 use parameters::{
-    ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_VARIANCE_FACTOR, FIELD_DRIFT_FACTOR, FIELD_DRIFT_TIME_S,
-    INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON, MAX_DECAYING_MOUNT_TURN_RAD,
-    MAX_GAP_S, MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE,
-    MAX_HEADING_SIGMA_RAD, MAX_INCLINATION_CHANGE_RAD, MAX_INNOVATION, MAX_MOUNT_TURN_RAD, MAX_MOUNT_TURNING_BANK_RAD,
-    MAX_MOUNT_TURNING_S, MAX_SAMPLES_AWAITING_CURRENT, MAX_SENT_SIGMA_RAD, MAX_STRENGTH_CHANGE,
-    MAX_TILT_INNOVATION_RAD, MIN_DRIFTING_MOUNT_VARIANCE, MIN_FIELD_DRIFT, MIN_SIN_INCLINATION, POST_CHANGE_HARD_IRON,
-    POST_CHANGE_INFLATION, POST_CHANGE_S, SAMPLE_VARIANCE_FACTORS, SLOW_CHANGE_TIME_S, UNKNOWN_ANGLE_VARIANCE_RAD2,
-    UNOBSERVED_DECAY_TIME_S, VARIANCE_FLOORS, state_noise,
+    ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_VARIANCE_FACTOR, FIELD_DRIFT_INFLATION_FACTOR,
+    FIELD_DRIFT_TIME_S, GYRO_OFFSET_CHANGE_TIME_S, INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD, MAX_BANK_FOR_MOUNT_TURN_RAD,
+    MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON, MAX_DECAYING_MOUNT_TURN_RAD, MAX_GYRO_OFFSET_RAD_S,
+    MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD,
+    MAX_INCLINATION_CHANGE_RAD, MAX_INFLATING_INNOVATION, MAX_INFLATING_TILT_RAD, MAX_MOUNT_TURN_RAD, MAX_SAMPLE_GAP_S,
+    MAX_SAMPLES_AWAITING_CURRENT, MAX_SENT_SIGMA_RAD, MAX_STRENGTH_CHANGE, MAX_WITHHELD_FOR_MOUNT_TURN_S,
+    MIN_DRIFTING_MOUNT_VARIANCE, MIN_FIELD_DRIFT, MIN_SIN_INCLINATION, POST_CHANGE_HARD_IRON_NOISE, POST_CHANGE_S,
+    POST_CHANGE_VARIANCE_INFLATION, SAMPLE_VARIANCE_FACTORS, UNKNOWN_ANGLE_VARIANCE_RAD2, UNOBSERVED_DECAY_TIME_S,
+    VARIANCE_FLOORS, state_noise,
 };
 
 /// The monitor. 2.3 KB.
 #[derive(Debug)]
 pub(super) struct Monitor {
-    expected_errors: SensorErrorSigmas,
+    expected_sensor_errors: SensorErrorSigmas,
     filter: UdFilter<STATE_COUNT>,
     adaptive_noise: Option<AdaptiveNoise>,
     innovation_gate: InnovationGate,
     is_strength_test_failed: bool,
     /// Largest measurement variance due to coefficient errors in the last sample.
-    max_coefficient_variance: f32,
+    largest_coefficient_variance: f32,
     /// Remaining time of increased hard-iron process noise, seconds.
     post_change_remaining_s: f32,
     coordinated_turn: CoordinatedTurn,
     /// Derivatives of the heading rate by the gyro's errors at the last sample.
-    last_gyro_row: Option<GyroErrors>,
+    last_gyro_error_row: Option<GyroErrors>,
     mean_innovations: MeanInnovations,
     /// Values of the [`DRIFTING_STATES`] about a minute ago.
     past_drifting_states: [f32; DRIFTING_STATES.len()],
@@ -99,36 +101,36 @@ pub(super) struct Monitor {
     last_sample_at: Option<Timestamp>,
     /// Samples discarded while the first report of the motor current is awaited.
     samples_awaiting_current: u8,
-    gyro_run: Option<u8>,
+    gyro_run_number: Option<u8>,
     output: MonitorOutput,
 }
 
 /// Number of steps in which every state receives its process noise.
-const NOISE_STEPS: usize = 2 * (STATE_COUNT - 1);
+const NOISE_SCHEDULE_STEPS: usize = 2 * (STATE_COUNT - 1);
 
 /// State that receives process noise with this sample, and the number of samples since its last addition. To save time,
 /// one state is chosen per sample, the gyro heading's offset with every second sample.
 const fn noise_schedule(step: usize) -> (usize, usize) {
     let i = step / 2;
     match step % 2 {
-        0 => (GYRO_OFFSET, 2),
-        _ if i < GYRO_OFFSET => (i, NOISE_STEPS),
-        _ => (i + 1, NOISE_STEPS),
+        0 => (GYRO_HEADING_OFFSET_INDEX, 2),
+        _ if i < GYRO_HEADING_OFFSET_INDEX => (i, NOISE_SCHEDULE_STEPS),
+        _ => (i + 1, NOISE_SCHEDULE_STEPS),
     }
 }
 
 impl Monitor {
-    pub fn new(expected_errors: SensorErrorSigmas) -> Self {
+    pub fn new(expected_sensor_errors: SensorErrorSigmas) -> Self {
         Self {
-            expected_errors,
-            filter: UdFilter::new(&array::from_fn(|i| state_noise(i, expected_errors).initial_sigma)),
+            expected_sensor_errors,
+            filter: UdFilter::new(&array::from_fn(|i| state_noise(i, expected_sensor_errors).initial_sigma)),
             adaptive_noise: None,
             innovation_gate: InnovationGate::NO_INNOVATIONS,
             is_strength_test_failed: false,
-            max_coefficient_variance: 0.0,
+            largest_coefficient_variance: 0.0,
             post_change_remaining_s: 0.0,
             coordinated_turn: CoordinatedTurn::EMPTY,
-            last_gyro_row: None,
+            last_gyro_error_row: None,
             mean_innovations: MeanInnovations::ZERO_MEANS,
             past_drifting_states: [0.0; DRIFTING_STATES.len()],
             heading_drift: HeadingDrift::NO_DRIFT,
@@ -138,7 +140,7 @@ impl Monitor {
             mount_detector: ChangeDetector::new(MIN_MOUNT_TURN_RAD),
             last_sample_at: None,
             samples_awaiting_current: 0,
-            gyro_run: None,
+            gyro_run_number: None,
             output: MonitorOutput::INITIAL,
         }
     }
@@ -177,20 +179,21 @@ impl Monitor {
         self.predict_state(step_s);
         let gyro_rows = gyro_heading.map(|_| GyroErrorRows::new(monitor_sample.attitude, &monitor_sample.euler_rates));
         self.inflate_by_drift(monitor_sample.attitude.roll_rad, step_s);
-        self.propagate_gyro_offset(gyro_rows.map(|rows| rows.heading_row), step_s);
-        self.initialise_gyro_offset(&monitor_sample, gyro_heading, step_s);
+        self.propagate_gyro_heading_offset(gyro_rows.map(|rows| rows.heading_row), step_s);
+        self.initialise_gyro_heading_offset(&monitor_sample, gyro_heading, step_s);
         // Field relative to the hard iron, in units of the field strength: errors of the soft iron multiply it.
         let position = (sample.field.ut - calibration.b_vector_ut()) / calibration.total_ut;
         let heading_jacobian =
             self.update_measurements(monitored, &monitor_sample, &position, gyro_heading.as_ref(), step_s);
-        let [_, z] = GYRO_OFFSETS;
-        let gyro_offset = OffsetEstimate { rad_s: self.filter.mean()[z], variance: self.filter.state_variance(z) };
+        let [_, z] = GYRO_RATE_OFFSET_INDICES;
+        let gyro_offset =
+            GyroOffsetEstimate { offset_rad_s: self.filter.mean()[z], variance: self.filter.state_variance(z) };
         self.heading_drift.update_drift(gyro_offset, monitor_sample.euler_rates.heading_rad_s, step_s);
         if let Some(rows) = gyro_rows {
             self.update_coordinated_turn(&monitor_sample, &rows.pitch_row, step_s);
         }
-        let offset_rad = self.filter.mean()[GYRO_OFFSET];
-        self.filter.set_mean(GYRO_OFFSET, wrap_pi(offset_rad));
+        let offset_rad = self.filter.mean()[GYRO_HEADING_OFFSET_INDEX];
+        self.filter.set_mean(GYRO_HEADING_OFFSET_INDEX, wrap_pi(offset_rad));
         if !self.filter.is_finite() {
             // A state that is not finite is unexpected; the reset keeps NaN out of all later results.
             self.reset_states();
@@ -213,38 +216,39 @@ impl Monitor {
     /// Resets the monitor. Not inlined, because a whole monitor is on the stack.
     #[inline(never)]
     fn reset_states(&mut self) {
-        *self = Self::new(self.expected_errors);
+        *self = Self::new(self.expected_sensor_errors);
     }
 
     fn predict_state(&mut self, step_s: f32) {
         self.post_change_remaining_s = (self.post_change_remaining_s - step_s).max(0.0);
         let (i, samples) = noise_schedule(self.noise_schedule_step);
-        self.noise_schedule_step = (self.noise_schedule_step + 1) % NOISE_STEPS;
-        let is_unsettled = self.post_change_remaining_s > 0.0 && HARD_IRON_AXES.contains(&i);
-        let noise = if is_unsettled { POST_CHANGE_HARD_IRON } else { state_noise(i, self.expected_errors) };
-        if i == GYRO_OFFSET || self.filter.state_variance(i) < noise.initial_sigma * noise.initial_sigma {
+        self.noise_schedule_step = (self.noise_schedule_step + 1) % NOISE_SCHEDULE_STEPS;
+        let is_unsettled = self.post_change_remaining_s > 0.0 && HARD_IRON_INDICES.contains(&i);
+        let noise =
+            if is_unsettled { POST_CHANGE_HARD_IRON_NOISE } else { state_noise(i, self.expected_sensor_errors) };
+        if i == GYRO_HEADING_OFFSET_INDEX || self.filter.state_variance(i) < noise.initial_sigma * noise.initial_sigma {
             self.filter.inflate_variance(i, noise.process_noise_per_s * step_s * samples as f32);
         }
         // Unobservable states must not accumulate a day of noise; a confirmed change of hard iron must persist.
         let decay = (1.0 - step_s / UNOBSERVED_DECAY_TIME_S).max(0.0);
         if measurement_model::hard_iron_change(self.filter.mean()).vector_length() < MAX_DECAYING_HARD_IRON {
-            self.decay_states(HARD_IRON_CHANGE..MOUNT_TURN, decay);
+            self.decay_states(HARD_IRON_CHANGE_INDEX..MOUNT_TURN_INDEX, decay);
         }
-        self.decay_states(ROLL_BIAS..GYRO_OFFSET, decay);
-        if self.filter.mean()[MOUNT_TURN].abs() < MAX_DECAYING_MOUNT_TURN_RAD {
-            self.decay_states(MOUNT_TURN..STRENGTH_CHANGE, decay);
+        self.decay_states(ROLL_BIAS_INDEX..GYRO_HEADING_OFFSET_INDEX, decay);
+        if self.filter.mean()[MOUNT_TURN_INDEX].abs() < MAX_DECAYING_MOUNT_TURN_RAD {
+            self.decay_states(MOUNT_TURN_INDEX..STRENGTH_CHANGE_INDEX, decay);
         }
     }
 
     /// Time update of the gyro heading's offset, with the mean of the gyro's rows at both ends of the step.
-    fn propagate_gyro_offset(&mut self, gyro_row: Option<GyroErrors>, step_s: f32) {
-        let last = core::mem::replace(&mut self.last_gyro_row, gyro_row);
-        let Some((now, last)) = gyro_row.zip(last).filter(|_| step_s <= MAX_GAP_S) else { return };
+    fn propagate_gyro_heading_offset(&mut self, gyro_error_row: Option<GyroErrors>, step_s: f32) {
+        let last = core::mem::replace(&mut self.last_gyro_error_row, gyro_error_row);
+        let Some((now, last)) = gyro_error_row.zip(last).filter(|_| step_s <= MAX_SAMPLE_GAP_S) else { return };
         let mut row = [0.0; STATE_COUNT];
         for i in 0..GYRO_ERROR_COUNT {
-            row[GYRO_ERRORS + i] = -0.5 * step_s * (now[i] + last[i]);
+            row[FIRST_GYRO_ERROR_INDEX + i] = -0.5 * step_s * (now[i] + last[i]);
         }
-        self.filter.propagate(GYRO_OFFSET, &row);
+        self.filter.propagate(GYRO_HEADING_OFFSET_INDEX, &row);
     }
 
     fn decay_states(&mut self, states: Range<usize>, decay: f32) {
@@ -255,19 +259,24 @@ impl Monitor {
     }
 
     /// Re-initialises the gyro heading offset after a gap or a restart of the integration.
-    fn initialise_gyro_offset(&mut self, sample: &MonitorSample, gyro_heading: Option<GyroHeading>, step_s: f32) {
-        if let Some(gyro_heading) =
-            gyro_heading.filter(|gyro_heading| self.gyro_run != Some(gyro_heading.run_number) || step_s > MAX_GAP_S)
+    fn initialise_gyro_heading_offset(
+        &mut self,
+        sample: &MonitorSample,
+        gyro_heading: Option<GyroHeading>,
+        step_s: f32,
+    ) {
+        if let Some(gyro_heading) = gyro_heading
+            .filter(|gyro_heading| self.gyro_run_number != Some(gyro_heading.run_number) || step_s > MAX_SAMPLE_GAP_S)
         {
             let (measured, _) = measurement_model::body_field(sample, self.filter.mean());
             let attitude =
                 measurement_model::correct_attitude(sample.attitude, &sample.euler_rates, self.filter.mean());
             let heading_rad = attitude.to_level_frame(measured).heading_rad();
-            self.filter.set_mean(GYRO_OFFSET, wrap_pi(heading_rad - gyro_heading.relative_heading_rad));
-            self.filter.inflate_variance(GYRO_OFFSET, UNKNOWN_ANGLE_VARIANCE_RAD2);
+            self.filter.set_mean(GYRO_HEADING_OFFSET_INDEX, wrap_pi(heading_rad - gyro_heading.relative_heading_rad));
+            self.filter.inflate_variance(GYRO_HEADING_OFFSET_INDEX, UNKNOWN_ANGLE_VARIANCE_RAD2);
             self.coordinated_turn = CoordinatedTurn::EMPTY;
         }
-        self.gyro_run = gyro_heading.map(|gyro_heading| gyro_heading.run_number);
+        self.gyro_run_number = gyro_heading.map(|gyro_heading| gyro_heading.run_number);
     }
 
     /// Updates with the measurements of strength, inclination and heading that pass the innovation gates. Returns the
@@ -314,16 +323,16 @@ impl Monitor {
         noise.update_strength_noise(calibration_noise, model.strength, step_s);
         let EulerRates { roll_rad_s, pitch_rad_s, .. } = sample.euler_rates;
         let jitter_rad = ATTITUDE_JITTER_S * trig::hypot(roll_rad_s, pitch_rad_s);
-        let tilt_rad2 = noise.correlated_noise_factor()
-            * (noise.sample_noise(calibration_noise).tilt_rad2
+        let tilt_variance_rad2 = noise.correlated_noise_factor()
+            * (noise.sample_noise(calibration_noise).tilt_variance_rad2
                 + jitter_rad * jitter_rad
                 + self.acceleration_tilt.variance_rad2());
         let tan_squared = model.tan_inclination * model.tan_inclination;
-        let by_sample = [noise.strength_mean_square(), tilt_rad2, tilt_rad2 * tan_squared];
+        let by_sample = [noise.strength_residual_mean_square(), tilt_variance_rad2, tilt_variance_rad2 * tan_squared];
         let by_coefficients = model
             .field_jacobians()
             .map(|jacobian| monitored.uncertainty.variance_from_coefficients(&jacobian, normalised_field));
-        self.max_coefficient_variance = by_coefficients.into_iter().fold(0.0, f32::max);
+        self.largest_coefficient_variance = by_coefficients.into_iter().fold(0.0, f32::max);
         array::from_fn(|kind| {
             SAMPLE_VARIANCE_FACTORS[kind] * by_sample[kind]
                 + VARIANCE_FLOORS[kind]
@@ -360,15 +369,15 @@ impl Monitor {
         if let Some(heading_change_rad) = self.mean_innovations.update_means(&innovations, step_s)
             && self.post_change_remaining_s <= 0.0
         {
-            self.inflate_gyro_offset(heading_change_rad, step_s);
+            self.inflate_gyro_rate_offsets(heading_change_rad, step_s);
         }
         match self.innovation_gate.test_innovations(innovations, step_s) {
             GateResult::Consistent { is_usable } => is_usable,
             GateResult::ChangeDetected { exceeding_residuals } => {
-                let turn_rad = mount_turn_rad(calibration, &model.uncorrected_residual, normalised_field);
-                let is_level = sample.attitude.roll_rad.abs() < MAX_MOUNT_TURNING_BANK_RAD;
+                let turn_rad = mount_turn_rad(calibration, &model.calibrated_field_residual, normalised_field);
+                let is_level = sample.attitude.roll_rad.abs() < MAX_BANK_FOR_MOUNT_TURN_RAD;
                 self.inflate_covariance(model, exceeding_residuals);
-                self.test_mount_turn(turn_rad, is_level, exceeding_residuals);
+                self.attribute_to_mount_turn(turn_rad, is_level, exceeding_residuals);
                 [true; 3]
             }
         }
@@ -376,10 +385,10 @@ impl Monitor {
 
     /// Inflates the variance of the gyro's offsets, which may change faster than their process noise. Other states are
     /// not inflated: on recorded flights they would follow the attitude's errors.
-    fn inflate_gyro_offset(&mut self, heading_change_rad: f32, step_s: f32) {
-        let rate_rad_s = heading_change_rad / SLOW_CHANGE_TIME_S;
-        let variance = rate_rad_s * rate_rad_s * step_s / SLOW_CHANGE_TIME_S;
-        for state in GYRO_OFFSETS {
+    fn inflate_gyro_rate_offsets(&mut self, heading_change_rad: f32, step_s: f32) {
+        let rate_rad_s = heading_change_rad / GYRO_OFFSET_CHANGE_TIME_S;
+        let variance = rate_rad_s * rate_rad_s * step_s / GYRO_OFFSET_CHANGE_TIME_S;
+        for state in GYRO_RATE_OFFSET_INDICES {
             if self.filter.state_variance(state) < MAX_GYRO_OFFSET_VARIANCE {
                 self.filter.inflate_variance(state, variance);
             }
@@ -406,10 +415,10 @@ impl Monitor {
             drift_squared += (now - *past) * (now - *past);
         }
         if drift_squared > MIN_FIELD_DRIFT * MIN_FIELD_DRIFT {
-            let variance = FIELD_DRIFT_FACTOR * drift_squared * step_s / FIELD_DRIFT_TIME_S;
-            self.inflate_states(&HARD_IRON_AXES, variance);
-            if roll_rad.abs() > MAX_MOUNT_TURNING_BANK_RAD {
-                self.filter.inflate_variance(MOUNT_TURN, variance);
+            let variance = FIELD_DRIFT_INFLATION_FACTOR * drift_squared * step_s / FIELD_DRIFT_TIME_S;
+            self.inflate_states(&HARD_IRON_INDICES, variance);
+            if roll_rad.abs() > MAX_BANK_FOR_MOUNT_TURN_RAD {
+                self.filter.inflate_variance(MOUNT_TURN_INDEX, variance);
             }
         }
     }
@@ -429,10 +438,11 @@ impl Monitor {
     }
 
     /// Updates with the coordinated-turn pseudo-measurement at the end of its window.
-    fn update_coordinated_turn(&mut self, sample: &MonitorSample, gyro_row: &GyroErrors, step_s: f32) {
+    fn update_coordinated_turn(&mut self, sample: &MonitorSample, gyro_error_row: &GyroErrors, step_s: f32) {
         let states = self.filter.mean();
-        let step_s = step_s.min(MAX_GAP_S);
-        let measured = self.coordinated_turn.integrate(sample.attitude, &sample.euler_rates, gyro_row, step_s, states);
+        let step_s = step_s.min(MAX_SAMPLE_GAP_S);
+        let measured =
+            self.coordinated_turn.integrate(sample.attitude, &sample.euler_rates, gyro_error_row, step_s, states);
         if let Some(measurement) = measured {
             self.filter.apply_measurement(&measurement);
         }
@@ -443,26 +453,25 @@ impl Monitor {
         let cos_inclination = 1.0 / sqrt(1.0 + model.tan_inclination * model.tan_inclination);
         // Field change across the horizontal component, relative to the field strength.
         let [strength, inclination, across] =
-            [strength, inclination, heading * cos_inclination].map(|size| size.min(MAX_INNOVATION));
+            [strength, inclination, heading * cos_inclination].map(|size| size.min(MAX_INFLATING_INNOVATION));
         let field = strength.max(inclination);
         let hard_iron_sigma = field.max(across);
-        self.inflate_states(&HARD_IRON_AXES, hard_iron_sigma * hard_iron_sigma);
-        self.filter.inflate_variance(STRENGTH_CHANGE, field * field);
-        self.filter.inflate_variance(INCLINATION_CHANGE, field * field);
+        self.inflate_states(&HARD_IRON_INDICES, hard_iron_sigma * hard_iron_sigma);
+        self.filter.inflate_variance(STRENGTH_CHANGE_INDEX, field * field);
+        self.filter.inflate_variance(INCLINATION_CHANGE_INDEX, field * field);
         // A heading error is `tan(inclination)` times the tilt.
         let sin_inclination = (model.tan_inclination * cos_inclination).abs().max(MIN_SIN_INCLINATION);
-        let tilt_rad =
-            ATTITUDE_SHARE_OF_CHANGE * inclination.max(across / sin_inclination).min(MAX_TILT_INNOVATION_RAD);
-        self.inflate_states(&[ROLL_BIAS, PITCH_BIAS], tilt_rad * tilt_rad);
+        let tilt_rad = ATTITUDE_SHARE_OF_CHANGE * inclination.max(across / sin_inclination).min(MAX_INFLATING_TILT_RAD);
+        self.inflate_states(&[ROLL_BIAS_INDEX, PITCH_BIAS_INDEX], tilt_rad * tilt_rad);
         self.is_strength_test_failed |= strength > 0.0;
         self.post_change_remaining_s = POST_CHANGE_S;
     }
 
     /// Attributes a detected change to a turn of the module if this explains the field. A module turns once: when the
     /// field changes again and again, an estimated turn must go on to explain it.
-    fn test_mount_turn(&mut self, turn_rad: Option<f32>, is_level: bool, residuals: PerKind<f32>) {
-        let estimated_rad = self.filter.mean()[MOUNT_TURN];
-        let is_first = self.innovation_gate.withheld_s() < MAX_MOUNT_TURNING_S;
+    fn attribute_to_mount_turn(&mut self, turn_rad: Option<f32>, is_level: bool, residuals: PerKind<f32>) {
+        let estimated_rad = self.filter.mean()[MOUNT_TURN_INDEX];
+        let is_first = self.innovation_gate.withheld_s() < MAX_WITHHELD_FOR_MOUNT_TURN_S;
         let is_confirmed = turn_rad.is_some_and(|rad| (rad - estimated_rad).abs() < MAX_DECAYING_MOUNT_TURN_RAD);
         match turn_rad {
             Some(turn_rad) if is_first && is_level => self.restart_from_mount_turn(turn_rad, residuals),
@@ -474,16 +483,16 @@ impl Monitor {
 
     fn inflate_mount_turn(&mut self, sigma_rad: f32) {
         let sigma_rad = sigma_rad.min(MAX_MOUNT_TURN_RAD);
-        self.filter.inflate_variance(MOUNT_TURN, sigma_rad * sigma_rad);
+        self.filter.inflate_variance(MOUNT_TURN_INDEX, sigma_rad * sigma_rad);
     }
 
     /// Starts again from a turn of the module that explains the field, with the hard iron as calibrated. The sigma is
     /// the heading's residual, or the change of the estimate.
     fn restart_from_mount_turn(&mut self, turn_rad: f32, [_, _, heading_rad]: PerKind<f32>) {
-        let change_rad = (turn_rad - self.filter.mean()[MOUNT_TURN]).abs();
+        let change_rad = (turn_rad - self.filter.mean()[MOUNT_TURN_INDEX]).abs();
         self.inflate_mount_turn(heading_rad.max(change_rad));
-        self.filter.set_mean(MOUNT_TURN, turn_rad);
-        for axis in HARD_IRON_AXES {
+        self.filter.set_mean(MOUNT_TURN_INDEX, turn_rad);
+        for axis in HARD_IRON_INDICES {
             self.filter.set_mean(axis, 0.0);
         }
     }
@@ -500,39 +509,41 @@ impl Monitor {
         let variance_rad2 = self.filter.projected_variance(heading_jacobian);
         let mut by_field = *heading_jacobian;
         // As long as nothing drifts, the variance of the mount's turn is its initial one.
-        let is_drifting = self.filter.state_variance(MOUNT_TURN) > MIN_DRIFTING_MOUNT_VARIANCE;
-        by_field[STRENGTH_CHANGE..].fill(0.0);
-        by_field[MOUNT_TURN] = if is_drifting { heading_jacobian[MOUNT_TURN] } else { 0.0 };
+        let is_drifting = self.filter.state_variance(MOUNT_TURN_INDEX) > MIN_DRIFTING_MOUNT_VARIANCE;
+        by_field[STRENGTH_CHANGE_INDEX..].fill(0.0);
+        by_field[MOUNT_TURN_INDEX] = if is_drifting { heading_jacobian[MOUNT_TURN_INDEX] } else { 0.0 };
         self.is_strength_test_failed &= self.innovation_gate.is_withholding();
         let change = measurement_model::hard_iron_change(&states);
         // Without a detected change, attitude errors are part of the noise; hard iron may still drift.
         let is_unchanged = self.post_change_remaining_s <= 0.0
             && change.vector_length() < MAX_DECAYING_HARD_IRON
-            && states[MOUNT_TURN].abs() < MAX_DECAYING_MOUNT_TURN_RAD;
+            && states[MOUNT_TURN_INDEX].abs() < MAX_DECAYING_MOUNT_TURN_RAD;
         let sent_rad2 = if is_unchanged {
             self.filter.projected_variance(&by_field)
         } else {
-            POST_CHANGE_INFLATION * variance_rad2
+            POST_CHANGE_VARIANCE_INFLATION * variance_rad2
         } + self.heading_drift.variance_rad2();
         self.output = MonitorOutput {
             states,
             heading_variance_rad2: sent_rad2,
             sample_noise: self.output_noise(monitored.sample_noise()),
             heading_rate_error: self.heading_rate_error(),
-            gyro_offset: self.gyro_run.map(|run| (run, self.filter.state_variance(GYRO_OFFSET))),
+            run_and_heading_offset_variance: self
+                .gyro_run_number
+                .map(|run| (run, self.filter.state_variance(GYRO_HEADING_OFFSET_INDEX))),
             validity: self.assess_validity(&states, sample, heading_jacobian, [variance_rad2, sent_rad2]),
             installation_change: self.detect_change(&change, monitored.calibration.total_ut, step_s),
         };
     }
 
     fn heading_rate_error(&self) -> HeadingRateError {
-        let row = self.last_gyro_row.unwrap_or([0.0; GYRO_ERROR_COUNT]);
-        HeadingRateError::new(&self.filter.marginal_of_last(GYRO_ERRORS), row)
+        let row = self.last_gyro_error_row.unwrap_or([0.0; GYRO_ERROR_COUNT]);
+        HeadingRateError::new(&self.filter.marginal_of_last(FIRST_GYRO_ERROR_INDEX), row)
     }
 
     fn output_noise(&self, calibration_noise: SampleNoise) -> Option<SampleNoise> {
         let mut noise = self.adaptive_noise.as_ref()?.sample_noise(calibration_noise);
-        noise.tilt_rad2 += self.acceleration_tilt.variance_rad2();
+        noise.tilt_variance_rad2 += self.acceleration_tilt.variance_rad2();
         Some(noise)
     }
 
@@ -546,15 +557,16 @@ impl Monitor {
         let size = hard_iron_change.vector_length();
         // A larger change is not hard iron, and its size is not reported.
         let is_withholding = self.innovation_gate.is_withholding() || size > MAX_HARD_IRON_CHANGE;
-        let turn_rad = self.filter.mean()[MOUNT_TURN];
-        let sigma_rad = sqrt(self.filter.state_variance(MOUNT_TURN));
+        let turn_rad = self.filter.mean()[MOUNT_TURN_INDEX];
+        let sigma_rad = sqrt(self.filter.state_variance(MOUNT_TURN_INDEX));
         if self.mount_detector.update_detection(turn_rad.abs(), sigma_rad, is_withholding, step_s) {
             // Until its estimate is accurate, a turn also appears as changed hard iron.
             return Some(InstallationChange::Mount(MountTurn { turn_rad, sigma_rad }));
         }
-        let sigma = HARD_IRON_AXES.map(|axis| sqrt(self.filter.state_variance(axis))).into_iter().fold(0.0, f32::max);
+        let sigma =
+            HARD_IRON_INDICES.map(|axis| sqrt(self.filter.state_variance(axis))).into_iter().fold(0.0, f32::max);
         // Errors of the coefficients resemble changed hard iron.
-        let sigma_with_coefficients = sqrt(sigma * sigma + self.max_coefficient_variance);
+        let sigma_with_coefficients = sqrt(sigma * sigma + self.largest_coefficient_variance);
         let is_significant =
             self.hard_iron_detector.update_detection(size, sigma_with_coefficients, is_withholding, step_s);
         (is_significant && size <= MAX_HARD_IRON_CHANGE).then(|| {
@@ -573,32 +585,32 @@ impl Monitor {
         [variance_rad2, sent_rad2]: [f32; 2],
     ) -> Result<(), NoHeading> {
         let hard_iron_change = measurement_model::hard_iron_change(states).vector_length();
-        let bias_rad = states[ROLL_BIAS].abs().max(states[PITCH_BIAS].abs());
-        if hard_iron_change > MAX_HARD_IRON_CHANGE || states[MOUNT_TURN].abs() > MAX_MOUNT_TURN_RAD {
+        let bias_rad = states[ROLL_BIAS_INDEX].abs().max(states[PITCH_BIAS_INDEX].abs());
+        if hard_iron_change > MAX_HARD_IRON_CHANGE || states[MOUNT_TURN_INDEX].abs() > MAX_MOUNT_TURN_RAD {
             return Err(NoHeading::FieldChanged);
         }
         if self.innovation_gate.is_withholding() {
             // A wrong attitude leaves the field strength unchanged.
-            let tilt_rad = bias_rad.max((states[BANK_SCALE_ERROR] * sample.attitude.roll_rad).abs());
+            let tilt_rad = bias_rad.max((states[BANK_SCALE_ERROR_INDEX] * sample.attitude.roll_rad).abs());
             let is_attitude = !self.is_strength_test_failed && tilt_rad > hard_iron_change;
             return Err(if is_attitude { NoHeading::AttitudeContradicted } else { NoHeading::FieldDisturbed });
         }
-        if states[STRENGTH_CHANGE].abs() > MAX_STRENGTH_CHANGE
-            || states[INCLINATION_CHANGE].abs() > MAX_INCLINATION_CHANGE_RAD
+        if states[STRENGTH_CHANGE_INDEX].abs() > MAX_STRENGTH_CHANGE
+            || states[INCLINATION_CHANGE_INDEX].abs() > MAX_INCLINATION_CHANGE_RAD
         {
             return Err(NoHeading::FieldDisturbed);
         }
         if is_gyro_implausible(states) {
             return Err(NoHeading::AttitudeContradicted);
         }
-        if bias_rad > MAX_ATTITUDE_BIAS_RAD || states[BANK_SCALE_ERROR].abs() > MAX_BANK_SCALE_ERROR {
+        if bias_rad > MAX_ATTITUDE_BIAS_RAD || states[BANK_SCALE_ERROR_INDEX].abs() > MAX_BANK_SCALE_ERROR {
             return Err(NoHeading::AttitudeContradicted);
         }
         if variance_rad2 > MAX_HEADING_SIGMA_RAD * MAX_HEADING_SIGMA_RAD
             || sent_rad2 > MAX_SENT_SIGMA_RAD * MAX_SENT_SIGMA_RAD
         {
             let mut by_field = *heading_jacobian;
-            by_field[ROLL_BIAS..=ATTITUDE_LATENCY].fill(0.0);
+            by_field[ROLL_BIAS_INDEX..=ATTITUDE_LATENCY_INDEX].fill(0.0);
             let is_field = self.filter.projected_variance(&by_field) > variance_rad2 / 2.0;
             return Err(if is_field { NoHeading::FieldChanged } else { NoHeading::AttitudeContradicted });
         }
@@ -609,8 +621,8 @@ impl Monitor {
 /// Whether errors of the gyro are beyond those of a usable one: a field that does not turn resembles a gyro that turns
 /// too much.
 fn is_gyro_implausible(states: &StateVector) -> bool {
-    (GYRO_ERRORS..STATE_COUNT).any(|i| {
-        let limit = if GYRO_OFFSETS.contains(&i) { MAX_GYRO_OFFSET_RAD_S } else { MAX_GYRO_SCALE_ERROR };
+    (FIRST_GYRO_ERROR_INDEX..STATE_COUNT).any(|i| {
+        let limit = if GYRO_RATE_OFFSET_INDICES.contains(&i) { MAX_GYRO_OFFSET_RAD_S } else { MAX_GYRO_SCALE_ERROR };
         states[i].abs() > limit
     })
 }

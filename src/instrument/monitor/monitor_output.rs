@@ -6,8 +6,8 @@ use super::super::gyro_error::HeadingRateError;
 use super::adaptive_noise::SampleNoise;
 use super::installation_change::InstallationChange;
 use super::measurement_model::{
-    self, ATTITUDE_LATENCY, GYRO_OFFSET, INCLINATION_CHANGE, MOUNT_TURN, STATE_COUNT, STRENGTH_CHANGE, StateVector,
-    mount_axis,
+    self, ATTITUDE_LATENCY_INDEX, GYRO_HEADING_OFFSET_INDEX, INCLINATION_CHANGE_INDEX, MOUNT_TURN_INDEX, STATE_COUNT,
+    STRENGTH_CHANGE_INDEX, StateVector, mount_axis,
 };
 use super::monitored_calibration::MonitoredCalibration;
 use super::parameters::READING_GATE_SIGMAS;
@@ -27,7 +27,7 @@ pub(crate) struct MonitorOutput {
     /// Errors of the gyro, and of its rate of heading.
     pub heading_rate_error: HeadingRateError,
     /// Gyro integration run, and variance of its heading offset, square radians.
-    pub(super) gyro_offset: Option<(u8, f32)>,
+    pub(super) run_and_heading_offset_variance: Option<(u8, f32)>,
     /// Reason why headings are withheld.
     pub validity: Result<(), NoHeading>,
     /// Change of the installation, once it is significant.
@@ -40,7 +40,7 @@ impl MonitorOutput {
         heading_variance_rad2: 0.0,
         sample_noise: None,
         heading_rate_error: HeadingRateError::ZERO_ERROR,
-        gyro_offset: None,
+        run_and_heading_offset_variance: None,
         validity: Ok(()),
         installation_change: None,
     };
@@ -52,10 +52,14 @@ impl MonitorOutput {
     /// Gate of a single reading against the gyro heading; it detects a field step 0.1 s earlier than an averaged
     /// sample.
     pub fn passes_reading_gate(&self, heading: Heading, gyro_heading: Option<&GyroHeading>) -> bool {
-        let Some((turning, (run, offset_variance_rad2))) = gyro_heading.zip(self.gyro_offset) else { return true };
+        let Some((turning, (run, offset_variance_rad2))) = gyro_heading.zip(self.run_and_heading_offset_variance)
+        else {
+            return true;
+        };
         let GyroHeading { euler_rates, relative_heading_rad, .. } = turning;
-        let gyro_heading_rad =
-            relative_heading_rad + self.states[GYRO_OFFSET] + self.states[ATTITUDE_LATENCY] * euler_rates.heading_rad_s;
+        let gyro_heading_rad = relative_heading_rad
+            + self.states[GYRO_HEADING_OFFSET_INDEX]
+            + self.states[ATTITUDE_LATENCY_INDEX] * euler_rates.heading_rad_s;
         let innovation_rad = wrap_pi(heading.magnetic_rad - gyro_heading_rad);
         let variance_rad2 = heading.sigma_rad * heading.sigma_rad + offset_variance_rad2;
         turning.run_number != run
@@ -70,7 +74,7 @@ impl MonitorOutput {
         let MonitoredCalibration { calibration, uncertainty, readings_per_sample } = *monitored;
         let beta_ut = measurement_model::hard_iron_change(&self.states) * calibration.total_ut;
         let change_ut = inverse(&calibration.w_matrix()).map_or_else(Vector3::zeros, |inverse| inverse * beta_ut);
-        let (axis, (sin, cos)) = (mount_axis(calibration), sin_cos(self.states[MOUNT_TURN]));
+        let (axis, (sin, cos)) = (mount_axis(calibration), sin_cos(self.states[MOUNT_TURN_INDEX]));
         let turned_back = |v: Vector3<f32>| {
             let across = axis.cross(&v);
             (v - across * sin + axis.cross(&across) * (1.0 - cos)).into()
@@ -78,13 +82,13 @@ impl MonitorOutput {
         let corrected = Calibration {
             w: calibration.w.map(|row| turned_back(row.into())),
             b_ut: turned_back(calibration.b_vector_ut() + change_ut),
-            inclination_rad: calibration.inclination_rad + self.states[INCLINATION_CHANGE],
-            total_ut: calibration.total_ut * (1.0 + self.states[STRENGTH_CHANGE]),
+            inclination_rad: calibration.inclination_rad + self.states[INCLINATION_CHANGE_INDEX],
+            total_ut: calibration.total_ut * (1.0 + self.states[STRENGTH_CHANGE_INDEX]),
             ..*calibration
         };
         let noise = self.sample_noise.map_or(*uncertainty, |noise| HeadingUncertainty {
             sensor_sigma: sqrt(noise.strength_variance * f32::from(readings_per_sample)),
-            attitude_sigma_rad: sqrt(noise.tilt_rad2),
+            attitude_sigma_rad: sqrt(noise.tilt_variance_rad2),
             ..*uncertainty
         });
         (corrected, noise)

@@ -16,7 +16,7 @@ impl MonitoredCalibration<'_> {
         let HeadingUncertainty { sensor_sigma, attitude_sigma_rad, .. } = *self.uncertainty;
         SampleNoise {
             strength_variance: sensor_sigma * sensor_sigma / f32::from(self.readings_per_sample.max(1)),
-            tilt_rad2: attitude_sigma_rad * attitude_sigma_rad,
+            tilt_variance_rad2: attitude_sigma_rad * attitude_sigma_rad,
         }
     }
 }

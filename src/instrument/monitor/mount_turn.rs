@@ -20,28 +20,29 @@ const FIELD_TOLERANCE: f32 = 0.006;
 /// Largest field difference, relative to the field strength, that needs no turn to explain it: 1 uT of 50.
 const MAX_UNCHANGED_FIELD_DIFFERENCE: f32 = 0.02;
 
-/// The turn of the module that explains a field, clockwise from above, radians; `None` if none does. `difference`:
-/// measured field after correction as calibrated, less the predicted one, in units of the field strength;
-/// `normalised_field`: measured field less hard iron, sensor axes, same units.
+/// The turn of the module that explains a field, clockwise from above, radians; `None` if none does.
+///
+/// `field_difference`: measured field after correction as calibrated, less the predicted one, in units of the field
+/// strength; `normalised_field`: measured field less hard iron, sensor axes, same units.
 pub(super) fn mount_turn_rad(
     calibration: &Calibration,
-    difference: &Vector3<f32>,
+    field_difference: &Vector3<f32>,
     normalised_field: &Vector3<f32>,
 ) -> Option<f32> {
-    if difference.vector_length() < MAX_UNCHANGED_FIELD_DIFFERENCE {
+    if field_difference.vector_length() < MAX_UNCHANGED_FIELD_DIFFERENCE {
         return Some(0.0);
     }
-    let difference = inverse(&calibration.w_matrix())? * difference;
-    let mean = normalised_field + calibration.b_vector_ut() / calibration.total_ut - difference * 0.5;
+    let field_difference = inverse(&calibration.w_matrix())? * field_difference;
+    let mean = normalised_field + calibration.b_vector_ut() / calibration.total_ut - field_difference * 0.5;
     let axis = mount_axis(calibration);
     let is_across = |direction: &Vector3<f32>| {
-        let tolerance = MAX_COSINE_OF_CHANGE * difference.vector_length() + FIELD_TOLERANCE;
-        difference.dot(direction).abs() <= tolerance * direction.vector_length()
+        let tolerance = MAX_COSINE_OF_CHANGE * field_difference.vector_length() + FIELD_TOLERANCE;
+        field_difference.dot(direction).abs() <= tolerance * direction.vector_length()
     };
-    // In sensor axes the field turns opposite to the module: `difference` is the chord of its arc about the axis. NaN if
-    // the field is along the axis.
+    // In sensor axes the field turns opposite to the module: `field_difference` is the chord of its arc about the
+    // axis. NaN if the field is along the axis.
     let across = axis.cross(&mean);
-    let half_tangent = -0.5 * difference.dot(&across) / across.norm_squared();
+    let half_tangent = -0.5 * field_difference.dot(&across) / across.norm_squared();
     let turn_rad = 2.0 * libm::atanf(half_tangent);
     (turn_rad.is_finite() && [mean, axis].iter().all(is_across)).then_some(turn_rad)
 }

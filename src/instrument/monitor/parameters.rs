@@ -6,8 +6,9 @@
 
 use super::innovation_gate::PerKind;
 use super::measurement_model::{
-    ATTITUDE_LATENCY, BANK_SCALE_ERROR, GYRO_OFFSET, GYRO_OFFSETS, HARD_IRON_CHANGE, INCLINATION_CHANGE, MOUNT_TURN,
-    PITCH_BIAS, ROLL_BIAS, STRENGTH_CHANGE,
+    ATTITUDE_LATENCY_INDEX, BANK_SCALE_ERROR_INDEX, GYRO_HEADING_OFFSET_INDEX, GYRO_RATE_OFFSET_INDICES,
+    HARD_IRON_CHANGE_INDEX, INCLINATION_CHANGE_INDEX, MOUNT_TURN_INDEX, PITCH_BIAS_INDEX, ROLL_BIAS_INDEX,
+    STRENGTH_CHANGE_INDEX,
 };
 use crate::instrument::correction::SensorErrorSigmas;
 
@@ -19,41 +20,41 @@ pub(super) struct StateNoise {
     pub process_noise_per_s: f32,
 }
 
-const fn random_walk_state(initial_sigma: f32, process_noise_per_s: f32) -> StateNoise {
+const fn random_walk_noise(initial_sigma: f32, process_noise_per_s: f32) -> StateNoise {
     StateNoise { initial_sigma, process_noise_per_s }
 }
 
 /// Time in which a random walk of the hard iron has the expected drift, seconds.
 const HARD_IRON_DRIFT_TIME_S: f32 = 62.5;
 
-/// Initial sigma and process noise of state `i` of the monitor's filter, with the symbols of
+/// Initial sigma and process noise of state `state_index` of the monitor's filter, with the symbols of
 /// [`measurement_model`](super::measurement_model).
-pub(super) fn state_noise(i: usize, errors: SensorErrorSigmas) -> StateNoise {
-    match i {
+pub(super) fn state_noise(state_index: usize, errors: SensorErrorSigmas) -> StateNoise {
+    match state_index {
         // Hard-iron change beta: coefficient errors are as large as a minute's drift.
-        HARD_IRON_CHANGE..MOUNT_TURN => random_walk_state(
-            errors.hard_iron_drift,
-            errors.hard_iron_drift * errors.hard_iron_drift / HARD_IRON_DRIFT_TIME_S,
+        HARD_IRON_CHANGE_INDEX..MOUNT_TURN_INDEX => random_walk_noise(
+            errors.hard_iron_drift_per_minute,
+            errors.hard_iron_drift_per_minute * errors.hard_iron_drift_per_minute / HARD_IRON_DRIFT_TIME_S,
         ),
         // Field-strength change f: half of the 10 % by which the field strength changes over 1000 km.
-        STRENGTH_CHANGE => random_walk_state(0.06, 1e-7),
+        STRENGTH_CHANGE_INDEX => random_walk_noise(0.06, 1e-7),
         // Inclination change i: 5.7 deg, as over 1000 km.
-        INCLINATION_CHANGE => random_walk_state(0.1, 1e-7),
+        INCLINATION_CHANGE_INDEX => random_walk_noise(0.1, 1e-7),
         // Roll bias a_r and pitch bias a_p: 0.23 deg, an autopilot's level trim; in a minute 0.24 deg more, by
         // centripetal acceleration.
-        ROLL_BIAS | PITCH_BIAS => random_walk_state(0.004, 3e-7),
+        ROLL_BIAS_INDEX | PITCH_BIAS_INDEX => random_walk_noise(0.004, 3e-7),
         // Bank-angle scale error k: 2 % of the bank angle.
-        BANK_SCALE_ERROR => random_walk_state(0.02, 1e-7),
+        BANK_SCALE_ERROR_INDEX => random_walk_noise(0.02, 1e-7),
         // Attitude latency tau: 0.1 s, the delay of a telemetry link; it varies with the load of the link.
-        ATTITUDE_LATENCY => random_walk_state(0.1, 3e-5),
+        ATTITUDE_LATENCY_INDEX => random_walk_noise(0.1, 3e-5),
         // Mount turn mu: looseness of a mount; random walk of 0.3 deg in a minute.
-        MOUNT_TURN => random_walk_state(MOUNT_SIGMA_RAD, 4e-7),
+        MOUNT_TURN_INDEX => random_walk_noise(MOUNT_TURN_INITIAL_SIGMA_RAD, 4e-7),
         // Gyro heading offset c: unknown, more than pi; random walk of the gyro 0.06 deg in a second.
-        GYRO_OFFSET => random_walk_state(10.0, 1e-6),
+        GYRO_HEADING_OFFSET_INDEX => random_walk_noise(10.0, 1e-6),
         // Gyro offsets b_y and b_z: 0.15 deg/s, the remainder of an autopilot's offset correction.
-        _ if GYRO_OFFSETS.contains(&i) => random_walk_state(0.0026, 1e-9),
+        _ if GYRO_RATE_OFFSET_INDICES.contains(&state_index) => random_walk_noise(0.0026, 1e-9),
         // Rows of y and z of the gyro's scale matrix.
-        _ => random_walk_state(errors.gyro_scale, 1e-10),
+        _ => random_walk_noise(errors.gyro_scale, 1e-10),
     }
 }
 
@@ -61,10 +62,10 @@ pub(super) fn state_noise(i: usize, errors: SensorErrorSigmas) -> StateNoise {
 pub(super) const POST_CHANGE_S: f32 = 60.0;
 
 /// Hard-iron process noise within `POST_CHANGE_S` of a detected change: 0.4 uT of 50 in a minute.
-pub(super) const POST_CHANGE_HARD_IRON: StateNoise = random_walk_state(0.01, 1e-6);
+pub(super) const POST_CHANGE_HARD_IRON_NOISE: StateNoise = random_walk_noise(0.01, 1e-6);
 
 /// Inflation of the heading variance after a detected change (dimensionless): the states may not model the change.
-pub(super) const POST_CHANGE_INFLATION: f32 = 3.0;
+pub(super) const POST_CHANGE_VARIANCE_INFLATION: f32 = 3.0;
 
 /// Hard-iron norm below which the estimate decays: 1.5 uT of 50. A larger one is a change, and persists.
 pub(super) const MAX_DECAYING_HARD_IRON: f32 = 0.03;
@@ -73,7 +74,7 @@ pub(super) const MAX_DECAYING_HARD_IRON: f32 = 0.03;
 pub(super) const UNOBSERVED_DECAY_TIME_S: f32 = 1000.0;
 
 /// Longest interval over which the gyro heading offset is kept, seconds.
-pub(super) const MAX_GAP_S: f32 = 3.0;
+pub(super) const MAX_SAMPLE_GAP_S: f32 = 3.0;
 
 /// Assumed interval before the first sample, seconds: the usual one.
 pub(super) const INITIAL_STEP_S: f32 = 0.1;
@@ -96,10 +97,10 @@ pub(super) const COEFFICIENT_VARIANCE_FACTOR: f32 = 8.0;
 pub(super) const ATTITUDE_JITTER_S: f32 = 0.01;
 
 /// Limit of an innovation in the covariance inflation after a change: half the field.
-pub(super) const MAX_INNOVATION: f32 = 0.5;
+pub(super) const MAX_INFLATING_INNOVATION: f32 = 0.5;
 
 /// Limit of a tilt error in the covariance inflation after a change, radians: 17 deg.
-pub(super) const MAX_TILT_INNOVATION_RAD: f32 = 0.3;
+pub(super) const MAX_INFLATING_TILT_RAD: f32 = 0.3;
 
 /// Share of a detected change attributed to the attitude.
 pub(super) const ATTITUDE_SHARE_OF_CHANGE: f32 = 0.5;
@@ -117,10 +118,10 @@ pub(super) const MAX_SENT_SIGMA_RAD: f32 = 0.2;
 pub(super) const MAX_HARD_IRON_CHANGE: f32 = 0.6;
 
 /// Initial sigma of the mount's turn, radians: 0.17 deg. A larger one would explain errors of straight flight.
-const MOUNT_SIGMA_RAD: f32 = 0.003;
+const MOUNT_TURN_INITIAL_SIGMA_RAD: f32 = 0.003;
 
 /// Variance of the mount's turn, square radians, above which a drift has inflated it.
-pub(super) const MIN_DRIFTING_MOUNT_VARIANCE: f32 = 2.0 * MOUNT_SIGMA_RAD * MOUNT_SIGMA_RAD;
+pub(super) const MIN_DRIFTING_MOUNT_VARIANCE: f32 = 2.0 * MOUNT_TURN_INITIAL_SIGMA_RAD * MOUNT_TURN_INITIAL_SIGMA_RAD;
 
 /// Turn of the mount below which its estimate decays, radians: 2.3 deg. A larger one persists.
 pub(super) const MAX_DECAYING_MOUNT_TURN_RAD: f32 = 0.04;
@@ -130,11 +131,11 @@ pub(super) const MAX_MOUNT_TURN_RAD: f32 = 0.6;
 
 /// Withheld time, seconds, up to which a change may be a turn of the mount: a module turns once; a field that changes
 /// repeatedly is disturbed.
-pub(super) const MAX_MOUNT_TURNING_S: f32 = 5.0;
+pub(super) const MAX_WITHHELD_FOR_MOUNT_TURN_S: f32 = 5.0;
 
 /// Largest bank at which a change may be a turn of the mount, radians: 10 deg. Beyond it an error of the attitude, in
 /// proportion to the bank, resembles one.
-pub(super) const MAX_MOUNT_TURNING_BANK_RAD: f32 = 0.17;
+pub(super) const MAX_BANK_FOR_MOUNT_TURN_RAD: f32 = 0.17;
 
 /// Largest change of field strength: that of 2000 km.
 pub(super) const MAX_STRENGTH_CHANGE: f32 = 0.2;
@@ -156,10 +157,10 @@ pub(super) const FIELD_DRIFT_TIME_S: f32 = 60.0;
 /// Smallest drift of the field within that time that inflates the covariance, relative to the field strength.
 pub(super) const MIN_FIELD_DRIFT: f32 = 0.004;
 /// Factor on the squared drift of the field in the inflated variance.
-pub(super) const FIELD_DRIFT_FACTOR: f32 = 2.0;
+pub(super) const FIELD_DRIFT_INFLATION_FACTOR: f32 = 2.0;
 
 /// Time within which the gyro's offset accounts for a significant mean innovation of the heading, seconds.
-pub(super) const SLOW_CHANGE_TIME_S: f32 = 3.0;
+pub(super) const GYRO_OFFSET_CHANGE_TIME_S: f32 = 3.0;
 
 /// Largest variance to which that of a gyro offset is inflated, (1 deg/s)^2.
 pub(super) const MAX_GYRO_OFFSET_VARIANCE: f32 = 0.0175 * 0.0175;

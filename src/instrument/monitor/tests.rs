@@ -63,7 +63,7 @@ struct Flight {
     random: Random,
     errors: SimulatedErrors,
     sample_count: u32,
-    gyro_offset_rad: f32,
+    gyro_heading_offset_rad: f32,
     current: MotorCurrent,
 }
 
@@ -117,7 +117,7 @@ impl Flight {
             random: Random(seed),
             errors: SimulatedErrors::NO_ERRORS,
             sample_count: 0,
-            gyro_offset_rad: 2.0,
+            gyro_heading_offset_rad: 2.0,
             current: MotorCurrent::UNKNOWN,
         }
     }
@@ -157,11 +157,11 @@ impl Flight {
             pitch_rad: reported.pitch_rad + pitch_rad + noise(TILT_SIGMA_RAD),
         };
         let turned_rad = wrap_pi(reported_heading_rad - motion_at(self.now_s() - late_s - STEP_S).2);
-        self.gyro_offset_rad =
-            wrap_pi(self.gyro_offset_rad + drift_rad_s * STEP_S + (self.errors.gyro_scale - 1.0) * turned_rad);
+        self.gyro_heading_offset_rad =
+            wrap_pi(self.gyro_heading_offset_rad + drift_rad_s * STEP_S + (self.errors.gyro_scale - 1.0) * turned_rad);
         let turning = GyroHeading {
             euler_rates,
-            relative_heading_rad: wrap_pi(reported_heading_rad + self.gyro_offset_rad),
+            relative_heading_rad: wrap_pi(reported_heading_rad + self.gyro_heading_offset_rad),
             run_number: 0,
         };
         let at = Timestamp::from_us(u64::from(self.sample_count) * 100_000);
@@ -200,7 +200,7 @@ impl Flight {
 #[derive(Clone, Debug, Default)]
 struct FlightResult {
     heading_count: u32,
-    worst_deg: f32,
+    worst_error_deg: f32,
     beyond_3_sigma_count: u32,
     empty_reasons: Vec<NoHeading>,
 }
@@ -210,7 +210,7 @@ impl FlightResult {
         match heading {
             Ok((error_deg, sigma_deg)) => {
                 self.heading_count += 1;
-                self.worst_deg = self.worst_deg.max(error_deg.abs());
+                self.worst_error_deg = self.worst_error_deg.max(error_deg.abs());
                 self.beyond_3_sigma_count += u32::from(error_deg.abs() > 3.0 * sigma_deg);
             }
             Err(reason) => self.empty_reasons.push(reason),
@@ -225,7 +225,8 @@ fn headings_of_a_clean_flight_are_never_withheld() {
         let flight_result = Flight::new(seed).fly_seconds(1800);
         assert_eq!(flight_result.empty_reasons, []);
         assert!(
-            flight_result.beyond_3_sigma_count < flight_result.heading_count / 300 && flight_result.worst_deg < 4.5,
+            flight_result.beyond_3_sigma_count < flight_result.heading_count / 300
+                && flight_result.worst_error_deg < 4.5,
             "{flight_result:?}"
         );
     }
@@ -244,7 +245,7 @@ fn headings_after_a_day_are_as_good_as_after_an_hour() {
     let last = flight.fly_seconds(3600);
     for hour in [first, last] {
         assert_eq!(hour.empty_reasons, []);
-        assert!(hour.worst_deg < 4.5, "{hour:?}");
+        assert!(hour.worst_error_deg < 4.5, "{hour:?}");
     }
     assert_eq!(flight.monitor.monitor_output().installation_change, None);
 }
@@ -261,14 +262,14 @@ fn a_hard_iron_change_is_detected_and_reported() {
         flight.errors.hard_iron_ut = iron_ut;
         // Detection takes two samples beyond the wide gate, or six beyond the narrow one.
         let at_once = flight.fly_seconds(2);
-        let little = at_once.heading_count <= 7 && at_once.worst_deg < 5.0;
+        let little = at_once.heading_count <= 7 && at_once.worst_error_deg < 5.0;
         assert!(at_once.heading_count <= 1 || little, "{iron_ut:?}: {at_once:?}");
         flight.fly_seconds(18);
         let turning = flight.fly_seconds(60);
-        assert!(turning.empty_reasons.len() <= 100 && turning.worst_deg < 8.0, "{iron_ut:?}: {turning:?}");
+        assert!(turning.empty_reasons.len() <= 100 && turning.worst_error_deg < 8.0, "{iron_ut:?}: {turning:?}");
         let flight_result = flight.fly_seconds(180);
         assert!(
-            flight_result.empty_reasons.is_empty() && flight_result.worst_deg < 5.0,
+            flight_result.empty_reasons.is_empty() && flight_result.worst_error_deg < 5.0,
             "{iron_ut:?}: {flight_result:?}"
         );
         let Some(InstallationChange::HardIron(reported_change)) = flight.monitor.monitor_output().installation_change
@@ -295,7 +296,7 @@ fn a_turn_in_the_mount_is_estimated_and_reported() {
         flight.fly_seconds(180);
         let flight_result = flight.fly_seconds(400);
         assert!(
-            flight_result.empty_reasons.is_empty() && flight_result.worst_deg < 4.5,
+            flight_result.empty_reasons.is_empty() && flight_result.worst_error_deg < 4.5,
             "{turn_deg}: {flight_result:?}"
         );
         let Some(InstallationChange::Mount(reported_change)) = flight.monitor.monitor_output().installation_change
@@ -320,12 +321,13 @@ fn a_change_of_place_is_estimated() {
     flight.fly_seconds(100);
     (flight.errors.strength_change, flight.errors.inclination_rad) = (-0.08, 0.12);
     let turning = flight.fly_seconds(80);
-    assert!(turning.empty_reasons.len() <= 150 && turning.worst_deg < 8.0, "{turning:?}");
+    assert!(turning.empty_reasons.len() <= 150 && turning.worst_error_deg < 8.0, "{turning:?}");
     let flight_result = flight.fly_seconds(1000);
-    assert!(flight_result.empty_reasons.is_empty() && flight_result.worst_deg < 5.0, "{flight_result:?}");
+    assert!(flight_result.empty_reasons.is_empty() && flight_result.worst_error_deg < 5.0, "{flight_result:?}");
     let adjustment = flight.monitor.monitor_output();
     assert_eq!(adjustment.installation_change, None);
-    let (strength, inclination_rad) = (adjustment.states[STRENGTH_CHANGE], adjustment.states[INCLINATION_CHANGE]);
+    let (strength, inclination_rad) =
+        (adjustment.states[STRENGTH_CHANGE_INDEX], adjustment.states[INCLINATION_CHANGE_INDEX]);
     assert!((strength + 0.08).abs() < 0.01 && (inclination_rad - 0.12).abs() < 0.015, "{strength} {inclination_rad}");
 }
 
@@ -376,7 +378,7 @@ fn attitude_noise_grows_while_the_aircraft_accelerates() {
         }
         assert_eq!(silent > 0, is_silenced, "{raised_rad}: {silent}");
         // Acceleration-induced tilt, 0.15 of the pitch excursion: 0.8 deg or more. Without it the sigma is 0.3 deg.
-        let tilt_sigma_rad = libm::sqrtf(flight.monitor.monitor_output().sample_noise.unwrap().tilt_rad2);
+        let tilt_sigma_rad = libm::sqrtf(flight.monitor.monitor_output().sample_noise.unwrap().tilt_variance_rad2);
         assert_eq!(tilt_sigma_rad > 0.0125, !is_silenced, "{raised_rad}: {tilt_sigma_rad}");
     }
 }
@@ -384,9 +386,14 @@ fn attitude_noise_grows_while_the_aircraft_accelerates() {
 #[test]
 fn attitude_latency_and_gyro_drift_are_distinguished() {
     for (wrong, index, expected, within) in [
-        (SimulatedErrors { latency_s: 0.1, ..SimulatedErrors::NO_ERRORS }, ATTITUDE_LATENCY, 0.1, 0.03),
-        (SimulatedErrors { latency_s: -0.05, ..SimulatedErrors::NO_ERRORS }, ATTITUDE_LATENCY, -0.05, 0.03),
-        (SimulatedErrors { gyro_drift_rad_s: 2e-3, ..SimulatedErrors::NO_ERRORS }, GYRO_OFFSETS[1], 2e-3, 3e-4),
+        (SimulatedErrors { latency_s: 0.1, ..SimulatedErrors::NO_ERRORS }, ATTITUDE_LATENCY_INDEX, 0.1, 0.03),
+        (SimulatedErrors { latency_s: -0.05, ..SimulatedErrors::NO_ERRORS }, ATTITUDE_LATENCY_INDEX, -0.05, 0.03),
+        (
+            SimulatedErrors { gyro_drift_rad_s: 2e-3, ..SimulatedErrors::NO_ERRORS },
+            GYRO_RATE_OFFSET_INDICES[1],
+            2e-3,
+            3e-4,
+        ),
     ] {
         let mut flight = Flight::new(9);
         flight.errors = wrong;
@@ -403,7 +410,7 @@ fn a_jump_of_the_gyro_offset_is_followed() {
     flight.fly_seconds(600);
     flight.errors.gyro_drift_rad_s = 5e-3;
     flight.fly_seconds(20);
-    let found = flight.monitor.monitor_output().states[GYRO_OFFSETS[1]];
+    let found = flight.monitor.monitor_output().states[GYRO_RATE_OFFSET_INDICES[1]];
     assert!((found - 5e-3).abs() < 1e-3, "{found}");
 }
 
@@ -415,7 +422,7 @@ fn the_scale_error_of_the_gyro_is_estimated() {
         let mut flight = Flight::new(13);
         flight.errors.gyro_scale = gyro_scale;
         let flight_result = flight.fly_seconds(600);
-        assert!(flight_result.empty_reasons.len() < 50 && flight_result.worst_deg < 5.0, "{flight_result:?}");
+        assert!(flight_result.empty_reasons.len() < 50 && flight_result.worst_error_deg < 5.0, "{flight_result:?}");
         let (attitude, euler_rates, _) = motion_at(STRAIGHT_S + CIRCLE_S / 2.0);
         let row = GyroErrorRows::new(attitude, &euler_rates).heading_row;
         let errors = flight.monitor.monitor_output().heading_rate_error.gyro_errors;
@@ -457,8 +464,8 @@ fn estimated_scale_error(flight: &Flight, t_s: f32) -> f32 {
 #[test]
 fn the_expected_scale_error_limits_what_a_turn_estimates() {
     let [narrow, wide] = [0.002, 0.1].map(|gyro_scale| {
-        let expected_errors = SensorErrorSigmas { gyro_scale, ..SensorErrorSigmas::DEFAULT };
-        let mut flight = Flight { monitor: Monitor::new(expected_errors), ..Flight::new(8) };
+        let expected_sensor_errors = SensorErrorSigmas { gyro_scale, ..SensorErrorSigmas::DEFAULT };
+        let mut flight = Flight { monitor: Monitor::new(expected_sensor_errors), ..Flight::new(8) };
         flight.errors.gyro_scale = 1.1;
         flight.fly_seconds((STRAIGHT_S + CIRCLE_S / 3.0) as u32);
         estimated_scale_error(&flight, STRAIGHT_S + CIRCLE_S / 3.0)
@@ -468,9 +475,9 @@ fn the_expected_scale_error_limits_what_a_turn_estimates() {
 
 #[test]
 fn the_expected_drift_of_the_hard_iron_is_in_the_sigma() {
-    let [usual, large] = [0.0025, 0.01].map(|hard_iron_drift| {
-        let expected_errors = SensorErrorSigmas { hard_iron_drift, ..SensorErrorSigmas::DEFAULT };
-        let mut flight = Flight { monitor: Monitor::new(expected_errors), ..Flight::new(8) };
+    let [usual, large] = [0.0025, 0.01].map(|hard_iron_drift_per_minute| {
+        let expected_sensor_errors = SensorErrorSigmas { hard_iron_drift_per_minute, ..SensorErrorSigmas::DEFAULT };
+        let mut flight = Flight { monitor: Monitor::new(expected_sensor_errors), ..Flight::new(8) };
         flight.fly_seconds(STRAIGHT_S as u32);
         flight.fly_sample().unwrap().1
     });
@@ -479,9 +486,9 @@ fn the_expected_drift_of_the_hard_iron_is_in_the_sigma() {
 
 /// Limits: 8.6 deg/s of offset, 20 % of scale error. A field that does not turn appears as such a gyro.
 #[test]
-fn implausible_gyro_errors_withhold_the_heading() {
-    for i in GYRO_ERRORS..STATE_COUNT {
-        let limit = if GYRO_OFFSETS.contains(&i) { 0.15 } else { 0.2 };
+fn implausible_gyro_errors_are_detected() {
+    for i in FIRST_GYRO_ERROR_INDEX..STATE_COUNT {
+        let limit = if GYRO_RATE_OFFSET_INDICES.contains(&i) { 0.15 } else { 0.2 };
         let mut states = [0.0; STATE_COUNT];
         states[i] = -1.03 * limit;
         assert!(is_gyro_implausible(&states));
@@ -549,12 +556,12 @@ fn estimated_changes_beyond_their_limits_withhold_the_heading() {
         flight.monitor.assess_validity(flight.monitor.filter.mean(), &monitor_sample, &[0.0; STATE_COUNT], [0.0; 2])
     };
     for (index, limit, reason) in [
-        (HARD_IRON_CHANGE, 0.6, NoHeading::FieldChanged),
-        (STRENGTH_CHANGE, 0.2, NoHeading::FieldDisturbed),
-        (INCLINATION_CHANGE, 0.2, NoHeading::FieldDisturbed),
-        (ROLL_BIAS, 0.15, NoHeading::AttitudeContradicted),
-        (PITCH_BIAS, 0.15, NoHeading::AttitudeContradicted),
-        (BANK_SCALE_ERROR, 0.5, NoHeading::AttitudeContradicted),
+        (HARD_IRON_CHANGE_INDEX, 0.6, NoHeading::FieldChanged),
+        (STRENGTH_CHANGE_INDEX, 0.2, NoHeading::FieldDisturbed),
+        (INCLINATION_CHANGE_INDEX, 0.2, NoHeading::FieldDisturbed),
+        (ROLL_BIAS_INDEX, 0.15, NoHeading::AttitudeContradicted),
+        (PITCH_BIAS_INDEX, 0.15, NoHeading::AttitudeContradicted),
+        (BANK_SCALE_ERROR_INDEX, 0.5, NoHeading::AttitudeContradicted),
     ] {
         for sign in [1.0, -1.0] {
             assert_eq!(watched_verdict(index, sign * 0.97 * limit), Ok(()), "{index}");
@@ -569,7 +576,7 @@ fn coefficient_errors_are_not_reported_as_hard_iron() {
     for (coefficient_sigma, is_reported) in [(0.01_f32, true), (0.03, false)] {
         let mut monitor =
             Monitor { filter: UdFilter::new(&[0.01; STATE_COUNT]), ..Monitor::new(SensorErrorSigmas::DEFAULT) };
-        monitor.max_coefficient_variance = coefficient_sigma.powi(2);
+        monitor.largest_coefficient_variance = coefficient_sigma.powi(2);
         let change = monitor.detect_change(&Vector3::new(0.0, 0.1, 0.0), TOTAL_UT, 20.0);
         assert_eq!(change.is_some(), is_reported, "{coefficient_sigma}");
     }
@@ -590,14 +597,14 @@ fn headings_return_after_a_turn_of_60_deg() {
 #[test]
 fn the_reason_for_a_withheld_heading_is_the_larger_error() {
     for (state, value, hard_iron, is_strength_test_failed, reason) in [
-        (BANK_SCALE_ERROR, -0.2, 0.06, false, NoHeading::AttitudeContradicted),
-        (BANK_SCALE_ERROR, 0.2, 0.08, false, NoHeading::FieldDisturbed),
-        (PITCH_BIAS, -0.07, 0.06, false, NoHeading::AttitudeContradicted),
-        (PITCH_BIAS, 0.07, 0.06, true, NoHeading::FieldDisturbed),
+        (BANK_SCALE_ERROR_INDEX, -0.2, 0.06, false, NoHeading::AttitudeContradicted),
+        (BANK_SCALE_ERROR_INDEX, 0.2, 0.08, false, NoHeading::FieldDisturbed),
+        (PITCH_BIAS_INDEX, -0.07, 0.06, false, NoHeading::AttitudeContradicted),
+        (PITCH_BIAS_INDEX, 0.07, 0.06, true, NoHeading::FieldDisturbed),
     ] {
         let mut monitor = Monitor { is_strength_test_failed, ..withholding_monitor(0.0) };
         monitor.filter.set_mean(state, value);
-        monitor.filter.set_mean(HARD_IRON_CHANGE, hard_iron);
+        monitor.filter.set_mean(HARD_IRON_CHANGE_INDEX, hard_iron);
         let seen = MonitorSample {
             field: Vector3::new(0.5, 0.0, 0.8),
             mount_turn_effect: MountTurnEffect::new(&Flight::new(0).calibration, &Vector3::zeros()),
@@ -623,16 +630,16 @@ fn a_heading_with_sigma_over_8_deg_is_withheld() {
         euler_rates: EulerRates::default(),
     };
     let mut row = [0.0; STATE_COUNT];
-    (row[HARD_IRON_CHANGE], row[ROLL_BIAS]) = (1.0, 1.0);
+    (row[HARD_IRON_CHANGE_INDEX], row[ROLL_BIAS_INDEX]) = (1.0, 1.0);
     let mean = *monitor.filter.mean();
     assert_eq!(monitor.assess_validity(&mean, &monitor_sample, &row, [0.139 * 0.139, 0.199 * 0.199]), Ok(()));
     assert!(monitor.assess_validity(&mean, &monitor_sample, &row, [0.139 * 0.139, 0.201 * 0.201]).is_err());
-    monitor.filter.inflate_variance(ROLL_BIAS, 0.01);
+    monitor.filter.inflate_variance(ROLL_BIAS_INDEX, 0.01);
     assert_eq!(
         monitor.assess_validity(&mean, &monitor_sample, &row, [0.0201; 2]),
         Err(NoHeading::AttitudeContradicted)
     );
-    monitor.filter.inflate_variance(HARD_IRON_CHANGE, 0.1);
+    monitor.filter.inflate_variance(HARD_IRON_CHANGE_INDEX, 0.1);
     assert_eq!(monitor.assess_validity(&mean, &monitor_sample, &row, [0.1; 2]), Err(NoHeading::FieldChanged));
 }
 
@@ -658,7 +665,7 @@ fn a_source_without_rates_is_monitored() {
     }
     assert!(verdicts[..201].iter().all(Result::is_ok));
     assert!(verdicts[201..].iter().all(|verdict| *verdict == Err(NoHeading::FieldDisturbed)));
-    assert_eq!(monitor.monitor_output().gyro_offset, None);
+    assert_eq!(monitor.monitor_output().run_and_heading_offset_variance, None);
 }
 
 #[test]
@@ -689,10 +696,10 @@ fn a_heading_contradicted_by_the_gyro_is_withheld() {
     let mut flight = Flight::new(14);
     flight.fly_seconds(300);
     let adjustment = flight.monitor.monitor_output();
-    let (run, offset_rad2) = adjustment.gyro_offset.unwrap();
+    let (run, offset_rad2) = adjustment.run_and_heading_offset_variance.unwrap();
     let euler_rates = EulerRates { heading_rad_s: 0.3, ..EulerRates::default() };
     let turning = GyroHeading { euler_rates, relative_heading_rad: 1.0, run_number: run };
-    let by_gyro = 1.0 + adjustment.states[GYRO_OFFSET] + 0.3 * adjustment.states[ATTITUDE_LATENCY];
+    let by_gyro = 1.0 + adjustment.states[GYRO_HEADING_OFFSET_INDEX] + 0.3 * adjustment.states[ATTITUDE_LATENCY_INDEX];
     let sigma_rad = 0.02;
     let limit = 4.5 * (sigma_rad * sigma_rad + offset_rad2).sqrt();
     let agrees = |off_rad: f32, turning: Option<&GyroHeading>| {
@@ -722,8 +729,8 @@ fn estimated_changes_are_applied_to_the_calibration() {
     };
     let mut states = [0.0; STATE_COUNT];
     states[..3].copy_from_slice(&[0.02, -0.04, 0.06]);
-    (states[STRENGTH_CHANGE], states[INCLINATION_CHANGE]) = (0.1, -0.05);
-    let variances = Some(SampleNoise { strength_variance: 1e-4, tilt_rad2: 4e-4 });
+    (states[STRENGTH_CHANGE_INDEX], states[INCLINATION_CHANGE_INDEX]) = (0.1, -0.05);
+    let variances = Some(SampleNoise { strength_variance: 1e-4, tilt_variance_rad2: 4e-4 });
     let (found, adapted) =
         MonitorOutput { states, sample_noise: variances, ..MonitorOutput::INITIAL }.correct_calibration(&monitored);
     let field = Field::from_ut(20.0, -10.0, 30.0);
@@ -762,13 +769,13 @@ fn a_day_at_rest_changes_no_state() {
 #[test]
 fn each_state_receives_all_of_its_process_noise() {
     let mut samples = [0; STATE_COUNT];
-    for (i, interval) in (0..NOISE_STEPS).map(noise_schedule) {
+    for (i, interval) in (0..NOISE_SCHEDULE_STEPS).map(noise_schedule) {
         samples[i] += interval;
     }
-    assert_eq!(samples, [NOISE_STEPS; STATE_COUNT]);
+    assert_eq!(samples, [NOISE_SCHEDULE_STEPS; STATE_COUNT]);
 }
 
-fn variances(monitor: &Monitor) -> StateVector {
+fn state_variances(monitor: &Monitor) -> StateVector {
     array::from_fn(|i| monitor.filter.state_variance(i))
 }
 
@@ -788,9 +795,9 @@ fn withholding_monitor(withheld_s: f32) -> Monitor {
 /// The first 5 s of a disturbance may be a turn of the module: in level flight it starts again from that turn, in a
 /// bank the turn is only less certain. Later an estimated turn of more than 2.3 deg must still explain the field.
 #[test]
-fn a_detected_change_is_a_turn_of_the_mount_once() {
+fn a_mount_turn_is_assumed_only_in_the_first_5_s() {
     const HEADING_RESIDUAL_RAD: f32 = 0.3;
-    let initial_rad2 = state_noise(MOUNT_TURN, SensorErrorSigmas::DEFAULT).initial_sigma.powi(2);
+    let initial_rad2 = state_noise(MOUNT_TURN_INDEX, SensorErrorSigmas::DEFAULT).initial_sigma.powi(2);
     let inflated = |sigma_rad: f32| initial_rad2 + sigma_rad * sigma_rad;
     let (by_heading, unchanged) = (inflated(HEADING_RESIDUAL_RAD), initial_rad2);
     // Time withheld, level flight, estimate, explanation of the field; expected estimate, its variance.
@@ -813,16 +820,16 @@ fn a_detected_change_is_a_turn_of_the_mount_once() {
     ] {
         let case = format!("{withheld_s} s, level {is_level}, {estimated_rad}, {turn_rad:?}");
         let mut monitor = withholding_monitor(withheld_s);
-        monitor.filter.set_mean(MOUNT_TURN, estimated_rad);
-        for axis in HARD_IRON_AXES {
+        monitor.filter.set_mean(MOUNT_TURN_INDEX, estimated_rad);
+        for axis in HARD_IRON_INDICES {
             monitor.filter.set_mean(axis, 0.2);
         }
-        monitor.test_mount_turn(turn_rad, is_level, [0.0, 0.0, HEADING_RESIDUAL_RAD]);
-        assert!((monitor.filter.mean()[MOUNT_TURN] - expected_rad).abs() < 1e-6, "{case}");
-        assert!((monitor.filter.state_variance(MOUNT_TURN) / variance - 1.0).abs() < 1e-4, "{case}");
+        monitor.attribute_to_mount_turn(turn_rad, is_level, [0.0, 0.0, HEADING_RESIDUAL_RAD]);
+        assert!((monitor.filter.mean()[MOUNT_TURN_INDEX] - expected_rad).abs() < 1e-6, "{case}");
+        assert!((monitor.filter.state_variance(MOUNT_TURN_INDEX) / variance - 1.0).abs() < 1e-4, "{case}");
         let is_restarted = (expected_rad - estimated_rad).abs() > 1e-6;
         let hard_iron = if is_restarted { 0.0 } else { 0.2 };
-        assert!(HARD_IRON_AXES.iter().all(|axis| (monitor.filter.mean()[*axis] - hard_iron).abs() < 1e-6), "{case}");
+        assert!(HARD_IRON_INDICES.iter().all(|axis| (monitor.filter.mean()[*axis] - hard_iron).abs() < 1e-6), "{case}");
     }
 }
 
@@ -851,13 +858,13 @@ fn a_detected_change_inflates_the_states_that_explain_it() {
         };
         let model =
             MeasurementModel::new(&monitor_sample, &states, &PredictedField::new(&states, inclination_rad, None));
-        let before = variances(&monitor);
+        let before = state_variances(&monitor);
         monitor.inflate_covariance(&model, residuals);
-        let added: StateVector = array::from_fn(|i| sqrt((variances(&monitor)[i] - before[i]).max(0.0)));
+        let added: StateVector = array::from_fn(|i| sqrt((state_variances(&monitor)[i] - before[i]).max(0.0)));
         let mut expected = [0.0; STATE_COUNT];
         expected[..3].fill(hard_iron);
-        expected[STRENGTH_CHANGE..=INCLINATION_CHANGE].fill(field);
-        expected[ROLL_BIAS..=PITCH_BIAS].fill(tilt_rad);
+        expected[STRENGTH_CHANGE_INDEX..=INCLINATION_CHANGE_INDEX].fill(field);
+        expected[ROLL_BIAS_INDEX..=PITCH_BIAS_INDEX].fill(tilt_rad);
         for (i, (added, expected)) in added.into_iter().zip(expected).enumerate() {
             assert!((added - expected).abs() < 2e-4, "{inclination_rad} {residuals:?}: {i}: {added}, not {expected}");
         }
@@ -874,16 +881,16 @@ fn unobserved_states_decay_and_detected_changes_persist() {
         let mut monitor = Monitor::new(SensorErrorSigmas::DEFAULT);
         let mut expected = [0.1; STATE_COUNT];
         expected[..3].fill(hard_iron);
-        expected[MOUNT_TURN] = mount_turn_rad;
+        expected[MOUNT_TURN_INDEX] = mount_turn_rad;
         expected.iter().enumerate().for_each(|(i, state)| monitor.filter.set_mean(i, *state));
         monitor.predict_state(100.0);
         if hard_iron < 0.02 {
             expected[..3].iter_mut().for_each(|state| *state *= 0.9);
         }
         if mount_turn_rad.abs() < 0.04 {
-            expected[MOUNT_TURN] *= 0.9;
+            expected[MOUNT_TURN_INDEX] *= 0.9;
         }
-        expected[ROLL_BIAS..GYRO_OFFSET].iter_mut().for_each(|state| *state *= 0.9);
+        expected[ROLL_BIAS_INDEX..GYRO_HEADING_OFFSET_INDEX].iter_mut().for_each(|state| *state *= 0.9);
         for (i, (state, expected)) in monitor.filter.mean().iter().zip(expected).enumerate() {
             assert!((state - expected).abs() < 1e-6, "{hard_iron} {mount_turn_rad}: {i}: {state}");
         }
@@ -894,33 +901,36 @@ fn unobserved_states_decay_and_detected_changes_persist() {
 /// second; after a detected change that of hard iron as well, for a minute.
 #[test]
 fn process_noise_ends_at_the_initial_variance() {
-    let errors = SensorErrorSigmas { hard_iron_drift: 0.001, ..SensorErrorSigmas::DEFAULT };
+    let errors = SensorErrorSigmas { hard_iron_drift_per_minute: 0.001, ..SensorErrorSigmas::DEFAULT };
     let mut monitor = Monitor::new(errors);
-    let initial = variances(&monitor);
-    for _ in 0..20 * NOISE_STEPS {
+    let initial = state_variances(&monitor);
+    for _ in 0..20 * NOISE_SCHEDULE_STEPS {
         monitor.predict_state(STEP_S);
     }
-    let now = variances(&monitor);
-    for i in (0..STATE_COUNT).filter(|i| *i != GYRO_OFFSET) {
+    let now = state_variances(&monitor);
+    for i in (0..STATE_COUNT).filter(|i| *i != GYRO_HEADING_OFFSET_INDEX) {
         assert_eq!(now[i].to_bits(), initial[i].to_bits(), "{i}");
     }
-    let elapsed_s = 20.0 * NOISE_STEPS as f32 * STEP_S;
-    assert!((now[GYRO_OFFSET] - initial[GYRO_OFFSET] - 1e-6 * elapsed_s).abs() < 1e-4);
+    let elapsed_s = 20.0 * NOISE_SCHEDULE_STEPS as f32 * STEP_S;
+    assert!((now[GYRO_HEADING_OFFSET_INDEX] - initial[GYRO_HEADING_OFFSET_INDEX] - 1e-6 * elapsed_s).abs() < 1e-4);
     monitor.post_change_remaining_s = POST_CHANGE_S;
-    for _ in 0..40 * NOISE_STEPS {
+    for _ in 0..40 * NOISE_SCHEDULE_STEPS {
         monitor.predict_state(STEP_S);
     }
     // Process noise of 1e-6 per second for 60 s, added every 3.6 s.
-    for axis in HARD_IRON_AXES {
+    for axis in HARD_IRON_INDICES {
         let grown = monitor.filter.state_variance(axis) - initial[axis];
         assert!((grown - 6e-5).abs() < 0.37e-5, "{axis}: {grown}");
     }
-    assert_eq!(monitor.filter.state_variance(STRENGTH_CHANGE).to_bits(), initial[STRENGTH_CHANGE].to_bits());
+    assert_eq!(
+        monitor.filter.state_variance(STRENGTH_CHANGE_INDEX).to_bits(),
+        initial[STRENGTH_CHANGE_INDEX].to_bits()
+    );
 }
 
 /// After a restart of the gyro's integration, or a gap of more than 3 s, the magnetic heading sets the offset.
 #[test]
-fn the_gyro_offset_starts_again_after_a_gap() {
+fn the_gyro_heading_offset_restarts_after_a_gap() {
     for (run_number, step_s, is_restarted) in [(0, 3.0, false), (0, 3.1, true), (1, 0.1, true), (0, 0.1, false)] {
         let mut flight = Flight::new(3);
         flight.fly_seconds(30);
@@ -931,10 +941,16 @@ fn the_gyro_offset_starts_again_after_a_gap() {
             attitude,
             euler_rates,
         };
-        let before = (flight.monitor.filter.mean()[GYRO_OFFSET], flight.monitor.filter.state_variance(GYRO_OFFSET));
+        let before = (
+            flight.monitor.filter.mean()[GYRO_HEADING_OFFSET_INDEX],
+            flight.monitor.filter.state_variance(GYRO_HEADING_OFFSET_INDEX),
+        );
         let gyro_heading = GyroHeading { euler_rates, relative_heading_rad: 3.0, run_number };
-        flight.monitor.initialise_gyro_offset(&monitor_sample, Some(gyro_heading), step_s);
-        let after = (flight.monitor.filter.mean()[GYRO_OFFSET], flight.monitor.filter.state_variance(GYRO_OFFSET));
+        flight.monitor.initialise_gyro_heading_offset(&monitor_sample, Some(gyro_heading), step_s);
+        let after = (
+            flight.monitor.filter.mean()[GYRO_HEADING_OFFSET_INDEX],
+            flight.monitor.filter.state_variance(GYRO_HEADING_OFFSET_INDEX),
+        );
         if is_restarted {
             // Three sigmas of the heading error by attitude states, which are not estimated yet.
             assert!(wrap_pi(after.0 - (heading_rad - 3.0)).abs() < 0.03 && after.0.abs() <= PI, "{after:?}");
@@ -942,7 +958,7 @@ fn the_gyro_offset_starts_again_after_a_gap() {
         } else {
             assert_eq!(after, before);
         }
-        assert_eq!(flight.monitor.gyro_run, Some(run_number));
+        assert_eq!(flight.monitor.gyro_run_number, Some(run_number));
     }
 }
 
@@ -953,21 +969,21 @@ fn a_drift_inflates_hard_iron_and_in_a_bank_the_mount() {
         [(0.01, 0.16, [1.0, 0.0]), (-0.01, 0.18, [1.0, 1.0]), (0.01, -0.18, [1.0, 1.0]), (0.0039, 0.18, [0.0, 0.0])]
     {
         let mut monitor = Monitor::new(SensorErrorSigmas::DEFAULT);
-        let before = variances(&monitor);
-        monitor.filter.set_mean(HARD_IRON_CHANGE, drift);
+        let before = state_variances(&monitor);
+        monitor.filter.set_mean(HARD_IRON_CHANGE_INDEX, drift);
         monitor.inflate_by_drift(roll_rad, 1e-3);
         let rate = 2.0 * drift * drift * 1e-3 / 60.0;
         let mut expected = [0.0; STATE_COUNT];
         expected[..3].fill(hard_iron * rate);
-        expected[MOUNT_TURN] = mount * rate;
-        for (i, (now, before)) in variances(&monitor).into_iter().zip(before).enumerate() {
+        expected[MOUNT_TURN_INDEX] = mount * rate;
+        for (i, (now, before)) in state_variances(&monitor).into_iter().zip(before).enumerate() {
             assert!((now - before - expected[i]).abs() < 0.02 * rate, "{drift} {roll_rad}: {i}");
         }
         // No inflation within the time after a detected change.
         monitor.post_change_remaining_s = 1.0;
-        let before = variances(&monitor);
+        let before = state_variances(&monitor);
         monitor.inflate_by_drift(roll_rad, 1e-3);
-        assert_eq!(variances(&monitor).map(f32::to_bits), before.map(f32::to_bits));
+        assert_eq!(state_variances(&monitor).map(f32::to_bits), before.map(f32::to_bits));
     }
 }
 

@@ -32,13 +32,13 @@ impl From<ReadingFault> for NoHeading {
 }
 
 /// Range an axis must have covered before it can be clipped, microtesla: ten times the noise of a poor sensor.
-const MIN_RANGE_UT: f32 = 5.0;
+const MIN_RANGE_FOR_CLIPPING_UT: f32 = 5.0;
 
 /// Consecutive spikes rejected; the next reading is accepted as a changed field.
 const MAX_CONSECUTIVE_SPIKES: u8 = 3;
 
 /// Longest interval over which readings are compared, microseconds.
-const MAX_INTERVAL_US: u64 = 500_000;
+const MAX_COMPARED_INTERVAL_US: u64 = 500_000;
 
 /// Spike limit relative to the RMS step between readings, beyond the step explained by rotation. Five times the RMS of
 /// three normal components is 7.5 sigma of a LIS3MDL's noisiest axis: once in a million hours.
@@ -59,7 +59,7 @@ const MAX_FIELD_UT: f32 = 100.0;
 const RATE_MARGIN_RAD_S: f32 = 0.5;
 
 /// Assumed rotation rate without body rates, rad/s.
-const MAX_RATE_RAD_S: f32 = 4.0;
+const ASSUMED_RATE_RAD_S: f32 = 4.0;
 
 #[derive(Clone, Copy, Debug)]
 struct AxisCheck {
@@ -86,7 +86,7 @@ impl AxisCheck {
         self.lowest_ut = self.lowest_ut.min(ut);
         self.highest_ut = self.highest_ut.max(ut);
         let is_extreme = ut <= self.lowest_ut || ut >= self.highest_ut;
-        let has_range = self.highest_ut - self.lowest_ut >= MIN_RANGE_UT;
+        let has_range = self.highest_ut - self.lowest_ut >= MIN_RANGE_FOR_CLIPPING_UT;
         // Noise rarely repeats an extreme value: half the count suffices.
         if is_extreme && has_range && self.repeat_count >= equal_readings_until_stuck / 2 {
             self.clip_level_ut = Some(ut);
@@ -148,13 +148,13 @@ impl SensorCheck {
 
     fn is_spike(&mut self, at: Timestamp, field: Field<Sensor>, turning_rad_s: Option<f32>) -> bool {
         let Some((last_at, last_field)) =
-            self.last_accepted.filter(|(last_at, _)| at.us_since(*last_at) <= MAX_INTERVAL_US)
+            self.last_accepted.filter(|(last_at, _)| at.us_since(*last_at) <= MAX_COMPARED_INTERVAL_US)
         else {
             self.accept_reading(at, field);
             return false;
         };
         let step_ut = (field.ut - last_field.ut).vector_length();
-        let turning_rad_s = turning_rad_s.map_or(MAX_RATE_RAD_S, |rate_rad_s| rate_rad_s + RATE_MARGIN_RAD_S);
+        let turning_rad_s = turning_rad_s.map_or(ASSUMED_RATE_RAD_S, |rate_rad_s| rate_rad_s + RATE_MARGIN_RAD_S);
         let turned_ut = turning_rad_s * MAX_FIELD_UT * at.us_since(last_at) as f32 * 1e-6;
         let rms_step_ut = sqrt(self.mean_square_step_ut2).max(MIN_RMS_STEP_UT);
         let limit_ut = SPIKE_RATIO * rms_step_ut + turned_ut;

@@ -14,15 +14,15 @@ fn new_check() -> SensorCheck {
     })
 }
 
-struct Readings {
+struct SimulatedReadings {
     sensor_check: SensorCheck,
-    number: u64,
+    reading_number: u64,
     random: Random,
 }
 
-impl Readings {
+impl SimulatedReadings {
     fn new() -> Self {
-        Self { sensor_check: new_check(), number: 0, random: Random(1) }
+        Self { sensor_check: new_check(), reading_number: 0, random: Random(1) }
     }
 
     fn check_with_slow_turn(&mut self, field_ut: [f32; 3]) -> Option<ReadingFault> {
@@ -30,9 +30,9 @@ impl Readings {
     }
 
     fn check_with_turn_rate(&mut self, [x, y, z]: [f32; 3], turning_rad_s: Option<f32>) -> Option<ReadingFault> {
-        self.number += 1;
+        self.reading_number += 1;
         let reading = Reading { field: Field::from_ut(x, y, z), is_saturated: false, was_overwritten: false };
-        self.sensor_check.check_reading(Timestamp::from_us(self.number * PERIOD_US), &reading, turning_rad_s)
+        self.sensor_check.check_reading(Timestamp::from_us(self.reading_number * PERIOD_US), &reading, turning_rad_s)
     }
 
     /// Adds LIS3MDL noise, quantised to its counts.
@@ -56,7 +56,7 @@ const PARKED_FIELD_UT: [f32; 3] = [20.0, -5.0, 40.0];
 #[test]
 fn an_axis_that_repeats_is_stuck_at_the_sixteenth_reading() {
     for axis in 0..3 {
-        let mut readings = Readings::new();
+        let mut readings = SimulatedReadings::new();
         readings.faults_at_rest(PARKED_FIELD_UT, 100);
         let stuck_at = PARKED_FIELD_UT[axis];
         let faults: Vec<_> = (0..20)
@@ -75,7 +75,7 @@ fn an_axis_that_repeats_is_stuck_at_the_sixteenth_reading() {
 /// An hour of readings, in which 1 of 80 consecutive values is equal; tests/integrity.rs runs a day.
 #[test]
 fn a_parked_lis3mdl_is_neither_stuck_nor_spiky() {
-    let mut readings = Readings::new();
+    let mut readings = SimulatedReadings::new();
     assert_eq!(readings.faults_at_rest(PARKED_FIELD_UT, 80 * 3600), []);
 }
 
@@ -144,7 +144,7 @@ fn the_saturation_flag_of_the_chip_has_priority() {
 fn a_single_distant_reading_is_a_spike_and_the_next_one_is_accepted() {
     for (height_ut, expected) in [(3.0, None), (8.0, Some(ReadingFault::Spike)), (300.0, Some(ReadingFault::Spike))] {
         for axis in 0..3 {
-            let mut readings = Readings::new();
+            let mut readings = SimulatedReadings::new();
             assert_eq!(readings.faults_at_rest(PARKED_FIELD_UT, 500), []);
             let mut field_ut = readings.with_noise(PARKED_FIELD_UT);
             field_ut[axis] += height_ut;
@@ -152,7 +152,7 @@ fn a_single_distant_reading_is_a_spike_and_the_next_one_is_accepted() {
             assert_eq!(readings.faults_at_rest(PARKED_FIELD_UT, 500), []);
         }
     }
-    let mut readings = Readings::new();
+    let mut readings = SimulatedReadings::new();
     readings.faults_at_rest(PARKED_FIELD_UT, 500);
     assert_eq!(readings.check_with_slow_turn([f32::NAN, 0.0, 0.0]), Some(ReadingFault::Spike));
 }
@@ -162,7 +162,7 @@ fn a_single_distant_reading_is_a_spike_and_the_next_one_is_accepted() {
 fn the_spike_limit_grows_with_the_turn_rate() {
     for (turning_rad_s, limit_ut) in [(Some(0.0), 8.125), (Some(2.0), 10.625), (None, 12.5)] {
         for (step_ut, expected) in [(limit_ut - 0.1, None), (limit_ut + 0.1, Some(ReadingFault::Spike))] {
-            let mut readings = Readings::new();
+            let mut readings = SimulatedReadings::new();
             readings.check_with_slow_turn([0.0; 3]);
             assert_eq!(
                 readings.check_with_turn_rate([step_ut, 0.0, 0.0], turning_rad_s),
@@ -175,7 +175,7 @@ fn the_spike_limit_grows_with_the_turn_rate() {
 
 #[test]
 fn a_lasting_field_step_is_accepted_at_the_fourth_reading() {
-    let mut readings = Readings::new();
+    let mut readings = SimulatedReadings::new();
     readings.faults_at_rest(PARKED_FIELD_UT, 500);
     let field_after_step = [335.0, -5.0, 40.0];
     assert_eq!(readings.faults_at_rest(field_after_step, 3), [ReadingFault::Spike; 3]);
@@ -197,7 +197,7 @@ fn readings_far_apart_are_not_compared() {
 
 #[test]
 fn the_spike_limit_adapts_to_noise_within_1_s() {
-    let mut readings = Readings::new();
+    let mut readings = SimulatedReadings::new();
     readings.faults_at_rest(PARKED_FIELD_UT, 500);
     let mut spikes = [0; 2];
     for second in &mut spikes {

@@ -38,7 +38,7 @@ pub(super) struct AgreementTest {
 
 impl AgreementTest {
     /// Time constant of the means, seconds; equals the mean age in a 2 s window.
-    const MEAN_TIME_S: f32 = 1.0;
+    const MEAN_TIME_CONSTANT_S: f32 = 1.0;
 
     /// Gate of the mean innovation, sigmas.
     const MEAN_GATE_SIGMAS: f32 = 3.0;
@@ -78,7 +78,7 @@ impl AgreementTest {
 
     pub fn test_innovation(&mut self, innovation_rad: f32, variance: f32, step: GyroStep) -> AgreementResult {
         let GyroStep { step_s, turned_rad } = step;
-        let weight = step_s / (Self::MEAN_TIME_S + step_s);
+        let weight = step_s / (Self::MEAN_TIME_CONSTANT_S + step_s);
         self.mean_innovation_rad += weight * (innovation_rad - self.mean_innovation_rad);
         self.excess_variance_rad2 = (square(self.mean_innovation_rad) - variance).max(0.0);
         let limit_rad2 = square(Self::SINGLE_GATE_SIGMAS) * variance.max(self.innovation_scatter_rad2);

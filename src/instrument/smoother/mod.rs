@@ -47,24 +47,24 @@ const MAX_TURN_RATE_RAD_S: f32 = core::f32::consts::TAU;
 const HEADING_PROCESS_NOISE: f32 = square(0.2 * DEG);
 
 /// Gyro-bias process noise, (rad/s)^2/s: a random walk of 0.002 deg/s in a second.
-const BIAS_PROCESS_NOISE: f32 = square(0.002 * DEG);
+const GYRO_BIAS_PROCESS_NOISE: f32 = square(0.002 * DEG);
 
 /// Initial variance of the gyro bias, (rad/s)^2: autopilots remove most of it.
-const INITIAL_BIAS_VARIANCE: f32 = square(0.1 * DEG);
+const INITIAL_GYRO_BIAS_VARIANCE: f32 = square(0.1 * DEG);
 
 /// Time for which an error of the gyro's rate keeps its sign, seconds: that of a turn.
-const GYRO_NOISE_TIME_S: f32 = 10.0;
+const GYRO_NOISE_CORRELATION_S: f32 = 10.0;
 
 /// Period in which the variance by the gyro's errors is computed, microseconds: that of the monitor's samples.
 const GYRO_VARIANCE_PERIOD_US: u64 = 100_000;
 
-/// Fraction of the raw variance that remains in `noise_variance` at the usual gain.
+/// Fraction of the raw variance that remains in `variance_from_noise` at the usual gain.
 const NOMINAL_NOISE_FRACTION: f32 = 0.24;
 
 /// Lower limit of a raw heading's variance, rad^2: a sigma of 0.05 deg.
-const MIN_VARIANCE_RAD2: f32 = square(0.05 * DEG);
+const MIN_RAW_VARIANCE_RAD2: f32 = square(0.05 * DEG);
 /// Upper limit of a raw heading's variance, rad^2: a sigma of 180 deg.
-const MAX_VARIANCE_RAD2: f32 = square(180.0 * DEG);
+const MAX_RAW_VARIANCE_RAD2: f32 = square(180.0 * DEG);
 
 /// Normalised innovation beyond which a measurement counts less.
 const OUTLIER_SIGMAS: f32 = 3.0;
@@ -93,7 +93,7 @@ impl HeadingSmoother {
         at: Timestamp,
         raw_heading: Option<&Heading>,
         gyro_heading: Option<&GyroHeading>,
-        gyro: &HeadingRateError,
+        rate_error: &HeadingRateError,
     ) -> Option<Heading> {
         let gyro_heading = gyro_heading?;
         if gyro_heading.euler_rates.heading_rad_s.abs() > MAX_TURN_RATE_RAD_S {
@@ -101,18 +101,19 @@ impl HeadingSmoother {
         }
         let raw = raw_heading?;
         #[expect(clippy::manual_clamp, reason = "what is not a number becomes one here, and would not in a clamp")]
-        let variance =
-            (square(raw.sigma_rad) - raw.systematic_variance_rad2).max(MIN_VARIANCE_RAD2).min(MAX_VARIANCE_RAD2);
-        let agreed = self.update_filter((at, raw.magnetic_rad, variance), gyro_heading, gyro);
+        let variance = (square(raw.sigma_rad) - raw.systematic_variance_rad2)
+            .max(MIN_RAW_VARIANCE_RAD2)
+            .min(MAX_RAW_VARIANCE_RAD2);
+        let agreed = self.update_filter((at, raw.magnetic_rad, variance), gyro_heading, rate_error);
         if agreed == AgreementResult::Lost {
             self.agreement_test.restart_test();
-            self.residual_noise.restart_noise();
+            self.residual_noise.restart_mean();
             self.filter_state = Some(SmootherState::new_at(at, raw.magnetic_rad, variance, gyro_heading));
         }
         let state = self.filter_state.as_ref().filter(|_| agreed == AgreementResult::InAgreement)?;
-        let noise = self.residual_noise.remaining_fraction() / NOMINAL_NOISE_FRACTION * state.noise_variance;
+        let noise = self.residual_noise.remaining_fraction() / NOMINAL_NOISE_FRACTION * state.variance_from_noise;
         // The remaining noise is estimated from innovations, which contain the gyro's errors as well.
-        let noise = noise.max(state.gyro_variance) + self.agreement_test.excess_variance_rad2();
+        let noise = noise.max(state.variance_from_gyro) + self.agreement_test.excess_variance_rad2();
         Some(Heading {
             magnetic_rad: wrap_two_pi(state.heading_rad),
             sigma_rad: sqrt(noise + raw.systematic_variance_rad2),
@@ -125,15 +126,15 @@ impl HeadingSmoother {
         &mut self,
         (at, raw_rad, variance): (Timestamp, f32, f32),
         gyro_heading: &GyroHeading,
-        gyro: &HeadingRateError,
+        rate_error: &HeadingRateError,
     ) -> AgreementResult {
         let Some(state) = &mut self.filter_state else { return AgreementResult::Lost };
-        let Some(step) = state.predict_state(at, gyro_heading, gyro) else { return AgreementResult::Lost };
+        let Some(step) = state.predict_state(at, gyro_heading, rate_error) else { return AgreementResult::Lost };
         let innovation_rad = wrap_pi(raw_rad - state.heading_rad);
         if !innovation_rad.is_finite() {
             return AgreementResult::Lost; // A NaN must not enter the state.
         }
-        let innovation_variance = state.variance() + variance;
+        let innovation_variance = state.heading_variance() + variance;
         self.residual_noise.update_noise(innovation_rad, innovation_variance, step.step_s);
         let result = self.agreement_test.test_innovation(innovation_rad, innovation_variance, step);
         state.update_measurement(innovation_rad, variance, step.step_s);
@@ -147,8 +148,8 @@ impl HeadingSmoother {
 #[derive(Clone, Debug)]
 struct SmootherState {
     updated_at: Timestamp,
-    turned_rad: f32,
-    gyro_run: u8,
+    last_gyro_heading_rad: f32,
+    gyro_run_number: u8,
     heading_rad: f32,
     bias_rad_s: f32,
     bias_variance: f32,
@@ -157,31 +158,31 @@ struct SmootherState {
     /// Derivatives of the smoothed heading by the gyro's errors.
     gyro_sensitivity: GyroErrors,
     /// Variance of the smoothed heading by the gyro's errors, rad^2, and the time of its computation.
-    gyro_variance: f32,
-    gyro_variance_at: Timestamp,
+    variance_from_gyro: f32,
+    variance_from_gyro_at: Timestamp,
     /// Variance of the smoothed heading by noise of the raw ones of the assumed correlation time, rad^2.
-    noise_variance: f32,
+    variance_from_noise: f32,
 }
 
 impl SmootherState {
     fn new_at(at: Timestamp, heading_rad: f32, variance: f32, gyro_heading: &GyroHeading) -> Self {
         Self {
             updated_at: at,
-            turned_rad: gyro_heading.relative_heading_rad,
-            gyro_run: gyro_heading.run_number,
+            last_gyro_heading_rad: gyro_heading.relative_heading_rad,
+            gyro_run_number: gyro_heading.run_number,
             heading_rad: wrap_pi(heading_rad),
             bias_rad_s: 0.0,
-            bias_variance: INITIAL_BIAS_VARIANCE,
+            bias_variance: INITIAL_GYRO_BIAS_VARIANCE,
             bias_regression_s: 0.0,
             conditional_heading_variance: variance,
             gyro_sensitivity: [0.0; GYRO_ERROR_COUNT],
-            gyro_variance: 0.0,
-            gyro_variance_at: at,
-            noise_variance: NOMINAL_NOISE_FRACTION * variance,
+            variance_from_gyro: 0.0,
+            variance_from_gyro_at: at,
+            variance_from_noise: NOMINAL_NOISE_FRACTION * variance,
         }
     }
 
-    fn variance(&self) -> f32 {
+    fn heading_variance(&self) -> f32 {
         self.conditional_heading_variance + square(self.bias_regression_s) * self.bias_variance
     }
 
@@ -190,27 +191,30 @@ impl SmootherState {
         &mut self,
         at: Timestamp,
         gyro_heading: &GyroHeading,
-        gyro: &HeadingRateError,
+        rate_error: &HeadingRateError,
     ) -> Option<GyroStep> {
         let step_us = at.us_since(self.updated_at);
-        if gyro_heading.run_number != self.gyro_run || step_us > MAX_GAP_US {
+        if gyro_heading.run_number != self.gyro_run_number || step_us > MAX_GAP_US {
             return None;
         }
         let step_s = step_us as f32 * 1e-6;
-        let turned_rad = wrap_pi(gyro_heading.relative_heading_rad - self.turned_rad - gyro.rate_error_rad_s * step_s);
-        (self.updated_at, self.turned_rad) = (at, gyro_heading.relative_heading_rad);
+        let turned_rad = wrap_pi(
+            gyro_heading.relative_heading_rad - self.last_gyro_heading_rad - rate_error.rate_error_rad_s * step_s,
+        );
+        (self.updated_at, self.last_gyro_heading_rad) = (at, gyro_heading.relative_heading_rad);
         self.heading_rad = wrap_pi(self.heading_rad + turned_rad - self.bias_rad_s * step_s);
         self.bias_regression_s -= step_s;
-        for (sensitivity, d) in self.gyro_sensitivity.iter_mut().zip(gyro.derivative_row) {
+        for (sensitivity, d) in self.gyro_sensitivity.iter_mut().zip(rate_error.derivative_row) {
             *sensitivity += d * step_s;
         }
-        if at.us_since(self.gyro_variance_at) >= GYRO_VARIANCE_PERIOD_US {
-            (self.gyro_variance, self.gyro_variance_at) =
-                (gyro.gyro_errors.projected_variance(&self.gyro_sensitivity), at);
+        if at.us_since(self.variance_from_gyro_at) >= GYRO_VARIANCE_PERIOD_US {
+            (self.variance_from_gyro, self.variance_from_gyro_at) =
+                (rate_error.gyro_errors.projected_variance(&self.gyro_sensitivity), at);
         }
-        self.conditional_heading_variance += (HEADING_PROCESS_NOISE + GYRO_NOISE_TIME_S * gyro.variance) * step_s;
+        self.conditional_heading_variance +=
+            (HEADING_PROCESS_NOISE + GYRO_NOISE_CORRELATION_S * rate_error.variance) * step_s;
         // Bias process noise weakens the regression of heading on bias.
-        let added_variance = BIAS_PROCESS_NOISE * step_s;
+        let added_variance = GYRO_BIAS_PROCESS_NOISE * step_s;
         let bias_variance = self.bias_variance + added_variance;
         self.conditional_heading_variance +=
             square(self.bias_regression_s) * self.bias_variance * added_variance / bias_variance;
@@ -224,7 +228,7 @@ impl SmootherState {
         if step_s <= 0.0 {
             return; // A repeated time adds no information.
         }
-        let innovation_variance = self.variance() + variance;
+        let innovation_variance = self.heading_variance() + variance;
         let outlier_factor = (square(innovation_rad) / (square(OUTLIER_SIGMAS) * innovation_variance)).max(1.0);
         let noise = outlier_factor * variance * (2.0 * NOISE_CORRELATION_S / step_s);
         let conditional_variance = self.conditional_heading_variance;
@@ -232,7 +236,7 @@ impl SmootherState {
         let sum = conditional_variance + self.bias_regression_s * heading_by_bias + noise;
         let gain = (conditional_variance + self.bias_regression_s * heading_by_bias) / sum;
         self.heading_rad = wrap_pi(self.heading_rad + innovation_rad * gain);
-        self.noise_variance = square(1.0 - gain) * self.noise_variance + square(gain) * noise;
+        self.variance_from_noise = square(1.0 - gain) * self.variance_from_noise + square(gain) * noise;
         for sensitivity in &mut self.gyro_sensitivity {
             *sensitivity *= 1.0 - gain;
         }

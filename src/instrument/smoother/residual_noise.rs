@@ -15,7 +15,7 @@ pub(super) struct ResidualNoise {
 
 impl ResidualNoise {
     /// Time constant of the mean, seconds.
-    const MEAN_TIME_S: f32 = 5.0;
+    const MEAN_TIME_CONSTANT_S: f32 = 5.0;
 
     /// Longest averaging time of the fraction, and the weight of its initial value, seconds.
     const MAX_AVERAGING_S: f32 = 120.0;
@@ -32,12 +32,13 @@ impl ResidualNoise {
         (Self::TRACKING_CORRECTION * self.remaining_fraction).min(1.0)
     }
 
-    pub fn restart_noise(&mut self) {
+    pub fn restart_mean(&mut self) {
         self.mean_innovation_rad = 0.0;
     }
 
     pub fn update_noise(&mut self, innovation_rad: f32, variance: f32, step_s: f32) {
-        self.mean_innovation_rad += (innovation_rad - self.mean_innovation_rad) * step_s / (Self::MEAN_TIME_S + step_s);
+        self.mean_innovation_rad +=
+            (innovation_rad - self.mean_innovation_rad) * step_s / (Self::MEAN_TIME_CONSTANT_S + step_s);
         self.averaging_s = (self.averaging_s + step_s).min(Self::MAX_AVERAGING_S);
         let mean_fraction = (square(self.mean_innovation_rad) / variance).min(1.0);
         self.remaining_fraction += (mean_fraction - self.remaining_fraction) * step_s / (self.averaging_s + step_s);

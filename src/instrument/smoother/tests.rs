@@ -14,7 +14,7 @@ use crate::frames::Attitude;
 const STEP_US: u64 = 12_500;
 const STEP_S: f32 = 0.0125;
 
-type Gyro = fn(f32) -> f32;
+type GyroModel = fn(f32) -> f32;
 
 /// The monitor's gyro errors after some turns: estimates of zero, a scale sigma of 0.3 % on the z axis.
 fn gyro_errors() -> UdFilter<GYRO_ERROR_COUNT> {
@@ -34,9 +34,9 @@ struct Flight {
     at_us: u64,
     step_us: u64,
     heading_rad: f32,
-    turned_rad: f32,
-    gyro_run: u8,
-    gyro: Gyro,
+    gyro_heading_rad: f32,
+    gyro_run_number: u8,
+    gyro: GyroModel,
     /// Raw heading: reported sigma, true sigma, correlation time; then the sigma due to coefficients.
     sigma_rad: f32,
     noise_sigma_rad: f32,
@@ -45,7 +45,7 @@ struct Flight {
     noise_rad: f32,
 }
 
-struct HeadingPair {
+struct HeadingErrors {
     /// Raw minus true heading, radians.
     raw_error_rad: f32,
     /// Smoothed minus true heading, and its sigma, radians.
@@ -61,8 +61,8 @@ impl Flight {
             at_us: 1_000_000,
             step_us: STEP_US,
             heading_rad: 1.0,
-            turned_rad: 0.0,
-            gyro_run: 1,
+            gyro_heading_rad: 0.0,
+            gyro_run_number: 1,
             gyro: |rate_rad_s| rate_rad_s,
             sigma_rad: DEG,
             noise_sigma_rad: DEG,
@@ -74,7 +74,7 @@ impl Flight {
 
     fn gyro_heading(&self, rate_rad_s: f32) -> GyroHeading {
         let euler_rates = EulerRates { heading_rad_s: (self.gyro)(rate_rad_s), ..EulerRates::default() };
-        GyroHeading { euler_rates, relative_heading_rad: self.turned_rad, run_number: self.gyro_run }
+        GyroHeading { euler_rates, relative_heading_rad: self.gyro_heading_rad, run_number: self.gyro_run_number }
     }
 
     fn raw_heading(&self) -> Heading {
@@ -90,30 +90,30 @@ impl Flight {
         let rate_rad_s = rate_deg_s * DEG;
         self.at_us += self.step_us;
         self.heading_rad = wrap_pi(self.heading_rad + rate_rad_s * step_s);
-        self.turned_rad = wrap_pi(self.turned_rad + (self.gyro)(rate_rad_s) * step_s);
+        self.gyro_heading_rad = wrap_pi(self.gyro_heading_rad + (self.gyro)(rate_rad_s) * step_s);
         let decay = (-step_s / self.noise_correlation_s).exp();
         self.noise_rad =
             decay * self.noise_rad + (1.0 - decay * decay).sqrt() * self.noise_sigma_rad * self.random.normal();
         rate_rad_s
     }
 
-    fn smooth_step(&mut self, rate_deg_s: f32) -> HeadingPair {
+    fn smooth_step(&mut self, rate_deg_s: f32) -> HeadingErrors {
         let rate_rad_s = self.advance(rate_deg_s);
         let (at, raw, gyro_heading) =
             (Timestamp::from_us(self.at_us), self.raw_heading(), self.gyro_heading(rate_rad_s));
         let smooth =
             self.smoother.smooth_heading(at, Some(&raw), Some(&gyro_heading), &level_rate_error(&gyro_heading));
         let error_and_sigma = |smooth: Heading| (wrap_pi(smooth.magnetic_rad - self.heading_rad), smooth.sigma_rad);
-        HeadingPair { raw_error_rad: self.noise_rad, smooth_error_and_sigma: smooth.map(error_and_sigma) }
+        HeadingErrors { raw_error_rad: self.noise_rad, smooth_error_and_sigma: smooth.map(error_and_sigma) }
     }
 
-    fn fly_seconds(&mut self, rate_deg_s: f32, seconds: f32) -> Vec<HeadingPair> {
+    fn fly_seconds(&mut self, rate_deg_s: f32, seconds: f32) -> Vec<HeadingErrors> {
         let steps = (seconds * 1e6) as u64 / self.step_us;
         (0..steps).map(|_| self.smooth_step(rate_deg_s)).collect()
     }
 
     /// Straight flight and turns to both sides, 30 s in total.
-    fn fly_turns(&mut self) -> Vec<HeadingPair> {
+    fn fly_turns(&mut self) -> Vec<HeadingErrors> {
         [(0.0, 8.0), (18.0, 8.0), (0.0, 6.0), (-18.0, 8.0)]
             .into_iter()
             .flat_map(|(rate_deg_s, seconds)| self.fly_seconds(rate_deg_s, seconds))
@@ -126,11 +126,11 @@ fn rms_deg(errors_rad: impl Iterator<Item = f32>) -> f32 {
     (sum / number as f32).sqrt().to_degrees()
 }
 
-fn all_smoothed(output: &[HeadingPair]) -> bool {
+fn all_smoothed(output: &[HeadingErrors]) -> bool {
     output.iter().all(|output| output.smooth_error_and_sigma.is_some())
 }
 
-fn none_smoothed(output: &[HeadingPair]) -> bool {
+fn none_smoothed(output: &[HeadingErrors]) -> bool {
     output.iter().all(|output| output.smooth_error_and_sigma.is_none())
 }
 
@@ -139,7 +139,7 @@ fn none_smoothed(output: &[HeadingPair]) -> bool {
 fn a_smoothed_heading_has_less_error_and_a_correct_sigma() {
     let mut flight = Flight::new();
     flight.fly_turns();
-    let output: Vec<HeadingPair> = (0..10).flat_map(|_| flight.fly_turns()).collect();
+    let output: Vec<HeadingErrors> = (0..10).flat_map(|_| flight.fly_turns()).collect();
     assert!(all_smoothed(&output));
     let raw_deg = rms_deg(output.iter().map(|output| output.raw_error_rad));
     let smooth_deg = rms_deg(output.iter().filter_map(|output| output.smooth_error_and_sigma).map(|(rad, _)| rad));
@@ -156,7 +156,7 @@ fn correlated_noise_stays_in_the_smoothed_sigma() {
     for _ in 0..6 {
         flight.fly_turns();
     }
-    let output: Vec<HeadingPair> = (0..40).flat_map(|_| flight.fly_turns()).collect();
+    let output: Vec<HeadingErrors> = (0..40).flat_map(|_| flight.fly_turns()).collect();
     let smooth_deg = rms_deg(output.iter().filter_map(|output| output.smooth_error_and_sigma).map(|(rad, _)| rad));
     let sigma_deg =
         rms_deg(output.iter().filter_map(|output| output.smooth_error_and_sigma).map(|(_, sigma_rad)| sigma_rad));
@@ -200,7 +200,7 @@ fn the_gyro_s_bias_is_found() {
     for _ in 0..10 {
         flight.fly_turns();
     }
-    let output: Vec<HeadingPair> = (0..4).flat_map(|_| flight.fly_turns()).collect();
+    let output: Vec<HeadingErrors> = (0..4).flat_map(|_| flight.fly_turns()).collect();
     assert!(all_smoothed(&output));
     let mean_rad = output.iter().filter_map(|output| output.smooth_error_and_sigma).map(|(rad, _)| rad).sum::<f32>()
         / output.len() as f32;
@@ -246,7 +246,8 @@ fn the_smoother_equals_a_conventional_kalman_filter() {
         let [[a, b], [_, c]] = p;
         p = [[a - k[0] * a, b - k[0] * b], [b - k[0] * b, c - k[1] * b]];
         let u = f64::from(state.bias_regression_s);
-        let found = [f64::from(state.variance()), u * f64::from(state.bias_variance), f64::from(state.bias_variance)];
+        let found =
+            [f64::from(state.heading_variance()), u * f64::from(state.bias_variance), f64::from(state.bias_variance)];
         for (found, expected) in found.into_iter().zip([p[0][0], p[0][1], p[1][1]]) {
             assert!((found - expected).abs() < 2e-3 * expected.abs() + 1e-9, "{i}: {found} {expected}");
         }
@@ -259,7 +260,7 @@ fn the_smoother_equals_a_conventional_kalman_filter() {
 /// 24 hours at 10 Hz with a gyro bias that changes sign.
 #[test]
 fn the_smoother_does_not_degrade_in_a_day() {
-    let gyros: [Gyro; 2] = [|rate_rad_s| rate_rad_s + 0.05 * DEG, |rate_rad_s| rate_rad_s - 0.05 * DEG];
+    let gyros: [GyroModel; 2] = [|rate_rad_s| rate_rad_s + 0.05 * DEG, |rate_rad_s| rate_rad_s - 0.05 * DEG];
     let mut flight = Flight { step_us: 100_000, ..Flight::new() };
     for hour in 0..24 {
         flight.gyro = gyros[hour % 2];
@@ -272,7 +273,9 @@ fn the_smoother_does_not_degrade_in_a_day() {
             assert!(
                 state.conditional_heading_variance > 0.0 && state.bias_variance > 0.0 && state.heading_rad.abs() <= PI
             );
-            assert!(state.variance() < square(2.0 * DEG) && state.bias_variance < 1.1 * INITIAL_BIAS_VARIANCE);
+            assert!(
+                state.heading_variance() < square(2.0 * DEG) && state.bias_variance < 1.1 * INITIAL_GYRO_BIAS_VARIANCE
+            );
             if step < 3_000 {
                 continue; // Settling after the change of bias.
             }
@@ -357,7 +360,7 @@ fn no_smoothed_heading_without_a_gyro_or_after_a_new_gyro_run() {
         None
     );
     assert!(flight.smooth_step(0.0).smooth_error_and_sigma.is_some(), "it is back within three seconds");
-    (flight.gyro_run, flight.turned_rad) = (2, -1.0);
+    (flight.gyro_run_number, flight.gyro_heading_rad) = (2, -1.0);
     assert!(none_smoothed(&flight.fly_seconds(0.0, 1.9)));
     assert!(all_smoothed(&flight.fly_seconds(0.0, 2.0)[20..]));
 }
@@ -403,7 +406,7 @@ fn a_spike_of_the_raw_heading_changes_nothing() {
 /// remains so until a turn shows correct rates.
 #[test]
 fn a_wrong_gyro_is_detected_in_the_first_turn() {
-    let wrong: [(&str, Gyro); 4] = [
+    let wrong: [(&str, GyroModel); 4] = [
         ("nearly nothing", |_| 1e-6),
         ("wrong sign", |rate_rad_s| -rate_rad_s),
         ("degrees for radians", |rate_rad_s| rate_rad_s * 57.3),
@@ -490,14 +493,14 @@ mod agreement_tests {
         GyroStep { step_s: STEP_S, turned_rad: turned_deg * DEG }
     }
 
-    fn settled_test() -> AgreementTest {
+    fn settled_agreement() -> AgreementTest {
         let mut agreement = AgreementTest::INITIAL;
-        repeat_innovation(&mut agreement, 0.0, 10.0);
+        keeps_agreement(&mut agreement, 0.0, 10.0);
         agreement
     }
 
     /// Repeats an innovation in sigmas; whether all results were in agreement.
-    fn repeat_innovation(agreement: &mut AgreementTest, innovation: f32, seconds: f32) -> bool {
+    fn keeps_agreement(agreement: &mut AgreementTest, innovation: f32, seconds: f32) -> bool {
         (0..(seconds / STEP_S) as usize).fold(true, |all, _| {
             agreement.test_innovation(innovation, VARIANCE, gyro_step(0.0)) == AgreementResult::InAgreement && all
         })
@@ -507,17 +510,17 @@ mod agreement_tests {
     #[test]
     fn a_mean_innovation_over_three_sigmas_is_a_contradiction() {
         for sign in [1.0, -1.0] {
-            assert!(repeat_innovation(&mut settled_test(), sign * 2.9, 60.0));
-            assert!(!repeat_innovation(&mut settled_test(), sign * 3.1, 60.0));
-            let mut quick = settled_test();
-            assert!(repeat_innovation(&mut quick, sign * 3.9, 1.2) && !repeat_innovation(&mut quick, sign * 3.9, 0.5));
+            assert!(keeps_agreement(&mut settled_agreement(), sign * 2.9, 60.0));
+            assert!(!keeps_agreement(&mut settled_agreement(), sign * 3.1, 60.0));
+            let mut quick = settled_agreement();
+            assert!(keeps_agreement(&mut quick, sign * 3.9, 1.2) && !keeps_agreement(&mut quick, sign * 3.9, 0.5));
         }
     }
 
     #[test]
     fn innovations_are_normalised_by_their_variance() {
         let contradicts = |innovation: f32, variance: f32| {
-            let mut agreement = settled_test();
+            let mut agreement = settled_agreement();
             (0..2000).any(|_| {
                 agreement.test_innovation(innovation, variance, gyro_step(0.0)) != AgreementResult::InAgreement
             })
@@ -529,7 +532,7 @@ mod agreement_tests {
     #[test]
     fn two_innovations_over_4_sigma_on_one_side_are_a_contradiction() {
         let all = |innovations: &[f32]| {
-            let mut agreement = settled_test();
+            let mut agreement = settled_agreement();
             innovations.iter().all(|&innovation| {
                 agreement.test_innovation(innovation, VARIANCE, gyro_step(0.0)) == AgreementResult::InAgreement
             })
@@ -543,8 +546,8 @@ mod agreement_tests {
     #[test]
     fn a_mean_innovation_over_one_sigma_adds_excess_variance() {
         for (innovation, excess_variance) in [(0.9, 0.0), (-0.9, 0.0), (2.9, 7.41), (-2.9, 7.41)] {
-            let mut agreement = settled_test();
-            repeat_innovation(&mut agreement, innovation, 20.0);
+            let mut agreement = settled_agreement();
+            keeps_agreement(&mut agreement, innovation, 20.0);
             assert!(
                 (agreement.excess_variance_rad2() - excess_variance).abs() < 0.01,
                 "{innovation}: {}",
@@ -556,7 +559,7 @@ mod agreement_tests {
     #[test]
     fn after_a_contradiction_agreement_needs_a_turn_of_45_deg() {
         for (turned_deg, sign, agreed) in [(44.0, 1.0, false), (46.0, 1.0, true), (46.0, -1.0, true)] {
-            let mut agreement = settled_test();
+            let mut agreement = settled_agreement();
             for _ in 0..2 {
                 agreement.test_innovation(5.0, VARIANCE, gyro_step(20.0));
             }
@@ -569,22 +572,19 @@ mod agreement_tests {
             assert_eq!(last == AgreementResult::InAgreement, agreed, "{turned_deg}");
             // The required turn survives a restart of the test.
             agreement.restart_test();
-            assert_eq!(
-                !repeat_innovation(&mut agreement, 0.0, 2.1) && repeat_innovation(&mut agreement, 0.0, 1.0),
-                agreed
-            );
+            assert_eq!(!keeps_agreement(&mut agreement, 0.0, 2.1) && keeps_agreement(&mut agreement, 0.0, 1.0), agreed);
         }
     }
 
     #[test]
-    fn five_seconds_of_contradiction_are_lost() {
-        let mut agreement = settled_test();
+    fn agreement_is_lost_after_five_seconds_of_contradiction() {
+        let mut agreement = settled_agreement();
         let lost = (0..1000)
             .position(|_| agreement.test_innovation(TAU, VARIANCE, gyro_step(0.0)) == AgreementResult::Lost)
             .unwrap();
         assert!((lost as f32 * STEP_S - 5.0).abs() < 0.05, "{lost}");
         // A disagreement restarts the time of agreement.
-        let mut agreement = settled_test();
+        let mut agreement = settled_agreement();
         for _ in 0..10 {
             for _ in 0..200 {
                 assert_ne!(agreement.test_innovation(5.0, VARIANCE, gyro_step(0.0)), AgreementResult::Lost);
@@ -601,9 +601,9 @@ mod residual_noise_tests {
     use super::{Random, STEP_S};
 
     /// Mean fraction estimated from 30 runs of correlated noise.
-    fn mean_remaining_fraction(noise_s: f32) -> f32 {
+    fn mean_remaining_fraction(noise_correlation_s: f32) -> f32 {
         let mut random = Random(3);
-        let decay = (-STEP_S / noise_s).exp();
+        let decay = (-STEP_S / noise_correlation_s).exp();
         let mut sum = 0.0;
         for _ in 0..30 {
             let (mut residual_noise, mut noise) = (ResidualNoise::INITIAL, 2.0 * random.normal());
@@ -619,9 +619,9 @@ mod residual_noise_tests {
     /// Expected remaining fraction for correlation time `tau`: `1.5 tau / (tau + 5 s)`.
     #[test]
     fn the_remaining_fraction_is_that_of_a_5_s_mean() {
-        for (noise_s, expected, within) in [(0.01, 0.003, 0.02), (0.5, 0.136, 0.03), (2.0, 0.43, 0.06)] {
-            let found = mean_remaining_fraction(noise_s);
-            assert!((found - expected).abs() < within, "{noise_s}: {found}");
+        for (noise_correlation_s, expected, within) in [(0.01, 0.003, 0.02), (0.5, 0.136, 0.03), (2.0, 0.43, 0.06)] {
+            let found = mean_remaining_fraction(noise_correlation_s);
+            assert!((found - expected).abs() < within, "{noise_correlation_s}: {found}");
         }
         assert!(mean_remaining_fraction(30.0) > 0.5, "{}", mean_remaining_fraction(30.0));
     }
@@ -660,7 +660,7 @@ mod residual_noise_tests {
         for _ in 0..(2000.0 / STEP_S) as usize {
             residual_noise.update_noise(1.0, 1.0, STEP_S);
         }
-        residual_noise.restart_noise();
+        residual_noise.restart_mean();
         quiet(&mut residual_noise, 120.0);
         assert!(
             (residual_noise.remaining_fraction() - 1.5 * (-1.0_f32).exp()).abs() < 0.01,

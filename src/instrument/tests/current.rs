@@ -4,7 +4,7 @@ use super::*;
 use crate::calibration::MotorCurrentInterference;
 
 /// 0.5 uT/A in total, calibrated at 20 +- 10 A.
-const INTERFERENCE_UT_PER_A: MotorCurrentInterference = MotorCurrentInterference {
+const INTERFERENCE: MotorCurrentInterference = MotorCurrentInterference {
     ut_per_a: [0.3, 0.0, 0.4],
     sigma_ut_per_a: 0.01,
     mean_current_a: 20.0,
@@ -15,27 +15,27 @@ const ATTITUDE: Attitude = Attitude { roll_rad: 0.2, pitch_rad: -0.1 };
 
 fn instrument_with_interference() -> Instrument {
     let mut instrument = instrument();
-    let calibration = Calibration { motor_current: INTERFERENCE_UT_PER_A, ..test_calibration() };
+    let calibration = Calibration { motor_current: INTERFERENCE, ..test_calibration() };
     let calibration = Some((calibration, HeadingUncertainty::NO_UNCERTAINTY));
     instrument.set_correction(Correction { calibration, has_valid_inclination: true, ..Correction::UNCALIBRATED });
     instrument
 }
 
 fn field_with_current(current_a: f32) -> Field<Sensor> {
-    Field::new(sensor_field(2.0, ATTITUDE).ut + nalgebra::Vector3::from(INTERFERENCE_UT_PER_A.ut_per_a) * current_a)
+    Field::new(sensor_field(2.0, ATTITUDE).ut + nalgebra::Vector3::from(INTERFERENCE.ut_per_a) * current_a)
 }
 
 /// Two seconds of reports and readings with a current, then 0.5 s of readings without attitude.
 fn fly_with_current(instrument: &mut Instrument, current_a: f32) -> [Estimate; 2] {
     let mut last = [Estimate::EMPTY; 2];
     for us in (0..2_500_000).step_by(PERIOD_US as usize) {
-        instrument.on_current(timestamp(us), current_a);
+        instrument.on_current(us_after_start(us), current_a);
         let has_attitude = us < 2_000_000;
         if has_attitude && us % 25_000 == 0 {
             report_attitude(instrument, us, ATTITUDE);
         }
         last[usize::from(!has_attitude)] =
-            instrument.on_reading(timestamp(us + LATENCY_US), reading_of_field(field_with_current(current_a)));
+            instrument.on_reading(us_after_start(us + LATENCY_US), reading_of_field(field_with_current(current_a)));
         while instrument.next_sample().is_some() {}
         instrument.update_monitor();
     }
@@ -63,11 +63,11 @@ fn at_a_reported_current_the_interference_is_compensated() {
 fn a_reported_current_is_valid_for_three_seconds() {
     for (silent_us, current_a) in [(2_999_000, Some(40.0)), (3_001_000, None)] {
         let mut instrument = instrument_with_interference();
-        instrument.on_current(timestamp(0), 40.0);
+        instrument.on_current(us_after_start(0), 40.0);
         report_attitude(&mut instrument, silent_us, ATTITUDE);
-        let expiry = timestamp(silent_us + LATENCY_US);
-        assert_eq!(instrument.current_a(timestamp(silent_us)), current_a);
-        assert_eq!(instrument.on_silence(timestamp(silent_us)).current_a, current_a);
+        let expiry = us_after_start(silent_us + LATENCY_US);
+        assert_eq!(instrument.current_a(us_after_start(silent_us)), current_a);
+        assert_eq!(instrument.on_silence(us_after_start(silent_us)).current_a, current_a);
         // Without a report only the sigma differs, because the mean current is assumed.
         let mut with_report = instrument_with_interference();
         with_report.on_current(expiry, 20.0);
@@ -93,9 +93,9 @@ fn samples_keep_their_current() {
         instrument.set_correction(Correction { sample_attitude, ..Correction::UNCALIBRATED });
         let mut found = Vec::new();
         for us in (0..1_000_000).step_by(PERIOD_US as usize) {
-            instrument.on_current(timestamp(us), 16.0);
+            instrument.on_current(us_after_start(us), 16.0);
             report_attitude(&mut instrument, us, ATTITUDE);
-            instrument.on_reading(timestamp(us), reading_of_field(SAMPLE_FIELD));
+            instrument.on_reading(us_after_start(us), reading_of_field(SAMPLE_FIELD));
             found.extend(take_samples(&mut instrument));
         }
         assert!(found.len() >= 8, "{}", found.len());
@@ -108,13 +108,13 @@ fn samples_keep_their_current() {
 fn an_impossible_current_is_ignored() {
     let reported_a = |instrument: &mut Instrument| {
         [35.0, 201.0, -201.0].map(|current_a| {
-            instrument.on_current(timestamp(0), current_a);
-            instrument.on_silence(timestamp(1)).current_a
+            instrument.on_current(us_after_start(0), current_a);
+            instrument.on_silence(us_after_start(1)).current_a
         })
     };
     assert_eq!(reported_a(&mut instrument_with_interference()), [Some(35.0); 3]);
     assert_eq!(reported_a(&mut instrument()), [Some(35.0), Some(201.0), Some(-201.0)]);
     let mut instrument = instrument_with_interference();
-    instrument.on_current(timestamp(0), 199.0);
-    assert_eq!(instrument.on_silence(timestamp(1)).current_a, Some(199.0));
+    instrument.on_current(us_after_start(0), 199.0);
+    assert_eq!(instrument.on_silence(us_after_start(1)).current_a, Some(199.0));
 }

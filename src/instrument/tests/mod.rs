@@ -14,7 +14,7 @@ const LATENCY_US: u64 = AttitudeConfig::DEFAULT.latency_us.unsigned_abs() as u64
 /// Start of the tests' clock, late enough that no time is negative.
 const START_US: u64 = 1_000_000;
 
-fn timestamp(us: u64) -> Timestamp {
+fn us_after_start(us: u64) -> Timestamp {
     Timestamp::from_us(START_US + us)
 }
 
@@ -56,7 +56,7 @@ fn report_attitude(instrument: &mut Instrument, us: u64, attitude: Attitude) {
         attitude,
         body_rates: None,
     };
-    instrument.on_attitude(timestamp(us + LATENCY_US), report);
+    instrument.on_attitude(us_after_start(us + LATENCY_US), report);
 }
 
 fn take_samples(instrument: &mut Instrument) -> Vec<Sample> {
@@ -87,8 +87,8 @@ fn readings_per_sample_give_about_ten_samples_per_second() {
 
 #[test]
 fn the_silence_limit_is_eight_periods() {
-    assert_eq!(InstrumentConfig::new(12_500).silence_us(), 100_000);
-    assert_eq!(InstrumentConfig::new(100_000).silence_us(), 800_000);
+    assert_eq!(InstrumentConfig::new(12_500).silence_timeout_us(), 100_000);
+    assert_eq!(InstrumentConfig::new(100_000).silence_timeout_us(), 800_000);
 }
 
 #[test]
@@ -96,9 +96,9 @@ fn a_calibrated_instrument_with_attitude_gives_heading_and_field() {
     let mut instrument = calibrated_instrument();
     let attitude = Attitude::from_deg(25.0, -4.0);
     report_attitude(&mut instrument, 0, attitude);
-    let estimate = instrument.on_reading(timestamp(10_000), reading_of_field(sensor_field(2.0, attitude)));
+    let estimate = instrument.on_reading(us_after_start(10_000), reading_of_field(sensor_field(2.0, attitude)));
     assert!((estimate.heading.unwrap().magnetic_rad - 2.0).abs() < 1e-4, "{estimate:?}");
-    assert_eq!(estimate.timestamp, timestamp(10_000));
+    assert_eq!(estimate.timestamp, us_after_start(10_000));
     assert_eq!(estimate.attitude, Some(attitude));
     assert_eq!(estimate.body_field, Some(test_calibration().calibrated_field(sensor_field(2.0, attitude))));
 }
@@ -125,9 +125,9 @@ fn latency_is_applied_to_headings_and_not_to_samples() {
                     attitude: rolled(us),
                     body_rates: BodyRates::from_rad_s([1.0, 0.0, 0.0]),
                 };
-                instrument.on_attitude(timestamp(us + LATENCY_US), report);
+                instrument.on_attitude(us_after_start(us + LATENCY_US), report);
             }
-            let estimate = instrument.on_reading(timestamp(us), reading_of_field(sensor_field(1.0, rolled(us))));
+            let estimate = instrument.on_reading(us_after_start(us), reading_of_field(sensor_field(1.0, rolled(us))));
             if us >= 100_000 {
                 let roll_rad = estimate.attitude.unwrap().roll_rad;
                 assert!((roll_rad - rolled(us).roll_rad - latency_s).abs() < 1e-3, "{latency_s} {us}: {roll_rad}");
@@ -153,7 +153,7 @@ fn alignment_is_added_to_the_heading_alone() {
     let correction = Correction { align_deg: -30.0, ..instrument.active_calibration.stored_correction.clone() };
     instrument.set_correction(correction);
     report_attitude(&mut instrument, 0, Attitude::default());
-    let estimate = instrument.on_reading(timestamp(0), reading_of_field(sensor_field(0.3, Attitude::default())));
+    let estimate = instrument.on_reading(us_after_start(0), reading_of_field(sensor_field(0.3, Attitude::default())));
     let expected_deg = 0.3_f32.to_degrees() - 30.0 + 360.0;
     assert!((estimate.heading.unwrap().magnetic_deg() - expected_deg).abs() < 1e-2, "{estimate:?}");
     assert_eq!(estimate.body_field, Some(test_calibration().calibrated_field(sensor_field(0.3, Attitude::default()))));
@@ -161,17 +161,17 @@ fn alignment_is_added_to_the_heading_alone() {
 
 #[test]
 fn the_first_reason_for_an_empty_heading_is_reported() {
-    let estimate = instrument().on_reading(timestamp(0), reading_of_field(SAMPLE_FIELD));
+    let estimate = instrument().on_reading(us_after_start(0), reading_of_field(SAMPLE_FIELD));
     assert_eq!((estimate.heading, estimate.body_field, estimate.attitude), (Err(NoHeading::Uncalibrated), None, None));
     // With a calibration but no attitude the body field is available.
-    let estimate = calibrated_instrument().on_reading(timestamp(0), reading_of_field(SAMPLE_FIELD));
+    let estimate = calibrated_instrument().on_reading(us_after_start(0), reading_of_field(SAMPLE_FIELD));
     assert_eq!(estimate.heading, Err(NoHeading::AttitudeStale));
     assert_eq!(estimate.body_field, Some(test_calibration().calibrated_field(SAMPLE_FIELD)));
-    let estimate = calibrated_instrument().on_reading(timestamp(0), saturated_reading(SAMPLE_FIELD));
+    let estimate = calibrated_instrument().on_reading(us_after_start(0), saturated_reading(SAMPLE_FIELD));
     assert_eq!((estimate.heading, estimate.body_field), (Err(NoHeading::SensorSaturated), None));
     let mut disturbed = calibrated_instrument();
     report_attitude(&mut disturbed, 0, Attitude::default());
-    let estimate = disturbed.on_reading(timestamp(0), reading_of_field(Field::from_ut(90.0, 0.0, 0.0)));
+    let estimate = disturbed.on_reading(us_after_start(0), reading_of_field(Field::from_ut(90.0, 0.0, 0.0)));
     assert_eq!(estimate.heading, Err(NoHeading::FieldDisturbed));
     assert!(estimate.body_field.is_some());
 }
@@ -179,10 +179,10 @@ fn the_first_reason_for_an_empty_heading_is_reported() {
 #[test]
 fn a_silent_sensor_still_has_an_attitude() {
     let mut instrument = calibrated_instrument();
-    assert_eq!(instrument.on_silence(timestamp(0)), Estimate { timestamp: timestamp(0), ..Estimate::EMPTY });
+    assert_eq!(instrument.on_silence(us_after_start(0)), Estimate { timestamp: us_after_start(0), ..Estimate::EMPTY });
     let attitude = Attitude::from_deg(3.0, 2.0);
     report_attitude(&mut instrument, 0, attitude);
-    let estimate = instrument.on_silence(timestamp(50_000));
+    let estimate = instrument.on_silence(us_after_start(50_000));
     assert_eq!(estimate.heading, Err(NoHeading::SensorSilent));
     assert_eq!((estimate.body_field, estimate.attitude), (None, Some(attitude)));
 }
@@ -192,9 +192,9 @@ fn the_heading_ends_200_ms_after_the_last_attitude() {
     let mut instrument = calibrated_instrument();
     report_attitude(&mut instrument, 0, Attitude::default());
     let field = sensor_field(1.0, Attitude::default());
-    assert!(instrument.on_reading(timestamp(200_000), reading_of_field(field)).heading.is_ok());
+    assert!(instrument.on_reading(us_after_start(200_000), reading_of_field(field)).heading.is_ok());
     assert_eq!(
-        instrument.on_reading(timestamp(200_001), reading_of_field(field)).heading,
+        instrument.on_reading(us_after_start(200_001), reading_of_field(field)).heading,
         Err(NoHeading::AttitudeStale)
     );
 }
@@ -205,14 +205,14 @@ fn a_sample_waits_for_the_attitude_after_it() {
     let mut instrument = instrument();
     report_attitude(&mut instrument, 0, Attitude::from_deg(0.0, 2.0));
     for i in 0..8 {
-        instrument.on_reading(timestamp(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
+        instrument.on_reading(us_after_start(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
         assert!(take_samples(&mut instrument).is_empty(), "an attitude that is carried on is not good enough");
     }
     report_attitude(&mut instrument, 8 * PERIOD_US, Attitude::from_deg(8.0, 2.0));
     let [sample] = take_samples(&mut instrument)[..] else { panic!("one sample") };
     assert!((sample.attitude.roll_rad.to_degrees() - 3.5).abs() < 1e-3, "{sample:?}");
     assert_eq!(sample.field, SAMPLE_FIELD);
-    assert_eq!(sample.time, timestamp(7 * PERIOD_US / 2).wrapping_millis());
+    assert_eq!(sample.time, us_after_start(7 * PERIOD_US / 2).wrapping_millis());
     assert_eq!(instrument.rejection_counts().unpaired_readings, 0);
 }
 
@@ -221,7 +221,7 @@ fn one_report_can_complete_several_samples() {
     let mut instrument = instrument();
     report_attitude(&mut instrument, 0, Attitude::default());
     for i in 1..=17 {
-        instrument.on_reading(timestamp(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
+        instrument.on_reading(us_after_start(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
     }
     assert!(take_samples(&mut instrument).is_empty());
     report_attitude(&mut instrument, 17 * PERIOD_US, Attitude::default());
@@ -237,7 +237,7 @@ fn saturated_readings_are_in_no_sample() {
         let wrong = Field::from_ut(900.0, 0.0, 0.0);
         let is_saturated = i % 3 == 2;
         instrument.on_reading(
-            timestamp(i * PERIOD_US),
+            us_after_start(i * PERIOD_US),
             if is_saturated { saturated_reading(wrong) } else { reading_of_field(SAMPLE_FIELD) },
         );
         made.extend(take_samples(&mut instrument));
@@ -251,7 +251,7 @@ fn readings_in_an_attitude_gap_are_counted_and_dropped() {
     let mut instrument = instrument();
     report_attitude(&mut instrument, 0, Attitude::from_deg(30.0, 0.0));
     for i in 1..=32 {
-        instrument.on_reading(timestamp(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
+        instrument.on_reading(us_after_start(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
     }
     report_attitude(&mut instrument, 400_000, Attitude::from_deg(30.0, 0.0));
     assert!(take_samples(&mut instrument).is_empty());
@@ -262,11 +262,11 @@ fn readings_in_an_attitude_gap_are_counted_and_dropped() {
 fn readings_wait_for_attitude_up_to_0_3_s() {
     let mut instrument = instrument();
     for (us, unpaired) in [(0, 0), (299_999, 0), (300_000, 1), (599_998, 1), (599_999, 2)] {
-        instrument.on_reading(timestamp(us), reading_of_field(SAMPLE_FIELD));
+        instrument.on_reading(us_after_start(us), reading_of_field(SAMPLE_FIELD));
         assert!(take_samples(&mut instrument).is_empty());
         assert_eq!(instrument.rejection_counts().unpaired_readings, unpaired, "after {us} us");
     }
-    instrument.on_reading(timestamp(899_998), saturated_reading(SAMPLE_FIELD));
+    instrument.on_reading(us_after_start(899_998), saturated_reading(SAMPLE_FIELD));
     assert!(take_samples(&mut instrument).is_empty());
     assert_eq!(instrument.rejection_counts().unpaired_readings, 4);
 }
@@ -277,7 +277,7 @@ fn readings_dropped_from_a_full_queue_are_counted() {
     let mut instrument = Instrument::new(InstrumentConfig::new(1_000));
     report_attitude(&mut instrument, 0, Attitude::default());
     for i in 1..=70 {
-        instrument.on_reading(timestamp(i * 1_000), reading_of_field(SAMPLE_FIELD));
+        instrument.on_reading(us_after_start(i * 1_000), reading_of_field(SAMPLE_FIELD));
         assert!(take_samples(&mut instrument).is_empty());
     }
     assert_eq!(instrument.rejection_counts().unpaired_readings, 6);
@@ -294,7 +294,7 @@ fn a_gap_in_the_readings_starts_another_sample() {
         instrument.set_correction(unknown);
         for i in 0..8 {
             let us = i * PERIOD_US + if i < 4 { 0 } else { gap_us - PERIOD_US };
-            instrument.on_reading(timestamp(us), reading_of_field(SAMPLE_FIELD));
+            instrument.on_reading(us_after_start(us), reading_of_field(SAMPLE_FIELD));
         }
         assert_eq!(take_samples(&mut instrument).len(), made, "{gap_us} us");
     }
@@ -307,12 +307,12 @@ fn field_only_samples_do_not_wait_for_attitude() {
     instrument.set_correction(unknown.clone());
     let mut made = Vec::new();
     for i in 0..16 {
-        instrument.on_reading(timestamp(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
+        instrument.on_reading(us_after_start(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
         made.extend(take_samples(&mut instrument));
     }
     assert_eq!(made.len(), 2);
     assert!(made.iter().all(|sample| sample.attitude == Attitude::default() && sample.field == SAMPLE_FIELD));
-    instrument.on_reading(timestamp(16 * PERIOD_US), saturated_reading(SAMPLE_FIELD));
+    instrument.on_reading(us_after_start(16 * PERIOD_US), saturated_reading(SAMPLE_FIELD));
     assert!(take_samples(&mut instrument).is_empty());
 }
 
@@ -322,13 +322,13 @@ fn a_sample_mixes_no_readings_with_and_without_attitude() {
     let unknown = Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::UNCALIBRATED };
     instrument.set_correction(unknown.clone());
     for i in 0..4 {
-        instrument.on_reading(timestamp(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
+        instrument.on_reading(us_after_start(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
         assert!(take_samples(&mut instrument).is_empty());
     }
     instrument.set_correction(Correction::UNCALIBRATED);
     for i in 4..8 {
         report_attitude(&mut instrument, i * PERIOD_US, Attitude::from_deg(20.0, 0.0));
-        instrument.on_reading(timestamp(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
+        instrument.on_reading(us_after_start(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
     }
     assert!(take_samples(&mut instrument).is_empty());
     // A change of alignment does not restart the averaging run.
@@ -336,7 +336,7 @@ fn a_sample_mixes_no_readings_with_and_without_attitude() {
     instrument.set_correction(align);
     for i in 8..12 {
         report_attitude(&mut instrument, i * PERIOD_US, Attitude::from_deg(20.0, 0.0));
-        instrument.on_reading(timestamp(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
+        instrument.on_reading(us_after_start(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
     }
     assert_eq!(take_samples(&mut instrument).len(), 1);
 }
@@ -356,10 +356,10 @@ fn a_recording_at_10_hz_passes_unchanged() {
             attitude,
             body_rates: None,
         };
-        instrument.on_attitude(timestamp(us), report);
-        let estimate = instrument.on_reading(timestamp(us), reading_of_field(field));
+        instrument.on_attitude(us_after_start(us), report);
+        let estimate = instrument.on_reading(us_after_start(us), reading_of_field(field));
         assert_eq!(estimate.attitude, Some(attitude), "row {row}");
-        let sample = Sample { time: timestamp(us).wrapping_millis(), ..Sample::new(field, attitude) };
+        let sample = Sample { time: us_after_start(us).wrapping_millis(), ..Sample::new(field, attitude) };
         assert_eq!(take_samples(&mut instrument), [sample], "row {row}");
     }
 }
@@ -376,7 +376,7 @@ fn a_faster_sensor_gives_as_many_samples() {
                 report_attitude(&mut instrument, reported_us, Attitude::default());
                 reported_us += 20_000;
             }
-            instrument.on_reading(timestamp(us), reading_of_field(SAMPLE_FIELD));
+            instrument.on_reading(us_after_start(us), reading_of_field(SAMPLE_FIELD));
             number += take_samples(&mut instrument).len();
         }
         assert!((in_20_s - 2..=in_20_s).contains(&number), "{period_us} us: {number}");
@@ -388,7 +388,7 @@ fn a_faster_sensor_gives_as_many_samples() {
 fn a_new_sensor_sets_the_period_and_drops_waiting_readings() {
     let mut instrument = instrument();
     for us in [0, 300_000, 300_001] {
-        instrument.on_reading(timestamp(us), reading_of_field(SAMPLE_FIELD));
+        instrument.on_reading(us_after_start(us), reading_of_field(SAMPLE_FIELD));
         assert!(take_samples(&mut instrument).is_empty());
     }
     assert_eq!(instrument.rejection_counts().unpaired_readings, 1);
@@ -396,7 +396,7 @@ fn a_new_sensor_sets_the_period_and_drops_waiting_readings() {
     assert_eq!(instrument.instrument_config().reading_period_us, 100_000);
     report_attitude(&mut instrument, 400_000, Attitude::default());
     assert!(take_samples(&mut instrument).is_empty(), "nothing waits");
-    instrument.on_reading(timestamp(400_000), reading_of_field(SAMPLE_FIELD));
+    instrument.on_reading(us_after_start(400_000), reading_of_field(SAMPLE_FIELD));
     assert_eq!(take_samples(&mut instrument).len(), 1);
     assert_eq!(instrument.rejection_counts().unpaired_readings, 1);
 }
@@ -425,7 +425,7 @@ fn no_report_or_reading_panics() {
     }
 }
 
-fn monitored_instrument() -> Instrument {
+fn instrument_with_stuck_check() -> Instrument {
     let mut instrument = calibrated_instrument();
     instrument.set_sensor_parameters(PERIOD_US as u32, Some(16));
     instrument
@@ -441,7 +441,7 @@ fn process_readings_for_second(
         .map(|i| {
             let us = from_us + i * PERIOD_US;
             report_attitude(instrument, us, Attitude::from_deg(0.01 * i as f32, 0.0));
-            let estimate = instrument.on_reading(timestamp(us + LATENCY_US + 1), reading_of_field(field(i)));
+            let estimate = instrument.on_reading(us_after_start(us + LATENCY_US + 1), reading_of_field(field(i)));
             made.extend(take_samples(instrument));
             estimate
         })
@@ -463,7 +463,7 @@ fn noisy_field(random: &mut Random) -> Field<Sensor> {
 #[test]
 fn a_stuck_axis_is_reported_and_makes_no_samples() {
     let mut random = Random(1);
-    let mut instrument = monitored_instrument();
+    let mut instrument = instrument_with_stuck_check();
     let (estimates, made) = process_readings_for_second(&mut instrument, 0, |_| noisy_field(&mut random));
     assert_eq!((empty_reasons(&estimates), made.len()), (vec![], 9), "the tenth sample waits for a report");
     let (estimates, made) = process_readings_for_second(&mut instrument, 1_000_000, |_| {
@@ -479,7 +479,7 @@ fn a_stuck_axis_is_reported_and_makes_no_samples() {
 #[test]
 fn a_spike_is_reported_and_excluded_from_its_sample() {
     let mut random = Random(2);
-    let mut instrument = monitored_instrument();
+    let mut instrument = instrument_with_stuck_check();
     process_readings_for_second(&mut instrument, 0, |_| noisy_field(&mut random));
     let (estimates, made) = process_readings_for_second(&mut instrument, 1_000_000, |i| {
         let good = noisy_field(&mut random).ut;
@@ -497,7 +497,7 @@ fn a_spike_is_reported_and_excluded_from_its_sample() {
 #[test]
 fn a_clipped_axis_is_reported() {
     let mut random = Random(3);
-    let mut instrument = monitored_instrument();
+    let mut instrument = instrument_with_stuck_check();
     process_readings_for_second(&mut instrument, 0, |i| {
         let good = noisy_field(&mut random).ut;
         Field::from_ut((good.x + i as f32 * 0.2).min(30.0), good.y, good.z)
@@ -513,13 +513,13 @@ fn a_clipped_axis_is_reported() {
 #[test]
 fn a_frozen_attitude_is_reported_at_the_fifth_equal_report() {
     let mut random = Random(4);
-    let mut instrument = monitored_instrument();
+    let mut instrument = instrument_with_stuck_check();
     process_readings_for_second(&mut instrument, 0, |_| noisy_field(&mut random));
     let estimates: Vec<Estimate> = (0..20)
         .map(|i| {
             let us = 1_000_000 + i * 20_000;
             report_attitude(&mut instrument, us, Attitude::from_deg(3.0, 1.0));
-            instrument.on_reading(timestamp(us + LATENCY_US + 1), reading_of_field(noisy_field(&mut random)))
+            instrument.on_reading(us_after_start(us + LATENCY_US + 1), reading_of_field(noisy_field(&mut random)))
         })
         .collect();
     assert_eq!(estimates.iter().position(|estimate| estimate.heading.is_err()), Some(4));
@@ -535,7 +535,7 @@ fn a_frozen_attitude_is_reported_at_the_fifth_equal_report() {
 #[test]
 fn a_coarse_source_is_frozen_when_the_field_turns() {
     for (turns, rolls_deg_s, expected) in [(0.3, 0.0, vec![]), (0.3, 10.0, vec![NoHeading::AttitudeFrozen])] {
-        let mut instrument = monitored_instrument();
+        let mut instrument = instrument_with_stuck_check();
         let mut random = Random(5);
         let estimates: Vec<Estimate> = (0..160)
             .map(|i| {
@@ -547,7 +547,7 @@ fn a_coarse_source_is_frozen_when_the_field_turns() {
                 let noise = nalgebra::Vector3::from_fn(|_, _| 0.3 * random.normal());
                 let true_attitude = Attitude::from_deg(0.1 + rolls_deg_s * seconds, 0.0);
                 let field = Field::new(sensor_field(0.5 + turns * seconds, true_attitude).ut + noise);
-                instrument.on_reading(timestamp(us + LATENCY_US + 1), reading_of_field(field))
+                instrument.on_reading(us_after_start(us + LATENCY_US + 1), reading_of_field(field))
             })
             .collect();
         assert_eq!(empty_reasons(&estimates), expected, "{rolls_deg_s}");
@@ -565,10 +565,10 @@ fn with_unknown_inclination_any_inclination_is_accepted() {
         instrument.set_correction(correction);
         report_attitude(&mut instrument, 0, Attitude::default());
         let steep = Field::new(Attitude::default().to_body_frame(Field::earth_field(50.0, 1.4, 0.5)).ut);
-        assert_eq!(instrument.on_reading(timestamp(0), reading_of_field(steep)).heading.is_ok(), heading);
+        assert_eq!(instrument.on_reading(us_after_start(0), reading_of_field(steep)).heading.is_ok(), heading);
         let strong = Field::new(steep.ut * 1.3);
         report_attitude(&mut instrument, 900_000, Attitude::default());
-        let disturbed = instrument.on_reading(timestamp(900_000), reading_of_field(strong));
+        let disturbed = instrument.on_reading(us_after_start(900_000), reading_of_field(strong));
         assert_eq!(disturbed.heading, Err(NoHeading::FieldDisturbed));
     }
 }
@@ -590,8 +590,8 @@ fn fly_level_turn(instrument: &mut Instrument, from_s: f32, seconds: f32, rate_s
                 ),
             };
             let field = sensor_field(heading_rad, report.attitude);
-            instrument.on_attitude(timestamp(us + LATENCY_US), report);
-            (heading_rad, instrument.on_reading(timestamp(us), reading_of_field(field)))
+            instrument.on_attitude(us_after_start(us + LATENCY_US), report);
+            (heading_rad, instrument.on_reading(us_after_start(us), reading_of_field(field)))
         })
         .collect()
 }
@@ -625,9 +625,9 @@ fn no_smoothed_heading_without_rates_or_a_raw_heading() {
     );
     let mut instrument = calibrated_instrument();
     assert!(fly_level_turn(&mut instrument, 0.0, 10.0, 1.0).last().unwrap().1.smoothed_heading.is_some());
-    let lost = instrument.on_reading(timestamp(10_000_000), saturated_reading(SAMPLE_FIELD));
+    let lost = instrument.on_reading(us_after_start(10_000_000), saturated_reading(SAMPLE_FIELD));
     assert_eq!((lost.heading, lost.smoothed_heading), (Err(NoHeading::SensorSaturated), None));
-    assert_eq!(instrument.on_silence(timestamp(10_200_000)).smoothed_heading, None);
+    assert_eq!(instrument.on_silence(us_after_start(10_200_000)).smoothed_heading, None);
 }
 
 /// Wrong rates also corrupt the monitor's states. A single report does not restart it.
@@ -653,7 +653,7 @@ fn ten_reports_with_contradicting_rates_restart_the_monitor() {
                 attitude: Attitude::from_deg(5.0 + 10.0 * t_s.sin(), 0.0),
                 body_rates: BodyRates::from_rad_s([rate_sign * 10_f32.to_radians() * t_s.cos(), 0.0, 0.0]),
             };
-            instrument.on_attitude(timestamp(10_000_000 + u64::from(i) * 20_000 + LATENCY_US), report);
+            instrument.on_attitude(us_after_start(10_000_000 + u64::from(i) * 20_000 + LATENCY_US), report);
             let is_rejected = instrument.attitude_history.rejected_reports().rate_contradictions != before;
             consecutive = if is_rejected { consecutive + 1 } else { 0 };
             assert_eq!(*instrument.monitor.monitor_output() == initial, consecutive >= 10, "{rate_sign} {i}");

@@ -114,7 +114,7 @@ impl<B: I2c> Lis3mdl<B> {
         self.chip.read_registers(first | AUTO_INCREMENT).await
     }
 
-    async fn write_control(&mut self) -> Result<(), MagnetometerError<B::Error>> {
+    async fn write_control_registers(&mut self) -> Result<(), MagnetometerError<B::Error>> {
         let [c1, c2, c3, c4, c5] = self.control_registers();
         self.chip.write_registers(&[CTRL_REG1 | AUTO_INCREMENT, c1, c2, c3, c4, c5]).await
     }
@@ -128,7 +128,7 @@ impl<B: I2c> Magnetometer for Lis3mdl<B> {
             [WHO_AM_I_VALUE] => {}
             [other] => return Err(MagnetometerError::WrongIdentity(other)),
         }
-        self.write_control().await?;
+        self.write_control_registers().await?;
         self.verify_configuration().await?;
         // With block data update, a transfer interrupted between the bytes of an axis freezes that axis until all are
         // read.

@@ -112,7 +112,7 @@ fn old_measurements_are_not_returned() {
             assert_eq!(Instant::now().as_micros(), 11_000 + 50_000);
         });
         simulation.run_for(1_000_000);
-        assert_eq!(simulation.tasks(), 0);
+        assert_eq!(simulation.task_count(), 0);
     }
 }
 

@@ -114,7 +114,7 @@ impl<S: SpiDevice> Magnetometer for Rm3100<S> {
         // Continuous mode is started last, because other accesses end it.
         self.chip.write_registers(&[CMM_REGISTER, CONTINUOUS_MODE]).await?;
         self.polling.start_sleep();
-        Ok(Identity { model: MagnetometerModel::Rm3100, address: Identity::SPI })
+        Ok(Identity { model: MagnetometerModel::Rm3100, address: Identity::SPI_ADDRESS })
     }
 
     async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<S::Error>> {

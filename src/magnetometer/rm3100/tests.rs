@@ -22,7 +22,7 @@ fn simulate<F: Future<Output = ()> + 'static>(script: F) {
     let mut simulation = Simulation::new();
     simulation.spawn(Level::Interrupt, "script", script);
     simulation.run_for(100_000_000);
-    assert_eq!(simulation.tasks(), 0, "the script did not end");
+    assert_eq!(simulation.task_count(), 0, "the script did not end");
 }
 
 /// Manual: BIST 0x8F and POLL 0x70 test the oscillators; 00 C8 is a cycle count of 200, TMRC 0x95 75 Hz, CMM 0x79

@@ -13,10 +13,10 @@ const MAX_FRAMES_PER_TEXT: usize = 15;
 const FRAMES_PER_FIELD: usize = 3;
 
 /// Time without a sent frame after which the frames are out of date and dropped, microseconds.
-const TIMEOUT_US: u64 = 1_000_000;
+const SEND_TIMEOUT_US: u64 = 1_000_000;
 
 /// Messages with a counter of transfers.
-const NUMBERED_TYPES: [DataType; 5] = [
+const TYPES_WITH_TRANSFER_COUNTER: [DataType; 5] = [
     DataType::MAGNETIC_FIELD_STRENGTH_2,
     DataType::NODE_STATUS,
     DataType::LOG_MESSAGE,
@@ -31,13 +31,13 @@ pub(super) struct FrameOutbox {
     /// Whether the first frame of the field was sent.
     is_first_field_frame_sent: bool,
     other_frames: heapless::Deque<CanFrame, CAPACITY_FRAMES>,
-    transfer_ids: [u8; NUMBERED_TYPES.len()],
+    next_transfer_ids: [u8; TYPES_WITH_TRANSFER_COUNTER.len()],
     /// Time of the last sent frame, or of the first frame in an empty queue.
     last_progress_at: Timestamp,
     /// Number of queued transfers; wraps.
     pub transfer_count: u32,
     /// Number of transfers dropped for lack of room or time; wraps.
-    pub lost_transfers: u32,
+    pub lost_transfer_count: u32,
 }
 
 impl FrameOutbox {
@@ -71,7 +71,7 @@ impl FrameOutbox {
             &OutboundTransfer { data_type, priority, transfer_kind: kind, transfer_id, payload },
         );
         if is_queued {
-            self.next_transfer_id(data_type);
+            self.advance_transfer_id(data_type);
         }
         is_queued
     }
@@ -80,7 +80,7 @@ impl FrameOutbox {
     pub fn queue_field(&mut self, now: Timestamp, source: NodeId, priority: u8, payload: Payload) {
         self.start_progress_timeout(now);
         if !self.field_frames.is_empty() {
-            self.lost_transfers = self.lost_transfers.wrapping_add(1);
+            self.lost_transfer_count = self.lost_transfer_count.wrapping_add(1);
             if self.is_first_field_frame_sent {
                 return;
             }
@@ -96,7 +96,7 @@ impl FrameOutbox {
         }
         self.is_first_field_frame_sent = false;
         self.transfer_count = self.transfer_count.wrapping_add(1);
-        self.next_transfer_id(data_type);
+        self.advance_transfer_id(data_type);
     }
 
     /// Next frame to send.
@@ -115,9 +115,9 @@ impl FrameOutbox {
 
     /// Drops the frames that the bus did not accept in time.
     pub fn drop_expired_frames(&mut self, now: Timestamp) {
-        if self.first_frame().is_some() && now.us_since(self.last_progress_at) > TIMEOUT_US {
+        if self.first_frame().is_some() && now.us_since(self.last_progress_at) > SEND_TIMEOUT_US {
             self.clear();
-            self.lost_transfers = self.lost_transfers.wrapping_add(1);
+            self.lost_transfer_count = self.lost_transfer_count.wrapping_add(1);
         }
     }
 
@@ -139,15 +139,15 @@ impl FrameOutbox {
     }
 
     fn transfer_id(&self, data_type: DataType) -> u8 {
-        NUMBERED_TYPES
+        TYPES_WITH_TRANSFER_COUNTER
             .iter()
-            .zip(&self.transfer_ids)
+            .zip(&self.next_transfer_ids)
             .find(|(counted, _)| **counted == data_type)
             .map_or(0, |(_, &id)| id)
     }
 
-    fn next_transfer_id(&mut self, data_type: DataType) {
-        for (counted, id) in NUMBERED_TYPES.iter().zip(&mut self.transfer_ids) {
+    fn advance_transfer_id(&mut self, data_type: DataType) {
+        for (counted, id) in TYPES_WITH_TRANSFER_COUNTER.iter().zip(&mut self.next_transfer_ids) {
             if *counted == data_type {
                 *id = (*id + 1) & TRANSFER_ID_MASK;
             }

@@ -9,7 +9,7 @@ use crate::port::bounded_text::BoundedText;
 use crate::port::{MessageSchedule, Snapshot};
 use crate::time::Timestamp;
 use crate::wire::dronecan::Payload;
-use crate::wire::dronecan::outbound::{LOG_TEXT_LENGTH, LogLevel, log_message};
+use crate::wire::dronecan::outbound::{LogLevel, MAX_LOG_TEXT_LENGTH, log_message};
 
 /// Name of the source in LogMessage.
 const LOG_SOURCE: &str = "autoswing";
@@ -28,7 +28,7 @@ struct QueuedText {
     log_level: LogLevel,
     characters: BoundedText,
     /// Number of bytes of the text already sent.
-    sent_bytes: usize,
+    sent_byte_count: usize,
 }
 
 /// State that is reported when it changes.
@@ -60,7 +60,7 @@ impl LogMessageQueue {
     }
 
     /// Queues a text about a state that has changed for two seconds.
-    pub fn queue_changes(&mut self, snapshot: &Snapshot<'_>) {
+    pub fn queue_state_change(&mut self, snapshot: &Snapshot<'_>) {
         let state = LoggedState {
             activity: match snapshot.indicator_state {
                 IndicatorState::Idle => "uncalibrated",
@@ -97,7 +97,7 @@ impl LogMessageQueue {
         if self.queued_texts.is_full() {
             self.queued_texts.pop_front();
         }
-        let _ = self.queued_texts.push_back(QueuedText { log_level: level, characters, sent_bytes: 0 });
+        let _ = self.queued_texts.push_back(QueuedText { log_level: level, characters, sent_byte_count: 0 });
     }
 
     /// Next piece of a text, if due. A longer text is continued in the next message.
@@ -106,10 +106,10 @@ impl LogMessageQueue {
         if !self.schedule.is_due(now, LOG_MESSAGE_HZ) {
             return None;
         }
-        let rest = text.characters.bytes().get(text.sent_bytes..).unwrap_or_default();
-        let piece = rest.get(..LOG_TEXT_LENGTH).unwrap_or(rest);
+        let rest = text.characters.bytes().get(text.sent_byte_count..).unwrap_or_default();
+        let piece = rest.get(..MAX_LOG_TEXT_LENGTH).unwrap_or(rest);
         let payload = log_message(text.log_level, LOG_SOURCE, piece);
-        text.sent_bytes += piece.len();
+        text.sent_byte_count += piece.len();
         if piece.len() == rest.len() {
             self.queued_texts.pop_front();
         }

@@ -41,7 +41,7 @@ use crate::wire::dronecan::{
     CanFrame, DataType, FrameHeader, InboundMessage, InboundTransfer, NodeId, Receiver, priority,
 };
 use allocation::AllocationClient;
-pub use firmware_update::{BOOT_LOADER_BYTES, FirmwareUpdate};
+pub use firmware_update::{BOOT_LOADER_HANDOVER_LENGTH, FirmwareUpdate};
 use frame_outbox::FrameOutbox;
 use log_message_queue::LogMessageQueue;
 use node_services::{RequestStep, Services};
@@ -70,7 +70,7 @@ const SAFE_MODE_TYPES: [DataType; 5] = [
 /// Microtesla of a gauss.
 const UT_PER_GAUSS: f32 = 100.0;
 
-/// Number of this node, or the client that asks for one.
+/// Number of this node, if it has one, and its origin.
 #[derive(Debug)]
 enum NodeAddress {
     Configured(NodeId),
@@ -178,8 +178,8 @@ impl CanNode {
             (InboundMessage::ArmingStatus(is_armed), _, Some(source)) => {
                 vehicle_reports.update_armed(at, source, is_armed);
             }
-            (InboundMessage::Battery { battery, current_a: Some(current_a) }, _, Some(source))
-                if vehicle_reports.accept_battery(at, source, battery) =>
+            (InboundMessage::Battery { battery_number, current_a: Some(current_a) }, _, Some(source))
+                if vehicle_reports.accept_battery(at, source, battery_number) =>
             {
                 deliver(ReceivedMessage::Current(current_a));
             }
@@ -201,7 +201,7 @@ impl CanNode {
         let now = snapshot.now;
         self.status_monitor.update_sensor_silence(snapshot);
         if !self.is_safe_mode {
-            self.log_messages.queue_changes(snapshot);
+            self.log_messages.queue_state_change(snapshot);
         }
         self.outbox.drop_expired_frames(now);
         if self.frame_counts.received_frames == 0 {
@@ -286,7 +286,11 @@ impl CanNode {
     /// State of the node for status reports.
     #[must_use]
     pub fn can_state(&self, now: Timestamp) -> CanState {
-        CanState { node: self.node_id(), has_conflict: self.has_number_conflict(now), frame_counts: self.frame_counts }
+        CanState {
+            node: self.node_id(),
+            has_number_conflict: self.has_number_conflict(now),
+            frame_counts: self.frame_counts,
+        }
     }
 
     const fn node_id(&self) -> Option<NodeId> {
@@ -354,18 +358,18 @@ impl CanNode {
         let transfers = BusCounts {
             sent_frames: self.outbox.transfer_count,
             received_frames: self.received_transfer_count,
-            bus_errors: self.receiver.rejected_count.wrapping_add(self.outbox.lost_transfers),
+            bus_errors: self.receiver.rejected_count.wrapping_add(self.outbox.lost_transfer_count),
         };
         let Self { info, services, outbox, frame_counts: frames, .. } = self;
-        let describe = |data_type| match data_type {
+        let describe_node = |data_type| match data_type {
             DataType::GET_NODE_INFO => info.payload(status),
             _ => outbound::transport_stats(transfers, *frames),
         };
         loop {
-            match services.next_request_step(snapshot.now, stored_settings, describe) {
+            match services.next_request_step(snapshot.now, stored_settings, describe_node) {
                 RequestStep::Execute(command) => return Some(command),
                 RequestStep::Respond(response) if outbox.queue_transfer(snapshot.now, Some(own_node), &response) => {
-                    services.pop_response();
+                    services.remove_answered_request();
                 }
                 // If the queue is full, the response is made again later.
                 RequestStep::Respond(_) | RequestStep::Idle => return None,

@@ -71,7 +71,7 @@ struct RunningCommand {
 pub(super) enum RequestStep {
     /// No request to answer.
     Idle,
-    /// Send a response, then call [`Services::pop_response`].
+    /// Send a response, then call [`Services::remove_answered_request`].
     Respond(OutboundTransfer),
     /// Execute a command, then call [`Services::complete_command`].
     Execute(Command),
@@ -84,7 +84,7 @@ pub(super) struct Services {
     waiting_requests: heapless::Deque<(Requester, ServiceRequest), REQUEST_CAPACITY>,
     running_command: Option<RunningCommand>,
     /// Request of an executed command, and its result, which is sent before all others.
-    finished_request: Option<(Requester, ServiceRequest, Result<(), &'static str>)>,
+    unanswered_result: Option<(Requester, ServiceRequest, Result<(), &'static str>)>,
     /// Requested update; one at a time.
     requested_update: Option<FirmwareUpdate>,
     /// Update that the state machine has granted.
@@ -110,16 +110,16 @@ impl Services {
             }
             InboundMessage::ExecuteOpcode(opcode) => ServiceRequest::Opcode(opcode),
             InboundMessage::RestartNode(is_confirmed) => ServiceRequest::Restart { is_confirmed },
-            InboundMessage::BeginFirmwareUpdate { server, path } => {
-                ServiceRequest::Update(self.receive_update(FirmwareUpdate::new(server.unwrap_or(node), own_node, path)))
-            }
+            InboundMessage::BeginFirmwareUpdate { server, path } => ServiceRequest::Update(
+                self.register_update_request(FirmwareUpdate::new(server.unwrap_or(node), own_node, path)),
+            ),
             _ => return,
         };
         let requester = Requester { node, priority: transfer.priority, transfer_id: transfer.transfer_id };
         let _ = self.waiting_requests.push_back((requester, request));
     }
 
-    fn receive_update(&mut self, update: Option<FirmwareUpdate>) -> UpdateRequest {
+    fn register_update_request(&mut self, update: Option<FirmwareUpdate>) -> UpdateRequest {
         match (&self.requested_update, update) {
             _ if self.refuses_updates => UpdateRequest::Unsupported,
             (Some(_), _) => UpdateRequest::AlreadyPending,
@@ -133,29 +133,31 @@ impl Services {
 
     /// Whether no request waits, and none is executed.
     pub fn is_idle(&self) -> bool {
-        self.finished_request.is_none() && self.running_command.is_none() && self.waiting_requests.is_empty()
+        self.unanswered_result.is_none() && self.running_command.is_none() && self.waiting_requests.is_empty()
     }
 
     /// Whether a request can be answered or executed.
     pub fn has_requests(&self) -> bool {
-        self.finished_request.is_some() || (self.running_command.is_none() && !self.waiting_requests.is_empty())
+        self.unanswered_result.is_some() || (self.running_command.is_none() && !self.waiting_requests.is_empty())
     }
 
-    /// Next step with the oldest request. `describe` returns the responses that only the node knows.
+    /// Next step with the oldest request. `describe_node` returns the responses that only the node knows.
     pub fn next_request_step(
         &mut self,
         now: Timestamp,
         settings: &Settings,
-        describe: impl Fn(DataType) -> Payload,
+        describe_node: impl Fn(DataType) -> Payload,
     ) -> RequestStep {
         if self.running_command.is_some_and(|open| now.us_since(open.started_at) > RESULT_TIMEOUT_US) {
             self.finish_request(Err("timeout"));
         }
-        if let Some((requester, request, result)) = self.finished_request {
-            return RequestStep::Respond(requester.response_transfer(response_to_command(request, result, settings)));
+        if let Some((requester, request, result)) = self.unanswered_result {
+            return RequestStep::Respond(
+                requester.response_transfer(response_after_command(request, result, settings)),
+            );
         }
         let Some((requester, request)) = self.waiting_requests.front().copied() else { return RequestStep::Idle };
-        match self.next_step(request, settings, describe) {
+        match self.decide_request(request, settings, describe_node) {
             RequestDecision::Answer(data_type, payload) => {
                 RequestStep::Respond(requester.response_transfer((data_type, payload)))
             }
@@ -169,8 +171,8 @@ impl Services {
     }
 
     /// Removes the request after its response was queued.
-    pub fn pop_response(&mut self) {
-        if self.finished_request.take().is_none() {
+    pub fn remove_answered_request(&mut self) {
+        if self.unanswered_result.take().is_none() {
             self.waiting_requests.pop_front();
         }
     }
@@ -194,13 +196,13 @@ impl Services {
         self.granted_update.as_ref()
     }
 
-    fn next_step(
+    fn decide_request(
         &mut self,
         request: ServiceRequest,
         settings: &Settings,
-        describe: impl Fn(DataType) -> Payload,
+        describe_node: impl Fn(DataType) -> Payload,
     ) -> RequestDecision {
-        let described = |data_type| RequestDecision::Answer(data_type, describe(data_type));
+        let described = |data_type| RequestDecision::Answer(data_type, describe_node(data_type));
         match request {
             ServiceRequest::GetNodeInfo => described(DataType::GET_NODE_INFO),
             ServiceRequest::GetTransportStats => described(DataType::GET_TRANSPORT_STATS),
@@ -246,12 +248,12 @@ impl Services {
         if let ServiceRequest::Update(_) = request {
             self.granted_update = self.requested_update.take().filter(|_| result.is_ok());
         }
-        self.finished_request = Some((requester, request, result));
+        self.unanswered_result = Some((requester, request, result));
     }
 }
 
 /// Response to a request after its command. A parameter is answered with the value that is then in force.
-fn response_to_command(
+fn response_after_command(
     request: ServiceRequest,
     result: Result<(), &'static str>,
     settings: &Settings,

@@ -37,10 +37,10 @@ pub(super) fn requested_value(parameter: &SettingParameter, value: GetSetValue<'
 /// Response with value, default and range; empty without such a parameter.
 pub(super) fn parameter_response(parameter: Option<&SettingParameter>, settings: &Settings) -> Payload {
     let Some(parameter) = parameter else { return outbound::ParameterResponse::default().payload() };
-    let [min, max] = parameter.value_range().map_or([GetSetValue::Empty; 2], |range| range.map(to_value));
+    let [min, max] = parameter.value_range().map_or([GetSetValue::Empty; 2], |range| range.map(to_get_set_value));
     outbound::ParameterResponse {
-        value: to_value(parameter.parameter_value(settings)),
-        default_value: to_value(parameter.parameter_value(&Settings::DEFAULT)),
+        value: to_get_set_value(parameter.parameter_value(settings)),
+        default_value: to_get_set_value(parameter.parameter_value(&Settings::DEFAULT)),
         max_value: max,
         min_value: min,
         parameter_name: parameter.parameter_name,
@@ -49,7 +49,7 @@ pub(super) fn parameter_response(parameter: Option<&SettingParameter>, settings:
 }
 
 /// Converts a value to that of GetSet; of a key it contains only whether there is one.
-fn to_value(value: ParameterValue) -> GetSetValue<'static> {
+fn to_get_set_value(value: ParameterValue) -> GetSetValue<'static> {
     match value {
         ParameterValue::Whole(number) => GetSetValue::Integer(number.into()),
         ParameterValue::Number(number) => GetSetValue::Real(number),

@@ -29,7 +29,7 @@ impl StatusMonitor {
     }
 
     /// Status to send.
-    pub fn status_message(&self, snapshot: &Snapshot<'_>, is_updating: bool, has_conflict: bool) -> NodeStatus {
+    pub fn status_message(&self, snapshot: &Snapshot<'_>, is_updating: bool, has_number_conflict: bool) -> NodeStatus {
         let is_silent =
             self.sensor_silent_since.is_some_and(|since| snapshot.now.us_since(since) >= SENSOR_SILENCE_FAULT_US);
         let is_faulty = is_silent || snapshot.estimate.heading == Err(NoHeading::SafeMode);
@@ -41,14 +41,14 @@ impl StatusMonitor {
                 (false, false) => NodeMode::Initialization,
                 (false, true) => NodeMode::Operational,
             },
-            vendor_code: vendor_status_code(snapshot, has_conflict),
+            vendor_code: vendor_status_code(snapshot, has_number_conflict),
         }
     }
 }
 
 /// State in 16 bits: bits 0 to 3 the reason for an empty heading (0: there is one), bits 4 and 5 the calibration, bit 6
 /// a field that is not sent, bit 7 another node with this number, bits 8 to 14 the progress of a collection in percent.
-fn vendor_status_code(snapshot: &Snapshot<'_>, has_conflict: bool) -> u16 {
+fn vendor_status_code(snapshot: &Snapshot<'_>, has_number_conflict: bool) -> u16 {
     let reason = snapshot.estimate.heading.err().map_or(0, no_heading_number);
     let (calibration, percent) = match snapshot.indicator_state {
         IndicatorState::Idle => (0, 0),
@@ -56,8 +56,12 @@ fn vendor_status_code(snapshot: &Snapshot<'_>, has_conflict: bool) -> u16 {
         IndicatorState::Calibrated => (2, 100),
         IndicatorState::Refused => (3, 0),
     };
-    let is_withheld = snapshot.estimate.compass_field.is_none() || has_conflict;
-    reason | calibration << 4 | u16::from(is_withheld) << 6 | u16::from(has_conflict) << 7 | u16::from(percent) << 8
+    let is_withheld = snapshot.estimate.compass_field.is_none() || has_number_conflict;
+    reason
+        | calibration << 4
+        | u16::from(is_withheld) << 6
+        | u16::from(has_number_conflict) << 7
+        | u16::from(percent) << 8
 }
 
 /// Number of the reason for no heading, listed in the documents.

@@ -19,7 +19,7 @@ struct TunnelPeer {
     serial_line: i8,
     baud: u32,
     last_received_at: Timestamp,
-    transfer_id: u8,
+    last_transfer_id: u8,
 }
 
 /// MAVLink with one node at a time.
@@ -40,12 +40,12 @@ impl Tunnel {
         deliver: &mut dyn FnMut(ReceivedMessage),
     ) {
         let Some(node) = transfer.source_node else { return };
-        if ![Targetted::MAVLINK_PROTOCOL, Targetted::MAVLINK_2].contains(&piece.protocol) {
+        if ![Targetted::MAVLINK_PROTOCOL, Targetted::MAVLINK_2_PROTOCOL].contains(&piece.protocol) {
             return;
         }
         let active = self.peer.filter(|peer| at.us_since(peer.last_received_at) <= TUNNEL_RELEASE_US);
         let is_other = |peer: TunnelPeer| (peer.node, peer.serial_line) != (node, piece.serial_line);
-        let is_repeated = |peer: TunnelPeer| peer.transfer_id == transfer.transfer_id;
+        let is_repeated = |peer: TunnelPeer| peer.last_transfer_id == transfer.transfer_id;
         if active.is_some_and(|peer| is_other(peer) || is_repeated(peer)) {
             return;
         }
@@ -56,7 +56,7 @@ impl Tunnel {
             serial_line: serial,
             baud,
             last_received_at: at,
-            transfer_id: transfer.transfer_id,
+            last_transfer_id: transfer.transfer_id,
         });
         for &byte in piece.serial_bytes {
             if let Some(message) = self.mavlink.process_byte(at, byte) {

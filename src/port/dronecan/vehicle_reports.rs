@@ -31,12 +31,13 @@ impl VehicleReports {
     }
 
     /// Whether the current of this battery is used.
-    pub fn accept_battery(&mut self, at: Timestamp, source: NodeId, number: u8) -> bool {
-        let is_other =
-            |(last, node, battery)| (node, battery) != (source, number) && at.us_since(last) <= REPORT_EXPIRY_US;
+    pub fn accept_battery(&mut self, at: Timestamp, source: NodeId, battery_number: u8) -> bool {
+        let is_other = |(last, node, battery)| {
+            (node, battery) != (source, battery_number) && at.us_since(last) <= REPORT_EXPIRY_US
+        };
         let accepts = !self.battery_report.is_some_and(is_other);
         if accepts {
-            self.battery_report = Some((at, source, number));
+            self.battery_report = Some((at, source, battery_number));
         }
         accepts
     }

@@ -26,11 +26,11 @@ pub(super) struct CollectionReporter {
     /// Number of calibrations that became active; wraps.
     calibration_count: u8,
     /// Tenths of progress already sent as a text; none without a collection.
-    reported_tenths: Option<u8>,
+    reported_progress_tenths: Option<u8>,
     /// Whether the last solve succeeded; none once it was reported.
-    last_outcome: Option<bool>,
+    last_solve_success: Option<bool>,
     /// Whether the pending report is a success; none without a pending report.
-    pending_report: Option<bool>,
+    pending_report_success: Option<bool>,
     progress_schedule: MessageSchedule,
 }
 
@@ -46,7 +46,7 @@ impl CollectionReporter {
 
     /// Records the outcome of a solve; the next update contains the state after it.
     pub fn record_outcome(&mut self, outcome: &SolveOutcome) {
-        self.last_outcome = Some(outcome.is_ok());
+        self.last_solve_success = Some(outcome.is_ok());
     }
 
     /// Tracks the module's state; must be called also while no autopilot is known.
@@ -58,38 +58,39 @@ impl CollectionReporter {
             self.calibration_count = self.calibration_count.wrapping_add(1);
         }
         // An automatic collection continues after a refused solve: that outcome does not end it.
-        let outcome = self.last_outcome.take();
-        match (self.reported_tenths, snapshot.indicator_state) {
-            (reported_tenths, IndicatorState::Collecting(percent)) => {
-                self.report_progress(reported_tenths, percent, texts);
+        let outcome = self.last_solve_success.take();
+        match (self.reported_progress_tenths, snapshot.indicator_state) {
+            (reported_progress_tenths, IndicatorState::Collecting(percent)) => {
+                self.report_progress(reported_progress_tenths, percent, texts);
             }
             (Some(_), indicator) => {
                 texts.push_message(&Message::CollectionEnded);
-                self.reported_tenths = None;
-                self.pending_report = outcome.or((indicator != IndicatorState::Idle).then_some(false));
+                self.reported_progress_tenths = None;
+                self.pending_report_success = outcome.or((indicator != IndicatorState::Idle).then_some(false));
             }
-            (None, _) => self.pending_report = outcome.or(self.pending_report),
+            (None, _) => self.pending_report_success = outcome.or(self.pending_report_success),
         }
     }
 
     /// Queues a text for each tenth of progress, and for a collection that starts again from nothing.
     fn report_progress(&mut self, reported: Option<u8>, percent: u8, texts: &mut PendingTexts) {
-        let reported_tenths = percent / 10;
-        let is_new = reported.is_none_or(|reported| reported_tenths > reported || (percent == 0 && reported > 0));
+        let reported_progress_tenths = percent / 10;
+        let is_new =
+            reported.is_none_or(|reported| reported_progress_tenths > reported || (percent == 0 && reported > 0));
         if is_new {
-            self.reported_tenths = Some(reported_tenths);
-            texts.push_message(&Message::Collecting(10 * reported_tenths));
+            self.reported_progress_tenths = Some(reported_progress_tenths);
+            texts.push_message(&Message::Collecting(10 * reported_progress_tenths));
         }
     }
 
     /// Sends the due message; returns whether one was sent.
-    pub fn send_progress(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
-        if let Some(is_success) = self.pending_report {
+    pub fn send_report_or_progress(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
+        if let Some(is_success) = self.pending_report_success {
             let report =
                 mag_cal_report(self.reported_calibration.as_ref().filter(|_| is_success), snapshot.settings.mount);
             let is_sent = line.send_message(OutboundMessage::mag_cal_report(&report));
             if is_sent {
-                self.pending_report = None;
+                self.pending_report_success = None;
             }
             return is_sent;
         }

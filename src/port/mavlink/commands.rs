@@ -95,7 +95,7 @@ impl CommandHandler {
     }
 
     /// Sends the oldest acknowledgement; returns whether one was sent.
-    pub fn send_acknowledgements(&mut self, line: &mut Transmitter<'_>) -> bool {
+    pub fn send_next_acknowledgement(&mut self, line: &mut Transmitter<'_>) -> bool {
         let Some(&PendingAcknowledgement { addressee, command, result }) = self.acknowledgements.front() else {
             return false;
         };
@@ -147,7 +147,8 @@ fn requested_command(received: &ReceivedCommand) -> Result<Command, CommandRejec
 
 /// Whether the parameters request a restart of this component: the first one of all components, the third one of the
 /// component in the fourth, 0 for all (MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN in common.xml).
-fn requests_module_restart([autopilot, _companion, component, which]: [f32; 4]) -> bool {
+fn requests_module_restart([autopilot, _companion, component, addressed_component]: [f32; 4]) -> bool {
     const REBOOT_PARAMETER: f32 = 1.0;
-    autopilot == REBOOT_PARAMETER || (component == REBOOT_PARAMETER && [0.0, f32::from(OWN_COMPONENT)].contains(&which))
+    autopilot == REBOOT_PARAMETER
+        || (component == REBOOT_PARAMETER && [0.0, f32::from(OWN_COMPONENT)].contains(&addressed_component))
 }

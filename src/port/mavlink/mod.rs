@@ -45,8 +45,8 @@ const POSE_HZ: u8 = 50;
 const MAX_PENDING_BEFORE_POSE_BYTES: usize = 64;
 const HEARTBEAT_HZ: u8 = 1;
 /// Rate of named values, heading and sigma in turn, Hz.
-const HEADING_HZ: u8 = 10;
-const PERCENT_HZ: u8 = 1;
+const HEADING_OR_SIGMA_HZ: u8 = 10;
+const PROGRESS_PERCENT_HZ: u8 = 1;
 
 /// MAVLink protocol of a port.
 #[derive(Debug, Default)]
@@ -63,7 +63,7 @@ pub struct Mavlink {
     heading_schedule: MessageSchedule,
     /// Whether the next named value is the heading's sigma.
     is_sigma_next: bool,
-    percent_schedule: MessageSchedule,
+    progress_percent_schedule: MessageSchedule,
 }
 
 impl Mavlink {
@@ -151,7 +151,7 @@ impl Mavlink {
 
     fn send_heading(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
         let (Ok(heading), _) = snapshot.selected_heading() else { return false };
-        if !snapshot.settings.stream_on || !self.heading_schedule.is_due(snapshot.now, HEADING_HZ) {
+        if !snapshot.settings.stream_on || !self.heading_schedule.is_due(snapshot.now, HEADING_OR_SIGMA_HZ) {
             return false;
         }
         let (name, value) =
@@ -173,9 +173,9 @@ impl Mavlink {
             && line.send_message(OutboundMessage::heartbeat(mav_state(snapshot.indicator_state)))
     }
 
-    fn send_percent(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
+    fn send_progress_percent(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
         let percent = f32::from(progress_percent(snapshot.indicator_state));
-        self.percent_schedule.is_due(snapshot.now, PERCENT_HZ)
+        self.progress_percent_schedule.is_due(snapshot.now, PROGRESS_PERCENT_HZ)
             && line.send_message(OutboundMessage::named_value(snapshot.now, "cal_pct", percent))
     }
 }
@@ -196,7 +196,7 @@ impl Protocol for Mavlink {
         self.sender_selector.is_armed(now)
     }
 
-    fn rejected_frames(&self) -> u32 {
+    fn rejected_frame_count(&self) -> u32 {
         self.receiver.rejected_count
     }
 
@@ -209,13 +209,13 @@ impl Protocol for Mavlink {
         let Some(autopilot) = self.sender_selector.autopilot_to_query(now) else { return };
         let (mut sequence, mut signatures) = (self.sequence_number, core::mem::take(&mut self.receiver.signatures));
         let line = &mut Transmitter::new(out, autopilot, &mut sequence, &mut signatures);
-        let _is_sent = self.command_handler.send_acknowledgements(line)
+        let _is_sent = self.command_handler.send_next_acknowledgement(line)
             || self.send_pose(snapshot, line)
             || self.send_heartbeat(snapshot, line)
-            || self.request_sequence.send_requests(now, autopilot, snapshot.settings.attitude_rate_hz, line)
-            || self.collection_reporter.send_progress(snapshot, line)
-            || self.send_percent(snapshot, line)
-            || self.pending_texts.send_texts(now, line)
+            || self.request_sequence.send_due_request(now, autopilot, snapshot.settings.attitude_rate_hz, line)
+            || self.collection_reporter.send_report_or_progress(snapshot, line)
+            || self.send_progress_percent(snapshot, line)
+            || self.pending_texts.send_next_chunk(now, line)
             || self.send_heading(snapshot, line);
         (self.sequence_number, self.receiver.signatures) = (sequence, signatures);
     }

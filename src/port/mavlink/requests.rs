@@ -67,7 +67,7 @@ pub(super) struct RequestSequence {
     /// Number of times this request was sent.
     attempts: u8,
     /// Time of the request or of its acceptance; reports are counted from it.
-    report_count_start: Timestamp,
+    report_count_started_at: Timestamp,
     report_count: u16,
     /// Time of the last attitude report, and its sender's clock.
     last_report: Option<(Timestamp, WrappingMillis)>,
@@ -104,7 +104,7 @@ impl RequestSequence {
     }
 
     /// Sends the due request; returns whether one was sent. All are repeated for another autopilot or highest rate.
-    pub fn send_requests(
+    pub fn send_due_request(
         &mut self,
         now: Timestamp,
         autopilot: SenderId,
@@ -140,11 +140,11 @@ impl RequestSequence {
     }
 
     fn restart_rate_count(&mut self, at: Timestamp) {
-        (self.report_count_start, self.report_count) = (at, 0);
+        (self.report_count_started_at, self.report_count) = (at, 0);
     }
 
     fn due_request(&mut self, now: Timestamp) -> Option<MessageRequest> {
-        let elapsed_us = now.us_since(self.report_count_start);
+        let elapsed_us = now.us_since(self.report_count_started_at);
         let periodic_request = MESSAGE_REQUESTS.get(self.request_index);
         if periodic_request.is_none() {
             let silence_us = self.last_report.map_or(elapsed_us, |(at, _)| now.us_since(at));

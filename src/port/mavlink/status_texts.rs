@@ -31,7 +31,7 @@ struct PendingText {
 pub(super) struct PendingTexts {
     queued_texts: heapless::Vec<PendingText, QUEUE_CAPACITY>,
     /// Number of sent chunks of the first text.
-    sent_chunks: u8,
+    sent_chunk_count: u8,
     /// STATUSTEXT's `id`, counted for texts of several chunks; 0 is for texts of one chunk.
     text_id: u16,
     schedule: MessageSchedule,
@@ -47,31 +47,32 @@ impl PendingTexts {
         let mut characters = BoundedText::default();
         let _ = write!(characters, "{TEXT_PREFIX}{message}");
         if self.queued_texts.is_full() {
-            self.queued_texts.remove(usize::from(self.sent_chunks > 0));
+            self.queued_texts.remove(usize::from(self.sent_chunk_count > 0));
         }
         let _ = self.queued_texts.push(PendingText { severity, characters });
     }
 
     /// Sends the next due chunk; returns whether one was sent.
-    pub fn send_texts(&mut self, now: Timestamp, line: &mut Transmitter<'_>) -> bool {
+    pub fn send_next_chunk(&mut self, now: Timestamp, line: &mut Transmitter<'_>) -> bool {
         let Some(text) = self.queued_texts.first() else { return false };
         if !self.schedule.is_due(now, CHUNK_RATE_HZ) {
             return false;
         }
         let characters = text.characters.bytes();
         let is_long = characters.len() > OutboundMessage::STATUSTEXT_CAPACITY;
-        let unsent =
-            characters.get(usize::from(self.sent_chunks) * OutboundMessage::STATUSTEXT_CAPACITY..).unwrap_or_default();
+        let unsent = characters
+            .get(usize::from(self.sent_chunk_count) * OutboundMessage::STATUSTEXT_CAPACITY..)
+            .unwrap_or_default();
         let chunk = unsent.get(..OutboundMessage::STATUSTEXT_CAPACITY).unwrap_or(unsent);
         let text_id = if is_long { self.text_id.max(1) } else { 0 };
-        if !line.send_message(OutboundMessage::status_text(text.severity, chunk, text_id, self.sent_chunks)) {
+        if !line.send_message(OutboundMessage::status_text(text.severity, chunk, text_id, self.sent_chunk_count)) {
             return false;
         }
-        self.sent_chunks += 1;
+        self.sent_chunk_count += 1;
         // The last of several chunks must not be full: an empty one follows if all are.
         if !is_long || chunk.len() < OutboundMessage::STATUSTEXT_CAPACITY {
             self.queued_texts.remove(0);
-            (self.sent_chunks, self.text_id) = (0, text_id.wrapping_add(1));
+            (self.sent_chunk_count, self.text_id) = (0, text_id.wrapping_add(1));
         }
         true
     }

@@ -22,7 +22,7 @@ use crate::wire::msp::{
 const COMPASS_HZ: u8 = 50;
 
 /// Maximum rate of attitude requests, Hz.
-const ATTITUDE_HZ: u8 = 50;
+const MAX_ATTITUDE_REQUEST_HZ: u8 = 50;
 
 /// Rate of other requests, Hz: each about once a second, the current four times.
 const PERIODIC_REQUESTS_HZ: u8 = PERIODIC_REQUESTS.len() as u8;
@@ -58,12 +58,12 @@ pub struct Msp {
     gyro_report: Option<(Timestamp, [f32; 3])>,
     rate_estimator: RateEstimator,
     /// Time of the open request for attitude or firmware.
-    requested_at: Option<Timestamp>,
+    open_request_sent_at: Option<Timestamp>,
     compass_schedule: MessageSchedule,
     attitude_schedule: MessageSchedule,
     periodic_schedule: MessageSchedule,
     /// Index of the next periodic request other than attitude.
-    next_request: usize,
+    next_periodic_index: usize,
 }
 
 impl Msp {
@@ -76,17 +76,17 @@ impl Msp {
             armed_report: None,
             gyro_report: None,
             rate_estimator: RateEstimator::new(),
-            requested_at: None,
+            open_request_sent_at: None,
             compass_schedule: MessageSchedule::new(),
             attitude_schedule: MessageSchedule::new(),
             periodic_schedule: MessageSchedule::new(),
-            next_request: 0,
+            next_periodic_index: 0,
         }
     }
 
     fn process_message(&mut self, at: Timestamp, message: MspReply) -> Option<ReceivedMessage> {
         if matches!(message, MspReply::Attitude(_) | MspReply::Refused(MspFunction::Attitude)) {
-            self.requested_at = None;
+            self.open_request_sent_at = None;
         }
         match message {
             MspReply::Attitude(angles) => return self.attitude_report(at, angles),
@@ -115,13 +115,13 @@ impl Msp {
 
     fn next_periodic_request(&mut self) -> MspFunction {
         let [first, ..] = PERIODIC_REQUESTS;
-        let function = PERIODIC_REQUESTS.get(self.next_request).copied().unwrap_or(first);
-        self.next_request = (self.next_request + 1) % PERIODIC_REQUESTS.len();
+        let function = PERIODIC_REQUESTS.get(self.next_periodic_index).copied().unwrap_or(first);
+        self.next_periodic_index = (self.next_periodic_index + 1) % PERIODIC_REQUESTS.len();
         function
     }
 
     /// Request to send whenever the last was answered; none if the firmware's signs are unknown.
-    fn repeated_request(&self) -> Option<MspFunction> {
+    fn attitude_or_firmware_request(&self) -> Option<MspFunction> {
         match self.autopilot_firmware {
             None => Some(MspFunction::FcVariant),
             Some(AutopilotFirmware::Other) => None,
@@ -131,10 +131,10 @@ impl Msp {
 
     /// Whether this request may be sent: none is open, or the open one has timed out.
     fn may_request(&mut self, now: Timestamp) -> bool {
-        if self.requested_at.is_some_and(|at| now.us_since(at) < REPLY_TIMEOUT_US) {
+        if self.open_request_sent_at.is_some_and(|at| now.us_since(at) < REPLY_TIMEOUT_US) {
             return false;
         }
-        if self.requested_at.take().is_some() {
+        if self.open_request_sent_at.take().is_some() {
             // The rest of a partly received reply is lost.
             self.receiver.discard_partial();
         }
@@ -152,7 +152,7 @@ impl Protocol for Msp {
         self.armed_report.filter(|(at, _)| now.us_since(*at) <= ARMED_EXPIRY_US).map(|(_, is_armed)| is_armed)
     }
 
-    fn rejected_frames(&self) -> u32 {
+    fn rejected_frame_count(&self) -> u32 {
         self.receiver.rejected_count
     }
 
@@ -171,9 +171,9 @@ impl Protocol for Msp {
         if is_other_due {
             out.append_message(&[&encode_request(self.next_periodic_request())]);
         }
-        if let Some(function) = self.repeated_request()
+        if let Some(function) = self.attitude_or_firmware_request()
             && self.may_request(now)
-            && self.attitude_schedule.is_due(now, ATTITUDE_HZ)
+            && self.attitude_schedule.is_due(now, MAX_ATTITUDE_REQUEST_HZ)
         {
             // The reply to the first request arrives first. At most two requests at a time: rates remain valid for 50
             // ms.
@@ -182,7 +182,7 @@ impl Protocol for Msp {
                 && self.autopilot_firmware == Some(AutopilotFirmware::Inav)
                 && !is_other_due;
             let requests = [if has_gyro { &gyro[..] } else { &[] }, &encode_request(function)];
-            self.requested_at = out.append_message(&requests).then_some(now);
+            self.open_request_sent_at = out.append_message(&requests).then_some(now);
         }
     }
 }

@@ -5,7 +5,7 @@ use crate::frames::{Attitude, Field};
 use crate::instrument::Estimate;
 use crate::settings::Settings;
 
-const PERIOD_US: u64 = 12_500;
+const ESTIMATE_PERIOD_US: u64 = 12_500;
 
 fn timestamp(us: u64) -> Timestamp {
     Timestamp::from_us(1_000_000 + us)
@@ -58,7 +58,7 @@ fn receive(msp: &mut Msp, us: u64, direction: u8, function: MspFunction, payload
     received
 }
 
-const ANGLES: [u8; 6] = [100, 0, 50, 0, 0, 0];
+const ATTITUDE_PAYLOAD: [u8; 6] = [100, 0, 50, 0, 0, 0];
 const STATUS_ARMED: [u8; 11] = [0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0];
 const STATUS_DISARMED: [u8; 11] = [0; 11];
 
@@ -76,9 +76,9 @@ fn requests_in_seconds(msp: &mut Msp, seconds: u64, answered_after_us: Option<u6
     for us in (0..seconds * 1_000_000).step_by(500) {
         if answer_us.is_some_and(|at_us| us >= at_us) {
             answer_us = None;
-            assert_eq!(receive(msp, us, b'>', MspFunction::Attitude, &ANGLES).len(), 1);
+            assert_eq!(receive(msp, us, b'>', MspFunction::Attitude, &ATTITUDE_PAYLOAD).len(), 1);
         }
-        if us % PERIOD_US == 0 {
+        if us % ESTIMATE_PERIOD_US == 0 {
             for frame in poll_frames(msp, us, &Estimate::EMPTY) {
                 requested.push((us, function_of_frame(&frame)));
                 if function_of_frame(&frame) == MspFunction::Attitude as u16 {
@@ -106,18 +106,22 @@ fn compass_frames_are_sent_from_power_up() {
     );
     let mut frame_count = 0;
     for i in 1..=400 {
-        let frames = poll_frames(&mut msp, i * PERIOD_US, &estimate_at(i * PERIOD_US));
+        let frames = poll_frames(&mut msp, i * ESTIMATE_PERIOD_US, &estimate_at(i * ESTIMATE_PERIOD_US));
         frame_count += frames.iter().filter(|frame| function_of_frame(frame) == 0x1F04).count();
     }
     assert!((249..=251).contains(&frame_count), "in 5 s: {frame_count}");
     for i in 401..500 {
-        let distrusted = Estimate { timestamp: timestamp(i * PERIOD_US), ..Estimate::EMPTY };
+        let distrusted = Estimate { timestamp: timestamp(i * ESTIMATE_PERIOD_US), ..Estimate::EMPTY };
         assert!(
-            poll_frames(&mut msp, i * PERIOD_US, &distrusted).iter().all(|frame| function_of_frame(frame) != 0x1F04)
+            poll_frames(&mut msp, i * ESTIMATE_PERIOD_US, &distrusted)
+                .iter()
+                .all(|frame| function_of_frame(frame) != 0x1F04)
         );
     }
     assert!(
-        poll_frames(&mut msp, 500 * PERIOD_US, &estimate_at(0)).iter().any(|frame| function_of_frame(frame) == 0x1F04),
+        poll_frames(&mut msp, 500 * ESTIMATE_PERIOD_US, &estimate_at(0))
+            .iter()
+            .any(|frame| function_of_frame(frame) == 0x1F04),
         "at once again"
     );
 }
@@ -127,7 +131,7 @@ fn compass_frames_are_sent_from_power_up() {
 fn without_a_known_firmware_attitude_is_ignored() {
     for (name, times) in [(None, 209..=211), (Some(b"PX4X"), 10..=10)] {
         let mut msp = name.map_or_else(Msp::new, |name| msp_with_firmware(name));
-        assert!(receive(&mut msp, 0, b'>', MspFunction::Attitude, &ANGLES).is_empty());
+        assert!(receive(&mut msp, 0, b'>', MspFunction::Attitude, &ATTITUDE_PAYLOAD).is_empty());
         let requested = requests_in_seconds(&mut msp, 10, None);
         assert_eq!(count_requests(&requested, MspFunction::Attitude), 0);
         let request_count = count_requests(&requested, MspFunction::FcVariant);
@@ -142,7 +146,7 @@ fn without_a_known_firmware_attitude_is_ignored() {
 #[test]
 fn attitude_is_received_with_the_firmware_s_signs() {
     for (name, pitch_deg) in [(b"ARDU", 5.0), (b"INAV", -5.0), (b"BTFL", -5.0)] {
-        let received = receive(&mut msp_with_firmware(name), 0, b'>', MspFunction::Attitude, &ANGLES);
+        let received = receive(&mut msp_with_firmware(name), 0, b'>', MspFunction::Attitude, &ATTITUDE_PAYLOAD);
         let [ReceivedMessage::Attitude(report)] = received[..] else { panic!("{received:?}") };
         let expected = Attitude::from_deg(10.0, pitch_deg);
         assert!((report.attitude.roll_rad - expected.roll_rad).abs() < 1e-6);
@@ -151,7 +155,7 @@ fn attitude_is_received_with_the_firmware_s_signs() {
     }
     let mut msp = msp_with_firmware(b"ARDU");
     assert!(receive(&mut msp, 0, b'>', MspFunction::FcVariant, b"INAV").is_empty());
-    let received = receive(&mut msp, 0, b'>', MspFunction::Attitude, &ANGLES);
+    let received = receive(&mut msp, 0, b'>', MspFunction::Attitude, &ATTITUDE_PAYLOAD);
     assert!(matches!(received[..], [ReceivedMessage::Attitude(report)] if report.attitude.pitch_rad < 0.0));
 }
 
@@ -163,7 +167,7 @@ fn inav_s_gyro_gives_the_body_rates() {
     for (name, expected_deg_s) in [(b"INAV", Some([3.0, 4.0, 18.0])), (b"ARDU", None), (b"BTFL", None)] {
         let mut msp = msp_with_firmware(name);
         assert!(receive(&mut msp, 0, b'>', MspFunction::RawImu, &gyro).is_empty());
-        let received = receive(&mut msp, 0, b'>', MspFunction::Attitude, &ANGLES);
+        let received = receive(&mut msp, 0, b'>', MspFunction::Attitude, &ATTITUDE_PAYLOAD);
         let [ReceivedMessage::Attitude(report)] = received[..] else { panic!("{received:?}") };
         let found_deg_s = report.body_rates.map(|rates| rates.rad_s().map(|rad_s| rad_s.to_degrees().round()));
         assert_eq!(found_deg_s, expected_deg_s, "{name:?}");
@@ -235,11 +239,11 @@ fn unanswered_requests_do_not_stop_polling() {
 fn an_incomplete_reply_is_discarded() {
     let mut msp = msp_with_firmware(b"ARDU");
     poll_frames(&mut msp, 0, &Estimate::EMPTY);
-    let answer = msp_frame(b'>', MspFunction::Attitude as u16, &ANGLES);
+    let answer = msp_frame(b'>', MspFunction::Attitude as u16, &ATTITUDE_PAYLOAD);
     assert!(answer[..12].iter().all(|&byte| msp.process_byte(timestamp(10_000), byte).is_none()));
     poll_frames(&mut msp, 50_000, &Estimate::EMPTY);
     let received: Vec<_> = answer.iter().filter_map(|&byte| msp.process_byte(timestamp(60_000), byte)).collect();
-    assert_eq!((received.len(), msp.rejected_frames()), (1, 0));
+    assert_eq!((received.len(), msp.rejected_frame_count()), (1, 0));
 }
 
 #[test]
@@ -291,10 +295,10 @@ fn position_and_date_are_received() {
 #[test]
 fn damaged_frames_are_counted() {
     let mut msp = msp_with_firmware(b"ARDU");
-    let mut broken = msp_frame(b'>', MspFunction::Attitude as u16, &ANGLES);
+    let mut broken = msp_frame(b'>', MspFunction::Attitude as u16, &ATTITUDE_PAYLOAD);
     broken[9] ^= 1;
     assert!(broken.iter().all(|&byte| msp.process_byte(timestamp(0), byte).is_none()));
-    assert_eq!(msp.rejected_frames(), 1);
+    assert_eq!(msp.rejected_frame_count(), 1);
 }
 
 #[test]

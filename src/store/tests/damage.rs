@@ -42,7 +42,7 @@ fn one_damaged_page_never_loses_both_calibrations() {
                 let case = format!("page {page} after {saves} saves");
                 let mut damaged = flash.clone();
                 write_page(&mut damaged, page, &damage);
-                let LoadedValues { stored_values: stored, load_error: error } = load_readable(&mut damaged);
+                let LoadedValues { stored_values: stored, load_error: error } = load_readable_values(&mut damaged);
                 let StoredCalibrations { current_calibration: current, previous_calibration: previous } =
                     stored.stored_calibrations;
                 assert!(current.is_some() || previous.is_some(), "{case}");
@@ -63,7 +63,7 @@ fn one_damaged_page_never_loses_both_calibrations() {
 fn the_previous_calibration_replaces_a_damaged_one() {
     let mut flash = flash_after_saves(2);
     write_page(&mut flash, 2, &[0; PAGE_SIZE]);
-    let LoadedValues { stored_values: stored, load_error: error } = load_readable(&mut flash);
+    let LoadedValues { stored_values: stored, load_error: error } = load_readable_values(&mut flash);
     assert_eq!(error, Some(StoreError::Corrupt));
     assert_eq!(
         stored.stored_calibrations,
@@ -77,7 +77,7 @@ fn the_previous_calibration_replaces_a_damaged_one() {
         previous_calibration: None,
     };
     save_change(&mut flash, calibration_change(&undone)).unwrap();
-    assert_eq!(load_generations(&mut flash), Ok(undone));
+    assert_eq!(load_stored_calibrations(&mut flash), Ok(undone));
 }
 
 /// A complete item in the slot is not loaded unless its CRC is that in the state.
@@ -85,7 +85,7 @@ fn the_previous_calibration_replaces_a_damaged_one() {
 fn a_slot_with_another_calibration_is_damaged() {
     let mut flash = flash_after_saves(1);
     write_page(&mut flash, 0, &encoded_item(&calibration_record(7)));
-    let LoadedValues { stored_values: stored, load_error: error } = load_readable(&mut flash);
+    let LoadedValues { stored_values: stored, load_error: error } = load_readable_values(&mut flash);
     assert_eq!((stored.stored_calibrations.current_calibration, error), (None, Some(StoreError::Corrupt)));
 }
 
@@ -108,7 +108,7 @@ fn damaged_states_are_reported_and_replaced() {
     let mut flash = flash_after_saves(3);
     flash.bytes[CALIBRATION_SLOTS as usize * PAGE_SIZE..].fill(0x33);
     assert_eq!(
-        load_readable(&mut flash),
+        load_readable_values(&mut flash),
         LoadedValues { stored_values: StoredValues::default(), load_error: Some(StoreError::Corrupt) }
     );
 }
@@ -127,7 +127,7 @@ fn random_flash_content_allows_later_saves() {
         }
         let _ = load_values(&mut flash);
         save_calibration(&mut flash, 77).unwrap_or_else(|error| panic!("seed {seed}: {error:?}"));
-        assert_eq!(load_generations(&mut flash), Ok(stored_calibrations(77)), "seed {seed}");
+        assert_eq!(load_stored_calibrations(&mut flash), Ok(stored_calibrations(77)), "seed {seed}");
     }
 }
 
@@ -149,7 +149,7 @@ fn damage_never_invents_a_calibration() {
                     ..
                 },
             load_error: error,
-        } = load_readable(&mut damaged);
+        } = load_readable_values(&mut damaged);
         assert!(stored.contains(&current) && stored.contains(&previous), "byte {position}");
         assert!(error.is_some() || (current.is_some() && previous.is_some()), "byte {position}");
     }

@@ -10,7 +10,7 @@ fn a_failed_flash_write_is_reported() {
     assert_eq!(save_calibration(&mut flash, 1), Err(StoreError::Flash));
 }
 
-fn page_bytes(page: usize) -> Range<usize> {
+fn page_byte_range(page: usize) -> Range<usize> {
     page * PAGE_SIZE..(page + 1) * PAGE_SIZE
 }
 
@@ -21,10 +21,10 @@ fn an_unreadable_flash_is_not_written() {
             for times in [1, 2, usize::MAX] {
                 let good = flash_after_saves(saves);
                 let mut flash = good.clone();
-                flash.operations = 0;
-                flash.unreadable = Some((page_bytes(page), times));
+                flash.operation_count = 0;
+                flash.unreadable = Some((page_byte_range(page), times));
                 assert_eq!(save_calibration(&mut flash, 99), Err(StoreError::Flash), "{saves} {page} {times}");
-                assert_eq!((flash.operations, &flash.bytes), (0, &good.bytes), "{saves} {page} {times}");
+                assert_eq!((flash.operation_count, &flash.bytes), (0, &good.bytes), "{saves} {page} {times}");
             }
         }
     }
@@ -36,17 +36,17 @@ fn an_unreadable_page_is_reported_and_the_others_are_loaded() {
     flash.unreadable = Some((0..PAGE_COUNT * PAGE_SIZE, usize::MAX));
     assert_eq!(load_values(&mut flash), Err(StoreError::Flash));
     // The second page for states is unreadable; the first state remains valid.
-    flash.unreadable = Some((page_bytes(5), usize::MAX));
-    assert_eq!(load_generations(&mut flash), Ok(stored_calibrations(1)));
-    flash.unreadable = Some((page_bytes(4), usize::MAX));
-    assert_eq!(load_generations(&mut flash), Ok(stored_calibrations(2)));
+    flash.unreadable = Some((page_byte_range(5), usize::MAX));
+    assert_eq!(load_stored_calibrations(&mut flash), Ok(stored_calibrations(1)));
+    flash.unreadable = Some((page_byte_range(4), usize::MAX));
+    assert_eq!(load_stored_calibrations(&mut flash), Ok(stored_calibrations(2)));
     // The first save wrote calibrations 1 and 0 to the first two slots, the second wrote calibration 2 to the third.
-    flash.unreadable = Some((page_bytes(2), usize::MAX));
-    let LoadedValues { stored_values: stored, load_error: error } = load_readable(&mut flash);
+    flash.unreadable = Some((page_byte_range(2), usize::MAX));
+    let LoadedValues { stored_values: stored, load_error: error } = load_readable_values(&mut flash);
     let only_previous = StoredCalibrations { current_calibration: None, ..stored_calibrations(2) };
     assert_eq!((stored.stored_calibrations, error), (only_previous, Some(StoreError::Flash)));
     let mut empty = Flash::new(PAGE_COUNT);
-    empty.unreadable = Some((page_bytes(7), usize::MAX));
+    empty.unreadable = Some((page_byte_range(7), usize::MAX));
     assert_eq!(load_values(&mut empty), Err(StoreError::Flash), "that page may hold the only state");
 }
 
@@ -60,7 +60,7 @@ fn bytes_that_read_back_differently_are_reported() {
             flash.silent_fault = Some(fault);
             assert_eq!(save_calibration(&mut flash, 99), Err(StoreError::ReadBackDiffers), "{fault:?} after {saves}");
             let old = if saves == 0 { StoredCalibrations::default() } else { stored_calibrations(saves) };
-            assert_eq!(load_generations(&mut flash.power_on()), Ok(old), "{fault:?} after {saves}");
+            assert_eq!(load_stored_calibrations(&mut flash.power_on()), Ok(old), "{fault:?} after {saves}");
         }
     }
 }
@@ -69,9 +69,9 @@ fn bytes_that_read_back_differently_are_reported() {
 fn settings_out_of_range_are_rejected_and_not_written() {
     for saves in [0, 3] {
         let mut flash = flash_after_saves(saves);
-        flash.operations = 0;
+        flash.operation_count = 0;
         let bad = Settings { stream_rate_hz: 0, ..Settings::default() };
         assert_eq!(save_change(&mut flash, StoreChange::Settings(&bad)), Err(StoreError::Invalid));
-        assert_eq!(flash.operations, 0);
+        assert_eq!(flash.operation_count, 0);
     }
 }

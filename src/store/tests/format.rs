@@ -29,7 +29,7 @@ fn stored_state() -> StoredState {
     }
 }
 
-fn calibration() -> CalibrationRecord {
+fn full_calibration_record() -> CalibrationRecord {
     let mut record = calibration_record(7);
     record.calibration.motor_current = MotorCurrentInterference {
         ut_per_a: [0.5, -0.25, 0.125],
@@ -41,7 +41,7 @@ fn calibration() -> CalibrationRecord {
     record
 }
 
-fn fields_of(item: &[u8]) -> Vec<u8> {
+fn field_bytes_of_item(item: &[u8]) -> Vec<u8> {
     let PageContent::Item(StoredItem { field_bytes: fields, .. }) = flash_page::parse_page(item) else {
         panic!("{item:?}")
     };
@@ -50,14 +50,20 @@ fn fields_of(item: &[u8]) -> Vec<u8> {
 
 #[test]
 fn stored_items_round_trip() {
-    assert_eq!(fields::decode_fields(&fields_of(&encoded_item(&stored_state()))), Ok(stored_state()));
-    assert_eq!(fields::decode_fields(&fields_of(&encoded_item(&StoredState::default()))), Ok(StoredState::default()));
-    assert_eq!(fields::decode_fields(&fields_of(&encoded_item(&calibration()))), Ok(calibration()));
-    let largest = CalibrationRecord { serial_number: u32::MAX, ..calibration() };
-    assert!(encoded_item(&largest).len() <= ITEM_SIZE / 2, "room for as many fields again");
+    assert_eq!(fields::decode_fields(&field_bytes_of_item(&encoded_item(&stored_state()))), Ok(stored_state()));
+    assert_eq!(
+        fields::decode_fields(&field_bytes_of_item(&encoded_item(&StoredState::default()))),
+        Ok(StoredState::default())
+    );
+    assert_eq!(
+        fields::decode_fields(&field_bytes_of_item(&encoded_item(&full_calibration_record()))),
+        Ok(full_calibration_record())
+    );
+    let largest = CalibrationRecord { serial_number: u32::MAX, ..full_calibration_record() };
+    assert!(encoded_item(&largest).len() <= MAX_ITEM_SIZE / 2, "room for as many fields again");
 }
 
-fn bytes_of(hex: &str) -> Vec<u8> {
+fn bytes_from_hex(hex: &str) -> Vec<u8> {
     let digits: Vec<u8> = hex.chars().filter_map(|digit| digit.to_digit(16)).map(|digit| digit as u8).collect();
     digits.chunks(2).map(|pair| pair[0] << 4 | pair[1]).collect()
 }
@@ -94,14 +100,14 @@ const CALIBRATION_END: &str = "
     0acbef1b ffffffffffffff";
 
 /// Bytes of a calibration. The 240 bytes of the reduced covariance, between beginning and end, are zero.
-fn pinned_calibration() -> Vec<u8> {
-    [bytes_of(CALIBRATION_BEGIN), vec![0; 240], bytes_of(CALIBRATION_END)].concat()
+fn pinned_calibration_bytes() -> Vec<u8> {
+    [bytes_from_hex(CALIBRATION_BEGIN), vec![0; 240], bytes_from_hex(CALIBRATION_END)].concat()
 }
 
 #[test]
 fn items_of_the_first_release_are_read() {
-    assert_eq!(fields::decode_fields(&fields_of(&bytes_of(FIRST_RELEASE_STATE))), Ok(stored_state()));
-    assert_eq!(fields::decode_fields(&fields_of(&pinned_calibration())), Ok(calibration()));
+    assert_eq!(fields::decode_fields(&field_bytes_of_item(&bytes_from_hex(FIRST_RELEASE_STATE))), Ok(stored_state()));
+    assert_eq!(fields::decode_fields(&field_bytes_of_item(&pinned_calibration_bytes())), Ok(full_calibration_record()));
 }
 
 /// If this fails, the written bytes have changed. After appending a field, add its bytes to the later item.
@@ -111,56 +117,56 @@ fn written_bytes_are_those_of_the_first_release_and_later_fields() {
     later.settings.signing_key = Some(SigningKey([7; 32]));
     later.settings.can = CanSettings { node: 42, rate_hz: 20, sends_covariance: true, is_terminated: true };
     later.settings.sensor_error = SensorError { gyro_percent: 5.0, drift_percent: 0.5 };
-    assert_eq!(encoded_item(&later), bytes_of(LATER_STATE));
-    assert_eq!(fields::decode_fields(&fields_of(&bytes_of(LATER_STATE))), Ok(later));
-    assert_eq!(encoded_item(&calibration()), pinned_calibration());
+    assert_eq!(encoded_item(&later), bytes_from_hex(LATER_STATE));
+    assert_eq!(fields::decode_fields(&field_bytes_of_item(&bytes_from_hex(LATER_STATE))), Ok(later));
+    assert_eq!(encoded_item(&full_calibration_record()), pinned_calibration_bytes());
 }
 
 /// Flash after three saves of the first release.
 #[test]
 fn a_store_of_the_first_release_is_loaded() {
     let mut flash = Flash::new(PAGE_COUNT);
-    let crc = u32::from_le_bytes(bytes_of("0acbef1b").try_into().unwrap());
-    write_page(&mut flash, 3, &pinned_calibration());
+    let crc = u32::from_le_bytes(bytes_from_hex("0acbef1b").try_into().unwrap());
+    write_page(&mut flash, 3, &pinned_calibration_bytes());
     write_page(
         &mut flash,
         5,
         &encoded_item(&StoredState { current_slot: Some(SlotReference { slot: 3, crc }), ..stored_state() }),
     );
     let stored_calibrations =
-        StoredCalibrations { current_calibration: Some(calibration()), previous_calibration: None };
+        StoredCalibrations { current_calibration: Some(full_calibration_record()), previous_calibration: None };
     let StoredState { settings, startup_values, .. } = stored_state();
     assert_eq!(load_values(&mut flash), Ok(StoredValues { settings, stored_calibrations, startup_values }));
 }
 
-fn field(tag: u8, value: &[u8]) -> Vec<u8> {
+fn encoded_field(tag: u8, value: &[u8]) -> Vec<u8> {
     [&[tag, value.len() as u8, 0], value].concat()
 }
 
 #[test]
 fn unknown_fields_are_ignored() {
     for value in [&[][..], &[1], &[0xFF; 200]] {
-        let unknown = field(200, value);
+        let unknown = encoded_field(200, value);
         for fields in [
-            [&fields_of(&encoded_item(&stored_state()))[..], &unknown].concat(),
-            [unknown.clone(), state_fields()].concat(),
+            [&field_bytes_of_item(&encoded_item(&stored_state()))[..], &unknown].concat(),
+            [unknown.clone(), state_field_bytes()].concat(),
         ] {
             assert_eq!(fields::decode_fields(&fields), Ok(stored_state()));
         }
-        let fields = [fields_of(&encoded_item(&calibration())), unknown].concat();
-        assert_eq!(fields::decode_fields(&fields), Ok(calibration()));
+        let fields = [field_bytes_of_item(&encoded_item(&full_calibration_record())), unknown].concat();
+        assert_eq!(fields::decode_fields(&fields), Ok(full_calibration_record()));
     }
 }
 
-fn state_fields() -> Vec<u8> {
-    fields_of(&encoded_item(&stored_state()))
+fn state_field_bytes() -> Vec<u8> {
+    field_bytes_of_item(&encoded_item(&stored_state()))
 }
 
 fn split_into_fields(mut fields: &[u8]) -> Vec<(u8, Vec<u8>)> {
     let mut all = Vec::new();
     while let [tag, low, high, rest @ ..] = fields {
         let (value, after) = rest.split_at(usize::from(u16::from_le_bytes([*low, *high])));
-        all.push((*tag, field(*tag, value)));
+        all.push((*tag, encoded_field(*tag, value)));
         fields = after;
     }
     all
@@ -170,7 +176,7 @@ fn split_into_fields(mut fields: &[u8]) -> Vec<(u8, Vec<u8>)> {
 /// one known here.
 #[test]
 fn a_missing_field_has_its_default() {
-    let fields = split_into_fields(&state_fields());
+    let fields = split_into_fields(&state_field_bytes());
     for (missing, _) in &fields {
         let others = fields.iter().filter(|(tag, _)| tag != missing).flat_map(|(_, field)| field.clone());
         let found: Result<StoredState, _> = fields::decode_fields(&others.collect::<Vec<_>>());
@@ -179,16 +185,16 @@ fn a_missing_field_has_its_default() {
         } else {
             // The other fields are unchanged.
             let found = found.unwrap();
-            let default = split_into_fields(&fields_of(&encoded_item(&StoredState::default())));
+            let default = split_into_fields(&field_bytes_of_item(&encoded_item(&StoredState::default())));
             for ((tag, stored), (_, default)) in
-                split_into_fields(&fields_of(&encoded_item(&found))).iter().zip(&default)
+                split_into_fields(&field_bytes_of_item(&encoded_item(&found))).iter().zip(&default)
             {
                 let (_, before) = &fields[usize::from(*tag) - 1];
                 assert_eq!(stored, if tag == missing { default } else { before }, "{missing} {tag}");
             }
         }
     }
-    let from_later: Vec<u8> = state_fields();
+    let from_later: Vec<u8> = state_field_bytes();
     let at = from_later.windows(4).position(|bytes| bytes == [0x0c, 1, 0, 0]).unwrap();
     let mut from_later = from_later;
     from_later[at + 3] = 99;
@@ -199,7 +205,7 @@ fn a_missing_field_has_its_default() {
 
 #[test]
 fn a_calibration_needs_every_field_of_the_first_release() {
-    let fields = split_into_fields(&fields_of(&encoded_item(&calibration())));
+    let fields = split_into_fields(&field_bytes_of_item(&encoded_item(&full_calibration_record())));
     assert_eq!(fields.len(), 25);
     for (missing, _) in &fields {
         let others = fields.iter().filter(|(tag, _)| tag != missing).flat_map(|(_, field)| field.clone());
@@ -233,7 +239,7 @@ fn variants_keep_their_numbers() {
 
 #[test]
 fn fields_beyond_the_buffer_are_rejected() {
-    let size = state_fields().len();
+    let size = state_field_bytes().len();
     for room in 0..size {
         assert_eq!(fields::encode_fields(&stored_state(), &mut vec![0; room]), Err(StoreError::Full), "{room}");
     }
@@ -248,14 +254,14 @@ fn a_reference_beyond_the_slots_is_refused() {
             StoredState { current_slot: reference, ..stored_state() },
             StoredState { previous_slot: reference, ..stored_state() },
         ] {
-            assert_eq!(flash_page::encode_item(&state, &mut [0; ITEM_SIZE]).is_ok(), valid, "{slot}");
+            assert_eq!(flash_page::encode_item(&state, &mut [0; MAX_ITEM_SIZE]).is_ok(), valid, "{slot}");
         }
     }
 }
 
 #[test]
 fn a_flipped_bit_makes_an_item_damaged() {
-    let item = pinned_calibration();
+    let item = pinned_calibration_bytes();
     let padding = 7;
     for bit in 0..(item.len() - padding) * 8 {
         let mut damaged = item.clone();
@@ -266,11 +272,11 @@ fn a_flipped_bit_makes_an_item_damaged() {
 
 #[test]
 fn a_truncated_item_is_damaged() {
-    let item = pinned_calibration();
+    let item = pinned_calibration_bytes();
     for length in 0..item.len() - 7 {
         assert_eq!(flash_page::parse_page(&item[..length]), PageContent::Damaged, "{length}");
     }
-    for fields in [state_fields(), fields_of(&item)] {
+    for fields in [state_field_bytes(), field_bytes_of_item(&item)] {
         let ends: Vec<_> = split_into_fields(&fields)
             .iter()
             .scan(0, |end, (_, field)| {
@@ -289,7 +295,11 @@ fn a_truncated_item_is_damaged() {
 fn random_fields_decode_to_valid_values_or_an_error() {
     for seed in 0..20_000 {
         let mut noise = testkit::random::Random(seed);
-        let mut fields = if seed % 2 == 0 { state_fields() } else { fields_of(&encoded_item(&calibration())) };
+        let mut fields = if seed % 2 == 0 {
+            state_field_bytes()
+        } else {
+            field_bytes_of_item(&encoded_item(&full_calibration_record()))
+        };
         for _ in 0..=seed % 7 {
             let at = noise.bits() as usize % fields.len();
             fields[at] = noise.byte();

@@ -86,7 +86,7 @@ pub(super) fn settings() -> Settings {
 }
 
 fn encoded_item(value: &impl StoredFields) -> Vec<u8> {
-    flash_page::encode_item(value, &mut [0; ITEM_SIZE]).unwrap().0.to_vec()
+    flash_page::encode_item(value, &mut [0; MAX_ITEM_SIZE]).unwrap().0.to_vec()
 }
 
 fn append_crc(mut bytes: Vec<u8>) -> Vec<u8> {
@@ -125,15 +125,15 @@ fn save_change(flash: &mut Flash, change: StoreChange<'_>) -> Result<(), StoreEr
 
 /// Loaded values, or the error.
 fn load_values(flash: &mut Flash) -> Result<StoredValues, StoreError> {
-    let LoadedValues { stored_values: stored, load_error: error } = load_readable(flash);
+    let LoadedValues { stored_values: stored, load_error: error } = load_readable_values(flash);
     error.map_or(Ok(stored), Err)
 }
 
-fn load_readable(flash: &mut Flash) -> LoadedValues {
+fn load_readable_values(flash: &mut Flash) -> LoadedValues {
     block_on(Store::new(flash, STORE_REGION).load_state())
 }
 
-fn load_generations(flash: &mut Flash) -> Result<StoredCalibrations, StoreError> {
+fn load_stored_calibrations(flash: &mut Flash) -> Result<StoredCalibrations, StoreError> {
     load_values(flash).map(|stored| stored.stored_calibrations)
 }
 
@@ -186,7 +186,7 @@ fn each_of_25_saves_is_loaded_again() {
     let mut flash = Flash::new(PAGE_COUNT);
     for serial in 1..=25 {
         save_calibration(&mut flash, serial).unwrap();
-        assert_eq!(load_generations(&mut flash), Ok(stored_calibrations(serial)));
+        assert_eq!(load_stored_calibrations(&mut flash), Ok(stored_calibrations(serial)));
     }
 }
 
@@ -201,7 +201,7 @@ fn an_accepted_calibration_writes_a_free_slot_and_a_state() {
         // Without the new state, the previous calibrations are loaded.
         let mut undone = flash.clone();
         write_page(&mut undone, state, &[]);
-        assert_eq!(load_generations(&mut undone), Ok(stored_calibrations(serial - 1)));
+        assert_eq!(load_stored_calibrations(&mut undone), Ok(stored_calibrations(serial - 1)));
     }
 }
 

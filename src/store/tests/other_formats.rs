@@ -9,7 +9,7 @@ use super::*;
 const LATER_FORMAT: u8 = flash_page::STORE_FORMAT + 1;
 
 /// Item of another format, longer than any item of this format.
-fn other_item(format: u8) -> Vec<u8> {
+fn item_of_format(format: u8) -> Vec<u8> {
     let mut item = vec![format];
     item.extend(1000_u16.to_le_bytes());
     item.extend((0..1000).map(|n| n as u8));
@@ -43,7 +43,7 @@ fn flashes_with_item(format: u8, item: &[u8]) -> Vec<(String, Flash)> {
         for first in 0..PAGE_COUNT {
             for pages in [first..first + 1, first..PAGE_COUNT, 0..first + 1] {
                 let mut flash = flash.clone();
-                flash.operations = 0;
+                flash.operation_count = 0;
                 pages.clone().for_each(|page| write_page(&mut flash, page, item));
                 flashes.push((format!("format {format} in pages {pages:?}, others {others}"), flash));
             }
@@ -52,23 +52,23 @@ fn flashes_with_item(format: u8, item: &[u8]) -> Vec<(String, Flash)> {
     flashes
 }
 
-fn all_flashes() -> Vec<(u8, String, Flash)> {
+fn flashes_with_other_formats() -> Vec<(u8, String, Flash)> {
     let flashes_of_format = |format, item: Vec<u8>| {
         flashes_with_item(format, &item).into_iter().map(move |(case, flash)| (format, case, flash))
     };
     let development_formats = (2..=9).flat_map(|format| flashes_of_format(format, development_page(format)));
-    flashes_of_format(LATER_FORMAT, other_item(LATER_FORMAT)).chain(development_formats).collect()
+    flashes_of_format(LATER_FORMAT, item_of_format(LATER_FORMAT)).chain(development_formats).collect()
 }
 
 /// Values of this format are not loaded, because they may be outdated: which of them remain depends on the number of
 /// saves by the other firmware.
 #[test]
 fn another_format_is_reported_and_left_untouched() {
-    for (format, case, flash) in all_flashes() {
+    for (format, case, flash) in flashes_with_other_formats() {
         let mut copy = flash.clone();
         let error = StoreError::OtherFormat(format);
         assert_eq!(
-            load_readable(&mut copy),
+            load_readable_values(&mut copy),
             LoadedValues { stored_values: StoredValues::default(), load_error: Some(error) },
             "{case}"
         );
@@ -79,14 +79,14 @@ fn another_format_is_reported_and_left_untouched() {
         {
             assert_eq!(save_change(&mut copy, change), Err(error), "{case}");
         }
-        assert_eq!((copy.operations, &copy.bytes), (0, &flash.bytes), "{case}");
+        assert_eq!((copy.operation_count, &copy.bytes), (0, &flash.bytes), "{case}");
     }
 }
 
 #[test]
 fn each_other_format_is_named() {
     for format in (0..=255).filter(|format| *format != flash_page::STORE_FORMAT) {
-        assert_eq!(flash_page::parse_page(&other_item(format)), PageContent::OtherFormat(format));
+        assert_eq!(flash_page::parse_page(&item_of_format(format)), PageContent::OtherFormat(format));
     }
     for format in 2..=9 {
         assert_eq!(flash_page::parse_page(&development_page(format)), PageContent::OtherFormat(format));
@@ -95,12 +95,12 @@ fn each_other_format_is_named() {
 
 #[test]
 fn clear_replaces_another_format() {
-    for (_, case, mut flash) in all_flashes() {
+    for (_, case, mut flash) in flashes_with_other_formats() {
         save_change(&mut flash, StoreChange::Clear).unwrap();
         assert_eq!(load_values(&mut flash), Ok(StoredValues::default()), "{case}");
         for serial in 1..=4 {
             save_calibration(&mut flash, serial).unwrap();
-            assert_eq!(load_generations(&mut flash), Ok(stored_calibrations(serial)), "{case}");
+            assert_eq!(load_stored_calibrations(&mut flash), Ok(stored_calibrations(serial)), "{case}");
         }
     }
 }
@@ -108,10 +108,10 @@ fn clear_replaces_another_format() {
 /// After a cut at any operation no old value is loaded, and a second clearing succeeds.
 #[test]
 fn a_power_cut_while_clearing_leaves_the_other_format_or_the_defaults() {
-    for (format, case, start) in all_flashes() {
+    for (format, case, start) in flashes_with_other_formats() {
         let mut complete = start.clone();
         save_change(&mut complete, StoreChange::Clear).unwrap();
-        for at in 0..complete.operations {
+        for at in 0..complete.operation_count {
             for cut in CutProgress::ALL {
                 let mut flash = start.cut_at(at, cut);
                 save_change(&mut flash, StoreChange::Clear).unwrap_err();
@@ -128,20 +128,20 @@ fn a_power_cut_while_clearing_leaves_the_other_format_or_the_defaults() {
 
 #[test]
 fn an_unreadable_flash_is_not_cleared() {
-    for (_, case, flash) in all_flashes() {
+    for (_, case, flash) in flashes_with_other_formats() {
         let mut copy = flash.clone();
         copy.unreadable = Some((0..PAGE_SIZE, usize::MAX));
         assert_eq!(save_change(&mut copy, StoreChange::Clear), Err(StoreError::Flash), "{case}");
-        assert_eq!((copy.operations, &copy.bytes), (0, &flash.bytes), "{case}");
+        assert_eq!((copy.operation_count, &copy.bytes), (0, &flash.bytes), "{case}");
     }
 }
 
 #[test]
 fn a_page_that_cannot_be_erased_is_reported() {
-    for (_, case, flash) in all_flashes() {
+    for (_, case, flash) in flashes_with_other_formats() {
         let mut complete = flash.clone();
         save_change(&mut complete, StoreChange::Clear).unwrap();
-        for last in [complete.operations - 1, 0] {
+        for last in [complete.operation_count - 1, 0] {
             let mut cut = flash.cut_at(last, (CutProgress::Before, 0));
             assert_eq!(save_change(&mut cut, StoreChange::Clear), Err(StoreError::Flash), "{case}");
         }

@@ -18,22 +18,22 @@ fn power_cuts_anywhere_leave_old_or_new() {
     for saves in 0..11 {
         let start = flash_after_saves(saves);
         let old = if saves == 0 { StoredCalibrations::default() } else { stored_calibrations(saves) };
-        for (first, first_cut) in cut_flashes(&start, saves + 1) {
+        for (first, first_cut) in cuts_of_save(&start, saves + 1) {
             let mut flash = start.cut_at(first, first_cut);
             save_calibration(&mut flash, saves + 1).unwrap_err();
             let mut once = flash.power_on();
             let case = format!("{saves} saves, {first_cut:?} at {first}");
-            let between = load_allowed(&mut once, &[old, stored_calibrations(saves + 1)], &case);
-            let all: Vec<_> = cut_flashes(&once, saves + 2).collect();
+            let between = load_and_assert_allowed(&mut once, &[old, stored_calibrations(saves + 1)], &case);
+            let all: Vec<_> = cuts_of_save(&once, saves + 2).collect();
             for _ in 0..SECOND_CUTS_PER_FIRST {
                 let (second, second_cut) = all[random.bits() as usize % all.len()];
                 let mut flash = once.cut_at(second, second_cut);
                 let case = format!("{case}, {second_cut:?} at {second}");
                 save_calibration(&mut flash, saves + 2).unwrap_err();
                 let mut flash = flash.power_on();
-                load_allowed(&mut flash, &[between, stored_calibrations(saves + 2)], &case);
+                load_and_assert_allowed(&mut flash, &[between, stored_calibrations(saves + 2)], &case);
                 save_calibration(&mut flash, 1000).unwrap_or_else(|error| panic!("{case}: {error:?}"));
-                assert_eq!(load_generations(&mut flash), Ok(stored_calibrations(1000)), "{case}");
+                assert_eq!(load_stored_calibrations(&mut flash), Ok(stored_calibrations(1000)), "{case}");
                 cases += 1;
             }
         }
@@ -68,7 +68,7 @@ fn a_power_cut_during_any_change_leaves_the_old_or_new_values() {
             save_change(&mut complete, change).unwrap();
             let new = load_values(&mut complete).unwrap();
             assert_ne!(old, new, "{change:?}");
-            for (at, cut) in (0..complete.operations).flat_map(|at| CutProgress::ALL.map(|cut| (at, cut))) {
+            for (at, cut) in (0..complete.operation_count).flat_map(|at| CutProgress::ALL.map(|cut| (at, cut))) {
                 let case = format!("{change:?}, {cut:?} at {at}");
                 let mut flash = start.cut_at(at, cut);
                 save_change(&mut flash, change).unwrap_err();
@@ -83,15 +83,15 @@ fn a_power_cut_during_any_change_leaves_the_old_or_new_values() {
 }
 
 /// Loads the calibrations and asserts that they are among `allowed`.
-fn load_allowed(flash: &mut Flash, allowed: &[StoredCalibrations], case: &str) -> StoredCalibrations {
-    let found = load_generations(flash).unwrap_or_else(|error| panic!("{case}: {error:?}"));
+fn load_and_assert_allowed(flash: &mut Flash, allowed: &[StoredCalibrations], case: &str) -> StoredCalibrations {
+    let found = load_stored_calibrations(flash).unwrap_or_else(|error| panic!("{case}: {error:?}"));
     assert!(allowed.contains(&found), "{case}: {found:?}");
     found
 }
 
 /// Operation and kind of each power cut during a save.
-fn cut_flashes(flash: &Flash, serial: u32) -> impl Iterator<Item = (usize, (CutProgress, u64))> + use<> {
+fn cuts_of_save(flash: &Flash, serial: u32) -> impl Iterator<Item = (usize, (CutProgress, u64))> + use<> {
     let mut complete = flash.power_on();
     save_calibration(&mut complete, serial).unwrap();
-    CutProgress::near_operation_limits(complete.operations)
+    CutProgress::cuts_at_sampled_operations(complete.operation_count)
 }

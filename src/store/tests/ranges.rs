@@ -22,12 +22,12 @@ impl<T: StoredFields> StoredFields for Unchecked<T> {
     }
 }
 
-fn assert_valid<T: StoredFields + PartialEq + core::fmt::Debug>(value: &T, valid: bool, label: &str) {
+fn assert_validity<T: StoredFields + PartialEq + core::fmt::Debug>(value: &T, valid: bool, label: &str) {
     let unchecked = encoded_item(&Unchecked(*value));
     let PageContent::Item(StoredItem { field_bytes: fields, .. }) = flash_page::parse_page(&unchecked) else {
         panic!("{label}")
     };
-    let mut buffer = [0; ITEM_SIZE];
+    let mut buffer = [0; MAX_ITEM_SIZE];
     let encoded = flash_page::encode_item(value, &mut buffer).map(|(item, _)| item);
     if valid {
         assert_eq!(encoded, Ok(&unchecked[..]), "{label}");
@@ -39,14 +39,15 @@ fn assert_valid<T: StoredFields + PartialEq + core::fmt::Debug>(value: &T, valid
 }
 
 /// Orientation with any number, as read from flash.
-fn mount(number: u8) -> Orientation {
+fn orientation_of_number(number: u8) -> Orientation {
     postcard::from_bytes(&[number]).unwrap()
 }
 
 #[test]
 fn settings_are_kept_up_to_the_ends_of_their_ranges() {
     let good = StoredState { settings: settings(), ..StoredState::default() };
-    let check = |settings: Settings, valid, label: &str| assert_valid(&StoredState { settings, ..good }, valid, label);
+    let check =
+        |settings: Settings, valid, label: &str| assert_validity(&StoredState { settings, ..good }, valid, label);
     for (size, valid) in
         [(0.0, true), (179.9, true), (180.0, true), (180.1, false), (f32::INFINITY, false), (f32::NAN, false)]
     {
@@ -77,15 +78,15 @@ fn settings_are_kept_up_to_the_ends_of_their_ranges() {
         check(Settings { accuracy_deg, ..good.settings }, valid, "accuracy");
     }
     for (number, valid) in [(23, true), (24, false), (255, false)] {
-        check(Settings { mount: mount(number), ..good.settings }, valid, "mount");
+        check(Settings { mount: orientation_of_number(number), ..good.settings }, valid, "mount");
     }
 }
 
-type Set = fn(&mut CalibrationRecord, f32);
+type SetNumber = fn(&mut CalibrationRecord, f32);
 
 #[test]
 fn records_are_kept_if_every_number_is_finite() {
-    let numbers: [(&str, Set); 18] = [
+    let numbers: [(&str, SetNumber); 18] = [
         ("w", |record, n| record.calibration.w[2][1] = n),
         ("b", |record, n| record.calibration.b_ut[1] = n),
         ("inclination", |record, n| record.calibration.inclination_rad = n),
@@ -111,22 +112,26 @@ fn records_are_kept_if_every_number_is_finite() {
         {
             let mut record = calibration_record(1);
             set(&mut record, number);
-            assert_valid(&record, valid, label);
+            assert_validity(&record, valid, label);
         }
     }
     for (number, valid) in [(23, true), (24, false)] {
-        assert_valid(&CalibrationRecord { mount: mount(number), ..calibration_record(1) }, valid, "mount");
+        assert_validity(
+            &CalibrationRecord { mount: orientation_of_number(number), ..calibration_record(1) },
+            valid,
+            "mount",
+        );
     }
 }
 
 #[test]
 fn an_invalid_calibration_is_rejected_and_not_written() {
-    let bad = CalibrationRecord { mount: mount(24), ..calibration_record(9) };
+    let bad = CalibrationRecord { mount: orientation_of_number(24), ..calibration_record(9) };
     for (current, previous) in [(&bad, &calibration_record(8)), (&calibration_record(9), &bad)] {
         let mut flash = flash_after_saves(2);
-        flash.operations = 0;
+        flash.operation_count = 0;
         let change = StoreChange::StoredCalibrations { current: Some(current), previous: Some(previous) };
         assert_eq!(save_change(&mut flash, change), Err(StoreError::Invalid));
-        assert_eq!(flash.operations, 0);
+        assert_eq!(flash.operation_count, 0);
     }
 }

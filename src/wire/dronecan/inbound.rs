@@ -10,10 +10,10 @@ use crate::earth::{Date, Position};
 pub const UNIQUE_ID_LENGTH: usize = 16;
 
 /// Longest name of a parameter in a request, bytes.
-const NAME_LENGTH: usize = 92;
+const MAX_NAME_LENGTH: usize = 92;
 
 /// Longest path of a firmware image, bytes.
-pub const PATH_LENGTH: usize = 200;
+pub const MAX_PATH_LENGTH: usize = 200;
 
 /// Number that a request for a restart must contain.
 const RESTART_MAGIC: u64 = 0xAC_CE55_1B1E;
@@ -47,7 +47,7 @@ pub enum InboundMessage<'a> {
     /// State of a battery.
     Battery {
         /// Number of the battery at its node.
-        battery: u8,
+        battery_number: u8,
         /// Current, amperes, if measured.
         current_a: Option<f32>,
     },
@@ -123,7 +123,7 @@ impl Targetted<'_> {
     /// Bytes are MAVLink, version 1 or 2.
     pub const MAVLINK_PROTOCOL: u8 = 0;
     /// Bytes are MAVLink 2.
-    pub const MAVLINK_2: u8 = 1;
+    pub const MAVLINK_2_PROTOCOL: u8 = 1;
     /// Largest number of bytes of a message.
     pub const MAX_DATA_LENGTH: usize = 120;
 }
@@ -142,17 +142,17 @@ impl ReceivedType {
 
 /// Received data types, the most frequent first.
 static RECEIVED_TYPES: [ReceivedType; 11] = [
-    ReceivedType::new(DataType::TARGETTED, tunnel_targetted),
-    ReceivedType::new(DataType::ARMING_STATUS, arming_status),
-    ReceivedType::new(DataType::BATTERY_INFO, battery),
+    ReceivedType::new(DataType::TARGETTED, parse_targetted),
+    ReceivedType::new(DataType::ARMING_STATUS, parse_arming_status),
+    ReceivedType::new(DataType::BATTERY_INFO, parse_battery_info),
     ReceivedType::new(DataType::FIX_2, parse_fix),
     ReceivedType::new(DataType::ALLOCATION, parse_allocation),
     ReceivedType::new(DataType::GET_NODE_INFO, |_| Some(InboundMessage::GetNodeInfo)),
-    ReceivedType::new(DataType::GET_SET, get_set),
-    ReceivedType::new(DataType::EXECUTE_OPCODE, execute_opcode),
+    ReceivedType::new(DataType::GET_SET, parse_get_set),
+    ReceivedType::new(DataType::EXECUTE_OPCODE, parse_opcode),
     ReceivedType::new(DataType::RESTART_NODE, parse_restart),
     ReceivedType::new(DataType::GET_TRANSPORT_STATS, |_| Some(InboundMessage::GetTransportStats)),
-    ReceivedType::new(DataType::BEGIN_FIRMWARE_UPDATE, begin_firmware_update),
+    ReceivedType::new(DataType::BEGIN_FIRMWARE_UPDATE, parse_firmware_update),
 ];
 
 /// Received type with this number; of an anonymous message only the two low bits are known, and allocation is the only
@@ -172,7 +172,7 @@ fn parse_allocation(payload: &[u8]) -> Option<InboundMessage<'_>> {
     (unique_id.len() <= UNIQUE_ID_LENGTH).then_some(InboundMessage::Allocation(Allocation { node, unique_id }))
 }
 
-fn get_set(payload: &[u8]) -> Option<InboundMessage<'_>> {
+fn parse_get_set(payload: &[u8]) -> Option<InboundMessage<'_>> {
     let mut fields = BitReader::new(payload);
     let index = fields.read_bits(13) as u16;
     let value = match fields.read_bits(3) {
@@ -188,7 +188,7 @@ fn get_set(payload: &[u8]) -> Option<InboundMessage<'_>> {
         _ => return None,
     };
     let name = fields.read_remaining_bytes();
-    (name.len() <= NAME_LENGTH).then_some(InboundMessage::GetSet(GetSetRequest {
+    (name.len() <= MAX_NAME_LENGTH).then_some(InboundMessage::GetSet(GetSetRequest {
         parameter_index: index,
         value,
         parameter_name: name,
@@ -196,7 +196,7 @@ fn get_set(payload: &[u8]) -> Option<InboundMessage<'_>> {
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn execute_opcode(payload: &[u8]) -> Option<InboundMessage<'_>> {
+fn parse_opcode(payload: &[u8]) -> Option<InboundMessage<'_>> {
     Some(InboundMessage::ExecuteOpcode(match BitReader::new(payload).read_bits(8) {
         0 if !payload.is_empty() => ParameterOpcode::Save,
         1 => ParameterOpcode::Erase,
@@ -210,13 +210,13 @@ fn parse_restart(payload: &[u8]) -> Option<InboundMessage<'_>> {
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn begin_firmware_update(payload: &[u8]) -> Option<InboundMessage<'_>> {
+fn parse_firmware_update(payload: &[u8]) -> Option<InboundMessage<'_>> {
     let mut fields = BitReader::new(payload);
     let server = NodeId::new(fields.read_bits(8) as u8);
     Some(InboundMessage::BeginFirmwareUpdate { server, path: fields.read_remaining_bytes() })
 }
 
-fn tunnel_targetted(payload: &[u8]) -> Option<InboundMessage<'_>> {
+fn parse_targetted(payload: &[u8]) -> Option<InboundMessage<'_>> {
     let mut fields = BitReader::new(payload);
     let message = Targetted {
         protocol: fields.read_bits(8) as u8,
@@ -229,7 +229,7 @@ fn tunnel_targetted(payload: &[u8]) -> Option<InboundMessage<'_>> {
     (message.serial_bytes.len() <= Targetted::MAX_DATA_LENGTH).then_some(InboundMessage::Targetted(message))
 }
 
-fn arming_status(payload: &[u8]) -> Option<InboundMessage<'_>> {
+fn parse_arming_status(payload: &[u8]) -> Option<InboundMessage<'_>> {
     match payload {
         [0, ..] => Some(InboundMessage::ArmingStatus(false)),
         [255, ..] => Some(InboundMessage::ArmingStatus(true)),
@@ -237,16 +237,16 @@ fn arming_status(payload: &[u8]) -> Option<InboundMessage<'_>> {
     }
 }
 
-/// Temperature, voltage, current, five numbers of energy and charge, then the number of the battery.
+/// Temperature, voltage, current, four more numbers, flags and percentages, then the number of the battery.
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn battery(payload: &[u8]) -> Option<InboundMessage<'_>> {
+fn parse_battery_info(payload: &[u8]) -> Option<InboundMessage<'_>> {
     const BYTES_BEFORE_CURRENT: usize = 4;
-    const BYTES_BEFORE_BATTERY_ID: usize = 12;
+    const BYTES_FROM_CURRENT_TO_ID: usize = 12;
     let mut fields = BitReader::new(payload);
     fields.read_bytes(BYTES_BEFORE_CURRENT);
     let current_a = Some(fields.read_f16()).filter(|current_a| current_a.is_finite());
-    fields.read_bytes(BYTES_BEFORE_BATTERY_ID);
-    Some(InboundMessage::Battery { battery: fields.read_bits(8) as u8, current_a })
+    fields.read_bytes(BYTES_FROM_CURRENT_TO_ID);
+    Some(InboundMessage::Battery { battery_number: fields.read_bits(8) as u8, current_a })
 }
 
 /// Times of the node and of the satellites in microseconds, longitude and latitude in 1e-8 deg, heights in millimetres.

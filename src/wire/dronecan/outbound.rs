@@ -238,7 +238,7 @@ pub enum LogLevel {
 }
 
 /// Largest length of a text, bytes.
-pub const LOG_TEXT_LENGTH: usize = 90;
+pub const MAX_LOG_TEXT_LENGTH: usize = 90;
 
 /// Text for people; `source` of at most 31 and `text` of at most 90 bytes.
 #[must_use]

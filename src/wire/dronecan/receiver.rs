@@ -76,7 +76,7 @@ impl Receiver {
         } else if header.source_node.is_none() || (!tail.is_end() && part.len() + 1 < FRAME_CAPACITY) {
             FrameResult::Rejected
         } else {
-            match find_slot(&mut self.slots, frame.frame_id() & TRANSFER_KEY_MASK, tail.is_start()) {
+            match find_or_claim_slot(&mut self.slots, frame.frame_id() & TRANSFER_KEY_MASK, tail.is_start()) {
                 Some(slot) => slot.push_payload(at, tail, part, data_type),
                 None => FrameResult::Rejected,
             }
@@ -95,7 +95,7 @@ impl Receiver {
 }
 
 /// Slot of a sender and type. A first frame without one takes a free slot, or that of the longest silent transfer.
-fn find_slot(
+fn find_or_claim_slot(
     slots: &mut [TransferSlot; TRANSFER_SLOTS],
     transfer_key: u32,
     is_start: bool,

@@ -8,55 +8,63 @@ use super::*;
 use crate::earth::{Date, Position};
 use crate::time::Timestamp;
 
-fn node(number: u8) -> NodeId {
+fn node_id(number: u8) -> NodeId {
     NodeId::new(number).unwrap()
 }
 
-fn bytes_of(hex: &str) -> Vec<u8> {
+fn bytes_from_hex(hex: &str) -> Vec<u8> {
     let digits: Vec<u8> = hex.chars().filter_map(|digit| digit.to_digit(16)).map(|digit| digit as u8).collect();
     digits.chunks(2).map(|pair| pair[0] << 4 | pair[1]).collect()
 }
 
 /// Frames of a text: data in hexadecimal digits, frames separated by semicolons.
-fn frames_of(id: u32, text: &str) -> Vec<CanFrame> {
-    text.split(';').map(|data| CanFrame::new(id, &bytes_of(data)).unwrap()).collect()
+fn frames_from_hex(id: u32, text: &str) -> Vec<CanFrame> {
+    text.split(';').map(|data| CanFrame::new(id, &bytes_from_hex(data)).unwrap()).collect()
 }
 
-fn transfer(data_type: DataType, kind: TransferKind, transfer_id: u8, payload: Payload) -> OutboundTransfer {
+fn outbound_transfer(data_type: DataType, kind: TransferKind, transfer_id: u8, payload: Payload) -> OutboundTransfer {
     OutboundTransfer { data_type, priority: priority::LOW_PRIORITY, transfer_kind: kind, transfer_id, payload }
 }
 
-fn message(data_type: DataType, transfer_id: u8, payload: Payload) -> OutboundTransfer {
-    transfer(data_type, TransferKind::Message, transfer_id, payload)
+fn outbound_message(data_type: DataType, transfer_id: u8, payload: Payload) -> OutboundTransfer {
+    outbound_transfer(data_type, TransferKind::Message, transfer_id, payload)
 }
 
-fn response(data_type: DataType, transfer_id: u8, payload: Payload) -> OutboundTransfer {
-    OutboundTransfer { priority: 30, ..transfer(data_type, TransferKind::Response(node(10)), transfer_id, payload) }
+fn outbound_response(data_type: DataType, transfer_id: u8, payload: Payload) -> OutboundTransfer {
+    OutboundTransfer {
+        priority: 30,
+        ..outbound_transfer(data_type, TransferKind::Response(node_id(10)), transfer_id, payload)
+    }
 }
 
 #[track_caller]
 fn assert_frames(transfer: &OutboundTransfer, id: u32, text: &str) {
-    let frames: Vec<CanFrame> = transfer.frames(Some(node(42))).collect();
-    assert_eq!(frames, frames_of(id, text));
+    let frames: Vec<CanFrame> = transfer.frames(Some(node_id(42))).collect();
+    assert_eq!(frames, frames_from_hex(id, text));
     assert_eq!(frames.len(), transfer.frame_count());
 }
 
-/// Passes frames to a node 42; returns its last transfer as text, which outlives the frames.
+/// Passes frames to node 42; returns the transfer that the last one completes, as text, which outlives the frames.
 fn receive_all(frames: &[CanFrame]) -> (Option<String>, u32) {
     let mut receiver = Receiver::new();
     let mut last = None;
     for frame in frames {
-        last = receiver.push_frame(Timestamp::START, Some(node(42)), frame).map(|transfer| format!("{transfer:?}"));
+        last = receiver.push_frame(Timestamp::START, Some(node_id(42)), frame).map(|transfer| format!("{transfer:?}"));
     }
     (last, receiver.rejected_count)
 }
 
 #[track_caller]
 fn assert_received(id: u32, text: &str, expected: &InboundTransfer<'_>) {
-    assert_eq!(receive_all(&frames_of(id, text)), (Some(format!("{expected:?}")), 0));
+    assert_eq!(receive_all(&frames_from_hex(id, text)), (Some(format!("{expected:?}")), 0));
 }
 
-fn inbound(priority: u8, source: Option<NodeId>, transfer_id: u8, message: InboundMessage<'_>) -> InboundTransfer<'_> {
+fn inbound_transfer(
+    priority: u8,
+    source: Option<NodeId>,
+    transfer_id: u8,
+    message: InboundMessage<'_>,
+) -> InboundTransfer<'_> {
     InboundTransfer { source_node: source, priority, transfer_id, message }
 }
 
@@ -70,9 +78,9 @@ const STATUS: NodeStatus =
 fn a_field_is_one_frame_and_three_with_variances() {
     let field = [0.2, -0.05, 0.45];
     let mag = DataType::MAGNETIC_FIELD_STRENGTH_2;
-    let without = message(mag, 0, outbound::magnetic_field(0, field, None));
+    let without = outbound_message(mag, 0, outbound::magnetic_field(0, field, None));
     assert_frames(&without, 0x1803_EA2A, "00 66 32 66 AA 33 37 C0");
-    let with = message(mag, 1, outbound::magnetic_field(0, field, Some([1e-4; 3])));
+    let with = outbound_message(mag, 1, outbound::magnetic_field(0, field, Some([1e-4; 3])));
     assert_frames(&with, 0x1803_EA2A, "40 85 00 66 32 66 AA 81 ; 33 37 8E 06 8E 06 8E 21 ; 06 41");
 }
 
@@ -81,19 +89,19 @@ fn a_field_is_one_frame_and_three_with_variances() {
 #[test]
 fn any_payload_is_divided_as_pydronecan_does() {
     let data_type = |id, is_service, signature| DataType { type_id: id, is_service, signature };
-    let payload = |hex| Payload::from_slice(&bytes_of(hex)).unwrap();
+    let payload = |hex| Payload::from_slice(&bytes_from_hex(hex)).unwrap();
     let field = data_type(1001, false, 0xE2A7_D4A9_460B_C2F2);
-    assert_frames(&message(field, 2, payload("66 32 66 AA 33 37")), 0x1803_E92A, "66 32 66 AA 33 37 C2");
+    assert_frames(&outbound_message(field, 2, payload("66 32 66 AA 33 37")), 0x1803_E92A, "66 32 66 AA 33 37 C2");
     let precise = data_type(1043, false, 0x3053_EBE3_D750_286F);
     assert_frames(
-        &message(precise, 31, payload("01 CD CC 4C 3E CD CC 4C BD 66 66 E6 3E")),
+        &outbound_message(precise, 31, payload("01 CD CC 4C 3E CD CC 4C BD 66 66 E6 3E")),
         0x1804_132A,
         "94 27 01 CD CC 4C 3E 9F ; CD CC 4C BD 66 66 E6 3F ; 3E 5F",
     );
     let read = data_type(48, true, 0x8DCD_CA93_9F33_F678);
     let request = OutboundTransfer {
         priority: 30,
-        ..transfer(read, TransferKind::Request(node(10)), 0, payload("00 01 00 00 00 61 2E 62 69 6E"))
+        ..outbound_transfer(read, TransferKind::Request(node_id(10)), 0, payload("00 01 00 00 00 61 2E 62 69 6E"))
     };
     assert_frames(&request, 0x1E30_8AAA, "4E FE 00 01 00 00 00 80 ; 61 2E 62 69 6E 60");
 }
@@ -103,16 +111,16 @@ fn status_texts_and_results_are_those_of_pydronecan() {
     // The frame of pydronecan has the health WARNING, which this node never sends.
     let mut warning = STATUS.payload();
     warning[4] |= 0x40;
-    assert_frames(&message(DataType::NODE_STATUS, 3, warning), 0x1801_552A, "78 56 34 12 40 EF BE C3");
+    assert_frames(&outbound_message(DataType::NODE_STATUS, 3, warning), 0x1801_552A, "78 56 34 12 40 EF BE C3");
     let failed = NodeStatus { health: NodeHealth::Error, node_mode: NodeMode::SoftwareUpdate, ..STATUS };
     assert_eq!(failed.payload()[4], 0b1001_1000);
-    let text = message(DataType::LOG_MESSAGE, 0, outbound::log_message(LogLevel::Info, "mag", b"ok"));
+    let text = outbound_message(DataType::LOG_MESSAGE, 0, outbound::log_message(LogLevel::Info, "mag", b"ok"));
     assert_frames(&text, 0x183F_FF2A, "23 6D 61 67 6F 6B C0");
-    let restarted = response(DataType::RESTART_NODE, 2, outbound::restart_result(true));
+    let restarted = outbound_response(DataType::RESTART_NODE, 2, outbound::restart_result(true));
     assert_frames(&restarted, 0x1E05_0AAA, "80 C2");
-    let updated = response(DataType::BEGIN_FIRMWARE_UPDATE, 4, outbound::update_result(UpdateResult::Ok, ""));
+    let updated = outbound_response(DataType::BEGIN_FIRMWARE_UPDATE, 4, outbound::update_result(UpdateResult::Ok, ""));
     assert_frames(&updated, 0x1E28_0AAA, "00 C4");
-    let saved = response(DataType::EXECUTE_OPCODE, 1, outbound::opcode_result(true));
+    let saved = outbound_response(DataType::EXECUTE_OPCODE, 1, outbound::opcode_result(true));
     assert_frames(&saved, 0x1E0A_0AAA, "00 00 00 00 00 00 80 C1");
 }
 
@@ -130,7 +138,8 @@ fn node_info_has_versions_unique_id_and_name() {
     let mut payload = info.payload(STATUS);
     assert_eq!(payload.len(), 46);
     payload[4] = 0x40;
-    let frames: Vec<CanFrame> = response(DataType::GET_NODE_INFO, 0, payload).frames(Some(node(42))).collect();
+    let frames: Vec<CanFrame> =
+        outbound_response(DataType::GET_NODE_INFO, 0, payload).frames(Some(node_id(42))).collect();
     assert_eq!((frames.len(), frames[0].frame_id(), &frames[0].data()[..2]), (7, 0x1E01_0AAA, &[0xEE, 0x5E][..]));
     let unknown = SoftwareVersion { commit: None, image_crc: None, ..software };
     assert_eq!(
@@ -140,7 +149,7 @@ fn node_info_has_versions_unique_id_and_name() {
 }
 
 #[test]
-fn the_commit_is_that_of_the_version() {
+fn the_commit_is_parsed_from_the_version_text() {
     for (text, commit) in [
         ("0.1.0 (148f00e4eb)", Some(0x148F_00E4)),
         ("0.1.0 (148f00e4eb-dirty)", Some(0x148F_00E4)),
@@ -160,8 +169,8 @@ fn an_allocation_is_requested_and_granted_in_three_parts() {
         (2, 12..16, 0x1822_1900, "00 00 00 00 00 C2"),
     ] {
         let payload = outbound::allocation_payload(part.start == 0, &UNIQUE_ID[part]);
-        let request = message(DataType::ALLOCATION, transfer_id, payload);
-        assert_eq!(request.frames(None).collect::<Vec<_>>(), frames_of(id, text));
+        let request = outbound_message(DataType::ALLOCATION, transfer_id, payload);
+        assert_eq!(request.frames(None).collect::<Vec<_>>(), frames_from_hex(id, text));
     }
     for (transfer_id, number, length, text) in [
         (0, 0, 6, "00 11 12 13 14 15 16 C0"),
@@ -169,12 +178,12 @@ fn an_allocation_is_requested_and_granted_in_three_parts() {
         (2, 125, 16, "0D 70 FA 11 12 13 14 82 ; 15 16 17 18 19 1A 1B 22 ; 1C 00 00 00 00 42"),
     ] {
         let allocation = Allocation { node: NodeId::new(number), unique_id: &UNIQUE_ID[..length] };
-        let expected = inbound(30, Some(node(10)), transfer_id, InboundMessage::Allocation(allocation));
+        let expected = inbound_transfer(30, Some(node_id(10)), transfer_id, InboundMessage::Allocation(allocation));
         assert_received(0x1E00_010A, text, &expected);
     }
     // Anonymous request of another client.
     let part = Allocation { node: None, unique_id: &UNIQUE_ID[..6] };
-    let expected = inbound(24, None, 0, InboundMessage::Allocation(part));
+    let expected = inbound_transfer(24, None, 0, InboundMessage::Allocation(part));
     assert_received(0x188F_F500, "01 11 12 13 14 15 16 C0", &expected);
 }
 
@@ -192,7 +201,7 @@ fn parameters_are_read_and_written_by_name_or_index() {
             request(0, GetSetValue::Integer(50), b"CAN_NODE"),
         ),
     ] {
-        assert_received(0x1E0B_AA8A, text, &inbound(30, Some(node(10)), transfer_id, expected));
+        assert_received(0x1E0B_AA8A, text, &inbound_transfer(30, Some(node_id(10)), transfer_id, expected));
     }
     let answer = ParameterResponse {
         value: GetSetValue::Integer(50),
@@ -200,11 +209,11 @@ fn parameters_are_read_and_written_by_name_or_index() {
         ..ParameterResponse::default()
     };
     assert_frames(
-        &response(DataType::GET_SET, 7, answer.payload()),
+        &outbound_response(DataType::GET_SET, 7, answer.payload()),
         0x1E0B_0AAA,
         "7A 95 01 32 00 00 00 87 ; 00 00 00 00 00 00 00 27 ; 43 41 4E 5F 4E 4F 44 07 ; 45 67",
     );
-    let unknown = response(DataType::GET_SET, 9, ParameterResponse::default().payload());
+    let unknown = outbound_response(DataType::GET_SET, 9, ParameterResponse::default().payload());
     assert_frames(&unknown, 0x1E0B_0AAA, "00 00 00 00 C9");
 }
 
@@ -219,14 +228,14 @@ fn a_parameter_has_value_default_and_range() {
         parameter_name: "P",
     };
     let expected = "02 00 00 80 3F  03 01  02 00 00 00 40  01 FF FF FF FF FF FF FF FF  50";
-    assert_eq!(parameter.payload()[..], bytes_of(expected));
+    assert_eq!(parameter.payload()[..], bytes_from_hex(expected));
     let text = ParameterResponse { value: GetSetValue::Text(b"on"), ..ParameterResponse::default() };
-    assert_eq!(text.payload()[..], bytes_of("04 02 6F 6E  00 00 00"));
+    assert_eq!(text.payload()[..], bytes_from_hex("04 02 6F 6E  00 00 00"));
 }
 
 #[test]
-fn services_are_requests_to_this_node() {
-    let from_peer = |transfer_id, message| inbound(30, Some(node(10)), transfer_id, message);
+fn service_requests_to_this_node_are_decoded() {
+    let from_peer = |transfer_id, message| inbound_transfer(30, Some(node_id(10)), transfer_id, message);
     assert_received(0x1E01_AA8A, "C0", &from_peer(0, InboundMessage::GetNodeInfo));
     assert_received(0x1E05_AA8A, "1E 1B 55 CE AC C2", &from_peer(2, InboundMessage::RestartNode(true)));
     assert_received(0x1E05_AA8A, "1E 1B 55 CE AD C2", &from_peer(2, InboundMessage::RestartNode(false)));
@@ -245,7 +254,7 @@ fn services_are_requests_to_this_node() {
     assert_received(0x1E04_AA8A, "C0", &from_peer(0, InboundMessage::GetTransportStats));
     // Ignored: a request to another node, a response, a service without a sender.
     for id in [0x1E01_AB8A, 0x1E01_2A8A, 0x1E01_AA80] {
-        assert_eq!(receive_all(&frames_of(id, "C0")), (None, 0), "{id:X}");
+        assert_eq!(receive_all(&frames_from_hex(id, "C0")), (None, 0), "{id:X}");
     }
 }
 
@@ -255,7 +264,7 @@ fn counters_of_transfers_and_frames_are_sent() {
     let payload = outbound::transport_stats(count(1, 2, 3), count(4, 5, 0x1_0000));
     let expected = "01 00 00 00 00 00 02 00 00 00 00 00 03 00 00 00 00 00
                     04 00 00 00 00 00 05 00 00 00 00 00 00 00 01 00 00 00";
-    assert_eq!(payload[..], bytes_of(expected));
+    assert_eq!(payload[..], bytes_from_hex(expected));
 }
 
 #[test]
@@ -263,34 +272,40 @@ fn bytes_of_a_serial_line_are_sent_and_received() {
     let text = "9D 83 01 14 01 00 E1 89 ; 00 FD 01 02 69";
     let data = &[0xFD, 1, 2][..];
     let piece = Targetted {
-        protocol: Targetted::MAVLINK_2,
+        protocol: Targetted::MAVLINK_2_PROTOCOL,
         target: 10,
         serial_line: 0,
         tunnel_options: 1,
         baud: 57_600,
         serial_bytes: data,
     };
-    assert_received(0x100B_B92A, text, &inbound(16, Some(node(42)), 9, InboundMessage::Targetted(piece)));
-    let sent =
-        OutboundTransfer { priority: priority::MEDIUM_PRIORITY, ..message(DataType::TARGETTED, 9, piece.payload()) };
+    assert_received(0x100B_B92A, text, &inbound_transfer(16, Some(node_id(42)), 9, InboundMessage::Targetted(piece)));
+    let sent = OutboundTransfer {
+        priority: priority::MEDIUM_PRIORITY,
+        ..outbound_message(DataType::TARGETTED, 9, piece.payload())
+    };
     assert_frames(&sent, 0x100B_B92A, text);
     let default = Targetted { serial_line: -1, serial_bytes: &[0; Targetted::MAX_DATA_LENGTH], ..piece };
     assert_eq!(default.payload().len(), 126);
-    let frames: Vec<_> = message(DataType::TARGETTED, 0, default.payload()).frames(Some(node(42))).collect();
+    let frames: Vec<_> =
+        outbound_message(DataType::TARGETTED, 0, default.payload()).frames(Some(node_id(42))).collect();
     assert_eq!(
         receive_all(&frames).0,
-        Some(format!("{:?}", inbound(24, Some(node(42)), 0, InboundMessage::Targetted(default))))
+        Some(format!("{:?}", inbound_transfer(24, Some(node_id(42)), 0, InboundMessage::Targetted(default))))
     );
 }
 
 /// NotifyState is not received.
 #[test]
-fn the_vehicle_s_state_is_received() {
-    let from_peer = |message| inbound(24, Some(node(10)), 0, message);
+fn the_armed_state_is_received() {
+    let from_peer = |message| inbound_transfer(24, Some(node_id(10)), 0, message);
     assert_received(0x1804_4C0A, "FF C0", &from_peer(InboundMessage::ArmingStatus(true)));
     assert_received(0x1804_4C0A, "00 C0", &from_peer(InboundMessage::ArmingStatus(false)));
-    assert_eq!(receive_all(&frames_of(0x1804_4C0A, "01 C0")), (None, 1), "no state of this meaning");
-    assert_eq!(receive_all(&frames_of(0x184E_270A, "03 77 00 02 50 46 06 81 ; 00 00 00 00 00 00 00 61")), (None, 0));
+    assert_eq!(receive_all(&frames_from_hex(0x1804_4C0A, "01 C0")), (None, 1), "no state of this meaning");
+    assert_eq!(
+        receive_all(&frames_from_hex(0x184E_270A, "03 77 00 02 50 46 06 81 ; 00 00 00 00 00 00 00 61")),
+        (None, 0)
+    );
 }
 
 /// Transfer of any length from node 10, in frames.
@@ -298,9 +313,9 @@ fn frames_from_peer(data_type: DataType, payload: &[u8]) -> Vec<CanFrame> {
     let checked = [&data_type.crc(payload).to_le_bytes()[..], payload].concat();
     let id = FrameHeader {
         priority: 24,
-        transfer_kind: if data_type.is_service { TransferKind::Request(node(42)) } else { TransferKind::Message },
+        transfer_kind: if data_type.is_service { TransferKind::Request(node_id(42)) } else { TransferKind::Message },
         type_id: data_type.type_id,
-        source_node: Some(node(10)),
+        source_node: Some(node_id(10)),
     };
     let count = checked.len().div_ceil(7);
     let frame = |(number, part): (usize, &[u8])| {
@@ -317,7 +332,10 @@ fn the_current_of_a_battery_is_received() {
     payload[4..6].copy_from_slice(&0x4A40_u16.to_le_bytes());
     payload[18] = 3;
     let received = |current_a| {
-        Some(format!("{:?}", inbound(24, Some(node(10)), 0, InboundMessage::Battery { battery: 3, current_a })))
+        Some(format!(
+            "{:?}",
+            inbound_transfer(24, Some(node_id(10)), 0, InboundMessage::Battery { battery_number: 3, current_a })
+        ))
     };
     assert_eq!(receive_all(&frames_from_peer(DataType::BATTERY_INFO, &payload)).0, received(Some(12.5)));
     // NaN: the current is not measured.
@@ -353,13 +371,13 @@ fn position_and_date_of_satellites_are_received() {
         [(3, 2, position, date), (2, 2, None, date), (3, 3, position, None), (0, 0, None, None)]
     {
         let frames = frames_from_peer(DataType::FIX_2, &fix_payload(status, time_standard));
-        let expected = inbound(24, Some(node(10)), 0, InboundMessage::Fix(position, date));
+        let expected = inbound_transfer(24, Some(node_id(10)), 0, InboundMessage::Fix(position, date));
         assert_eq!(receive_all(&frames).0, Some(format!("{expected:?}")));
     }
 }
 
 /// A transfer of seven frames.
-fn piece_frames() -> Vec<CanFrame> {
+fn targetted_frames() -> Vec<CanFrame> {
     let piece =
         Targetted { protocol: 1, target: 42, serial_line: 0, tunnel_options: 0, baud: 0, serial_bytes: &[7; 40] };
     frames_from_peer(DataType::TARGETTED, &piece.payload())
@@ -368,7 +386,7 @@ fn piece_frames() -> Vec<CanFrame> {
 /// After a lost frame the next transfer is received.
 #[test]
 fn lost_frames_drop_a_transfer_and_repeated_ones_do_not() {
-    let frames = piece_frames();
+    let frames = targetted_frames();
     for at in 0..frames.len() {
         let mut lost = frames.clone();
         lost.remove(at);
@@ -386,7 +404,7 @@ fn lost_frames_drop_a_transfer_and_repeated_ones_do_not() {
 /// Old bytes of repeated first frames do not count in the length: repeated starts once overflowed other receivers.
 #[test]
 fn a_first_frame_always_begins_anew() {
-    let frames = piece_frames();
+    let frames = targetted_frames();
     let starts = vec![frames[0].clone(); 100];
     assert!(receive_all(&[starts, frames.clone()].concat()).0.is_some());
     let middle = [&frames[..3], &vec![frames[2].clone(); 100], &frames[..]].concat();
@@ -396,7 +414,7 @@ fn a_first_frame_always_begins_anew() {
 /// The transfer exceeds the longest payload; its toggle bits and ids are valid.
 #[test]
 fn a_transfer_without_an_end_is_dropped() {
-    let frames = piece_frames();
+    let frames = targetted_frames();
     let endless: Vec<CanFrame> =
         frames[..1].iter().chain([&frames[1], &frames[2]].into_iter().cycle().take(1000)).cloned().collect();
     let (message, rejected) = receive_all(&endless);
@@ -407,13 +425,13 @@ fn a_transfer_without_an_end_is_dropped() {
 /// Longest accepted time between two frames: 2 s.
 #[test]
 fn a_transfer_expires_after_two_seconds() {
-    let frames = piece_frames();
+    let frames = targetted_frames();
     for (pause_us, is_complete) in [(2_000_000, true), (2_000_001, false)] {
         let mut receiver = Receiver::new();
         let mut completed = false;
         for (number, frame) in frames.iter().enumerate() {
             let at = Timestamp::from_us(if number < 3 { 5 } else { 5 + pause_us });
-            completed |= receiver.push_frame(at, Some(node(42)), frame).is_some();
+            completed |= receiver.push_frame(at, Some(node_id(42)), frame).is_some();
         }
         assert_eq!(completed, is_complete, "{pause_us}");
     }
@@ -423,16 +441,16 @@ fn a_transfer_expires_after_two_seconds() {
 /// for longest.
 #[test]
 fn a_flood_of_first_frames_does_not_stop_a_transfer_in_progress() {
-    let frames = piece_frames();
+    let frames = targetted_frames();
     let mut receiver = Receiver::new();
     let mut is_received = false;
     for (number, frame) in frames.iter().enumerate() {
         let at = |us| Timestamp::from_us(number as u64 * 100 + us);
-        is_received |= receiver.push_frame(at(0), Some(node(42)), frame).is_some();
+        is_received |= receiver.push_frame(at(0), Some(node_id(42)), frame).is_some();
         for place in 1..4 {
             let sender = 10 + 3 * number as u32 + place;
             let flood = CanFrame::new(frame.frame_id() & !0x7F | sender, frames[0].data()).unwrap();
-            assert_eq!(receiver.push_frame(at(u64::from(place)), Some(node(42)), &flood), None);
+            assert_eq!(receiver.push_frame(at(u64::from(place)), Some(node_id(42)), &flood), None);
         }
     }
     assert!(is_received);
@@ -441,7 +459,7 @@ fn a_flood_of_first_frames_does_not_stop_a_transfer_in_progress() {
 /// Changes that the CRC does not cover: transfer number, priority, sender, toggle bit.
 #[test]
 fn frames_that_do_not_belong_together_are_no_transfer() {
-    let frames = piece_frames();
+    let frames = targetted_frames();
     let changed = |number: usize, id, length, tail: u8| {
         let data = [&frames[number].data()[..length], &[tail]].concat();
         let mut changed = frames.clone();
@@ -459,12 +477,12 @@ fn frames_that_do_not_belong_together_are_no_transfer() {
         CanFrame::new(id, &[part, &[tail ^ 0x20]].concat()).unwrap()
     });
     assert_eq!(receive_all(&inverted.collect::<Vec<_>>()), (None, 7), "a toggle bit in a first frame");
-    assert_eq!(receive_all(&frames_of(0x1804_4C0A, "FF E0")), (None, 1), "a toggle bit in a single frame");
+    assert_eq!(receive_all(&frames_from_hex(0x1804_4C0A, "FF E0")), (None, 1), "a toggle bit in a single frame");
 }
 
 /// Transfer of this many bytes, whose second frame has six instead of seven.
 #[test]
-fn a_short_frame_ends_a_transfer() {
+fn a_short_middle_frame_drops_a_transfer() {
     let payload = [&[1, 84, 0, 0, 0, 0][..], &[7; 20]].concat();
     let mut checked = [&DataType::TARGETTED.crc(&payload).to_le_bytes()[..], &payload].concat();
     let mut parts: Vec<Vec<u8>> = Vec::new();
@@ -501,7 +519,7 @@ fn messages_beyond_their_limits_are_dropped() {
 /// The CRC of another signature means another layout.
 #[test]
 fn a_wrong_crc_drops_a_transfer() {
-    let mut frames = piece_frames();
+    let mut frames = targetted_frames();
     let mut data = frames[2].data().to_vec();
     data[3] ^= 1;
     frames[2] = CanFrame::new(frames[2].frame_id(), &data).unwrap();
@@ -514,7 +532,10 @@ fn only_classic_extended_frames_exist() {
     assert!(CanFrame::new(0x2000_0000, &[]).is_none());
     assert!(CanFrame::new(1, &[0; 9]).is_none());
     assert_eq!(receive_all(&[CanFrame::new(0x1804_4C0A, &[]).unwrap()]), (None, 0), "no tail byte");
-    assert_eq!([NodeId::new(0), NodeId::new(128), NodeId::new(127).map(|_| node(127))], [None, None, Some(node(127))]);
+    assert_eq!(
+        [NodeId::new(0), NodeId::new(128), NodeId::new(127).map(|_| node_id(127))],
+        [None, None, Some(node_id(127))]
+    );
 }
 
 #[test]

@@ -105,14 +105,14 @@ impl OutboundMessage {
     /// STATUSTEXT: a chunk of a text, cut at 50 characters. The chunks of a longer text share a number other than 0,
     /// and the first chunk that is not full is the last.
     #[must_use]
-    pub fn status_text(severity: MavSeverity, chunk: &[u8], number: u16, sequence: u8) -> Self {
+    pub fn status_text(severity: MavSeverity, chunk: &[u8], text_id: u16, chunk_index: u8) -> Self {
         let mut text = [0; Self::STATUSTEXT_CAPACITY];
         text.iter_mut().zip(chunk).for_each(|(target, source)| *target = *source);
         let mut message = Self::from_library::<STATUSTEXT_DATA>();
         message.put_bytes(&[severity as u8]);
         message.put_bytes(&text);
-        message.put_bytes(&number.to_le_bytes());
-        message.put_bytes(&[sequence]);
+        message.put_bytes(&text_id.to_le_bytes());
+        message.put_bytes(&[chunk_index]);
         message
     }
 

@@ -24,7 +24,7 @@ const HASH_LENGTH: usize = 6;
 pub(super) const SIGNED_FLAG: u8 = 0x01;
 
 /// Largest age of a new stream's first frame, units of 10 us: one minute.
-pub(super) const MAX_NEW_STREAM_AGE: u64 = 6_000_000;
+pub(super) const MAX_NEW_STREAM_AGE_10US: u64 = 6_000_000;
 
 /// Largest number of streams whose last time is stored.
 const MAX_STREAMS: usize = 8;
@@ -44,7 +44,7 @@ struct SignedStream {
     link: u8,
     source: SenderId,
     /// Time of the last frame.
-    last_time: u64,
+    last_time_10us: u64,
 }
 
 /// Key, and times of the received streams.
@@ -52,13 +52,13 @@ struct SignedStream {
 pub struct Signatures {
     key: Option<SigningKey>,
     /// Time of the newest frame, received or sent.
-    pub(super) newest_time: u64,
+    pub(super) newest_time_10us: u64,
     streams: heapless::Vec<SignedStream, MAX_STREAMS>,
 }
 
 impl Signatures {
     pub(super) const fn new() -> Self {
-        Self { key: None, newest_time: 0, streams: heapless::Vec::new() }
+        Self { key: None, newest_time_10us: 0, streams: heapless::Vec::new() }
     }
 
     /// Sets or removes the key.
@@ -82,25 +82,25 @@ impl Signatures {
         let known_stream = self.streams.iter_mut().find(|stream| (stream.link, stream.source) == (link, source));
         let is_new = known_stream
             .as_ref()
-            .map_or(time + MAX_NEW_STREAM_AGE >= self.newest_time, |stream| time > stream.last_time);
+            .map_or(time + MAX_NEW_STREAM_AGE_10US >= self.newest_time_10us, |stream| time > stream.last_time_10us);
         if !is_new || signature_hash(key, signed) != *hash {
             return false;
         }
-        self.newest_time = self.newest_time.max(time);
+        self.newest_time_10us = self.newest_time_10us.max(time);
         match known_stream {
             Some(stream) => {
-                stream.last_time = time;
+                stream.last_time_10us = time;
                 true
             }
-            None => self.streams.push(SignedStream { link, source, last_time: time }).is_ok(),
+            None => self.streams.push(SignedStream { link, source, last_time_10us: time }).is_ok(),
         }
     }
 
     /// Appends a signature to a frame with its CRC, if there is a key.
     pub(super) fn sign_frame<const CAPACITY: usize>(&mut self, frame: &mut heapless::Vec<u8, CAPACITY>) {
         let Some(key) = &self.key else { return };
-        self.newest_time += 1;
-        let [t0, t1, t2, t3, t4, t5, ..] = self.newest_time.to_le_bytes();
+        self.newest_time_10us += 1;
+        let [t0, t1, t2, t3, t4, t5, ..] = self.newest_time_10us.to_le_bytes();
         // A frame's capacity includes the signature.
         let _ = frame.extend_from_slice(&[OWN_LINK_ID, t0, t1, t2, t3, t4, t5]);
         let _ = frame.extend_from_slice(&signature_hash(key, frame));

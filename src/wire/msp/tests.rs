@@ -170,7 +170,7 @@ fn armed_state_is_the_lowest_status_bit() {
 
 /// The current follows voltage, charge and signal strength; it is signed, because a battery can be charged.
 #[test]
-fn a_current_is_in_hundredths() {
+fn a_current_is_decoded_from_hundredths_of_an_ampere() {
     for (bytes, amperes) in [([0xD2, 0x04], 12.34), ([0, 0], 0.0), ([0xFE, 0xFF], -0.02)] {
         let payload = [[7; 5].as_slice(), &bytes].concat();
         assert_eq!(decode_single(&reply_frame(MspFunction::Analog, &payload)), Some(MspReply::Current(amperes)));
@@ -302,7 +302,7 @@ fn an_incomplete_frame_can_be_discarded() {
     assert_eq!(good.iter().filter_map(|&byte| receiver.push_byte(byte)).count(), 1);
 }
 
-/// 100,000 pieces of garbage with valid headers: nearly all are rejected, and after each hundred a whole frame is
+/// 100,000 pieces of garbage, half with a start of a header: many are rejected, and after each hundred a whole frame is
 /// decoded.
 #[test]
 fn no_bytes_stop_the_receiver() {

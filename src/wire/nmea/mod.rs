@@ -93,7 +93,7 @@ fn rounded_tenths(value: f32) -> u32 {
 }
 
 /// Writes tenths as a number with one decimal and a minimum of digits before the point.
-fn put_tenths(body: &mut Sentence, tenths: u32, least_digits: usize) -> WriteResult {
+fn put_tenths(body: &mut Sentence, tenths: u32, min_whole_digits: usize) -> WriteResult {
     /// Largest number of digits before the decimal point.
     const MAX_WHOLE_DIGITS: usize = 9;
     let digit = |value: u32| b'0' + (value % 10) as u8;
@@ -105,7 +105,7 @@ fn put_tenths(body: &mut Sentence, tenths: u32, least_digits: usize) -> WriteRes
     let mut remaining = tenths / 10;
     let mut digits = 0;
     for character in whole.iter_mut().rev() {
-        if remaining == 0 && digits >= least_digits {
+        if remaining == 0 && digits >= min_whole_digits {
             break;
         }
         *character = digit(remaining);

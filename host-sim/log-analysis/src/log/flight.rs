@@ -146,13 +146,13 @@ pub struct Flight {
     /// The autopilot's roll, pitch and yaw from true north, radians; yaw is NaN if absent.
     pub attitude: Series<3>,
     /// Message that replaced a missing autopilot attitude.
-    pub attitude_source: Option<&'static str>,
+    pub fallback_attitude_message: Option<&'static str>,
     /// Body rates p, q, r, rad/s: as logged, repaired, or differences of the attitude.
     pub body_rates: Series<3>,
     /// Why `body_rates` were repaired or replaced by differences of the attitude; `None` if as logged.
     pub rates_problem: Option<RatesProblem>,
-    /// Whether a heading can be integrated from the rates: not from differences of the attitude.
-    pub has_heading_rates: bool,
+    /// Whether `body_rates` were measured, so that they give a heading; differences of the attitude do not.
+    pub has_measured_rates: bool,
     /// GPS rows; columns as in [`Gps`].
     pub gps: Series<6>,
     /// Battery current, amperes.
@@ -181,7 +181,7 @@ pub struct Flight {
 
 impl Flight {
     /// Turns the fields of all compasses from the axes of sensors of this orientation to body axes.
-    pub fn rotate_sensors(&mut self, orientation: Orientation) {
+    pub fn rotate_fields_to_body(&mut self, orientation: Orientation) {
         let body_from_sensor = orientation.body_from_sensor();
         for row in self.compasses.iter_mut().flat_map(|compass| compass.field.rows_mut()) {
             let [x, y, z, logged_x, logged_y, logged_z] = row.row_values;
@@ -238,10 +238,10 @@ impl Flight {
             is_copter: false,
             compasses: Vec::new(),
             attitude: Series::new(),
-            attitude_source: None,
+            fallback_attitude_message: None,
             body_rates: Series::new(),
             rates_problem: None,
-            has_heading_rates: true,
+            has_measured_rates: true,
             gps: Series::new(),
             battery_current: Series::new(),
             armed_changes: Vec::new(),

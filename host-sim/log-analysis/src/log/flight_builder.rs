@@ -60,7 +60,7 @@ impl FlightBuilder {
         field_processing: FieldProcessing,
         t_s: f64,
         field_ut: [f32; 3],
-        motor_ut: Option<[f32; 3]>,
+        motor_compensation_ut: Option<[f32; 3]>,
     ) {
         let is_field =
             field_ut.iter().all(|axis| axis.abs() < MAX_FIELD_UT) && field_ut.iter().any(|axis| *axis != 0.0);
@@ -68,7 +68,7 @@ impl FlightBuilder {
             self.flight.skipped_counts.rejected_readings += 1;
             return;
         }
-        let ([x, y, z], [mx, my, mz]) = (field_ut, motor_ut.unwrap_or([f32::NAN; 3]));
+        let ([x, y, z], [mx, my, mz]) = (field_ut, motor_compensation_ut.unwrap_or([f32::NAN; 3]));
         self.compass_rows(compass_number, field_processing).push_row(t_s, [x, y, z, mx, my, mz]);
     }
 
@@ -151,7 +151,7 @@ impl FlightBuilder {
         if flight.attitude.is_empty()
             && let Some((_, (from, attitude))) = self.fallback_attitudes.pop_first()
         {
-            (flight.attitude, flight.attitude_source) = (attitude, Some(from));
+            (flight.attitude, flight.fallback_attitude_message) = (attitude, Some(from));
         }
         let attitude_repeats = flight.attitude.sort_and_dedup();
         for series in [&mut flight.body_rates, &mut flight.true_attitude] {
@@ -230,7 +230,7 @@ fn undo_correction(
             let raw = body_from_sensor * logged;
             (raw, undo.correction.correct_field(raw, current_a))
         } else {
-            let motor = if mx.is_nan() { undo.motor_ut(current_a) } else { logged_motor };
+            let motor = if mx.is_nan() { undo.motor_compensation_ut(current_a) } else { logged_motor };
             (undo.raw_ut(logged, motor), logged)
         };
         row.row_values = [raw.x, raw.y, raw.z, corrected.x, corrected.y, corrected.z].map(|component| component as f32);
@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn motor_current_is_compensated_for_two_seconds() {
+    fn the_last_current_is_used_for_two_seconds() {
         let mut builder = FlightBuilder::new(LogFormat::TLog);
         builder.flight.autopilot = Autopilot::ArduPilot;
         for (name, value) in [("COMPASS_MOTCT", 2.0), ("COMPASS_MOT_X", 5.0)] {

@@ -45,7 +45,7 @@ pub(super) fn check_and_repair_rates(flight: &mut Flight) {
             row.row_values = std::array::from_fn(|axis| row.row_values[axis] * factors[axis]);
         }
     }
-    flight.has_heading_rates = false;
+    flight.has_measured_rates = false;
     flight.body_rates = Series::new();
     for row in differences {
         flight.body_rates.push_row(row.t_s, row.row_values);
@@ -125,7 +125,7 @@ mod tests {
     use crate::log::LogFormat;
 
     /// A minute of banked turns to both sides at 10 Hz, with its body rates.
-    fn flight(change: impl Fn(usize, &mut [f32; 3])) -> Flight {
+    fn turning_flight(change_rates: impl Fn(usize, &mut [f32; 3])) -> Flight {
         let mut flight = Flight::new(LogFormat::DataFlash);
         for i in 0..600_u16 {
             let t_s = f32::from(i) / 10.0;
@@ -133,33 +133,33 @@ mod tests {
             let yaw = -0.5 * libm::cosf(0.6 * t_s);
             let yaw_rate = 0.3 * libm::sinf(0.6 * t_s);
             let mut rates = [roll_rate, yaw_rate * libm::sinf(roll), yaw_rate * libm::cosf(roll)];
-            change(usize::from(i), &mut rates);
+            change_rates(usize::from(i), &mut rates);
             flight.attitude.push_row(f64::from(i) / 10.0, [roll, 0.0, yaw]);
             flight.body_rates.push_row(f64::from(i) / 10.0, rates);
         }
         flight
     }
 
-    fn checked(mut flight: Flight) -> Flight {
+    fn with_checked_rates(mut flight: Flight) -> Flight {
         check_and_repair_rates(&mut flight);
         flight
     }
 
     #[test]
-    fn rates_of_wrong_sign_or_unit_are_named_and_replaced() {
-        let good = flight(|_, _| {});
-        assert_eq!(checked(good.clone()).rates_problem, None);
+    fn rates_of_wrong_sign_or_unit_are_named_and_repaired() {
+        let good = turning_flight(|_, _| {});
+        assert_eq!(with_checked_rates(good.clone()).rates_problem, None);
         for (changed, expected) in [
-            (flight(|_, rates| rates[0] = -rates[0]), "about x has the sign opposite"),
-            (flight(|_, rates| rates[2] = -rates[2]), "about z has the sign opposite"),
-            (flight(|_, rates| *rates = rates.map(f32::to_degrees)), "0.017 times as fast"),
-            (flight(|_, rates| *rates = rates.map(f32::to_radians)), "57."),
-            (flight(|_, rates| *rates = rates.map(|rate| -rate.to_degrees())), "0.017 times as fast"),
+            (turning_flight(|_, rates| rates[0] = -rates[0]), "about x has the sign opposite"),
+            (turning_flight(|_, rates| rates[2] = -rates[2]), "about z has the sign opposite"),
+            (turning_flight(|_, rates| *rates = rates.map(f32::to_degrees)), "0.017 times as fast"),
+            (turning_flight(|_, rates| *rates = rates.map(f32::to_radians)), "57."),
+            (turning_flight(|_, rates| *rates = rates.map(|rate| -rate.to_degrees())), "0.017 times as fast"),
         ] {
-            let changed = checked(changed);
+            let changed = with_checked_rates(changed);
             let problem = changed.rates_problem.unwrap().to_string();
             assert!(problem.contains(expected), "{expected}: {problem}");
-            assert!(changed.has_heading_rates);
+            assert!(changed.has_measured_rates);
             for (row, truth) in changed.body_rates.rows().iter().zip(good.body_rates.rows()) {
                 assert!(
                     (0..3).all(|axis| (row.row_values[axis] - truth.row_values[axis]).abs() < 1e-5),
@@ -172,17 +172,17 @@ mod tests {
     /// Differences of the yaw are no measurement of the turn, since a compass made it.
     #[test]
     fn missing_or_inexact_rates_are_replaced_by_differences_that_give_no_heading() {
-        let good = flight(|_, _| {});
+        let good = turning_flight(|_, _| {});
         let missing = Flight { body_rates: Series::new(), ..good.clone() };
         // Vibration of 6 deg/s, sampled at 10 Hz: a random walk of 6 sqrt(0.1) = 1.9 deg in a second.
-        let inexact = flight(|i, rates| rates[2] += if i % 2 == 0 { 0.1 } else { -0.1 });
-        let unknown_unit = flight(|_, rates| *rates = rates.map(|rate| rate * 1000.0));
+        let inexact = turning_flight(|i, rates| rates[2] += if i % 2 == 0 { 0.1 } else { -0.1 });
+        let unknown_unit = turning_flight(|_, rates| *rates = rates.map(|rate| rate * 1000.0));
         for (changed, expected) in
             [(missing, "no body rates"), (inexact, "sampled too coarsely"), (unknown_unit, "0.001 times as fast")]
         {
-            let changed = checked(changed);
+            let changed = with_checked_rates(changed);
             let problem = changed.rates_problem.unwrap().to_string();
-            assert!(problem.contains(expected) && !changed.has_heading_rates, "{expected}: {problem}");
+            assert!(problem.contains(expected) && !changed.has_measured_rates, "{expected}: {problem}");
             assert!(changed.body_rates.rows().len() > 590);
             // Tolerance of central differences over 0.2 s, in a motion with a period of 10 s.
             for (row, truth) in changed.body_rates.rows().iter().zip(&good.body_rates.rows()[1..]) {

@@ -127,7 +127,7 @@ mod tests {
         assert_eq!(
             (line.restart_count(), line.rejected_stamp_count()),
             (0, 0),
-            "what a second stamp agrees with is no nonsense"
+            "a stamp that a second one confirms is not rejected"
         );
     }
 }

@@ -158,7 +158,7 @@ struct TlogReader {
     builder: FlightBuilder,
     requested_system: Option<u8>,
     /// System and component of the autopilot that is read.
-    autopilot: Option<[u8; 2]>,
+    autopilot_ids: Option<[u8; 2]>,
     other_systems: Vec<u8>,
     other_components: Vec<u8>,
     /// Clock of the sender in its last message with one, and the receiver's clock at that message, microseconds.
@@ -171,7 +171,7 @@ impl TlogReader {
         Self {
             builder,
             requested_system,
-            autopilot: None,
+            autopilot_ids: None,
             other_systems: Vec::new(),
             other_components: Vec::new(),
             last_clock_pair_us: None,
@@ -180,7 +180,7 @@ impl TlogReader {
 
     fn record_frame(&mut self, frame: &LogFrame<'_>) {
         let [system, _] = frame.sender;
-        if self.autopilot.is_some_and(|selected| selected != frame.sender)
+        if self.autopilot_ids.is_some_and(|selected| selected != frame.sender)
             || self.requested_system.is_some_and(|requested| requested != system)
         {
             self.builder.flight.skipped_counts.other_system_messages += 1;
@@ -189,7 +189,7 @@ impl TlogReader {
         }
         if frame.message_id == HEARTBEAT_ID {
             self.process_heartbeat(frame);
-        } else if self.autopilot.is_none() {
+        } else if self.autopilot_ids.is_none() {
             // Ignored until the first heartbeat (1 Hz) identifies the autopilot.
         } else if frame.message_id == SIMSTATE_ID {
             let float = |payload_index: usize| {
@@ -207,7 +207,7 @@ impl TlogReader {
     /// Notes the id of another vehicle, or of a second autopilot of the same system, for the flight's lists.
     fn record_other_vehicle(&mut self, frame: &LogFrame<'_>, autopilot: Option<u8>) {
         let [system, component] = frame.sender;
-        let is_own = self.autopilot.is_some_and(|[selected_system, _]| selected_system == system);
+        let is_own = self.autopilot_ids.is_some_and(|[selected_system, _]| selected_system == system);
         if autopilot.is_none() {
             return;
         }
@@ -228,8 +228,8 @@ impl TlogReader {
         let byte = |payload_index: usize| frame.payload.get(payload_index).copied().unwrap_or(0);
         let mode = byte(6);
         let Some(autopilot) = autopilot_of_heartbeat(frame) else { return };
-        if self.autopilot.is_none() {
-            self.autopilot = Some(frame.sender);
+        if self.autopilot_ids.is_none() {
+            self.autopilot_ids = Some(frame.sender);
             self.builder.flight.is_copter = ROTORCRAFT_TYPES.contains(&byte(4));
             self.builder.flight.autopilot = match autopilot {
                 MAV_AUTOPILOT_ARDUPILOT => Autopilot::ArduPilot,
@@ -243,7 +243,7 @@ impl TlogReader {
     }
 
     fn finish_flight(mut self) -> Flight {
-        let id_part = |id_index: usize| self.autopilot.map(|sender| sender[id_index]).into_iter();
+        let id_part = |id_index: usize| self.autopilot_ids.map(|sender| sender[id_index]).into_iter();
         self.builder.flight.autopilot_system_ids = id_part(0).chain(self.other_systems.iter().copied()).collect();
         self.builder.flight.autopilot_component_ids = id_part(1).chain(self.other_components.iter().copied()).collect();
         self.builder.finish_flight()
@@ -335,13 +335,13 @@ impl TlogReader {
     }
 
     /// Adds a field in milligauss.
-    fn record_field(&mut self, frame: &LogFrame<'_>, compass_number: u8, time_us: u64, field: [i16; 3]) {
+    fn record_field(&mut self, frame: &LogFrame<'_>, compass_number: u8, time_us: u64, field_mg: [i16; 3]) {
         // An absent compass is sent as zero.
-        if field == [0; 3] {
+        if field_mg == [0; 3] {
             return;
         }
         if let Some(t_s) = self.sender_time_s(frame, time_us) {
-            let field_ut = field.map(|axis| f32::from(axis) * UT_PER_MILLIGAUSS);
+            let field_ut = field_mg.map(|axis| f32::from(axis) * UT_PER_MILLIGAUSS);
             self.builder.push_field(compass_number, self.field_processing(compass_number), t_s, field_ut, None);
         }
     }
@@ -378,9 +378,9 @@ fn parameter_value(autopilot: Autopilot, payload: &PARAM_VALUE_DATA) -> f64 {
 }
 
 /// Whether a HIGHRES_IMU message contains a new magnetic field; without update flags it is assumed to.
-const fn has_field_update(updated: u16) -> bool {
+const fn has_field_update(update_flags: u16) -> bool {
     const FIELD_UPDATE_FLAGS: u16 = 64 | 128 | 256;
-    updated == 0 || updated & FIELD_UPDATE_FLAGS != 0
+    update_flags == 0 || update_flags & FIELD_UPDATE_FLAGS != 0
 }
 
 fn gps_from_message(gps_message: &mavlink::dialects::common::GPS_RAW_INT_DATA) -> Gps {

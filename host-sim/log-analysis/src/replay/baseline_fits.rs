@@ -13,7 +13,7 @@ pub fn fit_sphere(fields: &[Vector3<f64>]) -> Option<(FieldCorrection, f64)> {
     let matrix =
         DMatrix::from_fn(scaled.len(), 4, |row, column| if column == 3 { 1.0 } else { 2.0 * scaled[row][column] });
     let squares = DVector::from_fn(scaled.len(), |row, _| scaled[row].norm_squared());
-    let [x, y, z, k] = *solve_equations(&matrix, &squares)?.as_slice() else { return None };
+    let [x, y, z, k] = *solve_least_squares(&matrix, &squares)?.as_slice() else { return None };
     let centre = Vector3::new(x, y, z);
     let radius = (k + centre.norm_squared()).sqrt() * scale;
     let correction = FieldCorrection::without_current(Matrix3::identity(), mean + centre * scale);
@@ -36,7 +36,7 @@ pub fn fit_ellipsoid(fields: &[Vector3<f64>]) -> Option<(FieldCorrection, f64)> 
         }
     });
     let ones = DVector::repeat(scaled.len(), 1.0);
-    let [xx, yy, zz, xy, xz, yz, x, y, z] = *solve_equations(&matrix, &ones)?.as_slice() else { return None };
+    let [xx, yy, zz, xy, xz, yz, x, y, z] = *solve_least_squares(&matrix, &ones)?.as_slice() else { return None };
     let quadric = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
     let linear = Vector3::new(x, y, z);
     let centre = -(quadric.try_inverse()? * linear);
@@ -62,7 +62,7 @@ fn normalised_points(fields: &[Vector3<f64>]) -> Option<(Vec<Vector3<f64>>, Vect
     (scale > 1e-6).then(|| (fields.iter().map(|field| (field - mean) / scale).collect(), mean, scale))
 }
 
-fn solve_equations(matrix: &DMatrix<f64>, right_side: &DVector<f64>) -> Option<DVector<f64>> {
+fn solve_least_squares(matrix: &DMatrix<f64>, right_side: &DVector<f64>) -> Option<DVector<f64>> {
     let normal = matrix.transpose() * matrix;
     normal.cholesky().map(|cholesky| cholesky.solve(&(matrix.transpose() * right_side)))
 }
@@ -72,7 +72,7 @@ mod tests {
     use super::*;
 
     /// A field of 50 uT in 200 evenly distributed directions, distorted by known iron.
-    fn fields(matrix: &Matrix3<f64>, centre: Vector3<f64>) -> Vec<Vector3<f64>> {
+    fn distorted_fields(matrix: &Matrix3<f64>, centre: Vector3<f64>) -> Vec<Vector3<f64>> {
         let direction = |i: usize| {
             let (z, angle) = (1.0 - 2.0 * (i as f64 + 0.5) / 200.0, i as f64 * 2.4);
             Vector3::new((1.0 - z * z).sqrt() * libm::cos(angle), (1.0 - z * z).sqrt() * libm::sin(angle), z)
@@ -83,7 +83,7 @@ mod tests {
     #[test]
     fn a_sphere_is_found() {
         let centre = Vector3::new(10.0, -20.0, 300.0);
-        let (correction, radius) = fit_sphere(&fields(&Matrix3::identity(), centre)).unwrap();
+        let (correction, radius) = fit_sphere(&distorted_fields(&Matrix3::identity(), centre)).unwrap();
         assert!(
             (correction.hard_iron_ut - centre).norm() < 1e-6 && (radius - 50.0).abs() < 1e-6,
             "{correction:?} {radius}"
@@ -94,7 +94,7 @@ mod tests {
     fn an_ellipsoid_is_found_with_its_axes() {
         let soft = Matrix3::new(1.1, 0.05, -0.02, 0.05, 0.9, 0.03, -0.02, 0.03, 1.05);
         let centre = Vector3::new(-30.0, 5.0, 12.0);
-        let (correction, radius) = fit_ellipsoid(&fields(&soft, centre)).unwrap();
+        let (correction, radius) = fit_ellipsoid(&distorted_fields(&soft, centre)).unwrap();
         assert!((correction.hard_iron_ut - centre).norm() < 1e-6, "{correction:?}");
         let product = correction.matrix * soft;
         assert!((product / product[(0, 0)] - Matrix3::identity()).norm() < 1e-6, "{product}");
@@ -104,7 +104,7 @@ mod tests {
 
     #[test]
     fn too_few_or_degenerate_fields_give_no_fit() {
-        assert!(fit_sphere(&fields(&Matrix3::identity(), Vector3::zeros())[..19]).is_none());
+        assert!(fit_sphere(&distorted_fields(&Matrix3::identity(), Vector3::zeros())[..19]).is_none());
         assert!(fit_sphere(&vec![Vector3::new(1.0, 2.0, 3.0); 100]).is_none());
         let coplanar: Vec<_> =
             (0..100).map(|i| Vector3::new(libm::cos(f64::from(i)), libm::sin(f64::from(i)), 2.0)).collect();

@@ -22,7 +22,7 @@ pub(super) const SLOW_ATTITUDE_INTERVAL_S: f64 = 0.34;
 /// Whether a heading can be integrated from the rates of a flight.
 pub(super) fn has_integrable_rates(flight: &Flight) -> bool {
     let is_slow = flight.attitude.median_step_s().is_some_and(|step_s| step_s > SLOW_ATTITUDE_INTERVAL_S);
-    flight.has_heading_rates && !is_slow && excessive_rate_loss(flight).is_none()
+    flight.has_measured_rates && !is_slow && excessive_rate_loss(flight).is_none()
 }
 
 /// Largest interpolation gap of attitudes, seconds, at most `limit_s`.
@@ -35,7 +35,7 @@ pub(super) fn attitude_gap_limit_s(flight: &Flight, limit_s: f64) -> f64 {
 
 /// Fraction of gaps in the logged rates, if they are unusable. Differences of the attitude are means over their gaps.
 pub(super) fn excessive_rate_loss(flight: &Flight) -> Option<f64> {
-    if !flight.has_heading_rates {
+    if !flight.has_measured_rates {
         return None;
     }
     let (gaps, step_count) = count_gaps(&flight.body_rates);

@@ -69,7 +69,7 @@ pub struct CompassEvaluation {
     /// Corrections with their scores.
     pub corrections: Vec<ScoredCorrection>,
     /// Field strength by a sphere fit, microtesla.
-    pub radius_ut: Option<f64>,
+    pub sphere_radius_ut: Option<f64>,
     /// Changes of hard iron in flight, in order of time.
     pub hard_iron_changes: Vec<HardIronChange>,
     /// Fits from which the autopilot's parameters are made.
@@ -251,10 +251,10 @@ fn evaluate_compass(
         corrections.push(score_result(CorrectionSource::ModuleAllRows, &all_rows));
     }
     let sphere = baseline_fits::fit_sphere(&fields);
-    let radius_ut = sphere.map(|(_, radius_ut)| radius_ut).filter(|_| has_field_turned(&fields));
+    let sphere_radius_ut = sphere.map(|(_, sphere_radius_ut)| sphere_radius_ut).filter(|_| has_field_turned(&fields));
     let initial = [&all_rows, &module].into_iter().find_map(|result| result.solution.as_ref().map(solved_correction));
     let initial = initial.or(sphere.map(|(correction_found, _)| correction_found));
-    let total_ut = earth_ut.or(radius_ut).unwrap_or(f64::INFINITY);
+    let total_ut = earth_ut.or(sphere_radius_ut).unwrap_or(f64::INFINITY);
     let changes = initial.map_or_else(Vec::new, |initial| find_changes(&rows, flight, &initial, total_ut));
     let remounted_s = mounting_parameter_changes(flight, compass.compass_number).into_iter().map(|(_, at_s)| at_s);
     let last_change_s = changes.iter().map(|change| change.hard_iron_step.time_s).chain(remounted_s).reduce(f64::max);
@@ -272,7 +272,7 @@ fn evaluate_compass(
         all_rows_result: all_rows,
         rms_without_current_deg,
         corrections,
-        radius_ut,
+        sphere_radius_ut,
         hard_iron_changes: changes,
         parameter_fit,
     }

@@ -12,7 +12,6 @@ use crate::log::{Compass, Flight};
 use crate::numbers::square;
 
 /// Largest standard deviation of a usable estimate, seconds: 0.6 deg at 30 deg/s.
-/// Largest latency of the search, seconds.
 const MAX_LATENCY_SIGMA_S: f64 = 0.02;
 
 /// Smallest latency of the search, seconds; negative if the attitude is later than the field.
@@ -53,11 +52,11 @@ pub fn estimate_latency(flight: &Flight, compass: &Compass) -> FieldLatency {
             break;
         }
     }
-    last_sigma_s.and_then(|sigma_s| accept_latency(latency_s, sigma_s)).unwrap_or(default_latency)
+    last_sigma_s.and_then(|sigma_s| latency_if_precise(latency_s, sigma_s)).unwrap_or(default_latency)
 }
 
 /// A latency, seconds, with its standard deviation, if precise and not at a bound of the search.
-fn accept_latency(latency_s: f64, sigma_s: f64) -> Option<FieldLatency> {
+fn latency_if_precise(latency_s: f64, sigma_s: f64) -> Option<FieldLatency> {
     let is_inside = latency_s > MIN_LATENCY_S && latency_s < MAX_LATENCY_S;
     (sigma_s < MAX_LATENCY_SIGMA_S && is_inside).then_some(FieldLatency { used_s: latency_s, sigma_s: Some(sigma_s) })
 }
@@ -88,9 +87,9 @@ mod tests {
     /// An estimate at a bound is no minimum.
     #[test]
     fn a_field_latency_is_accepted_if_certain_and_within_bounds() {
-        assert_eq!(accept_latency(0.1, 0.019), Some(FieldLatency { used_s: 0.1, sigma_s: Some(0.019) }));
+        assert_eq!(latency_if_precise(0.1, 0.019), Some(FieldLatency { used_s: 0.1, sigma_s: Some(0.019) }));
         for (latency_s, sigma_s) in [(0.1, 0.021), (0.1, f64::NAN), (MIN_LATENCY_S, 0.001), (MAX_LATENCY_S, 0.001)] {
-            assert_eq!(accept_latency(latency_s, sigma_s), None, "{latency_s} {sigma_s}");
+            assert_eq!(latency_if_precise(latency_s, sigma_s), None, "{latency_s} {sigma_s}");
         }
     }
 

@@ -8,7 +8,7 @@ pub(super) const MIN_FROZEN_S: f64 = 10.0;
 
 /// Longest interval between rows in which an equal axis counts as frozen, seconds: over a gap it may be equal by
 /// chance.
-const MAX_STEP_S: f64 = 2.0;
+const MAX_COUNTED_STEP_S: f64 = 2.0;
 
 /// Least change of roll or pitch, radians (3 deg); at rest a quiet field may stay constant.
 const MIN_TILT_CHANGE_RAD: f32 = 0.05;
@@ -53,7 +53,7 @@ fn frozen_interval(equal_rows: &[ReplayRow]) -> Option<[f64; 2]> {
     let moves = range_of_values(equal_rows, |row| row.attitude.roll_rad)
         .max(range_of_values(equal_rows, |row| row.attitude.pitch_rad))
         > MIN_TILT_CHANGE_RAD;
-    let logged_s: f64 = equal_rows.windows(2).map(|pair| (pair[1].t_s - pair[0].t_s).min(MAX_STEP_S)).sum();
+    let logged_s: f64 = equal_rows.windows(2).map(|pair| (pair[1].t_s - pair[0].t_s).min(MAX_COUNTED_STEP_S)).sum();
     (logged_s > MIN_FROZEN_S && moves).then_some([from_s, to_s])
 }
 
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_does_not_count() {
+    fn a_gap_does_not_count_as_frozen_time() {
         let mut rows = frozen_rows(8, 20.0, 0.0);
         for row in &mut rows[40..] {
             row.t_s += 256.0;

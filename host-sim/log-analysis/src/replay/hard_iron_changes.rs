@@ -3,7 +3,9 @@
 use autoswing::calibration::Solution;
 use nalgebra::Vector3;
 
-use super::hard_iron_jump::{FittedCorrection, absolute_residuals_ut, find_jump_times_s, find_jumps, is_cancelled};
+use super::hard_iron_jump::{
+    FittedCorrection, absolute_residuals_ut, cancel_each_other, find_jump_times_s, find_jumps,
+};
 use super::hard_iron_step::{HardIronStep, find_step};
 use super::replay_run::solve_all_rows;
 use super::row_headings::monitored_changes_ut;
@@ -16,7 +18,7 @@ use crate::numbers::median;
 const MAX_CHANGES: usize = 8;
 
 /// Largest expected error of a calibration that can confirm a change, degrees RMS: that of the module's acceptance.
-const MAX_EXPECTED_DEG: f32 = 3.0;
+const MAX_EXPECTED_ERROR_DEG: f32 = 3.0;
 
 /// Smallest effect of a change on a level heading, degrees: less is within the error of a good calibration.
 const MIN_HEADING_EFFECT_DEG: f64 = 1.0;
@@ -51,7 +53,7 @@ const MAX_REFINEMENT_SHIFT_S: f64 = 1.5;
 pub fn temporary_change_start_s(changes: &[HardIronChange]) -> Option<f64> {
     let [.., first, last] = changes else { return None };
     let [one, other] = [first, last].map(|change| Vector3::from(change.hard_iron_step.step_ut));
-    is_cancelled(&one, &other).then_some(first.hard_iron_step.time_s)
+    cancel_each_other(&one, &other).then_some(first.hard_iron_step.time_s)
 }
 
 /// Finds the changes of hard iron, in order of time: jumps, and in the parts between them steps, by splitting a part at
@@ -96,7 +98,8 @@ fn find_steps(
     let solutions = split(&step).map(solve_all_rows);
     // The initial correction fits the rows neither before nor after the change; from a fit to one side, the estimated
     // step converges to its full size.
-    let best_solution = solutions.iter().flatten().min_by(|a, b| expected_deg(a).total_cmp(&expected_deg(b)));
+    let best_solution =
+        solutions.iter().flatten().min_by(|a, b| expected_error_deg(a).total_cmp(&expected_error_deg(b)));
     let step = best_solution.and_then(|solution| find_step(rows, &solved_correction(solution))).unwrap_or(step);
     let parts = split(&step);
     let Some(heading_effect_deg) = search.confirmed_heading_effect_deg(&step, parts, &solutions) else { return };
@@ -109,10 +112,10 @@ fn find_steps(
 }
 
 fn is_accurate(solution: &Solution) -> bool {
-    expected_deg(solution) <= MAX_EXPECTED_DEG
+    expected_error_deg(solution) <= MAX_EXPECTED_ERROR_DEG
 }
 
-fn expected_deg(solution: &Solution) -> f32 {
+fn expected_error_deg(solution: &Solution) -> f32 {
     solution.quality.expected_rms_deg
 }
 
@@ -144,13 +147,21 @@ impl ChangeSearch<'_> {
         }
         let parts = split_at_times(rows, find_jump_times_s(rows, initial).into_iter());
         let solved = parts.into_iter().filter_map(|part| Some((part, solve_all_rows(part).filter(is_accurate)?)));
-        let Some((fitted, solution)) = solved.min_by(|(_, a), (_, b)| expected_deg(a).total_cmp(&expected_deg(b)))
+        let Some((fitted, solution)) =
+            solved.min_by(|(_, a), (_, b)| expected_error_deg(a).total_cmp(&expected_error_deg(b)))
         else {
             return (Vec::new(), *initial);
         };
         let correction = solved_correction(&solution);
-        let fitted_s = fitted.first().zip(fitted.last()).map_or([0.0; 2], |(first, last)| [first.t_s, last.t_s]);
-        let refined_jumps = find_jumps(rows, &FittedCorrection { correction, fitted_s, earth_ut: earth_ut(&solution) });
+        let fitted_range_s = fitted.first().zip(fitted.last()).map_or([0.0; 2], |(first, last)| [first.t_s, last.t_s]);
+        let refined_jumps = find_jumps(
+            rows,
+            &FittedCorrection {
+                correction,
+                fitted_range_s,
+                earth_total_and_vertical_ut: earth_total_and_vertical_ut(&solution),
+            },
+        );
         if refined_jumps.len() > MAX_CHANGES {
             return (Vec::new(), *initial);
         }
@@ -175,7 +186,7 @@ impl ChangeSearch<'_> {
         [rows_before, rows_after]: [&[ReplayRow]; 2],
         [solution_before, solution_after]: &[Option<Solution>; 2],
     ) -> Option<f64> {
-        let error_deg = |solution: &Option<Solution>| solution.as_ref().map_or(f32::INFINITY, expected_deg);
+        let error_deg = |solution: &Option<Solution>| solution.as_ref().map_or(f32::INFINITY, expected_error_deg);
         let (solution, other_rows, sign) = if error_deg(solution_before) <= error_deg(solution_after) {
             (solution_before, rows_after, 1.0)
         } else {
@@ -223,13 +234,16 @@ fn is_same_change(step: &HardIronStep, jump: &HardIronStep) -> bool {
 
 /// Median residual of strength and vertical component to a calibration, microtesla.
 fn median_residual_ut(rows: &[ReplayRow], correction: &FieldCorrection, solution: &Solution) -> f64 {
-    let earth_ut = earth_ut(solution);
+    let earth_total_and_vertical_ut = earth_total_and_vertical_ut(solution);
     let usable = rows.iter().filter(|row| row.is_usable);
-    median(usable.flat_map(|row| absolute_residuals_ut(row, &row.corrected_field(correction), &earth_ut)))
+    median(
+        usable
+            .flat_map(|row| absolute_residuals_ut(row, &row.corrected_field(correction), &earth_total_and_vertical_ut)),
+    )
 }
 
 /// Strength and vertical component of the Earth's field by a calibration, microtesla.
-fn earth_ut(solution: &Solution) -> [f64; 2] {
+fn earth_total_and_vertical_ut(solution: &Solution) -> [f64; 2] {
     let total_ut = f64::from(solution.calibration.total_ut);
     [total_ut, total_ut * libm::sin(f64::from(solution.calibration.inclination_rad))]
 }

@@ -68,9 +68,9 @@ pub enum LogWarning {
         /// Number of the compass.
         compass: u8,
         /// Time of the last field row, seconds.
-        at_s: f64,
+        field_end_s: f64,
         /// Time of the last attitude row, seconds.
-        log_s: f64,
+        log_end_s: f64,
     },
     /// Mounting parameters changed, with their times from the start, seconds.
     MountingChanged(Vec<(String, f64)>),
@@ -110,9 +110,9 @@ impl LogWarning {
         let is_table = flight.log_format == LogFormat::Csv;
 
         if let Some(problem) = flight.rates_problem {
-            add_if(true, Self::BodyRatesNotAsLogged { problem, is_repaired: flight.has_heading_rates });
+            add_if(true, Self::BodyRatesNotAsLogged { problem, is_repaired: flight.has_measured_rates });
         }
-        if let Some(source) = flight.attitude_source {
+        if let Some(source) = flight.fallback_attitude_message {
             add_if(true, Self::FallbackAttitude(source));
         }
         add_if(flight.rows_without_time > 0, Self::FieldWithoutTime);
@@ -202,7 +202,7 @@ fn implausible_strength(
     compass: &CompassEvaluation,
     is_table: bool,
 ) -> Option<LogWarning> {
-    let found_ut = compass.radius_ut?;
+    let found_ut = compass.sphere_radius_ut?;
     let model_ut = evaluation.earth_field.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
     let [least, most] = model_ut.map_or(EARTH_FIELD_RANGE_UT, |ut| [ut; 2]);
     let is_in =
@@ -273,8 +273,8 @@ impl fmt::Display for LogWarning {
             Self::FieldMissing(compass) => {
                 write!(f, "compass {compass}: all its readings are zero, out of range, or marked unhealthy by the autopilot")
             }
-            Self::FieldEnds { compass, at_s, log_s } => {
-                write!(f, "compass {compass}: its field ends at {at_s:.0} s, the log at {log_s:.0} s")
+            Self::FieldEnds { compass, field_end_s, log_end_s } => {
+                write!(f, "compass {compass}: its field ends at {field_end_s:.0} s, the log at {log_end_s:.0} s")
             }
             Self::MountingChanged(changes) => {
                 let changes: Vec<String> =
@@ -346,8 +346,8 @@ pub(super) fn sensor_failure(flight: &Flight, compass: &CompassEvaluation) -> Op
     let (last_field_row, last_attitude) = (compass.rows.last()?, flight.attitude.rows().last()?);
     (last_attitude.t_s - last_field_row.t_s > frozen_field::MIN_FROZEN_S).then_some(LogWarning::FieldEnds {
         compass: compass_number,
-        at_s: last_field_row.t_s,
-        log_s: last_attitude.t_s,
+        field_end_s: last_field_row.t_s,
+        log_end_s: last_attitude.t_s,
     })
 }
 
@@ -357,7 +357,7 @@ mod tests {
 
     type FlightChange = fn(&mut Flight);
 
-    /// Notes of a flawless log after a change.
+    /// Warnings about a flawless log after a change.
     fn warnings_after(change: FlightChange) -> Vec<String> {
         let mut flight = Flight::new(LogFormat::DataFlash);
         flight.autopilot = Autopilot::ArduPilot;
@@ -372,7 +372,7 @@ mod tests {
     }
 
     #[test]
-    fn each_warning_about_a_log_is_given() {
+    fn a_fault_of_a_log_gives_its_own_warning_only() {
         assert_eq!(warnings_after(|_| {}), [""; 0]);
         assert_eq!(warnings_after(|flight| flight.parameters.set_value(1.0, "COMPASS_MOTCT", 2.0)), [""; 0]);
         let cases: [(FlightChange, &str); 10] = [

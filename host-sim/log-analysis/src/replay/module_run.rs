@@ -117,7 +117,7 @@ impl<'a> ModuleRun<'a> {
             }
             let next = match effect {
                 Effect::Save => Event::Saved(Ok(())),
-                _ if self.compass.is_busy() => Event::AdvanceSolve,
+                _ if self.compass.needs_solve_step() => Event::AdvanceSolve,
                 _ => break,
             };
             effect = self.compass.process_event(next);

@@ -9,8 +9,10 @@ use autoswing::messages::Refusal;
 use nalgebra::Vector3;
 
 use super::evaluation::{CompassEvaluation, heading_deg};
-use super::parameter_export::{ExportedCorrection, HeldBackScore, ParameterFormat, applied_field, export_correction};
-use super::parameter_fit::{FitVariant, half_at};
+use super::parameter_export::{
+    ExportedCorrection, HeldBackScore, ParameterFormat, export_correction, field_by_exported_parameters,
+};
+use super::parameter_fit::{FitVariant, half_index_at};
 use super::replay_run::solve_rows;
 use super::row_headings::score_rows;
 use super::row_solve::solved_correction;
@@ -39,7 +41,7 @@ const MIN_GAIN_DEG: f64 = 0.3;
 const MIN_RELATIVE_GAIN: f64 = 0.2;
 
 /// Maximum expected error over all headings at which parameters are exported, degrees RMS.
-const MAX_EXPECTED_DEG: f64 = 2.0;
+const MAX_EXPECTED_ERROR_DEG: f64 = 2.0;
 
 /// Minimum of the largest component of motor-current interference that is exported, standard deviations.
 const MIN_MOTOR_SIGNIFICANCE: f32 = 3.0;
@@ -54,19 +56,19 @@ pub enum NoParameters {
     /// The rows, or half of them, give no solution.
     Unsolved {
         /// Rotation of the sensor against its orientation setting, where the samples show one.
-        mount: Option<Orientation>,
+        found_mount: Option<Orientation>,
     },
     /// The flight leaves the parameters too uncertain.
     Unobservable {
         /// Expected error over all headings, degrees RMS.
-        expected_deg: f64,
+        expected_error_deg: f64,
         /// Manoeuvre that the flight lacks most.
         manoeuvre: Option<String>,
     },
     /// Residuals that the fit does not explain leave the parameters too uncertain.
     Residuals {
         /// Expected error over all headings, degrees RMS.
-        expected_deg: f64,
+        expected_error_deg: f64,
         /// Quantity that the residuals depend on.
         dependence: ResidualDependence,
     },
@@ -79,7 +81,7 @@ pub enum NoParameters {
         /// Error on held-back rows.
         held_back: HeldBackScore,
         /// Part of the expected error that the autopilot's parameters cannot express, degrees RMS.
-        lost_deg: f64,
+        inexpressible_error_deg: f64,
     },
     /// The autopilot rejects offsets of this size.
     OffsetsTooLarge {
@@ -138,7 +140,7 @@ pub fn choose_parameters(
     };
     let mut candidates = parameter_fit.fit_variants.iter().filter_map(candidate);
     let mut best_candidate =
-        candidates.next().ok_or_else(|| NoParameters::Unsolved { mount: contradicted_mount(evaluation, &rows) })?;
+        candidates.next().ok_or_else(|| NoParameters::Unsolved { found_mount: found_mount(evaluation, &rows) })?;
     for candidate in candidates {
         if is_motor_significant(&candidate.solution) && candidate.held_back.rms_deg < best_candidate.held_back.rms_deg {
             best_candidate = candidate;
@@ -146,7 +148,7 @@ pub fn choose_parameters(
     }
     best_candidate.check_usefulness(sigma_deg)?;
     let ParameterCandidate { mut exported, held_back, .. } = best_candidate;
-    if let Some(limit_mg) = exported.exceeded_offset_mg(flight, format) {
+    if let Some(limit_mg) = exported.exceeded_offset_limit_mg(flight, format) {
         return Err(NoParameters::OffsetsTooLarge { offset_mg: exported.largest_offset_mg(), limit_mg });
     }
     exported.held_back_score = Some(held_back);
@@ -164,21 +166,26 @@ struct ParameterCandidate {
 impl ParameterCandidate {
     fn check_usefulness(&self, reference_sigma_deg: Option<f64>) -> Result<(), NoParameters> {
         let HeldBackScore { rms_deg, as_logged_rms_deg, .. } = self.held_back;
-        let expected_deg = f64::from(self.solution.quality.expected_rms_deg);
+        let expected_error_deg = f64::from(self.solution.quality.expected_rms_deg);
         let unexplained_deg = (square(rms_deg) - square(self.exported.heading_loss_deg[0])).max(0.0).sqrt();
         let is_improvement =
             as_logged_rms_deg - rms_deg >= MIN_GAIN_DEG && rms_deg <= (1.0 - MIN_RELATIVE_GAIN) * as_logged_rms_deg;
-        if let Some(dependence) = residual_dependence(&self.solution).filter(|_| expected_deg > MAX_EXPECTED_DEG) {
-            Err(NoParameters::Residuals { expected_deg, dependence })
-        } else if expected_deg.is_nan() || expected_deg > MAX_EXPECTED_DEG {
+        if let Some(dependence) =
+            residual_dependence(&self.solution).filter(|_| expected_error_deg > MAX_EXPECTED_ERROR_DEG)
+        {
+            Err(NoParameters::Residuals { expected_error_deg, dependence })
+        } else if expected_error_deg.is_nan() || expected_error_deg > MAX_EXPECTED_ERROR_DEG {
             let manoeuvre = self.solution.advice.map(|advice| advice.manoeuvre.to_string());
-            Err(NoParameters::Unobservable { expected_deg, manoeuvre })
+            Err(NoParameters::Unobservable { expected_error_deg, manoeuvre })
         } else if !is_improvement {
             Err(NoParameters::NoGain(self.held_back))
         } else if rms_deg > GOOD_COMPASS_RMS_DEG
             && (rms_deg > BAD_COMPASS_RMS_DEG || unexplained_deg > GOOD_COMPASS_RMS_DEG)
         {
-            Err(NoParameters::Inaccurate { held_back: self.held_back, lost_deg: self.exported.heading_loss_deg[0] })
+            Err(NoParameters::Inaccurate {
+                held_back: self.held_back,
+                inexpressible_error_deg: self.exported.heading_loss_deg[0],
+            })
         } else if reference_sigma_deg.is_none() && !self.is_accepted {
             Err(NoParameters::Unverified)
         } else {
@@ -189,7 +196,7 @@ impl ParameterCandidate {
 
 /// Mounting that the module found instead of the configured one, if a calibration with it is accepted: noise can
 /// imitate a mounting.
-fn contradicted_mount(evaluation: &CompassEvaluation, rows: &[ReplayRow]) -> Option<Orientation> {
+fn found_mount(evaluation: &CompassEvaluation, rows: &[ReplayRow]) -> Option<Orientation> {
     let Err(Refusal::Solve(SolveError::MountContradicted { found })) = evaluation.result_for_report().acceptance else {
         return None;
     };
@@ -204,8 +211,8 @@ fn contradicted_mount(evaluation: &CompassEvaluation, rows: &[ReplayRow]) -> Opt
 
 /// Quantity on which residuals depend that make up most of the expected error.
 fn residual_dependence(solution: &Solution) -> Option<ResidualDependence> {
-    let expected_deg = f64::from(solution.quality.expected_rms_deg);
-    let is_major_part = |added_deg: f32| square(added_deg.into()) > 0.5 * square(expected_deg);
+    let expected_error_deg = f64::from(solution.quality.expected_rms_deg);
+    let is_major_part = |added_deg: f32| square(added_deg.into()) > 0.5 * square(expected_error_deg);
     let by_time = solution.hard_iron_change.filter(|finding| is_major_part(finding.added_error_deg));
     let by_bank = solution.bank_scale_error.filter(|finding| is_major_part(finding.added_error_deg));
     by_time.map(|_| ResidualDependence::Time).or(by_bank.map(|_| ResidualDependence::Bank))
@@ -231,9 +238,9 @@ fn score_held_back(
     format: ParameterFormat,
     has_reference: bool,
 ) -> Option<HeldBackScore> {
-    let [first, second] = halves.each_ref().map(|half| applied_field(flight, half, format));
-    let full_field = |row: &ReplayRow| row.corrected_field(&full_corrections[1 - half_at(row.t_s)]);
-    let field = |row: &ReplayRow| if half_at(row.t_s) == 0 { second(row) } else { first(row) };
+    let [first, second] = halves.each_ref().map(|half| field_by_exported_parameters(flight, half, format));
+    let full_field = |row: &ReplayRow| row.corrected_field(&full_corrections[1 - half_index_at(row.t_s)]);
+    let field = |row: &ReplayRow| if half_index_at(row.t_s) == 0 { second(row) } else { first(row) };
     let logged = |row: &ReplayRow| row.logged_field.ut.map(f64::from);
     let [rms_deg, as_logged_rms_deg] = if has_reference {
         let rms = |field: &dyn Fn(&ReplayRow) -> Vector3<f64>| {
@@ -245,9 +252,10 @@ fn score_held_back(
             .iter()
             .map(|row| ReplayRow { reference_deg: Some(heading_deg(row, full_field(row))), ..*row })
             .collect();
-        let lost_deg = score_rows(&lost_rows, |row| Some((heading_deg(row, field(row)), f64::NAN)))?.rms_deg;
+        let inexpressible_error_deg =
+            score_rows(&lost_rows, |row| Some((heading_deg(row, field(row)), f64::NAN)))?.rms_deg;
         [
-            libm::hypot(rms_deg_by_scatter(heading_scatter(rows, &full_field)), lost_deg),
+            libm::hypot(rms_deg_by_scatter(heading_scatter(rows, &full_field)), inexpressible_error_deg),
             rms_deg_by_scatter(heading_scatter(rows, &logged)),
         ]
     };
@@ -281,8 +289,8 @@ fn rms_deg_by_scatter([by_strength_deg, by_inclination_deg]: [f64; 2]) -> f64 {
 }
 
 /// Whether the autopilot's parameters cannot express more than half of an error's mean square.
-pub(super) fn is_mostly_lost(rms_deg: f64, lost_deg: f64) -> bool {
-    square(lost_deg) > 0.5 * square(rms_deg)
+pub(super) fn is_mostly_inexpressible(rms_deg: f64, inexpressible_error_deg: f64) -> bool {
+    square(inexpressible_error_deg) > 0.5 * square(rms_deg)
 }
 
 impl NoParameters {
@@ -306,18 +314,18 @@ impl fmt::Display for NoParameters {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::FewRows(rows) => write!(f, "{rows} usable rows are too few for a fit"),
-            Self::Unsolved { mount } => {
+            Self::Unsolved { found_mount } => {
                 f.write_str("no fit of these rows converges")?;
-                mount.map_or(Ok(()), |mount| {
-                    let name = mount.orientation_name();
+                found_mount.map_or(Ok(()), |found_mount| {
+                    let name = found_mount.orientation_name();
                     write!(
                         f,
                         "; the sensor seems to be turned by {name} against its orientation setting, which is to be corrected first"
                     )
                 })
             }
-            Self::Unobservable { expected_deg, manoeuvre } => {
-                write!(f, "the attitudes flown leave an error of {expected_deg:.1} deg over all headings")?;
+            Self::Unobservable { expected_error_deg, manoeuvre } => {
+                write!(f, "the attitudes flown leave an error of {expected_error_deg:.1} deg over all headings")?;
                 manoeuvre.as_ref().map_or(Ok(()), |manoeuvre| write!(f, "; missing most: {manoeuvre}"))
             }
             Self::Unverified => f.write_str("the fit fails the module's verification, and no reference confirms it"),
@@ -327,18 +335,18 @@ impl fmt::Display for NoParameters {
             Self::NoGain(HeldBackScore { rms_deg, .. }) => {
                 write!(f, "a fit is no better: {rms_deg:.1} deg RMS on held-back rows")
             }
-            Self::Inaccurate { held_back: HeldBackScore { rms_deg, .. }, lost_deg } => {
+            Self::Inaccurate { held_back: HeldBackScore { rms_deg, .. }, inexpressible_error_deg } => {
                 write!(
                     f,
                     "the best parameters leave {rms_deg:.1} deg RMS on held-back rows, too much to be loaded \
                      ({GOOD_COMPASS_RMS_DEG:.0} deg)"
                 )?;
-                if is_mostly_lost(*rms_deg, *lost_deg) {
-                    write!(f, ", {lost_deg:.1} of it because the autopilot's matrix is symmetric")?;
+                if is_mostly_inexpressible(*rms_deg, *inexpressible_error_deg) {
+                    write!(f, ", {inexpressible_error_deg:.1} of it because the autopilot's matrix is symmetric")?;
                 }
                 Ok(())
             }
-            Self::Residuals { expected_deg, dependence } => {
+            Self::Residuals { expected_error_deg, dependence } => {
                 let depends = match dependence {
                     ResidualDependence::Time => {
                         "the field late in the flight does not fit that early in it, as when iron moves"
@@ -347,7 +355,7 @@ impl fmt::Display for NoParameters {
                         "the field in steep banks does not fit that in shallow ones, as when the logged bank is wrong or iron moves with it"
                     }
                 };
-                write!(f, "{depends}, which leaves an error of {expected_deg:.1} deg over all headings")
+                write!(f, "{depends}, which leaves an error of {expected_error_deg:.1} deg over all headings")
             }
             Self::OffsetsTooLarge { offset_mg, limit_mg } => {
                 write!(f, "an offset of {offset_mg:.0} mG exceeds COMPASS_OFFS_MAX, {limit_mg:.0}")

@@ -67,10 +67,10 @@ pub struct HeldBackScore {
 pub struct ExportedCorrection {
     /// Number of the compass, from 1.
     pub compass_number: u8,
-    /// Correction of the field after `rotation`, body axes.
+    /// Correction of the field after `rotation_from_logged`, body axes.
     pub correction: FieldCorrection,
     /// Rotation of the sensor relative to the logged mounting, body axes.
-    pub rotation: NumberedRotation,
+    pub rotation_from_logged: NumberedRotation,
     /// Heading difference to the full solution, degrees: RMS less mean, and mean.
     pub heading_loss_deg: [f64; 2],
     /// First and last row fitted, seconds.
@@ -103,7 +103,7 @@ impl ExportedCorrection {
     }
 
     /// Limit of the offsets that the autopilot rejects, milligauss, if exceeded.
-    pub(super) fn exceeded_offset_mg(&self, flight: &Flight, format: ParameterFormat) -> Option<f64> {
+    pub(super) fn exceeded_offset_limit_mg(&self, flight: &Flight, format: ParameterFormat) -> Option<f64> {
         let limit_mg = flight.parameters.last_value("COMPASS_OFFS_MAX").unwrap_or(DEFAULT_MAX_OFFSET_MG);
         (format == ParameterFormat::ArduPilot && self.largest_offset_mg() > limit_mg).then_some(limit_mg)
     }
@@ -163,7 +163,7 @@ pub fn export_correction(
     Some(ExportedCorrection {
         compass_number,
         correction: exportable,
-        rotation: mounting,
+        rotation_from_logged: mounting,
         heading_loss_deg: lost_deg,
         fitted_range_s: None,
         held_back_score: None,
@@ -172,7 +172,7 @@ pub fn export_correction(
 }
 
 /// The field of a row, microtesla, as the autopilot corrects it by exported parameters: with the digits of the file.
-pub fn applied_field(
+pub fn field_by_exported_parameters(
     flight: &Flight,
     export: &ExportedCorrection,
     format: ParameterFormat,
@@ -184,7 +184,7 @@ pub fn applied_field(
         ParameterFormat::Px4 => FieldCorrection::from_px4(&parameters, export.compass_number),
         ParameterFormat::Inav => inav_correction(&text),
     };
-    let rotation_matrix = export.rotation.rotation_matrix();
+    let rotation_matrix = export.rotation_from_logged.rotation_matrix();
     // The orientation parameter turns the field to body axes first, so that the heading is that of the body.
     move |row| row_in_rotated_axes(row, &rotation_matrix).corrected_field(&correction)
 }
@@ -296,10 +296,12 @@ fn write_ardupilot_parameters(text: &mut String, flight: &Flight, exports: &[Exp
             };
             let is_internal = flight.parameters.last_value(&external) == Some(0.0);
             let combined = NumberedRotation::new(now).map(|now| {
-                NumberedRotation::nearest_to_matrix(&(export.rotation.rotation_matrix() * now.rotation_matrix()))
+                NumberedRotation::nearest_to_matrix(
+                    &(export.rotation_from_logged.rotation_matrix() * now.rotation_matrix()),
+                )
             });
             match combined {
-                _ if export.rotation.rotation_number() == 0 => writeln!(text, "{orient},{now:.0}")?,
+                _ if export.rotation_from_logged.rotation_number() == 0 => writeln!(text, "{orient},{now:.0}")?,
                 // AHRS_ORIENTATION rotates internal compasses.
                 _ if is_internal => writeln!(text, "# {orient}: not used, because {external} is 0")?,
                 Some((rotation, off_deg)) if off_deg < 1.0 => {
@@ -342,7 +344,8 @@ fn write_px4_parameters(text: &mut String, flight: &Flight, exports: &[ExportedC
         let index = export.compass_number - 1;
         let configured_rotation =
             flight.parameters.last_value(&format!("CAL_MAG{index}_ROT")).filter(|value| *value >= 0.0);
-        let mounting = export.rotation.rotation_matrix() * px4_mounting(&flight.parameters, f64::INFINITY, index);
+        let mounting =
+            export.rotation_from_logged.rotation_matrix() * px4_mounting(&flight.parameters, f64::INFINITY, index);
         let (combined, off_deg) = NumberedRotation::nearest_to_matrix(&mounting);
         let to_sensor = mounting.transpose();
         let sensor = FieldCorrection {
@@ -364,7 +367,7 @@ fn write_px4_parameters(text: &mut String, flight: &Flight, exports: &[ExportedC
             Some(value) if off_deg < 1.0 && NumberedRotation::new(value).is_some() => {
                 writeln!(text, "1\t1\tCAL_MAG{index}_ROT\t{}\t6", combined.rotation_number())?;
             }
-            _ if export.rotation.rotation_number() != 0 => {
+            _ if export.rotation_from_logged.rotation_number() != 0 => {
                 writeln!(text, "# CAL_MAG{index}_ROT: its orientation differs from that of its board")?;
             }
             _ => {}

@@ -67,7 +67,7 @@ impl FitVariant {
     fn new(rows: &[ReplayRow], options: &ReplayOptions) -> Option<Self> {
         let (solution, is_accepted) = solve_rows(rows, options);
         let rows_of_half = |half_index: usize| -> Vec<ReplayRow> {
-            rows.iter().filter(|row| half_at(row.t_s) == half_index).copied().collect()
+            rows.iter().filter(|row| half_index_at(row.t_s) == half_index).copied().collect()
         };
         Some(Self {
             fit_of_all_rows: solution?,
@@ -80,7 +80,7 @@ impl FitVariant {
 /// Half of the flight that a time belongs to: blocks alternate irregularly (by the golden ratio), so that circles of
 /// any period are divided evenly.
 #[must_use]
-pub fn half_at(t_s: f64) -> usize {
+pub fn half_index_at(t_s: f64) -> usize {
     const GOLDEN_RATIO: f64 = 0.618_033_988_749_895;
     usize::from(((t_s / FIT_BLOCK_S).floor() * GOLDEN_RATIO).rem_euclid(1.0) < 0.5)
 }
@@ -95,7 +95,7 @@ mod tests {
         for period_s in [20, 40, 60] {
             for phase_s in (0..period_s).step_by(10) {
                 let fits_of_halves: Vec<usize> =
-                    (0..20).map(|circle| half_at(f64::from(circle * period_s + phase_s) + 5.0)).collect();
+                    (0..20).map(|circle| half_index_at(f64::from(circle * period_s + phase_s) + 5.0)).collect();
                 let second_half_count = fits_of_halves.iter().sum::<usize>();
                 assert!((4..=16).contains(&second_half_count), "{period_s} s, {phase_s} s: {second_half_count} of 20");
             }

@@ -39,7 +39,7 @@ pub fn replay_rows_of_flight(rows: &[ReplayRow], flight: Option<&Flight>, option
         score_rows(rows, |_| remaining_headings.next().map(|[heading_deg, sigma_deg]| (heading_deg, sigma_deg)))
     };
     let (raw, smooth) =
-        (scored_headings(|row| [row.heading_deg, row.sigma_deg]), scored_headings(HeadingRow::sent_deg));
+        (scored_headings(|row| [row.heading_deg, row.sigma_deg]), scored_headings(HeadingRow::sent_and_sigma_deg));
     let samples = fitted_s.len();
     ReplayResult {
         solution,
@@ -77,13 +77,13 @@ pub(super) fn solve_rows(rows: &[ReplayRow], options: &ReplayOptions) -> (Option
     let config = instrument_config(rows);
     let options = ReplayOptions { row_selection: RowSelection::All, ..*options };
     let (samples, prior) = (samples_of_usable_rows(rows, config), solver_prior(&options, config));
-    let expected_deg = |outcome: &RunOutcome| {
+    let expected_error_deg = |outcome: &RunOutcome| {
         outcome.solution.as_ref().map_or(f32::INFINITY, |solution| solution.quality.expected_rms_deg)
     };
     let mut outcome = solve_evenly_thinned(&samples, &prior);
-    if expected_deg(&outcome) > POOR_SOLVE_RMS_DEG {
+    if expected_error_deg(&outcome) > POOR_SOLVE_RMS_DEG {
         let retained = solve_retained_samples(&samples, &prior);
-        if expected_deg(&retained) < expected_deg(&outcome) {
+        if expected_error_deg(&retained) < expected_error_deg(&outcome) {
             outcome = retained;
         }
     }

@@ -70,7 +70,7 @@ pub struct HeadingRow {
     /// Standard deviation of the heading, degrees.
     pub sigma_deg: f64,
     /// Smoothed heading and its standard deviation, degrees, if available.
-    pub smooth_deg: Option<[f64; 2]>,
+    pub smoothed_and_sigma_deg: Option<[f64; 2]>,
     /// Whether the module would have sent the heading, or why not.
     pub status: Result<(), NoHeading>,
 }
@@ -80,12 +80,12 @@ impl HeadingRow {
     pub(super) fn from_estimate(t_s: f64, estimate: &Estimate, status: Result<(), NoHeading>) -> Self {
         let degrees = |heading: Heading| [heading.magnetic_deg(), heading.sigma_deg()].map(f64::from);
         let [heading_deg, sigma_deg] = estimate.heading.map_or([f64::NAN; 2], degrees);
-        Self { t_s, heading_deg, sigma_deg, smooth_deg: estimate.smoothed_heading.map(degrees), status }
+        Self { t_s, heading_deg, sigma_deg, smoothed_and_sigma_deg: estimate.smoothed_heading.map(degrees), status }
     }
 
     /// Heading and standard deviation sent by the module, degrees.
-    pub(super) fn sent_deg(&self) -> [f64; 2] {
-        self.smooth_deg.unwrap_or([self.heading_deg, self.sigma_deg])
+    pub(super) fn sent_and_sigma_deg(&self) -> [f64; 2] {
+        self.smoothed_and_sigma_deg.unwrap_or([self.heading_deg, self.sigma_deg])
     }
 }
 
@@ -99,7 +99,7 @@ pub struct HeadingScore {
     /// Number of rows that are scored.
     pub row_count: usize,
     /// Percentage of demeaned errors within one and two standard deviations.
-    pub within_percent: [f64; 2],
+    pub within_sigmas_percent: [f64; 2],
 }
 
 /// Result of a replay.

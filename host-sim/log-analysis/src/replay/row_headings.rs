@@ -176,6 +176,6 @@ pub(super) fn score_rows(
         rms_deg: (errors.iter().map(|(error, _)| square(demeaned(*error))).sum::<f64>() / row_count).sqrt(),
         mean_deg,
         row_count: errors.len(),
-        within_percent: within_percent(&normalised),
+        within_sigmas_percent: within_percent(&normalised),
     })
 }

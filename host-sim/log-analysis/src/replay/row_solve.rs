@@ -4,7 +4,7 @@ use autoswing::calibration::method_selection::{self, Procedure, SelectedParts};
 use autoswing::calibration::{
     Advice, CollectionPart, Method, Orientation, Prior, Sample, Samples, Solution, SolveError, solve_samples,
 };
-use autoswing::collection::{CollectionProblem, Collector, FIT_CAPACITY, LevelLimits, RetainedSamples};
+use autoswing::collection::{CollectionProblem, Collector, FIT_CAPACITY_PER_SIDE, LevelLimits, RetainedSamples};
 use autoswing::instrument::InstrumentConfig;
 use autoswing::messages::Refusal;
 use nalgebra::Vector3;
@@ -27,7 +27,7 @@ impl RunOutcome {
     fn new(
         solve_result: &Result<Solution, SolveError>,
         [fit, held_back]: [Samples<'_>; 2],
-        lack: Option<CollectionProblem>,
+        collection_problem: Option<CollectionProblem>,
     ) -> Self {
         let accepted = match solve_result {
             Ok(solution) => accepted_by_uncalibrated(solution, fit, held_back).map_err(Refusal::Rejected),
@@ -37,7 +37,7 @@ impl RunOutcome {
         let advice = || solution.as_ref()?.advice.filter(Advice::is_worthwhile);
         let missing = || advice().map(|advice| CollectionProblem::MissingManoeuvre(advice.manoeuvre));
         Self {
-            acceptance: accepted.map_err(|refusal| refusal.with_cause(lack.or_else(missing))),
+            acceptance: accepted.map_err(|refusal| refusal.with_cause(collection_problem.or_else(missing))),
             solution,
             fitted_times_s: fit.all_samples().map(sample_time_s).collect(),
             collection_end_s: None,
@@ -83,7 +83,7 @@ pub(super) fn solve_retained_samples(samples: &[Sample], prior: &Prior) -> RunOu
 
 /// Solves evenly thinned samples; those halfway between are held back.
 pub(super) fn solve_evenly_thinned(samples: &[Sample], prior: &Prior) -> RunOutcome {
-    let fit_and_held_back_count = samples.len().min(2 * FIT_CAPACITY);
+    let fit_and_held_back_count = samples.len().min(2 * FIT_CAPACITY_PER_SIDE);
     let thinned = |phase: f64| -> Vec<Sample> {
         (0..fit_and_held_back_count)
             .filter_map(|i| {

@@ -63,7 +63,7 @@ pub fn samples_json(compass: &CompassReport, error_name: &str) -> Value {
     let marks = compass.event_marks.iter().filter(|mark| mark.time_s.is_finite());
     json!({
         "error": error_name,
-        "before_name": compass.before_name,
+        "before_name": compass.before_correction_name,
         "earth": compass.earth_field.filter(|earth| earth.iter().all(|number| number.is_finite())),
         "offset": compass.magnetic_offset_deg,
         "t": rows.iter().map(|(at_s, _)| to_hundredths(*at_s)).collect::<Vec<_>>(),
@@ -129,7 +129,7 @@ fn with_gaps<'a>(samples: &[&'a ReportSample]) -> Vec<(f64, Option<&'a ReportSam
 mod tests {
     use super::*;
 
-    fn flight(number: u32) -> CompassReport {
+    fn report_with_samples(sample_count: u32) -> CompassReport {
         let sample = |i: u32| ReportSample {
             time_s: f64::from(i) * 0.02,
             raw_ut: Some([f64::from(i % 7), 0.0, 40.0]),
@@ -138,12 +138,12 @@ mod tests {
             is_heading_withheld: i == 0,
             ..ReportSample::default()
         };
-        CompassReport { samples: (0..number).map(sample).collect(), ..CompassReport::default() }
+        CompassReport { samples: (0..sample_count).map(sample).collect(), ..CompassReport::default() }
     }
 
     #[test]
     fn an_hour_has_bounded_size_and_keeps_its_extremes() {
-        let mut hour = flight(180_000);
+        let mut hour = report_with_samples(180_000);
         hour.samples[90_000].raw_ut = Some([99.0, 0.0, 40.0]);
         hour.samples[120_000].error_deg = Some(-77.0);
         let json = samples_json(&hour, "error");
@@ -157,7 +157,7 @@ mod tests {
 
     #[test]
     fn a_gap_has_a_row_without_numbers() {
-        let mut compass = flight(400);
+        let mut compass = report_with_samples(400);
         let rows = |compass: &CompassReport| {
             let json = samples_json(compass, "error");
             let cells = json["columns"]["raw_z"].as_array().unwrap().clone();

@@ -15,8 +15,8 @@ pub struct Axis {
 
 impl Axis {
     /// Heading axis: lines every 30 deg, numbers every 30 or 90 deg.
-    pub const fn headings_deg(numbered_deg: usize) -> Self {
-        Self { value_range: [0.0, 360.0], grid_step: 30.0, lines_per_number: numbered_deg / 30 }
+    pub const fn for_headings(number_interval_deg: usize) -> Self {
+        Self { value_range: [0.0, 360.0], grid_step: 30.0, lines_per_number: number_interval_deg / 30 }
     }
 
     /// Axis over a range, extended to round steps.
@@ -30,7 +30,7 @@ impl Axis {
             grid_step: step,
             lines_per_number: 1,
         }
-        .rounded_to_step()
+        .with_nonzero_span()
     }
 
     /// Symmetric axis of angles, degrees.
@@ -45,7 +45,7 @@ impl Axis {
         Self { value_range: [-axis_end_deg, axis_end_deg], grid_step: step, lines_per_number: 1 }
     }
 
-    fn rounded_to_step(self) -> Self {
+    fn with_nonzero_span(self) -> Self {
         let [from, to] = self.value_range;
         if to > from { self } else { Self { value_range: [from, from + self.grid_step], ..self } }
     }
@@ -131,7 +131,7 @@ impl PlotFrame {
         }
         svg.draw_rectangle("box", self.upper_left, self.size);
         svg.draw_text("name mid", [self.centre_x(), bottom_edge + 34.0], x_name);
-        svg.vertical_text("name mid", [left - 43.0, top + self.size[1] / 2.0], y_name);
+        svg.draw_vertical_text("name mid", [left - 43.0, top + self.size[1] / 2.0], y_name);
     }
 }
 
@@ -161,7 +161,7 @@ mod tests {
 
     #[test]
     fn grid_lines_are_at_round_numbers() {
-        assert_eq!(grid_lines(Axis::headings_deg(30)), (0..=12).map(|i| 30.0 * f64::from(i)).collect::<Vec<_>>());
+        assert_eq!(grid_lines(Axis::for_headings(30)), (0..=12).map(|i| 30.0 * f64::from(i)).collect::<Vec<_>>());
         assert_eq!(grid_lines(Axis::symmetric_deg(21.7)), [-30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0]);
         assert_eq!(grid_lines(Axis::symmetric_deg(0.8)), [-1.0, -0.5, 0.0, 0.5, 1.0]);
         assert_eq!(grid_lines(Axis::symmetric_deg(50.0)), [-60.0, -30.0, 0.0, 30.0, 60.0]);
@@ -181,7 +181,7 @@ mod tests {
     #[test]
     fn every_grid_line_has_its_number() {
         let frame = PlotFrame {
-            x: Axis::headings_deg(30),
+            x: Axis::for_headings(30),
             y: Axis::symmetric_deg(0.8),
             upper_left: [50.0, 10.0],
             size: [300.0, 200.0],
@@ -192,7 +192,7 @@ mod tests {
         for tick in ["0", "30", "60", "330", "360", "-1.0", "-0.5", "0.0", "0.5", "1.0"] {
             assert!(whole.contains(&format!(">{tick}</text>")), "{tick}");
         }
-        let at_ninety = PlotFrame { x: Axis::headings_deg(90), ..frame };
+        let at_ninety = PlotFrame { x: Axis::for_headings(90), ..frame };
         let mut svg = Svg::new(400.0, 300.0);
         at_ninety.draw_axes(&mut svg, "heading, deg", "");
         let whole = svg.to_inline("p", "", "");
@@ -202,7 +202,7 @@ mod tests {
     #[test]
     fn points_outside_the_frame_are_not_drawn() {
         let frame = PlotFrame {
-            x: Axis::headings_deg(30),
+            x: Axis::for_headings(30),
             y: Axis::symmetric_deg(1.0),
             upper_left: [50.0, 10.0],
             size: [360.0, 200.0],

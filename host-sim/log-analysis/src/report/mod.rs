@@ -1,7 +1,7 @@
 //! Self-contained HTML report of a log or of a simulated mission.
 //!
 //! `model` holds the contents of a page, filled from either source; `page` and `sections` render it with the
-//! `pictures`; `frame`, `svg` and `text` are their building blocks. `samples` gives the charts of `assets/charts.js`
+//! `pictures`; `frame`, `svg` and `text` are building blocks. `chart_samples` gives the charts of `assets/charts.js`
 //! their numbers; `assets/` has style and scripts, and uPlot.
 
 mod chart_samples;

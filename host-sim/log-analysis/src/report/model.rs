@@ -24,7 +24,7 @@ pub struct Report {
     /// Results of each compass.
     pub compasses: Vec<CompassReport>,
     /// Name and text of a parameter file.
-    pub parameters: Option<[String; 2]>,
+    pub parameter_file: Option<[String; 2]>,
     /// Title and text of the terminal output.
     pub terminal_output: Option<[String; 2]>,
     /// Command, version, log, settings.
@@ -60,7 +60,7 @@ pub struct ReportOrigin {
     /// Output of the command.
     pub terminal_output: String,
     /// Name and text of a parameter file.
-    pub parameters: Option<[String; 2]>,
+    pub parameter_file: Option<[String; 2]>,
 }
 
 /// Reference of the headings.
@@ -73,7 +73,7 @@ pub struct ReferenceInfo {
     /// Accuracy of the reference heading, in words.
     pub accuracy_text: String,
     /// Constant part of the errors on a deviation card, a sentence.
-    pub card_constant: String,
+    pub card_constant_text: String,
     /// Whether the reference is accurate to 2 deg or better, as a deviation card requires.
     pub is_accurate: bool,
 }
@@ -101,17 +101,17 @@ pub struct CompassReport {
     /// Errors after the calibration.
     pub curves_after: Vec<DeviationCurve>,
     /// Expected standard deviation by heading, degrees; as long as a line, or empty.
-    pub sigma_deg: Vec<f64>,
+    pub sigma_by_heading_deg: Vec<f64>,
     /// Description of the expected standard deviation.
     pub sigma_description: &'static str,
     /// States of the flight in order of time.
     pub samples: Vec<ReportSample>,
     /// Time of the last change of hard iron or mounting, seconds: means and the deviation card are of later samples.
-    pub changed_s: Option<f64>,
+    pub last_change_s: Option<f64>,
     /// Events that are marked on the charts' time axis.
     pub event_marks: Vec<EventMark>,
     /// Name of the correction used for the headings before the calibration.
-    pub before_name: &'static str,
+    pub before_correction_name: &'static str,
     /// Name of the correction that is applied to the fields of the samples.
     pub corrected_by: &'static str,
     /// Earth's field that the corrected field should have: strength, microtesla, and inclination, degrees.
@@ -139,7 +139,7 @@ pub struct DeviationCurve {
 
 impl DeviationCurve {
     /// Error on the deviation card at a step, degrees.
-    pub(super) fn card_deg(&self, step: usize) -> Option<f64> {
+    pub(super) fn card_error_deg(&self, step: usize) -> Option<f64> {
         Some(wrap_180(self.errors_deg.get(step).copied().flatten()? + self.constant_deg))
     }
 }
@@ -224,7 +224,7 @@ pub(super) fn means_by_heading(
 impl CompassReport {
     /// Samples since the last change of hard iron or mounting.
     pub(super) fn samples_since_change(&self) -> &[ReportSample] {
-        let from_s = self.changed_s.unwrap_or(f64::NEG_INFINITY);
+        let from_s = self.last_change_s.unwrap_or(f64::NEG_INFINITY);
         self.samples.get(self.samples.partition_point(|sample| sample.time_s < from_s)..).unwrap_or_default()
     }
 
@@ -313,7 +313,8 @@ mod tests {
     fn the_mean_error_is_that_since_the_last_change() {
         let samples = [(1.0, 10.0), (2.0, 30.0), (3.0, 32.0)]
             .map(|(at_s, error_deg)| ReportSample { time_s: at_s, ..sample_at(0.0, error_deg) });
-        let mut report = CompassReport { samples: samples.to_vec(), changed_s: Some(1.5), ..CompassReport::default() };
+        let mut report =
+            CompassReport { samples: samples.to_vec(), last_change_s: Some(1.5), ..CompassReport::default() };
         assert_eq!(report.samples_since_change().len(), 2);
         assert!((report.subtract_mean_errors()[2].unwrap() - 31.0).abs() < 1e-9);
         assert!((report.samples[0].error_deg.unwrap() + 21.0).abs() < 1e-9);

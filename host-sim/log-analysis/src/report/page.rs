@@ -65,7 +65,7 @@ fn page_sections(report: &Report) -> Vec<PageSection> {
     };
     let folded_section = |id: &str, title: &str, html: String| PageSection { is_folded: true, ..open(id, title, html) };
     let mut parts = vec![open("verdict", "Verdict", sections::verdict_section(report))];
-    if let Some([name, text]) = report.parameters.as_ref().filter(|[_, text]| !text.is_empty()) {
+    if let Some([name, text]) = report.parameter_file.as_ref().filter(|[_, text]| !text.is_empty()) {
         parts.push(open("parameters", "Parameters to load", sections::parameters_section(name, text)));
     }
     parts.push(open("findings", "Findings", sections::findings_section(report)));

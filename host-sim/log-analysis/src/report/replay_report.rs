@@ -11,25 +11,25 @@ use crate::log::{Flight, Gps};
 use crate::numbers::format_number;
 use crate::replay::evaluation::{CompassEvaluation, CorrectionSource, FlightEvaluation, heading_deg};
 use crate::replay::hard_iron_changes::HardIronChange;
-use crate::replay::parameter_export::applied_field;
+use crate::replay::parameter_export::field_by_exported_parameters;
 use crate::replay::verdict::{CompassState, CompassVerdict, Verdict};
 use crate::replay::{HeadingRow, ReferenceHeading, ReplayResult, ReplayRow};
 use crate::score::wrap_180;
 
 /// Makes the report of a replayed log.
 #[must_use]
-pub fn report_replay(verdict: &Verdict<'_>, log: &str, origin: &ReportOrigin) -> Report {
+pub fn report_replay(verdict: &Verdict<'_>, log_name: &str, origin: &ReportOrigin) -> Report {
     let evaluation = verdict.evaluation;
     let lines = [
         ("command", origin.command_line.clone()),
         ("made by", format!("Autoswing {}", env!("CARGO_PKG_VERSION"))),
-        ("log", verdict.log_description(log)),
+        ("log", verdict.log_description(log_name)),
     ];
-    let rows = verdict.comparison_deg().into_iter().map(|(name, cells)| (name.to_owned(), cells));
+    let rows = verdict.rms_by_correction_deg().into_iter().map(|(name, cells)| (name.to_owned(), cells));
     Report {
-        title: format!("Flight {}", log.rsplit(['/', '\\']).next().unwrap_or(log)),
+        title: format!("Flight {}", log_name.rsplit(['/', '\\']).next().unwrap_or(log_name)),
         verdicts: verdict.compasses_in_use_first().into_iter().map(verdict_line).collect(),
-        module_verdict: Some(verdict.outcome.to_string()),
+        module_verdict: Some(verdict.module_outcome.to_string()),
         key_figures: key_figures(verdict),
         log_warnings: verdict.log_warnings.iter().map(ToString::to_string).collect(),
         reference: reference_info(evaluation),
@@ -42,7 +42,7 @@ pub fn report_replay(verdict: &Verdict<'_>, log: &str, origin: &ReportOrigin) ->
             calibrator_rows: rows.collect(),
         },
         compasses: verdict.compasses.iter().map(|compass| compass_report(verdict, compass)).collect(),
-        parameters: origin.parameters.clone(),
+        parameter_file: origin.parameter_file.clone(),
         terminal_output: (!origin.terminal_output.is_empty())
             .then(|| ["As the command prints it".to_owned(), origin.terminal_output.clone()]),
         origin: lines
@@ -64,8 +64,8 @@ fn verdict_line(compass: &CompassVerdict<'_>) -> VerdictLine {
     VerdictLine { compass_state, state_word: word, verdict_text: compass.summary_sentence() }
 }
 
-fn reference_info(verdict: &FlightEvaluation) -> ReferenceInfo {
-    match &verdict.reference {
+fn reference_info(evaluation: &FlightEvaluation) -> ReferenceInfo {
+    match &evaluation.reference {
         Some(reference) => ReferenceInfo {
             difference_name: reference.difference_name(),
             reference_name: reference.reference_name().to_owned(),
@@ -73,7 +73,7 @@ fn reference_info(verdict: &FlightEvaluation) -> ReferenceInfo {
                 "{}; the mean difference, which declination and mounting cause, is subtracted",
                 reference.accuracy_description()
             ),
-            card_constant: declination_deg(verdict).map_or_else(
+            card_constant_text: declination_deg(evaluation).map_or_else(
                 || "The mean is subtracted: the declination there is not known.".to_owned(),
                 |deg| format!("The declination, {} deg by the field model, is subtracted.", format_number(deg, 1)),
             ),
@@ -83,7 +83,7 @@ fn reference_info(verdict: &FlightEvaluation) -> ReferenceInfo {
             difference_name: "correction",
             reference_name: "the module's own heading".to_owned(),
             accuracy_text: "the log has no reference heading; shown is the change by the module".to_owned(),
-            card_constant: String::new(),
+            card_constant_text: String::new(),
             is_accurate: false,
         },
     }
@@ -121,10 +121,10 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
     let compass = compass.evaluation;
     let replay_result = compass.result_for_report();
     let solution = replay_result.solution.as_ref();
-    let parameters = exported.map(|export| applied_field(flight, export, verdict.parameter_format));
+    let parameters = exported.map(|export| field_by_exported_parameters(flight, export, verdict.parameter_format));
     let corrections = ShownCorrections {
-        is_logged: logged_correction_source(compass) == CorrectionSource::Autopilot,
-        parameters: parameters.as_ref().map(|field| field as &FieldOfRow<'_>),
+        is_logged_field_corrected: logged_correction_source(compass) == CorrectionSource::Autopilot,
+        field_by_parameters: parameters.as_ref().map(|field| field as &FieldOfRow<'_>),
         solution,
         has_reference: evaluation.reference.is_some(),
     };
@@ -134,9 +134,9 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
         facts,
         sigma_description: "the mean sigma that the module sends with its headings",
         samples: report_samples(flight, compass, replay_result, &corrections),
-        changed_s: compass.parameter_fit.last_change_s,
+        last_change_s: compass.parameter_fit.last_change_s,
         event_marks: event_marks(compass),
-        before_name: logged_correction_source(compass).source_name(),
+        before_correction_name: logged_correction_source(compass).source_name(),
         corrected_by: if exported.is_some() { "with the parameters to load" } else { "by the module" },
         earth_field: solution.map(|s| expected_earth(evaluation, &s.calibration, exported.is_some())),
         has_fitted_marks: true,
@@ -181,7 +181,7 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
     (report.curves_before, report.curves_after) = (before.into_iter().collect(), after.into_iter().flatten().collect());
     if solution.is_some() {
         let sigma = means_by_heading(report.samples_since_change(), |sample| sample.sigma_deg);
-        report.sigma_deg = sigma.into_iter().map(|sigma| sigma.unwrap_or(f64::NAN)).collect();
+        report.sigma_by_heading_deg = sigma.into_iter().map(|sigma| sigma.unwrap_or(f64::NAN)).collect();
     }
     report
 }
@@ -233,9 +233,9 @@ type FieldOfRow<'a> = dyn Fn(&ReplayRow) -> Vector3<f64> + 'a;
 /// Corrections whose fields and heading errors a report sample holds.
 struct ShownCorrections<'a> {
     /// Whether the autopilot corrected the logged field.
-    is_logged: bool,
+    is_logged_field_corrected: bool,
     /// Field with the parameters to load.
-    parameters: Option<&'a FieldOfRow<'a>>,
+    field_by_parameters: Option<&'a FieldOfRow<'a>>,
     /// The module's calibration.
     solution: Option<&'a Solution>,
     has_reference: bool,
@@ -276,8 +276,8 @@ impl ShownCorrections<'_> {
     fn report_sample(&self, row: &ReplayRow, module: Option<&HeadingRow>) -> ReportSample {
         let raw = row.raw_field.ut.map(f64::from);
         let logged = row.logged_field.ut.map(f64::from);
-        let with_parameters = self.parameters.map(|field| field(row));
-        let before_deg = heading_deg(row, if self.is_logged { logged } else { raw });
+        let with_parameters = self.field_by_parameters.map(|field| field(row));
+        let before_deg = heading_deg(row, if self.is_logged_field_corrected { logged } else { raw });
         let module_deg = module.map(|module| module.heading_deg).filter(|deg| deg.is_finite());
         let compared_deg = if self.has_reference { row.reference_deg } else { module_deg };
         let error_deg = |heading_deg: f64| Some(wrap_180(heading_deg - compared_deg?));
@@ -294,7 +294,7 @@ impl ShownCorrections<'_> {
             roll_deg: f64::from(row.attitude.roll_rad.to_degrees()),
             pitch_deg: f64::from(row.attitude.pitch_rad.to_degrees()),
             raw_ut: Some(raw.into()),
-            logged_ut: self.is_logged.then(|| logged.into()),
+            logged_ut: self.is_logged_field_corrected.then(|| logged.into()),
             corrected_ut: with_parameters.or_else(|| self.solution.map(by_module)).map(Into::into),
             current_a: row.current_a.map(f64::from),
             error_before_deg: error_deg(before_deg),
@@ -375,7 +375,7 @@ mod tests {
         (flight, verdict)
     });
 
-    fn report(change: impl Fn(&mut Flight, &mut FlightEvaluation)) -> Report {
+    fn report_after_change(change: impl Fn(&mut Flight, &mut FlightEvaluation)) -> Report {
         let (mut flight, mut verdict) = FLOWN_TURNS.clone();
         change(&mut flight, &mut verdict);
         report_replay(
@@ -393,8 +393,8 @@ mod tests {
 
     #[test]
     fn a_refused_calibration_is_labelled_as_refused() {
-        let automatic = report(|_, _| {});
-        let refused = report(|_, verdict| verdict.compasses[0].module_result.acceptance = REFUSED_SOLVE);
+        let automatic = report_after_change(|_, _| {});
+        let refused = report_after_change(|_, verdict| verdict.compasses[0].module_result.acceptance = REFUSED_SOLVE);
         for (report, line, mark, expected_text) in [
             (&automatic, "module", "would have calibrated", "would have calibrated itself at"),
             (&refused, "module, but refused", "would have solved", "would have been refused: not-converged"),
@@ -406,14 +406,14 @@ mod tests {
             );
             assert!(fact(report, "module").unwrap().starts_with(expected_text), "{:?}", compass.facts);
         }
-        let on_request = report(|_, verdict| verdict.compasses[0].module_result.collection_end_s = None);
+        let on_request = report_after_change(|_, verdict| verdict.compasses[0].module_result.collection_end_s = None);
         assert!(on_request.compasses[0].event_marks.is_empty());
         assert_eq!(fact(&on_request, "module").unwrap(), "would have calibrated by a command at the end");
     }
 
     #[test]
     fn calibration_and_hard_iron_step_are_marked_at_their_times() {
-        let report = report(|_, verdict| {
+        let report = report_after_change(|_, verdict| {
             let compass = &mut verdict.compasses[0];
             // 30 s of the log precede the first row.
             compass.rows.drain(..300);
@@ -433,7 +433,7 @@ mod tests {
     fn a_field_model_of_another_year_is_reported() {
         for (is_valid, expected_text) in [(true, "by the field model"), (false, "by the field model, of another year")]
         {
-            let report = report(|_, verdict| {
+            let report = report_after_change(|_, verdict| {
                 let day = Date::from_unix_s(1_767_484_800).unwrap();
                 let earth = EarthField::from_model(Position::new(48.0, 11.3, 500.0).unwrap(), day).unwrap();
                 verdict.earth_field = Some((earth, is_valid));
@@ -444,20 +444,20 @@ mod tests {
 
     #[test]
     fn the_before_curve_is_the_autopilot_s_correction() {
-        let logged = report(|_, _| {});
-        let raw = report(|_, verdict| {
+        let logged = report_after_change(|_, _| {});
+        let raw = report_after_change(|_, verdict| {
             verdict.compasses[0]
                 .corrections
                 .retain(|correction| correction.correction_source != CorrectionSource::Autopilot);
         });
         let rows = &FLOWN_TURNS.1.compasses[0].rows;
-        for (report, name, is_logged) in [(&logged, "as logged", true), (&raw, "uncorrected", false)] {
+        for (report, name, is_logged_field_corrected) in [(&logged, "as logged", true), (&raw, "uncorrected", false)] {
             let compass = &report.compasses[0];
             assert_eq!(compass.curves_before[0].curve_name, name);
             // Errors have their mean removed, so differences between rows are compared.
             let difference_deg = |i: usize| {
                 let row = &rows[i];
-                let ut = if is_logged { row.logged_field.ut } else { row.raw_field.ut };
+                let ut = if is_logged_field_corrected { row.logged_field.ut } else { row.raw_field.ut };
                 heading_deg(row, ut.map(f64::from)) - row.reference_deg.unwrap()
             };
             let error_before_deg = |i: usize| compass.samples[i].error_before_deg.unwrap();
@@ -465,10 +465,10 @@ mod tests {
                 wrap_180(error_before_deg(500) - error_before_deg(1500) - (difference_deg(500) - difference_deg(1500)));
             assert!(off_deg.abs() < 1e-6, "{name}: {off_deg}");
         }
-        assert!(figure(&logged, "as logged") != figure(&raw, "as logged"), "{:?}", raw.key_figures);
+        assert!(key_figure(&logged, "as logged") != key_figure(&raw, "as logged"), "{:?}", raw.key_figures);
     }
 
-    fn figure(report: &Report, name_part: &str) -> String {
+    fn key_figure(report: &Report, name_part: &str) -> String {
         report
             .key_figures
             .iter()
@@ -480,7 +480,7 @@ mod tests {
     #[test]
     fn differences_are_named_by_their_reference() {
         let report_with_reference = |reference: Option<ReferenceHeading>| {
-            report(|_, verdict| {
+            report_after_change(|_, verdict| {
                 verdict.reference = reference.clone();
                 if verdict.reference.is_none() {
                     verdict.compasses[0].rows.iter_mut().for_each(|row| row.reference_deg = None);
@@ -496,7 +496,7 @@ mod tests {
             assert_eq!(report.reference.difference_name, word);
             let has_card = crate::report::render_page(&report).contains("Deviation card");
             assert_eq!(has_card, word == "error", "a card is for a known accuracy");
-            assert!(!figure(&report, &format!("{word} as logged")).is_empty(), "{:?}", report.key_figures);
+            assert!(!key_figure(&report, &format!("{word} as logged")).is_empty(), "{:?}", report.key_figures);
             let usable = || report.compasses[0].samples.iter().filter(|report_sample| report_sample.is_usable).skip(20);
             assert_eq!(usable().all(|report_sample| report_sample.error_deg.is_some()), reference.is_some(), "{word}");
             // Without a reference, the difference between the module's and the autopilot's heading is shown.
@@ -510,7 +510,7 @@ mod tests {
         for (is_used, expected_text) in
             [(Some(true), Some("uses it for its heading")), (Some(false), Some("does not use it")), (None, None)]
         {
-            let report = report(|flight, verdict| {
+            let report = report_after_change(|flight, verdict| {
                 flight.parameters = ParameterHistory::default();
                 verdict.compasses[0].is_used_for_heading = is_used;
             });

@@ -201,7 +201,7 @@ fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> S
     };
     let sectors = first.errors_deg.len();
     let step = 360 / sectors.max(1);
-    let has_sigma = compass_report.sigma_deg.len() == sectors;
+    let has_sigma = compass_report.sigma_by_heading_deg.len() == sectors;
     let column = |column_title: &str, line: &DeviationCurve| format!("{column_title}: {}", line.curve_name);
     let mut columns: Vec<String> = compass_report.curves_before.iter().map(|line| column("before", line)).collect();
     columns.extend(compass_report.curves_after.iter().map(|line| column("after", line)));
@@ -211,9 +211,9 @@ fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> S
     let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
     let row = |i: usize| {
         let lines = compass_report.curves_before.iter().chain(&compass_report.curves_after);
-        let mut cells: Vec<String> = lines.map(|line| format_optional(line.card_deg(i), 2)).collect();
+        let mut cells: Vec<String> = lines.map(|line| format_optional(line.card_error_deg(i), 2)).collect();
         if has_sigma {
-            let sigma = format_optional(compass_report.sigma_deg.get(i).copied(), 2);
+            let sigma = format_optional(compass_report.sigma_by_heading_deg.get(i).copied(), 2);
             cells.push(if sigma == "–" { sigma } else { format!("± {sigma}") });
         }
         (format!("{:03}", i * step), cells)
@@ -226,7 +226,7 @@ fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> S
             let caption = format!("Headings {:03} to {:03}", sector_range.start * step, (sector_range.end - 1) * step);
             html_table(&caption, "heading", &columns, sector_range.map(row))
         });
-    let since = compass_report.changed_s.map_or_else(String::new, |at_s| {
+    let since = compass_report.last_change_s.map_or_else(String::new, |at_s| {
         format!(" Of the flight after {} s, the last change.", format_number(at_s, 0))
     });
     format!(
@@ -235,7 +235,7 @@ fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> S
          </div>\n",
         escape_html(&compass_report.compass_name),
         escape_html(&compared.reference_name),
-        escape_html(&compared.card_constant),
+        escape_html(&compared.card_constant_text),
         concat_map(card_halves, |sector_range| sector_range)
     )
 }

@@ -53,7 +53,7 @@ impl Svg {
     }
 
     /// Text rotated to read upwards, centred.
-    pub fn vertical_text(&mut self, class: &str, [x, y]: PicturePoint, text: &str) {
+    pub fn draw_vertical_text(&mut self, class: &str, [x, y]: PicturePoint, text: &str) {
         if let Some([x, y]) = format_coordinates([x, y]) {
             let text = escape_html(text);
             self.push_element(&format!(
@@ -174,7 +174,7 @@ mod tests {
         svg.draw_line("a", [0.0, f64::NAN], [1.0, 1.0]);
         svg.draw_rectangle("a", [0.0, 0.0], [f64::INFINITY, 1.0]);
         svg.draw_text("a", [f64::NAN, 0.0], "words");
-        svg.vertical_text("a", [f64::NAN, 0.0], "words");
+        svg.draw_vertical_text("a", [f64::NAN, 0.0], "words");
         svg.draw_points("a", MarkerShape::Circle, 1.0, [[f64::NAN, 1.0]]);
         svg.draw_path("a", [None, Some([f64::NAN, 1.0])]);
         assert_eq!(svg.body, "");

@@ -52,7 +52,7 @@ struct BusState {
     /// End of the state bus-off of all controllers.
     bus_off_until_us: u64,
     inboxes: Vec<FrameInbox>,
-    frames: u64,
+    sent_frame_count: u64,
 }
 
 #[derive(Default)]
@@ -74,7 +74,7 @@ impl CanBus {
             free_at_us: 0,
             bus_off_until_us: 0,
             inboxes: Vec::new(),
-            frames: 0,
+            sent_frame_count: 0,
         })))
     }
 
@@ -96,7 +96,7 @@ impl CanBus {
     /// Number of frames sent since the start.
     #[must_use]
     pub fn frame_count(&self) -> u64 {
-        self.0.borrow().frames
+        self.0.borrow().sent_frame_count
     }
 }
 
@@ -167,7 +167,7 @@ impl ReceiveFrame for CanEnd {
 
 impl BusState {
     fn broadcast_frame(&mut self, sender: usize, frame: &CanFrame, now_us: u64) {
-        self.frames += 1;
+        self.sent_frame_count += 1;
         self.free_at_us = self.free_at_us.max(now_us) + EMPTY_FRAME_US + DATA_BYTE_US * frame.data().len() as u64;
         let CanFaults { loss_share: loss, duplication_share: duplication, reordering_share: reordering, .. } =
             self.faults;

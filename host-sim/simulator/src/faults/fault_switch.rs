@@ -10,7 +10,7 @@ pub struct FaultSwitch(Rc<Cell<(u64, u64)>>);
 impl FaultSwitch {
     /// A switch that is off until its active time is set.
     #[must_use]
-    pub fn always_off() -> Self {
+    pub fn initially_off() -> Self {
         Self(Rc::new(Cell::new((u64::MAX, u64::MAX))))
     }
 
@@ -40,7 +40,7 @@ impl FaultSwitch {
 
     /// Elapsed fraction of the active time: 0 before, 1 after it.
     #[must_use]
-    pub fn active_fraction(&self, at_us: u64) -> f64 {
+    pub fn elapsed_fraction(&self, at_us: u64) -> f64 {
         let (from_us, until_us) = self.0.get();
         (at_us.saturating_sub(from_us) as f64 / until_us.saturating_sub(from_us).max(1) as f64).min(1.0)
     }

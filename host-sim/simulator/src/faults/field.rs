@@ -22,7 +22,7 @@ pub fn hard_iron_change(switch: FaultSwitch, change_ut: Vector3<f64>) -> impl Fi
 /// Zero drift of a warming sensor: linear while the switch is on, then constant; microtesla, chip axes.
 #[must_use]
 pub fn zero_drift(switch: FaultSwitch, change_ut: Vector3<f64>) -> impl FieldFault {
-    move |truth: &TrueState| change_ut * switch.active_fraction(truth.time_us)
+    move |truth: &TrueState| change_ut * switch.elapsed_fraction(truth.time_us)
 }
 
 /// Hard iron that relaxes to a new value, as of a magnetised part that warms; microtesla, chip axes.
@@ -39,7 +39,7 @@ pub fn hard_iron_drift(switch: FaultSwitch, change_ut: Vector3<f64>, time_consta
 pub fn passing_object(switch: FaultSwitch, peak_ut: Vector3<f64>) -> impl FieldFault {
     move |&TrueState { time_us, .. }: &TrueState| {
         let proximity = if switch.is_on(time_us) {
-            (1.0 - libm::cos(2.0 * PI * switch.active_fraction(time_us))) / 2.0
+            (1.0 - libm::cos(2.0 * PI * switch.elapsed_fraction(time_us))) / 2.0
         } else {
             0.0
         };
@@ -70,17 +70,15 @@ pub fn throttle_interference(switch: FaultSwitch, full_throttle_ut: Vector3<f64>
 }
 
 /// Bank at which an elevator linkage reaches the end of its range, degrees: that of the calibration turns.
-const LINKAGE_BANK_DEG: f64 = 25.0;
+const FULL_DEFLECTION_BANK_DEG: f64 = 25.0;
 
 /// Iron in the linkage of the elevator, which deflects in turns by the load factor less one (W. F. Phillips, Mechanics
 /// of Flight, 2010, 6.4). `full_deflection_ut`: field at 25 deg of bank and above, microtesla, chip axes.
 #[must_use]
 pub fn elevator_linkage(full_deflection_ut: Vector3<f64>) -> impl FieldFault {
     let deflection = |bank_rad: f64| 1.0 / libm::cos(bank_rad) - 1.0;
-    let deflection_at_linkage_bank = deflection(LINKAGE_BANK_DEG.to_radians());
-    move |truth: &TrueState| {
-        full_deflection_ut * (deflection(truth.roll_rad) / deflection_at_linkage_bank).clamp(0.0, 1.0)
-    }
+    let full_deflection = deflection(FULL_DEFLECTION_BANK_DEG.to_radians());
+    move |truth: &TrueState| full_deflection_ut * (deflection(truth.roll_rad) / full_deflection).clamp(0.0, 1.0)
 }
 
 /// Hysteresis of the soft iron: its magnetisation turns with the field only after a play (the play operator of M. A.
@@ -146,7 +144,7 @@ impl FieldFault for MountTurn {
         let Airframe { field_matrix: a, hard_iron_ut: b_ut } = self.airframe;
         let field_ut = a * self.earth.body_field_ut(truth.euler_angles()) + b_ut;
         let axis = Rotation3::from_matrix(&a) * Vector3::z_axis();
-        let turn_rad = self.turn_deg.to_radians() * self.fault_switch.active_fraction(truth.time_us);
+        let turn_rad = self.turn_deg.to_radians() * self.fault_switch.elapsed_fraction(truth.time_us);
         // The field turns the other way in the module's axes.
         Rotation3::from_axis_angle(&axis, -turn_rad) * field_ut - field_ut
     }
@@ -161,7 +159,7 @@ pub struct OtherPlace {
 }
 
 impl FieldFault for OtherPlace {
-    fn replaced_earth(&self, at_us: u64) -> Option<Earth> {
+    fn replacement_earth(&self, at_us: u64) -> Option<Earth> {
         self.fault_switch.is_on(at_us).then_some(self.earth)
     }
 }

@@ -65,13 +65,13 @@ async fn pause_link(switch: FaultSwitch, world: World) {
 /// Simulates another vehicle of the same kind, armed, that flies circles to alternating sides.
 async fn simulate_other_vehicle(system_id: u8, own_world: World, uart: HostEnd) {
     /// Number of circles that the vehicle flies: more than ten hours.
-    const MAX_FLIGHT_CIRCLES: usize = 4000;
+    const FLIGHT_CIRCLES: usize = 4000;
     let config = own_world.world_config();
     let world = World::new(WorldConfig { seed: config.seed.wrapping_add(0x0711), ..config });
     world.set_armed(true);
-    for circle in 0..MAX_FLIGHT_CIRCLES {
+    for circle in 0..FLIGHT_CIRCLES {
         let heading_change_deg = if circle % 2 == 0 { 360.0 } else { -360.0 };
-        world.fly_leg(Leg::Turn { bank_deg: 20.0, heading_change_deg });
+        world.append_leg(Leg::Turn { bank_deg: 20.0, heading_change_deg });
     }
     let identity = Identity { system_id, component_id: 1, heartbeat_kind: Some(SenderKind::Autopilot) };
     world.attitude_source().with_identity(identity).run_source(world, uart, Vec::new()).await;

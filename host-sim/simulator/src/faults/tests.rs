@@ -25,8 +25,8 @@ use crate::world::{TrueState, WorldConfig};
 use log_analysis::numbers::square;
 
 /// Switch of a fault that is active from 1 s to 3 s.
-fn switch() -> FaultSwitch {
-    let switch = FaultSwitch::always_off();
+fn switch_on_from_1_to_3_s() -> FaultSwitch {
+    let switch = FaultSwitch::initially_off();
     switch.set_active(1_000_000, 3_000_000);
     switch
 }
@@ -36,14 +36,14 @@ const WHILE_ACTIVE_US: u64 = 2_000_000;
 
 #[test]
 fn a_switch_is_on_from_its_start_until_its_end() {
-    let switch = FaultSwitch::always_off();
+    let switch = FaultSwitch::initially_off();
     assert!(!switch.is_on(0) && !switch.is_on(u64::MAX - 1));
     switch.set_active(1_000_000, 3_000_000);
     assert_eq!([999_999, 1_000_000, 2_999_999, 3_000_000].map(|at_us| switch.is_on(at_us)), [false, true, true, false]);
     assert_eq!(switch.active_for_s(2_500_000), Some(1.5));
     assert_eq!(switch.active_for_s(3_000_000), None);
     for (at_us, progress) in [(0, 0.0), (1_000_000, 0.0), (2_000_000, 0.5), (4_000_000, 1.0)] {
-        assert!((switch.active_fraction(at_us) - progress).abs() < 1e-9, "{at_us}");
+        assert!((switch.elapsed_fraction(at_us) - progress).abs() < 1e-9, "{at_us}");
     }
     assert!(FaultSwitch::always_on().is_on(0));
 }
@@ -106,7 +106,8 @@ fn an_upset_flips_the_bits_of_a_register_once() {
     let (bytes, chip) = read_faulty_chip(upset, 0xA0, 5);
     assert_eq!(bytes, [0x20, 0x41, 0x22, 0x23, 0x24]);
     assert_eq!(chip.borrow().registers[0x21], 0x41);
-    let mut upset = RegisterUpset { fault_switch: switch(), register: 0x21, bit_mask: 0x60, has_occurred: false };
+    let mut upset =
+        RegisterUpset { fault_switch: switch_on_from_1_to_3_s(), register: 0x21, bit_mask: 0x60, has_occurred: false };
     assert_eq!(upset.register_upset(BEFORE_ONSET_US), None);
     assert_eq!(
         (upset.register_upset(WHILE_ACTIVE_US), upset.register_upset(WHILE_ACTIVE_US)),
@@ -122,7 +123,7 @@ fn apply_sensor_fault(fault: &mut impl SensorFault, at_us: u64, counts: [i16; 3]
 
 #[test]
 fn a_stuck_axis_repeats_what_it_read_last() {
-    let mut stuck = stuck_axes(switch(), [false, true, false]);
+    let mut stuck = stuck_axes(switch_on_from_1_to_3_s(), [false, true, false]);
     assert_eq!(apply_sensor_fault(&mut stuck, BEFORE_ONSET_US, [1, 2, 3]), [1, 2, 3]);
     assert_eq!(apply_sensor_fault(&mut stuck, WHILE_ACTIVE_US, [4, 5, 6]), [4, 2, 6]);
     assert_eq!(apply_sensor_fault(&mut stuck, WHILE_ACTIVE_US, [7, 8, 9]), [7, 2, 9]);
@@ -132,7 +133,10 @@ fn a_stuck_axis_repeats_what_it_read_last() {
 /// 10,000 measurements determine both statistics to a few per cent.
 #[test]
 fn noise_and_spikes_have_the_configured_size_and_rate() {
-    let (mut noisy, mut spiky) = (additional_noise(switch(), 100.0, 1), measurement_spikes(switch(), 0.01, 2000.0, 1));
+    let (mut noisy, mut spiky) = (
+        additional_noise(switch_on_from_1_to_3_s(), 100.0, 1),
+        measurement_spikes(switch_on_from_1_to_3_s(), 0.01, 2000.0, 1),
+    );
     assert_eq!(apply_sensor_fault(&mut noisy, BEFORE_ONSET_US, [0; 3]), [0; 3]);
     assert_eq!(apply_sensor_fault(&mut spiky, BEFORE_ONSET_US, [0; 3]), [0; 3]);
     let squares: f64 =
@@ -156,7 +160,7 @@ fn apply_attitude_fault(fault: &mut impl AttitudeFault, at_us: u64, roll: f32) -
 
 #[test]
 fn a_frozen_source_repeats_everything_but_its_time() {
-    let mut frozen = frozen_attitude(switch());
+    let mut frozen = frozen_attitude(switch_on_from_1_to_3_s());
     apply_attitude_fault(&mut frozen, BEFORE_ONSET_US, 0.2);
     let message = apply_attitude_fault(&mut frozen, WHILE_ACTIVE_US, 0.5);
     assert_eq!((message.roll.to_bits(), message.rollspeed.to_bits()), (0.2_f32.to_bits(), 0.2_f32.to_bits()));
@@ -171,18 +175,18 @@ fn each_attitude_fault_has_its_named_effect() {
         fault.modify_message(at_us, &mut message);
         message.roll
     };
-    let mut bank_scale = bank_scale_error(switch(), 0.7);
-    let mut bias = attitude_bias(switch(), [0.1, 0.2]);
+    let mut bank_scale = bank_scale_error(switch_on_from_1_to_3_s(), 0.7);
+    let mut bias = attitude_bias(switch_on_from_1_to_3_s(), [0.1, 0.2]);
     for (fault, expected) in [(&mut bank_scale as &mut dyn AttitudeFault, 0.28), (&mut bias, 0.5)] {
         assert!(
             (roll(fault, BEFORE_ONSET_US) - 0.4).abs() < 1e-6 && (roll(fault, WHILE_ACTIVE_US) - expected).abs() < 1e-6
         );
     }
-    let latency_fault = AdditionalLatency { fault_switch: switch(), latency_us: 200_000 };
+    let latency_fault = AdditionalLatency { fault_switch: switch_on_from_1_to_3_s(), latency_us: 200_000 };
     assert_eq!([BEFORE_ONSET_US, WHILE_ACTIVE_US].map(|at_us| latency_fault.added_latency_us(at_us)), [0, 200_000]);
     let coarse = roll(&mut attitude_quantisation(0.1), 0).to_degrees();
     assert!((coarse - 22.9).abs() < 1e-4, "0.4 rad are 22.918 deg: {coarse}");
-    let mut spikes = attitude_spikes(switch(), 0.01, 1);
+    let mut spikes = attitude_spikes(switch_on_from_1_to_3_s(), 0.01, 1);
     let wrong: Vec<f32> = (0..10_000)
         .map(|_| apply_attitude_fault(&mut spikes, WHILE_ACTIVE_US, 0.0).roll)
         .filter(|roll_rad| *roll_rad != 0.0)
@@ -196,9 +200,9 @@ fn each_field_fault_has_its_named_effect() {
     let ut = Vector3::new(3.0, 0.0, 4.0);
     let added =
         |fault: &dyn FieldFault, time_us| fault.added_field_ut(&TrueState { time_us, ..TrueState::default() }).norm();
-    let changed_iron = hard_iron_change(switch(), ut);
-    let drift = zero_drift(switch(), ut);
-    let passing = passing_object(switch(), ut);
+    let changed_iron = hard_iron_change(switch_on_from_1_to_3_s(), ut);
+    let drift = zero_drift(switch_on_from_1_to_3_s(), ut);
+    let passing = passing_object(switch_on_from_1_to_3_s(), ut);
     for (fault, expected_ut) in [
         (&changed_iron as &dyn FieldFault, [0.0, 5.0, 5.0, 0.0]),
         (&drift, [0.0, 1.25, 2.5, 5.0]),
@@ -218,7 +222,7 @@ fn each_field_fault_has_its_named_effect() {
 }
 
 #[test]
-fn a_linkage_moves_in_turns_to_both_sides_only() {
+fn an_elevator_linkage_adds_field_in_turns_to_either_side() {
     let linkage = elevator_linkage(Vector3::new(0.0, 3.0, 0.0));
     for (bank_deg, expected_ut) in [(0.0_f64, 0.0), (25.0, 3.0), (-25.0, 3.0), (40.0, 3.0), (12.0, 0.646)] {
         let state = TrueState { roll_rad: bank_deg.to_radians(), ..TrueState::default() };
@@ -253,7 +257,7 @@ fn hysteresis_depends_on_the_side_of_the_last_turn() {
 }
 
 #[test]
-fn a_lean_grows_with_its_time_constant() {
+fn a_lagging_bank_error_grows_with_its_time_constant() {
     let mut lean = lagging_bank_error(FaultSwitch::always_on(), 0.12, 10.0);
     let mut message = ATTITUDE_DATA::default();
     for step in 0..=500 {

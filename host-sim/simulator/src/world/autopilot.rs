@@ -103,7 +103,7 @@ struct ActiveLeg {
 #[derive(Clone, Debug, Default)]
 pub struct Autopilot {
     plan: VecDeque<Leg>,
-    active: Option<ActiveLeg>,
+    active_leg: Option<ActiveLeg>,
     held_command: VehicleCommand,
     translation_without_plan: TranslationMode,
 }
@@ -121,7 +121,7 @@ impl Autopilot {
     }
 
     /// Appends a leg. After the last leg the vehicle continues wings level, or hovers.
-    pub fn fly_leg(&mut self, leg: Leg) {
+    pub fn append_leg(&mut self, leg: Leg) {
         self.held_command =
             VehicleCommand { translation_mode: self.translation_without_plan, ..VehicleCommand::default() };
         self.plan.push_back(leg);
@@ -130,7 +130,7 @@ impl Autopilot {
     /// Clears the plan and holds a bank and a pitch.
     pub fn hold_bank_and_pitch(&mut self, bank_deg: f64, pitch_deg: f64) {
         self.plan.clear();
-        self.active = None;
+        self.active_leg = None;
         let (bank_rad, pitch_rad) = (bank_deg.to_radians(), pitch_deg.to_radians());
         self.held_command = VehicleCommand { bank_rad, pitch_rad, ..VehicleCommand::default() };
     }
@@ -138,29 +138,29 @@ impl Autopilot {
     /// Clears the plan; the vehicle continues wings level, or hovers.
     pub fn clear_plan(&mut self) {
         self.plan.clear();
-        self.active = None;
+        self.active_leg = None;
         self.held_command =
             VehicleCommand { translation_mode: self.translation_without_plan, ..VehicleCommand::default() };
     }
 
     /// Number of unfinished legs, the present one included.
     #[must_use]
-    pub fn unfinished_legs(&self) -> usize {
-        self.plan.len() + usize::from(self.active.is_some())
+    pub fn unfinished_leg_count(&self) -> usize {
+        self.plan.len() + usize::from(self.active_leg.is_some())
     }
 
     pub(super) fn next_command(&mut self, state: &TrueState) -> VehicleCommand {
-        if self.active.is_some_and(|active| active.is_done(state)) {
-            self.active = None;
+        if self.active_leg.is_some_and(|active| active.is_done(state)) {
+            self.active_leg = None;
         }
-        if self.active.is_none() {
-            self.active = self.plan.pop_front().map(|leg| ActiveLeg {
+        if self.active_leg.is_none() {
+            self.active_leg = self.plan.pop_front().map(|leg| ActiveLeg {
                 leg,
                 began_us: state.time_us,
                 began_heading_rad: state.heading_rad,
             });
         }
-        self.active.map_or(self.held_command, |active| active.vehicle_command(state))
+        self.active_leg.map_or(self.held_command, |active| active.vehicle_command(state))
     }
 }
 

@@ -148,7 +148,7 @@ async fn run_msp(
             for timed_byte in uart.receive_timed() {
                 device.receive_byte(timed_byte.arrives_at_us, timed_byte.byte);
             }
-            let bytes = device.send_replies(now_us, &autopilot_state);
+            let bytes = device.due_reply_bytes(now_us, &autopilot_state);
             if world.sends_attitude() && !is_silent(&faults, now_us) {
                 uart.send_bytes(&bytes);
             }

@@ -19,7 +19,7 @@ pub trait FieldFault {
     }
 
     /// Earth's field at another place, if the aircraft is not at the configured one.
-    fn replaced_earth(&self, _at_us: u64) -> Option<Earth> {
+    fn replacement_earth(&self, _at_us: u64) -> Option<Earth> {
         None
     }
 }

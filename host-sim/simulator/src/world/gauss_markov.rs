@@ -63,7 +63,7 @@ mod tests {
     const STEP_S: f64 = 0.01;
 
     /// Standard deviation and integral of the autocorrelation over 8 correlation times.
-    fn statistics(mut next_value: impl FnMut() -> f64, correlation_s: f64) -> (f64, f64) {
+    fn sigma_and_correlation_time(mut next_value: impl FnMut() -> f64, correlation_s: f64) -> (f64, f64) {
         let values: Vec<f64> = (0..2_000_000).map(|_| next_value()).collect();
         let covariance = |lag: usize| {
             let pairs = values.len() - lag;
@@ -82,8 +82,10 @@ mod tests {
         let random = || RandomStream::new(1, StreamPurpose::Bank);
         let mut rough = FirstOrderProcess::new(2.0, 1.5, STEP_S, random());
         let mut smooth = SecondOrderProcess::new(2.0, 1.5, STEP_S, random());
-        for (sigma, correlation_s) in [statistics(|| rough.next_value(), 1.5), statistics(|| smooth.next_value(), 1.5)]
-        {
+        for (sigma, correlation_s) in [
+            sigma_and_correlation_time(|| rough.next_value(), 1.5),
+            sigma_and_correlation_time(|| smooth.next_value(), 1.5),
+        ] {
             assert!((sigma - 2.0).abs() < 0.06, "sigma {sigma}");
             assert!((correlation_s - 1.5).abs() < 0.2, "correlation time {correlation_s}");
         }

@@ -85,7 +85,7 @@ impl World {
     pub fn magnetometer_source(&self, faults: Vec<Rc<dyn FieldFault>>) -> FieldSource {
         let world = self.clone();
         Box::new(move |at_us| {
-            let earth = faults.iter().find_map(|fault| fault.replaced_earth(at_us));
+            let earth = faults.iter().find_map(|fault| fault.replacement_earth(at_us));
             let field = world.0.borrow_mut().sensor_field(at_us, earth);
             let truth = world.true_state(at_us);
             let added: Vector3<f64> = faults.iter().map(|fault| fault.added_field_ut(&truth)).sum();
@@ -104,19 +104,19 @@ impl World {
     }
 
     /// Appends a leg to the flight plan.
-    pub fn fly_leg(&self, leg: Leg) {
-        self.advanced_to_now().aircraft.autopilot_mut().fly_leg(leg);
+    pub fn append_leg(&self, leg: Leg) {
+        self.advanced_to_now().aircraft.autopilot_mut().append_leg(leg);
     }
 
     /// Number of unfinished legs, the present one included.
     #[must_use]
-    pub fn unfinished_legs(&self) -> usize {
-        self.advanced_to_now().aircraft.autopilot().unfinished_legs()
+    pub fn unfinished_leg_count(&self) -> usize {
+        self.advanced_to_now().aircraft.autopilot().unfinished_leg_count()
     }
 
     /// Starts a prescribed motion: on level ground, at a heading, on a bench.
-    pub fn set_motion(&self, prescribed_motion: PrescribedMotion) {
-        self.advanced_to_now().aircraft.set_motion(prescribed_motion);
+    pub fn set_prescribed_motion(&self, prescribed_motion: PrescribedMotion) {
+        self.advanced_to_now().aircraft.set_prescribed_motion(prescribed_motion);
     }
 
     /// Ends a prescribed motion; the vehicle model continues at the present position.

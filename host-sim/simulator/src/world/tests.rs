@@ -86,9 +86,9 @@ fn the_flight_does_not_depend_on_queries() {
             }
         });
         simulation.run_until(1_234_567);
-        world.fly_leg(Leg::Turn { bank_deg: 20.0, heading_change_deg: 90.0 });
+        world.append_leg(Leg::Turn { bank_deg: 20.0, heading_change_deg: 90.0 });
         simulation.run_until(20_000_000);
-        (world.true_state(20_000_000), world.sensor_field(19_000_001), world.unfinished_legs())
+        (world.true_state(20_000_000), world.sensor_field(19_000_001), world.unfinished_leg_count())
     };
     assert_eq!(flight(777), flight(10_000_000));
 }
@@ -135,7 +135,7 @@ fn motor_current_interference_is_proportional_to_the_current() {
         (world.sensor_field(at_us).ut - without_current.ut).x
     };
     assert!((added_field_ut([10.0, 0.0, 0.0]) - 10.0).abs() < 0.01);
-    world.fly_leg(Leg::Tilt { toward_deg: 90.0, tilt_deg: 18.0, seconds: 3.0 });
+    world.append_leg(Leg::Tilt { toward_deg: 90.0, tilt_deg: 18.0, seconds: 3.0 });
     simulation.run_until(4_900_000);
     assert!((added_field_ut([10.0, 0.0, 0.0]) - 10.78).abs() < 0.05);
     assert_eq!(WorldConfig::of_table1(1).current_interference_ut.map(f64::to_bits), [0; 3]);
@@ -151,11 +151,11 @@ fn motor_current_interference_is_proportional_to_the_current() {
 #[test]
 fn a_whole_flight_is_a_function_of_its_seed() {
     let minute_us = 60_000_000;
-    assert_eq!(fly_everything(7, minute_us), fly_everything(7, minute_us));
-    assert_ne!(fly_everything(7, minute_us).0, fly_everything(8, minute_us).0);
+    assert_eq!(received_hash_and_byte_count(7, minute_us), received_hash_and_byte_count(7, minute_us));
+    assert_ne!(received_hash_and_byte_count(7, minute_us).0, received_hash_and_byte_count(8, minute_us).0);
 }
 
-fn fly_everything(seed: u64, duration_us: u64) -> (u64, usize) {
+fn received_hash_and_byte_count(seed: u64, duration_us: u64) -> (u64, usize) {
     use std::hash::{DefaultHasher, Hasher};
 
     use embedded_hal_async::i2c::I2c;
@@ -200,7 +200,7 @@ fn fly_everything(seed: u64, duration_us: u64) -> (u64, usize) {
             add_to_hash(&seen_field, &bytes);
         }
     });
-    world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 7200.0 });
+    world.append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 7200.0 });
     simulation.run_until(duration_us);
     let hash_and_count = hash_and_count.borrow();
     (hash_and_count.0.finish(), hash_and_count.1)

@@ -111,7 +111,7 @@ impl TcpPort {
         Ok(Self { listener, clients: Vec::new(), notices: Vec::new(), port })
     }
 
-    fn accept_client(&mut self) {
+    fn accept_clients(&mut self) {
         while let Ok((client, from)) = self.listener.accept() {
             if self.clients.len() < MAX_CLIENTS && client.set_nonblocking(true).is_ok() {
                 // A failure to set `TCP_NODELAY` is ignored: without it data are only delayed.
@@ -133,7 +133,7 @@ impl TcpPort {
 
 impl ByteConnection for TcpPort {
     fn read_bytes(&mut self, max_bytes: usize) -> Vec<u8> {
-        self.accept_client();
+        self.accept_clients();
         let mut bytes = Vec::new();
         for client in &mut self.clients {
             bytes.extend(client.read_bytes(max_bytes - bytes.len()));
@@ -203,10 +203,10 @@ pub struct Terminal {
     /// The line being typed.
     typed_line: Vec<u8>,
     /// Pilot of a private module.
-    pilot_lines: Option<Sender<Vec<u8>>>,
+    pilot_line_sender: Option<Sender<Vec<u8>>>,
     is_closed: bool,
     /// Time of the last output after the end of the input.
-    last_output: Option<Instant>,
+    last_output_after_input_end: Option<Instant>,
     /// Time of the last piped line or of the output that followed it, until the prompt returns. The next line waits
     /// for the prompt: the module drops characters that arrive during a long answer and do not fit its receive buffer.
     awaited_since: Option<Instant>,
@@ -217,8 +217,8 @@ pub struct Terminal {
 }
 
 impl Terminal {
-    /// Switches the terminal to raw mode until dropped. `pilot_lines` receives lines for the simulated pilot.
-    pub fn open_terminal(pilot_lines: Option<Sender<Vec<u8>>>) -> io::Result<Self> {
+    /// Switches the terminal to raw mode until dropped. `pilot_line_sender` receives lines for the simulated pilot.
+    pub fn open_terminal(pilot_line_sender: Option<Sender<Vec<u8>>>) -> io::Result<Self> {
         let stdin = io::stdin();
         let is_raw = stdin.is_terminal();
         if is_raw {
@@ -231,9 +231,9 @@ impl Terminal {
             byte_receiver: read_in_thread(stdin),
             unprocessed_bytes: VecDeque::new(),
             typed_line: Vec::new(),
-            pilot_lines,
+            pilot_line_sender,
             is_closed: false,
-            last_output: None,
+            last_output_after_input_end: None,
             awaited_since: None,
             output_end: [0; PROMPT.len()],
             is_raw,
@@ -243,7 +243,7 @@ impl Terminal {
     /// Handles a typed byte; returns whether the module receives it.
     fn process_typed_byte(&mut self, byte: u8) -> bool {
         let is_pilot_line =
-            self.pilot_lines.is_some() && self.typed_line.first().unwrap_or(&byte) == &PILOT_LINE_PREFIX;
+            self.pilot_line_sender.is_some() && self.typed_line.first().unwrap_or(&byte) == &PILOT_LINE_PREFIX;
         match byte {
             LEAVE_KEY if self.is_raw => self.is_closed = true,
             END_OF_INPUT_KEY if self.is_raw && self.typed_line.is_empty() => self.is_closed = true,
@@ -278,9 +278,9 @@ impl Terminal {
         if self.is_raw {
             print::print_text("\r\n");
         }
-        if let Some(pilot_lines) = &self.pilot_lines {
+        if let Some(pilot_line_sender) = &self.pilot_line_sender {
             // Sending cannot fail: the loop that receives orders lasts as long as the session.
-            let _ = pilot_lines.send([&typed_line[1..], b"\n"].concat());
+            let _ = pilot_line_sender.send([&typed_line[1..], b"\n"].concat());
         }
     }
 
@@ -289,7 +289,7 @@ impl Terminal {
     fn end_session(&mut self) {
         self.is_closed |= self.is_raw;
         self.unprocessed_bytes.clear();
-        self.last_output.get_or_insert_with(Instant::now);
+        self.last_output_after_input_end.get_or_insert_with(Instant::now);
     }
 
     /// Number of bytes to send now: of piped input one line at most, and none until the last line is answered.
@@ -310,7 +310,7 @@ impl Terminal {
                 Ok(bytes) => self.unprocessed_bytes.extend(bytes),
                 Err(TryRecvError::Empty) => return,
                 Err(TryRecvError::Disconnected) => {
-                    self.last_output.get_or_insert_with(Instant::now);
+                    self.last_output_after_input_end.get_or_insert_with(Instant::now);
                     return;
                 }
             }
@@ -342,7 +342,7 @@ impl ByteConnection for Terminal {
 
     fn write_bytes(&mut self, bytes: &[u8]) {
         if !bytes.is_empty() {
-            self.last_output = self.last_output.map(|_| Instant::now());
+            self.last_output_after_input_end = self.last_output_after_input_end.map(|_| Instant::now());
             self.awaited_since = self.awaited_since.map(|_| Instant::now());
         }
         for &byte in bytes {
@@ -358,7 +358,7 @@ impl ByteConnection for Terminal {
 
     fn has_ended(&self) -> bool {
         let is_answered = |last: Instant| self.unprocessed_bytes.is_empty() && last.elapsed() > SILENCE_AFTER_ANSWER;
-        self.is_closed || self.last_output.is_some_and(is_answered)
+        self.is_closed || self.last_output_after_input_end.is_some_and(is_answered)
     }
 }
 
@@ -404,9 +404,9 @@ mod tests {
                 byte_receiver,
                 unprocessed_bytes: VecDeque::new(),
                 typed_line: Vec::new(),
-                pilot_lines: None,
+                pilot_line_sender: None,
                 is_closed: false,
-                last_output: None,
+                last_output_after_input_end: None,
                 awaited_since: None,
                 output_end: [0; PROMPT.len()],
                 is_raw: true,

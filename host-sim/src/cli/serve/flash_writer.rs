@@ -37,7 +37,7 @@ impl FlashWriter {
 
     /// Writes the file if the flash changed and is stable since the last call, or at the end.
     pub fn write_if_stable(&mut self, served_module: &ServedModule, is_end: bool) -> Result<(), CommandFailure> {
-        let changes = served_module.flash_changes();
+        let changes = served_module.flash_change_count();
         let is_stable = changes == self.seen_change_count || is_end;
         self.seen_change_count = changes;
         if is_stable && changes != self.written_change_count {

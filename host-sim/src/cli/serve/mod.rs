@@ -353,21 +353,21 @@ fn attach_terminal(mut module: impl ByteConnection) -> Result<ExitCode, CommandF
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }
 
-/// Opens the console's terminal. `pilot_lines` receives the lines for the simulated pilot of a private module.
-fn open_terminal(pilot_lines: Option<Sender<Vec<u8>>>) -> Result<Terminal, CommandFailure> {
+/// Opens the console's terminal. `pilot_line_sender` receives the lines for the simulated pilot of a private module.
+fn open_terminal(pilot_line_sender: Option<Sender<Vec<u8>>>) -> Result<Terminal, CommandFailure> {
     if io::IsTerminal::is_terminal(&io::stdin()) {
-        let pilot = if pilot_lines.is_some() { "; !ORDER is for the pilot: !land, !help" } else { "" };
+        let pilot = if pilot_line_sender.is_some() { "; !ORDER is for the pilot: !land, !help" } else { "" };
         print::print_error(format_args!("quit, Ctrl-D or Ctrl-] ends{pilot}"));
     }
-    Terminal::open_terminal(pilot_lines).map_err(|error| CommandFailure::with_code("no-terminal", error))
+    Terminal::open_terminal(pilot_line_sender).map_err(|error| CommandFailure::with_code("no-terminal", error))
 }
 
 fn serve_private_module(module_options: &ModuleOptions) -> Result<ExitCode, CommandFailure> {
     let (mut served_module, flash_writer) = module_options.build_module(AttitudeProvider::Own, false, false)?;
     let mut port_wires: Vec<Vec<Box<dyn ByteConnection>>> = PORTS.iter().map(|_| Vec::new()).collect();
     let interruption = TerminationSignals::install_handlers(SecondSignal::Exits)?;
-    let (pilot_lines, line_receiver) = mpsc::channel();
-    port_wires[serve::CONSOLE_PORT].push(Box::new(open_terminal(Some(pilot_lines))?));
+    let (pilot_line_sender, line_receiver) = mpsc::channel();
+    port_wires[serve::CONSOLE_PORT].push(Box::new(open_terminal(Some(pilot_line_sender))?));
     let wiring = Connections {
         port_wires,
         attitude_socket: None,

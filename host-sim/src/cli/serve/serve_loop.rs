@@ -60,10 +60,10 @@ impl Connections {
                 pilot_commands.execute_pilot_lines(served_module);
             }
             if let Some(can) = &self.can_bus {
-                can.receive_frames().iter().for_each(|frame| served_module.send_frame(frame));
+                can.receive_frames().iter().for_each(|frame| served_module.send_frame_to_module(frame));
             }
             if let Some(can) = &self.can_bus {
-                served_module.take_frames().iter().for_each(|frame| can.send_frame(frame));
+                served_module.take_module_frames().iter().for_each(|frame| can.send_frame(frame));
             }
             if let Some((path, server)) = served_module.take_firmware_update() {
                 print::print_error(format_args!(
@@ -141,8 +141,9 @@ fn execute_and_answer(served_module: &mut ServedModule, line: &[u8]) {
     if line.len() > MAX_LINE_BYTES {
         print::print_line("error line-too-long: an order has at most 256 characters");
     } else if !line.trim().is_empty() {
-        let answer =
-            served_module.execute_line(&line).unwrap_or_else(|error| format!("error {}: {error}", error.stable_code()));
+        let answer = served_module
+            .execute_pilot_line(&line)
+            .unwrap_or_else(|error| format!("error {}: {error}", error.stable_code()));
         // A raw terminal, as that of a private console, needs the carriage return.
         let line_end = if io::stdin().is_terminal() { "\r\n" } else { "\n" };
         print::print_text(&format!("{}{line_end}", answer.replace('\n', line_end)));

@@ -23,7 +23,7 @@ struct SampleCandidate {
     gain: f64,
     sample_index: usize,
     /// Number of selected samples when the gain was computed.
-    evaluated_at: usize,
+    selected_count_at_evaluation: usize,
 }
 
 impl PartialEq for SampleCandidate {
@@ -53,21 +53,24 @@ pub fn select_samples(trial: &RandomFlight, sample_count: usize) -> Vec<TrueSamp
     let true_samples: Vec<&TrueSample> = trial.true_samples().collect();
     let rows: Vec<InformationRoot> =
         true_samples.iter().map(|true_sample| cramer_rao::information_root(trial, true_sample)).collect();
-    let mut covariance = prior_information();
+    let mut covariance = prior_covariance();
     let gain = |covariance: &FisherInformation, sample_index: usize| {
         libm::log(information_gain_matrix(covariance, &rows[sample_index]).determinant())
     };
-    let candidate =
-        |sample_index| SampleCandidate { gain: gain(&covariance, sample_index), sample_index, evaluated_at: 0 };
+    let candidate = |sample_index| SampleCandidate {
+        gain: gain(&covariance, sample_index),
+        sample_index,
+        selected_count_at_evaluation: 0,
+    };
     let mut candidates: BinaryHeap<SampleCandidate> = (0..rows.len()).map(candidate).collect();
     let mut chosen = Vec::new();
     while chosen.len() < sample_count
         && let Some(best_candidate) = candidates.pop()
     {
-        if best_candidate.evaluated_at < chosen.len() {
+        if best_candidate.selected_count_at_evaluation < chosen.len() {
             candidates.push(SampleCandidate {
                 gain: gain(&covariance, best_candidate.sample_index),
-                evaluated_at: chosen.len(),
+                selected_count_at_evaluation: chosen.len(),
                 ..best_candidate
             });
             continue;
@@ -84,7 +87,7 @@ pub fn bound_rms_deg(trial: &RandomFlight, sample_count: usize) -> Option<f64> {
     cramer_rao::bound_deg_of_samples(trial, select_samples(trial, sample_count).iter())
 }
 
-fn prior_information() -> FisherInformation {
+fn prior_covariance() -> FisherInformation {
     let [soft, hard, inclination] = PRIOR_SIGMAS;
     let sigma = |unknown| match unknown {
         0..9 => soft,
@@ -115,17 +118,17 @@ mod tests {
     use crate::studies::accuracy::random_flight::{AttitudeEnvelope, RandomRanges};
     use simulator::world::aircraft::VehicleKind;
 
-    fn trial(samples: usize) -> RandomFlight {
-        RandomFlight::draw_flight(&RandomRanges { samples, ..RandomRanges::WORST_CASE }, 3)
+    fn random_flight_with_samples(samples: usize) -> RandomFlight {
+        RandomFlight::draw_flight(&RandomRanges { samples_per_side: samples, ..RandomRanges::WORST_CASE }, 3)
     }
 
     /// Reference: evaluates every sample in every step and inverts the whole matrix.
     #[test]
     fn lazy_selection_equals_exhaustive_selection() {
-        let trial = trial(30);
+        let trial = random_flight_with_samples(30);
         let rows: Vec<InformationRoot> =
             trial.true_samples().map(|true_sample| cramer_rao::information_root(&trial, true_sample)).collect();
-        let mut information = prior_information().try_inverse().unwrap();
+        let mut information = prior_covariance().try_inverse().unwrap();
         let mut remaining: Vec<usize> = (0..rows.len()).collect();
         let mut exhaustive = Vec::new();
         for _ in 0..20 {
@@ -146,7 +149,7 @@ mod tests {
         let flight =
             Flight { kind: VehicleKind::Copter, flight_pattern: FlightPattern::Routine, duration_minutes: 3.0 }
                 .true_flight(&RandomRanges::WORST_CASE, 3);
-        let trial = trial(1).with_flight(flight, AttitudeEnvelope::Tilted);
+        let trial = random_flight_with_samples(1).with_flight(flight, AttitudeEnvelope::Tilted);
         let thinned = cramer_rao::bound_deg_of_samples(&trial, trial.true_samples().step_by(9)).unwrap();
         let chosen = bound_rms_deg(&trial, 200).unwrap();
         assert!(chosen < 0.9 * thinned, "{chosen} {thinned}");

@@ -4,13 +4,13 @@ use autoswing::calibration::{ConsiderSigmas, Method, Prior, Samples, Solution, S
 use log_analysis::score::{accepted_by_uncalibrated, within_percent};
 use serde::Serialize;
 
-use super::random_flight::{ConstantErrorSigmas, LaterMeasurements, RandomFlight, Recording};
+use super::random_flight::{ConstantErrorSigmas, LaterMeasurementSource, RandomFlight, Recording};
 
 /// Extent of the study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AccuracyPlan {
     /// Number of airframes.
-    pub airframes: u64,
+    pub airframe_count: u64,
     /// Noise realisations per airframe. The ratio to the bound has a relative standard error of about `0.3 /
     /// sqrt(draws)`.
     pub noise_draws: u64,
@@ -42,12 +42,12 @@ pub(super) struct SolveCounts {
     pub(super) accepted_solves: u32,
     pub(super) wrong_solves: u32,
     /// Sum of the mean squared heading errors of all solves, square degrees.
-    squares: f64,
+    mean_square_error_sum: f64,
 }
 
 impl SolveCounts {
     pub(super) fn rms_deg(&self) -> f64 {
-        (self.squares / f64::from(self.completed_solves)).sqrt()
+        (self.mean_square_error_sum / f64::from(self.completed_solves)).sqrt()
     }
 
     pub(super) fn add_solution(&mut self, trial: &RandomFlight, recording: &Recording, solution: Option<&Solution>) {
@@ -60,7 +60,7 @@ impl SolveCounts {
             errors_deg.iter().map(|error_deg| error_deg * error_deg).sum::<f64>() / errors_deg.len() as f64;
         let accepted = accepted_by_uncalibrated(solution, recording.fit_samples(), recording.held_back()).is_ok();
         self.completed_solves += 1;
-        self.squares += mean_square;
+        self.mean_square_error_sum += mean_square;
         self.accepted_solves += u32::from(accepted);
         self.wrong_solves +=
             u32::from(accepted && mean_square.sqrt() > 3.0 * f64::from(solution.quality.expected_rms_deg));
@@ -69,10 +69,10 @@ impl SolveCounts {
 
 /// Heading errors after a calibration flight, divided by their sigmas. The flight has exactly the attitude errors
 /// considered by the solver; `record_flight` simulates them.
-pub(super) fn normalised_errors_in_use(
+pub(super) fn normalised_errors_after_calibration(
     trial: &RandomFlight,
     consider: ConsiderSigmas,
-    record_flight: impl FnOnce(ConstantErrorSigmas) -> (Recording, LaterMeasurements),
+    record_flight: impl FnOnce(ConstantErrorSigmas) -> (Recording, LaterMeasurementSource),
 ) -> Vec<f64> {
     let (recording, mut source) = record_flight(ConstantErrorSigmas::from_considered(consider));
     let Ok(solution) = solve_samples(Method::MaximumLikelihood, recording.fit_samples(), consider) else {
@@ -90,7 +90,7 @@ pub(super) fn solve_samples(
     Solver::with_consider_sigmas(method, samples, &Prior::default(), consider)?.run(samples)
 }
 
-pub(super) fn sigma_coverage(normalised: &[f64]) -> SigmaCoverage {
-    let [one_sigma_percent, two_sigma_percent] = within_percent(normalised);
-    SigmaCoverage { one_sigma_percent, two_sigma_percent, headings: normalised.len() }
+pub(super) fn sigma_coverage(normalised_errors: &[f64]) -> SigmaCoverage {
+    let [one_sigma_percent, two_sigma_percent] = within_percent(normalised_errors);
+    SigmaCoverage { one_sigma_percent, two_sigma_percent, headings: normalised_errors.len() }
 }

@@ -80,14 +80,14 @@ impl Flight {
             if let Some((_, legs)) = routine.take_if(|(at_us, _)| aircraft.true_state().time_us >= *at_us) {
                 // Aborts the straight leg in progress.
                 aircraft.autopilot_mut().hold_bank_and_pitch(0.0, 0.0);
-                fly_legs(&mut aircraft, &legs);
-            } else if aircraft.autopilot().unfinished_legs() == 0 {
+                append_legs(&mut aircraft, &legs);
+            } else if aircraft.autopilot().unfinished_leg_count() == 0 {
                 let leg = if self.flight_pattern == FlightPattern::Wandering {
                     random_leg(self.kind, &mut random)
                 } else {
                     straight_leg(&mut random)
                 };
-                aircraft.autopilot_mut().fly_leg(leg);
+                aircraft.autopilot_mut().append_leg(leg);
             }
             aircraft.advance_step();
             if aircraft.true_state().time_us.is_multiple_of(SAMPLE_PERIOD_US) {
@@ -110,16 +110,16 @@ fn true_sample(aircraft: &Aircraft) -> TrueSample {
     }
 }
 
-fn fly_legs(aircraft: &mut Aircraft, legs: &[Leg]) {
+fn append_legs(aircraft: &mut Aircraft, legs: &[Leg]) {
     for &leg in legs {
-        aircraft.autopilot_mut().fly_leg(leg);
+        aircraft.autopilot_mut().append_leg(leg);
     }
 }
 
 fn duration_us(config: VehicleConfig, seed: u64, legs: &[Leg]) -> u64 {
     let mut aircraft = Aircraft::new(config, Weather::default(), seed, 0);
-    fly_legs(&mut aircraft, legs);
-    while aircraft.autopilot().unfinished_legs() > 0 {
+    append_legs(&mut aircraft, legs);
+    while aircraft.autopilot().unfinished_leg_count() > 0 {
         aircraft.advance_step();
     }
     aircraft.true_state().time_us

@@ -10,8 +10,8 @@ use serde::Serialize;
 use simulator::world::aircraft::VehicleKind;
 
 use super::evaluation::{
-    AccuracyPlan, COVERAGE_DRAW_INTERVAL, SigmaCoverage, SolveCounts, normalised_errors_in_use, sigma_coverage,
-    solve_samples,
+    AccuracyPlan, COVERAGE_DRAW_INTERVAL, SigmaCoverage, SolveCounts, normalised_errors_after_calibration,
+    sigma_coverage, solve_samples,
 };
 use super::flight::{Flight, FlightPattern};
 use super::random_flight::{AttitudeEnvelope, ConstantErrorSigmas, RandomFlight, RandomRanges};
@@ -64,7 +64,7 @@ pub struct FlightStudyRow {
 /// Runs the plan for one flight. `on_airframe_done` is called once per airframe, from any thread.
 #[must_use]
 pub fn run_flight_study(flight: Flight, plan: AccuracyPlan, on_airframe_done: &(dyn Fn() + Sync)) -> FlightStudyRow {
-    let trials: Vec<FlightResult> = (plan.seed..plan.seed + plan.airframes)
+    let trials: Vec<FlightResult> = (plan.seed..plan.seed + plan.airframe_count)
         .into_par_iter()
         .filter_map(|seed| {
             let flight_result = FlightResult::evaluate_trial(flight, seed, plan.noise_draws);
@@ -81,8 +81,8 @@ struct FlightResult {
     best_bound_deg: f64,
     solve_counts: SolveCounts,
     /// Heading errors over their estimated sigmas.
-    normalised: Vec<f64>,
-    normalised_with_faults: Vec<f64>,
+    normalised_errors: Vec<f64>,
+    normalised_errors_with_faults: Vec<f64>,
 }
 
 impl FlightResult {
@@ -92,7 +92,7 @@ impl FlightResult {
         let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, seed)
             .with_flight(flight.true_flight(&RandomRanges::WORST_CASE, seed), envelope);
         let retained_times: BTreeSet<u32> =
-            retention::retain_samples(&trial.record_all(0, ConstantErrorSigmas::NO_ERRORS).0)
+            retention::retain_samples(&trial.record_all_samples(0, ConstantErrorSigmas::NO_ERRORS).0)
                 .fit_samples()
                 .all_samples()
                 .map(|sample| sample.time.as_ms())
@@ -105,21 +105,26 @@ impl FlightResult {
             retained_bound_deg: cramer_rao::bound_deg_of_samples(&trial, kept_samples)?,
             best_bound_deg: d_optimal::bound_rms_deg(&trial, retained_count)?,
             solve_counts: SolveCounts::default(),
-            normalised: Vec::new(),
-            normalised_with_faults: Vec::new(),
+            normalised_errors: Vec::new(),
+            normalised_errors_with_faults: Vec::new(),
         };
         for draw in 0..draws {
-            let recording = retention::retain_samples(&trial.record_all(draw, ConstantErrorSigmas::NO_ERRORS).0);
+            let recording =
+                retention::retain_samples(&trial.record_all_samples(draw, ConstantErrorSigmas::NO_ERRORS).0);
             let solution =
                 solve_samples(Method::MaximumLikelihood, recording.fit_samples(), ConsiderSigmas::DEFAULT).ok();
             flight_result.solve_counts.add_solution(&trial, &recording, solution.as_ref());
             if draw % COVERAGE_DRAW_INTERVAL == 0 {
                 let record = |faults| {
-                    let (samples, source) = trial.record_all(draw, faults);
+                    let (samples, source) = trial.record_all_samples(draw, faults);
                     (retention::retain_samples(&samples), source)
                 };
-                flight_result.normalised.extend(normalised_errors_in_use(&trial, ConsiderSigmas::ZERO, record));
-                flight_result.normalised_with_faults.extend(normalised_errors_in_use(
+                flight_result.normalised_errors.extend(normalised_errors_after_calibration(
+                    &trial,
+                    ConsiderSigmas::ZERO,
+                    record,
+                ));
+                flight_result.normalised_errors_with_faults.extend(normalised_errors_after_calibration(
                     &trial,
                     ConsiderSigmas::DEFAULT,
                     record,
@@ -166,7 +171,7 @@ fn study_row(flight: Flight, trials: &[FlightResult]) -> FlightStudyRow {
         best_bound_median_deg: median(trials.iter().map(|flight_result| flight_result.best_bound_deg)),
         error_to_best_bound_median: median(ratios()),
         error_to_best_bound_worst_decile: quantile(ratios(), 0.9).unwrap_or(f64::NAN),
-        coverage: sigma_coverage(&all_of(|flight_result| &flight_result.normalised)),
-        coverage_with_faults: sigma_coverage(&all_of(|flight_result| &flight_result.normalised_with_faults)),
+        coverage: sigma_coverage(&all_of(|flight_result| &flight_result.normalised_errors)),
+        coverage_with_faults: sigma_coverage(&all_of(|flight_result| &flight_result.normalised_errors_with_faults)),
     }
 }

@@ -20,7 +20,9 @@ use serde::Serialize;
 
 pub use evaluation::{AccuracyPlan, SigmaCoverage};
 
-use evaluation::{COVERAGE_DRAW_INTERVAL, SolveCounts, normalised_errors_in_use, sigma_coverage, solve_samples};
+use evaluation::{
+    COVERAGE_DRAW_INTERVAL, SolveCounts, normalised_errors_after_calibration, sigma_coverage, solve_samples,
+};
 use random_flight::{ConstantErrorSigmas, RandomFlight, RandomRanges};
 
 use log_analysis::numbers::{median, quantile};
@@ -63,7 +65,7 @@ const COMPARED_METHODS: [Method; 3] = [Method::MaximumLikelihood, Method::TwoPla
 /// Runs the study. `on_airframe_done` is called once per airframe, from any thread.
 #[must_use]
 pub fn run_accuracy_study(plan: AccuracyPlan, on_airframe_done: &(dyn Fn() + Sync)) -> AccuracyResult {
-    let trials: Vec<AirframeResult> = (plan.seed..plan.seed + plan.airframes)
+    let trials: Vec<AirframeResult> = (plan.seed..plan.seed + plan.airframe_count)
         .into_par_iter()
         .filter_map(|seed| {
             let airframe_result = AirframeResult::evaluate_airframe(
@@ -79,30 +81,30 @@ pub fn run_accuracy_study(plan: AccuracyPlan, on_airframe_done: &(dyn Fn() + Syn
     AccuracyResult {
         bound_median_deg: median(trials.iter().map(|trial| trial.bound_deg)),
         methods: COMPARED_METHODS.iter().enumerate().map(|(i, &method)| method_result(&trials, i, method)).collect(),
-        coverage: sigma_coverage(&all_of(|trial| &trial.normalised)),
-        coverage_with_faults: sigma_coverage(&all_of(|trial| &trial.normalised_with_faults)),
+        coverage: sigma_coverage(&all_of(|trial| &trial.normalised_errors)),
+        coverage_with_faults: sigma_coverage(&all_of(|trial| &trial.normalised_errors_with_faults)),
     }
 }
 
 struct AirframeResult {
     bound_deg: f64,
-    methods: [SolveCounts; COMPARED_METHODS.len()],
+    solve_counts_by_method: [SolveCounts; COMPARED_METHODS.len()],
     /// Heading errors over their estimated sigmas.
-    normalised: Vec<f64>,
-    normalised_with_faults: Vec<f64>,
+    normalised_errors: Vec<f64>,
+    normalised_errors_with_faults: Vec<f64>,
 }
 
 impl AirframeResult {
     fn evaluate_airframe(trial: &RandomFlight, draws: u64) -> Option<Self> {
         let mut airframe_result = Self {
             bound_deg: cramer_rao::bound_rms_deg(trial)?,
-            methods: [SolveCounts::default(); COMPARED_METHODS.len()],
-            normalised: Vec::new(),
-            normalised_with_faults: Vec::new(),
+            solve_counts_by_method: [SolveCounts::default(); COMPARED_METHODS.len()],
+            normalised_errors: Vec::new(),
+            normalised_errors_with_faults: Vec::new(),
         };
         for draw in 0..draws {
             let (recording, _) = trial.record_flight(draw, ConstantErrorSigmas::NO_ERRORS);
-            for (counts, method) in airframe_result.methods.iter_mut().zip(COMPARED_METHODS) {
+            for (counts, method) in airframe_result.solve_counts_by_method.iter_mut().zip(COMPARED_METHODS) {
                 counts.add_solution(
                     trial,
                     &recording,
@@ -110,10 +112,11 @@ impl AirframeResult {
                 );
             }
             if draw % COVERAGE_DRAW_INTERVAL == 0 {
-                let headings =
-                    |consider| normalised_errors_in_use(trial, consider, |faults| trial.record_flight(draw, faults));
-                airframe_result.normalised.extend(headings(ConsiderSigmas::ZERO));
-                airframe_result.normalised_with_faults.extend(headings(ConsiderSigmas::DEFAULT));
+                let headings = |consider| {
+                    normalised_errors_after_calibration(trial, consider, |faults| trial.record_flight(draw, faults))
+                };
+                airframe_result.normalised_errors.extend(headings(ConsiderSigmas::ZERO));
+                airframe_result.normalised_errors_with_faults.extend(headings(ConsiderSigmas::DEFAULT));
             }
         }
         Some(airframe_result)
@@ -121,7 +124,7 @@ impl AirframeResult {
 }
 
 fn method_result(trials: &[AirframeResult], index: usize, method: Method) -> MethodResult {
-    let trials_with_counts = || trials.iter().map(|trial| (trial, &trial.methods[index]));
+    let trials_with_counts = || trials.iter().map(|trial| (trial, &trial.solve_counts_by_method[index]));
     let total_count =
         |count_of: fn(&SolveCounts) -> u32| trials_with_counts().map(|(_, counts)| count_of(counts)).sum::<u32>();
     let (solved_count, refused_count) =

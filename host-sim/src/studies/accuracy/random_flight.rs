@@ -31,7 +31,7 @@ pub struct RandomRanges {
     /// Noise of reported roll and pitch, 1 sigma, degrees.
     pub attitude_noise_deg: [f64; 2],
     /// Samples per turn direction.
-    pub samples: usize,
+    pub samples_per_side: usize,
 }
 
 impl RandomRanges {
@@ -45,7 +45,7 @@ impl RandomRanges {
         random_attitude_deg: 2.0,
         sensor_noise: [0.003, 0.01],
         attitude_noise_deg: [0.2, 1.0],
-        samples: autoswing::collection::FIT_CAPACITY,
+        samples_per_side: autoswing::collection::FIT_CAPACITY_PER_SIDE,
     };
 }
 
@@ -86,7 +86,7 @@ struct ConstantAttitudeErrors {
 
 /// Attitude source after a calibration flight: its constant errors, and the random numbers of its noise.
 #[derive(Clone, Debug)]
-pub struct LaterMeasurements {
+pub struct LaterMeasurementSource {
     source: ConstantAttitudeErrors,
     random: RandomStream,
 }
@@ -233,10 +233,14 @@ impl RandomFlight {
 
     /// The `repetition`-th noise realisation: recording, and noise stream for later measurements.
     #[must_use]
-    pub fn record_flight(&self, repetition: u64, faults: ConstantErrorSigmas) -> (Recording, LaterMeasurements) {
+    pub fn record_flight(
+        &self,
+        repetition: u64,
+        error_sigmas: ConstantErrorSigmas,
+    ) -> (Recording, LaterMeasurementSource) {
         let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(repetition);
         let mut random = RandomStream::new(seed, StreamPurpose::Magnetometer);
-        let source = faults.draw_errors(&mut random);
+        let source = error_sigmas.draw_errors(&mut random);
         let fit_samples = sample_turns(&self.left_turns, &self.right_turns, |true_sample| {
             self.noisy_sample(true_sample, source, &mut random)
         });
@@ -246,18 +250,22 @@ impl RandomFlight {
         let held_back = sample_turns(&left_turns, &right_turns, |true_sample| {
             self.noisy_sample(true_sample, source, &mut held_back_random)
         });
-        (Recording { fit: fit_samples, held_back }, LaterMeasurements { source, random })
+        (Recording { fit_samples, held_back }, LaterMeasurementSource { source, random })
     }
 
     /// The `repetition`-th noise realisation of all samples, and noise stream for later measurements.
     #[must_use]
-    pub fn record_all(&self, repetition: u64, faults: ConstantErrorSigmas) -> (Vec<Sample>, LaterMeasurements) {
+    pub fn record_all_samples(
+        &self,
+        repetition: u64,
+        error_sigmas: ConstantErrorSigmas,
+    ) -> (Vec<Sample>, LaterMeasurementSource) {
         let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(repetition);
         let mut random = RandomStream::new(seed, StreamPurpose::Magnetometer);
-        let source = faults.draw_errors(&mut random);
+        let source = error_sigmas.draw_errors(&mut random);
         let samples =
             self.true_samples().map(|true_sample| self.noisy_sample(true_sample, source, &mut random)).collect();
-        (samples, LaterMeasurements { source, random })
+        (samples, LaterMeasurementSource { source, random })
     }
 
     /// Heading error over its sigma at a random attitude; `None` if the module outputs no heading.
@@ -265,7 +273,7 @@ impl RandomFlight {
     pub fn normalised_heading_error(
         &self,
         solution: &Solution,
-        later_measurements: &mut LaterMeasurements,
+        later_measurements: &mut LaterMeasurementSource,
     ) -> Option<f64> {
         let random = &mut later_measurements.random;
         let euler = Euler {
@@ -337,7 +345,7 @@ fn random_turn(ranges: &RandomRanges, bank_deg: f64, random: &mut RandomStream) 
     let mut attitude_noise =
         [random.gaussian() * ranges.random_attitude_deg, random.gaussian() * ranges.random_attitude_deg];
     let mut heading_rad = random.uniform(0.0, std::f64::consts::TAU);
-    (0..ranges.samples)
+    (0..ranges.samples_per_side)
         .map(|i| {
             attitude_noise = attitude_noise.map(|value| decay * value + innovation_sigma * random.gaussian());
             let roll_rad = (bank_deg + attitude_noise[0]).to_radians();
@@ -353,21 +361,21 @@ fn random_turn(ranges: &RandomRanges, bank_deg: f64, random: &mut RandomStream) 
 /// Recorded samples of a flight, ordered by part: for the fit, and held back.
 #[derive(Clone, Debug)]
 pub struct Recording {
-    fit: Vec<Sample>,
+    fit_samples: Vec<Sample>,
     held_back: Vec<Sample>,
 }
 
 impl Recording {
     /// Samples without turn direction, for the fit and held back.
     #[must_use]
-    pub fn from_samples_without_side(fit: Vec<Sample>, held_back: Vec<Sample>) -> Self {
-        Self { fit, held_back }
+    pub fn from_samples_without_side(fit_samples: Vec<Sample>, held_back: Vec<Sample>) -> Self {
+        Self { fit_samples, held_back }
     }
 
     /// Samples for the fit.
     #[must_use]
     pub fn fit_samples(&self) -> Samples<'_> {
-        Samples::new(&self.fit)
+        Samples::new(&self.fit_samples)
     }
 
     /// Held-back samples: midpoints of the same flight with independent noise.
@@ -423,7 +431,7 @@ mod tests {
         let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, 3);
         for (push_m_s2, by_push_deg) in [(0.0, 0.0), (2.6, 1.04)] {
             let trial = trial.clone().with_flight(vec![true_sample(push_m_s2); 2000], AttitudeEnvelope::Tilted);
-            let (samples, _) = trial.record_all(0, ConstantErrorSigmas::NO_ERRORS);
+            let (samples, _) = trial.record_all_samples(0, ConstantErrorSigmas::NO_ERRORS);
             let squares = samples.iter().map(|sample| square(f64::from(sample.attitude.roll_rad.to_degrees() - 3.0)));
             let sigma_deg = (squares.sum::<f64>() / 2000.0).sqrt();
             let expected_deg = libm::hypot(trial.attitude_sigma_rad.to_degrees(), by_push_deg);

@@ -17,7 +17,7 @@ pub fn retain_samples(samples: &[Sample]) -> Recording {
     let mut trial_schedule = TrialSchedule::NO_TRIAL;
     for &sample in samples {
         collector.push_sample(sample);
-        if trial_schedule.is_due(&collector, sample.time)
+        if trial_schedule.start_trial_if_due(&collector, sample.time)
             && let Ok(solution) =
                 solve_samples(Method::MaximumLikelihood, collector.fit_samples(), ConsiderSigmas::DEFAULT)
         {
@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     /// Four minutes of small turns about north, insufficient for a calibration.
-    fn samples() -> Vec<Sample> {
+    fn samples_of_small_turns() -> Vec<Sample> {
         let mut random = Random(3);
         let sample_at = |i: u16| {
             let t_s = f32::from(i) / 10.0;
@@ -63,7 +63,7 @@ mod tests {
         (0..2400).map(sample_at).collect()
     }
 
-    fn sorted(samples: Samples<'_>) -> Vec<Sample> {
+    fn sorted_by_time(samples: Samples<'_>) -> Vec<Sample> {
         let mut samples: Vec<Sample> = samples.all_samples().copied().collect();
         samples.sort_by_key(|sample| sample.time.as_ms());
         samples
@@ -76,19 +76,19 @@ mod tests {
         for &sample in samples {
             collector.push_sample(sample);
         }
-        sorted(collector.fit_samples())
+        sorted_by_time(collector.fit_samples())
     }
 
     #[test]
     fn trial_solves_change_the_retained_samples() {
-        let samples = samples();
+        let samples = samples_of_small_turns();
         let options = ReplayOptions::with_selection(RowSelection::Flight);
         let mut retained = RetainedSamples::EMPTY;
         let mut module = ModuleRun::new(Procedure::Flight, &options, 1, &mut retained);
         module.collect_samples(&samples);
-        let collected = sorted(module.collector().fit_samples());
+        let collected = sorted_by_time(module.collector().fit_samples());
         assert_eq!(module.ended_s(), None);
-        assert_eq!(collected, sorted(retain_samples(&samples).fit_samples()));
+        assert_eq!(collected, sorted_by_time(retain_samples(&samples).fit_samples()));
         assert_ne!(collected, retained_without_trial_solves(&samples));
     }
 }

@@ -24,7 +24,7 @@ use super::statistics::{EvaluatedSentence, HeadingStatistics};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AcceptedCalibration {
     /// Heading error estimated by the module, degrees RMS.
-    pub expected_deg: f64,
+    pub expected_error_deg: f64,
     /// True heading error at exact field and attitude, with the hard iron at the end of the calibration, degrees RMS.
     pub true_error_deg: f64,
     /// Time from start to acceptance, seconds.
@@ -35,7 +35,7 @@ impl AcceptedCalibration {
     /// True over estimated heading error.
     #[must_use]
     pub fn error_ratio(&self) -> f64 {
-        self.true_error_deg / self.expected_deg
+        self.true_error_deg / self.expected_error_deg
     }
 }
 
@@ -85,8 +85,8 @@ pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlight
     let began_us = rig.now_us();
     let calibration = calibrate(&mut rig, &drawn_case.routine.legs());
     let calibrated = calibration.map(|(shown_calibration, at_us)| AcceptedCalibration {
-        expected_deg: shown_calibration.expected_rms_deg,
-        true_error_deg: true_deg(&shown_calibration.calibration, &world, &|state| {
+        expected_error_deg: shown_calibration.expected_rms_deg,
+        true_error_deg: true_error_rms_deg(&shown_calibration.calibration, &world, &|state| {
             field_faults.iter().map(|fault| fault.steady_field_ut(&TrueState { time_us: at_us, ..*state })).sum()
         }),
         duration_s: (at_us - began_us) as f64 / 1e6,
@@ -131,9 +131,9 @@ pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlight
 /// axes.
 fn hard_iron_estimate_error(rig: &mut Rig, world: &WorldConfig, added_field_ut: Vector3<f64>) -> HardIronEstimateError {
     for heading_change_deg in [360.0, -360.0] {
-        rig.world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
+        rig.world.append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
     }
-    while rig.world.unfinished_legs() > 0 && rig.run_for_s(RUN_STEP_S) == ModuleRunEnd::Time {}
+    while rig.world.unfinished_leg_count() > 0 && rig.run_for_s(RUN_STEP_S) == ModuleRunEnd::Time {}
     let estimated_ut = transcript::hard_iron_change_ut(&rig.send_console_line("status all"))
         .map_or_else(Vector3::zeros, Vector3::from);
     // By `m = A h + b`, the change in the measurement m equals a change of the field h by `A^-1 added_field_ut`. A
@@ -151,7 +151,7 @@ fn add_seconds_us(from_us: u64, by_s: f64) -> u64 {
 /// Flies the routine until the module reports the result of its solve; returns it with its time.
 fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibration, u64), String> {
     for &leg in legs {
-        rig.world.fly_leg(leg);
+        rig.world.append_leg(leg);
     }
     let mut session = String::new();
     let mut waited_s = 0.0;
@@ -164,7 +164,7 @@ fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibratio
             return Err("no-power".to_owned());
         }
         session.push_str(&rig.take_console_output());
-        if rig.world.unfinished_legs() > 0 {
+        if rig.world.unfinished_leg_count() > 0 {
             continue;
         }
         waited_s += RUN_STEP_S;
@@ -185,7 +185,7 @@ fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibratio
     match notice {
         SolveNotice::Calibrated(_) => {
             // Flies the remaining legs of the routine.
-            while rig.world.unfinished_legs() > 0 && rig.run_for_s(RUN_STEP_S) == ModuleRunEnd::Time {}
+            while rig.world.unfinished_leg_count() > 0 && rig.run_for_s(RUN_STEP_S) == ModuleRunEnd::Time {}
             let shown_calibration = transcript::parse_shown_calibration(&rig.send_console_line("cal show"))
                 .ok_or_else(|| "not-shown".to_owned())?;
             Ok((shown_calibration, at_us))
@@ -195,7 +195,7 @@ fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibratio
 }
 
 /// True heading error with cruise current and the present additional field.
-fn true_deg(
+fn true_error_rms_deg(
     calibration: &Calibration,
     world: &WorldConfig,
     added_field_ut: &dyn Fn(&TrueState) -> Vector3<f64>,
@@ -217,13 +217,18 @@ fn fly_after_calibration(
         // Keeps the last attitude and the unwrapped heading, to avoid jumps.
         let now = rig.world.true_state(rig.now_us());
         let [roll_deg, pitch_deg, heading_deg] = [now.roll_rad, now.pitch_rad, now.heading_rad].map(f64::to_degrees);
-        rig.world.set_motion(PrescribedMotion { roll_deg, pitch_deg, heading_deg, ..PrescribedMotion::default() });
+        rig.world.set_prescribed_motion(PrescribedMotion {
+            roll_deg,
+            pitch_deg,
+            heading_deg,
+            ..PrescribedMotion::default()
+        });
     }
     let take_off_us = add_seconds_us(rig.now_us(), ground_time_s);
     let end_us = add_seconds_us(take_off_us, flight_after_calibration_s);
     let vehicle_kind = rig.world.world_config().aircraft.kind;
     for leg in legs_after_calibration::first_legs(vehicle_kind, &mut random) {
-        rig.world.fly_leg(leg);
+        rig.world.append_leg(leg);
     }
     let mut reader = SentenceReader::default();
     let _ = (rig.instrument.receive_bytes(), rig.take_console_output());
@@ -232,9 +237,9 @@ fn fly_after_calibration(
         if ground_time_s > 0.0 && rig.now_us() >= take_off_us {
             rig.world.end_prescribed_motion();
         }
-        if rig.world.unfinished_legs() < 2 {
+        if rig.world.unfinished_leg_count() < 2 {
             for leg in further_legs(vehicle_kind, &mut random) {
-                rig.world.fly_leg(leg);
+                rig.world.append_leg(leg);
             }
         }
         if rig.run_for_s(RUN_STEP_S) != ModuleRunEnd::Time {
@@ -248,19 +253,19 @@ fn fly_after_calibration(
                 .push_byte(timed_byte.arrives_at_us, timed_byte.byte)
                 .filter(|sentence| sentence.sentence_kind == "PASWH")
             {
-                let true_deg = rig.world.true_state(timed_byte.arrives_at_us).heading_deg();
-                on_sentence(timed_byte.arrives_at_us, &evaluated_sentence(received, true_deg));
+                let true_heading_deg = rig.world.true_state(timed_byte.arrives_at_us).heading_deg();
+                on_sentence(timed_byte.arrives_at_us, &evaluated_sentence(received, true_heading_deg));
             }
         }
     }
     notes
 }
 
-fn evaluated_sentence(received: HeadingSentence, true_deg: f64) -> EvaluatedSentence {
+fn evaluated_sentence(received: HeadingSentence, true_heading_deg: f64) -> EvaluatedSentence {
     match (received.heading_deg, received.sigma_deg) {
         (Some(sent_deg), Some(sigma_deg)) => {
             let is_smooth = received.heading_kind.as_deref() == Some(HeadingKind::Smooth.kind_name());
-            EvaluatedSentence::Heading { error_deg: wrap_180(sent_deg - true_deg), sigma_deg, is_smooth }
+            EvaluatedSentence::Heading { error_deg: wrap_180(sent_deg - true_heading_deg), sigma_deg, is_smooth }
         }
         _ => EvaluatedSentence::Empty(received.status.unwrap_or_default()),
     }

@@ -5,15 +5,15 @@ use simulator::world::aircraft::VehicleKind;
 use simulator::world::autopilot::Leg;
 
 /// Time in level flight, seconds after the start of the flight after the calibration.
-pub(super) const TIME_IN_LEVEL_FLIGHT_S: f64 = 25.0;
+pub(super) const INSTANT_IN_LEVEL_FLIGHT_S: f64 = 25.0;
 /// Time in a turn, seconds after the start of the flight after the calibration.
-pub(super) const TIME_IN_TURN_S: f64 = 48.0;
+pub(super) const INSTANT_IN_TURN_S: f64 = 48.0;
 
 /// Straight leg, then a full circle that is in progress 48 s after the start.
 pub(super) fn first_legs(vehicle_kind: VehicleKind, random: &mut RandomStream) -> [Leg; 2] {
     let straight = Leg::Straight {
         heading_deg: random.uniform(0.0, 360.0),
-        seconds: TIME_IN_LEVEL_FLIGHT_S.midpoint(TIME_IN_TURN_S),
+        seconds: INSTANT_IN_LEVEL_FLIGHT_S.midpoint(INSTANT_IN_TURN_S),
     };
     let circle = if vehicle_kind.can_hover() {
         // A full yaw turn in 20 s, about the duration of an aeroplane's circle.

@@ -51,7 +51,7 @@ pub struct HeadingStatistics {
     bad_since_us: Option<u64>,
     was_empty: bool,
     /// Errors of the last 10 s of uninterrupted headings with a small sigma.
-    recent_errors: VecDeque<f64>,
+    recent_errors_deg: VecDeque<f64>,
 }
 
 impl HeadingStatistics {
@@ -78,7 +78,7 @@ impl HeadingStatistics {
             EvaluatedSentence::Empty(reason) => {
                 *self.no_heading_counts.entry(reason.clone()).or_insert(0) += 1;
                 self.bad_since_us = None;
-                self.recent_errors.clear();
+                self.recent_errors_deg.clear();
             }
             EvaluatedSentence::Heading { error_deg, sigma_deg, is_smooth } => {
                 self.smooth_count += u64::from(*is_smooth);
@@ -107,16 +107,16 @@ impl HeadingStatistics {
 
     fn update_sustained_error(&mut self, step_s: f64, error_deg: f64, sigma_deg: f64) {
         if sigma_deg > MAX_SUSTAINED_SIGMA_DEG {
-            self.recent_errors.clear();
+            self.recent_errors_deg.clear();
             return;
         }
-        self.recent_errors.push_back(error_deg);
+        self.recent_errors_deg.push_back(error_deg);
         let sustained_count = (MIN_SUSTAINED_ERROR_S / step_s).round() as usize;
-        if self.recent_errors.len() > sustained_count {
-            self.recent_errors.pop_front();
+        if self.recent_errors_deg.len() > sustained_count {
+            self.recent_errors_deg.pop_front();
         }
-        if self.recent_errors.len() == sustained_count {
-            let least_deg = self.recent_errors.iter().copied().fold(f64::INFINITY, f64::min);
+        if self.recent_errors_deg.len() == sustained_count {
+            let least_deg = self.recent_errors_deg.iter().copied().fold(f64::INFINITY, f64::min);
             self.worst_10s_deg = self.worst_10s_deg.max(least_deg);
         }
     }
@@ -195,7 +195,7 @@ fn percent(numerator: u64, denominator: u64) -> f64 {
 mod tests {
     use super::*;
 
-    fn heading(error_deg: f64, sigma_deg: f64) -> EvaluatedSentence {
+    fn heading_sentence(error_deg: f64, sigma_deg: f64) -> EvaluatedSentence {
         EvaluatedSentence::Heading { error_deg, sigma_deg, is_smooth: sigma_deg > 1.5 }
     }
 
@@ -219,7 +219,7 @@ mod tests {
         {
             let percent = if expected_bad_count { 100.0 } else { 0.0 };
             assert_eq!(
-                statistics_of(&[heading(error_deg, sigma_deg)], true).bad_percent().to_bits(),
+                statistics_of(&[heading_sentence(error_deg, sigma_deg)], true).bad_percent().to_bits(),
                 f64::to_bits(percent)
             );
         }
@@ -227,7 +227,7 @@ mod tests {
 
     #[test]
     fn a_run_of_bad_headings_ends_with_a_good_one_or_none() {
-        let (good_heading, bad_heading) = (heading(0.5, 1.0), heading(9.0, 1.0));
+        let (good_heading, bad_heading) = (heading_sentence(0.5, 1.0), heading_sentence(9.0, 1.0));
         let run_of_two = [
             bad_heading.clone(),
             bad_heading.clone(),
@@ -244,14 +244,20 @@ mod tests {
 
     #[test]
     fn smooth_headings_are_counted() {
-        let sentences = [heading(0.1, 2.0), heading(0.1, 1.0), empty_sentence(), heading(0.1, 1.0), heading(0.1, 1.0)];
+        let sentences = [
+            heading_sentence(0.1, 2.0),
+            heading_sentence(0.1, 1.0),
+            empty_sentence(),
+            heading_sentence(0.1, 1.0),
+            heading_sentence(0.1, 1.0),
+        ];
         assert!((statistics_of(&sentences, true).smooth_percent() - 25.0).abs() < 1e-9);
     }
 
     /// An interruption counts once, if it begins without a fault.
     #[test]
     fn an_alarm_is_an_empty_period_that_begins_while_nothing_is_wrong() {
-        let good_heading = heading(0.5, 1.0);
+        let good_heading = heading_sentence(0.5, 1.0);
         let sentences = [
             good_heading.clone(),
             empty_sentence(),
@@ -270,15 +276,16 @@ mod tests {
     #[test]
     fn headings_before_the_fault_are_not_counted() {
         let mut statistics = HeadingStatistics::default();
-        statistics.add_sentence(0, 0.1, &heading(90.0, 1.0), false, false);
+        statistics.add_sentence(0, 0.1, &heading_sentence(90.0, 1.0), false, false);
         assert_eq!(statistics.worst_deg.to_bits(), 0);
         assert_eq!(statistics.heading_count, 0);
     }
 
     #[test]
     fn statistics_of_flights_are_merged() {
-        let first_flight = statistics_of(&[heading(3.0, 2.0), heading(1.0, 2.0)], true);
-        let second_flight = statistics_of(&[heading(-5.0, 2.0), empty_sentence(), heading(1.0, 2.0)], true);
+        let first_flight = statistics_of(&[heading_sentence(3.0, 2.0), heading_sentence(1.0, 2.0)], true);
+        let second_flight =
+            statistics_of(&[heading_sentence(-5.0, 2.0), empty_sentence(), heading_sentence(1.0, 2.0)], true);
         let merged = first_flight.merged_with(&second_flight);
         assert_eq!(merged.within_percent().map(|percent| percent as u8), [50, 75, 100]);
         assert!((merged.rms_deg() - 3.0).abs() < 1e-9 && (merged.worst_deg - 5.0).abs() < 1e-9);

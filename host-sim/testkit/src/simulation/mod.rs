@@ -29,7 +29,7 @@ pub enum Level {
     Thread,
 }
 
-const LEVELS: usize = 3;
+const LEVEL_COUNT: usize = 3;
 
 /// Reason for which [`Simulation::run_until`] returned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,7 +53,7 @@ impl Stop {
 
 /// Ready task IDs by level. The lock, required because wakers are `Send`, is never contended.
 #[derive(Default)]
-struct ReadyQueue([Mutex<VecDeque<u64>>; LEVELS]);
+struct ReadyQueue([Mutex<VecDeque<u64>>; LEVEL_COUNT]);
 
 impl ReadyQueue {
     fn push(&self, level: Level, id: u64) {
@@ -90,7 +90,7 @@ struct Task {
     waker: Waker,
     future: Pin<Box<dyn Future<Output = ()>>>,
     /// Instant of the last poll, and number of polls at it.
-    last_polls: (u64, u32),
+    poll_count_at_instant: (u64, u32),
 }
 
 impl Drop for Task {
@@ -103,7 +103,7 @@ impl Drop for Task {
 pub struct Simulation {
     tasks: Vec<Task>,
     ready: Arc<ReadyQueue>,
-    spawned: u64,
+    spawned_count: u64,
     stop: Stop,
 }
 
@@ -118,21 +118,21 @@ impl Simulation {
     #[must_use]
     pub fn new() -> Self {
         clock::reset();
-        Self { tasks: Vec::new(), ready: Arc::default(), spawned: 0, stop: Stop::default() }
+        Self { tasks: Vec::new(), ready: Arc::default(), spawned_count: 0, stop: Stop::default() }
     }
 
     /// Adds a task, first polled by the next run; `name` appears in messages.
     pub fn spawn(&mut self, level: Level, name: &'static str, future: impl Future<Output = ()> + 'static) {
-        self.spawned += 1;
+        self.spawned_count += 1;
         let handle = Arc::new(TaskWaker {
-            id: self.spawned,
+            id: self.spawned_count,
             level,
             queued: AtomicBool::new(false),
             ready: Arc::clone(&self.ready),
         });
         let waker = Waker::from(Arc::clone(&handle));
         waker.wake_by_ref();
-        self.tasks.push(Task { name, handle, waker, future: Box::pin(future), last_polls: (0, 0) });
+        self.tasks.push(Task { name, handle, waker, future: Box::pin(future), poll_count_at_instant: (0, 0) });
     }
 
     /// Simulation time, microseconds.
@@ -143,13 +143,13 @@ impl Simulation {
 
     /// A handle that ends a run from within a task.
     #[must_use]
-    pub fn stop(&self) -> Stop {
+    pub fn stop_handle(&self) -> Stop {
         self.stop.clone()
     }
 
     /// Number of unfinished tasks of all levels.
     #[must_use]
-    pub fn tasks(&self) -> usize {
+    pub fn task_count(&self) -> usize {
         self.tasks.len()
     }
 
@@ -206,9 +206,9 @@ impl Simulation {
 
 impl Task {
     fn count_poll(&mut self, now_us: u64) {
-        let polls = if self.last_polls.0 == now_us { self.last_polls.1 + 1 } else { 1 };
+        let polls = if self.poll_count_at_instant.0 == now_us { self.poll_count_at_instant.1 + 1 } else { 1 };
         assert!(polls <= BUSY_LOOP_POLLS, "task `{}` is in a busy loop: {polls} polls at {now_us} us", self.name);
-        self.last_polls = (now_us, polls);
+        self.poll_count_at_instant = (now_us, polls);
     }
 }
 

@@ -27,7 +27,7 @@ fn timers_fire_at_their_time_and_in_order() {
     }
     assert_eq!(simulation.run_until(3_600_000_000), RunEnd::Time);
     assert_eq!(*log.borrow(), [(499, "first"), (500, "second"), (500, "third"), (3_600_000_000, "late")]);
-    assert_eq!(simulation.tasks(), 0);
+    assert_eq!(simulation.task_count(), 0);
 }
 
 #[test]
@@ -77,9 +77,9 @@ fn embassy_channels_tickers_and_timeouts_work() {
     assert_eq!(*log.borrow(), [(10_000, "value"), (20_000, "value"), (30_000, "value"), (45_000, "timeout")]);
 }
 
-struct Dropped(Rc<Cell<bool>>);
+struct DropFlag(Rc<Cell<bool>>);
 
-impl Drop for Dropped {
+impl Drop for DropFlag {
     fn drop(&mut self) {
         self.0.set(true);
     }
@@ -89,7 +89,7 @@ impl Drop for Dropped {
 fn power_off_drops_the_module_and_its_timers_but_not_the_world() {
     let mut simulation = Simulation::new();
     let (dropped, log) = (Rc::new(Cell::new(false)), Log::default());
-    let (guard, world_log) = (Dropped(Rc::clone(&dropped)), Rc::clone(&log));
+    let (guard, world_log) = (DropFlag(Rc::clone(&dropped)), Rc::clone(&log));
     simulation.spawn(Level::Thread, "module", async move {
         let _guard = guard;
         Timer::after_millis(10).await;
@@ -136,16 +136,16 @@ fn a_waker_of_a_dropped_task_has_no_effect() {
 #[test]
 fn stop_ends_the_run_at_its_time() {
     let mut simulation = Simulation::new();
-    let stop = simulation.stop();
+    let stop = simulation.stop_handle();
     simulation.spawn(Level::Thread, "reboot", async move {
         Timer::after_millis(7).await;
         stop.request();
         Timer::after_millis(1).await;
     });
     assert_eq!(simulation.run_until(1_000_000), RunEnd::Stopped);
-    assert_eq!((simulation.now_us(), simulation.tasks()), (7_000, 1));
+    assert_eq!((simulation.now_us(), simulation.task_count()), (7_000, 1));
     assert_eq!(simulation.run_until(1_000_000), RunEnd::Time, "a stop lasts for one run");
-    assert_eq!(simulation.tasks(), 0);
+    assert_eq!(simulation.task_count(), 0);
 }
 
 #[test]

@@ -27,7 +27,7 @@ use crate::calibration::model::{Likelihood, NoiseModel, Vector13};
 
 /// Maximum number of steps between noise estimates; turns to both sides take 3. Thin data can have a long curved valley
 /// of unknowns with little effect on the heading; the remaining distance is carried as uncertainty.
-const MAX_STEPS: u8 = 40;
+const MAX_STEPS_PER_NOISE_ESTIMATE: u8 = 40;
 
 /// Convergence threshold: predicted reduction of the cost, half a squared sigma. 0.005 is a tenth of a sigma in the
 /// worst direction. The last step is applied without evaluation and leaves 1 % of itself.
@@ -37,13 +37,14 @@ const CONVERGED_COST_REDUCTION: f32 = 0.005;
 const NEARLY_CONVERGED_COST_REDUCTION: f32 = 0.5;
 
 /// Accepted increase of the cost, same units: with corrected measurements the gradient is not exactly that of the cost.
-const COST_TOLERANCE: f32 = 1.0;
+const MAX_ACCEPTED_COST_INCREASE: f32 = 1.0;
 
 /// Noise estimates per solve; after three, sigma changes by less than 1 %.
 const MAX_NOISE_ESTIMATES: u8 = 3;
 
 /// Bound on the steps of a refinement: those before the first noise estimate, and after each.
-pub(in crate::calibration) const MAX_REFINEMENT_STEPS: u32 = MAX_STEPS as u32 * (1 + MAX_NOISE_ESTIMATES as u32);
+pub(in crate::calibration) const MAX_REFINEMENT_STEPS: u32 =
+    MAX_STEPS_PER_NOISE_ESTIMATE as u32 * (1 + MAX_NOISE_ESTIMATES as u32);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::calibration) enum RefinementProgress {
@@ -95,7 +96,7 @@ pub(in crate::calibration) struct Refinement {
     refines_unknowns: bool,
     linear_system: LinearisedProblem,
     damping: Damping,
-    noise_estimates: u8,
+    noise_estimate_count: u8,
     steps_since_noise_estimate: u8,
 }
 
@@ -108,12 +109,12 @@ impl Refinement {
             refines_unknowns,
             linear_system: system,
             damping: Damping::START_DAMPING,
-            noise_estimates: 0,
+            noise_estimate_count: 0,
             steps_since_noise_estimate: 0,
         }
     }
 
-    pub fn normal_equations(&self) -> &LinearisedProblem {
+    pub fn linearised_problem(&self) -> &LinearisedProblem {
         &self.linear_system
     }
 
@@ -126,19 +127,19 @@ impl Refinement {
 
     /// Restarts with a change of the motor-current interference (mount axes, units of field per ampere), with the
     /// unknowns moved by `step`.
-    pub fn restart_with_motor_current(
+    pub fn restart_with_interference(
         &mut self,
         samples: Samples<'_>,
         interference_change: &Vector3<f32>,
         step: &Vector13,
     ) {
         let likelihood = &mut self.likelihood;
-        let k = likelihood.motor_current_per_ampere() + interference_change;
+        let k = likelihood.interference_per_ampere() + interference_change;
         likelihood.motor_current.ut_per_a = (likelihood.mount_from_chip.tr_mul(&k) * likelihood.field_unit_ut).into();
         self.unknowns += step;
         self.restart_near_solution(samples);
         // The noise estimate contained the interference, so one more is needed.
-        self.noise_estimates = MAX_NOISE_ESTIMATES - 2;
+        self.noise_estimate_count = MAX_NOISE_ESTIMATES - 2;
     }
 
     pub fn restart_with_noise(&mut self, samples: Samples<'_>, noise: NoiseModel) {
@@ -148,7 +149,7 @@ impl Refinement {
 
     #[inline(never)]
     fn restart_near_solution(&mut self, samples: Samples<'_>) {
-        self.noise_estimates = MAX_NOISE_ESTIMATES - 1;
+        self.noise_estimate_count = MAX_NOISE_ESTIMATES - 1;
         self.steps_since_noise_estimate = 0;
         self.damping.value = Damping::REWEIGHTED_DAMPING;
         self.linear_system = LinearisedProblem::linearise(&self.likelihood, samples, &self.unknowns);
@@ -163,10 +164,10 @@ impl Refinement {
                 other => return other,
             }
         }
-        if self.noise_estimates == MAX_NOISE_ESTIMATES {
+        if self.noise_estimate_count == MAX_NOISE_ESTIMATES {
             return RefinementProgress::Converged;
         }
-        self.noise_estimates += 1;
+        self.noise_estimate_count += 1;
         self.steps_since_noise_estimate = 0;
         self.likelihood.estimate_noise(
             self.linear_system.clipped_squares,
@@ -174,7 +175,7 @@ impl Refinement {
             &self.unknowns,
         );
         // The last pass and the covariance need all digits, which sums of thin data lose.
-        self.likelihood.uses_normal_equations &= self.noise_estimates < MAX_NOISE_ESTIMATES;
+        self.likelihood.uses_normal_equations &= self.noise_estimate_count < MAX_NOISE_ESTIMATES;
         self.linear_system = LinearisedProblem::linearise(&self.likelihood, samples, &self.unknowns);
         self.damping.value = Damping::REWEIGHTED_DAMPING;
         RefinementProgress::Continue
@@ -187,7 +188,7 @@ impl Refinement {
         };
         let trial_unknowns = self.unknowns + damped_step;
         if predicted_gain.abs()
-            <= if self.noise_estimates == MAX_NOISE_ESTIMATES {
+            <= if self.noise_estimate_count == MAX_NOISE_ESTIMATES {
                 CONVERGED_COST_REDUCTION
             } else {
                 NEARLY_CONVERGED_COST_REDUCTION
@@ -198,7 +199,7 @@ impl Refinement {
             return RefinementProgress::Converged;
         }
         let system = LinearisedProblem::linearise(&self.likelihood, samples, &trial_unknowns);
-        let tolerance = if self.likelihood.has_noise_estimate { COST_TOLERANCE } else { f32::MIN_POSITIVE };
+        let tolerance = if self.likelihood.has_noise_estimate { MAX_ACCEPTED_COST_INCREASE } else { f32::MIN_POSITIVE };
         let actual_gain = self.linear_system.cost - system.cost;
         if actual_gain >= -tolerance {
             self.unknowns = trial_unknowns;
@@ -211,7 +212,7 @@ impl Refinement {
         }
         let can_continue = predicted_gain.is_finite()
             && self.damping.value < Damping::MAX_DAMPING
-            && self.steps_since_noise_estimate < MAX_STEPS;
+            && self.steps_since_noise_estimate < MAX_STEPS_PER_NOISE_ESTIMATE;
         if can_continue { RefinementProgress::Continue } else { RefinementProgress::Converged }
     }
 }

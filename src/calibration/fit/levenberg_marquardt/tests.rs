@@ -52,13 +52,14 @@ fn refinement_off_by(sigmas: f32) -> Refinement {
     let prior = Prior { inclination_rad: Some(0.0), ..Prior::default() };
     let likelihood = Likelihood::new(&prior, ModelConfig::WITHOUT_ATTITUDE, samples, 50.0);
     let inclination_rad = sigmas * likelihood.config.known_inclination_sigma_rad;
-    let parameters = ModelParameters { w: Matrix3::identity(), d: Vector3::new(1.0, 0.0, 0.0), inclination_rad };
+    let parameters =
+        ModelParameters { w: Matrix3::identity(), corrected_mean_field: Vector3::new(1.0, 0.0, 0.0), inclination_rad };
     Refinement::new(likelihood, samples, parameters.unknowns().unwrap(), true)
 }
 
-fn descend(refinement: &mut Refinement, higher: f32) -> RefinementProgress {
+fn step_after_cost_increase(refinement: &mut Refinement, cost_increase: f32) -> RefinementProgress {
     let sample = Sample::new(Field::from_ut(50.0, 0.0, 0.0), Attitude::default());
-    refinement.linear_system.cost += higher;
+    refinement.linear_system.cost += cost_increase;
     refinement.levenberg_marquardt_step(Parts { left: &[sample], ..Parts::default() }.samples())
 }
 
@@ -73,8 +74,8 @@ fn a_refinement_converges_when_the_predicted_gain_is_small() {
         (0, 1.02, RefinementProgress::Continue),
     ] {
         let mut refinement = refinement_off_by(sigmas);
-        refinement.noise_estimates = rounds;
-        assert_eq!(descend(&mut refinement, 0.0), progress, "{rounds} {sigmas}");
+        refinement.noise_estimate_count = rounds;
+        assert_eq!(step_after_cost_increase(&mut refinement, 0.0), progress, "{rounds} {sigmas}");
         assert!(refinement.unknowns[INCLINATION_INDEX].abs() < 2e-5, "{}", refinement.unknowns[INCLINATION_INDEX]);
         let left = refinement.linear_system.step_to_maximum().unwrap();
         assert!(left.amax() < 2e-5, "{left}");
@@ -86,7 +87,7 @@ fn a_refinement_ends_after_forty_steps() {
     for (before, progress) in [(38, RefinementProgress::Continue), (39, RefinementProgress::Converged)] {
         let mut refinement = refinement_off_by(3.0);
         refinement.steps_since_noise_estimate = before;
-        assert_eq!(descend(&mut refinement, 0.0), progress, "after {before}");
+        assert_eq!(step_after_cost_increase(&mut refinement, 0.0), progress, "after {before}");
     }
 }
 
@@ -95,7 +96,7 @@ fn a_refinement_ends_when_no_step_reduces_the_cost() {
     for (value, progress) in [(2.4e5, RefinementProgress::Continue), (2.6e5, RefinementProgress::Converged)] {
         let mut refinement = refinement_off_by(3000.0);
         refinement.damping.value = value;
-        assert_eq!(descend(&mut refinement, -1e9), progress, "{value}");
+        assert_eq!(step_after_cost_increase(&mut refinement, -1e9), progress, "{value}");
         assert!(is_close(refinement.damping.value, 4.0 * value), "a failed step");
     }
 }
@@ -108,7 +109,7 @@ fn steps_that_raise_the_cost_are_rejected() {
         let mut refinement = refinement_off_by(3.0);
         refinement.likelihood.has_noise_estimate = refined;
         let before = refinement.unknowns;
-        descend(&mut refinement, -4.5 - worse);
+        step_after_cost_increase(&mut refinement, -4.5 - worse);
         assert_eq!(refinement.unknowns != before, taken, "refined {refined}, worse by {worse}");
         let growth = if taken { 2.0 } else { 4.0 };
         let found = refinement.damping.value / Damping::START_DAMPING.value;
@@ -120,7 +121,7 @@ fn steps_that_raise_the_cost_are_rejected() {
 fn damping_ignores_gains_within_the_tolerance() {
     for (lost, factor) in [(0.0, 0.1), (2.25, 1.0), (3.75, 1.0 + (2.0_f32 / 3.0).powi(3))] {
         let mut refinement = refinement_off_by(3.0);
-        descend(&mut refinement, -lost);
+        step_after_cost_increase(&mut refinement, -lost);
         let found = refinement.damping.value / Damping::START_DAMPING.value;
         // Tolerance: damping shortens a step by a thousandth, its gain by a millionth.
         assert!((found / factor - 1.0).abs() < 0.01, "{lost}: {found} {factor}");
@@ -129,7 +130,7 @@ fn damping_ignores_gains_within_the_tolerance() {
     for (sigmas, factor) in [(1.4, 0.1), (1.6, 2.0)] {
         let mut refinement = refinement_off_by(sigmas);
         refinement.likelihood.has_noise_estimate = true;
-        descend(&mut refinement, -0.5 * sigmas * sigmas);
+        step_after_cost_increase(&mut refinement, -0.5 * sigmas * sigmas);
         let found = refinement.damping.value / Damping::START_DAMPING.value;
         assert!((found / factor - 1.0).abs() < 0.01, "{sigmas}: {found} {factor}");
     }
@@ -138,7 +139,9 @@ fn damping_ignores_gains_within_the_tolerance() {
 #[test]
 fn a_singular_problem_fails() {
     let likelihood = Likelihood::new(&Prior::default(), ModelConfig::DEFAULT, Samples::default(), 50.0);
-    let flat = ModelParameters { w: Matrix3::zeros(), d: Vector3::zeros(), inclination_rad: 0.0 }.unknowns().unwrap();
+    let flat = ModelParameters { w: Matrix3::zeros(), corrected_mean_field: Vector3::zeros(), inclination_rad: 0.0 }
+        .unknowns()
+        .unwrap();
     let mut refinement = Refinement::new(likelihood, Samples::default(), flat, true);
     assert_eq!(refinement.refine_step(Samples::default()), RefinementProgress::Failed);
 }
@@ -149,11 +152,11 @@ fn flight(seed: u64) -> (Airframe, RecordedTurns) {
     (airframe, Flight::TYPICAL.fly(&airframe, &mut random))
 }
 
-fn refinement(recorded: &RecordedTurns, moves: bool) -> Refinement {
+fn refinement(recorded: &RecordedTurns, refines_unknowns: bool) -> Refinement {
     let start = starting_point::sphere_start(recorded.turns(), &Matrix3::identity()).unwrap();
     let likelihood = Likelihood::new(&Prior::default(), ModelConfig::DEFAULT, recorded.turns(), start.field_unit_ut);
     let unknowns = likelihood.unknowns_from_start(&start).unwrap();
-    Refinement::new(likelihood, recorded.turns(), unknowns, moves)
+    Refinement::new(likelihood, recorded.turns(), unknowns, refines_unknowns)
 }
 
 #[test]
@@ -163,9 +166,9 @@ fn the_noise_is_estimated_three_times() {
     assert_eq!(refinement.damping, Damping { value: 1e-3, growth: 4.0 });
     let mut estimates = Vec::new();
     loop {
-        let rounds = refinement.noise_estimates;
+        let rounds = refinement.noise_estimate_count;
         match refinement.refine_step(recorded.turns()) {
-            RefinementProgress::Continue if refinement.noise_estimates > rounds => {
+            RefinementProgress::Continue if refinement.noise_estimate_count > rounds => {
                 assert!(is_close(refinement.damping.value, 1e-6) && refinement.steps_since_noise_estimate == 0);
                 estimates.push(refinement.likelihood.noise.inclination_sigma_rad);
             }
@@ -173,7 +176,7 @@ fn the_noise_is_estimated_three_times() {
             end => break assert_eq!(end, RefinementProgress::Converged),
         }
     }
-    assert_eq!((estimates.len(), refinement.noise_estimates), (3, 3));
+    assert_eq!((estimates.len(), refinement.noise_estimate_count), (3, 3));
     assert!((estimates[2] / estimates[1] - 1.0).abs() < 0.01, "{estimates:?}");
 }
 
@@ -203,13 +206,16 @@ fn a_restart_converges_in_one_round() {
     late.restart_with_latency(recorded.turns(), 0.05, &Vector13::repeat(1e-4));
     assert_eq!(late.likelihood.latency_s.to_bits(), 0.05_f32.to_bits());
     assert!((late.unknowns - converged.unknowns - Vector13::repeat(1e-4)).norm() < 1e-6);
-    assert_eq!((late.noise_estimates, late.steps_since_noise_estimate), (MAX_NOISE_ESTIMATES - 1, 0));
+    assert_eq!((late.noise_estimate_count, late.steps_since_noise_estimate), (MAX_NOISE_ESTIMATES - 1, 0));
     // The noise estimate contained the interference, so one more is needed.
     let mut with_current = settled();
-    with_current.restart_with_motor_current(recorded.turns(), &Vector3::new(0.0, 1e-3, 0.0), &Vector13::repeat(1e-4));
-    assert!((with_current.likelihood.motor_current_per_ampere() - Vector3::new(0.0, 1e-3, 0.0)).norm() < 1e-6);
+    with_current.restart_with_interference(recorded.turns(), &Vector3::new(0.0, 1e-3, 0.0), &Vector13::repeat(1e-4));
+    assert!((with_current.likelihood.interference_per_ampere() - Vector3::new(0.0, 1e-3, 0.0)).norm() < 1e-6);
     assert!((with_current.unknowns - converged.unknowns - Vector13::repeat(1e-4)).norm() < 1e-6);
-    assert_eq!((with_current.noise_estimates, with_current.steps_since_noise_estimate), (MAX_NOISE_ESTIMATES - 2, 0));
+    assert_eq!(
+        (with_current.noise_estimate_count, with_current.steps_since_noise_estimate),
+        (MAX_NOISE_ESTIMATES - 2, 0)
+    );
 }
 
 #[test]
@@ -248,7 +254,7 @@ fn only_the_last_pass_rotates_equations() {
     let (_, recorded) = flight(1);
     let mut refinement = refinement(&recorded, true);
     while refinement.refine_step(recorded.turns()) == RefinementProgress::Continue {
-        assert_eq!(refinement.likelihood.uses_normal_equations, refinement.noise_estimates < MAX_NOISE_ESTIMATES);
+        assert_eq!(refinement.likelihood.uses_normal_equations, refinement.noise_estimate_count < MAX_NOISE_ESTIMATES);
     }
     assert!(!refinement.likelihood.uses_normal_equations);
     for (samples, sums_up) in [(128, false), (129, true)] {

@@ -64,13 +64,13 @@ const MIN_NORM_SIGNIFICANCE_OF_SINGLE_TEST: f32 = 6.6;
 const CERTAIN_SIGNIFICANCE: f32 = 60.0;
 
 /// Load factor less one in a turn at 25 deg of bank, for which the size of iron in a linkage is reported.
-const REFERENCE_EXCESS_LOAD: f32 = 0.1034;
+const REFERENCE_EXCESS_LOAD_FACTOR: f32 = 0.1034;
 
 /// Relative `f32` rounding error of the information about `beta`.
 const RELATIVE_ROUNDING: f32 = 1e-5;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum TestedCourse {
+enum TestedTimeCourse {
     /// Step this many milliseconds after the first sample; `beta` is present up to and including this time.
     Step(u32),
     /// Linear decrease of `beta` to zero.
@@ -95,35 +95,35 @@ impl TimeSpan {
     }
 
     /// Fraction of the hard-iron change `beta` in effect at a sample.
-    fn fraction_at(self, tested_course: TestedCourse, sample: &Sample) -> f32 {
+    fn change_fraction_at(self, tested_time_course: TestedTimeCourse, sample: &Sample) -> f32 {
         let ms = sample.time.ms_since(self.start);
-        match tested_course {
-            TestedCourse::Step(until_ms) => f32::from(u8::from(ms <= until_ms)),
-            TestedCourse::Drift => 1.0 - ms as f32 / self.duration_ms as f32,
-            TestedCourse::LoadFactor => load_factor_fraction(&sample.attitude.tilt_rotation().down_in_body()),
-            TestedCourse::Hysteresis => 1.0,
+        match tested_time_course {
+            TestedTimeCourse::Step(until_ms) => f32::from(u8::from(ms <= until_ms)),
+            TestedTimeCourse::Drift => 1.0 - ms as f32 / self.duration_ms as f32,
+            TestedTimeCourse::LoadFactor => load_factor_fraction(&sample.attitude.tilt_rotation().down_in_body()),
+            TestedTimeCourse::Hysteresis => 1.0,
         }
     }
 }
 
 /// Load factor less one, relative to the reference, with down in body axes; at most 1.
 fn load_factor_fraction(down: &Vector3<f32>) -> f32 {
-    ((1.0 / down.z.max(0.1) - 1.0) / REFERENCE_EXCESS_LOAD).min(1.0)
+    ((1.0 / down.z.max(0.1) - 1.0) / REFERENCE_EXCESS_LOAD_FACTOR).min(1.0)
 }
 
-/// Adds both residuals of a sample by an unknown with this effect on the corrected field: faster than one by one,
+/// Adds both residuals of a sample, for an unknown with this derivative of the corrected field: faster than one by one,
 /// because their rows have the measurement in common.
-fn add_residual_pair(sums: &mut ScoreTest<1>, equations: &SampleEquations, effect: &Vector3<f32>) {
+fn add_residual_pair(sums: &mut ScoreTest<1>, equations: &SampleEquations, field_derivative: &Vector3<f32>) {
     let mut pair = JacobianRow {
         derivative_by_field: Vector3::zeros(),
-        x: equations.norm_equation.jacobian_row.x,
-        by_inclination: 0.0,
+        centred_field: equations.norm_equation.jacobian_row.centred_field,
+        derivative_by_inclination: 0.0,
     };
     for equation in hard_iron_residuals(equations) {
-        let by_unknown = effect.dot(&equation.jacobian_row.derivative_by_field);
+        let by_unknown = field_derivative.dot(&equation.jacobian_row.derivative_by_field);
         let weighted = by_unknown * equation.weight;
         pair.derivative_by_field += equation.jacobian_row.derivative_by_field * weighted;
-        pair.by_inclination += equation.jacobian_row.by_inclination * weighted;
+        pair.derivative_by_inclination += equation.jacobian_row.derivative_by_inclination * weighted;
         sums.information.x += weighted * by_unknown;
         sums.gradient.x -= weighted * equation.residual;
     }
@@ -140,12 +140,12 @@ fn as_three_unknowns(one_unknown: &ScoreTest<1>) -> ScoreTest<3> {
 }
 
 /// Estimate of `beta` and its significance.
-fn estimate_step(
+fn estimate_hard_iron_change(
     sums: &ScoreTest<3>,
     system: &LinearisedProblem,
-    to_likeliest: &Vector13,
+    step_to_maximum: &Vector13,
 ) -> Option<(Vector3<f32>, f32)> {
-    let score = sums.eliminate_coefficients(system, to_likeliest)?;
+    let score = sums.eliminate_coefficients(system, step_to_maximum)?;
     let beta = inverse(&(score.information + rounding_floor(sums)))? * score.gradient;
     let significance = beta.dot(&score.gradient);
     significance.is_finite().then_some((beta, significance))
@@ -157,13 +157,13 @@ fn norm_significance(
     sums: &ScoreTest<3>,
     system: &LinearisedProblem,
     residuals: &ResidualStatistics,
-    to_likeliest: &Vector13,
+    step_to_maximum: &Vector13,
     norm_inflation: f32,
 ) -> Option<f32> {
     let mut variance = sums.information * norm_inflation;
-    let score = sums.eliminate_coefficients(system, to_likeliest)?;
+    let score = sums.eliminate_coefficients(system, step_to_maximum)?;
     for (axis, column) in score.nuisance_columns.iter().enumerate() {
-        let inclination_excess = residuals.excess_inclination_product(column, norm_inflation);
+        let inclination_excess = residuals.excess_inclination_information_times(column, norm_inflation);
         for (other_axis, cross_row) in sums.cross_information.iter().enumerate() {
             variance[(axis, other_axis)] +=
                 score.nuisance_columns[other_axis].dot(&inclination_excess) - column.dot(cross_row) * norm_inflation;
@@ -178,7 +178,7 @@ fn rounding_floor(sums: &ScoreTest<3>) -> Matrix3<f32> {
 
 #[derive(Clone, Copy, Debug)]
 struct ChangeEstimate {
-    tested_course: TestedCourse,
+    tested_time_course: TestedTimeCourse,
     beta: Vector3<f32>,
     significance: f32,
 }
@@ -245,8 +245,8 @@ impl HardIronScan {
         if self.processed_count.is_multiple_of(self.sample_count.div_ceil(MAX_TESTED_STEPS))
             && self.processed_count < self.sample_count
         {
-            self.test_course(system, TestedCourse::Step(time.ms_since(self.time_span.start)));
-            self.extend_drift(self.time_span.fraction_at(TestedCourse::Drift, sample));
+            self.test_time_course(system, TestedTimeCourse::Step(time.ms_since(self.time_span.start)));
+            self.extend_drift(self.time_span.change_fraction_at(TestedTimeCourse::Drift, sample));
         }
     }
 
@@ -260,17 +260,19 @@ impl HardIronScan {
     }
 
     /// Tests a time course whose sums are complete.
-    fn test_course(&mut self, system: &LinearisedProblem, tested_course: TestedCourse) {
-        let sums = match tested_course {
-            TestedCourse::Step(_) => self.step_sums.score_test(&self.w),
-            TestedCourse::Drift => self.drift_sums.score_test(&self.w),
-            TestedCourse::LoadFactor => self.load_factor_sums.score_test(&self.w),
-            TestedCourse::Hysteresis => as_three_unknowns(&self.hysteresis_sums),
+    fn test_time_course(&mut self, system: &LinearisedProblem, tested_time_course: TestedTimeCourse) {
+        let sums = match tested_time_course {
+            TestedTimeCourse::Step(_) => self.step_sums.score_test(&self.w),
+            TestedTimeCourse::Drift => self.drift_sums.score_test(&self.w),
+            TestedTimeCourse::LoadFactor => self.load_factor_sums.score_test(&self.w),
+            TestedTimeCourse::Hysteresis => as_three_unknowns(&self.hysteresis_sums),
         };
-        let Some((beta, significance)) = estimate_step(&sums, system, &self.step_to_maximum) else { return };
+        let Some((beta, significance)) = estimate_hard_iron_change(&sums, system, &self.step_to_maximum) else {
+            return;
+        };
         if self.best_estimate.is_none_or(|best| significance > best.significance) {
             self.gradient_effect = sums.gradient_effect(&beta);
-            self.best_estimate = Some(ChangeEstimate { tested_course, beta, significance });
+            self.best_estimate = Some(ChangeEstimate { tested_time_course, beta, significance });
         }
     }
 
@@ -283,18 +285,19 @@ impl HardIronScan {
         residuals: &ResidualStatistics,
     ) -> Option<ConfirmedChange> {
         self.extend_drift(0.0);
-        for tested_course in [TestedCourse::Drift, TestedCourse::LoadFactor, TestedCourse::Hysteresis] {
-            self.test_course(system, tested_course);
+        for tested_time_course in [TestedTimeCourse::Drift, TestedTimeCourse::LoadFactor, TestedTimeCourse::Hysteresis]
+        {
+            self.test_time_course(system, tested_time_course);
         }
         let estimate = self.best_estimate.filter(|estimate| estimate.significance > SECOND_PASS_SIGNIFICANCE)?;
-        let course = match estimate.tested_course {
-            TestedCourse::Step(until_ms) => HardIronTimeCourse::Step { after_s: whole_seconds(until_ms) },
-            TestedCourse::Drift => HardIronTimeCourse::Drift,
-            TestedCourse::LoadFactor => HardIronTimeCourse::LoadFactor,
-            TestedCourse::Hysteresis => HardIronTimeCourse::Hysteresis,
+        let course = match estimate.tested_time_course {
+            TestedTimeCourse::Step(until_ms) => HardIronTimeCourse::Step { after_s: whole_seconds(until_ms) },
+            TestedTimeCourse::Drift => HardIronTimeCourse::Drift,
+            TestedTimeCourse::LoadFactor => HardIronTimeCourse::LoadFactor,
+            TestedTimeCourse::Hysteresis => HardIronTimeCourse::Hysteresis,
         };
-        let size_ut = match estimate.tested_course {
-            TestedCourse::Hysteresis => self.hysteresis.rms_field_change(estimate.beta.x),
+        let size_ut = match estimate.tested_time_course {
+            TestedTimeCourse::Hysteresis => self.hysteresis.rms_field_change(estimate.beta.x),
             _ => estimate.beta.vector_length(),
         };
         let detected_change = DetectedHardIronChange {
@@ -302,7 +305,7 @@ impl HardIronScan {
             time_course: course,
             duration_s: whole_seconds(self.time_span.duration_ms),
         };
-        is_significant(estimate.tested_course, self.significance(&estimate, fit, system, residuals)?)
+        is_significant(estimate.tested_time_course, self.significance(&estimate, fit, system, residuals)?)
             .then_some(ConfirmedChange { detected_change, gradient_effect: self.gradient_effect })
     }
 
@@ -320,8 +323,8 @@ impl HardIronScan {
         let mut last_turn = LastTurn::default();
         for (part, sample) in TimeOrdered::new(fit.samples) {
             let equations = fit.likelihood.sample_equations(sample, None, &parameters);
-            let fraction = self.time_span.fraction_at(estimate.tested_course, sample);
-            let response = if estimate.tested_course == TestedCourse::Hysteresis {
+            let fraction = self.time_span.change_fraction_at(estimate.tested_time_course, sample);
+            let response = if estimate.tested_time_course == TestedTimeCourse::Hysteresis {
                 let down = sample.attitude.tilt_rotation().down_in_body();
                 let lagging = self.hysteresis.field_response(&down, last_turn.direction_at_sample(sample), &equations);
                 Matrix3::from_columns(&[lagging, Vector3::zeros(), Vector3::zeros()])
@@ -342,7 +345,7 @@ impl HardIronScan {
         }
         // Degrees of freedom: half of the sixteen unknowns for each kind of residual.
         let freedom = (self.sample_count as f32 - 8.0).max(1.0);
-        let [norm_inflation, inclination_inflation] = remaining.excess_inflation();
+        let [norm_inflation, inclination_inflation] = remaining.excess_variance_inflation();
         let [norm_variance, inclination_variance] = remaining.sums_of_squares();
         let [norm_variance, inclination_variance] = [
             norm_variance * (1.0 + norm_inflation) / freedom,
@@ -353,13 +356,13 @@ impl HardIronScan {
     }
 }
 
-fn is_significant(tested_course: TestedCourse, [total_significance, norm_significance]: [f32; 2]) -> bool {
-    let (total_limit, norm_limit) = match tested_course {
-        TestedCourse::Step(_) | TestedCourse::Drift => (MIN_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE),
-        TestedCourse::LoadFactor if total_significance > CERTAIN_SIGNIFICANCE => return true,
-        TestedCourse::Hysteresis if total_significance > MIN_SIGNIFICANCE => return true,
-        TestedCourse::LoadFactor => (MIN_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE_OF_SINGLE_TEST),
-        TestedCourse::Hysteresis => (MIN_HYSTERESIS_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE_OF_SINGLE_TEST),
+fn is_significant(tested_time_course: TestedTimeCourse, [total_significance, norm_significance]: [f32; 2]) -> bool {
+    let (total_limit, norm_limit) = match tested_time_course {
+        TestedTimeCourse::Step(_) | TestedTimeCourse::Drift => (MIN_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE),
+        TestedTimeCourse::LoadFactor if total_significance > CERTAIN_SIGNIFICANCE => return true,
+        TestedTimeCourse::Hysteresis if total_significance > MIN_SIGNIFICANCE => return true,
+        TestedTimeCourse::LoadFactor => (MIN_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE_OF_SINGLE_TEST),
+        TestedTimeCourse::Hysteresis => (MIN_HYSTERESIS_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE_OF_SINGLE_TEST),
     };
     total_significance > total_limit && norm_significance > norm_limit
 }

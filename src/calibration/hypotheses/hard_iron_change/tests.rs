@@ -41,12 +41,12 @@ impl Case {
         likelihood.config.huber_sigmas = 1e3;
         let mut case = Self { recorded, likelihood, unknowns };
         for _ in 0..6 {
-            case.unknowns += case.system().step_to_maximum().unwrap();
+            case.unknowns += case.linearised_problem().step_to_maximum().unwrap();
         }
         case
     }
 
-    fn system(&self) -> LinearisedProblem {
+    fn linearised_problem(&self) -> LinearisedProblem {
         let mut likelihood = self.likelihood.clone();
         (likelihood.sample_stride, likelihood.uses_normal_equations) = (1, false);
         LinearisedProblem::linearise(&likelihood, self.recorded.turns(), &self.unknowns)
@@ -58,24 +58,24 @@ impl Case {
     }
 
     fn information(&self, scan: Option<&mut HardIronScan>) -> Information {
-        let mut information = Information::new(&self.system());
+        let mut information = Information::new(&self.linearised_problem());
         information.accumulate_samples(&self.likelihood, self.recorded.turns(), &self.unknowns, scan);
         information
     }
 
     fn scanned(&self) -> (HardIronScan, Information) {
-        let mut scan = HardIronScan::new(self.recorded.turns(), &self.system(), &self.unknowns).unwrap();
+        let mut scan = HardIronScan::new(self.recorded.turns(), &self.linearised_problem(), &self.unknowns).unwrap();
         let information = self.information(Some(&mut scan));
         (scan, information)
     }
 
-    fn equations(&self, form: TestedCourse) -> Vec<(ResidualEquation, Vector3<f32>, bool)> {
+    fn equations(&self, time_course: TestedTimeCourse) -> Vec<(ResidualEquation, Vector3<f32>, bool)> {
         let span = TimeSpan::from_samples(self.recorded.turns()).unwrap();
         let (parameters, w) = (ModelParameters::new(&self.unknowns), ModelParameters::new(&self.unknowns).w);
         let mut all = Vec::new();
         for (_, sample) in TimeOrdered::new(self.recorded.turns()) {
             let equations = self.likelihood.sample_equations(sample, None, &parameters);
-            let share = span.fraction_at(form, sample);
+            let share = span.change_fraction_at(time_course, sample);
             for (equation, is_norm) in hard_iron_residuals(&equations).zip([true, false]) {
                 all.push((equation.clone(), derivative_by_hard_iron(&w, equation) * share, is_norm));
             }
@@ -119,10 +119,10 @@ fn hard_iron_derivatives_equal_numerical_ones() {
 #[test]
 fn estimate_equals_joint_least_squares() {
     let case = Case::new(PAYLOAD_CHANGE_UT, 60_000);
-    for form in [TestedCourse::Step(59_500), TestedCourse::Drift] {
+    for time_course in [TestedTimeCourse::Step(59_500), TestedTimeCourse::Drift] {
         let mut joint = LeastSquares::<16, 1>::new();
         let mut sums = ScoreTest::zero();
-        for (equation, by_beta, _) in case.equations(form) {
+        for (equation, by_beta, _) in case.equations(time_course) {
             let row = SVector::<f32, 16>::from_fn(|i, _| {
                 if i < 13 { equation.jacobian_row.as_vector()[i] } else { by_beta[i - 13] }
             });
@@ -137,8 +137,9 @@ fn estimate_equals_joint_least_squares() {
                 joint.add_weighted_row(&row, [-prior.residual], 1.0 / (prior.sigma * prior.sigma));
             },
         );
-        let system = case.system();
-        let (beta, significance) = estimate_step(&sums, &system, &system.step_to_maximum().unwrap()).unwrap();
+        let system = case.linearised_problem();
+        let (beta, significance) =
+            estimate_hard_iron_change(&sums, &system, &system.step_to_maximum().unwrap()).unwrap();
         let expected = joint.solve().unwrap().fixed_rows::<3>(13).into_owned();
         assert!((beta - expected).norm() < 0.02 * expected.norm(), "{beta} {expected}");
         // Reference: the reduction of the sum of squares by the three unknowns.
@@ -157,11 +158,11 @@ fn estimate_equals_joint_least_squares() {
 fn constant_hard_iron_is_no_change() {
     let case = Case::new(Vector3::zeros(), 0);
     let mut sums = ScoreTest::zero();
-    for (equation, by_beta, _) in case.equations(TestedCourse::Step(u32::MAX)) {
+    for (equation, by_beta, _) in case.equations(TestedTimeCourse::Step(u32::MAX)) {
         sums.add_weighted_equation(&equation, &by_beta, 1.0);
     }
-    let system = case.system();
-    let (beta, significance) = estimate_step(&sums, &system, &system.step_to_maximum().unwrap()).unwrap();
+    let system = case.linearised_problem();
+    let (beta, significance) = estimate_hard_iron_change(&sums, &system, &system.step_to_maximum().unwrap()).unwrap();
     assert!((0.0..1.0).contains(&significance), "{significance}");
     assert!(beta.norm() * case.likelihood.field_unit_ut < 0.1, "{beta}");
 }
@@ -235,9 +236,9 @@ fn the_sums_of_hysteresis_are_those_of_each_equation() {
 fn the_scan_finds_time_and_size() {
     let (mut scan, information) = Case::new(PAYLOAD_CHANGE_UT, 65_000).scanned();
     scan.extend_drift(0.0);
-    scan.test_course(&information.linear_system, TestedCourse::Drift);
+    scan.test_time_course(&information.linear_system, TestedTimeCourse::Drift);
     let found = scan.best_estimate.unwrap();
-    assert_eq!(found.tested_course, TestedCourse::Step(64_500));
+    assert_eq!(found.tested_time_course, TestedTimeCourse::Step(64_500));
     let unit_ut = Case::new(PAYLOAD_CHANGE_UT, 65_000).likelihood.field_unit_ut;
     assert!((found.beta * unit_ut - PAYLOAD_CHANGE_UT).norm() < 0.4, "{}", found.beta * unit_ut);
     assert!(found.significance > 100.0);
@@ -252,11 +253,12 @@ fn drift_sums_approximate_the_exact_sums() {
     let (mut scan, information) = case.scanned();
     scan.extend_drift(0.0);
     let mut exact = ScoreTest::zero();
-    for (equation, by_beta, _) in case.equations(TestedCourse::Drift) {
+    for (equation, by_beta, _) in case.equations(TestedTimeCourse::Drift) {
         exact.add_weighted_equation(&equation, &by_beta, 1.0);
     }
-    let estimate_of =
-        |sums: &ScoreTest<3>| estimate_step(sums, &information.linear_system, &scan.step_to_maximum).unwrap();
+    let estimate_of = |sums: &ScoreTest<3>| {
+        estimate_hard_iron_change(sums, &information.linear_system, &scan.step_to_maximum).unwrap()
+    };
     let ((found, significance), (beta, expected)) =
         (estimate_of(&scan.drift_sums.score_test(&scan.w)), estimate_of(&exact));
     assert!((found - beta).norm() < 0.03 * beta.norm(), "{found} {beta}");
@@ -268,57 +270,59 @@ fn the_gradient_effect_is_that_of_the_best_change() {
     let case = Case::new(PAYLOAD_CHANGE_UT, 60_000);
     let scan = case.scanned().0;
     let found = scan.best_estimate.unwrap();
-    let effect = case.equations(found.tested_course).iter().fold(Vector13::zeros(), |sum, (equation, by_beta, _)| {
-        sum + equation.jacobian_row.as_vector() * (equation.weight * by_beta.dot(&found.beta))
-    });
+    let effect =
+        case.equations(found.tested_time_course).iter().fold(Vector13::zeros(), |sum, (equation, by_beta, _)| {
+            sum + equation.jacobian_row.as_vector() * (equation.weight * by_beta.dot(&found.beta))
+        });
     assert!((scan.gradient_effect - effect).norm() < 1e-3 * effect.norm());
 }
 
 #[test]
-fn the_significance_of_norms_is_that_of_their_gradient() {
+fn norm_significance_equals_direct_calculation() {
     let case = Case::new(PAYLOAD_CHANGE_UT, 60_000);
-    let form = TestedCourse::Step(59_500);
+    let time_course = TestedTimeCourse::Step(59_500);
     let information = case.information(None);
     let mut sums = ScoreTest::zero();
-    for (equation, by_beta, is_norm) in case.equations(form) {
+    for (equation, by_beta, is_norm) in case.equations(time_course) {
         if is_norm {
             sums.add_weighted_equation(&equation, &by_beta, 1.0);
         }
     }
-    let to_likeliest = information.linear_system.step_to_maximum().unwrap();
+    let step_to_maximum = information.linear_system.step_to_maximum().unwrap();
     let columns =
         sums.cross_information.map(|cross_row| information.linear_system.covariance_times(&cross_row).unwrap());
     // Score after elimination of the thirteen unknowns; inclination residuals contribute to the eliminated part only.
     let left = |row: &JacobianRow, by_beta: Vector3<f32>| by_beta - Vector3::from_fn(|axis, _| row.dot(&columns[axis]));
     let of_inclination = |(equation, _, is_norm): (ResidualEquation, Vector3<f32>, bool)| {
-        if is_norm { 0.0 } else { equation.weight * equation.jacobian_row.by_inclination.powi(2) }
+        if is_norm { 0.0 } else { equation.weight * equation.jacobian_row.derivative_by_inclination.powi(2) }
     };
-    let inclinations: f32 = case.equations(form).into_iter().map(of_inclination).sum();
-    let inclination_excess = information.residuals.excess_inclination_product(&Vector13::ith(12, 1.0), 0.0)[12] / inclinations;
+    let inclinations: f32 = case.equations(time_course).into_iter().map(of_inclination).sum();
+    let inclination_excess =
+        information.residuals.excess_inclination_information_times(&Vector13::ith(12, 1.0), 0.0)[12] / inclinations;
     let norm = 1.3;
     let mut variance = Matrix3::zeros();
-    for (equation, by_beta, is_norm) in case.equations(form) {
+    for (equation, by_beta, is_norm) in case.equations(time_course) {
         let left = left(&equation.jacobian_row, if is_norm { by_beta } else { Vector3::zeros() });
         variance +=
             left * left.transpose() * (equation.weight * if is_norm { norm } else { inclination_excess.max(norm) });
     }
-    let gradient = sums.gradient - Vector3::from_fn(|axis, _| sums.cross_information[axis].dot(&to_likeliest));
+    let gradient = sums.gradient - Vector3::from_fn(|axis, _| sums.cross_information[axis].dot(&step_to_maximum));
     let expected = gradient.dot(&(variance.try_inverse().unwrap() * gradient));
     let found =
-        norm_significance(&sums, &information.linear_system, &information.residuals, &to_likeliest, norm).unwrap();
+        norm_significance(&sums, &information.linear_system, &information.residuals, &step_to_maximum, norm).unwrap();
     assert!((found / expected - 1.0).abs() < 0.05, "{found} {expected}");
     assert!(inclination_excess > 1.5, "{inclination_excess}");
 }
 
 #[test]
 fn both_significance_thresholds_must_be_exceeded() {
-    for form in [TestedCourse::Step(0), TestedCourse::Drift] {
-        assert!(is_significant(form, [30.1, 16.1]) && !is_significant(form, [29.9, 1e3]));
-        assert!(!is_significant(form, [1e3, 15.9]) && !is_significant(form, [f32::NAN, 1e3]));
+    for time_course in [TestedTimeCourse::Step(0), TestedTimeCourse::Drift] {
+        assert!(is_significant(time_course, [30.1, 16.1]) && !is_significant(time_course, [29.9, 1e3]));
+        assert!(!is_significant(time_course, [1e3, 15.9]) && !is_significant(time_course, [f32::NAN, 1e3]));
     }
-    let load = |significance| is_significant(TestedCourse::LoadFactor, significance);
+    let load = |significance| is_significant(TestedTimeCourse::LoadFactor, significance);
     assert!(load([30.1, 6.7]) && load([60.1, 0.0]) && !load([59.9, 6.5]) && !load([29.9, 1e3]));
-    let hysteresis = |significance| is_significant(TestedCourse::Hysteresis, significance);
+    let hysteresis = |significance| is_significant(TestedTimeCourse::Hysteresis, significance);
     assert!(hysteresis([12.1, 6.7]) && hysteresis([30.1, 0.0]) && !hysteresis([11.9, 1e3]) && !hysteresis([29.9, 6.5]));
     // The misfit inflates sigma: with the change as an unknown the residuals are much smaller.
     let mut case = Case::new(PAYLOAD_CHANGE_UT * 4.0, 60_000);
@@ -343,14 +347,14 @@ fn fraction_of_the_change_at_a_time() {
     let span = TimeSpan { start: WrappingMillis::new(u32::MAX - 999), duration_ms: 4_000 };
     let at = |ms: u32| Sample { time: WrappingMillis::new((u32::MAX - 999).wrapping_add(ms)), ..STEADY_SAMPLE };
     for (ms, step, drift) in [(0, 1.0, 1.0), (1_000, 1.0, 0.75), (1_001, 0.0, 0.749_75), (4_000, 0.0, 0.0)] {
-        assert!((span.fraction_at(TestedCourse::Step(1_000), &at(ms)) - step).abs() < 1e-6, "{ms}");
-        assert!((span.fraction_at(TestedCourse::Drift, &at(ms)) - drift).abs() < 1e-6, "{ms}");
+        assert!((span.change_fraction_at(TestedTimeCourse::Step(1_000), &at(ms)) - step).abs() < 1e-6, "{ms}");
+        assert!((span.change_fraction_at(TestedTimeCourse::Drift, &at(ms)) - drift).abs() < 1e-6, "{ms}");
     }
     // Share of the change: 1 at the load factor of 25 deg of bank and above, 1/2 at half its excess over 1.
     for (load, fraction) in [(1.0, 0.0), (1.0517, 0.5), (1.1034, 1.0), (1.5, 1.0)] {
         let roll_rad = f32::acos(1.0 / load);
         let turning = Sample { attitude: crate::frames::Attitude { roll_rad, pitch_rad: 0.0 }, ..STEADY_SAMPLE };
-        assert!((span.fraction_at(TestedCourse::LoadFactor, &turning) - fraction).abs() < 1e-3, "{load}");
+        assert!((span.change_fraction_at(TestedTimeCourse::LoadFactor, &turning) - fraction).abs() < 1e-3, "{load}");
     }
     assert_eq!((whole_seconds(999), whole_seconds(31_999), whole_seconds(u32::MAX)), (0, 31, 65_535));
 }

@@ -18,7 +18,7 @@ pub(in crate::calibration) struct ResidualEquation {
     pub residual: f32,
     /// Inverse variance times the Huber weight.
     pub weight: f32,
-    /// Huber loss: half the squared normalised residual, linear beyond `huber` sigmas (P. J. Huber, "Robust estimation
+    /// Huber loss: half the squared normalised residual, linear beyond `huber_sigmas` (P. J. Huber, "Robust estimation
     /// of a location parameter", Annals of Mathematical Statistics 35, 1964).
     pub loss: f32,
     pub clipped_square: f32,
@@ -31,14 +31,14 @@ pub(in crate::calibration) const CLIPPED_MEAN_SQUARE: f32 = 0.9205;
 
 impl ResidualEquation {
     #[inline]
-    pub fn new(row: JacobianRow, residual: f32, variance: f32, huber: f32) -> Self {
+    pub fn new(row: JacobianRow, residual: f32, variance: f32, huber_sigmas: f32) -> Self {
         let information = 1.0 / variance;
         let square = residual * residual * information;
-        let (weight, loss) = if square <= huber * huber {
+        let (weight, loss) = if square <= huber_sigmas * huber_sigmas {
             (information, 0.5 * square)
         } else {
             let magnitude = sqrt(square);
-            (information * huber / magnitude, huber * (magnitude - 0.5 * huber))
+            (information * huber_sigmas / magnitude, huber_sigmas * (magnitude - 0.5 * huber_sigmas))
         };
         Self { jacobian_row: row, residual, weight, loss, clipped_square: square.min(CLIP_SIGMAS * CLIP_SIGMAS) }
     }
@@ -64,13 +64,13 @@ pub(in crate::calibration) struct SampleEquations {
     pub inclination_equation: Option<ResidualEquation>,
     pub heading_equation: Option<ResidualEquation>,
     /// Derivatives of the inclination by roll and by pitch.
-    pub inclination_by_attitude: [f32; 2],
+    pub inclination_derivatives_by_attitude: [f32; 2],
 }
 
 /// A sample in the model's units.
 pub(in crate::calibration) struct MeasuredSample {
-    /// Field minus the mean of all samples, mount axes, units of field.
-    pub x: Vector3<f32>,
+    /// `x`: field minus the mean of all samples, mount axes, units of field.
+    pub centred_field: Vector3<f32>,
     pub tilt_rotation: AttitudeRotation,
     /// Given heading, radians.
     pub heading_rad: Option<f32>,
@@ -85,12 +85,13 @@ impl SampleEquations {
         config: &ModelConfig,
         is_refined: bool,
     ) -> Self {
-        let prediction = parameters.predict_field(measured.x, &measured.tilt_rotation);
-        let by_attitude = prediction.inclination_by_attitude(&measured.tilt_rotation);
-        let covariance = noise.covariance(&prediction.field_direction, &prediction.inclination_by_field, by_attitude);
+        let prediction = parameters.predict_field(measured.centred_field, &measured.tilt_rotation);
+        let by_attitude = prediction.inclination_derivatives_by_attitude(&measured.tilt_rotation);
+        let covariance =
+            noise.covariance(&prediction.field_direction, &prediction.inclination_derivative_by_field, by_attitude);
         let residuals = Residuals::new(parameters, &prediction);
         let (prediction, Residuals { norm, inclination_rad }) = if is_refined {
-            linearise_at_corrected(parameters, measured, noise, &covariance, &prediction, &residuals, config)
+            linearise_at_corrected_field(parameters, measured, noise, &covariance, &prediction, &residuals, config)
         } else {
             (prediction, residuals)
         };
@@ -110,7 +111,7 @@ impl SampleEquations {
                 .heading_rad
                 .map(|given_rad| heading_equation(measured, noise, config, &prediction, given_rad)),
             norm_equation: ResidualEquation::new(norm_row, norm, covariance.norm_variance, config.huber_sigmas),
-            inclination_by_attitude: by_attitude,
+            inclination_derivatives_by_attitude: by_attitude,
         }
     }
 }
@@ -141,7 +142,7 @@ impl Residuals {
 /// Otherwise the noise in the derivatives correlates with that in the residuals: at 1 % sensor noise, 15 deg of bank
 /// and 70 deg of inclination the bias was as large as the random error. The effect of the move on the residuals is
 /// removed to first order. Attitude errors do not change the direction of the derivatives and need no correction.
-fn linearise_at_corrected(
+fn linearise_at_corrected_field(
     parameters: &ModelParameters,
     measured: &MeasuredSample,
     noise: &NoiseModel,
@@ -164,15 +165,17 @@ fn linearise_at_corrected(
     let norm_multiplier =
         limited_weighted(norm, covariance.norm_variance) - covariance.decorrelation_slope * inclination_multiplier;
     let sensor_error = noise.likely_sensor_error(
-        &(prediction.field_direction * norm_multiplier + prediction.inclination_by_field * inclination_multiplier),
+        &(prediction.field_direction * norm_multiplier
+            + prediction.inclination_derivative_by_field * inclination_multiplier),
     );
-    let corrected_prediction = parameters.predict_field(prediction.x - sensor_error, &measured.tilt_rotation);
+    let corrected_prediction =
+        parameters.predict_field(prediction.centred_field - sensor_error, &measured.tilt_rotation);
     let body_correction = multiply(&parameters.w, &sensor_error);
     let corrected_residuals = Residuals::new(parameters, &corrected_prediction);
     let residuals = Residuals {
         norm: corrected_residuals.norm + corrected_prediction.field_direction.dot(&body_correction),
         inclination_rad: corrected_residuals.inclination_rad
-            + corrected_prediction.inclination_by_field.dot(&body_correction),
+            + corrected_prediction.inclination_derivative_by_field.dot(&body_correction),
     };
     (corrected_prediction, residuals)
 }
@@ -184,7 +187,7 @@ fn heading_equation(
     prediction: &FieldPrediction,
     given_rad: f32,
 ) -> ResidualEquation {
-    let by_field = prediction.heading_by_field(&measured.tilt_rotation);
+    let by_field = prediction.heading_derivative_by_field(&measured.tilt_rotation);
     let variance =
         config.given_heading_sigma_rad * config.given_heading_sigma_rad + noise.heading_variance(&by_field, prediction);
     let residual = wrap_pi(prediction.heading_rad() - given_rad);

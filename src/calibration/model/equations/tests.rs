@@ -12,8 +12,12 @@ fn is_close(found: f32, expected: f32) -> bool {
     (found - expected).abs() <= 2e-4 * expected.abs()
 }
 
-fn equation(sigmas: f32) -> ResidualEquation {
-    let row = JacobianRow { derivative_by_field: Vector3::zeros(), x: Vector3::zeros(), by_inclination: 0.0 };
+fn equation_with_residual(sigmas: f32) -> ResidualEquation {
+    let row = JacobianRow {
+        derivative_by_field: Vector3::zeros(),
+        centred_field: Vector3::zeros(),
+        derivative_by_inclination: 0.0,
+    };
     ResidualEquation::new(row, sigmas * 0.1, 0.01, ModelConfig::DEFAULT.huber_sigmas)
 }
 
@@ -26,7 +30,7 @@ fn loss_of_an_outlier_is_linear() {
         (8.0, 25.0, 2.0 + 2.0 * 6.0),
     ] {
         for sigmas in [sigmas, -sigmas] {
-            let equation = equation(sigmas);
+            let equation = equation_with_residual(sigmas);
             assert!(is_close(equation.weight, weight) && is_close(equation.loss, loss), "{sigmas}: {equation:?}");
         }
     }
@@ -35,10 +39,10 @@ fn loss_of_an_outlier_is_linear() {
 #[test]
 fn a_residual_is_clipped() {
     for (sigmas, clipped) in [(0.5, 0.5), (1.98, 1.98), (2.02, 2.0), (30.0, 2.0)] {
-        assert!(is_close(equation(sigmas).clipped_square, clipped * clipped), "{sigmas}");
+        assert!(is_close(equation_with_residual(sigmas).clipped_square, clipped * clipped), "{sigmas}");
         assert!(
-            is_close(equation(sigmas).clipped_residual(), clipped)
-                && is_close(equation(-sigmas).clipped_residual(), -clipped)
+            is_close(equation_with_residual(sigmas).clipped_residual(), clipped)
+                && is_close(equation_with_residual(-sigmas).clipped_residual(), -clipped)
         );
     }
 }
@@ -54,9 +58,11 @@ fn clipped_mean_square_of_normal_noise() {
 
 #[test]
 fn without_attitude_there_is_no_inclination_equation() {
-    let parameters = ModelParameters { w: Matrix3::identity(), d: Vector3::zeros(), inclination_rad: 1.0 };
+    let parameters =
+        ModelParameters { w: Matrix3::identity(), corrected_mean_field: Vector3::zeros(), inclination_rad: 1.0 };
     let tilt = Attitude::from_deg(20.0, 0.0).tilt_rotation();
-    let measured = MeasuredSample { x: Vector3::new(0.6, 0.0, 0.8), tilt_rotation: tilt, heading_rad: None };
+    let measured =
+        MeasuredSample { centred_field: Vector3::new(0.6, 0.0, 0.8), tilt_rotation: tilt, heading_rad: None };
     let equations = |config| SampleEquations::new(&parameters, &measured, &NoiseModel::INITIAL, &config, true);
     assert!(
         equations(ModelConfig::DEFAULT).inclination_equation.is_some()
@@ -71,7 +77,7 @@ fn without_attitude_there_is_no_inclination_equation() {
 fn expected_gradient(is_refined: bool) -> f32 {
     let parameters = ModelParameters {
         w: Matrix3::new(1.1, 0.1, -0.05, 0.0, 0.9, 0.1, 0.05, -0.1, 1.05),
-        d: Vector3::new(0.1, -0.2, 0.6),
+        corrected_mean_field: Vector3::new(0.1, -0.2, 0.6),
         inclination_rad: 70_f32.to_radians(),
     };
     let sigma = 0.01;
@@ -85,7 +91,7 @@ fn expected_gradient(is_refined: bool) -> f32 {
         let exact = parameters.expected_field(&tilt, f32::from(step) / 128.0 * TAU).unwrap();
         for (axis, sign) in [(0, 1.0), (1, 1.0), (2, 1.0), (0, -1.0), (1, -1.0), (2, -1.0)] {
             let x = exact + Vector3::ith(axis, sign * sigma * 3_f32.sqrt());
-            let measured = MeasuredSample { x, tilt_rotation: tilt, heading_rad: None };
+            let measured = MeasuredSample { centred_field: x, tilt_rotation: tilt, heading_rad: None };
             let equations = SampleEquations::new(&parameters, &measured, &noise, &ModelConfig::DEFAULT, is_refined);
             for equation in
                 [Some(&equations.norm_equation), equations.inclination_equation.as_ref()].into_iter().flatten()
@@ -115,25 +121,28 @@ fn the_measurement_is_corrected_by_its_expected_sensor_error() {
     let noise_w = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
     let noise = NoiseModel::new(0.01, 0.015, noise_w);
     let tilt = Attitude::from_deg(25.0, 5.0).tilt_rotation();
-    let mut parameters = ModelParameters { w: noise_w, d: Vector3::new(0.1, 0.0, 0.2), inclination_rad: 1.0 };
+    let mut parameters =
+        ModelParameters { w: noise_w, corrected_mean_field: Vector3::new(0.1, 0.0, 0.2), inclination_rad: 1.0 };
     let measured = MeasuredSample {
-        x: parameters.expected_field(&tilt, 0.7).unwrap() + Vector3::new(0.004, -0.006, 0.005),
+        centred_field: parameters.expected_field(&tilt, 0.7).unwrap() + Vector3::new(0.004, -0.006, 0.005),
         tilt_rotation: tilt,
         heading_rad: None,
     };
     let moved_by = |parameters: &ModelParameters| {
-        let prediction = parameters.predict_field(measured.x, &tilt);
-        let by_attitude = prediction.inclination_by_attitude(&tilt);
-        let covariance = noise.covariance(&prediction.field_direction, &prediction.inclination_by_field, by_attitude);
+        let prediction = parameters.predict_field(measured.centred_field, &tilt);
+        let by_attitude = prediction.inclination_derivatives_by_attitude(&tilt);
+        let covariance =
+            noise.covariance(&prediction.field_direction, &prediction.inclination_derivative_by_field, by_attitude);
         let residuals = Residuals::new(parameters, &prediction);
         let config = &ModelConfig::DEFAULT;
         let (corrected_sample, _) =
-            linearise_at_corrected(parameters, &measured, &noise, &covariance, &prediction, &residuals, config);
-        (measured.x - corrected_sample.x, prediction, residuals)
+            linearise_at_corrected_field(parameters, &measured, &noise, &covariance, &prediction, &residuals, config);
+        (measured.centred_field - corrected_sample.centred_field, prediction, residuals)
     };
     let (found, prediction, residuals) = moved_by(&parameters);
-    let by_x = [noise_w.tr_mul(&prediction.field_direction), noise_w.tr_mul(&prediction.inclination_by_field)];
-    let [roll, pitch] = prediction.inclination_by_attitude(&tilt);
+    let by_x =
+        [noise_w.tr_mul(&prediction.field_direction), noise_w.tr_mul(&prediction.inclination_derivative_by_field)];
+    let [roll, pitch] = prediction.inclination_derivatives_by_attitude(&tilt);
     let attitude = (0.015_f32.powi(2) - 1e-4) * (roll * roll + pitch * pitch);
     let element = |i: usize, j: usize| by_x[i].dot(&by_x[j]) * 1e-4 + if (i, j) == (1, 1) { attitude } else { 0.0 };
     let inverse =
@@ -155,13 +164,14 @@ fn the_measurement_is_corrected_by_its_expected_sensor_error() {
 
 #[test]
 fn heading_variance_is_the_sum_of_reference_and_sensor_variance() {
-    let parameters = ModelParameters { w: Matrix3::identity(), d: Vector3::zeros(), inclination_rad: 0.9 };
+    let parameters =
+        ModelParameters { w: Matrix3::identity(), corrected_mean_field: Vector3::zeros(), inclination_rad: 0.9 };
     let tilt = Attitude::from_deg(10.0, 0.0).tilt_rotation();
     let x = parameters.expected_field(&tilt, 0.7).unwrap();
-    let measured = MeasuredSample { x, tilt_rotation: tilt, heading_rad: Some(0.69) };
+    let measured = MeasuredSample { centred_field: x, tilt_rotation: tilt, heading_rad: Some(0.69) };
     for noise in [NoiseModel::new(1e-6, 1e-6, Matrix3::identity()), NoiseModel::new(0.01, 0.02, Matrix3::identity())] {
         let prediction = parameters.predict_field(x, &tilt);
-        let measured_variance = noise.heading_variance(&prediction.heading_by_field(&tilt), &prediction);
+        let measured_variance = noise.heading_variance(&prediction.heading_derivative_by_field(&tilt), &prediction);
         let equation = SampleEquations::new(&parameters, &measured, &noise, &ModelConfig::DEFAULT, false)
             .heading_equation
             .unwrap();

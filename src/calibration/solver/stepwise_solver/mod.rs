@@ -5,8 +5,8 @@ use super::inclination::GivenInclination;
 use super::refinement_start::{SampleCorrections, begin_refinement, choose_starting_point};
 use super::sample_checks::check_samples;
 use super::solve_attempts::{
-    ATTEMPT_QUEUE, Attempt, AttemptStart, MAX_SOLVE_STEPS, has_small_error_and_hard_iron, is_accurate, is_implausible,
-    is_poor,
+    ATTEMPT_QUEUE, Attempt, AttemptStart, MAX_SOLVE_STEPS, has_small_error_and_hard_iron, is_accurate,
+    is_avoidable_by_another_start, is_poor,
 };
 use crate::calibration::assessment::Solution;
 use crate::calibration::closed_form::starting_point::{self, StartingPoint};
@@ -46,10 +46,10 @@ pub struct Solver {
     given_inclination: GivenInclination,
     /// Poor result from the closed form, retained during the attempt from the sphere fit.
     first_result: Option<RetainedResult>,
-    latency_updates: u8,
-    motor_current_updates: u8,
+    latency_update_count: u8,
+    interference_update_count: u8,
     /// Error of an implausible result from the closed form; reported instead of a later one.
-    implausible_error: Option<SolveError>,
+    implausible_result_error: Option<SolveError>,
 }
 
 #[derive(Debug)]
@@ -66,7 +66,7 @@ struct RetainedResult {
 const MAX_INCLINATION_RAD: f32 = 1.5;
 
 /// Limit of heading change against the direction of the turns, radians: half a circle, more than noise produces.
-const MIN_TURN_PROGRESS_RAD: f32 = -3.0;
+const REVERSED_TURN_LIMIT_RAD: f32 = -3.0;
 
 impl Solver {
     /// Starts a solve. The samples must stay the same until it finishes.
@@ -89,7 +89,7 @@ impl Solver {
         method: Method,
         samples: Samples<'_>,
         prior: &Prior,
-        consider: ConsiderSigmas,
+        consider_sigmas: ConsiderSigmas,
     ) -> Result<Self, SolveError> {
         check_samples(method, samples)?;
         let (point, start) = choose_starting_point(method, samples, prior)?;
@@ -97,14 +97,14 @@ impl Solver {
         Ok(Self {
             method,
             prior: *prior,
-            consider_sigmas: consider,
+            consider_sigmas,
             refinement,
-            attempt: Attempt { start, uses_inclination: true },
+            attempt: Attempt { start, uses_given_inclination: true },
             given_inclination: GivenInclination::new(prior),
             first_result: None,
-            latency_updates: 0,
-            motor_current_updates: 0,
-            implausible_error: None,
+            latency_update_count: 0,
+            interference_update_count: 0,
+            implausible_result_error: None,
         })
     }
 
@@ -122,8 +122,8 @@ impl Solver {
         if self.method == Method::MaximumLikelihood && self.start_required_attempt(&result, samples) {
             return SolveProgress::Continue;
         }
-        let result = self.given_inclination.decide_against_samples(&result).map_or(result, Err);
-        SolveProgress::Finished(result.map_err(|error| self.implausible_error.unwrap_or(error)))
+        let result = self.given_inclination.error_replacing_result(&result).map_or(result, Err);
+        SolveProgress::Finished(result.map_err(|error| self.implausible_result_error.unwrap_or(error)))
     }
 
     /// Runs the solve to its end.
@@ -159,9 +159,12 @@ impl Solver {
     /// Retains a poor or implausible result from the closed form, and starts from the sphere fit.
     #[inline(never)]
     fn start_from_sphere(&mut self, result: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
-        self.implausible_error =
-            result.as_ref().err().copied().filter(|error| is_implausible(error) && samples.has_free_flight_samples());
-        if self.implausible_error.is_none() && !is_poor(result) {
+        self.implausible_result_error = result
+            .as_ref()
+            .err()
+            .copied()
+            .filter(|error| is_avoidable_by_another_start(error) && samples.has_free_flight_samples());
+        if self.implausible_result_error.is_none() && !is_poor(result) {
             return false;
         }
         let starting_point = starting_point::sphere_start(samples, &self.prior.mount.body_from_sensor());
@@ -205,7 +208,7 @@ impl Solver {
         let Ok((starting_point, start)) = choose_starting_point(self.method, samples, &self.prior) else {
             return false;
         };
-        self.attempt = Attempt { start, uses_inclination: false };
+        self.attempt = Attempt { start, uses_given_inclination: false };
         self.restart_refinement(samples, &starting_point, SampleCorrections::NO_CORRECTIONS)
     }
 
@@ -220,8 +223,8 @@ impl Solver {
             return false;
         };
         self.refinement = refinement;
-        self.latency_updates = u8::from(corrections.latency_s != 0.0);
-        self.motor_current_updates = u8::from(self.refinement.likelihood.motor_current.is_applied());
+        self.latency_update_count = u8::from(corrections.latency_s != 0.0);
+        self.interference_update_count = u8::from(self.refinement.likelihood.motor_current.is_applied());
         true
     }
 
@@ -268,12 +271,12 @@ impl Solver {
         let fit = ConvergedFit { method: self.method, likelihood, unknowns, calibration: &calibration, samples };
         let change = fit.accumulate_information(&mut information);
         if self.method == Method::MaximumLikelihood
-            && let Some(found) = information.estimate_motor_current(likelihood)
+            && let Some(found) = information.estimate_interference(likelihood)
         {
-            if self.restart_with_motor_current(samples, &information, &found) {
+            if self.restart_with_interference(samples, &information, &found) {
                 return None;
             }
-            calibration.motor_current.sigma_ut_per_a = found.max_sigma() * likelihood.field_unit_ut;
+            calibration.motor_current.sigma_ut_per_a = found.largest_axis_sigma() * likelihood.field_unit_ut;
         }
         let refined_fit =
             ConvergedFit { method: self.method, likelihood, unknowns, calibration: &calibration, samples };
@@ -293,31 +296,31 @@ impl Solver {
     fn restart_with_latency(&mut self, samples: Samples<'_>, estimate: Option<&(AttitudeLatency, Vector13)>) -> bool {
         let used_s = self.refinement.likelihood.latency_s;
         let Some((latency, step)) = estimate else { return false };
-        let Some(latency_s) = latency.next_latency_s(used_s, self.latency_updates) else { return false };
-        self.latency_updates += 1;
+        let Some(latency_s) = latency.next_latency_s(used_s, self.latency_update_count) else { return false };
+        self.latency_update_count += 1;
         self.refinement.restart_with_latency(samples, latency_s, &(step * (latency_s - used_s)));
         true
     }
 
     #[inline(never)]
-    fn restart_with_motor_current(
+    fn restart_with_interference(
         &mut self,
         samples: Samples<'_>,
         information: &Information,
         estimate: &InterferenceEstimate,
     ) -> bool {
         let likelihood = &self.refinement.likelihood;
-        let applied = likelihood.motor_current_per_ampere();
-        let current_sigma_ut = likelihood.motor_current.current_sigma_a * likelihood.field_unit_ut;
+        let applied = likelihood.interference_per_ampere();
+        let scaled_current_sigma_a_ut = likelihood.motor_current.current_sigma_a * likelihood.field_unit_ut;
         let Some(next_interference) =
-            estimate.next_interference(&applied, self.motor_current_updates, current_sigma_ut)
+            estimate.next_interference(&applied, self.interference_update_count, scaled_current_sigma_a_ut)
         else {
             return false;
         };
         let interference_change = next_interference - applied;
-        let Some(step) = information.step_for_motor_current(&interference_change) else { return false };
-        self.motor_current_updates += 1;
-        self.refinement.restart_with_motor_current(samples, &interference_change, &step);
+        let Some(step) = information.step_for_interference_change(&interference_change) else { return false };
+        self.interference_update_count += 1;
+        self.refinement.restart_with_interference(samples, &interference_change, &step);
         true
     }
 
@@ -326,7 +329,7 @@ impl Solver {
         &mut self,
         refined_fit: &ConvergedFit<'_>,
         information: &mut Information,
-        change: Option<ConfirmedChange>,
+        hard_iron_change: Option<ConfirmedChange>,
         latency: Option<AttitudeLatency>,
     ) -> Result<Solution, SolveError> {
         let &ConvergedFit { likelihood, calibration, samples, .. } = refined_fit;
@@ -337,7 +340,7 @@ impl Solver {
         };
         // A hard-iron change explains a misfit or an implausible result.
         fit_error.map_err(|error| {
-            change.as_ref().map_or(error, |change| SolveError::HardIronChanged(change.detected_change))
+            hard_iron_change.as_ref().map_or(error, |change| SolveError::HardIronChanged(change.detected_change))
         })?;
         if self.method == Method::MaximumLikelihood {
             let sigmas = assumed_sigmas(self.consider_sigmas, latency);
@@ -354,14 +357,14 @@ impl Solver {
                 || self.method != Method::MaximumLikelihood
                 || has_small_error_and_hard_iron(quality, calibration)
         };
-        refined_fit.assess(information, change, latency, self.consider_sigmas, needs_advice)
+        refined_fit.assess(information, hard_iron_change, latency, self.consider_sigmas, needs_advice)
     }
 
     /// Information at the result; linearised again if the refinement fixed the inclination.
     #[inline(never)]
     fn information(&self, likelihood: &Likelihood, samples: Samples<'_>) -> Information {
         if likelihood.known_inclination_rad == self.refinement.likelihood.known_inclination_rad {
-            Information::new(self.refinement.normal_equations())
+            Information::new(self.refinement.linearised_problem())
         } else {
             Information::new(&LinearisedProblem::linearise(likelihood, samples, &self.refinement.unknowns))
         }
@@ -376,7 +379,7 @@ impl Solver {
             sides.map(|side| turn_progress_rad(samples.samples_of_turn(side), side, heading)).sum::<f32>()
         };
         let progress = || turn_progress_by_rates_rad(samples, heading).unwrap_or_else(by_bank);
-        if self.method != Method::Ellipsoid && progress() < MIN_TURN_PROGRESS_RAD {
+        if self.method != Method::Ellipsoid && progress() < REVERSED_TURN_LIMIT_RAD {
             return Err(SolveError::TurnsReversed);
         }
         let nearest_mount = Orientation::nearest_to_rotation(&calibration.w_matrix());

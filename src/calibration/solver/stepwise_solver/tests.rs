@@ -74,8 +74,8 @@ fn twelve_samples_or_one_mark_are_accepted() {
 
 #[test]
 fn non_finite_samples_are_rejected() {
-    type Change = fn(&mut Sample);
-    let refused: [Change; 7] = [
+    type SampleChange = fn(&mut Sample);
+    let refused: [SampleChange; 7] = [
         |s| s.field.ut.x = 1.1e6,
         |s| s.field.ut.y = -1.1e6,
         |s| s.field.ut.z = f32::INFINITY,
@@ -205,7 +205,7 @@ fn a_retained_result_is_restored_with_its_corrections() {
     assert!(solver.restart_refinement(recorded.turns(), &retained.starting_point, retained.corrections));
     let Likelihood { latency_s, motor_current: current, .. } = &solver.refinement.likelihood;
     assert_eq!((*latency_s, current.ut_per_a), (0.04, [0.3, -0.2, 0.1]));
-    assert_eq!((solver.latency_updates, solver.motor_current_updates), (1, 1), "each was tried once at least");
+    assert_eq!((solver.latency_update_count, solver.interference_update_count), (1, 1), "each was tried once at least");
 }
 
 /// A latency that changes with each estimate is used twice, and then not again.
@@ -225,19 +225,19 @@ fn the_latency_is_updated_at_most_twice() {
 }
 
 #[test]
-fn the_current_s_spread_is_in_microtesla() {
+fn interference_is_dropped_above_0_5_ut_of_sigma() {
     let (_, recorded) = typical_flight();
     let samples = recorded.turns();
     for (sigma_ut, stays) in [(0.45, true), (0.55, false)] {
         let mut solver = Solver::new(Method::MaximumLikelihood, samples, &Prior::default()).unwrap();
         let likelihood = &mut solver.refinement.likelihood;
         (likelihood.motor_current.current_sigma_a, likelihood.motor_current.ut_per_a) = (10.0, [0.3, 0.0, 0.0]);
-        let (k, sigma) = (likelihood.motor_current_per_ampere(), sigma_ut / 10.0 / likelihood.field_unit_ut);
+        let (k, sigma) = (likelihood.interference_per_ampere(), sigma_ut / 10.0 / likelihood.field_unit_ut);
         let covariance = Matrix3::from_diagonal_element(sigma * sigma);
-        let found = InterferenceEstimate { interference_ut_per_a: k, covariance, significance: [99.0; 2] };
-        solver.motor_current_updates = 2;
+        let found = InterferenceEstimate { interference_per_ampere: k, covariance, significance: [99.0; 2] };
+        solver.interference_update_count = 2;
         let information = solver.information(&solver.refinement.likelihood, samples);
-        assert_eq!(solver.restart_with_motor_current(samples, &information, &found), !stays, "{sigma_ut} uT");
+        assert_eq!(solver.restart_with_interference(samples, &information, &found), !stays, "{sigma_ut} uT");
         assert_eq!(solver.refinement.likelihood.motor_current.is_applied(), stays);
     }
 }
@@ -262,7 +262,7 @@ fn a_poor_result_is_retried_without_the_inclination() {
 }
 
 #[test]
-fn every_attempt_has_its_place() {
+fn each_attempt_has_its_successors() {
     let successors = |before: Attempt| -> Vec<usize> {
         let later = ATTEMPT_QUEUE.iter().enumerate().skip_while(move |(_, attempt)| **attempt != before).skip(1);
         later.filter(|(_, next)| next.may_follow(before)).map(|(place, _)| place).collect()

@@ -6,7 +6,8 @@ use super::coefficient_conversion::CoefficientConversion;
 use super::coefficient_covariance::CoefficientCovariance;
 use crate::calibration::Calibration;
 use crate::calibration::model::{
-    Likelihood, UPPER_TRIANGLE_3, UPPER_TRIANGLE_4, Vector13, beta_index, heading_by_field, horizontal_squared, w_index,
+    Likelihood, UPPER_TRIANGLE_3, UPPER_TRIANGLE_4, Vector13, beta_index, heading_derivative_by_field,
+    horizontal_squared, w_index,
 };
 use crate::frames::{AttitudeRotation, Field, Level, Sensor};
 use crate::trig::sqrt;
@@ -36,16 +37,16 @@ pub struct HeadingUncertainty {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeadingVariance {
     /// Variance from errors of the coefficients: constant at an attitude and heading.
-    pub coefficients: f32,
+    pub coefficient_variance_rad2: f32,
     /// Variance from noise of sensor and attitude.
-    pub noise: f32,
+    pub noise_variance_rad2: f32,
 }
 
 impl HeadingVariance {
     /// Total standard deviation, radians.
     #[must_use]
     pub fn sigma_rad(&self) -> f32 {
-        sqrt(self.coefficients + self.noise)
+        sqrt(self.coefficient_variance_rad2 + self.noise_variance_rad2)
     }
 }
 
@@ -89,7 +90,7 @@ impl HeadingUncertainty {
         let per_total = 1.0 / calibration.total_ut;
         let level = level.ut * per_total;
         let x = (sensor.ut - calibration.b_vector_ut()) * per_total;
-        let by_field = heading_by_field(tilt, &level);
+        let by_field = heading_derivative_by_field(tilt, &level);
         // `W^T f`, unrolled because it runs for every heading.
         let [[a, b, c], [d, e, f], [g, h, i]] = calibration.w;
         let rx = a * by_field.x + d * by_field.y + g * by_field.z;
@@ -99,13 +100,20 @@ impl HeadingUncertainty {
         // A tilt error rotates the heading by `tan(inclination)` times its component towards the field.
         let tan_squared = level.z * level.z / horizontal_squared(&level);
         let attitude = self.attitude_sigma_rad * self.attitude_sigma_rad * tan_squared;
-        HeadingVariance { coefficients: self.variance_from_coefficients(&by_field, &x), noise: sensor + attitude }
+        HeadingVariance {
+            coefficient_variance_rad2: self.variance_from_coefficients(&by_field, &x),
+            noise_variance_rad2: sensor + attitude,
+        }
     }
 
     /// Variance from errors of the coefficients of a quantity with this derivative by the corrected field, at
     /// `x = (m - b) / F`; units of the total field. At least 0.
-    pub(crate) fn variance_from_coefficients(&self, by_field: &Vector3<f32>, x: &Vector3<f32>) -> f32 {
-        let (f, x) = (by_field, x);
+    pub(crate) fn variance_from_coefficients(
+        &self,
+        derivative_by_field: &Vector3<f32>,
+        relative_field: &Vector3<f32>,
+    ) -> f32 {
+        let (f, x) = (derivative_by_field, relative_field);
         // In the order of `UPPER_TRIANGLE_3` and `UPPER_TRIANGLE_4`, unrolled because it runs for every heading.
         let products_of_f = [f.x * f.x, f.x * f.y, f.x * f.z, f.y * f.y, f.y * f.z, f.z * f.z];
         let products_of_x = [x.x * x.x, x.x * x.y, x.x * x.z, x.y * x.y, x.y * x.z, x.z * x.z];

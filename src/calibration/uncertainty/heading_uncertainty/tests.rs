@@ -81,7 +81,7 @@ fn jacobian_equals_numerical_derivatives() {
         let total_ut = case.calibration.total_ut;
         let level = tilt.to_level_frame(case.calibration.calibrated_field(case.reading)).ut / total_ut;
         let x = (case.reading.ut - case.calibration.b_vector_ut()) / total_ut;
-        let row = coefficient_jacobian_row(&heading_by_field(&tilt, &level), &x);
+        let row = coefficient_jacobian_row(&heading_derivative_by_field(&tilt, &level), &x);
         let reference_rad = case.heading_rad(&case.calibration);
         for i in 0..COEFFICIENT_COUNT {
             let direction = Vector12::ith(i, 1.0);

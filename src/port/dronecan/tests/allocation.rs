@@ -6,15 +6,15 @@ use testkit::random::Random;
 
 /// Allocator: grants numbers from 125 down, remembers them by unique id, and forgets an exchange after 500 ms.
 struct Allocator {
-    granted: Vec<[u8; UNIQUE_ID_LENGTH]>,
-    exchange: Vec<u8>,
-    last_us: u64,
+    granted_ids: Vec<[u8; UNIQUE_ID_LENGTH]>,
+    received_id: Vec<u8>,
+    last_part_us: u64,
     transfer_id: u8,
 }
 
 impl Allocator {
     const fn new() -> Self {
-        Self { granted: Vec::new(), exchange: Vec::new(), last_us: 0, transfer_id: 0 }
+        Self { granted_ids: Vec::new(), received_id: Vec::new(), last_part_us: 0, transfer_id: 0 }
     }
 
     fn answer_request(&mut self, now_us: u64, request: &CanFrame) -> Option<OutboundTransfer> {
@@ -23,27 +23,27 @@ impl Allocator {
         if header.source_node.is_some() || header.type_id != 1 {
             return None;
         }
-        if now_us > self.last_us + 500_000 {
-            self.exchange.clear();
+        if now_us > self.last_part_us + 500_000 {
+            self.received_id.clear();
         }
-        match (first & 1, self.exchange.len()) {
-            (1, _) => self.exchange = part.to_vec(),
-            (_, 6 | 12) => self.exchange.extend_from_slice(part),
+        match (first & 1, self.received_id.len()) {
+            (1, _) => self.received_id = part.to_vec(),
+            (_, 6 | 12) => self.received_id.extend_from_slice(part),
             _ => return None,
         }
-        self.last_us = now_us;
+        self.last_part_us = now_us;
         let mut number = 0;
-        if let Ok(unique_id) = <[u8; UNIQUE_ID_LENGTH]>::try_from(&self.exchange[..]) {
-            let known = self.granted.iter().position(|granted| *granted == unique_id);
+        if let Ok(unique_id) = <[u8; UNIQUE_ID_LENGTH]>::try_from(&self.received_id[..]) {
+            let known = self.granted_ids.iter().position(|granted| *granted == unique_id);
             let position = known.unwrap_or_else(|| {
-                self.granted.push(unique_id);
-                self.granted.len() - 1
+                self.granted_ids.push(unique_id);
+                self.granted_ids.len() - 1
             });
             number = 125 - position as u8;
         }
-        let payload = [&[number << 1], &self.exchange[..]].concat();
+        let payload = [&[number << 1], &self.received_id[..]].concat();
         if number > 0 {
-            self.exchange.clear();
+            self.received_id.clear();
         }
         self.transfer_id = (self.transfer_id + 1) % 32;
         Some(transfer_from_peer(DataType::ALLOCATION, self.transfer_id, &payload))
@@ -56,13 +56,13 @@ struct AllocationBus {
     nodes: Vec<Bench>,
     allocator: Allocator,
     random: Random,
-    loss: f32,
+    loss_probability: f32,
 }
 
 impl AllocationBus {
-    fn new(first_bytes: &[u8], loss: f32, seed: u64) -> Self {
-        let nodes = first_bytes.iter().map(|&first| Bench::unallocated(first)).collect();
-        Self { nodes, allocator: Allocator::new(), random: Random(seed), loss }
+    fn new(first_id_bytes: &[u8], loss_probability: f32, seed: u64) -> Self {
+        let nodes = first_id_bytes.iter().map(|&first| Bench::unallocated(first)).collect();
+        Self { nodes, allocator: Allocator::new(), random: Random(seed), loss_probability }
     }
 
     fn node_numbers(&self) -> Vec<Option<u8>> {
@@ -70,14 +70,14 @@ impl AllocationBus {
     }
 
     /// Runs until all nodes have numbers; returns the time in milliseconds.
-    fn run_until_allocated(&mut self, at_most_ms: u64) -> Option<u64> {
+    fn run_until_allocated(&mut self, time_limit_ms: u64) -> Option<u64> {
         let mut on_bus: Vec<(usize, CanFrame)> = Vec::new();
-        for now_us in (0..at_most_ms * 1000).step_by(PERIOD_US as usize) {
+        for now_us in (0..time_limit_ms * 1000).step_by(READING_PERIOD_US as usize) {
             for (number, bench) in self.nodes.iter_mut().enumerate() {
                 bench.now_us = now_us;
                 bench.poll();
-                bench.send_all_frames();
-                on_bus.extend(bench.frames.drain(..).map(|frame| (number, frame)));
+                bench.send_all_node_frames();
+                on_bus.extend(bench.sent_frames.drain(..).map(|frame| (number, frame)));
             }
             if now_us.is_multiple_of(1_000_000) {
                 let heard = transfer_from_peer(DataType::ARMING_STATUS, 0, &[0]);
@@ -85,15 +85,15 @@ impl AllocationBus {
             }
             let mut delivered = Vec::new();
             for (sender, frame) in on_bus.drain(..) {
-                if self.random.uniform(0.0, 1.0) < self.loss {
+                if self.random.uniform(0.0, 1.0) < self.loss_probability {
                     continue;
                 }
                 let answer = (sender != usize::MAX).then(|| self.allocator.answer_request(now_us, &frame)).flatten();
                 delivered.push((sender, frame));
                 let frames: Vec<_> = answer.iter().flat_map(|answer| answer.frames(NodeId::new(PEER_NODE))).collect();
                 for frame in frames {
-                    let copies = usize::from(self.random.uniform(0.0, 1.0) >= self.loss)
-                        + usize::from(self.random.uniform(0.0, 1.0) < self.loss);
+                    let copies = usize::from(self.random.uniform(0.0, 1.0) >= self.loss_probability)
+                        + usize::from(self.random.uniform(0.0, 1.0) < self.loss_probability);
                     delivered.extend(vec![(usize::MAX, frame); copies]);
                 }
             }
@@ -115,8 +115,8 @@ impl AllocationBus {
 /// The random delays are up to 1.0, 0.4 and 0.4 s.
 #[test]
 fn a_number_is_allocated_within_two_seconds() {
-    for first_byte in 0..50 {
-        let mut bus = AllocationBus::new(&[first_byte], 0.0, 1);
+    for first_id_byte in 0..50 {
+        let mut bus = AllocationBus::new(&[first_id_byte], 0.0, 1);
         let ms = bus.run_until_allocated(5000).expect("a number");
         assert!((600..2000).contains(&ms), "{ms} ms");
         assert_eq!(bus.node_numbers(), [Some(125)]);
@@ -126,8 +126,8 @@ fn a_number_is_allocated_within_two_seconds() {
 /// After a collision both modules start their exchanges again.
 #[test]
 fn two_modules_on_one_bus_get_different_numbers() {
-    for first_byte in 0..50 {
-        let mut bus = AllocationBus::new(&[first_byte, 200 - first_byte], 0.0, 1);
+    for first_id_byte in 0..50 {
+        let mut bus = AllocationBus::new(&[first_id_byte, 200 - first_id_byte], 0.0, 1);
         assert!(bus.run_until_allocated(20_000).is_some());
         let mut numbers = bus.node_numbers();
         numbers.sort_unstable();
@@ -146,9 +146,9 @@ fn a_number_is_allocated_on_a_bad_bus() {
 }
 
 /// Milliseconds until the next request of a client after a message with a part of a unique id.
-fn delay_ms(client: &mut AllocationClient, source: Option<u8>, unique_id: &[u8]) -> u64 {
+fn request_delay_ms(client: &mut AllocationClient, source: Option<u8>, unique_id: &[u8]) -> u64 {
     let step = Allocation { node: None, unique_id };
-    assert_eq!(client.receive_allocation(Timestamp::START, source.map(node), step), None);
+    assert_eq!(client.receive_allocation(Timestamp::START, source.map(node_id), step), None);
     (0..=1000).find(|ms| client.due_request(Timestamp::from_us(ms * 1000)).is_some()).unwrap()
 }
 
@@ -159,10 +159,10 @@ fn only_an_allocator_continues_an_exchange() {
     let own_part = &unique_id[..6];
     let mut client = AllocationClient::new(unique_id);
     for (source, part) in [(None, own_part), (Some(PEER_NODE), &[]), (Some(PEER_NODE), &[9; 6])] {
-        assert!(delay_ms(&mut client, Some(PEER_NODE), own_part) <= 400);
+        assert!(request_delay_ms(&mut client, Some(PEER_NODE), own_part) <= 400);
         let step = Allocation { node: None, unique_id: own_part };
-        client.receive_allocation(Timestamp::START, Some(node(PEER_NODE)), step);
-        assert!(delay_ms(&mut client, source, part) >= 600, "{source:?} {part:?}");
+        client.receive_allocation(Timestamp::START, Some(node_id(PEER_NODE)), step);
+        assert!(request_delay_ms(&mut client, source, part) >= 600, "{source:?} {part:?}");
     }
 }
 
@@ -170,9 +170,9 @@ fn only_an_allocator_continues_an_exchange() {
 #[test]
 fn delays_are_random_over_their_whole_range() {
     for (part_length, [least_ms, longest_ms]) in [(0, [600, 1000]), (6, [0, 400])] {
-        let delays = (0..50).map(|first_byte| {
-            let unique_id = node_info(first_byte).unique_id;
-            delay_ms(&mut AllocationClient::new(unique_id), Some(PEER_NODE), &unique_id[..part_length])
+        let delays = (0..50).map(|first_id_byte| {
+            let unique_id = node_info(first_id_byte).unique_id;
+            request_delay_ms(&mut AllocationClient::new(unique_id), Some(PEER_NODE), &unique_id[..part_length])
         });
         let delays: Vec<u64> = delays.collect();
         let (least, longest) = (delays.iter().min().unwrap(), delays.iter().max().unwrap());
@@ -188,7 +188,7 @@ fn delays_are_random_over_their_whole_range() {
 fn a_node_is_silent_until_it_hears_another() {
     let mut bench = Bench::unallocated(1);
     assert_eq!(bench.run_ms(5000), []);
-    bench.receive(PEER_NODE, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[0]));
+    bench.deliver_transfer(PEER_NODE, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[0]));
     assert_eq!(bench.sent_in_ms(DataType::ALLOCATION, 1100).len(), 1);
 }
 
@@ -196,7 +196,7 @@ fn a_node_is_silent_until_it_hears_another() {
 #[test]
 fn an_unallocated_node_only_asks_for_a_number() {
     let mut bench = Bench::unallocated(1);
-    bench.receive(PEER_NODE, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[0]));
+    bench.deliver_transfer(PEER_NODE, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[0]));
     let sent = bench.run_ms(60_000);
     assert!((60..=101).contains(&sent.len()), "{}", sent.len());
     assert!(sent.iter().all(|sent| sent.header.source_node.is_none() && sent.payload.len() == 7));
@@ -212,7 +212,7 @@ fn another_node_with_an_allocated_number_makes_the_node_ask_again() {
     bench.now_us += 100_000;
     bench.poll();
     assert!(bench.node.frame_to_send().is_some());
-    bench.receive(125, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[0]));
+    bench.deliver_transfer(125, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[0]));
     assert_eq!(bench.node.node_id(), None);
     assert_eq!(bench.node.frame_to_send(), None, "a field with the number of another node");
     assert!(bench.run_ms(500).iter().all(|sent| sent.header.source_node.is_none()));

@@ -12,38 +12,38 @@ use crate::heading::{Heading, NoHeading};
 use crate::wire::dronecan::outbound::SoftwareVersion;
 use crate::wire::dronecan::{OutboundTransfer, Payload, TransferKind, UNIQUE_ID_LENGTH};
 
-const PERIOD_US: u64 = 12_500;
+const READING_PERIOD_US: u64 = 12_500;
 const OWN_NODE: u8 = 42;
 const PEER_NODE: u8 = 10;
 
-fn node(number: u8) -> NodeId {
+fn node_id(number: u8) -> NodeId {
     NodeId::new(number).unwrap()
 }
 
-const fn node_info(first_byte: u8) -> NodeInfo {
+const fn node_info(first_id_byte: u8) -> NodeInfo {
     let mut unique_id = [7; UNIQUE_ID_LENGTH];
-    unique_id[0] = first_byte;
+    unique_id[0] = first_id_byte;
     let software = SoftwareVersion { major_version: 0, minor_version: 1, commit: None, image_crc: None };
     NodeInfo { node_name: "org.autoswing.test", software_version: software, hardware_version: [1, 0], unique_id }
 }
 
 /// Transfer from another node; a request to this one if the type is a service.
 fn transfer_from_peer(data_type: DataType, transfer_id: u8, payload: &[u8]) -> OutboundTransfer {
-    let kind = if data_type.is_service { TransferKind::Request(node(OWN_NODE)) } else { TransferKind::Message };
+    let kind = if data_type.is_service { TransferKind::Request(node_id(OWN_NODE)) } else { TransferKind::Message };
     let payload = Payload::from_slice(payload).unwrap();
     OutboundTransfer { data_type, priority: 20, transfer_kind: kind, transfer_id, payload }
 }
 
 /// A transfer of several frames or of one, reassembled from sent frames.
 #[derive(Clone, Debug, PartialEq)]
-struct Sent {
+struct SentTransfer {
     header: FrameHeader,
     transfer_id: u8,
     payload: Vec<u8>,
 }
 
 /// Reassembles sent transfers of one node, and checks that none is incomplete.
-fn reassemble(frames: &[CanFrame]) -> Vec<Sent> {
+fn reassemble(frames: &[CanFrame]) -> Vec<SentTransfer> {
     let mut open: Vec<(u32, Vec<u8>)> = Vec::new();
     let mut all = Vec::new();
     for frame in frames {
@@ -59,7 +59,7 @@ fn reassemble(frames: &[CanFrame]) -> Vec<Sent> {
             if tail & 0x80 == 0 {
                 payload.drain(..2);
             }
-            all.push(Sent { header: FrameHeader::from_id(id).unwrap(), transfer_id: tail & 0x1F, payload });
+            all.push(SentTransfer { header: FrameHeader::from_id(id).unwrap(), transfer_id: tail & 0x1F, payload });
         }
     }
     all
@@ -74,7 +74,7 @@ struct Bench {
     indicator: IndicatorState,
     commands: Vec<Command>,
     delivered: Vec<ReceivedMessage>,
-    frames: Vec<CanFrame>,
+    sent_frames: Vec<CanFrame>,
 }
 
 const BODY_FIELD: Field<Body> = Field::from_ut(20.0, -5.0, 45.0);
@@ -82,21 +82,21 @@ const BODY_FIELD: Field<Body> = Field::from_ut(20.0, -5.0, 45.0);
 const NORTH: Heading = Heading { magnetic_rad: 0.0, sigma_rad: 0.01, systematic_variance_rad2: 0.0 };
 
 impl Bench {
-    fn unallocated(first_byte: u8) -> Self {
-        Self::with_settings(first_byte, Settings::DEFAULT)
+    fn unallocated(first_id_byte: u8) -> Self {
+        Self::with_settings(first_id_byte, Settings::DEFAULT)
     }
 
     /// Node 42, after a frame of another node.
     fn new() -> Self {
         let can = CanSettings { node: OWN_NODE, ..CanSettings::DEFAULT };
         let mut bench = Self::with_settings(1, Settings { can, ..Settings::DEFAULT });
-        bench.receive(PEER_NODE, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[0]));
+        bench.deliver_transfer(PEER_NODE, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[0]));
         bench
     }
 
-    fn with_settings(first_byte: u8, settings: Settings) -> Self {
+    fn with_settings(first_id_byte: u8, settings: Settings) -> Self {
         Self {
-            node: CanNode::new(node_info(first_byte), settings.can),
+            node: CanNode::new(node_info(first_id_byte), settings.can),
             now_us: 0,
             settings,
             estimate: Estimate {
@@ -108,7 +108,7 @@ impl Bench {
             indicator: IndicatorState::Calibrated,
             commands: Vec::new(),
             delivered: Vec::new(),
-            frames: Vec::new(),
+            sent_frames: Vec::new(),
         }
     }
 
@@ -116,7 +116,7 @@ impl Bench {
         Timestamp::from_us(self.now_us)
     }
 
-    fn receive(&mut self, source: u8, transfer: &OutboundTransfer) {
+    fn deliver_transfer(&mut self, source: u8, transfer: &OutboundTransfer) {
         for frame in transfer.frames(NodeId::new(source)) {
             self.receive_frame(&frame);
         }
@@ -142,54 +142,54 @@ impl Bench {
     }
 
     /// Sends a frame; returns whether there was one.
-    fn send_frame(&mut self) -> bool {
+    fn send_node_frame(&mut self) -> bool {
         let Some(frame) = self.node.frame_to_send().cloned() else { return false };
         self.node.on_frame_sent(self.now());
-        self.frames.push(frame);
+        self.sent_frames.push(frame);
         true
     }
 
     /// Sends all queued frames.
-    fn send_all_frames(&mut self) {
-        while self.send_frame() {}
+    fn send_all_node_frames(&mut self) {
+        while self.send_node_frame() {}
     }
 
     /// Polls and sends for a time; returns the transfers sent in it.
-    fn run_ms(&mut self, ms: u64) -> Vec<Sent> {
+    fn run_ms(&mut self, ms: u64) -> Vec<SentTransfer> {
         let end_us = self.now_us + ms * 1000;
         while self.now_us < end_us {
-            self.now_us += PERIOD_US;
+            self.now_us += READING_PERIOD_US;
             self.poll();
-            self.send_all_frames();
+            self.send_all_node_frames();
         }
-        reassemble(&std::mem::take(&mut self.frames))
+        reassemble(&std::mem::take(&mut self.sent_frames))
     }
 
-    fn sent_in_ms(&mut self, data_type: DataType, ms: u64) -> Vec<Sent> {
+    fn sent_in_ms(&mut self, data_type: DataType, ms: u64) -> Vec<SentTransfer> {
         self.run_ms(ms).into_iter().filter(|sent| has_data_type(sent, data_type)).collect()
     }
 
     /// Sends a request, runs for 25 ms, and returns the response.
-    fn request_response(&mut self, data_type: DataType, payload: &[u8]) -> Option<Vec<u8>> {
-        self.receive(PEER_NODE, &transfer_from_peer(data_type, 9, payload));
-        self.response(data_type)
+    fn response_to_request(&mut self, data_type: DataType, payload: &[u8]) -> Option<Vec<u8>> {
+        self.deliver_transfer(PEER_NODE, &transfer_from_peer(data_type, 9, payload));
+        self.run_for_response(data_type)
     }
 
-    fn response(&mut self, data_type: DataType) -> Option<Vec<u8>> {
+    fn run_for_response(&mut self, data_type: DataType) -> Option<Vec<u8>> {
         let mut sent = self.sent_in_ms(data_type, 25);
         assert!(sent.len() <= 1);
         sent.pop().map(|sent| {
             assert_eq!(
                 (sent.header.transfer_kind, sent.header.priority),
-                (TransferKind::Response(node(PEER_NODE)), 20)
+                (TransferKind::Response(node_id(PEER_NODE)), 20)
             );
-            assert_eq!((sent.header.source_node, sent.transfer_id), (Some(node(OWN_NODE)), 9));
+            assert_eq!((sent.header.source_node, sent.transfer_id), (Some(node_id(OWN_NODE)), 9));
             sent.payload
         })
     }
 }
 
-fn has_data_type(sent: &Sent, data_type: DataType) -> bool {
+fn has_data_type(sent: &SentTransfer, data_type: DataType) -> bool {
     (sent.header.type_id, sent.header.transfer_kind != TransferKind::Message)
         == (data_type.type_id, data_type.is_service)
 }

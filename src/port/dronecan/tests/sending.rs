@@ -44,14 +44,14 @@ fn the_covariance_is_that_of_the_heading_s_sigma() {
 
 /// Most bits of a frame with an extended identifier: 67, interframe space included, and the data, with a stuff bit
 /// after every four of the data and 54 others (ISO 11898-1).
-fn worst_bits(frame: &CanFrame) -> usize {
+fn max_frame_bits(frame: &CanFrame) -> usize {
     let data = 8 * frame.data().len();
     67 + data + (54 + data - 1) / 4
 }
 
 /// Limit: 3 % of 1 Mbit/s at the highest rate, with a text every second; measured: 1.5 %.
 #[test]
-fn the_bus_is_loaded_by_3_percent_at_most() {
+fn the_bus_load_is_between_1_and_2_percent() {
     let mut bench = Bench::new();
     bench.settings.can.rate_hz = 80;
     let mut bits = 0;
@@ -59,16 +59,16 @@ fn the_bus_is_loaded_by_3_percent_at_most() {
         if bench.now_us.is_multiple_of(1_000_000) {
             bench.node.queue_text(&Message::CollectionLost);
         }
-        bench.now_us += PERIOD_US;
+        bench.now_us += READING_PERIOD_US;
         bench.poll();
-        bench.send_all_frames();
-        bits += bench.frames.drain(..).map(|frame| worst_bits(&frame)).sum::<usize>();
+        bench.send_all_node_frames();
+        bits += bench.sent_frames.drain(..).map(|frame| max_frame_bits(&frame)).sum::<usize>();
     }
     let percent = bits as f32 / 10.0 / 1e6 * 100.0;
     assert!((1.0..2.0).contains(&percent), "{percent} %");
 }
 
-fn status_of(sent: &Sent) -> (u8, u8, u16) {
+fn status_fields(sent: &SentTransfer) -> (u8, u8, u16) {
     let [.., flags, low, high] = sent.payload[..] else { panic!("{sent:?}") };
     (flags >> 6, flags >> 3 & 7, u16::from_le_bytes([low, high]))
 }
@@ -80,13 +80,13 @@ fn the_status_is_ok_unless_the_sensor_is_silent() {
     assert_eq!(sent.len(), 11, "once a second");
     assert_eq!(sent[10].payload[..4], [10, 0, 0, 0]);
     // Vendor code: calibrated, 100 percent.
-    assert_eq!(status_of(&sent[10]), (0, 0, 0x6420));
+    assert_eq!(status_fields(&sent[10]), (0, 0, 0x6420));
     bench.estimate = Estimate { heading: Err(NoHeading::SensorSilent), compass_field: None, ..bench.estimate };
     let sent = bench.sent_in_ms(DataType::NODE_STATUS, 15_000);
-    assert_eq!(status_of(&sent[5]), (0, 0, 0x6462), "not yet");
-    assert_eq!(status_of(&sent[14]), (2, 0, 0x6462), "error");
+    assert_eq!(status_fields(&sent[5]), (0, 0, 0x6462), "not yet");
+    assert_eq!(status_fields(&sent[14]), (2, 0, 0x6462), "error");
     bench.estimate = Estimate { heading: Ok(NORTH), compass_field: Some(BODY_FIELD), ..bench.estimate };
-    assert_eq!(status_of(&bench.sent_in_ms(DataType::NODE_STATUS, 1000)[0]), (0, 0, 0x6420));
+    assert_eq!(status_fields(&bench.sent_in_ms(DataType::NODE_STATUS, 1000)[0]), (0, 0, 0x6420));
 }
 
 /// Of NodeStatus only the health keeps an autopilot from arming.
@@ -101,7 +101,7 @@ fn calibration_and_reasons_are_in_the_vendor_s_code() {
     ] {
         let mut bench = Bench::new();
         (bench.indicator, bench.estimate.heading) = (indicator, heading);
-        assert_eq!(status_of(&bench.sent_in_ms(DataType::NODE_STATUS, 100)[0]), (0, 0, code), "{heading:?}");
+        assert_eq!(status_fields(&bench.sent_in_ms(DataType::NODE_STATUS, 100)[0]), (0, 0, code), "{heading:?}");
     }
 }
 
@@ -109,7 +109,7 @@ fn calibration_and_reasons_are_in_the_vendor_s_code() {
 fn a_node_without_a_reading_is_initialising() {
     let mut bench = Bench::new();
     bench.estimate = Estimate { attitude: None, ..Estimate::EMPTY };
-    assert_eq!(status_of(&bench.sent_in_ms(DataType::NODE_STATUS, 100)[0]), (0, 1, 0x6462));
+    assert_eq!(status_fields(&bench.sent_in_ms(DataType::NODE_STATUS, 100)[0]), (0, 1, 0x6462));
 }
 
 /// Two nodes with one number: an autopilot would mix their fields.
@@ -117,15 +117,15 @@ fn a_node_without_a_reading_is_initialising() {
 fn a_second_node_with_this_number_stops_the_field() {
     let mut bench = Bench::new();
     assert!(!bench.sent_in_ms(FIELD_TYPE, 100).is_empty());
-    bench.receive(OWN_NODE, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[0]));
+    bench.deliver_transfer(OWN_NODE, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[0]));
     let sent = bench.run_ms(2000);
     assert!(sent.iter().all(|sent| !has_data_type(sent, FIELD_TYPE)));
     let status = sent.iter().find(|sent| has_data_type(sent, DataType::NODE_STATUS)).unwrap();
-    assert_eq!(status_of(status), (0, 0, 0x64E0));
+    assert_eq!(status_fields(status), (0, 0, 0x64E0));
     assert!(!bench.sent_in_ms(FIELD_TYPE, 2000).is_empty(), "three seconds after the last frame");
 }
 
-fn texts(sent: &[Sent]) -> Vec<String> {
+fn log_texts(sent: &[SentTransfer]) -> Vec<String> {
     let logs = sent.iter().filter(|sent| has_data_type(sent, DataType::LOG_MESSAGE));
     logs.map(|sent| {
         let source = usize::from(sent.payload[0] & 0x1F);
@@ -137,22 +137,22 @@ fn texts(sent: &[Sent]) -> Vec<String> {
 
 /// Level 1 is information, 2 a warning; a longer text has further messages.
 #[test]
-fn messages_and_changes_of_state_are_texts() {
+fn messages_and_state_changes_are_sent_as_texts() {
     let mut bench = Bench::new();
-    assert_eq!(texts(&bench.run_ms(3000)), ["1 calibrated"]);
+    assert_eq!(log_texts(&bench.run_ms(3000)), ["1 calibrated"]);
     bench.node.queue_text(&Message::InstallationRestored);
     bench.node.queue_text(&Message::CollectionLost);
-    let sent = texts(&bench.run_ms(1000));
+    let sent = log_texts(&bench.run_ms(1000));
     assert_eq!(sent[0], format!("1 {}", Message::InstallationRestored));
     let long: String = sent[1..].iter().map(|text| text.trim_start_matches("2 ")).collect();
     assert_eq!((sent.len() > 2, long), (true, Message::CollectionLost.to_string()));
     bench.estimate = Estimate { heading: Err(NoHeading::SensorStuck), compass_field: None, ..bench.estimate };
-    assert_eq!(texts(&bench.run_ms(10_000)), ["2 calibrated; no field: sensor-stuck"]);
+    assert_eq!(log_texts(&bench.run_ms(10_000)), ["2 calibrated; no field: sensor-stuck"]);
     // A state of less than two seconds is not reported.
     bench.indicator = IndicatorState::Collecting(1);
-    assert_eq!(texts(&bench.run_ms(1900)), [] as [&str; 0]);
+    assert_eq!(log_texts(&bench.run_ms(1900)), [] as [&str; 0]);
     bench.indicator = IndicatorState::Calibrated;
-    assert_eq!(texts(&bench.run_ms(3000)), [] as [&str; 0]);
+    assert_eq!(log_texts(&bench.run_ms(3000)), [] as [&str; 0]);
 }
 
 /// A frame that waited longer than a second is out of date; a new field replaces a waiting one.
@@ -161,11 +161,11 @@ fn frames_that_the_bus_does_not_accept_are_dropped() {
     let mut bench = Bench::new();
     bench.run_ms(100);
     for _ in 0..400 {
-        bench.now_us += PERIOD_US;
+        bench.now_us += READING_PERIOD_US;
         bench.poll();
     }
-    bench.send_all_frames();
-    let sent = reassemble(&std::mem::take(&mut bench.frames));
+    bench.send_all_node_frames();
+    let sent = reassemble(&std::mem::take(&mut bench.sent_frames));
     assert!(sent.iter().filter(|sent| has_data_type(sent, FIELD_TYPE)).count() <= 1, "{sent:?}");
     assert!(sent.len() <= 4, "{sent:?}");
     assert!(bench.sent_in_ms(FIELD_TYPE, 1000).len() >= 49);
@@ -179,12 +179,12 @@ fn a_field_in_transmission_is_not_replaced() {
     for _ in 0..10 {
         bench.now_us += 20_000;
         bench.poll();
-        assert!(bench.send_frame());
+        assert!(bench.send_node_frame());
         bench.now_us += 20_000;
         bench.poll();
-        bench.send_all_frames();
+        bench.send_all_node_frames();
     }
-    let sent = reassemble(&bench.frames);
+    let sent = reassemble(&bench.sent_frames);
     assert_eq!(sent.iter().filter(|sent| has_data_type(sent, FIELD_TYPE)).count(), 10);
 }
 
@@ -193,7 +193,7 @@ fn a_field_in_transmission_is_not_replaced() {
 fn a_transfer_without_room_is_not_queued_and_not_numbered() {
     fn send(outbox: &mut FrameOutbox) -> bool {
         let payload = Payload::from_slice(&[7; 60]).unwrap();
-        outbox.queue_message(Timestamp::START, Some(node(OWN_NODE)), DataType::TARGETTED, 20, payload)
+        outbox.queue_message(Timestamp::START, Some(node_id(OWN_NODE)), DataType::TARGETTED, 20, payload)
     }
     let mut outbox = FrameOutbox::default();
     let mut frames = Vec::new();
@@ -216,10 +216,10 @@ fn a_text_waits_for_room() {
     bench.run_ms(3000);
     for _ in 0..5 {
         let (now, payload) = (bench.now(), Payload::from_slice(&[7; 60]).unwrap());
-        bench.node.outbox.queue_message(now, Some(node(OWN_NODE)), DataType::TARGETTED, 20, payload);
+        bench.node.outbox.queue_message(now, Some(node_id(OWN_NODE)), DataType::TARGETTED, 20, payload);
     }
     bench.node.queue_text(&Message::InstallationRestored);
     bench.poll();
-    bench.send_all_frames();
-    assert_eq!(texts(&bench.run_ms(500)), [format!("1 {}", Message::InstallationRestored)]);
+    bench.send_all_node_frames();
+    assert_eq!(log_texts(&bench.run_ms(500)), [format!("1 {}", Message::InstallationRestored)]);
 }

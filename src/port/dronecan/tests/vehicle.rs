@@ -6,7 +6,7 @@ use ::mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot, M
 use ::mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 
 fn send_arming_status(bench: &mut Bench, source: u8, is_armed: bool) {
-    bench.receive(source, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[u8::from(is_armed) * 255]));
+    bench.deliver_transfer(source, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[u8::from(is_armed) * 255]));
 }
 
 /// A forged report of disarming does not end a flight while the autopilot reports that it is armed.
@@ -41,12 +41,12 @@ fn battery_transfer(number: u8, current_a: f32) -> OutboundTransfer {
 fn the_current_is_that_of_the_first_battery() {
     let mut bench = Bench::new();
     for (source, number, current_a) in [(20, 0, 12.5), (20, 1, 3.0), (21, 0, 4.0), (20, 0, 13.0)] {
-        bench.receive(source, &battery_transfer(number, current_a));
+        bench.deliver_transfer(source, &battery_transfer(number, current_a));
     }
-    bench.receive(20, &battery_transfer(0, f32::NAN));
+    bench.deliver_transfer(20, &battery_transfer(0, f32::NAN));
     assert_eq!(bench.delivered, [12.5, 13.0].map(ReceivedMessage::Current));
     bench.now_us += 10_000_001;
-    bench.receive(21, &battery_transfer(0, 4.0));
+    bench.deliver_transfer(21, &battery_transfer(0, 4.0));
     assert_eq!(bench.delivered[2], ReceivedMessage::Current(4.0));
 }
 
@@ -67,7 +67,7 @@ fn heartbeat_frame(base_mode: MavModeFlag) -> Vec<u8> {
 
 fn tunnel_transfer(transfer_id: u8, target: u8, serial: i8, data: &[u8]) -> OutboundTransfer {
     let piece = Targetted {
-        protocol: Targetted::MAVLINK_2,
+        protocol: Targetted::MAVLINK_2_PROTOCOL,
         target,
         serial_line: serial,
         tunnel_options: 1,
@@ -93,7 +93,7 @@ fn mavlink_is_received_through_the_tunnel() {
         [heartbeat_frame(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED), attitude_frame(0.1), attitude_frame(0.2)].concat();
     let (first, second) = stream.split_at(50);
     for (transfer_id, data) in [(0, first), (0, first), (1, second), (1, second)] {
-        bench.receive(PEER_NODE, &tunnel_transfer(transfer_id, OWN_NODE, 0, data));
+        bench.deliver_transfer(PEER_NODE, &tunnel_transfer(transfer_id, OWN_NODE, 0, data));
     }
     assert_eq!(received_rolls_rad(&bench), [0.1, 0.2]);
     assert_eq!(bench.node.is_armed(bench.now()), Some(true));
@@ -103,10 +103,10 @@ fn mavlink_is_received_through_the_tunnel() {
 #[test]
 fn one_serial_line_of_one_node_uses_the_tunnel() {
     let mut bench = Bench::new();
-    bench.receive(PEER_NODE, &tunnel_transfer(0, OWN_NODE, 0, &attitude_frame(0.1)));
-    bench.receive(PEER_NODE, &tunnel_transfer(1, OWN_NODE + 1, 0, &attitude_frame(0.2)));
-    bench.receive(66, &tunnel_transfer(1, OWN_NODE, 0, &attitude_frame(0.3)));
-    bench.receive(PEER_NODE, &tunnel_transfer(2, OWN_NODE, 1, &attitude_frame(0.4)));
+    bench.deliver_transfer(PEER_NODE, &tunnel_transfer(0, OWN_NODE, 0, &attitude_frame(0.1)));
+    bench.deliver_transfer(PEER_NODE, &tunnel_transfer(1, OWN_NODE + 1, 0, &attitude_frame(0.2)));
+    bench.deliver_transfer(66, &tunnel_transfer(1, OWN_NODE, 0, &attitude_frame(0.3)));
+    bench.deliver_transfer(PEER_NODE, &tunnel_transfer(2, OWN_NODE, 1, &attitude_frame(0.4)));
     let gps = Targetted {
         protocol: 2,
         target: OWN_NODE,
@@ -115,10 +115,10 @@ fn one_serial_line_of_one_node_uses_the_tunnel() {
         baud: 0,
         serial_bytes: &attitude_frame(0.5),
     };
-    bench.receive(PEER_NODE, &transfer_from_peer(DataType::TARGETTED, 3, &gps.payload()));
+    bench.deliver_transfer(PEER_NODE, &transfer_from_peer(DataType::TARGETTED, 3, &gps.payload()));
     assert_eq!(received_rolls_rad(&bench), [0.1]);
     bench.now_us += 3_000_001;
-    bench.receive(66, &tunnel_transfer(4, OWN_NODE, 0, &attitude_frame(0.6)));
+    bench.deliver_transfer(66, &tunnel_transfer(4, OWN_NODE, 0, &attitude_frame(0.6)));
     assert_eq!(received_rolls_rad(&bench), [0.1, 0.6]);
 }
 
@@ -130,7 +130,10 @@ fn mavlink_is_sent_through_the_tunnel() {
     assert!(bench.sent_in_ms(DataType::TARGETTED, 2000).is_empty());
     let mut bytes = Vec::new();
     for transfer_id in 0..20 {
-        bench.receive(PEER_NODE, &tunnel_transfer(transfer_id, OWN_NODE, 3, &heartbeat_frame(MavModeFlag::empty())));
+        bench.deliver_transfer(
+            PEER_NODE,
+            &tunnel_transfer(transfer_id, OWN_NODE, 3, &heartbeat_frame(MavModeFlag::empty())),
+        );
         for sent in bench.sent_in_ms(DataType::TARGETTED, 500) {
             // Protocol, target and serial line, options, baud rate.
             assert_eq!(sent.payload[..6], [1, PEER_NODE << 1, 0x30, 0x00, 0xE1, 0x00], "{sent:?}");
@@ -148,7 +151,7 @@ fn a_battery_replaces_the_current_of_the_tunnel() {
     use ::mavlink::dialects::common::SYS_STATUS_DATA;
     let status = mavlink_frame(&SYS_STATUS_DATA { current_battery: 500, ..SYS_STATUS_DATA::default() });
     let mut bench = Bench::new();
-    bench.receive(
+    bench.deliver_transfer(
         PEER_NODE,
         &tunnel_transfer(
             0,
@@ -158,8 +161,8 @@ fn a_battery_replaces_the_current_of_the_tunnel() {
         ),
     );
     assert!(bench.delivered.contains(&ReceivedMessage::Current(5.0)), "{:?}", bench.delivered);
-    bench.receive(20, &battery_transfer(0, 12.5));
+    bench.deliver_transfer(20, &battery_transfer(0, 12.5));
     bench.delivered.clear();
-    bench.receive(PEER_NODE, &tunnel_transfer(1, OWN_NODE, 0, &status));
+    bench.deliver_transfer(PEER_NODE, &tunnel_transfer(1, OWN_NODE, 0, &status));
     assert_eq!(bench.delivered, []);
 }

@@ -23,7 +23,7 @@ impl MavlinkBench {
     }
 
     /// Removes and returns the sent acknowledgements: command, result and addressee.
-    fn acknowledged_results(&mut self) -> Vec<(u16, u8, SenderAddress)> {
+    fn take_acknowledgements(&mut self) -> Vec<(u16, u8, SenderAddress)> {
         self.poll();
         let answers = self.take_messages(77);
         answers
@@ -51,11 +51,11 @@ fn calibration_commands_are_executed_and_acknowledged() {
         ] {
             let mut bed = MavlinkBench::with_autopilot();
             assert_eq!(bed.send_command(number, 0), [ReceivedMessage::Command(order)]);
-            assert_eq!(bed.acknowledged_results(), [], "not before it is known");
+            assert_eq!(bed.take_acknowledgements(), [], "not before it is known");
             bed.mavlink.complete_command(order, result);
-            assert_eq!(bed.acknowledged_results(), [(number, acknowledged, GROUND_STATION)]);
+            assert_eq!(bed.take_acknowledgements(), [(number, acknowledged, GROUND_STATION)]);
             bed.mavlink.complete_command(order, result);
-            assert_eq!(bed.acknowledged_results(), [], "once");
+            assert_eq!(bed.take_acknowledgements(), [], "once");
         }
     }
 }
@@ -74,7 +74,7 @@ fn only_commands_addressed_to_the_module_are_accepted() {
             "{target:?}"
         );
         bed.receive(&command_frame(GROUND_STATION, target, 512, 0, [0.0; 4]));
-        assert_eq!(bed.acknowledged_results().len(), usize::from(is_taken), "{target:?}");
+        assert_eq!(bed.take_acknowledgements().len(), usize::from(is_taken), "{target:?}");
     }
 }
 
@@ -83,7 +83,7 @@ fn unknown_commands_are_answered_as_unsupported() {
     let mut bed = MavlinkBench::with_autopilot();
     for number in [511, 400, 42_423, 42_427] {
         assert_eq!(bed.send_command(number, 0), []);
-        assert_eq!(bed.acknowledged_results(), [(number, UNSUPPORTED, GROUND_STATION)]);
+        assert_eq!(bed.take_acknowledgements(), [(number, UNSUPPORTED, GROUND_STATION)]);
     }
 }
 
@@ -109,10 +109,10 @@ fn a_reboot_command_must_be_for_the_module_and_is_rejected_while_armed() {
                 "{parameters:?}"
             );
             bed.mavlink.complete_command(Command::Restart, Ok(()));
-            assert_eq!(bed.acknowledged_results(), [(REBOOT_COMMAND, ACCEPTED, GROUND_STATION)]);
+            assert_eq!(bed.take_acknowledgements(), [(REBOOT_COMMAND, ACCEPTED, GROUND_STATION)]);
         } else {
             assert_eq!(bed.send_reboot_command(parameters), [], "{parameters:?}");
-            assert_eq!(bed.acknowledged_results(), [(REBOOT_COMMAND, DENIED, GROUND_STATION)]);
+            assert_eq!(bed.take_acknowledgements(), [(REBOOT_COMMAND, DENIED, GROUND_STATION)]);
         }
         let mut bed = MavlinkBench::with_autopilot();
         bed.receive(&heartbeat_frame(AUTOPILOT, true, true));
@@ -120,7 +120,7 @@ fn a_reboot_command_must_be_for_the_module_and_is_rejected_while_armed() {
         assert_eq!(bed.send_reboot_command(parameters), expected);
         bed.mavlink.complete_command(Command::Restart, Err(&Refusal::Armed));
         assert_eq!(
-            bed.acknowledged_results(),
+            bed.take_acknowledgements(),
             [(REBOOT_COMMAND, if restarts { REJECTED } else { DENIED }, GROUND_STATION)]
         );
         assert_eq!(
@@ -136,12 +136,12 @@ fn a_repeated_command_is_answered_and_not_carried_out_again() {
     let mut bed = MavlinkBench::with_autopilot();
     bed.send_command(START_COMMAND, 0);
     assert_eq!(bed.send_command(START_COMMAND, 1), []);
-    assert_eq!(bed.acknowledged_results(), [(START_COMMAND, IN_PROGRESS, GROUND_STATION)]);
+    assert_eq!(bed.take_acknowledgements(), [(START_COMMAND, IN_PROGRESS, GROUND_STATION)]);
     bed.now_ms += 1_500;
     assert_eq!(bed.send_command(START_COMMAND, 2), []);
-    assert_eq!(bed.acknowledged_results(), [(START_COMMAND, IN_PROGRESS, GROUND_STATION)]);
+    assert_eq!(bed.take_acknowledgements(), [(START_COMMAND, IN_PROGRESS, GROUND_STATION)]);
     bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
-    assert_eq!(bed.acknowledged_results(), [(START_COMMAND, ACCEPTED, GROUND_STATION)]);
+    assert_eq!(bed.take_acknowledgements(), [(START_COMMAND, ACCEPTED, GROUND_STATION)]);
     for (result, acknowledged) in [(Ok(()), ACCEPTED), (Err(&Refusal::NoSamples), DENIED)] {
         assert_eq!(
             bed.send_command(START_COMMAND, 0),
@@ -149,17 +149,17 @@ fn a_repeated_command_is_answered_and_not_carried_out_again() {
             "not a repetition"
         );
         bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), result);
-        bed.acknowledged_results();
+        bed.take_acknowledgements();
         bed.now_ms += 1_000;
         assert_eq!(bed.send_command(START_COMMAND, 1), []);
-        assert_eq!(bed.acknowledged_results(), [(START_COMMAND, acknowledged, GROUND_STATION)]);
+        assert_eq!(bed.take_acknowledgements(), [(START_COMMAND, acknowledged, GROUND_STATION)]);
         bed.now_ms += 1;
         assert_eq!(
             bed.send_command(START_COMMAND, 2),
             [ReceivedMessage::Command(Command::CalStart(Procedure::Flight))]
         );
         bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
-        bed.acknowledged_results();
+        bed.take_acknowledgements();
     }
 }
 
@@ -176,7 +176,7 @@ fn a_repetition_has_the_same_command_and_sender() {
         [ReceivedMessage::Command(Command::CalAbort)]
     );
     bed.mavlink.complete_command(Command::CalAbort, Ok(()));
-    assert_eq!(bed.acknowledged_results()[2], (42_426, ACCEPTED, other));
+    assert_eq!(bed.take_acknowledgements()[2], (42_426, ACCEPTED, other));
 }
 
 /// One command is executed at a time, with a timeout of five seconds: a missing result must not block later commands.
@@ -186,14 +186,14 @@ fn commands_are_rejected_while_another_is_pending() {
     bed.send_command(START_COMMAND, 0);
     bed.now_ms += 5_000;
     assert_eq!(bed.send_command(42_426, 0), []);
-    assert_eq!(bed.acknowledged_results(), [(42_426, REJECTED, GROUND_STATION)]);
+    assert_eq!(bed.take_acknowledgements(), [(42_426, REJECTED, GROUND_STATION)]);
     bed.now_ms += 1;
     assert_eq!(bed.send_command(42_426, 0), [ReceivedMessage::Command(Command::CalAbort)]);
     // The result of the previous command does not apply to this one.
     bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
-    assert_eq!(bed.acknowledged_results(), []);
+    assert_eq!(bed.take_acknowledgements(), []);
     bed.mavlink.complete_command(Command::CalAbort, Ok(()));
-    assert_eq!(bed.acknowledged_results(), [(42_426, ACCEPTED, GROUND_STATION)]);
+    assert_eq!(bed.take_acknowledgements(), [(42_426, ACCEPTED, GROUND_STATION)]);
 }
 
 ///  Unknown and repeated commands have no text.
@@ -207,29 +207,29 @@ fn a_rejected_command_sends_a_text_with_the_reason() {
     bed.send_command(511, 0);
     bed.run_ms(2_000);
     let refused = |refusal| (4, format!("autoswing: {}", Notice::CommandRejected(refusal)));
-    assert_eq!(bed.texts(), [refused(Refusal::Busy), refused(Refusal::NoSensor)]);
+    assert_eq!(bed.take_texts(), [refused(Refusal::Busy), refused(Refusal::NoSensor)]);
     bed.send_reboot_command([2.0, 0.0, 0.0, 0.0]);
     bed.receive(&heartbeat_frame(AUTOPILOT, true, true));
     bed.send_reboot_command([1.0, 0.0, 0.0, 0.0]);
     bed.mavlink.complete_command(Command::Restart, Err(&Refusal::Armed));
     bed.run_ms(2_000);
-    let texts = bed.texts();
+    let texts = bed.take_texts();
     assert!(texts[0].1.starts_with("autoswing: refused out-of-range: the module can restart"), "{texts:?}");
     assert_eq!(texts[1..], [refused(Refusal::Armed)]);
     bed.send_command(START_COMMAND, 0);
     bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
     bed.run_ms(2_000);
-    assert_eq!(bed.texts(), [], "no text where it is accepted");
+    assert_eq!(bed.take_texts(), [], "no text where it is accepted");
 }
 
 #[test]
 fn at_most_four_acknowledgements_wait_for_room() {
     let mut bed = MavlinkBench::with_autopilot();
-    bed.free_bytes = Some(0);
+    bed.free_output_bytes = Some(0);
     for number in 0..6 {
         bed.send_command(500 + number, 0);
     }
-    assert_eq!(bed.acknowledged_results(), []);
-    bed.free_bytes = None;
-    assert_eq!(bed.acknowledged_results(), [500, 501, 502, 503].map(|number| (number, UNSUPPORTED, GROUND_STATION)));
+    assert_eq!(bed.take_acknowledgements(), []);
+    bed.free_output_bytes = None;
+    assert_eq!(bed.take_acknowledgements(), [500, 501, 502, 503].map(|number| (number, UNSUPPORTED, GROUND_STATION)));
 }

@@ -31,32 +31,32 @@ fn frame_from([system, component]: SenderAddress, id: u8, extra: u8, payload: &[
     frame
 }
 
-fn heartbeat_frame(who: SenderAddress, is_autopilot: bool, is_armed: bool) -> Vec<u8> {
+fn heartbeat_frame(sender: SenderAddress, is_autopilot: bool, is_armed: bool) -> Vec<u8> {
     let (autopilot, mode) = (if is_autopilot { 3 } else { 8 }, if is_armed { 0x80 } else { 0 });
-    frame_from(who, 0, 50, &[0, 0, 0, 0, 1, autopilot, mode, 4, 3])
+    frame_from(sender, 0, 50, &[0, 0, 0, 0, 1, autopilot, mode, 4, 3])
 }
 
-fn attitude_frame(who: SenderAddress, boot_ms: u32) -> Vec<u8> {
+fn attitude_frame(sender: SenderAddress, boot_ms: u32) -> Vec<u8> {
     let payload = [boot_ms.to_le_bytes(), 0.1_f32.to_le_bytes(), 0.2_f32.to_le_bytes()].concat();
-    frame_from(who, 30, 39, &[&payload[..], &[0; 16]].concat())
+    frame_from(sender, 30, 39, &[&payload[..], &[0; 16]].concat())
 }
 
-fn position_frame(who: SenderAddress) -> Vec<u8> {
+fn position_frame(sender: SenderAddress) -> Vec<u8> {
     let numbers = [0_i32, 473_000_000, 85_000_000, 400_000];
-    frame_from(who, 33, 104, &numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<_>>())
+    frame_from(sender, 33, 104, &numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<_>>())
 }
 
 /// SYS_STATUS with 12.5 A.
-fn current_frame(who: SenderAddress) -> Vec<u8> {
-    frame_from(who, 1, 124, &[&[0; 16][..], &1_250_i16.to_le_bytes()].concat())
+fn battery_current_frame(sender: SenderAddress) -> Vec<u8> {
+    frame_from(sender, 1, 124, &[&[0; 16][..], &1_250_i16.to_le_bytes()].concat())
 }
 
-fn time_frame(who: SenderAddress) -> Vec<u8> {
-    frame_from(who, 2, 137, &1_790_000_000_000_000_u64.to_le_bytes())
+fn system_time_frame(sender: SenderAddress) -> Vec<u8> {
+    frame_from(sender, 2, 137, &1_790_000_000_000_000_u64.to_le_bytes())
 }
 
 fn command_frame(
-    who: SenderAddress,
+    sender: SenderAddress,
     target: SenderAddress,
     number: u16,
     confirmation: u8,
@@ -66,7 +66,7 @@ fn command_frame(
     payload.resize(28, 0);
     payload.extend(number.to_le_bytes());
     payload.extend([target[0], target[1], confirmation]);
-    frame_from(who, 76, 152, &payload)
+    frame_from(sender, 76, 152, &payload)
 }
 
 /// Sent frame; the payload includes truncated zeros.
@@ -94,7 +94,7 @@ struct MavlinkBench {
     indicator_state: IndicatorState,
     calibration: Option<(Calibration, HeadingUncertainty)>,
     /// Free bytes in the output, if limited.
-    free_bytes: Option<usize>,
+    free_output_bytes: Option<usize>,
     sent_messages: Vec<SentMessage>,
 }
 
@@ -108,7 +108,7 @@ impl MavlinkBench {
             settings: Settings::DEFAULT,
             indicator_state: IndicatorState::Idle,
             calibration: None,
-            free_bytes: None,
+            free_output_bytes: None,
             sent_messages: vec![],
         }
     }
@@ -145,7 +145,7 @@ impl MavlinkBench {
             calibration: self.calibration.as_ref(),
         };
         let mut out = TransmitBuffer::new();
-        let others = self.free_bytes.map_or(0, |room| TRANSMIT_CAPACITY - room);
+        let others = self.free_output_bytes.map_or(0, |room| TRANSMIT_CAPACITY - room);
         assert!(out.append_message(&[&vec![0; others]]));
         self.mavlink.poll(&snapshot, &mut out);
         let rest = &out.pending_bytes()[others..];
@@ -184,7 +184,7 @@ impl MavlinkBench {
     }
 
     /// Removes and returns the sent texts, joined from their chunks, with severities.
-    fn texts(&mut self) -> Vec<(u8, String)> {
+    fn take_texts(&mut self) -> Vec<(u8, String)> {
         let mut texts: Vec<(u8, u16, String)> = vec![];
         for sent in self.take_messages(253) {
             let chunk: Vec<u8> = sent.payload[1..51].iter().copied().take_while(|&byte| byte != 0).collect();

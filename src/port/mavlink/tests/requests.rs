@@ -19,10 +19,16 @@ fn sent_requests(bench: &MavlinkBench) -> Vec<(u64, u32, u32)> {
     bench.sent_messages.iter().filter_map(request).collect()
 }
 
-fn send_acknowledgement(bench: &mut MavlinkBench, who: SenderAddress, target: SenderAddress, command: u16, result: u8) {
+fn send_acknowledgement(
+    bench: &mut MavlinkBench,
+    sender: SenderAddress,
+    target: SenderAddress,
+    command: u16,
+    result: u8,
+) {
     let mut payload = command.to_le_bytes().to_vec();
     payload.extend([result, 0, 0, 0, 0, 0, target[0], target[1]]);
-    bench.receive(&frame_from(who, 77, 143, &payload));
+    bench.receive(&frame_from(sender, 77, 143, &payload));
 }
 
 /// Sends attitude with this period for this time, milliseconds.
@@ -63,7 +69,7 @@ fn four_fifths_of_the_requested_rate_suffice() {
 #[test]
 fn only_the_autopilot_s_denial_to_the_module_or_to_all_counts() {
     let module_address = [1, 158];
-    for (who, target, command, result, counts) in [
+    for (sender, target, command, result, counts) in [
         (AUTOPILOT, module_address, 511, DENIED, true),
         (AUTOPILOT, [0, 0], 511, DENIED, true),
         (AUTOPILOT, [1, 0], 511, 1, true),
@@ -77,12 +83,12 @@ fn only_the_autopilot_s_denial_to_the_module_or_to_all_counts() {
     ] {
         let mut bench = MavlinkBench::with_autopilot();
         bench.run_ms(1_200);
-        send_acknowledgement(&mut bench, who, target, command, result);
+        send_acknowledgement(&mut bench, sender, target, command, result);
         bench.run_ms(800);
         assert_eq!(sent_requests(&bench).len(), 1);
         bench.run_ms(10);
         let next = if counts { (2_000, 30, 25) } else { (2_000, 30, 40) };
-        assert_eq!(sent_requests(&bench)[1..], [next], "{who:?} {target:?} {command} {result}");
+        assert_eq!(sent_requests(&bench)[1..], [next], "{sender:?} {target:?} {command} {result}");
     }
 }
 
@@ -136,7 +142,7 @@ fn acknowledgements_without_a_request_are_ignored() {
 }
 
 /// Module with granted requests: attitude at 50 Hz and three other messages.
-fn request_contents() -> MavlinkBench {
+fn bench_with_granted_requests() -> MavlinkBench {
     let mut bench = MavlinkBench::with_autopilot();
     for _ in 0..4 {
         send_attitudes(&mut bench, 20, 1_050);
@@ -149,7 +155,7 @@ fn request_contents() -> MavlinkBench {
 
 #[test]
 fn attitude_is_requested_again_after_2_s_of_silence() {
-    let mut bench = request_contents();
+    let mut bench = bench_with_granted_requests();
     let last = (bench.now_ms - 10) / 20 * 20;
     bench.run_ms(last + 2_010 - bench.now_ms);
     assert_eq!(sent_requests(&bench), []);
@@ -160,7 +166,7 @@ fn attitude_is_requested_again_after_2_s_of_silence() {
 #[test]
 fn attitude_is_requested_again_after_an_autopilot_restart() {
     for (back_ms, restarts) in [(1_001, true), (1_000, false)] {
-        let mut bench = request_contents();
+        let mut bench = bench_with_granted_requests();
         let clock_ms = ((bench.now_ms - 10) / 20 * 20) as u32;
         bench.receive(&attitude_frame(AUTOPILOT, clock_ms - back_ms));
         bench.run_ms(1_500);
@@ -177,7 +183,7 @@ fn attitude_is_requested_again_after_an_autopilot_restart() {
 
 #[test]
 fn another_autopilot_is_requested_after_1_s_of_observation() {
-    let mut bench = request_contents();
+    let mut bench = bench_with_granted_requests();
     bench.now_ms += 10_001;
     // The other autopilot's clock is equal; only its address differs.
     let clock_ms = bench.now_ms as u32;
@@ -193,9 +199,9 @@ fn another_autopilot_is_requested_after_1_s_of_observation() {
 #[test]
 fn a_request_that_does_not_fit_is_not_counted() {
     let mut bench = MavlinkBench::with_autopilot();
-    bench.free_bytes = Some(0);
+    bench.free_output_bytes = Some(0);
     bench.run_ms(10_000);
-    bench.free_bytes = None;
+    bench.free_output_bytes = None;
     bench.run_ms(10);
     assert_eq!(sent_requests(&bench), [(10_000, 30, 40)]);
 }

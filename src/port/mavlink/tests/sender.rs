@@ -27,7 +27,7 @@ fn nothing_is_sent_before_an_autopilot_s_heartbeat() {
     bench.poll();
     assert!(bench.sent_messages.iter().all(|sent| sent.sender == [1, 158]));
     assert_eq!(bench.take_messages(0).len(), 1);
-    assert_eq!(bench.texts(), [(6, "autoswing: iron-back: as calibrated again".into())]);
+    assert_eq!(bench.take_texts(), [(6, "autoswing: iron-back: as calibrated again".into())]);
 }
 
 #[test]
@@ -52,11 +52,15 @@ fn one_heartbeat_per_second_reports_the_state() {
 fn position_date_and_current_are_used_from_the_selected_autopilot() {
     let mut bench = MavlinkBench::with_autopilot();
     bench.receive(&heartbeat_frame(SECOND_AUTOPILOT, true, true));
-    for who in [SECOND_AUTOPILOT, GIMBAL, [1, 158], GROUND_STATION] {
-        assert_eq!(bench.receive(&[position_frame(who), time_frame(who), current_frame(who)].concat()), [], "{who:?}");
+    for sender in [SECOND_AUTOPILOT, GIMBAL, [1, 158], GROUND_STATION] {
+        assert_eq!(
+            bench.receive(&[position_frame(sender), system_time_frame(sender), battery_current_frame(sender)].concat()),
+            [],
+            "{sender:?}"
+        );
     }
-    let received =
-        bench.receive(&[position_frame(AUTOPILOT), time_frame(AUTOPILOT), current_frame(AUTOPILOT)].concat());
+    let received = bench
+        .receive(&[position_frame(AUTOPILOT), system_time_frame(AUTOPILOT), battery_current_frame(AUTOPILOT)].concat());
     let [ReceivedMessage::Position(here), ReceivedMessage::Date(day), ReceivedMessage::Current(12.5)] = received[..]
     else {
         panic!("{received:?}")
@@ -81,7 +85,7 @@ fn attitude_and_armed_state_are_used_from_the_selected_sender() {
     assert_eq!(bench.mavlink.is_armed(bench.now()), Some(true));
     let mut broken = attitude_frame(AUTOPILOT, 8);
     *broken.last_mut().unwrap() ^= 1;
-    assert_eq!((bench.receive(&broken), bench.mavlink.rejected_frames()), (vec![], 1));
+    assert_eq!((bench.receive(&broken), bench.mavlink.rejected_frame_count()), (vec![], 1));
 }
 
 #[test]
@@ -101,7 +105,7 @@ fn echoed_own_messages_are_ignored() {
         assert_eq!(bench.receive(out.pending_bytes()), []);
         bench.now_ms += 1;
     }
-    assert_eq!((bench.mavlink.is_armed(bench.now()), bench.mavlink.rejected_frames()), (Some(true), 0));
+    assert_eq!((bench.mavlink.is_armed(bench.now()), bench.mavlink.rejected_frame_count()), (Some(true), 0));
     assert_eq!(bench.mavlink.sender_selector.autopilot_to_query(bench.now()), Some(SenderId::new(0x0101)));
 }
 
@@ -110,9 +114,9 @@ fn sequence_numbers_count_sent_frames_only() {
     let mut bench = MavlinkBench::with_autopilot();
     bench.estimate.heading = Ok(heading(10.0, 1.0));
     bench.run_ms(30_000);
-    bench.free_bytes = Some(0);
+    bench.free_output_bytes = Some(0);
     bench.run_ms(2_000);
-    bench.free_bytes = None;
+    bench.free_output_bytes = None;
     bench.run_ms(30_000);
     assert!(bench.sent_messages.len() > 512, "it wraps");
     for (number, sent) in bench.sent_messages.iter().enumerate() {
@@ -241,7 +245,7 @@ fn a_text_has_the_severity_of_its_message() {
         (4, format!("autoswing: {moved}")),
         (6, "autoswing: iron-back: as calibrated again".to_owned()),
     ];
-    assert_eq!(bench.texts(), expected);
+    assert_eq!(bench.take_texts(), expected);
 }
 
 /// Lengths around multiples of a chunk; the last chunk must not be full.
@@ -262,7 +266,7 @@ fn a_long_text_comes_in_chunks() {
         let times: Vec<u64> = chunks.map(|sent| sent.sent_at_ms).collect();
         assert!(times.windows(2).all(|pair| pair[1] - pair[0] >= 100), "{times:?}");
         let whole = format!("{TEXT_BEGINNING}{end}");
-        assert_eq!(bench.texts(), [(4, whole[..sent].to_owned())]);
+        assert_eq!(bench.take_texts(), [(4, whole[..sent].to_owned())]);
     }
 }
 
@@ -286,7 +290,7 @@ fn a_full_text_queue_keeps_the_newest_and_the_begun_text() {
     }
     bench.receive(&heartbeat_frame(AUTOPILOT, true, false));
     bench.run_ms(1_000);
-    let texts = |bench: &mut MavlinkBench| bench.texts().into_iter().map(|(_, text)| text).collect::<Vec<_>>();
+    let texts = |bench: &mut MavlinkBench| bench.take_texts().into_iter().map(|(_, text)| text).collect::<Vec<_>>();
     assert_eq!(texts(&mut bench), [2, 3, 4].map(|percent| format!("autoswing: collecting: {percent} %")));
     let long = "x".repeat(120);
     bench.mavlink.queue_text(&long_message(&long));
@@ -303,10 +307,10 @@ fn a_full_text_queue_keeps_the_newest_and_the_begun_text() {
 fn a_text_waits_for_room() {
     let mut bench = MavlinkBench::with_autopilot();
     bench.mavlink.queue_text(&Notice::Collecting(10));
-    bench.free_bytes = Some(20);
+    bench.free_output_bytes = Some(20);
     bench.run_ms(1_000);
-    assert_eq!(bench.texts(), []);
-    bench.free_bytes = None;
+    assert_eq!(bench.take_texts(), []);
+    bench.free_output_bytes = None;
     bench.run_ms(200);
-    assert_eq!(bench.texts(), [(6, "autoswing: collecting: 10 %".to_owned())]);
+    assert_eq!(bench.take_texts(), [(6, "autoswing: collecting: 10 %".to_owned())]);
 }

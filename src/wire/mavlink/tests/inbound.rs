@@ -19,14 +19,14 @@ fn assert_skipped(frame: &[u8]) {
     assert_eq!((messages, rejected), (vec![], 0), "{frame:02X?}");
 }
 
-const POSITION_DATA: [&str; 2] = [
+const POSITION_FRAMES: [&str; 2] = [
     "fd1b0000c90c22210000e80300004c52401c760be8fabb7207000100000002000300040005e4ab",
     "fe1cc90c2221e80300004c52401c760be8fabb720700010000000200030004000500fc87",
 ];
 
 #[test]
 fn a_position_is_in_degrees_and_metres_above_sea_level() {
-    for frame in POSITION_DATA {
+    for frame in POSITION_FRAMES {
         let InboundMessage::Position(SENDER, Some(place)) = decode_single(&bytes_of_hex(frame)) else {
             panic!("{frame}")
         };

@@ -17,13 +17,13 @@ fn attitude_data(roll: f32) -> ATTITUDE_DATA {
     ATTITUDE_DATA { time_boot_ms: 1234, roll, pitch: -0.1, yaw: f32::NAN, ..Default::default() }
 }
 
-fn v2_frame(data: &ATTITUDE_DATA) -> Vec<u8> {
+fn library_v2_frame(data: &ATTITUDE_DATA) -> Vec<u8> {
     let mut raw = MAVLinkV2MessageRaw::new();
     raw.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: 7 }, data);
     raw.raw_bytes().to_vec()
 }
 
-fn v1_frame(data: &ATTITUDE_DATA) -> Vec<u8> {
+fn library_v1_frame(data: &ATTITUDE_DATA) -> Vec<u8> {
     let mut raw = MAVLinkV1MessageRaw::new();
     raw.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: 7 }, data);
     raw.raw_bytes().to_vec()
@@ -47,7 +47,7 @@ fn received_reports(bytes: &[u8]) -> (Vec<AttitudeReport>, u32) {
 
 #[test]
 fn attitude_is_decoded_from_both_versions_without_yaw() {
-    let bytes = [v1_frame(&attitude_data(0.25)), v2_frame(&attitude_data(-0.5))].concat();
+    let bytes = [library_v1_frame(&attitude_data(0.25)), library_v2_frame(&attitude_data(-0.5))].concat();
     let (reports, rejected) = received_reports(&bytes);
     let rolls: Vec<f32> = reports.iter().map(|r| r.attitude.roll_rad).collect();
     assert_eq!(rolls, [0.25, -0.5]);
@@ -57,7 +57,7 @@ fn attitude_is_decoded_from_both_versions_without_yaw() {
 #[test]
 fn a_truncated_frame_costs_no_later_frame() {
     // A truncated frame, then a whole one within the length that the first claims.
-    let whole = v2_frame(&attitude_data(0.3));
+    let whole = library_v2_frame(&attitude_data(0.3));
     for cut in 0..whole.len() {
         let (reports, _) = received_reports(&[&whole[..cut], &whole[..]].concat());
         assert_eq!(reports.len(), 1, "cut at {cut}");
@@ -66,7 +66,7 @@ fn a_truncated_frame_costs_no_later_frame() {
 
 #[test]
 fn a_frame_with_a_flipped_bit_is_never_accepted() {
-    let whole = v2_frame(&attitude_data(0.3));
+    let whole = library_v2_frame(&attitude_data(0.3));
     for bit in 0..whole.len() * 8 {
         let mut broken = whole.clone();
         broken[bit / 8] ^= 1 << (bit % 8);
@@ -79,7 +79,7 @@ fn a_frame_with_a_flipped_bit_is_never_accepted() {
 #[test]
 fn impossible_angles_are_rejected() {
     for roll in [f32::NAN, f32::INFINITY, 4.0] {
-        let (reports, rejected) = received_reports(&v2_frame(&attitude_data(roll)));
+        let (reports, rejected) = received_reports(&library_v2_frame(&attitude_data(roll)));
         assert!(reports.is_empty());
         assert_eq!(rejected, 1);
     }
@@ -96,7 +96,7 @@ fn random_bytes_never_panic_and_frames_between_them_are_found() {
             let byte = random.byte();
             receiver.push_byte(if byte < 0x40 { 0xFD + byte % 2 } else { random.byte() });
         }
-        for byte in v2_frame(&attitude_data(0.3)) {
+        for byte in library_v2_frame(&attitude_data(0.3)) {
             found += usize::from(receiver.push_byte(byte).is_some());
         }
     }
@@ -128,32 +128,32 @@ fn with_crc_of(extra: u8, mut frame: Vec<u8>) -> Vec<u8> {
 }
 
 /// Payload of ATTITUDE: time, roll, pitch, yaw and the three rates, little endian.
-fn float_payload(numbers: [f32; 6]) -> Vec<u8> {
+fn attitude_payload(numbers: [f32; 6]) -> Vec<u8> {
     let mut payload = 4321_u32.to_le_bytes().to_vec();
     payload.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
     payload
 }
 
-fn frame_v1(id: u8, payload: &[u8]) -> Vec<u8> {
+fn handmade_v1_frame(id: u8, payload: &[u8]) -> Vec<u8> {
     with_crc([&[0xFE, payload.len() as u8, 0, 1, 1, id], payload].concat())
 }
 
-fn frame_v2(incompatibility: u8, id: [u8; 3], payload: &[u8]) -> Vec<u8> {
+fn handmade_v2_frame(incompatibility: u8, id: [u8; 3], payload: &[u8]) -> Vec<u8> {
     let header = [0xFD, payload.len() as u8, incompatibility, 0, 0, 1, 1];
     with_crc([&header, &id[..], payload].concat())
 }
 
 const ATTITUDE_ID: [u8; 3] = [30, 0, 0];
-const ATTITUDE_NUMBERS: [f32; 6] = [0.1, -0.2, 3.0, 0.4, -0.5, 0.6];
+const ATTITUDE_FIELD_VALUES: [f32; 6] = [0.1, -0.2, 3.0, 0.4, -0.5, 0.6];
 
-fn good_frames(roll: f32) -> [Vec<u8>; 2] {
-    let payload = float_payload([roll, -0.2, 3.0, 0.4, -0.5, 0.6]);
-    [frame_v1(30, &payload), frame_v2(0, ATTITUDE_ID, &payload)]
+fn attitude_frames(roll: f32) -> [Vec<u8>; 2] {
+    let payload = attitude_payload([roll, -0.2, 3.0, 0.4, -0.5, 0.6]);
+    [handmade_v1_frame(30, &payload), handmade_v2_frame(0, ATTITUDE_ID, &payload)]
 }
 
 fn assert_ignored(frame: &[u8], rejected: u32, label: &str) {
     assert_eq!(received_reports(frame), (vec![], rejected), "{label}");
-    for good in good_frames(0.7) {
+    for good in attitude_frames(0.7) {
         let (reports, _) = received_reports(&[frame, &good[..]].concat());
         assert_eq!(reports.iter().map(|r| r.attitude.roll_rad).collect::<Vec<_>>(), [0.7], "{label}");
     }
@@ -167,9 +167,10 @@ fn every_field_of_an_attitude_message_is_decoded() {
         attitude: Attitude { roll_rad: 0.1, pitch_rad: -0.2 },
         body_rates: BodyRates::from_rad_s([0.4, -0.5, 0.6]),
     };
-    for frame in
-        [frame_v1(30, &float_payload(ATTITUDE_NUMBERS)), frame_v2(0, ATTITUDE_ID, &float_payload(ATTITUDE_NUMBERS))]
-    {
+    for frame in [
+        handmade_v1_frame(30, &attitude_payload(ATTITUDE_FIELD_VALUES)),
+        handmade_v2_frame(0, ATTITUDE_ID, &attitude_payload(ATTITUDE_FIELD_VALUES)),
+    ] {
         assert_eq!(received_reports(&frame), (vec![expected], 0));
     }
 }
@@ -177,8 +178,9 @@ fn every_field_of_an_attitude_message_is_decoded() {
 /// A signature has 13 bytes of any content; the report is returned with its last byte.
 #[test]
 fn an_attitude_is_returned_with_the_last_byte_of_its_frame() {
-    let signed = [&frame_v2(1, ATTITUDE_ID, &float_payload(ATTITUDE_NUMBERS))[..], &[0xFD; 13]].concat();
-    let [v1, v2] = good_frames(0.1);
+    let signed =
+        [&handmade_v2_frame(1, ATTITUDE_ID, &attitude_payload(ATTITUDE_FIELD_VALUES))[..], &[0xFD; 13]].concat();
+    let [v1, v2] = attitude_frames(0.1);
     for frame in [v1, v2, signed.clone()] {
         let mut receiver = Receiver::new();
         for _ in 0..3 {
@@ -193,14 +195,14 @@ fn an_attitude_is_returned_with_the_last_byte_of_its_frame() {
 #[test]
 fn frames_with_unknown_incompatibility_flags_are_ignored() {
     for flags in [0x02, 0x03, 0x40, 0x80, 0xFE, 0xFF] {
-        assert_ignored(&frame_v2(flags, ATTITUDE_ID, &float_payload(ATTITUDE_NUMBERS)), 0, "flags");
+        assert_ignored(&handmade_v2_frame(flags, ATTITUDE_ID, &attitude_payload(ATTITUDE_FIELD_VALUES)), 0, "flags");
     }
 }
 
 /// Compatibility flags are byte 3 of the header.
 #[test]
 fn compatibility_flags_are_ignored() {
-    let mut frame = frame_v2(0, ATTITUDE_ID, &float_payload(ATTITUDE_NUMBERS));
+    let mut frame = handmade_v2_frame(0, ATTITUDE_ID, &attitude_payload(ATTITUDE_FIELD_VALUES));
     frame.truncate(10 + 28);
     frame[3] = 0xFF;
     assert_eq!(received_reports(&with_crc(frame)).0.len(), 1);
@@ -209,30 +211,30 @@ fn compatibility_flags_are_ignored() {
 #[test]
 fn other_messages_are_skipped() {
     for id in [[31, 0, 0], [29, 0, 0], [30, 1, 0], [30, 0, 1], [0, 0, 30]] {
-        assert_ignored(&frame_v2(0, id, &float_payload(ATTITUDE_NUMBERS)), 0, "id");
+        assert_ignored(&handmade_v2_frame(0, id, &attitude_payload(ATTITUDE_FIELD_VALUES)), 0, "id");
     }
     for id in [29, 31, 0, 255] {
-        assert_ignored(&frame_v1(id, &float_payload(ATTITUDE_NUMBERS)), 0, "id");
+        assert_ignored(&handmade_v1_frame(id, &attitude_payload(ATTITUDE_FIELD_VALUES)), 0, "id");
     }
 }
 
 /// Version 2 truncates zeros, to one byte at least; shorter and longer payloads are skipped.
 #[test]
 fn version_2_payloads_may_be_truncated_and_version_1_may_not() {
-    let whole = float_payload(ATTITUDE_NUMBERS);
+    let whole = attitude_payload(ATTITUDE_FIELD_VALUES);
     for length in 1..=28 {
         let mut filled = whole[..length].to_vec();
-        let frame = frame_v2(0, ATTITUDE_ID, &filled);
+        let frame = handmade_v2_frame(0, ATTITUDE_ID, &filled);
         filled.resize(28, 0);
         let (reports, rejected) = received_reports(&frame);
-        let (expected, _) = received_reports(&frame_v1(30, &filled));
+        let (expected, _) = received_reports(&handmade_v1_frame(30, &filled));
         assert_eq!((reports.len(), rejected), (1, 0), "{length}");
         assert_eq!(reports, expected, "{length}");
     }
-    assert_ignored(&frame_v2(0, ATTITUDE_ID, &[]), 0, "length 0");
-    assert_ignored(&frame_v2(0, ATTITUDE_ID, &[&whole[..], &[0]].concat()), 0, "length 29");
-    assert_ignored(&frame_v1(30, &whole[..27]), 0, "version 1, length 27");
-    assert_ignored(&frame_v1(30, &[&whole[..], &[0]].concat()), 0, "version 1, length 29");
+    assert_ignored(&handmade_v2_frame(0, ATTITUDE_ID, &[]), 0, "length 0");
+    assert_ignored(&handmade_v2_frame(0, ATTITUDE_ID, &[&whole[..], &[0]].concat()), 0, "length 29");
+    assert_ignored(&handmade_v1_frame(30, &whole[..27]), 0, "version 1, length 27");
+    assert_ignored(&handmade_v1_frame(30, &[&whole[..], &[0]].concat()), 0, "version 1, length 29");
 }
 
 /// The limits have a margin of 0.001 rad for rounding.
@@ -251,8 +253,8 @@ fn roll_beyond_180_and_pitch_beyond_90_deg_are_rejected() {
             (f32::NAN, 0.0, false),
             (0.0, f32::INFINITY, false),
         ] {
-            let payload = float_payload([sign * roll, sign * pitch, 0.0, 0.0, 0.0, 0.0]);
-            for frame in [frame_v1(30, &payload), frame_v2(0, ATTITUDE_ID, &payload)] {
+            let payload = attitude_payload([sign * roll, sign * pitch, 0.0, 0.0, 0.0, 0.0]);
+            for frame in [handmade_v1_frame(30, &payload), handmade_v2_frame(0, ATTITUDE_ID, &payload)] {
                 let (reports, rejected) = received_reports(&frame);
                 let expected = if possible { (1, 0) } else { (0, 1) };
                 assert_eq!((reports.len(), rejected), expected, "{sign} {roll} {pitch}");
@@ -265,9 +267,9 @@ fn roll_beyond_180_and_pitch_beyond_90_deg_are_rejected() {
 fn with_a_non_finite_rate_a_report_has_no_rates() {
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         for axis in 0..3 {
-            let mut numbers = ATTITUDE_NUMBERS;
+            let mut numbers = ATTITUDE_FIELD_VALUES;
             numbers[3 + axis] = bad;
-            let (reports, _) = received_reports(&frame_v2(0, ATTITUDE_ID, &float_payload(numbers)));
+            let (reports, _) = received_reports(&handmade_v2_frame(0, ATTITUDE_ID, &attitude_payload(numbers)));
             assert_eq!((reports.len(), reports[0].body_rates), (1, None));
         }
     }
@@ -276,7 +278,7 @@ fn with_a_non_finite_rate_a_report_has_no_rates() {
 /// Each bit of the CRC, and the extra byte, which separates ATTITUDE from a message with an equal layout.
 #[test]
 fn a_wrong_crc_is_rejected_and_counted() {
-    for frame in good_frames(0.3) {
+    for frame in attitude_frames(0.3) {
         for bit in 0..16 {
             let mut broken = frame.clone();
             let at = broken.len() - 2 + bit / 8;
@@ -292,7 +294,7 @@ fn a_wrong_crc_is_rejected_and_counted() {
 #[test]
 fn the_count_of_rejected_frames_wraps() {
     let mut receiver = Receiver { rejected_count: u32::MAX - 1, ..Receiver::new() };
-    let mut broken = frame_v1(30, &float_payload(ATTITUDE_NUMBERS));
+    let mut broken = handmade_v1_frame(30, &attitude_payload(ATTITUDE_FIELD_VALUES));
     *broken.last_mut().unwrap() ^= 1;
     let mut counts = Vec::new();
     for _ in 0..3 {
@@ -308,13 +310,13 @@ fn the_count_of_rejected_frames_wraps() {
 /// longest false frame before it.
 #[test]
 fn the_frame_after_every_kind_of_garbage_is_found() {
-    let whole = float_payload(ATTITUDE_NUMBERS);
+    let whole = attitude_payload(ATTITUDE_FIELD_VALUES);
     let mut garbage: Vec<Vec<u8>> = vec![vec![0xFD], vec![0xFE], vec![0xFD, 0xFE], vec![0xFE; 7], vec![0xFD; 11]];
     for frame in [
-        frame_v1(30, &whole),
-        frame_v2(0, ATTITUDE_ID, &whole),
-        frame_v2(1, ATTITUDE_ID, &whole),
-        frame_v2(0, [76, 0, 0], &[7; 33]),
+        handmade_v1_frame(30, &whole),
+        handmade_v2_frame(0, ATTITUDE_ID, &whole),
+        handmade_v2_frame(1, ATTITUDE_ID, &whole),
+        handmade_v2_frame(0, [76, 0, 0], &[7; 33]),
     ] {
         garbage.extend((1..frame.len()).map(|cut| frame[..cut].to_vec()));
         garbage.extend((1..frame.len()).map(|cut| frame[cut..].to_vec()));
@@ -322,7 +324,7 @@ fn the_frame_after_every_kind_of_garbage_is_found() {
     garbage.push(b"$GPHDT,123.4,T*31\r\n".to_vec());
     let flush = [0; MAX_FRAME_LENGTH];
     for before in &garbage {
-        for good in good_frames(0.7) {
+        for good in attitude_frames(0.7) {
             let (reports, _) = received_reports(&[&before[..], &good, &flush].concat());
             let found = reports.iter().filter(|report| (report.attitude.roll_rad - 0.7).abs() < 1e-6).count();
             assert_eq!(found, 1, "{before:02X?}");
@@ -391,7 +393,7 @@ fn a_heartbeat_of_the_mavlink_library_is_decoded() {
 
 #[test]
 fn an_attitude_report_contains_its_sender() {
-    let payload = float_payload(ATTITUDE_NUMBERS);
+    let payload = attitude_payload(ATTITUDE_FIELD_VALUES);
     let v1 = with_crc([&[0xFE, 28, 0, 12, 34, 30], &payload[..]].concat());
     let v2 = with_crc([&[0xFD, 28, 0, 0, 0, 12, 34, 30, 0, 0], &payload[..]].concat());
     for frame in [v1, v2] {
@@ -403,7 +405,7 @@ fn an_attitude_report_contains_its_sender() {
 }
 
 #[test]
-fn heartbeats_of_wrong_length_are_skipped() {
+fn heartbeats_are_skipped_if_too_long_or_cut_in_version_1() {
     let whole = heartbeat_payload(1, 3, 0x80);
     for length in 1..=9 {
         let [v1, v2] = heartbeat_frames(&whole[..length]);
@@ -418,7 +420,7 @@ fn heartbeats_of_wrong_length_are_skipped() {
             assert_ignored(&frame, 0, "too long");
         }
     }
-    assert_ignored(&frame_v1(30, &whole), 0, "attitude as long as a heartbeat");
+    assert_ignored(&handmade_v1_frame(30, &whole), 0, "attitude as long as a heartbeat");
 }
 
 #[test]
@@ -446,7 +448,7 @@ fn a_damaged_heartbeat_costs_no_other_frame() {
             flipped
         }));
         for before in broken {
-            for next in heartbeat_frames(&good).into_iter().chain(good_frames(0.7)) {
+            for next in heartbeat_frames(&good).into_iter().chain(attitude_frames(0.7)) {
                 // Zeros end any pending false frame.
                 let (found, _) = decoded_messages(&[&before[..], &next, &[0; MAX_FRAME_LENGTH]].concat());
                 assert_eq!(found, decoded_messages(&next).0, "{before:02X?}");

@@ -21,7 +21,7 @@ fn random_frame(random: &mut Random) -> Vec<u8> {
 fn after_random_bytes_the_next_frame_is_decoded() {
     let mut random = Random(7);
     let mut receiver = Receiver::new();
-    let good = &good_frames(0.7)[1];
+    let good = &attitude_frames(0.7)[1];
     let mut received = 0;
     for input in 0..100_000 {
         let mut bytes = random_frame(&mut random);

@@ -2,7 +2,7 @@
 
 use mavlink::dialects::common::MavState;
 
-use super::super::signature::{MAX_NEW_STREAM_AGE, SIGNATURE_SIZE, SIGNED_FLAG};
+use super::super::signature::{MAX_NEW_STREAM_AGE_10US, SIGNATURE_SIZE, SIGNED_FLAG};
 use super::super::{Address, EncodedFrame, InboundMessage, OutboundMessage, Receiver, Signatures, key_from_passphrase};
 
 const AUTOPILOT: Address = Address { system_id: 1, component_id: 1 };
@@ -13,7 +13,7 @@ const SIGNED_FRAME: [u8; 34] = [
     0x65, 0x87, 0x0C, 0xD4,
 ];
 
-fn receiver(passphrase: &str) -> Receiver {
+fn receiver_with_key(passphrase: &str) -> Receiver {
     let mut receiver = Receiver::new();
     receiver.signatures.set_key(Some(key_from_passphrase(passphrase)));
     receiver
@@ -32,21 +32,21 @@ fn signed_frame(signatures: &mut Signatures, from: Address) -> EncodedFrame {
 
 #[test]
 fn a_frame_is_accepted_once_and_with_the_right_key() {
-    let mut right = receiver("swing");
+    let mut right = receiver_with_key("swing");
     assert!(is_accepted(&mut right, &SIGNED_FRAME));
     assert!(!is_accepted(&mut right, &SIGNED_FRAME) && right.rejected_count == 1, "repeated");
-    assert!(!is_accepted(&mut receiver("Swing"), &SIGNED_FRAME));
+    assert!(!is_accepted(&mut receiver_with_key("Swing"), &SIGNED_FRAME));
     assert!(is_accepted(&mut Receiver::new(), &SIGNED_FRAME), "without a key");
     for byte in [5, 14, 16, 22, 23, 33] {
         let mut changed = SIGNED_FRAME;
         changed[byte] ^= 1;
-        assert!(!is_accepted(&mut receiver("swing"), &changed), "{byte}");
+        assert!(!is_accepted(&mut receiver_with_key("swing"), &changed), "{byte}");
     }
 }
 
 #[test]
 fn with_a_key_unsigned_frames_are_rejected_and_sent_ones_signed() {
-    let (mut one, mut other) = (receiver("swing"), receiver("swing"));
+    let (mut one, mut other) = (receiver_with_key("swing"), receiver_with_key("swing"));
     let unsigned = signed_frame(&mut Signatures::new(), AUTOPILOT);
     assert!(!is_accepted(&mut one, &unsigned) && one.rejected_count == 1);
     assert!(is_accepted(&mut Receiver::new(), &unsigned));
@@ -58,7 +58,7 @@ fn with_a_key_unsigned_frames_are_rejected_and_sent_ones_signed() {
     // The time follows the newest received frame.
     assert!(is_accepted(&mut one, &SIGNED_FRAME));
     let signed = signed_frame(&mut one.signatures, AUTOPILOT);
-    assert!(is_accepted(&mut other, &signed) && other.signatures.newest_time == 100_000_001);
+    assert!(is_accepted(&mut other, &signed) && other.signatures.newest_time_10us == 100_000_001);
 }
 
 /// A new stream more than a minute behind the newest frame is rejected, and so is a ninth stream.
@@ -67,16 +67,16 @@ fn old_streams_and_too_many_are_rejected() {
     let frame_at = |time, system| {
         let mut sender = Signatures::new();
         sender.set_key(Some(key_from_passphrase("swing")));
-        sender.newest_time = time;
+        sender.newest_time_10us = time;
         signed_frame(&mut sender, Address { system_id: system, component_id: 1 })
     };
-    let mut receiver = receiver("swing");
-    assert!(is_accepted(&mut receiver, &frame_at(2 * MAX_NEW_STREAM_AGE, 1)));
-    assert!(!is_accepted(&mut receiver, &frame_at(MAX_NEW_STREAM_AGE - 1, 2)));
-    assert!(is_accepted(&mut receiver, &frame_at(MAX_NEW_STREAM_AGE, 2)));
+    let mut receiver = receiver_with_key("swing");
+    assert!(is_accepted(&mut receiver, &frame_at(2 * MAX_NEW_STREAM_AGE_10US, 1)));
+    assert!(!is_accepted(&mut receiver, &frame_at(MAX_NEW_STREAM_AGE_10US - 1, 2)));
+    assert!(is_accepted(&mut receiver, &frame_at(MAX_NEW_STREAM_AGE_10US, 2)));
     for system in 3..=8 {
-        assert!(is_accepted(&mut receiver, &frame_at(2 * MAX_NEW_STREAM_AGE, system)));
+        assert!(is_accepted(&mut receiver, &frame_at(2 * MAX_NEW_STREAM_AGE_10US, system)));
     }
-    assert!(!is_accepted(&mut receiver, &frame_at(2 * MAX_NEW_STREAM_AGE, 9)));
-    assert!(is_accepted(&mut receiver, &frame_at(3 * MAX_NEW_STREAM_AGE, 1)));
+    assert!(!is_accepted(&mut receiver, &frame_at(2 * MAX_NEW_STREAM_AGE_10US, 9)));
+    assert!(is_accepted(&mut receiver, &frame_at(3 * MAX_NEW_STREAM_AGE_10US, 1)));
 }

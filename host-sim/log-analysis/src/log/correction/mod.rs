@@ -28,8 +28,8 @@ impl FieldCorrection {
 
     /// A correction without motor-current interference.
     #[must_use]
-    pub fn without_current(matrix: Matrix3<f64>, centre_ut: Vector3<f64>) -> Self {
-        Self { matrix, hard_iron_ut: centre_ut, motor_ut_per_a: Vector3::zeros() }
+    pub fn without_current(matrix: Matrix3<f64>, hard_iron_ut: Vector3<f64>) -> Self {
+        Self { matrix, hard_iron_ut, motor_ut_per_a: Vector3::zeros() }
     }
 
     /// The corrected field, microtesla, of a raw field measured at a current in amperes.
@@ -60,13 +60,13 @@ pub(super) struct InvertibleCorrection {
 }
 
 impl InvertibleCorrection {
-    /// Recovers the raw field from a logged field, which contains the motor-current compensation `motor_ut`.
-    pub fn raw_ut(&self, logged_ut: Vector3<f64>, motor_ut: Vector3<f64>) -> Vector3<f64> {
-        self.inverse * (logged_ut - motor_ut) + self.correction.hard_iron_ut
+    /// Recovers the raw field from a logged field, which contains `motor_compensation_ut`.
+    pub fn raw_ut(&self, logged_ut: Vector3<f64>, motor_compensation_ut: Vector3<f64>) -> Vector3<f64> {
+        self.inverse * (logged_ut - motor_compensation_ut) + self.correction.hard_iron_ut
     }
 
     /// Motor-current compensation in a logged field, microtesla.
-    pub fn motor_ut(&self, current_a: f64) -> Vector3<f64> {
+    pub fn motor_compensation_ut(&self, current_a: f64) -> Vector3<f64> {
         self.correction.matrix * self.correction.motor_ut_per_a * -current_a
     }
 

@@ -29,7 +29,7 @@ fn ardupilots_correction_is_undone() {
     let logged = Vector3::new(275.0 + 5.0, 12.5 + 90.0 + 50.0, -10.0 - 600.0) * 0.1;
     assert!((undo.raw_ut(logged, Vector3::zeros()) - Vector3::new(10.0, 13.0, -40.0)).norm() < 1e-9);
     assert!((undo.correction.correct_field(Vector3::new(10.0, 13.0, -40.0), 0.0) - logged).norm() < 1e-9);
-    let motor = undo.motor_ut(1.0) * 10.0;
+    let motor = undo.motor_compensation_ut(1.0) * 10.0;
     assert!((motor - Vector3::new(0.0, 2.0, 0.0)).norm() < 1e-9);
     assert!((undo.raw_ut(logged + motor, motor) - Vector3::new(10.0, 13.0, -40.0)).norm() < 1e-9);
 }
@@ -58,7 +58,7 @@ fn px4s_correction_for_the_current_is_undone() {
             "{compensation_type}: {}",
             undo.correction.correct_field(raw, 20.0)
         );
-        assert!((undo.raw_ut(logged, undo.motor_ut(20.0)) - raw).norm() < 1e-9, "{compensation_type}");
+        assert!((undo.raw_ut(logged, undo.motor_compensation_ut(20.0)) - raw).norm() < 1e-9, "{compensation_type}");
     }
 }
 

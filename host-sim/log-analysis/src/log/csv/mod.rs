@@ -193,10 +193,10 @@ mod tests {
             decimal_commas.contains("line 2, beyond the last column (decimal commas need semicolons"),
             "{decimal_commas}"
         );
-        for (column_count, missing) in
+        for (rate_columns, missing) in
             [("q_dps,r_dps", "p_dps"), ("p_dps,r_dps", "q_dps"), ("q_dps,p_dps", "r_dps"), ("r_dps", "p_dps")]
         {
-            let error = error(&format!("t_s,mx,my,mz,roll_deg,pitch_deg,{column_count}\n"));
+            let error = error(&format!("t_s,mx,my,mz,roll_deg,pitch_deg,{rate_columns}\n"));
             assert_eq!(error, CsvError::MissingRateColumn(missing));
             assert!(error.to_string().starts_with(&format!("no column {missing};")), "{error}");
         }

@@ -40,9 +40,9 @@ fn the_gyro_bias_is_subtracted() {
     assert!(row.row_values.iter().zip(expected).all(|(rate, expected)| (rate - expected).abs() < 1e-6), "{row:?}");
 }
 
-/// CURR precedes BAT; a 2D fix is rejected; yaw 0 means a single antenna.
+/// CURR is the current message of logs before BAT; a 2D fix is rejected; yaw 0 means a single antenna.
 #[test]
-fn curr_precedes_bat_and_2d_fixes_are_rejected() {
+fn the_old_current_message_is_read_and_2d_fixes_are_rejected() {
     let fix = |time_us: f64, status: f64| {
         let position_columns =
             [("Lat", 48.0), ("Lng", 11.0), ("Alt", 500.0), ("Spd", 9.0), ("GCrs", 45.0), ("Yaw", 0.0)];
@@ -81,12 +81,12 @@ fn filter_attitude_replaces_a_missing_att_message() {
     second_core.1.push(("C", 1.0));
     let mut messages = vec![attitude_message("AHR2", 1e6, 20.0), attitude_message("XKF1", 1.05e6, 11.0), second_core];
     let flight = read_owned_messages(&messages);
-    assert_eq!((rolls(&flight), flight.attitude_source), (vec![11], Some("XKF1")));
+    assert_eq!((rolls(&flight), flight.fallback_attitude_message), (vec![11], Some("XKF1")));
     let flight = read_owned_messages(&messages[..1]);
-    assert_eq!((rolls(&flight), flight.attitude_source), (vec![20], Some("AHR2")));
+    assert_eq!((rolls(&flight), flight.fallback_attitude_message), (vec![20], Some("AHR2")));
     messages.push(attitude_message("ATT", 1.2e6, 10.0));
     let flight = read_owned_messages(&messages);
-    assert_eq!((rolls(&flight), flight.attitude_source), (vec![10], None));
+    assert_eq!((rolls(&flight), flight.fallback_attitude_message), (vec![10], None));
 }
 
 #[test]
@@ -103,7 +103,7 @@ fn the_best_substitute_attitude_is_used() {
         } else {
             attitude_message(name, time_us, 20.0)
         });
-        let best_source = read_owned_messages(&messages).attitude_source;
+        let best_source = read_owned_messages(&messages).fallback_attitude_message;
         assert_eq!(best_source, Some(name));
     }
     assert!(read_owned_messages(&[("XKQ".to_owned(), q(1e6, 1.0))]).attitude.is_empty());

@@ -51,7 +51,7 @@ fn fuzz_readers(input_count: usize) {
 }
 
 #[test]
-fn no_bytes_make_a_reader_panic() {
+fn damaged_and_random_logs_make_no_reader_panic() {
     fuzz_readers(400);
 }
 

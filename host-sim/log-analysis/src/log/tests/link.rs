@@ -100,12 +100,13 @@ fn log_40_s_after_boot(autopilot: MavAutopilot) -> Vec<u8> {
 }
 
 /// A message with all update flags; the default has acceleration only.
-const ALL_FIELDS_UPDATED: HIGHRES_IMU_DATA =
+const IMU_WITH_ALL_UPDATE_FLAGS: HIGHRES_IMU_DATA =
     HIGHRES_IMU_DATA { fields_updated: HighresImuUpdatedFlags::all(), ..HIGHRES_IMU_DATA::DEFAULT };
 
 /// Log of a started PX4: heartbeat, attitude and a HIGHRES_IMU message with a field in gauss.
 fn started_px4_log() -> Vec<u8> {
-    let field = HIGHRES_IMU_DATA { time_usec: 40_000_000, xmag: 0.2, ymag: -0.05, zmag: 0.4, ..ALL_FIELDS_UPDATED };
+    let field =
+        HIGHRES_IMU_DATA { time_usec: 40_000_000, xmag: 0.2, ymag: -0.05, zmag: 0.4, ..IMU_WITH_ALL_UPDATE_FLAGS };
     [log_40_s_after_boot(MavAutopilot::MAV_AUTOPILOT_PX4), encode_logged_frame(0, &field)].concat()
 }
 
@@ -129,7 +130,7 @@ fn zero_current_is_kept_and_negative_current_dropped() {
 
 /// The receiver's clock bridges at most two seconds.
 #[test]
-fn messages_without_time_follow_the_last_message_with_time() {
+fn messages_without_time_are_dated_by_the_receivers_clock() {
     let current =
         |at_us: u64| encode_logged_frame(at_us, &SYS_STATUS_DATA { current_battery: 100, ..Default::default() });
     for (at_us, after_s) in [(300_000, 0.3), (1_900_000, 1.9), (60_000_000, 2.0)] {
@@ -188,7 +189,7 @@ fn the_first_compass_is_raw_imu_for_ardupilot_and_scaled_imu_for_px4() {
 /// Some senders use Unix time in some messages.
 #[test]
 fn unix_times_are_not_used_as_time_since_boot() {
-    let field = HIGHRES_IMU_DATA { time_usec: 1_767_484_800_000_000, xmag: 0.2, ..ALL_FIELDS_UPDATED };
+    let field = HIGHRES_IMU_DATA { time_usec: 1_767_484_800_000_000, xmag: 0.2, ..IMU_WITH_ALL_UPDATE_FLAGS };
     let bytes = [log_40_s_after_boot(MavAutopilot::MAV_AUTOPILOT_PX4), encode_logged_frame(500_000, &field)].concat();
     let flight = read_bytes(&bytes).unwrap();
     let (row, attitude) = (flight.compasses[0].field.rows()[0], flight.attitude.rows()[0]);

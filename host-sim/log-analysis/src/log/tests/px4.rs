@@ -76,12 +76,12 @@ fn with_appended_messages(mut bytes: Vec<u8>, messages: &[(u8, Vec<u8>)]) -> Vec
     bytes
 }
 
-/// A subscription to a topic, and a row of it at a time in microseconds.
-fn subscription_and_row(message_id: u8, instance: u8, topic: &str) -> (u8, Vec<u8>) {
+/// Message that subscribes a message id to an instance of a topic.
+fn subscription_message(message_id: u8, instance: u8, topic: &str) -> (u8, Vec<u8>) {
     (b'A', [&[instance, message_id, 0], topic.as_bytes()].concat())
 }
 
-fn row(message_id: u8, at_us: u64, values: &[&[u8]]) -> (u8, Vec<u8>) {
+fn row_message(message_id: u8, at_us: u64, values: &[&[u8]]) -> (u8, Vec<u8>) {
     (b'D', [&[message_id, 0][..], &at_us.to_le_bytes(), &values.concat()].concat())
 }
 
@@ -101,10 +101,10 @@ fn a_compass_of_priority_zero_is_not_used() {
 fn the_current_of_the_first_battery_is_used() {
     let current = |amperes: f32| [&amperes.to_le_bytes()[..], &[1, 0, 0, 0]].concat();
     let messages = [
-        subscription_and_row(90, 0, "battery_status"),
-        subscription_and_row(91, 1, "battery_status"),
-        row(90, 70_000_000, &[&current(33.0)]),
-        row(91, 70_100_000, &[&current(2.0)]),
+        subscription_message(90, 0, "battery_status"),
+        subscription_message(91, 1, "battery_status"),
+        row_message(90, 70_000_000, &[&current(33.0)]),
+        row_message(91, 70_100_000, &[&current(2.0)]),
     ];
     let flight =
         read_bytes(&with_appended_messages(encode_ulog(&two_compass_recording(&PX4_PARAMETERS)), &messages)).unwrap();
@@ -120,15 +120,15 @@ fn gps_columns_are_read_by_their_new_names() {
     let fix = |at_us: u64, fix_type: u8| {
         let position_bytes = [48.0_f64, 11.3, 500.0].map(f64::to_le_bytes).concat();
         let speed_and_course = [12.0_f32, 0.5, 1.5].map(f32::to_le_bytes).concat();
-        row(90, at_us, &[&position_bytes, &speed_and_course, &[fix_type]])
+        row_message(90, at_us, &[&position_bytes, &speed_and_course, &[fix_type]])
     };
     let mut original = two_compass_recording(&PX4_PARAMETERS);
     original.start_position = None;
     let second = (b'D', [&[91, 0], &fix(70_400_000, 3).1[2..]].concat());
     let messages = [
         (b'F', format.as_bytes().to_vec()),
-        subscription_and_row(90, 0, "vehicle_gps_position"),
-        subscription_and_row(91, 1, "vehicle_gps_position"),
+        subscription_message(90, 0, "vehicle_gps_position"),
+        subscription_message(91, 1, "vehicle_gps_position"),
         fix(70_000_000, 2),
         fix(70_200_000, 3),
         second,
@@ -143,7 +143,7 @@ fn gps_columns_are_read_by_their_new_names() {
 #[test]
 fn a_vtol_is_no_copter() {
     for (is_vtol, is_copter) in [(0, true), (1, false)] {
-        let messages = [subscription_and_row(90, 0, "vehicle_status"), row(90, 70_000_000, &[&[1, is_vtol]])];
+        let messages = [subscription_message(90, 0, "vehicle_status"), row_message(90, 70_000_000, &[&[1, is_vtol]])];
         let flight =
             read_bytes(&with_appended_messages(encode_ulog(&two_compass_recording(&PX4_PARAMETERS)), &messages))
                 .unwrap();
@@ -156,8 +156,8 @@ fn a_vtol_is_no_copter() {
 fn an_arming_state_is_read() {
     let format = "vehicle_status:uint64_t timestamp;uint8_t arming_state;";
     let states = [(70, 1), (71, 2), (72, 5), (73, 2), (74, 3)];
-    let mut messages = vec![(b'F', format.as_bytes().to_vec()), subscription_and_row(90, 0, "vehicle_status")];
-    messages.extend(states.map(|(at_s, state)| row(90, at_s * 1_000_000, &[&[state]])));
+    let mut messages = vec![(b'F', format.as_bytes().to_vec()), subscription_message(90, 0, "vehicle_status")];
+    messages.extend(states.map(|(at_s, state)| row_message(90, at_s * 1_000_000, &[&[state]])));
     let flight =
         read_bytes(&with_appended_messages(encode_ulog(&two_compass_recording(&PX4_PARAMETERS)), &messages)).unwrap();
     let armed = [70.5, 71.5, 72.5, 73.5, 74.5].map(|t_s| flight.is_armed(t_s).unwrap());
@@ -170,8 +170,8 @@ fn a_sample_has_its_timestamp_sample() {
     let rates = [0.1_f32, 0.2, 0.3].map(f32::to_le_bytes).concat();
     let messages = [
         (b'F', format.as_bytes().to_vec()),
-        subscription_and_row(90, 0, "vehicle_angular_velocity"),
-        row(90, 70_100_000, &[&70_060_000_u64.to_le_bytes(), &rates]),
+        subscription_message(90, 0, "vehicle_angular_velocity"),
+        row_message(90, 70_100_000, &[&70_060_000_u64.to_le_bytes(), &rates]),
     ];
     let flight =
         read_bytes(&with_appended_messages(encode_ulog(&two_compass_recording(&PX4_PARAMETERS)), &messages)).unwrap();
@@ -188,10 +188,10 @@ fn sensor_mag_is_raw_since_1_11() {
     let level_quaternion = [1.0_f32, 0.0, 0.0, 0.0].map(f32::to_le_bytes).concat();
     let messages = [
         (b'F', format.as_bytes().to_vec()),
-        subscription_and_row(90, 0, "sensor_mag"),
-        subscription_and_row(91, 0, "vehicle_attitude"),
-        row(91, 70_000_000, &[&level_quaternion]),
-        row(90, 70_100_000, &[&396_809_u32.to_le_bytes(), &gauss]),
+        subscription_message(90, 0, "sensor_mag"),
+        subscription_message(91, 0, "vehicle_attitude"),
+        row_message(91, 70_000_000, &[&level_quaternion]),
+        row_message(90, 70_100_000, &[&396_809_u32.to_le_bytes(), &gauss]),
     ];
     for (minor, is_raw) in [(10, false), (11, true)] {
         let bytes = with_changed_messages(&encode_ulog(&empty_recording), &|message_type, body| {
@@ -212,7 +212,7 @@ fn sensor_mag_is_raw_since_1_11() {
 
 /// `sensor_mag` of the first compass is added in one sample of `stride`.
 fn with_sensor_mag(recording: &FlightRecording, stride: usize) -> Vec<u8> {
-    const TOPIC: [u8; 2] = [60, 0];
+    const SENSOR_MAG_ID: [u8; 2] = [60, 0];
     let (mut changed_log, bytes) = (Vec::new(), encode_ulog(recording));
     let (mut remaining, mut rows) = (&bytes[16..], 0);
     changed_log.extend(&bytes[..16]);
@@ -226,12 +226,12 @@ fn with_sensor_mag(recording: &FlightRecording, stride: usize) -> Vec<u8> {
         let (body, next) = after.split_at(usize::from(u16::from_le_bytes([*low, *high])));
         write(*kind, body);
         if *kind == b'A' && body[1] == 0 {
-            write(b'A', &[&[0], &TOPIC[..], b"sensor_mag"].concat());
+            write(b'A', &[&[0], &SENSOR_MAG_ID[..], b"sensor_mag"].concat());
         }
         if *kind == b'D' && body[..2] == [0, 0] {
             if rows % stride == 0 {
                 let gauss = recording.samples[rows].field_ut[0].map(|axis| ((axis / 100.0) as f32).to_le_bytes());
-                write(b'D', &[&TOPIC, &body[2..14], gauss.as_flattened()].concat());
+                write(b'D', &[&SENSOR_MAG_ID, &body[2..14], gauss.as_flattened()].concat());
             }
             rows += 1;
         }
@@ -276,7 +276,10 @@ fn an_estimator_attitude_replaces_a_missing_one() {
         });
     let [with_attitude, with_estimator] =
         [encode_ulog(&two_compass_recording(&PX4_PARAMETERS)), renamed].map(|bytes| read_bytes(&bytes).unwrap());
-    assert_eq!((with_attitude.attitude_source, with_estimator.attitude_source), (None, Some("estimator_attitude")));
+    assert_eq!(
+        (with_attitude.fallback_attitude_message, with_estimator.fallback_attitude_message),
+        (None, Some("estimator_attitude"))
+    );
     assert_eq!(with_attitude.attitude.rows(), with_estimator.attitude.rows());
 }
 

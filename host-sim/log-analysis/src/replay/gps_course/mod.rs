@@ -384,12 +384,12 @@ struct HeadingIntegral {
     /// Time, seconds, and integrated heading rate, radians.
     heading_by_time: Vec<(f64, f64)>,
     /// Times of the attitude rows with a bank above `MAX_BANK_DEG`, seconds.
-    banked_s: Vec<f64>,
+    banked_times_s: Vec<f64>,
 }
 
 impl HeadingIntegral {
     fn from_flight(flight: &Flight) -> Option<Self> {
-        let (mut nose, mut banked_s) = (Vec::new(), Vec::new());
+        let (mut nose, mut banked_times_s) = (Vec::new(), Vec::new());
         let mut last: Option<(f64, f64, f64)> = None;
         for row in flight.attitude.rows() {
             let [roll_rad, pitch_rad, _] = row.row_values;
@@ -397,7 +397,7 @@ impl HeadingIntegral {
             let Some(body_rates) = rates_rad_s.and_then(BodyRates::from_rad_s) else { continue };
             let motion = EulerRates::from_body_rates(body_rates, Attitude { roll_rad, pitch_rad });
             if wrap_pi(roll_rad).abs().to_degrees() > MAX_BANK_DEG {
-                banked_s.push(row.t_s);
+                banked_times_s.push(row.t_s);
             }
             let rate = f64::from(motion.heading_rad_s);
             let heading_integral = last.map_or(0.0, |(t_s, heading_integral, before)| {
@@ -406,13 +406,13 @@ impl HeadingIntegral {
             nose.push((row.t_s, heading_integral));
             last = Some((row.t_s, heading_integral, rate));
         }
-        (!nose.is_empty()).then_some(Self { heading_by_time: nose, banked_s })
+        (!nose.is_empty()).then_some(Self { heading_by_time: nose, banked_times_s })
     }
 
     /// Whether the aircraft flies straight around a time.
     fn is_straight(&self, t_s: f64) -> bool {
-        let from = self.banked_s.partition_point(|at_s| *at_s < t_s - MIN_STRAIGHT_S);
-        let is_banked = self.banked_s.get(from).is_some_and(|at_s| *at_s <= t_s + MIN_STRAIGHT_S);
+        let from = self.banked_times_s.partition_point(|at_s| *at_s < t_s - MIN_STRAIGHT_S);
+        let is_banked = self.banked_times_s.get(from).is_some_and(|at_s| *at_s <= t_s + MIN_STRAIGHT_S);
         let nose = |by_s: f64| self.integrated_heading_rad(t_s + by_s);
         let (Some(before), Some(now), Some(after)) = (nose(-MIN_STRAIGHT_S), nose(0.0), nose(MIN_STRAIGHT_S)) else {
             return false;

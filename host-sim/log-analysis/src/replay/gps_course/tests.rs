@@ -65,7 +65,7 @@ fn circle_headings(count: u16) -> impl Iterator<Item = f64> {
 }
 
 /// Legs of a heading and a duration in seconds, at 5 Hz.
-fn straight(legs: &[(f64, u16)]) -> Vec<GroundVelocity> {
+fn velocities_on_legs(legs: &[(f64, u16)]) -> Vec<GroundVelocity> {
     velocities_at_headings(
         20.0,
         0.0,
@@ -124,7 +124,7 @@ fn a_strong_wind_is_refused() {
         };
         let (fitted, straight) = (
             velocities_at_headings(20.0, 0.0, 1.0, circle_headings(600)),
-            straight(&[(2.0, 10), (122.0, 10), (242.0, 10)]),
+            velocities_on_legs(&[(2.0, 10), (122.0, 10), (242.0, 10)]),
         );
         let course = GpsCourseHeading::from_fitted_circle(
             &VelocityCircle { wind_m_s: wind, ..CIRCLE },
@@ -158,7 +158,7 @@ fn a_direction_counts_after_three_seconds_of_flight() {
         (&[(2.0, 10), (162.0, 10), (262.0, 10)], 160.0, false),
         (&[(2.0, 10), (182.0, 10)], 180.0, false),
     ] {
-        let straight = straight(legs);
+        let straight = velocities_on_legs(legs);
         let found_deg = widest_gap_deg(&straight, &CIRCLE);
         assert!((gap_deg - 0.1..gap_deg + 10.1).contains(&found_deg), "{legs:?}: {found_deg}");
         let course = GpsCourseHeading::from_fitted_circle(
@@ -170,7 +170,7 @@ fn a_direction_counts_after_three_seconds_of_flight() {
     }
     assert!((widest_gap_deg(&[], &CIRCLE) - 360.0).abs() < 1e-9);
     // A pause within a leg does not count as flown.
-    let mut paused = straight(&[(2.0, 10), (122.0, 10), (242.0, 2)]);
+    let mut paused = velocities_on_legs(&[(2.0, 10), (122.0, 10), (242.0, 2)]);
     paused[105..].iter_mut().for_each(|velocity| velocity.t_s += 10.0);
     assert!(widest_gap_deg(&paused, &CIRCLE) > 235.0);
 }
@@ -183,8 +183,11 @@ fn a_drifting_wind_is_uncertain() {
         let fitted = velocities_at_headings(20.0, drift_m_s, 1.0, circle_headings(1200));
         let sigma_m_s = VelocityCircle::wind_sigma_m_s(&fitted).unwrap();
         assert!((0.95..1.35).contains(&(sigma_m_s / (0.22 * drift_m_s))), "{drift_m_s}: {sigma_m_s}");
-        let course =
-            GpsCourseHeading::from_fitted_circle(&CIRCLE, &fitted, &straight(&[(2.0, 10), (122.0, 10), (242.0, 10)]));
+        let course = GpsCourseHeading::from_fitted_circle(
+            &CIRCLE,
+            &fitted,
+            &velocities_on_legs(&[(2.0, 10), (122.0, 10), (242.0, 10)]),
+        );
         assert_eq!(course.err(), (!is_certain).then_some(GpsCourseRejection::UncertainWind), "{drift_m_s}");
     }
 }
@@ -197,7 +200,7 @@ fn the_gyro_heading_must_follow_the_course() {
         let at = |(i, v): (usize, &GroundVelocity)| {
             (v.t_s, i as f64 * step_rad + if v.t_s > 60.0 { turned_rad } else { 0.0 })
         };
-        HeadingIntegral { heading_by_time: points.iter().enumerate().map(at).collect(), banked_s: Vec::new() }
+        HeadingIntegral { heading_by_time: points.iter().enumerate().map(at).collect(), banked_times_s: Vec::new() }
     };
     let velocities = velocities_at_headings(20.0, 0.0, 0.5, circle_headings(240));
     for (share, nose_turns_with_velocity) in [(1.0, true), (0.72, true), (0.68, false), (-1.0, false)] {

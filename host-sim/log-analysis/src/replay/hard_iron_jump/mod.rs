@@ -20,27 +20,27 @@ const WINDOW_S: f64 = 1.0;
 const MIN_WINDOW_ROWS: usize = 5;
 
 /// Longest interval between rows that the heading rate is integrated over, seconds.
-const MAX_STEP_S: f64 = 0.55;
+const MAX_ROW_INTERVAL_S: f64 = 0.55;
 
 /// Detection thresholds: size, microtesla; ratio to a quantile of all differences of the flight, which turbulence and
 /// vibration enlarge; fraction of the field strength per radian turned in both windows, the error of sampled rates.
 const MIN_JUMP_UT: f64 = 1.5;
 const REFERENCE_QUANTILE: f64 = 0.9;
 const MIN_QUANTILE_RATIO: f64 = 3.0;
-const MAX_FRACTION_PER_RADIAN: f64 = 0.04;
+const MAX_TURN_ERROR_PER_RADIAN: f64 = 0.04;
 
 /// Median norm of a vector of three normally distributed components, in standard deviations of one component.
 const MEDIAN_NORM_SIGMAS: f64 = 1.538;
 
 /// Largest number of jumps tested before, and after, the fitted rows: each test takes a pass over all rows.
-const MAX_JUMPS: usize = 8;
+const MAX_JUMPS_PER_DIRECTION: usize = 8;
 
 /// Longest duration beyond a jump in which its shift is tested, seconds; largest ratio of the residuals with the shift
 /// to those without it, or to those of the fitted rows. Residuals need not decrease: a shift along an axis that the
 /// tested rows do not observe leaves them equal.
-const TESTED_S: f64 = 30.0;
-const MAX_RESIDUAL_RATIO: f64 = 1.1;
-const MAX_FITTED_RESIDUAL_RATIO: f64 = 2.0;
+const MAX_TESTED_DURATION_S: f64 = 30.0;
+const MAX_SHIFTED_RESIDUAL_RATIO: f64 = 1.1;
+const MAX_RATIO_TO_FITTED_RESIDUAL: f64 = 2.0;
 
 /// Largest residual of the rows between a shifted jump and the next one: ratio to the residual of the fitted rows, or
 /// to the size of the jump, whose estimation error it contains.
@@ -51,7 +51,7 @@ const MAX_UNEXPLAINED_FRACTION: f64 = 0.4;
 const MIN_COMPENSATED_FRACTION: f64 = 0.5;
 
 /// Shortest duration of a temporary change, seconds: shorter ones affect few rows and are not of the aircraft's iron.
-const MIN_DURATION_S: f64 = 5.0;
+const MIN_TEMPORARY_CHANGE_S: f64 = 5.0;
 
 /// Largest norm of the sum of two changes that cancel each other, relative to the larger change.
 const MAX_CANCELLED_REMAINDER: f64 = 0.35;
@@ -61,7 +61,7 @@ const MAX_CANCELLED_REMAINDER: f64 = 0.35;
 pub fn find_jump_times_s(rows: &[ReplayRow], correction: &FieldCorrection) -> Vec<f64> {
     let search = JumpSearch::new(rows, correction);
     let jumps = search.jumps();
-    jumps.into_iter().map(|jump| search.rows[jump.at].t_s).collect()
+    jumps.into_iter().map(|jump| search.rows[jump.row_index].t_s).collect()
 }
 
 /// Correction with the rows that it fits.
@@ -69,9 +69,9 @@ pub struct FittedCorrection {
     /// The correction.
     pub correction: FieldCorrection,
     /// Times of the first and last row that it fits, seconds.
-    pub fitted_s: [f64; 2],
+    pub fitted_range_s: [f64; 2],
     /// Strength and downward component of the Earth's field, which the corrected field should have, microtesla.
-    pub earth_ut: [f64; 2],
+    pub earth_total_and_vertical_ut: [f64; 2],
 }
 
 /// Jumps of the raw field in usable rows, in order of time. Outward from the fitted rows, each jump is removed from the
@@ -85,13 +85,13 @@ pub fn find_jumps(rows: &[ReplayRow], fit: &FittedCorrection) -> Vec<HardIronSte
     for direction in [Direction::Later, Direction::Earlier] {
         found.extend(search.jumps_in(direction, fit));
     }
-    found.sort_by_key(|jump| jump.at);
-    remove_short_pairs(&mut found, &search.rows);
-    found.retain(|jump| !search.is_compensated(jump.at, &(to_raw * jump.step_ut)));
+    found.sort_by_key(|jump| jump.row_index);
+    remove_brief_temporary_changes(&mut found, &search.rows);
+    found.retain(|jump| !search.is_compensated(jump.row_index, &(to_raw * jump.step_ut)));
     found
         .into_iter()
         .map(|jump| HardIronStep {
-            time_s: search.rows[jump.at].t_s,
+            time_s: search.rows[jump.row_index].t_s,
             step_ut: (to_raw * jump.step_ut).into(),
             sigma_ut,
         })
@@ -100,15 +100,15 @@ pub fn find_jumps(rows: &[ReplayRow], fit: &FittedCorrection) -> Vec<HardIronSte
 
 /// Whether two steps cancel each other.
 #[must_use]
-pub fn is_cancelled(one_ut: &Vector3<f64>, other_ut: &Vector3<f64>) -> bool {
+pub fn cancel_each_other(one_ut: &Vector3<f64>, other_ut: &Vector3<f64>) -> bool {
     (one_ut + other_ut).norm() < MAX_CANCELLED_REMAINDER * one_ut.norm().max(other_ut.norm())
 }
 
-fn remove_short_pairs(jumps: &mut Vec<Jump>, rows: &[&ReplayRow]) {
+fn remove_brief_temporary_changes(jumps: &mut Vec<Jump>, rows: &[&ReplayRow]) {
     let mut i = 0;
     while let Some([one, other]) = jumps.get(i..i + 2) {
-        let is_short = rows[other.at].t_s - rows[one.at].t_s < MIN_DURATION_S;
-        if is_short && is_cancelled(&one.step_ut, &other.step_ut) {
+        let is_short = rows[other.row_index].t_s - rows[one.row_index].t_s < MIN_TEMPORARY_CHANGE_S;
+        if is_short && cancel_each_other(&one.step_ut, &other.step_ut) {
             jumps.drain(i..i + 2);
         } else {
             i += 1;
@@ -126,7 +126,7 @@ enum Direction {
 /// A jump at a row: the step of the corrected field, body axes, microtesla.
 #[derive(Clone, Copy)]
 struct Jump {
-    at: usize,
+    row_index: usize,
     step_ut: Vector3<f64>,
 }
 
@@ -162,7 +162,7 @@ impl<'a> JumpSearch<'a> {
             if let Some(before) = i.checked_sub(1).map(|before| rows[before]) {
                 let step_s = row.t_s - before.t_s;
                 heading_rad += step_s * (heading_rate_rad_s(before) + heading_rate_rad_s(row)) / 2.0;
-                turned += step_s * (turn_rate_rad_s(before) + turn_rate_rad_s(row)) / 2.0;
+                turned += step_s * (rotation_rate_rad_s(before) + rotation_rate_rad_s(row)) / 2.0;
             }
             let Attitude { roll_rad, pitch_rad } = row.attitude;
             rotations.push(Rotation3::from_euler_angles(roll_rad.into(), pitch_rad.into(), heading_rad));
@@ -176,8 +176,10 @@ impl<'a> JumpSearch<'a> {
 
     /// Whether the autopilot's own correction removes most of a jump of the raw field, such as interference by a
     /// current that the log need not contain.
-    fn is_compensated(&self, at: usize, raw_step_ut: &Vector3<f64>) -> bool {
-        let Some((before, after)) = self.window_before(at).zip(self.window_after(at)) else { return false };
+    fn is_compensated(&self, row_index: usize, raw_step_ut: &Vector3<f64>) -> bool {
+        let Some((before, after)) = self.window_before(row_index).zip(self.window_after(row_index)) else {
+            return false;
+        };
         let corrections_ut = |window: std::ops::Range<usize>| {
             let corrections =
                 self.rows[window].iter().map(|row| (row.logged_field.ut - row.raw_field.ut).map(f64::from));
@@ -189,75 +191,79 @@ impl<'a> JumpSearch<'a> {
     }
 
     fn update_differences(&mut self) {
-        for at in 0..self.rows.len() {
-            let (before, after) = (self.window_before(at), self.window_after(at));
-            self.differences[at] =
-                before.zip(after).map(|(before, after)| self.median_of(after) - self.median_of(before));
+        for row_index in 0..self.rows.len() {
+            let (before, after) = (self.window_before(row_index), self.window_after(row_index));
+            self.differences[row_index] = before
+                .zip(after)
+                .map(|(before, after)| self.median_level_field_ut(after) - self.median_level_field_ut(before));
         }
     }
 
     /// Rows within `WINDOW_S` from a row on; none if rows or rates are missing in it.
-    fn window_after(&self, at: usize) -> Option<std::ops::Range<usize>> {
-        let end_s = self.rows[at].t_s + WINDOW_S;
-        let mut last = at;
+    fn window_after(&self, row_index: usize) -> Option<std::ops::Range<usize>> {
+        let end_s = self.rows[row_index].t_s + WINDOW_S;
+        let mut last = row_index;
         while self.rows[last].t_s < end_s {
             let next = self.rows.get(last + 1)?;
-            if next.rates_rad_s.is_none() || next.t_s - self.rows[last].t_s > MAX_STEP_S {
+            if next.rates_rad_s.is_none() || next.t_s - self.rows[last].t_s > MAX_ROW_INTERVAL_S {
                 return None;
             }
             last += 1;
         }
-        (last - at >= MIN_WINDOW_ROWS).then_some(at..last)
+        (last - row_index >= MIN_WINDOW_ROWS).then_some(row_index..last)
     }
 
     /// Rows within `WINDOW_S` before a row; none if rows or rates are missing in it.
-    fn window_before(&self, at: usize) -> Option<std::ops::Range<usize>> {
-        let start_s = self.rows[at].t_s - WINDOW_S;
-        let mut first = at;
+    fn window_before(&self, row_index: usize) -> Option<std::ops::Range<usize>> {
+        let start_s = self.rows[row_index].t_s - WINDOW_S;
+        let mut first = row_index;
         while self.rows[first].t_s > start_s {
             let previous = self.rows[first.checked_sub(1)?];
-            if previous.rates_rad_s.is_none() || self.rows[first].t_s - previous.t_s > MAX_STEP_S {
+            if previous.rates_rad_s.is_none() || self.rows[first].t_s - previous.t_s > MAX_ROW_INTERVAL_S {
                 return None;
             }
             first -= 1;
         }
-        (at - first >= MIN_WINDOW_ROWS).then_some(first..at)
+        (row_index - first >= MIN_WINDOW_ROWS).then_some(first..row_index)
     }
 
     /// Median of each component of the fields of some rows, level frame, microtesla.
-    fn median_of(&self, window: std::ops::Range<usize>) -> Vector3<f64> {
+    fn median_level_field_ut(&self, window: std::ops::Range<usize>) -> Vector3<f64> {
         let levelled: Vec<Vector3<f64>> = window.map(|i| self.rotations[i] * self.fields[i]).collect();
         Vector3::from_fn(|axis, _| median(levelled.iter().map(|field| field[axis])))
     }
 
-    fn norms(&self) -> impl Iterator<Item = f64> + '_ {
+    fn difference_norms_ut(&self) -> impl Iterator<Item = f64> + '_ {
         self.differences.iter().flatten().map(Vector3::norm)
     }
 
     /// Standard deviation of a component of a difference, microtesla.
     fn sigma_ut(&self) -> f64 {
-        median(self.norms()) / MEDIAN_NORM_SIGMAS
+        median(self.difference_norms_ut()) / MEDIAN_NORM_SIGMAS
     }
 
     /// Differences above the detection thresholds that are the largest within `WINDOW_S`, in order of time.
     fn jumps(&self) -> Vec<Jump> {
-        let Some(reference_ut) = quantile(self.norms(), REFERENCE_QUANTILE) else { return Vec::new() };
+        let Some(reference_ut) = quantile(self.difference_norms_ut(), REFERENCE_QUANTILE) else { return Vec::new() };
         let least_ut = MIN_JUMP_UT.max(MIN_QUANTILE_RATIO * reference_ut);
-        let excess = |at: usize| {
-            let size_ut = self.differences[at]?.norm();
-            let rotation_sum_rad = self.rotation_sum_rad[self.window_after(at)?.end]
-                - self.rotation_sum_rad[self.window_before(at)?.start];
-            let limit_ut = least_ut.max(MAX_FRACTION_PER_RADIAN * rotation_sum_rad * self.fields[at].norm());
+        let excess = |row_index: usize| {
+            let size_ut = self.differences[row_index]?.norm();
+            let rotation_sum_rad = self.rotation_sum_rad[self.window_after(row_index)?.end]
+                - self.rotation_sum_rad[self.window_before(row_index)?.start];
+            let limit_ut = least_ut.max(MAX_TURN_ERROR_PER_RADIAN * rotation_sum_rad * self.fields[row_index].norm());
             (size_ut > limit_ut).then_some(size_ut)
         };
-        let over: Vec<(usize, f64)> = (0..self.rows.len()).filter_map(|at| Some((at, excess(at)?))).collect();
-        let is_peak = |(at, size_ut): &&(usize, f64)| {
-            let is_near = |other: usize| (self.rows[other].t_s - self.rows[*at].t_s).abs() <= WINDOW_S;
+        let over: Vec<(usize, f64)> =
+            (0..self.rows.len()).filter_map(|row_index| Some((row_index, excess(row_index)?))).collect();
+        let is_peak = |(row_index, size_ut): &&(usize, f64)| {
+            let is_near = |other: usize| (self.rows[other].t_s - self.rows[*row_index].t_s).abs() <= WINDOW_S;
             over.iter().filter(|(other, _)| is_near(*other)).all(|(_, other_ut)| other_ut <= size_ut)
         };
         over.iter()
             .filter(is_peak)
-            .filter_map(|&(at, _)| Some(Jump { at, step_ut: self.rotations[at].inverse() * self.differences[at]? }))
+            .filter_map(|&(row_index, _)| {
+                Some(Jump { row_index, step_ut: self.rotations[row_index].inverse() * self.differences[row_index]? })
+            })
             .collect()
     }
 
@@ -265,28 +271,29 @@ impl<'a> JumpSearch<'a> {
     fn jumps_in(&mut self, direction: Direction, fit: &FittedCorrection) -> Vec<Jump> {
         let mut found = Vec::new();
         let mut beyond_s = match direction {
-            Direction::Later => fit.fitted_s[1] - WINDOW_S,
-            Direction::Earlier => fit.fitted_s[0] + WINDOW_S,
+            Direction::Later => fit.fitted_range_s[1] - WINDOW_S,
+            Direction::Earlier => fit.fitted_range_s[0] + WINDOW_S,
         };
         let unshifted = Vector3::zeros();
-        let fitted_ut = self.residual_ut(self.rows_between(fit.fitted_s), &unshifted, &fit.earth_ut);
-        for _ in 0..MAX_JUMPS {
+        let fitted_ut =
+            self.residual_ut(self.rows_between(fit.fitted_range_s), &unshifted, &fit.earth_total_and_vertical_ut);
+        for _ in 0..MAX_JUMPS_PER_DIRECTION {
             let mut jumps = self.jumps();
             if direction == Direction::Earlier {
                 jumps.reverse();
             }
             let is_beyond = |jump: &Jump| match direction {
-                Direction::Later => self.rows[jump.at].t_s > beyond_s,
-                Direction::Earlier => self.rows[jump.at].t_s < beyond_s,
+                Direction::Later => self.rows[jump.row_index].t_s > beyond_s,
+                Direction::Earlier => self.rows[jump.row_index].t_s < beyond_s,
             };
             jumps.retain(is_beyond);
             let Some(&jump) = jumps.first() else { break };
-            beyond_s = self.rows[jump.at].t_s;
-            let next_s = jumps.get(1).map_or(f64::INFINITY, |next| (self.rows[next.at].t_s - beyond_s).abs());
-            let tested = self.tested_rows(&jump, direction, next_s.min(TESTED_S));
-            let unshifted_ut = self.residual_ut(tested.clone(), &unshifted, &fit.earth_ut);
-            let limit_ut = (MAX_RESIDUAL_RATIO * unshifted_ut).max(MAX_FITTED_RESIDUAL_RATIO * fitted_ut);
-            if self.residual_ut(tested, &jump.shift_ut(direction), &fit.earth_ut) <= limit_ut {
+            beyond_s = self.rows[jump.row_index].t_s;
+            let next_s = jumps.get(1).map_or(f64::INFINITY, |next| (self.rows[next.row_index].t_s - beyond_s).abs());
+            let tested = self.tested_rows(&jump, direction, next_s.min(MAX_TESTED_DURATION_S));
+            let unshifted_ut = self.residual_ut(tested.clone(), &unshifted, &fit.earth_total_and_vertical_ut);
+            let limit_ut = (MAX_SHIFTED_RESIDUAL_RATIO * unshifted_ut).max(MAX_RATIO_TO_FITTED_RESIDUAL * fitted_ut);
+            if self.residual_ut(tested, &jump.shift_ut(direction), &fit.earth_total_and_vertical_ut) <= limit_ut {
                 self.shift_beyond(&jump, direction);
                 found.push(jump);
             }
@@ -295,12 +302,13 @@ impl<'a> JumpSearch<'a> {
             Direction::Later => f64::INFINITY,
             Direction::Earlier => f64::NEG_INFINITY,
         };
-        let time_s = |i: usize| found.get(i).map_or(end_s, |jump: &Jump| self.rows[jump.at].t_s);
+        let time_s = |i: usize| found.get(i).map_or(end_s, |jump: &Jump| self.rows[jump.row_index].t_s);
         let is_explained = |i: usize| {
             let (one_s, other_s) = (time_s(i), time_s(i + 1));
             let beyond = self.rows_between([one_s.min(other_s), one_s.max(other_s)]);
             let limit_ut = MAX_UNEXPLAINED_FRACTION * found[i].step_ut.norm();
-            self.residual_ut(beyond, &unshifted, &fit.earth_ut) < limit_ut.max(MAX_EXPLAINED_RESIDUAL_RATIO * fitted_ut)
+            self.residual_ut(beyond, &unshifted, &fit.earth_total_and_vertical_ut)
+                < limit_ut.max(MAX_EXPLAINED_RESIDUAL_RATIO * fitted_ut)
         };
         // A missed or wrong jump causes false ones: from the first with unexplained residuals on, none is reported.
         let explained = (0..found.len()).take_while(|i| is_explained(*i)).count();
@@ -310,7 +318,7 @@ impl<'a> JumpSearch<'a> {
 
     /// Rows beyond a jump in the direction of the search, up to a duration in seconds.
     fn tested_rows(&self, jump: &Jump, direction: Direction, duration_s: f64) -> std::ops::Range<usize> {
-        let at_s = self.rows[jump.at].t_s;
+        let at_s = self.rows[jump.row_index].t_s;
         match direction {
             Direction::Later => self.rows_between([at_s, at_s + duration_s]),
             Direction::Earlier => self.rows_between([at_s - duration_s, at_s]),
@@ -323,15 +331,22 @@ impl<'a> JumpSearch<'a> {
     }
 
     /// Median deviation of strength and vertical component from the Earth's field, microtesla.
-    fn residual_ut(&self, rows: std::ops::Range<usize>, shift_ut: &Vector3<f64>, earth_ut: &[f64; 2]) -> f64 {
-        median(rows.flat_map(|i| absolute_residuals_ut(self.rows[i], &(self.fields[i] + shift_ut), earth_ut)))
+    fn residual_ut(
+        &self,
+        rows: std::ops::Range<usize>,
+        shift_ut: &Vector3<f64>,
+        earth_total_and_vertical_ut: &[f64; 2],
+    ) -> f64 {
+        median(rows.flat_map(|i| {
+            absolute_residuals_ut(self.rows[i], &(self.fields[i] + shift_ut), earth_total_and_vertical_ut)
+        }))
     }
 
     /// Removes a jump from the fields beyond it.
     fn shift_beyond(&mut self, jump: &Jump, direction: Direction) {
         let beyond = match direction {
-            Direction::Later => jump.at..self.rows.len(),
-            Direction::Earlier => 0..jump.at,
+            Direction::Later => jump.row_index..self.rows.len(),
+            Direction::Earlier => 0..jump.row_index,
         };
         self.fields[beyond].iter_mut().for_each(|field| *field += jump.shift_ut(direction));
         self.update_differences();
@@ -349,7 +364,7 @@ fn heading_rate_rad_s(row: &ReplayRow) -> f64 {
     rates.map_or(0.0, |rates| EulerRates::from_body_rates(rates, row.attitude).heading_rad_s.into())
 }
 
-fn turn_rate_rad_s(row: &ReplayRow) -> f64 {
+fn rotation_rate_rad_s(row: &ReplayRow) -> f64 {
     row.rates_rad_s.map_or(0.0, |rates| Vector3::from(rates).map(f64::from).norm())
 }
 

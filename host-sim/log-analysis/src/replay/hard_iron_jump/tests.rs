@@ -9,9 +9,9 @@ use super::*;
 const STRENGTH_UT: f32 = 50.0;
 const INCLINATION_DEG: f32 = 60.0;
 
-/// 180 s at 10 Hz with a bank of `bank_deg`, a turn of 10 deg/s and noise of 0.3 uT; hard iron of `moved_ut` along y
-/// while `is_moved`.
-fn rows(bank_deg: f32, moved_ut: f32, is_moved: impl Fn(f32) -> bool) -> Vec<ReplayRow> {
+/// 180 s at 10 Hz with a bank of `bank_deg`, turning at 10 deg/s, noise 0.3 uT; hard iron of `added_iron_ut` along y
+/// while `has_added_iron`.
+fn rows_with_added_iron(bank_deg: f32, added_iron_ut: f32, has_added_iron: impl Fn(f32) -> bool) -> Vec<ReplayRow> {
     let mut random = Random(1);
     let turn_rad_s = 10_f32.to_radians();
     let row_at = |i: u16| {
@@ -19,7 +19,7 @@ fn rows(bank_deg: f32, moved_ut: f32, is_moved: impl Fn(f32) -> bool) -> Vec<Rep
         let attitude = Attitude::from_deg(bank_deg, 0.0);
         let earth = Field::earth_field(STRENGTH_UT, INCLINATION_DEG.to_radians(), turn_rad_s * t_s);
         let noise = Vector3::from_fn(|_, _| random.normal() * 0.3);
-        let moved = Vector3::new(0.0, if is_moved(t_s) { moved_ut } else { 0.0 }, 0.0);
+        let moved = Vector3::new(0.0, if has_added_iron(t_s) { added_iron_ut } else { 0.0 }, 0.0);
         let field = Field::new(attitude.to_body_frame(earth).ut + noise + moved);
         let (sin_roll, cos_roll) = libm::sincosf(attitude.roll_rad);
         ReplayRow {
@@ -36,10 +36,17 @@ fn rows(bank_deg: f32, moved_ut: f32, is_moved: impl Fn(f32) -> bool) -> Vec<Rep
     (0..1800).map(row_at).collect()
 }
 
-fn found(rows: &[ReplayRow]) -> Vec<HardIronStep> {
+fn jumps_found_in(rows: &[ReplayRow]) -> Vec<HardIronStep> {
     let vertical_ut = f64::from(STRENGTH_UT * libm::sinf(INCLINATION_DEG.to_radians()));
-    let earth_ut = [STRENGTH_UT.into(), vertical_ut];
-    find_jumps(rows, &FittedCorrection { correction: FieldCorrection::identity(), fitted_s: [0.0, 60.0], earth_ut })
+    let earth_total_and_vertical_ut = [STRENGTH_UT.into(), vertical_ut];
+    find_jumps(
+        rows,
+        &FittedCorrection {
+            correction: FieldCorrection::identity(),
+            fitted_range_s: [0.0, 60.0],
+            earth_total_and_vertical_ut,
+        },
+    )
 }
 
 /// Asserts times to 0.5 s and steps to 1 uT: noise and a turn of 7 deg within the window blur a step.
@@ -56,39 +63,39 @@ fn assert_steps(found: &[HardIronStep], expected: &[(f64, f64)], about: &str) {
 fn a_step_is_found_up_to_the_last_two_seconds_and_on_any_bank() {
     for bank_deg in [0.0, 30.0] {
         for at_s in [90.0, 160.0, 178.0] {
-            let flown = rows(bank_deg, 4.0, |t_s| t_s >= at_s);
-            assert_steps(&found(&flown), &[(f64::from(at_s), 4.0)], &format!("{bank_deg} deg, {at_s} s"));
+            let flown = rows_with_added_iron(bank_deg, 4.0, |t_s| t_s >= at_s);
+            assert_steps(&jumps_found_in(&flown), &[(f64::from(at_s), 4.0)], &format!("{bank_deg} deg, {at_s} s"));
         }
     }
 }
 
 #[test]
-fn iron_that_comes_and_goes_is_two_steps_if_it_stays() {
-    let for_40_s = rows(20.0, 4.0, |t_s| (100.0..140.0).contains(&t_s));
-    assert_steps(&found(&for_40_s), &[(100.0, 4.0), (140.0, -4.0)], "40 s");
-    assert_steps(&found(&rows(20.0, 4.0, |t_s| (100.0..103.0).contains(&t_s))), &[], "3 s");
+fn temporary_iron_is_two_steps_unless_brief() {
+    let for_40_s = rows_with_added_iron(20.0, 4.0, |t_s| (100.0..140.0).contains(&t_s));
+    assert_steps(&jumps_found_in(&for_40_s), &[(100.0, 4.0), (140.0, -4.0)], "40 s");
+    assert_steps(&jumps_found_in(&rows_with_added_iron(20.0, 4.0, |t_s| (100.0..103.0).contains(&t_s))), &[], "3 s");
 }
 
 #[test]
 fn small_steps_spikes_and_gaps_are_no_jumps() {
-    assert_steps(&found(&rows(20.0, 1.0, |t_s| t_s >= 100.0)), &[], "1 uT");
-    let spikes = rows(20.0, 100.0, |t_s| (t_s * 10.0).round() % 50.0 == 0.0);
-    assert_steps(&found(&spikes), &[], "spikes of one row");
-    let mut gap = rows(20.0, 4.0, |t_s| t_s >= 100.0);
+    assert_steps(&jumps_found_in(&rows_with_added_iron(20.0, 1.0, |t_s| t_s >= 100.0)), &[], "1 uT");
+    let spikes = rows_with_added_iron(20.0, 100.0, |t_s| (t_s * 10.0).round() % 50.0 == 0.0);
+    assert_steps(&jumps_found_in(&spikes), &[], "spikes of one row");
+    let mut gap = rows_with_added_iron(20.0, 4.0, |t_s| t_s >= 100.0);
     gap.retain(|row| !(99.5..100.5).contains(&row.t_s));
-    assert_steps(&found(&gap), &[], "a step in a gap");
-    let mut without_rates = rows(20.0, 4.0, |t_s| t_s >= 100.0);
+    assert_steps(&jumps_found_in(&gap), &[], "a step in a gap");
+    let mut without_rates = rows_with_added_iron(20.0, 4.0, |t_s| t_s >= 100.0);
     for row in &mut without_rates {
         row.rates_rad_s = None;
     }
-    assert_steps(&found(&without_rates), &[], "no rates");
+    assert_steps(&jumps_found_in(&without_rates), &[], "no rates");
 }
 
 #[test]
-fn a_jump_that_the_autopilot_compensates_is_none() {
-    let mut compensated = rows(20.0, 4.0, |t_s| t_s >= 100.0);
-    for (row, unmoved) in compensated.iter_mut().zip(rows(20.0, 0.0, |_| false)) {
+fn a_jump_that_the_autopilot_compensates_is_not_reported() {
+    let mut compensated = rows_with_added_iron(20.0, 4.0, |t_s| t_s >= 100.0);
+    for (row, unmoved) in compensated.iter_mut().zip(rows_with_added_iron(20.0, 0.0, |_| false)) {
         row.logged_field = unmoved.logged_field;
     }
-    assert_steps(&found(&compensated), &[], "compensated");
+    assert_steps(&jumps_found_in(&compensated), &[], "compensated");
 }

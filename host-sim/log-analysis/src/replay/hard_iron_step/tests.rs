@@ -10,11 +10,11 @@ const FIRST_ROW_AFTER_STEP: u16 = 1007;
 
 /// 180 s of banks to 30 deg and pitch to 15 deg in 50 uT, with a step, white noise, and motor-current interference
 /// at 10 A before and 30 A after the step.
-fn rows(step_ut: Vector3<f32>, noise_ut: f32, motor_ut_per_a: Vector3<f32>, seed: u64) -> Vec<ReplayRow> {
-    rows_from(FIRST_ROW_AFTER_STEP, step_ut, noise_ut, motor_ut_per_a, seed)
+fn rows_with_step(step_ut: Vector3<f32>, noise_ut: f32, motor_ut_per_a: Vector3<f32>, seed: u64) -> Vec<ReplayRow> {
+    rows_with_step_at(FIRST_ROW_AFTER_STEP, step_ut, noise_ut, motor_ut_per_a, seed)
 }
 
-fn rows_from(
+fn rows_with_step_at(
     step_row: u16,
     step_ut: Vector3<f32>,
     noise_ut: f32,
@@ -45,7 +45,7 @@ fn rows_from(
 }
 
 fn find_simulated_step(step_ut: [f32; 3], noise_ut: f32, seed: u64) -> Option<HardIronStep> {
-    find_step(&rows(step_ut.into(), noise_ut, Vector3::zeros(), seed), &FieldCorrection::identity())
+    find_step(&rows_with_step(step_ut.into(), noise_ut, Vector3::zeros(), seed), &FieldCorrection::identity())
 }
 
 /// White noise: the standard deviation allows for ten correlated rows, so errors are a third of it.
@@ -88,7 +88,7 @@ fn each_axis_of_a_hard_iron_step_has_its_own_sigma() {
 #[test]
 fn a_hard_iron_step_needs_enough_rows() {
     for seed in 0..5 {
-        let all_rows = rows(Vector3::new(0.0, 3.0, 0.0), 1.0, Vector3::zeros(), seed);
+        let all_rows = rows_with_step(Vector3::new(0.0, 3.0, 0.0), 1.0, Vector3::zeros(), seed);
         let thinned_rows: Vec<ReplayRow> = all_rows.iter().step_by(12).copied().collect();
         assert!(
             find_step(&all_rows, &FieldCorrection::identity()).is_some()
@@ -101,7 +101,7 @@ fn a_hard_iron_step_needs_enough_rows() {
 #[test]
 fn motor_current_interference_is_not_a_hard_iron_step() {
     let motor_ut_per_a = Vector3::new(0.3, -0.2, 0.1);
-    let rows = rows(Vector3::zeros(), 0.3, motor_ut_per_a, 1);
+    let rows = rows_with_step(Vector3::zeros(), 0.3, motor_ut_per_a, 1);
     let correction = FieldCorrection { motor_ut_per_a: motor_ut_per_a.map(f64::from), ..FieldCorrection::identity() };
     assert_eq!(find_step(&rows, &correction), None);
     let change = find_step(&rows, &FieldCorrection::identity()).unwrap();
@@ -110,14 +110,14 @@ fn motor_current_interference_is_not_a_hard_iron_step() {
 
 #[test]
 fn unusable_rows_give_no_hard_iron_step() {
-    let mut rows = rows(Vector3::new(8.0, 0.0, 0.0), 0.3, Vector3::zeros(), 1);
+    let mut rows = rows_with_step(Vector3::new(8.0, 0.0, 0.0), 0.3, Vector3::zeros(), 1);
     rows.iter_mut().skip(usize::from(FIRST_ROW_AFTER_STEP)).for_each(|row| row.is_usable = false);
     assert_eq!(find_step(&rows, &FieldCorrection::identity()), None);
 }
 
 #[test]
 fn a_hard_iron_step_needs_six_seconds_of_rows_on_each_side() {
-    let all_rows = rows(Vector3::new(8.0, -4.0, 3.0), 0.1, Vector3::zeros(), 1);
+    let all_rows = rows_with_step(Vector3::new(8.0, -4.0, 3.0), 0.1, Vector3::zeros(), 1);
     let step_row = usize::from(FIRST_ROW_AFTER_STEP);
     for (around, is_found) in [(59, false), (61, true)] {
         let change = find_step(&all_rows[step_row - around..step_row + around], &FieldCorrection::identity());
@@ -130,7 +130,7 @@ fn a_hard_iron_step_needs_six_seconds_of_rows_on_each_side() {
 fn outliers_neither_cause_nor_hide_a_hard_iron_step() {
     for seed in 0..4 {
         let detected_step = |moved_ut: f32| {
-            let mut rows = rows(Vector3::new(moved_ut, 0.0, 0.0), 0.3, Vector3::zeros(), seed);
+            let mut rows = rows_with_step(Vector3::new(moved_ut, 0.0, 0.0), 0.3, Vector3::zeros(), seed);
             rows.iter_mut().skip(300).step_by(40).for_each(|row| row.raw_field.ut.y += 100.0);
             find_step(&rows, &FieldCorrection::identity())
         };
@@ -147,8 +147,8 @@ fn outliers_neither_cause_nor_hide_a_hard_iron_step() {
 fn a_step_that_does_not_reduce_the_scatter_is_not_reported() {
     for seed in 0..3 {
         let detected_step = |moved_ut: f32| {
-            let both_flights =
-                [seed, seed + 10].map(|seed| rows(Vector3::new(0.0, moved_ut, 0.0), 1.0, Vector3::zeros(), seed));
+            let both_flights = [seed, seed + 10]
+                .map(|seed| rows_with_step(Vector3::new(0.0, moved_ut, 0.0), 1.0, Vector3::zeros(), seed));
             let mut rows = both_flights.concat();
             rows.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
             find_step(&rows, &FieldCorrection::identity())
@@ -166,7 +166,7 @@ fn a_hard_iron_step_in_a_tenth_of_the_rows_is_found() {
         {
             for seed in 0..4 {
                 let step_ut = Vector3::new(moved_ut, 0.0, 0.0);
-                let rows = rows_from(step_row, step_ut, noise_ut, Vector3::zeros(), seed);
+                let rows = rows_with_step_at(step_row, step_ut, noise_ut, Vector3::zeros(), seed);
                 // The correction fits the majority of the rows.
                 let centre_ut = if step_row < FIRST_ROW_AFTER_STEP { step_ut.map(f64::from) } else { Vector3::zeros() };
                 let change =

@@ -13,7 +13,7 @@ fn level_flight(seconds: i32) -> Flight {
 }
 
 /// Readings of 20, 0, 40 uT over an interval in seconds.
-fn compass(from_s: i32, to_s: i32) -> Compass {
+fn compass_with_readings(from_s: i32, to_s: i32) -> Compass {
     let mut compass = Compass { compass_number: 1, ..Compass::default() };
     for i in 10 * from_s..10 * to_s {
         compass.field.push_row(f64::from(i) / 10.0, [20.0, 0.0, 40.0, 20.0, 0.0, 40.0]);
@@ -22,7 +22,7 @@ fn compass(from_s: i32, to_s: i32) -> Compass {
 }
 
 /// First and last time of usable rows, and the number of unusable rows.
-fn usable_range(flight: &Flight, compass: &Compass, latency_s: f64) -> ([f64; 2], usize) {
+fn usable_range_and_unusable_count(flight: &Flight, compass: &Compass, latency_s: f64) -> ([f64; 2], usize) {
     let (rows, row_counts) = build_rows(flight, compass, latency_s, None);
     let used_s: Vec<f64> = rows.iter().filter(|row| row.is_usable).map(|row| row.t_s).collect();
     assert_eq!(used_s.len(), row_counts.used);
@@ -32,22 +32,22 @@ fn usable_range(flight: &Flight, compass: &Compass, latency_s: f64) -> ([f64; 2]
 /// A log that was never armed is used whole.
 #[test]
 fn disarmed_rows_are_excluded_if_the_log_was_ever_armed() {
-    let (mut flight, compass) = (level_flight(30), compass(0, 30));
+    let (mut flight, compass) = (level_flight(30), compass_with_readings(0, 30));
     for (armed, unused) in [(vec![], 0), (vec![(0.0, false)], 0), (vec![(10.05, true), (20.05, false)], 200)] {
         flight.armed_changes = armed;
-        assert_eq!(usable_range(&flight, &compass, 0.0).1, unused, "{:?}", flight.armed_changes);
+        assert_eq!(usable_range_and_unusable_count(&flight, &compass, 0.0).1, unused, "{:?}", flight.armed_changes);
     }
     assert_eq!(build_rows(&flight, &compass, 0.0, None).1.disarmed, 200);
 }
 
 #[test]
 fn excluded_rows_are_selected_by_their_logged_time() {
-    let (mut flight, compass) = (level_flight(30), compass(1, 21));
+    let (mut flight, compass) = (level_flight(30), compass_with_readings(1, 21));
     for i in 10..210 {
         flight.row_usability.push_row(f64::from(i) / 10.0, [if i < 60 { 0.0 } else { 1.0 }]);
     }
     let latency_s = 0.45;
-    let ([from_s, to_s], unused) = usable_range(&flight, &compass, latency_s);
+    let ([from_s, to_s], unused) = usable_range_and_unusable_count(&flight, &compass, latency_s);
     assert!((from_s - (6.0 - latency_s)).abs() < 1e-6 && (to_s - (20.9 - latency_s)).abs() < 1e-6, "{from_s} {to_s}");
     assert_eq!((unused, build_rows(&flight, &compass, latency_s, None).1.excluded), (50, 50));
 }
@@ -63,7 +63,7 @@ fn rows_before_and_after_the_movement_are_excluded() {
             let gps = Gps { latitude_deg: 48.0, longitude_deg: 11.0, height_m: 0.0, speed_m_s, course_deg, yaw_deg };
             flight.gps.push_row(f64::from(i), gps.columns());
         }
-        let (span_s, left_out) = usable_range(&flight, &compass(0, 100), 0.0);
+        let (span_s, left_out) = usable_range_and_unusable_count(&flight, &compass_with_readings(0, 100), 0.0);
         assert!(left_out.abs_diff(unused) <= 1, "{m_s} m/s, {moves_s} s: {span_s:?} {left_out}");
         assert!(unused == 0 || (span_s[0] - 30.0).abs() < 0.11 && (span_s[1] - 55.0).abs() < 0.11, "{span_s:?}");
     }
@@ -116,7 +116,7 @@ fn attitude_jumps_without_rates_are_excluded() {
             flight.attitude.push_row(t_s, [if t_s > jump_s - 0.01 { by_deg.to_radians() } else { 0.0 }, 0.0, 0.0]);
             flight.body_rates.push_row(t_s, [if is_jump { rate_deg_s.to_radians() } else { 0.0 }, 0.0, 0.0]);
         }
-        build_rows(&flight, &compass(0, 199), 0.0, None).1.contradicting_attitude
+        build_rows(&flight, &compass_with_readings(0, 199), 0.0, None).1.contradicting_attitude
     };
     // Readings are rejected until the jump has left the window.
     assert!((105..=115).contains(&unsettled_by(10.0, 5.0, 0.0)), "{}", unsettled_by(10.0, 5.0, 0.0));
@@ -136,7 +136,7 @@ fn tilt_may_change_by_twice_the_rates() {
             flight.attitude.push_row(f64::from(i) / 10.0, [roll_deg.to_radians(), 0.0, 0.0]);
             flight.body_rates.push_row(f64::from(i) / 10.0, [5_f32.to_radians(), 0.0, 0.0]);
         }
-        let unsettled = build_rows(&flight, &compass(0, 99), 0.0, None).1.contradicting_attitude;
+        let unsettled = build_rows(&flight, &compass_with_readings(0, 99), 0.0, None).1.contradicting_attitude;
         assert_eq!(unsettled == 0, is_flown, "{roll_deg_s} deg/s: {unsettled}");
     }
 }
@@ -159,7 +159,7 @@ fn a_jump_soon_after_a_gap_is_alignment() {
                 flight.body_rates.push_row(t_s, [0.0; 3]);
             }
         }
-        let unsettled = build_rows(&flight, &compass(0, 199), 0.0, None).1.contradicting_attitude;
+        let unsettled = build_rows(&flight, &compass_with_readings(0, 199), 0.0, None).1.contradicting_attitude;
         assert!(expected.contains(&unsettled), "a gap of {name}: {unsettled}");
     }
 }
@@ -202,7 +202,7 @@ fn a_current_is_known_within_three_seconds_of_a_report() {
     for (t_s, current_a) in [(1.45, Some(15.0)), (7.0, None), (14.9, Some(30.0)), (15.1, None)] {
         assert_eq!(current_at(&flight, t_s), current_a, "{t_s}");
     }
-    let (mut rows, _) = build_rows(&flight, &compass(0, 30), 0.0, None);
+    let (mut rows, _) = build_rows(&flight, &compass_with_readings(0, 30), 0.0, None);
     let correction = FieldCorrection { motor_ut_per_a: Vector3::new(0.5, 0.0, -0.25), ..FieldCorrection::identity() };
     let mut corrected = |current_a| {
         rows[0].current_a = current_a;
@@ -221,6 +221,6 @@ fn a_jump_of_the_attitude_drops_the_rows_about_it() {
         flight.attitude.push_row(f64::from(i) / 10.0, [roll_rad, 0.0, 0.0]);
         flight.body_rates.push_row(f64::from(i) / 10.0, [0.0, 0.0, 0.3]);
     }
-    let counts = build_rows(&flight, &compass(0, 99), 0.0, None).1;
+    let counts = build_rows(&flight, &compass_with_readings(0, 99), 0.0, None).1;
     assert!((3..=5).contains(&counts.contradicting_attitude), "{counts:?}");
 }

@@ -2,7 +2,7 @@ use super::*;
 use crate::log::LogFormat;
 use crate::replay::data_loss;
 
-fn with_gaps(step_s: f64, gap_stride: usize, gap_s: f64) -> Option<f64> {
+fn rate_loss_with_gaps(step_s: f64, gap_stride: usize, gap_s: f64) -> Option<f64> {
     let mut flight = Flight::new(LogFormat::ULog);
     let mut t_s = 0.0;
     for i in 1..=1001 {
@@ -15,10 +15,10 @@ fn with_gaps(step_s: f64, gap_stride: usize, gap_s: f64) -> Option<f64> {
 /// A step up to 1.5 times the median, or up to 0.15 s, is no gap.
 #[test]
 fn a_rate_loss_above_4_percent_is_reported() {
-    assert_eq!(with_gaps(0.1, 30, 0.2), None);
-    assert!((with_gaps(0.1, 20, 0.2).unwrap() - 0.05).abs() < 1e-6);
+    assert_eq!(rate_loss_with_gaps(0.1, 30, 0.2), None);
+    assert!((rate_loss_with_gaps(0.1, 20, 0.2).unwrap() - 0.05).abs() < 1e-6);
     for (step_s, gap_s, is_lost) in [(0.2, 0.28, false), (0.2, 0.32, true), (0.02, 0.14, false), (0.02, 0.16, true)] {
-        assert_eq!(with_gaps(step_s, 10, gap_s).is_some(), is_lost, "{gap_s} s among {step_s} s");
+        assert_eq!(rate_loss_with_gaps(step_s, 10, gap_s).is_some(), is_lost, "{gap_s} s among {step_s} s");
     }
 }
 

@@ -34,7 +34,7 @@ fn compass_of_flown_turns() -> (Flight, CompassEvaluation) {
     (flight, compass)
 }
 
-fn verdict(compasses: Vec<CompassEvaluation>) -> FlightEvaluation {
+fn evaluation_of_compasses(compasses: Vec<CompassEvaluation>) -> FlightEvaluation {
     FlightEvaluation { compasses, ..FLOWN_TURNS.1.clone() }
 }
 

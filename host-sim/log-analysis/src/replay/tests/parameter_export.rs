@@ -16,7 +16,7 @@ fn export_module(compass: &CompassEvaluation, format: ParameterFormat) -> Export
 
 /// ArduPilot's limit is 1800 mG or `COMPASS_OFFS_MAX`.
 #[test]
-fn offsets_beyond_ardupilots_limit_are_not_exported() {
+fn offsets_beyond_ardupilots_limit_are_detected() {
     for (format, max_offset_mg, offset_mg, is_exceeded) in [
         (ParameterFormat::ArduPilot, None, 1780.0, false),
         (ParameterFormat::ArduPilot, None, 1820.0, true),
@@ -32,7 +32,7 @@ fn offsets_beyond_ardupilots_limit_are_not_exported() {
         let mut export = export_module(&compass, format);
         export.correction.hard_iron_ut.x = offset_mg / 10.0;
         assert_eq!(
-            export.exceeded_offset_mg(&flight, format).is_some(),
+            export.exceeded_offset_limit_mg(&flight, format).is_some(),
             is_exceeded,
             "{format:?} {max_offset_mg:?} {offset_mg}"
         );
@@ -131,7 +131,7 @@ fn export_with_rotation(compass_number: u8, rotation_number: f64) -> ExportedCor
     ExportedCorrection {
         compass_number,
         correction: FieldCorrection::identity(),
-        rotation: turned,
+        rotation_from_logged: turned,
         heading_loss_deg: [0.0; 2],
         fitted_range_s: None,
         held_back_score: None,

@@ -6,7 +6,7 @@ fn warning_texts(flight: &Flight, evaluation: &FlightEvaluation) -> Vec<String> 
     LogWarning::warnings_of_flight(flight, evaluation).iter().map(ToString::to_string).collect()
 }
 
-fn outcome_of_two(change: impl Fn(&mut CompassEvaluation)) -> String {
+fn outcome_text_of_two_compasses(change: impl Fn(&mut CompassEvaluation)) -> String {
     let (_, first) = compass_of_flown_turns();
     let mut first = CompassEvaluation { compass_number: 1, ..first };
     first.module_result.collection_end_s = Some(40.0 - first.rows[0].t_s);
@@ -15,13 +15,15 @@ fn outcome_of_two(change: impl Fn(&mut CompassEvaluation)) -> String {
         compass.module_result.solution.as_mut().unwrap().quality.expected_rms_deg = expected_deg;
     }
     change(&mut second);
-    FlightOutcome::new(&verdict(vec![first, second])).to_string()
+    FlightOutcome::new(&evaluation_of_compasses(vec![first, second])).to_string()
 }
 
 #[test]
 fn a_verdict_reports_the_worst_compass_s_time_and_accuracy() {
     let verdict_at = |at_s: Option<f64>| {
-        outcome_of_two(|second| second.module_result.collection_end_s = at_s.map(|at_s| at_s - second.rows[0].t_s))
+        outcome_text_of_two_compasses(|second| {
+            second.module_result.collection_end_s = at_s.map(|at_s| at_s - second.rows[0].t_s);
+        })
     };
     assert!(verdict_at(Some(40.0)).ends_with("each of 2 compasses by itself at 40 s of the log, expecting 0.9 deg"));
     // Times less than 1.5 s apart are reported as one.
@@ -33,7 +35,7 @@ fn a_verdict_reports_the_worst_compass_s_time_and_accuracy() {
         "{}",
         verdict_at(None)
     );
-    let refused = outcome_of_two(|second| {
+    let refused = outcome_text_of_two_compasses(|second| {
         (second.module_result.acceptance, second.module_result.collection_end_s) = (REFUSED_SOLVE, None);
     });
     assert!(refused.contains("1 of 2 compasses (number 1) by itself at 40 s of the log, expecting 0.5"), "{refused}");
@@ -59,7 +61,7 @@ fn a_log_with_under_20_usable_rows_is_the_cause_of_a_refusal() {
         compass.row_counts =
             RowCounts { readings, used: used_count, disarmed: readings - used_count, ..RowCounts::default() };
         let module_refusal = compass.module_result.acceptance.as_ref().unwrap_err().to_string();
-        FlightOutcome::new(&verdict(vec![compass])).to_string().replace(&module_refusal, "its own")
+        FlightOutcome::new(&evaluation_of_compasses(vec![compass])).to_string().replace(&module_refusal, "its own")
     };
     assert!(refused(19, 19).ends_with("the log has 19 readings of the field, too few for a flight"));
     assert!(refused(20, 19).ends_with("of 20 readings of the field 19 are usable; 1 are disarmed"));
@@ -80,16 +82,18 @@ fn the_refusal_of_the_compass_closest_to_acceptance_is_reported() {
         (10, format!("the module would have refused each of 2 compasses; number 2 came nearest: {refusal}")),
     ] {
         assert_eq!(
-            FlightOutcome::new(&verdict(vec![compass_with(1, readings), compass_with(2, 900)])).to_string(),
+            FlightOutcome::new(&evaluation_of_compasses(vec![compass_with(1, readings), compass_with(2, 900)]))
+                .to_string(),
             expected_text
         );
     }
 }
 
-fn strength_warning(radius_ut: f64, earth_ut: Option<f32>) -> String {
+fn strength_warning(sphere_radius_ut: f64, earth_ut: Option<f32>) -> String {
     use autoswing::earth::{Date, EarthField, Position};
     let (flight, compass) = compass_of_flown_turns();
-    let mut verdict = verdict(vec![CompassEvaluation { radius_ut: Some(radius_ut), ..compass }]);
+    let mut verdict =
+        evaluation_of_compasses(vec![CompassEvaluation { sphere_radius_ut: Some(sphere_radius_ut), ..compass }]);
     verdict.earth_field = earth_ut.map(|total_ut| {
         let field = EarthField::from_model(
             Position::new(48.0, 11.3, 500.0).unwrap(),
@@ -124,7 +128,7 @@ fn missing_parameters_are_reported() {
         for name in names {
             flight.parameters.set_value(0.0, name, 1.0);
         }
-        warning_texts(&flight, &verdict(vec![compass]))
+        warning_texts(&flight, &evaluation_of_compasses(vec![compass]))
             .into_iter()
             .filter(|note| note.contains("parameters"))
             .collect::<Vec<_>>()

@@ -13,7 +13,7 @@ impl Verdict<'_> {
     #[must_use]
     pub fn key_facts(&self, compass: &CompassVerdict<'_>) -> Vec<[String; 2]> {
         let sent_percent = compass.sent_percent();
-        let CompassVerdict { evaluation: compass, judgement, outcome, parameters } = compass;
+        let CompassVerdict { evaluation: compass, judgement, module_outcome, parameters } = compass;
         let mut facts: Vec<[String; 2]> = Vec::new();
         let mut add_fact = |name: &str, value: String| facts.push([name.to_owned(), value]);
         if let Some(is_used) = compass.is_used_for_heading {
@@ -45,7 +45,7 @@ impl Verdict<'_> {
             Ok(_) => {}
             Err(no_parameters) => add_fact("parameters", format!("none: {no_parameters}")),
         }
-        add_fact("module", outcome.to_string());
+        add_fact("module", module_outcome.to_string());
         if let Some(percent) = sent_percent {
             add_fact("module's headings", format!("in {} % of the flight", format_number(percent, 0)));
         }
@@ -71,10 +71,15 @@ impl Verdict<'_> {
         if compass.row_counts.readings > 0 {
             add_fact("field", format!("{rate_text} times a second, {age} ms old at its time stamp ({source})"));
         }
-        if let (Some((earth, is_valid)), Some(radius_ut)) = (&self.evaluation.earth_field, compass.radius_ut) {
+        if let (Some((earth, is_valid)), Some(sphere_radius_ut)) =
+            (&self.evaluation.earth_field, compass.sphere_radius_ut)
+        {
             let year = if *is_valid { "" } else { ", of another year" };
             let model = format_number(f64::from(earth.total_ut), 1);
-            add_fact("strength", format!("{} uT, {model} by the field model{year}", format_number(radius_ut, 1)));
+            add_fact(
+                "strength",
+                format!("{} uT, {model} by the field model{year}", format_number(sphere_radius_ut, 1)),
+            );
         }
         let rejected: Vec<String> =
             compass.row_counts.rejection_texts().into_iter().map(|rejected| format!("; {rejected}")).collect();
@@ -128,7 +133,11 @@ fn add_solution_facts(solution: &Solution, add_fact: &mut dyn FnMut(&str, String
         let [now, then] = [advice.expected_deg, advice.expected_after_deg].map(format_deg);
         add_fact(
             "least certain",
-            format!("{} deviation ({} deg)", advice.weakest_deviation.deviation_name(), format_deg(advice.weakest_deg)),
+            format!(
+                "{} deviation ({} deg)",
+                advice.weakest_deviation.deviation_name(),
+                format_deg(advice.weakest_deviation_deg)
+            ),
         );
         add_fact("would help most", format!("{} ({now} to {then} deg)", advice.manoeuvre));
     }

@@ -17,7 +17,7 @@ pub struct Verdict<'a> {
     /// Evaluation of the flight.
     pub evaluation: &'a FlightEvaluation,
     /// Whether the module would have calibrated.
-    pub outcome: FlightOutcome,
+    pub module_outcome: FlightOutcome,
     /// Warnings about the log.
     pub log_warnings: Vec<LogWarning>,
     /// The compasses, by number.
@@ -34,7 +34,7 @@ pub struct CompassVerdict<'a> {
     /// State of the compass, and what to do with it.
     pub judgement: CompassJudgement,
     /// Whether the module would have calibrated the compass.
-    pub outcome: CompassOutcome,
+    pub module_outcome: CompassOutcome,
     /// Parameters to load, or the reason for giving none.
     pub parameters: Result<ExportedCorrection, NoParameters>,
 }
@@ -51,14 +51,14 @@ impl<'a> Verdict<'a> {
             CompassVerdict {
                 evaluation: compass,
                 judgement: CompassJudgement::new(evaluation, compass, failure, &parameters),
-                outcome: CompassOutcome::new(compass),
+                module_outcome: CompassOutcome::new(compass),
                 parameters,
             }
         };
         Self {
             flight,
             evaluation,
-            outcome: FlightOutcome::new(evaluation),
+            module_outcome: FlightOutcome::new(evaluation),
             log_warnings: LogWarning::warnings_of_flight(flight, evaluation),
             compasses: evaluation.compasses.iter().map(compass).collect(),
             parameter_format: format,
@@ -67,8 +67,8 @@ impl<'a> Verdict<'a> {
 
     /// Whether the module would have calibrated a compass.
     #[must_use]
-    pub const fn is_accepted(&self) -> bool {
-        matches!(self.outcome, FlightOutcome::Calibrated { .. })
+    pub const fn would_module_calibrate(&self) -> bool {
+        matches!(self.module_outcome, FlightOutcome::Calibrated { .. })
     }
 
     /// The compasses, those in use first.
@@ -86,13 +86,13 @@ impl<'a> Verdict<'a> {
 
     /// State of the compass in use; bad without any.
     #[must_use]
-    pub fn compass_state(&self) -> CompassState {
+    pub fn state_of_compass_in_use(&self) -> CompassState {
         self.compasses_in_use_first().first().map_or(CompassState::Bad, |compass| compass.judgement.compass_state)
     }
 
     /// Whether the compass in use is good, or has parameters to load.
     #[must_use]
-    pub fn is_solved(&self) -> bool {
+    pub fn is_good_or_correctable(&self) -> bool {
         self.compasses_in_use_first().first().is_some_and(|compass| {
             compass.judgement.compass_state == CompassState::Good
                 || compass.judgement.recommended_action == CompassAction::LoadParameters
@@ -125,7 +125,7 @@ impl<'a> Verdict<'a> {
 
     /// RMS less mean against the reference by correction and compass, degrees; corrections without any are omitted.
     #[must_use]
-    pub fn comparison_deg(&self) -> Vec<(&'static str, Vec<Option<f64>>)> {
+    pub fn rms_by_correction_deg(&self) -> Vec<(&'static str, Vec<Option<f64>>)> {
         let rows = CorrectionSource::ALL_SOURCES.map(|source| {
             let rms_deg = |compass: &CompassEvaluation| Some(compass.correction_from(source)?.score?.rms_deg);
             (source.source_name(), self.evaluation.compasses.iter().map(rms_deg).collect::<Vec<_>>())

@@ -12,7 +12,7 @@ use crate::replay::parameter_export::ExportedCorrection;
 use crate::replay::{HeadingScore, ReplayResult, RowCounts};
 
 /// Version of the JSON schema.
-const SCHEMA: u32 = 3;
+const SCHEMA_VERSION: u32 = 3;
 
 impl Verdict<'_> {
     /// The verdict as a JSON object.
@@ -21,12 +21,12 @@ impl Verdict<'_> {
         let Self { flight, evaluation, .. } = self;
         let [from_s, to_s] = flight.time_range_s();
         json!({
-            "schema": SCHEMA,
+            "schema": SCHEMA_VERSION,
             "verdict": self.summary_sentences().join(" "),
-            "state": self.compass_state(),
+            "state": self.state_of_compass_in_use(),
             "in_use": self.compasses_in_use_first().first().map(|compass| compass.evaluation.compass_number),
-            "module_verdict": self.outcome,
-            "accepted": self.is_accepted(),
+            "module_verdict": self.module_outcome,
+            "accepted": self.would_module_calibrate(),
             "log": {
                 "format": flight.log_format.format_name(),
                 "autopilot": flight.autopilot,
@@ -89,7 +89,7 @@ impl CompassVerdict<'_> {
             "field_hz": round_to(1.0 / compass.reading_interval_s, 2),
             "field_age_ms": round_to(compass.latency.used_s * 1e3, 1),
             "field_age_sigma_ms": compass.latency.sigma_s.map(|s| round_to(s * 1e3, 1)),
-            "field_ut": compass.radius_ut.map(|ut| round_to(ut, 2)),
+            "field_ut": compass.sphere_radius_ut.map(|ut| round_to(ut, 2)),
             "rows": Rows { counted: compass.row_counts, fitted: compass.module_result.sample_count },
             "calibrated_s": compass.calibration_time_s().map(|s| round_to(s, 1)),
             "module": result_json(&compass.module_result),
@@ -142,13 +142,13 @@ fn result_json(result: &ReplayResult) -> Value {
 }
 
 fn score_json(score: &HeadingScore) -> Value {
-    let has_sigma = score.within_percent[1] > 0.0;
+    let has_sigma = score.within_sigmas_percent[1] > 0.0;
     json!({
         "heading_rms_deg": round_to(score.rms_deg, 3),
         "heading_mean_deg": round_to(score.mean_deg, 3),
         "rows": score.row_count,
-        "within_one_sigma_percent": has_sigma.then(|| round_to(score.within_percent[0], 1)),
-        "within_two_sigma_percent": has_sigma.then(|| round_to(score.within_percent[1], 1)),
+        "within_one_sigma_percent": has_sigma.then(|| round_to(score.within_sigmas_percent[0], 1)),
+        "within_two_sigma_percent": has_sigma.then(|| round_to(score.within_sigmas_percent[1], 1)),
     })
 }
 

@@ -7,7 +7,9 @@ use serde::Serialize;
 use crate::replay::evaluation::{CompassEvaluation, FlightEvaluation, heading_deg};
 use crate::replay::hard_iron_changes::temporary_change_start_s;
 use crate::replay::log_warning::LogWarning;
-use crate::replay::parameter_choice::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG, NoParameters, is_mostly_lost};
+use crate::replay::parameter_choice::{
+    BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG, NoParameters, is_mostly_inexpressible,
+};
 use crate::replay::parameter_export::{ExportedCorrection, HeldBackScore};
 use crate::replay::row_headings::score_rows;
 use crate::replay::{ReferenceHeading, ReplayRow};
@@ -50,7 +52,7 @@ pub enum CompassAction {
 /// Reason of a judgement; displayed as a clause.
 #[derive(Clone, Debug, PartialEq)]
 pub enum JudgementReason {
-    /// The sensor failed; contains the note about its failure.
+    /// The sensor failed; contains the warning about its failure.
     SensorFailed(LogWarning),
     /// Hard iron changed in flight.
     HardIronChanged {
@@ -181,7 +183,9 @@ fn action_without_parameters(
         // On few headings neither the compass nor a fit is judged.
         _ if !covers_headings => CompassAction::FlyAgain,
         // Another flight does not reduce the loss by the symmetric matrix.
-        NoParameters::Inaccurate { held_back, lost_deg } if is_mostly_lost(held_back.rms_deg, *lost_deg) => {
+        NoParameters::Inaccurate { held_back, inexpressible_error_deg }
+            if is_mostly_inexpressible(held_back.rms_deg, *inexpressible_error_deg) =>
+        {
             CompassAction::Replace
         }
         NoParameters::NoGain(held_back) | NoParameters::Inaccurate { held_back, .. }

@@ -23,22 +23,22 @@ pub enum FlightOutcome {
         /// Number of all compasses.
         compass_count: usize,
         /// First and last calibration without a command, seconds on the log's clock; none if one required a command.
-        at_s: Option<[f64; 2]>,
+        first_and_last_time_s: Option<[f64; 2]>,
         /// Largest expected error, degrees RMS.
-        expected_deg: f64,
+        expected_error_deg: f64,
         /// Interval of an attitude that is too slow, seconds.
-        slow_attitude_s: Option<f64>,
+        slow_attitude_interval_s: Option<f64>,
     },
     /// The module would have refused every calibration.
     Refused {
         /// Number of all compasses.
         compass_count: usize,
         /// If the causes differ: number of the compass that came nearest to a calibration; `cause` is its cause.
-        nearest_compass: Option<u8>,
+        compass_nearest_acceptance: Option<u8>,
         /// Cause of the refusal.
         cause: FlightRefusal,
         /// Interval of an attitude that is too slow, seconds.
-        slow_attitude_s: Option<f64>,
+        slow_attitude_interval_s: Option<f64>,
     },
 }
 
@@ -54,7 +54,7 @@ pub enum FlightRefusal {
         /// Number of usable rows.
         used: usize,
         /// The most frequent rejection: number and cause.
-        rejected: (usize, &'static str),
+        main_rejection: (usize, &'static str),
     },
     /// Reason that the module gives.
     Module(Refusal),
@@ -79,46 +79,51 @@ impl FlightOutcome {
         let compass_count = compasses.len();
         let accepted: Vec<&CompassEvaluation> =
             compasses.iter().filter(|compass| compass.module_result.acceptance.is_ok()).collect();
-        let slow_attitude_s =
+        let slow_attitude_interval_s =
             Some(evaluation.attitude_interval_s).filter(|interval_s| *interval_s > SLOW_ATTITUDE_INTERVAL_S);
         if accepted.is_empty() {
-            let nearest_compass = nearest_rejected(compasses);
-            let cause = nearest_compass.map_or(FlightRefusal::FewReadings(0), FlightRefusal::new);
+            let compass_nearest_acceptance = rejected_nearest_acceptance(compasses);
+            let cause = compass_nearest_acceptance.map_or(FlightRefusal::FewReadings(0), FlightRefusal::new);
             // The compasses share a cause if its displayed text is equal for all, even if the numbers differ before
             // rounding.
             let is_shared =
                 compasses.iter().all(|compass| FlightRefusal::new(compass).to_string() == cause.to_string());
-            let nearest_compass = nearest_compass.filter(|_| !is_shared).map(|compass| compass.compass_number);
-            return Self::Refused { compass_count, nearest_compass, cause, slow_attitude_s };
+            let compass_nearest_acceptance =
+                compass_nearest_acceptance.filter(|_| !is_shared).map(|compass| compass.compass_number);
+            return Self::Refused { compass_count, compass_nearest_acceptance, cause, slow_attitude_interval_s };
         }
         let times_s: Option<Vec<f64>> = accepted.iter().map(|compass| compass.calibration_time_s()).collect();
         Self::Calibrated {
             compass_numbers: accepted.iter().map(|compass| compass.compass_number).collect(),
             compass_count,
-            at_s: times_s.map(|times_s| {
+            first_and_last_time_s: times_s.map(|times_s| {
                 times_s
                     .iter()
                     .fold([f64::INFINITY, f64::NEG_INFINITY], |[first, last], &at_s| [first.min(at_s), last.max(at_s)])
             }),
-            expected_deg: accepted
+            expected_error_deg: accepted
                 .iter()
                 .filter_map(|compass| compass.module_result.expected_rms_deg())
                 .fold(0.0, f64::max),
-            slow_attitude_s,
+            slow_attitude_interval_s,
         }
     }
 }
 
 /// The rejected compass closest to a calibration.
-fn nearest_rejected(compasses: &[CompassEvaluation]) -> Option<&CompassEvaluation> {
-    let expected_deg = |compass: &CompassEvaluation| compass.module_result.expected_rms_deg().unwrap_or(f64::INFINITY);
+fn rejected_nearest_acceptance(compasses: &[CompassEvaluation]) -> Option<&CompassEvaluation> {
+    let expected_error_deg =
+        |compass: &CompassEvaluation| compass.module_result.expected_rms_deg().unwrap_or(f64::INFINITY);
     // Compasses that are unused or hardly logged rank last.
     let is_out = |compass: &CompassEvaluation| {
         (compass.row_counts.used < MIN_FLIGHT_ROWS, compass.is_used_for_heading == Some(false))
     };
     compasses.iter().min_by(|a, b| {
         let by_rows = || b.row_counts.used.cmp(&a.row_counts.used);
-        is_out(a).cmp(&is_out(b)).then_with(|| expected_deg(a).total_cmp(&expected_deg(b))).then_with(by_rows)
+        is_out(a)
+            .cmp(&is_out(b))
+            .then_with(|| expected_error_deg(a).total_cmp(&expected_error_deg(b)))
+            .then_with(by_rows)
     })
 }
 
@@ -129,7 +134,7 @@ impl FlightRefusal {
         match &compass.module_result.acceptance {
             Err(refusal) if used >= MIN_FLIGHT_ROWS => Self::Module(refusal.clone()),
             _ if readings < MIN_FLIGHT_ROWS => Self::FewReadings(readings),
-            _ => Self::FewRows { readings, used, rejected: compass.row_counts.main_rejection() },
+            _ => Self::FewRows { readings, used, main_rejection: compass.row_counts.main_rejection() },
         }
     }
 }
@@ -146,14 +151,14 @@ impl CompassOutcome {
 
 impl fmt::Display for FlightOutcome {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (Self::Calibrated { slow_attitude_s, .. } | Self::Refused { slow_attitude_s, .. }) = self;
-        let slow = slow_attitude_s.map_or_else(String::new, |interval_s| {
+        let (Self::Calibrated { slow_attitude_interval_s, .. } | Self::Refused { slow_attitude_interval_s, .. }) = self;
+        let slow = slow_attitude_interval_s.map_or_else(String::new, |interval_s| {
             let rate_hz = 1.0 / interval_s;
             format!("the attitude is logged {rate_hz:.1} times a second; below 3 Hz its interpolation is unreliable")
         });
         let slow_after = |prefix: &str| if slow.is_empty() { String::new() } else { format!("; {prefix}{slow}") };
         match self {
-            Self::Calibrated { compass_numbers, compass_count, at_s, expected_deg, .. } => {
+            Self::Calibrated { compass_numbers, compass_count, first_and_last_time_s, expected_error_deg, .. } => {
                 f.write_str("the module would have calibrated")?;
                 match (compass_numbers.len(), *compass_count) {
                     (1, 1) => {}
@@ -163,19 +168,19 @@ impl fmt::Display for FlightOutcome {
                         write!(f, " {some} of {compass_count} compasses (number {})", compass_numbers.join(", "))?;
                     }
                 }
-                match at_s {
+                match first_and_last_time_s {
                     Some([first, last]) if last - first < 1.5 => write!(f, " by itself at {first:.0} s of the log"),
                     Some([first, last]) => write!(f, " by itself at {first:.0} to {last:.0} s of the log"),
                     None => f.write_str(" by a command at the end of the flight"),
                 }?;
-                write!(f, ", expecting {expected_deg:.1} deg{}", slow_after("but "))
+                write!(f, ", expecting {expected_error_deg:.1} deg{}", slow_after("but "))
             }
-            Self::Refused { compass_count, nearest_compass, cause, .. } => {
+            Self::Refused { compass_count, compass_nearest_acceptance, cause, .. } => {
                 f.write_str("the module would have refused")?;
                 if *compass_count > 1 {
                     write!(f, " each of {compass_count} compasses")?;
                 }
-                if let Some(number) = nearest_compass {
+                if let Some(number) = compass_nearest_acceptance {
                     write!(f, "; number {number} came nearest")?;
                 }
                 let slow = match cause {
@@ -201,7 +206,7 @@ impl fmt::Display for FlightRefusal {
             Self::FewReadings(number) => {
                 write!(f, "the log has {number} readings of the field, too few for a flight")
             }
-            Self::FewRows { readings, used, rejected: (number, cause) } => {
+            Self::FewRows { readings, used, main_rejection: (number, cause) } => {
                 write!(f, "of {readings} readings of the field {used} are usable; {number} are {cause}")
             }
             Self::Module(refusal) => refusal.fmt(f),

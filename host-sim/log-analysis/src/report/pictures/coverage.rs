@@ -22,17 +22,17 @@ const TILT_ROWS: [TiltRow; 8] = [
     ("10 and more down", |report_sample| report_sample.pitch_deg <= -10.0),
 ];
 
-const BANK_BINS: usize = 5;
+const BANK_ROW_COUNT: usize = 5;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct CoverageCell {
     flown_s: f64,
-    fitted: usize,
+    fitted_count: usize,
 }
 
 impl CoverageCell {
     fn is_missing(self) -> bool {
-        self.flown_s <= 0.0 && self.fitted == 0
+        self.flown_s <= 0.0 && self.fitted_count == 0
     }
 }
 
@@ -57,7 +57,7 @@ fn coverage_cells(compass_report: &CompassReport) -> [[CoverageCell; HEADING_SEC
         for (row, (_, belongs)) in cells.iter_mut().zip(TILT_ROWS) {
             if let Some(cell) = row.get_mut(sector).filter(|_| belongs(report_sample)) {
                 cell.flown_s += (next_s - report_sample.time_s).clamp(0.0, 1.0);
-                cell.fitted += usize::from(report_sample.is_fitted);
+                cell.fitted_count += usize::from(report_sample.is_fitted);
             }
         }
     }
@@ -79,9 +79,9 @@ pub fn coverage_picture(compass_report: &CompassReport) -> Picture {
     let top = draw_legend(&mut svg, [16.0, 8.0], 600.0, &legend_items) + 14.0;
     svg.draw_text("name", [16.0, top - 4.0], "bank, deg");
     for (row, ((name, _), cells)) in TILT_ROWS.iter().zip(&cells).enumerate() {
-        let gap = if row < BANK_BINS { 0.0 } else { 22.0 };
+        let gap = if row < BANK_ROW_COUNT { 0.0 } else { 22.0 };
         let y = top + CELL_SIZE[1] * row as f64 + gap;
-        if row == BANK_BINS {
+        if row == BANK_ROW_COUNT {
             svg.draw_text("name", [16.0, y - 4.0], "pitch, deg");
         }
         svg.draw_text("tick end", [LEFT_MARGIN - 6.0, y + 17.0], name);
@@ -122,9 +122,9 @@ fn draw_cell(
         svg.draw_points("p2 faint", MarkerShape::Diamond, 2.0, [[x + width / 2.0, y + height / 2.0]]);
         return;
     }
-    let is_used = !knows_fitted || cell.fitted > 0;
+    let is_used = !knows_fitted || cell.fitted_count > 0;
     svg.draw_rectangle(if is_used { "cell used" } else { "cell flown" }, [x, y], [width, height]);
-    let count = if knows_fitted { cell.fitted as f64 } else { cell.flown_s.ceil() };
+    let count = if knows_fitted { cell.fitted_count as f64 } else { cell.flown_s.ceil() };
     if is_used {
         svg.draw_text("count mid", [x + width / 2.0, y + height / 2.0 + 4.0], &format_number(count, 0));
     }
@@ -178,9 +178,9 @@ mod tests {
         let cells = coverage_cells(&compass_report);
         // The first two samples are in different bank cells, the second for at most 1 s; the last has no duration but
         // is fitted.
-        assert_eq!(cells[0][0], CoverageCell { flown_s: 0.5, fitted: 1 });
-        assert_eq!(cells[3][1], CoverageCell { flown_s: 1.0, fitted: 0 });
-        assert_eq!(cells[2][1], CoverageCell { flown_s: 0.0, fitted: 1 });
+        assert_eq!(cells[0][0], CoverageCell { flown_s: 0.5, fitted_count: 1 });
+        assert_eq!(cells[3][1], CoverageCell { flown_s: 1.0, fitted_count: 0 });
+        assert_eq!(cells[2][1], CoverageCell { flown_s: 0.0, fitted_count: 1 });
         assert_eq!(
             cells.as_flattened().iter().filter(|cell| **cell != CoverageCell::default()).count(),
             5,

@@ -15,12 +15,12 @@ const MAX_POINTS: usize = 700;
 const FRAMED_FRACTION: f64 = 0.98;
 
 /// CSS class of the line, marker, and CSS class of the points of the curves before the calibration.
-const UNCALIBRATED_LINES: [(&str, MarkerShape, &str); 3] =
+const UNCALIBRATED_LINE_STYLES: [(&str, MarkerShape, &str); 3] =
     [("l l0", MarkerShape::Circle, "p0"), ("l l1", MarkerShape::Triangle, "p1"), ("l l2", MarkerShape::Square, "p2")];
 
 pub fn common_scale_picture(compass_report: &CompassReport, difference_name: &str) -> Picture {
     let mut svg = Svg::new(PICTURE_SIZE[0], PICTURE_SIZE[1]);
-    draw_one_scale(&mut svg, [0.0, 0.0], compass_report, difference_name);
+    draw_before_and_after(&mut svg, [0.0, 0.0], compass_report, difference_name);
     let [before, after] =
         [&compass_report.curves_before, &compass_report.curves_after].map(|curves| max_error_deg(curves));
     let title = picture_title(compass_report).to_owned();
@@ -49,8 +49,8 @@ pub fn enlarged_picture(compass_report: &CompassReport, difference_name: &str) -
         "The largest {difference_name} by heading is {} deg.",
         format_number(max_error_deg(&compass_report.curves_after), 2)
     )];
-    if !compass_report.sigma_deg.is_empty() {
-        let sigma = max_magnitude(compass_report.sigma_deg.iter().copied());
+    if !compass_report.sigma_by_heading_deg.is_empty() {
+        let sigma = max_magnitude(compass_report.sigma_by_heading_deg.iter().copied());
         descriptions.push(format!(
             "The band is {}, {} deg at the worst heading.",
             compass_report.sigma_description,
@@ -71,7 +71,7 @@ pub fn enlarged_picture(compass_report: &CompassReport, difference_name: &str) -
 /// Draws both frames side by side, for documents with one picture.
 pub fn combined_picture(compass_report: &CompassReport, difference_name: &str) -> Picture {
     let mut svg = Svg::new(2.0 * PICTURE_SIZE[0], PICTURE_SIZE[1]);
-    draw_one_scale(&mut svg, [0.0, 0.0], compass_report, difference_name);
+    draw_before_and_after(&mut svg, [0.0, 0.0], compass_report, difference_name);
     let (common_scale, enlarged) =
         (common_scale_picture(compass_report, difference_name), enlarged_picture(compass_report, difference_name));
     if enlarged.is_some() {
@@ -100,7 +100,7 @@ fn max_error_deg(curves: &[DeviationCurve]) -> f64 {
 fn plot_frame(plot_top: f64, [left, picture_top]: PicturePoint, error_axis: Axis) -> PlotFrame {
     let upper_left = [left + 58.0, plot_top];
     PlotFrame {
-        x: Axis::headings_deg(90),
+        x: Axis::for_headings(90),
         y: error_axis,
         upper_left,
         size: [PICTURE_SIZE[0] - 58.0 - 16.0, picture_top + PICTURE_SIZE[1] - 44.0 - plot_top],
@@ -112,11 +112,16 @@ fn draw_title(svg: &mut Svg, [left, top]: PicturePoint, title: &str) -> PictureP
     [left + 16.0, top + 30.0]
 }
 
-fn draw_one_scale(svg: &mut Svg, upper_left: PicturePoint, compass_report: &CompassReport, difference_name: &str) {
+fn draw_before_and_after(
+    svg: &mut Svg,
+    upper_left: PicturePoint,
+    compass_report: &CompassReport,
+    difference_name: &str,
+) {
     let below = draw_title(svg, upper_left, picture_title(compass_report));
     let names: Vec<String> =
         compass_report.curves_before.iter().map(|curve| format!("before{}", name_suffix(&curve.curve_name))).collect();
-    let mut legend_items: Vec<(LegendSample, &str)> = UNCALIBRATED_LINES
+    let mut legend_items: Vec<(LegendSample, &str)> = UNCALIBRATED_LINE_STYLES
         .iter()
         .zip(&names)
         .map(|(&(curve, shape, class), name)| (LegendSample::LineAndPoints(curve, shape, class), &**name))
@@ -134,7 +139,7 @@ fn draw_one_scale(svg: &mut Svg, upper_left: PicturePoint, compass_report: &Comp
     );
     let frame = plot_frame(top, upper_left, y);
     frame.draw_axes(svg, "heading, deg", &format!("{difference_name}, deg"));
-    for (curve, (class, shape, points)) in compass_report.curves_before.iter().zip(UNCALIBRATED_LINES) {
+    for (curve, (class, shape, points)) in compass_report.curves_before.iter().zip(UNCALIBRATED_LINE_STYLES) {
         draw_curve(svg, &frame, curve, class, Some((shape, points)));
     }
     for curve in &compass_report.curves_after {
@@ -160,7 +165,7 @@ fn draw_enlarged(
         compass_report.curves_after.iter().map(|curve| format!("after{}", name_suffix(&curve.curve_name))).collect();
     // A single line is drawn in the style of the combined picture.
     let classes = if compass_report.curves_after.len() > 1 {
-        UNCALIBRATED_LINES
+        UNCALIBRATED_LINE_STYLES
     } else {
         [("l l3", MarkerShape::Circle, "p3"); 3]
     };
@@ -169,7 +174,7 @@ fn draw_enlarged(
         .zip(&names)
         .map(|(&(curve, shape, class), name)| (LegendSample::LineAndPoints(curve, shape, class), &**name))
         .collect();
-    if !compass_report.sigma_deg.is_empty() {
+    if !compass_report.sigma_by_heading_deg.is_empty() {
         legend_items.push((LegendSample::Area("band"), "expected, 1 sigma"));
     }
     if !points.is_empty() {
@@ -177,10 +182,10 @@ fn draw_enlarged(
     }
     let top = draw_legend(svg, below, PICTURE_SIZE[0] - 32.0, &legend_items);
     let limit_deg = max_error_deg(&compass_report.curves_after)
-        .max(max_magnitude(compass_report.sigma_deg.iter().copied()))
+        .max(max_magnitude(compass_report.sigma_by_heading_deg.iter().copied()))
         .max(magnitude_quantile(points.iter().map(|[_, error]| *error), FRAMED_FRACTION));
     let frame = plot_frame(top, upper_left, Axis::symmetric_deg(limit_deg));
-    draw_expected_error_band(svg, &frame, &compass_report.sigma_deg);
+    draw_expected_error_band(svg, &frame, &compass_report.sigma_by_heading_deg);
     frame.draw_axes(svg, "heading, deg", &format!("{difference_name}, deg"));
     let plotted: Vec<Option<PicturePoint>> =
         subsample(&points, MAX_POINTS).map(|&[x, y]| frame.plot_point(x, y)).collect();
@@ -238,7 +243,7 @@ mod tests {
         let compass_report = CompassReport {
             curves_before: vec![curve(&[20.0, -18.0, 5.0, 1.0])],
             curves_after: vec![curve(&[0.4, -0.2, 0.1, 0.0])],
-            sigma_deg: vec![0.5; 4],
+            sigma_by_heading_deg: vec![0.5; 4],
             sigma_description: "what is expected",
             ..CompassReport::default()
         };

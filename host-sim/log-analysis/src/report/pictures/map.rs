@@ -37,7 +37,7 @@ pub fn map_picture(compass_report: &CompassReport) -> Option<Picture> {
     let mut svg = Svg::new(MAP_SIDE + 90.0, MAP_SIDE + 110.0);
     let track_classes = track_classes(compass_report.has_fitted_marks);
     let mut legend_items: Vec<(LegendSample, &str)> =
-        track_classes.iter().map(|track_class| (LegendSample::Line(track_class.class), track_class.name)).collect();
+        track_classes.iter().map(|track_class| (LegendSample::Line(track_class.css_class), track_class.name)).collect();
     if compass_report.has_fitted_marks {
         legend_items.push((LegendSample::Points(MarkerShape::Circle, "p2"), "collected"));
     }
@@ -53,7 +53,7 @@ pub fn map_picture(compass_report: &CompassReport) -> Option<Picture> {
         let track = subsample(&compass_report.samples, MAX_TRACK_POINTS).map(|report_sample| {
             report_sample.position_m.filter(|_| (track_class.belongs)(report_sample)).and_then(point)
         });
-        svg.draw_path(track_class.class, track);
+        svg.draw_path(track_class.css_class, track);
     }
     let collected = compass_report
         .samples
@@ -77,13 +77,13 @@ pub fn map_picture(compass_report: &CompassReport) -> Option<Picture> {
 
 struct TrackClass {
     name: &'static str,
-    class: &'static str,
+    css_class: &'static str,
     belongs: fn(&ReportSample) -> bool,
 }
 
 /// Classes of the track: usability in a log, collection in a mission.
 fn track_classes(knows_fitted: bool) -> [TrackClass; 2] {
-    let track_class = |name, class, belongs| TrackClass { name, class, belongs };
+    let track_class = |name, css_class, belongs| TrackClass { name, css_class, belongs };
     if knows_fitted {
         [
             track_class("not used", "l l0 thin faint", |report_sample| !report_sample.is_usable),

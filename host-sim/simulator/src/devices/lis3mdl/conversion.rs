@@ -3,7 +3,7 @@
 use autoswing::frames::{Field, Sensor};
 use nalgebra::Vector3;
 
-use super::registers::{Conversion, FAST_RATE_HZ, Lis3mdlRegisters, MeasurementSettings};
+use super::registers::{ConversionMode, FAST_RATE_HZ, Lis3mdlRegisters, MeasurementSettings};
 use crate::random::RandomStream;
 
 /// Counts per gauss at full scale 4, 8, 12, 16 gauss (data sheet, table 2).
@@ -33,14 +33,15 @@ impl FieldConverter {
     /// Restarts conversion, as after a write to a control register.
     pub fn restart_conversion(&mut self, registers: &Lis3mdlRegisters, now_us: u64) {
         let settings = registers.measurement_settings();
-        self.next_completion_us = (settings.conversion != Conversion::PowerDown).then(|| now_us + period_us(&settings));
+        self.next_completion_us =
+            (settings.conversion_mode != ConversionMode::PowerDown).then(|| now_us + period_us(&settings));
     }
 
     /// The last conversion completed by now, if any.
     pub fn take_completed(&mut self, registers: &mut Lis3mdlRegisters, now_us: u64) -> Option<CompletedConversion> {
         let first_us = self.next_completion_us.filter(|&next_completion_us| next_completion_us <= now_us)?;
         let settings = registers.measurement_settings();
-        if settings.conversion == Conversion::Single {
+        if settings.conversion_mode == ConversionMode::Single {
             registers.power_down();
             self.next_completion_us = None;
             return Some(CompletedConversion { completed_at_us: first_us, has_overrun: false });

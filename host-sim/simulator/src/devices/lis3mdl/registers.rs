@@ -32,11 +32,11 @@ const BLOCK_DATA_UPDATE: u8 = 0x40;
 const SELF_TEST_ENABLE: u8 = 0x01;
 const BIG_ENDIAN: u8 = 0x02;
 const ALL_AXES: u8 = 0x07;
-const ANY_AXIS_FLAG: u8 = 0x08;
+const COMBINED_AXES_FLAG: u8 = 0x08;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct MeasurementSettings {
-    pub conversion: Conversion,
+    pub conversion_mode: ConversionMode,
     /// Averaging of x and y, 0 (low power) to 3 (ultra-high performance).
     pub averaging_xy: usize,
     /// Averaging of z, 0 to 3.
@@ -50,7 +50,7 @@ pub(super) struct MeasurementSettings {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Conversion {
+pub(super) enum ConversionMode {
     Continuous,
     Single,
     PowerDown,
@@ -169,10 +169,10 @@ impl Lis3mdlRegisters {
         let averaging_xy = usize::from(control1 >> 5 & 3);
         let fast = control1 & 0x02 != 0;
         MeasurementSettings {
-            conversion: match self.register_value(CTRL_REG3) & 3 {
-                0 => Conversion::Continuous,
-                1 => Conversion::Single,
-                _ => Conversion::PowerDown,
+            conversion_mode: match self.register_value(CTRL_REG3) & 3 {
+                0 => ConversionMode::Continuous,
+                1 => ConversionMode::Single,
+                _ => ConversionMode::PowerDown,
             },
             averaging_xy,
             averaging_z: usize::from(self.register_value(CTRL_REG4) >> 2 & 3),
@@ -201,15 +201,15 @@ impl Lis3mdlRegisters {
 
     /// ZYXDA is set if all axes have new data, ZYXOR if any axis was overrun.
     fn set_status(&mut self, ready: u8, overrun: u8) {
-        let all_ready = if ready == ALL_AXES { ANY_AXIS_FLAG } else { 0 };
-        let any_overrun = if overrun == 0 { 0 } else { ANY_AXIS_FLAG };
+        let all_ready = if ready == ALL_AXES { COMBINED_AXES_FLAG } else { 0 };
+        let any_overrun = if overrun == 0 { 0 } else { COMBINED_AXES_FLAG };
         self.bytes[usize::from(STATUS_REG)] = (overrun | any_overrun) << 4 | ready | all_ready;
     }
 
-    fn write_counts(&mut self, low: u8, value: i16) {
-        let measured = (OUT_X_L..=OUT_Z_H).contains(&low);
+    fn write_counts(&mut self, low_register: u8, value: i16) {
+        let measured = (OUT_X_L..=OUT_Z_H).contains(&low_register);
         let swapped = measured && self.register_value(CTRL_REG4) & BIG_ENDIAN != 0;
-        let low = usize::from(low);
+        let low = usize::from(low_register);
         self.bytes[low..low + 2].copy_from_slice(&if swapped { value.to_be_bytes() } else { value.to_le_bytes() });
     }
 }

@@ -26,7 +26,7 @@ where
     bus.attach_device(chip.clone());
     simulation.spawn(Level::Thread, "script", script(bus, chip));
     simulation.run_for(100_000_000);
-    assert_eq!(simulation.tasks(), 0, "the script did not end");
+    assert_eq!(simulation.task_count(), 0, "the script did not end");
 }
 
 async fn read_register(bus: &mut SimulatedI2cBus, register: u8) -> u8 {

@@ -33,7 +33,7 @@ pub(super) struct FlashCells {
     bytes: Vec<u8>,
     /// Double words programmed since the last erase. Programming all ones counts, because it writes the
     /// error-correcting code.
-    is_programmed: Vec<bool>,
+    programmed_word_flags: Vec<bool>,
     page_erase_counts: Vec<u32>,
     programmed_word_count: u64,
 }
@@ -42,7 +42,7 @@ impl FlashCells {
     pub fn new_erased(pages: usize) -> Self {
         Self {
             bytes: vec![ERASED; pages * PAGE_BYTES],
-            is_programmed: vec![false; pages * WORDS_PER_PAGE],
+            programmed_word_flags: vec![false; pages * WORDS_PER_PAGE],
             page_erase_counts: vec![0; pages],
             programmed_word_count: 0,
         }
@@ -59,7 +59,7 @@ impl FlashCells {
             return false;
         }
         self.bytes.copy_from_slice(bytes);
-        for (is_programmed, word) in self.is_programmed.iter_mut().zip(bytes.chunks_exact(WORD_BYTES)) {
+        for (is_programmed, word) in self.programmed_word_flags.iter_mut().zip(bytes.chunks_exact(WORD_BYTES)) {
             *is_programmed = word != [ERASED; WORD_BYTES];
         }
         true
@@ -80,7 +80,7 @@ impl FlashCells {
     /// Checks that the operation is allowed.
     pub fn check_operation(&self, operation: FlashOperation) -> Result<(), FlashError> {
         match operation {
-            FlashOperation::Program { word_index, .. } if self.is_programmed[word_index] => {
+            FlashOperation::Program { word_index, .. } if self.programmed_word_flags[word_index] => {
                 Err(FlashError::NotErased { offset: (word_index * WORD_BYTES) as u32 })
             }
             _ => Ok(()),
@@ -131,12 +131,12 @@ impl FlashCells {
 
     fn program_word(&mut self, word_index: usize, value: [u8; WORD_BYTES]) {
         self.programmed_word_count += 1;
-        self.is_programmed[word_index] = true;
+        self.programmed_word_flags[word_index] = true;
         self.word_mut(word_index).copy_from_slice(&value);
     }
 
     fn erase_word(&mut self, word_index: usize) {
-        self.is_programmed[word_index] = false;
+        self.programmed_word_flags[word_index] = false;
         self.word_mut(word_index).fill(ERASED);
     }
 

@@ -310,7 +310,7 @@ mod tests {
         for outcome in CutOutcome::ALL_OUTCOMES {
             let mut simulation = Simulation::new();
             let flash = Flash::new(1, 7);
-            flash.cut_power_after(1, outcome, simulation.stop());
+            flash.cut_power_after(1, outcome, simulation.stop_handle());
             let task = write(flash.clone(), 0, [OLD_WORD, OLD_WORD, OLD_WORD].concat());
             simulation.spawn(Level::Thread, "write", async move {
                 assert_eq!(task.await, Err(FlashError::PowerLost));

@@ -26,7 +26,7 @@ where
     let chip = Rm3100::new(config, Box::new(field_source));
     simulation.spawn(Level::Thread, "script", script(SelectedDevice::new(chip.clone()), chip));
     simulation.run_for(100_000_000);
-    assert_eq!(simulation.tasks(), 0, "the script did not end");
+    assert_eq!(simulation.task_count(), 0, "the script did not end");
 }
 
 async fn read_register<const N: usize>(device: &mut SelectedDevice, register: u8) -> [u8; N] {

@@ -27,16 +27,21 @@ pub struct UartConfig {
     /// Bits per second in both directions.
     pub baud: u32,
     /// Receive buffer of the module, bytes.
-    pub receive_buffer: usize,
+    pub receive_buffer_bytes: usize,
     /// Transmit buffer of the module, bytes; a write waits while it is full.
-    pub transmit_buffer: usize,
+    pub transmit_buffer_bytes: usize,
     /// Condition that wakes the module's reader.
     pub wake_condition: WakeCondition,
 }
 
 impl Default for UartConfig {
     fn default() -> Self {
-        Self { baud: 115_200, receive_buffer: 512, transmit_buffer: 256, wake_condition: WakeCondition::IdleLine }
+        Self {
+            baud: 115_200,
+            receive_buffer_bytes: 512,
+            transmit_buffer_bytes: 256,
+            wake_condition: WakeCondition::IdleLine,
+        }
     }
 }
 
@@ -44,7 +49,7 @@ impl Default for UartConfig {
 pub struct SerialCable {
     to_module: Rc<RefCell<CableDirection>>,
     to_host: Rc<RefCell<CableDirection>>,
-    transmit_buffer: usize,
+    transmit_buffer_bytes: usize,
 }
 
 impl SerialCable {
@@ -54,11 +59,11 @@ impl SerialCable {
         Self {
             to_module: Rc::new(RefCell::new(CableDirection::new(
                 config.baud,
-                config.receive_buffer,
+                config.receive_buffer_bytes,
                 config.wake_condition,
             ))),
             to_host: Rc::new(RefCell::new(CableDirection::new(config.baud, usize::MAX, WakeCondition::EachByte))),
-            transmit_buffer: config.transmit_buffer,
+            transmit_buffer_bytes: config.transmit_buffer_bytes,
         }
     }
 
@@ -75,7 +80,7 @@ impl SerialCable {
         let transmitter = Transmitter {
             direction: Rc::clone(&self.to_host),
             opposite_direction: Rc::clone(&self.to_module),
-            buffer: self.transmit_buffer,
+            buffer_bytes: self.transmit_buffer_bytes,
         };
         (Receiver { direction: Rc::clone(&self.to_module) }, transmitter)
     }
@@ -161,7 +166,7 @@ pub struct Transmitter {
     direction: Rc<RefCell<CableDirection>>,
     /// The opposite direction, which has the same speed.
     opposite_direction: Rc<RefCell<CableDirection>>,
-    buffer: usize,
+    buffer_bytes: usize,
 }
 
 impl ErrorType for Transmitter {
@@ -175,7 +180,7 @@ impl Write for Transmitter {
         }
         let free = poll_fn(|context| {
             let direction = self.direction.borrow();
-            match self.buffer.saturating_sub(direction.bytes_in_transit(clock::now_us())) {
+            match self.buffer_bytes.saturating_sub(direction.bytes_in_transit(clock::now_us())) {
                 0 => {
                     direction.wake_at_next_arrival(clock::now_us(), context.waker());
                     Poll::Pending

@@ -34,7 +34,7 @@ fn bytes_arrive_at_the_baud_rate_to_the_microsecond() {
 #[test]
 fn a_thousand_bytes_keep_the_exact_rate() {
     let mut simulation = Simulation::new();
-    let cable = SerialCable::new(UartConfig { transmit_buffer: 2000, ..UartConfig::default() });
+    let cable = SerialCable::new(UartConfig { transmit_buffer_bytes: 2000, ..UartConfig::default() });
     let (_receiver, mut transmitter) = cable.module_ends();
     simulation.spawn(Level::Thread, "writer", async move {
         transmitter.write_all(&[0x55; 1000]).await.unwrap();
@@ -52,7 +52,7 @@ fn a_thousand_bytes_keep_the_exact_rate() {
 #[test]
 fn idle_line_delivers_bursts_whole() {
     let mut simulation = Simulation::new();
-    let cable = SerialCable::new(UartConfig { receive_buffer: 8, ..UartConfig::default() });
+    let cable = SerialCable::new(UartConfig { receive_buffer_bytes: 8, ..UartConfig::default() });
     let (receiver, _transmitter) = cable.module_ends();
     let reads = spawn_reader(&mut simulation, receiver);
     cable.host_end().send_bytes(b"ab");
@@ -68,7 +68,7 @@ fn idle_line_delivers_bursts_whole() {
 #[test]
 fn a_slow_reader_loses_the_newest_bytes_and_gets_one_overrun() {
     let mut simulation = Simulation::new();
-    let cable = SerialCable::new(UartConfig { receive_buffer: 4, ..UartConfig::default() });
+    let cable = SerialCable::new(UartConfig { receive_buffer_bytes: 4, ..UartConfig::default() });
     let (receiver, _transmitter) = cable.module_ends();
     cable.host_end().send_bytes(b"abcdefg");
     simulation.run_until(10_000);
@@ -94,7 +94,7 @@ fn an_injected_error_wakes_the_reader() {
 #[test]
 fn a_write_waits_while_the_transmit_buffer_is_full() {
     let mut simulation = Simulation::new();
-    let cable = SerialCable::new(UartConfig { transmit_buffer: 2, ..UartConfig::default() });
+    let cable = SerialCable::new(UartConfig { transmit_buffer_bytes: 2, ..UartConfig::default() });
     let (_receiver, mut transmitter) = cable.module_ends();
     simulation.spawn(Level::Thread, "writer", async move {
         transmitter.write_all(b"abcd").await.unwrap();
@@ -144,5 +144,5 @@ fn the_host_side_can_wait_for_bytes() {
         std::future::pending::<()>().await;
     });
     simulation.run_until(5000);
-    assert_eq!(simulation.tasks(), 1, "the pilot is done");
+    assert_eq!(simulation.task_count(), 1, "the pilot is done");
 }

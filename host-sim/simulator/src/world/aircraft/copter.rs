@@ -49,7 +49,7 @@ struct TiltControl {
 }
 
 impl TiltControl {
-    fn next_angle(&mut self, target_rad: f64) {
+    fn step_toward(&mut self, target_rad: f64) {
         let desired_rate =
             ((target_rad - self.angle_rad) / TILT_TIME_CONSTANT_S).clamp(-MAX_TILT_RATE_RAD_S, MAX_TILT_RATE_RAD_S);
         self.rate_rad_s += (desired_rate - self.rate_rad_s) * STEP_S / TILT_RATE_TIME_CONSTANT_S;
@@ -99,8 +99,8 @@ impl Copter {
         let (desired_m_s2, turn_rate_rad_s) = self.desired_motion(command, previous_state);
         self.turn_rate_rad_s += (turn_rate_rad_s - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_CONSTANT_S;
         self.heading_rad += self.turn_rate_rad_s * STEP_S;
-        self.pitch.next_angle(libm::atan(-desired_m_s2[0] / GRAVITY_M_S2));
-        self.roll.next_angle(libm::atan(desired_m_s2[1] * libm::cos(self.pitch.angle_rad) / GRAVITY_M_S2));
+        self.pitch.step_toward(libm::atan(-desired_m_s2[0] / GRAVITY_M_S2));
+        self.roll.step_toward(libm::atan(desired_m_s2[1] * libm::cos(self.pitch.angle_rad) / GRAVITY_M_S2));
 
         let disturbance = self.turbulence.next_disturbances();
         let (roll_rad, pitch_rad) =

@@ -102,7 +102,7 @@ mod tests {
                 let moved_deg = (state.heading_rad - before.heading_rad).to_degrees();
                 assert!((moved_deg - 0.4).abs() < 1e-6, "tick {tick}: {moved_deg}");
                 assert!((state.heading_rate_rad_s.to_degrees() - 20.0).abs() < 1e-6, "{state:?}");
-                assert!((state.heading_rad.to_degrees() - 0.4 * f64::from(tick)).abs() < 1e-6, "at the next telling");
+                assert!((state.heading_rad.to_degrees() - 0.4 * f64::from(tick)).abs() < 1e-6, "at the next attitude");
             }
             before = state;
         }

@@ -133,7 +133,7 @@ impl Aircraft {
     }
 
     /// Replaces the vehicle model by a prescribed motion.
-    pub fn set_motion(&mut self, prescribed_motion: PrescribedMotion) {
+    pub fn set_prescribed_motion(&mut self, prescribed_motion: PrescribedMotion) {
         self.motion_source = MotionSource::Prescribed(prescribed_motion, self.state.time_us);
     }
 

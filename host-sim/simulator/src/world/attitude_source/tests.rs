@@ -27,7 +27,8 @@ fn simulate_source(config: AttitudeSourceConfig, seed: u64, seconds: u64) -> (Wo
     let mut simulation = Simulation::new();
     let world = World::new(WorldConfig { seed, attitude_source: config, ..WorldConfig::of_table1(seed) });
     world.hold_bank_and_pitch(25.0, 0.0);
-    let cable = SerialCable::new(crate::devices::uart::UartConfig { receive_buffer: 1 << 20, ..Default::default() });
+    let cable =
+        SerialCable::new(crate::devices::uart::UartConfig { receive_buffer_bytes: 1 << 20, ..Default::default() });
     let (mut receiver, _transmitter) = cable.module_ends();
     let bytes = std::rc::Rc::new(std::cell::RefCell::new(Vec::new()));
     let log = std::rc::Rc::clone(&bytes);
@@ -46,7 +47,7 @@ fn simulate_source(config: AttitudeSourceConfig, seed: u64, seconds: u64) -> (Wo
     (world, bytes.take())
 }
 
-fn messages(stream: &[TimedByte]) -> Vec<(u64, u8, MavMessage)> {
+fn decode_messages(stream: &[TimedByte]) -> Vec<(u64, u8, MavMessage)> {
     let mut remaining = stream;
     let mut messages = Vec::new();
     while let [first, length, ..] = remaining {
@@ -63,18 +64,18 @@ fn messages(stream: &[TimedByte]) -> Vec<(u64, u8, MavMessage)> {
     messages
 }
 
-fn attitudes(stream: &[TimedByte]) -> Vec<(u64, ATTITUDE_DATA)> {
+fn decode_attitudes(stream: &[TimedByte]) -> Vec<(u64, ATTITUDE_DATA)> {
     let attitude = |(at_us, _, message)| match message {
         MavMessage::ATTITUDE(data) => Some((at_us, data)),
         _ => None,
     };
-    messages(stream).into_iter().filter_map(attitude).collect()
+    decode_messages(stream).into_iter().filter_map(attitude).collect()
 }
 
 #[test]
 fn attitude_comes_at_50_hz_and_a_heartbeat_each_second() {
     let (_, stream) = simulate_source(AttitudeSourceConfig::default(), 1, 10);
-    let messages = messages(&stream);
+    let messages = decode_messages(&stream);
     let heartbeats = messages.iter().filter(|(_, _, message)| matches!(message, MavMessage::HEARTBEAT(_))).count();
     assert_eq!((heartbeats, messages.len() - heartbeats), (10, 500));
     for (index, (_, sequence, _)) in messages.iter().enumerate() {
@@ -89,7 +90,7 @@ fn the_heartbeat_contains_the_armed_state() {
     let mut next_heartbeat = || {
         let frame = source.heartbeat_message(world.is_armed());
         let stream: Vec<TimedByte> = frame.into_iter().map(|byte| TimedByte { arrives_at_us: 0, byte }).collect();
-        match messages(&stream).pop() {
+        match decode_messages(&stream).pop() {
             Some((_, _, MavMessage::HEARTBEAT(data))) => {
                 assert_eq!(data.autopilot, MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA);
                 data.base_mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED)
@@ -109,7 +110,7 @@ fn the_heartbeat_contains_the_armed_state() {
 fn an_exact_source_reports_the_truth_after_its_latency() {
     let (world, stream) = simulate_source(ERROR_FREE, 1, 2);
     // The world stores only the last two seconds.
-    for (at_us, data) in attitudes(&stream).into_iter().skip(10) {
+    for (at_us, data) in decode_attitudes(&stream).into_iter().skip(10) {
         let sent_us = u64::from(data.time_boot_ms) * 1000;
         let truth = world.true_state(sent_us - 20_000);
         assert!((f64::from(data.roll) - truth.roll_rad).abs() < 1e-6);
@@ -198,7 +199,7 @@ fn the_heartbeat_contains_the_vehicle_kind() {
             .heartbeat_message(false);
         let stream: Vec<TimedByte> = frame.into_iter().map(|byte| TimedByte { arrives_at_us: 0, byte }).collect();
         assert!(
-            matches!(&messages(&stream)[0].2, MavMessage::HEARTBEAT(data) if data.mavtype == expected),
+            matches!(&decode_messages(&stream)[0].2, MavMessage::HEARTBEAT(data) if data.mavtype == expected),
             "{vehicle_kind:?}"
         );
     }
@@ -207,12 +208,12 @@ fn the_heartbeat_contains_the_vehicle_kind() {
 #[test]
 fn yaw_is_never_the_heading() {
     let (world, stream) = simulate_source(ERROR_FREE, 1, 2);
-    let (_, last) = &attitudes(&stream)[99];
+    let (_, last) = &decode_attitudes(&stream)[99];
     let truth = world.true_state(1_980_000);
     let error_deg = (f64::from(last.yaw) - truth.heading_rad).to_degrees().rem_euclid(360.0);
     assert!((error_deg - 37.2).abs() < 0.01, "{error_deg}");
     let (_, stream) = simulate_source(AttitudeSourceConfig { yaw: ReportedYaw::Absent, ..ERROR_FREE }, 1, 1);
-    assert!(attitudes(&stream).iter().all(|(_, data)| data.yaw.is_nan()));
+    assert!(decode_attitudes(&stream).iter().all(|(_, data)| data.yaw.is_nan()));
 }
 
 #[test]

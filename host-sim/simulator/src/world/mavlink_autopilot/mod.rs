@@ -66,7 +66,7 @@ pub struct AutopilotInputs {
     pub current_a: Option<f64>,
 }
 
-const HEARTBEAT_US: u64 = 1_000_000;
+const HEARTBEAT_PERIOD_US: u64 = 1_000_000;
 
 /// MAVLink autopilot.
 pub struct MavlinkAutopilot {
@@ -76,9 +76,9 @@ pub struct MavlinkAutopilot {
     started_us: u64,
     streams: Vec<PeriodicMessage>,
     reader: FrameReader,
-    answers: Vec<u8>,
-    received: Vec<MavlinkFrame>,
-    denied_requests: u32,
+    pending_answer_bytes: Vec<u8>,
+    received_frames: Vec<MavlinkFrame>,
+    denied_request_count: u32,
 }
 
 impl MavlinkAutopilot {
@@ -92,9 +92,9 @@ impl MavlinkAutopilot {
             started_us: now_us,
             streams: Vec::new(),
             reader: FrameReader::default(),
-            answers: Vec::new(),
-            received: Vec::new(),
-            denied_requests: 0,
+            pending_answer_bytes: Vec::new(),
+            received_frames: Vec::new(),
+            denied_request_count: 0,
         };
         autopilot.restart_autopilot(now_us);
         autopilot
@@ -103,9 +103,9 @@ impl MavlinkAutopilot {
     /// Restarts: resets the boot clock and all requested streams.
     pub fn restart_autopilot(&mut self, now_us: u64) {
         self.started_us = now_us;
-        self.streams = vec![PeriodicMessage { id: HEARTBEAT_DATA::ID, period_us: HEARTBEAT_US, due_us: now_us }];
+        self.streams = vec![PeriodicMessage { id: HEARTBEAT_DATA::ID, period_us: HEARTBEAT_PERIOD_US, due_us: now_us }];
         self.start_stream(ATTITUDE_DATA::ID, self.firmware.default_rate_hz(), now_us);
-        self.answers.clear();
+        self.pending_answer_bytes.clear();
     }
 
     /// Sets the reported position; `None` means no position fix.
@@ -115,19 +115,19 @@ impl MavlinkAutopilot {
 
     /// Rate of a periodic message, Hz; `None` if it is not sent.
     #[must_use]
-    pub fn rate_hz(&self, id: u32) -> Option<f64> {
+    pub fn message_rate_hz(&self, id: u32) -> Option<f64> {
         self.streams.iter().find(|stream| stream.id == id).map(|stream| 1e6 / stream.period_us as f64)
     }
 
     /// Requests that were denied as too fast. ArduPilot warns its pilot of each: "Requested rate ... too fast".
     #[must_use]
-    pub const fn denied_requests(&self) -> u32 {
-        self.denied_requests
+    pub const fn denied_request_count(&self) -> u32 {
+        self.denied_request_count
     }
 
     /// Returns and clears the received frames.
     pub fn take_received(&mut self) -> Vec<MavlinkFrame> {
-        std::mem::take(&mut self.received)
+        std::mem::take(&mut self.received_frames)
     }
 
     /// Number of received bytes outside valid frames.
@@ -140,7 +140,7 @@ impl MavlinkAutopilot {
     pub fn receive_bytes(&mut self, now_us: u64, bytes: &[u8]) {
         for frame in self.reader.read_frames(bytes) {
             self.handle_frame(now_us, &frame);
-            self.received.push(frame);
+            self.received_frames.push(frame);
         }
     }
 
@@ -148,7 +148,7 @@ impl MavlinkAutopilot {
     #[must_use]
     pub fn due_us(&self) -> u64 {
         let streams = self.streams.iter().map(|stream| stream.due_us);
-        streams.min().filter(|_| self.answers.is_empty()).unwrap_or(0)
+        streams.min().filter(|_| self.pending_answer_bytes.is_empty()).unwrap_or(0)
     }
 
     /// Messages due at `now_us`; `modify_message` modifies each attitude message.
@@ -158,7 +158,7 @@ impl MavlinkAutopilot {
         inputs: &AutopilotInputs,
         mut modify_message: impl FnMut(&mut ATTITUDE_DATA),
     ) -> Vec<u8> {
-        let mut bytes = std::mem::take(&mut self.answers);
+        let mut bytes = std::mem::take(&mut self.pending_answer_bytes);
         let clock_us = now_us - self.started_us;
         for stream_index in 0..self.streams.len() {
             let PeriodicMessage { id, period_us, due_us } = self.streams[stream_index];
@@ -213,7 +213,7 @@ impl MavlinkAutopilot {
         let result = if command.command != MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL {
             MavResult::MAV_RESULT_UNSUPPORTED
         } else if command.param2 < self.firmware.least_interval_us() {
-            self.denied_requests += 1;
+            self.denied_request_count += 1;
             MavResult::MAV_RESULT_DENIED
         } else if !REQUESTABLE_MESSAGES.contains(&(command.param1 as u32)) {
             MavResult::MAV_RESULT_FAILED
@@ -224,7 +224,7 @@ impl MavlinkAutopilot {
         let [low, high] = (command.command as u16).to_le_bytes();
         let payload = [low, high, result as u8, 0, 0, 0, 0, 0, frame.system_id, frame.component_id];
         let command_ack = self.source.encode_raw(77, 143, &payload);
-        self.answers.extend(command_ack);
+        self.pending_answer_bytes.extend(command_ack);
     }
 
     fn start_stream(&mut self, id: u32, rate_hz: f64, now_us: u64) {

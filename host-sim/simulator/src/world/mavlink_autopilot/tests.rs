@@ -52,7 +52,7 @@ struct Bench {
     now_ms: u64,
     silent_until_ms: u64,
     received_messages: Vec<(u64, ReceivedMessage)>,
-    frames: Vec<(u64, MavlinkFrame)>,
+    module_frames: Vec<(u64, MavlinkFrame)>,
     inputs: AutopilotInputs,
 }
 
@@ -65,7 +65,7 @@ impl Bench {
             now_ms: 0,
             silent_until_ms: 0,
             received_messages: vec![],
-            frames: vec![],
+            module_frames: vec![],
             inputs: AutopilotInputs::default(),
         }
     }
@@ -103,15 +103,15 @@ impl Bench {
         let mut transmit_buffer = TransmitBuffer::new();
         self.module.poll(&snapshot, &mut transmit_buffer);
         self.autopilot.receive_bytes(1000 * self.now_ms, transmit_buffer.pending_bytes());
-        self.frames.extend(self.autopilot.take_received().into_iter().map(|frame| (self.now_ms, frame)));
+        self.module_frames.extend(self.autopilot.take_received().into_iter().map(|frame| (self.now_ms, frame)));
     }
 
-    fn requests(&self) -> Vec<(u64, Request)> {
-        self.frames.iter().filter_map(|(at_ms, frame)| Some((*at_ms, parse_request(frame)?))).collect()
+    fn timed_requests(&self) -> Vec<(u64, Request)> {
+        self.module_frames.iter().filter_map(|(at_ms, frame)| Some((*at_ms, parse_request(frame)?))).collect()
     }
 
     fn request_list(&self) -> Vec<Request> {
-        self.requests().into_iter().map(|(_, request)| request).collect()
+        self.timed_requests().into_iter().map(|(_, request)| request).collect()
     }
 
     fn attitudes_in_the_last_second(&self) -> usize {
@@ -126,14 +126,14 @@ const fn attitude_request(rate_hz: u32) -> Request {
     Request::Message { id: ATTITUDE_ID, rate_hz }
 }
 
-const CURRENT_PLACE_AND_TIME: [Request; 3] = [
+const STATUS_POSITION_TIME_REQUESTS: [Request; 3] = [
     Request::Message { id: SYS_STATUS_ID, rate_hz: 10 },
     Request::Message { id: POSITION_ID, rate_hz: 1 },
     Request::Message { id: SYSTEM_TIME_ID, rate_hz: 1 },
 ];
 
-fn assert_one_request_a_second(bench: &Bench) {
-    for pair in bench.requests().windows(2) {
+fn assert_requests_a_second_apart(bench: &Bench) {
+    for pair in bench.timed_requests().windows(2) {
         assert!(pair[1].0 - pair[0].0 >= 1000, "{pair:?}");
     }
 }
@@ -144,14 +144,14 @@ fn assert_one_request_a_second(bench: &Bench) {
 fn ardupilot_accepts_an_attitude_rate_of_40_hz_at_once() {
     let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
     bench.run_for_s(2);
-    assert!(bench.requests()[0].0 <= 1_100, "{:?}", bench.requests());
+    assert!(bench.timed_requests()[0].0 <= 1_100, "{:?}", bench.timed_requests());
     bench.run_for_s(60);
-    let request_list = [&[attitude_request(40)][..], &CURRENT_PLACE_AND_TIME].concat();
+    let request_list = [&[attitude_request(40)][..], &STATUS_POSITION_TIME_REQUESTS].concat();
     assert_eq!(bench.request_list(), request_list, "and nothing more");
-    assert_eq!(bench.autopilot.denied_requests(), 0);
+    assert_eq!(bench.autopilot.denied_request_count(), 0);
     assert!(bench.attitudes_in_the_last_second().abs_diff(40) <= 1);
-    assert_one_request_a_second(&bench);
-    assert_eq!((bench.autopilot.invalid_byte_count(), bench.module.rejected_frames()), (0, 0));
+    assert_requests_a_second_apart(&bench);
+    assert_eq!((bench.autopilot.invalid_byte_count(), bench.module.rejected_frame_count()), (0, 0));
 }
 
 /// The module does not request messages that already arrive often enough.
@@ -159,7 +159,7 @@ fn ardupilot_accepts_an_attitude_rate_of_40_hz_at_once() {
 fn px4_sends_attitude_without_a_request() {
     let mut bench = Bench::new(MavlinkFirmware::Px4);
     bench.run_for_s(60);
-    assert_eq!(bench.request_list(), CURRENT_PLACE_AND_TIME);
+    assert_eq!(bench.request_list(), STATUS_POSITION_TIME_REQUESTS);
     assert!(bench.attitudes_in_the_last_second().abs_diff(100) <= 1);
 }
 
@@ -170,10 +170,10 @@ fn an_autopilot_with_streams_only_gets_a_stream_request() {
     let mut expected: Vec<Request> = [40, 25, 20].into_iter().flat_map(|rate| [attitude_request(rate); 2]).collect();
     expected.push(Request::Stream { rate_hz: 25 });
     // The firmware does not provide these messages; the module requests each twice.
-    expected.extend(CURRENT_PLACE_AND_TIME.into_iter().flat_map(|request| [request; 2]));
+    expected.extend(STATUS_POSITION_TIME_REQUESTS.into_iter().flat_map(|request| [request; 2]));
     assert_eq!(bench.request_list(), expected);
     assert!(bench.attitudes_in_the_last_second().abs_diff(25) <= 1);
-    assert_one_request_a_second(&bench);
+    assert_requests_a_second_apart(&bench);
 }
 
 /// The module requests each message twice and then gives up.
@@ -182,9 +182,9 @@ fn an_autopilot_that_never_answers_gets_each_request_twice() {
     let mut bench = Bench::new(MavlinkFirmware::IgnoresRequests);
     bench.run_for_s(120);
     assert_eq!(bench.request_list().len(), 2 * 7);
-    assert!(bench.requests().last().unwrap().0 < 16_000);
+    assert!(bench.timed_requests().last().unwrap().0 < 16_000);
     assert_eq!(bench.attitudes_in_the_last_second(), 1);
-    assert_one_request_a_second(&bench);
+    assert_requests_a_second_apart(&bench);
 }
 
 /// A restarted autopilot is detected within three seconds, with or without a silent interval.
@@ -199,7 +199,7 @@ fn messages_are_requested_again_after_a_restart_or_silence() {
         bench.run_for_s(silence_ms / 1000 + 8);
         assert!(bench.attitudes_in_the_last_second().abs_diff(40) <= 1, "{silence_ms}");
         assert!(bench.request_list()[before..].contains(&attitude_request(40)), "{silence_ms}");
-        assert_one_request_a_second(&bench);
+        assert_requests_a_second_apart(&bench);
     }
 }
 
@@ -257,10 +257,10 @@ fn a_second_autopilot_is_ignored() {
         );
         bench.deliver_to_module(&bytes);
     }
-    assert!(bench.frames.iter().all(|(_, frame)| (frame.system_id, frame.component_id) == (1, 158)));
+    assert!(bench.module_frames.iter().all(|(_, frame)| (frame.system_id, frame.component_id) == (1, 158)));
     assert!(bench.received_messages.iter().any(|(_, message)| *message == ReceivedMessage::RejectedAttitude));
     assert_eq!(bench.module.is_armed(Timestamp::from_us(1000 * bench.now_ms)), Some(false));
-    assert_eq!(bench.autopilot.rate_hz(ATTITUDE_ID), Some(40.0));
+    assert_eq!(bench.autopilot.message_rate_hz(ATTITUDE_ID), Some(40.0));
 }
 
 /// The autopilot forwards a ground station's command and the module's answer.
@@ -276,7 +276,12 @@ fn a_ground_station_commands_the_module() {
     );
     bench.module.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
     bench.run_for_s(1);
-    let ack = bench.frames.iter().find(|(_, frame)| frame.message_id == 77).map(|(_, frame)| frame).expect("an answer");
+    let ack = bench
+        .module_frames
+        .iter()
+        .find(|(_, frame)| frame.message_id == 77)
+        .map(|(_, frame)| frame)
+        .expect("an answer");
     assert_eq!(ack.payload, [0xB8, 0xA5, 0, 0, 0, 0, 0, 0, 255, 190]);
 }
 

@@ -105,7 +105,7 @@ impl MspAutopilot {
     }
 
     /// Bytes of all answers due by `now_us`, with the present state.
-    pub fn send_replies(&mut self, now_us: u64, autopilot_state: &AutopilotState) -> Vec<u8> {
+    pub fn due_reply_bytes(&mut self, now_us: u64, autopilot_state: &AutopilotState) -> Vec<u8> {
         let mut sent_bytes = Vec::new();
         while let Some((_, request)) = self.waiting_requests.pop_front_if(|(due_us, _)| *due_us <= now_us) {
             let answer = self.answer_request(&request, autopilot_state);

@@ -42,7 +42,7 @@ fn request_reply(
     send_request(autopilot, 0, &msp::encode_request(function));
     let mut receiver = Receiver::new();
     let messages: Vec<_> = autopilot
-        .send_replies(u64::MAX, autopilot_state)
+        .due_reply_bytes(u64::MAX, autopilot_state)
         .into_iter()
         .filter_map(|byte| receiver.push_byte(byte))
         .collect();
@@ -107,7 +107,7 @@ fn unknown_requests_are_answered() {
     for (firmware, direction) in [(MspFirmware::ArduPilot, b'>'), (MspFirmware::Inav, b'!')] {
         let mut autopilot = MspAutopilot::new(firmware, NO_FAULTS, 1);
         send_request(&mut autopilot, 0, &request);
-        let answer = autopilot.send_replies(u64::MAX, &AUTOPILOT_STATE);
+        let answer = autopilot.due_reply_bytes(u64::MAX, &AUTOPILOT_STATE);
         assert_eq!((answer.len(), answer[2], answer[4]), (9, direction, 104));
     }
 }
@@ -137,8 +137,8 @@ fn answers_are_delayed_by_3_5_to_18_ms() {
                 let at_us = i * 20_000;
                 send_request(&mut autopilot, at_us, &msp::encode_request(MspFunction::Attitude));
                 let due_us = autopilot.next_answer_us().unwrap();
-                assert!(autopilot.send_replies(due_us - 1, &AUTOPILOT_STATE).is_empty());
-                assert!(!autopilot.send_replies(due_us, &AUTOPILOT_STATE).is_empty());
+                assert!(autopilot.due_reply_bytes(due_us - 1, &AUTOPILOT_STATE).is_empty());
+                assert!(!autopilot.due_reply_bytes(due_us, &AUTOPILOT_STATE).is_empty());
                 due_us - at_us
             })
             .collect()
@@ -157,7 +157,7 @@ fn answers_are_delayed_by_3_5_to_18_ms() {
     for (at_us, function) in (0..).zip(functions) {
         send_request(&mut autopilot, at_us, &msp::encode_request(function));
     }
-    let answers = autopilot.send_replies(u64::MAX, &AUTOPILOT_STATE);
+    let answers = autopilot.due_reply_bytes(u64::MAX, &AUTOPILOT_STATE);
     let mut remaining = answers.as_slice();
     let mut answers = Vec::new();
     while let [_, _, _, _, function, _, length, ..] = remaining {
@@ -173,7 +173,7 @@ fn replies_with_faults(answer_faults: AnswerFaults) -> (Vec<MspReply>, usize, u3
     let mut bytes = Vec::new();
     for i in 0..1_000_u64 {
         send_request(&mut autopilot, i * 20_000, &msp::encode_request(MspFunction::Attitude));
-        bytes.extend(autopilot.send_replies((i + 1) * 20_000, &AUTOPILOT_STATE));
+        bytes.extend(autopilot.due_reply_bytes((i + 1) * 20_000, &AUTOPILOT_STATE));
     }
     let number = bytes.len();
     let mut receiver = Receiver::new();
@@ -206,18 +206,18 @@ fn a_delayed_answer_is_sent_with_the_next() {
     let mut autopilot =
         MspAutopilot::new(MspFirmware::ArduPilot, AnswerFaults { delay_probability: 1.0, ..NO_FAULTS }, 5);
     send_request(&mut autopilot, 0, &msp::encode_request(MspFunction::Attitude));
-    assert!(autopilot.send_replies(20_000, &AUTOPILOT_STATE).is_empty());
+    assert!(autopilot.due_reply_bytes(20_000, &AUTOPILOT_STATE).is_empty());
     autopilot.answer_faults = NO_FAULTS;
     send_request(&mut autopilot, 20_000, &msp::encode_request(MspFunction::Status));
-    assert_eq!(autopilot.send_replies(40_000, &AUTOPILOT_STATE).len(), 15 + 31);
+    assert_eq!(autopilot.due_reply_bytes(40_000, &AUTOPILOT_STATE).len(), 15 + 31);
 }
 
 struct ExchangeResult {
-    attitudes: usize,
+    attitude_count: usize,
     /// Longest time without attitude after the first second, microseconds.
-    gap_us: u64,
-    places: usize,
-    days: usize,
+    longest_attitude_gap_us: u64,
+    position_count: usize,
+    date_count: usize,
     is_armed: Option<bool>,
     readings: Vec<CompassSample>,
 }
@@ -227,21 +227,28 @@ fn run_exchange(firmware: MspFirmware, answer_faults: AnswerFaults, seconds: u64
     let (mut port, mut output) = (Msp::new(), TransmitBuffer::new());
     let mut autopilot = MspAutopilot::new(firmware, answer_faults, 11);
     let settings = Settings::DEFAULT;
-    let mut run_exchange =
-        ExchangeResult { attitudes: 0, gap_us: 0, places: 0, days: 0, is_armed: None, readings: Vec::new() };
+    let mut run_exchange = ExchangeResult {
+        attitude_count: 0,
+        longest_attitude_gap_us: 0,
+        position_count: 0,
+        date_count: 0,
+        is_armed: None,
+        readings: Vec::new(),
+    };
     let mut heard_us = 1_000_000;
     for now_us in (0..seconds * 1_000_000).step_by(500) {
         let now = Timestamp::from_us(now_us);
-        for byte in autopilot.send_replies(now_us, &AUTOPILOT_STATE) {
+        for byte in autopilot.due_reply_bytes(now_us, &AUTOPILOT_STATE) {
             match port.process_byte(now, byte) {
                 Some(ReceivedMessage::Attitude(report)) => {
-                    run_exchange.attitudes += 1;
-                    run_exchange.gap_us = run_exchange.gap_us.max(now_us.saturating_sub(heard_us));
+                    run_exchange.attitude_count += 1;
+                    run_exchange.longest_attitude_gap_us =
+                        run_exchange.longest_attitude_gap_us.max(now_us.saturating_sub(heard_us));
                     heard_us = heard_us.max(now_us);
                     assert!((report.attitude.pitch_rad - 0.1).abs() < 0.0018, "{report:?}");
                 }
-                Some(ReceivedMessage::Position(_)) => run_exchange.places += 1,
-                Some(ReceivedMessage::Date(_)) => run_exchange.days += 1,
+                Some(ReceivedMessage::Position(_)) => run_exchange.position_count += 1,
+                Some(ReceivedMessage::Date(_)) => run_exchange.date_count += 1,
                 _ => {}
             }
         }
@@ -277,9 +284,9 @@ fn the_module_and_the_autopilot_exchange_messages() {
                 && run_exchange.readings.iter().all(|reading| reading.field_mg == [200, -51, 442])
         );
         // Some requests wait for the next estimate, others for a pending answer.
-        assert!((2_300..=3_000).contains(&run_exchange.attitudes), "{}", run_exchange.attitudes);
-        assert!(run_exchange.gap_us < 60_000, "{} us", run_exchange.gap_us);
-        assert!((58..=61).contains(&run_exchange.places) && (58..=61).contains(&run_exchange.days));
+        assert!((2_300..=3_000).contains(&run_exchange.attitude_count), "{}", run_exchange.attitude_count);
+        assert!(run_exchange.longest_attitude_gap_us < 60_000, "{} us", run_exchange.longest_attitude_gap_us);
+        assert!((58..=61).contains(&run_exchange.position_count) && (58..=61).contains(&run_exchange.date_count));
         assert_eq!(run_exchange.is_armed, Some(true));
     }
 }
@@ -294,8 +301,8 @@ fn answer_faults_do_not_stop_the_exchange() {
     };
     let run_exchange = run_exchange(MspFirmware::Inav, answer_faults, 60);
     assert!((2_990..=3_010).contains(&run_exchange.readings.len()));
-    assert!((1_000..2_600).contains(&run_exchange.attitudes), "{}", run_exchange.attitudes);
+    assert!((1_000..2_600).contains(&run_exchange.attitude_count), "{}", run_exchange.attitude_count);
     // Six faults in a row, 50 ms each, have a probability of about 0.001.
-    assert!(run_exchange.gap_us < 500_000, "{} us", run_exchange.gap_us);
-    assert!(run_exchange.places > 30 && run_exchange.days > 30 && run_exchange.is_armed == Some(true));
+    assert!(run_exchange.longest_attitude_gap_us < 500_000, "{} us", run_exchange.longest_attitude_gap_us);
+    assert!(run_exchange.position_count > 30 && run_exchange.date_count > 30 && run_exchange.is_armed == Some(true));
 }

@@ -28,7 +28,7 @@ use simulator::world::gyro::GyroConfig;
 use simulator::world::rotation::Euler;
 
 use crate::studies::integrity::integrity_plan::AttitudeProtocol;
-use crate::studies::integrity::legs_after_calibration::{self, TIME_IN_TURN_S};
+use crate::studies::integrity::legs_after_calibration::{self, INSTANT_IN_TURN_S};
 
 /// Fault and the flights on which it is tested: a row of [`ALL_CASES`](super::ALL_CASES).
 #[derive(Debug)]
@@ -123,7 +123,7 @@ const RESTART_SILENCE_S: f64 = 4.0;
 /// Shortest calibration, seconds. An aeroplane flies four circles at 25 deg of bank to one side and as many as
 /// necessary to the other: 196 to 215 s in 60 flights. A copter's calibration may be complete after accelerations on
 /// two headings.
-pub(super) const fn calibration_s(aircraft: VehicleKind) -> f64 {
+pub(super) const fn shortest_calibration_s(aircraft: VehicleKind) -> f64 {
     if aircraft.can_hover() { 60.0 } else { 195.0 }
 }
 
@@ -160,7 +160,7 @@ impl FaultCase {
             far_end: source.far_end(),
             routine: CalibrationRoutine::for_vehicle(aircraft, TurnPlan::default(), 0.0),
             faults: Faults::default(),
-            fault_switch: FaultSwitch::always_off(),
+            fault_switch: FaultSwitch::initially_off(),
             fault_onset: FaultOnset::Never,
             ground_time_s: 0.0,
             flight_after_calibration_s: FLIGHT_AFTER_CALIBRATION_S,
@@ -175,7 +175,7 @@ impl FaultCase {
 
 impl RandomCase {
     /// Handle for a fault that is active from the onset on.
-    pub(super) fn random_switch(&self) -> FaultSwitch {
+    pub(super) fn case_switch(&self) -> FaultSwitch {
         self.fault_switch.clone()
     }
 
@@ -201,16 +201,16 @@ impl RandomCase {
 
     /// Onset at a random time of the straight leg or the turn at the start of the flight after the calibration.
     pub(super) fn random_onset(&mut self) -> FaultOnset {
-        FaultOnset::permanent_after(self.random_stream.uniform(DEFAULT_ONSET_S, TIME_IN_TURN_S))
+        FaultOnset::permanent_after(self.random_stream.uniform(DEFAULT_ONSET_S, INSTANT_IN_TURN_S))
     }
 
     pub(super) fn stick_axes(&mut self, axes: [bool; 3]) {
         let onset = self.random_onset();
-        self.add_sensor_fault(onset, stuck_axes(self.random_switch(), axes));
+        self.add_sensor_fault(onset, stuck_axes(self.case_switch(), axes));
     }
 
     pub(super) fn upset_register(&mut self, register: u8, bits: u8) {
-        let switch = self.random_switch();
+        let switch = self.case_switch();
         self.add_sensor_fault(
             FaultOnset::SOON_AND_PERMANENT,
             RegisterUpset { fault_switch: switch, register, bit_mask: bits, has_occurred: false },
@@ -221,7 +221,7 @@ impl RandomCase {
     pub(super) fn clip_axis(&mut self, onset: FaultOnset) {
         let axis = (self.random_stream.uniform(0.0, 3.0) as usize).min(2);
         let limit_counts = axis_limit_counts(&self.world, axis, self.random_stream.uniform(0.3, 0.95));
-        self.add_sensor_fault(onset, axis_clipping(self.random_switch(), axis, limit_counts));
+        self.add_sensor_fault(onset, axis_clipping(self.case_switch(), axis, limit_counts));
     }
 
     pub(super) fn quantise_attitude(&mut self) {
@@ -229,12 +229,12 @@ impl RandomCase {
     }
 
     pub(super) fn freeze_attitude(&mut self, after_s: f64) {
-        self.add_attitude_fault(FaultOnset::permanent_after(after_s), frozen_attitude(self.random_switch()));
+        self.add_attitude_fault(FaultOnset::permanent_after(after_s), frozen_attitude(self.case_switch()));
     }
 
     /// Adds a sender with a roll error of 5 deg, present from the beginning; only the flight after the calibration is
     /// evaluated.
-    pub(super) fn add_sender(&mut self, heartbeat_kind: Option<SenderKind>) {
+    pub(super) fn add_second_sender(&mut self, heartbeat_kind: Option<SenderKind>) {
         self.fault_onset = FaultOnset::Always;
         self.faults.second_senders.push(SecondSender {
             system_id: 1,
@@ -249,27 +249,27 @@ impl RandomCase {
     pub(super) fn pause_beside_other_vehicle(&mut self) {
         self.flight_after_calibration_s = 300.0;
         self.fault_onset = FaultOnset::AfterCalibration { after_s: DEFAULT_ONSET_S, for_s: 12.0 };
-        self.faults.link_faults = vec![LinkFault::Pause(self.random_switch()), LinkFault::OtherVehicle(2)];
+        self.faults.link_faults = vec![LinkFault::Pause(self.case_switch()), LinkFault::OtherVehicle(2)];
     }
 
     /// Adds forged messages in the autopilot's name, among its own, permanently from soon after the start of the flight
     /// after the calibration.
     pub(super) fn send_forged_messages(&mut self, message: ForgedMessage) {
         self.fault_onset = FaultOnset::SOON_AND_PERMANENT;
-        self.faults.link_faults.push(LinkFault::Forged(self.random_switch(), message));
+        self.faults.link_faults.push(LinkFault::Forged(self.case_switch(), message));
     }
 
     pub(super) fn bias_attitude(&mut self, degrees: f64) {
         let direction_rad = self.random_stream.uniform(0.0, TAU);
         let bias_rad =
             [libm::cos(direction_rad), libm::sin(direction_rad)].map(|component| degrees.to_radians() * component);
-        self.add_attitude_fault(FaultOnset::SOON_AND_PERMANENT, attitude_bias(self.random_switch(), bias_rad));
+        self.add_attitude_fault(FaultOnset::SOON_AND_PERMANENT, attitude_bias(self.case_switch(), bias_rad));
     }
 
     /// The autopilot's attitude filter aligns on the ground.
-    pub(super) fn align_attitude(&mut self) {
+    pub(super) fn add_filter_alignment(&mut self) {
         self.ground_time_s = TIME_ON_GROUND_S;
-        let fault = filter_alignment(self.random_switch(), self.random_alignment());
+        let fault = filter_alignment(self.case_switch(), self.random_alignment());
         self.add_attitude_fault(
             FaultOnset::AfterCalibration { after_s: DEFAULT_ONSET_S, for_s: RESTART_ALIGNMENT_S },
             fault,
@@ -284,7 +284,7 @@ impl RandomCase {
 
     pub(super) fn make_attitude_stale(&mut self) {
         let onset = self.random_onset();
-        let fault = stale_attitude(self.random_switch(), &self.world.attitude_source, self.seed);
+        let fault = stale_attitude(self.case_switch(), &self.world.attitude_source, self.seed);
         self.add_attitude_fault(onset, fault);
     }
 
@@ -292,7 +292,7 @@ impl RandomCase {
     /// integrated.
     pub(super) fn interrupt_link(&mut self) {
         self.further_legs = legs_after_calibration::steep_turns;
-        let switch = self.random_switch();
+        let switch = self.case_switch();
         self.add_attitude_fault(
             FaultOnset::SOON_AND_PERMANENT,
             SourceSilence { fault_switch: switch, silent_s: 1.5, period_s: 10.0, stops_clock: false },
@@ -302,19 +302,19 @@ impl RandomCase {
     /// The source stalls once for 1.4 s in a turn, as a simulated autopilot on a busy computer did: it is silent, with
     /// time stamps that go on or stop meanwhile, or it repeats its last message with new time stamps.
     pub(super) fn stall_source(&mut self) {
-        const SENSOR_STALL_S: f64 = 1.4;
-        let after_s = self.random_stream.uniform(TIME_IN_TURN_S - 5.0, TIME_IN_TURN_S + 5.0);
-        let switch = self.random_switch();
+        const SOURCE_STALL_S: f64 = 1.4;
+        let after_s = self.random_stream.uniform(INSTANT_IN_TURN_S - 5.0, INSTANT_IN_TURN_S + 5.0);
+        let switch = self.case_switch();
         let stall_kind = self.random_stream.uniform(0.0, 3.0);
         if stall_kind < 1.0 {
             self.add_attitude_fault(
-                FaultOnset::AfterCalibration { after_s, for_s: SENSOR_STALL_S },
+                FaultOnset::AfterCalibration { after_s, for_s: SOURCE_STALL_S },
                 frozen_attitude(switch),
             );
         } else {
             let stops_clock = stall_kind < 2.0;
             let fault =
-                SourceSilence { fault_switch: switch, silent_s: SENSOR_STALL_S, period_s: f64::INFINITY, stops_clock };
+                SourceSilence { fault_switch: switch, silent_s: SOURCE_STALL_S, period_s: f64::INFINITY, stops_clock };
             self.add_attitude_fault(FaultOnset::permanent_after(after_s), fault);
         }
     }
@@ -322,12 +322,12 @@ impl RandomCase {
     /// The autopilot restarts, on the ground or in the air: silence, then time stamps from zero and an attitude that
     /// aligns.
     pub(super) fn restart_autopilot(&mut self) {
-        let mut after_s = self.random_stream.uniform(DEFAULT_ONSET_S, TIME_IN_TURN_S);
+        let mut after_s = self.random_stream.uniform(DEFAULT_ONSET_S, INSTANT_IN_TURN_S);
         if self.random_stream.uniform(0.0, 1.0) < 0.5 {
             self.ground_time_s = TIME_ON_GROUND_S;
             after_s = DEFAULT_ONSET_S;
         }
-        let (switch, alignment) = (self.random_switch(), self.random_alignment());
+        let (switch, alignment) = (self.case_switch(), self.random_alignment());
         self.add_attitude_fault(
             FaultOnset::permanent_after(after_s),
             SourceRestart { fault_switch: switch, silent_s: RESTART_SILENCE_S, alignment },
@@ -335,11 +335,11 @@ impl RandomCase {
     }
 
     pub(super) fn scale_bank(&mut self, onset: FaultOnset, reported_ratio: f64) {
-        self.add_attitude_fault(onset, bank_scale_error(self.random_switch(), reported_ratio));
+        self.add_attitude_fault(onset, bank_scale_error(self.case_switch(), reported_ratio));
     }
 
     pub(super) fn lag_bank_in_turns(&mut self) {
-        self.add_attitude_fault(FaultOnset::Always, lagging_bank_error(self.random_switch(), 0.12, 10.0));
+        self.add_attitude_fault(FaultOnset::Always, lagging_bank_error(self.case_switch(), 0.12, 10.0));
     }
 
     pub(super) fn level_attitude_wrongly(&mut self, degrees: f64) {
@@ -362,16 +362,16 @@ impl RandomCase {
     pub(super) fn add_vibration(&mut self, peak_ut: f64) {
         let peak_counts = self.random_field_ut(peak_ut) * COUNTS_PER_UT;
         let alias_hz = self.random_stream.uniform(0.01, 0.5);
-        self.add_sensor_fault(FaultOnset::Always, aliased_vibration(self.random_switch(), peak_counts, alias_hz));
+        self.add_sensor_fault(FaultOnset::Always, aliased_vibration(self.case_switch(), peak_counts, alias_hz));
     }
 
     pub(super) fn delay_attitude(&mut self, latency_ms: u64) {
-        let fault = AdditionalLatency { fault_switch: self.random_switch(), latency_us: latency_ms * 1000 };
+        let fault = AdditionalLatency { fault_switch: self.case_switch(), latency_us: latency_ms * 1000 };
         self.add_attitude_fault(FaultOnset::SOON_AND_PERMANENT, fault);
     }
 
     pub(super) fn scale_rates(&mut self, factor: f64) {
-        self.add_attitude_fault(FaultOnset::SOON_AND_PERMANENT, rate_scale_error(self.random_switch(), factor));
+        self.add_attitude_fault(FaultOnset::SOON_AND_PERMANENT, rate_scale_error(self.case_switch(), factor));
     }
 
     /// Gives the gyro scale errors and cross-axis sensitivities of exactly this size, always.
@@ -382,27 +382,27 @@ impl RandomCase {
 
     pub(super) fn change_hard_iron(&mut self, magnitude_ut: f64) {
         let change_ut = self.random_field_ut(magnitude_ut);
-        self.add_field_fault(FaultOnset::SOON_AND_PERMANENT, hard_iron_change(self.random_switch(), change_ut));
+        self.add_field_fault(FaultOnset::SOON_AND_PERMANENT, hard_iron_change(self.case_switch(), change_ut));
     }
 
     pub(super) fn change_hard_iron_while_calibrating(&mut self, magnitude_ut: f64) {
         let change_ut = self.random_field_ut(magnitude_ut);
-        let after_s = self.random_stream.uniform(0.0, calibration_s(self.world.aircraft.kind));
+        let after_s = self.random_stream.uniform(0.0, shortest_calibration_s(self.world.aircraft.kind));
         let onset = FaultOnset::DuringCalibration { after_s, until_s: f64::INFINITY };
-        self.add_field_fault(onset, hard_iron_change(self.random_switch(), change_ut));
+        self.add_field_fault(onset, hard_iron_change(self.case_switch(), change_ut));
     }
 
     pub(super) fn add_throttle_interference(&mut self, full_ut: f64) {
         let full_ut = self.random_field_ut(full_ut);
         self.add_field_fault(
             FaultOnset::SOON_AND_PERMANENT,
-            throttle_interference(self.random_switch(), full_ut, self.seed),
+            throttle_interference(self.case_switch(), full_ut, self.seed),
         );
     }
 
     pub(super) fn drift_zero(&mut self, onset: FaultOnset) {
         let change_ut = self.random_field_ut(10.0);
-        self.add_field_fault(onset, zero_drift(self.random_switch(), change_ut));
+        self.add_field_fault(onset, zero_drift(self.case_switch(), change_ut));
     }
 
     /// Adds straight flight or hover for ten minutes after the first legs, in which hard iron drifts.
@@ -411,7 +411,7 @@ impl RandomCase {
         self.further_legs = legs_after_calibration::steady_leg;
         let change_ut = self.random_field_ut(10.0);
         let onset = FaultOnset::permanent_after(STEADY_FLIGHT_ONSET_S);
-        self.add_field_fault(onset, hard_iron_drift(self.random_switch(), change_ut, time_constant_s));
+        self.add_field_fault(onset, hard_iron_drift(self.case_switch(), change_ut, time_constant_s));
     }
 
     /// Turns the module in its mount within `for_s` seconds.
@@ -421,21 +421,21 @@ impl RandomCase {
         let (airframe, earth) = (self.world.airframe, self.world.earth);
         self.add_field_fault(
             onset,
-            MountTurn { fault_switch: self.random_switch(), airframe, earth, turn_deg: side_sign * turn_deg },
+            MountTurn { fault_switch: self.case_switch(), airframe, earth, turn_deg: side_sign * turn_deg },
         );
     }
 
     pub(super) fn pass_object(&mut self, peak_ut: f64, for_s: f64) {
         let peak_ut = self.random_field_ut(peak_ut);
         let onset = FaultOnset::AfterCalibration { after_s: PASSING_OBJECT_ONSET_S, for_s };
-        self.add_field_fault(onset, passing_object(self.random_switch(), peak_ut));
+        self.add_field_fault(onset, passing_object(self.case_switch(), peak_ut));
     }
 
     pub(super) fn move_to_other_place(&mut self) {
         self.world.earth = Earth { total_ut: 50.0, inclination_deg: 60.0 };
         let total_ut = self.random_stream.uniform(45.0, 55.0);
         let earth = Earth { total_ut, inclination_deg: self.random_stream.uniform(50.0, 70.0) };
-        self.add_field_fault(FaultOnset::SOON_AND_PERMANENT, OtherPlace { fault_switch: self.random_switch(), earth });
+        self.add_field_fault(FaultOnset::SOON_AND_PERMANENT, OtherPlace { fault_switch: self.case_switch(), earth });
     }
 
     pub(super) fn calibrate_at_bank(&mut self, bank_deg: f64) {
@@ -453,7 +453,7 @@ impl RandomCase {
         }
     }
 
-    pub(super) fn add_current(&mut self, in_hover_ut: f64, reports_current: bool) {
+    pub(super) fn add_current_interference(&mut self, in_hover_ut: f64, reports_current: bool) {
         self.fault_onset = FaultOnset::Always;
         self.world = WorldConfig { reports_current, ..self.world.with_current_interference(in_hover_ut) };
     }
@@ -470,7 +470,7 @@ impl FaultOnset {
 
     /// Fault from the start of the calibration for the shortest calibration of this kind of vehicle.
     pub(super) const fn during_calibration(aircraft: VehicleKind) -> Self {
-        Self::DuringCalibration { after_s: 0.0, until_s: calibration_s(aircraft) }
+        Self::DuringCalibration { after_s: 0.0, until_s: shortest_calibration_s(aircraft) }
     }
 }
 

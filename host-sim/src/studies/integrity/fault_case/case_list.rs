@@ -12,7 +12,7 @@ use simulator::world::gyro::GyroConfig;
 use super::case_definition::{
     COUNTS_PER_UT, DEFAULT_ONSET_S, FLIGHT_AFTER_CALIBRATION_S, FaultCase, FaultOnset, RandomCase, SENSOR_SIGMA_COUNTS,
 };
-use crate::studies::integrity::legs_after_calibration::{TIME_IN_LEVEL_FLIGHT_S, TIME_IN_TURN_S};
+use crate::studies::integrity::legs_after_calibration::{INSTANT_IN_LEVEL_FLIGHT_S, INSTANT_IN_TURN_S};
 
 const DEGREES_PER_RADIAN: f64 = 360.0 / TAU;
 
@@ -35,7 +35,11 @@ const fn hover_case(name: &'static str, description: &'static str, configure_cas
 }
 
 /// Case for vehicles that cannot hover.
-const fn turn_case(name: &'static str, description: &'static str, configure_case: fn(&mut RandomCase)) -> FaultCase {
+const fn non_hover_case(
+    name: &'static str,
+    description: &'static str,
+    configure_case: fn(&mut RandomCase),
+) -> FaultCase {
     FaultCase {
         applies_to_vehicle: |vehicle_kind| !vehicle_kind.can_hover(),
         ..define_case(name, description, configure_case)
@@ -70,7 +74,7 @@ pub static ALL_CASES: &[FaultCase] = &[
     define_case("clean", "nothing", |_| {}),
     FaultCase {
         max_flights: 1,
-        ..turn_case("ten-hours", "nothing, one flight of ten hours", |flight| {
+        ..non_hover_case("ten-hours", "nothing, one flight of ten hours", |flight| {
             flight.flight_after_calibration_s = 36_000.0;
         })
     },
@@ -89,7 +93,7 @@ pub static ALL_CASES: &[FaultCase] = &[
         let growth_deg_s2 = flight.random_stream.random_direction() * (2.0 / 60.0);
         flight.add_attitude_fault(
             FaultOnset::SOON_AND_PERMANENT,
-            rate_offset_ramp(flight.random_switch(), growth_deg_s2.into()),
+            rate_offset_ramp(flight.case_switch(), growth_deg_s2.into()),
         );
     }),
     mavlink_hard_iron_case("gyro-1-moved-5", "as gyro-1, and hard iron moved by 5 uT", |flight| {
@@ -112,15 +116,15 @@ pub static ALL_CASES: &[FaultCase] = &[
         flight.stick_axes([true; 3]);
         flight.add_sensor_fault(
             flight.fault_onset,
-            additional_noise(flight.random_switch(), SENSOR_SIGMA_COUNTS, flight.seed),
+            additional_noise(flight.case_switch(), SENSOR_SIGMA_COUNTS, flight.seed),
         );
     }),
     define_case("sensor-spikes", "1 % of readings off by 30 uT", |flight| {
-        let fault = measurement_spikes(flight.random_switch(), 0.01, 30.0 * COUNTS_PER_UT, flight.seed);
+        let fault = measurement_spikes(flight.case_switch(), 0.01, 30.0 * COUNTS_PER_UT, flight.seed);
         flight.add_sensor_fault(FaultOnset::SOON_AND_PERMANENT, fault);
     }),
     define_case("sensor-noise", "five times the sensor's noise", |flight| {
-        let fault = additional_noise(flight.random_switch(), 24_f64.sqrt() * SENSOR_SIGMA_COUNTS, flight.seed);
+        let fault = additional_noise(flight.case_switch(), 24_f64.sqrt() * SENSOR_SIGMA_COUNTS, flight.seed);
         flight.add_sensor_fault(FaultOnset::SOON_AND_PERMANENT, fault);
     }),
     define_case("sensor-clipped", "an axis saturates within the circle", |flight| {
@@ -130,19 +134,19 @@ pub static ALL_CASES: &[FaultCase] = &[
     define_case("upset-self-test", "the self-test bit flips", |flight| flight.upset_register(0x20, 0x01)),
     define_case("upset-byte-order", "the byte-order bit flips", |flight| flight.upset_register(0x23, 0x02)),
     define_case("frozen-level", "attitude repeats from level flight on", |flight| {
-        flight.freeze_attitude(TIME_IN_LEVEL_FLIGHT_S);
+        flight.freeze_attitude(INSTANT_IN_LEVEL_FLIGHT_S);
     }),
-    define_case("frozen-turn", "attitude repeats from a turn on", |flight| flight.freeze_attitude(TIME_IN_TURN_S)),
+    define_case("frozen-turn", "attitude repeats from a turn on", |flight| flight.freeze_attitude(INSTANT_IN_TURN_S)),
     define_case("frozen-coarse", "attitude in tenths of a degree repeats from a turn on", |flight| {
         flight.quantise_attitude();
-        flight.freeze_attitude(TIME_IN_TURN_S);
+        flight.freeze_attitude(INSTANT_IN_TURN_S);
     }),
     mavlink_case(
         "attitude-hangs",
         "roll and pitch stay but for noise, body rates go on",
         RandomCase::make_attitude_stale,
     ),
-    turn_case("link-gaps", "attitude gaps of 1.5 s in turns at 45 deg of bank", RandomCase::interrupt_link),
+    non_hover_case("link-gaps", "attitude gaps of 1.5 s in turns at 45 deg of bank", RandomCase::interrupt_link),
     define_case("source-stalls", "the attitude source stalls for 1.4 s in a turn", RandomCase::stall_source),
     define_case(
         "autopilot-restarts",
@@ -153,14 +157,14 @@ pub static ALL_CASES: &[FaultCase] = &[
     define_case("spikes", "1 % of attitude messages wrong by 45 deg", |flight| {
         flight.add_attitude_fault(
             FaultOnset::SOON_AND_PERMANENT,
-            attitude_spikes(flight.random_switch(), 0.01, flight.seed),
+            attitude_spikes(flight.case_switch(), 0.01, flight.seed),
         );
     }),
     mavlink_case("foreign", "a gimbal also sends attitude, 5 deg off", |flight| {
-        flight.add_sender(Some(SenderKind::Other));
+        flight.add_second_sender(Some(SenderKind::Other));
     }),
     mavlink_case("foreign-silent", "another sender of attitude without a heartbeat, 5 deg off", |flight| {
-        flight.add_sender(None);
+        flight.add_second_sender(None);
     }),
     mavlink_case(
         "second-vehicle",
@@ -174,12 +178,12 @@ pub static ALL_CASES: &[FaultCase] = &[
         flight.send_forged_messages(ForgedMessage::Disarmed);
     }),
     mavlink_case("current-forged", "current reported, forged reports of 300 A among them", |flight| {
-        flight.add_current(5.0, true);
+        flight.add_current_interference(5.0, true);
         flight.send_forged_messages(ForgedMessage::Current(300.0));
     }),
     define_case("bias-2", "attitude bias of 2 deg", |flight| flight.bias_attitude(2.0)),
     define_case("bias-5", "attitude bias of 5 deg", |flight| flight.bias_attitude(5.0)),
-    mavlink_case("aligning", "the attitude filter aligns on the ground", RandomCase::align_attitude),
+    mavlink_case("aligning", "the attitude filter aligns on the ground", RandomCase::add_filter_alignment),
     define_case("lean-70", "attitude reads 70 % of the bank", |flight| {
         flight.scale_bank(FaultOnset::SOON_AND_PERMANENT, 0.7);
     }),
@@ -205,16 +209,16 @@ pub static ALL_CASES: &[FaultCase] = &[
     mavlink_case("mount-turned-10-slow", "the module turns by 10 deg in its mount within 200 s", |flight| {
         flight.turn_mount(10.0, 200.0);
     }),
-    turn_case("drift-straight-60", "hard iron drifts by 10 uT within 60 s in straight flight", |flight| {
+    non_hover_case("drift-straight-60", "hard iron drifts by 10 uT within 60 s in straight flight", |flight| {
         flight.drift_hard_iron(60.0);
     }),
-    turn_case("drift-straight-300", "hard iron drifts by 10 uT within 300 s in straight flight", |flight| {
+    non_hover_case("drift-straight-300", "hard iron drifts by 10 uT within 300 s in straight flight", |flight| {
         flight.drift_hard_iron(300.0);
     }),
     hover_case("drift-hover-300", "hard iron drifts by 10 uT within 300 s in hover", |flight| {
         flight.drift_hard_iron(300.0);
     }),
-    turn_case("steady", "nothing, ten minutes of straight flight", |flight| {
+    non_hover_case("steady", "nothing, ten minutes of straight flight", |flight| {
         flight.drift_hard_iron(f64::INFINITY);
     }),
     hover_case("steady-hover", "nothing, ten minutes of hover", |flight| {
@@ -249,7 +253,7 @@ pub static ALL_CASES: &[FaultCase] = &[
     define_case("cal-warming", "the zero drifts from 0 to 10 uT during the calibration", |flight| {
         flight.drift_zero(FaultOnset::during_calibration(flight.world.aircraft.kind));
     }),
-    turn_case("cal-bank-5", "calibration turns at 5 deg of bank", |flight| flight.calibrate_at_bank(5.0)),
+    non_hover_case("cal-bank-5", "calibration turns at 5 deg of bank", |flight| flight.calibrate_at_bank(5.0)),
     define_case("cal-clipped", "an axis saturates within the circles, always", |flight| {
         flight.clip_axis(FaultOnset::Always);
     }),
@@ -276,15 +280,15 @@ pub static ALL_CASES: &[FaultCase] = &[
         flight.world.attitude_source.push_error_deg *= 2.0;
     }),
     hover_case("cal-current-unreported", "motor current of 5 uT in hover, not reported", |flight| {
-        flight.add_current(5.0, false);
+        flight.add_current_interference(5.0, false);
     }),
     hover_case("cal-current-unreported-20", "motor current of 20 uT in hover, not reported", |flight| {
-        flight.add_current(20.0, false);
+        flight.add_current_interference(20.0, false);
     }),
     hover_case("cal-current-reported", "motor current of 5 uT in hover, reported", |flight| {
-        flight.add_current(5.0, true);
+        flight.add_current_interference(5.0, true);
     }),
     hover_case("cal-current-reported-20", "motor current of 20 uT in hover, reported", |flight| {
-        flight.add_current(20.0, true);
+        flight.add_current_interference(20.0, true);
     }),
 ];

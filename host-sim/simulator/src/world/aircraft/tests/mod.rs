@@ -23,9 +23,9 @@ fn fly(aircraft: &mut Aircraft, seconds: f64) -> Vec<TrueState> {
 
 /// States of every step until the leg ends.
 fn fly_leg(aircraft: &mut Aircraft, leg: Leg) -> Vec<TrueState> {
-    aircraft.autopilot_mut().fly_leg(leg);
+    aircraft.autopilot_mut().append_leg(leg);
     let mut states = Vec::new();
-    while states.is_empty() || aircraft.autopilot().unfinished_legs() > 0 {
+    while states.is_empty() || aircraft.autopilot().unfinished_leg_count() > 0 {
         states.extend(fly(aircraft, STEP_S));
         assert!(states.len() < 100_000, "{leg:?} does not end");
     }

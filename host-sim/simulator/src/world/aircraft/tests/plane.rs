@@ -4,7 +4,7 @@ fn aircraft(weather: Weather, seed: u64) -> Aircraft {
     vehicle(VehicleKind::Plane, weather, seed)
 }
 
-fn expected_load(bank_deg: f64) -> f64 {
+fn expected_load_factor(bank_deg: f64) -> f64 {
     libm::cos(bank_deg.to_radians()).recip()
 }
 
@@ -20,7 +20,7 @@ fn the_turn_rate_is_that_of_a_coordinated_turn() {
         let expected_deg_s = (9.806_65 * libm::tan(bank_deg.to_radians()) / 22.0_f64).to_degrees();
         let rate_deg_s = state.heading_rate_rad_s.to_degrees();
         assert!((rate_deg_s / expected_deg_s - 1.0).abs() < 1e-3, "{rate_deg_s} for {expected_deg_s} deg/s");
-        let load = expected_load(bank_deg);
+        let load = expected_load_factor(bank_deg);
         assert!(
             (state.relative_current / (load * load) - 1.0).abs() < 1e-3,
             "induced drag goes with the square of the load"
@@ -60,15 +60,15 @@ fn bank_and_pitch_have_the_configured_standard_deviation() {
 #[test]
 fn a_plan_is_flown_leg_by_leg() {
     let mut aircraft = aircraft(Weather::default(), 3);
-    aircraft.autopilot_mut().fly_leg(Leg::Straight { heading_deg: 350.0, seconds: 20.0 });
-    aircraft.autopilot_mut().fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: -720.0 });
+    aircraft.autopilot_mut().append_leg(Leg::Straight { heading_deg: 350.0, seconds: 20.0 });
+    aircraft.autopilot_mut().append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: -720.0 });
     fly(&mut aircraft, 20.0);
     assert!((aircraft.true_state().heading_rad.to_degrees() + 10.0).abs() < 4.0, "the short way to 350 is to the left");
     // 720 degrees at 11.91 deg/s take 60.5 s.
     fly(&mut aircraft, 55.0);
-    assert_eq!(aircraft.autopilot().unfinished_legs(), 1);
+    assert_eq!(aircraft.autopilot().unfinished_leg_count(), 1);
     fly(&mut aircraft, 15.0);
-    assert_eq!(aircraft.autopilot().unfinished_legs(), 0);
+    assert_eq!(aircraft.autopilot().unfinished_leg_count(), 0);
     let turned_deg = aircraft.true_state().heading_rad.to_degrees() + 10.0;
     assert!((-760.0..-720.0).contains(&turned_deg), "{turned_deg}");
 }
@@ -107,14 +107,14 @@ fn the_same_seed_flies_the_same_flight_and_settings_do_not_share_noise() {
 #[test]
 fn an_aeroplane_completes_hover_tilt_and_yaw_legs() {
     let mut aircraft = aircraft(Weather::calm(), 1);
-    aircraft.autopilot_mut().fly_leg(Leg::Hover { seconds: 2.0 });
-    aircraft.autopilot_mut().fly_leg(Leg::Tilt { toward_deg: 90.0, tilt_deg: 20.0, seconds: 2.0 });
+    aircraft.autopilot_mut().append_leg(Leg::Hover { seconds: 2.0 });
+    aircraft.autopilot_mut().append_leg(Leg::Tilt { toward_deg: 90.0, tilt_deg: 20.0, seconds: 2.0 });
     let states = fly(&mut aircraft, 4.0);
     assert!(
         states.iter().all(|state| state.roll_rad.abs() < 1e-6 && state.disturbing_acceleration_m_s2.to_bits() == 0)
     );
-    aircraft.autopilot_mut().fly_leg(Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: -360.0 });
+    aircraft.autopilot_mut().append_leg(Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: -360.0 });
     fly(&mut aircraft, 60.0);
-    assert_eq!(aircraft.autopilot().unfinished_legs(), 0);
+    assert_eq!(aircraft.autopilot().unfinished_leg_count(), 0);
     assert!(aircraft.true_state().heading_rad < -TAU);
 }

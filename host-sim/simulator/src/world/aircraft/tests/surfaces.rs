@@ -23,7 +23,7 @@ fn the_down_axis_on_a_slope_is_its_normal() {
 }
 
 #[test]
-fn ground_slopes_are_constant_in_time() {
+fn ground_slopes_are_constant_and_as_steep_as_configured() {
     let mut squares = [0.0_f64; 2];
     for seed in 0..40 {
         let ground = Surface::rough_ground(6.0, seed);
@@ -49,7 +49,7 @@ fn ground_slopes_are_constant_in_time() {
 /// Waves of 8 to 20 m have periods of 2.3 to 3.6 s. Directions within 40 deg make slopes along the mean direction 2.4
 /// times as large as across it.
 #[test]
-fn waves_travel() {
+fn waves_have_their_slopes_and_periods() {
     let [mut along, mut across] = [0.0_f64; 2];
     let mut crossings = 0;
     for seed in 0..20 {
