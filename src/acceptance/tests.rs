@@ -210,6 +210,7 @@ fn a_bank_scale_error_is_a_rejection_reason_only_if_certain() {
     assert!(evaluate_candidate(&candidate_with_bank_scale_error(3.4, 2.99, 3.01)).is_ok());
     let refused = evaluate_candidate(&candidate_with_bank_scale_error(3.6, 2.99, 3.01)).unwrap_err();
     assert_eq!(refused, Rejection::AttitudeContradicted { reported_bank_ratio: 0.91, expected_rms_deg: 3.01 });
+    assert!(refused.to_string().contains(" 91 % of the bank"), "{refused}");
     // A hard-iron change precedes the scale error as the reason, also when the latter is only suspected.
     let both = |sigmas| {
         let finding = candidate_with_hard_iron_change(0.1, 3.5).hard_iron_change;

@@ -280,6 +280,29 @@ mod tests {
         }
     }
 
+    /// The reported attitude stays level. A slow roll shows that it is stale; after a minute without motion, rates of the
+    /// wrong sign contradict the field, and nothing is known about the attitude.
+    #[test]
+    fn a_slow_roll_is_enough_and_a_contradicting_field_ends_the_detection() {
+        let (mut detector, mut step, mut roll_deg, mut is_stale) = (StaleAttitudeDetector::new(), 0, 0.0, false);
+        for (seconds, rate_deg_s, rate_factor, expected) in
+            [(1, 0.0, 1.0, false), (3, 8.0, 1.0, true), (60, 0.0, 1.0, true), (2, -12.0, -1.0, false)]
+        {
+            for _ in 0..50 * seconds {
+                step += 1;
+                roll_deg += rate_deg_s / 50.0;
+                let earth = Field::earth_field(50.0, 1.1, 0.3);
+                detector.update_field(Attitude::from_deg(roll_deg, 0.0).to_body_frame(earth));
+                let (sender, sender_time, attitude) =
+                    (SenderId::default(), WrappingMillis::default(), Attitude::default());
+                let body_rates = BodyRates::from_rad_s([rate_factor * rate_deg_s, 0.0, 1e-6].map(f32::to_radians));
+                let report = AttitudeReport { sender, sender_time, attitude, body_rates };
+                is_stale = detector.process_report(Timestamp::from_us(step * 20_000), &report);
+            }
+            assert_eq!(is_stale, expected, "{rate_deg_s}");
+        }
+    }
+
     /// The attitude is stale from 25 s to 45 s, and follows the roll that begins at 49 s.
     #[test]
     fn an_attitude_that_follows_again_is_accepted() {

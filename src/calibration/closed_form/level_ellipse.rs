@@ -61,7 +61,7 @@ impl EllipseMap {
             // The cast saturates and maps NaN to 0; the remainder keeps the shift below 24.
             sectors | 1 << ((turns * 24.0) as u32 % 24)
         });
-        let shifted = (sectors << 1 | sectors >> 23) & 0x00FF_FFFF;
+        let shifted = sectors << 1 | sectors >> 23;
         let legs = (sectors & !shifted).count_ones();
         legs.max(sectors.count_ones() / 2) as u8
     }

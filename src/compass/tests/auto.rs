@@ -170,6 +170,8 @@ fn automatic_collection_can_be_switched_off() {
     let mut bench = TestBed::new();
     bench.report_armed(true);
     assert!(bench.collect_until_end(&hover_samples(7)[..60]).is_none());
+    bench.save_by_command(Command::Set(SettingChange::StreamRateHz(20))).unwrap();
+    assert_eq!(bench.compass.module_state(), ModuleState::Collecting, "another setting");
     bench.save_by_command(Command::Set(SettingChange::Auto(false))).unwrap();
     assert_eq!((bench.compass.module_state(), bench.stored_sample_count()), (ModuleState::Uncalibrated, 0));
     assert!(bench.collect_until_end(&hover_samples(7)[60..160]).is_none());

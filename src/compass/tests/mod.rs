@@ -865,6 +865,21 @@ fn a_tumbling_needs_no_attitude() {
     assert_eq!(bench.compass.instrument_correction().sample_attitude, SampleAttitude::Interpolated);
 }
 
+/// Turned about the body's x axis, the calibrated field keeps its strength and loses its inclination.
+#[test]
+fn a_calibration_with_a_wrong_vertical_is_replaced() {
+    let mut bench = TestBed::new();
+    bench.calibrate(&complete_turns(&airframe(), 1)).unwrap();
+    let mut record = *bench.compass.active_record().unwrap();
+    let (sin, cos) = 20.0_f32.to_radians().sin_cos();
+    let [x, y, z] = record.calibration.w;
+    let combined = |a: f32, b: f32| core::array::from_fn(|i| a * y[i] + b * z[i]);
+    record.calibration.w = [x, combined(cos, -sin), combined(sin, cos)];
+    let stored = StoredCalibrations { current_calibration: Some(record), previous_calibration: None };
+    let mut bench = TestBed::with_state(AcceptancePolicy::DEFAULT, stored);
+    bench.calibrate(&complete_turns(&airframe(), 2)).unwrap();
+}
+
 #[test]
 fn advice_requires_a_solve() {
     let mut bench = TestBed::new();

@@ -207,6 +207,8 @@ fn samples_survive_a_restart_in_a_solve_but_not_its_end() {
             "no turns: {:?}",
             run.compass.last_collection_outcome()
         );
+        assert!(run.collect_flight(&hover_samples[60..62]).is_none());
+        assert_eq!(run.compass.module_state(), ModuleState::Uncalibrated, "the user remains in control");
     });
     module.run_module(|run| {
         assert_eq!(

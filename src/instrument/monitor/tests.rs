@@ -962,6 +962,23 @@ fn the_gyro_heading_offset_restarts_after_a_gap() {
     }
 }
 
+/// Without a recent detection, hard iron or a mount that remains changed inflates the heading variance threefold.
+#[test]
+fn a_remaining_change_inflates_the_heading_variance() {
+    let sigma_deg = |state, value| {
+        let mut flight = Flight::new(3);
+        flight.fly_seconds(90);
+        flight.monitor.filter.set_mean(state, value);
+        let (_, sigma_deg) = flight.fly_sample().unwrap();
+        assert!(flight.monitor.post_change_remaining_s <= 0.0);
+        sigma_deg
+    };
+    let unchanged_deg = sigma_deg(HARD_IRON_CHANGE, 0.0);
+    for (state, value) in [(HARD_IRON_CHANGE, 0.05), (HARD_IRON_CHANGE, -0.05), (MOUNT_TURN, 0.06)] {
+        assert!(sigma_deg(state, value) > 1.5 * unchanged_deg, "{state} {value}: {unchanged_deg}");
+    }
+}
+
 /// A drift of 0.01 of the field per minute adds twice its square per minute to hard iron and, banked, the mount.
 #[test]
 fn a_drift_inflates_hard_iron_and_in_a_bank_the_mount() {

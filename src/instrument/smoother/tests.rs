@@ -556,6 +556,19 @@ mod agreement_tests {
         }
     }
 
+    /// The mean approaches an innovation with a time constant of 1 s also if readings are rare.
+    #[test]
+    fn the_mean_innovation_has_a_time_constant_of_one_second() {
+        for (readings, step_s) in [(1_u8, 1.0), (2, 0.5), (10, 0.1)] {
+            let mut agreement = AgreementTest::INITIAL;
+            for _ in 0..readings {
+                agreement.test_innovation(1.0, 0.0, GyroStep { step_s, turned_rad: 0.0 });
+            }
+            let mean = agreement.excess_variance_rad2().sqrt();
+            assert!((0.49..0.64).contains(&mean), "{step_s}: {mean}");
+        }
+    }
+
     #[test]
     fn after_a_contradiction_agreement_needs_a_turn_of_45_deg() {
         for (turned_deg, sign, agreed) in [(44.0, 1.0, false), (46.0, 1.0, true), (46.0, -1.0, true)] {
