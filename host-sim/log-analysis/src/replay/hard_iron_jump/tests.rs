@@ -36,25 +36,28 @@ fn rows_with_added_iron(bank_deg: f32, added_iron_ut: f32, has_added_iron: impl 
     (0..1800).map(row_at).collect()
 }
 
-fn jumps_found_in(rows: &[ReplayRow]) -> Vec<HardIronStep> {
+/// Jumps before and after the times that the correction fits, seconds.
+fn jumps_outside(fitted_range_s: [f64; 2], rows: &[ReplayRow]) -> Vec<HardIronStep> {
     let vertical_ut = f64::from(STRENGTH_UT * libm::sinf(INCLINATION_DEG.to_radians()));
     let earth_total_and_vertical_ut = [STRENGTH_UT.into(), vertical_ut];
     find_jumps(
         rows,
-        &FittedCorrection {
-            correction: FieldCorrection::identity(),
-            fitted_range_s: [0.0, 60.0],
-            earth_total_and_vertical_ut,
-        },
+        &FittedCorrection { correction: FieldCorrection::identity(), fitted_range_s, earth_total_and_vertical_ut },
     )
 }
 
-/// Asserts times to 0.5 s and steps to 1 uT: noise and a turn of 7 deg within the window blur a step.
+fn jumps_found_in(rows: &[ReplayRow]) -> Vec<HardIronStep> {
+    jumps_outside([0.0, 60.0], rows)
+}
+
+/// Asserts times to 0.5 s and steps to 1 uT: noise and a turn of 7 deg within the window blur a step. The noise alone has
+/// a sigma of 0.17 uT in the difference of two medians of ten rows; the turn adds to it.
 fn assert_steps(found: &[HardIronStep], expected: &[(f64, f64)], about: &str) {
     assert_eq!(found.len(), expected.len(), "{about}: {found:?}");
     for (step, (at_s, y_ut)) in found.iter().zip(expected) {
         let off_ut = Vector3::from(step.step_ut) - Vector3::new(0.0, *y_ut, 0.0);
         assert!((step.time_s - at_s).abs() < 0.5 && off_ut.norm() < 1.0, "{about}: {step:?}");
+        assert!(step.sigma_ut.iter().all(|sigma_ut| (0.2..0.35).contains(sigma_ut)), "{about}: {step:?}");
     }
 }
 
@@ -69,10 +72,24 @@ fn a_step_is_found_up_to_the_last_two_seconds_and_on_any_bank() {
     }
 }
 
+/// Steps before the rows that the correction fits.
+#[test]
+fn a_step_is_found_from_the_first_two_seconds_on() {
+    for bank_deg in [0.0, 30.0] {
+        for at_s in [2.0, 20.0, 90.0] {
+            let flown = rows_with_added_iron(bank_deg, 4.0, |t_s| t_s < at_s);
+            let found = jumps_outside([120.0, 180.0], &flown);
+            assert_steps(&found, &[(f64::from(at_s), -4.0)], &format!("{bank_deg} deg, {at_s} s"));
+        }
+    }
+}
+
 #[test]
 fn temporary_iron_is_two_steps_unless_brief() {
     let for_40_s = rows_with_added_iron(20.0, 4.0, |t_s| (100.0..140.0).contains(&t_s));
-    assert_steps(&jumps_found_in(&for_40_s), &[(100.0, 4.0), (140.0, -4.0)], "40 s");
+    for fitted_range_s in [[0.0, 60.0], [145.0, 180.0]] {
+        assert_steps(&jumps_outside(fitted_range_s, &for_40_s), &[(100.0, 4.0), (140.0, -4.0)], "40 s");
+    }
     assert_steps(&jumps_found_in(&rows_with_added_iron(20.0, 4.0, |t_s| (100.0..103.0).contains(&t_s))), &[], "3 s");
 }
 

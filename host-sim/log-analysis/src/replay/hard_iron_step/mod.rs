@@ -79,9 +79,6 @@ pub fn find_step(rows: &[ReplayRow], initial: &FieldCorrection) -> Option<HardIr
     let usable: Vec<&ReplayRow> = rows.iter().filter(|row| row.is_usable).collect();
     let row_stride = usable.len().div_ceil(MAX_SEARCHED_ROWS).max(1);
     let usable: Vec<&ReplayRow> = usable.into_iter().step_by(row_stride).collect();
-    if usable.len() < 2 * MIN_ROWS_PER_SIDE {
-        return None;
-    }
     let without = StepEstimate::from_correction(&usable, initial);
     let mut estimate = without.clone();
     let mut change = None;
