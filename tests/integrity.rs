@@ -494,8 +494,9 @@ fn a_vehicle_parked_for_a_day_raises_no_alarm() {
             let now = Timestamp::from_us(i * u64::from(period_us));
             if i % 8 == 1 {
                 let attitude = Attitude::from_deg(0.02 * random.normal(), 0.02 * random.normal());
-                let sender_time = WrappingMillis::default();
-                let report = AttitudeReport { sender: SenderId::default(), sender_time, attitude, body_rates: None };
+                let sender_clock_at_sending = WrappingMillis::default();
+                let report =
+                    AttitudeReport { sender: SenderId::default(), sender_clock_at_sending, attitude, body_rates: None };
                 instrument.on_attitude(now, report);
             }
             let [x, y, z] = std::array::from_fn(|axis| {

@@ -63,11 +63,11 @@ fn fly_samples(config: &WorldConfig, legs: &[Leg]) -> Vec<Sample> {
             let truth = world.true_state(now_us - latency_us);
             let reported = source.next_report(&truth);
             let [roll_rad, pitch_rad] = [reported.roll_rad, reported.pitch_rad].map(|angle| angle as f32);
-            let sender_time = WrappingMillis::new((now_us / 1000) as u32);
+            let sender_clock_at_sending = WrappingMillis::new((now_us / 1000) as u32);
             let attitude = Attitude { roll_rad, pitch_rad };
             let body_rates = BodyRates::from_rad_s(truth.body_rates_rad_s().map(|rate| rate as f32));
             let sender = SenderId::default();
-            instrument.on_attitude(now, AttitudeReport { sender, sender_time, attitude, body_rates });
+            instrument.on_attitude(now, AttitudeReport { sender, sender_clock_at_sending, attitude, body_rates });
         }
         if now_us.is_multiple_of(12_500) {
             let field = Field::new(world.sensor_field(now_us).ut + (noise.normal_vector() * 0.32).cast());

@@ -14,7 +14,7 @@ use super::task_links::{AutopilotLine, CommandSource, increment_counter, now, su
 use crate::compass::{Command, IndicatorState};
 use crate::heading::NoHeading;
 use crate::instrument::Estimate;
-use crate::port::{CanNode, FirmwareUpdate, NodeContext, Snapshot};
+use crate::port::{CanNode, NodeContext, Snapshot, UpdateForBootLoader};
 use crate::settings::{ProtocolKind, Settings};
 use crate::wire::dronecan::CanFrame;
 use crate::wire::dronecan::outbound::NodeInfo;
@@ -48,7 +48,7 @@ pub trait UpdateHandOver {
     const ACCEPTS_UPDATES: bool = true;
 
     /// Stores the update where the boot loader finds it after the restart, which follows within 50 ms.
-    fn hand_over_update(&mut self, update: &FirmwareUpdate);
+    fn hand_over_update(&mut self, update: &UpdateForBootLoader);
 }
 
 /// Board without a boot loader that loads firmware over the bus.
@@ -57,7 +57,7 @@ pub struct NoBootLoader;
 impl UpdateHandOver for NoBootLoader {
     const ACCEPTS_UPDATES: bool = false;
 
-    fn hand_over_update(&mut self, _update: &FirmwareUpdate) {}
+    fn hand_over_update(&mut self, _update: &UpdateForBootLoader) {}
 }
 
 /// Runs the node for ever. It is silent until the settings are loaded; a changed node number applies after a restart.

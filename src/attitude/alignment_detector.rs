@@ -174,8 +174,8 @@ mod tests {
     }
 
     fn report(attitude: Attitude, rates_rad_s: [f32; 3]) -> AttitudeReport {
-        let (sender, sender_time) = (SenderId::default(), WrappingMillis::default());
-        AttitudeReport { sender, sender_time, attitude, body_rates: BodyRates::from_rad_s(rates_rad_s) }
+        let (sender, sender_clock_at_sending) = (SenderId::default(), WrappingMillis::default());
+        AttitudeReport { sender, sender_clock_at_sending, attitude, body_rates: BodyRates::from_rad_s(rates_rad_s) }
     }
 
     /// The first report of a step moves its mean by a fiftieth: 2.9 deg stay below the limit of 3 deg.

@@ -14,7 +14,7 @@ pub struct AttitudeConfig {
     pub max_gap_us: u32,
     /// Largest deviation between arrival and sender clock, microseconds; beyond it, the sender rebooted or has no
     /// clock.
-    pub max_clock_error_us: u32,
+    pub max_clock_deviation_us: u32,
     /// Growth of the clock-offset estimate, microseconds per report. 50 reports per second track 500 ppm of drift, ten
     /// times that of two poor crystals.
     pub clock_offset_growth_us_per_report: u32,
@@ -32,7 +32,7 @@ impl AttitudeConfig {
         latency_us: 20_000,
         max_extrapolation_us: 200_000,
         max_gap_us: 250_000,
-        max_clock_error_us: 100_000,
+        max_clock_deviation_us: 100_000,
         clock_offset_growth_us_per_report: 10,
         max_integrated_gap_us: 500_000,
         restart_silence_us: 2_500_000,

@@ -146,7 +146,7 @@ mod tests {
     fn report(roll_deg: f32, pitch_deg: f32, rates_deg_s: [f32; 3]) -> AttitudeReport {
         AttitudeReport {
             sender: SenderId::default(),
-            sender_time: WrappingMillis::default(),
+            sender_clock_at_sending: WrappingMillis::default(),
             attitude: Attitude::from_deg(roll_deg, pitch_deg),
             body_rates: BodyRates::from_rad_s(rates_deg_s.map(f32::to_radians)),
         }
@@ -207,7 +207,7 @@ mod tests {
 
     /// A turn of 0.5 rad/s, 0.2 s before: 0.1 rad less, across south.
     #[test]
-    fn a_gyro_heading_is_extrapolated_back() {
+    fn a_gyro_heading_is_turned_back_to_an_earlier_time() {
         let euler_rates = EulerRates { heading_rad_s: 0.5, ..EulerRates::default() };
         let now = GyroHeading { euler_rates, relative_heading_rad: -3.1, run_number: 7 };
         let before = now.extrapolated_back(0.2);

@@ -69,7 +69,7 @@ mod tests {
         assert!(!lines.accept_line_report(timestamp_ms(3), 0, false));
     }
 
-    /// A rejected line does not prolong its own selection.
+    /// A rejected report of another line does not prolong the selection of the silent one.
     #[test]
     fn a_silent_line_is_released() {
         let mut lines = LineSelector::new();

@@ -110,11 +110,11 @@ impl AttitudeHistory {
             // Clock offset and history are valid for one sender only.
             *self = Self { rejected_reports: self.rejected_reports, ..Self::new(self.config) };
         }
-        if self.sender_clock.has_restarted(arrival, report.sender_time, &self.config) {
+        if self.sender_clock.has_restarted(arrival, report.sender_clock_at_sending, &self.config) {
             *self =
                 Self { rejected_reports: self.rejected_reports, restarted_at: Some(arrival), ..Self::new(self.config) };
         }
-        let at = self.sender_clock.sending_time(arrival, report.sender_time, &self.config);
+        let at = self.sender_clock.sending_time(arrival, report.sender_clock_at_sending, &self.config);
         // Drops reports out of order. A rebooted sender's are stamped by arrival, hence newer.
         if self.reports.back().is_some_and(|last_report| last_report.sent_at >= at) {
             return;

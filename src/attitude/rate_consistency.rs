@@ -159,7 +159,7 @@ mod tests {
             let rates_rad_s = [rate_scale * p, 0.0, rate_scale * 0.01];
             let report = AttitudeReport {
                 sender: SenderId::default(),
-                sender_time: WrappingMillis::default(),
+                sender_clock_at_sending: WrappingMillis::default(),
                 attitude,
                 body_rates: BodyRates::from_rad_s(rates_rad_s),
             };
@@ -206,7 +206,7 @@ mod tests {
             let rate = gyro_rad_per_s * if up { 1.0 } else { -1.0 };
             let report = AttitudeReport {
                 sender: SenderId::default(),
-                sender_time: WrappingMillis::default(),
+                sender_clock_at_sending: WrappingMillis::default(),
                 attitude: Attitude { roll_rad, pitch_rad: 0.0 },
                 body_rates: BodyRates::from_rad_s([rate, 0.0, 1e-6]),
             };
@@ -250,7 +250,7 @@ mod tests {
         for i in 0..36_000_u32 {
             let report = AttitudeReport {
                 sender: SenderId::default(),
-                sender_time: WrappingMillis::default(),
+                sender_clock_at_sending: WrappingMillis::default(),
                 attitude: Attitude { roll_rad: 0.0, pitch_rad: 0.0 },
                 body_rates: BodyRates::from_rad_s([0.03, -0.015, 0.0]),
             };

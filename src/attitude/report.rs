@@ -11,7 +11,7 @@ pub struct AttitudeReport {
     /// Sender of the report.
     pub sender: SenderId,
     /// Sender's clock at sending; 0 for senders without a clock.
-    pub sender_time: WrappingMillis,
+    pub sender_clock_at_sending: WrappingMillis,
     /// Roll and pitch.
     pub attitude: Attitude,
     /// Body rates; `None` from a sender without a gyro.

@@ -20,26 +20,33 @@ impl SenderClock {
     }
 
     /// Whether the sender has restarted since the last report: its clock has stepped back, or it has none and was silent.
-    pub fn has_restarted(&self, arrival: Timestamp, sender_time: WrappingMillis, config: &AttitudeConfig) -> bool {
-        self.last_report.is_some_and(|(last_sender, last_sent)| match sender_time.signed_ms_since(last_sender) {
-            0 => arrival.us_since(last_sent) > u64::from(config.restart_silence_us),
-            step_ms => step_ms <= -MIN_RESTART_STEP_MS,
+    pub fn has_restarted(
+        &self,
+        arrival: Timestamp,
+        sender_clock_at_sending: WrappingMillis,
+        config: &AttitudeConfig,
+    ) -> bool {
+        self.last_report.is_some_and(|(last_sender, last_sent)| {
+            match sender_clock_at_sending.signed_ms_since(last_sender) {
+                0 => arrival.us_since(last_sent) > u64::from(config.restart_silence_us),
+                step_ms => step_ms <= -MIN_RESTART_STEP_MS,
+            }
         })
     }
 
     pub fn sending_time(
         &mut self,
         arrival: Timestamp,
-        sender_time: WrappingMillis,
+        sender_clock_at_sending: WrappingMillis,
         config: &AttitudeConfig,
     ) -> Timestamp {
         let sent_at = self
             .last_report
             .and_then(|(last_sender, last_sent)| {
-                predicted_sending_time(arrival, sender_time.signed_ms_since(last_sender), last_sent, config)
+                predicted_sending_time(arrival, sender_clock_at_sending.signed_ms_since(last_sender), last_sent, config)
             })
             .unwrap_or(arrival);
-        self.last_report = Some((sender_time, sent_at));
+        self.last_report = Some((sender_clock_at_sending, sent_at));
         sent_at
     }
 }
@@ -55,6 +62,6 @@ fn predicted_sending_time(
     let passed_ms = u64::try_from(passed_ms).ok().filter(|&ms| ms > 0)?;
     let expected = last_sent.plus_us(passed_ms * 1000);
     let error_us = arrival.us_since(expected).max(expected.us_since(arrival));
-    (error_us <= u64::from(config.max_clock_error_us))
+    (error_us <= u64::from(config.max_clock_deviation_us))
         .then(|| arrival.min(expected.plus_us(u64::from(config.clock_offset_growth_us_per_report))))
 }

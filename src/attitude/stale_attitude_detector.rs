@@ -242,9 +242,13 @@ mod tests {
             let earth = Field::earth_field(50.0, 1.1, field_at[0].to_radians() + 0.3);
             let field = Attitude::from_deg(field_at[1], 0.0).to_body_frame(Field::new(earth.ut));
             detector.update_field(Field::new(field.ut.map(|ut| ut + 0.3 * random.normal())));
-            let (sender, sender_time) = (SenderId::default(), WrappingMillis::default());
-            let report =
-                AttitudeReport { sender, sender_time, attitude, body_rates: BodyRates::from_rad_s(rates_rad_s) };
+            let (sender, sender_clock_at_sending) = (SenderId::default(), WrappingMillis::default());
+            let report = AttitudeReport {
+                sender,
+                sender_clock_at_sending,
+                attitude,
+                body_rates: BodyRates::from_rad_s(rates_rad_s),
+            };
             let is_stale = detector.process_report(Timestamp::from_us(u64::from(i) * 20_000), &report);
             if is_stale != was_stale {
                 changes.push(t_s);
@@ -293,10 +297,10 @@ mod tests {
                 roll_deg += rate_deg_s / 50.0;
                 let earth = Field::earth_field(50.0, 1.1, 0.3);
                 detector.update_field(Attitude::from_deg(roll_deg, 0.0).to_body_frame(earth));
-                let (sender, sender_time, attitude) =
+                let (sender, sender_clock_at_sending, attitude) =
                     (SenderId::default(), WrappingMillis::default(), Attitude::default());
                 let body_rates = BodyRates::from_rad_s([rate_factor * rate_deg_s, 0.0, 1e-6].map(f32::to_radians));
-                let report = AttitudeReport { sender, sender_time, attitude, body_rates };
+                let report = AttitudeReport { sender, sender_clock_at_sending, attitude, body_rates };
                 is_stale = detector.process_report(Timestamp::from_us(step * 20_000), &report);
             }
             assert_eq!(is_stale, expected, "{rate_deg_s}");
@@ -355,11 +359,11 @@ mod tests {
         let mut detector = StaleAttitudeDetector::new();
         detector.update_field(Field::from_ut(20.0, 0.0, 43.0));
         for (i, rate_rad_s) in [f32::INFINITY, 0.1, 0.1].into_iter().enumerate() {
-            let (sender, sender_time) = (SenderId::default(), WrappingMillis::default());
+            let (sender, sender_clock_at_sending) = (SenderId::default(), WrappingMillis::default());
             let attitude = Attitude::default();
             let report = AttitudeReport {
                 sender,
-                sender_time,
+                sender_clock_at_sending,
                 attitude,
                 body_rates: BodyRates::from_rad_s([rate_rad_s, 0.0, 0.0]),
             };

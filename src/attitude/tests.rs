@@ -15,7 +15,12 @@ fn roll_report(sender_ms: u32, roll_deg: f32, p_deg_s: f32) -> AttitudeReport {
 
 fn attitude_report(sender_ms: u32, attitude: Attitude, rates_deg_s: [f32; 3]) -> AttitudeReport {
     let body_rates = BodyRates::from_rad_s(rates_deg_s.map(f32::to_radians));
-    AttitudeReport { sender: SenderId::default(), sender_time: WrappingMillis::new(sender_ms), attitude, body_rates }
+    AttitudeReport {
+        sender: SenderId::default(),
+        sender_clock_at_sending: WrappingMillis::new(sender_ms),
+        attitude,
+        body_rates,
+    }
 }
 
 fn history_of_one_report(attitude: Attitude, rates_deg_s: [f32; 3]) -> AttitudeHistory {
@@ -274,12 +279,12 @@ fn no_report_panics() {
     for i in 0..500_u64 {
         let attitude = Attitude { roll_rad: pick(), pitch_rad: pick() };
         let rates_rad_s = [pick(), pick(), pick()];
-        let sender_time = WrappingMillis::new(pick().to_bits());
+        let sender_clock_at_sending = WrappingMillis::new(pick().to_bits());
         track.push_report(
             timestamp(pick().to_bits().into()),
             AttitudeReport {
                 sender: SenderId::default(),
-                sender_time,
+                sender_clock_at_sending,
                 attitude,
                 body_rates: BodyRates::from_rad_s(rates_rad_s),
             },
@@ -419,7 +424,7 @@ fn a_new_sender_resets_the_history() {
     }
     track.push_report(
         timestamp(1_100_000 + LATENCY_US),
-        AttitudeReport { sender_time: WrappingMillis::new(500 + 5 * 20 - 50), ..other },
+        AttitudeReport { sender_clock_at_sending: WrappingMillis::new(500 + 5 * 20 - 50), ..other },
     );
     assert!(matches!(track.attitude_at(timestamp(1_090_000)), AttitudeLookup::Interpolated(_)));
     // A change back to the first sender resets the history again, even for an older report.

@@ -74,9 +74,9 @@ pub type Hardware = hardware::Hardware<Magnetometer, Uarts, CanBus, Watchdog, Pa
 static HEADING_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 
 pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! {
-    static CONSOLE_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
-    static AUTOPILOT_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
-    static INSTRUMENT_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
+    static CONSOLE_UART_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
+    static AUTOPILOT_UART_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
+    static INSTRUMENT_UART_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
     static CAN_BUFFERS: StaticCell<CanBuffers> = StaticCell::new();
     static OTHER_EXECUTOR: StaticCell<Executor> = StaticCell::new();
 
@@ -95,10 +95,10 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
         magnetometer: Lis3mdl::new(bus, Lis3mdlConfig::default()),
         uarts: Uarts {
             port_uarts: [
-                new_uart(p.UART4, p.PA1, p.PA0, Irqs, AUTOPILOT_BUFFERS.init(UartBuffers::EMPTY)),
-                new_uart(p.USART2, p.PD6, p.PD5, Irqs, INSTRUMENT_BUFFERS.init(UartBuffers::EMPTY)),
+                new_uart(p.UART4, p.PA1, p.PA0, Irqs, AUTOPILOT_UART_BUFFERS.init(UartBuffers::EMPTY)),
+                new_uart(p.USART2, p.PD6, p.PD5, Irqs, INSTRUMENT_UART_BUFFERS.init(UartBuffers::EMPTY)),
             ],
-            console_uart: new_uart(p.USART1, p.PB7, p.PB6, Irqs, CONSOLE_BUFFERS.init(UartBuffers::EMPTY)),
+            console_uart: new_uart(p.USART1, p.PB7, p.PB6, Irqs, CONSOLE_UART_BUFFERS.init(UartBuffers::EMPTY)),
         },
         can_bus: CanBus { node_info: node_info(), rx, tx, boot_loader: NoBootLoader },
         watchdog,

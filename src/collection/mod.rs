@@ -11,10 +11,10 @@
 //! | `collector/` | state and procedure of a collection; which policy a sample goes to |
 //! | `turn_detector`, `level_limits` | the part of a sample |
 //! | `sector_balance/` | policy of turns, level flight and swing: even coverage of heading sectors |
-//! | `min_distance/` | policy of a tumble: distance in field space |
-//! | `free_flight/`, `d_optimal_selection/` | policy of free flight: replacement of the least informative sample |
+//! | `min_distance.rs` | policy of a tumble: distance in field space |
+//! | `free_flight.rs`, `d_optimal_selection/` | policy of free flight: replacement of the least informative sample |
 //! | `part_view`, `quota` | what a policy acts on: one part of the buffer; its capacity |
-//! | `sample_buffer/`, `retained_samples/` | the one buffer; its memory with header and checksum |
+//! | `sample_buffer.rs`, `retained_samples/` | the one buffer; its memory with header and checksum |
 //! | `flight_statistics/`, `progress` | diagnosis of missing samples; counts and coverage of the stored ones |
 //! | `recent_samples` | the last second, for marks |
 

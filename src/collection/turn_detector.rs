@@ -91,13 +91,13 @@ mod tests {
     use super::*;
 
     /// 1 s before the millisecond counter wraps.
-    const START_MS: u32 = u32::MAX - 999;
+    const FIRST_SAMPLE_MS: u32 = u32::MAX - 999;
 
     fn detect_sides(roll_deg: impl Fn(f32) -> f32, pitch_deg: f32, seconds: u16) -> Vec<Option<Side>> {
         let mut detector = TurnDetector::new(TurnDetectorConfig::DEFAULT);
         (0..seconds * 10)
             .map(|i| {
-                let time_ms = START_MS.wrapping_add(u32::from(i) * 100);
+                let time_ms = FIRST_SAMPLE_MS.wrapping_add(u32::from(i) * 100);
                 detector.process_sample(&banked_sample(roll_deg(f32::from(i) / 10.0), pitch_deg, time_ms))
             })
             .collect()
@@ -114,10 +114,10 @@ mod tests {
     fn side_after_turn(gap_ms: u32, roll_deg: f32, pitch_deg: f32) -> Option<Side> {
         let mut detector = TurnDetector::new(TurnDetectorConfig::DEFAULT);
         for i in 0..=30 {
-            detector.process_sample(&banked_sample(25.0, 0.0, START_MS.wrapping_add(i * 100)));
+            detector.process_sample(&banked_sample(25.0, 0.0, FIRST_SAMPLE_MS.wrapping_add(i * 100)));
         }
         assert_eq!(detector.turn_side(), Some(Side::Right));
-        detector.process_sample(&banked_sample(roll_deg, pitch_deg, START_MS.wrapping_add(3000 + gap_ms)))
+        detector.process_sample(&banked_sample(roll_deg, pitch_deg, FIRST_SAMPLE_MS.wrapping_add(3000 + gap_ms)))
     }
 
     #[test]
@@ -186,9 +186,15 @@ mod tests {
         for (last_ms, expected) in [(1999, None), (2000, Some(Side::Right))] {
             let mut detector = TurnDetector::new(TurnDetectorConfig::DEFAULT);
             for time_ms in [0, 400, 800, 1200, 1600] {
-                assert_eq!(detector.process_sample(&banked_sample(25.0, 0.0, START_MS.wrapping_add(time_ms))), None);
+                assert_eq!(
+                    detector.process_sample(&banked_sample(25.0, 0.0, FIRST_SAMPLE_MS.wrapping_add(time_ms))),
+                    None
+                );
             }
-            assert_eq!(detector.process_sample(&banked_sample(25.0, 0.0, START_MS.wrapping_add(last_ms))), expected);
+            assert_eq!(
+                detector.process_sample(&banked_sample(25.0, 0.0, FIRST_SAMPLE_MS.wrapping_add(last_ms))),
+                expected
+            );
         }
     }
 

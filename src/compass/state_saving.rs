@@ -44,7 +44,7 @@ impl Compass<'_> {
             let purpose = *purpose;
             let outcome = result.map_err(Refusal::Store).map(|()| {
                 self.persistent_state.clear_collection_flag();
-                self.stored_calibrations.push_record(record);
+                self.stored_calibrations.make_current(record);
                 ExpectedAccuracy::new(record.quality, &record.calibration)
             });
             return self.end_solve(purpose, outcome);

@@ -123,7 +123,7 @@ fn sigma_includes_attitude_and_sensor_noise() {
     assert!((found.sigma_deg() - expected_deg).abs() < 1e-3, "{} {expected_deg}", found.sigma_deg());
     // Sensor noise of 1 % of the field is divided by the horizontal field.
     let mut uncertainty = HeadingUncertainty::NO_UNCERTAINTY;
-    uncertainty.sensor_sigma = 0.01;
+    uncertainty.relative_sensor_sigma = 0.01;
     let found = compute_heading(HeadingLimits::DEFAULT, &ideal_calibration(), &uncertainty, field, Attitude::default())
         .unwrap();
     let expected_deg = (0.01 / 1.0_f32.cos()).to_degrees();

@@ -15,7 +15,7 @@ pub(super) struct ActiveCalibration {
     pub adjustment: MonitorOutput,
     /// Time of the adjustment.
     pub adjusted_at: Timestamp,
-    /// Calibration of `stored_correction` with the adjustment.
+    /// Calibration of `stored_correction` as adjusted by the monitor; `None` if uncalibrated.
     pub adjusted_calibration: Option<(Calibration, HeadingUncertainty)>,
     /// Map of the corrected field to the compass field.
     pub output_map: OutputMap,

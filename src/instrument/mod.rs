@@ -35,8 +35,8 @@
 //! instrument.set_correction(Correction { calibration, ..Correction::UNCALIBRATED });
 //!
 //! let attitude = Attitude::from_deg(20.0, 3.0);
-//! let sender_time = WrappingMillis::new(0);
-//! let report = AttitudeReport { sender: SenderId::default(), sender_time, attitude, body_rates: None };
+//! let sender_clock_at_sending = WrappingMillis::new(0);
+//! let report = AttitudeReport { sender: SenderId::default(), sender_clock_at_sending, attitude, body_rates: None };
 //! instrument.on_attitude(Timestamp::from_us(1_000_000), report);
 //! let field = Field::new(attitude.to_body_frame(Field::earth_field(50.0, 60_f32.to_radians(), 1.2)).ut);
 //! let reading = Reading { field, is_saturated: false, was_overwritten: false };

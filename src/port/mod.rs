@@ -17,7 +17,7 @@ mod safe_mode;
 mod snapshot;
 mod transmit_buffer;
 
-pub use dronecan::{BOOT_LOADER_HANDOVER_LENGTH, CanNode, FirmwareUpdate, NodeContext};
+pub use dronecan::{BOOT_LOADER_HANDOVER_LENGTH, CanNode, NodeContext, UpdateForBootLoader};
 pub use mavlink::Mavlink;
 pub use message_schedule::MessageSchedule;
 pub use msp::Msp;

@@ -105,9 +105,9 @@ impl StoredFields for CalibrationRecord {
         visitor.visit_required(15, inclination_residual_deg);
         visitor.visit_required(16, samples);
         visitor.visit_required(17, latency);
-        let HeadingUncertainty { reduced_covariance, sensor_sigma, attitude_sigma_rad } = uncertainty;
+        let HeadingUncertainty { reduced_covariance, relative_sensor_sigma, attitude_sigma_rad } = uncertainty;
         visitor.visit_required(18, reduced_covariance);
-        visitor.visit_required(19, sensor_sigma);
+        visitor.visit_required(19, relative_sensor_sigma);
         visitor.visit_required(20, attitude_sigma_rad);
         let Identity { model, address } = sensor;
         visitor.visit_required(21, model);
@@ -133,7 +133,7 @@ pub struct StoredCalibrations {
 
 impl StoredCalibrations {
     /// Adds a new current calibration; the current one becomes the previous one.
-    pub fn push_record(&mut self, record: &CalibrationRecord) {
+    pub fn make_current(&mut self, record: &CalibrationRecord) {
         self.previous_calibration = self.current_calibration;
         self.current_calibration = Some(*record);
     }

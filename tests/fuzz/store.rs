@@ -27,7 +27,7 @@ static SAVED_FLASHES: LazyLock<[Flash; 4]> = LazyLock::new(|| {
         let mut flash = Flash::new(PAGE_COUNT);
         let mut generations = StoredCalibrations::default();
         for time in 0..times {
-            generations.push_record(&calibration_record(time));
+            generations.make_current(&calibration_record(time));
             save_calibrations(&mut flash, &generations).expect("a sound flash");
             save_settings(&mut flash, &Settings { stream_rate_hz: 1 + time as u8, ..Settings::DEFAULT })
                 .expect("a sound flash");

@@ -7,7 +7,7 @@ use autoswing::app::can::UpdateHandOver;
 use autoswing::app::{self, Panel, Platform, TaskLinks, Watchdog};
 use autoswing::collection::RetainedSamples;
 use autoswing::health::ResetCause;
-use autoswing::port::FirmwareUpdate;
+use autoswing::port::UpdateForBootLoader;
 use autoswing::settings::{PORT_COUNT, PortNumber};
 use autoswing::store::Store;
 use autoswing::wire::dronecan::UNIQUE_ID_LENGTH;
@@ -53,7 +53,7 @@ pub struct Rig {
     /// Lamp and button.
     pub panel: SimulatedPanel,
     /// Firmware update handed over to the boot loader, which is not simulated.
-    pub firmware_update: Rc<RefCell<Option<FirmwareUpdate>>>,
+    pub firmware_update: Rc<RefCell<Option<UpdateForBootLoader>>>,
     /// Sample memory, borrowed by the module while it runs.
     pub retained_samples: Rc<RefCell<RetainedSamples>>,
     console_cable: SerialCable,
@@ -63,10 +63,10 @@ pub struct Rig {
     can: Option<(CanEnd, NodeInfo)>,
 }
 
-struct SimulatedBootLoader(Rc<RefCell<Option<FirmwareUpdate>>>);
+struct SimulatedBootLoader(Rc<RefCell<Option<UpdateForBootLoader>>>);
 
 impl UpdateHandOver for SimulatedBootLoader {
-    fn hand_over_update(&mut self, update: &FirmwareUpdate) {
+    fn hand_over_update(&mut self, update: &UpdateForBootLoader) {
         *self.0.borrow_mut() = Some(update.clone());
     }
 }

@@ -25,7 +25,7 @@ use simulator::world::aircraft::VehicleKind;
 use super::command_failure::CommandFailure;
 use super::file_options::named_world;
 use super::option_parsers::{SENSOR_NAMES, integer_in_range, named_value, number_in_range};
-use super::print::{self, append_wrapped, command_line, content_table, right_aligned, write_report};
+use super::print::{self, append_wrapped, command_line, content_width_table, right_aligned, write_report};
 use super::termination::{SecondSignal, TerminationSignals};
 
 /// Take off uncalibrated, fly the calibration routine, restart, and fly on with the calibrated heading (the default).
@@ -289,7 +289,7 @@ fn errors_text(statistics: &ErrorStatistics) -> String {
 }
 
 fn errors_table(errors_before: &HeadingErrors, errors_after: &HeadingErrors) -> Table {
-    let mut table = content_table([
+    let mut table = content_width_table([
         "heading",
         "before:\nlevel",
         "\nright 25",

@@ -130,7 +130,7 @@ pub fn right_aligned(text: impl ToString) -> Cell {
 }
 
 /// An empty table as wide as its content, wrapped only on a narrow terminal; headers wrap at their line breaks.
-pub fn content_table<T: ToString>(names: impl IntoIterator<Item = T>) -> Table {
+pub fn content_width_table<T: ToString>(names: impl IntoIterator<Item = T>) -> Table {
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
     if output_width() < MAX_OUTPUT_COLUMNS {
@@ -142,7 +142,7 @@ pub fn content_table<T: ToString>(names: impl IntoIterator<Item = T>) -> Table {
 
 /// A table with reduced padding, for many columns.
 pub fn narrow_table<T: ToString>(names: impl IntoIterator<Item = T>) -> Table {
-    let mut table = content_table(names);
+    let mut table = content_width_table(names);
     table.column_iter_mut().for_each(|column| {
         column.set_padding((0, 1));
     });
@@ -151,7 +151,7 @@ pub fn narrow_table<T: ToString>(names: impl IntoIterator<Item = T>) -> Table {
 
 /// A table whose text wraps at [`output_width`].
 pub fn wrapped_table<const N: usize>(names: [&str; N]) -> Table {
-    let mut table = content_table([""; N]);
+    let mut table = content_width_table([""; N]);
     table.set_header(names);
     table.set_content_arrangement(ContentArrangement::Dynamic).set_width(output_width() as u16);
     table

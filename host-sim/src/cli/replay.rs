@@ -20,7 +20,7 @@ use log_analysis::report::{self, ReportOrigin};
 use super::command_failure::CommandFailure;
 use super::file_options::read_log;
 use super::option_parsers::{integer_in_range, named_value, number_in_range, parse_log_time};
-use super::print::{self, append_wrapped, command_line, content_table, right_aligned, write_report};
+use super::print::{self, append_wrapped, command_line, content_width_table, right_aligned, write_report};
 use super::progress::show_spinner;
 
 const ROW_SELECTIONS: &[(&str, RowSelection)] = &[
@@ -317,7 +317,7 @@ fn verdict_table(verdict: &Verdict<'_>) -> Table {
     let compasses = &verdict.evaluation.compasses;
     let header = std::iter::once(String::new())
         .chain(compasses.iter().map(|compass| format!("compass {}", compass.compass_number)));
-    let mut table = content_table(header);
+    let mut table = content_width_table(header);
     let mut add_row = |name: &str, cells: Vec<Option<String>>| {
         if cells.iter().any(Option::is_some) {
             let cells = cells.into_iter().map(|cell| cell.unwrap_or_else(|| "-".to_owned()));

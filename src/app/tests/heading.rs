@@ -43,7 +43,7 @@ fn send_reading(bench: &TaskBench, heading_rad: f32) {
 fn send_level_attitude(bench: &TaskBench) {
     let report = AttitudeReport {
         sender: SenderId::default(),
-        sender_time: WrappingMillis::default(),
+        sender_clock_at_sending: WrappingMillis::default(),
         attitude: Attitude::default(),
         body_rates: None,
     };
@@ -66,7 +66,7 @@ fn readings_become_estimates_and_a_correction_applies_one_reading_later() {
     publish_value(&bench.links.correction, test_correction());
     bench.run_for_ms(10);
     assert_eq!(latest_estimate(&bench).heading, Err(NoHeading::Uncalibrated), "of the reading before");
-    // Applying the correction first would delay this heading.
+    // The heading of a reading comes first: applying the new calibration before it would delay it.
     send_reading(&bench, 0.5);
     send_level_attitude(&bench);
     bench.run_for_ms(10);

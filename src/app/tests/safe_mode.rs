@@ -15,7 +15,7 @@ use crate::app::watchdog::MAX_FEED_INTERVAL_US;
 use crate::app::{Watchdog, safe_mode};
 use crate::compass::{Command, ModuleState, Reply};
 use crate::messages::{Message, Refusal};
-use crate::port::FirmwareUpdate;
+use crate::port::UpdateForBootLoader;
 use crate::settings::{SettingChange, Settings};
 use crate::store::StoreError;
 use crate::wire::dronecan::outbound::{NodeInfo, SoftwareVersion};
@@ -99,7 +99,7 @@ fn broken_devices_do_not_starve_the_watchdog() {
 pub(super) struct FakeCanBus {
     frames_to_module: Rc<RefCell<VecDeque<CanFrame>>>,
     frames_from_module: Rc<RefCell<Vec<CanFrame>>>,
-    handed_over_update: Rc<RefCell<Option<FirmwareUpdate>>>,
+    handed_over_update: Rc<RefCell<Option<UpdateForBootLoader>>>,
     /// States of the termination, in order.
     pub termination_states: Rc<RefCell<Vec<bool>>>,
     /// Errors of the bus, not read yet.
@@ -133,7 +133,7 @@ impl SendFrame for FakeCanBus {
 }
 
 impl UpdateHandOver for FakeCanBus {
-    fn hand_over_update(&mut self, update: &FirmwareUpdate) {
+    fn hand_over_update(&mut self, update: &UpdateForBootLoader) {
         *self.handed_over_update.borrow_mut() = Some(update.clone());
     }
 }

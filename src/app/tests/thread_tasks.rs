@@ -174,7 +174,7 @@ fn samples_become_a_correction() {
     let (calibration, uncertainty) = correction.calibration.unwrap();
     assert_eq!(correction.sample_attitude, SampleAttitude::Interpolated);
     // Noise of a reading at 100 Hz: sqrt(10) times that of a sample, 0.12 uT of about 50 uT.
-    let reading_ut = uncertainty.sensor_sigma * calibration.total_ut;
+    let reading_ut = uncertainty.relative_sensor_sigma * calibration.total_ut;
     assert!((0.25..0.55).contains(&reading_ut), "{reading_ut}");
     assert_eq!(bench.links.event_counts().saves, 2, "that there is a collection, and its calibration");
     assert_eq!(bench.links.indicator_state.try_get(), Some(IndicatorState::Calibrated));

@@ -6,7 +6,12 @@ use crate::time::WrappingMillis;
 
 fn report(roll_deg: f32, pitch_deg: f32) -> AttitudeReport {
     let attitude = Attitude::from_deg(roll_deg, pitch_deg);
-    AttitudeReport { sender: SenderId::default(), sender_time: WrappingMillis::default(), attitude, body_rates: None }
+    AttitudeReport {
+        sender: SenderId::default(),
+        sender_clock_at_sending: WrappingMillis::default(),
+        attitude,
+        body_rates: None,
+    }
 }
 
 /// Updates with the field of an aircraft rotated about an axis until the mean has settled.

@@ -221,7 +221,7 @@ fn monitor_instructions(solution: &Solution) -> u64 {
         let attitude = Attitude::from_deg(25.0 + 0.01 * f32::from(i % 7), 3.0);
         let report = AttitudeReport {
             sender: SenderId::default(),
-            sender_time: WrappingMillis::default(),
+            sender_clock_at_sending: WrappingMillis::default(),
             attitude,
             body_rates: BodyRates::from_rad_s([0.0, 0.14, 0.29]),
         };

@@ -7,7 +7,7 @@ use core::arch::naked_asm;
 use core::sync::atomic::{Ordering, compiler_fence};
 
 use autoswing::app::can::UpdateHandOver;
-use autoswing::port::FirmwareUpdate;
+use autoswing::port::UpdateForBootLoader;
 use autoswing::wire::dronecan::outbound::SoftwareVersion;
 use cortex_m::Peripherals;
 use cortex_m::peripheral::{NVIC, SCB};
@@ -60,7 +60,7 @@ pub fn reset_boot_loader_state() {
     // SAFETY: interrupts are disabled; no region protects memory of this program.
     unsafe { core.MPU.ctrl.write(0) };
     reset_interrupt_controller(&core.NVIC);
-    // SAFETY: all interrupts are disabled one by one, so that no critical section is broken.
+    // SAFETY: each interrupt is disabled by itself, so lifting the masks breaks no critical section.
     unsafe {
         basepri::write(0);
         cortex_m::interrupt::enable();
@@ -180,7 +180,7 @@ pub fn mark_image_good() {
 pub struct BootLoader;
 
 impl UpdateHandOver for BootLoader {
-    fn hand_over_update(&mut self, update: &FirmwareUpdate) {
+    fn hand_over_update(&mut self, update: &UpdateForBootLoader) {
         unsafe extern "C" {
             // Memory of the update, with its address in memory.x.
             static mut __boot_loader_update: [u8; autoswing::port::BOOT_LOADER_HANDOVER_LENGTH];

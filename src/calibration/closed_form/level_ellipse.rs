@@ -50,8 +50,8 @@ impl EllipseMap {
         })
     }
 
-    /// Number of headings covered, 30 deg apart: runs of 15 deg sectors, so that a leg across a border counts once, or
-    /// half the covered sectors, so that a circle counts twelve.
+    /// Number of headings covered, 30 deg apart: the larger of the number of runs of 15 deg sectors, so that a leg
+    /// across a border counts once, and of half the covered sectors, so that a circle counts twelve.
     fn count_headings(&self, points_ut: impl Iterator<Item = Vector2<f32>>) -> u8 {
         // The map of an ellipse is regular; a singular one counts no headings.
         let circle_from_field = self.map_ut.try_inverse().unwrap_or_else(Matrix2::zeros);

@@ -13,7 +13,7 @@ use crate::calibration::model::{
 pub(crate) struct InformationMatrix {
     /// Products by pairs of components of `k`, then by pairs of components of `(x, 1)`.
     field_derivative_products: [[f32; 10]; 6],
-    /// Products of the components of `k` and `(x, 1)` with the last element.
+    /// Products of the components of `k` and `(x, 1)` with the last element, the derivative by the inclination.
     inclination_derivative_products: [[f32; 4]; 3],
     inclination_derivative_squares: f32,
 }

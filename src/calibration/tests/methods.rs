@@ -317,7 +317,7 @@ fn sigma_over_the_envelope_is_the_expected_error() {
 fn sigmas_deg(solution: &Solution, banks_deg: &[f32]) -> Vec<f32> {
     let Solution { calibration, uncertainty, .. } = solution;
     let mut quiet = *uncertainty;
-    (quiet.sensor_sigma, quiet.attitude_sigma_rad) = (0.0, 0.0);
+    (quiet.relative_sensor_sigma, quiet.attitude_sigma_rad) = (0.0, 0.0);
     let field_from_body = calibration.w_matrix().try_inverse().unwrap();
     let sigma_deg = |bank_deg: f32, heading_deg: u16| {
         let attitude = Attitude::from_deg(bank_deg, 0.0);

@@ -100,7 +100,7 @@ impl Calibration {
     #[must_use]
     pub fn motor_current_heading_variance_rad2(&self, current_a: Option<f32>) -> f32 {
         let horizontal_ut = self.total_ut * trig::sin_cos(self.inclination_rad).1;
-        let variance_ut2 = self.motor_current.excess_variance_ut2(current_a);
+        let variance_ut2 = self.motor_current.variance_beyond_covariance_ut2(current_a);
         if variance_ut2 > 0.0 { variance_ut2 / (horizontal_ut * horizontal_ut) } else { 0.0 }
     }
 

@@ -71,7 +71,7 @@ impl MotorCurrentInterference {
 
     /// Field variance on an axis, square microtesla, not covered by the covariance of the coefficients: at currents
     /// beyond the samples' spread, and at unknown current.
-    pub(super) fn excess_variance_ut2(&self, current_a: Option<f32>) -> f32 {
+    pub(super) fn variance_beyond_covariance_ut2(&self, current_a: Option<f32>) -> f32 {
         let current_variance_a2 = self.current_sigma_a * self.current_sigma_a;
         match current_a {
             Some(amperes) => {

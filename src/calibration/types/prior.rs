@@ -2,7 +2,7 @@
 
 use super::orientation::Orientation;
 
-/// Prior knowledge of a calibration.
+/// What is known before a calibration: mounting, inclination, averaging.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prior {
     /// Mounting of the sensor.

@@ -85,7 +85,7 @@ impl CollectionPart {
     /// Arbitrary attitudes, not assigned to a turn.
     pub const FREE: Self = Self(3);
 
-    /// All parts, in the order of samples.
+    /// All parts, in the order in which the sample buffer stores them.
     pub const ALL_PARTS: [Self; 4] = [Self::LEFT, Self::RIGHT, Self::LEVEL, Self::FREE];
 
     /// Part that contains the turns to one side.

@@ -331,7 +331,11 @@ fn the_sensor_s_noise_is_that_of_a_single_reading() {
         likelihood.noise = NoiseModel::new(0.003, 0.005, TRUE_W);
         let found = heading_uncertainty(&likelihood, &at, &CoefficientCovariance::ZERO, white).unwrap();
         let expected = 0.003 * factor * per_unit;
-        assert!((found.sensor_sigma - expected).abs() < 1e-5 * 0.003, "{readings_per_sample}: {}", found.sensor_sigma);
+        assert!(
+            (found.relative_sensor_sigma - expected).abs() < 1e-5 * 0.003,
+            "{readings_per_sample}: {}",
+            found.relative_sensor_sigma
+        );
         let attitude_sigma_rad = f32::sqrt(0.005 * 0.005 - white * 0.003 * 0.003);
         assert!((found.attitude_sigma_rad - attitude_sigma_rad).abs() < 1e-6);
     }

@@ -32,7 +32,7 @@ pub struct Collector<'a> {
     /// Whether data changed since the header's checksum.
     has_unsaved_change: bool,
     /// Offset from sample times to the collection's clock, milliseconds.
-    clock_offset_ms: u32,
+    collection_clock_offset_ms: u32,
     turn_detector: TurnDetector,
     tilt_filter: TiltFilter,
     /// Time of the last sample of each part, stored or not, by [`CollectionPart::index`].
@@ -52,7 +52,7 @@ impl<'a> Collector<'a> {
             header,
             restored_context: is_valid.then(|| header.collection_context()),
             has_unsaved_change: false,
-            clock_offset_ms: header.clock_ms.wrapping_add(RESTART_CLOCK_ADVANCE_MS),
+            collection_clock_offset_ms: header.clock_ms.wrapping_add(RESTART_CLOCK_ADVANCE_MS),
             turn_detector: TurnDetector::new(TurnDetectorConfig::DEFAULT),
             tilt_filter: TiltFilter::NOT_STARTED,
             last_due_sample_at: [None; _],
@@ -98,7 +98,8 @@ impl<'a> Collector<'a> {
             return self.memory.write_header_and_checksum(CollectionHeader::EMPTY);
         }
         self.header.set_context(context);
-        self.header.clock_ms = self.tilt_filter.last_sample_at().map_or(self.clock_offset_ms, WrappingMillis::as_ms);
+        self.header.clock_ms =
+            self.tilt_filter.last_sample_at().map_or(self.collection_clock_offset_ms, WrappingMillis::as_ms);
         self.memory.write_header_and_checksum(self.header);
     }
 
@@ -109,7 +110,7 @@ impl<'a> Collector<'a> {
 
     /// Adds the next averaged sample.
     pub fn push_sample(&mut self, mut sample: Sample) {
-        sample.time = sample.time.plus_ms(self.clock_offset_ms);
+        sample.time = sample.time.plus_ms(self.collection_clock_offset_ms);
         self.header.flight_statistics.add_sample(&mut self.tilt_filter, &sample);
         self.has_unsaved_change |= match self.header.procedure() {
             Procedure::Turns => self.push_turn_or_level_sample(sample),
@@ -173,7 +174,7 @@ impl<'a> Collector<'a> {
 
     /// Stores a sample at a known heading; returns false if there is no room.
     pub fn add_mark(&mut self, mut mark: HeadingMark) -> bool {
-        mark.sample.time = mark.sample.time.plus_ms(self.clock_offset_ms);
+        mark.sample.time = mark.sample.time.plus_ms(self.collection_clock_offset_ms);
         self.has_unsaved_change = true;
         let free_mark = self.memory.marks.get_mut(usize::from(self.header.mark_count));
         let has_room = free_mark.is_some();
@@ -192,7 +193,7 @@ impl<'a> Collector<'a> {
         self.tilt_filter = TiltFilter::NOT_STARTED;
         self.last_due_sample_at = [None; _];
         self.selection.reset_selection();
-        self.clock_offset_ms = 0;
+        self.collection_clock_offset_ms = 0;
         self.reset_restart_count();
         self.set_state(CollectionState::Running);
     }

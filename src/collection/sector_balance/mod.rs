@@ -59,31 +59,31 @@ impl SectorBalance {
     }
 
     /// Stores a sample if it is due and its sector is not the most crowded of a full part. Returns whether it is due.
-    pub fn push_sample(&self, mut part: PartView<'_>, sample: Sample) -> bool {
-        let is_due = part.is_due(&sample);
+    pub fn push_sample(&self, mut part_view: PartView<'_>, sample: Sample) -> bool {
+        let is_due = part_view.is_due(&sample);
         if is_due {
-            let circle = TurnCircle::fit_circle(&part.fit_then_held_back());
+            let circle = TurnCircle::fit_circle(&part_view.fit_then_held_back());
             let sector_of = |s: &Sample| circle.map_or(0, |circle| circle.sector_of(s));
-            let sample_use = part.count_and_assign_use(&sample);
-            insert_balanced(&mut part, sample_use, self.quota, sample, sector_of);
-            self.update_coverage(&mut part, circle);
+            let sample_use = part_view.count_and_assign_use(&sample);
+            insert_balanced(&mut part_view, sample_use, self.quota, sample, sector_of);
+            self.update_coverage(&mut part_view, circle);
         }
         is_due
     }
 
-    fn update_coverage(&self, part: &mut PartView<'_>, circle: Option<TurnCircle>) {
-        let samples = part.samples_of_use(SampleUse::Fit);
+    fn update_coverage(&self, part_view: &mut PartView<'_>, circle: Option<TurnCircle>) {
+        let samples = part_view.samples_of_use(SampleUse::Fit);
         let sample_count = samples.len() as u16;
         let turn_circle = circle.filter(|c| c.radius_ut >= self.min_radius_ut && sample_count >= self.min_samples);
         let (sectors, percent) = turn_circle.map_or((0, 0), |circle| {
             let counts = count_by_sector(samples, |s| circle.sector_of(s));
             // Completeness is latched: a later sample can shift the circle and its sector borders, but removes no
             // information.
-            let is_complete = part.coverage().is_complete();
+            let is_complete = part_view.coverage().is_complete();
             let percent = if is_complete { 100 } else { self.balance_percent(&counts, sample_count) };
             (counts.iter().filter(|&&n| n > 0).count() as u8, percent)
         });
-        (part.part_state.covered_sectors, part.part_state.percent) = (sectors, percent);
+        (part_view.part_state.covered_sectors, part_view.part_state.percent) = (sectors, percent);
     }
 
     /// Lesser of sector filling and sample number, percent.
@@ -107,21 +107,21 @@ fn count_by_sector(samples: &[Sample], sector_of: impl Fn(&Sample) -> usize) -> 
 /// Stores a sample. A full part drops the oldest sample of the most crowded sector, or the new sample if it belongs
 /// there.
 fn insert_balanced(
-    part: &mut PartView<'_>,
+    part_view: &mut PartView<'_>,
     sample_use: SampleUse,
     quota: SampleQuota,
     sample: Sample,
     sector_of: impl Fn(&Sample) -> usize,
 ) {
-    if !part.is_full(sample_use, quota) {
-        return part.insert_sample(sample_use, sample);
+    if !part_view.is_full(sample_use, quota) {
+        return part_view.insert_sample(sample_use, sample);
     }
-    let counts = count_by_sector(part.samples_of_use(sample_use), &sector_of);
+    let counts = count_by_sector(part_view.samples_of_use(sample_use), &sector_of);
     let crowded = (0..SECTOR_COUNT).max_by_key(|&sector| counts[sector]).unwrap_or(0);
     if crowded != sector_of(&sample)
-        && let Some(oldest) = part.samples_of_use(sample_use).iter().position(|s| sector_of(s) == crowded)
+        && let Some(oldest) = part_view.samples_of_use(sample_use).iter().position(|s| sector_of(s) == crowded)
     {
-        part.replace_sample(sample_use, oldest, sample);
+        part_view.replace_sample(sample_use, oldest, sample);
     }
 }
 

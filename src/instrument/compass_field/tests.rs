@@ -45,9 +45,10 @@ fn process_reading(instrument: &mut Instrument, us: u64, field: Field<Sensor>) -
 }
 
 fn report_attitude(instrument: &mut Instrument, us: u64, attitude: Attitude) {
-    let (source, sender_time) = (SenderId::default(), WrappingMillis::default());
+    let (source, sender_clock_at_sending) = (SenderId::default(), WrappingMillis::default());
     let arrival = us_after_start(us).plus_signed_us(AttitudeConfig::DEFAULT.latency_us);
-    instrument.on_attitude(arrival, AttitudeReport { sender: source, sender_time, attitude, body_rates: None });
+    instrument
+        .on_attitude(arrival, AttitudeReport { sender: source, sender_clock_at_sending, attitude, body_rates: None });
 }
 
 fn heading_deg(field: Field<Body>) -> f32 {
@@ -253,12 +254,12 @@ fn added_hard_iron_is_compensated_in_the_compass_field() {
         let heading_rad = 20_f32.to_radians() * us as f32 * 1e-6;
         let attitude = Attitude::from_deg(5.0 + 0.1 * random.normal(), 0.1 * random.normal());
         if i % 2 == 0 {
-            let (source, sender_time) = (SenderId::default(), WrappingMillis::default());
+            let (source, sender_clock_at_sending) = (SenderId::default(), WrappingMillis::default());
             let roll_rad = 5_f32.to_radians();
             let rates_rad_s = [0.0, roll_rad.sin(), roll_rad.cos()].map(|part| 20_f32.to_radians() * part);
             let report = AttitudeReport {
                 sender: source,
-                sender_time,
+                sender_clock_at_sending,
                 attitude,
                 body_rates: BodyRates::from_rad_s(rates_rad_s),
             };

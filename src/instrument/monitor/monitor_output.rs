@@ -87,7 +87,7 @@ impl MonitorOutput {
             ..*calibration
         };
         let noise = self.sample_noise.map_or(*uncertainty, |noise| HeadingUncertainty {
-            sensor_sigma: sqrt(noise.strength_variance * f32::from(readings_per_sample)),
+            relative_sensor_sigma: sqrt(noise.strength_variance * f32::from(readings_per_sample)),
             attitude_sigma_rad: sqrt(noise.tilt_variance_rad2),
             ..*uncertainty
         });

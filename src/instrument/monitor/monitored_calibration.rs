@@ -13,9 +13,10 @@ pub(in super::super) struct MonitoredCalibration<'a> {
 
 impl MonitoredCalibration<'_> {
     pub(super) fn sample_noise(&self) -> SampleNoise {
-        let HeadingUncertainty { sensor_sigma, attitude_sigma_rad, .. } = *self.uncertainty;
+        let HeadingUncertainty { relative_sensor_sigma, attitude_sigma_rad, .. } = *self.uncertainty;
         SampleNoise {
-            strength_variance: sensor_sigma * sensor_sigma / f32::from(self.readings_per_sample.max(1)),
+            strength_variance: relative_sensor_sigma * relative_sensor_sigma
+                / f32::from(self.readings_per_sample.max(1)),
             tilt_variance_rad2: attitude_sigma_rad * attitude_sigma_rad,
         }
     }

@@ -11,7 +11,7 @@ use crate::calibration::{Calibration, inverse};
 use crate::trig::VectorLength as _;
 
 /// Largest cosine between the difference and the mean of both fields, or the axis: at most 9 deg from a right angle.
-const MAX_COSINE_OF_CHANGE: f32 = 0.15;
+const MAX_COSINE_TO_FIELD_AND_AXIS: f32 = 0.15;
 
 /// Tolerance of the difference along the mean field or the axis, relative to the field strength: noise of sensor and
 /// attitude.
@@ -36,7 +36,7 @@ pub(super) fn mount_turn_rad(
     let mean = normalised_field + calibration.b_vector_ut() / calibration.total_ut - field_difference * 0.5;
     let axis = mount_axis(calibration);
     let is_across = |direction: &Vector3<f32>| {
-        let tolerance = MAX_COSINE_OF_CHANGE * field_difference.vector_length() + FIELD_TOLERANCE;
+        let tolerance = MAX_COSINE_TO_FIELD_AND_AXIS * field_difference.vector_length() + FIELD_TOLERANCE;
         field_difference.dot(direction).abs() <= tolerance * direction.vector_length()
     };
     // In sensor axes the field turns opposite to the module: `field_difference` is the chord of its arc about the

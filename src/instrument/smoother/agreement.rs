@@ -107,3 +107,133 @@ impl AgreementTest {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use core::f32::consts::TAU;
+
+    use super::*;
+
+    /// Interval of readings at 80 Hz, seconds.
+    const STEP_S: f32 = 0.0125;
+    const VARIANCE: f32 = 1.0;
+
+    fn gyro_step(turned_deg: f32) -> GyroStep {
+        GyroStep { step_s: STEP_S, turned_rad: turned_deg * DEG }
+    }
+
+    fn settled_agreement() -> AgreementTest {
+        let mut agreement = AgreementTest::INITIAL;
+        keeps_agreement(&mut agreement, 0.0, 10.0);
+        agreement
+    }
+
+    /// Repeats an innovation in sigmas; whether all results were in agreement.
+    fn keeps_agreement(agreement: &mut AgreementTest, innovation: f32, seconds: f32) -> bool {
+        (0..(seconds / STEP_S) as usize).fold(true, |all, _| {
+            agreement.test_innovation(innovation, VARIANCE, gyro_step(0.0)) == AgreementResult::InAgreement && all
+        })
+    }
+
+    /// A constant innovation of 3.9 sigma is detected within about a second.
+    #[test]
+    fn a_mean_innovation_over_three_sigmas_is_a_contradiction() {
+        for sign in [1.0, -1.0] {
+            assert!(keeps_agreement(&mut settled_agreement(), sign * 2.9, 60.0));
+            assert!(!keeps_agreement(&mut settled_agreement(), sign * 3.1, 60.0));
+            let mut quick = settled_agreement();
+            assert!(keeps_agreement(&mut quick, sign * 3.9, 1.2) && !keeps_agreement(&mut quick, sign * 3.9, 0.5));
+        }
+    }
+
+    #[test]
+    fn innovations_are_normalised_by_their_variance() {
+        let contradicts = |innovation: f32, variance: f32| {
+            let mut agreement = settled_agreement();
+            (0..2000).any(|_| {
+                agreement.test_innovation(innovation, variance, gyro_step(0.0)) != AgreementResult::InAgreement
+            })
+        };
+        assert!(!contradicts(5.8, 4.0) && contradicts(6.2, 4.0));
+        assert!(!contradicts(0.29, 0.01) && contradicts(0.31, 0.01));
+    }
+
+    #[test]
+    fn two_innovations_over_4_sigma_on_one_side_are_a_contradiction() {
+        let all = |innovations: &[f32]| {
+            let mut agreement = settled_agreement();
+            innovations.iter().all(|&innovation| {
+                agreement.test_innovation(innovation, VARIANCE, gyro_step(0.0)) == AgreementResult::InAgreement
+            })
+        };
+        assert!(all(&[3.9, 3.9, 3.9]) && all(&[-3.9, -3.9]));
+        assert!(!all(&[4.1, 4.1]) && !all(&[-4.1, -4.1]));
+        assert!(all(&[4.1, -4.1, 4.1]) && all(&[4.1, 0.0, 4.1, 0.0, -4.1]) && all(&[50.0, 0.0, 0.0]));
+    }
+
+    /// Excess variance: `2.9^2 - 1`, and none below 1 sigma.
+    #[test]
+    fn a_mean_innovation_over_one_sigma_adds_excess_variance() {
+        for (innovation, excess_variance) in [(0.9, 0.0), (-0.9, 0.0), (2.9, 7.41), (-2.9, 7.41)] {
+            let mut agreement = settled_agreement();
+            keeps_agreement(&mut agreement, innovation, 20.0);
+            assert!(
+                (agreement.excess_variance_rad2() - excess_variance).abs() < 0.01,
+                "{innovation}: {}",
+                agreement.excess_variance_rad2()
+            );
+        }
+    }
+
+    /// The mean approaches an innovation with a time constant of 1 s also if readings are rare.
+    #[test]
+    fn the_mean_innovation_has_a_time_constant_of_one_second() {
+        for (readings, step_s) in [(1_u8, 1.0), (2, 0.5), (10, 0.1)] {
+            let mut agreement = AgreementTest::INITIAL;
+            for _ in 0..readings {
+                agreement.test_innovation(1.0, 0.0, GyroStep { step_s, turned_rad: 0.0 });
+            }
+            let mean = agreement.excess_variance_rad2().sqrt();
+            assert!((0.49..0.64).contains(&mean), "{step_s}: {mean}");
+        }
+    }
+
+    #[test]
+    fn after_a_contradiction_agreement_needs_a_turn_of_45_deg() {
+        for (turned_deg, sign, agreed) in [(44.0, 1.0, false), (46.0, 1.0, true), (46.0, -1.0, true)] {
+            let mut agreement = settled_agreement();
+            for _ in 0..2 {
+                agreement.test_innovation(5.0, VARIANCE, gyro_step(20.0));
+            }
+            let steps = (4.0 / STEP_S) as usize;
+            let mut last = AgreementResult::NotInAgreement;
+            for i in 0..steps {
+                last = agreement.test_innovation(0.0, VARIANCE, gyro_step(sign * turned_deg / steps as f32));
+                assert!(i as f32 * STEP_S > 1.9 || last == AgreementResult::NotInAgreement);
+            }
+            assert_eq!(last == AgreementResult::InAgreement, agreed, "{turned_deg}");
+            // The required turn survives a restart of the test.
+            agreement.restart_test();
+            assert_eq!(!keeps_agreement(&mut agreement, 0.0, 2.1) && keeps_agreement(&mut agreement, 0.0, 1.0), agreed);
+        }
+    }
+
+    #[test]
+    fn agreement_is_lost_after_five_seconds_of_contradiction() {
+        let mut agreement = settled_agreement();
+        let lost = (0..1000)
+            .position(|_| agreement.test_innovation(TAU, VARIANCE, gyro_step(0.0)) == AgreementResult::Lost)
+            .unwrap();
+        assert!((lost as f32 * STEP_S - 5.0).abs() < 0.05, "{lost}");
+        // A disagreement restarts the time of agreement.
+        let mut agreement = settled_agreement();
+        for _ in 0..10 {
+            for _ in 0..200 {
+                assert_ne!(agreement.test_innovation(5.0, VARIANCE, gyro_step(0.0)), AgreementResult::Lost);
+            }
+            for _ in 0..2000 {
+                agreement.test_innovation(0.0, VARIANCE, gyro_step(0.1));
+            }
+        }
+    }
+}

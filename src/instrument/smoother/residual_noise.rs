@@ -44,3 +44,82 @@ impl ResidualNoise {
         self.remaining_fraction += (mean_fraction - self.remaining_fraction) * step_s / (self.averaging_s + step_s);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use testkit::random::Random;
+
+    use super::*;
+
+    /// Interval of readings at 80 Hz, seconds.
+    const STEP_S: f32 = 0.0125;
+
+    /// Mean fraction estimated from 30 runs of correlated noise.
+    fn mean_remaining_fraction(noise_correlation_s: f32) -> f32 {
+        let mut random = Random(3);
+        let decay = (-STEP_S / noise_correlation_s).exp();
+        let mut sum = 0.0;
+        for _ in 0..30 {
+            let (mut residual_noise, mut noise) = (ResidualNoise::INITIAL, 2.0 * random.normal());
+            for _ in 0..(240.0 / STEP_S) as usize {
+                noise = decay * noise + 2.0 * (1.0 - decay * decay).sqrt() * random.normal();
+                residual_noise.update_noise(noise, 4.0, STEP_S);
+            }
+            sum += residual_noise.remaining_fraction();
+        }
+        sum / 30.0
+    }
+
+    /// Expected remaining fraction for correlation time `tau`: `1.5 tau / (tau + 5 s)`.
+    #[test]
+    fn the_remaining_fraction_is_that_of_a_5_s_mean() {
+        for (noise_correlation_s, expected, within) in [(0.01, 0.003, 0.02), (0.5, 0.136, 0.03), (2.0, 0.43, 0.06)] {
+            let found = mean_remaining_fraction(noise_correlation_s);
+            assert!((found - expected).abs() < within, "{noise_correlation_s}: {found}");
+        }
+        assert!(mean_remaining_fraction(30.0) > 0.5, "{}", mean_remaining_fraction(30.0));
+    }
+
+    /// The fraction is limited to 1; half a sigma gives `1.5 * 0.25`.
+    #[test]
+    fn the_remaining_fraction_is_at_most_one() {
+        for (innovation, expected) in [(1.0, 1.0), (2.0, 1.0), (-1.0, 1.0), (0.5, 0.375)] {
+            let mut residual_noise = ResidualNoise::INITIAL;
+            assert!((residual_noise.remaining_fraction() - 0.225).abs() < 1e-6);
+            for _ in 0..(1200.0 / STEP_S) as usize {
+                residual_noise.update_noise(innovation, 1.0, STEP_S);
+            }
+            assert!(
+                (residual_noise.remaining_fraction() - expected).abs() < 0.01,
+                "{innovation}: {}",
+                residual_noise.remaining_fraction()
+            );
+        }
+    }
+
+    #[test]
+    fn the_remaining_fraction_adapts_fast_at_first_and_slowly_later() {
+        let mut residual_noise = ResidualNoise::INITIAL;
+        let quiet = |residual_noise: &mut ResidualNoise, seconds: f32| {
+            for _ in 0..(seconds / STEP_S) as usize {
+                residual_noise.update_noise(0.0, 1.0, STEP_S);
+            }
+        };
+        quiet(&mut residual_noise, 10.0);
+        assert!(
+            (residual_noise.remaining_fraction() - 0.1125).abs() < 0.004,
+            "{}",
+            residual_noise.remaining_fraction()
+        );
+        for _ in 0..(2000.0 / STEP_S) as usize {
+            residual_noise.update_noise(1.0, 1.0, STEP_S);
+        }
+        residual_noise.restart_mean();
+        quiet(&mut residual_noise, 120.0);
+        assert!(
+            (residual_noise.remaining_fraction() - 1.5 * (-1.0_f32).exp()).abs() < 0.01,
+            "{}",
+            residual_noise.remaining_fraction()
+        );
+    }
+}

@@ -4,7 +4,7 @@ use crate::wire::dronecan::{MAX_PATH_LENGTH, NodeId};
 
 /// Accepted request to load another firmware. The board's boot loader fetches it after a restart.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct FirmwareUpdate {
+pub struct UpdateForBootLoader {
     /// Node with the file.
     pub server_node: NodeId,
     /// Number of this node, which the boot loader keeps.
@@ -15,7 +15,7 @@ pub struct FirmwareUpdate {
 /// Size of the structure that ArduPilot's boot loaders read, bytes.
 pub const BOOT_LOADER_HANDOVER_LENGTH: usize = 224;
 
-impl FirmwareUpdate {
+impl UpdateForBootLoader {
     /// An update by a path of 1 to 200 bytes without NUL; `None` for another path.
     pub(super) fn new(server: NodeId, own_node: NodeId, path: &[u8]) -> Option<Self> {
         let path = heapless::Vec::from_slice(path).ok()?;

@@ -41,7 +41,7 @@ use crate::wire::dronecan::{
     CanFrame, DataType, FrameHeader, InboundMessage, InboundTransfer, NodeId, Receiver, priority,
 };
 use allocation::AllocationClient;
-pub use firmware_update::{BOOT_LOADER_HANDOVER_LENGTH, FirmwareUpdate};
+pub use firmware_update::{BOOT_LOADER_HANDOVER_LENGTH, UpdateForBootLoader};
 use frame_outbox::FrameOutbox;
 use log_message_queue::LogMessageQueue;
 use node_services::{RequestStep, Services};
@@ -230,7 +230,7 @@ impl CanNode {
 
     /// Update to hand over to the boot loader before the restart that follows.
     #[must_use]
-    pub const fn granted_update(&self) -> Option<&FirmwareUpdate> {
+    pub const fn granted_update(&self) -> Option<&UpdateForBootLoader> {
         self.services.granted_update()
     }
 

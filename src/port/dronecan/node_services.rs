@@ -1,7 +1,7 @@
 //! Requests of other nodes. They wait until the module's state is known, and while the state machine executes a
 //! command.
 
-use super::firmware_update::FirmwareUpdate;
+use super::firmware_update::UpdateForBootLoader;
 use super::parameters;
 use crate::compass::Command;
 use crate::messages::Refusal;
@@ -86,9 +86,9 @@ pub(super) struct Services {
     /// Request of an executed command, and its result, which is sent before all others.
     unanswered_result: Option<(Requester, ServiceRequest, Result<(), &'static str>)>,
     /// Requested update; one at a time.
-    requested_update: Option<FirmwareUpdate>,
+    requested_update: Option<UpdateForBootLoader>,
     /// Update that the state machine has granted.
-    granted_update: Option<FirmwareUpdate>,
+    granted_update: Option<UpdateForBootLoader>,
 }
 
 impl Services {
@@ -111,7 +111,7 @@ impl Services {
             InboundMessage::ExecuteOpcode(opcode) => ServiceRequest::Opcode(opcode),
             InboundMessage::RestartNode(is_confirmed) => ServiceRequest::Restart { is_confirmed },
             InboundMessage::BeginFirmwareUpdate { server, path } => ServiceRequest::Update(
-                self.register_update_request(FirmwareUpdate::new(server.unwrap_or(node), own_node, path)),
+                self.register_update_request(UpdateForBootLoader::new(server.unwrap_or(node), own_node, path)),
             ),
             _ => return,
         };
@@ -119,7 +119,7 @@ impl Services {
         let _ = self.waiting_requests.push_back((requester, request));
     }
 
-    fn register_update_request(&mut self, update: Option<FirmwareUpdate>) -> UpdateRequest {
+    fn register_update_request(&mut self, update: Option<UpdateForBootLoader>) -> UpdateRequest {
         match (&self.requested_update, update) {
             _ if self.refuses_updates => UpdateRequest::Unsupported,
             (Some(_), _) => UpdateRequest::AlreadyPending,
@@ -192,7 +192,7 @@ impl Services {
     }
 
     /// Granted update, to be handed over before the restart.
-    pub const fn granted_update(&self) -> Option<&FirmwareUpdate> {
+    pub const fn granted_update(&self) -> Option<&UpdateForBootLoader> {
         self.granted_update.as_ref()
     }
 

@@ -54,7 +54,7 @@ impl CollectionReporter {
         if let Some((calibration, uncertainty)) =
             snapshot.calibration.filter(|(calibration, _)| self.is_unreported_calibration(calibration))
         {
-            self.reported_calibration = Some((*calibration, uncertainty.sensor_sigma));
+            self.reported_calibration = Some((*calibration, uncertainty.relative_sensor_sigma));
             self.calibration_count = self.calibration_count.wrapping_add(1);
         }
         // An automatic collection continues after a refused solve: that outcome does not end it.
@@ -115,14 +115,14 @@ fn mag_cal_report(calibration: Option<&(Calibration, f32)>, mount: Orientation) 
     let is_success = calibration.is_some();
     let failure_report =
         MagCalReport { is_success, fitness_mg: 0.0, offset_mg: [0.0; 3], diagonal: [1.0; 3], off_diagonal: [0.0; 3] };
-    let Some((calibration, sensor_sigma)) = calibration else { return failure_report };
+    let Some((calibration, relative_sensor_sigma)) = calibration else { return failure_report };
     let w = calibration.w_matrix();
     let mounting = mount.body_from_sensor();
     let offset_ut: Vector3<f32> = -(mounting * calibration.b_vector_ut());
     let m = w * mounting.transpose();
     let mean = |row, column| 0.5 * (m[(row, column)] + m[(column, row)]);
     MagCalReport {
-        fitness_mg: MG_PER_UT * calibration.total_ut * sensor_sigma,
+        fitness_mg: MG_PER_UT * calibration.total_ut * relative_sensor_sigma,
         offset_mg: (offset_ut * MG_PER_UT).into(),
         diagonal: [mean(0, 0), mean(1, 1), mean(2, 2)],
         off_diagonal: [mean(0, 1), mean(0, 2), mean(1, 2)],

@@ -110,7 +110,7 @@ impl Mavlink {
                 None
             }
             InboundMessage::Attitude(report) if self.sender_selector.accept_attitude(at, report.sender) => {
-                self.request_sequence.on_attitude(at, report.sender_time);
+                self.request_sequence.on_attitude(at, report.sender_clock_at_sending);
                 Some(ReceivedMessage::Attitude(report))
             }
             InboundMessage::Attitude(_) => Some(ReceivedMessage::RejectedAttitude),

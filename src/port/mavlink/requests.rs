@@ -75,15 +75,14 @@ pub(super) struct RequestSequence {
 
 impl RequestSequence {
     /// Records an attitude report of the selected sender.
-    pub fn on_attitude(&mut self, at: Timestamp, sender_time: WrappingMillis) {
-        if self
-            .last_report
-            .is_some_and(|(_, last_sender_time)| last_sender_time.signed_ms_since(sender_time) > MIN_RESTART_STEP_MS)
-        {
+    pub fn on_attitude(&mut self, at: Timestamp, sender_clock_at_sending: WrappingMillis) {
+        if self.last_report.is_some_and(|(_, last_sender_time)| {
+            last_sender_time.signed_ms_since(sender_clock_at_sending) > MIN_RESTART_STEP_MS
+        }) {
             self.begin_requests(at);
         }
         self.report_count = self.report_count.saturating_add(1);
-        self.last_report = Some((at, sender_time));
+        self.last_report = Some((at, sender_clock_at_sending));
     }
 
     /// Processes the autopilot's acknowledgement of a request.

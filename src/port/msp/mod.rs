@@ -105,12 +105,17 @@ impl Msp {
 
     fn attitude_report(&mut self, at: Timestamp, angles: MspAngles) -> Option<ReceivedMessage> {
         // MSP has one sender, without a clock.
-        let (source, sender_time) = (SenderId::default(), WrappingMillis::new(0));
+        let (source, sender_clock_at_sending) = (SenderId::default(), WrappingMillis::new(0));
         let attitude = self.autopilot_firmware?.attitude_from_angles(angles)?;
         let estimated = self.rate_estimator.update_rates(at, attitude, f32::from(angles.heading_deg).to_radians());
         let measured = self.gyro_report.filter(|(received_at, _)| at.us_since(*received_at) <= REPLY_TIMEOUT_US);
         let body_rates = BodyRates::from_rad_s(measured.map_or(estimated, |(_, rates_rad_s)| rates_rad_s));
-        Some(ReceivedMessage::Attitude(AttitudeReport { sender: source, sender_time, attitude, body_rates }))
+        Some(ReceivedMessage::Attitude(AttitudeReport {
+            sender: source,
+            sender_clock_at_sending,
+            attitude,
+            body_rates,
+        }))
     }
 
     fn next_periodic_request(&mut self) -> MspFunction {

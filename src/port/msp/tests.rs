@@ -151,7 +151,7 @@ fn attitude_is_received_with_the_firmware_s_signs() {
         let expected = Attitude::from_deg(10.0, pitch_deg);
         assert!((report.attitude.roll_rad - expected.roll_rad).abs() < 1e-6);
         assert!((report.attitude.pitch_rad - expected.pitch_rad).abs() < 1e-6, "{name:?} {report:?}");
-        assert_eq!((report.body_rates, report.sender_time), (None, WrappingMillis::new(0)));
+        assert_eq!((report.body_rates, report.sender_clock_at_sending), (None, WrappingMillis::new(0)));
     }
     let mut msp = msp_with_firmware(b"ARDU");
     assert!(receive(&mut msp, 0, b'>', MspFunction::FcVariant, b"INAV").is_empty());

@@ -48,7 +48,7 @@ pub(crate) fn calibration_record(serial: u32) -> CalibrationRecord {
     };
     let sensor = Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E };
     let mut uncertainty = HeadingUncertainty::NO_UNCERTAINTY;
-    uncertainty.sensor_sigma = 0.002;
+    uncertainty.relative_sensor_sigma = 0.002;
     CalibrationRecord {
         calibration,
         quality,
@@ -270,8 +270,8 @@ fn a_stored_calibration_clears_the_collecting_flag() {
 #[test]
 fn undo_twice_is_redo() {
     let mut stored_calibrations = StoredCalibrations::default();
-    stored_calibrations.push_record(&calibration_record(1));
-    stored_calibrations.push_record(&calibration_record(2));
+    stored_calibrations.make_current(&calibration_record(1));
+    stored_calibrations.make_current(&calibration_record(2));
     let before = stored_calibrations;
     stored_calibrations.undo_last();
     assert_eq!(

@@ -26,7 +26,7 @@ fn development_page(format: u8) -> Vec<u8> {
     page.extend([0x11, 0x22, 0x33, 0x44]);
     page.extend((value.len() as u16 + 1).to_le_bytes());
     page.extend([0x55, 0x66, 0]);
-    // The entry's data starts after the header, aligned to 8 bytes.
+    // The entry's data is put after the header, aligned to 8 bytes.
     page.truncate(16);
     page.push(0);
     page.extend(value);

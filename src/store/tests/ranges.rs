@@ -103,7 +103,7 @@ fn records_are_kept_if_every_number_is_finite() {
         ("norm", |record, n| record.quality.norm_residual = n),
         ("inclination", |record, n| record.quality.inclination_residual_deg = n),
         ("products", |record, n| record.uncertainty.reduced_covariance[5][9] = n),
-        ("sensor sigma", |record, n| record.uncertainty.sensor_sigma = n),
+        ("sensor sigma", |record, n| record.uncertainty.relative_sensor_sigma = n),
         ("attitude sigma", |record, n| record.uncertainty.attitude_sigma_rad = n),
     ];
     for (label, set) in numbers {

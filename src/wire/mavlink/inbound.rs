@@ -163,7 +163,7 @@ fn parse_attitude(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     is_possible.then(|| {
         InboundMessage::Attitude(AttitudeReport {
             sender: source,
-            sender_time: WrappingMillis::new(fields.read_u32(0)),
+            sender_clock_at_sending: WrappingMillis::new(fields.read_u32(0)),
             attitude: Attitude { roll_rad, pitch_rad },
             body_rates: BodyRates::from_rad_s(from_fn(rate_rad_s)),
         })

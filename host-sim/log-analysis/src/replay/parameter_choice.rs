@@ -148,7 +148,7 @@ pub fn choose_parameters(
     }
     best_candidate.check_usefulness(sigma_deg)?;
     let ParameterCandidate { mut exported, held_back, .. } = best_candidate;
-    if let Some(limit_mg) = exported.exceeded_offset_limit_mg(flight, format) {
+    if let Some(limit_mg) = exported.offset_limit_mg_if_exceeded(flight, format) {
         return Err(NoParameters::OffsetsTooLarge { offset_mg: exported.largest_offset_mg(), limit_mg });
     }
     exported.held_back_score = Some(held_back);

@@ -103,7 +103,7 @@ impl ExportedCorrection {
     }
 
     /// Limit of the offsets that the autopilot rejects, milligauss, if exceeded.
-    pub(super) fn exceeded_offset_limit_mg(&self, flight: &Flight, format: ParameterFormat) -> Option<f64> {
+    pub(super) fn offset_limit_mg_if_exceeded(&self, flight: &Flight, format: ParameterFormat) -> Option<f64> {
         let limit_mg = flight.parameters.last_value("COMPASS_OFFS_MAX").unwrap_or(DEFAULT_MAX_OFFSET_MG);
         (format == ParameterFormat::ArduPilot && self.largest_offset_mg() > limit_mg).then_some(limit_mg)
     }

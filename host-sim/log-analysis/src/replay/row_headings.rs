@@ -53,7 +53,12 @@ pub(super) fn estimate_heading(instrument: &mut Instrument, row: &ReplayRow, sta
 /// Attitude report of a row, dated by arrival.
 fn attitude_report(attitude: Attitude, rates_rad_s: Option<[f32; 3]>) -> AttitudeReport {
     let body_rates = rates_rad_s.and_then(BodyRates::from_rad_s);
-    AttitudeReport { sender: SenderId::default(), sender_time: WrappingMillis::default(), attitude, body_rates }
+    AttitudeReport {
+        sender: SenderId::default(),
+        sender_clock_at_sending: WrappingMillis::default(),
+        attitude,
+        body_rates,
+    }
 }
 
 /// Field of a row, calibrated and levelled.

@@ -99,7 +99,7 @@ fn measurement_jacobians(trial: &RandomFlight, true_sample: &TrueSample) -> (SMa
     }
     nuisance_rows[(3, 1)] = 1.0;
     nuisance_rows[(4, 2)] = 1.0;
-    let sigmas = [trial.sensor_sigma; 3].into_iter().chain([trial.attitude_sigma_rad(true_sample); 2]);
+    let sigmas = [trial.relative_sensor_sigma; 3].into_iter().chain([trial.attitude_sigma_rad(true_sample); 2]);
     for (row, sigma) in sigmas.enumerate() {
         common.row_mut(row).unscale_mut(sigma);
         nuisance_rows.row_mut(row).unscale_mut(sigma);

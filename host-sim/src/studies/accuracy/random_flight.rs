@@ -133,7 +133,7 @@ pub struct RandomFlight {
     /// Inclination, radians, positive down.
     pub inclination_rad: f64,
     /// Sensor noise of each axis, in units of the total field.
-    pub sensor_sigma: f64,
+    pub relative_sensor_sigma: f64,
     /// Noise of roll and pitch without acceleration, radians.
     pub attitude_sigma_rad: f64,
     /// Attitudes at which headings are evaluated.
@@ -199,7 +199,7 @@ impl RandomFlight {
             field_matrix: mounting * (Matrix3::identity() + symmetric * size),
             hard_iron,
             inclination_rad,
-            sensor_sigma: random.uniform(ranges.sensor_noise[0], ranges.sensor_noise[1]),
+            relative_sensor_sigma: random.uniform(ranges.sensor_noise[0], ranges.sensor_noise[1]),
             attitude_sigma_rad: random.uniform(ranges.attitude_noise_deg[0], ranges.attitude_noise_deg[1]).to_radians(),
             envelope: AttitudeEnvelope::Banked,
             left_turns,
@@ -302,8 +302,9 @@ impl RandomFlight {
         random: &mut RandomStream,
     ) -> Sample {
         let euler = true_sample.euler;
-        let sensed =
-            self.field_matrix * self.body_field(euler) + self.hard_iron + random.normal_vector() * self.sensor_sigma;
+        let sensed = self.field_matrix * self.body_field(euler)
+            + self.hard_iron
+            + random.normal_vector() * self.relative_sensor_sigma;
         let reported_angles = [
             euler.roll_rad * (1.0 + source.bank_scale) + source.roll_bias_rad,
             euler.pitch_rad + source.pitch_bias_rad,

@@ -27,7 +27,7 @@ pub struct HeadingUncertainty {
     pub(crate) reduced_covariance: [[f32; 10]; 6],
     /// White noise of a single reading on each axis, units of the total field. The mean of `n` readings has
     /// `1 / sqrt(n)` of it.
-    pub sensor_sigma: f32,
+    pub relative_sensor_sigma: f32,
     /// Noise of roll and pitch, radians: robust scale of the inclination residuals minus the sensor's white noise.
     /// Includes slow field errors, which affect a heading equally. Not reduced by averaging.
     pub attitude_sigma_rad: f32,
@@ -53,9 +53,13 @@ impl HeadingVariance {
 impl HeadingUncertainty {
     /// Zero uncertainty.
     pub const NO_UNCERTAINTY: Self =
-        Self { reduced_covariance: [[0.0; 10]; 6], sensor_sigma: 0.0, attitude_sigma_rad: 0.0 };
+        Self { reduced_covariance: [[0.0; 10]; 6], relative_sensor_sigma: 0.0, attitude_sigma_rad: 0.0 };
 
-    fn from_covariance(covariance: &CoefficientCovariance, sensor_sigma: f32, attitude_sigma_rad: f32) -> Self {
+    fn from_covariance(
+        covariance: &CoefficientCovariance,
+        relative_sensor_sigma: f32,
+        attitude_sigma_rad: f32,
+    ) -> Self {
         // Index of the coefficient multiplied by components `k` of `f` and `a` of `y`.
         let coefficient = |k: usize, a: usize| if a < 3 { w_index(k, a) } else { beta_index(k) };
         let products = UPPER_TRIANGLE_3.map(|(k, l)| {
@@ -66,14 +70,14 @@ impl HeadingUncertainty {
                 if k == l { sum } else { 2.0 * sum }
             })
         });
-        Self { reduced_covariance: products, sensor_sigma, attitude_sigma_rad }
+        Self { reduced_covariance: products, relative_sensor_sigma, attitude_sigma_rad }
     }
 
     /// Whether all numbers are finite: check for data from flash.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         self.reduced_covariance.as_flattened().iter().all(|component| component.is_finite())
-            && self.sensor_sigma.is_finite()
+            && self.relative_sensor_sigma.is_finite()
             && self.attitude_sigma_rad.is_finite()
     }
 
@@ -96,7 +100,7 @@ impl HeadingUncertainty {
         let rx = a * by_field.x + d * by_field.y + g * by_field.z;
         let ry = b * by_field.x + e * by_field.y + h * by_field.z;
         let rz = c * by_field.x + f * by_field.y + i * by_field.z;
-        let sensor = (rx * rx + ry * ry + rz * rz) * self.sensor_sigma * self.sensor_sigma;
+        let sensor = (rx * rx + ry * ry + rz * rz) * self.relative_sensor_sigma * self.relative_sensor_sigma;
         // A tilt error rotates the heading by `tan(inclination)` times its component towards the field.
         let tan_squared = level.z * level.z / horizontal_squared(&level);
         let attitude = self.attitude_sigma_rad * self.attitude_sigma_rad * tan_squared;
@@ -152,8 +156,8 @@ pub(in crate::calibration) fn heading_uncertainty(
     };
     // White noise of one reading from that of a mean of `readings_per_sample`.
     let reading_sigma = sqrt(white * f32::from(likelihood.readings_per_sample.max(1)));
-    let sensor_sigma = reading_sigma / CoefficientConversion::new(likelihood, unknowns)?.determinant_scale;
-    Some(HeadingUncertainty::from_covariance(covariance, sensor_sigma, attitude_sigma_rad))
+    let relative_sensor_sigma = reading_sigma / CoefficientConversion::new(likelihood, unknowns)?.determinant_scale;
+    Some(HeadingUncertainty::from_covariance(covariance, relative_sensor_sigma, attitude_sigma_rad))
         .filter(HeadingUncertainty::is_finite)
 }
 

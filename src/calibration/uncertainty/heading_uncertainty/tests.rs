@@ -135,11 +135,11 @@ fn sigma_equals_the_effect_of_noise() {
         };
         let sensor = (0..3).map(by_reading).map(|d| d * d).sum::<f32>().sqrt();
         let attitude = by_attitude(1.0, 0.0).hypot(by_attitude(0.0, 1.0));
-        for (sensor_sigma, attitude_sigma_rad) in [(0.01, 0.0), (0.0, 0.01), (0.003, 0.004)] {
+        for (relative_sensor_sigma, attitude_sigma_rad) in [(0.01, 0.0), (0.0, 0.01), (0.003, 0.004)] {
             let uncertainty =
-                HeadingUncertainty { sensor_sigma, attitude_sigma_rad, ..HeadingUncertainty::NO_UNCERTAINTY };
+                HeadingUncertainty { relative_sensor_sigma, attitude_sigma_rad, ..HeadingUncertainty::NO_UNCERTAINTY };
             let (found, expected) =
-                (case.sigma_rad(&uncertainty), (sensor * sensor_sigma).hypot(attitude * attitude_sigma_rad));
+                (case.sigma_rad(&uncertainty), (sensor * relative_sensor_sigma).hypot(attitude * attitude_sigma_rad));
             assert!((found / expected - 1.0).abs() < 2e-3, "{found} {expected}");
         }
     }
@@ -149,8 +149,11 @@ fn sigma_equals_the_effect_of_noise() {
 fn next_to_a_pole_sigma_is_finite() {
     let calibration =
         Calibration { total_ut: 50.0, ..Calibration::uncalibrated(crate::calibration::Orientation::IDENTITY_ROTATION) };
-    let uncertainty =
-        HeadingUncertainty { sensor_sigma: 0.01, attitude_sigma_rad: 0.01, ..HeadingUncertainty::NO_UNCERTAINTY };
+    let uncertainty = HeadingUncertainty {
+        relative_sensor_sigma: 0.01,
+        attitude_sigma_rad: 0.01,
+        ..HeadingUncertainty::NO_UNCERTAINTY
+    };
     let sensor = Field::from_ut(0.0, 0.0, 50.0);
     let tilt = Attitude::default().tilt_rotation();
     let sigma_rad = uncertainty
@@ -168,7 +171,7 @@ fn every_number_must_be_finite() {
         uncertainty.is_finite()
     };
     for bad in [f32::NAN, f32::INFINITY] {
-        assert!(!spoilt(&|u| u.sensor_sigma = bad) && !spoilt(&|u| u.attitude_sigma_rad = bad));
+        assert!(!spoilt(&|u| u.relative_sensor_sigma = bad) && !spoilt(&|u| u.attitude_sigma_rad = bad));
         assert!(!spoilt(&|u| u.reduced_covariance[0][0] = bad) && !spoilt(&|u| u.reduced_covariance[5][9] = bad));
     }
     let mut covariance = CoefficientCovariance::ZERO;

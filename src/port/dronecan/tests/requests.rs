@@ -202,8 +202,8 @@ fn invalid_image_paths_are_refused() {
     assert_eq!(bench.commands, []);
     // Payloads that this node does not send, through the decoder's type.
     let own = node_id(OWN_NODE);
-    assert!(FirmwareUpdate::new(node_id(11), own, &path(200)).is_none(), "201 bytes");
-    let longest = FirmwareUpdate::new(node_id(11), own, &path(199)).unwrap().boot_loader_handover();
+    assert!(UpdateForBootLoader::new(node_id(11), own, &path(200)).is_none(), "201 bytes");
+    let longest = UpdateForBootLoader::new(node_id(11), own, &path(199)).unwrap().boot_loader_handover();
     assert_eq!((longest[22], longest[221], &longest[222..]), (11, b'x', &[0, 0][..]));
     bench.response_to_request(DataType::BEGIN_FIRMWARE_UPDATE, &path(5));
     bench.node.complete_command(Command::Restart, Ok(()));

@@ -19,7 +19,7 @@ fn calibration_with_hard_iron(x_ut: f32) -> (Calibration, HeadingUncertainty) {
         ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)
     };
     let mut uncertainty = HeadingUncertainty::NO_UNCERTAINTY;
-    uncertainty.sensor_sigma = 0.004;
+    uncertainty.relative_sensor_sigma = 0.004;
     (calibration, uncertainty)
 }
 

@@ -51,7 +51,7 @@ fn attitude_is_decoded_from_both_versions_without_yaw() {
     let (reports, rejected) = received_reports(&bytes);
     let rolls: Vec<f32> = reports.iter().map(|r| r.attitude.roll_rad).collect();
     assert_eq!(rolls, [0.25, -0.5]);
-    assert_eq!((reports[0].sender_time.as_ms(), rejected), (1234, 0));
+    assert_eq!((reports[0].sender_clock_at_sending.as_ms(), rejected), (1234, 0));
 }
 
 #[test]
@@ -163,7 +163,7 @@ fn assert_ignored(frame: &[u8], rejected: u32, label: &str) {
 fn every_field_of_an_attitude_message_is_decoded() {
     let expected = AttitudeReport {
         sender: SenderId::new(0x0101),
-        sender_time: WrappingMillis::new(4321),
+        sender_clock_at_sending: WrappingMillis::new(4321),
         attitude: Attitude { roll_rad: 0.1, pitch_rad: -0.2 },
         body_rates: BodyRates::from_rad_s([0.4, -0.5, 0.6]),
     };

@@ -218,22 +218,22 @@ impl UlogReader {
         let [low, high, body @ ..] = body else { return };
         let Some(topic) = self.topics.get(&u16::from_le_bytes([*low, *high])) else { return };
         let row = TopicRow { columns: &topic.columns, row_bytes: body };
-        let Some(timestamp_us) = row.numeric_field("timestamp") else { return };
+        let Some(timestamp_us) = row.numeric_value("timestamp") else { return };
         let Some(t_s) = self.builder.timeline.flight_time_s(timestamp_us as u64) else { return };
         // The sampling time precedes the publishing time.
-        let sampled_s = row.numeric_field("timestamp_sample").filter(|sample| *sample > 0.0 && *sample <= timestamp_us);
+        let sampled_s = row.numeric_value("timestamp_sample").filter(|sample| *sample > 0.0 && *sample <= timestamp_us);
         let sampled_s = sampled_s.map_or(t_s, |sample| t_s - ((timestamp_us - sample) / 1e6).min(1.0));
         let instance = topic.instance;
         match topic.name.as_str() {
             "sensor_mag" if self.px4_version.is_some_and(|version| version >= (1, 11)) => {
-                if let Some(gauss) = row.vector_field(["x", "y", "z"]) {
-                    let device_id = row.numeric_field("device_id").unwrap_or(0.0) as u32;
+                if let Some(gauss) = row.vector_value(["x", "y", "z"]) {
+                    let device_id = row.numeric_value("device_id").unwrap_or(0.0) as u32;
                     self.record_field(true, instance, device_id, sampled_s, gauss);
                 }
             }
             "vehicle_magnetometer" => {
-                if let Some(gauss) = row.number_array("magnetometer_ga") {
-                    let device_id = row.numeric_field("device_id").unwrap_or(0.0) as u32;
+                if let Some(gauss) = row.array_values("magnetometer_ga") {
+                    let device_id = row.numeric_value("device_id").unwrap_or(0.0) as u32;
                     self.record_field(false, instance, device_id, sampled_s, gauss);
                 }
             }
@@ -242,7 +242,7 @@ impl UlogReader {
                     self.builder.push_attitude(sampled_s, angles_rad);
                 }
                 if let Some(rates) =
-                    row.vector_field(["rollspeed", "pitchspeed", "yawspeed"]).filter(|_| !self.has_angular_velocity)
+                    row.vector_value(["rollspeed", "pitchspeed", "yawspeed"]).filter(|_| !self.has_angular_velocity)
                 {
                     self.builder.push_rates(sampled_s, rates);
                 }
@@ -253,18 +253,18 @@ impl UlogReader {
                 }
             }
             "vehicle_angular_velocity" if instance == 0 => {
-                if let Some(rates) = row.number_array("xyz") {
+                if let Some(rates) = row.array_values("xyz") {
                     self.builder.push_rates(sampled_s, rates);
                 }
             }
             "sensor_combined" if instance == 0 => {
-                if let Some(rates) = row.number_array("gyro_rad") {
+                if let Some(rates) = row.array_values("gyro_rad") {
                     self.sensor_combined.1.push_row(t_s, rates);
                 }
                 // The field's time is relative to the row's; an unchanged field repeats its time.
                 let relative_us =
-                    row.numeric_field("magnetometer_timestamp_relative").filter(|relative_us| relative_us.abs() < 1e6);
-                if let (Some(gauss), Some(relative_us)) = (row.number_array("magnetometer_ga"), relative_us) {
+                    row.numeric_value("magnetometer_timestamp_relative").filter(|relative_us| relative_us.abs() < 1e6);
+                if let (Some(gauss), Some(relative_us)) = (row.array_values("magnetometer_ga"), relative_us) {
                     self.sensor_combined.0.push_row(t_s + relative_us / 1e6, gauss);
                 }
             }
@@ -275,12 +275,12 @@ impl UlogReader {
             }
             "vehicle_gps_position" if instance == 0 => record_gps(&mut self.builder, t_s, &row),
             "battery_status" if instance == 0 => {
-                if let Some(amperes) = row.numeric_field("current_a") {
+                if let Some(amperes) = row.numeric_value("current_a") {
                     self.builder.push_current(t_s, amperes as f32);
                 }
             }
             "vehicle_status" => {
-                if let Some(arming_state) = row.numeric_field("arming_state") {
+                if let Some(arming_state) = row.numeric_value("arming_state") {
                     self.builder.push_armed(t_s, arming_state as u8 == ARMED_STATE);
                 }
                 self.builder.flight.is_copter |= is_copter(&row);
@@ -331,41 +331,41 @@ const READ_TOPICS: [&str; 10] = [
 
 /// Roll, pitch and yaw of the row's quaternion, radians.
 fn angles_rad(row: &TopicRow<'_>) -> Option<[f32; 3]> {
-    let quaternion = row.number_array("q")?;
+    let quaternion = row.array_values("q")?;
     Some(quaternion_to_euler_rad(quaternion.map(f64::from)).map(|angle| angle as f32))
 }
 
 /// Whether a `vehicle_status` is a rotorcraft's. A VTOL in hover reports rotary wing too.
 fn is_copter(row: &TopicRow<'_>) -> bool {
     const ROTARY_WING: f64 = 1.0;
-    let flag = |name: &str| row.numeric_field(name).is_some_and(|number| number != 0.0);
+    let flag = |name: &str| row.numeric_value(name).is_some_and(|number| number != 0.0);
     let rotors = row
-        .numeric_field("vehicle_type")
+        .numeric_value("vehicle_type")
         .map_or_else(|| flag("is_rotary_wing"), |vehicle_type| (vehicle_type - ROTARY_WING).abs() < 0.5);
     rotors && !flag("is_vtol")
 }
 
 /// Speed over ground, m/s, and course, radians, from the velocity if logged.
 fn speed_and_course(row: &TopicRow<'_>) -> [f64; 2] {
-    match (row.numeric_field("vel_n_m_s"), row.numeric_field("vel_e_m_s")) {
+    match (row.numeric_value("vel_n_m_s"), row.numeric_value("vel_e_m_s")) {
         (Some(north), Some(east)) => [libm::hypot(north, east), libm::atan2(east, north)],
-        _ => ["vel_m_s", "cog_rad"].map(|name| row.numeric_field(name).unwrap_or(f64::NAN)),
+        _ => ["vel_m_s", "cog_rad"].map(|name| row.numeric_value(name).unwrap_or(f64::NAN)),
     }
 }
 
 fn record_gps(builder: &mut FlightBuilder, t_s: f64, row: &TopicRow<'_>) {
-    if row.numeric_field("fix_type").is_none_or(|fix| fix < 3.0) {
+    if row.numeric_value("fix_type").is_none_or(|fix| fix < 3.0) {
         return;
     }
     let degrees =
-        |old: &str, new: &str| row.numeric_field(old).map(|number| number * 1e-7).or_else(|| row.numeric_field(new));
+        |old: &str, new: &str| row.numeric_value(old).map(|number| number * 1e-7).or_else(|| row.numeric_value(new));
     let (Some(latitude), Some(longitude)) = (degrees("lat", "latitude_deg"), degrees("lon", "longitude_deg")) else {
         return;
     };
     let height_m =
-        row.numeric_field("alt").map(|mm| mm / 1e3).or_else(|| row.numeric_field("altitude_msl_m")).unwrap_or(0.0);
+        row.numeric_value("alt").map(|mm| mm / 1e3).or_else(|| row.numeric_value("altitude_msl_m")).unwrap_or(0.0);
     let [speed_m_s, course_rad] = speed_and_course(row);
-    let yaw_rad = row.numeric_field("heading").unwrap_or(f64::NAN);
+    let yaw_rad = row.numeric_value("heading").unwrap_or(f64::NAN);
     builder.push_gps(
         t_s,
         Gps {
@@ -377,5 +377,5 @@ fn record_gps(builder: &mut FlightBuilder, t_s: f64, row: &TopicRow<'_>) {
             yaw_deg: yaw_rad.to_degrees() as f32,
         },
     );
-    builder.set_day_from_unix_s((row.numeric_field("time_utc_usec").unwrap_or(0.0) / 1e6) as u64);
+    builder.set_day_from_unix_s((row.numeric_value("time_utc_usec").unwrap_or(0.0) / 1e6) as u64);
 }

@@ -83,12 +83,12 @@ pub(super) struct TopicRow<'a> {
 }
 
 impl TopicRow<'_> {
-    pub fn numeric_field(&self, name: &str) -> Option<f64> {
+    pub fn numeric_value(&self, name: &str) -> Option<f64> {
         let column = self.columns.get(name)?;
         column.scalar_type.decode_number(self.row_bytes.get(column.byte_offset..)?)
     }
 
-    pub fn number_array<const N: usize>(&self, name: &str) -> Option<[f32; N]> {
+    pub fn array_values<const N: usize>(&self, name: &str) -> Option<[f32; N]> {
         let column = self.columns.get(name).filter(|column| column.array_len >= N)?;
         let mut values = [0.0; N];
         for (i, value) in values.iter_mut().enumerate() {
@@ -100,8 +100,8 @@ impl TopicRow<'_> {
         Some(values)
     }
 
-    pub fn vector_field(&self, names: [&str; 3]) -> Option<[f32; 3]> {
-        let [x, y, z] = names.map(|name| self.numeric_field(name));
+    pub fn vector_value(&self, names: [&str; 3]) -> Option<[f32; 3]> {
+        let [x, y, z] = names.map(|name| self.numeric_value(name));
         Some([x? as f32, y? as f32, z? as f32])
     }
 }
@@ -135,6 +135,6 @@ mod tests {
         let column = RowColumn { scalar_type: ScalarType::F32, byte_offset: 0, array_len: 2 };
         let columns = RowColumns::from([("q".to_owned(), column)]);
         let row = TopicRow { columns: &columns, row_bytes: &[0; 64] };
-        assert_eq!((row.number_array::<2>("q"), row.number_array::<3>("q")), (Some([0.0; 2]), None));
+        assert_eq!((row.array_values::<2>("q"), row.array_values::<3>("q")), (Some([0.0; 2]), None));
     }
 }

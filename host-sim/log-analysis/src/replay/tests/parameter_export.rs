@@ -32,7 +32,7 @@ fn offsets_beyond_ardupilots_limit_are_detected() {
         let mut export = export_module(&compass, format);
         export.correction.hard_iron_ut.x = offset_mg / 10.0;
         assert_eq!(
-            export.exceeded_offset_limit_mg(&flight, format).is_some(),
+            export.offset_limit_mg_if_exceeded(&flight, format).is_some(),
             is_exceeded,
             "{format:?} {max_offset_mg:?} {offset_mg}"
         );

@@ -89,7 +89,7 @@ impl FlashCells {
 
     pub fn perform_operation(&mut self, operation: FlashOperation) {
         match operation {
-            FlashOperation::Program { word_index, value } => self.program_word(word_index, value),
+            FlashOperation::Program { word_index, value } => self.store_programmed_word(word_index, value),
             FlashOperation::Erase { page_index } => {
                 self.page_erase_counts[page_index] += 1;
                 for word_index in page_index * WORDS_PER_PAGE..(page_index + 1) * WORDS_PER_PAGE {
@@ -105,7 +105,7 @@ impl FlashCells {
         match operation {
             FlashOperation::Program { word_index, value } => {
                 let cleared_bits = random.random_bits().to_le_bytes();
-                self.program_word(word_index, std::array::from_fn(|i| value[i] | cleared_bits[i]));
+                self.store_programmed_word(word_index, std::array::from_fn(|i| value[i] | cleared_bits[i]));
             }
             FlashOperation::Erase { page_index } => {
                 self.page_erase_counts[page_index] += 1;
@@ -129,7 +129,7 @@ impl FlashCells {
         }
     }
 
-    fn program_word(&mut self, word_index: usize, value: [u8; WORD_BYTES]) {
+    fn store_programmed_word(&mut self, word_index: usize, value: [u8; WORD_BYTES]) {
         self.programmed_word_count += 1;
         self.programmed_word_flags[word_index] = true;
         self.word_mut(word_index).copy_from_slice(&value);

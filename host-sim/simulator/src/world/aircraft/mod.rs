@@ -121,7 +121,7 @@ impl Aircraft {
         &self.state
     }
 
-    /// The autopilot.
+    /// Autopilot that flies the legs.
     #[must_use]
     pub fn autopilot(&self) -> &Autopilot {
         &self.autopilot

@@ -13,4 +13,83 @@ pub fn find_by_name(name: &str) -> Option<&'static FaultCase> {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use nalgebra::Vector3;
+    use simulator::routine::{CalibrationRoutine, TurnPlan};
+    use simulator::world::WorldConfig;
+    use simulator::world::aircraft::VehicleKind;
+
+    use super::*;
+    use crate::studies::integrity::integrity_plan::AttitudeProtocol;
+
+    fn case_names(aircraft: VehicleKind) -> Vec<&'static str> {
+        ALL_CASES.iter().filter(|case| case.applies_to_vehicle(aircraft)).map(|case| case.case_name).collect()
+    }
+
+    #[test]
+    fn each_vehicle_kind_has_its_applicable_cases() {
+        let [plane, copter] = [VehicleKind::Plane, VehicleKind::Copter].map(case_names);
+        let only = |included: &[&'static str], excluded: &[&'static str]| -> Vec<&'static str> {
+            included.iter().filter(|name| !excluded.contains(name)).copied().collect()
+        };
+        assert_eq!(
+            only(&plane, &copter),
+            [
+                "ten-hours",
+                "link-gaps",
+                "drift-straight-60",
+                "drift-straight-300",
+                "steady",
+                "cal-bank-5",
+                "cal-linkage-3"
+            ]
+        );
+        assert_eq!(
+            only(&copter, &plane),
+            [
+                "drift-hover-300",
+                "steady-hover",
+                "cal-yaw-only",
+                "pushed",
+                "cal-current-unreported",
+                "cal-current-unreported-20",
+                "cal-current-reported",
+                "cal-current-reported-20"
+            ]
+        );
+        assert_eq!(only(&case_names(VehicleKind::Vtol), &copter), ["cal-linkage-3"]);
+    }
+
+    #[test]
+    fn a_copter_s_cases_are_flown_by_a_copter() {
+        let draw_case = |name| find_by_name(name).unwrap().draw_case(3, VehicleKind::Copter, AttitudeProtocol::Mavlink);
+        let clean_case = draw_case("clean");
+        assert_eq!(clean_case.world, WorldConfig::random_world(3).with_vehicle_kind(VehicleKind::Copter));
+        assert_eq!(clean_case.routine, CalibrationRoutine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0));
+        let pushed_case = draw_case("pushed").world.attitude_source.push_error_deg;
+        assert!((pushed_case / clean_case.world.attitude_source.push_error_deg - 2.0).abs() < 1e-9);
+        let current_ut = Vector3::from(draw_case("cal-current-unreported-20").world.current_interference_ut);
+        assert!((current_ut.norm() - 20.0).abs() < 1e-9);
+        assert_eq!(draw_case("cal-current-unreported-20").fault_onset, FaultOnset::Always);
+        let hover = draw_case("cal-yaw-only").routine;
+        assert_eq!(hover.legs(), clean_case.routine.routine_parts[0].legs.repeat(4));
+        assert_eq!(hover.start_command, clean_case.routine.start_command);
+    }
+
+    #[test]
+    fn a_change_during_calibration_begins_before_its_end() {
+        for (aircraft, most_s) in [(VehicleKind::Plane, 195.0), (VehicleKind::Copter, 60.0)] {
+            let latest_s = (0..200).fold(0.0_f64, |latest_s, seed| {
+                match find_by_name("cal-moved-5")
+                    .unwrap()
+                    .draw_case(seed, aircraft, AttitudeProtocol::Mavlink)
+                    .fault_onset
+                {
+                    FaultOnset::DuringCalibration { after_s, .. } => latest_s.max(after_s),
+                    other => panic!("{other:?}"),
+                }
+            });
+            assert!((0.9 * most_s..most_s).contains(&latest_s), "{aircraft:?}: {latest_s}");
+        }
+    }
+}

@@ -1,0 +1,168 @@
+use std::sync::LazyLock;
+
+use autoswing::calibration::SolveError;
+use autoswing::earth::{Date, EarthField, Position};
+use autoswing::messages::Refusal;
+
+use super::*;
+use crate::log::csv::FieldUnit;
+use crate::log::log_writers::{FlightRecording, encode_dataflash};
+use crate::log::{self, ParameterHistory};
+use crate::replay::RowSelection;
+use crate::replay::evaluation::{EvaluationOptions, evaluate_flight};
+use crate::replay::hard_iron_step::HardIronStep;
+use crate::replay::parameter_export::ParameterFormat;
+use crate::test_flight::record_turns;
+
+static FLOWN_TURNS: LazyLock<(Flight, FlightEvaluation)> = LazyLock::new(|| {
+    let parameters = ["X", "Y", "Z"].map(|axis| (format!("COMPASS_OFS_{axis}"), 100.0)).to_vec();
+    let recording = FlightRecording { parameters, ..record_turns(0.0) };
+    let flight = log::read_flight(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
+    let verdict = evaluate_flight(
+        &flight,
+        &EvaluationOptions {
+            row_selection: RowSelection::Flight,
+            field_latency_s: Some(0.0),
+            ..EvaluationOptions::DEFAULT
+        },
+    );
+    (flight, verdict)
+});
+
+fn report_after_change(change: impl Fn(&mut Flight, &mut FlightEvaluation)) -> Report {
+    let (mut flight, mut verdict) = FLOWN_TURNS.clone();
+    change(&mut flight, &mut verdict);
+    report_replay(&Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot), "flight.bin", &ReportOrigin::default())
+}
+
+const REFUSED_SOLVE: Result<(), Refusal> = Err(Refusal::Solve(SolveError::NotConverged));
+
+fn fact(report: &Report, name_wanted: &str) -> Option<String> {
+    report.compasses[0].facts.iter().find(|[name, _]| name == name_wanted).map(|[_, words]| words.clone())
+}
+
+#[test]
+fn a_refused_calibration_is_labelled_as_refused() {
+    let automatic = report_after_change(|_, _| {});
+    let refused = report_after_change(|_, verdict| verdict.compasses[0].module_result.acceptance = REFUSED_SOLVE);
+    for (report, line, mark, expected_text) in [
+        (&automatic, "module", "would have calibrated", "would have calibrated itself at"),
+        (&refused, "module, but refused", "would have solved", "would have been refused: not-converged"),
+    ] {
+        let compass = &report.compasses[0];
+        assert_eq!(
+            (compass.curves_after.last().unwrap().curve_name.as_str(), compass.event_marks[0].event_name.as_str()),
+            (line, mark)
+        );
+        assert!(fact(report, "module").unwrap().starts_with(expected_text), "{:?}", compass.facts);
+    }
+    let on_request = report_after_change(|_, verdict| verdict.compasses[0].module_result.collection_end_s = None);
+    assert!(on_request.compasses[0].event_marks.is_empty());
+    assert_eq!(fact(&on_request, "module").unwrap(), "would have calibrated by a command at the end");
+}
+
+#[test]
+fn calibration_and_hard_iron_step_are_marked_at_their_times() {
+    let report = report_after_change(|_, verdict| {
+        let compass = &mut verdict.compasses[0];
+        // 30 s of the log precede the first row.
+        compass.rows.drain(..300);
+        let at_s = compass.rows[0].t_s + 50.0;
+        compass.module_result.collection_end_s = Some(90.0);
+        let step = HardIronStep { time_s: at_s, step_ut: [1.0, -8.0, 0.0], sigma_ut: [0.1; 3] };
+        compass.hard_iron_changes = vec![HardIronChange { hard_iron_step: step, heading_effect_deg: 15.0 }];
+    });
+    let [calibrated, changed] = report.compasses[0].event_marks.as_slice() else { panic!("two marks") };
+    // Times are on the log's clock.
+    let first_s = FLOWN_TURNS.1.compasses[0].rows[300].t_s;
+    assert!((calibrated.time_s - first_s - 90.0).abs() < 1e-9 && (changed.time_s - first_s - 50.0).abs() < 1e-9);
+    assert_eq!(changed.event_name, "iron changed by 8.1 uT");
+}
+
+#[test]
+fn a_field_model_of_another_year_is_reported() {
+    for (is_valid, expected_text) in [(true, "by the field model"), (false, "by the field model, of another year")] {
+        let report = report_after_change(|_, verdict| {
+            let day = Date::from_unix_s(1_767_484_800).unwrap();
+            let earth = EarthField::from_model(Position::new(48.0, 11.3, 500.0).unwrap(), day).unwrap();
+            verdict.earth_field = Some((earth, is_valid));
+        });
+        assert!(fact(&report, "strength").unwrap().ends_with(expected_text), "{expected_text}");
+    }
+}
+
+#[test]
+fn the_before_curve_is_the_autopilot_s_correction() {
+    let logged = report_after_change(|_, _| {});
+    let raw = report_after_change(|_, verdict| {
+        verdict.compasses[0]
+            .corrections
+            .retain(|correction| correction.correction_source != CorrectionSource::Autopilot);
+    });
+    let rows = &FLOWN_TURNS.1.compasses[0].rows;
+    for (report, name, is_logged_field_corrected) in [(&logged, "as logged", true), (&raw, "uncorrected", false)] {
+        let compass = &report.compasses[0];
+        assert_eq!(compass.curves_before[0].curve_name, name);
+        // Errors have their mean removed, so differences between rows are compared.
+        let difference_deg = |i: usize| {
+            let row = &rows[i];
+            let ut = if is_logged_field_corrected { row.logged_field.ut } else { row.raw_field.ut };
+            heading_deg(row, ut.map(f64::from)) - row.reference_deg.unwrap()
+        };
+        let error_before_deg = |i: usize| compass.samples[i].error_before_deg.unwrap();
+        let off_deg =
+            wrap_180(error_before_deg(500) - error_before_deg(1500) - (difference_deg(500) - difference_deg(1500)));
+        assert!(off_deg.abs() < 1e-6, "{name}: {off_deg}");
+    }
+    assert!(key_figure(&logged, "as logged") != key_figure(&raw, "as logged"), "{:?}", raw.key_figures);
+}
+
+fn key_figure(report: &Report, name_part: &str) -> String {
+    report
+        .key_figures
+        .iter()
+        .find(|[name, _]| name.contains(name_part))
+        .map(|[_, value]| value.clone())
+        .unwrap_or_default()
+}
+
+#[test]
+fn differences_are_named_by_their_reference() {
+    let report_with_reference = |reference: Option<ReferenceHeading>| {
+        report_after_change(|_, verdict| {
+            verdict.reference = reference.clone();
+            if verdict.reference.is_none() {
+                verdict.compasses[0].rows.iter_mut().for_each(|row| row.reference_deg = None);
+            }
+        })
+    };
+    for (reference, word) in [
+        (Some(ReferenceHeading::Simulator), "error"),
+        (Some(ReferenceHeading::AutopilotYaw), "disagreement"),
+        (None, "correction"),
+    ] {
+        let report = report_with_reference(reference.clone());
+        assert_eq!(report.reference.difference_name, word);
+        let has_card = crate::report::render_page(&report).contains("Deviation card");
+        assert_eq!(has_card, word == "error", "a card is for a known accuracy");
+        assert!(!key_figure(&report, &format!("{word} as logged")).is_empty(), "{:?}", report.key_figures);
+        let usable = || report.compasses[0].samples.iter().filter(|report_sample| report_sample.is_usable).skip(20);
+        assert_eq!(usable().all(|report_sample| report_sample.error_deg.is_some()), reference.is_some(), "{word}");
+        // Without a reference, the difference between the module's and the autopilot's heading is shown.
+        assert!(usable().all(|report_sample| report_sample.error_before_deg.is_some()), "{word}");
+        assert_eq!(report.compasses[0].curves_after.is_empty(), reference.is_none(), "{word}");
+    }
+}
+
+#[test]
+fn use_of_the_compass_by_the_autopilot_is_reported() {
+    for (is_used, expected_text) in
+        [(Some(true), Some("uses it for its heading")), (Some(false), Some("does not use it")), (None, None)]
+    {
+        let report = report_after_change(|flight, verdict| {
+            flight.parameters = ParameterHistory::default();
+            verdict.compasses[0].is_used_for_heading = is_used;
+        });
+        assert_eq!(fact(&report, "autopilot").as_deref(), expected_text);
+    }
+}

@@ -1,0 +1,174 @@
+use nalgebra::{Vector1, Vector3};
+
+use super::*;
+use crate::calibration::hypotheses::score_test::ScoreTest;
+use crate::calibration::model::JacobianRow;
+
+fn is_close(found: f32, expected: f32) -> bool {
+    (found - expected).abs() <= 1e-4 * expected.abs()
+}
+
+const ZERO_ROW: JacobianRow = JacobianRow {
+    derivative_by_field: Vector3::new(0.0, 0.0, 0.0),
+    centred_field: Vector3::new(0.0, 0.0, 0.0),
+    derivative_by_inclination: 0.0,
+};
+
+fn inclination_equation(weight: f32, residual: f32, row: JacobianRow) -> ResidualEquation {
+    let equation = ResidualEquation::new(row, residual, 1.0 / weight, 1e6);
+    assert!(is_close(equation.weight, weight));
+    equation
+}
+
+/// Inclination residuals with their derivatives by roll and by the bank-angle scale error. The nuisance
+/// parameters explain a part of information and gradient, which is subtracted.
+fn estimate(
+    evidence: &[(ResidualEquation, [f32; 2])],
+    explained_information: f32,
+    explained_gradient: f32,
+    roll_sigma_rad: f32,
+    inflation: f32,
+) -> Option<BankScaleEstimate> {
+    let [mut roll, mut bank] = [(); 2].map(|()| ScoreTest::zero());
+    for (equation, [by_roll, by_bank]) in evidence {
+        roll.add_weighted_equation(equation, &Vector1::new(*by_roll), 1.0);
+        bank.add_weighted_equation(equation, &Vector1::new(*by_bank), 1.0);
+    }
+    let score = EfficientScore {
+        nuisance_columns: [Vector13::zeros()],
+        information: bank.information.add_scalar(-explained_information),
+        gradient: bank.gradient.add_scalar(-explained_gradient),
+    };
+    BankScaleEstimate::new(&score, roll.information.x * roll_sigma_rad * roll_sigma_rad, inflation)
+}
+
+#[test]
+fn estimate_equals_hand_calculation() {
+    let evidence = [
+        (inclination_equation(100.0, -0.3, ZERO_ROW), [0.5, 2.0]),
+        (inclination_equation(50.0, 0.2, ZERO_ROW), [-1.0, -3.0]),
+    ];
+    let (information, gradient) = (100.0 * 4.0 + 50.0 * 9.0, 100.0 * 2.0 * 0.3 + 50.0 * 3.0 * 0.2);
+    let noise = (100.0 * 0.25 + 50.0) * 0.04;
+    let found = estimate(&evidence, 150.0, 7.0, 0.2, 1.5).unwrap();
+    let bank_information = information - 150.0 - noise;
+    assert!(is_close(found.missing_bank_share, (gradient - 7.0 + noise) / bank_information), "{found:?}");
+    assert!(is_close(found.variance, (information - 150.0) * 1.5 / (bank_information * bank_information)), "{found:?}");
+    assert!(is_close(found.finding(0.0).unwrap().estimate, found.missing_bank_share));
+}
+
+#[test]
+fn the_estimate_adds_to_the_assumed_sigma_in_quadrature() {
+    // Information 1e4: an estimate of 0.1 with variance 1e-4.
+    let found = estimate(&[(inclination_equation(1e4, -0.1, ZERO_ROW), [0.0, 1.0])], 0.0, 0.0, 0.0, 1.0).unwrap();
+    let allowed = found.finding(0.01).unwrap().allowed_sigma(0.01);
+    assert!((allowed - (0.01_f32.powi(2) + 0.1_f32.powi(2)).sqrt()).abs() < 1e-5);
+}
+
+#[test]
+fn noise_dominated_estimate_is_rejected() {
+    let evidence = [(inclination_equation(1e6, 0.0, ZERO_ROW), [1.0, 1.0])];
+    assert!(estimate(&evidence, 0.0, 0.0, 0.49_f32.sqrt(), 1.0).is_some());
+    assert!(estimate(&evidence, 0.0, 0.0, 0.51_f32.sqrt(), 1.0).is_none());
+    assert!(estimate(&evidence, f32::NAN, 0.0, 0.1, 1.0).is_none());
+    assert!(estimate(&evidence, 0.0, f32::NAN, 0.1, 1.0).is_none());
+    assert!(estimate(&[], 0.0, 0.0, 0.1, 1.0).is_none());
+}
+
+fn bank_scale_estimate(missing: f32, sigma: f32) -> BankScaleEstimate {
+    BankScaleEstimate { missing_bank_share: missing, variance: sigma * sigma, score_information: 1e4 }
+}
+
+/// Estimate and allowance together have a variance of 5e-4; the threshold is three times that.
+#[test]
+fn errors_above_the_threshold_are_allowed_for() {
+    for (square, excess) in [(14.9e-4, 0.0), (15.1e-4, 0.2e-4), (20e-4, 10e-4), (29e-4, 28e-4), (31e-4, 31e-4)] {
+        for missing in [f32::sqrt(square), -f32::sqrt(square)] {
+            let found = bank_scale_estimate(missing, 0.02);
+            assert!((found.excess_square(0.01) - excess).abs() < 1e-7, "{missing}: {}", found.excess_square(0.01));
+            let error = found.finding(0.01);
+            assert_eq!(error.is_some(), excess > 0.0, "{missing}");
+            if let Some(AttitudeErrorFinding { estimate, significance_sigmas: sigmas, .. }) = error {
+                assert!(is_close(estimate, missing) && is_close(sigmas, (square / 5e-4).sqrt()));
+            }
+        }
+    }
+}
+
+#[test]
+fn uncertain_estimate_is_rejected() {
+    let is_accepted = |missing, sigma| {
+        bank_scale_estimate(missing, sigma).with_cluster_variance(ClusterVariance::default()).is_some()
+    };
+    assert!(is_accepted(0.1, 0.049) && !is_accepted(0.1, 0.051) && !is_accepted(-0.1, 0.051));
+    assert!(!is_accepted(0.34, 0.1) && is_accepted(0.36, 0.1) && is_accepted(-0.36, 0.1));
+}
+
+fn clusters(contributions: impl Iterator<Item = (usize, f32)>) -> ClusterVariance {
+    let mut clusters = ClusterVariance::default();
+    let column = Vector13::zeros();
+    for (part, contribution) in contributions {
+        let norm = inclination_equation(1.0, 5.0, ZERO_ROW);
+        let inclination = Some(inclination_equation(1.0, contribution, ZERO_ROW));
+        let equations = SampleEquations {
+            norm_equation: norm,
+            inclination_equation: inclination,
+            heading_equation: None,
+            inclination_derivatives_by_attitude: [7.0, 7.0],
+        };
+        clusters.add_sample_score(part, &equations, 1.0, &column);
+    }
+    clusters
+}
+
+/// The incomplete last cluster of a part counts, too.
+#[test]
+fn twelve_samples_form_a_cluster() {
+    // Cluster sums of the scores: 12, -12, 12 and 12 in the first part, 6 in the second.
+    let first = (0..48).map(|i| {
+        (
+            0,
+            if i < 12 {
+                1.0
+            } else if i < 24 {
+                -1.0
+            } else {
+                1.0
+            },
+        )
+    });
+    let second = (0..6).map(|_| (1, 1.0));
+    let interleaved = first.zip(second.map(Some).chain(core::iter::repeat(None)));
+    let found = clusters(interleaved.flat_map(|(a, b)| core::iter::once(a).chain(b))).variance();
+    let sums = [12.0, -12.0, 12.0, 12.0, 6.0_f32];
+    let mean = sums.iter().sum::<f32>() / 5.0;
+    let expected = sums.iter().map(|s| (s - mean) * (s - mean)).sum::<f32>() * 5.0 / 4.0;
+    assert!(is_close(found, expected), "{found} {expected}");
+    assert!(!clusters((0..5).map(|_| (0, 1.0))).variance().is_finite());
+}
+
+#[test]
+fn score_contributions_exclude_the_nuisance_parameters() {
+    let row = JacobianRow { derivative_by_field: Vector3::x() * 3.0, centred_field: Vector3::z(), ..ZERO_ROW };
+    let column = Vector13::ith(2, 0.5);
+    let equations = SampleEquations {
+        norm_equation: inclination_equation(10.0, 0.1, row),
+        inclination_equation: Some(inclination_equation(4.0, -0.2, row)),
+        heading_equation: None,
+        inclination_derivatives_by_attitude: [0.0, 0.0],
+    };
+    let mut clusters = ClusterVariance::default();
+    clusters.add_sample_score(0, &equations, 2.0, &column);
+    let (sum, samples) = clusters.open_clusters[0];
+    assert!(is_close(sum, 10.0 * 0.1 * -1.5 + 4.0 * -0.2 * (2.0 - 1.5)) && samples == 1, "{sum}");
+    clusters.add_sample_score(PART_COUNT, &equations, 2.0, &column);
+    assert_eq!(clusters.open_clusters.iter().map(|open| open.1).sum::<u8>(), 1);
+}
+
+#[test]
+fn the_larger_of_cluster_and_estimate_variance_is_used() {
+    let scattered = clusters((0..48).map(|i| (0, if i / 12 % 2 == 0 { 1.0 } else { -1.0 })));
+    let expected = scattered.variance() / 1e8;
+    assert!(is_close(bank_scale_estimate(0.1, 1e-4).with_cluster_variance(scattered).unwrap().variance, expected));
+    assert!(is_close(bank_scale_estimate(0.1, 0.01).with_cluster_variance(scattered).unwrap().variance, 1e-4));
+}

@@ -1,0 +1,158 @@
+use super::*;
+
+/// Time after the start of the module; a vehicle can move 300 m each second.
+const TEST_TIME: WrappingMillis = WrappingMillis::new(5_000);
+
+fn position_at(latitude_deg: f32, longitude_deg: f32) -> Position {
+    Position::new(latitude_deg, longitude_deg, 100.0).unwrap()
+}
+
+fn day(days: u64) -> Date {
+    Date::from_unix_s(days * 86_400).unwrap()
+}
+
+/// Position and date may arrive in either order.
+#[test]
+fn position_and_date_give_a_field() {
+    let (position, day) = (position_at(51.1, 13.7), day(20_779));
+    let mut local_field = LocalField::UNKNOWN;
+    local_field.update_position(TEST_TIME, position, PositionContext::default());
+    assert_eq!(
+        (local_field.model_position(), local_field.date(), local_field.model_field(), local_field.validity()),
+        (Some(position), None, None, None)
+    );
+    local_field.update_date(day);
+    assert_eq!(local_field.model_field(), EarthField::from_model(position, day).as_ref());
+    assert!(local_field.model_field().is_some());
+    let mut other = LocalField::UNKNOWN;
+    other.update_date(day);
+    assert_eq!((other.model_field(), other.validity()), (None, Some(ModelValidity::Valid)));
+    other.update_position(TEST_TIME, position, PositionContext::default());
+    assert_eq!(other, local_field);
+}
+
+/// The date changes at midnight, or because the first date was wrong.
+#[test]
+fn the_field_follows_the_date() {
+    let position = position_at(51.1, 13.7);
+    let mut local_field = LocalField::UNKNOWN;
+    local_field.update_position(TEST_TIME, position, PositionContext::default());
+    for days in [20_000, 20_779, 20_780, 21_000] {
+        local_field.update_date(day(days));
+        assert_eq!(
+            (local_field.date(), local_field.model_field()),
+            (Some(day(days)), EarthField::from_model(position, day(days)).as_ref())
+        );
+    }
+}
+
+/// Distance counts from the position of the last update.
+#[test]
+fn small_movements_keep_the_field() {
+    let start = position_at(51.1, 13.7);
+    for (latitude_deg, longitude_deg, is_same) in [
+        (51.119, 13.719, true),
+        (51.081, 13.681, true),
+        (51.121, 13.7, false),
+        (51.079, 13.7, false),
+        (51.1, 13.721, false),
+        (51.1, 13.679, false),
+        (51.1, -13.7, false),
+    ] {
+        let mut local_field = LocalField { date: Some(day(20_779)), ..LocalField::UNKNOWN };
+        local_field.update_position(TEST_TIME, start, PositionContext::default());
+        let before = local_field;
+        local_field.update_position(
+            TEST_TIME.plus_ms(12 * 3_600_000),
+            position_at(latitude_deg, longitude_deg),
+            PositionContext::default(),
+        );
+        assert_eq!(local_field.model_field() == before.model_field(), is_same, "{latitude_deg} {longitude_deg}");
+    }
+    let mut local_field = LocalField::UNKNOWN;
+    for step in 0..10_u8 {
+        let at = TEST_TIME.plus_ms(10_000 * u32::from(step));
+        local_field.update_position(at, position_at(51.1 + 0.015 * f32::from(step), 13.7), PositionContext::default());
+    }
+    assert!((local_field.model_position().unwrap().latitude_deg - 51.22).abs() < 0.001, "{local_field:?}");
+}
+
+/// Bavaria; in Greenland the inclination differs by 15 deg, at the same latitude in Canada by 5 deg.
+const BAVARIA: [f32; 2] = [48.1, 11.6];
+const GREENLAND: [f32; 2] = [72.0, -40.0];
+const CANADA: [f32; 2] = [48.1, -80.0];
+
+/// Reports one position each second for 30 s, long after the last one from Bavaria; returns whether it is accepted.
+fn is_position_accepted([latitude_deg, longitude_deg]: [f32; 2], after_ms: u32, context: PositionContext) -> bool {
+    let mut local_field = LocalField { date: Some(day(20_779)), ..LocalField::UNKNOWN };
+    local_field.update_position(TEST_TIME, position_at(BAVARIA[0], BAVARIA[1]), context);
+    let before = local_field.model_field().copied();
+    assert!(before.is_some());
+    for second in 0..30 {
+        let at = TEST_TIME.plus_ms(after_ms + 1000 * second);
+        local_field.update_position(at, position_at(latitude_deg, longitude_deg), context);
+    }
+    local_field.model_field().copied() != before
+}
+
+/// 6,200 km from Bavaria to Canada: 170 m/s in ten hours, 430 m/s in four.
+#[test]
+fn a_position_moves_at_a_plausible_speed() {
+    let hours = |hours: u32| hours * 3_600_000;
+    for (after_ms, is_expected) in [(1000, false), (hours(4), false), (hours(10), true)] {
+        assert_eq!(is_position_accepted(CANADA, after_ms, PositionContext::default()), is_expected, "{after_ms}");
+    }
+}
+
+#[test]
+fn a_disarmed_vehicle_takes_a_distant_position_that_persists() {
+    let context = PositionContext { is_disarmed: true, ..PositionContext::default() };
+    assert!(is_position_accepted(CANADA, 1000, context) && is_position_accepted(GREENLAND, 1000, context));
+    // A single report from Greenland is ignored.
+    let mut local_field = LocalField::UNKNOWN;
+    for [latitude_deg, longitude_deg] in [BAVARIA, GREENLAND, BAVARIA] {
+        local_field.update_position(TEST_TIME, position_at(latitude_deg, longitude_deg), context);
+        assert_eq!(local_field.model_position(), Some(position_at(BAVARIA[0], BAVARIA[1])));
+    }
+}
+
+#[test]
+fn a_position_near_zero_is_ignored() {
+    for (latitude_deg, longitude_deg, is_none) in [(0.000_3, -0.009, true), (0.000_3, 0.02, false), (-0.02, 0.0, false)]
+    {
+        let mut local_field = LocalField::UNKNOWN;
+        local_field.update_position(TEST_TIME, position_at(latitude_deg, longitude_deg), PositionContext::default());
+        assert_eq!(local_field.model_position().is_none(), is_none, "{latitude_deg} {longitude_deg}");
+    }
+}
+
+#[test]
+fn a_position_must_agree_with_the_calibrated_inclination() {
+    let context = PositionContext { is_disarmed: true, calibrated_inclination_deg: Some(64.0) };
+    assert!(is_position_accepted(CANADA, 1000, context) && !is_position_accepted(GREENLAND, 1000, context));
+}
+
+/// Largest change of declination within 0.02 deg, relative to the model's error `sqrt(0.26^2 + (5.417 uT / H)^2)`
+/// deg, over the Earth.
+#[test]
+fn the_distance_limit_costs_under_a_quarter_sigma_of_declination() {
+    let mut worst: f32 = 0.0;
+    for row in 0..170_u8 {
+        for column in 0..90_u8 {
+            let at = position_at(f32::from(row) - 84.5, 4.0 * f32::from(column) - 179.5);
+            let field = |position| EarthField::from_model(position, day(20_779)).unwrap();
+            let field_here = field(at);
+            let Some(declination_deg) = field_here.declination_deg else { continue };
+            let horizontal_ut = field_here.total_ut * field_here.inclination_deg.to_radians().cos();
+            let sigma_deg = 0.26_f32.hypot(5.417 / horizontal_ut);
+            for (north_deg, east_deg) in [(0.02, 0.0), (0.0, 0.02), (0.02, 0.02), (0.02, -0.02)] {
+                let field_there = field(position_at(at.latitude_deg + north_deg, at.longitude_deg + east_deg));
+                let Some(moved_deg) = field_there.declination_deg else { continue };
+                let change_deg = moved_deg - declination_deg;
+                let change_deg = change_deg - 360.0 * (change_deg / 360.0).round();
+                worst = worst.max(change_deg.abs() / sigma_deg);
+            }
+        }
+    }
+    assert!(worst < 0.25, "{worst}");
+}

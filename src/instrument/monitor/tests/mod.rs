@@ -1,0 +1,291 @@
+//! Tests of the monitor on synthetic samples.
+
+mod estimates;
+mod filter_states;
+mod heading_validity;
+
+use core::f32::consts::PI;
+use nalgebra::Rotation3;
+
+use testkit::random::Random;
+
+use super::*;
+use crate::calibration::{Calibration, HeadingUncertainty, MotorCurrent, MotorCurrentInterference, Orientation};
+use crate::frames::{Attitude, Field};
+use crate::heading::Heading;
+
+const INCLINATION_RAD: f32 = 1.0;
+const TOTAL_UT: f32 = 50.0;
+/// Noise of a sample: relative strength, and each attitude angle.
+const STRENGTH_SIGMA: f32 = 0.003;
+const TILT_SIGMA_RAD: f32 = 0.005;
+
+#[derive(Clone, Copy, Debug)]
+struct SimulatedErrors {
+    hard_iron_ut: [f32; 3],
+    strength_change: f32,
+    inclination_rad: f32,
+    /// Turn of the module in its mount, clockwise from above, radians.
+    mount_turn_rad: f32,
+    /// Roll bias: reported minus true roll, radians.
+    roll_bias_rad: f32,
+    pitch_bias_rad: f32,
+    /// Factor on the reported bank.
+    bank_factor: f32,
+    /// Attitude latency, seconds.
+    latency_s: f32,
+    /// Drift of the gyro heading, rad/s.
+    gyro_drift_rad_s: f32,
+    gyro_scale: f32,
+    /// Real pitch excursion, radians.
+    pitch_excursion_rad: f32,
+    pitch_excursion_rate_rad_s: f32,
+}
+
+impl SimulatedErrors {
+    const NO_ERRORS: Self = Self {
+        hard_iron_ut: [0.0; 3],
+        strength_change: 0.0,
+        inclination_rad: 0.0,
+        mount_turn_rad: 0.0,
+        roll_bias_rad: 0.0,
+        pitch_bias_rad: 0.0,
+        bank_factor: 1.0,
+        latency_s: 0.0,
+        gyro_drift_rad_s: 0.0,
+        gyro_scale: 1.0,
+        pitch_excursion_rad: 0.0,
+        pitch_excursion_rate_rad_s: 0.0,
+    };
+}
+
+/// Alternates a minute of straight flight with a full circle to either side, with small oscillations.
+struct Flight {
+    monitor: Monitor,
+    calibration: Calibration,
+    uncertainty: HeadingUncertainty,
+    random: Random,
+    errors: SimulatedErrors,
+    sample_count: u32,
+    gyro_heading_offset_rad: f32,
+    current: MotorCurrent,
+}
+
+const STEP_S: f32 = 0.1;
+const CIRCLE_S: f32 = 24.0;
+const STRAIGHT_S: f32 = 60.0;
+
+fn motion_at(t_s: f32) -> (Attitude, EulerRates, f32) {
+    let leg_time_s = t_s.rem_euclid(STRAIGHT_S + CIRCLE_S) - STRAIGHT_S;
+    let side = if (t_s / (STRAIGHT_S + CIRCLE_S)).rem_euclid(2.0) < 1.0 { 1.0 } else { -1.0 };
+    let banked = (leg_time_s / 2.0).min((CIRCLE_S - leg_time_s) / 2.0).clamp(0.0, 1.0);
+    let rolling = if leg_time_s > 0.0 && leg_time_s < 2.0 {
+        0.5
+    } else if leg_time_s > CIRCLE_S - 2.0 {
+        -0.5
+    } else {
+        0.0
+    };
+    let (phase, pitch_phase) = (0.9 * t_s, 0.6 * t_s);
+    let attitude =
+        Attitude { roll_rad: side * 0.45 * banked + 0.02 * phase.sin(), pitch_rad: 0.03 + 0.015 * pitch_phase.sin() };
+    let euler_rates = EulerRates {
+        roll_rad_s: side * 0.45 * rolling + 0.018 * phase.cos(),
+        pitch_rad_s: 0.009 * pitch_phase.cos(),
+        heading_rad_s: side * banked * 2.0 * PI / (CIRCLE_S - 2.0),
+    };
+    let u = leg_time_s.clamp(0.0, CIRCLE_S);
+    let ramp = (u.min(2.0).powi(2) / 4.0) + (u.clamp(2.0, CIRCLE_S - 2.0) - 2.0) + {
+        let v = (u - (CIRCLE_S - 2.0)).max(0.0);
+        v - v * v / 4.0
+    };
+    (attitude, euler_rates, wrap_pi(0.7 + side * ramp * 2.0 * PI / (CIRCLE_S - 2.0)))
+}
+
+impl Flight {
+    fn new(seed: u64) -> Self {
+        let calibration = Calibration {
+            inclination_rad: INCLINATION_RAD,
+            total_ut: TOTAL_UT,
+            ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)
+        };
+        let uncertainty = HeadingUncertainty {
+            relative_sensor_sigma: STRENGTH_SIGMA,
+            attitude_sigma_rad: TILT_SIGMA_RAD,
+            ..HeadingUncertainty::NO_UNCERTAINTY
+        };
+        Self {
+            monitor: Monitor::new(SensorErrorSigmas::DEFAULT),
+            calibration,
+            uncertainty,
+            random: Random(seed),
+            errors: SimulatedErrors::NO_ERRORS,
+            sample_count: 0,
+            gyro_heading_offset_rad: 2.0,
+            current: MotorCurrent::UNKNOWN,
+        }
+    }
+
+    fn now_s(&self) -> f32 {
+        // The time wraps with the flight pattern and stays exact in `f32`.
+        (self.sample_count % 1680) as f32 * STEP_S
+    }
+
+    /// Flies one sample; returns heading error and sigma in degrees, or the reason for no heading.
+    fn fly_sample(&mut self) -> Result<(f32, f32), NoHeading> {
+        self.sample_count += 1;
+        let SimulatedErrors {
+            hard_iron_ut: iron_ut,
+            strength_change: strength,
+            inclination_rad,
+            roll_bias_rad: roll_rad,
+            pitch_bias_rad: pitch_rad,
+            bank_factor: bank,
+            latency_s: late_s,
+            gyro_drift_rad_s: drift_rad_s,
+            ..
+        } = self.errors;
+        let (mut attitude, _, heading_rad) = motion_at(self.now_s());
+        attitude.pitch_rad += self.errors.pitch_excursion_rad;
+        let earth = Field::earth_field(TOTAL_UT * (1.0 + strength), INCLINATION_RAD + inclination_rad, heading_rad);
+        let (mut reported, mut euler_rates, reported_heading_rad) = motion_at(self.now_s() - late_s);
+        euler_rates.heading_rad_s *= self.errors.gyro_scale;
+        reported.pitch_rad += self.errors.pitch_excursion_rad;
+        euler_rates.pitch_rad_s += self.errors.pitch_excursion_rate_rad_s;
+        let mut noise = |sigma: f32| sigma * self.random.normal();
+        let body_ut = attitude.to_body_frame(earth).ut + Vector3::from(iron_ut) + self.calibration.b_vector_ut();
+        let module_from_body = Rotation3::from_axis_angle(&Vector3::z_axis(), -self.errors.mount_turn_rad);
+        let field = module_from_body * body_ut + Vector3::from_fn(|_, _| noise(STRENGTH_SIGMA * TOTAL_UT));
+        let reported = Attitude {
+            roll_rad: bank * reported.roll_rad + roll_rad + noise(TILT_SIGMA_RAD),
+            pitch_rad: reported.pitch_rad + pitch_rad + noise(TILT_SIGMA_RAD),
+        };
+        let turned_rad = wrap_pi(reported_heading_rad - motion_at(self.now_s() - late_s - STEP_S).2);
+        self.gyro_heading_offset_rad =
+            wrap_pi(self.gyro_heading_offset_rad + drift_rad_s * STEP_S + (self.errors.gyro_scale - 1.0) * turned_rad);
+        let turning = GyroHeading {
+            euler_rates,
+            relative_heading_rad: wrap_pi(reported_heading_rad + self.gyro_heading_offset_rad),
+            run_number: 0,
+        };
+        let at = Timestamp::from_us(u64::from(self.sample_count) * 100_000);
+        let sample =
+            Sample { time: at.wrapping_millis(), current: self.current, ..Sample::new(Field::new(field), reported) };
+        let monitored = MonitoredCalibration {
+            calibration: &self.calibration,
+            uncertainty: &self.uncertainty,
+            readings_per_sample: 1,
+        };
+        self.monitor.process_sample(&monitored, at, &sample, Some(turning));
+        let adjustment = self.monitor.monitor_output();
+        adjustment.validity?;
+        let (calibration, uncertainty) = adjustment.correct_calibration(&monitored);
+        let attitude = adjustment.correct_attitude(reported, &euler_rates);
+        let found = crate::heading::compute_heading(
+            crate::heading::HeadingLimits::ANY_FIELD,
+            &calibration,
+            &uncertainty,
+            sample.field,
+            attitude,
+        )?
+        .with_min_systematic_variance(adjustment.heading_variance_rad2);
+        Ok((wrap_pi(found.magnetic_rad - heading_rad).to_degrees(), found.sigma_deg()))
+    }
+
+    fn fly_seconds(&mut self, seconds: u32) -> FlightResult {
+        let mut flight_result = FlightResult::default();
+        for _ in 0..10 * seconds {
+            flight_result.add_heading(self.fly_sample());
+        }
+        flight_result
+    }
+}
+
+#[derive(Clone, Debug, Default)]
+struct FlightResult {
+    heading_count: u32,
+    worst_error_deg: f32,
+    beyond_3_sigma_count: u32,
+    empty_reasons: Vec<NoHeading>,
+}
+
+impl FlightResult {
+    fn add_heading(&mut self, heading: Result<(f32, f32), NoHeading>) {
+        match heading {
+            Ok((error_deg, sigma_deg)) => {
+                self.heading_count += 1;
+                self.worst_error_deg = self.worst_error_deg.max(error_deg.abs());
+                self.beyond_3_sigma_count += u32::from(error_deg.abs() > 3.0 * sigma_deg);
+            }
+            Err(reason) => self.empty_reasons.push(reason),
+        }
+    }
+}
+
+/// A monitor whose gate withholds the heading and has withheld it for `withheld_s`.
+fn withholding_monitor(withheld_s: f32) -> Monitor {
+    let mut monitor = Monitor::new(SensorErrorSigmas::DEFAULT);
+    let change = [None, None, Some(Innovation { residual: 1.0, variance: 1e-4 })];
+    assert_eq!(
+        monitor.innovation_gate.test_innovations(change, STEP_S),
+        GateResult::Consistent { is_usable: [true, true, false] }
+    );
+    assert!(matches!(monitor.innovation_gate.test_innovations(change, STEP_S), GateResult::ChangeDetected { .. }));
+    monitor.innovation_gate.update_turn(0.0, withheld_s);
+    monitor
+}
+
+/// Half an hour. Normal errors exceed 3 sigma in 0.3 % of samples.
+#[test]
+fn headings_of_a_clean_flight_are_never_withheld() {
+    for seed in 0..3 {
+        let flight_result = Flight::new(seed).fly_seconds(1800);
+        assert_eq!(flight_result.empty_reasons, []);
+        assert!(
+            flight_result.beyond_3_sigma_count < flight_result.heading_count / 300
+                && flight_result.worst_error_deg < 4.5,
+            "{flight_result:?}"
+        );
+    }
+}
+
+/// 24 hours with a gyro drift of 0.05 deg/s.
+#[test]
+fn headings_after_a_day_are_as_good_as_after_an_hour() {
+    let mut flight = Flight::new(4);
+    flight.errors.gyro_drift_rad_s = 0.05_f32.to_radians();
+    flight.fly_seconds(600);
+    let first = flight.fly_seconds(3600);
+    for _ in 0..22 {
+        flight.fly_seconds(3600);
+    }
+    let last = flight.fly_seconds(3600);
+    for hour in [first, last] {
+        assert_eq!(hour.empty_reasons, []);
+        assert!(hour.worst_error_deg < 4.5, "{hour:?}");
+    }
+    assert_eq!(flight.monitor.monitor_output().installation_change, None);
+}
+
+/// 24 hours at rest without body rates: all is unobservable, and no state drifts.
+#[test]
+fn a_day_at_rest_changes_no_state() {
+    let mut random = Random(15);
+    let flight = Flight::new(15);
+    let mut monitor = Monitor::new(SensorErrorSigmas::DEFAULT);
+    let attitude = Attitude::from_deg(2.0, 5.0);
+    let body = attitude.to_body_frame(Field::earth_field(TOTAL_UT, INCLINATION_RAD, 0.7)).ut;
+    for i in 0..864_000_u32 {
+        let field = body + Vector3::from_fn(|_, _| STRENGTH_SIGMA * TOTAL_UT * random.normal());
+        let at = Timestamp::from_us(u64::from(i) * 100_000);
+        let sample = Sample { time: at.wrapping_millis(), ..Sample::new(Field::new(field), attitude) };
+        let monitored = MonitoredCalibration {
+            calibration: &flight.calibration,
+            uncertainty: &flight.uncertainty,
+            readings_per_sample: 1,
+        };
+        monitor.process_sample(&monitored, at, &sample, None);
+        assert_eq!(monitor.monitor_output().validity, Ok(()), "{i}");
+    }
+    assert!(monitor.filter.mean().iter().all(|unknown| unknown.abs() < 0.01), "{:?}", monitor.filter.mean());
+}

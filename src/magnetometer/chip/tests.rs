@@ -1,0 +1,157 @@
+use std::cell::{Cell, RefCell};
+use std::rc::Rc;
+
+use testkit::simulation::{Level, Simulation};
+
+use super::*;
+
+/// Bus error.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct BusFailure;
+
+/// Duration of a status transfer.
+const STATUS_TRANSFER_TIME: Duration = Duration::from_micros(90);
+
+/// Simulated chip that measures at multiples of its period.
+#[derive(Clone)]
+struct FakeChip {
+    period_us: u64,
+    stops_after_measurement: Option<u64>,
+    /// Last measurement read.
+    last_read_number: Rc<Cell<u64>>,
+    /// Times of status requests.
+    status_requested_at_us: Rc<RefCell<Vec<u64>>>,
+}
+
+impl FakeChip {
+    fn new(period_us: u64) -> Self {
+        Self {
+            period_us,
+            stops_after_measurement: None,
+            last_read_number: Rc::default(),
+            status_requested_at_us: Rc::default(),
+        }
+    }
+
+    /// Number of an unread measurement.
+    async fn poll_status(&self) -> Result<Option<u64>, MagnetometerError<BusFailure>> {
+        Timer::after(STATUS_TRANSFER_TIME).await;
+        let now_us = Instant::now().as_micros();
+        self.status_requested_at_us.borrow_mut().push(now_us);
+        let latest = (now_us / self.period_us).min(self.stops_after_measurement.unwrap_or(u64::MAX));
+        Ok((latest > self.last_read_number.get()).then(|| {
+            self.last_read_number.set(latest);
+            latest
+        }))
+    }
+
+    async fn wait_for_measurement(&self, polling: &mut PollingSchedule) -> Result<u64, MagnetometerError<BusFailure>> {
+        polling.wait_for_measurement(async || self.poll_status().await, Option::is_some).await.map(Option::unwrap)
+    }
+}
+
+/// Runs a script in virtual time until it ends.
+fn simulate<F: Future<Output = ()> + 'static>(script: F) {
+    let mut simulation = Simulation::new();
+    simulation.spawn(Level::Interrupt, "script", script);
+    simulation.run_for(10_000_000);
+    assert_eq!(simulation.task_count(), 0, "the script did not end");
+}
+
+/// Rates of 75 to 200 Hz, oscillators off by 10 %, an RM3100's by 21 %. Each measurement is read once within two
+/// polls (0.5 ms and a transfer each), and the bus is mostly idle.
+#[test]
+fn every_measurement_is_found_whatever_the_period() {
+    for (period_us, tolerance, sleep_percent) in
+        [(13_333, 10, 88), (12_500, 10, 88), (6_452, 10, 88), (5_000, 10, 88), (13_333, 21, 79)]
+    {
+        for actual_us in [period_us * 100 / (100 + tolerance), period_us, period_us * (100 + tolerance) / 100] {
+            simulate(async move {
+                let chip = FakeChip::new(actual_us);
+                let mut polling = PollingSchedule::new(period_us as u32, sleep_percent);
+                for number in 1..=50 {
+                    assert_eq!(
+                        chip.wait_for_measurement(&mut polling).await,
+                        Ok(number),
+                        "{actual_us} for {period_us} us"
+                    );
+                    let age_us = Instant::now().as_micros() - number * actual_us;
+                    assert!(age_us <= 590, "{age_us} us old, {actual_us} for {period_us} us");
+                }
+                // The chip is polled for the rest of each period, and for the whole of the first one.
+                let polls = chip.status_requested_at_us.borrow().len() as u64;
+                let polled_us = actual_us - period_us * u64::from(sleep_percent) / 100;
+                assert!(polls <= 50 * (2 + polled_us / 590) + actual_us / 590, "{polls} for {actual_us}");
+            });
+        }
+    }
+}
+
+/// 88 % of 12.5 ms are 11 ms; each poll is 0.5 ms plus a transfer.
+#[test]
+fn polls_begin_at_88_percent_of_the_period_half_a_millisecond_apart() {
+    for (period_us, first_us) in [(12_500, 11_000), (5_000, 4_400), (6_450, 5_676)] {
+        simulate(async move {
+            let chip = FakeChip::new(u64::from(period_us));
+            let mut polling = PollingSchedule::new(period_us, SLEEP_PERCENT);
+            polling.start_sleep();
+            chip.wait_for_measurement(&mut polling).await.unwrap();
+            let poll_times_us = chip.status_requested_at_us.borrow().clone();
+            assert_eq!(poll_times_us[0], first_us + 90);
+            assert!(poll_times_us.windows(2).all(|pair| pair[1] - pair[0] == 590), "{poll_times_us:?}");
+            // The driver sleeps from the measurement on.
+            let found_us = Instant::now().as_micros();
+            chip.wait_for_measurement(&mut polling).await.unwrap();
+            assert_eq!(chip.status_requested_at_us.borrow()[poll_times_us.len()], found_us + first_us + 90);
+        });
+    }
+}
+
+/// Four periods from the first poll, at most one poll late.
+#[test]
+fn a_stopped_chip_times_out_after_four_periods() {
+    for period_us in [12_500, 6_452, 5_000] {
+        simulate(async move {
+            let chip = FakeChip { stops_after_measurement: Some(1), ..FakeChip::new(period_us) };
+            let mut polling = PollingSchedule::new(period_us as u32, SLEEP_PERCENT);
+            chip.wait_for_measurement(&mut polling).await.unwrap();
+            let from_us = Instant::now().as_micros() + period_us * 88 / 100;
+            assert_eq!(chip.wait_for_measurement(&mut polling).await, Err(MagnetometerError::NoData));
+            let waited_us = Instant::now().as_micros() - from_us;
+            assert!((4 * period_us..=4 * period_us + 590).contains(&waited_us), "{waited_us} us of {period_us}");
+        });
+    }
+}
+
+#[test]
+fn a_late_reader_polls_at_once() {
+    simulate(async {
+        let chip = FakeChip::new(12_500);
+        let mut polling = PollingSchedule::new(12_500, SLEEP_PERCENT);
+        chip.wait_for_measurement(&mut polling).await.unwrap();
+        Timer::after_millis(100).await;
+        let start = Instant::now();
+        chip.wait_for_measurement(&mut polling).await.unwrap();
+        assert_eq!(start.elapsed(), STATUS_TRANSFER_TIME);
+    });
+}
+
+#[test]
+fn a_bus_failure_is_reported_at_once() {
+    simulate(async {
+        let mut polling = PollingSchedule::new(12_500, SLEEP_PERCENT);
+        let answer =
+            polling.wait_for_measurement(async || Err::<u8, _>(MagnetometerError::Bus(BusFailure)), |_| true).await;
+        assert_eq!(answer, Err(MagnetometerError::Bus(BusFailure)));
+        assert_eq!(Instant::now().as_micros(), 0);
+    });
+}
+
+#[test]
+fn the_first_register_that_reads_back_differently_is_reported() {
+    assert_eq!(compare_readback::<BusFailure, 3>([1, 2, 3], [1, 2, 3]), Ok(()));
+    assert_eq!(
+        compare_readback::<BusFailure, 3>([1, 2, 3], [1, 9, 8]),
+        Err(MagnetometerError::Configuration { written: 2, read: 9 })
+    );
+}
