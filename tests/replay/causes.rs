@@ -1,8 +1,9 @@
 //! Causes injected into recorded flights, and the report of each: the table in docs/your-flight.md.
 
 use log_analysis::log::log_writers::{FlightRecording, FlightSample, encode_dataflash};
-use log_analysis::replay::evaluation::evaluate_flight;
-use log_analysis::replay::parameter_export::ParameterFormat;
+use log_analysis::replay::ReplayRow;
+use log_analysis::replay::evaluation::{evaluate_flight, score_correction};
+use log_analysis::replay::parameter_export::{ExportedCorrection, ParameterFormat};
 use log_analysis::replay::verdict::{CompassAction, Verdict};
 use simulator::recording::record_turns;
 use simulator::world::WorldConfig;
@@ -18,7 +19,18 @@ struct ReportedFindings {
     /// The sentence on the compass and the log's warnings.
     text: String,
     hard_iron_change_count: usize,
-    rms_deg: Option<f64>,
+    rows: Vec<ReplayRow>,
+    exported: Option<ExportedCorrection>,
+}
+
+impl ReportedFindings {
+    /// Heading errors of the exported correction, degrees RMS: as reported of held-back rows, and in the untouched
+    /// flight. A log with wrong attitudes scores them, too; the untouched flight is no measure for a changed field.
+    fn exported_rms_deg(&self, untouched: &Self) -> Option<[f64; 2]> {
+        let exported = self.exported.as_ref()?;
+        let actual_deg = score_correction(&untouched.rows, &exported.correction)?.rms_deg;
+        Some([exported.held_back_score?.rms_deg, actual_deg])
+    }
 }
 
 fn report_of_cause(vehicle_kind: VehicleKind, seed: u64, cause: Cause) -> ReportedFindings {
@@ -42,7 +54,8 @@ fn report_of_cause(vehicle_kind: VehicleKind, seed: u64, cause: Cause) -> Report
         recommended_action: verdict.compasses[0].judgement.recommended_action,
         text: format!("{} {}", verdict.summary_sentences().concat(), notes.join("; ")),
         hard_iron_change_count: evaluation.compasses[0].hard_iron_changes.len(),
-        rms_deg: verdict.exported_corrections().first().map(|export| export.held_back_score.unwrap().rms_deg),
+        rows: evaluation.compasses[0].rows.clone(),
+        exported: verdict.exported_corrections().first().map(|exported| (*exported).clone()),
     }
 }
 
@@ -225,25 +238,28 @@ const CASES: [Case; 22] = [
 ];
 
 /// Each injected cause that the samples show is named, and no other. A cause that does not concern the compass leaves
-/// the error with parameters within a fifth and 0.2 deg of the error without the cause.
-fn check_causes(vehicle_kind: VehicleKind) {
-    for seed in [3, 5, 7] {
+/// the action, and the error with parameters within a fifth and 0.2 deg of the error without the cause.
+fn check_causes(vehicle_kind: VehicleKind, seeds: &[u64]) {
+    for &seed in seeds {
         let untouched = report_of_cause(vehicle_kind, seed, |_, _| {});
         assert_eq!(untouched.hard_iron_change_count, 0, "{vehicle_kind:?} {seed}: {}", untouched.text);
         for case in CASES.iter().filter(|case| vehicle_kind == VehicleKind::Plane || case.is_shown_by_copter) {
-            let ReportedFindings { recommended_action: action, text, hard_iron_change_count: changes, rms_deg } =
-                report_of_cause(vehicle_kind, seed, case.cause);
+            let findings = report_of_cause(vehicle_kind, seed, case.cause);
+            let ReportedFindings { recommended_action: action, text, hard_iron_change_count: changes, .. } = &findings;
             let about = format!("{vehicle_kind:?} {seed}: {}: {action:?}: {text}", case.name);
             println!("{about}");
-            assert!(vehicle_kind != VehicleKind::Plane || case.allowed_actions.contains(&action), "{about}");
+            let is_unconcerned = case.allowed_actions == LOAD_PARAMETERS;
+            let is_allowed =
+                case.allowed_actions.contains(action) || is_unconcerned && *action == untouched.recommended_action;
+            assert!(is_allowed || vehicle_kind != VehicleKind::Plane, "{about}");
             assert!(text.contains(case.expected_words), "{about}");
-            assert_eq!(changes, case.expected_change_count, "{about}");
+            assert_eq!(*changes, case.expected_change_count, "{about}");
             assert!(!text.contains("mounted") && !text.contains("orientation"), "{about}");
-            assert_eq!(text.contains("with these parameters"), action == CompassAction::LoadParameters, "{about}");
-            if let (LOAD_PARAMETERS, Some(rms_deg), Some(untouched_deg)) =
-                (case.allowed_actions, rms_deg, untouched.rms_deg)
-            {
-                assert!(rms_deg < 1.2 * untouched_deg + 0.2, "{about}: {untouched_deg} deg untouched");
+            assert_eq!(text.contains("with these parameters"), *action == CompassAction::LoadParameters, "{about}");
+            let errors_deg = [&findings, &untouched].map(|report| report.exported_rms_deg(&untouched));
+            if let ([Some(errors_deg), Some(untouched_deg)], true) = (errors_deg, is_unconcerned) {
+                let is_as_good = [0, 1].into_iter().any(|i| errors_deg[i] < 1.2 * untouched_deg[i] + 0.2);
+                assert!(is_as_good, "{about}: {errors_deg:?} deg, {untouched_deg:?} untouched");
             }
         }
     }
@@ -251,12 +267,13 @@ fn check_causes(vehicle_kind: VehicleKind) {
 
 #[test]
 fn a_plane_report_names_the_injected_cause_and_no_other() {
-    check_causes(VehicleKind::Plane);
+    check_causes(VehicleKind::Plane, &[3, 5, 7]);
 }
 
 #[test]
 fn a_copter_report_names_the_injected_cause_and_no_other() {
-    check_causes(VehicleKind::Copter);
+    // The x axis of the last copter hardly changes in its hover.
+    check_causes(VehicleKind::Copter, &[3, 5, 7, 20]);
 }
 
 /// Copters hover on few headings after 118 s: a vertical step is observable, one across the heading hardly.

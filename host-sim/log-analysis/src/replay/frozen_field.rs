@@ -1,5 +1,8 @@
 //! Detects a sensor whose field freezes while the aircraft moves.
 
+use autoswing::frames::{Attitude, Field};
+use nalgebra::Vector3;
+
 use super::row::ReplayRow;
 
 /// Shortest duration of a frozen field, seconds: noise of 0.5 mG changes a working sensor sooner, and logs have gaps of
@@ -17,7 +20,8 @@ const MIN_TILT_CHANGE_RAD: f32 = 0.05;
 /// which a correction mixes three.
 const MAX_STUCK_AXIS_CHANGE: f32 = 0.004;
 
-/// Minimum change of the other axes, as a fraction of the field strength, in which a working axis must take part.
+/// Minimum change of the other axes by rotation, as a fraction of the field strength, in which a working axis must take
+/// part.
 const MIN_OTHER_AXES_CHANGE: f32 = 0.25;
 
 /// An interval with a frozen field or axis while the aircraft moves.
@@ -48,6 +52,30 @@ fn range_of_values(rows: &[ReplayRow], value_of: impl Fn(&ReplayRow) -> f32) -> 
     values().fold(f32::MIN, f32::max) - values().fold(f32::MAX, f32::min)
 }
 
+/// Change of the other axes by rotation about any but this axis, microtesla. A roll leaves x constant while y and z
+/// change; so does hard iron that changes along y or z in hover, of which the largest step is excluded.
+fn other_axes_change(rows: &[ReplayRow], axis: usize) -> f32 {
+    let measured: Vec<_> = rows.iter().map(|row| row.raw_field.ut).collect();
+    let turned_back: Vec<_> = rows.iter().map(|row| without_rotation_about(row, axis)).collect();
+    [(axis + 1) % 3, (axis + 2) % 3]
+        .map(|other| change_without_step(&measured, other).min(change_without_step(&turned_back, other)))
+        .into_iter()
+        .fold(0.0, f32::max)
+}
+
+fn change_without_step(fields: &[Vector3<f32>], axis: usize) -> f32 {
+    let values = || fields.iter().map(|field| field[axis]);
+    let largest_step = fields.windows(2).map(|pair| (pair[1][axis] - pair[0][axis]).abs()).fold(0.0, f32::max);
+    values().fold(f32::MIN, f32::max) - values().fold(f32::MAX, f32::min) - largest_step
+}
+
+/// Field of a row turned back by the roll for the x axis, and by the pitch for the y axis.
+fn without_rotation_about(row: &ReplayRow, axis: usize) -> Vector3<f32> {
+    let Attitude { roll_rad, pitch_rad } = row.attitude;
+    let [roll_rad, pitch_rad] = [[roll_rad, 0.0], [0.0, pitch_rad], [0.0, 0.0]][axis];
+    Attitude { roll_rad, pitch_rad }.to_level_frame(Field::new(row.raw_field.ut)).ut
+}
+
 fn frozen_interval(equal_rows: &[ReplayRow]) -> Option<[f64; 2]> {
     let [from_s, to_s] = [equal_rows.first()?.t_s, equal_rows.last()?.t_s];
     let moves = range_of_values(equal_rows, |row| row.attitude.roll_rad)
@@ -73,15 +101,13 @@ fn stuck_intervals(rows: &[ReplayRow], axis: usize) -> impl Iterator<Item = [f64
     })
     .filter_map(move |equal_rows| {
         let strength_ut = equal_rows.first()?.raw_field.ut.norm();
-        let other_ranges = [1, 2].map(|other| range_of_values(equal_rows, |row| row.raw_field.ut[(axis + other) % 3]));
         frozen_interval(equal_rows)
-            .filter(|_| other_ranges[0].max(other_ranges[1]) > MIN_OTHER_AXES_CHANGE * strength_ut)
+            .filter(|_| other_axes_change(equal_rows, axis) > MIN_OTHER_AXES_CHANGE * strength_ut)
     })
 }
 
 #[cfg(test)]
 mod tests {
-    use autoswing::frames::{Attitude, Field};
 
     use super::*;
 
@@ -144,6 +170,31 @@ mod tests {
                 Vec::new()
             };
             assert_eq!(intervals, expected, "{y_ut}");
+        }
+    }
+
+    /// A hover in which the x axis is insensitive to roll: hard iron steps along y by half of the field, once or for 10 s.
+    #[test]
+    fn a_step_of_hard_iron_does_not_make_an_axis_stuck() {
+        for step_s in [10.0..30.0, 10.0..20.0] {
+            let mut rows = frozen_rows(30, 4.0, 0.0);
+            for row in &mut rows {
+                let step_ut = if step_s.contains(&row.t_s) { 20.0 } else { 0.0 };
+                row.raw_field = Field::from_ut(20.0, step_ut + row.t_s as f32 / 30.0, 40.0);
+            }
+            assert_eq!(frozen_intervals(&rows), [], "{step_s:?}");
+        }
+    }
+
+    /// Rolls leave the x axis constant, pitches the y axis: they change the others by 0.4 of the field.
+    #[test]
+    fn an_axis_about_which_the_aircraft_rotates_is_not_stuck() {
+        for [roll_deg, pitch_deg] in [[25.0, 0.0], [0.0, 25.0]] {
+            let mut rows = frozen_rows(30, roll_deg, pitch_deg);
+            for row in &mut rows {
+                row.raw_field = Field::new(row.attitude.to_body_frame(Field::from_ut(20.0, 15.0, 40.0)).ut);
+            }
+            assert_eq!(frozen_intervals(&rows), [], "{roll_deg} {pitch_deg}");
         }
     }
 }
