@@ -27,6 +27,7 @@ impl ResidualStatistics {
     }
 
     /// Variance inflation by autocorrelation, the larger of both residuals'.
+    #[inline(never)]
     pub fn autocorrelation_inflation(&self) -> f32 {
         let [norm_excess, inclination_excess] = self.autocorrelation.excess_variance_inflation();
         1.0 + norm_excess.max(inclination_excess)

@@ -238,6 +238,7 @@ struct IncludedSamples<'a> {
 }
 
 impl<'a> IncludedSamples<'a> {
+    #[inline(never)]
     fn start_next_run(&mut self) -> Option<&'a Sample> {
         let is_part_excluded = |sample: &Sample| self.is_part_excluded[sample.part.index()];
         let start = self.remaining.iter().position(|sample| !is_part_excluded(sample))?;

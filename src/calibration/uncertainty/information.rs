@@ -37,6 +37,7 @@ pub(in crate::calibration) struct Information {
 }
 
 impl Information {
+    #[inline(never)]
     pub fn new(system: &LinearisedProblem) -> Self {
         Self {
             linear_system: system.clone(),

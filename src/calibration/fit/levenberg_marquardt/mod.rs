@@ -119,6 +119,7 @@ impl Refinement {
     }
 
     /// Restarts with a latency in seconds, with the unknowns moved by `step`.
+    #[inline(never)]
     pub fn restart_with_latency(&mut self, samples: Samples<'_>, latency_s: f32, step: &Vector13) {
         self.likelihood.latency_s = latency_s;
         self.unknowns += step;
@@ -127,6 +128,7 @@ impl Refinement {
 
     /// Restarts with a change of the motor-current interference (mount axes, units of field per ampere), with the
     /// unknowns moved by `step`.
+    #[inline(never)]
     pub fn restart_with_interference(
         &mut self,
         samples: Samples<'_>,
@@ -142,6 +144,7 @@ impl Refinement {
         self.noise_estimate_count = MAX_NOISE_ESTIMATES - 2;
     }
 
+    #[inline(never)]
     pub fn restart_with_noise(&mut self, samples: Samples<'_>, noise: NoiseModel) {
         self.likelihood = Likelihood { noise, has_noise_estimate: true, sample_stride: 1, ..self.likelihood.clone() };
         self.restart_near_solution(samples);
