@@ -173,7 +173,8 @@ mod tests {
         }
     }
 
-    /// A hover in which the x axis is insensitive to roll: hard iron steps along y by half of the field, once or for 10 s.
+    /// A hover in which the x axis is insensitive to roll: hard iron steps along y by half of the field, once or for
+    /// 10 s.
     #[test]
     fn a_step_of_hard_iron_does_not_make_an_axis_stuck() {
         for step_s in [10.0..30.0, 10.0..20.0] {
