@@ -374,6 +374,7 @@ mod tests {
         };
         assert!(follows_bank(&|t| 25.0 * t.sin(), &|t| 12.0 * t.sin()));
         assert!(!follows_bank(&|t| 25.0 * t.sin(), &|t| -12.0 * t.sin()));
+        assert!(follows_bank(&|_| -25.0, &|_| -12.0), "a circle to the left");
         assert!(!follows_bank(&|t| 25.0 * t.sin(), &|_| 0.0));
         // Correlation is the cosine of the phase difference: 0.45 at 63 deg.
         assert!(follows_bank(&|t| 25.0 * t.sin(), &|t| 12.0 * (t + 0.9).sin()));
@@ -428,6 +429,7 @@ mod tests {
             advice.is_at_floor()
         };
         assert!(is_at_floor(1.09, 1.0) && !is_at_floor(1.11, 1.0) && !is_at_floor(1.0, f32::NAN));
+        assert!(is_at_floor(0.43, 0.4) && !is_at_floor(0.5, 0.4));
     }
 
     #[test]

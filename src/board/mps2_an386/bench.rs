@@ -176,7 +176,7 @@ fn measure_instruction_counts(
     });
     let to_pose = count_instructions(|| {
         let own_address = Address { system_id: 1, component_id: 158 };
-        drop(black_box(OutboundMessage::pose_estimate(black_box(&POSE)).into_frame(
+        drop(black_box(OutboundMessage::pose_estimate(black_box(&VISION_POSE)).into_frame(
             own_address,
             0,
             &mut Signatures::default(),
@@ -461,7 +461,7 @@ const ATTITUDE_ANSWER: [u8; 15] =
     [0x24, 0x58, 0x3E, 0x00, 0x6C, 0x00, 0x06, 0x00, 0xE6, 0x00, 0x1E, 0x00, 0x64, 0x00, 0x8B];
 
 /// Pose for VISION_POSITION_ESTIMATE, the longest of the frequent messages.
-const POSE: Pose = Pose {
+const VISION_POSE: Pose = Pose {
     timestamp: Timestamp::from_us(1_234_567_000),
     roll_pitch_yaw_rad: [0.4, 0.05, 1.0],
     yaw_variance_rad2: 1e-4,

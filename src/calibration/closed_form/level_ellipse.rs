@@ -231,6 +231,7 @@ mod tests {
         assert_eq!(count_headings_of(&[13.0, 17.0]), 1, "across a border");
         assert_eq!(count_headings_of(&[-3.0, 3.0]), 1, "across north");
         assert_eq!(count_headings_of(&[177.0, 183.0]), 1, "across south");
+        assert_eq!(count_headings_of(&[160.0, 172.0, 185.0]), 1, "three sectors across south");
         assert_eq!(count_headings_of(&[7.0, 37.0]), 2);
         assert_eq!(count_headings_of(&[13.0, 17.0, 88.0, 92.0, 178.0, 182.0, 268.0, 272.0]), 4);
         assert_eq!(count_headings_of(&evenly_spaced_deg(72)), 12);

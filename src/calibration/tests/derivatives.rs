@@ -50,7 +50,7 @@ fn assert_jacobian_row(row: &Vector13, at: &Vector13, function: impl Fn(&Vector1
 struct Case {
     unknowns: Vector13,
     attitude: Attitude,
-    x: Vector3<f32>,
+    centred_field: Vector3<f32>,
 }
 
 impl Case {
@@ -66,7 +66,7 @@ impl Case {
             let case = Self {
                 unknowns: parameters.unknowns().unwrap(),
                 attitude: Attitude { roll_rad: random.uniform(-1.2, 1.2), pitch_rad: random.uniform(-0.7, 0.7) },
-                x: random_vector(random, 1.0),
+                centred_field: random_vector(random, 1.0),
             };
             let prediction = case.predict(&case.unknowns);
             if (0.7..1.4).contains(&prediction.norm) && prediction.cos_inclination > 0.4 {
@@ -87,7 +87,7 @@ impl Case {
     }
 
     fn predict(&self, unknowns: &Vector13) -> FieldPrediction {
-        ModelParameters::new(unknowns).predict_field(self.x, &self.attitude.tilt_rotation())
+        ModelParameters::new(unknowns).predict_field(self.centred_field, &self.attitude.tilt_rotation())
     }
 }
 
@@ -136,7 +136,7 @@ fn derivatives_by_field_equal_numerical_ones() {
         for axis in 0..3 {
             let prediction_after = |step| {
                 FieldPrediction::new(
-                    case.x,
+                    case.centred_field,
                     &(prediction.field_direction * prediction.norm + Vector3::ith(axis, step)),
                     &tilt,
                 )
@@ -158,14 +158,15 @@ fn derivatives_by_field_equal_numerical_ones() {
 fn inclination_derivatives_by_attitude_equal_numerical_ones() {
     for case in random_cases(Case::normalised) {
         let parameters = ModelParameters::new(&case.unknowns);
-        let predicted_inclination_rad =
-            |attitude: Attitude| parameters.predict_field(case.x, &attitude.tilt_rotation()).inclination_rad;
+        let predicted_inclination_rad = |attitude: Attitude| {
+            parameters.predict_field(case.centred_field, &attitude.tilt_rotation()).inclination_rad
+        };
         let Attitude { roll_rad, pitch_rad } = case.attitude;
         let rolled = |step| predicted_inclination_rad(Attitude { roll_rad: roll_rad + step, pitch_rad });
         let pitched = |step| predicted_inclination_rad(Attitude { roll_rad, pitch_rad: pitch_rad + step });
         let scaled = |step: f32| predicted_inclination_rad(Attitude { roll_rad: roll_rad * (1.0 + step), pitch_rad });
         let [by_roll, by_pitch] = parameters
-            .predict_field(case.x, &case.attitude.tilt_rotation())
+            .predict_field(case.centred_field, &case.attitude.tilt_rotation())
             .inclination_derivatives_by_attitude(&case.attitude.tilt_rotation());
         assert_derivative(by_roll, rolled, "inclination by roll");
         assert_derivative(by_pitch, pitched, "inclination by pitch");
@@ -194,7 +195,8 @@ fn sample_at(attitude: Attitude) -> Sample {
 }
 
 fn equations(case: &Case, unknowns: &Vector13, heading_rad: Option<f32>, refined: bool) -> SampleEquations {
-    let measured = MeasuredSample { centred_field: case.x, tilt_rotation: case.attitude.tilt_rotation(), heading_rad };
+    let measured =
+        MeasuredSample { centred_field: case.centred_field, tilt_rotation: case.attitude.tilt_rotation(), heading_rad };
     // Noise with another W correlates norm and inclination.
     let noise = NoiseModel::new(0.01, 0.02, Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1));
     SampleEquations::new(&ModelParameters::new(unknowns), &measured, &noise, &ModelConfig::DEFAULT, refined)
@@ -395,8 +397,8 @@ fn parameters_round_trip_through_unknowns() {
 fn a_field_without_heading_has_finite_equations() {
     let straight =
         ModelParameters { w: Matrix3::identity(), corrected_mean_field: Vector3::zeros(), inclination_rad: 1.0 };
-    for x in [Vector3::new(1e-9, 0.0, 0.0), Vector3::new(0.0, 0.0, 1.0)] {
-        let case = Case { unknowns: straight.unknowns().unwrap(), attitude: Attitude::default(), x };
+    for centred_field in [Vector3::new(1e-9, 0.0, 0.0), Vector3::new(0.0, 0.0, 1.0)] {
+        let case = Case { unknowns: straight.unknowns().unwrap(), attitude: Attitude::default(), centred_field };
         let equations = equations(&case, &case.unknowns, Some(0.0), true);
         for equation in [Some(equations.norm_equation), equations.inclination_equation, equations.heading_equation]
             .into_iter()

@@ -207,6 +207,9 @@ fn tumbling_determines_shape_and_centre() {
         let errors = airframe.errors_deg(&solution.calibration);
         assert!(rms(&errors) < 0.6, "seed {seed}: {} deg", rms(&errors));
         assert!(rms(&errors) < 3.0 * solution.quality.expected_rms_deg, "seed {seed}: {}", rms(&errors));
+        assert!(!solution.quality.knows_inclination);
+        let given = Prior { inclination_rad: Some(solution.calibration.inclination_rad), ..NO_PRIOR };
+        assert!(solve_samples(Method::Ellipsoid, samples, &given).unwrap().quality.knows_inclination);
     }
 }
 

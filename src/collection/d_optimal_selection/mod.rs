@@ -31,9 +31,9 @@ const PRIOR_INFORMATION: f32 = 0.01;
 /// Lower bound of the field's norm, microtesla, against division by zero.
 const MIN_NORM_UT: f32 = 1e-3;
 
-/// Largest correction of the direction, radians: five sigma of a sensor with 1 % noise. Larger residuals have other
-/// causes.
-const MAX_DIRECTION_CORRECTION_RAD: f32 = 0.05;
+/// Largest rotation that removes sensor noise from a direction of the field, radians: five sigma of a sensor with 1 %
+/// noise. Larger residuals have other causes.
+const MAX_NOISE_ROTATION_RAD: f32 = 0.05;
 
 #[derive(Clone, Debug)]
 struct Linearisation {
@@ -91,7 +91,7 @@ impl Linearisation {
         }
         let noise_rotation_rad =
             self.sensor_noise_share * (prediction.inclination_rad - self.calibration.inclination_rad);
-        let noise_rotation_rad = noise_rotation_rad.clamp(-MAX_DIRECTION_CORRECTION_RAD, MAX_DIRECTION_CORRECTION_RAD);
+        let noise_rotation_rad = noise_rotation_rad.clamp(-MAX_NOISE_ROTATION_RAD, MAX_NOISE_ROTATION_RAD);
         // Small rotation in the plane of field and vertical.
         let direction = prediction.field_direction - prediction.inclination_derivative_by_field * noise_rotation_rad;
         let rotation_direction =

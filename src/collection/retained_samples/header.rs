@@ -34,7 +34,7 @@ pub(in crate::collection) struct CollectionHeader {
 pub(in crate::collection) struct PartState {
     /// Number of samples taken, stored or not; wraps at a multiple of the hold-back cycle.
     pub due_sample_count: u16,
-    /// Sectors with at least one sample.
+    /// Number of sectors with at least one sample.
     pub covered_sectors: u8,
     /// Completeness, 0..100 percent.
     pub percent: u8,

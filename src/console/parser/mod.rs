@@ -10,7 +10,7 @@ use crate::wire::mavlink::key_from_passphrase;
 /// Reason why a line is invalid.
 #[derive(Clone, Copy, Debug)]
 pub enum LineError {
-    /// Unknown command; contains the first word if it is valid.
+    /// Unknown first word (`None`), or unknown second word after this known first one.
     UnknownCommand(Option<&'static str>),
     /// Missing second word; contains the first.
     MissingWord(&'static str),

@@ -71,7 +71,7 @@ mod tests {
     }
 
     /// Heading sigma, radians, after a turn and 100 s straight ahead in which the offset has changed.
-    fn sigma_rad(change_sigmas: f32) -> f32 {
+    fn sigma_after_change_rad(change_sigmas: f32) -> f32 {
         let mut drift = HeadingDrift::NO_DRIFT;
         update_for_seconds(&mut drift, 0.01, 0.2, 30);
         update_for_seconds(&mut drift, 0.01, 0.0, 20);
@@ -83,9 +83,9 @@ mod tests {
     #[test]
     fn a_significant_change_of_the_offset_is_integrated() {
         for change in [6.0, -6.0] {
-            assert!((sigma_rad(change) - 0.3).abs() < 0.005, "{}", sigma_rad(change));
+            assert!((sigma_after_change_rad(change) - 0.3).abs() < 0.005, "{}", sigma_after_change_rad(change));
         }
-        assert!(sigma_rad(4.9) < 1e-6 && sigma_rad(-4.9) < 1e-6);
+        assert!(sigma_after_change_rad(4.9) < 1e-6 && sigma_after_change_rad(-4.9) < 1e-6);
     }
 
     #[test]

@@ -105,7 +105,8 @@ pub(super) struct Monitor {
     output: MonitorOutput,
 }
 
-/// Number of steps in which every state receives its process noise.
+/// Length of the noise schedule, samples: each receives the noise of one state, and by its end all states have received
+/// theirs.
 const NOISE_SCHEDULE_STEPS: usize = 2 * (STATE_COUNT - 1);
 
 /// State that receives process noise with this sample, and the number of samples since its last addition. To save time,

@@ -66,7 +66,8 @@ pub(super) struct RequestSequence {
     request_index: usize,
     /// Number of times this request was sent.
     attempts: u8,
-    /// Time of the request or of its acceptance; reports are counted from it.
+    /// Time of the last request to the autopilot, or of its acceptance; attitude reports are counted from it, to measure
+    /// their rate.
     report_count_started_at: Timestamp,
     report_count: u16,
     /// Time of the last attitude report, and its sender's clock.

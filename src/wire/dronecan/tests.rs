@@ -376,7 +376,7 @@ fn position_and_date_of_satellites_are_received() {
     }
 }
 
-/// A transfer of seven frames.
+/// Frames of a Targetted message with 40 serial bytes: a transfer of seven.
 fn targetted_frames() -> Vec<CanFrame> {
     let piece =
         Targetted { protocol: 1, target: 42, serial_line: 0, tunnel_options: 0, baud: 0, serial_bytes: &[7; 40] };

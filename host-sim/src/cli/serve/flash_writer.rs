@@ -11,7 +11,7 @@ use crate::cli::command_failure::CommandFailure;
 #[derive(Default)]
 pub struct FlashWriter {
     path: Option<PathBuf>,
-    lock: Option<File>,
+    locked_file: Option<File>,
     written_change_count: u64,
     seen_change_count: u64,
 }
@@ -19,8 +19,9 @@ pub struct FlashWriter {
 impl FlashWriter {
     /// Locks and reads a file.
     pub fn open_file(path: Option<&Path>) -> Result<(Self, Option<FlashImage>), CommandFailure> {
-        let (lock, image) = path.map(FlashImage::lock_and_read).transpose().map_err(flash_failure)?.flatten().unzip();
-        Ok((Self { path: path.map(Path::to_owned), lock, ..Self::default() }, image))
+        let (locked_file, image) =
+            path.map(FlashImage::lock_and_read).transpose().map_err(flash_failure)?.flatten().unzip();
+        Ok((Self { path: path.map(Path::to_owned), locked_file, ..Self::default() }, image))
     }
 
     /// Writes the module's flash contents to the file.
@@ -28,9 +29,9 @@ impl FlashWriter {
         if let Some(path) = &self.path {
             if cfg!(windows) {
                 // Windows cannot replace an open file, so the locked file is closed first.
-                self.lock = None;
+                self.locked_file = None;
             }
-            self.lock = Some(served_module.flash_image().write_file(path).map_err(flash_failure)?);
+            self.locked_file = Some(served_module.flash_image().write_file(path).map_err(flash_failure)?);
         }
         Ok(())
     }

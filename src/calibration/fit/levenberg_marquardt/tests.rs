@@ -126,7 +126,8 @@ fn damping_ignores_gains_within_the_tolerance() {
         // Tolerance: damping shortens a step by a thousandth, its gain by a millionth.
         assert!((found / factor - 1.0).abs() < 0.01, "{lost}: {found} {factor}");
     }
-    // No gain is achieved of a predicted 0.98, within the tolerance of 1, or 1.28, beyond it.
+    // Both steps are accepted, with no gain. A predicted gain of 0.98 is within the tolerance of 1: damping falls as
+    // after a good step. One of 1.28 is beyond it: damping rises.
     for (sigmas, factor) in [(1.4, 0.1), (1.6, 2.0)] {
         let mut refinement = refinement_off_by(sigmas);
         refinement.likelihood.has_noise_estimate = true;

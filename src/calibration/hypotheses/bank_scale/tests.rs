@@ -75,7 +75,7 @@ fn noise_dominated_estimate_is_rejected() {
     assert!(estimate(&[], 0.0, 0.0, 0.1, 1.0).is_none());
 }
 
-fn bank_scale_estimate(missing: f32, sigma: f32) -> BankScaleEstimate {
+fn estimate_with_sigma(missing: f32, sigma: f32) -> BankScaleEstimate {
     BankScaleEstimate { missing_bank_share: missing, variance: sigma * sigma, score_information: 1e4 }
 }
 
@@ -84,7 +84,7 @@ fn bank_scale_estimate(missing: f32, sigma: f32) -> BankScaleEstimate {
 fn errors_above_the_threshold_are_allowed_for() {
     for (square, excess) in [(14.9e-4, 0.0), (15.1e-4, 0.2e-4), (20e-4, 10e-4), (29e-4, 28e-4), (31e-4, 31e-4)] {
         for missing in [f32::sqrt(square), -f32::sqrt(square)] {
-            let found = bank_scale_estimate(missing, 0.02);
+            let found = estimate_with_sigma(missing, 0.02);
             assert!((found.excess_square(0.01) - excess).abs() < 1e-7, "{missing}: {}", found.excess_square(0.01));
             let error = found.finding(0.01);
             assert_eq!(error.is_some(), excess > 0.0, "{missing}");
@@ -98,7 +98,7 @@ fn errors_above_the_threshold_are_allowed_for() {
 #[test]
 fn uncertain_estimate_is_rejected() {
     let is_accepted = |missing, sigma| {
-        bank_scale_estimate(missing, sigma).with_cluster_variance(ClusterVariance::default()).is_some()
+        estimate_with_sigma(missing, sigma).with_cluster_variance(ClusterVariance::default()).is_some()
     };
     assert!(is_accepted(0.1, 0.049) && !is_accepted(0.1, 0.051) && !is_accepted(-0.1, 0.051));
     assert!(!is_accepted(0.34, 0.1) && is_accepted(0.36, 0.1) && is_accepted(-0.36, 0.1));
@@ -169,6 +169,6 @@ fn score_contributions_exclude_the_nuisance_parameters() {
 fn the_larger_of_cluster_and_estimate_variance_is_used() {
     let scattered = clusters((0..48).map(|i| (0, if i / 12 % 2 == 0 { 1.0 } else { -1.0 })));
     let expected = scattered.variance() / 1e8;
-    assert!(is_close(bank_scale_estimate(0.1, 1e-4).with_cluster_variance(scattered).unwrap().variance, expected));
-    assert!(is_close(bank_scale_estimate(0.1, 0.01).with_cluster_variance(scattered).unwrap().variance, 1e-4));
+    assert!(is_close(estimate_with_sigma(0.1, 1e-4).with_cluster_variance(scattered).unwrap().variance, expected));
+    assert!(is_close(estimate_with_sigma(0.1, 0.01).with_cluster_variance(scattered).unwrap().variance, 1e-4));
 }
