@@ -60,7 +60,7 @@ pub fn reset_boot_loader_state() {
     // SAFETY: interrupts are disabled; no region protects memory of this program.
     unsafe { core.MPU.ctrl.write(0) };
     reset_interrupt_controller(&core.NVIC);
-    // SAFETY: each interrupt is disabled by itself, so lifting the masks breaks no critical section.
+    // SAFETY: each interrupt is disabled individually, so unmasking all of them breaks no critical section.
     unsafe {
         basepri::write(0);
         cortex_m::interrupt::enable();

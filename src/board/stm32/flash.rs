@@ -158,7 +158,7 @@ impl Drop for DataCacheOff {
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() {
     let eccr = pac::FLASH.eccr().read();
-    // The register's address counts from the start of its bank; `bk_ecc` tells which bank.
+    // The address is an offset in the bank that `bk_ecc` selects.
     let offset = eccr.addr_ecc() % BANK_SIZE + if eccr.bk_ecc() { BANK_SIZE } else { 0 };
     assert!(eccr.eccd() && StoreFlash::reserved_pages().contains(&offset), "NMI, ECCR {:08x}", eccr.0);
     // Writing one clears the flag.

@@ -2,7 +2,7 @@
 
 use super::orientation::Orientation;
 
-/// What is known before a calibration: mounting, inclination, averaging.
+/// Mounting, inclination and averaging, as known before a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prior {
     /// Mounting of the sensor.

@@ -1,4 +1,4 @@
-//! Commands: what is refused while armed, during a solve or a save.
+//! Commands that are refused while armed, during a solve or a save.
 
 use super::*;
 

@@ -113,9 +113,7 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
-
-    /// Interval of readings at 80 Hz, seconds.
-    const STEP_S: f32 = 0.0125;
+    use crate::instrument::smoother::tests::STEP_S;
     const VARIANCE: f32 = 1.0;
 
     fn gyro_step(turned_deg: f32) -> GyroStep {

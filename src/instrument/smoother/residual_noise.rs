@@ -50,9 +50,7 @@ mod tests {
     use testkit::random::Random;
 
     use super::*;
-
-    /// Interval of readings at 80 Hz, seconds.
-    const STEP_S: f32 = 0.0125;
+    use crate::instrument::smoother::tests::STEP_S;
 
     /// Mean fraction estimated from 30 runs of correlated noise.
     fn mean_remaining_fraction(noise_correlation_s: f32) -> f32 {

@@ -12,7 +12,7 @@ use crate::frames::Attitude;
 
 /// Interval of readings at 80 Hz.
 const STEP_US: u64 = 12_500;
-const STEP_S: f32 = 0.0125;
+pub(super) const STEP_S: f32 = 0.0125;
 
 type GyroModel = fn(f32) -> f32;
 

@@ -76,7 +76,7 @@ impl<'a> ModuleRun<'a> {
         self.compass.collector()
     }
 
-    /// Time at which the collection ended by itself, seconds after the first row.
+    /// Time of the automatic end of the collection, seconds after the first row.
     #[must_use]
     pub const fn ended_s(&self) -> Option<f64> {
         self.ended_s

@@ -141,11 +141,7 @@ fn a_source_without_rates_is_monitored() {
             + Vector3::z() * iron_ut;
         let at = Timestamp::from_us(u64::from(i) * 100_000);
         let sample = Sample { time: at.wrapping_millis(), ..Sample::new(Field::new(field), attitude) };
-        let monitored = MonitoredCalibration {
-            calibration: &flight.calibration,
-            uncertainty: &flight.uncertainty,
-            readings_per_sample: 1,
-        };
+        let monitored = flight.monitored_calibration();
         monitor.process_sample(&monitored, at, &sample, None);
         verdicts.push(monitor.monitor_output().validity);
     }

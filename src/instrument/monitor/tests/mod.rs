@@ -103,6 +103,10 @@ fn motion_at(t_s: f32) -> (Attitude, EulerRates, f32) {
 }
 
 impl Flight {
+    fn monitored_calibration(&self) -> MonitoredCalibration<'_> {
+        MonitoredCalibration { calibration: &self.calibration, uncertainty: &self.uncertainty, readings_per_sample: 1 }
+    }
+
     fn new(seed: u64) -> Self {
         let calibration = Calibration {
             inclination_rad: INCLINATION_RAD,
@@ -279,11 +283,7 @@ fn a_day_at_rest_changes_no_state() {
         let field = body + Vector3::from_fn(|_, _| STRENGTH_SIGMA * TOTAL_UT * random.normal());
         let at = Timestamp::from_us(u64::from(i) * 100_000);
         let sample = Sample { time: at.wrapping_millis(), ..Sample::new(Field::new(field), attitude) };
-        let monitored = MonitoredCalibration {
-            calibration: &flight.calibration,
-            uncertainty: &flight.uncertainty,
-            readings_per_sample: 1,
-        };
+        let monitored = flight.monitored_calibration();
         monitor.process_sample(&monitored, at, &sample, None);
         assert_eq!(monitor.monitor_output().validity, Ok(()), "{i}");
     }
