@@ -20,7 +20,6 @@ const PLACEHOLDER_SENSOR: Identity = Identity { model: MagnetometerModel::Lis3md
 /// An uncalibrated module that collects samples by one procedure.
 pub struct ModuleRun<'a> {
     compass: Compass<'a>,
-    procedure: Procedure,
     /// Last solution that was verified, accepted or not.
     candidate: Option<Solution>,
     /// Result of the collection, once it has ended.
@@ -43,7 +42,7 @@ impl<'a> ModuleRun<'a> {
         let settings = Settings { inclination_deg, ..Settings::DEFAULT };
         let stored = StoredValues { settings, ..StoredValues::default() };
         let compass = Compass::new(AcceptancePolicy::DEFAULT, &stored, retained);
-        let mut module = Self { compass, procedure, candidate: None, outcome: None, ended_s: None, refused_run: None };
+        let mut module = Self { compass, candidate: None, outcome: None, ended_s: None, refused_run: None };
         module.process_event(Event::SensorDetected(PLACEHOLDER_SENSOR, readings_per_sample));
         if let Some((place, day)) = options.place_and_day {
             module.process_event(Event::Position(place, WrappingMillis::default()));
@@ -66,7 +65,7 @@ impl<'a> ModuleRun<'a> {
             }
             self.refused_run = Some(self.run_outcome());
             (self.candidate, self.outcome, self.ended_s) = (None, None, None);
-            self.process_event(command_event(Command::CalStart(self.procedure)));
+            self.process_event(command_event(Command::CalStart(self.collector().procedure())));
         }
     }
 
