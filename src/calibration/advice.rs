@@ -261,7 +261,7 @@ pub(in crate::calibration) fn select_manoeuvre(
         &covariance(information, CovarianceContent::All)?,
         envelope,
     )?;
-    let parameters = ModelParameters::new(unknowns);
+    let parameters = ModelParameters::from_unknowns(unknowns);
     // Samples without attitude show no motion.
     let is_banking = fit.method == Method::Ellipsoid || banks_into_turns(fit.samples);
     let vehicle_motion = match (is_banking, current_error.rms_deg <= MAX_ERROR_TO_NAME_QUADRANT_DEG) {

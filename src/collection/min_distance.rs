@@ -180,7 +180,7 @@ mod tests {
         for (number, percent) in [(44, 50), (86, 98), (87, 100), (200, 100)] {
             // Three of four samples are for the fit: 33 of 44, 65 of 86, 66 of 87, 150 of 200.
             let coverage = Tumble::collect_on_line(number, 6.0).coverage();
-            assert_eq!((coverage.percent, coverage.covered_sectors), (percent, 0), "{number}");
+            assert_eq!((coverage.percent, coverage.covered_sector_count), (percent, 0), "{number}");
         }
     }
 

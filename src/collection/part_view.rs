@@ -92,7 +92,7 @@ pub(super) fn coverage(buffer: &SampleBuffer, part: CollectionPart, state: PartS
     PartCoverage {
         fit_count: samples,
         held_back_count: held_back,
-        covered_sectors: state.covered_sectors,
+        covered_sector_count: state.covered_sector_count,
         percent: state.percent,
     }
 }

@@ -11,7 +11,7 @@ pub struct PartCoverage {
     /// Number of held-back samples.
     pub held_back_count: u16,
     /// Sectors with at least one sample, of [`SECTOR_COUNT`](super::SECTOR_COUNT).
-    pub covered_sectors: u8,
+    pub covered_sector_count: u8,
     /// Completeness of the part, 0..100 percent.
     pub percent: u8,
 }

@@ -5,7 +5,7 @@
 let wasm, file, position, shown;
 
 // Copies the next bytes of the log; returns their number, -1 if the file cannot be read. The log is never in memory as a whole.
-function readLog(into, length) {
+function copyLogBytes(into, length) {
   try {
     const bytes = new FileReaderSync().readAsArrayBuffer(file.slice(position, position + length));
     new Uint8Array(wasm.memory.buffer).set(new Uint8Array(bytes), into);
@@ -24,7 +24,7 @@ const reportStep = (at, length) => postMessage({ flight: read(at, length) });
 async function load(base64) {
   const packed = Uint8Array.from(atob(base64.trim()), (letter) => letter.charCodeAt(0));
   const bytes = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-  const { instance } = await WebAssembly.instantiate(await new Response(bytes).arrayBuffer(), { page: { read_log: readLog, report_step: reportStep } });
+  const { instance } = await WebAssembly.instantiate(await new Response(bytes).arrayBuffer(), { page: { copy_log_bytes: copyLogBytes, report_step: reportStep } });
   wasm = instance.exports;
 }
 

@@ -15,7 +15,7 @@ use crate::loaded_log::LoadedLog;
 unsafe extern "C" {
     /// Copies the next bytes of the log to `into`, at most `length`; returns their number, 0 at the end of the log, and
     /// `usize::MAX` if the file cannot be read.
-    fn read_log(into: *mut u8, length: usize) -> usize;
+    fn copy_log_bytes(into: *mut u8, length: usize) -> usize;
 
     /// Receives a step of the example flight: JSON of `length` bytes.
     fn report_step(json: *const u8, length: usize);
@@ -27,7 +27,7 @@ struct PageFile;
 impl Read for PageFile {
     fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
         // SAFETY: the worker writes at most `length` bytes, and `into` has that length.
-        match unsafe { read_log(into.as_mut_ptr(), into.len()) } {
+        match unsafe { copy_log_bytes(into.as_mut_ptr(), into.len()) } {
             usize::MAX => Err(io::Error::other("the browser cannot read the file")),
             number => Ok(number.min(into.len())),
         }

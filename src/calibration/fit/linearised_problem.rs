@@ -71,7 +71,7 @@ impl LinearisedProblem {
     }
 
     fn add_priors(&mut self, likelihood: &Likelihood, unknowns: &Vector13) {
-        for_each_prior(likelihood, &ModelParameters::new(unknowns), &mut |prior| {
+        for_each_prior(likelihood, &ModelParameters::from_unknowns(unknowns), &mut |prior| {
             let weight = 1.0 / (prior.sigma * prior.sigma);
             self.least_squares.add_weighted_row(&prior.jacobian_row, [-prior.residual], weight);
             self.cost += 0.5 * weight * prior.residual * prior.residual;
@@ -80,7 +80,7 @@ impl LinearisedProblem {
 
     #[inline(never)]
     pub fn linearise(likelihood: &Likelihood, samples: Samples<'_>, unknowns: &Vector13) -> Self {
-        let parameters = ModelParameters::new(unknowns);
+        let parameters = ModelParameters::from_unknowns(unknowns);
         let mut system = Self::empty();
         if likelihood.uses_normal_equations {
             let mut sums = NormalEquations::zero();

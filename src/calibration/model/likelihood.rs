@@ -113,7 +113,7 @@ impl Likelihood {
 
     /// Starting point with these unknowns; `None` when `W` is singular.
     pub fn starting_point(&self, unknowns: &Vector13) -> Option<StartingPoint> {
-        let parameters = ModelParameters::new(unknowns);
+        let parameters = ModelParameters::from_unknowns(unknowns);
         let b = self.mean_field - parameters.mean_minus_hard_iron()?;
         Some(StartingPoint {
             field_unit_ut: self.field_unit_ut,
@@ -144,7 +144,7 @@ impl Likelihood {
         self.noise = NoiseModel::new(
             norm.max(self.config.min_norm_sigma),
             inclination.max(self.config.min_inclination_sigma_rad),
-            ModelParameters::new(unknowns).w,
+            ModelParameters::from_unknowns(unknowns).w,
         );
         // The first noise estimate uses half of the samples if there are many.
         self.sample_stride = if self.has_noise_estimate { 1 } else { (self.sample_stride / 2).clamp(1, 2) };
@@ -157,7 +157,7 @@ impl Likelihood {
     }
 
     pub fn calibration(&self, unknowns: &Vector13) -> Result<Calibration, SolveError> {
-        let parameters = ModelParameters::new(unknowns);
+        let parameters = ModelParameters::from_unknowns(unknowns);
         let determinant = parameters.w.determinant();
         if !determinant.is_finite() || determinant <= 0.0 {
             return Err(SolveError::NotConverged);

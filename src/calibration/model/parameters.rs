@@ -19,7 +19,7 @@ pub(in crate::calibration) struct ModelParameters {
 }
 
 impl ModelParameters {
-    pub fn new(unknowns: &Vector13) -> Self {
+    pub fn from_unknowns(unknowns: &Vector13) -> Self {
         Self {
             w: Matrix3::from_fn(|row, column| unknowns[w_index(row, column)]),
             corrected_mean_field: Vector3::from_fn(|axis, _| unknowns[corrected_mean_index(axis)]),

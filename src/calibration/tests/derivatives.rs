@@ -78,7 +78,7 @@ impl Case {
     /// Random parameters and sample with a corrected field of norm one.
     fn normalised(random: &mut Random) -> Self {
         let mut case = Self::random(random);
-        let mut parameters = ModelParameters::new(&case.unknowns);
+        let mut parameters = ModelParameters::from_unknowns(&case.unknowns);
         let total = case.predict(&case.unknowns).norm;
         parameters.w /= total;
         parameters.corrected_mean_field /= total;
@@ -87,7 +87,7 @@ impl Case {
     }
 
     fn predict(&self, unknowns: &Vector13) -> FieldPrediction {
-        ModelParameters::new(unknowns).predict_field(self.centred_field, &self.attitude.tilt_rotation())
+        ModelParameters::from_unknowns(unknowns).predict_field(self.centred_field, &self.attitude.tilt_rotation())
     }
 }
 
@@ -108,7 +108,8 @@ fn norm_row_equals_numerical_derivatives() {
 fn inclination_row_equals_numerical_derivatives() {
     for case in random_cases(Case::random) {
         let row = case.predict(&case.unknowns).inclination_row().as_vector();
-        let residual = |u: &Vector13| case.predict(u).inclination_rad - ModelParameters::new(u).inclination_rad;
+        let residual =
+            |u: &Vector13| case.predict(u).inclination_rad - ModelParameters::from_unknowns(u).inclination_rad;
         assert_jacobian_row(&row, &case.unknowns, residual, "inclination");
     }
 }
@@ -157,7 +158,7 @@ fn derivatives_by_field_equal_numerical_ones() {
 #[test]
 fn inclination_derivatives_by_attitude_equal_numerical_ones() {
     for case in random_cases(Case::normalised) {
-        let parameters = ModelParameters::new(&case.unknowns);
+        let parameters = ModelParameters::from_unknowns(&case.unknowns);
         let predicted_inclination_rad = |attitude: Attitude| {
             parameters.predict_field(case.centred_field, &attitude.tilt_rotation()).inclination_rad
         };
@@ -199,7 +200,7 @@ fn equations(case: &Case, unknowns: &Vector13, heading_rad: Option<f32>, refined
         MeasuredSample { centred_field: case.centred_field, tilt_rotation: case.attitude.tilt_rotation(), heading_rad };
     // Noise with another W correlates norm and inclination.
     let noise = NoiseModel::new(0.01, 0.02, Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1));
-    SampleEquations::new(&ModelParameters::new(unknowns), &measured, &noise, &ModelConfig::DEFAULT, refined)
+    SampleEquations::new(&ModelParameters::from_unknowns(unknowns), &measured, &noise, &ModelConfig::DEFAULT, refined)
 }
 
 /// Rows after decorrelation and attitude correction, at zero residuals, where these do not contribute. The heading
@@ -207,7 +208,7 @@ fn equations(case: &Case, unknowns: &Vector13, heading_rad: Option<f32>, refined
 #[test]
 fn equation_rows_equal_numerical_derivatives() {
     for case in random_cases(Case::normalised) {
-        let mut parameters = ModelParameters::new(&case.unknowns);
+        let mut parameters = ModelParameters::from_unknowns(&case.unknowns);
         let prediction = case.predict(&case.unknowns);
         parameters.inclination_rad = prediction.inclination_rad;
         let at = parameters.unknowns().unwrap();
@@ -281,7 +282,7 @@ fn likelihood(known_inclination_rad: Option<f32>) -> Likelihood {
 
 fn priors(likelihood: &Likelihood, unknowns: &Vector13) -> Vec<(PriorQuantity, Vector13, f32, f32)> {
     let mut priors = Vec::new();
-    for_each_prior(likelihood, &ModelParameters::new(unknowns), &mut |p| {
+    for_each_prior(likelihood, &ModelParameters::from_unknowns(unknowns), &mut |p| {
         priors.push((p.prior_quantity, p.jacobian_row, p.residual, p.sigma));
     });
     priors
@@ -370,7 +371,7 @@ fn prior_sigmas_match_their_sources() {
 fn an_expected_field_has_no_residuals() {
     let mut random = Random(82);
     for case in random_cases(Case::normalised) {
-        let parameters = ModelParameters::new(&case.unknowns);
+        let parameters = ModelParameters::from_unknowns(&case.unknowns);
         let heading_rad = random.uniform(-3.0, 3.0);
         let tilt = case.attitude.tilt_rotation();
         let x = parameters.expected_field(&tilt, heading_rad).unwrap();
@@ -385,11 +386,11 @@ fn an_expected_field_has_no_residuals() {
 #[test]
 fn parameters_round_trip_through_unknowns() {
     let unknowns = Vector13::from_fn(|i, _| i as f32 + 1.0);
-    assert_eq!(ModelParameters::new(&unknowns).unknowns(), Some(unknowns));
+    assert_eq!(ModelParameters::from_unknowns(&unknowns).unknowns(), Some(unknowns));
     for i in 0..UNKNOWN_COUNT {
         let mut bad = unknowns;
         bad[i] = f32::NAN;
-        assert_eq!(ModelParameters::new(&bad).unknowns(), None);
+        assert_eq!(ModelParameters::from_unknowns(&bad).unknowns(), None);
     }
 }
 

@@ -169,7 +169,7 @@ fn elimination_equals_a_joint_solution_of_fourteen_unknowns() {
         likelihood.latency_s = used_s;
         let start = airframe.exact_start();
         let unknowns = likelihood.unknowns_from_start(&start).unwrap();
-        let parameters = ModelParameters::new(&unknowns);
+        let parameters = ModelParameters::from_unknowns(&unknowns);
         let mut joint = LeastSquares::<14, 1>::new();
         for_each_prior(&likelihood, &parameters, &mut |prior| {
             joint.add_weighted_row(&prior.jacobian_row.push(0.0), [-prior.residual], 1.0 / (prior.sigma * prior.sigma));

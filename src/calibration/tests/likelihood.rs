@@ -151,11 +151,15 @@ fn huge_hard_iron_costs_no_precision() {
         let start = airframe.exact_start();
         let unknowns = likelihood.unknowns_from_start(&start).unwrap();
         let mut worst = 0.0_f32;
-        likelihood.for_each_sample_equations(recorded.turns(), &ModelParameters::new(&unknowns), &mut |equations| {
-            worst = worst
-                .max(equations.norm_equation.residual.abs())
-                .max(equations.inclination_equation.as_ref().unwrap().residual.abs());
-        });
+        likelihood.for_each_sample_equations(
+            recorded.turns(),
+            &ModelParameters::from_unknowns(&unknowns),
+            &mut |equations| {
+                worst = worst
+                    .max(equations.norm_equation.residual.abs())
+                    .max(equations.inclination_equation.as_ref().unwrap().residual.abs());
+            },
+        );
         assert!(worst < 1e-4, "seed {seed}: {worst}");
         let calibration = likelihood.calibration(&unknowns).unwrap();
         let error = crate::calibration::tests::max_abs(&airframe.errors_deg(&calibration));
@@ -206,7 +210,7 @@ fn a_start_converts_to_unknowns() {
     let likelihood = Likelihood::new(&NO_PRIOR, ModelConfig::DEFAULT, samples, 40.0);
     let w = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
     let start = StartingPoint { field_unit_ut: 40.0, w, hard_iron: Vector3::new(0.1, 0.2, -0.3), inclination_rad: 0.4 };
-    let parameters = ModelParameters::new(&likelihood.unknowns_from_start(&start).unwrap());
+    let parameters = ModelParameters::from_unknowns(&likelihood.unknowns_from_start(&start).unwrap());
     assert!(
         (parameters.corrected_mean_field - w * (likelihood.mean_field - start.hard_iron)).norm() < 1e-6
             && parameters.w == w
@@ -234,14 +238,14 @@ fn the_cost_sums_all_equations_and_priors() {
         let likelihood = Likelihood::new(&NO_PRIOR, config, samples, airframe.total_ut);
         let unknowns = ModelParameters {
             corrected_mean_field: likelihood.mean_field,
-            ..ModelParameters::new(&identity_unknowns())
+            ..ModelParameters::from_unknowns(&identity_unknowns())
         }
         .unknowns()
         .unwrap();
         let system = LinearisedProblem::linearise(&likelihood, samples, &unknowns);
         let mut cost = LinearisedProblem::from_priors(&likelihood, &unknowns).cost;
         let mut clipped = [0.0, 0.0];
-        likelihood.for_each_sample_equations(samples, &ModelParameters::new(&unknowns), &mut |equations| {
+        likelihood.for_each_sample_equations(samples, &ModelParameters::from_unknowns(&unknowns), &mut |equations| {
             cost += equations.norm_equation.loss;
             cost +=
                 equations.inclination_equation.as_ref().map_or(0.0, |inclination_equation| inclination_equation.loss);

@@ -231,7 +231,7 @@ fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
     for applied in [0.0, 0.9] {
         likelihood.motor_current.ut_per_a = (k * applied).into();
         let unknowns = likelihood.unknowns_from_start(&airframe.exact_start()).unwrap();
-        let parameters = ModelParameters::new(&unknowns);
+        let parameters = ModelParameters::from_unknowns(&unknowns);
         let mut joint = LeastSquares::<16, 1>::new();
         let extended = |row: &SVector<f32, 13>, current_derivative: Vector3<f32>| {
             row.push(current_derivative.x).push(current_derivative.y).push(current_derivative.z)

@@ -15,7 +15,7 @@ pub(super) struct CoefficientConversion {
 
 impl CoefficientConversion {
     pub fn new(likelihood: &Likelihood, unknowns: &Vector13) -> Option<Self> {
-        let parameters = ModelParameters::new(unknowns);
+        let parameters = ModelParameters::from_unknowns(unknowns);
         let per_unit = trig::reciprocal_cbrt(parameters.w.determinant());
         Some(Self {
             determinant_scale: per_unit,

@@ -59,7 +59,7 @@ impl Information {
         unknowns: &Vector13,
         mut scan: Option<&mut HardIronScan>,
     ) {
-        let parameters = ModelParameters::new(unknowns);
+        let parameters = ModelParameters::from_unknowns(unknowns);
         let mut lagged_roll = LaggedRoll::default();
         for (part, sample) in TimeOrdered::new(samples) {
             let equations = likelihood.sample_equations(sample, None, &parameters);

@@ -54,7 +54,7 @@ pub(in crate::calibration) fn unobservable_quantities(
 ) -> Option<impl Iterator<Item = PriorQuantity>> {
     let mut unobservable = [None; PriorQuantity::PRIOR_COUNT];
     let mut determined = true;
-    for_each_prior(likelihood, &ModelParameters::new(unknowns), &mut |prior| {
+    for_each_prior(likelihood, &ModelParameters::from_unknowns(unknowns), &mut |prior| {
         let Some(column) = system.covariance_times(&prior.jacobian_row) else {
             determined = false;
             return;

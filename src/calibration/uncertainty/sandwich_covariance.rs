@@ -61,14 +61,14 @@ pub(in crate::calibration) fn sandwich_covariance(
         norm_excess = -1.0;
     }
     let to_coefficients = |vector: &Vector13| Vector12::from_fn(|i, _| columns[i].dot(vector));
-    for_each_prior(likelihood, &ModelParameters::new(unknowns), &mut |prior| {
+    for_each_prior(likelihood, &ModelParameters::from_unknowns(unknowns), &mut |prior| {
         covariance.add_outer_product(&to_coefficients(&prior.jacobian_row), -norm_excess / (prior.sigma * prior.sigma));
     });
     for (error, sigma) in information.attitude_error_sums.iter().zip(sigmas) {
         covariance.add_outer_product(&to_coefficients(&error.cross_information[0]), sigma * sigma);
     }
     covariance.add_outer_product(&to_coefficients(&information.hard_iron_change_gradient), 1.0);
-    let per_ampere = ModelParameters::new(unknowns).w;
+    let per_ampere = ModelParameters::from_unknowns(unknowns).w;
     for error in &information.interference_error_factors {
         covariance.add_outer_product(&to_coefficients(&information.motor_current_sums.gradient_effect(error)), 1.0);
         // The unknowns follow an interference error at the mean current. One standard deviation from the mean, it

@@ -189,7 +189,7 @@ impl FlightStatistics {
             (true, true) => {}
         }
         [Side::Left, Side::Right].into_iter().find_map(|side| {
-            let PartCoverage { fit_count: samples, covered_sectors: sectors, .. } =
+            let PartCoverage { fit_count: samples, covered_sector_count: sectors, .. } =
                 *progress.coverage_of(CollectionPart::from_turn_side(side));
             (samples >= arc_samples && sectors <= arc_sectors).then_some(CollectionProblem::ArcOnly { side, sectors })
         })

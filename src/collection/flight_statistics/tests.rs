@@ -121,7 +121,7 @@ fn arcs_are_reported() {
     let progress_of = |samples, sectors| {
         let mut progress = CollectionProgress::default();
         progress.part_coverages[1] =
-            PartCoverage { fit_count: samples, covered_sectors: sectors, ..PartCoverage::default() };
+            PartCoverage { fit_count: samples, covered_sector_count: sectors, ..PartCoverage::default() };
         progress
     };
     let (mut both, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NOT_STARTED);

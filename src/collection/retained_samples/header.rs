@@ -35,13 +35,13 @@ pub(in crate::collection) struct PartState {
     /// Number of samples taken, stored or not; wraps at a multiple of the hold-back cycle.
     pub due_sample_count: u16,
     /// Number of sectors with at least one sample.
-    pub covered_sectors: u8,
+    pub covered_sector_count: u8,
     /// Completeness, 0..100 percent.
     pub percent: u8,
 }
 
 impl PartState {
-    pub const EMPTY: Self = Self { due_sample_count: 0, covered_sectors: 0, percent: 0 };
+    pub const EMPTY: Self = Self { due_sample_count: 0, covered_sector_count: 0, percent: 0 };
 }
 
 impl CollectionHeader {
@@ -119,5 +119,5 @@ words!(CollectionHeader {
     part_states,
     flight_statistics,
 });
-words!(PartState { due_sample_count, covered_sectors, percent });
+words!(PartState { due_sample_count, covered_sector_count, percent });
 words!(FlightStatistics { sample_count, long_interval_count, duration_ms, max_tilt_rad, left_bank_ms, right_bank_ms });

@@ -83,7 +83,7 @@ impl SectorBalance {
             let percent = if is_complete { 100 } else { self.balance_percent(&counts, sample_count) };
             (counts.iter().filter(|&&n| n > 0).count() as u8, percent)
         });
-        (part_view.part_state.covered_sectors, part_view.part_state.percent) = (sectors, percent);
+        (part_view.part_state.covered_sector_count, part_view.part_state.percent) = (sectors, percent);
     }
 
     /// Lesser of sector filling and sample number, percent.

@@ -28,10 +28,10 @@ fn coverage(samples: impl Iterator<Item = Sample>) -> PartCoverage {
 fn three_circles_complete_a_side_in_spite_of_hard_iron() {
     // A circle takes 28 s. Half a circle covers 6 of 12 sectors, plus a partial one at each end.
     let half = coverage(turn_samples(25.0, 0, 14, 13.0));
-    assert!((6..=8).contains(&half.covered_sectors), "{half:?}");
+    assert!((6..=8).contains(&half.covered_sector_count), "{half:?}");
     assert!(!half.is_complete());
     let full = coverage(turn_samples(25.0, 0, 84, 13.0));
-    assert_eq!((full.covered_sectors, full.percent), (12, 100), "{full:?}");
+    assert_eq!((full.covered_sector_count, full.percent), (12, 100), "{full:?}");
 }
 
 #[test]
@@ -53,7 +53,7 @@ fn a_complete_side_stays_complete() {
 fn a_constant_heading_gives_no_coverage() {
     let straight = coverage(turn_samples(25.0, 0, 300, 0.0));
     // At a constant heading bank wander moves the field along a short line, within two sectors.
-    assert!(straight.covered_sectors <= 2 && straight.percent < 20, "{straight:?}");
+    assert!(straight.covered_sector_count <= 2 && straight.percent < 20, "{straight:?}");
 }
 
 #[test]
@@ -64,7 +64,7 @@ fn a_full_buffer_stores_samples_of_missing_headings() {
     let mut buffer = collect(third.chain(later));
     let coverage = buffer.coverage(CollectionPart::RIGHT);
     assert_eq!(coverage.fit_count as usize, SampleQuota::TURN.fit_quota, "the buffer was full");
-    assert_eq!(coverage.covered_sectors, 12);
+    assert_eq!(coverage.covered_sector_count, 12);
     assert!(buffer.fit_samples(CollectionPart::RIGHT).is_sorted_by_key(|sample| sample.time.as_ms()));
 }
 
@@ -259,7 +259,7 @@ fn circle_coverage(radius_ut: f32, fit_count: u16) -> PartCoverage {
 
 #[test]
 fn sectors_need_a_circle_of_4_ut_and_ten_samples() {
-    let sectors = |coverage: PartCoverage| (coverage.covered_sectors > 0, coverage.percent > 0);
+    let sectors = |coverage: PartCoverage| (coverage.covered_sector_count > 0, coverage.percent > 0);
     assert_eq!(sectors(circle_coverage(4.1, 60)), (true, true));
     assert_eq!(sectors(circle_coverage(3.9, 60)), (false, false));
     assert_eq!(sectors(circle_coverage(20.0, 10)), (true, true));
@@ -295,7 +295,9 @@ fn the_circle_is_fitted_to_fit_and_held_back_samples() {
         };
         assert_eq!((samples.len(), buffer.stored_count(CollectionPart::LEFT)), (12, 12));
         assert!(samples.iter().filter(|sample| sample.time.as_ms() >= 12 * 400).count() >= 10, "{samples:?}");
-        assert!(sample_use == SampleUse::Verification || buffer.coverage(CollectionPart::LEFT).covered_sectors >= 11);
+        assert!(
+            sample_use == SampleUse::Verification || buffer.coverage(CollectionPart::LEFT).covered_sector_count >= 11
+        );
     }
 }
 
@@ -306,7 +308,7 @@ fn sectors_with_a_sample_are_counted() {
         let heading_deg = if i < 7 { i as f32 * 3.0 } else { 180.0 + (i - 7) as f32 * 3.0 };
         Sample { time: WrappingMillis::new(i * 400), ..circle_sample(heading_deg) }
     }));
-    assert!((2..=4).contains(&coverage.covered_sectors), "{coverage:?}");
+    assert!((2..=4).contains(&coverage.covered_sector_count), "{coverage:?}");
 }
 
 #[test]

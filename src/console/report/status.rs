@@ -274,7 +274,7 @@ struct CoverageText<'a>(&'a PartCoverage);
 
 impl Display for CoverageText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let PartCoverage { fit_count: samples, held_back_count: held_back, covered_sectors: sectors, percent } =
+        let PartCoverage { fit_count: samples, held_back_count: held_back, covered_sector_count: sectors, percent } =
             *self.0;
         write!(f, "{percent} %, {sectors} of {SECTOR_COUNT} sectors, {samples} samples, {held_back} held back")
     }

@@ -55,12 +55,6 @@ impl TrueState {
         self.heading_rad.rem_euclid(TAU).to_degrees()
     }
 
-    /// Course over ground in degrees from magnetic north, 0..360, as GNSS reports it.
-    #[must_use]
-    pub fn course_deg(&self) -> f64 {
-        libm::atan2(self.east_m_s, self.north_m_s).rem_euclid(TAU).to_degrees()
-    }
-
     /// Euler angles.
     #[must_use]
     pub fn euler_angles(&self) -> Euler {

@@ -55,7 +55,7 @@ fn find_bank_scale_error(test: &AttitudeErrorTestInput<'_>) -> Option<AttitudeEr
     let roll_noise = test.roll_information * roll_sigma_rad * roll_sigma_rad;
     let estimate = BankScaleEstimate::new(&score, roll_noise, test.residuals.autocorrelation_inflation())?;
     estimate.finding(test.assumed_sigma)?;
-    let parameters = ModelParameters::new(test.fit.unknowns);
+    let parameters = ModelParameters::from_unknowns(test.fit.unknowns);
     let mut clusters = ClusterVariance::default();
     for (part, sample) in TimeOrdered::new(test.fit.samples) {
         let equations = test.fit.likelihood.sample_equations(sample, None, &parameters);

@@ -214,7 +214,7 @@ pub(in crate::calibration) struct HardIronScan {
 impl HardIronScan {
     #[inline(never)]
     pub fn new(samples: Samples<'_>, system: &LinearisedProblem, unknowns: &Vector13) -> Option<Self> {
-        let parameters = ModelParameters::new(unknowns);
+        let parameters = ModelParameters::from_unknowns(unknowns);
         Some(Self {
             time_span: TimeSpan::from_samples(samples).filter(|span| span.duration_ms > 0)?,
             hysteresis: Hysteresis::new(&parameters)?,
@@ -317,7 +317,7 @@ impl HardIronScan {
         residuals: &ResidualStatistics,
     ) -> Option<[f32; 2]> {
         let move_unknowns = self.step_to_maximum - system.covariance_times(&self.gradient_effect)?;
-        let parameters = ModelParameters::new(fit.unknowns);
+        let parameters = ModelParameters::from_unknowns(fit.unknowns);
         let mut remaining = Autocorrelation::default();
         let mut norm_sums = ScoreTest::zero();
         let mut last_turn = LastTurn::default();

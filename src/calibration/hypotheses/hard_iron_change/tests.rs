@@ -71,7 +71,8 @@ impl Case {
 
     fn equations(&self, time_course: TestedTimeCourse) -> Vec<(ResidualEquation, Vector3<f32>, bool)> {
         let span = TimeSpan::from_samples(self.recorded.turns()).unwrap();
-        let (parameters, w) = (ModelParameters::new(&self.unknowns), ModelParameters::new(&self.unknowns).w);
+        let (parameters, w) =
+            (ModelParameters::from_unknowns(&self.unknowns), ModelParameters::from_unknowns(&self.unknowns).w);
         let mut all = Vec::new();
         for (_, sample) in TimeOrdered::new(self.recorded.turns()) {
             let equations = self.likelihood.sample_equations(sample, None, &parameters);
@@ -90,7 +91,7 @@ const PAYLOAD_CHANGE_UT: Vector3<f32> = Vector3::new(0.8, -0.5, 0.6);
 fn hard_iron_derivatives_equal_numerical_ones() {
     let mut case = Case::new(Vector3::zeros(), 0);
     case.likelihood.field_unit_ut = 40.0;
-    let parameters = ModelParameters::new(&case.unknowns);
+    let parameters = ModelParameters::from_unknowns(&case.unknowns);
     for sample in case.recorded.left.iter().step_by(20) {
         let equations_with = |beta: Vector3<f32>| {
             let field = Field::new(sample.field.ut - beta * case.likelihood.field_unit_ut);
@@ -131,7 +132,7 @@ fn estimate_equals_joint_least_squares() {
         }
         crate::calibration::model::for_each_prior(
             &case.likelihood,
-            &ModelParameters::new(&case.unknowns),
+            &ModelParameters::from_unknowns(&case.unknowns),
             &mut |prior| {
                 let row = SVector::<f32, 16>::from_fn(|i, _| if i < 13 { prior.jacobian_row[i] } else { 0.0 });
                 joint.add_weighted_row(&row, [-prior.residual], 1.0 / (prior.sigma * prior.sigma));
@@ -191,7 +192,7 @@ fn repeated_samples_add_no_significance() {
 fn the_size_of_hysteresis_is_the_rms_of_its_response() {
     let case = Case::new(Vector3::zeros(), 0);
     let airframe = Airframe::random(&mut Random(77), 0.1, 1.0, 5.0, [50.0, 60.0]);
-    let (scan, parameters) = (case.scanned().0, ModelParameters::new(&case.unknowns));
+    let (scan, parameters) = (case.scanned().0, ModelParameters::from_unknowns(&case.unknowns));
     let mut squares = 0.0;
     for heading in 0_u8..36 {
         let heading_rad = (10.0 * f32::from(heading)).to_radians();
@@ -208,7 +209,7 @@ fn the_size_of_hysteresis_is_the_rms_of_its_response() {
 fn the_sums_of_hysteresis_are_those_of_each_equation() {
     let case = Case::new(Vector3::zeros(), 0);
     let (scan, _) = case.scanned();
-    let parameters = ModelParameters::new(&case.unknowns);
+    let parameters = ModelParameters::from_unknowns(&case.unknowns);
     let (mut expected, mut last_turn) = (ScoreTest::<1>::zero(), LastTurn::default());
     for (_, sample) in TimeOrdered::new(case.recorded.turns()) {
         let equations = case.likelihood.sample_equations(sample, None, &parameters);
