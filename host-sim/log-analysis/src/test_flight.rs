@@ -102,7 +102,7 @@ fn measured_field_ut(euler_rad: Vector3<f64>) -> Vector3<f64> {
 }
 
 /// Body rates of Euler rates (B. L. Stevens, F. L. Lewis, "Aircraft Control and Simulation", section 1.4).
-fn body_rates_rad_s(euler_rad: &Vector3<f64>, rates: &Vector3<f64>) -> [f64; 3] {
+pub fn body_rates_rad_s(euler_rad: &Vector3<f64>, rates: &Vector3<f64>) -> [f64; 3] {
     let ((sin_roll, cos_roll), (sin_pitch, cos_pitch)) = (libm::sincos(euler_rad.x), libm::sincos(euler_rad.y));
     [
         rates.x - rates.z * sin_pitch,

@@ -385,4 +385,17 @@ mod tests {
         }
         assert!(earth_of_flight(&Flight::new(LogFormat::Csv)).is_none());
     }
+    /// Fields of 50 uT about a mean: the limit of the range is 12.5 uT on an axis.
+    #[test]
+    fn a_field_has_turned_by_a_quarter_of_its_strength() {
+        for (amplitude_ut, axis, has_turned) in [(6.0, 0, false), (6.5, 0, true), (6.0, 2, false), (6.5, 2, true)] {
+            let field = |i: i32| {
+                let mut field = Vector3::new(40.0, 0.0, 30.0);
+                field[axis] += amplitude_ut * f64::from(i) / 10.0;
+                field
+            };
+            let fields: Vec<Vector3<f64>> = (-10..=10).map(field).collect();
+            assert_eq!(has_field_turned(&fields), has_turned, "{amplitude_ut} uT, axis {axis}");
+        }
+    }
 }

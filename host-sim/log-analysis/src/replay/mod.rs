@@ -28,7 +28,7 @@ pub use reference::{ReferenceHeading, ReferenceKind};
 pub use replay_run::{replay_rows, replay_rows_of_flight};
 pub use result::{HeadingRow, HeadingScore, ReplayOptions, ReplayResult, RowSelection};
 pub use row::ReplayRow;
-pub use row_headings::{is_monitored, level_field};
+pub use row_headings::is_monitored;
 pub use rows::{AttitudeSample, RowCounts, attitudes_between, build_rows};
 
 #[cfg(test)]

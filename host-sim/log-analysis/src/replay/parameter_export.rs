@@ -414,6 +414,7 @@ mod tests {
 
     use super::*;
     use crate::log::symmetric_matrix;
+    use crate::replay::tests::{LEVEL_ROW_FIELD_UT, level_row};
 
     #[test]
     fn a_mounting_within_25_deg_of_a_right_angle_is_that_one() {
@@ -442,5 +443,21 @@ mod tests {
             "{rotation} {remainder}"
         );
         assert!(polar_decomposition(&-symmetric).is_none());
+    }
+    /// A rotation of the field by 3 deg to the right lowers all headings by 3 deg. Hard iron `b` bends level headings by
+    /// `b / H sin(heading)`, RMS `b / H / sqrt 2`.
+    #[test]
+    fn the_heading_loss_is_an_rms_about_a_mean() {
+        let mut rows: Vec<ReplayRow> = (0..36).map(|i| level_row(f64::from(i), f64::from(i) * 10.0)).collect();
+        rows.push(ReplayRow { is_usable: false, raw_field: Field::from_ut(-9.0, 30.0, 0.0), ..rows[3] });
+        let rotated = FieldCorrection {
+            matrix: Rotation3::from_axis_angle(&Vector3::z_axis(), f64::to_radians(3.0)).into_inner(),
+            hard_iron_ut: Vector3::new(0.25, 0.0, 0.0),
+            ..FieldCorrection::identity()
+        };
+        let [rms_deg, mean_deg] = heading_loss_deg_of(&rows, &rows, &FieldCorrection::identity(), &rotated);
+        let expected_rms_deg = (0.25 / LEVEL_ROW_FIELD_UT[0] / 2_f64.sqrt()).to_degrees();
+        assert!((rms_deg / expected_rms_deg - 1.0).abs() < 0.01, "{rms_deg} {expected_rms_deg}");
+        assert!((mean_deg + 3.0).abs() < 0.01, "{mean_deg}");
     }
 }

@@ -88,6 +88,31 @@ pub fn half_index_at(t_s: f64) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::replay::RowSelection;
+    use crate::replay::tests::level_row;
+
+    /// A block of 10 s is not divided.
+    #[test]
+    fn rows_of_a_block_belong_to_the_same_half() {
+        for block in 0..50 {
+            let halves: Vec<usize> = (0..100).map(|i| half_index_at(f64::from(block * 100 + i) / 10.0)).collect();
+            assert!(halves.iter().all(|half| *half == halves[0]), "{block}: {halves:?}");
+        }
+    }
+
+    /// The second after a change is skipped.
+    #[test]
+    fn usable_rows_since_the_last_change_are_fitted() {
+        let mut rows: Vec<ReplayRow> = (0..40).map(|i| level_row(f64::from(i) / 2.0, 0.0)).collect();
+        (rows[13].is_usable, rows[30].is_usable, rows[39].is_usable) = (false, false, false);
+        let options = ReplayOptions::with_selection(RowSelection::All);
+        for (changed_s, first, fitted_count) in [(None, 0, 37), (Some(5.6), 14, 24)] {
+            let fit = ParameterFit::new(&rows, changed_s, &options);
+            assert_eq!(fit.fitted_range_s, Some([f64::from(first) / 2.0, 19.0]));
+            assert!(fit.fitted_rows(&rows).all(|row| row.is_usable));
+            assert_eq!(fit.fitted_rows(&rows).count(), fitted_count);
+        }
+    }
 
     /// A circle of 20 s is two blocks: regular alternation would give each half one half of every circle.
     #[test]

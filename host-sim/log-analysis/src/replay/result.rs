@@ -129,3 +129,17 @@ impl ReplayResult {
         self.solution.as_ref().map(|solution| f64::from(solution.quality.expected_rms_deg))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Reports and options have the same names.
+    #[test]
+    fn the_name_of_a_selection_is_that_of_the_option() {
+        for selection in [RowSelection::All, RowSelection::Turns, RowSelection::Flight] {
+            let name = serde_json::Value::from(selection.selection_name());
+            assert_eq!(serde_json::from_value::<RowSelection>(name).unwrap(), selection);
+        }
+    }
+}

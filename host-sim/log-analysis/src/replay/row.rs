@@ -30,9 +30,7 @@ impl ReplayRow {
     /// Direction of down, body axes.
     #[must_use]
     pub fn down_in_body(&self) -> Vector3<f64> {
-        let [(sin_roll, cos_roll), (sin_pitch, cos_pitch)] =
-            [self.attitude.roll_rad, self.attitude.pitch_rad].map(|angle| libm::sincos(f64::from(angle)));
-        Vector3::new(-sin_pitch, sin_roll * cos_pitch, cos_roll * cos_pitch)
+        down_in_body(self.attitude)
     }
 
     /// Corrected field, microtesla; an unknown current counts as zero.
@@ -40,4 +38,11 @@ impl ReplayRow {
     pub fn corrected_field(&self, correction: &FieldCorrection) -> Vector3<f64> {
         correction.correct_field(self.raw_field.ut.map(f64::from), self.current_a.map_or(0.0, f64::from))
     }
+}
+
+/// Direction of down at an attitude, body axes.
+pub(super) fn down_in_body(attitude: Attitude) -> Vector3<f64> {
+    let [(sin_roll, cos_roll), (sin_pitch, cos_pitch)] =
+        [attitude.roll_rad, attitude.pitch_rad].map(|angle| libm::sincos(f64::from(angle)));
+    Vector3::new(-sin_pitch, sin_roll * cos_pitch, cos_roll * cos_pitch)
 }

@@ -1,8 +1,8 @@
 //! Headings of the rows by the module's instrument, and their score.
 
-use autoswing::attitude::{self, AttitudeReport, BodyRates, EulerRates, SenderId};
-use autoswing::calibration::{Calibration, Rates, Sample, Solution};
-use autoswing::frames::{Attitude, Field, Level};
+use autoswing::attitude::{self, AttitudeReport, BodyRates, SenderId};
+use autoswing::calibration::Solution;
+use autoswing::frames::Attitude;
 use autoswing::heading;
 use autoswing::instrument::{Correction, Estimate, InstallationChange, Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
@@ -59,17 +59,6 @@ fn attitude_report(attitude: Attitude, rates_rad_s: Option<[f32; 3]>) -> Attitud
         attitude,
         body_rates,
     }
-}
-
-/// Field of a row, calibrated and levelled.
-#[must_use]
-pub fn level_field(calibration: &Calibration, row: &ReplayRow) -> Field<Level> {
-    let rates = row.rates_rad_s.and_then(BodyRates::from_rad_s).map_or(Rates::UNKNOWN, |body_rates| {
-        let motion = EulerRates::from_body_rates(body_rates, row.attitude);
-        Rates::from_rad_s([motion.roll_rad_s, motion.pitch_rad_s, motion.heading_rad_s])
-    });
-    let sample = Sample { rates, ..Sample::new(row.raw_field, row.attitude) };
-    calibration.corrected_level_field(&sample)
 }
 
 /// Feeds instruments with the rows of a flight, and with its attitudes between them.
@@ -183,4 +172,86 @@ pub(super) fn score_rows(
         row_count: errors.len(),
         within_sigmas_percent: within_percent(&normalised),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::replay::tests::{compass_of_flown_turns, level_row};
+
+    /// Errors of 150 deg and 10 deg to both sides: their mean, and 10 deg in two of four rows.
+    #[test]
+    fn a_score_is_an_rms_about_the_circular_mean() {
+        let errors_deg = [150.0, 140.0, 150.0, 160.0];
+        let mut rows: Vec<ReplayRow> = (0..7).map(|i| level_row(f64::from(i), 50.0 * f64::from(i))).collect();
+        (rows[4].is_usable, rows[5].reference_deg) = (false, None);
+        let mut offsets_deg = errors_deg.into_iter().chain([0.0, 0.0, f64::NAN]);
+        let score = score_rows(&rows, |row| Some((50.0 * row.t_s + offsets_deg.next()?, 8.0))).unwrap();
+        assert!((score.rms_deg - 50_f64.sqrt()).abs() < 1e-9 && (score.mean_deg - 150.0).abs() < 1e-9, "{score:?}");
+        assert_eq!((score.row_count, score.within_sigmas_percent), (4, [50.0, 100.0]));
+        assert_eq!(score_rows(&rows[4..6], |_| Some((0.0, 1.0))), None);
+    }
+
+    /// Rows averaged from two readings are up to 0.18 s apart.
+    #[test]
+    fn the_instrument_has_the_interval_of_the_rows() {
+        let rows: Vec<ReplayRow> = (0..9).map(|i| level_row(f64::from(i) * 0.08 + f64::from(i / 5), 0.0)).collect();
+        let config = instrument_config(&rows);
+        assert_eq!(config.reading_period_us, 80_000);
+        assert_eq!((config.attitude.latency_us, config.attitude.restart_silence_us), (0, u32::MAX));
+        assert_eq!([0.1, 0.18, 0.2].map(is_monitored), [true, true, false]);
+        assert_eq!(row_timestamp(12.5, 2.25).as_us(), 10_250_000);
+    }
+
+    #[test]
+    fn the_module_smooths_headings_only_with_complete_rates() {
+        let (mut flight, compass) = compass_of_flown_turns();
+        let solution = compass.module_result.solution.unwrap();
+        for has_rates in [true, false] {
+            flight.has_measured_rates = has_rates;
+            let headings = compute_headings(&compass.rows, Some(&flight), &solution, instrument_config(&compass.rows));
+            let smoothed_count = headings.iter().filter(|row| row.smoothed_and_sigma_deg.is_some()).count();
+            assert_eq!(smoothed_count * 2 > compass.rows.len(), has_rates, "{smoothed_count}");
+            assert_eq!(smoothed_count == 0, !has_rates, "{smoothed_count}");
+            for (heading, row) in headings.iter().zip(&compass.rows).skip(10) {
+                let [sent_deg, sigma_deg] = heading.sent_and_sigma_deg();
+                let error_deg = wrap_180(sent_deg - row.reference_deg.unwrap());
+                assert!(error_deg.abs() < 5.0 * sigma_deg && heading.status.is_ok(), "{heading:?} {error_deg}");
+            }
+        }
+    }
+
+    #[test]
+    fn headings_of_an_implausible_field_are_estimated_but_not_sent() {
+        let (_, mut compass) = compass_of_flown_turns();
+        for row in &mut compass.rows {
+            row.raw_field.ut *= 1.6;
+        }
+        let solution = compass.module_result.solution.unwrap();
+        let headings = compute_headings(&compass.rows, None, &solution, instrument_config(&compass.rows));
+        for heading in &headings[10..] {
+            assert!(heading.status.is_err() && heading.heading_deg.is_finite(), "{heading:?}");
+        }
+    }
+
+    /// Hard iron changes by 8 uT after half of the flight.
+    #[test]
+    fn the_monitor_reports_a_change_of_hard_iron_in_usable_rows() {
+        let (mut flight, mut compass) = compass_of_flown_turns();
+        let solution = compass.module_result.solution.unwrap();
+        assert_eq!(monitored_changes_ut(&compass.rows, &flight, &solution), [Vector3::zeros(); 0]);
+        let half = compass.rows.len() / 2;
+        for row in &mut compass.rows[half..] {
+            row.raw_field.ut.y += 8.0;
+        }
+        let changes = monitored_changes_ut(&compass.rows, &flight, &solution);
+        assert!(changes.windows(2).all(|pair| pair[0] != pair[1]), "{changes:?}");
+        // The calibration's soft iron scales y by 1 / 0.92.
+        let expected_ut = Vector3::new(0.0, 8.0 / 0.92, 0.0);
+        assert!(changes.last().is_some_and(|change_ut| (change_ut - expected_ut).norm() < 2.0), "{changes:?}");
+        let slow_rows: Vec<ReplayRow> = compass.rows.iter().step_by(3).copied().collect();
+        assert_eq!(monitored_changes_ut(&slow_rows, &flight, &solution), [Vector3::zeros(); 0]);
+        flight.has_measured_rates = false;
+        assert_eq!(monitored_changes_ut(&compass.rows, &flight, &solution), [Vector3::zeros(); 0]);
+    }
 }

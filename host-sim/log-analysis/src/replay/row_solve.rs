@@ -81,21 +81,23 @@ pub(super) fn solve_retained_samples(samples: &[Sample], prior: &Prior) -> RunOu
     RunOutcome::new(&solve_result, parts, collector.collection_problem())
 }
 
-/// Solves evenly thinned samples; those halfway between are held back.
+/// Solves evenly thinned samples.
 pub(super) fn solve_evenly_thinned(samples: &[Sample], prior: &Prior) -> RunOutcome {
-    let fit_and_held_back_count = samples.len().min(2 * FIT_CAPACITY_PER_SIDE);
-    let thinned = |phase: f64| -> Vec<Sample> {
-        (0..fit_and_held_back_count)
-            .filter_map(|i| {
-                samples.get(((i as f64 + phase) * samples.len() as f64 / fit_and_held_back_count as f64) as usize)
-            })
-            .copied()
-            .collect()
-    };
-    let [fit, held_back] = [0.0, 0.5].map(|phase| assign_collection_parts(&thinned(phase)));
+    let [fit, held_back] = thin_evenly(samples).map(|samples| assign_collection_parts(&samples));
     let [fit, held_back] = [&fit, &held_back].map(|samples| Samples::new(samples));
     let solve_result = solve_samples(Method::MaximumLikelihood, fit, prior);
     RunOutcome::new(&solve_result, [fit, held_back], None)
+}
+
+/// Samples to fit, evenly thinned to the device's capacity, and samples to hold back, halfway between them.
+fn thin_evenly(samples: &[Sample]) -> [Vec<Sample>; 2] {
+    let fit_count = (samples.len() / 2).min(2 * FIT_CAPACITY_PER_SIDE);
+    [0.0, 0.5].map(|phase| {
+        (0..fit_count)
+            .filter_map(|i| samples.get(((i as f64 + phase) * samples.len() as f64 / fit_count as f64) as usize))
+            .copied()
+            .collect()
+    })
 }
 
 /// Time of a sample, seconds after the first row.
@@ -116,4 +118,54 @@ fn assign_collection_parts(samples: &[Sample]) -> Vec<Sample> {
     let mut ordered: Vec<Sample> = assigned.collect();
     ordered.sort_by_key(|sample| sample.part);
     ordered
+}
+
+#[cfg(test)]
+mod tests {
+    use autoswing::frames::{Attitude, Field};
+    use autoswing::time::WrappingMillis;
+
+    use super::*;
+
+    fn sample_at(t_s: f64, roll_deg: f32) -> Sample {
+        let attitude = Attitude::from_deg(roll_deg, 0.0);
+        Sample {
+            time: WrappingMillis::new((t_s * 1e3) as u32),
+            ..Sample::new(Field::from_ut(20.0, 0.0, 40.0), attitude)
+        }
+    }
+
+    /// The samples are 0.1 s apart; 384 are fitted at most, and no sample is both fitted and held back.
+    #[test]
+    fn held_back_samples_lie_between_the_fitted_ones() {
+        for (sample_count, fit_count) in [(1000, 384), (700, 350), (31, 15), (1, 0)] {
+            let samples: Vec<Sample> = (0..sample_count).map(|i| sample_at(f64::from(i) / 10.0, 0.0)).collect();
+            let [fit_s, held_back_s] =
+                thin_evenly(&samples).map(|samples| samples.iter().map(sample_time_s).collect::<Vec<f64>>());
+            assert_eq!([fit_s.len(), held_back_s.len()], [fit_count; 2]);
+            let step_s = f64::from(sample_count) / 10.0 / fit_count as f64;
+            for (i, (fitted_s, held_back_s)) in fit_s.iter().zip(held_back_s).enumerate() {
+                let [from_s, middle_s] = [0.0, 0.5].map(|phase| (i as f64 + phase) * step_s);
+                assert!((from_s - 0.1..=from_s + 1e-6).contains(fitted_s), "{sample_count}: {fitted_s} {from_s}");
+                assert!((middle_s - 0.1..=middle_s + 1e-6).contains(&held_back_s), "{sample_count}: {held_back_s}");
+                assert!(
+                    held_back_s > *fitted_s + 0.05 && fit_s.get(i + 1).is_none_or(|next_s| held_back_s < next_s - 0.05)
+                );
+            }
+        }
+    }
+
+    /// Turns begin beyond the bank of level flight, to the left and to the right.
+    #[test]
+    fn samples_are_assigned_to_turns_by_their_bank() {
+        let limit_deg = LevelLimits::DEFAULT.level_roll_rad.to_degrees();
+        let rolls_deg = [limit_deg + 0.1, limit_deg - 0.1, f32::NAN, -limit_deg - 0.1, 0.1 - limit_deg];
+        let parts = [CollectionPart::LEFT, CollectionPart::LEVEL, CollectionPart::LEVEL, CollectionPart::RIGHT];
+        let mut expected =
+            [(parts[0], rolls_deg[3]), (parts[1], rolls_deg[1]), (parts[2], rolls_deg[4]), (parts[3], rolls_deg[0])];
+        expected.sort_by_key(|(part, _)| *part);
+        let assigned = assign_collection_parts(&rolls_deg.map(|roll_deg| sample_at(0.0, roll_deg)));
+        let found: Vec<_> = assigned.iter().map(|sample| (sample.part, sample.attitude)).collect();
+        assert_eq!(found, expected.map(|(part, roll_deg)| (part, Attitude::from_deg(roll_deg, 0.0))));
+    }
 }

@@ -2,13 +2,12 @@
 
 use autoswing::attitude::{BodyRates, EulerRates};
 use autoswing::frames::{Attitude, Field, wrap_pi};
-use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::data_loss;
 use super::frozen_field::frozen_intervals;
 use super::reference::ReferenceHeading;
-use super::row::ReplayRow;
+use super::row::{ReplayRow, down_in_body};
 use crate::log::time_series::{Series, TimedRow};
 use crate::log::{Compass, Flight};
 use crate::numbers::quantile;
@@ -130,12 +129,9 @@ pub fn build_rows(
     reference: Option<&ReferenceHeading>,
 ) -> (Vec<ReplayRow>, RowCounts) {
     let mut row_counts = RowCounts { readings: compass.field.rows().len(), ..RowCounts::default() };
-    // A log that was never armed has no arming state.
-    let was_armed = compass.field.rows().iter().any(|row| flight.is_armed(row.t_s - latency_s) == Some(true));
     let unsettled = intervals_contradicting_rates(flight);
     let gap_s = data_loss::attitude_gap_limit_s(flight, MAX_GAP_S);
-    let mut rows = Vec::new();
-    let mut accumulator = RowAccumulator::default();
+    let mut accumulators: Vec<RowAccumulator> = Vec::new();
     for reading in compass.field.rows() {
         let t_s = reading.t_s - latency_s;
         let attitude_and_rates =
@@ -148,15 +144,19 @@ pub fn build_rows(
             row_counts.contradicting_attitude += 1;
             continue;
         }
-        if accumulator.reading_count > 0 && t_s - accumulator.first_s >= ROW_AVERAGING_S {
-            rows.push(accumulator.replay_row(flight, reference));
-            accumulator = RowAccumulator::default();
+        match accumulators.last_mut() {
+            Some(last) if t_s - last.first_s < ROW_AVERAGING_S => last.add_reading(t_s, reading, attitude, rates),
+            _ => {
+                let mut next = RowAccumulator { first_s: t_s, first_roll_rad: attitude.roll_rad, ..Default::default() };
+                next.add_reading(t_s, reading, attitude, rates);
+                accumulators.push(next);
+            }
         }
-        accumulator.add_reading(t_s, reading, attitude, rates);
     }
-    if accumulator.reading_count > 0 {
-        rows.push(accumulator.replay_row(flight, reference));
-    }
+    let mut rows: Vec<ReplayRow> =
+        accumulators.iter().map(|accumulator| accumulator.replay_row(flight, reference)).collect();
+    // A log that was never armed has no arming state.
+    let was_armed = rows.iter().any(|row| flight.is_armed(row.t_s) == Some(true));
     let [first_movement_s, last_movement_s] = moving_interval_s(flight);
     for row in &mut rows {
         let is_excluded = flight
@@ -164,12 +164,17 @@ pub fn build_rows(
             .adjacent_rows(row.t_s + latency_s + 1e-6)
             .0
             .is_some_and(|usability| usability.row_values[0] == 0.0);
-        let is_disarmed = was_armed && flight.is_armed(row.t_s) == Some(false);
-        let is_on_the_ground = row.t_s < first_movement_s || row.t_s > last_movement_s;
-        row.is_usable = !is_excluded && !is_disarmed && !is_on_the_ground;
-        row_counts.excluded += usize::from(is_excluded);
-        row_counts.disarmed += usize::from(is_disarmed && !is_excluded);
-        row_counts.on_the_ground += usize::from(is_on_the_ground && !is_disarmed && !is_excluded);
+        let count_of_cause = if is_excluded {
+            &mut row_counts.excluded
+        } else if was_armed && flight.is_armed(row.t_s) == Some(false) {
+            &mut row_counts.disarmed
+        } else if !(first_movement_s..=last_movement_s).contains(&row.t_s) {
+            &mut row_counts.on_the_ground
+        } else {
+            continue;
+        };
+        *count_of_cause += 1;
+        row.is_usable = false;
     }
     for [from_s, to_s] in frozen_intervals(&rows).into_iter().map(|frozen| frozen.interval_s) {
         for row in rows.iter_mut().filter(|row| row.is_usable && (from_s..=to_s).contains(&row.t_s)) {
@@ -197,9 +202,6 @@ struct RowAccumulator {
 
 impl RowAccumulator {
     fn add_reading(&mut self, t_s: f64, reading: &TimedRow<6>, attitude: Attitude, rates: Option<[f32; 3]>) {
-        if self.reading_count == 0 {
-            (self.first_s, self.first_roll_rad) = (t_s, attitude.roll_rad);
-        }
         self.reading_count += 1;
         self.time_sum_s += t_s - self.first_s;
         let [x, y, z, cx, cy, cz] = reading.row_values;
@@ -306,14 +308,11 @@ fn intervals_contradicting_rates(flight: &Flight) -> Vec<[f64; 2]> {
 }
 
 fn angle_between_downs_rad(first_attitude: &TimedRow<3>, second_attitude: &TimedRow<3>) -> f32 {
-    let down_vector = |row: &TimedRow<3>| {
-        let ([sin_roll, sin_pitch], [cos_roll, cos_pitch]) = (
-            [libm::sinf(row.row_values[0]), libm::sinf(row.row_values[1])],
-            [libm::cosf(row.row_values[0]), libm::cosf(row.row_values[1])],
-        );
-        Vector3::new(-sin_pitch, sin_roll * cos_pitch, cos_roll * cos_pitch)
-    };
-    down_vector(first_attitude).angle(&down_vector(second_attitude))
+    let [first_down, second_down] = [first_attitude, second_attitude].map(|row| {
+        let [roll_rad, pitch_rad, _] = row.row_values;
+        down_in_body(Attitude { roll_rad, pitch_rad })
+    });
+    first_down.angle(&second_down) as f32
 }
 
 /// Roll and pitch by Hermite interpolation with slopes from the body rates, and the rates.

@@ -1,7 +1,10 @@
 //! Synthetic flights at 10 Hz.
 
+use nalgebra::Vector3;
+
 use super::*;
 use crate::log::{FieldCorrection, Gps, LogFormat};
+use crate::test_flight::body_rates_rad_s;
 
 fn level_flight(seconds: i32) -> Flight {
     let mut flight = Flight::new(LogFormat::ULog);
@@ -165,15 +168,23 @@ fn a_jump_soon_after_a_gap_is_alignment() {
 }
 
 #[test]
-fn attitudes_between_distant_rows_are_returned() {
-    let flight = level_flight(30);
+fn attitudes_between_distant_rows_are_evenly_spaced() {
+    let mut flight = level_flight(30);
+    for row in flight.attitude.rows_mut() {
+        row.row_values[0] = (row.t_s / 50.0) as f32;
+    }
+    for row in flight.body_rates.rows_mut() {
+        row.row_values[0] = 0.02;
+    }
     for (apart_s, expected_count) in [(0.14, 0), (0.2, 1), (1.0, 9), (4.9, 48), (5.2, 0)] {
         let attitudes = attitudes_between(&flight, 5.0, 5.0 + apart_s);
         assert_eq!(attitudes.len(), expected_count, "{apart_s} s");
-        assert!(
-            attitudes.iter().all(|attitudes| attitudes.t_s > 5.0 && attitudes.t_s < 5.0 + apart_s - 0.05),
-            "{apart_s} s: {attitudes:?}"
-        );
+        let step_s = apart_s / (expected_count + 1) as f64;
+        for (i, attitude) in attitudes.iter().enumerate() {
+            assert!((attitude.t_s - 5.0 - step_s * (i + 1) as f64).abs() < 1e-9, "{apart_s} s: {attitude:?}");
+            assert!((f64::from(attitude.attitude.roll_rad) - attitude.t_s / 50.0).abs() < 1e-6, "{attitude:?}");
+            assert_eq!(attitude.rates_rad_s, Some([0.02, 0.0, 0.0]));
+        }
     }
 }
 
@@ -223,4 +234,160 @@ fn a_jump_of_the_attitude_drops_the_rows_about_it() {
     }
     let counts = build_rows(&flight, &compass_with_readings(0, 99), 0.0, None).1;
     assert!((3..=5).contains(&counts.contradicting_attitude), "{counts:?}");
+}
+
+/// Attitude from roll and pitch as polynomials of time with these coefficients, and body rates of a steady turn with
+/// it, every `step_s` for 3 s.
+fn push_attitudes(flight: &mut Flight, step_s: f64, [roll, pitch]: [[f64; 4]; 2]) {
+    const TURN_RATE_RAD_S: f64 = 0.4;
+    for i in 0..=(3.0 / step_s).round() as u32 {
+        let t_s = f64::from(i) * step_s;
+        let slope = |[_, b, c, d]: [f64; 4]| b + t_s * (2.0 * c + t_s * 3.0 * d);
+        let euler_rad = Vector3::new(value_at(roll, t_s), value_at(pitch, t_s), 0.0);
+        let rates = body_rates_rad_s(&euler_rad, &Vector3::new(slope(roll), slope(pitch), TURN_RATE_RAD_S));
+        flight.attitude.push_row(t_s, [euler_rad.x as f32, euler_rad.y as f32, 0.0]);
+        flight.body_rates.push_row(t_s, rates.map(|rate| rate as f32));
+    }
+}
+
+fn value_at([a, b, c, d]: [f64; 4], t_s: f64) -> f64 {
+    a + t_s * (b + t_s * (c + t_s * d))
+}
+
+/// Hermite interpolation reproduces cubic polynomials; a line between the reports errs by 0.01 rad and more.
+#[test]
+fn a_cubic_motion_is_interpolated_exactly() {
+    let motion = [[0.2, 0.3, -0.25, 0.06], [-0.1, -0.2, 0.15, -0.04]];
+    let mut flight = Flight::new(LogFormat::ULog);
+    push_attitudes(&mut flight, 0.5, motion);
+    let mut largest_deviation = 0.0_f64;
+    for i in 0..30 {
+        let t_s = f64::from(i) / 10.0;
+        let (attitude, rates) = attitude_at(&flight, t_s).unwrap();
+        assert_eq!(rates, flight.body_rates.interpolate(t_s, 0.5));
+        for (angle, found_rad) in [attitude.roll_rad, attitude.pitch_rad].into_iter().enumerate() {
+            assert!((f64::from(found_rad) - value_at(motion[angle], t_s)).abs() < 1e-6, "{t_s} s, {attitude:?}");
+            let by_line = flight.attitude.interpolate(t_s, 0.5).unwrap()[angle];
+            largest_deviation = largest_deviation.max(f64::from((by_line - found_rad).abs()));
+        }
+    }
+    assert!(largest_deviation > 0.01, "{largest_deviation}");
+}
+
+/// The mean of linear functions of time is their value at the mean time. Three readings at uneven times make a row.
+#[test]
+fn a_row_of_several_readings_holds_the_values_of_its_time() {
+    let (latency_s, motion) = (0.03, [[0.2, -0.1, 0.0, 0.0], [-0.1, 0.05, 0.0, 0.0]]);
+    let field_at = |t_s: f64| [1.0, 2.0, 4.0, 5.0, 7.0, 8.0].map(|axis| (axis * (3.0 - t_s) - 6.0) as f32);
+    let mut flight = Flight::new(LogFormat::ULog);
+    push_attitudes(&mut flight, 0.1, motion);
+    for t_s in [0.0, 3.0] {
+        flight.battery_current.push_row(t_s, [(5.0 + 2.0 * t_s) as f32]);
+    }
+    for i in 0..=30 {
+        flight.reference_heading.push_row(f64::from(i) / 10.0, [0.2 * i as f32 / 10.0]);
+    }
+    let mut compass = Compass::default();
+    for t_s in (2..25).flat_map(|i| [0.0, 0.01, 0.06].map(|offset_s| f64::from(i) / 10.0 + offset_s)) {
+        compass.field.push_row(t_s, field_at(t_s));
+    }
+    let (rows, row_counts) = build_rows(&flight, &compass, latency_s, Some(&ReferenceHeading::Column));
+    assert_eq!((row_counts.readings, row_counts.used, rows.len()), (69, 23, 23));
+    for (i, row) in rows.iter().enumerate() {
+        // The mean of the offsets is 0.07 / 3 s.
+        let t_s = 0.2 + i as f64 / 10.0 + 0.07 / 3.0 - latency_s;
+        assert!((row.t_s - t_s).abs() < 1e-9, "{i}: {} s", row.t_s);
+        let [x, y, z, logged_x, logged_y, logged_z] = field_at(t_s + latency_s);
+        let rates = flight.body_rates.interpolate(t_s, 0.2).unwrap();
+        let [[roll_rad, pitch_rad], [current_a, reference_deg]] =
+            [motion.map(|angle| value_at(angle, t_s)), [5.0 + 2.0 * t_s, (0.2 * t_s).to_degrees()]];
+        let found = [
+            row.raw_field.ut - Vector3::new(x, y, z),
+            row.logged_field.ut - Vector3::new(logged_x, logged_y, logged_z),
+            Vector3::from(row.rates_rad_s.unwrap()) - Vector3::from(rates),
+            Vector3::new(row.attitude.roll_rad - roll_rad as f32, row.attitude.pitch_rad - pitch_rad as f32, 0.0),
+            Vector3::new(row.current_a.unwrap() - current_a as f32, 0.0, 0.0),
+            Vector3::new((row.reference_deg.unwrap() - reference_deg) as f32, 0.0, 0.0),
+        ];
+        // f32 at 16 uT, and the curvature of the rates between two reports.
+        assert!(found.iter().all(|difference| difference.amax() < 1e-4), "{i}: {found:?}");
+    }
+    flight.body_rates = Series::new();
+    assert!(build_rows(&flight, &compass, latency_s, None).0.iter().all(|row| row.rates_rad_s.is_none()));
+}
+
+/// A row that several causes exclude is counted once, by the first of them.
+#[test]
+fn each_excluded_row_is_counted_by_one_cause() {
+    let mut flight = level_flight(60);
+    for i in 0..600_i16 {
+        let t_s = f64::from(i) / 10.0;
+        flight.row_usability.push_row(t_s, [if i < 60 { 0.0 } else { 1.0 }]);
+        let speed_m_s = if (130..=500).contains(&i) { 20.0 } else { 0.0 };
+        flight.gps.push_row(t_s, [48.0, 11.0, 0.0, speed_m_s, 0.0, f32::NAN]);
+    }
+    flight.armed_changes = vec![(9.95, true), (54.95, false)];
+    let (_, row_counts) = build_rows(&flight, &compass_with_readings(0, 60), 0.0, None);
+    let expected = RowCounts {
+        readings: 600,
+        used: 371,
+        excluded: 60,
+        disarmed: 40 + 50,
+        on_the_ground: 30 + 49,
+        ..RowCounts::default()
+    };
+    assert_eq!(row_counts, expected);
+    assert_eq!(
+        row_counts.rejection_texts(),
+        ["90 disarmed", "79 on the ground", "60 excluded by the log or outside the chosen time"]
+    );
+    assert_eq!(row_counts.main_rejection(), (90, "disarmed"));
+}
+
+/// A frozen field while the aircraft rolls; rows that are disarmed are not counted again.
+#[test]
+fn usable_rows_with_a_frozen_field_are_excluded() {
+    let mut flight = level_flight(60);
+    for row in flight.attitude.rows_mut() {
+        row.row_values[0] = 0.03 * libm::sin(row.t_s) as f32;
+    }
+    flight.armed_changes = vec![(19.95, true)];
+    let (_, row_counts) = build_rows(&flight, &compass_with_readings(0, 60), 0.0, None);
+    assert_eq!((row_counts.disarmed, row_counts.frozen_field, row_counts.used), (200, 400, 0));
+}
+
+/// Intervals that contradict the rates, of a flight at 10 Hz from 5 s to 205 s that yaws at `rate_rad_s`. Roll is 0
+/// before the first change and has each value from its time on.
+fn intervals_of_roll_changes(rate_rad_s: f32, changes: &[(f64, f32)]) -> Vec<[f64; 2]> {
+    let mut flight = Flight::new(LogFormat::ULog);
+    for i in 50..=2050 {
+        let t_s = f64::from(i) / 10.0;
+        let roll_rad = changes.iter().take_while(|(from_s, _)| *from_s <= t_s).last().map_or(0.0, |change| change.1);
+        flight.attitude.push_row(t_s, [roll_rad, 0.0, 0.0]);
+        flight.body_rates.push_row(t_s, [0.0, 0.0, rate_rad_s]);
+    }
+    intervals_contradicting_rates(&flight)
+}
+
+/// A change of tilt contradicts the rates in every window of 1 s that contains it. The window of the first minute begins
+/// at the start. The limit is 0.035 rad plus twice the integrated rates.
+#[test]
+fn a_contradiction_lasts_while_its_window_contains_the_change() {
+    assert_eq!(intervals_of_roll_changes(0.02, &[(100.0, 0.08)]), [[99.0, 100.9]]);
+    assert_eq!(intervals_of_roll_changes(0.02, &[(100.0, 0.07)]), [[0.0; 2]; 0]);
+    assert_eq!(intervals_of_roll_changes(0.0, &[(100.0, 0.05), (100.5, 0.0)]), [[99.0, 101.4]]);
+    assert_eq!(intervals_of_roll_changes(0.0, &[(100.0, 0.05), (103.0, 0.0)]), [[99.0, 100.9], [102.0, 103.9]]);
+    for (change_s, from_s) in [(63.9, 5.0), (66.0, 65.0)] {
+        assert_eq!(intervals_of_roll_changes(0.0, &[(change_s, 0.05)]), [[from_s, change_s + 0.9]]);
+    }
+}
+
+/// The limit of a step is 0.1 rad plus twice the rate: at 0.5 rad/s and 10 Hz 0.2 rad, where a window of 1 s allows
+/// 1.035 rad. A second jump within 3 s ends the wrong attitude.
+#[test]
+fn the_attitude_is_wrong_between_two_jumps() {
+    assert_eq!(intervals_of_roll_changes(0.5, &[(100.0, 0.19)]), [[0.0; 2]; 0]);
+    assert_eq!(intervals_of_roll_changes(0.5, &[(100.0, 0.21)]), [[99.9, 100.0]]);
+    assert_eq!(intervals_of_roll_changes(0.5, &[(100.0, 0.21), (102.9, 0.0)]), [[99.9, 102.9], [102.8, 102.9]]);
+    assert_eq!(intervals_of_roll_changes(0.5, &[(100.0, 0.21), (103.3, 0.0)]), [[99.9, 100.0], [103.2, 103.3]]);
 }

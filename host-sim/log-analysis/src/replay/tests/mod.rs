@@ -1,6 +1,7 @@
 //! Tests of the evaluation: each changes one property of a flown flight.
 
 mod data_loss;
+mod evaluated_compasses;
 mod frozen_field;
 mod parameter_export;
 mod prior_inclination;
@@ -9,6 +10,7 @@ mod verdict;
 use std::sync::LazyLock;
 
 use autoswing::calibration::SolveError;
+use autoswing::frames::{Attitude, Field, Level};
 use autoswing::messages::Refusal;
 
 use super::evaluation::{CompassEvaluation, EvaluationOptions, FlightEvaluation, evaluate_flight};
@@ -16,6 +18,7 @@ use super::*;
 use crate::log::csv::FieldUnit;
 use crate::log::log_writers::encode_dataflash;
 use crate::log::{self, Flight};
+use crate::numbers;
 use crate::test_flight::record_turns;
 
 /// A calibrating flight of turns without field latency, and its evaluation.
@@ -27,15 +30,33 @@ static FLOWN_TURNS: LazyLock<(Flight, FlightEvaluation)> = LazyLock::new(|| {
     (flight, verdict)
 });
 
-fn compass_of_flown_turns() -> (Flight, CompassEvaluation) {
+pub(super) fn compass_of_flown_turns() -> (Flight, CompassEvaluation) {
     let (flight, verdict) = FLOWN_TURNS.clone();
     let compass = verdict.compasses[0].clone();
     assert_eq!(compass.module_result.acceptance, Ok(()));
     (flight, compass)
 }
 
-fn evaluation_of_compasses(compasses: Vec<CompassEvaluation>) -> FlightEvaluation {
+pub(super) fn evaluation_of_compasses(compasses: Vec<CompassEvaluation>) -> FlightEvaluation {
     FlightEvaluation { compasses, ..FLOWN_TURNS.1.clone() }
 }
 
 const REFUSED_SOLVE: Result<(), Refusal> = Err(Refusal::Solve(SolveError::NotConverged));
+
+/// Horizontal part and strength of the Earth field of [`level_row`], microtesla; it points 60 deg down.
+pub(super) const LEVEL_ROW_FIELD_UT: [f64; 2] = [25.0, 50.0];
+
+/// Usable row of level flight on a heading, with an undisturbed field.
+pub(super) fn level_row(t_s: f64, heading_deg: f64) -> ReplayRow {
+    let field = Field::<Level>::earth_field(50.0, 60_f32.to_radians(), heading_deg.to_radians() as f32).ut;
+    ReplayRow {
+        t_s,
+        raw_field: Field::new(field),
+        logged_field: Field::new(field),
+        attitude: Attitude::default(),
+        rates_rad_s: None,
+        current_a: None,
+        is_usable: true,
+        reference_deg: Some(heading_deg),
+    }
+}

@@ -5,7 +5,10 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use super::*;
 use crate::log::{FieldCorrection, NumberedRotation};
 use crate::numbers::square;
-use crate::replay::parameter_export::{ExportedCorrection, ParameterFormat, export_correction, format_parameter_file};
+use crate::replay::parameter_export::{
+    ExportedCorrection, HeldBackScore, ParameterFormat, export_correction, field_by_exported_parameters,
+    format_parameter_file,
+};
 use crate::replay::symmetric_fit::heading_deg as heading_deg_with;
 use crate::score::wrap_180;
 
@@ -139,17 +142,21 @@ fn export_with_rotation(compass_number: u8, rotation_number: f64) -> ExportedCor
     }
 }
 
+fn flight_with_parameters(parameters: &[(&str, f64)]) -> Flight {
+    let mut flight = Flight::new(log::LogFormat::DataFlash);
+    for &(name, value) in parameters {
+        flight.parameters.set_value(0.0, name, value);
+    }
+    flight
+}
+
 fn parameter_lines(
     parameters: &[(&str, f64)],
     export: &[ExportedCorrection],
     format: ParameterFormat,
     filter_text: &str,
 ) -> Vec<String> {
-    let mut flight = Flight::new(log::LogFormat::DataFlash);
-    for &(name, value) in parameters {
-        flight.parameters.set_value(0.0, name, value);
-    }
-    format_parameter_file(&flight, export, format)
+    format_parameter_file(&flight_with_parameters(parameters), export, format)
         .lines()
         .filter(|line| line.contains(filter_text))
         .map(str::to_owned)
@@ -213,4 +220,125 @@ fn only_one_compass_is_exported_to_inav() {
     second.correction.hard_iron_ut.x = 30.0;
     let zero_lines = parameter_lines(&[], &[export_with_rotation(1, 0.0), second], ParameterFormat::Inav, "magzero_x");
     assert_eq!(zero_lines, ["set magzero_x = 0"]);
+}
+
+/// Symmetric matrix with all elements different.
+const SYMMETRIC: Matrix3<f64> = Matrix3::new(1.08, 0.02, -0.03, 0.02, 0.95, 0.04, -0.03, 0.04, 1.02);
+
+/// A matrix of a right-angle mounting and a symmetric part is expressed exactly: headings are right at all rows, and
+/// the field has the strength of the Earth field.
+#[test]
+fn a_symmetric_correction_is_exported_without_loss() {
+    let (_, mut compass) = compass_of_flown_turns();
+    let yaw_90 = NumberedRotation::new(2.0).unwrap().rotation_matrix();
+    let correction_matrix = yaw_90 * SYMMETRIC;
+    let (hard_iron_ut, motor_ut_per_a) = (Vector3::new(12.0, -8.5, 20.0), Vector3::new(0.3, -0.2, 0.15));
+    let calibration = &mut compass.module_result.solution.as_mut().unwrap().calibration;
+    calibration.w = std::array::from_fn(|i| std::array::from_fn(|j| correction_matrix[(i, j)] as f32));
+    calibration.b_ut = hard_iron_ut.map(|axis| axis as f32).into();
+    calibration.motor_current.ut_per_a = motor_ut_per_a.map(|axis| axis as f32).into();
+    (calibration.total_ut, calibration.inclination_rad, calibration.motor_current.mean_current_a) = (50.0, 1.0, 15.0);
+    let calibration = *calibration;
+    for (i, row) in (0_u16..).zip(&mut compass.rows) {
+        let heading_deg = f32::from(i % 360);
+        let level_field = Field::<Level>::earth_field(50.0, 1.0, heading_deg.to_radians());
+        let current_a = f64::from(i % 31);
+        let raw = correction_matrix.try_inverse().unwrap() * row.attitude.to_body_frame(level_field).ut.map(f64::from);
+        row.raw_field = Field::new((raw + hard_iron_ut + motor_ut_per_a * current_a).map(|axis| axis as f32));
+        (row.current_a, row.reference_deg) = (Some(current_a as f32), Some(f64::from(heading_deg)));
+    }
+    for format in [ParameterFormat::ArduPilot, ParameterFormat::Px4] {
+        let export = export_correction(1, &compass.rows, &calibration, Some(47.5), format).unwrap();
+        assert_eq!(export.rotation_from_logged.rotation_number(), 2);
+        assert_eq!(export.warnings, ["the mounting of the compass differs from its parameters: check the orientation"]);
+        // Numbers of f32: 1e-6 of the field.
+        assert!(export.heading_loss_deg.iter().all(|loss_deg| loss_deg.abs() < 0.01), "{:?}", export.heading_loss_deg);
+        let flight = flight_with_parameters(&[("CAL_MAG0_ROT", 0.0)]);
+        let field = field_by_exported_parameters(&flight, &export, format);
+        for row in &compass.rows {
+            let corrected = field(row);
+            let error_deg = wrap_180(evaluation::heading_deg(row, corrected) - row.reference_deg.unwrap());
+            // The file has five decimals of the matrix and three of the interference.
+            assert!(
+                (corrected.norm() - 47.5).abs() < 0.01 && error_deg.abs() < 0.02,
+                "{format:?} {corrected} {error_deg}"
+            );
+        }
+    }
+}
+
+/// The correction by the parameters of the file is that of the export, after the rotation of the sensor.
+#[test]
+fn autopilots_correct_by_the_file_as_exported() {
+    let full = FieldCorrection {
+        matrix: SYMMETRIC,
+        hard_iron_ut: Vector3::new(12.0, -8.5, 20.0),
+        motor_ut_per_a: Vector3::new(0.3, -0.2, 0.15),
+    };
+    let diagonal = FieldCorrection::without_current(Matrix3::from_diagonal(&SYMMETRIC.diagonal()), full.hard_iron_ut);
+    let row = ReplayRow {
+        raw_field: Field::from_ut(30.0, -20.0, 45.0),
+        current_a: Some(12.0),
+        ..compass_of_flown_turns().1.rows[0]
+    };
+    // Parameters of INAV are integers: 0.5 mG, and 0.05 % of the gain.
+    for (format, compass_number, parameters, rotation_number, correction, most_ut) in [
+        (ParameterFormat::ArduPilot, 1, &[][..], 0.0, full, 2e-3),
+        (ParameterFormat::ArduPilot, 2, &[("COMPASS_SCALE2", 1.1), ("COMPASS_MOTCT", 1.0)], 4.0, full, 2e-3),
+        (ParameterFormat::Px4, 1, &[], 0.0, full, 2e-3),
+        (ParameterFormat::Px4, 2, &[("CAL_MAG1_ROT", 6.0)], 4.0, full, 2e-3),
+        (ParameterFormat::Px4, 3, &[("CAL_MAG2_ROT", -1.0), ("SENS_BOARD_ROT", 2.0)], 0.0, full, 2e-3),
+        (ParameterFormat::Inav, 1, &[], 4.0, diagonal, 0.1),
+    ] {
+        let export = ExportedCorrection { correction, ..export_with_rotation(compass_number, rotation_number) };
+        let field = field_by_exported_parameters(&flight_with_parameters(parameters), &export, format);
+        let rotated_ut = export.rotation_from_logged.rotation_matrix() * row.raw_field.ut.map(f64::from);
+        let difference = field(&row) - correction.correct_field(rotated_ut, 12.0);
+        assert!(difference.norm() < most_ut, "{format:?} {compass_number}: {difference}");
+    }
+}
+
+/// `COMPASS_MOTCT` applies to all compasses: compensation by throttle of the others is set to zero.
+#[test]
+fn compensation_by_current_replaces_that_by_throttle() {
+    let mut export = export_with_rotation(2, 0.0);
+    let lines = |parameters: &[(&str, f64)], export: &ExportedCorrection| -> Vec<String> {
+        let mut flight = flight_with_parameters(parameters);
+        flight.compasses = [1, 2, 3].map(|compass_number| log::Compass { compass_number, ..Default::default() }).into();
+        let text = format_parameter_file(&flight, std::slice::from_ref(export), ParameterFormat::ArduPilot);
+        text.lines().filter(|line| line.contains("MOT") && !line.contains("MOT2")).map(str::to_owned).collect()
+    };
+    let throttle = [("COMPASS_MOTCT", 1.0), ("COMPASS_MOT_X", 1.5), ("COMPASS_MOT_Y", 0.0), ("COMPASS_MOT3_Z", -2.0)];
+    assert_eq!(lines(&throttle, &export), [""; 0]);
+    export.correction.motor_ut_per_a.y = 0.2;
+    assert_eq!(lines(&throttle, &export), ["COMPASS_MOTCT,2", "COMPASS_MOT_X,0", "COMPASS_MOT3_Z,0"]);
+    assert_eq!(lines(&[("COMPASS_MOTCT", 2.0), ("COMPASS_MOT_X", 1.5)], &export), ["COMPASS_MOTCT,2"]);
+}
+
+#[test]
+fn the_file_states_the_score_of_its_parameters() {
+    let held_back =
+        HeldBackScore { rms_deg: 1.234, as_logged_rms_deg: 4.567, is_estimate: true, field_scatter_deg: 0.0 };
+    let export = ExportedCorrection {
+        held_back_score: Some(held_back),
+        fitted_range_s: Some([12.3, 98.7]),
+        heading_loss_deg: [0.126, 0.0],
+        warnings: vec!["check it".to_owned()],
+        ..export_with_rotation(2, 0.0)
+    };
+    for (format, file_name) in [
+        (ParameterFormat::ArduPilot, "compass.param"),
+        (ParameterFormat::Px4, "compass.param"),
+        (ParameterFormat::Inav, "compass.txt"),
+    ] {
+        assert_eq!(format.file_name(), file_name);
+        assert_eq!(
+            parameter_lines(&[], std::slice::from_ref(&export), format, "# ")[..3],
+            [
+                "# compass 2: 1.23 deg RMS on held-back rows, 4.57 as logged (estimated); fitted to 12 to 99 s of the log",
+                "# 0.13 deg RMS are lost, which these parameters cannot express",
+                "# check it",
+            ]
+        );
+    }
 }

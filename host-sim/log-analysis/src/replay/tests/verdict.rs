@@ -1,6 +1,7 @@
 use super::*;
 use crate::replay::log_warning::LogWarning;
-use crate::replay::verdict::FlightOutcome;
+use crate::replay::parameter_export::ParameterFormat;
+use crate::replay::verdict::{CompassAction, CompassState, FlightOutcome, Verdict};
 
 fn warning_texts(flight: &Flight, evaluation: &FlightEvaluation) -> Vec<String> {
     LogWarning::warnings_of_flight(flight, evaluation).iter().map(ToString::to_string).collect()
@@ -141,4 +142,177 @@ fn missing_parameters_are_reported() {
         note_without_all.len() == 1 && note_without_all[0].starts_with("the parameters are not in the log"),
         "{note_without_all:?}"
     );
+}
+
+#[test]
+fn a_slow_attitude_is_reported_with_the_outcome() {
+    let (_, compass) = compass_of_flown_turns();
+    let outcome = |attitude_interval_s, acceptance| {
+        let mut compass = compass.clone();
+        compass.module_result.acceptance = acceptance;
+        let evaluation = FlightEvaluation { attitude_interval_s, ..evaluation_of_compasses(vec![compass]) };
+        FlightOutcome::new(&evaluation).to_string()
+    };
+    let slow = "the attitude is logged 2.5 times a second; below 3 Hz its interpolation is unreliable";
+    assert!(outcome(0.4, Ok(())).ends_with(&format!(" deg; but {slow}")), "{}", outcome(0.4, Ok(())));
+    assert!(outcome(0.4, REFUSED_SOLVE).ends_with(&format!("; and {slow}")), "{}", outcome(0.4, REFUSED_SOLVE));
+    assert!(!outcome(0.33, Ok(())).contains(slow));
+    assert!(outcome(0.33, Ok(())).starts_with("the module would have calibrated by itself at"));
+}
+
+/// A compass that the autopilot does not use is the last to decide.
+#[test]
+fn an_unused_compass_does_not_give_the_cause_of_a_refusal() {
+    let refused = |compass_number, is_used_for_heading, expected_rms_deg| {
+        let (_, mut compass) = compass_of_flown_turns();
+        compass.module_result.acceptance = match compass_number {
+            1 => REFUSED_SOLVE,
+            _ => Err(Refusal::NoSamples),
+        };
+        compass.module_result.solution.as_mut().unwrap().quality.expected_rms_deg = expected_rms_deg;
+        CompassEvaluation { compass_number, is_used_for_heading, ..compass }
+    };
+    for (is_first_used, nearest) in [(Some(false), 2), (Some(true), 1), (None, 1)] {
+        let compasses = vec![refused(1, is_first_used, 1.0), refused(2, Some(true), 2.0)];
+        let text = FlightOutcome::new(&evaluation_of_compasses(compasses)).to_string();
+        assert!(text.contains(&format!("; number {nearest} came nearest: ")), "{text}");
+    }
+}
+
+/// Three compasses of which the last is in use, and half of the usable rows without a heading that the module sends.
+fn evaluation_of_three() -> (Flight, FlightEvaluation) {
+    let (flight, compass) = compass_of_flown_turns();
+    let numbered = |(compass_number, is_used_for_heading)| CompassEvaluation {
+        compass_number,
+        is_used_for_heading,
+        ..compass.clone()
+    };
+    let mut evaluation = evaluation_of_compasses([(1, Some(false)), (2, None), (3, Some(true))].map(numbered).into());
+    evaluation.reference = Some(ReferenceHeading::Simulator);
+    let compass = &mut evaluation.compasses[0];
+    for (i, (row, heading)) in compass.rows.iter_mut().zip(&mut compass.module_result.headings).enumerate() {
+        row.is_usable = i % 3 != 0;
+        heading.status = if i % 3 == 1 { Err(autoswing::heading::NoHeading::SensorSilent) } else { Ok(()) };
+    }
+    (flight, evaluation)
+}
+
+#[test]
+fn the_compass_in_use_comes_first_and_decides() {
+    let (flight, evaluation) = evaluation_of_three();
+    let mut verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
+    let numbers: Vec<u8> =
+        verdict.compasses_in_use_first().iter().map(|compass| compass.evaluation.compass_number).collect();
+    assert_eq!(numbers, [3, 2, 1]);
+    assert!(verdict.would_module_calibrate());
+    let sentences = verdict.summary_sentences();
+    assert!(sentences[0].starts_with("Compass 3, in use, is off by") && sentences[0].ends_with(": load them."));
+    assert!(sentences[1].starts_with("Compass 2 is off by") && sentences.len() == 3, "{sentences:?}");
+    assert_eq!(
+        verdict.exported_corrections().iter().map(|export| export.compass_number).collect::<Vec<_>>(),
+        [1, 2, 3]
+    );
+    assert_eq!(verdict.compasses[0].sent_percent(), Some(50.0));
+    for (compass_state, recommended_action, is_good_or_correctable) in [
+        (CompassState::Good, CompassAction::LeaveUnchanged, true),
+        (CompassState::Bad, CompassAction::LoadParameters, true),
+        (CompassState::Doubtful, CompassAction::FlyAgain, false),
+    ] {
+        let judgement = &mut verdict.compasses[2].judgement;
+        (judgement.compass_state, judgement.recommended_action) = (compass_state, recommended_action);
+        assert_eq!(verdict.state_of_compass_in_use(), compass_state);
+        assert_eq!(verdict.is_good_or_correctable(), is_good_or_correctable, "{compass_state}");
+    }
+    assert_eq!(verdict.exported_corrections().len(), 2);
+    verdict.module_outcome = FlightOutcome::new(&evaluation_of_compasses(Vec::new()));
+    assert!(!verdict.would_module_calibrate());
+}
+
+#[test]
+fn the_log_is_described_by_format_firmware_and_time() {
+    let (mut flight, evaluation) = FLOWN_TURNS.clone();
+    flight.firmware_name = Some("ArduPlane V4.6".to_owned());
+    let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
+    assert_eq!(
+        verdict.log_description("turns.bin"),
+        "turns.bin: ArduPilot DataFlash, ArduPlane V4.6, 238 s: 2 to 240 s of its clock"
+    );
+}
+
+/// The table, the facts and the JSON object report the numbers of the evaluation, rounded.
+#[test]
+fn reports_contain_the_numbers_of_the_evaluation() {
+    let (flight, mut evaluation) = FLOWN_TURNS.clone();
+    evaluation.reference = Some(ReferenceHeading::Simulator);
+    evaluation.compasses[0].latency = field_latency::FieldLatency { used_s: 0.0463, sigma_s: Some(0.0081) };
+    let motor = &mut evaluation.compasses[0].module_result.solution.as_mut().unwrap().calibration.motor_current;
+    (motor.mean_current_a, motor.current_sigma_a, motor.sigma_ut_per_a) = (12.34, 5.67, 0.0123);
+    let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
+    let compass = &evaluation.compasses[0];
+    let exported = verdict.compasses[0].parameters_to_load().unwrap();
+    let held_back_deg = exported.held_back_score.unwrap().rms_deg;
+
+    let table = verdict.rms_by_correction_deg();
+    let rms_deg = |source| compass.correction_from(source).unwrap().score.map(|score| score.rms_deg);
+    assert_eq!(table[0], ("uncorrected", vec![rms_deg(evaluation::CorrectionSource::Uncorrected)]));
+    assert!(table.contains(&("module", vec![rms_deg(evaluation::CorrectionSource::Module)])));
+    assert_eq!(table.last(), Some(&("parameters to load", vec![Some(held_back_deg)])));
+
+    let facts = verdict.key_facts(&verdict.compasses[0]);
+    let fact = |name: &str| facts.iter().find(|fact| fact[0] == name).map_or("", |fact| fact[1].as_str());
+    assert_eq!(
+        fact("field"),
+        "10.0 times a second, 46 ms old at its time stamp (estimated from this flight, sigma 8 ms)"
+    );
+    assert_eq!(
+        fact("motor current"),
+        "no interference that is certain (sigma 0.012 uT/A), of 12.3 A that varied by 5.7 A"
+    );
+    assert!(fact("parameters").starts_with("fitted to "), "{facts:?}");
+    assert_eq!((fact("all rows, thinned"), fact("autopilot")), ("", ""));
+
+    let json = verdict.json();
+    let object = &json["compasses"][0];
+    assert_eq!(json["notes"], serde_json::json!(warning_texts(&flight, &evaluation)));
+    assert_eq!(json["module_verdict"], verdict.module_outcome.to_string());
+    assert_eq!(json["log"]["attitude_hz"], 10.0);
+    let decimals = |value: f64| numbers::round_to(value, 3);
+    let expected_rms_deg = f64::from(compass.module_result.solution.unwrap().quality.expected_rms_deg);
+    assert_eq!(object["module"]["expected_rms_deg"], decimals(expected_rms_deg));
+    assert_eq!(object["module"]["by_current"]["mean_a"], 12.34);
+    assert_eq!(object["all_rows"]["by_current"], serde_json::Value::Null);
+    assert_eq!(object["field_age_ms"], 46.3);
+    assert_eq!(object["parameters"]["heading_rms_deg"], decimals(held_back_deg));
+    let uncorrected = &object["headings"][0]["against_reference"];
+    assert_eq!(uncorrected["heading_rms_deg"], decimals(table[0].1[0].unwrap()));
+    assert_eq!(uncorrected["within_two_sigma_percent"], serde_json::Value::Null);
+    let within_percent = object["module"]["smooth"]["within_two_sigma_percent"].as_f64().unwrap();
+    assert!((80.0..=100.0).contains(&within_percent), "{within_percent}");
+    let found_ms = compass.module_result.solution.unwrap().quality.latency.unwrap().estimate_s * 1e3;
+    assert!((object["module"]["latency_found_ms"].as_f64().unwrap() - f64::from(found_ms)).abs() <= 0.051);
+}
+
+/// Facts about parameters are shown if they are to be loaded, and the result of all rows if it differs.
+#[test]
+fn facts_depend_on_action_and_outcome() {
+    let (flight, evaluation) = FLOWN_TURNS.clone();
+    let verdict_facts = |evaluation: &FlightEvaluation, recommended_action| {
+        let mut verdict = Verdict::new(&flight, evaluation, ParameterFormat::ArduPilot);
+        verdict.compasses[0].judgement.recommended_action = recommended_action;
+        verdict.key_facts(&verdict.compasses[0])
+    };
+    let has = |facts: &[[String; 2]], name: &str| facts.iter().any(|fact| fact[0] == name);
+    assert!(!has(&verdict_facts(&evaluation, CompassAction::Replace), "parameters"));
+    for (module, all_rows, expected) in
+        [(Ok(()), REFUSED_SOLVE, "would have been refused: "), (REFUSED_SOLVE, Ok(()), "would have been accepted")]
+    {
+        let mut evaluation = evaluation.clone();
+        let compass = &mut evaluation.compasses[0];
+        (compass.module_result.acceptance, compass.all_rows_result.acceptance) = (module, all_rows);
+        compass.row_counts.readings = 0;
+        let facts = verdict_facts(&evaluation, CompassAction::FlyAgain);
+        let fact = facts.iter().find(|fact| fact[0] == "all rows, thinned").unwrap();
+        assert!(fact[1].starts_with(expected), "{facts:?}");
+        assert!(!has(&facts, "field") && !has(&facts, "motor current"), "{facts:?}");
+    }
 }

@@ -289,26 +289,4 @@ impl fmt::Display for CompassJudgement {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A field that no fit corrects is a reason to replace a compass only if the flight covers headings.
-    #[test]
-    fn on_few_headings_no_compass_is_replaced_or_left() {
-        let held_back = |rms_deg| HeldBackScore {
-            rms_deg,
-            as_logged_rms_deg: 20.0,
-            is_estimate: false,
-            field_scatter_deg: rms_deg,
-        };
-        let action = |rms_deg, covers_headings| {
-            action_without_parameters(
-                CompassState::Doubtful,
-                &NoParameters::NoGain(held_back(rms_deg)),
-                covers_headings,
-            )
-        };
-        assert_eq!((action(26.0, true), action(26.0, false)), (CompassAction::Replace, CompassAction::FlyAgain));
-        assert_eq!((action(1.0, true), action(1.0, false)), (CompassAction::LeaveUnchanged, CompassAction::FlyAgain));
-    }
-}
+mod tests;

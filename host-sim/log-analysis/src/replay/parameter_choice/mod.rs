@@ -363,3 +363,6 @@ impl fmt::Display for NoParameters {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,260 @@
+//! Choice and score of parameters: on flown turns, and on candidates with single properties.
+
+use autoswing::calibration::{BankScaleFinding, DetectedHardIronChange, Finding, HardIronTimeCourse};
+use autoswing::frames::{Attitude, Level};
+
+use super::*;
+use crate::log::LogFormat;
+use crate::replay::tests::{LEVEL_ROW_FIELD_UT, compass_of_flown_turns, level_row};
+
+fn export_of(correction: FieldCorrection) -> ExportedCorrection {
+    ExportedCorrection {
+        compass_number: 1,
+        correction,
+        rotation_from_logged: Default::default(),
+        heading_loss_deg: [0.0; 2],
+        fitted_range_s: None,
+        held_back_score: None,
+        warnings: Vec::new(),
+    }
+}
+
+/// Verified parameters with a heading error and a loss by the symmetric matrix, degrees, of a compass with an error as
+/// logged.
+fn candidate(rms_deg: f64, as_logged_rms_deg: f64, loss_deg: f64) -> ParameterCandidate {
+    let mut solution = compass_of_flown_turns().1.module_result.solution.unwrap();
+    solution.quality.expected_rms_deg = 1.9;
+    (solution.hard_iron_change, solution.bank_scale_error) = (None, None);
+    ParameterCandidate {
+        solution,
+        is_accepted: true,
+        exported: ExportedCorrection { heading_loss_deg: [loss_deg, 0.0], ..export_of(FieldCorrection::identity()) },
+        held_back: HeldBackScore { rms_deg, as_logged_rms_deg, is_estimate: false, field_scatter_deg: 1.0 },
+    }
+}
+
+/// A gain is 0.3 deg and a fifth of the error as logged. The error is at most 2 deg, or 5 deg of which the autopilot
+/// cannot express all but 2 deg in squares.
+#[test]
+fn parameters_are_given_if_they_improve_a_compass_to_a_useful_accuracy() {
+    for (rms_deg, as_logged_rms_deg, loss_deg, expected) in [
+        (1.9, 9.0, 0.0, None),
+        (1.0, 1.25, 0.0, Some("no-gain")),
+        (1.0, 1.35, 0.0, None),
+        (1.7, 2.05, 0.0, Some("no-gain")),
+        (1.6, 2.05, 0.0, None),
+        (2.1, 9.0, 0.0, Some("inaccurate")),
+        (2.1, 9.0, 1.0, None),
+        (3.0, 9.0, 2.2, Some("inaccurate")),
+        (3.0, 9.0, 2.3, None),
+        (4.9, 9.0, 4.6, None),
+        (5.1, 9.0, 4.9, Some("inaccurate")),
+    ] {
+        let result = candidate(rms_deg, as_logged_rms_deg, loss_deg).check_usefulness(Some(1.0));
+        let code = result.as_ref().err().map(NoParameters::stable_code);
+        assert_eq!(code, expected, "{rms_deg} {as_logged_rms_deg} {loss_deg}");
+    }
+}
+
+#[test]
+fn an_unverified_fit_needs_a_reference() {
+    for (reference_sigma_deg, is_accepted, is_given) in
+        [(None, false, false), (None, true, true), (Some(0.0), false, true), (Some(0.0), true, true)]
+    {
+        let candidate = ParameterCandidate { is_accepted, ..candidate(1.0, 9.0, 0.0) };
+        let expected = if is_given { Ok(()) } else { Err(NoParameters::Unverified) };
+        assert_eq!(candidate.check_usefulness(reference_sigma_deg), expected);
+    }
+}
+
+/// The limit is 2 deg. Residuals are its reason if they are more than half of it in squares.
+#[test]
+fn uncertain_parameters_are_refused_with_the_cause() {
+    let time = DetectedHardIronChange { size_ut: 2.0, time_course: HardIronTimeCourse::Drift, duration_s: 100 };
+    let bank = BankScaleFinding { reported_bank_ratio: 0.9, significance_sigmas: 5.0 };
+    for (expected_rms_deg, by_time_deg, by_bank_deg, code) in [
+        (1.9, 1.8, 1.8, None),
+        (2.1, 0.0, 0.0, Some("unobservable")),
+        (f32::NAN, 0.0, 0.0, Some("unobservable")),
+        (2.1, 1.4, 1.4, Some("unobservable")),
+        (2.1, 1.6, 0.0, Some("the field late in the flight")),
+        (2.1, 0.0, 1.6, Some("the field in steep banks")),
+    ] {
+        let mut candidate = candidate(1.0, 9.0, 0.0);
+        candidate.solution.quality.expected_rms_deg = expected_rms_deg;
+        candidate.solution.hard_iron_change =
+            Some(Finding { violation: time, added_error_deg: by_time_deg, error_without_violation_deg: 0.0 });
+        candidate.solution.bank_scale_error =
+            Some(Finding { violation: bank, added_error_deg: by_bank_deg, error_without_violation_deg: 0.0 });
+        let refusal = candidate.check_usefulness(Some(0.0)).err();
+        let found = refusal.map(|refusal| format!("{} {refusal}", refusal.stable_code()));
+        assert_eq!(found.is_some(), code.is_some(), "{found:?}");
+        assert!(found.as_deref().unwrap_or_default().contains(code.unwrap_or_default()), "{found:?} {code:?}");
+    }
+}
+
+/// At 25 uT horizontal a current that varies by 10 A changes headings by 0.2 deg at 0.0087 uT/A.
+#[test]
+fn a_motor_interference_of_three_sigmas_and_0_2_deg_is_significant() {
+    for (ut_per_a, sigma_ut_per_a, is_significant) in [
+        ([0.0, 0.02, 0.01], 0.006, true),
+        ([0.0, -0.02, 0.01], 0.007, false),
+        ([0.006, 0.0, 0.006], 0.001, false),
+        ([0.007, 0.0, 0.006], 0.001, true),
+    ] {
+        let mut solution = candidate(1.0, 9.0, 0.0).solution;
+        (solution.calibration.total_ut, solution.calibration.inclination_rad) = (50.0, 60_f32.to_radians());
+        let motor = &mut solution.calibration.motor_current;
+        (motor.ut_per_a, motor.sigma_ut_per_a, motor.current_sigma_a) = (ut_per_a, sigma_ut_per_a, 10.0);
+        assert_eq!(is_motor_significant(&solution), is_significant, "{ut_per_a:?} {sigma_ut_per_a}");
+    }
+}
+
+/// A fifth of the rows has a field stronger by 2 %, a fifth a weaker one; others have an inclination off by 0.02 rad.
+#[test]
+fn the_scatter_of_strength_and_inclination_is_expressed_as_heading_error() {
+    let rows: Vec<ReplayRow> = (0..100_u16)
+        .map(|i| {
+            let attitude = Attitude::from_deg(f32::from(i) - 50.0, f32::from(i % 7) * 5.0 - 15.0);
+            let [stronger, steeper] = match i % 5 {
+                0 => [0.02, 0.0],
+                1 => [-0.02, 0.0],
+                2 => [0.0, 0.02],
+                3 => [0.0, -0.02],
+                _ => [0.0; 2],
+            };
+            let field = Field::<Level>::earth_field(50.0 * (1.0 + stronger), 1.0 + steeper, f32::from(i));
+            ReplayRow { attitude, raw_field: Field::new(attitude.to_body_frame(field).ut), ..level_row(0.0, 0.0) }
+        })
+        .collect();
+    let scatter = heading_scatter(&rows, &|row| row.raw_field.ut.map(f64::from));
+    let expected_deg = (0.02 * (2_f64 / 5.0).sqrt()).to_degrees() / libm::cos(1.0);
+    assert!(scatter.iter().all(|rms_deg| (rms_deg / expected_deg - 1.0).abs() < 1e-3), "{scatter:?} {expected_deg}");
+    assert!((rms_deg_by_scatter([3.0, 4.0]) - 12.5_f64.sqrt()).abs() < 1e-9);
+}
+
+#[test]
+fn a_loss_is_most_of_an_error_from_half_of_its_square_on() {
+    for (rms_deg, loss_deg, is_most) in [(1.0, 0.7, false), (1.0, 0.72, true), (4.0, 2.8, false), (4.0, 2.9, true)] {
+        assert_eq!(is_mostly_inexpressible(rms_deg, loss_deg), is_most, "{rms_deg} {loss_deg}");
+    }
+}
+
+/// The hard iron differs between the halves, and each half's parameters have that of the other. The logged field is off
+/// by 0.5 uT forward: RMS `b / H / sqrt 2` of the heading, of which strength and inclination show `b / H / 2`.
+#[test]
+fn each_half_is_scored_with_the_parameters_of_the_other() {
+    let hard_iron_ut = [Vector3::new(3.0, 1.0, 0.0), Vector3::new(0.0, -5.0, 2.0)];
+    let rows: Vec<ReplayRow> = (0..720)
+        .map(|i| {
+            let mut row = level_row(f64::from(i), f64::from(i) * 7.0);
+            row.raw_field.ut += hard_iron_ut[half_index_at(row.t_s)].map(|axis| axis as f32);
+            row.logged_field.ut.x += 0.5;
+            row
+        })
+        .collect();
+    let corrections =
+        [1, 0].map(|half| FieldCorrection { hard_iron_ut: hard_iron_ut[half], ..FieldCorrection::identity() });
+    let flight = Flight::new(LogFormat::DataFlash);
+    let score = |lost_ut: f64, has_reference: bool| {
+        let halves = corrections.map(|mut correction| {
+            correction.hard_iron_ut.x += lost_ut;
+            export_of(correction)
+        });
+        score_held_back(&flight, &rows, &halves, &corrections, ParameterFormat::ArduPilot, has_reference).unwrap()
+    };
+    let error_deg = (0.5 / LEVEL_ROW_FIELD_UT[0]).to_degrees();
+    for (lost_ut, has_reference, rms_deg, as_logged_rms_deg) in [
+        (0.0, true, 0.0, error_deg / 2_f64.sqrt()),
+        (0.5, true, error_deg / 2_f64.sqrt(), error_deg / 2_f64.sqrt()),
+        (0.0, false, 0.0, error_deg / 2.0),
+        (0.5, false, error_deg / 2_f64.sqrt(), error_deg / 2.0),
+    ] {
+        let score = score(lost_ut, has_reference);
+        assert_eq!(score.is_estimate, !has_reference);
+        // Second order of the error, and two decimals of a milligauss.
+        let differences =
+            [score.rms_deg - rms_deg, score.as_logged_rms_deg - as_logged_rms_deg, score.field_scatter_deg];
+        assert!(differences.iter().all(|difference| difference.abs() < 0.02), "{has_reference}: {score:?}");
+    }
+}
+
+/// The module reports a mounting that another flight's noise can imitate; the rows confirm only the right one.
+#[test]
+fn a_contradicted_mounting_is_reported_if_the_rows_confirm_it() {
+    let (_, mut evaluation) = compass_of_flown_turns();
+    let [yaw_90, yaw_270] = ["yaw90", "yaw270"].map(|name| Orientation::from_name(name).unwrap());
+    let sensor_from_body = yaw_90.body_from_sensor().transpose();
+    let rows: Vec<ReplayRow> = evaluation
+        .rows
+        .iter()
+        .map(|row| ReplayRow { raw_field: Field::new(sensor_from_body * row.raw_field.ut), ..*row })
+        .collect();
+    for (found, expected) in [(yaw_90, Some(yaw_90)), (yaw_270, None)] {
+        evaluation.module_result.acceptance = Err(Refusal::Solve(SolveError::MountContradicted { found }));
+        assert_eq!(found_mount(&evaluation, &rows), expected);
+    }
+    evaluation.module_result.acceptance = Ok(());
+    assert_eq!(found_mount(&evaluation, &rows), None);
+}
+
+fn choose(evaluation: &CompassEvaluation) -> Result<ExportedCorrection, NoParameters> {
+    let (flight, _) = compass_of_flown_turns();
+    choose_parameters(&flight, evaluation, Some(&ReferenceHeading::Simulator), None, ParameterFormat::ArduPilot)
+}
+
+/// The minimum is 100 rows, and 50 rows with a reference.
+#[test]
+fn parameters_need_enough_rows() {
+    let (_, mut evaluation) = compass_of_flown_turns();
+    let exported = choose(&evaluation).unwrap();
+    assert_eq!(exported.fitted_range_s, evaluation.parameter_fit.fitted_range_s);
+    let score = exported.held_back_score.unwrap();
+    // Hard iron of 9.6 uT at 31 uT horizontal: 12 deg RMS.
+    assert!(score.rms_deg < 1.0 && score.as_logged_rms_deg > 10.0 && !score.is_estimate, "{score:?}");
+    for (reference_count, is_estimate) in [(49, true), (50, false)] {
+        for row in evaluation.rows.iter_mut().filter(|row| row.is_usable).skip(reference_count) {
+            row.reference_deg = None;
+        }
+        let score = match choose(&evaluation) {
+            Ok(exported) => exported.held_back_score.unwrap(),
+            // Fifty rows are one heading, which shows no error.
+            Err(NoParameters::NoGain(score)) => score,
+            Err(rejection) => panic!("{rejection}"),
+        };
+        assert_eq!(score.is_estimate, is_estimate);
+        evaluation.rows = compass_of_flown_turns().1.rows;
+    }
+    for (row_count, is_few) in [(99, true), (100, false)] {
+        let used: Vec<f64> = evaluation.rows.iter().filter(|row| row.is_usable).map(|row| row.t_s).collect();
+        evaluation.parameter_fit.fitted_range_s = Some([used[0], used[row_count - 1]]);
+        assert_eq!(choose(&evaluation) == Err(NoParameters::FewRows(row_count)), is_few, "{row_count}");
+    }
+}
+
+/// The fit with the current replaces the one without it if its interference is significant and its error smaller.
+#[test]
+fn the_fit_with_the_current_is_used_if_it_is_better() {
+    let (_, mut evaluation) = compass_of_flown_turns();
+    let good = evaluation.parameter_fit.fit_variants[0].clone();
+    let mut bad = good.clone();
+    for half in bad.fits_of_halves.iter_mut().flatten() {
+        half.calibration.b_ut[0] += 1.0;
+    }
+    let with_current = |variant: &FitVariant, sigma_ut_per_a: f32| {
+        let mut variant = variant.clone();
+        let motor = &mut variant.fit_of_all_rows.calibration.motor_current;
+        (motor.ut_per_a, motor.sigma_ut_per_a, motor.current_sigma_a) = ([0.02, 0.0, 0.0], sigma_ut_per_a, 20.0);
+        variant
+    };
+    for (variants, is_with_current) in [
+        ([bad.clone(), with_current(&good, 0.001)], true),
+        ([bad.clone(), with_current(&good, 0.01)], false),
+        ([good.clone(), with_current(&bad, 0.001)], false),
+        ([good.clone(), with_current(&good, 0.001)], false),
+    ] {
+        evaluation.parameter_fit.fit_variants = variants.into();
+        let exported = choose(&evaluation).unwrap();
+        assert_eq!(exported.correction.motor_ut_per_a != Vector3::zeros(), is_with_current);
+    }
+}

@@ -1,0 +1,211 @@
+use super::*;
+use crate::log::NumberedRotation;
+use crate::replay::hard_iron_changes::HardIronChange;
+use crate::replay::hard_iron_step::HardIronStep;
+use crate::replay::tests::{compass_of_flown_turns, evaluation_of_compasses, level_row};
+
+const HELD_BACK: HeldBackScore =
+    HeldBackScore { rms_deg: 1.0, as_logged_rms_deg: 20.0, is_estimate: false, field_scatter_deg: 1.0 };
+
+fn held_back(rms_deg: f64) -> HeldBackScore {
+    HeldBackScore { rms_deg, field_scatter_deg: rms_deg, ..HELD_BACK }
+}
+
+/// A field that no fit corrects is a reason to replace a compass only if the flight covers headings.
+#[test]
+fn on_few_headings_no_compass_is_replaced_or_left() {
+    let action = |rms_deg, covers_headings| {
+        action_without_parameters(CompassState::Doubtful, &NoParameters::NoGain(held_back(rms_deg)), covers_headings)
+    };
+    assert_eq!((action(26.0, true), action(26.0, false)), (CompassAction::Replace, CompassAction::FlyAgain));
+    assert_eq!((action(1.0, true), action(1.0, false)), (CompassAction::LeaveUnchanged, CompassAction::FlyAgain));
+}
+
+/// A compass is replaced if no parameters help: offsets beyond the limit, a loss by the symmetric matrix, or an error of
+/// over 5 deg that the scatter of the field explains.
+#[test]
+fn the_action_without_parameters_follows_from_their_reason() {
+    let inaccurate = |rms_deg, inexpressible_error_deg| NoParameters::Inaccurate {
+        held_back: held_back(rms_deg),
+        inexpressible_error_deg,
+    };
+    let estimate = HeldBackScore { is_estimate: true, ..held_back(9.0) };
+    let by_attitude = HeldBackScore { field_scatter_deg: 4.9, ..held_back(9.0) };
+    for (compass_state, rejection, expected) in [
+        (
+            CompassState::Good,
+            NoParameters::OffsetsTooLarge { offset_mg: 2000.0, limit_mg: 1800.0 },
+            CompassAction::Replace,
+        ),
+        (CompassState::Bad, NoParameters::NoGain(held_back(4.9)), CompassAction::FlyAgain),
+        (CompassState::Bad, NoParameters::NoGain(held_back(5.1)), CompassAction::Replace),
+        (CompassState::Bad, NoParameters::NoGain(estimate), CompassAction::FlyAgain),
+        (CompassState::Bad, NoParameters::NoGain(by_attitude), CompassAction::FlyAgain),
+        (CompassState::Doubtful, NoParameters::NoGain(HELD_BACK), CompassAction::LeaveUnchanged),
+        (CompassState::Bad, inaccurate(4.0, 3.0), CompassAction::Replace),
+        (CompassState::Bad, inaccurate(4.0, 2.0), CompassAction::FlyAgain),
+        (CompassState::Bad, inaccurate(5.1, 2.0), CompassAction::Replace),
+        (CompassState::Good, NoParameters::FewRows(9), CompassAction::LeaveUnchanged),
+        (CompassState::Doubtful, NoParameters::FewRows(9), CompassAction::FlyAgain),
+        (CompassState::Bad, NoParameters::FewRows(9), CompassAction::FlyAgain),
+    ] {
+        assert_eq!(
+            action_without_parameters(compass_state, &rejection, true),
+            expected,
+            "{compass_state} {rejection:?}"
+        );
+    }
+}
+
+/// Evaluation of level flight on headings 30 deg apart, whose logged field is off by this forward, and of one change
+/// of hard iron with an effect on headings.
+fn level_evaluation(
+    sector_count: u8,
+    rows_per_sector: u8,
+    logged_error_ut: f32,
+    effect_deg: Option<f64>,
+) -> FlightEvaluation {
+    let (_, mut compass) = compass_of_flown_turns();
+    compass.rows = (0..sector_count * rows_per_sector)
+        .map(|i| {
+            // The first sector is that of -20 deg, the second that of 370 deg.
+            let heading_deg =
+                [-20.0, 370.0][usize::from(i % sector_count % 2)] + 30.0 * f64::from(i % sector_count / 2 * 2);
+            let mut row = level_row(f64::from(i), heading_deg);
+            row.logged_field.ut.x += logged_error_ut;
+            row
+        })
+        .collect();
+    compass.parameter_fit.fitted_range_s = Some([0.0, 1e3]);
+    let hard_iron_step = HardIronStep { time_s: 60.0, step_ut: [0.0, 4.0, 0.0], sigma_ut: [0.1; 3] };
+    compass.hard_iron_changes = effect_deg
+        .map(|heading_effect_deg| HardIronChange { hard_iron_step, heading_effect_deg })
+        .into_iter()
+        .collect();
+    FlightEvaluation { reference: Some(ReferenceHeading::Simulator), ..evaluation_of_compasses(vec![compass]) }
+}
+
+#[test]
+fn a_compass_is_judged_on_four_sectors_of_five_rows() {
+    for (sector_count, rows_per_sector, is_judged) in [(3, 20, false), (4, 4, false), (4, 5, true), (12, 5, true)] {
+        let evaluation = level_evaluation(sector_count, rows_per_sector, 1.0, None);
+        let rms_deg = as_logged_rms_deg(&evaluation, &evaluation.compasses[0]);
+        assert_eq!(rms_deg.is_some(), is_judged, "{sector_count} sectors of {rows_per_sector}: {rms_deg:?}");
+    }
+}
+
+/// At 25 uT horizontal an error of 1 uT bends headings by 1.6 deg RMS.
+#[test]
+fn the_state_follows_from_error_change_and_failure() {
+    let no_gain = Err(NoParameters::NoGain(HELD_BACK));
+    let parameters = |rms_deg, is_estimate| {
+        Ok(ExportedCorrection {
+            compass_number: 1,
+            correction: crate::log::FieldCorrection::identity(),
+            rotation_from_logged: NumberedRotation::default(),
+            heading_loss_deg: [0.0; 2],
+            fitted_range_s: None,
+            held_back_score: Some(HeldBackScore { is_estimate, ..held_back(rms_deg) }),
+            warnings: Vec::new(),
+        })
+    };
+    let simulator = Some(ReferenceHeading::Simulator);
+    for (error_ut, effect_deg, failure, reference, parameters, state, codes, text) in [
+        (
+            1.0,
+            None,
+            None,
+            &simulator,
+            &no_gain,
+            CompassState::Good,
+            "good-as-logged no-gain",
+            "is good already (1.62 deg RMS): leave it as it is",
+        ),
+        (
+            2.0,
+            None,
+            None,
+            &simulator,
+            &no_gain,
+            CompassState::Doubtful,
+            "error-as-logged no-gain",
+            "is off by 3.2 deg RMS; a fit is no better: 1.0 deg RMS on held-back rows: leave it as it is",
+        ),
+        (
+            4.0,
+            None,
+            None,
+            &simulator,
+            &parameters(1.0, false),
+            CompassState::Bad,
+            "error-as-logged parameters-gain",
+            "is off by 6.5 deg RMS; with these parameters 1.0: load them",
+        ),
+        (
+            4.0,
+            None,
+            None,
+            &simulator,
+            &parameters(2.1, false),
+            CompassState::Bad,
+            "error-as-logged parameters-gain",
+            "is off by 6.5 deg RMS; with these parameters 2.1, part of it what the autopilot's parameters cannot express: load them",
+        ),
+        (
+            1.0,
+            Some(4.9),
+            None,
+            &simulator,
+            &no_gain,
+            CompassState::Doubtful,
+            "iron-changed good-as-logged no-gain",
+            "has other iron around it since 60 s, by 4.0 uT, which bends headings by up to 5 deg; is off by 1.6 deg RMS; \
+          a fit is no better: 1.0 deg RMS on held-back rows: leave it as it is",
+        ),
+        (
+            1.0,
+            Some(5.1),
+            None,
+            &simulator,
+            &no_gain,
+            CompassState::Bad,
+            "iron-changed good-as-logged no-gain",
+            ": fly again",
+        ),
+        (
+            1.0,
+            None,
+            Some(LogWarning::FieldMissing(1)),
+            &simulator,
+            &no_gain,
+            CompassState::Bad,
+            "sensor-failed good-as-logged",
+            "failed: all its readings are zero",
+        ),
+        (
+            1.0,
+            None,
+            None,
+            &Some(ReferenceHeading::AutopilotYaw),
+            &parameters(1.0, true),
+            CompassState::Doubtful,
+            "no-reference parameters-gain",
+            "cannot be compared with a heading of 2 deg or better in this log; with these parameters its field is \
+          consistent to 1.0 deg, as logged to 20.0: load them",
+        ),
+    ] {
+        let evaluation =
+            FlightEvaluation { reference: reference.clone(), ..level_evaluation(12, 5, error_ut, effect_deg) };
+        let judgement = CompassJudgement::new(&evaluation, &evaluation.compasses[0], failure.clone(), parameters);
+        assert_eq!((judgement.compass_state, judgement.reason_codes().join(" ").as_str()), (state, codes));
+        assert!(judgement.to_string().contains(text), "{judgement}");
+        assert_eq!(judgement.recommended_action == CompassAction::Replace, failure.is_some());
+    }
+    let few = level_evaluation(3, 20, 1.0, None);
+    let judgement = CompassJudgement::new(&few, &few.compasses[0], None, &no_gain);
+    assert_eq!(
+        judgement.to_string(),
+        "was flown on too few headings to be judged; a fit is no better: 1.0 deg RMS on \
+                                       held-back rows: fly again"
+    );
+}
