@@ -239,7 +239,7 @@ mod tests {
     fn the_monitor_reports_a_change_of_hard_iron_in_usable_rows() {
         let (mut flight, mut compass) = compass_of_flown_turns();
         let solution = compass.module_result.solution.unwrap();
-        assert_eq!(monitored_changes_ut(&compass.rows, &flight, &solution), [Vector3::zeros(); 0]);
+        assert!(monitored_changes_ut(&compass.rows, &flight, &solution).is_empty());
         let half = compass.rows.len() / 2;
         for row in &mut compass.rows[half..] {
             row.raw_field.ut.y += 8.0;
@@ -250,8 +250,8 @@ mod tests {
         let expected_ut = Vector3::new(0.0, 8.0 / 0.92, 0.0);
         assert!(changes.last().is_some_and(|change_ut| (change_ut - expected_ut).norm() < 2.0), "{changes:?}");
         let slow_rows: Vec<ReplayRow> = compass.rows.iter().step_by(3).copied().collect();
-        assert_eq!(monitored_changes_ut(&slow_rows, &flight, &solution), [Vector3::zeros(); 0]);
+        assert!(monitored_changes_ut(&slow_rows, &flight, &solution).is_empty());
         flight.has_measured_rates = false;
-        assert_eq!(monitored_changes_ut(&compass.rows, &flight, &solution), [Vector3::zeros(); 0]);
+        assert!(monitored_changes_ut(&compass.rows, &flight, &solution).is_empty());
     }
 }

@@ -5,19 +5,7 @@ use autoswing::frames::{Attitude, Level};
 
 use super::*;
 use crate::log::LogFormat;
-use crate::replay::tests::{LEVEL_ROW_FIELD_UT, compass_of_flown_turns, level_row};
-
-fn export_of(correction: FieldCorrection) -> ExportedCorrection {
-    ExportedCorrection {
-        compass_number: 1,
-        correction,
-        rotation_from_logged: Default::default(),
-        heading_loss_deg: [0.0; 2],
-        fitted_range_s: None,
-        held_back_score: None,
-        warnings: Vec::new(),
-    }
-}
+use crate::replay::tests::{LEVEL_ROW_FIELD_UT, compass_of_flown_turns, export_of, level_row};
 
 /// Verified parameters with a heading error and a loss by the symmetric matrix, degrees, of a compass with an error as
 /// logged.

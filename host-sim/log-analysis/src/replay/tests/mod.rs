@@ -14,10 +14,11 @@ use autoswing::frames::{Attitude, Field, Level};
 use autoswing::messages::Refusal;
 
 use super::evaluation::{CompassEvaluation, EvaluationOptions, FlightEvaluation, evaluate_flight};
+use super::parameter_export::ExportedCorrection;
 use super::*;
 use crate::log::csv::FieldUnit;
 use crate::log::log_writers::encode_dataflash;
-use crate::log::{self, Flight};
+use crate::log::{self, FieldCorrection, Flight, NumberedRotation};
 use crate::numbers;
 use crate::test_flight::record_turns;
 
@@ -58,5 +59,18 @@ pub(super) fn level_row(t_s: f64, heading_deg: f64) -> ReplayRow {
         current_a: None,
         is_usable: true,
         reference_deg: Some(heading_deg),
+    }
+}
+
+/// Parameters of compass 1 with a correction in the logged mounting.
+pub(super) fn export_of(correction: FieldCorrection) -> ExportedCorrection {
+    ExportedCorrection {
+        compass_number: 1,
+        correction,
+        rotation_from_logged: NumberedRotation::default(),
+        heading_loss_deg: [0.0; 2],
+        fitted_range_s: None,
+        held_back_score: None,
+        warnings: Vec::new(),
     }
 }

@@ -3,11 +3,9 @@ use autoswing::frames::{Attitude, Field, Level};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::*;
-use crate::log::{FieldCorrection, NumberedRotation};
 use crate::numbers::square;
 use crate::replay::parameter_export::{
-    ExportedCorrection, HeldBackScore, ParameterFormat, export_correction, field_by_exported_parameters,
-    format_parameter_file,
+    HeldBackScore, ParameterFormat, export_correction, field_by_exported_parameters, format_parameter_file,
 };
 use crate::replay::symmetric_fit::heading_deg as heading_deg_with;
 use crate::score::wrap_180;
@@ -130,16 +128,8 @@ fn inavs_offsets_include_interference_at_the_mean_current() {
 }
 
 fn export_with_rotation(compass_number: u8, rotation_number: f64) -> ExportedCorrection {
-    let turned = NumberedRotation::new(rotation_number).unwrap();
-    ExportedCorrection {
-        compass_number,
-        correction: FieldCorrection::identity(),
-        rotation_from_logged: turned,
-        heading_loss_deg: [0.0; 2],
-        fitted_range_s: None,
-        held_back_score: None,
-        warnings: Vec::new(),
-    }
+    let rotation_from_logged = NumberedRotation::new(rotation_number).unwrap();
+    ExportedCorrection { compass_number, rotation_from_logged, ..export_of(FieldCorrection::identity()) }
 }
 
 fn flight_with_parameters(parameters: &[(&str, f64)]) -> Flight {

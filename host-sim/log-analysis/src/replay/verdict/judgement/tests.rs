@@ -1,8 +1,8 @@
 use super::*;
-use crate::log::NumberedRotation;
+use crate::log::FieldCorrection;
 use crate::replay::hard_iron_changes::HardIronChange;
 use crate::replay::hard_iron_step::HardIronStep;
-use crate::replay::tests::{compass_of_flown_turns, evaluation_of_compasses, level_row};
+use crate::replay::tests::{compass_of_flown_turns, evaluation_of_compasses, export_of, level_row};
 
 const HELD_BACK: HeldBackScore =
     HeldBackScore { rms_deg: 1.0, as_logged_rms_deg: 20.0, is_estimate: false, field_scatter_deg: 1.0 };
@@ -94,118 +94,77 @@ fn a_compass_is_judged_on_four_sectors_of_five_rows() {
     }
 }
 
+fn exported(rms_deg: f64, is_estimate: bool) -> ExportedCorrection {
+    let held_back_score = Some(HeldBackScore { is_estimate, ..held_back(rms_deg) });
+    ExportedCorrection { held_back_score, ..export_of(FieldCorrection::identity()) }
+}
+
+const NO_GAIN: Result<ExportedCorrection, NoParameters> = Err(NoParameters::NoGain(HELD_BACK));
+
+fn judge(
+    evaluation: &FlightEvaluation,
+    parameters: &Result<ExportedCorrection, NoParameters>,
+    failure: Option<LogWarning>,
+) -> CompassJudgement {
+    CompassJudgement::new(evaluation, &evaluation.compasses[0], failure, parameters)
+}
+
 /// At 25 uT horizontal an error of 1 uT bends headings by 1.6 deg RMS.
 #[test]
-fn the_state_follows_from_error_change_and_failure() {
-    let no_gain = Err(NoParameters::NoGain(HELD_BACK));
-    let parameters = |rms_deg, is_estimate| {
-        Ok(ExportedCorrection {
-            compass_number: 1,
-            correction: crate::log::FieldCorrection::identity(),
-            rotation_from_logged: NumberedRotation::default(),
-            heading_loss_deg: [0.0; 2],
-            fitted_range_s: None,
-            held_back_score: Some(HeldBackScore { is_estimate, ..held_back(rms_deg) }),
-            warnings: Vec::new(),
-        })
-    };
-    let simulator = Some(ReferenceHeading::Simulator);
-    for (error_ut, effect_deg, failure, reference, parameters, state, codes, text) in [
-        (
-            1.0,
-            None,
-            None,
-            &simulator,
-            &no_gain,
-            CompassState::Good,
-            "good-as-logged no-gain",
-            "is good already (1.62 deg RMS): leave it as it is",
-        ),
+fn the_state_follows_from_the_error_and_from_changes_of_hard_iron() {
+    for (error_ut, effect_deg, compass_state, reason_codes) in [
+        (1.0, None, CompassState::Good, ["good-as-logged", "no-gain"].as_slice()),
+        (2.0, None, CompassState::Doubtful, &["error-as-logged", "no-gain"]),
+        (4.0, None, CompassState::Bad, &["error-as-logged", "no-gain"]),
+        (1.0, Some(4.9), CompassState::Doubtful, &["iron-changed", "good-as-logged", "no-gain"]),
+        (1.0, Some(5.1), CompassState::Bad, &["iron-changed", "good-as-logged", "no-gain"]),
+    ] {
+        let judgement = judge(&level_evaluation(12, 5, error_ut, effect_deg), &NO_GAIN, None);
+        assert_eq!((judgement.compass_state, judgement.reason_codes().as_slice()), (compass_state, reason_codes));
+    }
+    let failed =
+        judge(&level_evaluation(12, 5, 1.0, None), &Ok(exported(1.0, false)), Some(LogWarning::FieldMissing(1)));
+    assert_eq!((failed.compass_state, failed.recommended_action), (CompassState::Bad, CompassAction::Replace));
+    assert_eq!(failed.reason_codes(), ["sensor-failed", "good-as-logged"]);
+}
+
+#[test]
+fn a_judgement_is_a_sentence_of_its_reasons_and_action() {
+    for (error_ut, effect_deg, parameters, text) in [
+        (1.0, None, NO_GAIN, "is good already (1.62 deg RMS): leave it as it is"),
         (
             2.0,
             None,
-            None,
-            &simulator,
-            &no_gain,
-            CompassState::Doubtful,
-            "error-as-logged no-gain",
+            NO_GAIN,
             "is off by 3.2 deg RMS; a fit is no better: 1.0 deg RMS on held-back rows: leave it as it is",
         ),
+        (4.0, None, Ok(exported(1.0, false)), "is off by 6.5 deg RMS; with these parameters 1.0: load them"),
         (
             4.0,
             None,
-            None,
-            &simulator,
-            &parameters(1.0, false),
-            CompassState::Bad,
-            "error-as-logged parameters-gain",
-            "is off by 6.5 deg RMS; with these parameters 1.0: load them",
-        ),
-        (
-            4.0,
-            None,
-            None,
-            &simulator,
-            &parameters(2.1, false),
-            CompassState::Bad,
-            "error-as-logged parameters-gain",
-            "is off by 6.5 deg RMS; with these parameters 2.1, part of it what the autopilot's parameters cannot express: load them",
-        ),
-        (
-            1.0,
-            Some(4.9),
-            None,
-            &simulator,
-            &no_gain,
-            CompassState::Doubtful,
-            "iron-changed good-as-logged no-gain",
-            "has other iron around it since 60 s, by 4.0 uT, which bends headings by up to 5 deg; is off by 1.6 deg RMS; \
-          a fit is no better: 1.0 deg RMS on held-back rows: leave it as it is",
+            Ok(exported(2.1, false)),
+            "is off by 6.5 deg RMS; with these parameters 2.1, part of it what the autopilot's parameters cannot \
+             express: load them",
         ),
         (
             1.0,
             Some(5.1),
-            None,
-            &simulator,
-            &no_gain,
-            CompassState::Bad,
-            "iron-changed good-as-logged no-gain",
-            ": fly again",
-        ),
-        (
-            1.0,
-            None,
-            Some(LogWarning::FieldMissing(1)),
-            &simulator,
-            &no_gain,
-            CompassState::Bad,
-            "sensor-failed good-as-logged",
-            "failed: all its readings are zero",
-        ),
-        (
-            1.0,
-            None,
-            None,
-            &Some(ReferenceHeading::AutopilotYaw),
-            &parameters(1.0, true),
-            CompassState::Doubtful,
-            "no-reference parameters-gain",
-            "cannot be compared with a heading of 2 deg or better in this log; with these parameters its field is \
-          consistent to 1.0 deg, as logged to 20.0: load them",
+            NO_GAIN,
+            "has other iron around it since 60 s, by 4.0 uT, which bends headings by up to 5 deg; is off by 1.6 deg \
+             RMS; a fit is no better: 1.0 deg RMS on held-back rows: fly again",
         ),
     ] {
-        let evaluation =
-            FlightEvaluation { reference: reference.clone(), ..level_evaluation(12, 5, error_ut, effect_deg) };
-        let judgement = CompassJudgement::new(&evaluation, &evaluation.compasses[0], failure.clone(), parameters);
-        assert_eq!((judgement.compass_state, judgement.reason_codes().join(" ").as_str()), (state, codes));
-        assert!(judgement.to_string().contains(text), "{judgement}");
-        assert_eq!(judgement.recommended_action == CompassAction::Replace, failure.is_some());
+        assert_eq!(judge(&level_evaluation(12, 5, error_ut, effect_deg), &parameters, None).to_string(), text);
     }
-    let few = level_evaluation(3, 20, 1.0, None);
-    let judgement = CompassJudgement::new(&few, &few.compasses[0], None, &no_gain);
     assert_eq!(
-        judgement.to_string(),
-        "was flown on too few headings to be judged; a fit is no better: 1.0 deg RMS on \
-                                       held-back rows: fly again"
+        judge(&level_evaluation(3, 20, 1.0, None), &NO_GAIN, None).to_string(),
+        "was flown on too few headings to be judged; a fit is no better: 1.0 deg RMS on held-back rows: fly again"
     );
+    let without_reference = FlightEvaluation { reference: None, ..level_evaluation(12, 5, 1.0, None) };
+    assert_eq!(
+        judge(&without_reference, &Ok(exported(1.0, true)), None).to_string(),
+        "cannot be compared with a heading of 2 deg or better in this log; with these parameters its field is \
+         consistent to 1.0 deg, as logged to 20.0: load them"
+    );
+    assert_eq!([CompassState::Good, CompassState::Bad].map(|state| state.to_string()), ["good", "bad"]);
 }
