@@ -10,6 +10,10 @@ const AIRSPEED_M_S: f64 = 22.0;
 const MAX_ROLL_RATE_RAD_S: f64 = 0.5;
 /// Earth field: total, microtesla, and inclination, radians.
 const EARTH: (f64, f64) = (53.0, 0.94);
+/// Horizontal component of the Earth field, microtesla: `53 cos 0.94`.
+pub const HORIZONTAL_FIELD_UT: f64 = 31.26;
+/// Soft iron: measured by true field.
+pub const SOFT_IRON: Matrix3<f64> = Matrix3::new(0.99, 0.03, -0.02, -0.02, 0.92, -0.02, -0.01, 0.02, 0.99);
 const HARD_IRON_UT: [f64; 3] = [9.6, -0.8, -0.1];
 const ATTITUDE_NOISE_RAD: f64 = 0.005;
 const FIELD_NOISE_UT: f32 = 0.2;
@@ -96,8 +100,7 @@ fn past_attitude(motions: &[FlightMotion], i: usize, steps_ago: f64) -> Vector3<
 fn measured_field_ut(euler_rad: Vector3<f64>) -> Vector3<f64> {
     let (total_ut, inclination_rad) = EARTH;
     let earth_ut = Vector3::new(total_ut * libm::cos(inclination_rad), 0.0, total_ut * libm::sin(inclination_rad));
-    let soft_iron = Matrix3::new(0.99, 0.03, -0.02, -0.02, 0.92, -0.02, -0.01, 0.02, 0.99);
-    soft_iron * Rotation3::from_euler_angles(euler_rad.x, euler_rad.y, euler_rad.z).inverse_transform_vector(&earth_ut)
+    SOFT_IRON * Rotation3::from_euler_angles(euler_rad.x, euler_rad.y, euler_rad.z).inverse_transform_vector(&earth_ut)
         + Vector3::from(HARD_IRON_UT)
 }
 

@@ -255,6 +255,59 @@ fn is_confirmed_by(estimate: &Vector3<f64>, expected: &Vector3<f64>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::replay::tests::compass_of_flown_turns;
+    use crate::test_flight::{HORIZONTAL_FIELD_UT, SOFT_IRON};
+
+    const TOTAL_UT: f64 = 50.0;
+
+    /// Changes found in the flown turns, by a flight with or without measured rates, with steps of the raw field: times,
+    /// seconds, and microtesla.
+    fn changes_by_steps(has_rates: bool, steps: &[(f64, [f32; 3])]) -> Vec<HardIronChange> {
+        let (mut flight, mut compass) = compass_of_flown_turns();
+        flight.has_measured_rates = has_rates;
+        for row in &mut compass.rows {
+            for (_, step_ut) in steps.iter().filter(|(at_s, _)| row.t_s >= *at_s) {
+                row.raw_field.ut += Vector3::from(*step_ut);
+            }
+            row.logged_field = row.raw_field;
+        }
+        let initial = solved_correction(compass.all_rows_result.solution.as_ref().unwrap());
+        find_changes(&compass.rows, &flight, &initial, TOTAL_UT)
+    }
+
+    /// Times to a second, steps to a fifth, heading effects to a fifth of those by the soft iron of the flight.
+    fn assert_changes(found: &[HardIronChange], steps: &[(f64, [f32; 3])], about: &str) {
+        assert_eq!(found.len(), steps.len(), "{about}: {found:?}");
+        for (change, (at_s, step_ut)) in found.iter().zip(steps) {
+            let step_ut = Vector3::from(*step_ut).map(f64::from);
+            let off_ut = Vector3::from(change.hard_iron_step.step_ut) - step_ut;
+            assert!((change.hard_iron_step.time_s - at_s).abs() < 1.0, "{about}: {change:?}");
+            assert!(off_ut.norm() < 0.2 * step_ut.norm(), "{about}: {change:?}");
+            let moved_ut = SOFT_IRON.try_inverse().unwrap() * step_ut;
+            let effect_deg = libm::atan(moved_ut.xy().norm() / HORIZONTAL_FIELD_UT).to_degrees();
+            assert!((change.heading_effect_deg / effect_deg - 1.0).abs() < 0.2, "{about}: {change:?} {effect_deg}");
+        }
+    }
+
+    #[test]
+    fn steps_of_hard_iron_are_found_with_their_effect_on_headings() {
+        let two_steps = [(75.0, [6.0, -4.0, 3.0]), (150.0, [-2.0, 7.0, 4.0])];
+        for (has_rates, steps) in [true, false]
+            .into_iter()
+            .flat_map(|has_rates| {
+                let single_steps = [(120.0, [6.0, -4.0, 3.0]), (60.0, [-4.0, 6.0, 3.0]), (180.0, [5.0, 5.0, -4.0])];
+                single_steps.map(|step| (has_rates, vec![step])).into_iter().chain([(has_rates, Vec::new())])
+            })
+            .chain([(true, two_steps.to_vec())])
+        {
+            assert_changes(&changes_by_steps(has_rates, &steps), &steps, &format!("{has_rates} {steps:?}"));
+        }
+    }
+
+    #[test]
+    fn a_step_of_the_strength_of_the_earths_field_is_none_of_hard_iron() {
+        assert_changes(&changes_by_steps(false, &[(120.0, [50.0, -20.0, 30.0])]), &[], "62 uT");
+    }
 
     /// Components with sigmas of 0.36, 0.27 and 0.16 uT, as estimated from noise of 0.5 uT in a simulated flight.
     #[test]

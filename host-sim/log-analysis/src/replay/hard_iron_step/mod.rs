@@ -184,24 +184,25 @@ impl StepEstimate {
         let best = sums
             .iter()
             .filter_map(|(i, matrix_after, right_side_after)| {
-                let (solution, gain, sigma) =
+                let (solution, reduction, sigma) =
                     solve_unknowns(&matrix, &right_side, matrix_after, right_side_after, &self.prior_sigmas())?;
-                Some((*i, solution, gain, sigma))
+                Some((*i, solution, reduction, sigma))
             })
             .max_by(|(_, _, a, _), (_, _, b, _)| a.total_cmp(b))?;
         let (first_row_after, solution, _, sigma) = best;
-        for row in 0..3 {
-            for column in 0..3 {
-                self.matrix[(row, column)] += solution[3 * row + column];
-            }
-        }
-        let solved_vector = |from: usize| Vector3::new(solution[from], solution[from + 1], solution[from + 2]);
-        self.hard_iron_ut += solved_vector(9);
-        self.strength_ut += solution[12];
-        self.vertical_ut += solution[13];
-        self.step_ut += solved_vector(UNKNOWNS_WITHOUT_STEP);
+        self.add_to_unknowns(&solution);
         let variance = squares / (2.0 * rows.len() as f64);
         Some((first_row_after, sigma * (variance * CORRELATED_ROWS).sqrt()))
+    }
+
+    /// Adds a vector of all unknowns.
+    fn add_to_unknowns(&mut self, change: &DVector<f64>) {
+        self.matrix += Matrix3::from_row_slice(&change.as_slice()[..9]);
+        let vector = |from: usize| Vector3::new(change[from], change[from + 1], change[from + 2]);
+        self.hard_iron_ut += vector(9);
+        self.strength_ut += change[12];
+        self.vertical_ut += change[13];
+        self.step_ut += vector(UNKNOWNS_WITHOUT_STEP);
     }
 
     /// First row after the step, by least squared residuals of the current estimates.
@@ -258,7 +259,7 @@ impl StepEstimate {
     }
 }
 
-/// Returns the unknowns, the gain over a fit without a step, and the step's standard deviation at unit residual
+/// Returns the unknowns, the reduction of squared residuals, and the step's standard deviation at unit residual
 /// variance.
 fn solve_unknowns(
     matrix: &DMatrix<f64>,
@@ -279,15 +280,13 @@ fn solve_unknowns(
     let mut sides = DVector::zeros(UNKNOWNS_WITH_STEP);
     sides.rows_mut(0, UNKNOWNS_WITHOUT_STEP).copy_from(right_side);
     sides.rows_mut(UNKNOWNS_WITHOUT_STEP, 3).copy_from(&right_side_after.rows(9, 3));
-    let common =
-        all.view((0, 0), (UNKNOWNS_WITHOUT_STEP, UNKNOWNS_WITHOUT_STEP)).into_owned().cholesky()?.solve(right_side);
     let cholesky = all.cholesky()?;
     let solved = cholesky.solve(&sides);
-    let gain = solved.dot(&sides) - common.dot(right_side);
+    let reduction = solved.dot(&sides);
     let inverse = cholesky.inverse();
     let sigma =
         Vector3::from_fn(|i, _| inverse[(UNKNOWNS_WITHOUT_STEP + i, UNKNOWNS_WITHOUT_STEP + i)].max(0.0).sqrt());
-    Some((solved, gain, sigma))
+    Some((solved, reduction, sigma))
 }
 
 #[cfg(test)]
