@@ -150,6 +150,7 @@ impl ReferenceHeading {
 mod tests {
     use super::*;
     use crate::log::LogFormat;
+    use crate::log::time_series::Series;
 
     /// A receiver at rest with these yaws, degrees, at 5 Hz.
     fn flight_with_yaws(yaws_deg: &[f32]) -> Flight {
@@ -172,12 +173,56 @@ mod tests {
         }
     }
 
+    /// Yaws of 0.1 rad a second, from 3.0 rad on at 5 Hz, in all series of a log; the best reference is taken away in turn.
+    #[test]
+    fn the_best_reference_gives_its_own_heading() {
+        let mut flight = flight_with_yaws(&[f32::NAN; 30]);
+        for i in 0..30_u8 {
+            let (t_s, turned_rad) = (f64::from(i) / 5.0, f32::from(i) * 0.02);
+            flight.attitude.push_row(t_s, [0.1, 0.2, 1.0 + turned_rad]);
+            flight.reference_heading.push_row(t_s, [2.0 + turned_rad]);
+            flight.true_attitude.push_row(t_s, [0.3, 0.4, 3.0 + turned_rad]);
+        }
+        let mut headings_rad = Vec::new();
+        while let Some(reference) = ReferenceHeading::best_reference(&flight) {
+            let heading_deg = reference.heading_deg(&flight, 1.25).unwrap();
+            assert_eq!(reference.heading_deg(&flight, 7.0), None, "{reference:?} after the log");
+            headings_rad.push((heading_deg - 0.125_f64.to_degrees()).to_radians().rem_euclid(std::f64::consts::TAU));
+            match reference {
+                ReferenceHeading::Simulator => flight.true_attitude = Series::new(),
+                ReferenceHeading::Column => flight.reference_heading = Series::new(),
+                _ => flight.attitude = Series::new(),
+            }
+        }
+        assert_eq!(headings_rad.len(), 3);
+        for (heading_rad, expected_rad) in headings_rad.into_iter().zip([3.0, 2.0, 1.0]) {
+            assert!((heading_rad - expected_rad).abs() < 1e-5, "{heading_rad} {expected_rad}");
+        }
+    }
+
+    /// A compass is judged by references that are accurate to 2 deg; the autopilot's yaw contains the compass's own errors.
+    #[test]
+    fn the_autopilots_yaw_is_compared_but_does_not_judge() {
+        for (reference, sigma_deg, difference) in [
+            (ReferenceHeading::Simulator, Some(0.0), "error"),
+            (ReferenceHeading::Column, Some(0.0), "error"),
+            (ReferenceHeading::GpsYaw, Some(1.0), "error"),
+            (ReferenceHeading::AutopilotYaw, None, "disagreement"),
+        ] {
+            assert_eq!(reference.sigma_if_accurate_deg(), sigma_deg, "{reference:?}");
+            assert_eq!(reference.difference_name(), difference, "{reference:?}");
+            let claims_accuracy = !reference.accuracy_description().contains("not accuracy");
+            assert_eq!(claims_accuracy, reference.measures_error(), "{reference:?}");
+            assert!(reference.gps_course_solution().is_none());
+        }
+    }
+
     /// Interpolated across north, but not across a gap.
     #[test]
     fn the_yaw_of_two_antennas_is_interpolated() {
         let mut flight = flight_with_yaws(&[350.0, 10.0]);
-        let north_deg = ReferenceHeading::GpsYaw.heading_deg(&flight, 0.1).unwrap();
-        assert!((north_deg.rem_euclid(360.0) + 1.0) % 360.0 < 1.01, "{north_deg}");
+        let heading_deg = ReferenceHeading::GpsYaw.heading_deg(&flight, 0.05).unwrap();
+        assert!((heading_deg.rem_euclid(360.0) - 355.0).abs() < 1e-3, "{heading_deg}");
         flight.gps.push_row(1.0, [48.0, 11.3, 500.0, 0.0, 0.0, 10.0]);
         assert_eq!(ReferenceHeading::GpsYaw.heading_deg(&flight, 0.6), None, "between 0.2 and 1 s");
     }

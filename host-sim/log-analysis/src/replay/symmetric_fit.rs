@@ -181,3 +181,71 @@ pub fn correction_parts(correction: &FieldCorrection) -> [Vector3<f64>; 3] {
     let matrix = &correction.matrix;
     [correction.hard_iron_ut, matrix.diagonal(), Vector3::new(matrix[(0, 1)], matrix[(0, 2)], matrix[(1, 2)])]
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Rotation3;
+
+    use super::*;
+    use crate::replay::tests::compass_of_flown_turns;
+
+    /// A correction that a sensor at a known mounting and a symmetric matrix express exactly is found from the identity,
+    /// whatever is fixed of it: Gauss-Newton on residuals that vanish. Headings are `f32`: 3e-5 deg.
+    #[test]
+    fn a_correction_that_the_autopilot_can_express_is_found_exactly() {
+        let (_, compass) = compass_of_flown_turns();
+        let mut calibration = compass.module_result.solution.unwrap().calibration;
+        calibration.motor_current.mean_current_a = 12.0;
+        let mounting = *Rotation3::from_euler_angles(0.0, 0.0, std::f64::consts::FRAC_PI_2).matrix();
+        for (is_diagonal, off_diagonal_entries) in [(false, [0.04, -0.03, 0.06]), (true, [0.0; 3])] {
+            let autopilot = FieldCorrection {
+                matrix: symmetric_matrix(&Vector3::new(1.08, 0.93, 1.02), &off_diagonal_entries.into()),
+                hard_iron_ut: Vector3::new(4.0, -6.0, 9.0),
+                motor_ut_per_a: Vector3::new(0.1, -0.2, 0.3),
+            };
+            let full_correction = FieldCorrection {
+                matrix: autopilot.matrix * mounting,
+                hard_iron_ut: mounting.transpose() * autopilot.hard_iron_ut,
+                motor_ut_per_a: mounting.transpose() * autopilot.motor_ut_per_a,
+            };
+            let inverse = full_correction.matrix.try_inverse().unwrap();
+            let row_of = |(i, row): (usize, &ReplayRow)| {
+                let current_a = 5.0 + (i % 7) as f32;
+                let level_field =
+                    Field::<Level>::earth_field(calibration.total_ut, calibration.inclination_rad, 0.01 * i as f32);
+                let raw = inverse * row.attitude.to_body_frame(level_field).ut.map(f64::from)
+                    + full_correction.hard_iron_ut
+                    + full_correction.motor_ut_per_a * f64::from(current_a);
+                let raw_field = Field::new(raw.map(|axis| axis as f32));
+                ReplayRow { raw_field, current_a: Some(current_a), ..*row }
+            };
+            let rows: Vec<ReplayRow> = compass.rows.iter().enumerate().map(row_of).collect();
+            let rotated = |row: &ReplayRow| {
+                let rotated = mounting * row.raw_field.ut.map(f64::from);
+                ReplayRow { raw_field: Field::new(rotated.map(|axis| axis as f32)), ..*row }
+            };
+            let rotated_rows: Vec<ReplayRow> = rows.iter().map(rotated).collect();
+            let fit = SymmetricFit {
+                rows: &rows,
+                rotated_rows: &rotated_rows,
+                mounting,
+                calibration: &calibration,
+                full_correction,
+                is_diagonal,
+            };
+            let initial = FieldCorrection { motor_ut_per_a: autopilot.motor_ut_per_a, ..FieldCorrection::identity() };
+            let found = fit.nearest_correction(initial);
+            // Headings do not observe the scale.
+            let matrix = found.matrix * (autopilot.matrix.trace() / found.matrix.trace());
+            assert!((matrix - autopilot.matrix).amax() < 1e-4, "{is_diagonal}: {matrix}");
+            assert!((found.hard_iron_ut - autopilot.hard_iron_ut).amax() < 0.01, "{is_diagonal}: {found:?}");
+            let strength_ut = |correction: &FieldCorrection| {
+                let rows = fit.rows_of_normal_flight().into_iter().map(|fitted| fitted.row);
+                let strengths =
+                    rows.chain(rotated_rows.iter().copied()).map(|row| row.corrected_field(correction).norm());
+                strengths.sum::<f64>()
+            };
+            assert!((strength_ut(&found) / strength_ut(&initial) - 1.0).abs() < 0.01, "{is_diagonal}: {found:?}");
+        }
+    }
+}

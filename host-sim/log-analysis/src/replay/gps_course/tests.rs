@@ -167,13 +167,17 @@ fn a_flight_without_a_heading_by_gps_course_is_rejected_with_its_reason() {
         (
             20.0,
             120.0,
-            |flight| flight.gps.rows_mut().iter_mut().for_each(|row| row.row_values[3] *= 1.0 + (row.t_s as f32).sin()),
+            |flight| {
+                flight.gps.rows_mut().iter_mut().for_each(|row| row.row_values[3] *= 1.0 + libm::sinf(row.t_s as f32));
+            },
             GpsCourseRejection::NoCircle,
         ),
         (
             20.0,
             120.0,
-            |flight| flight.body_rates.rows_mut().iter_mut().for_each(|row| row.row_values[2] *= -1.0),
+            |flight| {
+                flight.body_rates.rows_mut().iter_mut().for_each(|row| row.row_values[2] *= -1.0);
+            },
             GpsCourseRejection::NoseMismatch,
         ),
     ];
