@@ -75,19 +75,22 @@ pub(super) fn solve_all_rows(rows: &[ReplayRow]) -> Option<Solution> {
 /// as in flights that are mostly straight, solves the samples that the module would retain of all of them.
 pub(super) fn solve_rows(rows: &[ReplayRow], options: &ReplayOptions) -> (Option<Solution>, bool) {
     let config = instrument_config(rows);
-    let options = ReplayOptions { row_selection: RowSelection::All, ..*options };
-    let (samples, prior) = (samples_of_usable_rows(rows, config), solver_prior(&options, config));
+    let (samples, prior) = (samples_of_usable_rows(rows, config), solver_prior(options, config));
+    let outcome =
+        more_certain_outcome(solve_evenly_thinned(&samples, &prior), || solve_retained_samples(&samples, &prior));
+    (outcome.solution, outcome.acceptance.is_ok())
+}
+
+/// The outcome with the smaller expected error; the alternative is solved only if the first one is poor.
+fn more_certain_outcome(first: RunOutcome, alternative: impl FnOnce() -> RunOutcome) -> RunOutcome {
     let expected_error_deg = |outcome: &RunOutcome| {
         outcome.solution.as_ref().map_or(f32::INFINITY, |solution| solution.quality.expected_rms_deg)
     };
-    let mut outcome = solve_evenly_thinned(&samples, &prior);
-    if expected_error_deg(&outcome) > POOR_SOLVE_RMS_DEG {
-        let retained = solve_retained_samples(&samples, &prior);
-        if expected_error_deg(&retained) < expected_error_deg(&outcome) {
-            outcome = retained;
-        }
+    if expected_error_deg(&first) <= POOR_SOLVE_RMS_DEG {
+        return first;
     }
-    (outcome.solution, outcome.acceptance.is_ok())
+    let alternative = alternative();
+    if expected_error_deg(&alternative) < expected_error_deg(&first) { alternative } else { first }
 }
 
 /// Samples of the usable rows.
@@ -101,4 +104,30 @@ fn samples_of_usable_rows(rows: &[ReplayRow], config: InstrumentConfig) -> Vec<S
             std::iter::from_fn(|| instrument.next_sample()).collect::<Vec<_>>()
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::replay::tests::compass_of_flown_turns;
+
+    /// An outcome with an expected error; infinite stands for no solution.
+    fn outcome(expected_deg: f32) -> RunOutcome {
+        let mut solution = compass_of_flown_turns().1.module_result.solution.unwrap();
+        solution.quality.expected_rms_deg = expected_deg;
+        let solution = expected_deg.is_finite().then_some(solution);
+        RunOutcome { solution, acceptance: Ok(()), fitted_times_s: Vec::new(), collection_end_s: None }
+    }
+
+    /// Poor is over 2 deg.
+    #[test]
+    fn an_alternative_replaces_a_poor_solution_if_it_is_better() {
+        for (first_deg, alternative_deg, expected_deg) in
+            [(1.9, 1.0, 1.9), (2.1, 1.0, 1.0), (2.1, 3.0, 2.1), (2.1, f32::INFINITY, 2.1), (f32::INFINITY, 3.0, 3.0)]
+        {
+            let chosen = more_certain_outcome(outcome(first_deg), || outcome(alternative_deg));
+            let chosen_deg = chosen.solution.unwrap().quality.expected_rms_deg;
+            assert!((chosen_deg - expected_deg).abs() < 1e-6, "{first_deg} {alternative_deg}: {chosen_deg}");
+        }
+    }
 }

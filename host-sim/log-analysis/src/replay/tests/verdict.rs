@@ -1,3 +1,5 @@
+use autoswing::calibration::AttitudeLatency;
+
 use super::*;
 use crate::replay::log_warning::LogWarning;
 use crate::replay::parameter_export::ParameterFormat;
@@ -160,20 +162,20 @@ fn a_slow_attitude_is_reported_with_the_outcome() {
     assert!(outcome(0.33, Ok(())).starts_with("the module would have calibrated by itself at"));
 }
 
-/// A compass that the autopilot does not use is the last to decide.
+/// A compass that the autopilot does not use, or that is hardly logged, is the last to decide.
 #[test]
 fn an_unused_compass_does_not_give_the_cause_of_a_refusal() {
-    let refused = |compass_number, is_used_for_heading, expected_rms_deg| {
+    let refused = |compass_number, acceptance, expected_rms_deg| {
         let (_, mut compass) = compass_of_flown_turns();
-        compass.module_result.acceptance = match compass_number {
-            1 => REFUSED_SOLVE,
-            _ => Err(Refusal::NoSamples),
-        };
+        compass.module_result.acceptance = acceptance;
         compass.module_result.solution.as_mut().unwrap().quality.expected_rms_deg = expected_rms_deg;
-        CompassEvaluation { compass_number, is_used_for_heading, ..compass }
+        CompassEvaluation { compass_number, ..compass }
     };
-    for (is_first_used, nearest) in [(Some(false), 2), (Some(true), 1), (None, 1)] {
-        let compasses = vec![refused(1, is_first_used, 1.0), refused(2, Some(true), 2.0)];
+    for (is_first_used, first_row_count, nearest) in
+        [(Some(false), 2000, 2), (Some(true), 2000, 1), (None, 2000, 1), (Some(true), 10, 2)]
+    {
+        let mut compasses = vec![refused(1, REFUSED_SOLVE, 1.0), refused(2, Err(Refusal::NoSamples), 2.0)];
+        (compasses[0].is_used_for_heading, compasses[0].row_counts.used) = (is_first_used, first_row_count);
         let text = FlightOutcome::new(&evaluation_of_compasses(compasses)).to_string();
         assert!(text.contains(&format!("; number {nearest} came nearest: ")), "{text}");
     }
@@ -245,7 +247,10 @@ fn reports_contain_the_numbers_of_the_evaluation() {
     let (flight, mut evaluation) = FLOWN_TURNS.clone();
     evaluation.reference = Some(ReferenceHeading::Simulator);
     evaluation.compasses[0].latency = field_latency::FieldLatency { used_s: 0.0463, sigma_s: Some(0.0081) };
-    let motor = &mut evaluation.compasses[0].module_result.solution.as_mut().unwrap().calibration.motor_current;
+    let solution = evaluation.compasses[0].module_result.solution.as_mut().unwrap();
+    (solution.calibration.latency_s, solution.quality.latency) =
+        (0.05, Some(AttitudeLatency { estimate_s: 0.0521, sigma_s: 0.0043 }));
+    let motor = &mut solution.calibration.motor_current;
     (motor.mean_current_a, motor.current_sigma_a, motor.sigma_ut_per_a) = (12.34, 5.67, 0.0123);
     let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
     let compass = &evaluation.compasses[0];
@@ -268,6 +273,7 @@ fn reports_contain_the_numbers_of_the_evaluation() {
         fact("motor current"),
         "no interference that is certain (sigma 0.012 uT/A), of 12.3 A that varied by 5.7 A"
     );
+    assert_eq!(fact("attitude latency"), "52 ms more than the age of the field, sigma 4 ms");
     assert!(fact("parameters").starts_with("fitted to "), "{facts:?}");
     assert_eq!((fact("all rows, thinned"), fact("autopilot")), ("", ""));
 
@@ -288,8 +294,7 @@ fn reports_contain_the_numbers_of_the_evaluation() {
     assert_eq!(uncorrected["within_two_sigma_percent"], serde_json::Value::Null);
     let within_percent = object["module"]["smooth"]["within_two_sigma_percent"].as_f64().unwrap();
     assert!((80.0..=100.0).contains(&within_percent), "{within_percent}");
-    let found_ms = compass.module_result.solution.unwrap().quality.latency.unwrap().estimate_s * 1e3;
-    assert!((object["module"]["latency_found_ms"].as_f64().unwrap() - f64::from(found_ms)).abs() <= 0.051);
+    assert_eq!(object["module"]["latency_found_ms"], 52.1);
 }
 
 /// Facts about parameters are shown if they are to be loaded, and the result of all rows if it differs.
