@@ -161,6 +161,8 @@ mod tests {
             let outcome = module.into_outcome();
             assert_eq!((outcome.collection_end_s, outcome.acceptance.is_ok()), (ended_s, is_calibrated));
             assert_eq!(outcome.solution.is_some(), is_calibrated);
+            // The command to solve is refused with its cause.
+            assert_ne!(outcome.acceptance, Err(Refusal::NoSamples));
         }
     }
 }
