@@ -327,21 +327,27 @@ fn each_excluded_row_is_counted_by_one_cause() {
         flight.gps.push_row(t_s, [48.0, 11.0, 0.0, speed_m_s, 0.0, f32::NAN]);
     }
     flight.armed_changes = vec![(9.95, true), (54.95, false)];
-    let (_, row_counts) = build_rows(&flight, &compass_with_readings(0, 60), 0.0, None);
+    let (_, row_counts) = build_rows(&flight, &compass_with_readings(0, 62), 0.0, None);
     let expected = RowCounts {
-        readings: 600,
+        readings: 620,
+        without_attitude: 19,
         used: 371,
         excluded: 60,
-        disarmed: 40 + 50,
+        disarmed: 40 + 51,
         on_the_ground: 30 + 49,
         ..RowCounts::default()
     };
     assert_eq!(row_counts, expected);
     assert_eq!(
         row_counts.rejection_texts(),
-        ["90 disarmed", "79 on the ground", "60 excluded by the log or outside the chosen time"]
+        [
+            "91 disarmed",
+            "79 on the ground",
+            "19 without an attitude near it",
+            "60 excluded by the log or outside the chosen time"
+        ]
     );
-    assert_eq!(row_counts.main_rejection(), (90, "disarmed"));
+    assert_eq!(row_counts.main_rejection(), (91, "disarmed"));
 }
 
 /// A frozen field while the aircraft rolls; rows that are disarmed are not counted again.
