@@ -149,6 +149,10 @@ fn each_half_is_scored_with_the_parameters_of_the_other() {
             correction.hard_iron_ut.x += lost_ut;
             export_of(correction)
         });
+        let rows: Vec<ReplayRow> = rows
+            .iter()
+            .map(|row| ReplayRow { reference_deg: row.reference_deg.filter(|_| has_reference), ..*row })
+            .collect();
         score_held_back(&flight, &rows, &halves, &corrections, ParameterFormat::ArduPilot, has_reference).unwrap()
     };
     let error_deg = (0.5 / LEVEL_ROW_FIELD_UT[0]).to_degrees();
