@@ -186,7 +186,7 @@ mod tests {
         let mut rows: Vec<ReplayRow> = (0..7).map(|i| level_row(f64::from(i), 50.0 * f64::from(i))).collect();
         (rows[4].is_usable, rows[5].reference_deg) = (false, None);
         let mut offsets_deg = errors_deg.into_iter().chain([0.0, 0.0, f64::NAN]);
-        let score = score_rows(&rows, |row| Some((50.0 * row.t_s + offsets_deg.next()?, 8.0))).unwrap();
+        let score = score_rows(&rows, |row| Some((50.0 * row.t_s + offsets_deg.next()?, 6.0))).unwrap();
         assert!((score.rms_deg - 50_f64.sqrt()).abs() < 1e-9 && (score.mean_deg - 150.0).abs() < 1e-9, "{score:?}");
         assert_eq!((score.row_count, score.within_sigmas_percent), (4, [50.0, 100.0]));
         assert_eq!(score_rows(&rows[4..6], |_| Some((0.0, 1.0))), None);

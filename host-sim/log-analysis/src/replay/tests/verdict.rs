@@ -275,6 +275,8 @@ fn reports_contain_the_numbers_of_the_evaluation() {
     );
     assert_eq!(fact("attitude latency"), "52 ms more than the age of the field, sigma 4 ms");
     assert!(fact("parameters").starts_with("fitted to "), "{facts:?}");
+    let calibrated_s = compass.calibration_time_s().unwrap();
+    assert_eq!(fact("module"), format!("would have calibrated itself at {calibrated_s:.0} s of the log"));
     assert_eq!((fact("all rows, thinned"), fact("autopilot")), ("", ""));
 
     let json = verdict.json();
