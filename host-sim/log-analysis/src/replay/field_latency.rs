@@ -111,10 +111,12 @@ mod tests {
 
     /// The first linearisation is off, so several iterations are needed.
     #[test]
-    fn an_unusual_field_latency_of_0_25_s_is_estimated() {
-        let recording = record_turns(0.25);
-        let flight = log::read_flight(&mut encode_ulog(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
-        let latency = estimate_latency(&flight, &flight.compasses[0]);
-        assert!((latency.used_s - 0.25).abs() < 3.0 * latency.sigma_s.unwrap(), "{latency:?}");
+    fn an_unusual_field_latency_is_estimated() {
+        for latency_s in [0.25, 0.45] {
+            let recording = record_turns(latency_s);
+            let flight = log::read_flight(&mut encode_ulog(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
+            let latency = estimate_latency(&flight, &flight.compasses[0]);
+            assert!((latency.used_s - latency_s).abs() < 3.0 * latency.sigma_s.unwrap(), "{latency_s}: {latency:?}");
+        }
     }
 }

@@ -145,6 +145,30 @@ mod tests {
     }
 
     #[test]
+    fn a_constant_field_in_a_steady_bank_is_not_frozen() {
+        let mut rows = frozen_rows(60, 0.0, 0.0);
+        rows.iter_mut().for_each(|row| row.attitude = Attitude::from_deg(25.0, -15.0));
+        assert_eq!(frozen_intervals(&rows), []);
+    }
+
+    /// Either of the other axes shows that the field turned.
+    #[test]
+    fn an_axis_is_stuck_if_only_one_of_the_others_changes() {
+        for (axis, name) in ['x', 'y', 'z'].into_iter().enumerate() {
+            for changing in [(axis + 1) % 3, (axis + 2) % 3] {
+                // Roll and pitch hardly turn the field: at 4 deg by 3 uT.
+                let mut rows = frozen_rows(30, 4.0, 0.0);
+                for row in &mut rows {
+                    row.raw_field.ut = Vector3::new(20.0, 15.0, 30.0);
+                    row.raw_field.ut[changing] += 20.0 * libm::sinf(row.t_s as f32);
+                }
+                let found: Vec<_> = frozen_intervals(&rows).iter().map(|found| found.stuck_axis).collect();
+                assert!(found.contains(&Some(name)), "{name}, {changing}: {found:?}");
+            }
+        }
+    }
+
+    #[test]
     fn a_gap_does_not_count_as_frozen_time() {
         let mut rows = frozen_rows(8, 20.0, 0.0);
         for row in &mut rows[40..] {
@@ -181,7 +205,7 @@ mod tests {
             let mut rows = frozen_rows(30, 4.0, 0.0);
             for row in &mut rows {
                 let step_ut = if step_s.contains(&row.t_s) { 20.0 } else { 0.0 };
-                row.raw_field = Field::from_ut(20.0, step_ut + row.t_s as f32 / 30.0, 40.0);
+                row.raw_field = Field::from_ut(20.0, 5.0 + step_ut + row.t_s as f32 / 30.0, 40.0);
             }
             assert_eq!(frozen_intervals(&rows), [], "{step_s:?}");
         }

@@ -90,6 +90,8 @@ fn a_step_is_found_up_to_the_last_two_seconds_and_on_any_bank() {
         for at_s in [90.0, 160.0, 178.0] {
             let flown = rows_with_added_iron(bank_deg, 4.0, |t_s| t_s >= at_s);
             assert_steps(&jumps_found_in(&flown), &[(f64::from(at_s), 4.0)], &format!("{bank_deg} deg, {at_s} s"));
+            let [time_s] = find_jump_times_s(&flown, &FieldCorrection::identity())[..] else { panic!("{at_s}") };
+            assert!((time_s - f64::from(at_s)).abs() < 0.5, "{at_s}: {time_s}");
         }
     }
 }
@@ -217,7 +219,11 @@ fn a_fault_of_the_rates_is_no_jump() {
         for row in rows.iter_mut().filter(|row| (110.0..111.0).contains(&row.t_s)) {
             row.rates_rad_s = row.rates_rad_s.map(|[p, q, r]| [p, q, r + 0.5]);
         }
-        assert_steps(&jumps_outside(fitted_range_s, &rows), &[(80.0, 4.0), (140.0, -4.0)], "30 deg");
+        assert_steps(
+            &jumps_outside(fitted_range_s, &rows),
+            &[(80.0, 4.0), (140.0, -4.0)],
+            &format!("{fault_rad_s} rad"),
+        );
     }
 }
 
