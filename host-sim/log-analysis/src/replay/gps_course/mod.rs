@@ -232,7 +232,7 @@ fn ground_velocities(flight: &Flight) -> Vec<GroundVelocity> {
         let Gps { speed_m_s, course_deg, .. } = Gps::from_columns(row.row_values);
         let (sin, cos) = libm::sincos(f64::from(course_deg).to_radians());
         let m_s = Vector2::new(cos, sin) * f64::from(speed_m_s);
-        (m_s.x.is_finite() && m_s.y.is_finite()).then_some(GroundVelocity { t_s: row.t_s, velocity_m_s: m_s })
+        m_s.norm().is_finite().then_some(GroundVelocity { t_s: row.t_s, velocity_m_s: m_s })
     };
     flight.gps.rows().iter().filter_map(ground_velocity).collect()
 }

@@ -250,6 +250,16 @@ fn the_heading_is_integrated_from_the_rates_of_a_banked_aircraft() {
     assert_eq!(heading_integral.integrated_heading_rad(10.0), None);
 }
 
+#[test]
+fn the_scatter_of_straight_flight_is_its_rms_distance_from_the_circle() {
+    let course = GpsCourseHeading::from_fitted_circle(
+        &VelocityCircle { radius_m_s: 19.8, ..CIRCLE },
+        &velocities_at_headings(20.0, 0.0, 1.0, circle_headings(600)),
+        &velocities_on_legs(&[(2.0, 10), (122.0, 10), (242.0, 10)]),
+    );
+    assert!(course.is_ok_and(|course| (course.scatter_m_s - 0.2).abs() < 1e-9));
+}
+
 /// The limit is a wind of half the airspeed.
 #[test]
 fn a_strong_wind_is_refused() {

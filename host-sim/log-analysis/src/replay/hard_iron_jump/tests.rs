@@ -219,27 +219,39 @@ fn a_fault_of_the_rates_is_no_jump() {
         for row in rows.iter_mut().filter(|row| (110.0..111.0).contains(&row.t_s)) {
             row.rates_rad_s = row.rates_rad_s.map(|[p, q, r]| [p, q, r + 0.5]);
         }
-        assert_steps(
-            &jumps_outside(fitted_range_s, &rows),
-            &[(80.0, 4.0), (140.0, -4.0)],
-            &format!("{fault_rad_s} rad"),
-        );
+        assert_steps(&jumps_outside(fitted_range_s, &rows), &[(80.0, 4.0), (140.0, -4.0)], "30 deg");
     }
 }
 
-/// Iron that changes by 0.4 uT/s during 20 s is no jump; fields beyond it fit no longer, so that neither do jumps there.
+/// Each jump is tested with the rows up to the next one.
+#[test]
+fn jumps_eight_seconds_apart_are_both_found() {
+    let y_ut = |t_s: f32| {
+        if t_s < 100.0 {
+            0.0
+        } else if t_s < 108.0 {
+            4.0
+        } else {
+            -4.0
+        }
+    };
+    let rows = add_iron(turning_rows(20.0, 0.3, |_| 5.0), y_ut);
+    assert_steps(&jumps_found_in(&rows), &[(100.0, 4.0), (108.0, -8.0)], "8 s");
+}
+
+/// Iron that changes by 0.4 uT/s during 40 s is no jump; fields beyond it fit no longer, so that neither do jumps there,
+/// nor a jump before it if most of the rows beyond are changed.
 #[test]
 fn no_jump_is_reported_beyond_a_change_that_was_missed() {
-    let with_drift_from = |drift_s: f32, jumps_s: &[f32]| {
-        add_iron(turning_rows(30.0, 0.3, |_| 4.0), |t_s| {
+    for (drift_s, jumps_s, expected_s) in
+        [(150.0, &[80.0][..], &[80.0][..]), (100.0, &[80.0, 90.0, 160.0], &[80.0]), (112.0, &[80.0], &[])]
+    {
+        let rows = add_iron(turning_rows(30.0, 0.3, |_| 4.0), |t_s| {
             let jumps = jumps_s.iter().filter(|at_s| t_s >= **at_s).count();
-            (0.4 * (t_s - drift_s)).clamp(0.0, 8.0) + 6.0 * f32::from(jumps as u8)
-        })
-    };
-    for (drift_s, jumps_s) in [(150.0, &[80.0][..]), (100.0, &[80.0, 90.0, 160.0])] {
-        let found = jumps_found_in(&with_drift_from(drift_s, jumps_s));
-        let [only] = found[..] else { panic!("{drift_s} s: {found:?}") };
-        assert!((only.time_s - 80.0).abs() < 0.5, "{drift_s} s: {only:?}");
+            (0.4 * (t_s - drift_s)).clamp(0.0, 16.0) + 6.0 * f32::from(jumps as u8)
+        });
+        let found_s: Vec<f64> = jumps_found_in(&rows).iter().map(|step| step.time_s.round()).collect();
+        assert_eq!(found_s, expected_s, "drift from {drift_s} s, jumps at {jumps_s:?}");
     }
 }
 

@@ -223,8 +223,9 @@ impl StepEstimate {
                 reduction
             })
             .collect();
-        (MIN_ROWS_PER_SIDE..rows.len().saturating_sub(MIN_ROWS_PER_SIDE))
-            .min_by(|a, b| sums[a - 1].total_cmp(&sums[b - 1]))
+        let candidates = MIN_ROWS_PER_SIDE..rows.len().saturating_sub(MIN_ROWS_PER_SIDE);
+        let sums_before = candidates.map(|first_row_after| (first_row_after, sums[first_row_after - 1]));
+        sums_before.min_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(first_row_after, _)| first_row_after)
     }
 
     /// Derivatives of both residuals by the unknowns.
