@@ -147,7 +147,9 @@ mod tests {
     #[test]
     fn a_constant_field_in_a_steady_bank_is_not_frozen() {
         let mut rows = frozen_rows(60, 0.0, 0.0);
-        rows.iter_mut().for_each(|row| row.attitude = Attitude::from_deg(25.0, -15.0));
+        for row in &mut rows {
+            row.attitude = Attitude::from_deg(25.0, -15.0);
+        }
         assert_eq!(frozen_intervals(&rows), []);
     }
 
