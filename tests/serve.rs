@@ -505,7 +505,9 @@ fn each_piped_line_is_answered() {
     console.stdin.take().unwrap().write_all("status all\n".repeat(80).as_bytes()).unwrap();
     let Output { status, stdout, .. } = console.wait_with_output().unwrap();
     assert!(status.success());
-    assert_eq!(String::from_utf8(stdout).unwrap().matches("> status all").count(), 80);
+    let printed = String::from_utf8(stdout).unwrap();
+    assert_eq!(printed.matches("> status all").count(), 80);
+    assert!(printed.ends_with("> \n"), "{:?}", &printed[printed.len() - 20..]);
 }
 
 #[test]

@@ -368,6 +368,9 @@ impl Drop for Terminal {
             // An error cannot be reported here.
             let _ = disable_raw_mode();
         }
+        if ![0, b'\n'].contains(&self.output_end[1]) {
+            print::print_text("\n"); // The shell's prompt begins a line.
+        }
     }
 }
 
