@@ -4,8 +4,8 @@ use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::method_selection::Procedure;
 use crate::calibration::{
-    AttitudeEnvelope, Calibration, Deviation, HeadingUncertainty, Method, MotorCurrentInterference, Orientation,
-    Quality, Sample, UnobservableQuantities,
+    AttitudeEnvelope, Calibration, Deviation, HeadingUncertainty, Method, Orientation, Quality, Sample,
+    UnobservableQuantities,
 };
 use crate::collection::RetainedSamples;
 use crate::frames::{Attitude, Field, Level};
@@ -48,16 +48,15 @@ fn trial_solves_without_new_samples_run_once_a_minute() {
     assert_eq!(represented_counts, expected, "{due:?}");
 }
 
-/// A trial that reaches the accuracy with motor current, and awaits its confirmation, causes the next one within 10 s.
+/// A trial that reaches the accuracy first causes the next one within 10 s.
 #[test]
 fn an_unconfirmed_accuracy_is_tried_again_without_new_samples() {
     let intervals_s = |result: Solution| {
         let due = trial_times_in_turns(|number| (number == 14).then_some(result));
         [due[14].0 - due[13].0, due[15].0 - due[14].0].map(|interval_s| (interval_s / 10.0).round() as u8)
     };
-    assert_eq!(intervals_s(solution_with(0.9, 0.5)), [1, 6]);
-    assert_eq!(intervals_s(solution_with(1.1, 0.5)), [6, 6], "not accurate");
-    assert_eq!(intervals_s(solution_with(0.9, 0.0)), [6, 6], "ends the collection");
+    assert_eq!(intervals_s(solution_with(0.9)), [1, 6]);
+    assert_eq!(intervals_s(solution_with(1.1)), [6, 6], "not accurate");
 }
 
 fn trials_representing(represented: u8) -> TrialSolves {
@@ -102,13 +101,14 @@ fn a_collection_ends_when_accurate_or_not_improvable() {
             refusal,
         };
         let stalled = TrialResult { is_limited_by_attitude: false, is_stalled: is_at_floor, ..prospect.clone() };
-        assert_eq!(prospect.ends_collection(1.0, true), stalled.ends_collection(1.0, true), "either is a reason");
+        let is_accurate = prospect.reaches_accuracy(1.0);
+        assert_eq!(prospect.ends_collection(is_accurate), stalled.ends_collection(is_accurate), "either is a reason");
         assert_eq!(
-            prospect.ends_collection(1.0, false),
-            is_at_floor && prospect.ends_collection(1.0, true),
+            prospect.ends_collection(false),
+            is_at_floor && prospect.ends_collection(is_accurate),
             "good is not enough"
         );
-        prospect.ends_collection(1.0, true)
+        prospect.ends_collection(is_accurate)
     };
     let missing = Some(Manoeuvre::YawTurn);
     assert!(over(Some(0.99), missing, false, None) && over(Some(1.0), None, false, None));
@@ -123,7 +123,7 @@ fn a_collection_ends_when_accurate_or_not_improvable() {
     assert!(!over(Some(1.4), None, false, Some(not_better)));
 }
 
-fn solution_with(expected_rms_deg: f32, ut_per_a: f32) -> Solution {
+fn solution_with(expected_rms_deg: f32) -> Solution {
     let quality = Quality {
         method: Method::MaximumLikelihood,
         envelope: AttitudeEnvelope::Banked,
@@ -135,12 +135,8 @@ fn solution_with(expected_rms_deg: f32, ut_per_a: f32) -> Solution {
         latency: None,
         knows_inclination: true,
     };
-    let current =
-        MotorCurrentInterference { ut_per_a: [ut_per_a, 0.0, 0.0], ..MotorCurrentInterference::NO_INTERFERENCE };
-    let calibration =
-        Calibration { motor_current: current, ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) };
     Solution {
-        calibration,
+        calibration: Calibration::uncalibrated(Orientation::IDENTITY_ROTATION),
         quality,
         uncertainty: HeadingUncertainty::NO_UNCERTAINTY,
         advice: None,
@@ -150,18 +146,16 @@ fn solution_with(expected_rms_deg: f32, ut_per_a: f32) -> Solution {
 }
 
 #[test]
-fn motor_current_interference_requires_two_good_trial_solves_in_a_row() {
-    for (ut_per_a, trials_deg, ends) in [
-        (0.0, &[0.9][..], &[true][..]),
-        (0.0, &[1.1, 0.9], &[false, true]),
-        (0.5, &[0.9, 0.9], &[false, true]),
-        (0.5, &[1.1, 0.9, 0.9], &[false, false, true]),
-        (0.5, &[0.9, 1.1, 0.9, 0.9], &[false, false, false, true]),
+fn the_accuracy_must_be_reached_twice_in_a_row() {
+    for (trials_deg, ends) in [
+        (&[0.9, 0.9][..], &[false, true][..]),
+        (&[1.1, 0.9, 0.9], &[false, false, true]),
+        (&[0.9, 1.1, 0.9, 0.9], &[false, false, false, true]),
     ] {
         let mut trials = TrialSolves::NO_TRIALS;
         let ended: Vec<bool> =
-            trials_deg.iter().map(|&deg| trials.record_result(&solution_with(deg, ut_per_a), None, 1.0)).collect();
-        assert_eq!(ended, ends, "{ut_per_a} uT/A, {trials_deg:?}");
+            trials_deg.iter().map(|&deg| trials.record_result(&solution_with(deg), None, 1.0)).collect();
+        assert_eq!(ended, ends, "{trials_deg:?}");
     }
 }
 
@@ -179,7 +173,7 @@ fn ends_of_trials(trials_deg: &[f32], is_at_floor: bool) -> Vec<bool> {
             error_floor_deg: if is_at_floor { deg } else { 0.5 * deg },
             unobservable: UnobservableQuantities::default(),
         };
-        Solution { advice: Some(advice), ..solution_with(deg, 0.0) }
+        Solution { advice: Some(advice), ..solution_with(deg) }
     };
     trials_deg.iter().map(|&deg| trials.record_result(&solution(deg), None, 0.5)).collect()
 }
