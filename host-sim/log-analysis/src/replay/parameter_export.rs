@@ -77,15 +77,12 @@ pub struct ExportedCorrection {
     pub fitted_range_s: Option<[f64; 2]>,
     /// Heading error on held-back rows.
     pub held_back_score: Option<HeldBackScore>,
-    /// Warnings: parts of the solution that parameters cannot express, and values that the autopilot would reject.
+    /// Warnings: interference that parameters cannot express, and values that the autopilot would reject.
     pub warnings: Vec<String>,
 }
 
 /// ArduPilot's default of `COMPASS_OFFS_MAX`, milligauss.
 const DEFAULT_MAX_OFFSET_MG: f64 = 1800.0;
-
-/// Heading loss that causes a warning, degrees.
-const MIN_REPORTED_LOSS_DEG: f64 = 0.3;
 
 const MILLIGAUSS_PER_UT: f64 = 10.0;
 const GAUSS_PER_UT: f64 = 0.01;
@@ -151,9 +148,6 @@ pub fn export_correction(
     let exportable = symmetric_fit.nearest_correction(initial_correction);
     let lost_deg = heading_loss_deg_of(rows, &rotated_rows, &full_correction, &exportable);
     let mut warnings = Vec::new();
-    if lost_deg[0] > MIN_REPORTED_LOSS_DEG {
-        warnings.push(format!("what the autopilot cannot express costs {:.1} deg RMS", lost_deg[0]));
-    }
     if format == ParameterFormat::Inav && calibration.motor_current.is_applied() {
         warnings.push("motor-current interference cannot be expressed".to_owned());
     }
