@@ -439,7 +439,7 @@ fn faults_in_use_are_compensated_or_withhold_the_heading() {
         ("stuck-noisy", 3.0, 100.0),
         ("passing-10-1s", 0.1, 30.0),
         ("passing-10-5s", 1.5, 30.0),
-        ("passing-10-30s", 3.0, 30.0),
+        ("passing-10-30s", 2.0, 30.0),
         ("throttle-5", 1.0, 50.0),
         ("bias-2", 1.0, 20.0),
         ("late-300", 1.0, 20.0),

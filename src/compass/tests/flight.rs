@@ -2,7 +2,8 @@
 
 use super::*;
 use crate::calibration::tests::synthetic::multirotor_samples;
-use crate::calibration::{CollectionPart, Manoeuvre, Rates};
+use crate::calibration::{CollectionPart, Manoeuvre, MotorCurrent, Rates};
+use nalgebra::Vector3;
 
 /// 100 s of a multirotor, 4 samples/s: 40 s of yaw turns, then tilts to all sides.
 fn hover_samples(seed: u64) -> Vec<Sample> {
@@ -71,15 +72,24 @@ fn a_flight_collection_ends_at_the_configured_accuracy() {
 }
 
 #[test]
-fn the_accuracy_is_reached_by_two_trials_in_a_row() {
-    let (mut bench, mut good) = (TestBed::with_accuracy(1.5), 0);
-    let (outcome, _) = bench
-        .collect_with_trial_callback(&hover_samples(1), &mut |prospect| {
-            good += usize::from(prospect.expected_error_deg.is_some_and(|expected_deg| expected_deg <= 1.5));
-        })
-        .unwrap();
-    assert!(outcome.unwrap().quality.expected_rms_deg <= 1.5);
-    assert_eq!(good, 1, "the second trial ends the collection");
+fn two_successive_good_trials_are_required_with_and_without_motor_current() {
+    for ut_per_a in [0.4, 0.0] {
+        let mut samples = hover_samples(1);
+        for (number, sample) in samples.iter_mut().enumerate() {
+            let current_a = 15.0 + 5.0 * (number as f32 * 0.3).sin();
+            sample.current = MotorCurrent::from_a(Some(current_a));
+            sample.field.ut += Vector3::new(0.6, -0.7, 0.4) * ut_per_a * current_a;
+        }
+        let (mut bench, mut good) = (TestBed::with_accuracy(1.5), 0);
+        let (outcome, _) = bench
+            .collect_with_trial_callback(&samples, &mut |prospect| {
+                good += usize::from(prospect.expected_error_deg.is_some_and(|expected_deg| expected_deg <= 1.5));
+            })
+            .unwrap();
+        assert!(outcome.unwrap().quality.expected_rms_deg <= 1.5);
+        assert_eq!(bench.compass.active_record().unwrap().calibration.motor_current.is_applied(), ut_per_a > 0.0);
+        assert_eq!(good, 1, "{ut_per_a}: the second one ends the collection");
+    }
 }
 
 /// At an unreachable accuracy the trial's solution serves for sample selection; a new collection discards it.

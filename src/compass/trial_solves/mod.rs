@@ -82,8 +82,8 @@ impl TrialResult {
         self.expected_error_deg.is_some_and(|expected_error_deg| expected_error_deg <= wanted_deg)
     }
 
-    /// Whether the collection ends: wanted accuracy reached twice in a row, or no manoeuvre would help. A refusal for
-    /// missing samples continues it.
+    /// Whether the collection ends: because it is accurate, or no manoeuvre would help. A refusal for missing samples
+    /// continues it.
     fn ends_collection(&self, is_accurate: bool) -> bool {
         let cannot_improve = (self.is_limited_by_attitude || self.is_stalled) && self.missing_manoeuvre.is_none();
         let is_curable = self.refusal.as_ref().is_some_and(Refusal::is_curable_by_samples);
@@ -180,12 +180,13 @@ impl TrialSolves {
         result.is_limited_by_attitude &=
             is_settled && is_unchanged(self.best_expected_error_deg, expected_error_deg, NOTICEABLE_ERROR_RATIO);
         result.is_stalled = self.update_stalled(expected_error_deg) && is_settled;
-        let is_first = !self.last_result.as_ref().is_some_and(|last_result| last_result.reaches_accuracy(wanted_deg));
-        let is_accurate = result.reaches_accuracy(wanted_deg);
-        if is_accurate && is_first {
+        let reached_before =
+            self.last_result.as_ref().is_some_and(|last_result| last_result.reaches_accuracy(wanted_deg));
+        let is_reached = result.reaches_accuracy(wanted_deg);
+        if is_reached && !reached_before {
             self.schedule.force_next_trial();
         }
-        let is_over = result.ends_collection(is_accurate && !is_first);
+        let is_over = result.ends_collection(is_reached && reached_before);
         self.last_result = Some(result);
         is_over
     }
