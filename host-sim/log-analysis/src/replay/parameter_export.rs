@@ -7,7 +7,6 @@
 use std::fmt::Write as _;
 
 use autoswing::calibration::Calibration;
-use autoswing::frames::Field;
 use nalgebra::{Matrix3, SVD, Vector3};
 
 use super::ReplayRow;
@@ -122,7 +121,7 @@ pub fn export_correction(
     let mounting = nearest_mounting(&rotation);
     let mounting_matrix = mounting.rotation_matrix();
     let scale = total_ut.map_or(1.0, |total_ut| total_ut / f64::from(calibration.total_ut));
-    let rotated_rows: Vec<ReplayRow> = rows.iter().map(|row| row_in_rotated_axes(row, &mounting_matrix)).collect();
+    let rotated_rows: Vec<ReplayRow> = rows.iter().map(|row| row.in_rotated_axes(&mounting_matrix)).collect();
     let motor_ut_per_a = Vector3::from(calibration.motor_current.ut_per_a).map(f64::from);
     let full_correction = FieldCorrection { matrix: correction_matrix, hard_iron_ut, motor_ut_per_a };
     // INAV has no current compensation; the mean interference goes into the offsets.
@@ -180,7 +179,7 @@ pub fn field_by_exported_parameters(
     };
     let rotation_matrix = export.rotation_from_logged.rotation_matrix();
     // The orientation parameter turns the field to body axes first, so that the heading is that of the body.
-    move |row| row_in_rotated_axes(row, &rotation_matrix).corrected_field(&correction)
+    move |row| row.in_rotated_axes(&rotation_matrix).corrected_field(&correction)
 }
 
 /// INAV's `(raw - zero) 1024 / gain`, in milligauss.
@@ -208,11 +207,6 @@ fn nearest_mounting(turn: &Matrix3<f64>) -> NumberedRotation {
     let (nearest, off_deg) = NumberedRotation::nearest_to_matrix(turn);
     let is_square = nearest.rotation_matrix().iter().all(|number| (number.abs() - 0.5).abs() > 0.49);
     if is_square && off_deg < 25.0 { nearest } else { NumberedRotation::default() }
-}
-
-fn row_in_rotated_axes(row: &ReplayRow, rotation_matrix: &Matrix3<f64>) -> ReplayRow {
-    let field = rotation_matrix * row.raw_field.ut.map(f64::from);
-    ReplayRow { raw_field: Field::new(field.map(|axis| axis as f32)), ..*row }
 }
 
 /// Heading difference of two corrections over usable rows, degrees: RMS less mean, and mean.
@@ -404,6 +398,7 @@ pub fn parse_parameter_file(text: &str, base_parameters: &ParameterHistory) -> P
 
 #[cfg(test)]
 mod tests {
+    use autoswing::frames::Field;
     use nalgebra::Rotation3;
 
     use super::*;
@@ -438,6 +433,7 @@ mod tests {
         );
         assert!(polar_decomposition(&-symmetric).is_none());
     }
+
     /// A rotation of the field by 3 deg to the right lowers all headings by 3 deg. Hard iron `b` bends level headings by
     /// `b / H sin(heading)`, RMS `b / H / sqrt 2`.
     #[test]

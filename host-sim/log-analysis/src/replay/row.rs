@@ -1,7 +1,7 @@
 //! A row of simultaneous data.
 
 use autoswing::frames::{Attitude, Field, Sensor};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 use crate::log::FieldCorrection;
 
@@ -31,6 +31,13 @@ impl ReplayRow {
     #[must_use]
     pub fn down_in_body(&self) -> Vector3<f64> {
         down_in_body(self.attitude)
+    }
+
+    /// The row with its raw field in rotated axes.
+    #[must_use]
+    pub fn in_rotated_axes(&self, rotation_matrix: &Matrix3<f64>) -> Self {
+        let field = rotation_matrix * self.raw_field.ut.map(f64::from);
+        Self { raw_field: Field::new(field.map(|axis| axis as f32)), ..*self }
     }
 
     /// Corrected field, microtesla; an unknown current counts as zero.

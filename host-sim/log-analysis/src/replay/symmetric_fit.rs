@@ -220,11 +220,7 @@ mod tests {
                 ReplayRow { raw_field, current_a: Some(current_a), ..*row }
             };
             let rows: Vec<ReplayRow> = compass.rows.iter().enumerate().map(row_of).collect();
-            let rotated = |row: &ReplayRow| {
-                let rotated = mounting * row.raw_field.ut.map(f64::from);
-                ReplayRow { raw_field: Field::new(rotated.map(|axis| axis as f32)), ..*row }
-            };
-            let rotated_rows: Vec<ReplayRow> = rows.iter().map(rotated).collect();
+            let rotated_rows: Vec<ReplayRow> = rows.iter().map(|row| row.in_rotated_axes(&mounting)).collect();
             let fit = SymmetricFit {
                 rows: &rows,
                 rotated_rows: &rotated_rows,

@@ -2,6 +2,7 @@ use testkit::random::Random;
 
 use super::*;
 use crate::log::LogFormat;
+use crate::test_flight::body_rates_rad_s;
 
 /// 20 s at 10 Hz with a bank and a turn rate in the eleventh second, degrees. Zero rates would count as missing.
 fn heading_integral(bank_deg: f32, turn_deg_s: f32) -> HeadingIntegral {
@@ -226,15 +227,15 @@ fn a_flight_without_a_heading_by_gps_course_is_rejected_with_its_reason() {
 #[test]
 fn the_heading_is_integrated_from_the_rates_of_a_banked_aircraft() {
     let mut flight = Flight::new(LogFormat::ULog);
-    let (roll_rad, pitch_rad) = (0.5_f32, -0.2_f32);
+    let (roll_rad, pitch_rad) = (0.5, -0.2);
     let time_s = |i: u32| f64::from(i) * 0.1 + f64::from(i % 3) * 0.03;
     let heading_at_rad = |t_s: f64| 0.1 * t_s + 0.02 * t_s * t_s;
     for i in 0..100 {
-        let turn_rad_s = 0.1 + 0.04 * time_s(i) as f32;
-        let ((sin_roll, cos_roll), (sin_pitch, cos_pitch)) = (libm::sincosf(roll_rad), libm::sincosf(pitch_rad));
-        flight.attitude.push_row(time_s(i), [roll_rad, pitch_rad, f32::NAN]);
-        let rates_rad_s = [-sin_pitch, sin_roll * cos_pitch, cos_roll * cos_pitch].map(|part| part * turn_rad_s);
-        flight.body_rates.push_row(time_s(i), rates_rad_s);
+        let turn_rad_s = 0.1 + 0.04 * time_s(i);
+        flight.attitude.push_row(time_s(i), [roll_rad as f32, pitch_rad as f32, f32::NAN]);
+        let rates_rad_s =
+            body_rates_rad_s(&Vector3::new(roll_rad, pitch_rad, 0.0), &Vector3::new(0.0, 0.0, turn_rad_s));
+        flight.body_rates.push_row(time_s(i), rates_rad_s.map(|rate| rate as f32));
     }
     let heading_integral = HeadingIntegral::from_flight(&flight).unwrap();
     assert_eq!(heading_integral.banked_times_s.len(), 100);

@@ -5,6 +5,7 @@ use nalgebra::Matrix3;
 use testkit::random::Random;
 
 use super::*;
+use crate::test_flight::body_rates_rad_s;
 
 /// Strength, microtesla, and inclination, degrees, of the Earth's field.
 const STRENGTH_UT: f32 = 50.0;
@@ -14,14 +15,15 @@ const INCLINATION_DEG: f32 = 60.0;
 fn row_in_turn(t_s: f64, attitude: Attitude, heading_rad: f32, turn_rad_s: f32) -> ReplayRow {
     let earth = Field::earth_field(STRENGTH_UT, INCLINATION_DEG.to_radians(), heading_rad);
     let field = Field::new(attitude.to_body_frame(earth).ut);
-    let (sin_roll, cos_roll) = libm::sincosf(attitude.roll_rad);
-    let (sin_pitch, cos_pitch) = libm::sincosf(attitude.pitch_rad);
+    let [roll_rad, pitch_rad] = [attitude.roll_rad, attitude.pitch_rad].map(f64::from);
+    let rates_rad_s =
+        body_rates_rad_s(&Vector3::new(roll_rad, pitch_rad, 0.0), &Vector3::new(0.0, 0.0, turn_rad_s.into()));
     ReplayRow {
         t_s,
         raw_field: field,
         logged_field: field,
         attitude,
-        rates_rad_s: Some([-sin_pitch, sin_roll * cos_pitch, cos_roll * cos_pitch].map(|part| turn_rad_s * part)),
+        rates_rad_s: Some(rates_rad_s.map(|rate| rate as f32)),
         current_a: None,
         is_usable: true,
         reference_deg: None,

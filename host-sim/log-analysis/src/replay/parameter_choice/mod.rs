@@ -4,7 +4,6 @@
 use std::fmt;
 
 use autoswing::calibration::{Orientation, Solution, SolveError};
-use autoswing::frames::Field;
 use autoswing::messages::Refusal;
 use nalgebra::Vector3;
 
@@ -200,11 +199,8 @@ fn found_mount(evaluation: &CompassEvaluation, rows: &[ReplayRow]) -> Option<Ori
     let Err(Refusal::Solve(SolveError::MountContradicted { found })) = evaluation.result_for_report().acceptance else {
         return None;
     };
-    let body_from_sensor = found.body_from_sensor();
-    let rotated_rows: Vec<ReplayRow> = rows
-        .iter()
-        .map(|row| ReplayRow { raw_field: Field::new(body_from_sensor * row.raw_field.ut), ..*row })
-        .collect();
+    let body_from_sensor = found.body_from_sensor().map(f64::from);
+    let rotated_rows: Vec<ReplayRow> = rows.iter().map(|row| row.in_rotated_axes(&body_from_sensor)).collect();
     let (_, is_accepted) = solve_rows(&rotated_rows, &ReplayOptions::with_selection(RowSelection::All));
     is_accepted.then_some(found)
 }

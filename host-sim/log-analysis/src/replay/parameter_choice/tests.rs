@@ -1,7 +1,7 @@
 //! Choice and score of parameters: on flown turns, and on candidates with single properties.
 
 use autoswing::calibration::{BankScaleFinding, DetectedHardIronChange, Finding, HardIronTimeCourse};
-use autoswing::frames::{Attitude, Level};
+use autoswing::frames::{Attitude, Field, Level};
 
 use super::*;
 use crate::log::LogFormat;
@@ -176,12 +176,8 @@ fn each_half_is_scored_with_the_parameters_of_the_other() {
 fn a_contradicted_mounting_is_reported_if_the_rows_confirm_it() {
     let (_, mut evaluation) = compass_of_flown_turns();
     let [yaw_90, yaw_270] = ["yaw90", "yaw270"].map(|name| Orientation::from_name(name).unwrap());
-    let sensor_from_body = yaw_90.body_from_sensor().transpose();
-    let rows: Vec<ReplayRow> = evaluation
-        .rows
-        .iter()
-        .map(|row| ReplayRow { raw_field: Field::new(sensor_from_body * row.raw_field.ut), ..*row })
-        .collect();
+    let sensor_from_body = yaw_90.body_from_sensor().transpose().map(f64::from);
+    let rows: Vec<ReplayRow> = evaluation.rows.iter().map(|row| row.in_rotated_axes(&sensor_from_body)).collect();
     for (found, expected) in [(yaw_90, Some(yaw_90)), (yaw_270, None)] {
         evaluation.module_result.acceptance = Err(Refusal::Solve(SolveError::MountContradicted { found }));
         assert_eq!(found_mount(&evaluation, &rows), expected);
