@@ -385,6 +385,7 @@ mod tests {
         }
         assert!(earth_of_flight(&Flight::new(LogFormat::Csv)).is_none());
     }
+
     /// Fields of 50 uT about a mean: the limit of the range is 12.5 uT on an axis.
     #[test]
     fn a_field_has_turned_by_a_quarter_of_its_strength() {

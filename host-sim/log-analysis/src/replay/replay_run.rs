@@ -111,7 +111,7 @@ mod tests {
     use super::*;
     use crate::replay::tests::compass_of_flown_turns;
 
-    /// An outcome with an expected error; infinite stands for no solution.
+    /// An outcome with an expected error, or without a solution if the error is infinite.
     fn outcome(expected_deg: f32) -> RunOutcome {
         let mut solution = compass_of_flown_turns().1.module_result.solution.unwrap();
         solution.quality.expected_rms_deg = expected_deg;

@@ -69,6 +69,7 @@ fn a_fault_of_a_log_gives_its_own_warning_only() {
         );
     }
 }
+
 /// Warnings that a change adds to those about the flown turns.
 fn added_warnings(change: fn(&mut Flight, &mut FlightEvaluation)) -> Vec<String> {
     let (mut flight, compass) = compass_of_flown_turns();

@@ -57,8 +57,8 @@ fn the_action_without_parameters_follows_from_their_reason() {
     }
 }
 
-/// Evaluation of level flight on headings 30 deg apart, whose logged field is off by this forward, and of one change
-/// of hard iron with an effect on headings.
+/// Evaluation of level flight on headings 30 deg apart. `logged_error_ut` is added to the logged field's x component;
+/// `effect_deg` is the heading error of a change of hard iron, if there is one.
 fn level_evaluation(
     sector_count: u8,
     rows_per_sector: u8,
