@@ -11,9 +11,9 @@
 //! the measurement noise.
 //!
 //! After a detected change the covariance of hard iron is inflated isotropically by the squared innovation, because a
-//! change along the unobserved direction may be as large as along the observed ones. The variances of field and
-//! attitude states are inflated, too. Headings are not dead-reckoned by the gyro through a disturbance: tried three
-//! ways, with larger errors each time.
+//! change along the unobserved direction may be as large as along the observed ones. The variances of attitude states
+//! and, by less, of the Earth's field are inflated, too. Headings are not dead-reckoned by the gyro through a
+//! disturbance: tried three ways, with larger errors each time.
 
 mod acceleration_tilt;
 mod adaptive_noise;
@@ -63,15 +63,15 @@ pub(super) use monitor_output::MonitorOutput;
 pub(super) use monitored_calibration::MonitoredCalibration;
 use mount_turn::mount_turn_rad;
 use parameters::{
-    ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_VARIANCE_FACTOR, FIELD_DRIFT_INFLATION_FACTOR,
-    FIELD_DRIFT_TIME_S, GYRO_OFFSET_CHANGE_TIME_S, INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD, MAX_BANK_FOR_MOUNT_TURN_RAD,
+    ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_VARIANCE_FACTOR, EARTH_FIELD_SHARE_OF_CHANGE,
+    FIELD_DRIFT_INFLATION_FACTOR, FIELD_DRIFT_TIME_S, GYRO_OFFSET_CHANGE_TIME_S, INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD,
     MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON, MAX_DECAYING_MOUNT_TURN_RAD, MAX_GYRO_OFFSET_RAD_S,
     MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD,
-    MAX_INCLINATION_CHANGE_RAD, MAX_INFLATING_INNOVATION, MAX_INFLATING_TILT_RAD, MAX_MOUNT_TURN_RAD, MAX_SAMPLE_GAP_S,
-    MAX_SAMPLES_AWAITING_CURRENT, MAX_SENT_SIGMA_RAD, MAX_STRENGTH_CHANGE, MAX_WITHHELD_FOR_MOUNT_TURN_S,
-    MIN_DRIFTING_MOUNT_VARIANCE, MIN_FIELD_DRIFT, MIN_SIN_INCLINATION, POST_CHANGE_HARD_IRON_NOISE, POST_CHANGE_S,
-    POST_CHANGE_VARIANCE_INFLATION, SAMPLE_VARIANCE_FACTORS, UNKNOWN_ANGLE_VARIANCE_RAD2, UNOBSERVED_DECAY_TIME_S,
-    VARIANCE_FLOORS, state_noise,
+    MAX_INCLINATION_CHANGE_RAD, MAX_INFLATING_INNOVATION, MAX_INFLATING_TILT_RAD, MAX_LEVEL_BANK_RAD,
+    MAX_MOUNT_TURN_RAD, MAX_SAMPLE_GAP_S, MAX_SAMPLES_AWAITING_CURRENT, MAX_SENT_SIGMA_RAD, MAX_STRENGTH_CHANGE,
+    MAX_WITHHELD_FOR_MOUNT_TURN_S, MIN_DRIFTING_MOUNT_VARIANCE, MIN_FIELD_DRIFT, MIN_SIN_INCLINATION,
+    POST_CHANGE_HARD_IRON_NOISE, POST_CHANGE_S, POST_CHANGE_VARIANCE_INFLATION, SAMPLE_VARIANCE_FACTORS,
+    UNKNOWN_ANGLE_VARIANCE_RAD2, UNOBSERVED_DECAY_TIME_S, VARIANCE_FLOORS, state_noise,
 };
 
 /// The monitor. 2.3 KB.
@@ -376,8 +376,8 @@ impl Monitor {
             GateResult::Consistent { is_usable } => is_usable,
             GateResult::ChangeDetected { exceeding_residuals } => {
                 let turn_rad = mount_turn_rad(calibration, &model.calibrated_field_residual, normalised_field);
-                let is_level = sample.attitude.roll_rad.abs() < MAX_BANK_FOR_MOUNT_TURN_RAD;
-                self.inflate_covariance(model, exceeding_residuals);
+                let is_level = sample.attitude.roll_rad.abs() < MAX_LEVEL_BANK_RAD;
+                self.inflate_covariance(model, exceeding_residuals, sample.attitude.roll_rad);
                 self.attribute_to_mount_turn(turn_rad, is_level, exceeding_residuals);
                 [true; 3]
             }
@@ -418,7 +418,7 @@ impl Monitor {
         if drift_squared > MIN_FIELD_DRIFT * MIN_FIELD_DRIFT {
             let variance = FIELD_DRIFT_INFLATION_FACTOR * drift_squared * step_s / FIELD_DRIFT_TIME_S;
             self.inflate_states(&HARD_IRON_INDICES, variance);
-            if roll_rad.abs() > MAX_BANK_FOR_MOUNT_TURN_RAD {
+            if roll_rad.abs() > MAX_LEVEL_BANK_RAD {
                 self.filter.inflate_variance(MOUNT_TURN_INDEX, variance);
             }
         }
@@ -450,7 +450,12 @@ impl Monitor {
     }
 
     /// Inflates the covariance of states that can explain a detected change.
-    fn inflate_covariance(&mut self, model: &MeasurementModel, [strength, inclination, heading]: PerKind<f32>) {
+    fn inflate_covariance(
+        &mut self,
+        model: &MeasurementModel,
+        [strength, inclination, heading]: PerKind<f32>,
+        roll_rad: f32,
+    ) {
         let cos_inclination = 1.0 / sqrt(1.0 + model.tan_inclination * model.tan_inclination);
         // Field change across the horizontal component, relative to the field strength.
         let [strength, inclination, across] =
@@ -458,12 +463,16 @@ impl Monitor {
         let field = strength.max(inclination);
         let hard_iron_sigma = field.max(across);
         self.inflate_states(&HARD_IRON_INDICES, hard_iron_sigma * hard_iron_sigma);
-        self.filter.inflate_variance(STRENGTH_CHANGE_INDEX, field * field);
-        self.filter.inflate_variance(INCLINATION_CHANGE_INDEX, field * field);
+        let earth_field_sigma = EARTH_FIELD_SHARE_OF_CHANGE * field;
+        self.inflate_states(&[STRENGTH_CHANGE_INDEX, INCLINATION_CHANGE_INDEX], earth_field_sigma * earth_field_sigma);
         // A heading error is `tan(inclination)` times the tilt.
         let sin_inclination = (model.tan_inclination * cos_inclination).abs().max(MIN_SIN_INCLINATION);
         let tilt_rad = ATTITUDE_SHARE_OF_CHANGE * inclination.max(across / sin_inclination).min(MAX_INFLATING_TILT_RAD);
         self.inflate_states(&[ROLL_BIAS_INDEX, PITCH_BIAS_INDEX], tilt_rad * tilt_rad);
+        if roll_rad.abs() > MAX_LEVEL_BANK_RAD {
+            let bank_scale_error = tilt_rad / roll_rad;
+            self.filter.inflate_variance(BANK_SCALE_ERROR_INDEX, bank_scale_error * bank_scale_error);
+        }
         self.is_strength_test_failed |= strength > 0.0;
         self.post_change_remaining_s = POST_CHANGE_S;
     }
@@ -515,14 +524,14 @@ impl Monitor {
         by_field[MOUNT_TURN_INDEX] = if is_drifting { heading_jacobian[MOUNT_TURN_INDEX] } else { 0.0 };
         self.is_strength_test_failed &= self.innovation_gate.is_withholding();
         let change = measurement_model::hard_iron_change(&states);
-        // Without a detected change, attitude errors are part of the noise; hard iron may still drift.
-        let is_unchanged = self.post_change_remaining_s <= 0.0
-            && change.vector_length() < MAX_DECAYING_HARD_IRON
+        let is_as_calibrated = change.vector_length() < MAX_DECAYING_HARD_IRON
             && states[MOUNT_TURN_INDEX].abs() < MAX_DECAYING_MOUNT_TURN_RAD;
-        let sent_rad2 = if is_unchanged {
-            self.filter.projected_variance(&by_field)
+        let unsettled_share = if is_as_calibrated { self.post_change_remaining_s / POST_CHANGE_S } else { 1.0 };
+        let sent_rad2 = if unsettled_share > 0.0 {
+            (1.0 + unsettled_share * (POST_CHANGE_VARIANCE_INFLATION - 1.0)) * variance_rad2
         } else {
-            POST_CHANGE_VARIANCE_INFLATION * variance_rad2
+            // Without a detected change, attitude errors are part of the noise; hard iron may still drift.
+            self.filter.projected_variance(&by_field)
         } + self.heading_drift.variance_rad2();
         self.output = MonitorOutput {
             states,

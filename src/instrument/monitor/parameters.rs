@@ -64,7 +64,8 @@ pub(super) const POST_CHANGE_S: f32 = 60.0;
 /// Hard-iron process noise within `POST_CHANGE_S` of a detected change: 0.4 uT of 50 in a minute.
 pub(super) const POST_CHANGE_HARD_IRON_NOISE: StateNoise = random_walk_noise(0.01, 1e-6);
 
-/// Inflation of the heading variance after a detected change (dimensionless): the states may not model the change.
+/// Inflation of the heading variance at a detected change (dimensionless): the states may not model the change. It ends
+/// within `POST_CHANGE_S` if the field is as calibrated again.
 pub(super) const POST_CHANGE_VARIANCE_INFLATION: f32 = 3.0;
 
 /// Hard-iron norm below which the estimate decays: 1.5 uT of 50. A larger one is a change, and persists.
@@ -105,6 +106,10 @@ pub(super) const MAX_INFLATING_TILT_RAD: f32 = 0.3;
 /// Share of a detected change attributed to the attitude.
 pub(super) const ATTITUDE_SHARE_OF_CHANGE: f32 = 0.5;
 
+/// Share of a detected change of the field attributed to the Earth's field, which does not change suddenly. A larger
+/// share explains iron that passes by another place, and none does not follow a module that was carried there.
+pub(super) const EARTH_FIELD_SHARE_OF_CHANGE: f32 = 0.3;
+
 /// Lower limit of the sine of the inclination in the share attributed to the attitude, for the magnetic equator.
 pub(super) const MIN_SIN_INCLINATION: f32 = 0.3;
 
@@ -133,9 +138,9 @@ pub(super) const MAX_MOUNT_TURN_RAD: f32 = 0.6;
 /// repeatedly is disturbed.
 pub(super) const MAX_WITHHELD_FOR_MOUNT_TURN_S: f32 = 5.0;
 
-/// Largest bank at which a change may be a turn of the mount, radians: 10 deg. Beyond it an error of the attitude, in
-/// proportion to the bank, resembles one.
-pub(super) const MAX_BANK_FOR_MOUNT_TURN_RAD: f32 = 0.17;
+/// Largest bank of level flight, radians: 10 deg. Beyond it a change may be an error of the attitude in proportion to
+/// the bank, which resembles a turn of the mount.
+pub(super) const MAX_LEVEL_BANK_RAD: f32 = 0.17;
 
 /// Largest change of field strength: that of 2000 km.
 pub(super) const MAX_STRENGTH_CHANGE: f32 = 0.2;

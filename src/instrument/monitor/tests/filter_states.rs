@@ -57,20 +57,24 @@ fn a_mount_turn_is_assumed_only_in_the_first_5_s() {
 }
 
 /// A change that strength shows as 0.06, inclination as 0.1 and the heading as 0.4 rad: hard iron across the field is
-/// the heading's times `cos I`; a tilt error has half of the larger of inclination and heading over `tan I`.
+/// the heading's times `cos I`; a tilt error has half of the larger of inclination and heading over `tan I`, and in a
+/// bank of 0.5 rad twice that as an error in proportion to the bank. The Earth's field has 0.3 of its change.
 #[test]
 fn a_detected_change_inflates_the_states_that_explain_it() {
     // Inclination of the field; residuals; expected sigmas of hard iron, strength and inclination, attitude bias.
-    for (inclination_rad, residuals, [hard_iron, field, tilt_rad]) in [
-        (1.0_f32, [0.06, 0.1, 0.4], [0.216_12, 0.1, 0.128_42]),
-        (-1.0, [0.06, 0.1, 0.4], [0.216_12, 0.1, 0.128_42]),
-        (1.0, [0.06, 0.1, 0.0], [0.1, 0.1, 0.05]),
-        (1.0, [0.2, 0.1, 0.0], [0.2, 0.2, 0.05]),
+    for (roll_rad, (inclination_rad, residuals, [hard_iron, field, tilt_rad])) in [
+        (1.0_f32, [0.06, 0.1, 0.4], [0.216_12, 0.03, 0.128_42]),
+        (-1.0, [0.06, 0.1, 0.4], [0.216_12, 0.03, 0.128_42]),
+        (1.0, [0.06, 0.1, 0.0], [0.1, 0.03, 0.05]),
+        (1.0, [0.2, 0.1, 0.0], [0.2, 0.06, 0.05]),
         // Limits: half the field, 17 deg of tilt.
-        (1.0, [0.9, 0.0, 3.0], [0.5, 0.5, 0.15]),
+        (1.0, [0.9, 0.0, 3.0], [0.5, 0.15, 0.15]),
         // At the magnetic equator the share of the attitude is that of 17 deg of inclination.
         (0.0, [0.0, 0.0, 0.06], [0.06, 0.0, 0.1]),
-    ] {
+    ]
+    .into_iter()
+    .flat_map(|case| [0.0, 0.16, 0.5, -0.5].map(|roll_rad| (roll_rad, case)))
+    {
         let mut monitor = Monitor::new(SensorErrorSigmas::DEFAULT);
         let states = *monitor.filter.mean();
         let monitor_sample = MonitorSample {
@@ -82,14 +86,18 @@ fn a_detected_change_inflates_the_states_that_explain_it() {
         let model =
             MeasurementModel::new(&monitor_sample, &states, &PredictedField::new(&states, inclination_rad, None));
         let before = state_variances(&monitor);
-        monitor.inflate_covariance(&model, residuals);
+        monitor.inflate_covariance(&model, residuals, roll_rad);
         let added: StateVector = array::from_fn(|i| sqrt((state_variances(&monitor)[i] - before[i]).max(0.0)));
         let mut expected = [0.0; STATE_COUNT];
         expected[..3].fill(hard_iron);
         expected[STRENGTH_CHANGE_INDEX..=INCLINATION_CHANGE_INDEX].fill(field);
         expected[ROLL_BIAS_INDEX..=PITCH_BIAS_INDEX].fill(tilt_rad);
+        expected[BANK_SCALE_ERROR_INDEX] = if roll_rad.abs() > 0.17 { 2.0 * tilt_rad } else { 0.0 };
         for (i, (added, expected)) in added.into_iter().zip(expected).enumerate() {
-            assert!((added - expected).abs() < 2e-4, "{inclination_rad} {residuals:?}: {i}: {added}, not {expected}");
+            assert!(
+                (added - expected).abs() < 2e-4,
+                "{roll_rad} {inclination_rad} {residuals:?}: {i}: {added}, not {expected}"
+            );
         }
         assert_eq!(monitor.is_strength_test_failed, residuals[0] > 0.0);
         assert!((monitor.post_change_remaining_s - 60.0).abs() < 1e-6);
@@ -200,6 +208,23 @@ fn a_remaining_change_inflates_the_heading_variance() {
     for (state, value) in [(HARD_IRON_CHANGE_INDEX, 0.05), (HARD_IRON_CHANGE_INDEX, -0.05), (MOUNT_TURN_INDEX, 0.06)] {
         assert!(sigma_deg(state, value) > 1.5 * unchanged_deg, "{state} {value}: {unchanged_deg}");
     }
+}
+
+/// Threefold at the detection, once the minute is over as before it.
+#[test]
+fn the_inflation_after_a_change_ends_within_a_minute() {
+    let heading_variance_rad2 = |remaining_s| {
+        let mut flight = Flight::new(3);
+        flight.fly_seconds(90);
+        flight.monitor.post_change_remaining_s = remaining_s;
+        flight.fly_sample().unwrap();
+        flight.monitor.monitor_output().heading_variance_rad2
+    };
+    let [begin, middle, end] = [60.0, 30.0, 0.2].map(heading_variance_rad2);
+    assert!(
+        (middle / begin - 2.0 / 3.0).abs() < 0.05 && (end / begin - 1.0 / 3.0).abs() < 0.05,
+        "{begin} {middle} {end}"
+    );
 }
 
 /// A drift of 0.01 of the field per minute adds twice its square per minute to hard iron and, banked, the mount.
