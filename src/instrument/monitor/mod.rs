@@ -17,6 +17,7 @@
 
 mod acceleration_tilt;
 mod adaptive_noise;
+mod coefficient_variance;
 mod coordinated_turn;
 mod heading_drift;
 mod innovation_gate;
@@ -47,6 +48,7 @@ use crate::trig;
 use crate::trig::{VectorLength as _, sqrt};
 use acceleration_tilt::AccelerationTilt;
 use adaptive_noise::{AdaptiveNoise, SampleNoise};
+use coefficient_variance::CoefficientVarianceFactor;
 use coordinated_turn::CoordinatedTurn;
 use heading_drift::{GyroOffsetEstimate, HeadingDrift};
 use innovation_gate::{GateResult, Innovation, InnovationGate, PerKind};
@@ -82,8 +84,7 @@ pub(super) struct Monitor {
     adaptive_noise: Option<AdaptiveNoise>,
     innovation_gate: InnovationGate,
     is_strength_test_failed: bool,
-    /// Largest measurement variance due to coefficient errors in the last sample.
-    largest_coefficient_variance: f32,
+    coefficient_variance_factor: CoefficientVarianceFactor,
     /// Remaining time of increased hard-iron process noise, seconds.
     post_change_remaining_s: f32,
     coordinated_turn: CoordinatedTurn,
@@ -128,7 +129,7 @@ impl Monitor {
             adaptive_noise: None,
             innovation_gate: InnovationGate::NO_INNOVATIONS,
             is_strength_test_failed: false,
-            largest_coefficient_variance: 0.0,
+            coefficient_variance_factor: CoefficientVarianceFactor::INITIAL,
             post_change_remaining_s: 0.0,
             coordinated_turn: CoordinatedTurn::EMPTY,
             last_gyro_error_row: None,
@@ -297,6 +298,9 @@ impl Monitor {
         let variances = self.measurement_variances(monitored, sample, &model, normalised_field, step_s);
         let measurements = model.measurements(&predicted, sample, variances);
         self.adapt_noise_to_residuals(monitored, &measurements, step_s);
+        let [strength, inclination, _] = &measurements;
+        let residuals = [strength, inclination].map(|measured| measured.as_ref().map(|measured| measured.residual));
+        self.coefficient_variance_factor.update_means(residuals, sample.euler_rates.heading_rad_s * step_s);
         let is_usable =
             self.test_innovations(monitored.calibration, sample, &model, &measurements, normalised_field, step_s);
         if let Some(gyro_heading) = gyro_heading {
@@ -333,7 +337,7 @@ impl Monitor {
         let by_coefficients = model
             .field_jacobians()
             .map(|jacobian| monitored.uncertainty.variance_from_coefficients(&jacobian, normalised_field));
-        self.largest_coefficient_variance = by_coefficients.into_iter().fold(0.0, f32::max);
+        self.coefficient_variance_factor.variances = by_coefficients;
         array::from_fn(|kind| {
             SAMPLE_VARIANCE_FACTORS[kind] * by_sample[kind]
                 + VARIANCE_FLOORS[kind]
@@ -535,6 +539,7 @@ impl Monitor {
         } + self.heading_drift.variance_rad2();
         self.output = MonitorOutput {
             states,
+            coefficient_variance_factor: self.coefficient_variance_factor.variance_factor(),
             heading_variance_rad2: sent_rad2,
             sample_noise: self.output_noise(monitored.sample_noise()),
             heading_rate_error: self.heading_rate_error(),
@@ -576,7 +581,7 @@ impl Monitor {
         let sigma =
             HARD_IRON_INDICES.map(|axis| sqrt(self.filter.state_variance(axis))).into_iter().fold(0.0, f32::max);
         // Errors of the coefficients resemble changed hard iron.
-        let sigma_with_coefficients = sqrt(sigma * sigma + self.largest_coefficient_variance);
+        let sigma_with_coefficients = sqrt(sigma * sigma + self.coefficient_variance_factor.largest_variance());
         let is_significant =
             self.hard_iron_detector.update_detection(size, sigma_with_coefficients, is_withholding, step_s);
         (is_significant && size <= MAX_HARD_IRON_CHANGE).then(|| {

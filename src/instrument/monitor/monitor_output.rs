@@ -21,6 +21,8 @@ use crate::trig::{sin_cos, sqrt};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct MonitorOutput {
     pub(super) states: StateVector,
+    /// Factor on the variance that the coefficients cause in a heading.
+    pub(super) coefficient_variance_factor: f32,
     /// Heading variance due to the states' covariance, square radians.
     pub heading_variance_rad2: f32,
     pub(super) sample_noise: Option<SampleNoise>,
@@ -37,6 +39,7 @@ pub(crate) struct MonitorOutput {
 impl MonitorOutput {
     pub const INITIAL: Self = Self {
         states: [0.0; STATE_COUNT],
+        coefficient_variance_factor: 1.0,
         heading_variance_rad2: 0.0,
         sample_noise: None,
         heading_rate_error: HeadingRateError::ZERO_ERROR,
@@ -66,7 +69,7 @@ impl MonitorOutput {
             || innovation_rad * innovation_rad <= READING_GATE_SIGMAS * READING_GATE_SIGMAS * variance_rad2
     }
 
-    /// Calibration and noise corrected by the estimated states. The change of hard iron converts to sensor axes,
+    /// Calibration and its uncertainty, corrected by the estimated states and variances. The change of hard iron converts to sensor axes,
     /// `W (m - b) - beta F = W (m - (b + W^-1 beta F))`; the turn in the mount becomes part of both,
     /// `W (R m - b) = W R (m - R^T b)`.
     #[inline(never)]
@@ -86,11 +89,11 @@ impl MonitorOutput {
             total_ut: calibration.total_ut * (1.0 + self.states[STRENGTH_CHANGE_INDEX]),
             ..*calibration
         };
-        let noise = self.sample_noise.map_or(*uncertainty, |noise| HeadingUncertainty {
-            relative_sensor_sigma: sqrt(noise.strength_variance * f32::from(readings_per_sample)),
-            attitude_sigma_rad: sqrt(noise.tilt_variance_rad2),
-            ..*uncertainty
-        });
-        (corrected, noise)
+        let mut adapted = uncertainty.with_scaled_covariance(self.coefficient_variance_factor);
+        if let Some(noise) = self.sample_noise {
+            adapted.relative_sensor_sigma = sqrt(noise.strength_variance * f32::from(readings_per_sample));
+            adapted.attitude_sigma_rad = sqrt(noise.tilt_variance_rad2);
+        }
+        (corrected, adapted)
     }
 }

@@ -62,7 +62,7 @@ fn coefficient_errors_are_not_reported_as_hard_iron() {
     for (coefficient_sigma, is_reported) in [(0.01_f32, true), (0.03, false)] {
         let mut monitor =
             Monitor { filter: UdFilter::new(&[0.01; STATE_COUNT]), ..Monitor::new(SensorErrorSigmas::DEFAULT) };
-        monitor.largest_coefficient_variance = coefficient_sigma.powi(2);
+        monitor.coefficient_variance_factor.variances[1] = coefficient_sigma.powi(2);
         let change = monitor.detect_change(&Vector3::new(0.0, 0.1, 0.0), TOTAL_UT, 20.0);
         assert_eq!(change.is_some(), is_reported, "{coefficient_sigma}");
     }
@@ -204,17 +204,16 @@ fn estimated_changes_are_applied_to_the_calibration() {
         total_ut: 50.0,
         ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)
     };
-    let monitored = MonitoredCalibration {
-        calibration: &calibration,
-        uncertainty: &HeadingUncertainty::NO_UNCERTAINTY,
-        readings_per_sample: 4,
-    };
+    let uncertainty = HeadingUncertainty { reduced_covariance: [[1e-4; 10]; 6], ..HeadingUncertainty::NO_UNCERTAINTY };
+    let monitored =
+        MonitoredCalibration { calibration: &calibration, uncertainty: &uncertainty, readings_per_sample: 4 };
     let mut states = [0.0; STATE_COUNT];
     states[..3].copy_from_slice(&[0.02, -0.04, 0.06]);
     (states[STRENGTH_CHANGE_INDEX], states[INCLINATION_CHANGE_INDEX]) = (0.1, -0.05);
     let variances = Some(SampleNoise { strength_variance: 1e-4, tilt_variance_rad2: 4e-4 });
     let (found, adapted) =
-        MonitorOutput { states, sample_noise: variances, ..MonitorOutput::INITIAL }.correct_calibration(&monitored);
+        MonitorOutput { states, coefficient_variance_factor: 0.5, sample_noise: variances, ..MonitorOutput::INITIAL }
+            .correct_calibration(&monitored);
     let field = Field::from_ut(20.0, -10.0, 30.0);
     let moved = calibration.calibrated_field(field).ut - found.calibrated_field(field).ut;
     assert!((moved - Vector3::new(1.0, -2.0, 3.0)).norm() < 1e-4, "{moved}");
@@ -222,5 +221,6 @@ fn estimated_changes_are_applied_to_the_calibration() {
     // The mean of four readings has half the sigma of one.
     assert!((adapted.relative_sensor_sigma - 0.02).abs() < 1e-6 && (adapted.attitude_sigma_rad - 0.02).abs() < 1e-6);
     let unchanged = MonitorOutput::INITIAL.correct_calibration(&monitored);
-    assert_eq!(unchanged, (calibration, HeadingUncertainty::NO_UNCERTAINTY));
+    assert_eq!(adapted.reduced_covariance, [[5e-5; 10]; 6]);
+    assert_eq!(unchanged, (calibration, uncertainty));
 }
