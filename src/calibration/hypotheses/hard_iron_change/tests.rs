@@ -343,6 +343,37 @@ fn both_significance_thresholds_must_be_exceeded() {
 const STEADY_SAMPLE: Sample =
     Sample::new(Field::from_ut(0.0, 0.0, 0.0), crate::frames::Attitude { roll_rad: 0.0, pitch_rad: 0.0 });
 
+/// The best step is the largest of many, so a linkage is preferred that has nearly its significance.
+#[test]
+fn a_step_must_exceed_a_linkage_by_a_tenth() {
+    let (mut scan, information) = Case::new(PAYLOAD_CHANGE_UT, 60_000).scanned();
+    let mut estimate_with_best = |best_estimate| {
+        scan.best_estimate = best_estimate;
+        scan.test_time_course(&information.linear_system, TestedTimeCourse::LoadFactor);
+        scan.best_estimate.unwrap()
+    };
+    let linkage = estimate_with_best(None);
+    for (ratio, expected) in [(1.05, linkage.tested_time_course), (1.15, TestedTimeCourse::Step(1))] {
+        let significance = ratio * linkage.significance;
+        let step = ChangeEstimate { tested_time_course: TestedTimeCourse::Step(1), significance, ..linkage };
+        assert_eq!(estimate_with_best(Some(step)).tested_time_course, expected, "{ratio}");
+    }
+}
+
+#[test]
+fn both_passes_together_confirm_iron_in_a_linkage() {
+    let is_confirmed = |tested_time_course, significance, size_ut, total_significance| {
+        let estimate = ChangeEstimate { tested_time_course, beta: Vector3::zeros(), significance };
+        is_linkage_significant(&estimate, size_ut, [total_significance, 0.0])
+    };
+    let load = |first, size_ut, total| is_confirmed(TestedTimeCourse::LoadFactor, first, size_ut, total);
+    assert!(load(201.0, 19.9, 12.1));
+    assert!(!load(199.0, 19.9, 12.1) && !load(201.0, 20.1, 12.1) && !load(201.0, 19.9, 11.9));
+    for time_course in [TestedTimeCourse::Step(1), TestedTimeCourse::Drift, TestedTimeCourse::Hysteresis] {
+        assert!(!is_confirmed(time_course, 1e3, 5.0, 1e3));
+    }
+}
+
 #[test]
 fn fraction_of_the_change_at_a_time() {
     let span = TimeSpan { start: WrappingMillis::new(u32::MAX - 999), duration_ms: 4_000 };
