@@ -443,7 +443,7 @@ fn faults_in_use_are_compensated_or_withhold_the_heading() {
         ("throttle-5", 1.0, 50.0),
         ("bias-2", 1.0, 20.0),
         ("late-300", 1.0, 20.0),
-        ("lean-70", 1.4, 20.0),
+        ("lean-70", 0.3, 5.0),
         ("ferry", 0.0, 5.0),
     ] {
         for row in run_plan(IntegrityPlan { flights_per_case: 12, ..TEST_PLAN }, &[case]) {

@@ -7,8 +7,6 @@
 
 use core::f32::consts::TAU;
 
-use super::innovation_gate::PerKind;
-
 /// Turn with whose exponential the means are taken, radians: a circle shows an error on all headings.
 const MEMORY_RAD: f32 = TAU;
 
@@ -23,8 +21,6 @@ const MIN_FACTOR: f32 = 0.25;
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CoefficientVarianceFactor {
-    /// Variances that the coefficients' covariance predicts for the last sample.
-    pub variances: PerKind<f32>,
     /// Means for strength and inclination; `None` before the first sample.
     means: Option<[ResidualMeans; 2]>,
 }
@@ -38,13 +34,12 @@ struct ResidualMeans {
 }
 
 impl CoefficientVarianceFactor {
-    pub const INITIAL: Self = Self { variances: [0.0; 3], means: None };
+    pub const INITIAL: Self = Self { means: None };
 
-    /// Adds the residuals of strength and inclination (radians) after a turn since the last sample.
-    pub fn update_means(&mut self, residuals: [Option<f32>; 2], turned_rad: f32) {
+    /// Adds the residuals of strength and inclination (radians), and the variances that the coefficients' covariance
+    /// predicts for them, after a turn since the last sample.
+    pub fn update_means(&mut self, residuals: [Option<f32>; 2], variances: [f32; 2], turned_rad: f32) {
         let weight = turned_rad.abs() / (MEMORY_RAD + turned_rad.abs());
-        let [strength, inclination, _] = self.variances;
-        let variances = [strength, inclination];
         let means =
             self.means.get_or_insert_with(|| variances.map(|variance| ResidualMeans { square: variance, variance }));
         for ((mean, residual), variance) in means.iter_mut().zip(residuals).zip(variances) {
@@ -61,10 +56,6 @@ impl CoefficientVarianceFactor {
         let ratios = self.means.map(|means| means.map(|mean| (mean.square / mean.variance).min(1.0)));
         ratios.map_or(1.0, |[strength, inclination]| strength.max(inclination).max(MIN_FACTOR))
     }
-
-    pub fn largest_variance(&self) -> f32 {
-        self.variances.into_iter().fold(0.0, f32::max)
-    }
 }
 
 #[cfg(test)]
@@ -73,11 +64,10 @@ mod tests {
 
     /// Factor after turning with constant residuals, in predicted sigmas, at 10 Hz and 15 deg/s.
     fn factor_after(residual_sigmas: [Option<f32>; 2], circles: f32) -> f32 {
-        let mut factor =
-            CoefficientVarianceFactor { variances: [1e-4, 4e-4, 0.0], ..CoefficientVarianceFactor::INITIAL };
+        let mut factor = CoefficientVarianceFactor::INITIAL;
         let residuals = [residual_sigmas[0].map(|n| 0.01 * n), residual_sigmas[1].map(|n| -0.02 * n)];
         for _ in 0..(circles * 240.0) as u32 {
-            factor.update_means(residuals, TAU / 240.0);
+            factor.update_means(residuals, [1e-4, 4e-4], TAU / 240.0);
         }
         factor.variance_factor()
     }
@@ -102,9 +92,9 @@ mod tests {
     /// A disturbance is forgotten in four circles: ln(4 / 0.25) = 2.8.
     #[test]
     fn a_disturbance_raises_the_factor_for_some_circles() {
-        let mut factor = CoefficientVarianceFactor { variances: [1e-4; 3], ..CoefficientVarianceFactor::INITIAL };
+        let mut factor = CoefficientVarianceFactor::INITIAL;
         let mut turn = |residual: f32, circles: u32| {
-            (0..240 * circles).for_each(|_| factor.update_means([Some(residual); 2], -TAU / 240.0));
+            (0..240 * circles).for_each(|_| factor.update_means([Some(residual); 2], [1e-4; 2], -TAU / 240.0));
             factor.variance_factor()
         };
         assert!(turn(0.001, 4) < 0.251);
@@ -115,7 +105,7 @@ mod tests {
     #[test]
     fn coefficients_without_variance_keep_their_factor() {
         let mut factor = CoefficientVarianceFactor::INITIAL;
-        (0..1000).for_each(|_| factor.update_means([Some(0.0); 2], 0.1));
+        (0..1000).for_each(|_| factor.update_means([Some(0.0); 2], [0.0; 2], 0.1));
         assert!((factor.variance_factor() - 1.0).abs() < 1e-6);
     }
 }

@@ -8,7 +8,7 @@
 //! includes the filter's covariance. Innovations beyond the gates suppress the heading.
 //!
 //! The covariance is stored as UD factors, so that rounding cannot make a variance negative. The innovations also adapt
-//! the measurement noise.
+//! the measurement noise, and the variance of the calibration's coefficients.
 //!
 //! After a detected change the covariance of hard iron is inflated isotropically by the squared innovation, because a
 //! change along the unobserved direction may be as large as along the observed ones. The variances of attitude states
@@ -84,6 +84,8 @@ pub(super) struct Monitor {
     adaptive_noise: Option<AdaptiveNoise>,
     innovation_gate: InnovationGate,
     is_strength_test_failed: bool,
+    /// Measurement variances due to coefficient errors in the last sample.
+    coefficient_variances: PerKind<f32>,
     coefficient_variance_factor: CoefficientVarianceFactor,
     /// Remaining time of increased hard-iron process noise, seconds.
     post_change_remaining_s: f32,
@@ -129,6 +131,7 @@ impl Monitor {
             adaptive_noise: None,
             innovation_gate: InnovationGate::NO_INNOVATIONS,
             is_strength_test_failed: false,
+            coefficient_variances: [0.0; 3],
             coefficient_variance_factor: CoefficientVarianceFactor::INITIAL,
             post_change_remaining_s: 0.0,
             coordinated_turn: CoordinatedTurn::EMPTY,
@@ -298,9 +301,7 @@ impl Monitor {
         let variances = self.measurement_variances(monitored, sample, &model, normalised_field, step_s);
         let measurements = model.measurements(&predicted, sample, variances);
         self.adapt_noise_to_residuals(monitored, &measurements, step_s);
-        let [strength, inclination, _] = &measurements;
-        let residuals = [strength, inclination].map(|measured| measured.as_ref().map(|measured| measured.residual));
-        self.coefficient_variance_factor.update_means(residuals, sample.euler_rates.heading_rad_s * step_s);
+        self.adapt_coefficient_variance(&measurements, sample.euler_rates.heading_rad_s * step_s);
         let is_usable =
             self.test_innovations(monitored.calibration, sample, &model, &measurements, normalised_field, step_s);
         if let Some(gyro_heading) = gyro_heading {
@@ -337,7 +338,7 @@ impl Monitor {
         let by_coefficients = model
             .field_jacobians()
             .map(|jacobian| monitored.uncertainty.variance_from_coefficients(&jacobian, normalised_field));
-        self.coefficient_variance_factor.variances = by_coefficients;
+        self.coefficient_variances = by_coefficients;
         array::from_fn(|kind| {
             SAMPLE_VARIANCE_FACTORS[kind] * by_sample[kind]
                 + VARIANCE_FLOORS[kind]
@@ -358,6 +359,16 @@ impl Monitor {
         if let Some(strength) = strength {
             noise.update_strength_residual(strength.residual, step_s);
         }
+    }
+
+    fn adapt_coefficient_variance(
+        &mut self,
+        [strength, inclination, _]: &PerKind<Option<Measurement<STATE_COUNT>>>,
+        turned_rad: f32,
+    ) {
+        let residuals = [strength, inclination].map(|measured| measured.as_ref().map(|measured| measured.residual));
+        let [by_strength, by_inclination, _] = self.coefficient_variances;
+        self.coefficient_variance_factor.update_means(residuals, [by_strength, by_inclination], turned_rad);
     }
 
     /// Tests the innovations and inflates the covariance after a change; whether each measurement is usable.
@@ -581,7 +592,7 @@ impl Monitor {
         let sigma =
             HARD_IRON_INDICES.map(|axis| sqrt(self.filter.state_variance(axis))).into_iter().fold(0.0, f32::max);
         // Errors of the coefficients resemble changed hard iron.
-        let sigma_with_coefficients = sqrt(sigma * sigma + self.coefficient_variance_factor.largest_variance());
+        let sigma_with_coefficients = sqrt(sigma * sigma + self.coefficient_variances.into_iter().fold(0.0, f32::max));
         let is_significant =
             self.hard_iron_detector.update_detection(size, sigma_with_coefficients, is_withholding, step_s);
         (is_significant && size <= MAX_HARD_IRON_CHANGE).then(|| {

@@ -62,7 +62,7 @@ fn coefficient_errors_are_not_reported_as_hard_iron() {
     for (coefficient_sigma, is_reported) in [(0.01_f32, true), (0.03, false)] {
         let mut monitor =
             Monitor { filter: UdFilter::new(&[0.01; STATE_COUNT]), ..Monitor::new(SensorErrorSigmas::DEFAULT) };
-        monitor.coefficient_variance_factor.variances[1] = coefficient_sigma.powi(2);
+        monitor.coefficient_variances[1] = coefficient_sigma.powi(2);
         let change = monitor.detect_change(&Vector3::new(0.0, 0.1, 0.0), TOTAL_UT, 20.0);
         assert_eq!(change.is_some(), is_reported, "{coefficient_sigma}");
     }
