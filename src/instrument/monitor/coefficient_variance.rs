@@ -2,8 +2,8 @@
 //!
 //! The covariance of a calibration includes errors whose size a solve can only bound, such as hard iron that changed
 //! during the collection. In turns, the residuals of strength and inclination show how large they are: the factor is
-//! the mean squared residual over the mean predicted variance. The noise of the samples is in the residuals and not in the
-//! prediction, so that an accurate calibration keeps its factor of 1.
+//! the mean squared residual over the mean predicted variance. The noise of the samples is in the residuals and not in
+//! the prediction, so that an accurate calibration keeps its factor of 1.
 
 use core::f32::consts::TAU;
 

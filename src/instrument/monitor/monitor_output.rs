@@ -69,9 +69,9 @@ impl MonitorOutput {
             || innovation_rad * innovation_rad <= READING_GATE_SIGMAS * READING_GATE_SIGMAS * variance_rad2
     }
 
-    /// Calibration and its uncertainty, corrected by the estimated states and variances. The change of hard iron converts to sensor axes,
-    /// `W (m - b) - beta F = W (m - (b + W^-1 beta F))`; the turn in the mount becomes part of both,
-    /// `W (R m - b) = W R (m - R^T b)`.
+    /// Calibration and its uncertainty, corrected by the estimated states and variances. The change of hard iron
+    /// converts to sensor axes, `W (m - b) - beta F = W (m - (b + W^-1 beta F))`; the turn in the mount becomes part of
+    /// both, `W (R m - b) = W R (m - R^T b)`.
     #[inline(never)]
     pub fn correct_calibration(&self, monitored: &MonitoredCalibration<'_>) -> (Calibration, HeadingUncertainty) {
         let MonitoredCalibration { calibration, uncertainty, readings_per_sample } = *monitored;

@@ -43,9 +43,9 @@ use crate::trig::{VectorLength as _, sqrt};
 /// Number of times at which a step is tested.
 const MAX_TESTED_STEPS: usize = 32;
 
-/// Ratio by which the best of the tested steps must exceed iron in a linkage, because it is the largest of about thirty.
-/// Of interference in a VTOL's turns the best step has up to 1.08 of the linkage's significance, of a payload that moved
-/// in a plane six times and more.
+/// Ratio by which the best of the tested steps must exceed iron in a linkage, because it is the largest of about
+/// thirty. Of interference in a VTOL's turns the best step has up to 1.08 of the linkage's significance, of a payload
+/// that moved in a plane six times and more.
 const STEP_SEARCH_ADVANTAGE: f32 = 1.1;
 
 /// Significance that triggers the second pass.
@@ -69,9 +69,9 @@ const MIN_NORM_SIGNIFICANCE_OF_SINGLE_TEST: f32 = 6.6;
 const CERTAIN_SIGNIFICANCE: f32 = 60.0;
 
 /// Significance in the first and in the second pass that together confirm iron in a linkage. Interference of motors
-/// follows turns in another way than the load factor, so that much remains in the second pass: VTOLs with 20 uT in hover
-/// have 201 to 517 and 14 to 54. Of 260 clean copters and 260 VTOLs the first pass has at most 171, and then 10 in the
-/// second; of recorded flights 100.
+/// follows turns in another way than the load factor, so that much remains in the second pass: of 17 VTOLs with 20 uT
+/// in hover that the other limits accepted, twelve have 201 to 469 and 14 to 54. Of 260 clean copters and 260 VTOLs the
+/// first pass has at most 171, and then 10 in the second; of recorded flights 100.
 const LINKAGE_SIGNIFICANCES: [f32; 2] = [200.0, 12.0];
 
 /// Largest iron in a linkage, microtesla. A larger estimate comes from flights in which the load factor hardly varies.
