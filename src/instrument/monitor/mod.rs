@@ -391,9 +391,9 @@ impl Monitor {
             GateResult::Consistent { is_usable } => is_usable,
             GateResult::ChangeDetected { exceeding_residuals } => {
                 let turn_rad = mount_turn_rad(calibration, &model.calibrated_field_residual, normalised_field);
-                let is_level = sample.attitude.roll_rad.abs() < MAX_LEVEL_BANK_RAD;
-                self.inflate_covariance(model, exceeding_residuals, sample.attitude.roll_rad);
-                self.attribute_to_mount_turn(turn_rad, is_level, exceeding_residuals);
+                let roll_rad = sample.attitude.roll_rad;
+                self.inflate_covariance(model, exceeding_residuals, roll_rad);
+                self.attribute_to_mount_turn(turn_rad, is_level(roll_rad), exceeding_residuals);
                 [true; 3]
             }
         }
@@ -433,7 +433,7 @@ impl Monitor {
         if drift_squared > MIN_FIELD_DRIFT * MIN_FIELD_DRIFT {
             let variance = FIELD_DRIFT_INFLATION_FACTOR * drift_squared * step_s / FIELD_DRIFT_TIME_S;
             self.inflate_states(&HARD_IRON_INDICES, variance);
-            if roll_rad.abs() > MAX_LEVEL_BANK_RAD {
+            if !is_level(roll_rad) {
                 self.filter.inflate_variance(MOUNT_TURN_INDEX, variance);
             }
         }
@@ -484,7 +484,7 @@ impl Monitor {
         let sin_inclination = (model.tan_inclination * cos_inclination).abs().max(MIN_SIN_INCLINATION);
         let tilt_rad = ATTITUDE_SHARE_OF_CHANGE * inclination.max(across / sin_inclination).min(MAX_INFLATING_TILT_RAD);
         self.inflate_states(&[ROLL_BIAS_INDEX, PITCH_BIAS_INDEX], tilt_rad * tilt_rad);
-        if roll_rad.abs() > MAX_LEVEL_BANK_RAD {
+        if !is_level(roll_rad) {
             let bank_scale_error = tilt_rad / roll_rad;
             self.filter.inflate_variance(BANK_SCALE_ERROR_INDEX, bank_scale_error * bank_scale_error);
         }
@@ -642,6 +642,10 @@ impl Monitor {
         }
         Ok(())
     }
+}
+
+fn is_level(roll_rad: f32) -> bool {
+    roll_rad.abs() <= MAX_LEVEL_BANK_RAD
 }
 
 /// Whether errors of the gyro are beyond those of a usable one: a field that does not turn resembles a gyro that turns

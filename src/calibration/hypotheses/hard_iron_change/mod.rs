@@ -321,9 +321,8 @@ impl HardIronScan {
             duration_s: whole_seconds(self.time_span.duration_ms),
         };
         let second_pass = self.significance(&estimate, fit, system, residuals)?;
-        let is_confirmed = is_significant(estimate.tested_time_course, second_pass)
-            || is_linkage_significant(&estimate, detected_change.size_ut, second_pass);
-        is_confirmed.then_some(ConfirmedChange { detected_change, gradient_effect: self.gradient_effect })
+        is_significant(&estimate, detected_change.size_ut, second_pass)
+            .then_some(ConfirmedChange { detected_change, gradient_effect: self.gradient_effect })
     }
 
     fn significance(
@@ -373,24 +372,23 @@ impl HardIronScan {
     }
 }
 
-fn is_significant(tested_time_course: TestedTimeCourse, [total_significance, norm_significance]: [f32; 2]) -> bool {
-    let (total_limit, norm_limit) = match tested_time_course {
+/// Whether both passes confirm a change of this size; `second_pass` is its total significance, and that from norm
+/// residuals alone.
+fn is_significant(estimate: &ChangeEstimate, size_ut: f32, second_pass: [f32; 2]) -> bool {
+    let [total_significance, norm_significance] = second_pass;
+    let is_linkage_in_both_passes = || {
+        let [first_limit, total_limit] = LINKAGE_SIGNIFICANCES;
+        size_ut <= MAX_LINKAGE_UT && estimate.significance > first_limit && total_significance > total_limit
+    };
+    let (total_limit, norm_limit) = match estimate.tested_time_course {
         TestedTimeCourse::Step(_) | TestedTimeCourse::Drift => (MIN_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE),
         TestedTimeCourse::LoadFactor if total_significance > CERTAIN_SIGNIFICANCE => return true,
+        TestedTimeCourse::LoadFactor if is_linkage_in_both_passes() => return true,
         TestedTimeCourse::Hysteresis if total_significance > MIN_SIGNIFICANCE => return true,
         TestedTimeCourse::LoadFactor => (MIN_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE_OF_SINGLE_TEST),
         TestedTimeCourse::Hysteresis => (MIN_HYSTERESIS_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE_OF_SINGLE_TEST),
     };
     total_significance > total_limit && norm_significance > norm_limit
-}
-
-/// Whether both passes together confirm iron in a linkage, whatever the norm residuals are.
-fn is_linkage_significant(estimate: &ChangeEstimate, size_ut: f32, [total_significance, _]: [f32; 2]) -> bool {
-    let [first_limit, total_limit] = LINKAGE_SIGNIFICANCES;
-    estimate.tested_time_course == TestedTimeCourse::LoadFactor
-        && size_ut <= MAX_LINKAGE_UT
-        && estimate.significance > first_limit
-        && total_significance > total_limit
 }
 
 fn whole_seconds(ms: u32) -> u16 {

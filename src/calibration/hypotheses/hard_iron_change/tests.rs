@@ -315,8 +315,14 @@ fn norm_significance_equals_direct_calculation() {
     assert!(inclination_excess > 1.5, "{inclination_excess}");
 }
 
+fn estimate_of_course(tested_time_course: TestedTimeCourse, significance: f32) -> ChangeEstimate {
+    ChangeEstimate { tested_time_course, beta: Vector3::zeros(), significance }
+}
+
 #[test]
 fn both_significance_thresholds_must_be_exceeded() {
+    let is_significant =
+        |time_course, second_pass| is_significant(&estimate_of_course(time_course, 0.0), 1.0, second_pass);
     for time_course in [TestedTimeCourse::Step(0), TestedTimeCourse::Drift] {
         assert!(is_significant(time_course, [30.1, 16.1]) && !is_significant(time_course, [29.9, 1e3]));
         assert!(!is_significant(time_course, [1e3, 15.9]) && !is_significant(time_course, [f32::NAN, 1e3]));
@@ -362,16 +368,16 @@ fn a_step_must_exceed_a_linkage_by_a_tenth() {
 
 #[test]
 fn both_passes_together_confirm_iron_in_a_linkage() {
-    let is_confirmed = |tested_time_course, significance, size_ut, total_significance| {
-        let estimate = ChangeEstimate { tested_time_course, beta: Vector3::zeros(), significance };
-        is_linkage_significant(&estimate, size_ut, [total_significance, 0.0])
+    let is_confirmed = |time_course, first_pass, size_ut, total_significance| {
+        is_significant(&estimate_of_course(time_course, first_pass), size_ut, [total_significance, 0.0])
     };
     let load = |first, size_ut, total| is_confirmed(TestedTimeCourse::LoadFactor, first, size_ut, total);
     assert!(load(201.0, 19.9, 12.1));
     assert!(!load(199.0, 19.9, 12.1) && !load(201.0, 20.1, 12.1) && !load(201.0, 19.9, 11.9));
-    for time_course in [TestedTimeCourse::Step(1), TestedTimeCourse::Drift, TestedTimeCourse::Hysteresis] {
+    for time_course in [TestedTimeCourse::Step(1), TestedTimeCourse::Drift] {
         assert!(!is_confirmed(time_course, 1e3, 5.0, 1e3));
     }
+    assert!(!is_confirmed(TestedTimeCourse::Hysteresis, 1e3, 5.0, 29.9));
 }
 
 #[test]
