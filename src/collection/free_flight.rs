@@ -3,7 +3,7 @@
 use super::d_optimal_selection::DOptimalSelection;
 use super::part_view::PartView;
 use super::quota::{SampleQuota, SampleUse};
-use crate::calibration::{Sample, Samples};
+use crate::calibration::Sample;
 use crate::frames::{Attitude, wrap_pi};
 use crate::trig;
 use crate::trig::VectorLength as _;
@@ -64,11 +64,13 @@ fn find_least_informative_sample(
     selection: &mut DOptimalSelection,
     new_sample: &Sample,
 ) -> Option<usize> {
-    let samples = Samples::new(samples);
+    let level_quota = SampleQuota::LEVEL.quota_of(sample_use);
     let weakest = match sample_use {
         SampleUse::Fit if !selection.may_exceed_weakest(new_sample) => None,
-        SampleUse::Fit => selection.find_least_informative_sample(new_sample, samples),
-        SampleUse::Verification => selection.with_reset_leverages().find_least_informative_sample(new_sample, samples),
+        SampleUse::Fit => selection.find_least_informative_sample(new_sample, samples, level_quota),
+        SampleUse::Verification => {
+            selection.with_reset_leverages().find_least_informative_sample(new_sample, samples, level_quota)
+        }
     };
     weakest?.checked_sub(1)
 }
@@ -190,6 +192,28 @@ mod tests {
             }
         }
         assert!(stored >= banked_sum && stored <= 400, "{stored}, {banked_sum}");
+    }
+
+    /// A minute of level flight before or after four minutes of circles: level samples tell iron in turns from hard
+    /// iron.
+    #[test]
+    fn circles_leave_a_quota_of_level_samples() {
+        let circles = |start_s: u16| {
+            (start_s..start_s + 240).step_by(60).flat_map(|from_s| {
+                turn_samples(25.0, from_s, from_s + 30, 60.0).chain(turn_samples(-25.0, from_s + 30, from_s + 60, 60.0))
+            })
+        };
+        for samples in [
+            turn_samples(0.0, 0, 60, 60.0).chain(circles(60)).collect::<Vec<_>>(),
+            circles(0).chain(turn_samples(0.0, 240, 300, 60.0)).collect(),
+        ] {
+            let flight = FreeFlight::collect_samples(samples.into_iter());
+            for sample_use in [SampleUse::Fit, SampleUse::Verification] {
+                let samples = flight.buffer.samples.samples_of_part(sample_use, CollectionPart::FREE);
+                let level_count = samples.iter().filter(|sample| sample.attitude.roll_rad.abs() < 0.1).count();
+                assert!(level_count >= SampleQuota::LEVEL.quota_of(sample_use), "{level_count} of {}", samples.len());
+            }
+        }
     }
 
     #[test]

@@ -15,9 +15,13 @@
 //! same plane and leaves the derivative's direction unchanged.) Samples are not rejected for large inclination
 //! residuals: that reinforces an early wrong solution, and made one copter calibration in ten wrong instead of one in a
 //! hundred.
+//!
+//! Level samples tell iron that follows the load factor from hard iron, which the determinant does not value: the
+//! circles of a VTOL would displace all of its hover. So a quota of level samples is retained.
 
 use nalgebra::Vector3;
 
+use super::level_limits::is_level;
 use crate::calibration::{
     Calibration, FieldPrediction, InformationMatrix, JacobianRow, LeastSquares, Orientation, Quality, Sample, Samples,
     fit_sphere,
@@ -114,6 +118,8 @@ pub(super) struct DOptimalSelection {
     linearisation: Linearisation,
     information: LeastSquares<13, 1>,
     smallest_leverage: f32,
+    /// Whether the last full evaluation found no more level samples than their quota.
+    retains_level: bool,
 }
 
 impl DOptimalSelection {
@@ -121,10 +127,11 @@ impl DOptimalSelection {
         linearisation: Linearisation::NO_COEFFICIENTS,
         information: LeastSquares::new(),
         smallest_leverage: 0.0,
+        retains_level: false,
     };
 
     pub fn with_reset_leverages(&self) -> Self {
-        Self { linearisation: self.linearisation.clone(), information: LeastSquares::new(), smallest_leverage: 0.0 }
+        Self { linearisation: self.linearisation.clone(), ..Self::NO_SELECTION }
     }
 
     pub fn reset_selection(&mut self) {
@@ -147,9 +154,12 @@ impl DOptimalSelection {
         self.linearisation.is_from_trial
     }
 
-    /// Whether a sample outside the set may exceed the smallest leverage; conservative, at a thousandth of the cost of
-    /// a full evaluation.
+    /// Whether a sample outside the set may exceed the smallest leverage, or is level while those are retained;
+    /// conservative, at a thousandth of the cost of a full evaluation.
     pub fn may_exceed_weakest(&self, sample: &Sample) -> bool {
+        if self.retains_level && is_level(sample) {
+            return true;
+        }
         // Leverage after inclusion in the set.
         let leverage_sum: f32 = self.leverages(sample).into_iter().map(|leverage| leverage / (1.0 + leverage)).sum();
         // NaN is left to the full evaluation, as is every sample without coefficients.
@@ -165,30 +175,41 @@ impl DOptimalSelection {
     }
 
     /// Index of the sample with the least leverage, the new one being the first; `None` if there is no sphere through
-    /// the samples.
+    /// the samples. Up to `level_quota` level samples are retained whatever their leverage.
     #[inline(never)]
-    pub fn find_least_informative_sample(&mut self, new_sample: &Sample, samples: Samples<'_>) -> Option<usize> {
+    pub fn find_least_informative_sample(
+        &mut self,
+        new_sample: &Sample,
+        samples: &[Sample],
+        level_quota: usize,
+    ) -> Option<usize> {
         self.information = LeastSquares::new();
         if !self.linearisation.is_from_trial {
-            let (centre_ut, _) = fit_sphere(Some(new_sample), samples)
+            let (centre_ut, _) = fit_sphere(Some(new_sample), Samples::new(samples))
                 .filter(|(ut, _)| ut.iter().all(|component| component.is_finite()))?;
             self.linearisation = Linearisation::from_centre(centre_ut);
         }
-        let candidates = || core::iter::once(new_sample).chain(samples.all_samples());
+        let candidates = || core::iter::once(new_sample).chain(samples);
         let mut squares = InformationMatrix::zero();
+        let mut level_count = 0;
         for sample in candidates() {
             let [strength, inclination_row] = self.linearisation.jacobian_rows(sample);
             // Equal weights: either the sensor or the attitude may be the more accurate.
             squares.add_row_pair([&strength, &inclination_row], [1.0; 2]);
+            level_count += usize::from(is_level(sample));
         }
         let mut information = squares.upper_triangle();
         for (i, row) in information.iter_mut().enumerate() {
             row[i] += PRIOR_INFORMATION;
         }
         self.information = LeastSquares::from_normal_equations(information, [[0.0]; _]);
-        let leverage_of = |sample: &Sample| self.leverages(sample).iter().sum::<f32>();
+        self.retains_level = level_count <= level_quota;
+        let leverage_of = |sample: &Sample| {
+            let is_retained = self.retains_level && is_level(sample);
+            if is_retained { f32::INFINITY } else { self.leverages(sample).iter().sum() }
+        };
         let new_leverage = self.linearisation.new_sample_leverage_factor * leverage_of(new_sample);
-        let leverages = core::iter::once(new_leverage).chain(samples.all_samples().map(leverage_of)).enumerate();
+        let leverages = core::iter::once(new_leverage).chain(samples.iter().map(leverage_of)).enumerate();
         let (position, least_leverage) = leverages.min_by(|a, b| a.1.total_cmp(&b.1))?;
         self.smallest_leverage = least_leverage;
         Some(position)

@@ -29,7 +29,7 @@ fn random_samples(soft_iron: &Matrix3<f32>) -> Vec<Sample> {
 fn weakest_sample_index(samples: &[Sample]) -> Option<usize> {
     let mut spread = DOptimalSelection::NO_SELECTION;
     let (new, others) = samples.split_first()?;
-    spread.find_least_informative_sample(new, Samples::new(others))
+    spread.find_least_informative_sample(new, others, 0)
 }
 
 #[test]
@@ -54,6 +54,22 @@ fn unique_samples_are_retained() {
             assert_ne!(samples.remove(place), rare, "of {}", samples.len());
         }
     }
+}
+
+/// Level samples among turns at 25 deg of bank, which have three times their leverage.
+#[test]
+fn a_quota_of_level_samples_is_retained() {
+    const LEVEL_QUOTA: usize = 10;
+    let circle = |roll_deg: f32| {
+        (0..40_u8).map(move |i| sample_at(f32::from(i) / 40.0 * TAU, roll_deg, 0.0, &Matrix3::identity()))
+    };
+    let mut samples: Vec<Sample> = circle(25.0).chain(circle(-25.0)).chain(circle(0.0)).collect();
+    while samples.len() > 60 {
+        let (new, others) = samples.split_first().unwrap();
+        let mut selection = DOptimalSelection::NO_SELECTION;
+        samples.remove(selection.find_least_informative_sample(new, others, LEVEL_QUOTA).unwrap());
+    }
+    assert_eq!(samples.iter().filter(|sample| is_level(sample)).count(), LEVEL_QUOTA);
 }
 
 /// Soft iron that deflects the field by up to 20 deg and scales it by a third: the selection hardly changes.
@@ -118,7 +134,7 @@ fn the_quick_test_accepts_what_the_full_evaluation_accepts() {
     let samples = random_samples(&Matrix3::identity());
     let mut known = DOptimalSelection::NO_SELECTION;
     assert!(known.may_exceed_weakest(&samples[0]));
-    known.find_least_informative_sample(&samples[0], Samples::new(&samples[1..])).unwrap();
+    known.find_least_informative_sample(&samples[0], &samples[1..], 0).unwrap();
     let mut random = Random(5);
     let mut decisions = [0; 2];
     for _ in 0..200 {
@@ -226,13 +242,13 @@ fn noise_does_not_change_the_inclination_row() {
 fn a_trial_solution_applies_to_all_sets() {
     let samples = random_samples(&Matrix3::identity());
     let mut spread = DOptimalSelection::NO_SELECTION;
-    spread.find_least_informative_sample(&samples[0], Samples::new(&samples[1..])).unwrap();
+    spread.find_least_informative_sample(&samples[0], &samples[1..], 0).unwrap();
     let inside = sample_at(0.3, 0.0, 0.0, &Matrix3::identity());
     assert!(!spread.may_exceed_weakest(&inside));
     let Calibration { b_ut: before_ut, .. } = spread.linearisation.calibration;
     spread.set_linearisation(trial_linearisation(&Matrix3::identity(), 0.5));
     assert!(spread.may_exceed_weakest(&inside));
-    spread.find_least_informative_sample(&samples[0], Samples::new(&samples[1..])).unwrap();
+    spread.find_least_informative_sample(&samples[0], &samples[1..], 0).unwrap();
     assert!(!spread.may_exceed_weakest(&inside));
     assert_ne!(
         before_ut.map(f32::to_bits),
