@@ -116,7 +116,7 @@ impl ConvergedFit<'_> {
         );
         if let Some(change) = hard_iron_change {
             let error_without_deg = expected.rms_deg;
-            information.hard_iron_change_gradient = change.gradient_effect;
+            information.hard_iron_change = change.effect;
             expected = self.expected_error(information, &sigmas, &mut covariance)?;
             iron_finding = Some(Finding::new(change.detected_change, expected.rms_deg, error_without_deg));
         }

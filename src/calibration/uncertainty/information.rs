@@ -7,7 +7,9 @@ use crate::calibration::hypotheses::attitude_error::AttitudeState;
 use crate::calibration::hypotheses::attitude_error_table::{
     ATTITUDE_ERRORS, AttitudeErrorSums, LATENCY_INDEX, add_inclination_residual,
 };
-use crate::calibration::hypotheses::hard_iron_change::{HardIronScan, derivative_by_hard_iron, hard_iron_residuals};
+use crate::calibration::hypotheses::hard_iron_change::{
+    HardIronChangeEffect, HardIronScan, derivative_by_hard_iron, hard_iron_residuals,
+};
 use crate::calibration::hypotheses::lagging_bank_scale::LaggedRoll;
 use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
 use crate::calibration::hypotheses::score_test::ScoreTest;
@@ -32,8 +34,8 @@ pub(in crate::calibration) struct Information {
     /// Remaining errors of the interference, mount axes, units of field per ampere; their outer products sum to its
     /// covariance.
     pub interference_error_factors: [Vector3<f32>; 4],
-    /// Effect of a detected hard-iron change on the gradient.
-    pub hard_iron_change_gradient: Vector13,
+    /// Effect of a detected hard-iron change.
+    pub hard_iron_change: HardIronChangeEffect,
 }
 
 impl Information {
@@ -46,7 +48,7 @@ impl Information {
             latency_contributions: Autocorrelation::default(),
             motor_current_sums: ScoreTest::zero(),
             interference_error_factors: [Vector3::zeros(); 4],
-            hard_iron_change_gradient: Vector13::zeros(),
+            hard_iron_change: HardIronChangeEffect::NONE,
         }
     }
 

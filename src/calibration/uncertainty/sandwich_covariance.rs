@@ -16,6 +16,10 @@ pub(in crate::calibration) enum CovarianceContent {
     WithoutNoise,
 }
 
+/// Weight of turns in the mean square of an error that differs between turns and level flight: that of the banked
+/// envelope, two banks of three.
+const SHARE_OF_TURNS: f32 = 2.0 / 3.0;
+
 /// Writes the covariance of the coefficients, in the units of a [`Calibration`](crate::calibration::Calibration).
 /// `None` when the information is singular.
 ///
@@ -67,7 +71,13 @@ pub(in crate::calibration) fn sandwich_covariance(
     for (error, sigma) in information.attitude_error_sums.iter().zip(sigmas) {
         covariance.add_outer_product(&to_coefficients(&error.cross_information[0]), sigma * sigma);
     }
-    covariance.add_outer_product(&to_coefficients(&information.hard_iron_change_gradient), 1.0);
+    let error_in_level_flight = to_coefficients(&information.hard_iron_change.gradient);
+    let mut error_in_turns = error_in_level_flight;
+    for axis in 0..3 {
+        error_in_turns[beta_index(axis)] -= information.hard_iron_change.added_in_turns[axis];
+    }
+    covariance.add_outer_product(&error_in_level_flight, 1.0 - SHARE_OF_TURNS);
+    covariance.add_outer_product(&error_in_turns, SHARE_OF_TURNS);
     let per_ampere = ModelParameters::from_unknowns(unknowns).w;
     for error in &information.interference_error_factors {
         covariance.add_outer_product(&to_coefficients(&information.motor_current_sums.gradient_effect(error)), 1.0);

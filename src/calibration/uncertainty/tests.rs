@@ -13,12 +13,12 @@ use crate::calibration::hypotheses::attitude_error::AttitudeState;
 use crate::calibration::hypotheses::attitude_error_table::{
     ATTITUDE_ERROR_COUNT, ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE_INDEX, LATENCY_INDEX, assumed_sigmas,
 };
-use crate::calibration::hypotheses::hard_iron_change::derivative_by_hard_iron;
+use crate::calibration::hypotheses::hard_iron_change::{HardIronChangeEffect, derivative_by_hard_iron};
 use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
 use crate::calibration::model::{
     COEFFICIENT_COUNT, Coefficient, INCLINATION_INDEX, JacobianRow, Likelihood, Matrix13, MeasuredSample, ModelConfig,
     ModelParameters, NoiseModel, PriorQuantity, ResidualEquation, SampleEquations, UNKNOWN_COUNT, Vector12, Vector13,
-    beta_index, for_each_prior,
+    beta_index, corrected_mean_index, for_each_prior,
 };
 use crate::calibration::tests::derivatives::assert_derivative;
 use crate::calibration::{
@@ -98,6 +98,34 @@ fn full_covariance(
     })
 }
 
+/// If all samples are from turns, iron in a linkage is hard iron there, and an error in level flight only.
+#[test]
+fn iron_of_turns_is_an_error_in_level_flight() {
+    const INFORMATION: f32 = 1e6;
+    let likelihood = likelihood(&Prior::default(), ModelConfig::DEFAULT);
+    let at = parameters().unknowns().unwrap();
+    let mut information = uniform_information(&likelihood, &at, INFORMATION);
+    let covariance_of = |information: &Information| {
+        full_covariance(information, &likelihood, &at, &assumed_sigmas(ConsiderSigmas::ZERO, None))
+    };
+    let without_linkage = covariance_of(&information);
+    let added_in_turns = TRUE_W * Vector3::new(0.05, -0.02, 0.03);
+    let mut gradient = Vector13::zeros();
+    for axis in 0..3 {
+        // The unknown is `-W b`.
+        gradient[corrected_mean_index(axis)] = -added_in_turns[axis] * INFORMATION;
+    }
+    information.hard_iron_change = HardIronChangeEffect { gradient, added_in_turns };
+    let difference = covariance_of(&information) - without_linkage;
+    for i in 0..3 {
+        for j in 0..3 {
+            let expected = added_in_turns[i] * added_in_turns[j] / 3.0;
+            let found = difference[(beta_index(i), beta_index(j))];
+            assert!((found - expected).abs() < 0.01 * added_in_turns.norm_squared() / 3.0, "{found} {expected}");
+        }
+    }
+}
+
 #[test]
 fn covariance_is_the_sum_of_its_terms() {
     let mut likelihood = likelihood(&Prior::default(), ModelConfig::DEFAULT);
@@ -119,7 +147,10 @@ fn covariance_is_the_sum_of_its_terms() {
     for residuals in [[1.0, 1.0], [1.0, 1.0], [0.0, 0.0], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0]] {
         information.residuals.autocorrelation.add_residuals(0, residuals);
     }
-    information.hard_iron_change_gradient = Vector13::from_fn(|i, _| 150.0 * (i as f32 * 0.3).cos());
+    information.hard_iron_change = HardIronChangeEffect {
+        gradient: Vector13::from_fn(|i, _| 150.0 * (i as f32 * 0.3).cos()),
+        added_in_turns: Vector3::new(0.02, -0.01, 0.015),
+    };
     let derivatives: [f32; 3] = [0.2, 1.1, 2.3];
     information.motor_current_sums.cross_information =
         derivatives.map(|phase| Vector13::from_fn(|i, _| 1e5 * (i as f32 * 0.9 + phase).sin()));
@@ -141,8 +172,13 @@ fn covariance_is_the_sum_of_its_terms() {
     let norm = (Matrix13::identity() + row * row.transpose()) * 1e4;
     let doubted = norm + inclination_row * inclination_row.transpose() * (3e3 * 2.0);
     let mut expected = g * j.transpose() + g * doubted * g.transpose();
-    let shift = g * information.hard_iron_change_gradient;
-    expected += shift * shift.transpose();
+    let level = g * information.hard_iron_change.gradient;
+    let mut in_turns = level;
+    for axis in 0..3 {
+        in_turns[beta_index(axis)] -= information.hard_iron_change.added_in_turns[axis];
+    }
+    let iron_change = (level * level.transpose() + in_turns * in_turns.transpose() * 2.0) / 3.0;
+    expected += iron_change;
     expected += change * change.transpose();
     for (error, sigma) in information.attitude_error_sums.iter().zip([0.003, 0.003, 0.02, 0.01]) {
         let shift = g * error.cross_information[0] * sigma;
@@ -172,9 +208,7 @@ fn covariance_is_the_sum_of_its_terms() {
             .amax()
             < 0.97 * scale
     );
-    for part in
-        [change * change.transpose(), shift * shift.transpose(), g * norm * g.transpose(), followed, interference_term]
-    {
+    for part in [change * change.transpose(), iron_change, g * norm * g.transpose(), followed, interference_term] {
         let size = part.diagonal().amax() / scale;
         assert!(size > 0.01, "{size}");
     }

@@ -32,7 +32,9 @@ use super::hysteresis::{Hysteresis, LastTurn};
 use super::score_test::ScoreTest;
 use crate::calibration::fit::converged_fit::ConvergedFit;
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
-use crate::calibration::model::{JacobianRow, ModelParameters, ResidualEquation, SampleEquations, Vector13};
+use crate::calibration::model::{
+    JacobianRow, ModelParameters, ResidualEquation, SampleEquations, UNKNOWN_COUNT, Vector13,
+};
 use crate::calibration::statistics::autocorrelation::Autocorrelation;
 use crate::calibration::statistics::residuals::ResidualStatistics;
 use crate::calibration::types::time_order::TimeOrdered;
@@ -200,8 +202,24 @@ struct ChangeEstimate {
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct ConfirmedChange {
     pub detected_change: DetectedHardIronChange,
-    /// `H_ub beta`: effect of the change `beta` of hard iron on the gradient of the likelihood by the coefficients.
-    pub gradient_effect: Vector13,
+    pub effect: HardIronChangeEffect,
+}
+
+/// Effect of a change of hard iron on the coefficients.
+#[derive(Clone, Debug)]
+pub(in crate::calibration) struct HardIronChangeEffect {
+    /// `H_ub beta`: effect of the change `beta` on the gradient of the likelihood by the coefficients.
+    pub gradient: Vector13,
+    /// `W beta` of iron in a linkage, by which the corrected hard iron in turns exceeds that in level flight; zero for
+    /// other changes.
+    pub added_in_turns: Vector3<f32>,
+}
+
+impl HardIronChangeEffect {
+    pub const NONE: Self = Self {
+        gradient: Vector13::from_array_storage(nalgebra::ArrayStorage([[0.0; UNKNOWN_COUNT]])),
+        added_in_turns: Vector3::new(0.0, 0.0, 0.0),
+    };
 }
 
 /// Search for a hard-iron change in one pass in time order. About 900 bytes.
@@ -321,8 +339,13 @@ impl HardIronScan {
             duration_s: whole_seconds(self.time_span.duration_ms),
         };
         let second_pass = self.significance(&estimate, fit, system, residuals)?;
+        let added_in_turns = match estimate.tested_time_course {
+            TestedTimeCourse::LoadFactor => self.w * estimate.beta,
+            _ => Vector3::zeros(),
+        };
+        let effect = HardIronChangeEffect { gradient: self.gradient_effect, added_in_turns };
         is_significant(&estimate, detected_change.size_ut, second_pass)
-            .then_some(ConfirmedChange { detected_change, gradient_effect: self.gradient_effect })
+            .then_some(ConfirmedChange { detected_change, effect })
     }
 
     fn significance(

@@ -366,6 +366,23 @@ fn a_step_must_exceed_a_linkage_by_a_tenth() {
     }
 }
 
+/// Iron of a step is hard iron before or after it, in turns and in level flight.
+#[test]
+fn only_iron_in_a_linkage_is_added_in_turns() {
+    let case = Case::new(PAYLOAD_CHANGE_UT * 4.0, 60_000);
+    let calibration = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
+    let (mut scan, information) = case.scanned();
+    let step = scan.best_estimate.unwrap();
+    for (tested_time_course, expected) in
+        [(step.tested_time_course, Vector3::zeros()), (TestedTimeCourse::LoadFactor, scan.w * step.beta)]
+    {
+        scan.best_estimate = Some(ChangeEstimate { tested_time_course, significance: 1e6, ..step });
+        let found =
+            scan.confirm_change(&case.converged_fit(&calibration), &information.linear_system, &information.residuals);
+        assert_eq!(found.unwrap().effect.added_in_turns, expected, "{tested_time_course:?}");
+    }
+}
+
 #[test]
 fn both_passes_together_confirm_iron_in_a_linkage() {
     let is_confirmed = |time_course, first_pass, size_ut, total_significance| {
