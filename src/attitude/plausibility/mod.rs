@@ -52,8 +52,9 @@ const COS_MAX_STEADY_FIELD_ROTATION: f32 = 0.999_925;
 /// has swayed by 3 deg, or the vehicle stands.
 const MAX_VANISHED_RATES_US: u64 = 10_000_000;
 
-/// Cosine of the smallest field rotation in body axes that contradicts a repeated attitude (3 deg).
-const COS_MIN_FIELD_ROTATION: f32 = 0.998_63;
+/// Cosine of the smallest field rotation in body axes that contradicts a repeated attitude (1.75 deg): six sigma of two
+/// mean directions. With 3 deg the heading of a frozen attitude was wrong by 5 deg before it was detected.
+const COS_MIN_FIELD_ROTATION: f32 = 0.999_534;
 
 /// Smallest change of the inclination computed with the repeated attitude, radians (1 deg). A rotation about the
 /// vertical alone, as of a ground vehicle, does not change it.

@@ -54,7 +54,7 @@ fn is_frozen_at_attitude(
     freeze.frozen_at().is_some()
 }
 
-/// As `is_frozen_in_rotation`, for the y axis: the rotation changes the test field's inclination by half its angle.
+/// As `is_frozen_in_rotation`, for the y axis: the rotation changes the test field's inclination by its angle.
 fn is_frozen_while_pitching(first_step_deg: f32, report_count: u32, interval_us: u64, turned_deg: f32) -> bool {
     is_frozen_in_rotation(Vector3::y(), first_step_deg, report_count, interval_us, turned_deg)
 }
@@ -86,13 +86,13 @@ fn a_fine_step_of_pitch_counts() {
     }
 }
 
-/// Limits of a coarse source: 3 deg of field rotation, 0.5 s, five equal reports.
+/// Limits of a coarse source: 1.75 deg of field rotation, 0.5 s, five equal reports.
 #[test]
 fn coarse_resolution_is_frozen_when_the_field_rotated() {
     for sign in [1.0, -1.0] {
         assert!(
-            is_frozen_while_pitching(0.1, 30, 20_000, sign * 3.2)
-                && !is_frozen_while_pitching(0.1, 30, 20_000, sign * 2.8)
+            is_frozen_while_pitching(0.1, 30, 20_000, sign * 1.85)
+                && !is_frozen_while_pitching(0.1, 30, 20_000, sign * 1.65)
         );
     }
     // 26 reports at 50 Hz are 0.5 s.
