@@ -34,7 +34,7 @@ pub(in crate::calibration) struct Information {
     /// Remaining errors of the interference, mount axes, units of field per ampere; their outer products sum to its
     /// covariance.
     pub interference_error_factors: [Vector3<f32>; 4],
-    /// Effect of a detected hard-iron change.
+    /// Effect of a detected hard-iron change; zero without one.
     pub hard_iron_change: HardIronChangeEffect,
 }
 
@@ -48,7 +48,7 @@ impl Information {
             latency_contributions: Autocorrelation::default(),
             motor_current_sums: ScoreTest::zero(),
             interference_error_factors: [Vector3::zeros(); 4],
-            hard_iron_change: HardIronChangeEffect::NONE,
+            hard_iron_change: HardIronChangeEffect { gradient: Vector13::zeros(), added_in_turns: Vector3::zeros() },
         }
     }
 

@@ -32,9 +32,7 @@ use super::hysteresis::{Hysteresis, LastTurn};
 use super::score_test::ScoreTest;
 use crate::calibration::fit::converged_fit::ConvergedFit;
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
-use crate::calibration::model::{
-    JacobianRow, ModelParameters, ResidualEquation, SampleEquations, UNKNOWN_COUNT, Vector13,
-};
+use crate::calibration::model::{JacobianRow, ModelParameters, ResidualEquation, SampleEquations, Vector13};
 use crate::calibration::statistics::autocorrelation::Autocorrelation;
 use crate::calibration::statistics::residuals::ResidualStatistics;
 use crate::calibration::types::time_order::TimeOrdered;
@@ -213,13 +211,6 @@ pub(in crate::calibration) struct HardIronChangeEffect {
     /// `W beta` of iron in a linkage, by which the corrected hard iron in turns exceeds that in level flight; zero for
     /// other changes.
     pub added_in_turns: Vector3<f32>,
-}
-
-impl HardIronChangeEffect {
-    pub const NONE: Self = Self {
-        gradient: Vector13::from_array_storage(nalgebra::ArrayStorage([[0.0; UNKNOWN_COUNT]])),
-        added_in_turns: Vector3::new(0.0, 0.0, 0.0),
-    };
 }
 
 /// Search for a hard-iron change in one pass in time order. About 900 bytes.
