@@ -1,7 +1,7 @@
 //! The module as a node of a CAN bus, beside an autopilot's node and others, on a simulated bus with faults.
 
-use autoswing::wire::dronecan::outbound::NodeStatus;
-use autoswing::wire::dronecan::{
+use autoswing_firmware::wire::dronecan::outbound::NodeStatus;
+use autoswing_firmware::wire::dronecan::{
     Allocation, CanFrame, DataType, FrameHeader, NodeId, OutboundTransfer, Payload, Targetted, TransferKind, priority,
 };
 use simulator::devices::can::{CanBus, CanEnd, CanFaults};

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use autoswing::calibration::MotorCurrentInterference;
-use autoswing::health::StackUse;
+use autoswing_firmware::health::StackUse;
 use host_sim::emulator::{BenchTest, Emulator, instruction_budget};
 use log_analysis::score::wrap_180;
 use simulator::mission::{TurnPlan, fly_mission_of_module};

@@ -4,10 +4,10 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use autoswing::frames::Field;
-use autoswing::magnetometer::lis3mdl::{Lis3mdl, Lis3mdlConfig};
-use autoswing::magnetometer::rm3100::Rm3100;
-use autoswing::magnetometer::{Magnetometer, MagnetometerError};
 use autoswing::reading::Reading;
+use autoswing_firmware::magnetometer::lis3mdl::{Lis3mdl, Lis3mdlConfig};
+use autoswing_firmware::magnetometer::rm3100::Rm3100;
+use autoswing_firmware::magnetometer::{Magnetometer, MagnetometerError};
 use embassy_time::Instant;
 use simulator::devices::i2c::{BusError, SimulatedI2cBus};
 use simulator::devices::lis3mdl as chip;

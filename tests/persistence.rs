@@ -3,9 +3,9 @@
 
 use autoswing::calibration::{AttitudeEnvelope, Calibration, HeadingUncertainty, Method, Orientation, Quality};
 use autoswing::frames::{Attitude, Field, wrap_pi};
-use autoswing::health::ResetCause;
 use autoswing::reading::{Identity, MagnetometerModel};
-use autoswing::store::{CalibrationRecord, LoadedValues, Store, StoreChange, StoreError, StoredCalibrations};
+use autoswing_firmware::health::ResetCause;
+use autoswing_module::store::{CalibrationRecord, LoadedValues, Store, StoreChange, StoreError, StoredCalibrations};
 use embassy_futures::block_on;
 use simulator::devices::nor_flash::CutOutcome;
 use simulator::mission::TurnPlan;

@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::f64::consts::PI;
 
 use autoswing::calibration::MotorCurrentInterference;
-use autoswing::health::ResetCause;
+use autoswing_firmware::health::ResetCause;
 use log_analysis::score::wrap_180;
 use simulator::faults::Faults;
 use simulator::heading_errors::HeadingErrors;

@@ -1,8 +1,8 @@
 //! Fuzz test of the console.
 
-use autoswing::console::report;
-use autoswing::console::session::Session;
-use autoswing::console::{Request, write_help};
+use autoswing_firmware::console::report;
+use autoswing_firmware::console::session::Session;
+use autoswing_firmware::console::{Request, write_help};
 use proptest::collection::vec;
 use proptest::prelude::*;
 

@@ -1,12 +1,12 @@
 //! Fuzz test of the DroneCAN receiver and of the node.
 
-use autoswing::compass::IndicatorState;
 use autoswing::instrument::Estimate;
-use autoswing::port::{CanNode, NodeContext, Snapshot};
-use autoswing::settings::{CanSettings, Settings};
 use autoswing::time::Timestamp;
-use autoswing::wire::dronecan::outbound::{NodeInfo, SoftwareVersion};
-use autoswing::wire::dronecan::{CanFrame, DataType, InboundMessage, MAX_RECEIVED_LENGTH, NodeId, Receiver};
+use autoswing_firmware::port::{CanNode, NodeContext, Snapshot};
+use autoswing_firmware::wire::dronecan::outbound::{NodeInfo, SoftwareVersion};
+use autoswing_firmware::wire::dronecan::{CanFrame, DataType, InboundMessage, MAX_RECEIVED_LENGTH, NodeId, Receiver};
+use autoswing_module::compass::IndicatorState;
+use autoswing_module::settings::{CanSettings, Settings};
 use proptest::collection::vec;
 use proptest::prelude::*;
 

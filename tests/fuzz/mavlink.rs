@@ -1,6 +1,6 @@
 //! Fuzz test of the MAVLink receiver.
 
-use autoswing::wire::mavlink::{InboundMessage, Receiver};
+use autoswing_firmware::wire::mavlink::{InboundMessage, Receiver};
 use proptest::collection::vec;
 use proptest::prelude::*;
 

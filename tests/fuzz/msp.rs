@@ -1,6 +1,6 @@
 //! Fuzz test of the MSP receiver.
 
-use autoswing::wire::msp::{AutopilotFirmware, MspAngles, MspReply, Receiver};
+use autoswing_firmware::wire::msp::{AutopilotFirmware, MspAngles, MspReply, Receiver};
 use proptest::collection::vec;
 use proptest::prelude::*;
 

@@ -1,11 +1,11 @@
 //! Fuzz test of a port with both protocols and protocol detection.
 
-use autoswing::compass::IndicatorState;
 use autoswing::frames::Field;
 use autoswing::instrument::Estimate;
-use autoswing::port::{Port, ReceivedMessage, Snapshot};
-use autoswing::settings::{ProtocolKind, Settings};
 use autoswing::time::Timestamp;
+use autoswing_firmware::port::{Port, ReceivedMessage, Snapshot};
+use autoswing_module::compass::IndicatorState;
+use autoswing_module::settings::{ProtocolKind, Settings};
 use proptest::prelude::*;
 
 use crate::stream::{self, Piece};

@@ -4,8 +4,8 @@ use std::sync::LazyLock;
 
 use autoswing::calibration::{AttitudeEnvelope, Calibration, HeadingUncertainty, Method, Orientation, Quality};
 use autoswing::reading::{Identity, MagnetometerModel};
-use autoswing::settings::Settings;
-use autoswing::store::{
+use autoswing_module::settings::Settings;
+use autoswing_module::store::{
     CalibrationRecord, LoadedValues, Store, StoreChange, StoreError, StoredCalibrations, StoredValues,
 };
 use embassy_futures::block_on;

@@ -6,7 +6,7 @@ use autoswing::acceptance::Rejection;
 use autoswing::calibration::SolveError;
 use autoswing::collection::CollectionProblem;
 use autoswing::frames::Attitude;
-use autoswing::messages::{Refusal, RefusalCause};
+use autoswing_module::messages::{Refusal, RefusalCause};
 use log_analysis::log::{FieldCorrection, Flight};
 use log_analysis::replay::{
     HeadingScore, ReferenceHeading, ReplayOptions, ReplayRow, RowSelection, build_rows, hard_iron_step, replay_rows,

@@ -3,9 +3,9 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use autoswing::app::{self, TaskLinks};
-use autoswing::magnetometer::lis3mdl::Lis3mdlConfig as DriverConfig;
-use autoswing::magnetometer::{self, Magnetometer};
+use autoswing_firmware::app::{self, TaskLinks};
+use autoswing_firmware::magnetometer::lis3mdl::Lis3mdlConfig as DriverConfig;
+use autoswing_firmware::magnetometer::{self, Magnetometer};
 use testkit::simulation::{Level, Simulation};
 
 use crate::devices::i2c::SimulatedI2cBus;

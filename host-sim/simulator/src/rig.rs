@@ -3,15 +3,15 @@
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
-use autoswing::app::can::UpdateHandOver;
-use autoswing::app::{self, Panel, Platform, TaskLinks, Watchdog};
 use autoswing::collection::RetainedSamples;
-use autoswing::health::ResetCause;
-use autoswing::port::UpdateForBootLoader;
-use autoswing::settings::{PORT_COUNT, PortNumber};
-use autoswing::store::Store;
-use autoswing::wire::dronecan::UNIQUE_ID_LENGTH;
-use autoswing::wire::dronecan::outbound::{NodeInfo, SoftwareVersion};
+use autoswing_firmware::app::can::UpdateHandOver;
+use autoswing_firmware::app::{self, Panel, Platform, TaskLinks, Watchdog};
+use autoswing_firmware::health::ResetCause;
+use autoswing_firmware::port::UpdateForBootLoader;
+use autoswing_firmware::wire::dronecan::UNIQUE_ID_LENGTH;
+use autoswing_firmware::wire::dronecan::outbound::{NodeInfo, SoftwareVersion};
+use autoswing_module::settings::{PORT_COUNT, PortNumber};
+use autoswing_module::store::Store;
 use embassy_time::{Duration, Timer};
 use testkit::clock;
 use testkit::simulation::{Level, RunEnd, Simulation, Stop};

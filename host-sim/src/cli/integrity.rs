@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use autoswing::settings::HeadingKind;
+use autoswing_module::settings::HeadingKind;
 use clap::Args;
 use comfy_table::Table;
 use host_sim::studies::integrity::{

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use autoswing::settings::PORT_COUNT;
+use autoswing_module::settings::PORT_COUNT;
 use simulator::devices::uart::{HostEnd, SerialCable, UartConfig as CableConfig, WakeCondition};
 use simulator::module::{Module, ModuleRunEnd};
 use simulator::random::{RandomStream, StreamPurpose};

@@ -1,7 +1,7 @@
 //! Detection of an external autopilot at the autopilot port, by MAVLink attitude or MSP messages.
 
-use autoswing::wire::mavlink::{InboundMessage, Receiver};
-use autoswing::wire::msp;
+use autoswing_firmware::wire::mavlink::{InboundMessage, Receiver};
+use autoswing_firmware::wire::msp;
 
 /// Timeout, microseconds. An autopilot without message requests sends attitude once a second.
 const ATTITUDE_TIMEOUT_US: u64 = 3_000_000;

@@ -16,7 +16,7 @@ pub use self::flash_image::{FlashImage, FlashImageError};
 pub use self::pilot_command::{COMMANDS, PilotCommand, PilotCommandError};
 pub use self::pilot_pattern::PilotPattern;
 
-use autoswing::wire::dronecan::CanFrame;
+use autoswing_firmware::wire::dronecan::CanFrame;
 use simulator::devices::can::{CanBus, CanEnd, CanFaults};
 use simulator::devices::uart::HostEnd;
 use simulator::module::Module as _;

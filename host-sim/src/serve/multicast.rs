@@ -1,6 +1,6 @@
 //! CAN frames in datagrams, as ArduPilot's simulator and pydronecan exchange them (`mcast:0`).
 
-use autoswing::wire::dronecan::CanFrame;
+use autoswing_firmware::wire::dronecan::CanFrame;
 use crc::{CRC_16_IBM_3740, Crc};
 
 const DATAGRAM_MAGIC: u16 = 0x2934;

@@ -4,12 +4,12 @@ use autoswing::acceptance::AcceptancePolicy;
 use autoswing::calibration::method_selection::{Procedure, SelectedParts};
 use autoswing::calibration::{Sample, Solution};
 use autoswing::collection::{Collector, RetainedSamples};
-use autoswing::compass::{Command, Compass, Effect, Event};
-use autoswing::messages::{Message, Refusal};
 use autoswing::reading::{Identity, MagnetometerModel};
-use autoswing::settings::Settings;
-use autoswing::store::StoredValues;
 use autoswing::time::WrappingMillis;
+use autoswing_module::compass::{Command, Compass, Effect, Event};
+use autoswing_module::messages::{Message, Refusal};
+use autoswing_module::settings::Settings;
+use autoswing_module::store::StoredValues;
 
 use super::result::ReplayOptions;
 use super::row_solve::{RunOutcome, sample_time_s};

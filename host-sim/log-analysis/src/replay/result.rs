@@ -4,7 +4,7 @@ use autoswing::calibration::Solution;
 use autoswing::earth::{Date, EarthField, Position};
 use autoswing::heading::{Heading, NoHeading};
 use autoswing::instrument::Estimate;
-use autoswing::messages::Refusal;
+use autoswing_module::messages::Refusal;
 use serde::Deserialize;
 
 /// Rows used for the fit.

@@ -6,7 +6,7 @@ use autoswing::calibration::{
 };
 use autoswing::collection::{CollectionProblem, Collector, FIT_CAPACITY_PER_SIDE, LevelLimits, RetainedSamples};
 use autoswing::instrument::InstrumentConfig;
-use autoswing::messages::Refusal;
+use autoswing_module::messages::Refusal;
 use nalgebra::Vector3;
 
 use super::result::ReplayOptions;

@@ -9,8 +9,8 @@ use std::mem;
 use std::rc::Rc;
 use std::task::{Context, Poll, Waker};
 
-use autoswing::app::can::{ReceiveFrame, SendFrame};
-use autoswing::wire::dronecan::CanFrame;
+use autoswing_firmware::app::can::{ReceiveFrame, SendFrame};
+use autoswing_firmware::wire::dronecan::CanFrame;
 use testkit::clock;
 use testkit::random::Random;
 

@@ -3,7 +3,7 @@
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 
-use autoswing::wire::dronecan::CanFrame;
+use autoswing_firmware::wire::dronecan::CanFrame;
 use host_sim::serve::multicast::{MAX_DATAGRAM_SIZE, from_datagram, to_datagram};
 use socket2::{Domain, Socket, Type};
 

@@ -3,7 +3,7 @@
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{ConsiderSigmas, Method, Sample};
 use autoswing::collection::{Collector, RetainedSamples};
-use autoswing::compass::TrialSchedule;
+use autoswing_module::compass::TrialSchedule;
 
 use super::evaluation::solve_samples;
 use super::random_flight::Recording;

@@ -1,7 +1,7 @@
 //! One flight of a case: calibration, then a flight in which every output sentence is evaluated.
 
 use autoswing::calibration::Calibration;
-use autoswing::settings::HeadingKind;
+use autoswing_module::settings::HeadingKind;
 use log_analysis::score::wrap_180;
 use nalgebra::Vector3;
 use simulator::heading_errors::HeadingErrors;

@@ -1,6 +1,6 @@
 //! Extent of a run, and its attitude source.
 
-use autoswing::settings::HeadingKind;
+use autoswing_module::settings::HeadingKind;
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::cable_far_end::FarEnd;
 use simulator::world::msp_autopilot::{AnswerFaults, MspFirmware};

@@ -4,7 +4,7 @@
 use std::fmt;
 
 use autoswing::calibration::{Orientation, Solution, SolveError};
-use autoswing::messages::Refusal;
+use autoswing_module::messages::Refusal;
 use nalgebra::Vector3;
 
 use super::evaluation::{CompassEvaluation, heading_deg};

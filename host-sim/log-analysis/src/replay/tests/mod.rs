@@ -11,7 +11,7 @@ use std::sync::LazyLock;
 
 use autoswing::calibration::SolveError;
 use autoswing::frames::{Attitude, Field, Level};
-use autoswing::messages::Refusal;
+use autoswing_module::messages::Refusal;
 
 use super::evaluation::{CompassEvaluation, EvaluationOptions, FlightEvaluation, evaluate_flight};
 use super::parameter_export::ExportedCorrection;

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use autoswing::messages::Refusal;
+use autoswing_module::messages::Refusal;
 use serde::{Serialize, Serializer};
 
 use crate::numbers::format_number;

@@ -2,7 +2,7 @@ use std::sync::LazyLock;
 
 use autoswing::calibration::SolveError;
 use autoswing::earth::{Date, EarthField, Position};
-use autoswing::messages::Refusal;
+use autoswing_module::messages::Refusal;
 
 use super::*;
 use crate::log::csv::FieldUnit;

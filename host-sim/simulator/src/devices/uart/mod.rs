@@ -11,8 +11,8 @@ use std::future::poll_fn;
 use std::rc::Rc;
 use std::task::Poll;
 
-use autoswing::app::SetBaud;
-use autoswing::settings::BaudRate;
+use autoswing_firmware::app::SetBaud;
+use autoswing_module::settings::BaudRate;
 use embassy_time::{Instant, Timer};
 use embedded_io_async::{ErrorType, Read, Write};
 use testkit::clock;

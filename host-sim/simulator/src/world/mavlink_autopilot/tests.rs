@@ -4,12 +4,12 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use autoswing::calibration::method_selection::Procedure;
-use autoswing::compass::{Command, IndicatorState};
 use autoswing::earth::Date;
 use autoswing::instrument::Estimate;
-use autoswing::port::{Mavlink, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
-use autoswing::settings::Settings;
 use autoswing::time::Timestamp;
+use autoswing_firmware::port::{Mavlink, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
+use autoswing_module::compass::{Command, IndicatorState};
+use autoswing_module::settings::Settings;
 
 use embassy_time::{Duration, with_timeout};
 use embedded_io_async::{Read, Write};

@@ -1,10 +1,10 @@
-use autoswing::compass::IndicatorState;
 use autoswing::frames::Field;
 use autoswing::instrument::Estimate;
-use autoswing::port::{Msp, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
-use autoswing::settings::Settings;
 use autoswing::time::Timestamp;
-use autoswing::wire::msp::{self, AutopilotFirmware as Told, MspFunction, MspReply, Receiver};
+use autoswing_firmware::port::{Msp, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
+use autoswing_firmware::wire::msp::{self, AutopilotFirmware as Told, MspFunction, MspReply, Receiver};
+use autoswing_module::compass::IndicatorState;
+use autoswing_module::settings::Settings;
 
 use super::frame::crc_8_dvb_s2;
 use super::*;

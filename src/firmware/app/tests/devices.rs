@@ -1,0 +1,171 @@
+//! Simulated devices of the tasks.
+
+use std::cell::{Cell, RefCell};
+use std::collections::VecDeque;
+use std::future::pending;
+use std::rc::Rc;
+
+use embassy_time::{Duration, Timer};
+use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
+
+use crate::app::SetBaud;
+use crate::magnetometer::{Magnetometer, MagnetometerError};
+use autoswing::frames::Field;
+use autoswing::reading::{Identity, MagnetometerModel, Reading};
+use autoswing_module::settings::BaudRate;
+
+pub const SENSOR: Identity = Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E };
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum DeviceBehaviour {
+    #[default]
+    Works,
+    Fails,
+    Hangs,
+    /// The line returns no bytes, and does not wait.
+    EndOfInput,
+    /// The chip's registers differ from the written values.
+    ChangedRegisters,
+}
+
+/// Magnetometer with a measurement every 10 ms.
+#[derive(Clone, Default)]
+pub struct FakeMagnetometer {
+    pub init_behaviour: Rc<Cell<DeviceBehaviour>>,
+    pub read_behaviour: Rc<Cell<DeviceBehaviour>>,
+    pub verify_behaviour: Rc<Cell<DeviceBehaviour>>,
+    pub verify_count: Rc<Cell<u32>>,
+    pub saturated_and_overwritten: Rc<Cell<(bool, bool)>>,
+    pub init_count: Rc<Cell<u32>>,
+}
+
+impl FakeMagnetometer {
+    pub const PERIOD_US: u32 = 10_000;
+    pub const EQUAL_READINGS_UNTIL_STUCK: u16 = 20;
+}
+
+impl Magnetometer for FakeMagnetometer {
+    type BusError = ();
+
+    async fn init(&mut self) -> Result<Identity, MagnetometerError<()>> {
+        self.init_count.set(self.init_count.get() + 1);
+        match self.init_behaviour.get() {
+            DeviceBehaviour::Works => Ok(SENSOR),
+            DeviceBehaviour::Fails | DeviceBehaviour::EndOfInput => Err(MagnetometerError::Bus(())),
+            DeviceBehaviour::ChangedRegisters => Err(MagnetometerError::Configuration { written: 0, read: 1 }),
+            DeviceBehaviour::Hangs => pending().await,
+        }
+    }
+
+    async fn verify_configuration(&mut self) -> Result<(), MagnetometerError<()>> {
+        self.verify_count.set(self.verify_count.get() + 1);
+        match self.verify_behaviour.get() {
+            DeviceBehaviour::Works => Ok(()),
+            DeviceBehaviour::Fails | DeviceBehaviour::EndOfInput => Err(MagnetometerError::Bus(())),
+            DeviceBehaviour::ChangedRegisters => Err(MagnetometerError::Configuration { written: 0, read: 1 }),
+            DeviceBehaviour::Hangs => pending().await,
+        }
+    }
+
+    fn equal_readings_until_stuck(&self) -> u16 {
+        Self::EQUAL_READINGS_UNTIL_STUCK
+    }
+
+    async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<()>> {
+        Timer::after(Duration::from_micros(Self::PERIOD_US.into())).await;
+        let (saturated, overrun) = self.saturated_and_overwritten.get();
+        match self.read_behaviour.get() {
+            DeviceBehaviour::Works => Ok(Reading {
+                field: Field::from_ut(20.0, 0.0, 40.0),
+                is_saturated: saturated,
+                was_overwritten: overrun,
+            }),
+            DeviceBehaviour::Fails | DeviceBehaviour::EndOfInput | DeviceBehaviour::ChangedRegisters => {
+                Err(MagnetometerError::NoData)
+            }
+            DeviceBehaviour::Hangs => pending().await,
+        }
+    }
+
+    fn period_us(&self) -> u32 {
+        Self::PERIOD_US
+    }
+}
+
+/// Line that returns queued bytes, then nothing or errors.
+#[derive(Clone, Default)]
+pub struct FakeReceiver {
+    pub queued_bytes: Rc<RefCell<VecDeque<u8>>>,
+    pub behaviour: Rc<Cell<DeviceBehaviour>>,
+    pub read_count: Rc<Cell<u32>>,
+}
+
+impl FakeReceiver {
+    pub fn queue_bytes(&self, bytes: &[u8]) {
+        self.queued_bytes.borrow_mut().extend(bytes);
+    }
+}
+
+impl ErrorType for FakeReceiver {
+    type Error = ErrorKind;
+}
+
+impl Read for FakeReceiver {
+    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, ErrorKind> {
+        self.read_count.set(self.read_count.get() + 1);
+        loop {
+            match self.behaviour.get() {
+                DeviceBehaviour::Fails | DeviceBehaviour::ChangedRegisters => return Err(ErrorKind::Other),
+                DeviceBehaviour::EndOfInput => return Ok(0),
+                DeviceBehaviour::Works if !self.queued_bytes.borrow().is_empty() => break,
+                DeviceBehaviour::Works | DeviceBehaviour::Hangs => Timer::after_micros(100).await,
+            }
+        }
+        let mut bytes = self.queued_bytes.borrow_mut();
+        let read = buffer.len().min(bytes.len());
+        buffer.iter_mut().zip(bytes.drain(..read)).for_each(|(place, byte)| *place = byte);
+        Ok(read)
+    }
+}
+
+/// Port that records its output.
+#[derive(Clone, Default)]
+pub struct FakeTransmitter {
+    pub written: Rc<RefCell<Vec<u8>>>,
+    /// Baud rates in the order they were set.
+    pub baud_changes: Rc<RefCell<Vec<BaudRate>>>,
+    pub behaviour: Rc<Cell<DeviceBehaviour>>,
+}
+
+impl FakeTransmitter {
+    /// Removes and returns the recorded output.
+    pub fn take_text(&self) -> String {
+        String::from_utf8(self.written.take()).unwrap()
+    }
+}
+
+impl ErrorType for FakeTransmitter {
+    type Error = ErrorKind;
+}
+
+impl Write for FakeTransmitter {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, ErrorKind> {
+        match self.behaviour.get() {
+            DeviceBehaviour::Works => self.written.borrow_mut().extend(bytes),
+            DeviceBehaviour::Fails | DeviceBehaviour::ChangedRegisters => return Err(ErrorKind::Other),
+            DeviceBehaviour::EndOfInput => return Ok(0),
+            DeviceBehaviour::Hangs => pending().await,
+        }
+        Ok(bytes.len())
+    }
+
+    async fn flush(&mut self) -> Result<(), ErrorKind> {
+        Ok(())
+    }
+}
+
+impl SetBaud for FakeTransmitter {
+    fn set_baud(&mut self, baud: BaudRate) {
+        self.baud_changes.borrow_mut().push(baud);
+    }
+}

@@ -1,0 +1,469 @@
+//! Tasks of the thread executor: the state machine with its flash, and the console.
+
+use std::cell::{Cell, RefCell};
+use std::rc::Rc;
+use std::sync::atomic::Ordering;
+
+use embassy_futures::yield_now;
+use testkit::flash::{RamFlash, SilentFault};
+
+use super::TaskBench;
+use super::devices::{DeviceBehaviour, FakeMagnetometer, FakeReceiver, FakeTransmitter, SENSOR};
+use crate::app::task_links::{AutopilotLine, CommandSource, DetectedSensor, now, publish_value};
+use crate::app::{Platform, compass, console, port};
+use crate::health::{ResetCause, StackUse};
+use crate::synthetic::{Airframe, Flight, Random, multirotor_samples};
+use autoswing::calibration::method_selection::Procedure;
+use autoswing::calibration::{CollectionPart, Sample};
+use autoswing::collection::RetainedSamples;
+use autoswing::earth::{Date, EarthField, Position};
+use autoswing::frames::Attitude;
+use autoswing::heading::Heading;
+use autoswing::instrument::{Estimate, SampleAttitude};
+use autoswing::time::WrappingMillis;
+use autoswing_module::compass::{Command, IndicatorState, ModuleState, Reply};
+use autoswing_module::messages::SampleLoss;
+use autoswing_module::messages::{Message, Refusal, RefusalCause};
+use autoswing_module::settings::{PortNumber, ProtocolKind, SettingChange, Settings};
+use autoswing_module::store::{Store, StoreError};
+
+pub(super) type Flash = RamFlash<2048>;
+pub(super) const PAGE_COUNT: usize = 8;
+
+pub(super) fn test_store(flash: Flash) -> Store<Flash> {
+    Store::new(flash, 0..(2048 * PAGE_COUNT) as u32)
+}
+
+pub(super) fn bench_with_compass(flash: Flash) -> TaskBench {
+    let mut bench = TaskBench::new();
+    bench.spawn_task("compass", |links| async move {
+        Box::pin(compass::run_compass(&links, test_store(flash), &mut RetainedSamples::EMPTY.clone())).await;
+    });
+    bench.run_for_ms(1);
+    bench
+}
+
+pub(super) fn execute_command(bench: &mut TaskBench, command: Command) -> Result<Reply, Refusal> {
+    bench.links.commands.try_send((CommandSource::Console, command)).unwrap();
+    bench.run_for_ms(1);
+    bench.links.replies.try_receive().expect("an answer")
+}
+
+#[test]
+fn settings_are_written_published_and_counted() {
+    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
+    assert_eq!(bench.links.settings.try_get(), Some(Settings::DEFAULT));
+    let reply = execute_command(&mut bench, Command::Set(SettingChange::StreamRateHz(20)));
+    assert!(matches!(reply, Ok(Reply::Done(ModuleState::Uncalibrated))), "{reply:?}");
+    assert_eq!(bench.links.settings.try_get(), Some(Settings { stream_rate_hz: 20, ..Settings::DEFAULT }));
+    assert_eq!((bench.links.event_counts().saves, bench.links.event_counts().store_errors), (1, 0));
+}
+
+/// Position and date may come from different ports; entered values have priority, and nothing is stored.
+#[test]
+fn position_and_date_apply_the_field_model() {
+    let (place, day) = (Position::new(51.1, 13.7, 100.0).unwrap(), Date::from_unix_s(20_779 * 86_400).unwrap());
+    let field = EarthField::from_model(place, day).unwrap();
+    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
+    publish_value(&bench.links.date, day);
+    bench.run_for_ms(1);
+    assert_eq!(bench.links.settings.try_get(), Some(Settings::DEFAULT));
+    bench.links.update_position(now(), place);
+    bench.run_for_ms(1);
+    let inclination_deg = Some(field.inclination_deg);
+    let by_model = Settings { declination_deg: field.declination_deg, inclination_deg, ..Settings::DEFAULT };
+    assert_eq!(bench.links.settings.try_get(), Some(by_model));
+    assert!(execute_command(&mut bench, Command::Set(SettingChange::Declination(Some(3.0)))).is_ok());
+    assert_eq!(bench.links.settings.try_get(), Some(Settings { declination_deg: Some(3.0), ..by_model }));
+    assert_eq!(bench.links.event_counts().saves, 1);
+}
+
+#[test]
+fn a_failed_save_is_reported_and_counted() {
+    let mut flash = Flash::new(PAGE_COUNT);
+    flash.unreadable = Some((0..2048 * PAGE_COUNT, usize::MAX));
+    let mut bench = bench_with_compass(flash);
+    assert_eq!(bench.links.event_counts().store_errors, 1, "of the load, once");
+    assert_eq!(bench.links.console_messages.try_receive(), Ok(Message::StoreFailed(StoreError::Flash)));
+    let reply = execute_command(&mut bench, Command::Set(SettingChange::StreamRateHz(20)));
+    assert!(matches!(reply, Err(Refusal::Store(StoreError::Flash))), "{reply:?}");
+    assert_eq!(bench.links.settings.try_get(), Some(Settings::DEFAULT));
+    assert_eq!((bench.links.event_counts().saves, bench.links.event_counts().store_errors), (0, 2));
+}
+
+/// An erase that never completes: the command is refused after half a second, and the next ones are executed. A save
+/// without a command is reported by a message.
+#[test]
+fn a_save_that_never_completes_times_out_and_is_reported() {
+    let mut flash = Flash::new(PAGE_COUNT);
+    flash.silent_fault = Some(SilentFault::WritesHang);
+    let mut bench = bench_with_compass(flash);
+    bench.links.commands.try_send((CommandSource::Console, Command::CalClear)).unwrap();
+    bench.run_for_ms(499);
+    assert!(bench.links.replies.try_receive().is_err());
+    bench.run_for_ms(1);
+    let reply = bench.links.replies.try_receive();
+    assert!(matches!(reply, Ok(Err(Refusal::Store(StoreError::Timeout)))), "{reply:?}");
+    assert_eq!((bench.links.event_counts().saves, bench.links.event_counts().store_errors), (0, 1));
+    assert!(matches!(execute_command(&mut bench, Command::Status), Ok(Reply::Report(_))));
+    bench.links.update_line_state(AutopilotLine::Port(PortNumber::One), ProtocolKind::Mavlink, None);
+    for is_armed in [true, false] {
+        publish_value(&bench.links.armed_state, Some(is_armed));
+        bench.run_for_ms(5_500);
+    }
+    let message = Ok(Message::StoreFailed(StoreError::Timeout));
+    assert_eq!(bench.links.console_messages.try_receive(), message);
+    assert_eq!(bench.links.links_of_line(AutopilotLine::Port(PortNumber::One)).messages.try_receive(), message);
+    assert_eq!(bench.links.event_counts().store_errors, 2);
+    assert!(matches!(execute_command(&mut bench, Command::Status), Ok(Reply::Report(_))));
+}
+
+/// Readings lost before the collection do not count.
+#[test]
+fn readings_lost_during_the_collection_are_the_cause_of_a_refusal() {
+    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
+    publish_value(
+        &bench.links.sensor,
+        DetectedSensor {
+            identity: SENSOR,
+            period_us: FakeMagnetometer::PERIOD_US,
+            equal_readings_until_stuck: FakeMagnetometer::EQUAL_READINGS_UNTIL_STUCK,
+        },
+    );
+    bench.run_for_ms(1);
+    let record_losses = |bench: &TaskBench, saturated| {
+        bench.links.event_counters.readings.fetch_add(1000, Ordering::Relaxed);
+        bench.links.event_counters.saturated.fetch_add(saturated, Ordering::Relaxed);
+    };
+    record_losses(&bench, 500);
+    bench.links.commands.try_send((CommandSource::Button, Command::CalStart(Procedure::Flight))).unwrap();
+    bench.run_for_ms(1);
+    record_losses(&bench, 200);
+    let cause = RefusalCause::SampleLoss(SampleLoss::Saturated(20));
+    let refused = execute_command(&mut bench, Command::CalSolve(None)).unwrap_err();
+    assert_eq!(refused, Refusal::InsufficientSamples { code: "no-samples", expected_rms_deg: None, cause });
+    assert!(matches!(execute_command(&mut bench, Command::CalUndo), Err(Refusal::NoPreviousCalibration)));
+}
+
+/// The state machine makes a correction from a detected sensor and samples of turns, without `cal solve`.
+#[test]
+fn samples_become_a_correction() {
+    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
+    assert!(matches!(execute_command(&mut bench, Command::CalStart(Procedure::Turns)), Err(Refusal::NoSensor)));
+    publish_value(
+        &bench.links.sensor,
+        DetectedSensor {
+            identity: SENSOR,
+            period_us: FakeMagnetometer::PERIOD_US,
+            equal_readings_until_stuck: FakeMagnetometer::EQUAL_READINGS_UNTIL_STUCK,
+        },
+    );
+    bench.run_for_ms(1);
+    assert!(matches!(
+        execute_command(&mut bench, Command::CalStart(Procedure::Turns)),
+        Ok(Reply::Done(ModuleState::Collecting))
+    ));
+    let airframe = Airframe::random(&mut Random(11), 0.1, 1.0, 5.0, [55.0, 55.0]);
+    let recorded = Flight { samples_per_side: 190, ..Flight::TYPICAL }.fly(&airframe, &mut Random(1));
+    for (i, sample) in recorded.left.iter().chain(&recorded.right).enumerate() {
+        let time = WrappingMillis::new(i as u32 * 500);
+        bench.links.queue_or_count(&bench.links.samples, Sample { time, ..*sample });
+        bench.run_for_ms(1);
+    }
+    assert!(matches!(bench.links.console_messages.try_receive(), Ok(Message::Solved(Ok(_)))));
+    let correction = bench.links.correction.try_get().unwrap();
+    let (calibration, uncertainty) = correction.calibration.unwrap();
+    assert_eq!(correction.sample_attitude, SampleAttitude::Interpolated);
+    // Noise of a reading at 100 Hz: sqrt(10) times that of a sample, 0.12 uT of about 50 uT.
+    let reading_ut = uncertainty.relative_sensor_sigma * calibration.total_ut;
+    assert!((0.25..0.55).contains(&reading_ut), "{reading_ut}");
+    assert_eq!(bench.links.event_counts().saves, 2, "that there is a collection, and its calibration");
+    assert_eq!(bench.links.indicator_state.try_get(), Some(IndicatorState::Calibrated));
+    for number in PortNumber::ALL_PORTS {
+        assert!(
+            matches!(
+                bench.links.links_of_line(AutopilotLine::Port(number)).messages.try_receive(),
+                Ok(Message::Solved(Ok(_)))
+            ),
+            "{number:?}"
+        );
+    }
+    // The console is answered between the steps of a solve.
+    assert!(matches!(execute_command(&mut bench, Command::CalSolve(None)), Ok(Reply::Done(ModuleState::Solving))));
+    bench.run_for_ms(100);
+    // Commands during the solve use the armed state reported meanwhile.
+    let replies: Rc<RefCell<Vec<Result<Reply, Refusal>>>> = Rc::default();
+    let answered = Rc::clone(&replies);
+    bench.spawn_task("person", |links| async move {
+        for command in [Command::CalSolve(None), Command::Restart, Command::CalUndo] {
+            publish_value(&links.armed_state, Some(command == Command::CalUndo));
+            links.commands.send((CommandSource::Console, command)).await;
+            let reply = links.replies.receive().await;
+            answered.borrow_mut().push(reply);
+        }
+    });
+    bench.run_for_ms(1);
+    let replies = replies.borrow();
+    let [Ok(Reply::Done(ModuleState::Solving)), Ok(Reply::Done(ModuleState::Solving)), Err(Refusal::Armed)] =
+        &replies[..]
+    else {
+        panic!("{replies:?}")
+    };
+}
+
+/// A sample with every step of the executor: more than the queue holds arrive during a trial solve.
+#[test]
+fn no_sample_is_dropped_during_a_trial_solve() {
+    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
+    publish_value(
+        &bench.links.sensor,
+        DetectedSensor {
+            identity: SENSOR,
+            period_us: FakeMagnetometer::PERIOD_US,
+            equal_readings_until_stuck: FakeMagnetometer::EQUAL_READINGS_UNTIL_STUCK,
+        },
+    );
+    bench.run_for_ms(1);
+    assert!(execute_command(&mut bench, Command::CalStart(Procedure::Flight)).is_ok());
+    let airframe = Airframe::random(&mut Random(11), 0.1, 1.0, 5.0, [55.0, 55.0]);
+    let flown = multirotor_samples(&airframe, 0.3, &mut Random(1));
+    bench.spawn_task("instrument", |links| async move {
+        for (i, sample) in (0..75).zip(flown) {
+            links.queue_or_count(&links.samples, Sample { time: WrappingMillis::new(i * 250), ..sample });
+            yield_now().await;
+        }
+    });
+    bench.run_for_ms(1);
+    let Ok(Reply::Report(report)) = execute_command(&mut bench, Command::Status) else { panic!("no report") };
+    assert!(report.last_trial.is_some());
+    let coverage = report.collection_progress.coverage_of(CollectionPart::FREE);
+    assert_eq!(coverage.fit_count + coverage.held_back_count, 75);
+    assert_eq!(bench.links.event_counts().samples_dropped, 0);
+}
+
+#[test]
+fn restart_is_refused_while_the_autopilot_is_armed() {
+    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
+    assert!(matches!(execute_command(&mut bench, Command::Restart), Ok(Reply::Done(_))));
+    publish_value(&bench.links.armed_state, Some(true));
+    assert!(matches!(execute_command(&mut bench, Command::Restart), Err(Refusal::Armed)));
+    publish_value(&bench.links.armed_state, Some(false));
+    assert!(matches!(execute_command(&mut bench, Command::Restart), Ok(Reply::Done(_))));
+}
+
+/// The state machine admits the command of any source, and signals the console to restart the module.
+#[test]
+fn a_restart_commanded_on_a_port_needs_a_disarmed_autopilot() {
+    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
+    for (is_armed, result) in [(true, Err(Refusal::Armed)), (false, Ok(()))] {
+        publish_value(&bench.links.armed_state, Some(is_armed));
+        bench
+            .links
+            .commands
+            .try_send((CommandSource::Line(AutopilotLine::Port(PortNumber::Two)), Command::Restart))
+            .unwrap();
+        bench.run_for_ms(1);
+        assert_eq!(bench.links.restart_request.signaled(), result.is_ok());
+        assert_eq!(
+            bench.links.links_of_line(AutopilotLine::Port(PortNumber::Two)).command_results.try_take(),
+            Some((Command::Restart, result))
+        );
+        assert!(bench.links.links_of_line(AutopilotLine::Port(PortNumber::One)).command_results.try_take().is_none());
+    }
+}
+
+#[derive(Clone, Default)]
+struct FakePlatform(Rc<Cell<u32>>);
+
+impl Platform for FakePlatform {
+    fn reboot(&mut self) {
+        self.0.set(self.0.get() + 1);
+    }
+
+    fn peak_stack_use(&self) -> Option<StackUse> {
+        Some(StackUse { peak_used_bytes: 1234, size_bytes: 24576 })
+    }
+}
+
+/// Console task with its greeting removed from the output.
+fn bench_with_console() -> (TaskBench, FakeReceiver, FakeTransmitter, FakePlatform) {
+    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
+    let (line, port, board) = (FakeReceiver::default(), FakeTransmitter::default(), FakePlatform::default());
+    let (rx, tx, platform) = (line.clone(), port.clone(), board.clone());
+    bench.spawn_task("console", |links| async move {
+        console::run_console(&links, rx, tx, platform, ResetCause::Watchdog).await;
+    });
+    bench.run_for_ms(1);
+    assert!(port.take_text().contains("started by watchdog"));
+    (bench, line, port, board)
+}
+
+fn type_line(bench: &mut TaskBench, receiver: &FakeReceiver, transmitter: &FakeTransmitter, text: &str) -> String {
+    receiver.queue_bytes(text.as_bytes());
+    receiver.queue_bytes(b"\r");
+    bench.run_for_ms(5);
+    transmitter.take_text()
+}
+
+#[test]
+fn every_kind_of_request_is_answered() {
+    let (mut bench, line, port, _) = bench_with_console();
+    for (text, answer) in [
+        ("version", "ok autoswing "),
+        ("status", "ok uncalibrated"),
+        ("cal show", "error no-calibration: "),
+        ("cal abort", "ok uncalibrated"),
+        ("cal undo", "error nothing-to-undo: "),
+        ("set accuracy 0.7", "ok accuracy 0.7 deg wanted\r\n"),
+        ("set mount yaw90", "ok mount yaw90"),
+        ("set align none", "ok align 0.0 deg"),
+        ("help set accuracy", "ok set accuracy DEG: "),
+        ("nonsense", "error unknown-command: "),
+    ] {
+        let reply = type_line(&mut bench, &line, &port, text);
+        assert!(reply.contains(&format!("\r\n{answer}")), "{text}: {reply}");
+        assert!(reply.ends_with("> "), "{text}: {reply}");
+    }
+}
+
+#[test]
+fn status_shows_the_module_s_health() {
+    let (mut bench, line, port, _) = bench_with_console();
+    let status = type_line(&mut bench, &line, &port, "status all");
+    for expected in ["sensor: not found", "attitude: none", "heading: none, sensor-silent", "started by watchdog"] {
+        assert!(status.contains(expected), "{expected}: {status}");
+    }
+    publish_value(
+        &bench.links.sensor,
+        DetectedSensor {
+            identity: SENSOR,
+            period_us: FakeMagnetometer::PERIOD_US,
+            equal_readings_until_stuck: FakeMagnetometer::EQUAL_READINGS_UNTIL_STUCK,
+        },
+    );
+    let heading = Ok(Heading { magnetic_rad: 1.0, sigma_rad: 0.02, systematic_variance_rad2: 0.0 });
+    let attitude = Some(Attitude::from_deg(12.0, -3.0));
+    bench.links.estimates.sender().send(Estimate { heading, attitude, ..Estimate::EMPTY });
+    bench.run_for_ms(12_000);
+    let status = type_line(&mut bench, &line, &port, "status all");
+    for expected in [
+        "sensor: LIS3MDL at 1e",
+        "attitude: roll 12.0 deg, pitch -3.0 deg",
+        "heading: 57.3 deg magnetic, sigma 1.1 deg",
+        "stack: 1234 of 24576 bytes used at most",
+        "up: 12 s, started by watchdog",
+    ] {
+        assert!(status.contains(expected), "{expected}: {status}");
+    }
+}
+
+/// The reply has 50 ms to leave the port.
+#[test]
+fn a_reboot_is_announced_first() {
+    let (mut bench, line, port, board) = bench_with_console();
+    assert!(type_line(&mut bench, &line, &port, "reboot").contains("ok restarting"));
+    bench.run_for_ms(40);
+    assert_eq!(board.0.get(), 0);
+    bench.run_for_ms(10);
+    assert_eq!(board.0.get(), 1);
+}
+
+/// On a board whose only UART serves a port, no console executes the restart.
+#[test]
+fn a_module_without_a_console_restarts_on_command() {
+    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
+    let board = FakePlatform::default();
+    let platform = board.clone();
+    bench.spawn_task("restart", |links| async move { console::restart_without_terminal(&links, platform).await });
+    bench.links.commands.try_send((CommandSource::Line(AutopilotLine::Can), Command::Restart)).unwrap();
+    bench.run_for_ms(49);
+    assert_eq!(board.0.get(), 0);
+    bench.run_for_ms(2);
+    assert_eq!(board.0.get(), 1);
+}
+
+/// The only UART of a board is the console unless a protocol is selected for port 1, and not before the settings are
+/// known.
+#[test]
+fn a_selected_protocol_is_found_once_the_settings_are_known() {
+    for (selected, expected) in
+        [(None, None), (Some(ProtocolKind::Auto), Some(false)), (Some(ProtocolKind::Msp), Some(true))]
+    {
+        let (mut bench, found) = (TaskBench::new(), Rc::new(Cell::new(None)));
+        let result = Rc::clone(&found);
+        bench.spawn_task(
+            "uart",
+            |links| async move { result.set(Some(port::has_protocol(&links, PortNumber::One).await)) },
+        );
+        if let Some(protocol) = selected {
+            let mut settings = Settings::DEFAULT;
+            settings.ports.port_mut(PortNumber::One).protocol = protocol;
+            publish_value(&bench.links.settings, settings);
+        }
+        bench.run_for_ms(10);
+        assert_eq!(found.get(), expected, "{selected:?}");
+    }
+}
+
+#[test]
+fn an_armed_module_does_not_reboot() {
+    let (mut bench, line, port, board) = bench_with_console();
+    publish_value(&bench.links.armed_state, Some(true));
+    let reply = type_line(&mut bench, &line, &port, "reboot");
+    assert!(reply.contains("\r\nerror armed: the autopilot is armed") && !reply.contains("ok"), "{reply}");
+    bench.run_for_ms(1_000);
+    assert_eq!(board.0.get(), 0);
+    assert!(type_line(&mut bench, &line, &port, "status all").contains("\r\narmed: yes\r\n"));
+    publish_value(&bench.links.armed_state, Some(false));
+    assert!(type_line(&mut bench, &line, &port, "status all").contains("\r\narmed: no\r\n"));
+    assert!(type_line(&mut bench, &line, &port, "reboot").contains("ok restarting"));
+    bench.run_for_ms(50);
+    assert_eq!(board.0.get(), 1);
+}
+
+#[test]
+fn a_message_is_shown_and_the_partly_typed_line_restored() {
+    let (mut bench, line, port, _) = bench_with_console();
+    line.queue_bytes(b"versio");
+    bench.run_for_ms(1);
+    assert_eq!(port.take_text(), "versio");
+    bench.links.broadcast_message(&Message::StoreFailed(StoreError::Corrupt));
+    bench.run_for_ms(1);
+    let text = port.take_text();
+    assert!(text.contains("note refused store-corrupt: "), "{text:?}");
+    // The partly typed line is still shown.
+    assert!(text.ends_with("\r\n\r\x1b[2K> versio"), "{text:?}");
+    assert!(type_line(&mut bench, &line, &port, "n").contains("ok autoswing"));
+}
+
+#[test]
+fn the_oldest_message_is_dropped_from_a_full_queue() {
+    let bench = TaskBench::new();
+    for percent in 0..5 {
+        bench.links.broadcast_message(&Message::Collecting(percent));
+    }
+    let waiting: Vec<_> = std::iter::from_fn(|| bench.links.console_messages.try_receive().ok()).collect();
+    assert_eq!(waiting, [2, 3, 4].map(Message::Collecting));
+}
+
+/// The console continues after line errors, and with a terminal that accepts no bytes.
+#[test]
+fn line_errors_do_not_stop_the_console() {
+    let (mut bench, line, port, _) = bench_with_console();
+    for behaviour in [DeviceBehaviour::Fails, DeviceBehaviour::EndOfInput] {
+        line.behaviour.set(behaviour);
+        let before = line.read_count.get();
+        bench.run_for_ms(10);
+        let reads = line.read_count.get() - before;
+        assert!((40..=60).contains(&reads), "{behaviour:?} {reads}: a pause of 0.2 ms after each");
+    }
+    line.behaviour.set(DeviceBehaviour::Works);
+    port.behaviour.set(DeviceBehaviour::Hangs);
+    assert_eq!(type_line(&mut bench, &line, &port, "version"), "");
+    // While the port hangs, the echo of each character times out after half a second; wait for all.
+    bench.run_for_ms(8_000);
+    port.behaviour.set(DeviceBehaviour::Works);
+    bench.run_for_ms(1_000);
+    let _ = port.take_text();
+    assert!(type_line(&mut bench, &line, &port, "version").contains("ok autoswing"));
+}

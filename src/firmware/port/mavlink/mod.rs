@@ -1,0 +1,266 @@
+//! MAVLink: the module as component 158, a peripheral, of the autopilot's system.
+//!
+//! The autopilot is the selected sender of attitude, or without attitude the first autopilot that sends a heartbeat.
+//! Until one is known the module sends nothing, because neither its system nor the use of MAVLink on the line is known.
+//! Afterwards it
+//!
+//! - sends a heartbeat with its state once a second;
+//! - requests attitude, current, position and time from the autopilot;
+//! - accepts commands to component 158 from any sender. Commands to all components are left to the autopilot, whose own
+//!   compass they are meant for;
+//! - sends texts, progress and report of collections, and headings as named values;
+//! - sends the heading as a pose if it is to replace the autopilot's own yaw.
+//!
+//! Current, position and date from other systems or components are ignored, as are the module's own messages that come
+//! back.
+
+mod collection;
+mod commands;
+mod requests;
+mod status_texts;
+mod transmitter;
+
+use ::mavlink::dialects::common::MavState;
+
+use super::{MessageSchedule, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
+use crate::wire::mavlink::{Address, InboundMessage, OutboundMessage, Pose, Receiver};
+use autoswing::attitude::{SenderId, SenderSelector};
+use autoswing::calibration::Calibration;
+use autoswing::frames::wrap_pi;
+use autoswing::heading::{Heading, NoHeading};
+use autoswing::time::Timestamp;
+use autoswing_module::compass::{Command, IndicatorState};
+use autoswing_module::messages::{Message as Notice, Refusal};
+use autoswing_module::settings::SigningKey;
+use collection::CollectionReporter;
+use commands::CommandHandler;
+use requests::RequestSequence;
+use status_texts::PendingTexts;
+pub(super) use transmitter::Transmitter;
+use transmitter::{OWN_COMPONENT, own_address};
+
+/// Rate of poses, Hz. Autopilots drop poses at higher rates, and detect a loss below 3 Hz.
+const POSE_HZ: u8 = 50;
+/// Pending bytes above which no pose is sent: a pose is long, and on a slow line other messages keep their room.
+const MAX_PENDING_BEFORE_POSE_BYTES: usize = 64;
+const HEARTBEAT_HZ: u8 = 1;
+/// Rate of named values, heading and sigma in turn, Hz.
+const HEADING_OR_SIGMA_HZ: u8 = 10;
+const PROGRESS_PERCENT_HZ: u8 = 1;
+
+/// MAVLink protocol of a port.
+#[derive(Debug, Default)]
+pub struct Mavlink {
+    receiver: Receiver,
+    sender_selector: SenderSelector,
+    sequence_number: u8,
+    request_sequence: RequestSequence,
+    command_handler: CommandHandler,
+    pending_texts: PendingTexts,
+    collection_reporter: CollectionReporter,
+    pose_schedule: MessageSchedule,
+    heartbeat_schedule: MessageSchedule,
+    heading_schedule: MessageSchedule,
+    /// Whether the next named value is the heading's sigma.
+    is_sigma_next: bool,
+    progress_percent_schedule: MessageSchedule,
+}
+
+impl Mavlink {
+    /// Creates the protocol without a known autopilot.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Sets or removes the key of signatures.
+    pub fn set_signing_key(&mut self, key: Option<SigningKey>) {
+        self.receiver.signatures.set_key(key);
+    }
+
+    /// Whether a calibration differs from the last reported one.
+    #[must_use]
+    pub fn is_unreported_calibration(&self, calibration: &Calibration) -> bool {
+        self.collection_reporter.is_unreported_calibration(calibration)
+    }
+
+    /// Acknowledges the command, and queues the reason of a refusal as a text. The output must be written before a
+    /// restart.
+    pub fn complete_command(&mut self, command: Command, result: Result<(), &Refusal>) {
+        self.command_handler.complete_command(command, result);
+        self.queue_refusal(result.err().cloned());
+    }
+
+    /// Queues a message until an autopilot is known; of more than three pending messages the newest three are sent.
+    pub fn queue_text(&mut self, message: &Notice) {
+        if let Notice::Solved(outcome) = message {
+            self.collection_reporter.record_outcome(outcome);
+        }
+        self.pending_texts.push_message(message);
+    }
+
+    fn process_message(&mut self, at: Timestamp, message: InboundMessage) -> Option<ReceivedMessage> {
+        let autopilot = self.sender_selector.autopilot_to_query(at);
+        let is_autopilot = |source: &SenderId| Some(*source) == autopilot;
+        let is_own =
+            |target: Address| autopilot.is_some_and(|autopilot| is_addressed_to(target, own_address(autopilot)));
+        match message {
+            InboundMessage::Heartbeat(heartbeat) => {
+                self.sender_selector.update_heartbeat(at, heartbeat);
+                None
+            }
+            InboundMessage::Attitude(report) if self.sender_selector.accept_attitude(at, report.sender) => {
+                self.request_sequence.on_attitude(at, report.sender_clock_at_sending);
+                Some(ReceivedMessage::Attitude(report))
+            }
+            InboundMessage::Attitude(_) => Some(ReceivedMessage::RejectedAttitude),
+            InboundMessage::Position(source, place) => {
+                place.filter(|_| is_autopilot(&source)).map(ReceivedMessage::Position)
+            }
+            InboundMessage::Date(source, day) => day.filter(|_| is_autopilot(&source)).map(ReceivedMessage::Date),
+            InboundMessage::Current(source, current) => {
+                current.filter(|_| is_autopilot(&source)).map(ReceivedMessage::Current)
+            }
+            InboundMessage::Command(command)
+                if command.target.component_id == OWN_COMPONENT && is_own(command.target) =>
+            {
+                match self.command_handler.process_command(at, &command) {
+                    Ok(command) => Some(ReceivedMessage::Command(command)),
+                    Err(reason) => {
+                        self.queue_refusal(reason);
+                        None
+                    }
+                }
+            }
+            InboundMessage::Command(_) => None,
+            InboundMessage::Acknowledgement(ack) => {
+                if is_autopilot(&ack.sender_id) && is_own(ack.target) {
+                    self.request_sequence.on_acknowledgement(at, ack);
+                }
+                None
+            }
+        }
+    }
+
+    /// Queues the reason of a refused command as a text.
+    fn queue_refusal(&mut self, reason: Option<Refusal>) {
+        if let Some(refusal) = reason {
+            self.pending_texts.push_message(&Notice::CommandRejected(refusal));
+        }
+    }
+
+    fn send_heading(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
+        let (Ok(heading), _) = snapshot.selected_heading() else { return false };
+        if !snapshot.settings.stream_on || !self.heading_schedule.is_due(snapshot.now, HEADING_OR_SIGMA_HZ) {
+            return false;
+        }
+        let (name, value) =
+            if self.is_sigma_next { ("hdg_sigma", heading.sigma_deg()) } else { ("hdg_mag", heading.magnetic_deg()) };
+        self.is_sigma_next = !self.is_sigma_next;
+        line.send_message(OutboundMessage::named_value(snapshot.now, name, value))
+    }
+
+    fn send_pose(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
+        if line.transmit_buffer.pending_bytes().len() > MAX_PENDING_BEFORE_POSE_BYTES {
+            return false;
+        }
+        let Some(pose) = current_pose(snapshot, self.collection_reporter.calibration_count()) else { return false };
+        self.pose_schedule.is_due(snapshot.now, POSE_HZ) && line.send_message(OutboundMessage::pose_estimate(&pose))
+    }
+
+    fn send_heartbeat(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
+        self.heartbeat_schedule.is_due(snapshot.now, HEARTBEAT_HZ)
+            && line.send_message(OutboundMessage::heartbeat(mav_state(snapshot.indicator_state)))
+    }
+
+    fn send_progress_percent(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
+        let percent = f32::from(progress_percent(snapshot.indicator_state));
+        self.progress_percent_schedule.is_due(snapshot.now, PROGRESS_PERCENT_HZ)
+            && line.send_message(OutboundMessage::named_value(snapshot.now, "cal_pct", percent))
+    }
+}
+
+/// Whether `target` includes `module_address`; an id of 0 addresses all systems or components.
+fn is_addressed_to(target: Address, module_address: Address) -> bool {
+    [0, module_address.system_id].contains(&target.system_id)
+        && [0, module_address.component_id].contains(&target.component_id)
+}
+
+impl Protocol for Mavlink {
+    fn process_byte(&mut self, at: Timestamp, byte: u8) -> Option<ReceivedMessage> {
+        let message = self.receiver.push_byte(byte)?;
+        Some(self.process_message(at, message).unwrap_or(ReceivedMessage::Other))
+    }
+
+    fn is_armed(&self, now: Timestamp) -> Option<bool> {
+        self.sender_selector.is_armed(now)
+    }
+
+    fn rejected_frame_count(&self) -> u32 {
+        self.receiver.rejected_count
+    }
+
+    /// Appends one message at most, so that the other port's sentences of the same reading are not delayed. All
+    /// messages together are fewer than the slowest sensor's readings.
+    fn poll(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
+        let now = snapshot.now;
+        self.sender_selector.record_field_contradiction(now, is_attitude_contradicted(snapshot.estimate.heading));
+        self.collection_reporter.track_state(snapshot, &mut self.pending_texts);
+        let Some(autopilot) = self.sender_selector.autopilot_to_query(now) else { return };
+        let (mut sequence, mut signatures) = (self.sequence_number, core::mem::take(&mut self.receiver.signatures));
+        let line = &mut Transmitter::new(out, autopilot, &mut sequence, &mut signatures);
+        let _is_sent = self.command_handler.send_next_acknowledgement(line)
+            || self.send_pose(snapshot, line)
+            || self.send_heartbeat(snapshot, line)
+            || self.request_sequence.send_due_request(now, autopilot, snapshot.settings.attitude_rate_hz, line)
+            || self.collection_reporter.send_report_or_progress(snapshot, line)
+            || self.send_progress_percent(snapshot, line)
+            || self.pending_texts.send_next_chunk(now, line)
+            || self.send_heading(snapshot, line);
+        (self.sequence_number, self.receiver.signatures) = (sequence, signatures);
+    }
+}
+
+/// Whether attitude and field contradict each other; the attitude may be that of another vehicle.
+const fn is_attitude_contradicted(heading: Result<Heading, NoHeading>) -> bool {
+    matches!(heading, Err(NoHeading::AttitudeContradicted | NoHeading::FieldDisturbed | NoHeading::FieldChanged))
+}
+
+/// State of the module in MAVLink's terms.
+const fn mav_state(indicator_state: IndicatorState) -> MavState {
+    match indicator_state {
+        IndicatorState::Idle => MavState::MAV_STATE_UNINIT,
+        IndicatorState::Collecting(_) => MavState::MAV_STATE_CALIBRATING,
+        IndicatorState::Calibrated => MavState::MAV_STATE_ACTIVE,
+        IndicatorState::Refused => MavState::MAV_STATE_CRITICAL,
+    }
+}
+
+/// Progress of the calibration, percent.
+const fn progress_percent(indicator_state: IndicatorState) -> u8 {
+    match indicator_state {
+        IndicatorState::Idle | IndicatorState::Refused => 0,
+        IndicatorState::Collecting(percent) => percent,
+        IndicatorState::Calibrated => 100,
+    }
+}
+
+/// Pose, if enabled, the declination known and the heading valid: the raw heading, because the autopilot filters it,
+/// with roll and pitch of the same instant.
+fn current_pose(snapshot: &Snapshot<'_>, reset_counter: u8) -> Option<Pose> {
+    let Snapshot { estimate, settings, .. } = *snapshot;
+    if !settings.sends_vision_yaw {
+        return None;
+    }
+    let (declination_deg, heading, attitude) = (settings.declination_deg?, estimate.heading.ok()?, estimate.attitude?);
+    let yaw_rad = wrap_pi(heading.magnetic_rad + declination_deg.to_radians());
+    Some(Pose {
+        timestamp: estimate.timestamp,
+        roll_pitch_yaw_rad: [attitude.roll_rad, attitude.pitch_rad, yaw_rad],
+        yaw_variance_rad2: heading.sigma_rad * heading.sigma_rad,
+        reset_counter,
+    })
+}
+
+#[cfg(test)]
+mod tests;

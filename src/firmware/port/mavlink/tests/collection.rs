@@ -1,0 +1,266 @@
+//! Progress and reports of collections.
+
+use super::*;
+use autoswing::calibration::{AttitudeEnvelope, Method, Orientation, Quality};
+use autoswing_module::messages::ExpectedAccuracy;
+
+const PROGRESS_ID: u8 = 191;
+const REPORT_ID: u8 = 192;
+const SUCCESS: u8 = 4;
+const FAILED: u8 = 5;
+const ENDED_TEXT: &str = "collection-ended: no more samples";
+
+fn calibration_with_hard_iron(x_ut: f32) -> (Calibration, HeadingUncertainty) {
+    let calibration = Calibration {
+        w: [[1.1, 0.03, 0.0], [0.01, 0.9, -0.05], [0.0, 0.01, 1.0]],
+        b_ut: [x_ut, -8.0, 20.0],
+        total_ut: 50.0,
+        ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)
+    };
+    let mut uncertainty = HeadingUncertainty::NO_UNCERTAINTY;
+    uncertainty.relative_sensor_sigma = 0.004;
+    (calibration, uncertainty)
+}
+
+impl MavlinkBench {
+    fn run_with_indicator_state(&mut self, indicator_state: IndicatorState) {
+        self.indicator_state = indicator_state;
+        self.run_ms(1_000);
+    }
+
+    /// Reports a successful solve, whose calibration becomes active.
+    fn complete_solve(&mut self, found: &(Calibration, HeadingUncertainty)) {
+        self.calibration = Some(*found);
+        let quality = Quality {
+            method: Method::MaximumLikelihood,
+            envelope: AttitudeEnvelope::Banked,
+            expected_rms_deg: 0.3,
+            expected_worst_deg: 0.7,
+            norm_residual: 0.004,
+            inclination_residual_deg: 0.4,
+            samples: u16::MAX,
+            latency: None,
+            knows_inclination: true,
+        };
+        let verdict = ExpectedAccuracy::new(quality, &found.0);
+        self.mavlink.queue_text(&Notice::Solved(Ok(verdict)));
+        self.run_with_indicator_state(IndicatorState::Calibrated);
+    }
+
+    /// Reports a refused solve, and the module's state after it.
+    fn refuse_solve(&mut self, indicator: IndicatorState) {
+        self.mavlink.queue_text(&Notice::Solved(Err(Refusal::NoSamples)));
+        self.run_with_indicator_state(indicator);
+    }
+
+    fn take_texts_without_prefix(&mut self) -> Vec<String> {
+        self.take_texts().into_iter().map(|(_, text)| text.replace("autoswing: ", "")).collect()
+    }
+
+    /// Removes and returns status and success of the sent reports.
+    fn take_report_results(&mut self) -> Vec<(u8, u8)> {
+        self.take_messages(REPORT_ID).iter().map(|report| (report.payload[42], report.payload[43])).collect()
+    }
+}
+
+#[test]
+fn texts_report_the_start_each_tenth_and_the_end_of_a_collection() {
+    let mut bench = MavlinkBench::with_autopilot();
+    for percent in [0, 9, 10, 19, 17, 35, 34, 29, 40, 100] {
+        bench.run_with_indicator_state(IndicatorState::Collecting(percent));
+    }
+    assert_eq!(
+        bench.take_texts_without_prefix(),
+        [0, 10, 30, 40, 100].map(|percent| format!("collecting: {percent} %"))
+    );
+    bench.run_with_indicator_state(IndicatorState::Calibrated);
+    assert_eq!(bench.take_texts_without_prefix(), [ENDED_TEXT]);
+    bench.run_with_indicator_state(IndicatorState::Collecting(55));
+    bench.run_with_indicator_state(IndicatorState::Collecting(0));
+    bench.run_with_indicator_state(IndicatorState::Collecting(0));
+    bench.run_with_indicator_state(IndicatorState::Collecting(12));
+    bench.run_with_indicator_state(IndicatorState::Idle);
+    let expected = ["collecting: 50 %", "collecting: 0 %", "collecting: 10 %", ENDED_TEXT];
+    assert_eq!(bench.take_texts_without_prefix(), expected);
+}
+
+/// Progress is sent twice a second, with the direction of the field in body axes, if known.
+#[test]
+fn progress_is_sent_during_a_collection() {
+    let mut bench = MavlinkBench::with_autopilot();
+    bench.run_with_indicator_state(IndicatorState::Idle);
+    assert_eq!(bench.take_messages(PROGRESS_ID), []);
+    bench.run_with_indicator_state(IndicatorState::Collecting(40));
+    let progress = bench.take_messages(PROGRESS_ID);
+    assert_eq!(progress.len(), 2);
+    for message in progress {
+        assert_eq!(message.payload[..12], [0; 12]);
+        assert_eq!(message.payload[12..27], [0, 1, 2, 1, 40, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
+    }
+    bench.estimate.body_field = Some(autoswing::frames::Field::from_ut(30.0, 0.0, -40.0));
+    bench.run_with_indicator_state(IndicatorState::Collecting(100));
+    let message = &bench.take_messages(PROGRESS_ID)[0];
+    assert!((message.float_at(0) - 0.6).abs() < 1e-6 && (message.float_at(8) + 0.8).abs() < 1e-6);
+    assert_eq!(message.payload[14], 3);
+    bench.estimate.body_field = Some(autoswing::frames::Field::from_ut(0.0, 0.0, 0.0));
+    bench.run_with_indicator_state(IndicatorState::Collecting(100));
+    assert_eq!(bench.take_messages(PROGRESS_ID)[0].payload[..12], [0; 12]);
+    bench.run_with_indicator_state(IndicatorState::Calibrated);
+    assert_eq!(bench.take_messages(PROGRESS_ID), []);
+}
+
+#[test]
+fn a_new_calibration_is_reported_once() {
+    for old in [None, Some(calibration_with_hard_iron(12.0))] {
+        let mut bench = MavlinkBench::with_autopilot();
+        bench.calibration = old;
+        bench.run_with_indicator_state(if old.is_some() { IndicatorState::Calibrated } else { IndicatorState::Idle });
+        bench.run_with_indicator_state(IndicatorState::Collecting(0));
+        bench.run_with_indicator_state(IndicatorState::Collecting(100));
+        assert_eq!(bench.take_report_results(), []);
+        bench.complete_solve(&calibration_with_hard_iron(13.0));
+        bench.run_with_indicator_state(IndicatorState::Calibrated);
+        assert_eq!(bench.take_report_results(), [(SUCCESS, 1)]);
+    }
+}
+
+#[test]
+fn a_refused_solve_is_reported_as_failed() {
+    for (before, after) in
+        [(None, IndicatorState::Refused), (Some(calibration_with_hard_iron(1.0)), IndicatorState::Calibrated)]
+    {
+        let mut bench = MavlinkBench::with_autopilot();
+        bench.calibration = before;
+        bench.run_with_indicator_state(IndicatorState::Collecting(100));
+        bench.mavlink.queue_text(&Notice::Solved(Err(Refusal::NoSamples)));
+        bench.indicator_state = after;
+        bench.poll();
+        let reports = bench.take_messages(REPORT_ID);
+        assert!(reports.iter().all(|report| report.payload[..16] == [0; 16]), "not the numbers of the active one");
+        assert_eq!(reports.iter().map(|report| report.payload[42]).collect::<Vec<_>>(), [FAILED]);
+        bench.calibration = Some(calibration_with_hard_iron(2.0));
+        bench.run_with_indicator_state(IndicatorState::Calibrated);
+        assert_eq!(bench.take_report_results(), []);
+    }
+}
+
+/// An aborted or stopped collection is reported as failed. A module that waits for the next flight sends no report.
+#[test]
+fn a_collection_that_ends_without_an_outcome_has_failed() {
+    let mut bench = MavlinkBench::with_autopilot();
+    for (after, reports) in [
+        (IndicatorState::Calibrated, vec![(FAILED, 0)]),
+        (IndicatorState::Refused, vec![(FAILED, 0)]),
+        (IndicatorState::Idle, vec![]),
+    ] {
+        bench.run_with_indicator_state(IndicatorState::Collecting(50));
+        bench.run_with_indicator_state(after);
+        assert_eq!(bench.take_report_results(), reports, "{after:?}");
+    }
+}
+
+#[test]
+fn a_refused_solve_is_not_reported_while_the_collection_continues() {
+    let mut bench = MavlinkBench::with_autopilot();
+    bench.run_with_indicator_state(IndicatorState::Collecting(30));
+    bench.refuse_solve(IndicatorState::Collecting(30));
+    assert_eq!(bench.take_report_results(), []);
+    assert_eq!(bench.take_messages(PROGRESS_ID).len(), 4);
+    bench.run_with_indicator_state(IndicatorState::Idle);
+    assert_eq!(bench.take_report_results(), [], "it rests");
+    bench.run_with_indicator_state(IndicatorState::Collecting(30));
+    bench.run_with_indicator_state(IndicatorState::Refused);
+    assert_eq!(bench.take_report_results(), [(FAILED, 0)], "the refused solve was not its end");
+    bench.run_with_indicator_state(IndicatorState::Collecting(30));
+    bench.complete_solve(&calibration_with_hard_iron(1.0));
+    assert_eq!(bench.take_report_results(), [(SUCCESS, 1)]);
+}
+
+/// `cal stop` and `cal solve` are processed between two polls.
+#[test]
+fn a_solve_without_a_collection_is_reported() {
+    let mut bench = MavlinkBench::with_autopilot();
+    bench.run_with_indicator_state(IndicatorState::Idle);
+    bench.refuse_solve(IndicatorState::Refused);
+    assert_eq!(bench.take_report_results(), [(FAILED, 0)]);
+    bench.complete_solve(&calibration_with_hard_iron(1.0));
+    assert_eq!(bench.take_report_results(), [(SUCCESS, 1)]);
+}
+
+/// The reported parameters are compared with the calibration's own formula, with and without a mounting.
+#[test]
+fn a_calibration_report_corrects_as_the_calibration_does() {
+    for orientation in Orientation::all_orientations() {
+        let mounting = orientation.body_from_sensor();
+        let (mut found, uncertainty) = calibration_with_hard_iron(12.0);
+        let symmetric = nalgebra::Matrix3::new(1.1, 0.02, -0.01, 0.02, 0.9, 0.03, -0.01, 0.03, 1.0);
+        let w = symmetric * mounting;
+        found.w = std::array::from_fn(|row| std::array::from_fn(|column| w[(row, column)]));
+        let mut bench = MavlinkBench::with_autopilot();
+        bench.settings.mount = orientation;
+        bench.run_with_indicator_state(IndicatorState::Collecting(100));
+        bench.complete_solve(&(found, uncertainty));
+        let report = bench.take_messages(REPORT_ID).pop().unwrap();
+        let number = |at: usize| report.float_at(4 * at);
+        // 0.4 % of 50 uT, in milligauss.
+        assert!((number(0) - 2.0).abs() < 1e-5);
+        let raw_mg = nalgebra::Vector3::new(200.0, -100.0, 450.0);
+        let [dx, dy, dz, xy, xz, yz] = std::array::from_fn(|i| number(4 + i));
+        let matrix = nalgebra::Matrix3::new(dx, xy, xz, xy, dy, yz, xz, yz, dz);
+        let autopilot_corrected =
+            matrix * (mounting * raw_mg + nalgebra::Vector3::new(number(1), number(2), number(3)));
+        let ours = found.calibrated_field(autoswing::frames::Field::new(raw_mg / 10.0)).ut * 10.0;
+        assert!(
+            (autopilot_corrected - ours).norm() < 1e-2,
+            "{}: {autopilot_corrected} {ours}",
+            orientation.orientation_name()
+        );
+    }
+}
+
+#[test]
+fn the_matrix_of_a_calibration_report_is_the_nearest_symmetric_one() {
+    let mut bench = MavlinkBench::with_autopilot();
+    bench.run_with_indicator_state(IndicatorState::Collecting(100));
+    bench.complete_solve(&calibration_with_hard_iron(12.0));
+    let report = bench.take_messages(REPORT_ID).pop().unwrap();
+    let numbers: [f32; 9] = std::array::from_fn(|at| report.float_at(4 + 4 * at));
+    for (number, expected) in numbers.into_iter().zip([-120.0, 80.0, -200.0, 1.1, 0.9, 1.0, 0.02, 0.0, -0.02]) {
+        assert!((number - expected).abs() < 1e-4, "{numbers:?}");
+    }
+}
+
+#[test]
+fn only_a_new_calibration_resets_the_pose() {
+    let mut bench = MavlinkBench::with_autopilot();
+    bench.settings.sends_vision_yaw = true;
+    bench.settings.declination_deg = Some(1.0);
+    bench.estimate.heading = Ok(heading(10.0, 1.0));
+    bench.estimate.attitude = Some(Attitude::default());
+    let counter = |bench: &mut MavlinkBench| {
+        bench.run_ms(100);
+        bench.take_messages(102).last().unwrap().payload[116]
+    };
+    bench.calibration = Some(calibration_with_hard_iron(1.0));
+    let first = counter(&mut bench);
+    bench.indicator_state = IndicatorState::Collecting(3);
+    assert_eq!(counter(&mut bench), first);
+    bench.calibration = None;
+    assert_eq!(counter(&mut bench), first);
+    bench.calibration = Some(calibration_with_hard_iron(1.0));
+    assert_eq!(counter(&mut bench), first);
+    bench.calibration = Some(calibration_with_hard_iron(2.0));
+    assert_eq!(counter(&mut bench), first + 1);
+    assert_eq!(counter(&mut bench), first + 1);
+}
+
+#[test]
+fn a_report_waits_for_an_autopilot() {
+    let mut bench = MavlinkBench::new();
+    bench.run_with_indicator_state(IndicatorState::Collecting(100));
+    bench.complete_solve(&calibration_with_hard_iron(1.0));
+    bench.run_with_indicator_state(IndicatorState::Calibrated);
+    bench.receive(&heartbeat_frame(AUTOPILOT, true, false));
+    bench.poll();
+    assert_eq!(bench.take_report_results(), [(SUCCESS, 1)]);
+}

@@ -1,0 +1,211 @@
+//! Tests of the component. The interaction with autopilots is tested with simulated ones.
+
+mod collection;
+mod commands;
+mod random_frames;
+mod requests;
+mod sender;
+
+use super::*;
+use crate::port::transmit_buffer::TRANSMIT_CAPACITY;
+use ::mavlink::calculate_crc;
+use autoswing::calibration::HeadingUncertainty;
+use autoswing::earth::Date;
+use autoswing::frames::Attitude;
+use autoswing::heading::{Heading, NoHeading};
+use autoswing::instrument::Estimate;
+use autoswing_module::settings::Settings;
+
+/// Sender: system and component.
+type SenderAddress = [u8; 2];
+
+const AUTOPILOT: SenderAddress = [1, 1];
+const SECOND_AUTOPILOT: SenderAddress = [2, 1];
+const GIMBAL: SenderAddress = [1, 154];
+const GROUND_STATION: SenderAddress = [255, 190];
+
+fn frame_from([system, component]: SenderAddress, id: u8, extra: u8, payload: &[u8]) -> Vec<u8> {
+    let header = [0xFD, payload.len() as u8, 0, 0, 0, system, component, id, 0, 0];
+    let mut frame = [&header, payload].concat();
+    frame.extend(calculate_crc(&frame[1..], extra).to_le_bytes());
+    frame
+}
+
+fn heartbeat_frame(sender: SenderAddress, is_autopilot: bool, is_armed: bool) -> Vec<u8> {
+    let (autopilot, mode) = (if is_autopilot { 3 } else { 8 }, if is_armed { 0x80 } else { 0 });
+    frame_from(sender, 0, 50, &[0, 0, 0, 0, 1, autopilot, mode, 4, 3])
+}
+
+fn attitude_frame(sender: SenderAddress, boot_ms: u32) -> Vec<u8> {
+    let payload = [boot_ms.to_le_bytes(), 0.1_f32.to_le_bytes(), 0.2_f32.to_le_bytes()].concat();
+    frame_from(sender, 30, 39, &[&payload[..], &[0; 16]].concat())
+}
+
+fn position_frame(sender: SenderAddress) -> Vec<u8> {
+    let numbers = [0_i32, 473_000_000, 85_000_000, 400_000];
+    frame_from(sender, 33, 104, &numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<_>>())
+}
+
+/// SYS_STATUS with 12.5 A.
+fn battery_current_frame(sender: SenderAddress) -> Vec<u8> {
+    frame_from(sender, 1, 124, &[&[0; 16][..], &1_250_i16.to_le_bytes()].concat())
+}
+
+fn system_time_frame(sender: SenderAddress) -> Vec<u8> {
+    frame_from(sender, 2, 137, &1_790_000_000_000_000_u64.to_le_bytes())
+}
+
+fn command_frame(
+    sender: SenderAddress,
+    target: SenderAddress,
+    number: u16,
+    confirmation: u8,
+    parameters: [f32; 4],
+) -> Vec<u8> {
+    let mut payload: Vec<u8> = parameters.iter().flat_map(|parameter| parameter.to_le_bytes()).collect();
+    payload.resize(28, 0);
+    payload.extend(number.to_le_bytes());
+    payload.extend([target[0], target[1], confirmation]);
+    frame_from(sender, 76, 152, &payload)
+}
+
+/// Sent frame; the payload includes truncated zeros.
+#[derive(Clone, Debug, PartialEq)]
+struct SentMessage {
+    sent_at_ms: u64,
+    sequence: u8,
+    sender: SenderAddress,
+    message_id: u8,
+    payload: Vec<u8>,
+}
+
+impl SentMessage {
+    fn float_at(&self, at: usize) -> f32 {
+        f32::from_le_bytes(self.payload[at..at + 4].try_into().unwrap())
+    }
+}
+
+/// Protocol under test, a clock in milliseconds, and the module's state.
+struct MavlinkBench {
+    mavlink: Mavlink,
+    now_ms: u64,
+    estimate: Estimate,
+    settings: Settings,
+    indicator_state: IndicatorState,
+    calibration: Option<(Calibration, HeadingUncertainty)>,
+    /// Free bytes in the output, if limited.
+    free_output_bytes: Option<usize>,
+    sent_messages: Vec<SentMessage>,
+}
+
+impl MavlinkBench {
+    /// Bench an hour after the start, without a known autopilot.
+    fn new() -> Self {
+        Self {
+            mavlink: Mavlink::new(),
+            now_ms: 3_600_000,
+            estimate: Estimate::EMPTY,
+            settings: Settings::DEFAULT,
+            indicator_state: IndicatorState::Idle,
+            calibration: None,
+            free_output_bytes: None,
+            sent_messages: vec![],
+        }
+    }
+
+    /// Bench with a disarmed autopilot that sends attitude.
+    fn with_autopilot() -> Self {
+        let mut bench = Self::new();
+        bench.receive(&heartbeat_frame(AUTOPILOT, true, false));
+        bench.receive(&attitude_frame(AUTOPILOT, 0));
+        bench
+    }
+
+    fn now(&self) -> Timestamp {
+        Timestamp::from_us(1000 * self.now_ms)
+    }
+
+    fn receive(&mut self, bytes: &[u8]) -> Vec<ReceivedMessage> {
+        let now = self.now();
+        let received = bytes.iter().filter_map(|&byte| self.mavlink.process_byte(now, byte));
+        received.filter(|received| *received != ReceivedMessage::Other).collect()
+    }
+
+    /// Polls until no message is due.
+    fn poll(&mut self) {
+        while self.poll_once() {}
+    }
+
+    fn poll_once(&mut self) -> bool {
+        let snapshot = Snapshot {
+            now: self.now(),
+            estimate: &self.estimate,
+            settings: &self.settings,
+            indicator_state: self.indicator_state,
+            calibration: self.calibration.as_ref(),
+        };
+        let mut out = TransmitBuffer::new();
+        let others = self.free_output_bytes.map_or(0, |room| TRANSMIT_CAPACITY - room);
+        assert!(out.append_message(&[&vec![0; others]]));
+        self.mavlink.poll(&snapshot, &mut out);
+        let rest = &out.pending_bytes()[others..];
+        let [0xFD, length, 0, 0, sequence, system, component, id, 0, 0, ..] = *rest else {
+            assert!(rest.is_empty());
+            return false;
+        };
+        let end = 10 + usize::from(length);
+        assert_eq!(rest.len(), end + 2, "more than a message");
+        let mut payload = rest[10..end].to_vec();
+        payload.resize(120, 0);
+        self.sent_messages.push(SentMessage {
+            sent_at_ms: self.now_ms,
+            sequence,
+            sender: [system, component],
+            message_id: id,
+            payload,
+        });
+        true
+    }
+
+    /// Polls every 10 ms for this time, milliseconds.
+    fn run_ms(&mut self, ms: u64) {
+        for _ in 0..ms / 10 {
+            self.poll();
+            self.now_ms += 10;
+        }
+    }
+
+    /// Removes and returns the sent frames of a message.
+    fn take_messages(&mut self, id: u8) -> Vec<SentMessage> {
+        let (taken, others) =
+            std::mem::take(&mut self.sent_messages).into_iter().partition(|sent| sent.message_id == id);
+        self.sent_messages = others;
+        taken
+    }
+
+    /// Removes and returns the sent texts, joined from their chunks, with severities.
+    fn take_texts(&mut self) -> Vec<(u8, String)> {
+        let mut texts: Vec<(u8, u16, String)> = vec![];
+        for sent in self.take_messages(253) {
+            let chunk: Vec<u8> = sent.payload[1..51].iter().copied().take_while(|&byte| byte != 0).collect();
+            let chunk = String::from_utf8(chunk).unwrap();
+            let number = u16::from_le_bytes([sent.payload[51], sent.payload[52]]);
+            match texts.last_mut() {
+                Some((_, last, text)) if number != 0 && *last == number => text.push_str(&chunk),
+                _ => {
+                    assert_eq!(sent.payload[53], 0, "the first piece");
+                    texts.push((sent.payload[0], number, chunk));
+                }
+            }
+        }
+        texts.into_iter().map(|(severity, _, text)| (severity, text)).collect()
+    }
+}
+
+fn heading(magnetic_deg: f32, sigma_deg: f32) -> Heading {
+    Heading {
+        magnetic_rad: magnetic_deg.to_radians(),
+        sigma_rad: sigma_deg.to_radians(),
+        systematic_variance_rad2: 0.0,
+    }
+}

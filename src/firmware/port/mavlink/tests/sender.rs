@@ -1,0 +1,316 @@
+//! Selection of the autopilot, and unsolicited messages: heartbeats, headings, poses, texts.
+
+use nalgebra::Vector3;
+
+use super::*;
+use autoswing::instrument::{HardIronChange, InstallationChange};
+use autoswing_module::settings::HeadingKind;
+use autoswing_module::settings::OutOfRange;
+
+/// Start of a text; tests append the rest.
+const TEXT_BEGINNING: &str = "autoswing: refused out-of-range: ";
+
+fn long_message(end: &str) -> Notice {
+    Notice::CommandRejected(Refusal::OutOfRange(OutOfRange(String::from(end).leak())))
+}
+
+#[test]
+fn nothing_is_sent_before_an_autopilot_s_heartbeat() {
+    let mut bench = MavlinkBench::new();
+    bench.mavlink.queue_text(&Notice::InstallationRestored);
+    bench.receive(&heartbeat_frame(GIMBAL, false, false));
+    bench.receive(&attitude_frame(GIMBAL, 0));
+    bench.receive(&command_frame(GROUND_STATION, [0, 158], 42_424, 0, [0.0; 4]));
+    bench.run_ms(5_000);
+    assert_eq!(bench.sent_messages, []);
+    bench.receive(&heartbeat_frame(AUTOPILOT, true, false));
+    bench.poll();
+    assert!(bench.sent_messages.iter().all(|sent| sent.sender == [1, 158]));
+    assert_eq!(bench.take_messages(0).len(), 1);
+    assert_eq!(bench.take_texts(), [(6, "autoswing: iron-back: as calibrated again".into())]);
+}
+
+#[test]
+fn one_heartbeat_per_second_reports_the_state() {
+    let mut bench = MavlinkBench::with_autopilot();
+    for (indicator_state, state) in [
+        (IndicatorState::Idle, 0),
+        (IndicatorState::Collecting(40), 2),
+        (IndicatorState::Calibrated, 4),
+        (IndicatorState::Refused, 5),
+    ] {
+        bench.indicator_state = indicator_state;
+        bench.run_ms(10_000);
+        let beats = bench.take_messages(0);
+        assert_eq!(beats.len(), 10);
+        assert!(beats.iter().all(|beat| beat.payload[4..9] == [18, 8, 0, state, 3]), "{indicator_state:?}");
+    }
+}
+
+/// Messages of a second autopilot, a gimbal of the same system and the module itself are ignored.
+#[test]
+fn position_date_and_current_are_used_from_the_selected_autopilot() {
+    let mut bench = MavlinkBench::with_autopilot();
+    bench.receive(&heartbeat_frame(SECOND_AUTOPILOT, true, true));
+    for sender in [SECOND_AUTOPILOT, GIMBAL, [1, 158], GROUND_STATION] {
+        assert_eq!(
+            bench.receive(&[position_frame(sender), system_time_frame(sender), battery_current_frame(sender)].concat()),
+            [],
+            "{sender:?}"
+        );
+    }
+    let received = bench
+        .receive(&[position_frame(AUTOPILOT), system_time_frame(AUTOPILOT), battery_current_frame(AUTOPILOT)].concat());
+    let [ReceivedMessage::Position(here), ReceivedMessage::Date(day), ReceivedMessage::Current(12.5)] = received[..]
+    else {
+        panic!("{received:?}")
+    };
+    assert_eq!((here.latitude_deg, here.longitude_deg), (47.3, 8.5));
+    assert_eq!(Some(day), Date::from_unix_s(1_790_000_000));
+    assert_eq!(bench.receive(&frame_from(AUTOPILOT, 33, 104, &[1])), []);
+    // Without a selected sender an autopilot's messages are ignored, too.
+    assert_eq!(MavlinkBench::new().receive(&position_frame(AUTOPILOT)), []);
+}
+
+#[test]
+fn attitude_and_armed_state_are_used_from_the_selected_sender() {
+    let mut bench = MavlinkBench::with_autopilot();
+    assert_eq!(bench.receive(&attitude_frame(SECOND_AUTOPILOT, 0)), [ReceivedMessage::RejectedAttitude]);
+    let received = bench.receive(&attitude_frame(AUTOPILOT, 7));
+    let [ReceivedMessage::Attitude(report)] = received[..] else { panic!("{received:?}") };
+    assert_eq!(report.attitude, Attitude { roll_rad: 0.1, pitch_rad: 0.2 });
+    bench.receive(&heartbeat_frame(SECOND_AUTOPILOT, true, true));
+    assert_eq!(bench.mavlink.is_armed(bench.now()), Some(false));
+    bench.receive(&heartbeat_frame(AUTOPILOT, true, true));
+    assert_eq!(bench.mavlink.is_armed(bench.now()), Some(true));
+    let mut broken = attitude_frame(AUTOPILOT, 8);
+    *broken.last_mut().unwrap() ^= 1;
+    assert_eq!((bench.receive(&broken), bench.mavlink.rejected_frame_count()), (vec![], 1));
+}
+
+#[test]
+fn echoed_own_messages_are_ignored() {
+    let mut bench = MavlinkBench::with_autopilot();
+    bench.receive(&heartbeat_frame(AUTOPILOT, true, true));
+    for _ in 0..2_000 {
+        let snapshot = Snapshot {
+            now: bench.now(),
+            estimate: &Estimate::EMPTY,
+            settings: &Settings { sends_vision_yaw: true, ..Settings::DEFAULT },
+            indicator_state: IndicatorState::Collecting(3),
+            calibration: None,
+        };
+        let mut out = TransmitBuffer::new();
+        bench.mavlink.poll(&snapshot, &mut out);
+        assert_eq!(bench.receive(out.pending_bytes()), []);
+        bench.now_ms += 1;
+    }
+    assert_eq!((bench.mavlink.is_armed(bench.now()), bench.mavlink.rejected_frame_count()), (Some(true), 0));
+    assert_eq!(bench.mavlink.sender_selector.autopilot_to_query(bench.now()), Some(SenderId::new(0x0101)));
+}
+
+#[test]
+fn sequence_numbers_count_sent_frames_only() {
+    let mut bench = MavlinkBench::with_autopilot();
+    bench.estimate.heading = Ok(heading(10.0, 1.0));
+    bench.run_ms(30_000);
+    bench.free_output_bytes = Some(0);
+    bench.run_ms(2_000);
+    bench.free_output_bytes = None;
+    bench.run_ms(30_000);
+    assert!(bench.sent_messages.len() > 512, "it wraps");
+    for (number, sent) in bench.sent_messages.iter().enumerate() {
+        assert_eq!(usize::from(sent.sequence), number % 256);
+    }
+}
+
+fn named_values(bench: &mut MavlinkBench, name: &str) -> Vec<f32> {
+    let mut values = vec![];
+    for sent in bench.sent_messages.iter().filter(|sent| sent.message_id == 251) {
+        if sent.payload[8..18].starts_with(name.as_bytes()) {
+            assert_eq!(sent.payload[..4], (sent.sent_at_ms as u32).to_le_bytes());
+            values.push(sent.float_at(4));
+        }
+    }
+    values
+}
+
+/// Five headings of the set kind and one percentage each second.
+#[test]
+fn headings_are_sent_as_named_values() {
+    for (stream_heading, has_smooth, expected_deg) in
+        [(HeadingKind::Smooth, true, 20.0), (HeadingKind::Smooth, false, 10.0), (HeadingKind::Raw, true, 10.0)]
+    {
+        let mut bench = MavlinkBench::with_autopilot();
+        bench.settings.stream_heading = stream_heading;
+        bench.estimate.heading = Ok(heading(10.0, 1.0));
+        bench.estimate.smoothed_heading = has_smooth.then(|| heading(20.0, 1.0));
+        bench.run_ms(2_000);
+        let [headings, sigmas] = ["hdg_mag", "hdg_sigma"].map(|name| named_values(&mut bench, name));
+        assert_eq!((headings.len(), sigmas.len()), (10, 10));
+        assert!(headings.iter().all(|deg| (deg - expected_deg).abs() < 1e-4), "{headings:?}");
+        assert!(sigmas.iter().all(|deg| (deg - 1.0).abs() < 1e-5));
+        assert_eq!(named_values(&mut bench, "cal_pct"), [0.0, 0.0]);
+    }
+}
+
+#[test]
+fn missing_or_disabled_headings_are_not_sent() {
+    let mut bench = MavlinkBench::with_autopilot();
+    bench.estimate.heading = Err(NoHeading::FieldDisturbed);
+    bench.run_ms(2_000);
+    bench.estimate.heading = Ok(heading(10.0, 1.0));
+    bench.settings.stream_on = false;
+    bench.run_ms(2_000);
+    assert_eq!(named_values(&mut bench, "hdg"), []);
+}
+
+#[test]
+fn the_percentage_is_that_of_the_indicator_state() {
+    for (indicator_state, percent) in [
+        (IndicatorState::Idle, 0.0),
+        (IndicatorState::Collecting(37), 37.0),
+        (IndicatorState::Calibrated, 100.0),
+        (IndicatorState::Refused, 0.0),
+    ] {
+        let mut bench = MavlinkBench::with_autopilot();
+        bench.indicator_state = indicator_state;
+        bench.run_ms(100);
+        assert_eq!(named_values(&mut bench, "cal_pct"), [percent]);
+    }
+}
+
+fn bench_with_heading() -> MavlinkBench {
+    let mut bench = MavlinkBench::with_autopilot();
+    bench.settings.sends_vision_yaw = true;
+    bench.settings.declination_deg = Some(-20.0);
+    bench.estimate.timestamp = Timestamp::from_us(3_599_990_000);
+    bench.estimate.heading = Ok(heading(10.0, 2.0));
+    bench.estimate.smoothed_heading = Some(heading(99.0, 9.0));
+    bench.estimate.attitude = Some(Attitude { roll_rad: 0.3, pitch_rad: -0.1 });
+    bench
+}
+
+/// True heading: 10 deg magnetic, variation 20 deg west. 50 Hz from estimates at 100 Hz.
+#[test]
+fn a_pose_contains_the_raw_true_heading_and_attitude() {
+    let mut bench = bench_with_heading();
+    bench.run_ms(1_000);
+    let poses = bench.take_messages(102);
+    assert_eq!(poses.len(), 50);
+    for pose in poses {
+        assert_eq!(pose.payload[..8], 3_599_990_000_u64.to_le_bytes());
+        assert_eq!(pose.payload[8..20], [0; 12]);
+        assert_eq!((pose.float_at(20), pose.float_at(24)), (0.3, -0.1));
+        assert!((pose.float_at(28).to_degrees() + 10.0).abs() < 1e-4, "{}", pose.float_at(28));
+        assert!(pose.float_at(32).is_nan());
+        assert!((pose.float_at(32 + 4 * 20) - 2_f32.to_radians().powi(2)).abs() < 1e-7);
+        assert_eq!(pose.payload[116], 0);
+    }
+    bench.estimate.heading = Ok(heading(350.0, 2.0));
+    bench.run_ms(100);
+    assert!((bench.take_messages(102)[0].float_at(28).to_degrees() + 30.0).abs() < 1e-3);
+}
+
+#[test]
+fn a_pose_needs_declination_heading_attitude_and_the_setting() {
+    let removals: [fn(&mut MavlinkBench); 4] = [
+        |bench| bench.settings.sends_vision_yaw = false,
+        |bench| bench.settings.declination_deg = None,
+        |bench| bench.estimate.heading = Err(NoHeading::FieldDisturbed),
+        |bench| bench.estimate.attitude = None,
+    ];
+    for change in removals {
+        let mut bench = bench_with_heading();
+        change(&mut bench);
+        bench.run_ms(1_000);
+        assert_eq!(bench.take_messages(102), []);
+    }
+}
+
+/// MAV_SEVERITY_WARNING is 4, MAV_SEVERITY_INFO 6.
+#[test]
+fn a_text_has_the_severity_of_its_message() {
+    let mut bench = MavlinkBench::with_autopilot();
+    let moved = Notice::InstallationChanged(InstallationChange::HardIron(HardIronChange {
+        change_ut: Vector3::new(3.0, 0.0, 0.0),
+        sigma_ut: 0.4,
+    }));
+    for message in [&Notice::CommandRejected(Refusal::NoSensor), &moved, &Notice::InstallationRestored] {
+        bench.mavlink.queue_text(message);
+    }
+    bench.run_ms(2_000);
+    let expected = [
+        (4, format!("autoswing: {}", Notice::CommandRejected(Refusal::NoSensor))),
+        (4, format!("autoswing: {moved}")),
+        (6, "autoswing: iron-back: as calibrated again".to_owned()),
+    ];
+    assert_eq!(bench.take_texts(), expected);
+}
+
+/// Lengths around multiples of a chunk; the last chunk must not be full.
+#[test]
+fn a_long_text_comes_in_chunks() {
+    for length in [49, 50, 51, 99, 100, 101, 150, 239, 240, 241, 500] {
+        let mut bench = MavlinkBench::with_autopilot();
+        let end: String = ('a'..='z').cycle().take(length - TEXT_BEGINNING.len()).collect();
+        bench.mavlink.queue_text(&long_message(&end));
+        bench.run_ms(2_000);
+        let chunks = bench.sent_messages.iter().filter(|sent| sent.message_id == 253);
+        let sequences: Vec<u8> = chunks.clone().map(|sent| sent.payload[53]).collect();
+        let sent = length.min(240);
+        let number = if sent > 50 { sent / 50 + 1 } else { 1 };
+        assert_eq!(sequences, (0..number as u8).collect::<Vec<_>>(), "{length}");
+        let ids: Vec<[u8; 2]> = chunks.clone().map(|sent| [sent.payload[51], sent.payload[52]]).collect();
+        assert!(ids.iter().all(|&id| (id != [0, 0]) == (sent > 50) && id == ids[0]), "{ids:?}");
+        let times: Vec<u64> = chunks.map(|sent| sent.sent_at_ms).collect();
+        assert!(times.windows(2).all(|pair| pair[1] - pair[0] >= 100), "{times:?}");
+        let whole = format!("{TEXT_BEGINNING}{end}");
+        assert_eq!(bench.take_texts(), [(4, whole[..sent].to_owned())]);
+    }
+}
+
+#[test]
+fn each_long_text_has_its_own_id() {
+    let mut bench = MavlinkBench::with_autopilot();
+    for end in ["a".repeat(60), "b".repeat(60)] {
+        bench.mavlink.queue_text(&long_message(&end));
+    }
+    bench.run_ms(2_000);
+    let ids: Vec<u8> =
+        bench.sent_messages.iter().filter(|sent| sent.message_id == 253).map(|sent| sent.payload[51]).collect();
+    assert_eq!(ids, [1, 1, 2, 2]);
+}
+
+#[test]
+fn a_full_text_queue_keeps_the_newest_and_the_begun_text() {
+    let mut bench = MavlinkBench::new();
+    for percent in 0..5 {
+        bench.mavlink.queue_text(&Notice::Collecting(percent));
+    }
+    bench.receive(&heartbeat_frame(AUTOPILOT, true, false));
+    bench.run_ms(1_000);
+    let texts = |bench: &mut MavlinkBench| bench.take_texts().into_iter().map(|(_, text)| text).collect::<Vec<_>>();
+    assert_eq!(texts(&mut bench), [2, 3, 4].map(|percent| format!("autoswing: collecting: {percent} %")));
+    let long = "x".repeat(120);
+    bench.mavlink.queue_text(&long_message(&long));
+    bench.run_ms(10);
+    for percent in 0..5 {
+        bench.mavlink.queue_text(&Notice::Collecting(percent));
+    }
+    bench.run_ms(2_000);
+    let newest = [3, 4].map(|percent| format!("autoswing: collecting: {percent} %"));
+    assert_eq!(texts(&mut bench), [&[format!("{TEXT_BEGINNING}{long}")][..], &newest].concat());
+}
+
+#[test]
+fn a_text_waits_for_room() {
+    let mut bench = MavlinkBench::with_autopilot();
+    bench.mavlink.queue_text(&Notice::Collecting(10));
+    bench.free_output_bytes = Some(20);
+    bench.run_ms(1_000);
+    assert_eq!(bench.take_texts(), []);
+    bench.free_output_bytes = None;
+    bench.run_ms(200);
+    assert_eq!(bench.take_texts(), [(6, "autoswing: collecting: 10 %".to_owned())]);
+}

@@ -1,0 +1,45 @@
+//! The module as a sender: its address, and the numbers of its messages.
+
+use crate::port::TransmitBuffer;
+use crate::wire::mavlink::{Address, OutboundMessage, Signatures};
+use autoswing::attitude::SenderId;
+
+/// MAV_COMP_ID_PERIPHERAL.
+pub(super) const OWN_COMPONENT: u8 = 158;
+
+/// The module's address in an autopilot's system.
+pub(super) fn own_address(autopilot: SenderId) -> Address {
+    Address { component_id: OWN_COMPONENT, ..Address::from_sender(autopilot) }
+}
+
+/// Numbers messages and appends them to an output.
+pub(in crate::port) struct Transmitter<'a> {
+    pub transmit_buffer: &'a mut TransmitBuffer,
+    pub own_address: Address,
+    pub sequence_number: &'a mut u8,
+    pub signatures: &'a mut Signatures,
+}
+
+impl<'a> Transmitter<'a> {
+    /// Creates a sender in an autopilot's system.
+    pub fn new(
+        out: &'a mut TransmitBuffer,
+        autopilot: SenderId,
+        sequence: &'a mut u8,
+        signatures: &'a mut Signatures,
+    ) -> Self {
+        Self { transmit_buffer: out, own_address: own_address(autopilot), sequence_number: sequence, signatures }
+    }
+
+    /// Appends a message; returns whether there was room. Only appended messages take a sequence number, so that a gap
+    /// means a loss on the line.
+    pub fn send_message(&mut self, message: OutboundMessage) -> bool {
+        let has_room = self.transmit_buffer.append_message(&[&message.into_frame(
+            self.own_address,
+            *self.sequence_number,
+            self.signatures,
+        )]);
+        *self.sequence_number = self.sequence_number.wrapping_add(u8::from(has_room));
+        has_room
+    }
+}

@@ -1,0 +1,196 @@
+//! MSP: the module sends the corrected field as the autopilot's compass, and requests the autopilot's attitude.
+//!
+//! The field is sent from power-up, so that the autopilot detects its compass, and is withheld while it is invalid: the
+//! autopilot then operates without a compass.
+//!
+//! One attitude request is open at a time, so that a reply is as recent as possible: autopilots reply in 3.5 to 18 ms.
+//! INAV's gyro is requested with it. Until the firmware is known, which determines the signs of the attitude, the
+//! firmware is requested instead. Other requests are sent in turn, each about once a second and every second one for
+//! the current, without waiting for replies. The firmware remains among them, because an autopilot can be exchanged
+//! while the module runs.
+
+use super::{MessageSchedule, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
+use crate::wire::msp::{
+    AutopilotFirmware, MspAngles, MspFunction, MspReply, Receiver, compass_message, encode_request,
+    inav_body_rates_rad_s,
+};
+use autoswing::attitude::{AttitudeReport, BodyRates, RateEstimator, SenderId};
+use autoswing::time::{Timestamp, WrappingMillis};
+
+/// Rate of compass readings, Hz: INAV drops a compass after 250 ms, ArduPilot after 500 ms; ArduPilot's filter uses 10
+/// Hz.
+const COMPASS_HZ: u8 = 50;
+
+/// Maximum rate of attitude requests, Hz.
+const MAX_ATTITUDE_REQUEST_HZ: u8 = 50;
+
+/// Rate of other requests, Hz: each about once a second, the current four times.
+const PERIODIC_REQUESTS_HZ: u8 = PERIODIC_REQUESTS.len() as u8;
+
+/// Requests besides those for attitude, sent in this order.
+const PERIODIC_REQUESTS: [MspFunction; 8] = [
+    MspFunction::Status,
+    MspFunction::Analog,
+    MspFunction::RawGps,
+    MspFunction::Analog,
+    MspFunction::Rtc,
+    MspFunction::Analog,
+    MspFunction::FcVariant,
+    MspFunction::Analog,
+];
+
+/// Timeout of a reply, microseconds: nearly three times the longest observed.
+const REPLY_TIMEOUT_US: u64 = 50_000;
+
+/// Silence after which the reported armed state expires, microseconds: ten replies.
+const ARMED_EXPIRY_US: u64 = 10_000_000;
+
+/// Number of the only compass on this line.
+const COMPASS_NUMBER: u8 = 0;
+
+/// MSP protocol of a port.
+#[derive(Debug, Default)]
+pub struct Msp {
+    receiver: Receiver,
+    autopilot_firmware: Option<AutopilotFirmware>,
+    armed_report: Option<(Timestamp, bool)>,
+    /// Time and body rates of the last MSP_RAW_IMU, rad/s.
+    gyro_report: Option<(Timestamp, [f32; 3])>,
+    rate_estimator: RateEstimator,
+    /// Time of the open request for attitude or firmware.
+    open_request_sent_at: Option<Timestamp>,
+    compass_schedule: MessageSchedule,
+    attitude_schedule: MessageSchedule,
+    periodic_schedule: MessageSchedule,
+    /// Index of the next periodic request other than attitude.
+    next_periodic_index: usize,
+}
+
+impl Msp {
+    /// Creates the protocol without a known autopilot.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            receiver: Receiver::new(),
+            autopilot_firmware: None,
+            armed_report: None,
+            gyro_report: None,
+            rate_estimator: RateEstimator::new(),
+            open_request_sent_at: None,
+            compass_schedule: MessageSchedule::new(),
+            attitude_schedule: MessageSchedule::new(),
+            periodic_schedule: MessageSchedule::new(),
+            next_periodic_index: 0,
+        }
+    }
+
+    fn process_message(&mut self, at: Timestamp, message: MspReply) -> Option<ReceivedMessage> {
+        if matches!(message, MspReply::Attitude(_) | MspReply::Refused(MspFunction::Attitude)) {
+            self.open_request_sent_at = None;
+        }
+        match message {
+            MspReply::Attitude(angles) => return self.attitude_report(at, angles),
+            MspReply::Gyro(counts) if self.autopilot_firmware == Some(AutopilotFirmware::Inav) => {
+                self.gyro_report = Some((at, inav_body_rates_rad_s(counts)));
+            }
+            MspReply::RawGps(place) => return place.map(ReceivedMessage::Position),
+            MspReply::Current(amperes) => return Some(ReceivedMessage::Current(amperes)),
+            MspReply::Rtc(day) => return day.map(ReceivedMessage::Date),
+            MspReply::FcVariant(firmware) => self.autopilot_firmware = Some(firmware),
+            MspReply::Armed(is_armed) => self.armed_report = Some((at, is_armed)),
+            MspReply::Gyro(_) | MspReply::Refused(_) => {}
+        }
+        None
+    }
+
+    fn attitude_report(&mut self, at: Timestamp, angles: MspAngles) -> Option<ReceivedMessage> {
+        // MSP has one sender, without a clock.
+        let (source, sender_clock_at_sending) = (SenderId::default(), WrappingMillis::new(0));
+        let attitude = self.autopilot_firmware?.attitude_from_angles(angles)?;
+        let estimated = self.rate_estimator.update_rates(at, attitude, f32::from(angles.heading_deg).to_radians());
+        let measured = self.gyro_report.filter(|(received_at, _)| at.us_since(*received_at) <= REPLY_TIMEOUT_US);
+        let body_rates = BodyRates::from_rad_s(measured.map_or(estimated, |(_, rates_rad_s)| rates_rad_s));
+        Some(ReceivedMessage::Attitude(AttitudeReport {
+            sender: source,
+            sender_clock_at_sending,
+            attitude,
+            body_rates,
+        }))
+    }
+
+    fn next_periodic_request(&mut self) -> MspFunction {
+        let [first, ..] = PERIODIC_REQUESTS;
+        let function = PERIODIC_REQUESTS.get(self.next_periodic_index).copied().unwrap_or(first);
+        self.next_periodic_index = (self.next_periodic_index + 1) % PERIODIC_REQUESTS.len();
+        function
+    }
+
+    /// Request to send whenever the last was answered; none if the firmware's signs are unknown.
+    fn attitude_or_firmware_request(&self) -> Option<MspFunction> {
+        match self.autopilot_firmware {
+            None => Some(MspFunction::FcVariant),
+            Some(AutopilotFirmware::Other) => None,
+            Some(_) => Some(MspFunction::Attitude),
+        }
+    }
+
+    /// Whether this request may be sent: none is open, or the open one has timed out.
+    fn may_request(&mut self, now: Timestamp) -> bool {
+        if self.open_request_sent_at.is_some_and(|at| now.us_since(at) < REPLY_TIMEOUT_US) {
+            return false;
+        }
+        if self.open_request_sent_at.take().is_some() {
+            // The rest of a partly received reply is lost.
+            self.receiver.discard_partial();
+        }
+        true
+    }
+}
+
+impl Protocol for Msp {
+    fn process_byte(&mut self, at: Timestamp, byte: u8) -> Option<ReceivedMessage> {
+        let message = self.receiver.push_byte(byte)?;
+        Some(self.process_message(at, message).unwrap_or(ReceivedMessage::Other))
+    }
+
+    fn is_armed(&self, now: Timestamp) -> Option<bool> {
+        self.armed_report.filter(|(at, _)| now.us_since(*at) <= ARMED_EXPIRY_US).map(|(_, is_armed)| is_armed)
+    }
+
+    fn rejected_frame_count(&self) -> u32 {
+        self.receiver.rejected_count
+    }
+
+    fn poll(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
+        let now = snapshot.now;
+        if let Some(field) = snapshot.estimate.compass_field
+            && self.compass_schedule.is_due(now, COMPASS_HZ)
+        {
+            out.append_message(&[&compass_message(
+                COMPASS_NUMBER,
+                snapshot.estimate.timestamp.wrapping_millis().as_ms(),
+                field,
+            )]);
+        }
+        let is_other_due = self.periodic_schedule.is_due(now, PERIODIC_REQUESTS_HZ);
+        if is_other_due {
+            out.append_message(&[&encode_request(self.next_periodic_request())]);
+        }
+        if let Some(function) = self.attitude_or_firmware_request()
+            && self.may_request(now)
+            && self.attitude_schedule.is_due(now, MAX_ATTITUDE_REQUEST_HZ)
+        {
+            // The reply to the first request arrives first. At most two requests at a time: rates remain valid for 50
+            // ms.
+            let gyro = encode_request(MspFunction::RawImu);
+            let has_gyro = function == MspFunction::Attitude
+                && self.autopilot_firmware == Some(AutopilotFirmware::Inav)
+                && !is_other_due;
+            let requests = [if has_gyro { &gyro[..] } else { &[] }, &encode_request(function)];
+            self.open_request_sent_at = out.append_message(&requests).then_some(now);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,138 @@
+//! NMEA 0183: heading, heading with variation, true heading, and the heading's quality.
+
+use super::{MessageSchedule, Snapshot, TransmitBuffer};
+use crate::wire::nmea;
+use autoswing::heading::Heading;
+
+/// NMEA protocol of a port: `HCHDM`, `HCHDG`, `HCHDT` if the declination is known, and `PASWH`, with the rate of
+/// `stream rate` and the heading of `stream heading`. Received bytes are ignored.
+#[derive(Debug, Default)]
+pub struct Nmea {
+    schedule: MessageSchedule,
+}
+
+impl Nmea {
+    /// Creates the protocol with the first sentences due at once.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { schedule: MessageSchedule::new() }
+    }
+
+    /// Appends the due sentences.
+    pub fn poll(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
+        let Snapshot { estimate, settings, .. } = snapshot;
+        if !(settings.stream_on && self.schedule.is_due(estimate.timestamp, settings.stream_rate_hz)) {
+            return;
+        }
+        let (heading, kind) = snapshot.selected_heading();
+        let heading_deg = heading.as_ref().ok().map(Heading::magnetic_deg);
+        let [hdm, hdg, quality] = [
+            nmea::hdm_sentence(heading_deg),
+            nmea::hdg_sentence(heading_deg, settings.declination_deg),
+            nmea::quality_sentence(&heading, kind),
+        ];
+        let hdt = settings.declination_deg.map(|declination_deg| nmea::hdt_sentence(heading_deg, declination_deg));
+        let hdt = hdt.as_deref().unwrap_or_default();
+        out.append_message(&[&hdm, &hdg, hdt, &quality]);
+        if heading.is_err() {
+            out.headingless_message_count = out.headingless_message_count.wrapping_add(1);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::port::snapshot::tests::test_snapshot;
+    use autoswing::heading::NoHeading;
+    use autoswing::instrument::Estimate;
+    use autoswing::time::Timestamp;
+    use autoswing_module::settings::{HeadingKind, Settings};
+
+    fn sentences_text(estimate: &Estimate, settings: &Settings) -> String {
+        let mut out = TransmitBuffer::new();
+        Nmea::new().poll(&test_snapshot(estimate, settings), &mut out);
+        assert_eq!(out.message_count, u32::from(!out.pending_bytes().is_empty()));
+        assert_eq!(
+            out.headingless_message_count,
+            u32::from(test_snapshot(estimate, settings).selected_heading().0.is_err())
+        );
+        String::from_utf8(out.pending_bytes().to_vec()).unwrap()
+    }
+
+    const RAW_HEADING: Heading = Heading { magnetic_rad: 1.765_2, sigma_rad: 0.009_6, systematic_variance_rad2: 0.0 };
+    const SMOOTH_HEADING: Heading = Heading { magnetic_rad: 1.784, sigma_rad: 0.005, systematic_variance_rad2: 0.0 };
+
+    /// Without a declination three sentences are sent.
+    #[test]
+    fn a_heading_is_sent_in_four_sentences() {
+        let estimate = Estimate { heading: Ok(RAW_HEADING), ..Estimate::EMPTY };
+        let settings = Settings { declination_deg: Some(-3.5), ..Settings::DEFAULT };
+        let lines: Vec<String> =
+            sentences_text(&estimate, &settings).split_inclusive("\r\n").map(str::to_owned).collect();
+        assert!(lines[0].starts_with("$HCHDM,101.1,M*"), "{lines:?}");
+        assert!(lines[1].starts_with("$HCHDG,101.1,,,3.5,W*"), "{lines:?}");
+        assert!(lines[2].starts_with("$HCHDT,097.6,T*"), "{lines:?}");
+        assert!(lines[3].starts_with("$PASWH,101.1,0.6,ok,raw*"), "{lines:?}");
+        assert_eq!(lines.len(), 4);
+        let text = sentences_text(&estimate, &Settings::DEFAULT);
+        assert!(!text.contains("HCHDT") && text.lines().count() == 3, "{text}");
+    }
+
+    #[test]
+    fn an_empty_heading_is_sent_with_its_reason() {
+        let estimate = Estimate { heading: Err(NoHeading::SensorSaturated), ..Estimate::EMPTY };
+        let text = sentences_text(&estimate, &Settings::DEFAULT);
+        assert!(text.starts_with("$HCHDM,,M*07\r\n$HCHDG,,,,,*"), "{text}");
+        assert!(text.contains("$PASWH,,,sensor-saturated,*"), "{text}");
+        let settings = Settings { declination_deg: Some(1.0), ..Settings::DEFAULT };
+        assert!(sentences_text(&estimate, &settings).contains("$HCHDT,,T*"));
+    }
+
+    /// Longest heading, variation, sigma, code and kind.
+    #[test]
+    fn the_longest_message_fits() {
+        let settings = Settings { declination_deg: Some(-180.0), ..Settings::DEFAULT };
+        let unsure = Heading { sigma_rad: f32::INFINITY, ..SMOOTH_HEADING };
+        for estimate in [
+            Estimate { smoothed_heading: Some(unsure), ..Estimate::EMPTY },
+            Estimate { heading: Err(NoHeading::SensorSaturated), ..Estimate::EMPTY },
+        ] {
+            assert_eq!(sentences_text(&estimate, &settings).matches("\r\n").count(), 4, "{estimate:?}");
+        }
+    }
+
+    /// All sentences contain the same heading.
+    #[test]
+    fn the_smoothed_heading_is_sent_if_available_and_selected() {
+        let both = Estimate { heading: Ok(RAW_HEADING), smoothed_heading: Some(SMOOTH_HEADING), ..Estimate::EMPTY };
+        let only_raw = Estimate { smoothed_heading: None, ..both };
+        for (estimate, stream_heading, degrees, end) in [
+            (both, HeadingKind::Smooth, "102.2", "0.3,ok,smooth*"),
+            (both, HeadingKind::Raw, "101.1", "0.6,ok,raw*"),
+            (only_raw, HeadingKind::Smooth, "101.1", "0.6,ok,raw*"),
+            (only_raw, HeadingKind::Raw, "101.1", "0.6,ok,raw*"),
+        ] {
+            let text = sentences_text(&estimate, &Settings { stream_heading, ..Settings::DEFAULT });
+            for sentence in ["$HCHDM", "$HCHDG", "$PASWH"] {
+                assert!(text.contains(&format!("{sentence},{degrees},")), "{text}");
+            }
+            assert!(text.contains(end), "{text}");
+        }
+    }
+
+    /// Ten seconds of readings 12.5 ms apart.
+    #[test]
+    fn sentences_are_sent_at_the_set_rate_or_not_at_all() {
+        for (stream_on, stream_rate_hz, sentences) in [(true, 25, 250), (true, 10, 100), (false, 25, 0)] {
+            let settings = Settings { stream_on, stream_rate_hz, ..Settings::DEFAULT };
+            let (mut nmea, mut out) = (Nmea::new(), TransmitBuffer::new());
+            for reading in 0..800 {
+                let estimate = Estimate { timestamp: Timestamp::from_us(reading * 12_500), ..Estimate::EMPTY };
+                nmea.poll(&test_snapshot(&estimate, &settings), &mut out);
+                out.consume_bytes(usize::MAX);
+            }
+            assert_eq!(out.message_count, sentences);
+        }
+    }
+}

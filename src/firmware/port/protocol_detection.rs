@@ -1,0 +1,269 @@
+//! A port with its protocols, and the detection of the autopilot's protocol.
+
+use super::{Mavlink, Msp, Nmea, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
+use autoswing::time::Timestamp;
+use autoswing_module::settings::ProtocolKind;
+
+/// Silence after which the protocol is detected anew, microseconds.
+const DETECTION_EXPIRY_US: u64 = 10_000_000;
+
+/// Autopilot port. While it sends NMEA sentences it still receives MAVLink, so that attitude may arrive on the same line.
+#[derive(Debug)]
+pub struct Port {
+    configured_protocol: ProtocolKind,
+    detection: ProtocolDetection,
+    /// Receives results of commands, and texts, whatever the active protocol.
+    pub mavlink: Mavlink,
+    msp: Msp,
+    nmea: Nmea,
+    /// Bytes to write to the line.
+    pub pending_output: TransmitBuffer,
+}
+
+/// Detected protocol, and the time of its last frame.
+#[derive(Clone, Copy, Debug)]
+struct ProtocolDetection {
+    /// Detected protocol; `Auto` if none was detected.
+    protocol: ProtocolKind,
+    last_frame_at: Timestamp,
+    /// Whether a frame was received since the start. A protocol detected before the restart is used at once, so that
+    /// the same autopilot need not wait; the first received frame may replace it.
+    has_received_frame: bool,
+}
+
+impl ProtocolDetection {
+    /// Records a frame of a protocol; another protocol than the detected one changes nothing until that is silent.
+    fn record_frame(&mut self, protocol: ProtocolKind, at: Timestamp) {
+        if !self.has_received_frame || [protocol, ProtocolKind::Auto].contains(&self.unexpired_protocol(at)) {
+            *self = Self { protocol, last_frame_at: at, has_received_frame: true };
+        }
+    }
+
+    fn unexpired_protocol(&self, now: Timestamp) -> ProtocolKind {
+        if now.us_since(self.last_frame_at) <= DETECTION_EXPIRY_US { self.protocol } else { ProtocolKind::Auto }
+    }
+}
+
+impl Port {
+    /// Creates a port at its start time, with the protocol detected before the restart, or `Auto`.
+    #[must_use]
+    pub fn new(configured: ProtocolKind, detected: ProtocolKind, start: Timestamp) -> Self {
+        Self {
+            configured_protocol: configured,
+            detection: ProtocolDetection { protocol: detected, last_frame_at: start, has_received_frame: false },
+            mavlink: Mavlink::new(),
+            msp: Msp::new(),
+            nmea: Nmea::new(),
+            pending_output: TransmitBuffer::new(),
+        }
+    }
+
+    /// Selects the protocol.
+    pub const fn set_protocol(&mut self, configured: ProtocolKind) {
+        self.configured_protocol = configured;
+    }
+
+    /// Protocol in use: if `auto` is set, the detected one, or `auto` during detection.
+    #[must_use]
+    pub fn active_protocol(&self, now: Timestamp) -> ProtocolKind {
+        match self.configured_protocol {
+            ProtocolKind::Auto => self.detection.unexpired_protocol(now),
+            configured => configured,
+        }
+    }
+
+    /// Processes a received byte.
+    pub fn process_byte(&mut self, at: Timestamp, byte: u8) -> Option<ReceivedMessage> {
+        // Until a frame is received, either protocol may be detected.
+        let is_detected = self.detection.has_received_frame || self.configured_protocol != ProtocolKind::Auto;
+        let active = if is_detected { self.active_protocol(at) } else { ProtocolKind::Auto };
+        let msp_message = if matches!(active, ProtocolKind::Auto | ProtocolKind::Msp) {
+            self.msp.process_byte(at, byte)
+        } else {
+            None
+        };
+        let mavlink_message = if active == ProtocolKind::Msp { None } else { self.mavlink.process_byte(at, byte) };
+        if msp_message.is_some() {
+            self.detection.record_frame(ProtocolKind::Msp, at);
+        }
+        if mavlink_message.is_some() {
+            self.detection.record_frame(ProtocolKind::Mavlink, at);
+        }
+        mavlink_message.or(msp_message)
+    }
+
+    /// Whether the autopilot is armed, if it has reported that recently.
+    #[must_use]
+    pub fn is_armed(&self, now: Timestamp) -> Option<bool> {
+        self.mavlink.is_armed(now).or_else(|| self.msp.is_armed(now))
+    }
+
+    /// Number of broken or impossible frames; wraps.
+    #[must_use]
+    pub fn rejected_frame_count(&self) -> u32 {
+        self.mavlink.rejected_frame_count().wrapping_add(self.msp.rejected_frame_count())
+    }
+
+    /// Appends due messages to the output. During detection the port sends MSP requests: an MSP autopilot sends nothing
+    /// without a request and searches for its compass while it starts; a MAVLink autopilot ignores them.
+    pub fn poll(&mut self, snapshot: &Snapshot<'_>) {
+        match self.active_protocol(snapshot.now) {
+            ProtocolKind::Mavlink => self.mavlink.poll(snapshot, &mut self.pending_output),
+            ProtocolKind::Nmea => self.nmea.poll(snapshot, &mut self.pending_output),
+            ProtocolKind::Auto | ProtocolKind::Msp => self.msp.poll(snapshot, &mut self.pending_output),
+        }
+    }
+
+    /// Whether the set protocol carries text messages, or may after detection.
+    #[must_use]
+    pub fn carries_texts(&self) -> bool {
+        matches!(self.configured_protocol, ProtocolKind::Auto | ProtocolKind::Mavlink)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::port::snapshot::tests::test_snapshot;
+    use ::mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot};
+    use ::mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
+    use autoswing::attitude::SenderId;
+    use autoswing::instrument::Estimate;
+    use autoswing_module::settings::Settings;
+    use crc::{CRC_8_DVB_S2, Crc};
+
+    fn mavlink_frame(data: &impl MessageData) -> Vec<u8> {
+        let mut raw = MAVLinkV2MessageRaw::new();
+        raw.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: 0 }, data);
+        raw.raw_bytes().to_vec()
+    }
+
+    fn heartbeat_frame() -> Vec<u8> {
+        mavlink_frame(&HEARTBEAT_DATA {
+            autopilot: MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+            ..HEARTBEAT_DATA::default()
+        })
+    }
+
+    fn msp_firmware_frame(name: [u8; 4]) -> Vec<u8> {
+        let checked = [&[0, 2, 0, 4, 0], &name[..]].concat();
+        let crc = Crc::<u8>::new(&CRC_8_DVB_S2).checksum(&checked);
+        [&b"$X>"[..], &checked, &[crc]].concat()
+    }
+
+    const fn timestamp_ms(ms: u64) -> Timestamp {
+        Timestamp::from_us(ms * 1000)
+    }
+
+    fn receive_bytes(port: &mut Port, ms: u64, bytes: &[u8]) {
+        for &byte in bytes {
+            let _ = port.process_byte(timestamp_ms(ms), byte);
+        }
+    }
+
+    fn polled_output(port: &mut Port, ms: u64) -> Vec<u8> {
+        let estimate = Estimate { timestamp: timestamp_ms(ms), ..Estimate::EMPTY };
+        port.poll(&test_snapshot(&estimate, &Settings::DEFAULT));
+        let bytes = port.pending_output.pending_bytes().to_vec();
+        port.pending_output.consume_bytes(usize::MAX);
+        bytes
+    }
+
+    #[test]
+    fn a_detected_protocol_expires_after_ten_seconds_of_silence() {
+        for (frame, protocol) in
+            [(heartbeat_frame(), ProtocolKind::Mavlink), (msp_firmware_frame(*b"ARDU"), ProtocolKind::Msp)]
+        {
+            let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, timestamp_ms(0));
+            assert_eq!(port.active_protocol(timestamp_ms(0)), ProtocolKind::Auto);
+            receive_bytes(&mut port, 5, &frame[..frame.len() - 1]);
+            assert_eq!(port.active_protocol(timestamp_ms(5)), ProtocolKind::Auto, "half a frame is none");
+            receive_bytes(&mut port, 6, &frame[frame.len() - 1..]);
+            assert_eq!(port.active_protocol(timestamp_ms(6)), protocol);
+            assert_eq!(port.active_protocol(timestamp_ms(10_006)), protocol);
+            assert_eq!(port.active_protocol(timestamp_ms(10_007)), ProtocolKind::Auto);
+            receive_bytes(&mut port, 20_000, &frame);
+            assert_eq!(port.active_protocol(timestamp_ms(20_000)), protocol);
+        }
+    }
+
+    /// Frames of another protocol, for example from a repeater, change nothing until the autopilot is silent.
+    #[test]
+    fn a_detected_protocol_is_kept_while_it_is_received() {
+        let (mavlink, msp) = (heartbeat_frame(), msp_firmware_frame(*b"INAV"));
+        let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, timestamp_ms(0));
+        receive_bytes(&mut port, 0, &mavlink);
+        for ms in (0..20_000).step_by(1000) {
+            receive_bytes(&mut port, ms, &mavlink);
+            receive_bytes(&mut port, ms + 1, &msp);
+            assert_eq!(port.active_protocol(timestamp_ms(ms + 1)), ProtocolKind::Mavlink);
+        }
+        for ms in (20_000..30_001).step_by(1000) {
+            receive_bytes(&mut port, ms, &msp);
+        }
+        assert_eq!(port.active_protocol(timestamp_ms(30_001)), ProtocolKind::Msp);
+    }
+
+    /// The protocol detected before the restart is used at once and expires after ten seconds of silence; the first
+    /// frame of either protocol replaces it.
+    #[test]
+    fn detection_begins_with_the_protocol_before_the_restart() {
+        let port_with_previous = || Port::new(ProtocolKind::Auto, ProtocolKind::Mavlink, timestamp_ms(100));
+        let mut port = port_with_previous();
+        assert!(!polled_output(&mut port, 100).starts_with(b"$X<"), "no MSP to one that speaks MAVLink");
+        assert_eq!(port.active_protocol(timestamp_ms(10_100)), ProtocolKind::Mavlink);
+        assert_eq!(port.active_protocol(timestamp_ms(10_101)), ProtocolKind::Auto);
+        assert!(polled_output(&mut port, 10_101).starts_with(b"$X<"));
+        for (frame, protocol) in
+            [(heartbeat_frame(), ProtocolKind::Mavlink), (msp_firmware_frame(*b"INAV"), ProtocolKind::Msp)]
+        {
+            let mut port = port_with_previous();
+            receive_bytes(&mut port, 4000, &frame);
+            assert_eq!(port.active_protocol(timestamp_ms(4000)), protocol);
+            assert_eq!(
+                (port.active_protocol(timestamp_ms(14_000)), port.active_protocol(timestamp_ms(14_001))),
+                (protocol, ProtocolKind::Auto)
+            );
+        }
+        // After the first frame another protocol changes nothing.
+        let mut port = port_with_previous();
+        receive_bytes(&mut port, 4000, &heartbeat_frame());
+        receive_bytes(&mut port, 4001, &msp_firmware_frame(*b"INAV"));
+        assert_eq!(port.active_protocol(timestamp_ms(4001)), ProtocolKind::Mavlink);
+        let port = Port::new(ProtocolKind::Nmea, ProtocolKind::Mavlink, timestamp_ms(0));
+        assert_eq!(port.active_protocol(timestamp_ms(1)), ProtocolKind::Nmea);
+    }
+
+    /// The requests end with the first MAVLink frame.
+    #[test]
+    fn detection_sends_msp_requests() {
+        let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, timestamp_ms(0));
+        assert!(polled_output(&mut port, 0).starts_with(b"$X<"));
+        receive_bytes(&mut port, 1, &heartbeat_frame());
+        assert!((1..2_000).step_by(12).all(|ms| !polled_output(&mut port, ms).starts_with(b"$X<")));
+    }
+
+    #[test]
+    fn a_configured_protocol_is_never_replaced() {
+        for protocol in [ProtocolKind::Mavlink, ProtocolKind::Msp, ProtocolKind::Nmea] {
+            let mut port = Port::new(protocol, ProtocolKind::Auto, timestamp_ms(0));
+            receive_bytes(&mut port, 0, &heartbeat_frame());
+            receive_bytes(&mut port, 1, &msp_firmware_frame(*b"ARDU"));
+            assert_eq!(port.active_protocol(timestamp_ms(2)), protocol);
+            port.set_protocol(ProtocolKind::Auto);
+            assert_eq!(port.active_protocol(timestamp_ms(2)) == ProtocolKind::Msp, protocol == ProtocolKind::Msp);
+        }
+    }
+
+    #[test]
+    fn sentences_and_attitude_share_a_line() {
+        let mut port = Port::new(ProtocolKind::Nmea, ProtocolKind::Auto, timestamp_ms(0));
+        assert!(polled_output(&mut port, 0).starts_with(b"$HCHDM"));
+        let frame = mavlink_frame(&ATTITUDE_DATA { roll: 0.1, ..ATTITUDE_DATA::default() });
+        let message = frame.iter().find_map(|&byte| port.process_byte(timestamp_ms(1), byte));
+        assert!(
+            matches!(message, Some(ReceivedMessage::Attitude(report)) if report.sender != SenderId::default()),
+            "{message:?}"
+        );
+    }
+}

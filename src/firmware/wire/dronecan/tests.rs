@@ -1,0 +1,551 @@
+//! Frames and payloads compared with those of pydronecan 1.0.27; node 42 is the compass, node 10 its peer.
+
+use super::outbound::{
+    self, BusCounts, LogLevel, NodeHealth, NodeInfo, NodeMode, NodeStatus, ParameterResponse, SoftwareVersion,
+    UpdateResult,
+};
+use super::*;
+use autoswing::earth::{Date, Position};
+use autoswing::time::Timestamp;
+
+fn node_id(number: u8) -> NodeId {
+    NodeId::new(number).unwrap()
+}
+
+fn bytes_from_hex(hex: &str) -> Vec<u8> {
+    let digits: Vec<u8> = hex.chars().filter_map(|digit| digit.to_digit(16)).map(|digit| digit as u8).collect();
+    digits.chunks(2).map(|pair| pair[0] << 4 | pair[1]).collect()
+}
+
+/// Frames of a text: data in hexadecimal digits, frames separated by semicolons.
+fn frames_from_hex(id: u32, text: &str) -> Vec<CanFrame> {
+    text.split(';').map(|data| CanFrame::new(id, &bytes_from_hex(data)).unwrap()).collect()
+}
+
+fn outbound_transfer(data_type: DataType, kind: TransferKind, transfer_id: u8, payload: Payload) -> OutboundTransfer {
+    OutboundTransfer { data_type, priority: priority::LOW_PRIORITY, transfer_kind: kind, transfer_id, payload }
+}
+
+fn outbound_message(data_type: DataType, transfer_id: u8, payload: Payload) -> OutboundTransfer {
+    outbound_transfer(data_type, TransferKind::Message, transfer_id, payload)
+}
+
+fn outbound_response(data_type: DataType, transfer_id: u8, payload: Payload) -> OutboundTransfer {
+    OutboundTransfer {
+        priority: 30,
+        ..outbound_transfer(data_type, TransferKind::Response(node_id(10)), transfer_id, payload)
+    }
+}
+
+#[track_caller]
+fn assert_frames(transfer: &OutboundTransfer, id: u32, text: &str) {
+    let frames: Vec<CanFrame> = transfer.frames(Some(node_id(42))).collect();
+    assert_eq!(frames, frames_from_hex(id, text));
+    assert_eq!(frames.len(), transfer.frame_count());
+}
+
+/// Passes frames to node 42; returns the transfer that the last one completes, as text, which outlives the frames.
+fn receive_all(frames: &[CanFrame]) -> (Option<String>, u32) {
+    let mut receiver = Receiver::new();
+    let mut last = None;
+    for frame in frames {
+        last = receiver.push_frame(Timestamp::START, Some(node_id(42)), frame).map(|transfer| format!("{transfer:?}"));
+    }
+    (last, receiver.rejected_count)
+}
+
+#[track_caller]
+fn assert_received(id: u32, text: &str, expected: &InboundTransfer<'_>) {
+    assert_eq!(receive_all(&frames_from_hex(id, text)), (Some(format!("{expected:?}")), 0));
+}
+
+fn inbound_transfer(
+    priority: u8,
+    source: Option<NodeId>,
+    transfer_id: u8,
+    message: InboundMessage<'_>,
+) -> InboundTransfer<'_> {
+    InboundTransfer { source_node: source, priority, transfer_id, message }
+}
+
+const UNIQUE_ID: [u8; UNIQUE_ID_LENGTH] =
+    [0x11, 0x12, 0x13, 0x14, 0x15, 0x16, 0x17, 0x18, 0x19, 0x1A, 0x1B, 0x1C, 0, 0, 0, 0];
+
+const STATUS: NodeStatus =
+    NodeStatus { uptime_s: 0x1234_5678, health: NodeHealth::Ok, node_mode: NodeMode::Operational, vendor_code: 0xBEEF };
+
+#[test]
+fn a_field_is_one_frame_and_three_with_variances() {
+    let field = [0.2, -0.05, 0.45];
+    let mag = DataType::MAGNETIC_FIELD_STRENGTH_2;
+    let without = outbound_message(mag, 0, outbound::magnetic_field(0, field, None));
+    assert_frames(&without, 0x1803_EA2A, "00 66 32 66 AA 33 37 C0");
+    let with = outbound_message(mag, 1, outbound::magnetic_field(0, field, Some([1e-4; 3])));
+    assert_frames(&with, 0x1803_EA2A, "40 85 00 66 32 66 AA 81 ; 33 37 8E 06 8E 06 8E 21 ; 06 41");
+}
+
+/// Types that the node does not send: field without a sensor's number, field in single precision, request of a file,
+/// NotifyState.
+#[test]
+fn any_payload_is_divided_as_pydronecan_does() {
+    let data_type = |id, is_service, signature| DataType { type_id: id, is_service, signature };
+    let payload = |hex| Payload::from_slice(&bytes_from_hex(hex)).unwrap();
+    let field = data_type(1001, false, 0xE2A7_D4A9_460B_C2F2);
+    assert_frames(&outbound_message(field, 2, payload("66 32 66 AA 33 37")), 0x1803_E92A, "66 32 66 AA 33 37 C2");
+    let precise = data_type(1043, false, 0x3053_EBE3_D750_286F);
+    assert_frames(
+        &outbound_message(precise, 31, payload("01 CD CC 4C 3E CD CC 4C BD 66 66 E6 3E")),
+        0x1804_132A,
+        "94 27 01 CD CC 4C 3E 9F ; CD CC 4C BD 66 66 E6 3F ; 3E 5F",
+    );
+    let read = data_type(48, true, 0x8DCD_CA93_9F33_F678);
+    let request = OutboundTransfer {
+        priority: 30,
+        ..outbound_transfer(read, TransferKind::Request(node_id(10)), 0, payload("00 01 00 00 00 61 2E 62 69 6E"))
+    };
+    assert_frames(&request, 0x1E30_8AAA, "4E FE 00 01 00 00 00 80 ; 61 2E 62 69 6E 60");
+}
+
+#[test]
+fn status_texts_and_results_are_those_of_pydronecan() {
+    // The frame of pydronecan has the health WARNING, which this node never sends.
+    let mut warning = STATUS.payload();
+    warning[4] |= 0x40;
+    assert_frames(&outbound_message(DataType::NODE_STATUS, 3, warning), 0x1801_552A, "78 56 34 12 40 EF BE C3");
+    let failed = NodeStatus { health: NodeHealth::Error, node_mode: NodeMode::SoftwareUpdate, ..STATUS };
+    assert_eq!(failed.payload()[4], 0b1001_1000);
+    let text = outbound_message(DataType::LOG_MESSAGE, 0, outbound::log_message(LogLevel::Info, "mag", b"ok"));
+    assert_frames(&text, 0x183F_FF2A, "23 6D 61 67 6F 6B C0");
+    let restarted = outbound_response(DataType::RESTART_NODE, 2, outbound::restart_result(true));
+    assert_frames(&restarted, 0x1E05_0AAA, "80 C2");
+    let updated = outbound_response(DataType::BEGIN_FIRMWARE_UPDATE, 4, outbound::update_result(UpdateResult::Ok, ""));
+    assert_frames(&updated, 0x1E28_0AAA, "00 C4");
+    let saved = outbound_response(DataType::EXECUTE_OPCODE, 1, outbound::opcode_result(true));
+    assert_frames(&saved, 0x1E0A_0AAA, "00 00 00 00 00 00 80 C1");
+}
+
+/// pydronecan's response has the status WARNING, as set here: 46 bytes with the CRC bytes EE 5E in 7 frames.
+#[test]
+fn node_info_has_versions_unique_id_and_name() {
+    let software = SoftwareVersion {
+        major_version: 1,
+        minor_version: 9,
+        commit: Some(0xDEAD_BEEF),
+        image_crc: Some(0x1122_3344_5566_7788),
+    };
+    let info =
+        NodeInfo { node_name: "org.x", software_version: software, hardware_version: [4, 64], unique_id: UNIQUE_ID };
+    let mut payload = info.payload(STATUS);
+    assert_eq!(payload.len(), 46);
+    payload[4] = 0x40;
+    let frames: Vec<CanFrame> =
+        outbound_response(DataType::GET_NODE_INFO, 0, payload).frames(Some(node_id(42))).collect();
+    assert_eq!((frames.len(), frames[0].frame_id(), &frames[0].data()[..2]), (7, 0x1E01_0AAA, &[0xEE, 0x5E][..]));
+    let unknown = SoftwareVersion { commit: None, image_crc: None, ..software };
+    assert_eq!(
+        NodeInfo { software_version: unknown, ..info }.payload(STATUS)[7..22],
+        [1, 9, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    );
+}
+
+#[test]
+fn the_commit_is_parsed_from_the_version_text() {
+    for (text, commit) in [
+        ("0.1.0 (148f00e4eb)", Some(0x148F_00E4)),
+        ("0.1.0 (148f00e4eb-dirty)", Some(0x148F_00E4)),
+        ("0.1.0 (148f00)", None),
+        ("0.1.0 (v1 release)", None),
+        ("0.1.0", None),
+    ] {
+        assert_eq!(SoftwareVersion::parse_commit(text), commit, "{text}");
+    }
+}
+
+#[test]
+fn an_allocation_is_requested_and_granted_in_three_parts() {
+    for (transfer_id, part, id, text) in [
+        (0, 0..6, 0x188F_F500, "01 11 12 13 14 15 16 C0"),
+        (1, 6..12, 0x188A_7500, "00 17 18 19 1A 1B 1C C1"),
+        (2, 12..16, 0x1822_1900, "00 00 00 00 00 C2"),
+    ] {
+        let payload = outbound::allocation_payload(part.start == 0, &UNIQUE_ID[part]);
+        let request = outbound_message(DataType::ALLOCATION, transfer_id, payload);
+        assert_eq!(request.frames(None).collect::<Vec<_>>(), frames_from_hex(id, text));
+    }
+    for (transfer_id, number, length, text) in [
+        (0, 0, 6, "00 11 12 13 14 15 16 C0"),
+        (1, 0, 12, "91 D3 00 11 12 13 14 81 ; 15 16 17 18 19 1A 1B 21 ; 1C 41"),
+        (2, 125, 16, "0D 70 FA 11 12 13 14 82 ; 15 16 17 18 19 1A 1B 22 ; 1C 00 00 00 00 42"),
+    ] {
+        let allocation = Allocation { node: NodeId::new(number), unique_id: &UNIQUE_ID[..length] };
+        let expected = inbound_transfer(30, Some(node_id(10)), transfer_id, InboundMessage::Allocation(allocation));
+        assert_received(0x1E00_010A, text, &expected);
+    }
+    // Anonymous request of another client.
+    let part = Allocation { node: None, unique_id: &UNIQUE_ID[..6] };
+    let expected = inbound_transfer(24, None, 0, InboundMessage::Allocation(part));
+    assert_received(0x188F_F500, "01 11 12 13 14 15 16 C0", &expected);
+}
+
+#[test]
+fn parameters_are_read_and_written_by_name_or_index() {
+    let request = |index, value, name| {
+        InboundMessage::GetSet(GetSetRequest { parameter_index: index, value, parameter_name: name })
+    };
+    for (transfer_id, text, expected) in [
+        (5, "AC 76 00 00 43 41 4E 85 ; 5F 4E 4F 44 45 65", request(0, GetSetValue::Empty, &b"CAN_NODE"[..])),
+        (6, "03 00 C6", request(3, GetSetValue::Empty, b"")),
+        (
+            7,
+            "4A 24 00 01 32 00 00 87 ; 00 00 00 00 00 43 41 27 ; 4E 5F 4E 4F 44 45 47",
+            request(0, GetSetValue::Integer(50), b"CAN_NODE"),
+        ),
+    ] {
+        assert_received(0x1E0B_AA8A, text, &inbound_transfer(30, Some(node_id(10)), transfer_id, expected));
+    }
+    let answer = ParameterResponse {
+        value: GetSetValue::Integer(50),
+        parameter_name: "CAN_NODE",
+        ..ParameterResponse::default()
+    };
+    assert_frames(
+        &outbound_response(DataType::GET_SET, 7, answer.payload()),
+        0x1E0B_0AAA,
+        "7A 95 01 32 00 00 00 87 ; 00 00 00 00 00 00 00 27 ; 43 41 4E 5F 4E 4F 44 07 ; 45 67",
+    );
+    let unknown = outbound_response(DataType::GET_SET, 9, ParameterResponse::default().payload());
+    assert_frames(&unknown, 0x1E0B_0AAA, "00 00 00 00 C9");
+}
+
+/// Layout by the table of the definition: tags of three and of two bits, each in a byte of its own.
+#[test]
+fn a_parameter_has_value_default_and_range() {
+    let parameter = ParameterResponse {
+        value: GetSetValue::Real(1.0),
+        default_value: GetSetValue::Boolean(true),
+        max_value: GetSetValue::Real(2.0),
+        min_value: GetSetValue::Integer(-1),
+        parameter_name: "P",
+    };
+    let expected = "02 00 00 80 3F  03 01  02 00 00 00 40  01 FF FF FF FF FF FF FF FF  50";
+    assert_eq!(parameter.payload()[..], bytes_from_hex(expected));
+    let text = ParameterResponse { value: GetSetValue::Text(b"on"), ..ParameterResponse::default() };
+    assert_eq!(text.payload()[..], bytes_from_hex("04 02 6F 6E  00 00 00"));
+}
+
+#[test]
+fn service_requests_to_this_node_are_decoded() {
+    let from_peer = |transfer_id, message| inbound_transfer(30, Some(node_id(10)), transfer_id, message);
+    assert_received(0x1E01_AA8A, "C0", &from_peer(0, InboundMessage::GetNodeInfo));
+    assert_received(0x1E05_AA8A, "1E 1B 55 CE AC C2", &from_peer(2, InboundMessage::RestartNode(true)));
+    assert_received(0x1E05_AA8A, "1E 1B 55 CE AD C2", &from_peer(2, InboundMessage::RestartNode(false)));
+    assert_received(0x1E05_AA8A, "C2", &from_peer(2, InboundMessage::RestartNode(false)));
+    let update = |server, path| InboundMessage::BeginFirmwareUpdate { server, path };
+    assert_received(0x1E28_AA8A, "00 61 2E 62 69 6E C4", &from_peer(4, update(None, b"a.bin")));
+    assert_received(0x1E28_AA8A, "0B 61 C4", &from_peer(4, update(NodeId::new(11), b"a")));
+    for (text, opcode) in [
+        ("00 00 00 00 00 00 00 C0", ParameterOpcode::Save),
+        ("01 00 00 00 00 00 00 C0", ParameterOpcode::Erase),
+        ("02 C0", ParameterOpcode::Other),
+        ("C0", ParameterOpcode::Other),
+    ] {
+        assert_received(0x1E0A_AA8A, text, &from_peer(0, InboundMessage::ExecuteOpcode(opcode)));
+    }
+    assert_received(0x1E04_AA8A, "C0", &from_peer(0, InboundMessage::GetTransportStats));
+    // Ignored: a request to another node, a response, a service without a sender.
+    for id in [0x1E01_AB8A, 0x1E01_2A8A, 0x1E01_AA80] {
+        assert_eq!(receive_all(&frames_from_hex(id, "C0")), (None, 0), "{id:X}");
+    }
+}
+
+#[test]
+fn counters_of_transfers_and_frames_are_sent() {
+    let count = |sent, received, errors| BusCounts { sent_frames: sent, received_frames: received, bus_errors: errors };
+    let payload = outbound::transport_stats(count(1, 2, 3), count(4, 5, 0x1_0000));
+    let expected = "01 00 00 00 00 00 02 00 00 00 00 00 03 00 00 00 00 00
+                    04 00 00 00 00 00 05 00 00 00 00 00 00 00 01 00 00 00";
+    assert_eq!(payload[..], bytes_from_hex(expected));
+}
+
+#[test]
+fn bytes_of_a_serial_line_are_sent_and_received() {
+    let text = "9D 83 01 14 01 00 E1 89 ; 00 FD 01 02 69";
+    let data = &[0xFD, 1, 2][..];
+    let piece = Targetted {
+        protocol: Targetted::MAVLINK_2_PROTOCOL,
+        target: 10,
+        serial_line: 0,
+        tunnel_options: 1,
+        baud: 57_600,
+        serial_bytes: data,
+    };
+    assert_received(0x100B_B92A, text, &inbound_transfer(16, Some(node_id(42)), 9, InboundMessage::Targetted(piece)));
+    let sent = OutboundTransfer {
+        priority: priority::MEDIUM_PRIORITY,
+        ..outbound_message(DataType::TARGETTED, 9, piece.payload())
+    };
+    assert_frames(&sent, 0x100B_B92A, text);
+    let default = Targetted { serial_line: -1, serial_bytes: &[0; Targetted::MAX_DATA_LENGTH], ..piece };
+    assert_eq!(default.payload().len(), 126);
+    let frames: Vec<_> =
+        outbound_message(DataType::TARGETTED, 0, default.payload()).frames(Some(node_id(42))).collect();
+    assert_eq!(
+        receive_all(&frames).0,
+        Some(format!("{:?}", inbound_transfer(24, Some(node_id(42)), 0, InboundMessage::Targetted(default))))
+    );
+}
+
+/// NotifyState is not received.
+#[test]
+fn the_armed_state_is_received() {
+    let from_peer = |message| inbound_transfer(24, Some(node_id(10)), 0, message);
+    assert_received(0x1804_4C0A, "FF C0", &from_peer(InboundMessage::ArmingStatus(true)));
+    assert_received(0x1804_4C0A, "00 C0", &from_peer(InboundMessage::ArmingStatus(false)));
+    assert_eq!(receive_all(&frames_from_hex(0x1804_4C0A, "01 C0")), (None, 1), "no state of this meaning");
+    assert_eq!(
+        receive_all(&frames_from_hex(0x184E_270A, "03 77 00 02 50 46 06 81 ; 00 00 00 00 00 00 00 61")),
+        (None, 0)
+    );
+}
+
+/// Transfer of any length from node 10, in frames.
+fn frames_from_peer(data_type: DataType, payload: &[u8]) -> Vec<CanFrame> {
+    let checked = [&data_type.crc(payload).to_le_bytes()[..], payload].concat();
+    let id = FrameHeader {
+        priority: 24,
+        transfer_kind: if data_type.is_service { TransferKind::Request(node_id(42)) } else { TransferKind::Message },
+        type_id: data_type.type_id,
+        source_node: Some(node_id(10)),
+    };
+    let count = checked.len().div_ceil(7);
+    let frame = |(number, part): (usize, &[u8])| {
+        let tail = u8::from(number == 0) << 7 | u8::from(number + 1 == count) << 6 | (number as u8 % 2) << 5;
+        CanFrame::new(id.to_id(), &[part, &[tail]].concat()).unwrap()
+    };
+    checked.chunks(7).enumerate().map(frame).collect()
+}
+
+/// Layout by the table of the definition: 12.5 A is 4A40, battery 3 at byte 18.
+#[test]
+fn the_current_of_a_battery_is_received() {
+    let mut payload = [0; 40];
+    payload[4..6].copy_from_slice(&0x4A40_u16.to_le_bytes());
+    payload[18] = 3;
+    let received = |current_a| {
+        Some(format!(
+            "{:?}",
+            inbound_transfer(24, Some(node_id(10)), 0, InboundMessage::Battery { battery_number: 3, current_a })
+        ))
+    };
+    assert_eq!(receive_all(&frames_from_peer(DataType::BATTERY_INFO, &payload)).0, received(Some(12.5)));
+    // NaN: the current is not measured.
+    payload[4..6].copy_from_slice(&0x7E00_u16.to_le_bytes());
+    assert_eq!(receive_all(&frames_from_peer(DataType::BATTERY_INFO, &payload)).0, received(None));
+}
+
+/// Bits by the table of the definition.
+fn fix_payload(status: u64, time_standard: u64) -> Vec<u8> {
+    let mut bits = bit_stream::BitWriter::default();
+    let signed = i64::cast_unsigned;
+    bits.put_bits(0, 56);
+    bits.put_bits(1_795_000_000_000_000, 56);
+    bits.put_bits(time_standard, 3);
+    bits.put_bits(0, 13 + 8);
+    bits.put_bits(signed(-7_010_000_000), 37);
+    bits.put_bits(signed(-3_390_000_000), 37);
+    bits.put_bits(0, 27);
+    bits.put_bits(signed(-1_500), 27);
+    bits.put_bits(0, 64);
+    bits.put_bits(0, 32);
+    bits.put_bits(9, 6);
+    bits.put_bits(status, 2);
+    bits.put_bits(0, 40);
+    bits.into_payload().to_vec()
+}
+
+#[test]
+fn position_and_date_of_satellites_are_received() {
+    let position = Position::new(-33.9, -70.1, -1.5);
+    let date = Date::from_unix_s(1_795_000_000);
+    for (status, time_standard, position, date) in
+        [(3, 2, position, date), (2, 2, None, date), (3, 3, position, None), (0, 0, None, None)]
+    {
+        let frames = frames_from_peer(DataType::FIX_2, &fix_payload(status, time_standard));
+        let expected = inbound_transfer(24, Some(node_id(10)), 0, InboundMessage::Fix(position, date));
+        assert_eq!(receive_all(&frames).0, Some(format!("{expected:?}")));
+    }
+}
+
+/// Frames of a Targetted message with 40 serial bytes: a transfer of seven.
+fn targetted_frames() -> Vec<CanFrame> {
+    let piece =
+        Targetted { protocol: 1, target: 42, serial_line: 0, tunnel_options: 0, baud: 0, serial_bytes: &[7; 40] };
+    frames_from_peer(DataType::TARGETTED, &piece.payload())
+}
+
+/// After a lost frame the next transfer is received.
+#[test]
+fn lost_frames_drop_a_transfer_and_repeated_ones_do_not() {
+    let frames = targetted_frames();
+    for at in 0..frames.len() {
+        let mut lost = frames.clone();
+        lost.remove(at);
+        assert_eq!(receive_all(&lost).0, None, "frame {at} lost");
+        let mut repeated = frames.clone();
+        repeated.insert(at, frames[at].clone());
+        if at + 1 < frames.len() {
+            assert!(receive_all(&repeated).0.is_some(), "frame {at} repeated");
+        }
+        let next = [lost, frames.clone()].concat();
+        assert!(receive_all(&next).0.is_some(), "after the loss of frame {at}");
+    }
+}
+
+/// Old bytes of repeated first frames do not count in the length: repeated starts once overflowed other receivers.
+#[test]
+fn a_first_frame_always_begins_anew() {
+    let frames = targetted_frames();
+    let starts = vec![frames[0].clone(); 100];
+    assert!(receive_all(&[starts, frames.clone()].concat()).0.is_some());
+    let middle = [&frames[..3], &vec![frames[2].clone(); 100], &frames[..]].concat();
+    assert!(receive_all(&middle).0.is_some());
+}
+
+/// The transfer exceeds the longest payload; its toggle bits and ids are valid.
+#[test]
+fn a_transfer_without_an_end_is_dropped() {
+    let frames = targetted_frames();
+    let endless: Vec<CanFrame> =
+        frames[..1].iter().chain([&frames[1], &frames[2]].into_iter().cycle().take(1000)).cloned().collect();
+    let (message, rejected) = receive_all(&endless);
+    assert_eq!(message, None);
+    assert!(rejected > 0);
+}
+
+/// Longest accepted time between two frames: 2 s.
+#[test]
+fn a_transfer_expires_after_two_seconds() {
+    let frames = targetted_frames();
+    for (pause_us, is_complete) in [(2_000_000, true), (2_000_001, false)] {
+        let mut receiver = Receiver::new();
+        let mut completed = false;
+        for (number, frame) in frames.iter().enumerate() {
+            let at = Timestamp::from_us(if number < 3 { 5 } else { 5 + pause_us });
+            completed |= receiver.push_frame(at, Some(node_id(42)), frame).is_some();
+        }
+        assert_eq!(completed, is_complete, "{pause_us}");
+    }
+}
+
+/// First frames of many senders, three between two frames of a transfer, take the slot of the transfer that is silent
+/// for longest.
+#[test]
+fn a_flood_of_first_frames_does_not_stop_a_transfer_in_progress() {
+    let frames = targetted_frames();
+    let mut receiver = Receiver::new();
+    let mut is_received = false;
+    for (number, frame) in frames.iter().enumerate() {
+        let at = |us| Timestamp::from_us(number as u64 * 100 + us);
+        is_received |= receiver.push_frame(at(0), Some(node_id(42)), frame).is_some();
+        for place in 1..4 {
+            let sender = 10 + 3 * number as u32 + place;
+            let flood = CanFrame::new(frame.frame_id() & !0x7F | sender, frames[0].data()).unwrap();
+            assert_eq!(receiver.push_frame(at(u64::from(place)), Some(node_id(42)), &flood), None);
+        }
+    }
+    assert!(is_received);
+}
+
+/// Changes that the CRC does not cover: transfer number, priority, sender, toggle bit.
+#[test]
+fn frames_that_do_not_belong_together_are_no_transfer() {
+    let frames = targetted_frames();
+    let changed = |number: usize, id, length, tail: u8| {
+        let data = [&frames[number].data()[..length], &[tail]].concat();
+        let mut changed = frames.clone();
+        changed[number] = CanFrame::new(id, &data).unwrap();
+        changed
+    };
+    let (id, tail) = (frames[2].frame_id(), frames[2].data()[7]);
+    assert!(receive_all(&changed(2, id, 7, tail)).0.is_some());
+    assert!(receive_all(&changed(2, id, 7, tail | 1)).0.is_none(), "of another transfer");
+    assert!(receive_all(&changed(2, id ^ 1 << 24, 7, tail)).0.is_some(), "another priority");
+    let anonymous = frames.iter().map(|frame| CanFrame::new(0x1800_0100, frame.data()).unwrap());
+    assert_eq!(receive_all(&anonymous.collect::<Vec<_>>()), (None, 7), "of no sender");
+    let inverted = frames.iter().map(|frame| {
+        let (tail, part) = frame.data().split_last().unwrap();
+        CanFrame::new(id, &[part, &[tail ^ 0x20]].concat()).unwrap()
+    });
+    assert_eq!(receive_all(&inverted.collect::<Vec<_>>()), (None, 7), "a toggle bit in a first frame");
+    assert_eq!(receive_all(&frames_from_hex(0x1804_4C0A, "FF E0")), (None, 1), "a toggle bit in a single frame");
+}
+
+/// Transfer of this many bytes, whose second frame has six instead of seven.
+#[test]
+fn a_short_middle_frame_drops_a_transfer() {
+    let payload = [&[1, 84, 0, 0, 0, 0][..], &[7; 20]].concat();
+    let mut checked = [&DataType::TARGETTED.crc(&payload).to_le_bytes()[..], &payload].concat();
+    let mut parts: Vec<Vec<u8>> = Vec::new();
+    for length in [7, 6, 7, 7] {
+        parts.push(checked.drain(..length).collect());
+    }
+    parts.push(checked);
+    let frames: Vec<_> = parts
+        .iter()
+        .enumerate()
+        .map(|(number, part)| {
+            let tail = u8::from(number == 0) << 7 | u8::from(number == 4) << 6 | (number as u8 % 2) << 5;
+            CanFrame::new(0x180B_B90A, &[&part[..], &[tail]].concat()).unwrap()
+        })
+        .collect();
+    assert_eq!(receive_all(&frames).0, None);
+}
+
+/// The largest lengths of the definitions are accepted, larger ones dropped.
+#[test]
+fn messages_beyond_their_limits_are_dropped() {
+    let bytes = |start: &[u8], length| [start, &vec![7; length]].concat();
+    for (data_type, longest, too_long) in [
+        (DataType::GET_SET, bytes(&[0, 0], 92), bytes(&[0, 0], 93)),
+        (DataType::GET_SET, bytes(&[0, 4, 20], 20), bytes(&[0, 4, 21], 20)),
+        (DataType::TARGETTED, bytes(&[1, 84, 0, 0, 0, 0], 120), bytes(&[1, 84, 0, 0, 0, 0], 121)),
+        (DataType::ALLOCATION, bytes(&[0], 16), bytes(&[0], 17)),
+    ] {
+        assert!(receive_all(&frames_from_peer(data_type, &longest)).0.is_some(), "{data_type:?}");
+        assert_eq!(receive_all(&frames_from_peer(data_type, &too_long)), (None, 1), "{data_type:?}");
+    }
+}
+
+/// The CRC of another signature means another layout.
+#[test]
+fn a_wrong_crc_drops_a_transfer() {
+    let mut frames = targetted_frames();
+    let mut data = frames[2].data().to_vec();
+    data[3] ^= 1;
+    frames[2] = CanFrame::new(frames[2].frame_id(), &data).unwrap();
+    assert_eq!(receive_all(&frames), (None, 1));
+}
+
+#[test]
+fn only_classic_extended_frames_exist() {
+    assert!(CanFrame::new(0x1FFF_FFFF, &[0; 8]).is_some());
+    assert!(CanFrame::new(0x2000_0000, &[]).is_none());
+    assert!(CanFrame::new(1, &[0; 9]).is_none());
+    assert_eq!(receive_all(&[CanFrame::new(0x1804_4C0A, &[]).unwrap()]), (None, 0), "no tail byte");
+    assert_eq!(
+        [NodeId::new(0), NodeId::new(128), NodeId::new(127).map(|_| node_id(127))],
+        [None, None, Some(node_id(127))]
+    );
+}
+
+#[test]
+fn identifiers_are_decoded_as_they_are_encoded() {
+    let mut random = testkit::random::Random(7);
+    for _ in 0..10_000 {
+        let id = random.bits() as u32 & 0x1FFF_FFFF;
+        let Some(header) = FrameHeader::from_id(id) else { continue };
+        if header.source_node.is_some() {
+            assert_eq!(header.to_id(), id);
+        }
+    }
+}

@@ -1,0 +1,279 @@
+//! Received messages, and the decoding of their payloads.
+//!
+//! Numbers, lengths and CRC extra bytes of messages are the library's. Its deserialisers are not used: they reject a
+//! message with an unknown kind of vehicle, autopilot or command, for example the compass calibration commands of
+//! another dialect, and they ignore the extension fields of version 2.
+
+use core::array::from_fn;
+
+use mavlink::MessageData;
+use mavlink::dialects::common::{
+    ATTITUDE_DATA, BATTERY_STATUS_DATA, COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA,
+    GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
+};
+
+use super::frame::Address;
+use autoswing::attitude::{AttitudeReport, BodyRates, Heartbeat, SenderId};
+use autoswing::earth::{Date, Position};
+use autoswing::frames::Attitude;
+use autoswing::time::WrappingMillis;
+
+/// Decoded message.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum InboundMessage {
+    /// ATTITUDE: roll, pitch and body rates.
+    Attitude(AttitudeReport),
+    /// HEARTBEAT: kind of sender, and armed state.
+    Heartbeat(Heartbeat),
+    /// GLOBAL_POSITION_INT: position of the sender, if known.
+    Position(SenderId, Option<Position>),
+    /// SYSTEM_TIME: date of the sender, if known.
+    Date(SenderId, Option<Date>),
+    /// SYS_STATUS, or BATTERY_STATUS of the first battery: current, amperes, if measured.
+    Current(SenderId, Option<f32>),
+    /// COMMAND_LONG or COMMAND_INT.
+    Command(ReceivedCommand),
+    /// COMMAND_ACK.
+    Acknowledgement(Acknowledgement),
+}
+
+/// Received command.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReceivedCommand {
+    /// Sender of the command.
+    pub sender_id: SenderId,
+    /// Addressee of the command.
+    pub target: Address,
+    /// Number of the command (`MAV_CMD`).
+    pub command_number: u16,
+    /// Number of repetitions of an unacknowledged command; 0 in a COMMAND_INT, which has none.
+    pub confirmation: u8,
+    /// First four parameters, which have the same meaning in both messages.
+    pub parameters: [f32; 4],
+}
+
+/// Result of a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Acknowledgement {
+    /// Sender of the acknowledgement.
+    pub sender_id: SenderId,
+    /// Addressee; all in version 1, which does not contain it.
+    pub target: Address,
+    /// Number of the acknowledged command (`MAV_CMD`).
+    pub command_number: u16,
+    /// `MAV_RESULT` number, unknown ones included.
+    pub result: u8,
+}
+
+pub(super) struct MessageSpec {
+    pub message_id: u32,
+    /// Payload length in version 1, bytes.
+    pub payload_length: usize,
+    /// Payload length with the extension fields of version 2, before zeros are truncated, bytes.
+    pub extended_length: usize,
+    pub extra_crc: u8,
+    /// Decodes a sender's payload; none if its values are impossible.
+    pub decoder: fn(SenderId, &[u8]) -> Option<InboundMessage>,
+}
+
+impl MessageSpec {
+    const fn from_library<M: MessageData>(decode: fn(SenderId, &[u8]) -> Option<InboundMessage>) -> Self {
+        Self {
+            message_id: M::ID,
+            payload_length: M::ENCODED_LEN,
+            extended_length: M::ENCODED_LEN,
+            extra_crc: M::EXTRA_CRC,
+            decoder: decode,
+        }
+    }
+
+    const fn with_extension(self, extended: usize) -> Self {
+        Self { extended_length: extended, ..self }
+    }
+}
+
+/// Supported messages, the most frequent first.
+pub(super) const SUPPORTED_MESSAGES: [MessageSpec; 9] = [
+    MessageSpec::from_library::<ATTITUDE_DATA>(parse_attitude),
+    MessageSpec::from_library::<SYS_STATUS_DATA>(parse_system_status).with_extension(43),
+    MessageSpec::from_library::<HEARTBEAT_DATA>(parse_heartbeat),
+    MessageSpec::from_library::<GLOBAL_POSITION_INT_DATA>(parse_global_position),
+    MessageSpec::from_library::<BATTERY_STATUS_DATA>(parse_battery_status).with_extension(54),
+    MessageSpec::from_library::<SYSTEM_TIME_DATA>(parse_date),
+    MessageSpec::from_library::<COMMAND_LONG_DATA>(parse_command_long),
+    MessageSpec::from_library::<COMMAND_INT_DATA>(parse_command_int),
+    MessageSpec::from_library::<COMMAND_ACK_DATA>(parse_acknowledgement).with_extension(10),
+];
+
+/// Longest payload of a supported message, bytes.
+pub(super) const MAX_PAYLOAD_LENGTH: usize = {
+    let mut longest = 0;
+    let mut at = 0;
+    while at < SUPPORTED_MESSAGES.len() {
+        if SUPPORTED_MESSAGES[at].extended_length > longest {
+            longest = SUPPORTED_MESSAGES[at].extended_length;
+        }
+        at += 1;
+    }
+    longest
+};
+
+/// Payload, read by field, little endian; truncated bytes are zero.
+struct PayloadReader<'a>(&'a [u8]);
+
+impl PayloadReader<'_> {
+    fn read_u8(&self, offset: usize) -> u8 {
+        self.0.get(offset).copied().unwrap_or(0)
+    }
+
+    fn read_u16(&self, offset: usize) -> u16 {
+        u16::from_le_bytes([self.read_u8(offset), self.read_u8(offset + 1)])
+    }
+
+    fn read_u32(&self, offset: usize) -> u32 {
+        // Only the last fields of a truncated payload are incomplete.
+        match self.0.get(offset..).and_then(|rest| rest.first_chunk()) {
+            Some(whole) => u32::from_le_bytes(*whole),
+            None => u32::from_le_bytes(from_fn(|byte| self.read_u8(offset + byte))),
+        }
+    }
+
+    fn read_f32(&self, offset: usize) -> f32 {
+        f32::from_bits(self.read_u32(offset))
+    }
+
+    /// Signed integer, multiplied by its unit.
+    fn read_scaled_integer(&self, offset: usize, unit: f32) -> f32 {
+        self.read_u32(offset).cast_signed() as f32 * unit
+    }
+
+    fn read_address(&self, offset: usize) -> Address {
+        Address { system_id: self.read_u8(offset), component_id: self.read_u8(offset + 1) }
+    }
+}
+
+fn parse_attitude(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+    const ROLL_OFFSET: usize = 4;
+    const PITCH_OFFSET: usize = 8;
+    const RATES_OFFSET: usize = 16;
+    let fields = PayloadReader(payload);
+    let (roll_rad, pitch_rad) = (fields.read_f32(ROLL_OFFSET), fields.read_f32(PITCH_OFFSET));
+    let rate_rad_s = |axis| fields.read_f32(RATES_OFFSET + 4 * axis);
+    let is_possible = roll_rad.abs() <= MAX_ROLL_RAD && pitch_rad.abs() <= MAX_PITCH_RAD;
+    is_possible.then(|| {
+        InboundMessage::Attitude(AttitudeReport {
+            sender: source,
+            sender_clock_at_sending: WrappingMillis::new(fields.read_u32(0)),
+            attitude: Attitude { roll_rad, pitch_rad },
+            body_rates: BodyRates::from_rad_s(from_fn(rate_rad_s)),
+        })
+    })
+}
+
+/// Largest roll, radians, with a margin for rounding; the comparison also rejects NaN.
+const MAX_ROLL_RAD: f32 = core::f32::consts::PI + 0.001;
+/// Largest pitch, radians, with a margin for rounding.
+const MAX_PITCH_RAD: f32 = core::f32::consts::FRAC_PI_2 + 0.001;
+
+#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
+fn parse_heartbeat(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+    const AUTOPILOT_OFFSET: usize = 5;
+    const BASE_MODE_OFFSET: usize = 6;
+    let fields = PayloadReader(payload);
+    Some(InboundMessage::Heartbeat(Heartbeat {
+        sender: source,
+        is_autopilot: fields.read_u8(AUTOPILOT_OFFSET) != MavAutopilot::MAV_AUTOPILOT_INVALID as u8,
+        is_armed: fields.read_u8(BASE_MODE_OFFSET) & MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED.bits() != 0,
+    }))
+}
+
+/// Latitude and longitude in 1e-7 deg, height above mean sea level in millimetres.
+#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
+fn parse_global_position(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+    const LATITUDE_OFFSET: usize = 4;
+    const LONGITUDE_OFFSET: usize = 8;
+    const HEIGHT_OFFSET: usize = 12;
+    let fields = PayloadReader(payload);
+    let (latitude_deg, longitude_deg) =
+        (fields.read_scaled_integer(LATITUDE_OFFSET, 1e-7), fields.read_scaled_integer(LONGITUDE_OFFSET, 1e-7));
+    Some(InboundMessage::Position(
+        source,
+        Position::new(latitude_deg, longitude_deg, fields.read_scaled_integer(HEIGHT_OFFSET, 1e-3)),
+    ))
+}
+
+#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
+fn parse_system_status(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+    const BATTERY_CURRENT_OFFSET: usize = 16;
+    Some(InboundMessage::Current(
+        source,
+        amperes_from_centiamperes(PayloadReader(payload).read_u16(BATTERY_CURRENT_OFFSET)),
+    ))
+}
+
+/// Ignores batteries other than the first, whose current SYS_STATUS has.
+#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
+fn parse_battery_status(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+    const BATTERY_CURRENT_OFFSET: usize = 30;
+    const BATTERY_ID_OFFSET: usize = 32;
+    let fields = PayloadReader(payload);
+    let is_first = fields.read_u8(BATTERY_ID_OFFSET) == 0;
+    Some(InboundMessage::Current(
+        source,
+        amperes_from_centiamperes(fields.read_u16(BATTERY_CURRENT_OFFSET)).filter(|_| is_first),
+    ))
+}
+
+/// Converts hundredths of an ampere; -1 means unknown.
+fn amperes_from_centiamperes(centiamperes: u16) -> Option<f32> {
+    let centiamperes = centiamperes.cast_signed();
+    (centiamperes != -1).then_some(f32::from(centiamperes) * 0.01)
+}
+
+/// Unix time in microseconds.
+#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
+fn parse_date(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+    let fields = PayloadReader(payload);
+    let unix_us = u64::from(fields.read_u32(4)) << 32 | u64::from(fields.read_u32(0));
+    Some(InboundMessage::Date(source, Date::from_unix_s(unix_us / 1_000_000)))
+}
+
+#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
+fn parse_command_long(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+    const CONFIRMATION_OFFSET: usize = 32;
+    Some(InboundMessage::Command(parse_command(source, payload, PayloadReader(payload).read_u8(CONFIRMATION_OFFSET))))
+}
+
+/// Decodes COMMAND_INT, which has a coordinate frame in the place of COMMAND_LONG's confirmation; the fields before it
+/// are equal.
+#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
+fn parse_command_int(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+    Some(InboundMessage::Command(parse_command(source, payload, 0)))
+}
+
+fn parse_command(source: SenderId, payload: &[u8], confirmation: u8) -> ReceivedCommand {
+    const COMMAND_OFFSET: usize = 28;
+    const TARGET_OFFSET: usize = 30;
+    let fields = PayloadReader(payload);
+    ReceivedCommand {
+        sender_id: source,
+        target: fields.read_address(TARGET_OFFSET),
+        command_number: fields.read_u16(COMMAND_OFFSET),
+        confirmation,
+        parameters: from_fn(|parameter| fields.read_f32(4 * parameter)),
+    }
+}
+
+#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
+fn parse_acknowledgement(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+    const COMMAND_OFFSET: usize = 0;
+    const RESULT_OFFSET: usize = 2;
+    const TARGET_OFFSET: usize = 8;
+    let fields = PayloadReader(payload);
+    Some(InboundMessage::Acknowledgement(Acknowledgement {
+        sender_id: source,
+        target: fields.read_address(TARGET_OFFSET),
+        command_number: fields.read_u16(COMMAND_OFFSET),
+        result: fields.read_u8(RESULT_OFFSET),
+    }))
+}

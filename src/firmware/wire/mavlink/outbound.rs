@@ -1,0 +1,219 @@
+//! Messages that the module sends, as frames of MAVLink 2.
+//!
+//! The library's serialisers omit extension fields (addressee of an acknowledgement, chunk of a text, covariance of a
+//! pose) and check each field for room. Here payloads are assembled in wire order: largest fields first, extension
+//! fields last (mavlink.io, "Serialization"). Message numbers and CRC extra bytes are the library's, if it has them.
+
+use mavlink::MessageData;
+use mavlink::dialects::common::{
+    COMMAND_ACK_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MAG_CAL_REPORT_DATA, MagCalStatus, MavAutopilot, MavCmd,
+    MavResult, MavSeverity, MavState, MavType, NAMED_VALUE_FLOAT_DATA, STATUSTEXT_DATA, VISION_POSITION_ESTIMATE_DATA,
+};
+
+use super::frame::{Address, V2_HEADER_LENGTH, V2_START_BYTE, checksum};
+use super::signature::{self, Signatures};
+use autoswing::time::Timestamp;
+
+/// Longest payload, bytes: VISION_POSITION_ESTIMATE with its covariance.
+const MAX_PAYLOAD_LENGTH: usize = 117;
+
+/// Encoded MAVLink frame.
+pub type EncodedFrame = heapless::Vec<u8, { V2_HEADER_LENGTH + MAX_PAYLOAD_LENGTH + 2 + signature::SIGNATURE_SIZE }>;
+
+/// Message to send.
+#[derive(Clone, Debug)]
+pub struct OutboundMessage {
+    /// Header and payload; of the header only the message number is set.
+    frame: EncodedFrame,
+    extra_crc: u8,
+}
+
+/// Pose for VISION_POSITION_ESTIMATE.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// Time of the pose.
+    pub timestamp: Timestamp,
+    /// Roll, pitch and true heading, radians, -pi..pi.
+    pub roll_pitch_yaw_rad: [f32; 3],
+    /// Variance of the heading, square radians.
+    pub yaw_variance_rad2: f32,
+    /// Number of heading jumps that the aircraft has not made; wraps.
+    pub reset_counter: u8,
+}
+
+/// Result of a calibration for MAG_CAL_REPORT: `corrected = M (raw + offset)`, in body axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MagCalReport {
+    /// Whether a new calibration was stored.
+    pub is_success: bool,
+    /// RMS residual of an axis, milligauss.
+    pub fitness_mg: f32,
+    /// Offset added to the raw field, milligauss.
+    pub offset_mg: [f32; 3],
+    /// Diagonal of `M`: xx, yy, zz.
+    pub diagonal: [f32; 3],
+    /// Off-diagonal elements of `M`, which is symmetric: xy, xz, yz.
+    pub off_diagonal: [f32; 3],
+}
+
+impl OutboundMessage {
+    /// HEARTBEAT of an onboard controller that is no autopilot.
+    #[must_use]
+    pub fn heartbeat(state: MavState) -> Self {
+        const MAVLINK_VERSION: u8 = 3;
+        let (kind, autopilot) = (MavType::MAV_TYPE_ONBOARD_CONTROLLER, MavAutopilot::MAV_AUTOPILOT_INVALID);
+        let mut message = Self::from_library::<HEARTBEAT_DATA>();
+        message.put_bytes(&[0, 0, 0, 0, kind as u8, autopilot as u8, 0, state as u8, MAVLINK_VERSION]);
+        message
+    }
+
+    /// COMMAND_LONG with MAV_CMD_SET_MESSAGE_INTERVAL: requests a message at a rate, on this link.
+    #[must_use]
+    pub fn set_message_interval(target: Address, message_id: u32, rate_hz: u8) -> Self {
+        let interval_us = 1e6 / f32::from(rate_hz.max(1));
+        let mut message = Self::from_library::<COMMAND_LONG_DATA>();
+        message.put_floats(&[message_id as f32, interval_us, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        message.put_bytes(&(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL as u16).to_le_bytes());
+        message.put_bytes(&[target.system_id, target.component_id, 0]);
+        message
+    }
+
+    /// REQUEST_DATA_STREAM: requests the stream that contains ATTITUDE (`STREAM_EXTRA1`) at a rate.
+    #[must_use]
+    pub fn request_attitude_stream(target: Address, rate_hz: u8) -> Self {
+        const STREAM_EXTRA1: u8 = 10;
+        const START_SENDING: u8 = 1;
+        // By number, because the library marks it as superseded; it is for autopilots without the successor.
+        let mut message = Self::new(66, 148);
+        message.put_bytes(&[rate_hz, 0, target.system_id, target.component_id, STREAM_EXTRA1, START_SENDING]);
+        message
+    }
+
+    /// COMMAND_ACK for a received command.
+    #[must_use]
+    pub fn acknowledgement(target: Address, command: u16, result: MavResult) -> Self {
+        let mut message = Self::from_library::<COMMAND_ACK_DATA>();
+        message.put_bytes(&command.to_le_bytes());
+        // The fields for progress and second result are unused.
+        message.put_bytes(&[result as u8, 0, 0, 0, 0, 0, target.system_id, target.component_id]);
+        message
+    }
+
+    /// Capacity of a STATUSTEXT, characters.
+    pub const STATUSTEXT_CAPACITY: usize = 50;
+
+    /// STATUSTEXT: a chunk of a text, cut at 50 characters. The chunks of a longer text share a number other than 0,
+    /// and the first chunk that is not full is the last.
+    #[must_use]
+    pub fn status_text(severity: MavSeverity, chunk: &[u8], text_id: u16, chunk_index: u8) -> Self {
+        let mut text = [0; Self::STATUSTEXT_CAPACITY];
+        text.iter_mut().zip(chunk).for_each(|(target, source)| *target = *source);
+        let mut message = Self::from_library::<STATUSTEXT_DATA>();
+        message.put_bytes(&[severity as u8]);
+        message.put_bytes(&text);
+        message.put_bytes(&text_id.to_le_bytes());
+        message.put_bytes(&[chunk_index]);
+        message
+    }
+
+    /// NAMED_VALUE_FLOAT; the name is cut at ten characters.
+    #[must_use]
+    pub fn named_value(at: Timestamp, name: &str, value: f32) -> Self {
+        let mut field = [0; 10];
+        field.iter_mut().zip(name.bytes()).for_each(|(target, source)| *target = source);
+        let mut message = Self::from_library::<NAMED_VALUE_FLOAT_DATA>();
+        message.put_bytes(&at.wrapping_millis().as_ms().to_le_bytes());
+        message.put_floats(&[value]);
+        message.put_bytes(&field);
+        message
+    }
+
+    /// MAG_CAL_PROGRESS of compass 0: progress, percent, and direction of the field in body axes. The mask of sampled
+    /// directions is unused.
+    #[must_use]
+    pub fn mag_cal_progress(percent: u8, direction: [f32; 3]) -> Self {
+        // Number and CRC extra byte from ArduPilot's dialect.
+        let mut message = Self::new(191, 92);
+        let status =
+            if percent < 100 { MagCalStatus::MAG_CAL_RUNNING_STEP_ONE } else { MagCalStatus::MAG_CAL_RUNNING_STEP_TWO };
+        message.put_floats(&direction);
+        message.put_bytes(&[0, COMPASS_MASK, status as u8, 1, percent]);
+        message
+    }
+
+    /// MAG_CAL_REPORT of compass 0.
+    #[must_use]
+    pub fn mag_cal_report(report: &MagCalReport) -> Self {
+        let mut message = Self::from_library::<MAG_CAL_REPORT_DATA>();
+        let status = if report.is_success { MagCalStatus::MAG_CAL_SUCCESS } else { MagCalStatus::MAG_CAL_FAILED };
+        message.put_floats(&[report.fitness_mg]);
+        for three in [&report.offset_mg, &report.diagonal, &report.off_diagonal] {
+            message.put_floats(three);
+        }
+        message.put_bytes(&[0, COMPASS_MASK, status as u8, u8::from(report.is_success)]);
+        message
+    }
+
+    /// VISION_POSITION_ESTIMATE at the origin: of the covariance only the heading's variance is given; NaN in the first
+    /// element marks the position's as unknown.
+    #[must_use]
+    pub fn pose_estimate(pose: &Pose) -> Self {
+        /// Upper right triangle over x, y, z, roll, pitch, yaw without its last element, the variance of yaw.
+        const UNKNOWN_COVARIANCE: [f32; 20] = {
+            let mut covariance = [0.0; 20];
+            covariance[0] = f32::NAN;
+            covariance
+        };
+        let mut message = Self::from_library::<VISION_POSITION_ESTIMATE_DATA>();
+        message.put_bytes(&pose.timestamp.as_us().to_le_bytes());
+        message.put_floats(&[0.0; 3]);
+        message.put_floats(&pose.roll_pitch_yaw_rad);
+        message.put_floats(&UNKNOWN_COVARIANCE);
+        message.put_floats(&[pose.yaw_variance_rad2]);
+        message.put_bytes(&[pose.reset_counter]);
+        message
+    }
+
+    /// Sets sender and sequence number, truncates trailing zeros, appends the CRC and, with a key, the signature.
+    #[must_use]
+    pub fn into_frame(mut self, sender: Address, sequence: u8, signatures: &mut Signatures) -> EncodedFrame {
+        // At least one byte of payload remains.
+        while self.frame.len() > V2_HEADER_LENGTH + 1 && self.frame.last() == Some(&0) {
+            self.frame.pop();
+        }
+        let payload = self.frame.len() - V2_HEADER_LENGTH;
+        if let [_, length, flags, _, number, system, component, ..] = self.frame.as_mut_slice() {
+            *flags = if signatures.has_key() { signature::SIGNED_FLAG } else { 0 };
+            (*length, *number) = (payload as u8, sequence);
+            (*system, *component) = (sender.system_id, sender.component_id);
+        }
+        let crc = checksum(self.frame.get(1..).unwrap_or_default(), self.extra_crc);
+        self.put_bytes(&crc.to_le_bytes());
+        signatures.sign_frame(&mut self.frame);
+        self.frame
+    }
+
+    fn from_library<M: MessageData>() -> Self {
+        Self::new(M::ID, M::EXTRA_CRC)
+    }
+
+    fn new(id: u32, extra_crc: u8) -> Self {
+        let [id_0, id_1, id_2, _] = id.to_le_bytes();
+        let mut message = Self { frame: heapless::Vec::new(), extra_crc };
+        message.put_bytes(&[V2_START_BYTE, 0, 0, 0, 0, 0, 0, id_0, id_1, id_2]);
+        message
+    }
+
+    fn put_bytes(&mut self, bytes: &[u8]) {
+        // The capacity is that of the longest message.
+        let _ = self.frame.extend_from_slice(bytes);
+    }
+
+    fn put_floats(&mut self, numbers: &[f32]) {
+        for number in numbers {
+            self.put_bytes(&number.to_le_bytes());
+        }
+    }
+}
+
+const COMPASS_MASK: u8 = 1;

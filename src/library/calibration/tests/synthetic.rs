@@ -1,0 +1,276 @@
+//! Synthetic turns: a small sensor model for unit tests, independent of the host simulator. The unit tests of
+//! `autoswing-module` and `autoswing-firmware` include this file, too.
+
+use core::f32::consts::TAU;
+
+use nalgebra::{Matrix3, Rotation3, Vector3};
+pub use testkit::random::Random;
+
+use autoswing::calibration::{Calibration, CollectionPart, HeadingMark, Orientation, Rates, Sample, Samples, Side};
+use autoswing::frames::{Attitude, Field, Level, Sensor, wrap_pi};
+use autoswing::time::WrappingMillis;
+
+pub fn random_vector(random: &mut Random, bound: f32) -> Vector3<f32> {
+    Vector3::from_fn(|_, _| random.uniform(-bound, bound))
+}
+
+struct GaussMarkov {
+    sigma: f32,
+    correlation: f32,
+    value: f32,
+}
+
+impl GaussMarkov {
+    fn new(random: &mut Random, sigma: f32, tau_s: f32, step_s: f32) -> Self {
+        Self { sigma, correlation: (-step_s / tau_s).exp(), value: sigma * random.normal() }
+    }
+
+    fn next_value(&mut self, random: &mut Random) -> f32 {
+        self.value = self.correlation * self.value
+            + self.sigma * (1.0 - self.correlation * self.correlation).sqrt() * random.normal();
+        self.value
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct Airframe {
+    pub a: Matrix3<f32>,
+    pub b_ut: Vector3<f32>,
+    pub total_ut: f32,
+    pub inclination_rad: f32,
+}
+
+impl Airframe {
+    /// Random soft iron up to `soft` (relative), hard iron up to `hard` H0, mounting error up to `mount_deg`.
+    pub fn random(random: &mut Random, soft: f32, hard: f32, mount_deg: f32, inclination_deg: [f32; 2]) -> Self {
+        let inclination_rad = random.uniform(inclination_deg[0], inclination_deg[1]).to_radians();
+        let total_ut = random.uniform(40.0, 60.0);
+        let half = Matrix3::from_fn(|_, _| random.uniform(-soft, soft));
+        let axis = nalgebra::Unit::new_normalize(random_vector(random, 1.0));
+        let turn = Rotation3::from_axis_angle(&axis, random.uniform(0.0, mount_deg).to_radians());
+        let soft_iron = (half + half.transpose()) / 2.0;
+        let h0_ut = total_ut * inclination_rad.cos();
+        let direction = random_vector(random, 1.0).normalize();
+        Self {
+            a: turn.matrix() * (Matrix3::identity() + soft_iron),
+            b_ut: direction * h0_ut * random.uniform(0.0, hard),
+            total_ut,
+            inclination_rad,
+        }
+    }
+
+    pub fn field(&self, attitude: Attitude, heading_rad: f32) -> Field<Sensor> {
+        let level = Field::<Level>::earth_field(self.total_ut, self.inclination_rad, heading_rad);
+        Field::new(self.a * attitude.to_body_frame(level).ut + self.b_ut)
+    }
+
+    /// Heading errors at exact field and attitude, degrees: twelve headings at 0, 25 and -25 deg of bank.
+    pub fn errors_deg(&self, calibration: &Calibration) -> Vec<f32> {
+        self.errors_at_deg(calibration, &[0.0, 25.0, -25.0])
+    }
+
+    pub fn errors_at_deg(&self, calibration: &Calibration, banks_deg: &[f32]) -> Vec<f32> {
+        let mut errors = Vec::new();
+        for &bank_deg in banks_deg {
+            for step in 0..12_u8 {
+                let heading_rad = f32::from(step) * core::f32::consts::FRAC_PI_6;
+                let attitude = Attitude::from_deg(bank_deg, 0.0);
+                let found = attitude
+                    .to_level_frame(calibration.calibrated_field(self.field(attitude, heading_rad)))
+                    .heading_rad();
+                errors.push(wrap_pi(found - heading_rad).to_degrees());
+            }
+        }
+        errors
+    }
+}
+
+pub fn measured_sample(
+    airframe: &Airframe,
+    attitude: Attitude,
+    heading_rad: f32,
+    noise_ut: f32,
+    random: &mut Random,
+) -> Sample {
+    let noise = Vector3::from_fn(|_, _| random.normal() * noise_ut);
+    Sample::new(Field::new(airframe.field(attitude, heading_rad).ut + noise), attitude)
+}
+
+/// Level circle of a multirotor or boat, with typical noise.
+pub fn level_circle(airframe: &Airframe, sample_count: u16, random: &mut Random) -> Vec<Sample> {
+    (0..sample_count)
+        .map(|i| {
+            let true_attitude = Attitude::from_deg(random.normal() * 0.5, random.normal() * 0.5);
+            let heading_rad = f32::from(i) / f32::from(sample_count) * TAU;
+            let measured = measured_sample(airframe, true_attitude, heading_rad, 0.12, random);
+            let [roll_rad, pitch_rad] = [true_attitude.roll_rad, true_attitude.pitch_rad]
+                .map(|angle| angle + (random.normal() * 0.3).to_radians());
+            Sample {
+                attitude: Attitude { roll_rad, pitch_rad },
+                time: WrappingMillis::new(u32::from(i) * 400),
+                ..measured
+            }
+        })
+        .collect()
+}
+
+/// Multirotor at 4 Hz: yaws once each way in hover, then yaws slowly with tilts of 15 deg to all sides, independent of
+/// the yaw.
+pub fn multirotor_samples(airframe: &Airframe, noise_deg: f32, random: &mut Random) -> Vec<Sample> {
+    const STEP_S: f32 = 0.25;
+    let mut heading_rad = random.uniform(0.0, TAU);
+    (0..400_u16)
+        .map(|i| {
+            let t_s = f32::from(i) * STEP_S;
+            let rate_rad_s = if t_s < 20.0 {
+                0.35
+            } else if t_s < 40.0 {
+                -0.35
+            } else {
+                0.2
+            };
+            heading_rad += STEP_S * rate_rad_s;
+            let tilt_deg = if t_s < 40.0 { 1.0 } else { 15.0 };
+            let true_attitude = Attitude::from_deg(tilt_deg * (t_s / 1.7).sin(), tilt_deg * (t_s / 2.3).cos());
+            let measured = measured_sample(airframe, true_attitude, heading_rad, 0.4 * noise_deg, random);
+            let [roll_rad, pitch_rad] = [true_attitude.roll_rad, true_attitude.pitch_rad]
+                .map(|angle| angle + (random.normal() * noise_deg).to_radians());
+            Sample {
+                attitude: Attitude { roll_rad, pitch_rad },
+                rates: Rates::from_rad_s([0.0, 0.0, rate_rad_s]),
+                time: WrappingMillis::new((t_s * 1000.0) as u32),
+                ..measured
+            }
+        })
+        .collect()
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct Flight {
+    pub bank_deg: f32,
+    pub samples_per_side: u16,
+    /// Bank and pitch wander, 1 sigma, correlated over 1.5 s.
+    pub wander_deg: f32,
+    pub sensor_noise_ut: f32,
+    /// Attitude noise, 1 sigma, correlated over 0.5 s.
+    pub attitude_noise_deg: f32,
+    pub attitude_bias_deg: f32,
+    pub bank_scale: f32,
+}
+
+impl Flight {
+    pub const NOISE_FREE: Self = Self {
+        bank_deg: 25.0,
+        samples_per_side: 150,
+        wander_deg: 0.0,
+        sensor_noise_ut: 0.0,
+        attitude_noise_deg: 0.0,
+        attitude_bias_deg: 0.0,
+        bank_scale: 0.0,
+    };
+
+    /// Light weather, good autopilot, LIS3MDL readings averaged by eight.
+    pub const TYPICAL: Self = Self {
+        wander_deg: 2.0,
+        sensor_noise_ut: 0.12,
+        attitude_noise_deg: 0.3,
+        attitude_bias_deg: 0.2,
+        bank_scale: 0.01,
+        ..Self::NOISE_FREE
+    };
+
+    pub fn fly(&self, airframe: &Airframe, random: &mut Random) -> RecordedTurns {
+        let bias =
+            Attitude::from_deg(random.normal() * self.attitude_bias_deg, random.normal() * self.attitude_bias_deg);
+        RecordedTurns {
+            left: self.turn(airframe, random, Side::Left, bias),
+            right: self.turn(airframe, random, Side::Right, bias),
+        }
+    }
+
+    fn turn(&self, airframe: &Airframe, random: &mut Random, side: Side, bias: Attitude) -> Vec<Sample> {
+        const STEP_S: f32 = 0.5;
+        let sign = if side == Side::Left { -1.0 } else { 1.0 };
+        let mut attitude_noise = [0, 1].map(|_| GaussMarkov::new(random, self.wander_deg, 1.5, STEP_S));
+        let mut noise = [0, 1].map(|_| GaussMarkov::new(random, self.attitude_noise_deg, 0.5, STEP_S));
+        let mut heading_rad = random.uniform(0.0, TAU);
+        (0..self.samples_per_side)
+            .map(|i| {
+                let roll_deg = sign * self.bank_deg + attitude_noise[0].next_value(random);
+                let pitch_deg = 2.0 + attitude_noise[1].next_value(random);
+                let true_attitude = Attitude::from_deg(roll_deg, pitch_deg);
+                heading_rad += STEP_S * 9.81 * true_attitude.roll_rad.tan() / 22.0;
+                let error_deg = noise.each_mut().map(|n| n.next_value(random));
+                let reported =
+                    Attitude::from_deg(roll_deg * (1.0 + self.bank_scale) + error_deg[0], pitch_deg + error_deg[1]);
+                let sensor_noise = Vector3::from_fn(|_, _| random.normal() * self.sensor_noise_ut);
+                Sample {
+                    time: WrappingMillis::new(u32::from(i) * 500),
+                    ..Sample::new(
+                        Field::new(airframe.field(true_attitude, heading_rad).ut + sensor_noise),
+                        Attitude {
+                            roll_rad: reported.roll_rad + bias.roll_rad,
+                            pitch_rad: reported.pitch_rad + bias.pitch_rad,
+                        },
+                    )
+                }
+            })
+            .collect()
+    }
+}
+
+#[derive(Clone, Debug)]
+pub struct RecordedTurns {
+    pub left: Vec<Sample>,
+    pub right: Vec<Sample>,
+}
+
+/// Slices of samples by part; [`samples`](Self::samples) makes a view of them.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Parts<'a> {
+    pub left: &'a [Sample],
+    pub right: &'a [Sample],
+    pub level: &'a [Sample],
+    pub free: &'a [Sample],
+    pub marks: &'a [HeadingMark],
+}
+
+impl Parts<'_> {
+    /// View of leaked copies of the samples.
+    pub fn samples(self) -> Samples<'static> {
+        let parts = CollectionPart::ALL_PARTS.into_iter().zip([self.left, self.right, self.level, self.free]);
+        let ordered: Vec<Sample> =
+            parts.flat_map(|(part, samples)| samples.iter().map(move |sample| Sample { part, ..*sample })).collect();
+        Samples::new(ordered.leak()).with_marks(self.marks.to_vec().leak())
+    }
+}
+
+impl RecordedTurns {
+    pub fn turns(&self) -> Samples<'static> {
+        Parts { left: &self.left, right: &self.right, ..Parts::default() }.samples()
+    }
+
+    pub fn in_mount(&self, mount: Orientation) -> Self {
+        let sensor_from_body = mount.body_from_sensor().transpose();
+        let turned = |sample: &Sample| Sample { field: Field::new(sensor_from_body * sample.field.ut), ..*sample };
+        Self { left: self.left.iter().map(turned).collect(), right: self.right.iter().map(turned).collect() }
+    }
+}
+
+pub fn rms(values: &[f32]) -> f32 {
+    (values.iter().map(|v| v * v).sum::<f32>() / values.len() as f32).sqrt()
+}
+
+pub fn mean(values: &[f32]) -> f32 {
+    values.iter().sum::<f32>() / values.len() as f32
+}
+
+pub fn max_abs(values: &[f32]) -> f32 {
+    values.iter().fold(0.0, |largest, v| largest.max(v.abs()))
+}
+
+pub fn quantile(values: &[f32], fraction: f32) -> f32 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f32::total_cmp);
+    sorted[((sorted.len() - 1) as f32 * fraction).round() as usize]
+}

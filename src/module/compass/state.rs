@@ -1,0 +1,148 @@
+//! Data of the state machine, and values derived from them.
+
+use super::ModuleState;
+use super::activity::{Activity, AutomaticStart, DetectedSensor, PendingSave, Solve, SolvePurpose, SolveStage};
+use super::armed_state::ArmedState;
+use super::persistent_state::PersistentState;
+use super::trial_solves::TrialSolves;
+use crate::messages::Message;
+use crate::settings::{SensorError, Settings};
+use crate::store::{CalibrationRecord, StoredCalibrations};
+use autoswing::acceptance::AcceptancePolicy;
+use autoswing::calibration::method_selection::Procedure;
+use autoswing::calibration::{Advice, Sample};
+use autoswing::collection::{Collector, RecentSamples};
+use autoswing::earth::{LocalField, PositionContext};
+use autoswing::instrument::{Correction, SampleAttitude, SensorErrorSigmas};
+use autoswing::time::WrappingMillis;
+
+/// Capacity for samples during a solve, 4.8 s at ten a second. The longest solve, with motor-current interference,
+/// takes 54 million instructions at most (`bench budget`): 3.5 s in the emulator, less than 1 s at 80 MHz. A longer
+/// trial solve is ended, and ended each time: the collection would never finish.
+pub(super) const SAMPLES_DURING_SOLVE_CAPACITY: usize = 48;
+
+/// State machine. About 4 KB; samples are in borrowed memory.
+#[derive(Debug)]
+pub struct Compass<'a> {
+    pub(super) acceptance_policy: AcceptancePolicy,
+    pub(super) settings: Settings,
+    pub(super) stored_calibrations: StoredCalibrations,
+    pub(super) sensor: Option<DetectedSensor>,
+    pub(super) armed_state: ArmedState,
+    pub(super) local_field: LocalField,
+    pub(super) collector: Collector<'a>,
+    pub(super) recent_samples: RecentSamples,
+    pub(super) activity: Activity,
+    /// Samples received during the solve, for a collection that continues; the samples of the solve do not change.
+    pub(super) samples_during_solve: heapless::Vec<Sample, SAMPLES_DURING_SOLVE_CAPACITY>,
+    pub(super) pending_save: Option<PendingSave>,
+    pub(super) last_collection_outcome: Option<Message>,
+    pub(super) advice: Option<Advice>,
+    pub(super) trial_solves: TrialSolves,
+    pub(super) automatic_start: AutomaticStart,
+    pub(super) persistent_state: PersistentState,
+}
+
+impl Compass<'_> {
+    /// Result of the last solve; at start-up, the loss of a collection.
+    #[must_use]
+    pub fn last_collection_outcome(&self) -> Option<&Message> {
+        self.last_collection_outcome.as_ref()
+    }
+
+    /// Solution that the next [`Event::AdvanceSolve`](super::Event::AdvanceSolve) verifies, for replay on a host.
+    #[cfg(not(target_os = "none"))]
+    #[must_use]
+    pub const fn candidate_solution(&self) -> Option<&autoswing::calibration::Solution> {
+        match &self.activity {
+            Activity::Solving(Solve { stage: SolveStage::Verifying(solution), .. }) => Some(solution),
+            _ => None,
+        }
+    }
+
+    /// Whether [`Event::AdvanceSolve`](super::Event::AdvanceSolve) is needed.
+    #[must_use]
+    pub fn needs_solve_step(&self) -> bool {
+        matches!(&self.activity, Activity::Solving(solve) if !matches!(solve.stage, SolveStage::Saving(_)))
+    }
+
+    /// Configuration of the instrument.
+    #[must_use]
+    pub fn instrument_correction(&self) -> Correction {
+        let tumbles =
+            matches!(self.activity, Activity::Collecting(_)) && self.collector.procedure() == Procedure::Tumble;
+        Correction {
+            calibration: self.active_record().map(|record| (record.calibration, record.uncertainty)),
+            has_valid_inclination: self.active_record().is_none_or(|record| record.quality.knows_inclination),
+            align_deg: self.settings.align_deg,
+            sample_attitude: if tumbles { SampleAttitude::Unknown } else { SampleAttitude::Interpolated },
+            mount: self.sensor.map(|_| self.settings.mount),
+            total_ut: self.model_field_strength_ut(),
+            is_armed: self.armed_state.reported_state(),
+            sensor_errors: sensor_error_sigmas(self.settings.sensor_error),
+        }
+    }
+
+    /// Stored calibration, if valid for sensor and mounting.
+    #[must_use]
+    pub fn active_record(&self) -> Option<&CalibrationRecord> {
+        let record = self.stored_calibrations.current_calibration.as_ref()?;
+        let is_valid = Some(record.sensor) == self.sensor.map(|sensor| sensor.identity);
+        (is_valid && record.mount == self.settings.mount).then_some(record)
+    }
+
+    /// Settings as stored.
+    #[must_use]
+    pub fn stored_settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// Effective settings: declination and inclination default to the field model's.
+    #[must_use]
+    pub fn effective_settings(&self) -> Settings {
+        let Settings { declination_deg, inclination_deg, .. } = self.settings;
+        let field = self.local_field.model_field();
+        Settings {
+            declination_deg: declination_deg.or_else(|| field?.declination_deg),
+            inclination_deg: inclination_deg.or_else(|| Some(field?.inclination_deg)),
+            ..self.settings
+        }
+    }
+
+    /// Armed state and calibrated inclination, against which reported positions are tested.
+    pub(super) fn position_context(&self, now: WrappingMillis) -> PositionContext {
+        let record = self.active_record().filter(|record| record.quality.knows_inclination);
+        PositionContext {
+            is_disarmed: self.armed_state.reported_state() == Some(false) && !self.armed_state.is_in_flight(now),
+            calibrated_inclination_deg: record.map(|record| record.calibration.inclination_rad.to_degrees()),
+        }
+    }
+
+    /// Field strength of the field model, microtesla.
+    #[must_use]
+    pub fn model_field_strength_ut(&self) -> Option<f32> {
+        self.local_field.model_field().map(|field| field.total_ut)
+    }
+
+    /// State of the module, as shown to users.
+    #[must_use]
+    pub fn module_state(&self) -> ModuleState {
+        match &self.activity {
+            Activity::Collecting(_) | Activity::Solving(Solve { purpose: SolvePurpose::Trial(_), .. }) => {
+                ModuleState::Collecting
+            }
+            Activity::Solving(Solve { stage: SolveStage::Fitting(_), .. }) => ModuleState::Solving,
+            Activity::Solving(_) => ModuleState::Verifying,
+            Activity::Idle if self.active_record().is_some() => ModuleState::Calibrated,
+            Activity::Idle => ModuleState::Uncalibrated,
+        }
+    }
+}
+
+/// Sensor errors of the settings (percent) in the monitor's units (fractions).
+fn sensor_error_sigmas(error: SensorError) -> SensorErrorSigmas {
+    SensorErrorSigmas {
+        gyro_scale: error.gyro_percent / 100.0,
+        hard_iron_drift_per_minute: error.drift_percent / 100.0,
+    }
+}

@@ -1,0 +1,78 @@
+//! Unsolicited messages.
+
+use super::{ExpectedAccuracy, Refusal, RefusalCause};
+use crate::store::StoreError;
+use autoswing::instrument::InstallationChange;
+
+/// Unsolicited report to the user.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Message {
+    /// End of a solve.
+    Solved(SolveOutcome),
+    /// A command from a port was rejected. The console replies to its own commands.
+    CommandRejected(Refusal),
+    /// The flash failed without a command: at the start it is unreadable, which leaves default settings and no
+    /// calibration; later it does not complete a save.
+    StoreFailed(StoreError),
+    /// A collection was running when the power failed; the samples are lost.
+    CollectionLost,
+    /// Progress of a collection, percent. MAVLink only.
+    Collecting(u8),
+    /// End of a collection, before its solve. MAVLink only.
+    CollectionEnded,
+    /// Hard iron changed, or the module turned in its mount, since the calibration.
+    InstallationChanged(InstallationChange),
+    /// The installation is as calibrated again.
+    InstallationRestored,
+    /// The headings have become uncertain in straight flight.
+    TurnRequested {
+        /// Standard deviation of the heading, radians.
+        sigma_rad: f32,
+    },
+    /// The module is in safe mode after repeated panics.
+    SafeMode,
+}
+
+/// Result of a solve: expected accuracy of the new active calibration, or the reason for its absence.
+pub type SolveOutcome = Result<ExpectedAccuracy, Refusal>;
+
+/// Severity of a message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Severity {
+    /// No action required.
+    Info,
+    /// User action required.
+    Warning,
+}
+
+impl Message {
+    /// Severity of the message.
+    #[must_use]
+    pub const fn severity(&self) -> Severity {
+        match self {
+            Self::Solved(Ok(_)) | Self::Collecting(_) | Self::CollectionEnded | Self::InstallationRestored => {
+                Severity::Info
+            }
+            Self::Solved(Err(_))
+            | Self::CommandRejected(_)
+            | Self::StoreFailed(_)
+            | Self::CollectionLost
+            | Self::InstallationChanged(_)
+            | Self::TurnRequested { .. }
+            | Self::SafeMode => Severity::Warning,
+        }
+    }
+
+    /// Adds a known, applicable cause to a refused solve.
+    #[must_use]
+    pub fn with_cause(self, cause: Option<impl Into<RefusalCause>>) -> Self {
+        match self {
+            Self::Solved(Err(refusal)) => Self::Solved(Err(refusal.with_cause(cause))),
+            other => other,
+        }
+    }
+
+    pub(super) const fn is_refusal(&self) -> bool {
+        matches!(self, Self::Solved(Err(_)) | Self::CommandRejected(_) | Self::StoreFailed(_))
+    }
+}

@@ -1,0 +1,288 @@
+//! The store on a flash with the rules of the STM32L4's.
+
+mod damage;
+mod faults;
+mod format;
+mod other_formats;
+mod power_cuts;
+mod ranges;
+
+use embassy_futures::block_on;
+use testkit::flash::RamFlash;
+
+use super::fields::StoredFields;
+use super::*;
+use crate::settings::{HeadingKind, ProtocolKind, Settings};
+use autoswing::calibration::{
+    AttitudeEnvelope, AttitudeLatency, Calibration, HeadingUncertainty, Method, MotorCurrentInterference, Orientation,
+    Quality,
+};
+use autoswing::reading::{Identity, MagnetometerModel};
+
+const PAGE_SIZE: usize = 2048;
+/// Number of pages, as on the board.
+const PAGE_COUNT: usize = 8;
+const STORE_REGION: Range<u32> = 0..(PAGE_SIZE * PAGE_COUNT) as u32;
+
+type Flash = RamFlash<PAGE_SIZE>;
+
+pub(crate) fn calibration_record(serial: u32) -> CalibrationRecord {
+    let calibration = Calibration {
+        b_ut: [serial as f32, 2.0, 3.0],
+        inclination_rad: 1.0,
+        total_ut: 48.0,
+        latency_s: -0.04,
+        motor_current: MotorCurrentInterference::NO_INTERFERENCE,
+        ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)
+    };
+    let quality = Quality {
+        method: Method::MaximumLikelihood,
+        envelope: AttitudeEnvelope::Banked,
+        expected_rms_deg: 0.3,
+        expected_worst_deg: 0.7,
+        norm_residual: 0.004,
+        inclination_residual_deg: 0.4,
+        samples: u16::MAX,
+        latency: Some(AttitudeLatency { estimate_s: -0.042, sigma_s: 0.006 }),
+        knows_inclination: true,
+    };
+    let sensor = Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E };
+    let mut uncertainty = HeadingUncertainty::NO_UNCERTAINTY;
+    uncertainty.relative_sensor_sigma = 0.002;
+    CalibrationRecord {
+        calibration,
+        quality,
+        uncertainty,
+        sensor,
+        mount: Orientation::IDENTITY_ROTATION,
+        serial_number: serial,
+    }
+}
+
+fn stored_calibrations(serial: u32) -> StoredCalibrations {
+    StoredCalibrations {
+        current_calibration: Some(calibration_record(serial)),
+        previous_calibration: Some(calibration_record(serial.wrapping_sub(1))),
+    }
+}
+
+fn calibration_change(stored_calibrations: &StoredCalibrations) -> StoreChange<'_> {
+    StoreChange::StoredCalibrations {
+        current: stored_calibrations.current_calibration.as_ref(),
+        previous: stored_calibrations.previous_calibration.as_ref(),
+    }
+}
+
+pub(super) fn settings() -> Settings {
+    let stream_heading = HeadingKind::Raw;
+    Settings {
+        declination_deg: Some(12.5),
+        stream_on: false,
+        stream_heading,
+        accuracy_deg: 1.5,
+        auto_on: false,
+        ..Settings::default()
+    }
+}
+
+fn encoded_item(value: &impl StoredFields) -> Vec<u8> {
+    flash_page::encode_item(value, &mut [0; MAX_ITEM_SIZE]).unwrap().0.to_vec()
+}
+
+fn append_crc(mut bytes: Vec<u8>) -> Vec<u8> {
+    bytes.extend(flash_page::CRC.checksum(&bytes).to_le_bytes());
+    bytes
+}
+
+fn write_page(flash: &mut Flash, page: usize, bytes: &[u8]) {
+    let page = &mut flash.bytes[page * PAGE_SIZE..(page + 1) * PAGE_SIZE];
+    page.fill(0xFF);
+    page[..bytes.len()].copy_from_slice(bytes);
+}
+
+fn changed_pages(before: &Flash, after: &Flash) -> Vec<usize> {
+    let pages = before.bytes.chunks(PAGE_SIZE).zip(after.bytes.chunks(PAGE_SIZE));
+    pages.enumerate().filter(|(_, (before, after))| before != after).map(|(page, _)| page).collect()
+}
+
+/// Flash after this number of saves of calibrations with serial numbers from 1.
+fn flash_after_saves(saves: u32) -> Flash {
+    let mut flash = Flash::new(PAGE_COUNT);
+    for serial in 1..=saves {
+        save_calibration(&mut flash, serial).unwrap();
+    }
+    flash
+}
+
+/// Saves a calibration with a newly created store.
+fn save_calibration(flash: &mut Flash, serial: u32) -> Result<(), StoreError> {
+    save_change(flash, calibration_change(&stored_calibrations(serial)))
+}
+
+fn save_change(flash: &mut Flash, change: StoreChange<'_>) -> Result<(), StoreError> {
+    block_on(Store::new(flash, STORE_REGION).save_change(change))
+}
+
+/// Loaded values, or the error.
+fn load_values(flash: &mut Flash) -> Result<StoredValues, StoreError> {
+    let LoadedValues { stored_values: stored, load_error: error } = load_readable_values(flash);
+    error.map_or(Ok(stored), Err)
+}
+
+fn load_readable_values(flash: &mut Flash) -> LoadedValues {
+    block_on(Store::new(flash, STORE_REGION).load_state())
+}
+
+fn load_stored_calibrations(flash: &mut Flash) -> Result<StoredCalibrations, StoreError> {
+    load_values(flash).map(|stored| stored.stored_calibrations)
+}
+
+#[test]
+fn an_empty_flash_gives_the_defaults() {
+    assert_eq!(load_values(&mut Flash::new(PAGE_COUNT)), Ok(StoredValues::default()));
+}
+
+#[test]
+fn settings_and_calibrations_do_not_disturb_each_other() {
+    let mut flash = Flash::new(PAGE_COUNT);
+    save_calibration(&mut flash, 5).unwrap();
+    save_change(&mut flash, StoreChange::Settings(&settings())).unwrap();
+    assert_eq!(
+        load_values(&mut flash),
+        Ok(StoredValues {
+            settings: settings(),
+            stored_calibrations: stored_calibrations(5),
+            ..StoredValues::default()
+        })
+    );
+    save_calibration(&mut flash, 6).unwrap();
+    assert_eq!(
+        load_values(&mut flash),
+        Ok(StoredValues {
+            settings: settings(),
+            stored_calibrations: stored_calibrations(6),
+            ..StoredValues::default()
+        })
+    );
+    let only_current = StoredCalibrations { previous_calibration: None, ..stored_calibrations(7) };
+    save_change(&mut flash, calibration_change(&only_current)).unwrap();
+    assert_eq!(
+        load_values(&mut flash),
+        Ok(StoredValues { settings: settings(), stored_calibrations: only_current, ..StoredValues::default() })
+    );
+    save_change(&mut flash, StoreChange::Clear).unwrap();
+    assert_eq!(
+        load_values(&mut flash),
+        Ok(StoredValues {
+            settings: settings(),
+            stored_calibrations: StoredCalibrations::default(),
+            ..StoredValues::default()
+        })
+    );
+}
+
+#[test]
+fn each_of_25_saves_is_loaded_again() {
+    let mut flash = Flash::new(PAGE_COUNT);
+    for serial in 1..=25 {
+        save_calibration(&mut flash, serial).unwrap();
+        assert_eq!(load_stored_calibrations(&mut flash), Ok(stored_calibrations(serial)));
+    }
+}
+
+#[test]
+fn an_accepted_calibration_writes_a_free_slot_and_a_state() {
+    let mut flash = flash_after_saves(1);
+    for serial in 2..12 {
+        let before = flash.clone();
+        save_calibration(&mut flash, serial).unwrap();
+        let [slot, state] = changed_pages(&before, &flash)[..] else { panic!("two pages") };
+        assert!(slot < CALIBRATION_SLOTS as usize && state >= CALIBRATION_SLOTS as usize, "{slot} {state}");
+        // Without the new state, the previous calibrations are loaded.
+        let mut undone = flash.clone();
+        write_page(&mut undone, state, &[]);
+        assert_eq!(load_stored_calibrations(&mut undone), Ok(stored_calibrations(serial - 1)));
+    }
+}
+
+#[test]
+fn undo_clear_and_settings_write_a_state_alone() {
+    let StoredCalibrations { current_calibration: current, previous_calibration: previous } = stored_calibrations(3);
+    let undone = StoredCalibrations { current_calibration: previous, previous_calibration: current };
+    for change in [calibration_change(&undone), StoreChange::Clear, StoreChange::Settings(&settings())] {
+        let mut flash = flash_after_saves(3);
+        let before = flash.clone();
+        save_change(&mut flash, change).unwrap();
+        let [state] = changed_pages(&before, &flash)[..] else { panic!("one page") };
+        assert!(state >= CALIBRATION_SLOTS as usize, "{state}");
+    }
+}
+
+#[test]
+fn states_are_written_to_each_page_in_turn() {
+    let mut flash = Flash::new(PAGE_COUNT);
+    for save in 0..10 {
+        let before = flash.clone();
+        save_change(&mut flash, StoreChange::Settings(&Settings { stream_rate_hz: 1 + save, ..settings() })).unwrap();
+        assert_eq!(changed_pages(&before, &flash), [4 + usize::from(save) % 4]);
+    }
+}
+
+#[test]
+fn only_the_region_is_touched() {
+    let mut flash = Flash::new(PAGE_COUNT);
+    flash.bytes.fill(0x5A);
+    let region = PAGE_SIZE as u32..(7 * PAGE_SIZE) as u32;
+    for serial in 1..=12 {
+        block_on(Store::new(&mut flash, region.clone()).save_change(calibration_change(&stored_calibrations(serial))))
+            .unwrap();
+    }
+    let untouched =
+        |page: usize| flash.bytes[page * PAGE_SIZE..(page + 1) * PAGE_SIZE].iter().all(|&byte| byte == 0x5A);
+    let pages: Vec<bool> = (0..PAGE_COUNT).map(untouched).collect();
+    assert_eq!(pages, [true, false, false, false, false, false, false, true]);
+    let found = block_on(Store::new(&mut flash, region).load_state());
+    assert_eq!((found.stored_values.stored_calibrations, found.load_error), (stored_calibrations(12), None));
+}
+
+#[test]
+#[should_panic(expected = "assertion failed")]
+fn a_region_that_is_too_small_is_refused() {
+    let _ = Store::new(&mut Flash::new(PAGE_COUNT), 0..(5 * PAGE_SIZE) as u32);
+}
+
+#[test]
+fn a_stored_calibration_clears_the_collecting_flag() {
+    let startup_values =
+        StartupValues { is_collecting: true, detected_protocols: [ProtocolKind::Msp, ProtocolKind::Auto] };
+    let none = StoreChange::StoredCalibrations { current: None, previous: None };
+    for (change, is_collecting) in
+        [(StoreChange::Settings(&settings()), true), (none, false), (StoreChange::Clear, false)]
+    {
+        let mut flash = flash_after_saves(1);
+        save_change(&mut flash, StoreChange::StartupValues(startup_values)).unwrap();
+        assert_eq!(load_values(&mut flash).unwrap().startup_values, startup_values);
+        save_change(&mut flash, change).unwrap();
+        assert_eq!(load_values(&mut flash).unwrap().startup_values, StartupValues { is_collecting, ..startup_values });
+    }
+}
+
+#[test]
+fn undo_twice_is_redo() {
+    let mut stored_calibrations = StoredCalibrations::default();
+    stored_calibrations.make_current(&calibration_record(1));
+    stored_calibrations.make_current(&calibration_record(2));
+    let before = stored_calibrations;
+    stored_calibrations.undo_last();
+    assert_eq!(
+        stored_calibrations,
+        StoredCalibrations {
+            current_calibration: Some(calibration_record(1)),
+            previous_calibration: Some(calibration_record(2))
+        }
+    );
+    stored_calibrations.undo_last();
+    assert_eq!(stored_calibrations, before);
+    stored_calibrations.clear();
+    assert_eq!(stored_calibrations, StoredCalibrations::default());
+}
