@@ -1,7 +1,7 @@
-//! Imports follow docs/architecture.md. Between the modules of the library they point to a lower layer. Inside every
-//! folder of the library and of the host's crates, an arrow leads from one file or subfolder (a room) to another if it
+//! Imports follow docs/architecture.md. Between the rooms of the packages in `src/` they point to a lower floor. Inside
+//! every folder of these and of the host's packages, an arrow leads from one file or subfolder (a room) to another if it
 //! names an item of it, re-exports resolved: arrows form no circle, and no room names an item of its own folder's
-//! `mod.rs`, which stands above it.
+//! `mod.rs`, which stands above it, or an item by the re-export there.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -13,9 +13,14 @@ use syn::{Item, UseTree};
 /// Path of a module or item from the crate's root.
 type ModulePath = Vec<String>;
 
-/// Source folders of the library and of the host's crates.
-const SOURCE_FOLDERS: [&str; 6] = [
-    "src",
+/// Source folders of the module's packages.
+const MODULE_FOLDERS: [&str; 3] = ["src/library", "src/module", "src/firmware"];
+
+/// Source folders of all packages.
+const SOURCE_FOLDERS: [&str; 8] = [
+    MODULE_FOLDERS[0],
+    MODULE_FOLDERS[1],
+    MODULE_FOLDERS[2],
     "host-sim/testkit/src",
     "host-sim/log-analysis/src",
     "host-sim/simulator/src",
@@ -45,7 +50,7 @@ struct Crate {
 struct Folder {
     rooms: BTreeSet<String>,
     arrows: BTreeSet<(String, String)>,
-    /// Rooms that name an item of the folder's `mod.rs`.
+    /// Rooms that name an item of the folder's `mod.rs`, or by a re-export there.
     upward_rooms: BTreeSet<String>,
 }
 
@@ -122,6 +127,13 @@ impl Crate {
         module.to_vec()
     }
 
+    /// Folder above `module` whose `mod.rs` imports what `path` names, and the room of the folder that contains `module`.
+    fn reexport_above<'a>(&self, module: &'a [String], path: &[String]) -> Option<(&'a [String], &'a String)> {
+        (1..module.len().min(path.len()))
+            .find(|&length| module[..length] == path[..length] && self.imports.contains_key(&path[..=length]))
+            .map(|length| (&module[..length], &module[length]))
+    }
+
     /// Folders of the crate, by path.
     fn folders(&self) -> BTreeMap<String, Folder> {
         let mut folders: BTreeMap<String, Folder> = BTreeMap::new();
@@ -130,6 +142,9 @@ impl Crate {
             folders.entry(folder.join("/")).or_default().rooms.insert(name.clone());
         }
         for (module, path) in &self.used_paths {
+            if let Some((folder, room)) = self.reexport_above(module, path) {
+                folders.entry(folder.join("/")).or_default().upward_rooms.insert(room.clone());
+            }
             let target = self.defining_module(path, 0);
             let shared = module.iter().zip(&target).take_while(|(from, to)| from == to).count();
             let folder = folders.entry(module[..shared].join("/")).or_default();
@@ -256,7 +271,10 @@ impl<'a> Visit<'a> for ModuleVisitor<'_> {
 fn rust_files(folder: &Path, paths: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).expect("a folder") {
         let path = entry.expect("an entry").path();
-        if path.file_stem().is_some_and(|name| name == "tests" || name == "testing" || name == "bin") {
+        if path
+            .file_stem()
+            .is_some_and(|name| ["tests", "testing", "bin", "examples", "build"].iter().any(|skipped| name == *skipped))
+        {
             continue;
         }
         if path.is_dir() {
@@ -267,32 +285,35 @@ fn rust_files(folder: &Path, paths: &mut Vec<PathBuf>) {
     }
 }
 
-/// Layer number of each module of the library, parsed from the diagram: a number followed by module names.
-fn parse_layers() -> BTreeMap<String, u32> {
+/// Floor of each room, parsed from the diagram: a number followed by names.
+fn parse_floors() -> BTreeMap<String, u32> {
     let text = fs::read_to_string(repository_root().join("docs/architecture.md")).expect("docs/architecture.md");
     let diagram =
         text.split("```text").nth(1).and_then(|after_fence| after_fence.split("```").next()).expect("a diagram");
-    let mut layers = BTreeMap::new();
+    let mut floors = BTreeMap::new();
     for line in diagram.lines() {
-        let Some((layer_number, after_fence)) = line.trim().split_once("  ") else { continue };
-        let Ok(layer) = layer_number.parse() else { continue };
+        let Some((floor_number, after_fence)) = line.trim().split_once("  ") else { continue };
+        let Ok(floor) = floor_number.parse() else { continue };
         // Names are separated by two spaces; three or more precede the description.
         let names = after_fence.split("   ").next().unwrap_or_default();
-        layers.extend(names.split_whitespace().map(|name| (name.to_owned(), layer)));
+        floors.extend(names.split_whitespace().map(|name| (name.to_owned(), floor)));
     }
-    layers
+    floors
 }
 
 #[test]
-fn modules_of_the_library_use_only_lower_layers() {
-    let layers = parse_layers();
-    let folders = Crate::parse(&repository_root().join("src")).folders();
-    let library = &folders[""];
-    for (from, to) in &library.arrows {
-        assert!(layers[to] < layers[from], "{from} uses {to}");
+fn rooms_of_the_module_use_only_lower_floors() {
+    let floors = parse_floors();
+    let mut rooms = BTreeSet::new();
+    for package in MODULE_FOLDERS {
+        let folder = Crate::parse(&repository_root().join(package)).folders().remove("").expect("the package's rooms");
+        for (from, to) in &folder.arrows {
+            assert!(floors[to] < floors[from], "{from} uses {to}");
+        }
+        rooms.extend(folder.rooms);
     }
-    let documented_modules: BTreeSet<_> = layers.into_keys().filter(|name| name != "main").collect();
-    assert_eq!(library.rooms, documented_modules, "modules that exist and modules in the diagram");
+    let documented_rooms: BTreeSet<_> = floors.into_keys().filter(|name| name != "main").collect();
+    assert_eq!(rooms, documented_rooms, "rooms that exist and rooms in the diagram");
 }
 
 /// With `--nocapture`: rooms and arrows of each folder.

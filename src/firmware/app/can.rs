@@ -8,9 +8,9 @@ use core::future::pending;
 use embassy_futures::select::{Either4, select4};
 use embassy_time::{Duration, Instant, Timer};
 
-use super::TaskLinks;
 use super::line::{calibration_to_report, route_message, with_snapshot};
 use super::task_links::{AutopilotLine, CommandSource, increment_counter, now, subscribe};
+use crate::app::task_links::TaskLinks;
 use crate::port::{CanNode, NodeContext, Snapshot, UpdateForBootLoader};
 use crate::wire::dronecan::CanFrame;
 use crate::wire::dronecan::outbound::NodeInfo;

@@ -9,11 +9,11 @@ use embassy_futures::{poll_once, yield_now};
 use embassy_time::{Duration, with_timeout};
 use embedded_storage_async::nor_flash::NorFlash;
 
-use super::TaskLinks;
 use super::task_links::{
     CommandSource, DetectedSensor, Timestamped, ValueReceiver, apply_atomically, increment_counter, now, publish_value,
     subscribe,
 };
+use crate::app::task_links::TaskLinks;
 use crate::health::{EventCounts, main_sample_loss};
 use crate::log::{info, warning};
 use autoswing::acceptance::AcceptancePolicy;

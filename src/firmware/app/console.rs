@@ -4,8 +4,8 @@ use embassy_futures::select::{Either3, select3};
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 
-use super::TaskLinks;
 use super::task_links::CommandSource;
+use crate::app::task_links::TaskLinks;
 use crate::console::session::Session;
 use crate::console::{Request, report, write_help};
 use crate::health::{Diagnostics, ResetCause, StackUse};

@@ -4,8 +4,8 @@ use embassy_futures::select::{Either4, select4};
 use embassy_futures::yield_now;
 use embassy_time::{Instant, Timer};
 
-use super::TaskLinks;
 use super::task_links::{DetectedSensor, increment_counter, now, subscribe};
+use crate::app::task_links::TaskLinks;
 use autoswing::instrument::{ChangeReporter, Instrument, InstrumentConfig, TurnRequest};
 use autoswing_module::messages::Message;
 

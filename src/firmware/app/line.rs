@@ -1,7 +1,7 @@
 //! Functions shared by the tasks of all lines: snapshots of the module, and routing of received messages.
 
-use super::TaskLinks;
 use super::task_links::{AutopilotLine, CommandSource, Timestamped, increment_counter, publish_value};
+use crate::app::task_links::TaskLinks;
 use crate::port::{ReceivedMessage, Snapshot};
 use autoswing::calibration::Calibration;
 use autoswing::instrument::Correction;

@@ -11,8 +11,8 @@
 
 use embassy_time::{Duration, Ticker};
 
-use super::TaskLinks;
 use super::task_links::CommandSource;
+use crate::app::task_links::TaskLinks;
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::heading::NoHeading;
 use autoswing_module::compass::{Command, IndicatorState};

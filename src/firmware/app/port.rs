@@ -8,9 +8,9 @@ use embassy_futures::yield_now;
 use embassy_time::{Duration, Timer};
 use embedded_io_async::{Read, Write};
 
-use super::TaskLinks;
 use super::line::{calibration_to_report, route_message, with_snapshot};
 use super::task_links::{AutopilotLine, increment_counter, now, subscribe};
+use crate::app::task_links::TaskLinks;
 use crate::health::EventCounters;
 use crate::port::{MessageSchedule, Port, TransmitBuffer};
 use autoswing::time::Timestamp;

@@ -9,7 +9,8 @@ use embedded_io_async::Write;
 use embedded_storage_async::nor_flash::NorFlash;
 
 use super::task_links::CommandSource;
-use super::{TaskLinks, Watchdog};
+use crate::app::task_links::TaskLinks;
+use crate::app::watchdog::Watchdog;
 use crate::port::{SafeModeReporter, TransmitBuffer};
 use autoswing_module::compass::{Command, ModuleState, Reply};
 use autoswing_module::messages::{Message, Refusal};

@@ -2,8 +2,8 @@
 
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 
-use super::TaskLinks;
 use super::task_links::{DetectedSensor, increment_counter, stamped_now};
+use crate::app::task_links::TaskLinks;
 use crate::log::{info, warning};
 use crate::magnetometer::{Magnetometer, MagnetometerError};
 

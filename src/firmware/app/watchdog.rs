@@ -2,8 +2,8 @@
 
 use embassy_time::{Duration, Instant, Timer};
 
-use super::TaskLinks;
 use super::task_links::{COMMON_HEARTBEAT_COUNTERS, MAX_HEARTBEAT_COUNTERS};
+use crate::app::task_links::TaskLinks;
 
 /// Interval of checks; longer than the slowest heartbeat, that of a sensor that does not answer.
 const CHECK_INTERVAL: Duration = Duration::from_millis(700);

@@ -7,6 +7,7 @@
 
 #[cfg(feature = "board-b-l475e-iot01a")]
 mod b_l475e_iot01a;
+mod chosen;
 mod hardware;
 #[cfg(feature = "board-holybro-rm3100")]
 mod holybro_rm3100;
@@ -18,16 +19,6 @@ mod stack;
 #[cfg(any(feature = "board-b-l475e-iot01a", feature = "board-holybro-rm3100"))]
 mod stm32;
 mod tasks;
-
-#[cfg(feature = "board-b-l475e-iot01a")]
-use b_l475e_iot01a as chosen;
-#[cfg(all(feature = "board-holybro-rm3100", not(feature = "board-b-l475e-iot01a")))]
-use holybro_rm3100 as chosen;
-#[cfg(all(
-    feature = "board-mps2-an386",
-    not(any(feature = "board-b-l475e-iot01a", feature = "board-holybro-rm3100"))
-))]
-use mps2_an386 as chosen;
 
 /// Starts the selected board.
 pub fn start_board() -> ! {

@@ -4,7 +4,8 @@ use core::fmt::{self, Write};
 
 use super::line_editor::{Editor, Key, KeyDecoder, PROMPT};
 use super::parser::{self, LineError};
-use super::{Request, parse_request};
+use crate::console::command_table::Request;
+use crate::console::parser::parse_request;
 
 /// Output buffer. The longest reply, `status` after a full line of echo, takes half of it. Output beyond the capacity
 /// is cut: a terminal that accepts no bytes must not stop the module.

@@ -6,8 +6,9 @@
 use embedded_hal_async::i2c::I2c;
 
 use super::chip::{self, I2cRegisters, PollingSchedule};
-use super::{Identity, Magnetometer, MagnetometerError, MagnetometerModel, Reading};
+use crate::magnetometer::driver::{Magnetometer, MagnetometerError};
 use autoswing::frames::Field;
+use autoswing::reading::{Identity, MagnetometerModel, Reading};
 
 /// Fixed I2C address of the chip.
 const I2C_ADDRESS: u8 = 0x1E;

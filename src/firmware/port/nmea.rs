@@ -1,6 +1,8 @@
 //! NMEA 0183: heading, heading with variation, true heading, and the heading's quality.
 
-use super::{MessageSchedule, Snapshot, TransmitBuffer};
+use crate::port::message_schedule::MessageSchedule;
+use crate::port::snapshot::Snapshot;
+use crate::port::transmit_buffer::TransmitBuffer;
 use crate::wire::nmea;
 use autoswing::heading::Heading;
 

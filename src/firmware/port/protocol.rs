@@ -1,6 +1,7 @@
 //! Interface of the protocols.
 
-use super::{Snapshot, TransmitBuffer};
+use crate::port::snapshot::Snapshot;
+use crate::port::transmit_buffer::TransmitBuffer;
 use autoswing::attitude::AttitudeReport;
 use autoswing::earth::{Date, Position};
 use autoswing::time::Timestamp;

@@ -1,6 +1,11 @@
 //! A port with its protocols, and the detection of the autopilot's protocol.
 
-use super::{Mavlink, Msp, Nmea, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
+use crate::port::mavlink::Mavlink;
+use crate::port::msp::Msp;
+use crate::port::nmea::Nmea;
+use crate::port::protocol::{Protocol, ReceivedMessage};
+use crate::port::snapshot::Snapshot;
+use crate::port::transmit_buffer::TransmitBuffer;
 use autoswing::time::Timestamp;
 use autoswing_module::settings::ProtocolKind;
 

@@ -2,8 +2,8 @@
 
 use ::mavlink::dialects::common::{MavSeverity, MavState};
 
-use super::TransmitBuffer;
 use super::mavlink::Transmitter;
+use crate::port::transmit_buffer::TransmitBuffer;
 use crate::wire::mavlink::{Address, OutboundMessage, Signatures};
 use crate::wire::nmea;
 use autoswing::heading::NoHeading;

@@ -6,8 +6,8 @@
 
 use nalgebra::Vector3;
 
-use super::AttitudeReport;
 use super::plausibility::MeanDirection;
+use crate::attitude::report::AttitudeReport;
 use crate::frames::{Field, Sensor};
 use crate::time::Timestamp;
 use crate::trig::VectorLength as _;

@@ -1,6 +1,6 @@
 //! Rates of roll, pitch and heading, from body rates.
 
-use super::{AttitudeReport, BodyRates};
+use crate::attitude::report::{AttitudeReport, BodyRates};
 use crate::frames::{Attitude, wrap_pi};
 use crate::trig;
 

@@ -4,7 +4,8 @@
 //! over one second, integrated from the rates, must agree with those of the attitude, within its noise, latency and
 //! bank-angle scale error.
 
-use super::{AttitudeReport, EulerRates};
+use crate::attitude::euler_rates::EulerRates;
+use crate::attitude::report::AttitudeReport;
 use crate::frames::{Attitude, wrap_pi};
 use crate::time::Timestamp;
 

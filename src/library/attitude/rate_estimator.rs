@@ -6,7 +6,7 @@
 
 use core::array::from_fn;
 
-use super::EulerRates;
+use crate::attitude::euler_rates::EulerRates;
 use crate::frames::{Attitude, wrap_pi};
 use crate::time::Timestamp;
 

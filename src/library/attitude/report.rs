@@ -1,6 +1,6 @@
 //! Report of an attitude source.
 
-use super::SenderId;
+use crate::attitude::sender_selector::SenderId;
 use crate::frames::Attitude;
 use crate::time::WrappingMillis;
 use crate::trig::sqrt;

@@ -1,6 +1,6 @@
 //! Conversion of sender time stamps to the module's clock.
 
-use super::AttitudeConfig;
+use crate::attitude::config::AttitudeConfig;
 use crate::time::{Timestamp, WrappingMillis};
 
 /// Step back of a sender's time stamp that is a restart, milliseconds; a smaller one is a report out of order.

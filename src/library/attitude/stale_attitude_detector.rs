@@ -7,7 +7,7 @@
 
 use nalgebra::Vector3;
 
-use super::AttitudeReport;
+use crate::attitude::report::AttitudeReport;
 use crate::frames::{Body, Field};
 use crate::time::Timestamp;
 use crate::trig::VectorLength as _;

@@ -3,7 +3,8 @@
 use core::f32::consts::FRAC_PI_2;
 
 use super::euler_rates::HeadingIntegral;
-use super::{AttitudeReport, EulerRates};
+use crate::attitude::euler_rates::EulerRates;
+use crate::attitude::report::AttitudeReport;
 use crate::frames::{Attitude, wrap_pi};
 use crate::time::Timestamp;
 

@@ -9,12 +9,13 @@ use core::fmt;
 use crate::calibration::fit::converged_fit::ConvergedFit;
 use crate::calibration::hypotheses::attitude_error_table::AttitudeErrorSigmas;
 use crate::calibration::model::{ModelParameters, PriorQuantity};
+use crate::calibration::types::method::Method;
+use crate::calibration::types::samples::{CollectionPart, Samples, Side};
 use crate::calibration::uncertainty::coefficient_covariance::CoefficientCovariance;
 use crate::calibration::uncertainty::expected_error::{self, Deviation};
 use crate::calibration::uncertainty::information::Information;
 use crate::calibration::uncertainty::observability::unobservable_quantities;
 use crate::calibration::uncertainty::sandwich_covariance::{CovarianceContent, sandwich_covariance};
-use crate::calibration::{CollectionPart, Method, Samples, Side};
 use crate::frames::Attitude;
 use crate::trig::sqrt;
 

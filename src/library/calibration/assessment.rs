@@ -9,14 +9,18 @@ use crate::calibration::hypotheses::attitude_error_table::{
 };
 use crate::calibration::hypotheses::hard_iron_change::{ConfirmedChange, HardIronScan};
 use crate::calibration::hypotheses::lagging_bank_scale::MIN_REPORTED_SIGMAS;
+use crate::calibration::types::bank_scale::BankScaleFinding;
+use crate::calibration::types::coefficients::Calibration;
+use crate::calibration::types::consider_states::ConsiderSigmas;
+use crate::calibration::types::error::SolveError;
+use crate::calibration::types::hard_iron_change::DetectedHardIronChange;
+use crate::calibration::types::method::Method;
+use crate::calibration::types::quality::{AttitudeLatency, Quality};
 use crate::calibration::uncertainty::coefficient_covariance::CoefficientCovariance;
 use crate::calibration::uncertainty::expected_error::{ExpectedError, expected_heading_error};
 use crate::calibration::uncertainty::heading_uncertainty::{HeadingUncertainty, heading_uncertainty};
 use crate::calibration::uncertainty::information::Information;
 use crate::calibration::uncertainty::sandwich_covariance::{CovarianceContent, sandwich_covariance};
-use crate::calibration::{
-    AttitudeLatency, BankScaleFinding, Calibration, ConsiderSigmas, DetectedHardIronChange, Method, Quality, SolveError,
-};
 use crate::trig::sqrt;
 
 /// Result of a solve.

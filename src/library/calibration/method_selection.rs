@@ -13,7 +13,9 @@
 //! up to eight times as large.
 
 use crate::calibration::closed_form::turns::MIN_SAMPLES;
-use crate::calibration::{CollectionPart, Method, SamplePart, Samples, Side, SolveError};
+use crate::calibration::types::error::SolveError;
+use crate::calibration::types::method::Method;
+use crate::calibration::types::samples::{CollectionPart, SamplePart, Samples, Side};
 
 /// Procedure by which samples are collected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]

@@ -106,11 +106,13 @@ pub(crate) use {
     fit::information_matrix::InformationMatrix,
     linear_algebra::{
         least_squares::LeastSquares,
-        matrix::{inverse, matrix_rows, multiply},
+        matrix::{inverse, multiply},
     },
     model::{FieldPrediction, JacobianRow},
     types::samples::{part_range, samples_of_part},
 };
 
+#[cfg(test)]
+use linear_algebra::matrix::matrix_rows;
 #[cfg(test)]
 pub(crate) mod tests;

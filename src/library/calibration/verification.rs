@@ -4,7 +4,8 @@
 //! deviation from their means; the means are free because the field varies with the place. Errors that change neither,
 //! such as a constant heading offset, are not detected, so a candidate's expected error is also required.
 
-use crate::calibration::{Calibration, Sample, Samples};
+use crate::calibration::types::coefficients::Calibration;
+use crate::calibration::types::samples::{Sample, Samples};
 use crate::trig::sqrt;
 
 /// Scale of the relative deviation of field strength, that of a good fit.

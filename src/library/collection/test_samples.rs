@@ -1,10 +1,9 @@
 use nalgebra::Vector3;
 
-use super::RetainedSamples;
 use super::part_view::{PART_COUNT, PartView};
 use super::progress::PartCoverage;
 use super::quota::SampleUse;
-use super::retained_samples::PartState;
+use super::retained_samples::{PartState, RetainedSamples};
 use super::sample_buffer::SampleBuffer;
 use crate::calibration::{CollectionPart, Sample};
 use crate::frames::{Attitude, Field, Level};

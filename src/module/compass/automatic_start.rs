@@ -1,7 +1,7 @@
 //! Automatic collection: an uncalibrated module starts collecting in flight.
 
-use super::Compass;
 use super::activity::{Activity, CollectionStarter};
+use crate::compass::state::Compass;
 use autoswing::calibration::method_selection::Procedure;
 
 /// Number of samples (5 s) after which no armed state is expected; autopilots send heartbeats at 1 Hz.

@@ -1,7 +1,8 @@
 //! Admission of commands: the only place that refuses them because of the armed state, a solve or a save.
 
 use super::activity::{Activity, Solve, SolvePurpose};
-use super::{Command, Compass};
+use crate::compass::events::Command;
+use crate::compass::state::Compass;
 use crate::messages::Refusal;
 use crate::settings::SettingChange;
 use autoswing::calibration::method_selection::Procedure;

@@ -1,6 +1,6 @@
 //! Inputs and outputs of the state machine.
 
-use super::TrialResult;
+use crate::compass::trial_solves::TrialResult;
 use crate::messages::{ExpectedAccuracy, Message, Refusal};
 use crate::settings::{PORT_COUNT, ProtocolKind, SettingChange, Settings};
 use crate::store::{CalibrationRecord, StoreError};

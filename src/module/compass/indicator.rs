@@ -1,6 +1,7 @@
 //! Indicator state, for an LED.
 
-use super::{Compass, ModuleState};
+use crate::compass::events::ModuleState;
+use crate::compass::state::Compass;
 use crate::messages::Message;
 
 /// Indicator state.

@@ -2,7 +2,8 @@
 //! protocols were detected.
 
 use super::activity::{Activity, CollectionStarter, PendingSave};
-use super::{Compass, Effect};
+use crate::compass::events::Effect;
+use crate::compass::state::Compass;
 use crate::messages::Message;
 use crate::settings::{PORT_COUNT, PortNumber, ProtocolKind};
 use autoswing::collection::{CollectionContext, CollectionState};

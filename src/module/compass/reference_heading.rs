@@ -1,7 +1,8 @@
 //! Reference headings from the user: marks of a compass swing, and the alignment.
 
 use super::activity::{Activity, PendingSave};
-use super::{Compass, Effect, Reply};
+use crate::compass::events::{Effect, Reply};
+use crate::compass::state::Compass;
 use crate::messages::Refusal;
 use crate::settings::{OutOfRange, Settings};
 use autoswing::calibration::HeadingMark;

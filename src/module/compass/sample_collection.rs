@@ -2,7 +2,8 @@
 
 use super::activity::{Activity, CollectionStarter};
 use super::trial_solves::TrialSolves;
-use super::{Compass, TrialResult};
+use crate::compass::state::Compass;
+use crate::compass::trial_solves::TrialResult;
 use crate::messages::Refusal;
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::collection::{CollectionProblem, RecentSamples};

@@ -1,7 +1,9 @@
 //! Solve, verification and acceptance of a candidate calibration.
 
 use super::activity::{Activity, CollectionStarter, Solve, SolvePurpose, SolveStage};
-use super::{Compass, Effect, TrialResult};
+use crate::compass::events::Effect;
+use crate::compass::state::Compass;
+use crate::compass::trial_solves::TrialResult;
 use crate::messages::{Message, Refusal, SolveOutcome};
 use crate::store::CalibrationRecord;
 use autoswing::acceptance::{self, AcceptancePolicy, AcceptanceSamples, Incumbent};

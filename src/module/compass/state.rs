@@ -1,10 +1,10 @@
 //! Data of the state machine, and values derived from them.
 
-use super::ModuleState;
 use super::activity::{Activity, AutomaticStart, DetectedSensor, PendingSave, Solve, SolvePurpose, SolveStage};
 use super::armed_state::ArmedState;
 use super::persistent_state::PersistentState;
 use super::trial_solves::TrialSolves;
+use crate::compass::events::ModuleState;
 use crate::messages::Message;
 use crate::settings::{SensorError, Settings};
 use crate::store::{CalibrationRecord, StoredCalibrations};

@@ -1,7 +1,8 @@
 //! Saves, and their results.
 
 use super::activity::{Activity, PendingSave, Solve, SolveStage};
-use super::{Compass, Effect, Reply};
+use crate::compass::events::{Effect, Reply};
+use crate::compass::state::Compass;
 use crate::messages::{ExpectedAccuracy, Message, Refusal};
 use crate::store::{StoreChange, StoreError, StoredCalibrations};
 

@@ -1,6 +1,7 @@
 //! Unsolicited messages.
 
-use super::{ExpectedAccuracy, Refusal, RefusalCause};
+use crate::messages::accuracy::ExpectedAccuracy;
+use crate::messages::refusal::{Refusal, RefusalCause};
 use crate::store::StoreError;
 use autoswing::instrument::InstallationChange;
 

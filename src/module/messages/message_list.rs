@@ -6,7 +6,8 @@
 use core::fmt::{self, Arguments, Display};
 
 use super::sample_loss::SampleLoss;
-use super::{Message, Refusal, RefusalCause};
+use crate::messages::message::Message;
+use crate::messages::refusal::{Refusal, RefusalCause};
 use crate::store::StoreError;
 use autoswing::acceptance::Rejection;
 use autoswing::calibration::{DetectedHardIronChange, HardIronTimeCourse, SamplePart, Side, SolveError};

@@ -12,7 +12,7 @@
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use super::StoreError;
+use crate::store::error::StoreError;
 
 /// Length of a field's header, bytes: tag and length of the value.
 const HEADER_SIZE: usize = 3;

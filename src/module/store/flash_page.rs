@@ -12,8 +12,8 @@
 
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 
-use super::StoreError;
 use super::fields::{self, StoredFields};
+use crate::store::error::StoreError;
 
 /// Changes with the position or meaning of stored bytes; appended fields do not change it.
 pub const STORE_FORMAT: u8 = 1;

@@ -5,11 +5,11 @@ use autoswing::earth::Date;
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::ParameterHistory;
 use super::correction::{FieldCorrection, logged_mounting, orientation_parameter};
 use super::rates_problem::RatesProblem;
 use super::rotation::NumberedRotation;
 use super::time_series::Series;
+use crate::log::parameters::ParameterHistory;
 
 /// Format of a log file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

@@ -205,9 +205,11 @@ fn undo_correction(
         FieldProcessing::Px4(index) | FieldProcessing::Px4SensorRaw(index) => {
             InvertibleCorrection::from_px4_parameters(parameters, t_s, index)
         }
-        FieldProcessing::BodyRaw => {
-            InvertibleCorrection::from_ardupilot_parameters(&super::ParameterHistory::default(), t_s, 1)
-        }
+        FieldProcessing::BodyRaw => InvertibleCorrection::from_ardupilot_parameters(
+            &crate::log::parameters::ParameterHistory::default(),
+            t_s,
+            1,
+        ),
     };
     let mounting = if let FieldProcessing::Px4SensorRaw(index) = field_processing {
         Some(px4_mounting(parameters, f64::INFINITY, index))

@@ -5,16 +5,18 @@ use autoswing::frames::{Body, Field};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use super::baseline_fits;
 use super::field_latency::{self, FieldLatency};
 use super::hard_iron_changes::{HardIronChange, find_changes};
 use super::parameter_fit::ParameterFit;
 use super::row_headings::score_rows;
 use super::row_solve::solved_correction;
-use super::{
-    HeadingScore, ReferenceHeading, ReferenceKind, ReplayOptions, ReplayResult, ReplayRow, RowCounts, RowSelection,
-    baseline_fits, build_rows, replay_rows_of_flight,
-};
 use crate::log::{Compass, FieldCorrection, Flight, Gps, mounting_parameter_changes};
+use crate::replay::reference::{ReferenceHeading, ReferenceKind};
+use crate::replay::replay_run::replay_rows_of_flight;
+use crate::replay::result::{HeadingScore, ReplayOptions, ReplayResult, RowSelection};
+use crate::replay::row::ReplayRow;
+use crate::replay::rows::{RowCounts, build_rows};
 
 /// Options of an evaluation.
 #[derive(Clone, Copy, Debug)]

@@ -9,10 +9,10 @@ use std::fmt::Write as _;
 use autoswing::calibration::Calibration;
 use nalgebra::{Matrix3, SVD, Vector3};
 
-use super::ReplayRow;
 use super::symmetric_fit::{SymmetricFit, correction_parts, heading_deg};
 use crate::log::{Autopilot, FieldCorrection, Flight, NumberedRotation, ParameterHistory, px4_mounting};
 use crate::numbers::{format_number, square};
+use crate::replay::row::ReplayRow;
 use crate::score::wrap_180;
 
 /// Format of a parameter file.

@@ -4,7 +4,8 @@
 use autoswing::calibration::Solution;
 
 use super::replay_run::solve_rows;
-use super::{ReplayOptions, ReplayRow};
+use crate::replay::result::ReplayOptions;
+use crate::replay::row::ReplayRow;
 
 /// Duration of the blocks of rows that are fitted or held back together, seconds: longer than the correlation of
 /// attitude errors.

@@ -4,9 +4,9 @@ use autoswing::calibration::Calibration;
 use autoswing::frames::{Attitude, Field, Level};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
-use super::ReplayRow;
 use crate::log::{FieldCorrection, symmetric_matrix};
 use crate::numbers::square;
+use crate::replay::row::ReplayRow;
 use crate::score::wrap_180;
 
 const MAX_GAUSS_NEWTON_STEPS: usize = 20;

@@ -4,8 +4,8 @@ use std::f64::consts::{FRAC_PI_4, TAU};
 
 use mavlink::dialects::common::ATTITUDE_DATA;
 
-use super::FaultSwitch;
 use crate::devices::uart::HostEnd;
+use crate::faults::fault_switch::FaultSwitch;
 use crate::random::{RandomStream, StreamPurpose};
 use crate::world::World;
 use crate::world::attitude_source::{AttitudeSource, AttitudeSourceConfig, Identity, SenderKind};

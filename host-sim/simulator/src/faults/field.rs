@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::FaultSwitch;
+use crate::faults::fault_switch::FaultSwitch;
 use crate::random::{RandomStream, StreamPurpose};
 use crate::world::TrueState;
 use crate::world::airframe::Airframe;

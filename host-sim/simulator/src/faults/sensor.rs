@@ -7,8 +7,8 @@ use std::rc::Rc;
 use nalgebra::Vector3;
 use testkit::clock;
 
-use super::FaultSwitch;
 use crate::devices::i2c::{SharedI2cDevice, SimulatedI2cDevice};
+use crate::faults::fault_switch::FaultSwitch;
 use crate::random::{RandomStream, StreamPurpose};
 
 /// First output register of the LIS3MDL.

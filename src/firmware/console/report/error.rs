@@ -2,7 +2,7 @@
 
 use core::fmt::{self, Display, Write};
 
-use crate::console::LineError;
+use crate::console::parser::LineError;
 use autoswing_module::messages::Refusal;
 
 /// Writes `error <code>: what to do`.

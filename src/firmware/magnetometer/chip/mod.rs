@@ -4,7 +4,7 @@ use embassy_time::{Duration, Instant, Timer};
 use embedded_hal_async::i2c::I2c;
 use embedded_hal_async::spi::{Operation, SpiDevice};
 
-use super::MagnetometerError;
+use crate::magnetometer::driver::MagnetometerError;
 
 /// Polling interval once a measurement is due; bounds its age when read.
 const POLL_INTERVAL: Duration = Duration::from_micros(500);

@@ -6,8 +6,9 @@
 use embedded_hal_async::i2c::I2c;
 
 use super::chip::{self, I2cRegisters, PollingSchedule};
-use super::{Identity, Magnetometer, MagnetometerError, MagnetometerModel, Reading};
+use crate::magnetometer::driver::{Magnetometer, MagnetometerError};
 use autoswing::frames::Field;
+use autoswing::reading::{Identity, MagnetometerModel, Reading};
 
 /// Measurement period at 80 Hz.
 const PERIOD_US: u32 = 12_500;

@@ -7,8 +7,9 @@ use embassy_time::Timer;
 use embedded_hal_async::spi::SpiDevice;
 
 use super::chip::{self, PollingSchedule, SpiRegisters};
-use super::{Identity, Magnetometer, MagnetometerError, MagnetometerModel, Reading};
+use crate::magnetometer::driver::{Magnetometer, MagnetometerError};
 use autoswing::frames::Field;
+use autoswing::reading::{Identity, MagnetometerModel, Reading};
 
 /// Measurement period at 75 Hz.
 const PERIOD_US: u32 = 13_333;

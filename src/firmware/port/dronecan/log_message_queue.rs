@@ -3,7 +3,8 @@
 use core::fmt::Write as _;
 
 use crate::port::bounded_text::BoundedText;
-use crate::port::{MessageSchedule, Snapshot};
+use crate::port::message_schedule::MessageSchedule;
+use crate::port::snapshot::Snapshot;
 use crate::wire::dronecan::Payload;
 use crate::wire::dronecan::outbound::{LogLevel, MAX_LOG_TEXT_LENGTH, log_message};
 use autoswing::heading::NoHeading;

@@ -26,8 +26,10 @@ mod tests;
 mod tunnel;
 mod vehicle_reports;
 
-use super::{MessageSchedule, Protocol as _, ReceivedMessage, Snapshot};
 use crate::health::CanState;
+use crate::port::message_schedule::MessageSchedule;
+use crate::port::protocol::{Protocol as _, ReceivedMessage};
+use crate::port::snapshot::Snapshot;
 use crate::wire::dronecan::outbound::{self, BusCounts, NodeInfo};
 use crate::wire::dronecan::{
     CanFrame, DataType, FrameHeader, InboundMessage, InboundTransfer, NodeId, Receiver, priority,

@@ -1,6 +1,6 @@
 //! State of the node in NodeStatus.
 
-use crate::port::Snapshot;
+use crate::port::snapshot::Snapshot;
 use crate::wire::dronecan::outbound::{NodeHealth, NodeMode, NodeStatus};
 use autoswing::heading::NoHeading;
 use autoswing::time::Timestamp;

@@ -8,7 +8,8 @@ use nalgebra::Vector3;
 
 use super::status_texts::PendingTexts;
 use super::transmitter::Transmitter;
-use crate::port::{MessageSchedule, Snapshot};
+use crate::port::message_schedule::MessageSchedule;
+use crate::port::snapshot::Snapshot;
 use crate::wire::mavlink::{MagCalReport, OutboundMessage};
 use autoswing::calibration::{Calibration, Orientation};
 use autoswing_module::compass::IndicatorState;

@@ -22,7 +22,10 @@ mod transmitter;
 
 use ::mavlink::dialects::common::MavState;
 
-use super::{MessageSchedule, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
+use crate::port::message_schedule::MessageSchedule;
+use crate::port::protocol::{Protocol, ReceivedMessage};
+use crate::port::snapshot::Snapshot;
+use crate::port::transmit_buffer::TransmitBuffer;
 use crate::wire::mavlink::{Address, InboundMessage, OutboundMessage, Pose, Receiver};
 use autoswing::attitude::{SenderId, SenderSelector};
 use autoswing::calibration::Calibration;

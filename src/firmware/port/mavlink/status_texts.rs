@@ -5,8 +5,8 @@ use core::fmt::Write as _;
 use ::mavlink::dialects::common::MavSeverity;
 
 use super::transmitter::Transmitter;
-use crate::port::MessageSchedule;
 use crate::port::bounded_text::BoundedText;
+use crate::port::message_schedule::MessageSchedule;
 use crate::wire::mavlink::OutboundMessage;
 use autoswing::time::Timestamp;
 use autoswing_module::messages::{Message, Severity};

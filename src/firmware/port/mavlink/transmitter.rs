@@ -1,6 +1,6 @@
 //! The module as a sender: its address, and the numbers of its messages.
 
-use crate::port::TransmitBuffer;
+use crate::port::transmit_buffer::TransmitBuffer;
 use crate::wire::mavlink::{Address, OutboundMessage, Signatures};
 use autoswing::attitude::SenderId;
 

@@ -9,7 +9,10 @@
 //! the current, without waiting for replies. The firmware remains among them, because an autopilot can be exchanged
 //! while the module runs.
 
-use super::{MessageSchedule, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
+use crate::port::message_schedule::MessageSchedule;
+use crate::port::protocol::{Protocol, ReceivedMessage};
+use crate::port::snapshot::Snapshot;
+use crate::port::transmit_buffer::TransmitBuffer;
 use crate::wire::msp::{
     AutopilotFirmware, MspAngles, MspFunction, MspReply, Receiver, compass_message, encode_request,
     inav_body_rates_rad_s,

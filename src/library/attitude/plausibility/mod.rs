@@ -2,8 +2,8 @@
 
 use nalgebra::Vector3;
 
-use super::AttitudeReport;
 use super::timed_report::{TimedReport, extrapolate_attitude};
+use crate::attitude::report::AttitudeReport;
 use crate::frames::{Attitude, Body, Field, wrap_pi};
 use crate::time::Timestamp;
 use crate::trig;

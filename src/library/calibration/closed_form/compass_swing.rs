@@ -8,7 +8,9 @@
 use nalgebra::{Matrix3, Vector3, Vector4};
 
 use super::starting_point::{SensorResponse, inclination_tangent};
-use crate::calibration::{HeadingMark, LeastSquares, SamplePart, SolveError};
+use crate::calibration::linear_algebra::least_squares::LeastSquares;
+use crate::calibration::types::error::SolveError;
+use crate::calibration::types::samples::{HeadingMark, SamplePart};
 use crate::frames::Field;
 use crate::trig;
 use crate::trig::sqrt;

@@ -3,7 +3,9 @@
 use nalgebra::{Matrix2, Matrix3, SVector, Vector2, Vector3};
 
 use super::principal_plane::PrincipalPlane;
-use crate::calibration::{LeastSquares, Sample, SamplePart, Samples, Side, SolveError};
+use crate::calibration::linear_algebra::least_squares::LeastSquares;
+use crate::calibration::types::error::SolveError;
+use crate::calibration::types::samples::{Sample, SamplePart, Samples, Side};
 use crate::trig::sqrt;
 
 /// An ellipse in space: points `centre + p`, with `p` in the plane and `p^T Q p = 1`.

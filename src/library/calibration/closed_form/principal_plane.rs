@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use crate::calibration::Samples;
+use crate::calibration::types::samples::Samples;
 use crate::trig::{VectorLength as _, sqrt};
 
 #[derive(Clone, Copy, Debug)]

@@ -3,8 +3,9 @@
 
 use nalgebra::Vector3;
 
+use crate::calibration::types::error::SolveError;
+use crate::calibration::types::samples::{Sample, Samples, Side};
 use crate::calibration::types::time_order::TimeOrdered;
-use crate::calibration::{Sample, Samples, Side, SolveError};
 use crate::frames::wrap_pi;
 use crate::trig;
 

@@ -18,7 +18,8 @@ use nalgebra::{Matrix3, Vector3};
 use super::conic::Ellipse;
 use super::starting_point::SensorResponse;
 use super::turns::{MIN_SAMPLES, MeanBank, TurnCentres, turn_progress_rad};
-use crate::calibration::{Sample, SamplePart, Samples, Side, SolveError};
+use crate::calibration::types::error::SolveError;
+use crate::calibration::types::samples::{Sample, SamplePart, Samples, Side};
 use crate::trig::VectorLength as _;
 
 /// Minimum sine of the angle between the planes; below it their intersection is noise.

@@ -1,7 +1,10 @@
 //! A converged fit: the model at its result, with the samples.
 
 use crate::calibration::model::{Likelihood, Vector13};
-use crate::calibration::{AttitudeEnvelope, Calibration, Method, Samples};
+use crate::calibration::types::coefficients::Calibration;
+use crate::calibration::types::method::Method;
+use crate::calibration::types::quality::AttitudeEnvelope;
+use crate::calibration::types::samples::Samples;
 
 pub(in crate::calibration) struct ConvergedFit<'a> {
     pub method: Method,

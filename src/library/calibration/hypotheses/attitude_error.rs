@@ -5,7 +5,8 @@ use crate::calibration::fit::converged_fit::ConvergedFit;
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::model::SampleEquations;
 use crate::calibration::statistics::residuals::ResidualStatistics;
-use crate::calibration::{ConsiderSigmas, Rates};
+use crate::calibration::types::consider_states::ConsiderSigmas;
+use crate::calibration::types::rates::Rates;
 use crate::frames::Attitude;
 use crate::trig::sqrt;
 

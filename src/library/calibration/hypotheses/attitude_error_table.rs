@@ -11,7 +11,8 @@ use super::attitude_error::{AttitudeError, AttitudeState};
 use super::score_test::ScoreTest;
 use super::{attitude_latency, bank_scale, lagging_bank_scale};
 use crate::calibration::model::SampleEquations;
-use crate::calibration::{AttitudeLatency, ConsiderSigmas};
+use crate::calibration::types::consider_states::ConsiderSigmas;
+use crate::calibration::types::quality::AttitudeLatency;
 
 /// Constant errors of the attitude source, in the order in which they are tested.
 pub(in crate::calibration) const ATTITUDE_ERRORS: &[AttitudeError] = &[

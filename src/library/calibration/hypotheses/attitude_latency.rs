@@ -13,8 +13,8 @@
 
 use super::attitude_error::AttitudeError;
 use super::score_test::{EfficientScore, ScoreTest};
-use crate::calibration::AttitudeLatency;
 use crate::calibration::statistics::autocorrelation::Autocorrelation;
+use crate::calibration::types::quality::AttitudeLatency;
 use crate::trig::sqrt;
 
 /// Attitude latency in the table of attitude errors. The sigma is estimated, and the latency corrected rather than

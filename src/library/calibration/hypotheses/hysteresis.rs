@@ -7,8 +7,9 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::calibration::linear_algebra::matrix::{inverse, multiply};
 use crate::calibration::model::{ModelParameters, SampleEquations};
-use crate::calibration::{Sample, inverse, multiply};
+use crate::calibration::types::samples::Sample;
 use crate::trig::sqrt;
 
 /// Heading rate above which an aircraft is in a turn, rad/s: 3 deg/s.

@@ -21,9 +21,12 @@ use super::noise::NoiseModel;
 use super::parameters::ModelParameters;
 use super::unknowns::{UNKNOWN_COUNT, Vector13};
 use crate::calibration::closed_form::starting_point::StartingPoint;
-use crate::calibration::{
-    Calibration, MotorCurrentInterference, Prior, Sample, Samples, SolveError, matrix_rows, multiply,
-};
+use crate::calibration::linear_algebra::matrix::{matrix_rows, multiply};
+use crate::calibration::types::coefficients::Calibration;
+use crate::calibration::types::error::SolveError;
+use crate::calibration::types::motor_current::MotorCurrentInterference;
+use crate::calibration::types::prior::Prior;
+use crate::calibration::types::samples::{Sample, Samples};
 use crate::trig;
 use crate::trig::sqrt;
 

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::prediction::FieldPrediction;
 use super::unknowns::{INCLINATION_INDEX, Vector13, corrected_mean_index, w_index};
-use crate::calibration::{inverse, multiply};
+use crate::calibration::linear_algebra::matrix::{inverse, multiply};
 use crate::frames::{AttitudeRotation, Field};
 
 /// One set of unknowns in units of field: the corrected field is `W x + d`, with `x` the field minus the mean of all

@@ -4,7 +4,7 @@
 use super::likelihood::Likelihood;
 use super::parameters::ModelParameters;
 use super::unknowns::{INCLINATION_INDEX, JacobianRow, Vector13, corrected_mean_index, w_index};
-use crate::calibration::inverse;
+use crate::calibration::linear_algebra::matrix::inverse;
 
 /// Linearised prior: `row . change = -residual`, with standard deviation `sigma`.
 #[derive(Clone, Debug)]

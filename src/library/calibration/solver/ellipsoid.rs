@@ -11,9 +11,10 @@ use nalgebra::Vector3;
 
 use crate::calibration::fit::converged_fit::ConvergedFit;
 use crate::calibration::model::PriorQuantity;
+use crate::calibration::types::coefficients::Calibration;
+use crate::calibration::types::samples::Samples;
 use crate::calibration::uncertainty::information::Information;
 use crate::calibration::uncertainty::observability::unobservable_quantities;
-use crate::calibration::{Calibration, Samples};
 
 /// Minimum number of covered directions of 24: the six faces of a cube with four quadrants each. Left and right turns
 /// cover up to 20, tumbling all.

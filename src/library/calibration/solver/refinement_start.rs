@@ -7,7 +7,12 @@ use crate::calibration::closed_form::starting_point::{self, SensorResponse, Star
 use crate::calibration::closed_form::{compass_swing, four_ellipse, level_ellipse, two_plane};
 use crate::calibration::fit::levenberg_marquardt::Refinement;
 use crate::calibration::model::{Likelihood, ModelConfig};
-use crate::calibration::{AttitudeEnvelope, Method, Orientation, Prior, SamplePart, Samples, SolveError};
+use crate::calibration::types::error::SolveError;
+use crate::calibration::types::method::Method;
+use crate::calibration::types::orientation::Orientation;
+use crate::calibration::types::prior::Prior;
+use crate::calibration::types::quality::AttitudeEnvelope;
+use crate::calibration::types::samples::{SamplePart, Samples};
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SampleCorrections {

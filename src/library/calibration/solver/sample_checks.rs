@@ -1,7 +1,9 @@
 //! Checks of the samples before a solve.
 
 use crate::calibration::closed_form::turns::MIN_SAMPLES;
-use crate::calibration::{Axis, CollectionPart, Method, Sample, SamplePart, Samples, SolveError};
+use crate::calibration::types::error::{Axis, SolveError};
+use crate::calibration::types::method::Method;
+use crate::calibration::types::samples::{CollectionPart, Sample, SamplePart, Samples};
 use crate::frames::Attitude;
 
 /// Upper limit of a plausible field, microtesla: 10,000 times the Earth's field.

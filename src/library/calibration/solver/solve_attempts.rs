@@ -3,7 +3,9 @@
 use crate::calibration::assessment::Solution;
 use crate::calibration::fit::levenberg_marquardt::MAX_REFINEMENT_STEPS;
 use crate::calibration::hypotheses::{attitude_latency, motor_current};
-use crate::calibration::{Calibration, Quality, SolveError};
+use crate::calibration::types::coefficients::Calibration;
+use crate::calibration::types::error::SolveError;
+use crate::calibration::types::quality::Quality;
 use crate::trig::VectorLength as _;
 
 /// Starting point of an attempt.

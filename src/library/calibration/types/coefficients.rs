@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::motor_current::MotorCurrentInterference;
 use super::orientation::Orientation;
 use super::samples::Sample;
-use crate::calibration::matrix_rows;
+use crate::calibration::linear_algebra::matrix::matrix_rows;
 use crate::frames::{Body, Field, Level, Sensor};
 use crate::trig;
 

@@ -7,8 +7,10 @@ use core::fmt;
 use nalgebra::Matrix3;
 
 use super::coefficient_covariance::CoefficientCovariance;
+use crate::calibration::linear_algebra::matrix::inverse;
 use crate::calibration::model::{Vector12, coefficient_jacobian_row, heading_derivative_by_field};
-use crate::calibration::{AttitudeEnvelope, Calibration, inverse};
+use crate::calibration::types::coefficients::Calibration;
+use crate::calibration::types::quality::AttitudeEnvelope;
 use crate::frames::{Attitude, Field, Level};
 use crate::trig;
 use crate::trig::sqrt;

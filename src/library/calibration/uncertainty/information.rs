@@ -18,8 +18,10 @@ use crate::calibration::model::{
 };
 use crate::calibration::statistics::autocorrelation::Autocorrelation;
 use crate::calibration::statistics::residuals::ResidualStatistics;
+use crate::calibration::types::quality::AttitudeLatency;
+use crate::calibration::types::rates::Rates;
+use crate::calibration::types::samples::Samples;
 use crate::calibration::types::time_order::{PART_COUNT, TimeOrdered};
-use crate::calibration::{AttitudeLatency, Rates, Samples};
 use crate::frames::Attitude;
 
 /// Fisher information, with the statistics for the sandwich covariance and the sums of the score tests.

@@ -10,7 +10,8 @@
 //! The crate `world_magnetic_model` 1.2025.0 agrees to 0.0013 deg on 10,000 places, but the image grows by 16 KB with
 //! it: it contains two models and quantities with units.
 
-use super::{Date, Position};
+use crate::earth::date::Date;
+use crate::earth::position::Position;
 use crate::trig;
 use crate::trig::sqrt;
 

@@ -1,7 +1,8 @@
 //! Position and date with the Earth's field there.
 
 use super::field_model::{EarthField, ModelValidity};
-use super::{Date, Position};
+use crate::earth::date::Date;
+use crate::earth::position::Position;
 use crate::time::WrappingMillis;
 use crate::trig;
 

@@ -1,8 +1,8 @@
 //! ULog writer, as PX4 with corrected compasses (`vehicle_magnetometer`).
 
 use super::recording::{FLIGHT_START_UTC_US, FlightRecording};
-use crate::log::FieldCorrection;
-use crate::log::ParameterHistory;
+use crate::log::correction::FieldCorrection;
+use crate::log::parameters::ParameterHistory;
 
 const ULOG_FORMATS: [&str; 6] = [
     "vehicle_magnetometer:uint64_t timestamp;uint32_t device_id;float[3] magnetometer_ga;",

@@ -1,7 +1,7 @@
 //! Assignment of magnetometer devices to compass numbers.
 
-use super::super::ParameterHistory;
 use super::super::flight_builder::MAX_COMPASSES;
+use crate::log::parameters::ParameterHistory;
 
 /// PX4 has parameters `CAL_MAG0` to `CAL_MAG3`.
 const MAX_CALIBRATED_COMPASSES: u8 = 4;

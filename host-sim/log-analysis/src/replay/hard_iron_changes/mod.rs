@@ -10,9 +10,11 @@ use super::hard_iron_step::{HardIronStep, find_step};
 use super::replay_run::solve_all_rows;
 use super::row_headings::monitored_changes_ut;
 use super::row_solve::solved_correction;
-use super::{ReplayRow, data_loss, is_monitored, rows};
+use super::{data_loss, rows};
 use crate::log::{FieldCorrection, Flight};
 use crate::numbers::median;
+use crate::replay::row::ReplayRow;
+use crate::replay::row_headings::is_monitored;
 
 /// Largest number of changes reported.
 const MAX_CHANGES: usize = 8;

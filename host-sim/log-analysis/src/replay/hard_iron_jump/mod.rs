@@ -9,10 +9,10 @@ use autoswing::attitude::{BodyRates, EulerRates};
 use autoswing::frames::Attitude;
 use nalgebra::{Rotation3, Vector3};
 
-use super::ReplayRow;
 use super::hard_iron_step::HardIronStep;
 use crate::log::FieldCorrection;
 use crate::numbers::{median, quantile};
+use crate::replay::row::ReplayRow;
 
 /// Duration compared before and after a row, seconds: long enough to average noise, short enough for gyro drift.
 const WINDOW_S: f64 = 1.0;

@@ -7,9 +7,9 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
-use super::ReplayRow;
 use crate::log::FieldCorrection;
 use crate::numbers::{median, square};
+use crate::replay::row::ReplayRow;
 
 /// Number of unknowns without the step: `W`, `b`, strength, vertical component.
 const UNKNOWNS_WITHOUT_STEP: usize = 14;

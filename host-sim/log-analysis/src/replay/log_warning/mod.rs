@@ -4,13 +4,15 @@ use std::fmt;
 
 use serde::{Serialize, Serializer};
 
+use super::data_loss;
 use super::evaluation::{CompassEvaluation, FlightEvaluation};
 use super::frozen_field::{self, FrozenInterval, frozen_intervals};
 use super::gps_course::{GpsCourseHeading, GpsCourseRejection};
-use super::{ReferenceHeading, data_loss, is_monitored};
 use crate::log::{
     Autopilot, Flight, LogFormat, RatesProblem, missing_ardupilot_parameters, mounting_parameter_changes,
 };
+use crate::replay::reference::ReferenceHeading;
+use crate::replay::row_headings::is_monitored;
 
 /// Largest plausible ratio between field strength and model.
 const MAX_STRENGTH_RATIO: f64 = 1.35;

@@ -15,9 +15,11 @@ use super::parameter_fit::{FitVariant, half_index_at};
 use super::replay_run::solve_rows;
 use super::row_headings::score_rows;
 use super::row_solve::solved_correction;
-use super::{ReferenceHeading, ReplayOptions, ReplayRow, RowSelection};
 use crate::log::{FieldCorrection, Flight};
 use crate::numbers::{median, square};
+use crate::replay::reference::ReferenceHeading;
+use crate::replay::result::{ReplayOptions, RowSelection};
+use crate::replay::row::ReplayRow;
 
 /// Smallest number of rows since the last change for a fit: 10 s at 10 Hz.
 const MIN_ROWS: usize = 100;

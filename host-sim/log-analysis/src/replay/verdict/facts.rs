@@ -5,8 +5,8 @@ use autoswing::calibration::{AttitudeLatency, MotorCurrentInterference, Solution
 use super::flight_verdict::{CompassVerdict, Verdict};
 use super::judgement::CompassAction;
 use crate::numbers::format_number;
-use crate::replay::RowCounts;
 use crate::replay::hard_iron_changes::HardIronChange;
+use crate::replay::rows::RowCounts;
 
 impl Verdict<'_> {
     /// Facts about a compass, name and value.

@@ -9,7 +9,8 @@ use crate::numbers::{coefficients_json, round_to};
 use crate::replay::gps_course::GpsCourseHeading;
 use crate::replay::hard_iron_changes::HardIronChange;
 use crate::replay::parameter_export::ExportedCorrection;
-use crate::replay::{HeadingScore, ReplayResult, RowCounts};
+use crate::replay::result::{HeadingScore, ReplayResult};
+use crate::replay::rows::RowCounts;
 
 /// Version of the JSON schema.
 const SCHEMA_VERSION: u32 = 3;

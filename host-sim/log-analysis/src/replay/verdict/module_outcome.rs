@@ -6,9 +6,9 @@ use autoswing_module::messages::Refusal;
 use serde::{Serialize, Serializer};
 
 use crate::numbers::format_number;
-use crate::replay::RowCounts;
 use crate::replay::data_loss::SLOW_ATTITUDE_INTERVAL_S;
 use crate::replay::evaluation::{CompassEvaluation, FlightEvaluation};
+use crate::replay::rows::RowCounts;
 
 /// Minimum number of rows of a flight (2 s at 10 Hz).
 const MIN_FLIGHT_ROWS: usize = 20;

@@ -2,8 +2,8 @@
 
 use super::super::model::{CompassReport, ReportSample};
 use super::super::svg::{MarkerShape, PicturePoint, Svg};
-use super::{LegendSample, Picture, draw_legend};
 use crate::numbers::format_number;
+use crate::report::pictures::picture::{LegendSample, Picture, draw_legend};
 
 /// Number of heading sectors; sector `n` is centred on a heading of 30 `n` degrees.
 const HEADING_SECTORS: usize = 12;

@@ -3,8 +3,8 @@
 use super::super::frame::{Axis, PlotFrame, closed_heading_curve};
 use super::super::model::{CompassReport, DeviationCurve, magnitude_quantile, max_magnitude, subsample};
 use super::super::svg::{MarkerShape, PicturePoint, Svg};
-use super::{LegendSample, Picture, draw_legend};
 use crate::numbers::format_number;
+use crate::report::pictures::picture::{LegendSample, Picture, draw_legend};
 
 const PICTURE_SIZE: PicturePoint = [440.0, 350.0];
 

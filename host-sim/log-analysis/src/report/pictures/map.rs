@@ -3,8 +3,8 @@
 use super::super::frame::{Axis, PlotFrame};
 use super::super::model::{CompassReport, ReportSample, subsample};
 use super::super::svg::{MarkerShape, PicturePoint, Svg};
-use super::{LegendSample, Picture, draw_legend};
 use crate::numbers::format_number;
+use crate::report::pictures::picture::{LegendSample, Picture, draw_legend};
 
 const MAX_TRACK_POINTS: usize = 2500;
 

@@ -3,4 +3,4 @@ pub mod deviation;
 pub mod map;
 mod picture;
 
-pub use picture::{LegendSample, Picture, draw_legend};
+pub use picture::Picture;

@@ -1,7 +1,11 @@
 //! Boat: waves roll and pitch it; it turns at a commanded rate and heels outward in turns.
 
 use super::rough_surface::{Surface, roll_pitch_on_slope};
-use super::{GRAVITY_M_S2, Motion, STEP_S, TrueState, VehicleCommand, VehicleConfig, Weather, forward_right};
+use crate::world::aircraft::config::VehicleConfig;
+use crate::world::aircraft::motion::{GRAVITY_M_S2, Motion, STEP_S, forward_right};
+use crate::world::autopilot::VehicleCommand;
+use crate::world::state::TrueState;
+use crate::world::weather::Weather;
 
 /// Wave slope along the direction of travel, standard deviation, degrees.
 const WAVE_SLOPE_SIGMA_DEG: f64 = 6.0;

@@ -3,11 +3,13 @@
 //! Thrust carries the weight, so tilt sets acceleration: with pitch `theta` and roll `phi`, `-g tan(theta)` along the
 //! nose and `g tan(phi) / cos(theta)` to the right, less drag.
 
-use super::{
-    GRAVITY_M_S2, Motion, STEP_S, TrueState, Turbulence, VehicleCommand, VehicleConfig, Weather, forward_right,
-    north_east,
-};
+use crate::world::aircraft::config::VehicleConfig;
+use crate::world::aircraft::motion::{GRAVITY_M_S2, Motion, STEP_S, forward_right, north_east};
+use crate::world::aircraft::turbulence::Turbulence;
 use crate::world::autopilot::TranslationMode;
+use crate::world::autopilot::VehicleCommand;
+use crate::world::state::TrueState;
+use crate::world::weather::Weather;
 
 /// Time constant of roll and pitch control, seconds.
 const TILT_TIME_CONSTANT_S: f64 = 0.25;

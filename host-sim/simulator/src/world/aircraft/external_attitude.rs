@@ -6,8 +6,9 @@
 
 use std::f64::consts::{PI, TAU};
 
-use super::{STEP_US, TrueState};
+use crate::world::aircraft::motion::STEP_US;
 use crate::world::rotation::Euler;
+use crate::world::state::TrueState;
 
 /// Longest interpolation, microseconds: attitudes at 4 Hz are still interpolated without a rest.
 const MAX_INTERPOLATION_US: u64 = 250_000;

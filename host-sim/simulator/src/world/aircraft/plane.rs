@@ -1,6 +1,11 @@
 //! Aeroplane: banks at a limited rate, turns by its bank, drifts with the wind, and is disturbed by gusts.
 
-use super::{GRAVITY_M_S2, Motion, STEP_S, TrueState, Turbulence, VehicleCommand, VehicleConfig, Weather};
+use crate::world::aircraft::config::VehicleConfig;
+use crate::world::aircraft::motion::{GRAVITY_M_S2, Motion, STEP_S};
+use crate::world::aircraft::turbulence::Turbulence;
+use crate::world::autopilot::VehicleCommand;
+use crate::world::state::TrueState;
+use crate::world::weather::Weather;
 use log_analysis::numbers::square;
 
 /// Time constant of bank control, seconds.

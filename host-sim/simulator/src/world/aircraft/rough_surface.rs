@@ -2,8 +2,8 @@
 
 use std::f64::consts::TAU;
 
-use super::GRAVITY_M_S2;
 use crate::random::{RandomStream, StreamPurpose};
+use crate::world::aircraft::motion::GRAVITY_M_S2;
 
 const WAVE_COUNT: usize = 24;
 

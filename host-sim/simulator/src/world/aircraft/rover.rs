@@ -1,7 +1,10 @@
 //! Rover on rough ground: turns at a commanded rate; the ground slope sets roll and pitch.
 
 use super::rough_surface::{Surface, roll_pitch_on_slope};
-use super::{Motion, STEP_S, TrueState, VehicleCommand, VehicleConfig, forward_right};
+use crate::world::aircraft::config::VehicleConfig;
+use crate::world::aircraft::motion::{Motion, STEP_S, forward_right};
+use crate::world::autopilot::VehicleCommand;
+use crate::world::state::TrueState;
 
 /// Ground slope along any direction, standard deviation, degrees.
 const GROUND_SLOPE_SIGMA_DEG: f64 = 6.0;

@@ -1,7 +1,7 @@
 //! Gusts, and random roll and pitch of a flying aircraft.
 
-use super::STEP_S;
 use crate::random::{RandomStream, StreamPurpose};
+use crate::world::aircraft::motion::STEP_S;
 use crate::world::gauss_markov::SecondOrderProcess;
 use crate::world::weather::Weather;
 

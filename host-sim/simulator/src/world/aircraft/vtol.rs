@@ -6,8 +6,12 @@
 
 use super::copter::{Copter, CopterLimits};
 use super::plane::Plane;
-use super::{Motion, STEP_S, TrueState, VehicleCommand, VehicleConfig, Weather};
+use crate::world::aircraft::config::VehicleConfig;
+use crate::world::aircraft::motion::{Motion, STEP_S};
 use crate::world::autopilot::TranslationMode;
+use crate::world::autopilot::VehicleCommand;
+use crate::world::state::TrueState;
+use crate::world::weather::Weather;
 
 /// Time constant of the decay of the attitude difference, seconds.
 const ATTITUDE_DECAY_TIME_S: f64 = 1.0;

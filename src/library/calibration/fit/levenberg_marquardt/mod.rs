@@ -22,8 +22,8 @@
 use nalgebra::Vector3;
 
 use super::linearised_problem::LinearisedProblem;
-use crate::calibration::Samples;
 use crate::calibration::model::{Likelihood, NoiseModel, Vector13};
+use crate::calibration::types::samples::Samples;
 
 /// Maximum number of steps between noise estimates; turns to both sides take 3. Thin data can have a long curved valley
 /// of unknowns with little effect on the heading; the remaining distance is carried as uncertainty.

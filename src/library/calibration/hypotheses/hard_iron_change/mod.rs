@@ -32,11 +32,13 @@ use super::hysteresis::{Hysteresis, LastTurn};
 use super::score_test::ScoreTest;
 use crate::calibration::fit::converged_fit::ConvergedFit;
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
+use crate::calibration::linear_algebra::matrix::inverse;
 use crate::calibration::model::{JacobianRow, ModelParameters, ResidualEquation, SampleEquations, Vector13};
 use crate::calibration::statistics::autocorrelation::Autocorrelation;
 use crate::calibration::statistics::residuals::ResidualStatistics;
+use crate::calibration::types::hard_iron_change::{DetectedHardIronChange, HardIronTimeCourse};
+use crate::calibration::types::samples::{Sample, Samples};
 use crate::calibration::types::time_order::TimeOrdered;
-use crate::calibration::{DetectedHardIronChange, HardIronTimeCourse, Sample, Samples, inverse};
 use crate::time::WrappingMillis;
 use crate::trig::{VectorLength as _, sqrt};
 

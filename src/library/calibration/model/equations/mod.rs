@@ -7,7 +7,7 @@ use super::noise::{NoiseModel, ResidualCovariance};
 use super::parameters::ModelParameters;
 use super::prediction::FieldPrediction;
 use super::unknowns::JacobianRow;
-use crate::calibration::multiply;
+use crate::calibration::linear_algebra::matrix::multiply;
 use crate::frames::{AttitudeRotation, wrap_pi};
 use crate::trig::sqrt;
 

@@ -18,12 +18,16 @@ use crate::calibration::hypotheses::attitude_error_table::assumed_sigmas;
 use crate::calibration::hypotheses::hard_iron_change::ConfirmedChange;
 use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
 use crate::calibration::model::{Likelihood, NoiseModel, Vector13};
+use crate::calibration::types::coefficients::Calibration;
+use crate::calibration::types::consider_states::ConsiderSigmas;
+use crate::calibration::types::error::SolveError;
+use crate::calibration::types::method::Method;
+use crate::calibration::types::orientation::Orientation;
+use crate::calibration::types::prior::Prior;
+use crate::calibration::types::quality::{AttitudeLatency, Quality};
+use crate::calibration::types::samples::{Sample, SamplePart, Samples, Side};
 use crate::calibration::uncertainty::information::Information;
 use crate::calibration::uncertainty::observability::inclination_from_samples;
-use crate::calibration::{
-    AttitudeLatency, Calibration, ConsiderSigmas, Method, Orientation, Prior, Quality, Sample, SamplePart, Samples,
-    Side, SolveError,
-};
 
 /// Progress of a solver.
 #[expect(clippy::large_enum_variant, reason = "there is one of it, and no heap to put it on")]

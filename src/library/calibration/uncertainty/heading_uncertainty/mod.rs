@@ -4,11 +4,11 @@ use nalgebra::Vector3;
 
 use super::coefficient_conversion::CoefficientConversion;
 use super::coefficient_covariance::CoefficientCovariance;
-use crate::calibration::Calibration;
 use crate::calibration::model::{
     Likelihood, UPPER_TRIANGLE_3, UPPER_TRIANGLE_4, Vector13, beta_index, heading_derivative_by_field,
     horizontal_squared, w_index,
 };
+use crate::calibration::types::coefficients::Calibration;
 use crate::frames::{AttitudeRotation, Field, Level, Sensor};
 use crate::trig::sqrt;
 

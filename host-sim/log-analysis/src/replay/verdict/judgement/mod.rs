@@ -11,8 +11,9 @@ use crate::replay::parameter_choice::{
     BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG, NoParameters, is_mostly_inexpressible,
 };
 use crate::replay::parameter_export::{ExportedCorrection, HeldBackScore};
+use crate::replay::reference::ReferenceHeading;
+use crate::replay::row::ReplayRow;
 use crate::replay::row_headings::score_rows;
-use crate::replay::{ReferenceHeading, ReplayRow};
 
 /// Minimum number of 30 deg heading sectors flown, to judge a compass: errors exclude their mean, which on few headings
 /// is most of the error.
