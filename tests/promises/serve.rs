@@ -1,6 +1,4 @@
 //! Simulated module for external programs, in simulation time and through real sockets and pseudo-terminals.
-#![cfg(unix)]
-#![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
 
 use std::fs;
 use std::io::{BufRead as _, BufReader, Read, Write};

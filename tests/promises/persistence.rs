@@ -1,5 +1,4 @@
 //! Flash contents survive power failures; an interrupted save leaves the old values.
-#![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
 
 use autoswing::calibration::{AttitudeEnvelope, Calibration, HeadingUncertainty, Method, Orientation, Quality};
 use autoswing::frames::{Attitude, Field, wrap_pi};

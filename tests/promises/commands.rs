@@ -1,6 +1,4 @@
 //! Exit codes, output width, JSON schema and error messages of the commands.
-#![cfg(unix)]
-#![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
