@@ -9,6 +9,7 @@ mod can;
 #[cfg(unix)]
 mod commands;
 mod console;
+mod fixtures;
 mod ground;
 mod integrity;
 mod logs;
