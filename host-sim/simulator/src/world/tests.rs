@@ -1,13 +1,7 @@
-use std::cell::RefCell;
-use std::rc::Rc;
-
 use nalgebra::Vector3;
 
 use super::autopilot::Leg;
 use super::*;
-use crate::devices::i2c::SimulatedI2cBus;
-use crate::devices::lis3mdl::{self, Lis3mdl};
-use crate::devices::uart::{self, SerialCable};
 use testkit::clock;
 use testkit::simulation::{Level, Simulation};
 
@@ -146,62 +140,4 @@ fn motor_current_interference_is_proportional_to_the_current() {
         interference_ut_per_a,
         Vector3::from(WorldConfig::of_table1(2).with_current_interference(8.0).current_interference_ut)
     );
-}
-
-#[test]
-fn a_whole_flight_is_a_function_of_its_seed() {
-    let minute_us = 60_000_000;
-    assert_eq!(received_hash_and_byte_count(7, minute_us), received_hash_and_byte_count(7, minute_us));
-    assert_ne!(received_hash_and_byte_count(7, minute_us).0, received_hash_and_byte_count(8, minute_us).0);
-}
-
-fn received_hash_and_byte_count(seed: u64, duration_us: u64) -> (u64, usize) {
-    use std::hash::{DefaultHasher, Hasher};
-
-    use embedded_hal_async::i2c::I2c;
-    use embedded_io_async::Read;
-
-    let mut simulation = Simulation::new();
-    let world = World::new(WorldConfig::random_world(seed));
-    let mut bus = SimulatedI2cBus::new();
-    bus.attach_device(Lis3mdl::new(
-        lis3mdl::Lis3mdlConfig { seed, ..Default::default() },
-        world.magnetometer_source(vec![]),
-    ));
-    let cable = SerialCable::new(uart::UartConfig::default());
-    let (mut receiver, _transmitter) = cable.module_ends();
-    let hash_and_count = Rc::new(RefCell::new((DefaultHasher::new(), 0)));
-    let add_to_hash = |hash_and_count: &Rc<RefCell<(DefaultHasher, usize)>>, bytes: &[u8]| {
-        let mut hash_and_count = hash_and_count.borrow_mut();
-        hash_and_count.0.write(bytes);
-        hash_and_count.1 += bytes.len();
-    };
-
-    simulation.spawn(
-        Level::World,
-        "autopilot",
-        world.attitude_source().run_source(world.clone(), cable.host_end(), vec![]),
-    );
-    let seen_attitude = Rc::clone(&hash_and_count);
-    simulation.spawn(Level::Interrupt, "attitude", async move {
-        let mut buffer = [0; 128];
-        loop {
-            let count = receiver.read(&mut buffer).await.unwrap();
-            add_to_hash(&seen_attitude, &buffer[..count]);
-        }
-    });
-    let seen_field = Rc::clone(&hash_and_count);
-    simulation.spawn(Level::Interrupt, "magnetometer", async move {
-        bus.write(lis3mdl::ADDRESS_SA1_HIGH, &[0xA0, 0x7C, 0x00, 0x00, 0x0C, 0x40]).await.unwrap();
-        loop {
-            embassy_time::Timer::after_micros(12_500).await;
-            let mut bytes = [0; 7];
-            bus.write_read(lis3mdl::ADDRESS_SA1_HIGH, &[0xA7], &mut bytes).await.unwrap();
-            add_to_hash(&seen_field, &bytes);
-        }
-    });
-    world.append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 7200.0 });
-    simulation.run_until(duration_us);
-    let hash_and_count = hash_and_count.borrow();
-    (hash_and_count.0.finish(), hash_and_count.1)
 }

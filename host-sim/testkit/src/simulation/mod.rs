@@ -187,6 +187,18 @@ impl Simulation {
         self.run_until(clock::now_us() + duration_us)
     }
 
+    /// Adds a task and runs until it has ended.
+    ///
+    /// # Panics
+    ///
+    /// If it takes more than 100 s of simulation time.
+    pub fn run_to_end(&mut self, level: Level, task: impl Future<Output = ()> + 'static) {
+        let other_tasks = self.task_count();
+        self.spawn(level, "script", task);
+        self.run_for(100_000_000);
+        assert_eq!(self.task_count(), other_tasks, "the script did not end");
+    }
+
     /// Drops the module's tasks; tasks of level `World` and the clock continue.
     pub fn power_off(&mut self) {
         self.tasks.retain(|task| task.handle.level == Level::World);

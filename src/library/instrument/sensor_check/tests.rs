@@ -72,7 +72,7 @@ fn an_axis_that_repeats_is_stuck_at_the_sixteenth_reading() {
     }
 }
 
-/// An hour of readings, in which 1 of 80 consecutive values is equal; tests/integrity.rs runs a day.
+/// An hour of readings, in which 1 of 80 consecutive values is equal; tests/promises/integrity.rs runs a day.
 #[test]
 fn a_parked_lis3mdl_is_neither_stuck_nor_spiky() {
     let mut readings = SimulatedReadings::new();

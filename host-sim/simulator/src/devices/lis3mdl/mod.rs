@@ -34,13 +34,11 @@ pub struct Lis3mdlConfig {
     pub seed: u64,
     /// Noise relative to the data sheet; 0 leaves only quantisation.
     pub noise_scale: f64,
-    /// Die temperature, degrees Celsius.
-    pub temperature_c: f64,
 }
 
 impl Default for Lis3mdlConfig {
     fn default() -> Self {
-        Self { address: ADDRESS_SA1_HIGH, seed: 0, noise_scale: 1.0, temperature_c: 30.0 }
+        Self { address: ADDRESS_SA1_HIGH, seed: 0, noise_scale: 1.0 }
     }
 }
 
@@ -104,7 +102,6 @@ impl Lis3mdl {
             );
             self.registers.set_measurement(counts);
         }
-        self.registers.set_temperature_c(self.config.temperature_c);
         self.registers.set_data_ready(due.has_overrun);
     }
 }

@@ -12,20 +12,18 @@ pub(super) mod address {
     pub const STATUS_REG: u8 = 0x27;
     pub const OUT_X_L: u8 = 0x28;
     pub const OUT_Z_H: u8 = 0x2D;
-    pub const TEMP_OUT_L: u8 = 0x2E;
     pub const INT_CFG: u8 = 0x30;
     pub const INT_THS_L: u8 = 0x32;
     pub const INT_THS_H: u8 = 0x33;
 }
 use address::{
     CTRL_REG1, CTRL_REG2, CTRL_REG3, CTRL_REG4, CTRL_REG5, INT_CFG, INT_THS_H, INT_THS_L, OUT_X_L, OUT_Z_H, STATUS_REG,
-    TEMP_OUT_L, WHO_AM_I,
+    WHO_AM_I,
 };
 
 const REGISTER_COUNT: usize = 0x40;
 const ADDRESS_MASK: u8 = 0x3F;
 const AUTO_INCREMENT: u8 = 0x80;
-const TEMPERATURE_ENABLE: u8 = 0x80;
 const SOFT_RESET_OR_REBOOT: u8 = 0x0C;
 const POWER_DOWN: u8 = 0x03;
 const BLOCK_DATA_UPDATE: u8 = 0x40;
@@ -148,14 +146,6 @@ impl Lis3mdlRegisters {
         let unread = if has_overrun { ALL_AXES } else { self.status_register() & ALL_AXES };
         let overrun = (self.status_register() >> 4) & ALL_AXES;
         self.set_status(ALL_AXES, overrun | unread);
-    }
-
-    /// Temperature: 8 counts per degree, 0 at 25 degrees Celsius.
-    pub fn set_temperature_c(&mut self, temperature_c: f64) {
-        if self.register_value(CTRL_REG1) & TEMPERATURE_ENABLE != 0 {
-            let counts = ((temperature_c - 25.0) * 8.0).round() as i16;
-            self.write_counts(TEMP_OUT_L, counts);
-        }
     }
 
     /// Ends a single conversion.

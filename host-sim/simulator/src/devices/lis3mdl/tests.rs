@@ -9,24 +9,25 @@ use testkit::simulation::{Level, Simulation};
 
 const READ_XYZ: u8 = 0x28 | 0x80;
 
+/// Runs `script` on a bus with a noise-free chip in a constant field.
+fn run_on_bus<F: Future<Output = ()> + 'static>(
+    field_ut: [f32; 3],
+    script: impl FnOnce(SimulatedI2cBus, Rc<RefCell<Lis3mdl>>) -> F,
+) {
+    run_in_field(NOISE_FREE, move |_| field_ut, script);
+}
+
 /// Runs `script` on a bus with a chip in the field `field_ut(t)`.
-fn run_on_bus<S, F>(config: Lis3mdlConfig, field_ut: impl FnMut(u64) -> [f32; 3] + 'static, script: S)
-where
-    S: FnOnce(SimulatedI2cBus, Rc<RefCell<Lis3mdl>>) -> F + 'static,
-    F: Future<Output = ()> + 'static,
-{
-    let mut field_ut = field_ut;
+fn run_in_field<F: Future<Output = ()> + 'static>(
+    config: Lis3mdlConfig,
+    field_ut: impl Fn(u64) -> [f32; 3] + 'static,
+    script: impl FnOnce(SimulatedI2cBus, Rc<RefCell<Lis3mdl>>) -> F,
+) {
     let mut simulation = Simulation::new();
-    let field_source = move |at_us| {
-        let [x, y, z] = field_ut(at_us);
-        Field::from_ut(x, y, z)
-    };
-    let chip = Lis3mdl::new(config, Box::new(field_source));
+    let chip = Lis3mdl::new(config, Box::new(move |at_us| Field::new(field_ut(at_us).into())));
     let bus = SimulatedI2cBus::new();
     bus.attach_device(chip.clone());
-    simulation.spawn(Level::Thread, "script", script(bus, chip));
-    simulation.run_for(100_000_000);
-    assert_eq!(simulation.task_count(), 0, "the script did not end");
+    simulation.run_to_end(Level::Thread, script(bus, chip));
 }
 
 async fn read_register(bus: &mut SimulatedI2cBus, register: u8) -> u8 {
@@ -50,76 +51,62 @@ async fn start_continuous(bus: &mut SimulatedI2cBus) {
     bus.write(ADDRESS_SA1_HIGH, &[0x20 | 0x80, 0x7C, 0x00, 0x00, 0x0C, 0x40]).await.unwrap();
 }
 
-const NOISE_FREE: Lis3mdlConfig =
-    Lis3mdlConfig { address: ADDRESS_SA1_HIGH, seed: 1, noise_scale: 0.0, temperature_c: 30.0 };
+const NOISE_FREE: Lis3mdlConfig = Lis3mdlConfig { address: ADDRESS_SA1_HIGH, seed: 1, noise_scale: 0.0 };
 
 #[test]
 fn reset_values_are_those_of_the_data_sheet() {
-    run_on_bus(
-        NOISE_FREE,
-        |_| [0.0; 3],
-        |mut bus, _| async move {
-            for (register, value) in [(0x0F, 0x3D), (0x20, 0x10), (0x21, 0), (0x22, 3), (0x23, 0), (0x24, 0), (0x27, 0)]
-            {
-                assert_eq!(read_register(&mut bus, register).await, value, "register {register:#04x}");
-            }
-            Timer::after_millis(2000).await;
-            assert_eq!(read_register(&mut bus, 0x27).await, 0, "powered down: nothing is ever ready");
-        },
-    );
+    run_on_bus([0.0; 3], |mut bus, _| async move {
+        for (register, value) in [(0x0F, 0x3D), (0x20, 0x10), (0x21, 0), (0x22, 3), (0x23, 0), (0x24, 0), (0x27, 0)] {
+            assert_eq!(read_register(&mut bus, register).await, value, "register {register:#04x}");
+        }
+        Timer::after_millis(2000).await;
+        assert_eq!(read_register(&mut bus, 0x27).await, 0, "powered down: nothing is ever ready");
+    });
 }
 
 #[test]
 fn burst_write_and_read_follow_auto_increment_and_the_output_wraps() {
-    run_on_bus(
-        NOISE_FREE,
-        |_| [10.0, -20.0, 40.0],
-        |mut bus, _| async move {
-            start_continuous(&mut bus).await;
-            assert_eq!(read_register(&mut bus, 0x23).await, 0x0C);
-            assert_eq!(read_register(&mut bus, 0x24).await, 0x40);
-            Timer::after_millis(13).await;
-            let mut bytes = [0; 8];
-            bus.write_read(ADDRESS_SA1_HIGH, &[READ_XYZ], &mut bytes).await.unwrap();
-            // Field of 0.1, -0.2, 0.4 gauss at 6842 counts per gauss.
-            assert_eq!(i16::from_le_bytes([bytes[0], bytes[1]]), 684);
-            assert_eq!(i16::from_le_bytes([bytes[2], bytes[3]]), -1368);
-            assert_eq!(i16::from_le_bytes([bytes[4], bytes[5]]), 2737);
-            assert_eq!(bytes[6..8], bytes[0..2], "after Z comes X again, not the temperature");
-            let mut read_back = [0; 2];
-            bus.write_read(ADDRESS_SA1_HIGH, &[0x28], &mut read_back).await.unwrap();
-            assert_eq!(read_back[0], read_back[1], "without the increment bit the address stays");
-        },
-    );
+    run_on_bus([10.0, -20.0, 40.0], |mut bus, _| async move {
+        start_continuous(&mut bus).await;
+        assert_eq!(read_register(&mut bus, 0x23).await, 0x0C);
+        assert_eq!(read_register(&mut bus, 0x24).await, 0x40);
+        Timer::after_millis(13).await;
+        let mut bytes = [0; 8];
+        bus.write_read(ADDRESS_SA1_HIGH, &[READ_XYZ], &mut bytes).await.unwrap();
+        // Field of 0.1, -0.2, 0.4 gauss at 6842 counts per gauss.
+        assert_eq!(i16::from_le_bytes([bytes[0], bytes[1]]), 684);
+        assert_eq!(i16::from_le_bytes([bytes[2], bytes[3]]), -1368);
+        assert_eq!(i16::from_le_bytes([bytes[4], bytes[5]]), 2737);
+        assert_eq!(bytes[6..8], bytes[0..2], "after Z comes X again, not the temperature");
+        let mut read_back = [0; 2];
+        bus.write_read(ADDRESS_SA1_HIGH, &[0x28], &mut read_back).await.unwrap();
+        assert_eq!(read_back[0], read_back[1], "without the increment bit the address stays");
+    });
 }
 
 #[test]
 fn data_ready_comes_at_the_data_rate_and_overrun_when_late() {
-    run_on_bus(
-        NOISE_FREE,
-        |_| [0.0; 3],
-        |mut bus, _| async move {
-            start_continuous(&mut bus).await;
-            Timer::after_micros(12_300).await;
-            assert_eq!(
-                read_register(&mut bus, 0x27).await,
-                0x00,
-                "12.37 ms after the start: one period of 80 Hz is 12.5 ms"
-            );
-            Timer::after_micros(130).await;
-            assert_eq!(read_register(&mut bus, 0x27).await, 0x0F);
-            read_counts(&mut bus).await;
-            assert_eq!(read_register(&mut bus, 0x27).await, 0x00, "reading all axes clears the flags");
-            Timer::after_millis(26).await;
-            assert_eq!(read_register(&mut bus, 0x27).await, 0xFF, "two periods unread: overrun");
-            read_register(&mut bus, 0x29).await;
-            assert_eq!(
-                read_register(&mut bus, 0x27).await,
-                0xE6,
-                "the high byte of x clears x only; no longer all are new"
-            );
-        },
-    );
+    run_on_bus([0.0; 3], |mut bus, _| async move {
+        start_continuous(&mut bus).await;
+        Timer::after_micros(12_300).await;
+        assert_eq!(
+            read_register(&mut bus, 0x27).await,
+            0x00,
+            "12.37 ms after the start: one period of 80 Hz is 12.5 ms"
+        );
+        Timer::after_micros(130).await;
+        assert_eq!(read_register(&mut bus, 0x27).await, 0x0F);
+        read_counts(&mut bus).await;
+        assert_eq!(read_register(&mut bus, 0x27).await, 0x00, "reading all axes clears the flags");
+        Timer::after_millis(26).await;
+        assert_eq!(read_register(&mut bus, 0x27).await, 0xFF, "two periods unread: overrun");
+        read_register(&mut bus, 0x29).await;
+        assert_eq!(
+            read_register(&mut bus, 0x27).await,
+            0xE6,
+            "the high byte of x clears x only; no longer all are new"
+        );
+    });
 }
 
 #[test]
@@ -127,38 +114,30 @@ fn every_data_rate_is_kept() {
     // CTRL_REG1 and the data sheet's rate: DO2:0 in low power, then FAST_ODR in each operating mode.
     let rates =
         [(0x00, 0.625), (0x10, 10.0), (0x1C, 80.0), (0x02, 1000.0), (0x22, 560.0), (0x42, 300.0), (0x62, 155.0)];
-    run_on_bus(
-        NOISE_FREE,
-        |_| [0.0; 3],
-        move |mut bus, _| async move {
-            for (control1, rate_hz) in rates {
-                write_register(&mut bus, 0x20, control1).await;
-                write_register(&mut bus, 0x22, 0x00).await;
-                let period_us = 1e6 / rate_hz;
-                Timer::after_micros((0.98 * period_us) as u64 - 90).await;
-                assert_eq!(read_register(&mut bus, 0x27).await, 0, "{rate_hz} Hz: early");
-                Timer::after_micros((0.04 * period_us) as u64).await;
-                assert_eq!(read_register(&mut bus, 0x27).await & 0x08, 0x08, "{rate_hz} Hz: late");
-                read_counts(&mut bus).await;
-                write_register(&mut bus, 0x22, 0x03).await;
-            }
-        },
-    );
+    run_on_bus([0.0; 3], move |mut bus, _| async move {
+        for (control1, rate_hz) in rates {
+            write_register(&mut bus, 0x20, control1).await;
+            write_register(&mut bus, 0x22, 0x00).await;
+            let period_us = 1e6 / rate_hz;
+            Timer::after_micros((0.98 * period_us) as u64 - 90).await;
+            assert_eq!(read_register(&mut bus, 0x27).await, 0, "{rate_hz} Hz: early");
+            Timer::after_micros((0.04 * period_us) as u64).await;
+            assert_eq!(read_register(&mut bus, 0x27).await & 0x08, 0x08, "{rate_hz} Hz: late");
+            read_counts(&mut bus).await;
+            write_register(&mut bus, 0x22, 0x03).await;
+        }
+    });
 }
 
 #[test]
 fn a_single_conversion_ends_in_power_down() {
-    run_on_bus(
-        NOISE_FREE,
-        |_| [1.0; 3],
-        |mut bus, _| async move {
-            write_register(&mut bus, 0x20, 0x7C).await;
-            write_register(&mut bus, 0x22, 0x01).await;
-            Timer::after_millis(40).await;
-            assert_eq!(read_register(&mut bus, 0x27).await, 0x0F, "one measurement, no overrun");
-            assert_eq!(read_register(&mut bus, 0x22).await & 3, 3);
-        },
-    );
+    run_on_bus([1.0; 3], |mut bus, _| async move {
+        write_register(&mut bus, 0x20, 0x7C).await;
+        write_register(&mut bus, 0x22, 0x01).await;
+        Timer::after_millis(40).await;
+        assert_eq!(read_register(&mut bus, 0x27).await, 0x0F, "one measurement, no overrun");
+        assert_eq!(read_register(&mut bus, 0x22).await & 3, 3);
+    });
 }
 
 /// A measurement ends between the reads of low and high byte.
@@ -167,7 +146,7 @@ fn block_data_update_keeps_the_two_bytes_of_an_axis_together() {
     // 255 counts for the first 20 ms, then 256: mixed bytes give 511 or 0.
     let field = |at_us| if at_us < 20_000 { [3.727; 3] } else { [3.7416; 3] };
     for (control5, expected) in [(0x40, [0xFF, 0x00]), (0x00, [0xFF, 0x01])] {
-        run_on_bus(NOISE_FREE, field, move |mut bus, _| async move {
+        run_in_field(NOISE_FREE, field, move |mut bus, _| async move {
             start_continuous(&mut bus).await;
             write_register(&mut bus, 0x24, control5).await;
             Timer::after_millis(14).await;
@@ -182,18 +161,14 @@ fn block_data_update_keeps_the_two_bytes_of_an_axis_together() {
 
 #[test]
 fn full_scales_have_their_sensitivities_and_saturate_at_16_bits() {
-    run_on_bus(
-        NOISE_FREE,
-        |_| [100.0, 1e4, -1e4],
-        |mut bus, _| async move {
-            for (control2, counts_per_gauss) in [(0x00, 6842), (0x20, 3421), (0x40, 2281), (0x60, 1711)] {
-                start_continuous(&mut bus).await;
-                write_register(&mut bus, 0x21, control2).await;
-                Timer::after_millis(20).await;
-                assert_eq!(read_counts(&mut bus).await, [counts_per_gauss, i16::MAX, i16::MIN]);
-            }
-        },
-    );
+    run_on_bus([100.0, 1e4, -1e4], |mut bus, _| async move {
+        for (control2, counts_per_gauss) in [(0x00, 6842), (0x20, 3421), (0x40, 2281), (0x60, 1711)] {
+            start_continuous(&mut bus).await;
+            write_register(&mut bus, 0x21, control2).await;
+            Timer::after_millis(20).await;
+            assert_eq!(read_counts(&mut bus).await, [counts_per_gauss, i16::MAX, i16::MIN]);
+        }
+    });
 }
 
 /// 4000 measurements determine sigma to 1.1 %; the bound is four times that.
@@ -201,7 +176,7 @@ fn full_scales_have_their_sensitivities_and_saturate_at_16_bits() {
 fn noise_is_that_of_the_data_sheet_and_grows_as_averaging_shrinks() {
     for (settings, ratio) in [(0x62, 1.0_f64), (0x02, (1000.0_f64 / 155.0).sqrt())] {
         let config = Lis3mdlConfig { noise_scale: 1.0, ..NOISE_FREE };
-        run_on_bus(
+        run_in_field(
             config,
             |_| [20.0, 0.0, 40.0],
             move |mut bus, _| async move {
@@ -227,24 +202,8 @@ fn noise_is_that_of_the_data_sheet_and_grows_as_averaging_shrinks() {
 }
 
 #[test]
-fn temperature_has_8_counts_a_degree_from_25() {
-    run_on_bus(
-        NOISE_FREE,
-        |_| [0.0; 3],
-        |mut bus, _| async move {
-            start_continuous(&mut bus).await;
-            write_register(&mut bus, 0x20, 0xFC).await;
-            Timer::after_millis(20).await;
-            let mut bytes = [0; 2];
-            bus.write_read(ADDRESS_SA1_HIGH, &[0x2E | 0x80], &mut bytes).await.unwrap();
-            assert_eq!(i16::from_le_bytes(bytes), 40);
-        },
-    );
-}
-
-#[test]
 fn faults_show_on_the_bus() {
-    run_on_bus(
+    run_in_field(
         NOISE_FREE,
         |at_us| [at_us as f32 / 1e4; 3],
         |mut bus, chip| async move {
@@ -277,38 +236,29 @@ fn faults_show_on_the_bus() {
 /// Nine bytes (address, register, address, six data bytes) of 22.5 us, rounded up.
 #[test]
 fn a_transfer_takes_the_time_of_its_bytes() {
-    run_on_bus(
-        NOISE_FREE,
-        |_| [0.0; 3],
-        |mut bus, _| async move {
-            let before_us = clock::now_us();
-            read_counts(&mut bus).await;
-            assert_eq!(clock::now_us() - before_us, 203);
-        },
-    );
+    run_on_bus([0.0; 3], |mut bus, _| async move {
+        let before_us = clock::now_us();
+        read_counts(&mut bus).await;
+        assert_eq!(clock::now_us() - before_us, 203);
+    });
 }
 
 /// The self-test adds 2, 2 and 0.55 gauss.
 #[test]
 fn self_test_and_byte_order_match_the_data_sheet() {
-    run_on_bus(
-        NOISE_FREE,
-        |_| [30.0, 100.0, 50.0],
-        |mut bus, _| async move {
-            start_continuous(&mut bus).await;
-            Timer::after_millis(20).await;
-            let without_self_test = read_counts(&mut bus).await;
-            write_register(&mut bus, 0x20, 0x7D).await;
-            Timer::after_millis(20).await;
-            let with_self_test = read_counts(&mut bus).await;
-            let difference = [0, 1, 2].map(|axis| {
-                (f64::from(with_self_test[axis] - without_self_test[axis]) / 6842.0 * 100.0).round() as i16
-            });
-            assert_eq!(difference, [200, 200, 55]);
-            write_register(&mut bus, 0x20, 0x7C).await;
-            write_register(&mut bus, 0x23, 0x0E).await;
-            Timer::after_millis(20).await;
-            assert_eq!(read_counts(&mut bus).await, without_self_test.map(i16::swap_bytes));
-        },
-    );
+    run_on_bus([30.0, 100.0, 50.0], |mut bus, _| async move {
+        start_continuous(&mut bus).await;
+        Timer::after_millis(20).await;
+        let without_self_test = read_counts(&mut bus).await;
+        write_register(&mut bus, 0x20, 0x7D).await;
+        Timer::after_millis(20).await;
+        let with_self_test = read_counts(&mut bus).await;
+        let difference = [0, 1, 2]
+            .map(|axis| (f64::from(with_self_test[axis] - without_self_test[axis]) / 6842.0 * 100.0).round() as i16);
+        assert_eq!(difference, [200, 200, 55]);
+        write_register(&mut bus, 0x20, 0x7C).await;
+        write_register(&mut bus, 0x23, 0x0E).await;
+        Timer::after_millis(20).await;
+        assert_eq!(read_counts(&mut bus).await, without_self_test.map(i16::swap_bytes));
+    });
 }

@@ -12,21 +12,23 @@ const NOISE_FREE: Rm3100Config = Rm3100Config { seed: 1, noise_scale: 0.0, perio
 /// `CMM`: continuous, all axes, data ready after a full sequence.
 const CONTINUOUS_MODE: u8 = 0x79;
 
+/// Runs `script` with a noise-free chip in a constant field.
+fn run_with_chip<F: Future<Output = ()> + 'static>(
+    field_ut: [f32; 3],
+    script: impl FnOnce(SelectedDevice, Rc<RefCell<Rm3100>>) -> F,
+) {
+    run_in_field(NOISE_FREE, move |_| field_ut, script);
+}
+
 /// Runs `script` with a chip in the field `field_ut(t)`.
-fn run_with_chip<S, F>(config: Rm3100Config, mut field_ut: impl FnMut(u64) -> [f32; 3] + 'static, script: S)
-where
-    S: FnOnce(SelectedDevice, Rc<RefCell<Rm3100>>) -> F + 'static,
-    F: Future<Output = ()> + 'static,
-{
+fn run_in_field<F: Future<Output = ()> + 'static>(
+    config: Rm3100Config,
+    field_ut: impl Fn(u64) -> [f32; 3] + 'static,
+    script: impl FnOnce(SelectedDevice, Rc<RefCell<Rm3100>>) -> F,
+) {
     let mut simulation = Simulation::new();
-    let field_source = move |at_us| {
-        let [x, y, z] = field_ut(at_us);
-        Field::from_ut(x, y, z)
-    };
-    let chip = Rm3100::new(config, Box::new(field_source));
-    simulation.spawn(Level::Thread, "script", script(SelectedDevice::new(chip.clone()), chip));
-    simulation.run_for(100_000_000);
-    assert_eq!(simulation.task_count(), 0, "the script did not end");
+    let chip = Rm3100::new(config, Box::new(move |at_us| Field::new(field_ut(at_us).into())));
+    simulation.run_to_end(Level::Thread, script(SelectedDevice::new(chip.clone()), chip));
 }
 
 async fn read_register<const N: usize>(device: &mut SelectedDevice, register: u8) -> [u8; N] {
@@ -52,102 +54,82 @@ async fn read_counts(device: &mut SelectedDevice) -> [i32; 3] {
 /// Reset values of the manual's table 5-1.
 #[test]
 fn reset_values_are_those_of_the_manual() {
-    run_with_chip(
-        NOISE_FREE,
-        |_| [0.0; 3],
-        |mut device, _| async move {
-            assert_eq!(read_register(&mut device, 0x04).await, [0x00, 0xC8, 0x00, 0xC8, 0x00, 0xC8]);
-            assert_eq!(read_register(&mut device, 0x0B).await, [0x96]);
-            assert_eq!(read_register(&mut device, 0x33).await, [0x00, 0x00, 0x1B, 0x22]);
-            Timer::after_millis(500).await;
-            assert!(!is_ready(&mut device).await, "not started");
-        },
-    );
+    run_with_chip([0.0; 3], |mut device, _| async move {
+        assert_eq!(read_register(&mut device, 0x04).await, [0x00, 0xC8, 0x00, 0xC8, 0x00, 0xC8]);
+        assert_eq!(read_register(&mut device, 0x0B).await, [0x96]);
+        assert_eq!(read_register(&mut device, 0x33).await, [0x00, 0x00, 0x1B, 0x22]);
+        Timer::after_millis(500).await;
+        assert!(!is_ready(&mut device).await, "not started");
+    });
 }
 
 /// Table 5-4, and section 5.2.1: the cycle count limits the rate, to 147 Hz for three axes at count 200.
 #[test]
 fn every_rate_is_kept_unless_the_cycle_count_limits_it() {
     for (tmrc, period_ms) in [(0x94, 6.8), (0x95, 13.3), (0x96, 26.7), (0x97, 53.3), (0x98, 106.7)] {
-        run_with_chip(
-            NOISE_FREE,
-            |_| [0.0; 3],
-            move |mut device, _| async move {
-                write_register(&mut device, 0x0B, tmrc).await;
-                write_register(&mut device, 0x01, CONTINUOUS_MODE).await;
-                let start = Instant::now();
-                for measurement in 1..=3 {
-                    let due_us = f64::from(measurement) * period_ms * 1e3;
-                    Timer::at(start + Duration::from_micros((0.98 * due_us) as u64)).await;
-                    assert!(!is_ready(&mut device).await, "{tmrc:#x}: early");
-                    Timer::at(start + Duration::from_micros((1.02 * due_us) as u64)).await;
-                    assert!(is_ready(&mut device).await, "{tmrc:#x}: late");
-                    read_counts(&mut device).await;
-                }
-            },
-        );
+        run_with_chip([0.0; 3], move |mut device, _| async move {
+            write_register(&mut device, 0x0B, tmrc).await;
+            write_register(&mut device, 0x01, CONTINUOUS_MODE).await;
+            let start = Instant::now();
+            for measurement in 1..=3 {
+                let due_us = f64::from(measurement) * period_ms * 1e3;
+                Timer::at(start + Duration::from_micros((0.98 * due_us) as u64)).await;
+                assert!(!is_ready(&mut device).await, "{tmrc:#x}: early");
+                Timer::at(start + Duration::from_micros((1.02 * due_us) as u64)).await;
+                assert!(is_ready(&mut device).await, "{tmrc:#x}: late");
+                read_counts(&mut device).await;
+            }
+        });
     }
 }
 
 /// Section 5.2: certain accesses end continuous mode.
 #[test]
 fn reading_cmm_and_writing_tmrc_end_continuous_mode() {
-    run_with_chip(
-        NOISE_FREE,
-        |_| [0.0; 3],
-        |mut device, _| async move {
-            for ends_by_reading in [true, false] {
-                write_register(&mut device, 0x01, CONTINUOUS_MODE).await;
-                Timer::after_millis(30).await;
-                assert!(is_ready(&mut device).await);
-                read_counts(&mut device).await;
-                if ends_by_reading {
-                    assert_eq!(read_register(&mut device, 0x01).await, [CONTINUOUS_MODE & !1]);
-                } else {
-                    write_register(&mut device, 0x0B, 0x95).await;
-                }
-                Timer::after_millis(200).await;
-                assert!(!is_ready(&mut device).await);
+    run_with_chip([0.0; 3], |mut device, _| async move {
+        for ends_by_reading in [true, false] {
+            write_register(&mut device, 0x01, CONTINUOUS_MODE).await;
+            Timer::after_millis(30).await;
+            assert!(is_ready(&mut device).await);
+            read_counts(&mut device).await;
+            if ends_by_reading {
+                assert_eq!(read_register(&mut device, 0x01).await, [CONTINUOUS_MODE & !1]);
+            } else {
+                write_register(&mut device, 0x0B, 0x95).await;
             }
-        },
-    );
+            Timer::after_millis(200).await;
+            assert!(!is_ready(&mut device).await);
+        }
+    });
 }
 
 /// Sections 5.3 and 5.6.2: 6.8 ms at cycle count 200; refused in continuous mode.
 #[test]
 fn a_single_measurement_takes_the_time_of_three_axes() {
-    run_with_chip(
-        NOISE_FREE,
-        |_| [1.0; 3],
-        |mut device, _| async move {
-            write_register(&mut device, 0x00, 0x70).await;
-            Timer::after_micros(6_700).await;
-            assert!(!is_ready(&mut device).await);
-            Timer::after_micros(150).await;
-            assert!(is_ready(&mut device).await);
-            assert_eq!(read_counts(&mut device).await, [75; 3]);
-            assert!(!is_ready(&mut device).await, "reading the data clears data ready");
-            write_register(&mut device, 0x01, CONTINUOUS_MODE).await;
-            write_register(&mut device, 0x00, 0x70).await;
-            Timer::after_millis(10).await;
-            assert!(!is_ready(&mut device).await, "refused");
-        },
-    );
+    run_with_chip([1.0; 3], |mut device, _| async move {
+        write_register(&mut device, 0x00, 0x70).await;
+        Timer::after_micros(6_700).await;
+        assert!(!is_ready(&mut device).await);
+        Timer::after_micros(150).await;
+        assert!(is_ready(&mut device).await);
+        assert_eq!(read_counts(&mut device).await, [75; 3]);
+        assert!(!is_ready(&mut device).await, "reading the data clears data ready");
+        write_register(&mut device, 0x01, CONTINUOUS_MODE).await;
+        write_register(&mut device, 0x00, 0x70).await;
+        Timer::after_millis(10).await;
+        assert!(!is_ready(&mut device).await, "refused");
+    });
 }
 
 /// Table 5-3; `CMM` 0x71 and 0x7D wait for an alarm.
 #[test]
 fn data_ready_follows_the_selected_condition() {
     for (cmm, expected) in [(0x79, true), (0x71, false), (0x7D, false)] {
-        run_with_chip(
-            NOISE_FREE,
-            |_| [0.0; 3],
-            move |mut device, _| async move {
-                write_register(&mut device, 0x01, cmm).await;
-                Timer::after_millis(40).await;
-                assert_eq!(is_ready(&mut device).await, expected, "{cmm:#x}");
-            },
-        );
+        run_with_chip([0.0; 3], move |mut device, _| async move {
+            write_register(&mut device, 0x01, cmm).await;
+            Timer::after_millis(40).await;
+            assert_eq!(is_ready(&mut device).await, expected, "{cmm:#x}");
+        });
     }
 }
 
@@ -155,18 +137,14 @@ fn data_ready_follows_the_selected_condition() {
 #[test]
 fn cycle_counts_have_the_gain_of_the_manual() {
     for (cycle_count, per_ut) in [(50, 20), (100, 38), (200, 75)] {
-        run_with_chip(
-            NOISE_FREE,
-            |_| [10.0, -20.0, 1e6],
-            move |mut device, _| async move {
-                device.write(&[0x04, 0, cycle_count, 0, cycle_count, 0, cycle_count]).await.unwrap();
-                write_register(&mut device, 0x00, 0x70).await;
-                Timer::after_millis(10).await;
-                let [x, y, z] = read_counts(&mut device).await;
-                assert!((x - 10 * per_ut).abs() <= 5 && (y + 20 * per_ut).abs() <= 10, "{cycle_count}: {x} {y}");
-                assert_eq!(z, 0x7F_FFFF);
-            },
-        );
+        run_with_chip([10.0, -20.0, 1e6], move |mut device, _| async move {
+            device.write(&[0x04, 0, cycle_count, 0, cycle_count, 0, cycle_count]).await.unwrap();
+            write_register(&mut device, 0x00, 0x70).await;
+            Timer::after_millis(10).await;
+            let [x, y, z] = read_counts(&mut device).await;
+            assert!((x - 10 * per_ut).abs() <= 5 && (y + 20 * per_ut).abs() <= 10, "{cycle_count}: {x} {y}");
+            assert_eq!(z, 0x7F_FFFF);
+        });
     }
 }
 
@@ -176,7 +154,7 @@ fn cycle_counts_have_the_gain_of_the_manual() {
 fn noise_is_that_of_the_manual() {
     for (cycle_count, noise_nt) in [(50, 30.0_f64), (100, 20.0), (200, 15.0)] {
         let config = Rm3100Config { noise_scale: 1.0, ..NOISE_FREE };
-        run_with_chip(
+        run_in_field(
             config,
             |_| [20.0, 0.0, 40.0],
             move |mut device, _| async move {
@@ -201,7 +179,7 @@ fn noise_is_that_of_the_manual() {
 /// A field that grows by 1 uT a millisecond shows the instants: 1.1, 3.4 and 5.7 ms of 6.8.
 #[test]
 fn axes_are_measured_one_after_the_other() {
-    run_with_chip(
+    run_in_field(
         NOISE_FREE,
         |at_us| [at_us as f32 * 1e-3; 3],
         |mut device, _| async move {
@@ -219,27 +197,23 @@ fn axes_are_measured_one_after_the_other() {
 /// Section 5.6.1: bits 4 to 6 of `BIST` are x, y and z.
 #[test]
 fn the_self_test_shows_the_broken_oscillator() {
-    run_with_chip(
-        NOISE_FREE,
-        |_| [0.0; 3],
-        |mut device, chip| async move {
-            let faults = [0, 1, 2].map(|axis| Some(Rm3100Fault::BrokenOscillator(axis)));
-            for (fault, result) in [None].into_iter().chain(faults).zip([0xFF, 0xEF, 0xDF, 0xBF]) {
-                chip.borrow_mut().set_fault(fault);
-                write_register(&mut device, 0x33, 0x8F).await;
-                write_register(&mut device, 0x00, 0x70).await;
-                assert!(!is_ready(&mut device).await);
-                Timer::after_millis(1).await;
-                assert!(is_ready(&mut device).await);
-                assert_eq!(read_register(&mut device, 0x33).await, [result], "{fault:?}");
-            }
-        },
-    );
+    run_with_chip([0.0; 3], |mut device, chip| async move {
+        let faults = [0, 1, 2].map(|axis| Some(Rm3100Fault::BrokenOscillator(axis)));
+        for (fault, result) in [None].into_iter().chain(faults).zip([0xFF, 0xEF, 0xDF, 0xBF]) {
+            chip.borrow_mut().set_fault(fault);
+            write_register(&mut device, 0x33, 0x8F).await;
+            write_register(&mut device, 0x00, 0x70).await;
+            assert!(!is_ready(&mut device).await);
+            Timer::after_millis(1).await;
+            assert!(is_ready(&mut device).await);
+            assert_eq!(read_register(&mut device, 0x33).await, [result], "{fault:?}");
+        }
+    });
 }
 
 #[test]
 fn faults_show_on_the_bus() {
-    run_with_chip(
+    run_in_field(
         NOISE_FREE,
         |at_us| [at_us as f32 / 1e4; 3],
         |mut device, chip| async move {
@@ -281,13 +255,9 @@ fn faults_show_on_the_bus() {
 /// A transfer of ten bytes takes 80 us at 1 MHz.
 #[test]
 fn a_transfer_takes_the_time_of_its_bytes() {
-    run_with_chip(
-        NOISE_FREE,
-        |_| [0.0; 3],
-        |mut device, _| async move {
-            let before_us = clock::now_us();
-            read_counts(&mut device).await;
-            assert_eq!(clock::now_us() - before_us, 80);
-        },
-    );
+    run_with_chip([0.0; 3], |mut device, _| async move {
+        let before_us = clock::now_us();
+        read_counts(&mut device).await;
+        assert_eq!(clock::now_us() - before_us, 80);
+    });
 }

@@ -1,8 +1,16 @@
+use std::ops::Range;
+
 use nalgebra::Vector3;
 
 use super::super::rough_surface::{Surface, roll_pitch_on_slope};
 use super::*;
 use crate::world::rotation::Euler;
+
+#[track_caller]
+fn assert_sigma_deg(expected_deg: Range<f64>, states: &[TrueState], angle: fn(&TrueState) -> f64) {
+    let sigma_deg = sigma_deg(states, angle);
+    assert!(expected_deg.contains(&sigma_deg), "{sigma_deg} deg for {expected_deg:?}");
+}
 
 /// A slope of 1:10 is 5.71 deg. On any slope the down axis, rotated to the level frame, is the slope's normal.
 #[test]
@@ -74,16 +82,8 @@ fn a_rover_has_the_tilt_of_the_ground() {
     assert!((left_turn[2000].heading_rate_rad_s.to_degrees() + 18.0).abs() < 0.1);
     let mut both_turns = right_turn.clone();
     both_turns.extend_from_slice(&left_turn);
-    assert!(
-        (3.0..10.0).contains(&sigma_deg(&both_turns, |state| state.roll_rad)),
-        "{}",
-        sigma_deg(&both_turns, |state| state.roll_rad)
-    );
-    assert!(
-        (3.0..10.0).contains(&sigma_deg(&both_turns, |state| state.pitch_rad)),
-        "{}",
-        sigma_deg(&both_turns, |state| state.pitch_rad)
-    );
+    assert_sigma_deg(3.0..10.0, &both_turns, |state| state.roll_rad);
+    assert_sigma_deg(3.0..10.0, &both_turns, |state| state.pitch_rad);
     // In its second circle, 20 s later, the rover has the same tilt at the same place.
     let (first, second) = (right_turn[1999], right_turn[5999]);
     assert!(libm::hypot(first.north_m - second.north_m, first.east_m - second.east_m) < 0.5);
@@ -100,16 +100,8 @@ fn a_boat_rolls_in_waves_and_heels_out_of_its_turns() {
     let mean_roll_deg = |side_sign: f64| {
         let mut boat = vehicle(VehicleKind::Boat, Weather::default(), 2);
         let states = fly_leg(&mut boat, Leg::Yaw { rate_deg_s: 18.0, heading_change_deg: side_sign * 7200.0 });
-        assert!(
-            (4.0..9.0).contains(&sigma_deg(&states, |state| state.roll_rad)),
-            "{}",
-            sigma_deg(&states, |state| state.roll_rad)
-        );
-        assert!(
-            (1.5..4.0).contains(&sigma_deg(&states, |state| state.pitch_rad)),
-            "{}",
-            sigma_deg(&states, |state| state.pitch_rad)
-        );
+        assert_sigma_deg(4.0..9.0, &states, |state| state.roll_rad);
+        assert_sigma_deg(1.5..4.0, &states, |state| state.pitch_rad);
         // Waves with slopes of 6 deg accelerate the boat by about as much as its turns, 0.94 m/s^2.
         let push_m_s2 = mean(states.iter().map(|state| state.disturbing_acceleration_m_s2));
         assert!((1.5..2.5).contains(&push_m_s2), "{push_m_s2}");

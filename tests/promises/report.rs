@@ -125,7 +125,7 @@ fn a_refusal_is_reported_with_its_reason_and_no_after_picture() {
 
 #[test]
 fn a_replayed_log_has_the_numbers_of_its_json() {
-    let mut bytes: &[u8] = include_bytes!("../host-sim/data/flight.csv");
+    let mut bytes: &[u8] = include_bytes!("../../host-sim/data/flight.csv");
     let flight = log::read_flight(&mut bytes, FieldUnit::Milligauss).unwrap();
     let verdict = evaluate_flight(&flight, &EvaluationOptions::DEFAULT);
     let parameter_file = Some(["compass.param".to_owned(), "COMPASS_OFS_X,1\n".to_owned()]);

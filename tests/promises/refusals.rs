@@ -9,6 +9,8 @@ use simulator::transcript::{self, SolveNotice};
 use simulator::world::WorldConfig;
 use simulator::world::autopilot::Leg;
 
+use crate::fixtures::{full_status, run_until_legs_end};
+
 /// Attitude in a wrong unit.
 struct WrongUnit(f32);
 
@@ -19,16 +21,8 @@ impl AttitudeFault for WrongUnit {
     }
 }
 
-fn rig_with_attitude_fault(attitude: Option<WrongUnit>) -> Rig {
-    let mut faults = Faults::default();
-    if let Some(scaled) = attitude {
-        faults.attitude_faults.push(Box::new(scaled));
-    }
-    Rig::with_faults(WorldConfig::of_table1(1), faults)
-}
-
-fn turn_leg(bank_deg: f64, heading_change_deg: f64) -> Leg {
-    Leg::Turn { bank_deg, heading_change_deg }
+fn table1_rig() -> Rig {
+    Rig::new(WorldConfig::of_table1(1))
 }
 
 const TURNS_TO_BOTH_SIDES: [(f64, f64); 2] = [(25.0, 800.0), (25.0, -800.0)];
@@ -41,11 +35,9 @@ fn refusal_code_and_text(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)])
         assert!(reply.contains("\r\nok "), "{reply}");
     }
     for &(bank_deg, heading_change_deg) in turns {
-        rig.world.append_leg(turn_leg(bank_deg, heading_change_deg));
+        rig.world.append_leg(Leg::Turn { bank_deg, heading_change_deg });
     }
-    while rig.world.unfinished_leg_count() > 0 {
-        rig.run_for_s(1.0);
-    }
+    run_until_legs_end(rig);
     rig.run_for_s(3.0);
     let mut printed = rig.take_console_output();
     if transcript::parse_solve_notice(&printed).is_none() {
@@ -56,7 +48,7 @@ fn refusal_code_and_text(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)])
     let notice =
         transcript::parse_error(&printed).or_else(|| transcript::parse_solve_notice(&printed)).expect("an end");
     let SolveNotice::Refused { code, explanation } = notice else { panic!("it was calibrated: {notice:?}") };
-    let status = rig.send_console_line("status all");
+    let status = full_status(rig);
     let is_shown_later = status.contains(&format!("last solve: {code}: {explanation}\r\n"));
     assert!(is_shown_later || status.contains("last solve: none"), "{status}");
     (code, explanation)
@@ -69,22 +61,14 @@ fn assert_refused(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)], code: 
 
 #[test]
 fn too_little_bank_and_one_side_have_different_reasons() {
-    let little = [(6.0, 200.0), (6.0, -200.0)];
-    assert_refused(&mut rig_with_attitude_fault(None), &[], &little, "no-samples", "too little bank, ");
-    assert_refused(
-        &mut rig_with_attitude_fault(None),
-        &[],
-        &TURNS_TO_BOTH_SIDES[..1],
-        "too-few-samples",
-        "only right turns were flown; fly left turns, too",
-    );
-    assert_refused(
-        &mut rig_with_attitude_fault(None),
-        &[],
-        &TURNS_TO_BOTH_SIDES[1..],
-        "too-few-samples",
-        "only left turns were flown; fly right turns, too",
-    );
+    let [right, left] = TURNS_TO_BOTH_SIDES;
+    for (turns, code, expected_text) in [
+        (&[(6.0, 200.0), (6.0, -200.0)][..], "no-samples", "too little bank, "),
+        (&[right], "too-few-samples", "only right turns were flown; fly left turns, too"),
+        (&[left], "too-few-samples", "only left turns were flown; fly right turns, too"),
+    ] {
+        assert_refused(&mut table1_rig(), &[], turns, code, expected_text);
+    }
 }
 
 /// An eighth of a circle to each side in 45 s.
@@ -100,22 +84,14 @@ fn a_turn_that_is_too_slow_is_refused_as_an_arc() {
 /// Degrees interpreted as radians are rejected as attitude; radians converted once more are too small a tilt.
 #[test]
 fn attitude_in_a_wrong_unit_is_reported() {
-    let explanation = "check the unit of the attitude: radians for degrees?";
-    assert_refused(
-        &mut rig_with_attitude_fault(Some(WrongUnit(1.0_f32.to_radians()))),
-        &[],
-        &TURNS_TO_BOTH_SIDES,
-        "no-samples",
-        explanation,
-    );
-    let explanation = "check their unit: MAVLink's is radians, not degrees";
-    assert_refused(
-        &mut rig_with_attitude_fault(Some(WrongUnit(1.0_f32.to_degrees()))),
-        &[],
-        &TURNS_TO_BOTH_SIDES,
-        "no-samples",
-        explanation,
-    );
+    for (unit, expected_text) in [
+        (1.0_f32.to_radians(), "check the unit of the attitude: radians for degrees?"),
+        (1.0_f32.to_degrees(), "check their unit: MAVLink's is radians, not degrees"),
+    ] {
+        let faults = Faults { attitude_faults: vec![Box::new(WrongUnit(unit))], ..Faults::default() };
+        let mut rig = Rig::with_faults(WorldConfig::of_table1(1), faults);
+        assert_refused(&mut rig, &[], &TURNS_TO_BOTH_SIDES, "no-samples", expected_text);
+    }
 }
 
 #[test]
@@ -129,7 +105,7 @@ fn attitude_at_1_hz_is_reported_as_too_slow() {
 /// The sensor's range ends at 400 uT.
 #[test]
 fn a_saturated_sensor_is_reported() {
-    let mut rig = rig_with_attitude_fault(None);
+    let mut rig = table1_rig();
     rig.world.set_disturbance_ut([600.0, 0.0, 0.0]);
     assert_refused(
         &mut rig,
@@ -143,14 +119,7 @@ fn a_saturated_sensor_is_reported() {
 #[test]
 fn a_wrong_setting_is_reported_with_the_right_value() {
     let explanation = "the sensor seems to be mounted none; set mount none, then cal solve";
-    assert_refused(
-        &mut rig_with_attitude_fault(None),
-        &["set mount yaw90"],
-        &TURNS_TO_BOTH_SIDES,
-        "mount-contradicted",
-        explanation,
-    );
-    let (code, explanation) =
-        refusal_code_and_text(&mut rig_with_attitude_fault(None), &["set inclination -54"], &TURNS_TO_BOTH_SIDES);
+    assert_refused(&mut table1_rig(), &["set mount yaw90"], &TURNS_TO_BOTH_SIDES, "mount-contradicted", explanation);
+    let (code, explanation) = refusal_code_and_text(&mut table1_rig(), &["set inclination -54"], &TURNS_TO_BOTH_SIDES);
     assert!(code == "inclination-contradicted" && explanation.contains("; set inclination 5"), "{code}: {explanation}");
 }

@@ -7,16 +7,18 @@ use autoswing::instrument::{Correction, Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
 use autoswing_module::settings::HeadingKind;
-use host_sim::studies::integrity::{self, ALL_CASES, IntegrityPlan, IntegrityRow, fault_case, run_integrity_study};
+use host_sim::studies::integrity::AttitudeProtocol::{Mavlink, Msp, MspInav};
+use host_sim::studies::integrity::{IntegrityPlan, IntegrityRow, fault_case, run_integrity_study};
 use simulator::faults::Faults;
 use simulator::faults::attitude::{AttitudeFault, attitude_quantisation};
 use simulator::module::Module as _;
-use simulator::nmea::SentenceReader;
 use simulator::rig::Rig;
+use simulator::transcript::SolveNotice;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::{PrescribedMotion, VehicleKind};
-use simulator::world::autopilot::Leg;
 use testkit::{documents, random::Random};
+
+use crate::fixtures::{count_headings, fly_turns, received_sentences, run_for_s, share_of_flights};
 
 /// The airframes of this seed, unlike the README's, were not used to choose limits.
 const TEST_PLAN: IntegrityPlan = IntegrityPlan {
@@ -24,7 +26,7 @@ const TEST_PLAN: IntegrityPlan = IntegrityPlan {
     seed: 5000,
     heading: HeadingKind::Smooth,
     aircraft: VehicleKind::Plane,
-    attitude_protocol: integrity::AttitudeProtocol::Mavlink,
+    attitude_protocol: Mavlink,
 };
 
 fn run_cases(names: &[&str]) -> Vec<IntegrityRow> {
@@ -34,6 +36,7 @@ fn run_cases(names: &[&str]) -> Vec<IntegrityRow> {
 fn run_plan(plan: IntegrityPlan, names: &[&str]) -> Vec<IntegrityRow> {
     let cases: Vec<_> = names.iter().filter_map(|name| fault_case::find_by_name(name)).collect();
     assert_eq!(cases.len(), names.len(), "{names:?}");
+    let plan = IntegrityPlan { flights_per_case: share_of_flights(plan.flights_per_case), ..plan };
     run_integrity_study(plan, &cases, &|| {})
 }
 
@@ -52,7 +55,7 @@ fn note_count(row: &IntegrityRow, code: &str) -> usize {
 /// measured values, of `stuck-noisy` the promise.
 #[test]
 fn headings_by_msp_are_smooth_and_accurate() {
-    for source in [integrity::AttitudeProtocol::Msp, integrity::AttitudeProtocol::MspInav] {
+    for source in [Msp, MspInav] {
         for row in run_plan(IntegrityPlan { attitude_protocol: source, ..TEST_PLAN }, &["clean"]) {
             assert!(are_all_accepted(&row) && row.smooth_percent > 60.0, "{source:?} {row:?}");
             assert!(row.rms_deg < 0.7 && row.worst_deg < 6.0 && row.bad_percent <= 0.0, "{source:?} {row:?}");
@@ -62,12 +65,6 @@ fn headings_by_msp_are_smooth_and_accurate() {
             assert!(row.bad_percent <= 3.0 && row.empty_percent > 90.0, "{source:?} {row:?}");
         }
     }
-    // Faults that need several senders or body rates do not apply to MSP.
-    let applicable_cases = |source| ALL_CASES.iter().filter(|case| case.applies_to_protocol(source)).count();
-    assert_eq!(
-        applicable_cases(integrity::AttitudeProtocol::Mavlink) - applicable_cases(integrity::AttitudeProtocol::Msp),
-        26
-    );
 }
 
 /// Attitude oscillates by up to 40 deg during ten of 245 s; no heading is output then and no estimate adapts. Without
@@ -110,12 +107,7 @@ fn a_frozen_attitude_gives_no_heading() {
 /// only, a third of the headings sent was bad, and after a stall of 1.4 s all headings of a flight were.
 #[test]
 fn a_source_by_msp_that_stops_in_a_turn_gives_no_heading() {
-    let plan = IntegrityPlan {
-        flights_per_case: 16,
-        seed: 40_013,
-        attitude_protocol: integrity::AttitudeProtocol::Msp,
-        ..TEST_PLAN
-    };
+    let plan = IntegrityPlan { flights_per_case: 16, seed: 40_013, attitude_protocol: Msp, ..TEST_PLAN };
     for row in run_plan(plan, &["frozen-turn", "source-stalls"]) {
         assert!(row.bad_percent <= 0.05 && row.worst_deg <= 5.0, "{row:?}");
     }
@@ -147,7 +139,6 @@ fn gaps_and_stalls_of_the_attitude_are_no_change_of_iron() {
 /// shows the restart.
 #[test]
 fn a_restart_of_the_autopilot_gives_no_wrong_heading() {
-    use integrity::AttitudeProtocol::{Mavlink, Msp, MspInav};
     for attitude_protocol in [Mavlink, Msp, MspInav] {
         for row in run_plan(IntegrityPlan { attitude_protocol, ..TEST_PLAN }, &["autopilot-restarts"]) {
             assert!(note_count(&row, "iron-moved") == 0 && row.bad_percent <= 0.05 && row.worst_deg <= 6.5, "{row:?}");
@@ -492,7 +483,7 @@ fn a_vehicle_parked_for_a_day_raises_no_alarm() {
         let calibration = Some((calibration, HeadingUncertainty::NO_UNCERTAINTY));
         instrument.set_correction(Correction { calibration, ..Correction::UNCALIBRATED });
         let field = Attitude::default().to_body_frame(Field::earth_field(50.0, 1.1, 0.7)).ut;
-        for i in 1..=86_400_000_000 / u64::from(period_us) {
+        for i in 1..=share_of_flights(24) * 3_600_000_000 / u64::from(period_us) {
             let now = Timestamp::from_us(i * u64::from(period_us));
             if i % 8 == 1 {
                 let attitude = Attitude::from_deg(0.02 * random.normal(), 0.02 * random.normal());
@@ -529,34 +520,16 @@ fn parked_for_ten_minutes_with_either_source_raises_no_alarm() {
         let attitude: Vec<Box<dyn AttitudeFault>> =
             if coarse { vec![Box::new(attitude_quantisation(0.1))] } else { vec![] };
         let mut rig = Rig::with_faults(world, Faults { attitude_faults: attitude, ..Faults::default() });
-        rig.run_for_s(1.0);
-        rig.send_console_line("cal start turns");
-        for heading_change_deg in [1440.0, -1440.0] {
-            rig.world.append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
-        }
-        rig.run_for_s(250.0);
-        assert!(rig.take_console_output().contains("note calibrated"));
+        run_for_s(&mut rig, 1.0);
+        let notice = fly_turns(&mut rig);
+        assert!(matches!(notice, Some(SolveNotice::Calibrated(_))), "{notice:?}");
         // Stops at the present heading, because a jump without body rates would count as a change of the field.
         let heading_deg = rig.world.true_state(rig.now_us()).heading_rad.to_degrees();
         rig.world.set_prescribed_motion(PrescribedMotion { heading_deg, ..PrescribedMotion::default() });
-        rig.run_for_s(1.0);
-        let _ = rig.instrument.receive_bytes();
-        let mut reader = SentenceReader::default();
-        rig.run_for_s(600.0);
-        let sentences: Vec<_> = rig
-            .instrument
-            .receive_timed()
-            .into_iter()
-            .filter_map(|timed_byte| reader.push_byte(timed_byte.arrives_at_us, timed_byte.byte))
-            .collect();
+        run_for_s(&mut rig, 1.0);
+        let sentences = received_sentences(&mut rig, 600.0);
         assert!(sentences.len() > 17_000, "{}", sentences.len());
-        let empty_sentences: Vec<_> = sentences.iter().filter(|sentence| sentence.heading_deg.is_none()).collect();
-        assert!(
-            empty_sentences.is_empty(),
-            "coarse {coarse}: {} {:?} {:?}",
-            empty_sentences.len(),
-            empty_sentences.first(),
-            empty_sentences.last()
-        );
+        let first_empty = sentences.iter().find(|sentence| sentence.heading_deg.is_none());
+        assert_eq!(first_empty, None, "coarse {coarse}: {} with heading", count_headings(&sentences));
     }
 }

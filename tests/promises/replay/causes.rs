@@ -9,7 +9,7 @@ use simulator::recording::record_turns;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 
-use crate::{DEFAULT_OPTIONS, read_flight};
+use super::{DEFAULT_OPTIONS, read_flight};
 
 /// Change of a recording; `t_s` counts from its start.
 type Cause = fn(t_s: f64, sample: &mut FlightSample);

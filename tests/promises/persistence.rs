@@ -1,5 +1,4 @@
 //! Flash contents survive power failures; an interrupted save leaves the old values.
-#![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
 
 use autoswing::calibration::{AttitudeEnvelope, Calibration, HeadingUncertainty, Method, Orientation, Quality};
 use autoswing::frames::{Attitude, Field, wrap_pi};
@@ -8,52 +7,17 @@ use autoswing_firmware::health::ResetCause;
 use autoswing_module::store::{CalibrationRecord, LoadedValues, Store, StoreChange, StoreError, StoredCalibrations};
 use embassy_futures::block_on;
 use simulator::devices::nor_flash::CutOutcome;
-use simulator::mission::TurnPlan;
 use simulator::module::{Module as _, ModuleRunEnd};
 use simulator::rig::Rig;
-use simulator::routine::CalibrationRoutine;
-use simulator::transcript;
+use simulator::transcript::{self, SolveNotice};
 use simulator::world::WorldConfig;
-use simulator::world::aircraft::{PrescribedMotion, VehicleKind};
+use simulator::world::aircraft::PrescribedMotion;
 use simulator::world::autopilot::Leg;
 use testkit::flash::{CutProgress, RamFlash};
 
-/// Flies turns both ways until the end of the solve.
-fn fly_calibration_turns(rig: &mut Rig) -> ModuleRunEnd {
-    match fly_turns_until_solve_notice(rig) {
-        Some(_) => ModuleRunEnd::Time,
-        None => ModuleRunEnd::PowerCut,
-    }
-}
-
-/// Flies turns both ways; returns the result message of the solve, `None` if the power was cut.
-fn fly_turns_until_solve_notice(rig: &mut Rig) -> Option<transcript::SolveNotice> {
-    rig.send_console_line("cal start turns");
-    rig.world.append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 1440.0 });
-    rig.world.append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: -1440.0 });
-    let mut session = String::new();
-    for _ in 0..300 {
-        if rig.run_for_s(1.0) == ModuleRunEnd::PowerCut {
-            return None;
-        }
-        session.push_str(&rig.take_console_output());
-        if let Some(notice) = transcript::parse_solve_notice(&session) {
-            return Some(notice);
-        }
-    }
-    panic!("no outcome: {session}");
-}
-
-fn shown_calibration(rig: &mut Rig) -> Option<transcript::ShownCalibration> {
-    transcript::parse_shown_calibration(&rig.send_console_line("cal show"))
-}
-
-fn calibrated_rig() -> Rig {
-    let mut rig = Rig::new(WorldConfig::of_table1(3));
-    rig.run_for_s(1.0);
-    assert_eq!(fly_calibration_turns(&mut rig), ModuleRunEnd::Time);
-    rig
-}
+use crate::fixtures::{
+    append_routine, calibrated_rig, fly_turns, full_status, run_until_legs_end, shown_calibration, status_line,
+};
 
 #[test]
 fn a_calibration_survives_a_restart_and_a_power_cut() {
@@ -66,23 +30,21 @@ fn a_calibration_survives_a_restart_and_a_power_cut() {
     rig.power_on(ResetCause::PowerOn);
     rig.run_for_s(1.0);
     assert_eq!(shown_calibration(&mut rig).unwrap(), before);
-    assert!(rig.send_console_line("status all").contains("ok calibrated"));
+    assert!(full_status(&mut rig).contains("ok calibrated"));
 }
 
 /// Power cuts at every third operation of the first save, of three kinds: it starts uncalibrated or with the complete
 /// new calibration.
 #[test]
 fn a_power_cut_in_the_first_save_leaves_the_new_calibration_or_none() {
-    let mut uninterrupted_rig = calibrated_rig();
-    let new = shown_calibration(&mut uninterrupted_rig).unwrap();
+    let new = shown_calibration(&mut calibrated_rig()).unwrap();
     let mut outcome_counts = [0, 0];
     for operations in (0..40).step_by(3) {
         for outcome in CutOutcome::ALL_OUTCOMES {
             let mut rig = Rig::new(WorldConfig::of_table1(3));
             rig.run_for_s(1.0);
             rig.cut_power_after(operations, outcome);
-            let ran = fly_calibration_turns(&mut rig);
-            if ran == ModuleRunEnd::Time {
+            if fly_turns(&mut rig).is_some() {
                 continue; // The save was over before the cut.
             }
             rig.power_on(ResetCause::PowerOn);
@@ -145,7 +107,7 @@ fn a_better_calibration_replaces_the_first_and_can_be_undone() {
     let first = shown_calibration(&mut rig).unwrap();
     // Another magnet aboard: the old calibration is wrong by several degrees.
     rig.world.set_disturbance_ut([6.0, -4.0, 3.0]);
-    fly_calibration_turns(&mut rig);
+    fly_turns(&mut rig);
     let second = shown_calibration(&mut rig).unwrap();
     let moved_ut = second.calibration.b_vector_ut() - first.calibration.b_vector_ut();
     // The limit of 0.5 uT is 1 deg of heading in this field.
@@ -171,14 +133,12 @@ fn a_one_sided_flight_does_not_replace_turns_to_both_sides() {
     for heading_deg in [0.0, 30.0, 60.0] {
         rig.world.append_leg(Leg::Straight { heading_deg, seconds: 10.0 });
     }
-    while rig.world.unfinished_leg_count() > 0 {
-        rig.run_for_s(1.0);
-    }
+    run_until_legs_end(&mut rig);
     rig.take_console_output();
     let reply = rig.send_console_line("cal solve");
     rig.run_for_s(2.0);
     let text = format!("{reply}{}", rig.take_console_output());
-    let Some(transcript::SolveNotice::Refused { code, .. }) =
+    let Some(SolveNotice::Refused { code, .. }) =
         transcript::parse_solve_notice(&text).or(transcript::parse_error(&text))
     else {
         panic!("{text}")
@@ -200,16 +160,16 @@ fn a_calibration_that_is_no_better_changes_nothing() {
     for seed in 0..8 {
         let mut rig = Rig::new(WorldConfig::random_world(seed));
         rig.run_for_s(1.0);
-        fly_calibration_turns(&mut rig);
+        fly_turns(&mut rig);
         let first = shown_calibration(&mut rig).unwrap();
-        let outcome = fly_turns_until_solve_notice(&mut rig).unwrap();
+        let outcome = fly_turns(&mut rig).unwrap();
         let second = shown_calibration(&mut rig).unwrap();
         match outcome {
-            transcript::SolveNotice::Calibrated(_) => {
+            SolveNotice::Calibrated(_) => {
                 assert_ne!(first, second);
                 replaced += 1;
             }
-            transcript::SolveNotice::Refused { code, explanation } => {
+            SolveNotice::Refused { code, explanation } => {
                 assert_eq!(code, "not-better", "{explanation}");
                 assert_eq!(first, second);
                 unchanged += 1;
@@ -248,7 +208,7 @@ fn two_power_cuts_in_a_row_lose_nothing() {
                     rig.run_for_s(0.2);
                 }
                 rig.take_console_output();
-                let status = rig.send_console_line("status all");
+                let status = full_status(&mut rig);
                 assert!(status.contains("declination: 7.0 deg"), "after {first} and {second} {outcomes:?}: {status}");
             }
         }
@@ -365,15 +325,7 @@ fn armed_rig() -> Rig {
 
 fn arm_and_start_routine(rig: &mut Rig) {
     rig.world.set_armed(true);
-    for leg in CalibrationRoutine::for_vehicle(
-        VehicleKind::Plane,
-        TurnPlan::default(),
-        rig.world.world_config().aircraft.heading_deg,
-    )
-    .legs()
-    {
-        rig.world.append_leg(leg);
-    }
+    append_routine(&rig.world);
 }
 
 /// Unsolicited output of the module until the end of the routine.
@@ -384,6 +336,11 @@ fn output_until_routine_end(rig: &mut Rig) -> String {
         transcript_text.push_str(&rig.take_console_output());
     }
     transcript_text
+}
+
+fn assert_calibrated(transcript_text: &str) {
+    let notice = transcript::parse_solve_notice(transcript_text);
+    assert!(matches!(notice, Some(SolveNotice::Calibrated(_))), "{transcript_text}");
 }
 
 /// Largest difference of two calibrations' headings in level flight, degrees.
@@ -403,8 +360,7 @@ fn max_heading_difference_deg(first_calibration: &Calibration, second_calibratio
 
 /// Number of free-flight samples in `status`.
 fn retained_sample_count(rig: &mut Rig) -> u32 {
-    let status = rig.send_console_line("status all");
-    let line = status.lines().find_map(|line| line.strip_prefix("attitudes: ")).unwrap_or_else(|| panic!("{status}"));
+    let line = status_line(rig, "attitudes: ");
     line.split(' ').next().and_then(|sample_count| sample_count.parse().ok()).unwrap_or_else(|| panic!("{line}"))
 }
 
@@ -413,19 +369,14 @@ fn retained_sample_count(rig: &mut Rig) -> u32 {
 #[test]
 fn a_watchdog_in_flight_does_not_end_a_collection() {
     let mut uninterrupted_rig = armed_rig();
-    let transcript_text = output_until_routine_end(&mut uninterrupted_rig);
-    assert!(
-        matches!(transcript::parse_solve_notice(&transcript_text), Some(transcript::SolveNotice::Calibrated(_))),
-        "{transcript_text}"
-    );
+    assert_calibrated(&output_until_routine_end(&mut uninterrupted_rig));
     let uninterrupted = shown_calibration(&mut uninterrupted_rig).unwrap().calibration;
     for cuts_s in [vec![12.345], vec![33.037], vec![50.5], vec![20.0, 40.111, 60.2]] {
         let mut rig = armed_rig();
         let began_us = rig.now_us();
-        let mut before = 0;
         for &cut_s in &cuts_s {
             rig.run_until(began_us + (cut_s * 1e6) as u64);
-            before = retained_sample_count(&mut rig);
+            let before = retained_sample_count(&mut rig);
             assert!(before > 10, "{cuts_s:?}: {before}");
             rig.power_on(ResetCause::Watchdog);
             rig.run_for_s(0.3);
@@ -434,14 +385,9 @@ fn a_watchdog_in_flight_does_not_end_a_collection() {
         }
         let transcript_text = output_until_routine_end(&mut rig);
         assert!(!transcript_text.contains("collection-lost"), "{transcript_text}");
-        assert!(
-            matches!(transcript::parse_solve_notice(&transcript_text), Some(transcript::SolveNotice::Calibrated(_))),
-            "{cuts_s:?}: {transcript_text}"
-        );
+        assert_calibrated(&transcript_text);
         let differ = max_heading_difference_deg(&shown_calibration(&mut rig).unwrap().calibration, &uninterrupted);
-        println!("{cuts_s:?}: {differ:.2} deg");
         assert!(differ < 1.0, "{cuts_s:?}: {differ} deg");
-        assert!(before > 0);
     }
 }
 
@@ -460,18 +406,14 @@ fn a_collection_survives_a_reboot_between_two_flights() {
     printed.push_str(&rig.take_console_output());
     assert!(printed.contains("started by reboot") && !printed.contains("collection-lost"), "{printed}");
     assert_eq!(retained_sample_count(&mut rig), before);
-    let status = rig.send_console_line("status all");
+    let status = full_status(&mut rig);
     assert!(status.contains("ok collecting") && status.contains("when the autopilot arms"), "{status}");
     rig.world.end_prescribed_motion();
     arm_and_start_routine(&mut rig);
-    let transcript_text = output_until_routine_end(&mut rig);
-    assert!(
-        matches!(transcript::parse_solve_notice(&transcript_text), Some(transcript::SolveNotice::Calibrated(_))),
-        "{transcript_text}"
-    );
+    assert_calibrated(&output_until_routine_end(&mut rig));
     rig.power_on(ResetCause::Watchdog);
     rig.run_for_s(3.0);
-    let status = rig.send_console_line("status all");
+    let status = full_status(&mut rig);
     assert!(status.contains("ok calibrated") && !status.contains("collection-lost"), "{status}");
     assert_eq!(retained_sample_count(&mut rig), 0);
 }
@@ -497,13 +439,13 @@ fn a_lost_collection_is_reported() {
         rig.run_for_s(1.0);
         let printed = rig.take_console_output();
         assert!(printed.contains("note collection-lost: "), "{printed}");
-        assert!(rig.send_console_line("status all").contains("collection-lost: "));
+        assert!(full_status(&mut rig).contains("collection-lost: "));
         assert!(retained_sample_count(&mut rig) < 10);
         rig.power_on(cause);
         rig.run_for_s(1.0);
         assert!(!rig.take_console_output().contains("collection-lost"), "reported once");
         let transcript_text = output_until_routine_end(&mut rig);
         let notice = transcript::parse_solve_notice(&transcript_text);
-        assert!(matches!(notice, Some(transcript::SolveNotice::Calibrated(_)) | None), "{transcript_text}");
+        assert!(matches!(notice, Some(SolveNotice::Calibrated(_)) | None), "{transcript_text}");
     }
 }

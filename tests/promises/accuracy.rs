@@ -8,12 +8,17 @@ use host_sim::studies::accuracy::{
 };
 use simulator::world::aircraft::VehicleKind;
 
+use crate::fixtures::share_of_flights;
+
+fn plan(airframes: u64, noise_draws: u64) -> AccuracyPlan {
+    AccuracyPlan { airframe_count: share_of_flights(airframes), noise_draws, seed: 1000 }
+}
+
 /// 40 airframes with 20 flights each: the ratio of one airframe has a standard error of 0.3 / sqrt(20) = 7 %, which
 /// raises the 90th percentile by 1.28 times 7 %.
 fn study_result() -> &'static AccuracyResult {
     static STUDY_RESULT: OnceLock<AccuracyResult> = OnceLock::new();
-    STUDY_RESULT
-        .get_or_init(|| run_accuracy_study(AccuracyPlan { airframe_count: 40, noise_draws: 20, seed: 1000 }, &|| {}))
+    STUDY_RESULT.get_or_init(|| run_accuracy_study(plan(40, 20), &|| {}))
 }
 
 fn maximum_likelihood_result() -> MethodResult {
@@ -42,7 +47,7 @@ fn errors_are_within_sigma_as_often_as_predicted() {
     for SigmaCoverage { one_sigma_percent, two_sigma_percent, headings } in
         [study_result().coverage, study_result().coverage_with_faults]
     {
-        assert_eq!(headings, 40 * 4 * 16);
+        assert_eq!(headings, share_of_flights(40) as usize * 4 * 16);
         assert!((one_sigma_percent - 68.3).abs() <= 3.0, "{one_sigma_percent}");
         assert!((two_sigma_percent - 95.4).abs() <= 3.0, "{two_sigma_percent}");
     }
@@ -66,11 +71,7 @@ fn a_run_is_a_function_of_its_seed() {
 fn a_copter_is_calibrated_by_its_routine_either_way_round() {
     for pattern in [FlightPattern::Routine, FlightPattern::Mirrored] {
         let flight = Flight { kind: VehicleKind::Copter, flight_pattern: pattern, duration_minutes: 3.0 };
-        let row = flight_study::run_flight_study(
-            flight,
-            AccuracyPlan { airframe_count: 20, noise_draws: 5, seed: 1000 },
-            &|| {},
-        );
+        let row = flight_study::run_flight_study(flight, plan(20, 5), &|| {});
         assert!(
             row.converged_percent >= 100.0 && row.accepted_percent >= 95.0 && row.wrong_calibrations == 0,
             "{row:?}"
@@ -80,7 +81,7 @@ fn a_copter_is_calibrated_by_its_routine_either_way_round() {
         assert!((0.9..=1.25).contains(&row.solver_loss_median), "{row:?}");
         // RMS error over the bound of the optimal selection of equal size.
         assert!((0.85..=1.15).contains(&row.error_to_best_bound_median), "{row:?}");
-        assert_eq!(row.coverage.headings, 20 * 16);
+        assert_eq!(row.coverage.headings, share_of_flights(20) as usize * 16);
         let repeated =
             flight_study::run_flight_study(flight, AccuracyPlan { airframe_count: 2, noise_draws: 2, seed: 7 }, &|| {});
         assert_eq!(
@@ -96,11 +97,7 @@ fn a_copter_is_calibrated_by_its_routine_either_way_round() {
 fn a_wandering_flight_reaches_nearly_the_best_possible_accuracy() {
     for (vehicle_kind, max_choice_ratio) in [(VehicleKind::Copter, 1.08), (VehicleKind::Plane, 1.09)] {
         let flight = Flight { kind: vehicle_kind, flight_pattern: FlightPattern::Wandering, duration_minutes: 3.0 };
-        let row = flight_study::run_flight_study(
-            flight,
-            AccuracyPlan { airframe_count: 20, noise_draws: 5, seed: 1000 },
-            &|| {},
-        );
+        let row = flight_study::run_flight_study(flight, plan(20, 5), &|| {});
         assert!(row.accepted_percent >= 95.0, "{row:?}");
         assert!(row.selection_loss_median <= max_choice_ratio, "{row:?}");
         assert!(row.error_to_best_bound_median <= 1.1 + 0.08, "{row:?}");

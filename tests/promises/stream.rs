@@ -1,56 +1,19 @@
 //! NMEA heading output as an autopilot receives it.
 
 use log_analysis::score::wrap_180;
-use simulator::module::{Module as _, ModuleRunEnd};
-use simulator::nmea::{HeadingSentence, SentenceReader};
+use simulator::module::Module as _;
 use simulator::rig::Rig;
-use simulator::transcript;
 use simulator::world::WorldConfig;
-use simulator::world::autopilot::Leg;
 use testkit::random::Random;
 
-fn calibrated_rig() -> Rig {
-    let mut rig = Rig::new(WorldConfig::of_table1(2));
-    rig.run_for_s(1.0);
-    rig.send_console_line("cal start turns");
-    rig.world.append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 1440.0 });
-    rig.world.append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: -1440.0 });
-    let mut session = String::new();
-    while transcript::parse_solve_notice(&session).is_none() {
-        assert_eq!(rig.run_for_s(1.0), ModuleRunEnd::Time);
-        session.push_str(&rig.take_console_output());
-    }
-    rig.world.append_leg(Leg::Straight { heading_deg: 90.0, seconds: 20.0 });
-    rig.run_for_s(25.0);
-    let _ = rig.instrument.receive_bytes();
-    rig
-}
-
-fn receive_sentences(rig: &mut Rig, seconds: f64) -> Vec<HeadingSentence> {
-    let _ = rig.instrument.receive_bytes();
-    rig.run_for_s(seconds);
-    let mut reader = SentenceReader::default();
-    let received = rig
-        .instrument
-        .receive_timed()
-        .into_iter()
-        .filter_map(|timed_byte| reader.push_byte(timed_byte.arrives_at_us, timed_byte.byte))
-        .collect();
-    // The first line may be incomplete.
-    assert!(reader.invalid_lines <= 1, "{} broken lines", reader.invalid_lines);
-    received
-}
-
-fn count_headings(received: &[HeadingSentence]) -> usize {
-    received.iter().filter(|sentence| sentence.heading_deg.is_some()).count()
-}
+use crate::fixtures::{calibrated_rig, count_headings, full_status, received_sentences};
 
 #[test]
 fn every_sentence_is_sent_at_the_set_rate() {
     let mut rig = calibrated_rig();
     for (rate_hz, expected) in [(10, 50_usize), (1, 5), (40, 200), (80, 400)] {
         rig.send_console_line(&format!("stream rate {rate_hz}"));
-        let received = receive_sentences(&mut rig, 5.0);
+        let received = received_sentences(&mut rig, 5.0);
         for sentence_kind in ["HCHDM", "HCHDG", "PASWH"] {
             let count = received.iter().filter(|sentence| sentence.sentence_kind == sentence_kind).count();
             // Sentences are sent at samples (80 Hz), whose rate need not be a multiple of the output rate.
@@ -59,7 +22,7 @@ fn every_sentence_is_sent_at_the_set_rate() {
         assert_eq!(count_headings(&received), received.len());
     }
     rig.send_console_line("stream off");
-    assert!(receive_sentences(&mut rig, 2.0).is_empty());
+    assert!(received_sentences(&mut rig, 2.0).is_empty());
 }
 
 /// Smooth by default; the sentence names the kind. Second differences of the smooth heading are below a third of those
@@ -71,7 +34,7 @@ fn the_pilot_chooses_which_heading_is_sent() {
     for heading_kind in ["smooth", "raw", "smooth"] {
         rig.send_console_line(&format!("stream heading {heading_kind}"));
         rig.run_for_s(0.5);
-        let received = receive_sentences(&mut rig, 4.0);
+        let received = received_sentences(&mut rig, 4.0);
         let qualities: Vec<_> = received.iter().filter(|sentence| sentence.sentence_kind == "PASWH").collect();
         assert!(
             qualities.len() >= 35
@@ -92,7 +55,7 @@ fn the_pilot_chooses_which_heading_is_sent() {
 fn an_uncalibrated_module_sends_empty_headings() {
     let mut rig = Rig::new(WorldConfig::of_table1(2));
     rig.run_for_s(1.0);
-    let received = receive_sentences(&mut rig, 3.0);
+    let received = received_sentences(&mut rig, 3.0);
     assert!(received.len() >= 50);
     assert_eq!(count_headings(&received), 0);
 }
@@ -107,7 +70,7 @@ fn variation_is_sent_when_declination_is_set() {
         text.split("\r\n").find(|line| line.starts_with(sentence_kind)).map(str::to_owned)
     };
     let is_true = |rig: &mut Rig, declination_deg: f64| {
-        let received = receive_sentences(rig, 1.0);
+        let received = received_sentences(rig, 1.0);
         let heading_deg = |sentence_kind: &str| {
             received.iter().find(|sentence| sentence.sentence_kind == sentence_kind).unwrap().heading_deg.unwrap()
         };
@@ -131,17 +94,17 @@ fn a_saturated_sensor_gives_no_heading() {
     let mut rig = calibrated_rig();
     rig.world.set_disturbance_ut([900.0, 0.0, 0.0]);
     rig.run_for_s(0.2);
-    let received = receive_sentences(&mut rig, 2.0);
+    let received = received_sentences(&mut rig, 2.0);
     assert!(
         received.len() >= 30 && count_headings(&received) == 0,
         "{} of {}",
         count_headings(&received),
         received.len()
     );
-    assert!(rig.send_console_line("status all").contains("heading: none, sensor-saturated"));
+    assert!(full_status(&mut rig).contains("heading: none, sensor-saturated"));
     rig.world.set_disturbance_ut([0.0; 3]);
     rig.run_for_s(0.2);
-    let received = receive_sentences(&mut rig, 2.0);
+    let received = received_sentences(&mut rig, 2.0);
     assert_eq!(count_headings(&received), received.len());
 }
 
@@ -151,8 +114,8 @@ fn a_disturbed_field_gives_no_heading() {
     let mut rig = calibrated_rig();
     rig.world.set_disturbance_ut([0.0, 0.0, 25.0]);
     rig.run_for_s(0.2);
-    assert_eq!(count_headings(&receive_sentences(&mut rig, 2.0)), 0);
-    assert!(rig.send_console_line("status all").contains("heading: none, field-disturbed"));
+    assert_eq!(count_headings(&received_sentences(&mut rig, 2.0)), 0);
+    assert!(full_status(&mut rig).contains("heading: none, field-disturbed"));
 }
 
 /// Empty sentences within 0.25 s; headings resume although the chip has lost its configuration.
@@ -161,21 +124,21 @@ fn a_lost_sensor_is_detected_and_used_again_when_it_returns() {
     let mut rig = calibrated_rig();
     rig.magnetometer.set_silent(true);
     rig.run_for_s(0.25);
-    let received = receive_sentences(&mut rig, 2.0);
+    let received = received_sentences(&mut rig, 2.0);
     assert!(
         received.len() >= 20 && count_headings(&received) == 0,
         "{} of {}",
         count_headings(&received),
         received.len()
     );
-    assert!(rig.send_console_line("status all").contains("heading: none, sensor-silent"));
+    assert!(full_status(&mut rig).contains("heading: none, sensor-silent"));
     rig.magnetometer.power_cycle();
     rig.magnetometer.set_silent(false);
     rig.run_for_s(1.0);
-    let received = receive_sentences(&mut rig, 2.0);
+    let received = received_sentences(&mut rig, 2.0);
     assert_eq!(count_headings(&received), received.len());
     // The module did not restart.
-    assert!(rig.send_console_line("status all").contains("started by power-on"));
+    assert!(full_status(&mut rig).contains("started by power-on"));
 }
 
 #[test]
@@ -185,7 +148,7 @@ fn garbage_between_the_attitude_messages_does_not_stop_the_stream() {
     let mut heading_counts = (0, 0);
     for _ in 0..100 {
         rig.autopilot.send_bytes(&random.bytes(40));
-        let received = receive_sentences(&mut rig, 0.1);
+        let received = received_sentences(&mut rig, 0.1);
         heading_counts = (heading_counts.0 + count_headings(&received), heading_counts.1 + received.len());
     }
     assert!(heading_counts.1 >= 150 && heading_counts.0 == heading_counts.1, "{heading_counts:?}");

@@ -20,21 +20,19 @@ use simulator::rig::Rig;
 use simulator::world::WorldConfig;
 use testkit::simulation::{Level, Simulation};
 
+use crate::fixtures::full_status;
+
 /// Runs `script` with a driver and its chip. The field's x component is 1 nT per 100 us since start, so a sample
 /// contains its time of measurement with a resolution of 15 nT = 1.5 ms.
-fn run_with_driver<S, F>(script: S)
-where
-    S: FnOnce(Lis3mdl<SimulatedI2cBus>, Rc<RefCell<chip::Lis3mdl>>) -> F + 'static,
-    F: Future<Output = ()> + 'static,
-{
+fn run_with_driver<F: Future<Output = ()> + 'static>(
+    script: impl FnOnce(Lis3mdl<SimulatedI2cBus>, Rc<RefCell<chip::Lis3mdl>>) -> F,
+) {
     let mut simulation = Simulation::new();
     let config = chip::Lis3mdlConfig { noise_scale: 0.0, ..chip::Lis3mdlConfig::default() };
     let chip = chip::Lis3mdl::new(config, Box::new(|at_us| Field::from_ut(at_us as f32 * 1e-5, 0.0, 0.0)));
     let bus = SimulatedI2cBus::new();
     bus.attach_device(chip.clone());
-    simulation.spawn(Level::Interrupt, "script", script(Lis3mdl::new(bus, Lis3mdlConfig::default()), chip));
-    simulation.run_for(60_000_000);
-    assert_eq!(simulation.task_count(), 0, "the script did not end");
+    simulation.run_to_end(Level::Interrupt, script(Lis3mdl::new(bus, Lis3mdlConfig::default()), chip));
 }
 
 fn measured_at_us(reading: &Reading) -> f32 {
@@ -100,19 +98,15 @@ fn a_late_reader_sees_the_overrun() {
 }
 
 /// As [`run_with_driver`], with an RM3100. The field's z component is 1 uT per 10 ms, resolved to 0.13 ms.
-fn run_with_rm3100<S, F>(period_scale: f64, script: S)
-where
-    S: FnOnce(Rm3100<SelectedDevice>, Rc<RefCell<rm3100::Rm3100>>) -> F + 'static,
-    F: Future<Output = ()> + 'static,
-{
+fn run_with_rm3100<F: Future<Output = ()> + 'static>(
+    period_scale: f64,
+    script: impl FnOnce(Rm3100<SelectedDevice>, Rc<RefCell<rm3100::Rm3100>>) -> F,
+) {
     let mut simulation = Simulation::new();
     let config = Rm3100Config { noise_scale: 0.0, period_scale, ..Rm3100Config::default() };
-    let source = |at_us| Field::from_ut(20.0, 0.0, at_us as f32 * 1e-4);
-    let chip = rm3100::Rm3100::new(config, Box::new(source));
+    let chip = rm3100::Rm3100::new(config, Box::new(|at_us| Field::from_ut(20.0, 0.0, at_us as f32 * 1e-4)));
     let driver = Rm3100::new(SelectedDevice::new(chip.clone()));
-    simulation.spawn(Level::Interrupt, "script", script(driver, chip));
-    simulation.run_for(60_000_000);
-    assert_eq!(simulation.task_count(), 0, "the script did not end");
+    simulation.run_to_end(Level::Interrupt, script(driver, chip));
 }
 
 /// 75 Hz with an oscillator up to three standard deviations of 7 % off. z is measured last; its middle is 1.14 ms
@@ -229,15 +223,15 @@ fn a_module_detects_each_fault_of_its_rm3100_and_uses_it_again() {
         (Rm3100Fault::StuckAxis(2), 0.7, "sensor-stuck"),
     ] {
         let (mut rig, chip) = module_with_rm3100();
-        let status = rig.send_console_line("status all");
+        let status = full_status(&mut rig);
         assert!(status.contains("sensor: RM3100 on SPI") && status.contains("heading: none, uncalibrated"), "{status}");
         chip.borrow_mut().set_fault(Some(fault));
         rig.run_for_s(after_s);
-        let status = rig.send_console_line("status all");
+        let status = full_status(&mut rig);
         assert!(status.contains(&format!("heading: none, {reason}")), "{fault:?}: {status}");
         chip.borrow_mut().set_fault(None);
         rig.run_for_s(1.0);
-        let status = rig.send_console_line("status all");
+        let status = full_status(&mut rig);
         assert!(status.contains("heading: none, uncalibrated"), "{fault:?}: {status}");
     }
 }
@@ -251,13 +245,13 @@ fn a_module_repairs_upset_registers_of_its_rm3100() {
         chip.borrow_mut().flip_register_bits(register, 0x02);
         rig.run_for_s(1.2);
         assert_eq!(chip.borrow().peek_register(register), before);
-        let status = rig.send_console_line("status all");
+        let status = full_status(&mut rig);
         assert!(status.contains("1 register upsets repaired"), "{register:#x}: {status}");
         assert!(status.contains("heading: none, uncalibrated"), "{register:#x}: {status}");
     }
     let (mut rig, chip) = module_with_rm3100();
     chip.borrow_mut().power_cycle();
     rig.run_for_s(0.5);
-    assert!(rig.send_console_line("status all").contains("heading: none, uncalibrated"));
+    assert!(full_status(&mut rig).contains("heading: none, uncalibrated"));
     assert_eq!(chip.borrow().peek_register(0x0B), 0x95);
 }

@@ -1,12 +1,10 @@
 //! Simulated module for external programs, in simulation time and through real sockets and pseudo-terminals.
-#![cfg(unix)]
-#![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
 
 use std::fs;
 use std::io::{BufRead as _, BufReader, Read, Write};
 use std::net::{TcpStream, UdpSocket};
 use std::path::Path;
-use std::process::{Child, ChildStdout, Command, Output, Stdio};
+use std::process::{Child, ChildStdout, Output};
 use std::sync::LazyLock;
 use std::time::Duration;
 
@@ -17,12 +15,14 @@ use host_sim::serve::{
 use log_analysis::score::wrap_180;
 use mavlink::dialects::common::ATTITUDE_DATA;
 use mavlink::{MAVLinkV2MessageRaw, MavHeader};
-use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use simulator::nmea::SentenceReader;
 use simulator::rig::STORE_BYTES;
 use simulator::world::WorldConfig;
 use testkit::random::Random;
+
+use crate::fixtures::program::{host_sim_command, interrupt_for_exit_code};
+use crate::fixtures::{HEADING_ERROR_BOUND_DEG, max_error_deg};
 
 const SECOND_US: u64 = 1_000_000;
 
@@ -67,10 +67,6 @@ static CALIBRATED_FLASH: LazyLock<FlashImage> = LazyLock::new(|| {
     }
     panic!("it did not calibrate: {session}");
 });
-
-/// Bound of a heading error, degrees: calibration error of 1.0 (README), and three sigmas of attitude error (0.2 of
-/// bias, 0.3 of noise) times the tangent of the inclination, 54 deg.
-const HEADING_ERROR_BOUND_DEG: f64 = 2.5;
 
 #[test]
 fn console_commands_are_answered_and_flash_survives_a_restart() {
@@ -147,17 +143,21 @@ const WITH_EXTERNAL_SIMULATOR: ServeOptions = ServeOptions {
     has_can: false,
 };
 
+/// Another simulator sends a heading at 20 Hz.
+fn follow_heading(served_module: &mut ServedModule, heading_deg: f64, seconds: u64) {
+    for _ in 0..20 * seconds {
+        served_module.follow_datagram(format!("0 0 {heading_deg}").as_bytes()).unwrap();
+        served_module.advance_time(SECOND_US / 20);
+    }
+}
+
 #[test]
 fn attitudes_of_another_simulator_turn_the_heading() {
     let mut served_module = served_module(WITH_EXTERNAL_SIMULATOR, Some(&CALIBRATED_FLASH));
     for heading_deg in [90.0, 200.0, 345.0] {
-        for _ in 0..60 {
-            served_module.follow_datagram(format!("0 0 {heading_deg}").as_bytes()).unwrap();
-            served_module.advance_time(SECOND_US / 20);
-        }
+        follow_heading(&mut served_module, heading_deg, 3);
         let headings = received_headings(&mut served_module, 2);
-        let errors = headings.iter().map(|heading| wrap_180(heading.expect("a heading") - heading_deg));
-        let largest = errors.fold(0.0, |largest: f64, error| largest.max(error.abs()));
+        let largest = max_error_deg(headings.iter().map(|heading| heading.expect("a heading")), heading_deg);
         assert!(headings.len() >= 19 && largest < HEADING_ERROR_BOUND_DEG, "{heading_deg}: {headings:?}");
     }
     assert_eq!(served_module.execute_pilot_line("turn 25 90").unwrap_err().stable_code(), "flown-by-another");
@@ -173,15 +173,9 @@ fn the_first_attitude_of_another_simulator_is_no_change_of_iron() {
         assert!(received_headings(&mut served_module, 3).iter().all(Option::is_none), "{deg}");
         assert!(served_module.execute_pilot_line("status").unwrap().contains("attitude from nobody yet"));
         assert!(send_typed_command(&mut served_module, "status all").contains("reports: 0,"), "none from power-on");
-        for _ in 0..160 {
-            served_module.follow_datagram(format!("0 0 {deg}").as_bytes()).unwrap();
-            served_module.advance_time(SECOND_US / 20);
-        }
-        let off_deg = |heading: &Option<f64>| wrap_180(heading.expect("a heading") - deg).abs();
-        assert!(
-            received_headings(&mut served_module, 2).iter().all(|heading| off_deg(heading) < HEADING_ERROR_BOUND_DEG),
-            "{deg}"
-        );
+        follow_heading(&mut served_module, deg, 8);
+        let headings = received_headings(&mut served_module, 2).into_iter().map(|heading| heading.expect("a heading"));
+        assert!(max_error_deg(headings, deg) < HEADING_ERROR_BOUND_DEG, "{deg}");
     }
 }
 
@@ -315,15 +309,9 @@ struct ServeProgram {
     port_addresses: Value,
 }
 
-fn host_sim_command(arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
-    command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-    command
-}
-
 impl ServeProgram {
     fn start_serve(arguments: &[&str]) -> Self {
-        let mut child = host_sim_command(&[&["serve", "--json"], arguments].concat()).spawn().unwrap();
+        let mut child = host_sim_command([&["serve", "--json"], arguments].concat()).spawn().unwrap();
         let mut stdout_reader = BufReader::new(child.stdout.take().unwrap());
         let mut line = String::new();
         stdout_reader.read_line(&mut line).unwrap();
@@ -351,8 +339,7 @@ impl ServeProgram {
     }
 
     fn interrupt_for_exit_code(&mut self) -> Option<i32> {
-        kill_process(Pid::from_child(&self.child), Signal::INT).unwrap();
-        self.child.wait().unwrap().code()
+        interrupt_for_exit_code(&mut self.child)
     }
 }
 
@@ -425,7 +412,7 @@ fn serve_over_a_pseudo_terminal_answers_and_removes_it() {
     let mut program = ServeProgram::start_serve(&["--speed", "5"]);
     let path = program.pty_path(CONSOLE_PORT);
     for _ in 0..2 {
-        let mut console = host_sim_command(&["console", &path]).spawn().unwrap();
+        let mut console = host_sim_command(["console", &path]).spawn().unwrap();
         let mut printed = console.stdout.take().unwrap();
         let mut keys = console.stdin.take().unwrap();
         keys.write_all(b"\rstatus all\r").unwrap();
@@ -446,7 +433,7 @@ fn attaching_programs_are_reported_and_a_flash_file_has_one_user() {
     let flash = folder.path().join("flash.bin");
     let flash = flash.to_str().unwrap();
     let mut program = ServeProgram::start_serve(&["--tcp", "0", "--flash", flash]);
-    let Output { status, stderr, .. } = host_sim_command(&["serve", "--flash", flash]).output().unwrap();
+    let Output { status, stderr, .. } = host_sim_command(["serve", "--flash", flash]).output().unwrap();
     let stderr_text = String::from_utf8(stderr).unwrap();
     assert!(status.code() == Some(2) && stderr_text.contains("flash-in-use: "), "{stderr_text}");
     let port_number = program.port_addresses["ports"][INSTRUMENT_PORT]["tcp"].to_string();
@@ -466,7 +453,7 @@ fn attaching_programs_are_reported_and_a_flash_file_has_one_user() {
 /// `reboot` requires a disarmed vehicle; lines after `quit` are not sent.
 #[test]
 fn the_private_console_takes_orders_and_quits() {
-    let mut console = host_sim_command(&["console", "--speed", "20"]).spawn().unwrap();
+    let mut console = host_sim_command(["console", "--speed", "20"]).spawn().unwrap();
     let mut keys = console.stdin.take().unwrap();
     let mut printed = console.stdout.take().unwrap();
     keys.write_all(b"reboot\r!land\r").unwrap();
@@ -490,22 +477,15 @@ fn the_private_console_takes_orders_and_quits() {
     );
 }
 
-#[test]
-fn the_console_command_runs_its_own_module() {
-    let mut console = host_sim_command(&["console", "--speed", "5"]).spawn().unwrap();
-    console.stdin.take().unwrap().write_all(b"version\r").unwrap();
-    let Output { status, stdout, .. } = console.wait_with_output().unwrap();
-    assert!(status.success() && contains_text("ok autoswing 0.1.0")(&stdout), "{}", String::from_utf8_lossy(&stdout));
-}
-
 /// The answers of 80 lines are 140 KB; the lines that arrive during one would not fit the port's receive buffer.
 #[test]
 fn each_piped_line_is_answered() {
-    let mut console = host_sim_command(&["console", "--speed", "20"]).spawn().unwrap();
-    console.stdin.take().unwrap().write_all("status all\n".repeat(80).as_bytes()).unwrap();
+    let mut console = host_sim_command(["console", "--speed", "20"]).spawn().unwrap();
+    console.stdin.take().unwrap().write_all(["version\n", &"status all\n".repeat(80)].concat().as_bytes()).unwrap();
     let Output { status, stdout, .. } = console.wait_with_output().unwrap();
     assert!(status.success());
     let printed = String::from_utf8(stdout).unwrap();
+    assert!(printed.contains("ok autoswing 0.1.0"), "{printed}");
     assert_eq!(printed.matches("> status all").count(), 80);
     assert!(printed.ends_with("> \n"), "{:?}", &printed[printed.len() - 20..]);
 }
@@ -543,7 +523,7 @@ fn serve_errors_are_reported_with_code_and_cause() {
         (["console", "/nowhere/pts", "--speed=1"], "no-module", "/nowhere/pts"),
         (["serve", "--pattern", "eights"], "invalid value 'eights'", "routine, circles, wandering, level"),
     ] {
-        let Output { status, stderr, .. } = host_sim_command(&arguments).output().unwrap();
+        let Output { status, stderr, .. } = host_sim_command(arguments).output().unwrap();
         let stderr_text = String::from_utf8(stderr).unwrap();
         assert_eq!(status.code(), Some(2), "{arguments:?}: {stderr_text}");
         assert!(stderr_text.contains(code) && stderr_text.contains(about), "{arguments:?}: {stderr_text}");

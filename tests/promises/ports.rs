@@ -2,35 +2,30 @@
 
 use std::cell::RefCell;
 use std::f64::consts::PI;
+use std::rc::Rc;
 
 use autoswing::calibration::MotorCurrentInterference;
 use autoswing_firmware::health::ResetCause;
 use log_analysis::score::wrap_180;
 use simulator::faults::Faults;
 use simulator::heading_errors::HeadingErrors;
-use simulator::mission::TurnPlan;
-use simulator::module::{Module as _, ModuleRunEnd};
-use simulator::nmea::{HeadingSentence, SentenceReader};
+use simulator::module::Module as _;
+use simulator::nmea::HeadingSentence;
 use simulator::rig::Rig;
-use simulator::routine::CalibrationRoutine;
-use simulator::transcript;
-use simulator::world::aircraft::{PrescribedMotion, VehicleConfig, VehicleKind};
+use simulator::world::aircraft::{PrescribedMotion, VehicleKind};
 use simulator::world::autopilot::Leg;
 use simulator::world::cable_far_end::{AttachedDevice, FarEnd};
-use simulator::world::mavlink_autopilot::{self, MavlinkFrame, ReportedPosition, XIAN_POSITION, command_long};
+use simulator::world::mavlink_autopilot::{
+    MavlinkAutopilot, MavlinkFrame, ReportedPosition, XIAN_POSITION, command_long,
+};
 use simulator::world::msp_autopilot::{self, AnswerFaults, CompassSample};
 use simulator::world::{CRUISE_CURRENT_A, TrueState, WorldConfig};
 
-const MAVLINK_ARDUPILOT: FarEnd = FarEnd::Mavlink(mavlink_autopilot::MavlinkFirmware::ArduPilot);
-const MSP_ARDUPILOT: FarEnd = FarEnd::Msp(
-    msp_autopilot::MspFirmware::ArduPilot,
-    AnswerFaults {
-        drop_probability: 0.0,
-        rejection_probability: 0.0,
-        truncation_probability: 0.0,
-        delay_probability: 0.0,
-    },
-);
+use crate::fixtures::{
+    HEADING_ERROR_BOUND_DEG, MAVLINK_ARDUPILOT, MSP_ARDUPILOT, fly_routine, full_status, received_sentences, run_for_s,
+    shown_calibration, status_line, world_with_vehicle,
+};
+
 const FAULTY_MSP_INAV: FarEnd = FarEnd::Msp(
     msp_autopilot::MspFirmware::Inav,
     AnswerFaults {
@@ -41,41 +36,18 @@ const FAULTY_MSP_INAV: FarEnd = FarEnd::Msp(
     },
 );
 
-/// Bound of a single heading error, degrees: calibration error of 1.0 (README), and three sigmas of attitude error (0.2
-/// of bias, 0.3 of noise) times the tangent of the inclination, 54 deg.
-const HEADING_ERROR_BOUND_DEG: f64 = 2.5;
-
-fn world_with_vehicle(vehicle_kind: VehicleKind) -> WorldConfig {
-    let world = WorldConfig::of_table1(7);
-    WorldConfig { aircraft: VehicleConfig { kind: vehicle_kind, ..world.aircraft }, ..world }
-}
-
 fn rig_with_far_ends(vehicle_kind: VehicleKind, far_ends: [FarEnd; 2]) -> Rig {
     Rig::with_port_devices(world_with_vehicle(vehicle_kind), Faults::default(), far_ends)
 }
 
-fn run_for_s(rig: &mut Rig, seconds: f64) {
-    assert_eq!(rig.run_for_s(seconds), ModuleRunEnd::Time);
-}
-
-fn fly_routine(rig: &mut Rig, vehicle_kind: VehicleKind) {
-    rig.world.set_armed(true);
-    for leg in CalibrationRoutine::for_vehicle(
-        vehicle_kind,
-        TurnPlan::default(),
-        rig.world.world_config().aircraft.heading_deg,
-    )
-    .legs()
-    {
-        rig.world.append_leg(leg);
-    }
-    run_for_s(rig, 240.0);
-}
-
 /// Frames received by the MAVLink autopilot since the last call.
 fn received_frames(rig: &Rig, port: usize) -> Vec<MavlinkFrame> {
+    mavlink_autopilot(rig, port).borrow_mut().take_received()
+}
+
+fn mavlink_autopilot(rig: &Rig, port: usize) -> Rc<RefCell<MavlinkAutopilot>> {
     let AttachedDevice::Mavlink(autopilot) = &rig.port_devices[port] else { panic!("no MAVLink there") };
-    autopilot.borrow_mut().take_received()
+    Rc::clone(autopilot)
 }
 
 const HEARTBEAT: u32 = 0;
@@ -151,24 +123,18 @@ fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
     for vehicle_kind in [VehicleKind::Plane, VehicleKind::Copter] {
         let mut rig = rig_with_far_ends(vehicle_kind, [MAVLINK_ARDUPILOT, FarEnd::Unconnected]);
         run_for_s(&mut rig, 12.0);
-        let AttachedDevice::Mavlink(autopilot) = &rig.port_devices[0] else { panic!() };
-        assert_eq!(
-            (autopilot.borrow().message_rate_hz(30), autopilot.borrow().denied_request_count()),
-            (Some(40.0), 0),
-            "of ATTITUDE"
-        );
-        assert!(
-            autopilot.borrow().message_rate_hz(33).is_some() && autopilot.borrow().message_rate_hz(2).is_some(),
-            "place and time"
-        );
+        let autopilot = mavlink_autopilot(&rig, 0);
+        let rate_hz = |id| autopilot.borrow().message_rate_hz(id);
+        assert_eq!((rate_hz(30), autopilot.borrow().denied_request_count()), (Some(40.0), 0), "of ATTITUDE");
+        assert!(rate_hz(33).is_some() && rate_hz(2).is_some(), "place and time");
         let before = received_frames(&rig, 0);
         assert!(before.iter().all(|frame| (frame.system_id, frame.component_id) == (1, 158)));
         assert!(frames_with_id(HEARTBEAT, &before).len() >= 10);
-        let status = rig.send_console_line("status all");
+        let status = full_status(&mut rig);
         assert!(status.contains("port1: auto, 115200 baud, found mavlink\r\n"), "{status}");
         assert!(status.contains("by the field model"), "{status}");
         assert!(status.contains("armed: no\r\n"), "{status}");
-        fly_routine(&mut rig, vehicle_kind);
+        fly_routine(&mut rig);
         let during = received_frames(&rig, 0);
         let status_texts = status_texts(&during);
         assert!(
@@ -220,7 +186,7 @@ fn msp_gets_the_raw_field_at_first_and_the_corrected_field_later() {
         run_for_s(&mut rig, 0.5);
         assert!(compass_readings(&rig, 0).len() >= 15, "from power-up");
         run_for_s(&mut rig, 5.0);
-        let status = rig.send_console_line("status all");
+        let status = full_status(&mut rig);
         assert!(status.contains("port1: auto, 115200 baud, found msp\r\n"), "{status}");
         assert!(status.contains("armed: no\r\n") && status.contains("attitude: roll "), "{status}");
         let _ = compass_readings(&rig, 0);
@@ -228,9 +194,8 @@ fn msp_gets_the_raw_field_at_first_and_the_corrected_field_later() {
         let raw = compass_readings(&rig, 0);
         assert!((480..=520).contains(&raw.len()), "fifty a second: {}", raw.len());
         assert!(vehicle_kind != VehicleKind::Plane || rms_heading_error_deg(&rig, &raw) > 5.0, "iron bends it");
-        fly_routine(&mut rig, vehicle_kind);
+        fly_routine(&mut rig);
         let (readings, rms) = readings_on_eight_headings(&mut rig, 0);
-        println!("{far_end:?} {vehicle_kind:?}: {rms:.2} deg RMS");
         assert!(rms < 1.5, "{far_end:?} {vehicle_kind:?}: {rms} deg");
         let strengths = readings.iter().map(|reading| {
             reading.field_mg.map(|component_mg| f64::from(component_mg).powi(2)).iter().sum::<f64>().sqrt()
@@ -255,26 +220,19 @@ fn motor_current_interference_is_estimated_with_a_reported_current() {
         };
         let mut rig = Rig::with_port_devices(config, Faults::default(), [far_end, FarEnd::Unconnected]);
         run_for_s(&mut rig, 12.0);
-        let status = rig.send_console_line("status all");
-        let current = status.lines().find_map(|line| line.strip_prefix("current: ")).expect("a line of the current");
+        let current = status_line(&mut rig, "current: ");
         let amperes = current.strip_suffix(" A").and_then(|amperes| amperes.parse::<f64>().ok());
         // Gusts change the hover current.
         let is_right = amperes.map_or(current == "not reported", |amperes| (amperes - CRUISE_CURRENT_A).abs() < 3.0);
-        assert!(is_right && amperes.is_some() == is_reported, "{far_end:?}: {status}");
-        fly_routine(&mut rig, VehicleKind::Copter);
+        assert!(is_right && amperes.is_some() == is_reported, "{far_end:?}: {current}");
+        fly_routine(&mut rig);
         rig.power_on(ResetCause::PowerOn);
         run_for_s(&mut rig, 12.0);
-        let shown_text = rig.send_console_line("cal show");
-        let shown_text =
-            transcript::parse_shown_calibration(&shown_text).unwrap_or_else(|| panic!("{far_end:?}: {shown_text}"));
-        let MotorCurrentInterference { ut_per_a, sigma_ut_per_a, .. } = shown_text.calibration.motor_current;
-        let error_deg = HeadingErrors::evaluate_calibration(&shown_text.calibration, &config).statistics().rms_deg;
-        println!(
-            "{far_end:?}, reported: {is_reported}: {error_deg:.2} deg, {:?}",
-            shown_text.calibration.motor_current
-        );
+        let calibration = shown_calibration(&mut rig).unwrap_or_else(|| panic!("{far_end:?}")).calibration;
+        let MotorCurrentInterference { ut_per_a, sigma_ut_per_a, .. } = calibration.motor_current;
+        let error_deg = HeadingErrors::evaluate_calibration(&calibration, &config).statistics().rms_deg;
         if !is_reported {
-            assert_eq!(shown_text.calibration.motor_current, MotorCurrentInterference::NO_INTERFERENCE);
+            assert_eq!(calibration.motor_current, MotorCurrentInterference::NO_INTERFERENCE);
             continue;
         }
         for (estimated_ut_per_a, added_field_ut) in ut_per_a.iter().zip(config.current_interference_ut) {
@@ -289,22 +247,22 @@ fn motor_current_interference_is_estimated_with_a_reported_current() {
         if far_end != MAVLINK_ARDUPILOT {
             continue;
         }
-        let told_deg = status_sigma_deg(&mut rig);
+        let sigma_deg = status_sigma_deg(&mut rig);
         rig.world.set_reports_current(false);
         run_for_s(&mut rig, 2.0);
-        assert!(rig.send_console_line("status all").contains("\r\ncurrent: 1"), "it holds for three seconds");
+        assert!(full_status(&mut rig).contains("\r\ncurrent: 1"), "it holds for three seconds");
         run_for_s(&mut rig, 2.0);
-        assert!(rig.send_console_line("status all").contains("\r\ncurrent: not reported\r\n"));
+        assert!(full_status(&mut rig).contains("\r\ncurrent: not reported\r\n"));
         // A current spread of 1 A causes 0.8 uT of 28 uT horizontal field: 1.6 deg.
         let silent_deg = status_sigma_deg(&mut rig);
-        assert!(silent_deg > told_deg.hypot(1.2), "{told_deg} {silent_deg}");
+        assert!(silent_deg > sigma_deg.hypot(1.2), "{sigma_deg} {silent_deg}");
     }
 }
 
 fn status_sigma_deg(rig: &mut Rig) -> f64 {
-    let status = rig.send_console_line("status all");
-    let sigma = status.split_once("deg magnetic, sigma ").and_then(|(_, sigma)| sigma.split_once(' '));
-    sigma.and_then(|(sigma, _)| sigma.parse().ok()).unwrap_or_else(|| panic!("{status}"))
+    let heading = status_line(rig, "heading: ");
+    let sigma = heading.split_once("deg magnetic, sigma ").and_then(|(_, sigma)| sigma.split_once(' '));
+    sigma.and_then(|(sigma, _)| sigma.parse().ok()).unwrap_or_else(|| panic!("{heading}"))
 }
 
 /// A magnet beyond and within the sensor's range stops the output, so that the autopilot falls back. After saturation
@@ -313,7 +271,7 @@ fn status_sigma_deg(rig: &mut Rig) -> f64 {
 fn a_disturbed_field_is_not_sent() {
     let mut rig = rig_with_far_ends(VehicleKind::Plane, [MSP_ARDUPILOT, FarEnd::Unconnected]);
     run_for_s(&mut rig, 10.0);
-    fly_routine(&mut rig, VehicleKind::Plane);
+    fly_routine(&mut rig);
     let reading_count = |rig: &mut Rig| {
         run_for_s(rig, 0.5);
         let _ = compass_readings(rig, 0);
@@ -340,9 +298,9 @@ fn mavlink_and_msp_run_at_once() {
     assert!(rig.send_console_line("set port2 msp").contains("ok port2 msp, 115200 baud"));
     assert!(rig.send_console_line("set vision on").contains("ok vision on"));
     run_for_s(&mut rig, 10.0);
-    let status = rig.send_console_line("status all");
+    let status = full_status(&mut rig);
     assert!(status.contains("found mavlink\r\nport2: msp, 115200 baud\r\n"), "{status}");
-    fly_routine(&mut rig, VehicleKind::Plane);
+    fly_routine(&mut rig);
     let (_, rms) = readings_on_eight_headings(&mut rig, 1);
     assert!(rms < 1.0, "{rms} deg");
     rig.world.append_leg(Leg::Straight { heading_deg: 315.0, seconds: 200.0 });
@@ -377,7 +335,7 @@ fn mavlink_and_msp_run_at_once() {
         // A compass sample of 20 bytes takes 3.5 ms at 57600 baud, after a request of 9 bytes.
         assert!(ages_ms.iter().all(|age_ms| (1..=8).contains(age_ms)), "at {baud}: {:?}", ages_ms.iter().max());
     }
-    assert!(rig.send_console_line("status all").contains(" 0 not sent;"));
+    assert!(full_status(&mut rig).contains(" 0 not sent;"));
 }
 
 /// A ground station starts and cancels a calibration and restarts the module, which is rejected in flight. Commands to
@@ -404,11 +362,11 @@ fn a_ground_station_commands_calibration_and_restart() {
             .collect::<Vec<_>>()
     };
     assert_eq!(order(&mut rig, 7, START, [0.0; 7]).len(), 0);
-    assert!(rig.send_console_line("status all").contains("ok uncalibrated"));
+    assert!(full_status(&mut rig).contains("ok uncalibrated"));
     assert_eq!(order(&mut rig, 1, START, [0.0; 7]), [(START, 0)], "accepted");
-    assert!(rig.send_console_line("status all").contains("ok collecting"));
+    assert!(full_status(&mut rig).contains("ok collecting"));
     assert_eq!(order(&mut rig, 1, CANCEL, [0.0; 7]), [(CANCEL, 0)]);
-    assert!(rig.send_console_line("status all").contains("ok uncalibrated"));
+    assert!(full_status(&mut rig).contains("ok uncalibrated"));
     let of_us = [0.0, 0.0, 1.0, 158.0, 0.0, 0.0, 0.0];
     rig.world.set_armed(true);
     run_for_s(&mut rig, 2.0);
@@ -431,12 +389,7 @@ fn a_ground_station_commands_calibration_and_restart() {
 
 /// Declinations of the true headings sent in the next five seconds, degrees: true minus magnetic heading.
 fn sent_declinations_deg(rig: &mut Rig) -> Vec<f64> {
-    let _ = rig.instrument.receive_bytes();
-    run_for_s(rig, 5.0);
-    let (mut reader, mut magnetic_deg) = (SentenceReader::default(), None);
-    let received = rig.instrument.receive_timed();
-    let sentences =
-        received.iter().filter_map(|timed_byte| reader.push_byte(timed_byte.arrives_at_us, timed_byte.byte));
+    let mut magnetic_deg = None;
     let declination = |sentence: HeadingSentence| match sentence.sentence_kind.as_str() {
         "HCHDM" => {
             magnetic_deg = sentence.heading_deg;
@@ -445,7 +398,7 @@ fn sent_declinations_deg(rig: &mut Rig) -> Vec<f64> {
         "HCHDT" => Some(wrap_180(sentence.heading_deg? - magnetic_deg?)),
         _ => None,
     };
-    sentences.filter_map(declination).collect()
+    received_sentences(rig, 5.0).into_iter().filter_map(declination).collect()
 }
 
 /// In Greenland the declination differs by 20 deg and more. Without a fix, an autopilot sends a position near zero, or
@@ -453,7 +406,7 @@ fn sent_declinations_deg(rig: &mut Rig) -> Vec<f64> {
 #[test]
 fn a_position_that_jumps_does_not_turn_the_true_heading() {
     let mut rig = rig_with_far_ends(VehicleKind::Plane, [MAVLINK_ARDUPILOT, FarEnd::Unconnected]);
-    fly_routine(&mut rig, VehicleKind::Plane);
+    fly_routine(&mut rig);
     let height_m = 400.0;
     let positions = [
         Some(XIAN_POSITION),
@@ -462,8 +415,7 @@ fn a_position_that_jumps_does_not_turn_the_true_heading() {
         None,
     ];
     for position in positions {
-        let AttachedDevice::Mavlink(autopilot) = &rig.port_devices[0] else { panic!("no MAVLink there") };
-        autopilot.borrow_mut().set_position(position);
+        mavlink_autopilot(&rig, 0).borrow_mut().set_position(position);
         run_for_s(&mut rig, 30.0);
         let declinations_deg = sent_declinations_deg(&mut rig);
         assert!(declinations_deg.len() > 40, "{position:?}: {declinations_deg:?}");
@@ -475,8 +427,7 @@ fn a_position_that_jumps_does_not_turn_the_true_heading() {
 }
 
 fn detected_protocol(rig: &mut Rig) -> Option<String> {
-    let status = rig.send_console_line("status all");
-    let line = status.lines().find(|line| line.starts_with("port1: ")).expect("a first port");
+    let line = status_line(rig, "port1: ");
     line.split_once("found ").map(|(_, found)| found.to_owned())
 }
 

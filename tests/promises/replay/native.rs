@@ -17,7 +17,7 @@ use nalgebra::{Matrix3, Vector3};
 use simulator::recording::record_turns;
 use simulator::world::{CRUISE_CURRENT_A, WorldConfig};
 
-use crate::{DEFAULT_OPTIONS, read_flight};
+use super::{DEFAULT_OPTIONS, read_flight};
 
 /// ArduPilot's and PX4's parameters of a badly calibrated compass.
 const BAD_PARAMETERS: [(&str, f64); 16] = [

@@ -9,7 +9,7 @@ use log_analysis::replay::verdict::{CompassAction, CompassState, Verdict};
 use simulator::recording::record_turns;
 use simulator::world::WorldConfig;
 
-use crate::{DEFAULT_OPTIONS, read_flight};
+use super::{DEFAULT_OPTIONS, read_flight};
 
 /// Time of the change of hard iron, seconds of the log's clock.
 const CHANGE_TIME_S: f64 = 120.0;

@@ -14,7 +14,7 @@ use simulator::world::aircraft::VehicleKind;
 use simulator::world::autopilot::Leg;
 use simulator::world::{World, WorldConfig};
 
-use crate::{DEFAULT_OPTIONS, read_flight};
+use super::{DEFAULT_OPTIONS, read_flight};
 
 /// A circle each way, then 30 s in each direction, at 48 N, with GPS.
 fn record_circles_and_legs(world: &WorldConfig, headings_deg: &[f64]) -> FlightRecording {
@@ -220,7 +220,7 @@ fn gps_course_is_reported_with_its_accuracy() {
         ["no compass", "5.0 m/s from 250", "sideslip", "banked"].iter().all(|text| limits.contains(text)),
         "{limits}"
     );
-    let described = include_str!("../../docs/your-flight.md");
+    let described = include_str!("../../../docs/your-flight.md");
     for field in reference["course"].as_object().unwrap().keys() {
         assert!(described.contains(&format!("`{field}`")), "{field}: docs/your-flight.md");
     }

@@ -1,17 +1,11 @@
 //! Automatic calibration without console commands, indicated by the lamp.
 
-use simulator::mission::TurnPlan;
 use simulator::module::{Module as _, ModuleRunEnd};
 use simulator::rig::Rig;
-use simulator::routine::CalibrationRoutine;
 use simulator::transcript::{self, SolveNotice};
-use simulator::world::WorldConfig;
-use simulator::world::aircraft::{VehicleConfig, VehicleKind};
+use simulator::world::aircraft::VehicleKind;
 
-fn world_with_vehicle(vehicle_kind: VehicleKind) -> WorldConfig {
-    let world = WorldConfig::of_table1(7);
-    WorldConfig { aircraft: VehicleConfig { kind: vehicle_kind, ..world.aircraft }, ..world }
-}
+use crate::fixtures::{append_routine, full_status, world_with_vehicle};
 
 fn lamp_lit_percent(rig: &mut Rig) -> u32 {
     let mut lit_count = 0;
@@ -23,17 +17,9 @@ fn lamp_lit_percent(rig: &mut Rig) -> u32 {
 }
 
 /// Flies a routine, armed; returns the module's unsolicited result and the lamp's duty cycle during collection.
-fn fly_armed_routine(rig: &mut Rig, vehicle_kind: VehicleKind) -> (Option<SolveNotice>, u32) {
+fn fly_armed_routine(rig: &mut Rig) -> (Option<SolveNotice>, u32) {
     rig.world.set_armed(true);
-    let legs = CalibrationRoutine::for_vehicle(
-        vehicle_kind,
-        TurnPlan::default(),
-        rig.world.world_config().aircraft.heading_deg,
-    )
-    .legs();
-    for leg in legs {
-        rig.world.append_leg(leg);
-    }
+    append_routine(&rig.world);
     let (mut printed, mut lamp) = (String::new(), 0);
     for second in 0..240 {
         assert_eq!(rig.run_for_s(1.0), ModuleRunEnd::Time);
@@ -52,14 +38,14 @@ fn a_flight_calibrates_without_commands() {
         let mut rig = Rig::new(world_with_vehicle(vehicle_kind));
         rig.run_for_s(8.0);
         assert!(lamp_lit_percent(&mut rig) < 8, "{vehicle_kind:?}: waiting");
-        let status = rig.send_console_line("status all");
+        let status = full_status(&mut rig);
         assert!(status.contains("\r\narmed: no\r\n"), "{status}");
         assert!(status.contains("\r\ncollection: flight, when the autopilot arms\r\n"), "{status}");
-        let (notice, lamp) = fly_armed_routine(&mut rig, vehicle_kind);
+        let (notice, lamp) = fly_armed_routine(&mut rig);
         assert!(matches!(notice, Some(SolveNotice::Calibrated(_))), "{vehicle_kind:?}: {notice:?}");
         assert!((9..=92).contains(&lamp), "{vehicle_kind:?}: {lamp}");
         assert!(lamp_lit_percent(&mut rig) > 90, "{vehicle_kind:?}: calibrated");
-        assert!(rig.send_console_line("status all").contains("ok calibrated"));
+        assert!(full_status(&mut rig).contains("ok calibrated"));
     }
 }
 
@@ -71,23 +57,20 @@ fn auto_off_leaves_the_start_to_the_pilot() {
     rig.send_console_line("reboot");
     rig.world.set_armed(true);
     rig.run_for_s(20.0);
-    let status = rig.send_console_line("status all");
+    let status = full_status(&mut rig);
     assert!(status.contains("ok uncalibrated") && status.contains("\r\nauto: off, "), "{status}");
     rig.panel.set_button(true);
     rig.run_for_s(2.5);
     rig.panel.set_button(false);
-    let status = rig.send_console_line("status all");
+    let status = full_status(&mut rig);
     assert!(status.contains("ok collecting") && !status.contains("automatic\r"), "{status}");
 }
 
 #[test]
 fn motion_while_disarmed_collects_nothing() {
     let mut rig = Rig::new(world_with_vehicle(VehicleKind::Copter));
-    let legs = CalibrationRoutine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0).legs();
-    for leg in legs {
-        rig.world.append_leg(leg);
-    }
+    append_routine(&rig.world);
     rig.run_for_s(120.0);
-    let status = rig.send_console_line("status all");
+    let status = full_status(&mut rig);
     assert!(status.contains("ok uncalibrated") && status.contains("attitudes: 0 samples"), "{status}");
 }

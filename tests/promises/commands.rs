@@ -1,29 +1,22 @@
 //! Exit codes, output width, JSON schema and error messages of the commands.
-#![cfg(unix)]
-#![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io::{self, Read as _};
 use std::os::unix::fs::PermissionsExt as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::thread;
 use std::time::Duration;
 
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::Signal;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use serde_json::Value;
 
-fn repository_root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
-}
+use crate::fixtures::program::{self, interrupt_for_exit_code, repository_root};
 
-/// Command that runs `host-sim` with arguments, in the root.
 fn host_sim_command(arguments: &str) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
-    command.args(arguments.split(' ')).current_dir(repository_root()).stdin(Stdio::null());
-    command
+    program::host_sim_command(arguments.split(' '))
 }
 
 /// Exit code, standard output and error output.
@@ -39,9 +32,10 @@ fn stdout_text(arguments: &str) -> String {
 }
 
 /// Short runs of each command that needs no emulator.
-const SHORT_RUNS: [&str; 8] = [
+const SHORT_RUNS: [&str; 9] = [
     "fly --json --circles 0.1",
     "table1",
+    "fly --airframe host-sim/airframes/example.toml --circles 0.1 --json",
     "replay host-sim/data/flight.csv",
     "replay --json host-sim/data/flight.csv",
     "bench accuracy --airframes 1 --draws 1",
@@ -101,10 +95,9 @@ fn wait_for_interrupt_handler(pid: u32) {
 #[test]
 fn ctrl_c_ends_a_long_run() {
     for arguments in ["bench accuracy --airframes 1000000", "bench integrity --flights 100000", "serve", "console"] {
-        let mut child = host_sim_command(arguments).stdin(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+        let mut child = host_sim_command(arguments).stdout(Stdio::null()).spawn().unwrap();
         wait_for_interrupt_handler(child.id());
-        kill_process(Pid::from_child(&child), Signal::INT).unwrap();
-        assert_eq!(child.wait().unwrap().code(), Some(130), "{arguments}");
+        assert_eq!(interrupt_for_exit_code(&mut child), Some(130), "{arguments}");
     }
 }
 
@@ -124,7 +117,7 @@ fn ctrl_c_leaves_no_emulator_and_no_files_behind() {
         let path = format!("{}:{}", folder.path().display(), std::env::var("PATH").unwrap());
         let mut command = host_sim_command(&format!("{arguments} --image {}", path_in_folder("image.elf").display()));
         command.env("PATH", path).env("TMPDIR", path_in_folder("tmp")).env("PID_FILE", path_in_folder("pid"));
-        let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut child = command.stdout(Stdio::null()).spawn().unwrap();
         let pid = loop {
             if let Some(pid) = fs::read_to_string(path_in_folder("pid")).ok().filter(|pid| pid.ends_with('\n')) {
                 break pid.trim().to_owned();
@@ -133,9 +126,10 @@ fn ctrl_c_leaves_no_emulator_and_no_files_behind() {
             thread::sleep(Duration::from_millis(10));
         };
         assert!(Path::new("/proc").join(&pid).exists() && fs::read_dir(path_in_folder("tmp")).unwrap().count() == 1);
-        kill_process(Pid::from_child(&child), Signal::INT).unwrap();
-        let Output { status, stderr, .. } = child.wait_with_output().unwrap();
-        assert_eq!((status.code(), String::from_utf8_lossy(&stderr).as_ref()), (Some(130), ""), "{arguments}");
+        assert_eq!(interrupt_for_exit_code(&mut child), Some(130), "{arguments}");
+        let mut stderr_text = String::new();
+        child.stderr.take().unwrap().read_to_string(&mut stderr_text).unwrap();
+        assert_eq!(stderr_text, "", "{arguments}");
         assert!(!Path::new("/proc").join(&pid).exists(), "{arguments} left its emulator behind");
         assert_eq!(fs::read_dir(path_in_folder("tmp")).unwrap().count(), 0, "{arguments} left files behind");
     }
@@ -290,7 +284,7 @@ fn json_output_is_documented() {
 #[test]
 fn json_output_of_serve_is_documented() {
     let startup_output = |arguments: &str| {
-        let mut child = host_sim_command(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+        let mut child = host_sim_command(arguments).spawn().unwrap();
         let mut line = String::new();
         io::BufRead::read_line(&mut io::BufReader::new(child.stdout.take().unwrap()), &mut line).unwrap();
         // The program ends because its standard input is closed.
@@ -323,8 +317,7 @@ fn ctrl_c_ends_qemu_too() {
     }
     // Interrupts the flight, not the start.
     thread::sleep(Duration::from_secs(2));
-    kill_process(Pid::from_child(&child), Signal::INT).unwrap();
-    assert_eq!(child.wait().unwrap().code(), Some(130));
+    assert_eq!(interrupt_for_exit_code(&mut child), Some(130));
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
     let is_left = |entry: fs::DirEntry| {
         let command_line = fs::read(entry.path().join("cmdline")).unwrap_or_default();
@@ -393,8 +386,7 @@ fn ctrl_c_removes_the_progress_bar() {
     let mut child = host_sim_command(arguments).stdout(Stdio::null()).stderr(terminal).spawn().unwrap();
     wait_for_interrupt_handler(child.id());
     thread::sleep(Duration::from_millis(500));
-    kill_process(Pid::from_child(&child), Signal::INT).unwrap();
-    assert_eq!(child.wait().unwrap().code(), Some(130));
+    assert_eq!(interrupt_for_exit_code(&mut child), Some(130));
     let displayed_text = displayed_text.join().unwrap();
     assert!(displayed_text.contains("airframes") && displayed_text.ends_with("\r\u{1b}[2K"), "{displayed_text:?}");
 }
@@ -422,7 +414,7 @@ fn progress_is_shown_on_a_terminal_only() {
         ("fly --json --circles 0.1", "take-off"),
     ] {
         let (terminal, displayed_text) = open_terminal(80);
-        let child = host_sim_command(arguments).stdout(Stdio::piped()).stderr(terminal).spawn().unwrap();
+        let child = host_sim_command(arguments).stderr(terminal).spawn().unwrap();
         let Output { stdout, .. } = child.wait_with_output().unwrap();
         let displayed_text = displayed_text.join().unwrap().to_lowercase();
         assert!(displayed_text.contains(label), "{arguments}: {displayed_text:?}");
@@ -452,14 +444,6 @@ fn the_airframe_of_a_seed_is_printed_as_a_file() {
     assert!((printed_airframe - from_file).abs() < 0.01, "{printed_airframe} {from_file}");
     let expected_text = stdout_text(&format!("fly --circles 0.1 --report {}", report.display()));
     assert!(!expected_text.contains("soft_iron"), "the paper's is known");
-}
-
-#[test]
-fn the_examples_of_the_documentation_work_from_the_root() {
-    stdout_text("fly --airframe host-sim/airframes/example.toml --circles 0.1 --json");
-    stdout_text("replay host-sim/data/flight.csv");
-    let example = fs::read_to_string(repository_root().join("host-sim/airframes/example.toml")).unwrap();
-    assert!(example.contains("--airframe host-sim/airframes/example.toml"));
 }
 
 /// Bash reads the completions and offers a command; every command has its page.

@@ -16,7 +16,7 @@ use simulator::heading_errors::HeadingErrors;
 use simulator::world::autopilot::Leg;
 use simulator::world::{World, WorldConfig};
 
-use crate::read_flight;
+use super::read_flight;
 
 const ALL_ROWS_OPTIONS: ReplayOptions = ReplayOptions::with_selection(RowSelection::All);
 const TURN_SAMPLES_OPTIONS: ReplayOptions = ReplayOptions { row_selection: RowSelection::Turns, ..ALL_ROWS_OPTIONS };

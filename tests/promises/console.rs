@@ -8,6 +8,8 @@ use simulator::world::WorldConfig;
 use simulator::world::aircraft::PrescribedMotion;
 use testkit::random::Random;
 
+use crate::fixtures::full_status;
+
 fn started_rig() -> Rig {
     let mut rig = Rig::new(WorldConfig::of_table1(1));
     rig.run_for_s(1.0);
@@ -129,14 +131,14 @@ fn every_command_answers_ok_or_error_with_a_code() {
 #[test]
 fn status_shows_what_is_connected() {
     let mut rig = started_rig();
-    let status = send_line_and_wait(&mut rig, "status all");
+    let status = full_status(&mut rig);
     assert!(status.contains("sensor: LIS3MDL at 1e"), "{status}");
     assert!(status.contains("attitude: roll "), "{status}");
     assert!(status.contains("heading: none, uncalibrated"), "{status}");
     rig.magnetometer.set_silent(true);
     rig.autopilot.send_bytes(&[0; 4000]);
     rig.run_for_s(0.3);
-    let status = send_line_and_wait(&mut rig, "status all");
+    let status = full_status(&mut rig);
     // 4000 zero bytes occupy the line for a third of a second, so the next attitude is stale.
     assert!(status.contains("attitude: none"), "{status}");
     assert!(status.contains("heading: none, sensor-silent"), "{status}");
@@ -155,7 +157,7 @@ fn status_counts_attitude_of_other_senders() {
         rig.autopilot.send_bytes(frame.raw_bytes());
         rig.run_for_s(0.02);
         if tick % 10 == 0 {
-            let status = send_line_and_wait(&mut rig, "status all");
+            let status = full_status(&mut rig);
             assert!(!status.contains("attitude: roll -4"), "{status}");
             assert!(status.contains(&format!(" {} from others, 0 rejected", tick + 1)), "{status}");
         }
@@ -223,14 +225,14 @@ fn split_escape_sequences_and_all_line_ends_are_accepted() {
 fn settings_last_over_a_restart() {
     let mut rig = started_rig();
     rig.send_console_line("set declination -11.27");
-    assert!(send_line(&mut rig, "status all").join("\n").contains("stream: on, 10 Hz, smooth heading"));
+    assert!(full_status(&mut rig).contains("stream: on, 10 Hz, smooth heading"));
     rig.send_console_line("stream rate 5");
     rig.send_console_line("stream heading raw");
     rig.send_console_line("set inclination 61.125");
     rig.send_console_line("set mount yaw180");
     rig.send_console_line("set attitude-error 1.25 3.125");
     assert!(rig.send_console_line("reboot").contains("started by reboot"));
-    let status = send_line(&mut rig, "status all").join("\n");
+    let status = full_status(&mut rig);
     for line in [
         "stream: on, 5 Hz, raw heading",
         "declination: -11.27 deg",
@@ -241,7 +243,7 @@ fn settings_last_over_a_restart() {
         assert!(status.contains(line), "{line} in {status}");
     }
     rig.send_console_line("set attitude-error default");
-    let status = send_line(&mut rig, "status all").join("\n");
+    let status = full_status(&mut rig);
     assert!(status.contains("attitude-error: 0.20 deg, 1.0 % of bank, 1 sigma"), "{status}");
 }
 
@@ -252,7 +254,7 @@ fn an_armed_module_refuses_ground_commands() {
     rig.world.set_armed(true);
     // Heartbeats are 1 s apart.
     rig.run_for_s(1.1);
-    assert!(send_line_and_wait(&mut rig, "status all").contains("armed: yes"));
+    assert!(full_status(&mut rig).contains("armed: yes"));
     for line in ["reboot", "cal clear all", "cal undo", "set mount yaw90", "cal start swing", "cal mark 90"] {
         let reply = send_line_and_wait(&mut rig, line);
         assert!(reply.starts_with("error armed: the autopilot is armed"), "{line}: {reply}");
@@ -284,7 +286,7 @@ fn an_armed_module_refuses_ground_commands() {
     }
     rig.world.set_armed(false);
     rig.run_for_s(1.1);
-    assert!(send_line_and_wait(&mut rig, "status all").contains("armed: no"));
+    assert!(full_status(&mut rig).contains("armed: no"));
     assert!(send_line_and_wait(&mut rig, "cal start swing").starts_with("ok "));
     assert!(send_line_and_wait(&mut rig, "reboot").starts_with("error armed: "), "in flight");
     rig.world.set_prescribed_motion(PrescribedMotion::default());
@@ -321,25 +323,7 @@ fn random_keys_do_not_stop_the_console() {
     rig.send_console_line("\x03");
     let text = rig.send_console_line("version");
     assert!(text.contains("ok autoswing"), "{text:?}");
-    assert!(rig.send_console_line("status all").contains("started by power-on"), "it did not restart");
-}
-
-#[test]
-fn random_bytes_do_not_stop_the_console() {
-    let mut rig = started_rig();
-    let mut random = Random(12345);
-    for _ in 0..200 {
-        let mut bytes = random.bytes(100);
-        // Without letters there is no command.
-        bytes.retain(|byte| !byte.is_ascii_alphabetic());
-        rig.console.send_bytes(&bytes);
-        rig.run_for_s(0.02);
-    }
-    rig.run_for_s(1.0);
-    rig.send_console_line("\r");
-    let text = rig.send_console_line("version");
-    assert!(text.contains("ok autoswing"), "{text:?}");
-    assert!(rig.send_console_line("status all").contains("started by power-on"), "it did not restart");
+    assert!(full_status(&mut rig).contains("started by power-on"), "it did not restart");
 }
 
 /// Example commands in the documents are valid, and replies that need no previous flight match; `...` matches any text.

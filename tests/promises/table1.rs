@@ -1,5 +1,4 @@
 //! Reproduction of Liu 2007 table 1 with the paper's method and others.
-#![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
 
 use host_sim::studies::paper_experiment::{PaperExperiment, method_errors};
 use log_analysis::score::ErrorStatistics;

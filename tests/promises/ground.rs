@@ -9,6 +9,8 @@ use simulator::world::WorldConfig;
 use simulator::world::aircraft::PrescribedMotion;
 use simulator::world::gyro::GyroConfig;
 
+use crate::fixtures::{shown_calibration, status_line};
+
 fn started_rig(config: &WorldConfig) -> Rig {
     let rig = Rig::new(*config);
     rig.world.set_prescribed_motion(PrescribedMotion::default());
@@ -48,17 +50,14 @@ fn solve_outcome(rig: &mut Rig, text: &str) -> Result<ShownCalibration, SolveNot
     rig.run_for_s(2.0);
     let text = format!("{text}{}", rig.take_console_output());
     match transcript::parse_solve_notice(&text).expect("a note") {
-        SolveNotice::Calibrated(_) => {
-            Ok(transcript::parse_shown_calibration(&rig.send_console_line("cal show")).expect("a calibration"))
-        }
+        SolveNotice::Calibrated(_) => Ok(shown_calibration(rig).expect("a calibration")),
         refused @ SolveNotice::Refused { .. } => Err(refused),
     }
 }
 
 /// Largest level heading error less the mean error, and the mean error, degrees.
-fn level_errors_deg(rig: &Rig, shown_calibration: &ShownCalibration) -> (f64, f64) {
-    let errors_deg =
-        HeadingErrors::evaluate_calibration(&shown_calibration.calibration, &rig.world.world_config()).0[0];
+fn level_errors_deg(rig: &Rig, calibration: &ShownCalibration) -> (f64, f64) {
+    let errors_deg = HeadingErrors::evaluate_calibration(&calibration.calibration, &rig.world.world_config()).0[0];
     let constant = errors_deg.iter().sum::<f64>() / 12.0;
     (errors_deg.iter().map(|error_deg| (error_deg - constant).abs()).fold(0.0, f64::max), constant)
 }
@@ -67,14 +66,9 @@ fn level_errors_deg(rig: &Rig, shown_calibration: &ShownCalibration) -> (f64, f6
 fn shown_error_deg(rig: &mut Rig, heading_deg: f64) -> f64 {
     let mut error = || {
         rig.run_for_s(0.2);
-        let status = rig.send_console_line("status all");
-        let line = status.lines().find_map(|line| line.strip_prefix("heading: ")).expect("a heading line");
-        let mean_heading_deg: f64 = line
-            .split(' ')
-            .next()
-            .and_then(|heading_text| heading_text.parse().ok())
-            .unwrap_or_else(|| panic!("{line}"));
-        wrap_180(mean_heading_deg - heading_deg)
+        let line = status_line(rig, "heading: ");
+        let shown_deg = line.split(' ').next().and_then(|shown| shown.parse::<f64>().ok());
+        wrap_180(shown_deg.unwrap_or_else(|| panic!("{line}")) - heading_deg)
     };
     (0..20).map(|_| error()).sum::<f64>() / 20.0
 }
@@ -87,9 +81,9 @@ fn a_level_circle_leaves_only_a_constant_heading_error() {
     rig.take_console_output();
     assert!(rig.send_console_line("cal start level").contains("ok collecting"));
     turn_level_circles(&mut rig, 2.5);
-    let shown_calibration = solve_outcome(&mut rig, "").unwrap();
-    assert_eq!(shown_calibration.method, "level");
-    let (remaining_deg, constant_deg) = level_errors_deg(&rig, &shown_calibration);
+    let calibration = solve_outcome(&mut rig, "").unwrap();
+    assert_eq!(calibration.method, "level");
+    let (remaining_deg, constant_deg) = level_errors_deg(&rig, &calibration);
     assert!(remaining_deg < 0.5, "{remaining_deg} deg");
     assert!(constant_deg.abs() < 3.0, "{constant_deg} deg, of an unsymmetric airframe");
     // Alignment removes the mean error.
@@ -142,9 +136,9 @@ fn a_compass_swing_finds_the_mounting() {
         for i in 0..8 {
             mark_next_heading(&mut rig, i);
         }
-        let shown_calibration = solve_present_samples(&mut rig).unwrap();
-        assert_eq!(shown_calibration.method, "compass-swing");
-        let (remaining_deg, constant_deg) = level_errors_deg(&rig, &shown_calibration);
+        let calibration = solve_present_samples(&mut rig).unwrap();
+        assert_eq!(calibration.method, "compass-swing");
+        let (remaining_deg, constant_deg) = level_errors_deg(&rig, &calibration);
         assert!(remaining_deg < 1.0 && constant_deg.abs() < 0.5, "seed {seed}: {remaining_deg} and {constant_deg} deg");
     }
 }
@@ -192,10 +186,9 @@ fn tumbling_needs_no_attitude() {
     config.attitude_source.rate_hz = 0.001;
     let mut rig = started_rig(&config);
     tumble_module(&mut rig);
-    let shown_calibration = solve_present_samples(&mut rig).unwrap();
-    assert_eq!(shown_calibration.method, "ellipsoid");
-    let errors =
-        HeadingErrors::evaluate_calibration(&shown_calibration.calibration, &rig.world.world_config()).statistics();
+    let calibration = solve_present_samples(&mut rig).unwrap();
+    assert_eq!(calibration.method, "ellipsoid");
+    let errors = HeadingErrors::evaluate_calibration(&calibration.calibration, &rig.world.world_config()).statistics();
     // The paper's airframe is asymmetric by up to 1.5 deg about each axis, which is indistinguishable from mounting
     // without attitude; at 54 deg of inclination such a tilt causes 1.4 times that in heading.
     assert!(errors.max_demeaned_deg < 2.5 && errors.mean_deg.abs() < 2.5, "{errors:?}");
