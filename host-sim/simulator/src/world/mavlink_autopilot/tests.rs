@@ -4,7 +4,6 @@ use autoswing::instrument::Estimate;
 use autoswing::time::Timestamp;
 use autoswing_firmware::port::{Mavlink, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
 use autoswing_module::compass::IndicatorState;
-use autoswing_module::compass::{Command, IndicatorState};
 use autoswing_module::settings::Settings;
 
 use super::*;
