@@ -324,15 +324,9 @@ fn an_image_for_another_machine_ends_the_emulator_with_an_error() {
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn mavlink_and_msp_run_at_once_on_the_emulator() {
-    let calm = AnswerFaults {
-        drop_probability: 0.0,
-        rejection_probability: 0.0,
-        truncation_probability: 0.0,
-        delay_probability: 0.0,
-    };
     let far_ends = [
         FarEnd::Mavlink(mavlink_autopilot::MavlinkFirmware::ArduPilot),
-        FarEnd::Msp(msp_autopilot::MspFirmware::ArduPilot, calm),
+        FarEnd::Msp(msp_autopilot::MspFirmware::ArduPilot, AnswerFaults::NO_FAULTS),
     ];
     let mut emulator =
         Emulator::start_with_port_devices(&image_path("mps2-an386.elf"), WorldConfig::of_table1(2), far_ends).unwrap();

@@ -6,6 +6,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 
 use syn::visit::{self, Visit};
 use syn::{Item, UseTree};
@@ -283,11 +284,17 @@ fn parse_layers() -> BTreeMap<String, u32> {
     layers
 }
 
+fn crate_folders(source: &str) -> BTreeMap<String, Folder> {
+    Crate::parse(&repository_root().join(source)).folders()
+}
+
+/// Parsed once, because that takes seconds.
+static LIBRARY_FOLDERS: LazyLock<BTreeMap<String, Folder>> = LazyLock::new(|| crate_folders("src"));
+
 #[test]
 fn modules_of_the_library_use_only_lower_layers() {
     let layers = parse_layers();
-    let folders = Crate::parse(&repository_root().join("src")).folders();
-    let library = &folders[""];
+    let library = &LIBRARY_FOLDERS[""];
     for (from, to) in &library.arrows {
         assert!(layers[to] < layers[from], "{from} uses {to}");
     }
@@ -300,7 +307,14 @@ fn modules_of_the_library_use_only_lower_layers() {
 fn arrows_in_a_folder_lead_neither_up_nor_in_circles() {
     let mut wrong = Vec::new();
     for source in SOURCE_FOLDERS {
-        for (path, folder) in Crate::parse(&repository_root().join(source)).folders() {
+        let host_folders;
+        let folders = if source == "src" {
+            &*LIBRARY_FOLDERS
+        } else {
+            host_folders = crate_folders(source);
+            &host_folders
+        };
+        for (path, folder) in folders {
             let path = if path.is_empty() { source.to_owned() } else { format!("{source}/{path}") };
             let circles = folder.rooms_in_cycles();
             println!(
