@@ -3,7 +3,7 @@ use embassy_time::Timer;
 use embedded_hal_async::i2c::I2c;
 
 use super::*;
-use crate::devices::i2c::{BusError, SimulatedI2cBus};
+use crate::devices::i2c::SimulatedI2cBus;
 use log_analysis::numbers::square;
 use testkit::simulation::{Level, Simulation};
 
@@ -179,38 +179,6 @@ fn noise_is_that_of_the_data_sheet_and_grows_as_averaging_shrinks() {
             },
         );
     }
-}
-
-#[test]
-fn faults_show_on_the_bus() {
-    run_in_field(
-        NOISE_FREE,
-        |at_us| [at_us as f32 / 1e4; 3],
-        |mut bus, chip| async move {
-            start_continuous(&mut bus).await;
-            Timer::after_millis(20).await;
-            let moving = read_counts(&mut bus).await;
-            chip.borrow_mut().set_frozen(true);
-            Timer::after_millis(20).await;
-            assert_eq!(read_register(&mut bus, 0x27).await & 0x08, 0x08, "a frozen chip still announces data");
-            assert_eq!(read_counts(&mut bus).await, moving);
-            chip.borrow_mut().set_frozen(false);
-            Timer::after_millis(20).await;
-            assert!(read_counts(&mut bus).await > moving);
-
-            chip.borrow_mut().set_silent(true);
-            let refused = bus.write(ADDRESS_SA1_HIGH, &[0x0F]).await;
-            assert_eq!(refused, Err(BusError::NoAcknowledge(ADDRESS_SA1_HIGH)));
-            chip.borrow_mut().set_silent(false);
-            assert!(bus.write(ADDRESS_SA1_LOW, &[0x0F]).await.is_err(), "nobody lives at the other address");
-
-            chip.borrow_mut().power_cycle();
-            assert_eq!(read_register(&mut bus, 0x22).await, 3, "back at the reset value");
-            write_register(&mut bus, 0x24, 0x40).await;
-            write_register(&mut bus, 0x21, 0x04).await;
-            assert_eq!(read_register(&mut bus, 0x24).await, 0, "soft reset clears the control registers");
-        },
-    );
 }
 
 /// Nine bytes (address, register, address, six data bytes) of 22.5 us, rounded up.
