@@ -3,23 +3,28 @@
 
 use std::path::{Path, PathBuf};
 
-use autoswing::calibration::MotorCurrentInterference;
 use autoswing_firmware::health::StackUse;
 use host_sim::emulator::{BenchTest, Emulator, instruction_budget};
-use log_analysis::score::wrap_180;
 use simulator::mission::{TurnPlan, fly_mission_of_module};
 use simulator::module::{Module as _, ModuleRunEnd};
 use simulator::nmea::SentenceReader;
 use simulator::routine::CalibrationRoutine;
 use simulator::transcript;
 
+use simulator::world::WorldConfig;
 use simulator::world::aircraft::{VehicleConfig, VehicleKind};
 use simulator::world::autopilot::Leg;
 use simulator::world::cable_far_end::{AttachedDevice, FarEnd};
 use simulator::world::mavlink_autopilot::{self, MavlinkFrame};
 use simulator::world::msp_autopilot::{self, AnswerFaults};
-use simulator::world::{CRUISE_CURRENT_A, WorldConfig};
 use testkit::random::Random;
+
+#[path = "promises/autopilot_view.rs"]
+mod autopilot_view;
+use autopilot_view::{
+    HEARTBEAT, MAG_CAL_PROGRESS, MAG_CAL_REPORT, assert_current_interference_is_estimated, frames_with_id,
+    has_calibration_success, named_heading_errors_deg, status_texts,
+};
 
 /// An image built by `scripts/build-firmware`.
 fn image_path(name: &str) -> PathBuf {
@@ -243,9 +248,8 @@ fn after_three_panics_in_a_row_the_module_starts_in_safe_mode() {
     let (headings, empty) = count_sentences(&mut emulator, 4.0);
     assert!(headings == 0 && empty >= 8, "{headings} {empty}");
     let [AttachedDevice::Mavlink(autopilot), _] = emulator.port_devices.clone() else { panic!() };
-    let received = autopilot.borrow_mut().take_received();
-    let text = |frame: &MavlinkFrame| String::from_utf8_lossy(&frame.payload).contains("autoswing: safe-mode: ");
-    assert!(received.iter().any(|frame| frame.message_id == 253 && text(frame)), "{received:?}");
+    let texts = status_texts(&autopilot.borrow_mut().take_received());
+    assert!(texts.iter().any(|text| text.contains("autoswing: safe-mode: ")), "{texts:?}");
 
     emulator.take_console_output();
     let printed = emulator.send_console_line("reboot");
@@ -324,15 +328,9 @@ fn an_image_for_another_machine_ends_the_emulator_with_an_error() {
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn mavlink_and_msp_run_at_once_on_the_emulator() {
-    let calm = AnswerFaults {
-        drop_probability: 0.0,
-        rejection_probability: 0.0,
-        truncation_probability: 0.0,
-        delay_probability: 0.0,
-    };
     let far_ends = [
         FarEnd::Mavlink(mavlink_autopilot::MavlinkFirmware::ArduPilot),
-        FarEnd::Msp(msp_autopilot::MspFirmware::ArduPilot, calm),
+        FarEnd::Msp(msp_autopilot::MspFirmware::ArduPilot, AnswerFaults::NO_FAULTS),
     ];
     let mut emulator =
         Emulator::start_with_port_devices(&image_path("mps2-an386.elf"), WorldConfig::of_table1(2), far_ends).unwrap();
@@ -348,7 +346,7 @@ fn mavlink_and_msp_run_at_once_on_the_emulator() {
     let ages_ms =
         readings.iter().map(|reading| (reading.received_at_us / 1000).cast_signed() - i64::from(reading.time_ms));
     assert!(ages_ms.clone().all(|age_ms| (0..=8).contains(&age_ms)), "{:?}", ages_ms.max());
-    let heartbeats = mavlink.borrow_mut().take_received().iter().filter(|frame| frame.message_id == 0).count();
+    let heartbeats = mavlink.borrow_mut().take_received().iter().filter(|frame| frame.message_id == HEARTBEAT).count();
     assert!((9..=11).contains(&heartbeats), "{heartbeats}");
     let status = emulator.send_console_line("status all");
     assert!(status.contains("found mavlink\r\nport2: msp, 115200 baud\r\n"), "{status}");
@@ -411,42 +409,25 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
         emulator.world().append_leg(*leg);
     }
     let mut received: Vec<MavlinkFrame> = Vec::new();
-    // MAG_CAL_REPORT (192) with status MAG_CAL_SUCCESS (4) and `autosaved` 1.
-    let is_success = |frame: &MavlinkFrame| (frame.message_id, frame.byte_at(42), frame.byte_at(43)) == (192, 4, 1);
     for _second in 0..220 {
         assert_eq!(emulator.run_for_s(1.0), ModuleRunEnd::Time);
         received.extend(autopilot.borrow_mut().take_received());
-        if received.iter().any(is_success) {
+        if has_calibration_success(&received) {
             break;
         }
     }
-    assert!(received.iter().any(is_success), "no MAG_CAL_REPORT of a success");
-    assert!(received.iter().any(|frame| frame.message_id == 191), "no MAG_CAL_PROGRESS");
+    assert!(has_calibration_success(&received), "{:?}", frames_with_id(MAG_CAL_REPORT, &received));
+    assert!(!frames_with_id(MAG_CAL_PROGRESS, &received).is_empty());
     assert_eq!(emulator.run_for_s(3.0), ModuleRunEnd::Time);
     received.extend(autopilot.borrow_mut().take_received());
-    let has_status_text = |expected_text: &str| {
-        let expected_text = expected_text.as_bytes();
-        received
-            .iter()
-            .filter(|frame| {
-                frame.message_id == 253 && frame.payload.get(1..=expected_text.len()) == Some(expected_text)
-            })
-            .count()
-    };
-    assert_eq!(has_status_text("autoswing: calibrated: expected error "), 1, "{received:?}");
-    assert!(has_status_text("autoswing: collecting: ") >= 2, "{}", has_status_text("autoswing: collecting"));
+    let texts = status_texts(&received);
+    let text_count = |start: &str| texts.iter().filter(|text| text.starts_with(start)).count();
+    assert_eq!(text_count("autoswing: calibrated: expected error "), 1, "{texts:?}");
+    assert!(text_count("autoswing: collecting: ") >= 2, "{texts:?}");
 
     let shown_text =
         transcript::parse_shown_calibration(&emulator.send_console_line("cal show")).expect("a calibration");
-    let MotorCurrentInterference { ut_per_a, sigma_ut_per_a, .. } = shown_text.calibration.motor_current;
-    for (estimated_ut_per_a, added_field_ut) in ut_per_a.iter().zip(config.current_interference_ut) {
-        let estimate_error = f64::from(*estimated_ut_per_a) - added_field_ut / CRUISE_CURRENT_A;
-        assert!(
-            estimate_error.abs() < 4.0 * f64::from(sigma_ut_per_a),
-            "{ut_per_a:?} {:?}",
-            config.current_interference_ut
-        );
-    }
+    assert_current_interference_is_estimated(&shown_text.calibration, &config);
     let stack = parse_stack_use(&emulator.send_console_line("status all"));
     println!("stack {stack:?}");
     assert!(stack.peak_used_bytes <= MAX_STACK_BYTES, "{stack:?}");
@@ -461,14 +442,8 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
         assert_eq!(emulator.run_for_s(15.0), ModuleRunEnd::Time);
         let _ = autopilot.borrow_mut().take_received();
         assert_eq!(emulator.run_for_s(4.0), ModuleRunEnd::Time);
-        let is_heading = |frame: &&MavlinkFrame| {
-            frame.message_id == 251 && (8..15).map(|byte_index| frame.byte_at(byte_index)).eq(*b"hdg_mag")
-        };
-        for heading in autopilot.borrow_mut().take_received().iter().filter(is_heading) {
-            let time_ms = u32::from_le_bytes([0, 1, 2, 3].map(|byte_index| heading.byte_at(byte_index)));
-            let truth_deg = emulator.world().true_state(u64::from(time_ms) * 1000).heading_deg();
-            errors_deg.push(wrap_180(f64::from(heading.float_at(4)) - truth_deg));
-        }
+        let frames = autopilot.borrow_mut().take_received();
+        errors_deg.extend(named_heading_errors_deg(&frames, emulator.world()));
     }
     println!("headings by MAVLink are off by {errors_deg:.2?} deg");
     assert!((36..=44).contains(&errors_deg.len()), "five a second on two headings: {}", errors_deg.len());

@@ -3,15 +3,14 @@
 use std::sync::OnceLock;
 
 use host_sim::studies::accuracy::flight::{Flight, FlightPattern};
-use host_sim::studies::accuracy::{
-    AccuracyPlan, AccuracyResult, MethodResult, SigmaCoverage, flight_study, run_accuracy_study,
-};
+use host_sim::studies::accuracy::flight_study::run_flight_study;
+use host_sim::studies::accuracy::{AccuracyPlan, AccuracyResult, MethodResult, SigmaCoverage, run_accuracy_study};
 use simulator::world::aircraft::VehicleKind;
 
 use crate::fixtures::share_of_flights;
 
 fn plan(airframes: u64, noise_draws: u64) -> AccuracyPlan {
-    AccuracyPlan { airframe_count: share_of_flights(airframes), noise_draws, seed: 1000 }
+    AccuracyPlan { airframe_count: airframes, noise_draws, seed: 1000 }
 }
 
 /// 40 airframes with 20 flights each: the ratio of one airframe has a standard error of 0.3 / sqrt(20) = 7 %, which
@@ -47,7 +46,7 @@ fn errors_are_within_sigma_as_often_as_predicted() {
     for SigmaCoverage { one_sigma_percent, two_sigma_percent, headings } in
         [study_result().coverage, study_result().coverage_with_faults]
     {
-        assert_eq!(headings, share_of_flights(40) as usize * 4 * 16);
+        assert_eq!(headings, 40 * 4 * 16);
         assert!((one_sigma_percent - 68.3).abs() <= 3.0, "{one_sigma_percent}");
         assert!((two_sigma_percent - 95.4).abs() <= 3.0, "{two_sigma_percent}");
     }
@@ -63,15 +62,20 @@ fn closed_forms_are_less_accurate_than_maximum_likelihood() {
 /// Results do not depend on the number of threads and their order.
 #[test]
 fn a_run_is_a_function_of_its_seed() {
-    let small_plan = AccuracyPlan { airframe_count: 4, noise_draws: 2, seed: 7 };
-    assert_eq!(run_accuracy_study(small_plan, &|| {}), run_accuracy_study(small_plan, &|| {}));
+    assert_eq!(run_accuracy_study(plan(4, 2), &|| {}), run_accuracy_study(plan(4, 2), &|| {}));
+    let routine = copter_flight(FlightPattern::Routine);
+    assert_eq!(run_flight_study(routine, plan(2, 1), &|| {}), run_flight_study(routine, plan(2, 1), &|| {}));
+}
+
+fn copter_flight(flight_pattern: FlightPattern) -> Flight {
+    Flight { kind: VehicleKind::Copter, flight_pattern, duration_minutes: 3.0 }
 }
 
 #[test]
 fn a_copter_is_calibrated_by_its_routine_either_way_round() {
     for pattern in [FlightPattern::Routine, FlightPattern::Mirrored] {
-        let flight = Flight { kind: VehicleKind::Copter, flight_pattern: pattern, duration_minutes: 3.0 };
-        let row = flight_study::run_flight_study(flight, plan(20, 5), &|| {});
+        let plan = plan(share_of_flights(20), 5);
+        let row = run_flight_study(copter_flight(pattern), plan, &|| {});
         assert!(
             row.converged_percent >= 100.0 && row.accepted_percent >= 95.0 && row.wrong_calibrations == 0,
             "{row:?}"
@@ -81,13 +85,7 @@ fn a_copter_is_calibrated_by_its_routine_either_way_round() {
         assert!((0.9..=1.25).contains(&row.solver_loss_median), "{row:?}");
         // RMS error over the bound of the optimal selection of equal size.
         assert!((0.85..=1.15).contains(&row.error_to_best_bound_median), "{row:?}");
-        assert_eq!(row.coverage.headings, share_of_flights(20) as usize * 16);
-        let repeated =
-            flight_study::run_flight_study(flight, AccuracyPlan { airframe_count: 2, noise_draws: 2, seed: 7 }, &|| {});
-        assert_eq!(
-            repeated,
-            flight_study::run_flight_study(flight, AccuracyPlan { airframe_count: 2, noise_draws: 2, seed: 7 }, &|| {})
-        );
+        assert_eq!(row.coverage.headings, plan.airframe_count as usize * 16);
     }
 }
 
@@ -95,9 +93,9 @@ fn a_copter_is_calibrated_by_its_routine_either_way_round() {
 /// back. The solver's contribution has a standard error of 4 %.
 #[test]
 fn a_wandering_flight_reaches_nearly_the_best_possible_accuracy() {
-    for (vehicle_kind, max_choice_ratio) in [(VehicleKind::Copter, 1.08), (VehicleKind::Plane, 1.09)] {
-        let flight = Flight { kind: vehicle_kind, flight_pattern: FlightPattern::Wandering, duration_minutes: 3.0 };
-        let row = flight_study::run_flight_study(flight, plan(20, 5), &|| {});
+    for (kind, max_choice_ratio) in [(VehicleKind::Copter, 1.08), (VehicleKind::Plane, 1.09)] {
+        let flight = Flight { kind, ..copter_flight(FlightPattern::Wandering) };
+        let row = run_flight_study(flight, plan(share_of_flights(20), 5), &|| {});
         assert!(row.accepted_percent >= 95.0, "{row:?}");
         assert!(row.selection_loss_median <= max_choice_ratio, "{row:?}");
         assert!(row.error_to_best_bound_median <= 1.1 + 0.08, "{row:?}");

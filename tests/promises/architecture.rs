@@ -6,6 +6,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 
 use syn::visit::{self, Visit};
 use syn::{Item, UseTree};
@@ -301,16 +302,21 @@ fn parse_floors() -> BTreeMap<String, u32> {
     floors
 }
 
+/// Folders of each package, parsed once, because that takes seconds.
+static PACKAGE_FOLDERS: LazyLock<BTreeMap<&str, BTreeMap<String, Folder>>> = LazyLock::new(|| {
+    SOURCE_FOLDERS.map(|source| (source, Crate::parse(&repository_root().join(source)).folders())).into()
+});
+
 #[test]
 fn rooms_of_the_module_use_only_lower_floors() {
     let floors = parse_floors();
     let mut rooms = BTreeSet::new();
     for package in MODULE_FOLDERS {
-        let folder = Crate::parse(&repository_root().join(package)).folders().remove("").expect("the package's rooms");
+        let folder = &PACKAGE_FOLDERS[package][""];
         for (from, to) in &folder.arrows {
             assert!(floors[to] < floors[from], "{from} uses {to}");
         }
-        rooms.extend(folder.rooms);
+        rooms.extend(folder.rooms.clone());
     }
     let documented_rooms: BTreeSet<_> = floors.into_keys().filter(|name| name != "main").collect();
     assert_eq!(rooms, documented_rooms, "rooms that exist and rooms in the diagram");
@@ -320,9 +326,9 @@ fn rooms_of_the_module_use_only_lower_floors() {
 #[test]
 fn arrows_in_a_folder_lead_neither_up_nor_in_circles() {
     let mut wrong = Vec::new();
-    for source in SOURCE_FOLDERS {
-        for (path, folder) in Crate::parse(&repository_root().join(source)).folders() {
-            let path = if path.is_empty() { source.to_owned() } else { format!("{source}/{path}") };
+    for (source, folders) in PACKAGE_FOLDERS.iter() {
+        for (path, folder) in folders {
+            let path = if path.is_empty() { (*source).to_owned() } else { format!("{source}/{path}") };
             let circles = folder.rooms_in_cycles();
             println!(
                 "{path}: {} rooms, {} arrows, {} rooms use mod.rs, {} on circles",

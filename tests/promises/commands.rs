@@ -303,29 +303,6 @@ fn json_output_of_the_budget_is_documented() {
     assert_schema("bench budget --json", &[json_output("bench budget --json")]);
 }
 
-/// Ctrl-C ends a running QEMU and removes its files.
-#[test]
-#[ignore = "needs qemu-system-arm and scripts/build-firmware"]
-fn ctrl_c_ends_qemu_too() {
-    let folder = tempfile::tempdir().unwrap();
-    let mut child =
-        host_sim_command("emulate --json").env("TMPDIR", folder.path()).stdout(Stdio::null()).spawn().unwrap();
-    let sockets = || fs::read_dir(folder.path()).unwrap().flatten().any(|entry| entry.path().join("qmp").exists());
-    while !sockets() {
-        assert!(child.try_wait().unwrap().is_none());
-        thread::sleep(Duration::from_millis(10));
-    }
-    // Interrupts the flight, not the start.
-    thread::sleep(Duration::from_secs(2));
-    assert_eq!(interrupt_for_exit_code(&mut child), Some(130));
-    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
-    let is_left = |entry: fs::DirEntry| {
-        let command_line = fs::read(entry.path().join("cmdline")).unwrap_or_default();
-        String::from_utf8_lossy(&command_line).contains(folder.path().to_str().unwrap())
-    };
-    assert!(!fs::read_dir("/proc").unwrap().flatten().any(is_left), "QEMU is left");
-}
-
 #[test]
 fn command_errors_are_reported_with_a_remedy() {
     let folder = tempfile::tempdir().unwrap();

@@ -16,17 +16,12 @@ fn started_rig() -> Rig {
     rig
 }
 
-fn send_line(rig: &mut Rig, line: &str) -> Vec<String> {
-    let text = rig.send_console_line(line);
-    let mut lines: Vec<String> = text.split("\r\n").map(str::to_owned).collect();
-    assert_eq!(lines.pop().as_deref(), Some("> "), "{text:?} ends with a prompt");
-    lines.remove(0);
-    lines
-}
-
-fn send_line_and_wait(rig: &mut Rig, line: &str) -> String {
+/// The answer without the echo and the prompt.
+fn answer(rig: &mut Rig, line: &str) -> String {
     rig.take_console_output();
-    send_line(rig, line).join("\n")
+    let text = rig.send_console_line(line);
+    let lines = text.strip_suffix("\r\n> ").unwrap_or_else(|| panic!("{text:?} ends with a prompt"));
+    lines.split("\r\n").skip(1).collect::<Vec<_>>().join("\n")
 }
 
 #[test]
@@ -168,12 +163,12 @@ fn status_counts_attitude_of_other_senders() {
 fn help_lists_every_command() {
     let mut rig = started_rig();
     rig.take_console_output();
-    let help = send_line(&mut rig, "help").join("\n");
+    let help = answer(&mut rig, "help");
     assert!(help.starts_with("ok "), "{help}");
     for word in ["version", "status", "cal", "stream", "set", "reboot"] {
         assert!(help.contains(word), "{word} in {help}");
     }
-    let cal = send_line(&mut rig, "help cal").join("\n");
+    let cal = answer(&mut rig, "help cal");
     assert!(cal.starts_with("ok cal: "), "{cal}");
     for word in ["start", "mark", "stop", "solve", "advise", "show", "clear", "undo", "abort"] {
         assert!(cal.contains(word), "{word} in {cal}");
@@ -256,7 +251,7 @@ fn an_armed_module_refuses_ground_commands() {
     rig.run_for_s(1.1);
     assert!(full_status(&mut rig).contains("armed: yes"));
     for line in ["reboot", "cal clear all", "cal undo", "set mount yaw90", "cal start swing", "cal mark 90"] {
-        let reply = send_line_and_wait(&mut rig, line);
+        let reply = answer(&mut rig, line);
         assert!(reply.starts_with("error armed: the autopilot is armed"), "{line}: {reply}");
     }
     for (line, expected_answer) in [
@@ -281,14 +276,14 @@ fn an_armed_module_refuses_ground_commands() {
         ("set inclination 54.5", "ok "),
         ("set align none", "ok "),
     ] {
-        let reply = send_line_and_wait(&mut rig, line);
+        let reply = answer(&mut rig, line);
         assert!(reply.starts_with(expected_answer) && !reply.contains("armed"), "{line}: {reply}");
     }
     rig.world.set_armed(false);
     rig.run_for_s(1.1);
     assert!(full_status(&mut rig).contains("armed: no"));
-    assert!(send_line_and_wait(&mut rig, "cal start swing").starts_with("ok "));
-    assert!(send_line_and_wait(&mut rig, "reboot").starts_with("error armed: "), "in flight");
+    assert!(answer(&mut rig, "cal start swing").starts_with("ok "));
+    assert!(answer(&mut rig, "reboot").starts_with("error armed: "), "in flight");
     rig.world.set_prescribed_motion(PrescribedMotion::default());
     rig.run_for_s(7.0);
     assert!(rig.send_console_line("reboot").contains("ok restarting"));
@@ -341,7 +336,7 @@ fn documented_examples_match_the_output() {
             let mut lines = block.lines().peekable();
             while let Some(line) = lines.next() {
                 let Some(command) = line.strip_prefix("> ") else { continue };
-                let reply_text = send_line_and_wait(&mut rig, command);
+                let reply_text = answer(&mut rig, command);
                 let expected_lines: Vec<&str> =
                     std::iter::from_fn(|| lines.next_if(|line| !line.starts_with("> "))).collect();
                 typed += 1;

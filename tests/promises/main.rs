@@ -5,6 +5,7 @@
 mod accuracy;
 mod architecture;
 mod automatic;
+mod autopilot_view;
 mod can;
 #[cfg(unix)]
 mod commands;

@@ -188,35 +188,6 @@ fn a_calibration_is_not_used_with_another_mounting() {
     assert!(rig.send_console_line("set mount none").contains("ok mount none, align 0.0 deg; calibrated"));
 }
 
-/// Power fails again during the save after a power failure: settings keep their values or change as commanded.
-/// `power_cuts_anywhere_leave_old_or_new` tests the store alone, at every fill of the region.
-#[test]
-fn two_power_cuts_in_a_row_lose_nothing() {
-    let mut rig = Rig::new(WorldConfig::of_table1(5));
-    rig.run_for_s(0.2);
-    rig.send_console_line("set declination 7");
-    let mut power_cuts = 0;
-    for first in (0..14).step_by(3) {
-        for second in 0..14 {
-            for outcomes in CutOutcome::ALL_OUTCOMES.map(|a| CutOutcome::ALL_OUTCOMES.map(|b| [a, b])).concat() {
-                for (operations, outcome) in [first, second].into_iter().zip(outcomes) {
-                    rig.cut_power_after(operations, outcome);
-                    rig.console.send_bytes(b"stream rate 20\r");
-                    power_cuts += u32::from(rig.run_for_s(0.3) == ModuleRunEnd::PowerCut);
-                    rig.power_off();
-                    rig.power_on(ResetCause::PowerOn);
-                    rig.run_for_s(0.2);
-                }
-                rig.take_console_output();
-                let status = full_status(&mut rig);
-                assert!(status.contains("declination: 7.0 deg"), "after {first} and {second} {outcomes:?}: {status}");
-            }
-        }
-    }
-    // Every power cut takes effect, because a save has more operations than are tested.
-    assert!(power_cuts >= 1_200, "{power_cuts} cuts");
-}
-
 /// Region of the store on the board: eight pages of 2 KB.
 type StoreFlash = RamFlash<2048>;
 const STORE_PAGES: usize = 8;

@@ -21,6 +21,10 @@ use simulator::world::mavlink_autopilot::{
 use simulator::world::msp_autopilot::{self, AnswerFaults, CompassSample};
 use simulator::world::{CRUISE_CURRENT_A, TrueState, WorldConfig};
 
+use crate::autopilot_view::{
+    HEARTBEAT, MAG_CAL_PROGRESS, MAG_CAL_REPORT, assert_current_interference_is_estimated, frames_with_id,
+    has_calibration_success, named_heading_errors_deg, status_texts,
+};
 use crate::fixtures::{
     HEADING_ERROR_BOUND_DEG, MAVLINK_ARDUPILOT, MSP_ARDUPILOT, fly_routine, full_status, received_sentences, run_for_s,
     shown_calibration, status_line, world_with_vehicle,
@@ -50,33 +54,8 @@ fn mavlink_autopilot(rig: &Rig, port: usize) -> Rc<RefCell<MavlinkAutopilot>> {
     Rc::clone(autopilot)
 }
 
-const HEARTBEAT: u32 = 0;
 const COMMAND_ACK: u32 = 77;
 const VISION_POSITION_ESTIMATE: u32 = 102;
-const MAG_CAL_PROGRESS: u32 = 191;
-const MAG_CAL_REPORT: u32 = 192;
-const NAMED_VALUE_FLOAT: u32 = 251;
-const STATUSTEXT: u32 = 253;
-
-fn frames_with_id(id: u32, received_frames: &[MavlinkFrame]) -> Vec<&MavlinkFrame> {
-    received_frames.iter().filter(|frame| frame.message_id == id).collect()
-}
-
-/// Complete status texts; byte 53 is the chunk number of a text in several frames.
-fn status_texts(received_frames: &[MavlinkFrame]) -> Vec<String> {
-    let mut texts: Vec<String> = Vec::new();
-    for frame in frames_with_id(STATUSTEXT, received_frames) {
-        let characters: Vec<u8> =
-            (1..51).map(|byte_index| frame.byte_at(byte_index)).take_while(|&byte| byte != 0).collect();
-        let chunk = String::from_utf8(characters).expect("plain characters");
-        if frame.byte_at(53) > 0 {
-            texts.last_mut().expect("its beginning").push_str(&chunk);
-        } else {
-            texts.push(chunk);
-        }
-    }
-    texts
-}
 
 fn compass_readings(rig: &Rig, port: usize) -> Vec<CompassSample> {
     let AttachedDevice::Msp(autopilot) = &rig.port_devices[port] else { panic!("no MSP there") };
@@ -145,30 +124,16 @@ fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
             status_texts.iter().filter(|text| text.contains("collecting")).count() >= 3,
             "{vehicle_kind:?}: {status_texts:?}"
         );
-        // MAG_CAL_REPORT with status MAG_CAL_SUCCESS (4) and `autosaved` 1.
-        let is_success = |report: &&MavlinkFrame| (report.byte_at(42), report.byte_at(43)) == (4, 1);
-        let reports = frames_with_id(MAG_CAL_REPORT, &during);
-        assert!(reports.iter().any(is_success), "{vehicle_kind:?}: {reports:?}");
+        assert!(has_calibration_success(&during), "{vehicle_kind:?}: {:?}", frames_with_id(MAG_CAL_REPORT, &during));
         assert!(!frames_with_id(MAG_CAL_PROGRESS, &during).is_empty());
         // In straight flight the age of a named value has no effect.
         rig.world.append_leg(Leg::Straight { heading_deg: 200.0, seconds: 60.0 });
         run_for_s(&mut rig, 45.0);
         let _ = received_frames(&rig, 0);
-        let mut headings = 0;
-        for _ in 0..5 {
-            run_for_s(&mut rig, 1.0);
-            let values = received_frames(&rig, 0);
-            let is_heading =
-                |frame: &&MavlinkFrame| (8..15).map(|byte_index| frame.byte_at(byte_index)).eq(*b"hdg_mag");
-            for heading in frames_with_id(NAMED_VALUE_FLOAT, &values).into_iter().filter(is_heading) {
-                let time_ms = u32::from_le_bytes([0, 1, 2, 3].map(|byte_index| heading.byte_at(byte_index)));
-                let truth_deg = rig.world.true_state(u64::from(time_ms) * 1000).heading_deg();
-                let error_deg = wrap_180(f64::from(heading.float_at(4)) - truth_deg);
-                assert!(error_deg.abs() < HEADING_ERROR_BOUND_DEG, "{vehicle_kind:?}: {error_deg}");
-                headings += 1;
-            }
-        }
-        assert!((23..=27).contains(&headings), "five a second: {headings}");
+        run_for_s(&mut rig, 5.0);
+        let errors_deg = named_heading_errors_deg(&received_frames(&rig, 0), &rig.world);
+        assert!(errors_deg.iter().all(|error_deg| error_deg.abs() < HEADING_ERROR_BOUND_DEG), "{errors_deg:?}");
+        assert!((23..=27).contains(&errors_deg.len()), "five a second: {}", errors_deg.len());
     }
 }
 
@@ -229,20 +194,12 @@ fn motor_current_interference_is_estimated_with_a_reported_current() {
         rig.power_on(ResetCause::PowerOn);
         run_for_s(&mut rig, 12.0);
         let calibration = shown_calibration(&mut rig).unwrap_or_else(|| panic!("{far_end:?}")).calibration;
-        let MotorCurrentInterference { ut_per_a, sigma_ut_per_a, .. } = calibration.motor_current;
         let error_deg = HeadingErrors::evaluate_calibration(&calibration, &config).statistics().rms_deg;
         if !is_reported {
             assert_eq!(calibration.motor_current, MotorCurrentInterference::NO_INTERFERENCE);
             continue;
         }
-        for (estimated_ut_per_a, added_field_ut) in ut_per_a.iter().zip(config.current_interference_ut) {
-            let estimate_error = f64::from(*estimated_ut_per_a) - added_field_ut / CRUISE_CURRENT_A;
-            assert!(
-                estimate_error.abs() < 4.0 * f64::from(sigma_ut_per_a),
-                "{far_end:?}: {ut_per_a:?} {:?}",
-                config.current_interference_ut
-            );
-        }
+        assert_current_interference_is_estimated(&calibration, &config);
         assert!(error_deg < 1.5, "{far_end:?}: {error_deg}");
         if far_end != MAVLINK_ARDUPILOT {
             continue;

@@ -88,57 +88,61 @@ fn variation_is_sent_when_declination_is_set() {
     assert!(is_true(&mut rig, 4.0));
 }
 
-/// 400 uT is the limit of the sensor's range.
+/// A field of 400 uT is the limit of the sensor's range, and one 20 uT stronger than the Earth's is interference. A silent
+/// sensor is detected within 0.25 s, and has lost its configuration when it returns.
 #[test]
-fn a_saturated_sensor_gives_no_heading() {
-    let mut rig = calibrated_rig();
-    rig.world.set_disturbance_ut([900.0, 0.0, 0.0]);
-    rig.run_for_s(0.2);
-    let received = received_sentences(&mut rig, 2.0);
-    assert!(
-        received.len() >= 30 && count_headings(&received) == 0,
-        "{} of {}",
-        count_headings(&received),
-        received.len()
-    );
-    assert!(full_status(&mut rig).contains("heading: none, sensor-saturated"));
-    rig.world.set_disturbance_ut([0.0; 3]);
-    rig.run_for_s(0.2);
-    let received = received_sentences(&mut rig, 2.0);
-    assert_eq!(count_headings(&received), received.len());
-}
-
-/// A field 20 uT stronger than the Earth's indicates interference.
-#[test]
-fn a_disturbed_field_gives_no_heading() {
-    let mut rig = calibrated_rig();
-    rig.world.set_disturbance_ut([0.0, 0.0, 25.0]);
-    rig.run_for_s(0.2);
-    assert_eq!(count_headings(&received_sentences(&mut rig, 2.0)), 0);
-    assert!(full_status(&mut rig).contains("heading: none, field-disturbed"));
-}
-
-/// Empty sentences within 0.25 s; headings resume although the chip has lost its configuration.
-#[test]
-fn a_lost_sensor_is_detected_and_used_again_when_it_returns() {
-    let mut rig = calibrated_rig();
-    rig.magnetometer.set_silent(true);
-    rig.run_for_s(0.25);
-    let received = received_sentences(&mut rig, 2.0);
-    assert!(
-        received.len() >= 20 && count_headings(&received) == 0,
-        "{} of {}",
-        count_headings(&received),
-        received.len()
-    );
-    assert!(full_status(&mut rig).contains("heading: none, sensor-silent"));
-    rig.magnetometer.power_cycle();
-    rig.magnetometer.set_silent(false);
-    rig.run_for_s(1.0);
-    let received = received_sentences(&mut rig, 2.0);
-    assert_eq!(count_headings(&received), received.len());
-    // The module did not restart.
-    assert!(full_status(&mut rig).contains("started by power-on"));
+fn a_fault_of_the_field_or_the_sensor_withholds_the_heading_until_its_end() {
+    type Change = fn(&Rig);
+    struct Case {
+        reason: &'static str,
+        begin: Change,
+        detected_within_s: f64,
+        least_sentences: usize,
+        /// And the time until headings are sent again.
+        end: Option<(Change, f64)>,
+    }
+    for Case { reason, begin, detected_within_s, least_sentences, end } in [
+        Case {
+            reason: "sensor-saturated",
+            begin: |rig| rig.world.set_disturbance_ut([900.0, 0.0, 0.0]),
+            detected_within_s: 0.2,
+            least_sentences: 30,
+            end: Some((|rig| rig.world.set_disturbance_ut([0.0; 3]), 0.2)),
+        },
+        Case {
+            reason: "field-disturbed",
+            begin: |rig| rig.world.set_disturbance_ut([0.0, 0.0, 25.0]),
+            detected_within_s: 0.2,
+            least_sentences: 30,
+            end: None,
+        },
+        Case {
+            reason: "sensor-silent",
+            begin: |rig| rig.magnetometer.set_silent(true),
+            detected_within_s: 0.25,
+            least_sentences: 20,
+            end: Some((
+                |rig| {
+                    rig.magnetometer.power_cycle();
+                    rig.magnetometer.set_silent(false);
+                },
+                1.0,
+            )),
+        },
+    ] {
+        let mut rig = calibrated_rig();
+        begin(&rig);
+        rig.run_for_s(detected_within_s);
+        let received = received_sentences(&mut rig, 2.0);
+        assert!(received.len() >= least_sentences && count_headings(&received) == 0, "{reason}: {received:?}");
+        assert!(full_status(&mut rig).contains(&format!("heading: none, {reason}")), "{reason}");
+        let Some((end, resumed_within_s)) = end else { continue };
+        end(&rig);
+        rig.run_for_s(resumed_within_s);
+        let received = received_sentences(&mut rig, 2.0);
+        assert_eq!(count_headings(&received), received.len(), "{reason}");
+        assert!(full_status(&mut rig).contains("started by power-on"), "{reason}: it did not restart");
+    }
 }
 
 #[test]

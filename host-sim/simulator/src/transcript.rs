@@ -128,17 +128,6 @@ fn transcript_lines(text: &str) -> impl DoubleEndedIterator<Item = &str> {
 mod tests {
     use super::*;
 
-    #[test]
-    fn a_hard_iron_change_is_parsed_from_the_status() {
-        let transcript = "ok calibrated\r\nhard iron: changed by 5.2 uT since the calibration, mostly aft \
-                    (x -4.9, y 0.3, z -1.7, sigma 0.4); headings are corrected for it\r\n";
-        assert_eq!(
-            hard_iron_change_ut(transcript).map(|ut| ut.map(|component_ut| (component_ut * 10.0).round() as i32)),
-            Some([-49, 3, -17])
-        );
-        assert_eq!(hard_iron_change_ut("hard iron: no change detected\r\n"), None);
-    }
-
     /// Units of the library: radians, seconds, chip axes.
     #[test]
     fn a_shown_calibration_is_parsed() {

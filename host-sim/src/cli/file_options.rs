@@ -86,15 +86,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_missing_airframe_file_is_named() {
-        let CommandFailure(missing) = named_world("no/such.toml", 0).unwrap_err();
-        assert!(
-            missing.starts_with("airframe-unreadable: no/such.toml: ") && missing.contains("`table1`"),
-            "{missing}"
-        );
-    }
-
-    #[test]
     fn a_report_is_written_to_the_given_path() {
         let folder = tempfile::tempdir().unwrap();
         let report = Report::default();

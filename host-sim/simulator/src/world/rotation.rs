@@ -89,44 +89,32 @@ mod tests {
         assert_near(earth_field(50.0, -30_f64.to_radians()), [50.0 * 0.75_f64.sqrt(), 0.0, -25.0]);
     }
 
-    /// Heading east, north is to the left; heading south, behind; heading west, to the right.
+    /// Earth axes (north, east, down) in the body (forward, right, down): headings are clockwise from north, pitch is nose up,
+    /// roll is right wing down, in the order yaw, pitch, roll.
     #[test]
-    fn headings_are_clockwise_from_north() {
-        let north = Vector3::new(1.0, 0.0, 0.0);
-        for (heading_deg, expected) in
-            [(0.0, [1.0, 0.0, 0.0]), (90.0, [0.0, -1.0, 0.0]), (180.0, [-1.0, 0.0, 0.0]), (270.0, [0.0, 1.0, 0.0])]
-        {
-            assert_near(Euler::from_deg(0.0, 0.0, heading_deg).body_from_earth() * north, expected);
+    fn earth_axes_in_the_body_follow_heading_pitch_and_roll() {
+        const FORWARD: [f64; 3] = [1.0, 0.0, 0.0];
+        const BACK: [f64; 3] = [-1.0, 0.0, 0.0];
+        const RIGHT: [f64; 3] = [0.0, 1.0, 0.0];
+        const LEFT: [f64; 3] = [0.0, -1.0, 0.0];
+        const BELOW: [f64; 3] = [0.0, 0.0, 1.0];
+        const ABOVE: [f64; 3] = [0.0, 0.0, -1.0];
+        for (roll_pitch_heading_deg, axes) in [
+            ([0.0, 0.0, 0.0], [FORWARD, RIGHT, BELOW]),
+            ([0.0, 0.0, 90.0], [LEFT, FORWARD, BELOW]),
+            ([0.0, 0.0, 180.0], [BACK, LEFT, BELOW]),
+            ([0.0, 0.0, 270.0], [RIGHT, BACK, BELOW]),
+            ([0.0, 90.0, 0.0], [BELOW, RIGHT, BACK]),
+            ([90.0, 0.0, 0.0], [FORWARD, ABOVE, RIGHT]),
+            // Heading east; after pitching up the body's down axis points east, after rolling right its right one.
+            ([90.0, 90.0, 90.0], [BELOW, RIGHT, BACK]),
+        ] {
+            let [roll_deg, pitch_deg, heading_deg] = roll_pitch_heading_deg;
+            let rotation = Euler::from_deg(roll_deg, pitch_deg, heading_deg).body_from_earth();
+            for (axis, expected) in axes.into_iter().enumerate() {
+                assert_near(rotation.column(axis).into(), expected);
+            }
         }
-        assert_near(Euler::from_deg(0.0, 0.0, 90.0).body_from_earth() * Vector3::new(0.0, 1.0, 0.0), [1.0, 0.0, 0.0]);
-    }
-
-    /// With the nose straight up, down is behind and the former forward direction is below.
-    #[test]
-    fn pitch_is_nose_up() {
-        let nose_up = Euler::from_deg(0.0, 90.0, 0.0).body_from_earth();
-        assert_near(nose_up * Vector3::new(0.0, 0.0, 1.0), [-1.0, 0.0, 0.0]);
-        assert_near(nose_up * Vector3::new(1.0, 0.0, 0.0), [0.0, 0.0, 1.0]);
-        assert_near(nose_up * Vector3::new(0.0, 1.0, 0.0), [0.0, 1.0, 0.0]);
-    }
-
-    /// With the right wing straight down, down is along the right wing and the former left direction is below.
-    #[test]
-    fn roll_is_right_wing_down() {
-        let banked = Euler::from_deg(90.0, 0.0, 0.0).body_from_earth();
-        assert_near(banked * Vector3::new(0.0, 0.0, 1.0), [0.0, 1.0, 0.0]);
-        assert_near(banked * Vector3::new(0.0, 1.0, 0.0), [0.0, 0.0, -1.0]);
-        assert_near(banked * Vector3::new(1.0, 0.0, 0.0), [1.0, 0.0, 0.0]);
-    }
-
-    /// Heading east, the right wing points south. After pitching up by 90 deg, the body's down axis points east. After
-    /// rolling right by 90 deg, the right wing points east and the down axis north.
-    #[test]
-    fn the_order_is_yaw_pitch_roll() {
-        let earth_from_body = Euler::from_deg(90.0, 90.0, 90.0).body_from_earth().transpose();
-        assert_near(earth_from_body * Vector3::new(1.0, 0.0, 0.0), [0.0, 0.0, -1.0]);
-        assert_near(earth_from_body * Vector3::new(0.0, 1.0, 0.0), [0.0, 1.0, 0.0]);
-        assert_near(earth_from_body * Vector3::new(0.0, 0.0, 1.0), [1.0, 0.0, 0.0]);
     }
 
     #[test]

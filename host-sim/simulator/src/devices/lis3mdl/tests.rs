@@ -3,7 +3,7 @@ use embassy_time::Timer;
 use embedded_hal_async::i2c::I2c;
 
 use super::*;
-use crate::devices::i2c::{BusError, SimulatedI2cBus};
+use crate::devices::i2c::SimulatedI2cBus;
 use log_analysis::numbers::square;
 use testkit::simulation::{Level, Simulation};
 
@@ -110,26 +110,6 @@ fn data_ready_comes_at_the_data_rate_and_overrun_when_late() {
 }
 
 #[test]
-fn every_data_rate_is_kept() {
-    // CTRL_REG1 and the data sheet's rate: DO2:0 in low power, then FAST_ODR in each operating mode.
-    let rates =
-        [(0x00, 0.625), (0x10, 10.0), (0x1C, 80.0), (0x02, 1000.0), (0x22, 560.0), (0x42, 300.0), (0x62, 155.0)];
-    run_on_bus([0.0; 3], move |mut bus, _| async move {
-        for (control1, rate_hz) in rates {
-            write_register(&mut bus, 0x20, control1).await;
-            write_register(&mut bus, 0x22, 0x00).await;
-            let period_us = 1e6 / rate_hz;
-            Timer::after_micros((0.98 * period_us) as u64 - 90).await;
-            assert_eq!(read_register(&mut bus, 0x27).await, 0, "{rate_hz} Hz: early");
-            Timer::after_micros((0.04 * period_us) as u64).await;
-            assert_eq!(read_register(&mut bus, 0x27).await & 0x08, 0x08, "{rate_hz} Hz: late");
-            read_counts(&mut bus).await;
-            write_register(&mut bus, 0x22, 0x03).await;
-        }
-    });
-}
-
-#[test]
 fn a_single_conversion_ends_in_power_down() {
     run_on_bus([1.0; 3], |mut bus, _| async move {
         write_register(&mut bus, 0x20, 0x7C).await;
@@ -199,38 +179,6 @@ fn noise_is_that_of_the_data_sheet_and_grows_as_averaging_shrinks() {
             },
         );
     }
-}
-
-#[test]
-fn faults_show_on_the_bus() {
-    run_in_field(
-        NOISE_FREE,
-        |at_us| [at_us as f32 / 1e4; 3],
-        |mut bus, chip| async move {
-            start_continuous(&mut bus).await;
-            Timer::after_millis(20).await;
-            let moving = read_counts(&mut bus).await;
-            chip.borrow_mut().set_frozen(true);
-            Timer::after_millis(20).await;
-            assert_eq!(read_register(&mut bus, 0x27).await & 0x08, 0x08, "a frozen chip still announces data");
-            assert_eq!(read_counts(&mut bus).await, moving);
-            chip.borrow_mut().set_frozen(false);
-            Timer::after_millis(20).await;
-            assert!(read_counts(&mut bus).await > moving);
-
-            chip.borrow_mut().set_silent(true);
-            let refused = bus.write(ADDRESS_SA1_HIGH, &[0x0F]).await;
-            assert_eq!(refused, Err(BusError::NoAcknowledge(ADDRESS_SA1_HIGH)));
-            chip.borrow_mut().set_silent(false);
-            assert!(bus.write(ADDRESS_SA1_LOW, &[0x0F]).await.is_err(), "nobody lives at the other address");
-
-            chip.borrow_mut().power_cycle();
-            assert_eq!(read_register(&mut bus, 0x22).await, 3, "back at the reset value");
-            write_register(&mut bus, 0x24, 0x40).await;
-            write_register(&mut bus, 0x21, 0x04).await;
-            assert_eq!(read_register(&mut bus, 0x24).await, 0, "soft reset clears the control registers");
-        },
-    );
 }
 
 /// Nine bytes (address, register, address, six data bytes) of 22.5 us, rounded up.

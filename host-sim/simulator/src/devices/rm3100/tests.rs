@@ -211,47 +211,6 @@ fn the_self_test_shows_the_broken_oscillator() {
     });
 }
 
-#[test]
-fn faults_show_on_the_bus() {
-    run_in_field(
-        NOISE_FREE,
-        |at_us| [at_us as f32 / 1e4; 3],
-        |mut device, chip| async move {
-            write_register(&mut device, 0x0B, 0x95).await;
-            write_register(&mut device, 0x01, CONTINUOUS_MODE).await;
-            let set_fault = |fault| chip.borrow_mut().set_fault(fault);
-            for idle_byte in [0xFF, 0x00] {
-                set_fault(Some(Rm3100Fault::MissingChip(idle_byte)));
-                write_register(&mut device, 0x05, 1).await;
-                assert_eq!(read_register(&mut device, 0x34).await, [idle_byte; 3]);
-            }
-            set_fault(Some(Rm3100Fault::WrongRevision(0x23)));
-            assert_eq!(read_register(&mut device, 0x36).await, [0x23]);
-            assert_eq!(read_register(&mut device, 0x05).await, [0xC8], "a missing chip is not written");
-            let before = read_counts(&mut device).await;
-            set_fault(Some(Rm3100Fault::StuckAxis(1)));
-            Timer::after_millis(30).await;
-            let after = read_counts(&mut device).await;
-            assert!(after[0] > before[0] && after[1] == before[1] && after[2] > before[2], "{before:?} {after:?}");
-            set_fault(Some(Rm3100Fault::NeverReady));
-            Timer::after_millis(30).await;
-            assert!(!is_ready(&mut device).await);
-            set_fault(None);
-            assert!(is_ready(&mut device).await);
-
-            chip.borrow_mut().flip_register_bits(0x05, 0x08);
-            assert_eq!(read_register(&mut device, 0x05).await, [0xC0]);
-            chip.borrow_mut().power_cycle();
-            assert_eq!(
-                (read_register(&mut device, 0x05).await, read_register(&mut device, 0x0B).await),
-                ([0xC8], [0x96])
-            );
-            Timer::after_millis(200).await;
-            assert!(!is_ready(&mut device).await, "continuous mode is lost");
-        },
-    );
-}
-
 /// A transfer of ten bytes takes 80 us at 1 MHz.
 #[test]
 fn a_transfer_takes_the_time_of_its_bytes() {

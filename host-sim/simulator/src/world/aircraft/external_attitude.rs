@@ -109,14 +109,6 @@ mod tests {
         }
     }
 
-    #[test]
-    fn the_first_attitude_sets_the_aircraft_without_a_turn() {
-        let mut aircraft = Aircraft::new(VehicleConfig::default(), Weather::default(), 1, 0);
-        let state = follow_for_steps(&mut aircraft, Euler::from_deg(-20.0, 5.0, 200.0), 1);
-        assert!((state.heading_deg() - 200.0).abs() < 1e-9 && (state.roll_rad.to_degrees() + 20.0).abs() < 1e-9);
-        assert!(state.heading_rate_rad_s.abs() < f64::EPSILON && state.roll_rate_rad_s.abs() < f64::EPSILON);
-    }
-
     /// The second of two first attitudes at one instant once turned the aircraft by 59 deg within a step: a heading
     /// 4 to 9 deg off for the rest of the run.
     #[test]

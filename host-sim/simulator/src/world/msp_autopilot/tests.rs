@@ -41,31 +41,14 @@ fn request_reply(
 }
 
 #[test]
-fn the_library_understands_both_firmwares() {
+fn the_library_understands_variant_position_and_date_of_both_firmwares() {
     assert_eq!(crc_8_dvb_s2(b"123456789"), 0xBC);
     for (firmware, detected) in
         [(MspFirmware::ArduPilot, AutopilotFirmware::ArduPilot), (MspFirmware::Inav, AutopilotFirmware::Inav)]
     {
         let mut autopilot = MspAutopilot::new(firmware, NO_FAULTS, 1);
-        assert_eq!(
-            request_reply(&mut autopilot, MspFunction::FcVariant, &AUTOPILOT_STATE),
-            Some(MspReply::FcVariant(detected))
-        );
-        for is_armed in [true, false] {
-            let autopilot_state = AutopilotState { is_armed, ..AUTOPILOT_STATE };
-            assert_eq!(
-                request_reply(&mut autopilot, MspFunction::Status, &autopilot_state),
-                Some(MspReply::Armed(is_armed))
-            );
-        }
-        let Some(MspReply::Attitude(angles)) = request_reply(&mut autopilot, MspFunction::Attitude, &AUTOPILOT_STATE)
-        else {
-            panic!()
-        };
-        let attitude = detected.attitude_from_angles(angles).unwrap();
-        // MSP_ATTITUDE has a resolution of 0.1 deg (0.0017 rad).
-        assert!((attitude.roll_rad - 0.2).abs() < 0.0018, "{firmware:?} {attitude:?}");
-        assert!((attitude.pitch_rad - 0.1).abs() < 0.0018, "{firmware:?} {attitude:?}");
+        let reply = request_reply(&mut autopilot, MspFunction::FcVariant, &AUTOPILOT_STATE);
+        assert_eq!(reply, Some(MspReply::FcVariant(detected)));
         let Some(MspReply::RawGps(Some(position))) =
             request_reply(&mut autopilot, MspFunction::RawGps, &AUTOPILOT_STATE)
         else {
@@ -73,11 +56,6 @@ fn the_library_understands_both_firmwares() {
         };
         assert!((position.latitude_deg + 33.9).abs() < 1e-5 && (position.longitude_deg - 151.2).abs() < 2e-5);
         assert!((position.height_m - 20.0).abs() < 1e-6);
-        let Some(MspReply::Current(amperes)) = request_reply(&mut autopilot, MspFunction::Analog, &AUTOPILOT_STATE)
-        else {
-            panic!()
-        };
-        assert!((amperes - 12.34).abs() < 1e-5);
         for unix_s in [1_795_348_800, 1_709_164_800, 1_735_689_599, 4_107_542_400_u64] {
             let autopilot_state = AutopilotState { unix_s: Some(unix_s), ..AUTOPILOT_STATE };
             let Some(MspReply::Rtc(Some(day))) = request_reply(&mut autopilot, MspFunction::Rtc, &autopilot_state)

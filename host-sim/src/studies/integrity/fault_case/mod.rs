@@ -22,42 +22,27 @@ mod tests {
     use super::*;
     use crate::studies::integrity::integrity_plan::AttitudeProtocol;
 
-    fn case_names(aircraft: VehicleKind) -> Vec<&'static str> {
-        ALL_CASES.iter().filter(|case| case.applies_to_vehicle(aircraft)).map(|case| case.case_name).collect()
-    }
-
     #[test]
-    fn each_vehicle_kind_has_its_applicable_cases() {
-        let [plane, copter] = [VehicleKind::Plane, VehicleKind::Copter].map(case_names);
-        let only = |included: &[&'static str], excluded: &[&'static str]| -> Vec<&'static str> {
-            included.iter().filter(|name| !excluded.contains(name)).copied().collect()
-        };
-        assert_eq!(
-            only(&plane, &copter),
-            [
-                "ten-hours",
-                "link-gaps",
-                "drift-straight-60",
-                "drift-straight-300",
-                "steady",
-                "cal-bank-5",
-                "cal-linkage-3"
-            ]
-        );
-        assert_eq!(
-            only(&copter, &plane),
-            [
-                "drift-hover-300",
-                "steady-hover",
-                "cal-yaw-only",
-                "pushed",
-                "cal-current-unreported",
-                "cal-current-unreported-20",
-                "cal-current-reported",
-                "cal-current-reported-20"
-            ]
-        );
-        assert_eq!(only(&case_names(VehicleKind::Vtol), &copter), ["cal-linkage-3"]);
+    fn a_case_is_flown_by_the_vehicles_and_protocols_that_can_have_its_fault() {
+        use AttitudeProtocol::{Mavlink, Msp};
+        use VehicleKind::{Copter, Plane, Vtol};
+        let hovering = [(Plane, false), (Copter, true), (Vtol, true)];
+        for (name, vehicles, by_msp) in [
+            ("clean", [(Plane, true), (Copter, true), (Vtol, true)], true),
+            ("cal-yaw-only", hovering, true),
+            ("cal-current-reported", hovering, true),
+            ("cal-bank-5", [(Plane, true), (Copter, false), (Vtol, false)], true),
+            ("cal-linkage-3", [(Plane, true), (Copter, false), (Vtol, true)], true),
+            // MSP has one sender, and no body rates.
+            ("second-vehicle", [(Plane, true), (Copter, true), (Vtol, true)], false),
+            ("rates-sign", [(Plane, true), (Copter, true), (Vtol, true)], false),
+        ] {
+            let case = find_by_name(name).unwrap();
+            for (aircraft, expected) in vehicles {
+                assert_eq!(case.applies_to_vehicle(aircraft), expected, "{name} {aircraft:?}");
+            }
+            assert_eq!((case.applies_to_protocol(Mavlink), case.applies_to_protocol(Msp)), (true, by_msp), "{name}");
+        }
     }
 
     #[test]

@@ -1,5 +1,7 @@
 use super::*;
 
+type Quantity = fn(&TrueState) -> f64;
+
 fn copter(weather: Weather, heading_deg: f64) -> Aircraft {
     let config = VehicleConfig { kind: VehicleKind::Copter, heading_deg, ..VehicleConfig::default() };
     Aircraft::new(config, weather, 1, 0)
@@ -97,13 +99,11 @@ fn a_copter_flies_forward_and_banks_into_its_turns() {
 fn gusts_disturb_attitude_and_position() {
     let mut copter = copter(Weather { wind_m_s: 0.0, ..Weather::default() }, 0.0);
     let states = fly(&mut copter, 300.0);
-    let angles: [(&str, fn(&TrueState) -> f64); 2] =
-        [("roll", |state| state.roll_rad), ("pitch", |state| state.pitch_rad)];
+    let angles: [(&str, Quantity); 2] = [("roll", |state| state.roll_rad), ("pitch", |state| state.pitch_rad)];
     for (name, angle) in angles {
         assert!((0.6..2.0).contains(&sigma_deg(&states, angle)), "{name}: {}", sigma_deg(&states, angle));
     }
-    let speeds: [(&str, fn(&TrueState) -> f64); 2] =
-        [("north", |state| state.north_m_s), ("east", |state| state.east_m_s)];
+    let speeds: [(&str, Quantity); 2] = [("north", |state| state.north_m_s), ("east", |state| state.east_m_s)];
     for (name, speed) in speeds {
         assert!(mean(states.iter().map(|state| square(speed(state)))).sqrt() > 0.03, "{name}");
     }

@@ -135,15 +135,6 @@ fn a_boat_meets_more_waves_against_the_wind() {
     assert!(crossings(250.0) > 2 * crossings(70.0), "{} {}", crossings(250.0), crossings(70.0));
 }
 
-#[test]
-fn rovers_and_boats_start_tilted_by_their_surface() {
-    for vehicle_kind in [VehicleKind::Rover, VehicleKind::Boat] {
-        let state = *vehicle(vehicle_kind, Weather::default(), 2).true_state();
-        assert!(libm::hypot(state.roll_rad, state.pitch_rad).to_degrees() > 1.0, "{vehicle_kind:?}: {state:?}");
-        assert!(libm::hypot(state.roll_rate_rad_s, state.pitch_rate_rad_s) < 1.0, "{vehicle_kind:?}: {state:?}");
-    }
-}
-
 /// The turn rate in degrees per second equals the commanded bank in degrees.
 #[test]
 fn rovers_and_boats_hold_a_heading_without_bank() {
