@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use autoswing_firmware::health::StackUse;
-use host_sim::emulator::{BenchTest, Emulator, instruction_budget};
+use laboratory::emulator::{BenchTest, Emulator, instruction_budget};
 use simulator::mission::{TurnPlan, fly_mission_of_module};
 use simulator::module::{Module as _, ModuleRunEnd};
 use simulator::nmea::SentenceReader;
@@ -28,7 +28,7 @@ use autopilot_view::{
 
 /// An image built by `scripts/build-firmware`.
 fn image_path(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/firmware").join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/firmware").join(name)
 }
 
 fn start_emulator() -> Emulator {

@@ -1,16 +1,26 @@
-//! Programs around the simulator and the analysis of logs: all that needs an operating system, and the studies.
+//! The command line: fly the module in a simulated vehicle, and judge logs; and what the laboratory's commands share.
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`emulator`] | the firmware's ARM code in QEMU, as a module of the simulator |
-//! | [`serve`] | access for external programs: console, pilot commands, ports, simulators |
-//! | [`studies`] | accuracy, integrity, and the paper's table |
+//! | [`commands`] | the commands and their exit codes |
+//! | [`fly`], [`replay`], [`several_logs`] | each command |
+//! | [`file_options`], [`option_parsers`] | files and values of options |
+//! | [`print`](mod@print), [`progress`] | output |
+//! | [`command_failure`], [`termination`] | how a command ends before its end |
 //!
-//! The simulator is the crate `simulator`, the analysis of logs the crate `log_analysis`; the command line is the
-//! binary. All results but those of the emulator and of served modules are functions of the seed.
+//! The simulator is the crate `simulator`, the judgement of logs the crate `log_analysis`; studies, emulator and served
+//! modules are the crate `laboratory`. All results are functions of the seed or of the log.
 
-#![warn(clippy::disallowed_methods)]
+// The standard macros panic when the reader has closed the pipe; `print` does not.
+#![warn(clippy::disallowed_methods, clippy::print_stdout, clippy::print_stderr)]
 
-pub mod emulator;
-pub mod serve;
-pub mod studies;
+pub mod command_failure;
+pub mod commands;
+pub mod file_options;
+pub mod fly;
+pub mod option_parsers;
+pub mod print;
+pub mod progress;
+pub mod replay;
+pub mod several_logs;
+pub mod termination;

@@ -1,12 +1,7 @@
-//! Command line of the simulator.
-
-// The standard macros panic when the reader has closed the pipe; `cli::print` does not.
-#![warn(clippy::print_stdout, clippy::print_stderr)]
-
-mod cli;
+//! Flies the module in a simulated vehicle, and judges logs.
 
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    cli::run_program()
+    host_sim::commands::run_program()
 }

@@ -108,7 +108,7 @@ with ServedModule("--can", BUS) as module:
     bus = Bus()
     module.hold_heading(HEADING_DEG)
     number = bus.module_node_number()
-    print(f"$ host-sim serve --can {BUS}\n\nNode {TOOL_NODE}, with an allocator: pydronecan {dronecan.__version__}")
+    print(f"$ lab serve --can {BUS}\n\nNode {TOOL_NODE}, with an allocator: pydronecan {dronecan.__version__}")
     print(f"\nAllocation\n  node {number}")
 
     def is_calibrated():

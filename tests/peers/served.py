@@ -1,6 +1,6 @@
-"""`host-sim serve` as a child process of a peer.
+"""`lab serve` as a child process of a peer.
 
-HOST_SIM names the program, FLASH the file with the calibration by autopilot.py; scripts/peers sets both. Waiting for the
+LAB names the program, FLASH the file with the calibration by autopilot.py; scripts/peers sets both. Waiting for the
 module fails after two silent minutes.
 """
 
@@ -40,7 +40,7 @@ class ServedModule:
     """Served module: `with ServedModule("--speed", "2") as module:`."""
 
     def __init__(self, *arguments, flash=None):
-        command = [os.environ["HOST_SIM"], "serve", "--json", "--tcp", "0", "--world", "0"]
+        command = [os.environ["LAB"], "serve", "--json", "--tcp", "0", "--world", "0"]
         command += ["--flash", flash or os.environ["FLASH"], *arguments]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         places = json.loads(self.process.stdout.readline())

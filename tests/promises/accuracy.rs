@@ -1,10 +1,10 @@
-//! Maximum likelihood relative to the Cramér-Rao bound, and coverage of its sigmas; a small `host-sim bench accuracy`.
+//! Maximum likelihood relative to the Cramér-Rao bound, and coverage of its sigmas; a small `lab bench accuracy`.
 
 use std::sync::OnceLock;
 
-use host_sim::studies::accuracy::flight::{Flight, FlightPattern};
-use host_sim::studies::accuracy::flight_study::run_flight_study;
-use host_sim::studies::accuracy::{AccuracyPlan, AccuracyResult, MethodResult, SigmaCoverage, run_accuracy_study};
+use laboratory::studies::accuracy::flight::{Flight, FlightPattern};
+use laboratory::studies::accuracy::flight_study::run_flight_study;
+use laboratory::studies::accuracy::{AccuracyPlan, AccuracyResult, MethodResult, SigmaCoverage, run_accuracy_study};
 use simulator::world::aircraft::VehicleKind;
 
 use crate::fixtures::share_of_flights;

@@ -18,7 +18,7 @@ type ModulePath = Vec<String>;
 const MODULE_FOLDERS: [&str; 3] = ["src/library", "src/module", "src/firmware"];
 
 /// Source folders of all packages.
-const SOURCE_FOLDERS: [&str; 8] = [
+const SOURCE_FOLDERS: [&str; 9] = [
     MODULE_FOLDERS[0],
     MODULE_FOLDERS[1],
     MODULE_FOLDERS[2],
@@ -27,10 +27,11 @@ const SOURCE_FOLDERS: [&str; 8] = [
     "host-sim/simulator/src",
     "host-sim/web/src",
     "host-sim/src",
+    "host-sim/laboratory/src",
 ];
 
 fn repository_root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
 /// A crate's modules without unit tests: which items they define, which names they import, and which paths they use.
@@ -272,10 +273,9 @@ impl<'a> Visit<'a> for ModuleVisitor<'_> {
 fn rust_files(folder: &Path, paths: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).expect("a folder") {
         let path = entry.expect("an entry").path();
-        if path
-            .file_stem()
-            .is_some_and(|name| ["tests", "testing", "bin", "examples", "build"].iter().any(|skipped| name == *skipped))
-        {
+        if path.file_stem().is_some_and(|name| {
+            ["tests", "help_tests", "testing", "bin", "examples", "build"].iter().any(|skipped| name == *skipped)
+        }) {
             continue;
         }
         if path.is_dir() {

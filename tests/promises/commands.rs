@@ -324,7 +324,7 @@ fn command_errors_are_reported_with_a_remedy() {
         ("emulate --image /nowhere.elf".to_owned(), "/nowhere.elf".to_owned(), "scripts/build-firmware"),
         ("replay /nowhere.bin".to_owned(), "/nowhere.bin".to_owned(), "give the path of a log"),
         (format!("replay {file}"), file.to_string(), ""),
-        ("flight.BIN".to_owned(), "flight.BIN is a log".to_owned(), "host-sim replay flight.BIN"),
+        ("flight.BIN".to_owned(), "flight.BIN is a log".to_owned(), "lab replay flight.BIN"),
         (format!("fly --circles 0.1 --report {file}.pdf"), "a report is .html or .svg".to_owned(), "names another"),
         ("fly --airframe /nowhere.toml".to_owned(), "/nowhere.toml".to_owned(), "expected"),
         ("fly --json --circles 0.1 --record /nowhere/x.csv".to_owned(), "/nowhere/x.csv".to_owned(), "--record names"),
@@ -421,31 +421,6 @@ fn the_airframe_of_a_seed_is_printed_as_a_file() {
     assert!((printed_airframe - from_file).abs() < 0.01, "{printed_airframe} {from_file}");
     let expected_text = stdout_text(&format!("fly --circles 0.1 --report {}", report.display()));
     assert!(!expected_text.contains("soft_iron"), "the paper's is known");
-}
-
-/// Bash reads the completions and offers a command; every command has its page.
-#[test]
-fn completions_and_manual_pages_name_every_command() {
-    for shell in ["bash", "zsh", "fish", "powershell"] {
-        let script = stdout_text(&format!("completions {shell}"));
-        assert!(script.contains("replay") && script.contains("params-for"), "{shell}");
-    }
-    let folder = tempfile::tempdir().unwrap();
-    let script = folder.path().join("completions");
-    fs::write(&script, stdout_text("completions bash")).unwrap();
-    let completion_command =
-        ". \"$0\"; COMP_WORDS=(host-sim rep) COMP_CWORD=1; _host__sim host-sim rep host-sim; echo \"${COMPREPLY[@]}\"";
-    let offered = Command::new("bash").args(["-c", completion_command]).arg(&script).output().unwrap();
-    assert_eq!(String::from_utf8(offered.stdout).unwrap(), "replay\n");
-
-    let pages = folder.path().join("man1");
-    stdout_text(&format!("man {}", pages.display()));
-    for command in ["", "-fly", "-replay", "-serve", "-bench", "-bench-accuracy"] {
-        let page = fs::read_to_string(pages.join(format!("host-sim{command}.1"))).unwrap();
-        assert!(page.contains(".SH SYNOPSIS"), "{command}: {page}");
-    }
-    let (code, _, error) = run_command("man Cargo.toml/pages");
-    assert!(code == Some(2) && error.contains("Cargo.toml/pages"), "{code:?} {error}");
 }
 
 /// A table in the axes of a sensor that is turned by 90 deg has the result of the table in body axes.

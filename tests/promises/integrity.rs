@@ -1,4 +1,4 @@
-//! Headings output as good while a fault is active: a small `host-sim bench integrity`.
+//! Headings output as good while a fault is active: a small `lab bench integrity`.
 
 use autoswing::attitude::{AttitudeReport, SenderId};
 use autoswing::calibration::{Calibration, HeadingUncertainty, Orientation};
@@ -7,8 +7,8 @@ use autoswing::instrument::{Correction, Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
 use autoswing_module::settings::HeadingKind;
-use host_sim::studies::integrity::AttitudeProtocol::{Mavlink, Msp, MspInav};
-use host_sim::studies::integrity::{IntegrityPlan, IntegrityRow, fault_case, run_integrity_study};
+use laboratory::studies::integrity::AttitudeProtocol::{Mavlink, Msp, MspInav};
+use laboratory::studies::integrity::{IntegrityPlan, IntegrityRow, fault_case, run_integrity_study};
 use simulator::faults::Faults;
 use simulator::faults::attitude::{AttitudeFault, attitude_quantisation};
 use simulator::module::Module as _;

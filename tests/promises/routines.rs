@@ -10,7 +10,7 @@ use autoswing::frames::{Attitude, Field};
 use autoswing::instrument::{Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
-use host_sim::studies::accuracy::random_flight::{RandomFlight, RandomRanges};
+use laboratory::studies::accuracy::random_flight::{RandomFlight, RandomRanges};
 use log_analysis::score::{ErrorStatistics, wrap_180};
 use simulator::random::{RandomStream, StreamPurpose};
 use simulator::routine::{CalibrationRoutine, TurnPlan};

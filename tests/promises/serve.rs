@@ -8,7 +8,7 @@ use std::process::{Child, ChildStdout, Output};
 use std::sync::LazyLock;
 use std::time::Duration;
 
-use host_sim::serve::{
+use laboratory::serve::{
     AUTOPILOT_PORT, AttitudeProvider, CONSOLE_PORT, DatagramCounts, FlashImage, INSTRUMENT_PORT, PilotPattern,
     ServeOptions, ServedModule,
 };

@@ -1,6 +1,6 @@
 //! Reproduction of Liu 2007 table 1 with the paper's method and others.
 
-use host_sim::studies::paper_experiment::{PaperExperiment, method_errors};
+use laboratory::studies::paper_experiment::{PaperExperiment, method_errors};
 use log_analysis::score::ErrorStatistics;
 
 fn error_figures_deg(experiment: PaperExperiment) -> [ErrorStatistics; 5] {

@@ -1,4 +1,4 @@
-//! QEMU's `mps2-an386`, a Cortex-M4F: the same firmware on an emulator. Run by `host-sim emulate`.
+//! QEMU's `mps2-an386`, a Cortex-M4F: the same firmware on an emulator. Run by `lab emulate`.
 //!
 //! | connection | machine |
 //! |---|---|

@@ -1,7 +1,7 @@
 //! Parameters of the monitor: initial covariance, process noise, measurement noise, limits.
 //!
 //! Fields are relative to the calibrated field strength, angles in radians. Where no other reason is given, a value
-//! minimises the number of wrong headings in `host-sim bench integrity` and the heading error on recorded flights.
+//! minimises the number of wrong headings in `lab bench integrity` and the heading error on recorded flights.
 //! Gates have theirs in `innovation_gate.rs`, adaptation in `adaptive_noise.rs`.
 
 use super::innovation_gate::PerKind;

@@ -3,7 +3,7 @@
 //!
 //! Starts from a closed form, which assumes constant attitude. Attains the Cramér-Rao bound: the ratio of the RMS
 //! heading error to the bound is 1.00 in the median of 500 poor airframes and 1.08 in the worst decile
-//! (`host-sim bench accuracy --airframes 500`).
+//! (`lab bench accuracy --airframes 500`).
 //!
 //! # Numerics
 //!

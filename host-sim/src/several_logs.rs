@@ -9,10 +9,10 @@ use log_analysis::replay::verdict::{CompassState, Verdict};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use super::command_failure::CommandFailure;
-use super::print::{self, append_wrapped};
-use super::progress::show_spinner;
-use super::replay::{ReplayArguments, evaluate_log, read_flight};
+use crate::command_failure::CommandFailure;
+use crate::print::{self, append_wrapped};
+use crate::progress::show_spinner;
+use crate::replay::{ReplayArguments, evaluate_log, read_flight};
 
 /// Names of logs in a folder end in one of these.
 const LOG_EXTENSIONS: [&str; 5] = ["bin", "log", "tlog", "ulg", "csv"];
@@ -26,6 +26,11 @@ struct LogLine {
     json: Value,
 }
 
+/// Judges several logs, or the logs in folders.
+///
+/// # Errors
+///
+/// An option takes one log only, or a folder cannot be read.
 pub fn replay_several_logs(options: &ReplayArguments) -> Result<ExitCode, CommandFailure> {
     if options.params.is_some() || options.params_for.is_some() || options.out.is_some() || options.report.is_some() {
         return Err(CommandFailure("--params, --params-for, --out and --report take one log".to_owned()));

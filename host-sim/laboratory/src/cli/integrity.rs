@@ -1,19 +1,19 @@
-//! `host-sim bench integrity`.
+//! `lab bench integrity`.
 
 use std::process::ExitCode;
 
+use crate::studies::integrity::{
+    self, ALL_CASES, AttitudeProtocol, FaultCase, IntegrityPlan, IntegrityRow, fault_case,
+};
 use autoswing_module::settings::HeadingKind;
 use clap::Args;
 use comfy_table::Table;
-use host_sim::studies::integrity::{
-    self, ALL_CASES, AttitudeProtocol, FaultCase, IntegrityPlan, IntegrityRow, fault_case,
-};
 use simulator::world::aircraft::VehicleKind;
 
-use super::command_failure::CommandFailure;
-use super::option_parsers::{AIRCRAFT_NAMES, integer_in_range, named_value};
-use super::print::{self, narrow_table, right_aligned, wrapped_table};
-use super::progress::progress_bar;
+use host_sim::command_failure::CommandFailure;
+use host_sim::option_parsers::{AIRCRAFT_NAMES, integer_in_range, named_value};
+use host_sim::print::{self, narrow_table, right_aligned, wrapped_table};
+use host_sim::progress::progress_bar;
 
 const HEADING_KINDS: &[(&str, HeadingKind)] = &[("raw", HeadingKind::Raw), ("smooth", HeadingKind::Smooth)];
 
@@ -27,7 +27,7 @@ const ATTITUDE_PROTOCOLS: &[(&str, AttitudeProtocol)] =
 /// the sigmas sent with it and 5 deg. A calibration is wrong if its true error is more than three times the expected
 /// one. An alarm is a period without headings that begins without a fault. 100 flights of every case take about five
 /// minutes on two cores.
-#[derive(Args)]
+#[derive(Debug, Args)]
 pub struct IntegrityOptions {
     /// Kind of aircraft; a copter or a VTOL calibrates by its routine, and turns and accelerates in hover
     #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = named_value(AIRCRAFT_NAMES))]

@@ -11,7 +11,7 @@ use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 
 use super::byte_connections::{BufferedStream, ByteConnection, Connection, OpenedPty};
-use crate::cli::command_failure::CommandFailure;
+use host_sim::command_failure::CommandFailure;
 
 /// A pseudo-terminal with its path, closed when dropped.
 pub fn open_pty() -> Result<Option<OpenedPty>, CommandFailure> {

@@ -3,8 +3,8 @@
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 
+use crate::serve::multicast::{MAX_DATAGRAM_SIZE, from_datagram, to_datagram};
 use autoswing_firmware::wire::dronecan::CanFrame;
-use host_sim::serve::multicast::{MAX_DATAGRAM_SIZE, from_datagram, to_datagram};
 use socket2::{Domain, Socket, Type};
 
 const MULTICAST_PORT: u16 = 57_732;

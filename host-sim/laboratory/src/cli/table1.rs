@@ -1,23 +1,23 @@
-//! `host-sim table1`.
+//! `lab table1`.
 
 use std::process::ExitCode;
 
+use crate::studies::paper_experiment::{self, MethodErrors, PaperExperiment};
 use clap::Args;
 use comfy_table::Table;
-use host_sim::studies::paper_experiment::{self, MethodErrors, PaperExperiment};
 use log_analysis::score::ErrorStatistics;
 use serde_json::{Value, json};
 use simulator::world::published_table1::{self, BankErrors, PublishedRow};
 
-use super::command_failure::CommandFailure;
-use super::option_parsers::integer_in_range;
-use super::print::{self, narrow_table, right_aligned};
+use host_sim::command_failure::CommandFailure;
+use host_sim::option_parsers::integer_in_range;
+use host_sim::print::{self, narrow_table, right_aligned};
 
 /// Compare the methods on the aircraft of Liu 2007 table 1.
 ///
 /// The airframe is fitted to the published errors. As in the paper's experiment it is tilted 20 deg to either side at
 /// zero pitch: at 12 headings without noise, and at 256 with the noise of a LIS3MDL.
-#[derive(Args)]
+#[derive(Debug, Args)]
 pub struct Table1Options {
     /// Seed of the sensor's noise, 0 to 18446744073709551615
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer_in_range(0, u64::MAX))]

@@ -4,7 +4,7 @@ use std::net::TcpStream;
 use std::path::Path;
 
 use super::byte_connections::{Connection, OpenedPty};
-use crate::cli::command_failure::CommandFailure;
+use host_sim::command_failure::CommandFailure;
 
 /// Opens nothing: without pseudo-terminals the module is served on TCP ports alone.
 #[expect(clippy::unnecessary_wraps, reason = "as on Unix, where it can fail")]

@@ -1,4 +1,4 @@
-//! `host-sim serve` and `host-sim console`.
+//! `lab serve` and `lab console`.
 
 mod byte_connections;
 mod can;
@@ -16,9 +16,9 @@ use std::sync::atomic::Ordering;
 use std::sync::mpsc::{self, Sender};
 use std::thread;
 
+use crate::serve::{self, AttitudeProvider, PORTS, PilotPattern, ServedModule};
 use clap::Args;
 use clap::builder::PossibleValuesParser;
-use host_sim::serve::{self, AttitudeProvider, PORTS, PilotPattern, ServedModule};
 use serde_json::{Value, json};
 use simulator::devices::sensor::SensorModel;
 use simulator::mission_report::airframe_json;
@@ -29,12 +29,12 @@ use self::byte_connections::{ByteConnection, Connection, MAX_POLL_BYTES, POLL_IN
 use self::can::MulticastBus;
 use self::flash_writer::FlashWriter;
 use self::serve_loop::{Connections, PilotCommandInput};
-use super::termination::{SecondSignal, TerminationSignals};
+use host_sim::termination::{SecondSignal, TerminationSignals};
 
-use super::file_options::named_world;
-use super::option_parsers::{SENSOR_NAMES, integer_in_range, named_value, number_in_range};
-use super::print;
-use crate::cli::command_failure::CommandFailure;
+use host_sim::command_failure::CommandFailure;
+use host_sim::file_options::named_world;
+use host_sim::option_parsers::{SENSOR_NAMES, integer_in_range, named_value, number_in_range};
+use host_sim::print;
 
 /// Serve the simulated module to a terminal, an autopilot, an instrument or another simulator.
 ///
@@ -42,12 +42,12 @@ use crate::cli::command_failure::CommandFailure;
 /// ports of this computer; Windows has no pseudo-terminals and needs --tcp. The program prints how to attach to each.
 /// The aircraft flies a pattern; orders typed on standard input change it. Try:
 ///
-/// `host-sim serve --tcp 5760`
+/// `lab serve --tcp 5760`
 ///
-/// `host-sim console --tcp 5760` in another terminal; then: cal start
+/// `lab console --tcp 5760` in another terminal; then: cal start
 ///
 /// Exit codes: 130 ended by Ctrl-C, 2 wrong command or unavailable port.
-#[derive(Args)]
+#[derive(Debug, Args)]
 #[command(after_long_help = after_help())]
 pub struct ServeCommandOptions {
     #[command(flatten)]
@@ -76,11 +76,11 @@ pub struct ServeCommandOptions {
 
 /// Type to a module's console, as with `picocom`: a served module, a board, or a private one.
 ///
-/// With --tcp or the path of a pseudo-terminal it connects to a module of `host-sim serve`; with a serial port, to a
+/// With --tcp or the path of a pseudo-terminal it connects to a module of `lab serve`; with a serial port, to a
 /// board (set it to 115200 baud with stty; not on Windows). Without either it runs a private module, whose pilot takes
 /// orders after an exclamation mark: `!land` disarms, `!help` lists them. `quit`, Ctrl-D on an empty line and Ctrl-]
 /// end. Piped input is sent line by line, each after the answer to the one before.
-#[derive(Args)]
+#[derive(Debug, Args)]
 pub struct ConsoleOptions {
     /// Pseudo-terminal or serial port
     #[arg(value_name = "PATH", conflicts_with = "tcp")]
@@ -93,7 +93,7 @@ pub struct ConsoleOptions {
 }
 
 /// Options of the simulated module.
-#[derive(Args)]
+#[derive(Debug, Args)]
 struct ModuleOptions {
     /// Speed relative to real time, 0.01 to 200
     #[arg(long, default_value_t = 1.0, value_name = "N", value_parser = number_in_range(0.01, 200.0))]
@@ -148,7 +148,7 @@ fn after_help() -> String {
     format!(
         "Orders, a line each on standard input, answered by `ok` or `error <code>`; without --world:\n{command_list}\n\
          Attach, with --tcp 5760 (or the pseudo-terminal that is printed in place of the TCP port):\n  \
-           host-sim console --tcp 5760           type to the module\n  \
+           lab console --tcp 5760           type to the module\n  \
            nc 127.0.0.1 5762                     read its headings\n  \
            gpsd -N -n tcp://127.0.0.1:5762       the same for a navigation program\n  \
            --serial5=tcpclient:127.0.0.1:5761    ArduPilot's simulator as the attitude\n    \
@@ -290,7 +290,7 @@ fn print_ports(
         }
         if let Some(port_number) = tcp {
             let with = match index {
-                serve::CONSOLE_PORT => format!("host-sim console --tcp {port_number}"),
+                serve::CONSOLE_PORT => format!("lab console --tcp {port_number}"),
                 serve::AUTOPILOT_PORT => format!("mavproxy.py --master=tcp:127.0.0.1:{port_number}"),
                 _ => format!("nc 127.0.0.1 {port_number}"),
             };
@@ -377,26 +377,4 @@ fn serve_private_module(module_options: &ModuleOptions) -> Result<ExitCode, Comm
     };
     wiring.run_connections(&mut served_module, module_options.speed, interruption.stop_flag())?;
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
-}
-
-#[cfg(test)]
-mod tests {
-    use clap::CommandFactory as _;
-
-    use crate::cli::Cli;
-
-    /// A doc comment on a variant of `CliCommand` would replace the command's long help.
-    #[test]
-    fn every_command_has_its_full_long_help() {
-        let cli = Cli::command();
-        cli.clone().debug_assert();
-        let commands = cli.get_subcommands().flat_map(|command| [command].into_iter().chain(command.get_subcommands()));
-        let mut command_count = 0;
-        for command in commands.filter(|command| !["bench", "help", "speed"].contains(&command.get_name())) {
-            let long = command.get_long_about().map(ToString::to_string).unwrap_or_default();
-            assert!(long.lines().count() > 2, "{}: {long}", command.get_name());
-            command_count += 1;
-        }
-        assert_eq!(command_count, 11, "all but bench and bench speed");
-    }
 }

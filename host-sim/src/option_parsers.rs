@@ -27,6 +27,7 @@ pub fn integer_in_range<T: OptionNumber>(
     parse_in_range(min, max, "a whole number")
 }
 
+/// A number that an option takes.
 pub trait OptionNumber: FromStr + PartialOrd + Display + Clone + Send + Sync + 'static {}
 
 impl<T: FromStr + PartialOrd + Display + Clone + Send + Sync + 'static> OptionNumber for T {}

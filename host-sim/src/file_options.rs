@@ -10,7 +10,7 @@ use log_analysis::report::{self, Report};
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 
-use super::command_failure::CommandFailure;
+use crate::command_failure::CommandFailure;
 
 /// Reads a flight from a file, or from standard input if its name is `-`. `unit` is the unit of a table's field,
 /// `system` the MAVLink system to read (default: the first autopilot).

@@ -11,8 +11,8 @@ use signal_hook::consts::SIGHUP;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 
-use super::command_failure::CommandFailure;
-use super::progress;
+use crate::command_failure::CommandFailure;
+use crate::progress;
 
 /// Signals that end the program. On Windows, SIGINT is Ctrl-C.
 const TERMINATION_SIGNALS: &[i32] = &[
@@ -25,6 +25,8 @@ const TERMINATION_SIGNALS: &[i32] = &[
 /// Poll period of a command without clean-up.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
 
+/// The signals that end the program, and whether one was received.
+#[derive(Debug)]
 pub struct TerminationSignals {
     stop: Arc<AtomicBool>,
     received_exit_status: Arc<AtomicUsize>,
@@ -33,6 +35,7 @@ pub struct TerminationSignals {
 /// Effect of a second Ctrl-C.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SecondSignal {
+    /// A second signal ends the program at once.
     Exits,
     /// A second signal has no effect, because the clean-up is short and must finish.
     IsIgnored,
@@ -68,6 +71,7 @@ impl TerminationSignals {
         Ok(interruption)
     }
 
+    /// Set by the first signal.
     pub fn stop_flag(&self) -> &Arc<AtomicBool> {
         &self.stop
     }

@@ -1,19 +1,19 @@
-//! `host-sim bench accuracy`.
+//! `lab bench accuracy`.
 
 use std::fmt::Write as _;
 use std::process::ExitCode;
 
+use crate::studies::accuracy::flight::{Flight, FlightPattern};
+use crate::studies::accuracy::flight_study::{self, FlightStudyRow};
+use crate::studies::accuracy::{self, AccuracyPlan, AccuracyResult, SigmaCoverage};
 use clap::Args;
-use host_sim::studies::accuracy::flight::{Flight, FlightPattern};
-use host_sim::studies::accuracy::flight_study::{self, FlightStudyRow};
-use host_sim::studies::accuracy::{self, AccuracyPlan, AccuracyResult, SigmaCoverage};
 use serde_json::json;
 use simulator::world::aircraft::VehicleKind;
 
-use super::command_failure::CommandFailure;
-use super::option_parsers::{AIRCRAFT_NAMES, integer_in_range, named_value, number_in_range};
-use super::print::{self, append_wrapped, narrow_table, right_aligned};
-use super::progress::progress_bar;
+use host_sim::command_failure::CommandFailure;
+use host_sim::option_parsers::{AIRCRAFT_NAMES, integer_in_range, named_value, number_in_range};
+use host_sim::print::{self, append_wrapped, narrow_table, right_aligned};
+use host_sim::progress::progress_bar;
 
 const FLIGHT_PATTERNS: &[(&str, FlightPattern)] = &[
     ("routine", FlightPattern::Routine),
@@ -31,7 +31,7 @@ const FLIGHT_PATTERNS: &[(&str, FlightPattern)] = &[
 /// the module selects; attitude noise grows by 0.4 deg for each m/s^2 of acceleration. The bound is that of equally
 /// many readings, the best of the flight, selected afterwards (greedy, D-optimal); errors are evaluated level and at 20
 /// deg of tilt to eight sides, for an aeroplane level and at 30 deg of bank.
-#[derive(Args)]
+#[derive(Debug, Args)]
 pub struct AccuracyOptions {
     /// Kind of aircraft
     #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = named_value(AIRCRAFT_NAMES))]

@@ -1,4 +1,4 @@
-//! `host-sim fly` and `host-sim emulate`.
+//! `host-sim fly`.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -6,7 +6,6 @@ use std::process::ExitCode;
 
 use clap::Args;
 use comfy_table::Table;
-use host_sim::emulator::{self, Emulator, EmulatorError};
 use indicatif::{ProgressBar, ProgressStyle};
 use log_analysis::log::log_writers::{self, FlightRecording};
 use log_analysis::report::ReportOrigin;
@@ -22,18 +21,17 @@ use simulator::transcript::SolveNotice;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 
-use super::command_failure::CommandFailure;
-use super::file_options::named_world;
-use super::option_parsers::{SENSOR_NAMES, integer_in_range, named_value, number_in_range};
-use super::print::{self, append_wrapped, command_line, content_width_table, right_aligned, write_report};
-use super::termination::{SecondSignal, TerminationSignals};
+use crate::command_failure::CommandFailure;
+use crate::file_options::named_world;
+use crate::option_parsers::{SENSOR_NAMES, integer_in_range, named_value, number_in_range};
+use crate::print::{self, append_wrapped, command_line, content_width_table, right_aligned, write_report};
 
 /// Take off uncalibrated, fly the calibration routine, restart, and fly on with the calibrated heading (the default).
 ///
 /// The routine is flown or driven as by hand; those of all vehicles are listed below. The table compares heading errors
 /// before and after the calibration at twelve headings in level flight and in turns, with exact field and true
 /// attitude. The error of the headings streamed in flight, with noise and latency, is listed separately.
-#[derive(Args)]
+#[derive(Debug, Args)]
 #[command(after_long_help = format!("Routines, none longer than three minutes; each ends automatically; `cal solve` ends it with the samples collected so far:\n\n{}", simulator::routine::all_instructions()))]
 pub struct FlyOptions {
     /// Seed of weather, ground, waves, noise and, for `random`, of airframe and place, 0 to 18446744073709551615
@@ -56,7 +54,7 @@ pub struct FlyOptions {
     tell_current: bool,
     /// Magnetometer of the module: the reference board's LIS3MDL, or an RM3100
     #[arg(long, default_value = "lis3mdl", value_name = "lis3mdl|rm3100", value_parser = named_value(SENSOR_NAMES))]
-    sensor: SensorModel,
+    pub sensor: SensorModel,
     /// Bank in an aeroplane's calibration turns, degrees, 5 to 60
     #[arg(long, default_value_t = 25.0, value_name = "DEG", value_parser = number_in_range(5.0, 60.0))]
     bank: f64,
@@ -79,84 +77,80 @@ pub struct FlyOptions {
     console: bool,
 }
 
-/// Fly the mission with the firmware as ARM code, in QEMU.
-///
-/// QEMU's mps2-an386 is a Cortex-M4F with QEMU's own magnetometer.
-///
-/// Needs qemu-system-arm and the image from scripts/build-firmware. World and machine run in lockstep, so the result
-/// depends on the seed only, except for a microsecond at a restart. It takes a minute or two.
-#[derive(Args)]
-pub struct EmulateOptions {
-    #[command(flatten)]
-    fly: FlyOptions,
-    /// Firmware image [default: target/firmware/mps2-an386.elf]
-    #[arg(long, value_name = "FILE")]
-    image: Option<PathBuf>,
-}
-
 const DEFAULT_REPORT: &str = "report";
 
+/// Flies the mission of the options in the simulator.
+///
+/// # Errors
+///
+/// The airframe is unknown, or a file cannot be written.
 pub fn run_fly(options: &FlyOptions) -> Result<ExitCode, CommandFailure> {
-    let (mission_result, recording) = fly_recorded(&mut Rig::new(world_config(options)?), options);
-    write_log(options, recording.as_ref())?;
-    report_result(options, &mission_result)
-}
-
-pub fn run_emulate(options: &EmulateOptions) -> Result<ExitCode, CommandFailure> {
-    if options.fly.sensor != SensorModel::default() {
-        return Err(CommandFailure("--sensor: QEMU has a magnetometer of its own".to_owned()));
-    }
-    let image = options.image.clone().unwrap_or_else(emulator::default_image);
-    let failed = |error: EmulatorError| CommandFailure(format!("{}: {error}", error.stable_code()));
-    let interruption = TerminationSignals::install_handlers(SecondSignal::IsIgnored)?;
-    let mission_result = Emulator::start_with_stop_flag(interruption.stop_flag(), &image, world_config(&options.fly)?)
-        .and_then(|mut emulator| {
-            let mission_result = fly_recorded(&mut emulator, &options.fly);
-            emulator.take_failure().map_or(Ok(mission_result), Err)
-        });
-    if let Some(code) = interruption.exit_code() {
-        return Ok(code);
-    }
-    let (mission_result, recording) = mission_result.map_err(failed)?;
-    write_log(&options.fly, recording.as_ref())?;
-    report_result(&options.fly, &mission_result)
-}
-
-/// The world of the options. `--aircraft` names a kind of aircraft, or, for compatibility, an airframe.
-fn world_config(options: &FlyOptions) -> Result<WorldConfig, CommandFailure> {
-    let named = |name: &str| named_world(name, options.seed);
-    let world = match (VehicleKind::from_name(&options.aircraft), &options.airframe) {
-        (Some(kind), airframe_name) => named(airframe_name.as_deref().unwrap_or("table1"))?.with_vehicle_kind(kind),
-        (None, None) => named(&options.aircraft)?,
-        (None, Some(_)) => {
-            let kinds = VehicleKind::ALL_VEHICLES.map(VehicleKind::vehicle_name).join(", ");
-            return Err(CommandFailure(format!(
-                "--aircraft {}: with --airframe it is one of {kinds}",
-                options.aircraft
-            )));
-        }
-    };
-    let world = if options.current > 0.0 { world.with_current_interference(options.current) } else { world };
-    Ok(WorldConfig { reports_current: options.tell_current, sensor: options.sensor, ..world })
+    RecordedMission::fly(&mut Rig::new(options.world_config()?), options).report(options)
 }
 
 impl FlyOptions {
+    /// The world of the self. `--aircraft` names a kind of aircraft, or, for compatibility, an airframe.
+    pub fn world_config(&self) -> Result<WorldConfig, CommandFailure> {
+        let named = |name: &str| named_world(name, self.seed);
+        let world = match (VehicleKind::from_name(&self.aircraft), &self.airframe) {
+            (Some(kind), airframe_name) => named(airframe_name.as_deref().unwrap_or("table1"))?.with_vehicle_kind(kind),
+            (None, None) => named(&self.aircraft)?,
+            (None, Some(_)) => {
+                let kinds = VehicleKind::ALL_VEHICLES.map(VehicleKind::vehicle_name).join(", ");
+                return Err(CommandFailure(format!(
+                    "--aircraft {}: with --airframe it is one of {kinds}",
+                    self.aircraft
+                )));
+            }
+        };
+        let world = if self.current > 0.0 { world.with_current_interference(self.current) } else { world };
+        Ok(WorldConfig { reports_current: self.tell_current, sensor: self.sensor, ..world })
+    }
+
     fn is_airframe_random(&self) -> bool {
         self.airframe.as_deref().unwrap_or(&self.aircraft) == "random"
     }
 }
 
-fn report_result(options: &FlyOptions, mission_result: &MissionResult) -> Result<ExitCode, CommandFailure> {
-    if options.json {
-        print::print_line(mission_json(mission_result));
-    } else {
-        print::print_text(&format_result(options, mission_result));
+/// Result of a mission, with its recording if a log was requested.
+#[derive(Debug)]
+pub struct RecordedMission {
+    result: MissionResult,
+    recording: Option<FlightRecording>,
+}
+
+impl RecordedMission {
+    /// Flies the mission of the options with a module.
+    pub fn fly(module: &mut impl Module, options: &FlyOptions) -> Self {
+        if options.record.is_none() {
+            return Self { result: fly_mission(module, options), recording: None };
+        }
+        let recorder = Recorder::new(module);
+        let mut module = ObservedModule::new(module, recorder);
+        let result = fly_mission(&mut module, options);
+        Self { result, recording: Some(module.observer.recording) }
     }
-    let default = (!options.json).then(|| Path::new(DEFAULT_REPORT));
-    if let Some(path) = options.report.as_deref().or(default) {
-        write_report(&report_mission(mission_result, &report_origin(options)), path)?;
+
+    /// Prints the result, and writes log and report page as the options have it.
+    ///
+    /// # Errors
+    ///
+    /// A file cannot be written.
+    pub fn report(&self, options: &FlyOptions) -> Result<ExitCode, CommandFailure> {
+        if let (Some(path), Some(recording)) = (&options.record, &self.recording) {
+            write_log(path, recording)?;
+        }
+        if options.json {
+            print::print_line(mission_json(&self.result));
+        } else {
+            print::print_text(&format_result(options, &self.result));
+        }
+        let default = (!options.json).then(|| Path::new(DEFAULT_REPORT));
+        if let Some(path) = options.report.as_deref().or(default) {
+            write_report(&report_mission(&self.result, &report_origin(options)), path)?;
+        }
+        Ok(if self.result.calibration_result.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
     }
-    Ok(if mission_result.calibration_result.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 fn report_origin(options: &FlyOptions) -> ReportOrigin {
@@ -174,19 +168,7 @@ fn report_origin(options: &FlyOptions) -> ReportOrigin {
     ReportOrigin { command_line: command_line(), settings, ..ReportOrigin::default() }
 }
 
-/// Flies, recording the flight if a log was requested.
-fn fly_recorded(module: &mut impl Module, options: &FlyOptions) -> (MissionResult, Option<FlightRecording>) {
-    if options.record.is_none() {
-        return (fly_mission(module, options), None);
-    }
-    let recorder = Recorder::new(module);
-    let mut module = ObservedModule::new(module, recorder);
-    let mission_result = fly_mission(&mut module, options);
-    (mission_result, Some(module.observer.recording))
-}
-
-fn write_log(options: &FlyOptions, recording: Option<&FlightRecording>) -> Result<(), CommandFailure> {
-    let (Some(path), Some(recording)) = (&options.record, recording) else { return Ok(()) };
+fn write_log(path: &Path, recording: &FlightRecording) -> Result<(), CommandFailure> {
     std::fs::write(path, log_writers::encode_for_path(path, recording)).map_err(|error| {
         CommandFailure(format!("cannot write {}: {error}; --record names another file", path.display()))
     })
@@ -311,11 +293,11 @@ mod tests {
     use clap::Parser as _;
 
     use super::*;
-    use crate::cli::Cli;
+    use crate::commands::Cli;
 
     fn world_of_arguments(arguments: &[&str]) -> Result<WorldConfig, String> {
         let cli = Cli::try_parse_from(std::iter::once("host-sim").chain(arguments.iter().copied()));
-        world_config(&cli.map_err(|error| error.to_string())?.fly).map_err(|CommandFailure(message)| message)
+        cli.map_err(|error| error.to_string())?.fly.world_config().map_err(|CommandFailure(message)| message)
     }
 
     #[test]

@@ -11,8 +11,8 @@ use log_analysis::report::Report;
 use serde::Serialize;
 use terminal_size::terminal_size_of;
 
-use super::command_failure::CommandFailure;
-use super::file_options::write_report_file;
+use crate::command_failure::CommandFailure;
+use crate::file_options::write_report_file;
 
 /// Width of the output in columns; a narrower terminal has its own.
 pub const MAX_OUTPUT_COLUMNS: usize = 80;
@@ -39,6 +39,7 @@ pub fn print_text(text: &str) {
     print_bytes(text.as_bytes());
 }
 
+/// Prints bytes, as [`print_text`] does.
 pub fn print_bytes(bytes: &[u8]) {
     if !has_output_failed() {
         let mut stdout = io::stdout().lock();
@@ -48,10 +49,12 @@ pub fn print_bytes(bytes: &[u8]) {
     }
 }
 
+/// Prints a line, as [`print_text`] does.
 pub fn print_line(text: impl std::fmt::Display) {
     print_text(&format!("{text}\n"));
 }
 
+/// Whether a write to the standard output has failed.
 pub fn has_output_failed() -> bool {
     FIRST_WRITE_ERROR.get().is_some()
 }
@@ -87,7 +90,7 @@ pub fn final_exit_code(code: ExitCode) -> ExitCode {
         None => code,
         Some(error) if error.kind() == ErrorKind::BrokenPipe => ExitCode::from(CLOSED_PIPE_EXIT_CODE),
         Some(error) => {
-            print_error(format_args!("host-sim: cannot write to the standard output: {error}"));
+            print_error(format_args!("{}: cannot write to the standard output: {error}", program_name()));
             ExitCode::from(2)
         }
     }
@@ -115,6 +118,12 @@ pub fn write_report(report: &Report, path: &Path) -> Result<(), CommandFailure> 
     Ok(())
 }
 
+/// Bare name of the running program.
+pub fn program_name() -> String {
+    let path = std::env::args_os().next().unwrap_or_default();
+    Path::new(&path).file_stem().map_or_else(|| "host-sim".to_owned(), |stem| stem.to_string_lossy().into_owned())
+}
+
 /// The command line, quoted for a shell, with the program's bare name.
 pub fn command_line() -> String {
     let quoted_words = std::env::args().skip(1).map(|word| {
@@ -122,9 +131,10 @@ pub fn command_line() -> String {
         let is_word = !word.is_empty() && word.chars().all(is_plain);
         if is_word { word } else { format!("'{}'", word.replace('\'', "'\\''")) }
     });
-    std::iter::once("host-sim".to_owned()).chain(quoted_words).collect::<Vec<_>>().join(" ")
+    std::iter::once(program_name()).chain(quoted_words).collect::<Vec<_>>().join(" ")
 }
 
+/// A cell of a table, aligned to the right.
 pub fn right_aligned(text: impl ToString) -> Cell {
     Cell::new(text).set_alignment(CellAlignment::Right)
 }

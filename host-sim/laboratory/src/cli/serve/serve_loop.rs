@@ -6,14 +6,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
 use std::thread;
 
-use host_sim::serve::{PORTS, ServedModule};
+use crate::serve::{PORTS, ServedModule};
 
 use super::byte_connections::{ByteConnection, MAX_POLL_BYTES, POLL_INTERVAL, read_in_thread};
 use super::can::MulticastBus;
 use super::flash_writer::FlashWriter;
 use super::real_time_pace::VirtualClock;
-use crate::cli::command_failure::CommandFailure;
-use crate::cli::print;
+use host_sim::command_failure::CommandFailure;
+use host_sim::print;
 
 pub struct Connections {
     /// Connections to each of the module's ports, by port.

@@ -17,11 +17,11 @@ use log_analysis::replay::verdict::Verdict;
 use log_analysis::replay::{ReferenceHeading, ReferenceKind, RowSelection};
 use log_analysis::report::{self, ReportOrigin};
 
-use super::command_failure::CommandFailure;
-use super::file_options::read_log;
-use super::option_parsers::{integer_in_range, named_value, number_in_range, parse_log_time};
-use super::print::{self, append_wrapped, command_line, content_width_table, right_aligned, write_report};
-use super::progress::show_spinner;
+use crate::command_failure::CommandFailure;
+use crate::file_options::read_log;
+use crate::option_parsers::{integer_in_range, named_value, number_in_range, parse_log_time};
+use crate::print::{self, append_wrapped, command_line, content_width_table, right_aligned, write_report};
+use crate::progress::show_spinner;
 
 const ROW_SELECTIONS: &[(&str, RowSelection)] = &[
     (RowSelection::All.selection_name(), RowSelection::All),
@@ -61,7 +61,7 @@ const FIELD_UNITS: &[(&str, FieldUnit)] = &[("mg", FieldUnit::Milligauss), ("ut"
 ///
 /// Exit codes: 0 the compass in use is good or parameters for it are given, 1 neither, 2 the file cannot be read; of
 /// several logs the highest.
-#[derive(Args)]
+#[derive(Debug, Args)]
 pub struct ReplayArguments {
     /// The log, `-` is standard input; several logs, or folders of logs, give one line each, the worst first
     #[arg(required = true)]
@@ -206,6 +206,11 @@ pub fn evaluate_log(
     Ok(evaluation)
 }
 
+/// Judges the compasses of a log.
+///
+/// # Errors
+///
+/// The log holds no usable flight, an option does not fit it, or a file cannot be written.
 pub fn run_replay(file: &Path, options: &ReplayArguments) -> Result<ExitCode, CommandFailure> {
     if options.params_for.is_some() && options.params.is_none() && options.report.is_none() {
         return Err(CommandFailure(

@@ -1,27 +1,27 @@
-//! `host-sim bench speed` and `host-sim bench budget`.
+//! `lab bench speed` and `lab bench budget`.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
 
+use crate::emulator::{self, Emulator, EmulatorError};
+use crate::studies::accuracy::random_flight::{ConstantErrorSigmas, RandomFlight, RandomRanges};
 use autoswing::calibration::{Method, Prior, Samples, solve_samples};
 use clap::Args;
-use host_sim::emulator::{self, Emulator, EmulatorError};
-use host_sim::studies::accuracy::random_flight::{ConstantErrorSigmas, RandomFlight, RandomRanges};
 use log_analysis::numbers::median;
 use serde_json::json;
 use simulator::mission;
 use simulator::world::WorldConfig;
 
-use super::command_failure::CommandFailure;
-use super::print::{self, right_aligned, wrapped_table};
-use super::progress::show_spinner;
-use super::termination::{SecondSignal, TerminationSignals};
+use host_sim::command_failure::CommandFailure;
+use host_sim::print::{self, right_aligned, wrapped_table};
+use host_sim::progress::show_spinner;
+use host_sim::termination::{SecondSignal, TerminationSignals};
 
 /// Instruction counts on a Cortex-M4 against their limits, measured in QEMU.
 ///
 /// Needs qemu-system-arm and the bench image from scripts/build-firmware. Exit code 1 if a limit is exceeded.
-#[derive(Args)]
+#[derive(Debug, Args)]
 pub struct BudgetOptions {
     /// Bench image [default: target/firmware/mps2-an386-bench.elf]
     #[arg(long, value_name = "FILE")]
@@ -32,7 +32,7 @@ pub struct BudgetOptions {
 }
 
 /// Solve time of each method, and simulated seconds a second, on this machine
-#[derive(Args)]
+#[derive(Debug, Args)]
 pub struct SpeedOptions {
     /// Print one JSON object instead of the text
     #[arg(long)]

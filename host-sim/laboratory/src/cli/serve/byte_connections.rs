@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use crossterm::terminal::{disable_raw_mode, enable_raw_mode};
 
-use super::super::print;
+use host_sim::print;
 
 /// Polling interval of the connections, shorter than the module's own delays.
 pub const POLL_INTERVAL: Duration = Duration::from_millis(2);

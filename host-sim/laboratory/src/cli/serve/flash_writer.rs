@@ -3,9 +3,9 @@
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-use host_sim::serve::{FlashImage, FlashImageError, ServedModule};
+use crate::serve::{FlashImage, FlashImageError, ServedModule};
 
-use crate::cli::command_failure::CommandFailure;
+use host_sim::command_failure::CommandFailure;
 
 /// Writes the flash to its file after each change, and keeps the file locked.
 #[derive(Default)]

@@ -1,0 +1,84 @@
+//! The commands of `lab`.
+
+mod accuracy;
+mod bench;
+mod emulate;
+mod integrity;
+mod serve;
+mod table1;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use host_sim::command_failure::CommandFailure;
+use host_sim::termination::TerminationSignals;
+use host_sim::{commands, print};
+
+/// The laboratory of the Autoswing heading module: serve it to other programs, emulate its firmware, measure it.
+///
+/// It has the commands of `host-sim`, too.
+///
+/// Everything but `serve` and `console` runs in virtual time and depends on the seed only: the same command prints the
+/// same bytes. `serve` and `console` follow the wall clock and their inputs. Exit codes: 0 done, 1 refused or beyond a
+/// limit, 2 wrong command; 130 ended by Ctrl-C, 141 the reader closed the pipe. docs/json.md describes the output of
+/// --json.
+#[derive(Debug, Parser)]
+#[command(name = "lab", version = commands::VERSION, about, long_about, max_term_width = print::MAX_OUTPUT_COLUMNS)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: CliCommand,
+}
+
+// No doc comments on these variants: they would replace the commands' own long help.
+#[derive(Debug, Subcommand)]
+enum CliCommand {
+    #[command(flatten)]
+    Pilot(commands::CliCommand),
+    Serve(serve::ServeCommandOptions),
+    Console(serve::ConsoleOptions),
+    Emulate(emulate::EmulateOptions),
+    Table1(table1::Table1Options),
+    /// Measure accuracy or speed
+    #[command(subcommand)]
+    Bench(BenchCommand),
+}
+
+#[derive(Debug, Subcommand)]
+enum BenchCommand {
+    Accuracy(accuracy::AccuracyOptions),
+    Integrity(integrity::IntegrityOptions),
+    Speed(bench::SpeedOptions),
+    Budget(bench::BudgetOptions),
+}
+
+/// Parses the command line, runs the command, and returns its exit code.
+#[must_use]
+pub fn run_program() -> ExitCode {
+    commands::final_exit_code(execute_command(&commands::parse_command_line::<Cli>().command))
+}
+
+fn execute_command(command: &CliCommand) -> Result<ExitCode, CommandFailure> {
+    match command {
+        // Commands that clean up after a termination signal.
+        CliCommand::Emulate(_)
+        | CliCommand::Serve(_)
+        | CliCommand::Console(_)
+        | CliCommand::Bench(BenchCommand::Budget(_)) => {}
+        _ => TerminationSignals::install_immediate_exit()?,
+    }
+    match command {
+        CliCommand::Pilot(command) => command.execute(),
+        CliCommand::Serve(options) => serve::run_serve(options),
+        CliCommand::Console(options) => serve::run_console(options),
+        CliCommand::Emulate(options) => emulate::run_emulate(options),
+        CliCommand::Table1(options) => table1::run_table1(options),
+        CliCommand::Bench(BenchCommand::Accuracy(options)) => accuracy::run_accuracy(options),
+        CliCommand::Bench(BenchCommand::Budget(options)) => bench::run_instruction_budget(options),
+        CliCommand::Bench(BenchCommand::Integrity(options)) => integrity::run_integrity(options),
+        CliCommand::Bench(BenchCommand::Speed(options)) => bench::run_speed(options),
+    }
+}
+
+#[cfg(test)]
+#[path = "../../../src/help_tests.rs"]
+mod help_tests;
