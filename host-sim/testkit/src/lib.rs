@@ -1,4 +1,5 @@
-//! Test support shared by the library and the simulator: simulation clock, executor, random numbers, flash, documents.
+//! Test support shared by the library and the simulator: simulation clock, executor, random numbers, flash, frames,
+//! documents.
 //!
 //! | module | holds |
 //! |---|---|
@@ -6,6 +7,7 @@
 //! | [`simulation`] | executor: tasks, priorities, power-off |
 //! | [`random`] | random numbers for tests |
 //! | [`flash`] | NOR flash with power cuts and faults |
+//! | [`frames`] | frames of MAVLink and MSP |
 //! | [`documents`] | figures that documents state |
 //!
 //! A separate package, because the simulator depends on the library and the library's tests must not depend on the
@@ -16,6 +18,7 @@
 pub mod clock;
 pub mod documents;
 pub mod flash;
+pub mod frames;
 pub mod random;
 pub mod simulation;
 

@@ -27,8 +27,6 @@ pub mod port;
 pub mod safe_mode;
 pub mod sensor;
 mod task_links;
-#[cfg(test)]
-mod tests;
 pub mod watchdog;
 
 pub use console::Platform;
@@ -36,3 +34,6 @@ pub use panel::Panel;
 pub use port::SetBaud;
 pub use task_links::TaskLinks;
 pub use watchdog::Watchdog;
+
+#[cfg(test)]
+mod tests;

@@ -216,6 +216,18 @@ impl Simulation {
     }
 }
 
+/// Runs a script alone, in a new simulation, until it ends.
+///
+/// # Panics
+///
+/// If it does not end within 100 s of simulation time.
+pub fn run_script(script: impl Future<Output = ()> + 'static) {
+    let mut simulation = Simulation::new();
+    simulation.spawn(Level::Interrupt, "script", script);
+    simulation.run_for(100_000_000);
+    assert_eq!(simulation.task_count(), 0, "the script did not end");
+}
+
 impl Task {
     fn count_poll(&mut self, now_us: u64) {
         let polls = if self.poll_count_at_instant.0 == now_us { self.poll_count_at_instant.1 + 1 } else { 1 };

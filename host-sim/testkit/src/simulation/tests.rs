@@ -3,7 +3,7 @@ use std::cell::RefCell;
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
-use embassy_time::{Duration, Instant, Ticker, Timer, with_timeout};
+use embassy_time::{Instant, Timer};
 
 use super::*;
 
@@ -52,29 +52,6 @@ fn urgent_levels_run_first_and_equal_ones_alternate() {
     simulation.run_until(0);
     let names: Vec<_> = log.borrow().iter().map(|entry| entry.1).collect();
     assert_eq!(names, ["world", "world", "interrupt", "interrupt", "thread a", "thread b", "thread a", "thread b"]);
-}
-
-#[test]
-fn embassy_channels_tickers_and_timeouts_work() {
-    let mut simulation = Simulation::new();
-    let log = Log::default();
-    let channel = Rc::new(Channel::<CriticalSectionRawMutex, u32, 1>::new());
-    let (sender, receiver, received) = (Rc::clone(&channel), channel, Rc::clone(&log));
-    simulation.spawn(Level::Thread, "sender", async move {
-        let mut ticker = Ticker::every(Duration::from_millis(10));
-        for value in 0..3 {
-            ticker.next().await;
-            sender.send(value).await;
-        }
-    });
-    simulation.spawn(Level::Interrupt, "receiver", async move {
-        while with_timeout(Duration::from_millis(15), receiver.receive()).await.is_ok() {
-            log_event(&received, "value");
-        }
-        log_event(&received, "timeout");
-    });
-    simulation.run_until(1_000_000);
-    assert_eq!(*log.borrow(), [(10_000, "value"), (20_000, "value"), (30_000, "value"), (45_000, "timeout")]);
 }
 
 struct DropFlag(Rc<Cell<bool>>);

@@ -1,14 +1,12 @@
 //! Task of a CAN bus beside the other tasks.
 
 use super::TaskBench;
-use super::port::{ARMED_BASE_MODE, heartbeat_and_attitude_frames};
+use super::port::heartbeat_and_attitude_frames;
 use super::safe_mode::{FakeCanBus, OWN_NODE, RESTART_PAYLOAD};
-use super::thread_tasks::{Flash, PAGE_COUNT, bench_with_compass};
 use crate::app::can::NoBootLoader;
 use crate::app::task_links::{AutopilotLine, publish_value};
 use crate::wire::dronecan::{DataType, Targetted};
 use autoswing::instrument::Estimate;
-use autoswing::time::Timestamp;
 use autoswing_module::messages::Message;
 use autoswing_module::settings::{CanSettings, PortNumber, ProtocolKind, Settings, SigningKey};
 
@@ -20,14 +18,8 @@ fn publish_settings(bench: &TaskBench, settings: Settings) {
     publish_value(&bench.links.stored_settings, settings);
 }
 
-/// Publishes estimates every 12.5 ms for this time.
 fn publish_estimates(bench: &mut TaskBench, ms: u64) {
-    let end_us = bench.simulation.now_us() + ms * 1000;
-    while bench.simulation.now_us() < end_us {
-        let at = Timestamp::from_us(bench.simulation.now_us());
-        publish_value(&bench.links.estimates, Estimate { timestamp: at, ..Estimate::EMPTY });
-        bench.simulation.run_for(12_500);
-    }
+    bench.publish_estimates(Estimate::EMPTY.heading, ms);
 }
 
 fn bench_with_node() -> (TaskBench, FakeCanBus) {
@@ -77,7 +69,7 @@ fn requests_do_not_wait_for_an_estimate() {
 /// An autopilot on a port, or a node of the bus, reports that the vehicle is armed.
 #[test]
 fn armed_states_of_ports_and_bus_count_for_each_other() {
-    let (mut bench, bus) = (bench_with_compass(Flash::new(PAGE_COUNT)), FakeCanBus::default());
+    let (mut bench, bus) = (TaskBench::with_compass(), FakeCanBus::default());
     run_node(&mut bench, &bus);
     let port = AutopilotLine::Port(PortNumber::One);
     bench.links.update_line_state(port, ProtocolKind::Mavlink, Some(true));
@@ -105,7 +97,7 @@ fn module_messages_are_sent_as_log_messages() {
 /// An unsigned heartbeat of an armed autopilot, through the tunnel.
 #[test]
 fn a_changed_signing_key_applies_to_the_tunnel() {
-    let heartbeat = heartbeat_and_attitude_frames(ARMED_BASE_MODE);
+    let heartbeat = heartbeat_and_attitude_frames(true);
     let piece = Targetted {
         protocol: Targetted::MAVLINK_2_PROTOCOL,
         target: OWN_NODE,

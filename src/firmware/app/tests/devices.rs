@@ -5,16 +5,22 @@ use std::collections::VecDeque;
 use std::future::pending;
 use std::rc::Rc;
 
-use embassy_time::{Duration, Timer};
+use embassy_time::{Duration, Instant, Timer};
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 
-use crate::app::SetBaud;
+use crate::app::task_links::DetectedSensor;
+use crate::app::{SetBaud, Watchdog};
 use crate::magnetometer::{Magnetometer, MagnetometerError};
 use autoswing::frames::Field;
 use autoswing::reading::{Identity, MagnetometerModel, Reading};
 use autoswing_module::settings::BaudRate;
 
-pub const SENSOR: Identity = Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E };
+/// The fake magnetometer.
+pub const DETECTED_SENSOR: DetectedSensor = DetectedSensor {
+    identity: Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E },
+    period_us: FakeMagnetometer::PERIOD_US,
+    equal_readings_until_stuck: FakeMagnetometer::EQUAL_READINGS_UNTIL_STUCK,
+};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeviceBehaviour {
@@ -35,7 +41,7 @@ pub struct FakeMagnetometer {
     pub read_behaviour: Rc<Cell<DeviceBehaviour>>,
     pub verify_behaviour: Rc<Cell<DeviceBehaviour>>,
     pub verify_count: Rc<Cell<u32>>,
-    pub saturated_and_overwritten: Rc<Cell<(bool, bool)>>,
+    pub was_overwritten: Rc<Cell<bool>>,
     pub init_count: Rc<Cell<u32>>,
 }
 
@@ -44,27 +50,29 @@ impl FakeMagnetometer {
     pub const EQUAL_READINGS_UNTIL_STUCK: u16 = 20;
 }
 
+impl DeviceBehaviour {
+    async fn access_registers(self) -> Result<(), MagnetometerError<()>> {
+        match self {
+            Self::Works => Ok(()),
+            Self::Fails | Self::EndOfInput => Err(MagnetometerError::Bus(())),
+            Self::ChangedRegisters => Err(MagnetometerError::Configuration { written: 0, read: 1 }),
+            Self::Hangs => pending().await,
+        }
+    }
+}
+
 impl Magnetometer for FakeMagnetometer {
     type BusError = ();
 
     async fn init(&mut self) -> Result<Identity, MagnetometerError<()>> {
         self.init_count.set(self.init_count.get() + 1);
-        match self.init_behaviour.get() {
-            DeviceBehaviour::Works => Ok(SENSOR),
-            DeviceBehaviour::Fails | DeviceBehaviour::EndOfInput => Err(MagnetometerError::Bus(())),
-            DeviceBehaviour::ChangedRegisters => Err(MagnetometerError::Configuration { written: 0, read: 1 }),
-            DeviceBehaviour::Hangs => pending().await,
-        }
+        self.init_behaviour.get().access_registers().await?;
+        Ok(DETECTED_SENSOR.identity)
     }
 
     async fn verify_configuration(&mut self) -> Result<(), MagnetometerError<()>> {
         self.verify_count.set(self.verify_count.get() + 1);
-        match self.verify_behaviour.get() {
-            DeviceBehaviour::Works => Ok(()),
-            DeviceBehaviour::Fails | DeviceBehaviour::EndOfInput => Err(MagnetometerError::Bus(())),
-            DeviceBehaviour::ChangedRegisters => Err(MagnetometerError::Configuration { written: 0, read: 1 }),
-            DeviceBehaviour::Hangs => pending().await,
-        }
+        self.verify_behaviour.get().access_registers().await
     }
 
     fn equal_readings_until_stuck(&self) -> u16 {
@@ -73,18 +81,9 @@ impl Magnetometer for FakeMagnetometer {
 
     async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<()>> {
         Timer::after(Duration::from_micros(Self::PERIOD_US.into())).await;
-        let (saturated, overrun) = self.saturated_and_overwritten.get();
-        match self.read_behaviour.get() {
-            DeviceBehaviour::Works => Ok(Reading {
-                field: Field::from_ut(20.0, 0.0, 40.0),
-                is_saturated: saturated,
-                was_overwritten: overrun,
-            }),
-            DeviceBehaviour::Fails | DeviceBehaviour::EndOfInput | DeviceBehaviour::ChangedRegisters => {
-                Err(MagnetometerError::NoData)
-            }
-            DeviceBehaviour::Hangs => pending().await,
-        }
+        self.read_behaviour.get().access_registers().await?;
+        let field = Field::from_ut(20.0, 0.0, 40.0);
+        Ok(Reading { field, is_saturated: false, was_overwritten: self.was_overwritten.get() })
     }
 
     fn period_us(&self) -> u32 {
@@ -167,5 +166,28 @@ impl Write for FakeTransmitter {
 impl SetBaud for FakeTransmitter {
     fn set_baud(&mut self, baud: BaudRate) {
         self.baud_changes.borrow_mut().push(baud);
+    }
+}
+
+/// Hardware watchdog that never resets.
+#[derive(Clone, Default)]
+pub struct FakeWatchdog {
+    pub feed_count: Rc<Cell<u32>>,
+    pub last_feed_us: Rc<Cell<u64>>,
+    pub longest_interval_us: Rc<Cell<u64>>,
+    /// Time of the first mark of a good image.
+    pub marked_good_at_ms: Rc<Cell<Option<u64>>>,
+}
+
+impl Watchdog for FakeWatchdog {
+    fn feed(&mut self) {
+        let now_us = Instant::now().as_micros();
+        let interval_us = now_us - self.last_feed_us.replace(now_us);
+        self.longest_interval_us.set(self.longest_interval_us.get().max(interval_us));
+        self.feed_count.set(self.feed_count.get() + 1);
+    }
+
+    fn mark_image_good(&mut self) {
+        self.marked_good_at_ms.set(self.marked_good_at_ms.get().or(Some(Instant::now().as_millis())));
     }
 }

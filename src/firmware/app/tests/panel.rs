@@ -4,21 +4,15 @@ use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
 use embassy_time::Instant;
-use testkit::flash::RamFlash;
 
 use super::TaskBench;
-use super::devices::{FakeMagnetometer, SENSOR};
-use super::thread_tasks::execute_command;
-use crate::app::compass;
 use crate::app::panel::{self, Panel};
-use crate::app::task_links::{CommandSource, DetectedSensor, publish_value};
+use crate::app::task_links::{CommandSource, publish_value};
 use autoswing::calibration::method_selection::Procedure;
-use autoswing::collection::RetainedSamples;
 use autoswing::frames::Attitude;
 use autoswing::heading::NoHeading;
 use autoswing::instrument::Estimate;
-use autoswing_module::compass::{Command, IndicatorState, ModuleState, Reply};
-use autoswing_module::store::Store;
+use autoswing_module::compass::{Command, IndicatorState};
 
 /// Times of the lamp's changes, milliseconds, with its states, and the state of the button.
 #[derive(Clone, Default)]
@@ -115,34 +109,4 @@ fn the_button_acts_after_two_seconds() {
         bench.run_for_ms(3_000);
         assert!(bench.links.commands.try_receive().is_err(), "{ms}");
     }
-}
-
-/// The button's `cal start` has no reply; the console receives only the replies to its own commands.
-#[test]
-fn the_button_begins_a_collection() {
-    let (mut bench, fake_panel) = bench_with_panel();
-    bench.spawn_task("compass", |links| async move {
-        Box::pin(compass::run_compass(
-            &links,
-            Store::new(RamFlash::<2048>::new(8), 0..2048 * 8),
-            &mut RetainedSamples::EMPTY.clone(),
-        ))
-        .await;
-    });
-    publish_value(
-        &bench.links.sensor,
-        DetectedSensor {
-            identity: SENSOR,
-            period_us: FakeMagnetometer::PERIOD_US,
-            equal_readings_until_stuck: FakeMagnetometer::EQUAL_READINGS_UNTIL_STUCK,
-        },
-    );
-    bench.run_for_ms(10);
-    assert_eq!(bench.links.indicator_state.try_get(), Some(IndicatorState::Idle));
-    fake_panel.is_button_down.set(true);
-    bench.run_for_ms(2_100);
-    assert_eq!(bench.links.indicator_state.try_get(), Some(IndicatorState::Collecting(0)));
-    assert!(bench.links.replies.try_receive().is_err(), "nobody asked");
-    let reply = execute_command(&mut bench, Command::CalStop);
-    assert!(matches!(reply, Ok(Reply::Done(ModuleState::Uncalibrated))), "{reply:?}");
 }

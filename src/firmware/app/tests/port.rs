@@ -2,8 +2,7 @@
 
 use std::rc::Rc;
 
-use mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag};
-use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
+use testkit::frames::{mavlink_attitude, mavlink_heartbeat};
 
 use super::TaskBench;
 use super::devices::{DeviceBehaviour, FakeReceiver, FakeTransmitter};
@@ -11,20 +10,18 @@ use crate::app::port;
 use crate::app::task_links::{Timestamped, publish_value, subscribe};
 use autoswing::attitude::AttitudeReport;
 use autoswing::heading::{Heading, NoHeading};
-use autoswing::instrument::Estimate;
-use autoswing::time::Timestamp;
 use autoswing_module::messages::Message;
-use autoswing_module::settings::{BaudRate, PortNumber, ProtocolKind};
-use autoswing_module::settings::{SettingChange, Settings};
+use autoswing_module::settings::{BaudRate, PortNumber, ProtocolKind, SettingChange, Settings};
 
-fn attitude_frame(roll: f32) -> Vec<u8> {
-    mavlink_frame(1, &ATTITUDE_DATA { time_boot_ms: 77, roll, ..Default::default() })
+const AUTOPILOT: [u8; 2] = [1, 1];
+
+fn attitude_frame(roll_rad: f32) -> Vec<u8> {
+    mavlink_attitude(AUTOPILOT, 77, [roll_rad, 0.0, 0.0, 0.0, 0.0, 0.0])
 }
 
-fn mavlink_frame(system_id: u32, data: &impl MessageData) -> Vec<u8> {
-    let mut raw = MAVLinkV2MessageRaw::new();
-    raw.serialize_message_data(MavHeader { system_id, component_id: 1, sequence: 0 }, data);
-    raw.raw_bytes().to_vec()
+/// Frames of an autopilot's heartbeat and attitude.
+pub(super) fn heartbeat_and_attitude_frames(is_armed: bool) -> Vec<u8> {
+    [mavlink_heartbeat(AUTOPILOT, true, is_armed), attitude_frame(0.1)].concat()
 }
 
 fn spawn_port(bench: &mut TaskBench, number: PortNumber) -> (FakeReceiver, FakeTransmitter) {
@@ -36,16 +33,10 @@ fn spawn_port(bench: &mut TaskBench, number: PortNumber) -> (FakeReceiver, FakeT
     (line, port)
 }
 
-fn bench_with_receiver() -> (TaskBench, FakeReceiver) {
+fn bench_with_port(number: PortNumber) -> (TaskBench, FakeReceiver, FakeTransmitter) {
     let mut bench = TaskBench::new();
-    let (line, _) = spawn_port(&mut bench, PortNumber::One);
-    (bench, line)
-}
-
-fn bench_with_transmitter() -> (TaskBench, FakeTransmitter) {
-    let mut bench = TaskBench::new();
-    let (_, port) = spawn_port(&mut bench, PortNumber::Two);
-    (bench, port)
+    let (line, port) = spawn_port(&mut bench, number);
+    (bench, line, port)
 }
 
 fn received_rolls_rad(bench: &TaskBench) -> Vec<f32> {
@@ -53,22 +44,12 @@ fn received_rolls_rad(bench: &TaskBench) -> Vec<f32> {
     reports.map(|report| report.value.attitude.roll_rad).collect()
 }
 
-/// Publishes estimates every 12.5 ms for this time.
-fn publish_estimates(bench: &mut TaskBench, heading: Result<Heading, NoHeading>, ms: u64) {
-    let end_us = bench.simulation.now_us() + ms * 1000;
-    while bench.simulation.now_us() < end_us {
-        let at = Timestamp::from_us(bench.simulation.now_us());
-        bench.links.estimates.sender().send(Estimate { timestamp: at, heading, ..Estimate::EMPTY });
-        bench.simulation.run_for(12_500);
-    }
-}
-
 const NORTH: Result<Heading, NoHeading> =
     Ok(Heading { magnetic_rad: 0.0, sigma_rad: 0.01, systematic_variance_rad2: 0.0 });
 
 #[test]
 fn reports_are_passed_on_with_their_arrival_and_counted() {
-    let (mut bench, line) = bench_with_receiver();
+    let (mut bench, line, _) = bench_with_port(PortNumber::One);
     bench.run_for_ms(4);
     let mut broken = attitude_frame(0.2);
     broken[15] ^= 1;
@@ -80,33 +61,9 @@ fn reports_are_passed_on_with_their_arrival_and_counted() {
     assert_eq!(rolls, [0.1, 0.3]);
     assert!(reports.iter().all(|report| (5_000..=6_000).contains(&report.timestamp.as_us())), "{reports:?}");
     // Rejected frames are counted with the next estimate.
-    publish_estimates(&mut bench, NORTH, 10);
+    bench.publish_estimates(NORTH, 10);
     let counts = bench.links.event_counts();
     assert_eq!((counts.attitude_reports, counts.attitude_frames_rejected, counts.attitude_line_errors), (2, 1, 0));
-}
-
-/// Two aircraft on one line; only the second sends heartbeats of an autopilot.
-#[test]
-fn attitude_of_other_senders_is_counted_and_dropped() {
-    let (mut bench, line) = bench_with_receiver();
-    line.queue_bytes(&attitude_frame(0.1));
-    bench.run_for_ms(1);
-    let other_attitude = ATTITUDE_DATA { roll: 0.2, ..Default::default() };
-    let heartbeat =
-        HEARTBEAT_DATA { autopilot: MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA, ..HEARTBEAT_DATA::default() };
-    line.queue_bytes(
-        &[
-            mavlink_frame(2, &other_attitude),
-            mavlink_frame(2, &heartbeat),
-            attitude_frame(0.3),
-            mavlink_frame(2, &other_attitude),
-        ]
-        .concat(),
-    );
-    bench.run_for_ms(1);
-    assert_eq!(received_rolls_rad(&bench), [0.1, 0.2]);
-    let counts = bench.links.event_counts();
-    assert_eq!((counts.attitude_reports, counts.attitude_of_other_senders, counts.attitude_frames_rejected), (2, 2, 0));
 }
 
 /// Attitude on both ports, with rates on the second: the first is selected until the second delivers.
@@ -115,7 +72,7 @@ fn attitude_is_used_from_one_port_at_a_time() {
     let mut bench = TaskBench::new();
     let (one, _) = spawn_port(&mut bench, PortNumber::One);
     let (two, _) = spawn_port(&mut bench, PortNumber::Two);
-    let with_rates = |roll| mavlink_frame(1, &ATTITUDE_DATA { roll, rollspeed: 0.1, ..Default::default() });
+    let with_rates = |roll_rad| mavlink_attitude(AUTOPILOT, 77, [roll_rad, 0.0, 0.0, 0.1, 0.0, 0.0]);
     for (line, report) in
         [(&one, attitude_frame(0.1)), (&two, with_rates(0.2)), (&one, attitude_frame(0.3)), (&two, with_rates(0.4))]
     {
@@ -126,32 +83,21 @@ fn attitude_is_used_from_one_port_at_a_time() {
     assert_eq!(bench.links.event_counts().attitude_of_other_senders, 1);
 }
 
-pub(super) const ARMED_BASE_MODE: MavModeFlag = MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
-
-/// Frames of an autopilot's heartbeat and attitude.
-pub(super) fn heartbeat_and_attitude_frames(base_mode: MavModeFlag) -> Vec<u8> {
-    [mavlink_frame(1, &HEARTBEAT_DATA { base_mode, ..HEARTBEAT_DATA::default() }), attitude_frame(0.1)].concat()
-}
-
 /// The armed state expires on a silent line, too.
 #[test]
 fn armed_state_is_published_on_change_and_expires_after_10_s() {
-    let (mut bench, line) = bench_with_receiver();
+    let (mut bench, line, _) = bench_with_port(PortNumber::One);
     let links = Rc::clone(&bench.links);
     let mut armed = subscribe(&links.armed_state);
-    line.queue_bytes(&heartbeat_and_attitude_frames(ARMED_BASE_MODE));
-    bench.run_for_ms(1);
-    assert_eq!(armed.try_changed(), Some(Some(true)));
-    publish_estimates(&mut bench, NORTH, 9_900);
-    assert_eq!(armed.try_changed(), None);
-    publish_estimates(&mut bench, NORTH, 200);
-    assert_eq!(armed.try_changed(), Some(None));
-    line.queue_bytes(&heartbeat_and_attitude_frames(ARMED_BASE_MODE));
-    bench.run_for_ms(1);
-    assert_eq!(armed.try_changed(), Some(Some(true)));
-    line.queue_bytes(&heartbeat_and_attitude_frames(MavModeFlag::empty()));
-    bench.run_for_ms(1);
-    assert_eq!(armed.try_changed(), Some(Some(false)));
+    for (is_armed, silence_ms, published) in
+        [(true, 0, Some(true)), (false, 0, Some(false)), (true, 9_900, Some(true)), (true, 10_200, None)]
+    {
+        line.queue_bytes(&heartbeat_and_attitude_frames(is_armed));
+        bench.run_for_ms(1);
+        bench.publish_estimates(NORTH, silence_ms);
+        let last = std::iter::from_fn(|| armed.try_changed()).last();
+        assert_eq!((last, links.armed_state.try_get()), (Some(published), Some(published)), "{silence_ms} ms");
+    }
 }
 
 #[test]
@@ -159,24 +105,23 @@ fn armed_on_any_port_is_armed() {
     let mut bench = TaskBench::new();
     let lines = PortNumber::ALL_PORTS.map(|number| spawn_port(&mut bench, number).0);
     let links = Rc::clone(&bench.links);
-    let mut armed_after_heartbeat = |line: usize, base_mode| {
-        lines[line].queue_bytes(&heartbeat_and_attitude_frames(base_mode));
+    let mut armed_after_heartbeat = |line: usize, is_armed| {
+        lines[line].queue_bytes(&heartbeat_and_attitude_frames(is_armed));
         bench.run_for_ms(1);
         links.armed_state.try_get().flatten()
     };
-    assert_eq!(armed_after_heartbeat(1, MavModeFlag::empty()), Some(false));
-    assert_eq!(armed_after_heartbeat(0, ARMED_BASE_MODE), Some(true));
-    assert_eq!(armed_after_heartbeat(1, MavModeFlag::empty()), Some(true));
-    assert_eq!(armed_after_heartbeat(1, ARMED_BASE_MODE), Some(true));
-    assert_eq!(armed_after_heartbeat(0, MavModeFlag::empty()), Some(true));
-    assert_eq!(armed_after_heartbeat(1, MavModeFlag::empty()), Some(false));
+    assert_eq!(armed_after_heartbeat(1, false), Some(false));
+    assert_eq!(armed_after_heartbeat(0, true), Some(true));
+    assert_eq!(armed_after_heartbeat(1, false), Some(true));
+    assert_eq!(armed_after_heartbeat(1, true), Some(true));
+    assert_eq!(armed_after_heartbeat(0, false), Some(true));
+    assert_eq!(armed_after_heartbeat(1, false), Some(false));
 }
 
 /// The task pauses for 0.2 ms after an error or the end of the line, and keeps sending.
 #[test]
 fn a_line_error_is_counted_and_followed_by_a_pause() {
-    let mut bench = TaskBench::new();
-    let (line, port) = spawn_port(&mut bench, PortNumber::Two);
+    let (mut bench, line, port) = bench_with_port(PortNumber::Two);
     line.behaviour.set(DeviceBehaviour::EndOfInput);
     bench.run_for_ms(10);
     let ended = bench.links.event_counts().attitude_line_errors;
@@ -185,7 +130,7 @@ fn a_line_error_is_counted_and_followed_by_a_pause() {
     bench.run_for_ms(10);
     let errors = bench.links.event_counts().attitude_line_errors;
     assert!((90..=110).contains(&errors), "{errors}");
-    publish_estimates(&mut bench, NORTH, 1_000);
+    bench.publish_estimates(NORTH, 1_000);
     assert_eq!(port.take_text().matches("$HCHDM").count(), 11, "one of them at once");
     line.behaviour.set(DeviceBehaviour::Works);
     line.queue_bytes(&attitude_frame(0.1));
@@ -195,14 +140,14 @@ fn a_line_error_is_counted_and_followed_by_a_pause() {
 
 #[test]
 fn a_port_writes_at_its_rate_and_counts() {
-    let (mut bench, port) = bench_with_transmitter();
-    publish_estimates(&mut bench, NORTH, 1_000);
+    let (mut bench, _, port) = bench_with_port(PortNumber::Two);
+    bench.publish_estimates(NORTH, 1_000);
     let text = port.take_text();
     assert_eq!(text.matches("$HCHDM,000.0,M").count(), 10, "{text}");
     assert_eq!(text.matches("\r\n").count(), 30, "{text}");
     let counts = bench.links.event_counts();
     assert_eq!((counts.messages, counts.messages_empty, counts.write_errors), (10, 0, 0));
-    publish_estimates(&mut bench, Err(NoHeading::Uncalibrated), 1_000);
+    bench.publish_estimates(Err(NoHeading::Uncalibrated), 1_000);
     let counts = bench.links.event_counts();
     assert_eq!((counts.messages, counts.messages_empty), (20, 10));
     assert_eq!(port.take_text().matches("$PASWH,,,uncalibrated").count(), 10);
@@ -211,21 +156,18 @@ fn a_port_writes_at_its_rate_and_counts() {
 
 #[test]
 fn a_port_follows_its_settings() {
-    let (mut bench, port) = bench_with_transmitter();
+    let (mut bench, _, port) = bench_with_port(PortNumber::Two);
     publish_value(&bench.links.settings, Settings { stream_rate_hz: 40, ..Settings::DEFAULT });
-    publish_estimates(&mut bench, NORTH, 1_000);
+    bench.publish_estimates(NORTH, 1_000);
     assert_eq!(port.take_text().matches("$HCHDM").count(), 40);
     publish_value(&bench.links.settings, Settings { stream_on: false, ..Settings::DEFAULT });
-    publish_estimates(&mut bench, NORTH, 1_000);
+    bench.publish_estimates(NORTH, 1_000);
     assert_eq!(port.take_text(), "");
-    publish_value(&bench.links.settings, Settings { declination_deg: Some(2.0), ..Settings::DEFAULT });
-    publish_estimates(&mut bench, NORTH, 200);
-    assert!(port.take_text().contains("$HCHDG,000.0,,,2.0,E"));
     assert_eq!(bench.links.port_protocols(), [ProtocolKind::Auto, ProtocolKind::Nmea]);
     let other =
         Settings::DEFAULT.with_setting(SettingChange::Protocol(PortNumber::Two, ProtocolKind::Mavlink)).unwrap();
     publish_value(&bench.links.settings, other);
-    publish_estimates(&mut bench, NORTH, 1_000);
+    bench.publish_estimates(NORTH, 1_000);
     assert!(!port.take_text().contains('$'));
     assert_eq!(bench.links.port_protocols(), [ProtocolKind::Auto, ProtocolKind::Mavlink]);
 }
@@ -233,12 +175,11 @@ fn a_port_follows_its_settings() {
 /// Messages that arrive while another protocol is set are dropped.
 #[test]
 fn a_message_is_sent_as_mavlink_status_text() {
-    let mut bench = TaskBench::new();
-    let (line, port) = spawn_port(&mut bench, PortNumber::Two);
+    let (mut bench, line, port) = bench_with_port(PortNumber::Two);
     let sent = |bench: &mut TaskBench, message: &Message| {
         bench.links.broadcast_message(message);
-        line.queue_bytes(&heartbeat_and_attitude_frames(MavModeFlag::empty()));
-        publish_estimates(bench, NORTH, 500);
+        line.queue_bytes(&heartbeat_and_attitude_frames(false));
+        bench.publish_estimates(NORTH, 500);
         let bytes = port.written.take();
         move |text: &str| bytes.windows(text.len()).any(|window| window == text.as_bytes())
     };
@@ -256,29 +197,29 @@ fn each_port_uses_its_configured_baud_rate() {
     let mut bench = TaskBench::new();
     let ports = PortNumber::ALL_PORTS.map(|number| spawn_port(&mut bench, number).1);
     let bauds = || [ports[0].baud_changes.take(), ports[1].baud_changes.take()];
-    publish_estimates(&mut bench, NORTH, 100);
+    bench.publish_estimates(NORTH, 100);
     assert_eq!(bauds(), [vec![], vec![]]);
     let settings = Settings::DEFAULT.with_setting(SettingChange::Baud(PortNumber::Two, BaudRate::B460800)).unwrap();
     publish_value(&bench.links.settings, settings);
-    publish_estimates(&mut bench, NORTH, 100);
+    bench.publish_estimates(NORTH, 100);
     publish_value(&bench.links.settings, Settings { stream_on: false, ..settings });
-    publish_estimates(&mut bench, NORTH, 100);
+    bench.publish_estimates(NORTH, 100);
     assert_eq!(bauds(), [vec![], vec![BaudRate::B460800]]);
 }
 
 /// A failing port and a port that accepts no bytes: errors are counted, and later messages are up to date.
 #[test]
 fn errors_of_a_failing_port_are_counted_and_the_port_recovers() {
-    let (mut bench, port) = bench_with_transmitter();
+    let (mut bench, _, port) = bench_with_port(PortNumber::Two);
     port.behaviour.set(DeviceBehaviour::Fails);
-    publish_estimates(&mut bench, NORTH, 1_000);
+    bench.publish_estimates(NORTH, 1_000);
     assert_eq!((bench.links.event_counts().messages, bench.links.event_counts().write_errors), (10, 10));
     port.behaviour.set(DeviceBehaviour::Hangs);
-    publish_estimates(&mut bench, NORTH, 1_000);
+    bench.publish_estimates(NORTH, 1_000);
     let errors = bench.links.event_counts().write_errors - 10;
     assert!((5..=8).contains(&errors), "four or five are buffered: {errors}");
     port.behaviour.set(DeviceBehaviour::Works);
-    publish_estimates(&mut bench, NORTH, 1_000);
+    bench.publish_estimates(NORTH, 1_000);
     let sentences = port.take_text().matches("$HCHDM").count();
     assert!((10..=15).contains(&sentences), "{sentences}");
 }

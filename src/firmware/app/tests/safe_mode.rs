@@ -4,44 +4,33 @@ use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::rc::Rc;
 
+use embassy_futures::{block_on, poll_once};
 use embassy_time::Timer;
 use testkit::flash::SilentFault;
 
-use super::TaskBench;
-use super::devices::{DeviceBehaviour, FakeTransmitter};
-use super::thread_tasks::{Flash, PAGE_COUNT, bench_with_compass, execute_command, test_store};
+use super::devices::{DeviceBehaviour, FakeTransmitter, FakeWatchdog};
+use super::{Flash, PAGE_COUNT, TaskBench, test_store};
 use crate::app::can::{self, ReceiveFrame, SendFrame, UpdateHandOver};
+use crate::app::task_links::CommandSource;
 use crate::app::watchdog::MAX_FEED_INTERVAL_US;
-use crate::app::{Watchdog, safe_mode};
+use crate::app::{TaskLinks, safe_mode};
 use crate::port::UpdateForBootLoader;
 use crate::wire::dronecan::outbound::{NodeInfo, SoftwareVersion};
 use crate::wire::dronecan::{CanFrame, DataType, FrameHeader, NodeId, OutboundTransfer, Payload, TransferKind};
 use autoswing_module::compass::{Command, ModuleState, Reply};
 use autoswing_module::messages::{Message, Refusal};
-use autoswing_module::settings::{SettingChange, Settings};
-use autoswing_module::store::StoreError;
+use autoswing_module::settings::Settings;
+use autoswing_module::store::{StoreChange, StoreError};
 
-/// Longest time between feeds, and time of the last one.
-#[derive(Clone, Default)]
-struct FeedTimer(Rc<Cell<(u64, u64)>>);
-
-impl Watchdog for FeedTimer {
-    fn feed(&mut self) {
-        let (longest_us, last_us) = self.0.get();
-        let now_us = embassy_time::Instant::now().as_micros();
-        self.0.set((longest_us.max(now_us - last_us), now_us));
-    }
-}
-
-fn bench_in_safe_mode(flash: Flash) -> (TaskBench, [FakeTransmitter; 2], FeedTimer) {
+fn bench_in_safe_mode(flash: Flash) -> (TaskBench, [FakeTransmitter; 2], FakeWatchdog) {
     let mut bench = TaskBench::new();
-    let (ports, timer) = (<[FakeTransmitter; 2]>::default(), FeedTimer::default());
-    let (lines, watchdog) = (ports.clone(), timer.clone());
+    let (ports, watchdog) = (<[FakeTransmitter; 2]>::default(), FakeWatchdog::default());
+    let (lines, fed) = (ports.clone(), watchdog.clone());
     bench.spawn_task("safe mode", |links| async move {
-        Box::pin(safe_mode::run_safe_mode(&links, test_store(flash), lines, watchdog)).await;
+        Box::pin(safe_mode::run_safe_mode(&links, test_store(flash), lines, fed)).await;
     });
     bench.run_for_ms(1);
-    (bench, ports, timer)
+    (bench, ports, watchdog)
 }
 
 /// The ports send NMEA sentences, MAVLink heartbeats and a text without receiving anything.
@@ -63,17 +52,28 @@ fn both_ports_report_safe_mode_in_both_protocols() {
     }
 }
 
+/// One poll of the task executes the command, because this flash does not wait.
 #[test]
-fn safe_mode_erases_the_store_and_refuses_other_commands() {
-    let flash = Flash::new(PAGE_COUNT);
-    let mut before = bench_with_compass(flash.clone());
-    assert!(execute_command(&mut before, Command::Set(SettingChange::StreamRateHz(20))).is_ok());
-    let (mut bench, ..) = bench_in_safe_mode(flash.clone());
-    assert!(matches!(execute_command(&mut bench, Command::Status), Ok(Reply::SafeMode)));
-    assert!(matches!(execute_command(&mut bench, Command::CalSolve(None)), Err(Refusal::SafeMode)));
-    assert!(matches!(execute_command(&mut bench, Command::CalClear), Ok(Reply::Done(ModuleState::Uncalibrated))));
-    assert!(execute_command(&mut bench, Command::Restart).is_ok() && bench.links.restart_request.signaled());
-    assert_eq!(bench_with_compass(flash).links.settings.try_get(), Some(Settings::DEFAULT));
+fn safe_mode_erases_the_store() {
+    let mut flash = Flash::new(PAGE_COUNT);
+    let settings = Settings { stream_rate_hz: 20, ..Settings::DEFAULT };
+    block_on(test_store(&mut flash).save_change(StoreChange::Settings(&settings))).unwrap();
+    assert_eq!(block_on(test_store(&mut flash).load_state()).stored_values.settings, settings);
+    let links = TaskLinks::new();
+    links.commands.try_send((CommandSource::Console, Command::CalClear)).unwrap();
+    let ports = <[FakeTransmitter; 2]>::default();
+    let task = safe_mode::run_safe_mode(&links, test_store(&mut flash), ports, FakeWatchdog::default());
+    assert!(poll_once(Box::pin(task)).is_pending());
+    assert!(matches!(links.replies.try_receive(), Ok(Ok(Reply::Done(ModuleState::Uncalibrated)))));
+    assert_eq!(block_on(test_store(&mut flash).load_state()).stored_values.settings, Settings::DEFAULT);
+}
+
+#[test]
+fn safe_mode_restarts_and_refuses_other_commands() {
+    let (mut bench, ..) = bench_in_safe_mode(Flash::new(PAGE_COUNT));
+    assert!(matches!(bench.execute_command(Command::Status), Ok(Reply::SafeMode)));
+    assert!(matches!(bench.execute_command(Command::CalSolve(None)), Err(Refusal::SafeMode)));
+    assert!(bench.execute_command(Command::Restart).is_ok() && bench.links.restart_request.signaled());
 }
 
 /// Ports that accept nothing, and a flash that never completes an erase.
@@ -81,16 +81,16 @@ fn safe_mode_erases_the_store_and_refuses_other_commands() {
 fn broken_devices_do_not_starve_the_watchdog() {
     let mut flash = Flash::new(PAGE_COUNT);
     flash.silent_fault = Some(SilentFault::WritesHang);
-    let (mut bench, ports, timer) = bench_in_safe_mode(flash);
+    let (mut bench, ports, watchdog) = bench_in_safe_mode(flash);
     for port in &ports {
         port.behaviour.set(DeviceBehaviour::Hangs);
     }
     for _ in 0..20 {
-        bench.links.commands.try_send((crate::app::task_links::CommandSource::Console, Command::CalClear)).unwrap();
-        bench.run_for_ms(937);
+        bench.send_command(CommandSource::Console, Command::CalClear);
+        bench.run_for_ms(936);
         assert!(matches!(bench.links.replies.try_receive(), Ok(Err(Refusal::Store(StoreError::Timeout)))));
     }
-    let (longest_us, last_us) = timer.0.get();
+    let (longest_us, last_us) = (watchdog.longest_interval_us.get(), watchdog.last_feed_us.get());
     assert!(longest_us <= MAX_FEED_INTERVAL_US && last_us > 18_000_000, "{longest_us} {last_us}");
 }
 

@@ -5,17 +5,16 @@ use std::rc::Rc;
 use std::sync::atomic::Ordering;
 
 use embassy_futures::yield_now;
-use testkit::flash::{RamFlash, SilentFault};
+use testkit::flash::SilentFault;
 
-use super::TaskBench;
-use super::devices::{DeviceBehaviour, FakeMagnetometer, FakeReceiver, FakeTransmitter, SENSOR};
-use crate::app::task_links::{AutopilotLine, CommandSource, DetectedSensor, now, publish_value};
-use crate::app::{Platform, compass, console, port};
+use super::devices::{DeviceBehaviour, FakeReceiver, FakeTransmitter};
+use super::{Flash, PAGE_COUNT, TaskBench};
+use crate::app::task_links::{AutopilotLine, CommandSource, now, publish_value};
+use crate::app::{Platform, console, port};
 use crate::health::{ResetCause, StackUse};
 use crate::synthetic::{Airframe, Flight, Random, multirotor_samples};
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{CollectionPart, Sample};
-use autoswing::collection::RetainedSamples;
 use autoswing::earth::{Date, EarthField, Position};
 use autoswing::frames::Attitude;
 use autoswing::heading::Heading;
@@ -25,46 +24,17 @@ use autoswing_module::compass::{Command, IndicatorState, ModuleState, Reply};
 use autoswing_module::messages::SampleLoss;
 use autoswing_module::messages::{Message, Refusal, RefusalCause};
 use autoswing_module::settings::{PortNumber, ProtocolKind, SettingChange, Settings};
-use autoswing_module::store::{Store, StoreError};
+use autoswing_module::store::StoreError;
 
-pub(super) type Flash = RamFlash<2048>;
-pub(super) const PAGE_COUNT: usize = 8;
-
-pub(super) fn test_store(flash: Flash) -> Store<Flash> {
-    Store::new(flash, 0..(2048 * PAGE_COUNT) as u32)
-}
-
-pub(super) fn bench_with_compass(flash: Flash) -> TaskBench {
-    let mut bench = TaskBench::new();
-    bench.spawn_task("compass", |links| async move {
-        Box::pin(compass::run_compass(&links, test_store(flash), &mut RetainedSamples::EMPTY.clone())).await;
-    });
-    bench.run_for_ms(1);
-    bench
-}
-
-pub(super) fn execute_command(bench: &mut TaskBench, command: Command) -> Result<Reply, Refusal> {
-    bench.links.commands.try_send((CommandSource::Console, command)).unwrap();
-    bench.run_for_ms(1);
-    bench.links.replies.try_receive().expect("an answer")
-}
-
-#[test]
-fn settings_are_written_published_and_counted() {
-    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
-    assert_eq!(bench.links.settings.try_get(), Some(Settings::DEFAULT));
-    let reply = execute_command(&mut bench, Command::Set(SettingChange::StreamRateHz(20)));
-    assert!(matches!(reply, Ok(Reply::Done(ModuleState::Uncalibrated))), "{reply:?}");
-    assert_eq!(bench.links.settings.try_get(), Some(Settings { stream_rate_hz: 20, ..Settings::DEFAULT }));
-    assert_eq!((bench.links.event_counts().saves, bench.links.event_counts().store_errors), (1, 0));
-}
+const PORT_1: AutopilotLine = AutopilotLine::Port(PortNumber::One);
+const PORT_2: AutopilotLine = AutopilotLine::Port(PortNumber::Two);
 
 /// Position and date may come from different ports; entered values have priority, and nothing is stored.
 #[test]
 fn position_and_date_apply_the_field_model() {
     let (place, day) = (Position::new(51.1, 13.7, 100.0).unwrap(), Date::from_unix_s(20_779 * 86_400).unwrap());
     let field = EarthField::from_model(place, day).unwrap();
-    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
+    let mut bench = TaskBench::with_compass();
     publish_value(&bench.links.date, day);
     bench.run_for_ms(1);
     assert_eq!(bench.links.settings.try_get(), Some(Settings::DEFAULT));
@@ -73,19 +43,20 @@ fn position_and_date_apply_the_field_model() {
     let inclination_deg = Some(field.inclination_deg);
     let by_model = Settings { declination_deg: field.declination_deg, inclination_deg, ..Settings::DEFAULT };
     assert_eq!(bench.links.settings.try_get(), Some(by_model));
-    assert!(execute_command(&mut bench, Command::Set(SettingChange::Declination(Some(3.0)))).is_ok());
+    let reply = bench.execute_command(Command::Set(SettingChange::Declination(Some(3.0))));
+    assert!(matches!(reply, Ok(Reply::Done(ModuleState::Uncalibrated))), "{reply:?}");
     assert_eq!(bench.links.settings.try_get(), Some(Settings { declination_deg: Some(3.0), ..by_model }));
-    assert_eq!(bench.links.event_counts().saves, 1);
+    assert_eq!((bench.links.event_counts().saves, bench.links.event_counts().store_errors), (1, 0));
 }
 
 #[test]
 fn a_failed_save_is_reported_and_counted() {
     let mut flash = Flash::new(PAGE_COUNT);
     flash.unreadable = Some((0..2048 * PAGE_COUNT, usize::MAX));
-    let mut bench = bench_with_compass(flash);
+    let mut bench = TaskBench::with_compass_and_flash(flash);
     assert_eq!(bench.links.event_counts().store_errors, 1, "of the load, once");
     assert_eq!(bench.links.console_messages.try_receive(), Ok(Message::StoreFailed(StoreError::Flash)));
-    let reply = execute_command(&mut bench, Command::Set(SettingChange::StreamRateHz(20)));
+    let reply = bench.execute_command(Command::Set(SettingChange::StreamRateHz(20)));
     assert!(matches!(reply, Err(Refusal::Store(StoreError::Flash))), "{reply:?}");
     assert_eq!(bench.links.settings.try_get(), Some(Settings::DEFAULT));
     assert_eq!((bench.links.event_counts().saves, bench.links.event_counts().store_errors), (0, 2));
@@ -97,70 +68,56 @@ fn a_failed_save_is_reported_and_counted() {
 fn a_save_that_never_completes_times_out_and_is_reported() {
     let mut flash = Flash::new(PAGE_COUNT);
     flash.silent_fault = Some(SilentFault::WritesHang);
-    let mut bench = bench_with_compass(flash);
-    bench.links.commands.try_send((CommandSource::Console, Command::CalClear)).unwrap();
-    bench.run_for_ms(499);
+    let mut bench = TaskBench::with_compass_and_flash(flash);
+    bench.send_command(CommandSource::Console, Command::CalClear);
+    bench.run_for_ms(498);
     assert!(bench.links.replies.try_receive().is_err());
     bench.run_for_ms(1);
     let reply = bench.links.replies.try_receive();
     assert!(matches!(reply, Ok(Err(Refusal::Store(StoreError::Timeout)))), "{reply:?}");
     assert_eq!((bench.links.event_counts().saves, bench.links.event_counts().store_errors), (0, 1));
-    assert!(matches!(execute_command(&mut bench, Command::Status), Ok(Reply::Report(_))));
-    bench.links.update_line_state(AutopilotLine::Port(PortNumber::One), ProtocolKind::Mavlink, None);
+    assert!(matches!(bench.execute_command(Command::Status), Ok(Reply::Report(_))));
+    bench.links.update_line_state(PORT_1, ProtocolKind::Mavlink, None);
     for is_armed in [true, false] {
         publish_value(&bench.links.armed_state, Some(is_armed));
         bench.run_for_ms(5_500);
     }
     let message = Ok(Message::StoreFailed(StoreError::Timeout));
     assert_eq!(bench.links.console_messages.try_receive(), message);
-    assert_eq!(bench.links.links_of_line(AutopilotLine::Port(PortNumber::One)).messages.try_receive(), message);
+    assert_eq!(bench.links.links_of_line(PORT_1).messages.try_receive(), message);
     assert_eq!(bench.links.event_counts().store_errors, 2);
-    assert!(matches!(execute_command(&mut bench, Command::Status), Ok(Reply::Report(_))));
+    assert!(matches!(bench.execute_command(Command::Status), Ok(Reply::Report(_))));
 }
 
-/// Readings lost before the collection do not count.
+/// Readings lost before the collection do not count. The button's `cal start` has no reply: the console receives only
+/// the replies to its own commands.
 #[test]
 fn readings_lost_during_the_collection_are_the_cause_of_a_refusal() {
-    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
-    publish_value(
-        &bench.links.sensor,
-        DetectedSensor {
-            identity: SENSOR,
-            period_us: FakeMagnetometer::PERIOD_US,
-            equal_readings_until_stuck: FakeMagnetometer::EQUAL_READINGS_UNTIL_STUCK,
-        },
-    );
-    bench.run_for_ms(1);
+    let mut bench = TaskBench::with_compass();
+    bench.detect_sensor();
     let record_losses = |bench: &TaskBench, saturated| {
         bench.links.event_counters.readings.fetch_add(1000, Ordering::Relaxed);
         bench.links.event_counters.saturated.fetch_add(saturated, Ordering::Relaxed);
     };
     record_losses(&bench, 500);
-    bench.links.commands.try_send((CommandSource::Button, Command::CalStart(Procedure::Flight))).unwrap();
-    bench.run_for_ms(1);
+    bench.send_command(CommandSource::Button, Command::CalStart(Procedure::Flight));
+    assert_eq!(bench.links.indicator_state.try_get(), Some(IndicatorState::Collecting(0)));
+    assert!(bench.links.replies.is_empty());
     record_losses(&bench, 200);
     let cause = RefusalCause::SampleLoss(SampleLoss::Saturated(20));
-    let refused = execute_command(&mut bench, Command::CalSolve(None)).unwrap_err();
+    let refused = bench.execute_command(Command::CalSolve(None)).unwrap_err();
     assert_eq!(refused, Refusal::InsufficientSamples { code: "no-samples", expected_rms_deg: None, cause });
-    assert!(matches!(execute_command(&mut bench, Command::CalUndo), Err(Refusal::NoPreviousCalibration)));
+    assert!(matches!(bench.execute_command(Command::CalUndo), Err(Refusal::NoPreviousCalibration)));
 }
 
 /// The state machine makes a correction from a detected sensor and samples of turns, without `cal solve`.
 #[test]
 fn samples_become_a_correction() {
-    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
-    assert!(matches!(execute_command(&mut bench, Command::CalStart(Procedure::Turns)), Err(Refusal::NoSensor)));
-    publish_value(
-        &bench.links.sensor,
-        DetectedSensor {
-            identity: SENSOR,
-            period_us: FakeMagnetometer::PERIOD_US,
-            equal_readings_until_stuck: FakeMagnetometer::EQUAL_READINGS_UNTIL_STUCK,
-        },
-    );
-    bench.run_for_ms(1);
+    let mut bench = TaskBench::with_compass();
+    assert!(matches!(bench.execute_command(Command::CalStart(Procedure::Turns)), Err(Refusal::NoSensor)));
+    bench.detect_sensor();
     assert!(matches!(
-        execute_command(&mut bench, Command::CalStart(Procedure::Turns)),
+        bench.execute_command(Command::CalStart(Procedure::Turns)),
         Ok(Reply::Done(ModuleState::Collecting))
     ));
     let airframe = Airframe::random(&mut Random(11), 0.1, 1.0, 5.0, [55.0, 55.0]);
@@ -179,17 +136,12 @@ fn samples_become_a_correction() {
     assert!((0.25..0.55).contains(&reading_ut), "{reading_ut}");
     assert_eq!(bench.links.event_counts().saves, 2, "that there is a collection, and its calibration");
     assert_eq!(bench.links.indicator_state.try_get(), Some(IndicatorState::Calibrated));
-    for number in PortNumber::ALL_PORTS {
-        assert!(
-            matches!(
-                bench.links.links_of_line(AutopilotLine::Port(number)).messages.try_receive(),
-                Ok(Message::Solved(Ok(_)))
-            ),
-            "{number:?}"
-        );
+    for line in [PORT_1, PORT_2] {
+        let message = bench.links.links_of_line(line).messages.try_receive();
+        assert!(matches!(message, Ok(Message::Solved(Ok(_)))), "{line:?}: {message:?}");
     }
     // The console is answered between the steps of a solve.
-    assert!(matches!(execute_command(&mut bench, Command::CalSolve(None)), Ok(Reply::Done(ModuleState::Solving))));
+    assert!(matches!(bench.execute_command(Command::CalSolve(None)), Ok(Reply::Done(ModuleState::Solving))));
     bench.run_for_ms(100);
     // Commands during the solve use the armed state reported meanwhile.
     let replies: Rc<RefCell<Vec<Result<Reply, Refusal>>>> = Rc::default();
@@ -214,17 +166,9 @@ fn samples_become_a_correction() {
 /// A sample with every step of the executor: more than the queue holds arrive during a trial solve.
 #[test]
 fn no_sample_is_dropped_during_a_trial_solve() {
-    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
-    publish_value(
-        &bench.links.sensor,
-        DetectedSensor {
-            identity: SENSOR,
-            period_us: FakeMagnetometer::PERIOD_US,
-            equal_readings_until_stuck: FakeMagnetometer::EQUAL_READINGS_UNTIL_STUCK,
-        },
-    );
-    bench.run_for_ms(1);
-    assert!(execute_command(&mut bench, Command::CalStart(Procedure::Flight)).is_ok());
+    let mut bench = TaskBench::with_compass();
+    bench.detect_sensor();
+    assert!(bench.execute_command(Command::CalStart(Procedure::Flight)).is_ok());
     let airframe = Airframe::random(&mut Random(11), 0.1, 1.0, 5.0, [55.0, 55.0]);
     let flown = multirotor_samples(&airframe, 0.3, &mut Random(1));
     bench.spawn_task("instrument", |links| async move {
@@ -234,41 +178,23 @@ fn no_sample_is_dropped_during_a_trial_solve() {
         }
     });
     bench.run_for_ms(1);
-    let Ok(Reply::Report(report)) = execute_command(&mut bench, Command::Status) else { panic!("no report") };
+    let Ok(Reply::Report(report)) = bench.execute_command(Command::Status) else { panic!("no report") };
     assert!(report.last_trial.is_some());
     let coverage = report.collection_progress.coverage_of(CollectionPart::FREE);
     assert_eq!(coverage.fit_count + coverage.held_back_count, 75);
     assert_eq!(bench.links.event_counts().samples_dropped, 0);
 }
 
-#[test]
-fn restart_is_refused_while_the_autopilot_is_armed() {
-    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
-    assert!(matches!(execute_command(&mut bench, Command::Restart), Ok(Reply::Done(_))));
-    publish_value(&bench.links.armed_state, Some(true));
-    assert!(matches!(execute_command(&mut bench, Command::Restart), Err(Refusal::Armed)));
-    publish_value(&bench.links.armed_state, Some(false));
-    assert!(matches!(execute_command(&mut bench, Command::Restart), Ok(Reply::Done(_))));
-}
-
 /// The state machine admits the command of any source, and signals the console to restart the module.
 #[test]
 fn a_restart_commanded_on_a_port_needs_a_disarmed_autopilot() {
-    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
+    let mut bench = TaskBench::with_compass();
     for (is_armed, result) in [(true, Err(Refusal::Armed)), (false, Ok(()))] {
         publish_value(&bench.links.armed_state, Some(is_armed));
-        bench
-            .links
-            .commands
-            .try_send((CommandSource::Line(AutopilotLine::Port(PortNumber::Two)), Command::Restart))
-            .unwrap();
-        bench.run_for_ms(1);
+        bench.send_command(CommandSource::Line(PORT_2), Command::Restart);
         assert_eq!(bench.links.restart_request.signaled(), result.is_ok());
-        assert_eq!(
-            bench.links.links_of_line(AutopilotLine::Port(PortNumber::Two)).command_results.try_take(),
-            Some((Command::Restart, result))
-        );
-        assert!(bench.links.links_of_line(AutopilotLine::Port(PortNumber::One)).command_results.try_take().is_none());
+        let [one, two] = [PORT_1, PORT_2].map(|line| bench.links.links_of_line(line).command_results.try_take());
+        assert_eq!((one, two), (None, Some((Command::Restart, result))));
     }
 }
 
@@ -287,7 +213,7 @@ impl Platform for FakePlatform {
 
 /// Console task with its greeting removed from the output.
 fn bench_with_console() -> (TaskBench, FakeReceiver, FakeTransmitter, FakePlatform) {
-    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
+    let mut bench = TaskBench::with_compass();
     let (line, port, board) = (FakeReceiver::default(), FakeTransmitter::default(), FakePlatform::default());
     let (rx, tx, platform) = (line.clone(), port.clone(), board.clone());
     bench.spawn_task("console", |links| async move {
@@ -308,9 +234,19 @@ fn type_line(bench: &mut TaskBench, receiver: &FakeReceiver, transmitter: &FakeT
 #[test]
 fn every_kind_of_request_is_answered() {
     let (mut bench, line, port, _) = bench_with_console();
+    bench.detect_sensor();
+    let heading = Ok(Heading { magnetic_rad: 1.0, sigma_rad: 0.02, systematic_variance_rad2: 0.0 });
+    let attitude = Some(Attitude::from_deg(12.0, -3.0));
+    publish_value(&bench.links.estimates, Estimate { heading, attitude, ..Estimate::EMPTY });
+    bench.run_for_ms(12_000);
     for (text, answer) in [
         ("version", "ok autoswing "),
         ("status", "ok uncalibrated"),
+        ("status all", "sensor: LIS3MDL at 1e"),
+        ("status all", "attitude: roll 12.0 deg, pitch -3.0 deg"),
+        ("status all", "heading: 57.3 deg magnetic, sigma 1.1 deg"),
+        ("status all", "stack: 1234 of 24576 bytes used at most"),
+        ("status all", "up: 12 s, started by watchdog"),
         ("cal show", "error no-calibration: "),
         ("cal abort", "ok uncalibrated"),
         ("cal undo", "error nothing-to-undo: "),
@@ -326,41 +262,16 @@ fn every_kind_of_request_is_answered() {
     }
 }
 
-#[test]
-fn status_shows_the_module_s_health() {
-    let (mut bench, line, port, _) = bench_with_console();
-    let status = type_line(&mut bench, &line, &port, "status all");
-    for expected in ["sensor: not found", "attitude: none", "heading: none, sensor-silent", "started by watchdog"] {
-        assert!(status.contains(expected), "{expected}: {status}");
-    }
-    publish_value(
-        &bench.links.sensor,
-        DetectedSensor {
-            identity: SENSOR,
-            period_us: FakeMagnetometer::PERIOD_US,
-            equal_readings_until_stuck: FakeMagnetometer::EQUAL_READINGS_UNTIL_STUCK,
-        },
-    );
-    let heading = Ok(Heading { magnetic_rad: 1.0, sigma_rad: 0.02, systematic_variance_rad2: 0.0 });
-    let attitude = Some(Attitude::from_deg(12.0, -3.0));
-    bench.links.estimates.sender().send(Estimate { heading, attitude, ..Estimate::EMPTY });
-    bench.run_for_ms(12_000);
-    let status = type_line(&mut bench, &line, &port, "status all");
-    for expected in [
-        "sensor: LIS3MDL at 1e",
-        "attitude: roll 12.0 deg, pitch -3.0 deg",
-        "heading: 57.3 deg magnetic, sigma 1.1 deg",
-        "stack: 1234 of 24576 bytes used at most",
-        "up: 12 s, started by watchdog",
-    ] {
-        assert!(status.contains(expected), "{expected}: {status}");
-    }
-}
-
 /// The reply has 50 ms to leave the port.
 #[test]
-fn a_reboot_is_announced_first() {
+fn a_reboot_is_refused_while_armed_and_announced_otherwise() {
     let (mut bench, line, port, board) = bench_with_console();
+    publish_value(&bench.links.armed_state, Some(true));
+    let reply = type_line(&mut bench, &line, &port, "reboot");
+    assert!(reply.contains("\r\nerror armed: the autopilot is armed") && !reply.contains("ok"), "{reply}");
+    bench.run_for_ms(1_000);
+    assert_eq!(board.0.get(), 0);
+    publish_value(&bench.links.armed_state, Some(false));
     assert!(type_line(&mut bench, &line, &port, "reboot").contains("ok restarting"));
     bench.run_for_ms(40);
     assert_eq!(board.0.get(), 0);
@@ -371,12 +282,12 @@ fn a_reboot_is_announced_first() {
 /// On a board whose only UART serves a port, no console executes the restart.
 #[test]
 fn a_module_without_a_console_restarts_on_command() {
-    let mut bench = bench_with_compass(Flash::new(PAGE_COUNT));
+    let mut bench = TaskBench::with_compass();
     let board = FakePlatform::default();
     let platform = board.clone();
     bench.spawn_task("restart", |links| async move { console::restart_without_terminal(&links, platform).await });
-    bench.links.commands.try_send((CommandSource::Line(AutopilotLine::Can), Command::Restart)).unwrap();
-    bench.run_for_ms(49);
+    bench.send_command(CommandSource::Line(AutopilotLine::Can), Command::Restart);
+    bench.run_for_ms(48);
     assert_eq!(board.0.get(), 0);
     bench.run_for_ms(2);
     assert_eq!(board.0.get(), 1);
@@ -403,22 +314,6 @@ fn a_selected_protocol_is_found_once_the_settings_are_known() {
         bench.run_for_ms(10);
         assert_eq!(found.get(), expected, "{selected:?}");
     }
-}
-
-#[test]
-fn an_armed_module_does_not_reboot() {
-    let (mut bench, line, port, board) = bench_with_console();
-    publish_value(&bench.links.armed_state, Some(true));
-    let reply = type_line(&mut bench, &line, &port, "reboot");
-    assert!(reply.contains("\r\nerror armed: the autopilot is armed") && !reply.contains("ok"), "{reply}");
-    bench.run_for_ms(1_000);
-    assert_eq!(board.0.get(), 0);
-    assert!(type_line(&mut bench, &line, &port, "status all").contains("\r\narmed: yes\r\n"));
-    publish_value(&bench.links.armed_state, Some(false));
-    assert!(type_line(&mut bench, &line, &port, "status all").contains("\r\narmed: no\r\n"));
-    assert!(type_line(&mut bench, &line, &port, "reboot").contains("ok restarting"));
-    bench.run_for_ms(50);
-    assert_eq!(board.0.get(), 1);
 }
 
 #[test]

@@ -135,8 +135,6 @@ mod tests;
 pub(super) mod registers {
     use embedded_hal_async::i2c::{ErrorKind, ErrorType, I2c, Operation};
     use embedded_hal_async::spi::{self, SpiDevice};
-    // Links the virtual clock.
-    use testkit as _;
 
     use super::super::{Magnetometer, MagnetometerError};
 
@@ -213,6 +211,17 @@ pub(super) mod registers {
                 assert_eq!(bus(driver).values[register], written);
             }
         }
+    }
+
+    /// Asserts that a stuck axis is detected before a turn has changed the field unnoticed, and that noise at rest of
+    /// this standard deviation, counts, with the field at the middle of a count, resembles one less than once a year.
+    pub fn assert_only_stuck_axes_are_detected(driver: &impl Magnetometer, sigma_counts: f64) {
+        const MAX_DETECTION_S: f64 = 0.7;
+        let (count, period_s) = (f64::from(driver.equal_readings_until_stuck()), f64::from(driver.period_us()) * 1e-6);
+        let most_frequent = libm::erf(0.5 / (sigma_counts * core::f64::consts::SQRT_2));
+        let runs_a_day = 3.0 * 86_400.0 / period_s * most_frequent.powf(count) * (1.0 - most_frequent);
+        assert!(runs_a_day < 1.0 / 365.0, "{runs_a_day} a day");
+        assert!(count * period_s < MAX_DETECTION_S, "{count} readings");
     }
 
     impl ErrorType for SimulatedRegisters {

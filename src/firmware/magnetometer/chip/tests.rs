@@ -1,7 +1,7 @@
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
-use testkit::simulation::{Level, Simulation};
+use testkit::simulation::run_script;
 
 use super::*;
 
@@ -50,14 +50,6 @@ impl FakeChip {
     }
 }
 
-/// Runs a script in virtual time until it ends.
-fn simulate<F: Future<Output = ()> + 'static>(script: F) {
-    let mut simulation = Simulation::new();
-    simulation.spawn(Level::Interrupt, "script", script);
-    simulation.run_for(10_000_000);
-    assert_eq!(simulation.task_count(), 0, "the script did not end");
-}
-
 /// Rates of 75 to 200 Hz, oscillators off by 10 %, an RM3100's by 21 %. Each measurement is read once within two
 /// polls (0.5 ms and a transfer each), and the bus is mostly idle.
 #[test]
@@ -66,7 +58,7 @@ fn every_measurement_is_found_whatever_the_period() {
         [(13_333, 10, 88), (12_500, 10, 88), (6_452, 10, 88), (5_000, 10, 88), (13_333, 21, 79)]
     {
         for actual_us in [period_us * 100 / (100 + tolerance), period_us, period_us * (100 + tolerance) / 100] {
-            simulate(async move {
+            run_script(async move {
                 let chip = FakeChip::new(actual_us);
                 let mut polling = PollingSchedule::new(period_us as u32, sleep_percent);
                 for number in 1..=50 {
@@ -87,45 +79,25 @@ fn every_measurement_is_found_whatever_the_period() {
     }
 }
 
-/// 88 % of 12.5 ms are 11 ms; each poll is 0.5 ms plus a transfer.
+/// The instrument reports a silent sensor after eight periods; a slow oscillator is none.
 #[test]
-fn polls_begin_at_88_percent_of_the_period_half_a_millisecond_apart() {
-    for (period_us, first_us) in [(12_500, 11_000), (5_000, 4_400), (6_450, 5_676)] {
-        simulate(async move {
-            let chip = FakeChip::new(u64::from(period_us));
-            let mut polling = PollingSchedule::new(period_us, SLEEP_PERCENT);
-            polling.start_sleep();
-            chip.wait_for_measurement(&mut polling).await.unwrap();
-            let poll_times_us = chip.status_requested_at_us.borrow().clone();
-            assert_eq!(poll_times_us[0], first_us + 90);
-            assert!(poll_times_us.windows(2).all(|pair| pair[1] - pair[0] == 590), "{poll_times_us:?}");
-            // The driver sleeps from the measurement on.
-            let found_us = Instant::now().as_micros();
-            chip.wait_for_measurement(&mut polling).await.unwrap();
-            assert_eq!(chip.status_requested_at_us.borrow()[poll_times_us.len()], found_us + first_us + 90);
-        });
-    }
-}
-
-/// Four periods from the first poll, at most one poll late.
-#[test]
-fn a_stopped_chip_times_out_after_four_periods() {
+fn a_stopped_chip_is_reported_within_six_periods() {
     for period_us in [12_500, 6_452, 5_000] {
-        simulate(async move {
+        run_script(async move {
             let chip = FakeChip { stops_after_measurement: Some(1), ..FakeChip::new(period_us) };
             let mut polling = PollingSchedule::new(period_us as u32, SLEEP_PERCENT);
             chip.wait_for_measurement(&mut polling).await.unwrap();
-            let from_us = Instant::now().as_micros() + period_us * 88 / 100;
+            let start = Instant::now();
             assert_eq!(chip.wait_for_measurement(&mut polling).await, Err(MagnetometerError::NoData));
-            let waited_us = Instant::now().as_micros() - from_us;
-            assert!((4 * period_us..=4 * period_us + 590).contains(&waited_us), "{waited_us} us of {period_us}");
+            let waited_us = start.elapsed().as_micros();
+            assert!((2 * period_us..6 * period_us).contains(&waited_us), "{waited_us} us of {period_us}");
         });
     }
 }
 
 #[test]
 fn a_late_reader_polls_at_once() {
-    simulate(async {
+    run_script(async {
         let chip = FakeChip::new(12_500);
         let mut polling = PollingSchedule::new(12_500, SLEEP_PERCENT);
         chip.wait_for_measurement(&mut polling).await.unwrap();
@@ -138,7 +110,7 @@ fn a_late_reader_polls_at_once() {
 
 #[test]
 fn a_bus_failure_is_reported_at_once() {
-    simulate(async {
+    run_script(async {
         let mut polling = PollingSchedule::new(12_500, SLEEP_PERCENT);
         let answer =
             polling.wait_for_measurement(async || Err::<u8, _>(MagnetometerError::Bus(BusFailure)), |_| true).await;

@@ -21,8 +21,6 @@ mod log_message_queue;
 mod node_services;
 mod parameters;
 mod status;
-#[cfg(test)]
-mod tests;
 mod tunnel;
 mod vehicle_reports;
 
@@ -412,3 +410,6 @@ fn variance_gauss2(estimate: &Estimate, field: Field<Body>) -> Option<f32> {
     let sigma_gauss = heading.sigma_rad * horizontal_gauss;
     Some(sigma_gauss * sigma_gauss)
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,9 +1,10 @@
 use super::*;
+use crate::port::snapshot::tests::test_snapshot;
 use autoswing::earth::{Date, Position};
 use autoswing::frames::{Attitude, Field};
 use autoswing::instrument::Estimate;
-use autoswing_module::compass::IndicatorState;
 use autoswing_module::settings::Settings;
+use testkit::frames::msp_frame;
 
 const ESTIMATE_PERIOD_US: u64 = 12_500;
 
@@ -17,14 +18,7 @@ fn estimate_at(us: u64) -> Estimate {
 
 fn poll_frames(msp: &mut Msp, us: u64, estimate: &Estimate) -> Vec<Vec<u8>> {
     let mut out = TransmitBuffer::new();
-    let snapshot = Snapshot {
-        now: timestamp(us),
-        estimate,
-        settings: &Settings::DEFAULT,
-        indicator_state: IndicatorState::Calibrated,
-        calibration: None,
-    };
-    msp.poll(&snapshot, &mut out);
+    msp.poll(&Snapshot { now: timestamp(us), ..test_snapshot(estimate, &Settings::DEFAULT) }, &mut out);
     let mut rest = out.pending_bytes();
     let mut frames = Vec::new();
     while let [b'$', b'X', b'<', _, _, _, length, ..] = rest {
@@ -38,14 +32,6 @@ fn poll_frames(msp: &mut Msp, us: u64, estimate: &Estimate) -> Vec<Vec<u8>> {
 
 fn function_of_frame(frame: &[u8]) -> u16 {
     u16::from_le_bytes([frame[4], frame[5]])
-}
-
-fn msp_frame(direction: u8, function: u16, payload: &[u8]) -> Vec<u8> {
-    let [f0, f1] = function.to_le_bytes();
-    let mut frame = [&[b'$', b'X', direction, 0, f0, f1, payload.len() as u8, 0], payload].concat();
-    let crc = crc::Crc::<u8>::new(&crc::CRC_8_DVB_S2).checksum(&frame[3..]);
-    frame.push(crc);
-    frame
 }
 
 /// Decoded messages except `Other`, which only identifies the protocol in use.
@@ -142,21 +128,19 @@ fn without_a_known_firmware_attitude_is_ignored() {
     assert!(first.iter().any(|frame| function_of_frame(frame) == MspFunction::FcVariant as u16), "at once");
 }
 
-/// Roll of 10 deg right, pitch of 5 deg up or down; no clock and no rates.
+/// Roll of 10 deg right, pitch of 5 deg up or, from INAV, down; no clock and no rates.
 #[test]
 fn attitude_is_received_with_the_firmware_s_signs() {
-    for (name, pitch_deg) in [(b"ARDU", 5.0), (b"INAV", -5.0), (b"BTFL", -5.0)] {
-        let received = receive(&mut msp_with_firmware(name), 0, b'>', MspFunction::Attitude, &ATTITUDE_PAYLOAD);
+    let mut msp = Msp::new();
+    for (name, pitch_deg) in [(b"ARDU", 5.0), (b"INAV", -5.0)] {
+        assert!(receive(&mut msp, 0, b'>', MspFunction::FcVariant, name).is_empty());
+        let received = receive(&mut msp, 0, b'>', MspFunction::Attitude, &ATTITUDE_PAYLOAD);
         let [ReceivedMessage::Attitude(report)] = received[..] else { panic!("{received:?}") };
         let expected = Attitude::from_deg(10.0, pitch_deg);
         assert!((report.attitude.roll_rad - expected.roll_rad).abs() < 1e-6);
         assert!((report.attitude.pitch_rad - expected.pitch_rad).abs() < 1e-6, "{name:?} {report:?}");
         assert_eq!((report.body_rates, report.sender_clock_at_sending), (None, WrappingMillis::new(0)));
     }
-    let mut msp = msp_with_firmware(b"ARDU");
-    assert!(receive(&mut msp, 0, b'>', MspFunction::FcVariant, b"INAV").is_empty());
-    let received = receive(&mut msp, 0, b'>', MspFunction::Attitude, &ATTITUDE_PAYLOAD);
-    assert!(matches!(received[..], [ReceivedMessage::Attitude(report)] if report.attitude.pitch_rad < 0.0));
 }
 
 /// INAV's gyro: forward, left, up, deg/s. ArduPilot answers with an empty frame, and is not asked again for each
@@ -236,14 +220,17 @@ fn unanswered_requests_do_not_stop_polling() {
 }
 
 #[test]
-fn an_incomplete_reply_is_discarded() {
+fn an_incomplete_reply_is_discarded_and_a_damaged_one_counted() {
     let mut msp = msp_with_firmware(b"ARDU");
     poll_frames(&mut msp, 0, &Estimate::EMPTY);
-    let answer = msp_frame(b'>', MspFunction::Attitude as u16, &ATTITUDE_PAYLOAD);
+    let mut answer = msp_frame(b'>', MspFunction::Attitude as u16, &ATTITUDE_PAYLOAD);
     assert!(answer[..12].iter().all(|&byte| msp.process_byte(timestamp(10_000), byte).is_none()));
     poll_frames(&mut msp, 50_000, &Estimate::EMPTY);
     let received: Vec<_> = answer.iter().filter_map(|&byte| msp.process_byte(timestamp(60_000), byte)).collect();
     assert_eq!((received.len(), msp.rejected_frame_count()), (1, 0));
+    answer[9] ^= 1;
+    assert!(answer.iter().all(|&byte| msp.process_byte(timestamp(70_000), byte).is_none()));
+    assert_eq!(msp.rejected_frame_count(), 1);
 }
 
 #[test]
@@ -259,12 +246,6 @@ fn only_a_reply_detects_an_msp_peer() {
 }
 
 #[test]
-fn a_motor_current_is_received() {
-    let received = receive(&mut Msp::new(), 0, b'>', MspFunction::Analog, &[0, 0, 0, 0, 0, 0xE2, 0x04]);
-    assert_eq!(received, [ReceivedMessage::Current(12.5)]);
-}
-
-#[test]
 fn armed_state_expires_after_ten_seconds() {
     let mut msp = Msp::new();
     assert_eq!(msp.is_armed(timestamp(0)), None);
@@ -277,8 +258,10 @@ fn armed_state_expires_after_ten_seconds() {
 }
 
 #[test]
-fn position_and_date_are_received() {
+fn current_position_and_date_are_received() {
     let mut msp = Msp::new();
+    let received = receive(&mut msp, 0, b'>', MspFunction::Analog, &[0, 0, 0, 0, 0, 0xE2, 0x04]);
+    assert_eq!(received, [ReceivedMessage::Current(12.5)]);
     let mut gps = [2, 9, 0, 0, 0, 0, 0, 0, 0, 0, 44, 1, 0, 0, 0, 0];
     gps[2..6].copy_from_slice(&500_000_000_i32.to_le_bytes());
     gps[6..10].copy_from_slice(&(-100_000_000_i32).to_le_bytes());
@@ -293,28 +276,11 @@ fn position_and_date_are_received() {
 }
 
 #[test]
-fn damaged_frames_are_counted() {
-    let mut msp = msp_with_firmware(b"ARDU");
-    let mut broken = msp_frame(b'>', MspFunction::Attitude as u16, &ATTITUDE_PAYLOAD);
-    broken[9] ^= 1;
-    assert!(broken.iter().all(|&byte| msp.process_byte(timestamp(0), byte).is_none()));
-    assert_eq!(msp.rejected_frame_count(), 1);
-}
-
-#[test]
 fn a_request_that_does_not_fit_is_sent_later() {
     let mut msp = msp_with_firmware(b"ARDU");
     let mut out = TransmitBuffer::new();
     assert!(out.append_message(&[&[0; 380]]));
-    let settings = Settings::DEFAULT;
-    let snapshot = Snapshot {
-        now: timestamp(0),
-        estimate: &Estimate::EMPTY,
-        settings: &settings,
-        indicator_state: IndicatorState::Idle,
-        calibration: None,
-    };
-    msp.poll(&snapshot, &mut out);
+    msp.poll(&Snapshot { now: timestamp(0), ..test_snapshot(&Estimate::EMPTY, &Settings::DEFAULT) }, &mut out);
     assert_eq!(out.pending_bytes().len(), 380);
     assert!(poll_frames(&mut msp, 25_000, &Estimate::EMPTY).iter().any(|frame| function_of_frame(frame) == 108));
 }

@@ -9,8 +9,6 @@ mod frame;
 mod inbound;
 pub mod outbound;
 mod receiver;
-#[cfg(test)]
-mod tests;
 mod transfer;
 
 pub use frame::{CanFrame, FrameHeader, NodeId, TRANSFER_ID_MASK, TransferKind, priority};
@@ -20,3 +18,6 @@ pub use inbound::{
 };
 pub use receiver::{InboundTransfer, MAX_RECEIVED_LENGTH, Receiver};
 pub use transfer::{DataType, OutboundTransfer, PAYLOAD_CAPACITY, Payload};
+
+#[cfg(test)]
+mod tests;

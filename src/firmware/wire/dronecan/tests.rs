@@ -84,28 +84,6 @@ fn a_field_is_one_frame_and_three_with_variances() {
     assert_frames(&with, 0x1803_EA2A, "40 85 00 66 32 66 AA 81 ; 33 37 8E 06 8E 06 8E 21 ; 06 41");
 }
 
-/// Types that the node does not send: field without a sensor's number, field in single precision, request of a file,
-/// NotifyState.
-#[test]
-fn any_payload_is_divided_as_pydronecan_does() {
-    let data_type = |id, is_service, signature| DataType { type_id: id, is_service, signature };
-    let payload = |hex| Payload::from_slice(&bytes_from_hex(hex)).unwrap();
-    let field = data_type(1001, false, 0xE2A7_D4A9_460B_C2F2);
-    assert_frames(&outbound_message(field, 2, payload("66 32 66 AA 33 37")), 0x1803_E92A, "66 32 66 AA 33 37 C2");
-    let precise = data_type(1043, false, 0x3053_EBE3_D750_286F);
-    assert_frames(
-        &outbound_message(precise, 31, payload("01 CD CC 4C 3E CD CC 4C BD 66 66 E6 3E")),
-        0x1804_132A,
-        "94 27 01 CD CC 4C 3E 9F ; CD CC 4C BD 66 66 E6 3F ; 3E 5F",
-    );
-    let read = data_type(48, true, 0x8DCD_CA93_9F33_F678);
-    let request = OutboundTransfer {
-        priority: 30,
-        ..outbound_transfer(read, TransferKind::Request(node_id(10)), 0, payload("00 01 00 00 00 61 2E 62 69 6E"))
-    };
-    assert_frames(&request, 0x1E30_8AAA, "4E FE 00 01 00 00 00 80 ; 61 2E 62 69 6E 60");
-}
-
 #[test]
 fn status_texts_and_results_are_those_of_pydronecan() {
     // The frame of pydronecan has the health WARNING, which this node never sends.
@@ -308,39 +286,39 @@ fn the_armed_state_is_received() {
     );
 }
 
-/// Transfer of any length from node 10, in frames.
+/// Transfer of any length from node 10, in frames of seven bytes and the tail byte.
 fn frames_from_peer(data_type: DataType, payload: &[u8]) -> Vec<CanFrame> {
     let checked = [&data_type.crc(payload).to_le_bytes()[..], payload].concat();
+    frames_of_parts(data_type, &checked.chunks(7).collect::<Vec<_>>())
+}
+
+fn frames_of_parts(data_type: DataType, parts: &[&[u8]]) -> Vec<CanFrame> {
     let id = FrameHeader {
         priority: 24,
         transfer_kind: if data_type.is_service { TransferKind::Request(node_id(42)) } else { TransferKind::Message },
         type_id: data_type.type_id,
         source_node: Some(node_id(10)),
     };
-    let count = checked.len().div_ceil(7);
-    let frame = |(number, part): (usize, &[u8])| {
-        let tail = u8::from(number == 0) << 7 | u8::from(number + 1 == count) << 6 | (number as u8 % 2) << 5;
-        CanFrame::new(id.to_id(), &[part, &[tail]].concat()).unwrap()
+    let frame = |(number, part): (usize, &&[u8])| {
+        let (is_first, is_last) = (number == 0, number + 1 == parts.len());
+        let tail = u8::from(is_first) << 7 | u8::from(is_last) << 6 | (number as u8 % 2) << 5;
+        CanFrame::new(id.to_id(), &[part, &[tail][..]].concat()).unwrap()
     };
-    checked.chunks(7).enumerate().map(frame).collect()
+    parts.iter().enumerate().map(frame).collect()
 }
 
-/// Layout by the table of the definition: 12.5 A is 4A40, battery 3 at byte 18.
+/// Layout by the table of the definition: half precision at byte 4, here 12.5 A and NaN, number of the battery at 18.
 #[test]
 fn the_current_of_a_battery_is_received() {
-    let mut payload = [0; 40];
-    payload[4..6].copy_from_slice(&0x4A40_u16.to_le_bytes());
-    payload[18] = 3;
-    let received = |current_a| {
-        Some(format!(
-            "{:?}",
-            inbound_transfer(24, Some(node_id(10)), 0, InboundMessage::Battery { battery_number: 3, current_a })
-        ))
-    };
-    assert_eq!(receive_all(&frames_from_peer(DataType::BATTERY_INFO, &payload)).0, received(Some(12.5)));
-    // NaN: the current is not measured.
-    payload[4..6].copy_from_slice(&0x7E00_u16.to_le_bytes());
-    assert_eq!(receive_all(&frames_from_peer(DataType::BATTERY_INFO, &payload)).0, received(None));
+    for (encoded, current_a) in [(0x4A40_u16, Some(12.5)), (0x7E00, None)] {
+        let mut payload = [0; 40];
+        payload[4..6].copy_from_slice(&encoded.to_le_bytes());
+        payload[18] = 3;
+        let message = InboundMessage::Battery { battery_number: 3, current_a };
+        let expected = inbound_transfer(24, Some(node_id(10)), 0, message);
+        let (received, _) = receive_all(&frames_from_peer(DataType::BATTERY_INFO, &payload));
+        assert_eq!(received, Some(format!("{expected:?}")));
+    }
 }
 
 /// Bits by the table of the definition.
@@ -391,35 +369,15 @@ fn lost_frames_drop_a_transfer_and_repeated_ones_do_not() {
         let mut lost = frames.clone();
         lost.remove(at);
         assert_eq!(receive_all(&lost).0, None, "frame {at} lost");
-        let mut repeated = frames.clone();
-        repeated.insert(at, frames[at].clone());
-        if at + 1 < frames.len() {
-            assert!(receive_all(&repeated).0.is_some(), "frame {at} repeated");
+        assert!(receive_all(&[lost, frames.clone()].concat()).0.is_some(), "after the loss of frame {at}");
+        // Old bytes of a repeated frame do not count in the length, and a first frame always begins anew.
+        for repetitions in [1, 100] {
+            let repeated = [&frames[..at], &vec![frames[at].clone(); repetitions], &frames[at..]].concat();
+            assert!(at + 1 == frames.len() || receive_all(&repeated).0.is_some(), "frame {at} repeated");
+            let restarted = [&frames[..=at], &vec![frames[at].clone(); repetitions], &frames].concat();
+            assert!(receive_all(&restarted).0.is_some(), "a transfer after frame {at} repeated");
         }
-        let next = [lost, frames.clone()].concat();
-        assert!(receive_all(&next).0.is_some(), "after the loss of frame {at}");
     }
-}
-
-/// Old bytes of repeated first frames do not count in the length: repeated starts once overflowed other receivers.
-#[test]
-fn a_first_frame_always_begins_anew() {
-    let frames = targetted_frames();
-    let starts = vec![frames[0].clone(); 100];
-    assert!(receive_all(&[starts, frames.clone()].concat()).0.is_some());
-    let middle = [&frames[..3], &vec![frames[2].clone(); 100], &frames[..]].concat();
-    assert!(receive_all(&middle).0.is_some());
-}
-
-/// The transfer exceeds the longest payload; its toggle bits and ids are valid.
-#[test]
-fn a_transfer_without_an_end_is_dropped() {
-    let frames = targetted_frames();
-    let endless: Vec<CanFrame> =
-        frames[..1].iter().chain([&frames[1], &frames[2]].into_iter().cycle().take(1000)).cloned().collect();
-    let (message, rejected) = receive_all(&endless);
-    assert_eq!(message, None);
-    assert!(rejected > 0);
 }
 
 /// Longest accepted time between two frames: 2 s.
@@ -456,49 +414,41 @@ fn a_flood_of_first_frames_does_not_stop_a_transfer_in_progress() {
     assert!(is_received);
 }
 
-/// Changes that the CRC does not cover: transfer number, priority, sender, toggle bit.
+/// Transfers with changes of header and tail byte, which the CRC does not cover, of the data, and of the division.
 #[test]
-fn frames_that_do_not_belong_together_are_no_transfer() {
+fn frames_that_are_no_valid_transfer_are_dropped() {
     let frames = targetted_frames();
-    let changed = |number: usize, id, length, tail: u8| {
-        let data = [&frames[number].data()[..length], &[tail]].concat();
-        let mut changed = frames.clone();
-        changed[number] = CanFrame::new(id, &data).unwrap();
-        changed
+    let id = frames[2].frame_id();
+    let changed = |id: u32, xor: [u8; 8]| {
+        let data: Vec<u8> = frames[2].data().iter().zip(xor).map(|(byte, change)| byte ^ change).collect();
+        [&frames[..2], &[CanFrame::new(id, &data).unwrap()], &frames[3..]].concat()
     };
-    let (id, tail) = (frames[2].frame_id(), frames[2].data()[7]);
-    assert!(receive_all(&changed(2, id, 7, tail)).0.is_some());
-    assert!(receive_all(&changed(2, id, 7, tail | 1)).0.is_none(), "of another transfer");
-    assert!(receive_all(&changed(2, id ^ 1 << 24, 7, tail)).0.is_some(), "another priority");
-    let anonymous = frames.iter().map(|frame| CanFrame::new(0x1800_0100, frame.data()).unwrap());
-    assert_eq!(receive_all(&anonymous.collect::<Vec<_>>()), (None, 7), "of no sender");
-    let inverted = frames.iter().map(|frame| {
-        let (tail, part) = frame.data().split_last().unwrap();
-        CanFrame::new(id, &[part, &[tail ^ 0x20]].concat()).unwrap()
-    });
-    assert_eq!(receive_all(&inverted.collect::<Vec<_>>()), (None, 7), "a toggle bit in a first frame");
-    assert_eq!(receive_all(&frames_from_hex(0x1804_4C0A, "FF E0")), (None, 1), "a toggle bit in a single frame");
-}
-
-/// Transfer of this many bytes, whose second frame has six instead of seven.
-#[test]
-fn a_short_middle_frame_drops_a_transfer() {
+    let rebuilt = |frames: &[CanFrame], id: u32, tail_change: u8| -> Vec<CanFrame> {
+        let rebuild = |frame: &CanFrame| {
+            let (tail, part) = frame.data().split_last().unwrap();
+            CanFrame::new(id, &[part, &[tail ^ tail_change]].concat()).unwrap()
+        };
+        frames.iter().map(rebuild).collect()
+    };
+    let endless = frames[..1].iter().chain([&frames[1], &frames[2]].into_iter().cycle().take(1000)).cloned().collect();
     let payload = [&[1, 84, 0, 0, 0, 0][..], &[7; 20]].concat();
-    let mut checked = [&DataType::TARGETTED.crc(&payload).to_le_bytes()[..], &payload].concat();
-    let mut parts: Vec<Vec<u8>> = Vec::new();
-    for length in [7, 6, 7, 7] {
-        parts.push(checked.drain(..length).collect());
+    let checked = [&DataType::TARGETTED.crc(&payload).to_le_bytes()[..], &payload].concat();
+    let parts = [&checked[..7], &checked[7..13], &checked[13..20], &checked[20..27], &checked[27..]];
+    for (name, frames, is_received) in [
+        ("unchanged", changed(id, [0; 8]), true),
+        ("another priority", changed(id ^ 1 << 24, [0; 8]), true),
+        ("a frame of another transfer", changed(id, [0, 0, 0, 0, 0, 0, 0, 1]), false),
+        ("other data", changed(id, [0, 0, 0, 1, 0, 0, 0, 0]), false),
+        ("no sender", rebuilt(&frames_from_peer(DataType::ALLOCATION, &[0; 17]), 0x1800_0100, 0), false),
+        ("toggle bit in the first frame", rebuilt(&frames, id, 0x20), false),
+        ("toggle bit in a single frame", frames_from_hex(0x1804_4C0A, "FF E0"), false),
+        ("longer than any payload", endless, false),
+        ("a middle frame of six bytes", frames_of_parts(DataType::TARGETTED, &parts), false),
+    ] {
+        let (received, rejected) = receive_all(&frames);
+        assert_eq!(received.is_some(), is_received, "{name}");
+        assert_eq!(rejected == 0, is_received, "{name}: {rejected} rejected");
     }
-    parts.push(checked);
-    let frames: Vec<_> = parts
-        .iter()
-        .enumerate()
-        .map(|(number, part)| {
-            let tail = u8::from(number == 0) << 7 | u8::from(number == 4) << 6 | (number as u8 % 2) << 5;
-            CanFrame::new(0x180B_B90A, &[&part[..], &[tail]].concat()).unwrap()
-        })
-        .collect();
-    assert_eq!(receive_all(&frames).0, None);
 }
 
 /// The largest lengths of the definitions are accepted, larger ones dropped.
@@ -514,16 +464,6 @@ fn messages_beyond_their_limits_are_dropped() {
         assert!(receive_all(&frames_from_peer(data_type, &longest)).0.is_some(), "{data_type:?}");
         assert_eq!(receive_all(&frames_from_peer(data_type, &too_long)), (None, 1), "{data_type:?}");
     }
-}
-
-/// The CRC of another signature means another layout.
-#[test]
-fn a_wrong_crc_drops_a_transfer() {
-    let mut frames = targetted_frames();
-    let mut data = frames[2].data().to_vec();
-    data[3] ^= 1;
-    frames[2] = CanFrame::new(frames[2].frame_id(), &data).unwrap();
-    assert_eq!(receive_all(&frames), (None, 1));
 }
 
 #[test]

@@ -2,8 +2,7 @@
 
 use super::*;
 use crate::wire::dronecan::Targetted;
-use ::mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag};
-use ::mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
+use testkit::frames::{mavlink_attitude, mavlink_heartbeat, mavlink_v2_frame};
 
 fn send_arming_status(bench: &mut Bench, source: u8, is_armed: bool) {
     bench.deliver_transfer(source, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[u8::from(is_armed) * 255]));
@@ -50,19 +49,14 @@ fn the_current_is_that_of_the_first_battery() {
     assert_eq!(bench.delivered[2], ReceivedMessage::Current(4.0));
 }
 
-fn mavlink_frame(data: &impl MessageData) -> Vec<u8> {
-    let mut raw = MAVLinkV2MessageRaw::new();
-    raw.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: 0 }, data);
-    raw.raw_bytes().to_vec()
+const AUTOPILOT: [u8; 2] = [1, 1];
+
+fn attitude_frame(roll_rad: f32) -> Vec<u8> {
+    mavlink_attitude(AUTOPILOT, 77, [roll_rad, 0.0, 0.0, 0.1, 0.0, 0.0])
 }
 
-fn attitude_frame(roll: f32) -> Vec<u8> {
-    mavlink_frame(&ATTITUDE_DATA { time_boot_ms: 77, roll, rollspeed: 0.1, ..Default::default() })
-}
-
-fn heartbeat_frame(base_mode: MavModeFlag) -> Vec<u8> {
-    let autopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;
-    mavlink_frame(&HEARTBEAT_DATA { autopilot, base_mode, ..HEARTBEAT_DATA::default() })
+fn heartbeat_frame(is_armed: bool) -> Vec<u8> {
+    mavlink_heartbeat(AUTOPILOT, true, is_armed)
 }
 
 fn tunnel_transfer(transfer_id: u8, target: u8, serial: i8, data: &[u8]) -> OutboundTransfer {
@@ -89,8 +83,7 @@ fn received_rolls_rad(bench: &Bench) -> Vec<f32> {
 #[test]
 fn mavlink_is_received_through_the_tunnel() {
     let mut bench = Bench::new();
-    let stream =
-        [heartbeat_frame(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED), attitude_frame(0.1), attitude_frame(0.2)].concat();
+    let stream = [heartbeat_frame(true), attitude_frame(0.1), attitude_frame(0.2)].concat();
     let (first, second) = stream.split_at(50);
     for (transfer_id, data) in [(0, first), (0, first), (1, second), (1, second)] {
         bench.deliver_transfer(PEER_NODE, &tunnel_transfer(transfer_id, OWN_NODE, 0, data));
@@ -107,15 +100,9 @@ fn one_serial_line_of_one_node_uses_the_tunnel() {
     bench.deliver_transfer(PEER_NODE, &tunnel_transfer(1, OWN_NODE + 1, 0, &attitude_frame(0.2)));
     bench.deliver_transfer(66, &tunnel_transfer(1, OWN_NODE, 0, &attitude_frame(0.3)));
     bench.deliver_transfer(PEER_NODE, &tunnel_transfer(2, OWN_NODE, 1, &attitude_frame(0.4)));
-    let gps = Targetted {
-        protocol: 2,
-        target: OWN_NODE,
-        serial_line: 0,
-        tunnel_options: 0,
-        baud: 0,
-        serial_bytes: &attitude_frame(0.5),
-    };
-    bench.deliver_transfer(PEER_NODE, &transfer_from_peer(DataType::TARGETTED, 3, &gps.payload()));
+    let mut gps = tunnel_transfer(3, OWN_NODE, 0, &attitude_frame(0.5));
+    gps.payload[0] = 2;
+    bench.deliver_transfer(PEER_NODE, &gps);
     assert_eq!(received_rolls_rad(&bench), [0.1]);
     bench.now_us += 3_000_001;
     bench.deliver_transfer(66, &tunnel_transfer(4, OWN_NODE, 0, &attitude_frame(0.6)));
@@ -130,10 +117,7 @@ fn mavlink_is_sent_through_the_tunnel() {
     assert!(bench.sent_in_ms(DataType::TARGETTED, 2000).is_empty());
     let mut bytes = Vec::new();
     for transfer_id in 0..20 {
-        bench.deliver_transfer(
-            PEER_NODE,
-            &tunnel_transfer(transfer_id, OWN_NODE, 3, &heartbeat_frame(MavModeFlag::empty())),
-        );
+        bench.deliver_transfer(PEER_NODE, &tunnel_transfer(transfer_id, OWN_NODE, 3, &heartbeat_frame(false)));
         for sent in bench.sent_in_ms(DataType::TARGETTED, 500) {
             // Protocol, target and serial line, options, baud rate.
             assert_eq!(sent.payload[..6], [1, PEER_NODE << 1, 0x30, 0x00, 0xE1, 0x00], "{sent:?}");
@@ -146,20 +130,13 @@ fn mavlink_is_sent_through_the_tunnel() {
     assert!(bench.sent_in_ms(DataType::TARGETTED, 5000).is_empty(), "the autopilot is silent");
 }
 
+/// SYS_STATUS with 5 A at byte 16.
 #[test]
 fn a_battery_replaces_the_current_of_the_tunnel() {
-    use ::mavlink::dialects::common::SYS_STATUS_DATA;
-    let status = mavlink_frame(&SYS_STATUS_DATA { current_battery: 500, ..SYS_STATUS_DATA::default() });
+    let status = mavlink_v2_frame(AUTOPILOT, 1, 124, &[&[0; 16][..], &500_i16.to_le_bytes()].concat());
     let mut bench = Bench::new();
-    bench.deliver_transfer(
-        PEER_NODE,
-        &tunnel_transfer(
-            0,
-            OWN_NODE,
-            0,
-            &[heartbeat_frame(MavModeFlag::empty()), attitude_frame(0.1), status.clone()].concat(),
-        ),
-    );
+    let stream = [heartbeat_frame(false), attitude_frame(0.1), status.clone()].concat();
+    bench.deliver_transfer(PEER_NODE, &tunnel_transfer(0, OWN_NODE, 0, &stream));
     assert!(bench.delivered.contains(&ReceivedMessage::Current(5.0)), "{:?}", bench.delivered);
     bench.deliver_transfer(20, &battery_transfer(0, 12.5));
     bench.delivered.clear();

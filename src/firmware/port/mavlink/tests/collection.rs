@@ -6,8 +6,11 @@ use autoswing_module::messages::ExpectedAccuracy;
 
 const PROGRESS_ID: u8 = 191;
 const REPORT_ID: u8 = 192;
-const SUCCESS: u8 = 4;
-const FAILED: u8 = 5;
+/// Status and flag of a stored calibration in a report.
+type ReportResult = (u8, u8);
+
+const SUCCESS: ReportResult = (4, 1);
+const FAILED: ReportResult = (5, 0);
 const ENDED_TEXT: &str = "collection-ended: no more samples";
 
 fn calibration_with_hard_iron(x_ut: f32) -> (Calibration, HeadingUncertainty) {
@@ -47,19 +50,8 @@ impl MavlinkBench {
         self.run_with_indicator_state(IndicatorState::Calibrated);
     }
 
-    /// Reports a refused solve, and the module's state after it.
-    fn refuse_solve(&mut self, indicator: IndicatorState) {
-        self.mavlink.queue_text(&Notice::Solved(Err(Refusal::NoSamples)));
-        self.run_with_indicator_state(indicator);
-    }
-
     fn take_texts_without_prefix(&mut self) -> Vec<String> {
         self.take_texts().into_iter().map(|(_, text)| text.replace("autoswing: ", "")).collect()
-    }
-
-    /// Removes and returns status and success of the sent reports.
-    fn take_report_results(&mut self) -> Vec<(u8, u8)> {
-        self.take_messages(REPORT_ID).iter().map(|report| (report.payload[42], report.payload[43])).collect()
     }
 }
 
@@ -75,10 +67,9 @@ fn texts_report_the_start_each_tenth_and_the_end_of_a_collection() {
     );
     bench.run_with_indicator_state(IndicatorState::Calibrated);
     assert_eq!(bench.take_texts_without_prefix(), [ENDED_TEXT]);
-    bench.run_with_indicator_state(IndicatorState::Collecting(55));
-    bench.run_with_indicator_state(IndicatorState::Collecting(0));
-    bench.run_with_indicator_state(IndicatorState::Collecting(0));
-    bench.run_with_indicator_state(IndicatorState::Collecting(12));
+    for percent in [55, 0, 0, 12] {
+        bench.run_with_indicator_state(IndicatorState::Collecting(percent));
+    }
     bench.run_with_indicator_state(IndicatorState::Idle);
     let expected = ["collecting: 50 %", "collecting: 0 %", "collecting: 10 %", ENDED_TEXT];
     assert_eq!(bench.take_texts_without_prefix(), expected);
@@ -109,82 +100,60 @@ fn progress_is_sent_during_a_collection() {
     assert_eq!(bench.take_messages(PROGRESS_ID), []);
 }
 
+/// State of the module for a second, after a refused or a successful solve, or without one.
+#[derive(Clone, Copy)]
+enum Step {
+    State(IndicatorState),
+    Refuse(IndicatorState),
+    Success,
+}
+
+/// A failed report has not the numbers of the active calibration. `cal stop` and `cal solve` are processed between two
+/// polls, so that a solve can have no collection before it.
 #[test]
-fn a_new_calibration_is_reported_once() {
-    for old in [None, Some(calibration_with_hard_iron(12.0))] {
-        let mut bench = MavlinkBench::with_autopilot();
-        bench.calibration = old;
-        bench.run_with_indicator_state(if old.is_some() { IndicatorState::Calibrated } else { IndicatorState::Idle });
-        bench.run_with_indicator_state(IndicatorState::Collecting(0));
-        bench.run_with_indicator_state(IndicatorState::Collecting(100));
-        assert_eq!(bench.take_report_results(), []);
-        bench.complete_solve(&calibration_with_hard_iron(13.0));
-        bench.run_with_indicator_state(IndicatorState::Calibrated);
-        assert_eq!(bench.take_report_results(), [(SUCCESS, 1)]);
+fn each_end_of_a_collection_is_reported_once() {
+    use IndicatorState::{Calibrated, Collecting, Idle, Refused};
+    use Step::{Refuse, State, Success};
+    let cases: [(&str, &[Step], &[ReportResult]); 11] = [
+        ("solved", &[State(Collecting(0)), State(Collecting(100)), Success, State(Calibrated)], &[SUCCESS]),
+        ("refused", &[State(Collecting(100)), Refuse(Refused)], &[FAILED]),
+        ("refused with an active calibration", &[State(Collecting(100)), Refuse(Calibrated)], &[FAILED]),
+        ("aborted", &[State(Collecting(50)), State(Refused)], &[FAILED]),
+        ("aborted with an active calibration", &[State(Collecting(50)), State(Calibrated)], &[FAILED]),
+        ("waits for the next flight", &[State(Collecting(50)), State(Idle)], &[]),
+        ("refused, then waits", &[State(Collecting(30)), Refuse(Collecting(30)), State(Idle)], &[]),
+        ("refused, then aborted", &[State(Collecting(30)), Refuse(Collecting(30)), State(Refused)], &[FAILED]),
+        ("refused, then solved", &[State(Collecting(30)), Refuse(Collecting(30)), Success], &[SUCCESS]),
+        ("refused without a collection", &[State(Idle), Refuse(Refused)], &[FAILED]),
+        ("solved without a collection", &[State(Idle), Success], &[SUCCESS]),
+    ];
+    for (name, steps, expected) in cases {
+        for calibration in [None, Some(calibration_with_hard_iron(12.0))] {
+            for has_autopilot_from_start in [true, false] {
+                let mut bench =
+                    if has_autopilot_from_start { MavlinkBench::with_autopilot() } else { MavlinkBench::new() };
+                bench.calibration = calibration;
+                for step in steps {
+                    match *step {
+                        State(state) => bench.run_with_indicator_state(state),
+                        Refuse(state) => {
+                            bench.mavlink.queue_text(&Notice::Solved(Err(Refusal::NoSamples)));
+                            bench.run_with_indicator_state(state);
+                        }
+                        Success => bench.complete_solve(&calibration_with_hard_iron(13.0)),
+                    }
+                }
+                bench.receive(&mavlink_heartbeat(AUTOPILOT, true, false));
+                bench.run_ms(1_000);
+                let reports = bench.take_messages(REPORT_ID);
+                let results: Vec<_> = reports.iter().map(|report| (report.payload[42], report.payload[43])).collect();
+                assert_eq!(results, expected, "{name}");
+                for report in reports.iter().filter(|report| report.payload[43] == 0) {
+                    assert_eq!(report.payload[..16], [0; 16], "{name}");
+                }
+            }
+        }
     }
-}
-
-#[test]
-fn a_refused_solve_is_reported_as_failed() {
-    for (before, after) in
-        [(None, IndicatorState::Refused), (Some(calibration_with_hard_iron(1.0)), IndicatorState::Calibrated)]
-    {
-        let mut bench = MavlinkBench::with_autopilot();
-        bench.calibration = before;
-        bench.run_with_indicator_state(IndicatorState::Collecting(100));
-        bench.mavlink.queue_text(&Notice::Solved(Err(Refusal::NoSamples)));
-        bench.indicator_state = after;
-        bench.poll();
-        let reports = bench.take_messages(REPORT_ID);
-        assert!(reports.iter().all(|report| report.payload[..16] == [0; 16]), "not the numbers of the active one");
-        assert_eq!(reports.iter().map(|report| report.payload[42]).collect::<Vec<_>>(), [FAILED]);
-        bench.calibration = Some(calibration_with_hard_iron(2.0));
-        bench.run_with_indicator_state(IndicatorState::Calibrated);
-        assert_eq!(bench.take_report_results(), []);
-    }
-}
-
-/// An aborted or stopped collection is reported as failed. A module that waits for the next flight sends no report.
-#[test]
-fn a_collection_that_ends_without_an_outcome_has_failed() {
-    let mut bench = MavlinkBench::with_autopilot();
-    for (after, reports) in [
-        (IndicatorState::Calibrated, vec![(FAILED, 0)]),
-        (IndicatorState::Refused, vec![(FAILED, 0)]),
-        (IndicatorState::Idle, vec![]),
-    ] {
-        bench.run_with_indicator_state(IndicatorState::Collecting(50));
-        bench.run_with_indicator_state(after);
-        assert_eq!(bench.take_report_results(), reports, "{after:?}");
-    }
-}
-
-#[test]
-fn a_refused_solve_is_not_reported_while_the_collection_continues() {
-    let mut bench = MavlinkBench::with_autopilot();
-    bench.run_with_indicator_state(IndicatorState::Collecting(30));
-    bench.refuse_solve(IndicatorState::Collecting(30));
-    assert_eq!(bench.take_report_results(), []);
-    assert_eq!(bench.take_messages(PROGRESS_ID).len(), 4);
-    bench.run_with_indicator_state(IndicatorState::Idle);
-    assert_eq!(bench.take_report_results(), [], "it rests");
-    bench.run_with_indicator_state(IndicatorState::Collecting(30));
-    bench.run_with_indicator_state(IndicatorState::Refused);
-    assert_eq!(bench.take_report_results(), [(FAILED, 0)], "the refused solve was not its end");
-    bench.run_with_indicator_state(IndicatorState::Collecting(30));
-    bench.complete_solve(&calibration_with_hard_iron(1.0));
-    assert_eq!(bench.take_report_results(), [(SUCCESS, 1)]);
-}
-
-/// `cal stop` and `cal solve` are processed between two polls.
-#[test]
-fn a_solve_without_a_collection_is_reported() {
-    let mut bench = MavlinkBench::with_autopilot();
-    bench.run_with_indicator_state(IndicatorState::Idle);
-    bench.refuse_solve(IndicatorState::Refused);
-    assert_eq!(bench.take_report_results(), [(FAILED, 0)]);
-    bench.complete_solve(&calibration_with_hard_iron(1.0));
-    assert_eq!(bench.take_report_results(), [(SUCCESS, 1)]);
 }
 
 /// The reported parameters are compared with the calibration's own formula, with and without a mounting.
@@ -244,23 +213,8 @@ fn only_a_new_calibration_resets_the_pose() {
     bench.calibration = Some(calibration_with_hard_iron(1.0));
     let first = counter(&mut bench);
     bench.indicator_state = IndicatorState::Collecting(3);
-    assert_eq!(counter(&mut bench), first);
-    bench.calibration = None;
-    assert_eq!(counter(&mut bench), first);
-    bench.calibration = Some(calibration_with_hard_iron(1.0));
-    assert_eq!(counter(&mut bench), first);
-    bench.calibration = Some(calibration_with_hard_iron(2.0));
-    assert_eq!(counter(&mut bench), first + 1);
-    assert_eq!(counter(&mut bench), first + 1);
-}
-
-#[test]
-fn a_report_waits_for_an_autopilot() {
-    let mut bench = MavlinkBench::new();
-    bench.run_with_indicator_state(IndicatorState::Collecting(100));
-    bench.complete_solve(&calibration_with_hard_iron(1.0));
-    bench.run_with_indicator_state(IndicatorState::Calibrated);
-    bench.receive(&heartbeat_frame(AUTOPILOT, true, false));
-    bench.poll();
-    assert_eq!(bench.take_report_results(), [(SUCCESS, 1)]);
+    for (hard_iron_ut, resets) in [(Some(1.0), 0), (None, 0), (Some(1.0), 0), (Some(2.0), 1), (Some(2.0), 1)] {
+        bench.calibration = hard_iron_ut.map(calibration_with_hard_iron);
+        assert_eq!(counter(&mut bench), first + resets, "{hard_iron_ut:?}");
+    }
 }

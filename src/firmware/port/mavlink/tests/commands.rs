@@ -9,53 +9,59 @@ const DENIED: u8 = 2;
 const UNSUPPORTED: u8 = 3;
 const IN_PROGRESS: u8 = 5;
 
-const START_COMMAND: u16 = 42_424;
-const REBOOT_COMMAND: u16 = 246;
-const MODULE_ADDRESS: SenderAddress = [1, 158];
+const START_NUMBER: u16 = 42_424;
+const ABORT_NUMBER: u16 = 42_426;
+const REBOOT_NUMBER: u16 = 246;
+const START: Command = Command::CalStart(Procedure::Flight);
+const MODULE_ADDRESS: MavlinkAddress = [1, 158];
 
 impl MavlinkBench {
-    fn send_command(&mut self, number: u16, confirmation: u8) -> Vec<ReceivedMessage> {
-        self.receive(&command_frame(GROUND_STATION, MODULE_ADDRESS, number, confirmation, [0.0; 4]))
+    /// Receives a command of the ground station; returns the command to execute.
+    fn send_command(&mut self, number: u16, confirmation: u8) -> Option<Command> {
+        self.receive_command(&command_frame(GROUND_STATION, MODULE_ADDRESS, number, confirmation, [0.0; 4]))
     }
 
-    fn send_reboot_command(&mut self, parameters: [f32; 4]) -> Vec<ReceivedMessage> {
-        self.receive(&command_frame(GROUND_STATION, MODULE_ADDRESS, REBOOT_COMMAND, 0, parameters))
+    fn send_reboot_command(&mut self, parameters: [f32; 4]) -> Option<Command> {
+        self.receive_command(&command_frame(GROUND_STATION, MODULE_ADDRESS, REBOOT_NUMBER, 0, parameters))
     }
 
-    /// Removes and returns the sent acknowledgements: command, result and addressee.
-    fn take_acknowledgements(&mut self) -> Vec<(u16, u8, SenderAddress)> {
+    fn receive_command(&mut self, frame: &[u8]) -> Option<Command> {
+        match self.receive(frame)[..] {
+            [] => None,
+            [ReceivedMessage::Command(command)] => Some(command),
+            ref received => panic!("{received:?}"),
+        }
+    }
+
+    /// Removes and returns the sent acknowledgements to the ground station: command and result.
+    fn take_acknowledgements(&mut self) -> Vec<(u16, u8)> {
         self.poll();
-        let answers = self.take_messages(77);
-        answers
-            .iter()
-            .map(|ack| {
-                let number = u16::from_le_bytes([ack.payload[0], ack.payload[1]]);
-                (number, ack.payload[2], [ack.payload[8], ack.payload[9]])
-            })
-            .collect()
+        let acknowledgement = |ack: &SentMessage| {
+            assert_eq!(ack.payload[8..10], GROUND_STATION);
+            (u16::from_le_bytes([ack.payload[0], ack.payload[1]]), ack.payload[2])
+        };
+        self.take_messages(77).iter().map(acknowledgement).collect()
     }
 }
 
 #[test]
 fn calibration_commands_are_executed_and_acknowledged() {
-    for (number, order) in [
-        (START_COMMAND, Command::CalStart(Procedure::Flight)),
-        (42_425, Command::CalSolve(None)),
-        (42_426, Command::CalAbort),
-    ] {
+    for (number, command) in
+        [(START_NUMBER, START), (42_425, Command::CalSolve(None)), (ABORT_NUMBER, Command::CalAbort)]
+    {
         for (result, acknowledged) in [
             (Ok(()), ACCEPTED),
             (Err(&Refusal::Armed), REJECTED),
             (Err(&Refusal::Busy), REJECTED),
             (Err(&Refusal::NoSamples), DENIED),
         ] {
-            let mut bed = MavlinkBench::with_autopilot();
-            assert_eq!(bed.send_command(number, 0), [ReceivedMessage::Command(order)]);
-            assert_eq!(bed.take_acknowledgements(), [], "not before it is known");
-            bed.mavlink.complete_command(order, result);
-            assert_eq!(bed.take_acknowledgements(), [(number, acknowledged, GROUND_STATION)]);
-            bed.mavlink.complete_command(order, result);
-            assert_eq!(bed.take_acknowledgements(), [], "once");
+            let mut bench = MavlinkBench::with_autopilot();
+            assert_eq!(bench.send_command(number, 0), Some(command));
+            assert_eq!(bench.take_acknowledgements(), [], "not before the result");
+            bench.mavlink.complete_command(command, result);
+            assert_eq!(bench.take_acknowledgements(), [(number, acknowledged)]);
+            bench.mavlink.complete_command(command, result);
+            assert_eq!(bench.take_acknowledgements(), [], "once");
         }
     }
 }
@@ -63,32 +69,19 @@ fn calibration_commands_are_executed_and_acknowledged() {
 /// Component 158 of this system or of all; commands to all components are for the autopilot's own compass.
 #[test]
 fn only_commands_addressed_to_the_module_are_accepted() {
-    for (target, is_taken) in
+    for (target, is_accepted) in
         [(MODULE_ADDRESS, true), ([0, 158], true), ([1, 0], false), ([0, 0], false), ([1, 1], false), ([2, 158], false)]
     {
-        let mut bed = MavlinkBench::with_autopilot();
-        let heard = bed.receive(&command_frame(GROUND_STATION, target, START_COMMAND, 0, [0.0; 4]));
-        assert_eq!(
-            heard,
-            if is_taken { vec![ReceivedMessage::Command(Command::CalStart(Procedure::Flight))] } else { vec![] },
-            "{target:?}"
-        );
-        bed.receive(&command_frame(GROUND_STATION, target, 512, 0, [0.0; 4]));
-        assert_eq!(bed.take_acknowledgements().len(), usize::from(is_taken), "{target:?}");
+        let mut bench = MavlinkBench::with_autopilot();
+        let start = command_frame(GROUND_STATION, target, START_NUMBER, 0, [0.0; 4]);
+        assert_eq!(bench.receive_command(&start), is_accepted.then_some(START), "{target:?}");
+        bench.receive(&command_frame(GROUND_STATION, target, 512, 0, [0.0; 4]));
+        assert_eq!(bench.take_acknowledgements().len(), usize::from(is_accepted), "{target:?}");
     }
 }
 
 #[test]
-fn unknown_commands_are_answered_as_unsupported() {
-    let mut bed = MavlinkBench::with_autopilot();
-    for number in [511, 400, 42_423, 42_427] {
-        assert_eq!(bed.send_command(number, 0), []);
-        assert_eq!(bed.take_acknowledgements(), [(number, UNSUPPORTED, GROUND_STATION)]);
-    }
-}
-
-#[test]
-fn a_reboot_command_must_be_for_the_module_and_is_rejected_while_armed() {
+fn a_reboot_command_must_be_for_the_module() {
     for (parameters, restarts) in [
         ([1.0, 0.0, 0.0, 0.0], true),
         ([0.0, 0.0, 1.0, 158.0], true),
@@ -101,135 +94,91 @@ fn a_reboot_command_must_be_for_the_module_and_is_rejected_while_armed() {
         ([0.0; 4], false),
         ([f32::NAN; 4], false),
     ] {
-        let mut bed = MavlinkBench::with_autopilot();
-        if restarts {
-            assert_eq!(
-                bed.send_reboot_command(parameters),
-                [ReceivedMessage::Command(Command::Restart)],
-                "{parameters:?}"
-            );
-            bed.mavlink.complete_command(Command::Restart, Ok(()));
-            assert_eq!(bed.take_acknowledgements(), [(REBOOT_COMMAND, ACCEPTED, GROUND_STATION)]);
-        } else {
-            assert_eq!(bed.send_reboot_command(parameters), [], "{parameters:?}");
-            assert_eq!(bed.take_acknowledgements(), [(REBOOT_COMMAND, DENIED, GROUND_STATION)]);
-        }
-        let mut bed = MavlinkBench::with_autopilot();
-        bed.receive(&heartbeat_frame(AUTOPILOT, true, true));
-        let expected = if restarts { vec![ReceivedMessage::Command(Command::Restart)] } else { vec![] };
-        assert_eq!(bed.send_reboot_command(parameters), expected);
-        bed.mavlink.complete_command(Command::Restart, Err(&Refusal::Armed));
-        assert_eq!(
-            bed.take_acknowledgements(),
-            [(REBOOT_COMMAND, if restarts { REJECTED } else { DENIED }, GROUND_STATION)]
-        );
-        assert_eq!(
-            bed.send_command(START_COMMAND, 0),
-            [ReceivedMessage::Command(Command::CalStart(Procedure::Flight))]
-        );
+        let mut bench = MavlinkBench::with_autopilot();
+        assert_eq!(bench.send_reboot_command(parameters), restarts.then_some(Command::Restart), "{parameters:?}");
+        bench.mavlink.complete_command(Command::Restart, Ok(()));
+        let acknowledged = if restarts { ACCEPTED } else { DENIED };
+        assert_eq!(bench.take_acknowledgements(), [(REBOOT_NUMBER, acknowledged)], "{parameters:?}");
+        assert_eq!(bench.send_command(START_NUMBER, 0), Some(START), "the next command");
     }
 }
 
-/// Commands repeated just before and after one second, and while the result is pending.
+/// A repetition has the same command and sender, and comes while the result is pending, or within a second.
 #[test]
-fn a_repeated_command_is_answered_and_not_carried_out_again() {
-    let mut bed = MavlinkBench::with_autopilot();
-    bed.send_command(START_COMMAND, 0);
-    assert_eq!(bed.send_command(START_COMMAND, 1), []);
-    assert_eq!(bed.take_acknowledgements(), [(START_COMMAND, IN_PROGRESS, GROUND_STATION)]);
-    bed.now_ms += 1_500;
-    assert_eq!(bed.send_command(START_COMMAND, 2), []);
-    assert_eq!(bed.take_acknowledgements(), [(START_COMMAND, IN_PROGRESS, GROUND_STATION)]);
-    bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
-    assert_eq!(bed.take_acknowledgements(), [(START_COMMAND, ACCEPTED, GROUND_STATION)]);
+fn a_repeated_command_is_answered_and_not_executed_again() {
+    let mut bench = MavlinkBench::with_autopilot();
+    bench.send_command(START_NUMBER, 0);
+    for (pause_ms, confirmation) in [(0, 1), (1_500, 2)] {
+        bench.now_ms += pause_ms;
+        assert_eq!(bench.send_command(START_NUMBER, confirmation), None);
+        assert_eq!(bench.take_acknowledgements(), [(START_NUMBER, IN_PROGRESS)]);
+    }
     for (result, acknowledged) in [(Ok(()), ACCEPTED), (Err(&Refusal::NoSamples), DENIED)] {
-        assert_eq!(
-            bed.send_command(START_COMMAND, 0),
-            [ReceivedMessage::Command(Command::CalStart(Procedure::Flight))],
-            "not a repetition"
-        );
-        bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), result);
-        bed.take_acknowledgements();
-        bed.now_ms += 1_000;
-        assert_eq!(bed.send_command(START_COMMAND, 1), []);
-        assert_eq!(bed.take_acknowledgements(), [(START_COMMAND, acknowledged, GROUND_STATION)]);
-        bed.now_ms += 1;
-        assert_eq!(
-            bed.send_command(START_COMMAND, 2),
-            [ReceivedMessage::Command(Command::CalStart(Procedure::Flight))]
-        );
-        bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
-        bed.take_acknowledgements();
+        bench.mavlink.complete_command(START, result);
+        assert_eq!(bench.take_acknowledgements(), [(START_NUMBER, acknowledged)]);
+        bench.now_ms += 5_000;
+        assert_eq!(bench.send_command(START_NUMBER, 1), Some(START), "too late for a repetition");
+        bench.mavlink.complete_command(START, result);
+        bench.take_acknowledgements();
+        bench.now_ms += 1_000;
+        assert_eq!(bench.send_command(START_NUMBER, 1), None);
+        assert_eq!(bench.take_acknowledgements(), [(START_NUMBER, acknowledged)]);
+        assert_eq!(bench.send_command(START_NUMBER, 0), Some(START), "no repetition");
     }
-}
-
-#[test]
-fn a_repetition_has_the_same_command_and_sender() {
-    let mut bed = MavlinkBench::with_autopilot();
-    bed.send_command(START_COMMAND, 0);
-    bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
-    assert_eq!(bed.send_command(42_426, 1), [ReceivedMessage::Command(Command::CalAbort)]);
-    bed.mavlink.complete_command(Command::CalAbort, Ok(()));
-    let other = [254, 190];
-    assert_eq!(
-        bed.receive(&command_frame(other, MODULE_ADDRESS, 42_426, 1, [0.0; 4])),
-        [ReceivedMessage::Command(Command::CalAbort)]
-    );
-    bed.mavlink.complete_command(Command::CalAbort, Ok(()));
-    assert_eq!(bed.take_acknowledgements()[2], (42_426, ACCEPTED, other));
+    bench.mavlink.complete_command(START, Ok(()));
+    assert_eq!(bench.send_command(ABORT_NUMBER, 1), Some(Command::CalAbort), "another command");
+    bench.mavlink.complete_command(Command::CalAbort, Ok(()));
+    let of_other_sender = command_frame([254, 190], MODULE_ADDRESS, ABORT_NUMBER, 1, [0.0; 4]);
+    assert_eq!(bench.receive_command(&of_other_sender), Some(Command::CalAbort), "another sender");
 }
 
 /// One command is executed at a time, with a timeout of five seconds: a missing result must not block later commands.
 #[test]
 fn commands_are_rejected_while_another_is_pending() {
-    let mut bed = MavlinkBench::with_autopilot();
-    bed.send_command(START_COMMAND, 0);
-    bed.now_ms += 5_000;
-    assert_eq!(bed.send_command(42_426, 0), []);
-    assert_eq!(bed.take_acknowledgements(), [(42_426, REJECTED, GROUND_STATION)]);
-    bed.now_ms += 1;
-    assert_eq!(bed.send_command(42_426, 0), [ReceivedMessage::Command(Command::CalAbort)]);
-    // The result of the previous command does not apply to this one.
-    bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
-    assert_eq!(bed.take_acknowledgements(), []);
-    bed.mavlink.complete_command(Command::CalAbort, Ok(()));
-    assert_eq!(bed.take_acknowledgements(), [(42_426, ACCEPTED, GROUND_STATION)]);
+    let mut bench = MavlinkBench::with_autopilot();
+    bench.send_command(START_NUMBER, 0);
+    bench.now_ms += 5_000;
+    assert_eq!(bench.send_command(ABORT_NUMBER, 0), None);
+    assert_eq!(bench.take_acknowledgements(), [(ABORT_NUMBER, REJECTED)]);
+    bench.now_ms += 1;
+    assert_eq!(bench.send_command(ABORT_NUMBER, 0), Some(Command::CalAbort));
+    bench.mavlink.complete_command(START, Ok(()));
+    assert_eq!(bench.take_acknowledgements(), [], "the result is that of the previous command");
+    bench.mavlink.complete_command(Command::CalAbort, Ok(()));
+    assert_eq!(bench.take_acknowledgements(), [(ABORT_NUMBER, ACCEPTED)]);
 }
 
-///  Unknown and repeated commands have no text.
+/// Accepted, unknown and repeated commands have no text.
 #[test]
 fn a_rejected_command_sends_a_text_with_the_reason() {
-    let mut bed = MavlinkBench::with_autopilot();
-    bed.send_command(START_COMMAND, 0);
-    bed.send_command(42_426, 0);
-    bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), Err(&Refusal::NoSensor));
-    bed.send_command(START_COMMAND, 1);
-    bed.send_command(511, 0);
-    bed.run_ms(2_000);
-    let refused = |refusal| (4, format!("autoswing: {}", Notice::CommandRejected(refusal)));
-    assert_eq!(bed.take_texts(), [refused(Refusal::Busy), refused(Refusal::NoSensor)]);
-    bed.send_reboot_command([2.0, 0.0, 0.0, 0.0]);
-    bed.receive(&heartbeat_frame(AUTOPILOT, true, true));
-    bed.send_reboot_command([1.0, 0.0, 0.0, 0.0]);
-    bed.mavlink.complete_command(Command::Restart, Err(&Refusal::Armed));
-    bed.run_ms(2_000);
-    let texts = bed.take_texts();
+    let mut bench = MavlinkBench::with_autopilot();
+    bench.send_command(START_NUMBER, 0);
+    bench.send_command(ABORT_NUMBER, 0);
+    bench.mavlink.complete_command(START, Err(&Refusal::NoSensor));
+    bench.send_command(START_NUMBER, 1);
+    bench.send_command(511, 0);
+    bench.run_ms(2_000);
+    let rejected = |refusal| (4, format!("autoswing: {}", Notice::CommandRejected(refusal)));
+    assert_eq!(bench.take_texts(), [rejected(Refusal::Busy), rejected(Refusal::NoSensor)]);
+    bench.send_reboot_command([2.0, 0.0, 0.0, 0.0]);
+    bench.send_command(START_NUMBER, 0);
+    bench.mavlink.complete_command(START, Ok(()));
+    bench.run_ms(2_000);
+    let texts = bench.take_texts();
+    assert_eq!(texts.len(), 1, "{texts:?}");
     assert!(texts[0].1.starts_with("autoswing: refused out-of-range: the module can restart"), "{texts:?}");
-    assert_eq!(texts[1..], [refused(Refusal::Armed)]);
-    bed.send_command(START_COMMAND, 0);
-    bed.mavlink.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
-    bed.run_ms(2_000);
-    assert_eq!(bed.take_texts(), [], "no text where it is accepted");
 }
 
+/// Unknown commands are answered as unsupported.
 #[test]
 fn at_most_four_acknowledgements_wait_for_room() {
-    let mut bed = MavlinkBench::with_autopilot();
-    bed.free_output_bytes = Some(0);
-    for number in 0..6 {
-        bed.send_command(500 + number, 0);
+    let mut bench = MavlinkBench::with_autopilot();
+    bench.free_output_bytes = Some(0);
+    let unknown = [511, 400, 42_423, 42_427, 500, 501];
+    for number in unknown {
+        assert_eq!(bench.send_command(number, 0), None);
     }
-    assert_eq!(bed.take_acknowledgements(), []);
-    bed.free_output_bytes = None;
-    assert_eq!(bed.take_acknowledgements(), [500, 501, 502, 503].map(|number| (number, UNSUPPORTED, GROUND_STATION)));
+    assert_eq!(bench.take_acknowledgements(), []);
+    bench.free_output_bytes = None;
+    assert_eq!(bench.take_acknowledgements(), [511, 400, 42_423, 42_427].map(|number| (number, UNSUPPORTED)));
 }

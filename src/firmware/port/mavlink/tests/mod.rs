@@ -2,62 +2,45 @@
 
 mod collection;
 mod commands;
-mod random_frames;
 mod requests;
 mod sender;
 
 use super::*;
 use crate::port::transmit_buffer::TRANSMIT_CAPACITY;
-use ::mavlink::calculate_crc;
 use autoswing::calibration::HeadingUncertainty;
 use autoswing::earth::Date;
 use autoswing::frames::Attitude;
 use autoswing::heading::{Heading, NoHeading};
 use autoswing::instrument::Estimate;
 use autoswing_module::settings::Settings;
+use testkit::frames::{MavlinkAddress, mavlink_attitude, mavlink_heartbeat, mavlink_v2_frame};
 
-/// Sender: system and component.
-type SenderAddress = [u8; 2];
+const AUTOPILOT: MavlinkAddress = [1, 1];
+const SECOND_AUTOPILOT: MavlinkAddress = [2, 1];
+const GIMBAL: MavlinkAddress = [1, 154];
+const GROUND_STATION: MavlinkAddress = [255, 190];
 
-const AUTOPILOT: SenderAddress = [1, 1];
-const SECOND_AUTOPILOT: SenderAddress = [2, 1];
-const GIMBAL: SenderAddress = [1, 154];
-const GROUND_STATION: SenderAddress = [255, 190];
-
-fn frame_from([system, component]: SenderAddress, id: u8, extra: u8, payload: &[u8]) -> Vec<u8> {
-    let header = [0xFD, payload.len() as u8, 0, 0, 0, system, component, id, 0, 0];
-    let mut frame = [&header, payload].concat();
-    frame.extend(calculate_crc(&frame[1..], extra).to_le_bytes());
-    frame
+fn attitude_frame(sender: MavlinkAddress, boot_ms: u32) -> Vec<u8> {
+    mavlink_attitude(sender, boot_ms, [0.1, 0.2, 0.0, 0.0, 0.0, 0.0])
 }
 
-fn heartbeat_frame(sender: SenderAddress, is_autopilot: bool, is_armed: bool) -> Vec<u8> {
-    let (autopilot, mode) = (if is_autopilot { 3 } else { 8 }, if is_armed { 0x80 } else { 0 });
-    frame_from(sender, 0, 50, &[0, 0, 0, 0, 1, autopilot, mode, 4, 3])
-}
-
-fn attitude_frame(sender: SenderAddress, boot_ms: u32) -> Vec<u8> {
-    let payload = [boot_ms.to_le_bytes(), 0.1_f32.to_le_bytes(), 0.2_f32.to_le_bytes()].concat();
-    frame_from(sender, 30, 39, &[&payload[..], &[0; 16]].concat())
-}
-
-fn position_frame(sender: SenderAddress) -> Vec<u8> {
+fn position_frame(sender: MavlinkAddress) -> Vec<u8> {
     let numbers = [0_i32, 473_000_000, 85_000_000, 400_000];
-    frame_from(sender, 33, 104, &numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<_>>())
+    mavlink_v2_frame(sender, 33, 104, &numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<_>>())
 }
 
 /// SYS_STATUS with 12.5 A.
-fn battery_current_frame(sender: SenderAddress) -> Vec<u8> {
-    frame_from(sender, 1, 124, &[&[0; 16][..], &1_250_i16.to_le_bytes()].concat())
+fn battery_current_frame(sender: MavlinkAddress) -> Vec<u8> {
+    mavlink_v2_frame(sender, 1, 124, &[&[0; 16][..], &1_250_i16.to_le_bytes()].concat())
 }
 
-fn system_time_frame(sender: SenderAddress) -> Vec<u8> {
-    frame_from(sender, 2, 137, &1_790_000_000_000_000_u64.to_le_bytes())
+fn system_time_frame(sender: MavlinkAddress) -> Vec<u8> {
+    mavlink_v2_frame(sender, 2, 137, &1_790_000_000_000_000_u64.to_le_bytes())
 }
 
 fn command_frame(
-    sender: SenderAddress,
-    target: SenderAddress,
+    sender: MavlinkAddress,
+    target: MavlinkAddress,
     number: u16,
     confirmation: u8,
     parameters: [f32; 4],
@@ -66,7 +49,7 @@ fn command_frame(
     payload.resize(28, 0);
     payload.extend(number.to_le_bytes());
     payload.extend([target[0], target[1], confirmation]);
-    frame_from(sender, 76, 152, &payload)
+    mavlink_v2_frame(sender, 76, 152, &payload)
 }
 
 /// Sent frame; the payload includes truncated zeros.
@@ -74,7 +57,7 @@ fn command_frame(
 struct SentMessage {
     sent_at_ms: u64,
     sequence: u8,
-    sender: SenderAddress,
+    sender: MavlinkAddress,
     message_id: u8,
     payload: Vec<u8>,
 }
@@ -116,7 +99,7 @@ impl MavlinkBench {
     /// Bench with a disarmed autopilot that sends attitude.
     fn with_autopilot() -> Self {
         let mut bench = Self::new();
-        bench.receive(&heartbeat_frame(AUTOPILOT, true, false));
+        bench.receive(&mavlink_heartbeat(AUTOPILOT, true, false));
         bench.receive(&attitude_frame(AUTOPILOT, 0));
         bench
     }

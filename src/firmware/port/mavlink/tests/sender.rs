@@ -3,9 +3,9 @@
 use nalgebra::Vector3;
 
 use super::*;
+use crate::port::snapshot::tests::test_snapshot;
 use autoswing::instrument::{HardIronChange, InstallationChange};
-use autoswing_module::settings::HeadingKind;
-use autoswing_module::settings::OutOfRange;
+use autoswing_module::settings::{HeadingKind, OutOfRange};
 
 /// Start of a text; tests append the rest.
 const TEXT_BEGINNING: &str = "autoswing: refused out-of-range: ";
@@ -18,29 +18,31 @@ fn long_message(end: &str) -> Notice {
 fn nothing_is_sent_before_an_autopilot_s_heartbeat() {
     let mut bench = MavlinkBench::new();
     bench.mavlink.queue_text(&Notice::InstallationRestored);
-    bench.receive(&heartbeat_frame(GIMBAL, false, false));
+    bench.receive(&mavlink_heartbeat(GIMBAL, false, false));
     bench.receive(&attitude_frame(GIMBAL, 0));
     bench.receive(&command_frame(GROUND_STATION, [0, 158], 42_424, 0, [0.0; 4]));
     bench.run_ms(5_000);
     assert_eq!(bench.sent_messages, []);
-    bench.receive(&heartbeat_frame(AUTOPILOT, true, false));
+    bench.receive(&mavlink_heartbeat(AUTOPILOT, true, false));
     bench.poll();
     assert!(bench.sent_messages.iter().all(|sent| sent.sender == [1, 158]));
     assert_eq!(bench.take_messages(0).len(), 1);
     assert_eq!(bench.take_texts(), [(6, "autoswing: iron-back: as calibrated again".into())]);
 }
 
+/// State of MAVLink's HEARTBEAT, and progress as a named value.
 #[test]
-fn one_heartbeat_per_second_reports_the_state() {
-    let mut bench = MavlinkBench::with_autopilot();
-    for (indicator_state, state) in [
-        (IndicatorState::Idle, 0),
-        (IndicatorState::Collecting(40), 2),
-        (IndicatorState::Calibrated, 4),
-        (IndicatorState::Refused, 5),
+fn state_and_progress_are_sent_once_a_second() {
+    for (indicator_state, state, percent) in [
+        (IndicatorState::Idle, 0, 0.0),
+        (IndicatorState::Collecting(37), 2, 37.0),
+        (IndicatorState::Calibrated, 4, 100.0),
+        (IndicatorState::Refused, 5, 0.0),
     ] {
+        let mut bench = MavlinkBench::with_autopilot();
         bench.indicator_state = indicator_state;
         bench.run_ms(10_000);
+        assert_eq!(named_values(&bench, "cal_pct"), [percent; 10], "{indicator_state:?}");
         let beats = bench.take_messages(0);
         assert_eq!(beats.len(), 10);
         assert!(beats.iter().all(|beat| beat.payload[4..9] == [18, 8, 0, state, 3]), "{indicator_state:?}");
@@ -51,7 +53,7 @@ fn one_heartbeat_per_second_reports_the_state() {
 #[test]
 fn position_date_and_current_are_used_from_the_selected_autopilot() {
     let mut bench = MavlinkBench::with_autopilot();
-    bench.receive(&heartbeat_frame(SECOND_AUTOPILOT, true, true));
+    bench.receive(&mavlink_heartbeat(SECOND_AUTOPILOT, true, true));
     for sender in [SECOND_AUTOPILOT, GIMBAL, [1, 158], GROUND_STATION] {
         assert_eq!(
             bench.receive(&[position_frame(sender), system_time_frame(sender), battery_current_frame(sender)].concat()),
@@ -67,7 +69,7 @@ fn position_date_and_current_are_used_from_the_selected_autopilot() {
     };
     assert_eq!((here.latitude_deg, here.longitude_deg), (47.3, 8.5));
     assert_eq!(Some(day), Date::from_unix_s(1_790_000_000));
-    assert_eq!(bench.receive(&frame_from(AUTOPILOT, 33, 104, &[1])), []);
+    assert_eq!(bench.receive(&mavlink_v2_frame(AUTOPILOT, 33, 104, &[1])), []);
     // Without a selected sender an autopilot's messages are ignored, too.
     assert_eq!(MavlinkBench::new().receive(&position_frame(AUTOPILOT)), []);
 }
@@ -79,9 +81,9 @@ fn attitude_and_armed_state_are_used_from_the_selected_sender() {
     let received = bench.receive(&attitude_frame(AUTOPILOT, 7));
     let [ReceivedMessage::Attitude(report)] = received[..] else { panic!("{received:?}") };
     assert_eq!(report.attitude, Attitude { roll_rad: 0.1, pitch_rad: 0.2 });
-    bench.receive(&heartbeat_frame(SECOND_AUTOPILOT, true, true));
+    bench.receive(&mavlink_heartbeat(SECOND_AUTOPILOT, true, true));
     assert_eq!(bench.mavlink.is_armed(bench.now()), Some(false));
-    bench.receive(&heartbeat_frame(AUTOPILOT, true, true));
+    bench.receive(&mavlink_heartbeat(AUTOPILOT, true, true));
     assert_eq!(bench.mavlink.is_armed(bench.now()), Some(true));
     let mut broken = attitude_frame(AUTOPILOT, 8);
     *broken.last_mut().unwrap() ^= 1;
@@ -91,15 +93,11 @@ fn attitude_and_armed_state_are_used_from_the_selected_sender() {
 #[test]
 fn echoed_own_messages_are_ignored() {
     let mut bench = MavlinkBench::with_autopilot();
-    bench.receive(&heartbeat_frame(AUTOPILOT, true, true));
+    bench.receive(&mavlink_heartbeat(AUTOPILOT, true, true));
     for _ in 0..2_000 {
-        let snapshot = Snapshot {
-            now: bench.now(),
-            estimate: &Estimate::EMPTY,
-            settings: &Settings { sends_vision_yaw: true, ..Settings::DEFAULT },
-            indicator_state: IndicatorState::Collecting(3),
-            calibration: None,
-        };
+        let now = bench.now();
+        let indicator_state = IndicatorState::Collecting(3);
+        let snapshot = Snapshot { now, indicator_state, ..test_snapshot(&Estimate::EMPTY, &Settings::DEFAULT) };
         let mut out = TransmitBuffer::new();
         bench.mavlink.poll(&snapshot, &mut out);
         assert_eq!(bench.receive(out.pending_bytes()), []);
@@ -124,7 +122,7 @@ fn sequence_numbers_count_sent_frames_only() {
     }
 }
 
-fn named_values(bench: &mut MavlinkBench, name: &str) -> Vec<f32> {
+fn named_values(bench: &MavlinkBench, name: &str) -> Vec<f32> {
     let mut values = vec![];
     for sent in bench.sent_messages.iter().filter(|sent| sent.message_id == 251) {
         if sent.payload[8..18].starts_with(name.as_bytes()) {
@@ -135,7 +133,7 @@ fn named_values(bench: &mut MavlinkBench, name: &str) -> Vec<f32> {
     values
 }
 
-/// Five headings of the set kind and one percentage each second.
+/// Five headings of the set kind and their sigmas each second.
 #[test]
 fn headings_are_sent_as_named_values() {
     for (stream_heading, has_smooth, expected_deg) in
@@ -146,11 +144,10 @@ fn headings_are_sent_as_named_values() {
         bench.estimate.heading = Ok(heading(10.0, 1.0));
         bench.estimate.smoothed_heading = has_smooth.then(|| heading(20.0, 1.0));
         bench.run_ms(2_000);
-        let [headings, sigmas] = ["hdg_mag", "hdg_sigma"].map(|name| named_values(&mut bench, name));
+        let [headings, sigmas] = ["hdg_mag", "hdg_sigma"].map(|name| named_values(&bench, name));
         assert_eq!((headings.len(), sigmas.len()), (10, 10));
         assert!(headings.iter().all(|deg| (deg - expected_deg).abs() < 1e-4), "{headings:?}");
         assert!(sigmas.iter().all(|deg| (deg - 1.0).abs() < 1e-5));
-        assert_eq!(named_values(&mut bench, "cal_pct"), [0.0, 0.0]);
     }
 }
 
@@ -162,22 +159,7 @@ fn missing_or_disabled_headings_are_not_sent() {
     bench.estimate.heading = Ok(heading(10.0, 1.0));
     bench.settings.stream_on = false;
     bench.run_ms(2_000);
-    assert_eq!(named_values(&mut bench, "hdg"), []);
-}
-
-#[test]
-fn the_percentage_is_that_of_the_indicator_state() {
-    for (indicator_state, percent) in [
-        (IndicatorState::Idle, 0.0),
-        (IndicatorState::Collecting(37), 37.0),
-        (IndicatorState::Calibrated, 100.0),
-        (IndicatorState::Refused, 0.0),
-    ] {
-        let mut bench = MavlinkBench::with_autopilot();
-        bench.indicator_state = indicator_state;
-        bench.run_ms(100);
-        assert_eq!(named_values(&mut bench, "cal_pct"), [percent]);
-    }
+    assert_eq!(named_values(&bench, "hdg"), []);
 }
 
 fn bench_with_heading() -> MavlinkBench {
@@ -248,38 +230,27 @@ fn a_text_has_the_severity_of_its_message() {
     assert_eq!(bench.take_texts(), expected);
 }
 
-/// Lengths around multiples of a chunk; the last chunk must not be full.
+/// Lengths around multiples of a chunk; the last chunk must not be full. Long texts have numbers of their own, at most
+/// ten chunks are sent a second, and 240 bytes are the longest text.
 #[test]
 fn a_long_text_comes_in_chunks() {
+    let mut bench = MavlinkBench::with_autopilot();
+    let mut long_text_count = 0;
     for length in [49, 50, 51, 99, 100, 101, 150, 239, 240, 241, 500] {
-        let mut bench = MavlinkBench::with_autopilot();
         let end: String = ('a'..='z').cycle().take(length - TEXT_BEGINNING.len()).collect();
         bench.mavlink.queue_text(&long_message(&end));
         bench.run_ms(2_000);
-        let chunks = bench.sent_messages.iter().filter(|sent| sent.message_id == 253);
-        let sequences: Vec<u8> = chunks.clone().map(|sent| sent.payload[53]).collect();
-        let sent = length.min(240);
-        let number = if sent > 50 { sent / 50 + 1 } else { 1 };
-        assert_eq!(sequences, (0..number as u8).collect::<Vec<_>>(), "{length}");
-        let ids: Vec<[u8; 2]> = chunks.clone().map(|sent| [sent.payload[51], sent.payload[52]]).collect();
-        assert!(ids.iter().all(|&id| (id != [0, 0]) == (sent > 50) && id == ids[0]), "{ids:?}");
-        let times: Vec<u64> = chunks.map(|sent| sent.sent_at_ms).collect();
-        assert!(times.windows(2).all(|pair| pair[1] - pair[0] >= 100), "{times:?}");
+        let chunks: Vec<_> = bench.sent_messages.iter().filter(|sent| sent.message_id == 253).collect();
+        let sent_length = length.min(240);
+        let is_long = sent_length > 50;
+        long_text_count += u8::from(is_long);
+        let text_id = if is_long { long_text_count } else { 0 };
+        let expected = (0..if is_long { sent_length / 50 + 1 } else { 1 }).map(|chunk| [text_id, 0, chunk as u8]);
+        assert!(chunks.iter().map(|sent| &sent.payload[51..54]).eq(expected), "{length}: {chunks:?}");
+        assert!(chunks.windows(2).all(|pair| pair[1].sent_at_ms - pair[0].sent_at_ms >= 100), "{chunks:?}");
         let whole = format!("{TEXT_BEGINNING}{end}");
-        assert_eq!(bench.take_texts(), [(4, whole[..sent].to_owned())]);
+        assert_eq!(bench.take_texts(), [(4, whole[..sent_length].to_owned())]);
     }
-}
-
-#[test]
-fn each_long_text_has_its_own_id() {
-    let mut bench = MavlinkBench::with_autopilot();
-    for end in ["a".repeat(60), "b".repeat(60)] {
-        bench.mavlink.queue_text(&long_message(&end));
-    }
-    bench.run_ms(2_000);
-    let ids: Vec<u8> =
-        bench.sent_messages.iter().filter(|sent| sent.message_id == 253).map(|sent| sent.payload[51]).collect();
-    assert_eq!(ids, [1, 1, 2, 2]);
 }
 
 #[test]
@@ -288,7 +259,7 @@ fn a_full_text_queue_keeps_the_newest_and_the_begun_text() {
     for percent in 0..5 {
         bench.mavlink.queue_text(&Notice::Collecting(percent));
     }
-    bench.receive(&heartbeat_frame(AUTOPILOT, true, false));
+    bench.receive(&mavlink_heartbeat(AUTOPILOT, true, false));
     bench.run_ms(1_000);
     let texts = |bench: &mut MavlinkBench| bench.take_texts().into_iter().map(|(_, text)| text).collect::<Vec<_>>();
     assert_eq!(texts(&mut bench), [2, 3, 4].map(|percent| format!("autoswing: collecting: {percent} %")));
@@ -304,13 +275,15 @@ fn a_full_text_queue_keeps_the_newest_and_the_begun_text() {
 }
 
 #[test]
-fn a_text_waits_for_room() {
+fn texts_and_requests_wait_for_room() {
     let mut bench = MavlinkBench::with_autopilot();
     bench.mavlink.queue_text(&Notice::Collecting(10));
-    bench.free_output_bytes = Some(20);
-    bench.run_ms(1_000);
-    assert_eq!(bench.take_texts(), []);
+    bench.free_output_bytes = Some(0);
+    bench.run_ms(10_000);
+    assert_eq!(bench.sent_messages, []);
     bench.free_output_bytes = None;
     bench.run_ms(200);
     assert_eq!(bench.take_texts(), [(6, "autoswing: collecting: 10 %".to_owned())]);
+    let rates_hz = bench.take_messages(76).iter().map(|request| 1e6 / request.float_at(4)).collect::<Vec<_>>();
+    assert_eq!(rates_hz, [40.0], "the first request");
 }

@@ -130,11 +130,3 @@ fn zeros_at_the_end_are_cut_off() {
     );
     assert_eq!(ack(0).into_frame(OWN_ADDRESS, 0, &mut Signatures::new()).len(), 13);
 }
-
-#[test]
-fn the_module_s_own_frames_are_read_back() {
-    let frame =
-        OutboundMessage::heartbeat(MavState::MAV_STATE_ACTIVE).into_frame(OWN_ADDRESS, 0, &mut Signatures::new());
-    let heartbeat = Heartbeat { sender: OWN_ADDRESS.sender_id(), is_autopilot: false, is_armed: false };
-    assert_eq!(decoded_messages(&frame), (vec![InboundMessage::Heartbeat(heartbeat)], 0));
-}

@@ -1,0 +1,62 @@
+//! Frames of autopilots, built from the definitions of the protocols. The checksums are computed bit by bit,
+//! independent of the library's tables.
+
+/// Sender or addressee of a MAVLink message: system and component.
+pub type MavlinkAddress = [u8; 2];
+
+/// Appends the CRC of a MAVLink frame: of all its bytes but the first, and of the message's extra byte
+/// (CRC-16/MCRF4XX; mavlink.io, "Serialization").
+#[must_use]
+pub fn with_mavlink_crc(mut frame: Vec<u8>, extra_crc: u8) -> Vec<u8> {
+    let checked = frame.iter().skip(1).chain([&extra_crc]);
+    let crc = checked.fold(0xFFFF_u16, |crc, &byte| {
+        (0..8).fold(crc ^ u16::from(byte), |crc, _| if crc & 1 == 0 { crc >> 1 } else { crc >> 1 ^ 0x8408 })
+    });
+    frame.extend(crc.to_le_bytes());
+    frame
+}
+
+/// Frame of MAVLink 1.
+#[must_use]
+pub fn mavlink_v1_frame([system, component]: MavlinkAddress, id: u8, extra_crc: u8, payload: &[u8]) -> Vec<u8> {
+    with_mavlink_crc([&[0xFE, payload.len() as u8, 0, system, component, id], payload].concat(), extra_crc)
+}
+
+/// Unsigned frame of MAVLink 2.
+#[must_use]
+pub fn mavlink_v2_frame([system, component]: MavlinkAddress, id: u8, extra_crc: u8, payload: &[u8]) -> Vec<u8> {
+    let header = [0xFD, payload.len() as u8, 0, 0, 0, system, component, id, 0, 0];
+    with_mavlink_crc([&header, payload].concat(), extra_crc)
+}
+
+/// HEARTBEAT of ArduPilot, or of a component that is no autopilot.
+#[must_use]
+pub fn mavlink_heartbeat(sender: MavlinkAddress, is_autopilot: bool, is_armed: bool) -> Vec<u8> {
+    let (autopilot, base_mode) = (if is_autopilot { 3 } else { 8 }, if is_armed { 0x80 } else { 0 });
+    mavlink_v2_frame(sender, 0, 50, &[0, 0, 0, 0, 1, autopilot, base_mode, 4, 3])
+}
+
+/// ATTITUDE: the autopilot's clock, milliseconds; roll, pitch and yaw, radians; their rates, rad/s.
+#[must_use]
+pub fn mavlink_attitude(sender: MavlinkAddress, boot_ms: u32, angles_and_rates: [f32; 6]) -> Vec<u8> {
+    mavlink_v2_frame(sender, 30, 39, &mavlink_attitude_payload(boot_ms, angles_and_rates))
+}
+
+/// Payload of ATTITUDE, as in [`mavlink_attitude`].
+#[must_use]
+pub fn mavlink_attitude_payload(boot_ms: u32, angles_and_rates: [f32; 6]) -> Vec<u8> {
+    boot_ms.to_le_bytes().into_iter().chain(angles_and_rates.into_iter().flat_map(f32::to_le_bytes)).collect()
+}
+
+/// Frame of MSP version 2; `direction` is `<` for a request, `>` for a reply, `!` for a refusal. Its checksum is
+/// CRC-8/DVB-S2.
+#[must_use]
+pub fn msp_frame(direction: u8, function: u16, payload: &[u8]) -> Vec<u8> {
+    let [f0, f1] = function.to_le_bytes();
+    let [n0, n1] = (payload.len() as u16).to_le_bytes();
+    let checked = [&[0, f0, f1, n0, n1], payload].concat();
+    let crc = checked.iter().fold(0_u8, |crc, byte| {
+        (0..8).fold(crc ^ byte, |crc, _| if crc & 0x80 == 0 { crc << 1 } else { crc << 1 ^ 0xD5 })
+    });
+    [&[b'$', b'X', direction], &checked[..], &[crc]].concat()
+}
