@@ -30,6 +30,8 @@ fn every_sentence_is_sent_at_the_set_rate() {
 #[test]
 fn the_pilot_chooses_which_heading_is_sent() {
     let mut rig = calibrated_rig();
+    // The heading is smooth once the monitor has settled.
+    rig.run_for_s(25.0);
     let mut bends_deg = Vec::new();
     for heading_kind in ["smooth", "raw", "smooth"] {
         rig.send_console_line(&format!("stream heading {heading_kind}"));
