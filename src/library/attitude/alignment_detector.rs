@@ -115,10 +115,9 @@ impl RunningMeans {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{BodyRates, SenderId};
+    use super::super::testing::{report, report_time};
     use super::*;
     use crate::frames::Attitude;
-    use crate::time::WrappingMillis;
 
     /// Simulated source and field, after ten seconds of rest.
     #[derive(Clone, Copy)]
@@ -129,11 +128,6 @@ mod tests {
         /// Fractions of the tilt change that appear in the rates and in the field.
         tilt_fraction_in_rates: f32,
         tilt_fraction_in_field: f32,
-    }
-
-    /// Simulated tilt: a step at 0 s.
-    fn tilt_step_deg<const HUNDREDTHS: u16>(t_s: f32) -> f32 {
-        if t_s >= 0.0 { f32::from(HUNDREDTHS) / 100.0 } else { 0.0 }
     }
 
     /// Simulated tilt: a ramp of 20 deg/s for two seconds, and back.
@@ -166,25 +160,20 @@ mod tests {
             };
             let angle = (by_field * tilt_deg(t_s)).to_radians();
             (0..40).for_each(|_| aligning.update_field(Field::from_ut(48.0 * angle.cos(), 48.0 * angle.sin(), 0.0)));
-            if aligning.process_report(Timestamp::from_us(u64::from(i) * 20_000), &report(attitude, rates_rad_s)) {
+            if aligning.process_report(report_time(i), &report(attitude, rates_rad_s)) {
                 found = Some([found.map_or(t_s, |[from_s, _]| from_s), t_s]);
             }
         }
         found
     }
 
-    fn report(attitude: Attitude, rates_rad_s: [f32; 3]) -> AttitudeReport {
-        let (sender, sender_clock_at_sending) = (SenderId::default(), WrappingMillis::default());
-        AttitudeReport { sender, sender_clock_at_sending, attitude, body_rates: BodyRates::from_rad_s(rates_rad_s) }
-    }
-
-    /// The first report of a step moves its mean by a fiftieth: 2.9 deg stay below the limit of 3 deg.
+    /// The limit is 3 deg.
     #[test]
     fn an_unexplained_tilt_change_is_alignment() {
         for is_pitch in [false, true] {
             let period = |tilt_deg| aligning_period_s(SimulatedSource { tilt_deg, is_pitch, ..UNEXPLAINED_RAMP });
-            assert_eq!(period(tilt_step_deg::<290>), None);
-            let [from_s, to_s] = period(tilt_step_deg::<320>).unwrap();
+            assert_eq!(period(|t_s| if t_s >= 0.0 { 2.5 } else { 0.0 }), None);
+            let [from_s, to_s] = period(|t_s| if t_s >= 0.0 { 3.2 } else { 0.0 }).unwrap();
             // Detected for a twentieth of a second, plus 5 s of hold time.
             assert!(from_s.abs() < 0.01 && (to_s - 5.0).abs() < 0.1, "{from_s} {to_s}");
         }
@@ -196,21 +185,16 @@ mod tests {
     /// A tilt of 2 deg/s leads its exponential mean, time constant 1 s, by 2 deg: allowed. That of 4 deg/s is not.
     #[test]
     fn slow_drift_is_not_alignment() {
-        assert_eq!(
-            aligning_period_s(SimulatedSource { tilt_deg: |t_s| 2.0 * t_s.clamp(0.0, 10.0), ..UNEXPLAINED_RAMP }),
-            None
-        );
-        assert!(
-            aligning_period_s(SimulatedSource { tilt_deg: |t_s| 4.0 * t_s.clamp(0.0, 10.0), ..UNEXPLAINED_RAMP })
-                .is_some()
-        );
+        let period = |tilt_deg| aligning_period_s(SimulatedSource { tilt_deg, ..UNEXPLAINED_RAMP });
+        assert_eq!(period(|t_s| 2.0 * t_s.clamp(0.0, 10.0)), None);
+        assert!(period(|t_s| 4.0 * t_s.clamp(0.0, 10.0)).is_some());
     }
 
     /// At 20 deg/s the tilt is up to 20 deg off its mean. Rates count twice, so half of the motion must appear in them.
     #[test]
     fn motion_seen_by_the_rates_is_not_alignment() {
         let by_rates =
-            |by_rates| aligning_period_s(SimulatedSource { tilt_fraction_in_rates: by_rates, ..UNEXPLAINED_RAMP });
+            |tilt_fraction_in_rates| aligning_period_s(SimulatedSource { tilt_fraction_in_rates, ..UNEXPLAINED_RAMP });
         assert!(by_rates(0.3).is_some() && by_rates(-0.3).is_some());
         assert_eq!((by_rates(0.5), by_rates(-1.0), by_rates(1.0)), (None, None, None));
     }
@@ -218,60 +202,64 @@ mod tests {
     /// Rates in degrees read as radians, so that the motion appears in the field alone.
     #[test]
     fn motion_seen_by_the_field_is_not_alignment() {
-        let by_field = |by_field| {
-            aligning_period_s(SimulatedSource {
-                tilt_fraction_in_field: by_field,
-                tilt_fraction_in_rates: 0.017,
-                ..UNEXPLAINED_RAMP
-            })
+        let tilt_fraction_in_rates = 0.017;
+        let by_field = |tilt_fraction_in_field| {
+            let source = SimulatedSource { tilt_fraction_in_rates, tilt_fraction_in_field, ..UNEXPLAINED_RAMP };
+            aligning_period_s(source)
         };
         assert!(by_field(0.25).is_some() && by_field(-0.25).is_some());
         assert_eq!((by_field(0.4), by_field(-0.4), by_field(1.0)), (None, None, None));
     }
 
+    /// Result of a report with this roll.
+    fn process_roll(aligning: &mut InitialAlignmentDetector, us: u64, roll_deg: f32, rate_rad_s: f32) -> bool {
+        let report = report(Attitude::from_deg(roll_deg, 0.0), [rate_rad_s, 0.0, 0.0]);
+        aligning.process_report(Timestamp::from_us(us), &report)
+    }
+
     /// No body rates, no field, or a gap of more than half a second.
     #[test]
     fn missing_data_is_not_alignment() {
-        let tilted = |deg: f32| Attitude::from_deg(deg, 0.0);
-        let is_detected = |step_us: u64, rate_rad_s: f32, has_field: bool| {
+        for (step_us, rate_rad_s, has_field, expected) in [
+            (20_000, 1e-4, true, true),
+            (450_000, 1e-4, true, true),
+            (550_000, 1e-4, true, false),
+            (20_000, 0.0, true, false),
+            (20_000, 1e-4, false, false),
+        ] {
             let mut aligning = InitialAlignmentDetector::new();
             if has_field {
                 aligning.update_field(Field::from_ut(20.0, 0.0, 43.0));
             }
-            let mut see = |us: u64, deg: f32| {
-                aligning.process_report(Timestamp::from_us(us), &report(tilted(deg), [rate_rad_s, 0.0, 0.0]))
-            };
-            see(0, 0.0) || see(step_us, 30.0)
-        };
-        assert!(is_detected(20_000, 1e-4, true) && is_detected(500_000, 1e-4, true));
-        assert!(
-            !is_detected(500_001, 1e-4, true) && !is_detected(20_000, 0.0, true) && !is_detected(20_000, 1e-4, false)
-        );
+            assert!(!process_roll(&mut aligning, 0, 0.0, rate_rad_s));
+            let found = process_roll(&mut aligning, step_us, 30.0, rate_rad_s);
+            assert_eq!(found, expected, "{step_us} us, {rate_rad_s} rad/s, field {has_field}");
+        }
     }
 
     #[test]
     fn the_hold_time_continues_over_a_gap() {
         let mut aligning = InitialAlignmentDetector::new();
         aligning.update_field(Field::from_ut(20.0, 0.0, 43.0));
-        let mut see = |us: u64, deg: f32| {
-            aligning.process_report(Timestamp::from_us(us), &report(Attitude::from_deg(deg, 0.0), [1e-4, 0.0, 0.0]))
-        };
-        assert!(!see(0, 0.0) && see(20_000, 30.0));
-        assert!(see(2_000_000, 0.0) && see(5_000_000, 0.0) && !see(5_100_000, 0.0));
+        for (us, roll_deg, expected) in [
+            (0, 0.0, false),
+            (20_000, 30.0, true),
+            (2_000_000, 0.0, true),
+            (4_900_000, 0.0, true),
+            (5_100_000, 0.0, false),
+        ] {
+            assert_eq!(process_roll(&mut aligning, us, roll_deg, 1e-4), expected, "{us} us");
+        }
     }
 
     #[test]
     fn nan_is_discarded() {
         let mut aligning = InitialAlignmentDetector::new();
         aligning.update_field(Field::from_ut(f32::NAN, 0.0, 0.0));
-        let mut see = |i: u64, roll_deg: f32| {
+        for i in 0..200 {
             aligning.update_field(Field::from_ut(20.0, 0.0, 43.0));
-            aligning.process_report(
-                Timestamp::from_us(i * 20_000),
-                &report(Attitude::from_deg(roll_deg, 0.0), [1e-4, 0.0, 0.0]),
-            )
-        };
-        assert!((0..200).all(|i| !see(i, if i == 3 { f32::NAN } else { 0.0 })));
-        assert!(see(200, 30.0));
+            assert!(!process_roll(&mut aligning, i * 20_000, if i == 3 { f32::NAN } else { 0.0 }, 1e-4));
+        }
+        assert!(process_roll(&mut aligning, 4_000_000, 30.0, 1e-4));
     }
 }

@@ -139,17 +139,11 @@ impl HeadingIntegral {
 mod tests {
     use core::f32::consts::PI;
 
-    use super::super::SenderId;
+    use super::super::testing;
     use super::*;
-    use crate::time::WrappingMillis;
 
     fn report(roll_deg: f32, pitch_deg: f32, rates_deg_s: [f32; 3]) -> AttitudeReport {
-        AttitudeReport {
-            sender: SenderId::default(),
-            sender_clock_at_sending: WrappingMillis::default(),
-            attitude: Attitude::from_deg(roll_deg, pitch_deg),
-            body_rates: BodyRates::from_rad_s(rates_deg_s.map(f32::to_radians)),
-        }
+        testing::report(Attitude::from_deg(roll_deg, pitch_deg), rates_deg_s.map(f32::to_radians))
     }
 
     #[test]

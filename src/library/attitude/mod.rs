@@ -264,4 +264,6 @@ impl AttitudeHistory {
 }
 
 #[cfg(test)]
+mod testing;
+#[cfg(test)]
 mod tests;

@@ -136,20 +136,15 @@ fn norm_squared([roll, pitch]: [f32; 2]) -> f32 {
 mod tests {
     use testkit::random::Random;
 
-    use super::super::{BodyRates, SenderId};
+    use super::super::testing::{heading_and_roll_in_turns_deg, report, report_time};
     use super::*;
-    use crate::time::WrappingMillis;
 
-    /// Seconds until a contradiction is reported, of 100 s. 50 Hz reports of rolling into and out of 25 deg of bank,
-    /// with 0.3 deg of noise, a scale error and a latency of the attitude, and a scale of the rates.
+    /// Seconds until a contradiction is reported, of 100 s of turns at 50 Hz, with 0.3 deg of noise, a scale error and
+    /// a latency of the attitude, and a scale of the rates.
     fn seconds_to_contradiction(roll_scale: f32, attitude_latency_s: f32, rate_scale: f32) -> Option<u32> {
         let mut random = Random(1);
         let mut check = RateConsistency::EMPTY;
-        let roll_rad = |t_s: f32| {
-            let leg_time_s = t_s.rem_euclid(20.0);
-            0.44 * ((leg_time_s - 8.0) / 2.0).clamp(0.0, 1.0) * ((20.0 - leg_time_s) / 2.0).clamp(0.0, 1.0)
-                + 0.02 * (1.1 * t_s).sin()
-        };
+        let roll_rad = |t_s: f32| heading_and_roll_in_turns_deg(t_s)[1].to_radians();
         (1..=5000).find_map(|i: u16| {
             let t_s = f32::from(i) * 0.02;
             let attitude = Attitude {
@@ -158,28 +153,25 @@ mod tests {
             };
             let p = (roll_rad(t_s - attitude_latency_s + 0.01) - roll_rad(t_s - attitude_latency_s - 0.01)) / 0.02;
             let rates_rad_s = [rate_scale * p, 0.0, rate_scale * 0.01];
-            let report = AttitudeReport {
-                sender: SenderId::default(),
-                sender_clock_at_sending: WrappingMillis::default(),
-                attitude,
-                body_rates: BodyRates::from_rad_s(rates_rad_s),
-            };
-            check.process_report(Timestamp::from_us(u64::from(i) * 20_000), &report).then(|| u32::from(i) / 50)
+            check.process_report(report_time(i), &report(attitude, rates_rad_s)).then(|| u32::from(i) / 50)
         })
     }
 
     /// Accepted: scale errors and latency of the attitude, rates wrong by up to a factor of two.
     #[test]
     fn consistent_rates_are_accepted() {
-        for (roll_scale, attitude_latency_s) in [(1.0, 0.0), (0.7, 0.0), (0.3, 0.0), (1.0, 0.5), (1.2, 0.1)] {
-            assert_eq!(
-                seconds_to_contradiction(roll_scale, attitude_latency_s, 1.0),
-                None,
-                "{roll_scale} {attitude_latency_s}"
-            );
+        for (roll_scale, attitude_latency_s, rate_scale) in [
+            (1.0, 0.0, 1.0),
+            (0.7, 0.0, 1.0),
+            (0.3, 0.0, 1.0),
+            (1.0, 0.5, 1.0),
+            (1.2, 0.1, 1.0),
+            (1.0, 0.0, 0.5),
+            (1.0, 0.0, 2.0),
+        ] {
+            let found = seconds_to_contradiction(roll_scale, attitude_latency_s, rate_scale);
+            assert_eq!(found, None, "{roll_scale} {attitude_latency_s} {rate_scale}");
         }
-        assert_eq!(seconds_to_contradiction(1.0, 0.0, 0.5), None);
-        assert_eq!(seconds_to_contradiction(1.0, 0.0, 2.0), None);
     }
 
     /// Rates in degrees are found in the wander of level flight, a wrong sign or too small rates in the first roll.
@@ -205,33 +197,31 @@ mod tests {
             let part = f32::from((i % 10) as u8) / 10.0;
             let roll_rad = attitude_rad_per_s * if up { part } else { 1.0 - part };
             let rate = gyro_rad_per_s * if up { 1.0 } else { -1.0 };
-            let report = AttitudeReport {
-                sender: SenderId::default(),
-                sender_clock_at_sending: WrappingMillis::default(),
-                attitude: Attitude { roll_rad, pitch_rad: 0.0 },
-                body_rates: BodyRates::from_rad_s([rate, 0.0, 1e-6]),
-            };
+            let report = report(Attitude { roll_rad, pitch_rad: 0.0 }, [rate, 0.0, 1e-6]);
             is_contradicted = rate_consistency.process_report(Timestamp::from_us(u64::from(i) * 100_000), &report);
         }
         is_contradicted
     }
 
-    /// An attitude change of less than 15 % of the integrated rates is a contradiction, and so are
-    /// rates of less than 15 % of the attitude change.
+    /// An attitude change of less than 15 % of the integrated rates is a contradiction, and so are rates of less than
+    /// 15 % of the attitude change. Slow motion is evidence in proportion to its square.
     #[test]
     fn rates_and_attitude_may_differ_up_to_their_limits() {
-        for (per_gyro, per_attitude, expected) in
-            [(0.5, 0.09, false), (0.5, 0.06, true), (0.09, 0.5, false), (0.06, 0.5, true), (0.5, -0.5, true)]
-        {
-            let found = feed_triangular_roll(&mut RateConsistency::EMPTY.clone(), 0, 40, per_gyro, per_attitude);
-            assert_eq!(found, expected, "{per_gyro} {per_attitude}");
-        }
-        // Evidence: 1.15 * 0.04^2 rad^2 per second of disagreement; 20 s of squared attitude change at slow rates.
-        for (seconds, per_gyro, per_attitude, expected) in
-            [(4, 0.04, -0.04, false), (6, 0.04, -0.04, true), (60, 0.001, 0.025, false), (60, 0.001, 0.03, true)]
-        {
+        for (seconds, per_gyro, per_attitude, expected) in [
+            (40, 0.5, 0.1, false),
+            (40, 0.5, 0.05, true),
+            (40, 0.1, 0.5, false),
+            (40, 0.05, 0.5, true),
+            (40, 0.5, -0.5, true),
+            (40, 0.15, 0.03, false),
+            (40, 0.15, 0.015, true),
+            (3, 0.04, -0.04, false),
+            (7, 0.04, -0.04, true),
+            (60, 0.001, 0.02, false),
+            (60, 0.001, 0.04, true),
+        ] {
             let found = feed_triangular_roll(&mut RateConsistency::EMPTY.clone(), 0, seconds, per_gyro, per_attitude);
-            assert_eq!(found, expected, "{seconds} {per_gyro} {per_attitude}");
+            assert_eq!(found, expected, "{seconds} s, {per_gyro} {per_attitude}");
         }
     }
 
@@ -249,13 +239,8 @@ mod tests {
     fn a_gyro_offset_is_accepted() {
         let mut check = RateConsistency::EMPTY;
         for i in 0..36_000_u32 {
-            let report = AttitudeReport {
-                sender: SenderId::default(),
-                sender_clock_at_sending: WrappingMillis::default(),
-                attitude: Attitude { roll_rad: 0.0, pitch_rad: 0.0 },
-                body_rates: BodyRates::from_rad_s([0.03, -0.015, 0.0]),
-            };
-            assert!(!check.process_report(Timestamp::from_us(u64::from(i) * 100_000), &report), "{i}");
+            let offset_rates = report(Attitude::default(), [0.03, -0.015, 0.0]);
+            assert!(!check.process_report(Timestamp::from_us(u64::from(i) * 100_000), &offset_rates), "{i}");
         }
     }
 

@@ -169,47 +169,23 @@ impl VectorMotion {
 mod tests {
     use testkit::random::Random;
 
-    use super::super::{BodyRates, SenderId};
+    use super::super::testing::{heading_and_roll_in_turns_deg, report, report_time};
     use super::*;
     use crate::frames::{Attitude, Field};
-    use crate::time::WrappingMillis;
 
     /// Errors of the simulated sensors.
     #[derive(Clone, Copy, Default)]
     struct SensorErrors {
-        /// Time at which roll and pitch stop changing, seconds.
-        stale_from_s: Option<f32>,
-        stale_until_s: f32,
-        /// Scale error and cross-axis error of the gyro.
+        /// Times at which roll and pitch stop changing, and follow again, seconds.
+        stale_s: Option<[f32; 2]>,
         gyro_scale_error: f32,
         gyro_cross_axis: f32,
         gyro_offset_deg_s: f32,
         /// Growth of the offsets, deg/s in a second.
         offset_growth_deg_s2: [f32; 3],
         /// Factor on the reported rates, for a wrong unit.
-        rate_factor: f32,
+        rate_factor: Option<f32>,
         is_field_stale: bool,
-    }
-
-    const NO_ERRORS: SensorErrors = SensorErrors {
-        stale_from_s: None,
-        stale_until_s: f32::INFINITY,
-        gyro_scale_error: 0.0,
-        gyro_cross_axis: 0.0,
-        gyro_offset_deg_s: 0.0,
-        offset_growth_deg_s2: [0.0; 3],
-        rate_factor: 1.0,
-        is_field_stale: false,
-    };
-
-    /// 9 s of straight flight, a roll to 25 deg in 1 s, a turn of 18 deg/s for 9 s, and back in 1 s; repeated. Heading
-    /// and roll at a time, degrees.
-    fn heading_and_roll_deg(t_s: f32) -> [f32; 2] {
-        let in_leg_s = t_s.rem_euclid(20.0);
-        let part = |t_s: f32| (t_s - 9.0).clamp(0.0, 1.0) * (20.0 - t_s).clamp(0.0, 1.0);
-        let turned_deg = (0..(in_leg_s * 50.0) as u16).map(|i| part(f32::from(i) / 50.0) * 18.0 / 50.0).sum::<f32>();
-        let legs = (t_s / 20.0).floor();
-        [180.0 * legs + turned_deg, 25.0 * part(in_leg_s) + 1.1 * (1.1 * t_s).sin()]
     }
 
     /// Times at which the detection begins and ends, seconds, of 100 s at 50 Hz with 0.3 deg of noise each of attitude
@@ -219,37 +195,32 @@ mod tests {
             (Random(seed), StaleAttitudeDetector::new(), Vec::new(), false);
         for i in 0..5000_u16 {
             let t_s = f32::from(i) / 50.0;
-            let ([heading_deg, roll_deg], [_, before_deg]) =
-                (heading_and_roll_deg(t_s), heading_and_roll_deg(t_s - 0.02));
-            let heading_rate_deg_s =
-                (heading_and_roll_deg(t_s)[0] - heading_and_roll_deg(t_s - 0.02)[0]).max(0.0) * 50.0;
+            let [heading_deg, roll_deg] = heading_and_roll_in_turns_deg(t_s);
+            let [heading_before_deg, roll_before_deg] = heading_and_roll_in_turns_deg(t_s - 0.02);
+            let heading_rate_deg_s = (heading_deg - heading_before_deg).max(0.0) * 50.0;
             let mut noise_deg = || 0.3 * random.normal();
-            let stale_since_s = errors.stale_from_s.filter(|from_s| t_s >= *from_s && t_s < errors.stale_until_s);
-            let attitude =
-                Attitude::from_deg(heading_and_roll_deg(stale_since_s.unwrap_or(t_s))[1] + noise_deg(), noise_deg());
+            let stale_since_s =
+                errors.stale_s.filter(|[from_s, to_s]| (*from_s..*to_s).contains(&t_s)).map(|[from_s, _]| from_s);
+            let attitude = Attitude::from_deg(
+                heading_and_roll_in_turns_deg(stale_since_s.unwrap_or(t_s))[1] + noise_deg(),
+                noise_deg(),
+            );
             let (sin_roll, cos_roll) = roll_deg.to_radians().sin_cos();
             let true_deg_s =
-                [(roll_deg - before_deg) * 50.0, heading_rate_deg_s * sin_roll, heading_rate_deg_s * cos_roll];
+                [(roll_deg - roll_before_deg) * 50.0, heading_rate_deg_s * sin_roll, heading_rate_deg_s * cos_roll];
             let offset_deg_s =
                 errors.offset_growth_deg_s2.map(|growth_deg_s2| errors.gyro_offset_deg_s + growth_deg_s2 * t_s);
             let sum_deg_s = true_deg_s.iter().sum::<f32>();
             let rates_rad_s = [0, 1, 2].map(|axis| {
                 let (rate, offset_deg_s) = (true_deg_s[axis], offset_deg_s[axis]);
                 let with_errors = rate * (1.0 + errors.gyro_scale_error) + (sum_deg_s - rate) * errors.gyro_cross_axis;
-                (errors.rate_factor * (with_errors + offset_deg_s + noise_deg())).to_radians()
+                (errors.rate_factor.unwrap_or(1.0) * (with_errors + offset_deg_s + noise_deg())).to_radians()
             });
             let field_at = if errors.is_field_stale { [0.0; 2] } else { [heading_deg, roll_deg] };
             let earth = Field::earth_field(50.0, 1.1, field_at[0].to_radians() + 0.3);
             let field = Attitude::from_deg(field_at[1], 0.0).to_body_frame(Field::new(earth.ut));
             detector.update_field(Field::new(field.ut.map(|ut| ut + 0.3 * random.normal())));
-            let (sender, sender_clock_at_sending) = (SenderId::default(), WrappingMillis::default());
-            let report = AttitudeReport {
-                sender,
-                sender_clock_at_sending,
-                attitude,
-                body_rates: BodyRates::from_rad_s(rates_rad_s),
-            };
-            let is_stale = detector.process_report(Timestamp::from_us(u64::from(i) * 20_000), &report);
+            let is_stale = detector.process_report(report_time(i), &report(attitude, rates_rad_s));
             if is_stale != was_stale {
                 changes.push(t_s);
                 was_stale = is_stale;
@@ -258,21 +229,22 @@ mod tests {
         changes
     }
 
-    /// An attitude that becomes stale in level flight is detected in the next roll, from 29 s; in a turn, in the roll back
-    /// to level, from 39 s. Gyro errors of 10 % and 1 deg/s delay this by up to 9 s.
+    /// An attitude that becomes stale in level flight is detected in the next roll, from 29 s; in a turn, in the roll
+    /// back to level, from 39 s. Gyro errors of 10 % and 1 deg/s delay this by up to 9 s.
     #[test]
     fn a_stale_attitude_is_detected_in_the_next_roll() {
         for seed in 0..20 {
             for (from_s, roll_from_s) in [(25.0, 29.0), (33.0, 39.0)] {
-                for (scale, cross, offset_deg_s, within_s) in
+                for (gyro_scale_error, gyro_cross_axis, gyro_offset_deg_s, within_s) in
                     [(0.0, 0.0, 0.0, 1.0), (0.1, 0.1, 1.0, 10.0), (-0.1, -0.1, -1.0, 10.0)]
                 {
+                    let stale_s = Some([from_s, f32::INFINITY]);
                     let errors = SensorErrors {
-                        stale_from_s: Some(from_s),
-                        gyro_scale_error: scale,
-                        gyro_cross_axis: cross,
-                        gyro_offset_deg_s: offset_deg_s,
-                        ..NO_ERRORS
+                        stale_s,
+                        gyro_scale_error,
+                        gyro_cross_axis,
+                        gyro_offset_deg_s,
+                        ..SensorErrors::default()
                     };
                     let found = detection_changes_s(errors, seed);
                     assert!(
@@ -284,11 +256,11 @@ mod tests {
         }
     }
 
-    /// The reported attitude stays level. A slow roll shows that it is stale; after a minute without motion, rates of the
-    /// wrong sign contradict the field, and nothing is known about the attitude.
+    /// The reported attitude stays level. A slow roll shows that it is stale; after a minute without motion, rates of
+    /// the wrong sign contradict the field, and nothing is known about the attitude.
     #[test]
     fn a_slow_roll_is_enough_and_a_contradicting_field_ends_the_detection() {
-        let (mut detector, mut step, mut roll_deg, mut is_stale) = (StaleAttitudeDetector::new(), 0, 0.0, false);
+        let (mut detector, mut step, mut roll_deg, mut is_stale) = (StaleAttitudeDetector::new(), 0_u64, 0.0, false);
         for (seconds, rate_deg_s, rate_factor, expected) in
             [(1, 0.0, 1.0, false), (3, 8.0, 1.0, true), (60, 0.0, 1.0, true), (2, -12.0, -1.0, false)]
         {
@@ -297,11 +269,8 @@ mod tests {
                 roll_deg += rate_deg_s / 50.0;
                 let earth = Field::earth_field(50.0, 1.1, 0.3);
                 detector.update_field(Attitude::from_deg(roll_deg, 0.0).to_body_frame(earth));
-                let (sender, sender_clock_at_sending, attitude) =
-                    (SenderId::default(), WrappingMillis::default(), Attitude::default());
-                let body_rates = BodyRates::from_rad_s([rate_factor * rate_deg_s, 0.0, 1e-6].map(f32::to_radians));
-                let report = AttitudeReport { sender, sender_clock_at_sending, attitude, body_rates };
-                is_stale = detector.process_report(Timestamp::from_us(step * 20_000), &report);
+                let rates_rad_s = [rate_factor * rate_deg_s, 0.0, 1e-6].map(f32::to_radians);
+                is_stale = detector.process_report(report_time(step), &report(Attitude::default(), rates_rad_s));
             }
             assert_eq!(is_stale, expected, "{rate_deg_s}");
         }
@@ -312,7 +281,7 @@ mod tests {
     fn an_attitude_that_follows_again_is_accepted() {
         for seed in 0..20 {
             let found =
-                detection_changes_s(SensorErrors { stale_from_s: Some(25.0), stale_until_s: 45.0, ..NO_ERRORS }, seed);
+                detection_changes_s(SensorErrors { stale_s: Some([25.0, 45.0]), ..SensorErrors::default() }, seed);
             assert!(matches!(found[..], [_, end_s] if (49.0..50.0).contains(&end_s)), "{found:?}");
         }
     }
@@ -322,35 +291,25 @@ mod tests {
     #[test]
     fn other_faults_are_no_stale_attitude() {
         for seed in 0..20 {
-            for (scale, cross, offset_deg_s) in [(0.1, 0.1, 1.0), (-0.1, 0.1, -1.0), (0.1, -0.1, 1.0)] {
-                assert_eq!(
-                    detection_changes_s(
-                        SensorErrors {
-                            gyro_scale_error: scale,
-                            gyro_cross_axis: cross,
-                            gyro_offset_deg_s: offset_deg_s,
-                            ..NO_ERRORS
-                        },
-                        seed
-                    ),
-                    []
-                );
+            for (gyro_scale_error, gyro_cross_axis, gyro_offset_deg_s) in
+                [(0.1, 0.1, 1.0), (-0.1, 0.1, -1.0), (0.1, -0.1, 1.0)]
+            {
+                let errors =
+                    SensorErrors { gyro_scale_error, gyro_cross_axis, gyro_offset_deg_s, ..SensorErrors::default() };
+                assert_eq!(detection_changes_s(errors, seed), []);
             }
             for direction in [[0.0, 1.0, 0.0], [1.0, -1.0, 1.0], [-1.0, -1.0, 1.0]] {
-                let growth_deg_s2 = direction.map(|axis| axis * 4.0 / 60.0);
-                assert_eq!(
-                    detection_changes_s(SensorErrors { offset_growth_deg_s2: growth_deg_s2, ..NO_ERRORS }, seed),
-                    [],
-                    "{direction:?}"
-                );
+                let offset_growth_deg_s2 = direction.map(|axis| axis * 4.0 / 60.0);
+                let errors = SensorErrors { offset_growth_deg_s2, ..SensorErrors::default() };
+                assert_eq!(detection_changes_s(errors, seed), [], "{direction:?}");
             }
-            for rates in [57.3, 1.0 / 57.3, -1.0] {
-                assert_eq!(detection_changes_s(SensorErrors { rate_factor: rates, ..NO_ERRORS }, seed), [], "{rates}");
+            for rate_factor in [57.3, 1.0 / 57.3, -1.0] {
+                let errors = SensorErrors { rate_factor: Some(rate_factor), ..SensorErrors::default() };
+                assert_eq!(detection_changes_s(errors, seed), [], "{rate_factor}");
             }
-            assert_eq!(
-                detection_changes_s(SensorErrors { stale_from_s: Some(25.0), is_field_stale: true, ..NO_ERRORS }, seed),
-                []
-            );
+            let still_field =
+                SensorErrors { stale_s: Some([25.0, f32::INFINITY]), is_field_stale: true, ..SensorErrors::default() };
+            assert_eq!(detection_changes_s(still_field, seed), []);
         }
     }
 
@@ -358,16 +317,8 @@ mod tests {
     fn infinite_rates_are_discarded() {
         let mut detector = StaleAttitudeDetector::new();
         detector.update_field(Field::from_ut(20.0, 0.0, 43.0));
-        for (i, rate_rad_s) in [f32::INFINITY, 0.1, 0.1].into_iter().enumerate() {
-            let (sender, sender_clock_at_sending) = (SenderId::default(), WrappingMillis::default());
-            let attitude = Attitude::default();
-            let report = AttitudeReport {
-                sender,
-                sender_clock_at_sending,
-                attitude,
-                body_rates: BodyRates::from_rad_s([rate_rad_s, 0.0, 0.0]),
-            };
-            detector.process_report(Timestamp::from_us(i as u64 * 20_000), &report);
+        for (i, rate_rad_s) in [(0_u8, f32::INFINITY), (1, 0.1), (2, 0.1)] {
+            detector.process_report(report_time(i), &report(Attitude::default(), [rate_rad_s, 0.0, 0.0]));
         }
         // The infinite rate of the first report also enters the mean of the second step.
         assert!(detector.rotation_sum_rad.is_finite() && detector.vertical_motion.predicted.vector_length() < 0.01);

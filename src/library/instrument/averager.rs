@@ -156,13 +156,4 @@ mod tests {
         assert_eq!(later.len(), 1, "the run starts at the reading after the last gap");
         assert_eq!(later[0].time, WrappingMillis::new(143));
     }
-
-    #[test]
-    fn a_gap_of_up_to_40_ms_is_averaged_over() {
-        let with_step = |step_us: u64| {
-            averaged_samples((0..8).map(|i| i * PERIOD_US + if i > 3 { step_us - PERIOD_US } else { 0 }))
-        };
-        assert_eq!(with_step(40_000).len(), 1);
-        assert!(with_step(40_001).is_empty());
-    }
 }

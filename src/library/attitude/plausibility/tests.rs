@@ -1,131 +1,122 @@
 //! Unit tests of `plausibility`.
 
-use super::super::{BodyRates, SenderId};
+use super::super::testing::{self, report_time};
 use super::*;
-use crate::time::WrappingMillis;
 
 fn report(roll_deg: f32, pitch_deg: f32) -> AttitudeReport {
-    let attitude = Attitude::from_deg(roll_deg, pitch_deg);
-    AttitudeReport {
-        sender: SenderId::default(),
-        sender_clock_at_sending: WrappingMillis::default(),
-        attitude,
-        body_rates: None,
-    }
+    testing::report(Attitude::from_deg(roll_deg, pitch_deg), [0.0; 3])
 }
 
-/// Updates with the field of an aircraft rotated about an axis until the mean has settled.
-fn settle_rotated_field(freeze: &mut FreezeDetector, axis: Vector3<f32>, turned_deg: f32) {
-    let turn = nalgebra::Rotation3::new(axis.normalize() * turned_deg.to_radians());
-    let field = Field::new(turn * Vector3::new(20.0, 0.0, 20.0));
-    (0..200).for_each(|_| freeze.update_field(field));
-}
-
-/// Whether a source is frozen after a first step and `report_count` equal reports, while the aircraft rotates about
-/// `axis` by `turned_deg` after 0.4 s.
-fn is_frozen_in_rotation(
-    axis: Vector3<f32>,
+/// Source that repeats its attitude after a first step, while the aircraft rotates after 0.4 s.
+#[derive(Clone, Copy, Debug)]
+struct RepeatingSource {
+    attitude_deg: [f32; 2],
     first_step_deg: f32,
     report_count: u32,
     interval_us: u64,
-    turned_deg: f32,
-) -> bool {
-    is_frozen_at_attitude([0.0, 0.0], axis, first_step_deg, report_count, interval_us, turned_deg)
+    rotation_axis: Vector3<f32>,
+    rotation_deg: f32,
 }
 
-/// As `is_frozen_in_rotation`, at this roll and pitch, degrees.
-fn is_frozen_at_attitude(
-    [roll_deg, pitch_deg]: [f32; 2],
-    axis: Vector3<f32>,
-    first_step_deg: f32,
-    report_count: u32,
-    interval_us: u64,
-    turned_deg: f32,
-) -> bool {
-    let mut freeze = FreezeDetector::new();
-    settle_rotated_field(&mut freeze, axis, 0.0);
-    freeze.process_report(Timestamp::from_us(0), &report(roll_deg, pitch_deg));
-    for i in 1..=report_count {
-        let at_us = interval_us * u64::from(i);
-        let turned = at_us > 400_000 + 2 * interval_us;
-        settle_rotated_field(&mut freeze, axis, if turned { turned_deg } else { 0.0 });
-        freeze.process_report(Timestamp::from_us(at_us), &report(roll_deg + first_step_deg, pitch_deg));
+/// A source with steps of 0.1 deg, for 0.6 s. Its rotation changes the test field's inclination by its angle.
+const COARSE_SOURCE: RepeatingSource = RepeatingSource {
+    attitude_deg: [0.0; 2],
+    first_step_deg: 0.1,
+    report_count: 30,
+    interval_us: 20_000,
+    rotation_axis: Vector3::new(0.0, 1.0, 0.0),
+    rotation_deg: 0.0,
+};
+
+impl RepeatingSource {
+    fn is_frozen(&self) -> bool {
+        let [roll_deg, pitch_deg] = self.attitude_deg;
+        let mut freeze = FreezeDetector::new();
+        // The mean of the field settles at each of its directions.
+        let settle_field = |freeze: &mut FreezeDetector, rotation_deg: f32| {
+            let turn = nalgebra::Rotation3::new(self.rotation_axis.normalize() * rotation_deg.to_radians());
+            (0..200).for_each(|_| freeze.update_field(Field::new(turn * Vector3::new(20.0, 0.0, 20.0))));
+        };
+        settle_field(&mut freeze, 0.0);
+        freeze.process_report(Timestamp::from_us(0), &report(roll_deg, pitch_deg));
+        for i in 1..=self.report_count {
+            let at_us = self.interval_us * u64::from(i);
+            let has_rotated = at_us > 400_000 + 2 * self.interval_us;
+            settle_field(&mut freeze, if has_rotated { self.rotation_deg } else { 0.0 });
+            freeze.process_report(Timestamp::from_us(at_us), &report(roll_deg + self.first_step_deg, pitch_deg));
+        }
+        freeze.frozen_at().is_some()
     }
-    freeze.frozen_at().is_some()
 }
 
-/// As `is_frozen_in_rotation`, for the y axis: the rotation changes the test field's inclination by its angle.
-fn is_frozen_while_pitching(first_step_deg: f32, report_count: u32, interval_us: u64, turned_deg: f32) -> bool {
-    is_frozen_in_rotation(Vector3::y(), first_step_deg, report_count, interval_us, turned_deg)
-}
-
-/// Limits of a fine source: changes of 0.05 deg, five equal reports, 80 ms.
+/// A fine source, with steps below 0.05 deg, is frozen after five equal reports within 80 ms; a coarse one after five
+/// within 0.5 s, if the field rotates meanwhile by 1.75 deg.
 #[test]
-fn fine_resolution_is_frozen_after_five_reports() {
-    for step_deg in [0.04, -0.04] {
-        assert!(
-            is_frozen_while_pitching(step_deg, 5, 20_000, 0.0) && !is_frozen_while_pitching(step_deg, 4, 30_000, 0.0),
-            "{step_deg}"
-        );
+fn a_source_that_repeats_its_attitude_is_frozen() {
+    for (first_step_deg, report_count, interval_us, rotation_deg, expected) in [
+        (0.04, 5, 20_000, 0.0, true),
+        (-0.04, 5, 20_000, 0.0, true),
+        (0.04, 4, 30_000, 0.0, false),
+        // A source may send faster than it estimates.
+        (0.04, 7, 10_000, 0.0, false),
+        (0.04, 10, 10_000, 0.0, true),
+        (0.08, 100, 20_000, 0.0, false),
+        (-0.08, 100, 20_000, 0.0, false),
+        (0.1, 30, 20_000, 2.0, true),
+        (0.1, 30, 20_000, -2.0, true),
+        (0.1, 30, 20_000, 1.5, false),
+        (0.1, 30, 20_000, -1.5, false),
+        (0.1, 24, 20_000, 20.0, false),
+        (0.1, 4, 250_000, 20.0, false),
+        (0.1, 5, 250_000, 20.0, true),
+    ] {
+        let source = RepeatingSource { first_step_deg, report_count, interval_us, rotation_deg, ..COARSE_SOURCE };
+        assert_eq!(source.is_frozen(), expected, "{source:?}");
     }
-    assert!(!is_frozen_while_pitching(0.06, 100, 20_000, 0.0) && !is_frozen_while_pitching(-0.06, 100, 20_000, 0.0));
-    // At 100 Hz, 80 ms are nine reports.
-    assert!(!is_frozen_while_pitching(0.04, 8, 10_000, 0.0) && is_frozen_while_pitching(0.04, 9, 10_000, 0.0));
 }
 
 #[test]
 fn a_fine_step_of_pitch_counts() {
     for pitch_deg in [0.04, -0.04] {
         let mut freeze = FreezeDetector::new();
-        freeze.process_report(Timestamp::from_us(0), &report(0.0, 0.0));
-        (1..=5).for_each(|i| freeze.process_report(Timestamp::from_us(i * 20_000), &report(0.0, pitch_deg)));
+        freeze.process_report(report_time(0_u8), &report(0.0, 0.0));
+        (1..=5_u8).for_each(|i| freeze.process_report(report_time(i), &report(0.0, pitch_deg)));
         assert!(freeze.frozen_at().is_some());
         // A change of either angle ends the freeze.
-        freeze.process_report(Timestamp::from_us(120_000), &report(0.01, pitch_deg));
+        freeze.process_report(report_time(6_u8), &report(0.01, pitch_deg));
         assert!(freeze.frozen_at().is_none());
     }
 }
 
-/// Limits of a coarse source: 1.75 deg of field rotation, 0.5 s, five equal reports.
-#[test]
-fn coarse_resolution_is_frozen_when_the_field_rotated() {
-    for sign in [1.0, -1.0] {
-        assert!(
-            is_frozen_while_pitching(0.1, 30, 20_000, sign * 1.85)
-                && !is_frozen_while_pitching(0.1, 30, 20_000, sign * 1.65)
-        );
-    }
-    // 26 reports at 50 Hz are 0.5 s.
-    assert!(is_frozen_while_pitching(0.1, 26, 20_000, 20.0) && !is_frozen_while_pitching(0.1, 25, 20_000, 20.0));
-    // Four reports at 4 Hz are too few, though long enough.
-    assert!(!is_frozen_while_pitching(0.1, 4, 250_000, 20.0) && is_frozen_while_pitching(0.1, 5, 250_000, 20.0));
-}
-
-/// About an axis 10 deg from the vertical, 8.5 deg of rotation change the inclination by 1.4 deg, 4.5 deg by 0.7
-/// deg.
+/// About an axis 10 deg from the vertical, 10 deg of rotation change the inclination by 1.7 deg, 4 deg by 0.7 deg.
 #[test]
 fn a_level_turn_about_the_vertical_is_not_frozen() {
-    for turned_deg in [5.0, 90.0, -170.0] {
-        assert!(!is_frozen_in_rotation(Vector3::z(), 0.1, 30, 20_000, turned_deg), "{turned_deg}");
-    }
     let tilted = Vector3::new(0.0, 10_f32.to_radians().sin(), 10_f32.to_radians().cos());
-    assert!(
-        is_frozen_in_rotation(tilted, 0.1, 30, 20_000, 8.5) && !is_frozen_in_rotation(tilted, 0.1, 30, 20_000, 4.5)
-    );
-    assert!(
-        is_frozen_in_rotation(tilted, 0.1, 30, 20_000, -8.5) && !is_frozen_in_rotation(tilted, 0.1, 30, 20_000, -4.5)
-    );
+    for (rotation_axis, rotation_deg, expected) in [
+        (Vector3::z(), 5.0, false),
+        (Vector3::z(), 90.0, false),
+        (Vector3::z(), -170.0, false),
+        (tilted, 10.0, true),
+        (tilted, -10.0, true),
+        (tilted, 4.0, false),
+        (tilted, -4.0, false),
+    ] {
+        let source = RepeatingSource { rotation_axis, rotation_deg, ..COARSE_SOURCE };
+        assert_eq!(source.is_frozen(), expected, "{source:?}");
+    }
 }
 
-/// A banked vehicle that turns flies, and its attitude varies. The axis of rotation is the vertical.
+/// A vehicle banked by 10 deg or more that turns flies, and its attitude varies. The axis of rotation is the vertical.
 #[test]
 fn a_banked_turn_about_the_vertical_is_frozen() {
-    for (attitude_deg, frozen) in
-        [([9.5, 0.0], false), ([10.5, 0.0], true), ([-10.5, 0.0], true), ([0.0, 9.5], false), ([0.0, -10.5], true)]
+    for (attitude_deg, expected) in
+        [([8.0, 0.0], false), ([12.0, 0.0], true), ([-12.0, 0.0], true), ([0.0, 8.0], false), ([0.0, -12.0], true)]
     {
-        let down = Attitude::from_deg(attitude_deg[0] + 0.1, attitude_deg[1]).tilt_rotation().down_in_body();
-        assert_eq!(is_frozen_at_attitude(attitude_deg, down, 0.1, 30, 20_000, 20.0), frozen, "{attitude_deg:?}");
-        assert!(!is_frozen_at_attitude(attitude_deg, down, 0.1, 30, 20_000, 2.0), "{attitude_deg:?}");
+        let rotation_axis = Attitude::from_deg(attitude_deg[0] + 0.1, attitude_deg[1]).tilt_rotation().down_in_body();
+        for (rotation_deg, expected) in [(20.0, expected), (2.0, false)] {
+            let source = RepeatingSource { attitude_deg, rotation_axis, rotation_deg, ..COARSE_SOURCE };
+            assert_eq!(source.is_frozen(), expected, "{source:?}");
+        }
     }
 }
 
@@ -133,9 +124,8 @@ fn a_banked_turn_about_the_vertical_is_frozen() {
 fn frozen_after_each_report(rates_rad_s: impl IntoIterator<Item = f32>) -> Vec<bool> {
     let mut freeze = FreezeDetector::new();
     let mut process = |(i, rate_rad_s): (u64, f32)| {
-        let repeated =
-            AttitudeReport { body_rates: BodyRates::from_rad_s([0.0, 0.0, rate_rad_s]), ..report(25.0, 0.0) };
-        freeze.process_report(Timestamp::from_us(i * 20_000), &repeated);
+        let repeated = testing::report(Attitude::from_deg(25.0, 0.0), [0.0, 0.0, rate_rad_s]);
+        freeze.process_report(report_time(i), &repeated);
         freeze.frozen_at().is_some()
     };
     (0..).zip(rates_rad_s).map(&mut process).collect()
@@ -161,10 +151,10 @@ fn field_rotation_before_settling_is_ignored() {
     let banked = Attitude::from_deg(25.0, 0.0);
     let in_bank = banked.to_body_frame(Field::new(level.ut));
     (0..200).for_each(|_| freeze.update_field(in_bank));
-    freeze.process_report(Timestamp::from_us(0), &report(25.0, 0.0));
+    freeze.process_report(report_time(0_u8), &report(25.0, 0.0));
     // The mean field direction lags behind the roll-out and still contains the bank.
-    for i in 1..100 {
-        freeze.process_report(Timestamp::from_us(i * 20_000), &report(0.1, 0.0));
+    for i in 1..100_u8 {
+        freeze.process_report(report_time(i), &report(0.1, 0.0));
         (0..2).for_each(|_| freeze.update_field(Field::new(level.ut)));
         assert!(freeze.frozen_at().is_none(), "{i}");
     }

@@ -31,15 +31,15 @@ impl TestSenders {
         Timestamp::from_us(self.now_ms * 1000)
     }
 
-    fn send_heartbeat(&mut self, source: SenderId, content: HeartbeatContent) {
+    fn send_heartbeat(&mut self, sender: SenderId, content: HeartbeatContent) {
         let now = self.now();
-        let heartbeat = Heartbeat { sender: source, is_autopilot: content != NotAutopilot, is_armed: content == Armed };
+        let heartbeat = Heartbeat { sender, is_autopilot: content != NotAutopilot, is_armed: content == Armed };
         self.sender_selector.update_heartbeat(now, heartbeat);
     }
 
-    fn send_attitude(&mut self, source: SenderId) -> bool {
+    fn send_attitude(&mut self, sender: SenderId) -> bool {
         let now = self.now();
-        self.sender_selector.accept_attitude(now, source)
+        self.sender_selector.accept_attitude(now, sender)
     }
 
     fn is_armed(&self) -> bool {
@@ -50,11 +50,11 @@ impl TestSenders {
     fn run_seconds<const N: usize>(&mut self, seconds: u64, senders: [(SenderId, HeartbeatContent); N]) -> [u64; N] {
         let mut accepted = [0; N];
         for tick in 0..seconds * 20 {
-            for (&(source, content), accepted) in senders.iter().zip(&mut accepted) {
+            for (&(sender, content), accepted) in senders.iter().zip(&mut accepted) {
                 if tick % 20 == 0 && content != Missing {
-                    self.send_heartbeat(source, content);
+                    self.send_heartbeat(sender, content);
                 }
-                *accepted += u64::from(self.send_attitude(source));
+                *accepted += u64::from(self.send_attitude(sender));
             }
             self.now_ms += 50;
         }
@@ -63,177 +63,181 @@ impl TestSenders {
 }
 
 #[test]
-fn only_the_autopilot_is_accepted() {
-    let mut bench = TestSenders::new();
-    let sources = [(GIMBAL, NotAutopilot), (AUTOPILOT, Disarmed), (SenderId::new(7), Missing)];
-    assert_eq!(bench.run_seconds(30, sources), [0, 600, 0]);
-}
-
-#[test]
-fn without_heartbeats_the_first_sender_is_accepted() {
-    let mut bench = TestSenders::new();
-    assert_eq!(bench.run_seconds(30, [(GIMBAL, Missing), (AUTOPILOT, Missing)]), [600, 0]);
+fn one_sender_is_selected_and_kept() {
+    for (case, senders, accepted) in [
+        (
+            "the autopilot alone",
+            [(GIMBAL, NotAutopilot), (AUTOPILOT, Disarmed), (SenderId::new(7), Missing)],
+            [0, 600, 0],
+        ),
+        (
+            "the first without heartbeats",
+            [(GIMBAL, Missing), (AUTOPILOT, Missing), (SenderId::new(7), Missing)],
+            [600, 0, 0],
+        ),
+        (
+            "the first of two autopilots",
+            [(GIMBAL, NotAutopilot), (SECOND_AUTOPILOT, Disarmed), (AUTOPILOT, Disarmed)],
+            [0, 600, 0],
+        ),
+    ] {
+        assert_eq!(TestSenders::new().run_seconds(30, senders), accepted, "{case}");
+    }
 }
 
 /// Heartbeats of cameras, radios and ground stations.
 #[test]
 fn heartbeats_of_others_change_nothing() {
-    let mut bench = TestSenders::new();
-    assert_eq!(bench.run_seconds(3, [(GIMBAL, NotAutopilot)]), [0]);
-    assert_eq!(bench.run_seconds(3, [(AUTOPILOT, Missing), (GIMBAL, NotAutopilot)]), [60, 0]);
+    let mut senders = TestSenders::new();
+    assert_eq!(senders.run_seconds(3, [(GIMBAL, NotAutopilot)]), [0]);
+    assert_eq!(senders.run_seconds(3, [(AUTOPILOT, Missing), (GIMBAL, NotAutopilot)]), [60, 0]);
 }
 
 #[test]
 fn a_first_sender_is_dropped_at_an_autopilot_s_first_heartbeat() {
-    let mut bench = TestSenders::new();
-    assert!(bench.send_attitude(GIMBAL));
-    bench.send_heartbeat(AUTOPILOT, Disarmed);
-    assert!(!bench.send_attitude(GIMBAL), "before the autopilot sends attitude");
-    assert!(bench.send_attitude(AUTOPILOT));
-    assert!(!bench.send_attitude(GIMBAL));
+    let mut senders = TestSenders::new();
+    assert!(senders.send_attitude(GIMBAL));
+    senders.send_heartbeat(AUTOPILOT, Disarmed);
+    assert!(!senders.send_attitude(GIMBAL), "before the autopilot sends attitude");
+    assert!(senders.send_attitude(AUTOPILOT));
+    assert!(!senders.send_attitude(GIMBAL));
 }
 
 #[test]
 fn the_first_sender_is_kept_only_if_it_is_an_autopilot() {
     for (content, stays) in [(Disarmed, true), (NotAutopilot, false)] {
-        let mut bench = TestSenders::new();
-        assert!(bench.send_attitude(AUTOPILOT));
-        bench.send_heartbeat(AUTOPILOT, content);
-        assert_eq!(bench.send_attitude(AUTOPILOT), stays);
+        let mut senders = TestSenders::new();
+        assert!(senders.send_attitude(AUTOPILOT));
+        senders.send_heartbeat(AUTOPILOT, content);
+        assert_eq!(senders.send_attitude(AUTOPILOT), stays);
         // An identified autopilot remains selected when another is detected.
-        bench.send_heartbeat(SECOND_AUTOPILOT, Disarmed);
-        assert_eq!((bench.send_attitude(SECOND_AUTOPILOT), bench.send_attitude(AUTOPILOT)), (!stays, stays));
+        senders.send_heartbeat(SECOND_AUTOPILOT, Disarmed);
+        assert_eq!((senders.send_attitude(SECOND_AUTOPILOT), senders.send_attitude(AUTOPILOT)), (!stays, stays));
     }
-}
-
-#[test]
-fn of_two_autopilots_the_first_selected_is_kept() {
-    let mut bench = TestSenders::new();
-    assert_eq!(bench.run_seconds(30, [(SECOND_AUTOPILOT, Disarmed), (AUTOPILOT, Disarmed)]), [600, 0]);
 }
 
 #[test]
 fn a_silent_sender_is_released_after_ten_seconds() {
-    let mut bench = TestSenders::new();
-    for source in [AUTOPILOT, SECOND_AUTOPILOT] {
-        bench.send_heartbeat(source, Disarmed);
+    let mut senders = TestSenders::new();
+    for sender in [AUTOPILOT, SECOND_AUTOPILOT] {
+        senders.send_heartbeat(sender, Disarmed);
     }
-    assert!(bench.send_attitude(AUTOPILOT));
-    bench.now_ms += 9_000;
-    bench.send_heartbeat(SECOND_AUTOPILOT, Disarmed);
-    bench.now_ms += 1_000;
-    assert!(!bench.send_attitude(SECOND_AUTOPILOT));
-    bench.now_ms += 1;
-    assert!(bench.send_attitude(SECOND_AUTOPILOT));
-    assert!(bench.send_attitude(AUTOPILOT), "the module's own autopilot has returned");
-    assert!(!bench.send_attitude(SECOND_AUTOPILOT));
+    assert!(senders.send_attitude(AUTOPILOT));
+    senders.now_ms += 9_000;
+    senders.send_heartbeat(SECOND_AUTOPILOT, Disarmed);
+    senders.now_ms += 1_000;
+    assert!(!senders.send_attitude(SECOND_AUTOPILOT));
+    senders.now_ms += 1;
+    assert!(senders.send_attitude(SECOND_AUTOPILOT));
+    assert!(senders.send_attitude(AUTOPILOT), "the module's own autopilot has returned");
+    assert!(!senders.send_attitude(SECOND_AUTOPILOT));
 }
 
 #[test]
 fn a_sender_of_heartbeats_alone_does_not_block_an_autopilot() {
-    let mut bench = TestSenders::new();
+    let mut senders = TestSenders::new();
     for _ in 0..20 {
-        bench.send_heartbeat(SECOND_AUTOPILOT, Disarmed);
-        assert_eq!(bench.run_seconds(1, [(AUTOPILOT, Disarmed)]), [20]);
+        senders.send_heartbeat(SECOND_AUTOPILOT, Disarmed);
+        assert_eq!(senders.run_seconds(1, [(AUTOPILOT, Disarmed)]), [20]);
     }
 }
 
 #[test]
 fn an_autopilot_s_heartbeat_expires_after_ten_seconds() {
-    let mut bench = TestSenders::new();
-    bench.send_heartbeat(AUTOPILOT, Disarmed);
-    bench.now_ms += 10_000;
-    assert!(!bench.send_attitude(GIMBAL));
-    bench.now_ms += 1;
-    assert!(bench.send_attitude(GIMBAL));
+    let mut senders = TestSenders::new();
+    senders.send_heartbeat(AUTOPILOT, Disarmed);
+    senders.now_ms += 10_000;
+    assert!(!senders.send_attitude(GIMBAL));
+    senders.now_ms += 1;
+    assert!(senders.send_attitude(GIMBAL));
 }
 
 #[test]
 fn the_selected_sender_needs_no_further_heartbeats() {
-    let mut bench = TestSenders::new();
-    bench.send_heartbeat(AUTOPILOT, Disarmed);
-    assert_eq!(bench.run_seconds(30, [(AUTOPILOT, Missing), (SECOND_AUTOPILOT, Disarmed)]), [600, 0]);
+    let mut senders = TestSenders::new();
+    senders.send_heartbeat(AUTOPILOT, Disarmed);
+    assert_eq!(senders.run_seconds(30, [(AUTOPILOT, Missing), (SECOND_AUTOPILOT, Disarmed)]), [600, 0]);
 }
 
 /// Before attitude: the first autopilot, until its heartbeat expires. Afterwards: the selected one, until another
 /// is selected.
 #[test]
 fn the_selected_autopilot_is_queried() {
-    let mut bench = TestSenders::new();
-    let queried = |bench: &TestSenders| bench.sender_selector.autopilot_to_query(bench.now());
-    bench.send_heartbeat(GIMBAL, NotAutopilot);
-    assert_eq!(queried(&bench), None);
-    bench.send_heartbeat(AUTOPILOT, Disarmed);
-    bench.send_heartbeat(SECOND_AUTOPILOT, Disarmed);
-    assert_eq!(queried(&bench), Some(AUTOPILOT));
-    bench.now_ms += 10_000;
-    assert_eq!(queried(&bench), Some(AUTOPILOT));
-    bench.now_ms += 1;
-    assert_eq!(queried(&bench), None);
-    for source in [AUTOPILOT, SECOND_AUTOPILOT] {
-        bench.send_heartbeat(source, Disarmed);
+    let mut senders = TestSenders::new();
+    let queried = |senders: &TestSenders| senders.sender_selector.autopilot_to_query(senders.now());
+    senders.send_heartbeat(GIMBAL, NotAutopilot);
+    assert_eq!(queried(&senders), None);
+    senders.send_heartbeat(AUTOPILOT, Disarmed);
+    senders.send_heartbeat(SECOND_AUTOPILOT, Disarmed);
+    assert_eq!(queried(&senders), Some(AUTOPILOT));
+    senders.now_ms += 10_000;
+    assert_eq!(queried(&senders), Some(AUTOPILOT));
+    senders.now_ms += 1;
+    assert_eq!(queried(&senders), None);
+    for sender in [AUTOPILOT, SECOND_AUTOPILOT] {
+        senders.send_heartbeat(sender, Disarmed);
     }
-    assert!(bench.send_attitude(SECOND_AUTOPILOT));
-    assert_eq!(queried(&bench), Some(SECOND_AUTOPILOT));
-    bench.now_ms += 60_000;
-    assert_eq!(queried(&bench), Some(SECOND_AUTOPILOT), "it keeps its place");
-    bench.send_heartbeat(AUTOPILOT, Disarmed);
-    assert!(bench.send_attitude(AUTOPILOT));
-    assert_eq!(queried(&bench), Some(AUTOPILOT));
+    assert!(senders.send_attitude(SECOND_AUTOPILOT));
+    assert_eq!(queried(&senders), Some(SECOND_AUTOPILOT));
+    senders.now_ms += 60_000;
+    assert_eq!(queried(&senders), Some(SECOND_AUTOPILOT), "it stays selected");
+    senders.send_heartbeat(AUTOPILOT, Disarmed);
+    assert!(senders.send_attitude(AUTOPILOT));
+    assert_eq!(queried(&senders), Some(AUTOPILOT));
     // A first sender without heartbeats is not queried.
-    let mut bench = TestSenders::new();
-    assert!(bench.send_attitude(GIMBAL));
-    assert_eq!(queried(&bench), None);
+    let mut senders = TestSenders::new();
+    assert!(senders.send_attitude(GIMBAL));
+    assert_eq!(queried(&senders), None);
 }
 
 #[test]
 fn armed_is_the_last_state_of_the_selected_autopilot() {
-    let mut bench = TestSenders::new();
-    bench.send_heartbeat(AUTOPILOT, Armed);
-    assert!(!bench.is_armed(), "nobody is chosen yet");
-    assert!(bench.send_attitude(AUTOPILOT) && bench.is_armed());
-    bench.send_heartbeat(SECOND_AUTOPILOT, Disarmed);
-    bench.send_heartbeat(GIMBAL, NotAutopilot);
-    assert!(bench.is_armed());
-    bench.send_heartbeat(AUTOPILOT, Disarmed);
-    bench.send_heartbeat(SECOND_AUTOPILOT, Armed);
-    assert!(!bench.is_armed());
-    let mut bench = TestSenders::new();
-    assert!(bench.send_attitude(AUTOPILOT) && !bench.is_armed());
+    let mut senders = TestSenders::new();
+    senders.send_heartbeat(AUTOPILOT, Armed);
+    assert!(!senders.is_armed(), "no sender is selected yet");
+    assert!(senders.send_attitude(AUTOPILOT) && senders.is_armed());
+    senders.send_heartbeat(SECOND_AUTOPILOT, Disarmed);
+    senders.send_heartbeat(GIMBAL, NotAutopilot);
+    assert!(senders.is_armed());
+    senders.send_heartbeat(AUTOPILOT, Disarmed);
+    senders.send_heartbeat(SECOND_AUTOPILOT, Armed);
+    assert!(!senders.is_armed());
+    let mut senders = TestSenders::new();
+    assert!(senders.send_attitude(AUTOPILOT) && !senders.is_armed());
 }
 
 /// Neither continuing attitude nor its loss changes the expiry.
 #[test]
 fn armed_state_expires_after_ten_seconds_without_a_heartbeat() {
     for attitude_ends_ms in [0, 20_000] {
-        let mut bench = TestSenders::new();
-        bench.send_heartbeat(AUTOPILOT, Armed);
+        let mut senders = TestSenders::new();
+        senders.send_heartbeat(AUTOPILOT, Armed);
         for ms in (0..=10_000).step_by(100) {
-            assert!(ms > attitude_ends_ms || bench.send_attitude(AUTOPILOT));
-            assert!(bench.is_armed(), "{ms}");
-            bench.now_ms += 100;
+            assert!(ms > attitude_ends_ms || senders.send_attitude(AUTOPILOT));
+            assert!(senders.is_armed(), "{ms}");
+            senders.now_ms += 100;
         }
-        bench.now_ms -= 99;
-        assert!(!bench.is_armed());
+        senders.now_ms -= 99;
+        assert!(!senders.is_armed());
     }
 }
 
 /// 20 forged autopilot heartbeats between any two frames of the real autopilot, before and after its selection.
 #[test]
 fn a_flood_of_heartbeats_does_not_displace_the_autopilot() {
-    let mut bench = TestSenders::new();
+    let mut senders = TestSenders::new();
     let mut accepted = 0;
     for tick in 0..600_u16 {
         for forged in 0..20 {
-            bench.send_heartbeat(SenderId::new(0x4000 + (tick % 50) * 20 + forged), Disarmed);
+            senders.send_heartbeat(SenderId::new(0x4000 + (tick % 50) * 20 + forged), Disarmed);
         }
         // The autopilot's first heartbeat follows a second of attitude.
         if tick % 20 == 19 {
-            bench.send_heartbeat(AUTOPILOT, Armed);
+            senders.send_heartbeat(AUTOPILOT, Armed);
         }
-        accepted += u16::from(bench.send_attitude(AUTOPILOT));
-        assert_eq!(bench.is_armed(), tick >= 19);
-        bench.now_ms += 50;
+        accepted += u16::from(senders.send_attitude(AUTOPILOT));
+        assert_eq!(senders.is_armed(), tick >= 19);
+        senders.now_ms += 50;
     }
     assert_eq!(accepted, 600 - 19);
 }
@@ -241,33 +245,33 @@ fn a_flood_of_heartbeats_does_not_displace_the_autopilot() {
 /// The selected sender was received first and longest ago.
 #[test]
 fn the_selected_sender_is_never_evicted() {
-    let mut bench = TestSenders::new();
-    bench.send_heartbeat(AUTOPILOT, Armed);
-    assert!(bench.send_attitude(AUTOPILOT));
+    let mut senders = TestSenders::new();
+    senders.send_heartbeat(AUTOPILOT, Armed);
+    assert!(senders.send_attitude(AUTOPILOT));
     for other in 0..20 {
-        bench.now_ms += 100;
-        bench.send_heartbeat(SenderId::new(other), Disarmed);
-        assert!(!bench.send_attitude(SenderId::new(other)));
+        senders.now_ms += 100;
+        senders.send_heartbeat(SenderId::new(other), Disarmed);
+        assert!(!senders.send_attitude(SenderId::new(other)));
     }
-    assert!(bench.is_armed() && bench.send_attitude(AUTOPILOT));
-    assert_eq!(bench.sender_selector.entries.len(), MAX_SENDERS);
+    assert!(senders.is_armed() && senders.send_attitude(AUTOPILOT));
+    assert_eq!(senders.sender_selector.entries.len(), MAX_SENDERS);
 }
 
 #[test]
 fn the_oldest_sender_is_evicted() {
-    let mut bench = TestSenders::new();
+    let mut senders = TestSenders::new();
     for other in 0..7 {
-        bench.send_heartbeat(SenderId::new(other), NotAutopilot);
-        bench.now_ms += 1;
+        senders.send_heartbeat(SenderId::new(other), NotAutopilot);
+        senders.now_ms += 1;
     }
-    bench.send_heartbeat(GIMBAL, NotAutopilot);
+    senders.send_heartbeat(GIMBAL, NotAutopilot);
     for other in 0..7 {
-        bench.now_ms += 1;
-        bench.send_heartbeat(SenderId::new(100 + other), NotAutopilot);
+        senders.now_ms += 1;
+        senders.send_heartbeat(SenderId::new(100 + other), NotAutopilot);
     }
-    assert!(!bench.send_attitude(GIMBAL));
+    assert!(!senders.send_attitude(GIMBAL));
     for other in 0..7 {
-        assert!(bench.sender_selector.last_heartbeat(bench.now(), SenderId::new(other)).is_none(), "{other}");
+        assert!(senders.sender_selector.last_heartbeat(senders.now(), SenderId::new(other)).is_none(), "{other}");
     }
 }
 
@@ -281,11 +285,11 @@ fn while_armed_only_the_same_vehicle_replaces_a_silent_autopilot() {
         (Disarmed, SECOND_AUTOPILOT, true),
         (Disarmed, same_vehicle, true),
     ] {
-        let mut bench = TestSenders::new();
-        assert_eq!(bench.run_seconds(1, [(AUTOPILOT, content), (other, Disarmed)]), [20, 0]);
-        let accepted = bench.run_seconds(60, [(other, Armed)]);
+        let mut senders = TestSenders::new();
+        assert_eq!(senders.run_seconds(1, [(AUTOPILOT, content), (other, Disarmed)]), [20, 0]);
+        let accepted = senders.run_seconds(60, [(other, Armed)]);
         assert_eq!(accepted[0] > 0, replaces, "{other:?}");
-        assert_eq!(bench.run_seconds(1, [(AUTOPILOT, content), (other, Armed)]), [20, 0]);
+        assert_eq!(senders.run_seconds(1, [(AUTOPILOT, content), (other, Armed)]), [20, 0]);
     }
 }
 
@@ -293,26 +297,26 @@ fn while_armed_only_the_same_vehicle_replaces_a_silent_autopilot() {
 #[test]
 fn a_heartbeat_without_autopilot_does_not_displace_the_autopilot() {
     for silent_ms in [0, 12_000] {
-        let mut bench = TestSenders::new();
-        bench.send_heartbeat(AUTOPILOT, Armed);
-        assert!(bench.send_attitude(AUTOPILOT));
-        bench.now_ms += silent_ms;
-        bench.send_heartbeat(AUTOPILOT, NotAutopilot);
-        bench.send_heartbeat(SECOND_AUTOPILOT, Disarmed);
-        assert!(!bench.send_attitude(SECOND_AUTOPILOT) && bench.send_attitude(AUTOPILOT));
-        assert_eq!(bench.is_armed(), silent_ms == 0);
+        let mut senders = TestSenders::new();
+        senders.send_heartbeat(AUTOPILOT, Armed);
+        assert!(senders.send_attitude(AUTOPILOT));
+        senders.now_ms += silent_ms;
+        senders.send_heartbeat(AUTOPILOT, NotAutopilot);
+        senders.send_heartbeat(SECOND_AUTOPILOT, Disarmed);
+        assert!(!senders.send_attitude(SECOND_AUTOPILOT) && senders.send_attitude(AUTOPILOT));
+        assert_eq!(senders.is_armed(), silent_ms == 0);
     }
 }
 
 /// Senders are released in turn: either may be another vehicle. Occasional agreement does not restart the minute.
 #[test]
 fn a_sender_that_contradicts_the_field_for_a_minute_is_released() {
-    let mut bench = TestSenders::new();
+    let mut senders = TestSenders::new();
     let mut accepted = [0; 2];
     for second in 0..140_u32 {
-        let now = bench.now();
-        bench.sender_selector.record_field_contradiction(now, second % 10 != 9);
-        let more = bench.run_seconds(1, [(AUTOPILOT, Armed), (SECOND_AUTOPILOT, Armed)]);
+        let now = senders.now();
+        senders.sender_selector.record_field_contradiction(now, second % 10 != 9);
+        let more = senders.run_seconds(1, [(AUTOPILOT, Armed), (SECOND_AUTOPILOT, Armed)]);
         accepted = [accepted[0] + more[0], accepted[1] + more[1]];
         match second {
             59 => assert_eq!(accepted, [1200, 0]),
@@ -322,10 +326,10 @@ fn a_sender_that_contradicts_the_field_for_a_minute_is_released() {
     }
     assert_eq!(accepted[0] + accepted[1], 2800);
     // A contradicted sender is kept if no other autopilot sends attitude.
-    let mut bench = TestSenders::new();
+    let mut senders = TestSenders::new();
     for _ in 0..140 {
-        let now = bench.now();
-        bench.sender_selector.record_field_contradiction(now, true);
-        assert_eq!(bench.run_seconds(1, [(AUTOPILOT, Armed)]), [20]);
+        let now = senders.now();
+        senders.sender_selector.record_field_contradiction(now, true);
+        assert_eq!(senders.run_seconds(1, [(AUTOPILOT, Armed)]), [20]);
     }
 }

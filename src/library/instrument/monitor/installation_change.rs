@@ -148,26 +148,17 @@ mod tests {
 
     const DETECTOR: ChangeDetector = ChangeDetector::new(MIN_HARD_IRON_CHANGE);
 
-    fn detection_after_tenths(
-        detector: &mut ChangeDetector,
-        change: f32,
-        sigma: f32,
-        is_withholding: bool,
-        tenths: usize,
-    ) -> bool {
-        (0..tenths).map(|_| detector.update_detection(change, sigma, is_withholding, 0.1)).last().unwrap()
+    /// Whether a change of this size and sigma is significant after `seconds` at 10 Hz.
+    fn is_detected(detector: &mut ChangeDetector, [size, sigma]: [f32; 2], is_withholding: bool, seconds: u16) -> bool {
+        (0..10 * seconds).fold(false, |_, _| detector.update_detection(size, sigma, is_withholding, 0.1))
     }
 
     #[test]
     fn a_large_and_certain_hard_iron_change_is_reported() {
-        for (change, sigma, expected) in
-            [(0.021, 0.004, true), (0.019, 0.001, false), (0.1, 0.019, true), (0.1, 0.021, false)]
+        for (size, sigma, expected) in
+            [(0.025, 0.004, true), (0.015, 0.001, false), (0.1, 0.015, true), (0.1, 0.025, false)]
         {
-            assert_eq!(
-                detection_after_tenths(&mut DETECTOR.clone(), change, sigma, false, 200),
-                expected,
-                "{change} {sigma}"
-            );
+            assert_eq!(is_detected(&mut DETECTOR.clone(), [size, sigma], false, 20), expected, "{size} {sigma}");
         }
     }
 
@@ -214,21 +205,26 @@ mod tests {
     /// A further change is reported above 3 sigma, and above 2 uT or 3 deg.
     #[test]
     fn a_further_change_must_be_significant() {
-        let reports_again = |first: InstallationChange, then: InstallationChange| {
-            let mut reporter = ChangeReporter::NOTHING_REPORTED;
-            reporter.report_if_changed(Timestamp::from_us(0), false, Some(first));
-            reporter.report_if_changed(Timestamp::from_us(MIN_REPORT_PERIOD_US), false, Some(then)).is_some()
-        };
         let iron = |y_ut: f32, sigma_ut: f32| {
             InstallationChange::HardIron(HardIronChange { change_ut: Vector3::new(0.0, y_ut, 0.0), sigma_ut })
         };
-        assert!(!reports_again(iron(4.0, 1.0), iron(6.9, 1.0)) && reports_again(iron(4.0, 1.0), iron(7.1, 1.0)));
         let mount = |turn_deg: f32, sigma_deg: f32| {
             InstallationChange::Mount(MountTurn { turn_rad: turn_deg * DEG, sigma_rad: sigma_deg * DEG })
         };
-        assert!(!reports_again(mount(9.0, 0.3), mount(11.9, 0.3)) && reports_again(mount(9.0, 0.3), mount(12.1, 0.3)));
-        assert!(!reports_again(mount(9.0, 2.0), mount(14.9, 2.0)) && reports_again(mount(9.0, 2.0), mount(15.1, 2.0)));
-        assert!(reports_again(mount(9.0, 0.3), iron(4.0, 0.1)));
+        for (first, then, is_reported) in [
+            (iron(4.0, 1.0), iron(6.5, 1.0), false),
+            (iron(4.0, 1.0), iron(7.5, 1.0), true),
+            (mount(9.0, 0.3), mount(11.0, 0.3), false),
+            (mount(9.0, 0.3), mount(13.0, 0.3), true),
+            (mount(9.0, 2.0), mount(14.0, 2.0), false),
+            (mount(9.0, 2.0), mount(16.0, 2.0), true),
+            (mount(9.0, 0.3), iron(4.0, 0.1), true),
+        ] {
+            let mut reporter = ChangeReporter::NOTHING_REPORTED;
+            reporter.report_if_changed(Timestamp::from_us(0), false, Some(first));
+            let report = reporter.report_if_changed(Timestamp::from_us(MIN_REPORT_PERIOD_US), false, Some(then));
+            assert_eq!(report.is_some(), is_reported, "{then:?} after {first:?}");
+        }
     }
 
     #[test]
@@ -247,21 +243,21 @@ mod tests {
         assert_eq!(reports(41, true), 4, "and the last one on the ground");
     }
 
+    /// Objects that pass by are no change; nor does a disturbance end a reported one.
     #[test]
-    fn a_hard_iron_change_is_reported_after_15_calm_seconds() {
-        let mut moved = DETECTOR;
-        assert!(!detection_after_tenths(&mut moved, 0.1, 0.01, true, 300));
-        assert!(!detection_after_tenths(&mut moved, 0.1, 0.01, false, 149));
-        assert!(detection_after_tenths(&mut moved, 0.1, 0.01, false, 2));
-    }
-
-    #[test]
-    fn a_reported_hard_iron_change_holds_until_it_vanishes() {
-        let mut moved = DETECTOR;
-        assert!(detection_after_tenths(&mut moved, 0.1, 0.01, false, 200));
-        assert!(detection_after_tenths(&mut moved, 0.1, 0.2, true, 50));
-        assert!(detection_after_tenths(&mut moved, 0.016, 0.01, false, 1));
-        assert!(!detection_after_tenths(&mut moved, 0.014, 0.01, false, 1));
-        assert!(!detection_after_tenths(&mut moved, 0.016, 0.001, false, 200));
+    fn a_change_is_reported_after_15_undisturbed_seconds_and_until_it_vanishes() {
+        let mut detector = DETECTOR;
+        // Size and sigma of the change, disturbed field, seconds; whether it is significant then.
+        for (change, is_withholding, seconds, expected) in [
+            ([0.1, 0.01], true, 30, false),
+            ([0.1, 0.01], false, 14, false),
+            ([0.1, 0.01], false, 2, true),
+            ([0.1, 0.2], true, 5, true),
+            ([0.018, 0.01], false, 1, true),
+            ([0.012, 0.01], false, 1, false),
+            ([0.018, 0.001], false, 20, false),
+        ] {
+            assert_eq!(is_detected(&mut detector, change, is_withholding, seconds), expected, "{change:?} {seconds} s");
+        }
     }
 }

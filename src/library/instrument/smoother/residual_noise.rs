@@ -78,46 +78,32 @@ mod tests {
         assert!(mean_remaining_fraction(30.0) > 0.5, "{}", mean_remaining_fraction(30.0));
     }
 
-    /// The fraction is limited to 1; half a sigma gives `1.5 * 0.25`.
-    #[test]
-    fn the_remaining_fraction_is_at_most_one() {
-        for (innovation, expected) in [(1.0, 1.0), (2.0, 1.0), (-1.0, 1.0), (0.5, 0.375)] {
-            let mut residual_noise = ResidualNoise::INITIAL;
-            assert!((residual_noise.remaining_fraction() - 0.225).abs() < 1e-6);
-            for _ in 0..(1200.0 / STEP_S) as usize {
+    /// Fraction after constant innovations in sigmas, each for some seconds.
+    fn fraction_after(innovations: &[(f32, f32)]) -> f32 {
+        let mut residual_noise = ResidualNoise::INITIAL;
+        for &(innovation, seconds) in innovations {
+            residual_noise.restart_mean();
+            for _ in 0..(seconds / STEP_S) as usize {
                 residual_noise.update_noise(innovation, 1.0, STEP_S);
             }
-            assert!(
-                (residual_noise.remaining_fraction() - expected).abs() < 0.01,
-                "{innovation}: {}",
-                residual_noise.remaining_fraction()
-            );
         }
+        residual_noise.remaining_fraction()
     }
 
+    /// 1.5 times the square of the mean innovation, at most 1. It is averaged over the time so far, at most two
+    /// minutes.
     #[test]
-    fn the_remaining_fraction_adapts_fast_at_first_and_slowly_later() {
-        let mut residual_noise = ResidualNoise::INITIAL;
-        let quiet = |residual_noise: &mut ResidualNoise, seconds: f32| {
-            for _ in 0..(seconds / STEP_S) as usize {
-                residual_noise.update_noise(0.0, 1.0, STEP_S);
-            }
-        };
-        quiet(&mut residual_noise, 10.0);
-        assert!(
-            (residual_noise.remaining_fraction() - 0.1125).abs() < 0.004,
-            "{}",
-            residual_noise.remaining_fraction()
-        );
-        for _ in 0..(2000.0 / STEP_S) as usize {
-            residual_noise.update_noise(1.0, 1.0, STEP_S);
+    fn the_remaining_fraction_is_averaged_and_at_most_one() {
+        for (innovations, expected) in [
+            (&[][..], 0.225),
+            (&[(1.0, 1200.0)], 1.0),
+            (&[(-2.0, 1200.0)], 1.0),
+            (&[(0.5, 1200.0)], 0.375),
+            (&[(0.0, 10.0)], 0.1125),
+            (&[(1.0, 1200.0), (0.0, 120.0)], 1.5 * (-1.0_f32).exp()),
+        ] {
+            let found = fraction_after(innovations);
+            assert!((found - expected).abs() < 0.01, "{innovations:?}: {found}");
         }
-        residual_noise.restart_mean();
-        quiet(&mut residual_noise, 120.0);
-        assert!(
-            (residual_noise.remaining_fraction() - 1.5 * (-1.0_f32).exp()).abs() < 0.01,
-            "{}",
-            residual_noise.remaining_fraction()
-        );
     }
 }

@@ -97,12 +97,15 @@ impl Flight {
         rate_rad_s
     }
 
+    /// Passes these inputs at the present time to the smoother.
+    fn smooth_inputs(&mut self, raw: Option<&Heading>, gyro_heading: Option<&GyroHeading>) -> Option<Heading> {
+        let rate_error = gyro_heading.map_or(HeadingRateError::ZERO_ERROR, level_rate_error);
+        self.smoother.smooth_heading(Timestamp::from_us(self.at_us), raw, gyro_heading, &rate_error)
+    }
+
     fn smooth_step(&mut self, rate_deg_s: f32) -> HeadingErrors {
         let rate_rad_s = self.advance(rate_deg_s);
-        let (at, raw, gyro_heading) =
-            (Timestamp::from_us(self.at_us), self.raw_heading(), self.gyro_heading(rate_rad_s));
-        let smooth =
-            self.smoother.smooth_heading(at, Some(&raw), Some(&gyro_heading), &level_rate_error(&gyro_heading));
+        let smooth = self.smooth_inputs(Some(&self.raw_heading()), Some(&self.gyro_heading(rate_rad_s)));
         let error_and_sigma = |smooth: Heading| (wrap_pi(smooth.magnetic_rad - self.heading_rad), smooth.sigma_rad);
         HeadingErrors { raw_error_rad: self.noise_rad, smooth_error_and_sigma: smooth.map(error_and_sigma) }
     }
@@ -112,18 +115,35 @@ impl Flight {
         (0..steps).map(|_| self.smooth_step(rate_deg_s)).collect()
     }
 
-    /// Straight flight and turns to both sides, 30 s in total.
-    fn fly_turns(&mut self) -> Vec<HeadingErrors> {
-        [(0.0, 8.0), (18.0, 8.0), (0.0, 6.0), (-18.0, 8.0)]
-            .into_iter()
+    /// Repeats straight flight and turns to both sides, 30 s in total.
+    fn fly_turns(&mut self, repetitions: usize) -> Vec<HeadingErrors> {
+        (0..repetitions)
+            .flat_map(|_| [(0.0, 8.0), (18.0, 8.0), (0.0, 6.0), (-18.0, 8.0)])
             .flat_map(|(rate_deg_s, seconds)| self.fly_seconds(rate_deg_s, seconds))
             .collect()
+    }
+
+    /// A flight after the first turns.
+    fn settled() -> Self {
+        let mut flight = Self::new();
+        flight.fly_turns(1);
+        flight
     }
 }
 
 fn rms_deg(errors_rad: impl Iterator<Item = f32>) -> f32 {
     let (sum, number) = errors_rad.fold((0.0, 0.0), |(sum, number), rad| (sum + rad * rad, number + 1.0));
     (sum / number as f32).sqrt().to_degrees()
+}
+
+/// Errors of the smoothed headings with their sigmas, radians.
+fn smoothed(output: &[HeadingErrors]) -> impl Iterator<Item = (f32, f32)> {
+    output.iter().filter_map(|output| output.smooth_error_and_sigma)
+}
+
+/// RMS error of the smoothed headings, and RMS of their sigma, degrees.
+fn smoothed_rms_deg(output: &[HeadingErrors]) -> [f32; 2] {
+    [rms_deg(smoothed(output).map(|(rad, _)| rad)), rms_deg(smoothed(output).map(|(_, sigma_rad)| sigma_rad))]
 }
 
 fn all_smoothed(output: &[HeadingErrors]) -> bool {
@@ -137,14 +157,10 @@ fn none_smoothed(output: &[HeadingErrors]) -> bool {
 /// A filter with 10 s of memory leaves `sqrt(0.5 s / 10 s)` of noise correlated over 0.5 s, about a fifth.
 #[test]
 fn a_smoothed_heading_has_less_error_and_a_correct_sigma() {
-    let mut flight = Flight::new();
-    flight.fly_turns();
-    let output: Vec<HeadingErrors> = (0..10).flat_map(|_| flight.fly_turns()).collect();
+    let output = Flight::settled().fly_turns(10);
     assert!(all_smoothed(&output));
     let raw_deg = rms_deg(output.iter().map(|output| output.raw_error_rad));
-    let smooth_deg = rms_deg(output.iter().filter_map(|output| output.smooth_error_and_sigma).map(|(rad, _)| rad));
-    let sigma_deg =
-        rms_deg(output.iter().filter_map(|output| output.smooth_error_and_sigma).map(|(_, sigma_rad)| sigma_rad));
+    let [smooth_deg, sigma_deg] = smoothed_rms_deg(&output);
     assert!((raw_deg - 1.0).abs() < 0.1, "{raw_deg}");
     assert!(smooth_deg < 0.4 * raw_deg, "{smooth_deg}");
     assert!(sigma_deg > 0.7 * smooth_deg && sigma_deg < 1.5 * smooth_deg, "{sigma_deg} {smooth_deg}");
@@ -153,13 +169,8 @@ fn a_smoothed_heading_has_less_error_and_a_correct_sigma() {
 #[test]
 fn correlated_noise_stays_in_the_smoothed_sigma() {
     let mut flight = Flight { noise_correlation_s: 8.0, ..Flight::new() };
-    for _ in 0..6 {
-        flight.fly_turns();
-    }
-    let output: Vec<HeadingErrors> = (0..40).flat_map(|_| flight.fly_turns()).collect();
-    let smooth_deg = rms_deg(output.iter().filter_map(|output| output.smooth_error_and_sigma).map(|(rad, _)| rad));
-    let sigma_deg =
-        rms_deg(output.iter().filter_map(|output| output.smooth_error_and_sigma).map(|(_, sigma_rad)| sigma_rad));
+    flight.fly_turns(6);
+    let [smooth_deg, sigma_deg] = smoothed_rms_deg(&flight.fly_turns(40));
     assert!(smooth_deg > 0.6, "{smooth_deg}");
     assert!(sigma_deg > 0.4 * smooth_deg && sigma_deg < 1.2, "{sigma_deg} {smooth_deg}");
 }
@@ -168,15 +179,11 @@ fn correlated_noise_stays_in_the_smoothed_sigma() {
 #[test]
 fn the_mean_innovation_is_included_in_the_sigma() {
     let mut flight = Flight { noise_correlation_s: 0.001, ..Flight::new() };
-    for _ in 0..4 {
-        flight.fly_turns();
-    }
+    flight.fly_turns(4);
     flight.gyro = |rate_rad_s| rate_rad_s + DEG;
     let output = flight.fly_seconds(0.0, 6.0);
-    assert!(output.iter().filter_map(|output| output.smooth_error_and_sigma).any(|(rad, _)| rad.abs() > 3.0 * DEG));
-    for (rad, sigma_rad) in
-        output.iter().filter_map(|output| output.smooth_error_and_sigma).filter(|(rad, _)| rad.abs() > 2.5 * DEG)
-    {
+    assert!(smoothed(&output).any(|(rad, _)| rad.abs() > 3.0 * DEG));
+    for (rad, sigma_rad) in smoothed(&output).filter(|(rad, _)| rad.abs() > 2.5 * DEG) {
         assert!(rad.abs() < 4.0 * sigma_rad, "{} {}", rad.to_degrees(), sigma_rad.to_degrees());
     }
     assert!(none_smoothed(&output[output.len() - 40..]));
@@ -186,8 +193,7 @@ fn the_mean_innovation_is_included_in_the_sigma() {
 fn coefficient_variance_is_added_to_the_smoothed_sigma() {
     let sigma_deg = |coefficients_deg: f32| {
         let mut flight = Flight { coefficient_sigma_rad: coefficients_deg * DEG, ..Flight::new() };
-        let output = (0..4).flat_map(|_| flight.fly_turns()).last().unwrap();
-        output.smooth_error_and_sigma.unwrap().1.to_degrees()
+        smoothed(&flight.fly_turns(4)).last().unwrap().1.to_degrees()
     };
     let (without, with) = (sigma_deg(0.0), sigma_deg(2.0));
     assert!((with - without.hypot(2.0)).abs() < 1e-3, "{with} {without}");
@@ -197,13 +203,10 @@ fn coefficient_variance_is_added_to_the_smoothed_sigma() {
 #[test]
 fn the_gyro_s_bias_is_found() {
     let mut flight = Flight { gyro: |rate_rad_s| rate_rad_s + 0.3 * DEG, ..Flight::new() };
-    for _ in 0..10 {
-        flight.fly_turns();
-    }
-    let output: Vec<HeadingErrors> = (0..4).flat_map(|_| flight.fly_turns()).collect();
+    flight.fly_turns(10);
+    let output = flight.fly_turns(4);
     assert!(all_smoothed(&output));
-    let mean_rad = output.iter().filter_map(|output| output.smooth_error_and_sigma).map(|(rad, _)| rad).sum::<f32>()
-        / output.len() as f32;
+    let mean_rad = smoothed(&output).map(|(rad, _)| rad).sum::<f32>() / output.len() as f32;
     assert!(mean_rad.to_degrees().abs() < 0.15, "{}", mean_rad.to_degrees());
 }
 
@@ -294,8 +297,9 @@ fn the_smoother_does_not_degrade_in_a_day() {
 #[test]
 fn a_raw_sigma_of_zero_counts_as_0_05_deg() {
     let mut flight = Flight { sigma_rad: 0.0, noise_sigma_rad: 0.0, ..Flight::new() };
-    for output in (0..4).flat_map(|_| flight.fly_turns()).skip(400) {
-        let (rad, sigma_rad) = output.smooth_error_and_sigma.unwrap();
+    let output = flight.fly_turns(4).split_off(400);
+    assert!(all_smoothed(&output));
+    for (rad, sigma_rad) in smoothed(&output) {
         assert!(rad.abs() < 0.05 * DEG && sigma_rad > 0.0 && sigma_rad < 0.1 * DEG, "{rad} {sigma_rad}");
     }
 }
@@ -303,9 +307,7 @@ fn a_raw_sigma_of_zero_counts_as_0_05_deg() {
 #[test]
 fn a_lost_smoother_restarts_after_5_s() {
     let mut flight = Flight::new();
-    for _ in 0..4 {
-        flight.fly_turns();
-    }
+    flight.fly_turns(4);
     flight.heading_rad = wrap_pi(flight.heading_rad + PI / 2.0);
     assert!(none_smoothed(&flight.fly_seconds(18.0, 6.0)[1..]));
     flight.fly_seconds(18.0, 16.0);
@@ -325,21 +327,11 @@ fn no_smoothed_heading_before_the_filter_has_settled() {
 #[test]
 fn a_gap_is_bridged_by_the_gyro_for_three_seconds() {
     for (gap_s, is_continued) in [(2.9, true), (3.1, false)] {
-        let mut flight = Flight::new();
-        flight.fly_turns();
+        let mut flight = Flight::settled();
         for _ in 0..(gap_s / STEP_S) as usize {
             let rate_rad_s = flight.advance(40.0);
-            let at = Timestamp::from_us(flight.at_us);
-            assert_eq!(
-                flight.smoother.smooth_heading(
-                    at,
-                    None,
-                    Some(&flight.gyro_heading(rate_rad_s)),
-                    &HeadingRateError::ZERO_ERROR
-                ),
-                None,
-                "nothing to tell"
-            );
+            let gyro_heading = flight.gyro_heading(rate_rad_s);
+            assert_eq!(flight.smooth_inputs(None, Some(&gyro_heading)), None, "no raw heading");
         }
         let output = flight.smooth_step(40.0);
         assert_eq!(output.smooth_error_and_sigma.is_some(), is_continued, "{gap_s}");
@@ -351,14 +343,10 @@ fn a_gap_is_bridged_by_the_gyro_for_three_seconds() {
 
 #[test]
 fn no_smoothed_heading_without_a_gyro_or_after_a_new_gyro_run() {
-    let mut flight = Flight::new();
-    flight.fly_turns();
+    let mut flight = Flight::settled();
     flight.advance(0.0);
-    let at = Timestamp::from_us(flight.at_us);
-    assert_eq!(
-        flight.smoother.smooth_heading(at, Some(&flight.raw_heading()), None, &HeadingRateError::ZERO_ERROR),
-        None
-    );
+    let raw = flight.raw_heading();
+    assert_eq!(flight.smooth_inputs(Some(&raw), None), None);
     assert!(flight.smooth_step(0.0).smooth_error_and_sigma.is_some(), "it is back within three seconds");
     (flight.gyro_run_number, flight.gyro_heading_rad) = (2, -1.0);
     assert!(none_smoothed(&flight.fly_seconds(0.0, 1.9)));
@@ -368,35 +356,27 @@ fn no_smoothed_heading_without_a_gyro_or_after_a_new_gyro_run() {
 #[test]
 fn turns_faster_than_360_deg_s_are_not_smoothed() {
     for (rate_deg_s, is_output) in [(355.0, true), (365.0, false), (-355.0, true), (-365.0, false)] {
-        let mut flight = Flight::new();
-        flight.fly_turns();
-        let output = flight.fly_seconds(rate_deg_s, 1.0);
+        let output = Flight::settled().fly_seconds(rate_deg_s, 1.0);
         assert!(if is_output { all_smoothed(&output) } else { none_smoothed(&output[1..]) }, "{rate_deg_s}");
     }
 }
 
 #[test]
 fn a_reset_discards_the_smoother_state() {
-    let mut flight = Flight::new();
-    flight.fly_turns();
+    let mut flight = Flight::settled();
     flight.smoother.reset_filter();
     assert!(none_smoothed(&flight.fly_seconds(0.0, 2.0)));
 }
 
 #[test]
 fn a_spike_of_the_raw_heading_changes_nothing() {
-    let mut flight = Flight::new();
-    flight.fly_turns();
-    let at = |flight: &Flight| Timestamp::from_us(flight.at_us);
+    let mut flight = Flight::settled();
     for spike_rad in [PI, 0.5, -0.5] {
         flight.fly_seconds(0.0, 3.0);
         let rate_rad_s = flight.advance(0.0);
         let raw = Heading { magnetic_rad: wrap_two_pi(flight.heading_rad + spike_rad), ..flight.raw_heading() };
         let gyro_heading = flight.gyro_heading(rate_rad_s);
-        let output = flight
-            .smoother
-            .smooth_heading(at(&flight), Some(&raw), Some(&gyro_heading), &level_rate_error(&gyro_heading))
-            .unwrap();
+        let output = flight.smooth_inputs(Some(&raw), Some(&gyro_heading)).unwrap();
         assert!(wrap_pi(output.magnetic_rad - flight.heading_rad).abs() < DEG);
         assert!(all_smoothed(&flight.fly_seconds(0.0, 1.0)), "{spike_rad}");
     }
@@ -413,22 +393,16 @@ fn a_wrong_gyro_is_detected_in_the_first_turn() {
         ("radians for degrees", |rate_rad_s| rate_rad_s / 57.3),
     ];
     for (name, gyro) in wrong {
-        let mut flight = Flight::new();
-        flight.fly_turns();
-        flight.gyro = gyro;
+        let mut flight = Flight { gyro, ..Flight::settled() };
         let mut turn = flight.fly_seconds(0.0, 4.0);
         for rate in 0..80 {
             turn.push(flight.smooth_step(18.0 * rate as f32 / 80.0));
         }
         turn.extend(flight.fly_seconds(18.0, 8.0));
-        let worst_rad = turn
-            .iter()
-            .filter_map(|output| output.smooth_error_and_sigma)
-            .map(|(rad, _)| rad.abs())
-            .fold(0.0, f32::max);
+        let worst_rad = smoothed(&turn).map(|(rad, _)| rad.abs()).fold(0.0, f32::max);
         assert!(worst_rad.to_degrees() < 5.5, "{name}: {}", worst_rad.to_degrees());
         assert!(none_smoothed(&turn[turn.len() - 300..]), "{name}");
-        assert!(none_smoothed(&flight.fly_seconds(0.0, 20.0)), "{name}: nothing has shown that it is right");
+        assert!(none_smoothed(&flight.fly_seconds(0.0, 20.0)), "{name}: correct rates show in a turn only");
         flight.gyro = |rate_rad_s| rate_rad_s;
         flight.fly_seconds(18.0, 8.0);
         assert!(all_smoothed(&flight.fly_seconds(0.0, 2.0)), "{name}");
@@ -438,18 +412,17 @@ fn a_wrong_gyro_is_detected_in_the_first_turn() {
 #[test]
 fn noise_above_the_reported_sigma_is_no_contradiction() {
     let mut flight = Flight { noise_correlation_s: 0.001, ..Flight::new() };
-    flight.fly_turns();
+    flight.fly_turns(1);
     flight.noise_sigma_rad = 5.0 * DEG;
-    flight.fly_turns();
-    let output = flight.fly_turns();
-    let number = output.iter().filter(|output| output.smooth_error_and_sigma.is_some()).count();
-    assert!(number > output.len() * 9 / 10, "{number} of {}", output.len());
-    assert!(rms_deg(output.iter().filter_map(|output| output.smooth_error_and_sigma).map(|(rad, _)| rad)) < 1.0);
+    flight.fly_turns(1);
+    let output = flight.fly_turns(1);
+    let smoothed_count = smoothed(&output).count();
+    assert!(smoothed_count > output.len() * 9 / 10, "{smoothed_count} of {}", output.len());
+    assert!(smoothed_rms_deg(&output)[0] < 1.0);
 }
 
 #[test]
 fn non_finite_input_is_discarded() {
-    let bad = [f32::NAN, f32::INFINITY, f32::MAX, 0.0];
     for (input_name, corrupt) in [
         ("heading", (|raw, _, bad| raw.magnetic_rad = bad) as fn(&mut Heading, &mut GyroHeading, f32)),
         ("sigma", |raw, _, bad| raw.sigma_rad = bad),
@@ -457,28 +430,18 @@ fn non_finite_input_is_discarded() {
         ("turned", |_, gyro_heading, bad| gyro_heading.relative_heading_rad = bad),
         ("rate", |_, gyro_heading, bad| gyro_heading.euler_rates.heading_rad_s = bad),
     ] {
-        for bad in bad {
-            let mut flight = Flight::new();
-            flight.fly_turns();
+        for bad in [f32::NAN, f32::INFINITY, f32::MAX, 0.0] {
+            let mut flight = Flight::settled();
             for _ in 0..3 {
                 let rate_rad_s = flight.advance(0.0);
                 let (mut raw, mut gyro_heading) = (flight.raw_heading(), flight.gyro_heading(rate_rad_s));
                 corrupt(&mut raw, &mut gyro_heading, bad);
-                flight.smoother.smooth_heading(
-                    Timestamp::from_us(flight.at_us),
-                    Some(&raw),
-                    Some(&gyro_heading),
-                    &level_rate_error(&gyro_heading),
-                );
+                flight.smooth_inputs(Some(&raw), Some(&gyro_heading));
             }
-            flight.fly_turns();
-            flight.fly_turns();
-            let output = flight.fly_turns();
+            flight.fly_turns(2);
+            let output = flight.fly_turns(1);
             assert!(all_smoothed(&output), "{input_name} {bad}");
-            assert!(
-                rms_deg(output.iter().filter_map(|output| output.smooth_error_and_sigma).map(|(rad, _)| rad)) < 1.0,
-                "{input_name} {bad}"
-            );
+            assert!(smoothed_rms_deg(&output)[0] < 1.0, "{input_name} {bad}");
         }
     }
 }

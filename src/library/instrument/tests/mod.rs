@@ -8,14 +8,15 @@ use crate::attitude::{AttitudeConfig, BodyRates, RejectedReports, SenderId};
 use crate::calibration::{Calibration, HeadingUncertainty, Orientation, Rates};
 use crate::frames::{Sensor, wrap_pi};
 use crate::time::WrappingMillis;
+use core::ops::Range;
 use testkit::random::Random;
 
-const PERIOD_US: u64 = 12_500;
+pub(super) const PERIOD_US: u64 = 12_500;
 const LATENCY_US: u64 = AttitudeConfig::DEFAULT.latency_us.unsigned_abs() as u64;
 /// Start of the tests' clock, late enough that no time is negative.
 const START_US: u64 = 1_000_000;
 
-fn us_after_start(us: u64) -> Timestamp {
+pub(super) fn us_after_start(us: u64) -> Timestamp {
     Timestamp::from_us(START_US + us)
 }
 
@@ -23,21 +24,31 @@ fn instrument() -> Instrument {
     Instrument::new(InstrumentConfig::new(PERIOD_US as u32))
 }
 
-fn test_calibration() -> Calibration {
-    Calibration { inclination_rad: 1.0, total_ut: 50.0, ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) }
-}
-
-fn calibrated_instrument() -> Instrument {
+pub(super) fn instrument_with(correction: Correction) -> Instrument {
     let mut instrument = instrument();
-    instrument.set_correction(Correction {
-        calibration: Some((test_calibration(), HeadingUncertainty::NO_UNCERTAINTY)),
-        ..Correction::UNCALIBRATED
-    });
+    instrument.set_correction(correction);
     instrument
 }
 
+fn calibrated_instrument() -> Instrument {
+    instrument_with(correction_with(test_calibration()))
+}
+
+/// Instrument whose samples contain the field alone.
+fn field_only_instrument() -> Instrument {
+    instrument_with(Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::UNCALIBRATED })
+}
+
+pub(super) fn test_calibration() -> Calibration {
+    Calibration { inclination_rad: 1.0, total_ut: 50.0, ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) }
+}
+
+pub(super) fn correction_with(calibration: Calibration) -> Correction {
+    Correction { calibration: Some((calibration, HeadingUncertainty::NO_UNCERTAINTY)), ..Correction::UNCALIBRATED }
+}
+
 /// Sensor field of an aircraft without iron.
-fn sensor_field(heading_rad: f32, attitude: Attitude) -> Field<Sensor> {
+pub(super) fn sensor_field(heading_rad: f32, attitude: Attitude) -> Field<Sensor> {
     Field::new(attitude.to_body_frame(Field::earth_field(50.0, 1.0, heading_rad)).ut)
 }
 
@@ -45,44 +56,72 @@ fn reading_of_field(field: Field<Sensor>) -> Reading {
     Reading { field, is_saturated: false, was_overwritten: false }
 }
 
-fn saturated_reading(field: Field<Sensor>) -> Reading {
+pub(super) fn saturated_reading(field: Field<Sensor>) -> Reading {
     Reading { is_saturated: true, ..reading_of_field(field) }
 }
 
-/// Reports an attitude that is true at `us`, after the source's latency.
-fn report_attitude(instrument: &mut Instrument, us: u64, attitude: Attitude) {
-    let report = AttitudeReport {
+pub(super) fn process_reading(instrument: &mut Instrument, us: u64, field: Field<Sensor>) -> Estimate {
+    instrument.on_reading(us_after_start(us), reading_of_field(field))
+}
+
+/// Report of a sender without a clock; rates of zero are none.
+fn attitude_report(attitude: Attitude, rates_rad_s: [f32; 3]) -> AttitudeReport {
+    AttitudeReport {
         sender: SenderId::default(),
         sender_clock_at_sending: WrappingMillis::default(),
         attitude,
-        body_rates: None,
-    };
-    instrument.on_attitude(us_after_start(us + LATENCY_US), report);
+        body_rates: BodyRates::from_rad_s(rates_rad_s),
+    }
+}
+
+/// Reports an attitude that is true at `us`, after the source's latency.
+pub(super) fn report_attitude(instrument: &mut Instrument, us: u64, attitude: Attitude) {
+    report_with_rates(instrument, us, attitude, [0.0; 3]);
+}
+
+/// Reports an attitude and body rates that are true at `us`, after the source's latency.
+pub(super) fn report_with_rates(instrument: &mut Instrument, us: u64, attitude: Attitude, rates_rad_s: [f32; 3]) {
+    instrument.on_attitude(us_after_start(us + LATENCY_US), attitude_report(attitude, rates_rad_s));
+}
+
+/// Body rates of a level turn at 20 deg/s, banked by 5 deg, rad/s.
+pub(super) fn level_turn_rates_rad_s() -> [f32; 3] {
+    let (sin_roll, cos_roll) = 5_f32.to_radians().sin_cos();
+    [0.0, sin_roll, cos_roll].map(|part| 20_f32.to_radians() * part)
 }
 
 fn take_samples(instrument: &mut Instrument) -> Vec<Sample> {
     std::iter::from_fn(|| instrument.next_sample()).collect()
 }
 
-const SAMPLE_FIELD: Field<Sensor> = Field::from_ut(20.0, -5.0, 40.0);
+/// Samples that complete with these readings of [`SAMPLE_FIELD`], by their numbers.
+fn read_samples(instrument: &mut Instrument, readings: Range<u64>) -> Vec<Sample> {
+    readings
+        .flat_map(|i| {
+            process_reading(instrument, i * PERIOD_US, SAMPLE_FIELD);
+            take_samples(instrument)
+        })
+        .collect()
+}
+
+/// As [`read_samples`], with a report of a bank of 20 deg at each reading.
+fn read_samples_with_attitude(instrument: &mut Instrument, readings: Range<u64>) -> Vec<Sample> {
+    readings
+        .flat_map(|i| {
+            report_attitude(instrument, i * PERIOD_US, Attitude::from_deg(20.0, 0.0));
+            read_samples(instrument, i..i + 1)
+        })
+        .collect()
+}
+
+pub(super) const SAMPLE_FIELD: Field<Sensor> = Field::from_ut(20.0, -5.0, 40.0);
 
 #[test]
 fn readings_per_sample_give_about_ten_samples_per_second() {
-    for (period_us, readings) in [
-        (12_500, 8),
-        (13_333, 8),
-        (6_450, 16),
-        (5_000, 20),
-        (66_666, 2),
-        (66_667, 1),
-        (100_000, 1),
-        (1_000_000, 1),
-        (u32::MAX, 1),
-        (1, u16::MAX),
-        (0, u16::MAX),
-    ] {
-        assert_eq!(readings_per_sample(period_us), readings, "{period_us} us");
-        assert_eq!(InstrumentConfig::new(period_us).readings_per_sample(), readings);
+    for (period_us, readings) in
+        [(12_500, 8), (6_450, 16), (66_666, 2), (66_667, 1), (1_000_000, 1), (u32::MAX, 1), (0, u16::MAX)]
+    {
+        assert_eq!(InstrumentConfig::new(period_us).readings_per_sample(), readings, "{period_us} us");
     }
 }
 
@@ -97,7 +136,7 @@ fn a_calibrated_instrument_with_attitude_gives_heading_and_field() {
     let mut instrument = calibrated_instrument();
     let attitude = Attitude::from_deg(25.0, -4.0);
     report_attitude(&mut instrument, 0, attitude);
-    let estimate = instrument.on_reading(us_after_start(10_000), reading_of_field(sensor_field(2.0, attitude)));
+    let estimate = process_reading(&mut instrument, 10_000, sensor_field(2.0, attitude));
     assert!((estimate.heading.unwrap().magnetic_rad - 2.0).abs() < 1e-4, "{estimate:?}");
     assert_eq!(estimate.timestamp, us_after_start(10_000));
     assert_eq!(estimate.attitude, Some(attitude));
@@ -109,26 +148,14 @@ fn a_calibrated_instrument_with_attitude_gives_heading_and_field() {
 #[test]
 fn latency_is_applied_to_headings_and_not_to_samples() {
     for latency_s in [0.04, -0.04, 0.0] {
-        let mut instrument = instrument();
-        let calibration = Calibration { latency_s, ..test_calibration() };
-        instrument.set_correction(Correction {
-            calibration: Some((calibration, HeadingUncertainty::NO_UNCERTAINTY)),
-            ..Correction::UNCALIBRATED
-        });
+        let mut instrument = instrument_with(correction_with(Calibration { latency_s, ..test_calibration() }));
         let rolled = |us: u64| Attitude { roll_rad: us as f32 * 1e-6 - 0.2, pitch_rad: 0.1 };
         let mut found = Vec::new();
         for us in (0..400_000).step_by(PERIOD_US as usize) {
             if us % 50_000 == 0 {
-                let (source, sender_clock_at_sending) = (SenderId::default(), WrappingMillis::default());
-                let report = AttitudeReport {
-                    sender: source,
-                    sender_clock_at_sending,
-                    attitude: rolled(us),
-                    body_rates: BodyRates::from_rad_s([1.0, 0.0, 0.0]),
-                };
-                instrument.on_attitude(us_after_start(us + LATENCY_US), report);
+                report_with_rates(&mut instrument, us, rolled(us), [1.0, 0.0, 0.0]);
             }
-            let estimate = instrument.on_reading(us_after_start(us), reading_of_field(sensor_field(1.0, rolled(us))));
+            let estimate = process_reading(&mut instrument, us, sensor_field(1.0, rolled(us)));
             if us >= 100_000 {
                 let roll_rad = estimate.attitude.unwrap().roll_rad;
                 assert!((roll_rad - rolled(us).roll_rad - latency_s).abs() < 1e-3, "{latency_s} {us}: {roll_rad}");
@@ -150,11 +177,9 @@ fn latency_is_applied_to_headings_and_not_to_samples() {
 
 #[test]
 fn alignment_is_added_to_the_heading_alone() {
-    let mut instrument = calibrated_instrument();
-    let correction = Correction { align_deg: -30.0, ..instrument.active_calibration.stored_correction.clone() };
-    instrument.set_correction(correction);
+    let mut instrument = instrument_with(Correction { align_deg: -30.0, ..correction_with(test_calibration()) });
     report_attitude(&mut instrument, 0, Attitude::default());
-    let estimate = instrument.on_reading(us_after_start(0), reading_of_field(sensor_field(0.3, Attitude::default())));
+    let estimate = process_reading(&mut instrument, 0, sensor_field(0.3, Attitude::default()));
     let expected_deg = 0.3_f32.to_degrees() - 30.0 + 360.0;
     assert!((estimate.heading.unwrap().magnetic_deg() - expected_deg).abs() < 1e-2, "{estimate:?}");
     assert_eq!(estimate.body_field, Some(test_calibration().calibrated_field(sensor_field(0.3, Attitude::default()))));
@@ -162,17 +187,17 @@ fn alignment_is_added_to_the_heading_alone() {
 
 #[test]
 fn the_first_reason_for_an_empty_heading_is_reported() {
-    let estimate = instrument().on_reading(us_after_start(0), reading_of_field(SAMPLE_FIELD));
+    let estimate = process_reading(&mut instrument(), 0, SAMPLE_FIELD);
     assert_eq!((estimate.heading, estimate.body_field, estimate.attitude), (Err(NoHeading::Uncalibrated), None, None));
     // With a calibration but no attitude the body field is available.
-    let estimate = calibrated_instrument().on_reading(us_after_start(0), reading_of_field(SAMPLE_FIELD));
+    let estimate = process_reading(&mut calibrated_instrument(), 0, SAMPLE_FIELD);
     assert_eq!(estimate.heading, Err(NoHeading::AttitudeStale));
     assert_eq!(estimate.body_field, Some(test_calibration().calibrated_field(SAMPLE_FIELD)));
     let estimate = calibrated_instrument().on_reading(us_after_start(0), saturated_reading(SAMPLE_FIELD));
     assert_eq!((estimate.heading, estimate.body_field), (Err(NoHeading::SensorSaturated), None));
     let mut disturbed = calibrated_instrument();
     report_attitude(&mut disturbed, 0, Attitude::default());
-    let estimate = disturbed.on_reading(us_after_start(0), reading_of_field(Field::from_ut(90.0, 0.0, 0.0)));
+    let estimate = process_reading(&mut disturbed, 0, Field::from_ut(90.0, 0.0, 0.0));
     assert_eq!(estimate.heading, Err(NoHeading::FieldDisturbed));
     assert!(estimate.body_field.is_some());
 }
@@ -193,11 +218,8 @@ fn the_heading_ends_200_ms_after_the_last_attitude() {
     let mut instrument = calibrated_instrument();
     report_attitude(&mut instrument, 0, Attitude::default());
     let field = sensor_field(1.0, Attitude::default());
-    assert!(instrument.on_reading(us_after_start(200_000), reading_of_field(field)).heading.is_ok());
-    assert_eq!(
-        instrument.on_reading(us_after_start(200_001), reading_of_field(field)).heading,
-        Err(NoHeading::AttitudeStale)
-    );
+    assert!(process_reading(&mut instrument, 200_000, field).heading.is_ok());
+    assert_eq!(process_reading(&mut instrument, 200_001, field).heading, Err(NoHeading::AttitudeStale));
 }
 
 /// The roll grows by 1 deg per reading; the mean of eight is 3.5 deg.
@@ -205,10 +227,7 @@ fn the_heading_ends_200_ms_after_the_last_attitude() {
 fn a_sample_waits_for_the_attitude_after_it() {
     let mut instrument = instrument();
     report_attitude(&mut instrument, 0, Attitude::from_deg(0.0, 2.0));
-    for i in 0..8 {
-        instrument.on_reading(us_after_start(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
-        assert!(take_samples(&mut instrument).is_empty(), "an attitude that is carried on is not good enough");
-    }
+    assert_eq!(read_samples(&mut instrument, 0..8), [], "an extrapolated attitude is not used");
     report_attitude(&mut instrument, 8 * PERIOD_US, Attitude::from_deg(8.0, 2.0));
     let [sample] = take_samples(&mut instrument)[..] else { panic!("one sample") };
     assert!((sample.attitude.roll_rad.to_degrees() - 3.5).abs() < 1e-3, "{sample:?}");
@@ -221,10 +240,7 @@ fn a_sample_waits_for_the_attitude_after_it() {
 fn one_report_can_complete_several_samples() {
     let mut instrument = instrument();
     report_attitude(&mut instrument, 0, Attitude::default());
-    for i in 1..=17 {
-        instrument.on_reading(us_after_start(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
-    }
-    assert!(take_samples(&mut instrument).is_empty());
+    assert_eq!(read_samples(&mut instrument, 1..18), []);
     report_attitude(&mut instrument, 17 * PERIOD_US, Attitude::default());
     assert_eq!(take_samples(&mut instrument).len(), 2);
 }
@@ -235,12 +251,11 @@ fn saturated_readings_are_in_no_sample() {
     let mut made = Vec::new();
     for i in 0..24 {
         report_attitude(&mut instrument, i * PERIOD_US, Attitude::default());
-        let wrong = Field::from_ut(900.0, 0.0, 0.0);
-        let is_saturated = i % 3 == 2;
-        instrument.on_reading(
-            us_after_start(i * PERIOD_US),
-            if is_saturated { saturated_reading(wrong) } else { reading_of_field(SAMPLE_FIELD) },
-        );
+        if i % 3 == 2 {
+            instrument.on_reading(us_after_start(i * PERIOD_US), saturated_reading(Field::from_ut(900.0, 0.0, 0.0)));
+        } else {
+            process_reading(&mut instrument, i * PERIOD_US, SAMPLE_FIELD);
+        }
         made.extend(take_samples(&mut instrument));
     }
     assert_eq!(made.len(), 2);
@@ -251,9 +266,7 @@ fn saturated_readings_are_in_no_sample() {
 fn readings_in_an_attitude_gap_are_counted_and_dropped() {
     let mut instrument = instrument();
     report_attitude(&mut instrument, 0, Attitude::from_deg(30.0, 0.0));
-    for i in 1..=32 {
-        instrument.on_reading(us_after_start(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
-    }
+    assert_eq!(read_samples(&mut instrument, 1..33), []);
     report_attitude(&mut instrument, 400_000, Attitude::from_deg(30.0, 0.0));
     assert!(take_samples(&mut instrument).is_empty());
     assert_eq!(instrument.rejection_counts().unpaired_readings, 31);
@@ -263,7 +276,7 @@ fn readings_in_an_attitude_gap_are_counted_and_dropped() {
 fn readings_wait_for_attitude_up_to_0_3_s() {
     let mut instrument = instrument();
     for (us, unpaired) in [(0, 0), (299_999, 0), (300_000, 1), (599_998, 1), (599_999, 2)] {
-        instrument.on_reading(us_after_start(us), reading_of_field(SAMPLE_FIELD));
+        process_reading(&mut instrument, us, SAMPLE_FIELD);
         assert!(take_samples(&mut instrument).is_empty());
         assert_eq!(instrument.rejection_counts().unpaired_readings, unpaired, "after {us} us");
     }
@@ -278,7 +291,7 @@ fn readings_dropped_from_a_full_queue_are_counted() {
     let mut instrument = Instrument::new(InstrumentConfig::new(1_000));
     report_attitude(&mut instrument, 0, Attitude::default());
     for i in 1..=70 {
-        instrument.on_reading(us_after_start(i * 1_000), reading_of_field(SAMPLE_FIELD));
+        process_reading(&mut instrument, i * 1_000, SAMPLE_FIELD);
         assert!(take_samples(&mut instrument).is_empty());
     }
     assert_eq!(instrument.rejection_counts().unpaired_readings, 6);
@@ -290,12 +303,10 @@ fn readings_dropped_from_a_full_queue_are_counted() {
 #[test]
 fn a_gap_in_the_readings_starts_another_sample() {
     for (gap_us, made) in [(40_000, 1), (40_001, 0)] {
-        let mut instrument = instrument();
-        let unknown = Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::UNCALIBRATED };
-        instrument.set_correction(unknown);
+        let mut instrument = field_only_instrument();
         for i in 0..8 {
             let us = i * PERIOD_US + if i < 4 { 0 } else { gap_us - PERIOD_US };
-            instrument.on_reading(us_after_start(us), reading_of_field(SAMPLE_FIELD));
+            process_reading(&mut instrument, us, SAMPLE_FIELD);
         }
         assert_eq!(take_samples(&mut instrument).len(), made, "{gap_us} us");
     }
@@ -303,14 +314,8 @@ fn a_gap_in_the_readings_starts_another_sample() {
 
 #[test]
 fn field_only_samples_do_not_wait_for_attitude() {
-    let mut instrument = instrument();
-    let unknown = Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::UNCALIBRATED };
-    instrument.set_correction(unknown.clone());
-    let mut made = Vec::new();
-    for i in 0..16 {
-        instrument.on_reading(us_after_start(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
-        made.extend(take_samples(&mut instrument));
-    }
+    let mut instrument = field_only_instrument();
+    let made = read_samples(&mut instrument, 0..16);
     assert_eq!(made.len(), 2);
     assert!(made.iter().all(|sample| sample.attitude == Attitude::default() && sample.field == SAMPLE_FIELD));
     instrument.on_reading(us_after_start(16 * PERIOD_US), saturated_reading(SAMPLE_FIELD));
@@ -319,27 +324,13 @@ fn field_only_samples_do_not_wait_for_attitude() {
 
 #[test]
 fn a_sample_mixes_no_readings_with_and_without_attitude() {
-    let mut instrument = instrument();
-    let unknown = Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::UNCALIBRATED };
-    instrument.set_correction(unknown.clone());
-    for i in 0..4 {
-        instrument.on_reading(us_after_start(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
-        assert!(take_samples(&mut instrument).is_empty());
-    }
+    let mut instrument = field_only_instrument();
+    assert_eq!(read_samples(&mut instrument, 0..4), []);
     instrument.set_correction(Correction::UNCALIBRATED);
-    for i in 4..8 {
-        report_attitude(&mut instrument, i * PERIOD_US, Attitude::from_deg(20.0, 0.0));
-        instrument.on_reading(us_after_start(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
-    }
-    assert!(take_samples(&mut instrument).is_empty());
+    assert_eq!(read_samples_with_attitude(&mut instrument, 4..8), []);
     // A change of alignment does not restart the averaging run.
-    let align = Correction { align_deg: 5.0, ..Correction::UNCALIBRATED };
-    instrument.set_correction(align);
-    for i in 8..12 {
-        report_attitude(&mut instrument, i * PERIOD_US, Attitude::from_deg(20.0, 0.0));
-        instrument.on_reading(us_after_start(i * PERIOD_US), reading_of_field(SAMPLE_FIELD));
-    }
-    assert_eq!(take_samples(&mut instrument).len(), 1);
+    instrument.set_correction(Correction { align_deg: 5.0, ..Correction::UNCALIBRATED });
+    assert_eq!(read_samples_with_attitude(&mut instrument, 8..12).len(), 1);
 }
 
 /// Each row of the recording has field and attitude of one time, and becomes a sample.
@@ -351,14 +342,8 @@ fn a_recording_at_10_hz_passes_unchanged() {
         let us = u64::from(row) * 100_000;
         let attitude = Attitude::from_deg(f32::from(row), -f32::from(row) / 10.0);
         let field = Field::from_ut(f32::from(row), 1.0, 2.0);
-        let report = AttitudeReport {
-            sender: SenderId::default(),
-            sender_clock_at_sending: WrappingMillis::default(),
-            attitude,
-            body_rates: None,
-        };
-        instrument.on_attitude(us_after_start(us), report);
-        let estimate = instrument.on_reading(us_after_start(us), reading_of_field(field));
+        instrument.on_attitude(us_after_start(us), attitude_report(attitude, [0.0; 3]));
+        let estimate = process_reading(&mut instrument, us, field);
         assert_eq!(estimate.attitude, Some(attitude), "row {row}");
         let sample = Sample { time: us_after_start(us).wrapping_millis(), ..Sample::new(field, attitude) };
         assert_eq!(take_samples(&mut instrument), [sample], "row {row}");
@@ -377,7 +362,7 @@ fn a_faster_sensor_gives_as_many_samples() {
                 report_attitude(&mut instrument, reported_us, Attitude::default());
                 reported_us += 20_000;
             }
-            instrument.on_reading(us_after_start(us), reading_of_field(SAMPLE_FIELD));
+            process_reading(&mut instrument, us, SAMPLE_FIELD);
             number += take_samples(&mut instrument).len();
         }
         assert!((in_20_s - 2..=in_20_s).contains(&number), "{period_us} us: {number}");
@@ -389,7 +374,7 @@ fn a_faster_sensor_gives_as_many_samples() {
 fn a_new_sensor_sets_the_period_and_drops_waiting_readings() {
     let mut instrument = instrument();
     for us in [0, 300_000, 300_001] {
-        instrument.on_reading(us_after_start(us), reading_of_field(SAMPLE_FIELD));
+        process_reading(&mut instrument, us, SAMPLE_FIELD);
         assert!(take_samples(&mut instrument).is_empty());
     }
     assert_eq!(instrument.rejection_counts().unpaired_readings, 1);
@@ -397,7 +382,7 @@ fn a_new_sensor_sets_the_period_and_drops_waiting_readings() {
     assert_eq!(instrument.instrument_config().reading_period_us, 100_000);
     report_attitude(&mut instrument, 400_000, Attitude::default());
     assert!(take_samples(&mut instrument).is_empty(), "nothing waits");
-    instrument.on_reading(us_after_start(400_000), reading_of_field(SAMPLE_FIELD));
+    process_reading(&mut instrument, 400_000, SAMPLE_FIELD);
     assert_eq!(take_samples(&mut instrument).len(), 1);
     assert_eq!(instrument.rejection_counts().unpaired_readings, 1);
 }
@@ -411,14 +396,13 @@ fn no_report_or_reading_panics() {
         let mut pick = || extremes[random.bits() as usize % extremes.len()];
         let field = Field::from_ut(pick(), pick(), pick());
         let attitude = Attitude { roll_rad: pick(), pitch_rad: pick() };
-        let body_rates = BodyRates::from_rad_s([pick(), pick(), pick()]);
+        let report = attitude_report(attitude, [pick(), pick(), pick()]);
         let us = random.bits() >> (random.bits() % 64);
         let at = Timestamp::from_us(us);
         match random.bits() % 4 {
             0 => {
-                let (sender, sender_clock_at_sending) =
-                    (SenderId::default(), WrappingMillis::new(random.bits() as u32));
-                instrument.on_attitude(at, AttitudeReport { sender, sender_clock_at_sending, attitude, body_rates });
+                let sender_clock_at_sending = WrappingMillis::new(random.bits() as u32);
+                instrument.on_attitude(at, AttitudeReport { sender_clock_at_sending, ..report });
             }
             1 => drop(instrument.on_silence(at)),
             _ => drop(instrument.on_reading(at, reading_of_field(field))),
@@ -429,19 +413,15 @@ fn no_report_or_reading_panics() {
 
 #[test]
 fn with_unknown_inclination_any_inclination_is_accepted() {
-    for (knows_inclination, heading) in [(true, false), (false, true)] {
-        let mut instrument = calibrated_instrument();
-        let correction = Correction {
-            has_valid_inclination: knows_inclination,
-            ..instrument.active_calibration.stored_correction.clone()
-        };
-        instrument.set_correction(correction);
+    for has_valid_inclination in [true, false] {
+        let mut instrument =
+            instrument_with(Correction { has_valid_inclination, ..correction_with(test_calibration()) });
         report_attitude(&mut instrument, 0, Attitude::default());
         let steep = Field::new(Attitude::default().to_body_frame(Field::earth_field(50.0, 1.4, 0.5)).ut);
-        assert_eq!(instrument.on_reading(us_after_start(0), reading_of_field(steep)).heading.is_ok(), heading);
+        assert_eq!(process_reading(&mut instrument, 0, steep).heading.is_ok(), !has_valid_inclination);
         let strong = Field::new(steep.ut * 1.3);
         report_attitude(&mut instrument, 900_000, Attitude::default());
-        let disturbed = instrument.on_reading(us_after_start(900_000), reading_of_field(strong));
+        let disturbed = process_reading(&mut instrument, 900_000, strong);
         assert_eq!(disturbed.heading, Err(NoHeading::FieldDisturbed));
     }
 }
@@ -453,49 +433,53 @@ fn fly_level_turn(instrument: &mut Instrument, from_s: f32, seconds: f32, rate_s
         .map(|i| {
             let us = i * 20_000;
             let heading_rad = 1.0 + 20_f32.to_radians() * i as f32 / 50.0;
-            let report = AttitudeReport {
-                sender: SenderId::default(),
-                sender_clock_at_sending: WrappingMillis::default(),
-                attitude: Attitude::from_deg(5.0 + 0.02 * (i % 7) as f32, 0.0),
-                body_rates: BodyRates::from_rad_s(
-                    [0.0, 5_f32.to_radians().sin(), 5_f32.to_radians().cos()]
-                        .map(|part| rate_scale * 20_f32.to_radians() * part),
-                ),
-            };
-            let field = sensor_field(heading_rad, report.attitude);
-            instrument.on_attitude(us_after_start(us + LATENCY_US), report);
-            (heading_rad, instrument.on_reading(us_after_start(us), reading_of_field(field)))
+            let attitude = Attitude::from_deg(5.0 + 0.02 * (i % 7) as f32, 0.0);
+            report_with_rates(instrument, us, attitude, level_turn_rates_rad_s().map(|rate| rate_scale * rate));
+            (heading_rad, process_reading(instrument, us, sensor_field(heading_rad, attitude)))
         })
         .collect()
 }
 
+/// Whether all estimates, or none, have a smoothed heading.
+fn is_smoothed(flown: &[(f32, Estimate)]) -> bool {
+    let has_smoothed = flown[0].1.smoothed_heading.is_some();
+    assert!(flown.iter().all(|(_, estimate)| estimate.smoothed_heading.is_some() == has_smoothed));
+    has_smoothed
+}
+
 #[test]
 fn a_source_with_rates_gives_a_smooth_heading() {
-    let mut instrument = calibrated_instrument();
-    let correction = Correction { align_deg: -30.0, ..instrument.active_calibration.stored_correction.clone() };
-    instrument.set_correction(correction.clone());
+    let correction = Correction { align_deg: -30.0, ..correction_with(test_calibration()) };
+    let mut instrument = instrument_with(correction);
     let first = fly_level_turn(&mut instrument, 0.0, 2.0, 1.0);
-    assert!(first.iter().all(|(_, estimate)| estimate.smoothed_heading.is_none() && estimate.heading.is_ok()));
+    assert!(!is_smoothed(&first) && first.iter().all(|(_, estimate)| estimate.heading.is_ok()));
     for (heading_rad, estimate) in &fly_level_turn(&mut instrument, 2.0, 20.0, 1.0)[5..] {
         let off_rad = wrap_pi(estimate.smoothed_heading.unwrap().magnetic_rad - heading_rad + 30_f32.to_radians());
         assert!(off_rad.to_degrees().abs() < 0.1, "{}", off_rad.to_degrees());
     }
-    instrument.set_correction(correction.clone());
-    assert!(
-        fly_level_turn(&mut instrument, 22.0, 1.0, 1.0).iter().all(|(_, estimate)| estimate.smoothed_heading.is_some())
-    );
-    instrument.set_correction(Correction { align_deg: -29.5, ..correction });
-    assert!(
-        fly_level_turn(&mut instrument, 23.0, 1.0, 1.0).iter().all(|(_, estimate)| estimate.smoothed_heading.is_none())
-    );
+}
+
+#[test]
+fn a_correction_with_other_headings_restarts_the_smoothed_heading() {
+    let correction = correction_with(test_calibration());
+    let other_calibration = correction_with(Calibration { b_ut: [0.1, 0.0, 0.0], ..test_calibration() });
+    let mount = Some(Orientation::IDENTITY_ROTATION);
+    for (changed, is_continued) in [
+        (Correction { total_ut: Some(48.0), mount, is_armed: Some(true), ..correction.clone() }, true),
+        (Correction { align_deg: 0.5, ..correction.clone() }, false),
+        (Correction { has_valid_inclination: false, ..correction.clone() }, false),
+        (other_calibration, false),
+    ] {
+        let mut instrument = instrument_with(correction.clone());
+        fly_level_turn(&mut instrument, 0.0, 5.0, 1.0);
+        instrument.set_correction(changed.clone());
+        assert_eq!(is_smoothed(&fly_level_turn(&mut instrument, 5.0, 1.0, 1.0)), is_continued, "{changed:?}");
+    }
 }
 
 #[test]
 fn no_smoothed_heading_without_rates_or_a_raw_heading() {
-    let mut instrument = calibrated_instrument();
-    assert!(
-        fly_level_turn(&mut instrument, 0.0, 10.0, 0.0).iter().all(|(_, estimate)| estimate.smoothed_heading.is_none())
-    );
+    assert!(!is_smoothed(&fly_level_turn(&mut calibrated_instrument(), 0.0, 10.0, 0.0)));
     let mut instrument = calibrated_instrument();
     assert!(fly_level_turn(&mut instrument, 0.0, 10.0, 1.0).last().unwrap().1.smoothed_heading.is_some());
     let lost = instrument.on_reading(us_after_start(10_000_000), saturated_reading(SAMPLE_FIELD));
@@ -520,13 +504,9 @@ fn ten_reports_with_contradicting_rates_restart_the_monitor() {
         for i in 0..500_u16 {
             let t_s = f32::from(i) * 0.02;
             let before = instrument.attitude_history.rejected_reports().rate_contradictions;
-            let report = AttitudeReport {
-                sender: SenderId::default(),
-                sender_clock_at_sending: WrappingMillis::default(),
-                attitude: Attitude::from_deg(5.0 + 10.0 * t_s.sin(), 0.0),
-                body_rates: BodyRates::from_rad_s([rate_sign * 10_f32.to_radians() * t_s.cos(), 0.0, 0.0]),
-            };
-            instrument.on_attitude(us_after_start(10_000_000 + u64::from(i) * 20_000 + LATENCY_US), report);
+            let attitude = Attitude::from_deg(5.0 + 10.0 * t_s.sin(), 0.0);
+            let rates_rad_s = [rate_sign * 10_f32.to_radians() * t_s.cos(), 0.0, 0.0];
+            report_with_rates(&mut instrument, 10_000_000 + u64::from(i) * 20_000, attitude, rates_rad_s);
             let is_rejected = instrument.attitude_history.rejected_reports().rate_contradictions != before;
             consecutive = if is_rejected { consecutive + 1 } else { 0 };
             assert_eq!(*instrument.monitor.monitor_output() == initial, consecutive >= 10, "{rate_sign} {i}");

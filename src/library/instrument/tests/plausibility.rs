@@ -1,6 +1,7 @@
 //! Stuck axes, spikes, clipped readings and frozen attitudes.
 
 use super::*;
+use nalgebra::Vector3;
 
 fn instrument_with_stuck_check() -> Instrument {
     let mut instrument = calibrated_instrument();
@@ -8,6 +9,7 @@ fn instrument_with_stuck_check() -> Instrument {
     instrument
 }
 
+/// Estimates and samples of a second of readings.
 fn process_readings_for_second(
     instrument: &mut Instrument,
     from_us: u64,
@@ -18,12 +20,24 @@ fn process_readings_for_second(
         .map(|i| {
             let us = from_us + i * PERIOD_US;
             report_attitude(instrument, us, Attitude::from_deg(0.01 * i as f32, 0.0));
-            let estimate = instrument.on_reading(us_after_start(us + LATENCY_US + 1), reading_of_field(field(i)));
+            let estimate = process_reading(instrument, us + LATENCY_US + 1, field(i));
             made.extend(take_samples(instrument));
             estimate
         })
         .collect();
     (estimates, made)
+}
+
+/// Estimates and samples of a second of readings that `fault` makes from good ones, after a second of good readings.
+fn process_faulty_second(
+    instrument: &mut Instrument,
+    seed: u64,
+    mut fault: impl FnMut(u64, Vector3<f32>) -> Field<Sensor>,
+) -> (Vec<Estimate>, Vec<Sample>) {
+    let mut random = Random(seed);
+    let (estimates, made) = process_readings_for_second(instrument, 0, |_| noisy_field(&mut random));
+    assert_eq!((empty_reasons(&estimates), made.len()), (vec![], 9), "the tenth sample waits for a report");
+    process_readings_for_second(instrument, 1_000_000, |i| fault(i, noisy_field(&mut random).ut))
 }
 
 fn empty_reasons(estimates: &[Estimate]) -> Vec<NoHeading> {
@@ -34,19 +48,15 @@ fn empty_reasons(estimates: &[Estimate]) -> Vec<NoHeading> {
 
 fn noisy_field(random: &mut Random) -> Field<Sensor> {
     let sensed = sensor_field(0.5, Attitude::default()).ut;
-    Field::new(sensed + nalgebra::Vector3::from_fn(|_, _| 0.3 * random.normal()))
+    Field::new(sensed + Vector3::from_fn(|_, _| 0.3 * random.normal()))
 }
 
 #[test]
 fn a_stuck_axis_is_reported_and_makes_no_samples() {
-    let mut random = Random(1);
     let mut instrument = instrument_with_stuck_check();
-    let (estimates, made) = process_readings_for_second(&mut instrument, 0, |_| noisy_field(&mut random));
-    assert_eq!((empty_reasons(&estimates), made.len()), (vec![], 9), "the tenth sample waits for a report");
-    let (estimates, made) = process_readings_for_second(&mut instrument, 1_000_000, |_| {
-        let good = noisy_field(&mut random).ut;
-        Field::from_ut(good.x, sensor_field(0.5, Attitude::default()).ut.y, good.z)
-    });
+    let stuck_y = sensor_field(0.5, Attitude::default()).ut.y;
+    let (estimates, made) =
+        process_faulty_second(&mut instrument, 1, |_, good| Field::from_ut(good.x, stuck_y, good.z));
     assert_eq!(empty_reasons(&estimates), [NoHeading::SensorStuck]);
     assert!(estimates[15].heading.is_err() && estimates[15].body_field.is_none() && estimates[14].heading.is_ok());
     assert_eq!(instrument.rejection_counts().stuck_readings, 65);
@@ -55,36 +65,26 @@ fn a_stuck_axis_is_reported_and_makes_no_samples() {
 
 #[test]
 fn a_spike_is_reported_and_excluded_from_its_sample() {
-    let mut random = Random(2);
     let mut instrument = instrument_with_stuck_check();
-    process_readings_for_second(&mut instrument, 0, |_| noisy_field(&mut random));
-    let (estimates, made) = process_readings_for_second(&mut instrument, 1_000_000, |i| {
-        let good = noisy_field(&mut random).ut;
+    let (estimates, made) = process_faulty_second(&mut instrument, 2, |i, good| {
         Field::from_ut(if i % 20 == 10 { good.x + 40.0 } else { good.x }, good.y, good.z)
     });
     assert_eq!(empty_reasons(&estimates), [NoHeading::SensorSpike]);
-    assert_eq!(
-        (instrument.rejection_counts().spike_readings, instrument.rejection_counts().saturated_readings),
-        (4, 0)
-    );
+    let counts = instrument.rejection_counts();
+    assert_eq!((counts.spike_readings, counts.saturated_readings), (4, 0));
     let true_x = sensor_field(0.5, Attitude::default()).ut.x;
     assert!(made.len() >= 8 && made.iter().all(|sample| (sample.field.ut.x - true_x).abs() < 0.6), "{made:?}");
 }
 
 #[test]
 fn a_clipped_axis_is_reported() {
-    let mut random = Random(3);
     let mut instrument = instrument_with_stuck_check();
-    process_readings_for_second(&mut instrument, 0, |i| {
-        let good = noisy_field(&mut random).ut;
+    // The field grows until the axis is at the end of its range.
+    let (estimates, _) = process_faulty_second(&mut instrument, 3, |i, good| {
         Field::from_ut((good.x + i as f32 * 0.2).min(30.0), good.y, good.z)
     });
-    let (estimates, _) = process_readings_for_second(&mut instrument, 1_000_000, |_| {
-        let good = noisy_field(&mut random).ut;
-        Field::from_ut(30.0, good.y, good.z)
-    });
     assert_eq!(empty_reasons(&estimates), [NoHeading::SensorClipped]);
-    assert!(instrument.rejection_counts().clipped_readings >= 80);
+    assert!(estimates[79].heading.is_err() && instrument.rejection_counts().clipped_readings > 30);
 }
 
 #[test]
@@ -96,7 +96,7 @@ fn a_frozen_attitude_is_reported_at_the_fifth_equal_report() {
         .map(|i| {
             let us = 1_000_000 + i * 20_000;
             report_attitude(&mut instrument, us, Attitude::from_deg(3.0, 1.0));
-            instrument.on_reading(us_after_start(us + LATENCY_US + 1), reading_of_field(noisy_field(&mut random)))
+            process_reading(&mut instrument, us + LATENCY_US + 1, noisy_field(&mut random))
         })
         .collect();
     assert_eq!(estimates.iter().position(|estimate| estimate.heading.is_err()), Some(4));
@@ -121,10 +121,10 @@ fn a_coarse_source_is_frozen_when_the_field_turns() {
                     report_attitude(&mut instrument, us, Attitude::from_deg(0.1, 0.0));
                 }
                 let seconds = i as f32 / 80.0;
-                let noise = nalgebra::Vector3::from_fn(|_, _| 0.3 * random.normal());
+                let noise = Vector3::from_fn(|_, _| 0.3 * random.normal());
                 let true_attitude = Attitude::from_deg(0.1 + rolls_deg_s * seconds, 0.0);
                 let field = Field::new(sensor_field(0.5 + turns * seconds, true_attitude).ut + noise);
-                instrument.on_reading(us_after_start(us + LATENCY_US + 1), reading_of_field(field))
+                process_reading(&mut instrument, us + LATENCY_US + 1, field)
             })
             .collect();
         assert_eq!(empty_reasons(&estimates), expected, "{rolls_deg_s}");
