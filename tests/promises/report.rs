@@ -28,14 +28,24 @@ fn report_page(mission: &MissionResult) -> String {
     ))
 }
 
+/// Texts between a marker and the next end marker.
+fn texts_after<'a>(html: &'a str, marker: &'a str, end: &'a str) -> impl Iterator<Item = &'a str> {
+    html.split(marker).skip(1).filter_map(move |after_marker| after_marker.split(end).next())
+}
+
+fn assert_contains_all(html: &str, texts: &[&str]) {
+    for text in texts {
+        assert!(html.contains(text), "{text}");
+    }
+}
+
 fn assert_well_formed(html: &str) {
     const VOID_ELEMENTS: [&str; 2] = ["meta", "!doctype"];
     let mut open: Vec<&str> = Vec::new();
     let mut remaining = html;
-    while let Some(tag_start) = remaining.find('<') {
-        let tag_end = tag_start + remaining[tag_start..].find('>').expect("a tag ends");
-        let tag = &remaining[tag_start + 1..tag_end];
-        remaining = &remaining[tag_end + 1..];
+    while let Some((_, from_tag)) = remaining.split_once('<') {
+        let (tag, after_tag) = from_tag.split_once('>').expect("a tag ends");
+        remaining = after_tag;
         let name = tag.trim_start_matches('/').split([' ', '\n', '/']).next().expect("a name");
         if tag.starts_with('/') {
             assert_eq!(open.pop(), Some(name), "{tag}");
@@ -66,13 +76,12 @@ fn assert_safe_page(html: &str) {
     assert_eq!(contents.matches("<script").count(), contents.matches("<script type=\"application/json\">").count());
     // Scrolling boxes are reachable by keyboard and have a name.
     assert_eq!(html.matches("class=\"scroll\"").count(), html.matches("tabindex=\"0\" role=\"group\"").count());
-    let ids: Vec<&str> =
-        html.split(" id=\"").skip(1).map(|after_id| after_id.split('"').next().expect("a first part")).collect();
+    let ids: Vec<&str> = texts_after(html, " id=\"", "\"").collect();
     let mut unique = ids.clone();
     unique.sort_unstable();
     unique.dedup();
     assert_eq!(unique.len(), ids.len(), "{ids:?}");
-    for target in html.split("href=\"#").skip(1).map(|after_id| after_id.split('"').next().expect("a first part")) {
+    for target in texts_after(html, "href=\"#", "\"") {
         assert!(ids.contains(&target), "{target}");
     }
 }
@@ -83,21 +92,10 @@ fn a_calibrated_mission_is_reported_the_same_each_time() {
     let html = report_page(&flown);
     assert_eq!(html, report_page(&flown));
     assert_safe_page(&html);
-    for title in [
-        "Verdict",
-        "Field strength and current",
-        "Error over time",
-        "Error by heading",
-        "Three axes, expected and measured",
-        "Directions of the field",
-        "Deviation card",
-        "What was flown",
-        "Where it was flown",
-        "How this was made",
-        "Console session",
-    ] {
-        assert!(html.contains(title), "{title}");
-    }
+    let charts = ["Field strength and current", "Error over time", "Error by heading", "Directions of the field"];
+    assert_contains_all(&html, &charts);
+    assert_contains_all(&html, &["Verdict", "Three axes, expected and measured", "Deviation card", "What was flown"]);
+    assert_contains_all(&html, &["Where it was flown", "How this was made", "Console session"]);
     let (before, after) = (flown.errors_before.statistics(), flown.errors_after.statistics());
     let expected_deg = flown.calibration_result.as_ref().unwrap().expected_rms_deg;
     for figure in
@@ -142,26 +140,16 @@ fn a_replayed_log_has_the_numbers_of_its_json() {
     }
     let class = format!("class=\"verdict {}\"", json["state"].as_str().unwrap());
     assert!(html.contains(&class), "{class}");
-    for title in [
-        "side by side",
-        "Deviation card",
-        "Field strength and current",
-        "Error by heading",
-        "Directions of the field",
-        "Parameters to load",
-        "Flight flight.csv",
-        "What was flown",
-    ] {
-        assert!(html.contains(title), "{title}");
-    }
+    assert_contains_all(&html, &["side by side", "Deviation card", "Field strength and current", "Error by heading"]);
+    assert_contains_all(
+        &html,
+        &["Directions of the field", "Parameters to load", "Flight flight.csv", "What was flown"],
+    );
     // Table cells have two decimals, JSON three.
     let is_shown = |expected: &Value, before_cell: &str, after_cell: &str| {
         let expected = expected.as_f64().unwrap();
-        let cell_values = html
-            .split(before_cell)
-            .skip(1)
-            .filter_map(|after_marker| after_marker.split(after_cell).next()?.parse::<f64>().ok());
-        assert!(cell_values.into_iter().any(|cell_value| (cell_value - expected).abs() < 0.0056), "{expected}");
+        let mut cells = texts_after(&html, before_cell, after_cell).filter_map(|cell| cell.parse::<f64>().ok());
+        assert!(cells.any(|cell| (cell - expected).abs() < 0.0056), "{expected}");
     };
     for compass in json["compasses"].as_array().unwrap() {
         is_shown(&compass["module"]["expected_rms_deg"], "<dd>", " deg RMS");
@@ -181,9 +169,7 @@ fn a_log_report_shows_the_flown_path_and_attitude() {
     // Inclination by the field model at the start position, degrees.
     world.earth.inclination_deg = 64.0;
     let mut recording = FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..record_turns(&world, 0.0) };
-    for flight_sample in &mut recording.samples {
-        flight_sample.field_ut.insert(0, [10.0, 20.0, 30.0]);
-    }
+    recording.samples.iter_mut().for_each(|sample| sample.field_ut.insert(0, [10.0, 20.0, 30.0]));
     let flight = log::read_flight(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
     let verdict = evaluate_flight(&flight, &EvaluationOptions::DEFAULT);
     let judgement = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot);
@@ -191,13 +177,9 @@ fn a_log_report_shows_the_flown_path_and_attitude() {
     // The compass in use is not known: the first is judged, and one good compass does not make the page green.
     assert_eq!(report.verdicts[0].compass_state, CompassState::Bad, "{:?}", report.verdicts);
     assert!(report.verdicts[0].verdict_text.contains("replace"), "{:?}", report.verdicts);
-    assert_eq!(
-        report.compasses.iter().map(|compass_report| compass_report.is_accepted).collect::<Vec<_>>(),
-        [false, true]
-    );
+    assert_eq!([0, 1].map(|i| report.compasses[i].is_accepted), [false, true]);
     let report_samples = &report.compasses[1].samples;
-    let usable =
-        || report_samples.iter().filter(|report_sample| report_sample.is_usable && !report_sample.is_heading_withheld);
+    let usable = || report_samples.iter().filter(|sample| sample.is_usable && !sample.is_heading_withheld);
     assert!(usable().count() > 2000);
     // Bounds for attitude noise of 0.5 deg and field noise of 0.3 uT.
     let [total_ut, inclination_deg] = report.compasses[1].earth_field.unwrap();
@@ -215,30 +197,17 @@ fn a_log_report_shows_the_flown_path_and_attitude() {
     }
     let first_s = report_samples[0].time_s;
     for fitted_s in verdict.compasses[1].module_result.fitted_times_s.iter().map(|since_s| first_s + since_s) {
-        assert!(
-            report_samples
-                .iter()
-                .any(|report_sample| report_sample.is_fitted && (report_sample.time_s - fitted_s).abs() < 0.06),
-            "{fitted_s}"
-        );
+        let is_marked = |sample: &ReportSample| sample.is_fitted && (sample.time_s - fitted_s).abs() < 0.06;
+        assert!(report_samples.iter().any(is_marked), "{fitted_s}");
     }
     // Positions count from the start of the log; f32 degrees resolve 0.5 m, and rows 0.1 s.
-    let (report_sample, flown_sample) = (
-        report_samples.iter().rev().find(|report_sample| report_sample.position_m.is_some()).unwrap(),
-        &recording.samples,
-    );
-    let flight_sample = flown_sample
-        .iter()
-        .find(|flight_sample| flight_sample.time_us as f64 * 1e-6 > report_sample.time_s - 0.01)
-        .unwrap();
-    let [north_m, east_m] =
-        [0, 1].map(|axis| flight_sample.displacement_m[axis] - flown_sample[0].displacement_m[axis]);
-    let [east, north] = report_sample.position_m.unwrap();
-    assert!(
-        north_m.hypot(east_m) > 1000.0 && (east - east_m).hypot(north - north_m) < 5.0,
-        "{:?}",
-        report_sample.position_m
-    );
+    let (last, flown) =
+        (report_samples.iter().rev().find(|sample| sample.position_m.is_some()).unwrap(), recording.samples);
+    let flown_last = flown.iter().find(|sample| sample.time_us as f64 * 1e-6 > last.time_s - 0.01).unwrap();
+    let [north_m, east_m] = [0, 1].map(|axis| flown_last.displacement_m[axis] - flown[0].displacement_m[axis]);
+    let [east, north] = last.position_m.unwrap();
+    let off_m = (east - east_m).hypot(north - north_m);
+    assert!(north_m.hypot(east_m) > 1000.0 && off_m < 5.0, "{:?}", last.position_m);
 }
 
 /// Text of a log is escaped; numbers that are not finite become dashes or are not drawn.
@@ -247,7 +216,7 @@ fn text_of_a_hostile_log_is_escaped() {
     const HOSTILE_TEXT: &str = "</title><script>alert(1)</script>\"'><img src=x onerror=alert(1)>\u{1b}[2K\u{0}";
     let hostile = || HOSTILE_TEXT.to_owned();
     let nan = Some(f64::NAN);
-    let report_sample = |i: u32| ReportSample {
+    let hostile_sample = |i: u32| ReportSample {
         time_s: f64::from(i),
         heading_deg: nan,
         roll_deg: f64::NAN,
@@ -277,24 +246,19 @@ fn text_of_a_hostile_log_is_escaped() {
         curves_before: vec![line.clone()],
         curves_after: vec![line],
         sigma_by_heading_deg: vec![f64::NAN, 0.5, f64::INFINITY, -0.0],
-        samples: (0..50).map(report_sample).collect(),
-        event_marks: vec![
-            EventMark { time_s: f64::NAN, event_name: hostile() },
-            EventMark { time_s: 1e9, event_name: hostile() },
-        ],
+        samples: (0..50).map(hostile_sample).collect(),
+        event_marks: [f64::NAN, 1e9].map(|time_s| EventMark { time_s, event_name: hostile() }).into(),
         earth_field: Some([f64::NAN; 2]),
         magnetic_offset_deg: f64::NAN,
         advice: Some(hostile()),
         coefficients: Some([[f64::NAN; 3]; 4]),
         ..CompassReport::default()
     };
+    let verdict =
+        VerdictLine { compass_state: CompassState::Doubtful, state_word: "Doubtful", verdict_text: hostile() };
     let report = Report {
         title: hostile(),
-        verdicts: vec![VerdictLine {
-            compass_state: CompassState::Doubtful,
-            state_word: "Doubtful",
-            verdict_text: hostile(),
-        }],
+        verdicts: vec![verdict],
         module_verdict: Some(hostile()),
         key_figures: vec![[hostile(), hostile()]],
         log_warnings: vec![hostile()],
@@ -332,8 +296,7 @@ fn an_empty_report_gives_a_valid_page() {
 fn a_standalone_picture_has_a_background_and_both_colour_schemes() {
     let svg_text = render_picture(&report_mission(&fly_plan(TurnPlan::default()), &ReportOrigin::default()));
     assert!(svg_text.starts_with("<svg xmlns=") && svg_text.ends_with("</svg>\n"));
-    for needed in ["class=\"paper\"", "prefers-color-scheme:dark", "deg before", "expected, 1 sigma"] {
-        assert!(svg_text.contains(needed), "{needed}");
-    }
+    let needed = ["class=\"paper\"", "prefers-color-scheme:dark", "deg before", "expected, 1 sigma"];
+    assert_contains_all(&svg_text, &needed);
     assert!(svg_text.len() < 30_000, "{}", svg_text.len());
 }

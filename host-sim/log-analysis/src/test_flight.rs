@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use testkit::random::Random;
 
 use crate::log::log_writers::{FlightRecording, FlightSample};
+use crate::log::{Flight, LogFormat};
 
 const STEP_S: f64 = 0.1;
 const AIRSPEED_M_S: f64 = 22.0;
@@ -102,6 +103,17 @@ fn measured_field_ut(euler_rad: Vector3<f64>) -> Vector3<f64> {
     let earth_ut = Vector3::new(total_ut * libm::cos(inclination_rad), 0.0, total_ut * libm::sin(inclination_rad));
     SOFT_IRON * Rotation3::from_euler_angles(euler_rad.x, euler_rad.y, euler_rad.z).inverse_transform_vector(&earth_ut)
         + Vector3::from(HARD_IRON_UT)
+}
+
+/// Flight whose log has `row_count` rows with the attitude and the body rates of a time in seconds.
+pub fn flight_of_motion(rate_hz: f64, row_count: u16, motion: impl Fn(f64) -> ([f32; 3], [f32; 3])) -> Flight {
+    let mut flight = Flight::new(LogFormat::ULog);
+    for t_s in (0..row_count).map(|i| f64::from(i) / rate_hz) {
+        let (attitude_rad, rates_rad_s) = motion(t_s);
+        flight.attitude.push_row(t_s, attitude_rad);
+        flight.body_rates.push_row(t_s, rates_rad_s);
+    }
+    flight
 }
 
 /// Body rates of Euler rates (B. L. Stevens, F. L. Lewis, "Aircraft Control and Simulation", section 1.4).

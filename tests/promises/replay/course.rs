@@ -1,11 +1,10 @@
 //! GPS course as a reference heading, and the ranking of references.
 
 use autoswing::frames::wrap_pi;
-use log_analysis::log::log_writers::{FlightRecording, FlightSample, encode_dataflash, encode_tlog, encode_ulog};
+use log_analysis::log::log_writers::{FlightRecording, encode_dataflash, encode_tlog, encode_ulog};
 use log_analysis::log::{FieldCorrection, Flight};
 use log_analysis::replay::evaluation::{evaluate_flight, score_correction};
 use log_analysis::replay::gps_course::{GpsCourseHeading, GpsCourseRejection};
-use log_analysis::replay::log_warning::LogWarning;
 use log_analysis::replay::parameter_export::ParameterFormat;
 use log_analysis::replay::verdict::Verdict;
 use log_analysis::replay::{ReferenceHeading, build_rows};
@@ -14,22 +13,27 @@ use simulator::world::aircraft::VehicleKind;
 use simulator::world::autopilot::Leg;
 use simulator::world::{World, WorldConfig};
 
-use super::{DEFAULT_OPTIONS, read_flight};
+use super::{DEFAULT_OPTIONS, evaluate_log, read_flight, warnings_text};
 
-/// A circle each way, then 30 s in each direction, at 48 N, with GPS.
+/// A circle each way, then 30 s in each direction.
 fn record_circles_and_legs(world: &WorldConfig, headings_deg: &[f64]) -> FlightRecording {
     let world = World::new(*world);
-    let mut source = world.attitude_source();
     for heading_change_deg in [360.0, -360.0] {
         world.append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
     }
     for &heading_deg in headings_deg {
         world.append_leg(Leg::Straight { heading_deg, seconds: 30.0 });
     }
+    record_world(&world, 70 + headings_deg.len() as u64 * 30)
+}
+
+/// Records the flight of a world at 48 N, with GPS, until a time in seconds.
+fn record_world(world: &World, end_s: u64) -> FlightRecording {
+    let mut source = world.attitude_source();
     let mut recording =
         FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..FlightRecording::with_field_latency(0.0) };
-    for i in 10..700 + headings_deg.len() as u64 * 300 {
-        record_sample(&mut recording, &world, &mut source, i * 100_000);
+    for i in 10..end_s * 10 {
+        record_sample(&mut recording, world, &mut source, i * 100_000);
     }
     recording
 }
@@ -100,85 +104,37 @@ fn errors_against_gps_course_match_errors_against_the_truth() {
         assert!(course.measures_error() && course.reference_name() == "GPS course in straight flight", "{course:?}");
         let [by_course, mut by_truth] = [&course, &ReferenceHeading::AutopilotYaw]
             .map(|reference| build_rows(&flight, &flight.compasses[0], 0.0, Some(reference)).0);
-        for (true_error_score, course_score) in by_truth.iter_mut().zip(&by_course) {
-            true_error_score.reference_deg =
-                true_error_score.reference_deg.filter(|_| course_score.reference_deg.is_some());
+        for (true_row, course_row) in by_truth.iter_mut().zip(&by_course) {
+            true_row.reference_deg = true_row.reference_deg.filter(|_| course_row.reference_deg.is_some());
         }
-        let [course_score, true_error_score] =
+        let [course_score, true_score] =
             [by_course, by_truth].map(|rows| score_correction(&rows, &FieldCorrection::identity()).unwrap());
         let sigma_deg = course.gps_course_solution().unwrap().sigma_deg();
-        assert!(true_error_score.rms_deg > 3.0, "seed {seed}: too good a compass to tell, {true_error_score:?}");
-        assert!(
-            (course_score.rms_deg - true_error_score.rms_deg).abs() < sigma_deg / 2.0,
-            "seed {seed}: {course_score:?} {true_error_score:?}"
-        );
-        assert!(
-            (course_score.mean_deg - true_error_score.mean_deg).abs() < sigma_deg / 2.0,
-            "seed {seed}: {course_score:?} {true_error_score:?}"
-        );
+        let about = format!("seed {seed}: {course_score:?} {true_score:?}");
+        assert!(true_score.rms_deg > 3.0, "too good a compass for a comparison: {about}");
+        assert!((course_score.rms_deg - true_score.rms_deg).abs() < sigma_deg / 2.0, "{about}");
+        assert!((course_score.mean_deg - true_score.mean_deg).abs() < sigma_deg / 2.0, "{about}");
     }
 }
 
+/// A wind that changes by 8 m/s, and legs out and back alone.
 #[test]
-fn gps_course_is_rejected_where_it_gives_no_heading() {
-    let plane = record_circles_and_legs(&config_with_wind(1, 5.0), &ALL_ROUND_HEADINGS_DEG);
-    let changed = |change: &dyn Fn(&mut FlightSample, f64)| {
-        let mut recording = plane.clone();
-        let sample_count = recording.samples.len() as f64;
-        for (i, flight_sample) in recording.samples.iter_mut().enumerate() {
-            change(flight_sample, i as f64 / sample_count);
-        }
-        recording
-    };
-    let add_velocity = |flight_sample: &mut FlightSample, [north, east]: [f64; 2]| {
-        flight_sample.velocity_m_s[0] += north;
-        flight_sample.velocity_m_s[1] += east;
-    };
-    for (expected_rejection, recording) in [
-        (
-            GpsCourseRejection::FewDirections,
-            record_circles_and_legs(&config_with_wind(1, 5.0), &[30.0, 210.0, 30.0, 210.0]),
-        ),
-        (GpsCourseRejection::StrongWind, record_circles_and_legs(&config_with_wind(1, 12.0), &ALL_ROUND_HEADINGS_DEG)),
-        (GpsCourseRejection::Copter, FlightRecording { is_copter: true, ..plane.clone() }),
-        // Wind that changes its direction.
-        (
-            GpsCourseRejection::UncertainWind,
-            changed(&|flight_sample, time_fraction| {
-                add_velocity(flight_sample, [6.0 * time_fraction, -6.0 * time_fraction]);
-            }),
-        ),
-        // Airspeed that oscillates.
-        (
-            GpsCourseRejection::NoCircle,
-            changed(&|flight_sample, time_fraction| {
-                let factor = 1.0 + 0.5 * (time_fraction * 200.0).sin();
-                flight_sample.velocity_m_s = flight_sample.velocity_m_s.map(|axis| axis * factor);
-            }),
-        ),
-        (
-            GpsCourseRejection::TooSlow,
-            changed(&|flight_sample, _| flight_sample.velocity_m_s = flight_sample.velocity_m_s.map(|axis| axis * 0.3)),
-        ),
-        // The course turns, but not the nose.
-        (
-            GpsCourseRejection::NoseMismatch,
-            changed(&|flight_sample, _| {
-                flight_sample.rates_rad_s = [0.001, 0.0, 0.0];
-                flight_sample.attitude_rad = [0.0, 0.0, 1.0];
-            }),
-        ),
-    ] {
+fn where_gps_course_gives_no_heading_the_autopilots_yaw_is_compared_and_the_reason_reported() {
+    let mut changing_wind = record_circles_and_legs(&config_with_wind(1, 5.0), &ALL_ROUND_HEADINGS_DEG);
+    let sample_count = changing_wind.samples.len() as f64;
+    for (i, sample) in changing_wind.samples.iter_mut().enumerate() {
+        let change_m_s = 6.0 * i as f64 / sample_count;
+        sample.velocity_m_s = [sample.velocity_m_s[0] + change_m_s, sample.velocity_m_s[1] - change_m_s];
+    }
+    let out_and_back = record_circles_and_legs(&config_with_wind(1, 5.0), &[30.0, 210.0, 30.0, 210.0]);
+    for (expected, recording) in
+        [(GpsCourseRejection::FewDirections, out_and_back), (GpsCourseRejection::UncertainWind, changing_wind)]
+    {
         let flight = read_flight(&encode_dataflash(&recording));
-        assert_eq!(GpsCourseHeading::from_flight(&flight).unwrap_err(), expected_rejection);
-        assert_eq!(
-            ReferenceHeading::best_reference(&flight),
-            Some(ReferenceHeading::AutopilotYaw),
-            "{expected_rejection:?}"
-        );
-        let notes = LogWarning::warnings_of_flight(&flight, &evaluate_flight(&flight, &DEFAULT_OPTIONS));
-        let is_reported = notes.iter().any(|note| note.to_string().contains(expected_rejection.description()));
-        assert!(is_reported, "{expected_rejection:?}: {notes:?}");
+        assert_eq!(GpsCourseHeading::from_flight(&flight).unwrap_err(), expected);
+        assert_eq!(ReferenceHeading::best_reference(&flight), Some(ReferenceHeading::AutopilotYaw), "{expected:?}");
+        let warnings = warnings_text(&flight, &evaluate_flight(&flight, &DEFAULT_OPTIONS));
+        assert!(warnings.contains(expected.description()), "{expected:?}: {warnings}");
     }
 }
 
@@ -188,16 +144,11 @@ fn a_copter_is_not_compared_with_its_course() {
     let mut config = config_with_wind(1, 2.0);
     config.aircraft.kind = VehicleKind::Copter;
     let world = World::new(config);
-    let mut source = world.attitude_source();
     for i in 0..8 {
         world.append_leg(Leg::Tilt { toward_deg: f64::from(i) * 45.0, tilt_deg: 15.0, seconds: 20.0 });
         world.append_leg(Leg::Hover { seconds: 10.0 });
     }
-    let mut recording =
-        FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..FlightRecording::with_field_latency(0.0) };
-    for i in 10..2400 {
-        record_sample(&mut recording, &world, &mut source, i * 100_000);
-    }
+    let mut recording = record_world(&world, 240);
     assert_eq!(
         GpsCourseHeading::from_flight(&read_flight(&encode_ulog(&recording))).unwrap_err(),
         GpsCourseRejection::Copter
@@ -208,18 +159,15 @@ fn a_copter_is_not_compared_with_its_course() {
 
 #[test]
 fn gps_course_is_reported_with_its_accuracy() {
-    let flight =
-        read_flight(&encode_tlog(&record_circles_and_legs(&config_with_wind(1, 5.0), &ALL_ROUND_HEADINGS_DEG)));
-    let verdict = evaluate_flight(&flight, &DEFAULT_OPTIONS);
+    let recording = record_circles_and_legs(&config_with_wind(1, 5.0), &ALL_ROUND_HEADINGS_DEG);
+    let (flight, verdict) = evaluate_log(&encode_tlog(&recording));
     let json = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot).json();
     let reference = &json["reference"];
     assert_eq!(reference["is_accuracy"], true);
     assert!((reference["course"]["wind_m_s"].as_f64().unwrap() - 5.0).abs() < 0.2, "{reference}");
     let limits = reference["limits"].as_str().unwrap();
-    assert!(
-        ["no compass", "5.0 m/s from 250", "sideslip", "banked"].iter().all(|text| limits.contains(text)),
-        "{limits}"
-    );
+    let expected = ["no compass", "5.0 m/s from 250", "sideslip", "banked"];
+    assert!(expected.iter().all(|text| limits.contains(text)), "{limits}");
     let described = include_str!("../../../docs/your-flight.md");
     for field in reference["course"].as_object().unwrap().keys() {
         assert!(described.contains(&format!("`{field}`")), "{field}: docs/your-flight.md");

@@ -7,24 +7,18 @@ use autoswing::calibration::SolveError;
 use autoswing::collection::CollectionProblem;
 use autoswing::frames::Attitude;
 use autoswing_module::messages::{Refusal, RefusalCause};
-use log_analysis::log::{FieldCorrection, Flight};
 use log_analysis::replay::{
-    HeadingScore, ReferenceHeading, ReplayOptions, ReplayRow, RowSelection, build_rows, hard_iron_step, replay_rows,
+    HeadingRow, HeadingScore, ReferenceHeading, ReplayOptions, ReplayRow, RowSelection, build_rows, replay_rows,
 };
 use nalgebra::Vector3;
 use simulator::heading_errors::HeadingErrors;
 use simulator::world::autopilot::Leg;
 use simulator::world::{World, WorldConfig};
 
-use super::read_flight;
+use super::{max_rms_deg, read_flight};
 
 const ALL_ROWS_OPTIONS: ReplayOptions = ReplayOptions::with_selection(RowSelection::All);
 const TURN_SAMPLES_OPTIONS: ReplayOptions = ReplayOptions { row_selection: RowSelection::Turns, ..ALL_ROWS_OPTIONS };
-
-/// Rows of a flight's first compass, with a field latency in seconds.
-fn rows_of(flight: &Flight, age_s: f64) -> Vec<ReplayRow> {
-    build_rows(flight, &flight.compasses[0], age_s, ReferenceHeading::best_reference(flight).as_ref()).0
-}
 
 /// Straight, circles each way, straight, at 10 Hz in milligauss with one decimal and reported attitude; the reference
 /// is the true magnetic heading. The first 10 s are not usable.
@@ -63,7 +57,8 @@ fn recorded_turns_with_hard_iron(
         write!(text, "{t_s},{x:.1},{y:.1},{z:.1},{roll_deg:.2},{pitch_deg:.2},{reference_deg:.2},{usable}").unwrap();
         writeln!(text, ",{p:.3},{q:.3},{r:.3}").unwrap();
     }
-    rows_of(&read_flight(text.as_bytes()), 0.0)
+    let flight = read_flight(text.as_bytes());
+    build_rows(&flight, &flight.compasses[0], 0.0, ReferenceHeading::best_reference(&flight).as_ref()).0
 }
 
 /// Attitude noise of 0.3 deg and a bank-angle scale error of 1 % make up to 1 deg of heading at these inclinations.
@@ -72,12 +67,11 @@ fn all_rows_and_turns_alone_give_the_heading() {
     for seed in 0..10 {
         let world = WorldConfig::random_world(seed);
         let rows = recorded_turns(&world, 3.0);
-        let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
         for options in [ALL_ROWS_OPTIONS, TURN_SAMPLES_OPTIONS] {
             let replay_result = replay_rows(&rows, &options);
             assert_eq!(replay_result.acceptance, Ok(()), "seed {seed} {options:?}");
             let score = replay_result.score.unwrap();
-            assert!(score.rms_deg < 0.5 + noise_deg, "seed {seed} {options:?}: {score:?}");
+            assert!(score.rms_deg < max_rms_deg(&world), "seed {seed} {options:?}: {score:?}");
             assert!(score.mean_deg.abs() < 0.5, "seed {seed} {options:?}: {score:?}");
             assert_eq!(score.row_count, rows.len() - 100);
             assert_eq!(replay_result.headings.len(), rows.len());
@@ -91,25 +85,13 @@ fn body_rates_reduce_the_heading_error_by_smoothing() {
     let rms = |score: Option<HeadingScore>| score.unwrap().rms_deg;
     let mut ratios = Vec::new();
     for seed in 0..5 {
-        let mut rows = recorded_turns(&WorldConfig::random_world(seed), 3.0);
+        let rows = recorded_turns(&WorldConfig::random_world(seed), 3.0);
         let with_rates = replay_rows(&rows, &ALL_ROWS_OPTIONS);
-        let smoothed_count =
-            with_rates.headings.iter().filter(|heading_row| heading_row.smoothed_and_sigma_deg.is_some()).count();
+        let is_smoothed = |heading_row: &HeadingRow| heading_row.smoothed_and_sigma_deg.is_some();
+        let smoothed_count = with_rates.headings.iter().filter(|row| is_smoothed(row)).count();
         assert!(smoothed_count > rows.len() * 9 / 10, "seed {seed}: {smoothed_count} of {}", rows.len());
-        assert!(
-            with_rates.headings.iter().take(20).all(|heading_row| heading_row.smoothed_and_sigma_deg.is_none()),
-            "seed {seed}"
-        );
+        assert!(!with_rates.headings[..20].iter().any(is_smoothed), "seed {seed}");
         ratios.push(rms(with_rates.smoothed_score) / rms(with_rates.score));
-        for row in &mut rows {
-            row.rates_rad_s = None;
-        }
-        let without_rates = replay_rows(&rows, &ALL_ROWS_OPTIONS);
-        assert!(
-            without_rates.headings.iter().all(|heading_row| heading_row.smoothed_and_sigma_deg.is_none()),
-            "seed {seed}"
-        );
-        assert_eq!(without_rates.smoothed_score, without_rates.score, "seed {seed}");
     }
     // Near the magnetic equator attitude errors hardly affect the heading, and the estimate of the mount's turn adds 1
     // %.
@@ -122,6 +104,9 @@ fn body_rates_reduce_the_heading_error_by_smoothing() {
 fn a_fit_to_a_part_of_the_flight_is_good_or_refused() {
     let rows = recorded_turns(&WorldConfig::of_table1(1), 3.0);
     let until = |end_s: f64| -> Vec<ReplayRow> { rows.iter().filter(|row| row.t_s < end_s).copied().collect() };
+    for options in [ALL_ROWS_OPTIONS, TURN_SAMPLES_OPTIONS] {
+        assert!(replay_rows(&until(14.0), &options).acceptance.is_err(), "a steady course, {options:?}");
+    }
     let early_result = replay_rows(&until(25.0), &TURN_SAMPLES_OPTIONS);
     assert!(matches!(early_result.acceptance, Err(Refusal::Solve(_))), "{:?}", early_result.acceptance);
     assert!(early_result.headings.is_empty() && early_result.score.is_none());
@@ -134,47 +119,27 @@ fn a_fit_to_a_part_of_the_flight_is_good_or_refused() {
 
 /// A straight leg and a third of a circle.
 #[test]
-fn a_short_flight_is_refused_or_has_an_honest_expected_error() {
+fn a_short_flight_is_refused_with_the_missing_manoeuvre_or_has_an_honest_expected_error() {
+    let mut inaccurate_count = 0;
     for seed in 0..10 {
         let rows = recorded_turns(&WorldConfig::random_world(seed), 0.0);
         for options in [ALL_ROWS_OPTIONS, TURN_SAMPLES_OPTIONS] {
-            let replay_result = replay_rows(&rows, &options);
-            if replay_result.acceptance.is_ok() {
-                let expected_deg = f64::from(replay_result.solution.unwrap().quality.expected_rms_deg);
-                let score = replay_result.score.unwrap();
+            let result = replay_rows(&rows, &options);
+            if let Err(refusal) = &result.acceptance {
+                let is_inaccurate = refusal.stable_code() == "not-accurate";
+                inaccurate_count += usize::from(is_inaccurate);
+                let text = refusal.to_string();
+                let names_manoeuvre = text.starts_with("expected error ") && text.contains(" deg; missing: ");
+                assert!(!is_inaccurate || names_manoeuvre, "seed {seed} {options:?}: {text}");
+            } else {
+                let expected_deg = f64::from(result.solution.unwrap().quality.expected_rms_deg);
+                let score = result.score.unwrap();
                 let error_deg = score.rms_deg.hypot(score.mean_deg);
                 assert!(error_deg < 1.0 + 3.0 * expected_deg, "seed {seed} {options:?}: {score:?}, {expected_deg}");
             }
         }
     }
-}
-
-#[test]
-fn a_steady_course_is_refused() {
-    let mut rows = recorded_turns(&WorldConfig::of_table1(1), 0.0);
-    rows.retain(|row| row.t_s < 14.0);
-    for options in [ALL_ROWS_OPTIONS, TURN_SAMPLES_OPTIONS] {
-        assert!(replay_rows(&rows, &options).acceptance.is_err(), "{options:?}");
-    }
-}
-
-#[test]
-fn a_refusal_names_the_missing_manoeuvre() {
-    let replay_of_seed = |seed| replay_rows(&recorded_turns(&WorldConfig::random_world(seed), 0.0), &ALL_ROWS_OPTIONS);
-    let inaccurate: Vec<_> = (0..10)
-        .map(replay_of_seed)
-        .filter(|replay_result| {
-            replay_result.acceptance.as_ref().is_err_and(|refusal| refusal.stable_code() == "not-accurate")
-        })
-        .collect();
-    assert!(!inaccurate.is_empty());
-    for replay_result in inaccurate {
-        let refusal_text = replay_result.acceptance.unwrap_err().to_string();
-        assert!(
-            refusal_text.starts_with("expected error ") && refusal_text.contains(" deg; missing: "),
-            "{refusal_text}"
-        );
-    }
+    assert!(inaccurate_count > 0);
 }
 
 /// Hard iron that steps between the sides or in a turn, or drifts: refused, or included in the expected error at the
@@ -220,17 +185,13 @@ fn a_wrong_inclination_is_named() {
         let rows = recorded_turns(&world, 3.0);
         let true_deg = world.earth.inclination_deg;
         for configured_deg in [true_deg + 10.0, true_deg - 20.0, if true_deg.abs() > 5.0 { -true_deg } else { 45.0 }] {
-            let refused =
-                replay_rows(&rows, &ReplayOptions { inclination_deg: Some(configured_deg), ..TURN_SAMPLES_OPTIONS })
-                    .acceptance
-                    .unwrap_err();
+            let options = ReplayOptions { inclination_deg: Some(configured_deg), ..TURN_SAMPLES_OPTIONS };
+            let refused = replay_rows(&rows, &options).acceptance.unwrap_err();
             let Refusal::Solve(SolveError::InclinationContradicted { found_deg }) = refused else {
                 panic!("seed {seed}, configured {configured_deg}: {refused:?}");
             };
-            assert!(
-                (f64::from(found_deg) - true_deg).abs() < 1.5,
-                "seed {seed}, configured {configured_deg}: {found_deg}"
-            );
+            let off_deg = f64::from(found_deg) - true_deg;
+            assert!(off_deg.abs() < 1.5, "seed {seed}, configured {configured_deg}: {found_deg}");
         }
     }
 }
@@ -255,28 +216,4 @@ fn wrong_units_and_slow_rows_are_reported() {
     let slow: Vec<ReplayRow> = rows.iter().step_by(10).copied().collect();
     assert!(matches!(problem(&slow), CollectionProblem::SampleIntervalTooLong { .. }));
     assert_eq!(replay_rows(&rows, &TURN_SAMPLES_OPTIONS).acceptance, Ok(()));
-}
-
-#[test]
-fn a_hard_iron_step_is_found_with_time_size_and_axis() {
-    let world = WorldConfig::of_table1(1);
-    for (step_ut, axis) in [([8.0, 0.0, 0.0], 'x'), ([0.0, -6.0, 2.0], 'y'), ([0.0; 3], ' ')] {
-        let rows = recorded_turns_with_hard_iron(&world, 3.0, |t_s| if t_s < 110.0 { [0.0; 3] } else { step_ut });
-        let solution = replay_rows(&rows, &ALL_ROWS_OPTIONS).solution;
-        let calibration = solution.map(|solution| solution.calibration);
-        let about = calibration.map_or_else(FieldCorrection::identity, |calibration| FieldCorrection {
-            matrix: calibration.w_matrix().map(f64::from),
-            motor_ut_per_a: Vector3::zeros(),
-            hard_iron_ut: calibration.b_vector_ut().map(f64::from),
-        });
-        let change = hard_iron_step::find_step(&rows, &about);
-        if axis == ' ' {
-            assert_eq!(change, None);
-            continue;
-        }
-        let change = change.unwrap();
-        assert!((change.time_s - 110.0).abs() < 2.0, "{change:?}");
-        let step_error_ut = (Vector3::from(change.step_ut) - Vector3::from(step_ut)).norm();
-        assert!(step_error_ut < 2.0 && change.axis() == axis, "{change:?}");
-    }
 }

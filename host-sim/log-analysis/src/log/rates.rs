@@ -121,28 +121,29 @@ fn attitude_differences(attitude: &Series<3>) -> Vec<TimedRow<3>> {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector3;
+
     use super::*;
-    use crate::log::LogFormat;
+    use crate::test_flight::flight_of_motion;
 
     /// A minute of banked turns to both sides at 10 Hz, with its body rates.
     fn turning_flight(change_rates: impl Fn(usize, &mut [f32; 3])) -> Flight {
-        let mut flight = Flight::new(LogFormat::DataFlash);
-        for i in 0..600_u16 {
-            let t_s = f32::from(i) / 10.0;
-            let (roll, roll_rate) = (0.5 * libm::sinf(0.6 * t_s), 0.3 * libm::cosf(0.6 * t_s));
-            let yaw = -0.5 * libm::cosf(0.6 * t_s);
-            let yaw_rate = 0.3 * libm::sinf(0.6 * t_s);
+        flight_of_motion(10.0, 600, |t_s| {
+            let (sin, cos) = libm::sincosf(0.6 * t_s as f32);
+            let (roll, roll_rate, yaw, yaw_rate) = (0.5 * sin, 0.3 * cos, -0.5 * cos, 0.3 * sin);
             let mut rates = [roll_rate, yaw_rate * libm::sinf(roll), yaw_rate * libm::cosf(roll)];
-            change_rates(usize::from(i), &mut rates);
-            flight.attitude.push_row(f64::from(i) / 10.0, [roll, 0.0, yaw]);
-            flight.body_rates.push_row(f64::from(i) / 10.0, rates);
-        }
-        flight
+            change_rates((t_s * 10.0).round() as usize, &mut rates);
+            ([roll, 0.0, yaw], rates)
+        })
     }
 
     fn with_checked_rates(mut flight: Flight) -> Flight {
         check_and_repair_rates(&mut flight);
         flight
+    }
+
+    fn largest_difference(one: &TimedRow<3>, other: &TimedRow<3>) -> f32 {
+        (Vector3::from(one.row_values) - Vector3::from(other.row_values)).amax()
     }
 
     #[test]
@@ -161,10 +162,7 @@ mod tests {
             assert!(problem.contains(expected), "{expected}: {problem}");
             assert!(changed.has_measured_rates);
             for (row, truth) in changed.body_rates.rows().iter().zip(good.body_rates.rows()) {
-                assert!(
-                    (0..3).all(|axis| (row.row_values[axis] - truth.row_values[axis]).abs() < 1e-5),
-                    "{row:?} {truth:?}"
-                );
+                assert!(largest_difference(row, truth) < 1e-5, "{row:?} {truth:?}");
             }
         }
     }
@@ -186,10 +184,7 @@ mod tests {
             assert!(changed.body_rates.rows().len() > 590);
             // Tolerance of central differences over 0.2 s, in a motion with a period of 10 s.
             for (row, truth) in changed.body_rates.rows().iter().zip(&good.body_rates.rows()[1..]) {
-                assert!(
-                    (0..3).all(|axis| (row.row_values[axis] - truth.row_values[axis]).abs() < 0.01),
-                    "{row:?} {truth:?}"
-                );
+                assert!(largest_difference(row, truth) < 0.01, "{row:?} {truth:?}");
             }
         }
     }

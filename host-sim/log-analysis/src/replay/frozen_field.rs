@@ -108,120 +108,99 @@ fn stuck_intervals(rows: &[ReplayRow], axis: usize) -> impl Iterator<Item = [f64
 
 #[cfg(test)]
 mod tests {
-
     use super::*;
+    use crate::replay::tests::row_of_field;
 
     /// Rows at 10 Hz with a constant field and ramps of roll and pitch, degrees.
     fn frozen_rows(seconds: u16, roll_deg: f32, pitch_deg: f32) -> Vec<ReplayRow> {
         let last = seconds * 10;
         let row = |i: u16| {
-            let (fraction, field) = (f32::from(i) / f32::from(last), Field::from_ut(20.0, 0.0, 40.0));
-            ReplayRow {
-                t_s: f64::from(i) / 10.0,
-                raw_field: field,
-                logged_field: field,
-                attitude: Attitude::from_deg(roll_deg * fraction, pitch_deg * fraction),
-                rates_rad_s: None,
-                current_a: None,
-                is_usable: true,
-                reference_deg: None,
-            }
+            let fraction = f32::from(i) / f32::from(last);
+            let attitude = Attitude::from_deg(roll_deg * fraction, pitch_deg * fraction);
+            row_of_field(f64::from(i) / 10.0, Field::from_ut(20.0, 0.0, 40.0), attitude)
         };
         (0..=last).map(row).collect()
     }
 
+    /// Rows with a field by time, seconds, and attitude, microtesla.
+    fn rows_of_field(
+        seconds: u16,
+        [roll_deg, pitch_deg]: [f32; 2],
+        field_ut: impl Fn(f32, Attitude) -> [f32; 3],
+    ) -> Vec<ReplayRow> {
+        let mut rows = frozen_rows(seconds, roll_deg, pitch_deg);
+        for row in &mut rows {
+            row.raw_field = Field::new(field_ut(row.t_s as f32, row.attitude).into());
+        }
+        rows
+    }
+
     #[test]
     fn a_constant_field_during_10_s_of_motion_is_frozen() {
-        for (seconds, roll_deg, pitch_deg, is_dead) in
-            [(11, 4.0, 0.0, true), (11, 0.0, 4.0, true), (9, 20.0, 20.0, false), (60, 2.0, 2.0, false)]
-        {
-            let expected = if is_dead { vec![[0.0, f64::from(seconds)]] } else { Vec::new() };
-            let found: Vec<[f64; 2]> = frozen_intervals(&frozen_rows(seconds, roll_deg, pitch_deg))
-                .iter()
-                .map(|found| found.interval_s)
-                .collect();
-            assert_eq!(found, expected, "{seconds} s, {roll_deg} and {pitch_deg} deg");
+        let mut steady_bank = frozen_rows(60, 0.0, 0.0);
+        steady_bank.iter_mut().for_each(|row| row.attitude = Attitude::from_deg(25.0, -15.0));
+        let mut with_gap = frozen_rows(8, 20.0, 0.0);
+        with_gap[40..].iter_mut().for_each(|row| row.t_s += 256.0);
+        for (name, rows, is_frozen) in [
+            ("roll", frozen_rows(12, 6.0, 0.0), true),
+            ("pitch", frozen_rows(12, 0.0, 6.0), true),
+            ("8 s", frozen_rows(8, 20.0, 20.0), false),
+            ("gusts", frozen_rows(60, 1.0, 1.0), false),
+            ("steady bank", steady_bank, false),
+            ("a gap", with_gap, false),
+        ] {
+            let expected = FrozenInterval { interval_s: [0.0, 12.0], stuck_axis: None };
+            assert_eq!(frozen_intervals(&rows), vec![expected; usize::from(is_frozen)], "{name}");
         }
     }
 
-    #[test]
-    fn a_constant_field_in_a_steady_bank_is_not_frozen() {
-        let mut rows = frozen_rows(60, 0.0, 0.0);
-        for row in &mut rows {
-            row.attitude = Attitude::from_deg(25.0, -15.0);
-        }
-        assert_eq!(frozen_intervals(&rows), []);
-    }
-
-    /// Either of the other axes shows that the field turned.
+    /// Either of the other axes shows that the field turned, although roll and pitch hardly turn it: at 4 deg by 3 uT.
     #[test]
     fn an_axis_is_stuck_if_only_one_of_the_others_changes() {
         for (axis, name) in ['x', 'y', 'z'].into_iter().enumerate() {
             for changing in [(axis + 1) % 3, (axis + 2) % 3] {
-                // Roll and pitch hardly turn the field: at 4 deg by 3 uT.
-                let mut rows = frozen_rows(30, 4.0, 0.0);
-                for row in &mut rows {
-                    row.raw_field.ut = Vector3::new(20.0, 15.0, 30.0);
-                    row.raw_field.ut[changing] += 20.0 * libm::sinf(row.t_s as f32);
-                }
+                let rows = rows_of_field(30, [4.0, 0.0], |t_s, _| {
+                    let mut field_ut = [20.0, 15.0, 30.0];
+                    field_ut[changing] += 20.0 * libm::sinf(t_s);
+                    field_ut
+                });
                 let found: Vec<_> = frozen_intervals(&rows).iter().map(|found| found.stuck_axis).collect();
                 assert!(found.contains(&Some(name)), "{name}, {changing}: {found:?}");
             }
         }
     }
 
+    /// The y axis has noise of a milligauss, or of five, while the others turn with the aircraft. A constant axis of a
+    /// field that hard iron changes in a hover, for good or for 10 s, or about which the aircraft rotates, works: rolls
+    /// leave x constant, pitches y, and change the others by 0.4 of the field.
     #[test]
-    fn a_gap_does_not_count_as_frozen_time() {
-        let mut rows = frozen_rows(8, 20.0, 0.0);
-        for row in &mut rows[40..] {
-            row.t_s += 256.0;
-        }
-        assert_eq!(frozen_intervals(&rows), []);
-    }
-
-    /// The y axis stays within a milligauss, or within five, while the others turn with the aircraft.
-    #[test]
-    fn an_axis_that_is_constant_while_the_field_turns_is_stuck() {
-        for (y_ut, is_stuck) in [(0.1, true), (0.5, false)] {
-            let mut rows = frozen_rows(30, 20.0, 0.0);
-            for (i, row) in rows.iter_mut().enumerate() {
-                let heading = i as f32 / 30.0;
-                let ripple = if i % 2 == 0 { y_ut } else { 0.0 };
-                row.raw_field = Field::from_ut(20.0 * libm::cosf(heading), 7.0 + ripple, 40.0 + libm::sinf(heading));
-            }
-            let intervals = frozen_intervals(&rows);
-            let expected = if is_stuck {
-                vec![FrozenInterval { interval_s: [0.0, 30.0], stuck_axis: Some('y') }]
-            } else {
-                Vec::new()
-            };
-            assert_eq!(intervals, expected, "{y_ut}");
-        }
-    }
-
-    /// A hover in which the x axis is insensitive to roll: hard iron steps along y by half of the field, once or for
-    /// 10 s.
-    #[test]
-    fn a_step_of_hard_iron_does_not_make_an_axis_stuck() {
-        for step_s in [10.0..30.0, 10.0..20.0] {
-            let mut rows = frozen_rows(30, 4.0, 0.0);
-            for row in &mut rows {
-                let step_ut = if step_s.contains(&row.t_s) { 20.0 } else { 0.0 };
-                row.raw_field = Field::from_ut(20.0, 5.0 + step_ut + row.t_s as f32 / 30.0, 40.0);
-            }
-            assert_eq!(frozen_intervals(&rows), [], "{step_s:?}");
-        }
-    }
-
-    /// Rolls leave the x axis constant, pitches the y axis: they change the others by 0.4 of the field.
-    #[test]
-    fn an_axis_about_which_the_aircraft_rotates_is_not_stuck() {
-        for [roll_deg, pitch_deg] in [[25.0, 0.0], [0.0, 25.0]] {
-            let mut rows = frozen_rows(30, roll_deg, pitch_deg);
-            for row in &mut rows {
-                row.raw_field = Field::new(row.attitude.to_body_frame(Field::from_ut(20.0, 15.0, 40.0)).ut);
-            }
-            assert_eq!(frozen_intervals(&rows), [], "{roll_deg} {pitch_deg}");
+    fn an_axis_is_stuck_if_it_is_constant_while_the_field_turns() {
+        let noisy = |noise_ut: f32| {
+            rows_of_field(30, [20.0, 0.0], |t_s, _| {
+                let (sin, cos) = libm::sincosf(t_s / 3.0);
+                [20.0 * cos, 7.0 + if (10.0 * t_s).round() % 2.0 == 0.0 { noise_ut } else { 0.0 }, 40.0 + sin]
+            })
+        };
+        let stepped = |step_s: std::ops::Range<f32>| {
+            rows_of_field(30, [4.0, 0.0], |t_s, _| {
+                [20.0, 5.0 + t_s / 30.0 + if step_s.contains(&t_s) { 20.0 } else { 0.0 }, 40.0]
+            })
+        };
+        let rotated = |angles_deg| {
+            rows_of_field(30, angles_deg, |_, attitude| {
+                attitude.to_body_frame(Field::from_ut(20.0, 15.0, 40.0)).ut.into()
+            })
+        };
+        for (name, rows, is_stuck) in [
+            ("1 mG", noisy(0.1), true),
+            ("5 mG", noisy(0.5), false),
+            ("a step", stepped(10.0..30.0), false),
+            ("iron for 10 s", stepped(10.0..20.0), false),
+            ("roll", rotated([25.0, 0.0]), false),
+            ("pitch", rotated([0.0, 25.0]), false),
+        ] {
+            let expected = FrozenInterval { interval_s: [0.0, 30.0], stuck_axis: Some('y') };
+            assert_eq!(frozen_intervals(&rows), vec![expected; usize::from(is_stuck)], "{name}");
         }
     }
 }

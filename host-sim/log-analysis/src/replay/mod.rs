@@ -32,4 +32,4 @@ pub use row_headings::is_monitored;
 pub use rows::{AttitudeSample, RowCounts, attitudes_between, build_rows};
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -92,15 +92,6 @@ mod tests {
     use crate::replay::RowSelection;
     use crate::replay::tests::level_row;
 
-    /// A block of 10 s is not divided.
-    #[test]
-    fn rows_of_a_block_belong_to_the_same_half() {
-        for block in 0..50 {
-            let halves: Vec<usize> = (0..100).map(|i| half_index_at(f64::from(block * 100 + i) / 10.0)).collect();
-            assert!(halves.iter().all(|half| *half == halves[0]), "{block}: {halves:?}");
-        }
-    }
-
     /// The second after a change is skipped.
     #[test]
     fn usable_rows_since_the_last_change_are_fitted() {
@@ -115,14 +106,18 @@ mod tests {
         }
     }
 
-    /// A circle of 20 s is two blocks: regular alternation would give each half one half of every circle.
+    /// A block of 10 s is not divided, since its noise is correlated. A circle of 20 s is two blocks: regular alternation
+    /// would give each half one half of every circle.
     #[test]
     fn both_halves_contain_every_phase_of_a_circle() {
         for period_s in [20, 40, 60] {
             for phase_s in (0..period_s).step_by(10) {
-                let fits_of_halves: Vec<usize> =
-                    (0..20).map(|circle| half_index_at(f64::from(circle * period_s + phase_s) + 5.0)).collect();
-                let second_half_count = fits_of_halves.iter().sum::<usize>();
+                let half_at = |circle: i32, t_s: f64| half_index_at(f64::from(circle * period_s + phase_s) + t_s);
+                assert!(
+                    (0..20).all(|circle| half_at(circle, 0.0) == half_at(circle, 9.9)),
+                    "{period_s} s, {phase_s} s"
+                );
+                let second_half_count = (0..20).map(|circle| half_at(circle, 5.0)).sum::<usize>();
                 assert!((4..=16).contains(&second_half_count), "{period_s} s, {phase_s} s: {second_half_count} of 20");
             }
         }

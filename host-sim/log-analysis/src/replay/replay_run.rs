@@ -123,7 +123,7 @@ mod tests {
     #[test]
     fn an_alternative_replaces_a_poor_solution_if_it_is_better() {
         for (first_deg, alternative_deg, expected_deg) in
-            [(1.9, 1.0, 1.9), (2.1, 1.0, 1.0), (2.1, 3.0, 2.1), (2.1, f32::INFINITY, 2.1), (f32::INFINITY, 3.0, 3.0)]
+            [(1.5, 1.0, 1.5), (2.5, 1.0, 1.0), (2.5, 3.0, 2.5), (2.5, f32::INFINITY, 2.5), (f32::INFINITY, 3.0, 3.0)]
         {
             let chosen = more_certain_outcome(outcome(first_deg), || outcome(alternative_deg));
             let chosen_deg = chosen.solution.unwrap().quality.expected_rms_deg;

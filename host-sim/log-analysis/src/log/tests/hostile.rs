@@ -65,34 +65,22 @@ fn a_million_inputs_make_no_reader_panic() {
 #[test]
 #[ignore = "reads 2 GB, in a release build"]
 fn two_gigabytes_are_read_in_bounded_memory() {
-    struct EndlessLog {
-        head: Vec<u8>,
+    /// One message again and again, with time stamps 1 ms apart.
+    struct RepeatedMessage {
         message: Vec<u8>,
-        read_offset: u64,
+        offset: usize,
+        time_us: u64,
     }
-    impl Read for EndlessLog {
+    impl Read for RepeatedMessage {
         fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
-            const TOTAL_BYTES: u64 = 2_000_000_000;
-            let head = self.head.len() as u64;
-            for (i, byte) in into.iter_mut().enumerate() {
-                let read_offset = self.read_offset + i as u64;
-                if read_offset >= TOTAL_BYTES {
-                    self.read_offset += i as u64;
-                    return Ok(i);
+            for byte in &mut *into {
+                if self.offset == 0 {
+                    self.time_us += 1_000;
+                    self.message[3..11].copy_from_slice(&self.time_us.to_le_bytes());
                 }
-                *byte = if read_offset < head {
-                    self.head[read_offset as usize]
-                } else {
-                    let (number, offset) = (
-                        (read_offset - head) / self.message.len() as u64,
-                        (read_offset - head) % self.message.len() as u64,
-                    );
-                    // Time stamps 1 ms apart.
-                    let stamp = (70_000_000 + number * 1_000).to_le_bytes();
-                    if (3..11).contains(&offset) { stamp[offset as usize - 3] } else { self.message[offset as usize] }
-                };
+                *byte = self.message[self.offset];
+                self.offset = (self.offset + 1) % self.message.len();
             }
-            self.read_offset += into.len() as u64;
             Ok(into.len())
         }
     }
@@ -100,7 +88,9 @@ fn two_gigabytes_are_read_in_bounded_memory() {
     let read_offset = head.windows(3).position(|bytes| bytes == [0xA3, 0x95, 67]).unwrap();
     let length = 3 + 8 + 1 + 18 + 1 + 4;
     let message = head[read_offset..read_offset + length].to_vec();
-    let flight = read_flight(&mut EndlessLog { head, message, read_offset: 0 }, FieldUnit::Milligauss).unwrap();
+    let repeated = RepeatedMessage { message, offset: 0, time_us: 70_000_000 };
+    let mut source = head.as_slice().chain(repeated.take(2_000_000_000));
+    let flight = read_flight(&mut source, FieldUnit::Milligauss).unwrap();
     assert!(flight.compasses[0].field.rows().len() <= 1 << 20);
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let peak_kb =

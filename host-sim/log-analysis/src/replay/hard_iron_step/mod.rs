@@ -75,7 +75,7 @@ impl HardIronStep {
 
 /// Finds a significant step of hard iron in the usable rows, starting from a correction that fits most of them.
 #[must_use]
-pub fn find_step(rows: &[ReplayRow], initial: &FieldCorrection) -> Option<HardIronStep> {
+pub(super) fn find_step(rows: &[ReplayRow], initial: &FieldCorrection) -> Option<HardIronStep> {
     let usable: Vec<&ReplayRow> = rows.iter().filter(|row| row.is_usable).collect();
     let row_stride = usable.len().div_ceil(MAX_SEARCHED_ROWS).max(1);
     let usable: Vec<&ReplayRow> = usable.into_iter().step_by(row_stride).collect();

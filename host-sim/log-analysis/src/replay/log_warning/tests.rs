@@ -1,6 +1,9 @@
+use autoswing::earth::{Date, EarthField, Position};
+
 use super::*;
 use crate::log::ParameterHistory;
 use crate::log::time_series::Series;
+use crate::replay::field_latency::FieldLatency;
 use crate::replay::tests::{compass_of_flown_turns, evaluation_of_compasses};
 
 type FlightChange = fn(&mut Flight);
@@ -25,30 +28,15 @@ fn a_fault_of_a_log_gives_its_own_warning_only() {
     assert_eq!(warnings_after(|flight| flight.parameters.set_value(1.0, "COMPASS_MOTCT", 2.0)), [""; 0]);
     assert_eq!(warnings_after(|flight| flight.attitude.rows_mut()[0].row_values[0] = 0.02), [""; 0]);
     let cases: [(FlightChange, &str); 14] = [
+        (|flight| set_rates_problem(flight, RatesProblem::NotLogged, false), "no body rates are logged: headings are"),
         (
-            |flight| {
-                flight.rates_problem = Some(RatesProblem::NotLogged);
-                flight.has_measured_rates = false;
-            },
-            "no body rates are logged: headings are without",
-        ),
-        (
-            |flight| {
-                flight.rates_problem = Some(RatesProblem::WrongSign(1));
-                flight.has_measured_rates = true;
-            },
+            |flight| set_rates_problem(flight, RatesProblem::WrongSign(1), true),
             "about y has the sign opposite to the attitude's change; corrected by the attitude",
         ),
         (|flight| flight.rows_without_time = 1, "field rows carry no time"),
         (|flight| flight.fallback_attitude_message = Some("AHR2"), "that of AHR2 is used"),
         (|flight| flight.autopilot_component_ids = vec![1, 4], "component 1, received first, is evaluated, not 4"),
-        (
-            |flight| {
-                flight.log_format = LogFormat::Csv;
-                flight.attitude.rows_mut()[0].row_values[0] = 0.02;
-            },
-            "tilts by 1.15 deg at most",
-        ),
+        (make_level_table, "tilts by 1.15 deg at most"),
         (
             |flight| flight.autopilot_system_ids = vec![3, 7, 9],
             "system 3 is evaluated; --system selects another (7, 9)",
@@ -61,13 +49,19 @@ fn a_fault_of_a_log_gives_its_own_warning_only() {
         (|flight| flight.battery_current = Series::new(), "no current is logged"),
         (|flight| flight.parameters = ParameterHistory::default(), "the parameters are not in the log"),
     ];
-    for (change, expected_text) in cases {
-        let warning_texts = warnings_after(change);
-        assert!(
-            matches!(&warning_texts[..], [note] if note.contains(expected_text)),
-            "{expected_text}: {warning_texts:?}"
-        );
+    for (change, expected) in cases {
+        let warnings = warnings_after(change);
+        assert!(matches!(&warnings[..], [warning] if warning.contains(expected)), "{expected}: {warnings:?}");
     }
+}
+
+fn set_rates_problem(flight: &mut Flight, problem: RatesProblem, is_repaired: bool) {
+    (flight.rates_problem, flight.has_measured_rates) = (Some(problem), is_repaired);
+}
+
+fn make_level_table(flight: &mut Flight) {
+    flight.log_format = LogFormat::Csv;
+    flight.attitude.rows_mut()[0].row_values[0] = 0.02;
 }
 
 /// Warnings that a change adds to those about the flown turns.
@@ -83,10 +77,26 @@ fn added_warnings(change: fn(&mut Flight, &mut FlightEvaluation)) -> Vec<String>
 }
 
 /// The GPS course of a copter is not used as a reference.
-fn make_copter(flight: &mut Flight) {
-    flight.is_copter = true;
+fn make_copter(flight: &mut Flight, evaluation: &mut FlightEvaluation, reference: Option<ReferenceHeading>) {
+    (flight.is_copter, evaluation.reference) = (true, reference);
     for t_s in [10.0, 11.0] {
         flight.gps.push_row(t_s, [48.0, 11.0, 0.0, 20.0, 0.0, f32::NAN]);
+    }
+}
+
+fn change_mountings(flight: &mut Flight) {
+    flight.autopilot = Autopilot::ArduPilot;
+    for (t_s, name) in [(30.0, "COMPASS_ORIENT"), (60.0, "AHRS_ORIENTATION"), (90.0, "COMPASS_ORIENT3")] {
+        flight.parameters.set_value(0.0, name, 0.0);
+        flight.parameters.set_value(t_s, name, 4.0);
+    }
+}
+
+fn lose_every_11th_rate(flight: &mut Flight) {
+    let rows = flight.body_rates.rows().to_vec();
+    flight.body_rates = Series::new();
+    for (_, row) in rows.iter().enumerate().filter(|(i, _)| i % 11 != 0) {
+        flight.body_rates.push_row(row.t_s, row.row_values);
     }
 }
 
@@ -94,74 +104,56 @@ type EvaluationChange = fn(&mut Flight, &mut FlightEvaluation);
 
 #[test]
 fn a_fault_of_a_compass_gives_its_own_warning_only() {
-    let cases: [(EvaluationChange, &str); 16] = [
+    let gives_no_heading = "GPS course gives no heading here: a copter's nose";
+    let cases: [(EvaluationChange, &str); 13] = [
         (|_, evaluation| evaluation.compasses[1].reading_interval_s = 0.25, "the field is logged 4.0 times a second"),
-        (|_, evaluation| evaluation.compasses[0].reading_interval_s = 0.18, ""),
-        (
-            |_, evaluation| {
-                (evaluation.compasses[1].latency.used_s, evaluation.compasses[1].latency.sigma_s) = (-0.15, Some(0.01));
-            },
-            "the attitude is logged 150 ms later",
-        ),
-        (
-            |_, evaluation| {
-                (evaluation.compasses[1].latency.used_s, evaluation.compasses[1].latency.sigma_s) = (-0.09, Some(0.01));
-            },
-            "",
-        ),
-        (|_, evaluation| evaluation.compasses[1].latency.used_s = -0.15, ""),
+        (|_, evaluation| evaluation.compasses[0].reading_interval_s = 0.15, ""),
+        (|_, evaluation| evaluation.compasses[1].latency = LATE_ATTITUDE, "the attitude is logged 150 ms later"),
+        (|_, evaluation| evaluation.compasses[1].latency = FieldLatency { sigma_s: None, ..LATE_ATTITUDE }, ""),
         (|_, evaluation| evaluation.compasses[1].row_counts.contradicting_attitude = 600, "in 25 % of the log"),
-        (|_, evaluation| evaluation.compasses[1].row_counts.contradicting_attitude = 400, ""),
+        (|_, evaluation| evaluation.compasses[1].row_counts.contradicting_attitude = 200, ""),
         (
-            |flight, _| {
-                flight.autopilot = Autopilot::ArduPilot;
-                for (t_s, name) in [(30.0, "COMPASS_ORIENT"), (60.0, "AHRS_ORIENTATION")] {
-                    flight.parameters.set_value(0.0, name, 0.0);
-                    flight.parameters.set_value(t_s, name, 4.0);
-                }
-            },
+            |flight, _| change_mountings(flight),
             "changed in the log: AHRS_ORIENTATION at 60 s, COMPASS_ORIENT at 30 s; no calibration",
         ),
-        (
-            |flight, _| {
-                let rows = flight.body_rates.rows().to_vec();
-                flight.body_rates = Series::new();
-                for (_, row) in rows.iter().enumerate().filter(|(i, _)| i % 11 != 0) {
-                    flight.body_rates.push_row(row.t_s, row.row_values);
-                }
-            },
-            "10 % of the body rates are lost",
-        ),
+        (|flight, _| lose_every_11th_rate(flight), "10 % of the body rates are lost"),
         (|_, evaluation| evaluation.compasses[1].row_counts.readings = 0, "all its readings are zero, out of range"),
-        (
-            |flight, evaluation| {
-                make_copter(flight);
-                evaluation.reference = None;
-            },
-            "GPS course gives no heading here: a copter's nose",
-        ),
-        (
-            |flight, evaluation| {
-                make_copter(flight);
-                evaluation.reference = Some(ReferenceHeading::AutopilotYaw);
-            },
-            "GPS course gives no heading here: a copter's nose",
-        ),
-        (
-            |flight, evaluation| {
-                make_copter(flight);
-                evaluation.reference = Some(ReferenceHeading::GpsYaw);
-            },
-            "",
-        ),
+        (|flight, evaluation| make_copter(flight, evaluation, None), gives_no_heading),
+        (|flight, evaluation| make_copter(flight, evaluation, Some(ReferenceHeading::AutopilotYaw)), gives_no_heading),
+        (|flight, evaluation| make_copter(flight, evaluation, Some(ReferenceHeading::GpsYaw)), ""),
         (|_, evaluation| evaluation.reference = None, ""),
-        (|_, evaluation| evaluation.compasses[1].sphere_radius_ut = Some(0.9951), "is 0.9951 uT strong"),
-        (|_, evaluation| evaluation.compasses[1].sphere_radius_ut = Some(100.04), "is 100.0 uT strong"),
     ];
-    for (i, (change, expected_text)) in cases.into_iter().enumerate() {
-        let texts = added_warnings(change);
-        assert_eq!(texts.len(), usize::from(!expected_text.is_empty()), "{i}: {texts:?}");
-        assert!(texts.iter().all(|text| text.contains(expected_text)), "{expected_text}: {texts:?}");
+    for (i, (change, expected)) in cases.into_iter().enumerate() {
+        let warnings = added_warnings(change);
+        assert_eq!(warnings.len(), usize::from(!expected.is_empty()), "{i}: {warnings:?}");
+        assert!(warnings.iter().all(|warning| warning.contains(expected)), "{expected}: {warnings:?}");
+    }
+}
+
+const LATE_ATTITUDE: FieldLatency = FieldLatency { used_s: -0.15, sigma_s: Some(0.01) };
+
+/// A strength is plausible within a factor of 1.35 about the model, or about the Earth's range of 22 to 67 uT.
+#[test]
+fn an_implausible_field_strength_is_reported() {
+    let (_, compass) = compass_of_flown_turns();
+    let place = Position::new(48.0, 11.3, 500.0).unwrap();
+    let model = EarthField::from_model(place, Date::from_unix_s(1_767_484_800).unwrap()).unwrap();
+    for (found_ut, model_ut, expected) in [
+        (40.0, Some(48.0), ""),
+        (60.0, Some(48.0), ""),
+        (70.04, Some(48.0), "the field is 70.0 uT strong, by the field model 48.0:"),
+        (30.0, Some(48.0), "the field is 30.0 uT strong"),
+        (18.0, None, ""),
+        (85.0, None, ""),
+        (100.04, None, "the field is 100.0 uT strong, the Earth's is 22 to 67:"),
+        (0.9951, None, "the field is 0.9951 uT strong"),
+    ] {
+        let compass = CompassEvaluation { sphere_radius_ut: Some(found_ut), ..compass.clone() };
+        let mut evaluation = evaluation_of_compasses(vec![compass.clone()]);
+        evaluation.earth_field = model_ut.map(|total_ut| (EarthField { total_ut, ..model }, true));
+        let warning = implausible_strength(&evaluation, &compass, true).map(|warning| warning.to_string());
+        assert_eq!(warning.is_some(), !expected.is_empty(), "{found_ut} uT: {warning:?}");
+        assert!(warning.unwrap_or_default().contains(expected), "{found_ut} uT");
     }
 }
 

@@ -21,22 +21,20 @@ fn candidate(rms_deg: f64, as_logged_rms_deg: f64, loss_deg: f64) -> ParameterCa
     }
 }
 
-/// A gain is 0.3 deg and a fifth of the error as logged. The error is at most 2 deg, or 5 deg of which the autopilot
-/// cannot express all but 2 deg in squares.
+/// The promise of docs/your-flight.md: a gain of 0.3 deg and of a fifth of the error as logged, and at most 2 deg, or at
+/// most 5 deg of which all but 2 deg (in squares) is the loss by the autopilot's symmetric matrix.
 #[test]
 fn parameters_are_given_if_they_improve_a_compass_to_a_useful_accuracy() {
     for (rms_deg, as_logged_rms_deg, loss_deg, expected) in [
-        (1.9, 9.0, 0.0, None),
+        (1.8, 9.0, 0.0, None),
         (1.0, 1.25, 0.0, Some("no-gain")),
-        (1.0, 1.35, 0.0, None),
-        (1.7, 2.05, 0.0, Some("no-gain")),
-        (1.6, 2.05, 0.0, None),
-        (2.1, 9.0, 0.0, Some("inaccurate")),
-        (2.1, 9.0, 1.0, None),
-        (3.0, 9.0, 2.2, Some("inaccurate")),
-        (3.0, 9.0, 2.3, None),
-        (4.9, 9.0, 4.6, None),
-        (5.1, 9.0, 4.9, Some("inaccurate")),
+        (1.0, 1.4, 0.0, None),
+        (1.8, 2.15, 0.0, Some("no-gain")),
+        (2.2, 9.0, 0.0, Some("inaccurate")),
+        (2.2, 9.0, 1.2, None),
+        (3.0, 9.0, 2.0, Some("inaccurate")),
+        (4.5, 9.0, 4.3, None),
+        (5.5, 9.0, 5.3, Some("inaccurate")),
     ] {
         let result = candidate(rms_deg, as_logged_rms_deg, loss_deg).check_usefulness(Some(1.0));
         let code = result.as_ref().err().map(NoParameters::stable_code);
@@ -55,41 +53,38 @@ fn an_unverified_fit_needs_a_reference() {
     }
 }
 
-/// The limit is 2 deg. Residuals are its reason if they are more than half of it in squares.
+/// The expected error is at most 2 deg. Residuals are the cause if they are more than half of it in squares.
 #[test]
 fn uncertain_parameters_are_refused_with_the_cause() {
     let time = DetectedHardIronChange { size_ut: 2.0, time_course: HardIronTimeCourse::Drift, duration_s: 100 };
     let bank = BankScaleFinding { reported_bank_ratio: 0.9, significance_sigmas: 5.0 };
-    for (expected_rms_deg, by_time_deg, by_bank_deg, code) in [
-        (1.9, 1.8, 1.8, None),
-        (2.1, 0.0, 0.0, Some("unobservable")),
-        (f32::NAN, 0.0, 0.0, Some("unobservable")),
-        (2.1, 1.4, 1.4, Some("unobservable")),
-        (2.1, 1.6, 0.0, Some("the field late in the flight")),
-        (2.1, 0.0, 1.6, Some("the field in steep banks")),
+    for (expected_rms_deg, by_time_deg, by_bank_deg, expected) in [
+        (1.9, 1.8, 1.8, ""),
+        (2.1, 0.0, 0.0, "unobservable"),
+        (f32::NAN, 0.0, 0.0, "unobservable"),
+        (2.1, 1.3, 1.3, "unobservable"),
+        (2.1, 1.6, 0.0, "the field late in the flight"),
+        (2.1, 0.0, 1.6, "the field in steep banks"),
     ] {
         let mut candidate = candidate(1.0, 9.0, 0.0);
-        candidate.solution.quality.expected_rms_deg = expected_rms_deg;
-        candidate.solution.hard_iron_change =
+        let solution = &mut candidate.solution;
+        solution.quality.expected_rms_deg = expected_rms_deg;
+        solution.hard_iron_change =
             Some(Finding { violation: time, added_error_deg: by_time_deg, error_without_violation_deg: 0.0 });
-        candidate.solution.bank_scale_error =
+        solution.bank_scale_error =
             Some(Finding { violation: bank, added_error_deg: by_bank_deg, error_without_violation_deg: 0.0 });
         let refusal = candidate.check_usefulness(Some(0.0)).err();
-        let found = refusal.map(|refusal| format!("{} {refusal}", refusal.stable_code()));
-        assert_eq!(found.is_some(), code.is_some(), "{found:?}");
-        assert!(found.as_deref().unwrap_or_default().contains(code.unwrap_or_default()), "{found:?} {code:?}");
+        let found = refusal.map(|refusal| format!("{} {refusal}", refusal.stable_code())).unwrap_or_default();
+        assert!(found.contains(expected) && found.is_empty() == expected.is_empty(), "{expected}: {found}");
     }
 }
 
 /// At 25 uT horizontal a current that varies by 10 A changes headings by 0.2 deg at 0.0087 uT/A.
 #[test]
-fn a_motor_interference_of_three_sigmas_and_0_2_deg_is_significant() {
-    for (ut_per_a, sigma_ut_per_a, is_significant) in [
-        ([0.0, 0.02, 0.01], 0.006, true),
-        ([0.0, -0.02, 0.01], 0.007, false),
-        ([0.006, 0.0, 0.006], 0.001, false),
-        ([0.007, 0.0, 0.006], 0.001, true),
-    ] {
+fn only_certain_motor_interference_that_affects_headings_is_significant() {
+    for (ut_per_a, sigma_ut_per_a, is_significant) in
+        [([0.0, 0.02, 0.01], 0.004, true), ([0.0, -0.02, 0.01], 0.01, false), ([0.004, 0.0, 0.003], 0.001, false)]
+    {
         let mut solution = candidate(1.0, 9.0, 0.0).solution;
         (solution.calibration.total_ut, solution.calibration.inclination_rad) = (50.0, 60_f32.to_radians());
         let motor = &mut solution.calibration.motor_current;
@@ -119,13 +114,6 @@ fn the_scatter_of_strength_and_inclination_is_expressed_as_heading_error() {
     let expected_deg = (0.02 * (2_f64 / 5.0).sqrt()).to_degrees() / libm::cos(1.0);
     assert!(scatter.iter().all(|rms_deg| (rms_deg / expected_deg - 1.0).abs() < 1e-3), "{scatter:?} {expected_deg}");
     assert!((rms_deg_by_scatter([3.0, 4.0]) - 12.5_f64.sqrt()).abs() < 1e-9);
-}
-
-#[test]
-fn a_loss_is_most_of_an_error_from_half_of_its_square_on() {
-    for (rms_deg, loss_deg, is_most) in [(1.0, 0.7, false), (1.0, 0.72, true), (4.0, 2.8, false), (4.0, 2.9, true)] {
-        assert_eq!(is_mostly_inexpressible(rms_deg, loss_deg), is_most, "{rms_deg} {loss_deg}");
-    }
 }
 
 /// The hard iron differs between the halves, and each half's parameters have that of the other. The logged field is off
@@ -186,44 +174,39 @@ fn a_contradicted_mounting_is_reported_if_the_rows_confirm_it() {
     assert_eq!(found_mount(&evaluation, &rows), None);
 }
 
-fn choose(evaluation: &CompassEvaluation) -> Result<ExportedCorrection, NoParameters> {
-    let (flight, _) = compass_of_flown_turns();
-    choose_parameters(&flight, evaluation, Some(&ReferenceHeading::Simulator), None, ParameterFormat::ArduPilot)
+fn choose(flight: &Flight, evaluation: &CompassEvaluation) -> Result<ExportedCorrection, NoParameters> {
+    choose_parameters(flight, evaluation, Some(&ReferenceHeading::Simulator), None, ParameterFormat::ArduPilot)
 }
 
-/// The minimum is 100 rows, and 50 rows with a reference.
+/// Ten seconds of flight determine no parameters, and a few rows with a reference do not judge them. The autopilot
+/// rejects offsets beyond its limit.
 #[test]
-fn parameters_need_enough_rows() {
-    let (_, mut evaluation) = compass_of_flown_turns();
-    let exported = choose(&evaluation).unwrap();
+fn parameters_need_enough_rows_and_offsets_within_the_limit() {
+    let (mut flight, mut evaluation) = compass_of_flown_turns();
+    let exported = choose(&flight, &evaluation).unwrap();
     assert_eq!(exported.fitted_range_s, evaluation.parameter_fit.fitted_range_s);
     let score = exported.held_back_score.unwrap();
     // Hard iron of 9.6 uT at 31 uT horizontal: 12 deg RMS.
     assert!(score.rms_deg < 1.0 && score.as_logged_rms_deg > 10.0 && !score.is_estimate, "{score:?}");
-    for (reference_count, is_estimate) in [(49, true), (50, false)] {
-        for row in evaluation.rows.iter_mut().filter(|row| row.is_usable).skip(reference_count) {
-            row.reference_deg = None;
-        }
-        let score = match choose(&evaluation) {
-            Ok(exported) => exported.held_back_score.unwrap(),
-            // Fifty rows are one heading, which shows no error.
-            Err(NoParameters::NoGain(score)) => score,
-            Err(rejection) => panic!("{rejection}"),
-        };
-        assert_eq!(score.is_estimate, is_estimate);
-        evaluation.rows = compass_of_flown_turns().1.rows;
+    let offset_mg = exported.largest_offset_mg();
+    for (limit_mg, is_too_large) in [(0.9 * offset_mg, true), (1.1 * offset_mg, false)] {
+        flight.parameters.set_value(0.0, "COMPASS_OFFS_MAX", limit_mg);
+        let refusal = is_too_large.then_some(NoParameters::OffsetsTooLarge { offset_mg, limit_mg });
+        assert_eq!(choose(&flight, &evaluation).err(), refusal);
     }
-    for (row_count, is_few) in [(99, true), (100, false)] {
-        let used: Vec<f64> = evaluation.rows.iter().filter(|row| row.is_usable).map(|row| row.t_s).collect();
-        evaluation.parameter_fit.fitted_range_s = Some([used[0], used[row_count - 1]]);
-        assert_eq!(choose(&evaluation) == Err(NoParameters::FewRows(row_count)), is_few, "{row_count}");
+    for row in evaluation.rows.iter_mut().filter(|row| row.is_usable).skip(30) {
+        row.reference_deg = None;
     }
+    assert!(choose(&flight, &evaluation).unwrap().held_back_score.unwrap().is_estimate);
+    let used_s: Vec<f64> = evaluation.rows.iter().filter(|row| row.is_usable).map(|row| row.t_s).collect();
+    evaluation.parameter_fit.fitted_range_s = Some([used_s[0], used_s[89]]);
+    assert_eq!(choose(&flight, &evaluation), Err(NoParameters::FewRows(90)));
 }
 
 /// The fit with the current replaces the one without it if its interference is significant and its error smaller.
 #[test]
 fn the_fit_with_the_current_is_used_if_it_is_better() {
-    let (_, mut evaluation) = compass_of_flown_turns();
+    let (flight, mut evaluation) = compass_of_flown_turns();
     let good = evaluation.parameter_fit.fit_variants[0].clone();
     let mut bad = good.clone();
     for half in bad.fits_of_halves.iter_mut().flatten() {
@@ -242,7 +225,7 @@ fn the_fit_with_the_current_is_used_if_it_is_better() {
         ([good.clone(), with_current(&good, 0.001)], false),
     ] {
         evaluation.parameter_fit.fit_variants = variants.into();
-        let exported = choose(&evaluation).unwrap();
+        let exported = choose(&flight, &evaluation).unwrap();
         assert_eq!(exported.correction.motor_ut_per_a != Vector3::zeros(), is_with_current);
     }
 }

@@ -10,30 +10,31 @@ mod verdict;
 use std::sync::LazyLock;
 
 use autoswing::calibration::SolveError;
-use autoswing::frames::{Attitude, Field, Level};
+use autoswing::frames::{Attitude, Field, Level, Sensor};
 use autoswing_module::messages::Refusal;
 
 use super::evaluation::{CompassEvaluation, EvaluationOptions, FlightEvaluation, evaluate_flight};
 use super::parameter_export::ExportedCorrection;
 use super::*;
 use crate::log::csv::FieldUnit;
-use crate::log::log_writers::encode_dataflash;
+use crate::log::log_writers::{FlightRecording, encode_dataflash};
 use crate::log::{self, FieldCorrection, Flight, NumberedRotation};
 use crate::numbers;
 use crate::test_flight::record_turns;
 
-/// A calibrating flight of turns without field latency, and its evaluation.
-static FLOWN_TURNS: LazyLock<(Flight, FlightEvaluation)> = LazyLock::new(|| {
-    let recording = record_turns(0.0);
+/// A calibrating flight of turns without field latency, with wrong offsets in the autopilot, and its evaluation.
+pub(crate) static FLOWN_TURNS: LazyLock<(Flight, FlightEvaluation)> = LazyLock::new(|| {
+    let parameters = ["X", "Y", "Z"].map(|axis| (format!("COMPASS_OFS_{axis}"), 100.0)).to_vec();
+    let recording = FlightRecording { parameters, ..record_turns(0.0) };
     let flight = log::read_flight(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
     let options = EvaluationOptions { field_latency_s: Some(0.0), ..EvaluationOptions::DEFAULT };
-    let verdict = evaluate_flight(&flight, &options);
-    (flight, verdict)
+    let evaluation = evaluate_flight(&flight, &options);
+    (flight, evaluation)
 });
 
 pub(super) fn compass_of_flown_turns() -> (Flight, CompassEvaluation) {
-    let (flight, verdict) = FLOWN_TURNS.clone();
-    let compass = verdict.compasses[0].clone();
+    let (flight, evaluation) = FLOWN_TURNS.clone();
+    let compass = evaluation.compasses[0].clone();
     assert_eq!(compass.module_result.acceptance, Ok(()));
     (flight, compass)
 }
@@ -42,7 +43,7 @@ pub(super) fn evaluation_of_compasses(compasses: Vec<CompassEvaluation>) -> Flig
     FlightEvaluation { compasses, ..FLOWN_TURNS.1.clone() }
 }
 
-const REFUSED_SOLVE: Result<(), Refusal> = Err(Refusal::Solve(SolveError::NotConverged));
+pub(crate) const REFUSED_SOLVE: Result<(), Refusal> = Err(Refusal::Solve(SolveError::NotConverged));
 
 /// Horizontal part and strength of the Earth field of [`level_row`], microtesla; it points 60 deg down.
 pub(super) const LEVEL_ROW_FIELD_UT: [f64; 2] = [25.0, 50.0];
@@ -50,15 +51,20 @@ pub(super) const LEVEL_ROW_FIELD_UT: [f64; 2] = [25.0, 50.0];
 /// Usable row of level flight on a heading, with an undisturbed field.
 pub(super) fn level_row(t_s: f64, heading_deg: f64) -> ReplayRow {
     let field = Field::<Level>::earth_field(50.0, 60_f32.to_radians(), heading_deg.to_radians() as f32).ut;
+    ReplayRow { reference_deg: Some(heading_deg), ..row_of_field(t_s, Field::new(field), Attitude::default()) }
+}
+
+/// Usable row of a field that the autopilot does not correct.
+pub(super) fn row_of_field(t_s: f64, field: Field<Sensor>, attitude: Attitude) -> ReplayRow {
     ReplayRow {
         t_s,
-        raw_field: Field::new(field),
-        logged_field: Field::new(field),
-        attitude: Attitude::default(),
+        raw_field: field,
+        logged_field: field,
+        attitude,
         rates_rad_s: None,
         current_a: None,
         is_usable: true,
-        reference_deg: Some(heading_deg),
+        reference_deg: None,
     }
 }
 

@@ -15,28 +15,26 @@ fn export_module(compass: &CompassEvaluation, format: ParameterFormat) -> Export
     export_correction(compass.compass_number, &compass.rows, calibration, None, format).unwrap()
 }
 
+fn set_coefficients(calibration: &mut Calibration, matrix: &Matrix3<f64>, hard_iron_ut: &Vector3<f64>) {
+    calibration.w = std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)] as f32));
+    calibration.b_ut = hard_iron_ut.map(|axis| axis as f32).into();
+}
+
 /// ArduPilot's limit is 1800 mG or `COMPASS_OFFS_MAX`.
 #[test]
 fn offsets_beyond_ardupilots_limit_are_detected() {
-    for (format, max_offset_mg, offset_mg, is_exceeded) in [
-        (ParameterFormat::ArduPilot, None, 1780.0, false),
-        (ParameterFormat::ArduPilot, None, 1820.0, true),
-        (ParameterFormat::ArduPilot, Some(1850.0), 1820.0, false),
-        (ParameterFormat::ArduPilot, Some(1000.0), 1100.0, true),
-        (ParameterFormat::Px4, None, 1820.0, false),
-        (ParameterFormat::Inav, None, 1820.0, false),
+    for (format, parameters, offset_mg, is_exceeded) in [
+        (ParameterFormat::ArduPilot, &[][..], 1700.0, false),
+        (ParameterFormat::ArduPilot, &[], 1900.0, true),
+        (ParameterFormat::ArduPilot, &[("COMPASS_OFFS_MAX", 2000.0)], 1900.0, false),
+        (ParameterFormat::ArduPilot, &[("COMPASS_OFFS_MAX", 1000.0)], 1100.0, true),
+        (ParameterFormat::Px4, &[], 1900.0, false),
+        (ParameterFormat::Inav, &[], 1900.0, false),
     ] {
-        let (mut flight, compass) = compass_of_flown_turns();
-        if let Some(max_offset_mg) = max_offset_mg {
-            flight.parameters.set_value(0.0, "COMPASS_OFFS_MAX", max_offset_mg);
-        }
-        let mut export = export_module(&compass, format);
-        export.correction.hard_iron_ut.x = offset_mg / 10.0;
-        assert_eq!(
-            export.offset_limit_mg_if_exceeded(&flight, format).is_some(),
-            is_exceeded,
-            "{format:?} {max_offset_mg:?} {offset_mg}"
-        );
+        let hard_iron_ut = Vector3::new(offset_mg / 10.0, 0.0, 0.0);
+        let export = export_of(FieldCorrection { hard_iron_ut, ..FieldCorrection::identity() });
+        let limit_mg = export.offset_limit_mg_if_exceeded(&flight_with_parameters(parameters), format);
+        assert_eq!(limit_mg.is_some(), is_exceeded, "{format:?} {parameters:?} {offset_mg}");
     }
 }
 
@@ -51,8 +49,7 @@ fn parameters_hold_at_attitudes_that_were_not_flown() {
     let measured = turn.matrix().transpose() * soft_iron;
     let hard_iron_ut = Vector3::new(12.0, -8.5, 20.0);
     let correction_matrix = measured.try_inverse().unwrap();
-    calibration.w = std::array::from_fn(|i| std::array::from_fn(|j| correction_matrix[(i, j)] as f32));
-    calibration.b_ut = hard_iron_ut.map(|axis| axis as f32).into();
+    set_coefficients(calibration, &correction_matrix, &hard_iron_ut);
     let Calibration { total_ut, inclination_rad, .. } = *calibration;
     let field = |attitude: &Attitude, heading_deg: f32| {
         let level_field = Field::<Level>::earth_field(total_ut, inclination_rad, heading_deg.to_radians());
@@ -135,29 +132,22 @@ fn parameter_lines(
 /// the board.
 #[test]
 fn ardupilots_orientation_is_the_logged_one_rotated_further() {
+    let not_used = "# COMPASS_ORIENT2: not used, because COMPASS_EXTERN2 is 0";
+    let no_number = "# COMPASS_ORIENT: the orientation has no number";
     for (parameters, compass_number, rotation_number, line) in [
         (&[("COMPASS_ORIENT", 6.0)][..], 1, 0.0, "COMPASS_ORIENT,6"),
         (&[("COMPASS_ORIENT", 2.0)], 1, 2.0, "COMPASS_ORIENT,4"),
         (&[("COMPASS_ORIENT2", 2.0), ("COMPASS_EXTERN2", 1.0)], 2, 2.0, "COMPASS_ORIENT2,4"),
-        (
-            &[("COMPASS_ORIENT2", 2.0), ("COMPASS_EXTERN2", 0.0)],
-            2,
-            2.0,
-            "# COMPASS_ORIENT2: not used, because COMPASS_EXTERN2 is 0",
-        ),
+        (&[("COMPASS_ORIENT2", 2.0), ("COMPASS_EXTERN2", 0.0)], 2, 2.0, not_used),
         (&[("COMPASS_ORIENT", 2.0), ("COMPASS_EXTERNAL", 0.0)], 1, 0.0, "COMPASS_ORIENT,2"),
-        (&[("COMPASS_ORIENT", 38.0)], 1, 2.0, "# COMPASS_ORIENT: the orientation has no number"),
-        (&[("COMPASS_ORIENT", 100.0)], 1, 2.0, "# COMPASS_ORIENT: the orientation has no number"),
+        (&[("COMPASS_ORIENT", 38.0)], 1, 2.0, no_number),
+        (&[("COMPASS_ORIENT", 100.0)], 1, 2.0, no_number),
     ] {
-        let orientation_lines = parameter_lines(
-            parameters,
-            &[export_with_rotation(compass_number, rotation_number)],
-            ParameterFormat::ArduPilot,
-            "ORIENT",
-        );
+        let export = [export_with_rotation(compass_number, rotation_number)];
+        let lines = parameter_lines(parameters, &export, ParameterFormat::ArduPilot, "ORIENT");
         assert!(
-            orientation_lines.len() == 1 && orientation_lines[0].starts_with(line),
-            "{parameters:?} by {rotation_number}: {orientation_lines:?}"
+            matches!(&lines[..], [found] if found.starts_with(line)),
+            "{parameters:?} by {rotation_number}: {lines:?}"
         );
     }
     assert_eq!(parameter_lines(&[], &[export_with_rotation(1, 2.0)], ParameterFormat::ArduPilot, "ORIENT"), [""; 0]);
@@ -166,19 +156,20 @@ fn ardupilots_orientation_is_the_logged_one_rotated_further() {
 /// PX4 has custom angles (100) and the board's rotation (-1).
 #[test]
 fn px4s_orientation_is_the_logged_one_rotated_further() {
+    let differs = Some("# CAL_MAG0_ROT: its orientation differs");
     for (parameters, rotation_number, expected) in [
         (&[("CAL_MAG0_ROT", 2.0)][..], 2.0, Some("1\t1\tCAL_MAG0_ROT\t4\t6")),
         (&[("CAL_MAG0_ROT", 2.0)], 0.0, Some("1\t1\tCAL_MAG0_ROT\t2\t6")),
         (&[("CAL_MAG0_ROT", 100.0), ("CAL_MAG0_YAW", 90.0)], 0.0, None),
-        (&[("CAL_MAG0_ROT", 100.0), ("CAL_MAG0_YAW", 90.0)], 2.0, Some("# CAL_MAG0_ROT: its orientation differs")),
+        (&[("CAL_MAG0_ROT", 100.0), ("CAL_MAG0_YAW", 90.0)], 2.0, differs),
         (&[("CAL_MAG0_ROT", -1.0)], 0.0, None),
-        (&[("CAL_MAG0_ROT", -1.0)], 2.0, Some("# CAL_MAG0_ROT: its orientation differs")),
+        (&[("CAL_MAG0_ROT", -1.0)], 2.0, differs),
     ] {
-        let rotation_lines =
+        let lines =
             parameter_lines(parameters, &[export_with_rotation(1, rotation_number)], ParameterFormat::Px4, "_ROT");
-        let is_right = expected
-            .map_or(rotation_lines.is_empty(), |line| rotation_lines.len() == 1 && rotation_lines[0].starts_with(line));
-        assert!(is_right, "{parameters:?} by {rotation_number}: {rotation_lines:?}");
+        let is_right =
+            expected.map_or(lines.is_empty(), |line| matches!(&lines[..], [found] if found.starts_with(line)));
+        assert!(is_right, "{parameters:?} by {rotation_number}: {lines:?}");
     }
 }
 
@@ -202,8 +193,7 @@ fn a_symmetric_correction_is_exported_without_loss() {
     let correction_matrix = yaw_90 * SYMMETRIC;
     let (hard_iron_ut, motor_ut_per_a) = (Vector3::new(12.0, -8.5, 20.0), Vector3::new(0.3, -0.2, 0.15));
     let calibration = &mut compass.module_result.solution.as_mut().unwrap().calibration;
-    calibration.w = std::array::from_fn(|i| std::array::from_fn(|j| correction_matrix[(i, j)] as f32));
-    calibration.b_ut = hard_iron_ut.map(|axis| axis as f32).into();
+    set_coefficients(calibration, &correction_matrix, &hard_iron_ut);
     calibration.motor_current.ut_per_a = motor_ut_per_a.map(|axis| axis as f32).into();
     (calibration.total_ut, calibration.inclination_rad, calibration.motor_current.mean_current_a) = (50.0, 1.0, 15.0);
     let calibration = *calibration;
@@ -294,11 +284,8 @@ fn the_file_states_the_score_of_its_parameters() {
         warnings: vec!["check it".to_owned()],
         ..export_with_rotation(2, 0.0)
     };
-    for (format, file_name) in [
-        (ParameterFormat::ArduPilot, "compass.param"),
-        (ParameterFormat::Px4, "compass.param"),
-        (ParameterFormat::Inav, "compass.txt"),
-    ] {
+    use ParameterFormat::{ArduPilot, Inav, Px4};
+    for (format, file_name) in [(ArduPilot, "compass.param"), (Px4, "compass.param"), (Inav, "compass.txt")] {
         assert_eq!(format.file_name(), file_name);
         assert_eq!(
             parameter_lines(&[], std::slice::from_ref(&export), format, "# ")[..3],

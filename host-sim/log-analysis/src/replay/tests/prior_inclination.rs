@@ -2,37 +2,25 @@ use autoswing::earth::{Date, EarthField, Position};
 
 use super::*;
 
-/// The prior has a standard deviation of 1 deg; samples contradict it beyond 4.
-#[test]
-fn a_configured_inclination_is_used_by_the_solver() {
-    let (_, compass) = compass_of_flown_turns();
-    let found_deg = f64::from(compass.module_result.solution.unwrap().calibration.inclination_rad.to_degrees());
-    for (off_deg, is_taken) in [(-6.0, false), (-2.5, true), (0.0, true), (2.5, true), (6.0, false)] {
-        let options = ReplayOptions {
-            inclination_deg: Some(found_deg + off_deg),
-            ..ReplayOptions::with_selection(RowSelection::All)
-        };
-        assert_eq!(replay_rows(&compass.rows, &options).acceptance.is_ok(), is_taken, "{off_deg}");
-    }
+/// Inclination of the flown turns, degrees.
+fn flown_inclination_deg(compass: &CompassEvaluation) -> f64 {
+    f64::from(compass.module_result.solution.unwrap().calibration.inclination_rad.to_degrees())
 }
 
-/// A contradicted prior fails every trial solve.
+/// The prior has a standard deviation of 1 deg; samples contradict it beyond 4. A contradicted prior fails every trial
+/// solve.
 #[test]
-fn a_configured_inclination_is_used_by_trial_solves() {
+fn a_configured_inclination_is_used_by_the_solver_and_its_trial_solves() {
     let (_, compass) = compass_of_flown_turns();
-    let found_deg = f64::from(compass.module_result.solution.unwrap().calibration.inclination_rad.to_degrees());
-    let replay_with = |off_deg, selected| {
-        let inclination_deg = Some(found_deg + off_deg);
-        replay_rows(&compass.rows, &ReplayOptions { inclination_deg, ..ReplayOptions::with_selection(selected) })
-    };
-    for (off_deg, is_ended) in [(0.0, true), (12.0, false)] {
-        let by_flight = replay_with(off_deg, RowSelection::Flight);
-        assert_eq!(
-            (by_flight.collection_end_s.is_some(), by_flight.acceptance.is_ok()),
-            (is_ended, is_ended),
-            "{off_deg}"
-        );
-        assert_eq!(replay_with(off_deg, RowSelection::Turns).acceptance.is_ok(), is_ended, "{off_deg}");
+    for selected in [RowSelection::All, RowSelection::Turns, RowSelection::Flight] {
+        for (off_deg, is_accepted) in [(-12.0, false), (-2.0, true), (0.0, true), (2.0, true), (12.0, false)] {
+            let inclination_deg = Some(flown_inclination_deg(&compass) + off_deg);
+            let options = ReplayOptions { inclination_deg, ..ReplayOptions::with_selection(selected) };
+            let result = replay_rows(&compass.rows, &options);
+            assert_eq!(result.acceptance.is_ok(), is_accepted, "{selected:?} {off_deg}");
+            let is_ended_by_module = selected == RowSelection::Flight && result.collection_end_s.is_some();
+            assert_eq!(is_ended_by_module, selected == RowSelection::Flight && is_accepted, "{selected:?} {off_deg}");
+        }
     }
 }
 
@@ -52,7 +40,7 @@ fn place_with_inclination(inclination_deg: f64) -> (Position, Date) {
 #[test]
 fn a_contradicted_model_inclination_is_dropped() {
     let (_, compass) = compass_of_flown_turns();
-    let found_deg = f64::from(compass.module_result.solution.unwrap().calibration.inclination_rad.to_degrees());
+    let found_deg = flown_inclination_deg(&compass);
     for selected in [RowSelection::All, RowSelection::Turns, RowSelection::Flight] {
         let without_place = ReplayOptions::with_selection(selected);
         let run_replay = |options: ReplayOptions| replay_rows(&compass.rows, &options);

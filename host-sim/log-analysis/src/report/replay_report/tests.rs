@@ -1,41 +1,16 @@
-use std::sync::LazyLock;
-
-use autoswing::calibration::SolveError;
 use autoswing::earth::{Date, EarthField, Position};
-use autoswing_module::messages::Refusal;
 
 use super::*;
-use crate::log::csv::FieldUnit;
-use crate::log::log_writers::{FlightRecording, encode_dataflash};
-use crate::log::{self, ParameterHistory};
-use crate::replay::RowSelection;
-use crate::replay::evaluation::{EvaluationOptions, evaluate_flight};
+use crate::log::ParameterHistory;
 use crate::replay::hard_iron_step::HardIronStep;
 use crate::replay::parameter_export::ParameterFormat;
-use crate::test_flight::record_turns;
-
-static FLOWN_TURNS: LazyLock<(Flight, FlightEvaluation)> = LazyLock::new(|| {
-    let parameters = ["X", "Y", "Z"].map(|axis| (format!("COMPASS_OFS_{axis}"), 100.0)).to_vec();
-    let recording = FlightRecording { parameters, ..record_turns(0.0) };
-    let flight = log::read_flight(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
-    let verdict = evaluate_flight(
-        &flight,
-        &EvaluationOptions {
-            row_selection: RowSelection::Flight,
-            field_latency_s: Some(0.0),
-            ..EvaluationOptions::DEFAULT
-        },
-    );
-    (flight, verdict)
-});
+use crate::replay::tests::{FLOWN_TURNS, REFUSED_SOLVE};
 
 fn report_after_change(change: impl Fn(&mut Flight, &mut FlightEvaluation)) -> Report {
     let (mut flight, mut verdict) = FLOWN_TURNS.clone();
     change(&mut flight, &mut verdict);
     report_replay(&Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot), "flight.bin", &ReportOrigin::default())
 }
-
-const REFUSED_SOLVE: Result<(), Refusal> = Err(Refusal::Solve(SolveError::NotConverged));
 
 fn fact(report: &Report, name_wanted: &str) -> Option<String> {
     report.compasses[0].facts.iter().find(|[name, _]| name == name_wanted).map(|[_, words]| words.clone())
@@ -95,9 +70,8 @@ fn a_field_model_of_another_year_is_reported() {
 fn the_before_curve_is_the_autopilot_s_correction() {
     let logged = report_after_change(|_, _| {});
     let raw = report_after_change(|_, verdict| {
-        verdict.compasses[0]
-            .corrections
-            .retain(|correction| correction.correction_source != CorrectionSource::Autopilot);
+        let corrections = &mut verdict.compasses[0].corrections;
+        corrections.retain(|correction| correction.correction_source != CorrectionSource::Autopilot);
     });
     let rows = &FLOWN_TURNS.1.compasses[0].rows;
     for (report, name, is_logged_field_corrected) in [(&logged, "as logged", true), (&raw, "uncorrected", false)] {
@@ -117,31 +91,23 @@ fn the_before_curve_is_the_autopilot_s_correction() {
     assert!(key_figure(&logged, "as logged") != key_figure(&raw, "as logged"), "{:?}", raw.key_figures);
 }
 
-fn key_figure(report: &Report, name_part: &str) -> String {
-    report
-        .key_figures
-        .iter()
-        .find(|[name, _]| name.contains(name_part))
-        .map(|[_, value]| value.clone())
-        .unwrap_or_default()
+fn key_figure<'a>(report: &'a Report, name_part: &str) -> &'a str {
+    report.key_figures.iter().find(|[name, _]| name.contains(name_part)).map_or("", |[_, value]| value.as_str())
 }
 
 #[test]
 fn differences_are_named_by_their_reference() {
-    let report_with_reference = |reference: Option<ReferenceHeading>| {
-        report_after_change(|_, verdict| {
-            verdict.reference = reference.clone();
-            if verdict.reference.is_none() {
-                verdict.compasses[0].rows.iter_mut().for_each(|row| row.reference_deg = None);
-            }
-        })
-    };
     for (reference, word) in [
         (Some(ReferenceHeading::Simulator), "error"),
         (Some(ReferenceHeading::AutopilotYaw), "disagreement"),
         (None, "correction"),
     ] {
-        let report = report_with_reference(reference.clone());
+        let report = report_after_change(|_, verdict| {
+            verdict.reference.clone_from(&reference);
+            if reference.is_none() {
+                verdict.compasses[0].rows.iter_mut().for_each(|row| row.reference_deg = None);
+            }
+        });
         assert_eq!(report.reference.difference_name, word);
         let has_card = crate::report::render_page(&report).contains("Deviation card");
         assert_eq!(has_card, word == "error", "a card is for a known accuracy");

@@ -2,10 +2,7 @@
 
 use std::path::Path;
 
-use log_analysis::log::csv::FieldUnit;
-use log_analysis::log::log_writers;
-use log_analysis::log::{self, Gps};
-use log_analysis::replay::evaluation::{CorrectionSource, EvaluationOptions, evaluate_flight};
+use log_analysis::log::{Gps, log_writers};
 use log_analysis::score::wrap_180;
 use simulator::module::{Module as _, ObservedModule};
 use simulator::recording::Recorder;
@@ -13,7 +10,7 @@ use simulator::rig::Rig;
 use simulator::world::WorldConfig;
 use simulator::world::autopilot::Leg;
 
-const DEFAULT_OPTIONS: EvaluationOptions = EvaluationOptions::DEFAULT;
+use super::{evaluate_log, module_score};
 
 /// Declination at Xi'an is -4.2 deg (WMM2025), so magnetic headings exceed true ones by 4.2 deg.
 #[test]
@@ -29,12 +26,11 @@ fn a_recorded_flight_has_its_position_and_true_headings() {
         module.run_for_s(1.0);
     }
     for name in ["flight.bin", "flight.log", "flight.tlog", "flight.ulg", "flight.csv"] {
-        let bytes = log_writers::encode_for_path(Path::new(name), &module.observer.recording);
-        let flight = log::read_flight(&mut bytes.as_slice(), FieldUnit::Milligauss).unwrap();
-        let verdict = evaluate_flight(&flight, &DEFAULT_OPTIONS);
-        let module_score = verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap();
-        assert!((module_score.mean_deg - 4.2).abs() < 0.5, "{name}: {module_score:?}");
-        let (field, _) = verdict.earth_field.unwrap();
+        let (flight, evaluation) =
+            evaluate_log(&log_writers::encode_for_path(Path::new(name), &module.observer.recording));
+        let score = module_score(&evaluation.compasses[0]);
+        assert!((score.mean_deg - 4.2).abs() < 0.5, "{name}: {score:?}");
+        let (field, _) = evaluation.earth_field.unwrap();
         assert!((field.declination_deg.unwrap() + 4.2).abs() < 0.1, "{name}: {field:?}");
         let rows = flight.gps.rows();
         let [before, after] =
