@@ -41,10 +41,6 @@
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
-// Test fixtures that other packages include name the library.
-#[cfg(test)]
-extern crate self as autoswing;
-
 pub mod acceptance;
 pub mod attitude;
 pub mod calibration;
@@ -57,3 +53,7 @@ pub mod instrument;
 pub mod reading;
 pub mod time;
 pub mod trig;
+
+// Test fixtures that other packages include name the library.
+#[cfg(test)]
+extern crate self as autoswing;

@@ -32,8 +32,6 @@ mod retained_samples;
 mod sample_buffer;
 mod sector_balance;
 mod state;
-#[cfg(test)]
-mod test_samples;
 mod turn_circle;
 mod turn_detector;
 
@@ -47,3 +45,6 @@ pub use retained_samples::{MARKS_CAPACITY, RetainedSamples};
 pub use sector_balance::MIN_HELD_BACK_WHEN_COMPLETE;
 pub use state::{CollectionContext, CollectionState};
 pub use turn_circle::SECTOR_COUNT;
+
+#[cfg(test)]
+mod test_samples;

@@ -56,8 +56,6 @@ mod monitor;
 mod output_map;
 mod sensor_check;
 mod smoother;
-#[cfg(test)]
-mod tests;
 mod turn_request;
 mod ud_filter;
 
@@ -413,3 +411,6 @@ impl Instrument {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -18,8 +18,6 @@ mod sample_collection;
 mod solving;
 mod state;
 mod state_saving;
-#[cfg(test)]
-mod tests;
 mod trial_solves;
 
 pub use events::{CalibrationSummary, Command, Effect, Event, ModuleState, Reply, StatusReport};
@@ -211,3 +209,6 @@ impl<'a> Compass<'a> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -16,11 +16,12 @@ mod message;
 mod message_list;
 mod refusal;
 mod sample_loss;
-#[cfg(test)]
-mod tests;
 
 pub use accuracy::ExpectedAccuracy;
 pub use accuracy::ExpectedErrorText;
 pub use message::{Message, Severity, SolveOutcome};
 pub use refusal::{Refusal, RefusalCause};
 pub use sample_loss::SampleLoss;
+
+#[cfg(test)]
+mod tests;

@@ -25,8 +25,6 @@ mod error;
 mod fields;
 mod flash_page;
 mod stored_items;
-#[cfg(test)]
-pub(crate) mod tests;
 
 use core::ops::Range;
 
@@ -301,3 +299,6 @@ impl PageScan {
         }
     }
 }
+
+#[cfg(test)]
+pub(crate) mod tests;

@@ -27,8 +27,6 @@ mod rates;
 mod rates_problem;
 mod read_window;
 mod rotation;
-#[cfg(test)]
-mod tests;
 pub mod time_series;
 mod timeline;
 mod tlog;
@@ -177,3 +175,6 @@ fn detect_format(first_bytes: &[u8]) -> Result<LogFormat, LogError> {
         Err(LogError::UnknownFormat)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -127,9 +127,6 @@ impl PollingSchedule {
     }
 }
 
-#[cfg(test)]
-mod tests;
-
 /// Register-level chip model for driver tests.
 #[cfg(test)]
 pub(super) mod registers {
@@ -265,3 +262,6 @@ pub(super) mod registers {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -5,9 +5,6 @@
 //! enough that its heading turns by at most [`MAX_TURN_DEG_S`]. A further correction starts from the blended map of
 //! that moment. On the ground, and if there was no output before, a correction applies at once.
 
-#[cfg(test)]
-mod tests;
-
 use core::f32::consts::TAU;
 
 use nalgebra::{Matrix3, Vector3};
@@ -227,3 +224,6 @@ impl CompassField {
         blended.unwrap_or(to)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -28,8 +28,6 @@ mod monitor_output;
 mod monitored_calibration;
 mod mount_turn;
 mod parameters;
-#[cfg(test)]
-mod tests;
 
 use core::array;
 use core::ops::Range;
@@ -656,3 +654,6 @@ fn is_gyro_implausible(states: &StateVector) -> bool {
         states[i].abs() > limit
     })
 }
+
+#[cfg(test)]
+mod tests;

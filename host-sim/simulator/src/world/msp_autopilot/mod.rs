@@ -5,8 +5,6 @@
 
 mod frame;
 mod state;
-#[cfg(test)]
-mod tests;
 
 use std::collections::VecDeque;
 
@@ -157,3 +155,6 @@ impl MspAutopilot {
         sent_bytes.append(&mut bytes);
     }
 }
+
+#[cfg(test)]
+mod tests;
