@@ -310,39 +310,28 @@ fn unobservable_flags(unobservable: impl Iterator<Item = PriorQuantity>) -> Unob
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::tests::synthetic::Parts;
+    use crate::calibration::tests::synthetic::free_samples;
     use crate::calibration::{Rates, Sample};
     use crate::frames::Field;
 
     #[test]
     fn each_manoeuvre_has_a_text_and_an_attitude() {
-        let text_and_banks = |manoeuvre: Manoeuvre| {
-            let Attitude { roll_rad, pitch_rad } = manoeuvre.attitude();
-            (manoeuvre.to_string(), [roll_rad, pitch_rad].map(|rad| rad.to_degrees().round() as i8))
-        };
-        assert_eq!(
-            text_and_banks(Manoeuvre::Circle(Side::Left, 25)),
-            ("a left circle at 25 deg of bank".into(), [-25, 0])
-        );
-        assert_eq!(
-            text_and_banks(Manoeuvre::Circle(Side::Right, 40)),
-            ("a right circle at 40 deg of bank".into(), [40, 0])
-        );
-        assert_eq!(
-            text_and_banks(Manoeuvre::Level),
-            ("a level circle, or straight legs at eight headings".into(), [0, 0])
-        );
-        assert_eq!(text_and_banks(Manoeuvre::YawTurn), ("turn once round, level".into(), [0, 0]));
-        for (towards, quarter, words, deg) in [
-            (TiltDirection::Left, HeadingQuadrant::East, "tilt to the left while heading east to south", [-15, 0]),
-            (TiltDirection::Right, HeadingQuadrant::North, "tilt to the right while heading north to east", [15, 0]),
-            (TiltDirection::Ahead, HeadingQuadrant::South, "tilt ahead while heading south to west", [0, -15]),
-            (TiltDirection::Back, HeadingQuadrant::West, "tilt back while heading west to north", [0, 15]),
+        use {HeadingQuadrant as Quadrant, Manoeuvre::Tilt, TiltDirection as Towards};
+        for (manoeuvre, text, roll_pitch_deg) in [
+            (Manoeuvre::Circle(Side::Left, 25), "a left circle at 25 deg of bank", [-25.0, 0.0]),
+            (Manoeuvre::Circle(Side::Right, 40), "a right circle at 40 deg of bank", [40.0, 0.0]),
+            (Manoeuvre::Level, "a level circle, or straight legs at eight headings", [0.0; 2]),
+            (Manoeuvre::YawTurn, "turn once round, level", [0.0; 2]),
+            (Tilt(Towards::Left, Some(Quadrant::East)), "tilt to the left while heading east to south", [-15.0, 0.0]),
+            (Tilt(Towards::Right, Some(Quadrant::North)), "tilt to the right while heading north to east", [15.0, 0.0]),
+            (Tilt(Towards::Ahead, Some(Quadrant::South)), "tilt ahead while heading south to west", [0.0, -15.0]),
+            (Tilt(Towards::Back, Some(Quadrant::West)), "tilt back while heading west to north", [0.0, 15.0]),
+            (Tilt(Towards::Back, None), "tilt back while turning all round", [0.0, 15.0]),
         ] {
-            assert_eq!(text_and_banks(Manoeuvre::Tilt(towards, Some(quarter))), (words.into(), deg));
+            let Attitude { roll_rad, pitch_rad } = manoeuvre.attitude();
+            let found_deg = [roll_rad, pitch_rad].map(|rad| rad.to_degrees().round());
+            assert_eq!((manoeuvre.to_string(), found_deg), (text.into(), roll_pitch_deg));
         }
-        let all_round = Manoeuvre::Tilt(TiltDirection::Back, None);
-        assert_eq!(text_and_banks(all_round), ("tilt back while turning all round".into(), [0, 15]));
     }
 
     #[test]
@@ -363,43 +352,64 @@ mod tests {
 
     #[test]
     fn correlated_bank_and_turn_rate_indicate_banked_turns() {
-        let follows_bank = |bank_deg: &dyn Fn(f32) -> f32, rate_deg_s: &dyn Fn(f32) -> f32| {
-            let samples: Vec<Sample> = (0..100)
-                .map(|i: u8| {
-                    let attitude = Attitude::from_deg(bank_deg(f32::from(i) * 0.1), 0.0);
-                    let rates = Rates::from_rad_s([0.0, 0.0, rate_deg_s(f32::from(i) * 0.1).to_radians()]);
-                    Sample { rates, ..Sample::new(Field::from_ut(20.0, 0.0, 40.0), attitude) }
-                })
-                .collect();
-            banks_into_turns(Parts { free: &samples, ..Parts::default() }.samples())
-        };
-        assert!(follows_bank(&|t| 25.0 * t.sin(), &|t| 12.0 * t.sin()));
-        assert!(!follows_bank(&|t| 25.0 * t.sin(), &|t| -12.0 * t.sin()));
-        assert!(follows_bank(&|_| -25.0, &|_| -12.0), "a circle to the left");
-        assert!(!follows_bank(&|t| 25.0 * t.sin(), &|_| 0.0));
-        // Correlation is the cosine of the phase difference: 0.45 at 63 deg.
-        assert!(follows_bank(&|t| 25.0 * t.sin(), &|t| 12.0 * (t + 0.9).sin()));
-        assert!(!follows_bank(&|t| 25.0 * t.sin(), &|t| 12.0 * (t + 1.2).sin()));
-        assert!(banks_into_turns(Samples::default()), "who was asked for turns");
+        // Correlation is the cosine of the phase difference: 0.62 and 0.36.
+        let swing = |t: f32| 25.0 * t.sin();
+        let cases: [(&str, &dyn Fn(f32) -> f32, &dyn Fn(f32) -> f32, bool); 6] = [
+            ("into the turns", &swing, &|t| 12.0 * t.sin(), true),
+            ("out of the turns", &swing, &|t| -12.0 * t.sin(), false),
+            ("a circle to the left", &|_| -25.0, &|_| -12.0, true),
+            ("no turns", &swing, &|_| 0.0, false),
+            ("turns somewhat late", &swing, &|t| 12.0 * (t + 0.9).sin(), true),
+            ("turns at other times", &swing, &|t| 12.0 * (t + 1.2).sin(), false),
+        ];
+        for (name, bank_deg, rate_deg_s, expected) in cases {
+            let sample = |i: u8| {
+                let attitude = Attitude::from_deg(bank_deg(f32::from(i) * 0.1), 0.0);
+                let rates = Rates::from_rad_s([0.0, 0.0, rate_deg_s(f32::from(i) * 0.1).to_radians()]);
+                Sample { rates, ..Sample::new(Field::from_ut(20.0, 0.0, 40.0), attitude) }
+            };
+            let samples: Vec<Sample> = (0..100).map(sample).collect();
+            assert_eq!(banks_into_turns(free_samples(&samples)), expected, "{name}");
+        }
+        assert!(banks_into_turns(Samples::default()), "turns were asked for");
+    }
+
+    fn advice_with_errors(expected_deg: f32, expected_after_deg: f32, error_floor_deg: f32) -> Advice {
+        Advice {
+            weakest_deviation: Deviation::Constant,
+            weakest_deviation_deg: 0.1,
+            expected_deg,
+            manoeuvre: Manoeuvre::Level,
+            expected_after_deg,
+            error_floor_deg,
+            unobservable: UnobservableQuantities::default(),
+        }
     }
 
     #[test]
     fn small_improvements_are_not_worthwhile() {
-        let gains = |expected_deg, with_it_deg| {
-            let advice = Advice {
-                weakest_deviation: Deviation::Constant,
-                weakest_deviation_deg: 0.1,
-                expected_deg,
-                manoeuvre: Manoeuvre::Level,
-                expected_after_deg: with_it_deg,
-                error_floor_deg: 0.0,
-                unobservable: UnobservableQuantities::default(),
-            };
-            advice.is_worthwhile()
-        };
-        assert!(!gains(0.4, 0.4) && !gains(0.4, 0.381) && gains(0.4, 0.379));
-        assert!(!gains(0.1, 0.091) && gains(0.1, 0.089));
-        assert!(!gains(0.4, f32::NAN) && !gains(f32::NAN, 0.4));
+        for (before_deg, after_deg, expected) in [
+            (0.4, 0.4, false),
+            (0.4, 0.39, false),
+            (0.4, 0.3, true),
+            (0.1, 0.095, false),
+            (0.1, 0.08, true),
+            (0.4, f32::NAN, false),
+            (f32::NAN, 0.4, false),
+        ] {
+            let advice = advice_with_errors(before_deg, after_deg, 0.0);
+            assert_eq!(advice.is_worthwhile(), expected, "{before_deg} {after_deg}");
+        }
+    }
+
+    #[test]
+    fn an_expected_error_within_10_percent_is_at_the_floor() {
+        for (expected_deg, floor_deg, expected) in
+            [(1.05, 1.0, true), (1.2, 1.0, false), (1.0, f32::NAN, false), (0.42, 0.4, true), (0.5, 0.4, false)]
+        {
+            let advice = advice_with_errors(expected_deg, 0.0, floor_deg);
+            assert_eq!(advice.is_at_floor(), expected, "{expected_deg} {floor_deg}");
+        }
     }
 
     #[test]
@@ -413,24 +423,6 @@ mod tests {
             assert!(are_even(&headings) && headings.len() == 6 && (headings[0] - first_deg.to_radians()).abs() < 1e-5);
         }
         assert_eq!(Manoeuvre::Tilt(TiltDirection::Back, None).headings_rad().count(), 24);
-    }
-
-    #[test]
-    fn an_expected_error_within_10_percent_is_at_the_floor() {
-        let is_at_floor = |expected_deg, floor_deg| {
-            let advice = Advice {
-                weakest_deviation: Deviation::Constant,
-                weakest_deviation_deg: 0.1,
-                expected_deg,
-                manoeuvre: Manoeuvre::YawTurn,
-                expected_after_deg: 0.0,
-                error_floor_deg: floor_deg,
-                unobservable: UnobservableQuantities::default(),
-            };
-            advice.is_at_floor()
-        };
-        assert!(is_at_floor(1.09, 1.0) && !is_at_floor(1.11, 1.0) && !is_at_floor(1.0, f32::NAN));
-        assert!(is_at_floor(0.43, 0.4) && !is_at_floor(0.5, 0.4));
     }
 
     #[test]

@@ -119,23 +119,15 @@ pub fn select_method(samples: Samples<'_>, procedure: Procedure) -> Result<Metho
 
 #[cfg(test)]
 mod tests {
-    use crate::calibration::tests::synthetic::Parts;
-    use core::f32::consts::TAU;
-
     use super::*;
+    use crate::calibration::tests::synthetic::{Airframe, Parts, exact_circle};
     use crate::calibration::{CollectionPart, HeadingMark, Sample};
-    use crate::frames::{Attitude, Field, Level};
 
-    fn circle_samples(number: usize) -> Vec<Sample> {
-        (0..number)
-            .map(|i| {
-                let field = Field::<Level>::earth_field(50.0, 1.0, TAU * i as f32 / number as f32);
-                Sample::new(Field::new(field.ut), Attitude::default())
-            })
-            .collect()
+    fn circle_samples(sample_count: u16) -> Vec<Sample> {
+        exact_circle(&Airframe::with_hard_iron([0.0; 3]), 0.0, sample_count)
     }
 
-    fn selected_method(left: usize, right: usize, level: usize) -> Result<Method, SolveError> {
+    fn selected_method(left: u16, right: u16, level: u16) -> Result<Method, SolveError> {
         let (left, right, level) = (circle_samples(left), circle_samples(right), circle_samples(level));
         let samples = Parts { left: &left, right: &right, level: &level, ..Parts::default() }.samples();
         select_method(samples, Procedure::Turns)
@@ -187,12 +179,16 @@ mod tests {
             assert_eq!((free, selected.iter().count()), (11, left + right + level + free));
             (left, right, level)
         };
-        assert_eq!(selected(2, 2, 2, Procedure::Turns), (12, 12, 0));
-        assert_eq!(selected(2, 1, 2, Procedure::Turns), (12, 0, 12));
-        assert_eq!(selected(1, 2, 2, Procedure::Turns), (0, 12, 12));
-        assert_eq!(selected(1, 1, 2, Procedure::Turns), (0, 0, 12));
-        assert_eq!(selected(2, 0, 1, Procedure::Turns), (12, 0, 0));
-        assert_eq!(selected(2, 2, 2, Procedure::Level), (12, 12, 12));
+        for (left, right, level, procedure, expected) in [
+            (2, 2, 2, Procedure::Turns, (12, 12, 0)),
+            (2, 1, 2, Procedure::Turns, (12, 0, 12)),
+            (1, 2, 2, Procedure::Turns, (0, 12, 12)),
+            (1, 1, 2, Procedure::Turns, (0, 0, 12)),
+            (2, 0, 1, Procedure::Turns, (12, 0, 0)),
+            (2, 2, 2, Procedure::Level, (12, 12, 12)),
+        ] {
+            assert_eq!(selected(left, right, level, procedure), expected, "{left} {right} {level} {procedure:?}");
+        }
     }
 
     #[test]

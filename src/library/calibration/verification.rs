@@ -57,7 +57,7 @@ fn score_calibration(samples: Samples<'_>, knows_attitude: bool, calibration: &C
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::tests::synthetic::Parts;
+    use crate::calibration::tests::synthetic::{level_samples, marked_samples, turn_samples};
     use crate::calibration::{HeadingMark, Orientation};
     use crate::frames::{Attitude, Field, Level};
 
@@ -80,8 +80,7 @@ mod tests {
         let none = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
         // The scale of `W` must not change the score.
         let doubled = Calibration { w: none.w.map(|row| row.map(|w| 2.0 * w)), ..none };
-        let scores =
-            score_held_back(Parts { level: samples, ..Parts::default() }.samples(), knows_attitude, &none, &doubled);
+        let scores = score_held_back(level_samples(samples), knows_attitude, &none, &doubled);
         // Rounding in `f32`, relative to the scale of 0.4 %, is 1e-4 of a score.
         assert!((scores.candidate_score - scores.active_score).abs() < 1e-3, "{scores:?}");
         scores
@@ -89,46 +88,37 @@ mod tests {
 
     #[test]
     fn one_unit_of_norm_and_inclination_residual_scores_one() {
-        for (norm, inclination_scale, expected) in [
-            (0.0, 0.0, 0.0),
-            (1.0, 0.0, SIN_45_DEG),
-            (0.0, 1.0, SIN_45_DEG),
-            (1.0, 1.0, 1.0),
-            (3.0, 4.0, 5.0 * SIN_45_DEG),
+        for (norm, inclination, knows_attitude, expected) in [
+            (0.0, 0.0, true, 0.0),
+            (1.0, 0.0, true, SIN_45_DEG),
+            (0.0, 1.0, true, SIN_45_DEG),
+            (1.0, 1.0, true, 1.0),
+            (3.0, 4.0, true, 5.0 * SIN_45_DEG),
+            // Without attitude only the total field counts.
+            (0.0, 3.0, false, 0.0),
+            (1.0, 0.0, false, SIN_45_DEG),
+            (1.0, 3.0, false, SIN_45_DEG),
         ] {
-            let found = scores_of(&samples_with_deviations(norm, inclination_scale), true).candidate_score;
-            assert!((found - expected).abs() < 2e-3, "{norm} {inclination_scale}: {found}");
+            let found = scores_of(&samples_with_deviations(norm, inclination), knows_attitude).candidate_score;
+            assert!((found - expected).abs() < 2e-3, "{norm} {inclination} {knows_attitude}: {found}");
         }
     }
 
-    #[test]
-    fn without_attitude_only_the_total_field_counts() {
-        for (norm, inclination_scale, expected) in [(0.0, 3.0, 0.0), (1.0, 0.0, SIN_45_DEG), (1.0, 3.0, SIN_45_DEG)] {
-            let found = scores_of(&samples_with_deviations(norm, inclination_scale), false).candidate_score;
-            assert!((found - expected).abs() < 2e-3, "{norm} {inclination_scale}: {found}");
-        }
-    }
-
+    /// A hard-iron error of 3 uT is 6 % of 50 uT, many times the scale.
     #[test]
     fn each_calibration_has_its_own_score() {
-        let clean = samples_with_deviations(0.0, 0.0);
-        let held_back = Parts { right: &clean, ..Parts::default() }.samples();
+        let held_back = turn_samples(&[], &samples_with_deviations(0.0, 0.0));
         let none = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
         let shifted = Calibration { b_ut: [3.0, 0.0, 0.0], ..none };
-        let HeldBackScores { candidate_score: candidate, active_score: incumbent } =
-            score_held_back(held_back, true, &shifted, &none);
-        // A hard-iron error of 3 uT is 6 % of 50 uT, many times the scale.
-        assert!(candidate > 3.0 && incumbent < 1e-2, "{candidate} {incumbent}");
-        let HeldBackScores { candidate_score: candidate, active_score: incumbent } =
-            score_held_back(held_back, true, &none, &shifted);
-        assert!(incumbent > 3.0 && candidate < 1e-2, "{candidate} {incumbent}");
+        let HeldBackScores { candidate_score, active_score } = score_held_back(held_back, true, &shifted, &none);
+        assert!(candidate_score > 3.0 && active_score < 1e-2, "{candidate_score} {active_score}");
     }
 
     #[test]
     fn without_held_back_samples_both_scores_are_nan() {
         let none = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
         let marks = [HeadingMark { sample: samples_with_deviations(0.0, 0.0)[0], heading_rad: 0.0 }; 4];
-        for nothing in [Samples::default(), Parts { marks: &marks, ..Parts::default() }.samples()] {
+        for nothing in [Samples::default(), marked_samples(&marks)] {
             let scores = score_held_back(nothing, true, &none, &none);
             assert!(scores.candidate_score.is_nan() && scores.active_score.is_nan(), "{scores:?}");
         }

@@ -98,19 +98,14 @@ mod tests {
         CENTRE_UT + U_UT * phase_rad.cos() + V_UT * phase_rad.sin()
     }
 
-    fn samples_on_ellipse(field_ut: impl Fn(f32) -> Vector3<f32>) -> Vec<Sample> {
-        (0..24_u8)
-            .map(|i| {
-                let field = Field::new(field_ut(f32::from(i) / 24.0 * TAU));
-                Sample::new(field, Attitude::default())
-            })
-            .collect()
-    }
-
     #[test]
     fn an_ellipse_in_space_is_found_with_its_conjugate_axes() {
-        let ellipse =
-            Ellipse::fit_ellipse(&samples_on_ellipse(ellipse_point), &Matrix3::identity(), Side::Left).unwrap();
+        let sample = |i: u8| {
+            let field = Field::new(ellipse_point(f32::from(i) / 24.0 * TAU));
+            Sample::new(field, Attitude::default())
+        };
+        let samples: Vec<Sample> = (0..24).map(sample).collect();
+        let ellipse = Ellipse::fit_ellipse(&samples, &Matrix3::identity(), Side::Left).unwrap();
         assert!((ellipse.centre_ut - CENTRE_UT).norm() < 1e-3, "{}", ellipse.centre_ut);
         assert!((ellipse.normal.dot(&U_UT.cross(&V_UT).normalize()).abs() - 1.0).abs() < 1e-5);
         for (direction, conjugate) in [(U_UT, V_UT), (V_UT, U_UT), (U_UT + V_UT, (V_UT - U_UT) / 2_f32.sqrt())] {
@@ -120,34 +115,9 @@ mod tests {
             assert!((found - conjugate).norm().min((found + conjugate).norm()) < 2e-3, "{found} {conjugate}");
         }
         for phase_rad in [-3.0_f32, -1.2, 0.0, 0.4, 2.0] {
-            assert!(
-                (ellipse.phase_rad(&ellipse_point(phase_rad), &U_UT, &V_UT) - phase_rad).abs() < 1e-4,
-                "{phase_rad}"
-            );
+            let found_rad = ellipse.phase_rad(&ellipse_point(phase_rad), &U_UT, &V_UT);
+            assert!((found_rad - phase_rad).abs() < 1e-4, "{phase_rad}: {found_rad}");
         }
-    }
-
-    #[test]
-    fn fields_are_rotated_before_they_are_fitted() {
-        let rotation = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
-        let ellipse = Ellipse::fit_ellipse(&samples_on_ellipse(ellipse_point), &rotation, Side::Left).unwrap();
-        assert!((ellipse.centre_ut - Vector3::new(40.0, 100.0, 15.0)).norm() < 1e-3, "{}", ellipse.centre_ut);
-    }
-
-    #[test]
-    fn a_hyperbola_is_rejected_with_the_side_of_its_turn() {
-        let hyperbola = samples_on_ellipse(|phase| {
-            Vector3::new((phase / 3.0 - 1.0).cosh(), 2.0 * (phase / 3.0 - 1.0).sinh(), 0.0) * 20.0
-        });
-        for side in [Side::Left, Side::Right] {
-            let refused = Ellipse::fit_ellipse(&hyperbola, &Matrix3::identity(), side).map(|_| ());
-            assert_eq!(refused, Err(SolveError::NotAnEllipse(SamplePart::Turns(side))));
-        }
-        let nothing = samples_on_ellipse(|_| Vector3::repeat(f32::NAN));
-        assert_eq!(
-            Ellipse::fit_ellipse(&nothing, &Matrix3::identity(), Side::Left).map(|_| ()),
-            Err(SolveError::NotFinite)
-        );
     }
 
     fn fit_points(point: impl Fn(f32) -> [f32; 2]) -> Option<(Vector2<f32>, Matrix2<f32>)> {

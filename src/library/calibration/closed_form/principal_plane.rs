@@ -64,16 +64,11 @@ fn least_scatter_direction(scatter: &Matrix3<f32>) -> Option<Vector3<f32>> {
 mod tests {
     use super::*;
     use crate::calibration::Sample;
-    use crate::calibration::tests::synthetic::Parts;
+    use crate::calibration::tests::synthetic::{Parts, YAW_90};
     use crate::frames::{Attitude, Field};
 
-    fn samples_of_fields(fields_ut: &[Vector3<f32>]) -> Vec<Sample> {
-        let sample = |&ut| Sample::new(Field::new(ut), Attitude::default());
-        fields_ut.iter().map(sample).collect()
-    }
-
     fn plane_through(fields_ut: &[Vector3<f32>], rotation: &Matrix3<f32>) -> Option<PrincipalPlane> {
-        let samples = samples_of_fields(fields_ut);
+        let samples: Vec<_> = fields_ut.iter().map(|&ut| Sample::new(Field::new(ut), Attitude::default())).collect();
         let (left, rest) = samples.split_at(1);
         let (right, level) = rest.split_at(1);
         PrincipalPlane::fit_plane(&Parts { left, right, level, ..Parts::default() }.samples(), rotation)
@@ -96,8 +91,7 @@ mod tests {
         }
         assert!(plane.plane_coordinates(&(origin + plane.normal * 7.0)).norm() < 1e-5);
 
-        let about_z = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
-        let turned = plane_through(&corners, &about_z).unwrap();
+        let turned = plane_through(&corners, &YAW_90).unwrap();
         assert!((turned.origin_ut - Vector3::new(-2.0, 1.0, 40.0)).norm() < 1e-5, "{}", turned.origin_ut);
         assert!((turned.normal.dot(&Vector3::new(0.8, 0.0, 0.6)).abs() - 1.0).abs() < 1e-5, "{}", turned.normal);
     }
@@ -117,21 +111,17 @@ mod tests {
     }
 
     #[test]
-    fn a_single_point_has_no_plane() {
-        assert!(plane_through(&[Vector3::new(1.0, 2.0, 3.0); 5], &Matrix3::identity()).is_none());
-    }
-
-    #[test]
     fn a_line_has_one_of_its_planes() {
-        let line: Vec<_> = [-2.0, -1.0, 1.0, 2.0].map(|n| Vector3::new(0.6, 0.8, 0.0) * n).into();
+        let line = [-2.0, -1.0, 1.0, 2.0].map(|n| Vector3::new(0.6, 0.8, 0.0) * n);
         let normal = plane_through(&line, &Matrix3::identity()).unwrap().normal;
         assert!(normal.dot(&Vector3::new(0.6, 0.8, 0.0)).abs() < 1e-3 && (normal.norm() - 1.0).abs() < 1e-5);
     }
 
     #[test]
-    fn non_finite_fields_have_no_plane() {
-        let fields = [Vector3::x(), Vector3::y(), Vector3::new(f32::NAN, 0.0, 1.0)];
-        assert!(plane_through(&fields, &Matrix3::identity()).is_none());
+    fn a_point_and_non_finite_fields_have_no_plane() {
+        let nan = [Vector3::x(), Vector3::y(), Vector3::new(f32::NAN, 0.0, 1.0)];
+        assert!(plane_through(&nan, &Matrix3::identity()).is_none());
+        assert!(plane_through(&[Vector3::new(1.0, 2.0, 3.0); 5], &Matrix3::identity()).is_none());
         assert!(PrincipalPlane::fit_plane(&Samples::default(), &Matrix3::identity()).is_none());
     }
 }

@@ -132,12 +132,11 @@ pub(in crate::calibration) fn inclination_tangent(inclination_rad: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use crate::calibration::tests::synthetic::Parts;
-    use core::f32::consts::TAU;
-
     use super::*;
-    use crate::calibration::{HeadingMark, Sample};
-    use crate::frames::{Attitude, Level};
+    use crate::calibration::HeadingMark;
+    use crate::calibration::tests::synthetic::{
+        Airframe, YAW_90, exact_circle, level_samples, marked_samples, turn_samples,
+    };
 
     fn test_response() -> SensorResponse {
         SensorResponse {
@@ -163,67 +162,43 @@ mod tests {
 
     #[test]
     fn mirrored_or_singular_responses_are_rejected() {
-        let mirrored = SensorResponse { response_ut: -test_response().response_ut, ..test_response() };
-        assert!(mirrored.starting_point().is_none());
-        let flat =
-            SensorResponse { response_ut: Matrix3::from_diagonal(&Vector3::new(20.0, 20.0, 0.0)), ..test_response() };
-        assert!(flat.starting_point().is_none());
-        assert!(SensorResponse { tan_inclination: f32::NAN, ..test_response() }.starting_point().is_none());
-        assert!(
-            SensorResponse { response_ut: Matrix3::repeat(f32::NAN), ..test_response() }.starting_point().is_none()
-        );
-    }
-
-    fn circle_samples(banks_deg: &[f32], b_ut: Vector3<f32>) -> Vec<Sample> {
-        let fly = |&bank_deg: &f32| {
-            let attitude = Attitude::from_deg(bank_deg, 2.0);
-            (0..24_u8).map(move |i| {
-                let level = Field::<Level>::earth_field(50.0, 1.0, f32::from(i) / 24.0 * TAU);
-                let field = Field::new(attitude.to_body_frame(level).ut + b_ut);
-                Sample::new(field, attitude)
-            })
-        };
-        banks_deg.iter().flat_map(fly).collect()
+        let good = test_response();
+        for (name, bad) in [
+            ("mirrored", SensorResponse { response_ut: -good.response_ut, ..good }),
+            ("flat", SensorResponse { response_ut: Matrix3::from_diagonal(&Vector3::new(20.0, 20.0, 0.0)), ..good }),
+            ("no response", SensorResponse { response_ut: Matrix3::repeat(f32::NAN), ..good }),
+            ("no inclination", SensorResponse { tan_inclination: f32::NAN, ..good }),
+        ] {
+            assert!(bad.starting_point().is_none(), "{name}");
+        }
     }
 
     /// The ridge biases the centre by 1e-4 of the hard iron: 0.01 uT.
     #[test]
     fn a_sphere_finds_hard_iron_and_inclination() {
-        let b_ut = Vector3::new(30.0, -60.0, 45.0);
-        let (left, right) = (circle_samples(&[-25.0], b_ut), circle_samples(&[25.0], b_ut));
-        let start =
-            sphere_start(Parts { left: &left, right: &right, ..Parts::default() }.samples(), &Matrix3::identity())
-                .unwrap();
+        let airframe = Airframe::with_hard_iron([30.0, -60.0, 45.0]);
+        let [left, right] = [-25.0, 25.0].map(|bank_deg| exact_circle(&airframe, bank_deg, 24));
+        let start = sphere_start(turn_samples(&left, &right), &Matrix3::identity()).unwrap();
+        let hard_iron_ut = |start: &StartingPoint| start.hard_iron * start.field_unit_ut;
         assert!((start.field_unit_ut - 50.0).abs() < 0.1, "{}", start.field_unit_ut);
-        assert!(
-            (start.hard_iron * start.field_unit_ut - b_ut).norm() < 0.2,
-            "{}",
-            start.hard_iron * start.field_unit_ut
-        );
-        assert!((start.inclination_rad - 1.0).abs() < 0.01, "{}", start.inclination_rad);
+        assert!((hard_iron_ut(&start) - airframe.b_ut).norm() < 0.2, "{}", hard_iron_ut(&start));
+        assert!((start.inclination_rad - airframe.inclination_rad).abs() < 0.01, "{}", start.inclination_rad);
         assert_eq!(start.w, Matrix3::identity());
 
-        let marks: Vec<HeadingMark> = circle_samples(&[-25.0, 25.0], b_ut)
-            .iter()
-            .map(|&sample| HeadingMark { sample, heading_rad: 0.0 })
-            .collect();
-        let about_z = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
-        let turned = sphere_start(Parts { marks: &marks, ..Parts::default() }.samples(), &about_z).unwrap();
-        let expected_ut = about_z * b_ut;
-        assert!(
-            (turned.hard_iron * turned.field_unit_ut - expected_ut).norm() < 0.2,
-            "{}",
-            turned.hard_iron * turned.field_unit_ut
-        );
+        let mark = |&sample| HeadingMark { sample, heading_rad: 0.0 };
+        let marks: Vec<HeadingMark> = left.iter().chain(&right).map(mark).collect();
+        let turned = sphere_start(marked_samples(&marks), &YAW_90).unwrap();
+        assert!((hard_iron_ut(&turned) - YAW_90 * airframe.b_ut).norm() < 0.2, "{}", hard_iron_ut(&turned));
     }
 
     /// The ridge selects the sphere with the least hard iron through the circle.
     #[test]
     fn a_single_circle_gives_no_hard_iron_along_its_axis() {
-        let level = circle_samples(&[0.0], Vector3::new(5.0, -3.0, 0.0));
-        let start = sphere_start(Parts { level: &level, ..Parts::default() }.samples(), &Matrix3::identity()).unwrap();
+        let airframe = Airframe::with_hard_iron([5.0, -3.0, 0.0]);
+        let level = level_samples(&exact_circle(&airframe, 0.0, 24));
+        let start = sphere_start(level, &Matrix3::identity()).unwrap();
         let b_ut = start.hard_iron * start.field_unit_ut;
-        assert!((b_ut - Vector3::new(5.0, -3.0, 0.0)).norm() < 2.0, "{b_ut}");
+        assert!((b_ut - airframe.b_ut).norm() < 2.0, "{b_ut}");
         assert!((start.field_unit_ut - 50.0).abs() < 1.0, "{}", start.field_unit_ut);
     }
 

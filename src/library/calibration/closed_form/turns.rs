@@ -115,11 +115,11 @@ pub(in crate::calibration) fn turn_progress_by_rates_rad(
 
 #[cfg(test)]
 mod tests {
-    use crate::calibration::tests::synthetic::Parts;
     use core::f32::consts::TAU;
 
     use super::*;
     use crate::calibration::Rates;
+    use crate::calibration::tests::synthetic::Parts;
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -138,16 +138,22 @@ mod tests {
     }
 
     #[test]
-    fn banks_less_than_9_8_deg_apart_are_one_plane() {
+    fn the_planes_of_two_turns_are_as_far_apart_as_their_banks() {
         let bank = |roll_deg| MeanBank::from_samples(&[turn_sample(roll_deg, 0.0, 0)]);
-        for left_deg in [-4.9, 0.0, 20.0] {
-            let to = |right_deg| bank(left_deg).sine_of_difference(bank(right_deg));
-            assert_eq!(to(left_deg + 9.7), Err(SolveError::SamePlane), "{left_deg}");
-            assert_eq!(to(left_deg - 9.7), Err(SolveError::SamePlane), "{left_deg}");
-            assert!((to(left_deg + 9.9).unwrap() - 0.171_93).abs() < 1e-4, "{left_deg}");
-            assert!((to(left_deg - 9.9).unwrap() + 0.171_93).abs() < 1e-4, "{left_deg}");
+        for (left_deg, right_deg, expected) in [
+            (-25.0, 25.0, Ok(0.766_044)),
+            (25.0, -5.0, Ok(-0.5)),
+            (-50.0, 40.0, Ok(1.0)),
+            (20.0, 25.0, Err(())),
+            (5.0, 0.0, Err(())),
+        ] {
+            match bank(left_deg).sine_of_difference(bank(right_deg)) {
+                Ok(sine) => {
+                    assert!(expected.is_ok_and(|expected: f32| (sine - expected).abs() < 1e-5), "{left_deg}: {sine}")
+                }
+                Err(error) => assert_eq!((error, expected), (SolveError::SamePlane, Err(())), "{left_deg}"),
+            }
         }
-        assert!((bank(-50.0).sine_of_difference(bank(40.0)).unwrap() - 1.0).abs() < 1e-6);
     }
 
     #[test]
@@ -175,10 +181,8 @@ mod tests {
         assert!((heading_progress_rad(Side::Right, &up) - 1.75).abs() < 1e-6);
         assert!((heading_progress_rad(Side::Left, &up) + 1.75).abs() < 1e-6);
         assert!((heading_progress_rad(Side::Right, &[(0, 3.0), (500, -3.0)]) - 0.283_185).abs() < 1e-5);
-        for side in [Side::Left, Side::Right] {
-            assert!(
-                heading_progress_rad(side, &[]).abs() < 1e-9 && heading_progress_rad(side, &[(0, 1.0)]).abs() < 1e-9
-            );
+        for samples in [&[][..], &[(0, 1.0)]] {
+            assert!(heading_progress_rad(Side::Left, samples).abs() < 1e-9);
         }
     }
 
@@ -198,27 +202,37 @@ mod tests {
 
     #[test]
     fn heading_progress_has_the_sign_of_the_gyro_rate() {
-        let circle = Some(TAU);
-        for (deg_s, expected) in [(20.0, circle), (-20.0, circle.map(|rad| -rad)), (15.0, circle), (0.0, None)] {
+        for (deg_s, expected) in [(20.0, Some(TAU)), (-20.0, Some(-TAU)), (15.0, Some(TAU)), (0.0, None)] {
             let found = progress_with_gyro_rate(deg_s, 500, 18);
-            assert!(
-                found.zip(expected).map_or(found == expected, |(found, expected)| (found - expected).abs() < 0.05),
-                "{deg_s}: {found:?}"
-            );
+            let is_equal = found.zip(expected).map_or(found == expected, |(f, e)| (f - e).abs() < 0.05);
+            assert!(is_equal, "{deg_s}: {found:?}");
         }
     }
 
+    /// Half a circle, and samples a second apart, give a direction.
     #[test]
     fn little_turning_or_large_gaps_give_no_direction() {
-        assert!(progress_with_gyro_rate(20.0, 500, 8).is_none() && progress_with_gyro_rate(20.0, 500, 10).is_some());
-        assert!(progress_with_gyro_rate(20.0, 1300, 30).is_none() && progress_with_gyro_rate(20.0, 1200, 30).is_some());
+        for (name, every_ms, seconds, is_known) in [
+            ("200 deg", 500, 10, true),
+            ("100 deg", 500, 5, false),
+            ("a second between samples", 1000, 30, true),
+            ("three seconds between samples", 3000, 30, false),
+        ] {
+            assert_eq!(progress_with_gyro_rate(20.0, every_ms, seconds).is_some(), is_known, "{name}");
+        }
     }
 
+    /// Where samples are missing for three seconds, the heading may have changed by more than half a circle.
     #[test]
     fn large_gaps_are_ignored() {
-        assert!((heading_progress_rad(Side::Right, &[(100, 1.0), (3100, 2.0)]) - 1.0).abs() < 1e-6);
-        assert!(heading_progress_rad(Side::Right, &[(100, 1.0), (3101, 2.0)]).abs() < 1e-9);
-        assert!(heading_progress_rad(Side::Right, &[(3101, 1.0), (100, 2.0)]).abs() < 1e-9);
-        assert!((heading_progress_rad(Side::Right, &[(0, 0.0), (9000, 1.0), (9500, 1.25)]) - 0.25).abs() < 1e-6);
+        for (samples, expected_rad) in [
+            (&[(100, 1.0), (2100, 2.0)][..], 1.0),
+            (&[(100, 1.0), (5100, 2.0)], 0.0),
+            (&[(3100, 1.0), (100, 2.0)], 0.0),
+            (&[(0, 0.0), (9000, 1.0), (9500, 1.25)], 0.25),
+        ] {
+            let found_rad = heading_progress_rad(Side::Right, samples);
+            assert!((found_rad - expected_rad).abs() < 1e-6, "{samples:?}: {found_rad}");
+        }
     }
 }

@@ -88,33 +88,27 @@ mod tests {
     use crate::calibration::Rates;
     use crate::frames::{Attitude, Field};
 
-    fn sample_with(roll_rad: f32, rates: Rates) -> Sample {
-        Sample { rates, ..Sample::new(Field::new(Vector3::zeros()), Attitude { roll_rad, pitch_rad: 0.0 }) }
-    }
-
-    /// The heading rate decides if known, otherwise the bank.
+    /// The heading rate decides if known, otherwise the bank. Straight flight keeps the direction of the last turn.
     #[test]
-    fn the_last_turn_is_that_of_a_rate_over_3_deg_s_or_a_bank_over_8_deg() {
-        let rate = |rad_s: f32| Rates::from_rad_s([0.0, 0.0, rad_s]);
-        for (roll_rad, rates, expected) in [
-            (0.0, rate(0.049), 0.0),
-            (0.0, rate(0.053), 1.0),
-            (0.0, rate(-0.053), -1.0),
-            (0.5, rate(0.049), 0.0),
-            (0.5, rate(-0.053), -1.0),
-            (0.5, rate(0.0), 0.0),
-            (0.139, Rates::UNKNOWN, 0.0),
-            (0.141, Rates::UNKNOWN, 1.0),
-            (-0.141, Rates::UNKNOWN, -1.0),
+    fn the_last_turn_is_shown_by_the_heading_rate_or_the_bank() {
+        let rate = |deg_s: f32| Rates::from_rad_s([0.0, 0.0, deg_s.to_radians()]);
+        for (roll_deg, rates, expected) in [
+            (0.0, rate(2.0), 0.0),
+            (0.0, rate(5.0), 1.0),
+            (0.0, rate(-5.0), -1.0),
+            (25.0, rate(2.0), 0.0),
+            (25.0, rate(-5.0), -1.0),
+            (5.0, Rates::UNKNOWN, 0.0),
+            (12.0, Rates::UNKNOWN, 1.0),
+            (-12.0, Rates::UNKNOWN, -1.0),
         ] {
             let mut last = LastTurn::default();
-            assert_eq!(
-                last.direction_at_sample(&sample_with(roll_rad, rates)).to_bits(),
-                f32::to_bits(expected),
-                "{roll_rad} {rates:?}"
-            );
-            let after_it = last.direction_at_sample(&sample_with(0.0, rate(0.049)));
-            assert_eq!(after_it.to_bits(), f32::to_bits(expected), "straight flight keeps it: {roll_rad}");
+            for (roll_deg, rates) in [(roll_deg, rates), (0.0, rate(2.0))] {
+                let attitude = Attitude::from_deg(roll_deg, 0.0);
+                let sample = Sample { rates, ..Sample::new(Field::new(Vector3::zeros()), attitude) };
+                let found = last.direction_at_sample(&sample);
+                assert_eq!(found.to_bits(), f32::to_bits(expected), "{roll_deg} deg, {rates:?}");
+            }
         }
     }
 }

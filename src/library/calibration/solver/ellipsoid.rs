@@ -53,23 +53,6 @@ mod tests {
     use crate::calibration::{Method, Prior, Quality, Sample, SamplePart, SolveError, solve_samples};
     use crate::frames::{Attitude, Field};
 
-    #[test]
-    fn every_field_direction_falls_into_one_of_24_sectors() {
-        let mut seen = [false; 24];
-        for (axis, [u, v]) in
-            (0..3).flat_map(|axis| [[0.5, 0.6], [-0.5, 0.6], [0.5, -0.6], [-0.5, -0.6]].map(|uv| (axis, uv)))
-        {
-            for sign in [1.0, -1.0] {
-                let mut field = Vector3::zeros();
-                (field[axis], field[(axis + 1) % 3], field[(axis + 2) % 3]) = (sign, u, v);
-                let direction = direction_index(&(field * 40.0));
-                assert!(!seen[direction], "{field} is direction {direction} again");
-                seen[direction] = true;
-            }
-        }
-        assert!(seen.iter().all(|&seen| seen));
-    }
-
     fn tumbled_samples(missing_direction_count: usize) -> Vec<Sample> {
         let mut random = Random(5);
         let mut noise = move || Vector3::from_fn(|_, _| random.normal());
@@ -103,10 +86,10 @@ mod tests {
         assert!(free.1.is_some());
     }
 
+    /// Two directions may be missing, as behind the hand that holds the sensor.
     #[test]
-    fn twenty_two_directions_are_enough_and_twenty_one_are_not() {
-        assert!(solve_tumbled(0).is_ok());
-        assert!(solve_tumbled(2).is_ok(), "{:?}", solve_tumbled(2));
-        assert_eq!(solve_tumbled(3).map(|_| ()), Err(SolveError::NotDetermined(SamplePart::All)));
+    fn most_field_directions_are_required() {
+        assert!(solve_tumbled(0).is_ok() && solve_tumbled(2).is_ok(), "{:?}", solve_tumbled(2));
+        assert_eq!(solve_tumbled(6).map(|_| ()), Err(SolveError::NotDetermined(SamplePart::All)));
     }
 }

@@ -58,22 +58,17 @@ mod tests {
             (9.6, 10.0, 38.0),
             (10.0, 10.0, 38.0),
         ] {
-            let autocorrelation_of = |products, squares| {
-                Autocorrelation {
-                    lag_products: products,
-                    square_sums: squares,
+            for own in [0, 1] {
+                let mut sums = Autocorrelation {
+                    lag_products: [5.0; 2],
+                    square_sums: [10.0; 2],
                     previous_residuals: [[0.0; 2]; PART_COUNT],
-                }
-                .excess_variance_inflation()
-            };
-            assert!(
-                is_close(autocorrelation_of([products, 5.0], [squares, 10.0]), [excess, 2.0]),
-                "{products} {squares}"
-            );
-            assert!(
-                is_close(autocorrelation_of([5.0, products], [10.0, squares]), [2.0, excess]),
-                "{products} {squares}"
-            );
+                };
+                (sums.lag_products[own], sums.square_sums[own]) = (products, squares);
+                let mut expected = [2.0; 2];
+                expected[own] = excess;
+                assert!(is_close(sums.excess_variance_inflation(), expected), "{products} {squares}");
+            }
         }
     }
 

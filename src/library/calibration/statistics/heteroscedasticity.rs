@@ -49,11 +49,11 @@ mod tests {
     use super::*;
 
     fn variance_ratio_of(samples: &[(f32, f32)]) -> f32 {
-        let mut unevenness = Heteroscedasticity::default();
+        let mut sums = Heteroscedasticity::default();
         for &(tilt_deg, residual) in samples {
-            unevenness.add_residual(Attitude::from_deg(0.6 * tilt_deg, -0.8 * tilt_deg), residual);
+            sums.add_residual(Attitude::from_deg(0.6 * tilt_deg, -0.8 * tilt_deg), residual);
         }
-        unevenness.variance_ratio()
+        sums.variance_ratio()
     }
 
     /// Half of the samples level, half tilted with twice the residual: 4 over the mean of 1 and 4.
@@ -64,17 +64,15 @@ mod tests {
         assert!((variance_ratio_of(&[(20.0, 2.0), (5.0, 1.0), (0.0, 1.0)]) - (65.0 / 17.0) / 2.0).abs() < 1e-4);
         assert!((variance_ratio_of(&[(0.0, 2.0), (20.0, 1.0)]) - 1.0).abs() < f32::EPSILON);
         assert!((variance_ratio_of(&[(25.0, 1.0), (25.0, -1.0)]) - 1.0).abs() < 1e-5);
-        for (tilt_deg, uneven) in [(4.2, false), (4.6, true)] {
-            assert_eq!(variance_ratio_of(&[(0.0, 1.0), (tilt_deg, 2.0)]) > 1.5, uneven, "{tilt_deg}");
-        }
+        // In level flight the tilt is noise.
+        assert!((variance_ratio_of(&[(0.0, 1.0), (2.0, 2.0)]) - 1.0).abs() < f32::EPSILON);
     }
 
     #[test]
     fn ratio_is_limited_and_finite() {
-        assert!(
-            (variance_ratio_of(&[(0.0, 0.0); 9].iter().copied().chain([(20.0, 1.0)]).collect::<Vec<_>>()) - 5.0).abs()
-                < 1e-6
-        );
+        let mut one_in_ten = [(0.0, 0.0); 10];
+        one_in_ten[9] = (20.0, 1.0);
+        assert!((variance_ratio_of(&one_in_ten) - 5.0).abs() < 1e-6);
         for samples in [&[][..], &[(20.0, 0.0)], &[(20.0, f32::NAN), (20.0, 1.0)], &[(f32::NAN, 1.0), (20.0, 1.0)]] {
             assert!((variance_ratio_of(samples) - 1.0).abs() < f32::EPSILON, "{samples:?}");
         }

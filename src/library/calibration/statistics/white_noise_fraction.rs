@@ -49,11 +49,11 @@ mod tests {
     use crate::calibration::tests::synthetic::Random;
 
     fn white_fraction_of(number: u32, step_ms: u32, mut signal: impl FnMut(f32) -> f32) -> f32 {
-        let mut roughness = WhiteNoiseFraction::default();
+        let mut fraction = WhiteNoiseFraction::default();
         for i in 0..number {
-            roughness.add_residual(1, WrappingMillis::new(i * step_ms), signal(i as f32));
+            fraction.add_residual(1, WrappingMillis::new(i * step_ms), signal(i as f32));
         }
-        roughness.white_noise_fraction()
+        fraction.white_noise_fraction()
     }
 
     /// Clipped white noise, linear trend, sine with a period of 30 samples, mixture. Tolerance 10 %: three sigmas of
@@ -71,30 +71,28 @@ mod tests {
 
     #[test]
     fn without_enough_differences_all_noise_counts_as_white() {
-        for (number, step_ms, is_told) in [(22, 400, true), (21, 400, false), (50, 1500, true), (50, 1501, false)] {
+        for (number, step_ms, is_known) in [(50, 400, true), (10, 400, false), (50, 1000, true), (50, 3000, false)] {
             let found = white_fraction_of(number, step_ms, |i| 0.01 * i);
-            assert_eq!(found < 0.5, is_told, "{number} {step_ms}: {found}");
+            assert_eq!(found < 0.5, is_known, "{number} residuals {step_ms} ms apart: {found}");
         }
     }
 
     #[test]
     fn only_successive_residuals_of_a_part_are_compared() {
-        let mut roughness = WhiteNoiseFraction::default();
-        for (part, ms, residual) in [(0, 0, 1.0), (1, 100, -1.0), (0, 400, 1.0), (1, 500, -1.0), (0, 800, 1.5)] {
-            roughness.add_residual(part, WrappingMillis::new(ms), residual);
+        let mut fraction = WhiteNoiseFraction::default();
+        let first = [(0, 0, 1.0), (1, 100, -1.0), (0, 400, 1.0), (1, 500, -1.0), (0, 800, 1.5)];
+        let after_a_gap = [(0, 5000, 0.0), (0, 5400, 0.0)];
+        for (residuals, number, squares) in [
+            (&first[..], 1.0, 0.25),
+            (&after_a_gap, 1.0, 0.25),
+            (&[(0, 5800, 2.0)], 2.0, 4.25),
+            (&[(7, 5900, 2.0)], 2.0, 4.25),
+        ] {
+            for &(part, ms, residual) in residuals {
+                fraction.add_residual(part, WrappingMillis::new(ms), residual);
+            }
+            let found: [f32; 2] = [fraction.difference_count, fraction.difference_squares];
+            assert_eq!(found.map(f32::to_bits), [number, squares].map(f32::to_bits), "{residuals:?}");
         }
-        let sums = |roughness: &WhiteNoiseFraction| {
-            [roughness.difference_count, roughness.difference_squares].map(f32::to_bits)
-        };
-        let are = |number: f32, squares: f32| [number, squares].map(f32::to_bits);
-        assert_eq!(sums(&roughness), are(1.0, 0.25));
-        for (ms, residual) in [(5000, 0.0), (5400, 0.0)] {
-            roughness.add_residual(0, WrappingMillis::new(ms), residual);
-        }
-        assert_eq!(sums(&roughness), are(1.0, 0.25));
-        roughness.add_residual(0, WrappingMillis::new(5800), 2.0);
-        assert_eq!(sums(&roughness), are(2.0, 4.25));
-        roughness.add_residual(7, WrappingMillis::new(5900), 2.0);
-        assert_eq!(sums(&roughness), are(2.0, 4.25));
     }
 }

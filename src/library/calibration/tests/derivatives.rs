@@ -97,60 +97,22 @@ fn random_cases(make: impl Fn(&mut Random) -> Case) -> impl Iterator<Item = Case
 }
 
 #[test]
-fn norm_row_equals_numerical_derivatives() {
+fn prediction_rows_equal_numerical_derivatives() {
     for case in random_cases(Case::random) {
-        let row = case.predict(&case.unknowns).norm_row().as_vector();
-        assert_jacobian_row(&row, &case.unknowns, |u| case.predict(u).norm - 1.0, "norm");
-    }
-}
-
-#[test]
-fn inclination_row_equals_numerical_derivatives() {
-    for case in random_cases(Case::random) {
-        let row = case.predict(&case.unknowns).inclination_row().as_vector();
-        let residual =
-            |u: &Vector13| case.predict(u).inclination_rad - ModelParameters::from_unknowns(u).inclination_rad;
-        assert_jacobian_row(&row, &case.unknowns, residual, "inclination");
-    }
-}
-
-#[test]
-fn heading_row_equals_numerical_derivatives() {
-    for case in random_cases(Case::random) {
-        let prediction = case.predict(&case.unknowns);
-        let residual = |u: &Vector13| wrap_pi(case.predict(u).heading_rad() - prediction.heading_rad());
-        assert_jacobian_row(
-            &prediction.heading_row(&case.attitude.tilt_rotation()).as_vector(),
-            &case.unknowns,
-            residual,
-            "heading",
-        );
-    }
-}
-
-#[test]
-fn derivatives_by_field_equal_numerical_ones() {
-    for case in random_cases(Case::random) {
-        let tilt = case.attitude.tilt_rotation();
-        let prediction = case.predict(&case.unknowns);
-        let heading = prediction.heading_derivative_by_field(&tilt);
-        for axis in 0..3 {
-            let prediction_after = |step| {
-                FieldPrediction::new(
-                    case.centred_field,
-                    &(prediction.field_direction * prediction.norm + Vector3::ith(axis, step)),
-                    &tilt,
-                )
-            };
-            assert_derivative(prediction.field_direction[axis], |step| prediction_after(step).norm, "total by field");
-            assert_derivative(
-                prediction.inclination_derivative_by_field[axis],
-                |step| prediction_after(step).inclination_rad,
-                "inclination by field",
-            );
-            let turned = |step| wrap_pi(prediction_after(step).heading_rad() - prediction.heading_rad());
-            assert_derivative(heading[axis], turned, "heading by field");
-        }
+        let (at, predict) = (&case.unknowns, |u: &Vector13| case.predict(u));
+        let prediction = predict(at);
+        let [norm, inclination, heading] = [
+            prediction.norm_row(),
+            prediction.inclination_row(),
+            prediction.heading_row(&case.attitude.tilt_rotation()),
+        ]
+        .map(|row| row.as_vector());
+        assert_jacobian_row(&norm, at, |u| predict(u).norm - 1.0, "norm");
+        let inclination_residual =
+            |u: &Vector13| predict(u).inclination_rad - ModelParameters::from_unknowns(u).inclination_rad;
+        assert_jacobian_row(&inclination, at, inclination_residual, "inclination");
+        let turned = |u: &Vector13| wrap_pi(predict(u).heading_rad() - prediction.heading_rad());
+        assert_jacobian_row(&heading, at, turned, "heading");
     }
 }
 
@@ -214,31 +176,20 @@ fn equation_rows_equal_numerical_derivatives() {
         let at = parameters.unknowns().unwrap();
         // A tenth of the step keeps residuals below the Huber limit.
         let slightly = |u: &Vector13| at + (u - at) * 0.1;
+        let heading_rad = Some(prediction.heading_rad());
         for refined in [false, true] {
-            let equations_at = |u: &Vector13| equations(&case, u, Some(prediction.heading_rad()), refined);
-            let row = equations_at(&at).norm_equation.jacobian_row.as_vector();
-            assert_jacobian_row(
-                &row,
-                &at,
-                |u| equations_at(&slightly(u)).norm_equation.residual * 10.0,
-                "equation of the norm",
-            );
-            let row = equations_at(&at).inclination_equation.unwrap().jacobian_row.as_vector();
-            assert_jacobian_row(
-                &row,
-                &at,
-                |u| equations_at(&slightly(u)).inclination_equation.unwrap().residual * 10.0,
-                "equation of the inclination",
-            );
+            let both = |u: &Vector13| {
+                let equations = equations(&case, u, heading_rad, refined);
+                [equations.norm_equation, equations.inclination_equation.unwrap()]
+            };
+            for (i, equation) in both(&at).into_iter().enumerate() {
+                let residual = |u: &Vector13| both(&slightly(u))[i].residual * 10.0;
+                assert_jacobian_row(&equation.jacobian_row.as_vector(), &at, residual, ["norm", "inclination"][i]);
+            }
         }
-        let equations_at =
-            |u: &Vector13| equations(&case, u, Some(prediction.heading_rad()), false).heading_equation.unwrap();
-        assert_jacobian_row(
-            &equations_at(&at).jacobian_row.as_vector(),
-            &at,
-            |u| equations_at(u).residual,
-            "equation of the heading",
-        );
+        let heading_equation = |u: &Vector13| equations(&case, u, heading_rad, false).heading_equation.unwrap();
+        let row = heading_equation(&at).jacobian_row.as_vector();
+        assert_jacobian_row(&row, &at, |u| heading_equation(u).residual, "heading");
     }
 }
 
@@ -249,12 +200,12 @@ fn inclination_is_decorrelated_from_the_norm() {
     for case in random_cases(Case::normalised) {
         let prediction = case.predict(&case.unknowns);
         let equations = equations(&case, &case.unknowns, None, false);
-        let (norm_by_x, dip_by_x) =
-            (noise_w.tr_mul(&prediction.field_direction), noise_w.tr_mul(&prediction.inclination_derivative_by_field));
-        let slope = norm_by_x.dot(&dip_by_x) / norm_by_x.norm_squared();
+        let [norm_by_x, inclination_by_x] = [prediction.field_direction, prediction.inclination_derivative_by_field]
+            .map(|derivative| noise_w.tr_mul(&derivative));
+        let slope = norm_by_x.dot(&inclination_by_x) / norm_by_x.norm_squared();
         let tilt_variance = 0.02_f32.powi(2) - 0.01_f32.powi(2);
         let [roll, pitch] = prediction.inclination_derivatives_by_attitude(&case.attitude.tilt_rotation());
-        let left = (dip_by_x - norm_by_x * slope).norm_squared() * 0.01_f32.powi(2)
+        let left = (inclination_by_x - norm_by_x * slope).norm_squared() * 0.01_f32.powi(2)
             + tilt_variance * (roll * roll + pitch * pitch);
         let inclination_equation = equations.inclination_equation.unwrap();
         let expected = prediction.inclination_row().as_vector() - prediction.norm_row().as_vector() * slope;
@@ -263,12 +214,8 @@ fn inclination_is_decorrelated_from_the_norm() {
         assert!((equations.norm_equation.weight * norm_variance - 1.0).abs() < 1e-4);
         let sigma = left.sqrt();
         let huber = (ModelConfig::DEFAULT.huber_sigmas * sigma / inclination_equation.residual.abs()).min(1.0);
-        assert!(
-            (inclination_equation.weight * left / huber - 1.0).abs() < 1e-3,
-            "{} {}",
-            inclination_equation.weight * left,
-            huber
-        );
+        let weight_ratio = inclination_equation.weight * left / huber;
+        assert!((weight_ratio - 1.0).abs() < 1e-3, "{weight_ratio}");
     }
 }
 
@@ -293,12 +240,8 @@ fn prior_rows_equal_numerical_derivatives() {
     for case in random_cases(Case::random) {
         for likelihood in [likelihood(None), likelihood(Some(0.9))] {
             for (i, (quantity, row, ..)) in priors(&likelihood, &case.unknowns).into_iter().enumerate() {
-                assert_jacobian_row(
-                    &row,
-                    &case.unknowns,
-                    |u| priors(&likelihood, u)[i].2,
-                    &format!("prior {i} of {quantity:?}"),
-                );
+                let residual = |u: &Vector13| priors(&likelihood, u)[i].2;
+                assert_jacobian_row(&row, &case.unknowns, residual, &format!("prior {i} of {quantity:?}"));
             }
         }
     }
@@ -318,51 +261,45 @@ fn each_prior_constrains_its_own_quantity() {
         }
         sizes
     };
-    let close = |found: [f32; 4], expected: [f32; 4]| {
-        let largest = found.iter().zip(expected).map(|(f, e)| (f - e).abs()).fold(0.0, f32::max);
-        assert!(largest < 1e-4, "{found:?} {expected:?}");
-    };
-    // Sizes in the order soft iron, mounting, hard iron, inclination.
-    close(sizes(&straight), [0.0; 4]);
-    close(sizes(&ModelParameters { inclination_rad: 1.0, ..straight.clone() }), [0.0, 0.0, 0.0, 0.1]);
-    let hard_iron = Vector3::new(0.1, 0.2, -0.2);
-    close(
-        sizes(&ModelParameters { corrected_mean_field: straight.corrected_mean_field - hard_iron, ..straight.clone() }),
-        [0.0, 0.0, 0.3, 0.0],
-    );
     // Adjusting `d` keeps the hard iron when W changes.
-    let parameters_with =
+    let with_w =
         |w: Matrix3<f32>| ModelParameters { corrected_mean_field: w * likelihood.mean_field, w, ..straight.clone() };
-    close(sizes(&parameters_with(Matrix3::identity() * 1.3)), [0.0; 4]);
-    let turn = Vector3::new(0.02, -0.01, 0.02);
-    close(sizes(&parameters_with(Matrix3::identity() + turn.cross_matrix())), [0.0, 0.03, 0.0, 0.0]);
-    let stretched = Matrix3::from_diagonal(&[1.1, 1.0, 0.9].into());
-    close(sizes(&parameters_with(stretched)), [0.02_f32.sqrt(), 0.0, 0.0, 0.0]);
+    let moved = straight.corrected_mean_field - Vector3::new(0.1, 0.2, -0.2);
+    let turn = Vector3::new(0.02, -0.01, 0.02).cross_matrix();
     let skewed = Matrix3::new(1.0, 0.1, 0.0, 0.1, 1.0, 0.2, 0.0, 0.2, 1.0);
-    close(sizes(&parameters_with(skewed)), [0.05_f32.sqrt(), 0.0, 0.0, 0.0]);
+    // Sizes in the order soft iron, mounting, hard iron, inclination.
+    for (name, parameters, expected) in [
+        ("nothing", straight.clone(), [0.0; 4]),
+        ("inclination", ModelParameters { inclination_rad: 1.0, ..straight.clone() }, [0.0, 0.0, 0.0, 0.1]),
+        ("hard iron", ModelParameters { corrected_mean_field: moved, ..straight.clone() }, [0.0, 0.0, 0.3, 0.0]),
+        ("scale", with_w(Matrix3::identity() * 1.3), [0.0; 4]),
+        ("mounting", with_w(Matrix3::identity() + turn), [0.0, 0.03, 0.0, 0.0]),
+        ("stretch", with_w(Matrix3::from_diagonal(&[1.1, 1.0, 0.9].into())), [0.02_f32.sqrt(), 0.0, 0.0, 0.0]),
+        ("skew", with_w(skewed), [0.05_f32.sqrt(), 0.0, 0.0, 0.0]),
+    ] {
+        let found = sizes(&parameters);
+        let largest = found.iter().zip(expected).map(|(f, e)| (f - e).abs()).fold(0.0, f32::max);
+        assert!(largest < 1e-4, "{name}: {found:?} {expected:?}");
+    }
 }
 
-/// Bad airframes: soft iron 30 %, hard iron three times the Earth's field (in the unit of 40 uT). Mounting: 0.35 rad
-/// (20 deg), or 0.5 deg where unobservable. Inclination: 1 deg if configured.
 #[test]
-fn prior_sigmas_match_their_sources() {
-    let unknowns =
-        ModelParameters { w: Matrix3::identity(), corrected_mean_field: Vector3::zeros(), inclination_rad: 0.5 }
-            .unknowns()
-            .unwrap();
-    for (config, mounting) in [
-        (ModelConfig::DEFAULT, 0.35),
-        (ModelConfig::WITH_FIXED_MOUNTING, 0.009),
-        (ModelConfig::WITHOUT_ATTITUDE, 0.009),
-    ] {
-        for known in [None, Some(0.9)] {
-            let priors = priors(&Likelihood { config, ..likelihood(known) }, &unknowns);
-            let of = |quantity| priors.iter().filter(move |(of, ..)| *of == quantity).map(|p| p.3).collect::<Vec<_>>();
-            assert_eq!(of(PriorQuantity::SoftIron), [0.3; 6]);
-            assert_eq!(of(PriorQuantity::Mounting), [mounting; 3]);
-            assert_eq!(of(PriorQuantity::HardIron), [3.75; 3]);
-            let sigma_rad = of(PriorQuantity::Inclination);
-            assert!(if known.is_some() { sigma_rad == [0.0175] } else { sigma_rad[0] > 3.0 }, "{sigma_rad:?}");
+fn each_prior_has_the_sigma_of_its_quantity() {
+    let parameters =
+        ModelParameters { w: Matrix3::identity(), corrected_mean_field: Vector3::zeros(), inclination_rad: 0.5 };
+    let unknowns = parameters.unknowns().unwrap();
+    for config in [ModelConfig::DEFAULT, ModelConfig::WITH_FIXED_MOUNTING] {
+        for (known, inclination_sigma_rad) in [(None, 10.0), (Some(0.9), config.known_inclination_sigma_rad)] {
+            for (quantity, .., sigma) in priors(&Likelihood { config, ..likelihood(known) }, &unknowns) {
+                let expected = match quantity {
+                    PriorQuantity::SoftIron => config.soft_iron_sigma,
+                    PriorQuantity::Mounting => config.mounting_sigma_rad,
+                    // The unit of field is 40 uT.
+                    PriorQuantity::HardIron => config.hard_iron_sigma_ut / 40.0,
+                    PriorQuantity::Inclination => inclination_sigma_rad,
+                };
+                assert!((sigma / expected - 1.0).abs() < 1e-6, "{quantity:?}: {sigma}");
+            }
         }
     }
 }

@@ -6,9 +6,15 @@ use core::f32::consts::TAU;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 pub use testkit::random::Random;
 
-use autoswing::calibration::{Calibration, CollectionPart, HeadingMark, Orientation, Rates, Sample, Samples, Side};
+use autoswing::calibration::{
+    AttitudeEnvelope, Calibration, CollectionPart, HeadingMark, Method, Orientation, Quality, Rates, Sample, Samples,
+    Side, Solution,
+};
 use autoswing::frames::{Attitude, Field, Level, Sensor, wrap_pi};
 use autoswing::time::WrappingMillis;
+
+/// Mounting of a sensor turned by 90 deg: sensor x is body y, sensor y is body -x.
+pub const YAW_90: Matrix3<f32> = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
 
 pub fn random_vector(random: &mut Random, bound: f32) -> Vector3<f32> {
     Vector3::from_fn(|_, _| random.uniform(-bound, bound))
@@ -41,6 +47,11 @@ pub struct Airframe {
 }
 
 impl Airframe {
+    /// Hard iron alone, in a field of 50 uT and 54 deg of inclination.
+    pub fn with_hard_iron(b_ut: [f32; 3]) -> Self {
+        Self { a: Matrix3::identity(), b_ut: b_ut.into(), total_ut: 50.0, inclination_rad: 0.94 }
+    }
+
     /// Random soft iron up to `soft` (relative), hard iron up to `hard` H0, mounting error up to `mount_deg`.
     pub fn random(random: &mut Random, soft: f32, hard: f32, mount_deg: f32, inclination_deg: [f32; 2]) -> Self {
         let inclination_rad = random.uniform(inclination_deg[0], inclination_deg[1]).to_radians();
@@ -69,6 +80,22 @@ impl Airframe {
         self.errors_at_deg(calibration, &[0.0, 25.0, -25.0])
     }
 
+    pub fn rms_error_deg(&self, calibration: &Calibration) -> f32 {
+        rms(&self.errors_deg(calibration))
+    }
+
+    /// Ratio of actual to expected heading error; ideally of RMS 1.
+    pub fn error_ratio(&self, solution: &Solution) -> f32 {
+        self.rms_error_deg(&solution.calibration) / solution.quality.expected_rms_deg
+    }
+
+    /// Asserts that the heading error is within three times the expected error, as promised for every solution.
+    #[track_caller]
+    pub fn assert_expected_error_is_honest(&self, solution: &Solution, label: impl core::fmt::Display) {
+        let (ratio, expected_deg) = (self.error_ratio(solution), solution.quality.expected_rms_deg);
+        assert!(ratio < 3.0, "{label}: {ratio} times the expected error of {expected_deg} deg");
+    }
+
     pub fn errors_at_deg(&self, calibration: &Calibration, banks_deg: &[f32]) -> Vec<f32> {
         let mut errors = Vec::new();
         for &bank_deg in banks_deg {
@@ -94,6 +121,56 @@ pub fn measured_sample(
 ) -> Sample {
     let noise = Vector3::from_fn(|_, _| random.normal() * noise_ut);
     Sample::new(Field::new(airframe.field(attitude, heading_rad).ut + noise), attitude)
+}
+
+/// Full circle at constant bank and zero pitch without noise, as the paper assumes: turns follow the bank, 0.5 s apart.
+pub fn exact_circle(airframe: &Airframe, bank_deg: f32, sample_count: u16) -> Vec<Sample> {
+    let step_rad = TAU.copysign(bank_deg) / f32::from(sample_count);
+    exact_turn(airframe, bank_deg, step_rad, sample_count)
+}
+
+/// Samples without noise 0.5 s apart, with the heading changed by a step after each.
+pub fn exact_turn(airframe: &Airframe, bank_deg: f32, step_rad: f32, sample_count: u16) -> Vec<Sample> {
+    let attitude = Attitude::from_deg(bank_deg, 0.0);
+    (0..sample_count)
+        .map(|i| {
+            let sample = measured_sample(airframe, attitude, f32::from(i) * step_rad, 0.0, &mut Random(0));
+            Sample { time: WrappingMillis::new(u32::from(i) * 500), ..sample }
+        })
+        .collect()
+}
+
+/// Marks of a compass swing at evenly spaced headings, one round for each bank, with 0.05 uT of sensor noise. Each
+/// heading is known to 0.5 deg.
+pub fn swing_marks(
+    airframe: &Airframe,
+    marks_per_round: u8,
+    banks_deg: &[f32],
+    random: &mut Random,
+) -> Vec<HeadingMark> {
+    let mut mark = |bank_deg: f32, i: u8| {
+        let heading_rad = f32::from(i) / f32::from(marks_per_round) * TAU;
+        let sample = measured_sample(airframe, Attitude::from_deg(bank_deg, 0.0), heading_rad, 0.05, random);
+        HeadingMark { sample, heading_rad: heading_rad + (random.normal() * 0.5).to_radians() }
+    };
+    let mut marks = Vec::new();
+    for &bank_deg in banks_deg {
+        marks.extend((0..marks_per_round).map(|i| mark(bank_deg, i)));
+    }
+    marks
+}
+
+/// Samples of a sensor turned to all sides on a bench, without attitude.
+pub fn tumbled_samples(airframe: &Airframe, noise_ut: f32, random: &mut Random) -> Vec<Sample> {
+    (0..160)
+        .map(|_| {
+            // Attitudes uniform over the sphere.
+            let (roll_rad, pitch_rad) = (random.uniform(-3.1, 3.1), random.uniform(-1.0, 1.0).asin());
+            let heading_rad = random.uniform(0.0, TAU);
+            let measured = measured_sample(airframe, Attitude { roll_rad, pitch_rad }, heading_rad, noise_ut, random);
+            Sample { attitude: Attitude::default(), ..measured }
+        })
+        .collect()
 }
 
 /// Level circle of a multirotor or boat, with typical noise.
@@ -245,15 +322,68 @@ impl Parts<'_> {
     }
 }
 
+/// Quality of turns to both sides.
+pub fn typical_quality(expected_rms_deg: f32) -> Quality {
+    Quality {
+        method: Method::MaximumLikelihood,
+        envelope: AttitudeEnvelope::Banked,
+        expected_rms_deg,
+        expected_worst_deg: 2.0 * expected_rms_deg,
+        norm_residual: 0.004,
+        inclination_residual_deg: 0.4,
+        samples: 300,
+        latency: None,
+        knows_inclination: true,
+    }
+}
+
+pub fn turn_samples(left: &[Sample], right: &[Sample]) -> Samples<'static> {
+    Parts { left, right, ..Parts::default() }.samples()
+}
+
+pub fn level_samples(level: &[Sample]) -> Samples<'static> {
+    Parts { level, ..Parts::default() }.samples()
+}
+
+pub fn free_samples(free: &[Sample]) -> Samples<'static> {
+    Parts { free, ..Parts::default() }.samples()
+}
+
+pub fn marked_samples(marks: &[HeadingMark]) -> Samples<'static> {
+    Parts { marks, ..Parts::default() }.samples()
+}
+
+fn in_mount(sample: &Sample, mount: Orientation) -> Sample {
+    Sample { field: Field::new(mount.body_from_sensor().tr_mul(&sample.field.ut)), ..*sample }
+}
+
+/// The samples as measured by a sensor in another mounting.
+pub fn samples_in_mount(samples: Samples<'_>, mount: Orientation) -> Samples<'static> {
+    let turn_mark = |mark: &HeadingMark| HeadingMark { sample: in_mount(&mark.sample, mount), ..*mark };
+    let marks: Vec<HeadingMark> = samples.marks.iter().map(turn_mark).collect();
+    let turned: Vec<Sample> = samples.iter().map(|sample| in_mount(sample, mount)).collect();
+    Samples::new(turned.leak()).with_marks(marks.leak())
+}
+
 impl RecordedTurns {
     pub fn turns(&self) -> Samples<'static> {
-        Parts { left: &self.left, right: &self.right, ..Parts::default() }.samples()
+        turn_samples(&self.left, &self.right)
     }
 
-    pub fn in_mount(&self, mount: Orientation) -> Self {
-        let sensor_from_body = mount.body_from_sensor().transpose();
-        let turned = |sample: &Sample| Sample { field: Field::new(sensor_from_body * sample.field.ut), ..*sample };
-        Self { left: self.left.iter().map(turned).collect(), right: self.right.iter().map(turned).collect() }
+    pub fn samples_mut(&mut self) -> impl Iterator<Item = &mut Sample> {
+        self.left.iter_mut().chain(&mut self.right)
+    }
+
+    pub fn map_samples(&self, change: impl Fn(&Sample) -> Sample) -> Self {
+        Self { left: self.left.iter().map(&change).collect(), right: self.right.iter().map(&change).collect() }
+    }
+
+    /// The right turns 75 s later, after 75 s of left turns.
+    pub fn left_then_right(mut self) -> Self {
+        for sample in &mut self.right {
+            sample.time = WrappingMillis::new(sample.time.as_ms() + 75_000);
+        }
+        self
     }
 }
 

@@ -1,9 +1,9 @@
 //! Value types of the calibration.
 
-use crate::calibration::tests::synthetic::Parts;
+use super::synthetic::typical_quality;
 use crate::calibration::{
     AttitudeEnvelope, Axis, Calibration, HeadingMark, Method, MotorCurrentInterference, Orientation, Quality, Rates,
-    Sample, SamplePart, Samples, Side, matrix_rows,
+    Sample, SamplePart, Side, matrix_rows,
 };
 use crate::frames::{Attitude, Field};
 
@@ -29,25 +29,8 @@ fn attitude_is_extrapolated_with_its_rates() {
     assert_eq!(turning.latency_compensated_attitude(0.0), attitude);
     assert_eq!(Sample { rates: Rates::UNKNOWN, ..turning }.latency_compensated_attitude(1.0), attitude);
     let calibration = Calibration { latency_s: 0.1, ..test_calibration() };
-    assert_eq!(
-        calibration.corrected_level_field(&turning),
-        later.to_level_frame(calibration.calibrated_field(turning.field))
-    );
-}
-
-#[test]
-fn iter_omits_marks_and_all_includes_them() {
-    let (left, right, level) = (
-        [sample_of_field(1.0), sample_of_field(2.0)],
-        [sample_of_field(3.0)],
-        [sample_of_field(4.0), sample_of_field(5.0)],
-    );
-    let marks = [HeadingMark { sample: sample_of_field(6.0), heading_rad: 0.0 }];
-    let samples = Parts { left: &left, right: &right, level: &level, marks: &marks, ..Parts::default() }.samples();
-    let numbers = |iter: &mut dyn Iterator<Item = &Sample>| -> Vec<f32> { iter.map(|s| s.field.ut.x).collect() };
-    assert_eq!(numbers(&mut samples.iter()), [1.0, 2.0, 3.0, 4.0, 5.0]);
-    assert_eq!(numbers(&mut samples.all_samples()), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
-    assert_eq!(Samples::default().all_samples().count(), 0);
+    let expected = later.to_level_frame(calibration.calibrated_field(turning.field));
+    assert_eq!(calibration.corrected_level_field(&turning), expected);
 }
 
 fn test_calibration() -> Calibration {
@@ -83,26 +66,21 @@ fn uncalibrated_applies_the_mounting_only() {
 fn a_nonfinite_coefficient_is_detected() {
     assert!(test_calibration().is_finite());
     for bad in [f32::NAN, f32::INFINITY] {
-        for i in 0..9 {
+        let changes: [&dyn Fn(&mut Calibration); 9] = [
+            &|calibration| calibration.w[0][1] = bad,
+            &|calibration| calibration.w[2][2] = bad,
+            &|calibration| calibration.b_ut[2] = bad,
+            &|calibration| calibration.inclination_rad = bad,
+            &|calibration| calibration.total_ut = bad,
+            &|calibration| calibration.latency_s = bad,
+            &|calibration| calibration.motor_current.ut_per_a[1] = bad,
+            &|calibration| calibration.motor_current.sigma_ut_per_a = bad,
+            &|calibration| calibration.motor_current.current_sigma_a = bad,
+        ];
+        for change in changes {
             let mut calibration = test_calibration();
-            calibration.w[i / 3][i % 3] = bad;
-            assert!(!calibration.is_finite(), "w {i}");
-        }
-        for i in 0..3 {
-            let mut calibration = test_calibration();
-            calibration.b_ut[i] = bad;
-            assert!(!calibration.is_finite(), "b {i}");
-        }
-        assert!(!Calibration { inclination_rad: bad, ..test_calibration() }.is_finite());
-        assert!(!Calibration { total_ut: bad, ..test_calibration() }.is_finite());
-        assert!(!Calibration { latency_s: bad, ..test_calibration() }.is_finite());
-        for current in [
-            MotorCurrentInterference { ut_per_a: [0.0, bad, 0.0], ..MotorCurrentInterference::NO_INTERFERENCE },
-            MotorCurrentInterference { sigma_ut_per_a: bad, ..MotorCurrentInterference::NO_INTERFERENCE },
-            MotorCurrentInterference { mean_current_a: bad, ..MotorCurrentInterference::NO_INTERFERENCE },
-            MotorCurrentInterference { current_sigma_a: bad, ..MotorCurrentInterference::NO_INTERFERENCE },
-        ] {
-            assert!(!Calibration { motor_current: current, ..test_calibration() }.is_finite(), "{current:?}");
+            change(&mut calibration);
+            assert!(!calibration.is_finite(), "{calibration:?}");
         }
     }
 }
@@ -132,21 +110,15 @@ fn names_of_sides_axes_parts_and_methods_are_stable() {
 
 #[test]
 fn only_banked_samples_with_attitude_determine_all_coefficients() {
-    let quality = |method, envelope| Quality {
-        method,
-        envelope,
-        expected_rms_deg: 0.3,
-        expected_worst_deg: 0.5,
-        norm_residual: 0.004,
-        inclination_residual_deg: 0.3,
-        samples: 300,
-        latency: None,
-        knows_inclination: true,
-    };
-    assert!(quality(Method::MaximumLikelihood, AttitudeEnvelope::Banked).determines_all_coefficients());
-    assert!(quality(Method::CompassSwing, AttitudeEnvelope::Banked).determines_all_coefficients());
-    assert!(!quality(Method::CompassSwing, AttitudeEnvelope::Level).determines_all_coefficients());
-    assert!(!quality(Method::Level, AttitudeEnvelope::Level).determines_all_coefficients());
-    assert!(!quality(Method::Ellipsoid, AttitudeEnvelope::Banked).determines_all_coefficients());
-    assert!(!quality(Method::Ellipsoid, AttitudeEnvelope::Level).determines_all_coefficients());
+    for (method, envelope, is_determined) in [
+        (Method::MaximumLikelihood, AttitudeEnvelope::Banked, true),
+        (Method::CompassSwing, AttitudeEnvelope::Banked, true),
+        (Method::CompassSwing, AttitudeEnvelope::Level, false),
+        (Method::Level, AttitudeEnvelope::Level, false),
+        (Method::Ellipsoid, AttitudeEnvelope::Banked, false),
+        (Method::Ellipsoid, AttitudeEnvelope::Level, false),
+    ] {
+        let quality = Quality { method, envelope, ..typical_quality(0.3) };
+        assert_eq!(quality.determines_all_coefficients(), is_determined, "{method:?} {envelope:?}");
+    }
 }

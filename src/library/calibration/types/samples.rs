@@ -285,14 +285,10 @@ mod tests {
     fn samples_are_iterated_by_part_and_marks_last() {
         assert_eq!(times_ms(test_samples().iter()), [1, 2, 3, 4, 5, 6, 7, 8]);
         assert_eq!(times_ms(test_samples().all_samples()), [1, 2, 3, 4, 5, 6, 7, 8, 9]);
-        assert_eq!(
-            CollectionPart::ALL_PARTS.map(|part| times_ms(test_samples().samples_of_part(part))),
-            [[1, 2], [3, 4], [5, 6], [7, 8]]
-        );
-        assert_eq!(
-            [Side::Left, Side::Right].map(|side| times_ms(test_samples().samples_of_turn(side))),
-            [[1, 2], [3, 4]]
-        );
+        let times_of_part = |part| times_ms(test_samples().samples_of_part(part));
+        assert_eq!(CollectionPart::ALL_PARTS.map(times_of_part), [[1, 2], [3, 4], [5, 6], [7, 8]]);
+        let times_of_turn = |side| times_ms(test_samples().samples_of_turn(side));
+        assert_eq!([Side::Left, Side::Right].map(times_of_turn), [[1, 2], [3, 4]]);
         assert_eq!(times_ms(Samples::default().all_samples()), []);
         assert!(test_samples().has_free_flight_samples() && !Samples::default().has_free_flight_samples());
     }
@@ -306,16 +302,9 @@ mod tests {
                 .filter(|part| is_part_excluded(*part))
                 .fold(test_samples(), Samples::without_part);
             let included = || CollectionPart::ALL_PARTS.into_iter().filter(|part| !is_part_excluded(*part));
-            assert_eq!(
-                times_ms(view.iter()),
-                times_ms(included().flat_map(|part| test_samples().samples_of_part(part))),
-                "{excluded}"
-            );
-            assert_eq!(
-                times_ms(view.iter()),
-                times_ms(included().flat_map(|part| view.samples_of_part(part))),
-                "{excluded}"
-            );
+            let expected = times_ms(included().flat_map(|part| test_samples().samples_of_part(part)));
+            assert_eq!(times_ms(view.iter()), expected, "{excluded}");
+            assert_eq!(times_ms(included().flat_map(|part| view.samples_of_part(part))), expected, "{excluded}");
             assert_eq!(view.iter().count() + 1, view.all_samples().count());
         }
     }

@@ -59,35 +59,34 @@ mod tests {
         millis.iter().map(sample).collect()
     }
 
-    fn merged_order(left: &[u32], right: &[u32], level: &[u32]) -> Vec<(usize, u32)> {
-        let [left, right, level] = [left, right, level].map(samples_at_ms);
-        let samples = Parts { left: &left, right: &right, level: &level, ..Parts::default() }.samples();
+    /// Order of samples of left turns, right turns, level and free flight at these times, as parts and times.
+    fn merged_order(times: [&[u32]; 4]) -> Vec<(usize, u32)> {
+        let [left, right, level, free] = &times.map(samples_at_ms);
+        let samples = Parts { left, right, level, free, ..Parts::default() }.samples();
         TimeOrdered::new(samples).map(|(part, sample)| (part, sample.time.as_ms())).collect()
     }
 
     #[test]
     fn parts_are_merged_by_time() {
-        assert_eq!(merged_order(&[5, 9], &[1, 7, 8], &[6]), [(1, 1), (0, 5), (2, 6), (1, 7), (1, 8), (0, 9)]);
-        assert_eq!(merged_order(&[], &[1, 2], &[]), [(1, 1), (1, 2)]);
-        assert_eq!(merged_order(&[], &[], &[]), []);
-    }
-
-    #[test]
-    fn runs_of_free_flight_are_merged() {
-        let [level, free] = [&[4][..], &[2, 9, 3, 7, 1]].map(samples_at_ms);
-        let samples = Parts { level: &level, free: &free, ..Parts::default() }.samples();
-        let order: Vec<_> = TimeOrdered::new(samples).map(|(part, sample)| (part, sample.time.as_ms())).collect();
-        assert_eq!(order, [(3, 1), (3, 2), (3, 3), (2, 4), (3, 7), (3, 9)]);
-    }
-
-    #[test]
-    fn simultaneous_samples_keep_the_part_order() {
-        assert_eq!(merged_order(&[1, 2], &[1, 2], &[1]), [(0, 1), (1, 1), (2, 1), (0, 2), (1, 2)]);
-    }
-
-    #[test]
-    fn order_survives_clock_wrap() {
-        assert_eq!(merged_order(&[5], &[u32::MAX - 5], &[]), [(1, u32::MAX - 5), (0, 5)]);
-        assert_eq!(merged_order(&[u32::MAX - 5], &[5], &[]), [(0, u32::MAX - 5), (1, 5)]);
+        const LATE: u32 = u32::MAX - 5;
+        for (name, times, expected) in [
+            (
+                "three parts",
+                [&[5, 9][..], &[1, 7, 8], &[6], &[]],
+                &[(1, 1), (0, 5), (2, 6), (1, 7), (1, 8), (0, 9)][..],
+            ),
+            ("one part", [&[], &[1, 2], &[], &[]], &[(1, 1), (1, 2)]),
+            ("nothing", [&[]; 4], &[]),
+            (
+                "runs of free flight",
+                [&[], &[], &[4], &[2, 9, 3, 7, 1]],
+                &[(3, 1), (3, 2), (3, 3), (2, 4), (3, 7), (3, 9)],
+            ),
+            ("equal times", [&[1, 2], &[1, 2], &[1], &[]], &[(0, 1), (1, 1), (2, 1), (0, 2), (1, 2)]),
+            ("a wrap of the clock", [&[5], &[LATE], &[], &[]], &[(1, LATE), (0, 5)]),
+            ("a wrap in the other part", [&[LATE], &[5], &[], &[]], &[(0, LATE), (1, 5)]),
+        ] {
+            assert_eq!(merged_order(times), expected, "{name}");
+        }
     }
 }

@@ -172,12 +172,11 @@ fn mean_square_of_harmonic(
 
 #[cfg(test)]
 mod tests {
-    use crate::calibration::tests::synthetic::Parts;
     use nalgebra::Matrix3;
 
     use super::*;
     use crate::calibration::model::{beta_index, w_index};
-    use crate::calibration::tests::synthetic::{max_abs, mean, rms};
+    use crate::calibration::tests::synthetic::{level_samples, max_abs, mean, rms};
     use crate::calibration::{Method, Orientation, Sample, matrix_rows};
     use crate::frames::wrap_pi;
 
@@ -275,15 +274,16 @@ mod tests {
     #[test]
     fn banked_samples_give_the_banked_envelope() {
         let sample = |roll_deg: f32| Sample::new(Field::from_ut(1.0, 0.0, 0.0), Attitude::from_deg(roll_deg, 0.0));
-        let envelope_of = |method, rolls_deg: &[f32]| {
-            let level: Vec<Sample> = rolls_deg.iter().map(|&roll_deg| sample(roll_deg)).collect();
-            AttitudeEnvelope::for_samples(method, Parts { level: &level, ..Parts::default() }.samples())
-        };
-        assert_eq!(envelope_of(Method::CompassSwing, &[9.9, -9.9, 0.0]), AttitudeEnvelope::Level);
-        assert_eq!(envelope_of(Method::CompassSwing, &[0.0, 10.1]), AttitudeEnvelope::Banked);
-        assert_eq!(envelope_of(Method::MaximumLikelihood, &[-10.1, 0.0]), AttitudeEnvelope::Banked);
-        assert_eq!(envelope_of(Method::Level, &[20.0, -20.0]), AttitudeEnvelope::Level);
-        assert_eq!(envelope_of(Method::Ellipsoid, &[0.0]), AttitudeEnvelope::Banked);
+        for (method, rolls_deg, expected) in [
+            (Method::CompassSwing, [5.0, -5.0], AttitudeEnvelope::Level),
+            (Method::CompassSwing, [0.0, 15.0], AttitudeEnvelope::Banked),
+            (Method::MaximumLikelihood, [-15.0, 0.0], AttitudeEnvelope::Banked),
+            (Method::Level, [20.0, -20.0], AttitudeEnvelope::Level),
+            (Method::Ellipsoid, [0.0, 0.0], AttitudeEnvelope::Banked),
+        ] {
+            let found = AttitudeEnvelope::for_samples(method, level_samples(&rolls_deg.map(sample)));
+            assert_eq!(found, expected, "{method:?} {rolls_deg:?}");
+        }
     }
 
     #[test]

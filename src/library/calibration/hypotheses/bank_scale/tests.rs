@@ -3,22 +3,7 @@ use nalgebra::{Vector1, Vector3};
 use super::*;
 use crate::calibration::hypotheses::score_test::ScoreTest;
 use crate::calibration::model::JacobianRow;
-
-fn is_close(found: f32, expected: f32) -> bool {
-    (found - expected).abs() <= 1e-4 * expected.abs()
-}
-
-const ZERO_ROW: JacobianRow = JacobianRow {
-    derivative_by_field: Vector3::new(0.0, 0.0, 0.0),
-    centred_field: Vector3::new(0.0, 0.0, 0.0),
-    derivative_by_inclination: 0.0,
-};
-
-fn inclination_equation(weight: f32, residual: f32, row: JacobianRow) -> ResidualEquation {
-    let equation = ResidualEquation::new(row, residual, 1.0 / weight, 1e6);
-    assert!(is_close(equation.weight, weight));
-    equation
-}
+use crate::calibration::tests::{ZERO_ROW, constant_equation, is_close};
 
 /// Inclination residuals with their derivatives by roll and by the bank-angle scale error. The nuisance
 /// parameters explain a part of information and gradient, which is subtracted.
@@ -44,10 +29,7 @@ fn estimate(
 
 #[test]
 fn estimate_equals_hand_calculation() {
-    let evidence = [
-        (inclination_equation(100.0, -0.3, ZERO_ROW), [0.5, 2.0]),
-        (inclination_equation(50.0, 0.2, ZERO_ROW), [-1.0, -3.0]),
-    ];
+    let evidence = [(constant_equation(100.0, -0.3), [0.5, 2.0]), (constant_equation(50.0, 0.2), [-1.0, -3.0])];
     let (information, gradient) = (100.0 * 4.0 + 50.0 * 9.0, 100.0 * 2.0 * 0.3 + 50.0 * 3.0 * 0.2);
     let noise = (100.0 * 0.25 + 50.0) * 0.04;
     let found = estimate(&evidence, 150.0, 7.0, 0.2, 1.5).unwrap();
@@ -60,16 +42,16 @@ fn estimate_equals_hand_calculation() {
 #[test]
 fn the_estimate_adds_to_the_assumed_sigma_in_quadrature() {
     // Information 1e4: an estimate of 0.1 with variance 1e-4.
-    let found = estimate(&[(inclination_equation(1e4, -0.1, ZERO_ROW), [0.0, 1.0])], 0.0, 0.0, 0.0, 1.0).unwrap();
+    let found = estimate(&[(constant_equation(1e4, -0.1), [0.0, 1.0])], 0.0, 0.0, 0.0, 1.0).unwrap();
     let allowed = found.finding(0.01).unwrap().allowed_sigma(0.01);
     assert!((allowed - (0.01_f32.powi(2) + 0.1_f32.powi(2)).sqrt()).abs() < 1e-5);
 }
 
 #[test]
-fn noise_dominated_estimate_is_rejected() {
-    let evidence = [(inclination_equation(1e6, 0.0, ZERO_ROW), [1.0, 1.0])];
-    assert!(estimate(&evidence, 0.0, 0.0, 0.49_f32.sqrt(), 1.0).is_some());
-    assert!(estimate(&evidence, 0.0, 0.0, 0.51_f32.sqrt(), 1.0).is_none());
+fn an_estimate_mainly_from_noise_is_rejected() {
+    let evidence = [(constant_equation(1e6, 0.0), [1.0, 1.0])];
+    assert!(estimate(&evidence, 0.0, 0.0, 0.3, 1.0).is_some());
+    assert!(estimate(&evidence, 0.0, 0.0, 0.9, 1.0).is_none());
     assert!(estimate(&evidence, f32::NAN, 0.0, 0.1, 1.0).is_none());
     assert!(estimate(&evidence, 0.0, f32::NAN, 0.1, 1.0).is_none());
     assert!(estimate(&[], 0.0, 0.0, 0.1, 1.0).is_none());
@@ -79,37 +61,40 @@ fn estimate_with_sigma(missing: f32, sigma: f32) -> BankScaleEstimate {
     BankScaleEstimate { missing_bank_share: missing, variance: sigma * sigma, score_information: 1e4 }
 }
 
-/// Estimate and allowance together have a variance of 5e-4; the threshold is three times that.
+/// Estimate and allowance together have a sigma of 2.2 %. Good sources show twice that by chance; the allowance grows
+/// gradually, so that little evidence is no jump.
 #[test]
-fn errors_above_the_threshold_are_allowed_for() {
-    for (square, excess) in [(14.9e-4, 0.0), (15.1e-4, 0.2e-4), (20e-4, 10e-4), (29e-4, 28e-4), (31e-4, 31e-4)] {
-        for missing in [f32::sqrt(square), -f32::sqrt(square)] {
+fn a_significant_bank_scale_error_is_allowed_for() {
+    for (missing, least, most) in [(0.02_f32, 0.0, 0.0), (0.04, 1e-6, 0.04 * 0.04), (0.1, 0.01 - 1e-6, 0.01 + 1e-6)] {
+        for missing in [missing, -missing] {
             let found = estimate_with_sigma(missing, 0.02);
-            assert!((found.excess_square(0.01) - excess).abs() < 1e-7, "{missing}: {}", found.excess_square(0.01));
-            let error = found.finding(0.01);
-            assert_eq!(error.is_some(), excess > 0.0, "{missing}");
-            if let Some(AttitudeErrorFinding { estimate, significance_sigmas: sigmas, .. }) = error {
-                assert!(is_close(estimate, missing) && is_close(sigmas, (square / 5e-4).sqrt()));
-            }
+            assert!((least..=most).contains(&found.excess_square(0.01)), "{missing}: {}", found.excess_square(0.01));
+            let Some(finding) = found.finding(0.01) else {
+                assert!(most == 0.0, "{missing}");
+                continue;
+            };
+            assert!(most > 0.0 && is_close(finding.estimate, missing), "{finding:?}");
+            assert!(is_close(finding.significance_sigmas, missing.abs() / 5e-4_f32.sqrt()), "{finding:?}");
         }
     }
 }
 
 #[test]
-fn uncertain_estimate_is_rejected() {
-    let is_accepted = |missing, sigma| {
-        estimate_with_sigma(missing, sigma).with_cluster_variance(ClusterVariance::default()).is_some()
-    };
-    assert!(is_accepted(0.1, 0.049) && !is_accepted(0.1, 0.051) && !is_accepted(-0.1, 0.051));
-    assert!(!is_accepted(0.34, 0.1) && is_accepted(0.36, 0.1) && is_accepted(-0.36, 0.1));
+fn an_uncertain_estimate_is_rejected() {
+    for (missing, sigma, is_accepted) in [(0.1, 0.03, true), (0.1, 0.08, false), (0.25, 0.1, false), (0.5, 0.1, true)] {
+        for missing in [missing, -missing] {
+            let found = estimate_with_sigma(missing, sigma).with_cluster_variance(ClusterVariance::default());
+            assert_eq!(found.is_some(), is_accepted, "{missing} {sigma}");
+        }
+    }
 }
 
 fn clusters(contributions: impl Iterator<Item = (usize, f32)>) -> ClusterVariance {
     let mut clusters = ClusterVariance::default();
     let column = Vector13::zeros();
     for (part, contribution) in contributions {
-        let norm = inclination_equation(1.0, 5.0, ZERO_ROW);
-        let inclination = Some(inclination_equation(1.0, contribution, ZERO_ROW));
+        let norm = constant_equation(1.0, 5.0);
+        let inclination = Some(constant_equation(1.0, contribution));
         let equations = SampleEquations {
             norm_equation: norm,
             inclination_equation: inclination,
@@ -125,18 +110,7 @@ fn clusters(contributions: impl Iterator<Item = (usize, f32)>) -> ClusterVarianc
 #[test]
 fn twelve_samples_form_a_cluster() {
     // Cluster sums of the scores: 12, -12, 12 and 12 in the first part, 6 in the second.
-    let first = (0..48).map(|i| {
-        (
-            0,
-            if i < 12 {
-                1.0
-            } else if i < 24 {
-                -1.0
-            } else {
-                1.0
-            },
-        )
-    });
+    let first = (0..48).map(|i| (0, if (12..24).contains(&i) { -1.0 } else { 1.0 }));
     let second = (0..6).map(|_| (1, 1.0));
     let interleaved = first.zip(second.map(Some).chain(core::iter::repeat(None)));
     let found = clusters(interleaved.flat_map(|(a, b)| core::iter::once(a).chain(b))).variance();
@@ -152,8 +126,8 @@ fn score_contributions_exclude_the_nuisance_parameters() {
     let row = JacobianRow { derivative_by_field: Vector3::x() * 3.0, centred_field: Vector3::z(), ..ZERO_ROW };
     let column = Vector13::ith(2, 0.5);
     let equations = SampleEquations {
-        norm_equation: inclination_equation(10.0, 0.1, row),
-        inclination_equation: Some(inclination_equation(4.0, -0.2, row)),
+        norm_equation: ResidualEquation::new(row, 0.1, 1.0 / 10.0, 1e6),
+        inclination_equation: Some(ResidualEquation::new(row, -0.2, 1.0 / 4.0, 1e6)),
         heading_equation: None,
         inclination_derivatives_by_attitude: [0.0, 0.0],
     };

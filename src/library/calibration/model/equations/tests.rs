@@ -6,44 +6,27 @@ use nalgebra::Matrix3;
 
 use super::*;
 use crate::calibration::model::unknowns::Vector13;
+use crate::calibration::tests::{ZERO_ROW, is_close};
 use crate::frames::Attitude;
 
-fn is_close(found: f32, expected: f32) -> bool {
-    (found - expected).abs() <= 2e-4 * expected.abs()
-}
-
+/// Equation with a sigma of 0.1.
 fn equation_with_residual(sigmas: f32) -> ResidualEquation {
-    let row = JacobianRow {
-        derivative_by_field: Vector3::zeros(),
-        centred_field: Vector3::zeros(),
-        derivative_by_inclination: 0.0,
-    };
-    ResidualEquation::new(row, sigmas * 0.1, 0.01, ModelConfig::DEFAULT.huber_sigmas)
+    ResidualEquation::new(ZERO_ROW, sigmas * 0.1, 0.01, 2.0)
 }
 
+/// Huber's loss: linear beyond two sigmas.
 #[test]
-fn loss_of_an_outlier_is_linear() {
-    for (sigmas, weight, loss) in [
-        (0.5, 100.0, 0.125),
-        (1.98, 100.0, 1.9602),
-        (2.02, 100.0 * 2.0 / 2.02, 2.0 + 2.0 * 0.02),
-        (8.0, 25.0, 2.0 + 2.0 * 6.0),
+fn an_outlier_counts_linearly_and_is_clipped() {
+    for (sigmas, weight, loss, clipped) in [
+        (0.5, 100.0, 0.125, 0.5),
+        (2.0, 100.0, 2.0, 2.0),
+        (8.0, 25.0, 2.0 + 2.0 * 6.0, 2.0),
+        (-8.0, 25.0, 2.0 + 2.0 * 6.0, -2.0),
     ] {
-        for sigmas in [sigmas, -sigmas] {
-            let equation = equation_with_residual(sigmas);
-            assert!(is_close(equation.weight, weight) && is_close(equation.loss, loss), "{sigmas}: {equation:?}");
-        }
-    }
-}
-
-#[test]
-fn a_residual_is_clipped() {
-    for (sigmas, clipped) in [(0.5, 0.5), (1.98, 1.98), (2.02, 2.0), (30.0, 2.0)] {
-        assert!(is_close(equation_with_residual(sigmas).clipped_square, clipped * clipped), "{sigmas}");
-        assert!(
-            is_close(equation_with_residual(sigmas).clipped_residual(), clipped)
-                && is_close(equation_with_residual(-sigmas).clipped_residual(), -clipped)
-        );
+        let equation = equation_with_residual(sigmas);
+        assert!(is_close(equation.weight, weight) && is_close(equation.loss, loss), "{sigmas}: {equation:?}");
+        assert!(is_close(equation.clipped_residual(), clipped), "{sigmas}: {equation:?}");
+        assert!(is_close(equation.clipped_square, clipped * clipped), "{sigmas}: {equation:?}");
     }
 }
 

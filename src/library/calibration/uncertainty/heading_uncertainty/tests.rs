@@ -3,10 +3,10 @@
 use nalgebra::Matrix3;
 
 use super::*;
-use crate::calibration::matrix_rows;
 use crate::calibration::model::{COEFFICIENT_COUNT, Vector12, coefficient_jacobian_row};
 use crate::calibration::tests::derivatives::{assert_derivative, numerical_derivative};
 use crate::calibration::tests::synthetic::{Random, random_vector};
+use crate::calibration::{MotorCurrentInterference, Orientation, matrix_rows};
 use crate::frames::{Attitude, wrap_pi};
 
 #[test]
@@ -42,7 +42,7 @@ impl Case {
             inclination_rad: random.uniform(-1.1, 1.1),
             total_ut: random.uniform(30.0, 60.0),
             latency_s: 0.0,
-            motor_current: crate::calibration::MotorCurrentInterference::NO_INTERFERENCE,
+            motor_current: MotorCurrentInterference::NO_INTERFERENCE,
         };
         let attitude = Attitude { roll_rad: random.uniform(-1.0, 1.0), pitch_rad: 0.0 };
         let level = Field::earth_field(calibration.total_ut, calibration.inclination_rad, random.uniform(-3.0, 3.0));
@@ -93,23 +93,6 @@ fn jacobian_equals_numerical_derivatives() {
 }
 
 #[test]
-fn sigma_equals_the_effect_of_wrong_coefficients() {
-    let mut random = Random(3);
-    for _ in 0..20 {
-        let case = Case::random(&mut random);
-        let direction = Vector12::from_fn(|_, _| random.uniform(-1.0, 1.0));
-        let mut covariance = CoefficientCovariance::ZERO;
-        covariance.add_outer_product(&direction, 1.0);
-        let reference_rad = case.heading_rad(&case.calibration);
-        let turned = numerical_derivative(|step| {
-            wrap_pi(case.heading_rad(&case.perturbed_calibration(&(direction * 0.3), step)) - reference_rad)
-        }) / 0.3;
-        let sigma_rad = case.sigma_rad(&HeadingUncertainty::from_covariance(&covariance, 0.0, 0.0));
-        assert!((sigma_rad - turned.abs()).abs() < 0.005 + 0.002 * sigma_rad, "{sigma_rad} {turned}");
-    }
-}
-
-#[test]
 fn sigma_equals_the_effect_of_noise() {
     let mut random = Random(4);
     for _ in 0..20 {
@@ -147,8 +130,7 @@ fn sigma_equals_the_effect_of_noise() {
 
 #[test]
 fn next_to_a_pole_sigma_is_finite() {
-    let calibration =
-        Calibration { total_ut: 50.0, ..Calibration::uncalibrated(crate::calibration::Orientation::IDENTITY_ROTATION) };
+    let calibration = Calibration { total_ut: 50.0, ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) };
     let uncertainty = HeadingUncertainty {
         relative_sensor_sigma: 0.01,
         attitude_sigma_rad: 0.01,
@@ -165,34 +147,19 @@ fn next_to_a_pole_sigma_is_finite() {
 #[test]
 fn every_number_must_be_finite() {
     assert!(HeadingUncertainty::NO_UNCERTAINTY.is_finite());
-    let spoilt = |spoil: &dyn Fn(&mut HeadingUncertainty)| {
-        let mut uncertainty = HeadingUncertainty::NO_UNCERTAINTY;
-        spoil(&mut uncertainty);
-        uncertainty.is_finite()
-    };
     for bad in [f32::NAN, f32::INFINITY] {
-        assert!(!spoilt(&|u| u.relative_sensor_sigma = bad) && !spoilt(&|u| u.attitude_sigma_rad = bad));
-        assert!(!spoilt(&|u| u.reduced_covariance[0][0] = bad) && !spoilt(&|u| u.reduced_covariance[5][9] = bad));
+        let mut all = [HeadingUncertainty::NO_UNCERTAINTY; 4];
+        all[0].relative_sensor_sigma = bad;
+        all[1].attitude_sigma_rad = bad;
+        all[2].reduced_covariance[0][0] = bad;
+        all[3].reduced_covariance[5][9] = bad;
+        assert!(all.iter().all(|uncertainty| !uncertainty.is_finite()));
     }
     let mut covariance = CoefficientCovariance::ZERO;
     covariance.set_lower_triangle(|_, _| 1.0);
     assert!(covariance.is_finite());
     covariance.set_lower_triangle(|i, j| if (i, j) == (11, 11) { f32::NAN } else { 1.0 });
     assert!(!covariance.is_finite());
-}
-
-#[test]
-fn an_outer_product_is_added_to_every_element() {
-    let mut random = Random(5);
-    let [one, two] = [(); 2].map(|()| Vector12::from_fn(|_, _| random.uniform(-1.0, 1.0)));
-    let mut covariance = CoefficientCovariance::ZERO;
-    covariance.set_lower_triangle(|i, j| one[i] * one[j]);
-    covariance.add_outer_product(&two, -0.5);
-    for i in 0..COEFFICIENT_COUNT {
-        for j in 0..COEFFICIENT_COUNT {
-            assert!((covariance.element(i, j) - (one[i] * one[j] - 0.5 * two[i] * two[j])).abs() < 1e-6, "{i} {j}");
-        }
-    }
 }
 
 #[test]
