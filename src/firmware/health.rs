@@ -246,38 +246,6 @@ const UNPAIRED_LIMIT_PERCENT: u32 = 50;
 mod tests {
     use super::*;
 
-    fn counts_before() -> EventCounts {
-        EventCounts {
-            readings: u32::MAX - 50,
-            saturated: 900,
-            sensor_clipped: 40,
-            unpaired_readings: 77,
-            attitude_reports: 5000,
-            attitude_frames_rejected: 12,
-            ..EventCounts::default()
-        }
-    }
-
-    fn loss_after(
-        readings: u32,
-        saturated: u32,
-        clipped: u32,
-        unpaired: u32,
-        attitude: [u32; 2],
-    ) -> Option<SampleLoss> {
-        let some = counts_before();
-        let now = EventCounts {
-            readings: some.readings.wrapping_add(readings),
-            saturated: some.saturated + saturated,
-            sensor_clipped: some.sensor_clipped + clipped,
-            unpaired_readings: some.unpaired_readings + unpaired,
-            attitude_reports: some.attitude_reports + attitude[0],
-            attitude_frames_rejected: some.attitude_frames_rejected + attitude[1],
-            ..some
-        };
-        main_sample_loss(&some, &now)
-    }
-
     /// A panic is early within 60 s of its start; a later one resets the count.
     #[test]
     fn three_early_panics_in_a_row_require_safe_mode() {
@@ -290,16 +258,39 @@ mod tests {
         assert!(!ResetCause::Watchdog.requires_safe_mode());
     }
 
+    /// The counters wrap between the two snapshots.
     #[test]
-    fn each_rejection_cause_has_its_threshold() {
-        assert_eq!(loss_after(1000, 0, 0, 0, [600, 0]), None);
-        assert_eq!(loss_after(1000, 49, 0, 499, [600, 600]), None);
-        assert_eq!(loss_after(1000, 50, 0, 999, [0, 600]), Some(SampleLoss::Saturated(5)));
-        assert_eq!(loss_after(1000, 20, 30, 0, [600, 0]), Some(SampleLoss::Saturated(5)));
-        assert_eq!(loss_after(1000, 0, 0, 999, [600, 601]), Some(SampleLoss::ImpossibleAttitude));
-        assert_eq!(loss_after(1000, 0, 0, 500, [600, 0]), Some(SampleLoss::NoAttitude(50)));
-        assert_eq!(loss_after(99, 99, 0, 0, [0, 0]), None);
-        assert_eq!(loss_after(100, 100, 0, 0, [0, 0]), Some(SampleLoss::Saturated(100)));
-        assert_eq!(loss_after(0, 0, 0, 0, [0, 0]), None);
+    fn the_main_reason_for_lost_readings_is_reported() {
+        let before = EventCounts {
+            readings: u32::MAX - 50,
+            saturated: 900,
+            sensor_clipped: 40,
+            unpaired_readings: 77,
+            attitude_reports: 5000,
+            attitude_frames_rejected: 12,
+            ..EventCounts::default()
+        };
+        for (name, [readings, saturated, clipped, unpaired, reports, rejected], loss) in [
+            ("all became samples", [1000, 0, 0, 0, 600, 0], None),
+            ("some of each", [1000, 40, 0, 450, 600, 600], None),
+            ("saturated before others", [1000, 60, 0, 999, 0, 600], Some(SampleLoss::Saturated(6))),
+            ("saturated or clipped", [1000, 30, 30, 0, 600, 0], Some(SampleLoss::Saturated(6))),
+            ("degrees as radians", [1000, 0, 0, 999, 600, 601], Some(SampleLoss::ImpossibleAttitude)),
+            ("no attitude", [1000, 0, 0, 550, 600, 0], Some(SampleLoss::NoAttitude(55))),
+            ("few readings", [90, 90, 0, 0, 0, 0], None),
+            ("a second of readings", [120, 120, 0, 0, 0, 0], Some(SampleLoss::Saturated(100))),
+            ("no readings", [0; 6], None),
+        ] {
+            let after = EventCounts {
+                readings: before.readings.wrapping_add(readings),
+                saturated: before.saturated + saturated,
+                sensor_clipped: before.sensor_clipped + clipped,
+                unpaired_readings: before.unpaired_readings + unpaired,
+                attitude_reports: before.attitude_reports + reports,
+                attitude_frames_rejected: before.attitude_frames_rejected + rejected,
+                ..before
+            };
+            assert_eq!(main_sample_loss(&before, &after), loss, "{name}");
+        }
     }
 }

@@ -209,35 +209,21 @@ mod tests {
         assert!((found - expected).norm() < 2e-7 * (1.0 + expected.norm()) * 3.0, "{found} {expected}");
     }
 
-    fn levelled(roll_deg: f32, pitch_deg: f32, body: [f32; 3]) -> Vector3<f32> {
-        Attitude::from_deg(roll_deg, pitch_deg).to_level_frame(Field::new(body.into())).ut
-    }
-
-    /// Expected values from Liu 2007 eq. 7 by hand.
+    /// Roll lowers the right wing, pitch raises the nose, and roll is removed before pitch: from Liu 2007 eq. 7 by hand.
     #[test]
-    fn roll_lowers_the_right_wing() {
-        assert_near(levelled(90.0, 0.0, [1.0, 0.0, 0.0]), [1.0, 0.0, 0.0]);
-        assert_near(levelled(90.0, 0.0, [0.0, 1.0, 0.0]), [0.0, 0.0, 1.0]);
-        assert_near(levelled(90.0, 0.0, [0.0, 0.0, 1.0]), [0.0, -1.0, 0.0]);
-        assert_near(levelled(30.0, 0.0, [0.0, 2.0, 0.0]), [0.0, 1.732_050_8, 1.0]);
-        assert_near(levelled(-30.0, 0.0, [0.0, 2.0, 0.0]), [0.0, 1.732_050_8, -1.0]);
-    }
-
-    #[test]
-    fn pitch_raises_the_nose() {
-        assert_near(levelled(0.0, 90.0, [1.0, 0.0, 0.0]), [0.0, 0.0, -1.0]);
-        assert_near(levelled(0.0, 90.0, [0.0, 1.0, 0.0]), [0.0, 1.0, 0.0]);
-        assert_near(levelled(0.0, 90.0, [0.0, 0.0, 1.0]), [1.0, 0.0, 0.0]);
-        assert_near(levelled(0.0, 30.0, [2.0, 0.0, 0.0]), [1.732_050_8, 0.0, -1.0]);
-        assert_near(levelled(0.0, -30.0, [2.0, 0.0, 0.0]), [1.732_050_8, 0.0, 1.0]);
-    }
-
-    /// Expected by hand: pitch rotates x and `sin(roll) y + cos(roll) z`.
-    #[test]
-    fn roll_is_removed_before_pitch() {
-        let lower = 0.5 * 2.0 + 0.866_025_4 * 3.0;
-        let expected = [0.5 + 0.866_025_4 * lower, 0.866_025_4 * 2.0 - 0.5 * 3.0, 0.5 * lower - 0.866_025_4];
-        assert_near(levelled(30.0, 60.0, [1.0, 2.0, 3.0]), expected);
+    fn attitude_has_the_signs_and_order_of_liu() {
+        const COS_30: f32 = 0.866_025_4;
+        let lower = 0.5 * 2.0 + COS_30 * 3.0;
+        for (roll_deg, pitch_deg, body, level) in [
+            (90.0, 0.0, [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]),
+            (90.0, 0.0, [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]),
+            (0.0, 90.0, [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]),
+            (0.0, 90.0, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]),
+            (30.0, 60.0, [1.0, 2.0, 3.0], [0.5 + COS_30 * lower, COS_30 * 2.0 - 0.5 * 3.0, 0.5 * lower - COS_30]),
+        ] {
+            let attitude = Attitude::from_deg(roll_deg, pitch_deg);
+            assert_near(attitude.to_level_frame(Field::new(body.into())).ut, level);
+        }
     }
 
     /// nalgebra uses the same ZYX angles, body to earth.

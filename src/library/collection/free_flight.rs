@@ -99,49 +99,19 @@ fn is_distinct(last_stored: &Sample, sample: &Sample) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::test_samples::{TestBuffer, test_sample, turn_samples};
+    use super::super::test_samples::{collected, stored_times_ms, test_sample, times_ms, turn_samples};
     use super::*;
-    use crate::calibration::CollectionPart;
+    use crate::calibration::method_selection::Procedure;
+    use crate::calibration::{CollectionPart, Samples};
+    use crate::collection::Collector;
     use crate::collection::progress::PartCoverage;
 
-    /// Buffer and selection of a free flight.
-    struct FreeFlight {
-        buffer: TestBuffer,
-        selection: DOptimalSelection,
+    fn collect_in_flight(samples: impl IntoIterator<Item = Sample>) -> Collector<'static> {
+        collected(Procedure::Flight, samples)
     }
 
-    impl FreeFlight {
-        fn new() -> Self {
-            Self { buffer: TestBuffer::new(), selection: DOptimalSelection::NO_SELECTION }
-        }
-
-        fn collect_samples(samples: impl Iterator<Item = Sample>) -> Self {
-            let mut flight = Self::new();
-            samples.for_each(|sample| {
-                flight.push_sample(sample);
-            });
-            flight
-        }
-
-        fn push_sample(&mut self, sample: Sample) -> OfferedSampleResult {
-            push_sample(self.buffer.part_view(CollectionPart::FREE), &mut self.selection, sample)
-        }
-
-        fn fit_times_ms(&self) -> Vec<u32> {
-            times_ms(self.buffer.fit_samples(CollectionPart::FREE))
-        }
-
-        fn held_back_times_ms(&self) -> Vec<u32> {
-            times_ms(self.buffer.held_back_samples(CollectionPart::FREE))
-        }
-
-        fn coverage(&mut self) -> PartCoverage {
-            self.buffer.coverage(CollectionPart::FREE)
-        }
-    }
-
-    fn times_ms(samples: &[Sample]) -> Vec<u32> {
-        samples.iter().map(|sample| sample.time.as_ms()).collect()
+    fn stored_samples<'a>(collector: &'a Collector<'_>) -> [(SampleUse, Samples<'a>); 2] {
+        [(SampleUse::Fit, collector.fit_samples()), (SampleUse::Verification, collector.held_back_samples())]
     }
 
     /// Right turn, level, left turn, 20 s each, with bank wander; consecutive samples differ.
@@ -152,46 +122,38 @@ mod tests {
 
     #[test]
     fn free_flight_samples_are_stored_until_full() {
-        let mut flight = FreeFlight::collect_samples(free_flight(40));
-        let (fit, held_back) = (flight.fit_times_ms(), flight.held_back_times_ms());
-        assert_eq!((fit.len(), held_back.len()), (300, 100));
-        assert_eq!(held_back[..3], [300, 700, 1100]);
-        let mut all = [fit.clone(), held_back].concat();
-        all.sort_unstable();
-        assert_eq!(all, (0..400).map(|i| i * 100).collect::<Vec<_>>());
-        assert!(fit.is_sorted());
-        assert_eq!(flight.coverage(), PartCoverage { fit_count: 300, held_back_count: 100, ..PartCoverage::default() });
-        assert!(
-            flight.buffer.fit_samples(CollectionPart::LEFT).is_empty()
-                && flight.buffer.held_back_samples(CollectionPart::LEVEL).is_empty()
-        );
+        let collector = collect_in_flight(free_flight(40));
+        let [fit, held_back] = stored_times_ms(&collector, CollectionPart::FREE);
+        let (expected_held_back, expected_fit) = (0..400).map(|i| i * 100).partition::<Vec<_>, _>(|ms| ms % 400 == 300);
+        assert_eq!((fit, held_back), (expected_fit, expected_held_back));
+        let coverage = PartCoverage { fit_count: 300, held_back_count: 100, ..PartCoverage::default() };
+        assert_eq!(collector.collection_progress().coverage_of(CollectionPart::FREE), &coverage);
+        assert_eq!((collector.distinct_sample_count(), collector.stored_count()), (400, 400));
     }
 
     /// Five minutes of level flight, then a turn each way.
     #[test]
     fn informative_samples_replace_uninformative_ones() {
-        let level = |minutes: u16| turn_samples(0.0, 0, 60 * minutes, 60.0);
-        let mut flight = FreeFlight::collect_samples(level(5));
+        let mut collector = collect_in_flight(turn_samples(0.0, 0, 300, 60.0));
+        let before = collector.stored_count();
         let turns = turn_samples(25.0, 300, 320, 60.0).chain(turn_samples(-25.0, 320, 340, 60.0));
-        let stored = turns.filter(|sample| flight.push_sample(*sample) == OfferedSampleResult::Stored).count();
+        turns.for_each(|sample| collector.push_sample(sample));
+        let newly_stored = usize::from(collector.stored_count() - before);
         let mut banked_sum = 0;
-        for sample_use in [SampleUse::Fit, SampleUse::Verification] {
-            let (samples, capacity) = (
-                flight.buffer.samples.samples_of_part(sample_use, CollectionPart::FREE),
-                SampleQuota::WHOLE_BUFFER.quota_of(sample_use),
-            );
-            let banked = samples.iter().filter(|s| s.attitude.roll_rad.abs() > 0.3).count();
-            banked_sum += banked;
+        // Of 400 banked samples, one in four is held back.
+        for ((sample_use, samples), offered) in stored_samples(&collector).into_iter().zip([300, 100]) {
+            let samples = samples.samples_of_part(CollectionPart::FREE);
+            let capacity = SampleQuota::WHOLE_BUFFER.quota_of(sample_use);
             assert_eq!(samples.len(), capacity);
-            // Of 400 banked samples, one in four is held back.
-            let samples_offered = if sample_use == SampleUse::Fit { 300 } else { 100 };
-            assert!(banked * 10 >= samples_offered * 8 || banked * 10 >= capacity * 7, "{banked} of {samples_offered}");
+            let banked = samples.iter().filter(|sample| sample.attitude.roll_rad.abs() > 0.3).count();
+            assert!(banked * 10 >= offered * 8 || banked * 10 >= capacity * 7, "{banked} of {offered}");
+            banked_sum += banked;
             let ends = section_ends(sample_use, samples.len());
             for [start, end] in [[0, ends[0]], [ends[0], ends[1]], [ends[1], ends[2]]] {
                 assert!(times_ms(&samples[start..end]).is_sorted());
             }
         }
-        assert!(stored >= banked_sum && stored <= 400, "{stored}, {banked_sum}");
+        assert!(newly_stored >= banked_sum && newly_stored <= 400, "{newly_stored}, {banked_sum}");
     }
 
     /// A minute of level flight before or after four minutes of circles: level samples tell iron in turns from hard
@@ -203,50 +165,55 @@ mod tests {
                 turn_samples(25.0, from_s, from_s + 30, 60.0).chain(turn_samples(-25.0, from_s + 30, from_s + 60, 60.0))
             })
         };
-        for samples in [
-            turn_samples(0.0, 0, 60, 60.0).chain(circles(60)).collect::<Vec<_>>(),
-            circles(0).chain(turn_samples(0.0, 240, 300, 60.0)).collect(),
+        for collector in [
+            collect_in_flight(turn_samples(0.0, 0, 60, 60.0).chain(circles(60))),
+            collect_in_flight(circles(0).chain(turn_samples(0.0, 240, 300, 60.0))),
         ] {
-            let flight = FreeFlight::collect_samples(samples.into_iter());
-            for sample_use in [SampleUse::Fit, SampleUse::Verification] {
-                let samples = flight.buffer.samples.samples_of_part(sample_use, CollectionPart::FREE);
+            for (sample_use, samples) in stored_samples(&collector) {
                 let level_count = samples.iter().filter(|sample| sample.attitude.roll_rad.abs() < 0.1).count();
-                assert!(level_count >= SampleQuota::LEVEL.quota_of(sample_use), "{level_count} of {}", samples.len());
+                assert!(level_count >= SampleQuota::LEVEL.quota_of(sample_use), "{sample_use:?}: {level_count}");
             }
         }
     }
 
+    /// 100 level samples, after minutes of the same flight.
     #[test]
     fn uninformative_samples_are_rejected() {
-        let mut flight = FreeFlight::collect_samples(free_flight(400));
-        let before = flight.fit_times_ms();
-        let ends: Vec<_> = turn_samples(0.0, 500, 510, 60.0).map(|sample| flight.push_sample(sample)).collect();
-        let new = flight.fit_times_ms().iter().filter(|time| !before.contains(time)).count();
-        assert!(new <= 8, "{new} of 75");
-        assert!(ends.iter().filter(|end| **end == OfferedSampleResult::Rejected).count() >= 67, "{ends:?}");
+        let mut collector = collect_in_flight(free_flight(400));
+        let rejected_count =
+            |collector: &Collector| collector.distinct_sample_count() - u32::from(collector.stored_count());
+        let before = rejected_count(&collector);
+        turn_samples(0.0, 500, 510, 60.0).for_each(|sample| collector.push_sample(sample));
+        assert!(rejected_count(&collector) - before >= 67, "{}", rejected_count(&collector) - before);
+        let [fit, _] = stored_times_ms(&collector, CollectionPart::FREE);
+        let new_fit_count = fit.iter().filter(|ms| **ms >= 500_000).count();
+        assert!(new_fit_count <= 8, "{new_fit_count} of 75");
     }
 
+    /// Three sigma of an averaged sample are 1 uT.
     #[test]
     fn identical_samples_are_stored_once() {
-        let mut flight = FreeFlight::new();
-        let mut is_stored = |x_ut: f32, roll_deg: f32, pitch_deg: f32| {
+        let mut collector = collect_in_flight([]);
+        let nan = f32::NAN;
+        for (x_ut, roll_deg, pitch_deg, is_stored) in [
+            (20.0, 0.0, 0.0, true),
+            (20.0, 0.0, 0.0, false),
+            (20.8, 0.0, 0.0, false),
+            (20.0, 1.0, -1.0, false),
+            (21.2, 0.0, 0.0, true),
+            (21.2, -1.6, 0.0, true),
+            (21.2, -1.6, 0.0, false),
+            (21.2, -1.6, 1.6, true),
+            (nan, 0.0, 0.0, false),
+            (90.0, nan, 0.0, false),
+            (90.0, 0.0, f32::INFINITY, false),
+        ] {
+            let before = (collector.stored_count(), collector.distinct_sample_count());
             let attitude = Attitude::from_deg(roll_deg, pitch_deg);
-            let before = flight.coverage();
-            let end = flight.push_sample(Sample { attitude, ..test_sample([x_ut, 5.0, 40.0], 100) });
-            let expected =
-                if flight.coverage() == before { OfferedSampleResult::Ignored } else { OfferedSampleResult::Stored };
-            assert_eq!(end, expected);
-            end == OfferedSampleResult::Stored
-        };
-        assert!(is_stored(20.0, 0.0, 0.0));
-        for _ in 0..100 {
-            assert!(!is_stored(20.0, 0.0, 0.0) && !is_stored(20.9, 0.0, 0.0) && !is_stored(20.0, 1.0, -1.0));
+            collector.push_sample(Sample { attitude, ..test_sample([x_ut, 5.0, 40.0], 100) });
+            let expected = (before.0 + u16::from(is_stored), before.1 + u32::from(is_stored));
+            let found = (collector.stored_count(), collector.distinct_sample_count());
+            assert_eq!(found, expected, "{x_ut} uT {roll_deg} {pitch_deg}");
         }
-        assert!(is_stored(21.1, 0.0, 0.0));
-        assert!(is_stored(21.1, -1.6, 0.0) && !is_stored(21.1, -1.6, 0.0));
-        assert!(is_stored(21.1, -1.6, 1.6));
-        assert!(
-            !is_stored(f32::NAN, 0.0, 0.0) && !is_stored(90.0, f32::NAN, 0.0) && !is_stored(90.0, 0.0, f32::INFINITY)
-        );
     }
 }

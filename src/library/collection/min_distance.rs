@@ -74,150 +74,62 @@ fn field_distance(a: &Sample, b: &Sample) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::test_samples::{TestBuffer, test_sample};
+    use super::super::test_samples::{collected, stored_count, test_sample};
     use super::*;
     use crate::calibration::CollectionPart;
-    use crate::collection::progress::PartCoverage;
+    use crate::calibration::method_selection::Procedure;
+    use crate::collection::Collector;
 
-    /// Buffer and minimum distance of a tumble.
-    struct Tumble {
-        buffer: TestBuffer,
-        quota: SampleQuota,
-        min_distance_ut: f32,
+    /// A tumble with this number of samples on a line, `step_ut` apart.
+    fn tumble_on_line(number: u32, step_ut: f32) -> Collector<'static> {
+        collected(Procedure::Tumble, (0..number).map(|i| test_sample([i as f32 * step_ut, 0.0, 0.0], i * 400)))
     }
 
-    impl Tumble {
-        fn new(quota: SampleQuota) -> Self {
-            Self { buffer: TestBuffer::new(), quota, min_distance_ut: INITIAL_MIN_DISTANCE_UT }
-        }
+    fn fit_positions_ut(collector: &Collector<'_>) -> Vec<f32> {
+        collector.fit_samples().samples_of_part(CollectionPart::FREE).iter().map(|sample| sample.field.ut.x).collect()
+    }
 
-        /// Collects a number of points on a line, `step_ut` apart.
-        fn collect_on_line(number: u32, step_ut: f32) -> Self {
-            let mut tumble = Self::new(SampleQuota::TURN);
-            (0..number).for_each(|i| tumble.push_at(i as f32 * step_ut, i * 400));
-            tumble
+    /// A thirtieth of a circle in a weak field, 5 uT, tells samples apart.
+    #[test]
+    fn samples_of_a_tumble_are_distinct() {
+        for (step_ut, expected) in [(6.0, 20), (5.0, 20), (4.0, 10), (0.0, 1)] {
+            assert_eq!(stored_count(&tumble_on_line(20, step_ut), CollectionPart::FREE), expected, "{step_ut} uT");
         }
+    }
 
-        fn push_at(&mut self, x_ut: f32, time_ms: u32) {
-            push_sample(
-                self.buffer.part_view(CollectionPart::FREE),
-                self.quota,
-                &mut self.min_distance_ut,
-                test_sample([x_ut, 0.0, 0.0], time_ms),
-            );
-        }
-
-        fn fit_samples(&self) -> &[Sample] {
-            self.buffer.fit_samples(CollectionPart::FREE)
-        }
-
-        fn stored_count(&self) -> usize {
-            self.buffer.stored_count(CollectionPart::FREE)
-        }
-
-        fn coverage(&mut self) -> PartCoverage {
-            self.buffer.coverage(CollectionPart::FREE)
+    /// A full tumble doubles no region: every other sample is dropped, those of either end stay, and later ones must be
+    /// as far apart.
+    #[test]
+    fn a_full_tumble_is_thinned_evenly() {
+        let capacity = SampleQuota::TURN.fit_quota + SampleQuota::TURN.held_back_quota;
+        assert_eq!(stored_count(&tumble_on_line(capacity as u32, 5.1), CollectionPart::FREE), capacity);
+        let mut collector = tumble_on_line(capacity as u32 + 1, 5.1);
+        let positions_ut = fit_positions_ut(&collector);
+        let last_ut = capacity as f32 * 5.1;
+        assert!(positions_ut[0] == 0.0 && positions_ut.last() == Some(&last_ut), "{positions_ut:?}");
+        // A held-back sample can lie between two others.
+        assert!(positions_ut.windows(2).all(|pair| (6.5..=15.4).contains(&(pair[1] - pair[0]))), "{positions_ut:?}");
+        for (distance_ut, is_stored) in [(6.0, false), (7.0, true)] {
+            collector.push_sample(test_sample([last_ut + distance_ut, 0.0, 0.0], 1_000_000));
+            assert_eq!(fit_positions_ut(&collector).len(), positions_ut.len() + usize::from(is_stored));
         }
     }
 
     #[test]
-    fn tumbled_samples_are_at_least_5_ut_apart() {
-        assert_eq!(Tumble::collect_on_line(20, 5.1).stored_count(), 20);
-        assert_eq!(Tumble::collect_on_line(20, 5.0).stored_count(), 20, "at the very distance");
-        assert_eq!(Tumble::collect_on_line(20, 4.9).stored_count(), 10, "every other one");
-        let five = Tumble::collect_on_line(5, 5.1);
-        assert_eq!(
-            (five.stored_count(), five.buffer.held_back_samples(CollectionPart::FREE).len()),
-            (5, 1),
-            "every fourth is held back"
-        );
+    fn a_full_tumble_of_distant_samples_keeps_the_first_ones() {
+        let capacity = SampleQuota::TURN.fit_quota + SampleQuota::TURN.held_back_quota;
+        let positions_ut = fit_positions_ut(&tumble_on_line(capacity as u32 + 10, 1000.0));
+        assert_eq!(positions_ut.len(), SampleQuota::TURN.fit_quota);
+        assert!(positions_ut.iter().all(|x_ut| *x_ut < capacity as f32 * 1000.0));
     }
 
-    #[test]
-    fn tumbled_samples_are_stored_at_most_every_0_4_s() {
-        for (spacing_ms, expected) in [(400, 20), (399, 10)] {
-            let mut tumble = Tumble::new(SampleQuota::TURN);
-            (0..20).for_each(|i| tumble.push_at(i as f32 * 10.0, i * spacing_ms));
-            assert_eq!(tumble.stored_count(), expected);
-        }
-    }
-
-    /// The 253rd sample exceeds the quota: the distance grows from 5 to 6.5 uT and thins steps of 5.1 uT.
-    #[test]
-    fn a_full_tumble_is_thinned() {
-        let both = SampleQuota::TURN.fit_quota + SampleQuota::TURN.held_back_quota;
-        assert_eq!(Tumble::collect_on_line(both as u32, 5.1).stored_count(), both);
-        let mut tumble = Tumble::collect_on_line(both as u32 + 1, 5.1);
-        assert_eq!(tumble.stored_count(), SampleQuota::TURN.held_back_quota + expected_fit_count_after_thinning() + 1);
-        assert!((tumble.min_distance_ut - 6.5).abs() < 1e-4, "{}", tumble.min_distance_ut);
-        let coverage = tumble.coverage();
-        assert_eq!(
-            (coverage.fit_count as usize, coverage.held_back_count as usize),
-            (expected_fit_count_after_thinning() + 1, SampleQuota::TURN.held_back_quota)
-        );
-        // After thinning, samples nearer than 6.5 uT are not stored.
-        let stored_count = tumble.fit_samples().len();
-        let last_ut = tumble.fit_samples().last().unwrap().field.ut.x;
-        tumble.push_at(last_ut + 6.4, 1_000_000);
-        assert_eq!(tumble.fit_samples().len(), stored_count);
-        tumble.push_at(last_ut + 6.6, 1_000_000);
-        assert_eq!(tumble.fit_samples().len(), stored_count + 1);
-    }
-
-    fn expected_fit_count_after_thinning() -> usize {
-        let SampleQuota { fit_quota: fit, held_back_quota: held_back } = SampleQuota::TURN;
-        let is_held_back = |i: usize| i % 4 == 3 && i / 4 < held_back;
-        let fit = (0..fit + held_back).filter(|i| !is_held_back(*i)).map(|i| i as f64 * 5.1);
-        fit.fold(
-            (0, f64::NEG_INFINITY),
-            |(count, last), x| if x - last >= 6.5 { (count + 1, x) } else { (count, last) },
-        )
-        .0
-    }
-
+    /// Three of four samples are for the fit.
     #[test]
     fn a_tumble_is_complete_at_66_fit_samples() {
-        for (number, percent) in [(44, 50), (86, 98), (87, 100), (200, 100)] {
-            // Three of four samples are for the fit: 33 of 44, 65 of 86, 66 of 87, 150 of 200.
-            let coverage = Tumble::collect_on_line(number, 6.0).coverage();
+        for (number, percent) in [(44, 50), (84, 95), (88, 100), (200, 100)] {
+            let progress = tumble_on_line(number, 6.0).collection_progress();
+            let coverage = progress.coverage_of(CollectionPart::FREE);
             assert_eq!((coverage.percent, coverage.covered_sector_count), (percent, 0), "{number}");
         }
-    }
-
-    #[test]
-    fn thinning_keeps_the_first_of_close_samples() {
-        let mut tumble = Tumble::new(SampleQuota::TURN);
-        for x_ut in [0.0, 1.0, 2.0, 3.0, 2.5, 10.0] {
-            tumble
-                .buffer
-                .part_view(CollectionPart::FREE)
-                .insert_sample(SampleUse::Fit, test_sample([x_ut, 0.0, 0.0], 0));
-        }
-        remove_close_samples(&mut tumble.buffer.part_view(CollectionPart::FREE), 2.0);
-        assert_eq!(tumble.fit_samples().iter().map(|sample| sample.field.ut.x).collect::<Vec<_>>(), [0.0, 2.0, 10.0]);
-    }
-
-    #[test]
-    fn a_full_held_back_quota_passes_samples_to_the_fit() {
-        let mut tumble = Tumble::new(SampleQuota { fit_quota: 12, held_back_quota: 1 });
-        (0..8).for_each(|i| tumble.push_at(i as f32 * 10.0, i * 400));
-        let coverage = tumble.coverage();
-        assert_eq!((coverage.fit_count, coverage.held_back_count), (7, 1));
-    }
-
-    #[test]
-    fn a_part_of_distant_samples_stays_as_it_is() {
-        let mut tumble = Tumble::new(SampleQuota { fit_quota: 3, held_back_quota: 1 });
-        (0..12).for_each(|i| tumble.push_at(i as f32 * 1000.0, i * 400));
-        assert_eq!(tumble.fit_samples().iter().map(|sample| sample.time.as_ms() / 400).collect::<Vec<_>>(), [0, 1, 2]);
-    }
-
-    #[test]
-    fn nonfinite_samples_are_rejected() {
-        let mut tumble = Tumble::new(SampleQuota::TURN);
-        for (i, broken) in (0..).zip([f32::NAN, f32::INFINITY, f32::NEG_INFINITY]) {
-            tumble.push_at(broken, i * 400);
-        }
-        assert_eq!(tumble.stored_count(), 0);
     }
 }

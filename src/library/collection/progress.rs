@@ -73,25 +73,22 @@ mod tests {
 
     #[test]
     fn completeness_depends_on_the_procedure() {
-        let full = PartCoverage { percent: 100, ..PartCoverage::default() };
-        let part = PartCoverage { percent: 99, ..full };
-        let is_complete = |procedure, [left, right, level]: [PartCoverage; 3]| {
-            let part_coverages = [left, right, level, full];
-            CollectionProgress { procedure, part_coverages, ..CollectionProgress::default() }.is_complete()
-        };
-        assert!(is_complete(Procedure::Turns, [full, full, part]));
-        assert!(!is_complete(Procedure::Turns, [full, part, full]));
-        assert!(!is_complete(Procedure::Turns, [part, full, full]));
-        assert!(is_complete(Procedure::Level, [part, part, full]));
-        assert!(!is_complete(Procedure::Level, [full, full, part]));
-        assert!(!is_complete(Procedure::Swing, [full; 3]));
-        assert!(!is_complete(Procedure::Tumble, [full; 3]));
-    }
-
-    #[test]
-    fn a_part_is_complete_at_100_percent() {
-        assert!(PartCoverage { percent: 100, ..PartCoverage::default() }.is_complete());
-        assert!(!PartCoverage { percent: 99, ..PartCoverage::default() }.is_complete());
+        for (procedure, [left, right, level], is_complete) in [
+            (Procedure::Turns, [100, 100, 99], true),
+            (Procedure::Turns, [100, 99, 100], false),
+            (Procedure::Turns, [99, 100, 100], false),
+            (Procedure::Level, [99, 99, 100], true),
+            (Procedure::Level, [100, 100, 99], false),
+            (Procedure::Swing, [100; 3], false),
+            (Procedure::Tumble, [100; 3], false),
+            (Procedure::Flight, [100; 3], false),
+        ] {
+            let part_coverages =
+                [left, right, level, 100].map(|percent| PartCoverage { percent, ..PartCoverage::default() });
+            let progress = CollectionProgress { procedure, part_coverages, ..CollectionProgress::default() };
+            assert_eq!(progress.is_complete(), is_complete, "{procedure:?} {left} {right} {level}");
+            assert_eq!(progress.coverage_of(CollectionPart::LEFT).is_complete(), left == 100);
+        }
     }
 
     #[test]

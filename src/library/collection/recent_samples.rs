@@ -77,25 +77,27 @@ mod tests {
     use super::super::test_samples::test_sample;
     use super::*;
 
-    fn millis(ms: u32) -> WrappingMillis {
-        WrappingMillis::new(ms)
+    /// Mean at 100 ms after the last of these samples, with this x field and an attitude and rates that follow it. They
+    /// are 100 ms apart, the first at 1000 ms.
+    fn mean_of(fields_ut: &[f32]) -> Option<Sample> {
+        mean_after(fields_ut, 100)
     }
 
-    /// Samples every 100 ms from 1000 ms, with this x field and an attitude that follows it.
-    fn samples_with_fields(fields_ut: impl IntoIterator<Item = f32>) -> RecentSamples {
-        let mut recent = RecentSamples::new();
-        for (i, x) in fields_ut.into_iter().enumerate() {
+    fn mean_after(fields_ut: &[f32], delay_ms: u32) -> Option<Sample> {
+        let (mut recent, mut time_ms) = (RecentSamples::new(), 1000);
+        for x in fields_ut {
             let attitude = Attitude::from_deg(1.0 + x / 10.0, -2.0 - x / 10.0);
             let rates = Rates::from_rad_s([x / 100.0, -x / 50.0, x / 10.0]);
-            recent.push_sample(Sample { attitude, rates, ..test_sample([x, 5.0, 40.0], 1000 + i as u32 * 100) });
+            recent.push_sample(Sample { attitude, rates, ..test_sample([*x, 5.0, 40.0], time_ms) });
+            time_ms += 100;
         }
-        recent
+        recent.mean_at_rest(WrappingMillis::new(time_ms - 100 + delay_ms))
     }
 
+    /// The last eight of twenty samples, after a move.
     #[test]
     fn a_vehicle_at_rest_is_averaged() {
-        let rest = samples_with_fields((0_u8..20).map(|i| 20.0 + f32::from(i % 2) * 0.4));
-        let mean = rest.mean_at_rest(millis(3000)).unwrap();
+        let mean = mean_of(&[&[50.0; 12][..], &[20.0, 20.4].repeat(4)].concat()).unwrap();
         assert!((mean.field.ut - Vector3::new(20.2, 5.0, 40.0)).norm() < 1e-4, "{mean:?}");
         assert!((mean.attitude.roll_rad.to_degrees() - 3.02).abs() < 1e-4, "{mean:?}");
         assert!((mean.attitude.pitch_rad.to_degrees() + 4.02).abs() < 1e-4, "{mean:?}");
@@ -104,51 +106,31 @@ mod tests {
             // One step: samples and mean are each rounded by half a step.
             assert!((mean_rad_s - expected_rad_s).abs() <= 1.0 / 1024.0, "{rates:?}");
         }
-        assert_eq!(mean.time, millis(2200), "the oldest of the last eight");
+        assert_eq!(mean.time, WrappingMillis::new(2200), "the oldest of the last eight");
     }
 
+    /// Noise of 0.3 uT is no motion; 2 deg of heading in a weak horizontal field are 0.7 uT.
     #[test]
-    fn a_turning_vehicle_or_old_samples_have_no_mean() {
-        let turning = samples_with_fields((0_u8..20).map(|i| 20.0 + f32::from(i) * 0.3));
-        assert_eq!(turning.mean_at_rest(millis(3000)), None, "3 uT a second");
-        assert_eq!(samples_with_fields([20.0; 20]).mean_at_rest(millis(30_000)), None, "27 s later");
-    }
-
-    #[test]
-    fn a_mean_at_rest_needs_eight_samples() {
-        assert_eq!(samples_with_fields([20.0; 7]).mean_at_rest(millis(1700)), None);
-        assert!(samples_with_fields([20.0; 8]).mean_at_rest(millis(1800)).is_some());
-        assert_eq!(RecentSamples::new().mean_at_rest(millis(0)), None);
-        // Seven samples of zero field pass the deviation test; only their number rejects them.
+    fn a_vehicle_at_rest_has_eight_recent_samples_of_one_field() {
+        let outlier = |ut: f32| [20.0, 20.0, 20.0, 20.0 + ut, 20.0, 20.0, 20.0, 20.0];
+        let turning: Vec<f32> = (0_u8..20).map(|i| 20.0 + f32::from(i) * 0.3).collect();
+        for (name, mean, is_at_rest) in [
+            ("at rest", mean_of(&[20.0; 8]), true),
+            ("noise", mean_of(&[20.3, 19.7].repeat(4)), true),
+            ("a noisy sample", mean_of(&outlier(0.6)), true),
+            ("swaying by 2 deg", mean_of(&[20.8, 19.2].repeat(4)), false),
+            ("a jolt", mean_of(&outlier(-1.0)), false),
+            ("turning, 3 uT a second", mean_of(&turning), false),
+            ("a second later", mean_after(&[20.0; 8], 1000), true),
+            ("two seconds later", mean_after(&[20.0; 8], 2000), false),
+            ("seven samples", mean_of(&[20.0; 7]), false),
+            ("no sample", RecentSamples::new().mean_at_rest(WrappingMillis::new(0)), false),
+        ] {
+            assert_eq!(mean.is_some(), is_at_rest, "{name}");
+        }
+        // Seven samples of zero field equal their mean; only their number rejects them.
         let mut seven = RecentSamples::new();
         (0..7).for_each(|i| seven.push_sample(test_sample([0.0; 3], 1000 + i * 100)));
-        assert_eq!(seven.mean_at_rest(millis(1700)), None);
-    }
-
-    #[test]
-    fn samples_are_old_after_two_seconds() {
-        assert!(samples_with_fields([20.0; 8]).mean_at_rest(millis(3000)).is_some());
-        assert_eq!(samples_with_fields([20.0; 8]).mean_at_rest(millis(3001)), None);
-    }
-
-    #[test]
-    fn samples_at_rest_are_within_0_7_ut_of_their_mean() {
-        let swaying =
-            |ut: f32| samples_with_fields([20.0 + ut, 20.0 - ut].repeat(4)).mean_at_rest(millis(1800)).is_some();
-        assert!(swaying(0.69) && swaying(-0.69));
-        assert!(!swaying(0.71) && !swaying(-0.71));
-        // A single outlier: 0.81 uT from the others is 0.81 * 7 / 8 = 0.71 from the mean.
-        let jolt = |ut: f32| {
-            samples_with_fields([20.0, 20.0, 20.0, 20.0 + ut, 20.0, 20.0, 20.0, 20.0])
-                .mean_at_rest(millis(1800))
-                .is_some()
-        };
-        assert!(jolt(0.79) && !jolt(0.81));
-    }
-
-    #[test]
-    fn the_mean_at_rest_uses_the_last_eight_samples() {
-        let stopped = samples_with_fields([50.0; 5].into_iter().chain([20.0; 8]));
-        assert_eq!(stopped.mean_at_rest(millis(2200)).map(|mean| mean.field.ut.x), Some(20.0));
+        assert_eq!(seven.mean_at_rest(WrappingMillis::new(1700)), None);
     }
 }

@@ -110,17 +110,20 @@ impl SampleBuffer {
 
 #[cfg(test)]
 mod tests {
-    use super::super::test_samples::test_sample;
+    use super::super::test_samples::{test_sample, times_ms};
     use super::*;
 
     const PARTS: [CollectionPart; 3] = [CollectionPart::LEFT, CollectionPart::LEVEL, CollectionPart::FREE];
+
+    const BOTH_USES: [SampleUse; 2] = [SampleUse::Fit, SampleUse::Verification];
 
     fn insert_test_sample(buffer: &mut SampleBuffer, sample_use: SampleUse, part: CollectionPart, time_ms: u32) {
         buffer.insert_sample(sample_use, Sample { part, ..test_sample([1.0; 3], time_ms) });
     }
 
-    fn times_ms(samples: &[Sample]) -> Vec<u32> {
-        samples.iter().map(|sample| sample.time.as_ms()).collect()
+    /// Times of the fit samples, then of those held back.
+    fn stored_times_ms(buffer: &SampleBuffer) -> [Vec<u32>; 2] {
+        BOTH_USES.map(|sample_use| times_ms(buffer.samples_of_use(sample_use)))
     }
 
     /// Fit and held-back samples of three parts, stored in turn.
@@ -138,19 +141,15 @@ mod tests {
     #[test]
     fn samples_are_ordered_by_use_part_and_time() {
         let buffer = filled_buffer();
-        assert_eq!(times_ms(buffer.samples_of_use(SampleUse::Fit)), [0, 20, 40, 1, 21, 41, 2, 22, 42]);
-        assert_eq!(times_ms(buffer.samples_of_use(SampleUse::Verification)), [10, 30, 50, 11, 31, 51, 12, 32, 52]);
-        assert_eq!(
-            times_ms(buffer.all_samples()),
-            [times_ms(buffer.samples_of_use(SampleUse::Fit)), times_ms(buffer.samples_of_use(SampleUse::Verification))]
-                .concat()
-        );
+        let expected = [[0, 20, 40, 1, 21, 41, 2, 22, 42], [10, 30, 50, 11, 31, 51, 12, 32, 52]];
+        assert_eq!(stored_times_ms(&buffer), expected);
+        assert_eq!(times_ms(buffer.all_samples()), expected.concat());
         assert_eq!(times_ms(buffer.samples_of_part(SampleUse::Fit, CollectionPart::LEVEL)), [1, 21, 41]);
         assert_eq!(times_ms(buffer.samples_of_part(SampleUse::Verification, CollectionPart::FREE)), [12, 32, 52]);
         assert!(buffer.samples_of_part(SampleUse::Fit, CollectionPart::RIGHT).is_empty());
-        for (i, part) in PARTS.into_iter().enumerate() {
+        for (i, part) in (0..).zip(PARTS) {
             let both: Vec<Sample> = buffer.part_fit_then_held_back(part).iter().copied().collect();
-            assert_eq!(times_ms(&both), [0, 20, 40, 10, 30, 50].map(|time_ms| time_ms + i as u32));
+            assert_eq!(times_ms(&both), [0, 20, 40, 10, 30, 50].map(|time_ms| time_ms + i));
         }
     }
 
@@ -162,13 +161,11 @@ mod tests {
             (SampleUse::Verification, CollectionPart::LEFT, 1, 30),
             (SampleUse::Verification, CollectionPart::FREE, 2, 52),
         ] {
-            let (before, mut buffer) = (filled_buffer(), filled_buffer());
+            let mut buffer = filled_buffer();
             buffer.remove_sample(sample_use, part, position);
-            for use_of in [SampleUse::Fit, SampleUse::Verification] {
-                let expected: Vec<u32> =
-                    times_ms(before.samples_of_use(use_of)).into_iter().filter(|time| *time != removed).collect();
-                assert_eq!(times_ms(buffer.samples_of_use(use_of)), expected, "{removed}");
-            }
+            let without_removed =
+                |times_ms: Vec<u32>| times_ms.into_iter().filter(|time_ms| *time_ms != removed).collect::<Vec<_>>();
+            assert_eq!(stored_times_ms(&buffer), stored_times_ms(&filled_buffer()).map(without_removed), "{removed}");
         }
         let mut buffer = filled_buffer();
         buffer.remove_sample(SampleUse::Fit, CollectionPart::LEFT, 3);
@@ -193,20 +190,12 @@ mod tests {
     fn a_full_buffer_accepts_no_more() {
         let mut buffer = SampleBuffer::EMPTY;
         for time_ms in 0..SAMPLE_CAPACITY as u32 + 5 {
-            insert_test_sample(
-                &mut buffer,
-                if time_ms % 4 == 3 { SampleUse::Verification } else { SampleUse::Fit },
-                CollectionPart::FREE,
-                time_ms,
-            );
+            insert_test_sample(&mut buffer, BOTH_USES[usize::from(time_ms % 4 == 3)], CollectionPart::FREE, time_ms);
         }
         assert_eq!(buffer.all_samples().len(), SAMPLE_CAPACITY);
-        assert!(
-            times_ms(buffer.samples_of_use(SampleUse::Fit)).is_sorted()
-                && times_ms(buffer.samples_of_use(SampleUse::Verification)).is_sorted()
-        );
+        assert!(stored_times_ms(&buffer).iter().all(|times_ms| times_ms.is_sorted()));
         buffer.clear();
-        assert!(buffer.all_samples().is_empty() && buffer.samples_of_use(SampleUse::Verification).is_empty());
+        assert!(buffer.all_samples().is_empty() && stored_times_ms(&buffer) == [[], []]);
     }
 
     /// Memory has arbitrary numbers at power-on.
@@ -216,11 +205,7 @@ mod tests {
             [(SAMPLE_CAPACITY as u16 + 1, 0), (1, SAMPLE_CAPACITY as u16), (u16::MAX, u16::MAX)]
         {
             let mut buffer = SampleBuffer { fit_count, held_back_count, ..filled_buffer() };
-            assert!(
-                [SampleUse::Fit, SampleUse::Verification]
-                    .iter()
-                    .all(|sample_use| buffer.samples_of_use(*sample_use).is_empty())
-            );
+            assert_eq!(stored_times_ms(&buffer), [[], []]);
             buffer.remove_sample(SampleUse::Verification, CollectionPart::FREE, 0);
             buffer.replace_sample(SampleUse::Verification, 0, 1, test_sample([0.0; 3], 2));
             buffer.clear();

@@ -1,10 +1,7 @@
 use nalgebra::Vector3;
 
-use super::part_view::{PART_COUNT, PartView};
-use super::progress::PartCoverage;
-use super::quota::SampleUse;
-use super::retained_samples::{PartState, RetainedSamples};
-use super::sample_buffer::SampleBuffer;
+use super::{Collector, RetainedSamples};
+use crate::calibration::method_selection::Procedure;
 use crate::calibration::{CollectionPart, Sample};
 use crate::frames::{Attitude, Field, Level};
 use crate::time::WrappingMillis;
@@ -14,47 +11,26 @@ pub const RADIUS_UT: f32 = 20.0;
 
 const HARD_IRON_UT: Vector3<f32> = Vector3::new(60.0, -45.0, 80.0);
 
-/// Sample buffer with the state of its parts.
-#[derive(Debug)]
-pub struct TestBuffer {
-    pub samples: SampleBuffer,
-    states: [PartState; PART_COUNT],
-    last_due_sample_at: [Option<WrappingMillis>; PART_COUNT],
+/// A collector that has processed these samples.
+pub fn collected(procedure: Procedure, samples: impl IntoIterator<Item = Sample>) -> Collector<'static> {
+    let mut collector = Collector::new(Box::leak(Box::new(RetainedSamples::EMPTY)));
+    collector.begin_procedure(procedure);
+    samples.into_iter().for_each(|sample| collector.push_sample(sample));
+    collector
 }
 
-impl TestBuffer {
-    pub fn new() -> Self {
-        Self {
-            samples: SampleBuffer::EMPTY,
-            states: [PartState::EMPTY; PART_COUNT],
-            last_due_sample_at: [None; PART_COUNT],
-        }
-    }
-
-    pub fn part_view(&mut self, part: CollectionPart) -> PartView<'_> {
-        PartView::new(part, &mut self.samples, &mut self.states, &mut self.last_due_sample_at)
-    }
-
-    pub fn fit_samples(&self, part: CollectionPart) -> &[Sample] {
-        self.samples.samples_of_part(SampleUse::Fit, part)
-    }
-
-    pub fn held_back_samples(&self, part: CollectionPart) -> &[Sample] {
-        self.samples.samples_of_part(SampleUse::Verification, part)
-    }
-
-    /// Number of samples of a part, fit and held back.
-    pub fn stored_count(&self, part: CollectionPart) -> usize {
-        self.fit_samples(part).len() + self.held_back_samples(part).len()
-    }
-
-    pub fn coverage(&mut self, part: CollectionPart) -> PartCoverage {
-        self.part_view(part).coverage()
-    }
+/// Times of the fit samples of a part, then of those held back, milliseconds.
+pub fn stored_times_ms(collector: &Collector<'_>, part: CollectionPart) -> [Vec<u32>; 2] {
+    [collector.fit_samples(), collector.held_back_samples()].map(|samples| times_ms(samples.samples_of_part(part)))
 }
 
-pub fn empty_memory() -> &'static mut RetainedSamples {
-    Box::leak(Box::new(RetainedSamples::EMPTY))
+/// Number of stored samples of a part.
+pub fn stored_count(collector: &Collector<'_>, part: CollectionPart) -> usize {
+    stored_times_ms(collector, part).iter().map(Vec::len).sum()
+}
+
+pub fn times_ms(samples: &[Sample]) -> Vec<u32> {
+    samples.iter().map(|sample| sample.time.as_ms()).collect()
 }
 
 pub fn test_sample(field_ut: [f32; 3], time_ms: u32) -> Sample {

@@ -93,119 +93,69 @@ mod tests {
     /// 1 s before the millisecond counter wraps.
     const FIRST_SAMPLE_MS: u32 = u32::MAX - 999;
 
-    fn detect_sides(roll_deg: impl Fn(f32) -> f32, pitch_deg: f32, seconds: u16) -> Vec<Option<Side>> {
+    /// Sides detected at 10 samples/s of this roll and pitch, degrees, at a time in seconds.
+    fn detect_sides(attitude_deg: impl Fn(f32) -> [f32; 2], seconds: u16) -> Vec<Option<Side>> {
         let mut detector = TurnDetector::new(TurnDetectorConfig::DEFAULT);
         (0..seconds * 10)
             .map(|i| {
                 let time_ms = FIRST_SAMPLE_MS.wrapping_add(u32::from(i) * 100);
-                detector.process_sample(&banked_sample(roll_deg(f32::from(i) / 10.0), pitch_deg, time_ms))
+                let [roll_deg, pitch_deg] = attitude_deg(f32::from(i) / 10.0);
+                detector.process_sample(&banked_sample(roll_deg, pitch_deg, time_ms))
             })
             .collect()
     }
 
-    fn count_of_side(detected: &[Option<Side>], side: Side) -> usize {
-        detected.iter().filter(|s| **s == Some(side)).count()
-    }
-
-    fn is_detected(roll_deg: f32, pitch_deg: f32) -> bool {
-        detect_sides(|_| roll_deg, pitch_deg, 5).iter().any(Option::is_some)
-    }
-
-    fn side_after_turn(gap_ms: u32, roll_deg: f32, pitch_deg: f32) -> Option<Side> {
-        let mut detector = TurnDetector::new(TurnDetectorConfig::DEFAULT);
-        for i in 0..=30 {
-            detector.process_sample(&banked_sample(25.0, 0.0, FIRST_SAMPLE_MS.wrapping_add(i * 100)));
-        }
-        assert_eq!(detector.turn_side(), Some(Side::Right));
-        detector.process_sample(&banked_sample(roll_deg, pitch_deg, FIRST_SAMPLE_MS.wrapping_add(3000 + gap_ms)))
-    }
-
+    /// All but the first 2 s of each turn count, in 3 deg of bank wander.
     #[test]
     fn sustained_banks_are_turns_of_their_side() {
-        // Right, then left turn of 30 s each, with 3 deg of bank wander; the first 2 s of each do not count.
-        let detected = detect_sides(|t| (if t < 30.0 { 25.0 } else { -25.0 }) + 3.0 * (t * 4.2).sin(), 3.0, 60);
-        assert_eq!(count_of_side(&detected, Side::Right), 280);
-        assert_eq!(count_of_side(&detected, Side::Left), 280);
+        let wander_deg = |t_s: f32| 3.0 * (t_s * 4.2).sin();
+        let turn = |t_s: f32| [wander_deg(t_s) + if t_s < 30.0 { 25.0 } else { -25.0 }, 3.0];
+        let settling = [None; 20];
+        let expected = [&settling[..], &[Some(Side::Right); 280], &settling, &[Some(Side::Left); 280]].concat();
+        assert_eq!(detect_sides(turn, 60), expected);
+        let small_bank = |t_s: f32| [12.0 + wander_deg(t_s), 0.0];
+        assert_eq!(detect_sides(small_bank, 32), [&settling[..], &[Some(Side::Right); 300]].concat());
     }
 
     #[test]
     fn only_sustained_moderate_banks_are_turns() {
-        assert_eq!(
-            detect_sides(|t| 25.0 * (t * 1.5).sin(), 0.0, 60).iter().flatten().count(),
-            0,
-            "S-turns of 2 s a side"
-        );
-        assert_eq!(
-            detect_sides(|t| 6.0 + 3.0 * (t * 4.2).sin(), 0.0, 60).iter().flatten().count(),
-            0,
-            "a wing kept low"
-        );
-        assert_eq!(detect_sides(|_| 75.0, 0.0, 60).iter().flatten().count(), 0, "75 deg of bank");
-        assert_eq!(detect_sides(|_| 25.0, 30.0, 60).iter().flatten().count(), 0, "climbing at 30 deg");
-        assert_eq!(detect_sides(|_| f32::NAN, 0.0, 10).iter().flatten().count(), 0, "not a number");
-        assert_eq!(detect_sides(|_| 25.0, f32::NAN, 10).iter().flatten().count(), 0, "not a number");
-    }
-
-    #[test]
-    fn a_turn_begins_at_ten_degrees_of_bank() {
-        for sign in [1.0, -1.0] {
-            assert!(is_detected(sign * 10.1, 0.0));
-            assert!(!is_detected(sign * 9.9, 0.0));
+        let constant = |roll_deg: f32, pitch_deg: f32| detect_sides(move |_| [roll_deg, pitch_deg], 60);
+        for (name, detected) in [
+            ("S-turns of 2 s a side", detect_sides(|t_s| [25.0 * (t_s * 1.5).sin(), 0.0], 60)),
+            ("a wing kept low", detect_sides(|t_s| [6.0 + 3.0 * (t_s * 4.2).sin(), 0.0], 60)),
+            ("75 deg of bank", constant(75.0, 0.0)),
+            ("climbing at 30 deg", constant(25.0, 30.0)),
+            ("not a number", constant(f32::NAN, 0.0)),
+            ("not a number", constant(25.0, f32::NAN)),
+        ] {
+            assert!(detected.iter().all(Option::is_none), "{name}");
+        }
+        // The manual asks for 15 to 45 deg.
+        for (roll_deg, pitch_deg) in [(15.0, 0.0), (-15.0, 10.0), (45.0, -10.0), (-45.0, 0.0)] {
+            assert_eq!(constant(roll_deg, pitch_deg).iter().flatten().count(), 580, "{roll_deg} {pitch_deg}");
         }
     }
 
+    /// The next sample after 3 s in a right turn, after a gap.
     #[test]
-    fn a_turn_ends_below_seven_degrees() {
-        assert_eq!(side_after_turn(100, 7.1, 0.0), Some(Side::Right));
-        assert_eq!(side_after_turn(100, 6.9, 0.0), None);
-        // Wander down to 9 deg does not end a turn.
-        let detected = detect_sides(|t| 12.0 + 3.0 * (t * 4.2).sin(), 0.0, 32);
-        assert_eq!(count_of_side(&detected, Side::Right), 300, "all but the 2 s of settling");
-    }
-
-    #[test]
-    fn more_than_sixty_degrees_of_bank_is_no_turn() {
-        for sign in [1.0, -1.0] {
-            assert!(is_detected(sign * 59.9, 0.0));
-            assert!(!is_detected(sign * 60.1, 0.0));
-        }
-        assert_eq!(side_after_turn(100, 60.1, 0.0), None);
-    }
-
-    #[test]
-    fn more_than_twenty_degrees_of_pitch_is_no_turn() {
-        for sign in [1.0, -1.0] {
-            assert!(is_detected(25.0, sign * 19.9));
-            assert!(!is_detected(25.0, sign * 20.1));
-            assert_eq!(side_after_turn(100, 25.0, sign * 20.1), None);
-        }
-    }
-
-    #[test]
-    fn a_turn_is_detected_after_two_seconds() {
-        for (last_ms, expected) in [(1999, None), (2000, Some(Side::Right))] {
+    fn a_turn_ends_with_its_bank_or_with_a_gap() {
+        for (name, gap_ms, roll_deg, pitch_deg, is_turn) in [
+            ("continued", 100, 25.0, 0.0, true),
+            ("less bank than at the start of a turn", 100, 8.0, 0.0, true),
+            ("level", 100, 6.0, 0.0, false),
+            ("the other side", 100, -25.0, 0.0, false),
+            ("aerobatics", 100, 65.0, 0.0, false),
+            ("climb", 100, 25.0, 25.0, false),
+            ("dive", 100, 25.0, -25.0, false),
+            ("slow samples", 400, 25.0, 0.0, true),
+            ("a gap", 700, 25.0, 0.0, false),
+        ] {
             let mut detector = TurnDetector::new(TurnDetectorConfig::DEFAULT);
-            for time_ms in [0, 400, 800, 1200, 1600] {
-                assert_eq!(
-                    detector.process_sample(&banked_sample(25.0, 0.0, FIRST_SAMPLE_MS.wrapping_add(time_ms))),
-                    None
-                );
-            }
-            assert_eq!(
-                detector.process_sample(&banked_sample(25.0, 0.0, FIRST_SAMPLE_MS.wrapping_add(last_ms))),
-                expected
-            );
+            let mut side_at = |roll_deg, pitch_deg, ms| {
+                detector.process_sample(&banked_sample(roll_deg, pitch_deg, FIRST_SAMPLE_MS.wrapping_add(ms)))
+            };
+            assert_eq!((0..=30).map(|i| side_at(25.0, 0.0, i * 100)).last(), Some(Some(Side::Right)));
+            assert_eq!(side_at(roll_deg, pitch_deg, 3000 + gap_ms), is_turn.then_some(Side::Right), "{name}");
         }
-    }
-
-    #[test]
-    fn a_gap_ends_a_turn() {
-        assert_eq!(side_after_turn(500, 25.0, 0.0), Some(Side::Right));
-        assert_eq!(side_after_turn(501, 25.0, 0.0), None);
-    }
-
-    #[test]
-    fn a_turn_to_the_other_side_is_another_turn() {
-        assert_eq!(side_after_turn(100, -25.0, 0.0), None);
     }
 }

@@ -14,328 +14,215 @@ use autoswing::calibration::{
 use autoswing::collection::CollectionProblem;
 use autoswing::instrument::{HardIronChange, InstallationChange, MountTurn};
 
-const STEP_CHANGE: DetectedHardIronChange =
-    DetectedHardIronChange { size_ut: 14.26, time_course: HardIronTimeCourse::Step { after_s: 31 }, duration_s: 230 };
-const DRIFT_CHANGE: DetectedHardIronChange =
-    DetectedHardIronChange { size_ut: 6.04, time_course: HardIronTimeCourse::Drift, duration_s: 230 };
-
-type ExpectedRefusal = (Refusal, &'static str, &'static str);
-
-const TOO_FEW_LEFT_SAMPLES: SolveError =
+const ONE_SIDE_ONLY: CollectionProblem = CollectionProblem::OneSideOnly(Side::Left);
+const TOO_FEW_SAMPLES: SolveError =
     SolveError::TooFewSamples { part: SamplePart::Turns(Side::Left), have: 8, need: 12 };
+const TOO_FEW_MARKS: SolveError = SolveError::TooFewSamples { part: SamplePart::Marks, have: 3, need: 4 };
+const TOO_FEW_HELD_BACK: Rejection = Rejection::TooFewHeldBack { have: 5, need: 8 };
+const NOT_ACCURATE: Rejection = Rejection::NotAccurate { expected_rms_deg: 4.26 };
+
+/// A refusal with its code, and parts of its text: the fact with its values, and what to do.
+type ExpectedRefusal = (Refusal, &'static str, &'static [&'static str]);
 
 fn refusals() -> impl Iterator<Item = ExpectedRefusal> {
     [refused_commands(), known_causes(), solve_errors(), rejections(), store_errors()].into_iter().flatten()
 }
 
-const SAFE_MODE: &str = "three starts in a row ended in a panic, so only the console runs; report the panic shown by \
-                         status; to erase all stored data: cal clear all, then reboot";
-
 fn refused_commands() -> Vec<ExpectedRefusal> {
+    let collecting =
+        Refusal::Collecting { present_procedure: Procedure::Flight, requested_procedure: Procedure::Turns };
     vec![
-        (
-            Refusal::Armed,
-            "armed",
-            "the autopilot is armed or the vehicle still moves, and this command is for the ground; land, disarm and wait for 5 s",
-        ),
-        (Refusal::Busy, "busy", "a solve is running; wait for it, or cal abort"),
-        (
-            Refusal::Collecting { present_procedure: Procedure::Flight, requested_procedure: Procedure::Turns },
-            "collecting",
-            "a collection of flight is in progress; to discard it: cal start turns again",
-        ),
-        (Refusal::NotCollecting, "not-collecting", "no collection is in progress; cal start begins one"),
-        (Refusal::NotSwinging, "not-swinging", "no compass swing is in progress; cal start swing begins one"),
-        (
-            Refusal::NotStationary,
-            "not-steady",
-            "the vehicle moves, or no attitude is received; keep it still for a second",
-        ),
-        (Refusal::TooManyMarks, "too-many-marks", "there is no room for another mark; cal solve"),
-        (Refusal::NotSolved, "not-solved", "nothing was solved since the start; cal solve first"),
-        (Refusal::NoCalibration, "no-calibration", "there is no active calibration; calibrate first"),
-        (
-            Refusal::NoStoredCalibration,
-            "no-calibration",
-            "no calibration is stored; cal start, then fly; status shows what is missing",
-        ),
-        (
-            Refusal::NoSamples,
-            "no-samples",
-            "there are no samples; cal start, then fly, turning and tilting to all sides",
-        ),
+        (Refusal::Armed, "armed", &["or the vehicle still moves", "; land, disarm and wait for 5 s"]),
+        (Refusal::Busy, "busy", &["a solve is running", "; wait for it, or cal abort"]),
+        (collecting, "collecting", &["a collection of flight is in progress; to discard it: cal start turns again"]),
+        (Refusal::NotCollecting, "not-collecting", &["no collection", "; cal start begins one"]),
+        (Refusal::NotSwinging, "not-swinging", &["no compass swing", "; cal start swing begins one"]),
+        (Refusal::NotStationary, "not-steady", &["the vehicle moves", "; keep it still for a second"]),
+        (Refusal::TooManyMarks, "too-many-marks", &["no room for another mark; cal solve"]),
+        (Refusal::NotSolved, "not-solved", &["nothing was solved", "; cal solve first"]),
+        (Refusal::NoCalibration, "no-calibration", &["no active calibration; calibrate first"]),
+        (Refusal::NoStoredCalibration, "no-calibration", &["no calibration is stored; cal start, then fly"]),
+        (Refusal::NoSamples, "no-samples", &["there are no samples; cal start, then fly, turning and tilting"]),
         (
             Refusal::LargeAlignment { heading_deg: 90.0, align_deg: -33.33 },
             "needs-word",
-            "every heading would be turned by -33.3 deg, more than a mounting is usually off; if that is right: set \
-             align 90 yes",
+            &["would be turned by -33.3 deg", "; if that is right: set align 90 yes"],
         ),
-        (Refusal::NoSensor, "no-sensor", "the magnetometer does not answer; check its wiring, see status"),
-        (Refusal::NoPreviousCalibration, "nothing-to-undo", "there is no previous calibration"),
-        (Refusal::OutOfRange(OutOfRange("a rate is 1 to 80")), "out-of-range", "a rate is 1 to 80"),
-        (Refusal::SafeMode, "safe-mode", SAFE_MODE),
+        (Refusal::NoSensor, "no-sensor", &["the magnetometer does not answer; check its wiring"]),
+        (Refusal::NoPreviousCalibration, "nothing-to-undo", &["there is no previous calibration"]),
+        (Refusal::OutOfRange(OutOfRange("a rate is 1 to 80")), "out-of-range", &["a rate is 1 to 80"]),
+        (
+            Refusal::SafeMode,
+            "safe-mode",
+            &["only the console runs; report the panic", "erase all stored data: cal clear"],
+        ),
     ]
 }
 
 fn known_causes() -> Vec<ExpectedRefusal> {
-    let refusal_for_lack = |lack| Refusal::Solve(TOO_FEW_LEFT_SAMPLES).with_cause(Some(lack));
-    let lost = |loss| Refusal::NoSamples.with_cause(Some(loss));
-    vec![
-        (
-            refusal_for_lack(CollectionProblem::SampleIntervalTooLong { interval_s: 1.04 }),
-            "too-few-samples",
-            "a sample comes every 1.0 s, too slow for turns; send field and attitude ten times a second",
-        ),
-        (
-            refusal_for_lack(CollectionProblem::NoTilt { max_tilt_deg: 0.44 }),
-            "too-few-samples",
-            "the attitude tilts by 0.4 deg at most; tilt by 15 deg or more to both sides, or if that was flown, check \
-             the unit of the attitude: radians for degrees?",
-        ),
-        (
-            refusal_for_lack(CollectionProblem::InsufficientBank { max_tilt_deg: 6.3 }),
-            "too-few-samples",
-            "too little bank, 6.3 deg at most; fly turns at 15 deg of bank or more each way",
-        ),
-        (
-            refusal_for_lack(CollectionProblem::OneSideOnly(Side::Left)),
-            "too-few-samples",
-            "only left turns were flown; fly right turns, too",
-        ),
-        (
-            refusal_for_lack(CollectionProblem::OneSideOnly(Side::Right)),
-            "too-few-samples",
-            "only right turns were flown; fly left turns, too",
-        ),
-        (
-            refusal_for_lack(CollectionProblem::ArcOnly { side: Side::Right, sectors: 5 }),
-            "too-few-samples",
-            "the right turns went through 5 of 12 sectors, too slow or too short; fly full circles",
-        ),
-        (
-            refusal_for_lack(CollectionProblem::MissingManoeuvre(Manoeuvre::YawTurn)),
-            "too-few-samples",
-            "missing: turn once round, level",
-        ),
-        (
-            Refusal::Rejected(Rejection::NotAccurate { expected_rms_deg: 4.26 })
-                .with_cause(Some(CollectionProblem::OneSideOnly(Side::Left))),
-            "not-accurate",
-            "expected error 4.3 deg; only left turns were flown; fly right turns, too",
-        ),
-        (
-            lost(SampleLoss::Saturated(12)),
-            "no-samples",
-            "12 % of the readings were saturated; move the sensor away from magnets and wires",
-        ),
-        (
-            lost(SampleLoss::ImpossibleAttitude),
-            "no-samples",
-            "the attitude reports had impossible values; check their unit: MAVLink's is radians, not degrees",
-        ),
-        (
-            lost(SampleLoss::NoAttitude(83)),
-            "no-samples",
-            "83 % of the readings had no attitude; send ATTITUDE ten times a second or more",
-        ),
-    ]
+    use CollectionProblem::{ArcOnly, InsufficientBank, MissingManoeuvre, NoTilt, OneSideOnly, SampleIntervalTooLong};
+    let problems: [(CollectionProblem, &[&str]); 7] = [
+        (SampleIntervalTooLong { interval_s: 1.04 }, &["every 1.0 s, too slow for turns; send field and attitude ten"]),
+        (NoTilt { max_tilt_deg: 0.44 }, &["tilts by 0.4 deg at most; tilt by 15 deg", "radians for degrees?"]),
+        (InsufficientBank { max_tilt_deg: 6.3 }, &["too little bank, 6.3 deg at most; fly turns at 15 deg of bank"]),
+        (OneSideOnly(Side::Left), &["only left turns were flown; fly right turns, too"]),
+        (OneSideOnly(Side::Right), &["only right turns were flown; fly left turns, too"]),
+        (ArcOnly { side: Side::Right, sectors: 5 }, &["the right turns went through 5 of 12", "; fly full circles"]),
+        (MissingManoeuvre(Manoeuvre::YawTurn), &["missing: turn once round, level"]),
+    ];
+    let losses: [(SampleLoss, &[&str]); 3] = [
+        (SampleLoss::Saturated(12), &["12 % of the readings were saturated; move the sensor away from magnets"]),
+        (SampleLoss::ImpossibleAttitude, &["impossible values; check their unit: MAVLink's is radians"]),
+        (SampleLoss::NoAttitude(83), &["83 % of the readings had no attitude; send ATTITUDE ten times a second"]),
+    ];
+    let inaccurate = Refusal::Rejected(NOT_ACCURATE).with_cause(Some(ONE_SIDE_ONLY));
+    let problems = problems
+        .into_iter()
+        .map(|(problem, texts)| (Refusal::Solve(TOO_FEW_SAMPLES).with_cause(Some(problem)), "too-few-samples", texts));
+    let losses =
+        losses.into_iter().map(|(loss, texts)| (Refusal::NoSamples.with_cause(Some(loss)), "no-samples", texts));
+    let texts: &[&str] = &["expected error 4.3 deg; only left turns were flown; fly right turns, too"];
+    problems.chain(losses).chain([(inaccurate, "not-accurate", texts)]).collect()
 }
 
 fn solve_errors() -> Vec<ExpectedRefusal> {
-    let yaw90 = Orientation::from_name("yaw90").unwrap();
-    vec![
-        (Refusal::Solve(TOO_FEW_LEFT_SAMPLES), "too-few-samples", "8 of 12 samples of left turns; fly more left turns"),
-        (
-            Refusal::Solve(SolveError::TooFewSamples { part: SamplePart::Marks, have: 3, need: 4 }),
-            "too-few-samples",
-            "3 of 4 samples of marks; take more marks",
-        ),
-        (
-            Refusal::Solve(SolveError::NotFinite),
-            "not-finite",
-            "a sample is not a finite number; this is a fault of the firmware, please report it",
-        ),
-        (
-            Refusal::Solve(SolveError::TooFewHeadings { have: 4, need: 5 }),
-            "too-few-headings",
-            "4 of 5 headings, 30 deg apart; turn through all of them",
-        ),
-        (
-            Refusal::Solve(SolveError::AxisStuck { axis: Axis::Y }),
-            "axis-stuck",
-            "the sensor's y axis is saturated or stuck; move the sensor away from magnets, or replace it",
-        ),
-        (
-            Refusal::Solve(SolveError::NotAnEllipse(SamplePart::Turns(Side::Right))),
-            "not-an-ellipse",
-            "the right turns are no full circle; turn all the way round",
-        ),
-        (
-            Refusal::Solve(SolveError::NotDetermined(SamplePart::Marks)),
-            "not-determined",
-            "the samples of marks do not determine the coefficients; turn all the way round",
-        ),
-        (
-            Refusal::Solve(SolveError::SamePlane),
-            "same-plane",
-            "left and right bank differ too little; bank 15 deg or more each way",
-        ),
-        (
-            Refusal::Solve(SolveError::HardIronChanged(STEP_CHANGE)),
-            "iron-changed",
-            "iron changed by 14.3 uT after 31 of 230 s; fix what moved and fly again",
-        ),
-        (
-            Refusal::Solve(SolveError::NotConverged),
-            "not-converged",
-            "no coefficients explain the samples; move the sensor away from iron and wires, then fly again",
-        ),
-        (
-            Refusal::Solve(SolveError::TurnsReversed),
-            "turns-reversed",
-            "the headings run against the turns; check the sign of the attitude source's roll",
-        ),
-        (
-            Refusal::Solve(SolveError::InclinationContradicted { found_deg: -62 }),
-            "inclination-contradicted",
-            "the samples show an inclination of -62 deg; set inclination -62 or none, then cal solve",
-        ),
-        (
-            Refusal::Solve(SolveError::MountContradicted { found: yaw90 }),
-            "mount-contradicted",
-            "the sensor seems to be mounted yaw90; set mount yaw90, then cal solve",
-        ),
-    ]
+    let axis_stuck = SolveError::AxisStuck { axis: Axis::Y };
+    let not_an_ellipse = SolveError::NotAnEllipse(SamplePart::Turns(Side::Right));
+    let not_determined = SolveError::NotDetermined(SamplePart::Marks);
+    let too_few_headings = SolveError::TooFewHeadings { have: 4, need: 5 };
+    let mount_contradicted = SolveError::MountContradicted { found: Orientation::from_name("yaw90").unwrap() };
+    let inclination_contradicted = SolveError::InclinationContradicted { found_deg: -62 };
+    let cases: Vec<(SolveError, &str, &[&str])> = vec![
+        (TOO_FEW_SAMPLES, "too-few-samples", &["8 of 12 samples of left turns; fly more left turns"]),
+        (TOO_FEW_MARKS, "too-few-samples", &["3 of 4 samples of marks; take more marks"]),
+        (SolveError::NotFinite, "not-finite", &["; this is a fault of the firmware, please report it"]),
+        (too_few_headings, "too-few-headings", &["4 of 5 headings, 30 deg apart; turn through all of them"]),
+        (axis_stuck, "axis-stuck", &["the sensor's y axis is saturated or stuck; move the sensor"]),
+        (not_an_ellipse, "not-an-ellipse", &["the right turns are no full circle; turn all the way round"]),
+        (not_determined, "not-determined", &["the samples of marks do not determine", "; turn all the way round"]),
+        (SolveError::SamePlane, "same-plane", &["; bank 15 deg or more each way"]),
+        (SolveError::NotConverged, "not-converged", &["; move the sensor away from iron and wires, then fly again"]),
+        (SolveError::TurnsReversed, "turns-reversed", &["; check the sign of the attitude source's roll"]),
+        (inclination_contradicted, "inclination-contradicted", &["of -62 deg; set inclination -62 or none, then cal"]),
+        (mount_contradicted, "mount-contradicted", &["seems to be mounted yaw90; set mount yaw90, then cal solve"]),
+    ];
+    cases.into_iter().map(|(error, code, texts)| (Refusal::Solve(error), code, texts)).collect()
 }
 
 fn rejections() -> Vec<ExpectedRefusal> {
-    vec![
+    let attitude_contradicted = Rejection::AttitudeContradicted { reported_bank_ratio: 0.91, expected_rms_deg: 3.01 };
+    let not_better = Rejection::NotBetter { candidate_score: 1.5, incumbent_score: 1.25 };
+    let less_informative = Rejection::LessInformative { expected_rms_deg: 2.0, incumbent_rms_deg: 0.5 };
+    let iron_changed =
+        |time_course| Rejection::IronChanged(DetectedHardIronChange { size_ut: 6.04, time_course, duration_s: 230 });
+    let step = HardIronTimeCourse::Step { after_s: 31 };
+    let cases: Vec<(Rejection, &str, &[&str])> = vec![
+        (TOO_FEW_HELD_BACK, "too-few-held-back", &["5 of 8 samples to verify with", "; fly longer turns each way"]),
+        (Rejection::Unobservable, "unobservable", &["; tilt by 15 deg or more ahead, back, right and left"]),
         (
-            Refusal::Rejected(Rejection::IronChanged(DRIFT_CHANGE)),
-            "iron-changed",
-            "iron drifted by 6.0 uT in 230 s; wait until temperatures settle and fly again",
-        ),
-        (
-            Refusal::Rejected(Rejection::TooFewHeldBack { have: 5, need: 8 }),
-            "too-few-held-back",
-            "5 of 8 samples to verify with on the side with fewer; fly longer turns each way",
-        ),
-        (
-            Refusal::Rejected(Rejection::Unobservable),
-            "unobservable",
-            "turns without tilt do not determine a calibration; tilt by 15 deg or more ahead, back, right and left on \
-             four headings",
-        ),
-        (
-            Refusal::Rejected(Rejection::AttitudeContradicted { reported_bank_ratio: 0.91, expected_rms_deg: 3.01 }),
+            attitude_contradicted,
             "attitude-contradicted",
-            "the attitude source seems to read 91 % of the bank, which costs 3.0 deg; calibrate the attitude source \
-             and fly again",
+            &["read 91 % of the bank, which costs 3.0 deg; calibrate the attitude source and fly again"],
         ),
+        (NOT_ACCURATE, "not-accurate", &["expected error 4.3 deg; cal advise shows what to fly"]),
+        (not_better, "not-better", &["score 1.50 against 1.25 of the active calibration; the active one stays"]),
+        (less_informative, "thinner", &["2.0 deg against 0.5 deg of the active calibration; the active one stays"]),
+        (iron_changed(step), "iron-changed", &["by 6.0 uT after 31 of 230 s; fix what moved and fly again"]),
         (
-            Refusal::Rejected(Rejection::NotAccurate { expected_rms_deg: 4.26 }),
-            "not-accurate",
-            "expected error 4.3 deg; cal advise shows what to fly",
+            iron_changed(HardIronTimeCourse::Drift),
+            "iron-changed",
+            &["drifted by 6.0 uT in 230 s; wait until temperatures settle"],
         ),
-        (
-            Refusal::Rejected(Rejection::NotBetter { candidate_score: 1.5, incumbent_score: 1.25 }),
-            "not-better",
-            "score 1.50 against 1.25 of the active calibration; the active one stays",
-        ),
-        (
-            Refusal::Rejected(Rejection::LessInformative { expected_rms_deg: 2.0, incumbent_rms_deg: 0.5 }),
-            "thinner",
-            "expected error 2.0 deg against 0.5 deg of the active calibration; the active one stays; cal advise shows \
-             what to fly",
-        ),
-    ]
+        (iron_changed(HardIronTimeCourse::LoadFactor), "iron-changed", &["; remove the iron of the linkage"]),
+        (iron_changed(HardIronTimeCourse::Hysteresis), "iron-changed", &["; move the module away from steel"]),
+    ];
+    let same_as_solve_error = |(rejection, code, texts): &(Rejection, &'static str, &'static [&'static str])| {
+        let Rejection::IronChanged(change) = rejection else { return None };
+        Some((Refusal::Solve(SolveError::HardIronChanged(*change)), *code, *texts))
+    };
+    let solve_errors: Vec<ExpectedRefusal> = cases.iter().filter_map(same_as_solve_error).collect();
+    cases
+        .into_iter()
+        .map(|(rejection, code, texts)| (Refusal::Rejected(rejection), code, texts))
+        .chain(solve_errors)
+        .collect()
 }
 
 fn store_errors() -> Vec<ExpectedRefusal> {
-    vec![
-        (
-            Refusal::Store(StoreError::Flash),
-            "store-flash",
-            "the flash memory failed; try again, then replace the board",
-        ),
-        (
-            Refusal::Store(StoreError::Timeout),
-            "store-timeout",
-            "the flash memory did not complete a save in time; try again, then replace the board",
-        ),
-        (Refusal::Store(StoreError::Corrupt), "store-corrupt", "the stored data are damaged; calibrate again"),
-        (
-            Refusal::Store(StoreError::OtherFormat(2)),
-            "store-version",
-            "another firmware wrote the stored data; install that firmware, or delete them: cal clear all",
-        ),
-        (
-            Refusal::Store(StoreError::Full),
-            "store-full",
-            "the data do not fit into the flash region; this is a fault of the firmware, please report it",
-        ),
-        (
-            Refusal::Store(StoreError::ReadBackDiffers),
-            "store-verify",
-            "the written data read back differently; try again, then replace the board",
-        ),
-        (Refusal::Store(StoreError::Invalid), "store-invalid", "a value is out of its range, and nothing was written"),
-    ]
+    let cases: [(StoreError, &str, &[&str]); 7] = [
+        (StoreError::Flash, "store-flash", &["; try again, then replace the board"]),
+        (StoreError::Timeout, "store-timeout", &["; try again, then replace the board"]),
+        (StoreError::Corrupt, "store-corrupt", &["; calibrate again"]),
+        (StoreError::OtherFormat(2), "store-version", &["; install that firmware, or delete them: cal clear all"]),
+        (StoreError::Full, "store-full", &["; this is a fault of the firmware, please report it"]),
+        (StoreError::ReadBackDiffers, "store-verify", &["; try again, then replace the board"]),
+        (StoreError::Invalid, "store-invalid", &["a value is out of its range, and nothing was written"]),
+    ];
+    cases.into_iter().map(|(error, code, texts)| (Refusal::Store(error), code, texts)).collect()
 }
 
-/// Every message but `Solved`, with severity and line.
-fn messages() -> Vec<(Message, Severity, &'static str)> {
-    let change = HardIronChange { change_ut: Vector3::new(-4.9, 0.3, -1.7), sigma_ut: 0.44 };
-    let refusal = Refusal::Armed;
+/// Every message but `Solved`, with severity, beginning and end of its line.
+fn messages() -> Vec<(Message, Severity, &'static str, &'static str)> {
+    let hard_iron = HardIronChange { change_ut: Vector3::new(-4.9, 0.3, -1.7), sigma_ut: 0.44 };
+    let mount_turn = MountTurn { turn_rad: -0.171, sigma_rad: 0.0105 };
     vec![
         (
-            Message::CommandRejected(refusal),
+            Message::CommandRejected(Refusal::Armed),
             Severity::Warning,
-            "refused armed: the autopilot is armed or the vehicle still moves, and this command is for the ground; land, disarm and wait for 5 s",
+            "refused armed: the",
+            "; land, disarm and wait for 5 s",
         ),
         (
             Message::StoreFailed(StoreError::Corrupt),
             Severity::Warning,
-            "refused store-corrupt: the stored data are damaged; calibrate again",
+            "refused store-corrupt: the stored data are damaged",
+            "; calibrate again",
+        ),
+        (Message::CollectionLost, Severity::Warning, "collection-lost: the power failed", "; collect again"),
+        (Message::Collecting(40), Severity::Info, "collecting: 40 %", ""),
+        (Message::CollectionEnded, Severity::Info, "collection-ended: no more samples", ""),
+        (
+            Message::InstallationChanged(InstallationChange::HardIron(hard_iron)),
+            Severity::Warning,
+            "iron-moved: 5.2 uT since the calibration, mostly aft (x -4.9, y 0.3, z -1.7, sigma 0.4); headings are",
+            "; fix what moved, or calibrate again",
         ),
         (
-            Message::CollectionLost,
+            Message::InstallationChanged(InstallationChange::Mount(mount_turn)),
             Severity::Warning,
-            "collection-lost: the power failed during a collection, and its samples are lost; collect again",
-        ),
-        (Message::Collecting(40), Severity::Info, "collecting: 40 %"),
-        (Message::CollectionEnded, Severity::Info, "collection-ended: no more samples"),
-        (
-            Message::InstallationChanged(InstallationChange::HardIron(change)),
-            Severity::Warning,
-            "iron-moved: 5.2 uT since the calibration, mostly aft (x -4.9, y 0.3, z -1.7, sigma 0.4); headings are \
-             corrected for it; fix what moved, or calibrate again",
+            "mount-moved: 9.8 deg counterclockwise since the calibration, from above (sigma 0.6); headings are",
+            "; fasten the module and calibrate again",
         ),
         (
-            Message::InstallationChanged(InstallationChange::Mount(MountTurn { turn_rad: -0.171, sigma_rad: 0.0105 })),
+            Message::InstallationChanged(InstallationChange::Mount(MountTurn { turn_rad: 0.171, ..mount_turn })),
             Severity::Warning,
-            "mount-moved: 9.8 deg counterclockwise since the calibration, from above (sigma 0.6); headings are corrected for \
-             it; fasten the module and calibrate again",
+            "mount-moved: 9.8 deg clockwise since the calibration",
+            "; fasten the module and calibrate again",
         ),
         (
             Message::TurnRequested { sigma_rad: 0.06 },
             Severity::Warning,
-            "turn-wanted: headings have a sigma of 3.4 deg by now; turn once each way, so that a drift of iron is determined",
+            "turn-wanted: headings have a sigma of 3.4 deg by now; turn once each way",
+            "",
         ),
-        (Message::InstallationRestored, Severity::Info, "iron-back: as calibrated again"),
+        (Message::InstallationRestored, Severity::Info, "iron-back: as calibrated again", ""),
         (
             Message::SafeMode,
             Severity::Warning,
-            "safe-mode: three starts in a row ended in a panic, so only the console runs; report the panic shown by \
-             status; to erase all stored data: cal clear all, then reboot",
+            "safe-mode: three starts in a row ended in a panic",
+            "; to erase all stored data: cal clear all, then reboot",
         ),
     ]
 }
 
 #[test]
-fn every_refusal_has_its_code_and_text() {
-    for (refusal, code, text) in refusals() {
-        assert_eq!((refusal.stable_code(), refusal.to_string().as_str()), (code, text));
+fn every_refusal_has_its_code_its_values_and_what_to_do() {
+    for (refusal, code, parts) in refusals() {
+        let text = refusal.to_string();
+        assert_eq!(refusal.stable_code(), code, "{text}");
+        for part in parts {
+            assert!(text.contains(part), "{code}: {text}");
+        }
         let solved = Message::Solved(Err(refusal));
         assert_eq!((solved.stable_code(), solved.severity()), (code, Severity::Warning));
         assert_eq!(solved.to_string(), format!("refused {code}: {text}"));
@@ -343,24 +230,25 @@ fn every_refusal_has_its_code_and_text() {
 }
 
 #[test]
-fn every_message_has_its_severity_and_text() {
-    for (message, severity, line) in messages() {
-        assert_eq!((message.severity(), message.to_string().as_str()), (severity, line));
-        let text = line.split_once(": ").unwrap().1;
-        assert_eq!(message.message_text().to_string(), text);
+fn every_message_has_its_severity_its_values_and_what_to_do() {
+    for (message, severity, beginning, end) in messages() {
+        let line = message.to_string();
+        assert_eq!(message.severity(), severity, "{line}");
+        assert!(line.starts_with(beginning) && line.ends_with(end), "{line}");
+        assert_eq!(message.message_text().to_string(), line.split_once(": ").unwrap().1);
     }
 }
 
 #[test]
 fn an_error_is_one_clause() {
-    for (refusal, _, text) in refusals() {
-        let error_text = match refusal {
+    for (refusal, ..) in refusals() {
+        let error_text = match &refusal {
             Refusal::Solve(error) => error.to_string(),
             Refusal::Rejected(rejection) => rejection.to_string(),
             Refusal::Store(error) => error.to_string(),
             _ => continue,
         };
-        assert!(!error_text.contains(';') && text.starts_with(&error_text), "{error_text}: {text}");
+        assert!(!error_text.contains(';') && refusal.to_string().starts_with(&error_text), "{error_text}: {refusal}");
     }
 }
 
@@ -389,19 +277,57 @@ fn the_direction_of_a_hard_iron_change_is_its_largest_axis() {
     }
 }
 
+/// Arcs alone explain an estimated mounting or turn direction, because they leave the coefficients undetermined.
+#[test]
+fn a_cause_explains_only_refusals_for_missing_samples() {
+    let arc = CollectionProblem::ArcOnly { side: Side::Left, sectors: 2 };
+    let not_better = Rejection::NotBetter { candidate_score: 1.0, incumbent_score: 0.5 };
+    let mount_contradicted = SolveError::MountContradicted { found: Orientation::IDENTITY_ROTATION };
+    for (refusal, is_explained, is_explained_by_arc) in [
+        (Refusal::NoSamples, true, true),
+        (Refusal::Solve(TOO_FEW_SAMPLES), true, true),
+        (Refusal::Solve(SolveError::TooFewSamples { part: SamplePart::All, have: 8, need: 12 }), true, true),
+        (Refusal::Solve(SolveError::SamePlane), true, true),
+        (Refusal::Solve(SolveError::NotAnEllipse(SamplePart::Turns(Side::Left))), true, true),
+        (Refusal::Solve(SolveError::NotDetermined(SamplePart::All)), true, true),
+        (Refusal::Rejected(TOO_FEW_HELD_BACK), true, true),
+        (Refusal::Rejected(NOT_ACCURATE), true, true),
+        (Refusal::Rejected(Rejection::Unobservable), true, true),
+        (Refusal::Solve(SolveError::NotConverged), false, true),
+        (Refusal::Solve(SolveError::TurnsReversed), false, true),
+        (Refusal::Solve(mount_contradicted), false, true),
+        (Refusal::Solve(TOO_FEW_MARKS), false, false),
+        (Refusal::Rejected(not_better), false, false),
+        (Refusal::Store(StoreError::Full), false, false),
+        (Refusal::Armed, false, false),
+    ] {
+        assert_eq!(refusal.clone().with_cause(None::<CollectionProblem>), refusal);
+        let causes: [(RefusalCause, bool); 3] = [
+            (ONE_SIDE_ONLY.into(), is_explained),
+            (SampleLoss::Saturated(20).into(), is_explained),
+            (arc.into(), is_explained_by_arc),
+        ];
+        for (cause, is_explained) in causes {
+            let (explained, code) = (refusal.clone().with_cause(Some(cause)), refusal.stable_code());
+            match explained {
+                Refusal::InsufficientSamples { code: found_code, cause: found_cause, .. } => {
+                    assert_eq!((is_explained, found_code, found_cause), (true, code, cause), "{refusal:?}");
+                }
+                unexplained => assert_eq!((is_explained, &unexplained), (false, &refusal), "{cause:?}"),
+            }
+        }
+    }
+}
+
 #[test]
 fn lost_readings_replace_other_causes_of_a_refusal() {
-    let lack = CollectionProblem::OneSideOnly(Side::Left);
-    let refused = Refusal::Rejected(Rejection::NotAccurate { expected_rms_deg: 4.0 }).with_cause(Some(lack));
-    let inaccurate = Refusal::Rejected(Rejection::NotAccurate { expected_rms_deg: 4.0 });
-    let [refused_with_loss, inaccurate_with_loss] =
-        [refused, inaccurate].map(|refusal| refusal.with_cause(Some(SampleLoss::Saturated(20))));
     let expected = Refusal::InsufficientSamples {
         code: "not-accurate",
         expected_rms_deg: None,
         cause: RefusalCause::SampleLoss(SampleLoss::Saturated(20)),
     };
-    assert_eq!((&refused_with_loss, &inaccurate_with_loss), (&expected, &expected));
-    assert_eq!(Refusal::Armed.with_cause(Some(SampleLoss::Saturated(20))), Refusal::Armed);
-    assert_eq!(Refusal::NoSamples.with_cause(None::<SampleLoss>), Refusal::NoSamples);
+    for cause in [None, Some(ONE_SIDE_ONLY)] {
+        let refused = Refusal::Rejected(NOT_ACCURATE).with_cause(cause);
+        assert_eq!(refused.with_cause(Some(SampleLoss::Saturated(20))), expected, "{cause:?}");
+    }
 }

@@ -353,7 +353,8 @@ pub fn marked_samples(marks: &[HeadingMark]) -> Samples<'static> {
     Parts { marks, ..Parts::default() }.samples()
 }
 
-fn in_mount(sample: &Sample, mount: Orientation) -> Sample {
+/// The sample as measured by a sensor in another mounting.
+pub fn in_mount(sample: &Sample, mount: Orientation) -> Sample {
     Sample { field: Field::new(mount.body_from_sensor().tr_mul(&sample.field.ut)), ..*sample }
 }
 

@@ -1,14 +1,8 @@
-use super::super::test_samples::{banked_sample, circle_sample, empty_memory, test_sample, turn_samples};
+use super::super::test_samples::{banked_sample, circle_sample, collected, stored_times_ms, test_sample, turn_samples};
 use super::*;
 use crate::calibration::{CollectionPart, Side};
 use crate::collection::level_limits::LevelLimits;
-use crate::collection::progress::PartCoverage;
-
-fn started_collector(procedure: Procedure) -> Collector<'static> {
-    let mut collector = Collector::new(empty_memory());
-    collector.begin_procedure(procedure);
-    collector
-}
+use crate::frames::Attitude;
 
 fn hold_bank(collector: &mut Collector, roll_deg: f32, from_s: u32, to_s: u32) {
     for i in from_s * 10..to_s * 10 {
@@ -16,162 +10,149 @@ fn hold_bank(collector: &mut Collector, roll_deg: f32, from_s: u32, to_s: u32) {
     }
 }
 
-fn sample_counts(collector: &Collector) -> [usize; 4] {
-    CollectionPart::ALL_PARTS.map(|part| {
-        collector.fit_samples().samples_of_part(part).len() + collector.held_back_samples().samples_of_part(part).len()
-    })
+/// Numbers of fit and held-back samples of each part: left, right, level, free.
+fn sample_counts(collector: &Collector) -> [[usize; 2]; 4] {
+    CollectionPart::ALL_PARTS.map(|part| stored_times_ms(collector, part).map(|times_ms| times_ms.len()))
 }
 
-/// A turn of 10 s: after 2 s of settling, a sample is stored every 0.4 s.
+const NO_SAMPLES: [[usize; 2]; 4] = [[0; 2]; 4];
+
+/// A turn of 10 s: after 2 s of settling, a sample is stored every 0.4 s, every fourth held back.
 #[test]
 fn turn_samples_are_stored_by_side() {
-    let mut collector = started_collector(Procedure::Turns);
+    let mut collector = collected(Procedure::Turns, []);
     hold_bank(&mut collector, -25.0, 0, 10);
-    assert_eq!(
-        (sample_counts(&collector), collector.collection_progress().turn_in_progress),
-        ([20, 0, 0, 0], Some(Side::Left))
-    );
+    assert_eq!(sample_counts(&collector), [[15, 5], [0, 0], [0, 0], [0, 0]]);
+    assert_eq!(collector.collection_progress().turn_in_progress, Some(Side::Left));
     hold_bank(&mut collector, 25.0, 10, 20);
-    assert_eq!(
-        (sample_counts(&collector), collector.collection_progress().turn_in_progress),
-        ([20, 20, 0, 0], Some(Side::Right))
-    );
+    assert_eq!(sample_counts(&collector), [[15, 5], [15, 5], [0, 0], [0, 0]]);
+    assert_eq!(collector.collection_progress().turn_in_progress, Some(Side::Right));
 }
 
 /// Parked near iron before the first turn; a bank of 1 s is not a turn.
 #[test]
 fn level_flight_counts_only_after_the_first_turn() {
-    let mut collector = started_collector(Procedure::Turns);
+    let mut collector = collected(Procedure::Turns, []);
     hold_bank(&mut collector, 0.0, 0, 10);
     hold_bank(&mut collector, 25.0, 10, 11);
     hold_bank(&mut collector, 0.0, 11, 20);
-    assert_eq!(sample_counts(&collector), [0; 4]);
+    assert_eq!(sample_counts(&collector), NO_SAMPLES);
     hold_bank(&mut collector, 25.0, 20, 23);
     hold_bank(&mut collector, 0.0, 23, 31);
-    assert_eq!(sample_counts(&collector), [0, 3, 20, 0]);
+    assert_eq!(sample_counts(&collector), [[0, 0], [3, 0], [15, 5], [0, 0]]);
     collector.begin_procedure(Procedure::Turns);
     hold_bank(&mut collector, 0.0, 31, 40);
-    assert_eq!(sample_counts(&collector), [0; 4]);
+    assert_eq!(sample_counts(&collector), NO_SAMPLES);
 }
 
-/// 8 deg lies within the hysteresis, which continues a turn but does not begin one.
+/// The hysteresis continues a turn but does not begin one. Level begins where a turn ends.
 #[test]
 fn a_bank_of_8_deg_is_neither_level_nor_a_turn() {
-    let mut collector = started_collector(Procedure::Turns);
+    let mut collector = collected(Procedure::Turns, []);
     hold_bank(&mut collector, 25.0, 0, 3);
     hold_bank(&mut collector, 0.0, 3, 4);
     let before = sample_counts(&collector);
     hold_bank(&mut collector, 8.0, 4, 10);
     assert_eq!(sample_counts(&collector), before);
+    let turn_end_rad = TurnDetectorConfig::DEFAULT.leave_roll_rad;
+    assert_eq!(LevelLimits::DEFAULT.level_roll_rad.to_bits(), turn_end_rad.to_bits());
 }
 
+/// Level are 7 deg of bank and 12 deg of pitch, in which a vehicle on wheels and a hover stay.
 #[test]
-fn level_is_seven_degrees_of_bank_and_twelve_of_pitch() {
-    for procedure in [Procedure::Level, Procedure::Swing] {
-        for (roll_deg, pitch_deg, is_level) in [(6.9, 11.9, true), (7.1, 0.0, false), (0.0, 12.1, false)] {
-            for (roll_sign, pitch_sign) in [(1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)] {
-                let mut collector = started_collector(procedure);
-                collector.push_sample(banked_sample(roll_sign * roll_deg, pitch_sign * pitch_deg, 0));
-                assert_eq!(sample_counts(&collector), [0, 0, usize::from(is_level), 0], "{roll_deg} {pitch_deg}");
-            }
+fn level_procedures_store_level_samples_and_a_tumble_every_attitude() {
+    for (roll_deg, pitch_deg, is_level) in [
+        (6.0, 11.0, true),
+        (-6.0, -11.0, true),
+        (8.0, 0.0, false),
+        (-8.0, 0.0, false),
+        (0.0, 13.0, false),
+        (0.0, -13.0, false),
+    ] {
+        for procedure in [Procedure::Level, Procedure::Swing] {
+            let collector = collected(procedure, [banked_sample(roll_deg, pitch_deg, 0)]);
+            assert_eq!(sample_counts(&collector)[2][0], usize::from(is_level), "{roll_deg} {pitch_deg}");
+        }
+    }
+    let tumbled = [0.0, 90.0, 180.0, -90.0].into_iter().zip(0..).map(|(roll_deg, i)| {
+        let field = circle_sample(roll_deg).field;
+        Sample { field, ..banked_sample(roll_deg, 80.0, i * 400) }
+    });
+    assert_eq!(sample_counts(&collected(Procedure::Tumble, tumbled)), [[0, 0], [0, 0], [0, 0], [3, 1]]);
+}
+
+/// The attitude's errors are correlated over half a second. A sample that is too early does not count. The clock wraps
+/// during the collection.
+#[test]
+fn samples_are_stored_every_0_4_s_and_every_fourth_is_held_back() {
+    for (procedure, part) in [
+        (Procedure::Level, CollectionPart::LEVEL),
+        (Procedure::Swing, CollectionPart::LEVEL),
+        (Procedure::Tumble, CollectionPart::FREE),
+    ] {
+        for (interval_ms, samples_per_stored) in [(400, 1), (300, 2), (100, 4)] {
+            let number = 13 * samples_per_stored;
+            let time_ms = |i: u32| (i * interval_ms).wrapping_sub(1000);
+            let collector =
+                collected(procedure, (0..number).map(|i| test_sample([i as f32 * 6.0, 0.0, 0.0], time_ms(i))));
+            let (held_back, fit) = (0..13).partition::<Vec<u32>, _>(|i| i % 4 == 3);
+            let expected = [fit, held_back]
+                .map(|stored| stored.iter().map(|i| time_ms(i * samples_per_stored)).collect::<Vec<_>>());
+            assert_eq!(stored_times_ms(&collector, part), expected, "{procedure:?} {interval_ms}");
         }
     }
 }
 
 #[test]
-fn level_begins_where_a_turn_ends() {
-    let ends_rad = TurnDetectorConfig::DEFAULT.leave_roll_rad;
-    assert_eq!(LevelLimits::DEFAULT.level_roll_rad.to_bits(), ends_rad.to_bits());
-}
-
-#[test]
-fn a_tumbled_module_collects_every_attitude() {
-    let mut collector = started_collector(Procedure::Tumble);
-    for (i, roll_deg) in [0.0, 90.0, 180.0, -90.0].into_iter().enumerate() {
-        let sample = Sample { field: circle_sample(roll_deg).field, ..banked_sample(roll_deg, 80.0, i as u32 * 400) };
-        collector.push_sample(sample);
+fn nonfinite_samples_are_rejected_and_extreme_ones_do_not_panic() {
+    let extreme = [0.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, 1e-30, -400.0];
+    let fields = (0..600_usize).map(|i| [extreme[i % 7], extreme[i / 7 % 7], extreme[i / 49 % 7]]);
+    for procedure in Procedure::ALL_PROCEDURES {
+        let samples = fields.clone().zip(0..).map(|(field_ut, i)| Sample {
+            attitude: Attitude::from_deg(if procedure == Procedure::Turns { 25.0 } else { 0.0 }, 0.0),
+            ..test_sample(field_ut, i * 400)
+        });
+        let collector = collected(procedure, samples);
+        let mut stored = collector.fit_samples().iter().chain(collector.held_back_samples().iter());
+        assert!(stored.clone().count() > 3, "{procedure:?}");
+        assert!(stored.all(|sample| sample.field.ut.iter().all(|ut| ut.is_finite())), "{procedure:?}");
     }
-    assert_eq!(sample_counts(&collector), [0, 0, 0, 4]);
 }
 
 /// Three circles each way at 13 deg/s, then the same without bank.
 #[test]
 fn a_flight_and_a_level_drive_become_complete() {
-    let mut collector = started_collector(Procedure::Turns);
-    for sample in turn_samples(-25.0, 0, 90, -13.0).chain(turn_samples(25.0, 90, 130, 13.0)) {
-        collector.push_sample(sample);
-    }
+    let flight = turn_samples(-25.0, 0, 90, -13.0).chain(turn_samples(25.0, 90, 130, 13.0));
+    let mut collector = collected(Procedure::Turns, flight);
     let progress = collector.collection_progress();
     assert!(progress.coverage_of(CollectionPart::LEFT).is_complete() && !progress.is_complete(), "{progress:?}");
     turn_samples(25.0, 130, 190, 13.0).for_each(|sample| collector.push_sample(sample));
     assert!(collector.collection_progress().is_complete(), "{:?}", collector.collection_progress());
-    collector.begin_procedure(Procedure::Level);
-    turn_samples(0.0, 0, 60, 13.0).for_each(|sample| collector.push_sample(sample));
-    assert!(collector.collection_progress().is_complete(), "{:?}", collector.collection_progress());
+    let drive = collected(Procedure::Level, turn_samples(0.0, 0, 60, 13.0)).collection_progress();
+    assert!(drive.is_complete(), "{drive:?}");
 }
 
+/// Also the hold-back cycle, the sample interval and the distance of a tumble start again.
 #[test]
-fn there_is_room_for_thirty_six_marks() {
-    let mut collector = started_collector(Procedure::Swing);
-    let mark = |i: u16| HeadingMark { sample: circle_sample(f32::from(i) * 10.0), heading_rad: f32::from(i) };
-    for i in 0..36 {
-        assert!(collector.add_mark(mark(i)), "mark {i}");
+fn a_new_collection_is_as_if_it_were_the_first() {
+    let samples = |number: u32| (0..number).map(|i| test_sample([i as f32 * 5.1, 0.0, 0.0], i * 400));
+    let later = || samples(21).map(|sample| Sample { time: sample.time.plus_ms(125_000), ..sample });
+    for procedure in Procedure::ALL_PROCEDURES {
+        let state = |collector: &Collector| {
+            let stored = CollectionPart::ALL_PARTS.map(|part| stored_times_ms(collector, part));
+            let marks = collector.fit_samples().marks.to_vec();
+            let counts = (collector.distinct_sample_count(), collector.stored_count());
+            (collector.collection_progress(), collector.procedure(), stored, marks, counts)
+        };
+        let first = state(&collected(procedure, later()));
+        for last_procedure in Procedure::ALL_PROCEDURES {
+            let mut collector = collected(last_procedure, samples(300));
+            collector.add_mark(HeadingMark { sample: circle_sample(0.0), heading_rad: 0.0 });
+            hold_bank(&mut collector, 25.0, 120, 124);
+            collector.push_sample(test_sample([3000.0, 0.0, 0.0], 124_900));
+            collector.begin_procedure(procedure);
+            later().for_each(|sample| collector.push_sample(sample));
+            assert_eq!(state(&collector), first, "{procedure:?} after {last_procedure:?}");
+        }
     }
-    assert!(!collector.add_mark(mark(36)));
-    assert_eq!((collector.collection_progress().mark_count, collector.fit_samples().marks.len()), (36, 36));
-    assert_eq!(collector.fit_samples().marks[35], mark(35));
-}
-
-#[test]
-fn a_new_collection_discards_the_last_one() {
-    let mut collector = started_collector(Procedure::Swing);
-    collector.push_sample(banked_sample(0.0, 0.0, 0));
-    collector.add_mark(HeadingMark { sample: circle_sample(0.0), heading_rad: 0.0 });
-    collector.begin_procedure(Procedure::Turns);
-    hold_bank(&mut collector, 25.0, 0, 5);
-    assert_eq!((collector.procedure(), sample_counts(&collector)), (Procedure::Turns, [0, 8, 0, 0]));
-    collector.begin_procedure(Procedure::Tumble);
-    let progress = CollectionProgress { procedure: Procedure::Tumble, ..CollectionProgress::default() };
-    assert_eq!((collector.collection_progress(), collector.procedure()), (progress, Procedure::Tumble));
-    assert_eq!(
-        (collector.fit_samples().all_samples().count(), collector.held_back_samples().all_samples().count()),
-        (0, 0)
-    );
-}
-
-/// The hold-back cycle, the sample interval and the distance of a tumble start again.
-#[test]
-fn a_new_collection_restarts_its_policy() {
-    let mut collector = started_collector(Procedure::Swing);
-    (0..3).for_each(|i| collector.push_sample(test_sample([i as f32, 0.0, 0.0], i * 400)));
-    collector.begin_procedure(Procedure::Swing);
-    collector.push_sample(test_sample([0.0; 3], 801));
-    assert_eq!((collector.fit_samples().iter().count(), collector.held_back_samples().iter().count()), (1, 0));
-    collector.begin_procedure(Procedure::Flight);
-    (0..3).for_each(|i| collector.push_sample(test_sample([i as f32 * 2.0, 0.0, 0.0], i * 100)));
-    collector.begin_procedure(Procedure::Flight);
-    assert_eq!(
-        (collector.collection_progress().coverage_of(CollectionPart::FREE), collector.distinct_sample_count()),
-        (&PartCoverage::default(), 0)
-    );
-    (0..4).for_each(|i| collector.push_sample(test_sample([i as f32 * 2.0, 0.0, 0.0], i * 100)));
-    assert_eq!((collector.distinct_sample_count(), collector.stored_count()), (4, 4));
-    assert_eq!(collector.held_back_samples().iter().map(|sample| sample.time.as_ms()).collect::<Vec<_>>(), [300]);
-    let tumble = |collector: &mut Collector, number: u32| {
-        collector.begin_procedure(Procedure::Tumble);
-        (0..number).for_each(|i| collector.push_sample(test_sample([i as f32 * 5.1, 0.0, 0.0], i * 400)));
-        collector.fit_samples().iter().chain(collector.held_back_samples().iter()).count()
-    };
-    assert!(tumble(&mut collector, 300) < 252, "the distance grew");
-    assert_eq!(tumble(&mut collector, 20), 20);
-}
-
-#[test]
-fn a_turn_continues_while_the_clock_wraps() {
-    let mut collector = started_collector(Procedure::Turns);
-    for sample in turn_samples(25.0, 0, 30, 13.0) {
-        let time = WrappingMillis::new(sample.time.as_ms().wrapping_sub(15_000));
-        collector.push_sample(Sample { time, ..sample });
-    }
-    assert_eq!(sample_counts(&collector), [0, 70, 0, 0]);
 }

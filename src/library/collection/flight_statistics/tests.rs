@@ -1,154 +1,102 @@
 //! Unit tests of `flight_statistics`.
 
-use super::super::Collector;
-use super::super::test_samples::{banked_sample, empty_memory, turn_samples};
+use super::super::test_samples::{banked_sample, collected, turn_samples};
 use super::*;
 use crate::calibration::method_selection::Procedure;
 
-fn diagnose_banks(step_ms: u32, banks: &[(f32, u32)]) -> Option<CollectionProblem> {
-    let (mut statistics, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NOT_STARTED);
-    let mut time_ms = u32::MAX - 5000;
-    for &(roll_deg, seconds) in banks {
-        for _ in 0..seconds * 1000 / step_ms {
-            statistics.add_sample(&mut filter, &banked_sample(roll_deg, 0.0, time_ms));
-            time_ms = time_ms.wrapping_add(step_ms);
-        }
+/// Problem of a collection in turns, with these banks in degrees and their durations in seconds, across a wrap of the
+/// clock.
+fn diagnose_banks(step_ms: u32, banks: &[(f32, f32)]) -> String {
+    let samples_of = |&(roll_deg, seconds): &(f32, f32)| {
+        core::iter::repeat_n(roll_deg, (seconds * 1000.0 / step_ms as f32).round() as usize)
+    };
+    let times_ms = (0..).map(|i: u32| (i * step_ms).wrapping_sub(5000));
+    let samples = times_ms.zip(banks.iter().flat_map(samples_of));
+    problem_text(Procedure::Turns, samples.map(|(time_ms, roll_deg)| banked_sample(roll_deg, 0.0, time_ms)))
+}
+
+/// Text of the problem of a collection; empty without one.
+fn problem_text(procedure: Procedure, samples: impl Iterator<Item = Sample>) -> String {
+    collected(procedure, samples).collection_problem().map_or_else(String::new, |problem| problem.to_string())
+}
+
+fn assert_problem(name: &str, found: &str, expected: &str) {
+    assert!(found.starts_with(expected) && found.is_empty() == expected.is_empty(), "{name}: {found}");
+}
+
+/// 45 deg sent as 0.8 rad and read as degrees are no tilt. A gust of 1 s at 20 deg gives a filtered 20 (1 - 0.91^10)
+/// deg; the filter delays both edges of a longer bank equally.
+#[test]
+fn the_problem_of_a_flight_is_reported() {
+    for (name, step_ms, banks, expected) in [
+        ("turns at 2 samples a second", 500, &[(-25.0, 30.0), (25.0, 30.0)][..], ""),
+        ("turns at 1 sample a second", 1000, &[(-25.0, 30.0), (25.0, 30.0)], "a sample comes every 1.0 s"),
+        ("radians as degrees", 100, &[(-0.8, 30.0), (0.8, 30.0)], "the attitude tilts by 0.8 deg at most"),
+        ("hardly any bank", 100, &[(-3.0, 30.0), (3.0, 30.0)], "too little bank, 3.0 deg at most"),
+        ("small banks", 100, &[(-9.0, 30.0), (9.0, 30.0)], "too little bank, 9.0 deg at most"),
+        ("banks of the manual", 100, &[(-15.0, 30.0), (15.0, 30.0)], ""),
+        ("a gust", 100, &[(0.0, 30.0), (20.0, 1.0), (0.0, 30.0)], "too little bank, 12.3 deg at most"),
+        ("a short bank", 100, &[(0.0, 30.0), (20.0, 4.0), (0.0, 30.0)], "too little bank, 19.6 deg at most"),
+        ("a bank of 6 s", 100, &[(0.0, 30.0), (20.0, 6.0), (0.0, 30.0)], "only right turns"),
+        ("left only", 100, &[(-25.0, 30.0)], "only left turns"),
+        ("a short left turn", 100, &[(25.0, 30.0), (-25.0, 4.0)], "only right turns"),
+        ("a left turn", 100, &[(25.0, 30.0), (-25.0, 8.0)], ""),
+        ("a short flight", 100, &[(0.0, 19.0)], ""),
+        ("half a minute on the ground", 100, &[(0.0, 30.0)], "the attitude tilts by 0.0 deg"),
+        ("few samples", 2000, &[(0.0, 36.0)], ""),
+        ("slow samples", 2000, &[(0.0, 42.0)], "a sample comes every 1.9 s"),
+        ("not a number", 100, &[(f32::NAN, 100.0)], ""),
+    ] {
+        assert_problem(name, &diagnose_banks(step_ms, banks), expected);
     }
-    statistics.diagnose(&CollectionProgress::default())
 }
 
+/// More than half of the sample intervals must be long.
 #[test]
-fn long_sample_intervals_are_reported() {
-    let turns = [(-25.0, 60), (25.0, 60)];
-    assert_eq!(diagnose_banks(500, &turns), None);
-    let Some(CollectionProblem::SampleIntervalTooLong { interval_s: every_s }) = diagnose_banks(510, &turns) else {
-        panic!()
-    };
-    assert!((every_s - 0.51).abs() < 0.01, "{every_s}");
-    // More than half of the sample intervals must be long.
-    let mixed = |slow: u32| {
-        let (mut statistics, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NOT_STARTED);
-        let mut time_ms = 0;
-        for i in 0..100 {
-            time_ms += if i % 20 >= 20 - slow { 1000 } else { 100 };
-            statistics.add_sample(&mut filter, &banked_sample(if i < 50 { 25.0 } else { -25.0 }, 0.0, time_ms));
-        }
-        statistics.diagnose(&CollectionProgress::default())
-    };
-    assert!(
-        matches!((mixed(10), mixed(11)), (None, Some(CollectionProblem::SampleIntervalTooLong { .. }))),
-        "{:?} {:?}",
-        mixed(10),
-        mixed(11)
-    );
+fn occasional_gaps_are_no_problem() {
+    for (long_intervals_of_20, is_reported) in [(9, false), (12, true)] {
+        let intervals_ms = (0..100).map(|i| if i % 20 < long_intervals_of_20 { 1000 } else { 100 });
+        let times_ms = intervals_ms.scan(0, |time_ms, interval_ms| {
+            *time_ms += interval_ms;
+            Some(*time_ms)
+        });
+        let roll_deg = |i: usize| if i < 50 { 25.0 } else { -25.0 };
+        let samples = times_ms.enumerate().map(|(i, time_ms)| banked_sample(roll_deg(i), 0.0, time_ms));
+        let expected = if is_reported { "a sample comes every 0." } else { "" };
+        assert_problem("", &problem_text(Procedure::Turns, samples), expected);
+    }
 }
 
-/// 45 deg sent as 0.8 rad and read as degrees are no tilt.
-#[test]
-fn an_attitude_in_radians_is_reported() {
-    assert!(
-        matches!(diagnose_banks(100, &[(-0.8, 60), (0.8, 60)]), Some(CollectionProblem::NoTilt { max_tilt_deg }) if (max_tilt_deg - 0.8).abs() < 0.01)
-    );
-    assert!(matches!(diagnose_banks(100, &[(-1.9, 60), (1.9, 60)]), Some(CollectionProblem::NoTilt { .. })));
-    assert!(matches!(diagnose_banks(100, &[(-2.1, 60), (2.1, 60)]), Some(CollectionProblem::InsufficientBank { .. })));
-    let (mut statistics, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NOT_STARTED);
-    (0..300).for_each(|i| statistics.add_sample(&mut filter, &banked_sample(0.0, -15.0, i * 100)));
-    assert!((insufficient_bank_deg(statistics.diagnose(&CollectionProgress::default())) - 15.0).abs() < 0.1);
-}
-
-/// Largest tilt of [`CollectionProblem::InsufficientBank`], degrees; NaN for any other problem.
-fn insufficient_bank_deg(problem: Option<CollectionProblem>) -> f32 {
-    if let Some(CollectionProblem::InsufficientBank { max_tilt_deg }) = problem { max_tilt_deg } else { f32::NAN }
-}
-
-/// A side needs 10 deg of bank for 5 s, after the 1 s low-pass filter.
-#[test]
-fn small_or_short_banks_are_reported() {
-    assert!((insufficient_bank_deg(diagnose_banks(100, &[(-9.9, 60), (9.9, 60)])) - 9.9).abs() < 0.1);
-    assert_eq!(diagnose_banks(100, &[(-10.1, 60), (10.1, 60)]), None);
-    // The filter delays both edges of a bank of 20 deg equally: its time above 10 deg is unchanged.
-    let for_tenths = |tenths: u32| {
-        let (mut statistics, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NOT_STARTED);
-        for i in 0..600 {
-            let roll_deg = if (300..300 + tenths).contains(&i) { 20.0 } else { 0.0 };
-            statistics.add_sample(&mut filter, &banked_sample(roll_deg, 0.0, i * 100));
-        }
-        statistics.diagnose(&CollectionProgress::default())
-    };
-    assert!(matches!(for_tenths(48), Some(CollectionProblem::InsufficientBank { .. })), "{:?}", for_tenths(48));
-    assert_eq!(for_tenths(52), Some(CollectionProblem::OneSideOnly(Side::Right)));
-    // 1 s at 20 deg gives a filtered 20 (1 - 0.91^10).
-    let gust = for_tenths(10);
-    assert!(
-        matches!(gust, Some(CollectionProblem::InsufficientBank { max_tilt_deg }) if (max_tilt_deg - 12.3).abs() < 0.2),
-        "{gust:?}"
-    );
-}
-
-#[test]
-fn a_missing_side_is_reported() {
-    assert_eq!(diagnose_banks(100, &[(-25.0, 60)]), Some(CollectionProblem::OneSideOnly(Side::Left)));
-    assert_eq!(diagnose_banks(100, &[(25.0, 60)]), Some(CollectionProblem::OneSideOnly(Side::Right)));
-    assert_eq!(diagnose_banks(100, &[(25.0, 60), (-25.0, 4)]), Some(CollectionProblem::OneSideOnly(Side::Right)));
-    assert_eq!(diagnose_banks(100, &[(25.0, 60), (-25.0, 7)]), None);
-}
-
-#[test]
-fn a_short_flight_has_no_diagnosis() {
-    assert_eq!(diagnose_banks(100, &[(0.0, 20)]), None);
-    assert!(diagnose_banks(100, &[(0.0, 21)]).is_some());
-    assert_eq!(diagnose_banks(2000, &[(0.0, 38)]), None);
-    assert!(diagnose_banks(2000, &[(0.0, 40)]).is_some());
-    assert_eq!(diagnose_banks(100, &[(f32::NAN, 100)]), None, "what is no number is no flight");
-}
-
-/// Two circles of 90 s, against arcs of 120 deg in 90 s.
+/// Two circles in 160 s, against arcs of 120 deg in 90 s. Over 20 s an arc can be the start of a circle.
 #[test]
 fn arcs_are_reported() {
-    let through = |rate_deg_s: f32, seconds: u16| {
-        let mut collector = Collector::new(empty_memory());
-        collector.begin_procedure(Procedure::Turns);
-        turn_samples(-25.0, 0, seconds, -rate_deg_s).for_each(|sample| collector.push_sample(sample));
-        turn_samples(25.0, seconds, 2 * seconds, rate_deg_s).for_each(|sample| collector.push_sample(sample));
-        collector.collection_problem()
-    };
-    assert_eq!(through(4.5, 90), None);
-    assert!(
-        matches!(through(1.3, 90), Some(CollectionProblem::ArcOnly { side: Side::Left, sectors }) if sectors <= 8),
-        "{:?}",
-        through(1.3, 90)
-    );
-    let progress_of = |samples, sectors| {
-        let mut progress = CollectionProgress::default();
-        progress.part_coverages[1] =
-            PartCoverage { fit_count: samples, covered_sector_count: sectors, ..PartCoverage::default() };
-        progress
-    };
-    let (mut both, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NOT_STARTED);
-    turn_samples(-25.0, 0, 20, 9.0)
-        .chain(turn_samples(25.0, 20, 40, 9.0))
-        .for_each(|sample| both.add_sample(&mut filter, &sample));
-    assert_eq!(both.diagnose(&progress_of(60, 8)), Some(CollectionProblem::ArcOnly { side: Side::Right, sectors: 8 }));
-    assert_eq!((both.diagnose(&progress_of(59, 8)), both.diagnose(&progress_of(60, 9))), (None, None));
+    for (name, rates_deg_s, seconds, expected) in [
+        ("circles", [4.5, 4.5], 90, ""),
+        ("arcs", [1.3, 1.3], 90, "the left turns went through"),
+        ("a right arc", [4.5, 1.3], 90, "the right turns went through"),
+        ("short arcs", [1.3, 1.3], 20, ""),
+    ] {
+        let left = turn_samples(-25.0, 0, seconds, -rates_deg_s[0]);
+        let right = turn_samples(25.0, seconds, 2 * seconds, rates_deg_s[1]);
+        assert_problem(name, &problem_text(Procedure::Turns, left.chain(right)), expected);
+    }
 }
 
+/// In free flight any tilt is sufficient.
 #[test]
 fn bank_problems_are_reported_for_turns_only_and_reset_at_each_start() {
-    let mut collector = Collector::new(empty_memory());
-    for (procedure, is_reported) in
-        [(Procedure::Turns, true), (Procedure::Flight, false), (Procedure::Level, false), (Procedure::Swing, false)]
-    {
+    let tilted = |roll_deg: f32, pitch_deg: f32| (0..300).map(move |i| banked_sample(roll_deg, pitch_deg, i * 100));
+    for (procedure, roll_deg, pitch_deg, expected) in [
+        (Procedure::Turns, 5.0, 0.0, "too little bank, 5.0"),
+        (Procedure::Turns, 0.0, -15.0, "too little bank, 15.0"),
+        (Procedure::Flight, 5.0, 0.0, ""),
+        (Procedure::Flight, 1.5, 0.0, "the attitude tilts by 1.5"),
+        (Procedure::Level, 5.0, 0.0, ""),
+        (Procedure::Swing, 5.0, 0.0, ""),
+    ] {
+        assert_problem(procedure.procedure_name(), &problem_text(procedure, tilted(roll_deg, pitch_deg)), expected);
+        let mut collector = collected(procedure, tilted(roll_deg, pitch_deg));
         collector.begin_procedure(procedure);
-        (0..300).for_each(|i| collector.push_sample(banked_sample(5.0, 0.0, i * 100)));
-        assert_eq!(collector.collection_problem().is_some(), is_reported, "{procedure:?}");
+        assert_eq!(collector.collection_problem(), None, "{procedure:?}");
     }
-    collector.begin_procedure(Procedure::Flight);
-    assert_eq!(collector.collection_problem(), None);
-    (0..300).for_each(|i| collector.push_sample(banked_sample(1.9, 0.0, i * 100)));
-    assert!(
-        matches!(collector.collection_problem(), Some(CollectionProblem::NoTilt { .. })),
-        "of whatever is flown nothing else is asked"
-    );
-    collector.begin_procedure(Procedure::Turns);
-    assert_eq!(collector.collection_problem(), None);
 }

@@ -1,6 +1,6 @@
 use testkit::random::Random;
 
-use super::super::test_samples::{banked_sample, circle_sample, empty_memory, test_sample, turn_samples};
+use super::super::test_samples::{banked_sample, circle_sample, collected, test_sample, turn_samples};
 use super::super::{CollectionContext, CollectionProblem, CollectionProgress, CollectionState, Collector};
 use super::*;
 use crate::calibration::method_selection::Procedure;
@@ -15,6 +15,7 @@ fn flight() -> impl Iterator<Item = Sample> {
     legs.into_iter().flat_map(|(roll_deg, from_s, to_s, rate)| turn_samples(roll_deg, from_s, to_s, rate))
 }
 
+/// A collection of the flight, sealed after each sample, and with a mark in a swing.
 fn collect(retained: &mut RetainedSamples, procedure: Procedure, samples: impl Iterator<Item = Sample>) {
     let mut collector = Collector::new(retained);
     collector.begin_procedure(procedure);
@@ -28,47 +29,53 @@ fn collect(retained: &mut RetainedSamples, procedure: Procedure, samples: impl I
     }
 }
 
+/// Memory with a collection of the whole flight.
+fn memory_after_flight(procedure: Procedure) -> RetainedSamples {
+    let mut retained = RetainedSamples::EMPTY;
+    collect(&mut retained, procedure, flight());
+    retained
+}
+
 fn copy_all(samples: Samples<'_>) -> Vec<Sample> {
     samples.all_samples().copied().collect()
 }
 
+/// Fit and held-back samples.
+fn stored_samples(collector: &Collector<'_>) -> [Vec<Sample>; 2] {
+    [collector.fit_samples(), collector.held_back_samples()].map(copy_all)
+}
+
+/// Progress without the turn in progress, which is detected only after two seconds.
+fn progress(collector: &Collector<'_>) -> CollectionProgress {
+    CollectionProgress { turn_in_progress: None, ..collector.collection_progress() }
+}
+
 fn observable_state(
     collector: &Collector<'_>,
-) -> (CollectionProgress, Vec<Sample>, Vec<Sample>, Option<CollectionProblem>, u32) {
-    // The turn in progress is detected only after two seconds.
-    let progress = CollectionProgress { turn_in_progress: None, ..collector.collection_progress() };
-    (
-        progress,
-        copy_all(collector.fit_samples()),
-        copy_all(collector.held_back_samples()),
-        collector.collection_problem(),
-        collector.distinct_sample_count(),
-    )
+) -> (CollectionProgress, [Vec<Sample>; 2], Option<CollectionProblem>, u32) {
+    let counts = collector.distinct_sample_count();
+    (progress(collector), stored_samples(collector), collector.collection_problem(), counts)
 }
 
 #[test]
 fn samples_survive_a_restart() {
     for procedure in Procedure::ALL_PROCEDURES {
-        let retained = empty_memory();
-        collect(retained, procedure, flight());
-        let mut uninterrupted = empty_memory().clone();
+        let mut uninterrupted = RetainedSamples::EMPTY;
         let mut before = Collector::new(&mut uninterrupted);
         before.begin_procedure(procedure);
         flight().for_each(|sample| before.push_sample(sample));
         if procedure == Procedure::Swing {
             before.add_mark(HeadingMark { sample: circle_sample(30.0), heading_rad: 0.5 });
         }
-        let after = Collector::new(retained);
-        let ((progress, fit, held_back, ..), then) = (observable_state(&after), observable_state(&before));
-        assert_eq!(
-            (after.restored_context(), after.collection_state()),
-            (Some(MANUAL_CONTEXT), CollectionState::Running),
-            "{procedure:?}"
-        );
-        assert_eq!((progress, progress.procedure), (then.0, procedure));
-        assert!(fit == then.1 && held_back == then.2, "{procedure:?}");
+        let mut retained = memory_after_flight(procedure);
+        let after = Collector::new(&mut retained);
+        assert_eq!(after.restored_context(), Some(MANUAL_CONTEXT), "{procedure:?}");
+        assert_eq!((after.collection_state(), after.procedure()), (CollectionState::Running, procedure));
+        assert_eq!(progress(&after), progress(&before));
+        let stored = stored_samples(&after);
+        assert!(stored == stored_samples(&before), "{procedure:?}");
+        assert!(stored[0].len() > 20 && stored[1].len() > 5, "{procedure:?}");
         assert_eq!(after.collection_problem().is_some(), before.collection_problem().is_some(), "{procedure:?}");
-        assert!(fit.len() > 20 && held_back.len() > 5, "{procedure:?}");
         // The count of distinct samples is retained only with a stored sample.
         assert!(before.distinct_sample_count() - after.distinct_sample_count() <= 4, "{procedure:?}");
     }
@@ -80,9 +87,9 @@ fn samples_survive_a_restart() {
 fn a_collection_continues_after_a_restart() {
     let samples: Vec<Sample> = turn_samples(-25.0, 0, 90, -13.0).chain(turn_samples(25.0, 90, 180, 13.0)).collect();
     for cut in (50..samples.len()).step_by(97) {
-        let retained = empty_memory();
-        collect(retained, Procedure::Turns, samples[..cut].iter().copied());
-        let mut collector = Collector::new(retained);
+        let mut retained = RetainedSamples::EMPTY;
+        collect(&mut retained, Procedure::Turns, samples[..cut].iter().copied());
+        let mut collector = Collector::new(&mut retained);
         let anew = samples[cut].time;
         for &sample in &samples[cut..] {
             let time = WrappingMillis::new(300 + sample.time.ms_since(anew));
@@ -101,42 +108,31 @@ fn a_collection_continues_after_a_restart() {
     }
 }
 
+/// The samples of an ended collection stay for another solve, until a restart.
 #[test]
 fn state_and_context_are_stored() {
-    let retained = empty_memory();
-    collect(retained, Procedure::Flight, flight());
-    let mut collector = Collector::new(retained);
+    let mut retained = memory_after_flight(Procedure::Flight);
     let automatic = CollectionContext { is_automatic: true, calibration_serial: 8 };
-    collector.update_header(automatic);
-    let mut collector = Collector::new(retained);
-    assert_eq!(
-        (collector.restored_context(), collector.collection_state()),
-        (Some(automatic), CollectionState::Running)
-    );
-    collector.set_state(CollectionState::Stopped);
-    collector.update_header(MANUAL_CONTEXT);
-    let mut collector = Collector::new(retained);
-    assert_eq!(
-        (collector.restored_context(), collector.collection_state()),
-        (Some(MANUAL_CONTEXT), CollectionState::Stopped)
-    );
-    assert!(collector.is_loss_reportable() && collector.fit_samples().all_samples().next().is_some());
-    collector.set_state(CollectionState::Inactive);
-    collector.update_header(MANUAL_CONTEXT);
-    assert!(collector.fit_samples().all_samples().next().is_some(), "they stay for another solve");
-    let collector = Collector::new(retained);
-    assert_eq!(
-        (collector.restored_context(), collector.collection_state()),
-        (Some(CollectionContext::default()), CollectionState::Inactive)
-    );
-    assert!(collector.fit_samples().all_samples().next().is_none() && !collector.is_loss_reportable());
+    let ended = CollectionContext::default();
+    for (state, context, restored_context, is_kept) in [
+        (CollectionState::Running, automatic, automatic, true),
+        (CollectionState::Stopped, MANUAL_CONTEXT, MANUAL_CONTEXT, true),
+        (CollectionState::Inactive, MANUAL_CONTEXT, ended, false),
+    ] {
+        let mut collector = Collector::new(&mut retained);
+        collector.reset_restart_count();
+        collector.set_state(state);
+        collector.update_header(context);
+        assert!(!stored_samples(&collector)[0].is_empty(), "{state:?}");
+        let restored = Collector::new(&mut retained);
+        assert_eq!((restored.restored_context(), restored.collection_state()), (Some(restored_context), state));
+        assert_eq!((!stored_samples(&restored)[0].is_empty(), restored.is_loss_reportable()), (is_kept, is_kept));
+    }
 }
 
 #[test]
 fn losing_few_samples_is_not_reported() {
-    let retained = empty_memory();
-    let mut collector = Collector::new(retained);
-    collector.begin_procedure(Procedure::Tumble);
+    let mut collector = collected(Procedure::Tumble, []);
     for i in 0..14_u32 {
         collector.push_sample(test_sample([i as f32 * 10.0, 0.0, 0.0], i * 400));
         let fit = collector.fit_samples().all_samples().count();
@@ -163,100 +159,79 @@ fn memory_from_words(words: &[u32]) -> RetainedSamples {
 /// content, or invalid. Tested for changes throughout a flight that fills all buffers.
 #[test]
 fn an_interrupted_change_is_atomic() {
-    let mut random = Random(1);
-    let found = |retained: &RetainedSamples| {
-        let mut retained = retained.clone();
+    let restore = |mut retained: RetainedSamples| {
         let collector = Collector::new(&mut retained);
-        collector
-            .restored_context()
-            .map(|_| (copy_all(collector.fit_samples()), copy_all(collector.held_back_samples())))
+        collector.restored_context().map(|_| stored_samples(&collector))
     };
-    let retained = empty_memory();
-    let mut before: Option<RetainedSamples> = None;
-    let [mut whole, mut nothing] = [0; 2];
-    let mut offered: Vec<Sample> = Vec::new();
-    for (i, sample) in flight().chain(flight()).enumerate() {
-        offered.push(Sample { time: WrappingMillis::new(i as u32 * 100), ..sample });
-        if i % 61 < 59 {
-            continue;
+    let offered: Vec<Sample> = flight()
+        .chain(flight())
+        .zip(0..)
+        .map(|(sample, i)| Sample { time: WrappingMillis::new(i * 100), ..sample })
+        .collect();
+    let (mut random, mut valid_count, mut invalid_count) = (Random(1), 0, 0);
+    for number in (60..offered.len()).step_by(61) {
+        let [old, new] = [number, number + 1].map(|number| {
+            let mut retained = RetainedSamples::EMPTY;
+            collect(&mut retained, Procedure::Flight, offered[..number].iter().copied());
+            memory_words(&retained)
+        });
+        let [before, after] = [&old, &new].map(|words| restore(memory_from_words(words)));
+        let changed: Vec<usize> = (0..old.len()).filter(|&at| old[at] != new[at]).collect();
+        for trial in 0..40 {
+            // The first trial replaces no word, the last trial all words.
+            let share = match trial {
+                0 => 0,
+                39 => 256,
+                _ => 1 + u16::from(random.byte()),
+            };
+            let mut mixed = old.clone();
+            changed.iter().filter(|_| u16::from(random.byte()) < share).for_each(|&at| mixed[at] = new[at]);
+            let found = restore(memory_from_words(&mixed));
+            assert!(found.is_none() || found == before || found == after, "{number}");
+            *(if found.is_some() { &mut valid_count } else { &mut invalid_count }) += 1;
         }
-        *retained = RetainedSamples::EMPTY;
-        collect(retained, Procedure::Flight, offered.iter().copied());
-        let now = retained.clone();
-        if let Some(before) = before.filter(|_| i % 61 == 60) {
-            let (old, new) = (memory_words(&before), memory_words(&now));
-            let changed: Vec<usize> = (0..old.len()).filter(|&at| old[at] != new[at]).collect();
-            for trial in 0..40 {
-                let mut mixed = old.clone();
-                // The first trial replaces no word, the last trial all words.
-                let share = if trial == 0 {
-                    0
-                } else if trial == 39 {
-                    256
-                } else {
-                    1 + u16::from(random.byte())
-                };
-                changed.iter().filter(|_| u16::from(random.byte()) < share).for_each(|&at| mixed[at] = new[at]);
-                match found(&memory_from_words(&mixed)) {
-                    Some(found_now) => {
-                        assert!(found(&before).as_ref() == Some(&found_now) || found(&now) == Some(found_now), "{i}");
-                        whole += 1;
-                    }
-                    None => nothing += 1,
-                }
-            }
-        }
-        before = Some(now);
     }
-    assert!(nothing > 300 && whole > 5, "{whole} whole, {nothing} nothing");
+    assert!(invalid_count > 300 && valid_count > 5, "{valid_count} valid, {invalid_count} invalid");
 }
 
+/// Except for bits of unused memory.
 #[test]
 fn a_flipped_bit_invalidates_the_memory() {
-    let retained = empty_memory();
-    collect(retained, Procedure::Turns, flight());
-    let good = memory_words(retained);
-    let mut collector = Collector::new(retained);
-    let state_before = observable_state(&collector);
-    collector.reset_restart_count();
-    let mut random = Random(2);
-    let mut same = 0;
+    let mut retained = memory_after_flight(Procedure::Turns);
+    let good = memory_words(&retained);
+    let state_before = observable_state(&Collector::new(&mut retained));
+    let (mut random, mut same_count) = (Random(2), 0);
     for i in 0..3000 {
         let mut damaged = good.clone();
         let bit = if i < 32 * 19 { i } else { random.bits() as usize % (32 * good.len()) };
         damaged[bit / 32] ^= 1 << (bit % 32);
         let mut damaged = memory_from_words(&damaged);
         let mut collector = Collector::new(&mut damaged);
-        if collector.restored_context().is_some() {
-            assert!(
-                (collector.restored_context(), observable_state(&collector))
-                    == (Some(MANUAL_CONTEXT), state_before.clone()),
-                "bit {bit}"
-            );
-            same += 1;
+        if let Some(context) = collector.restored_context() {
+            assert!((context, observable_state(&collector)) == (MANUAL_CONTEXT, state_before.clone()), "bit {bit}");
+            same_count += 1;
         } else {
-            assert!(
-                collector.collection_state() == CollectionState::Inactive
-                    && copy_all(collector.fit_samples()).is_empty(),
-                "bit {bit}"
-            );
-            assert_eq!(collector.collection_progress(), CollectionProgress::default(), "bit {bit}");
+            assert_discarded(&collector);
             collector.begin_procedure(Procedure::Flight);
         }
     }
     // Half of the memory is unused.
-    assert!((500..2500).contains(&same), "{same}");
+    assert!((500..2500).contains(&same_count), "{same_count}");
+}
+
+fn assert_discarded(collector: &Collector<'_>) {
+    assert_eq!((collector.restored_context(), collector.collection_state()), (None, CollectionState::Inactive));
+    assert_eq!((collector.collection_progress(), stored_samples(collector)), <_>::default());
 }
 
 /// Power-on content: random words, masked to small values that are plausible lengths and enum values.
 #[test]
 fn random_memory_is_rejected_and_usable() {
     for (seed, mask) in (0..400).zip([u32::MAX, 0x1F_001F, 0xFF, 0].into_iter().cycle()) {
-        let (mut random, retained) = (Random(seed), empty_memory());
+        let (mut random, mut retained) = (Random(seed), RetainedSamples::EMPTY);
         retained.transform_words(|_| random.bits() as u32 & mask);
-        let mut collector = Collector::new(retained);
-        assert_eq!((collector.restored_context(), collector.collection_state()), (None, CollectionState::Inactive));
-        assert_eq!(collector.collection_progress(), CollectionProgress::default());
+        let mut collector = Collector::new(&mut retained);
+        assert_discarded(&collector);
         collector.begin_procedure(Procedure::Flight);
         flight().take(30).for_each(|sample| collector.push_sample(sample));
         assert!(collector.fit_samples().all_samples().all(|sample| sample.field.ut.norm() < 200.0));
@@ -264,18 +239,20 @@ fn random_memory_is_rejected_and_usable() {
 }
 
 #[test]
-fn another_use_of_a_sample_invalidates_the_memory() {
-    let retained = empty_memory();
-    collect(retained, Procedure::Turns, flight());
-    retained.samples.fit_count += 1;
-    retained.samples.held_back_count -= 1;
-    assert_eq!(Collector::new(retained).restored_context(), None);
+fn another_use_of_a_sample_or_a_changed_mark_invalidates_the_memory() {
+    let mut turns = memory_after_flight(Procedure::Turns);
+    turns.samples.fit_count += 1;
+    turns.samples.held_back_count -= 1;
+    let mut swing = memory_after_flight(Procedure::Swing);
+    swing.marks[0].heading_rad += 0.1;
+    for retained in [&mut turns, &mut swing] {
+        assert_eq!(Collector::new(retained).restored_context(), None);
+    }
 }
 
 #[test]
 fn memory_of_other_firmware_is_rejected() {
-    let retained = empty_memory();
-    collect(retained, Procedure::Turns, flight());
+    let mut retained = memory_after_flight(Procedure::Turns);
     for (firmware, found) in [(FIRMWARE_SEED ^ 1, None), (FIRMWARE_SEED, Some(MANUAL_CONTEXT))] {
         retained.checksum = retained.compute_checksum(firmware);
         assert_eq!(Collector::new(&mut retained.clone()).restored_context(), found);
@@ -286,33 +263,31 @@ fn memory_of_other_firmware_is_rejected() {
 /// count.
 #[test]
 fn a_collection_is_discarded_after_repeated_restarts() {
-    let retained = empty_memory();
-    collect(retained, Procedure::Turns, flight());
+    let mut retained = memory_after_flight(Procedure::Turns);
+    let restart = |retained: &mut RetainedSamples| Collector::new(retained).restored_context();
     for _ in 0..3 {
-        Collector::new(retained).reset_restart_count();
-        assert_eq!(Collector::new(retained).restored_context(), Some(MANUAL_CONTEXT));
+        Collector::new(&mut retained).reset_restart_count();
+        assert_eq!(restart(&mut retained), Some(MANUAL_CONTEXT));
     }
     for found in [Some(MANUAL_CONTEXT), Some(MANUAL_CONTEXT), None, Some(CollectionContext::default())] {
-        assert_eq!(Collector::new(retained).restored_context(), found);
+        assert_eq!(restart(&mut retained), found);
     }
-    collect(retained, Procedure::Turns, flight());
-    assert_eq!(Collector::new(retained).restored_context(), Some(MANUAL_CONTEXT), "another begins anew");
+    collect(&mut retained, Procedure::Turns, flight());
+    assert_eq!(restart(&mut retained), Some(MANUAL_CONTEXT), "a new collection");
 }
 
+/// A bank of 8 deg is neither level nor a turn.
 #[test]
 fn a_sample_that_is_not_stored_does_not_change_the_memory() {
-    let retained = empty_memory();
-    collect(retained, Procedure::Turns, flight());
-    let mut collector = Collector::new(retained);
-    collector.reset_restart_count();
-    collector.push_sample(banked_sample(8.0, 0.0, 1000));
-    collector.update_header(MANUAL_CONTEXT);
-    let before = memory_words(retained);
-    let mut collector = Collector::new(retained);
-    collector.reset_restart_count();
-    for i in 0..10 {
-        collector.push_sample(banked_sample(8.0, 0.0, 2000 + i * 100));
-        collector.update_header(MANUAL_CONTEXT);
-    }
-    assert_eq!(memory_words(retained)[2..], before[2..], "neither level nor turned");
+    let mut retained = memory_after_flight(Procedure::Turns);
+    let mut words_after = |samples: u32| {
+        let mut collector = Collector::new(&mut retained);
+        for i in 0..samples {
+            collector.push_sample(banked_sample(8.0, 0.0, 1000 + i * 100));
+            collector.update_header(MANUAL_CONTEXT);
+        }
+        // Without the count of restarts.
+        memory_words(&retained)[2..].to_vec()
+    };
+    assert_eq!(words_after(1), words_after(10));
 }

@@ -1,232 +1,189 @@
 //! Automatic collection: start, pause, takeover and end.
 
 use super::*;
-use crate::synthetic::multirotor_samples;
-use autoswing::calibration::CollectionPart;
 
-/// 100 s of a multirotor, 4 samples/s.
-fn hover_samples(seed: u64) -> Vec<Sample> {
-    multirotor_samples(&airframe(), 0.3, &mut Random(seed))
+fn armed_vehicle() -> TestBed<'static> {
+    let mut bed = TestBed::new();
+    bed.report_armed(Some(true));
+    bed
 }
 
-impl TestBed {
-    fn report_armed(&mut self, is_armed: bool) {
-        assert!(matches!(self.compass.process_event(Event::ArmedStateReported(Some(is_armed))), Effect::None));
-    }
-
-    /// Processes samples and trial solves until the collection ends.
-    fn collect_until_end(&mut self, samples: &[Sample]) -> Option<SolveOutcome> {
-        for sample in samples {
-            self.now_ms = self.now_ms.wrapping_add(250);
-            let sample = Sample { time: self.time(), ..*sample };
-            assert!(matches!(self.compass.process_event(Event::Sample(sample)), Effect::None));
-            while self.compass.needs_solve_step() {
-                match self.compass.process_event(Event::AdvanceSolve) {
-                    Effect::None => {}
-                    end => return Some(self.outcome_after_save(end)),
-                }
-            }
-        }
-        None
-    }
-
-    fn stored_sample_count(&mut self) -> u16 {
-        self.status_report().collection_progress.coverage_of(CollectionPart::FREE).fit_count
-    }
+/// A module that has collected the first 15 s of a hover automatically.
+fn collecting_automatically(samples: &[Sample]) -> TestBed<'static> {
+    let mut bed = armed_vehicle();
+    bed.collect(&samples[..60]);
+    let report = bed.status_report();
+    assert!(report.is_automatic && !report.awaits_arming);
+    bed
 }
 
 #[test]
 fn flying_starts_a_collection_and_calibrates() {
-    let mut bench = TestBed::new();
-    bench.report_armed(true);
-    let outcome = bench.collect_until_end(&hover_samples(1)).unwrap().unwrap();
-    assert!(outcome.quality.expected_rms_deg <= Settings::DEFAULT.accuracy_deg);
-    assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
-    assert!(bench.collect_until_end(&hover_samples(2)[..100]).is_none());
-    assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
-    assert!(!bench.status_report().is_automatic);
+    let mut bed = armed_vehicle();
+    let accuracy = bed.collect_until_end(&hover_samples(1)).unwrap().unwrap();
+    assert!(accuracy.quality.expected_rms_deg <= Settings::DEFAULT.accuracy_deg);
+    assert_eq!(bed.state(), ModuleState::Calibrated);
+    bed.collect(&hover_samples(2)[..100]);
+    assert_eq!(bed.state(), ModuleState::Calibrated);
+    assert!(!bed.status_report().is_automatic);
 }
 
 #[test]
 fn while_disarmed_no_samples_are_collected() {
-    let mut bench = TestBed::new();
-    bench.report_armed(false);
-    let hover_samples = hover_samples(3);
-    assert!(bench.collect_until_end(&hover_samples[..100]).is_none());
-    assert_eq!((bench.compass.module_state(), bench.stored_sample_count()), (ModuleState::Uncalibrated, 0));
-    assert!(bench.status_report().awaits_arming && !bench.status_report().is_automatic);
-    bench.report_armed(true);
-    assert!(bench.collect_until_end(&hover_samples[..60]).is_none());
-    let kept = bench.stored_sample_count();
-    assert!(kept > 20 && bench.status_report().is_automatic && !bench.status_report().awaits_arming, "{kept}");
-    bench.report_armed(false);
-    assert!(bench.collect_until_end(&hover_samples[60..160]).is_none());
-    assert_eq!((bench.compass.module_state(), bench.stored_sample_count()), (ModuleState::Collecting, kept));
-    assert!(bench.status_report().awaits_arming);
-    bench.report_armed(true);
-    assert!(bench.collect_until_end(&hover_samples[60..100]).is_none());
-    assert!(bench.stored_sample_count() > kept);
+    let samples = hover_samples(3);
+    let mut bed = TestBed::new();
+    bed.report_armed(Some(false));
+    bed.collect(&samples[..100]);
+    assert_eq!(bed.state_and_fit_count(), (ModuleState::Uncalibrated, 0));
+    assert!(bed.status_report().awaits_arming && !bed.status_report().is_automatic);
+    let mut bed = collecting_automatically(&samples);
+    let (_, kept) = bed.state_and_fit_count();
+    assert!(kept > 20, "{kept}");
+    bed.report_armed(Some(false));
+    bed.collect(&samples[60..160]);
+    assert_eq!(bed.state_and_fit_count(), (ModuleState::Collecting, kept));
+    assert!(bed.status_report().awaits_arming);
+    assert_eq!(bed.compass.indicator_state(), IndicatorState::Idle);
+    bed.report_armed(Some(true));
+    bed.collect(&samples[60..100]);
+    assert!(bed.state_and_fit_count().1 > kept);
 }
 
 #[test]
 fn without_armed_state_a_collection_starts_after_five_seconds() {
-    let mut bench = TestBed::new();
-    let hover_samples = hover_samples(4);
-    assert!(bench.collect_until_end(&hover_samples[..49]).is_none());
-    assert_eq!(bench.compass.module_state(), ModuleState::Uncalibrated);
-    assert!(!bench.status_report().awaits_arming);
-    assert!(bench.collect_until_end(&hover_samples[49..52]).is_none());
-    assert_eq!(bench.compass.module_state(), ModuleState::Collecting);
-    let mut bench = TestBed::new();
-    bench.report_armed(true);
-    assert!(bench.collect_until_end(&hover_samples[..20]).is_none());
-    let kept = bench.stored_sample_count();
-    bench.compass.process_event(Event::ArmedStateReported(None));
-    assert!(bench.collect_until_end(&hover_samples[20..60]).is_none());
-    assert!(bench.stored_sample_count() > kept);
+    let samples = hover_samples(4);
+    let mut bed = TestBed::new();
+    bed.collect(&samples[..49]);
+    assert_eq!(bed.state(), ModuleState::Uncalibrated);
+    assert!(!bed.status_report().awaits_arming);
+    bed.collect(&samples[49..52]);
+    assert_eq!(bed.state(), ModuleState::Collecting);
+    let mut bed = collecting_automatically(&samples);
+    let (_, kept) = bed.state_and_fit_count();
+    bed.report_armed(None);
+    bed.collect(&samples[60..100]);
+    assert!(bed.state_and_fit_count().1 > kept);
 }
 
-/// `cal start` keeps an automatic collection unless the procedure differs.
+/// `cal start` keeps an automatic collection unless the procedure differs; under user control it continues while
+/// disarmed, and only `again` discards it.
 #[test]
 fn cal_start_takes_control_of_an_automatic_collection() {
-    let mut bench = TestBed::new();
-    bench.report_armed(true);
-    assert!(bench.collect_until_end(&hover_samples(5)[..60]).is_none());
-    let kept = bench.stored_sample_count();
-    assert_eq!(bench.expect_done(Command::CalStart(Procedure::Flight)), ModuleState::Collecting);
-    assert_eq!(bench.stored_sample_count(), kept);
-    assert!(!bench.status_report().is_automatic);
-    // A collection under user control continues while disarmed; only `again` discards it.
-    bench.report_armed(false);
-    assert!(bench.collect_until_end(&hover_samples(5)[60..70]).is_none());
-    assert!(bench.stored_sample_count() > kept);
+    let samples = hover_samples(5);
+    let mut bed = collecting_automatically(&samples);
+    let kept = bed.state_and_fit_count();
+    bed.start(Procedure::Flight);
+    assert_eq!(bed.state_and_fit_count(), kept);
+    assert!(!bed.status_report().is_automatic);
+    bed.report_armed(Some(false));
+    bed.collect(&samples[60..70]);
+    assert!(bed.state_and_fit_count().1 > kept.1);
     for procedure in [Procedure::Flight, Procedure::Turns] {
-        let refused = bench.expect_refusal(Command::CalStart(procedure));
         assert_eq!(
-            refused,
+            bed.expect_refusal(Command::CalStart(procedure)),
             Refusal::Collecting { present_procedure: Procedure::Flight, requested_procedure: procedure }
         );
-        assert!(
-            refused.to_string().ends_with(&format!(": cal start {} again", procedure.procedure_name())),
-            "{refused}"
-        );
     }
-    assert_eq!(bench.expect_done(Command::CalStartNew(None)), ModuleState::Collecting);
-    assert_eq!(
-        (bench.stored_sample_count(), bench.status_report().collection_progress.procedure),
-        (0, Procedure::Flight)
-    );
-    let mut bench = TestBed::new();
-    bench.report_armed(true);
-    assert!(bench.collect_until_end(&hover_samples(5)[..60]).is_none());
-    assert_eq!(bench.expect_done(Command::CalStart(Procedure::Turns)), ModuleState::Collecting);
-    assert_eq!(
-        (bench.stored_sample_count(), bench.status_report().collection_progress.procedure),
-        (0, Procedure::Turns)
-    );
-    assert_eq!(bench.expect_done(Command::CalStartNew(None)), ModuleState::Collecting);
-    assert_eq!(bench.status_report().collection_progress.procedure, Procedure::Turns);
-    assert_eq!(bench.expect_done(Command::CalStartNew(Some(Procedure::Level))), ModuleState::Collecting);
-    assert_eq!(bench.status_report().collection_progress.procedure, Procedure::Level);
+    let mut other_procedure = collecting_automatically(&samples);
+    other_procedure.start(Procedure::Turns);
+    assert_eq!(other_procedure.state_and_fit_count().1, 0);
+    for (bed, new_procedures) in [
+        (&mut bed, &[(None, Procedure::Flight)][..]),
+        (&mut other_procedure, &[(None, Procedure::Turns), (Some(Procedure::Level), Procedure::Level)]),
+    ] {
+        for (requested, procedure) in new_procedures {
+            assert_eq!(bed.expect_done(Command::CalStartNew(*requested)), ModuleState::Collecting);
+            assert_eq!(bed.state_and_fit_count().1, 0);
+            assert_eq!(bed.status_report().collection_progress.procedure, *procedure);
+        }
+    }
 }
 
 #[test]
 fn user_control_prevents_automatic_starts() {
-    for command in [Command::CalStop, Command::CalAbort] {
-        let mut bench = TestBed::new();
-        bench.report_armed(true);
-        assert!(bench.collect_until_end(&hover_samples(6)[..60]).is_none());
-        let kept = bench.stored_sample_count();
-        assert_eq!(bench.expect_done(command), ModuleState::Uncalibrated);
-        assert!(bench.collect_until_end(&hover_samples(6)[60..160]).is_none());
-        let expected = if command == Command::CalStop { kept } else { 0 };
-        assert_eq!(
-            (bench.compass.module_state(), bench.stored_sample_count()),
-            (ModuleState::Uncalibrated, expected),
-            "{command:?}"
-        );
-        let request =
-            if command == Command::CalStop { Command::Set(SettingChange::Auto(true)) } else { Command::CalClear };
-        bench.report_armed(false);
-        bench.save_by_command(request).unwrap();
-        bench.report_armed(true);
-        assert!(bench.collect_until_end(&hover_samples(6)[60..62]).is_none());
-        assert_eq!(bench.compass.module_state(), ModuleState::Collecting, "{request:?}");
+    let samples = hover_samples(6);
+    for (command, keeps_samples, return_to_automatic) in [
+        (Command::CalStop, true, Command::Set(SettingChange::Auto(true))),
+        (Command::CalAbort, false, Command::CalClear),
+    ] {
+        let mut bed = collecting_automatically(&samples);
+        let (_, kept) = bed.state_and_fit_count();
+        assert_eq!(bed.expect_done(command), ModuleState::Uncalibrated);
+        bed.collect(&samples[60..160]);
+        let expected = if keeps_samples { kept } else { 0 };
+        assert_eq!(bed.state_and_fit_count(), (ModuleState::Uncalibrated, expected), "{command:?}");
+        assert_eq!(bed.status_report().last_trial.is_some(), keeps_samples, "{command:?}");
+        bed.report_armed(Some(false));
+        bed.expect_saved(return_to_automatic);
+        bed.report_armed(Some(true));
+        bed.collect(&samples[60..62]);
+        assert_eq!(bed.state(), ModuleState::Collecting, "{return_to_automatic:?}");
     }
-    let mut bench = TestBed::new();
-    bench.report_armed(true);
-    bench.expect_done(Command::CalStart(Procedure::Flight));
-    assert!(bench.collect_until_end(&hover_samples(8)[..100]).is_none());
-    let kept = bench.stored_sample_count();
-    assert_eq!(bench.expect_done(Command::CalSolve(None)), ModuleState::Solving);
-    let end = bench.run_solve();
-    assert!(bench.outcome_after_save(end).is_err());
-    assert!(bench.collect_until_end(&hover_samples(8)[100..160]).is_none());
-    assert_eq!((bench.compass.module_state(), bench.stored_sample_count()), (ModuleState::Uncalibrated, kept));
+}
+
+/// Yaw turns alone determine nothing: the solve fails.
+#[test]
+fn a_failed_solve_ends_the_user_s_collection_and_continues_an_automatic_one() {
+    let samples = hover_samples(8);
+    for is_automatic in [false, true] {
+        let mut bed = armed_vehicle();
+        if !is_automatic {
+            bed.start(Procedure::Flight);
+        }
+        bed.collect(&samples[..100]);
+        let (_, kept) = bed.state_and_fit_count();
+        assert!(bed.solve().is_err());
+        if is_automatic {
+            assert_eq!(bed.state_and_fit_count(), (ModuleState::Collecting, kept));
+            assert!(bed.status_report().is_automatic);
+            assert!(bed.collect_until_end(&samples[100..]).unwrap().is_ok());
+            assert_eq!(bed.state(), ModuleState::Calibrated);
+        } else {
+            bed.collect(&samples[100..160]);
+            assert_eq!(bed.state_and_fit_count(), (ModuleState::Uncalibrated, kept));
+        }
+    }
 }
 
 #[test]
 fn automatic_collection_can_be_switched_off() {
-    let mut bench = TestBed::new();
-    bench.report_armed(true);
-    assert!(bench.collect_until_end(&hover_samples(7)[..60]).is_none());
-    bench.save_by_command(Command::Set(SettingChange::StreamRateHz(20))).unwrap();
-    assert_eq!(bench.compass.module_state(), ModuleState::Collecting, "another setting");
-    bench.save_by_command(Command::Set(SettingChange::Auto(false))).unwrap();
-    assert_eq!((bench.compass.module_state(), bench.stored_sample_count()), (ModuleState::Uncalibrated, 0));
-    assert!(bench.collect_until_end(&hover_samples(7)[60..160]).is_none());
-    assert_eq!((bench.compass.module_state(), bench.stored_sample_count()), (ModuleState::Uncalibrated, 0));
-    bench.expect_done(Command::CalStart(Procedure::Flight));
-    assert!(bench.collect_until_end(&hover_samples(7)[..60]).is_none());
-    let kept = bench.stored_sample_count();
+    let samples = hover_samples(7);
+    let mut bed = collecting_automatically(&samples);
+    assert_eq!(bed.set(SettingChange::StreamRateHz(20)), ModuleState::Collecting, "another setting");
+    bed.set(SettingChange::Auto(false));
+    assert_eq!(bed.state_and_fit_count(), (ModuleState::Uncalibrated, 0));
+    bed.collect(&samples[60..160]);
+    assert_eq!(bed.state_and_fit_count(), (ModuleState::Uncalibrated, 0));
+    bed.start(Procedure::Flight);
+    bed.collect(&samples[..60]);
+    let user_collection = bed.state_and_fit_count();
     for on in [true, false] {
-        bench.save_by_command(Command::Set(SettingChange::Auto(on))).unwrap();
-        assert_eq!(
-            (bench.compass.module_state(), bench.stored_sample_count()),
-            (ModuleState::Collecting, kept),
-            "{on}"
-        );
+        bed.set(SettingChange::Auto(on));
+        assert_eq!(bed.state_and_fit_count(), user_collection, "{on}");
     }
-}
-
-#[test]
-fn a_failed_solve_continues_the_automatic_collection() {
-    let mut bench = TestBed::new();
-    bench.report_armed(true);
-    assert!(bench.collect_until_end(&hover_samples(8)[..100]).is_none());
-    let kept = bench.stored_sample_count();
-    assert_eq!(bench.expect_done(Command::CalSolve(None)), ModuleState::Solving);
-    let end = bench.run_solve();
-    assert!(bench.outcome_after_save(end).is_err());
-    assert_eq!((bench.compass.module_state(), bench.stored_sample_count()), (ModuleState::Collecting, kept));
-    assert!(bench.status_report().is_automatic);
-    assert!(bench.collect_until_end(&hover_samples(8)[100..]).unwrap().is_ok());
-    assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
 }
 
 /// A forged report of disarming, in hover. Rest counts after five seconds; a sensor that fails does not prevent it.
 #[test]
 fn a_disarmed_vehicle_is_in_flight_until_it_is_at_rest() {
-    let mut bench = TestBed::new();
-    bench.expect_done(Command::CalStart(Procedure::Level));
-    let hover_samples = hover_samples(6);
-    let fly = |bench: &mut TestBed| assert!(bench.collect_until_end(&hover_samples[..60]).is_none());
-    bench.report_armed(true);
-    fly(&mut bench);
-    bench.report_armed(false);
-    assert_eq!(bench.expect_refusal(Command::Restart), Refusal::Armed);
-    fly(&mut bench);
-    assert_eq!(bench.expect_refusal(Command::Restart), Refusal::Armed);
-    let last_sample = bench.now_ms;
-    bench.now_ms = last_sample.wrapping_add(5_001);
-    bench.expect_done(Command::Restart);
-    bench.now_ms = last_sample;
-    bench.collect_at_rest(test_field(), 50);
-    assert_eq!(bench.expect_refusal(Command::Restart), Refusal::Armed);
-    bench.collect_at_rest(test_field(), 2);
-    bench.expect_done(Command::Restart);
-    fly(&mut bench);
-    bench.expect_done(Command::Restart);
-    bench.report_armed(true);
-    assert_eq!(bench.expect_refusal(Command::Restart), Refusal::Armed);
+    let samples = &hover_samples(6)[..60];
+    let mut bed = armed_vehicle();
+    bed.start(Procedure::Level);
+    bed.collect(samples);
+    bed.report_armed(Some(false));
+    assert_eq!(bed.expect_refusal(Command::Restart), Refusal::Armed);
+    bed.collect(samples);
+    assert_eq!(bed.expect_refusal(Command::Restart), Refusal::Armed);
+    let last_sample_ms = bed.now_ms;
+    bed.advance_clock(5_001);
+    bed.expect_done(Command::Restart);
+    bed.now_ms = last_sample_ms;
+    bed.collect_at_rest(test_field(), 50);
+    assert_eq!(bed.expect_refusal(Command::Restart), Refusal::Armed);
+    bed.collect_at_rest(test_field(), 2);
+    bed.expect_done(Command::Restart);
+    bed.collect(samples);
+    bed.expect_done(Command::Restart);
+    bed.report_armed(Some(true));
+    assert_eq!(bed.expect_refusal(Command::Restart), Refusal::Armed);
 }

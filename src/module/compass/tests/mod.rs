@@ -9,12 +9,12 @@ mod restart;
 use super::state::SAMPLES_DURING_SOLVE_CAPACITY;
 use super::*;
 use crate::messages::{ExpectedAccuracy, Message, SolveOutcome};
-use crate::settings::{AttitudeError, HeadingKind, OutOfRange, SensorError, Settings};
+use crate::settings::{AttitudeError, HeadingKind, OutOfRange, PORT_COUNT, ProtocolKind, SensorError, Settings};
 use crate::store::tests::calibration_record;
 use crate::store::{CalibrationRecord, StartupValues, StoreChange, StoreError, StoredCalibrations};
-use crate::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
+use crate::synthetic::{Airframe, Flight, Random, RecordedTurns, in_mount, multirotor_samples, rms};
 use autoswing::acceptance::Rejection;
-use autoswing::calibration::{Calibration, CollectionPart, Method, Orientation, SamplePart, Side, SolveError};
+use autoswing::calibration::{Calibration, CollectionPart, Method, Orientation, Side, SolveError};
 use autoswing::collection::CollectionProblem;
 use autoswing::frames::{Attitude, Field, Sensor};
 use autoswing::instrument::{Correction, SampleAttitude, SensorErrorSigmas};
@@ -22,41 +22,79 @@ use autoswing::reading::{Identity, MagnetometerModel};
 
 const SENSOR: Identity = Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E };
 const READINGS_PER_SAMPLE: u16 = 8;
+const NO_PROTOCOLS: [ProtocolKind; PORT_COUNT] = [ProtocolKind::Auto; PORT_COUNT];
 
-/// Sample interval, milliseconds: samples are distinct, and turns have no gap.
-const STEP_MS: u32 = 500;
-
-fn leaked_retained_samples() -> &'static mut RetainedSamples {
-    Box::leak(Box::new(RetainedSamples::EMPTY))
-}
-
-/// State machine and sample clock.
-struct TestBed {
-    compass: Compass<'static>,
+/// State machine with its sample clock, and the flash as its saves leave it.
+struct TestBed<'a> {
+    compass: Compass<'a>,
     now_ms: u32,
+    flash: StoredValues,
+    /// Saves of values for the next start, which no command requests.
+    startup_save_count: u32,
 }
 
-impl TestBed {
+impl TestBed<'static> {
     fn new() -> Self {
-        Self::with_state(AcceptancePolicy::DEFAULT, StoredCalibrations::default())
+        Self::with_calibrations(&[])
     }
 
-    #[expect(clippy::large_types_passed_by_value, reason = "each call makes one of its own")]
-    fn with_state(policy: AcceptancePolicy, stored_calibrations: StoredCalibrations) -> Self {
-        let mut bench = Self {
-            compass: Compass::new(
-                policy,
-                &StoredValues { stored_calibrations, ..StoredValues::default() },
-                leaked_retained_samples(),
-            ),
-            now_ms: u32::MAX - 20_000,
-        };
-        bench.compass.process_event(Event::SensorDetected(SENSOR, READINGS_PER_SAMPLE));
-        bench
+    /// A module with stored calibrations: the current, then the previous one.
+    fn with_calibrations(newest_first: &[CalibrationRecord]) -> Self {
+        let mut newest_first = newest_first.iter().copied();
+        let stored_calibrations =
+            StoredCalibrations { current_calibration: newest_first.next(), previous_calibration: newest_first.next() };
+        Self::start_in_new_memory(
+            AcceptancePolicy::DEFAULT,
+            &StoredValues { stored_calibrations, ..StoredValues::default() },
+        )
+    }
+
+    fn with_setting(setting: SettingChange) -> Self {
+        let mut bed = Self::new();
+        bed.set(setting);
+        bed
+    }
+
+    /// Collects in flight until this accuracy.
+    fn with_accuracy(accuracy_deg: f32) -> Self {
+        let mut bed = Self::with_setting(SettingChange::Accuracy(accuracy_deg));
+        bed.start(Procedure::Flight);
+        bed
+    }
+
+    fn start_in_new_memory(policy: AcceptancePolicy, flash: &StoredValues) -> Self {
+        Self::start_module(policy, flash, Box::leak(Box::new(RetainedSamples::EMPTY)))
+    }
+}
+
+impl<'a> TestBed<'a> {
+    /// A module whose sample clock wraps after 20 s.
+    fn start_module(policy: AcceptancePolicy, flash: &StoredValues, memory: &'a mut RetainedSamples) -> Self {
+        let compass = Compass::new(policy, flash, memory);
+        let mut bed = Self { compass, now_ms: u32::MAX - 20_000, flash: *flash, startup_save_count: 0 };
+        bed.expect_none(Event::SensorDetected(SENSOR, READINGS_PER_SAMPLE));
+        bed
     }
 
     fn time(&self) -> WrappingMillis {
         WrappingMillis::new(self.now_ms)
+    }
+
+    fn advance_clock(&mut self, ms: u32) {
+        self.now_ms = self.now_ms.wrapping_add(ms);
+    }
+
+    fn state(&self) -> ModuleState {
+        self.compass.module_state()
+    }
+
+    fn expect_none(&mut self, event: Event) {
+        let effect = self.compass.process_event(event);
+        assert!(matches!(effect, Effect::None), "{event:?}: {effect:?}");
+    }
+
+    fn report_armed(&mut self, armed_state: Option<bool>) {
+        self.expect_none(Event::ArmedStateReported(armed_state));
     }
 
     fn send_command(&mut self, command: Command) -> Effect {
@@ -83,58 +121,117 @@ impl TestBed {
         }
     }
 
-    /// Sends a command with a reply after saving.
-    fn save_by_command(&mut self, command: Command) -> Result<Reply, Refusal> {
+    fn start(&mut self, procedure: Procedure) {
+        assert_eq!(self.expect_done(Command::CalStart(procedure)), ModuleState::Collecting);
+    }
+
+    fn status_report(&mut self) -> StatusReport {
+        match self.request_reply(Command::Status) {
+            Ok(Reply::Report(report)) => report,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    /// State, and number of fit samples in free flight.
+    fn state_and_fit_count(&mut self) -> (ModuleState, u16) {
+        (self.state(), self.status_report().collection_progress.coverage_of(CollectionPart::FREE).fit_count)
+    }
+
+    /// Writes the pending change to flash.
+    fn save(&mut self) -> Effect {
+        match self.compass.pending_change().expect("a change") {
+            StoreChange::Settings(settings) => self.flash.settings = *settings,
+            StoreChange::StartupValues(startup_values) => self.flash.startup_values = startup_values,
+            calibrations => {
+                let (current, previous) = match calibrations {
+                    StoreChange::StoredCalibrations { current, previous } => (current.copied(), previous.copied()),
+                    _ => (None, None),
+                };
+                self.flash.stored_calibrations =
+                    StoredCalibrations { current_calibration: current, previous_calibration: previous };
+                self.flash.startup_values.is_collecting = false;
+            }
+        }
+        self.compass.process_event(Event::Saved(Ok(())))
+    }
+
+    /// Sends a command with a reply after a save.
+    fn expect_saved(&mut self, command: Command) -> ModuleState {
         assert!(matches!(self.send_command(command), Effect::Save), "{command:?}");
-        assert!(self.compass.pending_change().is_some());
-        match self.compass.process_event(Event::Saved(Ok(()))) {
-            Effect::Reply(reply) => reply,
+        match self.save() {
+            Effect::Reply(Ok(Reply::Done(state))) => state,
             other => panic!("{command:?}: {other:?}"),
         }
     }
 
-    fn process_sample(&mut self, field: Field<Sensor>, attitude: Attitude) -> Effect {
-        let effect =
-            self.compass.process_event(Event::Sample(Sample { time: self.time(), ..Sample::new(field, attitude) }));
-        self.now_ms = self.now_ms.wrapping_add(STEP_MS);
-        effect
+    fn set(&mut self, setting: SettingChange) -> ModuleState {
+        self.expect_saved(Command::Set(setting))
+    }
+
+    /// Idle time, with these protocols detected on the ports.
+    fn process_idle_time(&mut self, detected: [ProtocolKind; PORT_COUNT]) {
+        let now = self.time();
+        if let Effect::Save = self.compass.process_event(Event::ProtocolsDetected(detected, now)) {
+            assert!(matches!(self.compass.pending_change(), Some(StoreChange::StartupValues(_))));
+            self.startup_save_count += 1;
+            assert!(matches!(self.save(), Effect::None));
+        }
+    }
+
+    /// Processes samples, 4 a second, and trial solves until the collection ends.
+    fn collect_until_end(&mut self, samples: &[Sample]) -> Option<SolveOutcome> {
+        for sample in samples {
+            self.advance_clock(250);
+            self.expect_none(Event::Sample(Sample { time: self.time(), ..*sample }));
+            self.process_idle_time(NO_PROTOCOLS);
+            while self.compass.needs_solve_step() {
+                assert_eq!(self.state(), ModuleState::Collecting, "no user requested a solve");
+                match self.compass.process_event(Event::AdvanceSolve) {
+                    Effect::None => self.process_idle_time(NO_PROTOCOLS),
+                    end => return Some(self.outcome_after_save(end)),
+                }
+            }
+        }
+        None
+    }
+
+    /// Processes samples that do not end the collection.
+    fn collect(&mut self, samples: &[Sample]) {
+        assert!(self.collect_until_end(samples).is_none());
+    }
+
+    /// Processes samples until a trial solve begins; returns their number.
+    fn collect_until_trial(&mut self, samples: &[Sample]) -> usize {
+        for (sample, count) in samples.iter().zip(1..) {
+            self.advance_clock(250);
+            self.expect_none(Event::Sample(Sample { time: self.time(), ..*sample }));
+            if self.compass.needs_solve_step() {
+                return count;
+            }
+        }
+        panic!("no trial solve after {} samples", samples.len());
     }
 
     fn collect_at_rest(&mut self, field: Field<Sensor>, samples: u32) {
         for _ in 0..samples {
-            self.compass
-                .process_event(Event::Sample(Sample { time: self.time(), ..Sample::new(field, Attitude::default()) }));
-            self.now_ms = self.now_ms.wrapping_add(100);
+            self.expect_none(Event::Sample(Sample { time: self.time(), ..Sample::new(field, Attitude::default()) }));
+            self.advance_clock(100);
         }
+    }
+
+    /// Processes a sample, 2 a second: samples are distinct, and turns have no gap.
+    fn process_sample(&mut self, field: Field<Sensor>, attitude: Attitude) {
+        self.expect_none(Event::Sample(Sample { time: self.time(), ..Sample::new(field, attitude) }));
+        self.advance_clock(500);
     }
 
     /// Flies left then right turns until a solve starts.
     fn fly_turns(&mut self, recorded: &RecordedTurns) {
         for sample in recorded.left.iter().chain(&recorded.right) {
             if !self.compass.needs_solve_step() {
-                assert!(matches!(self.process_sample(sample.field, sample.attitude), Effect::None));
+                self.process_sample(sample.field, sample.attitude);
             }
         }
-    }
-
-    fn run_solve(&mut self) -> Effect {
-        for _ in 0..1000 {
-            match self.compass.process_event(Event::AdvanceSolve) {
-                Effect::None => assert!(self.compass.needs_solve_step(), "it waits for nothing"),
-                end => return end,
-            }
-        }
-        panic!("it never ends");
-    }
-
-    fn calibrate(&mut self, recorded: &RecordedTurns) -> SolveOutcome {
-        assert_eq!(self.expect_done(Command::CalStart(Procedure::Turns)), ModuleState::Collecting);
-        self.fly_turns(recorded);
-        if !self.compass.needs_solve_step() {
-            assert_eq!(self.expect_done(Command::CalSolve(None)), ModuleState::Solving);
-        }
-        let end = self.run_solve();
-        self.outcome_after_save(end)
     }
 
     fn tumble(&mut self) {
@@ -148,22 +245,52 @@ impl TestBed {
         }
     }
 
+    fn run_solve(&mut self) -> Effect {
+        for _ in 0..1000 {
+            match self.compass.process_event(Event::AdvanceSolve) {
+                Effect::None => assert!(self.compass.needs_solve_step(), "it waits for nothing"),
+                end => return end,
+            }
+        }
+        panic!("it never ends");
+    }
+
+    fn run_trial_solve(&mut self) {
+        while self.compass.needs_solve_step() {
+            self.expect_none(Event::AdvanceSolve);
+        }
+    }
+
     fn outcome_after_save(&mut self, end: Effect) -> SolveOutcome {
-        match end {
+        match if let Effect::Save = end { self.save() } else { end } {
             Effect::Notify(Message::Solved(outcome)) => outcome,
-            Effect::Save => match self.compass.process_event(Event::Saved(Ok(()))) {
-                Effect::Notify(Message::Solved(outcome)) => outcome,
-                other => panic!("{other:?}"),
-            },
             other => panic!("{other:?}"),
         }
     }
 
-    fn status_report(&mut self) -> StatusReport {
-        match self.request_reply(Command::Status) {
-            Ok(Reply::Report(report)) => report,
-            other => panic!("{other:?}"),
-        }
+    /// Runs a solve in progress to its end.
+    fn finish_solve(&mut self) -> SolveOutcome {
+        let end = self.run_solve();
+        self.outcome_after_save(end)
+    }
+
+    fn solve(&mut self) -> SolveOutcome {
+        assert_eq!(self.expect_done(Command::CalSolve(None)), ModuleState::Solving);
+        self.finish_solve()
+    }
+
+    fn calibrate(&mut self, recorded: &RecordedTurns) -> SolveOutcome {
+        self.start(Procedure::Turns);
+        self.fly_turns(recorded);
+        if self.compass.needs_solve_step() { self.finish_solve() } else { self.solve() }
+    }
+
+    fn active_record(&self) -> CalibrationRecord {
+        *self.compass.active_record().expect("an active calibration")
+    }
+
+    fn calibrated_inclination_deg(&self) -> f32 {
+        self.active_record().calibration.inclination_rad.to_degrees()
     }
 }
 
@@ -172,13 +299,18 @@ fn airframe() -> Airframe {
 }
 
 /// A complete collection: two and a half circles each way.
-fn complete_turns(airframe: &Airframe, seed: u64) -> RecordedTurns {
-    Flight { samples_per_side: 190, ..Flight::TYPICAL }.fly(airframe, &mut Random(seed))
+fn complete_turns(seed: u64) -> RecordedTurns {
+    Flight { samples_per_side: 190, ..Flight::TYPICAL }.fly(&airframe(), &mut Random(seed))
 }
 
 /// Enough for `cal solve`: one circle each way.
-fn few_turns(airframe: &Airframe, seed: u64) -> RecordedTurns {
-    Flight { samples_per_side: 60, ..Flight::TYPICAL }.fly(airframe, &mut Random(seed))
+fn few_turns(seed: u64) -> RecordedTurns {
+    Flight { samples_per_side: 60, ..Flight::TYPICAL }.fly(&airframe(), &mut Random(seed))
+}
+
+/// 100 s of a multirotor, 4 samples/s: 40 s of yaw turns, then tilts to all sides.
+fn hover_samples(seed: u64) -> Vec<Sample> {
+    multirotor_samples(&airframe(), 0.3, &mut Random(seed))
 }
 
 fn test_field() -> Field<Sensor> {
@@ -188,87 +320,73 @@ fn test_field() -> Field<Sensor> {
 /// The mounting is output only for a known sensor.
 #[test]
 fn a_correction_contains_mounting_armed_state_and_expected_errors() {
-    let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &StoredValues::default(), leaked_retained_samples());
+    let memory = &mut RetainedSamples::EMPTY.clone();
+    let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &StoredValues::default(), memory);
     assert_eq!(compass.instrument_correction(), Correction::UNCALIBRATED);
     compass.process_event(Event::ArmedStateReported(Some(false)));
     assert_eq!(compass.instrument_correction(), Correction { is_armed: Some(false), ..Correction::UNCALIBRATED });
-    let mut bench = TestBed::new();
     let mount = Orientation::from_name("yaw90").unwrap();
-    bench.save_by_command(Command::Set(SettingChange::Mount(mount))).unwrap();
-    assert_eq!(bench.compass.instrument_correction(), Correction { mount: Some(mount), ..Correction::UNCALIBRATED });
-    let error = SensorError { gyro_percent: 50.0 / 8.0, drift_percent: 0.5 };
-    bench.save_by_command(Command::Set(SettingChange::SensorError(error))).unwrap();
+    let mut bed = TestBed::with_setting(SettingChange::Mount(mount));
+    assert_eq!(bed.compass.instrument_correction(), Correction { mount: Some(mount), ..Correction::UNCALIBRATED });
+    bed.set(SettingChange::SensorError(SensorError { gyro_percent: 50.0 / 8.0, drift_percent: 0.5 }));
     assert_eq!(
-        bench.compass.instrument_correction().sensor_errors,
+        bed.compass.instrument_correction().sensor_errors,
         SensorErrorSigmas { gyro_scale: 0.0625, hard_iron_drift_per_minute: 0.005 }
     );
 }
 
 #[test]
 fn full_turns_to_both_sides_give_a_calibration() {
-    let mut bench = TestBed::new();
-    assert_eq!(bench.compass.module_state(), ModuleState::Uncalibrated);
-    assert_eq!(
-        bench.compass.instrument_correction(),
-        Correction { mount: Some(Orientation::IDENTITY_ROTATION), ..Correction::UNCALIBRATED }
-    );
-    bench.expect_done(Command::CalStart(Procedure::Turns));
-    bench.fly_turns(&complete_turns(&airframe(), 1));
-    assert_eq!(bench.compass.module_state(), ModuleState::Solving);
-    while bench.compass.module_state() == ModuleState::Solving {
-        assert!(matches!(bench.compass.process_event(Event::AdvanceSolve), Effect::None));
+    let mut bed = TestBed::new();
+    assert_eq!(bed.state(), ModuleState::Uncalibrated);
+    bed.start(Procedure::Turns);
+    bed.fly_turns(&complete_turns(1));
+    assert_eq!(bed.state(), ModuleState::Solving);
+    while bed.state() == ModuleState::Solving {
+        bed.expect_none(Event::AdvanceSolve);
     }
-    assert_eq!(bench.compass.module_state(), ModuleState::Verifying);
-    assert!(matches!(bench.compass.process_event(Event::AdvanceSolve), Effect::Save));
-    assert_eq!(bench.compass.module_state(), ModuleState::Verifying, "until it is written");
-    assert!(bench.compass.active_record().is_none());
-    let Some(StoreChange::StoredCalibrations { current: Some(written), previous: None }) =
-        bench.compass.pending_change()
-    else {
-        panic!("{:?}", bench.compass.pending_change())
-    };
-    let written = *written;
-    let Effect::Notify(Message::Solved(Ok(verdict))) = bench.compass.process_event(Event::Saved(Ok(()))) else {
-        panic!("no message")
-    };
-    assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
-    assert_eq!(bench.compass.active_record(), Some(&written));
+    assert_eq!(bed.state(), ModuleState::Verifying);
+    assert!(matches!(bed.compass.process_event(Event::AdvanceSolve), Effect::Save));
+    assert_eq!(bed.state(), ModuleState::Verifying, "until it is written");
+    assert!(bed.compass.active_record().is_none());
+    let Effect::Notify(Message::Solved(Ok(accuracy))) = bed.save() else { panic!("no message") };
+    assert!(bed.compass.pending_change().is_none());
+    let written = bed.active_record();
+    let stored = bed.flash.stored_calibrations;
+    assert_eq!((stored.current_calibration, stored.previous_calibration), (Some(written), None));
     assert_eq!((written.serial_number, written.sensor, written.mount), (1, SENSOR, Orientation::IDENTITY_ROTATION));
-    assert_eq!(verdict, ExpectedAccuracy::new(written.quality, &written.calibration));
-    assert!(bench.compass.pending_change().is_none());
-    assert!(rms(&airframe().errors_deg(&written.calibration)) < 3.0 * verdict.quality.expected_rms_deg);
-    assert_eq!(bench.compass.instrument_correction().calibration, Some((written.calibration, written.uncertainty)));
-    let report = bench.status_report();
-    assert_eq!(
-        (report.module_state, report.can_undo, report.last_collection_outcome.is_some()),
-        (ModuleState::Calibrated, false, true)
-    );
-    assert_eq!(report.stored_calibration.as_ref().map(|summary| summary.serial_number), Some(1));
-    assert_eq!(report.stored_calibration.map(|summary| summary.expected_accuracy()), Some(verdict));
+    assert_eq!(accuracy, ExpectedAccuracy::new(written.quality, &written.calibration));
+    assert!(rms(&airframe().errors_deg(&written.calibration)) < 3.0 * accuracy.quality.expected_rms_deg);
+    assert_eq!(bed.compass.instrument_correction().calibration, Some((written.calibration, written.uncertainty)));
+    let report = bed.status_report();
+    assert_eq!((report.module_state, report.can_undo), (ModuleState::Calibrated, false));
+    assert_eq!(report.last_collection_outcome, Some(Message::Solved(Ok(accuracy))));
+    let summary = report.stored_calibration.unwrap();
+    assert_eq!((summary.serial_number, summary.expected_accuracy()), (1, accuracy));
 }
 
 #[test]
 fn a_new_collection_starts_without_samples() {
     for stopped in [false, true] {
-        let mut bench = TestBed::new();
-        bench.expect_done(Command::CalStart(Procedure::Turns));
-        bench.fly_turns(&few_turns(&airframe(), 1));
+        let mut bed = TestBed::new();
+        bed.start(Procedure::Turns);
+        bed.fly_turns(&few_turns(1));
         if stopped {
-            bench.expect_done(Command::CalStop);
-            bench.expect_done(Command::CalStart(Procedure::Turns));
+            bed.expect_done(Command::CalStop);
+            bed.start(Procedure::Turns);
         } else {
-            let refused = bench.expect_refusal(Command::CalStart(Procedure::Turns));
-            assert_eq!(refused.stable_code(), "collecting");
-            assert!(bench.status_report().collection_progress.coverage_of(CollectionPart::LEFT).fit_count > 0);
-            bench.expect_done(Command::CalStartNew(None));
+            assert_eq!(bed.expect_refusal(Command::CalStart(Procedure::Turns)).stable_code(), "collecting");
+            assert!(bed.status_report().collection_progress.coverage_of(CollectionPart::LEFT).fit_count > 0);
+            bed.expect_done(Command::CalStartNew(None));
         }
-        assert_eq!(bench.expect_refusal(Command::CalSolve(None)), Refusal::NoSamples);
+        assert_eq!(bed.expect_refusal(Command::CalSolve(None)), Refusal::NoSamples);
     }
 }
 
 #[test]
 fn without_a_sensor_calibration_is_refused() {
-    let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &StoredValues::default(), leaked_retained_samples());
+    let memory = &mut RetainedSamples::EMPTY.clone();
+    let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &StoredValues::default(), memory);
     for command in [Command::CalStart(Procedure::Turns), Command::CalSolve(None)] {
         let effect = compass.process_event(Event::Command(command, WrappingMillis::default()));
         assert!(matches!(effect, Effect::Reply(Err(Refusal::NoSensor))), "{effect:?}");
@@ -277,52 +395,46 @@ fn without_a_sensor_calibration_is_refused() {
 
 #[test]
 fn a_failed_solve_is_refused_with_the_solver_s_reason() {
-    let mut bench = TestBed::new();
-    assert_eq!(bench.expect_refusal(Command::CalSolve(None)), Refusal::NoSamples);
-    bench.expect_done(Command::CalStart(Procedure::Turns));
-    let RecordedTurns { left, .. } = few_turns(&airframe(), 1);
-    bench.fly_turns(&RecordedTurns { left, right: Vec::new() });
+    let mut bed = TestBed::new();
+    assert_eq!(bed.expect_refusal(Command::CalSolve(None)), Refusal::NoSamples);
+    bed.start(Procedure::Turns);
+    bed.fly_turns(&RecordedTurns { right: Vec::new(), ..few_turns(1) });
     // A known cause replaces the solver's error.
-    let one_side = bench.expect_refusal(Command::CalSolve(None));
-    let lack = CollectionProblem::OneSideOnly(Side::Left);
-    assert_eq!(
-        one_side,
-        Refusal::InsufficientSamples { code: "too-few-samples", expected_rms_deg: None, cause: lack.into() }
-    );
+    let insufficient = |code| Refusal::InsufficientSamples {
+        code,
+        expected_rms_deg: None,
+        cause: CollectionProblem::OneSideOnly(Side::Left).into(),
+    };
+    assert_eq!(bed.expect_refusal(Command::CalSolve(None)), insufficient("too-few-samples"));
     // A given method is always tried.
-    bench.expect_done(Command::CalSolve(Some(Method::Ellipsoid)));
-    let end = bench.run_solve();
-    let refused = bench.outcome_after_save(end).unwrap_err();
-    assert_eq!(
-        refused,
-        Refusal::InsufficientSamples { code: "not-determined", expected_rms_deg: None, cause: lack.into() }
-    );
-    assert_eq!(bench.status_report().last_collection_outcome, Some(Message::Solved(Err(refused))));
-    assert_eq!(bench.compass.module_state(), ModuleState::Uncalibrated);
+    bed.expect_done(Command::CalSolve(Some(Method::Ellipsoid)));
+    let refused = bed.finish_solve().unwrap_err();
+    assert_eq!(refused, insufficient("not-determined"));
+    assert_eq!(bed.status_report().last_collection_outcome, Some(Message::Solved(Err(refused))));
+    assert_eq!(bed.state(), ModuleState::Uncalibrated);
 }
 
 #[test]
 fn a_rejected_calibration_is_not_used() {
-    let strict = AcceptancePolicy { max_expected_rms_deg: 0.01, ..AcceptancePolicy::DEFAULT };
-    let strict_policy = AcceptancePolicy { min_held_back_samples: 1000, ..AcceptancePolicy::DEFAULT };
-    for (policy, code) in [(strict, "not-accurate"), (strict_policy, "too-few-held-back")] {
-        let mut bench = TestBed::with_state(policy, StoredCalibrations::default());
-        let refused = bench.calibrate(&complete_turns(&airframe(), 1)).unwrap_err();
-        assert_eq!(refused.stable_code(), code);
-        assert!(matches!(refused, Refusal::Rejected(_)));
-        assert_eq!(bench.compass.module_state(), ModuleState::Uncalibrated);
-        assert!(bench.compass.pending_change().is_none());
+    let accurate = AcceptancePolicy { max_expected_rms_deg: 0.01, ..AcceptancePolicy::DEFAULT };
+    let verified = AcceptancePolicy { min_held_back_samples: 1000, ..AcceptancePolicy::DEFAULT };
+    for (policy, code) in [(accurate, "not-accurate"), (verified, "too-few-held-back")] {
+        let mut bed = TestBed::start_in_new_memory(policy, &StoredValues::default());
+        let refused = bed.calibrate(&complete_turns(1)).unwrap_err();
+        assert!(matches!(refused, Refusal::Rejected(_)) && refused.stable_code() == code, "{refused:?}");
+        assert_eq!((bed.state(), bed.flash), (ModuleState::Uncalibrated, StoredValues::default()));
+        assert!(bed.compass.pending_change().is_none());
     }
 }
 
 #[test]
 fn a_second_calibration_is_judged_against_the_first() {
-    let mut bench = TestBed::new();
-    bench.calibrate(&complete_turns(&airframe(), 1)).unwrap();
-    let first = *bench.compass.active_record().unwrap();
+    let mut bed = TestBed::new();
+    bed.calibrate(&complete_turns(1)).unwrap();
+    let first = bed.active_record();
     let short_flight =
         Flight { samples_per_side: 40, attitude_noise_deg: 1.5, ..Flight::TYPICAL }.fly(&airframe(), &mut Random(5));
-    let refused = bench.calibrate(&short_flight).unwrap_err();
+    let refused = bed.calibrate(&short_flight).unwrap_err();
     let rejected = matches!(
         refused,
         Refusal::Rejected(
@@ -330,17 +442,20 @@ fn a_second_calibration_is_judged_against_the_first() {
         )
     );
     assert!(rejected, "{refused:?}");
-    assert_eq!(bench.compass.active_record(), Some(&first));
-    assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
+    assert_eq!((bed.active_record(), bed.state()), (first, ModuleState::Calibrated));
     let changed_airframe = Airframe { b_ut: airframe().b_ut * 0.2, ..airframe() };
-    bench.calibrate(&complete_turns(&changed_airframe, 2)).unwrap();
-    let second = *bench.compass.active_record().unwrap();
+    let complete_flight = Flight { samples_per_side: 190, ..Flight::TYPICAL };
+    bed.calibrate(&complete_flight.fly(&changed_airframe, &mut Random(2))).unwrap();
+    let second = bed.active_record();
     assert_eq!(second.serial_number, 2);
-    assert!(bench.status_report().can_undo);
-    assert!(matches!(bench.save_by_command(Command::CalUndo), Ok(Reply::Done(ModuleState::Calibrated))));
-    assert_eq!(bench.compass.active_record(), Some(&first));
-    bench.save_by_command(Command::CalUndo).unwrap();
-    assert_eq!(bench.compass.active_record(), Some(&second));
+    assert!(bed.status_report().can_undo);
+    for expected in [first, second] {
+        assert_eq!(bed.expect_saved(Command::CalUndo), ModuleState::Calibrated);
+        assert_eq!(
+            (bed.active_record(), bed.flash.stored_calibrations.current_calibration),
+            (expected, Some(expected))
+        );
+    }
 }
 
 /// `tan(54 deg) = 1.38`, for either sign of inclination.
@@ -357,203 +472,143 @@ fn heading_error_per_attitude_error_is_the_tangent_of_inclination() {
 #[test]
 fn serial_numbers_wrap() {
     let last = CalibrationRecord { serial_number: u32::MAX, ..calibration_record(1) };
-    let mut bench = TestBed::with_state(
-        AcceptancePolicy::DEFAULT,
-        StoredCalibrations { current_calibration: Some(last), previous_calibration: None },
-    );
-    bench.calibrate(&complete_turns(&airframe(), 1)).unwrap();
-    assert_eq!(bench.compass.active_record().unwrap().serial_number, 0);
+    let mut bed = TestBed::with_calibrations(&[last]);
+    bed.calibrate(&complete_turns(1)).unwrap();
+    assert_eq!(bed.active_record().serial_number, 0);
 }
 
 #[test]
 fn a_record_is_used_only_with_its_sensor_and_mounting() {
-    let current = Some(calibration_record(4));
-    let stored_calibrations = StoredCalibrations { current_calibration: current, previous_calibration: None };
-    let mut bench = TestBed::with_state(AcceptancePolicy::DEFAULT, stored_calibrations);
-    assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
+    let mut bed = TestBed::with_calibrations(&[calibration_record(4)]);
+    assert_eq!(bed.state(), ModuleState::Calibrated);
     // An equal chip at another address is another sensor.
     for other in [Identity { address: 0x1C, ..SENSOR }, Identity { model: MagnetometerModel::Lsm303dlhc, ..SENSOR }] {
-        bench.compass.process_event(Event::SensorDetected(other, READINGS_PER_SAMPLE));
-        assert_eq!(bench.compass.module_state(), ModuleState::Uncalibrated, "{other:?}");
-        assert!(bench.compass.instrument_correction().calibration.is_none());
-        assert_eq!(bench.expect_refusal(Command::Align(Some(10.0))), Refusal::NoCalibration);
+        bed.expect_none(Event::SensorDetected(other, READINGS_PER_SAMPLE));
+        assert_eq!(bed.state(), ModuleState::Uncalibrated, "{other:?}");
+        assert!(bed.compass.instrument_correction().calibration.is_none());
+        assert_eq!(bed.expect_refusal(Command::Align(Some(10.0))), Refusal::NoCalibration);
     }
-    bench.compass.process_event(Event::SensorDetected(SENSOR, READINGS_PER_SAMPLE));
-    assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
+    bed.expect_none(Event::SensorDetected(SENSOR, READINGS_PER_SAMPLE));
+    assert_eq!(bed.state(), ModuleState::Calibrated);
     let turned = Orientation::from_name("yaw90").unwrap();
-    bench.save_by_command(Command::Set(SettingChange::Mount(turned))).unwrap();
-    assert_eq!(bench.compass.module_state(), ModuleState::Uncalibrated);
-    bench.save_by_command(Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION))).unwrap();
-    assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
-    let unknown = Compass::new(
-        AcceptancePolicy::DEFAULT,
-        &StoredValues { stored_calibrations, ..StoredValues::default() },
-        leaked_retained_samples(),
-    );
-    assert!(unknown.active_record().is_none());
+    assert_eq!(bed.set(SettingChange::Mount(turned)), ModuleState::Uncalibrated);
+    assert_eq!(bed.set(SettingChange::Mount(Orientation::IDENTITY_ROTATION)), ModuleState::Calibrated);
+    let memory = &mut RetainedSamples::EMPTY.clone();
+    assert!(Compass::new(AcceptancePolicy::DEFAULT, &bed.flash, memory).active_record().is_none(), "no sensor yet");
 }
 
 #[test]
-fn a_solve_uses_configured_mounting_and_inclination() {
+fn a_solve_uses_the_configured_mounting_inclination_and_attitude_error() {
     let mount = Orientation::from_name("roll180-yaw90").unwrap();
-    let mut bench = TestBed::new();
-    bench.save_by_command(Command::Set(SettingChange::Mount(mount))).unwrap();
-    bench.calibrate(&complete_turns(&airframe(), 1).in_mount(mount)).unwrap();
-    assert_eq!(bench.compass.active_record().unwrap().mount, mount);
-    // With an inclination prior 2 deg off the solve shifts the estimate; with one 5 deg off it is refused.
-    let found_deg = |given: Option<f32>| {
-        let mut bench = TestBed::new();
-        bench.save_by_command(Command::Set(SettingChange::Inclination(given))).unwrap();
-        bench.calibrate(&few_turns(&airframe(), 1)).unwrap();
-        bench.compass.active_record().unwrap().calibration.inclination_rad.to_degrees()
+    let mut bed = TestBed::with_setting(SettingChange::Mount(mount));
+    bed.calibrate(&complete_turns(1).map_samples(|sample| in_mount(sample, mount))).unwrap();
+    assert_eq!(bed.active_record().mount, mount);
+    // An inclination 2 deg off shifts the estimate; one 5 deg off is refused.
+    let solve_with = |inclination_deg| {
+        let mut bed = TestBed::with_setting(SettingChange::Inclination(inclination_deg));
+        bed.calibrate(&few_turns(1)).map(|_| bed.calibrated_inclination_deg())
     };
-    let (free, given) = (found_deg(None), found_deg(Some(57.0)));
+    let (free, given) = (solve_with(None).unwrap(), solve_with(Some(57.0)).unwrap());
     assert!(given > free + 0.008, "{given} {free}");
+    let contradicted = SolveError::InclinationContradicted { found_deg: 55 };
+    assert_eq!(solve_with(Some(60.0)), Err(Refusal::Solve(contradicted)));
     let expected_deg = |bias_deg, bank_percent| {
-        let mut bench = TestBed::new();
         let error = AttitudeError { bias_deg, bank_percent };
-        bench.save_by_command(Command::Set(SettingChange::AttitudeError(error))).unwrap();
-        let quality = bench.calibrate(&few_turns(&airframe(), 1)).unwrap().quality;
-        let Ok(Reply::Advice(advice)) = bench.request_reply(Command::CalAdvise) else { panic!("none") };
+        let mut bed = TestBed::with_setting(SettingChange::AttitudeError(error));
+        let quality = bed.calibrate(&few_turns(1)).unwrap().quality;
+        let Ok(Reply::Advice(advice)) = bed.request_reply(Command::CalAdvise) else { panic!("none") };
         assert!((advice.expected_deg - quality.expected_rms_deg).abs() < 1e-4, "{advice:?}");
         quality.expected_rms_deg
     };
-    let nothing = expected_deg(0.0, 0.0);
-    let as_delivered = TestBed::new().calibrate(&few_turns(&airframe(), 1)).unwrap().quality.expected_rms_deg;
-    assert!(nothing < as_delivered && (as_delivered - expected_deg(0.2, 1.0)).abs() < 1e-6, "{nothing} {as_delivered}");
+    let without_error = expected_deg(0.0, 0.0);
+    let as_delivered = TestBed::new().calibrate(&few_turns(1)).unwrap().quality.expected_rms_deg;
+    assert!(without_error < as_delivered && (as_delivered - expected_deg(0.2, 1.0)).abs() < 1e-6);
     for larger_error_deg in [expected_deg(1.0, 0.0), expected_deg(0.0, 5.0)] {
-        assert!(larger_error_deg > 1.2 * nothing, "{larger_error_deg} {nothing}");
+        assert!(larger_error_deg > 1.2 * without_error, "{larger_error_deg} {without_error}");
     }
-    let mut bench = TestBed::new();
-    bench.save_by_command(Command::Set(SettingChange::Inclination(Some(60.0)))).unwrap();
-    let contradicted = Refusal::Solve(SolveError::InclinationContradicted { found_deg: 55 });
-    assert_eq!(bench.calibrate(&few_turns(&airframe(), 1)).unwrap_err(), contradicted);
 }
 
 #[test]
 fn clear_removes_all_calibrations_and_undo_needs_a_previous_one() {
-    let mut bench = TestBed::with_state(
-        AcceptancePolicy::DEFAULT,
-        StoredCalibrations { current_calibration: Some(calibration_record(2)), previous_calibration: None },
-    );
-    assert_eq!(bench.expect_refusal(Command::CalUndo), Refusal::NoPreviousCalibration);
-    bench.compass.stored_calibrations.previous_calibration = Some(calibration_record(1));
-    assert!(matches!(bench.send_command(Command::CalClear), Effect::Save));
-    assert!(matches!(bench.compass.pending_change(), Some(StoreChange::Clear)));
-    assert!(bench.compass.active_record().is_some(), "until it is written");
-    assert!(matches!(
-        bench.compass.process_event(Event::Saved(Ok(()))),
-        Effect::Reply(Ok(Reply::Done(ModuleState::Uncalibrated)))
-    ));
-    assert!(bench.compass.active_record().is_none());
-    assert_eq!(bench.expect_refusal(Command::CalUndo), Refusal::NoPreviousCalibration);
+    let mut bed = TestBed::with_calibrations(&[calibration_record(2)]);
+    assert_eq!(bed.expect_refusal(Command::CalUndo), Refusal::NoPreviousCalibration);
+    let mut bed = TestBed::with_calibrations(&[calibration_record(2), calibration_record(1)]);
+    assert!(matches!(bed.send_command(Command::CalClear), Effect::Save));
+    assert!(matches!(bed.compass.pending_change(), Some(StoreChange::Clear)));
+    assert!(bed.compass.active_record().is_some(), "until it is written");
+    assert!(matches!(bed.save(), Effect::Reply(Ok(Reply::Done(ModuleState::Uncalibrated)))));
+    assert!(bed.compass.active_record().is_none());
+    assert_eq!(bed.expect_refusal(Command::CalUndo), Refusal::NoPreviousCalibration);
 }
 
 #[test]
 fn a_change_that_cannot_be_stored_has_no_effect() {
     let failed = || Event::Saved(Err(StoreError::ReadBackDiffers));
-    let stored_calibrations = StoredCalibrations {
-        current_calibration: Some(calibration_record(2)),
-        previous_calibration: Some(calibration_record(1)),
-    };
-    let mut bench = TestBed::with_state(AcceptancePolicy::DEFAULT, stored_calibrations);
+    let refusal = Refusal::Store(StoreError::ReadBackDiffers);
+    let mut bed = TestBed::with_calibrations(&[calibration_record(2), calibration_record(1)]);
     for command in
         [Command::CalUndo, Command::CalClear, Command::Set(SettingChange::StreamOn(false)), Command::Align(None)]
     {
-        assert!(matches!(bench.send_command(command), Effect::Save));
-        let effect = bench.compass.process_event(failed());
-        assert!(
-            matches!(effect, Effect::Reply(Err(Refusal::Store(StoreError::ReadBackDiffers)))),
-            "{command:?}: {effect:?}"
-        );
-        assert_eq!(bench.compass.stored_calibrations, stored_calibrations);
-        assert_eq!(*bench.compass.stored_settings(), Settings::DEFAULT);
-        assert!(bench.compass.pending_change().is_none());
+        assert!(matches!(bed.send_command(command), Effect::Save));
+        let effect = bed.compass.process_event(failed());
+        assert!(matches!(&effect, Effect::Reply(Err(found)) if *found == refusal), "{command:?}: {effect:?}");
+        assert_eq!(bed.compass.stored_calibrations, bed.flash.stored_calibrations);
+        assert_eq!(*bed.compass.stored_settings(), Settings::DEFAULT);
+        assert!(bed.compass.pending_change().is_none());
     }
-    let mut bench = TestBed::new();
-    bench.expect_done(Command::CalStart(Procedure::Turns));
-    bench.fly_turns(&complete_turns(&airframe(), 1));
-    assert!(matches!(bench.run_solve(), Effect::Save));
-    assert!(matches!(
-        bench.compass.process_event(failed()),
-        Effect::Notify(Message::Solved(Err(Refusal::Store(StoreError::ReadBackDiffers))))
-    ));
-    assert_eq!(bench.compass.module_state(), ModuleState::Uncalibrated);
-    assert_eq!(
-        bench.status_report().last_collection_outcome,
-        Some(Message::Solved(Err(Refusal::Store(StoreError::ReadBackDiffers))))
-    );
+    let mut bed = TestBed::new();
+    bed.start(Procedure::Turns);
+    bed.fly_turns(&complete_turns(1));
+    assert!(matches!(bed.run_solve(), Effect::Save));
+    let message = Message::Solved(Err(refusal));
+    let effect = bed.compass.process_event(failed());
+    assert!(matches!(&effect, Effect::Notify(found) if *found == message), "{effect:?}");
+    assert_eq!(bed.state(), ModuleState::Uncalibrated);
+    assert_eq!(bed.status_report().last_collection_outcome, Some(message));
 }
 
 #[test]
 fn unexpected_events_are_ignored() {
-    let mut bench = TestBed::new();
-    assert!(matches!(bench.compass.process_event(Event::AdvanceSolve), Effect::None));
-    assert!(matches!(bench.compass.process_event(Event::Saved(Ok(()))), Effect::None));
-    bench.expect_done(Command::CalStart(Procedure::Turns));
-    assert!(matches!(bench.compass.process_event(Event::AdvanceSolve), Effect::None));
-    assert_eq!(bench.compass.module_state(), ModuleState::Collecting);
+    let mut bed = TestBed::new();
+    bed.expect_none(Event::AdvanceSolve);
+    bed.expect_none(Event::Saved(Ok(())));
+    bed.start(Procedure::Turns);
+    bed.expect_none(Event::AdvanceSolve);
+    assert_eq!(bed.state(), ModuleState::Collecting);
 }
 
 #[test]
 fn settings_out_of_range_are_refused_and_not_written() {
-    let mut bench = TestBed::new();
-    let refused = bench.expect_refusal(Command::Set(SettingChange::StreamRateHz(81)));
+    let mut bed = TestBed::new();
+    let refused = bed.expect_refusal(Command::Set(SettingChange::StreamRateHz(81)));
     assert_eq!(refused, Refusal::OutOfRange(OutOfRange("a rate is 1 to 80 sentences a second")));
-    assert!(bench.compass.pending_change().is_none());
-    assert!(matches!(bench.send_command(Command::Set(SettingChange::StreamRateHz(80))), Effect::Save));
-    assert!(matches!(bench.compass.pending_change(), Some(StoreChange::Settings(Settings { stream_rate_hz: 80, .. }))));
-}
-
-#[test]
-fn a_tumbling_needs_no_attitude() {
-    let mut bench = TestBed::new();
-    bench.expect_done(Command::CalStart(Procedure::Tumble));
-    assert_eq!(bench.compass.instrument_correction().sample_attitude, SampleAttitude::Unknown);
-    bench.tumble();
-    bench.expect_done(Command::CalSolve(None));
-    assert_eq!(bench.compass.instrument_correction().sample_attitude, SampleAttitude::Interpolated);
-    let end = bench.run_solve();
-    let verdict = bench.outcome_after_save(end).unwrap();
-    assert_eq!((verdict.quality.method, verdict.heading_deg_per_attitude_deg), (Method::Ellipsoid, None));
-    assert!(!bench.compass.instrument_correction().has_valid_inclination);
-    bench.expect_done(Command::CalStart(Procedure::Level));
-    assert_eq!(bench.compass.instrument_correction().sample_attitude, SampleAttitude::Interpolated);
+    assert!(bed.compass.pending_change().is_none());
+    bed.set(SettingChange::StreamRateHz(80));
+    assert_eq!(bed.flash.settings, Settings { stream_rate_hz: 80, ..Settings::DEFAULT });
 }
 
 /// Turned about the body's x axis, the calibrated field keeps its strength and loses its inclination.
 #[test]
 fn a_calibration_with_a_wrong_vertical_is_replaced() {
-    let mut bench = TestBed::new();
-    bench.calibrate(&complete_turns(&airframe(), 1)).unwrap();
-    let mut record = *bench.compass.active_record().unwrap();
+    let mut bed = TestBed::new();
+    bed.calibrate(&complete_turns(1)).unwrap();
+    let mut record = bed.active_record();
     let (sin, cos) = 20.0_f32.to_radians().sin_cos();
     let [x, y, z] = record.calibration.w;
     let combined = |a: f32, b: f32| core::array::from_fn(|i| a * y[i] + b * z[i]);
     record.calibration.w = [x, combined(cos, -sin), combined(sin, cos)];
-    let stored = StoredCalibrations { current_calibration: Some(record), previous_calibration: None };
-    let mut bench = TestBed::with_state(AcceptancePolicy::DEFAULT, stored);
-    bench.calibrate(&complete_turns(&airframe(), 2)).unwrap();
-}
-
-#[test]
-fn advice_requires_a_solve() {
-    let mut bench = TestBed::new();
-    assert_eq!(bench.expect_refusal(Command::CalAdvise), Refusal::NotSolved);
-    bench.calibrate(&few_turns(&airframe(), 1)).unwrap();
-    let Ok(Reply::Advice(advice)) = bench.request_reply(Command::CalAdvise) else { panic!("none") };
-    assert!(advice.expected_deg > 0.0);
+    TestBed::with_calibrations(&[record]).calibrate(&complete_turns(2)).unwrap();
 }
 
 #[test]
 fn states_have_names() {
-    let states = [
-        ModuleState::Uncalibrated,
-        ModuleState::Collecting,
-        ModuleState::Solving,
-        ModuleState::Verifying,
-        ModuleState::Calibrated,
-    ];
-    let names = ["uncalibrated", "collecting", "solving", "verifying", "calibrated"];
-    assert_eq!(states.map(ModuleState::state_name), names);
+    for (state, name) in [
+        (ModuleState::Uncalibrated, "uncalibrated"),
+        (ModuleState::Collecting, "collecting"),
+        (ModuleState::Solving, "solving"),
+        (ModuleState::Verifying, "verifying"),
+        (ModuleState::Calibrated, "calibrated"),
+    ] {
+        assert_eq!(state.state_name(), name);
+    }
 }

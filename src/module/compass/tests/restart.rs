@@ -3,248 +3,136 @@
 use testkit::random::Random as Bits;
 
 use super::*;
-use crate::settings::{PORT_COUNT, PortNumber, ProtocolKind};
-use crate::synthetic::multirotor_samples;
-use autoswing::calibration::CollectionPart;
+use crate::settings::PortNumber;
 
-const NO_PROTOCOLS: [ProtocolKind; PORT_COUNT] = [ProtocolKind::Auto; PORT_COUNT];
 const DETECTED_PROTOCOLS: [ProtocolKind; PORT_COUNT] = [ProtocolKind::Mavlink, ProtocolKind::Nmea];
 
-/// RAM and flash contents, sample clock.
+/// RAM and flash, which restarts retain.
 struct Module {
-    retained_samples: RetainedSamples,
-    stored_values: StoredValues,
-    now_ms: u32,
-    write_count: u32,
+    memory: RetainedSamples,
+    flash: StoredValues,
+    startup_save_count: u32,
 }
 
 impl Module {
     fn new() -> Self {
-        Self {
-            retained_samples: RetainedSamples::EMPTY,
-            stored_values: StoredValues::default(),
-            now_ms: 0,
-            write_count: 0,
-        }
+        Self { memory: RetainedSamples::EMPTY, flash: StoredValues::default(), startup_save_count: 0 }
     }
 
-    /// Starts the armed module at clock zero and runs a test on it.
-    fn run_module<T>(&mut self, run: impl FnOnce(&mut RunningModule<'_>) -> T) -> T {
-        let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &self.stored_values, &mut self.retained_samples);
-        compass.process_event(Event::SensorDetected(SENSOR, READINGS_PER_SAMPLE));
-        compass.process_event(Event::ArmedStateReported(Some(true)));
-        self.now_ms = 100;
-        let mut started = RunningModule {
-            compass,
-            stored_values: &mut self.stored_values,
-            now_ms: &mut self.now_ms,
-            write_count: &mut self.write_count,
-        };
-        let result = run(&mut started);
-        started.report_detected_protocols(NO_PROTOCOLS);
+    /// A module that has collected these samples in an automatic collection, and whose flash contains that it collects.
+    fn after_collecting(samples: &[Sample]) -> Self {
+        let mut module = Self::new();
+        module.restart(|bed| bed.collect(samples));
+        assert!(module.flash.startup_values.is_collecting);
+        module
+    }
+
+    /// Starts the module at clock zero on an armed vehicle, and runs it until the end of a test.
+    fn restart<T>(&mut self, test: impl FnOnce(&mut TestBed<'_>) -> T) -> T {
+        let mut bed = TestBed::start_module(AcceptancePolicy::DEFAULT, &self.flash, &mut self.memory);
+        (bed.now_ms, bed.startup_save_count) = (100, self.startup_save_count);
+        bed.report_armed(Some(true));
+        let result = test(&mut bed);
+        bed.process_idle_time(NO_PROTOCOLS);
+        (self.flash, self.startup_save_count) = (bed.flash, bed.startup_save_count);
         result
     }
 
     fn lose_power(&mut self) {
         let mut random = Bits(1);
-        self.retained_samples.transform_words(|_| random.bits() as u32);
-    }
-}
-
-struct RunningModule<'a> {
-    compass: Compass<'a>,
-    stored_values: &'a mut StoredValues,
-    now_ms: &'a mut u32,
-    write_count: &'a mut u32,
-}
-
-impl RunningModule<'_> {
-    fn send_command(&mut self, command: Command) -> Effect {
-        self.compass.process_event(Event::Command(command, WrappingMillis::new(*self.now_ms)))
+        self.memory.transform_words(|_| random.bits() as u32);
     }
 
-    /// Passes detected protocols as in idle time; saves if requested.
-    fn report_detected_protocols(&mut self, detected: [ProtocolKind; PORT_COUNT]) {
-        if let Effect::Save =
-            self.compass.process_event(Event::ProtocolsDetected(detected, WrappingMillis::new(*self.now_ms)))
-        {
-            let Some(StoreChange::StartupValues(startup_values)) = self.compass.pending_change() else { panic!() };
-            self.stored_values.startup_values = startup_values;
-            *self.write_count += 1;
-            assert!(matches!(self.compass.process_event(Event::Saved(Ok(()))), Effect::None));
-        }
+    /// Outcome that the module reports after a restart, and saves without a command so far.
+    fn outcome_after_restart(&mut self) -> (Option<Message>, u32) {
+        self.restart(|bed| (bed.compass.last_collection_outcome().cloned(), bed.startup_save_count))
     }
-
-    fn collect_flight(&mut self, samples: &[Sample]) -> Option<SolveOutcome> {
-        for sample in samples {
-            *self.now_ms += 250;
-            let sample = Sample { time: WrappingMillis::new(*self.now_ms), ..*sample };
-            assert!(matches!(self.compass.process_event(Event::Sample(sample)), Effect::None));
-            self.report_detected_protocols(NO_PROTOCOLS);
-            while self.compass.needs_solve_step() {
-                match self.compass.process_event(Event::AdvanceSolve) {
-                    Effect::None => self.report_detected_protocols(NO_PROTOCOLS),
-                    Effect::Save => {
-                        let Some(StoreChange::StoredCalibrations { current, .. }) = self.compass.pending_change()
-                        else {
-                            panic!()
-                        };
-                        self.stored_values.stored_calibrations.current_calibration = current.copied();
-                        self.stored_values.startup_values.is_collecting = false;
-                        let Effect::Notify(Message::Solved(outcome)) = self.compass.process_event(Event::Saved(Ok(())))
-                        else {
-                            panic!()
-                        };
-                        return Some(outcome);
-                    }
-                    Effect::Notify(Message::Solved(outcome)) => return Some(outcome),
-                    other => panic!("nobody asked: {other:?}"),
-                }
-            }
-        }
-        None
-    }
-
-    fn status_report(&mut self) -> StatusReport {
-        let Effect::Reply(Ok(Reply::Report(report))) = self.send_command(Command::Status) else { panic!() };
-        report
-    }
-}
-
-fn hover_samples() -> Vec<Sample> {
-    multirotor_samples(&airframe(), 0.3, &mut Random(1))
 }
 
 /// The calibration's RMS error is that of a run without a restart, to 0.25 deg, after one restart or one every 15 s.
 #[test]
 fn a_restarted_collection_ends_with_the_same_accuracy() {
-    let hover_samples = hover_samples();
-    let ends = |cuts: &[usize]| {
-        let mut module = Module::new();
-        let mut rest = &hover_samples[..];
-        let mut began = 0;
+    let samples = hover_samples(1);
+    let error_with_restarts_at = |cuts: &[usize]| {
+        let (mut module, mut start) = (Module::new(), 0);
         for &cut in cuts {
-            let (now, later) = rest.split_at(cut - began);
-            assert!(module.run_module(|run| run.collect_flight(now)).is_none(), "{cuts:?}");
-            (rest, began) = (later, cut);
+            module.restart(|bed| bed.collect(&samples[start..cut]));
+            start = cut;
         }
-        let outcome = module.run_module(|run| run.collect_flight(rest)).unwrap_or_else(|| panic!("{cuts:?}: no end"));
-        assert!(outcome.is_ok(), "{cuts:?}: {outcome:?}");
-        let calibration = module.stored_values.stored_calibrations.current_calibration.unwrap().calibration;
-        rms(&airframe().errors_deg(&calibration))
+        module.restart(|bed| {
+            bed.collect_until_end(&samples[start..]).expect("an end").unwrap();
+            rms(&airframe().errors_deg(&bed.active_record().calibration))
+        })
     };
-    let uninterrupted = ends(&[]);
-    for cuts in [vec![1], vec![39], vec![60], vec![120], vec![200], (60..240).step_by(60).collect()] {
-        let restarted = ends(&cuts);
-        assert!((restarted - uninterrupted).abs() < 0.25, "{cuts:?}: {restarted} {uninterrupted}");
+    let uninterrupted_deg = error_with_restarts_at(&[]);
+    for cuts in [&[1][..], &[39], &[60], &[120], &[200], &[60, 120, 180]] {
+        let restarted_deg = error_with_restarts_at(cuts);
+        assert!((restarted_deg - uninterrupted_deg).abs() < 0.25, "{cuts:?}: {restarted_deg} {uninterrupted_deg}");
     }
 }
 
 #[test]
 fn control_of_a_collection_survives_restarts() {
-    let hover_samples = hover_samples();
-    let mut module = Module::new();
-    module.run_module(|run| {
-        assert!(run.collect_flight(&hover_samples[..60]).is_none() && run.status_report().is_automatic);
+    let samples = hover_samples(1);
+    let mut module = Module::after_collecting(&samples[..60]);
+    let kept = module.restart(|bed| {
+        let kept = bed.state_and_fit_count();
+        assert!(kept.0 == ModuleState::Collecting && bed.status_report().is_automatic);
+        bed.report_armed(Some(false));
+        bed.collect(&samples[60..100]);
+        assert!(bed.status_report().awaits_arming);
+        kept
     });
-    let samples = module.run_module(|run| {
-        let report = run.status_report();
-        assert!(report.is_automatic && report.module_state == ModuleState::Collecting);
-        run.compass.process_event(Event::ArmedStateReported(Some(false)));
-        assert!(run.collect_flight(&hover_samples[60..100]).is_none() && run.status_report().awaits_arming);
-        report.collection_progress.coverage_of(CollectionPart::FREE).fit_count
+    module.restart(|bed| {
+        assert_eq!(bed.state_and_fit_count(), kept);
+        bed.start(Procedure::Flight);
     });
-    module.run_module(|run| {
-        assert_eq!(run.status_report().collection_progress.coverage_of(CollectionPart::FREE).fit_count, samples);
-        assert!(matches!(run.send_command(Command::CalStart(Procedure::Flight)), Effect::Reply(Ok(_))), "taken over");
+    module.restart(|bed| {
+        let refusal = bed.expect_refusal(Command::CalStart(Procedure::Flight));
+        assert!(matches!(refusal, Refusal::Collecting { .. }), "the user's: {refusal:?}");
+        bed.compass.collector.reset_restart_count();
+        bed.expect_done(Command::CalStop);
     });
-    module.run_module(|run| {
-        let refusal = run.send_command(Command::CalStart(Procedure::Flight));
-        assert!(matches!(refusal, Effect::Reply(Err(Refusal::Collecting { .. }))), "a person's: {refusal:?}");
-        run.compass.collector.reset_restart_count();
-        run.send_command(Command::CalStop);
-    });
-    module.run_module(|run| {
-        assert!(run.collect_flight(&hover_samples[100..160]).is_none());
-        let report = run.status_report();
-        assert_eq!(
-            (report.module_state, report.collection_progress.coverage_of(CollectionPart::FREE).fit_count),
-            (ModuleState::Uncalibrated, samples),
-            "nor does it begin"
-        );
-        assert!(matches!(
-            run.send_command(Command::CalSolve(None)),
-            Effect::Reply(Ok(Reply::Done(ModuleState::Solving)))
-        ));
+    module.restart(|bed| {
+        bed.collect(&samples[100..160]);
+        assert_eq!(bed.state_and_fit_count(), (ModuleState::Uncalibrated, kept.1), "no automatic start");
+        assert_eq!(bed.expect_done(Command::CalSolve(None)), ModuleState::Solving);
     });
 }
 
 #[test]
 fn samples_survive_a_restart_in_a_solve_but_not_its_end() {
-    let hover_samples = hover_samples();
+    let samples = hover_samples(1);
     let mut module = Module::new();
-    module.run_module(|run| {
-        run.send_command(Command::CalStart(Procedure::Flight));
-        for (i, sample) in hover_samples[..60].iter().enumerate() {
-            run.compass.process_event(Event::Sample(Sample { time: WrappingMillis::new(250 * i as u32), ..*sample }));
-            if run.compass.needs_solve_step() {
-                run.compass.process_event(Event::AdvanceSolve);
-                return;
-            }
-        }
-        panic!("a trial after forty samples");
+    module.restart(|bed| {
+        bed.start(Procedure::Flight);
+        bed.collect_until_trial(&samples[..60]);
+        bed.expect_none(Event::AdvanceSolve);
     });
-    module.run_module(|run| {
-        assert_eq!((run.compass.module_state(), run.status_report().is_automatic), (ModuleState::Collecting, false));
-        run.send_command(Command::CalSolve(Some(Method::TwoPlane)));
-        let mut steps = 0;
-        while run.compass.needs_solve_step() && steps < 1000 {
-            run.compass.process_event(Event::AdvanceSolve);
-            steps += 1;
-        }
-        assert!(
-            matches!(run.compass.last_collection_outcome(), Some(Message::Solved(Err(_)))),
-            "no turns: {:?}",
-            run.compass.last_collection_outcome()
-        );
-        assert!(run.collect_flight(&hover_samples[60..62]).is_none());
-        assert_eq!(run.compass.module_state(), ModuleState::Uncalibrated, "the user remains in control");
+    module.restart(|bed| {
+        assert_eq!((bed.state(), bed.status_report().is_automatic), (ModuleState::Collecting, false));
+        bed.expect_done(Command::CalSolve(Some(Method::TwoPlane)));
+        assert!(bed.finish_solve().is_err(), "no turns");
+        bed.collect(&samples[60..62]);
+        assert_eq!(bed.state(), ModuleState::Uncalibrated, "the user remains in control");
     });
-    module.run_module(|run| {
-        assert_eq!(
-            (
-                run.compass.module_state(),
-                run.status_report().collection_progress.coverage_of(CollectionPart::FREE).fit_count
-            ),
-            (ModuleState::Uncalibrated, 0)
-        );
-        assert_eq!(run.compass.last_collection_outcome(), None, "the loss was reported before");
+    module.restart(|bed| {
+        assert_eq!(bed.state_and_fit_count(), (ModuleState::Uncalibrated, 0));
+        assert_eq!(bed.compass.last_collection_outcome(), None, "the failure was reported before");
+        bed.start(Procedure::Flight);
+        bed.collect(&samples[..30]);
+        bed.expect_done(Command::CalAbort);
     });
-    module.run_module(|run| {
-        run.send_command(Command::CalStart(Procedure::Flight));
-        run.collect_flight(&hover_samples[..30]);
-        run.send_command(Command::CalAbort);
-    });
-    module.run_module(|run| {
-        assert_eq!(run.status_report().collection_progress.coverage_of(CollectionPart::FREE).fit_count, 0);
-    });
+    module.restart(|bed| assert_eq!(bed.state_and_fit_count(), (ModuleState::Uncalibrated, 0)));
 }
 
 #[test]
 fn a_collection_whose_calibration_is_stored_is_discarded() {
-    let mut module = Module::new();
-    module.run_module(|run| assert!(run.collect_flight(&hover_samples()[..60]).is_none()));
-    module.stored_values.stored_calibrations.current_calibration =
-        Some(CalibrationRecord { sensor: SENSOR, ..calibration_record(1) });
-    module.run_module(|run| {
-        assert_eq!(
-            (
-                run.compass.module_state(),
-                run.status_report().collection_progress.coverage_of(CollectionPart::FREE).fit_count
-            ),
-            (ModuleState::Calibrated, 0)
-        );
-        assert_eq!(run.compass.last_collection_outcome(), None);
+    let mut module = Module::after_collecting(&hover_samples(1)[..60]);
+    module.flash.stored_calibrations.current_calibration = Some(calibration_record(1));
+    module.restart(|bed| {
+        assert_eq!(bed.state_and_fit_count(), (ModuleState::Calibrated, 0));
+        assert_eq!(bed.compass.last_collection_outcome(), None);
     });
 }
 
@@ -252,154 +140,133 @@ fn a_collection_whose_calibration_is_stored_is_discarded() {
 /// once.
 #[test]
 fn a_collection_lost_with_the_power_is_reported() {
-    let hover_samples = hover_samples();
+    let samples = hover_samples(1);
     let mut module = Module::new();
-    module.run_module(|run| {
-        run.collect_flight(&hover_samples[..4]);
-        assert_eq!(*run.write_count, 0, "nothing to lose yet");
-        run.collect_flight(&hover_samples[4..80]);
-        assert_eq!(*run.write_count, 1);
+    module.restart(|bed| {
+        bed.collect(&samples[..4]);
+        assert_eq!(bed.startup_save_count, 0, "nothing to lose yet");
+        bed.collect(&samples[4..80]);
+        assert_eq!(bed.startup_save_count, 1);
     });
-    module.run_module(|run| {
-        assert_eq!((run.compass.last_collection_outcome(), *run.write_count), (None, 1), "it is not lost");
-    });
+    assert_eq!(module.outcome_after_restart(), (None, 1), "it is not lost");
     module.lose_power();
-    module.run_module(|run| {
-        assert_eq!(run.compass.last_collection_outcome(), Some(&Message::CollectionLost));
-        assert_eq!(run.compass.indicator_state(), IndicatorState::Idle, "no trouble");
-        run.report_detected_protocols(NO_PROTOCOLS);
-        assert_eq!((run.stored_values.startup_values, *run.write_count), (StartupValues::DEFAULT, 2));
+    module.restart(|bed| {
+        assert_eq!(bed.compass.last_collection_outcome(), Some(&Message::CollectionLost));
+        assert_eq!(bed.compass.indicator_state(), IndicatorState::Idle, "no trouble");
     });
+    assert_eq!(module.flash.startup_values, StartupValues::DEFAULT);
     module.lose_power();
-    module.run_module(|run| {
-        assert_eq!((run.compass.last_collection_outcome(), *run.write_count), (None, 2), "the loss is reported once");
-    });
-    module.run_module(|run| assert!(run.collect_flight(&hover_samples).is_some_and(|end| end.is_ok())));
+    assert_eq!(module.outcome_after_restart(), (None, 2), "the loss is reported once");
+    module.restart(|bed| assert!(bed.collect_until_end(&samples).is_some_and(|end| end.is_ok())));
     module.lose_power();
-    module.run_module(|run| {
-        assert_eq!((run.compass.last_collection_outcome(), *run.write_count), (None, 3), "stored with the calibration");
-    });
+    assert_eq!(module.outcome_after_restart(), (None, 3), "stored with the calibration");
 }
 
-/// Corrupted memory and repeated unexpected restarts count as a loss.
 #[test]
-fn a_damaged_collection_is_reported() {
-    let hover_samples = hover_samples();
-    let mut module = Module::new();
-    module.run_module(|run| assert!(run.collect_flight(&hover_samples[..80]).is_none()));
-    let mut damaged = Module {
-        retained_samples: module.retained_samples.clone(),
-        stored_values: module.stored_values,
-        now_ms: 0,
-        write_count: 0,
-    };
+fn a_damaged_collection_is_lost() {
+    let mut module = Module::after_collecting(&hover_samples(1)[..80]);
     let mut at = 0;
-    damaged.retained_samples.transform_words(|word| {
+    module.memory.transform_words(|word| {
         at += 1;
         if at == 100 { word ^ 1 } else { word }
     });
-    damaged.run_module(|run| {
-        assert_eq!(run.compass.last_collection_outcome(), Some(&Message::CollectionLost));
-        assert_eq!(run.status_report().collection_progress.coverage_of(CollectionPart::FREE).fit_count, 0);
+    module.restart(|bed| {
+        assert_eq!(bed.compass.last_collection_outcome(), Some(&Message::CollectionLost));
+        assert_eq!(bed.state_and_fit_count().1, 0);
     });
-    for _ in 0..3 {
-        module.run_module(|run| assert_eq!(run.compass.last_collection_outcome(), None));
-    }
-    module.run_module(|run| assert_eq!(run.compass.last_collection_outcome(), Some(&Message::CollectionLost)));
 }
 
+/// The samples are a possible cause of unexpected restarts; not of requested ones, nor if a trial solve completed.
 #[test]
-fn requested_restarts_and_trial_solves_reset_the_restart_count() {
-    let hover_samples = hover_samples();
-    let mut module = Module::new();
-    module.run_module(|run| assert!(run.collect_flight(&hover_samples[..60]).is_none()));
+fn only_repeated_unexpected_restarts_lose_the_collection() {
+    let samples = hover_samples(1);
+    let mut module = Module::after_collecting(&samples[..60]);
     for _ in 0..6 {
-        module.run_module(|run| {
-            assert_eq!(run.compass.module_state(), ModuleState::Collecting);
-            run.compass.process_event(Event::ArmedStateReported(Some(false)));
-            assert!(matches!(run.send_command(Command::Restart), Effect::Reply(Ok(_))));
+        module.restart(|bed| {
+            assert_eq!(bed.state(), ModuleState::Collecting);
+            bed.report_armed(Some(false));
+            bed.expect_done(Command::Restart);
         });
     }
     for _ in 0..6 {
-        module.run_module(|run| {
-            assert_eq!(run.compass.module_state(), ModuleState::Collecting);
-            assert!(
-                run.collect_flight(&hover_samples[60..62]).is_none() && run.status_report().last_trial.is_some(),
-                "a trial"
-            );
+        module.restart(|bed| {
+            assert_eq!(bed.state(), ModuleState::Collecting);
+            bed.collect(&samples[60..62]);
+            assert!(bed.status_report().last_trial.is_some(), "a trial");
         });
     }
+    for _ in 0..3 {
+        assert_eq!(module.outcome_after_restart().0, None);
+    }
+    assert_eq!(module.outcome_after_restart().0, Some(Message::CollectionLost));
 }
 
 /// A protocol is written after 5 s of detection; silence and configured protocols are not written.
 #[test]
 fn detected_protocols_are_written_once() {
     let mut module = Module::new();
-    let at = |run: &mut RunningModule<'_>, ms: u32, spoken| {
-        *run.now_ms = ms;
-        run.report_detected_protocols(spoken);
-        // The other port may be NMEA, or detecting in a firmware without NMEA.
-        let [found, _] = run.stored_values.startup_values.detected_protocols;
-        (found, *run.write_count)
-    };
     let other = [ProtocolKind::Msp, ProtocolKind::Nmea];
     let [nothing, mavlink, msp] = [ProtocolKind::Auto, ProtocolKind::Mavlink, ProtocolKind::Msp];
-    module.run_module(|run| {
-        assert_eq!(at(run, 1000, NO_PROTOCOLS), (nothing, 0));
-        assert_eq!(at(run, 9000, DETECTED_PROTOCOLS), (nothing, 0));
-        assert_eq!(at(run, 13_999, DETECTED_PROTOCOLS), (nothing, 0));
-        assert_eq!(at(run, 14_000, DETECTED_PROTOCOLS), (mavlink, 1));
-        assert_eq!(at(run, 19_000, DETECTED_PROTOCOLS), (mavlink, 1));
-        assert_eq!(at(run, 30_000, NO_PROTOCOLS), (mavlink, 1));
-        assert_eq!(at(run, 40_000, NO_PROTOCOLS), (mavlink, 1), "silence");
-        assert_eq!(at(run, 41_000, other), (mavlink, 1));
-        assert_eq!(at(run, 42_000, DETECTED_PROTOCOLS), (mavlink, 1), "not for long enough");
-        assert_eq!(at(run, 46_500, other), (mavlink, 1));
-        assert_eq!(at(run, 51_500, other), (msp, 2));
-    });
-    module.run_module(|run| {
-        assert_eq!((at(run, 1000, other), at(run, 9000, other)), ((msp, 2), (msp, 2)), "as it was stored");
-        let chosen = SettingChange::Protocol(PortNumber::One, ProtocolKind::Mavlink);
-        assert!(matches!(run.send_command(Command::Set(chosen)), Effect::Save));
-        run.compass.process_event(Event::Saved(Ok(())));
-        assert_eq!(
-            (at(run, 10_000, DETECTED_PROTOCOLS), at(run, 20_000, DETECTED_PROTOCOLS)),
-            ((msp, 2), (msp, 2)),
-            "chosen"
+    let expect_written = |bed: &mut TestBed, cases: &[(u32, [ProtocolKind; PORT_COUNT], ProtocolKind, u32)]| {
+        for &(time_ms, detected, protocol, save_count) in cases {
+            bed.now_ms = time_ms;
+            bed.process_idle_time(detected);
+            // The other port may be NMEA, or detecting in a firmware without NMEA.
+            let [found, _] = bed.flash.startup_values.detected_protocols;
+            assert_eq!((found, bed.startup_save_count), (protocol, save_count), "at {time_ms} ms");
+        }
+    };
+    module.restart(|bed| {
+        expect_written(
+            bed,
+            &[
+                (1000, NO_PROTOCOLS, nothing, 0),
+                (9000, DETECTED_PROTOCOLS, nothing, 0),
+                (13_999, DETECTED_PROTOCOLS, nothing, 0),
+                (14_000, DETECTED_PROTOCOLS, mavlink, 1),
+                (19_000, DETECTED_PROTOCOLS, mavlink, 1),
+                (30_000, NO_PROTOCOLS, mavlink, 1),
+                // Silence.
+                (40_000, NO_PROTOCOLS, mavlink, 1),
+                (41_000, other, mavlink, 1),
+                // Not for long enough.
+                (42_000, DETECTED_PROTOCOLS, mavlink, 1),
+                (46_500, other, mavlink, 1),
+                (51_500, other, msp, 2),
+            ],
         );
+    });
+    module.restart(|bed| {
+        expect_written(bed, &[(1000, other, msp, 2), (9000, other, msp, 2)]);
+        bed.set(SettingChange::Protocol(PortNumber::One, ProtocolKind::Mavlink));
+        expect_written(bed, &[(10_000, DETECTED_PROTOCOLS, msp, 2), (20_000, DETECTED_PROTOCOLS, msp, 2)]);
     });
 }
 
 #[test]
 fn a_failed_save_of_protocols_is_not_repeated() {
-    let mut bench = TestBed::new();
-    let mut saves = 0;
+    let mut bed = TestBed::new();
+    let mut save_count = 0;
     for second in 0..60 {
         let now = WrappingMillis::new(second * 1000);
-        if let Effect::Save = bench.compass.process_event(Event::ProtocolsDetected(DETECTED_PROTOCOLS, now)) {
-            saves += 1;
-            assert!(matches!(bench.compass.process_event(Event::Saved(Err(StoreError::Flash))), Effect::None));
+        if let Effect::Save = bed.compass.process_event(Event::ProtocolsDetected(DETECTED_PROTOCOLS, now)) {
+            save_count += 1;
+            bed.expect_none(Event::Saved(Err(StoreError::Flash)));
         }
     }
-    assert_eq!(saves, 1);
+    assert_eq!(save_count, 1);
 }
 
+/// A collection without the flag in flash needs no write at its end.
 #[test]
 fn no_flash_write_happens_during_a_solve() {
-    let mut bench = TestBed::new();
-    bench.expect_done(Command::CalStart(Procedure::Turns));
-    bench.fly_turns(&complete_turns(&airframe(), 1));
-    assert!(bench.compass.needs_solve_step());
-    assert!(matches!(
-        bench.compass.process_event(Event::ProtocolsDetected(NO_PROTOCOLS, WrappingMillis::new(0))),
-        Effect::None
-    ));
-    assert!(matches!(bench.compass.process_event(Event::AdvanceSolve), Effect::None));
-    let end = bench.run_solve();
-    assert!(bench.outcome_after_save(end).is_ok());
-    // A collection without stored flag needs no second write.
-    assert!(matches!(
-        bench.compass.process_event(Event::ProtocolsDetected(NO_PROTOCOLS, WrappingMillis::new(0))),
-        Effect::None
-    ));
+    let mut bed = TestBed::new();
+    bed.start(Procedure::Turns);
+    bed.fly_turns(&complete_turns(1));
+    assert!(bed.compass.needs_solve_step());
+    let idle_time = Event::ProtocolsDetected(NO_PROTOCOLS, bed.time());
+    bed.expect_none(idle_time);
+    bed.expect_none(Event::AdvanceSolve);
+    assert!(bed.finish_solve().is_ok());
+    bed.expect_none(idle_time);
 }

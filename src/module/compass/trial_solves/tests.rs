@@ -1,12 +1,11 @@
 //! Unit tests of `trial_solves`.
 
 use super::*;
+use crate::store::CalibrationRecord;
+use crate::store::tests::calibration_record;
 use autoswing::acceptance::Rejection;
 use autoswing::calibration::method_selection::Procedure;
-use autoswing::calibration::{
-    AttitudeEnvelope, Calibration, Deviation, HeadingUncertainty, Method, Orientation, Quality, Sample,
-    UnobservableQuantities,
-};
+use autoswing::calibration::{Deviation, Quality, Sample, UnobservableQuantities};
 use autoswing::collection::RetainedSamples;
 use autoswing::frames::{Attitude, Field, Level};
 
@@ -59,111 +58,58 @@ fn an_unconfirmed_accuracy_is_tried_again_without_new_samples() {
     assert_eq!(intervals_s(solution_with(1.1)), [6, 6], "not accurate");
 }
 
-fn trials_representing(represented: u8) -> TrialSolves {
-    TrialSolves {
-        schedule: TrialSchedule { represented_trials: represented, ..TrialSchedule::NO_TRIAL },
-        ..TrialSolves::NO_TRIALS
-    }
-}
-
-#[test]
-fn six_trial_solves_without_improvement_are_stalled() {
-    let mut trials = trials_representing(1);
-    assert!(!trials.update_stalled(2.0));
-    for _ in 0..5 {
-        assert!(!trials.update_stalled(1.91));
-    }
-    assert!(trials.update_stalled(1.91) && trials.update_stalled(3.0) && trials.update_stalled(f32::NAN));
-    assert!(!trials.update_stalled(1.89), "a twentieth less");
-    for deg in [1.85, 1.81, 1.80, 1.86, 2.5] {
-        assert!(!trials.update_stalled(deg));
-    }
-    assert!(trials.update_stalled(1.80), "all of them against 1.89");
-}
-
-#[test]
-fn skipped_trial_solves_count_as_without_improvement() {
-    for (represented, stalled) in [(5, [false, true]), (6, [true, true]), (2, [false, false])] {
-        let mut trials = trials_representing(represented);
-        assert!(!trials.update_stalled(2.0), "the first one");
-        assert_eq!([2.0, 2.0].map(|deg| trials.update_stalled(deg)), stalled, "{represented}");
-    }
-}
-
+/// A limit by the attitude and a stall are equal reasons; a good trial alone is not enough.
 #[test]
 fn a_collection_ends_when_accurate_or_not_improvable() {
-    let over = |expected_deg, missing, is_at_floor, refusal| {
-        let prospect = TrialResult {
-            expected_error_deg: expected_deg,
-            missing_manoeuvre: missing,
-            is_limited_by_attitude: is_at_floor,
-            is_stalled: false,
-            refusal,
-        };
-        let stalled = TrialResult { is_limited_by_attitude: false, is_stalled: is_at_floor, ..prospect.clone() };
-        let is_accurate = prospect.reaches_accuracy(1.0);
-        assert_eq!(prospect.ends_collection(is_accurate), stalled.ends_collection(is_accurate), "either is a reason");
-        assert_eq!(
-            prospect.ends_collection(false),
-            is_at_floor && prospect.ends_collection(is_accurate),
-            "good is not enough"
-        );
-        prospect.ends_collection(is_accurate)
-    };
     let missing = Some(Manoeuvre::YawTurn);
-    assert!(over(Some(0.99), missing, false, None) && over(Some(1.0), None, false, None));
-    assert!(!over(Some(1.01), missing, false, None) && !over(Some(1.01), None, false, None));
-    assert!(over(Some(1.4), None, true, None));
-    assert!(!over(Some(1.4), missing, true, None), "something else would help");
-    assert!(!over(None, None, false, None) && !over(Some(f32::NAN), None, false, None));
     let held_back = Refusal::Rejected(Rejection::TooFewHeldBack { have: 5, need: 8 });
     let not_better = Refusal::Rejected(Rejection::NotBetter { candidate_score: 1.1, incumbent_score: 1.0 });
-    assert!(!over(Some(0.5), None, true, Some(held_back)), "more samples come");
-    assert!(over(Some(0.5), None, false, Some(not_better.clone())), "more would not change it");
-    assert!(!over(Some(1.4), None, false, Some(not_better)));
+    for (name, expected_error_deg, missing_manoeuvre, is_not_improvable, refusal, is_over) in [
+        ("accurate", Some(1.0), missing, false, None, true),
+        ("not accurate", Some(1.01), None, false, None, false),
+        ("not improvable", Some(1.4), None, true, None, true),
+        ("a manoeuvre would help", Some(1.4), missing, true, None, false),
+        ("failed", None, None, false, None, false),
+        ("no number", Some(f32::NAN), None, false, None, false),
+        ("more samples come", Some(0.5), None, true, Some(held_back), false),
+        ("more samples would not change it", Some(0.5), None, false, Some(not_better.clone()), true),
+        ("neither accurate nor better", Some(1.4), None, false, Some(not_better), false),
+    ] {
+        for is_stalled in [false, true] {
+            let result = TrialResult {
+                expected_error_deg,
+                missing_manoeuvre,
+                is_limited_by_attitude: is_not_improvable && !is_stalled,
+                is_stalled: is_not_improvable && is_stalled,
+                refusal: refusal.clone(),
+            };
+            assert_eq!(result.ends_collection(result.reaches_accuracy(1.0)), is_over, "{name}");
+            assert_eq!(result.ends_collection(false), is_over && is_not_improvable, "{name}");
+        }
+    }
 }
 
 fn solution_with(expected_rms_deg: f32) -> Solution {
-    let quality = Quality {
-        method: Method::MaximumLikelihood,
-        envelope: AttitudeEnvelope::Banked,
-        expected_rms_deg,
-        expected_worst_deg: expected_rms_deg,
-        norm_residual: 0.0,
-        inclination_residual_deg: 0.0,
-        samples: 100,
-        latency: None,
-        knows_inclination: true,
-    };
-    Solution {
-        calibration: Calibration::uncalibrated(Orientation::IDENTITY_ROTATION),
-        quality,
-        uncertainty: HeadingUncertainty::NO_UNCERTAINTY,
-        advice: None,
-        hard_iron_change: None,
-        bank_scale_error: None,
-    }
+    let CalibrationRecord { calibration, quality, uncertainty, .. } = calibration_record(1);
+    let quality = Quality { expected_rms_deg, ..quality };
+    Solution { calibration, quality, uncertainty, advice: None, hard_iron_change: None, bank_scale_error: None }
 }
 
 #[test]
 fn the_accuracy_must_be_reached_twice_in_a_row() {
-    for (trials_deg, ends) in [
-        (&[0.9, 0.9][..], &[false, true][..]),
-        (&[1.1, 0.9, 0.9], &[false, false, true]),
-        (&[0.9, 1.1, 0.9, 0.9], &[false, false, false, true]),
-    ] {
+    for (trials_deg, end) in [(&[0.9, 0.9][..], 1), (&[1.1, 0.9, 0.9], 2), (&[0.9, 1.1, 0.9, 0.9], 3)] {
         let mut trials = TrialSolves::NO_TRIALS;
-        let ended: Vec<bool> =
-            trials_deg.iter().map(|&deg| trials.record_result(&solution_with(deg), None, 1.0)).collect();
-        assert_eq!(ended, ends, "{trials_deg:?}");
+        let found = trials_deg.iter().position(|&deg| trials.record_result(&solution_with(deg), None, 1.0));
+        assert_eq!(found, Some(end), "{trials_deg:?}");
     }
 }
 
-/// Whether each of a series of trials, ten seconds apart, ends the collection; with expected errors at their floor or
-/// far from it.
-fn ends_of_trials(trials_deg: &[f32], is_at_floor: bool) -> Vec<bool> {
-    let mut trials = trials_representing(1);
-    let solution = |deg| {
+/// Number of the trial that ends the collection; each trial represents this number of trials, ten seconds apart, and its
+/// expected error is at its floor or far from it. No manoeuvre is worthwhile, and the accuracy is not reached.
+fn end_of_trials(trials_deg: &[f32], represented_trials: u8, is_at_floor: bool) -> Option<usize> {
+    let schedule = TrialSchedule { represented_trials, ..TrialSchedule::NO_TRIAL };
+    let mut trials = TrialSolves { schedule, ..TrialSolves::NO_TRIALS };
+    trials_deg.iter().position(|&deg| {
         let advice = Advice {
             weakest_deviation: Deviation::Heeling,
             weakest_deviation_deg: deg,
@@ -173,32 +119,38 @@ fn ends_of_trials(trials_deg: &[f32], is_at_floor: bool) -> Vec<bool> {
             error_floor_deg: if is_at_floor { deg } else { 0.5 * deg },
             unobservable: UnobservableQuantities::default(),
         };
-        Solution { advice: Some(advice), ..solution_with(deg) }
-    };
-    trials_deg.iter().map(|&deg| trials.record_result(&solution(deg), None, 0.5)).collect()
+        trials.record_result(&Solution { advice: Some(advice), ..solution_with(deg) }, None, 0.5)
+    })
 }
 
-/// Whether the last of a series of trials ends the collection, and none before it.
-fn ends_at_last(trials_deg: &[f32], is_at_floor: bool) -> bool {
-    let ends = ends_of_trials(trials_deg, is_at_floor);
-    ends.iter().position(|is_end| *is_end) == Some(trials_deg.len() - 1)
+/// Skipped trials count; the expected error must be settled. Two series are of recorded flights: the best trial was an
+/// early fluke, and the expected error was still falling, or rose.
+#[test]
+fn a_minute_without_improvement_ends_a_collection() {
+    let falling = [1.71, 2.31, 5.33, 4.40, 3.36, 2.08, 1.95, 1.15];
+    let rising = [0.96, 0.96, 1.07, 1.07, 1.06, 1.06, 1.27, 2.08, 1.97, 2.07];
+    let rising_then_settled = [0.96, 0.96, 1.07, 1.07, 1.06, 1.06, 1.06];
+    for (name, represented_trials, trials_deg, end) in [
+        ("constant", 1, &[2.0; 7][..], Some(6)),
+        ("2 % better", 1, &[2.0, 1.96, 1.96, 1.96, 1.96, 1.96, 1.96], Some(6)),
+        ("8 % better each half minute", 1, &[2.0, 2.0, 2.0, 1.84, 1.84, 1.84, 1.69, 1.69, 1.69], None),
+        ("each for a minute", 6, &[2.0; 2], Some(1)),
+        ("each for 50 s", 5, &[2.0; 3], Some(2)),
+        ("each for 20 s", 2, &[2.0; 3], None),
+        ("the first is no number", 1, &[f32::NAN, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0], None),
+        ("falling", 1, &falling, None),
+        ("rising", 1, &rising, Some(9)),
+        ("settled", 1, &rising_then_settled, Some(6)),
+    ] {
+        assert_eq!(end_of_trials(trials_deg, represented_trials, false), end, "{name}");
+    }
 }
 
 /// The expected error is then settled, and as small as that of the best trial.
 #[test]
 fn attitude_limits_a_collection_only_as_confirmed_by_the_best_trial() {
     for trials_deg in [&[5.4, 1.8, 1.8, 1.8][..], &[1.3, 2.9, 2.9, 2.9, 1.36, 1.33, 1.33], &[2.0, 2.15, 2.05]] {
-        assert!(ends_at_last(trials_deg, true), "{trials_deg:?}");
+        assert_eq!(end_of_trials(trials_deg, 1, true), Some(trials_deg.len() - 1), "{trials_deg:?}");
     }
-    assert!(!ends_of_trials(&[5.4], true).contains(&true));
-}
-
-/// Trials of recorded flights: the best one was an early fluke, and the expected error was still falling, or rose.
-#[test]
-fn a_collection_does_not_end_while_the_expected_error_changes() {
-    let falling = [1.71, 2.31, 5.33, 4.40, 3.36, 2.08, 1.95, 1.15];
-    assert!(!ends_of_trials(&falling, false).contains(&true));
-    let rising = [0.96, 0.96, 1.07, 1.07, 1.06, 1.06, 1.27, 2.08, 1.97, 2.07];
-    assert!(ends_at_last(&rising, false));
-    assert!(ends_at_last(&rising[..6].iter().chain(&[1.06]).copied().collect::<Vec<_>>(), false), "settled");
+    assert_eq!(end_of_trials(&[5.4], 1, true), None);
 }
