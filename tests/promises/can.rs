@@ -266,10 +266,10 @@ fn a_second_node_with_this_number_silences_the_field() {
 /// Attitude arrives, and a commanded restart is executed and acknowledged, as over a serial line.
 #[test]
 fn mavlink_goes_through_the_tunnel() {
-    use mavlink::dialects::common::{
-        ATTITUDE_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavModeFlag,
+    use mavlink_dialect::{
+        ATTITUDE_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MAVLinkV2MessageRaw, MavAutopilot, MavCmd, MavHeader,
+        MavModeFlag, MessageData,
     };
-    use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 
     fn mavlink_frame(data: &impl MessageData) -> Vec<u8> {
         let mut raw = MAVLinkV2MessageRaw::new();

@@ -1,7 +1,6 @@
 //! Console commands and line editing over the simulated cable.
 
-use mavlink::dialects::common::ATTITUDE_DATA;
-use mavlink::{MAVLinkV2MessageRaw, MavHeader};
+use mavlink_dialect::{ATTITUDE_DATA, MAVLinkV2MessageRaw, MavHeader};
 use simulator::module::Module as _;
 use simulator::rig::Rig;
 use simulator::world::WorldConfig;

@@ -1,6 +1,6 @@
 //! Explanations of rejected calibrations on the console.
 
-use mavlink::dialects::common::ATTITUDE_DATA;
+use mavlink_dialect::ATTITUDE_DATA;
 use simulator::faults::Faults;
 use simulator::faults::attitude::AttitudeFault;
 use simulator::module::Module as _;

@@ -13,8 +13,7 @@ use laboratory::serve::{
     ServeOptions, ServedModule,
 };
 use log_analysis::score::wrap_180;
-use mavlink::dialects::common::ATTITUDE_DATA;
-use mavlink::{MAVLinkV2MessageRaw, MavHeader};
+use mavlink_dialect::{ATTITUDE_DATA, MAVLinkV2MessageRaw, MavHeader};
 use serde_json::Value;
 use simulator::nmea::SentenceReader;
 use simulator::rig::STORE_BYTES;

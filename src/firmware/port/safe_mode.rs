@@ -1,6 +1,6 @@
 //! Report of safe mode, as NMEA sentences and MAVLink messages.
 
-use ::mavlink::dialects::common::{MavSeverity, MavState};
+use mavlink_dialect::{MavSeverity, MavState};
 
 use super::mavlink::Transmitter;
 use crate::port::transmit_buffer::TransmitBuffer;

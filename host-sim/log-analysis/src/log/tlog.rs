@@ -6,8 +6,7 @@
 
 use std::io::{self, Read};
 
-use mavlink::dialects::common::{MavMessage, MavParamType, PARAM_VALUE_DATA};
-use mavlink::{MavlinkVersion, Message, calculate_crc};
+use mavlink_dialect::{MavMessage, MavParamType, MavlinkVersion, Message, PARAM_VALUE_DATA, calculate_crc};
 
 use super::flight::{Autopilot, Flight, Gps, LogFormat};
 use super::flight_builder::{FieldProcessing, FlightBuilder};
@@ -20,11 +19,6 @@ const HEADER_LENGTH_V2: usize = 10;
 const CHECKSUM_LENGTH: usize = 2;
 const SIGNATURE_LENGTH: usize = 13;
 const MAX_FRAME_LENGTH: usize = HEADER_LENGTH_V2 + 255 + CHECKSUM_LENGTH + SIGNATURE_LENGTH;
-
-/// Message number of ArduPilot's SIMSTATE, absent from the common dialect.
-const SIMSTATE_ID: u32 = 164;
-/// CRC extra byte of SIMSTATE.
-const SIMSTATE_EXTRA_CRC: u8 = 154;
 
 const UT_PER_MILLIGAUSS: f32 = 0.1;
 const UT_PER_GAUSS: f32 = 100.0;
@@ -119,7 +113,7 @@ impl<'a> LogFrame<'a> {
         };
         let payload_end = header + usize::from(*frame.get(1)?);
         let [low, high] = *frame.get(payload_end..payload_end + CHECKSUM_LENGTH)? else { return None };
-        let extra_crc = if message_id == SIMSTATE_ID { SIMSTATE_EXTRA_CRC } else { MavMessage::extra_crc(message_id) };
+        let extra_crc = MavMessage::extra_crc(message_id);
         let is_checksum_valid = calculate_crc(frame.get(1..payload_end)?, extra_crc) == u16::from_le_bytes([low, high]);
         let frame_len = clock_length + payload_end + CHECKSUM_LENGTH + if has_signature { SIGNATURE_LENGTH } else { 0 };
         // An unknown message, or one whose definition has changed, fails its checksum. If another frame follows, the
@@ -191,14 +185,6 @@ impl TlogReader {
             self.process_heartbeat(frame);
         } else if self.autopilot_ids.is_none() {
             // Ignored until the first heartbeat (1 Hz) identifies the autopilot.
-        } else if frame.message_id == SIMSTATE_ID {
-            let float = |payload_index: usize| {
-                let bytes = [0, 1, 2, 3].map(|byte| frame.payload.get(payload_index + byte).copied().unwrap_or(0));
-                f32::from_le_bytes(bytes)
-            };
-            if let Some(t_s) = self.receiver_time_s(frame) {
-                self.builder.push_true_attitude(t_s, [float(0), float(4), float(8)]);
-            }
         } else if let Ok(message) = MavMessage::parse(frame.version, frame.message_id, frame.payload) {
             self.process_message(frame, &message);
         }
@@ -218,7 +204,6 @@ impl TlogReader {
         }
     }
 
-    /// Reads the payload bytes directly, so that vehicle types unknown to the library are accepted.
     fn process_heartbeat(&mut self, frame: &LogFrame<'_>) {
         const MAV_AUTOPILOT_ARDUPILOT: u8 = 3;
         const MAV_AUTOPILOT_PX4: u8 = 12;
@@ -293,7 +278,7 @@ impl TlogReader {
                 }
             }
             MavMessage::GPS_RAW_INT(payload) => {
-                if payload.fix_type as u32 >= 3
+                if payload.fix_type.0 >= 3
                     && let Some(t_s) = self.receiver_time_s(frame)
                 {
                     self.builder.push_gps(t_s, gps_from_message(payload));
@@ -309,6 +294,11 @@ impl TlogReader {
             MavMessage::SYSTEM_TIME(payload) => {
                 self.sender_time_s(frame, u64::from(payload.time_boot_ms) * 1000);
                 self.builder.set_day_from_unix_s(payload.time_unix_usec / 1_000_000);
+            }
+            MavMessage::SIMSTATE(payload) => {
+                if let Some(t_s) = self.receiver_time_s(frame) {
+                    self.builder.push_true_attitude(t_s, [payload.roll, payload.pitch, payload.yaw]);
+                }
             }
             MavMessage::PARAM_VALUE(payload) => {
                 if let Ok(name) = payload.param_id.to_str() {
@@ -383,7 +373,7 @@ const fn has_field_update(update_flags: u16) -> bool {
     update_flags == 0 || update_flags & FIELD_UPDATE_FLAGS != 0
 }
 
-fn gps_from_message(gps_message: &mavlink::dialects::common::GPS_RAW_INT_DATA) -> Gps {
+fn gps_from_message(gps_message: &mavlink_dialect::GPS_RAW_INT_DATA) -> Gps {
     /// Value of GPS_RAW_INT for an unknown speed or course.
     const UNKNOWN_SPEED_OR_COURSE: u16 = u16::MAX;
     let hundredths =

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{FRAC_PI_4, TAU};
 
-use mavlink::dialects::common::ATTITUDE_DATA;
+use mavlink_dialect::ATTITUDE_DATA;
 
 use crate::devices::uart::HostEnd;
 use crate::faults::fault_switch::FaultSwitch;

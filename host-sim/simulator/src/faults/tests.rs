@@ -1,7 +1,7 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use mavlink::dialects::common::ATTITUDE_DATA;
+use mavlink_dialect::ATTITUDE_DATA;
 use nalgebra::Vector3;
 use testkit::simulation::Simulation;
 

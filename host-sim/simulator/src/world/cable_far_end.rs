@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use embassy_time::{Duration, Timer};
-use mavlink::dialects::common::ATTITUDE_DATA;
+use mavlink_dialect::ATTITUDE_DATA;
 use testkit::clock;
 use testkit::simulation::{Level, Simulation};
 

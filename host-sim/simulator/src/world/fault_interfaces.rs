@@ -1,6 +1,6 @@
 //! Interfaces by which a fault changes field or attitude; the faults are in [`crate::faults`].
 
-use mavlink::dialects::common::ATTITUDE_DATA;
+use mavlink_dialect::ATTITUDE_DATA;
 use nalgebra::Vector3;
 
 use super::earth::Earth;

@@ -1,7 +1,6 @@
-//! MAVLink 2 frames, including messages unknown to the MAVLink library.
+//! MAVLink 2 frames of any message.
 
-use mavlink::dialects::common::MavMessage;
-use mavlink::{Message, calculate_crc};
+use mavlink_dialect::{MavMessage, Message, calculate_crc};
 
 pub(super) const MODULE_COMPONENT: u8 = 158;
 
@@ -47,7 +46,7 @@ impl MavlinkFrame {
     }
 }
 
-/// COMMAND_LONG frame to the module of a system. The command number may be unknown to the MAVLink library.
+/// COMMAND_LONG frame to the module of a system. The command may be one of another dialect.
 #[must_use]
 pub fn command_long(sender: [u8; 2], system: u8, command: u16, confirmation: u8, parameters: [f32; 7]) -> Vec<u8> {
     let mut payload: Vec<u8> = parameters.iter().flat_map(|parameter| parameter.to_le_bytes()).collect();

@@ -1,6 +1,6 @@
 //! Commands to the module, and their acknowledgements.
 
-use ::mavlink::dialects::common::{MavCmd, MavResult};
+use mavlink_dialect::{MavCmd, MavResult};
 
 use super::transmitter::{OWN_COMPONENT, Transmitter};
 use crate::wire::mavlink::{Address, OutboundMessage, ReceivedCommand};
@@ -130,7 +130,7 @@ impl CommandHandler {
 }
 
 fn requested_command(received: &ReceivedCommand) -> Result<Command, CommandRejection> {
-    const REBOOT_COMMAND: u16 = MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN as u16;
+    const REBOOT_COMMAND: u16 = MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN.0;
     match received.command_number {
         DO_START_MAG_CAL => Ok(Command::CalStart(Procedure::Flight)),
         DO_ACCEPT_MAG_CAL => Ok(Command::CalSolve(None)),

@@ -20,7 +20,7 @@ mod requests;
 mod status_texts;
 mod transmitter;
 
-use ::mavlink::dialects::common::MavState;
+use mavlink_dialect::MavState;
 
 use crate::port::message_schedule::MessageSchedule;
 use crate::port::protocol::{Protocol, ReceivedMessage};

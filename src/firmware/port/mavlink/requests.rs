@@ -5,9 +5,8 @@
 //! module begins with 40 Hz, or with 50 Hz if the setting allows it, and lowers the rate until the messages come. An
 //! autopilot without MAV_CMD_SET_MESSAGE_INTERVAL gets REQUEST_DATA_STREAM. Requests are at least a second apart.
 
-use ::mavlink::MessageData;
-use ::mavlink::dialects::common::{
-    ATTITUDE_DATA, GLOBAL_POSITION_INT_DATA, MavCmd, MavResult, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
+use mavlink_dialect::{
+    ATTITUDE_DATA, GLOBAL_POSITION_INT_DATA, MavCmd, MavResult, MessageData, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 
 use super::transmitter::Transmitter;
@@ -88,9 +87,9 @@ impl RequestSequence {
 
     /// Processes the autopilot's acknowledgement of a request.
     pub fn on_acknowledgement(&mut self, at: Timestamp, ack: Acknowledgement) {
-        let is_open = self.attempts > 0 && ack.command_number == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL as u16;
-        let is_granted = ack.result == MavResult::MAV_RESULT_ACCEPTED as u8;
-        if !is_open || ack.result == MavResult::MAV_RESULT_IN_PROGRESS as u8 {
+        let is_open = self.attempts > 0 && ack.command_number == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL.0;
+        let is_granted = ack.result == MavResult::MAV_RESULT_ACCEPTED.0;
+        if !is_open || ack.result == MavResult::MAV_RESULT_IN_PROGRESS.0 {
             return;
         }
         match MESSAGE_REQUESTS.get(self.request_index) {

@@ -2,7 +2,7 @@
 
 use core::fmt::Write as _;
 
-use ::mavlink::dialects::common::MavSeverity;
+use mavlink_dialect::MavSeverity;
 
 use super::transmitter::Transmitter;
 use crate::port::bounded_text::BoundedText;

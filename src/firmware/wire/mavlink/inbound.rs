@@ -1,15 +1,14 @@
 //! Received messages, and the decoding of their payloads.
 //!
-//! Numbers, lengths and CRC extra bytes of messages are the library's. Its deserialisers are not used: they reject a
-//! message with an unknown kind of vehicle, autopilot or command, for example the compass calibration commands of
-//! another dialect, and they ignore the extension fields of version 2.
+//! Numbers, lengths and CRC extra bytes of messages are the dialect's. Its deserialisers are not used: they decode all
+//! fields of a message.
 
 use core::array::from_fn;
 
-use mavlink::MessageData;
-use mavlink::dialects::common::{
+use mavlink_dialect::{
     ATTITUDE_DATA, BATTERY_STATUS_DATA, COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA,
-    GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
+    GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, PayloadLengths, SYS_STATUS_DATA,
+    SYSTEM_TIME_DATA,
 };
 
 use super::frame::Address;
@@ -77,32 +76,28 @@ pub(super) struct MessageSpec {
 }
 
 impl MessageSpec {
-    const fn from_library<M: MessageData>(decode: fn(SenderId, &[u8]) -> Option<InboundMessage>) -> Self {
+    const fn from_dialect<M: PayloadLengths>(decode: fn(SenderId, &[u8]) -> Option<InboundMessage>) -> Self {
         Self {
             message_id: M::ID,
-            payload_length: M::ENCODED_LEN,
-            extended_length: M::ENCODED_LEN,
+            payload_length: M::V1_LENGTH,
+            extended_length: M::V2_LENGTH,
             extra_crc: M::EXTRA_CRC,
             decoder: decode,
         }
-    }
-
-    const fn with_extension(self, extended: usize) -> Self {
-        Self { extended_length: extended, ..self }
     }
 }
 
 /// Supported messages, the most frequent first.
 pub(super) const SUPPORTED_MESSAGES: [MessageSpec; 9] = [
-    MessageSpec::from_library::<ATTITUDE_DATA>(parse_attitude),
-    MessageSpec::from_library::<SYS_STATUS_DATA>(parse_system_status).with_extension(43),
-    MessageSpec::from_library::<HEARTBEAT_DATA>(parse_heartbeat),
-    MessageSpec::from_library::<GLOBAL_POSITION_INT_DATA>(parse_global_position),
-    MessageSpec::from_library::<BATTERY_STATUS_DATA>(parse_battery_status).with_extension(54),
-    MessageSpec::from_library::<SYSTEM_TIME_DATA>(parse_date),
-    MessageSpec::from_library::<COMMAND_LONG_DATA>(parse_command_long),
-    MessageSpec::from_library::<COMMAND_INT_DATA>(parse_command_int),
-    MessageSpec::from_library::<COMMAND_ACK_DATA>(parse_acknowledgement).with_extension(10),
+    MessageSpec::from_dialect::<ATTITUDE_DATA>(parse_attitude),
+    MessageSpec::from_dialect::<SYS_STATUS_DATA>(parse_system_status),
+    MessageSpec::from_dialect::<HEARTBEAT_DATA>(parse_heartbeat),
+    MessageSpec::from_dialect::<GLOBAL_POSITION_INT_DATA>(parse_global_position),
+    MessageSpec::from_dialect::<BATTERY_STATUS_DATA>(parse_battery_status),
+    MessageSpec::from_dialect::<SYSTEM_TIME_DATA>(parse_date),
+    MessageSpec::from_dialect::<COMMAND_LONG_DATA>(parse_command_long),
+    MessageSpec::from_dialect::<COMMAND_INT_DATA>(parse_command_int),
+    MessageSpec::from_dialect::<COMMAND_ACK_DATA>(parse_acknowledgement),
 ];
 
 /// Longest payload of a supported message, bytes.
@@ -182,7 +177,7 @@ fn parse_heartbeat(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     let fields = PayloadReader(payload);
     Some(InboundMessage::Heartbeat(Heartbeat {
         sender: source,
-        is_autopilot: fields.read_u8(AUTOPILOT_OFFSET) != MavAutopilot::MAV_AUTOPILOT_INVALID as u8,
+        is_autopilot: fields.read_u8(AUTOPILOT_OFFSET) != MavAutopilot::MAV_AUTOPILOT_INVALID.0,
         is_armed: fields.read_u8(BASE_MODE_OFFSET) & MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED.bits() != 0,
     }))
 }

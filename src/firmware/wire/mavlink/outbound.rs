@@ -1,13 +1,13 @@
 //! Messages that the module sends, as frames of MAVLink 2.
 //!
-//! The library's serialisers omit extension fields (addressee of an acknowledgement, chunk of a text, covariance of a
-//! pose) and check each field for room. Here payloads are assembled in wire order: largest fields first, extension
-//! fields last (mavlink.io, "Serialization"). Message numbers and CRC extra bytes are the library's, if it has them.
+//! The dialect's serialisers check each field for room, which takes flash. Here payloads are assembled in wire order:
+//! largest fields first, extension fields last (mavlink.io, "Serialization"). Message numbers and CRC extra bytes are the
+//! dialect's, if it has them.
 
-use mavlink::MessageData;
-use mavlink::dialects::common::{
+use mavlink_dialect::{
     COMMAND_ACK_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MAG_CAL_REPORT_DATA, MagCalStatus, MavAutopilot, MavCmd,
-    MavResult, MavSeverity, MavState, MavType, NAMED_VALUE_FLOAT_DATA, STATUSTEXT_DATA, VISION_POSITION_ESTIMATE_DATA,
+    MavDataStream, MavResult, MavSeverity, MavState, MavType, MessageData, NAMED_VALUE_FLOAT_DATA,
+    REQUEST_DATA_STREAM_DATA, STATUSTEXT_DATA, VISION_POSITION_ESTIMATE_DATA,
 };
 
 use super::frame::{Address, V2_HEADER_LENGTH, V2_START_BYTE, checksum};
@@ -62,8 +62,8 @@ impl OutboundMessage {
     pub fn heartbeat(state: MavState) -> Self {
         const MAVLINK_VERSION: u8 = 3;
         let (kind, autopilot) = (MavType::MAV_TYPE_ONBOARD_CONTROLLER, MavAutopilot::MAV_AUTOPILOT_INVALID);
-        let mut message = Self::from_library::<HEARTBEAT_DATA>();
-        message.put_bytes(&[0, 0, 0, 0, kind as u8, autopilot as u8, 0, state as u8, MAVLINK_VERSION]);
+        let mut message = Self::from_dialect::<HEARTBEAT_DATA>();
+        message.put_bytes(&[0, 0, 0, 0, kind.0, autopilot.0, 0, state.0, MAVLINK_VERSION]);
         message
     }
 
@@ -71,9 +71,9 @@ impl OutboundMessage {
     #[must_use]
     pub fn set_message_interval(target: Address, message_id: u32, rate_hz: u8) -> Self {
         let interval_us = 1e6 / f32::from(rate_hz.max(1));
-        let mut message = Self::from_library::<COMMAND_LONG_DATA>();
+        let mut message = Self::from_dialect::<COMMAND_LONG_DATA>();
         message.put_floats(&[message_id as f32, interval_us, 0.0, 0.0, 0.0, 0.0, 0.0]);
-        message.put_bytes(&(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL as u16).to_le_bytes());
+        message.put_bytes(&(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL.0).to_le_bytes());
         message.put_bytes(&[target.system_id, target.component_id, 0]);
         message
     }
@@ -81,21 +81,21 @@ impl OutboundMessage {
     /// REQUEST_DATA_STREAM: requests the stream that contains ATTITUDE (`STREAM_EXTRA1`) at a rate.
     #[must_use]
     pub fn request_attitude_stream(target: Address, rate_hz: u8) -> Self {
-        const STREAM_EXTRA1: u8 = 10;
         const START_SENDING: u8 = 1;
-        // By number, because the library marks it as superseded; it is for autopilots without the successor.
-        let mut message = Self::new(66, 148);
-        message.put_bytes(&[rate_hz, 0, target.system_id, target.component_id, STREAM_EXTRA1, START_SENDING]);
+        // Superseded; it is for autopilots without the successor.
+        let mut message = Self::from_dialect::<REQUEST_DATA_STREAM_DATA>();
+        let stream = MavDataStream::MAV_DATA_STREAM_EXTRA1.0;
+        message.put_bytes(&[rate_hz, 0, target.system_id, target.component_id, stream, START_SENDING]);
         message
     }
 
     /// COMMAND_ACK for a received command.
     #[must_use]
     pub fn acknowledgement(target: Address, command: u16, result: MavResult) -> Self {
-        let mut message = Self::from_library::<COMMAND_ACK_DATA>();
+        let mut message = Self::from_dialect::<COMMAND_ACK_DATA>();
         message.put_bytes(&command.to_le_bytes());
         // The fields for progress and second result are unused.
-        message.put_bytes(&[result as u8, 0, 0, 0, 0, 0, target.system_id, target.component_id]);
+        message.put_bytes(&[result.0, 0, 0, 0, 0, 0, target.system_id, target.component_id]);
         message
     }
 
@@ -108,8 +108,8 @@ impl OutboundMessage {
     pub fn status_text(severity: MavSeverity, chunk: &[u8], text_id: u16, chunk_index: u8) -> Self {
         let mut text = [0; Self::STATUSTEXT_CAPACITY];
         text.iter_mut().zip(chunk).for_each(|(target, source)| *target = *source);
-        let mut message = Self::from_library::<STATUSTEXT_DATA>();
-        message.put_bytes(&[severity as u8]);
+        let mut message = Self::from_dialect::<STATUSTEXT_DATA>();
+        message.put_bytes(&[severity.0]);
         message.put_bytes(&text);
         message.put_bytes(&text_id.to_le_bytes());
         message.put_bytes(&[chunk_index]);
@@ -121,7 +121,7 @@ impl OutboundMessage {
     pub fn named_value(at: Timestamp, name: &str, value: f32) -> Self {
         let mut field = [0; 10];
         field.iter_mut().zip(name.bytes()).for_each(|(target, source)| *target = source);
-        let mut message = Self::from_library::<NAMED_VALUE_FLOAT_DATA>();
+        let mut message = Self::from_dialect::<NAMED_VALUE_FLOAT_DATA>();
         message.put_bytes(&at.wrapping_millis().as_ms().to_le_bytes());
         message.put_floats(&[value]);
         message.put_bytes(&field);
@@ -137,20 +137,20 @@ impl OutboundMessage {
         let status =
             if percent < 100 { MagCalStatus::MAG_CAL_RUNNING_STEP_ONE } else { MagCalStatus::MAG_CAL_RUNNING_STEP_TWO };
         message.put_floats(&direction);
-        message.put_bytes(&[0, COMPASS_MASK, status as u8, 1, percent]);
+        message.put_bytes(&[0, COMPASS_MASK, status.0, 1, percent]);
         message
     }
 
     /// MAG_CAL_REPORT of compass 0.
     #[must_use]
     pub fn mag_cal_report(report: &MagCalReport) -> Self {
-        let mut message = Self::from_library::<MAG_CAL_REPORT_DATA>();
+        let mut message = Self::from_dialect::<MAG_CAL_REPORT_DATA>();
         let status = if report.is_success { MagCalStatus::MAG_CAL_SUCCESS } else { MagCalStatus::MAG_CAL_FAILED };
         message.put_floats(&[report.fitness_mg]);
         for three in [&report.offset_mg, &report.diagonal, &report.off_diagonal] {
             message.put_floats(three);
         }
-        message.put_bytes(&[0, COMPASS_MASK, status as u8, u8::from(report.is_success)]);
+        message.put_bytes(&[0, COMPASS_MASK, status.0, u8::from(report.is_success)]);
         message
     }
 
@@ -164,7 +164,7 @@ impl OutboundMessage {
             covariance[0] = f32::NAN;
             covariance
         };
-        let mut message = Self::from_library::<VISION_POSITION_ESTIMATE_DATA>();
+        let mut message = Self::from_dialect::<VISION_POSITION_ESTIMATE_DATA>();
         message.put_bytes(&pose.timestamp.as_us().to_le_bytes());
         message.put_floats(&[0.0; 3]);
         message.put_floats(&pose.roll_pitch_yaw_rad);
@@ -193,7 +193,7 @@ impl OutboundMessage {
         self.frame
     }
 
-    fn from_library<M: MessageData>() -> Self {
+    fn from_dialect<M: MessageData>() -> Self {
         Self::new(M::ID, M::EXTRA_CRC)
     }
 

@@ -1,10 +1,10 @@
 //! MAVLink 2 writer with the receiver's clock, as ArduPilot sends it.
 
-use mavlink::dialects::common::{
-    ATTITUDE_DATA, GPS_RAW_INT_DATA, GpsFixType, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavType, PARAM_VALUE_DATA,
-    RAW_IMU_DATA, SCALED_IMU2_DATA, SCALED_IMU3_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
+use mavlink_dialect::{
+    ATTITUDE_DATA, GPS_RAW_INT_DATA, GpsFixType, HEARTBEAT_DATA, MAVLinkV2MessageRaw, MavAutopilot, MavHeader,
+    MavModeFlag, MavParamType, MavSysStatusSensor, MavType, MessageData, PARAM_VALUE_DATA, RAW_IMU_DATA,
+    SCALED_IMU2_DATA, SCALED_IMU3_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
-use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 
 use super::recording::{FLIGHT_START_UTC_US, FlightRecording, FlightSample};
 
@@ -20,7 +20,8 @@ pub fn encode_tlog(recording: &FlightRecording) -> Vec<u8> {
         if i == 5 {
             for (name, value) in &recording.parameters {
                 let (param_id, param_value) = (name.as_str().into(), *value as f32);
-                writer.write_message(&PARAM_VALUE_DATA { param_id, param_value, ..Default::default() });
+                let param_type = MavParamType::MAV_PARAM_TYPE_UINT8;
+                writer.write_message(&PARAM_VALUE_DATA { param_id, param_value, param_type, ..Default::default() });
             }
         }
         let time_boot_ms = (sample.time_us / 1000) as u32;
@@ -71,7 +72,14 @@ impl FrameWriter {
         let time_boot_ms = (sample.time_us / 1000) as u32;
         self.write_message(&SYSTEM_TIME_DATA { time_unix_usec: FLIGHT_START_UTC_US + sample.time_us, time_boot_ms });
         let current_battery = (sample.current_a * 100.0) as i16;
-        self.write_message(&SYS_STATUS_DATA { current_battery, ..Default::default() });
+        let gyro = MavSysStatusSensor::MAV_SYS_STATUS_SENSOR_3D_GYRO;
+        self.write_message(&SYS_STATUS_DATA {
+            onboard_control_sensors_present: gyro,
+            onboard_control_sensors_enabled: gyro,
+            onboard_control_sensors_health: gyro,
+            current_battery,
+            ..Default::default()
+        });
         if let Some([latitude, longitude, height]) = recording.sample_position(sample) {
             let [lat, lon] = [latitude, longitude].map(|deg| (deg * 1e7).round() as i32);
             let [speed_m_s, course_rad] = sample.speed_and_course();

@@ -1,10 +1,9 @@
 //! MAVLink: selection of the autopilot on a shared link.
 
-use mavlink::dialects::common::{
+use mavlink_dialect::{
     ATTITUDE_DATA, GPS_RAW_INT_DATA, GpsFixType, HEARTBEAT_DATA, HIGHRES_IMU_DATA, HighresImuUpdatedFlags,
-    MavAutopilot, RAW_IMU_DATA, SCALED_IMU_DATA, SYS_STATUS_DATA,
+    MAVLinkV2MessageRaw, MavAutopilot, MavHeader, MessageData, RAW_IMU_DATA, SCALED_IMU_DATA, SYS_STATUS_DATA,
 };
-use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 
 use super::*;
 
@@ -46,19 +45,19 @@ fn a_damaged_frame_is_rejected() {
 }
 
 fn with_system_id(bytes: &[u8], system: u8) -> Vec<u8> {
-    use mavlink::Message as _;
+    use mavlink_dialect::Message as _;
     let (mut renumbered_bytes, mut remaining) = (Vec::new(), bytes);
     while remaining.len() > 20 {
         let frame_end = 8 + 10 + usize::from(remaining[9]);
         let mut frame = remaining[..frame_end].to_vec();
         frame[13] = system;
-        let extra = mavlink::dialects::common::MavMessage::extra_crc(u32::from_le_bytes([
+        let extra = mavlink_dialect::MavMessage::extra_crc(u32::from_le_bytes([
             remaining[15],
             remaining[16],
             remaining[17],
             0,
         ]));
-        frame.extend(mavlink::calculate_crc(&frame[9..], extra).to_le_bytes());
+        frame.extend(mavlink_dialect::calculate_crc(&frame[9..], extra).to_le_bytes());
         renumbered_bytes.extend(frame);
         remaining = &remaining[frame_end + 2..];
     }

@@ -2,11 +2,10 @@
 
 use std::f64::consts::{PI, TAU};
 
-use mavlink::dialects::common::{
-    ATTITUDE_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavState, MavType,
-    SYS_STATUS_DATA, SYSTEM_TIME_DATA,
+use mavlink_dialect::{
+    ATTITUDE_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MAVLinkV2MessageRaw, MavAutopilot, MavHeader, MavModeFlag,
+    MavState, MavSysStatusSensor, MavType, MessageData, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
-use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 use serde::{Deserialize, Serialize};
 
 use super::aircraft;
@@ -277,7 +276,14 @@ impl AttitudeSource {
     /// Next SYS_STATUS message with the battery current, amperes; `None` means not measured.
     pub fn status_message(&mut self, current_a: Option<f64>) -> Vec<u8> {
         let current_battery = current_a.map_or(-1, |amperes| (amperes * 100.0).round() as i16);
-        self.encode_message(&SYS_STATUS_DATA { current_battery, ..SYS_STATUS_DATA::DEFAULT })
+        let gyro = MavSysStatusSensor::MAV_SYS_STATUS_SENSOR_3D_GYRO;
+        self.encode_message(&SYS_STATUS_DATA {
+            onboard_control_sensors_present: gyro,
+            onboard_control_sensors_enabled: gyro,
+            onboard_control_sensors_health: gyro,
+            current_battery,
+            ..SYS_STATUS_DATA::DEFAULT
+        })
     }
 
     /// Next GLOBAL_POSITION_INT message; `None` means no position fix.
@@ -308,7 +314,7 @@ impl AttitudeSource {
         frame.raw_bytes().to_vec()
     }
 
-    /// Frame of a message with payload fields unknown to the MAVLink library.
+    /// Frame of a message given by its payload.
     pub(super) fn encode_raw(&mut self, id: u32, extra_crc: u8, payload: &[u8]) -> Vec<u8> {
         let Identity { system_id: system, component_id: component, .. } = self.identity;
         MavlinkFrame {

@@ -1,5 +1,4 @@
-use mavlink::dialects::common::MavMessage;
-use mavlink::{MavlinkVersion, Message};
+use mavlink_dialect::{MavMessage, MavlinkVersion, Message};
 
 use super::*;
 use crate::devices::uart::{SerialCable, TimedByte};
@@ -55,7 +54,7 @@ fn decode_messages(stream: &[TimedByte]) -> Vec<(u64, u8, MavMessage)> {
         let frame_length = usize::from(length.byte) + 12;
         let frame: Vec<u8> = remaining[..frame_length].iter().map(|timed_byte| timed_byte.byte).collect();
         let id = u32::from_le_bytes([frame[7], frame[8], frame[9], 0]);
-        let crc = mavlink::calculate_crc(&frame[1..frame_length - 2], MavMessage::extra_crc(id));
+        let crc = mavlink_dialect::calculate_crc(&frame[1..frame_length - 2], MavMessage::extra_crc(id));
         assert_eq!(frame[frame_length - 2..], crc.to_le_bytes());
         let message = MavMessage::parse(MavlinkVersion::V2, id, &frame[10..frame_length - 2]).unwrap();
         messages.push((remaining[frame_length - 1].arrives_at_us, frame[4], message));

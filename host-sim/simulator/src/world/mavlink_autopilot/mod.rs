@@ -3,12 +3,10 @@
 //! A pure state machine: the caller passes time and bytes. It answers message requests as real firmwares do, as far as
 //! the module can observe. [`FarEnd`](super::cable_far_end::FarEnd) attaches it to a cable.
 
-use mavlink::MessageData;
-use mavlink::dialects::common::{
+use mavlink_dialect::{
     ATTITUDE_DATA, COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavCmd, MavMessage, MavResult,
-    SYS_STATUS_DATA, SYSTEM_TIME_DATA,
+    MavlinkVersion, Message, MessageData, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
-use mavlink::{MavlinkVersion, Message};
 
 use super::attitude_source::AttitudeSource;
 pub use super::flight_place::{ReportedPosition, START_UNIX_US, XIAN_POSITION};
@@ -221,8 +219,8 @@ impl MavlinkAutopilot {
             self.start_stream(command.param1 as u32, 1e6 / f64::from(command.param2), now_us);
             MavResult::MAV_RESULT_ACCEPTED
         };
-        let [low, high] = (command.command as u16).to_le_bytes();
-        let payload = [low, high, result as u8, 0, 0, 0, 0, 0, frame.system_id, frame.component_id];
+        let [low, high] = command.command.0.to_le_bytes();
+        let payload = [low, high, result.0, 0, 0, 0, 0, 0, frame.system_id, frame.component_id];
         let command_ack = self.source.encode_raw(77, 143, &payload);
         self.pending_answer_bytes.extend(command_ack);
     }

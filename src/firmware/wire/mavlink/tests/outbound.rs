@@ -3,7 +3,7 @@
 use super::inbound::bytes_of_hex;
 use super::*;
 use autoswing::time::Timestamp;
-use mavlink::dialects::common::{MavResult, MavSeverity, MavState};
+use mavlink_dialect::{MavResult, MavSeverity, MavState};
 
 const OWN_ADDRESS: Address = Address { system_id: 7, component_id: 158 };
 const AUTOPILOT: Address = Address { system_id: 7, component_id: 1 };

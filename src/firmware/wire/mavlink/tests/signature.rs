@@ -1,6 +1,6 @@
 //! Signatures of received and sent frames.
 
-use mavlink::dialects::common::MavState;
+use mavlink_dialect::MavState;
 
 use super::super::signature::{MAX_NEW_STREAM_AGE_10US, SIGNATURE_SIZE, SIGNED_FLAG};
 use super::super::{Address, EncodedFrame, InboundMessage, OutboundMessage, Receiver, Signatures, key_from_passphrase};

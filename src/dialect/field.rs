@@ -1,0 +1,78 @@
+//! Fields of a message: little-endian numbers, and arrays of them.
+
+use mavlink_core::types::CharArray;
+
+/// Type of a message's field.
+pub trait Field: Copy {
+    /// Length, bytes.
+    const LENGTH: usize;
+    /// Value of a field that is not sent.
+    const ZERO: Self;
+
+    /// Writes the field at the start of `bytes` and returns the rest; nothing if they are too few.
+    fn write(self, bytes: &mut [u8]) -> &mut [u8];
+
+    /// Reads the field at the start of `bytes`, and the rest; zero if they are too few.
+    fn read(bytes: &[u8]) -> (Self, &[u8]);
+}
+
+macro_rules! number_fields {
+    ($($number:ty = $zero:literal),*) => {
+        $(
+            impl Field for $number {
+                const LENGTH: usize = size_of::<Self>();
+                const ZERO: Self = $zero;
+
+                fn write(self, bytes: &mut [u8]) -> &mut [u8] {
+                    match bytes.split_first_chunk_mut() {
+                        Some((field, rest)) => {
+                            *field = self.to_le_bytes();
+                            rest
+                        }
+                        None => &mut [],
+                    }
+                }
+
+                fn read(bytes: &[u8]) -> (Self, &[u8]) {
+                    match bytes.split_first_chunk() {
+                        Some((field, rest)) => (Self::from_le_bytes(*field), rest),
+                        None => (Self::ZERO, &[]),
+                    }
+                }
+            }
+        )*
+    };
+}
+
+number_fields!(u8 = 0, i8 = 0, u16 = 0, i16 = 0, u32 = 0, i32 = 0, u64 = 0, i64 = 0, f32 = 0.0, f64 = 0.0);
+
+impl<F: Field, const COUNT: usize> Field for [F; COUNT] {
+    const LENGTH: usize = COUNT * F::LENGTH;
+    const ZERO: Self = [F::ZERO; COUNT];
+
+    fn write(self, bytes: &mut [u8]) -> &mut [u8] {
+        self.into_iter().fold(bytes, |rest, element| element.write(rest))
+    }
+
+    fn read(bytes: &[u8]) -> (Self, &[u8]) {
+        let (mut elements, mut rest) = (Self::ZERO, bytes);
+        for element in &mut elements {
+            (*element, rest) = F::read(rest);
+        }
+        (elements, rest)
+    }
+}
+
+impl<const COUNT: usize> Field for CharArray<COUNT> {
+    const LENGTH: usize = COUNT;
+    const ZERO: Self = Self::new([0; COUNT]);
+
+    fn write(self, bytes: &mut [u8]) -> &mut [u8] {
+        <[u8; COUNT]>::from(self).write(bytes)
+    }
+
+    fn read(bytes: &[u8]) -> (Self, &[u8]) {
+        let (characters, rest) = <[u8; COUNT]>::read(bytes);
+        (characters.into(), rest)
+    }
+}
