@@ -1,5 +1,6 @@
 //! Console commands and line editing over the simulated cable.
 
+use autoswing_module::settings::SETTINGS;
 use mavlink_dialect::{ATTITUDE_DATA, MAVLinkV2MessageRaw, MavHeader};
 use simulator::module::Module as _;
 use simulator::rig::Rig;
@@ -357,4 +358,17 @@ fn documented_examples_match_the_output() {
         }
     }
     assert!(typed >= 6, "{typed}");
+}
+
+/// The documents name each setting's command, and each parameter.
+#[test]
+fn every_setting_is_documented() {
+    let [manual, dronecan] =
+        ["../docs/manual.md", "../docs/dronecan.md"].map(|name| std::fs::read_to_string(name).unwrap());
+    for setting in &SETTINGS {
+        let [first, second] = setting.command_words;
+        assert!(manual.contains(second), "{first} {second}");
+        let name = setting.parameter_name;
+        assert!(name.is_empty() || dronecan.contains(&format!("`{name}`")), "{name}");
+    }
 }

@@ -10,7 +10,6 @@ mod mavlink;
 mod message_schedule;
 mod msp;
 mod nmea;
-mod parameters;
 mod protocol;
 mod protocol_detection;
 mod safe_mode;

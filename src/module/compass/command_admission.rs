@@ -4,7 +4,6 @@ use super::activity::{Activity, Solve, SolvePurpose};
 use crate::compass::events::Command;
 use crate::compass::state::Compass;
 use crate::messages::Refusal;
-use crate::settings::SettingChange;
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::time::WrappingMillis;
 
@@ -46,10 +45,10 @@ impl Compass<'_> {
             Command::CalMark(_)
             | Command::CalClear
             | Command::CalUndo
-            | Command::Set(SettingChange::Mount(_))
             | Command::SetFromBus(_)
             | Command::ResetSettings
             | Command::Restart => true,
+            Command::Set(change) => change.is_of_calibration(),
             Command::CalStop
             | Command::CalSolve(_)
             | Command::CalAdvise
@@ -57,7 +56,6 @@ impl Compass<'_> {
             | Command::CalShow
             | Command::Status
             | Command::StatusAll
-            | Command::Set(_)
             | Command::Align(_)
             | Command::AlignConfirmed(_) => false,
         }

@@ -26,7 +26,7 @@ pub use state::Compass;
 pub use trial_solves::{TrialResult, TrialSchedule};
 
 use crate::messages::Refusal;
-use crate::settings::{SettingChange, Settings};
+use crate::settings::Settings;
 use crate::store::StoredValues;
 use activity::{Activity, AutomaticStart, DetectedSensor, PendingSave, Solve, SolvePurpose};
 use armed_state::ArmedState;
@@ -177,7 +177,7 @@ impl<'a> Compass<'a> {
             }
             Command::Set(setting) | Command::SetFromBus(setting) => {
                 let settings = self.settings.with_setting(setting).map_err(Refusal::OutOfRange)?;
-                if let SettingChange::Auto(true) = setting {
+                if setting.enables_automatic_start() {
                     self.enable_automatic_start(true);
                 }
                 return Ok(self.request_save(PendingSave::Settings(settings)));

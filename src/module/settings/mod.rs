@@ -1,14 +1,17 @@
-//! User settings.
+//! User settings: their values ([`Settings`]), and the table ([`SETTINGS`]) from which commands, reports, parameters,
+//! stored fields and range checks derive.
 
 mod ports;
+mod setting;
 
 use core::fmt;
-use core::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 
 use autoswing::calibration::{ConsiderSigmas, Orientation};
 pub use ports::{BaudRate, PORT_COUNT, PortNumber, PortSettings, PortsSettings, ProtocolKind};
+use setting::DependentState;
+pub use setting::{Choice, SettingKind, SettingRow, SettingValue, SigningKey};
 
 /// User settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -64,27 +67,6 @@ pub struct CanSettings {
 impl CanSettings {
     /// Factory settings. CAN rates: autopilots drop a compass after 500 ms of silence.
     pub const DEFAULT: Self = Self { node: 0, rate_hz: 50, sends_covariance: false, is_terminated: false };
-
-    /// Range of the node's number; 126 and 127 are for tools.
-    pub const NODE_ID_RANGE: RangeInclusive<u8> = 0..=125;
-
-    /// Range of the field's rate, up to the measurement rate.
-    pub const RATE_HZ_RANGE: RangeInclusive<u8> = 5..=80;
-
-    fn is_valid(self) -> bool {
-        Self::NODE_ID_RANGE.contains(&self.node) && Self::RATE_HZ_RANGE.contains(&self.rate_hz)
-    }
-}
-
-/// Secret key of MAVLink's signatures.
-#[derive(Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct SigningKey(pub [u8; 32]);
-
-/// Writes the type's name instead of the secret key.
-impl fmt::Debug for SigningKey {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("SigningKey")
-    }
 }
 
 /// Kind of heading.
@@ -108,13 +90,9 @@ impl HeadingKind {
             Self::Smooth => "smooth",
         }
     }
-
-    /// Parses a name.
-    #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL_HEADING_KINDS.into_iter().find(|kind| kind.kind_name() == name)
-    }
 }
+
+setting::choice_of_names!(HeadingKind, ALL_HEADING_KINDS, kind_name);
 
 /// Errors of an attitude source that are constant over a flight, 1 sigma. Turns do not reveal them; the expected error
 /// of a calibration includes them.
@@ -130,20 +108,10 @@ impl AttitudeError {
     /// A good, carefully levelled autopilot: the solver's default.
     pub const DEFAULT: Self = Self { bias_deg: 0.2, bank_percent: 1.0 };
 
-    /// Range of the bias, degrees.
-    pub const BIAS_DEG_RANGE: RangeInclusive<f32> = 0.0..=5.0;
-
-    /// Range of the bank-angle scale error, percent.
-    pub const BANK_PERCENT_RANGE: RangeInclusive<f32> = 0.0..=20.0;
-
     /// Converts to the solver's units.
     #[must_use]
     pub fn to_consider_sigmas(self) -> ConsiderSigmas {
         ConsiderSigmas { bias_rad: self.bias_deg.to_radians(), bank_scale: self.bank_percent / 100.0 }
-    }
-
-    fn is_valid(self) -> bool {
-        Self::BIAS_DEG_RANGE.contains(&self.bias_deg) && Self::BANK_PERCENT_RANGE.contains(&self.bank_percent)
     }
 }
 
@@ -159,16 +127,6 @@ pub struct SensorError {
 impl SensorError {
     /// Default errors, those of the monitor.
     pub const DEFAULT: Self = Self { gyro_percent: 2.0, drift_percent: 0.25 };
-
-    /// Range of the gyro's error, percent, up to the largest that the monitor estimates.
-    pub const GYRO_PERCENT_RANGE: RangeInclusive<f32> = 0.1..=20.0;
-
-    /// Range of the drift, percent of the field.
-    pub const DRIFT_PERCENT_RANGE: RangeInclusive<f32> = 0.05..=5.0;
-
-    fn is_valid(self) -> bool {
-        Self::GYRO_PERCENT_RANGE.contains(&self.gyro_percent) && Self::DRIFT_PERCENT_RANGE.contains(&self.drift_percent)
-    }
 }
 
 impl Default for Settings {
@@ -205,79 +163,269 @@ impl Settings {
         Self { align_deg: self.align_deg, ..Self::DEFAULT }
     }
 
-    /// Range of the declination, degrees.
-    pub const DECLINATION_DEG_RANGE: RangeInclusive<f32> = -180.0..=180.0;
-
-    /// Range of the inclination, degrees.
-    pub const INCLINATION_DEG_RANGE: RangeInclusive<f32> = -90.0..=90.0;
-
-    /// Range of the heading rate, up to the measurement rate.
-    pub const STREAM_RATE_HZ_RANGE: RangeInclusive<u8> = 1..=80;
-
-    /// Range of the requested attitude rate. ArduPilot warns of a request above 80 % of its loop rate, 50 Hz in a
-    /// plane.
-    pub const ATTITUDE_RATE_HZ_RANGE: RangeInclusive<u8> = 20..=50;
-
-    /// Range of the accuracy, degrees RMS: from that of the best compasses to the largest accepted expected error.
-    pub const ACCURACY_DEG_RANGE: RangeInclusive<f32> = 0.2..=3.0;
-
-    /// Whether every setting is within its range; the alignment's is -180..180 deg.
+    /// Whether every setting is within its range.
     #[must_use]
     pub fn is_valid(&self) -> bool {
-        self.declination_deg.is_none_or(|declination_deg| Self::DECLINATION_DEG_RANGE.contains(&declination_deg))
-            && self.inclination_deg.is_none_or(|inclination_deg| Self::INCLINATION_DEG_RANGE.contains(&inclination_deg))
-            && self.align_deg.abs() <= 180.0
-            && Self::STREAM_RATE_HZ_RANGE.contains(&self.stream_rate_hz)
-            && Self::ATTITUDE_RATE_HZ_RANGE.contains(&self.attitude_rate_hz)
-            && self.mount.is_valid()
-            && self.attitude_error.is_valid()
-            && Self::ACCURACY_DEG_RANGE.contains(&self.accuracy_deg)
-            && self.can.is_valid()
-            && self.sensor_error.is_valid()
+        SETTINGS.iter().all(|setting| setting.is_valid(self))
+    }
+
+    /// Applies a change.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] if the settings would be [invalid](Self::is_valid).
+    pub fn with_setting(self, change: SettingChange) -> Result<Self, OutOfRange> {
+        let mut changed = self;
+        let values = [Some(change.value), change.next_value.map(|number| SettingValue::Number(Some(number)))];
+        let rows = SETTINGS.iter().skip_while(|setting| *setting != change.setting);
+        let is_set =
+            rows.zip(values.into_iter().flatten()).all(|(setting, value)| setting.set_value(&mut changed, value));
+        if is_set && changed.is_valid() { Ok(changed) } else { Err(OutOfRange(change.setting.range_text)) }
     }
 }
 
-/// Change of one setting.
+/// Row of the table of [`Settings`].
+pub type Setting = SettingRow<Settings>;
+
+/// Rows of the table: name and position as a parameter (none: `""`), tag of the stored field, kind of value; words of the
+/// command, name of its argument, help; line of the report, texts before and after the value; answer to a value out of
+/// its range; state that depends on the setting.
+macro_rules! setting_rows {
+    ($($name:literal $index:literal, stored $tag:literal: $kind:ident($($access_and_range:expr),*),
+       $words:tt $argument:literal: $help:literal,
+       reported $report:tt, refused $range:expr $(, used by $dependent:ident)?;)*) => {
+        [$(SettingRow {
+            command_words: $words,
+            argument_name: $argument,
+            help_text: $help,
+            kind: SettingKind::$kind($($access_and_range),*),
+            range_text: $range,
+            report_texts: $report,
+            stored_tag: $tag,
+            parameter_index: $index,
+            parameter_name: $name,
+            dependent_state: setting_rows!(@state $($dependent)?),
+        }),*]
+    };
+    (@state $dependent:ident) => { DependentState::$dependent };
+    (@state) => { DependentState::None };
+}
+
+const ON_OR_OFF: [&str; 2] = ["off", "on"];
+const RANGE_OF_PROTOCOLS: &str = "a protocol that this firmware was built with";
+const RANGE_OF_BAUD_RATES: &str = "57600, 115200, 230400 or 460800 baud";
+const RANGE_OF_ATTITUDE_ERRORS: &str = "a constant error is 0 to 5 degrees, one of bank 0 to 20 percent";
+const RANGE_OF_SENSOR_ERRORS: &str =
+    "an error of the gyro is 0.1 to 20 percent, a drift 0.05 to 5 percent of the field";
+
+/// All settings, in the order of `help`.
+///
+/// `stream on`, `stream off` and `set align` are commands of their own. The rate of headings, and of the field, is at
+/// most the measurement rate.
+pub static SETTINGS: [Setting; 24] = setting_rows! {
+    "STREAM" 17, stored 7: Switch(|s| &mut s.stream_on, ON_OR_OFF),
+        ["", ""] "": "",
+        reported ["stream", "", ""], refused "on or off";
+    "STREAM_RATE" 18, stored 8: Whole(|s| &mut s.stream_rate_hz, [1, 80], "a second", None),
+        ["stream", "rate"] "HZ": "sentences per second",
+        reported ["stream", ", ", " Hz"], refused "a rate is 1 to 80 sentences a second";
+    "STREAM_HEADING" 19, stored 12: Choice(|s| &mut s.stream_heading),
+        ["stream", "heading"] "KIND":
+            "heading sent: smoothed by the body rates, or raw for an autopilot with its own filter",
+        reported ["stream", ", ", " heading"], refused "a heading is raw or smooth";
+    "DECLINATION" 5, stored 4: Angle(
+            |s| &mut s.declination_deg, [-180.0, 180.0], |field| field.declination_deg, "not set"
+        ),
+        ["set", "declination"] "DEG": "declination, east positive; none: by the field model",
+        reported ["declination", "", ""], refused "a declination is -180 to 180 degrees";
+    "MOUNT" 7, stored 9: Choice(|s| &mut s.mount),
+        ["set", "mount"] "ORIENTATION":
+            "orientation of the sensor: rotated from the vehicle by yaw, then pitch, then roll",
+        reported ["mount", "", ""], refused "a mounting is one of the 24 right-angle ones", used by Calibration;
+    "INCLINATION" 6, stored 5: Angle(
+            |s| &mut s.inclination_deg, [-90.0, 90.0], |field| Some(field.inclination_deg),
+            "not set, found from the samples"
+        ),
+        ["set", "inclination"] "DEG":
+            "inclination of the local field, positive down; none: by the field model or the samples",
+        reported ["inclination", "", ""], refused "an inclination is -90 to 90 degrees, positive down", used by Solve;
+    "" 0, stored 6: Alignment(|s| &mut s.align_deg),
+        ["set", "align"] "": "",
+        reported ["mount", ", align ", " deg"], refused "";
+    "ATT_ERROR_DEG" 8, stored 10: Number(|s| &mut s.attitude_error.bias_deg, [0.0, 5.0], "deg", 2, Some("default")),
+        ["set", "attitude-error"] "DEG":
+            "constant attitude error of a flight, 1 sigma: in degrees, and in percent of the bank",
+        reported ["attitude-error", "", " deg"], refused RANGE_OF_ATTITUDE_ERRORS, used by Solve;
+    "ATT_ERROR_BANK" 9, stored 11: Number(|s| &mut s.attitude_error.bank_percent, [0.0, 20.0], "%", 1, None),
+        ["set", "attitude-error"] "PERCENT": "",
+        reported ["attitude-error", ", ", " % of bank, 1 sigma"], refused RANGE_OF_ATTITUDE_ERRORS, used by Solve;
+    // Up to the largest error that the monitor estimates.
+    "GYRO_ERROR" 20, stored 28: Number(|s| &mut s.sensor_error.gyro_percent, [0.1, 20.0], "%", 1, Some("default")),
+        ["set", "sensor-error"] "GYRO":
+            "errors that the monitor expects, 1 sigma: scale of the gyro, and drift of iron in a minute",
+        reported ["sensor-error", "gyro ", " %"], refused RANGE_OF_SENSOR_ERRORS;
+    "IRON_DRIFT" 21, stored 29: Number(|s| &mut s.sensor_error.drift_percent, [0.05, 5.0], "% of the field", 2, None),
+        ["set", "sensor-error"] "DRIFT": "",
+        reported ["sensor-error", ", drift ", " % of the field a minute, 1 sigma"], refused RANGE_OF_SENSOR_ERRORS;
+    // From the accuracy of the best compasses to the largest accepted expected error.
+    "ACCURACY" 4, stored 13: Number(|s| &mut s.accuracy_deg, [0.2, 3.0], "deg", 1, None),
+        ["set", "accuracy"] "DEG": "expected error at which a collection in flight ends",
+        reported ["accuracy", "", " deg wanted"], refused "an accuracy is 0.2 to 3 degrees";
+    "AUTO" 3, stored 14: Switch(
+            |s| &mut s.auto_on, ["off, collects when asked", "on, collects automatically while uncalibrated"]
+        ),
+        ["cal", "auto"] "SWITCH":
+            "start collecting automatically while uncalibrated, as soon as the autopilot is armed",
+        reported ["auto", "", ""], refused "on or off", used by AutomaticStart;
+    "PORT1" 13, stored 15: Choice(|s| &mut s.ports.port_mut(PortNumber::One).protocol),
+        ["set", "port1"] "PROTOCOL": "protocol of the first port; auto: detect the autopilot's",
+        reported ["port1", "", ""], refused RANGE_OF_PROTOCOLS;
+    "PORT2" 14, stored 17: Choice(|s| &mut s.ports.port_mut(PortNumber::Two).protocol),
+        ["set", "port2"] "PROTOCOL": "protocol of the second port; auto: detect the autopilot's",
+        reported ["port2", "", ""], refused RANGE_OF_PROTOCOLS;
+    "BAUD1" 15, stored 16: Choice(|s| &mut s.ports.port_mut(PortNumber::One).baud),
+        ["set", "baud1"] "BAUD": "baud rate of the first port",
+        reported ["port1", ", ", " baud"], refused RANGE_OF_BAUD_RATES;
+    "BAUD2" 16, stored 18: Choice(|s| &mut s.ports.port_mut(PortNumber::Two).baud),
+        ["set", "baud2"] "BAUD": "baud rate of the second port",
+        reported ["port2", ", ", " baud"], refused RANGE_OF_BAUD_RATES;
+    "VISION" 11, stored 19: Switch(|s| &mut s.sends_vision_yaw, ON_OR_OFF),
+        ["set", "vision"] "SWITCH":
+            "send true yaw to a MAVLink autopilot, in place of its own compass; needs a declination",
+        reported ["vision", "", ""], refused "on or off";
+    // ArduPilot warns of a request above 80 % of its loop rate, 50 Hz in a plane.
+    "ATTITUDE_RATE" 10, stored 23: Whole(|s| &mut s.attitude_rate_hz, [20, 50], "a second", None),
+        ["set", "attitude-rate"] "HZ": "highest rate at which attitude is requested from a MAVLink autopilot",
+        reported ["attitude-rate", "", " Hz at most"], refused "a rate of attitude is 20 to 50 Hz";
+    "SIGNING" 12, stored 24: Key(|s| &mut s.signing_key),
+        ["set", "signing"] "PASSPHRASE":
+            "sign MAVLink frames, and reject others, with the key of a passphrase, one word",
+        reported ["signing", "", ""], refused "a passphrase or off";
+    // Nodes 126 and 127 are for tools.
+    "CAN_NODE" 0, stored 25: Whole(|s| &mut s.can.node, [0, 125], "as a node", Some("by allocation")),
+        ["set", "can-node"] "NUMBER": "number on the CAN bus, after a restart; 0: the autopilot gives one",
+        reported ["can", "node ", ""], refused "a node is 1 to 125, or 0 to ask the autopilot for one";
+    "CAN_RATE" 1, stored 26: Whole(|s| &mut s.can.rate_hz, [5, 80], "a second", None),
+        ["set", "can-rate"] "HZ": "rate of the field on the CAN bus",
+        reported ["can", ", ", " Hz"], refused "a rate of the field is 5 to 80 Hz";
+    "CAN_COVARIANCE" 2, stored 27: Switch(|s| &mut s.can.sends_covariance, ON_OR_OFF),
+        ["set", "can-covariance"] "SWITCH": "send the field on the CAN bus with its covariance",
+        reported ["can", ", covariance ", ""], refused "on or off";
+    "CAN_TERMINATE" 22, stored 30: Switch(|s| &mut s.can.is_terminated, ON_OR_OFF),
+        ["set", "can-termination"] "SWITCH": "terminating resistor of the CAN bus, if the board switches one",
+        reported ["can", ", termination ", ""], refused "on or off";
+};
+
+impl Setting {
+    /// Setting with this parameter name.
+    #[must_use]
+    pub fn from_parameter_name(parameter_name: &[u8]) -> Option<&'static Self> {
+        SETTINGS.iter().find(|setting| setting.is_parameter() && setting.parameter_name.as_bytes() == parameter_name)
+    }
+
+    /// Setting with this position as a parameter.
+    #[must_use]
+    pub fn nth_parameter(index: u8) -> Option<&'static Self> {
+        SETTINGS.iter().find(|setting| setting.is_parameter() && setting.parameter_index == index)
+    }
+
+    const fn is_parameter(&self) -> bool {
+        !self.parameter_name.is_empty()
+    }
+
+    /// Change to a value; `None` for a value of another kind, or of no choice. Ranges are checked when it is applied.
+    #[must_use]
+    pub fn change_to(&'static self, value: SettingValue) -> Option<SettingChange> {
+        self.set_value(&mut { Settings::DEFAULT }, value).then_some(SettingChange {
+            setting: self,
+            value,
+            next_value: None,
+        })
+    }
+}
+
+/// Change of one setting, or of the two of one command.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum SettingChange {
-    /// Heading output on or off.
-    StreamOn(bool),
-    /// Heading rate, Hz.
-    StreamRateHz(u8),
-    /// Heading to send.
-    StreamHeading(HeadingKind),
-    /// Declination (variation), degrees, east positive; `None` omits it from the sentences.
-    Declination(Option<f32>),
-    /// Inclination of the local Earth field, degrees, positive down; `None` estimates it from the samples.
-    Inclination(Option<f32>),
-    /// Mounting of the sensor.
-    Mount(Orientation),
-    /// Assumed constant errors of the attitude source.
-    AttitudeError(AttitudeError),
-    /// Expected heading error that ends a collection in flight, degrees RMS.
-    Accuracy(f32),
-    /// Whether an uncalibrated module starts collecting in flight.
-    Auto(bool),
-    /// Protocol of a port.
-    Protocol(PortNumber, ProtocolKind),
-    /// Baud rate of a port.
-    Baud(PortNumber, BaudRate),
-    /// Whether true yaw is sent to an autopilot.
-    Vision(bool),
-    /// Highest requested attitude rate, Hz.
-    AttitudeRateHz(u8),
-    /// Key of MAVLink's signatures; `None` accepts and sends frames without.
-    Signing(Option<SigningKey>),
-    /// Number of the node on a CAN bus; 0 asks for one.
-    CanNode(u8),
-    /// Rate of the field on a CAN bus, Hz.
-    CanRateHz(u8),
-    /// Whether the field is sent with its covariance on a CAN bus.
-    CanCovariance(bool),
-    /// Whether the terminating resistor of the CAN bus is on.
-    CanTermination(bool),
-    /// Expected errors of gyro and magnetometer.
-    SensorError(SensorError),
+pub struct SettingChange {
+    /// Setting to change.
+    pub setting: &'static Setting,
+    /// New value of the setting.
+    pub value: SettingValue,
+    /// New number of the next setting in the table, the second argument of the command.
+    pub next_value: Option<f32>,
+}
+
+impl SettingChange {
+    /// Change of a switch, a whole number or a choice with this parameter name.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such parameter: for names that are constants.
+    #[must_use]
+    pub const fn whole(parameter_name: &str, number: u32) -> Self {
+        Self::new(parameter_name, SettingValue::Whole(number))
+    }
+
+    /// Change of a number with this parameter name.
+    ///
+    /// # Panics
+    ///
+    /// As [`whole`](Self::whole).
+    #[must_use]
+    pub const fn number(parameter_name: &str, number: Option<f32>) -> Self {
+        Self::new(parameter_name, SettingValue::Number(number))
+    }
+
+    /// Change of a key with this parameter name.
+    ///
+    /// # Panics
+    ///
+    /// As [`whole`](Self::whole).
+    #[must_use]
+    pub const fn key(parameter_name: &str, key: Option<SigningKey>) -> Self {
+        Self::new(parameter_name, SettingValue::Key(key))
+    }
+
+    const fn new(parameter_name: &str, value: SettingValue) -> Self {
+        let mut index = 0;
+        while !is_equal_text(SETTINGS[index].parameter_name, parameter_name) {
+            index += 1;
+        }
+        Self { setting: &SETTINGS[index], value, next_value: None }
+    }
+
+    /// The change with a new number of the next setting in the table.
+    #[must_use]
+    pub const fn with_next(self, next_value: f32) -> Self {
+        Self { next_value: Some(next_value), ..self }
+    }
+
+    /// Whether solves use this setting, so that it must not change during one.
+    #[must_use]
+    pub fn is_used_by_solves(self) -> bool {
+        matches!(self.setting.dependent_state, DependentState::Solve | DependentState::Calibration)
+    }
+
+    /// Whether a calibration is valid for one value of this setting.
+    #[must_use]
+    pub fn is_of_calibration(self) -> bool {
+        self.setting.dependent_state == DependentState::Calibration
+    }
+
+    /// Whether the change permits automatic collection.
+    #[must_use]
+    pub fn enables_automatic_start(self) -> bool {
+        self.setting.dependent_state == DependentState::AutomaticStart && self.value == SettingValue::Whole(1)
+    }
+}
+
+const fn is_equal_text(first: &str, second: &str) -> bool {
+    let (first, second) = (first.as_bytes(), second.as_bytes());
+    let mut index = 0;
+    while index < first.len() && index < second.len() && first[index] == second[index] {
+        index += 1;
+    }
+    index == first.len() && index == second.len()
 }
 
 /// Description of the valid range, for a value outside of it.
@@ -291,87 +439,6 @@ impl fmt::Display for OutOfRange {
 }
 
 impl core::error::Error for OutOfRange {}
-
-impl SettingChange {
-    /// Whether solves use this setting, so that it must not change during one.
-    #[must_use]
-    pub const fn is_used_by_solves(self) -> bool {
-        match self {
-            Self::Inclination(_) | Self::Mount(_) | Self::AttitudeError(_) => true,
-            Self::StreamOn(_)
-            | Self::StreamRateHz(_)
-            | Self::StreamHeading(_)
-            | Self::Declination(_)
-            | Self::Accuracy(_)
-            | Self::Auto(_)
-            | Self::Protocol(..)
-            | Self::Baud(..)
-            | Self::Vision(_)
-            | Self::AttitudeRateHz(_)
-            | Self::Signing(_)
-            | Self::CanNode(_)
-            | Self::CanRateHz(_)
-            | Self::CanCovariance(_)
-            | Self::CanTermination(_)
-            | Self::SensorError(_) => false,
-        }
-    }
-
-    const fn valid_range(self) -> &'static str {
-        match self {
-            Self::StreamOn(_) | Self::Auto(_) | Self::Vision(_) | Self::CanCovariance(_) | Self::CanTermination(_) => {
-                "on or off"
-            }
-            Self::StreamRateHz(_) => "a rate is 1 to 80 sentences a second",
-            Self::StreamHeading(_) => "a heading is raw or smooth",
-            Self::AttitudeRateHz(_) => "a rate of attitude is 20 to 50 Hz",
-            Self::Declination(_) => "a declination is -180 to 180 degrees",
-            Self::Inclination(_) => "an inclination is -90 to 90 degrees, positive down",
-            Self::Mount(_) => "a mounting is one of the 24 right-angle ones",
-            Self::AttitudeError(_) => "a constant error is 0 to 5 degrees, one of bank 0 to 20 percent",
-            Self::SensorError(_) => "an error of the gyro is 0.1 to 20 percent, a drift 0.05 to 5 percent of the field",
-            Self::Signing(_) => "a passphrase or off",
-            Self::Accuracy(_) => "an accuracy is 0.2 to 3 degrees",
-            Self::Protocol(..) => "a protocol that this firmware was built with",
-            Self::CanNode(_) => "a node is 1 to 125, or 0 to ask the autopilot for one",
-            Self::CanRateHz(_) => "a rate of the field is 5 to 80 Hz",
-            Self::Baud(..) => "57600, 115200, 230400 or 460800 baud",
-        }
-    }
-}
-
-impl Settings {
-    /// Applies a change.
-    ///
-    /// # Errors
-    ///
-    /// [`OutOfRange`] if the settings would be [invalid](Self::is_valid).
-    pub fn with_setting(self, setting: SettingChange) -> Result<Self, OutOfRange> {
-        let mut changed = self;
-        match setting {
-            SettingChange::StreamOn(on) => changed.stream_on = on,
-            SettingChange::StreamRateHz(hz) => changed.stream_rate_hz = hz,
-            SettingChange::StreamHeading(kind) => changed.stream_heading = kind,
-            SettingChange::Declination(deg) => changed.declination_deg = deg,
-            SettingChange::Inclination(deg) => changed.inclination_deg = deg,
-            SettingChange::Mount(mount) => changed.mount = mount,
-            SettingChange::AttitudeError(error) => changed.attitude_error = error,
-            SettingChange::Accuracy(deg) => changed.accuracy_deg = deg,
-            SettingChange::Auto(on) => changed.auto_on = on,
-            SettingChange::Protocol(port, protocol) => changed.ports.port_mut(port).protocol = protocol,
-            SettingChange::Baud(port, baud) => changed.ports.port_mut(port).baud = baud,
-            SettingChange::Vision(on) => changed.sends_vision_yaw = on,
-            SettingChange::AttitudeRateHz(hz) => changed.attitude_rate_hz = hz,
-            SettingChange::Signing(key) => changed.signing_key = key,
-            SettingChange::CanNode(node) => changed.can.node = node,
-            SettingChange::CanRateHz(hz) => changed.can.rate_hz = hz,
-            SettingChange::CanCovariance(on) => changed.can.sends_covariance = on,
-            SettingChange::CanTermination(on) => changed.can.is_terminated = on,
-            SettingChange::SensorError(error) => changed.sensor_error = error,
-        }
-        if changed.is_valid() { Ok(changed) } else { Err(OutOfRange(setting.valid_range())) }
-    }
-}
 
 #[cfg(test)]
 mod tests;

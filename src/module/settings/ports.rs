@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::setting::choice_of_names;
+
 /// Number of ports, without the console.
 pub const PORT_COUNT: usize = 2;
 
@@ -56,13 +58,9 @@ impl ProtocolKind {
             Self::Nmea => "nmea",
         }
     }
-
-    /// Parses a name.
-    #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL_PROTOCOLS.into_iter().find(|kind| kind.protocol_name() == name)
-    }
 }
+
+choice_of_names!(ProtocolKind, ALL_PROTOCOLS, protocol_name);
 
 /// Baud rate of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -102,13 +100,9 @@ impl BaudRate {
             Self::B460800 => "460800",
         }
     }
-
-    /// Parses a name.
-    #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL_RATES.into_iter().find(|baud| baud.baud_name() == name)
-    }
 }
+
+choice_of_names!(BaudRate, ALL_RATES, baud_name);
 
 /// Settings of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -149,18 +143,6 @@ impl PortsSettings {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn protocol_and_baud_names_round_trip() {
-        for kind in ProtocolKind::ALL_PROTOCOLS {
-            assert_eq!(ProtocolKind::from_name(kind.protocol_name()), Some(kind));
-        }
-        for baud in BaudRate::ALL_RATES {
-            assert_eq!(BaudRate::from_name(baud.baud_name()), Some(baud));
-            assert_eq!(baud.baud_name(), baud.bits_per_s().to_string());
-        }
-        assert_eq!((ProtocolKind::from_name("ubx"), BaudRate::from_name("9600")), (None, None));
-    }
 
     #[test]
     fn ports_have_separate_settings() {

@@ -1,10 +1,8 @@
 //! Unit tests of `settings`.
 
-use super::*;
+use std::collections::BTreeSet;
 
-const fn attitude_error_change(bias_deg: f32, bank_percent: f32) -> SettingChange {
-    SettingChange::AttitudeError(AttitudeError { bias_deg, bank_percent })
-}
+use super::*;
 
 #[test]
 fn attitude_errors_convert_to_the_solver_s_units() {
@@ -21,163 +19,104 @@ fn attitude_errors_convert_to_the_solver_s_units() {
     }
 }
 
-const fn sensor_error_change(gyro_percent: f32, drift_percent: f32) -> SettingChange {
-    SettingChange::SensorError(SensorError { gyro_percent, drift_percent })
+/// Every value at an end of a range, every choice, and the special ones: no angle, a key and none.
+fn accepted_values(setting: &Setting) -> Vec<SettingValue> {
+    let mut values = setting.value_range().map_or(Vec::new(), Vec::from);
+    values.extend((0..).map_while(|index| setting.nth_word(index).map(|(_, value)| value)));
+    if let SettingKind::Key(_) = setting.kind {
+        values.push(SettingValue::Key(Some(SigningKey([7; 32]))));
+    }
+    values
+}
+
+/// The nearest values beyond the range, and values of another kind.
+fn refused_values(setting: &Setting) -> Vec<SettingValue> {
+    let mut values = match setting.value_range() {
+        Some([SettingValue::Whole(least), SettingValue::Whole(most)]) => {
+            [least.wrapping_sub(1), most + 1, most + 256].map(SettingValue::Whole).to_vec()
+        }
+        Some([SettingValue::Number(Some(least)), SettingValue::Number(Some(most))]) => {
+            [least.next_down(), most.next_up(), f32::NAN].map(|number| SettingValue::Number(Some(number))).to_vec()
+        }
+        _ => Vec::new(),
+    };
+    values.extend(
+        [SettingValue::Whole(0), SettingValue::Number(Some(1.0)), SettingValue::Key(None)].into_iter().filter(
+            |other| core::mem::discriminant(other) != core::mem::discriminant(&setting.value(&Settings::DEFAULT)),
+        ),
+    );
+    if let SettingKind::Number(..) = setting.kind {
+        values.push(SettingValue::Number(None));
+    }
+    values
+}
+
+fn change_settings(settings: Settings, setting: &'static Setting, value: SettingValue) -> Result<Settings, OutOfRange> {
+    let change = setting.change_to(value).ok_or(OutOfRange("no change"))?;
+    settings.with_setting(change)
+}
+
+/// Each row: values up to the ends of its range are read back and change no other row; others are refused.
+#[test]
+fn every_setting_has_its_range_and_changes_nothing_else() {
+    let before = Settings { align_deg: 3.0, ..Settings::DEFAULT };
+    for setting in SETTINGS.iter().filter(|setting| setting.is_parameter()) {
+        assert!(setting.is_valid(&before), "{setting:?}");
+        for value in accepted_values(setting) {
+            let after = change_settings(before, setting, value).unwrap();
+            assert_eq!(setting.value(&after), value, "{setting:?}");
+            let others = SETTINGS.iter().filter(|other| *other != setting);
+            assert!(others.clone().all(|other| other.value(&after) == other.value(&before)), "{setting:?} {value:?}");
+        }
+        for value in refused_values(setting) {
+            let refusal = change_settings(before, setting, value).unwrap_err();
+            assert!([setting.range_text, "no change"].contains(&refusal.0), "{setting:?} {value:?}: {refusal}");
+        }
+    }
+}
+
+/// A refusal names the ends of the range.
+#[test]
+fn a_refusal_names_the_range() {
+    for setting in SETTINGS.iter().filter(|setting| setting.parameter_name != "CAN_NODE") {
+        let range = match setting.kind {
+            SettingKind::Whole(_, [least, most], ..) => format!("{least} to {most} "),
+            SettingKind::Number(_, [least, most], ..) | SettingKind::Angle(_, [least, most], ..) => {
+                format!("{least} to {most} ")
+            }
+            _ => continue,
+        };
+        assert!(setting.range_text.contains(&range), "{setting:?}: {range} in {}", setting.range_text);
+    }
+    let refusal = Settings::DEFAULT.with_setting(SettingChange::whole("CAN_NODE", 126)).unwrap_err();
+    assert_eq!(refusal.to_string(), "a node is 1 to 125, or 0 to ask the autopilot for one");
+}
+
+/// Tags and positions are used by stored items and by tools, so that none is shared. Three tags are startup values.
+#[test]
+fn rows_have_unique_tags_positions_and_short_names() {
+    let parameters: Vec<&Setting> = (0..).map_while(Setting::nth_parameter).collect();
+    assert_eq!(parameters.len(), SETTINGS.len() - 1, "all but the alignment");
+    let names: BTreeSet<&str> = parameters.iter().map(|setting| setting.parameter_name).collect();
+    assert_eq!(names.len(), parameters.len());
+    assert!(names.iter().all(|name| (1..=16).contains(&name.len())), "{names:?}");
+    let tags: BTreeSet<u8> = SETTINGS.iter().map(|setting| setting.stored_tag).collect();
+    assert_eq!(tags, (4..20).chain(23..=30).collect());
 }
 
 #[test]
-fn every_setting_has_its_range() {
-    let nan = f32::NAN;
-    for (good, bad, words) in [
-        (
-            &[SettingChange::StreamRateHz(1), SettingChange::StreamRateHz(80)][..],
-            &[SettingChange::StreamRateHz(0), SettingChange::StreamRateHz(81)][..],
-            "a rate is 1 to 80",
-        ),
-        (
-            &[SettingChange::CanNode(0), SettingChange::CanNode(125)],
-            &[SettingChange::CanNode(126), SettingChange::CanNode(255)],
-            "a node is 1 to 125",
-        ),
-        (
-            &[SettingChange::CanRateHz(5), SettingChange::CanRateHz(80)],
-            &[SettingChange::CanRateHz(4), SettingChange::CanRateHz(81)],
-            "a rate of the field is 5 to 80",
-        ),
-        (
-            &[
-                SettingChange::Declination(Some(-180.0)),
-                SettingChange::Declination(Some(180.0)),
-                SettingChange::Declination(None),
-            ],
-            &[
-                SettingChange::Declination(Some(-180.1)),
-                SettingChange::Declination(Some(180.1)),
-                SettingChange::Declination(Some(nan)),
-            ],
-            "a declination is -180 to 180",
-        ),
-        (
-            &[
-                SettingChange::Inclination(Some(-90.0)),
-                SettingChange::Inclination(Some(90.0)),
-                SettingChange::Inclination(None),
-            ],
-            &[
-                SettingChange::Inclination(Some(-90.1)),
-                SettingChange::Inclination(Some(90.1)),
-                SettingChange::Inclination(Some(nan)),
-            ],
-            "an inclination is -90 to 90",
-        ),
-        (
-            &[sensor_error_change(0.1, 0.05), sensor_error_change(20.0, 5.0)],
-            &[
-                sensor_error_change(0.0, 1.0),
-                sensor_error_change(20.1, 1.0),
-                sensor_error_change(nan, 1.0),
-                sensor_error_change(1.0, 0.0),
-                sensor_error_change(1.0, 5.1),
-                sensor_error_change(1.0, nan),
-            ],
-            "an error of the gyro is 0.1 to 20",
-        ),
-        (
-            &[attitude_error_change(0.0, 0.0), attitude_error_change(5.0, 0.0), attitude_error_change(0.0, 20.0)],
-            &[
-                attitude_error_change(-0.1, 1.0),
-                attitude_error_change(5.1, 1.0),
-                attitude_error_change(nan, 1.0),
-                attitude_error_change(1.0, -0.1),
-                attitude_error_change(1.0, 20.1),
-                attitude_error_change(1.0, nan),
-            ],
-            "a constant error is 0 to 5 degrees",
-        ),
-    ] {
-        for &setting in good {
-            assert!(Settings::DEFAULT.with_setting(setting).is_ok(), "{setting:?}");
-        }
-        for &setting in bad {
-            let OutOfRange(range) = Settings::DEFAULT.with_setting(setting).unwrap_err();
-            assert!(range.starts_with(words), "{setting:?}: {range}");
-        }
-    }
-    for mount in Orientation::all_orientations() {
-        assert_eq!(Settings::DEFAULT.with_setting(SettingChange::Mount(mount)).unwrap().mount, mount);
-    }
+fn two_settings_of_a_command_change_together() {
+    let change = SettingChange::number("ATT_ERROR_DEG", Some(1.5)).with_next(3.0);
+    let attitude_error = AttitudeError { bias_deg: 1.5, bank_percent: 3.0 };
+    assert_eq!(Settings::DEFAULT.with_setting(change), Ok(Settings { attitude_error, ..Settings::DEFAULT }));
+    let refused = Settings::DEFAULT.with_setting(change.with_next(20.1)).unwrap_err();
+    assert!(refused.to_string().starts_with("a constant error is 0 to 5 degrees"), "{refused}");
 }
-
-#[test]
-fn heading_kind_names_round_trip() {
-    for (kind, name) in [(HeadingKind::Raw, "raw"), (HeadingKind::Smooth, "smooth")] {
-        assert_eq!((kind.kind_name(), HeadingKind::from_name(name)), (name, Some(kind)));
-    }
-    assert_eq!(HeadingKind::from_name("smoothed"), None);
-    assert_eq!(Settings::DEFAULT.stream_heading, HeadingKind::Smooth);
-}
-
-const TEST_KEY: SigningKey = SigningKey([7; 32]);
 
 #[test]
 fn a_signing_key_is_not_printed() {
-    assert_eq!(format!("{:?}", SettingChange::Signing(Some(TEST_KEY))), "Signing(Some(SigningKey))");
-}
-
-#[test]
-fn a_setting_changes_itself_and_nothing_else() {
-    let before = Settings { align_deg: 3.0, ..Settings::DEFAULT };
-    let mount = Orientation::from_name("yaw90").unwrap();
-    for (setting, after) in [
-        (SettingChange::StreamOn(false), Settings { stream_on: false, ..before }),
-        (SettingChange::StreamRateHz(5), Settings { stream_rate_hz: 5, ..before }),
-        (SettingChange::StreamHeading(HeadingKind::Raw), Settings { stream_heading: HeadingKind::Raw, ..before }),
-        (SettingChange::Accuracy(1.5), Settings { accuracy_deg: 1.5, ..before }),
-        (SettingChange::Auto(false), Settings { auto_on: false, ..before }),
-        (SettingChange::Vision(true), Settings { sends_vision_yaw: true, ..before }),
-        (SettingChange::AttitudeRateHz(50), Settings { attitude_rate_hz: 50, ..before }),
-        (SettingChange::Signing(Some(TEST_KEY)), Settings { signing_key: Some(TEST_KEY), ..before }),
-        (SettingChange::CanNode(9), Settings { can: CanSettings { node: 9, ..before.can }, ..before }),
-        (SettingChange::CanRateHz(20), Settings { can: CanSettings { rate_hz: 20, ..before.can }, ..before }),
-        (
-            SettingChange::CanCovariance(true),
-            Settings { can: CanSettings { sends_covariance: true, ..before.can }, ..before },
-        ),
-        (
-            SettingChange::CanTermination(true),
-            Settings { can: CanSettings { is_terminated: true, ..before.can }, ..before },
-        ),
-        (SettingChange::Declination(Some(-3.5)), Settings { declination_deg: Some(-3.5), ..before }),
-        (SettingChange::Inclination(Some(60.0)), Settings { inclination_deg: Some(60.0), ..before }),
-        (SettingChange::Mount(mount), Settings { mount, ..before }),
-        (
-            sensor_error_change(5.0, 1.0),
-            Settings { sensor_error: SensorError { gyro_percent: 5.0, drift_percent: 1.0 }, ..before },
-        ),
-        (
-            attitude_error_change(1.5, 3.0),
-            Settings { attitude_error: AttitudeError { bias_deg: 1.5, bank_percent: 3.0 }, ..before },
-        ),
-    ] {
-        assert_eq!(before.with_setting(setting), Ok(after));
-    }
-}
-
-#[test]
-fn a_port_s_setting_changes_that_port() {
-    for port in PortNumber::ALL_PORTS {
-        let before = Settings::DEFAULT;
-        let mut ports = before.ports;
-        ports.port_mut(port).protocol = ProtocolKind::Msp;
-        assert_eq!(
-            before.with_setting(SettingChange::Protocol(port, ProtocolKind::Msp)),
-            Ok(Settings { ports, ..before })
-        );
-        ports.port_mut(port).baud = BaudRate::B230400;
-        let both = Settings { ports, ..before };
-        let changed = before.with_setting(SettingChange::Protocol(port, ProtocolKind::Msp)).unwrap();
-        assert_eq!(changed.with_setting(SettingChange::Baud(port, BaudRate::B230400)), Ok(both));
-    }
+    let change = SettingChange::key("SIGNING", Some(SigningKey([7; 32])));
+    assert!(format!("{change:?}").contains("Key(Some(SigningKey))"), "{change:?}");
 }
 
 #[test]
@@ -196,28 +135,12 @@ fn alignment_is_limited_to_180_deg() {
 
 #[test]
 fn solves_use_mounting_inclination_and_the_attitude_s_error() {
-    let none = Orientation::IDENTITY_ROTATION;
-    for (setting, is_used) in [
-        (SettingChange::Mount(none), true),
-        (SettingChange::Inclination(None), true),
-        (attitude_error_change(0.2, 1.0), true),
-        (SettingChange::Declination(None), false),
-        (SettingChange::StreamOn(true), false),
-        (SettingChange::StreamRateHz(1), false),
-        (SettingChange::StreamHeading(HeadingKind::Raw), false),
-        (SettingChange::Accuracy(1.0), false),
-        (SettingChange::Auto(false), false),
-        (SettingChange::Protocol(PortNumber::One, ProtocolKind::Msp), false),
-        (SettingChange::Baud(PortNumber::One, BaudRate::B57600), false),
-        (SettingChange::Vision(true), false),
-        (SettingChange::AttitudeRateHz(50), false),
-        (SettingChange::Signing(None), false),
-        (SettingChange::CanNode(1), false),
-        (SettingChange::CanRateHz(20), false),
-        (SettingChange::CanCovariance(true), false),
-        (SettingChange::CanTermination(true), false),
-        (sensor_error_change(2.0, 1.0), false),
-    ] {
-        assert_eq!(setting.is_used_by_solves(), is_used, "{setting:?}");
-    }
+    let used: Vec<&str> = SETTINGS
+        .iter()
+        .filter(|setting| {
+            setting.change_to(setting.value(&Settings::DEFAULT)).is_some_and(SettingChange::is_used_by_solves)
+        })
+        .map(|setting| setting.parameter_name)
+        .collect();
+    assert_eq!(used, ["MOUNT", "INCLINATION", "ATT_ERROR_DEG", "ATT_ERROR_BANK"]);
 }

@@ -15,7 +15,7 @@ use serde::de::DeserializeOwned;
 use crate::store::error::StoreError;
 
 /// Length of a field's header, bytes: tag and length of the value.
-const HEADER_SIZE: usize = 3;
+pub(super) const HEADER_SIZE: usize = 3;
 
 /// Value stored as tagged fields.
 pub trait StoredFields: Copy {

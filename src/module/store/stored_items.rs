@@ -3,9 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::fields::{FieldVisitor, StoredFields};
-use crate::settings::{
-    AttitudeError, CanSettings, PORT_COUNT, PortNumber, PortSettings, ProtocolKind, SensorError, Settings,
-};
+use crate::settings::{PORT_COUNT, ProtocolKind, SETTINGS, SettingKind, Settings};
 use autoswing::calibration::{
     AttitudeEnvelope, AttitudeLatency, Calibration, HeadingUncertainty, Method, MotorCurrentInterference, Orientation,
     Quality,
@@ -226,57 +224,55 @@ impl StoredFields for StoredState {
         visitor.visit_required(1, saves);
         visitor.visit_required(2, current);
         visitor.visit_required(3, previous);
-        let Settings {
-            declination_deg,
-            inclination_deg,
-            align_deg,
-            stream_on,
-            stream_rate_hz,
-            mount,
-            attitude_error: AttitudeError { bias_deg, bank_percent },
-            stream_heading,
-            accuracy_deg,
-            auto_on,
-            ports,
-            sends_vision_yaw,
-            attitude_rate_hz,
-            signing_key,
-            can: CanSettings { node, rate_hz, sends_covariance, is_terminated },
-            sensor_error: SensorError { gyro_percent, drift_percent },
-        } = settings;
-        visitor.visit_optional(4, declination_deg);
-        visitor.visit_optional(5, inclination_deg);
-        visitor.visit_optional(6, align_deg);
-        visitor.visit_optional(7, stream_on);
-        visitor.visit_optional(8, stream_rate_hz);
-        visitor.visit_optional(9, mount);
-        visitor.visit_optional(10, bias_deg);
-        visitor.visit_optional(11, bank_percent);
-        visitor.visit_optional(12, stream_heading);
-        visitor.visit_optional(13, accuracy_deg);
-        visitor.visit_optional(14, auto_on);
-        for (number, [protocol_tag, baud_tag]) in PortNumber::ALL_PORTS.into_iter().zip([[15, 16], [17, 18]]) {
-            let PortSettings { protocol, baud } = ports.port_mut(number);
-            visitor.visit_optional(protocol_tag, protocol);
-            visitor.visit_optional(baud_tag, baud);
-        }
-        visitor.visit_optional(19, sends_vision_yaw);
         let StartupValues { is_collecting, detected_protocols: [first, second] } = startup_values;
-        visitor.visit_optional(20, is_collecting);
-        visitor.visit_optional(21, first);
-        visitor.visit_optional(22, second);
-        visitor.visit_optional(23, attitude_rate_hz);
-        visitor.visit_optional(24, signing_key);
-        visitor.visit_optional(25, node);
-        visitor.visit_optional(26, rate_hz);
-        visitor.visit_optional(27, sends_covariance);
-        visitor.visit_optional(28, gyro_percent);
-        visitor.visit_optional(29, drift_percent);
-        visitor.visit_optional(30, is_terminated);
+        for tag in FIRST_SETTING_TAG..=LAST_TAG {
+            match tag {
+                20 => visitor.visit_optional(tag, is_collecting),
+                21 => visitor.visit_optional(tag, first),
+                22 => visitor.visit_optional(tag, second),
+                _ => visit_setting(tag, settings, visitor),
+            }
+        }
     }
 
     fn is_valid(&self) -> bool {
         let mut references = [self.current_slot, self.previous_slot].into_iter().flatten();
         references.all(|reference| reference.slot < CALIBRATION_SLOTS) && self.settings.is_valid()
+    }
+}
+
+/// Tag of the first setting.
+const FIRST_SETTING_TAG: u8 = 4;
+
+/// Largest tag.
+const LAST_TAG: u8 = {
+    let mut last = 22;
+    let mut index = 0;
+    while index < SETTINGS.len() {
+        if SETTINGS[index].stored_tag > last {
+            last = SETTINGS[index].stored_tag;
+        }
+        index += 1;
+    }
+    last
+};
+
+/// Visits the setting with a tag, if there is one, in the type that its kind is stored as. A choice is its number.
+fn visit_setting(tag: u8, settings: &mut Settings, visitor: &mut impl FieldVisitor) {
+    match SETTINGS.iter().find(|setting| setting.stored_tag == tag).map(|setting| &setting.kind) {
+        Some(SettingKind::Switch(field, _)) => visitor.visit_optional(tag, field(settings)),
+        Some(SettingKind::Choice(field)) => {
+            let choice = field(settings);
+            let mut number = choice.number();
+            visitor.visit_optional(tag, &mut number);
+            choice.set_number(number);
+        }
+        Some(SettingKind::Whole(field, ..)) => visitor.visit_optional(tag, field(settings)),
+        Some(SettingKind::Number(field, ..) | SettingKind::Alignment(field)) => {
+            visitor.visit_optional(tag, field(settings));
+        }
+        Some(SettingKind::Angle(field, ..)) => visitor.visit_optional(tag, field(settings)),
+        Some(SettingKind::Key(field)) => visitor.visit_optional(tag, field(settings)),
+        None => {}
     }
 }

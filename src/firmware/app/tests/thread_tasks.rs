@@ -43,7 +43,7 @@ fn position_and_date_apply_the_field_model() {
     let inclination_deg = Some(field.inclination_deg);
     let by_model = Settings { declination_deg: field.declination_deg, inclination_deg, ..Settings::DEFAULT };
     assert_eq!(bench.links.settings.try_get(), Some(by_model));
-    let reply = bench.execute_command(Command::Set(SettingChange::Declination(Some(3.0))));
+    let reply = bench.execute_command(Command::Set(SettingChange::number("DECLINATION", Some(3.0))));
     assert!(matches!(reply, Ok(Reply::Done(ModuleState::Uncalibrated))), "{reply:?}");
     assert_eq!(bench.links.settings.try_get(), Some(Settings { declination_deg: Some(3.0), ..by_model }));
     assert_eq!((bench.links.event_counts().saves, bench.links.event_counts().store_errors), (1, 0));
@@ -56,7 +56,7 @@ fn a_failed_save_is_reported_and_counted() {
     let mut bench = TaskBench::with_compass_and_flash(flash);
     assert_eq!(bench.links.event_counts().store_errors, 1, "of the load, once");
     assert_eq!(bench.links.console_messages.try_receive(), Ok(Message::StoreFailed(StoreError::Flash)));
-    let reply = bench.execute_command(Command::Set(SettingChange::StreamRateHz(20)));
+    let reply = bench.execute_command(Command::Set(SettingChange::whole("STREAM_RATE", 20)));
     assert!(matches!(reply, Err(Refusal::Store(StoreError::Flash))), "{reply:?}");
     assert_eq!(bench.links.settings.try_get(), Some(Settings::DEFAULT));
     assert_eq!((bench.links.event_counts().saves, bench.links.event_counts().store_errors), (0, 2));

@@ -2,10 +2,14 @@
 
 use core::fmt::{self, Display};
 
-use super::command_table::{ArgumentKind, ArgumentSpec, ArgumentValue, Arguments, COMMANDS, CommandSpec, Request};
+use super::command_table::{
+    ArgumentKind, ArgumentSpec, ArgumentValue, Arguments, CommandForm, CommandSpec, Request, all_commands,
+};
 use super::line_editor::LINE_CAPACITY;
 use crate::wire::mavlink::key_from_passphrase;
 use autoswing::decimal::{self, ShortestDecimal};
+use autoswing_module::compass::Command;
+use autoswing_module::settings::{Setting, SettingChange, SettingKind, SettingValue, Settings};
 
 /// Reason why a line is invalid.
 #[derive(Clone, Copy, Debug)]
@@ -15,13 +19,13 @@ pub enum LineError {
     /// Missing second word; contains the first.
     MissingWord(&'static str),
     /// Missing argument.
-    MissingArgument(&'static ArgumentSpec),
+    MissingArgument(ArgumentSpec),
     /// Invalid argument.
-    BadValue(&'static ArgumentSpec),
+    BadValue(ArgumentSpec),
     /// More arguments than the command takes.
-    UnexpectedArgument(&'static CommandSpec),
+    UnexpectedArgument(CommandSpec),
     /// Destructive command without its confirmation word.
-    MissingConfirmation(&'static CommandSpec),
+    MissingConfirmation(CommandSpec),
     /// Line beyond the capacity.
     TooLong,
 }
@@ -44,7 +48,7 @@ impl LineError {
 /// Writes which input was expected.
 impl Display for LineError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
+        match self {
             Self::UnknownCommand(None) => f.write_str("unknown command; help lists all"),
             Self::UnknownCommand(Some(first)) | Self::MissingWord(first) => {
                 write!(f, "after {first} expected ")?;
@@ -83,63 +87,55 @@ fn split_last_word(line: &str) -> (&str, &str) {
 }
 
 fn parse_words<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Request, LineError> {
-    let row = find_command([first, ""]).ok_or(LineError::UnknownCommand(None))?;
-    if let Some(to_request) = row.request_constructor {
-        return parse_arguments(row, to_request, words);
+    let command = find_command([first, ""]).ok_or(LineError::UnknownCommand(None))?;
+    let [first, _] = command.command_words;
+    match (command.command_form, words.next()) {
+        (CommandForm::Help, None) => Ok(Request::Help(None)),
+        (CommandForm::Help, Some(topic)) => parse_help(topic, words),
+        (CommandForm::Group, None) => Err(LineError::MissingWord(first)),
+        (CommandForm::Group, Some(second)) => {
+            let command = find_command([first, second]).ok_or(LineError::UnknownCommand(Some(first)))?;
+            parse_arguments(command, words)
+        }
+        (_, word) => parse_arguments(command, word.into_iter().chain(words)),
     }
-    let [first, _] = row.command_words;
-    let Some(second) = words.next() else {
-        return if is_help(first) { Ok(Request::Help(None)) } else { Err(LineError::MissingWord(first)) };
-    };
-    if is_help(first) {
-        return parse_help(second, words);
-    }
-    let row = find_command([first, second]).ok_or(LineError::UnknownCommand(Some(first)))?;
-    row.request_constructor
-        .map_or(Err(LineError::UnknownCommand(None)), |to_request| parse_arguments(row, to_request, words))
 }
 
 fn parse_help<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Request, LineError> {
-    let row = find_command([first, ""]).ok_or(LineError::UnknownCommand(None))?;
-    let row = match words.next() {
-        Some(second) if row.request_constructor.is_none() && !is_help(row.command_words[0]) => {
-            find_command([first, second]).ok_or(LineError::UnknownCommand(Some(row.command_words[0])))?
+    let command = find_command([first, ""]).ok_or(LineError::UnknownCommand(None))?;
+    let command = match (command.command_form, words.next()) {
+        (CommandForm::Group, Some(second)) => {
+            find_command([first, second]).ok_or(LineError::UnknownCommand(Some(command.command_words[0])))?
         }
-        Some(_) => return Err(LineError::UnexpectedArgument(row)),
-        None => row,
+        (_, Some(_)) => return Err(LineError::UnexpectedArgument(command)),
+        (_, None) => command,
     };
-    if words.next().is_some() { Err(LineError::UnexpectedArgument(row)) } else { Ok(Request::Help(Some(row))) }
+    if words.next().is_some() { Err(LineError::UnexpectedArgument(command)) } else { Ok(Request::Help(Some(command))) }
 }
 
 fn is_help(first: &str) -> bool {
     first == "help"
 }
 
-fn find_command(words: [&str; 2]) -> Option<&'static CommandSpec> {
-    COMMANDS
-        .iter()
-        .find(|row| row.command_words.iter().zip(words).all(|(word, typed)| word.eq_ignore_ascii_case(typed)))
+fn find_command(words: [&str; 2]) -> Option<CommandSpec> {
+    all_commands().find(|row| row.command_words.iter().zip(words).all(|(word, typed)| word.eq_ignore_ascii_case(typed)))
 }
 
-fn parse_arguments<'a>(
-    row: &'static CommandSpec,
-    to_request: fn(&Arguments) -> Request,
-    mut words: impl Iterator<Item = &'a str>,
-) -> Result<Request, LineError> {
+fn parse_arguments<'a>(command: CommandSpec, mut words: impl Iterator<Item = &'a str>) -> Result<Request, LineError> {
     let mut arguments = Arguments([ArgumentValue::Absent; 2]);
-    for (argument, value) in row.arguments.iter().zip(&mut arguments.0) {
+    for (argument, value) in command.arguments().zip(&mut arguments.0) {
+        let is_required_confirmation =
+            matches!(argument.argument_kind, ArgumentKind::Confirmation(_)) && !argument.is_optional;
         let Some(word) = words.next() else {
-            match argument.argument_kind {
+            return match argument {
                 _ if argument.is_optional => break,
-                ArgumentKind::Confirmation(_) => return Err(LineError::MissingConfirmation(row)),
-                _ => return Err(LineError::MissingArgument(argument)),
-            }
+                _ if is_required_confirmation => Err(LineError::MissingConfirmation(command)),
+                _ => Err(LineError::MissingArgument(argument)),
+            };
         };
-        *value = match parse_value(argument, word) {
+        *value = match parse_value(&argument, word) {
             Some(value) => value,
-            None if matches!(argument.argument_kind, ArgumentKind::Confirmation(_)) && !argument.is_optional => {
-                return Err(LineError::MissingConfirmation(row));
-            }
+            None if is_required_confirmation => return Err(LineError::MissingConfirmation(command)),
             None => return Err(LineError::BadValue(argument)),
         };
         // No argument follows a word in place of a number.
@@ -147,17 +143,54 @@ fn parse_arguments<'a>(
             break;
         }
     }
-    if words.next().is_some() { Err(LineError::UnexpectedArgument(row)) } else { Ok(to_request(&arguments)) }
+    if words.next().is_some() {
+        return Err(LineError::UnexpectedArgument(command));
+    }
+    Ok(match command.command_form {
+        CommandForm::Request(_, to_request) => to_request(&arguments),
+        CommandForm::Settings([setting, more @ ..]) => Command::Set(setting_change(setting, more, &arguments)).into(),
+        CommandForm::Settings([]) | CommandForm::Help | CommandForm::Group => Request::Help(Some(command)),
+    })
+}
+
+/// Change of a command's settings; an omitted value is the default.
+fn setting_change(setting: &'static Setting, more: &[Setting], arguments: &Arguments) -> SettingChange {
+    let value_of = |setting: &Setting, argument| match argument {
+        ArgumentValue::Setting(value) => value,
+        _ => setting.value(&Settings::DEFAULT),
+    };
+    let [first, second] = arguments.0;
+    let next_value = more.first().and_then(|next| match value_of(next, second) {
+        SettingValue::Number(number) => number,
+        _ => None,
+    });
+    SettingChange { setting, value: value_of(setting, first), next_value }
 }
 
 fn parse_value(argument: &ArgumentSpec, typed: &str) -> Option<ArgumentValue> {
-    let choice = (0..).map_while(|number| argument.nth_word(number)).position(|word| word.eq_ignore_ascii_case(typed));
-    match &argument.argument_kind {
-        ArgumentKind::Choice(_) | ArgumentKind::Confirmation(_) => choice.map(ArgumentValue::Choice),
-        ArgumentKind::Number { .. } | ArgumentKind::Passphrase if choice.is_some() => Some(ArgumentValue::Absent),
-        ArgumentKind::Number { .. } => decimal::parse_decimal(typed).map(ArgumentValue::Number),
-        ArgumentKind::Passphrase => Some(ArgumentValue::SigningKey(key_from_passphrase(typed))),
-        ArgumentKind::Integer { .. } => typed.parse::<u8>().ok().map(|number| ArgumentValue::Number(f32::from(number))),
+    let word = (0..).map_while(|number| argument.nth_word(number)).position(|word| word.eq_ignore_ascii_case(typed));
+    match (argument.argument_kind, word) {
+        (ArgumentKind::Choice(_) | ArgumentKind::Confirmation(_), word) => word.map(ArgumentValue::Choice),
+        (ArgumentKind::Heading(_), None) => decimal::parse_decimal(typed).map(ArgumentValue::Number),
+        (ArgumentKind::Heading(_) | ArgumentKind::Setting(Setting { kind: SettingKind::Number(..), .. }), Some(_)) => {
+            Some(ArgumentValue::Absent)
+        }
+        (ArgumentKind::Setting(setting), Some(index)) => {
+            setting.nth_word(index).map(|(_, value)| ArgumentValue::Setting(value))
+        }
+        (ArgumentKind::Setting(setting), None) => parse_setting_value(setting, typed).map(ArgumentValue::Setting),
+    }
+}
+
+/// Parses a value that is not one of the setting's words.
+fn parse_setting_value(setting: &Setting, typed: &str) -> Option<SettingValue> {
+    match setting.kind {
+        SettingKind::Switch(..) | SettingKind::Choice(_) | SettingKind::Alignment(_) => None,
+        SettingKind::Whole(..) => typed.parse::<u8>().ok().map(|number| SettingValue::Whole(number.into())),
+        SettingKind::Number(..) | SettingKind::Angle(..) => {
+            decimal::parse_decimal(typed).map(|number| SettingValue::Number(Some(number)))
+        }
+        SettingKind::Key(_) => Some(SettingValue::Key(Some(key_from_passphrase(typed)))),
     }
 }
 
@@ -166,7 +199,7 @@ fn parse_value(argument: &ArgumentSpec, typed: &str) -> Option<ArgumentValue> {
 enum ExpectedElement {
     FirstWord,
     SecondWord(&'static str),
-    Argument(&'static ArgumentSpec),
+    Argument(ArgumentSpec),
     Nothing,
 }
 
@@ -180,19 +213,16 @@ impl ExpectedElement {
             let Some(explained) = words.next() else { return Self::FirstWord };
             first = explained;
         }
-        let Some(row) = find_command([first, ""]) else { return Self::Nothing };
-        let row = if row.request_constructor.is_some() {
-            Some(row)
-        } else {
-            let Some(second) = words.next() else { return Self::SecondWord(row.command_words[0]) };
-            find_command([first, second])
+        let Some(command) = find_command([first, ""]) else { return Self::Nothing };
+        let command = match command.command_form {
+            CommandForm::Help | CommandForm::Group => {
+                let Some(second) = words.next() else { return Self::SecondWord(command.command_words[0]) };
+                find_command([first, second])
+            }
+            _ => Some(command),
         };
-        let Some(row) = row.filter(|_| !is_explained) else { return Self::Nothing };
-        let mut slots = row.arguments.iter();
-        while words.next().is_some() {
-            slots.next();
-        }
-        slots.next().map_or(Self::Nothing, Self::Argument)
+        let Some(command) = command.filter(|_| !is_explained) else { return Self::Nothing };
+        command.nth_argument(words.count()).map_or(Self::Nothing, Self::Argument)
     }
 
     /// Allowed word with this index.
@@ -212,7 +242,7 @@ impl ExpectedElement {
 }
 
 fn command_word_pairs() -> impl Iterator<Item = [&'static str; 2]> {
-    COMMANDS.iter().map(|row| row.command_words)
+    all_commands().map(|command| command.command_words)
 }
 
 /// Completion of the last word of a line.
@@ -280,7 +310,7 @@ impl Display for CommandSpec {
         if !second.is_empty() {
             write!(f, " {second}")?;
         }
-        for argument in self.arguments {
+        for argument in self.arguments() {
             let (opening, closing) = if argument.is_optional { ("[", "]") } else { ("", "") };
             write!(f, " {opening}{}{closing}", argument.argument_name)?;
         }
@@ -288,25 +318,33 @@ impl Display for CommandSpec {
     }
 }
 
+impl ArgumentSpec {
+    fn write_words(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write_list(f, &|number| self.nth_word(number), " or ")
+    }
+}
+
 impl Display for ArgumentSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match &self.argument_kind {
-            ArgumentKind::Number { range, unit, .. } => {
-                write!(
-                    f,
-                    "a number, {} to {} {unit}",
-                    ShortestDecimal(*range.start(), 0),
-                    ShortestDecimal(*range.end(), 0)
-                )?;
-            }
-            ArgumentKind::Integer { range, unit } => {
-                write!(f, "a whole number, {} to {} {unit}", range.start(), range.end())?;
-            }
-            ArgumentKind::Passphrase => f.write_str("one word, upper and lower case differ, such as Heron-4711")?,
-            ArgumentKind::Choice(_) | ArgumentKind::Confirmation(_) => {
-                return write_list(f, &|number| self.nth_word(number), " or ");
-            }
-        }
+        let (range, unit) = match self.argument_kind {
+            ArgumentKind::Heading(_) => ([0.0, 360.0], "deg"),
+            ArgumentKind::Choice(_) | ArgumentKind::Confirmation(_) => return self.write_words(f),
+            ArgumentKind::Setting(setting) => match setting.kind {
+                SettingKind::Number(_, range, unit, ..) => (range, unit),
+                SettingKind::Angle(_, range, ..) => (range, "deg"),
+                SettingKind::Whole(_, [least, most], unit, _) => {
+                    return write!(f, "a whole number, {least} to {most} {unit}");
+                }
+                SettingKind::Key(_) => {
+                    return f.write_str("one word, upper and lower case differ, such as Heron-4711, or off");
+                }
+                SettingKind::Switch(..) | SettingKind::Choice(_) | SettingKind::Alignment(_) => {
+                    return self.write_words(f);
+                }
+            },
+        };
+        let [least, most] = range.map(|number| ShortestDecimal(number, 0));
+        write!(f, "a number, {least} to {most} {unit}")?;
         self.nth_word(0).map_or(Ok(()), |word| write!(f, ", or {word}"))
     }
 }
@@ -316,13 +354,13 @@ impl Display for ArgumentSpec {
 /// # Errors
 ///
 /// Those of `out`.
-pub fn write_help(out: &mut dyn fmt::Write, topic: Option<&'static CommandSpec>) -> fmt::Result {
+pub fn write_help(out: &mut dyn fmt::Write, topic: Option<CommandSpec>) -> fmt::Result {
     let Some(topic) = topic else {
         writeln!(out, "ok help COMMAND explains one")?;
         return write_help_of_next_words(out, ExpectedElement::FirstWord);
     };
     writeln!(out, "ok {}", CommandHelp(topic))?;
-    for argument in topic.arguments {
+    for argument in topic.arguments() {
         writeln!(out, "{}: {argument}", argument.argument_name)?;
     }
     let [first, second] = topic.command_words;
@@ -333,21 +371,21 @@ pub fn write_help(out: &mut dyn fmt::Write, topic: Option<&'static CommandSpec>)
 fn write_help_of_next_words(out: &mut dyn fmt::Write, expected: ExpectedElement) -> fmt::Result {
     for word in (0..).map_while(|number| expected.nth_word(number)) {
         let words = if let ExpectedElement::SecondWord(first) = expected { [first, word] } else { [word, ""] };
-        if let Some(row) = find_command(words) {
-            writeln!(out, "{}", CommandHelp(row))?;
+        if let Some(command) = find_command(words) {
+            writeln!(out, "{}", CommandHelp(command))?;
         }
     }
     Ok(())
 }
 
 /// Syntax and description of a command; for a first word also its second words.
-struct CommandHelp(&'static CommandSpec);
+struct CommandHelp(CommandSpec);
 
 impl Display for CommandHelp {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}", self.0, self.0.help_text)?;
-        let [first, second] = self.0.command_words;
-        if self.0.request_constructor.is_none() && second.is_empty() && !is_help(first) {
+        let [first, _] = self.0.command_words;
+        if let CommandForm::Group = self.0.command_form {
             f.write_str(": ")?;
             write_list(f, &|number| ExpectedElement::SecondWord(first).nth_word(number), ", ")?;
         }

@@ -12,11 +12,10 @@ use crate::health::{Diagnostics, ResetCause};
 use autoswing::decimal::ShortestDecimal;
 use autoswing_module::compass::{Command, Reply, StatusReport};
 use autoswing_module::messages::{Message, Refusal};
-use autoswing_module::settings::SettingChange;
 use calibration::{CalibrationTitle, write_advice, write_calibration};
 pub use error::write_line_error;
 use error::write_refusal;
-use settings::{SettingGroup, write_setting};
+use settings::write_setting_line;
 use status::{ResetText, write_full_status, write_safe_mode_status, write_status};
 
 /// The firmware's version; with its commit if a script of this repository built it (`scripts/foreign-target.sh`).
@@ -79,11 +78,10 @@ pub fn write_notice(out: &mut impl Write, message: &Message) -> fmt::Result {
 
 fn write_state_after_change(out: &mut impl Write, command: Command, report: &StatusReport) -> fmt::Result {
     match (command, &report.stored_calibration) {
-        (Command::Set(setting), _) => {
+        (Command::Set(change), _) => {
             out.write_str("ok ")?;
-            write_setting(out, SettingGroup::from_setting(setting), " ", report)?;
-            // A calibration is valid for one mounting.
-            let state = if let SettingChange::Mount(_) = setting { report.module_state.state_name() } else { "" };
+            write_setting_line(out, change.setting.report_texts[0], " ", report)?;
+            let state = if change.is_of_calibration() { report.module_state.state_name() } else { "" };
             writeln!(out, "{}{state}", if state.is_empty() { "" } else { "; " })
         }
         (Command::Align(_) | Command::AlignConfirmed(_), _) => {

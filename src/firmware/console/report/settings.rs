@@ -5,150 +5,73 @@ use core::fmt::{self, Write};
 use autoswing::decimal::{Decimal, ShortestDecimal};
 use autoswing::earth::{EarthField, LocalField, MODEL_NAME, ModelValidity, Position};
 use autoswing_module::compass::StatusReport;
-use autoswing_module::settings::{AttitudeError, CanSettings, PortNumber, PortSettings, SensorError, SettingChange};
+use autoswing_module::settings::{PORT_COUNT, SETTINGS, Setting, SettingKind};
 
-#[derive(Clone, Copy)]
-pub(super) enum SettingGroup {
-    Stream,
-    Declination,
-    Inclination,
-    Mount,
-    AttitudeError,
-    SensorError,
-    Accuracy,
-    Auto,
-    Port(PortNumber),
-    Vision,
-    AttitudeRate,
-    Signing,
-    Can,
-}
+/// Line of the settings of the CAN bus, which not every board has.
+pub(super) const CAN_LINE: &str = "can";
 
-impl SettingGroup {
-    /// All groups but that of the CAN bus, which not every board has.
-    pub const GROUPS_WITHOUT_CAN: [Self; 13] = [
-        Self::Stream,
-        Self::Declination,
-        Self::Inclination,
-        Self::Mount,
-        Self::AttitudeError,
-        Self::SensorError,
-        Self::Accuracy,
-        Self::Auto,
-        Self::Port(PortNumber::One),
-        Self::Port(PortNumber::Two),
-        Self::Vision,
-        Self::AttitudeRate,
-        Self::Signing,
-    ];
+/// Lines of the settings of the ports.
+pub(super) const PORT_LINES: [&str; PORT_COUNT] = ["port1", "port2"];
 
-    pub const fn from_setting(setting: SettingChange) -> Self {
-        match setting {
-            SettingChange::StreamOn(_) | SettingChange::StreamRateHz(_) | SettingChange::StreamHeading(_) => {
-                Self::Stream
-            }
-            SettingChange::Declination(_) => Self::Declination,
-            SettingChange::Inclination(_) => Self::Inclination,
-            SettingChange::Mount(_) => Self::Mount,
-            SettingChange::AttitudeError(_) => Self::AttitudeError,
-            SettingChange::SensorError(_) => Self::SensorError,
-            SettingChange::Accuracy(_) => Self::Accuracy,
-            SettingChange::Auto(_) => Self::Auto,
-            SettingChange::Protocol(port, _) | SettingChange::Baud(port, _) => Self::Port(port),
-            SettingChange::Vision(_) => Self::Vision,
-            SettingChange::AttitudeRateHz(_) => Self::AttitudeRate,
-            SettingChange::Signing(_) => Self::Signing,
-            SettingChange::CanNode(_)
-            | SettingChange::CanRateHz(_)
-            | SettingChange::CanCovariance(_)
-            | SettingChange::CanTermination(_) => Self::Can,
-        }
-    }
+/// Lines of settings, in the order of their last settings.
+pub(super) fn setting_lines() -> impl Iterator<Item = &'static str> {
+    let lines = SETTINGS.iter().map(|setting| setting.report_texts[0]);
+    lines
+        .clone()
+        .enumerate()
+        .filter(move |(index, line)| !lines.clone().skip(index + 1).any(|later| later == *line))
+        .map(|(_, line)| line)
 }
 
 /// Writes a line of settings, with `separator` after its name.
-pub(super) fn write_setting(
+pub(super) fn write_setting_line(
     out: &mut impl Write,
-    group: SettingGroup,
+    line: &str,
     separator: &str,
     report: &StatusReport,
 ) -> fmt::Result {
-    let StatusReport { settings, local_field: here, .. } = report;
-    let field = here.model_field();
-    match group {
-        SettingGroup::Stream => {
-            let stream_state = on_or_off(settings.stream_on);
-            let (rate_hz, heading) = (settings.stream_rate_hz, settings.stream_heading.kind_name());
-            write!(out, "stream{separator}{stream_state}, {rate_hz} Hz, {heading} heading")
+    write!(out, "{line}{separator}")?;
+    for setting in &SETTINGS {
+        let [own_line, before, after] = setting.report_texts;
+        if own_line == line {
+            out.write_str(before)?;
+            write_setting_value(out, setting, report)?;
+            out.write_str(after)?;
         }
-        SettingGroup::Declination => {
-            let by_model_deg = field.and_then(|field| field.declination_deg);
-            write_degrees(out, "declination", separator, [settings.declination_deg, by_model_deg], "not set")
+    }
+    Ok(())
+}
+
+fn write_setting_value(out: &mut impl Write, setting: &Setting, report: &StatusReport) -> fmt::Result {
+    let settings = &mut { report.settings };
+    match &setting.kind {
+        SettingKind::Switch(field, texts) => out.write_str(texts[usize::from(*field(settings))]),
+        SettingKind::Choice(field) => {
+            let choice = field(settings);
+            out.write_str(choice.nth_name(choice.number()).unwrap_or_default())
         }
-        SettingGroup::Inclination => {
-            let by_model_deg = field.map(|field| field.inclination_deg);
-            let unset_text = "not set, found from the samples";
-            write_degrees(out, "inclination", separator, [settings.inclination_deg, by_model_deg], unset_text)
+        SettingKind::Whole(field, _, _, zero_text) => match (*field(settings), zero_text) {
+            (0, Some(text)) => out.write_str(text),
+            (number, _) => write!(out, "{number}"),
+        },
+        SettingKind::Number(field, _, _, decimals, _) => {
+            write!(out, "{}", ShortestDecimal(*field(settings), *decimals))
         }
-        SettingGroup::Mount => {
-            write!(
-                out,
-                "mount{separator}{}, align {} deg",
-                settings.mount.orientation_name(),
-                Decimal::<1>(settings.align_deg)
-            )
+        SettingKind::Angle(field, _, of_model, unset_text) => {
+            write_angle(out, *field(settings), report.local_field.model_field().and_then(of_model), unset_text)
         }
-        SettingGroup::AttitudeError => {
-            let AttitudeError { bias_deg, bank_percent } = settings.attitude_error;
-            let (bias, bank) = (ShortestDecimal(bias_deg, 2), ShortestDecimal(bank_percent, 1));
-            write!(out, "attitude-error{separator}{bias} deg, {bank} % of bank, 1 sigma")
-        }
-        SettingGroup::SensorError => {
-            let SensorError { gyro_percent, drift_percent } = settings.sensor_error;
-            let (gyro, drift) = (ShortestDecimal(gyro_percent, 1), ShortestDecimal(drift_percent, 2));
-            write!(out, "sensor-error{separator}gyro {gyro} %, drift {drift} % of the field a minute, 1 sigma")
-        }
-        SettingGroup::Accuracy => {
-            write!(out, "accuracy{separator}{} deg wanted", ShortestDecimal(settings.accuracy_deg, 1))
-        }
-        SettingGroup::Auto => {
-            let text =
-                if settings.auto_on { "collects automatically while uncalibrated" } else { "collects when asked" };
-            write!(out, "auto{separator}{}, {text}", on_or_off(settings.auto_on))
-        }
-        SettingGroup::Port(port) => {
-            let PortSettings { protocol, baud } = settings.ports.settings_of_port(port);
-            write!(out, "port{}{separator}{}, {} baud", port as u8 + 1, protocol.protocol_name(), baud.baud_name())
-        }
-        SettingGroup::Vision => write!(out, "vision{separator}{}", on_or_off(settings.sends_vision_yaw)),
-        SettingGroup::AttitudeRate => write!(out, "attitude-rate{separator}{} Hz at most", settings.attitude_rate_hz),
-        SettingGroup::Signing => write!(out, "signing{separator}{}", on_or_off(settings.signing_key.is_some())),
-        SettingGroup::Can => {
-            let CanSettings { node, rate_hz, sends_covariance, is_terminated } = settings.can;
-            write!(out, "can{separator}")?;
-            match node {
-                0 => out.write_str("node by allocation")?,
-                node => write!(out, "node {node}")?,
-            }
-            let [covariance, termination] = [sends_covariance, is_terminated].map(on_or_off);
-            write!(out, ", {rate_hz} Hz, covariance {covariance}, termination {termination}")
-        }
+        SettingKind::Alignment(field) => write!(out, "{}", Decimal::<1>(*field(settings))),
+        SettingKind::Key(field) => out.write_str(if field(settings).is_some() { "on" } else { "off" }),
     }
 }
 
-const fn on_or_off(is_on: bool) -> &'static str {
-    if is_on { "on" } else { "off" }
-}
-
 /// Writes the entered value, otherwise that of the field model.
-fn write_degrees(
+fn write_angle(
     out: &mut impl Write,
-    name: &str,
-    separator: &str,
-    [entered_deg, by_model_deg]: [Option<f32>; 2],
+    entered_deg: Option<f32>,
+    by_model_deg: Option<f32>,
     unset_text: &str,
 ) -> fmt::Result {
-    write!(out, "{name}{separator}")?;
     match (entered_deg, by_model_deg) {
         (Some(deg), _) => write!(out, "{} deg", ShortestDecimal(deg, 1)),
         (None, Some(deg)) => write!(out, "{} deg, by the field model", Decimal::<1>(deg)),
@@ -239,13 +162,13 @@ mod tests {
 
     #[test]
     fn degrees_are_shown_with_their_source() {
-        for (degrees, words) in [
-            ([Some(3.25), Some(5.16)], "declination: 3.25 deg"),
-            ([None, Some(-5.16)], "declination: -5.2 deg, by the field model"),
-            ([None, None], "declination: not set"),
+        for (entered_deg, by_model_deg, words) in [
+            (Some(3.25), Some(5.16), "3.25 deg"),
+            (None, Some(-5.16), "-5.2 deg, by the field model"),
+            (None, None, "not set"),
         ] {
             let mut out = String::new();
-            write_degrees(&mut out, "declination", ": ", degrees, "not set").unwrap();
+            write_angle(&mut out, entered_deg, by_model_deg, "not set").unwrap();
             assert_eq!(out, words);
         }
     }

@@ -3,7 +3,7 @@
 use core::fmt::{self, Display, Write};
 
 use super::calibration::write_latency;
-use super::settings::{SettingGroup, write_field_model, write_setting};
+use super::settings::{CAN_LINE, PORT_LINES, setting_lines, write_field_model, write_setting_line};
 use crate::health::{CanState, Diagnostics, EventCounts, ResetCause, StackUse};
 use crate::wire::dronecan::outbound::BusCounts;
 use autoswing::calibration::CollectionPart;
@@ -15,7 +15,7 @@ use autoswing::heading::NoHeading;
 use autoswing::instrument::InstallationChange;
 use autoswing_module::compass::{ModuleState, StatusReport, TrialResult};
 use autoswing_module::messages::Message;
-use autoswing_module::settings::ProtocolKind;
+use autoswing_module::settings::{PortNumber, ProtocolKind};
 
 /// Writes the reply to `status`: the state, sensors, and the collection, what went wrong last, or the
 /// calibration.
@@ -82,19 +82,16 @@ pub(super) fn write_full_status(out: &mut impl Write, report: &StatusReport, hea
         write_latency(out, &record.calibration, record.quality.latency)?;
     }
     write_last_outcome(out, report)?;
-    for line in SettingGroup::GROUPS_WITHOUT_CAN {
-        write_setting(out, line, ": ", report)?;
-        if let SettingGroup::Port(port) = line {
-            write_detected_protocol(
-                out,
-                report.settings.ports.settings_of_port(port).protocol,
-                health.port_protocol(port),
-            )?;
+    for line in setting_lines().filter(|line| *line != CAN_LINE) {
+        write_setting_line(out, line, ": ", report)?;
+        for port in PortNumber::ALL_PORTS.into_iter().filter(|port| *port.port_element(&PORT_LINES) == line) {
+            let configured = report.settings.ports.settings_of_port(port).protocol;
+            write_detected_protocol(out, configured, health.port_protocol(port))?;
         }
         writeln!(out)?;
     }
     if let Some(can) = &health.can_state {
-        write_setting(out, SettingGroup::Can, ": ", report)?;
+        write_setting_line(out, CAN_LINE, ": ", report)?;
         write_can_state(out, can)?;
     }
     write_field_model(out, &report.local_field)?;

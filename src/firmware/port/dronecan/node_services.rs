@@ -3,7 +3,6 @@
 
 use super::firmware_update::UpdateForBootLoader;
 use super::parameters;
-use crate::port::parameters::{ParameterValue, SettingParameter};
 use crate::wire::dronecan::outbound::{self, UpdateResult};
 use crate::wire::dronecan::{
     DataType, InboundMessage, InboundTransfer, NodeId, OutboundTransfer, ParameterOpcode, Payload, TransferKind,
@@ -11,7 +10,7 @@ use crate::wire::dronecan::{
 use autoswing::time::Timestamp;
 use autoswing_module::compass::Command;
 use autoswing_module::messages::Refusal;
-use autoswing_module::settings::Settings;
+use autoswing_module::settings::{Setting, SettingValue, Settings};
 
 /// Capacity of the queue, requests. While the queue is full, further ones are not answered, and their senders repeat
 /// them.
@@ -40,7 +39,7 @@ impl Requester {
 enum ServiceRequest {
     GetNodeInfo,
     GetTransportStats,
-    Parameter { parameter: Option<&'static SettingParameter>, value: Option<ParameterValue> },
+    Parameter { parameter: Option<&'static Setting>, value: Option<SettingValue> },
     Opcode(ParameterOpcode),
     Restart { is_confirmed: bool },
     Update(UpdateRequest),
@@ -207,9 +206,8 @@ impl Services {
             ServiceRequest::GetNodeInfo => described(DataType::GET_NODE_INFO),
             ServiceRequest::GetTransportStats => described(DataType::GET_TRANSPORT_STATS),
             ServiceRequest::Parameter { parameter, value } => {
-                let change =
-                    parameter.zip(value).filter(|(parameter, value)| parameter.parameter_value(settings) != *value);
-                change.and_then(|(parameter, value)| parameter.setting_change(settings, value)).map_or_else(
+                let change = parameter.zip(value).filter(|(parameter, value)| parameter.value(settings) != *value);
+                change.and_then(|(parameter, value)| parameter.change_to(value)).map_or_else(
                     || RequestDecision::Answer(DataType::GET_SET, parameters::parameter_response(parameter, settings)),
                     |change| RequestDecision::Execute(Command::SetFromBus(change)),
                 )

@@ -45,6 +45,18 @@ impl Orientation {
     /// Number of orientations.
     pub const ORIENTATION_COUNT: u8 = 24;
 
+    /// Orientation with a number, as stored; [invalid](Self::is_valid) from [`ORIENTATION_COUNT`](Self::ORIENTATION_COUNT) on.
+    #[must_use]
+    pub const fn from_number(number: u8) -> Self {
+        Self(number)
+    }
+
+    /// Number in MAVLink order.
+    #[must_use]
+    pub const fn number(self) -> u8 {
+        self.0
+    }
+
     /// All 24 orientations, in MAVLink order.
     pub fn all_orientations() -> impl Iterator<Item = Self> {
         (0..Self::ORIENTATION_COUNT).map(Self)

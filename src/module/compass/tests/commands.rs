@@ -4,10 +4,10 @@ use super::*;
 
 /// Settings that no solve uses.
 const OTHER_SETTINGS: [SettingChange; 4] = [
-    SettingChange::StreamOn(false),
-    SettingChange::StreamRateHz(5),
-    SettingChange::StreamHeading(HeadingKind::Raw),
-    SettingChange::Declination(Some(3.0)),
+    SettingChange::whole("STREAM", 0),
+    SettingChange::whole("STREAM_RATE", 5),
+    SettingChange::whole("STREAM_HEADING", HeadingKind::Raw as u32),
+    SettingChange::number("DECLINATION", Some(3.0)),
 ];
 
 #[test]
@@ -26,9 +26,9 @@ fn settings_of_a_running_solve_cannot_change() {
         Command::Align(Some(10.0)),
         Command::Align(None),
         Command::AlignConfirmed(10.0),
-        Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION)),
-        Command::Set(SettingChange::Inclination(Some(50.0))),
-        Command::Set(SettingChange::AttitudeError(AttitudeError::DEFAULT)),
+        Command::Set(SettingChange::whole("MOUNT", 0)),
+        Command::Set(SettingChange::number("INCLINATION", Some(50.0))),
+        Command::Set(SettingChange::number("ATT_ERROR_DEG", Some(0.2)).with_next(1.0)),
     ] {
         assert_eq!(bed.expect_refusal(command), Refusal::Busy, "{command:?}");
     }
@@ -51,8 +51,8 @@ fn ground_commands_are_refused_while_armed() {
         Command::CalMark(10.0),
         Command::CalClear,
         Command::CalUndo,
-        Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION)),
-        Command::SetFromBus(SettingChange::StreamRateHz(20)),
+        Command::Set(SettingChange::whole("MOUNT", 0)),
+        Command::SetFromBus(SettingChange::whole("STREAM_RATE", 20)),
         Command::ResetSettings,
         Command::Restart,
     ];
@@ -75,9 +75,7 @@ fn ground_commands_are_refused_while_armed() {
     assert_eq!(bed.expect_refusal(Command::CalStartNew(None)), Refusal::Armed, "it is a swing again");
     assert_eq!(bed.expect_done(Command::CalStop), ModuleState::Calibrated);
     bed.report_armed(Some(false));
-    for command in
-        [Command::CalUndo, Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION)), Command::CalClear]
-    {
+    for command in [Command::CalUndo, Command::Set(SettingChange::whole("MOUNT", 0)), Command::CalClear] {
         bed.expect_saved(command);
     }
 }
@@ -92,7 +90,8 @@ fn commands_other_than_ground_commands_are_accepted_while_armed() {
         assert_eq!(bed.expect_done(Command::CalStop), ModuleState::Uncalibrated);
     }
     assert_eq!(bed.expect_done(Command::CalAbort), ModuleState::Uncalibrated);
-    let used_by_solves = [SettingChange::Inclination(None), SettingChange::AttitudeError(AttitudeError::DEFAULT)];
+    let used_by_solves =
+        [SettingChange::number("INCLINATION", None), SettingChange::number("ATT_ERROR_DEG", Some(0.2)).with_next(1.0)];
     for setting in OTHER_SETTINGS.into_iter().chain(used_by_solves) {
         bed.set(setting);
     }
@@ -114,7 +113,7 @@ fn commands_that_change_state_are_refused_during_a_save() {
         Command::Restart,
         Command::CalClear,
         Command::CalStart(Procedure::Turns),
-        Command::Set(SettingChange::StreamOn(false)),
+        Command::Set(SettingChange::whole("STREAM", 0)),
         Command::Align(None),
     ] {
         assert_eq!(bed.expect_refusal(command), Refusal::Busy, "{command:?}");
@@ -141,11 +140,12 @@ fn an_abort_ends_a_solve_and_discards_the_samples() {
 /// calibration.
 #[test]
 fn the_indicator_shows_a_refused_solve() {
-    let mut bed = TestBed::with_setting(SettingChange::Mount(Orientation::from_name("yaw90").unwrap()));
+    let mut bed =
+        TestBed::with_setting(SettingChange::whole("MOUNT", Orientation::from_name("yaw90").unwrap().number().into()));
     assert_eq!(bed.compass.indicator_state(), IndicatorState::Idle);
     assert_eq!(bed.calibrate(&complete_turns(1)).unwrap_err().stable_code(), "mount-contradicted");
     assert_eq!(bed.compass.indicator_state(), IndicatorState::Refused);
-    bed.set(SettingChange::Mount(Orientation::IDENTITY_ROTATION));
+    bed.set(SettingChange::whole("MOUNT", 0));
     bed.calibrate(&complete_turns(1)).unwrap();
     assert_eq!(bed.compass.indicator_state(), IndicatorState::Calibrated);
 }

@@ -3,7 +3,6 @@
 use testkit::random::Random as Bits;
 
 use super::*;
-use crate::settings::PortNumber;
 
 const DETECTED_PROTOCOLS: [ProtocolKind; PORT_COUNT] = [ProtocolKind::Mavlink, ProtocolKind::Nmea];
 
@@ -238,7 +237,7 @@ fn detected_protocols_are_written_once() {
     });
     module.restart(|bed| {
         expect_written(bed, &[(1000, other, msp, 2), (9000, other, msp, 2)]);
-        bed.set(SettingChange::Protocol(PortNumber::One, ProtocolKind::Mavlink));
+        bed.set(SettingChange::whole("PORT1", ProtocolKind::Mavlink as u32));
         expect_written(bed, &[(10_000, DETECTED_PROTOCOLS, msp, 2), (20_000, DETECTED_PROTOCOLS, msp, 2)]);
     });
 }

@@ -64,14 +64,3 @@ fn bytes_that_read_back_differently_are_reported() {
         }
     }
 }
-
-#[test]
-fn settings_out_of_range_are_rejected_and_not_written() {
-    for saves in [0, 3] {
-        let mut flash = flash_after_saves(saves);
-        flash.operation_count = 0;
-        let bad = Settings { stream_rate_hz: 0, ..Settings::default() };
-        assert_eq!(save_change(&mut flash, StoreChange::Settings(&bad)), Err(StoreError::Invalid));
-        assert_eq!(flash.operation_count, 0);
-    }
-}

@@ -41,25 +41,24 @@ fn full_calibration_record() -> CalibrationRecord {
     record
 }
 
-fn field_bytes_of_item(item: &[u8]) -> Vec<u8> {
+pub(super) fn field_bytes_of_item(item: &[u8]) -> Vec<u8> {
     let PageContent::Item(StoredItem { field_bytes: fields, .. }) = flash_page::parse_page(item) else {
         panic!("{item:?}")
     };
     fields.to_vec()
 }
 
+fn encoded_fields(value: &impl StoredFields) -> Vec<u8> {
+    field_bytes_of_item(&encoded_item(value))
+}
+
 #[test]
 fn stored_items_round_trip() {
-    assert_eq!(fields::decode_fields(&field_bytes_of_item(&encoded_item(&stored_state()))), Ok(stored_state()));
-    assert_eq!(
-        fields::decode_fields(&field_bytes_of_item(&encoded_item(&StoredState::default()))),
-        Ok(StoredState::default())
-    );
-    assert_eq!(
-        fields::decode_fields(&field_bytes_of_item(&encoded_item(&full_calibration_record()))),
-        Ok(full_calibration_record())
-    );
+    for state in [stored_state(), StoredState::default()] {
+        assert_eq!(fields::decode_fields(&encoded_fields(&state)), Ok(state));
+    }
     let largest = CalibrationRecord { serial_number: u32::MAX, ..full_calibration_record() };
+    assert_eq!(fields::decode_fields(&encoded_fields(&largest)), Ok(largest));
     assert!(encoded_item(&largest).len() <= MAX_ITEM_SIZE / 2, "room for as many fields again");
 }
 
@@ -148,21 +147,17 @@ fn unknown_fields_are_ignored() {
     for value in [&[][..], &[1], &[0xFF; 200]] {
         let unknown = encoded_field(200, value);
         for fields in [
-            [&field_bytes_of_item(&encoded_item(&stored_state()))[..], &unknown].concat(),
-            [unknown.clone(), state_field_bytes()].concat(),
+            [&encoded_fields(&stored_state())[..], &unknown].concat(),
+            [unknown.clone(), encoded_fields(&stored_state())].concat(),
         ] {
             assert_eq!(fields::decode_fields(&fields), Ok(stored_state()));
         }
-        let fields = [field_bytes_of_item(&encoded_item(&full_calibration_record())), unknown].concat();
+        let fields = [encoded_fields(&full_calibration_record()), unknown].concat();
         assert_eq!(fields::decode_fields(&fields), Ok(full_calibration_record()));
     }
 }
 
-fn state_field_bytes() -> Vec<u8> {
-    field_bytes_of_item(&encoded_item(&stored_state()))
-}
-
-fn split_into_fields(mut fields: &[u8]) -> Vec<(u8, Vec<u8>)> {
+pub(super) fn split_into_fields(mut fields: &[u8]) -> Vec<(u8, Vec<u8>)> {
     let mut all = Vec::new();
     while let [tag, low, high, rest @ ..] = fields {
         let (value, after) = rest.split_at(usize::from(u16::from_le_bytes([*low, *high])));
@@ -176,7 +171,7 @@ fn split_into_fields(mut fields: &[u8]) -> Vec<(u8, Vec<u8>)> {
 /// one known here.
 #[test]
 fn a_missing_field_has_its_default() {
-    let fields = split_into_fields(&state_field_bytes());
+    let fields = split_into_fields(&encoded_fields(&stored_state()));
     for (missing, _) in &fields {
         let others = fields.iter().filter(|(tag, _)| tag != missing).flat_map(|(_, field)| field.clone());
         let found: Result<StoredState, _> = fields::decode_fields(&others.collect::<Vec<_>>());
@@ -185,16 +180,14 @@ fn a_missing_field_has_its_default() {
         } else {
             // The other fields are unchanged.
             let found = found.unwrap();
-            let default = split_into_fields(&field_bytes_of_item(&encoded_item(&StoredState::default())));
-            for ((tag, stored), (_, default)) in
-                split_into_fields(&field_bytes_of_item(&encoded_item(&found))).iter().zip(&default)
-            {
+            let default = split_into_fields(&encoded_fields(&StoredState::default()));
+            for ((tag, stored), (_, default)) in split_into_fields(&encoded_fields(&found)).iter().zip(&default) {
                 let (_, before) = &fields[usize::from(*tag) - 1];
                 assert_eq!(stored, if tag == missing { default } else { before }, "{missing} {tag}");
             }
         }
     }
-    let from_later: Vec<u8> = state_field_bytes();
+    let from_later: Vec<u8> = encoded_fields(&stored_state());
     let at = from_later.windows(4).position(|bytes| bytes == [0x0c, 1, 0, 0]).unwrap();
     let mut from_later = from_later;
     from_later[at + 3] = 99;
@@ -205,7 +198,7 @@ fn a_missing_field_has_its_default() {
 
 #[test]
 fn a_calibration_needs_every_field_of_the_first_release() {
-    let fields = split_into_fields(&field_bytes_of_item(&encoded_item(&full_calibration_record())));
+    let fields = split_into_fields(&encoded_fields(&full_calibration_record()));
     assert_eq!(fields.len(), 25);
     for (missing, _) in &fields {
         let others = fields.iter().filter(|(tag, _)| tag != missing).flat_map(|(_, field)| field.clone());
@@ -239,7 +232,7 @@ fn variants_keep_their_numbers() {
 
 #[test]
 fn fields_beyond_the_buffer_are_rejected() {
-    let size = state_field_bytes().len();
+    let size = encoded_fields(&stored_state()).len();
     for room in 0..size {
         assert_eq!(fields::encode_fields(&stored_state(), &mut vec![0; room]), Err(StoreError::Full), "{room}");
     }
@@ -276,7 +269,7 @@ fn a_truncated_item_is_damaged() {
     for length in 0..item.len() - 7 {
         assert_eq!(flash_page::parse_page(&item[..length]), PageContent::Damaged, "{length}");
     }
-    for fields in [state_field_bytes(), field_bytes_of_item(&item)] {
+    for fields in [encoded_fields(&stored_state()), field_bytes_of_item(&item)] {
         let ends: Vec<_> = split_into_fields(&fields)
             .iter()
             .scan(0, |end, (_, field)| {
@@ -295,11 +288,8 @@ fn a_truncated_item_is_damaged() {
 fn random_fields_decode_to_valid_values_or_an_error() {
     for seed in 0..20_000 {
         let mut noise = testkit::random::Random(seed);
-        let mut fields = if seed % 2 == 0 {
-            state_field_bytes()
-        } else {
-            field_bytes_of_item(&encoded_item(&full_calibration_record()))
-        };
+        let mut fields =
+            if seed % 2 == 0 { encoded_fields(&stored_state()) } else { encoded_fields(&full_calibration_record()) };
         for _ in 0..=seed % 7 {
             let at = noise.bits() as usize % fields.len();
             fields[at] = noise.byte();

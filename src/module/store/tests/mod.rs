@@ -14,10 +14,9 @@ use super::fields::StoredFields;
 use super::*;
 use crate::settings::{HeadingKind, ProtocolKind, Settings};
 use autoswing::calibration::{
-    AttitudeEnvelope, AttitudeLatency, Calibration, HeadingUncertainty, Method, MotorCurrentInterference, Orientation,
-    Quality,
+    AttitudeEnvelope, AttitudeLatency, Method, MotorCurrentInterference, Orientation, Quality,
 };
-use autoswing::reading::{Identity, MagnetometerModel};
+use autoswing::reading::MagnetometerModel;
 
 const PAGE_SIZE: usize = 2048;
 /// Number of pages, as on the board.
@@ -27,15 +26,11 @@ const STORE_REGION: Range<u32> = 0..(PAGE_SIZE * PAGE_COUNT) as u32;
 type Flash = RamFlash<PAGE_SIZE>;
 
 pub(crate) fn calibration_record(serial: u32) -> CalibrationRecord {
-    let calibration = Calibration {
-        b_ut: [serial as f32, 2.0, 3.0],
-        inclination_rad: 1.0,
-        total_ut: 48.0,
-        latency_s: -0.04,
-        motor_current: MotorCurrentInterference::NO_INTERFERENCE,
-        ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)
-    };
-    let quality = Quality {
+    let mut record = CalibrationRecord { serial_number: serial, ..CalibrationRecord::with_defaults() };
+    let calibration = &mut record.calibration;
+    calibration.b_ut = [serial as f32, 2.0, 3.0];
+    (calibration.inclination_rad, calibration.total_ut, calibration.latency_s) = (1.0, 48.0, -0.04);
+    record.quality = Quality {
         method: Method::MaximumLikelihood,
         envelope: AttitudeEnvelope::Banked,
         expected_rms_deg: 0.3,
@@ -46,17 +41,9 @@ pub(crate) fn calibration_record(serial: u32) -> CalibrationRecord {
         latency: Some(AttitudeLatency { estimate_s: -0.042, sigma_s: 0.006 }),
         knows_inclination: true,
     };
-    let sensor = Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E };
-    let mut uncertainty = HeadingUncertainty::NO_UNCERTAINTY;
-    uncertainty.relative_sensor_sigma = 0.002;
-    CalibrationRecord {
-        calibration,
-        quality,
-        uncertainty,
-        sensor,
-        mount: Orientation::IDENTITY_ROTATION,
-        serial_number: serial,
-    }
+    record.sensor.address = 0x1E;
+    record.uncertainty.relative_sensor_sigma = 0.002;
+    record
 }
 
 fn stored_calibrations(serial: u32) -> StoredCalibrations {
@@ -147,38 +134,17 @@ fn settings_and_calibrations_do_not_disturb_each_other() {
     let mut flash = Flash::new(PAGE_COUNT);
     save_calibration(&mut flash, 5).unwrap();
     save_change(&mut flash, StoreChange::Settings(&settings())).unwrap();
-    assert_eq!(
-        load_values(&mut flash),
-        Ok(StoredValues {
-            settings: settings(),
-            stored_calibrations: stored_calibrations(5),
-            ..StoredValues::default()
-        })
-    );
-    save_calibration(&mut flash, 6).unwrap();
-    assert_eq!(
-        load_values(&mut flash),
-        Ok(StoredValues {
-            settings: settings(),
-            stored_calibrations: stored_calibrations(6),
-            ..StoredValues::default()
-        })
-    );
+    let mut assert_loaded_after = |change: Option<StoreChange<'_>>, stored_calibrations| {
+        change.into_iter().for_each(|change| save_change(&mut flash, change).unwrap());
+        let expected = StoredValues { settings: settings(), stored_calibrations, ..StoredValues::default() };
+        assert_eq!(load_values(&mut flash), Ok(expected));
+    };
+    assert_loaded_after(None, stored_calibrations(5));
     let only_current = StoredCalibrations { previous_calibration: None, ..stored_calibrations(7) };
-    save_change(&mut flash, calibration_change(&only_current)).unwrap();
-    assert_eq!(
-        load_values(&mut flash),
-        Ok(StoredValues { settings: settings(), stored_calibrations: only_current, ..StoredValues::default() })
-    );
-    save_change(&mut flash, StoreChange::Clear).unwrap();
-    assert_eq!(
-        load_values(&mut flash),
-        Ok(StoredValues {
-            settings: settings(),
-            stored_calibrations: StoredCalibrations::default(),
-            ..StoredValues::default()
-        })
-    );
+    for calibrations in [stored_calibrations(6), only_current] {
+        assert_loaded_after(Some(calibration_change(&calibrations)), calibrations);
+    }
+    assert_loaded_after(Some(StoreChange::Clear), StoredCalibrations::default());
 }
 
 #[test]
@@ -269,20 +235,17 @@ fn a_stored_calibration_clears_the_collecting_flag() {
 
 #[test]
 fn undo_twice_is_redo() {
-    let mut stored_calibrations = StoredCalibrations::default();
-    stored_calibrations.make_current(&calibration_record(1));
-    stored_calibrations.make_current(&calibration_record(2));
-    let before = stored_calibrations;
-    stored_calibrations.undo_last();
-    assert_eq!(
-        stored_calibrations,
-        StoredCalibrations {
-            current_calibration: Some(calibration_record(1)),
-            previous_calibration: Some(calibration_record(2))
-        }
-    );
-    stored_calibrations.undo_last();
-    assert_eq!(stored_calibrations, before);
-    stored_calibrations.clear();
-    assert_eq!(stored_calibrations, StoredCalibrations::default());
+    let mut calibrations = StoredCalibrations::default();
+    (1..=2).for_each(|serial| calibrations.make_current(&calibration_record(serial)));
+    let serials = |calibrations: &StoredCalibrations| {
+        [calibrations.current_calibration, calibrations.previous_calibration]
+            .map(|record| record.map(|r| r.serial_number))
+    };
+    assert_eq!(serials(&calibrations), [Some(2), Some(1)]);
+    for undone in [[Some(1), Some(2)], [Some(2), Some(1)]] {
+        calibrations.undo_last();
+        assert_eq!(serials(&calibrations), undone);
+    }
+    calibrations.clear();
+    assert_eq!(calibrations, StoredCalibrations::default());
 }

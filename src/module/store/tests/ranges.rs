@@ -1,7 +1,7 @@
 //! Values out of their ranges are neither stored nor loaded.
 
 use super::*;
-use crate::settings::AttitudeError;
+use crate::settings::{SETTINGS, SettingValue, SigningKey};
 use crate::store::fields::FieldVisitor;
 
 /// A value without range checks.
@@ -38,100 +38,84 @@ fn assert_validity<T: StoredFields + PartialEq + core::fmt::Debug>(value: &T, va
     }
 }
 
-/// Orientation with any number, as read from flash.
-fn orientation_of_number(number: u8) -> Orientation {
-    postcard::from_bytes(&[number]).unwrap()
-}
-
+/// Every setting, with the ends of its range and its special values, is stored and loaded. Values out of their ranges
+/// are neither; `settings` tests the ranges.
 #[test]
 fn settings_are_kept_up_to_the_ends_of_their_ranges() {
-    let good = StoredState { settings: settings(), ..StoredState::default() };
-    let check =
-        |settings: Settings, valid, label: &str| assert_validity(&StoredState { settings, ..good }, valid, label);
-    for (size, valid) in
-        [(0.0, true), (179.9, true), (180.0, true), (180.1, false), (f32::INFINITY, false), (f32::NAN, false)]
-    {
-        for deg in [size, -size] {
-            check(Settings { declination_deg: Some(deg), ..good.settings }, valid, "declination");
-            check(Settings { align_deg: deg, ..good.settings }, valid, "align");
+    for setting in &SETTINGS {
+        let words = (0..).map_while(|index| setting.nth_word(index)).map(|(_, value)| value);
+        let key = SettingValue::Key(Some(SigningKey([7; 32])));
+        for value in setting.value_range().into_iter().flatten().chain(words).chain([key]) {
+            let Some(change) = setting.change_to(value) else { continue };
+            let settings = settings().with_setting(change).unwrap();
+            assert_validity(&StoredState { settings, ..StoredState::default() }, true, &format!("{change:?}"));
         }
     }
-    for (size, valid) in [(89.9, true), (90.0, true), (90.1, false), (f32::NAN, false)] {
-        for deg in [size, -size] {
-            check(Settings { inclination_deg: Some(deg), ..good.settings }, valid, "inclination");
-        }
+    let rows_with_a_number: [fn(&mut Settings, f32); 3] = [
+        |settings, number| settings.declination_deg = Some(number),
+        |settings, number| settings.align_deg = number,
+        |settings, number| settings.accuracy_deg = number,
+    ];
+    for (set, number) in rows_with_a_number.iter().flat_map(|set| [180.1, -180.1, f32::NAN].map(|n| (set, n))) {
+        let mut settings = settings();
+        set(&mut settings, number);
+        assert_validity(&StoredState { settings, ..StoredState::default() }, false, &format!("{number}"));
     }
-    for (stream_rate_hz, valid) in [(0, false), (1, true), (80, true), (81, false)] {
-        check(Settings { stream_rate_hz, ..good.settings }, valid, "rate");
-    }
-    for (bias_deg, valid) in
-        [(-0.1, false), (0.0, true), (5.0, true), (5.1, false), (f32::INFINITY, false), (f32::NAN, false)]
-    {
-        let attitude_error = AttitudeError { bias_deg, ..AttitudeError::DEFAULT };
-        check(Settings { attitude_error, ..good.settings }, valid, "attitude bias");
-        let attitude_error = AttitudeError { bank_percent: 4.0 * bias_deg, ..AttitudeError::DEFAULT };
-        check(Settings { attitude_error, ..good.settings }, valid, "bank error");
-    }
-    for (accuracy_deg, valid) in
-        [(0.19, false), (0.2, true), (3.0, true), (3.1, false), (-1.0, false), (f32::NAN, false)]
-    {
-        check(Settings { accuracy_deg, ..good.settings }, valid, "accuracy");
-    }
-    for (number, valid) in [(23, true), (24, false), (255, false)] {
-        check(Settings { mount: orientation_of_number(number), ..good.settings }, valid, "mount");
+    for (mount, stream_rate_hz) in [(24, 10), (255, 10), (0, 0), (0, 81)] {
+        let settings = Settings { mount: Orientation::from_number(mount), stream_rate_hz, ..settings() };
+        assert_validity(&StoredState { settings, ..StoredState::default() }, false, "mount or rate");
     }
 }
 
-type SetNumber = fn(&mut CalibrationRecord, f32);
+/// Tags of a record's fields that contain numbers in single precision.
+const NUMBER_TAGS: [u8; 17] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 12, 13, 14, 15, 17, 18, 19, 20];
 
+/// Each number of a record, also the elements of its matrices, in place of which other numbers are stored.
 #[test]
 fn records_are_kept_if_every_number_is_finite() {
-    let numbers: [(&str, SetNumber); 18] = [
-        ("w", |record, n| record.calibration.w[2][1] = n),
-        ("b", |record, n| record.calibration.b_ut[1] = n),
-        ("inclination", |record, n| record.calibration.inclination_rad = n),
-        ("total", |record, n| record.calibration.total_ut = n),
-        ("latency", |record, n| record.calibration.latency_s = n),
-        ("by current", |record, n| record.calibration.motor_current.ut_per_a[2] = n),
-        ("sigma of that", |record, n| record.calibration.motor_current.sigma_ut_per_a = n),
-        ("mean current", |record, n| record.calibration.motor_current.mean_current_a = n),
-        ("its spread", |record, n| record.calibration.motor_current.current_sigma_a = n),
-        ("latency found", |record, n| record.quality.latency = Some(AttitudeLatency { estimate_s: n, sigma_s: 0.01 })),
-        ("its sigma", |record, n| record.quality.latency = Some(AttitudeLatency { estimate_s: 0.01, sigma_s: n })),
-        ("expected", |record, n| record.quality.expected_rms_deg = n),
-        ("worst", |record, n| record.quality.expected_worst_deg = n),
-        ("norm", |record, n| record.quality.norm_residual = n),
-        ("inclination", |record, n| record.quality.inclination_residual_deg = n),
-        ("products", |record, n| record.uncertainty.reduced_covariance[5][9] = n),
-        ("sensor sigma", |record, n| record.uncertainty.relative_sensor_sigma = n),
-        ("attitude sigma", |record, n| record.uncertainty.attitude_sigma_rad = n),
-    ];
-    for (label, set) in numbers {
-        for (number, valid) in
-            [(0.5, true), (f32::MAX, true), (f32::INFINITY, false), (-f32::INFINITY, false), (f32::NAN, false)]
-        {
-            let mut record = calibration_record(1);
-            set(&mut record, number);
-            assert_validity(&record, valid, label);
+    let item = encoded_item(&calibration_record(1));
+    let fields = format::field_bytes_of_item(&item);
+    let mut numbers = 0;
+    let mut field_start = 0;
+    for (tag, field) in format::split_into_fields(&fields) {
+        // Behind the header of the field, and behind the tag of an optional value.
+        let value = field_start + fields::HEADER_SIZE + usize::from(tag == 17)..field_start + field.len();
+        field_start += field.len();
+        for at in value.step_by(size_of::<f32>()).filter(|_| NUMBER_TAGS.contains(&tag)) {
+            numbers += 1;
+            for (number, valid) in
+                [(0.5, true), (f32::MAX, true), (f32::INFINITY, false), (-f32::INFINITY, false), (f32::NAN, false)]
+            {
+                let mut changed = fields.clone();
+                changed[at..at + size_of::<f32>()].copy_from_slice(&f32::to_le_bytes(number));
+                let Unchecked(record): Unchecked<CalibrationRecord> = fields::decode_fields(&changed).unwrap();
+                assert_validity(&record, valid, &format!("{number} in field {tag}, byte {at}"));
+            }
         }
     }
+    assert_eq!(numbers, 9 + 3 + 3 + 3 + 3 + 4 + 2 + 60 + 2);
     for (number, valid) in [(23, true), (24, false)] {
-        assert_validity(
-            &CalibrationRecord { mount: orientation_of_number(number), ..calibration_record(1) },
-            valid,
-            "mount",
-        );
+        let mount = Orientation::from_number(number);
+        assert_validity(&CalibrationRecord { mount, ..calibration_record(1) }, valid, "mount");
     }
 }
 
 #[test]
-fn an_invalid_calibration_is_rejected_and_not_written() {
-    let bad = CalibrationRecord { mount: orientation_of_number(24), ..calibration_record(9) };
-    for (current, previous) in [(&bad, &calibration_record(8)), (&calibration_record(9), &bad)] {
-        let mut flash = flash_after_saves(2);
-        flash.operation_count = 0;
-        let change = StoreChange::StoredCalibrations { current: Some(current), previous: Some(previous) };
-        assert_eq!(save_change(&mut flash, change), Err(StoreError::Invalid));
-        assert_eq!(flash.operation_count, 0);
+fn an_invalid_value_is_rejected_and_not_written() {
+    let [current, previous] = [9, 8].map(calibration_record);
+    let bad = CalibrationRecord { mount: Orientation::from_number(24), ..current };
+    let calibrations = |current, previous| StoreChange::StoredCalibrations { current, previous };
+    let bad_settings = Settings { stream_rate_hz: 0, ..Settings::default() };
+    for saves in [0, 3] {
+        for change in [
+            calibrations(Some(&bad), Some(&previous)),
+            calibrations(Some(&current), Some(&bad)),
+            StoreChange::Settings(&bad_settings),
+        ] {
+            let mut flash = flash_after_saves(saves);
+            flash.operation_count = 0;
+            assert_eq!(save_change(&mut flash, change), Err(StoreError::Invalid));
+            assert_eq!(flash.operation_count, 0);
+        }
     }
 }

@@ -1,9 +1,8 @@
 //! Requests of other nodes: description, parameters, restart, firmware update.
 
 use super::*;
-use crate::port::parameters::{PARAMETERS, ParameterValue};
 use crate::wire::mavlink::key_from_passphrase;
-use autoswing_module::settings::{SettingChange, SigningKey};
+use autoswing_module::settings::{Setting, SettingChange, SettingValue, SigningKey};
 
 const GET_SET: DataType = DataType::GET_SET;
 
@@ -34,20 +33,22 @@ fn traffic_is_counted() {
 #[test]
 fn all_parameters_are_listed() {
     let mut bench = Bench::new();
-    for (index, parameter) in PARAMETERS.iter().enumerate() {
+    let parameters: Vec<&Setting> = (0..).map_while(Setting::nth_parameter).collect();
+    assert_eq!(parameters.len(), 23);
+    for (index, parameter) in parameters.iter().enumerate() {
         let payload = bench.response_to_request(GET_SET, &[index as u8, 0]).unwrap();
         let name = parameter.parameter_name.as_bytes();
         assert!(payload.ends_with(name), "{} {payload:?}", parameter.parameter_name);
         let tags = |value| match value {
-            ParameterValue::Whole(_) => 9,
-            ParameterValue::Number(_) => 5,
-            ParameterValue::Key(_) => 0,
+            SettingValue::Whole(_) => 9,
+            SettingValue::Number(_) => 5,
+            SettingValue::Key(_) => 0,
         };
         if let Some([least, _]) = parameter.value_range() {
             assert_eq!(payload.len() - name.len(), 4 * tags(least), "{}", parameter.parameter_name);
         }
     }
-    assert_eq!(bench.response_to_request(GET_SET, &[PARAMETERS.len() as u8, 0]), Some(vec![0; 4]));
+    assert_eq!(bench.response_to_request(GET_SET, &[parameters.len() as u8, 0]), Some(vec![0; 4]));
     assert_eq!(bench.response_to_request(GET_SET, b"\x00\x00UNKNOWN"), Some(vec![0; 4]));
 }
 
@@ -60,7 +61,7 @@ fn set_integer_payload(value: i64, name: &str) -> Vec<u8> {
 fn a_parameter_is_set_by_a_command() {
     let mut bench = Bench::new();
     assert_eq!(bench.response_to_request(GET_SET, &set_integer_payload(20, "CAN_RATE")), None);
-    let command = Command::SetFromBus(SettingChange::CanRateHz(20));
+    let command = Command::SetFromBus(SettingChange::whole("CAN_RATE", 20));
     assert_eq!(bench.commands, [command]);
     bench.settings.can.rate_hz = 20;
     bench.node.complete_command(command, Ok(()));
@@ -72,7 +73,7 @@ fn a_refused_or_unanswered_setting_is_answered_with_the_old_value() {
     let old = [1, 50, 0, 0, 0, 0, 0, 0, 0];
     let mut bench = Bench::new();
     bench.response_to_request(GET_SET, &set_integer_payload(81, "CAN_RATE"));
-    bench.node.complete_command(Command::SetFromBus(SettingChange::CanRateHz(81)), Err(&Refusal::Busy));
+    bench.node.complete_command(Command::SetFromBus(SettingChange::whole("CAN_RATE", 81)), Err(&Refusal::Busy));
     assert_eq!(bench.run_for_response(GET_SET).unwrap()[..9], old);
     bench.response_to_request(GET_SET, &set_integer_payload(30, "CAN_RATE"));
     assert_eq!(bench.sent_in_ms(GET_SET, 1900).len(), 0);
@@ -82,7 +83,7 @@ fn a_refused_or_unanswered_setting_is_answered_with_the_old_value() {
 #[test]
 fn commands_are_executed_one_after_another() {
     let mut bench = Bench::new();
-    let commands = [20, 30].map(|rate| Command::SetFromBus(SettingChange::CanRateHz(rate)));
+    let commands = [20, 30].map(|rate| Command::SetFromBus(SettingChange::whole("CAN_RATE", rate)));
     for (number, rate) in [20, 30].into_iter().enumerate() {
         assert_eq!(bench.response_to_request(GET_SET, &set_integer_payload(rate, "CAN_RATE")), None);
         assert_eq!(bench.commands, commands[..1], "request {number}");
@@ -99,12 +100,12 @@ fn commands_are_executed_one_after_another() {
 fn a_passphrase_is_set_and_not_read() {
     let mut bench = Bench::new();
     assert_eq!(bench.response_to_request(GET_SET, b"\x00\x04\x04wordSIGNING"), None);
-    assert_eq!(bench.commands, [Command::SetFromBus(SettingChange::Signing(Some(key_from_passphrase("word"))))]);
+    assert_eq!(bench.commands, [Command::SetFromBus(SettingChange::key("SIGNING", Some(key_from_passphrase("word"))))]);
     bench.node.complete_command(bench.commands[0], Ok(()));
     bench.settings.signing_key = Some(SigningKey([7; 32]));
     assert_eq!(bench.run_for_response(GET_SET).unwrap(), b"\x04\x02on\x04\x03off\x00\x00SIGNING");
     bench.response_to_request(GET_SET, b"\x00\x04\x03offSIGNING");
-    assert_eq!(bench.commands[1], Command::SetFromBus(SettingChange::Signing(None)));
+    assert_eq!(bench.commands[1], Command::SetFromBus(SettingChange::key("SIGNING", None)));
 }
 
 const RESTART_MAGIC_BYTES: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];

@@ -1,0 +1,265 @@
+//! A setting as a row of the table: access to its value, and its appearance in commands, reports, parameters and flash.
+
+use core::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use autoswing::calibration::Orientation;
+use autoswing::earth::EarthField;
+
+/// Row of the table of settings; `S` is the structure that contains the values.
+pub struct SettingRow<S: 'static> {
+    /// Words of the console's command; empty if the setting has none. Adjacent rows with the same words are the
+    /// arguments of one command.
+    pub command_words: [&'static str; 2],
+    /// Name of the argument in the command, upper case.
+    pub argument_name: &'static str,
+    /// Description in `help`; that of a command's first row counts.
+    pub help_text: &'static str,
+    /// Kind of the value, and access to it.
+    pub kind: SettingKind<S>,
+    /// Description of the valid range, for a value outside of it.
+    pub range_text: &'static str,
+    /// Line of `status all`, shared with other settings, and the texts before and after the value. The line's place is
+    /// that of its last setting.
+    pub report_texts: [&'static str; 3],
+    /// Tag of the stored field, never used again for another one.
+    pub stored_tag: u8,
+    /// Position of the parameter for protocols that read and write settings one by one. Tools refer to it, so that a
+    /// new parameter takes the next one.
+    pub parameter_index: u8,
+    /// Name of the parameter, at most 16 characters; empty if the setting is not a parameter.
+    pub parameter_name: &'static str,
+    /// State that depends on the setting.
+    pub dependent_state: DependentState,
+}
+
+/// Kind of a setting, with access to its value.
+pub enum SettingKind<S: 'static> {
+    /// On or off, with the texts of off and on in reports.
+    Switch(fn(&mut S) -> &mut bool, [&'static str; 2]),
+    /// One of several names.
+    Choice(fn(&mut S) -> &mut dyn Choice),
+    /// Whole number, with its range, unit, and the text in place of 0 in reports.
+    Whole(fn(&mut S) -> &mut u8, [u8; 2], &'static str, Option<&'static str>),
+    /// Number, with its range, unit, least decimals in reports, and the word that resets all numbers of the command.
+    Number(fn(&mut S) -> &mut f32, [f32; 2], &'static str, usize, Option<&'static str>),
+    /// Angle in degrees that may be unset, with its range. Reports then show the angle of the field model, or a text.
+    Angle(fn(&mut S) -> &mut Option<f32>, [f32; 2], fn(&EarthField) -> Option<f32>, &'static str),
+    /// Heading offset in degrees, -180 to 180. It is measured by a command of its own.
+    Alignment(fn(&mut S) -> &mut f32),
+    /// Key, entered as a passphrase or `off`.
+    Key(fn(&mut S) -> &mut Option<SigningKey>),
+}
+
+/// Value with a list of names.
+pub trait Choice {
+    /// Number of the value, its position in the list; stored.
+    fn number(&self) -> u8;
+
+    /// Selects the value with a number, as stored. An unknown number changes nothing, or makes the value invalid.
+    fn set_number(&mut self, number: u8);
+
+    /// Name of the value with a number.
+    fn nth_name(&self, number: u8) -> Option<&'static str>;
+}
+
+/// Implements [`Choice`] for an enumeration with a constant of all variants and a function of their names.
+macro_rules! choice_of_names {
+    ($enumeration:ty, $all_variants:ident, $variant_name:ident) => {
+        impl $crate::settings::setting::Choice for $enumeration {
+            fn number(&self) -> u8 {
+                *self as u8
+            }
+
+            fn set_number(&mut self, number: u8) {
+                *self = Self::$all_variants.get(usize::from(number)).copied().unwrap_or(*self);
+            }
+
+            fn nth_name(&self, number: u8) -> Option<&'static str> {
+                Self::$all_variants.get(usize::from(number)).map(|variant| variant.$variant_name())
+            }
+        }
+    };
+}
+
+pub(super) use choice_of_names;
+
+impl Choice for Orientation {
+    fn number(&self) -> u8 {
+        Self::number(*self)
+    }
+
+    fn set_number(&mut self, number: u8) {
+        *self = Self::from_number(number);
+    }
+
+    fn nth_name(&self, number: u8) -> Option<&'static str> {
+        Some(Self::from_number(number)).filter(|orientation| orientation.is_valid()).map(Self::orientation_name)
+    }
+}
+
+/// State that depends on a setting, beside the output of headings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DependentState {
+    /// No other state.
+    None,
+    /// A solve uses the setting, which must not change during one.
+    Solve,
+    /// A solve uses the setting, and a calibration is valid for one value of it.
+    Calibration,
+    /// `on` permits automatic collection again after a manual stop.
+    AutomaticStart,
+}
+
+/// Value of a setting.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SettingValue {
+    /// Whole number; 0 and 1 of a switch, the position of a choice, or a choice's name if that is a number.
+    Whole(u32),
+    /// Number; `None` if unset.
+    Number(Option<f32>),
+    /// Key of MAVLink signatures.
+    Key(Option<SigningKey>),
+}
+
+/// Secret key of MAVLink's signatures.
+#[derive(Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SigningKey(pub [u8; 32]);
+
+/// Writes the type's name instead of the secret key.
+impl fmt::Debug for SigningKey {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("SigningKey")
+    }
+}
+
+impl<S: Copy + Default> SettingRow<S> {
+    /// Value in these settings.
+    #[must_use]
+    pub fn value(&self, settings: &S) -> SettingValue {
+        let settings = &mut { *settings };
+        match self.kind {
+            SettingKind::Switch(field, _) => SettingValue::Whole((*field(settings)).into()),
+            SettingKind::Choice(field) => {
+                let choice = field(settings);
+                SettingValue::Whole(choice_value(choice, choice.number()).unwrap_or_default())
+            }
+            SettingKind::Whole(field, ..) => SettingValue::Whole((*field(settings)).into()),
+            SettingKind::Number(field, ..) | SettingKind::Alignment(field) => {
+                SettingValue::Number(Some(*field(settings)))
+            }
+            SettingKind::Angle(field, ..) => SettingValue::Number(*field(settings)),
+            SettingKind::Key(field) => SettingValue::Key(*field(settings)),
+        }
+    }
+
+    /// Sets the value, also one out of its range; returns whether the kind of setting can have it.
+    pub(super) fn set_value(&self, settings: &mut S, value: SettingValue) -> bool {
+        match (&self.kind, value) {
+            (SettingKind::Switch(field, _), SettingValue::Whole(number @ 0..=1)) => *field(settings) = number == 1,
+            (SettingKind::Choice(field), SettingValue::Whole(value)) => {
+                let choice = field(settings);
+                let Some(number) = choice_numbers(choice).find(|number| choice_value(choice, *number) == Some(value))
+                else {
+                    return false;
+                };
+                choice.set_number(number);
+            }
+            (SettingKind::Whole(field, ..), SettingValue::Whole(value)) => {
+                let Ok(value) = u8::try_from(value) else { return false };
+                *field(settings) = value;
+            }
+            (SettingKind::Number(field, ..), SettingValue::Number(value)) => {
+                *field(settings) = value.unwrap_or(f32::NAN);
+            }
+            (SettingKind::Angle(field, ..), SettingValue::Number(value)) => *field(settings) = value,
+            (SettingKind::Key(field), SettingValue::Key(key)) => *field(settings) = key,
+            _ => return false,
+        }
+        true
+    }
+
+    /// Whether the value in these settings is within its range.
+    #[must_use]
+    pub fn is_valid(&self, settings: &S) -> bool {
+        let settings = &mut { *settings };
+        match &self.kind {
+            SettingKind::Switch(..) | SettingKind::Key(_) => true,
+            SettingKind::Choice(field) => {
+                let choice = field(settings);
+                choice.nth_name(choice.number()).is_some()
+            }
+            SettingKind::Whole(field, [least, most], ..) => (*least..=*most).contains(field(settings)),
+            SettingKind::Number(field, range, ..) => is_within(range, *field(settings)),
+            SettingKind::Angle(field, range, ..) => field(settings).is_none_or(|deg| is_within(range, deg)),
+            SettingKind::Alignment(field) => is_within(&[-180.0, 180.0], *field(settings)),
+        }
+    }
+
+    /// Least and largest value; `None` of a key and of the alignment.
+    #[must_use]
+    pub fn value_range(&self) -> Option<[SettingValue; 2]> {
+        match &self.kind {
+            SettingKind::Switch(..) => Some([0, 1].map(SettingValue::Whole)),
+            SettingKind::Choice(field) => {
+                let settings = &mut S::default();
+                let choice = field(settings);
+                let last = choice_numbers(choice).last()?;
+                Some([0, last].map(|number| SettingValue::Whole(choice_value(choice, number).unwrap_or_default())))
+            }
+            SettingKind::Whole(_, range, ..) => Some(range.map(|number| SettingValue::Whole(number.into()))),
+            SettingKind::Number(_, range, ..) | SettingKind::Angle(_, range, ..) => {
+                Some(range.map(|number| SettingValue::Number(Some(number))))
+            }
+            SettingKind::Alignment(_) | SettingKind::Key(_) => None,
+        }
+    }
+
+    /// Word with this index that commands accept as the value, and that value.
+    #[must_use]
+    pub fn nth_word(&self, index: usize) -> Option<(&'static str, SettingValue)> {
+        let only_word = match self.kind {
+            SettingKind::Switch(..) => {
+                return [("on", SettingValue::Whole(1)), ("off", SettingValue::Whole(0))].get(index).copied();
+            }
+            SettingKind::Choice(field) => {
+                let (settings, number) = (&mut S::default(), u8::try_from(index).ok()?);
+                let choice = field(settings);
+                return choice.nth_name(number).zip(choice_value(choice, number).map(SettingValue::Whole));
+            }
+            SettingKind::Number(.., word) => (word?, self.value(&S::default())),
+            SettingKind::Angle(..) => ("none", SettingValue::Number(None)),
+            SettingKind::Key(_) => ("off", SettingValue::Key(None)),
+            SettingKind::Whole(..) | SettingKind::Alignment(_) => return None,
+        };
+        (index == 0).then_some(only_word)
+    }
+}
+
+fn is_within([least, most]: &[f32; 2], number: f32) -> bool {
+    (*least..=*most).contains(&number)
+}
+
+/// Numbers of all values of a choice.
+fn choice_numbers(choice: &dyn Choice) -> impl Iterator<Item = u8> {
+    (0..u8::MAX).take_while(|number| choice.nth_name(*number).is_some())
+}
+
+/// Value of a choice's number: its name if that is a number, otherwise the number; `None` if there is no such choice.
+fn choice_value(choice: &dyn Choice, number: u8) -> Option<u32> {
+    choice.nth_name(number).map(|name| name.parse().unwrap_or(number.into()))
+}
+
+impl<S> PartialEq for SettingRow<S> {
+    /// Each row is a setting of its own.
+    fn eq(&self, other: &Self) -> bool {
+        core::ptr::eq(self, other)
+    }
+}
+
+impl<S> fmt::Debug for SettingRow<S> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.parameter_name)
+    }
+}
