@@ -9,7 +9,7 @@ mod restart;
 use super::state::SAMPLES_DURING_SOLVE_CAPACITY;
 use super::*;
 use crate::messages::{ExpectedAccuracy, Message, SolveOutcome};
-use crate::settings::{AttitudeError, HeadingKind, OutOfRange, PORT_COUNT, ProtocolKind, SettingChange, Settings};
+use crate::settings::{HeadingKind, OutOfRange, PORT_COUNT, ProtocolKind, SettingChange, Settings};
 use crate::store::tests::calibration_record;
 use crate::store::{CalibrationRecord, StartupValues, StoreChange, StoreError, StoredCalibrations};
 use crate::synthetic::{Airframe, Flight, Random, RecordedTurns, in_mount, multirotor_samples, rms};
