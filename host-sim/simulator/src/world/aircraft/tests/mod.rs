@@ -90,7 +90,9 @@ fn attitude_and_velocity_change_without_jumps() {
         let mut aircraft = vehicle(vehicle_kind, Weather::default(), 6);
         let mut before = *aircraft.true_state();
         // Rovers and boats start with the tilt of their surface, which is no rotation.
-        assert!(libm::hypot(before.roll_rate_rad_s, before.pitch_rate_rad_s) < 1.0, "{vehicle_kind:?}: {before:?}");
+        if matches!(vehicle_kind, VehicleKind::Rover | VehicleKind::Boat) {
+            assert!(libm::hypot(before.roll_rate_rad_s, before.pitch_rate_rad_s) < 1.0, "{vehicle_kind:?}: {before:?}");
+        }
         for leg in legs() {
             for after in fly_leg(&mut aircraft, leg) {
                 let angles = [
