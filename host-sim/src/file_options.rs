@@ -5,7 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use log_analysis::log::csv::FieldUnit;
-use log_analysis::log::{self, Flight, LogError};
+use log_analysis::log::{self, LogError, LoggedFlight};
 use log_analysis::report::{self, Report};
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
@@ -18,7 +18,7 @@ use crate::command_failure::CommandFailure;
 /// # Errors
 ///
 /// The file cannot be read, or holds no usable flight.
-pub fn read_log(path: &Path, unit: FieldUnit, system: Option<u8>) -> Result<Flight, LogError> {
+pub fn read_log(path: &Path, unit: FieldUnit, system: Option<u8>) -> Result<LoggedFlight, LogError> {
     if path.as_os_str() == "-" {
         return log::read_flight_of_system(&mut io::stdin().lock(), unit, system);
     }

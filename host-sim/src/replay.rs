@@ -10,7 +10,7 @@ use autoswing::heading::NoHeading;
 use clap::Args;
 use comfy_table::Table;
 use log_analysis::log::csv::FieldUnit;
-use log_analysis::log::{Flight, LogError, LogFormat};
+use log_analysis::log::{LogError, LogFormat, LoggedFlight};
 use log_analysis::replay::evaluation::{CompassEvaluation, EvaluationOptions, FlightEvaluation, evaluate_flight};
 use log_analysis::replay::parameter_export::{self, ParameterFormat};
 use log_analysis::replay::verdict::Verdict;
@@ -125,7 +125,7 @@ const MAX_READING_TO_ROW_S: f64 = 0.06;
 /// # Errors
 ///
 /// The file cannot be read, or holds no usable flight.
-pub fn read_flight(file: &Path, options: &ReplayArguments) -> Result<Flight, CommandFailure> {
+pub fn read_flight(file: &Path, options: &ReplayArguments) -> Result<LoggedFlight, CommandFailure> {
     let name = file.display();
     let mut flight = read_log(file, options.unit, options.system).map_err(|failure| match failure {
         LogError::Io(why) => {
@@ -162,7 +162,7 @@ fn parse_orientation(name: &str) -> Result<Orientation, String> {
 /// The log does not have the compass or the reference of the options.
 pub fn evaluate_log(
     file: &Path,
-    flight: &Flight,
+    flight: &LoggedFlight,
     options: &ReplayArguments,
 ) -> Result<FlightEvaluation, CommandFailure> {
     let name = file.display();
@@ -352,7 +352,7 @@ fn verdict_table(verdict: &Verdict<'_>) -> Table {
 /// Writes a line for each reading of the log at its own time stamp: the heading of the row that it is part of, the number
 /// of readings averaged to that row, and whether the module would have sent the heading. After a refusal the status is
 /// that of a module without a calibration.
-fn write_headings(path: &Path, flight: &Flight, compass: Option<&CompassEvaluation>) -> std::io::Result<()> {
+fn write_headings(path: &Path, flight: &LoggedFlight, compass: Option<&CompassEvaluation>) -> std::io::Result<()> {
     let mut output_file = std::io::BufWriter::new(std::fs::File::create(path)?);
     writeln!(output_file, "t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg,readings")?;
     let Some(compass) = compass else { return output_file.flush() };

@@ -4,7 +4,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use crate::wire::dronecan::NodeId;
 use crate::wire::dronecan::outbound::BusCounts;
-use autoswing::frames::Attitude;
+use autoswing::frames::RollPitch;
 use autoswing::heading::{Heading, NoHeading};
 use autoswing::instrument::{self, InstallationChange};
 use autoswing::reading::Identity;
@@ -17,7 +17,7 @@ pub struct Diagnostics {
     /// Detected magnetometer.
     pub sensor: Option<Identity>,
     /// Attitude at the last reading.
-    pub attitude: Option<Attitude>,
+    pub attitude: Option<RollPitch>,
     /// Last heading, or the reason for its absence.
     pub heading: Result<Heading, NoHeading>,
     /// Change of the installation since the calibration, once significant.

@@ -2,7 +2,7 @@
 //!
 //! A magnetic field is a [`Field`]`<F>` with the frame `F` of its components: [`Sensor`], [`Body`] or [`Level`].
 //! [`Calibration::calibrated_field`](crate::calibration::Calibration::calibrated_field) converts from sensor to body
-//! axes, [`Attitude::to_level_frame`] to the level frame, and only a level field has a heading, so no conversion can be
+//! axes, [`RollPitch::to_level_frame`] to the level frame, and only a level field has a heading, so no conversion can be
 //! omitted. Conventions: [crate docs](crate).
 
 use core::f32::consts::{PI, TAU};
@@ -63,14 +63,14 @@ impl<F> Field<F> {
 
 /// Roll and pitch.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
-pub struct Attitude {
+pub struct RollPitch {
     /// Roll phi, radians, right wing down positive, -pi..pi.
     pub roll_rad: f32,
     /// Pitch theta, radians, nose up positive, -pi/2..pi/2.
     pub pitch_rad: f32,
 }
 
-impl Attitude {
+impl RollPitch {
     /// An attitude from roll and pitch, degrees.
     #[must_use]
     pub fn from_deg(roll_deg: f32, pitch_deg: f32) -> Self {
@@ -221,7 +221,7 @@ mod tests {
             (0.0, 90.0, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]),
             (30.0, 60.0, [1.0, 2.0, 3.0], [0.5 + COS_30 * lower, COS_30 * 2.0 - 0.5 * 3.0, 0.5 * lower - COS_30]),
         ] {
-            let attitude = Attitude::from_deg(roll_deg, pitch_deg);
+            let attitude = RollPitch::from_deg(roll_deg, pitch_deg);
             assert_near(attitude.to_level_frame(Field::new(body.into())).ut, level);
         }
     }
@@ -232,7 +232,7 @@ mod tests {
         let field = Vector3::new(20.0, -7.0, 43.0);
         for roll_deg in [-170.0, -45.0, 0.0, 10.0, 80.0] {
             for pitch_deg in [-85.0, -20.0, 0.0, 35.0, 60.0] {
-                let attitude = Attitude::from_deg(roll_deg, pitch_deg);
+                let attitude = RollPitch::from_deg(roll_deg, pitch_deg);
                 let rotation = Rotation3::from_euler_angles(attitude.roll_rad, attitude.pitch_rad, 0.0);
                 let level = attitude.to_level_frame(Field::new(field));
                 assert_near(level.ut, (rotation * field).into());

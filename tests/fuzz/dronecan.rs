@@ -4,7 +4,9 @@ use autoswing::instrument::Estimate;
 use autoswing::time::Timestamp;
 use autoswing_firmware::port::{CanNode, NodeContext, Snapshot};
 use autoswing_firmware::wire::dronecan::outbound::{NodeInfo, SoftwareVersion};
-use autoswing_firmware::wire::dronecan::{CanFrame, DataType, InboundMessage, MAX_RECEIVED_LENGTH, NodeId, Receiver};
+use autoswing_firmware::wire::dronecan::{
+    BusMessage, CanFrame, DataType, MAX_RECEIVED_LENGTH, NodeId, TransferReceiver,
+};
 use autoswing_module::compass::IndicatorState;
 use autoswing_module::settings::{CanSettings, Settings};
 use proptest::collection::vec;
@@ -143,12 +145,12 @@ fn any_traffic() -> impl Strategy<Value = Vec<CanFrame>> {
 }
 
 /// Whether the lengths in a message are within their limits.
-fn is_within_limits(message: &InboundMessage<'_>) -> bool {
+fn is_within_limits(message: &BusMessage<'_>) -> bool {
     match message {
-        InboundMessage::Allocation(step) => step.unique_id.len() <= 16,
-        InboundMessage::GetSet(request) => request.parameter_name.len() <= 92,
-        InboundMessage::BeginFirmwareUpdate { path, .. } => path.len() < MAX_RECEIVED_LENGTH,
-        InboundMessage::Targetted(piece) => piece.serial_bytes.len() <= 120,
+        BusMessage::Allocation(step) => step.unique_id.len() <= 16,
+        BusMessage::GetSet(request) => request.parameter_name.len() <= 92,
+        BusMessage::BeginFirmwareUpdate { path, .. } => path.len() < MAX_RECEIVED_LENGTH,
+        BusMessage::Targetted(piece) => piece.serial_bytes.len() <= 120,
         _ => true,
     }
 }
@@ -157,7 +159,7 @@ fn is_within_limits(message: &InboundMessage<'_>) -> bool {
 #[test]
 fn any_frames_are_received_or_dropped() {
     check_property(any_traffic(), |traffic| -> PropertyResult {
-        let mut receiver = Receiver::new();
+        let mut receiver = TransferReceiver::new();
         for frame in &traffic {
             if let Some(transfer) = receiver.push_frame(Timestamp::START, NodeId::new(OWN_NODE), frame) {
                 prop_assert!(is_within_limits(&transfer.message), "{transfer:?}");

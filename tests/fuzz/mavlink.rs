@@ -1,6 +1,6 @@
 //! Fuzz test of the MAVLink receiver.
 
-use autoswing_firmware::wire::mavlink::{InboundMessage, Receiver};
+use autoswing_firmware::wire::mavlink::{InboundMessage, MavlinkReceiver};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
@@ -187,7 +187,7 @@ fn only_mavlink_frames_with_correct_crc_are_accepted() {
     check_property(any_stream(), |pieces| -> PropertyResult {
         let mut bytes = stream::joined_bytes(&pieces);
         let wire = NoiseAndGoodFrames::new(&mut bytes, &good_frame(), MAX_FRAME_LENGTH);
-        let mut receiver = Receiver::new();
+        let mut receiver = MavlinkReceiver::new();
         stream::assert_decoder_properties(
             &wire,
             &intact_frames(wire.bytes),

@@ -1,6 +1,6 @@
 //! Fuzz test of the MSP receiver.
 
-use autoswing_firmware::wire::msp::{AutopilotFirmware, MspAngles, MspReply, Receiver};
+use autoswing_firmware::wire::msp::{AutopilotFirmware, MspAngles, MspReceiver, MspReply};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
@@ -166,7 +166,7 @@ fn only_msp_frames_with_correct_crc_are_accepted() {
     check_property(any_stream(), |pieces| -> PropertyResult {
         let mut bytes = stream::joined_bytes(&pieces);
         let wire = NoiseAndGoodFrames::new(&mut bytes, &good_frame(), MAX_FRAME_LENGTH);
-        let mut receiver = Receiver::new();
+        let mut receiver = MspReceiver::new();
         stream::assert_decoder_properties(
             &wire,
             &intact_frames(wire.bytes),

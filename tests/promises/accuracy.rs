@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use laboratory::studies::accuracy::flight::{Flight, FlightPattern};
+use laboratory::studies::accuracy::flight::{FlightPattern, StudyFlight};
 use laboratory::studies::accuracy::flight_study::run_flight_study;
 use laboratory::studies::accuracy::{AccuracyPlan, AccuracyResult, MethodResult, SigmaCoverage, run_accuracy_study};
 use simulator::world::aircraft::VehicleKind;
@@ -67,8 +67,8 @@ fn a_run_is_a_function_of_its_seed() {
     assert_eq!(run_flight_study(routine, plan(2, 1), &|| {}), run_flight_study(routine, plan(2, 1), &|| {}));
 }
 
-fn copter_flight(flight_pattern: FlightPattern) -> Flight {
-    Flight { kind: VehicleKind::Copter, flight_pattern, duration_minutes: 3.0 }
+fn copter_flight(flight_pattern: FlightPattern) -> StudyFlight {
+    StudyFlight { kind: VehicleKind::Copter, flight_pattern, duration_minutes: 3.0 }
 }
 
 #[test]
@@ -94,7 +94,7 @@ fn a_copter_is_calibrated_by_its_routine_either_way_round() {
 #[test]
 fn a_wandering_flight_reaches_nearly_the_best_possible_accuracy() {
     for (kind, max_choice_ratio) in [(VehicleKind::Copter, 1.08), (VehicleKind::Plane, 1.09)] {
-        let flight = Flight { kind, ..copter_flight(FlightPattern::Wandering) };
+        let flight = StudyFlight { kind, ..copter_flight(FlightPattern::Wandering) };
         let row = run_flight_study(flight, plan(share_of_flights(20), 5), &|| {});
         assert!(row.accepted_percent >= 95.0, "{row:?}");
         assert!(row.selection_loss_median <= max_choice_ratio, "{row:?}");

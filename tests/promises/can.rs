@@ -4,7 +4,7 @@ use autoswing_firmware::wire::dronecan::outbound::NodeStatus;
 use autoswing_firmware::wire::dronecan::{
     Allocation, CanFrame, DataType, FrameHeader, NodeId, OutboundTransfer, Payload, Targetted, TransferKind, priority,
 };
-use simulator::devices::can::{CanBus, CanEnd, CanFaults};
+use simulator::devices::can::{CanEnd, CanFaults, SimulatedCanBus};
 use simulator::faults::Faults;
 use simulator::module::Module as _;
 use simulator::rig::Rig;
@@ -39,7 +39,7 @@ struct Autopilot {
 }
 
 impl Autopilot {
-    fn new(bus: &CanBus) -> Self {
+    fn new(bus: &SimulatedCanBus) -> Self {
         Self {
             bus_end: bus.attach_node(),
             node_number: node_id(10),
@@ -114,7 +114,7 @@ impl Autopilot {
 /// A module on a bus, with an autopilot.
 struct Bench {
     rig: Rig,
-    bus: CanBus,
+    bus: SimulatedCanBus,
     autopilot: Autopilot,
 }
 
@@ -125,7 +125,7 @@ impl Bench {
             Faults::default(),
             [FarEnd::Unconnected, FarEnd::Unconnected],
         );
-        let bus = CanBus::new(faults);
+        let bus = SimulatedCanBus::new(faults);
         rig.attach_can(bus.attach_node(), 1);
         Self { rig, autopilot: Autopilot::new(&bus), bus }
     }

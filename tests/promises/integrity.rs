@@ -2,7 +2,7 @@
 
 use autoswing::attitude::{AttitudeReport, SenderId};
 use autoswing::calibration::{Calibration, HeadingUncertainty, Orientation};
-use autoswing::frames::{Attitude, Field};
+use autoswing::frames::{Field, RollPitch};
 use autoswing::instrument::{Correction, Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
@@ -486,11 +486,11 @@ fn a_vehicle_parked_for_a_day_raises_no_alarm() {
         let calibration = Calibration { inclination_rad: 1.1, total_ut: 50.0, ..uncalibrated };
         let calibration = Some((calibration, HeadingUncertainty::NO_UNCERTAINTY));
         instrument.set_correction(Correction { calibration, ..Correction::UNCALIBRATED });
-        let field = Attitude::default().to_body_frame(Field::earth_field(50.0, 1.1, 0.7)).ut;
+        let field = RollPitch::default().to_body_frame(Field::earth_field(50.0, 1.1, 0.7)).ut;
         for i in 1..=share_of_flights(24) * 3_600_000_000 / u64::from(period_us) {
             let now = Timestamp::from_us(i * u64::from(period_us));
             if i % 8 == 1 {
-                let attitude = Attitude::from_deg(0.02 * random.normal(), 0.02 * random.normal());
+                let attitude = RollPitch::from_deg(0.02 * random.normal(), 0.02 * random.normal());
                 let sender_clock_at_sending = WrappingMillis::default();
                 let report =
                     AttitudeReport { sender: SenderId::default(), sender_clock_at_sending, attitude, body_rates: None };

@@ -18,21 +18,21 @@ use simulator::magnetometer::SimulatedMagnetometer;
 use simulator::module::Module as _;
 use simulator::rig::Rig;
 use simulator::world::WorldConfig;
-use testkit::simulation::{Level, Simulation};
+use testkit::simulation::{ExecutorLevel, Simulation};
 
 use crate::fixtures::full_status;
 
 /// Runs `script` with a driver and its chip. The field's x component is 1 nT per 100 us since start, so a sample
 /// contains its time of measurement with a resolution of 15 nT = 1.5 ms.
 fn run_with_driver<F: Future<Output = ()> + 'static>(
-    script: impl FnOnce(Lis3mdl<SimulatedI2cBus>, Rc<RefCell<chip::Lis3mdl>>) -> F,
+    script: impl FnOnce(Lis3mdl<SimulatedI2cBus>, Rc<RefCell<chip::SimulatedLis3mdl>>) -> F,
 ) {
     let mut simulation = Simulation::new();
-    let config = chip::Lis3mdlConfig { noise_scale: 0.0, ..chip::Lis3mdlConfig::default() };
-    let chip = chip::Lis3mdl::new(config, Box::new(|at_us| Field::from_ut(at_us as f32 * 1e-5, 0.0, 0.0)));
+    let config = chip::SimulatedLis3mdlConfig { noise_scale: 0.0, ..chip::SimulatedLis3mdlConfig::default() };
+    let chip = chip::SimulatedLis3mdl::new(config, Box::new(|at_us| Field::from_ut(at_us as f32 * 1e-5, 0.0, 0.0)));
     let bus = SimulatedI2cBus::new();
     bus.attach_device(chip.clone());
-    simulation.run_to_end(Level::Interrupt, script(Lis3mdl::new(bus, Lis3mdlConfig::default()), chip));
+    simulation.run_to_end(ExecutorLevel::Interrupt, script(Lis3mdl::new(bus, Lis3mdlConfig::default()), chip));
 }
 
 fn measured_at_us(reading: &Reading) -> f32 {
@@ -100,13 +100,13 @@ fn a_late_reader_sees_the_overrun() {
 /// As [`run_with_driver`], with an RM3100. The field's z component is 1 uT per 10 ms, resolved to 0.13 ms.
 fn run_with_rm3100<F: Future<Output = ()> + 'static>(
     period_scale: f64,
-    script: impl FnOnce(Rm3100<SelectedDevice>, Rc<RefCell<rm3100::Rm3100>>) -> F,
+    script: impl FnOnce(Rm3100<SelectedDevice>, Rc<RefCell<rm3100::SimulatedRm3100>>) -> F,
 ) {
     let mut simulation = Simulation::new();
     let config = Rm3100Config { noise_scale: 0.0, period_scale, ..Rm3100Config::default() };
-    let chip = rm3100::Rm3100::new(config, Box::new(|at_us| Field::from_ut(20.0, 0.0, at_us as f32 * 1e-4)));
+    let chip = rm3100::SimulatedRm3100::new(config, Box::new(|at_us| Field::from_ut(20.0, 0.0, at_us as f32 * 1e-4)));
     let driver = Rm3100::new(SelectedDevice::new(chip.clone()));
-    simulation.run_to_end(Level::Interrupt, script(driver, chip));
+    simulation.run_to_end(ExecutorLevel::Interrupt, script(driver, chip));
 }
 
 /// 75 Hz with an oscillator up to three standard deviations of 7 % off. z is measured last; its middle is 1.14 ms
@@ -205,7 +205,7 @@ fn an_rm3100_keeps_the_default_cycle_counts_and_survives_a_restart_of_the_module
     });
 }
 
-fn module_with_rm3100() -> (Rig, Rc<RefCell<rm3100::Rm3100>>) {
+fn module_with_rm3100() -> (Rig, Rc<RefCell<rm3100::SimulatedRm3100>>) {
     let mut rig = Rig::new(WorldConfig { sensor: SensorModel::Rm3100, ..WorldConfig::of_table1(1) });
     rig.run_for_s(2.0);
     let SimulatedMagnetometer::Rm3100(chip) = &rig.magnetometer else { unreachable!("selected above") };

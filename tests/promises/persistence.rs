@@ -1,7 +1,7 @@
 //! Flash contents survive power failures; an interrupted save leaves the old values.
 
 use autoswing::calibration::{AttitudeEnvelope, Calibration, HeadingUncertainty, Method, Orientation, Quality};
-use autoswing::frames::{Attitude, Field, wrap_pi};
+use autoswing::frames::{Field, RollPitch, wrap_pi};
 use autoswing::reading::{Identity, MagnetometerModel};
 use autoswing_firmware::health::ResetCause;
 use autoswing_module::store::{CalibrationRecord, LoadedValues, Store, StoreChange, StoreError, StoredCalibrations};
@@ -323,7 +323,7 @@ fn max_heading_difference_deg(first_calibration: &Calibration, second_calibratio
         let earth = nalgebra::Vector3::new(31.0 * cos, -31.0 * sin, 42.0);
         let sensed = Field::new(inverse * earth + first_calibration.b_vector_ut());
         let [heading_rad, other_rad] = [first_calibration, second_calibration]
-            .map(|calibration| Attitude::default().to_level_frame(calibration.calibrated_field(sensed)).heading_rad());
+            .map(|calibration| RollPitch::default().to_level_frame(calibration.calibrated_field(sensed)).heading_rad());
         wrap_pi(other_rad - heading_rad).to_degrees().abs()
     };
     (0..36).map(|i| difference(10.0 * i as f32)).fold(0.0, f32::max)

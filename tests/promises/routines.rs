@@ -6,7 +6,7 @@ use autoswing::attitude::{AttitudeReport, BodyRates, SenderId};
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{Calibration, Method, Prior, Sample, solve_samples};
 use autoswing::collection::{Collector, RetainedSamples};
-use autoswing::frames::{Attitude, Field};
+use autoswing::frames::{Field, RollPitch};
 use autoswing::instrument::{Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
@@ -64,7 +64,7 @@ fn fly_samples(config: &WorldConfig, legs: &[Leg]) -> Vec<Sample> {
             let reported = source.next_report(&truth);
             let [roll_rad, pitch_rad] = [reported.roll_rad, reported.pitch_rad].map(|angle| angle as f32);
             let sender_clock_at_sending = WrappingMillis::new((now_us / 1000) as u32);
-            let attitude = Attitude { roll_rad, pitch_rad };
+            let attitude = RollPitch { roll_rad, pitch_rad };
             let body_rates = BodyRates::from_rad_s(truth.body_rates_rad_s().map(|rate| rate as f32));
             let sender = SenderId::default();
             instrument.on_attitude(now, AttitudeReport { sender, sender_clock_at_sending, attitude, body_rates });
@@ -89,7 +89,7 @@ fn rms_deg(calibration: &Calibration, config: &WorldConfig) -> f64 {
         .map(|[roll_deg, pitch_deg, heading_deg]| {
             let truth = Euler::from_deg(roll_deg, pitch_deg, heading_deg);
             let sensed = config.airframe.measured_field(&config.earth.body_field_ut(truth));
-            let level_field = Attitude::from_deg(roll_deg as f32, pitch_deg as f32)
+            let level_field = RollPitch::from_deg(roll_deg as f32, pitch_deg as f32)
                 .to_level_frame(calibration.calibrated_field(sensed));
             wrap_180(f64::from(level_field.heading_rad().to_degrees()) - heading_deg)
         })

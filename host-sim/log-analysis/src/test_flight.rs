@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use testkit::random::Random;
 
 use crate::log::log_writers::{FlightRecording, FlightSample};
-use crate::log::{Flight, LogFormat};
+use crate::log::{LogFormat, LoggedFlight};
 
 const STEP_S: f64 = 0.1;
 const AIRSPEED_M_S: f64 = 22.0;
@@ -106,8 +106,8 @@ fn measured_field_ut(euler_rad: Vector3<f64>) -> Vector3<f64> {
 }
 
 /// Flight whose log has `row_count` rows with the attitude and the body rates of a time in seconds.
-pub fn flight_of_motion(rate_hz: f64, row_count: u16, motion: impl Fn(f64) -> ([f32; 3], [f32; 3])) -> Flight {
-    let mut flight = Flight::new(LogFormat::ULog);
+pub fn flight_of_motion(rate_hz: f64, row_count: u16, motion: impl Fn(f64) -> ([f32; 3], [f32; 3])) -> LoggedFlight {
+    let mut flight = LoggedFlight::new(LogFormat::ULog);
     for t_s in (0..row_count).map(|i| f64::from(i) / rate_hz) {
         let (attitude_rad, rates_rad_s) = motion(t_s);
         flight.attitude.push_row(t_s, attitude_rad);

@@ -3,7 +3,7 @@
 use std::f64::consts::FRAC_PI_6;
 
 use autoswing::calibration::Calibration;
-use autoswing::frames::{Attitude, Field};
+use autoswing::frames::{Field, RollPitch};
 use log_analysis::score::{ErrorStatistics, wrap_180};
 use nalgebra::Vector3;
 
@@ -40,7 +40,7 @@ impl HeadingErrors {
             // The indicated heading is calculated by the module's own code.
             let reported_current_a = world.reports_current.then_some(CRUISE_CURRENT_A as f32);
             let field = calibration.remove_motor_current(field, reported_current_a);
-            let attitude = Attitude::from_deg(bank_deg as f32, 0.0);
+            let attitude = RollPitch::from_deg(bank_deg as f32, 0.0);
             let indicated = attitude.to_level_frame(calibration.calibrated_field(field)).heading_rad();
             wrap_180((f64::from(indicated) - heading_rad).to_degrees())
         };

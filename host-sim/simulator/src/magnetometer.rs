@@ -6,11 +6,11 @@ use std::rc::Rc;
 use autoswing_firmware::app::{self, TaskLinks};
 use autoswing_firmware::magnetometer::lis3mdl::Lis3mdlConfig as DriverConfig;
 use autoswing_firmware::magnetometer::{self, Magnetometer};
-use testkit::simulation::{Level, Simulation};
+use testkit::simulation::{ExecutorLevel, Simulation};
 
 use crate::devices::i2c::SimulatedI2cBus;
-use crate::devices::lis3mdl::{Lis3mdl, Lis3mdlConfig};
-use crate::devices::rm3100::{Rm3100, Rm3100Config, Rm3100Fault};
+use crate::devices::lis3mdl::{SimulatedLis3mdl, SimulatedLis3mdlConfig};
+use crate::devices::rm3100::{Rm3100Config, Rm3100Fault, SimulatedRm3100};
 use crate::devices::sensor::{FieldSource, SensorModel};
 use crate::devices::spi::SelectedDevice;
 use crate::faults::sensor::{FaultyChip, SensorFault};
@@ -18,9 +18,9 @@ use crate::faults::sensor::{FaultyChip, SensorFault};
 /// Chip on its bus; survives a restart of the module.
 pub enum SimulatedMagnetometer {
     /// LIS3MDL.
-    Lis3mdl(Rc<RefCell<Lis3mdl>>, SimulatedI2cBus),
+    Lis3mdl(Rc<RefCell<SimulatedLis3mdl>>, SimulatedI2cBus),
     /// RM3100.
-    Rm3100(Rc<RefCell<Rm3100>>),
+    Rm3100(Rc<RefCell<SimulatedRm3100>>),
 }
 
 impl SimulatedMagnetometer {
@@ -29,12 +29,15 @@ impl SimulatedMagnetometer {
     pub fn new(model: SensorModel, seed: u64, field: FieldSource, faults: Vec<Box<dyn SensorFault>>) -> Self {
         match model {
             SensorModel::Lis3mdl => {
-                let chip = Lis3mdl::new(Lis3mdlConfig { seed, ..Lis3mdlConfig::default() }, field);
+                let chip =
+                    SimulatedLis3mdl::new(SimulatedLis3mdlConfig { seed, ..SimulatedLis3mdlConfig::default() }, field);
                 let bus = SimulatedI2cBus::new();
                 bus.attach_device(FaultyChip::new(chip.clone(), faults));
                 Self::Lis3mdl(chip, bus)
             }
-            SensorModel::Rm3100 => Self::Rm3100(Rm3100::new(Rm3100Config { seed, ..Rm3100Config::default() }, field)),
+            SensorModel::Rm3100 => {
+                Self::Rm3100(SimulatedRm3100::new(Rm3100Config { seed, ..Rm3100Config::default() }, field))
+            }
         }
     }
 
@@ -76,5 +79,5 @@ impl SimulatedMagnetometer {
 }
 
 fn spawn_sensor_task(simulation: &mut Simulation, links: Rc<TaskLinks>, driver: impl Magnetometer + 'static) {
-    simulation.spawn(Level::Interrupt, "sensor", async move { app::sensor::run_sensor(&links, driver).await });
+    simulation.spawn(ExecutorLevel::Interrupt, "sensor", async move { app::sensor::run_sensor(&links, driver).await });
 }

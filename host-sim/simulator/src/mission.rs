@@ -3,7 +3,7 @@
 //! The simulated pilot uses only console and heading sentences; only the evaluation uses the true state.
 
 use autoswing::calibration::{Calibration, Orientation};
-use autoswing::frames::{Attitude, Field, Sensor};
+use autoswing::frames::{Field, RollPitch, Sensor};
 use serde::Serialize;
 
 use crate::heading_errors::HeadingErrors;
@@ -61,7 +61,7 @@ pub struct TrueMoment {
     /// Time since the start, seconds.
     pub time_s: f64,
     /// Roll and pitch of the vehicle.
-    pub attitude: Attitude,
+    pub attitude: RollPitch,
     /// True magnetic heading, degrees.
     pub heading_deg: f64,
     /// Metres magnetic east and north of the start.

@@ -14,10 +14,10 @@ use autoswing_module::settings::{PORT_COUNT, PortNumber};
 use autoswing_module::store::Store;
 use embassy_time::{Duration, Timer};
 use testkit::clock;
-use testkit::simulation::{Level, RunEnd, Simulation, Stop};
+use testkit::simulation::{ExecutorLevel, RunEnd, Simulation, Stop};
 
 use crate::devices::can::CanEnd;
-use crate::devices::nor_flash::{Flash, PAGE_BYTES};
+use crate::devices::nor_flash::{PAGE_BYTES, SimulatedFlash};
 use crate::devices::uart::{HostEnd, SerialCable, UartConfig as CableConfig};
 use crate::faults::Faults;
 use crate::magnetometer::SimulatedMagnetometer;
@@ -47,7 +47,7 @@ pub struct Rig {
     /// Devices at the two ports.
     pub port_devices: [AttachedDevice; PORT_COUNT],
     /// Flash chip.
-    pub flash: Flash,
+    pub flash: SimulatedFlash,
     /// Magnetometer.
     pub magnetometer: SimulatedMagnetometer,
     /// Lamp and button.
@@ -165,12 +165,12 @@ impl Rig {
             port_2_device.attach_device(&mut simulation, &world, instrument.clone(), Vec::new()),
         ];
         for fault in faults.link_faults {
-            simulation.spawn(Level::World, "link fault", fault.run_fault(world.clone(), autopilot.clone()));
+            simulation.spawn(ExecutorLevel::World, "link fault", fault.run_fault(world.clone(), autopilot.clone()));
         }
         for foreign in faults.second_senders {
-            simulation.spawn(Level::World, "foreign sender", foreign.run_sender(&world, autopilot.clone()));
+            simulation.spawn(ExecutorLevel::World, "foreign sender", foreign.run_sender(&world, autopilot.clone()));
         }
-        simulation.spawn(Level::World, "watchdog timer", watchdog_timer(reset_line.clone()));
+        simulation.spawn(ExecutorLevel::World, "watchdog timer", watchdog_timer(reset_line.clone()));
         let mut rig = Self {
             simulation,
             world,
@@ -178,7 +178,7 @@ impl Rig {
             autopilot,
             instrument,
             port_devices,
-            flash: Flash::new(STORE_PAGES, config.seed),
+            flash: SimulatedFlash::new(STORE_PAGES, config.seed),
             magnetometer,
             panel: SimulatedPanel::default(),
             firmware_update: Rc::default(),
@@ -244,16 +244,14 @@ impl Rig {
         let simulation = &mut self.simulation;
         self.magnetometer.spawn_task(simulation, links.clone());
         let task_links = links.clone();
-        simulation.spawn(
-            Level::Interrupt,
-            "instrument",
-            async move { app::instrument::run_instrument(&task_links).await },
-        );
+        simulation.spawn(ExecutorLevel::Interrupt, "instrument", async move {
+            app::instrument::run_instrument(&task_links).await
+        });
         for (port_number, cable) in
             PortNumber::ALL_PORTS.into_iter().zip([&self.autopilot_cable, &self.instrument_cable])
         {
             let (task_links, (rx, tx)) = (links.clone(), cable.module_ends());
-            simulation.spawn(Level::Interrupt, "port", async move {
+            simulation.spawn(ExecutorLevel::Interrupt, "port", async move {
                 app::port::run_port(&task_links, port_number, rx, tx).await;
             });
         }
@@ -261,22 +259,26 @@ impl Rig {
             can_end.clear_receiver();
             let (task_links, tx, boot_loader) =
                 (links.clone(), can_end.clone(), SimulatedBootLoader(Rc::clone(&self.firmware_update)));
-            simulation.spawn(Level::Interrupt, "can", async move {
+            simulation.spawn(ExecutorLevel::Interrupt, "can", async move {
                 app::can::run_can(&task_links, info, can_end, tx, boot_loader, false).await;
             });
         }
         let task_links = links.clone();
-        simulation.spawn(Level::Interrupt, "watchdog", async move {
+        simulation.spawn(ExecutorLevel::Interrupt, "watchdog", async move {
             app::watchdog::run_watchdog(&task_links, watchdog).await;
         });
         let task_links = links.clone();
-        simulation.spawn(Level::Interrupt, "panel", async move { app::panel::run_panel(&task_links, panel).await });
+        simulation.spawn(
+            ExecutorLevel::Interrupt,
+            "panel",
+            async move { app::panel::run_panel(&task_links, panel).await },
+        );
         let (task_links, retained) = (links.clone(), Rc::clone(&self.retained_samples));
-        simulation.spawn(Level::Thread, "compass", async move {
+        simulation.spawn(ExecutorLevel::Thread, "compass", async move {
             // Boxed, because the future with the sample memory is large.
             Box::pin(app::compass::run_compass(&task_links, store, &mut retained.borrow_mut())).await;
         });
-        simulation.spawn(Level::Thread, "console", async move {
+        simulation.spawn(ExecutorLevel::Thread, "console", async move {
             app::console::run_console(&links, console_rx, console_tx, platform, cause).await;
         });
     }

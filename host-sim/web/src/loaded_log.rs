@@ -3,7 +3,7 @@
 use std::io::Read;
 
 use log_analysis::log::csv::FieldUnit;
-use log_analysis::log::{self, Flight, LogFormat};
+use log_analysis::log::{self, LogFormat, LoggedFlight};
 use log_analysis::replay::evaluation::{EvaluationOptions, evaluate_flight};
 use log_analysis::replay::parameter_export::{ParameterFormat, format_parameter_file};
 use log_analysis::replay::verdict::Verdict;
@@ -63,7 +63,7 @@ pub struct JudgedLog {
 #[derive(Debug)]
 pub struct LoadedLog {
     name: String,
-    flight: Flight,
+    flight: LoggedFlight,
 }
 
 impl LoadedLog {

@@ -8,7 +8,7 @@ use crate::calibration::{
     Advice, AttitudeEnvelope, Deviation, HardIronTimeCourse, HeadingUncertainty, Manoeuvre, Method,
     MotorCurrentInterference, Sample,
 };
-use crate::frames::Attitude;
+use crate::frames::RollPitch;
 
 const POLICY: AcceptancePolicy = AcceptancePolicy::DEFAULT;
 
@@ -265,7 +265,7 @@ fn a_bank_scale_error_contradicts_no_calibration() {
 fn unknown_attitude_is_ignored() {
     let mut samples = circle_samples(0.0, 24);
     for (i, sample) in samples.iter_mut().enumerate() {
-        sample.attitude = Attitude::from_deg(40.0 * (i as f32).sin(), 30.0);
+        sample.attitude = RollPitch::from_deg(40.0 * (i as f32).sin(), 30.0);
     }
     let parts = turn_samples(&samples, &[]);
     let score = |is_attitude_known| {

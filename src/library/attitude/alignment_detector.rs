@@ -117,7 +117,7 @@ impl RunningMeans {
 mod tests {
     use super::super::testing::{report, report_time};
     use super::*;
-    use crate::frames::Attitude;
+    use crate::frames::RollPitch;
 
     /// Simulated source and field, after ten seconds of rest.
     #[derive(Clone, Copy)]
@@ -154,9 +154,9 @@ mod tests {
             // A real gyro at rest never reads exactly zero.
             let rate = (by_rates * rate_deg_s).to_radians() + 1e-4;
             let (attitude, rates_rad_s) = if is_pitch {
-                (Attitude::from_deg(20.0, tilt_deg(t_s)), [0.0, rate, 0.0])
+                (RollPitch::from_deg(20.0, tilt_deg(t_s)), [0.0, rate, 0.0])
             } else {
-                (Attitude::from_deg(tilt_deg(t_s), -10.0), [rate, 0.0, 0.0])
+                (RollPitch::from_deg(tilt_deg(t_s), -10.0), [rate, 0.0, 0.0])
             };
             let angle = (by_field * tilt_deg(t_s)).to_radians();
             (0..40).for_each(|_| aligning.update_field(Field::from_ut(48.0 * angle.cos(), 48.0 * angle.sin(), 0.0)));
@@ -213,7 +213,7 @@ mod tests {
 
     /// Result of a report with this roll.
     fn process_roll(aligning: &mut InitialAlignmentDetector, us: u64, roll_deg: f32, rate_rad_s: f32) -> bool {
-        let report = report(Attitude::from_deg(roll_deg, 0.0), [rate_rad_s, 0.0, 0.0]);
+        let report = report(RollPitch::from_deg(roll_deg, 0.0), [rate_rad_s, 0.0, 0.0]);
         aligning.process_report(Timestamp::from_us(us), &report)
     }
 

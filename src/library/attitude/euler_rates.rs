@@ -1,7 +1,7 @@
 //! Rates of roll, pitch and heading, from body rates.
 
 use crate::attitude::report::{AttitudeReport, BodyRates};
-use crate::frames::{Attitude, wrap_pi};
+use crate::frames::{RollPitch, wrap_pi};
 use crate::trig;
 
 /// Euler-angle rates, rad/s (ZYX kinematics).
@@ -28,7 +28,7 @@ impl EulerRates {
 
     /// Angle rates of body rates at an attitude.
     #[must_use]
-    pub fn from_body_rates(rates: BodyRates, attitude: Attitude) -> Self {
+    pub fn from_body_rates(rates: BodyRates, attitude: RollPitch) -> Self {
         let [p, q, r] = rates.rad_s();
         let (sin_roll, cos_roll) = trig::sin_cos(attitude.roll_rad);
         let (sin_pitch, cos_pitch) = trig::sin_cos(attitude.pitch_rad);
@@ -42,7 +42,7 @@ impl EulerRates {
     }
 
     /// Body rates p, q, r at an attitude, rad/s: the inverse of [`from_body_rates`](Self::from_body_rates).
-    pub(crate) fn to_body_rates(self, attitude: Attitude) -> [f32; 3] {
+    pub(crate) fn to_body_rates(self, attitude: RollPitch) -> [f32; 3] {
         let (sin_roll, cos_roll) = trig::sin_cos(attitude.roll_rad);
         let (sin_pitch, cos_pitch) = trig::sin_cos(attitude.pitch_rad);
         let about_level = self.heading_rad_s * cos_pitch;
@@ -143,7 +143,7 @@ mod tests {
     use super::*;
 
     fn report(roll_deg: f32, pitch_deg: f32, rates_deg_s: [f32; 3]) -> AttitudeReport {
-        testing::report(Attitude::from_deg(roll_deg, pitch_deg), rates_deg_s.map(f32::to_radians))
+        testing::report(RollPitch::from_deg(roll_deg, pitch_deg), rates_deg_s.map(f32::to_radians))
     }
 
     #[test]

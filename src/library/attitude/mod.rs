@@ -13,7 +13,7 @@ mod sender_selector;
 mod stale_attitude_detector;
 mod timed_report;
 
-use crate::frames::{Attitude, Body, Field, Sensor};
+use crate::frames::{Body, Field, RollPitch, Sensor};
 use crate::time::Timestamp;
 use alignment_detector::InitialAlignmentDetector;
 pub use config::AttitudeConfig;
@@ -38,9 +38,9 @@ const ALIGNMENT_AFTER_RESTART_US: u64 = 15_000_000;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum AttitudeLookup {
     /// Interpolated between two reports.
-    Interpolated(Attitude),
+    Interpolated(RollPitch),
     /// Extrapolated from the newest report with its body rates.
-    Extrapolated(Attitude),
+    Extrapolated(RollPitch),
     /// The instant is before the oldest stored report or in a gap; later reports do not change that.
     Missing,
     /// The instant is after the newest report by more than the extrapolation limit, or there is no report yet.
@@ -255,7 +255,7 @@ impl AttitudeHistory {
         pairs.find(|(before, after)| (before.sent_at..after.sent_at).contains(&sent_at))
     }
 
-    fn interpolate_between(&self, before: &TimedReport, after: &TimedReport, sent_at: Timestamp) -> Option<Attitude> {
+    fn interpolate_between(&self, before: &TimedReport, after: &TimedReport, sent_at: Timestamp) -> Option<RollPitch> {
         let gap_us = after.sent_at.us_since(before.sent_at);
         let fraction = sent_at.us_since(before.sent_at) as f32 / gap_us as f32;
         (sent_at == before.sent_at || gap_us <= u64::from(self.config.max_gap_us))

@@ -6,7 +6,7 @@
 
 use crate::attitude::euler_rates::EulerRates;
 use crate::attitude::report::AttitudeReport;
-use crate::frames::{Attitude, wrap_pi};
+use crate::frames::{RollPitch, wrap_pi};
 use crate::time::Timestamp;
 
 /// Integration interval, microseconds; longer than the attitude latency.
@@ -40,7 +40,7 @@ const MAX_STEP_US: u64 = 250_000;
 /// Leaky evidence that rates and attitude agree or contradict.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RateConsistency {
-    last_report: Option<(Timestamp, Attitude, EulerRates)>,
+    last_report: Option<(Timestamp, RollPitch, EulerRates)>,
     /// Duration and changes of roll and pitch, by rates and by attitude, in the current integration interval.
     elapsed_us: u64,
     gyro_change_rad: [f32; 2],
@@ -147,7 +147,7 @@ mod tests {
         let roll_rad = |t_s: f32| heading_and_roll_in_turns_deg(t_s)[1].to_radians();
         (1..=5000).find_map(|i: u16| {
             let t_s = f32::from(i) * 0.02;
-            let attitude = Attitude {
+            let attitude = RollPitch {
                 roll_rad: roll_scale * roll_rad(t_s - attitude_latency_s) + 0.005 * random.normal(),
                 pitch_rad: 0.005 * random.normal(),
             };
@@ -197,7 +197,7 @@ mod tests {
             let part = f32::from((i % 10) as u8) / 10.0;
             let roll_rad = attitude_rad_per_s * if up { part } else { 1.0 - part };
             let rate = gyro_rad_per_s * if up { 1.0 } else { -1.0 };
-            let report = report(Attitude { roll_rad, pitch_rad: 0.0 }, [rate, 0.0, 1e-6]);
+            let report = report(RollPitch { roll_rad, pitch_rad: 0.0 }, [rate, 0.0, 1e-6]);
             is_contradicted = rate_consistency.process_report(Timestamp::from_us(u64::from(i) * 100_000), &report);
         }
         is_contradicted
@@ -239,7 +239,7 @@ mod tests {
     fn a_gyro_offset_is_accepted() {
         let mut check = RateConsistency::EMPTY;
         for i in 0..36_000_u32 {
-            let offset_rates = report(Attitude::default(), [0.03, -0.015, 0.0]);
+            let offset_rates = report(RollPitch::default(), [0.03, -0.015, 0.0]);
             assert!(!check.process_report(Timestamp::from_us(u64::from(i) * 100_000), &offset_rates), "{i}");
         }
     }

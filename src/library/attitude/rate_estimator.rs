@@ -7,7 +7,7 @@
 use core::array::from_fn;
 
 use crate::attitude::euler_rates::EulerRates;
-use crate::frames::{Attitude, wrap_pi};
+use crate::frames::{RollPitch, wrap_pi};
 use crate::time::Timestamp;
 
 /// Time constant of the filter, seconds: shorter than a roll into a turn, longer than a step of 1 deg at the slowest
@@ -48,7 +48,7 @@ impl RateEstimator {
 
     /// Processes an attitude and a heading of any reference received at `at`; returns the body rates, rad/s, zero if
     /// unknown.
-    pub fn update_rates(&mut self, at: Timestamp, attitude: Attitude, heading_rad: f32) -> [f32; 3] {
+    pub fn update_rates(&mut self, at: Timestamp, attitude: RollPitch, heading_rad: f32) -> [f32; 3] {
         let measured = [attitude.roll_rad, attitude.pitch_rad, heading_rad];
         let started =
             SmoothedAngles { updated_at: at, angles_rad: measured, rates_rad_s: [0.0; 3], consecutive_outliers: 0 };
@@ -93,7 +93,7 @@ mod tests {
         let mut estimator = RateEstimator::new();
         let report = |step: u64| {
             let [roll_deg, pitch_deg, heading_deg] = angles_deg(step as f32 * 0.02);
-            let attitude = Attitude::from_deg((roll_deg * 10.0).trunc() / 10.0, (pitch_deg * 10.0).trunc() / 10.0);
+            let attitude = RollPitch::from_deg((roll_deg * 10.0).trunc() / 10.0, (pitch_deg * 10.0).trunc() / 10.0);
             let heading_deg = heading_deg.rem_euclid(360.0).trunc();
             estimator.update_rates(Timestamp::from_us(step * STEP_US), attitude, heading_deg.to_radians())
         };
@@ -109,7 +109,7 @@ mod tests {
     #[test]
     fn a_steady_turn_has_its_body_rates() {
         let euler_rates = EulerRates { roll_rad_s: 0.0, pitch_rad_s: 0.0, heading_rad_s: 18.7_f32.to_radians() };
-        let expected = euler_rates.to_body_rates(Attitude::from_deg(25.0, 5.0)).map(f32::to_degrees);
+        let expected = euler_rates.to_body_rates(RollPitch::from_deg(25.0, 5.0)).map(f32::to_degrees);
         let rates_rad_s = &body_rates_rad_s(|t_s| [25.0, 5.0, 300.0 + 18.7 * t_s])[125..225];
         for (found, expected) in mean_deg_s(rates_rad_s).into_iter().zip(expected) {
             assert!((found - expected).abs() < 0.3, "{found} {expected}");
@@ -136,7 +136,7 @@ mod tests {
         assert!(rates_rad_s.iter().flatten().all(|rate| rate.abs().to_degrees() < 1.0));
         let mut estimator = RateEstimator::new();
         for (us, heading_rad, is_turning) in [(0, 0.0, false), (STEP_US, 0.1, true), (1_000_000, 0.2, false)] {
-            let [p, q, r] = estimator.update_rates(Timestamp::from_us(us), Attitude::from_deg(1.0, 2.0), heading_rad);
+            let [p, q, r] = estimator.update_rates(Timestamp::from_us(us), RollPitch::from_deg(1.0, 2.0), heading_rad);
             assert!(if is_turning { r > 0.1 } else { [p, q, r].iter().all(|rate| rate.abs() < 1e-6) }, "{us} us: {r}");
         }
     }
@@ -155,7 +155,7 @@ mod tests {
 
     #[test]
     fn body_rates_and_angle_rates_are_inverse() {
-        let attitude = Attitude::from_deg(40.0, -30.0);
+        let attitude = RollPitch::from_deg(40.0, -30.0);
         let rates_rad_s = [0.1, -0.2, 0.3];
         let body_rates = super::super::BodyRates::from_rad_s(rates_rad_s).unwrap();
         let found = EulerRates::from_body_rates(body_rates, attitude).to_body_rates(attitude);

@@ -1,7 +1,7 @@
 //! Report of an attitude source.
 
 use crate::attitude::sender_selector::SenderId;
-use crate::frames::Attitude;
+use crate::frames::RollPitch;
 use crate::time::WrappingMillis;
 use crate::trig::sqrt;
 
@@ -13,7 +13,7 @@ pub struct AttitudeReport {
     /// Sender's clock at sending; 0 for senders without a clock.
     pub sender_clock_at_sending: WrappingMillis,
     /// Roll and pitch.
-    pub attitude: Attitude,
+    pub attitude: RollPitch,
     /// Body rates; `None` from a sender without a gyro.
     pub body_rates: Option<BodyRates>,
 }

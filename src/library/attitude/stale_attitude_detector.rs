@@ -171,7 +171,7 @@ mod tests {
 
     use super::super::testing::{heading_and_roll_in_turns_deg, report, report_time};
     use super::*;
-    use crate::frames::{Attitude, Field};
+    use crate::frames::{Field, RollPitch};
 
     /// Errors of the simulated sensors.
     #[derive(Clone, Copy, Default)]
@@ -201,7 +201,7 @@ mod tests {
             let mut noise_deg = || 0.3 * random.normal();
             let stale_since_s =
                 errors.stale_s.filter(|[from_s, to_s]| (*from_s..*to_s).contains(&t_s)).map(|[from_s, _]| from_s);
-            let attitude = Attitude::from_deg(
+            let attitude = RollPitch::from_deg(
                 heading_and_roll_in_turns_deg(stale_since_s.unwrap_or(t_s))[1] + noise_deg(),
                 noise_deg(),
             );
@@ -218,7 +218,7 @@ mod tests {
             });
             let field_at = if errors.is_field_stale { [0.0; 2] } else { [heading_deg, roll_deg] };
             let earth = Field::earth_field(50.0, 1.1, field_at[0].to_radians() + 0.3);
-            let field = Attitude::from_deg(field_at[1], 0.0).to_body_frame(Field::new(earth.ut));
+            let field = RollPitch::from_deg(field_at[1], 0.0).to_body_frame(Field::new(earth.ut));
             detector.update_field(Field::new(field.ut.map(|ut| ut + 0.3 * random.normal())));
             let is_stale = detector.process_report(report_time(i), &report(attitude, rates_rad_s));
             if is_stale != was_stale {
@@ -268,9 +268,9 @@ mod tests {
                 step += 1;
                 roll_deg += rate_deg_s / 50.0;
                 let earth = Field::earth_field(50.0, 1.1, 0.3);
-                detector.update_field(Attitude::from_deg(roll_deg, 0.0).to_body_frame(earth));
+                detector.update_field(RollPitch::from_deg(roll_deg, 0.0).to_body_frame(earth));
                 let rates_rad_s = [rate_factor * rate_deg_s, 0.0, 1e-6].map(f32::to_radians);
-                is_stale = detector.process_report(report_time(step), &report(Attitude::default(), rates_rad_s));
+                is_stale = detector.process_report(report_time(step), &report(RollPitch::default(), rates_rad_s));
             }
             assert_eq!(is_stale, expected, "{rate_deg_s}");
         }
@@ -318,7 +318,7 @@ mod tests {
         let mut detector = StaleAttitudeDetector::new();
         detector.update_field(Field::from_ut(20.0, 0.0, 43.0));
         for (i, rate_rad_s) in [(0_u8, f32::INFINITY), (1, 0.1), (2, 0.1)] {
-            detector.process_report(report_time(i), &report(Attitude::default(), [rate_rad_s, 0.0, 0.0]));
+            detector.process_report(report_time(i), &report(RollPitch::default(), [rate_rad_s, 0.0, 0.0]));
         }
         // The infinite rate of the first report also enters the mean of the second step.
         assert!(detector.rotation_sum_rad.is_finite() && detector.vertical_motion.predicted.vector_length() < 0.01);

@@ -1,14 +1,14 @@
 //! Reports of simulated attitude sources.
 
 use super::{AttitudeReport, BodyRates, SenderId};
-use crate::frames::Attitude;
+use crate::frames::RollPitch;
 use crate::time::{Timestamp, WrappingMillis};
 
 /// Period of reports at 50 Hz, microseconds.
 pub(super) const PERIOD_US: u64 = 20_000;
 
 /// Report of a sender without a clock; rates of zero are none.
-pub(super) fn report(attitude: Attitude, rates_rad_s: [f32; 3]) -> AttitudeReport {
+pub(super) fn report(attitude: RollPitch, rates_rad_s: [f32; 3]) -> AttitudeReport {
     AttitudeReport {
         sender: SenderId::default(),
         sender_clock_at_sending: WrappingMillis::default(),

@@ -14,13 +14,13 @@ fn timestamp(us: u64) -> Timestamp {
     Timestamp::from_us(us)
 }
 
-fn attitude_report(sender_ms: u32, attitude: Attitude, rates_deg_s: [f32; 3]) -> AttitudeReport {
+fn attitude_report(sender_ms: u32, attitude: RollPitch, rates_deg_s: [f32; 3]) -> AttitudeReport {
     let report = report(attitude, rates_deg_s.map(f32::to_radians));
     AttitudeReport { sender_clock_at_sending: WrappingMillis::new(sender_ms), ..report }
 }
 
 fn roll_report(sender_ms: u32, roll_deg: f32, p_deg_s: f32) -> AttitudeReport {
-    attitude_report(sender_ms, Attitude::from_deg(roll_deg, 0.0), [p_deg_s, 0.0, 0.0])
+    attitude_report(sender_ms, RollPitch::from_deg(roll_deg, 0.0), [p_deg_s, 0.0, 0.0])
 }
 
 /// Adds a report of an attitude that is true at `true_us`.
@@ -29,7 +29,7 @@ fn push_report(track: &mut AttitudeHistory, true_us: u64, report: AttitudeReport
 }
 
 /// History of a report that is true at 1 s.
-fn history_of_one_report(attitude: Attitude, rates_deg_s: [f32; 3]) -> AttitudeHistory {
+fn history_of_one_report(attitude: RollPitch, rates_deg_s: [f32; 3]) -> AttitudeHistory {
     let mut track = AttitudeHistory::new(CONFIG);
     push_report(&mut track, 1_000_000, attitude_report(0, attitude, rates_deg_s));
     track
@@ -89,7 +89,7 @@ fn both_angles_are_interpolated() {
     ] {
         let track = history_of_reports(
             [from_deg, to_deg]
-                .map(|[roll_deg, pitch_deg]| attitude_report(0, Attitude::from_deg(roll_deg, pitch_deg), [0.0; 3])),
+                .map(|[roll_deg, pitch_deg]| attitude_report(0, RollPitch::from_deg(roll_deg, pitch_deg), [0.0; 3])),
         );
         let [roll, pitch] = angles_deg(track.attitude_at(timestamp(1_000_000 + PERIOD_US / part)));
         let is_near = (roll.abs() - expected_roll).abs() < 1e-3 && (pitch - expected_pitch).abs() < 1e-3;
@@ -100,7 +100,7 @@ fn both_angles_are_interpolated() {
 /// A recording may hold attitude and field at the same instants only.
 #[test]
 fn a_lookup_at_the_time_of_a_report_needs_no_second_report() {
-    let mut track = history_of_one_report(Attitude::from_deg(12.0, -3.0), [0.0; 3]);
+    let mut track = history_of_one_report(RollPitch::from_deg(12.0, -3.0), [0.0; 3]);
     assert!(matches!(track.attitude_at(timestamp(1_000_000)), AttitudeLookup::Interpolated(_)));
     push_report(&mut track, 3_000_000, roll_report(0, 50.0, 0.0));
     let [roll, pitch] = angles_deg(track.attitude_at(timestamp(1_000_000)));
@@ -122,7 +122,7 @@ fn extrapolation_uses_body_rates_with_their_signs() {
         (0.0, 89.5, [0.0, 20.0, 0.0], [0.0, 90.0]),
         (0.0, -89.5, [0.0, -20.0, 0.0], [0.0, -90.0]),
     ] {
-        let track = history_of_one_report(Attitude::from_deg(roll_deg, pitch_deg), rates_deg_s);
+        let track = history_of_one_report(RollPitch::from_deg(roll_deg, pitch_deg), rates_deg_s);
         let [roll, pitch] = angles_deg(track.attitude_at(timestamp(1_100_000)));
         let case = format!("from {roll_deg} {pitch_deg} at {rates_deg_s:?}: {roll} {pitch}");
         assert!((roll - expected_roll).abs() < 1e-3 && (pitch - expected_pitch).abs() < 1e-3, "{case}");
@@ -132,7 +132,7 @@ fn extrapolation_uses_body_rates_with_their_signs() {
 /// The limit of extrapolation is 200 ms.
 #[test]
 fn extrapolation_is_limited() {
-    let track = history_of_one_report(Attitude::default(), [10.0, 0.0, 0.0]);
+    let track = history_of_one_report(RollPitch::default(), [10.0, 0.0, 0.0]);
     assert!((roll_deg(track.attitude_at(timestamp(1_200_000))) - 2.0).abs() < 1e-3);
     assert_eq!(track.attitude_at(timestamp(1_200_001)), AttitudeLookup::Stale);
     assert_eq!(AttitudeHistory::new(CONFIG).attitude_at(timestamp(0)), AttitudeLookup::Stale);
@@ -142,7 +142,7 @@ fn extrapolation_is_limited() {
 #[test]
 fn a_long_gap_is_not_interpolated() {
     for (gap_us, is_interpolated) in [(250_000, true), (250_001, false)] {
-        let mut track = history_of_one_report(Attitude::from_deg(10.0, 0.0), [0.0; 3]);
+        let mut track = history_of_one_report(RollPitch::from_deg(10.0, 0.0), [0.0; 3]);
         push_report(&mut track, 1_000_000 + gap_us, roll_report(0, 20.0, 0.0));
         match track.attitude_at(timestamp(1_100_000)) {
             AttitudeLookup::Interpolated(_) => assert!(is_interpolated, "{gap_us} us"),
@@ -160,7 +160,7 @@ fn the_oldest_report_is_dropped() {
 
 #[test]
 fn a_report_that_is_not_newer_changes_nothing() {
-    let mut track = history_of_one_report(Attitude::from_deg(10.0, 0.0), [0.0; 3]);
+    let mut track = history_of_one_report(RollPitch::from_deg(10.0, 0.0), [0.0; 3]);
     for true_us in [1_000_000, 990_000, 0] {
         push_report(&mut track, true_us, roll_report(0, 50.0, 0.0));
     }
@@ -268,7 +268,7 @@ fn no_report_panics() {
     let mut track = AttitudeHistory::new(CONFIG);
     let mut pick = || extremes[random.bits() as usize % extremes.len()];
     for i in 0..500_u64 {
-        let attitude = Attitude { roll_rad: pick(), pitch_rad: pick() };
+        let attitude = RollPitch { roll_rad: pick(), pitch_rad: pick() };
         let report = AttitudeReport {
             sender_clock_at_sending: WrappingMillis::new(pick().to_bits()),
             ..report(attitude, [pick(), pick(), pick()])
@@ -308,9 +308,9 @@ fn a_report_far_from_the_predicted_attitude_is_rejected() {
         (SLOW, 260, 45.0, true),
     ] {
         let case = format!("{rates_deg_s:?} {step_ms} ms {to_deg} deg");
-        let mut track = history_of_one_report(Attitude::default(), rates_deg_s);
+        let mut track = history_of_one_report(RollPitch::default(), rates_deg_s);
         let true_us = 1_000_000 + step_ms * 1_000;
-        push_report(&mut track, true_us, attitude_report(0, Attitude::from_deg(to_deg, 0.0), rates_deg_s));
+        push_report(&mut track, true_us, attitude_report(0, RollPitch::from_deg(to_deg, 0.0), rates_deg_s));
         let spike_reports = u32::from(!is_accepted);
         assert_eq!(
             track.rejected_reports(),
@@ -342,7 +342,7 @@ fn the_fourth_distant_report_is_accepted() {
 fn roll_at_a_vertical_nose_is_no_spike() {
     for (from_deg, to_deg, spikes) in [([0.0, 89.0], [180.0, 89.0], 0), ([0.0, 0.0], [0.0, 8.0], 1)] {
         let track = history_of_reports([from_deg, to_deg].map(|[roll_deg, pitch_deg]| {
-            attitude_report(0, Attitude::from_deg(roll_deg, pitch_deg), [MINIMAL_RATE_DEG_S; 3])
+            attitude_report(0, RollPitch::from_deg(roll_deg, pitch_deg), [MINIMAL_RATE_DEG_S; 3])
         }));
         assert_eq!(track.rejected_reports().spike_reports, spikes, "{to_deg:?}");
     }
@@ -351,7 +351,7 @@ fn roll_at_a_vertical_nose_is_no_spike() {
 #[test]
 fn the_body_rate_is_that_of_the_newest_report() {
     assert_eq!(AttitudeHistory::new(CONFIG).body_rate_rad_s(), None);
-    let track = history_of_one_report(Attitude::default(), [30.0, -40.0, 0.0]);
+    let track = history_of_one_report(RollPitch::default(), [30.0, -40.0, 0.0]);
     assert!((track.body_rate_rad_s().unwrap() - 50_f32.to_radians()).abs() < 1e-5);
     // All-zero rates mean that the source sends none; gyros measure up to 2000 deg/s.
     for (rates_deg_s, is_measured) in [
@@ -362,7 +362,7 @@ fn the_body_rate_is_that_of_the_newest_report() {
         ([0.1, 0.0, -2200.0], false),
         ([0.1, 0.0, f32::MAX], false),
     ] {
-        let track = history_of_one_report(Attitude::default(), rates_deg_s);
+        let track = history_of_one_report(RollPitch::default(), rates_deg_s);
         assert_eq!(track.body_rate_rad_s().is_some(), is_measured, "{rates_deg_s:?}");
     }
 }
@@ -433,7 +433,7 @@ fn a_negative_latency_selects_earlier_reports() {
 #[test]
 fn the_gyro_heading_covers_the_range_of_the_attitude() {
     let track = history_of_reports(
-        [10.0, 20.0, 30.0].map(|r_deg_s| attitude_report(0, Attitude::default(), [0.0, 0.0, r_deg_s])),
+        [10.0, 20.0, 30.0].map(|r_deg_s| attitude_report(0, RollPitch::default(), [0.0, 0.0, r_deg_s])),
     );
     let turning = |us: u64| track.gyro_heading_at(timestamp(us)).unwrap();
     let from = turning(1_000_000);
@@ -448,16 +448,16 @@ fn the_gyro_heading_covers_the_range_of_the_attitude() {
     }
     assert_eq!(track.gyro_heading_at(timestamp(1_240_001)), None);
     assert_eq!(track.gyro_heading_at(timestamp(999_999)), None);
-    assert_eq!(history_of_one_report(Attitude::default(), [0.0; 3]).gyro_heading_at(timestamp(1_000_000)), None);
+    assert_eq!(history_of_one_report(RollPitch::default(), [0.0; 3]).gyro_heading_at(timestamp(1_000_000)), None);
 }
 
 #[test]
 fn integration_continues_over_a_short_gap() {
     for (gap_us, is_continued) in [(500_000, true), (500_001, false)] {
-        let mut track = history_of_one_report(Attitude::default(), [0.0, 0.0, 10.0]);
+        let mut track = history_of_one_report(RollPitch::default(), [0.0, 0.0, 10.0]);
         let run_number = |track: &AttitudeHistory, us: u64| track.gyro_heading_at(timestamp(us)).unwrap().run_number;
         let first_run = run_number(&track, 1_000_000);
-        push_report(&mut track, 1_000_000 + gap_us, attitude_report(0, Attitude::default(), [0.0, 0.0, 10.0]));
+        push_report(&mut track, 1_000_000 + gap_us, attitude_report(0, RollPitch::default(), [0.0, 0.0, 10.0]));
         assert_eq!(run_number(&track, 1_000_000 + gap_us) == first_run, is_continued, "{gap_us} us");
     }
 }
@@ -465,7 +465,7 @@ fn integration_continues_over_a_short_gap() {
 #[test]
 fn a_frozen_source_has_no_gyro_heading() {
     // The roll changes by fine steps, then stays constant.
-    let report = |i: u8| attitude_report(0, Attitude::from_deg(0.01 * f32::from(i.min(8)), 0.0), [0.0, 0.0, 10.0]);
+    let report = |i: u8| attitude_report(0, RollPitch::from_deg(0.01 * f32::from(i.min(8)), 0.0), [0.0, 0.0, 10.0]);
     let track = history_of_reports((0..20).map(report));
     let now = timestamp(true_us(19));
     assert_eq!((track.attitude_at(now), track.gyro_heading_at(now)), (AttitudeLookup::Frozen, None));

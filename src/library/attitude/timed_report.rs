@@ -5,7 +5,7 @@ use core::f32::consts::FRAC_PI_2;
 use super::euler_rates::HeadingIntegral;
 use crate::attitude::euler_rates::EulerRates;
 use crate::attitude::report::AttitudeReport;
-use crate::frames::{Attitude, wrap_pi};
+use crate::frames::{RollPitch, wrap_pi};
 use crate::time::Timestamp;
 
 /// Report with its time of sending and the integrated heading rate.
@@ -17,9 +17,9 @@ pub(super) struct TimedReport {
 }
 
 /// Linear interpolation, by the shorter way in roll.
-pub(super) fn interpolate(before: &AttitudeReport, after: &AttitudeReport, fraction: f32) -> Attitude {
+pub(super) fn interpolate(before: &AttitudeReport, after: &AttitudeReport, fraction: f32) -> RollPitch {
     let (attitude_before, attitude_after) = (before.attitude, after.attitude);
-    Attitude {
+    RollPitch {
         roll_rad: wrap_pi(
             attitude_before.roll_rad + fraction * wrap_pi(attitude_after.roll_rad - attitude_before.roll_rad),
         ),
@@ -28,10 +28,10 @@ pub(super) fn interpolate(before: &AttitudeReport, after: &AttitudeReport, fract
 }
 
 /// Extrapolation with the body rates; without them, the attitude of the report.
-pub(super) fn extrapolate_attitude(newest: &TimedReport, ahead_s: f32) -> Attitude {
-    let Attitude { roll_rad, pitch_rad } = newest.report.attitude;
+pub(super) fn extrapolate_attitude(newest: &TimedReport, ahead_s: f32) -> RollPitch {
+    let RollPitch { roll_rad, pitch_rad } = newest.report.attitude;
     let EulerRates { roll_rad_s, pitch_rad_s, .. } = newest.heading_integral.euler_rates.unwrap_or_default();
-    Attitude {
+    RollPitch {
         roll_rad: wrap_pi(roll_rad + roll_rad_s * ahead_s),
         pitch_rad: (pitch_rad + pitch_rad_s * ahead_s).clamp(-FRAC_PI_2, FRAC_PI_2),
     }

@@ -16,7 +16,7 @@ use crate::calibration::uncertainty::expected_error::{self, Deviation};
 use crate::calibration::uncertainty::information::Information;
 use crate::calibration::uncertainty::observability::unobservable_quantities;
 use crate::calibration::uncertainty::sandwich_covariance::{CovarianceContent, sandwich_covariance};
-use crate::frames::Attitude;
+use crate::frames::RollPitch;
 use crate::trig::sqrt;
 
 /// Recommended manoeuvre.
@@ -75,14 +75,14 @@ const CIRCLE_MANOEUVRES: [Manoeuvre; 7] = [
 impl TiltDirection {
     const ALL_DIRECTIONS: [Self; 4] = [Self::Ahead, Self::Back, Self::Left, Self::Right];
 
-    fn tilt_attitude(self) -> Attitude {
+    fn tilt_attitude(self) -> RollPitch {
         let [roll_deg, pitch_deg] = match self {
             Self::Ahead => [0.0, -RECOMMENDED_TILT_DEG],
             Self::Back => [0.0, RECOMMENDED_TILT_DEG],
             Self::Left => [-RECOMMENDED_TILT_DEG, 0.0],
             Self::Right => [RECOMMENDED_TILT_DEG, 0.0],
         };
-        Attitude::from_deg(roll_deg, pitch_deg)
+        RollPitch::from_deg(roll_deg, pitch_deg)
     }
 
     const fn direction_name(self) -> &'static str {
@@ -124,11 +124,11 @@ impl Manoeuvre {
         ))
     }
 
-    fn attitude(self) -> Attitude {
+    fn attitude(self) -> RollPitch {
         match self {
-            Self::Circle(Side::Left, bank_deg) => Attitude::from_deg(-f32::from(bank_deg), 0.0),
-            Self::Circle(Side::Right, bank_deg) => Attitude::from_deg(f32::from(bank_deg), 0.0),
-            Self::Level | Self::YawTurn => Attitude::default(),
+            Self::Circle(Side::Left, bank_deg) => RollPitch::from_deg(-f32::from(bank_deg), 0.0),
+            Self::Circle(Side::Right, bank_deg) => RollPitch::from_deg(f32::from(bank_deg), 0.0),
+            Self::Level | Self::YawTurn => RollPitch::default(),
             Self::Tilt(towards, _) => towards.tilt_attitude(),
         }
     }
@@ -311,7 +311,7 @@ fn unobservable_flags(unobservable: impl Iterator<Item = PriorQuantity>) -> Unob
 mod tests {
     use super::*;
     use crate::calibration::tests::synthetic::free_samples;
-    use crate::calibration::{Rates, Sample};
+    use crate::calibration::{AngleRates, Sample};
     use crate::frames::Field;
 
     #[test]
@@ -328,7 +328,7 @@ mod tests {
             (Tilt(Towards::Back, Some(Quadrant::West)), "tilt back while heading west to north", [0.0, 15.0]),
             (Tilt(Towards::Back, None), "tilt back while turning all round", [0.0, 15.0]),
         ] {
-            let Attitude { roll_rad, pitch_rad } = manoeuvre.attitude();
+            let RollPitch { roll_rad, pitch_rad } = manoeuvre.attitude();
             let found_deg = [roll_rad, pitch_rad].map(|rad| rad.to_degrees().round());
             assert_eq!((manoeuvre.to_string(), found_deg), (text.into(), roll_pitch_deg));
         }
@@ -364,8 +364,8 @@ mod tests {
         ];
         for (name, bank_deg, rate_deg_s, expected) in cases {
             let sample = |i: u8| {
-                let attitude = Attitude::from_deg(bank_deg(f32::from(i) * 0.1), 0.0);
-                let rates = Rates::from_rad_s([0.0, 0.0, rate_deg_s(f32::from(i) * 0.1).to_radians()]);
+                let attitude = RollPitch::from_deg(bank_deg(f32::from(i) * 0.1), 0.0);
+                let rates = AngleRates::from_rad_s([0.0, 0.0, rate_deg_s(f32::from(i) * 0.1).to_radians()]);
                 Sample { rates, ..Sample::new(Field::from_ut(20.0, 0.0, 40.0), attitude) }
             };
             let samples: Vec<Sample> = (0..100).map(sample).collect();

@@ -94,7 +94,7 @@ pub use types::{
     orientation::Orientation,
     prior::Prior,
     quality::{AttitudeEnvelope, AttitudeLatency, Quality},
-    rates::{MotorCurrent, Rates},
+    rates::{AngleRates, MotorCurrent},
     samples::{CollectionPart, HeadingMark, Sample, SamplePart, Samples, Side},
 };
 pub use uncertainty::{

@@ -59,7 +59,7 @@ mod tests {
     use super::*;
     use crate::calibration::tests::synthetic::{level_samples, marked_samples, turn_samples};
     use crate::calibration::{HeadingMark, Orientation};
-    use crate::frames::{Attitude, Field, Level};
+    use crate::frames::{Field, Level, RollPitch};
 
     const SIN_45_DEG: f32 = core::f32::consts::FRAC_1_SQRT_2;
 
@@ -71,7 +71,7 @@ mod tests {
                 let total_ut = 50.0 * (1.0 + norm * norm_scales * 0.004);
                 let inclination_rad = 1.0 + inclination_sign * inclination_scales * 0.005;
                 let field = Field::<Level>::earth_field(total_ut, inclination_rad, f32::from(i));
-                Sample::new(Field::new(field.ut), Attitude::default())
+                Sample::new(Field::new(field.ut), RollPitch::default())
             })
             .collect()
     }
@@ -128,7 +128,7 @@ mod tests {
     fn a_banked_aircraft_measures_the_same_inclination() {
         let leaning: Vec<Sample> = samples_with_deviations(0.0, 0.0)
             .into_iter()
-            .zip((0..).map(|i: u8| Attitude::from_deg(f32::from(i) * 4.0 - 30.0, f32::from(i % 3) * 5.0)))
+            .zip((0..).map(|i: u8| RollPitch::from_deg(f32::from(i) * 4.0 - 30.0, f32::from(i % 3) * 5.0)))
             .map(|(s, attitude)| Sample {
                 field: Field::new(attitude.to_body_frame(Field::new(s.field.ut)).ut),
                 attitude,

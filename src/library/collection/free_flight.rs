@@ -4,7 +4,7 @@ use super::d_optimal_selection::DOptimalSelection;
 use super::part_view::PartView;
 use super::quota::{SampleQuota, SampleUse};
 use crate::calibration::Sample;
-use crate::frames::{Attitude, wrap_pi};
+use crate::frames::{RollPitch, wrap_pi};
 use crate::trig;
 use crate::trig::VectorLength as _;
 
@@ -83,7 +83,7 @@ fn is_new_measurement(part: &PartView<'_>, sample: &Sample) -> bool {
         section_ends(sample_use, samples.len()).into_iter().filter_map(|end| samples.get(..end)?.last())
     });
     let last = lasts.min_by_key(|last| sample.time.ms_since(last.time));
-    let Attitude { roll_rad, pitch_rad } = sample.attitude;
+    let RollPitch { roll_rad, pitch_rad } = sample.attitude;
     let is_measurement = sample.field.ut.iter().chain(&[roll_rad, pitch_rad]).all(|component| component.is_finite());
     is_measurement && last.is_none_or(|last| is_distinct(last, sample))
 }
@@ -209,7 +209,7 @@ mod tests {
             (90.0, 0.0, f32::INFINITY, false),
         ] {
             let before = (collector.stored_count(), collector.distinct_sample_count());
-            let attitude = Attitude::from_deg(roll_deg, pitch_deg);
+            let attitude = RollPitch::from_deg(roll_deg, pitch_deg);
             collector.push_sample(Sample { attitude, ..test_sample([x_ut, 5.0, 40.0], 100) });
             let expected = (before.0 + u16::from(is_stored), before.1 + u32::from(is_stored));
             let found = (collector.stored_count(), collector.distinct_sample_count());

@@ -2,8 +2,8 @@
 
 use nalgebra::Vector3;
 
-use crate::calibration::{Rates, Sample};
-use crate::frames::{Attitude, Field};
+use crate::calibration::{AngleRates, Sample};
+use crate::frames::{Field, RollPitch};
 use crate::time::WrappingMillis;
 use crate::trig::VectorLength as _;
 
@@ -52,18 +52,18 @@ impl RecentSamples {
         let mean = |angle: fn(&Sample) -> f32| self.samples.iter().map(angle).sum::<f32>() / sample_count;
         is_steady.then(|| Sample {
             field: Field::new(mean_ut),
-            attitude: Attitude {
+            attitude: RollPitch {
                 roll_rad: mean(|sample| sample.attitude.roll_rad),
                 pitch_rad: mean(|sample| sample.attitude.pitch_rad),
             },
             rates: if self.samples.iter().all(|sample| sample.rates.is_known()) {
-                Rates::from_rad_s([
+                AngleRates::from_rad_s([
                     mean(|sample| sample.rates.roll_rad_s()),
                     mean(|sample| sample.rates.pitch_rad_s()),
                     mean(|sample| sample.rates.heading_rad_s()),
                 ])
             } else {
-                Rates::UNKNOWN
+                AngleRates::UNKNOWN
             },
             current: oldest.current,
             time: oldest.time,
@@ -86,8 +86,8 @@ mod tests {
     fn mean_after(fields_ut: &[f32], delay_ms: u32) -> Option<Sample> {
         let (mut recent, mut time_ms) = (RecentSamples::new(), 1000);
         for x in fields_ut {
-            let attitude = Attitude::from_deg(1.0 + x / 10.0, -2.0 - x / 10.0);
-            let rates = Rates::from_rad_s([x / 100.0, -x / 50.0, x / 10.0]);
+            let attitude = RollPitch::from_deg(1.0 + x / 10.0, -2.0 - x / 10.0);
+            let rates = AngleRates::from_rad_s([x / 100.0, -x / 50.0, x / 10.0]);
             recent.push_sample(Sample { attitude, rates, ..test_sample([*x, 5.0, 40.0], time_ms) });
             time_ms += 100;
         }

@@ -6,13 +6,13 @@
 
 use super::quota::{SampleQuota, SampleUse};
 use crate::calibration::{CollectionPart, Sample, Samples, part_range, samples_of_part};
-use crate::frames::{Attitude, Field};
+use crate::frames::{Field, RollPitch};
 
 const SAMPLE_CAPACITY: usize = SampleQuota::WHOLE_BUFFER.fit_quota + SampleQuota::WHOLE_BUFFER.held_back_quota;
 
 pub(super) const UNUSED_SAMPLE: Sample = Sample {
     part: CollectionPart::LEFT,
-    ..Sample::new(Field::from_ut(0.0, 0.0, 0.0), Attitude { roll_rad: 0.0, pitch_rad: 0.0 })
+    ..Sample::new(Field::from_ut(0.0, 0.0, 0.0), RollPitch { roll_rad: 0.0, pitch_rad: 0.0 })
 };
 
 /// Samples and their numbers; valid for every content of its memory.

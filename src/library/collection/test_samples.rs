@@ -3,7 +3,7 @@ use nalgebra::Vector3;
 use super::{Collector, RetainedSamples};
 use crate::calibration::method_selection::Procedure;
 use crate::calibration::{CollectionPart, Sample};
-use crate::frames::{Attitude, Field, Level};
+use crate::frames::{Field, Level, RollPitch};
 use crate::time::WrappingMillis;
 
 /// Horizontal field of all simulated samples, microtesla.
@@ -36,12 +36,12 @@ pub fn times_ms(samples: &[Sample]) -> Vec<u32> {
 pub fn test_sample(field_ut: [f32; 3], time_ms: u32) -> Sample {
     Sample {
         time: WrappingMillis::new(time_ms),
-        ..Sample::new(Field::from_ut(field_ut[0], field_ut[1], field_ut[2]), Attitude::default())
+        ..Sample::new(Field::from_ut(field_ut[0], field_ut[1], field_ut[2]), RollPitch::default())
     }
 }
 
 pub fn banked_sample(roll_deg: f32, pitch_deg: f32, time_ms: u32) -> Sample {
-    Sample { attitude: Attitude::from_deg(roll_deg, pitch_deg), ..test_sample([20.0, 0.0, 40.0], time_ms) }
+    Sample { attitude: RollPitch::from_deg(roll_deg, pitch_deg), ..test_sample([20.0, 0.0, 40.0], time_ms) }
 }
 
 /// Level sample on a circle whose hard iron is five times its radius.
@@ -55,7 +55,7 @@ pub fn circle_sample(heading_deg: f32) -> Sample {
 pub fn turn_samples(roll_deg: f32, from_s: u16, to_s: u16, rate_deg_s: f32) -> impl Iterator<Item = Sample> {
     (from_s * 10..to_s * 10).map(move |i| {
         let t_s = f32::from(i) / 10.0;
-        let attitude = Attitude::from_deg(roll_deg + (t_s * 4.2).sin(), 2.0);
+        let attitude = RollPitch::from_deg(roll_deg + (t_s * 4.2).sin(), 2.0);
         let body = attitude.to_body_frame(Field::<Level>::earth_field(49.2, 1.152, (rate_deg_s * t_s).to_radians()));
         Sample {
             time: WrappingMillis::new(u32::from(i) * 100),

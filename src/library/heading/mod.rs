@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::calibration::{Calibration, HeadingUncertainty};
-use crate::frames::{Attitude, Body, Field, Sensor, wrap_two_pi};
+use crate::frames::{Body, Field, RollPitch, Sensor, wrap_two_pi};
 use crate::trig;
 use crate::trig::sqrt;
 
@@ -151,7 +151,7 @@ pub fn compute_heading(
     calibration: &Calibration,
     uncertainty: &HeadingUncertainty,
     field: Field<Sensor>,
-    attitude: Attitude,
+    attitude: RollPitch,
 ) -> Result<Heading, NoHeading> {
     heading_from_corrected_field(
         limits,
@@ -172,7 +172,7 @@ pub fn heading_from_corrected_field(
     calibration: &Calibration,
     uncertainty: &HeadingUncertainty,
     (field, body): (Field<Sensor>, Field<Body>),
-    attitude: Attitude,
+    attitude: RollPitch,
 ) -> Result<Heading, NoHeading> {
     let tilt = attitude.tilt_rotation();
     let level = tilt.to_level_frame(body);

@@ -8,14 +8,14 @@ fn ideal_calibration() -> Calibration {
     Calibration { inclination_rad: 1.0, total_ut: 50.0, ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) }
 }
 
-fn measured_field(total_ut: f32, inclination_rad: f32, heading_rad: f32, attitude: Attitude) -> Field<Sensor> {
+fn measured_field(total_ut: f32, inclination_rad: f32, heading_rad: f32, attitude: RollPitch) -> Field<Sensor> {
     Field::new(attitude.to_body_frame(Field::earth_field(total_ut, inclination_rad, heading_rad)).ut)
 }
 
 fn default_heading(
     uncertainty: &HeadingUncertainty,
     field: Field<Sensor>,
-    attitude: Attitude,
+    attitude: RollPitch,
 ) -> Result<Heading, NoHeading> {
     compute_heading(HeadingLimits::DEFAULT, &ideal_calibration(), uncertainty, field, attitude)
 }
@@ -25,7 +25,7 @@ fn default_heading(
 fn heading_is_exact_at_any_attitude() {
     for heading_deg in (0_u16..360).step_by(15) {
         for (roll_deg, pitch_deg) in [(0.0, 0.0), (25.0, 3.0), (-60.0, -20.0), (170.0, 10.0), (10.0, 80.0)] {
-            let attitude = Attitude::from_deg(roll_deg, pitch_deg);
+            let attitude = RollPitch::from_deg(roll_deg, pitch_deg);
             let heading_rad = f32::from(heading_deg).to_radians();
             let field = measured_field(50.0, 1.0, heading_rad, attitude);
             let found = default_heading(&HeadingUncertainty::NO_UNCERTAINTY, field, attitude).unwrap();
@@ -36,7 +36,7 @@ fn heading_is_exact_at_any_attitude() {
 }
 
 /// Whether a heading results from this field at 0.5 rad.
-fn is_accepted(config: HeadingLimits, total_ut: f32, inclination_rad: f32, attitude: Attitude) -> bool {
+fn is_accepted(config: HeadingLimits, total_ut: f32, inclination_rad: f32, attitude: RollPitch) -> bool {
     let field = measured_field(total_ut, inclination_rad, 0.5, attitude);
     match compute_heading(config, &ideal_calibration(), &HeadingUncertainty::NO_UNCERTAINTY, field, attitude) {
         Ok(_) => true,
@@ -64,7 +64,7 @@ fn a_field_beyond_the_limits_is_rejected_at_any_attitude() {
         (50.0, -114.6, false),
     ] {
         for (roll_deg, pitch_deg) in [(0.0, 0.0), (40.0, 5.0), (-30.0, -15.0)] {
-            let attitude = Attitude::from_deg(roll_deg, pitch_deg);
+            let attitude = RollPitch::from_deg(roll_deg, pitch_deg);
             let inclination_rad = 1.0 + f32::to_radians(inclination_deviation_deg);
             let found = is_accepted(HeadingLimits::DEFAULT, total_ut, inclination_rad, attitude);
             assert_eq!(found, expected, "{total_ut} uT, {inclination_deviation_deg} deg, {attitude:?}");
@@ -75,10 +75,10 @@ fn a_field_beyond_the_limits_is_rejected_at_any_attitude() {
 #[test]
 fn a_non_finite_field_is_disturbed() {
     for (total_ut, inclination_rad) in [(f32::NAN, 1.0), (f32::INFINITY, 1.0), (50.0, f32::NAN)] {
-        assert!(!is_accepted(HeadingLimits::DEFAULT, total_ut, inclination_rad, Attitude::default()));
+        assert!(!is_accepted(HeadingLimits::DEFAULT, total_ut, inclination_rad, RollPitch::default()));
     }
-    let non_finite = Attitude { roll_rad: f32::NAN, pitch_rad: 0.0 };
-    let field = measured_field(50.0, 1.0, 0.5, Attitude::default());
+    let non_finite = RollPitch { roll_rad: f32::NAN, pitch_rad: 0.0 };
+    let field = measured_field(50.0, 1.0, 0.5, RollPitch::default());
     let found = default_heading(&HeadingUncertainty::NO_UNCERTAINTY, field, non_finite);
     assert_eq!(found, Err(NoHeading::FieldDisturbed));
 }
@@ -99,7 +99,7 @@ fn field_limits_can_be_disabled() {
         (lenient, 1.0, 1.0, true),
         (lenient, 126.0, 1.0, false),
     ] {
-        let found = is_accepted(limits, total_ut, inclination_rad, Attitude::default());
+        let found = is_accepted(limits, total_ut, inclination_rad, RollPitch::default());
         assert_eq!(found, expected, "{limits:?}: {total_ut} uT, {inclination_rad} rad");
     }
 }
@@ -107,13 +107,13 @@ fn field_limits_can_be_disabled() {
 /// A tilt error turns the heading by `tan I`; sensor noise is divided by the horizontal field.
 #[test]
 fn sigma_includes_attitude_and_sensor_noise() {
-    let field = measured_field(50.0, 1.0, 0.5, Attitude::default());
+    let field = measured_field(50.0, 1.0, 0.5, RollPitch::default());
     for (attitude_sigma_rad, relative_sensor_sigma, expected_rad) in
         [(0.01, 0.0, 0.01 * 1_f32.tan()), (0.0, 0.01, 0.01 / 1_f32.cos())]
     {
         let uncertainty =
             HeadingUncertainty { relative_sensor_sigma, attitude_sigma_rad, ..HeadingUncertainty::NO_UNCERTAINTY };
-        let found = default_heading(&uncertainty, field, Attitude::default()).unwrap();
+        let found = default_heading(&uncertainty, field, RollPitch::default()).unwrap();
         assert!((found.sigma_rad - expected_rad).abs() < 2e-5, "{found:?} {expected_rad}");
     }
 }

@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 
 use crate::attitude::EulerRates;
-use crate::calibration::{Rates, Sample};
-use crate::frames::{Attitude, Field, Sensor, wrap_pi};
+use crate::calibration::{AngleRates, Sample};
+use crate::frames::{Field, RollPitch, Sensor, wrap_pi};
 use crate::time::Timestamp;
 
 /// Averages gapless runs of readings, and their attitudes, so that both refer to the same time.
@@ -44,7 +44,7 @@ impl Averager {
         &mut self,
         at: Timestamp,
         field: Field<Sensor>,
-        attitude: Attitude,
+        attitude: RollPitch,
         rates: Option<EulerRates>,
     ) -> Option<Sample> {
         let continues_run = |run: &AveragingRun| at >= run.last_at && at.us_since(run.last_at) <= self.max_step_us;
@@ -67,7 +67,7 @@ impl Averager {
 }
 
 impl AveragingRun {
-    fn new_at(at: Timestamp, attitude: Attitude) -> Self {
+    fn new_at(at: Timestamp, attitude: RollPitch) -> Self {
         Self {
             reading_count: 0,
             first_at: at,
@@ -84,11 +84,13 @@ impl AveragingRun {
         let count = f32::from(self.reading_count);
         let middle = self.first_at.plus_us(self.last_at.us_since(self.first_at) / 2);
         Sample {
-            rates: self.rate_sums_rad_s.map_or(Rates::UNKNOWN, |sums| Rates::from_rad_s(sums.map(|sum| sum / count))),
+            rates: self
+                .rate_sums_rad_s
+                .map_or(AngleRates::UNKNOWN, |sums| AngleRates::from_rad_s(sums.map(|sum| sum / count))),
             time: middle.wrapping_millis(),
             ..Sample::new(
                 Field::new(self.field_sum_ut / count),
-                Attitude {
+                RollPitch {
                     roll_rad: wrap_pi(self.first_roll_rad + self.relative_roll_sum_rad / count),
                     pitch_rad: self.pitch_sum_rad / count,
                 },
@@ -117,14 +119,14 @@ mod tests {
                 let x = f32::from(i);
                 let at = Timestamp::from_us(u64::from(i) * PERIOD_US);
                 let rates = EulerRates { roll_rad_s: x / 10.0, pitch_rad_s: -x / 5.0, heading_rad_s: 2.0 };
-                averager.push_reading(at, Field::from_ut(x, 0.0, -x), Attitude::from_deg(x, -x), Some(rates))
+                averager.push_reading(at, Field::from_ut(x, 0.0, -x), RollPitch::from_deg(x, -x), Some(rates))
             })
             .collect();
         assert_eq!(samples.len(), 2);
         assert_eq!(samples[1].field, Field::from_ut(11.5, 0.0, -11.5));
         assert!((samples[1].attitude.roll_rad.to_degrees() - 11.5).abs() < 1e-4);
         assert!((samples[1].attitude.pitch_rad.to_degrees() + 11.5).abs() < 1e-4);
-        assert_eq!(samples[1].rates, Rates::from_rad_s([1.15, -2.3, 2.0]));
+        assert_eq!(samples[1].rates, AngleRates::from_rad_s([1.15, -2.3, 2.0]));
         assert_eq!(samples[1].time, WrappingMillis::new(143));
     }
 
@@ -135,7 +137,7 @@ mod tests {
             .find_map(|i| {
                 let roll_deg = if i % 2 == 0 { 178.0 } else { -178.0 };
                 let at = Timestamp::from_us(u64::from(i) * PERIOD_US);
-                averager.push_reading(at, Field::from_ut(1.0, 0.0, 0.0), Attitude::from_deg(roll_deg, 0.0), None)
+                averager.push_reading(at, Field::from_ut(1.0, 0.0, 0.0), RollPitch::from_deg(roll_deg, 0.0), None)
             })
             .unwrap();
         assert!((sample.attitude.roll_rad.to_degrees().abs() - 180.0).abs() < 1e-3, "{sample:?}");
@@ -144,7 +146,7 @@ mod tests {
     fn averaged_samples(instants_us: impl IntoIterator<Item = u64>) -> Vec<Sample> {
         let mut averager = averager();
         let field = Field::from_ut(1.0, 0.0, 0.0);
-        let mut push = |us| averager.push_reading(Timestamp::from_us(us), field, Attitude::default(), None);
+        let mut push = |us| averager.push_reading(Timestamp::from_us(us), field, RollPitch::default(), None);
         instants_us.into_iter().filter_map(&mut push).collect()
     }
 

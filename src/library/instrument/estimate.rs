@@ -2,7 +2,7 @@
 
 use super::monitor::InstallationChange;
 use crate::attitude::RejectedReports;
-use crate::frames::{Attitude, Body, Field};
+use crate::frames::{Body, Field, RollPitch};
 use crate::heading::{Heading, NoHeading};
 use crate::time::Timestamp;
 
@@ -24,7 +24,7 @@ pub struct Estimate {
     /// inconsistent with it.
     pub smoothed_heading: Option<Heading>,
     /// Attitude at the time of the reading, if reports are recent.
-    pub attitude: Option<Attitude>,
+    pub attitude: Option<RollPitch>,
     /// Change of hard iron since the calibration, once significant.
     pub installation_change: Option<InstallationChange>,
     /// Motor current, amperes, if reported recently.

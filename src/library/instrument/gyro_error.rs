@@ -6,7 +6,7 @@
 
 use super::ud_filter::UdFilter;
 use crate::attitude::{EulerRates, MIN_COS_PITCH};
-use crate::frames::Attitude;
+use crate::frames::RollPitch;
 use crate::trig;
 
 /// Gyro errors: offset `b_y`, rad/s, and the row of y in `M`, then offset `b_z` and the row of z.
@@ -22,7 +22,7 @@ pub(super) struct GyroErrorRows {
 }
 
 impl GyroErrorRows {
-    pub fn new(attitude: Attitude, euler_rates: &EulerRates) -> Self {
+    pub fn new(attitude: RollPitch, euler_rates: &EulerRates) -> Self {
         let (sin_roll, cos_roll) = trig::sin_cos(attitude.roll_rad);
         let (_, cos_pitch) = trig::sin_cos(attitude.pitch_rad);
         let [p, q, r] = euler_rates.to_body_rates(attitude);
@@ -76,14 +76,14 @@ mod tests {
     use super::*;
     use crate::attitude::BodyRates;
 
-    fn euler_rates(attitude: Attitude, rates_rad_s: [f32; 3]) -> EulerRates {
+    fn euler_rates(attitude: RollPitch, rates_rad_s: [f32; 3]) -> EulerRates {
         EulerRates::from_body_rates(BodyRates::from_rad_s(rates_rad_s).unwrap(), attitude)
     }
 
     /// By the model of the module's documentation: measured rates `(I + M) w + b`.
     #[test]
     fn rows_are_the_derivatives_of_the_measured_rates() {
-        let attitude = Attitude::from_deg(35.0, -12.0);
+        let attitude = RollPitch::from_deg(35.0, -12.0);
         let rates = [0.3, -0.1, 0.25];
         let exact = euler_rates(attitude, rates);
         let rows = GyroErrorRows::new(attitude, &exact);

@@ -61,7 +61,7 @@ mod ud_filter;
 
 use crate::attitude::{AttitudeHistory, AttitudeLookup, AttitudeReport, EulerRates, GyroHeading};
 use crate::calibration::{MotorCurrent, Sample};
-use crate::frames::{Attitude, Body, Field, Sensor};
+use crate::frames::{Body, Field, RollPitch, Sensor};
 use crate::heading::{self, Heading, NoHeading};
 use crate::reading::Reading;
 use crate::time::Timestamp;
@@ -263,7 +263,7 @@ impl Instrument {
             }
             SampleAttitude::Unknown => {
                 let (at, mut sample) =
-                    self.pairing_queue.next_sample(|_| AttitudeLookup::Interpolated(Attitude::default()), |_| None)?;
+                    self.pairing_queue.next_sample(|_| AttitudeLookup::Interpolated(RollPitch::default()), |_| None)?;
                 sample.current = MotorCurrent::from_a(self.current_a(at));
                 Some(sample)
             }
@@ -339,7 +339,7 @@ impl Instrument {
         at.plus_signed_us((latency_s * 1e6) as i32)
     }
 
-    fn attitude_at(&self, at: Timestamp) -> Result<Attitude, NoHeading> {
+    fn attitude_at(&self, at: Timestamp) -> Result<RollPitch, NoHeading> {
         match self.attitude_history.attitude_at(self.attitude_lookup_time(at)) {
             AttitudeLookup::Interpolated(attitude) | AttitudeLookup::Extrapolated(attitude) => Ok(attitude),
             AttitudeLookup::Frozen => Err(NoHeading::AttitudeFrozen),
@@ -389,7 +389,7 @@ impl Instrument {
         &self,
         (field, corrected): (Field<Sensor>, Option<Field<Body>>),
         current_a: Option<f32>,
-        attitude: Result<Attitude, NoHeading>,
+        attitude: Result<RollPitch, NoHeading>,
         gyro_heading: Option<&GyroHeading>,
     ) -> Result<Heading, NoHeading> {
         let ActiveCalibration { stored_correction: base, adjustment, adjusted_calibration: adjusted, .. } =

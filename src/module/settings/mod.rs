@@ -30,7 +30,7 @@ pub struct Settings {
     /// Mounting of the sensor.
     pub mount: Orientation,
     /// Assumed constant errors of the attitude source.
-    pub attitude_error: AttitudeError,
+    pub attitude_error: AttitudeErrorSigmas,
     /// Heading to send.
     pub stream_heading: HeadingKind,
     /// Expected heading error that ends a collection in flight, degrees RMS.
@@ -97,14 +97,14 @@ setting::choice_of_names!(HeadingKind, ALL_HEADING_KINDS, kind_name);
 /// Errors of an attitude source that are constant over a flight, 1 sigma. Turns do not reveal them; the expected error
 /// of a calibration includes them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct AttitudeError {
+pub struct AttitudeErrorSigmas {
     /// Roll and pitch bias, degrees.
     pub bias_deg: f32,
     /// Bank-angle scale error in turns, percent.
     pub bank_percent: f32,
 }
 
-impl AttitudeError {
+impl AttitudeErrorSigmas {
     /// A good, carefully levelled autopilot: the solver's default.
     pub const DEFAULT: Self = Self { bias_deg: 0.2, bank_percent: 1.0 };
 
@@ -145,7 +145,7 @@ impl Settings {
         stream_on: true,
         stream_rate_hz: 10,
         mount: Orientation::IDENTITY_ROTATION,
-        attitude_error: AttitudeError::DEFAULT,
+        attitude_error: AttitudeErrorSigmas::DEFAULT,
         stream_heading: HeadingKind::Smooth,
         accuracy_deg: 0.5,
         auto_on: true,

@@ -2,7 +2,7 @@
 
 use autoswing::frames::wrap_pi;
 use log_analysis::log::log_writers::{FlightRecording, encode_dataflash, encode_tlog, encode_ulog};
-use log_analysis::log::{FieldCorrection, Flight};
+use log_analysis::log::{FieldCorrection, LoggedFlight};
 use log_analysis::replay::evaluation::{evaluate_flight, score_correction};
 use log_analysis::replay::gps_course::{GpsCourseHeading, GpsCourseRejection};
 use log_analysis::replay::parameter_export::ParameterFormat;
@@ -178,7 +178,7 @@ fn gps_course_is_reported_with_its_accuracy() {
 fn references_are_ranked() {
     let mut flight =
         read_flight(&encode_dataflash(&record_circles_and_legs(&config_with_wind(1, 5.0), &ALL_ROUND_HEADINGS_DEG)));
-    let best_name = |flight: &Flight| ReferenceHeading::best_reference(flight).unwrap().reference_name();
+    let best_name = |flight: &LoggedFlight| ReferenceHeading::best_reference(flight).unwrap().reference_name();
     let mut ranked = vec![best_name(&flight)];
     for row in flight.gps.rows_mut() {
         row.row_values[5] = 90.0;

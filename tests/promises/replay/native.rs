@@ -1,9 +1,9 @@
 //! Replays of a flight logged in each autopilot's format.
 
-use log_analysis::log::Flight;
+use log_analysis::log::LoggedFlight;
 use log_analysis::log::log_writers::{FlightRecording, encode_csv, encode_dataflash, encode_tlog, encode_ulog};
 use log_analysis::replay::evaluation::{CompassEvaluation, CorrectionSource, evaluate_flight};
-use log_analysis::replay::hard_iron_changes::HardIronChange;
+use log_analysis::replay::hard_iron_changes::LoggedHardIronChange;
 use nalgebra::Vector3;
 use simulator::recording::record_turns;
 use simulator::world::{CRUISE_CURRENT_A, WorldConfig};
@@ -36,7 +36,7 @@ fn record_flight(world: &WorldConfig, age_s: f64) -> FlightRecording {
     FlightRecording { parameters, ..record_turns(world, age_s) }
 }
 
-fn evaluate_compass(bytes: &[u8]) -> (Flight, CompassEvaluation) {
+fn evaluate_compass(bytes: &[u8]) -> (LoggedFlight, CompassEvaluation) {
     let (flight, mut evaluation) = evaluate_log(bytes);
     (flight, evaluation.compasses.remove(0))
 }
@@ -122,7 +122,7 @@ fn the_model_inclination_is_used_only_on_days_of_its_validity() {
         let recording = FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..record_turns(&world, 0.0) };
         let flight = read_flight(&encode_dataflash(&recording));
         let of_that_day = evaluate_flight(&flight, &DEFAULT_OPTIONS);
-        let of_another = evaluate_flight(&Flight { flight_date: None, ..flight }, &DEFAULT_OPTIONS);
+        let of_another = evaluate_flight(&LoggedFlight { flight_date: None, ..flight }, &DEFAULT_OPTIONS);
         for (verdict, is_valid) in [(&of_that_day, true), (&of_another, false)] {
             let (earth, is_model_valid) = verdict.earth_field.as_ref().unwrap();
             assert!(*is_model_valid == is_valid && (earth.inclination_deg - 64.0).abs() < 1.0, "{earth:?}");
@@ -144,7 +144,7 @@ fn a_hard_iron_step_is_found_at_any_time_with_its_full_size() {
                 sample.field_ut[0][0] += 8.0;
             }
             let changes = evaluate_compass(&encode_csv(&recording)).1.hard_iron_changes;
-            let [HardIronChange { hard_iron_step: change, .. }] = changes.as_slice() else {
+            let [LoggedHardIronChange { hard_iron_step: change, .. }] = changes.as_slice() else {
                 panic!("{at_s} s, {} deg: {changes:?}", world.earth.inclination_deg)
             };
             let off_ut = Vector3::from(change.step_ut) - Vector3::new(8.0, 0.0, 0.0);

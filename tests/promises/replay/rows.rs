@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use autoswing::acceptance::Rejection;
 use autoswing::calibration::SolveError;
 use autoswing::collection::CollectionProblem;
-use autoswing::frames::Attitude;
+use autoswing::frames::RollPitch;
 use autoswing_module::messages::{Refusal, RefusalCause};
 use log_analysis::replay::{
     HeadingRow, HeadingScore, ReferenceHeading, ReplayOptions, ReplayRow, RowSelection, build_rows, replay_rows,
@@ -203,8 +203,8 @@ fn wrong_units_and_slow_rows_are_reported() {
     let in_radians: Vec<ReplayRow> = rows
         .iter()
         .map(|&row| {
-            let Attitude { roll_rad, pitch_rad } = row.attitude;
-            let attitude = Attitude { roll_rad: roll_rad.to_radians(), pitch_rad: pitch_rad.to_radians() };
+            let RollPitch { roll_rad, pitch_rad } = row.attitude;
+            let attitude = RollPitch { roll_rad: roll_rad.to_radians(), pitch_rad: pitch_rad.to_radians() };
             ReplayRow { attitude, ..row }
         })
         .collect();

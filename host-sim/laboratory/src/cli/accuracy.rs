@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::process::ExitCode;
 
-use crate::studies::accuracy::flight::{Flight, FlightPattern};
+use crate::studies::accuracy::flight::{FlightPattern, StudyFlight};
 use crate::studies::accuracy::flight_study::{self, FlightStudyRow};
 use crate::studies::accuracy::{self, AccuracyPlan, AccuracyResult, SigmaCoverage};
 use clap::Args;
@@ -139,7 +139,7 @@ fn run_whole_flights_study(
         .into_iter()
         .map(|pattern| {
             flight_study::run_flight_study(
-                Flight { kind: vehicle_kind, flight_pattern: pattern, duration_minutes: minutes },
+                StudyFlight { kind: vehicle_kind, flight_pattern: pattern, duration_minutes: minutes },
                 plan,
                 &|| bar.inc(1),
             )

@@ -26,12 +26,12 @@ use host_sim::{commands, print};
 #[command(name = "lab", version = commands::VERSION, about, long_about, max_term_width = print::MAX_OUTPUT_COLUMNS)]
 pub struct Cli {
     #[command(subcommand)]
-    command: CliCommand,
+    command: LabCommand,
 }
 
 // No doc comments on these variants: they would replace the commands' own long help.
 #[derive(Debug, Subcommand)]
-enum CliCommand {
+enum LabCommand {
     #[command(flatten)]
     Pilot(commands::CliCommand),
     Serve(serve::ServeCommandOptions),
@@ -57,25 +57,25 @@ pub fn run_program() -> ExitCode {
     commands::final_exit_code(execute_command(&commands::parse_command_line::<Cli>().command))
 }
 
-fn execute_command(command: &CliCommand) -> Result<ExitCode, CommandFailure> {
+fn execute_command(command: &LabCommand) -> Result<ExitCode, CommandFailure> {
     match command {
         // Commands that clean up after a termination signal.
-        CliCommand::Emulate(_)
-        | CliCommand::Serve(_)
-        | CliCommand::Console(_)
-        | CliCommand::Bench(BenchCommand::Budget(_)) => {}
+        LabCommand::Emulate(_)
+        | LabCommand::Serve(_)
+        | LabCommand::Console(_)
+        | LabCommand::Bench(BenchCommand::Budget(_)) => {}
         _ => TerminationSignals::install_immediate_exit()?,
     }
     match command {
-        CliCommand::Pilot(command) => command.execute(),
-        CliCommand::Serve(options) => serve::run_serve(options),
-        CliCommand::Console(options) => serve::run_console(options),
-        CliCommand::Emulate(options) => emulate::run_emulate(options),
-        CliCommand::Table1(options) => table1::run_table1(options),
-        CliCommand::Bench(BenchCommand::Accuracy(options)) => accuracy::run_accuracy(options),
-        CliCommand::Bench(BenchCommand::Budget(options)) => bench::run_instruction_budget(options),
-        CliCommand::Bench(BenchCommand::Integrity(options)) => integrity::run_integrity(options),
-        CliCommand::Bench(BenchCommand::Speed(options)) => bench::run_speed(options),
+        LabCommand::Pilot(command) => command.execute(),
+        LabCommand::Serve(options) => serve::run_serve(options),
+        LabCommand::Console(options) => serve::run_console(options),
+        LabCommand::Emulate(options) => emulate::run_emulate(options),
+        LabCommand::Table1(options) => table1::run_table1(options),
+        LabCommand::Bench(BenchCommand::Accuracy(options)) => accuracy::run_accuracy(options),
+        LabCommand::Bench(BenchCommand::Budget(options)) => bench::run_instruction_budget(options),
+        LabCommand::Bench(BenchCommand::Integrity(options)) => integrity::run_integrity(options),
+        LabCommand::Bench(BenchCommand::Speed(options)) => bench::run_speed(options),
     }
 }
 

@@ -7,8 +7,8 @@ use std::rc::Rc;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
 use embedded_io_async::{Read, Write};
-use simulator::devices::uart::{Receiver, SerialCable, Transmitter};
-use testkit::simulation::{Level, Simulation};
+use simulator::devices::uart::{SerialCable, UartReceiver, UartTransmitter};
+use testkit::simulation::{ExecutorLevel, Simulation};
 
 use super::emulated_machine::MAX_STEP_BYTES;
 
@@ -28,8 +28,8 @@ impl MachinePort {
     pub fn new(cable: &SerialCable, simulation: &mut Simulation) -> Self {
         let (receiver, transmitter) = cable.module_ends();
         let wire = Self { to_machine: Rc::default(), to_cable: Rc::default() };
-        simulation.spawn(Level::World, "to machine", forward_received(receiver, Rc::clone(&wire.to_machine)));
-        simulation.spawn(Level::World, "from machine", forward_sent(transmitter, Rc::clone(&wire.to_cable)));
+        simulation.spawn(ExecutorLevel::World, "to machine", forward_received(receiver, Rc::clone(&wire.to_machine)));
+        simulation.spawn(ExecutorLevel::World, "from machine", forward_sent(transmitter, Rc::clone(&wire.to_cable)));
         wire
     }
 
@@ -48,7 +48,7 @@ impl MachinePort {
     }
 }
 
-async fn forward_received(mut receiver: Receiver, to_machine: Rc<RefCell<VecDeque<u8>>>) {
+async fn forward_received(mut receiver: UartReceiver, to_machine: Rc<RefCell<VecDeque<u8>>>) {
     let mut buffer = [0; 64];
     loop {
         // Line errors are never injected here.
@@ -58,7 +58,7 @@ async fn forward_received(mut receiver: Receiver, to_machine: Rc<RefCell<VecDequ
     }
 }
 
-async fn forward_sent(mut transmitter: Transmitter, outgoing: Rc<OutgoingBytes>) {
+async fn forward_sent(mut transmitter: UartTransmitter, outgoing: Rc<OutgoingBytes>) {
     loop {
         outgoing.data_ready.wait().await;
         let bytes = outgoing.bytes.take();

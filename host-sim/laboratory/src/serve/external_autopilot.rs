@@ -1,6 +1,6 @@
 //! Detection of an external autopilot at the autopilot port, by MAVLink attitude or MSP messages.
 
-use autoswing_firmware::wire::mavlink::{InboundMessage, Receiver};
+use autoswing_firmware::wire::mavlink::{InboundMessage, MavlinkReceiver};
 use autoswing_firmware::wire::msp;
 
 /// Timeout, microseconds. An autopilot without message requests sends attitude once a second.
@@ -9,8 +9,8 @@ const ATTITUDE_TIMEOUT_US: u64 = 3_000_000;
 /// Detector for messages at the autopilot port.
 #[derive(Debug, Default)]
 pub struct ExternalAutopilot {
-    receiver: Receiver,
-    msp: msp::Receiver,
+    receiver: MavlinkReceiver,
+    msp: msp::MspReceiver,
     last_message_us: Option<u64>,
 }
 

@@ -17,7 +17,7 @@ pub use self::pilot_command::{COMMANDS, PilotCommand, PilotCommandError};
 pub use self::pilot_pattern::PilotPattern;
 
 use autoswing_firmware::wire::dronecan::CanFrame;
-use simulator::devices::can::{CanBus, CanEnd, CanFaults};
+use simulator::devices::can::{CanEnd, CanFaults, SimulatedCanBus};
 use simulator::devices::uart::HostEnd;
 use simulator::module::Module as _;
 use simulator::rig::Rig;
@@ -132,7 +132,7 @@ impl ServedModule {
             rig.load_flash(image.bytes());
         }
         let can_end = options.has_can.then(|| {
-            let bus = CanBus::new(CanFaults::default());
+            let bus = SimulatedCanBus::new(CanFaults::default());
             rig.attach_can(bus.attach_node(), world.seed);
             bus.attach_node()
         });

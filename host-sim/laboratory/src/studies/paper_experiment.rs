@@ -4,7 +4,7 @@
 use autoswing::calibration::{
     Calibration, CollectionPart, HeadingMark, Method, Orientation, Prior, Sample, Samples, SolveError, solve_samples,
 };
-use autoswing::frames::{Attitude, Field};
+use autoswing::frames::{Field, RollPitch};
 use autoswing::instrument::readings_per_sample;
 use autoswing::time::WrappingMillis;
 use nalgebra::Vector3;
@@ -106,7 +106,7 @@ impl Table1Experiment {
     fn simulated_sample(&self, roll_deg: f64, heading_rad: f64, noise_ut: Vector3<f64>) -> Sample {
         let truth = Euler { roll_rad: roll_deg.to_radians(), pitch_rad: 0.0, heading_rad };
         let field = self.airframe.measured_field(&self.earth.body_field_ut(truth));
-        let attitude = Attitude::from_deg(roll_deg as f32, 0.0);
+        let attitude = RollPitch::from_deg(roll_deg as f32, 0.0);
         Sample::new(Field::new(field.ut + noise_ut.cast()), attitude)
     }
 

@@ -53,7 +53,7 @@ impl LogFormat {
 
 /// The autopilot that wrote the log.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub enum Autopilot {
+pub enum AutopilotKind {
     /// ArduPilot.
     ArduPilot,
     /// PX4.
@@ -65,7 +65,7 @@ pub enum Autopilot {
 
 /// A compass of the aircraft.
 #[derive(Clone, Debug, Default)]
-pub struct Compass {
+pub struct LoggedCompass {
     /// The autopilot's number of the compass, from 1.
     pub compass_number: u8,
     /// Raw field x, y, z and the field as the autopilot corrected it, body axes, microtesla.
@@ -76,7 +76,7 @@ pub struct Compass {
     pub is_used_for_heading: Option<bool>,
 }
 
-/// Row of [`Flight::gps`].
+/// Row of [`LoggedFlight::gps`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gps {
     /// Latitude, degrees.
@@ -94,7 +94,7 @@ pub struct Gps {
 }
 
 impl Gps {
-    /// Values in the order of the columns of [`Flight::gps`].
+    /// Values in the order of the columns of [`LoggedFlight::gps`].
     #[must_use]
     pub const fn columns(self) -> [f32; 6] {
         let Self { latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg } = self;
@@ -132,17 +132,17 @@ pub struct SkippedCounts {
 
 /// A logged flight: the series of all sensors on one clock, parameters, and counts of skipped rows.
 #[derive(Clone, Debug)]
-pub struct Flight {
+pub struct LoggedFlight {
     /// Format of the log.
     pub log_format: LogFormat,
     /// The autopilot that wrote the log.
-    pub autopilot: Autopilot,
+    pub autopilot: AutopilotKind,
     /// The autopilot's firmware name.
     pub firmware_name: Option<String>,
     /// Whether it is a rotorcraft.
     pub is_copter: bool,
     /// The compasses of the aircraft.
-    pub compasses: Vec<Compass>,
+    pub compasses: Vec<LoggedCompass>,
     /// The autopilot's roll, pitch and yaw from true north, radians; yaw is NaN if absent.
     pub attitude: Series<3>,
     /// Message that replaced a missing autopilot attitude.
@@ -179,7 +179,7 @@ pub struct Flight {
     pub skipped_counts: SkippedCounts,
 }
 
-impl Flight {
+impl LoggedFlight {
     /// Turns the fields of all compasses from the axes of sensors of this orientation to body axes.
     pub fn rotate_fields_to_body(&mut self, orientation: Orientation) {
         let body_from_sensor = orientation.body_from_sensor();
@@ -198,7 +198,7 @@ impl Flight {
     /// The number of a compass whose orientation is that of the board, or unknown.
     pub fn set_orientation(&mut self, orientation: Orientation, compass_number: Option<u8>) -> Result<(), u8> {
         let Self { compasses, parameters, autopilot, .. } = self;
-        let is_px4 = *autopilot == Autopilot::Px4;
+        let is_px4 = *autopilot == AutopilotKind::Px4;
         let body_from_sensor = orientation.body_from_sensor().map(f64::from);
         let (rotation, _) = NumberedRotation::nearest_to_matrix(&body_from_sensor);
         for compass in compasses
@@ -233,7 +233,7 @@ impl Flight {
     pub fn new(format: LogFormat) -> Self {
         Self {
             log_format: format,
-            autopilot: Autopilot::default(),
+            autopilot: AutopilotKind::default(),
             firmware_name: None,
             is_copter: false,
             compasses: Vec::new(),
@@ -278,14 +278,16 @@ impl Flight {
 
 /// Mounting parameters of a compass or the board that changed in flight, with the time of the last change, seconds.
 #[must_use]
-pub fn mounting_parameter_changes(flight: &Flight, compass_number: u8) -> Vec<(String, f64)> {
+pub fn mounting_parameter_changes(flight: &LoggedFlight, compass_number: u8) -> Vec<(String, f64)> {
     let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
     let external =
         if compass_number == 1 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{compass_number}") };
     let names = match flight.autopilot {
-        Autopilot::ArduPilot => vec![format!("COMPASS_ORIENT{index}"), external, "AHRS_ORIENTATION".to_owned()],
-        Autopilot::Px4 => vec![format!("CAL_MAG{}_ROT", compass_number.saturating_sub(1)), "SENS_BOARD_ROT".to_owned()],
-        Autopilot::Unknown => Vec::new(),
+        AutopilotKind::ArduPilot => vec![format!("COMPASS_ORIENT{index}"), external, "AHRS_ORIENTATION".to_owned()],
+        AutopilotKind::Px4 => {
+            vec![format!("CAL_MAG{}_ROT", compass_number.saturating_sub(1)), "SENS_BOARD_ROT".to_owned()]
+        }
+        AutopilotKind::Unknown => Vec::new(),
     };
     let changed = |name: String| flight.parameters.last_change_s(&name).map(|at_s| (name, at_s));
     names.into_iter().filter_map(changed).collect()

@@ -1,4 +1,4 @@
-//! Builds a [`Flight`] from a log's messages.
+//! Builds a [`LoggedFlight`] from a log's messages.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use autoswing::earth::Date;
 use nalgebra::Vector3;
 
 use super::correction::{FieldCorrection, InvertibleCorrection, px4_mounting};
-use super::flight::{Autopilot, Compass, Flight, Gps, LogFormat};
+use super::flight::{AutopilotKind, Gps, LogFormat, LoggedCompass, LoggedFlight};
 use super::time_series::Series;
 use super::timeline::Timeline;
 
@@ -19,7 +19,7 @@ const MAX_FIELD_UT: f32 = 200_000.0;
 const MAX_ARMED_CHANGES: usize = 100_000;
 
 pub struct FlightBuilder {
-    pub flight: Flight,
+    pub flight: LoggedFlight,
     pub timeline: Timeline,
     /// Gyro bias of the autopilot's filter, rad/s.
     pub gyro_bias_rad_s: [f32; 3],
@@ -45,7 +45,7 @@ pub enum FieldProcessing {
 impl FlightBuilder {
     pub fn new(format: LogFormat) -> Self {
         Self {
-            flight: Flight::new(format),
+            flight: LoggedFlight::new(format),
             timeline: Timeline::default(),
             gyro_bias_rad_s: [0.0; 3],
             fallback_attitudes: BTreeMap::new(),
@@ -144,7 +144,7 @@ impl FlightBuilder {
     }
 
     /// Sorts all series and undoes the autopilot's corrections.
-    pub fn finish_flight(mut self) -> Flight {
+    pub fn finish_flight(mut self) -> LoggedFlight {
         let flight = &mut self.flight;
         flight.skipped_counts.bad_times += self.timeline.rejected_stamp_count();
         flight.skipped_counts.restarts = self.timeline.restart_count();
@@ -169,7 +169,7 @@ impl FlightBuilder {
             flight.skipped_counts.repeated_times += field.sort_and_dedup() as u64;
             let (correction, field) = undo_correction(flight, compass_number, field_processing, field);
             let is_used_for_heading = is_used_for_heading(flight, compass_number);
-            flight.compasses.push(Compass { compass_number, field, correction, is_used_for_heading });
+            flight.compasses.push(LoggedCompass { compass_number, field, correction, is_used_for_heading });
         }
         self.flight
     }
@@ -194,7 +194,7 @@ fn is_plausible_attitude([roll_rad, pitch_rad, _]: [f32; 3]) -> bool {
 
 /// Raw and corrected field of each row, and the autopilot's last correction.
 fn undo_correction(
-    flight: &Flight,
+    flight: &LoggedFlight,
     compass_number: u8,
     field_processing: FieldProcessing,
     mut field: Series<6>,
@@ -243,18 +243,18 @@ fn undo_correction(
 
 /// Whether the autopilot uses a compass for its heading. PX4 selects the healthy compass of highest priority, which no
 /// parameter shows; priority 0 excludes it.
-fn is_used_for_heading(flight: &Flight, compass_number: u8) -> Option<bool> {
+fn is_used_for_heading(flight: &LoggedFlight, compass_number: u8) -> Option<bool> {
     let value = |name: String| flight.parameters.last_value(&name);
     match flight.autopilot {
-        Autopilot::ArduPilot => {
+        AutopilotKind::ArduPilot => {
             let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
             value(format!("COMPASS_USE{index}")).map(|used| used != 0.0)
         }
-        Autopilot::Px4 => {
+        AutopilotKind::Px4 => {
             let priority = value(format!("CAL_MAG{}_PRIO", compass_number.saturating_sub(1)));
             priority.filter(|priority| *priority == 0.0).map(|_| false)
         }
-        Autopilot::Unknown => None,
+        AutopilotKind::Unknown => None,
     }
 }
 
@@ -283,7 +283,7 @@ mod tests {
     #[test]
     fn the_last_current_is_used_for_two_seconds() {
         let mut builder = FlightBuilder::new(LogFormat::TLog);
-        builder.flight.autopilot = Autopilot::ArduPilot;
+        builder.flight.autopilot = AutopilotKind::ArduPilot;
         for (name, value) in [("COMPASS_MOTCT", 2.0), ("COMPASS_MOT_X", 5.0)] {
             builder.set_parameter(name, value);
         }

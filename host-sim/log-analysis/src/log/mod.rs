@@ -1,4 +1,4 @@
-//! Readers for autopilot logs; every format becomes one [`Flight`].
+//! Readers for autopilot logs; every format becomes one [`LoggedFlight`].
 //!
 //! | format | file | recognised by |
 //! |---|---|---|
@@ -8,7 +8,7 @@
 //! | MAVLink, with or without clock | `.tlog` | frames with valid checksums, each after eight clock bytes or none |
 //! | values separated by comma, semicolon or tab | `.csv` | a first line that names `t_s` |
 //!
-//! The format is detected from the content, not the file name. Logs are read as streams: a [`Flight`] holds at most
+//! The format is detected from the content, not the file name. Logs are read as streams: a [`LoggedFlight`] holds at most
 //! a hundred thousand rows of each series, whatever the length of the file. Any input gives a flight or an error.
 //!
 //! Published readers were rejected: `ardupilot-binlog` 0.2 can underflow a length and gives up after 256 damaged bytes;
@@ -34,7 +34,9 @@ mod ulog;
 
 pub use correction::{FieldCorrection, missing_ardupilot_parameters};
 pub(crate) use correction::{px4_mounting, symmetric_matrix};
-pub use flight::{Autopilot, Compass, Flight, Gps, LogFormat, SkippedCounts, mounting_parameter_changes};
+pub use flight::{
+    AutopilotKind, Gps, LogFormat, LoggedCompass, LoggedFlight, SkippedCounts, mounting_parameter_changes,
+};
 pub use parameters::ParameterHistory;
 pub use rates_problem::RatesProblem;
 pub use rotation::NumberedRotation;
@@ -114,7 +116,7 @@ impl From<io::Error> for LogError {
 /// # Errors
 ///
 /// As [`read_flight_of_system`].
-pub fn read_flight(source: &mut dyn Read, unit: FieldUnit) -> Result<Flight, LogError> {
+pub fn read_flight(source: &mut dyn Read, unit: FieldUnit) -> Result<LoggedFlight, LogError> {
     read_flight_of_system(source, unit, None)
 }
 
@@ -124,13 +126,21 @@ pub fn read_flight(source: &mut dyn Read, unit: FieldUnit) -> Result<Flight, Log
 /// # Errors
 ///
 /// The source cannot be read, or holds no usable flight.
-pub fn read_flight_of_system(source: &mut dyn Read, unit: FieldUnit, system: Option<u8>) -> Result<Flight, LogError> {
+pub fn read_flight_of_system(
+    source: &mut dyn Read,
+    unit: FieldUnit,
+    system: Option<u8>,
+) -> Result<LoggedFlight, LogError> {
     let mut flight = read_with_unchecked_rates(source, unit, system)?;
     rates::check_and_repair_rates(&mut flight);
     Ok(flight)
 }
 
-fn read_with_unchecked_rates(source: &mut dyn Read, unit: FieldUnit, system: Option<u8>) -> Result<Flight, LogError> {
+fn read_with_unchecked_rates(
+    source: &mut dyn Read,
+    unit: FieldUnit,
+    system: Option<u8>,
+) -> Result<LoggedFlight, LogError> {
     let mut first_bytes = Vec::new();
     (&mut *source).take(FORMAT_DETECTION_BYTES as u64).read_to_end(&mut first_bytes)?;
     let format = detect_format(&first_bytes)?;

@@ -2,7 +2,7 @@
 
 use autoswing::frames::wrap_pi;
 
-use super::flight::Flight;
+use super::flight::LoggedFlight;
 use super::rates_problem::RatesProblem;
 use super::time_series::{Series, TimedRow};
 use crate::numbers::median;
@@ -35,7 +35,7 @@ const MAX_REPAIRS: usize = 4;
 
 /// Checks the logged body rates against the attitude, and repairs a wrong sign or unit. Missing or inexact rates are
 /// replaced by differences of the attitude, which give no heading: those of the yaw contain the errors of its compass.
-pub(super) fn check_and_repair_rates(flight: &mut Flight) {
+pub(super) fn check_and_repair_rates(flight: &mut LoggedFlight) {
     let differences = attitude_differences(&flight.attitude);
     for _ in 0..=MAX_REPAIRS {
         let Some(problem) = find_rates_problem(&differences, flight) else { return };
@@ -52,7 +52,7 @@ pub(super) fn check_and_repair_rates(flight: &mut Flight) {
     }
 }
 
-fn find_rates_problem(differences: &[TimedRow<3>], flight: &Flight) -> Option<RatesProblem> {
+fn find_rates_problem(differences: &[TimedRow<3>], flight: &LoggedFlight) -> Option<RatesProblem> {
     if flight.body_rates.is_empty() {
         return (!differences.is_empty()).then_some(RatesProblem::NotLogged);
     }
@@ -127,7 +127,7 @@ mod tests {
     use crate::test_flight::flight_of_motion;
 
     /// A minute of banked turns to both sides at 10 Hz, with its body rates.
-    fn turning_flight(change_rates: impl Fn(usize, &mut [f32; 3])) -> Flight {
+    fn turning_flight(change_rates: impl Fn(usize, &mut [f32; 3])) -> LoggedFlight {
         flight_of_motion(10.0, 600, |t_s| {
             let (sin, cos) = libm::sincosf(0.6 * t_s as f32);
             let (roll, roll_rate, yaw, yaw_rate) = (0.5 * sin, 0.3 * cos, -0.5 * cos, 0.3 * sin);
@@ -137,7 +137,7 @@ mod tests {
         })
     }
 
-    fn with_checked_rates(mut flight: Flight) -> Flight {
+    fn with_checked_rates(mut flight: LoggedFlight) -> LoggedFlight {
         check_and_repair_rates(&mut flight);
         flight
     }
@@ -171,7 +171,7 @@ mod tests {
     #[test]
     fn missing_or_inexact_rates_are_replaced_by_differences_that_give_no_heading() {
         let good = turning_flight(|_, _| {});
-        let missing = Flight { body_rates: Series::new(), ..good.clone() };
+        let missing = LoggedFlight { body_rates: Series::new(), ..good.clone() };
         // Vibration of 6 deg/s, sampled at 10 Hz: a random walk of 6 sqrt(0.1) = 1.9 deg in a second.
         let inexact = turning_flight(|i, rates| rates[2] += if i % 2 == 0 { 0.1 } else { -0.1 });
         let unknown_unit = turning_flight(|_, rates| *rates = rates.map(|rate| rate * 1000.0));

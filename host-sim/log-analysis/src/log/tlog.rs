@@ -8,7 +8,7 @@ use std::io::{self, Read};
 
 use mavlink_dialect::{MavMessage, MavParamType, MavlinkVersion, Message, PARAM_VALUE_DATA, calculate_crc};
 
-use super::flight::{Autopilot, Flight, Gps, LogFormat};
+use super::flight::{AutopilotKind, Gps, LogFormat, LoggedFlight};
 use super::flight_builder::{FieldProcessing, FlightBuilder};
 use super::read_window::ReadWindow;
 
@@ -57,7 +57,7 @@ fn find_clock_length(first_bytes: &[u8]) -> Option<usize> {
 /// # Errors
 ///
 /// The source cannot be read.
-pub fn read_tlog(source: &mut dyn Read, system: Option<u8>) -> io::Result<Flight> {
+pub fn read_tlog(source: &mut dyn Read, system: Option<u8>) -> io::Result<LoggedFlight> {
     let mut window = ReadWindow::new(source);
     let mut log = TlogReader::new(system);
     let clock_length =
@@ -217,9 +217,9 @@ impl TlogReader {
             self.autopilot_ids = Some(frame.sender);
             self.builder.flight.is_copter = ROTORCRAFT_TYPES.contains(&byte(4));
             self.builder.flight.autopilot = match autopilot {
-                MAV_AUTOPILOT_ARDUPILOT => Autopilot::ArduPilot,
-                MAV_AUTOPILOT_PX4 => Autopilot::Px4,
-                _ => Autopilot::Unknown,
+                MAV_AUTOPILOT_ARDUPILOT => AutopilotKind::ArduPilot,
+                MAV_AUTOPILOT_PX4 => AutopilotKind::Px4,
+                _ => AutopilotKind::Unknown,
             };
         }
         if let Some(t_s) = self.receiver_time_s(frame) {
@@ -227,7 +227,7 @@ impl TlogReader {
         }
     }
 
-    fn finish_flight(mut self) -> Flight {
+    fn finish_flight(mut self) -> LoggedFlight {
         let id_part = |id_index: usize| self.autopilot_ids.map(|sender| sender[id_index]).into_iter();
         self.builder.flight.autopilot_system_ids = id_part(0).chain(self.other_systems.iter().copied()).collect();
         self.builder.flight.autopilot_component_ids = id_part(1).chain(self.other_components.iter().copied()).collect();
@@ -242,10 +242,10 @@ impl TlogReader {
                     self.builder.push_rates(t_s, [payload.rollspeed, payload.pitchspeed, payload.yawspeed]);
                 }
             }
-            MavMessage::RAW_IMU(payload) if self.builder.flight.autopilot != Autopilot::Px4 => {
+            MavMessage::RAW_IMU(payload) if self.builder.flight.autopilot != AutopilotKind::Px4 => {
                 self.record_field(frame, 1, payload.time_usec, [payload.xmag, payload.ymag, payload.zmag]);
             }
-            MavMessage::SCALED_IMU(payload) if self.builder.flight.autopilot == Autopilot::Px4 => {
+            MavMessage::SCALED_IMU(payload) if self.builder.flight.autopilot == AutopilotKind::Px4 => {
                 self.record_field(
                     frame,
                     1,
@@ -318,9 +318,9 @@ impl TlogReader {
 
     const fn field_processing(&self, compass_number: u8) -> FieldProcessing {
         match self.builder.flight.autopilot {
-            Autopilot::ArduPilot => FieldProcessing::ArduPilot,
-            Autopilot::Px4 => FieldProcessing::Px4(compass_number - 1),
-            Autopilot::Unknown => FieldProcessing::BodyRaw,
+            AutopilotKind::ArduPilot => FieldProcessing::ArduPilot,
+            AutopilotKind::Px4 => FieldProcessing::Px4(compass_number - 1),
+            AutopilotKind::Unknown => FieldProcessing::BodyRaw,
         }
     }
 
@@ -359,8 +359,8 @@ impl TlogReader {
 }
 
 /// Value of a parameter: PX4 sends the bits of an integer in the float, ArduPilot the number as a float.
-fn parameter_value(autopilot: Autopilot, payload: &PARAM_VALUE_DATA) -> f64 {
-    if autopilot == Autopilot::Px4 && payload.param_type != MavParamType::MAV_PARAM_TYPE_REAL32 {
+fn parameter_value(autopilot: AutopilotKind, payload: &PARAM_VALUE_DATA) -> f64 {
+    if autopilot == AutopilotKind::Px4 && payload.param_type != MavParamType::MAV_PARAM_TYPE_REAL32 {
         f64::from(payload.param_value.to_bits().cast_signed())
     } else {
         f64::from(payload.param_value)
@@ -400,11 +400,11 @@ mod tests {
         };
         let (integer_type, float_type) = (MavParamType::MAV_PARAM_TYPE_INT32, MavParamType::MAV_PARAM_TYPE_REAL32);
         for value in [2, -1, 396_809] {
-            let decoded = decode_parameter(Autopilot::Px4, integer_type, f32::from_bits(i32::cast_unsigned(value)));
+            let decoded = decode_parameter(AutopilotKind::Px4, integer_type, f32::from_bits(i32::cast_unsigned(value)));
             assert!((decoded - f64::from(value)).abs() < 1e-9, "{value}: {decoded}");
         }
-        assert!((decode_parameter(Autopilot::Px4, float_type, 0.5) - 0.5).abs() < 1e-9);
-        assert!((decode_parameter(Autopilot::ArduPilot, integer_type, 6.0) - 6.0).abs() < 1e-9);
+        assert!((decode_parameter(AutopilotKind::Px4, float_type, 0.5) - 0.5).abs() < 1e-9);
+        assert!((decode_parameter(AutopilotKind::ArduPilot, integer_type, 6.0) - 6.0).abs() < 1e-9);
     }
 
     /// A repeated field with a new acceleration would be dated too late.

@@ -1,6 +1,6 @@
 //! Detects rows lost by a link or a slow card.
 
-use crate::log::Flight;
+use crate::log::LoggedFlight;
 use crate::log::time_series::Series;
 
 /// Shortest gap in the body rates, in median steps.
@@ -20,13 +20,13 @@ const MIN_STEPS_PER_GAP: usize = 25;
 pub(super) const SLOW_ATTITUDE_INTERVAL_S: f64 = 0.34;
 
 /// Whether a heading can be integrated from the rates of a flight.
-pub(super) fn has_integrable_rates(flight: &Flight) -> bool {
+pub(super) fn has_integrable_rates(flight: &LoggedFlight) -> bool {
     let is_slow = flight.attitude.median_step_s().is_some_and(|step_s| step_s > SLOW_ATTITUDE_INTERVAL_S);
     flight.has_measured_rates && !is_slow && excessive_rate_loss(flight).is_none()
 }
 
 /// Largest interpolation gap of attitudes, seconds, at most `limit_s`.
-pub(super) fn attitude_gap_limit_s(flight: &Flight, limit_s: f64) -> f64 {
+pub(super) fn attitude_gap_limit_s(flight: &LoggedFlight, limit_s: f64) -> f64 {
     flight
         .attitude
         .median_step_s()
@@ -34,7 +34,7 @@ pub(super) fn attitude_gap_limit_s(flight: &Flight, limit_s: f64) -> f64 {
 }
 
 /// Fraction of gaps in the logged rates, if they are unusable. Differences of the attitude are means over their gaps.
-pub(super) fn excessive_rate_loss(flight: &Flight) -> Option<f64> {
+pub(super) fn excessive_rate_loss(flight: &LoggedFlight) -> Option<f64> {
     if !flight.has_measured_rates {
         return None;
     }

@@ -7,11 +7,11 @@ use rayon::prelude::*;
 
 use super::baseline_fits;
 use super::field_latency::{self, FieldLatency};
-use super::hard_iron_changes::{HardIronChange, find_changes};
+use super::hard_iron_changes::{LoggedHardIronChange, find_changes};
 use super::parameter_fit::ParameterFit;
 use super::row_headings::score_rows;
 use super::row_solve::solved_correction;
-use crate::log::{Compass, FieldCorrection, Flight, Gps, mounting_parameter_changes};
+use crate::log::{FieldCorrection, Gps, LoggedCompass, LoggedFlight, mounting_parameter_changes};
 use crate::replay::reference::{ReferenceHeading, ReferenceKind};
 use crate::replay::replay_run::replay_rows_of_flight;
 use crate::replay::result::{HeadingScore, ReplayOptions, ReplayResult, RowSelection};
@@ -73,7 +73,7 @@ pub struct CompassEvaluation {
     /// Field strength by a sphere fit, microtesla.
     pub sphere_radius_ut: Option<f64>,
     /// Changes of hard iron in flight, in order of time.
-    pub hard_iron_changes: Vec<HardIronChange>,
+    pub hard_iron_changes: Vec<LoggedHardIronChange>,
     /// Fits from which the autopilot's parameters are made.
     pub parameter_fit: ParameterFit,
 }
@@ -140,14 +140,14 @@ pub struct FlightEvaluation {
 
 /// Evaluates the compasses of a flight.
 #[must_use]
-pub fn evaluate_flight(flight: &Flight, evaluation_options: &EvaluationOptions) -> FlightEvaluation {
+pub fn evaluate_flight(flight: &LoggedFlight, evaluation_options: &EvaluationOptions) -> FlightEvaluation {
     let reference = evaluation_options.reference_kind.map_or_else(
         || ReferenceHeading::best_reference(flight),
         |reference_kind| ReferenceHeading::of_kind(flight, reference_kind),
     );
     let earth = earth_of_flight(flight);
     let earth_ut = earth.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
-    let compasses: Vec<&Compass> = flight
+    let compasses: Vec<&LoggedCompass> = flight
         .compasses
         .iter()
         .filter(|compass| {
@@ -186,7 +186,7 @@ pub fn evaluate_flight(flight: &Flight, evaluation_options: &EvaluationOptions) 
 
 /// Inputs of the evaluation that all compasses of a flight share.
 struct SharedInputs<'a> {
-    flight: &'a Flight,
+    flight: &'a LoggedFlight,
     reference: Option<&'a ReferenceHeading>,
     earth_ut: Option<f64>,
     window_s: [f64; 2],
@@ -194,7 +194,7 @@ struct SharedInputs<'a> {
 
 impl SharedInputs<'_> {
     /// Rows of a compass; those outside the window are not usable.
-    fn replay_rows(&self, compass: &Compass, latency: FieldLatency) -> (Vec<ReplayRow>, RowCounts) {
+    fn replay_rows(&self, compass: &LoggedCompass, latency: FieldLatency) -> (Vec<ReplayRow>, RowCounts) {
         let (mut rows, mut row_counts) = build_rows(self.flight, compass, latency.used_s, self.reference);
         let [from_s, to_s] = self.window_s;
         for row in rows.iter_mut().filter(|row| row.is_usable && !(from_s..=to_s).contains(&row.t_s)) {
@@ -208,7 +208,7 @@ impl SharedInputs<'_> {
 
 fn evaluate_compass(
     inputs: &SharedInputs<'_>,
-    compass: &Compass,
+    compass: &LoggedCompass,
     latency: FieldLatency,
     options: &ReplayOptions,
 ) -> CompassEvaluation {
@@ -262,7 +262,7 @@ fn evaluate_compass(
     let last_change_s = changes.iter().map(|change| change.hard_iron_step.time_s).chain(remounted_s).reduce(f64::max);
     let parameter_fit = ParameterFit::new(&rows, last_change_s, options);
     let reading_interval_s = compass.field.median_step_s().unwrap_or(f64::NAN);
-    let Compass { compass_number, is_used_for_heading, .. } = *compass;
+    let LoggedCompass { compass_number, is_used_for_heading, .. } = *compass;
     CompassEvaluation {
         compass_number,
         is_used_for_heading,
@@ -292,7 +292,7 @@ fn has_field_turned(fields: &[Vector3<f64>]) -> bool {
 
 fn rms_without_current_deg(
     rows: &[ReplayRow],
-    flight: &Flight,
+    flight: &LoggedFlight,
     module: &ReplayResult,
     options: &ReplayOptions,
 ) -> Option<f64> {
@@ -317,7 +317,7 @@ pub(crate) fn heading_deg(row: &ReplayRow, corrected: Vector3<f64>) -> f64 {
     f64::from(row.attitude.to_level_frame(field).heading_rad().to_degrees())
 }
 
-fn flight_position(flight: &Flight) -> Option<Position> {
+fn flight_position(flight: &LoggedFlight) -> Option<Position> {
     let rows = flight.gps.rows();
     let gps = Gps::from_columns(rows.get(rows.len() / 2)?.row_values);
     Position::new(gps.latitude_deg, gps.longitude_deg, gps.height_m)
@@ -325,7 +325,7 @@ fn flight_position(flight: &Flight) -> Option<Position> {
 
 /// Modelled Earth field at the middle of the flight, and whether the model is valid on that day; otherwise that of its
 /// first day.
-fn earth_of_flight(flight: &Flight) -> Option<(EarthField, bool)> {
+fn earth_of_flight(flight: &LoggedFlight) -> Option<(EarthField, bool)> {
     /// 2025-01-01, the model's first day.
     const MODEL_BEGINS_UNIX_S: u64 = 1_735_689_600;
     let position = flight_position(flight)?;
@@ -362,8 +362,8 @@ mod tests {
     use crate::log::LogFormat;
 
     /// A flight from the equator to 60 N.
-    fn flight_to_north(day: Option<Date>) -> Flight {
-        let mut flight = Flight::new(LogFormat::Csv);
+    fn flight_to_north(day: Option<Date>) -> LoggedFlight {
+        let mut flight = LoggedFlight::new(LogFormat::Csv);
         flight.flight_date = day;
         for i in 0..7_u8 {
             flight.gps.push_row(f64::from(i), [10.0 * f32::from(i), 11.3, 500.0, 0.0, 0.0, f32::NAN]);
@@ -385,7 +385,7 @@ mod tests {
             let numbers = |field: EarthField| [field.total_ut, field.inclination_deg].map(f32::to_bits);
             assert_eq!(numbers(earth_field), numbers(expected));
         }
-        assert!(earth_of_flight(&Flight::new(LogFormat::Csv)).is_none());
+        assert!(earth_of_flight(&LoggedFlight::new(LogFormat::Csv)).is_none());
     }
 
     /// Fields of 50 uT: one that only noise changes, and one that turns.

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::replay_run::solve_all_rows;
 use super::rows::build_rows;
-use crate::log::{Compass, Flight};
+use crate::log::{LoggedCompass, LoggedFlight};
 use crate::numbers::square;
 
 /// Largest standard deviation of a usable estimate, seconds: 0.6 deg at 30 deg/s.
@@ -35,7 +35,7 @@ pub struct FieldLatency {
 
 /// Estimates a compass's latency; the format's default if the flight does not show it.
 #[must_use]
-pub fn estimate_latency(flight: &Flight, compass: &Compass) -> FieldLatency {
+pub fn estimate_latency(flight: &LoggedFlight, compass: &LoggedCompass) -> FieldLatency {
     let default_latency = FieldLatency { used_s: flight.log_format.default_field_latency_s(), sigma_s: None };
     let mut latency_s = default_latency.used_s;
     let mut last_sigma_s = None;

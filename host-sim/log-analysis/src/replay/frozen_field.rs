@@ -1,6 +1,6 @@
 //! Detects a sensor whose field freezes while the aircraft moves.
 
-use autoswing::frames::{Attitude, Field};
+use autoswing::frames::{Field, RollPitch};
 use nalgebra::Vector3;
 
 use super::row::ReplayRow;
@@ -71,9 +71,9 @@ fn change_without_step(fields: &[Vector3<f32>], axis: usize) -> f32 {
 
 /// Field of a row turned back by the roll for the x axis, and by the pitch for the y axis.
 fn without_rotation_about(row: &ReplayRow, axis: usize) -> Vector3<f32> {
-    let Attitude { roll_rad, pitch_rad } = row.attitude;
+    let RollPitch { roll_rad, pitch_rad } = row.attitude;
     let [roll_rad, pitch_rad] = [[roll_rad, 0.0], [0.0, pitch_rad], [0.0, 0.0]][axis];
-    Attitude { roll_rad, pitch_rad }.to_level_frame(Field::new(row.raw_field.ut)).ut
+    RollPitch { roll_rad, pitch_rad }.to_level_frame(Field::new(row.raw_field.ut)).ut
 }
 
 fn frozen_interval(equal_rows: &[ReplayRow]) -> Option<[f64; 2]> {
@@ -116,7 +116,7 @@ mod tests {
         let last = seconds * 10;
         let row = |i: u16| {
             let fraction = f32::from(i) / f32::from(last);
-            let attitude = Attitude::from_deg(roll_deg * fraction, pitch_deg * fraction);
+            let attitude = RollPitch::from_deg(roll_deg * fraction, pitch_deg * fraction);
             row_of_field(f64::from(i) / 10.0, Field::from_ut(20.0, 0.0, 40.0), attitude)
         };
         (0..=last).map(row).collect()
@@ -126,7 +126,7 @@ mod tests {
     fn rows_of_field(
         seconds: u16,
         [roll_deg, pitch_deg]: [f32; 2],
-        field_ut: impl Fn(f32, Attitude) -> [f32; 3],
+        field_ut: impl Fn(f32, RollPitch) -> [f32; 3],
     ) -> Vec<ReplayRow> {
         let mut rows = frozen_rows(seconds, roll_deg, pitch_deg);
         for row in &mut rows {
@@ -138,7 +138,7 @@ mod tests {
     #[test]
     fn a_constant_field_during_10_s_of_motion_is_frozen() {
         let mut steady_bank = frozen_rows(60, 0.0, 0.0);
-        steady_bank.iter_mut().for_each(|row| row.attitude = Attitude::from_deg(25.0, -15.0));
+        steady_bank.iter_mut().for_each(|row| row.attitude = RollPitch::from_deg(25.0, -15.0));
         let mut with_gap = frozen_rows(8, 20.0, 0.0);
         with_gap[40..].iter_mut().for_each(|row| row.t_s += 256.0);
         for (name, rows, is_frozen) in [

@@ -10,7 +10,7 @@ use autoswing::calibration::Calibration;
 use nalgebra::{Matrix3, SVD, Vector3};
 
 use super::symmetric_fit::{SymmetricFit, correction_parts, heading_deg};
-use crate::log::{Autopilot, FieldCorrection, Flight, NumberedRotation, ParameterHistory, px4_mounting};
+use crate::log::{AutopilotKind, FieldCorrection, LoggedFlight, NumberedRotation, ParameterHistory, px4_mounting};
 use crate::numbers::{format_number, square};
 use crate::replay::row::ReplayRow;
 use crate::score::wrap_180;
@@ -29,10 +29,10 @@ pub enum ParameterFormat {
 impl ParameterFormat {
     /// The format of the autopilot that wrote the log.
     #[must_use]
-    pub const fn for_autopilot(autopilot: Autopilot) -> Self {
+    pub const fn for_autopilot(autopilot: AutopilotKind) -> Self {
         match autopilot {
-            Autopilot::Px4 => Self::Px4,
-            Autopilot::ArduPilot | Autopilot::Unknown => Self::ArduPilot,
+            AutopilotKind::Px4 => Self::Px4,
+            AutopilotKind::ArduPilot | AutopilotKind::Unknown => Self::ArduPilot,
         }
     }
 
@@ -99,7 +99,7 @@ impl ExportedCorrection {
     }
 
     /// Limit of the offsets that the autopilot rejects, milligauss, if exceeded.
-    pub(super) fn offset_limit_mg_if_exceeded(&self, flight: &Flight, format: ParameterFormat) -> Option<f64> {
+    pub(super) fn offset_limit_mg_if_exceeded(&self, flight: &LoggedFlight, format: ParameterFormat) -> Option<f64> {
         let limit_mg = flight.parameters.last_value("COMPASS_OFFS_MAX").unwrap_or(DEFAULT_MAX_OFFSET_MG);
         (format == ParameterFormat::ArduPilot && self.largest_offset_mg() > limit_mg).then_some(limit_mg)
     }
@@ -166,7 +166,7 @@ pub(super) fn export_correction(
 
 /// The field of a row, microtesla, as the autopilot corrects it by exported parameters: with the digits of the file.
 pub fn field_by_exported_parameters(
-    flight: &Flight,
+    flight: &LoggedFlight,
     export: &ExportedCorrection,
     format: ParameterFormat,
 ) -> impl Fn(&ReplayRow) -> Vector3<f64> + use<> {
@@ -230,7 +230,7 @@ fn heading_loss_deg_of(
 
 /// Text of the parameter file with these corrections.
 #[must_use]
-pub fn format_parameter_file(flight: &Flight, exports: &[ExportedCorrection], format: ParameterFormat) -> String {
+pub fn format_parameter_file(flight: &LoggedFlight, exports: &[ExportedCorrection], format: ParameterFormat) -> String {
     let mut text = String::new();
     // Writing to a string cannot fail.
     let _ = match format {
@@ -254,7 +254,11 @@ fn write_comments(text: &mut String, export: &ExportedCorrection) -> std::fmt::R
     export.warnings.iter().try_for_each(|warning| writeln!(text, "# {warning}"))
 }
 
-fn write_ardupilot_parameters(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> std::fmt::Result {
+fn write_ardupilot_parameters(
+    text: &mut String,
+    flight: &LoggedFlight,
+    exports: &[ExportedCorrection],
+) -> std::fmt::Result {
     if exports.iter().any(ExportedCorrection::has_motor_compensation) {
         writeln!(text, "COMPASS_MOTCT,2")?;
         zero_other_compensations(text, flight, exports)?;
@@ -303,7 +307,11 @@ fn write_ardupilot_parameters(text: &mut String, flight: &Flight, exports: &[Exp
 }
 
 /// `COMPASS_MOTCT` is common to all compasses: values of another kind (throttle) are set to zero.
-fn zero_other_compensations(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> std::fmt::Result {
+fn zero_other_compensations(
+    text: &mut String,
+    flight: &LoggedFlight,
+    exports: &[ExportedCorrection],
+) -> std::fmt::Result {
     let parameter = |name: &str| flight.parameters.last_value(name).unwrap_or(0.0);
     let other_compasses = flight
         .compasses
@@ -322,7 +330,7 @@ fn zero_other_compensations(text: &mut String, flight: &Flight, exports: &[Expor
 }
 
 /// Vehicle, component, name, value, type (9 float, 6 integer), tab-separated.
-fn write_px4_parameters(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> std::fmt::Result {
+fn write_px4_parameters(text: &mut String, flight: &LoggedFlight, exports: &[ExportedCorrection]) -> std::fmt::Result {
     if exports.iter().any(ExportedCorrection::has_motor_compensation) {
         // Type 2: compensation by the current of the first battery.
         writeln!(text, "1\t1\tCAL_MAG_COMP_TYP\t2\t6")?;

@@ -5,7 +5,7 @@ use serde::Deserialize;
 
 use super::gps_course::GpsCourseHeading;
 
-use crate::log::Flight;
+use crate::log::LoggedFlight;
 
 /// Reference heading of a log, best first.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,13 +50,13 @@ const MAX_GAP_S: f64 = 0.5;
 impl ReferenceHeading {
     /// Selects the best reference in a log.
     #[must_use]
-    pub fn best_reference(flight: &Flight) -> Option<Self> {
+    pub fn best_reference(flight: &LoggedFlight) -> Option<Self> {
         ReferenceKind::ALL_KINDS.into_iter().find_map(|reference_kind| Self::of_kind(flight, reference_kind))
     }
 
     /// The reference of a kind, if the log has it.
     #[must_use]
-    pub fn of_kind(flight: &Flight, reference_kind: ReferenceKind) -> Option<Self> {
+    pub fn of_kind(flight: &LoggedFlight, reference_kind: ReferenceKind) -> Option<Self> {
         let gps_yaws = || flight.gps.rows().iter().filter(|row| row.row_values[5].is_finite()).count();
         match reference_kind {
             ReferenceKind::Simulator => (!flight.true_attitude.is_empty()).then_some(Self::Simulator),
@@ -130,7 +130,7 @@ impl ReferenceHeading {
 
     /// Reference heading at a flight time, degrees.
     #[must_use]
-    pub fn heading_deg(&self, flight: &Flight, t_s: f64) -> Option<f64> {
+    pub fn heading_deg(&self, flight: &LoggedFlight, t_s: f64) -> Option<f64> {
         let heading_rad = match self {
             Self::Simulator => flight.true_attitude.interpolate_angles(t_s, MAX_GAP_S)?[2],
             Self::Column => flight.reference_heading.interpolate_angles(t_s, MAX_GAP_S)?[0],
@@ -153,8 +153,8 @@ mod tests {
     use crate::log::time_series::Series;
 
     /// A receiver at rest with these yaws, degrees, at 5 Hz.
-    fn flight_with_yaws(yaws_deg: &[f32]) -> Flight {
-        let mut flight = Flight::new(LogFormat::DataFlash);
+    fn flight_with_yaws(yaws_deg: &[f32]) -> LoggedFlight {
+        let mut flight = LoggedFlight::new(LogFormat::DataFlash);
         for (i, yaw_deg) in yaws_deg.iter().enumerate() {
             flight.gps.push_row(i as f64 / 5.0, [48.0, 11.3, 500.0, 0.0, 0.0, *yaw_deg]);
         }
@@ -167,7 +167,7 @@ mod tests {
         assert_eq!(ReferenceHeading::best_reference(&flight_with_yaws(&[90.0; 10])), None);
         assert_eq!(ReferenceHeading::best_reference(&flight_with_yaws(&[90.0; 40])), Some(ReferenceHeading::GpsYaw));
         for (yaw_rad, expected) in [(f32::NAN, None), (1.0, Some(ReferenceHeading::AutopilotYaw))] {
-            let mut flight = Flight::new(LogFormat::Csv);
+            let mut flight = LoggedFlight::new(LogFormat::Csv);
             flight.attitude.push_row(0.0, [0.1, 0.2, yaw_rad]);
             assert_eq!(ReferenceHeading::best_reference(&flight), expected);
         }

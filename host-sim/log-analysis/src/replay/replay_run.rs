@@ -10,7 +10,7 @@ use super::result::{HeadingRow, ReplayOptions, ReplayResult, RowSelection};
 use super::row::ReplayRow;
 use super::row_headings::{compute_headings, estimate_heading, instrument_config, score_rows};
 use super::row_solve::{RunOutcome, solve_evenly_thinned, solve_retained_samples, solver_prior};
-use crate::log::Flight;
+use crate::log::LoggedFlight;
 
 /// Expected error of a poor solve, degrees RMS: larger than that of a good compass.
 const POOR_SOLVE_RMS_DEG: f32 = 2.0;
@@ -23,7 +23,11 @@ pub fn replay_rows(rows: &[ReplayRow], options: &ReplayOptions) -> ReplayResult 
 
 /// Replays rows with the flight's attitudes between them.
 #[must_use]
-pub fn replay_rows_of_flight(rows: &[ReplayRow], flight: Option<&Flight>, options: &ReplayOptions) -> ReplayResult {
+pub fn replay_rows_of_flight(
+    rows: &[ReplayRow],
+    flight: Option<&LoggedFlight>,
+    options: &ReplayOptions,
+) -> ReplayResult {
     let config = instrument_config(rows);
     let usable = samples_of_usable_rows(rows, config);
     let run_outcome = match options.row_selection {

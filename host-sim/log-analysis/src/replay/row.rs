@@ -1,6 +1,6 @@
 //! A row of simultaneous data.
 
-use autoswing::frames::{Attitude, Field, Sensor};
+use autoswing::frames::{Field, RollPitch, Sensor};
 use nalgebra::{Matrix3, Vector3};
 
 use crate::log::FieldCorrection;
@@ -15,7 +15,7 @@ pub struct ReplayRow {
     /// The field as the autopilot corrected it, body axes.
     pub logged_field: Field<Sensor>,
     /// The autopilot's attitude.
-    pub attitude: Attitude,
+    pub attitude: RollPitch,
     /// Body rates p, q, r, rad/s, if available.
     pub rates_rad_s: Option<[f32; 3]>,
     /// Battery current, amperes, if known.
@@ -48,7 +48,7 @@ impl ReplayRow {
 }
 
 /// Direction of down at an attitude, body axes.
-pub(super) fn down_in_body(attitude: Attitude) -> Vector3<f64> {
+pub(super) fn down_in_body(attitude: RollPitch) -> Vector3<f64> {
     let [(sin_roll, cos_roll), (sin_pitch, cos_pitch)] =
         [attitude.roll_rad, attitude.pitch_rad].map(|angle| libm::sincos(f64::from(angle)));
     Vector3::new(-sin_pitch, sin_roll * cos_pitch, cos_roll * cos_pitch)

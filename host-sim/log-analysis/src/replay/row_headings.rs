@@ -2,7 +2,7 @@
 
 use autoswing::attitude::{self, AttitudeReport, BodyRates, SenderId};
 use autoswing::calibration::Solution;
-use autoswing::frames::Attitude;
+use autoswing::frames::RollPitch;
 use autoswing::heading;
 use autoswing::instrument::{Correction, Estimate, InstallationChange, Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
@@ -13,7 +13,7 @@ use super::data_loss;
 use super::result::{HeadingRow, HeadingScore};
 use super::row::ReplayRow;
 use super::rows::{self, attitudes_between};
-use crate::log::Flight;
+use crate::log::LoggedFlight;
 use crate::numbers::{mean_angle_deg, square};
 use crate::score::{within_percent, wrap_180};
 
@@ -51,7 +51,7 @@ pub(super) fn estimate_heading(instrument: &mut Instrument, row: &ReplayRow, sta
 }
 
 /// Attitude report of a row, dated by arrival.
-fn attitude_report(attitude: Attitude, rates_rad_s: Option<[f32; 3]>) -> AttitudeReport {
+fn attitude_report(attitude: RollPitch, rates_rad_s: Option<[f32; 3]>) -> AttitudeReport {
     let body_rates = rates_rad_s.and_then(BodyRates::from_rad_s);
     AttitudeReport {
         sender: SenderId::default(),
@@ -63,7 +63,7 @@ fn attitude_report(attitude: Attitude, rates_rad_s: Option<[f32; 3]>) -> Attitud
 
 /// Feeds instruments with the rows of a flight, and with its attitudes between them.
 struct RowFeed<'a> {
-    flight: Option<&'a Flight>,
+    flight: Option<&'a LoggedFlight>,
     /// Whether body rates are complete; incomplete rates integrate to wrong turns.
     has_complete_rates: bool,
     start_s: f64,
@@ -71,7 +71,7 @@ struct RowFeed<'a> {
 }
 
 impl<'a> RowFeed<'a> {
-    fn new(rows: &[ReplayRow], flight: Option<&'a Flight>) -> Self {
+    fn new(rows: &[ReplayRow], flight: Option<&'a LoggedFlight>) -> Self {
         let has_complete_rates = flight.is_none_or(data_loss::has_integrable_rates);
         let start_s = rows.first().map_or(0.0, |row| row.t_s);
         Self { flight, has_complete_rates, start_s, last_s: start_s }
@@ -114,7 +114,7 @@ fn calibrated_instrument(config: InstrumentConfig, solution: &Solution) -> Instr
 
 pub(super) fn compute_headings(
     rows: &[ReplayRow],
-    flight: Option<&Flight>,
+    flight: Option<&LoggedFlight>,
     solution: &Solution,
     config: InstrumentConfig,
 ) -> Vec<HeadingRow> {
@@ -132,7 +132,11 @@ pub(super) fn compute_headings(
 
 /// Changes of hard iron that the monitor reports in usable rows after a calibration: of the corrected field, body axes,
 /// microtesla.
-pub(super) fn monitored_changes_ut(rows: &[ReplayRow], flight: &Flight, solution: &Solution) -> Vec<Vector3<f64>> {
+pub(super) fn monitored_changes_ut(
+    rows: &[ReplayRow],
+    flight: &LoggedFlight,
+    solution: &Solution,
+) -> Vec<Vector3<f64>> {
     let mut feed = RowFeed::new(rows, Some(flight));
     let mut instrument = calibrated_instrument(instrument_config(rows), solution);
     let mut changes: Vec<Vector3<f64>> = Vec::new();

@@ -123,13 +123,13 @@ fn assign_collection_parts(samples: &[Sample]) -> Vec<Sample> {
 
 #[cfg(test)]
 mod tests {
-    use autoswing::frames::{Attitude, Field};
+    use autoswing::frames::{Field, RollPitch};
     use autoswing::time::WrappingMillis;
 
     use super::*;
 
     fn sample_at(t_s: f64, roll_deg: f32) -> Sample {
-        let attitude = Attitude::from_deg(roll_deg, 0.0);
+        let attitude = RollPitch::from_deg(roll_deg, 0.0);
         Sample {
             time: WrappingMillis::new((t_s * 1e3) as u32),
             ..Sample::new(Field::from_ut(20.0, 0.0, 40.0), attitude)
@@ -166,6 +166,6 @@ mod tests {
         expected.sort_by_key(|(part, _)| *part);
         let assigned = assign_collection_parts(&rolls_deg.map(|roll_deg| sample_at(0.0, roll_deg)));
         let found: Vec<_> = assigned.iter().map(|sample| (sample.part, sample.attitude)).collect();
-        assert_eq!(found, expected.map(|(part, roll_deg)| (part, Attitude::from_deg(roll_deg, 0.0))));
+        assert_eq!(found, expected.map(|(part, roll_deg)| (part, RollPitch::from_deg(roll_deg, 0.0))));
     }
 }

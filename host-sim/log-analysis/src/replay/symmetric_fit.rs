@@ -1,7 +1,7 @@
 //! Fits the symmetric (or diagonal) matrix and the offsets that an autopilot can express to a full correction.
 
 use autoswing::calibration::Calibration;
-use autoswing::frames::{Attitude, Field, Level};
+use autoswing::frames::{Field, Level, RollPitch};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use crate::log::{FieldCorrection, symmetric_matrix};
@@ -147,7 +147,7 @@ impl SymmetricFit<'_> {
             for pitch_deg in PITCHES_DEG {
                 for heading_index in 0..HEADING_COUNT {
                     let heading_deg = heading_index as f32 * (360.0 / HEADING_COUNT as f32);
-                    let attitude = Attitude::from_deg(bank_deg, pitch_deg);
+                    let attitude = RollPitch::from_deg(bank_deg, pitch_deg);
                     let level_field =
                         Field::<Level>::earth_field(*total_ut, *inclination_rad, heading_deg.to_radians());
                     let field = inverse * attitude.to_body_frame(level_field).ut.map(f64::from) + constant_ut;

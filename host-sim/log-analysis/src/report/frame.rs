@@ -4,7 +4,7 @@ use super::svg::{PicturePoint, Svg};
 use crate::numbers::format_number;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Axis {
+pub struct ChartAxis {
     /// Values at both ends of the axis.
     pub value_range: [f64; 2],
     /// Interval of the grid lines.
@@ -13,7 +13,7 @@ pub struct Axis {
     pub lines_per_number: usize,
 }
 
-impl Axis {
+impl ChartAxis {
     /// Heading axis: lines every 30 deg, numbers every 30 or 90 deg.
     pub const fn for_headings(number_interval_deg: usize) -> Self {
         Self { value_range: [0.0, 360.0], grid_step: 30.0, lines_per_number: number_interval_deg / 30 }
@@ -78,8 +78,8 @@ fn round_step(min_step: f64) -> f64 {
 
 #[derive(Clone, Copy, Debug)]
 pub struct PlotFrame {
-    pub x: Axis,
-    pub y: Axis,
+    pub x: ChartAxis,
+    pub y: ChartAxis,
     /// Upper left corner of the frame.
     pub upper_left: PicturePoint,
     pub size: PicturePoint,
@@ -88,7 +88,7 @@ pub struct PlotFrame {
 impl PlotFrame {
     /// Position of a point; none if outside or NaN.
     pub fn plot_point(&self, x: f64, y: f64) -> Option<PicturePoint> {
-        let inside = |axis: &Axis, value: f64| (-1e-9..=1.0 + 1e-9).contains(&axis.axis_fraction(value));
+        let inside = |axis: &ChartAxis, value: f64| (-1e-9..=1.0 + 1e-9).contains(&axis.axis_fraction(value));
         (inside(&self.x, x) && inside(&self.y, y)).then(|| [self.x_position(x), self.y_position(y)])
     }
 
@@ -155,23 +155,23 @@ pub fn closed_heading_curve(errors_deg: &[Option<f64>]) -> Vec<Option<PicturePoi
 mod tests {
     use super::*;
 
-    fn grid_lines(axis: Axis) -> Vec<f64> {
+    fn grid_lines(axis: ChartAxis) -> Vec<f64> {
         axis.grid_values().collect()
     }
 
     #[test]
     fn grid_lines_are_at_round_numbers() {
-        assert_eq!(grid_lines(Axis::for_headings(30)), (0..=12).map(|i| 30.0 * f64::from(i)).collect::<Vec<_>>());
-        assert_eq!(grid_lines(Axis::symmetric_deg(21.7)), [-30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0]);
-        assert_eq!(grid_lines(Axis::symmetric_deg(0.8)), [-1.0, -0.5, 0.0, 0.5, 1.0]);
-        assert_eq!(grid_lines(Axis::symmetric_deg(50.0)), [-60.0, -30.0, 0.0, 30.0, 60.0]);
-        assert_eq!(grid_lines(Axis::symmetric_deg(170.0)), [-180.0, -90.0, 0.0, 90.0, 180.0]);
-        assert_eq!(grid_lines(Axis::for_range(-3.0, 41.0, 5.0)), [-10.0, 0.0, 10.0, 20.0, 30.0, 40.0, 50.0]);
+        assert_eq!(grid_lines(ChartAxis::for_headings(30)), (0..=12).map(|i| 30.0 * f64::from(i)).collect::<Vec<_>>());
+        assert_eq!(grid_lines(ChartAxis::symmetric_deg(21.7)), [-30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0]);
+        assert_eq!(grid_lines(ChartAxis::symmetric_deg(0.8)), [-1.0, -0.5, 0.0, 0.5, 1.0]);
+        assert_eq!(grid_lines(ChartAxis::symmetric_deg(50.0)), [-60.0, -30.0, 0.0, 30.0, 60.0]);
+        assert_eq!(grid_lines(ChartAxis::symmetric_deg(170.0)), [-180.0, -90.0, 0.0, 90.0, 180.0]);
+        assert_eq!(grid_lines(ChartAxis::for_range(-3.0, 41.0, 5.0)), [-10.0, 0.0, 10.0, 20.0, 30.0, 40.0, 50.0]);
         for axis in [
-            Axis::for_range(f64::NAN, 1.0, 5.0),
-            Axis::for_range(2.0, 2.0, 5.0),
-            Axis::for_range(0.0, 0.0, 5.0),
-            Axis::symmetric_deg(f64::NAN),
+            ChartAxis::for_range(f64::NAN, 1.0, 5.0),
+            ChartAxis::for_range(2.0, 2.0, 5.0),
+            ChartAxis::for_range(0.0, 0.0, 5.0),
+            ChartAxis::symmetric_deg(f64::NAN),
         ] {
             assert!((2..20).contains(&grid_lines(axis).len()), "{axis:?}");
             assert!(axis.value_range[1] > axis.value_range[0], "{axis:?}");
@@ -181,8 +181,8 @@ mod tests {
     #[test]
     fn every_grid_line_has_its_number() {
         let frame = PlotFrame {
-            x: Axis::for_headings(30),
-            y: Axis::symmetric_deg(0.8),
+            x: ChartAxis::for_headings(30),
+            y: ChartAxis::symmetric_deg(0.8),
             upper_left: [50.0, 10.0],
             size: [300.0, 200.0],
         };
@@ -192,7 +192,7 @@ mod tests {
         for tick in ["0", "30", "60", "330", "360", "-1.0", "-0.5", "0.0", "0.5", "1.0"] {
             assert!(whole.contains(&format!(">{tick}</text>")), "{tick}");
         }
-        let at_ninety = PlotFrame { x: Axis::for_headings(90), ..frame };
+        let at_ninety = PlotFrame { x: ChartAxis::for_headings(90), ..frame };
         let mut svg = Svg::new(400.0, 300.0);
         at_ninety.draw_axes(&mut svg, "heading, deg", "");
         let whole = svg.to_inline("p", "", "");
@@ -202,8 +202,8 @@ mod tests {
     #[test]
     fn points_outside_the_frame_are_not_drawn() {
         let frame = PlotFrame {
-            x: Axis::for_headings(30),
-            y: Axis::symmetric_deg(1.0),
+            x: ChartAxis::for_headings(30),
+            y: ChartAxis::symmetric_deg(1.0),
             upper_left: [50.0, 10.0],
             size: [360.0, 200.0],
         };

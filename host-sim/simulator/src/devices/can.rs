@@ -43,7 +43,7 @@ const ERRORS_TO_BUS_OFF: u32 = 32;
 
 /// Bus with its nodes.
 #[derive(Clone)]
-pub struct CanBus(Rc<RefCell<BusState>>);
+pub struct SimulatedCanBus(Rc<RefCell<BusState>>);
 
 struct BusState {
     faults: CanFaults,
@@ -64,7 +64,7 @@ struct FrameInbox {
     error_count: u32,
 }
 
-impl CanBus {
+impl SimulatedCanBus {
     /// A bus without nodes.
     #[must_use]
     pub fn new(faults: CanFaults) -> Self {
@@ -103,7 +103,7 @@ impl CanBus {
 /// A node's end of the bus. Clones share it.
 #[derive(Clone)]
 pub struct CanEnd {
-    bus: CanBus,
+    bus: SimulatedCanBus,
     node_index: usize,
 }
 

@@ -8,7 +8,7 @@ use crate::devices::uart::HostEnd;
 use crate::faults::fault_switch::FaultSwitch;
 use crate::random::{RandomStream, StreamPurpose};
 use crate::world::World;
-use crate::world::attitude_source::{AttitudeSource, AttitudeSourceConfig, Identity, SenderKind};
+use crate::world::attitude_source::{AttitudeSource, AttitudeSourceConfig, SenderIdentity, SenderKind};
 pub use crate::world::fault_interfaces::AttitudeFault;
 use crate::world::gauss_markov::FirstOrderProcess;
 
@@ -32,7 +32,7 @@ impl SecondSender {
         let config = world.world_config();
         let source = AttitudeSource::new(config.attitude_source, config.gyro, config.seed.wrapping_add(0x5EED));
         let bias = attitude_bias(FaultSwitch::always_on(), [roll_error_deg.to_radians(), 0.0]);
-        source.with_identity(Identity { system_id, component_id, heartbeat_kind }).run_source(
+        source.with_identity(SenderIdentity { system_id, component_id, heartbeat_kind }).run_source(
             world.clone(),
             uart,
             vec![Box::new(bias)],

@@ -128,7 +128,7 @@ impl FieldFault for SoftIronHysteresis {
 }
 
 /// A module that turns about the body's z axis in its mount, within an airframe whose iron stays.
-pub struct MountTurn {
+pub struct MountTurnFault {
     /// Active while the module turns.
     pub fault_switch: FaultSwitch,
     /// Airframe whose iron does not turn with the module.
@@ -139,7 +139,7 @@ pub struct MountTurn {
     pub turn_deg: f64,
 }
 
-impl FieldFault for MountTurn {
+impl FieldFault for MountTurnFault {
     fn added_field_ut(&self, truth: &TrueState) -> Vector3<f64> {
         let Airframe { field_matrix: a, hard_iron_ut: b_ut } = self.airframe;
         let field_ut = a * self.earth.body_field_ut(truth.euler_angles()) + b_ut;

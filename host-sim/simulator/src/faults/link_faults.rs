@@ -8,7 +8,7 @@ use testkit::clock;
 
 use super::fault_switch::FaultSwitch;
 use crate::devices::uart::HostEnd;
-use crate::world::attitude_source::{AttitudeSource, Identity, SenderKind};
+use crate::world::attitude_source::{AttitudeSource, SenderIdentity, SenderKind};
 use crate::world::autopilot::Leg;
 use crate::world::{World, WorldConfig};
 
@@ -73,7 +73,7 @@ async fn simulate_other_vehicle(system_id: u8, own_world: World, uart: HostEnd) 
         let heading_change_deg = if circle % 2 == 0 { 360.0 } else { -360.0 };
         world.append_leg(Leg::Turn { bank_deg: 20.0, heading_change_deg });
     }
-    let identity = Identity { system_id, component_id: 1, heartbeat_kind: Some(SenderKind::Autopilot) };
+    let identity = SenderIdentity { system_id, component_id: 1, heartbeat_kind: Some(SenderKind::Autopilot) };
     world.attitude_source().with_identity(identity).run_source(world, uart, Vec::new()).await;
 }
 
@@ -84,8 +84,8 @@ async fn send_forged_message(
     uart: HostEnd,
 ) {
     if message == ForgedMessage::NoAutopilot {
-        autopilot =
-            autopilot.with_identity(Identity { heartbeat_kind: Some(SenderKind::Other), ..Identity::AUTOPILOT });
+        autopilot = autopilot
+            .with_identity(SenderIdentity { heartbeat_kind: Some(SenderKind::Other), ..SenderIdentity::AUTOPILOT });
     }
     loop {
         if switch.is_on(clock::now_us()) {

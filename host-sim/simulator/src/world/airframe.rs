@@ -135,7 +135,7 @@ fn scaled_to_size(matrix: Matrix3<f64>, size: f64) -> Matrix3<f64> {
 
 #[cfg(test)]
 mod tests {
-    use autoswing::frames::Attitude;
+    use autoswing::frames::RollPitch;
 
     use super::*;
     use crate::world::rotation::Euler;
@@ -166,7 +166,7 @@ mod tests {
             let earth = Earth::random_earth(seed);
             let airframe = Airframe::random_airframe(seed, &earth);
             let calibration = airframe.true_calibration(&earth).unwrap();
-            let attitude = Attitude::from_deg(25.0, -4.0);
+            let attitude = RollPitch::from_deg(25.0, -4.0);
             let truth = Euler { heading_rad: 1.0, ..Euler::from_deg(25.0, -4.0, 0.0) };
             let body_ut = earth.body_field_ut(truth);
             let level_field = attitude.to_level_frame(calibration.calibrated_field(airframe.measured_field(&body_ut)));

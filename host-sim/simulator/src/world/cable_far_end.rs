@@ -6,7 +6,7 @@ use std::rc::Rc;
 use embassy_time::{Duration, Timer};
 use mavlink_dialect::ATTITUDE_DATA;
 use testkit::clock;
-use testkit::simulation::{Level, Simulation};
+use testkit::simulation::{ExecutorLevel, Simulation};
 
 use super::attitude_source::AttitudeSource;
 use super::fault_interfaces::{AttitudeFault, is_silent};
@@ -54,18 +54,22 @@ impl FarEnd {
         match self {
             Self::Unconnected => AttachedDevice::SendOnly,
             Self::SendOnly => {
-                simulation.spawn(Level::World, "attitude source", source.run_source(world, uart, faults));
+                simulation.spawn(ExecutorLevel::World, "attitude source", source.run_source(world, uart, faults));
                 AttachedDevice::SendOnly
             }
             Self::Mavlink(firmware) => {
                 let device = Rc::new(RefCell::new(MavlinkAutopilot::new(source, firmware, clock::now_us())));
                 let task = run_mavlink(Rc::clone(&device), latency_us, world, uart, faults);
-                simulation.spawn(Level::World, "autopilot", task);
+                simulation.spawn(ExecutorLevel::World, "autopilot", task);
                 AttachedDevice::Mavlink(device)
             }
             Self::Msp(firmware, troubles) => {
                 let device = Rc::new(RefCell::new(MspAutopilot::new(firmware, troubles, world.world_config().seed)));
-                simulation.spawn(Level::World, "autopilot", run_msp(Rc::clone(&device), world, uart, source, faults));
+                simulation.spawn(
+                    ExecutorLevel::World,
+                    "autopilot",
+                    run_msp(Rc::clone(&device), world, uart, source, faults),
+                );
                 AttachedDevice::Msp(device)
             }
         }

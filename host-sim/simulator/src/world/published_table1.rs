@@ -71,7 +71,7 @@ fn parse_row(line: &str) -> PublishedRow {
 #[cfg(test)]
 mod tests {
     use autoswing::calibration::{Calibration, Orientation};
-    use autoswing::frames::Attitude;
+    use autoswing::frames::RollPitch;
 
     use super::*;
     use crate::world::airframe::Airframe;
@@ -82,7 +82,7 @@ mod tests {
         let body_ut = Earth::default().body_field_ut(Euler::from_deg(bank_deg, 0.0, heading_deg));
         let uncorrected = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)
             .calibrated_field(airframe.measured_field(&body_ut));
-        let attitude = Attitude::from_deg(bank_deg as f32, 0.0);
+        let attitude = RollPitch::from_deg(bank_deg as f32, 0.0);
         let indicated_deg = f64::from(attitude.to_level_frame(uncorrected).heading_rad().to_degrees());
         (indicated_deg - heading_deg + 180.0).rem_euclid(360.0) - 180.0
     }

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use autoswing::frames::Attitude;
+use autoswing::frames::RollPitch;
 
 use super::rotation::Euler;
 
@@ -63,8 +63,8 @@ impl TrueState {
 
     /// Roll and pitch in the library's type.
     #[must_use]
-    pub fn attitude(&self) -> Attitude {
-        Attitude { roll_rad: self.roll_rad as f32, pitch_rad: self.pitch_rad as f32 }
+    pub fn attitude(&self) -> RollPitch {
+        RollPitch { roll_rad: self.roll_rad as f32, pitch_rad: self.pitch_rad as f32 }
     }
 
     /// Angular rates about the body axes x, y, z, radians per second, as gyros measure them.

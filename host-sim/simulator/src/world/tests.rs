@@ -3,7 +3,7 @@ use nalgebra::Vector3;
 use super::autopilot::Leg;
 use super::*;
 use testkit::clock;
-use testkit::simulation::{Level, Simulation};
+use testkit::simulation::{ExecutorLevel, Simulation};
 
 const EXAMPLE_AIRFRAME_FILE: &str = include_str!("../../../airframes/example.toml");
 
@@ -73,7 +73,7 @@ fn the_flight_does_not_depend_on_queries() {
         let mut simulation = Simulation::new();
         let world = World::new(WorldConfig::random_world(5));
         let looker = world.clone();
-        simulation.spawn(Level::World, "looker", async move {
+        simulation.spawn(ExecutorLevel::World, "looker", async move {
             loop {
                 embassy_time::Timer::after_micros(look_every_us).await;
                 let _ = looker.sensor_field(clock::now_us());

@@ -1,6 +1,6 @@
 //! Deterministic single-threaded executor in simulation time.
 //!
-//! Ready tasks run in the order of wake-up, more urgent [`Level`]s first. When no task is ready, time jumps to the next
+//! Ready tasks run in the order of wake-up, more urgent [`ExecutorLevel`]s first. When no task is ready, time jumps to the next
 //! deadline. Computation takes no simulation time. Unlike on a board, tasks do not preempt each other.
 
 use std::cell::Cell;
@@ -20,7 +20,7 @@ const BUSY_LOOP_POLLS: u32 = 100_000;
 
 /// Priority of a task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Level {
+pub enum ExecutorLevel {
     /// Surroundings of the module (autopilot, pilot): first, and not affected by [`Simulation::power_off`].
     World,
     /// The module's interrupt executor.
@@ -56,7 +56,7 @@ impl Stop {
 struct ReadyQueue([Mutex<VecDeque<u64>>; LEVEL_COUNT]);
 
 impl ReadyQueue {
-    fn push(&self, level: Level, id: u64) {
+    fn push(&self, level: ExecutorLevel, id: u64) {
         self.0[level as usize].lock().unwrap_or_else(PoisonError::into_inner).push_back(id);
     }
 
@@ -67,7 +67,7 @@ impl ReadyQueue {
 
 struct TaskWaker {
     id: u64,
-    level: Level,
+    level: ExecutorLevel,
     queued: AtomicBool,
     ready: Arc<ReadyQueue>,
 }
@@ -122,7 +122,7 @@ impl Simulation {
     }
 
     /// Adds a task, first polled by the next run; `name` appears in messages.
-    pub fn spawn(&mut self, level: Level, name: &'static str, future: impl Future<Output = ()> + 'static) {
+    pub fn spawn(&mut self, level: ExecutorLevel, name: &'static str, future: impl Future<Output = ()> + 'static) {
         self.spawned_count += 1;
         let handle = Arc::new(TaskWaker {
             id: self.spawned_count,
@@ -192,7 +192,7 @@ impl Simulation {
     /// # Panics
     ///
     /// If it takes more than 100 s of simulation time.
-    pub fn run_to_end(&mut self, level: Level, task: impl Future<Output = ()> + 'static) {
+    pub fn run_to_end(&mut self, level: ExecutorLevel, task: impl Future<Output = ()> + 'static) {
         let other_tasks = self.task_count();
         self.spawn(level, "script", task);
         self.run_for(100_000_000);
@@ -201,7 +201,7 @@ impl Simulation {
 
     /// Drops the module's tasks; tasks of level `World` and the clock continue.
     pub fn power_off(&mut self) {
-        self.tasks.retain(|task| task.handle.level == Level::World);
+        self.tasks.retain(|task| task.handle.level == ExecutorLevel::World);
     }
 
     fn poll(&mut self, id: u64) {
@@ -223,7 +223,7 @@ impl Simulation {
 /// If it does not end within 100 s of simulation time.
 pub fn run_script(script: impl Future<Output = ()> + 'static) {
     let mut simulation = Simulation::new();
-    simulation.spawn(Level::Interrupt, "script", script);
+    simulation.spawn(ExecutorLevel::Interrupt, "script", script);
     simulation.run_for(100_000_000);
     assert_eq!(simulation.task_count(), 0, "the script did not end");
 }

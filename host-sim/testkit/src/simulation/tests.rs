@@ -19,7 +19,7 @@ fn timers_fire_at_their_time_and_in_order() {
     let log = Log::default();
     for (name, delay_us) in [("late", 3_600_000_000), ("second", 500), ("first", 499), ("third", 500)] {
         let log = Rc::clone(&log);
-        simulation.spawn(Level::Thread, name, async move {
+        simulation.spawn(ExecutorLevel::Thread, name, async move {
             Timer::after_micros(delay_us).await;
             assert_eq!(Instant::now().as_micros(), clock::now_us());
             log_event(&log, name);
@@ -35,10 +35,10 @@ fn urgent_levels_run_first_and_equal_ones_alternate() {
     let mut simulation = Simulation::new();
     let log = Log::default();
     let tasks = [
-        ("thread a", Level::Thread),
-        ("thread b", Level::Thread),
-        ("interrupt", Level::Interrupt),
-        ("world", Level::World),
+        ("thread a", ExecutorLevel::Thread),
+        ("thread b", ExecutorLevel::Thread),
+        ("interrupt", ExecutorLevel::Interrupt),
+        ("world", ExecutorLevel::World),
     ];
     for (name, level) in tasks {
         let log = Rc::clone(&log);
@@ -67,12 +67,12 @@ fn power_off_drops_the_module_and_its_timers_but_not_the_world() {
     let mut simulation = Simulation::new();
     let (dropped, log) = (Rc::new(Cell::new(false)), Log::default());
     let (guard, world_log) = (DropFlag(Rc::clone(&dropped)), Rc::clone(&log));
-    simulation.spawn(Level::Thread, "module", async move {
+    simulation.spawn(ExecutorLevel::Thread, "module", async move {
         let _guard = guard;
         Timer::after_millis(10).await;
         unreachable!("the power went at 5 ms");
     });
-    simulation.spawn(Level::World, "world", async move {
+    simulation.spawn(ExecutorLevel::World, "world", async move {
         Timer::after_millis(20).await;
         log_event(&world_log, "world");
     });
@@ -82,7 +82,7 @@ fn power_off_drops_the_module_and_its_timers_but_not_the_world() {
     assert_eq!(clock::next_deadline_us(), Some(20_000), "the module's timer is gone, the world's is not");
 
     let log_again = Rc::clone(&log);
-    simulation.spawn(Level::Thread, "module again", async move {
+    simulation.spawn(ExecutorLevel::Thread, "module again", async move {
         Timer::after_millis(10).await;
         log_event(&log_again, "module");
     });
@@ -99,13 +99,13 @@ fn a_waker_of_a_dropped_task_has_no_effect() {
     let mut simulation = Simulation::new();
     let channel = Rc::new(Channel::<CriticalSectionRawMutex, u32, 4>::new());
     let receiver = Rc::clone(&channel);
-    simulation.spawn(Level::Thread, "before", async move {
+    simulation.spawn(ExecutorLevel::Thread, "before", async move {
         receiver.receive().await;
         unreachable!("dropped before anything was sent");
     });
     simulation.run_until(10);
     simulation.power_off();
-    simulation.spawn(Level::Thread, "after", std::future::pending());
+    simulation.spawn(ExecutorLevel::Thread, "after", std::future::pending());
     channel.try_send(1).unwrap();
     assert_eq!(simulation.run_until(20), RunEnd::Time);
 }
@@ -114,7 +114,7 @@ fn a_waker_of_a_dropped_task_has_no_effect() {
 fn stop_ends_the_run_at_its_time() {
     let mut simulation = Simulation::new();
     let stop = simulation.stop_handle();
-    simulation.spawn(Level::Thread, "reboot", async move {
+    simulation.spawn(ExecutorLevel::Thread, "reboot", async move {
         Timer::after_millis(7).await;
         stop.request();
         Timer::after_millis(1).await;
@@ -129,7 +129,7 @@ fn stop_ends_the_run_at_its_time() {
 #[should_panic(expected = "task `spinner` is in a busy loop: 100001 polls at 3 us")]
 fn a_busy_loop_panics_with_the_task_name() {
     let mut simulation = Simulation::new();
-    simulation.spawn(Level::Thread, "spinner", async {
+    simulation.spawn(ExecutorLevel::Thread, "spinner", async {
         Timer::after_micros(3).await;
         loop {
             yield_now().await;

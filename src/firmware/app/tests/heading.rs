@@ -8,7 +8,7 @@ use crate::app::instrument;
 use crate::app::task_links::{DetectedSensor, publish_value, stamped_now, subscribe};
 use autoswing::attitude::{AttitudeReport, SenderId};
 use autoswing::calibration::{Calibration, HeadingUncertainty, Orientation};
-use autoswing::frames::{Attitude, Field};
+use autoswing::frames::{Field, RollPitch};
 use autoswing::heading::NoHeading;
 use autoswing::instrument::{Correction, Estimate};
 use autoswing::reading::Reading;
@@ -33,7 +33,7 @@ fn bench_with_instrument() -> TaskBench {
 
 /// Sends a level reading with this heading.
 fn send_reading(bench: &TaskBench, heading_rad: f32) {
-    let field = Field::new(Attitude::default().to_body_frame(Field::earth_field(50.0, 1.0, heading_rad)).ut);
+    let field = Field::new(RollPitch::default().to_body_frame(Field::earth_field(50.0, 1.0, heading_rad)).ut);
     bench.links.queue_or_count(
         &bench.links.readings,
         stamped_now(Reading { field, is_saturated: false, was_overwritten: false }),
@@ -44,7 +44,7 @@ fn send_level_attitude(bench: &TaskBench) {
     let report = AttitudeReport {
         sender: SenderId::default(),
         sender_clock_at_sending: WrappingMillis::default(),
-        attitude: Attitude::default(),
+        attitude: RollPitch::default(),
         body_rates: None,
     };
     bench.links.queue_or_count(&bench.links.attitude_reports, stamped_now(report));

@@ -14,7 +14,7 @@ use std::rc::Rc;
 
 use embedded_storage_async::nor_flash::NorFlash;
 use testkit::flash::RamFlash;
-use testkit::simulation::{Level, Simulation};
+use testkit::simulation::{ExecutorLevel, Simulation};
 
 use self::devices::DETECTED_SENSOR;
 use super::task_links::{CommandSource, publish_value};
@@ -64,7 +64,7 @@ impl TaskBench {
         name: &'static str,
         task: impl FnOnce(Rc<TaskLinks>) -> F,
     ) {
-        self.simulation.spawn(Level::Interrupt, name, task(Rc::clone(&self.links)));
+        self.simulation.spawn(ExecutorLevel::Interrupt, name, task(Rc::clone(&self.links)));
     }
 
     fn run_for_ms(&mut self, ms: u64) {

@@ -9,7 +9,7 @@ use super::TaskBench;
 use crate::app::panel::{self, Panel};
 use crate::app::task_links::{CommandSource, publish_value};
 use autoswing::calibration::method_selection::Procedure;
-use autoswing::frames::Attitude;
+use autoswing::frames::RollPitch;
 use autoswing::heading::NoHeading;
 use autoswing::instrument::Estimate;
 use autoswing_module::compass::{Command, IndicatorState};
@@ -45,7 +45,7 @@ fn bench_with_panel() -> (TaskBench, FakePanel) {
 fn lit_percent_and_changes(
     indicator_state: Option<IndicatorState>,
     heading: NoHeading,
-    attitude: Option<Attitude>,
+    attitude: Option<RollPitch>,
 ) -> (u64, u64) {
     let (mut bench, fake_panel) = bench_with_panel();
     if let Some(indicator_state) = indicator_state {
@@ -62,7 +62,7 @@ fn lit_percent_and_changes(
 
 #[test]
 fn each_indicator_state_has_its_own_lamp_pattern() {
-    let flying = Some(Attitude::default());
+    let flying = Some(RollPitch::default());
     let shown_uncalibrated =
         |indicator_state| lit_percent_and_changes(Some(indicator_state), NoHeading::Uncalibrated, flying);
     // Tolerance: the lamp is polled every 50 ms, so the last period is incomplete.
@@ -82,7 +82,7 @@ fn each_indicator_state_has_its_own_lamp_pattern() {
 /// Faults: no state yet, silent sensor, no usable attitude, implausible field. A tumble needs no attitude.
 #[test]
 fn every_cause_of_a_missing_heading_shows_the_fault_pattern() {
-    let flying = Some(Attitude::default());
+    let flying = Some(RollPitch::default());
     let is_trouble =
         |indicator_state, heading, attitude| lit_percent_and_changes(indicator_state, heading, attitude).1 >= 9;
     assert!(is_trouble(None, NoHeading::Uncalibrated, None));

@@ -16,7 +16,7 @@ use crate::synthetic::{Airframe, Flight, Random, multirotor_samples};
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{CollectionPart, Sample};
 use autoswing::earth::{Date, EarthField, Position};
-use autoswing::frames::Attitude;
+use autoswing::frames::RollPitch;
 use autoswing::heading::Heading;
 use autoswing::instrument::{Estimate, SampleAttitude};
 use autoswing::time::WrappingMillis;
@@ -236,7 +236,7 @@ fn every_kind_of_request_is_answered() {
     let (mut bench, line, port, _) = bench_with_console();
     bench.detect_sensor();
     let heading = Ok(Heading { magnetic_rad: 1.0, sigma_rad: 0.02, systematic_variance_rad2: 0.0 });
-    let attitude = Some(Attitude::from_deg(12.0, -3.0));
+    let attitude = Some(RollPitch::from_deg(12.0, -3.0));
     publish_value(&bench.links.estimates, Estimate { heading, attitude, ..Estimate::EMPTY });
     bench.run_for_ms(12_000);
     for (text, answer) in [

@@ -9,10 +9,10 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use autoswing::attitude::{AttitudeReport, BodyRates, SenderId};
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{
-    CollectionPart, Method, MotorCurrent, Prior, Rates, Sample, Samples, Solution, SolveProgress, Solver,
+    AngleRates, CollectionPart, Method, MotorCurrent, Prior, Sample, Samples, Solution, SolveProgress, Solver,
 };
 use autoswing::collection::{CollectionContext, Collector, RetainedSamples};
-use autoswing::frames::{Attitude, Field, Sensor};
+use autoswing::frames::{Field, RollPitch, Sensor};
 use autoswing::heading::{Heading, HeadingLimits, compute_heading};
 use autoswing::instrument::{Correction, Estimate, Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
@@ -141,7 +141,7 @@ fn measure_instruction_counts(
     turns.add_current(-UT_PER_A);
     turns.remove_currents();
     let Some(solution) = turns.solve_turns(&mut solve) else { return writeln!(out, "\nerror not-solved: none") };
-    let attitude = Attitude::from_deg(23.0, 3.0);
+    let attitude = RollPitch::from_deg(23.0, 3.0);
     let field = simulated_field(attitude, 1.0);
     let mut found = Ok(Heading { magnetic_rad: 0.0, sigma_rad: 0.0, systematic_variance_rad2: 0.0 });
     let to_heading = count_instructions(|| {
@@ -218,7 +218,7 @@ fn monitor_instructions(solution: &Solution) -> u64 {
     for i in 1..160_u16 {
         let at = Timestamp::from_us(u64::from(i) * READING_PERIOD_US);
         let heading_rad = 0.004 * f32::from(i);
-        let attitude = Attitude::from_deg(25.0 + 0.01 * f32::from(i % 7), 3.0);
+        let attitude = RollPitch::from_deg(25.0 + 0.01 * f32::from(i % 7), 3.0);
         let report = AttitudeReport {
             sender: SenderId::default(),
             sender_clock_at_sending: WrappingMillis::default(),
@@ -409,17 +409,17 @@ const SAMPLE_INTERVAL_MS: u32 = 400;
 fn bench_sample(side: f32, i: usize, noise: &mut Noise) -> Sample {
     let part = i as f32 / SAMPLES_PER_TURN as f32;
     let [roll, pitch] = OSCILLATIONS_PER_TURN.map(|times| times * TAU * part);
-    let attitude = Attitude::from_deg(side * 25.0 + 2.0 * libm::sinf(roll), 3.0 + 1.5 * libm::cosf(pitch));
+    let attitude = RollPitch::from_deg(side * 25.0 + 2.0 * libm::sinf(roll), 3.0 + 1.5 * libm::cosf(pitch));
     let turn_s = (SAMPLES_PER_TURN as u32 * SAMPLE_INTERVAL_MS) as f32 * 1e-3;
     let [by_roll, by_pitch] = OSCILLATIONS_PER_TURN.map(|times| times * TAU / turn_s);
-    let rates = Rates::from_rad_s([
+    let rates = AngleRates::from_rad_s([
         2_f32.to_radians() * by_roll * libm::cosf(roll),
         -1.5_f32.to_radians() * by_pitch * libm::sinf(pitch),
         side * TAU / turn_s,
     ]);
     let field = simulated_field(attitude, side * part * TAU);
     let noisy = field.ut.map(|ut| ut + 0.3 * noise.next_noise());
-    let reported = Attitude {
+    let reported = RollPitch {
         roll_rad: attitude.roll_rad + 0.005 * noise.next_noise(),
         pitch_rad: attitude.pitch_rad + 0.005 * noise.next_noise(),
     };
@@ -430,7 +430,7 @@ fn bench_sample(side: f32, i: usize, noise: &mut Noise) -> Sample {
     }
 }
 
-fn simulated_field(attitude: Attitude, heading_rad: f32) -> Field<Sensor> {
+fn simulated_field(attitude: RollPitch, heading_rad: f32) -> Field<Sensor> {
     let body = attitude.to_body_frame(Field::earth_field(53.0, 0.95, heading_rad)).ut;
     let soft_iron = nalgebra::Matrix3::new(1.02, 0.05, -0.03, -0.02, 0.95, 0.04, 0.03, -0.04, 1.03);
     Field::new(soft_iron * body + nalgebra::Vector3::new(9.0, -4.0, 6.0))

@@ -10,7 +10,7 @@ use autoswing::calibration::CollectionPart;
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::collection::{PartCoverage, SECTOR_COUNT};
 use autoswing::decimal::{Decimal, ShortestDecimal};
-use autoswing::frames::Attitude;
+use autoswing::frames::RollPitch;
 use autoswing::heading::NoHeading;
 use autoswing::instrument::InstallationChange;
 use autoswing_module::compass::{ModuleState, StatusReport, TrialResult};
@@ -206,7 +206,7 @@ fn write_instrument_state(out: &mut impl Write, health: &Diagnostics) -> fmt::Re
         None => writeln!(out, "sensor: not found")?,
     }
     match health.attitude {
-        Some(Attitude { roll_rad, pitch_rad }) => {
+        Some(RollPitch { roll_rad, pitch_rad }) => {
             let [roll, pitch] = [roll_rad, pitch_rad].map(|rad| Decimal::<1>(rad.to_degrees()));
             writeln!(out, "attitude: roll {roll} deg, pitch {pitch} deg")?;
         }

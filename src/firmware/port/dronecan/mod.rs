@@ -30,7 +30,7 @@ use crate::port::protocol::{Protocol as _, ReceivedMessage};
 use crate::port::snapshot::Snapshot;
 use crate::wire::dronecan::outbound::{self, BusCounts, NodeInfo};
 use crate::wire::dronecan::{
-    CanFrame, DataType, FrameHeader, InboundMessage, InboundTransfer, NodeId, Receiver, priority,
+    BusMessage, CanFrame, DataType, FrameHeader, InboundTransfer, NodeId, TransferReceiver, priority,
 };
 use allocation::AllocationClient;
 use autoswing::calibration::Calibration;
@@ -94,7 +94,7 @@ pub struct CanNode {
     is_safe_mode: bool,
     node_address: NodeAddress,
     allocation: AllocationClient,
-    receiver: Receiver,
+    receiver: TransferReceiver,
     outbox: FrameOutbox,
     services: Services,
     status_monitor: StatusMonitor,
@@ -118,7 +118,7 @@ impl CanNode {
             allocation: AllocationClient::new(info.unique_id),
             info,
             is_safe_mode: false,
-            receiver: Receiver::new(),
+            receiver: TransferReceiver::new(),
             outbox: FrameOutbox::default(),
             services: Services::default(),
             status_monitor: StatusMonitor::default(),
@@ -163,27 +163,27 @@ impl CanNode {
         self.received_transfer_count = self.received_transfer_count.wrapping_add(1);
         let InboundTransfer { source_node: source, message, .. } = transfer;
         match (message, own, source) {
-            (InboundMessage::Allocation(step), None, _) => {
+            (BusMessage::Allocation(step), None, _) => {
                 if let Some(number) = allocation.receive_allocation(at, source, step) {
                     self.node_address = NodeAddress::Allocated(number);
                 }
             }
-            (InboundMessage::Targetted(piece), Some(own), _) if piece.target == own.number() => {
+            (BusMessage::Targetted(piece), Some(own), _) if piece.target == own.number() => {
                 let has_battery = vehicle_reports.has_battery(at);
                 tunnel.receive_targetted(at, &transfer, &piece, &mut |message| match message {
                     ReceivedMessage::Current(_) if has_battery => {}
                     message => deliver(message),
                 });
             }
-            (InboundMessage::ArmingStatus(is_armed), _, Some(source)) => {
+            (BusMessage::ArmingStatus(is_armed), _, Some(source)) => {
                 vehicle_reports.update_armed(at, source, is_armed);
             }
-            (InboundMessage::Battery { battery_number, current_a: Some(current_a) }, _, Some(source))
+            (BusMessage::Battery { battery_number, current_a: Some(current_a) }, _, Some(source))
                 if vehicle_reports.accept_battery(at, source, battery_number) =>
             {
                 deliver(ReceivedMessage::Current(current_a));
             }
-            (InboundMessage::Fix(position, date), _, Some(_)) => {
+            (BusMessage::Fix(position, date), _, Some(_)) => {
                 position.map(ReceivedMessage::Position).into_iter().for_each(&mut *deliver);
                 date.map(ReceivedMessage::Date).into_iter().for_each(&mut *deliver);
             }

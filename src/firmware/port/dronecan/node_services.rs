@@ -5,7 +5,7 @@ use super::firmware_update::UpdateForBootLoader;
 use super::parameters;
 use crate::wire::dronecan::outbound::{self, UpdateResult};
 use crate::wire::dronecan::{
-    DataType, InboundMessage, InboundTransfer, NodeId, OutboundTransfer, ParameterOpcode, Payload, TransferKind,
+    BusMessage, DataType, InboundTransfer, NodeId, OutboundTransfer, ParameterOpcode, Payload, TransferKind,
 };
 use autoswing::time::Timestamp;
 use autoswing_module::compass::Command;
@@ -100,16 +100,16 @@ impl Services {
     pub fn receive_transfer(&mut self, own_node: NodeId, transfer: &InboundTransfer<'_>) {
         let Some(node) = transfer.source_node.filter(|_| !self.waiting_requests.is_full()) else { return };
         let request = match transfer.message {
-            InboundMessage::GetNodeInfo => ServiceRequest::GetNodeInfo,
-            InboundMessage::GetTransportStats => ServiceRequest::GetTransportStats,
-            InboundMessage::GetSet(request) => {
+            BusMessage::GetNodeInfo => ServiceRequest::GetNodeInfo,
+            BusMessage::GetTransportStats => ServiceRequest::GetTransportStats,
+            BusMessage::GetSet(request) => {
                 let parameter = parameters::requested_parameter(&request);
                 let value = parameter.and_then(|parameter| parameters::requested_value(parameter, request.value));
                 ServiceRequest::Parameter { parameter, value }
             }
-            InboundMessage::ExecuteOpcode(opcode) => ServiceRequest::Opcode(opcode),
-            InboundMessage::RestartNode(is_confirmed) => ServiceRequest::Restart { is_confirmed },
-            InboundMessage::BeginFirmwareUpdate { server, path } => ServiceRequest::Update(
+            BusMessage::ExecuteOpcode(opcode) => ServiceRequest::Opcode(opcode),
+            BusMessage::RestartNode(is_confirmed) => ServiceRequest::Restart { is_confirmed },
+            BusMessage::BeginFirmwareUpdate { server, path } => ServiceRequest::Update(
                 self.register_update_request(UpdateForBootLoader::new(server.unwrap_or(node), own_node, path)),
             ),
             _ => return,

@@ -26,7 +26,7 @@ use crate::port::message_schedule::MessageSchedule;
 use crate::port::protocol::{Protocol, ReceivedMessage};
 use crate::port::snapshot::Snapshot;
 use crate::port::transmit_buffer::TransmitBuffer;
-use crate::wire::mavlink::{Address, InboundMessage, OutboundMessage, Pose, Receiver};
+use crate::wire::mavlink::{Address, InboundMessage, MavlinkReceiver, OutboundMessage, Pose};
 use autoswing::attitude::{SenderId, SenderSelector};
 use autoswing::calibration::Calibration;
 use autoswing::frames::wrap_pi;
@@ -54,7 +54,7 @@ const PROGRESS_PERCENT_HZ: u8 = 1;
 /// MAVLink protocol of a port.
 #[derive(Debug, Default)]
 pub struct Mavlink {
-    receiver: Receiver,
+    receiver: MavlinkReceiver,
     sender_selector: SenderSelector,
     sequence_number: u8,
     request_sequence: RequestSequence,

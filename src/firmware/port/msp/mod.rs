@@ -14,7 +14,7 @@ use crate::port::protocol::{Protocol, ReceivedMessage};
 use crate::port::snapshot::Snapshot;
 use crate::port::transmit_buffer::TransmitBuffer;
 use crate::wire::msp::{
-    AutopilotFirmware, MspAngles, MspFunction, MspReply, Receiver, compass_message, encode_request,
+    AutopilotFirmware, MspAngles, MspFunction, MspReceiver, MspReply, compass_message, encode_request,
     inav_body_rates_rad_s,
 };
 use autoswing::attitude::{AttitudeReport, BodyRates, RateEstimator, SenderId};
@@ -54,7 +54,7 @@ const COMPASS_NUMBER: u8 = 0;
 /// MSP protocol of a port.
 #[derive(Debug, Default)]
 pub struct Msp {
-    receiver: Receiver,
+    receiver: MspReceiver,
     autopilot_firmware: Option<AutopilotFirmware>,
     armed_report: Option<(Timestamp, bool)>,
     /// Time and body rates of the last MSP_RAW_IMU, rad/s.
@@ -74,7 +74,7 @@ impl Msp {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            receiver: Receiver::new(),
+            receiver: MspReceiver::new(),
             autopilot_firmware: None,
             armed_report: None,
             gyro_report: None,

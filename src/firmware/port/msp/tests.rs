@@ -1,7 +1,7 @@
 use super::*;
 use crate::port::snapshot::tests::test_snapshot;
 use autoswing::earth::{Date, Position};
-use autoswing::frames::{Attitude, Field};
+use autoswing::frames::{Field, RollPitch};
 use autoswing::instrument::Estimate;
 use autoswing_module::settings::Settings;
 use testkit::frames::msp_frame;
@@ -136,7 +136,7 @@ fn attitude_is_received_with_the_firmware_s_signs() {
         assert!(receive(&mut msp, 0, b'>', MspFunction::FcVariant, name).is_empty());
         let received = receive(&mut msp, 0, b'>', MspFunction::Attitude, &ATTITUDE_PAYLOAD);
         let [ReceivedMessage::Attitude(report)] = received[..] else { panic!("{received:?}") };
-        let expected = Attitude::from_deg(10.0, pitch_deg);
+        let expected = RollPitch::from_deg(10.0, pitch_deg);
         assert!((report.attitude.roll_rad - expected.roll_rad).abs() < 1e-6);
         assert!((report.attitude.pitch_rad - expected.pitch_rad).abs() < 1e-6, "{name:?} {report:?}");
         assert_eq!((report.body_rates, report.sender_clock_at_sending), (None, WrappingMillis::new(0)));

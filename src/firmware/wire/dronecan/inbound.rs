@@ -20,7 +20,7 @@ const RESTART_MAGIC: u64 = 0xAC_CE55_1B1E;
 
 /// Decoded message or request.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum InboundMessage<'a> {
+pub enum BusMessage<'a> {
     /// Step of a dynamic allocation of node numbers.
     Allocation(Allocation<'a>),
     /// Request for the description of this node.
@@ -131,11 +131,11 @@ impl Targetted<'_> {
 /// Data type with its decoder.
 pub(super) struct ReceivedType {
     pub data_type: DataType,
-    pub decoder: for<'a> fn(&'a [u8]) -> Option<InboundMessage<'a>>,
+    pub decoder: for<'a> fn(&'a [u8]) -> Option<BusMessage<'a>>,
 }
 
 impl ReceivedType {
-    const fn new(data_type: DataType, decode: for<'a> fn(&'a [u8]) -> Option<InboundMessage<'a>>) -> Self {
+    const fn new(data_type: DataType, decode: for<'a> fn(&'a [u8]) -> Option<BusMessage<'a>>) -> Self {
         Self { data_type, decoder: decode }
     }
 }
@@ -147,11 +147,11 @@ static RECEIVED_TYPES: [ReceivedType; 11] = [
     ReceivedType::new(DataType::BATTERY_INFO, parse_battery_info),
     ReceivedType::new(DataType::FIX_2, parse_fix),
     ReceivedType::new(DataType::ALLOCATION, parse_allocation),
-    ReceivedType::new(DataType::GET_NODE_INFO, |_| Some(InboundMessage::GetNodeInfo)),
+    ReceivedType::new(DataType::GET_NODE_INFO, |_| Some(BusMessage::GetNodeInfo)),
     ReceivedType::new(DataType::GET_SET, parse_get_set),
     ReceivedType::new(DataType::EXECUTE_OPCODE, parse_opcode),
     ReceivedType::new(DataType::RESTART_NODE, parse_restart),
-    ReceivedType::new(DataType::GET_TRANSPORT_STATS, |_| Some(InboundMessage::GetTransportStats)),
+    ReceivedType::new(DataType::GET_TRANSPORT_STATS, |_| Some(BusMessage::GetTransportStats)),
     ReceivedType::new(DataType::BEGIN_FIRMWARE_UPDATE, parse_firmware_update),
 ];
 
@@ -164,15 +164,15 @@ pub(super) fn find_type(is_service: bool, id: u16, is_anonymous: bool) -> Option
     })
 }
 
-fn parse_allocation(payload: &[u8]) -> Option<InboundMessage<'_>> {
+fn parse_allocation(payload: &[u8]) -> Option<BusMessage<'_>> {
     let mut fields = BitReader::new(payload);
     let node = NodeId::new(fields.read_bits(7) as u8);
     let _is_first_part = fields.read_bits(1);
     let unique_id = fields.read_remaining_bytes();
-    (unique_id.len() <= UNIQUE_ID_LENGTH).then_some(InboundMessage::Allocation(Allocation { node, unique_id }))
+    (unique_id.len() <= UNIQUE_ID_LENGTH).then_some(BusMessage::Allocation(Allocation { node, unique_id }))
 }
 
-fn parse_get_set(payload: &[u8]) -> Option<InboundMessage<'_>> {
+fn parse_get_set(payload: &[u8]) -> Option<BusMessage<'_>> {
     let mut fields = BitReader::new(payload);
     let index = fields.read_bits(13) as u16;
     let value = match fields.read_bits(3) {
@@ -188,7 +188,7 @@ fn parse_get_set(payload: &[u8]) -> Option<InboundMessage<'_>> {
         _ => return None,
     };
     let name = fields.read_remaining_bytes();
-    (name.len() <= MAX_NAME_LENGTH).then_some(InboundMessage::GetSet(GetSetRequest {
+    (name.len() <= MAX_NAME_LENGTH).then_some(BusMessage::GetSet(GetSetRequest {
         parameter_index: index,
         value,
         parameter_name: name,
@@ -196,8 +196,8 @@ fn parse_get_set(payload: &[u8]) -> Option<InboundMessage<'_>> {
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn parse_opcode(payload: &[u8]) -> Option<InboundMessage<'_>> {
-    Some(InboundMessage::ExecuteOpcode(match BitReader::new(payload).read_bits(8) {
+fn parse_opcode(payload: &[u8]) -> Option<BusMessage<'_>> {
+    Some(BusMessage::ExecuteOpcode(match BitReader::new(payload).read_bits(8) {
         0 if !payload.is_empty() => ParameterOpcode::Save,
         1 => ParameterOpcode::Erase,
         _ => ParameterOpcode::Other,
@@ -205,18 +205,18 @@ fn parse_opcode(payload: &[u8]) -> Option<InboundMessage<'_>> {
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn parse_restart(payload: &[u8]) -> Option<InboundMessage<'_>> {
-    Some(InboundMessage::RestartNode(BitReader::new(payload).read_bits(40) == RESTART_MAGIC))
+fn parse_restart(payload: &[u8]) -> Option<BusMessage<'_>> {
+    Some(BusMessage::RestartNode(BitReader::new(payload).read_bits(40) == RESTART_MAGIC))
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn parse_firmware_update(payload: &[u8]) -> Option<InboundMessage<'_>> {
+fn parse_firmware_update(payload: &[u8]) -> Option<BusMessage<'_>> {
     let mut fields = BitReader::new(payload);
     let server = NodeId::new(fields.read_bits(8) as u8);
-    Some(InboundMessage::BeginFirmwareUpdate { server, path: fields.read_remaining_bytes() })
+    Some(BusMessage::BeginFirmwareUpdate { server, path: fields.read_remaining_bytes() })
 }
 
-fn parse_targetted(payload: &[u8]) -> Option<InboundMessage<'_>> {
+fn parse_targetted(payload: &[u8]) -> Option<BusMessage<'_>> {
     let mut fields = BitReader::new(payload);
     let message = Targetted {
         protocol: fields.read_bits(8) as u8,
@@ -226,32 +226,32 @@ fn parse_targetted(payload: &[u8]) -> Option<InboundMessage<'_>> {
         baud: fields.read_bits(24) as u32,
         serial_bytes: fields.read_remaining_bytes(),
     };
-    (message.serial_bytes.len() <= Targetted::MAX_DATA_LENGTH).then_some(InboundMessage::Targetted(message))
+    (message.serial_bytes.len() <= Targetted::MAX_DATA_LENGTH).then_some(BusMessage::Targetted(message))
 }
 
-fn parse_arming_status(payload: &[u8]) -> Option<InboundMessage<'_>> {
+fn parse_arming_status(payload: &[u8]) -> Option<BusMessage<'_>> {
     match payload {
-        [0, ..] => Some(InboundMessage::ArmingStatus(false)),
-        [255, ..] => Some(InboundMessage::ArmingStatus(true)),
+        [0, ..] => Some(BusMessage::ArmingStatus(false)),
+        [255, ..] => Some(BusMessage::ArmingStatus(true)),
         _ => None,
     }
 }
 
 /// Temperature, voltage, current, four more numbers, flags and percentages, then the number of the battery.
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn parse_battery_info(payload: &[u8]) -> Option<InboundMessage<'_>> {
+fn parse_battery_info(payload: &[u8]) -> Option<BusMessage<'_>> {
     const BYTES_BEFORE_CURRENT: usize = 4;
     const BYTES_FROM_CURRENT_TO_ID: usize = 12;
     let mut fields = BitReader::new(payload);
     fields.read_bytes(BYTES_BEFORE_CURRENT);
     let current_a = Some(fields.read_f16()).filter(|current_a| current_a.is_finite());
     fields.read_bytes(BYTES_FROM_CURRENT_TO_ID);
-    Some(InboundMessage::Battery { battery_number: fields.read_bits(8) as u8, current_a })
+    Some(BusMessage::Battery { battery_number: fields.read_bits(8) as u8, current_a })
 }
 
 /// Times of the node and of the satellites in microseconds, longitude and latitude in 1e-8 deg, heights in millimetres.
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn parse_fix(payload: &[u8]) -> Option<InboundMessage<'_>> {
+fn parse_fix(payload: &[u8]) -> Option<BusMessage<'_>> {
     const TIME_STANDARD_UTC: u64 = 2;
     const VELOCITY_BITS: u32 = 96;
     const STATUS_3D_FIX: u64 = 3;
@@ -269,5 +269,5 @@ fn parse_fix(payload: &[u8]) -> Option<InboundMessage<'_>> {
     let has_fix = fields.read_bits(2) == STATUS_3D_FIX;
     let date = (time_standard == TIME_STANDARD_UTC).then(|| Date::from_unix_s(satellite_us / 1_000_000)).flatten();
     let position = has_fix.then(|| Position::new(latitude_deg, longitude_deg, height_m)).flatten();
-    Some(InboundMessage::Fix(position, date))
+    Some(BusMessage::Fix(position, date))
 }

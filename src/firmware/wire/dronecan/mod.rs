@@ -13,10 +13,9 @@ mod transfer;
 
 pub use frame::{CanFrame, FrameHeader, NodeId, TRANSFER_ID_MASK, TransferKind, priority};
 pub use inbound::{
-    Allocation, GetSetRequest, GetSetValue, InboundMessage, MAX_PATH_LENGTH, ParameterOpcode, Targetted,
-    UNIQUE_ID_LENGTH,
+    Allocation, BusMessage, GetSetRequest, GetSetValue, MAX_PATH_LENGTH, ParameterOpcode, Targetted, UNIQUE_ID_LENGTH,
 };
-pub use receiver::{InboundTransfer, MAX_RECEIVED_LENGTH, Receiver};
+pub use receiver::{InboundTransfer, MAX_RECEIVED_LENGTH, TransferReceiver};
 pub use transfer::{DataType, OutboundTransfer, PAYLOAD_CAPACITY, Payload};
 
 #[cfg(test)]

@@ -5,7 +5,7 @@
 //! toggle bit is wrong, is ignored; a missing one shows in the CRC.
 
 use super::frame::{CanFrame, FRAME_CAPACITY, FrameHeader, NodeId, TailByte, TransferKind};
-use super::inbound::{InboundMessage, ReceivedType, find_type};
+use super::inbound::{BusMessage, ReceivedType, find_type};
 use super::transfer::{CRC_LENGTH, DataType};
 use autoswing::time::Timestamp;
 
@@ -32,24 +32,24 @@ pub struct InboundTransfer<'a> {
     /// Number of the transfer, which a response copies.
     pub transfer_id: u8,
     /// Decoded message or request.
-    pub message: InboundMessage<'a>,
+    pub message: BusMessage<'a>,
 }
 
 /// Receiver of the transfers that this node understands. 1 KB.
 #[derive(Debug)]
-pub struct Receiver {
+pub struct TransferReceiver {
     slots: [TransferSlot; TRANSFER_SLOTS],
     /// Frames and transfers dropped since the start; wraps.
     pub rejected_count: u32,
 }
 
-impl Default for Receiver {
+impl Default for TransferReceiver {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Receiver {
+impl TransferReceiver {
     /// Creates a receiver.
     #[must_use]
     pub const fn new() -> Self {

@@ -46,7 +46,7 @@ fn assert_frames(transfer: &OutboundTransfer, id: u32, text: &str) {
 
 /// Passes frames to node 42; returns the transfer that the last one completes, as text, which outlives the frames.
 fn receive_all(frames: &[CanFrame]) -> (Option<String>, u32) {
-    let mut receiver = Receiver::new();
+    let mut receiver = TransferReceiver::new();
     let mut last = None;
     for frame in frames {
         last = receiver.push_frame(Timestamp::START, Some(node_id(42)), frame).map(|transfer| format!("{transfer:?}"));
@@ -63,7 +63,7 @@ fn inbound_transfer(
     priority: u8,
     source: Option<NodeId>,
     transfer_id: u8,
-    message: InboundMessage<'_>,
+    message: BusMessage<'_>,
 ) -> InboundTransfer<'_> {
     InboundTransfer { source_node: source, priority, transfer_id, message }
 }
@@ -156,20 +156,19 @@ fn an_allocation_is_requested_and_granted_in_three_parts() {
         (2, 125, 16, "0D 70 FA 11 12 13 14 82 ; 15 16 17 18 19 1A 1B 22 ; 1C 00 00 00 00 42"),
     ] {
         let allocation = Allocation { node: NodeId::new(number), unique_id: &UNIQUE_ID[..length] };
-        let expected = inbound_transfer(30, Some(node_id(10)), transfer_id, InboundMessage::Allocation(allocation));
+        let expected = inbound_transfer(30, Some(node_id(10)), transfer_id, BusMessage::Allocation(allocation));
         assert_received(0x1E00_010A, text, &expected);
     }
     // Anonymous request of another client.
     let part = Allocation { node: None, unique_id: &UNIQUE_ID[..6] };
-    let expected = inbound_transfer(24, None, 0, InboundMessage::Allocation(part));
+    let expected = inbound_transfer(24, None, 0, BusMessage::Allocation(part));
     assert_received(0x188F_F500, "01 11 12 13 14 15 16 C0", &expected);
 }
 
 #[test]
 fn parameters_are_read_and_written_by_name_or_index() {
-    let request = |index, value, name| {
-        InboundMessage::GetSet(GetSetRequest { parameter_index: index, value, parameter_name: name })
-    };
+    let request =
+        |index, value, name| BusMessage::GetSet(GetSetRequest { parameter_index: index, value, parameter_name: name });
     for (transfer_id, text, expected) in [
         (5, "AC 76 00 00 43 41 4E 85 ; 5F 4E 4F 44 45 65", request(0, GetSetValue::Empty, &b"CAN_NODE"[..])),
         (6, "03 00 C6", request(3, GetSetValue::Empty, b"")),
@@ -214,11 +213,11 @@ fn a_parameter_has_value_default_and_range() {
 #[test]
 fn service_requests_to_this_node_are_decoded() {
     let from_peer = |transfer_id, message| inbound_transfer(30, Some(node_id(10)), transfer_id, message);
-    assert_received(0x1E01_AA8A, "C0", &from_peer(0, InboundMessage::GetNodeInfo));
-    assert_received(0x1E05_AA8A, "1E 1B 55 CE AC C2", &from_peer(2, InboundMessage::RestartNode(true)));
-    assert_received(0x1E05_AA8A, "1E 1B 55 CE AD C2", &from_peer(2, InboundMessage::RestartNode(false)));
-    assert_received(0x1E05_AA8A, "C2", &from_peer(2, InboundMessage::RestartNode(false)));
-    let update = |server, path| InboundMessage::BeginFirmwareUpdate { server, path };
+    assert_received(0x1E01_AA8A, "C0", &from_peer(0, BusMessage::GetNodeInfo));
+    assert_received(0x1E05_AA8A, "1E 1B 55 CE AC C2", &from_peer(2, BusMessage::RestartNode(true)));
+    assert_received(0x1E05_AA8A, "1E 1B 55 CE AD C2", &from_peer(2, BusMessage::RestartNode(false)));
+    assert_received(0x1E05_AA8A, "C2", &from_peer(2, BusMessage::RestartNode(false)));
+    let update = |server, path| BusMessage::BeginFirmwareUpdate { server, path };
     assert_received(0x1E28_AA8A, "00 61 2E 62 69 6E C4", &from_peer(4, update(None, b"a.bin")));
     assert_received(0x1E28_AA8A, "0B 61 C4", &from_peer(4, update(NodeId::new(11), b"a")));
     for (text, opcode) in [
@@ -227,9 +226,9 @@ fn service_requests_to_this_node_are_decoded() {
         ("02 C0", ParameterOpcode::Other),
         ("C0", ParameterOpcode::Other),
     ] {
-        assert_received(0x1E0A_AA8A, text, &from_peer(0, InboundMessage::ExecuteOpcode(opcode)));
+        assert_received(0x1E0A_AA8A, text, &from_peer(0, BusMessage::ExecuteOpcode(opcode)));
     }
-    assert_received(0x1E04_AA8A, "C0", &from_peer(0, InboundMessage::GetTransportStats));
+    assert_received(0x1E04_AA8A, "C0", &from_peer(0, BusMessage::GetTransportStats));
     // Ignored: a request to another node, a response, a service without a sender.
     for id in [0x1E01_AB8A, 0x1E01_2A8A, 0x1E01_AA80] {
         assert_eq!(receive_all(&frames_from_hex(id, "C0")), (None, 0), "{id:X}");
@@ -257,7 +256,7 @@ fn bytes_of_a_serial_line_are_sent_and_received() {
         baud: 57_600,
         serial_bytes: data,
     };
-    assert_received(0x100B_B92A, text, &inbound_transfer(16, Some(node_id(42)), 9, InboundMessage::Targetted(piece)));
+    assert_received(0x100B_B92A, text, &inbound_transfer(16, Some(node_id(42)), 9, BusMessage::Targetted(piece)));
     let sent = OutboundTransfer {
         priority: priority::MEDIUM_PRIORITY,
         ..outbound_message(DataType::TARGETTED, 9, piece.payload())
@@ -269,7 +268,7 @@ fn bytes_of_a_serial_line_are_sent_and_received() {
         outbound_message(DataType::TARGETTED, 0, default.payload()).frames(Some(node_id(42))).collect();
     assert_eq!(
         receive_all(&frames).0,
-        Some(format!("{:?}", inbound_transfer(24, Some(node_id(42)), 0, InboundMessage::Targetted(default))))
+        Some(format!("{:?}", inbound_transfer(24, Some(node_id(42)), 0, BusMessage::Targetted(default))))
     );
 }
 
@@ -277,8 +276,8 @@ fn bytes_of_a_serial_line_are_sent_and_received() {
 #[test]
 fn the_armed_state_is_received() {
     let from_peer = |message| inbound_transfer(24, Some(node_id(10)), 0, message);
-    assert_received(0x1804_4C0A, "FF C0", &from_peer(InboundMessage::ArmingStatus(true)));
-    assert_received(0x1804_4C0A, "00 C0", &from_peer(InboundMessage::ArmingStatus(false)));
+    assert_received(0x1804_4C0A, "FF C0", &from_peer(BusMessage::ArmingStatus(true)));
+    assert_received(0x1804_4C0A, "00 C0", &from_peer(BusMessage::ArmingStatus(false)));
     assert_eq!(receive_all(&frames_from_hex(0x1804_4C0A, "01 C0")), (None, 1), "no state of this meaning");
     assert_eq!(
         receive_all(&frames_from_hex(0x184E_270A, "03 77 00 02 50 46 06 81 ; 00 00 00 00 00 00 00 61")),
@@ -314,7 +313,7 @@ fn the_current_of_a_battery_is_received() {
         let mut payload = [0; 40];
         payload[4..6].copy_from_slice(&encoded.to_le_bytes());
         payload[18] = 3;
-        let message = InboundMessage::Battery { battery_number: 3, current_a };
+        let message = BusMessage::Battery { battery_number: 3, current_a };
         let expected = inbound_transfer(24, Some(node_id(10)), 0, message);
         let (received, _) = receive_all(&frames_from_peer(DataType::BATTERY_INFO, &payload));
         assert_eq!(received, Some(format!("{expected:?}")));
@@ -349,7 +348,7 @@ fn position_and_date_of_satellites_are_received() {
         [(3, 2, position, date), (2, 2, None, date), (3, 3, position, None), (0, 0, None, None)]
     {
         let frames = frames_from_peer(DataType::FIX_2, &fix_payload(status, time_standard));
-        let expected = inbound_transfer(24, Some(node_id(10)), 0, InboundMessage::Fix(position, date));
+        let expected = inbound_transfer(24, Some(node_id(10)), 0, BusMessage::Fix(position, date));
         assert_eq!(receive_all(&frames).0, Some(format!("{expected:?}")));
     }
 }
@@ -385,7 +384,7 @@ fn lost_frames_drop_a_transfer_and_repeated_ones_do_not() {
 fn a_transfer_expires_after_two_seconds() {
     let frames = targetted_frames();
     for (pause_us, is_complete) in [(2_000_000, true), (2_000_001, false)] {
-        let mut receiver = Receiver::new();
+        let mut receiver = TransferReceiver::new();
         let mut completed = false;
         for (number, frame) in frames.iter().enumerate() {
             let at = Timestamp::from_us(if number < 3 { 5 } else { 5 + pause_us });
@@ -400,7 +399,7 @@ fn a_transfer_expires_after_two_seconds() {
 #[test]
 fn a_flood_of_first_frames_does_not_stop_a_transfer_in_progress() {
     let frames = targetted_frames();
-    let mut receiver = Receiver::new();
+    let mut receiver = TransferReceiver::new();
     let mut is_received = false;
     for (number, frame) in frames.iter().enumerate() {
         let at = |us| Timestamp::from_us(number as u64 * 100 + us);

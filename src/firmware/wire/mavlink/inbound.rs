@@ -14,7 +14,7 @@ use mavlink_dialect::{
 use super::frame::Address;
 use autoswing::attitude::{AttitudeReport, BodyRates, Heartbeat, SenderId};
 use autoswing::earth::{Date, Position};
-use autoswing::frames::Attitude;
+use autoswing::frames::RollPitch;
 use autoswing::time::WrappingMillis;
 
 /// Decoded message.
@@ -159,7 +159,7 @@ fn parse_attitude(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
         InboundMessage::Attitude(AttitudeReport {
             sender: source,
             sender_clock_at_sending: WrappingMillis::new(fields.read_u32(0)),
-            attitude: Attitude { roll_rad, pitch_rad },
+            attitude: RollPitch { roll_rad, pitch_rad },
             body_rates: BodyRates::from_rad_s(from_fn(rate_rad_s)),
         })
     })

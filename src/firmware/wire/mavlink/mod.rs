@@ -30,7 +30,7 @@ const MAX_FRAME_LENGTH: usize = V2_HEADER_LENGTH + MAX_PAYLOAD_LENGTH + 2 + sign
 
 /// Receiver of supported messages in a stream of bytes.
 #[derive(Debug, Default)]
-pub struct Receiver {
+pub struct MavlinkReceiver {
     buffer: heapless::Vec<u8, { MAX_FRAME_LENGTH }>,
     /// Buffered bytes below which a scan finds nothing new.
     required_length: usize,
@@ -64,7 +64,7 @@ enum FrameCandidate {
     Frame(FrameLayout),
 }
 
-impl Receiver {
+impl MavlinkReceiver {
     /// Creates an empty receiver.
     #[must_use]
     pub const fn new() -> Self {

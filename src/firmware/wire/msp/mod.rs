@@ -45,7 +45,7 @@
 use crc::{CRC_8_DVB_S2, Crc};
 
 use autoswing::earth::{Date, Position};
-use autoswing::frames::{Attitude, Body, Field};
+use autoswing::frames::{Body, Field, RollPitch};
 
 /// Function of a request or reply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -92,13 +92,13 @@ pub enum AutopilotFirmware {
 impl AutopilotFirmware {
     /// Converts MSP_ATTITUDE to FRD axes; none if the signs are unknown.
     #[must_use]
-    pub fn attitude_from_angles(self, angles: MspAngles) -> Option<Attitude> {
+    pub fn attitude_from_angles(self, angles: MspAngles) -> Option<RollPitch> {
         let nose_up = match self {
             Self::ArduPilot => 0.1,
             Self::Inav | Self::Betaflight => -0.1,
             Self::Other => return None,
         };
-        Some(Attitude::from_deg(f32::from(angles.roll_decideg) * 0.1, f32::from(angles.pitch_decideg) * nose_up))
+        Some(RollPitch::from_deg(f32::from(angles.roll_decideg) * 0.1, f32::from(angles.pitch_decideg) * nose_up))
     }
 }
 
@@ -152,7 +152,7 @@ const MAX_FRAME_LENGTH: usize = FRAME_HEADER_SIZE + MAX_PAYLOAD_LENGTH + 1;
 
 /// Receiver of supported replies in a stream of bytes.
 #[derive(Debug, Default)]
-pub struct Receiver {
+pub struct MspReceiver {
     buffer: heapless::Vec<u8, MAX_FRAME_LENGTH>,
     /// Buffered bytes below which a scan finds nothing new.
     required_length: usize,
@@ -160,7 +160,7 @@ pub struct Receiver {
     pub rejected_count: u32,
 }
 
-impl Receiver {
+impl MspReceiver {
     /// Creates an empty receiver.
     #[must_use]
     pub const fn new() -> Self {

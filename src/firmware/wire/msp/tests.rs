@@ -19,7 +19,7 @@ fn angles_of(roll_decideg: i16, pitch_decideg: i16) -> MspReply {
 
 /// All messages in a stream, and the number of rejected frames.
 fn decoded_replies(stream: &[u8]) -> (Vec<MspReply>, u32) {
-    let mut receiver = Receiver::new();
+    let mut receiver = MspReceiver::new();
     let messages = stream.iter().filter_map(|&byte| receiver.push_byte(byte)).collect();
     (messages, receiver.rejected_count)
 }
@@ -122,7 +122,7 @@ fn firmware_is_identified_by_its_name() {
 /// Roll of 12.3 deg right and pitch of 5 deg up, as sent by each firmware, and as decoded.
 #[test]
 fn the_sign_of_pitch_is_that_of_the_firmware() {
-    let expected = Attitude::from_deg(12.3, 5.0);
+    let expected = RollPitch::from_deg(12.3, 5.0);
     for (firmware, pitch_decideg) in
         [(AutopilotFirmware::ArduPilot, 50), (AutopilotFirmware::Inav, -50), (AutopilotFirmware::Betaflight, -50)]
     {
@@ -270,7 +270,7 @@ fn a_damaged_or_truncated_frame_costs_no_other_frame() {
 #[test]
 fn an_incomplete_frame_can_be_discarded() {
     let good = attitude_reply(123, -45);
-    let mut receiver = Receiver::new();
+    let mut receiver = MspReceiver::new();
     assert!(good[..10].iter().all(|&byte| receiver.push_byte(byte).is_none()));
     receiver.discard_partial();
     let found: Vec<_> = good.iter().filter_map(|&byte| receiver.push_byte(byte)).collect();

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::timed_report::{TimedReport, extrapolate_attitude};
 use crate::attitude::report::AttitudeReport;
-use crate::frames::{Attitude, Body, Field, wrap_pi};
+use crate::frames::{Body, Field, RollPitch, wrap_pi};
 use crate::time::Timestamp;
 use crate::trig;
 use crate::trig::VectorLength as _;
@@ -82,7 +82,7 @@ impl SpikeFilter {
     }
 
     /// Returns whether the attitude is a spike; `last_report` is the previous accepted report, unless too old.
-    pub fn is_spike(&mut self, last_report: Option<&TimedReport>, at: Timestamp, attitude: Attitude) -> bool {
+    pub fn is_spike(&mut self, last_report: Option<&TimedReport>, at: Timestamp, attitude: RollPitch) -> bool {
         let is_far = last_report.is_some_and(|last_report| {
             let step_s = at.us_since(last_report.sent_at) as f32 * 1e-6;
             let expected = extrapolate_attitude(last_report, step_s);
@@ -103,7 +103,7 @@ impl SpikeFilter {
 }
 
 /// Angle between the down directions of two attitudes, radians; insensitive to roll at vertical pitch.
-fn tilt_between(a: Attitude, b: Attitude) -> f32 {
+fn tilt_between(a: RollPitch, b: RollPitch) -> f32 {
     let chord = (a.tilt_rotation().down_in_body() - b.tilt_rotation().down_in_body()).vector_length();
     2.0 * trig::asin(chord / 2.0)
 }
@@ -133,7 +133,7 @@ impl MeanDirection {
 /// Detects a source that repeats its attitude.
 #[derive(Debug)]
 pub(super) struct FreezeDetector {
-    last_attitude: Option<Attitude>,
+    last_attitude: Option<RollPitch>,
     equal_report_count: u8,
     /// Times of the first and of the last of the equal reports.
     equal_since: Timestamp,
@@ -229,7 +229,7 @@ impl FreezeDetector {
 
     /// Whether the field rotated in body axes since the first equal report, other than about the vertical of a level
     /// vehicle.
-    fn has_field_rotated(&self, attitude: Attitude) -> bool {
+    fn has_field_rotated(&self, attitude: RollPitch) -> bool {
         let Some([current_direction, settled_direction]) = self.field_directions() else { return false };
         let down = attitude.tilt_rotation().down_in_body();
         let [current_inclination, settled_inclination] =
@@ -241,7 +241,7 @@ impl FreezeDetector {
 }
 
 /// Whether an angle changed by less than the steps of coarse sources.
-fn is_fine_step(from: Attitude, to: Attitude) -> bool {
+fn is_fine_step(from: RollPitch, to: RollPitch) -> bool {
     let fine = |step_rad: f32| step_rad.abs() > 0.0 && step_rad.abs() < FINE_RESOLUTION_RAD;
     fine(wrap_pi(to.roll_rad - from.roll_rad)) || fine(to.pitch_rad - from.pitch_rad)
 }

@@ -4,7 +4,7 @@ use super::super::testing::{self, report_time};
 use super::*;
 
 fn report(roll_deg: f32, pitch_deg: f32) -> AttitudeReport {
-    testing::report(Attitude::from_deg(roll_deg, pitch_deg), [0.0; 3])
+    testing::report(RollPitch::from_deg(roll_deg, pitch_deg), [0.0; 3])
 }
 
 /// Source that repeats its attitude after a first step, while the aircraft rotates after 0.4 s.
@@ -112,7 +112,7 @@ fn a_banked_turn_about_the_vertical_is_frozen() {
     for (attitude_deg, expected) in
         [([8.0, 0.0], false), ([12.0, 0.0], true), ([-12.0, 0.0], true), ([0.0, 8.0], false), ([0.0, -12.0], true)]
     {
-        let rotation_axis = Attitude::from_deg(attitude_deg[0] + 0.1, attitude_deg[1]).tilt_rotation().down_in_body();
+        let rotation_axis = RollPitch::from_deg(attitude_deg[0] + 0.1, attitude_deg[1]).tilt_rotation().down_in_body();
         for (rotation_deg, expected) in [(20.0, expected), (2.0, false)] {
             let source = RepeatingSource { attitude_deg, rotation_axis, rotation_deg, ..COARSE_SOURCE };
             assert_eq!(source.is_frozen(), expected, "{source:?}");
@@ -124,7 +124,7 @@ fn a_banked_turn_about_the_vertical_is_frozen() {
 fn frozen_after_each_report(rates_rad_s: impl IntoIterator<Item = f32>) -> Vec<bool> {
     let mut freeze = FreezeDetector::new();
     let mut process = |(i, rate_rad_s): (u64, f32)| {
-        let repeated = testing::report(Attitude::from_deg(25.0, 0.0), [0.0, 0.0, rate_rad_s]);
+        let repeated = testing::report(RollPitch::from_deg(25.0, 0.0), [0.0, 0.0, rate_rad_s]);
         freeze.process_report(report_time(i), &repeated);
         freeze.frozen_at().is_some()
     };
@@ -148,7 +148,7 @@ fn a_source_whose_rates_vanish_is_frozen() {
 fn field_rotation_before_settling_is_ignored() {
     let mut freeze = FreezeDetector::new();
     let level = Field::<Body>::from_ut(0.0, -20.0, 40.0);
-    let banked = Attitude::from_deg(25.0, 0.0);
+    let banked = RollPitch::from_deg(25.0, 0.0);
     let in_bank = banked.to_body_frame(Field::new(level.ut));
     (0..200).for_each(|_| freeze.update_field(in_bank));
     freeze.process_report(report_time(0_u8), &report(25.0, 0.0));
@@ -180,7 +180,7 @@ fn a_nan_field_is_discarded() {
     let mut freeze = FreezeDetector::new();
     freeze.update_field(Field::from_ut(f32::NAN, 0.0, 0.0));
     freeze.update_field(Field::from_ut(0.0, 0.0, 0.0));
-    assert!(freeze.field_direction.mean().is_none() && !freeze.has_field_rotated(Attitude::default()));
+    assert!(freeze.field_direction.mean().is_none() && !freeze.has_field_rotated(RollPitch::default()));
     freeze.update_field(Field::from_ut(0.0, 2.0, 0.0));
     assert_eq!(freeze.field_direction.mean(), Some(Vector3::new(0.0, 1.0, 0.0)));
 }
@@ -188,7 +188,7 @@ fn a_nan_field_is_discarded() {
 #[test]
 fn the_angle_between_attitudes_is_that_of_their_down_directions() {
     let between = |a: [f32; 2], b: [f32; 2]| {
-        tilt_between(Attitude::from_deg(a[0], a[1]), Attitude::from_deg(b[0], b[1])).to_degrees()
+        tilt_between(RollPitch::from_deg(a[0], a[1]), RollPitch::from_deg(b[0], b[1])).to_degrees()
     };
     for (a, b, expected_deg) in [
         ([10.0, 0.0], [30.0, 0.0], 20.0),

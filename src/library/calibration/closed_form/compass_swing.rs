@@ -93,7 +93,7 @@ mod tests {
 
     use super::*;
     use crate::calibration::Sample;
-    use crate::frames::{Attitude, Level};
+    use crate::frames::{Level, RollPitch};
 
     const B_UT: Vector3<f32> = Vector3::new(12.0, -30.0, 8.0);
 
@@ -105,7 +105,7 @@ mod tests {
         let mark = |i: u8| {
             let heading_rad = f32::from(i) / 12.0 * TAU;
             let (roll, pitch) = [(1.0, 0.3), (-1.0, -0.2), (0.2, 1.0), (-0.3, -1.0)][usize::from(i % 4)];
-            let attitude = Attitude::from_deg(tilt_deg * roll, tilt_deg * pitch);
+            let attitude = RollPitch::from_deg(tilt_deg * roll, tilt_deg * pitch);
             let level = Field::<Level>::earth_field(50.0, inclination_deg.to_radians(), heading_rad);
             let field = Field::new(soft_iron() * attitude.to_body_frame(level).ut + B_UT);
             HeadingMark { sample: Sample::new(field, attitude), heading_rad }
@@ -153,7 +153,7 @@ mod tests {
             let mark = |i: u8| {
                 let heading_rad = f32::from(i) / 12.0 * TAU;
                 let field = Field::from_ut(h0_ut * heading_rad.cos() + 9.0, -h0_ut * heading_rad.sin(), 40.0);
-                let sample = Sample::new(field, Attitude::default());
+                let sample = Sample::new(field, RollPitch::default());
                 HeadingMark { sample, heading_rad }
             };
             (0..12).map(mark).collect()

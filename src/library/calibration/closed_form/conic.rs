@@ -88,7 +88,7 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::frames::{Attitude, Field};
+    use crate::frames::{Field, RollPitch};
 
     const U_UT: Vector3<f32> = Vector3::new(25.0, 4.0, -3.0);
     const V_UT: Vector3<f32> = Vector3::new(6.0, -20.0, 9.0);
@@ -102,7 +102,7 @@ mod tests {
     fn an_ellipse_in_space_is_found_with_its_conjugate_axes() {
         let sample = |i: u8| {
             let field = Field::new(ellipse_point(f32::from(i) / 24.0 * TAU));
-            Sample::new(field, Attitude::default())
+            Sample::new(field, RollPitch::default())
         };
         let samples: Vec<Sample> = (0..24).map(sample).collect();
         let ellipse = Ellipse::fit_ellipse(&samples, &Matrix3::identity(), Side::Left).unwrap();

@@ -139,7 +139,7 @@ mod tests {
     use super::*;
     use crate::calibration::Sample;
     use crate::calibration::tests::synthetic::level_samples;
-    use crate::frames::{Attitude, Field};
+    use crate::frames::{Field, RollPitch};
 
     fn test_map_ut() -> Matrix2<f32> {
         let (sin, cos) = 0.1_f32.sin_cos();
@@ -154,7 +154,7 @@ mod tests {
                 let (sin, cos) = heading_deg.to_radians().sin_cos();
                 let flat = (test_map_ut() * Vector2::new(cos, -sin) + Vector2::new(12.0, -30.0)) * scale;
                 let field = Field::from_ut(flat.x, flat.y, 40.0 + 3.0 * cos - 1.5 * -sin);
-                Sample::new(field, Attitude::default())
+                Sample::new(field, RollPitch::default())
             })
             .collect()
     }

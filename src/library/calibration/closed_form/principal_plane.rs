@@ -65,10 +65,10 @@ mod tests {
     use super::*;
     use crate::calibration::Sample;
     use crate::calibration::tests::synthetic::{Parts, YAW_90};
-    use crate::frames::{Attitude, Field};
+    use crate::frames::{Field, RollPitch};
 
     fn plane_through(fields_ut: &[Vector3<f32>], rotation: &Matrix3<f32>) -> Option<PrincipalPlane> {
-        let samples: Vec<_> = fields_ut.iter().map(|&ut| Sample::new(Field::new(ut), Attitude::default())).collect();
+        let samples: Vec<_> = fields_ut.iter().map(|&ut| Sample::new(Field::new(ut), RollPitch::default())).collect();
         let (left, rest) = samples.split_at(1);
         let (right, level) = rest.split_at(1);
         PrincipalPlane::fit_plane(&Parts { left, right, level, ..Parts::default() }.samples(), rotation)

@@ -118,14 +118,14 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::calibration::Rates;
+    use crate::calibration::AngleRates;
     use crate::calibration::tests::synthetic::Parts;
-    use crate::frames::{Attitude, Field};
+    use crate::frames::{Field, RollPitch};
     use crate::time::WrappingMillis;
 
     fn turn_sample(roll_deg: f32, x_ut: f32, millis: u32) -> Sample {
         let field = Field::from_ut(x_ut, 0.0, 0.0);
-        Sample { time: WrappingMillis::new(millis), ..Sample::new(field, Attitude::from_deg(roll_deg, 3.0)) }
+        Sample { time: WrappingMillis::new(millis), ..Sample::new(field, RollPitch::from_deg(roll_deg, 3.0)) }
     }
 
     #[test]
@@ -190,7 +190,7 @@ mod tests {
         let circle: Vec<Sample> = (0..=seconds * 1000 / every_ms)
             .map(|i| {
                 let heading_rad = wrap_pi((20.0 * (i * every_ms) as f32 * 1e-3).to_radians());
-                let rates = Rates::from_rad_s([0.0, 0.0, deg_s.to_radians()]);
+                let rates = AngleRates::from_rad_s([0.0, 0.0, deg_s.to_radians()]);
                 Sample { rates, ..turn_sample(0.0, heading_rad, i * every_ms) }
             })
             .collect();

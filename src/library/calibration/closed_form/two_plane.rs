@@ -92,7 +92,7 @@ mod tests {
 
     use super::*;
     use crate::calibration::tests::synthetic::turn_samples;
-    use crate::frames::{Attitude, Field};
+    use crate::frames::{Field, RollPitch};
     use crate::time::WrappingMillis;
 
     fn circle_samples(bank_deg: f32, radius_ut: f32) -> Vec<Sample> {
@@ -104,7 +104,7 @@ mod tests {
                 let (x, y) = (radius_ut * heading_rad.cos(), -radius_ut * heading_rad.sin());
                 Sample {
                     time: WrappingMillis::new(u32::from(i) * 500),
-                    ..Sample::new(Field::from_ut(x, y * cos, -y * sin), Attitude::from_deg(bank_deg, 0.0))
+                    ..Sample::new(Field::from_ut(x, y * cos, -y * sin), RollPitch::from_deg(bank_deg, 0.0))
                 }
             })
             .collect()

@@ -6,8 +6,8 @@ use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::model::SampleEquations;
 use crate::calibration::statistics::residuals::ResidualStatistics;
 use crate::calibration::types::consider_states::ConsiderSigmas;
-use crate::calibration::types::rates::Rates;
-use crate::frames::Attitude;
+use crate::calibration::types::rates::AngleRates;
+use crate::frames::RollPitch;
 use crate::trig::sqrt;
 
 /// Row of the [table](super::attitude_error_table) of attitude errors.
@@ -24,15 +24,15 @@ pub(in crate::calibration) struct AttitudeError {
 /// Attitude and rates of a sample, with the roll after a low-pass filter.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::calibration) struct AttitudeState {
-    pub attitude: Attitude,
-    pub rates: Rates,
+    pub attitude: RollPitch,
+    pub rates: AngleRates,
     /// [Lagged roll](super::lagging_bank_scale::LaggedRoll), radians.
     pub lagged_roll_rad: f32,
 }
 
 impl AttitudeState {
     /// State in a turn so long that the lagged roll equals the roll.
-    pub const fn steady_turn(attitude: Attitude, rates: Rates) -> Self {
+    pub const fn steady_turn(attitude: RollPitch, rates: AngleRates) -> Self {
         Self { attitude, rates, lagged_roll_rad: attitude.roll_rad }
     }
 }

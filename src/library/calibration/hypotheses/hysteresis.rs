@@ -85,26 +85,26 @@ impl Hysteresis {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::Rates;
-    use crate::frames::{Attitude, Field};
+    use crate::calibration::AngleRates;
+    use crate::frames::{Field, RollPitch};
 
     /// The heading rate decides if known, otherwise the bank. Straight flight keeps the direction of the last turn.
     #[test]
     fn the_last_turn_is_shown_by_the_heading_rate_or_the_bank() {
-        let rate = |deg_s: f32| Rates::from_rad_s([0.0, 0.0, deg_s.to_radians()]);
+        let rate = |deg_s: f32| AngleRates::from_rad_s([0.0, 0.0, deg_s.to_radians()]);
         for (roll_deg, rates, expected) in [
             (0.0, rate(2.0), 0.0),
             (0.0, rate(5.0), 1.0),
             (0.0, rate(-5.0), -1.0),
             (25.0, rate(2.0), 0.0),
             (25.0, rate(-5.0), -1.0),
-            (5.0, Rates::UNKNOWN, 0.0),
-            (12.0, Rates::UNKNOWN, 1.0),
-            (-12.0, Rates::UNKNOWN, -1.0),
+            (5.0, AngleRates::UNKNOWN, 0.0),
+            (12.0, AngleRates::UNKNOWN, 1.0),
+            (-12.0, AngleRates::UNKNOWN, -1.0),
         ] {
             let mut last = LastTurn::default();
             for (roll_deg, rates) in [(roll_deg, rates), (0.0, rate(2.0))] {
-                let attitude = Attitude::from_deg(roll_deg, 0.0);
+                let attitude = RollPitch::from_deg(roll_deg, 0.0);
                 let sample = Sample { rates, ..Sample::new(Field::new(Vector3::zeros()), attitude) };
                 let found = last.direction_at_sample(&sample);
                 assert_eq!(found.to_bits(), f32::to_bits(expected), "{roll_deg} deg, {rates:?}");

@@ -89,7 +89,7 @@ mod tests {
     use super::*;
     use crate::calibration::model::parameters::ModelParameters;
     use crate::calibration::tests::derivatives::numerical_derivative;
-    use crate::frames::{Attitude, wrap_pi};
+    use crate::frames::{RollPitch, wrap_pi};
 
     const SKEWED: Matrix3<f32> = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
 
@@ -119,8 +119,8 @@ mod tests {
         let parameters =
             ModelParameters { w: SKEWED, corrected_mean_field: Vector3::new(0.1, 0.2, 0.1), inclination_rad: 0.0 };
         for (roll_rad, x) in [(0.3, Vector3::new(0.7, -0.3, 0.4)), (-0.5, Vector3::new(-0.2, 0.6, -0.8))] {
-            let attitude = Attitude { roll_rad, pitch_rad: 0.0 };
-            let predict = |x, attitude: Attitude| parameters.predict_field(x, &attitude.tilt_rotation());
+            let attitude = RollPitch { roll_rad, pitch_rad: 0.0 };
+            let predict = |x, attitude: RollPitch| parameters.predict_field(x, &attitude.tilt_rotation());
             let reference = predict(x, attitude);
             let heading_change_rad =
                 |perturbed: &FieldPrediction| wrap_pi(perturbed.heading_rad() - reference.heading_rad());
@@ -128,10 +128,10 @@ mod tests {
                 numerical_derivative(|step| heading_change_rad(&predict(x + Vector3::ith(axis, step), attitude)))
             });
             let roll = numerical_derivative(|step| {
-                heading_change_rad(&predict(x, Attitude { roll_rad: roll_rad + step, pitch_rad: 0.0 }))
+                heading_change_rad(&predict(x, RollPitch { roll_rad: roll_rad + step, pitch_rad: 0.0 }))
             });
             let pitch =
-                numerical_derivative(|step| heading_change_rad(&predict(x, Attitude { roll_rad, pitch_rad: step })));
+                numerical_derivative(|step| heading_change_rad(&predict(x, RollPitch { roll_rad, pitch_rad: step })));
             let expected = sensor.map(|d| d * d).sum::<f32>() * 1e-4
                 + (roll * roll + pitch * pitch) * attitude_sigma_rad * attitude_sigma_rad;
             let found =

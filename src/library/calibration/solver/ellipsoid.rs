@@ -51,7 +51,7 @@ mod tests {
 
     use super::*;
     use crate::calibration::{Method, Prior, Quality, Sample, SamplePart, SolveError, solve_samples};
-    use crate::frames::{Attitude, Field};
+    use crate::frames::{Field, RollPitch};
 
     fn tumbled_samples(missing_direction_count: usize) -> Vec<Sample> {
         let mut random = Random(5);
@@ -61,7 +61,7 @@ mod tests {
             .filter(|field| direction_index(field) >= missing_direction_count)
             .take(300)
             .map(|field| Vector3::new(1.1 * field.x + 9.0, field.y - 20.0, 0.95 * field.z + 3.0))
-            .map(|ut| Sample::new(Field::new(ut), Attitude::default()))
+            .map(|ut| Sample::new(Field::new(ut), RollPitch::default()))
             .collect()
     }
 
@@ -75,7 +75,7 @@ mod tests {
     fn neither_attitude_nor_part_of_tumbled_samples_matters() {
         let mut samples = tumbled_samples(0);
         for (i, sample) in samples.iter_mut().enumerate() {
-            sample.attitude = Attitude::from_deg(40.0 * (i as f32).sin(), 30.0 * (1.7 * i as f32).cos());
+            sample.attitude = RollPitch::from_deg(40.0 * (i as f32).sin(), 30.0 * (1.7 * i as f32).cos());
         }
         let solved = |parts: Parts<'_>| {
             let solution = solve_samples(Method::Ellipsoid, parts.samples(), &Prior::default()).unwrap();

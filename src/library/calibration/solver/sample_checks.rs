@@ -4,7 +4,7 @@ use crate::calibration::closed_form::turns::MIN_SAMPLES;
 use crate::calibration::types::error::{Axis, SolveError};
 use crate::calibration::types::method::Method;
 use crate::calibration::types::samples::{CollectionPart, Sample, SamplePart, Samples};
-use crate::frames::Attitude;
+use crate::frames::RollPitch;
 
 /// Upper limit of a plausible field, microtesla: 10,000 times the Earth's field.
 const MAX_FIELD_UT: f32 = 1e6;
@@ -28,7 +28,7 @@ pub(super) fn check_samples(method: Method, samples: Samples<'_>) -> Result<(), 
 
 /// Whether all values are finite, and their fourth powers as well.
 fn is_finite(sample: &Sample) -> bool {
-    let Attitude { roll_rad, pitch_rad } = sample.attitude;
+    let RollPitch { roll_rad, pitch_rad } = sample.attitude;
     sample.field.ut.iter().all(|ut| ut.abs() < MAX_FIELD_UT) && roll_rad.is_finite() && pitch_rad.is_finite()
 }
 

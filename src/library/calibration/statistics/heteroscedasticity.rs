@@ -6,7 +6,7 @@
 //! each sample, a one-dimensional form of White's estimator. Without it, 2 of 100 simulated copter calibrations had a
 //! constant error of three times the expected one.
 
-use crate::frames::Attitude;
+use crate::frames::RollPitch;
 
 /// Mean squared tilt below which a vehicle does not tilt, square radians: (3 deg)^2.
 const MIN_MEAN_SQUARE_TILT_RAD2: f32 = 0.003;
@@ -23,8 +23,8 @@ pub(in crate::calibration) struct Heteroscedasticity {
 }
 
 impl Heteroscedasticity {
-    pub fn add_residual(&mut self, attitude: Attitude, residual: f32) {
-        let Attitude { roll_rad, pitch_rad } = attitude;
+    pub fn add_residual(&mut self, attitude: RollPitch, residual: f32) {
+        let RollPitch { roll_rad, pitch_rad } = attitude;
         let tilt = (roll_rad * roll_rad + pitch_rad * pitch_rad).min(1.0);
         let square = residual * residual;
         self.tilt_weighted_squares += square * tilt;
@@ -51,7 +51,7 @@ mod tests {
     fn variance_ratio_of(samples: &[(f32, f32)]) -> f32 {
         let mut sums = Heteroscedasticity::default();
         for &(tilt_deg, residual) in samples {
-            sums.add_residual(Attitude::from_deg(0.6 * tilt_deg, -0.8 * tilt_deg), residual);
+            sums.add_residual(RollPitch::from_deg(0.6 * tilt_deg, -0.8 * tilt_deg), residual);
         }
         sums.variance_ratio()
     }

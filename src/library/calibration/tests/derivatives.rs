@@ -9,8 +9,8 @@ use crate::calibration::model::{
     FieldPrediction, Likelihood, MeasuredSample, ModelConfig, ModelParameters, NoiseModel, PriorQuantity,
     SampleEquations, UNKNOWN_COUNT, Vector13, for_each_prior,
 };
-use crate::calibration::{Prior, Rates, Sample, Samples};
-use crate::frames::{Attitude, Field, Level, wrap_pi};
+use crate::calibration::{AngleRates, Prior, Sample, Samples};
+use crate::frames::{Field, Level, RollPitch, wrap_pi};
 
 /// Step of the differences. The functions are of size one with curvature scale above 0.4: the fourth-order rule leaves
 /// 1e-5, `f32` rounding 1e-7 / 0.02.
@@ -49,7 +49,7 @@ fn assert_jacobian_row(row: &Vector13, at: &Vector13, function: impl Fn(&Vector1
 
 struct Case {
     unknowns: Vector13,
-    attitude: Attitude,
+    attitude: RollPitch,
     centred_field: Vector3<f32>,
 }
 
@@ -65,7 +65,7 @@ impl Case {
             };
             let case = Self {
                 unknowns: parameters.unknowns().unwrap(),
-                attitude: Attitude { roll_rad: random.uniform(-1.2, 1.2), pitch_rad: random.uniform(-0.7, 0.7) },
+                attitude: RollPitch { roll_rad: random.uniform(-1.2, 1.2), pitch_rad: random.uniform(-0.7, 0.7) },
                 centred_field: random_vector(random, 1.0),
             };
             let prediction = case.predict(&case.unknowns);
@@ -121,13 +121,13 @@ fn prediction_rows_equal_numerical_derivatives() {
 fn inclination_derivatives_by_attitude_equal_numerical_ones() {
     for case in random_cases(Case::normalised) {
         let parameters = ModelParameters::from_unknowns(&case.unknowns);
-        let predicted_inclination_rad = |attitude: Attitude| {
+        let predicted_inclination_rad = |attitude: RollPitch| {
             parameters.predict_field(case.centred_field, &attitude.tilt_rotation()).inclination_rad
         };
-        let Attitude { roll_rad, pitch_rad } = case.attitude;
-        let rolled = |step| predicted_inclination_rad(Attitude { roll_rad: roll_rad + step, pitch_rad });
-        let pitched = |step| predicted_inclination_rad(Attitude { roll_rad, pitch_rad: pitch_rad + step });
-        let scaled = |step: f32| predicted_inclination_rad(Attitude { roll_rad: roll_rad * (1.0 + step), pitch_rad });
+        let RollPitch { roll_rad, pitch_rad } = case.attitude;
+        let rolled = |step| predicted_inclination_rad(RollPitch { roll_rad: roll_rad + step, pitch_rad });
+        let pitched = |step| predicted_inclination_rad(RollPitch { roll_rad, pitch_rad: pitch_rad + step });
+        let scaled = |step: f32| predicted_inclination_rad(RollPitch { roll_rad: roll_rad * (1.0 + step), pitch_rad });
         let [by_roll, by_pitch] = parameters
             .predict_field(case.centred_field, &case.attitude.tilt_rotation())
             .inclination_derivatives_by_attitude(&case.attitude.tilt_rotation());
@@ -149,11 +149,11 @@ fn inclination_derivatives_by_attitude_equal_numerical_ones() {
     }
 }
 
-fn test_rates() -> Rates {
-    Rates::from_rad_s([0.8, -0.6, 0.0])
+fn test_rates() -> AngleRates {
+    AngleRates::from_rad_s([0.8, -0.6, 0.0])
 }
 
-fn sample_at(attitude: Attitude) -> Sample {
+fn sample_at(attitude: RollPitch) -> Sample {
     Sample::new(Field::from_ut(0.0, 0.0, 0.0), attitude)
 }
 
@@ -336,7 +336,7 @@ fn a_field_without_heading_has_finite_equations() {
     let straight =
         ModelParameters { w: Matrix3::identity(), corrected_mean_field: Vector3::zeros(), inclination_rad: 1.0 };
     for centred_field in [Vector3::new(1e-9, 0.0, 0.0), Vector3::new(0.0, 0.0, 1.0)] {
-        let case = Case { unknowns: straight.unknowns().unwrap(), attitude: Attitude::default(), centred_field };
+        let case = Case { unknowns: straight.unknowns().unwrap(), attitude: RollPitch::default(), centred_field };
         let equations = equations(&case, &case.unknowns, Some(0.0), true);
         for equation in [Some(equations.norm_equation), equations.inclination_equation, equations.heading_equation]
             .into_iter()

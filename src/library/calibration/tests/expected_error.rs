@@ -5,7 +5,7 @@ use crate::calibration::tests::NO_PRIOR;
 use crate::calibration::{
     Calibration, CollectionPart, ConsiderSigmas, Manoeuvre, Method, Sample, Side, Solution, Solver, solve_samples,
 };
-use crate::frames::{Attitude, wrap_pi};
+use crate::frames::{RollPitch, wrap_pi};
 
 /// Random flights in light to rough weather, airframes up to bad ones.
 fn flights(seeds: core::ops::Range<u64>) -> impl Iterator<Item = (u64, Airframe, RecordedTurns)> {
@@ -68,14 +68,14 @@ fn consider_states_predict_the_effect_of_attitude_errors() {
     for (seed, airframe, recorded) in flights(0..6) {
         let (bias_rad, bank_scale) = (0.0087, 0.03);
         let plain = solve_with_consider_states(&recorded, 0.0, 0.0);
-        let solution_with = |change: &dyn Fn(Attitude) -> Attitude| {
+        let solution_with = |change: &dyn Fn(RollPitch) -> RollPitch| {
             let changed = recorded.map_samples(|sample| Sample { attitude: change(sample.attitude), ..*sample });
             let changed = solve_with_consider_states(&changed, 0.0, 0.0).calibration;
             heading_difference_deg(&airframe, &plain.calibration, &changed)
         };
-        let rolled = solution_with(&|a| Attitude { roll_rad: a.roll_rad + bias_rad, ..a });
-        let pitched = solution_with(&|a| Attitude { pitch_rad: a.pitch_rad + bias_rad, ..a });
-        let scaled = solution_with(&|a| Attitude { roll_rad: a.roll_rad * (1.0 + bank_scale), ..a });
+        let rolled = solution_with(&|a| RollPitch { roll_rad: a.roll_rad + bias_rad, ..a });
+        let pitched = solution_with(&|a| RollPitch { pitch_rad: a.pitch_rad + bias_rad, ..a });
+        let scaled = solution_with(&|a| RollPitch { roll_rad: a.roll_rad * (1.0 + bank_scale), ..a });
         let expected = |bias_rad, bank_scale| {
             let considered = solve_with_consider_states(&recorded, bias_rad, bank_scale).quality.expected_rms_deg;
             (considered.powi(2) - plain.quality.expected_rms_deg.powi(2)).sqrt()

@@ -10,8 +10,8 @@ use super::synthetic::{
 };
 use crate::calibration::closed_form::starting_point::vertical_component_start;
 use crate::calibration::tests::{NO_PRIOR, harsh_airframe};
-use crate::calibration::{Method, Rates, Sample, SamplePart, Samples, Solution, SolveError, solve_samples};
-use crate::frames::{Attitude, Field, wrap_pi};
+use crate::calibration::{AngleRates, Method, Sample, SamplePart, Samples, Solution, SolveError, solve_samples};
+use crate::frames::{Field, RollPitch, wrap_pi};
 use crate::time::WrappingMillis;
 
 fn solve(samples: Samples<'_>) -> Result<Solution, SolveError> {
@@ -88,7 +88,7 @@ fn the_vertical_component_gives_a_start() {
         assert!((start.inclination_rad - airframe.inclination_rad).abs() < 0.01, "seed {seed}: {start:?} {airframe:?}");
         assert!((start.w.determinant() - 1.0).abs() < 1e-3);
         for (heading_rad, roll_deg) in [(0.3, 0.0), (2.0, 10.0), (4.0, -10.0)] {
-            let attitude = Attitude::from_deg(roll_deg, 5.0);
+            let attitude = RollPitch::from_deg(roll_deg, 5.0);
             let found = start.w * (airframe.field(attitude, heading_rad).ut / start.field_unit_ut - start.hard_iron);
             let heading = attitude.to_level_frame(Field::new(found)).heading_rad();
             let error_deg = wrap_pi(heading - heading_rad).to_degrees().abs();
@@ -118,13 +118,13 @@ fn a_mirrored_attitude_is_detected() {
         let samples = multirotor_samples(&airframe, 0.3, &mut random);
         for (roll, pitch) in [(-1.0, 1.0), (1.0, -1.0)] {
             let mirror = |sample: &Sample| {
-                let Attitude { roll_rad, pitch_rad } = sample.attitude;
-                Sample { attitude: Attitude { roll_rad: roll * roll_rad, pitch_rad: pitch * pitch_rad }, ..*sample }
+                let RollPitch { roll_rad, pitch_rad } = sample.attitude;
+                Sample { attitude: RollPitch { roll_rad: roll * roll_rad, pitch_rad: pitch * pitch_rad }, ..*sample }
             };
             let mut mirrored: Vec<Sample> = samples.iter().map(mirror).collect();
             let refused = solve_free_flight(&mirrored).map(|_| ());
             assert_eq!(refused, Err(SolveError::TurnsReversed), "seed {seed}: {roll} {pitch}");
-            mirrored.iter_mut().for_each(|sample| sample.rates = Rates::UNKNOWN);
+            mirrored.iter_mut().for_each(|sample| sample.rates = AngleRates::UNKNOWN);
             let refused = solve_free_flight(&mirrored).map(|_| ());
             assert!(matches!(refused, Err(SolveError::MountContradicted { .. })), "seed {seed}: {refused:?}");
         }
@@ -140,8 +140,8 @@ fn banking_out_of_a_turn_is_accepted_with_body_rates() {
         (0..120_u16)
             .map(|i| {
                 let t_s = f32::from(i) * 0.4;
-                let wobble = Attitude::from_deg(bank_deg + 2.0 * t_s.sin(), 2.0 * (0.7 * t_s).cos());
-                let rates = if known { Rates::from_rad_s([0.0, 0.0, rate_rad_s]) } else { Rates::UNKNOWN };
+                let wobble = RollPitch::from_deg(bank_deg + 2.0 * t_s.sin(), 2.0 * (0.7 * t_s).cos());
+                let rates = if known { AngleRates::from_rad_s([0.0, 0.0, rate_rad_s]) } else { AngleRates::UNKNOWN };
                 let time = WrappingMillis::new(from_ms + u32::from(i) * 400);
                 Sample { rates, time, ..measured_sample(&airframe, wobble, rate_rad_s * t_s, 0.1, random) }
             })
@@ -165,12 +165,12 @@ fn straight_flight_has_an_honest_expected_error() {
         let samples: Vec<Sample> = (0..448_u16)
             .map(|i| {
                 let t = f32::from(i);
-                let true_attitude = Attitude::from_deg(roll_deg * (t / 1.7).sin(), 2.0 + pitch_deg * (t / 2.3).cos());
+                let true_attitude = RollPitch::from_deg(roll_deg * (t / 1.7).sin(), 2.0 + pitch_deg * (t / 2.3).cos());
                 let heading_rad = ahead_rad + (heading_deg * (t / 13.0).sin()).to_radians();
                 let measured = measured_sample(&airframe, true_attitude, heading_rad, 0.2, &mut random);
                 let [roll_rad, pitch_rad] = [true_attitude.roll_rad, true_attitude.pitch_rad]
                     .map(|angle| angle + (random.normal() * 0.2).to_radians());
-                let attitude = Attitude { roll_rad, pitch_rad };
+                let attitude = RollPitch { roll_rad, pitch_rad };
                 Sample { attitude, time: WrappingMillis::new(u32::from(i) * 1000), ..measured }
             })
             .collect();

@@ -5,8 +5,8 @@ use core::f32::consts::TAU;
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, mean, measured_sample, rms};
 use crate::calibration::tests::solve_turns;
 use crate::calibration::verification;
-use crate::calibration::{AttitudeLatency, Calibration, Rates, Sample};
-use crate::frames::{Attitude, wrap_pi};
+use crate::calibration::{AngleRates, AttitudeLatency, Calibration, Sample};
+use crate::frames::{RollPitch, wrap_pi};
 
 /// Bank or pitch wander in light weather: sines of 2 to 6 s, radians.
 struct AttitudeWander([[f32; 3]; 4]);
@@ -35,8 +35,8 @@ fn fly_with_latency(airframe: &Airframe, wander_deg: f32, late_s: f32, random: &
             let ([roll_rad, roll_rad_s], [pitch_rad, pitch_rad_s]) =
                 (roll.angle_and_rate(t_s), pitch.angle_and_rate(t_s));
             let attitude =
-                Attitude { roll_rad: roll_rad + bank_deg.to_radians(), pitch_rad: pitch_rad + 2_f32.to_radians() };
-            (attitude, Rates::from_rad_s([roll_rad_s, pitch_rad_s, 0.0]))
+                RollPitch { roll_rad: roll_rad + bank_deg.to_radians(), pitch_rad: pitch_rad + 2_f32.to_radians() };
+            (attitude, AngleRates::from_rad_s([roll_rad_s, pitch_rad_s, 0.0]))
         };
         let mut noise = [0.0_f32; 2];
         for (i, sample) in side.iter_mut().enumerate() {
@@ -46,7 +46,10 @@ fn fly_with_latency(airframe: &Airframe, wander_deg: f32, late_s: f32, random: &
             let (reported, rates) = attitude(t_s - late_s);
             let measured = measured_sample(airframe, attitude(t_s).0, heading_rad, 0.12, random);
             *sample = Sample {
-                attitude: Attitude { roll_rad: reported.roll_rad + noise[0], pitch_rad: reported.pitch_rad + noise[1] },
+                attitude: RollPitch {
+                    roll_rad: reported.roll_rad + noise[0],
+                    pitch_rad: reported.pitch_rad + noise[1],
+                },
                 rates,
                 ..Sample { time: sample.time, ..measured }
             };
@@ -101,7 +104,7 @@ fn flight_with_latency(seed: u64, late_s: f32) -> RecordedTurns {
 #[test]
 fn without_rates_there_is_no_estimate() {
     let recorded = flight_with_latency(1, 0.1);
-    let without_rates = recorded.map_samples(|sample| Sample { rates: Rates::UNKNOWN, ..*sample });
+    let without_rates = recorded.map_samples(|sample| Sample { rates: AngleRates::UNKNOWN, ..*sample });
     let (with, without) = (solve_turns(&recorded).unwrap(), solve_turns(&without_rates).unwrap());
     assert_eq!((without.quality.latency, without.calibration.latency_s), (None, 0.0));
     assert!(

@@ -8,10 +8,10 @@ use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::model::{Likelihood, ModelConfig, ModelParameters, NoiseModel, Vector13};
 use crate::calibration::tests::NO_PRIOR;
 use crate::calibration::{HeadingMark, Orientation, Prior, Sample, Samples, SolveError};
-use crate::frames::{Attitude, Field};
+use crate::frames::{Field, RollPitch};
 
 fn sample_of_field(ut: [f32; 3]) -> Sample {
-    Sample::new(Field::new(ut.into()), Attitude::default())
+    Sample::new(Field::new(ut.into()), RollPitch::default())
 }
 
 fn identity_unknowns() -> Vector13 {

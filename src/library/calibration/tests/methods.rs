@@ -15,7 +15,7 @@ use crate::calibration::{
     AttitudeEnvelope, ConsiderSigmas, HeadingMark, Method, Prior, Quality, SamplePart, Samples, Solution, SolveError,
     Solver, solve_samples,
 };
-use crate::frames::{Attitude, Field};
+use crate::frames::{Field, RollPitch};
 
 fn exact_turns(airframe: &Airframe, left_deg: f32, right_deg: f32) -> Samples<'static> {
     turn_samples(&exact_circle(airframe, left_deg, 72), &exact_circle(airframe, right_deg, 72))
@@ -143,7 +143,7 @@ fn a_configured_inclination_improves_a_level_swing_when_banked() {
         let level_marks = swing_marks(&airframe, 8, &[0.0], &mut random);
         // The vehicle stands 0.5 deg off level at each heading.
         let tilted = |mark: &HeadingMark, random: &mut Random| {
-            let attitude = Attitude::from_deg(random.normal() * 0.5, random.normal() * 0.5);
+            let attitude = RollPitch::from_deg(random.normal() * 0.5, random.normal() * 0.5);
             let sample = measured_sample(&airframe, attitude, mark.heading_rad, 0.05, random);
             HeadingMark { sample, ..*mark }
         };
@@ -250,7 +250,7 @@ fn sigmas_deg(solution: &Solution, banks_deg: &[f32]) -> Vec<f32> {
     (quiet.relative_sensor_sigma, quiet.attitude_sigma_rad) = (0.0, 0.0);
     let field_from_body = calibration.w_matrix().try_inverse().unwrap();
     let sigma_deg = |bank_deg: f32, heading_index: u8| {
-        let attitude = Attitude::from_deg(bank_deg, 0.0);
+        let attitude = RollPitch::from_deg(bank_deg, 0.0);
         let heading_rad = f32::from(heading_index) / 12.0 * TAU;
         let level = Field::earth_field(calibration.total_ut, calibration.inclination_rad, heading_rad);
         let field = Field::new(field_from_body * attitude.to_body_frame(level).ut + calibration.b_vector_ut());

@@ -7,10 +7,10 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 pub use testkit::random::Random;
 
 use autoswing::calibration::{
-    AttitudeEnvelope, Calibration, CollectionPart, HeadingMark, Method, Orientation, Quality, Rates, Sample, Samples,
-    Side, Solution,
+    AngleRates, AttitudeEnvelope, Calibration, CollectionPart, HeadingMark, Method, Orientation, Quality, Sample,
+    Samples, Side, Solution,
 };
-use autoswing::frames::{Attitude, Field, Level, Sensor, wrap_pi};
+use autoswing::frames::{Field, Level, RollPitch, Sensor, wrap_pi};
 use autoswing::time::WrappingMillis;
 
 /// Mounting of a sensor turned by 90 deg: sensor x is body y, sensor y is body -x.
@@ -70,7 +70,7 @@ impl Airframe {
         }
     }
 
-    pub fn field(&self, attitude: Attitude, heading_rad: f32) -> Field<Sensor> {
+    pub fn field(&self, attitude: RollPitch, heading_rad: f32) -> Field<Sensor> {
         let level = Field::<Level>::earth_field(self.total_ut, self.inclination_rad, heading_rad);
         Field::new(self.a * attitude.to_body_frame(level).ut + self.b_ut)
     }
@@ -101,7 +101,7 @@ impl Airframe {
         for &bank_deg in banks_deg {
             for step in 0..12_u8 {
                 let heading_rad = f32::from(step) * core::f32::consts::FRAC_PI_6;
-                let attitude = Attitude::from_deg(bank_deg, 0.0);
+                let attitude = RollPitch::from_deg(bank_deg, 0.0);
                 let found = attitude
                     .to_level_frame(calibration.calibrated_field(self.field(attitude, heading_rad)))
                     .heading_rad();
@@ -114,7 +114,7 @@ impl Airframe {
 
 pub fn measured_sample(
     airframe: &Airframe,
-    attitude: Attitude,
+    attitude: RollPitch,
     heading_rad: f32,
     noise_ut: f32,
     random: &mut Random,
@@ -131,7 +131,7 @@ pub fn exact_circle(airframe: &Airframe, bank_deg: f32, sample_count: u16) -> Ve
 
 /// Samples without noise 0.5 s apart, with the heading changed by a step after each.
 pub fn exact_turn(airframe: &Airframe, bank_deg: f32, step_rad: f32, sample_count: u16) -> Vec<Sample> {
-    let attitude = Attitude::from_deg(bank_deg, 0.0);
+    let attitude = RollPitch::from_deg(bank_deg, 0.0);
     (0..sample_count)
         .map(|i| {
             let sample = measured_sample(airframe, attitude, f32::from(i) * step_rad, 0.0, &mut Random(0));
@@ -150,7 +150,7 @@ pub fn swing_marks(
 ) -> Vec<HeadingMark> {
     let mut mark = |bank_deg: f32, i: u8| {
         let heading_rad = f32::from(i) / f32::from(marks_per_round) * TAU;
-        let sample = measured_sample(airframe, Attitude::from_deg(bank_deg, 0.0), heading_rad, 0.05, random);
+        let sample = measured_sample(airframe, RollPitch::from_deg(bank_deg, 0.0), heading_rad, 0.05, random);
         HeadingMark { sample, heading_rad: heading_rad + (random.normal() * 0.5).to_radians() }
     };
     let mut marks = Vec::new();
@@ -167,8 +167,8 @@ pub fn tumbled_samples(airframe: &Airframe, noise_ut: f32, random: &mut Random) 
             // Attitudes uniform over the sphere.
             let (roll_rad, pitch_rad) = (random.uniform(-3.1, 3.1), random.uniform(-1.0, 1.0).asin());
             let heading_rad = random.uniform(0.0, TAU);
-            let measured = measured_sample(airframe, Attitude { roll_rad, pitch_rad }, heading_rad, noise_ut, random);
-            Sample { attitude: Attitude::default(), ..measured }
+            let measured = measured_sample(airframe, RollPitch { roll_rad, pitch_rad }, heading_rad, noise_ut, random);
+            Sample { attitude: RollPitch::default(), ..measured }
         })
         .collect()
 }
@@ -177,13 +177,13 @@ pub fn tumbled_samples(airframe: &Airframe, noise_ut: f32, random: &mut Random) 
 pub fn level_circle(airframe: &Airframe, sample_count: u16, random: &mut Random) -> Vec<Sample> {
     (0..sample_count)
         .map(|i| {
-            let true_attitude = Attitude::from_deg(random.normal() * 0.5, random.normal() * 0.5);
+            let true_attitude = RollPitch::from_deg(random.normal() * 0.5, random.normal() * 0.5);
             let heading_rad = f32::from(i) / f32::from(sample_count) * TAU;
             let measured = measured_sample(airframe, true_attitude, heading_rad, 0.12, random);
             let [roll_rad, pitch_rad] = [true_attitude.roll_rad, true_attitude.pitch_rad]
                 .map(|angle| angle + (random.normal() * 0.3).to_radians());
             Sample {
-                attitude: Attitude { roll_rad, pitch_rad },
+                attitude: RollPitch { roll_rad, pitch_rad },
                 time: WrappingMillis::new(u32::from(i) * 400),
                 ..measured
             }
@@ -208,13 +208,13 @@ pub fn multirotor_samples(airframe: &Airframe, noise_deg: f32, random: &mut Rand
             };
             heading_rad += STEP_S * rate_rad_s;
             let tilt_deg = if t_s < 40.0 { 1.0 } else { 15.0 };
-            let true_attitude = Attitude::from_deg(tilt_deg * (t_s / 1.7).sin(), tilt_deg * (t_s / 2.3).cos());
+            let true_attitude = RollPitch::from_deg(tilt_deg * (t_s / 1.7).sin(), tilt_deg * (t_s / 2.3).cos());
             let measured = measured_sample(airframe, true_attitude, heading_rad, 0.4 * noise_deg, random);
             let [roll_rad, pitch_rad] = [true_attitude.roll_rad, true_attitude.pitch_rad]
                 .map(|angle| angle + (random.normal() * noise_deg).to_radians());
             Sample {
-                attitude: Attitude { roll_rad, pitch_rad },
-                rates: Rates::from_rad_s([0.0, 0.0, rate_rad_s]),
+                attitude: RollPitch { roll_rad, pitch_rad },
+                rates: AngleRates::from_rad_s([0.0, 0.0, rate_rad_s]),
                 time: WrappingMillis::new((t_s * 1000.0) as u32),
                 ..measured
             }
@@ -258,14 +258,14 @@ impl Flight {
 
     pub fn fly(&self, airframe: &Airframe, random: &mut Random) -> RecordedTurns {
         let bias =
-            Attitude::from_deg(random.normal() * self.attitude_bias_deg, random.normal() * self.attitude_bias_deg);
+            RollPitch::from_deg(random.normal() * self.attitude_bias_deg, random.normal() * self.attitude_bias_deg);
         RecordedTurns {
             left: self.turn(airframe, random, Side::Left, bias),
             right: self.turn(airframe, random, Side::Right, bias),
         }
     }
 
-    fn turn(&self, airframe: &Airframe, random: &mut Random, side: Side, bias: Attitude) -> Vec<Sample> {
+    fn turn(&self, airframe: &Airframe, random: &mut Random, side: Side, bias: RollPitch) -> Vec<Sample> {
         const STEP_S: f32 = 0.5;
         let sign = if side == Side::Left { -1.0 } else { 1.0 };
         let mut attitude_noise = [0, 1].map(|_| GaussMarkov::new(random, self.wander_deg, 1.5, STEP_S));
@@ -275,17 +275,17 @@ impl Flight {
             .map(|i| {
                 let roll_deg = sign * self.bank_deg + attitude_noise[0].next_value(random);
                 let pitch_deg = 2.0 + attitude_noise[1].next_value(random);
-                let true_attitude = Attitude::from_deg(roll_deg, pitch_deg);
+                let true_attitude = RollPitch::from_deg(roll_deg, pitch_deg);
                 heading_rad += STEP_S * 9.81 * true_attitude.roll_rad.tan() / 22.0;
                 let error_deg = noise.each_mut().map(|n| n.next_value(random));
                 let reported =
-                    Attitude::from_deg(roll_deg * (1.0 + self.bank_scale) + error_deg[0], pitch_deg + error_deg[1]);
+                    RollPitch::from_deg(roll_deg * (1.0 + self.bank_scale) + error_deg[0], pitch_deg + error_deg[1]);
                 let sensor_noise = Vector3::from_fn(|_, _| random.normal() * self.sensor_noise_ut);
                 Sample {
                     time: WrappingMillis::new(u32::from(i) * 500),
                     ..Sample::new(
                         Field::new(airframe.field(true_attitude, heading_rad).ut + sensor_noise),
-                        Attitude {
+                        RollPitch {
                             roll_rad: reported.roll_rad + bias.roll_rad,
                             pitch_rad: reported.pitch_rad + bias.pitch_rad,
                         },

@@ -2,13 +2,13 @@
 
 use super::synthetic::typical_quality;
 use crate::calibration::{
-    AttitudeEnvelope, Axis, Calibration, HeadingMark, Method, MotorCurrentInterference, Orientation, Quality, Rates,
-    Sample, SamplePart, Side, matrix_rows,
+    AngleRates, AttitudeEnvelope, Axis, Calibration, HeadingMark, Method, MotorCurrentInterference, Orientation,
+    Quality, Sample, SamplePart, Side, matrix_rows,
 };
-use crate::frames::{Attitude, Field};
+use crate::frames::{Field, RollPitch};
 
 fn sample_of_field(x_ut: f32) -> Sample {
-    Sample::new(Field::from_ut(x_ut, 0.0, 0.0), Attitude::default())
+    Sample::new(Field::from_ut(x_ut, 0.0, 0.0), RollPitch::default())
 }
 
 /// 1,024 samples of a flight are kept in RAM.
@@ -20,14 +20,14 @@ fn a_sample_takes_36_bytes() {
 /// Roll wraps at 180 deg, pitch does not; both are constant without rates.
 #[test]
 fn attitude_is_extrapolated_with_its_rates() {
-    let attitude = Attitude { roll_rad: 3.1, pitch_rad: 0.2 };
-    let turning = Sample { attitude, rates: Rates::from_rad_s([1.0, -0.5, 0.0]), ..sample_of_field(1.0) };
+    let attitude = RollPitch { roll_rad: 3.1, pitch_rad: 0.2 };
+    let turning = Sample { attitude, rates: AngleRates::from_rad_s([1.0, -0.5, 0.0]), ..sample_of_field(1.0) };
     let later = turning.latency_compensated_attitude(0.1);
     assert!((later.roll_rad - (3.2 - core::f32::consts::TAU)).abs() < 1e-5 && (later.pitch_rad - 0.15).abs() < 1e-6);
     let earlier = turning.latency_compensated_attitude(-0.1);
     assert!((earlier.roll_rad - 3.0).abs() < 1e-5 && (earlier.pitch_rad - 0.25).abs() < 1e-6);
     assert_eq!(turning.latency_compensated_attitude(0.0), attitude);
-    assert_eq!(Sample { rates: Rates::UNKNOWN, ..turning }.latency_compensated_attitude(1.0), attitude);
+    assert_eq!(Sample { rates: AngleRates::UNKNOWN, ..turning }.latency_compensated_attitude(1.0), attitude);
     let calibration = Calibration { latency_s: 0.1, ..test_calibration() };
     let expected = later.to_level_frame(calibration.calibrated_field(turning.field));
     assert_eq!(calibration.corrected_level_field(&turning), expected);

@@ -2,7 +2,7 @@
 
 use super::method::Method;
 use super::samples::{Sample, Samples};
-use crate::frames::Attitude;
+use crate::frames::RollPitch;
 
 /// Expected quality of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,7 +66,7 @@ impl AttitudeEnvelope {
 
     pub(in crate::calibration) fn for_samples(method: Method, samples: Samples<'_>) -> Self {
         let has_free_flight_samples = samples.has_free_flight_samples();
-        let is_level = |&Sample { attitude: Attitude { roll_rad, pitch_rad }, .. }: &Sample| {
+        let is_level = |&Sample { attitude: RollPitch { roll_rad, pitch_rad }, .. }: &Sample| {
             roll_rad.abs() < Self::MIN_BANK_RAD && (!has_free_flight_samples || pitch_rad.abs() < Self::MIN_BANK_RAD)
         };
         match method {

@@ -6,9 +6,9 @@ const STEPS_PER_RAD_S: f32 = 1024.0;
 ///
 /// Unknown rates read as zero, because like rest they determine neither an attitude latency nor a direction of turn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Rates([i16; 3]);
+pub struct AngleRates([i16; 3]);
 
-impl Rates {
+impl AngleRates {
     /// The source has no rates.
     pub const UNKNOWN: Self = Self([i16::MIN; 3]);
 
@@ -89,7 +89,7 @@ mod tests {
     use super::*;
 
     fn round_trip_rad_s(rad_s: [f32; 3]) -> [f32; 3] {
-        let rates = Rates::from_rad_s(rad_s);
+        let rates = AngleRates::from_rad_s(rad_s);
         [rates.roll_rad_s(), rates.pitch_rad_s(), rates.heading_rad_s()]
     }
 
@@ -115,15 +115,15 @@ mod tests {
             let [roll, pitch, heading] = round_trip_rad_s([fast, -fast, fast]);
             assert!((roll - 32.0).abs() < 1e-3 && (pitch + 32.0).abs() < 1e-3 && (heading - 32.0).abs() < 1e-3);
         }
-        assert_eq!(Rates::from_rad_s([f32::NAN; 3]), Rates::from_rad_s([0.0; 3]));
+        assert_eq!(AngleRates::from_rad_s([f32::NAN; 3]), AngleRates::from_rad_s([0.0; 3]));
     }
 
     #[test]
     fn unknown_rates_differ_from_all_others_and_read_as_zero() {
         for rad_s in [[0.0; 3], [f32::NEG_INFINITY; 3], [f32::NAN; 3]] {
-            assert!(Rates::from_rad_s(rad_s).is_known(), "{rad_s:?}");
+            assert!(AngleRates::from_rad_s(rad_s).is_known(), "{rad_s:?}");
         }
-        let unknown = Rates::UNKNOWN;
+        let unknown = AngleRates::UNKNOWN;
         let read_rad_s = [unknown.roll_rad_s(), unknown.pitch_rad_s(), unknown.heading_rad_s()];
         assert_eq!((unknown.is_known(), read_rad_s.map(f32::to_bits)), (false, [0; 3]));
     }

@@ -2,8 +2,8 @@
 
 use core::fmt::Debug;
 
-use super::rates::{MotorCurrent, Rates};
-use crate::frames::{Attitude, Field, Sensor, wrap_pi};
+use super::rates::{AngleRates, MotorCurrent};
+use crate::frames::{Field, RollPitch, Sensor, wrap_pi};
 use crate::time::WrappingMillis;
 
 /// A field measurement with the attitude at its time: the input of calibration. 36 bytes.
@@ -12,9 +12,9 @@ pub struct Sample {
     /// Raw field, chip axes, microtesla.
     pub field: Field<Sensor>,
     /// Attitude interpolated to the time of the measurement.
-    pub attitude: Attitude,
+    pub attitude: RollPitch,
     /// Rates of the attitude angles.
-    pub rates: Rates,
+    pub rates: AngleRates,
     /// Motor current during the sample.
     pub current: MotorCurrent,
     /// Time of the measurement. Only order and differences within one turn are used.
@@ -26,11 +26,11 @@ pub struct Sample {
 impl Sample {
     /// Sample at time 0 without rates, current and part.
     #[must_use]
-    pub const fn new(field: Field<Sensor>, attitude: Attitude) -> Self {
+    pub const fn new(field: Field<Sensor>, attitude: RollPitch) -> Self {
         Self {
             field,
             attitude,
-            rates: Rates::UNKNOWN,
+            rates: AngleRates::UNKNOWN,
             current: MotorCurrent::UNKNOWN,
             time: WrappingMillis::new(0),
             part: CollectionPart::FREE,
@@ -41,9 +41,9 @@ impl Sample {
     /// time.
     #[must_use]
     #[inline]
-    pub fn latency_compensated_attitude(&self, latency_s: f32) -> Attitude {
-        let Attitude { roll_rad, pitch_rad } = self.attitude;
-        Attitude {
+    pub fn latency_compensated_attitude(&self, latency_s: f32) -> RollPitch {
+        let RollPitch { roll_rad, pitch_rad } = self.attitude;
+        RollPitch {
             roll_rad: wrap_pi(roll_rad + latency_s * self.rates.roll_rad_s()),
             pitch_rad: pitch_rad + latency_s * self.rates.pitch_rad_s(),
         }
@@ -270,7 +270,7 @@ mod tests {
     fn test_samples() -> Samples<'static> {
         let sample = |time_ms| Sample {
             time: WrappingMillis::new(time_ms),
-            ..Sample::new(Field::from_ut(0.0, 0.0, 0.0), Attitude::default())
+            ..Sample::new(Field::from_ut(0.0, 0.0, 0.0), RollPitch::default())
         };
         let [left, right, level, free] = [[1, 2], [3, 4], [5, 6], [7, 8]].map(|times| times.map(sample));
         let marks = [HeadingMark { sample: sample(9), heading_rad: 0.0 }];

@@ -48,13 +48,13 @@ impl<'a> Iterator for TimeOrdered<'a> {
 mod tests {
     use super::*;
     use crate::calibration::tests::synthetic::Parts;
-    use crate::frames::{Attitude, Field};
+    use crate::frames::{Field, RollPitch};
     use crate::time::WrappingMillis;
 
     fn samples_at_ms(millis: &[u32]) -> Vec<Sample> {
         let sample = |&millis: &u32| Sample {
             time: WrappingMillis::new(millis),
-            ..Sample::new(Field::from_ut(0.0, 0.0, 0.0), Attitude::default())
+            ..Sample::new(Field::from_ut(0.0, 0.0, 0.0), RollPitch::default())
         };
         millis.iter().map(sample).collect()
     }

@@ -11,7 +11,7 @@ use crate::calibration::linear_algebra::matrix::inverse;
 use crate::calibration::model::{Vector12, coefficient_jacobian_row, heading_derivative_by_field};
 use crate::calibration::types::coefficients::Calibration;
 use crate::calibration::types::quality::AttitudeEnvelope;
-use crate::frames::{Attitude, Field, Level};
+use crate::frames::{Field, Level, RollPitch};
 use crate::trig;
 use crate::trig::sqrt;
 
@@ -107,7 +107,7 @@ impl HeadingErrorModel {
     }
 
     fn heading_jacobian_row(&self, bank_deg: f32, heading_index: u8) -> Vector12 {
-        let tilt = Attitude::from_deg(bank_deg, 0.0).tilt_rotation();
+        let tilt = RollPitch::from_deg(bank_deg, 0.0).tilt_rotation();
         let level = Field::<Level>::earth_field(1.0, self.inclination_rad, f32::from(heading_index) * FRAC_PI_6);
         let x = self.field_from_body * tilt.to_body_frame(level).ut;
         coefficient_jacobian_row(&heading_derivative_by_field(&tilt, &level.ut), &x)
@@ -198,7 +198,7 @@ mod tests {
         let wrong = Calibration { w: matrix_rows(&(Matrix3::identity() + w)), b_ut: beta, ..iron_free_calibration() };
         let error = |bank_deg: f32, heading_index: u8| {
             let heading_rad = f32::from(heading_index) * FRAC_PI_6;
-            let attitude = Attitude::from_deg(bank_deg, 0.0);
+            let attitude = RollPitch::from_deg(bank_deg, 0.0);
             let field = Field::new(attitude.to_body_frame(Field::earth_field(1.0, 0.9, heading_rad)).ut);
             wrap_pi(attitude.to_level_frame(wrong.calibrated_field(field)).heading_rad() - heading_rad).to_degrees()
         };
@@ -273,7 +273,7 @@ mod tests {
 
     #[test]
     fn banked_samples_give_the_banked_envelope() {
-        let sample = |roll_deg: f32| Sample::new(Field::from_ut(1.0, 0.0, 0.0), Attitude::from_deg(roll_deg, 0.0));
+        let sample = |roll_deg: f32| Sample::new(Field::from_ut(1.0, 0.0, 0.0), RollPitch::from_deg(roll_deg, 0.0));
         for (method, rolls_deg, expected) in [
             (Method::CompassSwing, [5.0, -5.0], AttitudeEnvelope::Level),
             (Method::CompassSwing, [0.0, 15.0], AttitudeEnvelope::Banked),

@@ -19,10 +19,10 @@ use crate::calibration::model::{
 use crate::calibration::statistics::autocorrelation::Autocorrelation;
 use crate::calibration::statistics::residuals::ResidualStatistics;
 use crate::calibration::types::quality::AttitudeLatency;
-use crate::calibration::types::rates::Rates;
+use crate::calibration::types::rates::AngleRates;
 use crate::calibration::types::samples::Samples;
 use crate::calibration::types::time_order::{PART_COUNT, TimeOrdered};
-use crate::frames::Attitude;
+use crate::frames::RollPitch;
 
 /// Fisher information, with the statistics for the sandwich covariance and the sums of the score tests.
 #[derive(Clone, Debug)]
@@ -119,7 +119,7 @@ impl Information {
         &mut self,
         likelihood: &Likelihood,
         parameters: &ModelParameters,
-        attitude: Attitude,
+        attitude: RollPitch,
         heading_rad: f32,
     ) {
         let tilt = attitude.tilt_rotation();
@@ -127,7 +127,7 @@ impl Information {
         let measured = MeasuredSample { centred_field: x, tilt_rotation: tilt, heading_rad: None };
         let equations = SampleEquations::new(parameters, &measured, &likelihood.noise, &likelihood.config, false);
         self.linear_system.add_sample_equations(&equations);
-        self.add_inclination_residual(&equations, &AttitudeState::steady_turn(attitude, Rates::UNKNOWN));
+        self.add_inclination_residual(&equations, &AttitudeState::steady_turn(attitude, AngleRates::UNKNOWN));
     }
 
     /// Attitude latency, and the derivative of the unknowns by it (1/s). `None` without attitude rates.

@@ -2,7 +2,7 @@ use super::super::test_samples::{banked_sample, circle_sample, collected, stored
 use super::*;
 use crate::calibration::{CollectionPart, Side};
 use crate::collection::level_limits::LevelLimits;
-use crate::frames::Attitude;
+use crate::frames::RollPitch;
 
 fn hold_bank(collector: &mut Collector, roll_deg: f32, from_s: u32, to_s: u32) {
     for i in from_s * 10..to_s * 10 {
@@ -109,7 +109,7 @@ fn nonfinite_samples_are_rejected_and_extreme_ones_do_not_panic() {
     let fields = (0..600_usize).map(|i| [extreme[i % 7], extreme[i / 7 % 7], extreme[i / 49 % 7]]);
     for procedure in Procedure::ALL_PROCEDURES {
         let samples = fields.clone().zip(0..).map(|(field_ut, i)| Sample {
-            attitude: Attitude::from_deg(if procedure == Procedure::Turns { 25.0 } else { 0.0 }, 0.0),
+            attitude: RollPitch::from_deg(if procedure == Procedure::Turns { 25.0 } else { 0.0 }, 0.0),
             ..test_sample(field_ut, i * 400)
         });
         let collector = collected(procedure, samples);

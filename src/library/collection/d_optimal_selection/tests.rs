@@ -7,7 +7,7 @@ use testkit::random::Random;
 
 use super::super::test_samples::test_sample;
 use super::*;
-use crate::frames::{Attitude, Field, Level};
+use crate::frames::{Field, Level, RollPitch};
 
 const HARD_IRON_UT: Vector3<f32> = Vector3::new(60.0, -45.0, 80.0);
 
@@ -15,7 +15,7 @@ const HARD_IRON_UT: Vector3<f32> = Vector3::new(60.0, -45.0, 80.0);
 const BENT: Matrix3<f32> = Matrix3::new(1.3, 0.2, -0.1, 0.05, 0.7, 0.15, -0.2, 0.1, 1.1);
 
 fn sample_with_soft_iron(heading_rad: f32, roll_deg: f32, pitch_deg: f32, soft_iron: &Matrix3<f32>) -> Sample {
-    let attitude = Attitude::from_deg(roll_deg, pitch_deg);
+    let attitude = RollPitch::from_deg(roll_deg, pitch_deg);
     let body = attitude.to_body_frame(Field::<Level>::earth_field(50.0, 1.1, heading_rad)).ut;
     Sample { attitude, ..test_sample((soft_iron * body + HARD_IRON_UT).into(), 0) }
 }
@@ -64,7 +64,7 @@ fn repeated_samples_have_the_least_leverage() {
 #[test]
 fn unique_samples_are_retained() {
     let level: Vec<Sample> = circle(0.0).collect();
-    let tilted = Sample { attitude: Attitude::from_deg(8.0, 0.0), ..level[3] };
+    let tilted = Sample { attitude: RollPitch::from_deg(8.0, 0.0), ..level[3] };
     for (rare, remaining) in [(sample_at(0.3, 15.0, 0.0), 13), (sample_at(0.3, 0.0, -15.0), 13), (tilted, 21)] {
         let mut samples = level.clone();
         samples.insert(7, rare);
@@ -192,8 +192,8 @@ fn noise_does_not_change_the_inclination_row() {
         let (body, rotation) = (corrected(sample), sample.attitude.tilt_rotation());
         let [by_roll, by_pitch] =
             FieldPrediction::new(body, &body, &rotation).inclination_derivatives_by_attitude(&rotation);
-        let Attitude { roll_rad, pitch_rad } = sample.attitude;
-        let attitude = Attitude { roll_rad: roll_rad + by_roll * size, pitch_rad: pitch_rad + by_pitch * size };
+        let RollPitch { roll_rad, pitch_rad } = sample.attitude;
+        let attitude = RollPitch { roll_rad: roll_rad + by_roll * size, pitch_rad: pitch_rad + by_pitch * size };
         Sample { attitude, ..*sample }
     };
     // Largest relative change of the row in units of the noise: about one if it is of first order.

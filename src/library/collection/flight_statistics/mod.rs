@@ -7,7 +7,7 @@ use super::turn_circle::SECTOR_COUNT;
 use super::turn_detector::TurnDetectorConfig;
 use crate::calibration::{CollectionPart, Manoeuvre, Sample, Side};
 use crate::decimal::Decimal;
-use crate::frames::Attitude;
+use crate::frames::RollPitch;
 use crate::time::WrappingMillis;
 
 /// Reason for missing or uninformative samples.
@@ -105,11 +105,11 @@ pub(super) struct FlightStatistics {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TiltFilter {
     last_sample_at: Option<WrappingMillis>,
-    attitude: Attitude,
+    attitude: RollPitch,
 }
 
 impl TiltFilter {
-    pub const NOT_STARTED: Self = Self { last_sample_at: None, attitude: Attitude { roll_rad: 0.0, pitch_rad: 0.0 } };
+    pub const NOT_STARTED: Self = Self { last_sample_at: None, attitude: RollPitch { roll_rad: 0.0, pitch_rad: 0.0 } };
 
     pub fn last_sample_at(&self) -> Option<WrappingMillis> {
         self.last_sample_at
@@ -140,7 +140,7 @@ impl FlightStatistics {
     };
 
     pub fn add_sample(&mut self, filter: &mut TiltFilter, sample: &Sample) {
-        let Attitude { roll_rad, pitch_rad } = sample.attitude;
+        let RollPitch { roll_rad, pitch_rad } = sample.attitude;
         if !(roll_rad.is_finite() && pitch_rad.is_finite()) {
             return;
         }
@@ -148,7 +148,7 @@ impl FlightStatistics {
         let Some(step_ms) = filter.filter_attitude(sample) else { return };
         self.duration_ms = self.duration_ms.saturating_add(step_ms);
         self.long_interval_count += u32::from(step_ms > TurnDetectorConfig::DEFAULT.max_gap_ms);
-        let Attitude { roll_rad, pitch_rad } = filter.attitude;
+        let RollPitch { roll_rad, pitch_rad } = filter.attitude;
         self.max_tilt_rad = self.max_tilt_rad.max(libm::fabsf(roll_rad)).max(libm::fabsf(pitch_rad));
         if libm::fabsf(roll_rad) >= TurnDetectorConfig::DEFAULT.enter_roll_rad {
             let side_ms = if roll_rad < 0.0 { &mut self.left_bank_ms } else { &mut self.right_bank_ms };

@@ -1,7 +1,7 @@
 //! Values in retained memory as words: for the checksum, and to simulate memory contents.
 
-use crate::calibration::{CollectionPart, HeadingMark, MotorCurrent, Rates, Sample};
-use crate::frames::{Attitude, Field, Sensor};
+use crate::calibration::{AngleRates, CollectionPart, HeadingMark, MotorCurrent, Sample};
+use crate::frames::{Field, RollPitch, Sensor};
 use crate::time::WrappingMillis;
 
 /// A value for which every bit pattern is valid.
@@ -39,11 +39,11 @@ words!(u8, u32::from, |word| word as Self);
 words!(f32, f32::to_bits, f32::from_bits);
 words!(WrappingMillis, Self::as_ms, Self::new);
 words!(CollectionPart, Self::part_number, Self::from_number);
-words!(Attitude { roll_rad, pitch_rad });
+words!(RollPitch { roll_rad, pitch_rad });
 words!(Sample { field, attitude, rates, current, time, part });
 words!(HeadingMark { sample, heading_rad });
 
-impl MemoryWords for Rates {
+impl MemoryWords for AngleRates {
     fn visit_words(&mut self, visit: &mut impl FnMut(&mut u32)) {
         self.quantised_mut().visit_words(visit);
     }

@@ -1,9 +1,9 @@
 //! Calibration from samples, and heading of a sample: `no_std`, without allocation.
 
 use autoswing::calibration::{
-    CollectionPart, Method, MotorCurrent, Prior, Rates, Sample, Samples, Solution, SolveError, solve_samples,
+    AngleRates, CollectionPart, Method, MotorCurrent, Prior, Sample, Samples, Solution, SolveError, solve_samples,
 };
-use autoswing::frames::{Attitude, Field};
+use autoswing::frames::{Field, RollPitch};
 use autoswing::heading::{HeadingLimits, NoHeading, compute_heading};
 use autoswing::time::WrappingMillis;
 
@@ -12,8 +12,8 @@ use autoswing::time::WrappingMillis;
 pub fn sample([time_s, x, y, z, roll_deg, pitch_deg]: [f32; 6]) -> Sample {
     Sample {
         field: Field::from_ut(x / 10.0, y / 10.0, z / 10.0),
-        attitude: Attitude::from_deg(roll_deg, pitch_deg),
-        rates: Rates::UNKNOWN,
+        attitude: RollPitch::from_deg(roll_deg, pitch_deg),
+        rates: AngleRates::UNKNOWN,
         time: WrappingMillis::new((time_s * 1000.0) as u32),
         current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,

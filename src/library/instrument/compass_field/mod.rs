@@ -12,7 +12,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::active_calibration::ActiveCalibration;
 use super::output_map::OutputMap;
 use crate::calibration::{Calibration, inverse};
-use crate::frames::{Attitude, Body, Field, Level, Sensor, wrap_pi};
+use crate::frames::{Body, Field, Level, RollPitch, Sensor, wrap_pi};
 use crate::time::Timestamp;
 
 /// Largest heading rate caused by a new correction, degrees per second.
@@ -92,7 +92,7 @@ fn blend_duration_s(from: &FieldMap, to: &FieldMap, calibration: &Calibration, a
     let turn_rad = |heading: u8| {
         let heading_rad = TAU / f32::from(EVALUATED_HEADINGS) * f32::from(heading);
         let new_field =
-            Attitude::default().to_body_frame(Field::<Level>::earth_field(total_ut, inclination_rad, heading_rad));
+            RollPitch::default().to_body_frame(Field::<Level>::earth_field(total_ut, inclination_rad, heading_rad));
         max_heading_rate_per_weight(from.map_field(sensor_field(new_field)), new_field)
     };
     let worst_rad = (0..EVALUATED_HEADINGS).map(turn_rad).fold(0.0, f32::max);
@@ -111,13 +111,13 @@ fn max_heading_rate_per_weight(from: Field<Body>, to: Field<Body>) -> f32 {
 #[derive(Debug)]
 struct RestDetector {
     /// First attitude of the present rest, and its time.
-    rest_start: Option<(Timestamp, Attitude)>,
+    rest_start: Option<(Timestamp, RollPitch)>,
     last_attitude_at: Timestamp,
 }
 
 impl RestDetector {
-    fn update_rest(&mut self, at: Timestamp, attitude: Attitude) {
-        let is_at_rest = |(_, rest_attitude): &(Timestamp, Attitude)| {
+    fn update_rest(&mut self, at: Timestamp, attitude: RollPitch) {
+        let is_at_rest = |(_, rest_attitude): &(Timestamp, RollPitch)| {
             wrap_pi(attitude.roll_rad - rest_attitude.roll_rad).abs() <= MAX_REST_CHANGE_RAD
                 && (attitude.pitch_rad - rest_attitude.pitch_rad).abs() <= MAX_REST_CHANGE_RAD
                 && at.us_since(self.last_attitude_at) <= MAX_GAP_US
@@ -164,7 +164,7 @@ impl CompassField {
         last_output_at: Timestamp::START,
     };
 
-    pub fn update_attitude(&mut self, at: Timestamp, attitude: Attitude) {
+    pub fn update_attitude(&mut self, at: Timestamp, attitude: RollPitch) {
         self.rest_detector.update_rest(at, attitude);
     }
 

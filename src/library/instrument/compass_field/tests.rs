@@ -17,7 +17,7 @@ fn other_calibration() -> Calibration {
 
 /// Sensor field from which a calibration makes the Earth's field on this heading, in level flight.
 fn field_before_calibration(calibration: &Calibration, heading_deg: u16) -> Field<Sensor> {
-    let earth_ut = sensor_field(f32::from(heading_deg).to_radians(), Attitude::default()).ut;
+    let earth_ut = sensor_field(f32::from(heading_deg).to_radians(), RollPitch::default()).ut;
     Field::new(inverse(&calibration.w_matrix()).unwrap() * earth_ut + calibration.b_vector_ut())
 }
 
@@ -27,7 +27,7 @@ fn armed(mut correction: Correction) -> Correction {
 }
 
 fn heading_deg(field: Field<Body>) -> f32 {
-    Attitude::default().to_level_frame(field).heading_rad().to_degrees()
+    RollPitch::default().to_level_frame(field).heading_rad().to_degrees()
 }
 
 fn turned_deg(from: Field<Body>, to: Field<Body>) -> f32 {
@@ -43,7 +43,7 @@ fn headings_from_the_compass_field_match_ours_in_level_flight() {
     for align_deg in [0.0, 5.0, -30.0, 179.0] {
         for heading in (0_u16..360).step_by(15) {
             let mut instrument = instrument_with(Correction { align_deg, ..correction_with(other_calibration()) });
-            report_attitude(&mut instrument, 0, Attitude::default());
+            report_attitude(&mut instrument, 0, RollPitch::default());
             let estimate = process_reading(&mut instrument, 0, field_before_calibration(&other_calibration(), heading));
             let (ours_deg, output) = (estimate.heading.unwrap().magnetic_deg(), estimate.compass_field.unwrap());
             let difference_deg = wrap_pi((heading_deg(output) - ours_deg).to_radians()).to_degrees();
@@ -68,7 +68,8 @@ fn the_compass_field_has_the_true_strength_where_it_is_known() {
         (Some(-50.0), 50.0),
     ] {
         let mut instrument = instrument_with(Correction { total_ut, ..correction_with(test_calibration()) });
-        let output = process_reading(&mut instrument, 0, sensor_field(0.7, Attitude::default())).compass_field.unwrap();
+        let output =
+            process_reading(&mut instrument, 0, sensor_field(0.7, RollPitch::default())).compass_field.unwrap();
         assert!((output.total_ut() - sent_ut).abs() < 1e-3, "{total_ut:?}: {output:?}");
         assert!((heading_deg(output) - 0.7_f32.to_degrees()).abs() < 1e-3);
     }
@@ -104,7 +105,7 @@ fn the_raw_field_is_never_sent_after_a_calibration_was_used() {
 
 #[test]
 fn a_missing_or_frozen_attitude_keeps_the_compass_field() {
-    let level = Attitude::default();
+    let level = RollPitch::default();
     let mut instrument = instrument_with(correction_with(test_calibration()));
     let missing = process_reading(&mut instrument, 0, sensor_field(1.0, level));
     assert_eq!((missing.heading, missing.compass_field.is_some()), (Err(NoHeading::AttitudeStale), true));
@@ -112,7 +113,7 @@ fn a_missing_or_frozen_attitude_keeps_the_compass_field() {
     let stale = process_reading(&mut instrument, 900_000, sensor_field(1.0, level));
     assert_eq!((stale.heading, stale.compass_field.is_some()), (Err(NoHeading::AttitudeStale), true));
     for i in 0..30 {
-        report_attitude(&mut instrument, 1_000_000 + i * 20_000, Attitude::from_deg(0.003 * i.min(20) as f32, 0.0));
+        report_attitude(&mut instrument, 1_000_000 + i * 20_000, RollPitch::from_deg(0.003 * i.min(20) as f32, 0.0));
         let field = Field::new(sensor_field(1.0, level).ut * (1.0 + 1e-4 * i as f32));
         let estimate = process_reading(&mut instrument, 1_000_000 + i * 20_000 + 20_001, field);
         assert!(estimate.compass_field.is_some(), "{:?}", estimate.heading);
@@ -123,26 +124,26 @@ fn a_missing_or_frozen_attitude_keeps_the_compass_field() {
 
 #[test]
 fn without_attitude_only_the_field_strength_is_checked() {
-    let output = |times: f32, attitude: Option<Attitude>| {
+    let output = |times: f32, attitude: Option<RollPitch>| {
         let mut instrument = instrument_with(correction_with(test_calibration()));
         if let Some(attitude) = attitude {
             report_attitude(&mut instrument, 0, attitude);
         }
-        process_reading(&mut instrument, 0, Field::new(sensor_field(1.0, Attitude::default()).ut * times))
+        process_reading(&mut instrument, 0, Field::new(sensor_field(1.0, RollPitch::default()).ut * times))
             .compass_field
             .is_some()
     };
     for (times, expected) in [(1.0, true), (1.15, true), (1.25, false), (0.85, true), (0.75, false)] {
         assert_eq!(output(times, None), expected, "{times}");
-        assert_eq!(output(times, Some(Attitude::default())), expected, "{times} with attitude");
+        assert_eq!(output(times, Some(RollPitch::default())), expected, "{times} with attitude");
     }
     assert!(!output(f32::NAN, None) && !output(f32::INFINITY, None));
-    assert!(!output(1.0, Some(Attitude::from_deg(0.0, 40.0))), "an inclination that is not the Earth's");
+    assert!(!output(1.0, Some(RollPitch::from_deg(0.0, 40.0))), "an inclination that is not the Earth's");
 }
 
 fn instrument_with_verdict(verdict: Result<(), NoHeading>) -> Instrument {
     let mut instrument = instrument_with(correction_with(test_calibration()));
-    report_attitude(&mut instrument, 0, Attitude::default());
+    report_attitude(&mut instrument, 0, RollPitch::default());
     (instrument.active_calibration.adjustment.validity, instrument.active_calibration.adjusted_at) =
         (verdict, us_after_start(0));
     instrument
@@ -152,7 +153,7 @@ fn instrument_with_verdict(verdict: Result<(), NoHeading>) -> Instrument {
 /// field.
 #[test]
 fn a_field_rejected_by_the_monitor_is_not_sent() {
-    let field = sensor_field(1.0, Attitude::default());
+    let field = sensor_field(1.0, RollPitch::default());
     for (verdict, output) in [
         (Ok(()), true),
         (Err(NoHeading::AttitudeContradicted), true),
@@ -209,13 +210,13 @@ fn added_hard_iron_is_compensated_in_the_compass_field() {
     for i in 0..80 * 120_u64 {
         let us = i * PERIOD_US;
         let heading_rad = 20_f32.to_radians() * us as f32 * 1e-6;
-        let attitude = Attitude::from_deg(5.0 + 0.1 * random.normal(), 0.1 * random.normal());
+        let attitude = RollPitch::from_deg(5.0 + 0.1 * random.normal(), 0.1 * random.normal());
         if i % 2 == 0 {
             report_with_rates(&mut instrument, us, attitude, level_turn_rates_rad_s());
         }
         let noise = Vector3::from_fn(|_, _| 0.1 * random.normal());
         let hard_iron_change_ut = Vector3::new(2.0, 0.0, 0.0);
-        let true_field = sensor_field(heading_rad, Attitude::from_deg(5.0, 0.0)).ut;
+        let true_field = sensor_field(heading_rad, RollPitch::from_deg(5.0, 0.0)).ut;
         let estimate = process_reading(&mut instrument, us, Field::new(true_field + hard_iron_change_ut + noise));
         while instrument.next_sample().is_some() {}
         instrument.update_monitor();
@@ -277,7 +278,7 @@ fn while_armed_a_new_calibration_turns_the_heading_by_1_deg_s() {
 /// For a change of 100 deg the field passes near zero, where headings turn fast.
 #[test]
 fn a_change_of_100_deg_also_turns_at_1_deg_s() {
-    let field = sensor_field(0.3, Attitude::default());
+    let field = sensor_field(0.3, RollPitch::default());
     let mut instrument = instrument_with(armed(correction_with(test_calibration())));
     output_at(&mut instrument, 0, field);
     instrument.set_correction(armed(Correction { align_deg: 100.0, ..correction_with(test_calibration()) }));
@@ -291,7 +292,7 @@ fn a_change_of_100_deg_also_turns_at_1_deg_s() {
 #[test]
 fn a_further_change_starts_from_the_present_blend() {
     let mount = Some(Orientation::IDENTITY_ROTATION);
-    let field = sensor_field(0.3, Attitude::default());
+    let field = sensor_field(0.3, RollPitch::default());
     let mut instrument = instrument_with(armed(Correction { mount, ..Correction::UNCALIBRATED }));
     output_at(&mut instrument, 0, field);
     let aligned = |align_deg| armed(Correction { align_deg, mount, ..correction_with(test_calibration()) });
@@ -312,7 +313,7 @@ fn a_further_change_starts_from_the_present_blend() {
 
 #[test]
 fn a_blend_continues_after_disarming() {
-    let field = sensor_field(0.3, Attitude::default());
+    let field = sensor_field(0.3, RollPitch::default());
     let mut instrument = instrument_with(armed(correction_with(test_calibration())));
     output_at(&mut instrument, 0, field);
     let changed = Correction { align_deg: 10.0, ..correction_with(test_calibration()) };
@@ -324,7 +325,7 @@ fn a_blend_continues_after_disarming() {
 }
 
 fn is_applied_at_once(instrument: &mut Instrument, us: u64, correction: Correction) -> bool {
-    let field = sensor_field(0.3, Attitude::default());
+    let field = sensor_field(0.3, RollPitch::default());
     output_at(instrument, us, field);
     instrument.set_correction(correction);
     is_near(output_at(instrument, us + 1, field), other_calibration().calibrated_field(field))
@@ -340,7 +341,7 @@ fn while_disarmed_a_new_calibration_applies_at_once() {
     // An armed vehicle may rest.
     let mut instrument = instrument_with(armed(correction_with(test_calibration())));
     for i in 0..200 {
-        report_attitude(&mut instrument, i * 20_000, Attitude::default());
+        report_attitude(&mut instrument, i * 20_000, RollPitch::default());
     }
     assert!(!is_applied_at_once(&mut instrument, 4_000_000, armed(correction_with(other_calibration()))));
 }
@@ -368,7 +369,7 @@ fn two_seconds_of_constant_attitude_are_rest() {
         let us = |s: f32| (s * 1e6) as u64;
         let steps = us(seconds) / us(period_s);
         for i in 0..=steps {
-            let attitude = if i == steps / 2 { Attitude::from_deg(roll_deg, pitch_deg) } else { Attitude::default() };
+            let attitude = if i == steps / 2 { RollPitch::from_deg(roll_deg, pitch_deg) } else { RollPitch::default() };
             report_attitude(&mut instrument, i * us(period_s), attitude);
         }
         // Reports arrive with a latency of 20 ms.
@@ -384,7 +385,7 @@ fn rest_is_detected_on_a_slope_and_upside_down() {
         let mut rest = RestDetector { rest_start: None, last_attitude_at: us_after_start(0) };
         for i in 0..200 {
             let roll_deg: f32 = mean_roll_deg + if i % 2 == 0 { 0.05 } else { -0.05 };
-            let attitude = Attitude { roll_rad: wrap_pi(roll_deg.to_radians()), pitch_rad: -0.14 };
+            let attitude = RollPitch { roll_rad: wrap_pi(roll_deg.to_radians()), pitch_rad: -0.14 };
             rest.update_rest(us_after_start(i * 20_000), attitude);
         }
         assert!(rest.is_at_rest(us_after_start(3_980_000)), "{mean_roll_deg} deg");

@@ -8,7 +8,7 @@
 //! rates projected with a wrong bank integrate to arbitrary angles.
 
 use crate::attitude::EulerRates;
-use crate::frames::Attitude;
+use crate::frames::RollPitch;
 
 /// Tilt error per pitch excursion. A multirotor that brakes by tilt and drag decelerates by about `2 g` times the
 /// excursion; attitude sources err by 0.4 deg per m/s^2, which makes 0.15.
@@ -34,7 +34,7 @@ impl AccelerationTilt {
     pub const INITIAL: Self =
         Self { last_pitch_rad: None, reported_pitch_excursion_rad: 0.0, integrated_pitch_excursion_rad: 0.0 };
 
-    pub fn update_tilt(&mut self, Attitude { pitch_rad, .. }: Attitude, euler_rates: &EulerRates, step_s: f32) {
+    pub fn update_tilt(&mut self, RollPitch { pitch_rad, .. }: RollPitch, euler_rates: &EulerRates, step_s: f32) {
         let last_rad = self.last_pitch_rad.replace(pitch_rad).unwrap_or(pitch_rad);
         let decay = (1.0 - step_s / AVERAGING_TIME_S).max(0.0);
         self.reported_pitch_excursion_rad = decay * (self.reported_pitch_excursion_rad + pitch_rad - last_rad);
@@ -63,7 +63,7 @@ mod tests {
             let excursion_part = f32::from(i.saturating_sub(599).min(5)) / 5.0;
             let pitch_rad_s = if (600..605).contains(&i) { 2.0 * by_rates_rad } else { 0.0 };
             let attitude =
-                Attitude { roll_rad: 0.1 * f32::from(i % 7), pitch_rad: 0.05 + excursion_part * reported_rad };
+                RollPitch { roll_rad: 0.1 * f32::from(i % 7), pitch_rad: 0.05 + excursion_part * reported_rad };
             tilt.update_tilt(attitude, &EulerRates { roll_rad_s: 0.5, pitch_rad_s, heading_rad_s: 0.3 }, 0.1);
         }
         libm::sqrtf(tilt.variance_rad2())
@@ -96,7 +96,7 @@ mod tests {
         let mut tilt = AccelerationTilt::INITIAL;
         let euler_rates = EulerRates { pitch_rad_s: 0.01, ..EulerRates::default() };
         for (pitch_rad, step_s) in [(0.0, 0.1), (0.3, 25.0)] {
-            tilt.update_tilt(Attitude { roll_rad: 0.0, pitch_rad }, &euler_rates, step_s);
+            tilt.update_tilt(RollPitch { roll_rad: 0.0, pitch_rad }, &euler_rates, step_s);
         }
         assert!(tilt.variance_rad2() < 1e-12);
     }

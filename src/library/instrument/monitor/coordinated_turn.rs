@@ -10,7 +10,7 @@ use super::measurement_model::{
     BANK_SCALE_ERROR_INDEX, FIRST_GYRO_ERROR_INDEX, ROLL_BIAS_INDEX, STATE_COUNT, StateVector,
 };
 use crate::attitude::EulerRates;
-use crate::frames::Attitude;
+use crate::frames::RollPitch;
 
 /// Integration window, seconds: long against the noise of pitch, short against a turn.
 const WINDOW_S: f32 = 2.0;
@@ -42,7 +42,7 @@ impl CoordinatedTurn {
     /// Integrates a sample `step_s` after the last; returns a measurement at the end of each window.
     pub fn integrate(
         &mut self,
-        reported: Attitude,
+        reported: RollPitch,
         euler_rates: &EulerRates,
         gyro_error_row: &GyroErrors,
         step_s: f32,
@@ -87,7 +87,7 @@ mod tests {
     /// Number of samples at 10 Hz until the first measurement, and the measurement.
     fn measure(
         turn: &mut CoordinatedTurn,
-        mut attitude_at: impl FnMut() -> Attitude,
+        mut attitude_at: impl FnMut() -> RollPitch,
         euler_rates: EulerRates,
         gyro_error_row: &GyroErrors,
         unknowns: &StateVector,
@@ -100,7 +100,7 @@ mod tests {
     /// Residual of a level turn at 45 deg bank and 0.3 rad/s with roll bias and bank-angle scale error.
     fn turn_residual(bias_rad: f32, bank_scale_error: f32, unknowns: &StateVector) -> f32 {
         let (roll_rad, heading_rad_s) = (0.8_f32, 0.3);
-        let reported = Attitude { roll_rad: roll_rad * (1.0 + bank_scale_error) + bias_rad, pitch_rad: 0.0 };
+        let reported = RollPitch { roll_rad: roll_rad * (1.0 + bank_scale_error) + bias_rad, pitch_rad: 0.0 };
         let rates_rad_s = [0.0, heading_rad_s * roll_rad.sin(), heading_rad_s * roll_rad.cos()];
         let euler_rates = EulerRates::from_body_rates(BodyRates::from_rad_s(rates_rad_s).unwrap(), reported);
         let mut turn = CoordinatedTurn::EMPTY;
@@ -137,7 +137,7 @@ mod tests {
         let [first_samples, next_samples] = ["first", "next"].map(|window| {
             let attitude_at = || {
                 pitch_rad += 0.05 * 0.1;
-                Attitude { roll_rad: 0.3, pitch_rad }
+                RollPitch { roll_rad: 0.3, pitch_rad }
             };
             let (samples, found) = measure(&mut turn, attitude_at, euler_rates, &NO_GYRO_ERRORS, &[0.0; STATE_COUNT]);
             assert!(found.residual.abs() < 1e-5, "{window}: {found:?}");
@@ -151,7 +151,7 @@ mod tests {
     #[test]
     fn the_jacobian_is_the_mean_over_the_window() {
         let euler_rates = EulerRates { heading_rad_s: 0.3, ..EulerRates::default() };
-        let reported = Attitude { roll_rad: 0.8, pitch_rad: 0.0 };
+        let reported = RollPitch { roll_rad: 0.8, pitch_rad: 0.0 };
         let gyro_error_row: GyroErrors = core::array::from_fn(|i| 0.1 * i as f32 - 0.3);
         let mut turn = CoordinatedTurn::EMPTY;
         let found = measure(&mut turn, || reported, euler_rates, &gyro_error_row, &[0.0; STATE_COUNT]).1.jacobian;

@@ -22,7 +22,7 @@ use super::super::ud_filter::Measurement;
 use super::innovation_gate::PerKind;
 use crate::attitude::{EulerRates, GyroHeading};
 use crate::calibration::{Calibration, FieldPrediction, multiply};
-use crate::frames::{Attitude, Body, Field, wrap_pi};
+use crate::frames::{Body, Field, RollPitch, wrap_pi};
 use crate::trig;
 use crate::trig::VectorLength as _;
 
@@ -104,10 +104,10 @@ pub(super) fn body_field(sample: &MonitorSample, states: &StateVector) -> (Field
     (Field::new(sample.field + change - hard_iron_change(states)), by_mount_turn)
 }
 
-pub(super) fn correct_attitude(reported: Attitude, euler_rates: &EulerRates, states: &StateVector) -> Attitude {
-    let Attitude { roll_rad, pitch_rad } = reported;
+pub(super) fn correct_attitude(reported: RollPitch, euler_rates: &EulerRates, states: &StateVector) -> RollPitch {
+    let RollPitch { roll_rad, pitch_rad } = reported;
     let tau = states[ATTITUDE_LATENCY_INDEX];
-    Attitude {
+    RollPitch {
         roll_rad: roll_rad - states[ROLL_BIAS_INDEX] - states[BANK_SCALE_ERROR_INDEX] * roll_rad
             + tau * euler_rates.roll_rad_s,
         pitch_rad: pitch_rad - states[PITCH_BIAS_INDEX] + tau * euler_rates.pitch_rad_s,
@@ -119,7 +119,7 @@ pub(super) struct MonitorSample {
     /// Field in body axes, relative to the calibrated field strength.
     pub field: Vector3<f32>,
     pub mount_turn_effect: MountTurnEffect,
-    pub attitude: Attitude,
+    pub attitude: RollPitch,
     /// Euler-angle rates; zero if the source sends no body rates.
     pub euler_rates: EulerRates,
 }
@@ -267,7 +267,7 @@ mod tests {
 
     fn random_sample(random: &mut Random) -> MonitorSample {
         let mut number = |size: f32| random.uniform(-size, size);
-        let attitude = Attitude { roll_rad: number(0.8), pitch_rad: number(0.4) };
+        let attitude = RollPitch { roll_rad: number(0.8), pitch_rad: number(0.4) };
         let level = Field::earth_field(1.0 + number(0.1), 0.8 + number(0.2), number(3.0));
         MonitorSample {
             field: attitude.to_body_frame(level).ut,
@@ -328,7 +328,7 @@ mod tests {
 
     #[test]
     fn the_prediction_of_a_true_field_is_exact() {
-        let attitude = Attitude::from_deg(-30.0, 8.0);
+        let attitude = RollPitch::from_deg(-30.0, 8.0);
         let body = attitude.to_body_frame(Field::earth_field(1.0, 1.1, 2.0)).ut;
         let mount_turn_effect =
             MountTurnEffect { change_by_sine: Vector3::x(), change_by_one_minus_cosine: Vector3::y() };
@@ -344,7 +344,7 @@ mod tests {
     #[test]
     fn attitude_is_corrected_by_the_estimated_errors() {
         let euler_rates = EulerRates { roll_rad_s: 0.5, pitch_rad_s: -0.2, heading_rad_s: 0.0 };
-        let reported = Attitude { roll_rad: 0.4, pitch_rad: 0.1 };
+        let reported = RollPitch { roll_rad: 0.4, pitch_rad: 0.1 };
         for (index, value, roll_rad, pitch_rad) in [
             (ROLL_BIAS_INDEX, 0.01, 0.39, 0.1),
             (PITCH_BIAS_INDEX, 0.01, 0.4, 0.09),

@@ -63,7 +63,7 @@ pub(super) use monitor_output::MonitorOutput;
 pub(super) use monitored_calibration::MonitoredCalibration;
 use mount_turn::mount_turn_rad;
 use parameters::{
-    ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_VARIANCE_FACTOR, EARTH_FIELD_SHARE_OF_CHANGE,
+    ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_CORRELATION_FACTOR, EARTH_FIELD_SHARE_OF_CHANGE,
     FIELD_DRIFT_INFLATION_FACTOR, FIELD_DRIFT_TIME_S, GYRO_OFFSET_CHANGE_TIME_S, INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD,
     MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON, MAX_DECAYING_MOUNT_TURN_RAD, MAX_GYRO_OFFSET_RAD_S,
     MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD,
@@ -340,7 +340,7 @@ impl Monitor {
         array::from_fn(|kind| {
             SAMPLE_VARIANCE_FACTORS[kind] * by_sample[kind]
                 + VARIANCE_FLOORS[kind]
-                + COEFFICIENT_VARIANCE_FACTOR * by_coefficients[kind]
+                + COEFFICIENT_CORRELATION_FACTOR * by_coefficients[kind]
         })
     }
 

@@ -13,7 +13,7 @@ use super::monitored_calibration::MonitoredCalibration;
 use super::parameters::READING_GATE_SIGMAS;
 use crate::attitude::{EulerRates, GyroHeading};
 use crate::calibration::{Calibration, HeadingUncertainty, inverse};
-use crate::frames::{Attitude, wrap_pi};
+use crate::frames::{RollPitch, wrap_pi};
 use crate::heading::{Heading, NoHeading};
 use crate::trig::{sin_cos, sqrt};
 
@@ -48,7 +48,7 @@ impl MonitorOutput {
         installation_change: None,
     };
 
-    pub fn correct_attitude(&self, reported: Attitude, euler_rates: &EulerRates) -> Attitude {
+    pub fn correct_attitude(&self, reported: RollPitch, euler_rates: &EulerRates) -> RollPitch {
         measurement_model::correct_attitude(reported, euler_rates, &self.states)
     }
 

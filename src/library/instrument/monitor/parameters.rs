@@ -92,7 +92,7 @@ pub(super) const SAMPLE_VARIANCE_FACTORS: PerKind<f32> = [4.0, 1.0, 0.75];
 pub(super) const VARIANCE_FLOORS: PerKind<f32> = [9e-6, 9e-6, 1.44e-4];
 
 /// Factor on the variance due to coefficient errors, which are constant at one attitude, hence do not average out.
-pub(super) const COEFFICIENT_VARIANCE_FACTOR: f32 = 8.0;
+pub(super) const COEFFICIENT_CORRELATION_FACTOR: f32 = 8.0;
 
 /// Attitude timing jitter, seconds: tilt error per rotation rate. Half a period of 50 Hz.
 pub(super) const ATTITUDE_JITTER_S: f32 = 0.01;

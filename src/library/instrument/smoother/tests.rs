@@ -8,7 +8,7 @@ use super::super::gyro_error::GyroErrorRows;
 use super::super::ud_filter::UdFilter;
 use super::*;
 use crate::attitude::{EulerRates, GyroHeading};
-use crate::frames::Attitude;
+use crate::frames::RollPitch;
 
 /// Interval of readings at 80 Hz.
 const STEP_US: u64 = 12_500;
@@ -24,7 +24,7 @@ fn gyro_errors() -> UdFilter<GYRO_ERROR_COUNT> {
 fn level_rate_error(gyro_heading: &GyroHeading) -> HeadingRateError {
     HeadingRateError::new(
         &gyro_errors(),
-        GyroErrorRows::new(Attitude::default(), &gyro_heading.euler_rates).heading_row,
+        GyroErrorRows::new(RollPitch::default(), &gyro_heading.euler_rates).heading_row,
     )
 }
 

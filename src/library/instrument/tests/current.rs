@@ -11,7 +11,7 @@ const INTERFERENCE: MotorCurrentInterference = MotorCurrentInterference {
     current_sigma_a: 10.0,
 };
 
-const ATTITUDE: Attitude = Attitude { roll_rad: 0.2, pitch_rad: -0.1 };
+const ATTITUDE: RollPitch = RollPitch { roll_rad: 0.2, pitch_rad: -0.1 };
 
 fn instrument_with_interference() -> Instrument {
     instrument_with(correction_with(Calibration { motor_current: INTERFERENCE, ..test_calibration() }))

@@ -5,7 +5,7 @@ mod plausibility;
 
 use super::*;
 use crate::attitude::{AttitudeConfig, BodyRates, RejectedReports, SenderId};
-use crate::calibration::{Calibration, HeadingUncertainty, Orientation, Rates};
+use crate::calibration::{AngleRates, Calibration, HeadingUncertainty, Orientation};
 use crate::frames::{Sensor, wrap_pi};
 use crate::time::WrappingMillis;
 use core::ops::Range;
@@ -48,7 +48,7 @@ pub(super) fn correction_with(calibration: Calibration) -> Correction {
 }
 
 /// Sensor field of an aircraft without iron.
-pub(super) fn sensor_field(heading_rad: f32, attitude: Attitude) -> Field<Sensor> {
+pub(super) fn sensor_field(heading_rad: f32, attitude: RollPitch) -> Field<Sensor> {
     Field::new(attitude.to_body_frame(Field::earth_field(50.0, 1.0, heading_rad)).ut)
 }
 
@@ -65,7 +65,7 @@ pub(super) fn process_reading(instrument: &mut Instrument, us: u64, field: Field
 }
 
 /// Report of a sender without a clock; rates of zero are none.
-fn attitude_report(attitude: Attitude, rates_rad_s: [f32; 3]) -> AttitudeReport {
+fn attitude_report(attitude: RollPitch, rates_rad_s: [f32; 3]) -> AttitudeReport {
     AttitudeReport {
         sender: SenderId::default(),
         sender_clock_at_sending: WrappingMillis::default(),
@@ -75,12 +75,12 @@ fn attitude_report(attitude: Attitude, rates_rad_s: [f32; 3]) -> AttitudeReport 
 }
 
 /// Reports an attitude that is true at `us`, after the source's latency.
-pub(super) fn report_attitude(instrument: &mut Instrument, us: u64, attitude: Attitude) {
+pub(super) fn report_attitude(instrument: &mut Instrument, us: u64, attitude: RollPitch) {
     report_with_rates(instrument, us, attitude, [0.0; 3]);
 }
 
 /// Reports an attitude and body rates that are true at `us`, after the source's latency.
-pub(super) fn report_with_rates(instrument: &mut Instrument, us: u64, attitude: Attitude, rates_rad_s: [f32; 3]) {
+pub(super) fn report_with_rates(instrument: &mut Instrument, us: u64, attitude: RollPitch, rates_rad_s: [f32; 3]) {
     instrument.on_attitude(us_after_start(us + LATENCY_US), attitude_report(attitude, rates_rad_s));
 }
 
@@ -108,7 +108,7 @@ fn read_samples(instrument: &mut Instrument, readings: Range<u64>) -> Vec<Sample
 fn read_samples_with_attitude(instrument: &mut Instrument, readings: Range<u64>) -> Vec<Sample> {
     readings
         .flat_map(|i| {
-            report_attitude(instrument, i * PERIOD_US, Attitude::from_deg(20.0, 0.0));
+            report_attitude(instrument, i * PERIOD_US, RollPitch::from_deg(20.0, 0.0));
             read_samples(instrument, i..i + 1)
         })
         .collect()
@@ -134,7 +134,7 @@ fn the_silence_limit_is_eight_periods() {
 #[test]
 fn a_calibrated_instrument_with_attitude_gives_heading_and_field() {
     let mut instrument = calibrated_instrument();
-    let attitude = Attitude::from_deg(25.0, -4.0);
+    let attitude = RollPitch::from_deg(25.0, -4.0);
     report_attitude(&mut instrument, 0, attitude);
     let estimate = process_reading(&mut instrument, 10_000, sensor_field(2.0, attitude));
     assert!((estimate.heading.unwrap().magnetic_rad - 2.0).abs() < 1e-4, "{estimate:?}");
@@ -149,7 +149,7 @@ fn a_calibrated_instrument_with_attitude_gives_heading_and_field() {
 fn latency_is_applied_to_headings_and_not_to_samples() {
     for latency_s in [0.04, -0.04, 0.0] {
         let mut instrument = instrument_with(correction_with(Calibration { latency_s, ..test_calibration() }));
-        let rolled = |us: u64| Attitude { roll_rad: us as f32 * 1e-6 - 0.2, pitch_rad: 0.1 };
+        let rolled = |us: u64| RollPitch { roll_rad: us as f32 * 1e-6 - 0.2, pitch_rad: 0.1 };
         let mut found = Vec::new();
         for us in (0..400_000).step_by(PERIOD_US as usize) {
             if us % 50_000 == 0 {
@@ -167,7 +167,7 @@ fn latency_is_applied_to_headings_and_not_to_samples() {
             let us = u64::from(sample.time.as_ms()) * 1000 - START_US;
             // Time resolution of a sample: 1 ms.
             assert!((sample.attitude.roll_rad - rolled(us).roll_rad).abs() < 2e-3, "{sample:?}");
-            assert_eq!(sample.rates, Rates::from_rad_s([1.0, 0.0, 0.0]));
+            assert_eq!(sample.rates, AngleRates::from_rad_s([1.0, 0.0, 0.0]));
             assert!(
                 (sample.latency_compensated_attitude(0.04).roll_rad - sample.attitude.roll_rad - 0.04).abs() < 1e-5
             );
@@ -178,11 +178,11 @@ fn latency_is_applied_to_headings_and_not_to_samples() {
 #[test]
 fn alignment_is_added_to_the_heading_alone() {
     let mut instrument = instrument_with(Correction { align_deg: -30.0, ..correction_with(test_calibration()) });
-    report_attitude(&mut instrument, 0, Attitude::default());
-    let estimate = process_reading(&mut instrument, 0, sensor_field(0.3, Attitude::default()));
+    report_attitude(&mut instrument, 0, RollPitch::default());
+    let estimate = process_reading(&mut instrument, 0, sensor_field(0.3, RollPitch::default()));
     let expected_deg = 0.3_f32.to_degrees() - 30.0 + 360.0;
     assert!((estimate.heading.unwrap().magnetic_deg() - expected_deg).abs() < 1e-2, "{estimate:?}");
-    assert_eq!(estimate.body_field, Some(test_calibration().calibrated_field(sensor_field(0.3, Attitude::default()))));
+    assert_eq!(estimate.body_field, Some(test_calibration().calibrated_field(sensor_field(0.3, RollPitch::default()))));
 }
 
 #[test]
@@ -196,7 +196,7 @@ fn the_first_reason_for_an_empty_heading_is_reported() {
     let estimate = calibrated_instrument().on_reading(us_after_start(0), saturated_reading(SAMPLE_FIELD));
     assert_eq!((estimate.heading, estimate.body_field), (Err(NoHeading::SensorSaturated), None));
     let mut disturbed = calibrated_instrument();
-    report_attitude(&mut disturbed, 0, Attitude::default());
+    report_attitude(&mut disturbed, 0, RollPitch::default());
     let estimate = process_reading(&mut disturbed, 0, Field::from_ut(90.0, 0.0, 0.0));
     assert_eq!(estimate.heading, Err(NoHeading::FieldDisturbed));
     assert!(estimate.body_field.is_some());
@@ -206,7 +206,7 @@ fn the_first_reason_for_an_empty_heading_is_reported() {
 fn a_silent_sensor_still_has_an_attitude() {
     let mut instrument = calibrated_instrument();
     assert_eq!(instrument.on_silence(us_after_start(0)), Estimate { timestamp: us_after_start(0), ..Estimate::EMPTY });
-    let attitude = Attitude::from_deg(3.0, 2.0);
+    let attitude = RollPitch::from_deg(3.0, 2.0);
     report_attitude(&mut instrument, 0, attitude);
     let estimate = instrument.on_silence(us_after_start(50_000));
     assert_eq!(estimate.heading, Err(NoHeading::SensorSilent));
@@ -216,8 +216,8 @@ fn a_silent_sensor_still_has_an_attitude() {
 #[test]
 fn the_heading_ends_200_ms_after_the_last_attitude() {
     let mut instrument = calibrated_instrument();
-    report_attitude(&mut instrument, 0, Attitude::default());
-    let field = sensor_field(1.0, Attitude::default());
+    report_attitude(&mut instrument, 0, RollPitch::default());
+    let field = sensor_field(1.0, RollPitch::default());
     assert!(process_reading(&mut instrument, 200_000, field).heading.is_ok());
     assert_eq!(process_reading(&mut instrument, 200_001, field).heading, Err(NoHeading::AttitudeStale));
 }
@@ -226,9 +226,9 @@ fn the_heading_ends_200_ms_after_the_last_attitude() {
 #[test]
 fn a_sample_waits_for_the_attitude_after_it() {
     let mut instrument = instrument();
-    report_attitude(&mut instrument, 0, Attitude::from_deg(0.0, 2.0));
+    report_attitude(&mut instrument, 0, RollPitch::from_deg(0.0, 2.0));
     assert_eq!(read_samples(&mut instrument, 0..8), [], "an extrapolated attitude is not used");
-    report_attitude(&mut instrument, 8 * PERIOD_US, Attitude::from_deg(8.0, 2.0));
+    report_attitude(&mut instrument, 8 * PERIOD_US, RollPitch::from_deg(8.0, 2.0));
     let [sample] = take_samples(&mut instrument)[..] else { panic!("one sample") };
     assert!((sample.attitude.roll_rad.to_degrees() - 3.5).abs() < 1e-3, "{sample:?}");
     assert_eq!(sample.field, SAMPLE_FIELD);
@@ -239,9 +239,9 @@ fn a_sample_waits_for_the_attitude_after_it() {
 #[test]
 fn one_report_can_complete_several_samples() {
     let mut instrument = instrument();
-    report_attitude(&mut instrument, 0, Attitude::default());
+    report_attitude(&mut instrument, 0, RollPitch::default());
     assert_eq!(read_samples(&mut instrument, 1..18), []);
-    report_attitude(&mut instrument, 17 * PERIOD_US, Attitude::default());
+    report_attitude(&mut instrument, 17 * PERIOD_US, RollPitch::default());
     assert_eq!(take_samples(&mut instrument).len(), 2);
 }
 
@@ -250,7 +250,7 @@ fn saturated_readings_are_in_no_sample() {
     let mut instrument = instrument();
     let mut made = Vec::new();
     for i in 0..24 {
-        report_attitude(&mut instrument, i * PERIOD_US, Attitude::default());
+        report_attitude(&mut instrument, i * PERIOD_US, RollPitch::default());
         if i % 3 == 2 {
             instrument.on_reading(us_after_start(i * PERIOD_US), saturated_reading(Field::from_ut(900.0, 0.0, 0.0)));
         } else {
@@ -265,9 +265,9 @@ fn saturated_readings_are_in_no_sample() {
 #[test]
 fn readings_in_an_attitude_gap_are_counted_and_dropped() {
     let mut instrument = instrument();
-    report_attitude(&mut instrument, 0, Attitude::from_deg(30.0, 0.0));
+    report_attitude(&mut instrument, 0, RollPitch::from_deg(30.0, 0.0));
     assert_eq!(read_samples(&mut instrument, 1..33), []);
-    report_attitude(&mut instrument, 400_000, Attitude::from_deg(30.0, 0.0));
+    report_attitude(&mut instrument, 400_000, RollPitch::from_deg(30.0, 0.0));
     assert!(take_samples(&mut instrument).is_empty());
     assert_eq!(instrument.rejection_counts().unpaired_readings, 31);
 }
@@ -289,13 +289,13 @@ fn readings_wait_for_attitude_up_to_0_3_s() {
 #[test]
 fn readings_dropped_from_a_full_queue_are_counted() {
     let mut instrument = Instrument::new(InstrumentConfig::new(1_000));
-    report_attitude(&mut instrument, 0, Attitude::default());
+    report_attitude(&mut instrument, 0, RollPitch::default());
     for i in 1..=70 {
         process_reading(&mut instrument, i * 1_000, SAMPLE_FIELD);
         assert!(take_samples(&mut instrument).is_empty());
     }
     assert_eq!(instrument.rejection_counts().unpaired_readings, 6);
-    report_attitude(&mut instrument, 70_000, Attitude::default());
+    report_attitude(&mut instrument, 70_000, RollPitch::default());
     assert!(take_samples(&mut instrument).is_empty(), "64 are not yet a sample of 100");
     assert_eq!(instrument.rejection_counts().unpaired_readings, 6);
 }
@@ -317,7 +317,7 @@ fn field_only_samples_do_not_wait_for_attitude() {
     let mut instrument = field_only_instrument();
     let made = read_samples(&mut instrument, 0..16);
     assert_eq!(made.len(), 2);
-    assert!(made.iter().all(|sample| sample.attitude == Attitude::default() && sample.field == SAMPLE_FIELD));
+    assert!(made.iter().all(|sample| sample.attitude == RollPitch::default() && sample.field == SAMPLE_FIELD));
     instrument.on_reading(us_after_start(16 * PERIOD_US), saturated_reading(SAMPLE_FIELD));
     assert!(take_samples(&mut instrument).is_empty());
 }
@@ -340,7 +340,7 @@ fn a_recording_at_10_hz_passes_unchanged() {
     let mut instrument = Instrument::new(InstrumentConfig { attitude, ..InstrumentConfig::new(100_000) });
     for row in 0..50_u16 {
         let us = u64::from(row) * 100_000;
-        let attitude = Attitude::from_deg(f32::from(row), -f32::from(row) / 10.0);
+        let attitude = RollPitch::from_deg(f32::from(row), -f32::from(row) / 10.0);
         let field = Field::from_ut(f32::from(row), 1.0, 2.0);
         instrument.on_attitude(us_after_start(us), attitude_report(attitude, [0.0; 3]));
         let estimate = process_reading(&mut instrument, us, field);
@@ -359,7 +359,7 @@ fn a_faster_sensor_gives_as_many_samples() {
         let mut reported_us = 0;
         for us in (0..20_000_000_u64).step_by(period_us as usize) {
             while reported_us <= us {
-                report_attitude(&mut instrument, reported_us, Attitude::default());
+                report_attitude(&mut instrument, reported_us, RollPitch::default());
                 reported_us += 20_000;
             }
             process_reading(&mut instrument, us, SAMPLE_FIELD);
@@ -380,7 +380,7 @@ fn a_new_sensor_sets_the_period_and_drops_waiting_readings() {
     assert_eq!(instrument.rejection_counts().unpaired_readings, 1);
     instrument.set_sensor_parameters(100_000, None);
     assert_eq!(instrument.instrument_config().reading_period_us, 100_000);
-    report_attitude(&mut instrument, 400_000, Attitude::default());
+    report_attitude(&mut instrument, 400_000, RollPitch::default());
     assert!(take_samples(&mut instrument).is_empty(), "nothing waits");
     process_reading(&mut instrument, 400_000, SAMPLE_FIELD);
     assert_eq!(take_samples(&mut instrument).len(), 1);
@@ -395,7 +395,7 @@ fn no_report_or_reading_panics() {
     for _ in 0..5_000 {
         let mut pick = || extremes[random.bits() as usize % extremes.len()];
         let field = Field::from_ut(pick(), pick(), pick());
-        let attitude = Attitude { roll_rad: pick(), pitch_rad: pick() };
+        let attitude = RollPitch { roll_rad: pick(), pitch_rad: pick() };
         let report = attitude_report(attitude, [pick(), pick(), pick()]);
         let us = random.bits() >> (random.bits() % 64);
         let at = Timestamp::from_us(us);
@@ -416,11 +416,11 @@ fn with_unknown_inclination_any_inclination_is_accepted() {
     for has_valid_inclination in [true, false] {
         let mut instrument =
             instrument_with(Correction { has_valid_inclination, ..correction_with(test_calibration()) });
-        report_attitude(&mut instrument, 0, Attitude::default());
-        let steep = Field::new(Attitude::default().to_body_frame(Field::earth_field(50.0, 1.4, 0.5)).ut);
+        report_attitude(&mut instrument, 0, RollPitch::default());
+        let steep = Field::new(RollPitch::default().to_body_frame(Field::earth_field(50.0, 1.4, 0.5)).ut);
         assert_eq!(process_reading(&mut instrument, 0, steep).heading.is_ok(), !has_valid_inclination);
         let strong = Field::new(steep.ut * 1.3);
-        report_attitude(&mut instrument, 900_000, Attitude::default());
+        report_attitude(&mut instrument, 900_000, RollPitch::default());
         let disturbed = process_reading(&mut instrument, 900_000, strong);
         assert_eq!(disturbed.heading, Err(NoHeading::FieldDisturbed));
     }
@@ -433,7 +433,7 @@ fn fly_level_turn(instrument: &mut Instrument, from_s: f32, seconds: f32, rate_s
         .map(|i| {
             let us = i * 20_000;
             let heading_rad = 1.0 + 20_f32.to_radians() * i as f32 / 50.0;
-            let attitude = Attitude::from_deg(5.0 + 0.02 * (i % 7) as f32, 0.0);
+            let attitude = RollPitch::from_deg(5.0 + 0.02 * (i % 7) as f32, 0.0);
             report_with_rates(instrument, us, attitude, level_turn_rates_rad_s().map(|rate| rate_scale * rate));
             (heading_rad, process_reading(instrument, us, sensor_field(heading_rad, attitude)))
         })
@@ -504,7 +504,7 @@ fn ten_reports_with_contradicting_rates_restart_the_monitor() {
         for i in 0..500_u16 {
             let t_s = f32::from(i) * 0.02;
             let before = instrument.attitude_history.rejected_reports().rate_contradictions;
-            let attitude = Attitude::from_deg(5.0 + 10.0 * t_s.sin(), 0.0);
+            let attitude = RollPitch::from_deg(5.0 + 10.0 * t_s.sin(), 0.0);
             let rates_rad_s = [rate_sign * 10_f32.to_radians() * t_s.cos(), 0.0, 0.0];
             report_with_rates(&mut instrument, 10_000_000 + u64::from(i) * 20_000, attitude, rates_rad_s);
             let is_rejected = instrument.attitude_history.rejected_reports().rate_contradictions != before;

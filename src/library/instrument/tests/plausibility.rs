@@ -19,7 +19,7 @@ fn process_readings_for_second(
     let estimates = (0..80)
         .map(|i| {
             let us = from_us + i * PERIOD_US;
-            report_attitude(instrument, us, Attitude::from_deg(0.01 * i as f32, 0.0));
+            report_attitude(instrument, us, RollPitch::from_deg(0.01 * i as f32, 0.0));
             let estimate = process_reading(instrument, us + LATENCY_US + 1, field(i));
             made.extend(take_samples(instrument));
             estimate
@@ -47,14 +47,14 @@ fn empty_reasons(estimates: &[Estimate]) -> Vec<NoHeading> {
 }
 
 fn noisy_field(random: &mut Random) -> Field<Sensor> {
-    let sensed = sensor_field(0.5, Attitude::default()).ut;
+    let sensed = sensor_field(0.5, RollPitch::default()).ut;
     Field::new(sensed + Vector3::from_fn(|_, _| 0.3 * random.normal()))
 }
 
 #[test]
 fn a_stuck_axis_is_reported_and_makes_no_samples() {
     let mut instrument = instrument_with_stuck_check();
-    let stuck_y = sensor_field(0.5, Attitude::default()).ut.y;
+    let stuck_y = sensor_field(0.5, RollPitch::default()).ut.y;
     let (estimates, made) =
         process_faulty_second(&mut instrument, 1, |_, good| Field::from_ut(good.x, stuck_y, good.z));
     assert_eq!(empty_reasons(&estimates), [NoHeading::SensorStuck]);
@@ -72,7 +72,7 @@ fn a_spike_is_reported_and_excluded_from_its_sample() {
     assert_eq!(empty_reasons(&estimates), [NoHeading::SensorSpike]);
     let counts = instrument.rejection_counts();
     assert_eq!((counts.spike_readings, counts.saturated_readings), (4, 0));
-    let true_x = sensor_field(0.5, Attitude::default()).ut.x;
+    let true_x = sensor_field(0.5, RollPitch::default()).ut.x;
     assert!(made.len() >= 8 && made.iter().all(|sample| (sample.field.ut.x - true_x).abs() < 0.6), "{made:?}");
 }
 
@@ -95,7 +95,7 @@ fn a_frozen_attitude_is_reported_at_the_fifth_equal_report() {
     let estimates: Vec<Estimate> = (0..20)
         .map(|i| {
             let us = 1_000_000 + i * 20_000;
-            report_attitude(&mut instrument, us, Attitude::from_deg(3.0, 1.0));
+            report_attitude(&mut instrument, us, RollPitch::from_deg(3.0, 1.0));
             process_reading(&mut instrument, us + LATENCY_US + 1, noisy_field(&mut random))
         })
         .collect();
@@ -118,11 +118,11 @@ fn a_coarse_source_is_frozen_when_the_field_turns() {
             .map(|i| {
                 let us = i * PERIOD_US;
                 if i % 2 == 0 {
-                    report_attitude(&mut instrument, us, Attitude::from_deg(0.1, 0.0));
+                    report_attitude(&mut instrument, us, RollPitch::from_deg(0.1, 0.0));
                 }
                 let seconds = i as f32 / 80.0;
                 let noise = Vector3::from_fn(|_, _| 0.3 * random.normal());
-                let true_attitude = Attitude::from_deg(0.1 + rolls_deg_s * seconds, 0.0);
+                let true_attitude = RollPitch::from_deg(0.1 + rolls_deg_s * seconds, 0.0);
                 let field = Field::new(sensor_field(0.5 + turns * seconds, true_attitude).ut + noise);
                 process_reading(&mut instrument, us + LATENCY_US + 1, field)
             })

@@ -4,7 +4,7 @@ use core::slice;
 
 use super::*;
 use crate::synthetic::measured_sample;
-use autoswing::calibration::{Manoeuvre, MotorCurrent, Rates};
+use autoswing::calibration::{AngleRates, Manoeuvre, MotorCurrent};
 use nalgebra::Vector3;
 
 impl TestBed<'_> {
@@ -128,9 +128,10 @@ fn a_vehicle_without_tilt_is_not_calibrated_in_flight() {
         let (mut bed, mut random) = (TestBed::with_accuracy(3.0), Random(6));
         for tenths in 0..1500_u16 {
             let t_s = f32::from(tenths) * 0.1;
-            let attitude = Attitude::from_deg(tilt_deg * (t_s / 1.1).sin(), tilt_deg * (t_s / 1.7).cos());
+            let attitude = RollPitch::from_deg(tilt_deg * (t_s / 1.1).sin(), tilt_deg * (t_s / 1.7).cos());
             let sample = measured_sample(&airframe(), attitude, t_s * 0.35, 0.1, &mut random);
-            let (rates, time) = (Rates::from_rad_s([0.0, 0.0, 0.35]), WrappingMillis::new(u32::from(tenths) * 100));
+            let (rates, time) =
+                (AngleRates::from_rad_s([0.0, 0.0, 0.35]), WrappingMillis::new(u32::from(tenths) * 100));
             bed.expect_none(Event::Sample(Sample { rates, time, ..sample }));
             while bed.compass.needs_solve_step() {
                 if matches!(bed.compass.process_event(Event::AdvanceSolve), Effect::Save) {

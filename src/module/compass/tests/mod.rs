@@ -16,7 +16,7 @@ use crate::synthetic::{Airframe, Flight, Random, RecordedTurns, in_mount, multir
 use autoswing::acceptance::Rejection;
 use autoswing::calibration::{Calibration, CollectionPart, Method, Orientation, Side, SolveError};
 use autoswing::collection::CollectionProblem;
-use autoswing::frames::{Attitude, Field, Sensor};
+use autoswing::frames::{Field, RollPitch, Sensor};
 use autoswing::instrument::{Correction, SampleAttitude, SensorErrorSigmas};
 use autoswing::reading::{Identity, MagnetometerModel};
 
@@ -214,13 +214,13 @@ impl<'a> TestBed<'a> {
 
     fn collect_at_rest(&mut self, field: Field<Sensor>, samples: u32) {
         for _ in 0..samples {
-            self.expect_none(Event::Sample(Sample { time: self.time(), ..Sample::new(field, Attitude::default()) }));
+            self.expect_none(Event::Sample(Sample { time: self.time(), ..Sample::new(field, RollPitch::default()) }));
             self.advance_clock(100);
         }
     }
 
     /// Processes a sample, 2 a second: samples are distinct, and turns have no gap.
-    fn process_sample(&mut self, field: Field<Sensor>, attitude: Attitude) {
+    fn process_sample(&mut self, field: Field<Sensor>, attitude: RollPitch) {
         self.expect_none(Event::Sample(Sample { time: self.time(), ..Sample::new(field, attitude) }));
         self.advance_clock(500);
     }
@@ -239,9 +239,9 @@ impl<'a> TestBed<'a> {
         let mut random = Random(4);
         for _ in 0..240 {
             let attitude =
-                Attitude { roll_rad: random.uniform(-3.1, 3.1), pitch_rad: random.uniform(-1.0, 1.0).asin() };
+                RollPitch { roll_rad: random.uniform(-3.1, 3.1), pitch_rad: random.uniform(-1.0, 1.0).asin() };
             let field = airframe.field(attitude, random.uniform(0.0, core::f32::consts::TAU));
-            self.process_sample(field, Attitude::default());
+            self.process_sample(field, RollPitch::default());
         }
     }
 
@@ -314,7 +314,7 @@ fn hover_samples(seed: u64) -> Vec<Sample> {
 }
 
 fn test_field() -> Field<Sensor> {
-    airframe().field(Attitude::default(), 0.7)
+    airframe().field(RollPitch::default(), 0.7)
 }
 
 /// The mounting is output only for a known sensor.

@@ -7,7 +7,7 @@ use autoswing::acceptance::Rejection;
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{Deviation, Quality, Sample, UnobservableQuantities};
 use autoswing::collection::RetainedSamples;
-use autoswing::frames::{Attitude, Field, Level};
+use autoswing::frames::{Field, Level, RollPitch};
 
 /// Times of trials, seconds, and the number each represents: 10 samples/s in turns of 18 s, pitched by -15 deg from
 /// 400 to 440 s, with the same readings in each turn. `result` has the result of the trial with this number.
@@ -20,7 +20,7 @@ fn trial_times_in_turns(result: impl Fn(usize) -> Option<Solution>) -> Vec<(f32,
     for tenths in 0..6000_u16 {
         let t_s = f32::from(tenths) / 10.0;
         let pitch_deg = if (400.0..440.0).contains(&t_s) { -15.0 } else { 0.0 };
-        let attitude = Attitude::from_deg(0.0, pitch_deg);
+        let attitude = RollPitch::from_deg(0.0, pitch_deg);
         let heading_rad = f32::from(tenths % 180).to_radians() * 2.0;
         let field = Field::new(attitude.to_body_frame(Field::<Level>::earth_field(50.0, 1.1, heading_rad)).ut);
         let time = WrappingMillis::new(u32::from(tenths) * 100);

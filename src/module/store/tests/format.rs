@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::*;
-use crate::settings::{AttitudeError, BaudRate, CanSettings, PortNumber, SensorError, SigningKey};
+use crate::settings::{AttitudeErrorSigmas, BaudRate, CanSettings, PortNumber, SensorError, SigningKey};
 
 fn stored_state() -> StoredState {
     let mut settings = Settings {
@@ -11,7 +11,7 @@ fn stored_state() -> StoredState {
         align_deg: 3.5,
         stream_rate_hz: 25,
         mount: Orientation::from_name("yaw90").unwrap(),
-        attitude_error: AttitudeError { bias_deg: 0.5, bank_percent: 2.0 },
+        attitude_error: AttitudeErrorSigmas { bias_deg: 0.5, bank_percent: 2.0 },
         sends_vision_yaw: true,
         ..settings()
     };

@@ -114,8 +114,8 @@ fn covariance_with_sample(covariance: &FisherInformation, rows: &InformationRoot
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::studies::accuracy::flight::{Flight, FlightPattern};
-    use crate::studies::accuracy::random_flight::{AttitudeEnvelope, RandomRanges};
+    use crate::studies::accuracy::flight::{FlightPattern, StudyFlight};
+    use crate::studies::accuracy::random_flight::{RandomRanges, StudyEnvelope};
     use simulator::world::aircraft::VehicleKind;
 
     fn random_flight_with_samples(samples: usize) -> RandomFlight {
@@ -147,9 +147,9 @@ mod tests {
     #[test]
     fn selected_samples_have_a_lower_bound_than_evenly_thinned_ones() {
         let flight =
-            Flight { kind: VehicleKind::Copter, flight_pattern: FlightPattern::Routine, duration_minutes: 3.0 }
+            StudyFlight { kind: VehicleKind::Copter, flight_pattern: FlightPattern::Routine, duration_minutes: 3.0 }
                 .true_flight(&RandomRanges::WORST_CASE, 3);
-        let trial = random_flight_with_samples(1).with_flight(flight, AttitudeEnvelope::Tilted);
+        let trial = random_flight_with_samples(1).with_flight(flight, StudyEnvelope::Tilted);
         let thinned = cramer_rao::bound_deg_of_samples(&trial, trial.true_samples().step_by(9)).unwrap();
         let chosen = bound_rms_deg(&trial, 200).unwrap();
         assert!(chosen < 0.9 * thinned, "{chosen} {thinned}");

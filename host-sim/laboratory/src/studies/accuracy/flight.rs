@@ -1,6 +1,6 @@
 //! Flights of one battery charge that include calibration manoeuvres.
 
-use autoswing::calibration::Rates;
+use autoswing::calibration::AngleRates;
 use autoswing::time::WrappingMillis;
 use serde::Serialize;
 use simulator::random::{RandomStream, StreamPurpose};
@@ -41,7 +41,7 @@ impl FlightPattern {
 
 /// Vehicle, pattern and duration of a flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Flight {
+pub struct StudyFlight {
     /// Vehicle kind.
     pub kind: VehicleKind,
     /// Flight pattern.
@@ -52,7 +52,7 @@ pub struct Flight {
 
 const SAMPLE_PERIOD_US: u64 = 100_000;
 
-impl Flight {
+impl StudyFlight {
     /// True attitudes at 10 Hz, in weather drawn from the seed.
     #[must_use]
     pub fn true_flight(&self, ranges: &RandomRanges, seed: u64) -> Vec<TrueSample> {
@@ -103,7 +103,7 @@ fn true_sample(aircraft: &Aircraft) -> TrueSample {
     TrueSample {
         euler: state.euler_angles(),
         disturbing_acceleration_m_s2: state.disturbing_acceleration_m_s2,
-        rates: Rates::from_rad_s(
+        rates: AngleRates::from_rad_s(
             [state.roll_rate_rad_s, state.pitch_rate_rad_s, state.heading_rate_rad_s].map(|rad_s| rad_s as f32),
         ),
         time: WrappingMillis::new((state.time_us / 1000) as u32),
@@ -145,7 +145,7 @@ mod tests {
     use super::*;
 
     fn fly_pattern(vehicle_kind: VehicleKind, pattern: FlightPattern, seed: u64) -> Vec<TrueSample> {
-        Flight { kind: vehicle_kind, flight_pattern: pattern, duration_minutes: 3.0 }
+        StudyFlight { kind: vehicle_kind, flight_pattern: pattern, duration_minutes: 3.0 }
             .true_flight(&RandomRanges::WORST_CASE, seed)
     }
 

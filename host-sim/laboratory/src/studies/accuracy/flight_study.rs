@@ -13,8 +13,8 @@ use super::evaluation::{
     AccuracyPlan, COVERAGE_DRAW_INTERVAL, SigmaCoverage, SolveCounts, normalised_errors_after_calibration,
     sigma_coverage, solve_samples,
 };
-use super::flight::{Flight, FlightPattern};
-use super::random_flight::{AttitudeEnvelope, ConstantErrorSigmas, RandomFlight, RandomRanges};
+use super::flight::{FlightPattern, StudyFlight};
+use super::random_flight::{ConstantErrorSigmas, RandomFlight, RandomRanges, StudyEnvelope};
 use super::{cramer_rao, d_optimal, retention};
 
 /// Results of flights of one pattern.
@@ -63,7 +63,11 @@ pub struct FlightStudyRow {
 
 /// Runs the plan for one flight. `on_airframe_done` is called once per airframe, from any thread.
 #[must_use]
-pub fn run_flight_study(flight: Flight, plan: AccuracyPlan, on_airframe_done: &(dyn Fn() + Sync)) -> FlightStudyRow {
+pub fn run_flight_study(
+    flight: StudyFlight,
+    plan: AccuracyPlan,
+    on_airframe_done: &(dyn Fn() + Sync),
+) -> FlightStudyRow {
     let trials: Vec<FlightResult> = (plan.seed..plan.seed + plan.airframe_count)
         .into_par_iter()
         .filter_map(|seed| {
@@ -86,9 +90,8 @@ struct FlightResult {
 }
 
 impl FlightResult {
-    fn evaluate_trial(flight: Flight, seed: u64, draws: u64) -> Option<Self> {
-        let envelope =
-            if flight.kind == VehicleKind::Plane { AttitudeEnvelope::Banked } else { AttitudeEnvelope::Tilted };
+    fn evaluate_trial(flight: StudyFlight, seed: u64, draws: u64) -> Option<Self> {
+        let envelope = if flight.kind == VehicleKind::Plane { StudyEnvelope::Banked } else { StudyEnvelope::Tilted };
         let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, seed)
             .with_flight(flight.true_flight(&RandomRanges::WORST_CASE, seed), envelope);
         let retained_times: BTreeSet<u32> =
@@ -135,7 +138,7 @@ impl FlightResult {
     }
 }
 
-fn study_row(flight: Flight, trials: &[FlightResult]) -> FlightStudyRow {
+fn study_row(flight: StudyFlight, trials: &[FlightResult]) -> FlightStudyRow {
     let total_count = |count_of: fn(&SolveCounts) -> u32| {
         trials.iter().map(|flight_result| count_of(&flight_result.solve_counts)).sum::<u32>()
     };

@@ -1,7 +1,7 @@
 //! One random airframe with its turns, and simulated recordings of them.
 
-use autoswing::calibration::{Calibration, CollectionPart, ConsiderSigmas, Rates, Sample, Samples, Solution};
-use autoswing::frames::{Attitude, Field};
+use autoswing::calibration::{AngleRates, Calibration, CollectionPart, ConsiderSigmas, Sample, Samples, Solution};
+use autoswing::frames::{Field, RollPitch};
 use autoswing::heading;
 use autoswing::time::WrappingMillis;
 use nalgebra::{Matrix3, Vector3};
@@ -99,7 +99,7 @@ pub struct TrueSample {
     /// Magnitude of the acceleration that causes tilt errors, m/s^2.
     pub disturbing_acceleration_m_s2: f64,
     /// Roll, pitch and heading rates.
-    pub rates: Rates,
+    pub rates: AngleRates,
     /// Sample time.
     pub time: WrappingMillis,
 }
@@ -137,7 +137,7 @@ pub struct RandomFlight {
     /// Noise of roll and pitch without acceleration, radians.
     pub attitude_sigma_rad: f64,
     /// Attitudes at which headings are evaluated.
-    pub envelope: AttitudeEnvelope,
+    pub envelope: StudyEnvelope,
     /// Samples of left turns.
     pub left_turns: Vec<TrueSample>,
     /// Samples of right turns.
@@ -146,14 +146,14 @@ pub struct RandomFlight {
 
 /// Attitudes at which a calibration is evaluated, each at twelve headings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum AttitudeEnvelope {
+pub enum StudyEnvelope {
     /// Level and banked by 30 deg to either side, at pitch zero (aeroplane).
     Banked,
     /// Level and tilted by 20 deg in eight directions (multirotor).
     Tilted,
 }
 
-impl AttitudeEnvelope {
+impl StudyEnvelope {
     const TILT_DEG: f64 = 20.0;
 
     /// All attitudes of the envelope.
@@ -171,7 +171,7 @@ impl AttitudeEnvelope {
 /// Roll and pitch of a tilt in one of eight directions, degrees.
 fn tilt_toward(direction_index: u8) -> [f64; 2] {
     let (sin, cos) = libm::sincos(f64::from(direction_index) * std::f64::consts::FRAC_PI_4);
-    [AttitudeEnvelope::TILT_DEG * sin, AttitudeEnvelope::TILT_DEG * cos]
+    [StudyEnvelope::TILT_DEG * sin, StudyEnvelope::TILT_DEG * cos]
 }
 
 const FIELD_STRENGTH_UT: f64 = 50.0;
@@ -201,7 +201,7 @@ impl RandomFlight {
             inclination_rad,
             relative_sensor_sigma: random.uniform(ranges.sensor_noise[0], ranges.sensor_noise[1]),
             attitude_sigma_rad: random.uniform(ranges.attitude_noise_deg[0], ranges.attitude_noise_deg[1]).to_radians(),
-            envelope: AttitudeEnvelope::Banked,
+            envelope: StudyEnvelope::Banked,
             left_turns,
             right_turns,
         }
@@ -209,7 +209,7 @@ impl RandomFlight {
 
     /// The same airframe, place and instruments with another flight, without turn directions.
     #[must_use]
-    pub fn with_flight(self, flight: Vec<TrueSample>, envelope: AttitudeEnvelope) -> Self {
+    pub fn with_flight(self, flight: Vec<TrueSample>, envelope: StudyEnvelope) -> Self {
         Self { envelope, left_turns: flight, right_turns: Vec::new(), ..self }
     }
 
@@ -284,7 +284,7 @@ impl RandomFlight {
         let true_sample = TrueSample {
             euler,
             disturbing_acceleration_m_s2: 0.0,
-            rates: Rates::UNKNOWN,
+            rates: AngleRates::UNKNOWN,
             time: WrappingMillis::default(),
         };
         let Sample { field, attitude, .. } = self.noisy_sample(&true_sample, later_measurements.source, random);
@@ -314,7 +314,7 @@ impl RandomFlight {
         Sample {
             time: true_sample.time,
             rates: true_sample.rates,
-            ..Sample::new(Field::new((sensed * FIELD_STRENGTH_UT).cast()), Attitude { roll_rad, pitch_rad })
+            ..Sample::new(Field::new((sensed * FIELD_STRENGTH_UT).cast()), RollPitch { roll_rad, pitch_rad })
         }
     }
 
@@ -325,7 +325,7 @@ impl RandomFlight {
             .attitudes()
             .map(|euler| {
                 let sensed = (self.field_matrix * self.body_field(euler) + self.hard_iron) * FIELD_STRENGTH_UT;
-                let attitude = Attitude { roll_rad: euler.roll_rad as f32, pitch_rad: euler.pitch_rad as f32 };
+                let attitude = RollPitch { roll_rad: euler.roll_rad as f32, pitch_rad: euler.pitch_rad as f32 };
                 let indicated_heading_rad =
                     attitude.to_level_frame(calibration.calibrated_field(Field::new(sensed.cast()))).heading_rad();
                 wrap_180((f64::from(indicated_heading_rad) - euler.heading_rad).to_degrees())
@@ -354,7 +354,7 @@ fn random_turn(ranges: &RandomRanges, bank_deg: f64, random: &mut RandomStream) 
             heading_rad += STEP_S * 9.81 * libm::tan(roll_rad) / 22.0;
             let pitch_rad = (2.0 + attitude_noise[1]).to_radians();
             let (euler, time) = (Euler { roll_rad, pitch_rad, heading_rad }, WrappingMillis::new(i as u32 * 500));
-            TrueSample { euler, disturbing_acceleration_m_s2: 0.0, rates: Rates::UNKNOWN, time }
+            TrueSample { euler, disturbing_acceleration_m_s2: 0.0, rates: AngleRates::UNKNOWN, time }
         })
         .collect()
 }
@@ -409,14 +409,14 @@ mod tests {
     #[test]
     fn the_tilted_envelope_has_20_deg_of_tilt_to_eight_sides() {
         let mut directions = std::collections::BTreeSet::new();
-        for euler in AttitudeEnvelope::Tilted.attitudes().skip(12) {
+        for euler in StudyEnvelope::Tilted.attitudes().skip(12) {
             let tilt_deg = libm::acos(libm::cos(euler.roll_rad) * libm::cos(euler.pitch_rad)).to_degrees();
             assert!((tilt_deg - 20.0).abs() < 0.2, "{tilt_deg}");
             directions.insert(libm::atan2(euler.roll_rad, euler.pitch_rad).to_degrees().round() as i32);
         }
         assert_eq!(directions.len(), 8);
-        assert_eq!(AttitudeEnvelope::Tilted.attitudes().count(), 108);
-        assert!(AttitudeEnvelope::Banked.attitudes().all(|euler| euler.pitch_rad.abs() < 1e-9));
+        assert_eq!(StudyEnvelope::Tilted.attitudes().count(), 108);
+        assert!(StudyEnvelope::Banked.attitudes().all(|euler| euler.pitch_rad.abs() < 1e-9));
     }
 
     /// 2.6 m/s^2 cause 1.04 deg, added in quadrature to the noise of 0.2 to 1 deg; 2,000 samples determine sigma to 2
@@ -426,12 +426,12 @@ mod tests {
         let true_sample = |push_m_s2| TrueSample {
             euler: Euler::from_deg(3.0, -4.0, 100.0),
             disturbing_acceleration_m_s2: push_m_s2,
-            rates: Rates::from_rad_s([0.1, -0.2, 0.3]),
+            rates: AngleRates::from_rad_s([0.1, -0.2, 0.3]),
             time: WrappingMillis::new(7),
         };
         let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, 3);
         for (push_m_s2, by_push_deg) in [(0.0, 0.0), (2.6, 1.04)] {
-            let trial = trial.clone().with_flight(vec![true_sample(push_m_s2); 2000], AttitudeEnvelope::Tilted);
+            let trial = trial.clone().with_flight(vec![true_sample(push_m_s2); 2000], StudyEnvelope::Tilted);
             let (samples, _) = trial.record_all_samples(0, ConstantErrorSigmas::NO_ERRORS);
             let squares = samples.iter().map(|sample| square(f64::from(sample.attitude.roll_rad.to_degrees() - 3.0)));
             let sigma_deg = (squares.sum::<f64>() / 2000.0).sqrt();
@@ -440,7 +440,7 @@ mod tests {
             assert!(
                 samples
                     .iter()
-                    .all(|sample| sample.rates == Rates::from_rad_s([0.1, -0.2, 0.3]) && sample.time.as_ms() == 7)
+                    .all(|sample| sample.rates == AngleRates::from_rad_s([0.1, -0.2, 0.3]) && sample.time.as_ms() == 7)
             );
         }
     }

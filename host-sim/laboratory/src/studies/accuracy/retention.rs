@@ -38,7 +38,7 @@ pub fn retain_samples(samples: &[Sample]) -> Recording {
 #[cfg(test)]
 mod tests {
     use autoswing::calibration::Samples;
-    use autoswing::frames::{Attitude, Field};
+    use autoswing::frames::{Field, RollPitch};
     use autoswing::time::WrappingMillis;
     use log_analysis::replay::module_run::ModuleRun;
     use log_analysis::replay::{ReplayOptions, RowSelection};
@@ -51,7 +51,7 @@ mod tests {
         let mut random = Random(3);
         let sample_at = |i: u16| {
             let t_s = f32::from(i) / 10.0;
-            let attitude = Attitude::from_deg(15.0 * libm::sinf(0.31 * t_s), 6.0 * libm::sinf(0.47 * t_s));
+            let attitude = RollPitch::from_deg(15.0 * libm::sinf(0.31 * t_s), 6.0 * libm::sinf(0.47 * t_s));
             let body_field = attitude.to_body_frame(Field::earth_field(50.0, 1.1, 0.4 * libm::sinf(0.2 * t_s))).ut;
             let field = Field::from_ut(
                 body_field.x + 20.0 + 0.3 * random.normal(),

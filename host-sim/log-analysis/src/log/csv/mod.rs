@@ -35,7 +35,7 @@ use std::io::Read;
 pub use error::CsvError;
 pub use field_unit::FieldUnit;
 
-use super::flight::Flight;
+use super::flight::LoggedFlight;
 use super::read_window::ReadWindow;
 use reader::TableReader;
 use table_cells::is_comment;
@@ -53,7 +53,7 @@ pub fn is_table(first_bytes: &[u8]) -> bool {
 /// # Errors
 ///
 /// The table has no usable rows, or a column is missing.
-pub fn read_csv(mut source: impl Read, unit: FieldUnit) -> Result<Flight, CsvError> {
+pub fn read_csv(mut source: impl Read, unit: FieldUnit) -> Result<LoggedFlight, CsvError> {
     let unreadable = |error: std::io::Error| CsvError::Unreadable(error.to_string());
     let mut window = ReadWindow::new(&mut source);
     let mut line_number = 0_u64;
@@ -99,7 +99,7 @@ mod tests {
     const VALID_TABLE: &str =
         "t_s,extra,mx,my,mz,roll_deg,pitch_deg,use\n0,9,100,-200,400,10,-2,1\n0.1,9,101,-201,401,11,-3,0\n";
 
-    fn read_text(text: &str) -> Result<Flight, CsvError> {
+    fn read_text(text: &str) -> Result<LoggedFlight, CsvError> {
         read_csv(text.as_bytes(), FieldUnit::Milligauss)
     }
 

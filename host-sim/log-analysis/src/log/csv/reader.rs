@@ -1,6 +1,6 @@
 //! Reader that turns the rows of a table into a flight.
 
-use super::super::flight::{Flight, Gps, LogFormat};
+use super::super::flight::{Gps, LogFormat, LoggedFlight};
 use super::super::flight_builder::{FieldProcessing, FlightBuilder};
 use super::super::time_series::Series;
 use super::error::CsvError;
@@ -148,7 +148,7 @@ impl TableReader {
         }
     }
 
-    pub fn finish_flight(mut self) -> Result<Flight, CsvError> {
+    pub fn finish_flight(mut self) -> Result<LoggedFlight, CsvError> {
         self.rates.sort_and_dedup();
         for (t_s, rates_rad_s) in rates_at_rows(&self.rates) {
             self.builder.push_rates(t_s, rates_rad_s);

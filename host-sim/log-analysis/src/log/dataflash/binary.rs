@@ -2,7 +2,7 @@
 
 use std::io::{self, Read};
 
-use super::super::flight::{Flight, LogFormat};
+use super::super::flight::{LogFormat, LoggedFlight};
 use super::super::read_window::ReadWindow;
 use super::messages::{LogMessage, MESSAGES_TO_READ, ardupilot_builder, record_message};
 
@@ -24,7 +24,7 @@ pub fn matches_header(first_bytes: &[u8]) -> bool {
 /// # Errors
 ///
 /// The source cannot be read.
-pub fn read_binary(source: &mut dyn Read) -> io::Result<Flight> {
+pub fn read_binary(source: &mut dyn Read) -> io::Result<LoggedFlight> {
     let mut window = ReadWindow::new(source);
     let mut layouts: [Option<MessageLayout>; 256] = std::array::from_fn(|_| None);
     let mut builder = ardupilot_builder(LogFormat::DataFlash);

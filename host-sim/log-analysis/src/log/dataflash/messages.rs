@@ -1,6 +1,6 @@
 //! Messages of a flight, by name, whatever their encoding.
 
-use crate::log::flight::{Autopilot, Gps, LogFormat};
+use crate::log::flight::{AutopilotKind, Gps, LogFormat};
 use crate::log::flight_builder::{FieldProcessing, FlightBuilder, MAX_COMPASSES};
 
 /// A message with named columns, scaled to degrees and m/s by their format letters.
@@ -19,7 +19,7 @@ pub(super) const MESSAGES_TO_READ: [&str; 21] = [
 
 pub(super) fn ardupilot_builder(format: LogFormat) -> FlightBuilder {
     let mut builder = FlightBuilder::new(format);
-    builder.flight.autopilot = Autopilot::ArduPilot;
+    builder.flight.autopilot = AutopilotKind::ArduPilot;
     builder
 }
 

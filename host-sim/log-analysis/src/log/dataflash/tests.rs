@@ -22,7 +22,7 @@ impl LogMessage for NumericMessage<'_> {
     }
 }
 
-fn read_messages(messages: &[(&str, &[(&str, f64)])]) -> crate::log::Flight {
+fn read_messages(messages: &[(&str, &[(&str, f64)])]) -> crate::log::LoggedFlight {
     let mut builder = ardupilot_builder(LogFormat::DataFlash);
     for (name, numbers) in messages {
         record_message(&mut builder, name, &NumericMessage(numbers));
@@ -65,7 +65,7 @@ fn attitude_message(name: &str, time_us: f64, roll_deg: f64) -> (String, Vec<(&'
     (name.to_owned(), vec![("TimeUS", time_us), ("Roll", roll_deg), ("Pitch", 5.0), ("Yaw", 30.0)])
 }
 
-fn read_owned_messages(messages: &[(String, Vec<(&str, f64)>)]) -> crate::log::Flight {
+fn read_owned_messages(messages: &[(String, Vec<(&str, f64)>)]) -> crate::log::LoggedFlight {
     let messages: Vec<(&str, &[(&str, f64)])> =
         messages.iter().map(|(name, numbers)| (name.as_str(), numbers.as_slice())).collect();
     read_messages(&messages)
@@ -73,7 +73,7 @@ fn read_owned_messages(messages: &[(String, Vec<(&str, f64)>)]) -> crate::log::F
 
 #[test]
 fn filter_attitude_replaces_a_missing_att_message() {
-    let rolls = |flight: &crate::log::Flight| {
+    let rolls = |flight: &crate::log::LoggedFlight| {
         flight.attitude.rows().iter().map(|row| row.row_values[0].to_degrees().round() as i32).collect::<Vec<_>>()
     };
     let mut second_core = attitude_message("XKF1", 1.1e6, 12.0);

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::io::{self, Read};
 
-use super::super::flight::{Flight, LogFormat};
+use super::super::flight::{LogFormat, LoggedFlight};
 use super::super::read_window::ReadWindow;
 use super::binary::is_plain_integer;
 use super::messages::{LogMessage, MESSAGES_TO_READ, ardupilot_builder, record_message};
@@ -15,7 +15,7 @@ const MAX_MESSAGE_KINDS: usize = 512;
 /// # Errors
 ///
 /// The source cannot be read.
-pub fn read_text(source: &mut dyn Read) -> io::Result<Flight> {
+pub fn read_text(source: &mut dyn Read) -> io::Result<LoggedFlight> {
     let mut window = ReadWindow::new(source);
     let mut columns: HashMap<String, LineLayout> = HashMap::new();
     let mut builder = ardupilot_builder(LogFormat::DataFlashText);

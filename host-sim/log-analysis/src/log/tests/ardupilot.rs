@@ -65,7 +65,7 @@ fn only_the_first_of_several_sensors_is_used() {
     ];
     let [without, with] =
         [log.clone(), log + &further_messages.join("\n")].map(|log| read_bytes(log.as_bytes()).unwrap());
-    let rows = |flight: &Flight| {
+    let rows = |flight: &LoggedFlight| {
         [
             flight.body_rates.rows().len(),
             flight.gps.rows().len(),

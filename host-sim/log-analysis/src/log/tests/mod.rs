@@ -103,7 +103,7 @@ fn logged_ut(row: &TimedRow<6>) -> Vector3<f64> {
     Vector3::from_row_slice(&row.row_values[3..]).map(f64::from)
 }
 
-fn read_bytes(bytes: &[u8]) -> Result<Flight, LogError> {
+fn read_bytes(bytes: &[u8]) -> Result<LoggedFlight, LogError> {
     let mut source = bytes;
     read_with_unchecked_rates(&mut source, FieldUnit::Milligauss, None)
 }
@@ -161,7 +161,7 @@ fn autopilot_firmware_and_armed_state_are_read() {
     assert_eq!(px4.firmware_name.as_deref(), Some("PX4 1.15.0"));
     assert_eq!(
         [bin.autopilot, link.autopilot, px4.autopilot],
-        [Autopilot::ArduPilot, Autopilot::ArduPilot, Autopilot::Px4]
+        [AutopilotKind::ArduPilot, AutopilotKind::ArduPilot, AutopilotKind::Px4]
     );
     assert_eq!(bin.compasses[0].is_used_for_heading.zip(bin.compasses[1].is_used_for_heading), Some((true, false)));
     assert_eq!([&bin, &link, &px4, &table].map(|flight| flight.flight_date.is_some()), [true, true, true, false]);

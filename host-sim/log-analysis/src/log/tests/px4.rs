@@ -24,7 +24,7 @@ fn with_appended_messages(mut bytes: Vec<u8>, messages: &[Message]) -> Vec<u8> {
 }
 
 /// The flight of a log of PX4 with further messages at its end.
-fn flight_with_messages(messages: &[Message]) -> Flight {
+fn flight_with_messages(messages: &[Message]) -> LoggedFlight {
     read_bytes(&with_appended_messages(px4_log(), messages)).unwrap()
 }
 

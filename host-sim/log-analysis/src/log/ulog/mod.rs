@@ -10,7 +10,7 @@ use row_layout::{RowColumn, RowColumns, ScalarType, TopicRow, parse_keyed_value}
 use sensors::CompassAssignment;
 
 use super::dataflash::quaternion_to_euler_rad;
-use super::flight::{Autopilot, Flight, Gps, LogFormat};
+use super::flight::{AutopilotKind, Gps, LogFormat, LoggedFlight};
 use super::flight_builder::{FieldProcessing, FlightBuilder};
 use super::read_window::{MAX_PEEK_BYTES, ReadWindow};
 use super::time_series::Series;
@@ -37,7 +37,7 @@ const UT_PER_GAUSS: f32 = 100.0;
 /// # Errors
 ///
 /// The source cannot be read.
-pub fn read_ulog(source: &mut dyn Read) -> io::Result<Flight> {
+pub fn read_ulog(source: &mut dyn Read) -> io::Result<LoggedFlight> {
     let mut window = ReadWindow::new(source);
     window.peek_bytes(FILE_HEADER_LENGTH)?;
     window.consume_bytes(FILE_HEADER_LENGTH);
@@ -109,7 +109,7 @@ struct UlogReader {
 impl UlogReader {
     fn new() -> Self {
         let mut builder = FlightBuilder::new(LogFormat::ULog);
-        builder.flight.autopilot = Autopilot::Px4;
+        builder.flight.autopilot = AutopilotKind::Px4;
         Self {
             builder,
             formats: HashMap::new(),
@@ -299,7 +299,7 @@ impl UlogReader {
         self.builder.push_field(index + 1, processing, t_s, gauss.map(|axis| axis * UT_PER_GAUSS), None);
     }
 
-    fn finish_flight(mut self) -> Flight {
+    fn finish_flight(mut self) -> LoggedFlight {
         let (fields, rates) = std::mem::take(&mut self.sensor_combined);
         if self.compass_assignment.is_empty() {
             for row in fields.rows() {

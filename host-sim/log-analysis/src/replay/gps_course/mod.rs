@@ -6,11 +6,11 @@
 //! receiver's unknown latency does not matter in straight flight.
 
 use autoswing::attitude::{BodyRates, EulerRates};
-use autoswing::frames::{Attitude, wrap_pi};
+use autoswing::frames::{RollPitch, wrap_pi};
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::log::time_series::Series;
-use crate::log::{Flight, Gps};
+use crate::log::{Gps, LoggedFlight};
 use crate::numbers::{median, square};
 
 /// Largest bank in straight flight, degrees; gusts roll by a few.
@@ -126,7 +126,7 @@ impl GpsCourseHeading {
     /// # Errors
     ///
     /// The reason why they give no heading.
-    pub fn from_flight(flight: &Flight) -> Result<Self, GpsCourseRejection> {
+    pub fn from_flight(flight: &LoggedFlight) -> Result<Self, GpsCourseRejection> {
         let velocities = ground_velocities(flight);
         if velocities.is_empty() {
             return Err(GpsCourseRejection::NotLogged);
@@ -227,7 +227,7 @@ impl GpsCourseHeading {
     }
 }
 
-fn ground_velocities(flight: &Flight) -> Vec<GroundVelocity> {
+fn ground_velocities(flight: &LoggedFlight) -> Vec<GroundVelocity> {
     let ground_velocity = |row: &crate::log::time_series::TimedRow<6>| {
         let Gps { speed_m_s, course_deg, .. } = Gps::from_columns(row.row_values);
         let (sin, cos) = libm::sincos(f64::from(course_deg).to_radians());
@@ -388,14 +388,14 @@ struct HeadingIntegral {
 }
 
 impl HeadingIntegral {
-    fn from_flight(flight: &Flight) -> Option<Self> {
+    fn from_flight(flight: &LoggedFlight) -> Option<Self> {
         let (mut nose, mut banked_times_s) = (Vec::new(), Vec::new());
         let mut last: Option<(f64, f64, f64)> = None;
         for row in flight.attitude.rows() {
             let [roll_rad, pitch_rad, _] = row.row_values;
             let rates_rad_s = flight.body_rates.interpolate(row.t_s, MAX_GAP_S);
             let Some(body_rates) = rates_rad_s.and_then(BodyRates::from_rad_s) else { continue };
-            let motion = EulerRates::from_body_rates(body_rates, Attitude { roll_rad, pitch_rad });
+            let motion = EulerRates::from_body_rates(body_rates, RollPitch { roll_rad, pitch_rad });
             if wrap_pi(roll_rad).abs().to_degrees() > MAX_BANK_DEG {
                 banked_times_s.push(row.t_s);
             }

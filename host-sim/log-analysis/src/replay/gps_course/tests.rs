@@ -112,7 +112,7 @@ const CIRCLE: VelocityCircle = VelocityCircle { wind_m_s: Vector2::new(1.0, -2.0
 
 /// Ten legs of 20 s, each 120 deg to the right of the last, in a wind from north-west: rows at 10 Hz, velocities at 5 Hz.
 /// The motion is exact, but that a turn begins and ends at once.
-fn flight_of_legs(airspeed_m_s: f64, turn_deg: f64) -> Flight {
+fn flight_of_legs(airspeed_m_s: f64, turn_deg: f64) -> LoggedFlight {
     const TURN_S: f64 = 8.0;
     let heading_rad = |t_s: f64| {
         let (leg, leg_s) = ((t_s / 28.0).floor(), t_s % 28.0);
@@ -155,7 +155,7 @@ fn wind_airspeed_and_heading_of_straight_legs_are_exact() {
 
 #[test]
 fn a_flight_without_a_heading_by_gps_course_is_rejected_with_its_reason() {
-    type Change = fn(&mut Flight);
+    type Change = fn(&mut LoggedFlight);
     let vary_airspeed: Change =
         |flight| flight.gps.rows_mut().iter_mut().for_each(|row| row.row_values[3] *= 1.0 + libm::sinf(row.t_s as f32));
     let reverse_turn: Change =
@@ -180,7 +180,7 @@ fn a_flight_without_a_heading_by_gps_course_is_rejected_with_its_reason() {
 /// A heading rate that is linear in time, at a bank and a pitch, at irregular intervals: the trapezoidal rule is exact.
 #[test]
 fn the_heading_is_integrated_from_the_rates_of_a_banked_aircraft() {
-    let mut flight = Flight::new(LogFormat::ULog);
+    let mut flight = LoggedFlight::new(LogFormat::ULog);
     let (roll_rad, pitch_rad) = (0.5, -0.2);
     let time_s = |i: u32| f64::from(i) * 0.1 + f64::from(i % 3) * 0.03;
     let heading_at_rad = |t_s: f64| 0.1 * t_s + 0.02 * t_s * t_s;

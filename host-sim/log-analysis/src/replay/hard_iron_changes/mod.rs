@@ -11,7 +11,7 @@ use super::replay_run::solve_all_rows;
 use super::row_headings::monitored_changes_ut;
 use super::row_solve::solved_correction;
 use super::{data_loss, rows};
-use crate::log::{FieldCorrection, Flight};
+use crate::log::{FieldCorrection, LoggedFlight};
 use crate::numbers::median;
 use crate::replay::row::ReplayRow;
 use crate::replay::row_headings::is_monitored;
@@ -40,7 +40,7 @@ const MIN_RESIDUAL_RATIO: f64 = 2.0;
 
 /// A confirmed change of hard iron.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct HardIronChange {
+pub struct LoggedHardIronChange {
     /// Time, size and uncertainty of the change.
     pub hard_iron_step: HardIronStep,
     /// Largest effect on a level heading, degrees.
@@ -52,7 +52,7 @@ const MAX_REFINEMENT_SHIFT_S: f64 = 1.5;
 
 /// Start of a temporary change, seconds: that of the change before the last, if the last one cancels it.
 #[must_use]
-pub fn temporary_change_start_s(changes: &[HardIronChange]) -> Option<f64> {
+pub fn temporary_change_start_s(changes: &[LoggedHardIronChange]) -> Option<f64> {
     let [.., first, last] = changes else { return None };
     let [one, other] = [first, last].map(|change| Vector3::from(change.hard_iron_step.step_ut));
     cancel_each_other(&one, &other).then_some(first.hard_iron_step.time_s)
@@ -64,10 +64,10 @@ pub fn temporary_change_start_s(changes: &[HardIronChange]) -> Option<f64> {
 #[must_use]
 pub fn find_changes(
     rows: &[ReplayRow],
-    flight: &Flight,
+    flight: &LoggedFlight,
     initial: &FieldCorrection,
     total_ut: f64,
-) -> Vec<HardIronChange> {
+) -> Vec<LoggedHardIronChange> {
     let search = ChangeSearch { flight, total_ut };
     let (mut found, correction) = search.refined_jumps(rows, initial);
     for part in split_at_changes(rows, &found) {
@@ -79,7 +79,7 @@ pub fn find_changes(
 }
 
 struct ChangeSearch<'a> {
-    flight: &'a Flight,
+    flight: &'a LoggedFlight,
     total_ut: f64,
 }
 
@@ -87,7 +87,7 @@ fn find_steps(
     search: &ChangeSearch<'_>,
     rows: &[ReplayRow],
     initial: &FieldCorrection,
-    changes: &mut Vec<HardIronChange>,
+    changes: &mut Vec<LoggedHardIronChange>,
 ) {
     if changes.len() >= MAX_CHANGES {
         return;
@@ -105,7 +105,7 @@ fn find_steps(
     let step = best_solution.and_then(|solution| find_step(rows, &solved_correction(solution))).unwrap_or(step);
     let parts = split(&step);
     let Some(heading_effect_deg) = search.confirmed_heading_effect_deg(&step, parts, &solutions) else { return };
-    changes.push(HardIronChange { hard_iron_step: step, heading_effect_deg });
+    changes.push(LoggedHardIronChange { hard_iron_step: step, heading_effect_deg });
     for (part, solution) in parts.into_iter().zip(&solutions) {
         if let Some(solution) = solution {
             find_steps(search, part, &solved_correction(solution), changes);
@@ -135,14 +135,18 @@ fn split_at_times(rows: &[ReplayRow], times_s: impl Iterator<Item = f64>) -> Vec
     parts
 }
 
-fn split_at_changes<'rows>(rows: &'rows [ReplayRow], changes: &[HardIronChange]) -> Vec<&'rows [ReplayRow]> {
+fn split_at_changes<'rows>(rows: &'rows [ReplayRow], changes: &[LoggedHardIronChange]) -> Vec<&'rows [ReplayRow]> {
     split_at_times(rows, changes.iter().map(|change| change.hard_iron_step.time_s))
 }
 
 impl ChangeSearch<'_> {
     /// Jumps that affect headings, each refined by a step of the rows around it, and the correction used to find them,
     /// fitted to the best observed part between jumps.
-    fn refined_jumps(&self, rows: &[ReplayRow], initial: &FieldCorrection) -> (Vec<HardIronChange>, FieldCorrection) {
+    fn refined_jumps(
+        &self,
+        rows: &[ReplayRow],
+        initial: &FieldCorrection,
+    ) -> (Vec<LoggedHardIronChange>, FieldCorrection) {
         let has_rates = data_loss::has_integrable_rates(self.flight);
         if !has_rates || !rows::median_step_s(rows).is_some_and(is_monitored) {
             return (Vec::new(), *initial);
@@ -172,9 +176,9 @@ impl ChangeSearch<'_> {
             let around = [parts[i], parts[i + 1]].concat();
             let step = find_step(&around, &correction).filter(|step| is_same_change(step, jump)).unwrap_or(*jump);
             let heading_effect_deg = step_effect_deg(&step, &solution)?;
-            Some(HardIronChange { hard_iron_step: step, heading_effect_deg })
+            Some(LoggedHardIronChange { hard_iron_step: step, heading_effect_deg })
         });
-        let changes: Vec<HardIronChange> = changes.collect();
+        let changes: Vec<LoggedHardIronChange> = changes.collect();
         let correction = if changes.is_empty() { *initial } else { correction };
         (changes, correction)
     }

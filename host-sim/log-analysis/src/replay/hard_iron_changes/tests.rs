@@ -10,7 +10,7 @@ const TOTAL_UT: f64 = 50.0;
 
 /// Changes found in the flown turns, by a flight with or without measured rates, with steps of the raw field: times,
 /// seconds, and microtesla.
-fn changes_by_steps(has_rates: bool, steps: &[(f64, [f32; 3])]) -> Vec<HardIronChange> {
+fn changes_by_steps(has_rates: bool, steps: &[(f64, [f32; 3])]) -> Vec<LoggedHardIronChange> {
     let (mut flight, mut compass) = compass_of_flown_turns();
     flight.has_measured_rates = has_rates;
     for row in &mut compass.rows {
@@ -24,7 +24,7 @@ fn changes_by_steps(has_rates: bool, steps: &[(f64, [f32; 3])]) -> Vec<HardIronC
 }
 
 /// Times to a second, steps to a fifth, heading effects to a fifth of those by the soft iron of the flight.
-fn assert_changes(found: &[HardIronChange], steps: &[(f64, [f32; 3])], about: &str) {
+fn assert_changes(found: &[LoggedHardIronChange], steps: &[(f64, [f32; 3])], about: &str) {
     assert_eq!(found.len(), steps.len(), "{about}: {found:?}");
     for (change, (at_s, step_ut)) in found.iter().zip(steps) {
         let step_ut = Vector3::from(*step_ut).map(f64::from);
@@ -108,9 +108,9 @@ fn a_step_is_confirmed_by_the_residuals_that_it_halves() {
     assert!(is_confirmed(0.3) && !is_confirmed(1.5));
 }
 
-fn change_at(time_s: f64, step_ut: [f64; 3]) -> HardIronChange {
+fn change_at(time_s: f64, step_ut: [f64; 3]) -> LoggedHardIronChange {
     let hard_iron_step = HardIronStep { time_s, step_ut, sigma_ut: [0.1; 3] };
-    HardIronChange { hard_iron_step, heading_effect_deg: 5.0 }
+    LoggedHardIronChange { hard_iron_step, heading_effect_deg: 5.0 }
 }
 
 #[test]

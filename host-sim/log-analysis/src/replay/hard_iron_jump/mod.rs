@@ -6,7 +6,7 @@
 //! even on a single heading, where field strength and vertical component do not show the component across the heading.
 
 use autoswing::attitude::{BodyRates, EulerRates};
-use autoswing::frames::Attitude;
+use autoswing::frames::RollPitch;
 use nalgebra::{Rotation3, Vector3};
 
 use super::hard_iron_step::HardIronStep;
@@ -164,7 +164,7 @@ impl<'a> JumpSearch<'a> {
                 heading_rad += step_s * (heading_rate_rad_s(before) + heading_rate_rad_s(row)) / 2.0;
                 turned += step_s * (rotation_rate_rad_s(before) + rotation_rate_rad_s(row)) / 2.0;
             }
-            let Attitude { roll_rad, pitch_rad } = row.attitude;
+            let RollPitch { roll_rad, pitch_rad } = row.attitude;
             rotations.push(Rotation3::from_euler_angles(roll_rad.into(), pitch_rad.into(), heading_rad));
             rotation_sum_rad.push(turned);
         }

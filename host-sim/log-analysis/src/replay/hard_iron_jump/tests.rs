@@ -1,6 +1,6 @@
 //! Unit tests of `hard_iron_jump`.
 
-use autoswing::frames::{Attitude, Field, Level};
+use autoswing::frames::{Field, Level, RollPitch};
 use nalgebra::Matrix3;
 use testkit::random::Random;
 
@@ -13,7 +13,7 @@ const STRENGTH_UT: f32 = 50.0;
 const INCLINATION_DEG: f32 = 60.0;
 
 /// Row of a field without iron at a roll, a pitch and a heading, radians, while the heading turns at a rate, rad/s.
-fn row_in_turn(t_s: f64, attitude: Attitude, heading_rad: f32, turn_rad_s: f32) -> ReplayRow {
+fn row_in_turn(t_s: f64, attitude: RollPitch, heading_rad: f32, turn_rad_s: f32) -> ReplayRow {
     let earth = Field::earth_field(STRENGTH_UT, INCLINATION_DEG.to_radians(), heading_rad);
     let field = Field::new(attitude.to_body_frame(earth).ut);
     let [roll_rad, pitch_rad] = [attitude.roll_rad, attitude.pitch_rad].map(f64::from);
@@ -28,7 +28,7 @@ fn turning_rows(bank_deg: f32, noise_ut: f32, turn_deg_s: impl Fn(f32) -> f32) -
     let row_at = |i: u16| {
         let turn_rad_s = |i: u16| turn_deg_s(f32::from(i) / 10.0).to_radians();
         heading_rad += 0.1 * turn_rad_s(i).midpoint(turn_rad_s(i.saturating_sub(1)));
-        let mut row = row_in_turn(f64::from(i) / 10.0, Attitude::from_deg(bank_deg, 0.0), heading_rad, turn_rad_s(i));
+        let mut row = row_in_turn(f64::from(i) / 10.0, RollPitch::from_deg(bank_deg, 0.0), heading_rad, turn_rad_s(i));
         row.raw_field.ut += Vector3::from_fn(|_, _| random.normal() * noise_ut);
         row.logged_field = row.raw_field;
         row
@@ -154,7 +154,7 @@ fn levelled_fields_do_not_turn_with_the_heading() {
     let row_at = |i: u16| {
         let t_s = f64::from(i) * 0.1 + f64::from(i % 3) * 0.03;
         let (heading_rad, turn_rad_s) = (0.3 * t_s + 0.01 * t_s * t_s, 0.3 + 0.02 * t_s);
-        (row_in_turn(t_s, Attitude::from_deg(25.0, -10.0), heading_rad as f32, turn_rad_s as f32), heading_rad)
+        (row_in_turn(t_s, RollPitch::from_deg(25.0, -10.0), heading_rad as f32, turn_rad_s as f32), heading_rad)
     };
     let (rows, headings_rad): (Vec<ReplayRow>, Vec<f64>) = (0..200).map(row_at).unzip();
     let search = JumpSearch::new(&rows, &FieldCorrection::identity());

@@ -1,6 +1,6 @@
 //! Unit tests of `hard_iron_step`.
 
-use autoswing::frames::{Attitude, Field, Level};
+use autoswing::frames::{Field, Level, RollPitch};
 use testkit::random::Random;
 
 use super::*;
@@ -29,7 +29,7 @@ impl SteppedFlight {
         let mut random = Random(seed);
         let row_at = |i: u16| {
             let (t_s, is_after) = (f32::from(i) / 10.0, i >= self.step_row);
-            let attitude = Attitude::from_deg(30.0 * libm::sinf(t_s * 0.31), 15.0 * libm::sinf(t_s * 0.47));
+            let attitude = RollPitch::from_deg(30.0 * libm::sinf(t_s * 0.31), 15.0 * libm::sinf(t_s * 0.47));
             let earth = attitude.to_body_frame(Field::earth_field(50.0, INCLINATION_RAD, TURN_RAD_S * t_s)).ut;
             let noise = Vector3::from_fn(|_, _| random.normal() * self.noise_ut);
             let (step_ut, current_a) = if is_after { (self.step_ut, 30.0) } else { (Vector3::zeros(), 10.0) };

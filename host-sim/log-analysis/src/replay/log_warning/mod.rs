@@ -9,7 +9,7 @@ use super::evaluation::{CompassEvaluation, FlightEvaluation};
 use super::frozen_field::{self, FrozenInterval, frozen_intervals};
 use super::gps_course::{GpsCourseHeading, GpsCourseRejection};
 use crate::log::{
-    Autopilot, Flight, LogFormat, RatesProblem, missing_ardupilot_parameters, mounting_parameter_changes,
+    AutopilotKind, LogFormat, LoggedFlight, RatesProblem, missing_ardupilot_parameters, mounting_parameter_changes,
 };
 use crate::replay::reference::ReferenceHeading;
 use crate::replay::row_headings::is_monitored;
@@ -103,10 +103,10 @@ pub enum LogWarning {
 impl LogWarning {
     /// All warnings about a log and its evaluation.
     #[must_use]
-    pub fn warnings_of_flight(flight: &Flight, evaluation: &FlightEvaluation) -> Vec<Self> {
+    pub fn warnings_of_flight(flight: &LoggedFlight, evaluation: &FlightEvaluation) -> Vec<Self> {
         let mut warnings = Vec::new();
         let mut add_if = |applies: bool, warning: Self| warnings.extend(applies.then_some(warning));
-        let Flight { skipped_counts: counts, parameters, .. } = flight;
+        let LoggedFlight { skipped_counts: counts, parameters, .. } = flight;
         let compasses = &evaluation.compasses;
         // Only a table may have another unit.
         let is_table = flight.log_format == LogFormat::Csv;
@@ -155,7 +155,7 @@ impl LogWarning {
         ] {
             add_if(skipped_count > 0, Self::Skipped(skipped_count, skipped_items));
         }
-        let is_ardupilot = flight.autopilot == Autopilot::ArduPilot;
+        let is_ardupilot = flight.autopilot == AutopilotKind::ArduPilot;
         let compensation = parameters.last_value("COMPASS_MOTCT").map(f64::round);
         add_if(is_ardupilot && compensation == Some(1.0), Self::ThrottleCompensation);
         if !evaluation.reference.as_ref().is_some_and(ReferenceHeading::measures_error)
@@ -181,7 +181,7 @@ fn first_and_others(numbers: &[u8]) -> Option<(u8, Vec<u8>)> {
     (!others.is_empty()).then(|| (*own, others.to_vec()))
 }
 
-fn mounting_changes(flight: &Flight, evaluation: &FlightEvaluation) -> Option<LogWarning> {
+fn mounting_changes(flight: &LoggedFlight, evaluation: &FlightEvaluation) -> Option<LogWarning> {
     let changes =
         evaluation.compasses.iter().flat_map(|compass| mounting_parameter_changes(flight, compass.compass_number));
     let mut changes: Vec<(String, f64)> = changes.collect();
@@ -191,7 +191,7 @@ fn mounting_changes(flight: &Flight, evaluation: &FlightEvaluation) -> Option<Lo
     (!changes.is_empty()).then_some(LogWarning::MountingChanged(changes))
 }
 
-fn largest_tilt_deg(flight: &Flight) -> Option<f64> {
+fn largest_tilt_deg(flight: &LoggedFlight) -> Option<f64> {
     let tilts =
         flight.attitude.rows().iter().map(|row| f64::from(row.row_values[0].abs().max(row.row_values[1].abs())));
     tilts.reduce(f64::max).map(f64::to_degrees)
@@ -335,7 +335,7 @@ impl Serialize for LogWarning {
 }
 
 /// Warning about a sensor that failed: its field ends, or freezes while the aircraft moves.
-pub(super) fn sensor_failure(flight: &Flight, compass: &CompassEvaluation) -> Option<LogWarning> {
+pub(super) fn sensor_failure(flight: &LoggedFlight, compass: &CompassEvaluation) -> Option<LogWarning> {
     let compass_number = compass.compass_number;
     if compass.row_counts.readings == 0 {
         return Some(LogWarning::FieldMissing(compass_number));

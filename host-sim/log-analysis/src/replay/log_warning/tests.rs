@@ -6,12 +6,12 @@ use crate::log::time_series::Series;
 use crate::replay::field_latency::FieldLatency;
 use crate::replay::tests::{compass_of_flown_turns, evaluation_of_compasses};
 
-type FlightChange = fn(&mut Flight);
+type FlightChange = fn(&mut LoggedFlight);
 
 /// Warnings about a flawless log after a change.
 fn warnings_after(change: FlightChange) -> Vec<String> {
-    let mut flight = Flight::new(LogFormat::DataFlash);
-    flight.autopilot = Autopilot::ArduPilot;
+    let mut flight = LoggedFlight::new(LogFormat::DataFlash);
+    flight.autopilot = AutopilotKind::ArduPilot;
     flight.parameters.set_value(0.0, "COMPASS_OFS_X", 1.0);
     flight.attitude.push_row(0.0, [0.5, 0.0, 0.0]);
     flight.body_rates.push_row(0.0, [0.0; 3]);
@@ -55,20 +55,20 @@ fn a_fault_of_a_log_gives_its_own_warning_only() {
     }
 }
 
-fn set_rates_problem(flight: &mut Flight, problem: RatesProblem, is_repaired: bool) {
+fn set_rates_problem(flight: &mut LoggedFlight, problem: RatesProblem, is_repaired: bool) {
     (flight.rates_problem, flight.has_measured_rates) = (Some(problem), is_repaired);
 }
 
-fn make_level_table(flight: &mut Flight) {
+fn make_level_table(flight: &mut LoggedFlight) {
     flight.log_format = LogFormat::Csv;
     flight.attitude.rows_mut()[0].row_values[0] = 0.02;
 }
 
 /// Warnings that a change adds to those about the flown turns.
-fn added_warnings(change: fn(&mut Flight, &mut FlightEvaluation)) -> Vec<String> {
+fn added_warnings(change: fn(&mut LoggedFlight, &mut FlightEvaluation)) -> Vec<String> {
     let (mut flight, compass) = compass_of_flown_turns();
     let mut evaluation = evaluation_of_compasses(vec![compass.clone(), compass]);
-    let texts = |flight: &Flight, evaluation: &FlightEvaluation| -> Vec<String> {
+    let texts = |flight: &LoggedFlight, evaluation: &FlightEvaluation| -> Vec<String> {
         LogWarning::warnings_of_flight(flight, evaluation).iter().map(ToString::to_string).collect()
     };
     let before = texts(&flight, &evaluation);
@@ -77,22 +77,22 @@ fn added_warnings(change: fn(&mut Flight, &mut FlightEvaluation)) -> Vec<String>
 }
 
 /// The GPS course of a copter is not used as a reference.
-fn make_copter(flight: &mut Flight, evaluation: &mut FlightEvaluation, reference: Option<ReferenceHeading>) {
+fn make_copter(flight: &mut LoggedFlight, evaluation: &mut FlightEvaluation, reference: Option<ReferenceHeading>) {
     (flight.is_copter, evaluation.reference) = (true, reference);
     for t_s in [10.0, 11.0] {
         flight.gps.push_row(t_s, [48.0, 11.0, 0.0, 20.0, 0.0, f32::NAN]);
     }
 }
 
-fn change_mountings(flight: &mut Flight) {
-    flight.autopilot = Autopilot::ArduPilot;
+fn change_mountings(flight: &mut LoggedFlight) {
+    flight.autopilot = AutopilotKind::ArduPilot;
     for (t_s, name) in [(30.0, "COMPASS_ORIENT"), (60.0, "AHRS_ORIENTATION"), (90.0, "COMPASS_ORIENT3")] {
         flight.parameters.set_value(0.0, name, 0.0);
         flight.parameters.set_value(t_s, name, 4.0);
     }
 }
 
-fn lose_every_11th_rate(flight: &mut Flight) {
+fn lose_every_11th_rate(flight: &mut LoggedFlight) {
     let rows = flight.body_rates.rows().to_vec();
     flight.body_rates = Series::new();
     for (_, row) in rows.iter().enumerate().filter(|(i, _)| i % 11 != 0) {
@@ -100,7 +100,7 @@ fn lose_every_11th_rate(flight: &mut Flight) {
     }
 }
 
-type EvaluationChange = fn(&mut Flight, &mut FlightEvaluation);
+type EvaluationChange = fn(&mut LoggedFlight, &mut FlightEvaluation);
 
 #[test]
 fn a_fault_of_a_compass_gives_its_own_warning_only() {

@@ -15,7 +15,7 @@ use super::parameter_fit::{FitVariant, half_index_at};
 use super::replay_run::solve_rows;
 use super::row_headings::score_rows;
 use super::row_solve::solved_correction;
-use crate::log::{FieldCorrection, Flight};
+use crate::log::{FieldCorrection, LoggedFlight};
 use crate::numbers::{median, square};
 use crate::replay::reference::ReferenceHeading;
 use crate::replay::result::{ReplayOptions, RowSelection};
@@ -108,7 +108,7 @@ pub enum ResidualDependence {
 ///
 /// The parameters are not safe, or no better than those in use.
 pub fn choose_parameters(
-    flight: &Flight,
+    flight: &LoggedFlight,
     evaluation: &CompassEvaluation,
     reference: Option<&ReferenceHeading>,
     total_ut: Option<f64>,
@@ -229,7 +229,7 @@ fn is_motor_significant(solution: &Solution) -> bool {
 /// Heading error of each half with the parameters fitted to the other half. Without a reference, it is the scatter with
 /// the full correction, to which the heading difference between parameters and full correction is added in squares.
 fn score_held_back(
-    flight: &Flight,
+    flight: &LoggedFlight,
     rows: &[ReplayRow],
     halves: &[ExportedCorrection; 2],
     full_corrections: &[FieldCorrection; 2],

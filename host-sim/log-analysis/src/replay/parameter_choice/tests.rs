@@ -1,7 +1,7 @@
 //! Choice and score of parameters: on flown turns, and on candidates with single properties.
 
 use autoswing::calibration::{BankScaleFinding, DetectedHardIronChange, Finding, HardIronTimeCourse};
-use autoswing::frames::{Attitude, Field, Level};
+use autoswing::frames::{Field, Level, RollPitch};
 
 use super::*;
 use crate::log::LogFormat;
@@ -98,7 +98,7 @@ fn only_certain_motor_interference_that_affects_headings_is_significant() {
 fn the_scatter_of_strength_and_inclination_is_expressed_as_heading_error() {
     let rows: Vec<ReplayRow> = (0..100_u16)
         .map(|i| {
-            let attitude = Attitude::from_deg(f32::from(i) - 50.0, f32::from(i % 7) * 5.0 - 15.0);
+            let attitude = RollPitch::from_deg(f32::from(i) - 50.0, f32::from(i % 7) * 5.0 - 15.0);
             let [stronger, steeper] = match i % 5 {
                 0 => [0.02, 0.0],
                 1 => [-0.02, 0.0],
@@ -131,7 +131,7 @@ fn each_half_is_scored_with_the_parameters_of_the_other() {
         .collect();
     let corrections =
         [1, 0].map(|half| FieldCorrection { hard_iron_ut: hard_iron_ut[half], ..FieldCorrection::identity() });
-    let flight = Flight::new(LogFormat::DataFlash);
+    let flight = LoggedFlight::new(LogFormat::DataFlash);
     let score = |lost_ut: f64, has_reference: bool| {
         let halves = corrections.map(|mut correction| {
             correction.hard_iron_ut.x += lost_ut;
@@ -174,7 +174,7 @@ fn a_contradicted_mounting_is_reported_if_the_rows_confirm_it() {
     assert_eq!(found_mount(&evaluation, &rows), None);
 }
 
-fn choose(flight: &Flight, evaluation: &CompassEvaluation) -> Result<ExportedCorrection, NoParameters> {
+fn choose(flight: &LoggedFlight, evaluation: &CompassEvaluation) -> Result<ExportedCorrection, NoParameters> {
     choose_parameters(flight, evaluation, Some(&ReferenceHeading::Simulator), None, ParameterFormat::ArduPilot)
 }
 

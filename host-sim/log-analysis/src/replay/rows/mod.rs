@@ -1,7 +1,7 @@
 //! Builds rows of simultaneous data: a compass's field with attitude and body rates interpolated to its time.
 
 use autoswing::attitude::{BodyRates, EulerRates};
-use autoswing::frames::{Attitude, Field, wrap_pi};
+use autoswing::frames::{Field, RollPitch, wrap_pi};
 use serde::Serialize;
 
 use super::data_loss;
@@ -9,7 +9,7 @@ use super::frozen_field::frozen_intervals;
 use super::reference::ReferenceHeading;
 use super::row::{ReplayRow, down_in_body};
 use crate::log::time_series::{Series, TimedRow};
-use crate::log::{Compass, Flight};
+use crate::log::{LoggedCompass, LoggedFlight};
 use crate::numbers::quantile;
 
 /// Largest gap between attitudes, seconds: one attitude lost at 3 Hz.
@@ -45,7 +45,7 @@ pub struct AttitudeSample {
     /// Flight time of the attitude, seconds.
     pub t_s: f64,
     /// The autopilot's attitude.
-    pub attitude: Attitude,
+    pub attitude: RollPitch,
     /// Body rates p, q, r, rad/s, if available.
     pub rates_rad_s: Option<[f32; 3]>,
 }
@@ -53,7 +53,7 @@ pub struct AttitudeSample {
 /// Attitudes at 10 Hz between rows more than 0.15 s apart, as an autopilot sends them to the module. Otherwise rates
 /// are integrated over too long steps and the monitor reports false hard-iron changes.
 #[must_use]
-pub fn attitudes_between(flight: &Flight, from_s: f64, to_s: f64) -> Vec<AttitudeSample> {
+pub fn attitudes_between(flight: &LoggedFlight, from_s: f64, to_s: f64) -> Vec<AttitudeSample> {
     const PAUSE_SAMPLING_S: f64 = 0.1;
     /// Longest pause that is filled with attitudes, seconds; a longer one is a gap of the log.
     const MAX_LOG_PAUSE_S: f64 = 5.0;
@@ -123,8 +123,8 @@ impl RowCounts {
 /// Builds the rows of a compass with a field latency in seconds.
 #[must_use]
 pub fn build_rows(
-    flight: &Flight,
-    compass: &Compass,
+    flight: &LoggedFlight,
+    compass: &LoggedCompass,
     latency_s: f64,
     reference: Option<&ReferenceHeading>,
 ) -> (Vec<ReplayRow>, RowCounts) {
@@ -201,7 +201,7 @@ struct RowAccumulator {
 }
 
 impl RowAccumulator {
-    fn add_reading(&mut self, t_s: f64, reading: &TimedRow<6>, attitude: Attitude, rates: Option<[f32; 3]>) {
+    fn add_reading(&mut self, t_s: f64, reading: &TimedRow<6>, attitude: RollPitch, rates: Option<[f32; 3]>) {
         self.reading_count += 1;
         self.time_sum_s += t_s - self.first_s;
         let [x, y, z, cx, cy, cz] = reading.row_values;
@@ -218,14 +218,14 @@ impl RowAccumulator {
         }
     }
 
-    fn replay_row(&self, flight: &Flight, reference: Option<&ReferenceHeading>) -> ReplayRow {
+    fn replay_row(&self, flight: &LoggedFlight, reference: Option<&ReferenceHeading>) -> ReplayRow {
         let reading_count = f32::from(self.reading_count);
         let field = |sum: [f32; 3]| {
             let [x, y, z] = sum.map(|axis| axis / reading_count);
             Field::from_ut(x, y, z)
         };
         let t_s = self.first_s + self.time_sum_s / f64::from(reading_count);
-        let attitude = Attitude {
+        let attitude = RollPitch {
             roll_rad: wrap_pi(self.first_roll_rad + self.roll_sum_rad / reading_count),
             pitch_rad: self.pitch_sum_rad / reading_count,
         };
@@ -243,14 +243,14 @@ impl RowAccumulator {
     }
 }
 
-fn current_at(flight: &Flight, t_s: f64) -> Option<f32> {
+fn current_at(flight: &LoggedFlight, t_s: f64) -> Option<f32> {
     /// Longest gap between battery currents, seconds; battery status arrives at 1 Hz or faster.
     const MAX_GAP_S: f64 = 3.0;
     flight.battery_current.interpolate_or_hold(t_s, MAX_GAP_S).map(|[amperes]| amperes)
 }
 
 /// Times of the first and last movement over ground, seconds; unbounded without any.
-fn moving_interval_s(flight: &Flight) -> [f64; 2] {
+fn moving_interval_s(flight: &LoggedFlight) -> [f64; 2] {
     /// Speed that counts as movement, m/s; above the noise of a receiver at rest.
     const MIN_MOVING_SPEED_M_S: f32 = 3.0;
     /// Shortest movement over ground that counts as a flight, seconds.
@@ -263,7 +263,7 @@ fn moving_interval_s(flight: &Flight) -> [f64; 2] {
 }
 
 /// Intervals in which the attitude changed more than the body rates allow, seconds.
-fn intervals_contradicting_rates(flight: &Flight) -> Vec<[f64; 2]> {
+fn intervals_contradicting_rates(flight: &LoggedFlight) -> Vec<[f64; 2]> {
     let rows = flight.attitude.rows();
     let mut intervals: Vec<[f64; 2]> = Vec::new();
     // Time of the last start or gap, after which the attitude filter may be aligning.
@@ -310,13 +310,13 @@ fn intervals_contradicting_rates(flight: &Flight) -> Vec<[f64; 2]> {
 fn angle_between_downs_rad(first_attitude: &TimedRow<3>, second_attitude: &TimedRow<3>) -> f32 {
     let [first_down, second_down] = [first_attitude, second_attitude].map(|row| {
         let [roll_rad, pitch_rad, _] = row.row_values;
-        down_in_body(Attitude { roll_rad, pitch_rad })
+        down_in_body(RollPitch { roll_rad, pitch_rad })
     });
     first_down.angle(&second_down) as f32
 }
 
 /// Roll and pitch by Hermite interpolation with slopes from the body rates, and the rates.
-fn attitude_at(flight: &Flight, t_s: f64) -> Option<(Attitude, Option<[f32; 3]>)> {
+fn attitude_at(flight: &LoggedFlight, t_s: f64) -> Option<(RollPitch, Option<[f32; 3]>)> {
     let (before, after, weight) = flight.attitude.surrounding_rows(t_s, MAX_GAP_S)?;
     let rates = flight.body_rates.interpolate(t_s, MAX_GAP_S);
     let step_s = (after.t_s - before.t_s) as f32;
@@ -333,13 +333,13 @@ fn attitude_at(flight: &Flight, t_s: f64) -> Option<(Attitude, Option<[f32; 3]>)
         });
         before.row_values[angle] + straight + if bulge.abs() <= MAX_CUBIC_DEVIATION_RAD { bulge } else { 0.0 }
     });
-    Some((Attitude { roll_rad: wrap_pi(roll_rad), pitch_rad }, rates))
+    Some((RollPitch { roll_rad: wrap_pi(roll_rad), pitch_rad }, rates))
 }
 
 fn euler_rates_at(rates: &Series<3>, attitude_row: &TimedRow<3>) -> Option<EulerRates> {
     let [roll_rad, pitch_rad, _] = attitude_row.row_values;
     let body_rates = BodyRates::from_rad_s(rates.interpolate(attitude_row.t_s, MAX_GAP_S)?)?;
-    Some(EulerRates::from_body_rates(body_rates, Attitude { roll_rad, pitch_rad }))
+    Some(EulerRates::from_body_rates(body_rates, RollPitch { roll_rad, pitch_rad }))
 }
 
 pub(super) fn median_step_s(rows: &[ReplayRow]) -> Option<f64> {

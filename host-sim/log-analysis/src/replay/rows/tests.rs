@@ -6,13 +6,13 @@ use super::*;
 use crate::log::{FieldCorrection, LogFormat};
 use crate::test_flight::{body_rates_rad_s, flight_of_motion};
 
-fn level_flight(seconds: u16) -> Flight {
+fn level_flight(seconds: u16) -> LoggedFlight {
     flight_of_motion(10.0, 10 * seconds + 1, |_| ([0.0; 3], [0.0; 3]))
 }
 
 /// Readings of 20, 0, 40 uT over an interval in seconds.
-fn compass_with_readings(from_s: i32, to_s: i32) -> Compass {
-    let mut compass = Compass { compass_number: 1, ..Compass::default() };
+fn compass_with_readings(from_s: i32, to_s: i32) -> LoggedCompass {
+    let mut compass = LoggedCompass { compass_number: 1, ..LoggedCompass::default() };
     for i in 10 * from_s..10 * to_s {
         compass.field.push_row(f64::from(i) / 10.0, [20.0, 0.0, 40.0, 20.0, 0.0, 40.0]);
     }
@@ -20,7 +20,11 @@ fn compass_with_readings(from_s: i32, to_s: i32) -> Compass {
 }
 
 /// First and last time of usable rows, and the number of unusable rows.
-fn usable_range_and_unusable_count(flight: &Flight, compass: &Compass, latency_s: f64) -> ([f64; 2], usize) {
+fn usable_range_and_unusable_count(
+    flight: &LoggedFlight,
+    compass: &LoggedCompass,
+    latency_s: f64,
+) -> ([f64; 2], usize) {
     let (rows, row_counts) = build_rows(flight, compass, latency_s, None);
     let used_s: Vec<f64> = rows.iter().filter(|row| row.is_usable).map(|row| row.t_s).collect();
     assert_eq!(used_s.len(), row_counts.used);
@@ -92,8 +96,8 @@ fn attitudes_between_distant_rows_are_evenly_spaced() {
 /// Inverted flight across 180 deg.
 #[test]
 fn the_mean_roll_of_a_row_wraps_at_180_deg() {
-    let mut flight = Flight::new(LogFormat::ULog);
-    let mut compass = Compass { compass_number: 1, ..Compass::default() };
+    let mut flight = LoggedFlight::new(LogFormat::ULog);
+    let mut compass = LoggedCompass { compass_number: 1, ..LoggedCompass::default() };
     for (t_s, roll_deg) in [(0.0, 179.0_f32), (0.05, -179.0)] {
         flight.attitude.push_row(t_s, [roll_deg.to_radians(), 0.0, 0.0]);
         compass.field.push_row(t_s, [20.0, 0.0, -40.0, 20.0, 0.0, -40.0]);
@@ -123,7 +127,7 @@ fn a_current_is_known_near_its_reports_only() {
 
 /// Attitude from roll and pitch as polynomials of time with these coefficients, and body rates of a steady turn with
 /// it, during 3 s.
-fn polynomial_flight(rate_hz: f64, [roll, pitch]: [[f64; 4]; 2]) -> Flight {
+fn polynomial_flight(rate_hz: f64, [roll, pitch]: [[f64; 4]; 2]) -> LoggedFlight {
     const TURN_RATE_RAD_S: f64 = 0.4;
     let slope = |[_, b, c, d]: [f64; 4], t_s: f64| b + t_s * (2.0 * c + t_s * 3.0 * d);
     flight_of_motion(rate_hz, (3.0 * rate_hz) as u16 + 1, |t_s| {
@@ -153,7 +157,7 @@ fn a_cubic_motion_is_interpolated_exactly_with_the_body_rates() {
             [&flight, &in_degrees].map(|flight| attitude_at(flight, t_s).unwrap());
         assert_eq!(rates, flight.body_rates.interpolate(t_s, 0.5));
         let by_line = flight.attitude.interpolate(t_s, 0.5).unwrap();
-        let angles = |attitude: Attitude| [attitude.roll_rad, attitude.pitch_rad].map(f64::from);
+        let angles = |attitude: RollPitch| [attitude.roll_rad, attitude.pitch_rad].map(f64::from);
         for angle in 0..2 {
             let expected_rad = value_at(motion[angle], t_s);
             assert!((angles(attitude)[angle] - expected_rad).abs() < 1e-6, "{t_s} s, {attitude:?}");
@@ -178,7 +182,7 @@ fn a_row_of_several_readings_holds_the_values_of_its_time() {
     for i in 0..=30 {
         flight.reference_heading.push_row(f64::from(i) / 10.0, [0.2 * i as f32 / 10.0]);
     }
-    let mut compass = Compass::default();
+    let mut compass = LoggedCompass::default();
     for t_s in (2..25).flat_map(|i| [0.0, 0.01, 0.06].map(|offset_s| f64::from(i) / 10.0 + offset_s)) {
         compass.field.push_row(t_s, field_at(t_s));
     }
@@ -252,7 +256,7 @@ fn usable_rows_with_a_frozen_field_are_excluded() {
 
 /// A flight of 200 s at 10 Hz that yaws at a rate. Roll is 0 before the first change and has each value from its time
 /// on, seconds and radians.
-fn flight_with_roll_changes(yaw_rate_rad_s: f32, changes: &[(f64, f32)]) -> Flight {
+fn flight_with_roll_changes(yaw_rate_rad_s: f32, changes: &[(f64, f32)]) -> LoggedFlight {
     flight_of_motion(10.0, 2001, |t_s| {
         let roll_rad = changes.iter().take_while(|(from_s, _)| *from_s <= t_s).last().map_or(0.0, |change| change.1);
         ([roll_rad, 0.0, 0.0], [0.0, 0.0, yaw_rate_rad_s])
@@ -294,8 +298,8 @@ fn a_filter_aligns_itself_after_a_gap() {
         rest
     }
     let whole = flight_with_roll_changes(0.0, &[(120.0, 0.05)]);
-    let without_attitude = Flight { attitude: without_gap(&whole.attitude), ..whole.clone() };
-    let without_rates = Flight { body_rates: without_gap(&whole.body_rates), ..whole.clone() };
+    let without_attitude = LoggedFlight { attitude: without_gap(&whole.attitude), ..whole.clone() };
+    let without_rates = LoggedFlight { body_rates: without_gap(&whole.body_rates), ..whole.clone() };
     for (name, flight, from_s) in [
         ("none", whole, 119.0..119.1),
         ("attitude", without_attitude, 102.0..102.2),

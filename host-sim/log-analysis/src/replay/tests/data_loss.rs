@@ -4,7 +4,7 @@ use crate::replay::data_loss;
 use crate::test_flight::flight_of_motion;
 
 /// 100 s of measured rates at 10 Hz, of which one in `loss_stride` is lost, with an attitude at a rate in Hz.
-fn flight_with_lost_rates(loss_stride: usize, attitude_rate_hz: f64) -> Flight {
+fn flight_with_lost_rates(loss_stride: usize, attitude_rate_hz: f64) -> LoggedFlight {
     let still = |_| ([0.0; 3], [0.0; 3]);
     let mut rates = Series::new();
     for (_, row) in
@@ -13,7 +13,7 @@ fn flight_with_lost_rates(loss_stride: usize, attitude_rate_hz: f64) -> Flight {
         rates.push_row(row.t_s, row.row_values);
     }
     let whole = flight_of_motion(attitude_rate_hz, (100.0 * attitude_rate_hz) as u16, still);
-    Flight { body_rates: rates, has_measured_rates: true, ..whole }
+    LoggedFlight { body_rates: rates, has_measured_rates: true, ..whole }
 }
 
 /// Rates are differences of the attitude if they are not measured. Of a slow attitude, and of a tenth of lost rates,

@@ -2,7 +2,7 @@ use super::*;
 use crate::replay::evaluation::CorrectionSource;
 
 /// Turns with a motor current of 10 to 30 A that interferes by 0.36 uT/A, and a second compass like the first.
-fn flight_with_current() -> Flight {
+fn flight_with_current() -> LoggedFlight {
     let mut recording = record_turns(0.0);
     for (i, sample) in recording.samples.iter_mut().enumerate() {
         sample.current_a = 20.0 + 10.0 * libm::sin(i as f64 / 70.0);

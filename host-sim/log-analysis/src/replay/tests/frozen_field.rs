@@ -1,4 +1,4 @@
-use autoswing::frames::{Attitude, Field};
+use autoswing::frames::{Field, RollPitch};
 
 use super::*;
 use crate::replay::log_warning;
@@ -11,7 +11,7 @@ fn the_longest_frozen_field_is_reported() {
             for (i, row) in compass.rows.iter_mut().enumerate() {
                 if (from_s * 10..=to_s * 10).contains(&i) {
                     row.raw_field = Field::from_ut(20.0, 0.0, 40.0);
-                    row.attitude = Attitude::from_deg(if i % 2 == 0 { 10.0 } else { -10.0 }, 0.0);
+                    row.attitude = RollPitch::from_deg(if i % 2 == 0 { 10.0 } else { -10.0 }, 0.0);
                 }
             }
         }

@@ -10,7 +10,7 @@ mod verdict;
 use std::sync::LazyLock;
 
 use autoswing::calibration::SolveError;
-use autoswing::frames::{Attitude, Field, Level, Sensor};
+use autoswing::frames::{Field, Level, RollPitch, Sensor};
 use autoswing_module::messages::Refusal;
 
 use super::evaluation::{CompassEvaluation, EvaluationOptions, FlightEvaluation, evaluate_flight};
@@ -18,12 +18,12 @@ use super::parameter_export::ExportedCorrection;
 use super::*;
 use crate::log::csv::FieldUnit;
 use crate::log::log_writers::{FlightRecording, encode_dataflash};
-use crate::log::{self, FieldCorrection, Flight, NumberedRotation};
+use crate::log::{self, FieldCorrection, LoggedFlight, NumberedRotation};
 use crate::numbers;
 use crate::test_flight::record_turns;
 
 /// A calibrating flight of turns without field latency, with wrong offsets in the autopilot, and its evaluation.
-pub(crate) static FLOWN_TURNS: LazyLock<(Flight, FlightEvaluation)> = LazyLock::new(|| {
+pub(crate) static FLOWN_TURNS: LazyLock<(LoggedFlight, FlightEvaluation)> = LazyLock::new(|| {
     let parameters = ["X", "Y", "Z"].map(|axis| (format!("COMPASS_OFS_{axis}"), 100.0)).to_vec();
     let recording = FlightRecording { parameters, ..record_turns(0.0) };
     let flight = log::read_flight(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
@@ -32,7 +32,7 @@ pub(crate) static FLOWN_TURNS: LazyLock<(Flight, FlightEvaluation)> = LazyLock::
     (flight, evaluation)
 });
 
-pub(super) fn compass_of_flown_turns() -> (Flight, CompassEvaluation) {
+pub(super) fn compass_of_flown_turns() -> (LoggedFlight, CompassEvaluation) {
     let (flight, evaluation) = FLOWN_TURNS.clone();
     let compass = evaluation.compasses[0].clone();
     assert_eq!(compass.module_result.acceptance, Ok(()));
@@ -51,11 +51,11 @@ pub(super) const LEVEL_ROW_FIELD_UT: [f64; 2] = [25.0, 50.0];
 /// Usable row of level flight on a heading, with an undisturbed field.
 pub(super) fn level_row(t_s: f64, heading_deg: f64) -> ReplayRow {
     let field = Field::<Level>::earth_field(50.0, 60_f32.to_radians(), heading_deg.to_radians() as f32).ut;
-    ReplayRow { reference_deg: Some(heading_deg), ..row_of_field(t_s, Field::new(field), Attitude::default()) }
+    ReplayRow { reference_deg: Some(heading_deg), ..row_of_field(t_s, Field::new(field), RollPitch::default()) }
 }
 
 /// Usable row of a field that the autopilot does not correct.
-pub(super) fn row_of_field(t_s: f64, field: Field<Sensor>, attitude: Attitude) -> ReplayRow {
+pub(super) fn row_of_field(t_s: f64, field: Field<Sensor>, attitude: RollPitch) -> ReplayRow {
     ReplayRow {
         t_s,
         raw_field: field,

@@ -1,5 +1,5 @@
 use autoswing::calibration::Calibration;
-use autoswing::frames::{Attitude, Field, Level};
+use autoswing::frames::{Field, Level, RollPitch};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::*;
@@ -51,7 +51,7 @@ fn parameters_hold_at_attitudes_that_were_not_flown() {
     let correction_matrix = measured.try_inverse().unwrap();
     set_coefficients(calibration, &correction_matrix, &hard_iron_ut);
     let Calibration { total_ut, inclination_rad, .. } = *calibration;
-    let field = |attitude: &Attitude, heading_deg: f32| {
+    let field = |attitude: &RollPitch, heading_deg: f32| {
         let level_field = Field::<Level>::earth_field(total_ut, inclination_rad, heading_deg.to_radians());
         let raw = measured * attitude.to_body_frame(level_field).ut.map(f64::from) + hard_iron_ut;
         Field::new(raw.map(|axis| axis as f32))
@@ -65,7 +65,7 @@ fn parameters_hold_at_attitudes_that_were_not_flown() {
     for bank_deg in [-40.0, -20.0, 0.0, 20.0, 40.0] {
         for pitch_deg in [-10.0, 10.0] {
             for heading_deg in (0_u8..24).map(|i| f32::from(i) * 15.0) {
-                let attitude = Attitude::from_deg(bank_deg, pitch_deg);
+                let attitude = RollPitch::from_deg(bank_deg, pitch_deg);
                 let row = ReplayRow { raw_field: field(&attitude, heading_deg), attitude, ..compass.rows[0] };
                 let exported_deg = heading_deg_with(&row, &export.correction);
                 errors_deg.push(wrap_180(exported_deg - f64::from(heading_deg)));
@@ -107,8 +107,8 @@ fn export_with_rotation(compass_number: u8, rotation_number: f64) -> ExportedCor
     ExportedCorrection { compass_number, rotation_from_logged, ..export_of(FieldCorrection::identity()) }
 }
 
-fn flight_with_parameters(parameters: &[(&str, f64)]) -> Flight {
-    let mut flight = Flight::new(log::LogFormat::DataFlash);
+fn flight_with_parameters(parameters: &[(&str, f64)]) -> LoggedFlight {
+    let mut flight = LoggedFlight::new(log::LogFormat::DataFlash);
     for &(name, value) in parameters {
         flight.parameters.set_value(0.0, name, value);
     }
@@ -262,7 +262,8 @@ fn compensation_by_current_replaces_that_by_throttle() {
     let mut export = export_with_rotation(2, 0.0);
     let lines = |parameters: &[(&str, f64)], export: &ExportedCorrection| -> Vec<String> {
         let mut flight = flight_with_parameters(parameters);
-        flight.compasses = [1, 2, 3].map(|compass_number| log::Compass { compass_number, ..Default::default() }).into();
+        flight.compasses =
+            [1, 2, 3].map(|compass_number| log::LoggedCompass { compass_number, ..Default::default() }).into();
         let text = format_parameter_file(&flight, std::slice::from_ref(export), ParameterFormat::ArduPilot);
         text.lines().filter(|line| line.contains("MOT") && !line.contains("MOT2")).map(str::to_owned).collect()
     };

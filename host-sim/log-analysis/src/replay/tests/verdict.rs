@@ -5,7 +5,7 @@ use crate::replay::log_warning::LogWarning;
 use crate::replay::parameter_export::ParameterFormat;
 use crate::replay::verdict::{CompassAction, CompassState, FlightOutcome, Verdict};
 
-fn warning_texts(flight: &Flight, evaluation: &FlightEvaluation) -> Vec<String> {
+fn warning_texts(flight: &LoggedFlight, evaluation: &FlightEvaluation) -> Vec<String> {
     LogWarning::warnings_of_flight(flight, evaluation).iter().map(ToString::to_string).collect()
 }
 
@@ -136,7 +136,7 @@ fn an_unused_compass_does_not_give_the_cause_of_a_refusal() {
 }
 
 /// Three compasses of which the last is in use, and half of the usable rows without a heading that the module sends.
-fn evaluation_of_three() -> (Flight, FlightEvaluation) {
+fn evaluation_of_three() -> (LoggedFlight, FlightEvaluation) {
     let (flight, compass) = compass_of_flown_turns();
     let numbered = |(compass_number, is_used_for_heading)| CompassEvaluation {
         compass_number,

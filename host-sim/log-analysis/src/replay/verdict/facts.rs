@@ -5,7 +5,7 @@ use autoswing::calibration::{AttitudeLatency, MotorCurrentInterference, Solution
 use super::flight_verdict::{CompassVerdict, Verdict};
 use super::judgement::CompassAction;
 use crate::numbers::format_number;
-use crate::replay::hard_iron_changes::HardIronChange;
+use crate::replay::hard_iron_changes::LoggedHardIronChange;
 use crate::replay::rows::RowCounts;
 
 impl Verdict<'_> {
@@ -19,7 +19,7 @@ impl Verdict<'_> {
         if let Some(is_used) = compass.is_used_for_heading {
             add_fact("autopilot", if is_used { "uses it for its heading" } else { "does not use it" }.to_owned());
         }
-        for HardIronChange { hard_iron_step: step, heading_effect_deg } in &compass.hard_iron_changes {
+        for LoggedHardIronChange { hard_iron_step: step, heading_effect_deg } in &compass.hard_iron_changes {
             let [x, y, z] = step.step_ut;
             add_fact(
                 "iron changed",

@@ -2,7 +2,7 @@
 
 use super::judgement::{CompassAction, CompassJudgement, CompassState};
 use super::module_outcome::{CompassOutcome, FlightOutcome};
-use crate::log::Flight;
+use crate::log::LoggedFlight;
 use crate::numbers::format_number;
 use crate::replay::evaluation::{CompassEvaluation, CorrectionSource, FlightEvaluation};
 use crate::replay::log_warning::{LogWarning, sensor_failure};
@@ -13,7 +13,7 @@ use crate::replay::parameter_export::{ExportedCorrection, ParameterFormat};
 #[derive(Clone, Debug)]
 pub struct Verdict<'a> {
     /// The evaluated log.
-    pub flight: &'a Flight,
+    pub flight: &'a LoggedFlight,
     /// Evaluation of the flight.
     pub evaluation: &'a FlightEvaluation,
     /// Whether the module would have calibrated.
@@ -42,7 +42,7 @@ pub struct CompassVerdict<'a> {
 impl<'a> Verdict<'a> {
     /// Verdict on an evaluated log; `format` is that of the parameters.
     #[must_use]
-    pub fn new(flight: &'a Flight, evaluation: &'a FlightEvaluation, format: ParameterFormat) -> Self {
+    pub fn new(flight: &'a LoggedFlight, evaluation: &'a FlightEvaluation, format: ParameterFormat) -> Self {
         let total_ut = evaluation.earth_field.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
         let reference = evaluation.reference.as_ref();
         let compass = |compass: &'a CompassEvaluation| {

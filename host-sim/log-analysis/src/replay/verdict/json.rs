@@ -7,7 +7,7 @@ use super::flight_verdict::{CompassVerdict, Verdict};
 use super::judgement::CompassAction;
 use crate::numbers::{coefficients_json, round_to};
 use crate::replay::gps_course::GpsCourseHeading;
-use crate::replay::hard_iron_changes::HardIronChange;
+use crate::replay::hard_iron_changes::LoggedHardIronChange;
 use crate::replay::parameter_export::ExportedCorrection;
 use crate::replay::result::{HeadingScore, ReplayResult};
 use crate::replay::rows::RowCounts;
@@ -100,7 +100,7 @@ impl CompassVerdict<'_> {
                 "by": correction.correction_source.source_name(),
                 "against_reference": correction.score.as_ref().map(score_json),
             })).collect::<Vec<_>>(),
-            "changes": compass.hard_iron_changes.iter().map(|HardIronChange { hard_iron_step: step, heading_effect_deg }| json!({
+            "changes": compass.hard_iron_changes.iter().map(|LoggedHardIronChange { hard_iron_step: step, heading_effect_deg }| json!({
                 "at_s": round_to(step.time_s, 1),
                 "ut": step.step_ut.map(|axis| round_to(axis, 2)),
                 "sigma_ut": step.sigma_ut.map(|axis| round_to(axis, 2)),

@@ -1,6 +1,6 @@
 //! Errors by heading: before and after on one scale, and after enlarged with the expected error.
 
-use super::super::frame::{Axis, PlotFrame, closed_heading_curve};
+use super::super::frame::{ChartAxis, PlotFrame, closed_heading_curve};
 use super::super::model::{CompassReport, DeviationCurve, magnitude_quantile, max_magnitude, subsample};
 use super::super::svg::{MarkerShape, PicturePoint, Svg};
 use crate::numbers::format_number;
@@ -97,10 +97,10 @@ fn max_error_deg(curves: &[DeviationCurve]) -> f64 {
     max_magnitude(curves.iter().flat_map(|curve| curve.errors_deg.iter().copied().flatten()))
 }
 
-fn plot_frame(plot_top: f64, [left, picture_top]: PicturePoint, error_axis: Axis) -> PlotFrame {
+fn plot_frame(plot_top: f64, [left, picture_top]: PicturePoint, error_axis: ChartAxis) -> PlotFrame {
     let upper_left = [left + 58.0, plot_top];
     PlotFrame {
-        x: Axis::for_headings(90),
+        x: ChartAxis::for_headings(90),
         y: error_axis,
         upper_left,
         size: [PICTURE_SIZE[0] - 58.0 - 16.0, picture_top + PICTURE_SIZE[1] - 44.0 - plot_top],
@@ -134,7 +134,7 @@ fn draw_before_and_after(
         legend_items.push((LegendSample::Line("l l3"), &after));
     }
     let top = draw_legend(svg, below, PICTURE_SIZE[0] - 32.0, &legend_items);
-    let y = Axis::symmetric_deg(
+    let y = ChartAxis::symmetric_deg(
         max_error_deg(&compass_report.curves_before).max(max_error_deg(&compass_report.curves_after)),
     );
     let frame = plot_frame(top, upper_left, y);
@@ -184,7 +184,7 @@ fn draw_enlarged(
     let limit_deg = max_error_deg(&compass_report.curves_after)
         .max(max_magnitude(compass_report.sigma_by_heading_deg.iter().copied()))
         .max(magnitude_quantile(points.iter().map(|[_, error]| *error), FRAMED_FRACTION));
-    let frame = plot_frame(top, upper_left, Axis::symmetric_deg(limit_deg));
+    let frame = plot_frame(top, upper_left, ChartAxis::symmetric_deg(limit_deg));
     draw_expected_error_band(svg, &frame, &compass_report.sigma_by_heading_deg);
     frame.draw_axes(svg, "heading, deg", &format!("{difference_name}, deg"));
     let plotted: Vec<Option<PicturePoint>> =

@@ -1,6 +1,6 @@
 //! Map of the flight.
 
-use super::super::frame::{Axis, PlotFrame};
+use super::super::frame::{ChartAxis, PlotFrame};
 use super::super::model::{CompassReport, ReportSample, subsample};
 use super::super::svg::{MarkerShape, PicturePoint, Svg};
 use crate::numbers::format_number;
@@ -28,9 +28,9 @@ pub fn map_picture(compass_report: &CompassReport) -> Option<Picture> {
     let axis = |[least, most]: [f64; 2]| {
         let centre = least.midpoint(most) / per;
         let half_width = 0.54 * map_width_m / per;
-        Axis {
+        ChartAxis {
             value_range: [centre - half_width, centre + half_width],
-            grid_step: Axis::for_range(0.0, 2.0 * half_width, 6.0).grid_step,
+            grid_step: ChartAxis::for_range(0.0, 2.0 * half_width, 6.0).grid_step,
             lines_per_number: 1,
         }
     };

@@ -7,10 +7,10 @@ use super::model::{
     CalibratorComparison, CompassReport, DeviationCurve, EventMark, ReferenceInfo, Report, ReportOrigin, ReportSample,
     VerdictLine, means_by_heading,
 };
-use crate::log::{Flight, Gps};
+use crate::log::{Gps, LoggedFlight};
 use crate::numbers::format_number;
 use crate::replay::evaluation::{CompassEvaluation, CorrectionSource, FlightEvaluation, heading_deg};
-use crate::replay::hard_iron_changes::HardIronChange;
+use crate::replay::hard_iron_changes::LoggedHardIronChange;
 use crate::replay::parameter_export::field_by_exported_parameters;
 use crate::replay::verdict::{CompassState, CompassVerdict, Verdict};
 use crate::replay::{HeadingRow, ReferenceHeading, ReplayResult, ReplayRow};
@@ -220,7 +220,7 @@ fn event_marks(compass: &CompassEvaluation) -> Vec<EventMark> {
         }
         .to_owned(),
     });
-    let changed = compass.hard_iron_changes.iter().map(|HardIronChange { hard_iron_step: step, .. }| EventMark {
+    let changed = compass.hard_iron_changes.iter().map(|LoggedHardIronChange { hard_iron_step: step, .. }| EventMark {
         time_s: step.time_s,
         event_name: format!("iron changed by {} uT", format_number(step.size_ut(), 1)),
     });
@@ -242,7 +242,7 @@ struct ShownCorrections<'a> {
 }
 
 fn report_samples(
-    flight: &Flight,
+    flight: &LoggedFlight,
     compass: &CompassEvaluation,
     replay_result: &ReplayResult,
     corrections: &ShownCorrections<'_>,
@@ -319,7 +319,7 @@ impl LocalPositions {
     const METRES_PER_DEGREE: f64 = 111_195.0;
     const MAX_GAP_S: f64 = 3.0;
 
-    fn from_flight(flight: &Flight) -> Option<Self> {
+    fn from_flight(flight: &LoggedFlight) -> Option<Self> {
         let is_place = |gps: &Gps| gps.latitude_deg.abs() + gps.longitude_deg.abs() > 0.0;
         let first = flight.gps.rows().iter().map(|row| Gps::from_columns(row.row_values)).find(is_place)?;
         let first = [first.longitude_deg, first.latitude_deg].map(f64::from);
@@ -329,7 +329,7 @@ impl LocalPositions {
         })
     }
 
-    fn position_at(&self, flight: &Flight, t_s: f64) -> Option<[f64; 2]> {
+    fn position_at(&self, flight: &LoggedFlight, t_s: f64) -> Option<[f64; 2]> {
         let (before, after, weight) = flight.gps.surrounding_rows(t_s, Self::MAX_GAP_S)?;
         let [before, after] = [before, after].map(|row| {
             let gps = Gps::from_columns(row.row_values);

@@ -6,7 +6,7 @@ use crate::replay::hard_iron_step::HardIronStep;
 use crate::replay::parameter_export::ParameterFormat;
 use crate::replay::tests::{FLOWN_TURNS, REFUSED_SOLVE};
 
-fn report_after_change(change: impl Fn(&mut Flight, &mut FlightEvaluation)) -> Report {
+fn report_after_change(change: impl Fn(&mut LoggedFlight, &mut FlightEvaluation)) -> Report {
     let (mut flight, mut verdict) = FLOWN_TURNS.clone();
     change(&mut flight, &mut verdict);
     report_replay(&Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot), "flight.bin", &ReportOrigin::default())
@@ -45,7 +45,7 @@ fn calibration_and_hard_iron_step_are_marked_at_their_times() {
         let at_s = compass.rows[0].t_s + 50.0;
         compass.module_result.collection_end_s = Some(90.0);
         let step = HardIronStep { time_s: at_s, step_ut: [1.0, -8.0, 0.0], sigma_ut: [0.1; 3] };
-        compass.hard_iron_changes = vec![HardIronChange { hard_iron_step: step, heading_effect_deg: 15.0 }];
+        compass.hard_iron_changes = vec![LoggedHardIronChange { hard_iron_step: step, heading_effect_deg: 15.0 }];
     });
     let [calibrated, changed] = report.compasses[0].event_marks.as_slice() else { panic!("two marks") };
     // Times are on the log's clock.

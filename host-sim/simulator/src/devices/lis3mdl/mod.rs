@@ -27,7 +27,7 @@ pub const ADDRESS_SA1_LOW: u8 = 0x1C;
 
 /// Settings of a chip.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lis3mdlConfig {
+pub struct SimulatedLis3mdlConfig {
     /// 7-bit I2C address.
     pub address: u8,
     /// Seed of the noise.
@@ -36,7 +36,7 @@ pub struct Lis3mdlConfig {
     pub noise_scale: f64,
 }
 
-impl Default for Lis3mdlConfig {
+impl Default for SimulatedLis3mdlConfig {
     fn default() -> Self {
         Self { address: ADDRESS_SA1_HIGH, seed: 0, noise_scale: 1.0 }
     }
@@ -44,8 +44,8 @@ impl Default for Lis3mdlConfig {
 
 /// Simulated chip for a [`SimulatedI2cBus`](crate::devices::i2c::SimulatedI2cBus). Each access first performs the
 /// conversions due since the previous access.
-pub struct Lis3mdl {
-    config: Lis3mdlConfig,
+pub struct SimulatedLis3mdl {
+    config: SimulatedLis3mdlConfig,
     registers: Lis3mdlRegisters,
     converter: FieldConverter,
     field_source: FieldSource,
@@ -54,10 +54,10 @@ pub struct Lis3mdl {
     is_frozen: bool,
 }
 
-impl Lis3mdl {
+impl SimulatedLis3mdl {
     /// A chip after power-on.
     #[must_use]
-    pub fn new(config: Lis3mdlConfig, field_source: FieldSource) -> Rc<RefCell<Self>> {
+    pub fn new(config: SimulatedLis3mdlConfig, field_source: FieldSource) -> Rc<RefCell<Self>> {
         Rc::new(RefCell::new(Self {
             config,
             registers: Lis3mdlRegisters::default(),
@@ -106,7 +106,7 @@ impl Lis3mdl {
     }
 }
 
-impl SimulatedI2cDevice for Lis3mdl {
+impl SimulatedI2cDevice for SimulatedLis3mdl {
     fn acknowledges_address(&self, address: u8) -> bool {
         !self.is_silent && address == self.config.address
     }

@@ -5,29 +5,29 @@ use embedded_hal_async::i2c::I2c;
 use super::*;
 use crate::devices::i2c::SimulatedI2cBus;
 use log_analysis::numbers::square;
-use testkit::simulation::{Level, Simulation};
+use testkit::simulation::{ExecutorLevel, Simulation};
 
 const READ_XYZ: u8 = 0x28 | 0x80;
 
 /// Runs `script` on a bus with a noise-free chip in a constant field.
 fn run_on_bus<F: Future<Output = ()> + 'static>(
     field_ut: [f32; 3],
-    script: impl FnOnce(SimulatedI2cBus, Rc<RefCell<Lis3mdl>>) -> F,
+    script: impl FnOnce(SimulatedI2cBus, Rc<RefCell<SimulatedLis3mdl>>) -> F,
 ) {
     run_in_field(NOISE_FREE, move |_| field_ut, script);
 }
 
 /// Runs `script` on a bus with a chip in the field `field_ut(t)`.
 fn run_in_field<F: Future<Output = ()> + 'static>(
-    config: Lis3mdlConfig,
+    config: SimulatedLis3mdlConfig,
     field_ut: impl Fn(u64) -> [f32; 3] + 'static,
-    script: impl FnOnce(SimulatedI2cBus, Rc<RefCell<Lis3mdl>>) -> F,
+    script: impl FnOnce(SimulatedI2cBus, Rc<RefCell<SimulatedLis3mdl>>) -> F,
 ) {
     let mut simulation = Simulation::new();
-    let chip = Lis3mdl::new(config, Box::new(move |at_us| Field::new(field_ut(at_us).into())));
+    let chip = SimulatedLis3mdl::new(config, Box::new(move |at_us| Field::new(field_ut(at_us).into())));
     let bus = SimulatedI2cBus::new();
     bus.attach_device(chip.clone());
-    simulation.run_to_end(Level::Thread, script(bus, chip));
+    simulation.run_to_end(ExecutorLevel::Thread, script(bus, chip));
 }
 
 async fn read_register(bus: &mut SimulatedI2cBus, register: u8) -> u8 {
@@ -51,7 +51,8 @@ async fn start_continuous(bus: &mut SimulatedI2cBus) {
     bus.write(ADDRESS_SA1_HIGH, &[0x20 | 0x80, 0x7C, 0x00, 0x00, 0x0C, 0x40]).await.unwrap();
 }
 
-const NOISE_FREE: Lis3mdlConfig = Lis3mdlConfig { address: ADDRESS_SA1_HIGH, seed: 1, noise_scale: 0.0 };
+const NOISE_FREE: SimulatedLis3mdlConfig =
+    SimulatedLis3mdlConfig { address: ADDRESS_SA1_HIGH, seed: 1, noise_scale: 0.0 };
 
 #[test]
 fn reset_values_are_those_of_the_data_sheet() {
@@ -155,7 +156,7 @@ fn full_scales_have_their_sensitivities_and_saturate_at_16_bits() {
 #[test]
 fn noise_is_that_of_the_data_sheet_and_grows_as_averaging_shrinks() {
     for (settings, ratio) in [(0x62, 1.0_f64), (0x02, (1000.0_f64 / 155.0).sqrt())] {
-        let config = Lis3mdlConfig { noise_scale: 1.0, ..NOISE_FREE };
+        let config = SimulatedLis3mdlConfig { noise_scale: 1.0, ..NOISE_FREE };
         run_in_field(
             config,
             |_| [20.0, 0.0, 40.0],

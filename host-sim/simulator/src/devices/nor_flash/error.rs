@@ -4,7 +4,7 @@ use embedded_storage_async::nor_flash::{NorFlashError, NorFlashErrorKind};
 
 /// Reason why an access to the flash failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum FlashError {
+pub enum SimulatedFlashError {
     /// Offset or length is not a multiple of the word or page size.
     NotAligned,
     /// The range exceeds the device.
@@ -18,7 +18,7 @@ pub enum FlashError {
     PowerLost,
 }
 
-impl NorFlashError for FlashError {
+impl NorFlashError for SimulatedFlashError {
     fn kind(&self) -> NorFlashErrorKind {
         match self {
             Self::NotAligned => NorFlashErrorKind::NotAligned,

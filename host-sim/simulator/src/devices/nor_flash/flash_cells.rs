@@ -1,6 +1,6 @@
 //! Memory cells of the flash, and the effects of interrupted operations.
 
-use super::error::FlashError;
+use super::error::SimulatedFlashError;
 use crate::random::RandomStream;
 
 /// Page size in bytes, the unit of erasing.
@@ -78,10 +78,10 @@ impl FlashCells {
     }
 
     /// Checks that the operation is allowed.
-    pub fn check_operation(&self, operation: FlashOperation) -> Result<(), FlashError> {
+    pub fn check_operation(&self, operation: FlashOperation) -> Result<(), SimulatedFlashError> {
         match operation {
             FlashOperation::Program { word_index, .. } if self.programmed_word_flags[word_index] => {
-                Err(FlashError::NotErased { offset: (word_index * WORD_BYTES) as u32 })
+                Err(SimulatedFlashError::NotErased { offset: (word_index * WORD_BYTES) as u32 })
             }
             _ => Ok(()),
         }

@@ -14,7 +14,7 @@ use embassy_time::{Duration, Timer};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use testkit::simulation::Stop;
 
-pub use self::error::FlashError;
+pub use self::error::SimulatedFlashError;
 use self::flash_cells::{FlashCells, FlashOperation};
 pub use self::flash_cells::{PAGE_BYTES, WORD_BYTES, WearCounters};
 use crate::random::{RandomStream, StreamPurpose};
@@ -56,9 +56,9 @@ struct FlashDevice {
 
 /// Cloneable handle to the flash device.
 #[derive(Clone)]
-pub struct Flash(Rc<RefCell<FlashDevice>>);
+pub struct SimulatedFlash(Rc<RefCell<FlashDevice>>);
 
-impl Flash {
+impl SimulatedFlash {
     /// An erased device with `pages` pages; the seed determines the effects of interrupted operations.
     #[must_use]
     pub fn new(pages: usize, seed: u64) -> Self {
@@ -116,7 +116,11 @@ impl Flash {
         self.0.borrow_mut().cells.flip_bits(offset, mask);
     }
 
-    async fn perform_operation(&self, operation: FlashOperation, duration: Duration) -> Result<(), FlashError> {
+    async fn perform_operation(
+        &self,
+        operation: FlashOperation,
+        duration: Duration,
+    ) -> Result<(), SimulatedFlashError> {
         self.0.borrow_mut().begin_operation(operation)?;
         let mut guard = OperationGuard { flash: self, operation, is_finished: false };
         Timer::after(duration).await;
@@ -128,7 +132,7 @@ impl Flash {
 
 /// Guard that leaves the operation incomplete when its future is dropped.
 struct OperationGuard<'a> {
-    flash: &'a Flash,
+    flash: &'a SimulatedFlash,
     operation: FlashOperation,
     is_finished: bool,
 }
@@ -143,9 +147,9 @@ impl Drop for OperationGuard<'_> {
 
 impl FlashDevice {
     /// Checks power and rules, and applies a scheduled power cut.
-    fn begin_operation(&mut self, operation: FlashOperation) -> Result<(), FlashError> {
+    fn begin_operation(&mut self, operation: FlashOperation) -> Result<(), SimulatedFlashError> {
         if !self.is_power_on {
-            return Err(FlashError::PowerLost);
+            return Err(SimulatedFlashError::PowerLost);
         }
         self.cells.check_operation(operation)?;
         match &mut self.scheduled_cut {
@@ -158,7 +162,7 @@ impl FlashDevice {
                     CutOutcome::Torn => self.interrupt_operation(operation),
                     CutOutcome::Done => self.cells.perform_operation(operation),
                 }
-                Err(FlashError::PowerLost)
+                Err(SimulatedFlashError::PowerLost)
             }
             Some(scheduled_cut) => {
                 scheduled_cut.operations_left -= 1;
@@ -172,28 +176,28 @@ impl FlashDevice {
         self.cells.apply_partially(operation, &mut self.random);
     }
 
-    fn check_range(&self, start: u32, end: u32, unit: usize) -> Result<(), FlashError> {
+    fn check_range(&self, start: u32, end: u32, unit: usize) -> Result<(), SimulatedFlashError> {
         if start > end || end as usize > self.cells.bytes().len() {
-            return Err(FlashError::OutOfBounds);
+            return Err(SimulatedFlashError::OutOfBounds);
         }
         if !(start as usize).is_multiple_of(unit) || !(end as usize).is_multiple_of(unit) {
-            return Err(FlashError::NotAligned);
+            return Err(SimulatedFlashError::NotAligned);
         }
         Ok(())
     }
 }
 
-impl ErrorType for Flash {
-    type Error = FlashError;
+impl ErrorType for SimulatedFlash {
+    type Error = SimulatedFlashError;
 }
 
-impl ReadNorFlash for Flash {
+impl ReadNorFlash for SimulatedFlash {
     const READ_SIZE: usize = 1;
 
-    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), SimulatedFlashError> {
         let device = self.0.borrow();
         if !device.is_power_on {
-            return Err(FlashError::PowerLost);
+            return Err(SimulatedFlashError::PowerLost);
         }
         device.check_range(offset, range_end(offset, bytes.len())?, Self::READ_SIZE)?;
         let start = offset as usize;
@@ -206,11 +210,11 @@ impl ReadNorFlash for Flash {
     }
 }
 
-impl NorFlash for Flash {
+impl NorFlash for SimulatedFlash {
     const WRITE_SIZE: usize = WORD_BYTES;
     const ERASE_SIZE: usize = PAGE_BYTES;
 
-    async fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), SimulatedFlashError> {
         self.0.borrow().check_range(from, to, PAGE_BYTES)?;
         for page_index in from as usize / PAGE_BYTES..to as usize / PAGE_BYTES {
             self.perform_operation(FlashOperation::Erase { page_index }, PAGE_ERASE_TIME).await?;
@@ -218,7 +222,7 @@ impl NorFlash for Flash {
         Ok(())
     }
 
-    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), SimulatedFlashError> {
         self.0.borrow().check_range(offset, range_end(offset, bytes.len())?, WORD_BYTES)?;
         let (words, _) = bytes.as_chunks::<WORD_BYTES>();
         for (word_index, &value) in (offset as usize / WORD_BYTES..).zip(words) {
@@ -228,22 +232,22 @@ impl NorFlash for Flash {
     }
 }
 
-fn range_end(offset: u32, length: usize) -> Result<u32, FlashError> {
-    u32::try_from(length).ok().and_then(|length| offset.checked_add(length)).ok_or(FlashError::OutOfBounds)
+fn range_end(offset: u32, length: usize) -> Result<u32, SimulatedFlashError> {
+    u32::try_from(length).ok().and_then(|length| offset.checked_add(length)).ok_or(SimulatedFlashError::OutOfBounds)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use testkit::clock;
-    use testkit::simulation::{Level, RunEnd, Simulation};
+    use testkit::simulation::{ExecutorLevel, RunEnd, Simulation};
 
     const OLD_WORD: [u8; 8] = *b"old word";
 
     fn run_access<T: 'static>(simulation: &mut Simulation, access: impl Future<Output = T> + 'static) -> Option<T> {
         let result = Rc::new(RefCell::new(None));
         let slot = Rc::clone(&result);
-        simulation.spawn(Level::Thread, "access", async move {
+        simulation.spawn(ExecutorLevel::Thread, "access", async move {
             let value = access.await;
             *slot.borrow_mut() = Some(value);
         });
@@ -251,22 +255,22 @@ mod tests {
         result.take()
     }
 
-    async fn write(mut flash: Flash, offset: u32, bytes: Vec<u8>) -> Result<(), FlashError> {
+    async fn write(mut flash: SimulatedFlash, offset: u32, bytes: Vec<u8>) -> Result<(), SimulatedFlashError> {
         flash.write(offset, &bytes).await
     }
 
-    async fn erase(mut flash: Flash, from: u32, to: u32) -> Result<(), FlashError> {
+    async fn erase(mut flash: SimulatedFlash, from: u32, to: u32) -> Result<(), SimulatedFlashError> {
         flash.erase(from, to).await
     }
 
     #[test]
     fn a_word_is_programmed_once_per_erase() {
         let mut simulation = Simulation::new();
-        let flash = Flash::new(2, 1);
+        let flash = SimulatedFlash::new(2, 1);
         let mut program = |word: [u8; 8]| run_access(&mut simulation, write(flash.clone(), 8, word.to_vec())).unwrap();
         // Programming all ones writes the error-correcting code.
         assert_eq!(program([0xFF; 8]), Ok(()));
-        assert_eq!(program(OLD_WORD), Err(FlashError::NotErased { offset: 8 }));
+        assert_eq!(program(OLD_WORD), Err(SimulatedFlashError::NotErased { offset: 8 }));
         assert_eq!(run_access(&mut simulation, erase(flash.clone(), 0, 2048)), Some(Ok(())));
         assert_eq!(run_access(&mut simulation, write(flash.clone(), 8, OLD_WORD.to_vec())), Some(Ok(())));
         assert_eq!(flash.flash_contents()[8..16], OLD_WORD);
@@ -276,17 +280,17 @@ mod tests {
     #[test]
     fn alignment_and_bounds_are_enforced() {
         let mut simulation = Simulation::new();
-        let flash = Flash::new(2, 1);
+        let flash = SimulatedFlash::new(2, 1);
         let mut zeros =
             |offset, length| run_access(&mut simulation, write(flash.clone(), offset, vec![0; length])).unwrap();
-        assert_eq!(zeros(4, 8), Err(FlashError::NotAligned));
-        assert_eq!(zeros(0, 12), Err(FlashError::NotAligned));
-        assert_eq!(zeros(4096, 8), Err(FlashError::OutOfBounds));
-        assert_eq!(zeros(u32::MAX - 7, 16), Err(FlashError::OutOfBounds));
+        assert_eq!(zeros(4, 8), Err(SimulatedFlashError::NotAligned));
+        assert_eq!(zeros(0, 12), Err(SimulatedFlashError::NotAligned));
+        assert_eq!(zeros(4096, 8), Err(SimulatedFlashError::OutOfBounds));
+        assert_eq!(zeros(u32::MAX - 7, 16), Err(SimulatedFlashError::OutOfBounds));
         let mut clear = |from, to| run_access(&mut simulation, erase(flash.clone(), from, to)).unwrap();
-        assert_eq!(clear(0, 1024), Err(FlashError::NotAligned));
-        assert_eq!(clear(2048, 6144), Err(FlashError::OutOfBounds));
-        assert_eq!(clear(2048, 0), Err(FlashError::OutOfBounds));
+        assert_eq!(clear(0, 1024), Err(SimulatedFlashError::NotAligned));
+        assert_eq!(clear(2048, 6144), Err(SimulatedFlashError::OutOfBounds));
+        assert_eq!(clear(2048, 0), Err(SimulatedFlashError::OutOfBounds));
         assert_eq!(flash.wear_counters(), WearCounters::default());
     }
 
@@ -294,7 +298,7 @@ mod tests {
     #[test]
     fn flash_operations_take_the_time_of_the_data_sheet() {
         let mut simulation = Simulation::new();
-        let flash = Flash::new(2, 1);
+        let flash = SimulatedFlash::new(2, 1);
         let durations_us = run_access(&mut simulation, async move {
             let start_us = clock::now_us();
             write(flash.clone(), 0, vec![0; 24]).await.unwrap();
@@ -309,15 +313,18 @@ mod tests {
     fn a_power_cut_occurs_at_the_chosen_operation_and_ends_the_run() {
         for outcome in CutOutcome::ALL_OUTCOMES {
             let mut simulation = Simulation::new();
-            let flash = Flash::new(1, 7);
+            let flash = SimulatedFlash::new(1, 7);
             flash.cut_power_after(1, outcome, simulation.stop_handle());
             let task = write(flash.clone(), 0, [OLD_WORD, OLD_WORD, OLD_WORD].concat());
-            simulation.spawn(Level::Thread, "write", async move {
-                assert_eq!(task.await, Err(FlashError::PowerLost));
+            simulation.spawn(ExecutorLevel::Thread, "write", async move {
+                assert_eq!(task.await, Err(SimulatedFlashError::PowerLost));
             });
             assert_eq!(simulation.run_for(1_000_000), RunEnd::Stopped);
             assert!(!flash.is_powered());
-            assert_eq!(run_access(&mut simulation, erase(flash.clone(), 0, 2048)), Some(Err(FlashError::PowerLost)));
+            assert_eq!(
+                run_access(&mut simulation, erase(flash.clone(), 0, 2048)),
+                Some(Err(SimulatedFlashError::PowerLost))
+            );
 
             flash.power_on();
             let bytes = flash.flash_contents();
@@ -345,10 +352,10 @@ mod tests {
     #[test]
     fn dropping_a_task_tears_its_pending_flash_operation() {
         let mut simulation = Simulation::new();
-        let flash = Flash::new(2, 3);
+        let flash = SimulatedFlash::new(2, 3);
         assert_eq!(run_access(&mut simulation, write(flash.clone(), 0, OLD_WORD.repeat(256))), Some(Ok(())));
         let erasing = erase(flash.clone(), 0, 2048);
-        simulation.spawn(Level::Thread, "erase", async move {
+        simulation.spawn(ExecutorLevel::Thread, "erase", async move {
             erasing.await.unwrap();
         });
         simulation.run_for(10_000);

@@ -55,7 +55,7 @@ pub enum Rm3100Fault {
 }
 
 /// Simulated chip. Each access first completes the measurements due since the previous access.
-pub struct Rm3100 {
+pub struct SimulatedRm3100 {
     config: Rm3100Config,
     registers: Rm3100Registers,
     field_source: FieldSource,
@@ -65,7 +65,7 @@ pub struct Rm3100 {
     pointer: u8,
 }
 
-impl Rm3100 {
+impl SimulatedRm3100 {
     /// A chip after power-on.
     #[must_use]
     pub fn new(config: Rm3100Config, field_source: FieldSource) -> Rc<RefCell<Self>> {
@@ -144,7 +144,7 @@ fn counts_per_ut(cycle_count: u16) -> f64 {
     1.0 + 0.37 * f64::from(cycle_count)
 }
 
-impl SimulatedSpiDevice for Rm3100 {
+impl SimulatedSpiDevice for SimulatedRm3100 {
     fn write_bytes(&mut self, bytes: &[u8]) {
         if self.is_missing() {
             return;

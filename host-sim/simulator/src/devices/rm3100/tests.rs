@@ -3,7 +3,7 @@
 use embassy_time::{Duration, Instant, Timer};
 use embedded_hal_async::spi::{Operation, SpiDevice as _};
 use log_analysis::numbers::square;
-use testkit::simulation::{Level, Simulation};
+use testkit::simulation::{ExecutorLevel, Simulation};
 
 use super::*;
 use crate::devices::spi::SelectedDevice;
@@ -15,7 +15,7 @@ const CONTINUOUS_MODE: u8 = 0x79;
 /// Runs `script` with a noise-free chip in a constant field.
 fn run_with_chip<F: Future<Output = ()> + 'static>(
     field_ut: [f32; 3],
-    script: impl FnOnce(SelectedDevice, Rc<RefCell<Rm3100>>) -> F,
+    script: impl FnOnce(SelectedDevice, Rc<RefCell<SimulatedRm3100>>) -> F,
 ) {
     run_in_field(NOISE_FREE, move |_| field_ut, script);
 }
@@ -24,11 +24,11 @@ fn run_with_chip<F: Future<Output = ()> + 'static>(
 fn run_in_field<F: Future<Output = ()> + 'static>(
     config: Rm3100Config,
     field_ut: impl Fn(u64) -> [f32; 3] + 'static,
-    script: impl FnOnce(SelectedDevice, Rc<RefCell<Rm3100>>) -> F,
+    script: impl FnOnce(SelectedDevice, Rc<RefCell<SimulatedRm3100>>) -> F,
 ) {
     let mut simulation = Simulation::new();
-    let chip = Rm3100::new(config, Box::new(move |at_us| Field::new(field_ut(at_us).into())));
-    simulation.run_to_end(Level::Thread, script(SelectedDevice::new(chip.clone()), chip));
+    let chip = SimulatedRm3100::new(config, Box::new(move |at_us| Field::new(field_ut(at_us).into())));
+    simulation.run_to_end(ExecutorLevel::Thread, script(SelectedDevice::new(chip.clone()), chip));
 }
 
 async fn read_register<const N: usize>(device: &mut SelectedDevice, register: u8) -> [u8; N] {

@@ -75,14 +75,14 @@ impl SerialCable {
 
     /// The module's end after power-on; clears the receive buffer. Call it once per start of the module.
     #[must_use]
-    pub fn module_ends(&self) -> (Receiver, Transmitter) {
+    pub fn module_ends(&self) -> (UartReceiver, UartTransmitter) {
         self.to_module.borrow_mut().clear_received(clock::now_us());
-        let transmitter = Transmitter {
+        let transmitter = UartTransmitter {
             direction: Rc::clone(&self.to_host),
             opposite_direction: Rc::clone(&self.to_module),
             buffer_bytes: self.transmit_buffer_bytes,
         };
-        (Receiver { direction: Rc::clone(&self.to_module) }, transmitter)
+        (UartReceiver { direction: Rc::clone(&self.to_module) }, transmitter)
     }
 }
 
@@ -135,15 +135,15 @@ impl HostEnd {
 }
 
 /// The module's receiver. Cancelling a read has no side effects.
-pub struct Receiver {
+pub struct UartReceiver {
     direction: Rc<RefCell<CableDirection>>,
 }
 
-impl ErrorType for Receiver {
+impl ErrorType for UartReceiver {
     type Error = UartError;
 }
 
-impl Read for Receiver {
+impl Read for UartReceiver {
     async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, UartError> {
         if buffer.is_empty() {
             return Ok(0);
@@ -162,18 +162,18 @@ impl Read for Receiver {
 }
 
 /// The module's transmitter. Dropping it, as at a power cut, loses bytes in transmission.
-pub struct Transmitter {
+pub struct UartTransmitter {
     direction: Rc<RefCell<CableDirection>>,
     /// The opposite direction, which has the same speed.
     opposite_direction: Rc<RefCell<CableDirection>>,
     buffer_bytes: usize,
 }
 
-impl ErrorType for Transmitter {
+impl ErrorType for UartTransmitter {
     type Error = UartError;
 }
 
-impl Write for Transmitter {
+impl Write for UartTransmitter {
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, UartError> {
         if bytes.is_empty() {
             return Ok(0);
@@ -201,7 +201,7 @@ impl Write for Transmitter {
     }
 }
 
-impl SetBaud for Transmitter {
+impl SetBaud for UartTransmitter {
     fn set_baud(&mut self, baud: BaudRate) {
         for direction in [&self.direction, &self.opposite_direction] {
             direction.borrow_mut().set_baud(baud.bits_per_s());
@@ -209,7 +209,7 @@ impl SetBaud for Transmitter {
     }
 }
 
-impl Drop for Transmitter {
+impl Drop for UartTransmitter {
     fn drop(&mut self) {
         self.direction.borrow_mut().drop_in_transit(clock::now_us());
     }
@@ -218,14 +218,17 @@ impl Drop for Transmitter {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use testkit::simulation::{Level, Simulation};
+    use testkit::simulation::{ExecutorLevel, Simulation};
 
     type ReadLog<T> = Rc<RefCell<Vec<T>>>;
 
-    fn spawn_reader(simulation: &mut Simulation, mut receiver: Receiver) -> ReadLog<(u64, Result<Vec<u8>, UartError>)> {
+    fn spawn_reader(
+        simulation: &mut Simulation,
+        mut receiver: UartReceiver,
+    ) -> ReadLog<(u64, Result<Vec<u8>, UartError>)> {
         let log = ReadLog::default();
         let reads = Rc::clone(&log);
-        simulation.spawn(Level::Thread, "reader", async move {
+        simulation.spawn(ExecutorLevel::Thread, "reader", async move {
             let mut buffer = [0; 64];
             loop {
                 let result = receiver.read(&mut buffer).await.map(|count| buffer[..count].to_vec());
@@ -255,7 +258,7 @@ mod tests {
         let mut simulation = Simulation::new();
         let cable = SerialCable::new(UartConfig { transmit_buffer_bytes: 2000, ..UartConfig::default() });
         let (_receiver, mut transmitter) = cable.module_ends();
-        simulation.spawn(Level::Thread, "writer", async move {
+        simulation.spawn(ExecutorLevel::Thread, "writer", async move {
             transmitter.write_all(&[0x55; 1000]).await.unwrap();
             transmitter.flush().await.unwrap();
             assert_eq!(clock::now_us(), 86_806, "10,000 bits at 115,200 a second");
@@ -315,7 +318,7 @@ mod tests {
         let mut simulation = Simulation::new();
         let cable = SerialCable::new(UartConfig { transmit_buffer_bytes: 2, ..UartConfig::default() });
         let (_receiver, mut transmitter) = cable.module_ends();
-        simulation.spawn(Level::Thread, "writer", async move {
+        simulation.spawn(ExecutorLevel::Thread, "writer", async move {
             transmitter.write_all(b"abcd").await.unwrap();
             assert_eq!(clock::now_us(), 174, "the fourth byte is accepted when the second is out");
             std::future::pending::<()>().await;
@@ -329,7 +332,7 @@ mod tests {
         let mut simulation = Simulation::new();
         let cable = SerialCable::new(UartConfig::default());
         let (receiver, mut transmitter) = cable.module_ends();
-        simulation.spawn(Level::Thread, "writer", async move {
+        simulation.spawn(ExecutorLevel::Thread, "writer", async move {
             transmitter.write_all(b"$HCHDM,1").await.unwrap();
             std::future::pending::<()>().await;
         });
@@ -353,11 +356,11 @@ mod tests {
         let cable = SerialCable::new(UartConfig::default());
         let (_receiver, mut transmitter) = cable.module_ends();
         let host = cable.host_end();
-        simulation.spawn(Level::World, "pilot", async move {
+        simulation.spawn(ExecutorLevel::World, "pilot", async move {
             host.wait_until_readable().await;
             assert_eq!((clock::now_us(), host.receive_bytes()), (1087, b"!".to_vec()));
         });
-        simulation.spawn(Level::Thread, "writer", async move {
+        simulation.spawn(ExecutorLevel::Thread, "writer", async move {
             Timer::after_micros(1000).await;
             transmitter.write_all(b"!").await.unwrap();
             std::future::pending::<()>().await;

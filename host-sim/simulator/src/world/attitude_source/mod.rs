@@ -18,7 +18,7 @@ use crate::random::{RandomStream, StreamPurpose};
 
 /// MAVLink identity of a sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Identity {
+pub struct SenderIdentity {
     /// MAVLink system ID of the sender.
     pub system_id: u8,
     /// MAVLink component ID of the sender.
@@ -36,7 +36,7 @@ pub enum SenderKind {
     Other,
 }
 
-impl Identity {
+impl SenderIdentity {
     /// Identity of the vehicle's autopilot.
     pub const AUTOPILOT: Self = Self { system_id: 1, component_id: 1, heartbeat_kind: Some(SenderKind::Autopilot) };
 }
@@ -119,7 +119,7 @@ pub struct AttitudeSource {
     gyro_config: GyroConfig,
     gyro: Gyro,
     seed: u64,
-    pub(super) identity: Identity,
+    pub(super) identity: SenderIdentity,
     vehicle: MavType,
     roll_noise_rad: FirstOrderProcess,
     pitch_noise_rad: FirstOrderProcess,
@@ -159,7 +159,7 @@ impl AttitudeSource {
             gyro_config,
             gyro: Gyro::new(gyro_config, seed, 1.0 / config.rate_hz),
             seed,
-            identity: Identity::AUTOPILOT,
+            identity: SenderIdentity::AUTOPILOT,
             vehicle: MavType::MAV_TYPE_FIXED_WING,
             roll_noise_rad: noise(StreamPurpose::RollNoise),
             pitch_noise_rad: noise(StreamPurpose::PitchNoise),
@@ -173,7 +173,7 @@ impl AttitudeSource {
 
     /// The same source with another sender identity.
     #[must_use]
-    pub fn with_identity(self, identity: Identity) -> Self {
+    pub fn with_identity(self, identity: SenderIdentity) -> Self {
         Self { identity, ..self }
     }
 
@@ -201,7 +201,7 @@ impl AttitudeSource {
         };
     }
 
-    pub(super) const fn identity(&self) -> Identity {
+    pub(super) const fn identity(&self) -> SenderIdentity {
         self.identity
     }
 
@@ -307,7 +307,7 @@ impl AttitudeSource {
     }
 
     pub(super) fn encode_message(&mut self, message: &impl MessageData) -> Vec<u8> {
-        let Identity { system_id, component_id, .. } = self.identity;
+        let SenderIdentity { system_id, component_id, .. } = self.identity;
         let header = MavHeader { system_id: system_id.into(), component_id, sequence: self.next_sequence() };
         let mut frame = MAVLinkV2MessageRaw::new();
         frame.serialize_message_data(header, message);
@@ -316,7 +316,7 @@ impl AttitudeSource {
 
     /// Frame of a message given by its payload.
     pub(super) fn encode_raw(&mut self, id: u32, extra_crc: u8, payload: &[u8]) -> Vec<u8> {
-        let Identity { system_id: system, component_id: component, .. } = self.identity;
+        let SenderIdentity { system_id: system, component_id: component, .. } = self.identity;
         MavlinkFrame {
             sequence: self.next_sequence(),
             system_id: system,

@@ -6,7 +6,7 @@ use crate::world::aircraft::VehicleKind;
 use crate::world::{World, WorldConfig};
 use log_analysis::numbers::square;
 use testkit::clock;
-use testkit::simulation::{Level, Simulation};
+use testkit::simulation::{ExecutorLevel, Simulation};
 
 const ERROR_FREE: AttitudeSourceConfig = AttitudeSourceConfig {
     rate_hz: 50.0,
@@ -31,7 +31,7 @@ fn simulate_source(config: AttitudeSourceConfig, seed: u64, seconds: u64) -> (Wo
     let (mut receiver, _transmitter) = cable.module_ends();
     let bytes = std::rc::Rc::new(std::cell::RefCell::new(Vec::new()));
     let log = std::rc::Rc::clone(&bytes);
-    simulation.spawn(Level::Thread, "module", async move {
+    simulation.spawn(ExecutorLevel::Thread, "module", async move {
         use embedded_io_async::Read;
         let mut buffer = [0; 1024];
         loop {
@@ -41,7 +41,11 @@ fn simulate_source(config: AttitudeSourceConfig, seed: u64, seconds: u64) -> (Wo
         }
     });
     let source = AttitudeSource::new(config, GyroConfig::ERROR_FREE, seed);
-    simulation.spawn(Level::World, "attitude source", source.run_source(world.clone(), cable.host_end(), vec![]));
+    simulation.spawn(
+        ExecutorLevel::World,
+        "attitude source",
+        source.run_source(world.clone(), cable.host_end(), vec![]),
+    );
     simulation.run_until(seconds * 1_000_000 + 10_000);
     (world, bytes.take())
 }

@@ -1,5 +1,5 @@
 use autoswing::frames::Field;
-use autoswing_firmware::wire::msp::{self, AutopilotFirmware, MspFunction, MspReply, Receiver};
+use autoswing_firmware::wire::msp::{self, AutopilotFirmware, MspFunction, MspReceiver, MspReply};
 
 use super::frame::crc_8_dvb_s2;
 use super::*;
@@ -30,7 +30,7 @@ fn request_reply(
     autopilot_state: &AutopilotState,
 ) -> Option<MspReply> {
     send_request(autopilot, 0, &msp::encode_request(function));
-    let mut receiver = Receiver::new();
+    let mut receiver = MspReceiver::new();
     let messages: Vec<_> = autopilot
         .due_reply_bytes(u64::MAX, autopilot_state)
         .into_iter()
@@ -124,7 +124,7 @@ fn replies_with_faults(answer_faults: AnswerFaults) -> (Vec<MspReply>, usize, u3
         bytes.extend(autopilot.due_reply_bytes((i + 1) * 20_000, &AUTOPILOT_STATE));
     }
     let number = bytes.len();
-    let mut receiver = Receiver::new();
+    let mut receiver = MspReceiver::new();
     bytes.extend([0; 128]);
     let messages = bytes.into_iter().filter_map(|byte| receiver.push_byte(byte)).collect();
     (messages, number, receiver.rejected_count)

@@ -8,7 +8,7 @@ mod vehicle;
 use super::*;
 use crate::wire::dronecan::outbound::SoftwareVersion;
 use crate::wire::dronecan::{OutboundTransfer, Payload, TransferKind, UNIQUE_ID_LENGTH};
-use autoswing::frames::Attitude;
+use autoswing::frames::RollPitch;
 use autoswing::heading::{Heading, NoHeading};
 use autoswing_module::compass::IndicatorState;
 
@@ -102,7 +102,7 @@ impl Bench {
             estimate: Estimate {
                 compass_field: Some(BODY_FIELD),
                 heading: Ok(NORTH),
-                attitude: Some(Attitude::default()),
+                attitude: Some(RollPitch::default()),
                 ..Estimate::EMPTY
             },
             indicator: IndicatorState::Calibrated,

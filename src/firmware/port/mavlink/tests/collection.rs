@@ -205,7 +205,7 @@ fn only_a_new_calibration_resets_the_pose() {
     bench.settings.sends_vision_yaw = true;
     bench.settings.declination_deg = Some(1.0);
     bench.estimate.heading = Ok(heading(10.0, 1.0));
-    bench.estimate.attitude = Some(Attitude::default());
+    bench.estimate.attitude = Some(RollPitch::default());
     let counter = |bench: &mut MavlinkBench| {
         bench.run_ms(100);
         bench.take_messages(102).last().unwrap().payload[116]

@@ -9,7 +9,7 @@ use super::*;
 use crate::port::transmit_buffer::TRANSMIT_CAPACITY;
 use autoswing::calibration::HeadingUncertainty;
 use autoswing::earth::Date;
-use autoswing::frames::Attitude;
+use autoswing::frames::RollPitch;
 use autoswing::heading::{Heading, NoHeading};
 use autoswing::instrument::Estimate;
 use autoswing_module::settings::Settings;

@@ -80,7 +80,7 @@ fn attitude_and_armed_state_are_used_from_the_selected_sender() {
     assert_eq!(bench.receive(&attitude_frame(SECOND_AUTOPILOT, 0)), [ReceivedMessage::RejectedAttitude]);
     let received = bench.receive(&attitude_frame(AUTOPILOT, 7));
     let [ReceivedMessage::Attitude(report)] = received[..] else { panic!("{received:?}") };
-    assert_eq!(report.attitude, Attitude { roll_rad: 0.1, pitch_rad: 0.2 });
+    assert_eq!(report.attitude, RollPitch { roll_rad: 0.1, pitch_rad: 0.2 });
     bench.receive(&mavlink_heartbeat(SECOND_AUTOPILOT, true, true));
     assert_eq!(bench.mavlink.is_armed(bench.now()), Some(false));
     bench.receive(&mavlink_heartbeat(AUTOPILOT, true, true));
@@ -169,7 +169,7 @@ fn bench_with_heading() -> MavlinkBench {
     bench.estimate.timestamp = Timestamp::from_us(3_599_990_000);
     bench.estimate.heading = Ok(heading(10.0, 2.0));
     bench.estimate.smoothed_heading = Some(heading(99.0, 9.0));
-    bench.estimate.attitude = Some(Attitude { roll_rad: 0.3, pitch_rad: -0.1 });
+    bench.estimate.attitude = Some(RollPitch { roll_rad: 0.3, pitch_rad: -0.1 });
     bench
 }
 

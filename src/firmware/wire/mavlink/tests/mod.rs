@@ -6,7 +6,7 @@ mod signature;
 
 use super::*;
 use autoswing::attitude::{AttitudeReport, BodyRates, Heartbeat};
-use autoswing::frames::Attitude;
+use autoswing::frames::RollPitch;
 use autoswing::time::WrappingMillis;
 use testkit::frames::{mavlink_attitude_payload, mavlink_v1_frame, mavlink_v2_frame, with_mavlink_crc};
 
@@ -51,7 +51,7 @@ fn heartbeat_frames(autopilot: u8, base_mode: u8) -> [Vec<u8>; 2] {
 
 /// Decoded messages of a stream, and the number of rejected frames.
 fn decoded_messages(bytes: &[u8]) -> (Vec<InboundMessage>, u32) {
-    let mut receiver = Receiver::new();
+    let mut receiver = MavlinkReceiver::new();
     let messages = bytes.iter().filter_map(|&byte| receiver.push_byte(byte)).collect();
     (messages, receiver.rejected_count)
 }
@@ -60,7 +60,7 @@ fn attitude_message(body_rates: Option<BodyRates>) -> InboundMessage {
     InboundMessage::Attitude(AttitudeReport {
         sender: SENDER,
         sender_clock_at_sending: WrappingMillis::new(4321),
-        attitude: Attitude { roll_rad: 0.1, pitch_rad: -0.2 },
+        attitude: RollPitch { roll_rad: 0.1, pitch_rad: -0.2 },
         body_rates,
     })
 }
@@ -147,7 +147,7 @@ fn signed_attitude_frame() -> Vec<u8> {
 fn a_message_is_returned_with_the_last_byte_of_its_frame() {
     let [v1, v2] = attitude_frames(ANGLES_AND_RATES);
     for frame in [v1, v2, signed_attitude_frame()] {
-        let mut receiver = Receiver::new();
+        let mut receiver = MavlinkReceiver::new();
         for _ in 0..3 {
             let (last, rest) = frame.split_last().unwrap();
             assert!(rest.iter().all(|&byte| receiver.push_byte(byte).is_none()));

@@ -3,7 +3,9 @@
 use mavlink_dialect::MavState;
 
 use super::super::signature::{MAX_NEW_STREAM_AGE_10US, SIGNATURE_SIZE, SIGNED_FLAG};
-use super::super::{Address, EncodedFrame, InboundMessage, OutboundMessage, Receiver, Signatures, key_from_passphrase};
+use super::super::{
+    Address, EncodedFrame, InboundMessage, MavlinkReceiver, OutboundMessage, Signatures, key_from_passphrase,
+};
 
 const AUTOPILOT: Address = Address { system_id: 1, component_id: 1 };
 
@@ -13,13 +15,13 @@ const SIGNED_FRAME: [u8; 34] = [
     0x65, 0x87, 0x0C, 0xD4,
 ];
 
-fn receiver_with_key(passphrase: &str) -> Receiver {
-    let mut receiver = Receiver::new();
+fn receiver_with_key(passphrase: &str) -> MavlinkReceiver {
+    let mut receiver = MavlinkReceiver::new();
     receiver.signatures.set_key(Some(key_from_passphrase(passphrase)));
     receiver
 }
 
-fn is_accepted(receiver: &mut Receiver, frame: &[u8]) -> bool {
+fn is_accepted(receiver: &mut MavlinkReceiver, frame: &[u8]) -> bool {
     frame
         .iter()
         .filter_map(|&byte| receiver.push_byte(byte))
@@ -36,7 +38,7 @@ fn a_frame_is_accepted_once_and_with_the_right_key() {
     assert!(is_accepted(&mut right, &SIGNED_FRAME));
     assert!(!is_accepted(&mut right, &SIGNED_FRAME) && right.rejected_count == 1, "repeated");
     assert!(!is_accepted(&mut receiver_with_key("Swing"), &SIGNED_FRAME));
-    assert!(is_accepted(&mut Receiver::new(), &SIGNED_FRAME), "without a key");
+    assert!(is_accepted(&mut MavlinkReceiver::new(), &SIGNED_FRAME), "without a key");
     for byte in [5, 14, 16, 22, 23, 33] {
         let mut changed = SIGNED_FRAME;
         changed[byte] ^= 1;
@@ -49,7 +51,7 @@ fn with_a_key_unsigned_frames_are_rejected_and_sent_ones_signed() {
     let (mut one, mut other) = (receiver_with_key("swing"), receiver_with_key("swing"));
     let unsigned = signed_frame(&mut Signatures::new(), AUTOPILOT);
     assert!(!is_accepted(&mut one, &unsigned) && one.rejected_count == 1);
-    assert!(is_accepted(&mut Receiver::new(), &unsigned));
+    assert!(is_accepted(&mut MavlinkReceiver::new(), &unsigned));
     for _ in 0..3 {
         let signed = signed_frame(&mut one.signatures, AUTOPILOT);
         assert_eq!((signed.len(), signed[2]), (unsigned.len() + SIGNATURE_SIZE, SIGNED_FLAG));

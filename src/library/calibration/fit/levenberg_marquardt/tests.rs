@@ -8,12 +8,12 @@ use crate::calibration::model::{ModelConfig, ModelParameters};
 use crate::calibration::tests::is_close;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, random_vector, turn_samples};
 use crate::calibration::{Prior, Sample};
-use crate::frames::{Attitude, Field};
+use crate::frames::{Field, RollPitch};
 
 /// One sample without attitude at the maximum likelihood, except for an inclination that is off by three sigmas: the
 /// cost is 4.5, and a step promises all of it.
 fn sample_and_refinement() -> (Samples<'static>, Refinement) {
-    let samples = turn_samples(&[Sample::new(Field::from_ut(50.0, 0.0, 0.0), Attitude::default())], &[]);
+    let samples = turn_samples(&[Sample::new(Field::from_ut(50.0, 0.0, 0.0), RollPitch::default())], &[]);
     let prior = Prior { inclination_rad: Some(0.0), ..Prior::default() };
     let likelihood = Likelihood::new(&prior, ModelConfig::WITHOUT_ATTITUDE, samples, 50.0);
     let inclination_rad = 3.0 * likelihood.config.known_inclination_sigma_rad;

@@ -9,7 +9,7 @@ use crate::calibration::tests::derivatives::assert_derivative;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Parts, Random, RecordedTurns};
 use crate::calibration::uncertainty::information::Information;
 use crate::calibration::{Calibration, LeastSquares, Method, Orientation, Prior, Sample};
-use crate::frames::{Attitude, Field};
+use crate::frames::{Field, RollPitch};
 
 /// Flight with a hard-iron change by `beta_ut` before a time, and unknowns near the maximum likelihood.
 struct Case {
@@ -169,7 +169,7 @@ fn the_gradient_effect_is_that_of_the_best_change() {
     assert!((scan.gradient_effect - effect).norm() < 1e-3 * effect.norm());
 }
 
-const STEADY_SAMPLE: Sample = Sample::new(Field::from_ut(0.0, 0.0, 0.0), Attitude { roll_rad: 0.0, pitch_rad: 0.0 });
+const STEADY_SAMPLE: Sample = Sample::new(Field::from_ut(0.0, 0.0, 0.0), RollPitch { roll_rad: 0.0, pitch_rad: 0.0 });
 
 /// Iron of a step is hard iron before or after it, in turns and in level flight.
 #[test]
@@ -199,7 +199,7 @@ fn fraction_of_the_change_at_a_time() {
     // Share of the change: 1 at the load factor of 25 deg of bank and above, 1/2 at half its excess over 1.
     for (load, fraction) in [(1.0, 0.0), (1.0517, 0.5), (1.1034, 1.0), (1.5, 1.0)] {
         let roll_rad = f32::acos(1.0 / load);
-        let turning = Sample { attitude: Attitude { roll_rad, pitch_rad: 0.0 }, ..STEADY_SAMPLE };
+        let turning = Sample { attitude: RollPitch { roll_rad, pitch_rad: 0.0 }, ..STEADY_SAMPLE };
         assert!((span.change_fraction_at(TestedTimeCourse::LoadFactor, &turning) - fraction).abs() < 1e-3, "{load}");
     }
     assert_eq!((whole_seconds(999), whole_seconds(31_999), whole_seconds(u32::MAX)), (0, 31, 65_535));

@@ -7,7 +7,7 @@ use nalgebra::Matrix3;
 use super::*;
 use crate::calibration::model::unknowns::Vector13;
 use crate::calibration::tests::{ZERO_ROW, is_close};
-use crate::frames::Attitude;
+use crate::frames::RollPitch;
 
 /// Equation with a sigma of 0.1.
 fn equation_with_residual(sigmas: f32) -> ResidualEquation {
@@ -43,7 +43,7 @@ fn clipped_mean_square_of_normal_noise() {
 fn without_attitude_there_is_no_inclination_equation() {
     let parameters =
         ModelParameters { w: Matrix3::identity(), corrected_mean_field: Vector3::zeros(), inclination_rad: 1.0 };
-    let tilt = Attitude::from_deg(20.0, 0.0).tilt_rotation();
+    let tilt = RollPitch::from_deg(20.0, 0.0).tilt_rotation();
     let measured =
         MeasuredSample { centred_field: Vector3::new(0.6, 0.0, 0.8), tilt_rotation: tilt, heading_rad: None };
     let equations = |config| SampleEquations::new(&parameters, &measured, &NoiseModel::INITIAL, &config, true);
@@ -69,7 +69,7 @@ fn expected_gradient(is_refined: bool) -> f32 {
     let mut information = Vector13::zeros();
     for (bank_deg, step) in [-15.0, 15.0].into_iter().flat_map(|bank_deg| (0..128_u8).map(move |step| (bank_deg, step)))
     {
-        let attitude = Attitude::from_deg(bank_deg, 0.0);
+        let attitude = RollPitch::from_deg(bank_deg, 0.0);
         let tilt = attitude.tilt_rotation();
         let exact = parameters.expected_field(&tilt, f32::from(step) / 128.0 * TAU).unwrap();
         for (axis, sign) in [(0, 1.0), (1, 1.0), (2, 1.0), (0, -1.0), (1, -1.0), (2, -1.0)] {
@@ -103,7 +103,7 @@ fn corrected_measurements_remove_the_noise_bias() {
 fn the_measurement_is_corrected_by_its_expected_sensor_error() {
     let noise_w = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
     let noise = NoiseModel::new(0.01, 0.015, noise_w);
-    let tilt = Attitude::from_deg(25.0, 5.0).tilt_rotation();
+    let tilt = RollPitch::from_deg(25.0, 5.0).tilt_rotation();
     let mut parameters =
         ModelParameters { w: noise_w, corrected_mean_field: Vector3::new(0.1, 0.0, 0.2), inclination_rad: 1.0 };
     let measured = MeasuredSample {
@@ -149,7 +149,7 @@ fn the_measurement_is_corrected_by_its_expected_sensor_error() {
 fn heading_variance_is_the_sum_of_reference_and_sensor_variance() {
     let parameters =
         ModelParameters { w: Matrix3::identity(), corrected_mean_field: Vector3::zeros(), inclination_rad: 0.9 };
-    let tilt = Attitude::from_deg(10.0, 0.0).tilt_rotation();
+    let tilt = RollPitch::from_deg(10.0, 0.0).tilt_rotation();
     let x = parameters.expected_field(&tilt, 0.7).unwrap();
     let measured = MeasuredSample { centred_field: x, tilt_rotation: tilt, heading_rad: Some(0.69) };
     for noise in [NoiseModel::new(1e-6, 1e-6, Matrix3::identity()), NoiseModel::new(0.01, 0.02, Matrix3::identity())] {

@@ -7,7 +7,7 @@ use crate::calibration::model::{COEFFICIENT_COUNT, Vector12, coefficient_jacobia
 use crate::calibration::tests::derivatives::{assert_derivative, numerical_derivative};
 use crate::calibration::tests::synthetic::{Random, random_vector};
 use crate::calibration::{MotorCurrentInterference, Orientation, matrix_rows};
-use crate::frames::{Attitude, wrap_pi};
+use crate::frames::{RollPitch, wrap_pi};
 
 #[test]
 fn reduced_covariance_gives_the_same_heading_variance() {
@@ -29,7 +29,7 @@ fn reduced_covariance_gives_the_same_heading_variance() {
 
 struct Case {
     calibration: Calibration,
-    attitude: Attitude,
+    attitude: RollPitch,
     reading: Field<Sensor>,
 }
 
@@ -44,7 +44,7 @@ impl Case {
             latency_s: 0.0,
             motor_current: MotorCurrentInterference::NO_INTERFERENCE,
         };
-        let attitude = Attitude { roll_rad: random.uniform(-1.0, 1.0), pitch_rad: 0.0 };
+        let attitude = RollPitch { roll_rad: random.uniform(-1.0, 1.0), pitch_rad: 0.0 };
         let level = Field::earth_field(calibration.total_ut, calibration.inclination_rad, random.uniform(-3.0, 3.0));
         let reading = w.try_inverse().unwrap() * attitude.to_body_frame(level).ut + calibration.b_vector_ut();
         Self { calibration, attitude, reading: Field::new(reading) }
@@ -108,8 +108,8 @@ fn sigma_equals_the_effect_of_noise() {
         };
         let by_attitude = |roll: f32, pitch: f32| {
             numerical_derivative(|step| {
-                let Attitude { roll_rad, pitch_rad } = case.attitude;
-                let attitude = Attitude { roll_rad: roll_rad + roll * step, pitch_rad: pitch_rad + pitch * step };
+                let RollPitch { roll_rad, pitch_rad } = case.attitude;
+                let attitude = RollPitch { roll_rad: roll_rad + roll * step, pitch_rad: pitch_rad + pitch * step };
                 wrap_pi(
                     attitude.to_level_frame(case.calibration.calibrated_field(case.reading)).heading_rad()
                         - reference_rad,
@@ -137,7 +137,7 @@ fn next_to_a_pole_sigma_is_finite() {
         ..HeadingUncertainty::NO_UNCERTAINTY
     };
     let sensor = Field::from_ut(0.0, 0.0, 50.0);
-    let tilt = Attitude::default().tilt_rotation();
+    let tilt = RollPitch::default().tilt_rotation();
     let sigma_rad = uncertainty
         .heading_variance(&calibration, sensor, &tilt, tilt.to_level_frame(calibration.calibrated_field(sensor)))
         .sigma_rad();

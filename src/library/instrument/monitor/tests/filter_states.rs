@@ -65,7 +65,7 @@ fn a_detected_change_inflates_the_states_that_explain_it() {
             let mut monitor = Monitor::new(SensorErrorSigmas::DEFAULT);
             let (states, before) = (*monitor.filter.mean(), state_variances(&monitor));
             let predicted = PredictedField::new(&states, inclination_rad, None);
-            let sample = sample_at_rest(inclination_rad, Attitude::default());
+            let sample = sample_at_rest(inclination_rad, RollPitch::default());
             monitor.inflate_covariance(&MeasurementModel::new(&sample, &states, &predicted), residuals, roll_rad);
             let mut expected = [0.0; STATE_COUNT];
             expected[..3].fill(hard_iron);
@@ -205,7 +205,7 @@ fn measurement_noise_follows_inclination_rotation_and_averaging() {
         flight.uncertainty.relative_sensor_sigma = 4.0 * STRENGTH_SIGMA;
         let sample = MonitorSample {
             euler_rates: EulerRates { pitch_rad_s, ..EulerRates::default() },
-            ..sample_at_rest(inclination_rad, Attitude::default())
+            ..sample_at_rest(inclination_rad, RollPitch::default())
         };
         let states = *flight.monitor.filter.mean();
         let model = MeasurementModel::new(&sample, &states, &PredictedField::new(&states, inclination_rad, None));

@@ -5,7 +5,7 @@ use super::*;
 /// Validity of a heading in a bank, with the filter's variance of it and the variance that is sent. It depends on hard
 /// iron along x and on the roll bias.
 fn validity_with_variances(monitor: &Monitor, variances_rad2: [f32; 2]) -> Result<(), NoHeading> {
-    let sample = sample_at_rest(INCLINATION_RAD, Attitude { roll_rad: -0.35, pitch_rad: 0.0 });
+    let sample = sample_at_rest(INCLINATION_RAD, RollPitch { roll_rad: -0.35, pitch_rad: 0.0 });
     let mut heading_jacobian = [0.0; STATE_COUNT];
     (heading_jacobian[HARD_IRON_CHANGE_INDEX], heading_jacobian[ROLL_BIAS_INDEX]) = (1.0, 1.0);
     monitor.assess_validity(monitor.filter.mean(), &sample, &heading_jacobian, variances_rad2)
@@ -109,8 +109,8 @@ fn non_finite_samples_are_ignored() {
     let mut flight = Flight::new(13);
     flight.fly_seconds(30);
     let before = *flight.monitor.monitor_output();
-    let good = Sample::new(Field::from_ut(20.0, 3.0, 40.0), Attitude::default());
-    let non_finite = Attitude { roll_rad: f32::NAN, pitch_rad: 0.0 };
+    let good = Sample::new(Field::from_ut(20.0, 3.0, 40.0), RollPitch::default());
+    let non_finite = RollPitch { roll_rad: f32::NAN, pitch_rad: 0.0 };
     for (sample, gyro_heading) in [
         (Sample { field: Field::from_ut(f32::NAN, 0.0, 0.0), ..good }, None),
         (Sample { attitude: non_finite, ..good }, None),

@@ -11,7 +11,7 @@ use testkit::random::Random;
 
 use super::*;
 use crate::calibration::{Calibration, HeadingUncertainty, MotorCurrent, MotorCurrentInterference, Orientation};
-use crate::frames::{Attitude, Field};
+use crate::frames::{Field, RollPitch};
 use crate::heading::{Heading, HeadingLimits, compute_heading};
 
 const INCLINATION_RAD: f32 = 1.0;
@@ -61,7 +61,7 @@ const STEP_S: f32 = 0.1;
 const CIRCLE_S: f32 = 24.0;
 const STRAIGHT_S: f32 = 60.0;
 
-fn motion_at(t_s: f32) -> (Attitude, EulerRates, f32) {
+fn motion_at(t_s: f32) -> (RollPitch, EulerRates, f32) {
     let leg_time_s = t_s.rem_euclid(STRAIGHT_S + CIRCLE_S) - STRAIGHT_S;
     let side = if (t_s / (STRAIGHT_S + CIRCLE_S)).rem_euclid(2.0) < 1.0 { 1.0 } else { -1.0 };
     let banked = (leg_time_s / 2.0).min((CIRCLE_S - leg_time_s) / 2.0).clamp(0.0, 1.0);
@@ -74,7 +74,7 @@ fn motion_at(t_s: f32) -> (Attitude, EulerRates, f32) {
     };
     let (phase, pitch_phase) = (0.9 * t_s, 0.6 * t_s);
     let attitude =
-        Attitude { roll_rad: side * 0.45 * banked + 0.02 * phase.sin(), pitch_rad: 0.03 + 0.015 * pitch_phase.sin() };
+        RollPitch { roll_rad: side * 0.45 * banked + 0.02 * phase.sin(), pitch_rad: 0.03 + 0.015 * pitch_phase.sin() };
     let euler_rates = EulerRates {
         roll_rad_s: side * 0.45 * rolling + 0.018 * phase.cos(),
         pitch_rad_s: 0.009 * pitch_phase.cos(),
@@ -136,7 +136,7 @@ impl Flight {
             attitude.to_body_frame(earth).ut + Vector3::from(errors.hard_iron_ut) + self.calibration.b_vector_ut();
         let module_from_body = Rotation3::from_axis_angle(&Vector3::z_axis(), -errors.mount_turn_rad);
         let field = module_from_body * body_ut + Vector3::from_fn(|_, _| noise(STRENGTH_SIGMA * TOTAL_UT));
-        let reported = Attitude {
+        let reported = RollPitch {
             roll_rad: (1.0 + errors.bank_scale_error) * reported.roll_rad
                 + errors.roll_bias_rad
                 + noise(TILT_SIGMA_RAD),
@@ -216,7 +216,7 @@ fn monitored_calibration<'a>(
 }
 
 /// Sample without errors at rest, heading north.
-fn sample_at_rest(inclination_rad: f32, attitude: Attitude) -> MonitorSample {
+fn sample_at_rest(inclination_rad: f32, attitude: RollPitch) -> MonitorSample {
     let field = attitude.to_body_frame(Field::earth_field(1.0, inclination_rad, 0.0)).ut;
     MonitorSample {
         field,
@@ -272,7 +272,7 @@ fn headings_after_a_day_are_as_good_as_after_an_hour() {
 #[test]
 fn a_day_at_rest_changes_no_state() {
     let mut flight = Flight::new(15);
-    let attitude = Attitude::from_deg(2.0, 5.0);
+    let attitude = RollPitch::from_deg(2.0, 5.0);
     let body = attitude.to_body_frame(Field::earth_field(TOTAL_UT, INCLINATION_RAD, 0.7)).ut;
     for _ in 0..864_000_u32 {
         flight.sample_count += 1;

@@ -10,7 +10,7 @@ use simulator::faults::attitude::{
     stale_attitude,
 };
 use simulator::faults::field::{
-    FieldFault, MountTurn, OtherPlace, SoftIronHysteresis, elevator_linkage, hard_iron_change, hard_iron_drift,
+    FieldFault, MountTurnFault, OtherPlace, SoftIronHysteresis, elevator_linkage, hard_iron_change, hard_iron_drift,
     passing_object, throttle_interference, zero_drift,
 };
 use simulator::faults::link_faults::{ForgedMessage, LinkFault};
@@ -421,7 +421,7 @@ impl RandomCase {
         let (airframe, earth) = (self.world.airframe, self.world.earth);
         self.add_field_fault(
             onset,
-            MountTurn { fault_switch: self.case_switch(), airframe, earth, turn_deg: side_sign * turn_deg },
+            MountTurnFault { fault_switch: self.case_switch(), airframe, earth, turn_deg: side_sign * turn_deg },
         );
     }
 

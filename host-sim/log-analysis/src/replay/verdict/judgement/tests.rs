@@ -1,6 +1,6 @@
 use super::*;
 use crate::log::FieldCorrection;
-use crate::replay::hard_iron_changes::HardIronChange;
+use crate::replay::hard_iron_changes::LoggedHardIronChange;
 use crate::replay::hard_iron_step::HardIronStep;
 use crate::replay::tests::{compass_of_flown_turns, evaluation_of_compasses, export_of, level_row};
 
@@ -66,7 +66,7 @@ fn level_evaluation(
     compass.parameter_fit.fitted_range_s = Some([0.0, 1e3]);
     let hard_iron_step = HardIronStep { time_s: 60.0, step_ut: [0.0, 4.0, 0.0], sigma_ut: [0.1; 3] };
     compass.hard_iron_changes = effect_deg
-        .map(|heading_effect_deg| HardIronChange { hard_iron_step, heading_effect_deg })
+        .map(|heading_effect_deg| LoggedHardIronChange { hard_iron_step, heading_effect_deg })
         .into_iter()
         .collect();
     FlightEvaluation { reference: Some(ReferenceHeading::Simulator), ..evaluation_of_compasses(vec![compass]) }
