@@ -10,8 +10,8 @@ use embassy_time::{Duration, with_timeout};
 use embedded_storage_async::nor_flash::NorFlash;
 
 use super::task_links::{
-    CommandSource, DetectedSensor, Timestamped, ValueReceiver, apply_atomically, increment_counter, now, publish_value,
-    subscribe,
+    CommandSource, SensorDetection, Timestamped, ValueReceiver, apply_atomically, increment_counter, now,
+    publish_value, subscribe,
 };
 use crate::app::task_links::TaskLinks;
 use crate::health::{EventCounts, main_sample_loss};
@@ -145,7 +145,7 @@ async fn poll_in_own_stack_frame<F: Future>(mut future: Pin<&mut F>) -> F::Outpu
 struct CompassEvents<'a> {
     links: &'a TaskLinks,
     armed_receiver: ValueReceiver<'a, Option<bool>, 1>,
-    sensor_receiver: ValueReceiver<'a, DetectedSensor, 2>,
+    sensor_receiver: ValueReceiver<'a, SensorDetection, 2>,
     position_receiver: ValueReceiver<'a, Timestamped<Position>, 1>,
     date_receiver: ValueReceiver<'a, Date, 1>,
 }
@@ -178,7 +178,7 @@ impl<'a> CompassEvents<'a> {
                 (Event::Command(command, now().wrapping_millis()), Some(source))
             }),
             pin!(async {
-                let DetectedSensor { identity, period_us, .. } = sensor.changed().await;
+                let SensorDetection { identity, period_us, .. } = sensor.changed().await;
                 (Event::SensorDetected(identity, readings_per_sample(period_us)), None)
             }),
             pin!(async { (Event::Sample(links.samples.receive().await), None) }),

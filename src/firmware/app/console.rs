@@ -7,7 +7,7 @@ use embedded_io_async::{Read, Write};
 use super::task_links::CommandSource;
 use crate::app::task_links::TaskLinks;
 use crate::console::session::Session;
-use crate::console::{Request, report, write_help};
+use crate::console::{Request, reply, write_help};
 use crate::health::{Diagnostics, ResetCause, StackUse};
 use autoswing::instrument::Estimate;
 use autoswing_module::compass::{Command, Reply};
@@ -42,7 +42,7 @@ pub async fn run_console(
     mut platform: impl Platform,
     reset_cause: ResetCause,
 ) -> ! {
-    let session = Session::new(|out| report::write_greeting(out, &reset_cause));
+    let session = Session::new(|out| reply::write_greeting(out, &reset_cause));
     let mut terminal = Terminal { links, session, reset_cause };
     let mut bytes = [0; 32];
     let mut read = 0..0;
@@ -62,7 +62,7 @@ pub async fn run_console(
             Either3::First(()) => reboot_after_reply(&mut platform).await,
             Either3::Second(Ok(number)) if number > 0 => read = 0..number,
             Either3::Second(_) => Timer::after(LINE_ERROR_PAUSE).await,
-            Either3::Third(message) => terminal.session.write_notice(|out| report::write_notice(out, &message)),
+            Either3::Third(message) => terminal.session.write_notice(|out| reply::write_notice(out, &message)),
         }
     }
 }
@@ -96,9 +96,9 @@ impl Terminal<'_> {
     /// Processes a received byte; returns a command for the state machine.
     fn process_byte(&mut self, byte: u8) -> Option<Command> {
         match self.session.process_byte(byte)? {
-            Err(error) => self.session.write_reply(|out| report::write_line_error(out, &error)),
+            Err(error) => self.session.write_reply(|out| reply::write_line_error(out, &error)),
             Ok(Request::Help(help_topic)) => self.session.write_reply(|out| write_help(out, help_topic)),
-            Ok(Request::Version) => self.session.write_reply(report::write_version),
+            Ok(Request::Version) => self.session.write_reply(reply::write_version),
             Ok(Request::Command(command)) => return Some(command),
         }
         None
@@ -106,7 +106,7 @@ impl Terminal<'_> {
 
     fn write_reply(&mut self, command: Command, result: &Result<Reply, Refusal>, platform: &impl Platform) {
         let health = self.diagnostics(platform);
-        self.session.write_reply(|out| report::write_reply(out, command, result, &health));
+        self.session.write_reply(|out| reply::write_reply(out, command, result, &health));
     }
 
     fn diagnostics(&self, platform: &impl Platform) -> Diagnostics {

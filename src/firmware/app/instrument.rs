@@ -4,7 +4,7 @@ use embassy_futures::select::{Either4, select4};
 use embassy_futures::yield_now;
 use embassy_time::{Instant, Timer};
 
-use super::task_links::{DetectedSensor, increment_counter, now, subscribe};
+use super::task_links::{SensorDetection, increment_counter, now, subscribe};
 use crate::app::task_links::TaskLinks;
 use autoswing::instrument::{ChangeReporter, Instrument, InstrumentConfig, TurnRequest};
 use autoswing_module::messages::Message;
@@ -81,7 +81,7 @@ fn silence_deadline(instrument: &Instrument) -> Instant {
 }
 
 /// Reconfigures the instrument if another sensor was detected.
-fn configure_sensor(instrument: &mut Instrument, sensor: DetectedSensor) {
+fn configure_sensor(instrument: &mut Instrument, sensor: SensorDetection) {
     let InstrumentConfig { reading_period_us, equal_readings_until_stuck, .. } = *instrument.instrument_config();
     if (sensor.period_us, Some(sensor.equal_readings_until_stuck)) != (reading_period_us, equal_readings_until_stuck) {
         instrument.set_sensor_parameters(sensor.period_us, Some(sensor.equal_readings_until_stuck));

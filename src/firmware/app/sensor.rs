@@ -2,7 +2,7 @@
 
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 
-use super::task_links::{DetectedSensor, increment_counter, stamped_now};
+use super::task_links::{SensorDetection, increment_counter, stamped_now};
 use crate::app::task_links::TaskLinks;
 use crate::log::{info, warning};
 use crate::magnetometer::{Magnetometer, MagnetometerError};
@@ -35,7 +35,7 @@ pub async fn run_sensor(links: &TaskLinks, mut magnetometer: impl Magnetometer) 
                 info!("magnetometer {=str}", identity.model.model_name());
                 let (period_us, equal_readings_until_stuck) =
                     (magnetometer.period_us(), magnetometer.equal_readings_until_stuck());
-                links.sensor.sender().send(DetectedSensor { identity, period_us, equal_readings_until_stuck });
+                links.sensor.sender().send(SensorDetection { identity, period_us, equal_readings_until_stuck });
                 if read_until_error(links, &mut magnetometer).await == StopReason::ConfigurationLost {
                     // The sensor answers, so that it is initialised again without a delay.
                     increment_counter(&links.event_counters.sensor_register_upsets);

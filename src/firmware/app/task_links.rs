@@ -30,7 +30,7 @@ pub(super) struct Timestamped<T> {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct DetectedSensor {
+pub(super) struct SensorDetection {
     pub identity: Identity,
     pub period_us: u32,
     /// Number of equal readings on an axis that indicate that it is stuck.
@@ -92,7 +92,7 @@ pub struct TaskLinks {
     /// Indicator state for the lamp, whose task polls it.
     pub(super) indicator_state: LatestValue<IndicatorState, 1>,
     /// Detected sensor, for the instrument and the state machine.
-    pub(super) sensor: LatestValue<DetectedSensor, 2>,
+    pub(super) sensor: LatestValue<SensorDetection, 2>,
     /// Whether the autopilot is armed, if known; for the state machine.
     pub(super) armed_state: LatestValue<Option<bool>, 1>,
     /// The autopilot's position, for the state machine. The date is separate, because it may arrive on another port.

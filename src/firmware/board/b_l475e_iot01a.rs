@@ -19,7 +19,7 @@
 
 use autoswing_firmware::app;
 use autoswing_firmware::app::can::NoBootLoader;
-use autoswing_firmware::console::report::VERSION;
+use autoswing_firmware::console::reply::VERSION;
 use autoswing_firmware::magnetometer::lis3mdl::{Lis3mdl, Lis3mdlConfig};
 use autoswing_firmware::wire::dronecan::outbound::{NodeInfo, SoftwareVersion};
 use defmt_rtt as _;

@@ -1,5 +1,5 @@
 //! The console's language: table of commands, parser with completion and help, line editor, [`session`] of a terminal,
-//! texts of the replies ([`report`]).
+//! texts of the replies ([`reply`]).
 //!
 //! Editor and parser are written here: `embedded-cli` generates a parser for each command (10 KB of flash more than the
 //! table), has no choices and completes only the first word; crates for line editing alone save little. Every error is
@@ -8,7 +8,7 @@
 mod command_table;
 mod line_editor;
 mod parser;
-pub mod report;
+pub mod reply;
 pub mod session;
 
 pub use command_table::{CommandSpec, Request};

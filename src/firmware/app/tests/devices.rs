@@ -8,7 +8,7 @@ use std::rc::Rc;
 use embassy_time::{Duration, Instant, Timer};
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 
-use crate::app::task_links::DetectedSensor;
+use crate::app::task_links::SensorDetection;
 use crate::app::{SetBaud, Watchdog};
 use crate::magnetometer::{Magnetometer, MagnetometerError};
 use autoswing::frames::Field;
@@ -16,7 +16,7 @@ use autoswing::reading::{Identity, MagnetometerModel, Reading};
 use autoswing_module::settings::BaudRate;
 
 /// The fake magnetometer.
-pub const DETECTED_SENSOR: DetectedSensor = DetectedSensor {
+pub const DETECTED_SENSOR: SensorDetection = SensorDetection {
     identity: Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E },
     period_us: FakeMagnetometer::PERIOD_US,
     equal_readings_until_stuck: FakeMagnetometer::EQUAL_READINGS_UNTIL_STUCK,

@@ -5,7 +5,7 @@ use std::rc::Rc;
 use super::TaskBench;
 use super::devices::DETECTED_SENSOR;
 use crate::app::instrument;
-use crate::app::task_links::{DetectedSensor, publish_value, stamped_now, subscribe};
+use crate::app::task_links::{SensorDetection, publish_value, stamped_now, subscribe};
 use autoswing::attitude::{AttitudeReport, SenderId};
 use autoswing::calibration::{Calibration, HeadingUncertainty, Orientation};
 use autoswing::frames::{Field, RollPitch};
@@ -103,7 +103,7 @@ fn a_silent_sensor_is_reported_to_the_ports() {
 #[test]
 fn the_instrument_follows_the_sensor_that_was_found() {
     let mut bench = bench_with_instrument();
-    publish_value(&bench.links.sensor, DetectedSensor { period_us: 50_000, ..DETECTED_SENSOR });
+    publish_value(&bench.links.sensor, SensorDetection { period_us: 50_000, ..DETECTED_SENSOR });
     bench.run_for_ms(20);
     for _ in 0..4 {
         send_level_attitude(&bench);
