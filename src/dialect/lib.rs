@@ -2,8 +2,8 @@
 //!
 //! `messages.rs` is a table, a row for each message; `enumerations.rs` is one of their numbers and flags. Frames, their
 //! checksum and the traits [`Message`] and [`MessageData`] are those of `mavlink-core`. The crate `mavlink` has all
-//! messages, generated from the protocol's definitions by a build script, which takes a tenth of the project's build;
-//! a test here compares every row with it.
+//! messages, generated from the protocol's definitions by a build script, and takes half a minute to compile; a test
+//! here compares every row with it.
 //!
 //! Fields have the names of the protocol's definition (<https://mavlink.io/en/messages/common.html>), which gives their
 //! units, except that `type` is `mavtype`. By default a field is zero, as is a field that MAVLink 2 truncates. An

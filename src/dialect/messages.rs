@@ -13,7 +13,8 @@ use crate::field::Field;
 
 /// Passes the table to the macro `$process`. A row has the name of the message and of its type, its number, and the
 /// extra byte of its CRC; its fields in the order on the wire, which is largest first; and after `extension` the fields
-/// that only MAVLink 2 has, in the order of the definition. Rows are grouped by the dialect that defines them, and sorted by number.
+/// that only MAVLink 2 has, in the order of the definition. Rows are grouped by the dialect that defines them,
+/// and sorted by number.
 macro_rules! message_table {
     ($process:ident) => {
         $process! {

@@ -1,6 +1,6 @@
 //! Fuzz test of the console.
 
-use autoswing_firmware::console::report;
+use autoswing_firmware::console::reply;
 use autoswing_firmware::console::session::Session;
 use autoswing_firmware::console::{Request, write_help};
 use proptest::collection::vec;
@@ -106,14 +106,14 @@ fn feed_bytes(session: &mut Session, bytes: &[u8]) -> Result<Option<Request>, Te
                 if let Request::Help(help_topic) = request {
                     session.write_reply(|reply| write_help(reply, help_topic));
                 } else {
-                    session.write_reply(report::write_version);
+                    session.write_reply(reply::write_version);
                 }
                 last = Some(request);
             }
             Some(Err(error)) => {
                 let text = error.to_string();
                 prop_assert!(!text.is_empty() && text.bytes().all(|byte| (b' '..=b'~').contains(&byte)), "{text:?}");
-                session.write_reply(|reply| report::write_line_error(reply, &error));
+                session.write_reply(|reply| reply::write_line_error(reply, &error));
             }
             None => {}
         }
@@ -127,7 +127,7 @@ fn feed_bytes(session: &mut Session, bytes: &[u8]) -> Result<Option<Request>, Te
 #[test]
 fn the_console_accepts_any_input() {
     check_property(typed_parts(), |parts| -> PropertyResult {
-        let mut session = Session::new(report::write_version);
+        let mut session = Session::new(reply::write_version);
         for (typed_part, is_sent) in &parts {
             let _ = feed_bytes(&mut session, typed_part)?;
             if *is_sent {

@@ -124,6 +124,7 @@ impl CommandHandler {
         Ok(command)
     }
 
+    #[inline(never)] // Inlined in both callers it takes 64 bytes more flash.
     fn queue_acknowledgement(&mut self, addressee: SenderId, command: u16, result: MavResult) {
         let _ = self.acknowledgements.push_back(PendingAcknowledgement { addressee, command, result });
     }

@@ -1,6 +1,6 @@
 //! Messages that the module sends, as frames of MAVLink 2.
 //!
-//! The dialect's serialisers check each field for room, which takes flash. Here payloads are assembled in wire order:
+//! The dialect's serialisers check each field for room. Here payloads are assembled in wire order:
 //! largest fields first, extension fields last (mavlink.io, "Serialization"). Message numbers and CRC extra bytes are the
 //! dialect's, if it has them.
 

@@ -47,6 +47,9 @@ pub fn encode_tlog(recording: &FlightRecording) -> Vec<u8> {
     writer.bytes
 }
 
+/// Version of the protocol in a heartbeat.
+const HEARTBEAT_VERSION: u8 = 3;
+
 struct FrameWriter {
     bytes: Vec<u8>,
     sequence: u8,
@@ -68,7 +71,13 @@ impl FrameWriter {
         base_mode.set(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED, sample.is_armed);
         let autopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;
         let mavtype = if recording.is_copter { MavType::MAV_TYPE_QUADROTOR } else { MavType::MAV_TYPE_FIXED_WING };
-        self.write_message(&HEARTBEAT_DATA { autopilot, base_mode, mavtype, ..Default::default() });
+        self.write_message(&HEARTBEAT_DATA {
+            mavtype,
+            autopilot,
+            base_mode,
+            mavlink_version: HEARTBEAT_VERSION,
+            ..Default::default()
+        });
         let time_boot_ms = (sample.time_us / 1000) as u32;
         self.write_message(&SYSTEM_TIME_DATA { time_unix_usec: FLIGHT_START_UTC_US + sample.time_us, time_boot_ms });
         let current_battery = (sample.current_a * 100.0) as i16;
