@@ -66,6 +66,7 @@ pub fn run_program() -> ExitCode {
 }
 
 /// The parsed command line; ends the program if it is wrong.
+#[must_use]
 pub fn parse_command_line<P: Parser>() -> P {
     P::try_parse().unwrap_or_else(|error| {
         if let Some(log) = std::env::args().nth(1).filter(|word| several_logs::is_log(Path::new(word))) {

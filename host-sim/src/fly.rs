@@ -89,7 +89,11 @@ pub fn run_fly(options: &FlyOptions) -> Result<ExitCode, CommandFailure> {
 }
 
 impl FlyOptions {
-    /// The world of the self. `--aircraft` names a kind of aircraft, or, for compatibility, an airframe.
+    /// The world of the options. `--aircraft` names a kind of aircraft, or an airframe.
+    ///
+    /// # Errors
+    ///
+    /// The airframe is unknown, or its file cannot be read.
     pub fn world_config(&self) -> Result<WorldConfig, CommandFailure> {
         let named = |name: &str| named_world(name, self.seed);
         let world = match (VehicleKind::from_name(&self.aircraft), &self.airframe) {

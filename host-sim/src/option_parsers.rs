@@ -46,6 +46,10 @@ fn parse_in_range<T: OptionNumber>(
 }
 
 /// Parses a time of a log: seconds, `M:SS` or `H:MM:SS`.
+///
+/// # Errors
+///
+/// The text is no time.
 pub fn parse_log_time(text: &str) -> Result<f64, String> {
     let (sign, unsigned_text) =
         text.trim().strip_prefix('-').map_or((1.0, text.trim()), |unsigned_text| (-1.0, unsigned_text));

@@ -97,6 +97,10 @@ pub fn final_exit_code(code: ExitCode) -> ExitCode {
 }
 
 /// Prints a value as one line of JSON with rounded numbers; see docs/json.md.
+///
+/// # Errors
+///
+/// The value has no JSON.
 pub fn print_json(value: impl Serialize) -> Result<(), CommandFailure> {
     let mut value = serde_json::to_value(value).map_err(|error| CommandFailure(error.to_string()))?;
     round_all_numbers(&mut value);
@@ -105,6 +109,10 @@ pub fn print_json(value: impl Serialize) -> Result<(), CommandFailure> {
 }
 
 /// Writes a report and prints its path on the error output, since standard output may be JSON.
+///
+/// # Errors
+///
+/// The file cannot be written.
 pub fn write_report(report: &Report, path: &Path) -> Result<(), CommandFailure> {
     let written = write_report_file(report, path).map_err(|error| {
         CommandFailure(format!(
@@ -119,12 +127,14 @@ pub fn write_report(report: &Report, path: &Path) -> Result<(), CommandFailure> 
 }
 
 /// Bare name of the running program.
+#[must_use]
 pub fn program_name() -> String {
     let path = std::env::args_os().next().unwrap_or_default();
     Path::new(&path).file_stem().map_or_else(|| "host-sim".to_owned(), |stem| stem.to_string_lossy().into_owned())
 }
 
 /// The command line, quoted for a shell, with the program's bare name.
+#[must_use]
 pub fn command_line() -> String {
     let quoted_words = std::env::args().skip(1).map(|word| {
         let is_plain = |character: char| character.is_ascii_alphanumeric() || "-_./=,:+@%".contains(character);
@@ -160,6 +170,7 @@ pub fn narrow_table<T: ToString>(names: impl IntoIterator<Item = T>) -> Table {
 }
 
 /// A table whose text wraps at [`output_width`].
+#[must_use]
 pub fn wrapped_table<const N: usize>(names: [&str; N]) -> Table {
     let mut table = content_width_table([""; N]);
     table.set_header(names);

@@ -19,6 +19,7 @@ pub fn clear_progress_line() {
 }
 
 /// Bar that shows how many of `total` steps are done.
+#[must_use]
 pub fn progress_bar(label: &str, total: u64) -> ProgressBar {
     let bar = ProgressBar::new(total);
     if let Ok(style) = ProgressStyle::with_template(&format!("{label} {{bar:40}} {{pos}}/{{len}} {{eta}}")) {
@@ -29,6 +30,7 @@ pub fn progress_bar(label: &str, total: u64) -> ProgressBar {
 }
 
 /// Spinner for a task of unknown duration.
+#[must_use]
 pub fn show_spinner(label: &'static str) -> ProgressBar {
     let bar = ProgressBar::new_spinner().with_message(label);
     bar.enable_steady_tick(std::time::Duration::from_millis(100));

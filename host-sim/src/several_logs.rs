@@ -83,6 +83,7 @@ fn expand_folders(files: &[PathBuf]) -> Result<Vec<PathBuf>, CommandFailure> {
 }
 
 /// Whether the name of a file is that of a log.
+#[must_use]
 pub fn is_log(path: &Path) -> bool {
     let is_known =
         |ending: &std::ffi::OsStr| LOG_EXTENSIONS.iter().any(|extension| ending.eq_ignore_ascii_case(extension));

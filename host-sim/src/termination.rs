@@ -43,6 +43,10 @@ pub enum SecondSignal {
 
 impl TerminationSignals {
     /// Installs immediate termination, for commands without clean-up.
+    ///
+    /// # Errors
+    ///
+    /// The system refuses a signal handler.
     pub fn install_immediate_exit() -> Result<(), CommandFailure> {
         let signals = Self::install_handlers(SecondSignal::Exits)?;
         thread::spawn(move || {
@@ -56,6 +60,10 @@ impl TerminationSignals {
     }
 
     /// Installs handlers that record the signal.
+    ///
+    /// # Errors
+    ///
+    /// The system refuses a signal handler.
     pub fn install_handlers(second_signal: SecondSignal) -> Result<Self, CommandFailure> {
         let interruption =
             Self { stop: Arc::new(AtomicBool::new(false)), received_exit_status: Arc::new(AtomicUsize::new(0)) };
@@ -72,11 +80,13 @@ impl TerminationSignals {
     }
 
     /// Set by the first signal.
+    #[must_use]
     pub fn stop_flag(&self) -> &Arc<AtomicBool> {
         &self.stop
     }
 
     /// Exit code after a signal, if any: 128 plus its number, as in a shell; 130 for Ctrl-C.
+    #[must_use]
     pub fn exit_code(&self) -> Option<ExitCode> {
         let is_to_end = self.stop.load(Ordering::SeqCst);
         is_to_end.then(|| ExitCode::from(self.received_exit_status.load(Ordering::SeqCst) as u8))

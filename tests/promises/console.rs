@@ -6,6 +6,7 @@ use simulator::module::Module as _;
 use simulator::rig::Rig;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::PrescribedMotion;
+use testkit::documents;
 use testkit::random::Random;
 
 use crate::fixtures::full_status;
@@ -324,12 +325,12 @@ fn random_keys_do_not_stop_the_console() {
 /// Example commands in the documents are valid, and replies that need no previous flight match; `...` matches any text.
 #[test]
 fn documented_examples_match_the_output() {
-    const DOCUMENTS: [&str; 3] = ["../README.md", "../docs/manual.md", "../docs/autopilots.md"];
+    const DOCUMENTS: [&str; 3] = ["README.md", "docs/manual.md", "docs/autopilots.md"];
     // Commands whose documented answers need a previous flight; these answers are not compared.
     const COMMANDS_AFTER_A_FLIGHT: [&str; 2] = ["cal show", "cal advise"];
     let mut typed = 0;
     for name in DOCUMENTS {
-        let document = std::fs::read_to_string(name).unwrap();
+        let document = documents::document_text(name);
         let mut rig = started_rig();
         rig.take_console_output();
         for block in document.split("```text\n").skip(1).map(|after_fence| after_fence.split("```").next().unwrap()) {
@@ -363,12 +364,33 @@ fn documented_examples_match_the_output() {
 /// The documents name each setting's command, and each parameter.
 #[test]
 fn every_setting_is_documented() {
-    let [manual, dronecan] =
-        ["../docs/manual.md", "../docs/dronecan.md"].map(|name| std::fs::read_to_string(name).unwrap());
+    let [manual, dronecan] = ["docs/manual.md", "docs/dronecan.md"].map(documents::document_text);
     for setting in &SETTINGS {
         let [first, second] = setting.command_words;
         assert!(manual.contains(second), "{first} {second}");
         let name = setting.parameter_name;
         assert!(name.is_empty() || dronecan.contains(&format!("`{name}`")), "{name}");
     }
+}
+
+/// All settings as they leave the factory, in the order of `status all`.
+#[test]
+fn status_shows_every_setting() {
+    let mut rig = started_rig();
+    let status = answer(&mut rig, "status all");
+    let settings = "\
+        stream: on, 10 Hz, smooth heading\n\
+        declination: not set\n\
+        inclination: not set, found from the samples\n\
+        mount: none, align 0.0 deg\n\
+        attitude-error: 0.20 deg, 1.0 % of bank, 1 sigma\n\
+        sensor-error: gyro 2.0 %, drift 0.25 % of the field a minute, 1 sigma\n\
+        accuracy: 0.5 deg wanted\n\
+        auto: on, collects automatically while uncalibrated\n\
+        port1: auto, 115200 baud, found mavlink\n\
+        port2: nmea, 115200 baud\n\
+        vision: off\n\
+        attitude-rate: 40 Hz at most\n\
+        signing: off\n";
+    assert!(status.contains(settings), "{status}");
 }

@@ -245,7 +245,7 @@ impl Rig {
         self.magnetometer.spawn_task(simulation, links.clone());
         let task_links = links.clone();
         simulation.spawn(ExecutorLevel::Interrupt, "instrument", async move {
-            app::instrument::run_instrument(&task_links).await
+            app::instrument::run_instrument(&task_links).await;
         });
         for (port_number, cable) in
             PortNumber::ALL_PORTS.into_iter().zip([&self.autopilot_cable, &self.instrument_cable])

@@ -1,6 +1,17 @@
-//! Figures that documents state and tests measure.
+//! Documents, and figures that they state and tests measure.
 
 use std::path::Path;
+
+/// Text of a document, by its path from the project's root.
+///
+/// # Panics
+///
+/// If it cannot be read.
+#[must_use]
+pub fn document_text(document: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(document);
+    std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{document}: {error}"))
+}
 
 /// Asserts that the last cell of a table's row is `measured`.
 ///
@@ -10,8 +21,7 @@ use std::path::Path;
 ///
 /// If the document states another figure, or lacks the row.
 pub fn assert_document_states(document: &str, row: &str, measured: &str) {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(document);
-    let text = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{document}: {error}"));
+    let text = document_text(document);
     let start = format!("| {row}");
     let stated_row =
         text.lines().find(|line| line.starts_with(&start)).unwrap_or_else(|| panic!("{document}: no row {row:?}"));

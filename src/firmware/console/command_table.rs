@@ -2,15 +2,15 @@
 //!
 //! A new command is one more row. The commands of settings derive from their table ([`SETTINGS`]).
 
-use core::iter;
+use core::slice;
 
 use autoswing::calibration::Method;
 use autoswing::calibration::method_selection::Procedure;
 use autoswing_module::compass::Command;
 use autoswing_module::settings::{SETTINGS, Setting, SettingChange, SettingKind, SettingValue};
 
-/// Command, or the first word of several commands.
-#[derive(Clone, Copy, Debug)]
+/// Command that is not of settings, or the first word of several commands.
+#[derive(Debug)]
 pub struct CommandSpec {
     /// One or two words, lower case; the second is empty if there is one.
     pub command_words: [&'static str; 2],
@@ -23,7 +23,7 @@ pub struct CommandSpec {
 }
 
 /// Form of a command.
-#[derive(Clone, Copy, Debug)]
+#[derive(Debug)]
 pub enum CommandForm {
     /// `help`.
     Help,
@@ -31,12 +31,28 @@ pub enum CommandForm {
     Group,
     /// Arguments in their order, and the constructor of the request.
     Request(&'static [ArgumentSpec], fn(&Arguments) -> Request),
-    /// Change of settings, one for each argument.
-    Settings(&'static [Setting]),
+}
+
+/// One of all commands.
+#[derive(Clone, Copy, Debug)]
+pub enum ConsoleCommand {
+    /// Command of this module's table.
+    Own(&'static CommandSpec),
+    /// Change of a setting, and of those after it with the same words.
+    Setting(&'static Setting),
+}
+
+/// Argument of a command.
+#[derive(Clone, Copy, Debug)]
+pub enum CommandArgument {
+    /// Argument of a command of this module's table.
+    Own(&'static ArgumentSpec),
+    /// Value of a setting. The state machine checks its range.
+    Setting(&'static Setting),
 }
 
 /// Specification of a command's argument.
-#[derive(Clone, Copy, Debug)]
+#[derive(Debug)]
 pub struct ArgumentSpec {
     /// Name of the argument, upper case.
     pub argument_name: &'static str,
@@ -56,8 +72,6 @@ pub enum ArgumentKind {
     Heading(Option<&'static str>),
     /// Confirmation word.
     Confirmation(&'static str),
-    /// Value of a setting. The state machine checks its range.
-    Setting(&'static Setting),
 }
 
 /// Parsed argument.
@@ -114,50 +128,84 @@ impl CommandSpec {
     const fn before_settings(self) -> Self {
         Self { precedes_settings: true, ..self }
     }
+}
 
-    /// Command of adjacent settings.
-    fn from_settings(settings: &'static [Setting]) -> Option<Self> {
-        let Setting { command_words, help_text, kind, .. } = settings.first()?;
-        Some(match kind {
-            SettingKind::Alignment(_) => ALIGN_COMMAND,
-            _ => Self {
-                command_words: *command_words,
-                help_text,
-                command_form: CommandForm::Settings(settings),
-                precedes_settings: false,
-            },
-        })
+impl ConsoleCommand {
+    /// Words of the command; the second is empty if there is one.
+    #[must_use]
+    pub const fn words(self) -> [&'static str; 2] {
+        match self {
+            Self::Own(command) => command.command_words,
+            Self::Setting(setting) => setting.command_words,
+        }
     }
 
-    /// The command, then those of settings that follow it.
-    fn with_settings(self) -> impl Iterator<Item = Self> {
-        let [first_word, _] = self.command_words;
-        let settings: &[Setting] = if self.precedes_settings { &SETTINGS } else { &[] };
-        let commands = settings.chunk_by(|setting, next| setting.command_words == next.command_words);
-        let follows = move |command: &Self| command.command_words[0] == first_word;
-        iter::once(self).chain(commands.filter_map(Self::from_settings).filter(follows))
+    /// Description in `help`.
+    #[must_use]
+    pub const fn help_text(self) -> &'static str {
+        match self {
+            Self::Own(command) => command.help_text,
+            Self::Setting(setting) => setting.help_text,
+        }
+    }
+
+    /// Whether the command is the first word of commands with two.
+    #[must_use]
+    pub const fn is_group(self) -> bool {
+        matches!(self, Self::Own(CommandSpec { command_form: CommandForm::Group, .. }))
     }
 
     /// Argument with this index.
-    pub fn nth_argument(&self, index: usize) -> Option<ArgumentSpec> {
-        match self.command_form {
-            CommandForm::Request(arguments, _) => arguments.get(index).copied(),
-            CommandForm::Settings(settings) => settings
-                .get(index)
-                .map(|setting| ArgumentSpec::new(setting.argument_name, ArgumentKind::Setting(setting))),
-            CommandForm::Help | CommandForm::Group => None,
+    pub fn nth_argument(self, index: usize) -> Option<CommandArgument> {
+        match self {
+            Self::Own(CommandSpec { command_form: CommandForm::Request(arguments, _), .. }) => {
+                arguments.get(index).map(CommandArgument::Own)
+            }
+            Self::Own(_) => None,
+            Self::Setting(first) => {
+                let mut settings = SETTINGS.iter().filter(|setting| setting.command_words == first.command_words);
+                settings.nth(index).map(CommandArgument::Setting)
+            }
         }
     }
 
     /// All arguments in their order.
-    pub fn arguments(&self) -> impl Iterator<Item = ArgumentSpec> {
-        (0..).map_while(|index| self.nth_argument(index))
+    pub fn arguments(self) -> impl Iterator<Item = CommandArgument> {
+        (0..).map_while(move |index| self.nth_argument(index))
     }
 }
 
 /// All commands in the order of `help`, adjacent if they share the first word.
-pub fn all_commands() -> impl Iterator<Item = CommandSpec> {
-    COMMANDS.iter().flat_map(|command| command.with_settings())
+pub fn all_commands() -> impl Iterator<Item = ConsoleCommand> {
+    CommandIterator { commands: COMMANDS.iter(), settings: [].iter(), first_word: "" }
+}
+
+/// Commands that follow, and settings of which the commands with `first_word` come before them.
+struct CommandIterator {
+    commands: slice::Iter<'static, CommandSpec>,
+    settings: slice::Iter<'static, Setting>,
+    first_word: &'static str,
+}
+
+impl Iterator for CommandIterator {
+    type Item = ConsoleCommand;
+
+    // Not inlined, so that flash contains one copy.
+    #[inline(never)]
+    fn next(&mut self) -> Option<ConsoleCommand> {
+        for setting in self.settings.by_ref().filter(|setting| setting.command_words[0] == self.first_word) {
+            match setting.kind {
+                SettingKind::Alignment(_) => return Some(ConsoleCommand::Own(&ALIGN_COMMAND)),
+                _ if setting.help_text.is_empty() => {}
+                _ => return Some(ConsoleCommand::Setting(setting)),
+            }
+        }
+        let command = self.commands.next()?;
+        if command.precedes_settings {
+            (self.settings, self.first_word) = (SETTINGS.iter(), command.command_words[0]);
+        }
+        Some(ConsoleCommand::Own(command))
+    }
 }
 
 impl ArgumentSpec {
@@ -168,14 +216,31 @@ impl ArgumentSpec {
     const fn optional_argument(name: &'static str, kind: ArgumentKind) -> Self {
         Self { argument_name: name, argument_kind: kind, is_optional: true }
     }
+}
+
+impl CommandArgument {
+    /// Name of the argument, upper case.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Own(argument) => argument.argument_name,
+            Self::Setting(setting) => setting.argument_name,
+        }
+    }
+
+    /// Whether the argument may be omitted.
+    pub const fn is_optional(self) -> bool {
+        matches!(self, Self::Own(ArgumentSpec { is_optional: true, .. }))
+    }
 
     /// Permitted word with this index.
-    pub fn nth_word(&self, index: usize) -> Option<&'static str> {
-        let only_word = match self.argument_kind {
-            ArgumentKind::Choice(name) => return name(index),
-            ArgumentKind::Setting(setting) => return setting.nth_word(index).map(|(word, _)| word),
-            ArgumentKind::Heading(alternative) => alternative,
-            ArgumentKind::Confirmation(word) => Some(word),
+    pub fn nth_word(self, index: usize) -> Option<&'static str> {
+        let only_word = match self {
+            Self::Setting(setting) => return setting.nth_word(index).map(|(word, _)| word),
+            Self::Own(argument) => match argument.argument_kind {
+                ArgumentKind::Choice(name) => return name(index),
+                ArgumentKind::Heading(alternative) => alternative,
+                ArgumentKind::Confirmation(word) => Some(word),
+            },
         };
         only_word.filter(|_| index == 0)
     }
@@ -246,7 +311,7 @@ static COMMANDS: &[CommandSpec] = &[
 ];
 
 /// Command of the alignment, among those of the settings.
-const ALIGN_COMMAND: CommandSpec = CommandSpec::new(
+static ALIGN_COMMAND: CommandSpec = CommandSpec::new(
     "set",
     "align",
     "magnetic heading of the vehicle now: removes a constant error; none: as calibrated; yes: of any size",
@@ -298,7 +363,7 @@ fn nth_procedure_or_again(index: usize) -> Option<&'static str> {
 #[derive(Clone, Copy, Debug)]
 pub enum Request {
     /// List the commands, or explain one.
-    Help(Option<CommandSpec>),
+    Help(Option<ConsoleCommand>),
     /// Show the firmware's version.
     Version,
     /// Command for the state machine.
@@ -318,17 +383,14 @@ mod tests {
     /// Commands follow the row of their first word; no two are equal; a row without a request has second words.
     #[test]
     fn the_command_table_is_grouped_and_has_no_duplicates() {
-        let commands: Vec<CommandSpec> = all_commands().collect();
+        let commands: Vec<ConsoleCommand> = all_commands().collect();
         for (i, row) in commands.iter().enumerate() {
-            let [first, second] = row.command_words;
-            assert!(
-                !commands[..i].iter().any(|other| other.command_words == row.command_words),
-                "{first} {second} is there twice"
-            );
-            assert!(second.is_empty() || commands[i - 1].command_words[0] == first, "{first} {second} stands alone");
+            let [first, second] = row.words();
+            assert!(!commands[..i].iter().any(|other| other.words() == row.words()), "{first} {second} is there twice");
+            assert!(second.is_empty() || commands[i - 1].words()[0] == first, "{first} {second} stands alone");
             assert_eq!(
-                matches!(row.command_form, CommandForm::Group),
-                second.is_empty() && commands.iter().filter(|row| row.command_words[0] == first).count() > 1
+                row.is_group(),
+                second.is_empty() && commands.iter().filter(|row| row.words()[0] == first).count() > 1
             );
             assert!(row.arguments().count() <= 2);
         }
@@ -339,13 +401,9 @@ mod tests {
     fn command_words_are_lower_case_ascii() {
         let is_plain = |word: &str| word.bytes().all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'-');
         for row in all_commands() {
-            assert!(row.command_words.iter().all(|word| is_plain(word)), "{:?}", row.command_words);
+            assert!(row.words().iter().all(|word| is_plain(word)), "{:?}", row.words());
             for argument in row.arguments() {
-                assert!(
-                    (0..).map_while(|number| argument.nth_word(number)).all(is_plain),
-                    "{}",
-                    argument.argument_name
-                );
+                assert!((0..).map_while(|number| argument.nth_word(number)).all(is_plain), "{}", argument.name());
             }
         }
     }

@@ -11,6 +11,6 @@ mod parser;
 pub mod reply;
 pub mod session;
 
-pub use command_table::{CommandSpec, Request};
+pub use command_table::{ConsoleCommand, Request};
 pub use line_editor::LINE_CAPACITY;
 pub use parser::{LineError, parse_request, write_help};

@@ -208,7 +208,7 @@ fn a_free_flight_without_tilt_is_unobservable() {
         unobservable: UnobservableQuantities { mounting: true, ..UnobservableQuantities::default() },
     };
     let good = candidate(0.1, typical_quality(0.5));
-    let on_priors = Solution { advice: Some(advice), ..good.clone() };
+    let on_priors = Solution { advice: Some(advice), ..good };
     let tumbled = candidate(0.1, Quality { method: Method::Ellipsoid, ..typical_quality(0.5) });
     let swung = candidate(0.1, Quality { method: Method::CompassSwing, ..level });
     let circle = circle_samples(0.0, 24);

@@ -350,11 +350,14 @@ mod tests {
         }
     }
 
+    /// An angle, or its rate, at a time.
+    type Angle<'a> = &'a dyn Fn(f32) -> f32;
+
     #[test]
     fn correlated_bank_and_turn_rate_indicate_banked_turns() {
         // Correlation is the cosine of the phase difference: 0.62 and 0.36.
         let swing = |t: f32| 25.0 * t.sin();
-        let cases: [(&str, &dyn Fn(f32) -> f32, &dyn Fn(f32) -> f32, bool); 6] = [
+        let cases: [(&str, Angle, Angle, bool); 6] = [
             ("into the turns", &swing, &|t| 12.0 * t.sin(), true),
             ("out of the turns", &swing, &|t| -12.0 * t.sin(), false),
             ("a circle to the left", &|_| -25.0, &|_| -12.0, true),

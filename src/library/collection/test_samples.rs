@@ -1,6 +1,7 @@
 use nalgebra::Vector3;
 
-use super::{Collector, RetainedSamples};
+use super::collector::Collector;
+use super::retained_samples::RetainedSamples;
 use crate::calibration::method_selection::Procedure;
 use crate::calibration::{CollectionPart, Sample};
 use crate::frames::{Field, Level, RollPitch};

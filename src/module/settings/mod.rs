@@ -175,12 +175,17 @@ impl Settings {
     ///
     /// [`OutOfRange`] if the settings would be [invalid](Self::is_valid).
     pub fn with_setting(self, change: SettingChange) -> Result<Self, OutOfRange> {
+        let SettingChange { setting, value } = change;
         let mut changed = self;
-        let values = [Some(change.value), change.next_value.map(|number| SettingValue::Number(Some(number)))];
-        let rows = SETTINGS.iter().skip_while(|setting| *setting != change.setting);
-        let is_set =
-            rows.zip(values.into_iter().flatten()).all(|(setting, value)| setting.set_value(&mut changed, value));
-        if is_set && changed.is_valid() { Ok(changed) } else { Err(OutOfRange(change.setting.range_text)) }
+        let is_set = match value {
+            SettingValue::Numbers(numbers) => {
+                let settings = SETTINGS.iter().skip_while(|row| *row != setting);
+                let mut values = numbers.map(|number| SettingValue::Number(Some(number))).into_iter();
+                settings.zip(&mut values).all(|(setting, value)| setting.set_value(&mut changed, value))
+            }
+            value => setting.set_value(&mut changed, value),
+        };
+        if is_set && changed.is_valid() { Ok(changed) } else { Err(OutOfRange(setting.range_text)) }
     }
 }
 
@@ -336,11 +341,7 @@ impl Setting {
     /// Change to a value; `None` for a value of another kind, or of no choice. Ranges are checked when it is applied.
     #[must_use]
     pub fn change_to(&'static self, value: SettingValue) -> Option<SettingChange> {
-        self.set_value(&mut { Settings::DEFAULT }, value).then_some(SettingChange {
-            setting: self,
-            value,
-            next_value: None,
-        })
+        self.set_value(&mut { Settings::DEFAULT }, value).then_some(SettingChange { setting: self, value })
     }
 }
 
@@ -351,8 +352,6 @@ pub struct SettingChange {
     pub setting: &'static Setting,
     /// New value of the setting.
     pub value: SettingValue,
-    /// New number of the next setting in the table, the second argument of the command.
-    pub next_value: Option<f32>,
 }
 
 impl SettingChange {
@@ -376,6 +375,16 @@ impl SettingChange {
         Self::new(parameter_name, SettingValue::Number(number))
     }
 
+    /// Change of a number with this parameter name, and of the next in the table.
+    ///
+    /// # Panics
+    ///
+    /// As [`whole`](Self::whole).
+    #[must_use]
+    pub const fn numbers(parameter_name: &str, numbers: [f32; 2]) -> Self {
+        Self::new(parameter_name, SettingValue::Numbers(numbers))
+    }
+
     /// Change of a key with this parameter name.
     ///
     /// # Panics
@@ -391,13 +400,7 @@ impl SettingChange {
         while !is_equal_text(SETTINGS[index].parameter_name, parameter_name) {
             index += 1;
         }
-        Self { setting: &SETTINGS[index], value, next_value: None }
-    }
-
-    /// The change with a new number of the next setting in the table.
-    #[must_use]
-    pub const fn with_next(self, next_value: f32) -> Self {
-        Self { next_value: Some(next_value), ..self }
+        Self { setting: &SETTINGS[index], value }
     }
 
     /// Whether solves use this setting, so that it must not change during one.

@@ -119,6 +119,8 @@ pub enum SettingValue {
     Whole(u32),
     /// Number; `None` if unset.
     Number(Option<f32>),
+    /// Numbers of a setting and of the next one in the table, arguments of one command.
+    Numbers([f32; 2]),
     /// Key of MAVLink signatures.
     Key(Option<SigningKey>),
 }
@@ -191,9 +193,9 @@ impl<S: Copy + Default> SettingRow<S> {
                 choice.nth_name(choice.number()).is_some()
             }
             SettingKind::Whole(field, [least, most], ..) => (*least..=*most).contains(field(settings)),
-            SettingKind::Number(field, range, ..) => is_within(range, *field(settings)),
-            SettingKind::Angle(field, range, ..) => field(settings).is_none_or(|deg| is_within(range, deg)),
-            SettingKind::Alignment(field) => is_within(&[-180.0, 180.0], *field(settings)),
+            SettingKind::Number(field, range, ..) => is_within(*range, *field(settings)),
+            SettingKind::Angle(field, range, ..) => field(settings).is_none_or(|deg| is_within(*range, deg)),
+            SettingKind::Alignment(field) => is_within([-180.0, 180.0], *field(settings)),
         }
     }
 
@@ -237,8 +239,8 @@ impl<S: Copy + Default> SettingRow<S> {
     }
 }
 
-fn is_within([least, most]: &[f32; 2], number: f32) -> bool {
-    (*least..=*most).contains(&number)
+fn is_within([least, most]: [f32; 2], number: f32) -> bool {
+    (least..=most).contains(&number)
 }
 
 /// Numbers of all values of a choice.

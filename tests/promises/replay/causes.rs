@@ -83,6 +83,7 @@ const HARMLESS_CAUSES: [(&str, Cause, &str); 11] = [
 ];
 
 /// Cause that concerns the compass.
+#[derive(Clone, Copy)]
 struct Case {
     name: &'static str,
     cause: Cause,

@@ -138,9 +138,13 @@ mod tests {
     #[test]
     fn a_constant_field_during_10_s_of_motion_is_frozen() {
         let mut steady_bank = frozen_rows(60, 0.0, 0.0);
-        steady_bank.iter_mut().for_each(|row| row.attitude = RollPitch::from_deg(25.0, -15.0));
+        for row in &mut steady_bank {
+            row.attitude = RollPitch::from_deg(25.0, -15.0);
+        }
         let mut with_gap = frozen_rows(8, 20.0, 0.0);
-        with_gap[40..].iter_mut().for_each(|row| row.t_s += 256.0);
+        for row in &mut with_gap[40..] {
+            row.t_s += 256.0;
+        }
         for (name, rows, is_frozen) in [
             ("roll", frozen_rows(12, 6.0, 0.0), true),
             ("pitch", frozen_rows(12, 0.0, 6.0), true),

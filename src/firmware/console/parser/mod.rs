@@ -3,7 +3,8 @@
 use core::fmt::{self, Display};
 
 use super::command_table::{
-    ArgumentKind, ArgumentSpec, ArgumentValue, Arguments, CommandForm, CommandSpec, Request, all_commands,
+    ArgumentKind, ArgumentSpec, ArgumentValue, Arguments, CommandArgument, CommandForm, CommandSpec, ConsoleCommand,
+    Request, all_commands,
 };
 use super::line_editor::LINE_CAPACITY;
 use crate::wire::mavlink::key_from_passphrase;
@@ -19,13 +20,13 @@ pub enum LineError {
     /// Missing second word; contains the first.
     MissingWord(&'static str),
     /// Missing argument.
-    MissingArgument(ArgumentSpec),
+    MissingArgument(CommandArgument),
     /// Invalid argument.
-    BadValue(ArgumentSpec),
+    BadValue(CommandArgument),
     /// More arguments than the command takes.
-    UnexpectedArgument(CommandSpec),
+    UnexpectedArgument(ConsoleCommand),
     /// Destructive command without its confirmation word.
-    MissingConfirmation(CommandSpec),
+    MissingConfirmation(ConsoleCommand),
     /// Line beyond the capacity.
     TooLong,
 }
@@ -54,7 +55,7 @@ impl Display for LineError {
                 write!(f, "after {first} expected ")?;
                 write_list(f, &|number| ExpectedElement::SecondWord(first).nth_word(number), " or ")
             }
-            Self::MissingArgument(slot) => write!(f, "<{}> is missing; expected {slot}", slot.argument_name),
+            Self::MissingArgument(slot) => write!(f, "<{}> is missing; expected {slot}", slot.name()),
             Self::BadValue(slot) => write!(f, "expected {slot}"),
             Self::UnexpectedArgument(row) => write!(f, "too many words; it is {row}"),
             Self::MissingConfirmation(row) => write!(f, "this cannot be undone; type {row}"),
@@ -87,29 +88,27 @@ fn split_last_word(line: &str) -> (&str, &str) {
 }
 
 fn parse_words<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Request, LineError> {
-    let command = find_command([first, ""]).ok_or(LineError::UnknownCommand(None))?;
-    let [first, _] = command.command_words;
-    match (command.command_form, words.next()) {
-        (CommandForm::Help, None) => Ok(Request::Help(None)),
-        (CommandForm::Help, Some(topic)) => parse_help(topic, words),
-        (CommandForm::Group, None) => Err(LineError::MissingWord(first)),
-        (CommandForm::Group, Some(second)) => {
-            let command = find_command([first, second]).ok_or(LineError::UnknownCommand(Some(first)))?;
-            parse_arguments(command, words)
-        }
-        (_, word) => parse_arguments(command, word.into_iter().chain(words)),
+    let mut command = find_command([first, ""]).ok_or(LineError::UnknownCommand(None))?;
+    if let ConsoleCommand::Own(CommandSpec { command_form: CommandForm::Help, .. }) = command {
+        return words.next().map_or(Ok(Request::Help(None)), |topic| parse_help(topic, words));
     }
+    if command.is_group() {
+        let [first, _] = command.words();
+        let second = words.next().ok_or(LineError::MissingWord(first))?;
+        command = find_command([first, second]).ok_or(LineError::UnknownCommand(Some(first)))?;
+    }
+    parse_arguments(command, words)
 }
 
 fn parse_help<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Request, LineError> {
-    let command = find_command([first, ""]).ok_or(LineError::UnknownCommand(None))?;
-    let command = match (command.command_form, words.next()) {
-        (CommandForm::Group, Some(second)) => {
-            find_command([first, second]).ok_or(LineError::UnknownCommand(Some(command.command_words[0])))?
+    let mut command = find_command([first, ""]).ok_or(LineError::UnknownCommand(None))?;
+    if let Some(second) = words.next() {
+        if !command.is_group() {
+            return Err(LineError::UnexpectedArgument(command));
         }
-        (_, Some(_)) => return Err(LineError::UnexpectedArgument(command)),
-        (_, None) => command,
-    };
+        let [first, _] = command.words();
+        command = find_command([first, second]).ok_or(LineError::UnknownCommand(Some(first)))?;
+    }
     if words.next().is_some() { Err(LineError::UnexpectedArgument(command)) } else { Ok(Request::Help(Some(command))) }
 }
 
@@ -117,27 +116,28 @@ fn is_help(first: &str) -> bool {
     first == "help"
 }
 
-fn find_command(words: [&str; 2]) -> Option<CommandSpec> {
-    all_commands().find(|row| row.command_words.iter().zip(words).all(|(word, typed)| word.eq_ignore_ascii_case(typed)))
+fn find_command(words: [&str; 2]) -> Option<ConsoleCommand> {
+    all_commands()
+        .find(|command| command.words().iter().zip(words).all(|(word, typed)| word.eq_ignore_ascii_case(typed)))
 }
 
-fn parse_arguments<'a>(command: CommandSpec, mut words: impl Iterator<Item = &'a str>) -> Result<Request, LineError> {
+fn parse_arguments<'a>(
+    command: ConsoleCommand,
+    mut words: impl Iterator<Item = &'a str>,
+) -> Result<Request, LineError> {
     let mut arguments = Arguments([ArgumentValue::Absent; 2]);
     for (argument, value) in command.arguments().zip(&mut arguments.0) {
-        let is_required_confirmation =
-            matches!(argument.argument_kind, ArgumentKind::Confirmation(_)) && !argument.is_optional;
-        let Some(word) = words.next() else {
-            return match argument {
-                _ if argument.is_optional => break,
-                _ if is_required_confirmation => Err(LineError::MissingConfirmation(command)),
-                _ => Err(LineError::MissingArgument(argument)),
-            };
+        let is_confirmation = matches!(
+            argument,
+            CommandArgument::Own(ArgumentSpec { argument_kind: ArgumentKind::Confirmation(_), is_optional: false, .. })
+        );
+        let parsed = match words.next() {
+            Some(word) => parse_value(argument, word).ok_or(LineError::BadValue(argument)),
+            None if argument.is_optional() => break,
+            None => Err(LineError::MissingArgument(argument)),
         };
-        *value = match parse_value(&argument, word) {
-            Some(value) => value,
-            None if is_required_confirmation => return Err(LineError::MissingConfirmation(command)),
-            None => return Err(LineError::BadValue(argument)),
-        };
+        *value =
+            parsed.map_err(|error| if is_confirmation { LineError::MissingConfirmation(command) } else { error })?;
         // No argument follows a word in place of a number.
         if *value == ArgumentValue::Absent {
             break;
@@ -146,39 +146,48 @@ fn parse_arguments<'a>(command: CommandSpec, mut words: impl Iterator<Item = &'a
     if words.next().is_some() {
         return Err(LineError::UnexpectedArgument(command));
     }
-    Ok(match command.command_form {
-        CommandForm::Request(_, to_request) => to_request(&arguments),
-        CommandForm::Settings([setting, more @ ..]) => Command::Set(setting_change(setting, more, &arguments)).into(),
-        CommandForm::Settings([]) | CommandForm::Help | CommandForm::Group => Request::Help(Some(command)),
+    Ok(match command {
+        ConsoleCommand::Own(CommandSpec { command_form: CommandForm::Request(_, to_request), .. }) => {
+            to_request(&arguments)
+        }
+        ConsoleCommand::Own(_) => Request::Help(Some(command)),
+        ConsoleCommand::Setting(setting) => Command::Set(setting_change(setting, command, &arguments)).into(),
     })
 }
 
 /// Change of a command's settings; an omitted value is the default.
-fn setting_change(setting: &'static Setting, more: &[Setting], arguments: &Arguments) -> SettingChange {
+fn setting_change(setting: &'static Setting, command: ConsoleCommand, arguments: &Arguments) -> SettingChange {
     let value_of = |setting: &Setting, argument| match argument {
         ArgumentValue::Setting(value) => value,
         _ => setting.value(&Settings::DEFAULT),
     };
     let [first, second] = arguments.0;
-    let next_value = more.first().and_then(|next| match value_of(next, second) {
-        SettingValue::Number(number) => number,
-        _ => None,
-    });
-    SettingChange { setting, value: value_of(setting, first), next_value }
+    let value = value_of(setting, first);
+    let Some(CommandArgument::Setting(next)) = command.nth_argument(1) else { return SettingChange { setting, value } };
+    match (value, value_of(next, second)) {
+        (SettingValue::Number(Some(first)), SettingValue::Number(Some(second))) => {
+            SettingChange { setting, value: SettingValue::Numbers([first, second]) }
+        }
+        _ => SettingChange { setting, value },
+    }
 }
 
-fn parse_value(argument: &ArgumentSpec, typed: &str) -> Option<ArgumentValue> {
+fn parse_value(argument: CommandArgument, typed: &str) -> Option<ArgumentValue> {
     let word = (0..).map_while(|number| argument.nth_word(number)).position(|word| word.eq_ignore_ascii_case(typed));
-    match (argument.argument_kind, word) {
-        (ArgumentKind::Choice(_) | ArgumentKind::Confirmation(_), word) => word.map(ArgumentValue::Choice),
-        (ArgumentKind::Heading(_), None) => decimal::parse_decimal(typed).map(ArgumentValue::Number),
-        (ArgumentKind::Heading(_) | ArgumentKind::Setting(Setting { kind: SettingKind::Number(..), .. }), Some(_)) => {
-            Some(ArgumentValue::Absent)
+    match (argument, word) {
+        (CommandArgument::Own(ArgumentSpec { argument_kind: ArgumentKind::Heading(_), .. }), None) => {
+            decimal::parse_decimal(typed).map(ArgumentValue::Number)
         }
-        (ArgumentKind::Setting(setting), Some(index)) => {
+        (
+            CommandArgument::Own(ArgumentSpec { argument_kind: ArgumentKind::Heading(_), .. })
+            | CommandArgument::Setting(Setting { kind: SettingKind::Number(..), .. }),
+            Some(_),
+        ) => Some(ArgumentValue::Absent),
+        (CommandArgument::Own(_), word) => word.map(ArgumentValue::Choice),
+        (CommandArgument::Setting(setting), Some(index)) => {
             setting.nth_word(index).map(|(_, value)| ArgumentValue::Setting(value))
         }
-        (ArgumentKind::Setting(setting), None) => parse_setting_value(setting, typed).map(ArgumentValue::Setting),
+        (CommandArgument::Setting(setting), None) => parse_setting_value(setting, typed).map(ArgumentValue::Setting),
     }
 }
 
@@ -199,7 +208,7 @@ fn parse_setting_value(setting: &Setting, typed: &str) -> Option<SettingValue> {
 enum ExpectedElement {
     FirstWord,
     SecondWord(&'static str),
-    Argument(ArgumentSpec),
+    Argument(CommandArgument),
     Nothing,
 }
 
@@ -213,36 +222,34 @@ impl ExpectedElement {
             let Some(explained) = words.next() else { return Self::FirstWord };
             first = explained;
         }
-        let Some(command) = find_command([first, ""]) else { return Self::Nothing };
-        let command = match command.command_form {
-            CommandForm::Help | CommandForm::Group => {
-                let Some(second) = words.next() else { return Self::SecondWord(command.command_words[0]) };
-                find_command([first, second])
-            }
-            _ => Some(command),
-        };
-        let Some(command) = command.filter(|_| !is_explained) else { return Self::Nothing };
-        command.nth_argument(words.count()).map_or(Self::Nothing, Self::Argument)
+        let Some(mut command) = find_command([first, ""]) else { return Self::Nothing };
+        if command.is_group() {
+            let Some(second) = words.next() else { return Self::SecondWord(command.words()[0]) };
+            let Some(second) = find_command([first, second]) else { return Self::Nothing };
+            command = second;
+        }
+        let argument = if is_explained { None } else { command.nth_argument(words.count()) };
+        argument.map_or(Self::Nothing, Self::Argument)
     }
 
     /// Allowed word with this index.
     fn nth_word(self, number: usize) -> Option<&'static str> {
         match self {
-            Self::FirstWord => {
-                command_word_pairs().filter(|[_, second]| second.is_empty()).map(|[first, _]| first).nth(number)
-            }
-            Self::SecondWord(command) => {
-                let is_subcommand = |[first, second]: &[&'static str; 2]| *first == command && !second.is_empty();
-                command_word_pairs().filter(is_subcommand).map(|[_, second]| second).nth(number)
-            }
+            Self::FirstWord => nth_command_word(None, number),
+            Self::SecondWord(first) => nth_command_word(Some(first), number),
             Self::Argument(slot) => slot.nth_word(number),
             Self::Nothing => None,
         }
     }
 }
 
-fn command_word_pairs() -> impl Iterator<Item = [&'static str; 2]> {
-    all_commands().map(|command| command.command_words)
+/// First word of a command, or second word after a first one.
+fn nth_command_word(first_word: Option<&str>, number: usize) -> Option<&'static str> {
+    let mut words = all_commands().map(ConsoleCommand::words).filter_map(|[first, second]| match first_word {
+        None => second.is_empty().then_some(first),
+        Some(first_word) => (first == first_word && !second.is_empty()).then_some(second),
+    });
+    words.nth(number)
 }
 
 /// Completion of the last word of a line.
@@ -303,45 +310,34 @@ fn write_list(
     Ok(())
 }
 
-impl Display for CommandSpec {
+impl Display for ConsoleCommand {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [first, second] = self.command_words;
+        let [first, second] = self.words();
         f.write_str(first)?;
         if !second.is_empty() {
             write!(f, " {second}")?;
         }
         for argument in self.arguments() {
-            let (opening, closing) = if argument.is_optional { ("[", "]") } else { ("", "") };
-            write!(f, " {opening}{}{closing}", argument.argument_name)?;
+            let (opening, closing) = if argument.is_optional() { ("[", "]") } else { ("", "") };
+            write!(f, " {opening}{}{closing}", argument.name())?;
         }
         Ok(())
     }
 }
 
-impl ArgumentSpec {
-    fn write_words(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write_list(f, &|number| self.nth_word(number), " or ")
-    }
-}
-
-impl Display for ArgumentSpec {
+impl Display for CommandArgument {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (range, unit) = match self.argument_kind {
-            ArgumentKind::Heading(_) => ([0.0, 360.0], "deg"),
-            ArgumentKind::Choice(_) | ArgumentKind::Confirmation(_) => return self.write_words(f),
-            ArgumentKind::Setting(setting) => match setting.kind {
-                SettingKind::Number(_, range, unit, ..) => (range, unit),
-                SettingKind::Angle(_, range, ..) => (range, "deg"),
-                SettingKind::Whole(_, [least, most], unit, _) => {
-                    return write!(f, "a whole number, {least} to {most} {unit}");
-                }
-                SettingKind::Key(_) => {
-                    return f.write_str("one word, upper and lower case differ, such as Heron-4711, or off");
-                }
-                SettingKind::Switch(..) | SettingKind::Choice(_) | SettingKind::Alignment(_) => {
-                    return self.write_words(f);
-                }
-            },
+        let (range, unit) = match self {
+            Self::Own(ArgumentSpec { argument_kind: ArgumentKind::Heading(_), .. }) => ([0.0, 360.0], "deg"),
+            Self::Setting(Setting { kind: SettingKind::Number(_, range, unit, ..), .. }) => (*range, *unit),
+            Self::Setting(Setting { kind: SettingKind::Angle(_, range, ..), .. }) => (*range, "deg"),
+            Self::Setting(Setting { kind: SettingKind::Whole(_, [least, most], unit, _), .. }) => {
+                return write!(f, "a whole number, {least} to {most} {unit}");
+            }
+            Self::Setting(Setting { kind: SettingKind::Key(_), .. }) => {
+                return f.write_str("one word, upper and lower case differ, such as Heron-4711, or off");
+            }
+            _ => return write_list(f, &|number| self.nth_word(number), " or "),
         };
         let [least, most] = range.map(|number| ShortestDecimal(number, 0));
         write!(f, "a number, {least} to {most} {unit}")?;
@@ -354,16 +350,16 @@ impl Display for ArgumentSpec {
 /// # Errors
 ///
 /// Those of `out`.
-pub fn write_help(out: &mut dyn fmt::Write, topic: Option<CommandSpec>) -> fmt::Result {
+pub fn write_help(out: &mut dyn fmt::Write, topic: Option<ConsoleCommand>) -> fmt::Result {
     let Some(topic) = topic else {
         writeln!(out, "ok help COMMAND explains one")?;
         return write_help_of_next_words(out, ExpectedElement::FirstWord);
     };
     writeln!(out, "ok {}", CommandHelp(topic))?;
     for argument in topic.arguments() {
-        writeln!(out, "{}: {argument}", argument.argument_name)?;
+        writeln!(out, "{}: {argument}", argument.name())?;
     }
-    let [first, second] = topic.command_words;
+    let [first, second] = topic.words();
     if second.is_empty() { write_help_of_next_words(out, ExpectedElement::SecondWord(first)) } else { Ok(()) }
 }
 
@@ -379,13 +375,13 @@ fn write_help_of_next_words(out: &mut dyn fmt::Write, expected: ExpectedElement)
 }
 
 /// Syntax and description of a command; for a first word also its second words.
-struct CommandHelp(CommandSpec);
+struct CommandHelp(ConsoleCommand);
 
 impl Display for CommandHelp {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}", self.0, self.0.help_text)?;
-        let [first, _] = self.0.command_words;
-        if let CommandForm::Group = self.0.command_form {
+        write!(f, "{}: {}", self.0, self.0.help_text())?;
+        if self.0.is_group() {
+            let [first, _] = self.0.words();
             f.write_str(": ")?;
             write_list(f, &|number| ExpectedElement::SecondWord(first).nth_word(number), ", ")?;
         }

@@ -46,12 +46,12 @@ fn every_command_is_parsed() {
         ("set align 90", Command::Align(Some(90.0))),
         ("set align none", Command::Align(None)),
         ("set align 90.5 yes", Command::AlignConfirmed(90.5)),
-        ("set attitude-error 0.5 2", set(SettingChange::number("ATT_ERROR_DEG", Some(0.5)).with_next(2.0))),
+        ("set attitude-error 0.5 2", set(SettingChange::numbers("ATT_ERROR_DEG", [0.5, 2.0]))),
         ("set signing off", set(SettingChange::key("SIGNING", None))),
         ("set signing 4711", set(SettingChange::key("SIGNING", Some(key_from_passphrase("4711"))))),
-        ("set sensor-error 5 0.5", set(SettingChange::number("GYRO_ERROR", Some(5.0)).with_next(0.5))),
-        ("set sensor-error default", set(SettingChange::number("GYRO_ERROR", Some(2.0)).with_next(0.25))),
-        ("set attitude-error default", set(SettingChange::number("ATT_ERROR_DEG", Some(0.2)).with_next(1.0))),
+        ("set sensor-error 5 0.5", set(SettingChange::numbers("GYRO_ERROR", [5.0, 0.5]))),
+        ("set sensor-error default", set(SettingChange::numbers("GYRO_ERROR", [2.0, 0.25]))),
+        ("set attitude-error default", set(SettingChange::numbers("ATT_ERROR_DEG", [0.2, 1.0]))),
     ];
     for (line, meaning) in examples {
         assert_eq!(parsed_command(line), meaning, "{line}");
@@ -71,8 +71,10 @@ fn every_command_is_parsed() {
         let Some(Ok(request)) = parse_request(line) else { panic!("{line}") };
         assert!(format!("{request:?}").starts_with(name), "{request:?}");
     }
-    for row in all_commands().filter(|row| matches!(row.command_form, CommandForm::Request(..))) {
-        let words = row.command_words.join(" ");
+    for row in all_commands()
+        .filter(|row| matches!(row, ConsoleCommand::Own(CommandSpec { command_form: CommandForm::Request(..), .. })))
+    {
+        let words = row.words().join(" ");
         let mut tested_lines = examples.iter().map(|(line, _)| *line).chain(others.map(|(line, _)| line));
         assert!(tested_lines.any(|line| line.to_ascii_lowercase().starts_with(words.trim_end())), "{words}");
     }
@@ -95,9 +97,9 @@ fn every_setting_has_a_command() {
             continue;
         }
         let ends = setting.value_range().into_iter().flatten().filter_map(|value| match (&setting.kind, value) {
-            (SettingKind::Switch(..) | SettingKind::Choice(_), _) | (_, SettingValue::Key(_)) => None,
-            (_, SettingValue::Whole(number)) => Some((number.to_string(), value)),
+            (SettingKind::Whole(..), SettingValue::Whole(number)) => Some((number.to_string(), value)),
             (_, SettingValue::Number(number)) => Some((number.unwrap().to_string(), value)),
+            _ => None,
         });
         let words = (0..).map_while(|index| setting.nth_word(index)).map(|(word, value)| (word.to_owned(), value));
         for (typed, value) in ends.chain(words) {
@@ -166,13 +168,13 @@ fn an_error_names_the_expected_argument() {
 fn help_explains_everything_there_is() {
     let all = help_reply("help");
     for row in all_commands() {
-        let words = row.command_words.join(" ");
+        let words = row.words().join(" ");
         let reply = help_reply(&format!("help {words}"));
         assert!(reply.starts_with(&format!("ok {}", words.trim_end())), "{reply}");
-        assert!(reply.contains(row.help_text), "{reply}");
-        let [first, second] = row.command_words;
+        assert!(reply.contains(row.help_text()), "{reply}");
+        let [first, second] = row.words();
         let group = if second.is_empty() { all.clone() } else { help_reply(&format!("help {first}")) };
-        assert!(group.starts_with("ok ") && group.contains(&format!("\n{row}: {}", row.help_text)), "{row}: {group}");
+        assert!(group.starts_with("ok ") && group.contains(&format!("\n{row}: {}", row.help_text())), "{row}: {group}");
     }
     assert_eq!(
         help_reply("HELP Stream"),

@@ -149,7 +149,7 @@ mod tests {
         ] {
             match bank(left_deg).sine_of_difference(bank(right_deg)) {
                 Ok(sine) => {
-                    assert!(expected.is_ok_and(|expected: f32| (sine - expected).abs() < 1e-5), "{left_deg}: {sine}")
+                    assert!(expected.is_ok_and(|expected: f32| (sine - expected).abs() < 1e-5), "{left_deg}: {sine}");
                 }
                 Err(error) => assert_eq!((error, expected), (SolveError::SamePlane, Err(())), "{left_deg}"),
             }

@@ -31,7 +31,9 @@ fn with_changed_hard_iron(
     beta_ut: Vector3<f32>,
     fraction_at: impl Fn(u32) -> f32,
 ) -> RecordedTurns {
-    recorded.samples_mut().for_each(|sample| sample.field.ut += beta_ut * fraction_at(sample.time.as_ms()));
+    for sample in recorded.samples_mut() {
+        sample.field.ut += beta_ut * fraction_at(sample.time.as_ms());
+    }
     recorded
 }
 
@@ -113,9 +115,13 @@ fn hard_iron_in_a_linkage_is_detected() {
         let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
         let mut turns = Flight::TYPICAL.fly(&airframe, &mut random).left_then_right();
         let beta_ut = change_of_hard_iron(seed, 4.0);
-        turns.samples_mut().for_each(|sample| sample.field.ut += beta_ut);
+        for sample in turns.samples_mut() {
+            sample.field.ut += beta_ut;
+        }
         let mut level = level_circle(&airframe, 150, &mut random);
-        level.iter_mut().for_each(|sample| sample.time = WrappingMillis::new(sample.time.as_ms() + 160_000));
+        for sample in &mut level {
+            sample.time = WrappingMillis::new(sample.time.as_ms() + 160_000);
+        }
         let free = free_samples(&[turns.left, turns.right, level].concat());
         let Ok(solution) = solve_samples(Method::MaximumLikelihood, free, &NO_PRIOR) else { continue };
         let change = solution.hard_iron_change.map(|finding| finding.violation);
@@ -182,7 +188,9 @@ fn every_method_of_turns_detects_a_hard_iron_step() {
 fn samples_with_equal_times_show_no_hard_iron_change() {
     let (_, recorded) = seeded_flight(4, Flight::TYPICAL);
     let mut changed = with_hard_iron_step(recorded, Vector3::new(2.0, 0.0, 2.0), 60_000);
-    changed.samples_mut().for_each(|sample| sample.time = WrappingMillis::default());
+    for sample in changed.samples_mut() {
+        sample.time = WrappingMillis::default();
+    }
     assert_eq!(solve_turns(&changed).unwrap().hard_iron_change, None);
 }
 

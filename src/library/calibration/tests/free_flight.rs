@@ -124,7 +124,9 @@ fn a_mirrored_attitude_is_detected() {
             let mut mirrored: Vec<Sample> = samples.iter().map(mirror).collect();
             let refused = solve_free_flight(&mirrored).map(|_| ());
             assert_eq!(refused, Err(SolveError::TurnsReversed), "seed {seed}: {roll} {pitch}");
-            mirrored.iter_mut().for_each(|sample| sample.rates = AngleRates::UNKNOWN);
+            for sample in &mut mirrored {
+                sample.rates = AngleRates::UNKNOWN;
+            }
             let refused = solve_free_flight(&mirrored).map(|_| ());
             assert!(matches!(refused, Err(SolveError::MountContradicted { .. })), "seed {seed}: {refused:?}");
         }

@@ -28,7 +28,7 @@ fn settings_of_a_running_solve_cannot_change() {
         Command::AlignConfirmed(10.0),
         Command::Set(SettingChange::whole("MOUNT", 0)),
         Command::Set(SettingChange::number("INCLINATION", Some(50.0))),
-        Command::Set(SettingChange::number("ATT_ERROR_DEG", Some(0.2)).with_next(1.0)),
+        Command::Set(SettingChange::numbers("ATT_ERROR_DEG", [0.2, 1.0])),
     ] {
         assert_eq!(bed.expect_refusal(command), Refusal::Busy, "{command:?}");
     }
@@ -91,7 +91,7 @@ fn commands_other_than_ground_commands_are_accepted_while_armed() {
     }
     assert_eq!(bed.expect_done(Command::CalAbort), ModuleState::Uncalibrated);
     let used_by_solves =
-        [SettingChange::number("INCLINATION", None), SettingChange::number("ATT_ERROR_DEG", Some(0.2)).with_next(1.0)];
+        [SettingChange::number("INCLINATION", None), SettingChange::numbers("ATT_ERROR_DEG", [0.2, 1.0])];
     for setting in OTHER_SETTINGS.into_iter().chain(used_by_solves) {
         bed.set(setting);
     }

@@ -328,7 +328,7 @@ fn a_correction_contains_mounting_armed_state_and_expected_errors() {
     let mount = Orientation::from_name("yaw90").unwrap();
     let mut bed = TestBed::with_setting(SettingChange::whole("MOUNT", mount.number().into()));
     assert_eq!(bed.compass.instrument_correction(), Correction { mount: Some(mount), ..Correction::UNCALIBRATED });
-    bed.set(SettingChange::number("GYRO_ERROR", Some(50.0 / 8.0)).with_next(0.5));
+    bed.set(SettingChange::numbers("GYRO_ERROR", [50.0 / 8.0, 0.5]));
     assert_eq!(
         bed.compass.instrument_correction().sensor_errors,
         SensorErrorSigmas { gyro_scale: 0.0625, hard_iron_drift_per_minute: 0.005 }
@@ -513,7 +513,7 @@ fn a_solve_uses_the_configured_mounting_inclination_and_attitude_error() {
     let contradicted = SolveError::InclinationContradicted { found_deg: 55 };
     assert_eq!(solve_with(Some(60.0)), Err(Refusal::Solve(contradicted)));
     let expected_deg = |bias_deg, bank_percent| {
-        let error = SettingChange::number("ATT_ERROR_DEG", Some(bias_deg)).with_next(bank_percent);
+        let error = SettingChange::numbers("ATT_ERROR_DEG", [bias_deg, bank_percent]);
         let mut bed = TestBed::with_setting(error);
         let quality = bed.calibrate(&few_turns(1)).unwrap().quality;
         let Ok(Reply::Advice(advice)) = bed.request_reply(Command::CalAdvise) else { panic!("none") };

@@ -131,20 +131,18 @@ fn an_empty_flash_gives_the_defaults() {
 
 #[test]
 fn settings_and_calibrations_do_not_disturb_each_other() {
-    let mut flash = Flash::new(PAGE_COUNT);
-    save_calibration(&mut flash, 5).unwrap();
-    save_change(&mut flash, StoreChange::Settings(&settings())).unwrap();
-    let mut assert_loaded_after = |change: Option<StoreChange<'_>>, stored_calibrations| {
-        change.into_iter().for_each(|change| save_change(&mut flash, change).unwrap());
+    let mut flash = flash_after_saves(5);
+    let only_current = StoredCalibrations { previous_calibration: None, ..stored_calibrations(7) };
+    for (change, stored_calibrations) in [
+        (StoreChange::Settings(&settings()), stored_calibrations(5)),
+        (calibration_change(&stored_calibrations(6)), stored_calibrations(6)),
+        (calibration_change(&only_current), only_current),
+        (StoreChange::Clear, StoredCalibrations::default()),
+    ] {
+        save_change(&mut flash, change).unwrap();
         let expected = StoredValues { settings: settings(), stored_calibrations, ..StoredValues::default() };
         assert_eq!(load_values(&mut flash), Ok(expected));
-    };
-    assert_loaded_after(None, stored_calibrations(5));
-    let only_current = StoredCalibrations { previous_calibration: None, ..stored_calibrations(7) };
-    for calibrations in [stored_calibrations(6), only_current] {
-        assert_loaded_after(Some(calibration_change(&calibrations)), calibrations);
     }
-    assert_loaded_after(Some(StoreChange::Clear), StoredCalibrations::default());
 }
 
 #[test]

@@ -104,7 +104,9 @@ fn only_jumps_of_the_field_that_the_motion_does_not_explain_are_found() {
     let mut gap = from_100_s();
     gap.retain(|row| !(99.5..100.5).contains(&row.t_s));
     let mut without_rates = from_100_s();
-    without_rates.iter_mut().for_each(|row| row.rates_rad_s = None);
+    for row in &mut without_rates {
+        row.rates_rad_s = None;
+    }
     let mut fast_turn = turning_rows(0.0, 0.3, |t_s| if (100.0..108.0).contains(&t_s) { 150.0 } else { 10.0 });
     for row in fast_turn.iter_mut().filter(|row| (100.0..108.0).contains(&row.t_s)) {
         row.rates_rad_s = row.rates_rad_s.map(|rates| rates.map(|rate| 0.97 * rate));

@@ -285,8 +285,11 @@ fn the_file_states_the_score_of_its_parameters() {
         warnings: vec!["check it".to_owned()],
         ..export_with_rotation(2, 0.0)
     };
-    use ParameterFormat::{ArduPilot, Inav, Px4};
-    for (format, file_name) in [(ArduPilot, "compass.param"), (Px4, "compass.param"), (Inav, "compass.txt")] {
+    for (format, file_name) in [
+        (ParameterFormat::ArduPilot, "compass.param"),
+        (ParameterFormat::Px4, "compass.param"),
+        (ParameterFormat::Inav, "compass.txt"),
+    ] {
         assert_eq!(format.file_name(), file_name);
         assert_eq!(
             parameter_lines(&[], std::slice::from_ref(&export), format, "# ")[..3],

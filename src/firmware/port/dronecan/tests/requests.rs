@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::wire::mavlink::key_from_passphrase;
-use autoswing_module::settings::{Setting, SettingChange, SettingValue, SigningKey};
+use autoswing_module::settings::{SETTINGS, Setting, SettingChange, SettingValue, SigningKey};
 
 const GET_SET: DataType = DataType::GET_SET;
 
@@ -34,14 +34,14 @@ fn traffic_is_counted() {
 fn all_parameters_are_listed() {
     let mut bench = Bench::new();
     let parameters: Vec<&Setting> = (0..).map_while(Setting::nth_parameter).collect();
-    assert_eq!(parameters.len(), 23);
+    assert_eq!(parameters.len(), SETTINGS.len() - 1, "all but the alignment");
     for (index, parameter) in parameters.iter().enumerate() {
         let payload = bench.response_to_request(GET_SET, &[index as u8, 0]).unwrap();
         let name = parameter.parameter_name.as_bytes();
         assert!(payload.ends_with(name), "{} {payload:?}", parameter.parameter_name);
         let tags = |value| match value {
             SettingValue::Whole(_) => 9,
-            SettingValue::Number(_) => 5,
+            SettingValue::Number(_) | SettingValue::Numbers(_) => 5,
             SettingValue::Key(_) => 0,
         };
         if let Some([least, _]) = parameter.value_range() {
