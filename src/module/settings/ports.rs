@@ -139,18 +139,3 @@ impl PortsSettings {
         }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn ports_have_separate_settings() {
-        let mut ports = PortsSettings::DEFAULT;
-        ports.port_mut(PortNumber::Two).protocol = ProtocolKind::Msp;
-        ports.port_mut(PortNumber::One).baud = BaudRate::B57600;
-        let [first, second] = PortNumber::ALL_PORTS.map(|number| ports.settings_of_port(number));
-        assert_eq!(first, PortSettings { protocol: ProtocolKind::Auto, baud: BaudRate::B57600 });
-        assert_eq!(second, PortSettings { protocol: ProtocolKind::Msp, baud: BaudRate::B115200 });
-    }
-}

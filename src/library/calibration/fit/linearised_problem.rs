@@ -64,13 +64,6 @@ impl LinearisedProblem {
         Self { least_squares: LeastSquares::new(), cost: 0.0, clipped_squares: [0.0; 2], sample_count: 0 }
     }
 
-    #[cfg(test)]
-    pub fn from_priors(likelihood: &Likelihood, unknowns: &Vector13) -> Self {
-        let mut system = Self::empty();
-        system.add_priors(likelihood, unknowns);
-        system
-    }
-
     fn add_priors(&mut self, likelihood: &Likelihood, unknowns: &Vector13) {
         for_each_prior(likelihood, &ModelParameters::from_unknowns(unknowns), &mut |prior| {
             let weight = 1.0 / (prior.sigma * prior.sigma);
@@ -136,11 +129,6 @@ impl LinearisedProblem {
         self.sample_count = self.sample_count.saturating_add(1);
     }
 
-    #[cfg(test)]
-    pub fn add_row(&mut self, row: &Vector13, residual: f32, weight: f32) {
-        self.least_squares.add_weighted_row(row, [-residual], weight);
-    }
-
     /// Moves the origin to the solution: the remaining step is zero.
     pub const fn reset_origin(&mut self) {
         self.least_squares.reset_origin();
@@ -164,5 +152,18 @@ impl LinearisedProblem {
     /// Covariance of the unknowns times a vector; `None` when the information is singular.
     pub fn covariance_times(&self, vector: &Vector13) -> Option<Vector13> {
         self.least_squares.covariance_times(vector)
+    }
+}
+
+#[cfg(test)]
+impl LinearisedProblem {
+    pub fn from_priors(likelihood: &Likelihood, unknowns: &Vector13) -> Self {
+        let mut system = Self::empty();
+        system.add_priors(likelihood, unknowns);
+        system
+    }
+
+    pub fn add_row(&mut self, row: &Vector13, residual: f32, weight: f32) {
+        self.least_squares.add_weighted_row(row, [-residual], weight);
     }
 }

@@ -15,9 +15,6 @@ use nalgebra::{SVector, Vector3};
 
 pub(crate) const UNKNOWN_COUNT: usize = 13;
 pub(crate) type Vector13 = SVector<f32, UNKNOWN_COUNT>;
-#[cfg(test)]
-pub(in crate::calibration) type Matrix13 = nalgebra::SMatrix<f32, UNKNOWN_COUNT, UNKNOWN_COUNT>;
-
 pub(in crate::calibration) const COEFFICIENT_COUNT: usize = 12;
 pub(in crate::calibration) type Vector12 = SVector<f32, COEFFICIENT_COUNT>;
 
@@ -136,6 +133,9 @@ pub(in crate::calibration) fn coefficient_jacobian_row(
     }
     row
 }
+
+#[cfg(test)]
+pub(in crate::calibration) type Matrix13 = nalgebra::SMatrix<f32, UNKNOWN_COUNT, UNKNOWN_COUNT>;
 
 #[cfg(test)]
 mod tests {
