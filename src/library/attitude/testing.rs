@@ -7,7 +7,7 @@ use crate::time::{Timestamp, WrappingMillis};
 /// Period of reports at 50 Hz, microseconds.
 pub(super) const PERIOD_US: u64 = 20_000;
 
-/// Report of a sender without a clock; rates of zero are none.
+/// Report of a sender without a clock; zero rates mean no gyro.
 pub(super) fn report(attitude: RollPitch, rates_rad_s: [f32; 3]) -> AttitudeReport {
     AttitudeReport {
         sender: SenderId::default(),

@@ -89,7 +89,7 @@ mod tests {
         collector.fit_samples().samples_of_part(CollectionPart::FREE).iter().map(|sample| sample.field.ut.x).collect()
     }
 
-    /// A thirtieth of a circle in a weak field, 5 uT, tells samples apart.
+    /// Samples a thirtieth of a circle apart are distinct, also in a weak field of 5 uT.
     #[test]
     fn samples_of_a_tumble_are_distinct() {
         for (step_ut, expected) in [(6.0, 20), (5.0, 20), (4.0, 10), (0.0, 1)] {

@@ -60,7 +60,7 @@ pub struct CanSettings {
     pub rate_hz: u8,
     /// Whether the field is sent with its covariance, in three frames instead of one.
     pub sends_covariance: bool,
-    /// Whether the board's terminating resistor is on, if it has one that can be switched.
+    /// Whether the board's switchable terminating resistor, if any, is on.
     pub is_terminated: bool,
 }
 
@@ -359,7 +359,7 @@ impl SettingChange {
     ///
     /// # Panics
     ///
-    /// If there is no such parameter: for names that are constants.
+    /// If no setting has this parameter name; callers pass constants.
     #[must_use]
     pub const fn whole(parameter_name: &str, number: u32) -> Self {
         Self::new(parameter_name, SettingValue::Whole(number))

@@ -388,7 +388,7 @@ mod tests {
         assert!(earth_of_flight(&LoggedFlight::new(LogFormat::Csv)).is_none());
     }
 
-    /// Fields of 50 uT: one that only noise changes, and one that turns.
+    /// Two fields of 50 uT: constant with noise, and turning.
     #[test]
     fn a_field_has_turned_if_it_changes_by_a_part_of_its_strength() {
         for (amplitude_ut, axis, has_turned) in [(2.0, 0, false), (15.0, 0, true), (2.0, 2, false), (15.0, 2, true)] {

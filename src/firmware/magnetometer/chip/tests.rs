@@ -79,7 +79,7 @@ fn every_measurement_is_found_whatever_the_period() {
     }
 }
 
-/// The instrument reports a silent sensor after eight periods; a slow oscillator is none.
+/// The instrument reports a silent sensor after eight periods; a slow oscillator is not silent.
 #[test]
 fn a_stopped_chip_is_reported_within_six_periods() {
     for period_us in [12_500, 6_452, 5_000] {

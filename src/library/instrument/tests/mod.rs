@@ -64,7 +64,7 @@ pub(super) fn process_reading(instrument: &mut Instrument, us: u64, field: Field
     instrument.on_reading(us_after_start(us), reading_of_field(field))
 }
 
-/// Report of a sender without a clock; rates of zero are none.
+/// Report of a sender without a clock; zero rates mean no gyro.
 fn attitude_report(attitude: RollPitch, rates_rad_s: [f32; 3]) -> AttitudeReport {
     AttitudeReport {
         sender: SenderId::default(),

@@ -12,8 +12,8 @@ fn each_state_receives_all_of_its_process_noise() {
 }
 
 /// In level flight the filter starts again from the turn that explains a new disturbance; in a bank its own estimate is
-/// only less certain. A field that has been disturbed for long is no turn, and ends an estimated one that it
-/// contradicts.
+/// only less certain. A field disturbed for long is not explained by a turn, and contradicts an estimated
+/// one.
 #[test]
 fn only_a_new_disturbance_may_be_a_mount_turn() {
     const HEADING_RESIDUAL_RAD: f32 = 0.3;
