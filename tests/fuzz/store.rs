@@ -2,8 +2,6 @@
 
 use std::sync::LazyLock;
 
-use autoswing::calibration::{AttitudeEnvelope, Calibration, HeadingUncertainty, Method, Orientation, Quality};
-use autoswing::reading::{Identity, MagnetometerModel};
 use autoswing_module::settings::Settings;
 use autoswing_module::store::{
     CalibrationRecord, LoadedValues, Store, StoreChange, StoreError, StoredCalibrations, StoredValues,
@@ -13,6 +11,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use testkit::flash::RamFlash;
 
+use crate::calibration_record::calibration_record;
 use crate::{PropertyResult, check_property};
 
 const PAGE_SIZE: usize = 2048;
@@ -35,31 +34,6 @@ static SAVED_FLASHES: LazyLock<[Flash; 4]> = LazyLock::new(|| {
         flash
     })
 });
-
-fn calibration_record(serial: u32) -> CalibrationRecord {
-    let calibration =
-        Calibration { b_ut: [serial as f32, 2.0, 3.0], ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) };
-    let quality = Quality {
-        method: Method::MaximumLikelihood,
-        envelope: AttitudeEnvelope::Banked,
-        expected_rms_deg: 0.3,
-        expected_worst_deg: 0.7,
-        norm_residual: 0.004,
-        inclination_residual_deg: 0.4,
-        samples: 300,
-        latency: None,
-        knows_inclination: true,
-    };
-    let sensor = Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E };
-    CalibrationRecord {
-        calibration,
-        quality,
-        uncertainty: HeadingUncertainty::NO_UNCERTAINTY,
-        sensor,
-        mount: Orientation::IDENTITY_ROTATION,
-        serial_number: serial,
-    }
-}
 
 fn open_store(flash: &mut Flash) -> Store<&mut Flash> {
     Store::new(flash, 0..REGION_SIZE as u32)

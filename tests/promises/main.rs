@@ -6,6 +6,7 @@ mod accuracy;
 mod architecture;
 mod automatic;
 mod autopilot_view;
+mod calibration_record;
 mod can;
 #[cfg(unix)]
 mod commands;

@@ -1,10 +1,9 @@
 //! Flash contents survive power failures; an interrupted save leaves the old values.
 
-use autoswing::calibration::{AttitudeEnvelope, Calibration, HeadingUncertainty, Method, Orientation, Quality};
+use autoswing::calibration::Calibration;
 use autoswing::frames::{Field, RollPitch, wrap_pi};
-use autoswing::reading::{Identity, MagnetometerModel};
 use autoswing_firmware::health::ResetCause;
-use autoswing_module::store::{CalibrationRecord, LoadedValues, Store, StoreChange, StoreError, StoredCalibrations};
+use autoswing_module::store::{LoadedValues, Store, StoreChange, StoreError, StoredCalibrations};
 use embassy_futures::block_on;
 use simulator::devices::nor_flash::CutOutcome;
 use simulator::module::{Module as _, ModuleRunEnd};
@@ -15,6 +14,7 @@ use simulator::world::aircraft::PrescribedMotion;
 use simulator::world::autopilot::Leg;
 use testkit::flash::{CutProgress, RamFlash};
 
+use crate::calibration_record::calibration_record;
 use crate::fixtures::{
     append_routine, calibrated_rig, fly_turns, full_status, run_until_legs_end, shown_calibration, status_line,
 };
@@ -191,31 +191,6 @@ fn a_calibration_is_not_used_with_another_mounting() {
 /// Region of the store on the board: eight pages of 2 KB.
 type StoreFlash = RamFlash<2048>;
 const STORE_PAGES: usize = 8;
-
-fn calibration_record(serial: u32) -> CalibrationRecord {
-    let calibration =
-        Calibration { b_ut: [serial as f32, 2.0, 3.0], ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) };
-    let quality = Quality {
-        method: Method::MaximumLikelihood,
-        envelope: AttitudeEnvelope::Banked,
-        expected_rms_deg: 0.3,
-        expected_worst_deg: 0.7,
-        norm_residual: 0.004,
-        inclination_residual_deg: 0.4,
-        samples: u16::MAX,
-        latency: None,
-        knows_inclination: true,
-    };
-    let sensor = Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E };
-    CalibrationRecord {
-        calibration,
-        quality,
-        uncertainty: HeadingUncertainty::NO_UNCERTAINTY,
-        sensor,
-        mount: Orientation::IDENTITY_ROTATION,
-        serial_number: serial,
-    }
-}
 
 fn stored_calibrations(serial: u32) -> StoredCalibrations {
     StoredCalibrations {
