@@ -8,12 +8,12 @@
 //! ```
 //! use std::f32::consts::TAU;
 //!
-//! use autoswing::calibration::{CollectionPart, MotorCurrent, Method, Prior, Rates, Sample, Samples, solve_samples};
-//! use autoswing::frames::{Attitude, Field, wrap_pi};
+//! use autoswing::calibration::{CollectionPart, MotorCurrent, Method, Prior, AngleRates, Sample, Samples, solve_samples};
+//! use autoswing::frames::{RollPitch, Field, wrap_pi};
 //! use autoswing::time::WrappingMillis;
 //!
 //! // In place of a sensor: the Earth's field of 50 uT and 60 deg of inclination, bent by the iron of an airframe.
-//! let measure = |attitude: Attitude, heading_rad: f32| {
+//! let measure = |attitude: RollPitch, heading_rad: f32| {
 //!     let earth = Field::earth_field(50.0, 60_f32.to_radians(), heading_rad);
 //!     let body = attitude.to_body_frame(earth).ut;
 //!     Field::from_ut(
@@ -27,7 +27,7 @@
 //! let circle = |bank_deg: f32, part: CollectionPart| {
 //!     (0..60)
 //!         .map(move |i| {
-//!             let attitude = Attitude::from_deg(bank_deg, 2.0);
+//!             let attitude = RollPitch::from_deg(bank_deg, 2.0);
 //!             let heading_rad = bank_deg.signum() * TAU * i as f32 / 60.0;
 //!             let (field, time) = (measure(attitude, heading_rad), WrappingMillis::new(i * 500));
 //!             Sample { time, part, ..Sample::new(field, attitude) }
@@ -40,7 +40,7 @@
 //! assert!(solution.quality.expected_rms_deg < 1.0);
 //!
 //! // From then on: the field of a reading, corrected, levelled by the attitude at its instant, shows the heading.
-//! let (attitude, heading_rad) = (Attitude::from_deg(10.0, -3.0), 1.2);
+//! let (attitude, heading_rad) = (RollPitch::from_deg(10.0, -3.0), 1.2);
 //! let corrected = solution.calibration.calibrated_field(measure(attitude, heading_rad));
 //! let error_rad = wrap_pi(attitude.to_level_frame(corrected).heading_rad() - heading_rad);
 //! assert!(error_rad.abs().to_degrees() < 0.1, "{error_rad} rad");

@@ -18,7 +18,7 @@
 //! ```
 //! use autoswing::attitude::{AttitudeReport, SenderId};
 //! use autoswing::calibration::{Calibration, HeadingUncertainty, Orientation};
-//! use autoswing::frames::{Attitude, Field};
+//! use autoswing::frames::{RollPitch, Field};
 //! use autoswing::instrument::{Correction, Instrument, InstrumentConfig};
 //! use autoswing::reading::Reading;
 //! use autoswing::time::{Timestamp, WrappingMillis};
@@ -34,7 +34,7 @@
 //! let calibration = Some((calibration, HeadingUncertainty::NO_UNCERTAINTY));
 //! instrument.set_correction(Correction { calibration, ..Correction::UNCALIBRATED });
 //!
-//! let attitude = Attitude::from_deg(20.0, 3.0);
+//! let attitude = RollPitch::from_deg(20.0, 3.0);
 //! let sender_clock_at_sending = WrappingMillis::new(0);
 //! let report = AttitudeReport { sender: SenderId::default(), sender_clock_at_sending, attitude, body_rates: None };
 //! instrument.on_attitude(Timestamp::from_us(1_000_000), report);
