@@ -248,7 +248,7 @@ fn choice_numbers(choice: &dyn Choice) -> impl Iterator<Item = u8> {
     (0..u8::MAX).take_while(|number| choice.nth_name(*number).is_some())
 }
 
-/// Value of a choice's number: its name if that is a number, otherwise the number; `None` if there is no such choice.
+/// Value of a choice: its name as a number, or else its position; `None` beyond the last choice.
 fn choice_value(choice: &dyn Choice, number: u8) -> Option<u32> {
     choice.nth_name(number).map(|name| name.parse().unwrap_or(number.into()))
 }
