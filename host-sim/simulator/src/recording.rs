@@ -45,9 +45,12 @@ pub fn record_sample(recording: &mut FlightRecording, world: &World, source: &mu
     });
 }
 
-/// Sets the place and its declination on 2026-01-01.
-fn set_place(recording: &mut FlightRecording, reported_position: ReportedPosition) {
-    let ReportedPosition { latitude_deg, longitude_deg, height_m } = reported_position;
+/// Sets the place and its declination on 2026-01-01, if the world has the Earth field of that place.
+fn set_place_of_default_earth(recording: &mut FlightRecording, world: &World) {
+    if world.world_config().earth != Earth::default() {
+        return;
+    }
+    let ReportedPosition { latitude_deg, longitude_deg, height_m } = XIAN_POSITION;
     recording.start_position = Some([latitude_deg, longitude_deg, height_m]);
     let model_position = earth::Position::new(latitude_deg as f32, longitude_deg as f32, height_m as f32);
     let field = model_position
@@ -68,6 +71,7 @@ pub fn record_turns(world: &WorldConfig, field_latency_s: f64) -> FlightRecordin
         }
     }
     let mut recording = FlightRecording::with_field_latency(field_latency_s);
+    set_place_of_default_earth(&mut recording, &world);
     for i in 20..2400 {
         record_sample(&mut recording, &world, &mut source, i * RECORDING_INTERVAL_US);
     }
@@ -88,9 +92,7 @@ impl Recorder {
         let (source, next_sample_us) = (module.world().attitude_source(), module.now_us());
         let parameters = COMPASS_IDENTIFYING_PARAMETERS.map(|name| (name.to_owned(), 0.0)).to_vec();
         let mut recording = FlightRecording { parameters, ..FlightRecording::default() };
-        if module.world().world_config().earth == Earth::default() {
-            set_place(&mut recording, XIAN_POSITION);
-        }
+        set_place_of_default_earth(&mut recording, module.world());
         Self { source, next_sample_us, recording }
     }
 }

@@ -141,6 +141,7 @@ const FLY_AGAIN: &[CompassAction] = &[CompassAction::FlyAgain];
 const LOAD_OR_REPLACE: &[CompassAction] = &[CompassAction::LoadParameters, CompassAction::Replace];
 const LOAD_OR_FLY_AGAIN: &[CompassAction] = &[CompassAction::LoadParameters, CompassAction::FlyAgain];
 const REPLACE: &[CompassAction] = &[CompassAction::Replace];
+const CORRECT_READING: &[CompassAction] = &[CompassAction::CorrectReading];
 
 /// End of all recordings, seconds, and later.
 const END_S: f64 = 1e3;
@@ -188,7 +189,7 @@ const CASES: [Case; 11] = [
         "failed: its field is constant",
     ),
     case("noise of 6 uT", add_noise, FLY_AGAIN, "no fit of these rows converges"),
-    case("roll of the wrong sign", |_, s| s.attitude_rad[0] *= -1.0, FLY_AGAIN, "about x has the sign opposite"),
+    case("roll of the wrong sign", |_, s| s.attitude_rad[0] *= -1.0, CORRECT_READING, "the sign of roll"),
     case("roll of 85 %", |_, s| s.attitude_rad[0] *= 0.85, LOAD_OR_FLY_AGAIN, ""),
     case("8 s of straight flight", |t_s, s| s.is_armed = t_s < 8.0, FLY_AGAIN, "too few for a fit"),
 ];

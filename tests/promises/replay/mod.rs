@@ -5,6 +5,7 @@ mod course;
 mod judgement;
 mod logs;
 mod native;
+mod reading;
 mod record;
 mod rows;
 

@@ -151,6 +151,8 @@ pub struct LoggedFlight {
     pub body_rates: Series<3>,
     /// Why `body_rates` were repaired or replaced by differences of the attitude; `None` if as logged.
     pub rates_problem: Option<RatesProblem>,
+    /// Sign of each logged body rate relative to `body_rates`: -1 for an axis whose sign was repaired.
+    pub logged_rate_signs: [f32; 3],
     /// Whether `body_rates` were measured, so that they give a heading; differences of the attitude do not.
     pub has_measured_rates: bool,
     /// GPS rows; columns as in [`Gps`].
@@ -241,6 +243,7 @@ impl LoggedFlight {
             fallback_attitude_message: None,
             body_rates: Series::new(),
             rates_problem: None,
+            logged_rate_signs: [1.0; 3],
             has_measured_rates: true,
             gps: Series::new(),
             battery_current: Series::new(),

@@ -41,6 +41,9 @@ pub(super) fn check_and_repair_rates(flight: &mut LoggedFlight) {
         let Some(problem) = find_rates_problem(&differences, flight) else { return };
         flight.rates_problem.get_or_insert(problem);
         let Some(factors) = problem.repair_factors() else { break };
+        for (sign, factor) in flight.logged_rate_signs.iter_mut().zip(factors) {
+            *sign *= factor.signum();
+        }
         for row in flight.body_rates.rows_mut() {
             row.row_values = std::array::from_fn(|axis| row.row_values[axis] * factors[axis]);
         }

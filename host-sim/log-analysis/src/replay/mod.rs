@@ -14,6 +14,7 @@ pub mod module_run;
 pub mod parameter_choice;
 pub mod parameter_export;
 pub mod parameter_fit;
+pub mod reading_checks;
 mod reference;
 mod replay_run;
 mod result;

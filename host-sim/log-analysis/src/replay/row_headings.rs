@@ -21,6 +21,21 @@ use crate::score::{within_percent, wrap_180};
 /// by degrees. Rows averaged from two readings at 11 to 12.5 Hz are up to 0.18 s apart.
 const MAX_MONITORED_INTERVAL_US: u32 = 190_000;
 
+/// Minimum number of 30 deg heading sectors flown, to judge a compass: errors exclude their mean, which on few headings
+/// is most of the error.
+const MIN_HEADING_SECTORS: usize = 4;
+/// Minimum number of rows in a sector that counts as flown: half a second.
+const MIN_ROWS_PER_SECTOR: usize = 5;
+
+/// Whether the rows have reference headings in enough sectors to judge a compass.
+pub(super) fn covers_headings(rows: &[ReplayRow]) -> bool {
+    let mut sectors = [0_usize; 12];
+    for heading_deg in rows.iter().filter_map(|row| row.reference_deg) {
+        sectors[(heading_deg.rem_euclid(360.0) / 30.0) as usize % 12] += 1;
+    }
+    sectors.iter().filter(|sector_rows| **sector_rows >= MIN_ROWS_PER_SECTOR).count() >= MIN_HEADING_SECTORS
+}
+
 /// Whether the monitor runs at a row interval in seconds.
 #[must_use]
 pub fn is_monitored(interval_s: f64) -> bool {

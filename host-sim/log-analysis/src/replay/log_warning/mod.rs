@@ -18,7 +18,7 @@ use crate::replay::row_headings::is_monitored;
 const MAX_STRENGTH_RATIO: f64 = 1.35;
 
 /// Weakest and strongest Earth field, microtesla.
-const EARTH_FIELD_RANGE_UT: [f64; 2] = [22.0, 67.0];
+pub(super) const EARTH_FIELD_RANGE_UT: [f64; 2] = [22.0, 67.0];
 
 /// Lag of the attitude behind the field that is reported, seconds: 3 deg of heading at 30 deg/s.
 const LATE_ATTITUDE_S: f64 = 0.1;

@@ -12,6 +12,7 @@ use super::parameter_export::{
     ExportedCorrection, HeldBackScore, ParameterFormat, export_correction, field_by_exported_parameters,
 };
 use super::parameter_fit::{FitVariant, half_index_at};
+use super::reading_checks::{CheckOutcome, ReadingCheck};
 use super::replay_run::solve_rows;
 use super::row_headings::score_rows;
 use super::row_solve::solved_correction;
@@ -52,6 +53,8 @@ const MIN_MOTOR_EFFECT_DEG: f32 = 0.2;
 /// Reason for giving no parameters; displayed as a clause.
 #[derive(Clone, Debug, PartialEq)]
 pub enum NoParameters {
+    /// The data contradict the reading of the log, or do not confirm it.
+    UnprovenReading(ReadingCheck),
     /// The log has too few usable rows; their number.
     FewRows(usize),
     /// The rows, or half of them, give no solution.
@@ -265,7 +268,7 @@ fn score_held_back(
 /// Heading errors that correspond to the scatter of field strength and of inclination, degrees RMS. An isotropic
 /// disturbance of the field by a fraction `f` of its strength changes the inclination by `f` and the heading by `f /
 /// cos I` radians.
-fn heading_scatter(rows: &[ReplayRow], field: &dyn Fn(&ReplayRow) -> Vector3<f64>) -> [f64; 2] {
+pub(super) fn heading_scatter(rows: &[ReplayRow], field: &dyn Fn(&ReplayRow) -> Vector3<f64>) -> [f64; 2] {
     let polar: Vec<[f64; 2]> = rows
         .iter()
         .map(|row| {
@@ -296,6 +299,10 @@ impl NoParameters {
     #[must_use]
     pub const fn stable_code(&self) -> &'static str {
         match self {
+            Self::UnprovenReading(check) => match check.outcome {
+                CheckOutcome::Unchecked(_) => "reading-unproven",
+                _ => "reading-contradicted",
+            },
             Self::FewRows(_) => "few-rows",
             Self::Unsolved { .. } => "unsolved",
             Self::Unobservable { .. } => "unobservable",
@@ -311,6 +318,10 @@ impl NoParameters {
 impl fmt::Display for NoParameters {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Self::UnprovenReading(check) => match check.outcome.finding() {
+                Some(finding) => f.write_str(finding),
+                None => Ok(()),
+            },
             Self::FewRows(rows) => write!(f, "{rows} usable rows are too few for a fit"),
             Self::Unsolved { found_mount } => {
                 f.write_str("no fit of these rows converges")?;

@@ -13,7 +13,7 @@ impl Verdict<'_> {
     #[must_use]
     pub fn key_facts(&self, compass: &CompassVerdict<'_>) -> Vec<[String; 2]> {
         let sent_percent = compass.sent_percent();
-        let CompassVerdict { evaluation: compass, judgement, module_outcome, parameters } = compass;
+        let CompassVerdict { evaluation: compass, judgement, module_outcome, parameters, reading_checks } = compass;
         let mut facts: Vec<[String; 2]> = Vec::new();
         let mut add_fact = |name: &str, value: String| facts.push([name.to_owned(), value]);
         if let Some(is_used) = compass.is_used_for_heading {
@@ -45,6 +45,8 @@ impl Verdict<'_> {
             Ok(_) => {}
             Err(no_parameters) => add_fact("parameters", format!("none: {no_parameters}")),
         }
+        let checks: Vec<String> = reading_checks.iter().map(ToString::to_string).collect();
+        add_fact("reading", checks.join("; "));
         add_fact("module", module_outcome.to_string());
         if let Some(percent) = sent_percent {
             add_fact("module's headings", format!("in {} % of the flight", format_number(percent, 0)));

@@ -8,6 +8,7 @@ use crate::replay::evaluation::{CompassEvaluation, CorrectionSource, FlightEvalu
 use crate::replay::log_warning::{LogWarning, sensor_failure};
 use crate::replay::parameter_choice::{NoParameters, choose_parameters};
 use crate::replay::parameter_export::{ExportedCorrection, ParameterFormat};
+use crate::replay::reading_checks::{ReadingCheck, check_reading, forbidding_check};
 
 /// Verdict on a flight.
 #[derive(Clone, Debug)]
@@ -37,6 +38,8 @@ pub struct CompassVerdict<'a> {
     pub module_outcome: CompassOutcome,
     /// Parameters to load, or the reason for giving none.
     pub parameters: Result<ExportedCorrection, NoParameters>,
+    /// Checks that the log means what it was read as.
+    pub reading_checks: Vec<ReadingCheck>,
 }
 
 impl<'a> Verdict<'a> {
@@ -46,13 +49,20 @@ impl<'a> Verdict<'a> {
         let total_ut = evaluation.earth_field.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
         let reference = evaluation.reference.as_ref();
         let compass = |compass: &'a CompassEvaluation| {
-            let parameters = choose_parameters(flight, compass, reference, total_ut, format);
+            let reading_checks = check_reading(flight, evaluation, compass);
+            let parameters = match forbidding_check(&reading_checks) {
+                Some(check) if check.outcome.is_failed() => Err(NoParameters::UnprovenReading(check.clone())),
+                unconfirmed => choose_parameters(flight, compass, reference, total_ut, format).and_then(|exported| {
+                    unconfirmed.map_or(Ok(exported), |check| Err(NoParameters::UnprovenReading(check.clone())))
+                }),
+            };
             let failure = sensor_failure(flight, compass);
             CompassVerdict {
                 evaluation: compass,
                 judgement: CompassJudgement::new(evaluation, compass, failure, &parameters),
                 module_outcome: CompassOutcome::new(compass),
                 parameters,
+                reading_checks,
             }
         };
         Self {

@@ -106,6 +106,11 @@ impl CompassVerdict<'_> {
                 "sigma_ut": step.sigma_ut.map(|axis| round_to(axis, 2)),
                 "bend_deg": round_to(*heading_effect_deg, 1),
             })).collect::<Vec<_>>(),
+            "checks": self.reading_checks.iter().map(|check| json!({
+                "code": check.meaning.stable_code(),
+                "outcome": check.outcome.stable_code(),
+                "words": check.outcome.finding(),
+            })).collect::<Vec<_>>(),
             "parameters": (self.judgement.recommended_action == CompassAction::LoadParameters)
                 .then_some(self.parameters.as_ref().ok().map(parameters_json)),
         })

@@ -13,13 +13,7 @@ use crate::replay::parameter_choice::{
 use crate::replay::parameter_export::{ExportedCorrection, HeldBackScore};
 use crate::replay::reference::ReferenceHeading;
 use crate::replay::row::ReplayRow;
-use crate::replay::row_headings::score_rows;
-
-/// Minimum number of 30 deg heading sectors flown, to judge a compass: errors exclude their mean, which on few headings
-/// is most of the error.
-const MIN_HEADING_SECTORS: usize = 4;
-/// Minimum number of rows in a sector that counts as flown: half a second.
-const MIN_ROWS_PER_SECTOR: usize = 5;
+use crate::replay::row_headings::{covers_headings, score_rows};
 
 /// State of a compass with the parameters in use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -48,6 +42,8 @@ pub enum CompassAction {
     FlyAgain,
     /// Replace or move the compass.
     Replace,
+    /// Correct how the log is read, or the setting that it shows to be wrong; until then nothing is known.
+    CorrectReading,
 }
 
 /// Reason of a judgement; displayed as a clause.
@@ -122,10 +118,14 @@ impl CompassJudgement {
         let change = compass.hard_iron_changes.last();
         let largest_effect_deg =
             compass.hard_iron_changes.iter().map(|change| change.heading_effect_deg).fold(0.0, f64::max);
+        let is_contradicted =
+            matches!(parameters, Err(NoParameters::UnprovenReading(check)) if check.outcome.is_failed());
         let compass_state = match as_logged_rms_deg {
             _ if failure.is_some() || largest_effect_deg > BAD_COMPASS_RMS_DEG => CompassState::Bad,
             Some(rms_deg) if rms_deg > BAD_COMPASS_RMS_DEG => CompassState::Bad,
-            Some(rms_deg) if rms_deg <= GOOD_COMPASS_RMS_DEG && change.is_none() => CompassState::Good,
+            Some(rms_deg) if rms_deg <= GOOD_COMPASS_RMS_DEG && change.is_none() && !is_contradicted => {
+                CompassState::Good
+            }
             _ => CompassState::Doubtful,
         };
         let recommended_action = if failure.is_some() {
@@ -180,6 +180,7 @@ fn action_without_parameters(
     covers_headings: bool,
 ) -> CompassAction {
     match rejection {
+        NoParameters::UnprovenReading(check) if check.outcome.is_failed() => CompassAction::CorrectReading,
         NoParameters::OffsetsTooLarge { .. } => CompassAction::Replace,
         // On few headings neither the compass nor a fit is judged.
         _ if !covers_headings => CompassAction::FlyAgain,
@@ -208,11 +209,7 @@ fn accurate_reference(evaluation: &FlightEvaluation) -> Option<&ReferenceHeading
 fn as_logged_rms_deg(evaluation: &FlightEvaluation, compass: &CompassEvaluation) -> Option<f64> {
     accurate_reference(evaluation)?;
     let rows: Vec<ReplayRow> = compass.parameter_fit.fitted_rows(&compass.rows).copied().collect();
-    let mut sectors = [0_usize; 12];
-    for heading_deg in rows.iter().filter_map(|row| row.reference_deg) {
-        sectors[(heading_deg.rem_euclid(360.0) / 30.0) as usize % 12] += 1;
-    }
-    if sectors.iter().filter(|sector_rows| **sector_rows >= MIN_ROWS_PER_SECTOR).count() < MIN_HEADING_SECTORS {
+    if !covers_headings(&rows) {
         return None;
     }
     let logged = score_rows(&rows, |row| Some((heading_deg(row, row.logged_field.ut.map(f64::from)), f64::NAN)));
@@ -285,6 +282,7 @@ impl fmt::Display for CompassJudgement {
             CompassAction::LeaveUnchanged => ": leave it as it is",
             CompassAction::FlyAgain => ": fly again",
             CompassAction::Replace => ": replace or move it",
+            CompassAction::CorrectReading => ": correct that first",
         })
     }
 }

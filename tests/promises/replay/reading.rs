@@ -1,0 +1,101 @@
+//! Logs that do not mean what they seem to: a wrong sign, axis, unit or reference is named, and no file is given.
+
+use log_analysis::log::log_writers::{
+    FlightRecording, FlightSample, encode_csv, encode_dataflash, encode_dataflash_text, encode_tlog, encode_ulog,
+};
+use log_analysis::replay::parameter_export::ParameterFormat;
+use log_analysis::replay::verdict::{CompassAction, Verdict};
+use simulator::recording::record_turns;
+use simulator::world::WorldConfig;
+use simulator::world::aircraft::VehicleKind;
+use simulator::world::earth::Earth;
+
+use super::evaluate_log;
+use crate::fixtures::share_of_flights;
+
+type Encoder = fn(&FlightRecording) -> Vec<u8>;
+
+/// Change of a recorded sample that gives a log another meaning.
+type Change = fn(&mut FlightSample);
+
+const FORMATS: [(&str, Encoder); 5] = [
+    ("bin", encode_dataflash),
+    ("log", encode_dataflash_text),
+    ("ulg", encode_ulog),
+    ("tlog", encode_tlog),
+    ("csv", encode_csv),
+];
+
+/// A flight in Xi'an, whose field model reader and world share.
+fn record_flight(kind: VehicleKind, seed: u64, change: Change) -> FlightRecording {
+    let world = WorldConfig { earth: Earth::default(), ..WorldConfig::random_world(seed).with_vehicle_kind(kind) };
+    let mut recording = record_turns(&world, 0.05);
+    recording.samples.iter_mut().for_each(change);
+    recording
+}
+
+/// The verdict's sentence, the action, the number of exported compasses, and the checks that did not pass.
+fn judge(bytes: &[u8]) -> (String, CompassAction, usize, String) {
+    let (flight, evaluation) = evaluate_log(bytes);
+    let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::for_autopilot(flight.autopilot));
+    let compass = &verdict.compasses[0];
+    let not_passed = compass.reading_checks.iter().filter(|check| check.outcome.finding().is_some());
+    let not_passed: Vec<String> = not_passed.map(ToString::to_string).collect();
+    let action = compass.judgement.recommended_action;
+    (compass.summary_sentence(), action, verdict.exported_corrections().len(), not_passed.join("; "))
+}
+
+fn flip(sample: &mut FlightSample, axis: usize) {
+    sample.field_ut[0][axis] *= -1.0;
+}
+
+/// A wrong meaning, and the words that name it.
+const BROKEN_READINGS: [(&str, Change, &str); 8] = [
+    ("x mirrored", |s| flip(s, 0), "x axis of the field is mirrored"),
+    ("y mirrored", |s| flip(s, 1), "y axis of the field is mirrored"),
+    ("z mirrored", |s| flip(s, 2), "z axis of the field is mirrored"),
+    ("all negated", |s| s.field_ut[0] = s.field_ut[0].map(|axis| -axis), "field negated"),
+    ("pitch of the wrong sign", |s| s.attitude_rad[1] *= -1.0, "sign of pitch"),
+    ("roll of the wrong sign", |s| s.attitude_rad[0] *= -1.0, "sign of roll"),
+    ("field ten times too small", |s| s.field_ut[0] = s.field_ut[0].map(|axis| 0.1 * axis), "uT strong"),
+    ("field a hundred times too large", |s| s.field_ut[0] = s.field_ut[0].map(|axis| 100.0 * axis), "uT strong"),
+];
+
+#[test]
+fn a_broken_reading_is_named_and_gives_no_file() {
+    for seed in 1..=share_of_flights(3) {
+        for (name, change, words) in BROKEN_READINGS {
+            let recording = record_flight(VehicleKind::Plane, seed, change);
+            for (format, encode) in FORMATS {
+                // Fields of DataFlash and MAVLink are 16 bits wide.
+                if name.contains("hundred") && !matches!(format, "ulg" | "csv") {
+                    continue;
+                }
+                let (sentence, action, exported_count, checks) = judge(&encode(&recording));
+                let about = format!("{name}, .{format}, seed {seed}: {action:?} {sentence} {checks}");
+                assert_eq!((action, exported_count), (CompassAction::CorrectReading, 0), "{about}");
+                assert!(sentence.contains(words), "{about}");
+            }
+        }
+    }
+}
+
+/// The checks refuse at most one clean flight in a hundred.
+#[test]
+fn the_reading_of_a_clean_log_is_confirmed() {
+    let mut compass_count = 0;
+    let mut refused = Vec::new();
+    for kind in [VehicleKind::Plane, VehicleKind::Copter, VehicleKind::Vtol] {
+        for seed in 1..=share_of_flights(9) {
+            let recording = record_flight(kind, seed, |_| {});
+            for (format, encode) in FORMATS {
+                let (sentence, _, _, checks) = judge(&encode(&recording));
+                compass_count += 1;
+                if checks.contains("failed") || checks.contains("sense") || checks.contains("unit") {
+                    refused.push(format!("{kind:?}, .{format}, seed {seed}: {sentence} {checks}"));
+                }
+            }
+        }
+    }
+    assert!(refused.len() * 100 <= compass_count, "{} of {compass_count}: {refused:#?}", refused.len());
+}
