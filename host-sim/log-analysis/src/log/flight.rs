@@ -5,6 +5,7 @@ use autoswing::earth::Date;
 use nalgebra::Vector3;
 use serde::Serialize;
 
+use super::compass_slot::{CompassSlot, DeviceId, ardupilot_index, external_parameter};
 use super::correction::{FieldCorrection, logged_mounting, orientation_parameter};
 use super::rates_problem::RatesProblem;
 use super::rotation::NumberedRotation;
@@ -66,11 +67,15 @@ pub enum AutopilotKind {
 /// A compass of the aircraft.
 #[derive(Clone, Debug, Default)]
 pub struct LoggedCompass {
-    /// The autopilot's number of the compass, from 1.
+    /// The autopilot's number of the compass in its messages, from 1; ArduPilot's priority.
     pub compass_number: u8,
+    /// Slot of its calibration parameters.
+    pub slot: CompassSlot,
+    /// Device id of the sensor, if logged.
+    pub device_id: Option<DeviceId>,
     /// Raw field x, y, z and the field as the autopilot corrected it, body axes, microtesla.
     pub field: Series<6>,
-    /// The autopilot's last correction.
+    /// The autopilot's last correction; none if its parameters or its slot are unknown.
     pub correction: Option<FieldCorrection>,
     /// Whether the autopilot uses it for its heading, if known.
     pub is_used_for_heading: Option<bool>,
@@ -205,8 +210,9 @@ impl LoggedFlight {
             .iter_mut()
             .filter(|compass| compass_number.is_none_or(|compass_number| compass_number == compass.compass_number))
         {
+            let slot = compass.slot.index().ok_or(compass.compass_number)?;
             let turn = |t_s: f64| {
-                let logged = logged_mounting(parameters, is_px4, t_s, compass.compass_number)?;
+                let logged = logged_mounting(parameters, is_px4, t_s, slot)?;
                 Some(body_from_sensor * logged.transpose())
             };
             let last = turn(f64::INFINITY).ok_or(compass.compass_number)?;
@@ -220,12 +226,15 @@ impl LoggedFlight {
                 hard_iron_ut: last * correction.hard_iron_ut,
                 motor_ut_per_a: last * correction.motor_ut_per_a,
             });
-            parameters.replace_value(
-                &orientation_parameter(is_px4, compass.compass_number),
-                rotation.rotation_number().into(),
-            );
+            parameters.replace_value(&orientation_parameter(is_px4, slot), rotation.rotation_number().into());
         }
         Ok(())
+    }
+
+    /// Index of a compass in the names of its parameters, if known.
+    #[must_use]
+    pub fn slot_index(&self, compass_number: u8) -> Option<u8> {
+        self.compasses.iter().find(|compass| compass.compass_number == compass_number)?.slot.index()
     }
 
     /// Creates an empty flight.
@@ -279,16 +288,19 @@ impl LoggedFlight {
 /// Mounting parameters of a compass or the board that changed in flight, with the time of the last change, seconds.
 #[must_use]
 pub fn mounting_parameter_changes(flight: &LoggedFlight, compass_number: u8) -> Vec<(String, f64)> {
-    let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
-    let external =
-        if compass_number == 1 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{compass_number}") };
+    let slot = flight.slot_index(compass_number);
+    let of_slot = |name: &dyn Fn(u8) -> String| slot.map(name);
     let names = match flight.autopilot {
-        AutopilotKind::ArduPilot => vec![format!("COMPASS_ORIENT{index}"), external, "AHRS_ORIENTATION".to_owned()],
+        AutopilotKind::ArduPilot => vec![
+            of_slot(&|slot| format!("COMPASS_ORIENT{}", ardupilot_index(slot))),
+            of_slot(&external_parameter),
+            Some("AHRS_ORIENTATION".to_owned()),
+        ],
         AutopilotKind::Px4 => {
-            vec![format!("CAL_MAG{}_ROT", compass_number.saturating_sub(1)), "SENS_BOARD_ROT".to_owned()]
+            vec![of_slot(&|index| format!("CAL_MAG{index}_ROT")), Some("SENS_BOARD_ROT".to_owned())]
         }
         AutopilotKind::Unknown => Vec::new(),
     };
     let changed = |name: String| flight.parameters.last_change_s(&name).map(|at_s| (name, at_s));
-    names.into_iter().filter_map(changed).collect()
+    names.into_iter().flatten().filter_map(changed).collect()
 }

@@ -5,9 +5,13 @@ use std::collections::BTreeMap;
 use autoswing::earth::Date;
 use nalgebra::Vector3;
 
+use super::compass_slot::{
+    ArdupilotSlots, CompassSlot, DeviceId, MAX_OFFSET_ROUNDING_MG, SlotEvidence, UnknownSlot, ardupilot_index,
+};
 use super::correction::{FieldCorrection, InvertibleCorrection, px4_mounting};
 use super::flight::{AutopilotKind, Gps, LogFormat, LoggedCompass, LoggedFlight};
-use super::time_series::Series;
+use super::parameters::ParameterHistory;
+use super::time_series::{Series, TimedRow};
 use super::timeline::Timeline;
 
 /// Largest compass number; no autopilot has more.
@@ -27,6 +31,8 @@ pub struct FlightBuilder {
     fallback_attitudes: BTreeMap<u8, (&'static str, Series<3>)>,
     /// Rows by compass: field and motor-current compensation, microtesla.
     field_rows: Vec<(u8, FieldProcessing, Series<6>)>,
+    /// Offsets in use by compass, milligauss.
+    offset_rows: BTreeMap<u8, Series<3>>,
 }
 
 /// Correction and axes of a logged magnetic field.
@@ -40,6 +46,15 @@ pub enum FieldProcessing {
     Px4SensorRaw(u8),
     /// The logged field is uncorrected, in body axes.
     BodyRaw,
+    /// The logged field is that of PX4's primary compass, corrected and less the bias of its filter, in body axes.
+    Px4Primary,
+}
+
+impl FieldProcessing {
+    /// Whether the autopilot corrects the field by parameters of the compass's slot.
+    const fn is_corrected(self) -> bool {
+        matches!(self, Self::ArduPilot | Self::Px4(_) | Self::Px4SensorRaw(_))
+    }
 }
 
 impl FlightBuilder {
@@ -50,6 +65,7 @@ impl FlightBuilder {
             gyro_bias_rad_s: [0.0; 3],
             fallback_attitudes: BTreeMap::new(),
             field_rows: Vec::new(),
+            offset_rows: BTreeMap::new(),
         }
     }
 
@@ -70,6 +86,13 @@ impl FlightBuilder {
         }
         let ([x, y, z], [mx, my, mz]) = (field_ut, motor_compensation_ut.unwrap_or([f32::NAN; 3]));
         self.compass_rows(compass_number, field_processing).push_row(t_s, [x, y, z, mx, my, mz]);
+    }
+
+    /// Adds the offsets that ArduPilot uses for a compass, milligauss.
+    pub fn push_offsets(&mut self, compass_number: u8, t_s: f64, offsets_mg: [f32; 3]) {
+        if (1..=MAX_COMPASSES).contains(&compass_number) {
+            self.offset_rows.entry(compass_number).or_insert_with(Series::new).push_row(t_s, offsets_mg);
+        }
     }
 
     /// Rows of a compass. A compass without any is reported as failed, if others have rows.
@@ -165,11 +188,27 @@ impl FlightBuilder {
         if self.field_rows.iter().all(|(_, _, field)| field.rows().is_empty()) {
             self.field_rows.clear();
         }
-        for (compass_number, field_processing, mut field) in select_field_source(std::mem::take(&mut self.field_rows)) {
+        let sources = select_field_source(std::mem::take(&mut self.field_rows));
+        let compass_count = sources.len();
+        for (compass_number, field_processing, mut field) in sources {
             flight.skipped_counts.repeated_times += field.sort_and_dedup() as u64;
-            let (correction, field) = undo_correction(flight, compass_number, field_processing, field);
-            let is_used_for_heading = is_used_for_heading(flight, compass_number);
-            flight.compasses.push(LoggedCompass { compass_number, field, correction, is_used_for_heading });
+            let mut offsets = self.offset_rows.remove(&compass_number).unwrap_or_default();
+            offsets.sort_and_dedup();
+            let (slot, device_id) =
+                slot_and_device_id(flight, compass_number, field_processing, compass_count, offsets.rows());
+            if let Some(index) = slot.index().filter(|_| field_processing == FieldProcessing::ArduPilot) {
+                update_offset_parameters(&mut flight.parameters, index, offsets.rows());
+            }
+            let (correction, field) = undo_correction(flight, slot, field_processing, field);
+            let is_used_for_heading = is_used_for_heading(flight, compass_number, slot);
+            flight.compasses.push(LoggedCompass {
+                compass_number,
+                slot,
+                device_id,
+                field,
+                correction,
+                is_used_for_heading,
+            });
         }
         self.flight
     }
@@ -192,24 +231,71 @@ fn is_plausible_attitude([roll_rad, pitch_rad, _]: [f32; 3]) -> bool {
     roll_rad.abs() <= 7.0 && pitch_rad.abs() <= 1.6
 }
 
-/// Raw and corrected field of each row, and the autopilot's last correction.
-fn undo_correction(
+/// Parameter slot of a compass and the id of its sensor.
+fn slot_and_device_id(
     flight: &LoggedFlight,
     compass_number: u8,
+    field_processing: FieldProcessing,
+    compass_count: usize,
+    offsets: &[TimedRow<3>],
+) -> (CompassSlot, Option<DeviceId>) {
+    match field_processing {
+        FieldProcessing::ArduPilot => {
+            let slots = ArdupilotSlots {
+                parameters: &flight.parameters,
+                has_all_parameters: flight.log_format != LogFormat::TLog,
+                firmware_name: flight.firmware_name.as_deref(),
+                compass_count,
+            };
+            let slot = slots.slot(compass_number, offsets.first().map(|row| (row.t_s, row.row_values)));
+            (slot, slots.device_id(compass_number, slot))
+        }
+        FieldProcessing::Px4(index) | FieldProcessing::Px4SensorRaw(index) => {
+            let id = flight.parameters.last_value(&format!("CAL_MAG{index}_ID")).and_then(DeviceId::from_parameter);
+            let evidence = if id.is_some() { SlotEvidence::DeviceId } else { SlotEvidence::Numbering };
+            (CompassSlot::Known { index, evidence }, id)
+        }
+        FieldProcessing::BodyRaw => {
+            (CompassSlot::Known { index: compass_number, evidence: SlotEvidence::Numbering }, None)
+        }
+        FieldProcessing::Px4Primary => (CompassSlot::Unknown { reason: UnknownSlot::PrimaryLessBias }, None),
+    }
+}
+
+/// Sets the offset parameters of a slot from the offsets in use: offsets learnt in flight (`COMPASS_LEARN`) or
+/// calibrated on the ground appear in no PARM. Rows are truncated to whole milligauss, so a PARM that agrees is
+/// preferred.
+fn update_offset_parameters(parameters: &mut ParameterHistory, slot: u8, offsets: &[TimedRow<3>]) {
+    let index = ardupilot_index(slot);
+    let names = ["X", "Y", "Z"].map(|axis| format!("COMPASS_OFS{index}_{axis}"));
+    for row in offsets {
+        for (name, offset_mg) in names.iter().zip(row.row_values.map(f64::from)) {
+            if (parameters.value_at(row.t_s, name).unwrap_or(0.0) - offset_mg).abs() > MAX_OFFSET_ROUNDING_MG {
+                parameters.insert_value(row.t_s, name, offset_mg);
+            }
+        }
+    }
+}
+
+/// Raw and corrected field of each row, and the autopilot's last correction. Without a known correction the raw field is
+/// the logged one.
+fn undo_correction(
+    flight: &LoggedFlight,
+    slot: CompassSlot,
     field_processing: FieldProcessing,
     mut field: Series<6>,
 ) -> (Option<FieldCorrection>, Series<6>) {
     let parameters = &flight.parameters;
-    let correction_at = |t_s: f64| match field_processing {
-        FieldProcessing::ArduPilot => InvertibleCorrection::from_ardupilot_parameters(parameters, t_s, compass_number),
-        FieldProcessing::Px4(index) | FieldProcessing::Px4SensorRaw(index) => {
-            InvertibleCorrection::from_px4_parameters(parameters, t_s, index)
+    let (Some(slot), true) = (slot.index(), field_processing.is_corrected()) else {
+        for row in field.rows_mut() {
+            let [x, y, z, ..] = row.row_values;
+            row.row_values = [x, y, z, x, y, z];
         }
-        FieldProcessing::BodyRaw => InvertibleCorrection::from_ardupilot_parameters(
-            &crate::log::parameters::ParameterHistory::default(),
-            t_s,
-            1,
-        ),
+        return (None, field);
+    };
+    let correction_at = |t_s: f64| match field_processing {
+        FieldProcessing::ArduPilot => InvertibleCorrection::from_ardupilot_parameters(parameters, t_s, slot),
+        _ => InvertibleCorrection::from_px4_parameters(parameters, t_s, slot),
     };
     let mounting = if let FieldProcessing::Px4SensorRaw(index) = field_processing {
         Some(px4_mounting(parameters, f64::INFINITY, index))
@@ -238,20 +324,19 @@ fn undo_correction(
         row.row_values = [raw.x, raw.y, raw.z, corrected.x, corrected.y, corrected.z].map(|component| component as f32);
     }
     let last = correction_at(f64::INFINITY);
-    ((field_processing != FieldProcessing::BodyRaw && !parameters.is_empty()).then_some(last.correction), field)
+    ((!parameters.is_empty()).then_some(last.correction), field)
 }
 
 /// Whether the autopilot uses a compass for its heading. PX4 selects the healthy compass of highest priority, which no
-/// parameter shows; priority 0 excludes it.
-fn is_used_for_heading(flight: &LoggedFlight, compass_number: u8) -> Option<bool> {
+/// parameter shows; priority 0 excludes it. ArduPilot's `COMPASS_USEn` are by priority, as the number of the compass.
+fn is_used_for_heading(flight: &LoggedFlight, compass_number: u8, slot: CompassSlot) -> Option<bool> {
     let value = |name: String| flight.parameters.last_value(&name);
     match flight.autopilot {
         AutopilotKind::ArduPilot => {
-            let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
-            value(format!("COMPASS_USE{index}")).map(|used| used != 0.0)
+            value(format!("COMPASS_USE{}", ardupilot_index(compass_number))).map(|used| used != 0.0)
         }
         AutopilotKind::Px4 => {
-            let priority = value(format!("CAL_MAG{}_PRIO", compass_number.saturating_sub(1)));
+            let priority = value(format!("CAL_MAG{}_PRIO", slot.index()?));
             priority.filter(|priority| *priority == 0.0).map(|_| false)
         }
         AutopilotKind::Unknown => None,

@@ -16,6 +16,7 @@
 //! prints to standard output, recurses into a format that contains itself, and depends on regular expressions and a
 //! logger. MAVLink messages and checksums come from the `mavlink` crate.
 
+mod compass_slot;
 mod correction;
 pub mod csv;
 mod dataflash;
@@ -32,6 +33,8 @@ mod timeline;
 mod tlog;
 mod ulog;
 
+pub(crate) use compass_slot::{ARDUPILOT_SLOTS, ardupilot_index, external_parameter};
+pub use compass_slot::{CompassSlot, DeviceId, SlotEvidence, UnknownSlot};
 pub use correction::{FieldCorrection, missing_ardupilot_parameters};
 pub(crate) use correction::{px4_mounting, symmetric_matrix};
 pub use flight::{

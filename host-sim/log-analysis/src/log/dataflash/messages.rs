@@ -164,22 +164,10 @@ fn record_field(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage,
     let motor =
         numeric_fields(message, ["MOX", "MOY", "MOZ"]).or_else(|| numeric_fields(message, ["MOfsX", "MOfsY", "MOfsZ"]));
     let microtesla = |milligauss: [f64; 3]| milligauss.map(|axis| (axis * 0.1) as f32);
-    update_offset_parameters(builder, message, compass_number);
-    builder.push_field(compass_number, FieldProcessing::ArduPilot, t_s, microtesla(field), motor.map(microtesla));
-}
-
-/// Sets the offset parameters from a row: offsets learnt in flight (`COMPASS_LEARN`) or calibrated on the ground appear
-/// in no PARM. Rows are truncated to whole milligauss, so a PARM that agrees is preferred.
-fn update_offset_parameters(builder: &mut FlightBuilder, message: &dyn LogMessage, compass_number: u8) {
-    const MAX_ROUNDING_MG: f64 = 1.5;
-    let Some(logged_offset) = numeric_fields(message, ["OfsX", "OfsY", "OfsZ"]) else { return };
-    let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
-    for (axis, logged_offset) in ["X", "Y", "Z"].iter().zip(logged_offset) {
-        let name = format!("COMPASS_OFS{index}_{axis}");
-        if (builder.flight.parameters.last_value(&name).unwrap_or(0.0) - logged_offset).abs() > MAX_ROUNDING_MG {
-            builder.set_parameter(&name, logged_offset);
-        }
+    if let Some(offsets_mg) = numeric_fields(message, ["OfsX", "OfsY", "OfsZ"]) {
+        builder.push_offsets(compass_number, t_s, offsets_mg.map(|axis| axis as f32));
     }
+    builder.push_field(compass_number, FieldProcessing::ArduPilot, t_s, microtesla(field), motor.map(microtesla));
 }
 
 fn record_gps(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) {

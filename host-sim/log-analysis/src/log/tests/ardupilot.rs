@@ -76,3 +76,53 @@ fn only_the_first_of_several_sensors_is_used() {
     assert_eq!(rows(&with), rows(&without));
     assert_eq!((without.skipped_counts.rejected_readings, with.skipped_counts.rejected_readings), (0, 1));
 }
+
+/// Parameters in which the first two slots are exchanged, and the priorities with them.
+fn with_exchanged_slots(parameters: &[(&str, f64)]) -> Vec<(String, f64)> {
+    let exchanged = |name: &str| match name.split_at_checked(11) {
+        Some((group @ ("COMPASS_OFS" | "COMPASS_DIA" | "COMPASS_ODI" | "COMPASS_MOT"), axis))
+            if axis.starts_with('_') =>
+        {
+            format!("{group}2{axis}")
+        }
+        _ => match name {
+            "COMPASS_SCALE" | "COMPASS_DEV_ID" => format!("{name}2"),
+            _ if name.starts_with("COMPASS_PRIO") || name.starts_with("COMPASS_USE") => name.to_owned(),
+            _ => name.replace("2_", "_").trim_end_matches('2').to_owned(),
+        },
+    };
+    parameters.iter().map(|(name, value)| (exchanged(name), *value)).collect()
+}
+
+/// The same flight, of which the parameters are in other slots: `MAG` and `RAW_IMU` follow the priority.
+#[test]
+fn a_compass_is_corrected_by_the_parameters_of_its_slot() {
+    let original = two_compass_recording(&ARDUPILOT_PARAMETERS);
+    let exchanged = with_exchanged_slots(&ARDUPILOT_PARAMETERS);
+    let mut text = String::from_utf8(encode_dataflash_text(&original)).unwrap();
+    for (name, value) in &ARDUPILOT_PARAMETERS {
+        text = text.replacen(&format!(", {name}, {value}, "), &format!(", @{name}, {value}, "), 1);
+    }
+    for ((name, _), (new_name, _)) in ARDUPILOT_PARAMETERS.iter().zip(&exchanged) {
+        text = text.replacen(&format!(", @{name},"), &format!(", {new_name},"), 1);
+    }
+    let expected = read_bytes(&encode_dataflash_text(&original)).unwrap();
+    let found = read_bytes(text.as_bytes()).unwrap();
+    let slot = |index| CompassSlot::Known { index, evidence: SlotEvidence::Offsets };
+    assert_eq!([&expected, &found].map(|flight| flight.compasses[0].slot), [slot(1), slot(2)]);
+    assert_eq!(found.parameters.last_value("COMPASS_OFS2_Y"), Some(-60.0));
+    for (found, expected) in found.compasses.iter().zip(&expected.compasses) {
+        assert_eq!(found.correction, expected.correction);
+        assert_eq!(found.field.rows(), expected.field.rows());
+        assert_eq!(found.is_used_for_heading, expected.is_used_for_heading);
+        assert_eq!(found.device_id, expected.device_id);
+    }
+    // Priorities as logged, of slots that have other offsets than those in use.
+    let contradictory =
+        text.replacen(", COMPASS_DEV_ID,", ", @,", 1).replacen(", COMPASS_DEV_ID2,", ", COMPASS_DEV_ID,", 1);
+    let contradictory = read_bytes(contradictory.replacen(", @,", ", COMPASS_DEV_ID2,", 1).as_bytes()).unwrap();
+    for compass in &contradictory.compasses {
+        assert!(compass.slot.is_contradictory() && compass.correction.is_none(), "{:?}", compass.slot);
+        assert!(compass.field.rows().iter().all(|row| raw_ut(row) == logged_ut(row)));
+    }
+}

@@ -164,10 +164,8 @@ impl LogWarning {
             add_if(rejection != GpsCourseRejection::NotLogged, Self::NoGpsCourse(rejection));
         }
         add_if(flight.battery_current.is_empty(), Self::NoCurrent);
-        let missing: Vec<String> = compasses
-            .iter()
-            .flat_map(|compass| missing_ardupilot_parameters(parameters, compass.compass_number))
-            .collect();
+        let missing: Vec<String> =
+            compasses.iter().flat_map(|compass| missing_ardupilot_parameters(flight, compass.compass_number)).collect();
         let has_none = is_ardupilot && parameters.last_value("COMPASS_OFS_X").is_none() && missing.is_empty();
         add_if(!missing.is_empty(), Self::MissingParameters(missing));
         add_if(has_none, Self::NoParameters);
