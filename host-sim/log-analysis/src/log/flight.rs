@@ -128,6 +128,9 @@ pub struct SkippedCounts {
     /// Number of magnetometer readings that are out of range or marked unhealthy.
     #[serde(rename = "unhealthy")]
     pub rejected_readings: u64,
+    /// Number of fields of PX4 sensors without device id, which no parameters can be assigned to.
+    #[serde(rename = "unassigned")]
+    pub unassigned_fields: u64,
     /// Number of messages of other MAVLink systems.
     #[serde(rename = "others")]
     pub other_system_messages: u64,

@@ -215,10 +215,15 @@ impl FlightBuilder {
 }
 
 /// Selects one source for each compass: the uncorrected one, unless the corrected one has more than twice its rows (PX4
-/// logs uncorrected fields at 1 Hz by default).
+/// logs uncorrected fields at 1 Hz by default), or four times if its correction is unknown.
 fn select_field_source(mut logged: Vec<(u8, FieldProcessing, Series<6>)>) -> Vec<(u8, FieldProcessing, Series<6>)> {
     let weight = |field_processing: FieldProcessing, field: &Series<6>| {
-        field.rows().len() * if matches!(field_processing, FieldProcessing::Px4SensorRaw(_)) { 2 } else { 1 }
+        let source_weight = match field_processing {
+            FieldProcessing::Px4SensorRaw(_) => 4,
+            FieldProcessing::Px4Primary => 1,
+            _ => 2,
+        };
+        field.rows().len() * source_weight
     };
     logged.sort_by_key(|(compass_number, field_processing, field)| {
         (*compass_number, std::cmp::Reverse(weight(*field_processing, field)))

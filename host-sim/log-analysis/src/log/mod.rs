@@ -65,6 +65,8 @@ pub enum LogError {
     Csv(CsvError),
     /// The log has no valid magnetometer reading. Number of rejected ones.
     NoMagnetometer(LogFormat, u64),
+    /// All fields are those of PX4 sensors without device id.
+    UnassignedFields(LogFormat),
     /// The log has no attitude.
     NoAttitude(LogFormat),
     /// The requested MAVLink system is absent; systems that are present.
@@ -87,6 +89,12 @@ impl fmt::Display for LogError {
             Self::NoMagnetometer(format, unhealthy) => write!(
                 f,
                 "{}: all {unhealthy} magnetometer readings are out of range, or marked unhealthy by the autopilot",
+                format.format_name()
+            ),
+            Self::UnassignedFields(format) => write!(
+                f,
+                "{}: PX4 sends SCALED_IMU without device id and in the axes of the sensor, so that no parameters can be \
+                 assigned to its field: use HIGHRES_IMU or the ULog of the flight",
                 format.format_name()
             ),
             Self::NoAttitude(format) => write!(f, "{}: no attitude is logged", format.format_name()),
@@ -160,6 +168,9 @@ fn read_with_unchecked_rates(
     }
     if flight.compasses.is_empty() && flight.rows_without_time > 0 {
         return Err(LogError::NoTimeStamps(format));
+    }
+    if flight.compasses.is_empty() && flight.skipped_counts.unassigned_fields > 0 {
+        return Err(LogError::UnassignedFields(format));
     }
     if flight.compasses.is_empty() {
         return Err(LogError::NoMagnetometer(format, flight.skipped_counts.rejected_readings));

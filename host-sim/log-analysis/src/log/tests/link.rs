@@ -2,7 +2,8 @@
 
 use mavlink_dialect::{
     ATTITUDE_DATA, GPS_RAW_INT_DATA, GpsFixType, HEARTBEAT_DATA, HIGHRES_IMU_DATA, HighresImuUpdatedFlags,
-    MAVLinkV2MessageRaw, MavAutopilot, MavHeader, MessageData, RAW_IMU_DATA, SCALED_IMU_DATA, SYS_STATUS_DATA,
+    MAVLinkV2MessageRaw, MavAutopilot, MavHeader, MavParamType, MessageData, PARAM_VALUE_DATA, RAW_IMU_DATA,
+    SCALED_IMU_DATA, SCALED_IMU2_DATA, SYS_STATUS_DATA,
 };
 
 use super::*;
@@ -154,6 +155,7 @@ fn the_first_compass_is_raw_imu_for_ardupilot_and_scaled_imu_for_px4() {
             log_40_s_after_boot(autopilot),
             encode_logged_frame(0, &raw),
             encode_logged_frame(0, &scaled),
+            px4_integer_parameter("CAL_MAG0_ID", 396_809),
             zero_field.concat(),
         ]
         .concat();
@@ -162,6 +164,34 @@ fn the_first_compass_is_raw_imu_for_ardupilot_and_scaled_imu_for_px4() {
         assert!((row.row_values[0] - ut).abs() < 1e-4, "{row:?}");
         assert_eq!(flight.skipped_counts.rejected_readings, 0);
     }
+}
+
+fn px4_integer_parameter(name: &str, value: i32) -> Vec<u8> {
+    let (param_value, param_type) = (f32::from_bits(value.cast_unsigned()), MavParamType::MAV_PARAM_TYPE_INT32);
+    encode_logged_frame(0, &PARAM_VALUE_DATA { param_id: name.into(), param_value, param_type, ..Default::default() })
+}
+
+/// `SCALED_IMU` and `SCALED_IMU2` are the sensors' own fields, in any order; `HIGHRES_IMU` is corrected.
+#[test]
+fn px4s_sensor_fields_are_used_only_if_their_parameters_are_known() {
+    let scaled = encode_logged_frame(0, &SCALED_IMU_DATA { time_boot_ms: 40_000, xmag: 300, ..Default::default() });
+    let second = encode_logged_frame(0, &SCALED_IMU2_DATA { time_boot_ms: 40_000, ymag: 200, ..Default::default() });
+    let ids = [("CAL_MAG0_ID", 396_809), ("CAL_MAG1_ID", 592_905), ("CAL_MAG1_ROT", 4)]
+        .map(|(name, value)| px4_integer_parameter(name, value));
+    let autopilot = log_40_s_after_boot(MavAutopilot::MAV_AUTOPILOT_PX4);
+    let both = read_bytes(&[started_px4_log(), ids.concat(), scaled.clone(), second.clone()].concat()).unwrap();
+    let [primary] = &both.compasses[..] else { panic!("{:?}", both.compasses) };
+    assert_eq!(primary.slot, CompassSlot::Unknown { reason: UnknownSlot::PrimaryLessBias });
+    assert_eq!((primary.correction, both.skipped_counts.unassigned_fields), (None, 2));
+    let [row] = primary.field.rows() else { panic!("{primary:?}") };
+    assert_eq!(raw_ut(row), logged_ut(row));
+    let unassigned = read_bytes(&[autopilot.clone(), ids.concat(), scaled].concat());
+    assert!(matches!(unassigned, Err(LogError::UnassignedFields(LogFormat::TLog))), "{unassigned:?}");
+    // The only calibration, of a sensor turned by 180 deg.
+    let one = read_bytes(&[started_px4_log(), ids[1..].concat(), second].concat()).unwrap();
+    let [compass] = &one.compasses[..] else { panic!("{:?}", one.compasses) };
+    assert_eq!(compass.slot, CompassSlot::Known { index: 1, evidence: SlotEvidence::DeviceId });
+    assert!((raw_ut(&compass.field.rows()[0]).y + 20.0).abs() < 1e-4, "{compass:?}");
 }
 
 /// Some senders use Unix time in some messages.
