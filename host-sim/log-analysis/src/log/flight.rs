@@ -131,6 +131,8 @@ pub struct SkippedCounts {
     /// Number of fields of PX4 sensors without device id, which no parameters can be assigned to.
     #[serde(rename = "unassigned")]
     pub unassigned_fields: u64,
+    /// Number of currents of exactly 0 or -1 A between rows of usual current.
+    pub current_dropouts: u64,
     /// Number of messages of other MAVLink systems.
     #[serde(rename = "others")]
     pub other_system_messages: u64,
@@ -163,8 +165,10 @@ pub struct LoggedFlight {
     pub has_measured_rates: bool,
     /// GPS rows; columns as in [`Gps`].
     pub gps: Series<6>,
-    /// Battery current, amperes.
+    /// Battery current, amperes, not negative; empty if the log has zeros only.
     pub battery_current: Series<1>,
+    /// Whether the logged current is negative, and used by its size.
+    pub is_current_negated: bool,
     /// Times and armed states at each change; before the first change the aircraft had the opposite state.
     pub armed_changes: Vec<(f64, bool)>,
     /// A simulator's true roll, pitch and yaw, radians, for scoring only.
@@ -256,6 +260,7 @@ impl LoggedFlight {
             has_measured_rates: true,
             gps: Series::new(),
             battery_current: Series::new(),
+            is_current_negated: false,
             armed_changes: Vec::new(),
             true_attitude: Series::new(),
             reference_heading: Series::new(),

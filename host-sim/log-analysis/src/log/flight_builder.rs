@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use autoswing::earth::Date;
 use nalgebra::Vector3;
 
+use super::battery_current::repair_current;
 use super::compass_slot::{
     ArdupilotSlots, CompassSlot, DeviceId, MAX_OFFSET_ROUNDING_MG, SlotEvidence, UnknownSlot, ardupilot_index,
 };
@@ -138,7 +139,7 @@ impl FlightBuilder {
     }
 
     pub fn push_current(&mut self, t_s: f64, amperes: f32) {
-        if (0.0..10_000.0).contains(&amperes) {
+        if amperes.abs() < 10_000.0 {
             self.flight.battery_current.push_row(t_s, [amperes]);
         }
     }
@@ -182,6 +183,9 @@ impl FlightBuilder {
         }
         flight.gps.sort_and_dedup();
         flight.battery_current.sort_and_dedup();
+        let repair = repair_current(&mut flight.battery_current);
+        flight.is_current_negated = repair.is_negated;
+        flight.skipped_counts.current_dropouts = repair.dropout_count;
         flight.reference_heading.sort_and_dedup();
         flight.row_usability.sort_and_dedup();
         flight.skipped_counts.repeated_times += attitude_repeats as u64;

@@ -16,6 +16,7 @@
 //! prints to standard output, recurses into a format that contains itself, and depends on regular expressions and a
 //! logger. MAVLink messages and checksums come from the `mavlink` crate.
 
+mod battery_current;
 mod compass_slot;
 mod correction;
 pub mod csv;

@@ -313,7 +313,8 @@ impl TlogReader {
                 }
             }
             MavMessage::SYS_STATUS(payload) => {
-                if payload.current_battery >= 0
+                // -1 means no measurement.
+                if payload.current_battery != -1
                     && let Some(t_s) = self.receiver_time_s(frame)
                 {
                     self.builder.push_current(t_s, f32::from(payload.current_battery) * 0.01);

@@ -96,9 +96,9 @@ fn highres_imu_is_in_gauss() {
     assert!(row.row_values.iter().zip([20.0, -5.0, 40.0]).all(|(ut, sent_ut)| (ut - sent_ut).abs() < 1e-4), "{row:?}");
 }
 
-/// A negative current means no measurement.
+/// A current of -1 means no measurement.
 #[test]
-fn zero_current_is_kept_and_negative_current_dropped() {
+fn zero_current_is_kept_and_unmeasured_current_dropped() {
     let current = |at_us: u64, current_battery: i16| {
         encode_logged_frame(at_us, &SYS_STATUS_DATA { current_battery, ..Default::default() })
     };

@@ -152,6 +152,7 @@ impl LogWarning {
             (counts.garbage, "bytes or lines that were not recognised"),
             (counts.bad_times, "messages with an invalid time"),
             (counts.rejected_readings, "readings out of range, or marked unhealthy by the autopilot"),
+            (counts.current_dropouts, "currents of 0 or -1 A between usual ones"),
             (counts.unassigned_fields, "readings of sensors without device id (SCALED_IMU)"),
         ] {
             add_if(skipped_count > 0, Self::Skipped(skipped_count, skipped_items));
