@@ -32,6 +32,8 @@ pub struct FlightBuilder {
     fallback_attitudes: BTreeMap<u8, (&'static str, Series<3>)>,
     /// Rows by compass: field and motor-current compensation, microtesla.
     field_rows: Vec<(u8, FieldProcessing, Series<6>)>,
+    /// Headings of GPS receivers with two antennas other than the first, radians from true north.
+    other_receiver_yaws: BTreeMap<u8, Series<1>>,
     /// Offsets in use by compass, milligauss.
     offset_rows: BTreeMap<u8, Series<3>>,
 }
@@ -66,6 +68,7 @@ impl FlightBuilder {
             gyro_bias_rad_s: [0.0; 3],
             fallback_attitudes: BTreeMap::new(),
             field_rows: Vec::new(),
+            other_receiver_yaws: BTreeMap::new(),
             offset_rows: BTreeMap::new(),
         }
     }
@@ -138,6 +141,13 @@ impl FlightBuilder {
         self.flight.gps.push_row(t_s, gps.columns());
     }
 
+    /// Adds a heading of a receiver other than the first, degrees from true north; NaN if it has none.
+    pub fn push_other_receiver_yaw(&mut self, receiver: u8, t_s: f64, yaw_deg: f32) {
+        if yaw_deg.is_finite() {
+            self.other_receiver_yaws.entry(receiver).or_default().push_row(t_s, [yaw_deg.to_radians()]);
+        }
+    }
+
     pub fn push_current(&mut self, t_s: f64, amperes: f32) {
         if amperes.abs() < 10_000.0 {
             self.flight.battery_current.push_row(t_s, [amperes]);
@@ -182,6 +192,7 @@ impl FlightBuilder {
             series.sort_and_dedup();
         }
         flight.gps.sort_and_dedup();
+        fill_in_yaws(&mut flight.gps, std::mem::take(&mut self.other_receiver_yaws));
         flight.battery_current.sort_and_dedup();
         let repair = repair_current(&mut flight.battery_current);
         flight.is_current_negated = repair.is_negated;
@@ -234,6 +245,21 @@ fn select_field_source(mut logged: Vec<(u8, FieldProcessing, Series<6>)>) -> Vec
     });
     logged.dedup_by_key(|(compass_number, _, _)| *compass_number);
     logged
+}
+
+/// Gives the rows of the first receiver, which has the position, the headings of others: moving baseline gives them to
+/// the receiver of the second antenna.
+fn fill_in_yaws(gps: &mut Series<6>, yaws: BTreeMap<u8, Series<1>>) {
+    /// Longest interval of headings that is interpolated, seconds.
+    const MAX_GAP_S: f64 = 0.5;
+    for mut yaw in yaws.into_values() {
+        yaw.sort_and_dedup();
+        for row in gps.rows_mut().iter_mut().filter(|row| row.row_values[5].is_nan()) {
+            if let Some([yaw_rad]) = yaw.interpolate_angles(row.t_s, MAX_GAP_S) {
+                row.row_values[5] = yaw_rad.to_degrees().rem_euclid(360.0);
+            }
+        }
+    }
 }
 
 fn is_plausible_attitude([roll_rad, pitch_rad, _]: [f32; 3]) -> bool {

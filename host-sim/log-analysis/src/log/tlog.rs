@@ -312,6 +312,13 @@ impl TlogReader {
                     self.builder.push_gps(t_s, gps_from_message(payload));
                 }
             }
+            MavMessage::GPS2_RAW(payload) => {
+                if payload.fix_type.0 >= 3
+                    && let Some(t_s) = self.receiver_time_s(frame)
+                {
+                    self.builder.push_other_receiver_yaw(1, t_s, yaw_deg_from_message(payload.yaw));
+                }
+            }
             MavMessage::SYS_STATUS(payload) => {
                 // -1 means no measurement.
                 if payload.current_battery != -1
@@ -422,8 +429,15 @@ fn gps_from_message(gps_message: &mavlink_dialect::GPS_RAW_INT_DATA) -> Gps {
         height_m: (f64::from(gps_message.alt) * 1e-3) as f32,
         speed_m_s: hundredths(gps_message.vel),
         course_deg: hundredths(gps_message.cog),
-        yaw_deg: f32::NAN,
+        yaw_deg: yaw_deg_from_message(gps_message.yaw),
     }
+}
+
+/// Heading of a receiver, degrees, from hundredths; north is 36000, and NaN if absent.
+fn yaw_deg_from_message(hundredths_deg: u16) -> f32 {
+    const ABSENT: u16 = 0;
+    const NOT_CONFIGURED: u16 = u16::MAX;
+    if matches!(hundredths_deg, ABSENT | NOT_CONFIGURED) { f32::NAN } else { f32::from(hundredths_deg) * 0.01 }
 }
 
 #[cfg(test)]

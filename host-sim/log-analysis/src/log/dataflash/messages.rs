@@ -65,7 +65,11 @@ pub(super) fn record_message(builder: &mut FlightBuilder, name: &str, message: &
         "XKQ" | "XKQ1" | "NKQ" | "NKQ1" | "AHR2" if message.numeric_field("C").unwrap_or(0.0) == 0.0 => {
             push_fallback_attitude(builder, name, t_s, message);
         }
-        "GPS" if message.numeric_field("I").unwrap_or(0.0) == 0.0 => record_gps(builder, t_s, message),
+        "GPS" => match message.numeric_field("I").unwrap_or(0.0) as u8 {
+            0 => record_gps(builder, t_s, message),
+            receiver if has_3d_fix(message) => builder.push_other_receiver_yaw(receiver, t_s, gps_yaw_deg(message)),
+            _ => {}
+        },
         "BAT" if message.numeric_field("Inst").or_else(|| message.numeric_field("Instance")).unwrap_or(0.0) == 0.0 => {
             record_current(builder, t_s, message);
         }
@@ -170,11 +174,20 @@ fn record_field(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage,
     builder.push_field(compass_number, FieldProcessing::ArduPilot, t_s, microtesla(field), motor.map(microtesla));
 }
 
-fn record_gps(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) {
+fn has_3d_fix(message: &dyn LogMessage) -> bool {
     const FIX_3D: f64 = 3.0;
+    message.numeric_field("Status").is_some_and(|status| status >= FIX_3D)
+}
+
+/// Heading of a receiver with two antennas, degrees; NaN if it has none, logged as 0.
+fn gps_yaw_deg(message: &dyn LogMessage) -> f32 {
+    message.numeric_field("Yaw").filter(|yaw| *yaw != 0.0).map_or(f32::NAN, |yaw| yaw as f32)
+}
+
+fn record_gps(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) {
     /// 1980-01-06 in Unix time; leap seconds (less than a minute) are ignored.
     const GPS_EPOCH_UNIX_S: f64 = 315_964_800.0;
-    if message.numeric_field("Status").is_none_or(|status| status < FIX_3D) {
+    if !has_3d_fix(message) {
         return;
     }
     let Some([latitude, longitude, height, speed, course]) =
@@ -182,7 +195,7 @@ fn record_gps(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) {
     else {
         return;
     };
-    let yaw_deg = message.numeric_field("Yaw").filter(|yaw| *yaw != 0.0).map_or(f32::NAN, |yaw| yaw as f32);
+    let yaw_deg = gps_yaw_deg(message);
     let [latitude_deg, longitude_deg, height_m, speed_m_s, course_deg] =
         [latitude, longitude, height, speed, course].map(|number| number as f32);
     builder.push_gps(t_s, Gps { latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg });

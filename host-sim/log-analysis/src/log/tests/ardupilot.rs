@@ -43,6 +43,34 @@ fn old_ardupilot_formats_are_read() {
     }
 }
 
+/// Moving baseline: the receiver of the second antenna has the heading, the first the position.
+#[test]
+fn the_heading_of_a_second_receiver_is_read() {
+    let recording = two_compass_recording(&ARDUPILOT_PARAMETERS);
+    let log = String::from_utf8(encode_dataflash_text(&recording)).unwrap();
+    let with_yaw = log.replace(
+        "QBBIHLLeff, TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt,Spd,GCrs",
+        "QBBIHLLefff, \
+        TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt,Spd,GCrs,Yaw",
+    );
+    let second =
+        |at_us: u32, status: u8, yaw: f32| format!("GPS, {at_us}, 1, {status}, 0, 2400, 1, 2, 3, 9, 9, {yaw}\n");
+    let second = [(69_700_000, 3, 359.0), (69_900_000, 3, 1.0), (70_100_000, 3, 0.0), (70_300_000, 1, 90.0)]
+        .map(|(at_us, status, yaw)| second(at_us, status, yaw));
+    let [without, with] =
+        [with_yaw.clone(), with_yaw + &second.concat()].map(|log| read_bytes(log.as_bytes()).unwrap());
+    let yaws = |flight: &LoggedFlight| -> Vec<(i32, f32)> {
+        let rows = flight.gps.rows().iter().filter(|row| row.row_values[5].is_finite());
+        rows.map(|row| ((row.t_s * 10.0).round() as i32, row.row_values[5])).collect()
+    };
+    assert_eq!(yaws(&without), []);
+    let [(698, yaw_deg)] = yaws(&with)[..] else { panic!("{:?}", yaws(&with)) };
+    assert!(yaw_deg.min(360.0 - yaw_deg) < 0.01, "{yaw_deg}");
+    let positions =
+        |flight: &LoggedFlight| flight.gps.rows().iter().map(|row| (row.t_s, row.row_values[0])).collect::<Vec<_>>();
+    assert_eq!(positions(&with), positions(&without));
+}
+
 /// Until 2021 arming was a generic event: manual (10) or automatic (15).
 #[test]
 fn arming_events_give_the_armed_state() {

@@ -1,9 +1,9 @@
 //! MAVLink: selection of the autopilot on a shared link.
 
 use mavlink_dialect::{
-    ATTITUDE_DATA, GPS_RAW_INT_DATA, GpsFixType, HEARTBEAT_DATA, HIGHRES_IMU_DATA, HighresImuUpdatedFlags,
-    MAVLinkV2MessageRaw, MavAutopilot, MavHeader, MavParamType, MessageData, PARAM_VALUE_DATA, RAW_IMU_DATA,
-    SCALED_IMU_DATA, SCALED_IMU2_DATA, SYS_STATUS_DATA,
+    ATTITUDE_DATA, GPS_RAW_INT_DATA, GPS2_RAW_DATA, GpsFixType, HEARTBEAT_DATA, HIGHRES_IMU_DATA,
+    HighresImuUpdatedFlags, MAVLinkV2MessageRaw, MavAutopilot, MavHeader, MavParamType, MessageData, PARAM_VALUE_DATA,
+    RAW_IMU_DATA, SCALED_IMU_DATA, SCALED_IMU2_DATA, SYS_STATUS_DATA,
 };
 
 use super::*;
@@ -135,6 +135,28 @@ fn unknown_gps_values_are_nan() {
     let [known, unknown] = [known, unknown].map(|row| Gps::from_columns(row.row_values));
     assert_eq!((known.latitude_deg, known.speed_m_s, known.course_deg), (48.0, 9.0, 45.0));
     assert!(unknown.speed_m_s.is_nan() && unknown.course_deg.is_nan(), "{unknown:?}");
+}
+
+/// Hundredths of a degree; 0 and 65535 are no heading, 36000 is north.
+#[test]
+fn the_heading_of_either_receiver_is_read() {
+    let fix_type = GpsFixType::GPS_FIX_TYPE_RTK_FIXED;
+    let first = |at_us, yaw| encode_logged_frame(at_us, &GPS_RAW_INT_DATA { fix_type, yaw, ..Default::default() });
+    let second = |at_us, yaw| encode_logged_frame(at_us, &GPS2_RAW_DATA { fix_type, yaw, ..Default::default() });
+    let messages = [
+        started_px4_log(),
+        first(100_000, 9_000),
+        first(300_000, 0),
+        first(500_000, u16::MAX),
+        first(700_000, 36_000),
+        second(1_000_000, 12_000),
+        first(1_100_000, 0),
+        second(1_200_000, 14_000),
+        first(1_300_000, 0),
+    ];
+    let flight = read_bytes(&messages.concat()).unwrap();
+    let yaws: Vec<f32> = flight.gps.rows().iter().map(|row| row.row_values[5].round()).collect();
+    assert_eq!(format!("{yaws:?}"), "[90.0, NaN, NaN, 360.0, 130.0, NaN]");
 }
 
 /// ArduPilot sends its first compass in RAW_IMU in milligauss; PX4 sends it in SCALED_IMU, and RAW_IMU in undefined
