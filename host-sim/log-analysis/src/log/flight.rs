@@ -157,6 +157,10 @@ pub struct LoggedFlight {
     pub attitude: Series<3>,
     /// Message that replaced a missing autopilot attitude.
     pub fallback_attitude_message: Option<&'static str>,
+    /// Message whose attitude replaces that of `ATT`, which on quadplanes and tailsitters is the VTOL view.
+    pub vtol_view_replacement: Option<&'static str>,
+    /// Whether the attitude is the VTOL view of a quadplane or tailsitter, not that of the body.
+    pub is_vtol_view: bool,
     /// Body rates p, q, r, rad/s: as logged, repaired, or differences of the attitude.
     pub body_rates: Series<3>,
     /// Why `body_rates` were repaired or replaced by differences of the attitude; `None` if as logged.
@@ -255,6 +259,8 @@ impl LoggedFlight {
             compasses: Vec::new(),
             attitude: Series::new(),
             fallback_attitude_message: None,
+            vtol_view_replacement: None,
+            is_vtol_view: false,
             body_rates: Series::new(),
             rates_problem: None,
             has_measured_rates: true,

@@ -21,6 +21,9 @@ pub const MAX_COMPASSES: u8 = 8;
 /// Largest accepted field component, microtesla: admits nanotesla read as microtesla, which replay reports.
 const MAX_FIELD_UT: f32 = 200_000.0;
 
+/// Rank of attitudes that are not the main filter's own.
+pub const SECONDARY_ATTITUDE_RANK: u8 = 4;
+
 const MAX_ARMED_CHANGES: usize = 100_000;
 
 pub struct FlightBuilder {
@@ -182,11 +185,7 @@ impl FlightBuilder {
         let flight = &mut self.flight;
         flight.skipped_counts.bad_times += self.timeline.rejected_stamp_count();
         flight.skipped_counts.restarts = self.timeline.restart_count();
-        if flight.attitude.is_empty()
-            && let Some((_, (from, attitude))) = self.fallback_attitudes.pop_first()
-        {
-            (flight.attitude, flight.fallback_attitude_message) = (attitude, Some(from));
-        }
+        replace_attitude(flight, std::mem::take(&mut self.fallback_attitudes));
         let attitude_repeats = flight.attitude.sort_and_dedup();
         for series in [&mut flight.body_rates, &mut flight.true_attitude] {
             series.sort_and_dedup();
@@ -226,6 +225,23 @@ impl FlightBuilder {
             });
         }
         self.flight
+    }
+}
+
+/// Replaces a missing attitude, and the VTOL view of ArduPlane's `ATT`: with `Q_ENABLE`, `ATT` is rotated by 90 deg on
+/// tailsitters, and by `Q_TRIM_PITCH` in hover, while the compass is fixed to the body.
+fn replace_attitude(flight: &mut LoggedFlight, mut fallback_attitudes: BTreeMap<u8, (&'static str, Series<3>)>) {
+    let is_vtol = flight.parameters.last_value("Q_ENABLE").is_some_and(|enabled| enabled != 0.0);
+    let is_missing = flight.attitude.is_empty();
+    let best = fallback_attitudes.pop_first();
+    match best {
+        Some((_, (message_name, attitude))) if is_missing => {
+            (flight.attitude, flight.fallback_attitude_message) = (attitude, Some(message_name));
+        }
+        Some((rank, (message_name, attitude))) if is_vtol && rank < SECONDARY_ATTITUDE_RANK => {
+            (flight.attitude, flight.vtol_view_replacement) = (attitude, Some(message_name));
+        }
+        _ => flight.is_vtol_view = is_vtol && !is_missing,
     }
 }
 

@@ -1,7 +1,7 @@
 //! Messages of a flight, by name, whatever their encoding.
 
 use crate::log::flight::{AutopilotKind, Gps, LogFormat};
-use crate::log::flight_builder::{FieldProcessing, FlightBuilder, MAX_COMPASSES};
+use crate::log::flight_builder::{FieldProcessing, FlightBuilder, MAX_COMPASSES, SECONDARY_ATTITUDE_RANK};
 
 /// A message with named columns, scaled to degrees and m/s by their format letters.
 pub(super) trait LogMessage {
@@ -125,7 +125,7 @@ fn push_fallback_attitude(builder: &mut FlightBuilder, name: &str, t_s: f64, mes
         "NKF1" => (1, "NKF1"),
         "XKQ" | "XKQ1" => (2, "XKQ"),
         "NKQ" | "NKQ1" => (3, "NKQ"),
-        _ => (4, "AHR2"),
+        _ => (SECONDARY_ATTITUDE_RANK, "AHR2"),
     };
     let of_quaternion = || {
         numeric_fields(message, ["Q1", "Q2", "Q3", "Q4"])

@@ -88,6 +88,35 @@ fn filter_attitude_replaces_a_missing_att_message() {
     assert_eq!((rolls(&flight), flight.fallback_attitude_message), (vec![10], None));
 }
 
+/// `Q_ENABLE` 1 is a quadplane, whose `ATT` is that of hover; AHR2 is another filter's.
+#[test]
+fn the_attitude_of_the_body_replaces_the_vtol_view() {
+    let messages = [
+        attitude_message("AHR2", 1e6, 20.0),
+        attitude_message("ATT", 1.1e6, 10.0),
+        attitude_message("XKF1", 1.2e6, 11.0),
+    ];
+    for (q_enable, count, roll_deg, replacement, is_vtol_view) in [
+        (Some(1.0), 3, 11, Some("XKF1"), false),
+        (Some(1.0), 2, 10, None, true),
+        (Some(0.0), 3, 10, None, false),
+        (None, 3, 10, None, false),
+    ] {
+        let mut builder = ardupilot_builder(LogFormat::DataFlash);
+        if let Some(enabled) = q_enable {
+            builder.set_parameter("Q_ENABLE", enabled);
+        }
+        for (name, numbers) in &messages[..count] {
+            record_message(&mut builder, name, &NumericMessage(numbers));
+        }
+        let flight = builder.finish_flight();
+        let [row] = flight.attitude.rows() else { panic!("{:?}", flight.attitude) };
+        assert_eq!(row.row_values[0].to_degrees().round() as i32, roll_deg, "{q_enable:?} {count}");
+        assert_eq!((flight.vtol_view_replacement, flight.is_vtol_view), (replacement, is_vtol_view));
+        assert_eq!(flight.fallback_attitude_message, None);
+    }
+}
+
 #[test]
 fn the_best_substitute_attitude_is_used() {
     let root_half = 0.5_f64.sqrt();
