@@ -33,6 +33,7 @@ pub mod time_series;
 mod timeline;
 mod tlog;
 mod ulog;
+mod utf16;
 
 pub(crate) use compass_slot::{ARDUPILOT_SLOTS, ardupilot_index, external_parameter};
 pub use compass_slot::{CompassSlot, DeviceId, SlotEvidence, UnknownSlot};
@@ -49,6 +50,7 @@ use std::fmt;
 use std::io::{self, Read};
 
 use csv::{CsvError, FieldUnit};
+use utf16::Utf16Text;
 
 /// Bytes searched to detect the format.
 const FORMAT_DETECTION_BYTES: usize = 1 << 16;
@@ -153,10 +155,31 @@ fn read_with_unchecked_rates(
     unit: FieldUnit,
     system: Option<u8>,
 ) -> Result<LoggedFlight, LogError> {
+    let first_bytes = read_first_bytes(source)?;
+    let format = detect_format(&first_bytes);
+    let mut source = io::Cursor::new(first_bytes.clone()).chain(source);
+    if matches!(format, Err(LogError::UnknownFormat))
+        && let Some(mut text) = Utf16Text::new(&first_bytes, &mut source)?
+    {
+        let first_bytes = read_first_bytes(&mut text)?;
+        let format = detect_format(&first_bytes)?;
+        return read_format(format, &mut io::Cursor::new(first_bytes).chain(text), unit, system);
+    }
+    read_format(format?, &mut source, unit, system)
+}
+
+fn read_first_bytes(source: &mut dyn Read) -> io::Result<Vec<u8>> {
     let mut first_bytes = Vec::new();
-    (&mut *source).take(FORMAT_DETECTION_BYTES as u64).read_to_end(&mut first_bytes)?;
-    let format = detect_format(&first_bytes)?;
-    let mut source = io::Cursor::new(first_bytes).chain(source);
+    source.take(FORMAT_DETECTION_BYTES as u64).read_to_end(&mut first_bytes)?;
+    Ok(first_bytes)
+}
+
+fn read_format(
+    format: LogFormat,
+    mut source: &mut dyn Read,
+    unit: FieldUnit,
+    system: Option<u8>,
+) -> Result<LoggedFlight, LogError> {
     let flight = match format {
         LogFormat::DataFlash => dataflash::read_binary(&mut source)?,
         LogFormat::DataFlashText => dataflash::read_text(&mut source)?,
