@@ -12,12 +12,14 @@ const MAX_EDGE_S: f64 = 1.5;
 const MIN_EDGE_FRACTION: f32 = 0.25;
 
 /// Repairs of a battery current.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct CurrentRepair {
     /// Whether the logged current is negative.
     pub is_negated: bool,
     /// Number of rows dropped as drop-outs.
     pub dropout_count: u64,
+    /// Times of the rows before and after each drop-out, or several that follow one another, seconds.
+    pub dropout_intervals_s: Vec<[f64; 2]>,
 }
 
 /// Makes a current positive and drops its drop-outs: rows of exactly 0 or -1 A between rows of usual current. A current
@@ -31,7 +33,7 @@ pub(super) fn repair_current(current: &mut Series<1>) -> CurrentRepair {
     }
     let middle_index = usual.len() / 2;
     let median = *usual.select_nth_unstable_by(middle_index, f32::total_cmp).1;
-    let is_dropout = dropouts(rows, median.abs() * MIN_EDGE_FRACTION);
+    let (is_dropout, dropout_intervals_s) = dropouts(rows, median.abs() * MIN_EDGE_FRACTION);
     let sign = median.signum();
     for row in current.rows_mut() {
         row.row_values[0] *= sign;
@@ -41,7 +43,7 @@ pub(super) fn repair_current(current: &mut Series<1>) -> CurrentRepair {
     let negative: Vec<bool> = current.rows().iter().map(|row| amperes(row) < 0.0).collect();
     current.retain_rows(|index| !negative[index]);
     let dropout_count = is_dropout.iter().filter(|is_dropout| **is_dropout).count() as u64;
-    CurrentRepair { is_negated: sign < 0.0, dropout_count }
+    CurrentRepair { is_negated: sign < 0.0, dropout_count, dropout_intervals_s }
 }
 
 fn amperes(row: &TimedRow<1>) -> f32 {
@@ -53,9 +55,9 @@ fn is_placeholder(amperes: f32) -> bool {
     amperes == 0.0 || amperes + 1.0 == 0.0
 }
 
-/// Marks the rows of drop-outs.
-fn dropouts(rows: &[TimedRow<1>], min_edge_a: f32) -> Vec<bool> {
-    let mut marks = vec![false; rows.len()];
+/// Marks of the rows of drop-outs, and their intervals.
+fn dropouts(rows: &[TimedRow<1>], min_edge_a: f32) -> (Vec<bool>, Vec<[f64; 2]>) {
+    let (mut marks, mut intervals_s) = (vec![false; rows.len()], Vec::<[f64; 2]>::new());
     let mut start = 0;
     for run in rows.chunk_by(|a, b| is_placeholder(amperes(a)) == is_placeholder(amperes(b))) {
         let end = start + run.len();
@@ -67,10 +69,14 @@ fn dropouts(rows: &[TimedRow<1>], min_edge_a: f32) -> Vec<bool> {
             && last.t_s - first.t_s <= MAX_DROPOUT_S
         {
             marks[start..end].fill(true);
+            match intervals_s.last_mut() {
+                Some([_, end_s]) if *end_s >= before.t_s => *end_s = after.t_s,
+                _ => intervals_s.push([before.t_s, after.t_s]),
+            }
         }
         start = end;
     }
-    marks
+    (marks, intervals_s)
 }
 
 #[cfg(test)]
@@ -91,7 +97,7 @@ mod tests {
     fn a_negative_current_is_used_by_size() {
         let (currents, repair) = repaired(&[0.0, -3.0, -20.0, -25.0, 0.1, -2.0]);
         assert_eq!(currents, [0.0, 3.0, 20.0, 25.0, 2.0]);
-        assert_eq!(repair, CurrentRepair { is_negated: true, dropout_count: 0 });
+        assert_eq!(repair, CurrentRepair { is_negated: true, ..CurrentRepair::default() });
         assert!(!repaired(&[-0.1, 0.0, 20.0]).1.is_negated);
     }
 
@@ -101,7 +107,7 @@ mod tests {
         let (currents, repair) =
             repaired(&[0.0, 0.0, 19.0, 20.0, 0.0, 0.0, 21.0, -1.0, 22.0, 3.0, 0.0, 2.0, 20.0, 0.0]);
         assert_eq!(currents, [0.0, 0.0, 19.0, 20.0, 21.0, 22.0, 3.0, 0.0, 2.0, 20.0, 0.0]);
-        assert_eq!(repair.dropout_count, 3);
+        assert_eq!((repair.dropout_count, repair.dropout_intervals_s), (3, vec![[0.3, 0.8]]));
         let mut long = vec![20.0; 400];
         long[20..380].fill(0.0);
         assert_eq!(repaired(&long).1.dropout_count, 0);

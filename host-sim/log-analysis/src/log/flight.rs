@@ -64,6 +64,18 @@ pub enum AutopilotKind {
     Unknown,
 }
 
+/// Axes that a logged attitude is of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum AttitudeView {
+    /// The axes of the body, which the compass is fixed to.
+    #[default]
+    Body,
+    /// The axes of the body, by this message: that of the autopilot is the VTOL view.
+    BodyForVtol(&'static str),
+    /// The VTOL view of a quadplane or tailsitter, which is not that of the body in hover.
+    Vtol,
+}
+
 /// A compass of the aircraft.
 #[derive(Clone, Debug, Default)]
 pub struct LoggedCompass {
@@ -157,10 +169,8 @@ pub struct LoggedFlight {
     pub attitude: Series<3>,
     /// Message that replaced a missing autopilot attitude.
     pub fallback_attitude_message: Option<&'static str>,
-    /// Message whose attitude replaces that of `ATT`, which on quadplanes and tailsitters is the VTOL view.
-    pub vtol_view_replacement: Option<&'static str>,
-    /// Whether the attitude is the VTOL view of a quadplane or tailsitter, not that of the body.
-    pub is_vtol_view: bool,
+    /// Axes that the attitude is of.
+    pub attitude_view: AttitudeView,
     /// Body rates p, q, r, rad/s: as logged, repaired, or differences of the attitude.
     pub body_rates: Series<3>,
     /// Why `body_rates` were repaired or replaced by differences of the attitude; `None` if as logged.
@@ -259,8 +269,7 @@ impl LoggedFlight {
             compasses: Vec::new(),
             attitude: Series::new(),
             fallback_attitude_message: None,
-            vtol_view_replacement: None,
-            is_vtol_view: false,
+            attitude_view: AttitudeView::Body,
             body_rates: Series::new(),
             rates_problem: None,
             has_measured_rates: true,

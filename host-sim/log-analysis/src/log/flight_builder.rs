@@ -10,7 +10,7 @@ use super::compass_slot::{
     ArdupilotSlots, CompassSlot, DeviceId, MAX_OFFSET_ROUNDING_MG, SlotEvidence, UnknownSlot, ardupilot_index,
 };
 use super::correction::{FieldCorrection, InvertibleCorrection, px4_mounting};
-use super::flight::{AutopilotKind, Gps, LogFormat, LoggedCompass, LoggedFlight};
+use super::flight::{AttitudeView, AutopilotKind, Gps, LogFormat, LoggedCompass, LoggedFlight};
 use super::parameters::ParameterHistory;
 use super::time_series::{Series, TimedRow};
 use super::timeline::Timeline;
@@ -98,7 +98,7 @@ impl FlightBuilder {
     /// Adds the offsets that ArduPilot uses for a compass, milligauss.
     pub fn push_offsets(&mut self, compass_number: u8, t_s: f64, offsets_mg: [f32; 3]) {
         if (1..=MAX_COMPASSES).contains(&compass_number) {
-            self.offset_rows.entry(compass_number).or_insert_with(Series::new).push_row(t_s, offsets_mg);
+            self.offset_rows.entry(compass_number).or_default().push_row(t_s, offsets_mg);
         }
     }
 
@@ -193,9 +193,7 @@ impl FlightBuilder {
         flight.gps.sort_and_dedup();
         fill_in_yaws(&mut flight.gps, std::mem::take(&mut self.other_receiver_yaws));
         flight.battery_current.sort_and_dedup();
-        let repair = repair_current(&mut flight.battery_current);
-        flight.is_current_negated = repair.is_negated;
-        flight.skipped_counts.current_dropouts = repair.dropout_count;
+        repair_current_of_flight(flight);
         flight.reference_heading.sort_and_dedup();
         flight.row_usability.sort_and_dedup();
         flight.skipped_counts.repeated_times += attitude_repeats as u64;
@@ -228,6 +226,20 @@ impl FlightBuilder {
     }
 }
 
+/// Repairs the battery current. Fields during a drop-out are not used, since their interference is unknown; a table's own
+/// choice of rows has priority.
+fn repair_current_of_flight(flight: &mut LoggedFlight) {
+    let repair = repair_current(&mut flight.battery_current);
+    flight.is_current_negated = repair.is_negated;
+    flight.skipped_counts.current_dropouts = repair.dropout_count;
+    if flight.row_usability.is_empty() {
+        for [from_s, to_s] in repair.dropout_intervals_s {
+            flight.row_usability.push_row(from_s, [0.0]);
+            flight.row_usability.push_row(to_s, [1.0]);
+        }
+    }
+}
+
 /// Replaces a missing attitude, and the VTOL view of ArduPlane's `ATT`: with `Q_ENABLE`, `ATT` is rotated by 90 deg on
 /// tailsitters, and by `Q_TRIM_PITCH` in hover, while the compass is fixed to the body.
 fn replace_attitude(flight: &mut LoggedFlight, mut fallback_attitudes: BTreeMap<u8, (&'static str, Series<3>)>) {
@@ -239,9 +251,10 @@ fn replace_attitude(flight: &mut LoggedFlight, mut fallback_attitudes: BTreeMap<
             (flight.attitude, flight.fallback_attitude_message) = (attitude, Some(message_name));
         }
         Some((rank, (message_name, attitude))) if is_vtol && rank < SECONDARY_ATTITUDE_RANK => {
-            (flight.attitude, flight.vtol_view_replacement) = (attitude, Some(message_name));
+            (flight.attitude, flight.attitude_view) = (attitude, AttitudeView::BodyForVtol(message_name));
         }
-        _ => flight.is_vtol_view = is_vtol && !is_missing,
+        _ if is_vtol && !is_missing => flight.attitude_view = AttitudeView::Vtol,
+        _ => {}
     }
 }
 
@@ -413,6 +426,20 @@ mod tests {
         let currents: Vec<f32> =
             builder.finish_flight().battery_current.rows().iter().map(|row| row.row_values[0]).collect();
         assert_eq!(currents, [0.0, 5_000.0]);
+    }
+
+    /// A current of 20 A that reads 0 from 0.2 to 0.7 s.
+    #[test]
+    fn fields_during_a_dropout_of_the_current_are_not_used() {
+        let mut builder = FlightBuilder::new(LogFormat::DataFlash);
+        for i in 0..10 {
+            builder.push_current(f64::from(i) / 10.0, if (2..=7).contains(&i) { 0.0 } else { 20.0 });
+        }
+        let flight = builder.finish_flight();
+        let usability: Vec<(f64, f32)> =
+            flight.row_usability.rows().iter().map(|row| (row.t_s, row.row_values[0])).collect();
+        assert_eq!(usability, [(0.1, 0.0), (0.8, 1.0)]);
+        assert_eq!((flight.skipped_counts.current_dropouts, flight.battery_current.rows().len()), (6, 4));
     }
 
     /// Motor compensation of 10 A at 5 mG/A, by a current at 1 Hz of which one report may be lost.

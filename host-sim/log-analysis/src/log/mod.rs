@@ -40,7 +40,7 @@ pub use compass_slot::{CompassSlot, DeviceId, SlotEvidence, UnknownSlot};
 pub use correction::{FieldCorrection, missing_ardupilot_parameters};
 pub(crate) use correction::{px4_mounting, symmetric_matrix};
 pub use flight::{
-    AutopilotKind, Gps, LogFormat, LoggedCompass, LoggedFlight, SkippedCounts, mounting_parameter_changes,
+    AttitudeView, AutopilotKind, Gps, LogFormat, LoggedCompass, LoggedFlight, SkippedCounts, mounting_parameter_changes,
 };
 pub use parameters::ParameterHistory;
 pub use rates_problem::RatesProblem;

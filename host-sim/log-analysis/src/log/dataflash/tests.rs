@@ -1,5 +1,5 @@
 use super::messages::*;
-use crate::log::flight::{Gps, LogFormat};
+use crate::log::flight::{AttitudeView, Gps, LogFormat};
 use crate::log::time_series::TimedRow;
 
 struct NumericMessage<'a>(&'a [(&'a str, f64)]);
@@ -96,11 +96,11 @@ fn the_attitude_of_the_body_replaces_the_vtol_view() {
         attitude_message("ATT", 1.1e6, 10.0),
         attitude_message("XKF1", 1.2e6, 11.0),
     ];
-    for (q_enable, count, roll_deg, replacement, is_vtol_view) in [
-        (Some(1.0), 3, 11, Some("XKF1"), false),
-        (Some(1.0), 2, 10, None, true),
-        (Some(0.0), 3, 10, None, false),
-        (None, 3, 10, None, false),
+    for (q_enable, count, roll_deg, attitude_view) in [
+        (Some(1.0), 3, 11, AttitudeView::BodyForVtol("XKF1")),
+        (Some(1.0), 2, 10, AttitudeView::Vtol),
+        (Some(0.0), 3, 10, AttitudeView::Body),
+        (None, 3, 10, AttitudeView::Body),
     ] {
         let mut builder = ardupilot_builder(LogFormat::DataFlash);
         if let Some(enabled) = q_enable {
@@ -112,8 +112,7 @@ fn the_attitude_of_the_body_replaces_the_vtol_view() {
         let flight = builder.finish_flight();
         let [row] = flight.attitude.rows() else { panic!("{:?}", flight.attitude) };
         assert_eq!(row.row_values[0].to_degrees().round() as i32, roll_deg, "{q_enable:?} {count}");
-        assert_eq!((flight.vtol_view_replacement, flight.is_vtol_view), (replacement, is_vtol_view));
-        assert_eq!(flight.fallback_attitude_message, None);
+        assert_eq!((flight.attitude_view, flight.fallback_attitude_message), (attitude_view, None));
     }
 }
 
