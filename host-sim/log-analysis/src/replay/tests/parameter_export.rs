@@ -279,6 +279,31 @@ fn compensation_by_current_replaces_that_by_throttle() {
     assert_eq!(lines(&[("COMPASS_MOTCT", 2.0), ("COMPASS_MOT_X", 1.5)], &export), ["COMPASS_MOTCT,2"]);
 }
 
+/// The first compass has the parameters of the second slot, the second unknown ones.
+#[test]
+fn parameters_are_those_of_the_slot_of_the_compass() {
+    let mut flight = flight_with_parameters(ParameterFormat::ArduPilot, &[("COMPASS_ORIENT2", 4.0)]);
+    flight.autopilot = log::AutopilotKind::ArduPilot;
+    flight.parameters.set_value(5.0, "COMPASS_ORIENT2", 2.0);
+    flight.compasses[0].slot = log::CompassSlot::Known { index: 2, evidence: log::SlotEvidence::DeviceId };
+    flight.compasses[1].slot = log::CompassSlot::default();
+    let mut exports = [1, 2].map(|compass_number| export_with_rotation(compass_number, 0.0));
+    exports[0].correction.hard_iron_ut.x = 3.0;
+    let text = format_parameter_file(&flight, &exports, ParameterFormat::ArduPilot);
+    let lines = text.lines().filter(|line| !line.starts_with('#'));
+    let names: Vec<&str> = lines.filter_map(|line| line.split_once(',')).map(|(name, _)| name).collect();
+    assert!(names.contains(&"COMPASS_OFS2_X") && names.contains(&"COMPASS_ORIENT2"), "{text}");
+    assert!(names.iter().all(|name| name.contains('2')), "{text}");
+    assert!(text.contains("# compass 2: no parameters, because the log has no calibration parameters"), "{text}");
+    let row = ReplayRow { raw_field: Field::from_ut(30.0, -20.0, 45.0), ..level_row(0.0, 0.0) };
+    for (export, x_ut) in exports.iter().zip([27.0, 30.0]) {
+        let field = field_by_exported_parameters(&flight, export, ParameterFormat::ArduPilot);
+        assert!((field(&row).x - x_ut).abs() < 1e-3, "{}", field(&row));
+    }
+    assert_eq!(log::mounting_parameter_changes(&flight, 1), [("COMPASS_ORIENT2".to_owned(), 5.0)]);
+    assert_eq!(log::mounting_parameter_changes(&flight, 2), []);
+}
+
 #[test]
 fn the_file_states_the_score_of_its_parameters() {
     let held_back =
