@@ -110,6 +110,12 @@ macro_rules! message_table {
                     ymag: i16, zmag: i16;
                     extension temperature: i16
                 }
+                /// Position and velocity as the second receiver reports them.
+                GPS2_RAW: GPS2_RAW_DATA = 124, crc 87 {
+                    time_usec: u64, lat: i32, lon: i32, alt: i32, dgps_age: u32, eph: u16, epv: u16, vel: u16, cog: u16,
+                    fix_type: GpsFixType, satellites_visible: u8, dgps_numch: u8;
+                    extension yaw: u16, alt_ellipsoid: i32, h_acc: u32, v_acc: u32, vel_acc: u32, hdg_acc: u32
+                }
                 /// Readings of the third inertial sensor and compass.
                 SCALED_IMU3: SCALED_IMU3_DATA = 129, crc 46 {
                     time_boot_ms: u32, xacc: i16, yacc: i16, zacc: i16, xgyro: i16, ygyro: i16, zgyro: i16, xmag: i16,

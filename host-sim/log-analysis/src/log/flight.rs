@@ -5,7 +5,8 @@ use autoswing::earth::Date;
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::correction::{FieldCorrection, logged_mounting, orientation_parameter};
+use super::compass_slot::{CompassSlot, DeviceId, ardupilot_index, external_parameter};
+use super::correction::{FieldCorrection, logged_mounting, missing_parameters_of_slot, orientation_parameter};
 use super::rates_problem::RatesProblem;
 use super::rotation::NumberedRotation;
 use super::time_series::Series;
@@ -63,14 +64,30 @@ pub enum AutopilotKind {
     Unknown,
 }
 
+/// Axes that a logged attitude is of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum AttitudeView {
+    /// The axes of the body, which the compass is fixed to.
+    #[default]
+    Body,
+    /// The axes of the body, by this message: that of the autopilot is the VTOL view.
+    BodyForVtol(&'static str),
+    /// The VTOL view of a quadplane or tailsitter, which is not that of the body in hover.
+    Vtol,
+}
+
 /// A compass of the aircraft.
 #[derive(Clone, Debug, Default)]
 pub struct LoggedCompass {
-    /// The autopilot's number of the compass, from 1.
+    /// The autopilot's number of the compass in its messages, from 1; ArduPilot's priority.
     pub compass_number: u8,
+    /// Slot of its calibration parameters.
+    pub slot: CompassSlot,
+    /// Device id of the sensor, if logged.
+    pub device_id: Option<DeviceId>,
     /// Raw field x, y, z and the field as the autopilot corrected it, body axes, microtesla.
     pub field: Series<6>,
-    /// The autopilot's last correction.
+    /// The autopilot's last correction; none if its parameters or its slot are unknown.
     pub correction: Option<FieldCorrection>,
     /// Whether the autopilot uses it for its heading, if known.
     pub is_used_for_heading: Option<bool>,
@@ -123,6 +140,11 @@ pub struct SkippedCounts {
     /// Number of magnetometer readings that are out of range or marked unhealthy.
     #[serde(rename = "unhealthy")]
     pub rejected_readings: u64,
+    /// Number of fields of PX4 sensors without device id, which no parameters can be assigned to.
+    #[serde(rename = "unassigned")]
+    pub unassigned_fields: u64,
+    /// Number of currents of exactly 0 or -1 A between rows of usual current.
+    pub current_dropouts: u64,
     /// Number of messages of other MAVLink systems.
     #[serde(rename = "others")]
     pub other_system_messages: u64,
@@ -147,6 +169,8 @@ pub struct LoggedFlight {
     pub attitude: Series<3>,
     /// Message that replaced a missing autopilot attitude.
     pub fallback_attitude_message: Option<&'static str>,
+    /// Axes that the attitude is of.
+    pub attitude_view: AttitudeView,
     /// Body rates p, q, r, rad/s: as logged, repaired, or differences of the attitude.
     pub body_rates: Series<3>,
     /// Why `body_rates` were repaired or replaced by differences of the attitude; `None` if as logged.
@@ -157,8 +181,10 @@ pub struct LoggedFlight {
     pub has_measured_rates: bool,
     /// GPS rows; columns as in [`Gps`].
     pub gps: Series<6>,
-    /// Battery current, amperes.
+    /// Battery current, amperes, not negative; empty if the log has zeros only.
     pub battery_current: Series<1>,
+    /// Whether the logged current is negative, and used by its size.
+    pub is_current_negated: bool,
     /// Times and armed states at each change; before the first change the aircraft had the opposite state.
     pub armed_changes: Vec<(f64, bool)>,
     /// A simulator's true roll, pitch and yaw, radians, for scoring only.
@@ -207,8 +233,9 @@ impl LoggedFlight {
             .iter_mut()
             .filter(|compass| compass_number.is_none_or(|compass_number| compass_number == compass.compass_number))
         {
+            let slot = compass.slot.index().ok_or(compass.compass_number)?;
             let turn = |t_s: f64| {
-                let logged = logged_mounting(parameters, is_px4, t_s, compass.compass_number)?;
+                let logged = logged_mounting(parameters, is_px4, t_s, slot)?;
                 Some(body_from_sensor * logged.transpose())
             };
             let last = turn(f64::INFINITY).ok_or(compass.compass_number)?;
@@ -222,12 +249,15 @@ impl LoggedFlight {
                 hard_iron_ut: last * correction.hard_iron_ut,
                 motor_ut_per_a: last * correction.motor_ut_per_a,
             });
-            parameters.replace_value(
-                &orientation_parameter(is_px4, compass.compass_number),
-                rotation.rotation_number().into(),
-            );
+            parameters.replace_value(&orientation_parameter(is_px4, slot), rotation.rotation_number().into());
         }
         Ok(())
+    }
+
+    /// Index of a compass in the names of its parameters, if known.
+    #[must_use]
+    pub fn slot_index(&self, compass_number: u8) -> Option<u8> {
+        self.compasses.iter().find(|compass| compass.compass_number == compass_number)?.slot.index()
     }
 
     /// Creates an empty flight.
@@ -241,12 +271,14 @@ impl LoggedFlight {
             compasses: Vec::new(),
             attitude: Series::new(),
             fallback_attitude_message: None,
+            attitude_view: AttitudeView::Body,
             body_rates: Series::new(),
             rates_problem: None,
             logged_rate_signs: [1.0; 3],
             has_measured_rates: true,
             gps: Series::new(),
             battery_current: Series::new(),
+            is_current_negated: false,
             armed_changes: Vec::new(),
             true_attitude: Series::new(),
             reference_heading: Series::new(),
@@ -282,16 +314,26 @@ impl LoggedFlight {
 /// Mounting parameters of a compass or the board that changed in flight, with the time of the last change, seconds.
 #[must_use]
 pub fn mounting_parameter_changes(flight: &LoggedFlight, compass_number: u8) -> Vec<(String, f64)> {
-    let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
-    let external =
-        if compass_number == 1 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{compass_number}") };
+    let slot = flight.slot_index(compass_number);
+    let of_slot = |name: &dyn Fn(u8) -> String| slot.map(name);
     let names = match flight.autopilot {
-        AutopilotKind::ArduPilot => vec![format!("COMPASS_ORIENT{index}"), external, "AHRS_ORIENTATION".to_owned()],
+        AutopilotKind::ArduPilot => vec![
+            of_slot(&|slot| format!("COMPASS_ORIENT{}", ardupilot_index(slot))),
+            of_slot(&external_parameter),
+            Some("AHRS_ORIENTATION".to_owned()),
+        ],
         AutopilotKind::Px4 => {
-            vec![format!("CAL_MAG{}_ROT", compass_number.saturating_sub(1)), "SENS_BOARD_ROT".to_owned()]
+            vec![of_slot(&|index| format!("CAL_MAG{index}_ROT")), Some("SENS_BOARD_ROT".to_owned())]
         }
         AutopilotKind::Unknown => Vec::new(),
     };
     let changed = |name: String| flight.parameters.last_change_s(&name).map(|at_s| (name, at_s));
-    names.into_iter().filter_map(changed).collect()
+    names.into_iter().flatten().filter_map(changed).collect()
+}
+
+/// ArduPilot's calibration parameters of a compass that are missing although another of the same x, y, z triple is present.
+#[must_use]
+pub fn missing_ardupilot_parameters(flight: &LoggedFlight, compass_number: u8) -> Vec<String> {
+    let slot = flight.slot_index(compass_number).filter(|_| flight.autopilot == AutopilotKind::ArduPilot);
+    slot.map_or_else(Vec::new, |slot| missing_parameters_of_slot(&flight.parameters, slot))
 }

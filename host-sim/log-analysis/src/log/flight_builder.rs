@@ -5,9 +5,14 @@ use std::collections::BTreeMap;
 use autoswing::earth::Date;
 use nalgebra::Vector3;
 
+use super::battery_current::repair_current;
+use super::compass_slot::{
+    ArdupilotSlots, CompassSlot, DeviceId, MAX_OFFSET_ROUNDING_MG, SlotEvidence, UnknownSlot, ardupilot_index,
+};
 use super::correction::{FieldCorrection, InvertibleCorrection, px4_mounting};
-use super::flight::{AutopilotKind, Gps, LogFormat, LoggedCompass, LoggedFlight};
-use super::time_series::Series;
+use super::flight::{AttitudeView, AutopilotKind, Gps, LogFormat, LoggedCompass, LoggedFlight};
+use super::parameters::ParameterHistory;
+use super::time_series::{Series, TimedRow};
 use super::timeline::Timeline;
 
 /// Largest compass number; no autopilot has more.
@@ -15,6 +20,9 @@ pub const MAX_COMPASSES: u8 = 8;
 
 /// Largest accepted field component, microtesla: admits nanotesla read as microtesla, which replay reports.
 const MAX_FIELD_UT: f32 = 200_000.0;
+
+/// Rank of attitudes that are not the main filter's own.
+pub const SECONDARY_ATTITUDE_RANK: u8 = 4;
 
 const MAX_ARMED_CHANGES: usize = 100_000;
 
@@ -27,6 +35,10 @@ pub struct FlightBuilder {
     fallback_attitudes: BTreeMap<u8, (&'static str, Series<3>)>,
     /// Rows by compass: field and motor-current compensation, microtesla.
     field_rows: Vec<(u8, FieldProcessing, Series<6>)>,
+    /// Headings of GPS receivers with two antennas other than the first, radians from true north.
+    other_receiver_yaws: BTreeMap<u8, Series<1>>,
+    /// Offsets in use by compass, milligauss.
+    offset_rows: BTreeMap<u8, Series<3>>,
 }
 
 /// Correction and axes of a logged magnetic field.
@@ -40,6 +52,15 @@ pub enum FieldProcessing {
     Px4SensorRaw(u8),
     /// The logged field is uncorrected, in body axes.
     BodyRaw,
+    /// The logged field is that of PX4's primary compass, corrected and less the bias of its filter, in body axes.
+    Px4Primary,
+}
+
+impl FieldProcessing {
+    /// Whether the autopilot corrects the field by parameters of the compass's slot.
+    const fn is_corrected(self) -> bool {
+        matches!(self, Self::ArduPilot | Self::Px4(_) | Self::Px4SensorRaw(_))
+    }
 }
 
 impl FlightBuilder {
@@ -50,6 +71,8 @@ impl FlightBuilder {
             gyro_bias_rad_s: [0.0; 3],
             fallback_attitudes: BTreeMap::new(),
             field_rows: Vec::new(),
+            other_receiver_yaws: BTreeMap::new(),
+            offset_rows: BTreeMap::new(),
         }
     }
 
@@ -70,6 +93,13 @@ impl FlightBuilder {
         }
         let ([x, y, z], [mx, my, mz]) = (field_ut, motor_compensation_ut.unwrap_or([f32::NAN; 3]));
         self.compass_rows(compass_number, field_processing).push_row(t_s, [x, y, z, mx, my, mz]);
+    }
+
+    /// Adds the offsets that ArduPilot uses for a compass, milligauss.
+    pub fn push_offsets(&mut self, compass_number: u8, t_s: f64, offsets_mg: [f32; 3]) {
+        if (1..=MAX_COMPASSES).contains(&compass_number) {
+            self.offset_rows.entry(compass_number).or_default().push_row(t_s, offsets_mg);
+        }
     }
 
     /// Rows of a compass. A compass without any is reported as failed, if others have rows.
@@ -114,8 +144,15 @@ impl FlightBuilder {
         self.flight.gps.push_row(t_s, gps.columns());
     }
 
+    /// Adds a heading of a receiver other than the first, degrees from true north; NaN if it has none.
+    pub fn push_other_receiver_yaw(&mut self, receiver: u8, t_s: f64, yaw_deg: f32) {
+        if yaw_deg.is_finite() {
+            self.other_receiver_yaws.entry(receiver).or_default().push_row(t_s, [yaw_deg.to_radians()]);
+        }
+    }
+
     pub fn push_current(&mut self, t_s: f64, amperes: f32) {
-        if (0.0..10_000.0).contains(&amperes) {
+        if amperes.abs() < 10_000.0 {
             self.flight.battery_current.push_row(t_s, [amperes]);
         }
     }
@@ -148,38 +185,89 @@ impl FlightBuilder {
         let flight = &mut self.flight;
         flight.skipped_counts.bad_times += self.timeline.rejected_stamp_count();
         flight.skipped_counts.restarts = self.timeline.restart_count();
-        if flight.attitude.is_empty()
-            && let Some((_, (from, attitude))) = self.fallback_attitudes.pop_first()
-        {
-            (flight.attitude, flight.fallback_attitude_message) = (attitude, Some(from));
-        }
+        replace_attitude(flight, std::mem::take(&mut self.fallback_attitudes));
         let attitude_repeats = flight.attitude.sort_and_dedup();
         for series in [&mut flight.body_rates, &mut flight.true_attitude] {
             series.sort_and_dedup();
         }
         flight.gps.sort_and_dedup();
+        fill_in_yaws(&mut flight.gps, std::mem::take(&mut self.other_receiver_yaws));
         flight.battery_current.sort_and_dedup();
+        repair_current_of_flight(flight);
         flight.reference_heading.sort_and_dedup();
         flight.row_usability.sort_and_dedup();
         flight.skipped_counts.repeated_times += attitude_repeats as u64;
         if self.field_rows.iter().all(|(_, _, field)| field.rows().is_empty()) {
             self.field_rows.clear();
         }
-        for (compass_number, field_processing, mut field) in select_field_source(std::mem::take(&mut self.field_rows)) {
+        let sources = select_field_source(std::mem::take(&mut self.field_rows));
+        let compass_count = sources.len();
+        for (compass_number, field_processing, mut field) in sources {
             flight.skipped_counts.repeated_times += field.sort_and_dedup() as u64;
-            let (correction, field) = undo_correction(flight, compass_number, field_processing, field);
-            let is_used_for_heading = is_used_for_heading(flight, compass_number);
-            flight.compasses.push(LoggedCompass { compass_number, field, correction, is_used_for_heading });
+            let mut offsets = self.offset_rows.remove(&compass_number).unwrap_or_default();
+            offsets.sort_and_dedup();
+            let (slot, device_id) =
+                slot_and_device_id(flight, compass_number, field_processing, compass_count, offsets.rows());
+            if let Some(index) = slot.index().filter(|_| field_processing == FieldProcessing::ArduPilot) {
+                update_offset_parameters(&mut flight.parameters, index, offsets.rows());
+            }
+            let (correction, field) = undo_correction(flight, slot, field_processing, field);
+            let is_used_for_heading = is_used_for_heading(flight, compass_number, slot);
+            flight.compasses.push(LoggedCompass {
+                compass_number,
+                slot,
+                device_id,
+                field,
+                correction,
+                is_used_for_heading,
+            });
         }
         self.flight
     }
 }
 
+/// Repairs the battery current. Fields during a drop-out are not used, since their interference is unknown; a table's own
+/// choice of rows has priority.
+fn repair_current_of_flight(flight: &mut LoggedFlight) {
+    let repair = repair_current(&mut flight.battery_current);
+    flight.is_current_negated = repair.is_negated;
+    flight.skipped_counts.current_dropouts = repair.dropout_count;
+    if flight.row_usability.is_empty() {
+        for [from_s, to_s] in repair.dropout_intervals_s {
+            flight.row_usability.push_row(from_s, [0.0]);
+            flight.row_usability.push_row(to_s, [1.0]);
+        }
+    }
+}
+
+/// Replaces a missing attitude, and the VTOL view of ArduPlane's `ATT`: with `Q_ENABLE`, `ATT` is rotated by 90 deg on
+/// tailsitters, and by `Q_TRIM_PITCH` in hover, while the compass is fixed to the body.
+fn replace_attitude(flight: &mut LoggedFlight, mut fallback_attitudes: BTreeMap<u8, (&'static str, Series<3>)>) {
+    let is_vtol = flight.parameters.last_value("Q_ENABLE").is_some_and(|enabled| enabled != 0.0);
+    let is_missing = flight.attitude.is_empty();
+    let best = fallback_attitudes.pop_first();
+    match best {
+        Some((_, (message_name, attitude))) if is_missing => {
+            (flight.attitude, flight.fallback_attitude_message) = (attitude, Some(message_name));
+        }
+        Some((rank, (message_name, attitude))) if is_vtol && rank < SECONDARY_ATTITUDE_RANK => {
+            (flight.attitude, flight.attitude_view) = (attitude, AttitudeView::BodyForVtol(message_name));
+        }
+        _ if is_vtol && !is_missing => flight.attitude_view = AttitudeView::Vtol,
+        _ => {}
+    }
+}
+
 /// Selects one source for each compass: the uncorrected one, unless the corrected one has more than twice its rows (PX4
-/// logs uncorrected fields at 1 Hz by default).
+/// logs uncorrected fields at 1 Hz by default), or four times if its correction is unknown.
 fn select_field_source(mut logged: Vec<(u8, FieldProcessing, Series<6>)>) -> Vec<(u8, FieldProcessing, Series<6>)> {
     let weight = |field_processing: FieldProcessing, field: &Series<6>| {
-        field.rows().len() * if matches!(field_processing, FieldProcessing::Px4SensorRaw(_)) { 2 } else { 1 }
+        let source_weight = match field_processing {
+            FieldProcessing::Px4SensorRaw(_) => 4,
+            FieldProcessing::Px4Primary => 1,
+            _ => 2,
+        };
+        field.rows().len() * source_weight
     };
     logged.sort_by_key(|(compass_number, field_processing, field)| {
         (*compass_number, std::cmp::Reverse(weight(*field_processing, field)))
@@ -188,28 +276,90 @@ fn select_field_source(mut logged: Vec<(u8, FieldProcessing, Series<6>)>) -> Vec
     logged
 }
 
+/// Gives the rows of the first receiver, which has the position, the headings of others: moving baseline gives them to
+/// the receiver of the second antenna.
+fn fill_in_yaws(gps: &mut Series<6>, yaws: BTreeMap<u8, Series<1>>) {
+    /// Longest interval of headings that is interpolated, seconds.
+    const MAX_GAP_S: f64 = 0.5;
+    for mut yaw in yaws.into_values() {
+        yaw.sort_and_dedup();
+        for row in gps.rows_mut().iter_mut().filter(|row| row.row_values[5].is_nan()) {
+            if let Some([yaw_rad]) = yaw.interpolate_angles(row.t_s, MAX_GAP_S) {
+                row.row_values[5] = yaw_rad.to_degrees().rem_euclid(360.0);
+            }
+        }
+    }
+}
+
 fn is_plausible_attitude([roll_rad, pitch_rad, _]: [f32; 3]) -> bool {
     roll_rad.abs() <= 7.0 && pitch_rad.abs() <= 1.6
 }
 
-/// Raw and corrected field of each row, and the autopilot's last correction.
-fn undo_correction(
+/// Parameter slot of a compass and the id of its sensor.
+fn slot_and_device_id(
     flight: &LoggedFlight,
     compass_number: u8,
+    field_processing: FieldProcessing,
+    compass_count: usize,
+    offsets: &[TimedRow<3>],
+) -> (CompassSlot, Option<DeviceId>) {
+    match field_processing {
+        FieldProcessing::ArduPilot => {
+            let slots = ArdupilotSlots {
+                parameters: &flight.parameters,
+                has_all_parameters: flight.log_format != LogFormat::TLog,
+                firmware_name: flight.firmware_name.as_deref(),
+                compass_count,
+            };
+            let slot = slots.slot(compass_number, offsets.first().map(|row| (row.t_s, row.row_values)));
+            (slot, slots.device_id(compass_number, slot))
+        }
+        FieldProcessing::Px4(index) | FieldProcessing::Px4SensorRaw(index) => {
+            let id = flight.parameters.last_value(&format!("CAL_MAG{index}_ID")).and_then(DeviceId::from_parameter);
+            let evidence = if id.is_some() { SlotEvidence::DeviceId } else { SlotEvidence::Numbering };
+            (CompassSlot::Known { index, evidence }, id)
+        }
+        FieldProcessing::BodyRaw => {
+            (CompassSlot::Known { index: compass_number, evidence: SlotEvidence::Numbering }, None)
+        }
+        FieldProcessing::Px4Primary => (CompassSlot::Unknown { reason: UnknownSlot::PrimaryLessBias }, None),
+    }
+}
+
+/// Sets the offset parameters of a slot from the offsets in use: offsets learnt in flight (`COMPASS_LEARN`) or
+/// calibrated on the ground appear in no PARM. Rows are truncated to whole milligauss, so a PARM that agrees is
+/// preferred.
+fn update_offset_parameters(parameters: &mut ParameterHistory, slot: u8, offsets: &[TimedRow<3>]) {
+    let index = ardupilot_index(slot);
+    let names = ["X", "Y", "Z"].map(|axis| format!("COMPASS_OFS{index}_{axis}"));
+    for row in offsets {
+        for (name, offset_mg) in names.iter().zip(row.row_values.map(f64::from)) {
+            if (parameters.value_at(row.t_s, name).unwrap_or(0.0) - offset_mg).abs() > MAX_OFFSET_ROUNDING_MG {
+                parameters.insert_value(row.t_s, name, offset_mg);
+            }
+        }
+    }
+}
+
+/// Raw and corrected field of each row, and the autopilot's last correction. Without a known correction the raw field is
+/// the logged one.
+fn undo_correction(
+    flight: &LoggedFlight,
+    slot: CompassSlot,
     field_processing: FieldProcessing,
     mut field: Series<6>,
 ) -> (Option<FieldCorrection>, Series<6>) {
     let parameters = &flight.parameters;
-    let correction_at = |t_s: f64| match field_processing {
-        FieldProcessing::ArduPilot => InvertibleCorrection::from_ardupilot_parameters(parameters, t_s, compass_number),
-        FieldProcessing::Px4(index) | FieldProcessing::Px4SensorRaw(index) => {
-            InvertibleCorrection::from_px4_parameters(parameters, t_s, index)
+    let (Some(slot), true) = (slot.index(), field_processing.is_corrected()) else {
+        for row in field.rows_mut() {
+            let [x, y, z, ..] = row.row_values;
+            row.row_values = [x, y, z, x, y, z];
         }
-        FieldProcessing::BodyRaw => InvertibleCorrection::from_ardupilot_parameters(
-            &crate::log::parameters::ParameterHistory::default(),
-            t_s,
-            1,
-        ),
+        return (None, field);
+    };
+    let correction_at = |t_s: f64| match field_processing {
+        FieldProcessing::ArduPilot => InvertibleCorrection::from_ardupilot_parameters(parameters, t_s, slot),
+        _ => InvertibleCorrection::from_px4_parameters(parameters, t_s, slot),
     };
     let mounting = if let FieldProcessing::Px4SensorRaw(index) = field_processing {
         Some(px4_mounting(parameters, f64::INFINITY, index))
@@ -238,20 +388,19 @@ fn undo_correction(
         row.row_values = [raw.x, raw.y, raw.z, corrected.x, corrected.y, corrected.z].map(|component| component as f32);
     }
     let last = correction_at(f64::INFINITY);
-    ((field_processing != FieldProcessing::BodyRaw && !parameters.is_empty()).then_some(last.correction), field)
+    ((!parameters.is_empty()).then_some(last.correction), field)
 }
 
 /// Whether the autopilot uses a compass for its heading. PX4 selects the healthy compass of highest priority, which no
-/// parameter shows; priority 0 excludes it.
-fn is_used_for_heading(flight: &LoggedFlight, compass_number: u8) -> Option<bool> {
+/// parameter shows; priority 0 excludes it. ArduPilot's `COMPASS_USEn` are by priority, as the number of the compass.
+fn is_used_for_heading(flight: &LoggedFlight, compass_number: u8, slot: CompassSlot) -> Option<bool> {
     let value = |name: String| flight.parameters.last_value(&name);
     match flight.autopilot {
         AutopilotKind::ArduPilot => {
-            let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
-            value(format!("COMPASS_USE{index}")).map(|used| used != 0.0)
+            value(format!("COMPASS_USE{}", ardupilot_index(compass_number))).map(|used| used != 0.0)
         }
         AutopilotKind::Px4 => {
-            let priority = value(format!("CAL_MAG{}_PRIO", compass_number.saturating_sub(1)));
+            let priority = value(format!("CAL_MAG{}_PRIO", slot.index()?));
             priority.filter(|priority| *priority == 0.0).map(|_| false)
         }
         AutopilotKind::Unknown => None,
@@ -277,6 +426,20 @@ mod tests {
         let currents: Vec<f32> =
             builder.finish_flight().battery_current.rows().iter().map(|row| row.row_values[0]).collect();
         assert_eq!(currents, [0.0, 5_000.0]);
+    }
+
+    /// A current of 20 A that reads 0 from 0.2 to 0.7 s.
+    #[test]
+    fn fields_during_a_dropout_of_the_current_are_not_used() {
+        let mut builder = FlightBuilder::new(LogFormat::DataFlash);
+        for i in 0..10 {
+            builder.push_current(f64::from(i) / 10.0, if (2..=7).contains(&i) { 0.0 } else { 20.0 });
+        }
+        let flight = builder.finish_flight();
+        let usability: Vec<(f64, f32)> =
+            flight.row_usability.rows().iter().map(|row| (row.t_s, row.row_values[0])).collect();
+        assert_eq!(usability, [(0.1, 0.0), (0.8, 1.0)]);
+        assert_eq!((flight.skipped_counts.current_dropouts, flight.battery_current.rows().len()), (6, 4));
     }
 
     /// Motor compensation of 10 A at 5 mG/A, by a current at 1 Hz of which one report may be lost.

@@ -16,6 +16,8 @@
 //! prints to standard output, recurses into a format that contains itself, and depends on regular expressions and a
 //! logger. MAVLink messages and checksums come from the `mavlink` crate.
 
+mod battery_current;
+mod compass_slot;
 mod correction;
 pub mod csv;
 mod dataflash;
@@ -31,11 +33,15 @@ pub mod time_series;
 mod timeline;
 mod tlog;
 mod ulog;
+mod utf16;
 
-pub use correction::{FieldCorrection, missing_ardupilot_parameters};
+pub(crate) use compass_slot::{ARDUPILOT_SLOTS, ardupilot_index, external_parameter};
+pub use compass_slot::{CompassSlot, DeviceId, SlotEvidence, UnknownSlot};
+pub use correction::FieldCorrection;
 pub(crate) use correction::{px4_mounting, symmetric_matrix};
 pub use flight::{
-    AutopilotKind, Gps, LogFormat, LoggedCompass, LoggedFlight, SkippedCounts, mounting_parameter_changes,
+    AttitudeView, AutopilotKind, Gps, LogFormat, LoggedCompass, LoggedFlight, SkippedCounts,
+    missing_ardupilot_parameters, mounting_parameter_changes,
 };
 pub use parameters::ParameterHistory;
 pub use rates_problem::RatesProblem;
@@ -45,6 +51,7 @@ use std::fmt;
 use std::io::{self, Read};
 
 use csv::{CsvError, FieldUnit};
+use utf16::Utf16Text;
 
 /// Bytes searched to detect the format.
 const FORMAT_DETECTION_BYTES: usize = 1 << 16;
@@ -62,6 +69,8 @@ pub enum LogError {
     Csv(CsvError),
     /// The log has no valid magnetometer reading. Number of rejected ones.
     NoMagnetometer(LogFormat, u64),
+    /// All fields are those of PX4 sensors without device id.
+    UnassignedFields(LogFormat),
     /// The log has no attitude.
     NoAttitude(LogFormat),
     /// The requested MAVLink system is absent; systems that are present.
@@ -84,6 +93,12 @@ impl fmt::Display for LogError {
             Self::NoMagnetometer(format, unhealthy) => write!(
                 f,
                 "{}: all {unhealthy} magnetometer readings are out of range, or marked unhealthy by the autopilot",
+                format.format_name()
+            ),
+            Self::UnassignedFields(format) => write!(
+                f,
+                "{}: PX4 sends SCALED_IMU without device id and in the axes of the sensor, so that no parameters can be \
+                 assigned to its field: use HIGHRES_IMU or the ULog of the flight",
                 format.format_name()
             ),
             Self::NoAttitude(format) => write!(f, "{}: no attitude is logged", format.format_name()),
@@ -141,10 +156,31 @@ fn read_with_unchecked_rates(
     unit: FieldUnit,
     system: Option<u8>,
 ) -> Result<LoggedFlight, LogError> {
+    let first_bytes = read_first_bytes(source)?;
+    let format = detect_format(&first_bytes);
+    let mut source = io::Cursor::new(first_bytes.clone()).chain(source);
+    if matches!(format, Err(LogError::UnknownFormat))
+        && let Some(mut text) = Utf16Text::new(&first_bytes, &mut source)?
+    {
+        let first_bytes = read_first_bytes(&mut text)?;
+        let format = detect_format(&first_bytes)?;
+        return read_format(format, &mut io::Cursor::new(first_bytes).chain(text), unit, system);
+    }
+    read_format(format?, &mut source, unit, system)
+}
+
+fn read_first_bytes(source: &mut dyn Read) -> io::Result<Vec<u8>> {
     let mut first_bytes = Vec::new();
-    (&mut *source).take(FORMAT_DETECTION_BYTES as u64).read_to_end(&mut first_bytes)?;
-    let format = detect_format(&first_bytes)?;
-    let mut source = io::Cursor::new(first_bytes).chain(source);
+    source.take(FORMAT_DETECTION_BYTES as u64).read_to_end(&mut first_bytes)?;
+    Ok(first_bytes)
+}
+
+fn read_format(
+    format: LogFormat,
+    mut source: &mut dyn Read,
+    unit: FieldUnit,
+    system: Option<u8>,
+) -> Result<LoggedFlight, LogError> {
     let flight = match format {
         LogFormat::DataFlash => dataflash::read_binary(&mut source)?,
         LogFormat::DataFlashText => dataflash::read_text(&mut source)?,
@@ -157,6 +193,9 @@ fn read_with_unchecked_rates(
     }
     if flight.compasses.is_empty() && flight.rows_without_time > 0 {
         return Err(LogError::NoTimeStamps(format));
+    }
+    if flight.compasses.is_empty() && flight.skipped_counts.unassigned_fields > 0 {
+        return Err(LogError::UnassignedFields(format));
     }
     if flight.compasses.is_empty() {
         return Err(LogError::NoMagnetometer(format, flight.skipped_counts.rejected_readings));

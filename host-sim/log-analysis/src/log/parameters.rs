@@ -27,6 +27,14 @@ impl ParameterHistory {
         }
     }
 
+    /// Inserts a value that is valid from a time on, until the next one.
+    pub fn insert_value(&mut self, t_s: f64, name: &str, value: f64) {
+        let Some(values) = self.0.get_mut(name) else { return self.set_value(t_s, name, value) };
+        if value.is_finite() && values.len() < MAX_CHANGES_PER_PARAMETER {
+            values.insert(values.partition_point(|&(from_s, _)| from_s <= t_s), (t_s, value));
+        }
+    }
+
     /// Replaces all values of a parameter.
     pub fn replace_value(&mut self, name: &str, value: f64) {
         self.0.remove(name);
@@ -62,6 +70,12 @@ impl ParameterHistory {
         times.sort_by(f64::total_cmp);
         times.dedup();
         times
+    }
+
+    /// Whether any parameter has a name with this prefix.
+    #[must_use]
+    pub fn has_prefix(&self, prefix: &str) -> bool {
+        self.0.range(prefix.to_owned()..).next().is_some_and(|(name, _)| name.starts_with(prefix))
     }
 
     /// Whether there are no parameters.

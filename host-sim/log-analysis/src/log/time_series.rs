@@ -99,6 +99,15 @@ impl<const N: usize> Series<N> {
         &mut self.rows
     }
 
+    /// Drops the rows whose index `is_retained` rejects.
+    pub(super) fn retain_rows(&mut self, is_retained: impl Fn(usize) -> bool) {
+        let mut index = 0;
+        self.rows.retain(|_| {
+            index += 1;
+            is_retained(index - 1)
+        });
+    }
+
     /// Whether the series has no rows.
     #[must_use]
     pub fn is_empty(&self) -> bool {

@@ -11,6 +11,7 @@ use mavlink_dialect::{MavMessage, MavParamType, MavlinkVersion, Message, PARAM_V
 use super::flight::{AutopilotKind, Gps, LogFormat, LoggedFlight};
 use super::flight_builder::{FieldProcessing, FlightBuilder};
 use super::read_window::ReadWindow;
+use super::time_series::Series;
 
 const CLOCK_LENGTH: usize = 8;
 /// Length of a MAVLink 1 header, bytes.
@@ -22,6 +23,9 @@ const MAX_FRAME_LENGTH: usize = HEADER_LENGTH_V2 + 255 + CHECKSUM_LENGTH + SIGNA
 
 const UT_PER_MILLIGAUSS: f32 = 0.1;
 const UT_PER_GAUSS: f32 = 100.0;
+
+/// PX4 has parameters `CAL_MAG0` to `CAL_MAG3`.
+const MAX_PX4_COMPASSES: u8 = 4;
 
 const MAX_START_SEARCH_BYTES: usize = 4096;
 
@@ -155,6 +159,9 @@ struct TlogReader {
     autopilot_ids: Option<[u8; 2]>,
     other_systems: Vec<u8>,
     other_components: Vec<u8>,
+    /// Fields of PX4's `sensor_mag` instances by `SCALED_IMU`, `SCALED_IMU2` and `SCALED_IMU3`: uncorrected, in the axes
+    /// of the sensor, microtesla.
+    px4_sensor_fields: [Series<3>; 3],
     /// Clock of the sender in its last message with one, and the receiver's clock at that message, microseconds.
     last_clock_pair_us: Option<(u64, u64)>,
 }
@@ -168,6 +175,7 @@ impl TlogReader {
             autopilot_ids: None,
             other_systems: Vec::new(),
             other_components: Vec::new(),
+            px4_sensor_fields: Default::default(),
             last_clock_pair_us: None,
         }
     }
@@ -231,7 +239,27 @@ impl TlogReader {
         let id_part = |id_index: usize| self.autopilot_ids.map(|sender| sender[id_index]).into_iter();
         self.builder.flight.autopilot_system_ids = id_part(0).chain(self.other_systems.iter().copied()).collect();
         self.builder.flight.autopilot_component_ids = id_part(1).chain(self.other_components.iter().copied()).collect();
+        self.assign_px4_sensors();
         self.builder.finish_flight()
+    }
+
+    /// Assigns PX4's sensor fields, which have no device id, to calibration parameters: possible for one sensor with one
+    /// calibration. The axes of others are unknown, so that their fields mean nothing.
+    fn assign_px4_sensors(&mut self) {
+        let fields = std::mem::take(&mut self.px4_sensor_fields);
+        let parameters = &self.builder.flight.parameters;
+        let is_calibrated =
+            |index: &u8| parameters.last_value(&format!("CAL_MAG{index}_ID")).is_some_and(|id| id != 0.0);
+        let calibrated: Vec<u8> = (0..MAX_PX4_COMPASSES).filter(is_calibrated).collect();
+        let logged: Vec<&Series<3>> = fields.iter().filter(|field| !field.is_empty()).collect();
+        if let ([field], [index]) = (&*logged, &*calibrated) {
+            for row in field.rows() {
+                self.builder.push_field(1, FieldProcessing::Px4SensorRaw(*index), row.t_s, row.row_values, None);
+            }
+        } else {
+            let row_count: usize = logged.iter().map(|field| field.rows().len()).sum();
+            self.builder.flight.skipped_counts.unassigned_fields += row_count as u64;
+        }
     }
 
     fn process_message(&mut self, frame: &LogFrame<'_>, message: &MavMessage) {
@@ -274,7 +302,7 @@ impl TlogReader {
                     && let Some(t_s) = self.sender_time_s(frame, payload.time_usec)
                 {
                     let field_ut = [payload.xmag, payload.ymag, payload.zmag].map(|gauss| gauss * UT_PER_GAUSS);
-                    self.builder.push_field(1, self.field_processing(1), t_s, field_ut, None);
+                    self.builder.push_field(1, self.field_processing(), t_s, field_ut, None);
                 }
             }
             MavMessage::GPS_RAW_INT(payload) => {
@@ -284,8 +312,16 @@ impl TlogReader {
                     self.builder.push_gps(t_s, gps_from_message(payload));
                 }
             }
+            MavMessage::GPS2_RAW(payload) => {
+                if payload.fix_type.0 >= 3
+                    && let Some(t_s) = self.receiver_time_s(frame)
+                {
+                    self.builder.push_other_receiver_yaw(1, t_s, yaw_deg_from_message(payload.yaw));
+                }
+            }
             MavMessage::SYS_STATUS(payload) => {
-                if payload.current_battery >= 0
+                // -1 means no measurement.
+                if payload.current_battery != -1
                     && let Some(t_s) = self.receiver_time_s(frame)
                 {
                     self.builder.push_current(t_s, f32::from(payload.current_battery) * 0.01);
@@ -316,10 +352,10 @@ impl TlogReader {
         }
     }
 
-    const fn field_processing(&self, compass_number: u8) -> FieldProcessing {
+    const fn field_processing(&self) -> FieldProcessing {
         match self.builder.flight.autopilot {
             AutopilotKind::ArduPilot => FieldProcessing::ArduPilot,
-            AutopilotKind::Px4 => FieldProcessing::Px4(compass_number - 1),
+            AutopilotKind::Px4 => FieldProcessing::Px4Primary,
             AutopilotKind::Unknown => FieldProcessing::BodyRaw,
         }
     }
@@ -332,7 +368,16 @@ impl TlogReader {
         }
         if let Some(t_s) = self.sender_time_s(frame, time_us) {
             let field_ut = field_mg.map(|axis| f32::from(axis) * UT_PER_MILLIGAUSS);
-            self.builder.push_field(compass_number, self.field_processing(compass_number), t_s, field_ut, None);
+            if self.builder.flight.autopilot == AutopilotKind::Px4 {
+                let instance = usize::from(compass_number) - 1;
+                self.px4_sensor_fields
+                    .iter_mut()
+                    .skip(instance)
+                    .take(1)
+                    .for_each(|field| field.push_row(t_s, field_ut));
+            } else {
+                self.builder.push_field(compass_number, self.field_processing(), t_s, field_ut, None);
+            }
         }
     }
 
@@ -384,8 +429,15 @@ fn gps_from_message(gps_message: &mavlink_dialect::GPS_RAW_INT_DATA) -> Gps {
         height_m: (f64::from(gps_message.alt) * 1e-3) as f32,
         speed_m_s: hundredths(gps_message.vel),
         course_deg: hundredths(gps_message.cog),
-        yaw_deg: f32::NAN,
+        yaw_deg: yaw_deg_from_message(gps_message.yaw),
     }
+}
+
+/// Heading of a receiver, degrees, from hundredths; north is 36000, and NaN if absent.
+fn yaw_deg_from_message(hundredths_deg: u16) -> f32 {
+    const ABSENT: u16 = 0;
+    const NOT_CONFIGURED: u16 = u16::MAX;
+    if matches!(hundredths_deg, ABSENT | NOT_CONFIGURED) { f32::NAN } else { f32::from(hundredths_deg) * 0.01 }
 }
 
 #[cfg(test)]

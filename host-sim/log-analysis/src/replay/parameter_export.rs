@@ -10,7 +10,10 @@ use autoswing::calibration::Calibration;
 use nalgebra::{Matrix3, SVD, Vector3};
 
 use super::symmetric_fit::{SymmetricFit, correction_parts, heading_deg};
-use crate::log::{AutopilotKind, FieldCorrection, LoggedFlight, NumberedRotation, ParameterHistory, px4_mounting};
+use crate::log::{
+    ARDUPILOT_SLOTS, AutopilotKind, CompassSlot, FieldCorrection, LoggedFlight, NumberedRotation, ParameterHistory,
+    ardupilot_index, external_parameter, px4_mounting,
+};
 use crate::numbers::{format_number, square};
 use crate::replay::row::ReplayRow;
 use crate::score::wrap_180;
@@ -170,11 +173,13 @@ pub fn field_by_exported_parameters(
     export: &ExportedCorrection,
     format: ParameterFormat,
 ) -> impl Fn(&ReplayRow) -> Vector3<f64> + use<> {
-    let text = format_parameter_file(flight, std::slice::from_ref(export), format);
+    // Any slot expresses the correction alike; an unknown one is that of the first compass.
+    let slot = flight.slot_index(export.compass_number).unwrap_or(u8::from(format == ParameterFormat::ArduPilot));
+    let text = format_corrections(flight, &[(export, slot)], format);
     let parameters = parse_parameter_file(&text, &flight.parameters);
     let correction = match format {
-        ParameterFormat::ArduPilot => FieldCorrection::from_ardupilot(&parameters, export.compass_number),
-        ParameterFormat::Px4 => FieldCorrection::from_px4(&parameters, export.compass_number),
+        ParameterFormat::ArduPilot => FieldCorrection::from_ardupilot(&parameters, slot),
+        ParameterFormat::Px4 => FieldCorrection::from_px4(&parameters, slot),
         ParameterFormat::Inav => inav_correction(&text),
     };
     let rotation_matrix = export.rotation_from_logged.rotation_matrix();
@@ -228,9 +233,25 @@ fn heading_loss_deg_of(
     [(squares / row_count).sqrt(), mean]
 }
 
-/// Text of the parameter file with these corrections.
+/// Text of the parameter file with these corrections. A compass with an unknown slot has a comment instead.
 #[must_use]
 pub fn format_parameter_file(flight: &LoggedFlight, exports: &[ExportedCorrection], format: ParameterFormat) -> String {
+    let (mut slotted, mut comments) = (Vec::new(), String::new());
+    for export in exports {
+        let logged = flight.compasses.iter().find(|compass| compass.compass_number == export.compass_number);
+        match logged.map(|compass| compass.slot).unwrap_or_default() {
+            CompassSlot::Known { index, .. } => slotted.push((export, index)),
+            CompassSlot::Unknown { reason } => {
+                // Writing to a string cannot fail.
+                let _ = writeln!(comments, "# compass {}: no parameters, because {reason}", export.compass_number);
+            }
+        }
+    }
+    format_corrections(flight, &slotted, format) + &comments
+}
+
+/// Text with corrections and the slots of their parameters.
+fn format_corrections(flight: &LoggedFlight, exports: &[SlottedCorrection<'_>], format: ParameterFormat) -> String {
     let mut text = String::new();
     // Writing to a string cannot fail.
     let _ = match format {
@@ -240,6 +261,9 @@ pub fn format_parameter_file(flight: &LoggedFlight, exports: &[ExportedCorrectio
     };
     text
 }
+
+/// Correction and the index in the names of its parameters.
+type SlottedCorrection<'a> = (&'a ExportedCorrection, u8);
 
 fn write_comments(text: &mut String, export: &ExportedCorrection) -> std::fmt::Result {
     write!(text, "# compass {}", export.compass_number)?;
@@ -257,15 +281,18 @@ fn write_comments(text: &mut String, export: &ExportedCorrection) -> std::fmt::R
 fn write_ardupilot_parameters(
     text: &mut String,
     flight: &LoggedFlight,
-    exports: &[ExportedCorrection],
+    exports: &[SlottedCorrection<'_>],
 ) -> std::fmt::Result {
-    if exports.iter().any(ExportedCorrection::has_motor_compensation) {
+    if exports.iter().any(|(export, _)| export.has_motor_compensation()) {
         writeln!(text, "COMPASS_MOTCT,2")?;
         zero_other_compensations(text, flight, exports)?;
     }
-    for export in exports {
+    for &(export, slot) in exports {
         write_comments(text, export)?;
-        let index = if export.compass_number == 1 { String::new() } else { export.compass_number.to_string() };
+        if slot != export.compass_number {
+            writeln!(text, "# its parameters are those of slot {slot}, which has its device id")?;
+        }
+        let index = ardupilot_index(slot);
         let [offsets, diagonal, off_diagonal] = correction_parts(&export.correction);
         for (name, numbers, decimals) in [
             ("OFS", -offsets * MILLIGAUSS_PER_UT, 2),
@@ -281,11 +308,7 @@ fn write_ardupilot_parameters(
         writeln!(text, "COMPASS_SCALE{index},1")?;
         let orient = format!("COMPASS_ORIENT{index}");
         if let Some(now) = flight.parameters.last_value(&orient) {
-            let external = if export.compass_number == 1 {
-                "COMPASS_EXTERNAL".to_owned()
-            } else {
-                format!("COMPASS_EXTERN{index}")
-            };
+            let external = external_parameter(slot);
             let is_internal = flight.parameters.last_value(&external) == Some(0.0);
             let combined = NumberedRotation::new(now).map(|now| {
                 NumberedRotation::nearest_to_matrix(
@@ -306,20 +329,16 @@ fn write_ardupilot_parameters(
     Ok(())
 }
 
-/// `COMPASS_MOTCT` is common to all compasses: values of another kind (throttle) are set to zero.
+/// `COMPASS_MOTCT` is common to all slots: values of another kind (throttle) are set to zero.
 fn zero_other_compensations(
     text: &mut String,
     flight: &LoggedFlight,
-    exports: &[ExportedCorrection],
+    exports: &[SlottedCorrection<'_>],
 ) -> std::fmt::Result {
     let parameter = |name: &str| flight.parameters.last_value(name).unwrap_or(0.0);
-    let other_compasses = flight
-        .compasses
-        .iter()
-        .filter(|other_compass| exports.iter().all(|export| export.compass_number != other_compass.compass_number));
-    for other_compass in other_compasses.filter(|_| parameter("COMPASS_MOTCT").round() as i32 != 2) {
-        let index =
-            if other_compass.compass_number == 1 { String::new() } else { other_compass.compass_number.to_string() };
+    let other_slots = ARDUPILOT_SLOTS.filter(|other| exports.iter().all(|(_, slot)| slot != other));
+    for other_slot in other_slots.filter(|_| parameter("COMPASS_MOTCT").round() as i32 != 2) {
+        let index = ardupilot_index(other_slot);
         for name in ["X", "Y", "Z"].map(|axis| format!("COMPASS_MOT{index}_{axis}")) {
             if parameter(&name) != 0.0 {
                 writeln!(text, "{name},0")?;
@@ -330,14 +349,17 @@ fn zero_other_compensations(
 }
 
 /// Vehicle, component, name, value, type (9 float, 6 integer), tab-separated.
-fn write_px4_parameters(text: &mut String, flight: &LoggedFlight, exports: &[ExportedCorrection]) -> std::fmt::Result {
-    if exports.iter().any(ExportedCorrection::has_motor_compensation) {
+fn write_px4_parameters(
+    text: &mut String,
+    flight: &LoggedFlight,
+    exports: &[SlottedCorrection<'_>],
+) -> std::fmt::Result {
+    if exports.iter().any(|(export, _)| export.has_motor_compensation()) {
         // Type 2: compensation by the current of the first battery.
         writeln!(text, "1\t1\tCAL_MAG_COMP_TYP\t2\t6")?;
     }
-    for export in exports {
+    for &(export, index) in exports {
         write_comments(text, export)?;
-        let index = export.compass_number - 1;
         let configured_rotation =
             flight.parameters.last_value(&format!("CAL_MAG{index}_ROT")).filter(|value| *value >= 0.0);
         let mounting =
@@ -374,8 +396,8 @@ fn write_px4_parameters(text: &mut String, flight: &LoggedFlight, exports: &[Exp
 
 /// INAV uses driver counts in chip axes, which no log contains: written in milligauss and body axes, for an aligned
 /// sensor.
-fn write_inav_parameters(text: &mut String, exports: &[ExportedCorrection]) -> std::fmt::Result {
-    for export in exports.iter().take(1) {
+fn write_inav_parameters(text: &mut String, exports: &[SlottedCorrection<'_>]) -> std::fmt::Result {
+    for (export, _) in exports.iter().take(1) {
         write_comments(text, export)?;
         writeln!(text, "# milligauss, in body axes: for a driver that counts milligauss, and align_mag that is right")?;
         for (axis, (zero, gain)) in ["x", "y", "z"]

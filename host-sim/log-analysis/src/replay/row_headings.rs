@@ -14,12 +14,32 @@ use super::result::{HeadingRow, HeadingScore};
 use super::row::ReplayRow;
 use super::rows::{self, attitudes_between};
 use crate::log::LoggedFlight;
-use crate::numbers::{mean_angle_deg, square};
+use crate::numbers::{mean_angle_deg, median, square};
 use crate::score::{within_percent, wrap_180};
 
 /// Largest row interval for the monitor, microseconds. At 1 Hz it reports false hard-iron changes and degrades headings
 /// by degrees. Rows averaged from two readings at 11 to 12.5 Hz are up to 0.18 s apart.
 const MAX_MONITORED_INTERVAL_US: u32 = 190_000;
+
+/// Heading errors that correspond to the scatter of field strength and of inclination, degrees RMS. An isotropic
+/// disturbance of the field by a fraction `f` of its strength changes the inclination by `f` and the heading by `f /
+/// cos I` radians.
+pub(super) fn heading_scatter(rows: &[ReplayRow], field: &dyn Fn(&ReplayRow) -> Vector3<f64>) -> [f64; 2] {
+    let polar: Vec<[f64; 2]> = rows
+        .iter()
+        .map(|row| {
+            let field = field(row);
+            let vertical_ut = row.down_in_body().dot(&field);
+            [field.norm(), libm::atan2(vertical_ut, (field.norm_squared() - square(vertical_ut)).max(0.0).sqrt())]
+        })
+        .collect();
+    let [strength, inclination_rad] = [0, 1].map(|i| median(polar.iter().map(|polar| polar[i])));
+    let rms = |residual: &dyn Fn(&[f64; 2]) -> f64| {
+        (polar.iter().map(|polar| square(residual(polar))).sum::<f64>() / polar.len() as f64).sqrt()
+    };
+    [rms(&|[f, _]| f / strength - 1.0), rms(&|[_, i]| i - inclination_rad)]
+        .map(|rms| rms.to_degrees() / libm::cos(inclination_rad))
+}
 
 /// Minimum number of 30 deg heading sectors flown, to judge a compass: errors exclude their mean, which on few headings
 /// is most of the error.

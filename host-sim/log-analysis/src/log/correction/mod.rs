@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
+use super::compass_slot::{ardupilot_index, external_parameter};
 use super::parameters::ParameterHistory;
 use super::rotation::NumberedRotation;
 
@@ -38,17 +39,16 @@ impl FieldCorrection {
         self.matrix * (raw_ut - self.hard_iron_ut - self.motor_ut_per_a * current_a)
     }
 
-    /// ArduPilot's last correction of a compass, without throttle compensation.
+    /// ArduPilot's last correction by the parameters of a slot, without throttle compensation.
     #[must_use]
-    pub fn from_ardupilot(parameters: &ParameterHistory, compass_number: u8) -> Self {
-        InvertibleCorrection::from_ardupilot_parameters(parameters, f64::INFINITY, compass_number).correction
+    pub fn from_ardupilot(parameters: &ParameterHistory, slot: u8) -> Self {
+        InvertibleCorrection::from_ardupilot_parameters(parameters, f64::INFINITY, slot).correction
     }
 
-    /// PX4's last correction of a compass.
+    /// PX4's last correction by the parameters `CAL_MAGn` of an index.
     #[must_use]
-    pub fn from_px4(parameters: &ParameterHistory, compass_number: u8) -> Self {
-        InvertibleCorrection::from_px4_parameters(parameters, f64::INFINITY, compass_number.saturating_sub(1))
-            .correction
+    pub fn from_px4(parameters: &ParameterHistory, index: u8) -> Self {
+        InvertibleCorrection::from_px4_parameters(parameters, f64::INFINITY, index).correction
     }
 }
 
@@ -60,6 +60,11 @@ pub(super) struct InvertibleCorrection {
 }
 
 impl InvertibleCorrection {
+    /// Correction without effect.
+    pub fn identity() -> Self {
+        Self { correction: FieldCorrection::identity(), inverse: Matrix3::identity() }
+    }
+
     /// Recovers the raw field from a logged field, which contains `motor_compensation_ut`.
     pub fn raw_ut(&self, logged_ut: Vector3<f64>, motor_compensation_ut: Vector3<f64>) -> Vector3<f64> {
         self.inverse * (logged_ut - motor_compensation_ut) + self.correction.hard_iron_ut
@@ -78,15 +83,15 @@ impl InvertibleCorrection {
                 Self { correction: FieldCorrection { motor_ut_per_a, ..correction }, inverse }
             }
             // A singular correction matrix has no inverse; the logged field is then used unchanged.
-            _ => Self { correction: FieldCorrection::identity(), inverse: Matrix3::identity() },
+            _ => Self::identity(),
         }
     }
 
-    /// ArduPilot's correction by the parameters of a time: `f = M ((raw + OFS) SCALE)`, then motor-current compensation
+    /// ArduPilot's correction by the parameters of a slot at a time: `f = M ((raw + OFS) SCALE)`, then motor-current compensation
     /// (`AP_Compass_Backend::correct_field`). As in ArduPilot, a scale outside 1/1.5 to 1.5 and diagonals of zero mean
     /// one.
-    pub fn from_ardupilot_parameters(parameters: &ParameterHistory, t_s: f64, compass_number: u8) -> Self {
-        let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
+    pub fn from_ardupilot_parameters(parameters: &ParameterHistory, t_s: f64, slot: u8) -> Self {
+        let index = ardupilot_index(slot);
         let value = |name: &str| parameters.value_at(t_s, name);
         let vector = |parameter_part: &str| {
             let [x, y, z] =
@@ -141,10 +146,9 @@ impl InvertibleCorrection {
     }
 }
 
-/// ArduPilot's calibration parameters that are missing although another of the same x, y, z triple is present.
-#[must_use]
-pub fn missing_ardupilot_parameters(parameters: &ParameterHistory, compass_number: u8) -> Vec<String> {
-    let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
+/// ArduPilot's calibration parameters of a slot that are missing although another of the same x, y, z triple is present.
+pub(super) fn missing_parameters_of_slot(parameters: &ParameterHistory, slot: u8) -> Vec<String> {
+    let index = ardupilot_index(slot);
     let mut missing = Vec::new();
     for parameter_part in ["OFS", "DIA", "ODI"] {
         let names = ["X", "Y", "Z"].map(|axis| format!("COMPASS_{parameter_part}{index}_{axis}"));
@@ -179,31 +183,21 @@ pub(crate) fn px4_mounting(parameters: &ParameterHistory, t_s: f64, index: u8) -
     }
 }
 
-pub(crate) fn orientation_parameter(is_px4: bool, compass_number: u8) -> String {
-    match compass_number {
-        _ if is_px4 => format!("CAL_MAG{}_ROT", compass_number.saturating_sub(1)),
-        1 => "COMPASS_ORIENT".to_owned(),
-        _ => format!("COMPASS_ORIENT{compass_number}"),
-    }
+/// Name of the orientation parameter of a slot.
+pub(crate) fn orientation_parameter(is_px4: bool, slot: u8) -> String {
+    if is_px4 { format!("CAL_MAG{slot}_ROT") } else { format!("COMPASS_ORIENT{}", ardupilot_index(slot)) }
 }
 
-/// Rotation from sensor to body axes that PX4 or ArduPilot applied to a compass at a time; none for an internal compass
-/// of ArduPilot, which turns with the board, or an unknown number.
-pub(crate) fn logged_mounting(
-    parameters: &ParameterHistory,
-    is_px4: bool,
-    t_s: f64,
-    compass_number: u8,
-) -> Option<Matrix3<f64>> {
+/// Rotation from sensor to body axes that PX4 or ArduPilot applied to the compass of a slot at a time; none for an
+/// internal compass of ArduPilot, which turns with the board, or an unknown number.
+pub(crate) fn logged_mounting(parameters: &ParameterHistory, is_px4: bool, t_s: f64, slot: u8) -> Option<Matrix3<f64>> {
     if is_px4 {
-        return Some(px4_mounting(parameters, t_s, compass_number.saturating_sub(1)));
+        return Some(px4_mounting(parameters, t_s, slot));
     }
-    let external =
-        if compass_number == 1 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{compass_number}") };
-    if parameters.value_at(t_s, &external) == Some(0.0) {
+    if parameters.value_at(t_s, &external_parameter(slot)) == Some(0.0) {
         return None;
     }
-    let orientation = parameters.value_at(t_s, &orientation_parameter(is_px4, compass_number)).unwrap_or(0.0);
+    let orientation = parameters.value_at(t_s, &orientation_parameter(is_px4, slot)).unwrap_or(0.0);
     NumberedRotation::new(orientation).map(NumberedRotation::rotation_matrix)
 }
 

@@ -1,7 +1,7 @@
 //! Messages of a flight, by name, whatever their encoding.
 
 use crate::log::flight::{AutopilotKind, Gps, LogFormat};
-use crate::log::flight_builder::{FieldProcessing, FlightBuilder, MAX_COMPASSES};
+use crate::log::flight_builder::{FieldProcessing, FlightBuilder, MAX_COMPASSES, SECONDARY_ATTITUDE_RANK};
 
 /// A message with named columns, scaled to degrees and m/s by their format letters.
 pub(super) trait LogMessage {
@@ -65,7 +65,11 @@ pub(super) fn record_message(builder: &mut FlightBuilder, name: &str, message: &
         "XKQ" | "XKQ1" | "NKQ" | "NKQ1" | "AHR2" if message.numeric_field("C").unwrap_or(0.0) == 0.0 => {
             push_fallback_attitude(builder, name, t_s, message);
         }
-        "GPS" if message.numeric_field("I").unwrap_or(0.0) == 0.0 => record_gps(builder, t_s, message),
+        "GPS" => match message.numeric_field("I").unwrap_or(0.0) as u8 {
+            0 => record_gps(builder, t_s, message),
+            receiver if has_3d_fix(message) => builder.push_other_receiver_yaw(receiver, t_s, gps_yaw_deg(message)),
+            _ => {}
+        },
         "BAT" if message.numeric_field("Inst").or_else(|| message.numeric_field("Instance")).unwrap_or(0.0) == 0.0 => {
             record_current(builder, t_s, message);
         }
@@ -121,7 +125,7 @@ fn push_fallback_attitude(builder: &mut FlightBuilder, name: &str, t_s: f64, mes
         "NKF1" => (1, "NKF1"),
         "XKQ" | "XKQ1" => (2, "XKQ"),
         "NKQ" | "NKQ1" => (3, "NKQ"),
-        _ => (4, "AHR2"),
+        _ => (SECONDARY_ATTITUDE_RANK, "AHR2"),
     };
     let of_quaternion = || {
         numeric_fields(message, ["Q1", "Q2", "Q3", "Q4"])
@@ -164,29 +168,26 @@ fn record_field(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage,
     let motor =
         numeric_fields(message, ["MOX", "MOY", "MOZ"]).or_else(|| numeric_fields(message, ["MOfsX", "MOfsY", "MOfsZ"]));
     let microtesla = |milligauss: [f64; 3]| milligauss.map(|axis| (axis * 0.1) as f32);
-    update_offset_parameters(builder, message, compass_number);
+    if let Some(offsets_mg) = numeric_fields(message, ["OfsX", "OfsY", "OfsZ"]) {
+        builder.push_offsets(compass_number, t_s, offsets_mg.map(|axis| axis as f32));
+    }
     builder.push_field(compass_number, FieldProcessing::ArduPilot, t_s, microtesla(field), motor.map(microtesla));
 }
 
-/// Sets the offset parameters from a row: offsets learnt in flight (`COMPASS_LEARN`) or calibrated on the ground appear
-/// in no PARM. Rows are truncated to whole milligauss, so a PARM that agrees is preferred.
-fn update_offset_parameters(builder: &mut FlightBuilder, message: &dyn LogMessage, compass_number: u8) {
-    const MAX_ROUNDING_MG: f64 = 1.5;
-    let Some(logged_offset) = numeric_fields(message, ["OfsX", "OfsY", "OfsZ"]) else { return };
-    let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
-    for (axis, logged_offset) in ["X", "Y", "Z"].iter().zip(logged_offset) {
-        let name = format!("COMPASS_OFS{index}_{axis}");
-        if (builder.flight.parameters.last_value(&name).unwrap_or(0.0) - logged_offset).abs() > MAX_ROUNDING_MG {
-            builder.set_parameter(&name, logged_offset);
-        }
-    }
+fn has_3d_fix(message: &dyn LogMessage) -> bool {
+    const FIX_3D: f64 = 3.0;
+    message.numeric_field("Status").is_some_and(|status| status >= FIX_3D)
+}
+
+/// Heading of a receiver with two antennas, degrees; NaN if it has none, logged as 0.
+fn gps_yaw_deg(message: &dyn LogMessage) -> f32 {
+    message.numeric_field("Yaw").filter(|yaw| *yaw != 0.0).map_or(f32::NAN, |yaw| yaw as f32)
 }
 
 fn record_gps(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) {
-    const FIX_3D: f64 = 3.0;
     /// 1980-01-06 in Unix time; leap seconds (less than a minute) are ignored.
     const GPS_EPOCH_UNIX_S: f64 = 315_964_800.0;
-    if message.numeric_field("Status").is_none_or(|status| status < FIX_3D) {
+    if !has_3d_fix(message) {
         return;
     }
     let Some([latitude, longitude, height, speed, course]) =
@@ -194,7 +195,7 @@ fn record_gps(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) {
     else {
         return;
     };
-    let yaw_deg = message.numeric_field("Yaw").filter(|yaw| *yaw != 0.0).map_or(f32::NAN, |yaw| yaw as f32);
+    let yaw_deg = gps_yaw_deg(message);
     let [latitude_deg, longitude_deg, height_m, speed_m_s, course_deg] =
         [latitude, longitude, height, speed, course].map(|number| number as f32);
     builder.push_gps(t_s, Gps { latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg });

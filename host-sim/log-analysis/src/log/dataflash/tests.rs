@@ -1,5 +1,5 @@
 use super::messages::*;
-use crate::log::flight::{Gps, LogFormat};
+use crate::log::flight::{AttitudeView, Gps, LogFormat};
 use crate::log::time_series::TimedRow;
 
 struct NumericMessage<'a>(&'a [(&'a str, f64)]);
@@ -86,6 +86,34 @@ fn filter_attitude_replaces_a_missing_att_message() {
     messages.push(attitude_message("ATT", 1.2e6, 10.0));
     let flight = read_owned_messages(&messages);
     assert_eq!((rolls(&flight), flight.fallback_attitude_message), (vec![10], None));
+}
+
+/// `Q_ENABLE` 1 is a quadplane, whose `ATT` is that of hover; AHR2 is another filter's.
+#[test]
+fn the_attitude_of_the_body_replaces_the_vtol_view() {
+    let messages = [
+        attitude_message("AHR2", 1e6, 20.0),
+        attitude_message("ATT", 1.1e6, 10.0),
+        attitude_message("XKF1", 1.2e6, 11.0),
+    ];
+    for (q_enable, count, roll_deg, attitude_view) in [
+        (Some(1.0), 3, 11, AttitudeView::BodyForVtol("XKF1")),
+        (Some(1.0), 2, 10, AttitudeView::Vtol),
+        (Some(0.0), 3, 10, AttitudeView::Body),
+        (None, 3, 10, AttitudeView::Body),
+    ] {
+        let mut builder = ardupilot_builder(LogFormat::DataFlash);
+        if let Some(enabled) = q_enable {
+            builder.set_parameter("Q_ENABLE", enabled);
+        }
+        for (name, numbers) in &messages[..count] {
+            record_message(&mut builder, name, &NumericMessage(numbers));
+        }
+        let flight = builder.finish_flight();
+        let [row] = flight.attitude.rows() else { panic!("{:?}", flight.attitude) };
+        assert_eq!(row.row_values[0].to_degrees().round() as i32, roll_deg, "{q_enable:?} {count}");
+        assert_eq!((flight.attitude_view, flight.fallback_attitude_message), (attitude_view, None));
+    }
 }
 
 #[test]

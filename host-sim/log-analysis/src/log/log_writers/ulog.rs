@@ -51,7 +51,7 @@ pub fn encode_ulog(recording: &FlightRecording) -> Vec<u8> {
         message(b'A', &[&[*instance, low, high], name.as_bytes()].concat());
     }
     let corrections: Vec<FieldCorrection> =
-        (1..=compasses).map(|compass_number| FieldCorrection::from_px4(&parameters, compass_number as u8)).collect();
+        (0..compasses).map(|index| FieldCorrection::from_px4(&parameters, index as u8)).collect();
     for (i, sample) in recording.samples.iter().enumerate() {
         let mut data = |id: usize, body: &[&[u8]]| {
             let id = (id as u16).to_le_bytes();

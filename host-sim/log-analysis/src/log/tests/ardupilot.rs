@@ -43,6 +43,34 @@ fn old_ardupilot_formats_are_read() {
     }
 }
 
+/// Moving baseline: the receiver of the second antenna has the heading, the first the position.
+#[test]
+fn the_heading_of_a_second_receiver_is_read() {
+    let recording = two_compass_recording(&ARDUPILOT_PARAMETERS);
+    let log = String::from_utf8(encode_dataflash_text(&recording)).unwrap();
+    let with_yaw = log.replace(
+        "QBBIHLLeff, TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt,Spd,GCrs",
+        "QBBIHLLefff, \
+        TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt,Spd,GCrs,Yaw",
+    );
+    let second =
+        |at_us: u32, status: u8, yaw: f32| format!("GPS, {at_us}, 1, {status}, 0, 2400, 1, 2, 3, 9, 9, {yaw}\n");
+    let second = [(69_700_000, 3, 359.0), (69_900_000, 3, 1.0), (70_100_000, 3, 0.0), (70_300_000, 1, 90.0)]
+        .map(|(at_us, status, yaw)| second(at_us, status, yaw));
+    let [without, with] =
+        [with_yaw.clone(), with_yaw + &second.concat()].map(|log| read_bytes(log.as_bytes()).unwrap());
+    let yaws = |flight: &LoggedFlight| -> Vec<(i32, f32)> {
+        let rows = flight.gps.rows().iter().filter(|row| row.row_values[5].is_finite());
+        rows.map(|row| ((row.t_s * 10.0).round() as i32, row.row_values[5])).collect()
+    };
+    assert_eq!(yaws(&without), []);
+    let [(698, yaw_deg)] = yaws(&with)[..] else { panic!("{:?}", yaws(&with)) };
+    assert!(yaw_deg.min(360.0 - yaw_deg) < 0.01, "{yaw_deg}");
+    let positions =
+        |flight: &LoggedFlight| flight.gps.rows().iter().map(|row| (row.t_s, row.row_values[0])).collect::<Vec<_>>();
+    assert_eq!(positions(&with), positions(&without));
+}
+
 /// Until 2021 arming was a generic event: manual (10) or automatic (15).
 #[test]
 fn arming_events_give_the_armed_state() {
@@ -75,4 +103,54 @@ fn only_the_first_of_several_sensors_is_used() {
     };
     assert_eq!(rows(&with), rows(&without));
     assert_eq!((without.skipped_counts.rejected_readings, with.skipped_counts.rejected_readings), (0, 1));
+}
+
+/// Parameters in which the first two slots are exchanged, and the priorities with them.
+fn with_exchanged_slots(parameters: &[(&str, f64)]) -> Vec<(String, f64)> {
+    let exchanged = |name: &str| match name.split_at_checked(11) {
+        Some((group @ ("COMPASS_OFS" | "COMPASS_DIA" | "COMPASS_ODI" | "COMPASS_MOT"), axis))
+            if axis.starts_with('_') =>
+        {
+            format!("{group}2{axis}")
+        }
+        _ => match name {
+            "COMPASS_SCALE" | "COMPASS_DEV_ID" => format!("{name}2"),
+            _ if name.starts_with("COMPASS_PRIO") || name.starts_with("COMPASS_USE") => name.to_owned(),
+            _ => name.replace("2_", "_").trim_end_matches('2').to_owned(),
+        },
+    };
+    parameters.iter().map(|(name, value)| (exchanged(name), *value)).collect()
+}
+
+/// The same flight, of which the parameters are in other slots: `MAG` and `RAW_IMU` follow the priority.
+#[test]
+fn a_compass_is_corrected_by_the_parameters_of_its_slot() {
+    let original = two_compass_recording(&ARDUPILOT_PARAMETERS);
+    let exchanged = with_exchanged_slots(&ARDUPILOT_PARAMETERS);
+    let mut text = String::from_utf8(encode_dataflash_text(&original)).unwrap();
+    for (name, value) in &ARDUPILOT_PARAMETERS {
+        text = text.replacen(&format!(", {name}, {value}, "), &format!(", @{name}, {value}, "), 1);
+    }
+    for ((name, _), (new_name, _)) in ARDUPILOT_PARAMETERS.iter().zip(&exchanged) {
+        text = text.replacen(&format!(", @{name},"), &format!(", {new_name},"), 1);
+    }
+    let expected = read_bytes(&encode_dataflash_text(&original)).unwrap();
+    let found = read_bytes(text.as_bytes()).unwrap();
+    let slot = |index| CompassSlot::Known { index, evidence: SlotEvidence::Offsets };
+    assert_eq!([&expected, &found].map(|flight| flight.compasses[0].slot), [slot(1), slot(2)]);
+    assert_eq!(found.parameters.last_value("COMPASS_OFS2_Y"), Some(-60.0));
+    for (found, expected) in found.compasses.iter().zip(&expected.compasses) {
+        assert_eq!(found.correction, expected.correction);
+        assert_eq!(found.field.rows(), expected.field.rows());
+        assert_eq!(found.is_used_for_heading, expected.is_used_for_heading);
+        assert_eq!(found.device_id, expected.device_id);
+    }
+    // Priorities as logged, of slots that have other offsets than those in use.
+    let contradictory =
+        text.replacen(", COMPASS_DEV_ID,", ", @,", 1).replacen(", COMPASS_DEV_ID2,", ", COMPASS_DEV_ID,", 1);
+    let contradictory = read_bytes(contradictory.replacen(", @,", ", COMPASS_DEV_ID2,", 1).as_bytes()).unwrap();
+    for compass in &contradictory.compasses {
+        assert!(compass.slot.is_contradictory() && compass.correction.is_none(), "{:?}", compass.slot);
+        assert!(compass.field.rows().iter().all(|row| raw_ut(row) == logged_ut(row)));
+    }
 }

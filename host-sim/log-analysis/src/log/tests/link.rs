@@ -1,8 +1,9 @@
 //! MAVLink: selection of the autopilot on a shared link.
 
 use mavlink_dialect::{
-    ATTITUDE_DATA, GPS_RAW_INT_DATA, GpsFixType, HEARTBEAT_DATA, HIGHRES_IMU_DATA, HighresImuUpdatedFlags,
-    MAVLinkV2MessageRaw, MavAutopilot, MavHeader, MessageData, RAW_IMU_DATA, SCALED_IMU_DATA, SYS_STATUS_DATA,
+    ATTITUDE_DATA, GPS_RAW_INT_DATA, GPS2_RAW_DATA, GpsFixType, HEARTBEAT_DATA, HIGHRES_IMU_DATA,
+    HighresImuUpdatedFlags, MAVLinkV2MessageRaw, MavAutopilot, MavHeader, MavParamType, MessageData, PARAM_VALUE_DATA,
+    RAW_IMU_DATA, SCALED_IMU_DATA, SCALED_IMU2_DATA, SYS_STATUS_DATA,
 };
 
 use super::*;
@@ -95,9 +96,9 @@ fn highres_imu_is_in_gauss() {
     assert!(row.row_values.iter().zip([20.0, -5.0, 40.0]).all(|(ut, sent_ut)| (ut - sent_ut).abs() < 1e-4), "{row:?}");
 }
 
-/// A negative current means no measurement.
+/// A current of -1 means no measurement.
 #[test]
-fn zero_current_is_kept_and_negative_current_dropped() {
+fn zero_current_is_kept_and_unmeasured_current_dropped() {
     let current = |at_us: u64, current_battery: i16| {
         encode_logged_frame(at_us, &SYS_STATUS_DATA { current_battery, ..Default::default() })
     };
@@ -136,6 +137,28 @@ fn unknown_gps_values_are_nan() {
     assert!(unknown.speed_m_s.is_nan() && unknown.course_deg.is_nan(), "{unknown:?}");
 }
 
+/// Hundredths of a degree; 0 and 65535 are no heading, 36000 is north.
+#[test]
+fn the_heading_of_either_receiver_is_read() {
+    let fix_type = GpsFixType::GPS_FIX_TYPE_RTK_FIXED;
+    let first = |at_us, yaw| encode_logged_frame(at_us, &GPS_RAW_INT_DATA { fix_type, yaw, ..Default::default() });
+    let second = |at_us, yaw| encode_logged_frame(at_us, &GPS2_RAW_DATA { fix_type, yaw, ..Default::default() });
+    let messages = [
+        started_px4_log(),
+        first(100_000, 9_000),
+        first(300_000, 0),
+        first(500_000, u16::MAX),
+        first(700_000, 36_000),
+        second(1_000_000, 12_000),
+        first(1_100_000, 0),
+        second(1_200_000, 14_000),
+        first(1_300_000, 0),
+    ];
+    let flight = read_bytes(&messages.concat()).unwrap();
+    let yaws: Vec<f32> = flight.gps.rows().iter().map(|row| row.row_values[5].round()).collect();
+    assert_eq!(format!("{yaws:?}"), "[90.0, NaN, NaN, 360.0, 130.0, NaN]");
+}
+
 /// ArduPilot sends its first compass in RAW_IMU in milligauss; PX4 sends it in SCALED_IMU, and RAW_IMU in undefined
 /// units. An absent compass is zero.
 #[test]
@@ -154,6 +177,7 @@ fn the_first_compass_is_raw_imu_for_ardupilot_and_scaled_imu_for_px4() {
             log_40_s_after_boot(autopilot),
             encode_logged_frame(0, &raw),
             encode_logged_frame(0, &scaled),
+            px4_integer_parameter("CAL_MAG0_ID", 396_809),
             zero_field.concat(),
         ]
         .concat();
@@ -162,6 +186,34 @@ fn the_first_compass_is_raw_imu_for_ardupilot_and_scaled_imu_for_px4() {
         assert!((row.row_values[0] - ut).abs() < 1e-4, "{row:?}");
         assert_eq!(flight.skipped_counts.rejected_readings, 0);
     }
+}
+
+fn px4_integer_parameter(name: &str, value: i32) -> Vec<u8> {
+    let (param_value, param_type) = (f32::from_bits(value.cast_unsigned()), MavParamType::MAV_PARAM_TYPE_INT32);
+    encode_logged_frame(0, &PARAM_VALUE_DATA { param_id: name.into(), param_value, param_type, ..Default::default() })
+}
+
+/// `SCALED_IMU` and `SCALED_IMU2` are the sensors' own fields, in any order; `HIGHRES_IMU` is corrected.
+#[test]
+fn px4s_sensor_fields_are_used_only_if_their_parameters_are_known() {
+    let scaled = encode_logged_frame(0, &SCALED_IMU_DATA { time_boot_ms: 40_000, xmag: 300, ..Default::default() });
+    let second = encode_logged_frame(0, &SCALED_IMU2_DATA { time_boot_ms: 40_000, ymag: 200, ..Default::default() });
+    let ids = [("CAL_MAG0_ID", 396_809), ("CAL_MAG1_ID", 592_905), ("CAL_MAG1_ROT", 4)]
+        .map(|(name, value)| px4_integer_parameter(name, value));
+    let autopilot = log_40_s_after_boot(MavAutopilot::MAV_AUTOPILOT_PX4);
+    let both = read_bytes(&[started_px4_log(), ids.concat(), scaled.clone(), second.clone()].concat()).unwrap();
+    let [primary] = &both.compasses[..] else { panic!("{:?}", both.compasses) };
+    assert_eq!(primary.slot, CompassSlot::Unknown { reason: UnknownSlot::PrimaryLessBias });
+    assert_eq!((primary.correction, both.skipped_counts.unassigned_fields), (None, 2));
+    let [row] = primary.field.rows() else { panic!("{primary:?}") };
+    assert_eq!(raw_ut(row), logged_ut(row));
+    let unassigned = read_bytes(&[autopilot.clone(), ids.concat(), scaled].concat());
+    assert!(matches!(unassigned, Err(LogError::UnassignedFields(LogFormat::TLog))), "{unassigned:?}");
+    // The only calibration, of a sensor turned by 180 deg.
+    let one = read_bytes(&[started_px4_log(), ids[1..].concat(), second].concat()).unwrap();
+    let [compass] = &one.compasses[..] else { panic!("{:?}", one.compasses) };
+    assert_eq!(compass.slot, CompassSlot::Known { index: 1, evidence: SlotEvidence::DeviceId });
+    assert!((raw_ut(&compass.field.rows()[0]).y + 20.0).abs() < 1e-4, "{compass:?}");
 }
 
 /// Some senders use Unix time in some messages.

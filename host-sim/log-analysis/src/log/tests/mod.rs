@@ -18,7 +18,11 @@ use super::*;
 use testkit::random::Random;
 
 /// ArduPilot's parameters of two compasses; every correction is exercised.
-const ARDUPILOT_PARAMETERS: [(&str, f64); 18] = [
+const ARDUPILOT_PARAMETERS: [(&str, f64); 22] = [
+    ("COMPASS_DEV_ID", 97_539.0),
+    ("COMPASS_DEV_ID2", 131_874.0),
+    ("COMPASS_PRIO1_ID", 97_539.0),
+    ("COMPASS_PRIO2_ID", 131_874.0),
     ("COMPASS_OFS_X", 120.0),
     ("COMPASS_OFS_Y", -60.0),
     ("COMPASS_OFS_Z", 35.0),

@@ -57,3 +57,29 @@ fn a_csv_table_is_read_in_any_row_order_and_time_base() {
     let zero_field = read_bytes(b"t_s,mx,my,mz,roll_deg,pitch_deg\n0,0,0,0,1,2\n").unwrap_err();
     assert!(matches!(zero_field, LogError::NoMagnetometer(LogFormat::Csv, 1)), "{zero_field}");
 }
+
+/// A source that returns three bytes at a time.
+struct OddReads<'a>(&'a [u8]);
+
+impl Read for OddReads<'_> {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        let length = into.len().min(3);
+        self.0.read(&mut into[..length])
+    }
+}
+
+/// A spreadsheet saves Unicode text in UTF-16; the comment has a character of two units.
+#[test]
+fn a_table_in_utf_16_is_read() {
+    let table = encode_csv(&two_compass_recording(&[]));
+    let expected = read_bytes(&table).unwrap();
+    let text = format!("\u{feff}# \u{1f6e9}\n{}", String::from_utf8(table).unwrap());
+    let little: Vec<u8> = text.encode_utf16().flat_map(u16::to_le_bytes).collect();
+    let big: Vec<u8> = text.encode_utf16().flat_map(u16::to_be_bytes).collect();
+    for bytes in [little, big] {
+        let flight = read_flight(&mut OddReads(&bytes), FieldUnit::Milligauss).unwrap();
+        assert_eq!(flight.compasses[0].field.rows(), expected.compasses[0].field.rows());
+        assert_eq!(flight.skipped_counts, SkippedCounts::default());
+    }
+    assert!(matches!(read_bytes(&[0xFF, 0xFE, b'x', 0, 0xD8]), Err(LogError::UnknownFormat)));
+}

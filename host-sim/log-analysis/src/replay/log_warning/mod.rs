@@ -152,6 +152,8 @@ impl LogWarning {
             (counts.garbage, "bytes or lines that were not recognised"),
             (counts.bad_times, "messages with an invalid time"),
             (counts.rejected_readings, "readings out of range, or marked unhealthy by the autopilot"),
+            (counts.current_dropouts, "currents of 0 or -1 A between usual ones"),
+            (counts.unassigned_fields, "readings of sensors without device id (SCALED_IMU)"),
         ] {
             add_if(skipped_count > 0, Self::Skipped(skipped_count, skipped_items));
         }
@@ -164,10 +166,8 @@ impl LogWarning {
             add_if(rejection != GpsCourseRejection::NotLogged, Self::NoGpsCourse(rejection));
         }
         add_if(flight.battery_current.is_empty(), Self::NoCurrent);
-        let missing: Vec<String> = compasses
-            .iter()
-            .flat_map(|compass| missing_ardupilot_parameters(parameters, compass.compass_number))
-            .collect();
+        let missing: Vec<String> =
+            compasses.iter().flat_map(|compass| missing_ardupilot_parameters(flight, compass.compass_number)).collect();
         let has_none = is_ardupilot && parameters.last_value("COMPASS_OFS_X").is_none() && missing.is_empty();
         add_if(!missing.is_empty(), Self::MissingParameters(missing));
         add_if(has_none, Self::NoParameters);

@@ -12,12 +12,12 @@ use super::parameter_export::{
     ExportedCorrection, HeldBackScore, ParameterFormat, export_correction, field_by_exported_parameters,
 };
 use super::parameter_fit::{FitVariant, half_index_at};
-use super::reading_checks::{CheckOutcome, ReadingCheck};
+use super::reading_checks::{CheckOutcome, CheckedMeaning, ReadingCheck};
 use super::replay_run::solve_rows;
-use super::row_headings::score_rows;
+use super::row_headings::{heading_scatter, score_rows};
 use super::row_solve::solved_correction;
 use crate::log::{FieldCorrection, LoggedFlight};
-use crate::numbers::{median, square};
+use crate::numbers::square;
 use crate::replay::reference::ReferenceHeading;
 use crate::replay::result::{ReplayOptions, RowSelection};
 use crate::replay::row::ReplayRow;
@@ -265,26 +265,6 @@ fn score_held_back(
     rms_deg.is_finite().then_some(HeldBackScore { rms_deg, as_logged_rms_deg, is_estimate, field_scatter_deg })
 }
 
-/// Heading errors that correspond to the scatter of field strength and of inclination, degrees RMS. An isotropic
-/// disturbance of the field by a fraction `f` of its strength changes the inclination by `f` and the heading by `f /
-/// cos I` radians.
-pub(super) fn heading_scatter(rows: &[ReplayRow], field: &dyn Fn(&ReplayRow) -> Vector3<f64>) -> [f64; 2] {
-    let polar: Vec<[f64; 2]> = rows
-        .iter()
-        .map(|row| {
-            let field = field(row);
-            let vertical_ut = row.down_in_body().dot(&field);
-            [field.norm(), libm::atan2(vertical_ut, (field.norm_squared() - square(vertical_ut)).max(0.0).sqrt())]
-        })
-        .collect();
-    let [strength, inclination_rad] = [0, 1].map(|i| median(polar.iter().map(|polar| polar[i])));
-    let rms = |residual: &dyn Fn(&[f64; 2]) -> f64| {
-        (polar.iter().map(|polar| square(residual(polar))).sum::<f64>() / polar.len() as f64).sqrt()
-    };
-    [rms(&|[f, _]| f / strength - 1.0), rms(&|[_, i]| i - inclination_rad)]
-        .map(|rms| rms.to_degrees() / libm::cos(inclination_rad))
-}
-
 fn rms_deg_by_scatter([by_strength_deg, by_inclination_deg]: [f64; 2]) -> f64 {
     libm::hypot(by_strength_deg, by_inclination_deg) / std::f64::consts::SQRT_2
 }
@@ -300,6 +280,7 @@ impl NoParameters {
     pub const fn stable_code(&self) -> &'static str {
         match self {
             Self::UnprovenReading(check) => match check.outcome {
+                CheckOutcome::Unchecked(_) if matches!(check.meaning, CheckedMeaning::Slot) => "slot-unknown",
                 CheckOutcome::Unchecked(_) => "reading-unproven",
                 _ => "reading-contradicted",
             },

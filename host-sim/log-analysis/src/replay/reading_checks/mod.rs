@@ -3,12 +3,10 @@
 //! A failed check forbids the parameter file of a compass; a file also requires that every check of
 //! [`CheckedMeaning::is_required`] passes. The table of checks is in docs/your-flight.md.
 
+mod check;
 mod sense;
 
-use std::fmt;
-
-use nalgebra::Vector3;
-use serde::Serialize;
+pub use check::{CheckOutcome, CheckedMeaning, ReadingCheck};
 
 use super::evaluation::{CompassEvaluation, FlightEvaluation, heading_deg, score_correction};
 use super::log_warning::EARTH_FIELD_RANGE_UT;
@@ -17,99 +15,8 @@ use super::result::HeadingScore;
 use super::row::ReplayRow;
 use super::row_headings::{covers_headings, score_rows};
 use super::row_solve::solved_correction;
-use crate::log::{FieldCorrection, LogFormat, LoggedFlight};
+use crate::log::{CompassSlot, FieldCorrection, LogFormat, LoggedFlight};
 use crate::score::wrap_180;
-
-/// Meaning of a log that a check confirms.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum CheckedMeaning {
-    /// The field turns against the body rates, and follows the attitude: signs of field, attitude and rates agree.
-    Sense,
-    /// The unit of the field: its strength is that of the Earth's field.
-    Unit,
-    /// The inclination of the corrected field, its sign first.
-    Inclination,
-    /// The mean of the heading errors, against true north.
-    North,
-    /// The sense in which the reference heading counts.
-    Reference,
-}
-
-/// Outcome of a check; the text says what was found.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum CheckOutcome {
-    /// The data confirm the reading.
-    Passed,
-    /// The data contradict the reading.
-    Failed(String),
-    /// The log has too little for the check.
-    Unchecked(&'static str),
-}
-
-/// Check of one meaning of a compass's log.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ReadingCheck {
-    /// What is checked.
-    pub meaning: CheckedMeaning,
-    /// Outcome of the check.
-    pub outcome: CheckOutcome,
-}
-
-impl CheckedMeaning {
-    /// Stable code of the check, for programs.
-    #[must_use]
-    pub const fn stable_code(self) -> &'static str {
-        match self {
-            Self::Sense => "sense",
-            Self::Unit => "unit",
-            Self::Inclination => "inclination",
-            Self::North => "north",
-            Self::Reference => "reference",
-        }
-    }
-
-    /// Whether parameters are given only if the check passes. The others may lack a place, or a reference.
-    #[must_use]
-    pub const fn is_required(self) -> bool {
-        matches!(self, Self::Sense | Self::Unit)
-    }
-}
-
-impl CheckOutcome {
-    /// Stable name of the outcome, for programs.
-    #[must_use]
-    pub const fn stable_code(&self) -> &'static str {
-        match self {
-            Self::Passed => "passed",
-            Self::Failed(_) => "failed",
-            Self::Unchecked(_) => "unchecked",
-        }
-    }
-
-    /// Whether the data contradict the reading.
-    #[must_use]
-    pub const fn is_failed(&self) -> bool {
-        matches!(self, Self::Failed(_))
-    }
-
-    /// What was found, unless the check passed.
-    #[must_use]
-    pub fn finding(&self) -> Option<&str> {
-        match self {
-            Self::Passed => None,
-            Self::Failed(finding) => Some(finding),
-            Self::Unchecked(missing) => Some(missing),
-        }
-    }
-}
-
-impl fmt::Display for ReadingCheck {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} {}", self.meaning.stable_code(), self.outcome.stable_code())?;
-        self.outcome.finding().map_or(Ok(()), |finding| write!(f, ": {finding}"))
-    }
-}
 
 /// The check that forbids parameters: the first that failed, or a required one that did not pass.
 #[must_use]
@@ -129,12 +36,25 @@ pub fn check_reading(
     let correction = compass.parameter_fit.fit_variants.first().map(|fit| solved_correction(&fit.fit_of_all_rows));
     let check = |meaning, outcome| ReadingCheck { meaning, outcome };
     vec![
+        check(CheckedMeaning::Slot, check_slot(flight, compass)),
         check(CheckedMeaning::Sense, sense::check_sense(flight, evaluation, &rows, correction.as_ref())),
         check(CheckedMeaning::Unit, check_unit(flight, evaluation, compass)),
         check(CheckedMeaning::Inclination, check_inclination(evaluation, &rows, correction.as_ref())),
         check(CheckedMeaning::North, check_north(evaluation, &rows, correction.as_ref())),
         check(CheckedMeaning::Reference, sense::check_reference(evaluation, &rows, correction.as_ref())),
     ]
+}
+
+/// Slot by device ids and priorities, and by the offsets in use where rows have them.
+fn check_slot(flight: &LoggedFlight, compass: &CompassEvaluation) -> CheckOutcome {
+    let logged = flight.compasses.iter().find(|logged| logged.compass_number == compass.compass_number);
+    match logged.map(|logged| logged.slot).unwrap_or_default() {
+        CompassSlot::Known { .. } => CheckOutcome::Passed,
+        slot @ CompassSlot::Unknown { reason } => {
+            let finding = format!("its parameters in the autopilot are unknown, because {reason}");
+            if slot.is_contradictory() { CheckOutcome::Failed(finding) } else { CheckOutcome::Unchecked(finding) }
+        }
+    }
 }
 
 /// Strength of the field by the fit to the rows, against the model or the Earth's range. A poor gain is no other unit.
@@ -144,7 +64,7 @@ fn check_unit(flight: &LoggedFlight, evaluation: &FlightEvaluation, compass: &Co
     let by_fit =
         compass.parameter_fit.fit_variants.first().map(|fit| f64::from(fit.fit_of_all_rows.calibration.total_ut));
     let Some(found_ut) = by_fit.or(compass.sphere_radius_ut) else {
-        return CheckOutcome::Unchecked("the field did not turn");
+        return CheckOutcome::unchecked("the field did not turn");
     };
     let model_ut = evaluation.earth_field.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
     let [least_ut, most_ut] = model_ut.map_or(EARTH_FIELD_RANGE_UT, |ut| [ut; 2]);
@@ -170,8 +90,8 @@ fn check_inclination(
 ) -> CheckOutcome {
     /// Larger than the error of a fit of full circles and of the model.
     const MAX_DIFFERENCE_DEG: f64 = 20.0;
-    let Some((earth, _)) = &evaluation.earth_field else { return CheckOutcome::Unchecked("the log has no place") };
-    let Some(correction) = correction else { return CheckOutcome::Unchecked("no fit of these rows converges") };
+    let Some((earth, _)) = &evaluation.earth_field else { return CheckOutcome::unchecked("the log has no place") };
+    let Some(correction) = correction else { return CheckOutcome::unchecked("no fit of these rows converges") };
     let [down, total] = rows.iter().fold([0.0; 2], |[down, total], row| {
         let field = row.corrected_field(correction);
         [down + row.down_in_body().dot(&field), total + field.norm()]
@@ -199,19 +119,19 @@ fn check_north(
 ) -> CheckOutcome {
     /// A mounting or an antenna is off by a right angle, or more; a place without model has up to 30 deg of declination.
     const MAX_MEAN_ERROR_DEG: f64 = 45.0;
-    /// The autopilot's yaw contains the errors of its compass; beyond this one of the two is reversed.
-    const MAX_MEAN_ERROR_OF_YAW_DEG: f64 = 120.0;
+    /// The autopilot's yaw contains the errors of its compass, and a table's column has any north; beyond this one of the
+    /// two is reversed.
+    const MAX_MEAN_ERROR_OF_OTHERS_DEG: f64 = 120.0;
     /// Without a fit, the mean as logged is that of a compass which follows the reference, degrees RMS.
     const MAX_RMS_AS_LOGGED_DEG: f64 = 20.0;
-    // The north of a table's column is arbitrary.
-    let from_true_north = |reference: &&ReferenceHeading| **reference != ReferenceHeading::Column;
-    let Some(reference) = evaluation.reference.as_ref().filter(from_true_north) else {
-        return CheckOutcome::Unchecked("the log has no heading from true north");
+    let Some(reference) = evaluation.reference.as_ref() else {
+        return CheckOutcome::unchecked("the log has no reference heading");
     };
     if !covers_headings(rows) {
-        return CheckOutcome::Unchecked("the flight has too few headings");
+        return CheckOutcome::unchecked("the flight has too few headings");
     }
-    let max_error_deg = if reference.measures_error() { MAX_MEAN_ERROR_DEG } else { MAX_MEAN_ERROR_OF_YAW_DEG };
+    let is_true_north = reference.measures_error() && *reference != ReferenceHeading::Column;
+    let max_error_deg = if is_true_north { MAX_MEAN_ERROR_DEG } else { MAX_MEAN_ERROR_OF_OTHERS_DEG };
     let declination_deg = evaluation.earth_field.as_ref().and_then(|(earth, _)| earth.declination_deg).unwrap_or(0.0);
     let mean_deg = |score: &HeadingScore| wrap_180(score.mean_deg + f64::from(declination_deg));
     let as_logged = score_rows(rows, |row| Some((heading_deg(row, row.logged_field.ut.map(f64::from)), f64::NAN)))
@@ -220,7 +140,7 @@ fn check_north(
     let scores = [(as_logged, "as logged"), (with_fit, "with the fit")];
     let means = scores.iter().filter_map(|(score, name)| score.as_ref().map(|score| (mean_deg(score), *name)));
     match means.max_by(|(one_deg, _), (other_deg, _)| one_deg.abs().total_cmp(&other_deg.abs())) {
-        None => CheckOutcome::Unchecked("neither the field as logged nor a fit follows the reference"),
+        None => CheckOutcome::unchecked("neither the field as logged nor a fit follows the reference"),
         Some((mean_deg, _)) if mean_deg.abs() <= max_error_deg => CheckOutcome::Passed,
         Some((mean_deg, name)) => CheckOutcome::Failed(format!(
             "{name}, headings differ from {} by {mean_deg:.0} deg in the mean: the orientation of the compass is wrong, or \
@@ -228,12 +148,4 @@ fn check_north(
             reference.reference_name()
         )),
     }
-}
-
-/// Corrected fields of the rows, microtesla; as logged without a correction.
-fn corrected_fields(rows: &[ReplayRow], correction: Option<&FieldCorrection>) -> Vec<Vector3<f64>> {
-    let field = |row: &ReplayRow| {
-        correction.map_or_else(|| row.logged_field.ut.map(f64::from), |correction| row.corrected_field(correction))
-    };
-    rows.iter().map(field).collect()
 }

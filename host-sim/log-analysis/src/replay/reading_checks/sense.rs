@@ -8,12 +8,12 @@
 use autoswing::frames::{RollPitch, wrap_pi};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-use super::{CheckOutcome, corrected_fields};
+use super::check::CheckOutcome;
 use crate::log::{FieldCorrection, LoggedFlight};
 use crate::replay::evaluation::{FlightEvaluation, heading_deg};
-use crate::replay::parameter_choice::heading_scatter;
 use crate::replay::replay_run::solve_all_rows;
 use crate::replay::row::ReplayRow;
+use crate::replay::row_headings::heading_scatter;
 use crate::replay::row_solve::solved_correction;
 use crate::score::wrap_180;
 
@@ -81,7 +81,7 @@ pub(super) fn check_sense(
     if is_fit_better || turn_fraction_by_reference(rows, correction).is_some_and(is_right) {
         CheckOutcome::Passed
     } else {
-        CheckOutcome::Unchecked(
+        CheckOutcome::unchecked(
             "body rates, yaw or tilts that would confirm the signs of field and attitude are missing",
         )
     }
@@ -94,10 +94,10 @@ pub(super) fn check_reference(
     correction: Option<&FieldCorrection>,
 ) -> CheckOutcome {
     let Some(reference) = evaluation.reference.as_ref().filter(|reference| reference.measures_error()) else {
-        return CheckOutcome::Unchecked("the log has no reference heading that is made without a compass");
+        return CheckOutcome::unchecked("the log has no reference heading that is made without a compass");
     };
     match turn_fraction_by_reference(rows, correction) {
-        None => CheckOutcome::Unchecked("the reference hardly turns"),
+        None => CheckOutcome::unchecked("the reference hardly turns"),
         Some(fraction) if fraction < -MIN_TURN_FRACTION => CheckOutcome::Failed(format!(
             "{} turns against the heading: it counts anticlockwise, as an angle from east does",
             reference.reference_name()
@@ -298,4 +298,12 @@ fn turns(rows: &[ReplayRow]) -> impl Iterator<Item = (usize, usize)> + '_ {
         }
         (last < rows.len() && rows[last].t_s - rows[first].t_s <= TURN_TIME_S[1]).then_some((first, last))
     })
+}
+
+/// Corrected fields of the rows, microtesla; as logged without a correction.
+fn corrected_fields(rows: &[ReplayRow], correction: Option<&FieldCorrection>) -> Vec<Vector3<f64>> {
+    let field = |row: &ReplayRow| {
+        correction.map_or_else(|| row.logged_field.ut.map(f64::from), |correction| row.corrected_field(correction))
+    };
+    rows.iter().map(field).collect()
 }

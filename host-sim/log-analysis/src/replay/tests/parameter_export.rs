@@ -33,7 +33,7 @@ fn offsets_beyond_ardupilots_limit_are_detected() {
     ] {
         let hard_iron_ut = Vector3::new(offset_mg / 10.0, 0.0, 0.0);
         let export = export_of(FieldCorrection { hard_iron_ut, ..FieldCorrection::identity() });
-        let limit_mg = export.offset_limit_mg_if_exceeded(&flight_with_parameters(parameters), format);
+        let limit_mg = export.offset_limit_mg_if_exceeded(&flight_with_parameters(format, parameters), format);
         assert_eq!(limit_mg.is_some(), is_exceeded, "{format:?} {parameters:?} {offset_mg}");
     }
 }
@@ -107,8 +107,15 @@ fn export_with_rotation(compass_number: u8, rotation_number: f64) -> ExportedCor
     ExportedCorrection { compass_number, rotation_from_logged, ..export_of(FieldCorrection::identity()) }
 }
 
-fn flight_with_parameters(parameters: &[(&str, f64)]) -> LoggedFlight {
+/// Flight with three compasses, numbered as their slots.
+fn flight_with_parameters(format: ParameterFormat, parameters: &[(&str, f64)]) -> LoggedFlight {
     let mut flight = LoggedFlight::new(log::LogFormat::DataFlash);
+    let compass = |compass_number| {
+        let index = compass_number - u8::from(format == ParameterFormat::Px4);
+        let slot = log::CompassSlot::Known { index, evidence: log::SlotEvidence::Numbering };
+        log::LoggedCompass { compass_number, slot, ..Default::default() }
+    };
+    flight.compasses = [1, 2, 3].map(compass).into();
     for &(name, value) in parameters {
         flight.parameters.set_value(0.0, name, value);
     }
@@ -121,7 +128,7 @@ fn parameter_lines(
     format: ParameterFormat,
     filter_text: &str,
 ) -> Vec<String> {
-    format_parameter_file(&flight_with_parameters(parameters), export, format)
+    format_parameter_file(&flight_with_parameters(format, parameters), export, format)
         .lines()
         .filter(|line| line.contains(filter_text))
         .map(str::to_owned)
@@ -211,7 +218,7 @@ fn a_symmetric_correction_is_exported_without_loss() {
         assert_eq!(export.warnings, ["the mounting of the compass differs from its parameters: check the orientation"]);
         // Numbers of f32: 1e-6 of the field.
         assert!(export.heading_loss_deg.iter().all(|loss_deg| loss_deg.abs() < 0.01), "{:?}", export.heading_loss_deg);
-        let flight = flight_with_parameters(&[("CAL_MAG0_ROT", 0.0)]);
+        let flight = flight_with_parameters(format, &[("CAL_MAG0_ROT", 0.0)]);
         let field = field_by_exported_parameters(&flight, &export, format);
         for row in &compass.rows {
             let corrected = field(row);
@@ -249,7 +256,7 @@ fn autopilots_correct_by_the_file_as_exported() {
         (ParameterFormat::Inav, 1, &[], 4.0, diagonal, 0.1),
     ] {
         let export = ExportedCorrection { correction, ..export_with_rotation(compass_number, rotation_number) };
-        let field = field_by_exported_parameters(&flight_with_parameters(parameters), &export, format);
+        let field = field_by_exported_parameters(&flight_with_parameters(format, parameters), &export, format);
         let rotated_ut = export.rotation_from_logged.rotation_matrix() * row.raw_field.ut.map(f64::from);
         let difference = field(&row) - correction.correct_field(rotated_ut, 12.0);
         assert!(difference.norm() < most_ut, "{format:?} {compass_number}: {difference}");
@@ -261,9 +268,7 @@ fn autopilots_correct_by_the_file_as_exported() {
 fn compensation_by_current_replaces_that_by_throttle() {
     let mut export = export_with_rotation(2, 0.0);
     let lines = |parameters: &[(&str, f64)], export: &ExportedCorrection| -> Vec<String> {
-        let mut flight = flight_with_parameters(parameters);
-        flight.compasses =
-            [1, 2, 3].map(|compass_number| log::LoggedCompass { compass_number, ..Default::default() }).into();
+        let flight = flight_with_parameters(ParameterFormat::ArduPilot, parameters);
         let text = format_parameter_file(&flight, std::slice::from_ref(export), ParameterFormat::ArduPilot);
         text.lines().filter(|line| line.contains("MOT") && !line.contains("MOT2")).map(str::to_owned).collect()
     };
@@ -272,6 +277,31 @@ fn compensation_by_current_replaces_that_by_throttle() {
     export.correction.motor_ut_per_a.y = 0.2;
     assert_eq!(lines(&throttle, &export), ["COMPASS_MOTCT,2", "COMPASS_MOT_X,0", "COMPASS_MOT3_Z,0"]);
     assert_eq!(lines(&[("COMPASS_MOTCT", 2.0), ("COMPASS_MOT_X", 1.5)], &export), ["COMPASS_MOTCT,2"]);
+}
+
+/// The first compass has the parameters of the second slot, the second unknown ones.
+#[test]
+fn parameters_are_those_of_the_slot_of_the_compass() {
+    let mut flight = flight_with_parameters(ParameterFormat::ArduPilot, &[("COMPASS_ORIENT2", 4.0)]);
+    flight.autopilot = log::AutopilotKind::ArduPilot;
+    flight.parameters.set_value(5.0, "COMPASS_ORIENT2", 2.0);
+    flight.compasses[0].slot = log::CompassSlot::Known { index: 2, evidence: log::SlotEvidence::DeviceId };
+    flight.compasses[1].slot = log::CompassSlot::default();
+    let mut exports = [1, 2].map(|compass_number| export_with_rotation(compass_number, 0.0));
+    exports[0].correction.hard_iron_ut.x = 3.0;
+    let text = format_parameter_file(&flight, &exports, ParameterFormat::ArduPilot);
+    let lines = text.lines().filter(|line| !line.starts_with('#'));
+    let names: Vec<&str> = lines.filter_map(|line| line.split_once(',')).map(|(name, _)| name).collect();
+    assert!(names.contains(&"COMPASS_OFS2_X") && names.contains(&"COMPASS_ORIENT2"), "{text}");
+    assert!(names.iter().all(|name| name.contains('2')), "{text}");
+    assert!(text.contains("# compass 2: no parameters, because the log has no calibration parameters"), "{text}");
+    let row = ReplayRow { raw_field: Field::from_ut(30.0, -20.0, 45.0), ..level_row(0.0, 0.0) };
+    for (export, x_ut) in exports.iter().zip([27.0, 30.0]) {
+        let field = field_by_exported_parameters(&flight, export, ParameterFormat::ArduPilot);
+        assert!((field(&row).x - x_ut).abs() < 1e-3, "{}", field(&row));
+    }
+    assert_eq!(log::mounting_parameter_changes(&flight, 1), [("COMPASS_ORIENT2".to_owned(), 5.0)]);
+    assert_eq!(log::mounting_parameter_changes(&flight, 2), []);
 }
 
 #[test]

@@ -1,6 +1,7 @@
 use autoswing::calibration::AttitudeLatency;
 
 use super::*;
+use crate::log::LoggedCompass;
 use crate::replay::log_warning::LogWarning;
 use crate::replay::parameter_export::ParameterFormat;
 use crate::replay::verdict::{CompassAction, CompassState, FlightOutcome, Verdict};
@@ -137,7 +138,9 @@ fn an_unused_compass_does_not_give_the_cause_of_a_refusal() {
 
 /// Three compasses of which the last is in use, and half of the usable rows without a heading that the module sends.
 fn evaluation_of_three() -> (LoggedFlight, FlightEvaluation) {
-    let (flight, compass) = compass_of_flown_turns();
+    let (mut flight, compass) = compass_of_flown_turns();
+    let logged = |compass_number| LoggedCompass { compass_number, ..flight.compasses[0].clone() };
+    flight.compasses = [1, 2, 3].map(logged).into();
     let numbered = |(compass_number, is_used_for_heading)| CompassEvaluation {
         compass_number,
         is_used_for_heading,

@@ -1,0 +1,356 @@
+//! Assignment of logged compasses to the parameter slots of the autopilot.
+//!
+//! ArduPilot numbers compasses in messages (`MAG.I`, `RAW_IMU`, `SCALED_IMU2`) and in `COMPASS_USEn` by priority, but
+//! its calibration parameters (`COMPASS_OFSn`, `DIAn`, `ORIENTn`, ...) by slot: the slot whose `COMPASS_DEV_IDn` equals
+//! `COMPASS_PRIOi_ID` is that of priority i. Firmware before 4.1 has no priorities; there number and slot are the same.
+//! `MAG` rows contain the offsets in use, which prove the slot or contradict it.
+
+use std::fmt;
+
+use super::parameters::ParameterHistory;
+
+/// ArduPilot has calibration parameters of three compasses.
+pub(crate) const ARDUPILOT_SLOTS: std::ops::RangeInclusive<u8> = 1..=3;
+
+/// Largest difference between logged offsets, which are truncated to whole milligauss, and their parameters.
+pub(super) const MAX_OFFSET_ROUNDING_MG: f64 = 1.5;
+
+/// Slot of a compass in the names of its calibration parameters. `Known`: corrections are undone and parameters written
+/// by it. `Unknown`: the raw field is the logged one, and no parameters are written; see [`Self::is_contradictory`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CompassSlot {
+    /// The slot is known.
+    Known {
+        /// ArduPilot: 1 to 3, `COMPASS_OFS_X` has 1; PX4: n of `CAL_MAGn`; tables: the number of the compass.
+        index: u8,
+        /// Evidence for the slot.
+        evidence: SlotEvidence,
+    },
+    /// The log does not tell the slot.
+    Unknown {
+        /// Reason why the slot is unknown.
+        reason: UnknownSlot,
+    },
+}
+
+/// Evidence for a slot, strongest first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SlotEvidence {
+    /// The offsets in use are those of this slot alone, as its device id or number says.
+    Offsets,
+    /// The device id of the compass is that of the slot.
+    DeviceId,
+    /// The autopilot has a single compass.
+    OnlyCompass,
+    /// Compasses are numbered by slot: tables, firmware without priorities.
+    Numbering,
+}
+
+/// Reason why a slot is unknown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum UnknownSlot {
+    /// The log has no calibration parameters.
+    #[default]
+    NoParameters,
+    /// The device id of a priority is not logged, or zero. The priority.
+    NoPriorityId(u8),
+    /// No slot, or more than one, has the device id of a priority. The priority.
+    NoUniqueDeviceId(u8),
+    /// Several compasses, without their priorities in the log.
+    SeveralCompasses,
+    /// The offsets in use are those of another slot than the device id or number says.
+    OffsetsContradict {
+        /// Slot by device id or number.
+        expected: u8,
+        /// Slot whose offsets are in use.
+        found: u8,
+    },
+    /// PX4's `HIGHRES_IMU` is the primary compass, corrected and less the bias of its filter.
+    PrimaryLessBias,
+}
+
+impl Default for CompassSlot {
+    fn default() -> Self {
+        Self::Unknown { reason: UnknownSlot::default() }
+    }
+}
+
+impl CompassSlot {
+    /// Index in the names of the parameters, if known.
+    #[must_use]
+    pub const fn index(self) -> Option<u8> {
+        match self {
+            Self::Known { index, .. } => Some(index),
+            Self::Unknown { .. } => None,
+        }
+    }
+
+    /// Whether the log contradicts itself about the slot; an unknown slot otherwise cannot be checked.
+    #[must_use]
+    pub const fn is_contradictory(self) -> bool {
+        matches!(self, Self::Unknown { reason: UnknownSlot::OffsetsContradict { .. } })
+    }
+}
+
+impl fmt::Display for UnknownSlot {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoParameters => f.write_str("the log has no calibration parameters"),
+            Self::NoPriorityId(priority) => write!(f, "COMPASS_PRIO{priority}_ID is not in the log, or 0"),
+            Self::NoUniqueDeviceId(priority) => {
+                write!(f, "COMPASS_PRIO{priority}_ID is not the COMPASS_DEV_ID of one slot")
+            }
+            Self::SeveralCompasses => f.write_str("several compasses, and no COMPASS_PRIOn_ID in the log"),
+            Self::OffsetsContradict { expected, found } => {
+                write!(f, "the offsets in use are those of slot {found}, but the parameters assign slot {expected}")
+            }
+            Self::PrimaryLessBias => {
+                f.write_str("HIGHRES_IMU is the primary compass, corrected and less the bias of PX4's filter")
+            }
+        }
+    }
+}
+
+/// Device id of a sensor, in the layout common to ArduPilot and PX4; displayed as bus and address.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DeviceId(u32);
+
+impl DeviceId {
+    /// Device id from the value of a parameter; none if zero.
+    pub(super) fn from_parameter(value: f64) -> Option<Self> {
+        // PX4 logs integers of 32 bits with a sign.
+        let id = (value as i64) as u32;
+        (id != 0).then_some(Self(id))
+    }
+}
+
+impl fmt::Display for DeviceId {
+    /// Bits 0 to 2 are the bus type, 3 to 7 the bus, 8 to 15 the address, 16 to 23 the type of the device.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (bus, address) = (self.0 >> 3 & 0x1F, self.0 >> 8 & 0xFF);
+        match self.0 & 7 {
+            1 => write!(f, "I2C bus {bus}, address 0x{address:02X}"),
+            2 => write!(f, "SPI bus {bus}, device {address}"),
+            3 => write!(f, "DroneCAN bus {bus}, node {address}"),
+            _ => write!(f, "device id {}", self.0),
+        }
+    }
+}
+
+/// Index in the names of ArduPilot's parameters: empty for the first slot.
+pub(crate) fn ardupilot_index(slot: u8) -> String {
+    if slot == 1 { String::new() } else { slot.to_string() }
+}
+
+/// Name of ArduPilot's parameter that says whether the compass of a slot is external.
+pub(crate) fn external_parameter(slot: u8) -> String {
+    if slot == 1 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{slot}") }
+}
+
+/// The part of an ArduPilot log that assigns compasses to slots.
+pub(super) struct ArdupilotSlots<'a> {
+    pub parameters: &'a ParameterHistory,
+    /// Whether the log contains all parameters, as DataFlash does.
+    pub has_all_parameters: bool,
+    pub firmware_name: Option<&'a str>,
+    pub compass_count: usize,
+}
+
+impl ArdupilotSlots<'_> {
+    /// Slot of a compass by number, with the first offsets of its rows: time, seconds, and milligauss.
+    pub fn slot(&self, compass_number: u8, first_offsets: Option<(f64, [f32; 3])>) -> CompassSlot {
+        let (index, evidence) = match self.assigned_slot(compass_number) {
+            Ok(assigned) => assigned,
+            Err(reason) => return CompassSlot::Unknown { reason },
+        };
+        // Slots without offsets are alike.
+        let has_offsets = |(_, offsets_mg): &(f64, [f32; 3])| {
+            offsets_mg.iter().any(|axis| f64::from(axis.abs()) > MAX_OFFSET_ROUNDING_MG)
+        };
+        let matching = first_offsets
+            .filter(has_offsets)
+            .map_or_else(Vec::new, |(t_s, offsets_mg)| self.slots_with(t_s, offsets_mg));
+        match *matching {
+            [only] if only == index => CompassSlot::Known { index, evidence: SlotEvidence::Offsets },
+            [found, ..] if !matching.contains(&index) => {
+                CompassSlot::Unknown { reason: UnknownSlot::OffsetsContradict { expected: index, found } }
+            }
+            _ => CompassSlot::Known { index, evidence },
+        }
+    }
+
+    /// Device id of a compass: that of its slot, else that of its priority.
+    pub fn device_id(&self, compass_number: u8, slot: CompassSlot) -> Option<DeviceId> {
+        let value = match slot.index() {
+            Some(index) => self.device_id_value(index),
+            None => self.parameters.last_value(&format!("COMPASS_PRIO{compass_number}_ID")),
+        };
+        DeviceId::from_parameter(value?)
+    }
+
+    fn assigned_slot(&self, compass_number: u8) -> Result<(u8, SlotEvidence), UnknownSlot> {
+        if !self.parameters.has_prefix("COMPASS_") {
+            Err(UnknownSlot::NoParameters)
+        } else if self.parameters.has_prefix("COMPASS_PRIO") {
+            Ok((self.slot_of_priority(compass_number)?, SlotEvidence::DeviceId))
+        } else if self.has_all_parameters || self.is_before_priorities() {
+            let index = Some(compass_number).filter(|number| ARDUPILOT_SLOTS.contains(number));
+            Ok((index.ok_or(UnknownSlot::SeveralCompasses)?, SlotEvidence::Numbering))
+        } else {
+            let index = self.slot_of_only_compass(compass_number).ok_or(UnknownSlot::SeveralCompasses)?;
+            Ok((index, SlotEvidence::OnlyCompass))
+        }
+    }
+
+    fn slot_of_priority(&self, priority: u8) -> Result<u8, UnknownSlot> {
+        let id = self.parameters.last_value(&format!("COMPASS_PRIO{priority}_ID")).filter(|id| *id != 0.0);
+        let id = id.ok_or(UnknownSlot::NoPriorityId(priority))?;
+        let mut slots = ARDUPILOT_SLOTS.filter(|slot| self.device_id_value(*slot) == Some(id));
+        slots.next().filter(|_| slots.next().is_none()).ok_or(UnknownSlot::NoUniqueDeviceId(priority))
+    }
+
+    /// Slot of the only compass of a telemetry link, which may have lost its priority: that with a device id.
+    fn slot_of_only_compass(&self, compass_number: u8) -> Option<u8> {
+        let mut detected = ARDUPILOT_SLOTS.filter(|slot| self.device_id_value(*slot).is_some_and(|id| id != 0.0));
+        let first = detected.next();
+        (compass_number == 1 && self.compass_count == 1 && detected.next().is_none()).then_some(first.unwrap_or(1))
+    }
+
+    /// Whether the firmware is older than 4.1, with the offsets of all compasses in the log.
+    fn is_before_priorities(&self) -> bool {
+        let is_old = self.firmware_name.and_then(firmware_version).is_some_and(|version| version < (4, 1));
+        let has_offsets = |slot: u8| {
+            let index = ardupilot_index(slot);
+            ["X", "Y", "Z"]
+                .iter()
+                .all(|axis| self.parameters.last_value(&format!("COMPASS_OFS{index}_{axis}")).is_some())
+        };
+        is_old && ARDUPILOT_SLOTS.take(self.compass_count).all(has_offsets)
+    }
+
+    fn device_id_value(&self, slot: u8) -> Option<f64> {
+        self.parameters.last_value(&format!("COMPASS_DEV_ID{}", ardupilot_index(slot)))
+    }
+
+    /// Slots whose offset parameters are these at a time.
+    fn slots_with(&self, t_s: f64, offsets_mg: [f32; 3]) -> Vec<u8> {
+        let matches = |slot: &u8| {
+            let index = ardupilot_index(*slot);
+            let logged =
+                ["X", "Y", "Z"].map(|axis| self.parameters.value_at(t_s, &format!("COMPASS_OFS{index}_{axis}")));
+            let is_near = |(logged, offset_mg): (&Option<f64>, f32)| {
+                (logged.unwrap_or(0.0) - f64::from(offset_mg)).abs() <= MAX_OFFSET_ROUNDING_MG
+            };
+            logged.iter().any(Option::is_some) && logged.iter().zip(offsets_mg).all(is_near)
+        };
+        ARDUPILOT_SLOTS.filter(matches).collect()
+    }
+}
+
+/// Major and minor version in the name of a firmware, as `ArduCopter V3.6.12 (0c5e999c)`.
+fn firmware_version(name: &str) -> Option<(u32, u32)> {
+    name.split_whitespace().find_map(|word| {
+        let (major, rest) = word.strip_prefix(['V', 'v'])?.split_once('.')?;
+        let minor: String = rest.chars().take_while(char::is_ascii_digit).collect();
+        Some((major.parse().ok()?, minor.parse().ok()?))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FIRST_ID: f64 = 97_539.0;
+    const SECOND_ID: f64 = 131_874.0;
+
+    fn parameters(values: &[(&str, f64)]) -> ParameterHistory {
+        let mut parameters = ParameterHistory::default();
+        for &(name, value) in values {
+            parameters.set_value(0.0, name, value);
+        }
+        parameters
+    }
+
+    fn slots(parameters: &ParameterHistory) -> ArdupilotSlots<'_> {
+        ArdupilotSlots { parameters, has_all_parameters: true, firmware_name: None, compass_count: 2 }
+    }
+
+    const IDS: [(&str, f64); 4] = [
+        ("COMPASS_DEV_ID", FIRST_ID),
+        ("COMPASS_DEV_ID2", SECOND_ID),
+        ("COMPASS_PRIO1_ID", SECOND_ID),
+        ("COMPASS_PRIO2_ID", FIRST_ID),
+    ];
+    const OFFSETS: [(&str, f64); 2] = [("COMPASS_OFS_X", 100.0), ("COMPASS_OFS2_X", -50.7)];
+
+    const fn known(index: u8, evidence: SlotEvidence) -> CompassSlot {
+        CompassSlot::Known { index, evidence }
+    }
+
+    #[test]
+    fn a_priority_has_the_slot_of_its_device_id_if_the_offsets_in_use_agree() {
+        let parameters = parameters(&[&IDS[..], &OFFSETS].concat());
+        let slots = slots(&parameters);
+        let slot_with_x = |x_mg: f32| slots.slot(1, Some((1.0, [x_mg, 0.0, 0.0])));
+        assert_eq!(slots.slot(1, None), known(2, SlotEvidence::DeviceId));
+        assert_eq!(slot_with_x(-50.0), known(2, SlotEvidence::Offsets));
+        // Offsets learnt in flight are those of no slot.
+        assert_eq!(slot_with_x(-30.0), known(2, SlotEvidence::DeviceId));
+        let contradictory = slot_with_x(100.0);
+        assert!(contradictory.is_contradictory() && contradictory.index().is_none(), "{contradictory:?}");
+        assert_eq!(slots.device_id(1, contradictory), slots.device_id(1, known(2, SlotEvidence::DeviceId)));
+        assert_eq!(slots.slot(2, Some((1.0, [100.0, 0.0, 0.0]))), known(1, SlotEvidence::Offsets));
+    }
+
+    #[test]
+    fn ids_that_name_no_slot_leave_it_unknown() {
+        for (changed, value, reason) in [
+            ("COMPASS_PRIO1_ID", 0.0, UnknownSlot::NoPriorityId(1)),
+            ("COMPASS_PRIO1_ID", 5.0, UnknownSlot::NoUniqueDeviceId(1)),
+            ("COMPASS_DEV_ID", SECOND_ID, UnknownSlot::NoUniqueDeviceId(1)),
+        ] {
+            let mut parameters = parameters(&[&IDS[..], &OFFSETS].concat());
+            parameters.replace_value(changed, value);
+            assert_eq!(slots(&parameters).slot(1, Some((1.0, [-50.0, 0.0, 0.0]))), CompassSlot::Unknown { reason });
+        }
+    }
+
+    #[test]
+    fn without_priorities_a_link_needs_a_single_compass_or_old_firmware() {
+        let offsets: Vec<String> =
+            ["", "2"].iter().flat_map(|n| ["X", "Y", "Z"].map(|axis| format!("COMPASS_OFS{n}_{axis}"))).collect();
+        let offsets: Vec<(&str, f64)> = offsets.iter().map(|name| (name.as_str(), 7.0)).collect();
+        let of_link = |values: &[(&str, f64)], firmware_name, compass_count| {
+            let parameters = parameters(values);
+            ArdupilotSlots { parameters: &parameters, has_all_parameters: false, firmware_name, compass_count }
+                .slot(1, None)
+        };
+        let several = CompassSlot::Unknown { reason: UnknownSlot::SeveralCompasses };
+        assert_eq!(of_link(&offsets, None, 1), known(1, SlotEvidence::OnlyCompass));
+        assert_eq!(of_link(&[("COMPASS_DEV_ID2", 7.0)], None, 1), known(2, SlotEvidence::OnlyCompass));
+        assert_eq!(of_link(&IDS[..2], None, 1), several);
+        assert_eq!(of_link(&[], None, 1), CompassSlot::default());
+        for (firmware_name, slot) in [
+            (None, several),
+            (Some("ArduCopter V4.1.0"), several),
+            (Some("ArduPlane V4.0.9 (ab)"), known(1, SlotEvidence::Numbering)),
+            (Some("APM:Copter V3.3-dev (9f)"), known(1, SlotEvidence::Numbering)),
+        ] {
+            assert_eq!(of_link(&offsets, firmware_name, 2), slot, "{firmware_name:?}");
+        }
+        assert_eq!(of_link(&offsets[..5], Some("ArduPlane V4.0.9"), 2), several);
+    }
+
+    #[test]
+    fn a_device_id_names_bus_and_address() {
+        for (id, text) in [
+            (0x09_0E_09, "I2C bus 1, address 0x0E"),
+            (0x01_7D_03, "DroneCAN bus 0, node 125"),
+            (0x04_03_22, "SPI bus 4, device 3"),
+            (4, "device id 4"),
+        ] {
+            assert_eq!(DeviceId::from_parameter(f64::from(id)).map(|id| id.to_string()).as_deref(), Some(text));
+        }
+        assert_eq!(DeviceId::from_parameter(0.0), None);
+    }
+}
