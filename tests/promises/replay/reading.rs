@@ -80,6 +80,29 @@ fn a_broken_reading_is_named_and_gives_no_file() {
     }
 }
 
+/// Parameters that leave a meaning open, and the code of the reason for giving none.
+const OPEN_MEANINGS: [(&[(&str, f64)], &str); 3] = [
+    (&[("COMPASS_PRIO1_ID", 97_539.0)], "slot-unknown"),
+    (&[("COMPASS_PRIO1_ID", 97_539.0), ("COMPASS_DEV_ID", 131_874.0)], "slot-unknown"),
+    (&[("Q_ENABLE", 1.0)], "reading-unproven"),
+];
+
+/// A device id that names no slot, and an attitude that is a VTOL's view. Without such parameters there is a file.
+#[test]
+fn a_meaning_that_the_log_leaves_open_gives_no_file() {
+    let offsets = ["X", "Y", "Z"].map(|axis| (format!("COMPASS_OFS_{axis}"), 0.0));
+    for (parameters, code) in [(&[][..], "parameters-gain")].into_iter().chain(OPEN_MEANINGS) {
+        let mut recording = record_flight(VehicleKind::Plane, 3, |_| {});
+        recording.parameters = offsets.to_vec();
+        recording.parameters.extend(parameters.iter().map(|(name, value)| ((*name).to_owned(), *value)));
+        let (flight, evaluation) = evaluate_log(&encode_dataflash(&recording));
+        let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
+        let codes = verdict.compasses[0].judgement.reason_codes();
+        assert!(codes.contains(&code), "{parameters:?}: {codes:?}");
+        assert_eq!(verdict.exported_corrections().is_empty(), !parameters.is_empty(), "{parameters:?}");
+    }
+}
+
 /// The checks refuse at most one clean flight in a hundred.
 #[test]
 fn the_reading_of_a_clean_log_is_confirmed() {

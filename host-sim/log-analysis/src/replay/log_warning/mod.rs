@@ -9,7 +9,8 @@ use super::evaluation::{CompassEvaluation, FlightEvaluation};
 use super::frozen_field::{self, FrozenInterval, frozen_intervals};
 use super::gps_course::{GpsCourseHeading, GpsCourseRejection};
 use crate::log::{
-    AutopilotKind, LogFormat, LoggedFlight, RatesProblem, missing_ardupilot_parameters, mounting_parameter_changes,
+    AttitudeView, AutopilotKind, LogFormat, LoggedFlight, RatesProblem, missing_ardupilot_parameters,
+    mounting_parameter_changes,
 };
 use crate::replay::reference::ReferenceHeading;
 use crate::replay::row_headings::is_monitored;
@@ -94,6 +95,10 @@ pub enum LogWarning {
     NoGpsCourse(GpsCourseRejection),
     /// The log has no motor current.
     NoCurrent,
+    /// The current is negative throughout.
+    NegatedCurrent,
+    /// The autopilot's own attitude is the VTOL view; the message that replaces it.
+    VtolView(&'static str),
     /// Correction parameters that are not logged.
     MissingParameters(Vec<String>),
     /// No correction parameters are logged.
@@ -166,6 +171,10 @@ impl LogWarning {
             add_if(rejection != GpsCourseRejection::NotLogged, Self::NoGpsCourse(rejection));
         }
         add_if(flight.battery_current.is_empty(), Self::NoCurrent);
+        add_if(flight.is_current_negated, Self::NegatedCurrent);
+        if let AttitudeView::BodyForVtol(message) = flight.attitude_view {
+            add_if(true, Self::VtolView(message));
+        }
         let missing: Vec<String> =
             compasses.iter().flat_map(|compass| missing_ardupilot_parameters(flight, compass.compass_number)).collect();
         let has_none = is_ardupilot && parameters.last_value("COMPASS_OFS_X").is_none() && missing.is_empty();
@@ -317,6 +326,11 @@ impl fmt::Display for LogWarning {
             Self::NoGpsCourse(rejection) => write!(f, "GPS course gives no heading here: {}", rejection.description()),
             Self::NoCurrent => f.write_str(
                 "no current is logged: motor-current interference is neither estimated nor part of the expected error",
+            ),
+            Self::NegatedCurrent => f.write_str("the current is negative throughout; its size is used"),
+            Self::VtolView(message) => write!(
+                f,
+                "the attitude is that of {message}: ATT is the view of the VTOL modes, which is not that of the body in hover",
             ),
             Self::MissingParameters(names) => {
                 write!(f, "parameters that are not in the log, assumed unset: {}", names.join(", "))

@@ -10,6 +10,8 @@ use serde::Serialize;
 pub enum CheckedMeaning {
     /// The slot of the compass in the names of the autopilot's parameters.
     Slot,
+    /// The axes of the attitude: those of the body.
+    Attitude,
     /// The field turns against the body rates, and follows the attitude: signs of field, attitude and rates agree.
     Sense,
     /// The unit of the field: its strength is that of the Earth's field.
@@ -48,6 +50,7 @@ impl CheckedMeaning {
     pub const fn stable_code(self) -> &'static str {
         match self {
             Self::Slot => "slot",
+            Self::Attitude => "attitude",
             Self::Sense => "sense",
             Self::Unit => "unit",
             Self::Inclination => "inclination",
@@ -59,7 +62,7 @@ impl CheckedMeaning {
     /// Whether parameters are given only if the check passes. The others may lack a place, or a reference.
     #[must_use]
     pub const fn is_required(self) -> bool {
-        matches!(self, Self::Slot | Self::Sense | Self::Unit)
+        matches!(self, Self::Slot | Self::Attitude | Self::Sense | Self::Unit)
     }
 }
 

@@ -15,7 +15,7 @@ use super::result::HeadingScore;
 use super::row::ReplayRow;
 use super::row_headings::{covers_headings, score_rows};
 use super::row_solve::solved_correction;
-use crate::log::{CompassSlot, FieldCorrection, LogFormat, LoggedFlight};
+use crate::log::{AttitudeView, CompassSlot, FieldCorrection, LogFormat, LoggedFlight};
 use crate::score::wrap_180;
 
 /// The check that forbids parameters: the first that failed, or a required one that did not pass.
@@ -37,6 +37,7 @@ pub fn check_reading(
     let check = |meaning, outcome| ReadingCheck { meaning, outcome };
     vec![
         check(CheckedMeaning::Slot, check_slot(flight, compass)),
+        check(CheckedMeaning::Attitude, check_attitude(flight)),
         check(CheckedMeaning::Sense, sense::check_sense(flight, evaluation, &rows, correction.as_ref())),
         check(CheckedMeaning::Unit, check_unit(flight, evaluation, compass)),
         check(CheckedMeaning::Inclination, check_inclination(evaluation, &rows, correction.as_ref())),
@@ -54,6 +55,16 @@ fn check_slot(flight: &LoggedFlight, compass: &CompassEvaluation) -> CheckOutcom
             let finding = format!("its parameters in the autopilot are unknown, because {reason}");
             if slot.is_contradictory() { CheckOutcome::Failed(finding) } else { CheckOutcome::Unchecked(finding) }
         }
+    }
+}
+
+fn check_attitude(flight: &LoggedFlight) -> CheckOutcome {
+    if flight.attitude_view == AttitudeView::Vtol {
+        CheckOutcome::unchecked(
+            "the attitude of a VTOL is that of its modes, not of the body in hover, and XKF1 or XKQ is not logged",
+        )
+    } else {
+        CheckOutcome::Passed
     }
 }
 
