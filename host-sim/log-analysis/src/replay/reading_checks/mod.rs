@@ -33,15 +33,17 @@ pub fn check_reading(
     compass: &CompassEvaluation,
 ) -> Vec<ReadingCheck> {
     let rows: Vec<ReplayRow> = compass.parameter_fit.fitted_rows(&compass.rows).copied().collect();
-    let correction = compass.parameter_fit.fit_variants.first().map(|fit| solved_correction(&fit.fit_of_all_rows));
+    let solution = compass.parameter_fit.fit_variants.first().map(|fit| fit.fit_of_all_rows);
+    let correction = solution.as_ref().map(solved_correction);
+    let determined = solution.filter(sense::is_determined).as_ref().map(solved_correction);
     let check = |meaning, outcome| ReadingCheck { meaning, outcome };
     vec![
         check(CheckedMeaning::Slot, check_slot(flight, compass)),
         check(CheckedMeaning::Attitude, check_attitude(flight)),
         check(CheckedMeaning::Sense, sense::check_sense(flight, evaluation, &rows, correction.as_ref())),
         check(CheckedMeaning::Unit, check_unit(flight, evaluation, compass)),
-        check(CheckedMeaning::Inclination, check_inclination(evaluation, &rows, correction.as_ref())),
-        check(CheckedMeaning::North, check_north(evaluation, &rows, correction.as_ref())),
+        check(CheckedMeaning::Inclination, check_inclination(evaluation, &rows, determined.as_ref())),
+        check(CheckedMeaning::North, check_north(evaluation, &rows, determined.as_ref())),
         check(CheckedMeaning::Reference, sense::check_reference(evaluation, &rows, correction.as_ref())),
     ]
 }
@@ -58,6 +60,7 @@ fn check_slot(flight: &LoggedFlight, compass: &CompassEvaluation) -> CheckOutcom
     }
 }
 
+/// Axes of the attitude, by the messages that are logged.
 fn check_attitude(flight: &LoggedFlight) -> CheckOutcome {
     if flight.attitude_view == AttitudeView::Vtol {
         CheckOutcome::unchecked(
@@ -102,7 +105,7 @@ fn check_inclination(
     /// Larger than the error of a fit of full circles and of the model.
     const MAX_DIFFERENCE_DEG: f64 = 20.0;
     let Some((earth, _)) = &evaluation.earth_field else { return CheckOutcome::unchecked("the log has no place") };
-    let Some(correction) = correction else { return CheckOutcome::unchecked("no fit of these rows converges") };
+    let Some(correction) = correction else { return CheckOutcome::unchecked("the flight determines no fit") };
     let [down, total] = rows.iter().fold([0.0; 2], |[down, total], row| {
         let field = row.corrected_field(correction);
         [down + row.down_in_body().dot(&field), total + field.norm()]

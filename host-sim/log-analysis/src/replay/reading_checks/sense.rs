@@ -1,10 +1,10 @@
 //! Whether the signs of field, attitude and body rates agree.
 //!
-//! A field fixed to the Earth turns against the body: `dh/dt = h x w`. The rates of a mirrored sensor, or of an attitude
-//! with a wrong sign, have the wrong sign about one or two axes. Without rates, a fit to the mirrored field is compared
-//! with the fit to the field as read: roll, pitch and field alone do not tell a mirror image of both from both, and do
-//! tell a mirrored one of them.
+//! A field fixed to the Earth turns against the body: `dh/dt = h x w`. About one or two axes the field of a mirrored
+//! sensor turns the wrong way, and so does the field against the rates of an attitude with a wrong sign. Without rates, the
+//! fit to the field as read is compared with fits to its mirror images.
 
+use autoswing::calibration::Solution;
 use autoswing::frames::{RollPitch, wrap_pi};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
@@ -38,6 +38,9 @@ const MIN_RESIDUAL_RATIO: f64 = 1.6;
 
 /// Largest residual of a fit that is right, degrees.
 const MAX_RESIDUAL_DEG: f64 = 5.0;
+
+/// Largest expected error of a fit by which a reading is checked, degrees RMS: that of a good compass.
+const MAX_EXPECTED_ERROR_DEG: f32 = 2.0;
 
 /// Smallest residual of a fit, degrees: that of sensor and attitude noise.
 const MIN_RESIDUAL_DEG: f64 = 0.3;
@@ -124,6 +127,8 @@ fn reversed_angle(rows: &[ReplayRow], rate_signs: [f32; 3]) -> Option<&'static s
 /// Cause of a field that turns the wrong way about some axes. A mirrored axis and a sensor turned upside down about it
 /// look alike but for the sign of the inclination: about the two others the field turns the wrong way.
 fn cause_of_wrong_sense(rows: &[ReplayRow], fractions: [Option<f64>; 3], model_inclination_deg: Option<f64>) -> String {
+    /// Inclination whose sign is certain, degrees.
+    const MIN_INCLINATION_DEG: f64 = 10.0;
     let is_wrong = fractions.map(is_reversed);
     let is_right = fractions.map(|fraction| fraction.is_some_and(|fraction| fraction > MIN_TURN_FRACTION));
     let axes = |are: [bool; 3]| (0..3).filter(|&axis| are[axis]).collect::<Vec<_>>();
@@ -135,11 +140,12 @@ fn cause_of_wrong_sense(rows: &[ReplayRow], fractions: [Option<f64>; 3], model_i
             let (axis_name, turn_name) = [("x", "roll180"), ("y", "pitch180"), ("z", "yaw180")][axis];
             let mirrored = format!("the {axis_name} axis of the field is mirrored");
             let turned = format!("the sensor is turned by {turn_name} against its orientation setting");
-            match inclination_after_half_turn_deg(rows, axis).zip(model_inclination_deg) {
+            let steep_deg = model_inclination_deg.filter(|model_deg| model_deg.abs() > MIN_INCLINATION_DEG);
+            match inclination_after_half_turn_deg(rows, axis).zip(steep_deg) {
                 Some((found_deg, model_deg)) if found_deg * model_deg < 0.0 => mirrored,
                 Some(_) => turned,
                 None => {
-                    format!("{turned}, or {mirrored}; the log has no place whose inclination would tell them apart")
+                    format!("{turned}, or {mirrored}; the log has no place with an inclination that tells them apart")
                 }
             }
         }
@@ -162,6 +168,12 @@ fn inclination_after_half_turn_deg(rows: &[ReplayRow], axis: usize) -> Option<f6
     Some(f64::from(solve_all_rows(&turned)?.calibration.inclination_rad.to_degrees()))
 }
 
+/// Whether the flight determines a fit well enough to check a reading by it: one heading determines no inclination, and no
+/// mirror image.
+pub(super) fn is_determined(solution: &Solution) -> bool {
+    solution.quality.expected_rms_deg <= MAX_EXPECTED_ERROR_DEG
+}
+
 /// Whether the tilts suffice to tell a fit from one to the mirror image.
 fn is_tilting(rows: &[ReplayRow]) -> bool {
     /// Largest tilt, radians (5 deg).
@@ -176,11 +188,12 @@ fn residuals_deg(rows: &[ReplayRow]) -> [f64; 2] {
     [fit_residual_deg(rows, [1.0; 3]), mirrored.fold(f64::INFINITY, f64::min)]
 }
 
-/// Residual of the fit to a field with these signs of its axes, as a heading error in degrees; infinite without a fit.
+/// Residual of the fit to a field with these signs of its axes, as a heading error in degrees; infinite without a fit
+/// that the flight determines.
 fn fit_residual_deg(rows: &[ReplayRow], field_signs: [f64; 3]) -> f64 {
     let mirror = Matrix3::from_diagonal(&Vector3::from(field_signs));
     let mirrored: Vec<ReplayRow> = rows.iter().map(|row| row.in_rotated_axes(&mirror)).collect();
-    let Some(solution) = solve_all_rows(&mirrored) else { return f64::INFINITY };
+    let Some(solution) = solve_all_rows(&mirrored).filter(is_determined) else { return f64::INFINITY };
     let correction = solved_correction(&solution);
     let [by_strength_deg, by_inclination_deg] = heading_scatter(&mirrored, &|row| row.corrected_field(&correction));
     libm::hypot(by_strength_deg, by_inclination_deg).max(MIN_RESIDUAL_DEG)
