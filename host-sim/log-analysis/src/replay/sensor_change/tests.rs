@@ -2,12 +2,15 @@
 
 use std::sync::LazyLock;
 
+use nalgebra::Vector3;
+
 use super::*;
 use crate::log::csv::FieldUnit;
 use crate::log::log_writers::{FlightRecording, encode_dataflash};
 use crate::log::read_flight;
 use crate::replay::evaluation::{CompassEvaluation, EvaluationOptions, evaluate_flight};
 use crate::replay::hard_iron_step::HardIronStep;
+use crate::replay::row_solve::solved_correction;
 use crate::replay::tests::compass_of_flown_turns;
 use crate::test_flight::record_turns;
 
