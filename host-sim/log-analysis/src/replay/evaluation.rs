@@ -11,6 +11,7 @@ use super::hard_iron_changes::{LoggedHardIronChange, find_changes};
 use super::parameter_fit::ParameterFit;
 use super::row_headings::score_rows;
 use super::row_solve::solved_correction;
+use super::sensor_change::{SensorChange, find_sensor_change};
 use crate::log::{FieldCorrection, Gps, LoggedCompass, LoggedFlight, mounting_parameter_changes};
 use crate::replay::reference::{ReferenceHeading, ReferenceKind};
 use crate::replay::replay_run::replay_rows_of_flight;
@@ -74,6 +75,8 @@ pub struct CompassEvaluation {
     pub sphere_radius_ut: Option<f64>,
     /// Changes of hard iron in flight, in order of time.
     pub hard_iron_changes: Vec<LoggedHardIronChange>,
+    /// Change of the sensor in flight; the changes of hard iron that it appears as are removed.
+    pub sensor_change: Option<SensorChange>,
     /// Fits from which the autopilot's parameters are made.
     pub parameter_fit: ParameterFit,
 }
@@ -257,9 +260,16 @@ fn evaluate_compass(
     let initial = [&all_rows, &module].into_iter().find_map(|result| result.solution.as_ref().map(solved_correction));
     let initial = initial.or(sphere.map(|(correction_found, _)| correction_found));
     let total_ut = earth_ut.or(sphere_radius_ut).unwrap_or(f64::INFINITY);
-    let changes = initial.map_or_else(Vec::new, |initial| find_changes(&rows, flight, &initial, total_ut));
+    let mut changes = initial.map_or_else(Vec::new, |initial| find_changes(&rows, flight, &initial, total_ut));
+    let sensor_change = initial.and_then(|initial| find_sensor_change(&rows, &initial, &changes));
+    changes.retain(|change| !sensor_change.is_some_and(|sensor_change| sensor_change.appears_as(change)));
     let remounted_s = mounting_parameter_changes(flight, compass.compass_number).into_iter().map(|(_, at_s)| at_s);
-    let last_change_s = changes.iter().map(|change| change.hard_iron_step.time_s).chain(remounted_s).reduce(f64::max);
+    let last_change_s = changes
+        .iter()
+        .map(|change| change.hard_iron_step.time_s)
+        .chain(sensor_change.map(|change| change.time_s))
+        .chain(remounted_s)
+        .reduce(f64::max);
     let parameter_fit = ParameterFit::new(&rows, last_change_s, options);
     let reading_interval_s = compass.field.median_step_s().unwrap_or(f64::NAN);
     let LoggedCompass { compass_number, is_used_for_heading, .. } = *compass;
@@ -276,6 +286,7 @@ fn evaluate_compass(
         corrections,
         sphere_radius_ut,
         hard_iron_changes: changes,
+        sensor_change,
         parameter_fit,
     }
 }

@@ -22,6 +22,7 @@ mod row;
 mod row_headings;
 mod row_solve;
 mod rows;
+pub mod sensor_change;
 mod symmetric_fit;
 pub mod verdict;
 

@@ -1,0 +1,402 @@
+//! Joint fit of the correction and of a change of the sensor to the rows on both sides of a time.
+//!
+//! The readings `m'` of one side are related to the readings `m` that the sensor of the other side would give by
+//! `m = g * (m' - o)`, with a gain per axis `g` and an offset `o`; a hypothesis frees some of these six numbers. With
+//! the correction `h = W (m - b - c I)` of the unchanged side, all fields have one strength `F` and one vertical
+//! component `F sin I`. Levenberg-Marquardt with the weights of Student's t distribution, whose scale is estimated for
+//! each side and residual.
+
+use nalgebra::{DMatrix, Matrix3, SMatrix, SVector, Vector3};
+
+use crate::log::FieldCorrection;
+use crate::numbers::{median, square};
+use crate::replay::row::ReplayRow;
+
+/// Number of unknowns: `W`, `b`, motor-current interference, strength, vertical component, gains, offset.
+const UNKNOWNS: usize = 23;
+/// Index of the first component of hard iron among the unknowns; those of the other groups.
+const HARD_IRON: usize = 9;
+const MOTOR_CURRENT: usize = 12;
+const STRENGTH: usize = 15;
+const VERTICAL: usize = 16;
+const GAIN: usize = 17;
+const OFFSET: usize = 20;
+
+/// Number of groups of residuals: strength and vertical component, of each side.
+const GROUPS: usize = 4;
+
+/// Degrees of freedom of the residuals' t distribution: tails as of attitude errors in manoeuvres.
+const T_FREEDOM: f64 = 4.0;
+
+/// Smallest scale of residuals, microtesla: the resolution of a log.
+const MIN_SCALE_UT: f64 = 0.05;
+
+/// Ratio of the standard deviation to the median of absolute values of a normal distribution.
+const SIGMAS_PER_MEDIAN: f64 = 1.4826;
+
+/// Prior standard deviations: of a gain of all axes, of a gain or sign of one of three axes, and of a sensor's offset,
+/// microtesla.
+const GAIN_SIGMA: f64 = 0.3;
+const AXIS_GAIN_SIGMA: f64 = 3.0;
+const REGISTER_OFFSET_SIGMA_UT: f64 = 50.0;
+
+/// Smallest prior of hard iron, microtesla: smaller changes hardly affect headings.
+const MIN_HARD_IRON_UT: f64 = 1.0;
+
+const MAX_ITERATIONS: usize = 30;
+/// Relative decrease of the objective at convergence.
+const CONVERGED_DECREASE: f64 = 1e-5;
+
+/// Change of the field's readings between two sides: the unknowns that are estimated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Hypothesis {
+    /// No change.
+    Unchanged,
+    /// Hard iron: an offset.
+    HardIron,
+    /// One gain of all axes.
+    Gain,
+    /// The gain of one axis, or its sign.
+    AxisGain(usize),
+    /// Gain per axis, and an offset.
+    Registers,
+}
+
+impl Hypothesis {
+    /// Changes that differ between axes.
+    pub const OF_AXES: [Self; 4] = [Self::AxisGain(0), Self::AxisGain(1), Self::AxisGain(2), Self::Registers];
+
+    /// Whether the sensor changes.
+    pub fn is_of_sensor(self) -> bool {
+        !matches!(self, Self::Unchanged | Self::HardIron)
+    }
+
+    /// Vectors of unknowns that the hypothesis frees in addition to the correction's.
+    fn freed_unknowns(self) -> Vec<SVector<f64, UNKNOWNS>> {
+        let single = |index: usize| SVector::from_fn(|i, _| if i == index { 1.0 } else { 0.0 });
+        match self {
+            Self::Unchanged => Vec::new(),
+            Self::HardIron => (OFFSET..UNKNOWNS).map(single).collect(),
+            Self::Gain => vec![SVector::from_fn(|i, _| if (GAIN..OFFSET).contains(&i) { 1.0 } else { 0.0 })],
+            Self::AxisGain(axis) => vec![single(GAIN + axis)],
+            Self::Registers => (GAIN..UNKNOWNS).map(single).collect(),
+        }
+    }
+
+    /// Prior standard deviations of the freed unknowns. Hard iron of any size is equally likely in all directions: its
+    /// prior is the fitted size, and an exact parallel to the reading is a coincidence.
+    fn prior_sigmas(self, offset_size_ut: f64) -> Vec<f64> {
+        match self {
+            Self::Unchanged => Vec::new(),
+            Self::HardIron => vec![offset_size_ut.max(MIN_HARD_IRON_UT); 3],
+            Self::Gain => vec![GAIN_SIGMA],
+            Self::AxisGain(_) => vec![AXIS_GAIN_SIGMA],
+            Self::Registers => [[AXIS_GAIN_SIGMA; 3], [REGISTER_OFFSET_SIGMA_UT; 3]].concat(),
+        }
+    }
+}
+
+/// Row for the fit.
+#[derive(Clone, Copy)]
+pub(super) struct FitRow {
+    raw_ut: Vector3<f64>,
+    down: Vector3<f64>,
+    current_a: f64,
+    /// Whether the row is on the side whose readings the hypothesis transforms.
+    pub is_changed: bool,
+}
+
+impl FitRow {
+    pub fn new(row: &ReplayRow, is_changed: bool) -> Self {
+        Self {
+            raw_ut: row.raw_field.ut.map(f64::from),
+            down: row.down_in_body(),
+            current_a: row.current_a.map_or(0.0, f64::from),
+            is_changed,
+        }
+    }
+}
+
+/// Scales of the residuals, microtesla, by group.
+pub(super) type Scales = [f64; GROUPS];
+
+/// Group of a residual: 0 strength, 1 vertical component; of the changed side plus 2.
+fn group_of(is_changed: bool, residual_index: usize) -> usize {
+    2 * usize::from(is_changed) + residual_index
+}
+
+/// Estimate of all unknowns.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ChangeFit {
+    correction: FieldCorrection,
+    strength_ut: f64,
+    vertical_ut: f64,
+    /// Gains and offset that restore the readings of the changed side.
+    pub gain: Vector3<f64>,
+    pub offset_ut: Vector3<f64>,
+}
+
+impl ChangeFit {
+    /// Estimate without a change, by a correction that fits the unchanged rows.
+    pub fn from_correction(rows: &[FitRow], correction: &FieldCorrection) -> Self {
+        let mut fit = Self {
+            correction: *correction,
+            strength_ut: 0.0,
+            vertical_ut: 0.0,
+            gain: Vector3::repeat(1.0),
+            offset_ut: Vector3::zeros(),
+        };
+        let medians = [0, 1].map(|residual_index| {
+            median(rows.iter().filter(|row| !row.is_changed).map(|row| fit.residuals_ut(row)[residual_index]))
+        });
+        [fit.strength_ut, fit.vertical_ut] = medians;
+        fit
+    }
+
+    /// The estimate with another change.
+    pub fn with_change(&self, gain: Vector3<f64>, offset_ut: Vector3<f64>) -> Self {
+        Self { gain, offset_ut, ..*self }
+    }
+
+    /// The estimate with the gains and the offset that restore readings which another correction fits; none if that
+    /// is singular.
+    pub fn with_other(&self, other: &FieldCorrection) -> Option<Self> {
+        let gain = (self.correction.matrix.try_inverse()? * other.matrix).diagonal();
+        let offset_ut = other.hard_iron_ut - self.correction.hard_iron_ut.component_div(&gain);
+        gain.iter().all(|axis| axis.abs() > 1e-3).then(|| self.with_change(gain, offset_ut))
+    }
+
+    /// The estimate with the difference of hard iron to that of another correction.
+    pub fn with_other_iron(&self, other: &FieldCorrection) -> Self {
+        self.with_change(Vector3::repeat(1.0), other.hard_iron_ut - self.correction.hard_iron_ut)
+    }
+
+    /// The estimate with the gains and the offset that restore the vertical component of the changed rows, which is
+    /// linear in the gains and in the product of gain and offset; none without a solution.
+    pub fn with_linear_change(&self, rows: &[FitRow]) -> Option<Self> {
+        let (mut normal, mut right_side) = (SMatrix::<f64, 6, 6>::identity(), SVector::<f64, 6>::zeros());
+        right_side.fixed_rows_mut::<3>(0).fill(1.0);
+        for row in rows.iter().filter(|row| row.is_changed) {
+            let by_raw = self.correction.matrix.transpose() * row.down;
+            let iron_ut = self.correction.hard_iron_ut + self.correction.motor_ut_per_a * row.current_a;
+            let derivatives = SVector::from_fn(|i, _| if i < 3 { by_raw[i] * row.raw_ut[i] } else { -by_raw[i - 3] });
+            normal.ger(1.0, &derivatives, &derivatives, 1.0);
+            right_side.axpy(self.vertical_ut + by_raw.dot(&iron_ut), &derivatives, 1.0);
+        }
+        let solved = normal.cholesky()?.solve(&right_side);
+        let (gain, product_ut) = (solved.fixed_rows::<3>(0).into_owned(), solved.fixed_rows::<3>(3).into_owned());
+        gain.iter().all(|axis| axis.abs() > 1e-3).then(|| self.with_change(gain, product_ut.component_div(&gain)))
+    }
+
+    /// Separate fits of the correction to the unchanged and to the changed rows, the second one started from `other`.
+    pub fn fitted_separately(&self, rows: &[FitRow], other: Option<&FieldCorrection>) -> [Self; 2] {
+        [false, true].map(|is_changed| {
+            let side: Vec<FitRow> = rows
+                .iter()
+                .filter(|row| row.is_changed == is_changed)
+                .map(|row| FitRow { is_changed: false, ..*row })
+                .collect();
+            let starts = [Some(&self.correction), other.filter(|_| is_changed)].into_iter().flatten();
+            let fits = starts.map(|start| Self::from_correction(&side, start).fitted(&side, Hypothesis::Unchanged));
+            fits.min_by(|a, b| a.objective(&side).total_cmp(&b.objective(&side))).unwrap_or(*self)
+        })
+    }
+
+    /// Negative log-likelihood with estimated scales.
+    pub fn objective(&self, rows: &[FitRow]) -> f64 {
+        let scales = self.scales_ut(rows);
+        let logs =
+            rows.iter().map(|row| [0, 1].map(|i| libm::log(scales[group_of(row.is_changed, i)])).iter().sum::<f64>());
+        self.negative_log_likelihood(rows, &scales) + logs.sum::<f64>()
+    }
+
+    fn raw_less_iron_ut(&self, row: &FitRow) -> Vector3<f64> {
+        let raw_ut = if row.is_changed { self.gain.component_mul(&(row.raw_ut - self.offset_ut)) } else { row.raw_ut };
+        raw_ut - self.correction.hard_iron_ut - self.correction.motor_ut_per_a * row.current_a
+    }
+
+    /// Residuals of strength and vertical component, microtesla.
+    fn residuals_ut(&self, row: &FitRow) -> [f64; 2] {
+        let field_ut = self.correction.matrix * self.raw_less_iron_ut(row);
+        [field_ut.norm() - self.strength_ut, row.down.dot(&field_ut) - self.vertical_ut]
+    }
+
+    /// Robust standard deviations of the residuals.
+    pub fn scales_ut(&self, rows: &[FitRow]) -> Scales {
+        std::array::from_fn(|group| {
+            let (is_changed, residual_index) = (group >= 2, group % 2);
+            let residuals_ut = rows
+                .iter()
+                .filter(|row| row.is_changed == is_changed)
+                .map(|row| self.residuals_ut(row)[residual_index].abs());
+            (SIGMAS_PER_MEDIAN * median(residuals_ut)).max(MIN_SCALE_UT)
+        })
+    }
+
+    /// Negative log-likelihood of independent residuals of given scales, up to a constant.
+    pub fn negative_log_likelihood(&self, rows: &[FitRow], scales: &Scales) -> f64 {
+        let of_row = |row: &FitRow| -> f64 {
+            let residuals_ut = self.residuals_ut(row);
+            let of_residual = |i: usize| {
+                let normalised = residuals_ut[i] / scales[group_of(row.is_changed, i)];
+                0.5 * (T_FREEDOM + 1.0) * libm::log(1.0 + square(normalised) / T_FREEDOM)
+            };
+            of_residual(0) + of_residual(1)
+        };
+        rows.iter().map(of_row).sum()
+    }
+
+    /// Fits the correction and the unknowns of a hypothesis.
+    pub fn fitted(&self, rows: &[FitRow], hypothesis: Hypothesis) -> Self {
+        let free = free_directions(hypothesis);
+        let start = *self;
+        let (mut fit, mut damping) = (*self, 1e-3);
+        for _ in 0..MAX_ITERATIONS {
+            let scales = fit.scales_ut(rows);
+            let before = fit.negative_log_likelihood(rows, &scales) + fit.prior_penalty(&start);
+            let (normal, gradient) = fit.normal_equations(rows, &scales, &start);
+            let (reduced, right_side) = (free.transpose() * normal * &free, free.transpose() * gradient);
+            let mut damped = reduced.clone();
+            for i in 0..damped.nrows() {
+                damped[(i, i)] *= 1.0 + damping;
+            }
+            let Some(cholesky) = damped.cholesky() else { break };
+            let step = &free * cholesky.solve(&right_side);
+            let next = fit.moved_by(&SVector::from_fn(|i, _| -step[i]));
+            let after = next.negative_log_likelihood(rows, &scales) + next.prior_penalty(&start);
+            if after < before {
+                fit = next;
+                damping = (damping / 10.0).max(1e-9);
+                if before - after < CONVERGED_DECREASE * before {
+                    break;
+                }
+            } else {
+                damping *= 10.0;
+                if damping > 1e6 {
+                    break;
+                }
+            }
+        }
+        fit
+    }
+
+    /// Negative log evidence of a fitted hypothesis by Laplace's method, up to a constant common to all hypotheses, of
+    /// residuals of which `correlated_rows` successive ones count as one.
+    pub fn negative_log_evidence(
+        &self,
+        rows: &[FitRow],
+        hypothesis: Hypothesis,
+        scales: &Scales,
+        correlated_rows: f64,
+    ) -> f64 {
+        let free = free_directions(hypothesis);
+        let (normal, _) = self.normal_equations(rows, scales, self);
+        let mut information = free.transpose() * normal * &free / correlated_rows;
+        let prior_sigmas = hypothesis.prior_sigmas(self.offset_ut.norm());
+        for (i, sigma) in prior_sigmas.iter().enumerate() {
+            information[(GAIN + i, GAIN + i)] += square(*sigma).recip();
+        }
+        let half_log_determinant = information
+            .cholesky()
+            .map_or(f64::INFINITY, |cholesky| cholesky.l().diagonal().iter().map(|pivot| libm::log(*pivot)).sum());
+        self.negative_log_likelihood(rows, scales) / correlated_rows
+            + half_log_determinant
+            + prior_sigmas.iter().map(|sigma| libm::log(*sigma)).sum::<f64>()
+    }
+
+    fn unknowns(&self) -> SVector<f64, UNKNOWNS> {
+        SVector::from_fn(|i, _| match i {
+            0..HARD_IRON => self.correction.matrix[(i / 3, i % 3)],
+            HARD_IRON..MOTOR_CURRENT => self.correction.hard_iron_ut[i - HARD_IRON],
+            MOTOR_CURRENT..STRENGTH => self.correction.motor_ut_per_a[i - MOTOR_CURRENT],
+            STRENGTH => self.strength_ut,
+            VERTICAL => self.vertical_ut,
+            GAIN..OFFSET => self.gain[i - GAIN],
+            _ => self.offset_ut[i - OFFSET],
+        })
+    }
+
+    fn moved_by(&self, step: &SVector<f64, UNKNOWNS>) -> Self {
+        let moved = self.unknowns() + step;
+        let vector = |first: usize| Vector3::from_fn(|axis, _| moved[first + axis]);
+        Self {
+            correction: FieldCorrection {
+                matrix: Matrix3::from_row_slice(&moved.as_slice()[..HARD_IRON]),
+                hard_iron_ut: vector(HARD_IRON),
+                motor_ut_per_a: vector(MOTOR_CURRENT),
+            },
+            strength_ut: moved[STRENGTH],
+            vertical_ut: moved[VERTICAL],
+            gain: vector(GAIN),
+            offset_ut: vector(OFFSET),
+        }
+    }
+
+    /// Prior standard deviations about the start, for unobservable unknowns. The strength is fixed, since `W` sets the
+    /// scale.
+    fn prior_sigmas(&self) -> SVector<f64, UNKNOWNS> {
+        let hard_iron_ut = 10.0 * self.strength_ut.abs().max(1.0);
+        SVector::from_fn(|i, _| match i {
+            0..HARD_IRON => 0.3,
+            MOTOR_CURRENT..STRENGTH => 1.0,
+            STRENGTH => 1e-3,
+            GAIN..OFFSET => 10.0,
+            _ => hard_iron_ut,
+        })
+    }
+
+    fn prior_penalty(&self, start: &Self) -> f64 {
+        (self.unknowns() - start.unknowns()).component_div(&start.prior_sigmas()).norm_squared() / 2.0
+    }
+
+    /// Normal matrix and gradient of the objective.
+    fn normal_equations(
+        &self,
+        rows: &[FitRow],
+        scales: &Scales,
+        start: &Self,
+    ) -> (SMatrix<f64, UNKNOWNS, UNKNOWNS>, SVector<f64, UNKNOWNS>) {
+        let information = start.prior_sigmas().map(|sigma| square(sigma).recip());
+        let mut normal = SMatrix::from_diagonal(&information);
+        let mut gradient = (self.unknowns() - start.unknowns()).component_mul(&information);
+        for row in rows {
+            let residuals = self.residuals_ut(row);
+            for (i, derivatives) in self.derivatives(row).iter().enumerate() {
+                let variance = square(scales[group_of(row.is_changed, i)]);
+                let weight = (T_FREEDOM + 1.0) / (T_FREEDOM * variance + square(residuals[i]));
+                normal.ger(weight, derivatives, derivatives, 1.0);
+                gradient.axpy(weight * residuals[i], derivatives, 1.0);
+            }
+        }
+        (normal, gradient)
+    }
+
+    /// Derivatives of both residuals by all unknowns.
+    fn derivatives(&self, row: &FitRow) -> [SVector<f64, UNKNOWNS>; 2] {
+        let raw_ut = self.raw_less_iron_ut(row);
+        let field_ut = self.correction.matrix * raw_ut;
+        let directions = [field_ut.normalize(), row.down];
+        [0, 1].map(|residual_index| {
+            let direction = directions[residual_index];
+            let by_raw = self.correction.matrix.transpose() * direction;
+            let from_offset_ut = row.raw_ut - self.offset_ut;
+            SVector::from_fn(|i, _| match i {
+                0..HARD_IRON => direction[i / 3] * raw_ut[i % 3],
+                HARD_IRON..MOTOR_CURRENT => -by_raw[i - HARD_IRON],
+                MOTOR_CURRENT..STRENGTH => -by_raw[i - MOTOR_CURRENT] * row.current_a,
+                STRENGTH | VERTICAL => -f64::from(u8::from(i == STRENGTH + residual_index)),
+                _ if !row.is_changed => 0.0,
+                GAIN..OFFSET => by_raw[i - GAIN] * from_offset_ut[i - GAIN],
+                _ => -by_raw[i - OFFSET] * self.gain[i - OFFSET],
+            })
+        })
+    }
+}
+
+/// Directions of the correction's unknowns and of those that a hypothesis frees, one in each column.
+fn free_directions(hypothesis: Hypothesis) -> DMatrix<f64> {
+    let freed = hypothesis.freed_unknowns();
+    DMatrix::from_fn(UNKNOWNS, GAIN + freed.len(), |row, column| {
+        if column < GAIN { f64::from(u8::from(row == column)) } else { freed[column - GAIN][row] }
+    })
+}

@@ -1,0 +1,192 @@
+//! Unit tests of `sensor_change`.
+
+use std::sync::LazyLock;
+
+use nalgebra::Vector3;
+
+use super::change_fit::Hypothesis;
+use super::comparison::kind_of;
+use super::*;
+use crate::log::csv::FieldUnit;
+use crate::log::log_writers::{FlightRecording, encode_dataflash};
+use crate::log::read_flight;
+use crate::replay::evaluation::{CompassEvaluation, EvaluationOptions, evaluate_flight};
+use crate::replay::hard_iron_step::HardIronStep;
+use crate::replay::row_solve::solved_correction;
+use crate::replay::tests::compass_of_flown_turns;
+use crate::test_flight::record_turns;
+
+/// Rows of the flown turns, and the correction that fits them.
+static ROWS: LazyLock<(Vec<ReplayRow>, FieldCorrection)> = LazyLock::new(|| {
+    let compass = compass_of_flown_turns().1;
+    let correction = solved_correction(compass.all_rows_result.solution.as_ref().unwrap());
+    (compass.rows, correction)
+});
+
+/// A change of the flown turns' readings: a factor for each axis, and an offset.
+#[derive(Clone, Copy, Debug)]
+struct Change {
+    at_s: f64,
+    factors: [f32; 3],
+    offset_ut: [f32; 3],
+}
+
+const fn gain(at_s: f64, factor: f32) -> Change {
+    Change { at_s, factors: [factor; 3], offset_ut: [0.0; 3] }
+}
+
+const fn iron(at_s: f64, offset_ut: [f32; 3]) -> Change {
+    Change { at_s, factors: [1.0; 3], offset_ut }
+}
+
+impl Change {
+    fn found(&self) -> Option<SensorChange> {
+        let (mut rows, correction) = ROWS.clone();
+        for row in rows.iter_mut().filter(|row| row.t_s >= self.at_s) {
+            let (factors, offset_ut) = (Vector3::from(self.factors), Vector3::from(self.offset_ut));
+            row.raw_field.ut = row.raw_field.ut.component_mul(&factors) + offset_ut;
+        }
+        find_sensor_change(&rows, &correction, &[])
+    }
+
+    /// Asserts the time to 1 s and the factors to 0.01.
+    fn assert_found(&self, expected: Option<SensorChangeKind>) {
+        let found = self.found();
+        let factor_of = |kind: SensorChangeKind| match kind {
+            SensorChangeKind::Gain { factor } | SensorChangeKind::AxisGain { factor, .. } => factor,
+            SensorChangeKind::AxisSign { .. } | SensorChangeKind::Registers => 0.0,
+        };
+        let name_of = |kind: SensorChangeKind| match kind {
+            SensorChangeKind::Gain { .. } => ("gain", 3),
+            SensorChangeKind::AxisSign { axis } => ("sign", axis),
+            SensorChangeKind::AxisGain { axis, .. } => ("gain", axis),
+            SensorChangeKind::Registers => ("registers", 3),
+        };
+        assert_eq!(found.map(|change| name_of(change.kind)), expected.map(name_of), "{self:?}: {found:?}");
+        if let Some((change, kind)) = found.zip(expected) {
+            assert!((change.time_s - self.at_s).abs() < 1.0, "{self:?}: {change:?}");
+            assert!((factor_of(change.kind) - factor_of(kind)).abs() < 0.01, "{self:?}: {change:?}");
+        }
+    }
+}
+
+/// From a tenth to nine tenths of the flight, which is straight in its last tenth.
+#[test]
+fn a_change_of_the_gain_of_all_axes_is_found_with_its_factor() {
+    for (at_s, factor) in [(26.0, 1.19), (50.0, 0.84), (120.0, 1.05), (120.0, 0.7), (190.0, 1.19), (190.0, 0.95)] {
+        gain(at_s, factor).assert_found(Some(SensorChangeKind::Gain { factor: factor.into() }));
+    }
+}
+
+#[test]
+fn a_changed_axis_and_a_reset_of_registers_are_found() {
+    let (at_s, offset_ut) = (100.0, [0.0; 3]);
+    for (change, kind) in [
+        (Change { at_s, factors: [1.0, -1.0, 1.0], offset_ut }, SensorChangeKind::AxisSign { axis: 1 }),
+        (Change { at_s, factors: [1.0, 1.0, -1.0], offset_ut }, SensorChangeKind::AxisSign { axis: 2 }),
+        (Change { at_s, factors: [1.3, 1.0, 1.0], offset_ut }, SensorChangeKind::AxisGain { axis: 0, factor: 1.3 }),
+        (Change { at_s, factors: [0.4, 0.4, 0.1], offset_ut: [10.0, -5.0, 2.5] }, SensorChangeKind::Registers),
+    ] {
+        change.assert_found(Some(kind));
+    }
+}
+
+#[test]
+fn an_untouched_flight_and_steps_of_hard_iron_are_no_change_of_the_sensor() {
+    for change in [
+        iron(120.0, [0.0; 3]),
+        iron(26.0, [6.0, -4.0, 3.0]),
+        iron(60.0, [1.5, 0.0, 1.5]),
+        iron(120.0, [0.0, 12.0, 0.0]),
+        iron(120.0, [0.0, 0.0, -8.0]),
+        iron(190.0, [-20.0, 10.0, 20.0]),
+        iron(214.0, [0.0, 6.0, 0.0]),
+    ] {
+        change.assert_found(None);
+    }
+}
+
+/// On the single heading of the last 25 s, iron along an axis resembles a gain of that axis, and a small gain resembles
+/// iron.
+#[test]
+fn a_change_that_a_single_heading_does_not_determine_is_no_change_of_the_sensor() {
+    for change in [iron(214.0, [6.0, 0.0, 0.0]), iron(214.0, [0.0, 0.0, 6.0]), gain(214.0, 1.02)] {
+        change.assert_found(None);
+    }
+}
+
+#[test]
+fn small_and_infinite_gains_are_no_changes() {
+    let axis = Hypothesis::AxisGain(1);
+    for (hypothesis, factors, is_change) in [
+        (Hypothesis::Gain, [1.03; 3], true),
+        (Hypothesis::Gain, [1.01; 3], false),
+        (axis, [1.0, 0.9, 1.0], true),
+        (axis, [1.0, 0.97, 1.0], false),
+        (axis, [1.0, 1e3, 1.0], false),
+        (axis, [1.0, 1e-3, 1.0], false),
+        (Hypothesis::Registers, [0.8, 1.0, 1.0], true),
+        (Hypothesis::Registers, [0.9, 1.1, 1.0], false),
+        (Hypothesis::Registers, [0.8, 1.0, 1e3], false),
+        (Hypothesis::HardIron, [1.0; 3], false),
+    ] {
+        let kind = kind_of(hypothesis, &Vector3::from(factors));
+        assert_eq!(kind.is_some(), is_change, "{hypothesis:?} {factors:?}: {kind:?}");
+    }
+    let reversed = |factor: f64| kind_of(axis, &Vector3::new(1.0, factor, 1.0));
+    assert_eq!(reversed(-1.1), Some(SensorChangeKind::AxisSign { axis: 1 }));
+    assert_eq!(reversed(-0.5), Some(SensorChangeKind::AxisGain { axis: 1, factor: -0.5 }));
+}
+
+/// An axis that is constant has no gain; another warning names it.
+#[test]
+fn a_stuck_axis_is_no_change_of_a_gain() {
+    Change { at_s: 120.0, factors: [1.0, 0.0, 1.0], offset_ut: [0.0, 12.0, 0.0] }.assert_found(None);
+}
+
+/// Evaluation of the flown turns with the readings of a time on multiplied by a factor.
+fn evaluate_with_gain(at_s: f64, factor: f64) -> CompassEvaluation {
+    let parameters = ["X", "Y", "Z"].map(|axis| (format!("COMPASS_OFS_{axis}"), 0.0)).to_vec();
+    let mut recording = FlightRecording { parameters, ..record_turns(0.0) };
+    for sample in recording.samples.iter_mut().filter(|sample| sample.time_us as f64 * 1e-6 >= at_s) {
+        sample.field_ut[0] = sample.field_ut[0].map(|axis| axis * factor);
+    }
+    let flight = read_flight(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
+    let options = EvaluationOptions { field_latency_s: Some(0.0), ..EvaluationOptions::DEFAULT };
+    evaluate_flight(&flight, &options).compasses.swap_remove(0)
+}
+
+#[test]
+fn an_evaluation_reports_a_change_of_gain_instead_of_hard_iron() {
+    let compass = evaluate_with_gain(120.0, 1.19);
+    let change = compass.sensor_change.unwrap();
+    assert!(matches!(change.kind, SensorChangeKind::Gain { factor } if (factor - 1.19).abs() < 0.01), "{change:?}");
+    assert!(!compass.hard_iron_changes.iter().any(|iron| change.appears_as(iron)), "{:?}", compass.hard_iron_changes);
+    assert_eq!(compass.parameter_fit.last_change_s, Some(change.time_s));
+}
+
+#[test]
+fn a_change_of_hard_iron_within_two_seconds_is_of_the_sensor() {
+    let change = SensorChange { time_s: 100.0, kind: SensorChangeKind::Registers };
+    for (time_s, is_of_sensor) in [(97.0, false), (98.5, true), (101.5, true), (103.0, false)] {
+        let hard_iron_step = HardIronStep { time_s, step_ut: [3.0, 0.0, 0.0], sigma_ut: [0.1; 3] };
+        let iron = LoggedHardIronChange { hard_iron_step, heading_effect_deg: 5.0 };
+        assert_eq!(change.appears_as(&iron), is_of_sensor, "{time_s}");
+    }
+}
+
+#[test]
+fn a_change_is_named_with_its_time() {
+    let end = "at 402 s: that is the sensor, not iron; no parameters fit both";
+    for (kind, start) in [
+        (SensorChangeKind::Gain { factor: 1.19 }, "the sensor's gain changed by a factor of 1.19"),
+        (SensorChangeKind::AxisSign { axis: 2 }, "the sign of the sensor's z axis changed"),
+        (
+            SensorChangeKind::AxisGain { axis: 0, factor: 0.5 },
+            "the gain of the sensor's x axis changed by a factor of 0.50",
+        ),
+        (SensorChangeKind::Registers, "the sensor's gains and offset changed, as by a reset of its registers,"),
+    ] {
+        assert_eq!(SensorChange { time_s: 401.8, kind }.to_string(), format!("{start} {end}"));
+    }
+}
