@@ -147,7 +147,7 @@ const CORRECT_READING: &[CompassAction] = &[CompassAction::CorrectReading];
 const END_S: f64 = 1e3;
 
 /// Steps are at 118 s, after half of the turns; the log's clock is 2 s ahead.
-const CASES: [Case; 11] = [
+const CASES: [Case; 12] = [
     hard_iron_change("iron by 6 uT", |t_s, s| add_iron(t_s, s, (1, 6.0), [118.1, END_S]), LOAD, "since 120 s, by"),
     hard_iron_change(
         "iron by 4 uT",
@@ -188,6 +188,12 @@ const CASES: [Case; 11] = [
         REPLACE,
         "failed: its field is constant",
     ),
+    shown_by_planes_alone(case(
+        "gain of the sensor 1.19 times as large",
+        |t_s, s| s.field_ut[0] = s.field_ut[0].map(|ut| if t_s > 118.0 { 1.19 * ut } else { ut }),
+        REPLACE,
+        "the sensor's gain changed by a factor of 1.19 at 120 s",
+    )),
     case("noise of 6 uT", add_noise, FLY_AGAIN, "no fit of these rows converges"),
     case("roll of the wrong sign", |_, s| s.attitude_rad[0] *= -1.0, CORRECT_READING, "the sign of roll"),
     case("roll of 85 %", |_, s| s.attitude_rad[0] *= 0.85, LOAD_OR_FLY_AGAIN, ""),

@@ -14,6 +14,8 @@ pub enum CheckedMeaning {
     Attitude,
     /// The field turns against the body rates, and follows the attitude: signs of field, attitude and rates agree.
     Sense,
+    /// The sensor: its gain, signs and registers are the same throughout the flight.
+    Constancy,
     /// The unit of the field: its strength is that of the Earth's field.
     Unit,
     /// The inclination of the corrected field, its sign first.
@@ -52,6 +54,7 @@ impl CheckedMeaning {
             Self::Slot => "slot",
             Self::Attitude => "attitude",
             Self::Sense => "sense",
+            Self::Constancy => "sensor-constancy",
             Self::Unit => "unit",
             Self::Inclination => "inclination",
             Self::North => "north",

@@ -39,6 +39,7 @@ pub fn check_reading(
     let check = |meaning, outcome| ReadingCheck { meaning, outcome };
     vec![
         check(CheckedMeaning::Slot, check_slot(flight, compass)),
+        check(CheckedMeaning::Constancy, check_constancy(compass)),
         check(CheckedMeaning::Attitude, check_attitude(flight)),
         check(CheckedMeaning::Sense, sense::check_sense(flight, evaluation, &rows, correction.as_ref())),
         check(CheckedMeaning::Unit, check_unit(flight, evaluation, compass)),
@@ -58,6 +59,11 @@ fn check_slot(flight: &LoggedFlight, compass: &CompassEvaluation) -> CheckOutcom
             if slot.is_contradictory() { CheckOutcome::Failed(finding) } else { CheckOutcome::Unchecked(finding) }
         }
     }
+}
+
+/// Changes proportional to the field are the sensor's: iron is additive.
+fn check_constancy(compass: &CompassEvaluation) -> CheckOutcome {
+    compass.sensor_change.map_or(CheckOutcome::Passed, |change| CheckOutcome::Failed(change.to_string()))
 }
 
 /// Axes of the attitude, by the messages that are logged.

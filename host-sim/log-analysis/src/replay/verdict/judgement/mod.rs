@@ -11,6 +11,7 @@ use crate::replay::parameter_choice::{
     BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG, NoParameters, is_mostly_inexpressible,
 };
 use crate::replay::parameter_export::{ExportedCorrection, HeldBackScore};
+use crate::replay::reading_checks::{CheckedMeaning, ReadingCheck};
 use crate::replay::reference::ReferenceHeading;
 use crate::replay::row::ReplayRow;
 use crate::replay::row_headings::{covers_headings, score_rows};
@@ -180,6 +181,9 @@ fn action_without_parameters(
     covers_headings: bool,
 ) -> CompassAction {
     match rejection {
+        NoParameters::UnprovenReading(ReadingCheck { meaning: CheckedMeaning::Constancy, .. }) => {
+            CompassAction::Replace
+        }
         NoParameters::UnprovenReading(check) if check.outcome.is_failed() => CompassAction::CorrectReading,
         NoParameters::OffsetsTooLarge { .. } => CompassAction::Replace,
         // On few headings neither the compass nor a fit is judged.
