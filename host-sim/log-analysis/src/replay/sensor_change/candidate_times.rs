@@ -1,6 +1,6 @@
 //! Candidate times of a change of the sensor: jumps of the field, and changes of the residuals' scatter.
 
-use super::MIN_ROWS_PER_SIDE;
+use super::change::MIN_ROWS_PER_SIDE;
 use crate::log::FieldCorrection;
 use crate::numbers::square;
 use crate::replay::hard_iron_jump::find_jump_times_s;

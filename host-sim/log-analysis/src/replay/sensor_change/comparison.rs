@@ -3,8 +3,8 @@
 use autoswing::calibration::Solution;
 use nalgebra::Vector3;
 
+use super::change::{MIN_ROWS_PER_SIDE, SKIPPED_S, SensorChange, SensorChangeKind};
 use super::change_fit::{ChangeFit, FitRow, Hypothesis, Scales};
-use super::{MIN_ROWS_PER_SIDE, SKIPPED_S, SensorChange, SensorChangeKind};
 use crate::log::FieldCorrection;
 use crate::replay::replay_run::solve_all_rows;
 use crate::replay::row::ReplayRow;
