@@ -262,7 +262,10 @@ fn evaluate_compass(
     let total_ut = earth_ut.or(sphere_radius_ut).unwrap_or(f64::INFINITY);
     let mut changes = initial.map_or_else(Vec::new, |initial| find_changes(&rows, flight, &initial, total_ut));
     let sensor_change = initial.and_then(|initial| find_sensor_change(&rows, &initial, &changes));
-    changes.retain(|change| !sensor_change.is_some_and(|sensor_change| sensor_change.appears_as(change)));
+    if sensor_change.is_some() {
+        // A changed sensor appears as iron, not only at its time: no fit of both parts is right.
+        changes.clear();
+    }
     let remounted_s = mounting_parameter_changes(flight, compass.compass_number).into_iter().map(|(_, at_s)| at_s);
     let last_change_s = changes
         .iter()

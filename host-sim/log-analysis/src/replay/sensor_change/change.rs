@@ -2,8 +2,6 @@
 
 use std::fmt;
 
-use crate::replay::hard_iron_changes::LoggedHardIronChange;
-
 /// A change of the sensor in flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorChange {
@@ -37,14 +35,6 @@ pub enum SensorChangeKind {
     Registers,
 }
 
-impl SensorChange {
-    /// Whether a change of hard iron was found at the time of the change, and is the sensor's.
-    #[must_use]
-    pub fn appears_as(&self, change: &LoggedHardIronChange) -> bool {
-        (change.hard_iron_step.time_s - self.time_s).abs() <= MAX_APPARENT_IRON_S
-    }
-}
-
 impl fmt::Display for SensorChange {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let name = |axis: usize| ["x", "y", "z"][axis.min(2)];
@@ -66,5 +56,3 @@ impl fmt::Display for SensorChange {
 pub(super) const MIN_ROWS_PER_SIDE: usize = 100;
 /// Time on either side of a change that is not fitted, seconds: the rows are averages, and the time is uncertain.
 pub(super) const SKIPPED_S: f64 = 0.5;
-/// Largest time between a change of the sensor and the change of hard iron that it appears as, seconds.
-const MAX_APPARENT_IRON_S: f64 = 2.0;
