@@ -44,8 +44,8 @@ pub fn check_reading(
         check(CheckedMeaning::Sense, sense::check_sense(flight, evaluation, &rows, correction.as_ref())),
         check(CheckedMeaning::Unit, check_unit(flight, evaluation, compass)),
         check(CheckedMeaning::Inclination, check_inclination(evaluation, &rows, determined.as_ref())),
-        check(CheckedMeaning::North, check_north(evaluation, &rows, determined.as_ref())),
         check(CheckedMeaning::Reference, sense::check_reference(evaluation, &rows, correction.as_ref())),
+        check(CheckedMeaning::North, check_north(evaluation, &rows, determined.as_ref())),
     ]
 }
 
