@@ -77,12 +77,12 @@ fn check_attitude(flight: &LoggedFlight) -> CheckOutcome {
     }
 }
 
-/// Strength of the field by the fit to the rows, against the model or the Earth's range. A poor gain is no other unit.
+/// Strength of the field by the fit to the rows, or by a sphere where the flight determines no fit, against the model or the Earth's range. A poor gain is no other unit.
 fn check_unit(flight: &LoggedFlight, evaluation: &FlightEvaluation, compass: &CompassEvaluation) -> CheckOutcome {
     /// Ratio that is nearer to ten than to one: the root of ten.
     const MAX_RATIO: f64 = 3.16;
-    let by_fit =
-        compass.parameter_fit.fit_variants.first().map(|fit| f64::from(fit.fit_of_all_rows.calibration.total_ut));
+    let solution = compass.parameter_fit.fit_variants.first().map(|fit| fit.fit_of_all_rows);
+    let by_fit = solution.filter(sense::is_determined).map(|solution| f64::from(solution.calibration.total_ut));
     let Some(found_ut) = by_fit.or(compass.sphere_radius_ut) else {
         return CheckOutcome::unchecked("the field did not turn");
     };
