@@ -26,7 +26,7 @@ pub enum CompassSlot {
         /// Evidence for the slot.
         evidence: SlotEvidence,
     },
-    /// The log does not tell the slot.
+    /// The log does not determine the slot.
     Unknown {
         /// Reason why the slot is unknown.
         reason: UnknownSlot,
@@ -36,7 +36,7 @@ pub enum CompassSlot {
 /// Evidence for a slot, strongest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SlotEvidence {
-    /// The offsets in use are those of this slot alone, as its device id or number says.
+    /// The offsets in use equal the parameters of this slot only, which device id or number confirm.
     Offsets,
     /// The device id of the compass is that of the slot.
     DeviceId,
@@ -58,7 +58,7 @@ pub enum UnknownSlot {
     NoUniqueDeviceId(u8),
     /// Several compasses, without their priorities in the log.
     SeveralCompasses,
-    /// The offsets in use are those of another slot than the device id or number says.
+    /// The offsets in use equal the parameters of another slot than that of the device id or number.
     OffsetsContradict {
         /// Slot by device id or number.
         expected: u8,
@@ -142,7 +142,7 @@ pub(crate) fn ardupilot_index(slot: u8) -> String {
     if slot == 1 { String::new() } else { slot.to_string() }
 }
 
-/// Name of ArduPilot's parameter that says whether the compass of a slot is external.
+/// Name of ArduPilot's parameter for an external compass in a slot.
 pub(crate) fn external_parameter(slot: u8) -> String {
     if slot == 1 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{slot}") }
 }
@@ -163,7 +163,7 @@ impl ArdupilotSlots<'_> {
             Ok(assigned) => assigned,
             Err(reason) => return CompassSlot::Unknown { reason },
         };
-        // Slots without offsets are alike.
+        // Offsets of zero identify no slot.
         let has_offsets = |(_, offsets_mg): &(f64, [f32; 3])| {
             offsets_mg.iter().any(|axis| f64::from(axis.abs()) > MAX_OFFSET_ROUNDING_MG)
         };

@@ -70,7 +70,7 @@ pub enum AttitudeView {
     /// The axes of the body, which the compass is fixed to.
     #[default]
     Body,
-    /// The axes of the body, by this message: that of the autopilot is the VTOL view.
+    /// The axes of the body, from this message in place of the autopilot's own attitude, which is the VTOL view.
     BodyForVtol(&'static str),
     /// The VTOL view of a quadplane or tailsitter, which is not that of the body in hover.
     Vtol,

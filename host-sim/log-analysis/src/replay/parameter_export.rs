@@ -173,7 +173,7 @@ pub fn field_by_exported_parameters(
     export: &ExportedCorrection,
     format: ParameterFormat,
 ) -> impl Fn(&ReplayRow) -> Vector3<f64> + use<> {
-    // Any slot expresses the correction alike; an unknown one is that of the first compass.
+    // The result is the same for every slot; without a known one, the first is written.
     let slot = flight.slot_index(export.compass_number).unwrap_or(u8::from(format == ParameterFormat::ArduPilot));
     let text = format_corrections(flight, &[(export, slot)], format);
     let parameters = parse_parameter_file(&text, &flight.parameters);

@@ -26,7 +26,7 @@ pub enum CheckedMeaning {
     Reference,
 }
 
-/// Outcome of a check; the text says what was found.
+/// Outcome of a check, with the finding.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CheckOutcome {
     /// The data confirm the reading.
@@ -40,7 +40,7 @@ pub enum CheckOutcome {
 /// Check of one meaning of a compass's log.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReadingCheck {
-    /// What is checked.
+    /// Checked meaning.
     pub meaning: CheckedMeaning,
     /// Outcome of the check.
     pub outcome: CheckOutcome,
@@ -90,7 +90,7 @@ impl CheckOutcome {
         matches!(self, Self::Failed(_))
     }
 
-    /// What was found, unless the check passed.
+    /// The finding; none if the check passed.
     #[must_use]
     pub fn finding(&self) -> Option<&str> {
         match self {

@@ -18,7 +18,7 @@ use super::row_solve::solved_correction;
 use crate::log::{AttitudeView, CompassSlot, FieldCorrection, LogFormat, LoggedFlight};
 use crate::score::wrap_180;
 
-/// The check that forbids parameters: the first that failed, or a required one that did not pass.
+/// The check that forbids parameters: the first failed one, else the first required one without a pass.
 #[must_use]
 pub fn forbidding_check(checks: &[ReadingCheck]) -> Option<&ReadingCheck> {
     let failed = checks.iter().find(|check| check.outcome.is_failed());
@@ -77,7 +77,8 @@ fn check_attitude(flight: &LoggedFlight) -> CheckOutcome {
     }
 }
 
-/// Strength of the field by the fit to the rows, or by a sphere where the flight determines no fit, against the model or the Earth's range. A poor gain is no other unit.
+/// Strength of the field by the fit to the rows, or by a sphere where the flight determines no fit, against the model or
+/// the Earth's range. A poor gain is no other unit.
 fn check_unit(flight: &LoggedFlight, evaluation: &FlightEvaluation, compass: &CompassEvaluation) -> CheckOutcome {
     /// Ratio that is nearer to ten than to one: the root of ten.
     const MAX_RATIO: f64 = 3.16;

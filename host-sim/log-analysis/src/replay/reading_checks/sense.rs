@@ -125,7 +125,7 @@ fn reversed_angle(rows: &[ReplayRow], rate_signs: [f32; 3]) -> Option<&'static s
 }
 
 /// Cause of a field that turns the wrong way about some axes. A mirrored axis and a sensor turned upside down about it
-/// look alike but for the sign of the inclination: about the two others the field turns the wrong way.
+/// differ only in the sign of the inclination: about the two other axes the field turns the wrong way.
 fn cause_of_wrong_sense(rows: &[ReplayRow], fractions: [Option<f64>; 3], model_inclination_deg: Option<f64>) -> String {
     /// Inclination whose sign is certain, degrees.
     const MIN_INCLINATION_DEG: f64 = 10.0;
@@ -174,7 +174,7 @@ pub(super) fn is_determined(solution: &Solution) -> bool {
     solution.quality.expected_rms_deg <= MAX_EXPECTED_ERROR_DEG
 }
 
-/// Whether the tilts suffice to tell a fit from one to the mirror image.
+/// Whether the tilts suffice to distinguish the field from its mirror image.
 fn is_tilting(rows: &[ReplayRow]) -> bool {
     /// Largest tilt, radians (5 deg).
     const MIN_TILT_RAD: f32 = 0.087;

@@ -393,7 +393,7 @@ impl ChangeFit {
     }
 }
 
-/// Directions of the correction's unknowns and of those that a hypothesis frees, one in each column.
+/// Directions of the correction's unknowns and of the hypothesis's additional unknowns, one in each column.
 fn free_directions(hypothesis: Hypothesis) -> DMatrix<f64> {
     let freed = hypothesis.freed_unknowns();
     DMatrix::from_fn(UNKNOWNS, GAIN + freed.len(), |row, column| {

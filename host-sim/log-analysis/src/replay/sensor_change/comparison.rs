@@ -255,7 +255,7 @@ impl Comparison {
     }
 }
 
-/// Whether the residuals of both sides are alike, beside the gains that amplify the noise.
+/// Whether the residuals of both sides have the same size, apart from gains that amplify the noise.
 fn is_balanced(rows: &[FitRow], fit: &ChangeFit) -> bool {
     let scales = fit.scales_ut(rows);
     let (amplified, attenuated) = (fit.gain.abs().max().max(1.0), fit.gain.abs().min().min(1.0));
