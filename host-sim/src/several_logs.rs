@@ -97,12 +97,12 @@ fn judge_log(log: &Path, options: &ReplayArguments) -> LogLine {
         let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::for_autopilot(flight.autopilot));
         let mut json = verdict.json();
         json["file"] = json!(name);
-        let as_logged_deg =
-            verdict.compasses_in_use_first().first().and_then(|compass| compass.judgement.as_logged_rms_deg);
+        let in_use = verdict.compasses_in_use_first();
+        let accuracy = in_use.first().and_then(|compass| compass.judgement.logged_accuracy);
         let state = verdict.state_of_compass_in_use();
         let sentences = verdict.summary_sentences().join(" ");
         Ok(LogLine {
-            rank: (state_rank(state), (as_logged_deg.unwrap_or(0.0) * 1e3) as u64),
+            rank: (state_rank(state), accuracy.map_or(0, |accuracy| (accuracy.rms_deg * 1e3) as u64)),
             exit_code: u8::from(!verdict.is_good_or_correctable()),
             verdict_text: format!("{}: {name}: {sentences}", state.to_string().to_uppercase()),
             json,
@@ -119,7 +119,8 @@ fn judge_log(log: &Path, options: &ReplayArguments) -> LogLine {
 const fn state_rank(state: CompassState) -> u8 {
     match state {
         CompassState::Good => 0,
-        CompassState::Doubtful => 1,
-        CompassState::Bad => 2,
+        CompassState::Unjudged => 1,
+        CompassState::Fair => 2,
+        CompassState::Bad => 3,
     }
 }

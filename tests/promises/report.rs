@@ -255,7 +255,7 @@ fn text_of_a_hostile_log_is_escaped() {
         ..CompassReport::default()
     };
     let verdict =
-        VerdictLine { compass_state: CompassState::Doubtful, state_word: "Doubtful", verdict_text: hostile() };
+        VerdictLine { compass_state: CompassState::Unjudged, state_word: "Unjudged", verdict_text: hostile() };
     let report = Report {
         title: hostile(),
         verdicts: vec![verdict],

@@ -10,6 +10,7 @@ pub mod hard_iron_changes;
 pub mod hard_iron_jump;
 pub mod hard_iron_step;
 pub mod log_warning;
+pub mod logged_accuracy;
 pub mod module_run;
 pub mod parameter_choice;
 pub mod parameter_export;

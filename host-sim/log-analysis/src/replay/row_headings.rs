@@ -41,19 +41,10 @@ pub(super) fn heading_scatter(rows: &[ReplayRow], field: &dyn Fn(&ReplayRow) -> 
         .map(|rms| rms.to_degrees() / libm::cos(inclination_rad))
 }
 
-/// Minimum number of 30 deg heading sectors flown, to judge a compass: errors exclude their mean, which on few headings
-/// is most of the error.
-const MIN_HEADING_SECTORS: usize = 4;
-/// Minimum number of rows in a sector that counts as flown: half a second.
-const MIN_ROWS_PER_SECTOR: usize = 5;
-
-/// Whether the rows have reference headings in enough sectors to judge a compass.
-pub(super) fn covers_headings(rows: &[ReplayRow]) -> bool {
-    let mut sectors = [0_usize; 12];
-    for heading_deg in rows.iter().filter_map(|row| row.reference_deg) {
-        sectors[(heading_deg.rem_euclid(360.0) / 30.0) as usize % 12] += 1;
-    }
-    sectors.iter().filter(|sector_rows| **sector_rows >= MIN_ROWS_PER_SECTOR).count() >= MIN_HEADING_SECTORS
+/// Estimate of the heading error from the scatter of strength and inclination, degrees RMS.
+pub(super) fn rms_deg_by_scatter(rows: &[ReplayRow], field: &dyn Fn(&ReplayRow) -> Vector3<f64>) -> f64 {
+    let [by_strength_deg, by_inclination_deg] = heading_scatter(rows, field);
+    libm::hypot(by_strength_deg, by_inclination_deg) / std::f64::consts::SQRT_2
 }
 
 /// Whether the monitor runs at a row interval in seconds.

@@ -45,8 +45,9 @@ pub fn findings_section(report: &Report) -> String {
 fn verdict_line(line: &VerdictLine) -> String {
     let (class, sign) = match line.compass_state {
         CompassState::Good => ("good", "✓"),
-        CompassState::Doubtful => ("doubtful", "?"),
+        CompassState::Fair => ("fair", "≈"),
         CompassState::Bad => ("bad", "✗"),
+        CompassState::Unjudged => ("unjudged", "?"),
     };
     format!(
         "<p class=\"verdict {class}\"><span aria-hidden=\"true\">{sign}</span> <b>{}.</b> {}.</p>\n",

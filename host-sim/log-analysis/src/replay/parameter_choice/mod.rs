@@ -8,13 +8,14 @@ use autoswing_module::messages::Refusal;
 use nalgebra::Vector3;
 
 use super::evaluation::{CompassEvaluation, heading_deg};
+use super::logged_accuracy::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG};
 use super::parameter_export::{
     ExportedCorrection, HeldBackScore, ParameterFormat, export_correction, field_by_exported_parameters,
 };
 use super::parameter_fit::{FitVariant, half_index_at};
 use super::reading_checks::{CheckOutcome, CheckedMeaning, ReadingCheck};
 use super::replay_run::solve_rows;
-use super::row_headings::{heading_scatter, score_rows};
+use super::row_headings::{heading_scatter, rms_deg_by_scatter, score_rows};
 use super::row_solve::solved_correction;
 use crate::log::{FieldCorrection, LoggedFlight};
 use crate::numbers::square;
@@ -27,15 +28,6 @@ const MIN_ROWS: usize = 100;
 
 /// Minimum number of rows with a reference heading for a judgement of the compass.
 const MIN_REFERENCE_ROWS: usize = 50;
-
-/// Largest error of a good compass, degrees RMS, and of parameters on held-back rows: they must make the compass good,
-/// however bad it was. A larger remainder has a cause that parameters do not correct.
-pub const GOOD_COMPASS_RMS_DEG: f64 = 2.0;
-
-/// Error beyond which a compass is bad, degrees RMS. Up to this error parameters are given if all but
-/// [`GOOD_COMPASS_RMS_DEG`] of it (in squares) is the known loss by the autopilot's symmetric matrix: flying again does
-/// not reduce that.
-pub const BAD_COMPASS_RMS_DEG: f64 = 5.0;
 
 /// Smallest improvement over the parameters in use that makes new ones worth loading, degrees RMS.
 const MIN_GAIN_DEG: f64 = 0.3;
@@ -255,18 +247,11 @@ fn score_held_back(
             .collect();
         let inexpressible_error_deg =
             score_rows(&lost_rows, |row| Some((heading_deg(row, field(row)), f64::NAN)))?.rms_deg;
-        [
-            libm::hypot(rms_deg_by_scatter(heading_scatter(rows, &full_field)), inexpressible_error_deg),
-            rms_deg_by_scatter(heading_scatter(rows, &logged)),
-        ]
+        [libm::hypot(rms_deg_by_scatter(rows, &full_field), inexpressible_error_deg), rms_deg_by_scatter(rows, &logged)]
     };
     let [field_scatter_deg, _] = heading_scatter(rows, &full_field);
     let is_estimate = !has_reference;
     rms_deg.is_finite().then_some(HeldBackScore { rms_deg, as_logged_rms_deg, is_estimate, field_scatter_deg })
-}
-
-fn rms_deg_by_scatter([by_strength_deg, by_inclination_deg]: [f64; 2]) -> f64 {
-    libm::hypot(by_strength_deg, by_inclination_deg) / std::f64::consts::SQRT_2
 }
 
 /// Whether the autopilot's parameters cannot express more than half of an error's mean square.

@@ -10,10 +10,11 @@ pub use check::{CheckOutcome, CheckedMeaning, ReadingCheck};
 
 use super::evaluation::{CompassEvaluation, FlightEvaluation, heading_deg, score_correction};
 use super::log_warning::EARTH_FIELD_RANGE_UT;
+use super::logged_accuracy::HeadingSectors;
 use super::reference::ReferenceHeading;
 use super::result::HeadingScore;
 use super::row::ReplayRow;
-use super::row_headings::{covers_headings, score_rows};
+use super::row_headings::score_rows;
 use super::row_solve::solved_correction;
 use crate::log::{AttitudeView, CompassSlot, FieldCorrection, LogFormat, LoggedFlight};
 use crate::score::wrap_180;
@@ -148,7 +149,8 @@ fn check_north(
     let Some(reference) = evaluation.reference.as_ref() else {
         return CheckOutcome::unchecked("the log has no reference heading");
     };
-    if !covers_headings(rows) {
+    let sectors: HeadingSectors = rows.iter().filter_map(|row| row.reference_deg).collect();
+    if !sectors.suffice() {
         return CheckOutcome::unchecked("the flight has too few headings");
     }
     let is_true_north = reference.measures_error() && *reference != ReferenceHeading::Column;

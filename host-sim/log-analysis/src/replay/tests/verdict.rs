@@ -175,7 +175,7 @@ fn the_compass_in_use_comes_first_and_decides() {
     for (compass_state, recommended_action, is_good_or_correctable) in [
         (CompassState::Good, CompassAction::LeaveUnchanged, true),
         (CompassState::Bad, CompassAction::LoadParameters, true),
-        (CompassState::Doubtful, CompassAction::FlyAgain, false),
+        (CompassState::Unjudged, CompassAction::FlyAgain, false),
     ] {
         let judgement = &mut verdict.compasses[2].judgement;
         (judgement.compass_state, judgement.recommended_action) = (compass_state, recommended_action);

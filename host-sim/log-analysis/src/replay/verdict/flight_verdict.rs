@@ -6,6 +6,7 @@ use crate::log::LoggedFlight;
 use crate::numbers::format_number;
 use crate::replay::evaluation::{CompassEvaluation, CorrectionSource, FlightEvaluation};
 use crate::replay::log_warning::{LogWarning, sensor_failure};
+use crate::replay::logged_accuracy::logged_accuracy;
 use crate::replay::parameter_choice::{NoParameters, choose_parameters};
 use crate::replay::parameter_export::{ExportedCorrection, ParameterFormat};
 use crate::replay::reading_checks::{ReadingCheck, check_reading, forbidding_check};
@@ -59,7 +60,12 @@ impl<'a> Verdict<'a> {
             let failure = sensor_failure(flight, compass);
             CompassVerdict {
                 evaluation: compass,
-                judgement: CompassJudgement::new(evaluation, compass, failure, &parameters),
+                judgement: CompassJudgement::new(
+                    compass,
+                    logged_accuracy(flight, evaluation, compass),
+                    failure,
+                    &parameters,
+                ),
                 module_outcome: CompassOutcome::new(compass),
                 parameters,
                 reading_checks,

@@ -77,6 +77,7 @@ impl CompassVerdict<'_> {
             fitted: usize,
         }
         let compass = self.evaluation;
+        let accuracy = self.judgement.logged_accuracy;
         json!({
             "compass": compass.compass_number,
             "is_used": compass.is_used_for_heading,
@@ -85,7 +86,9 @@ impl CompassVerdict<'_> {
                 "action": self.judgement.recommended_action,
                 "reasons": self.judgement.reason_codes(),
             },
-            "as_logged_rms_deg": self.judgement.as_logged_rms_deg.map(|deg| round_to(deg, 3)),
+            "as_logged_rms_deg": accuracy.map(|accuracy| round_to(accuracy.rms_deg, 3)),
+            "as_logged_by": accuracy.map(|accuracy| accuracy.evidence.stable_code()),
+            "headings_flown": accuracy.map(|accuracy| accuracy.sector_count),
             "sent_percent": self.sent_percent().map(|percent| round_to(percent, 1)),
             "field_hz": round_to(1.0 / compass.reading_interval_s, 2),
             "field_age_ms": round_to(compass.latency.used_s * 1e3, 1),

@@ -58,8 +58,9 @@ fn verdict_line(compass: &CompassVerdict<'_>) -> VerdictLine {
     let compass_state = compass.judgement.compass_state;
     let word = match compass_state {
         CompassState::Good => "Good",
-        CompassState::Doubtful => "Doubtful",
+        CompassState::Fair => "Fair",
         CompassState::Bad => "Bad",
+        CompassState::Unjudged => "Unjudged",
     };
     VerdictLine { compass_state, state_word: word, verdict_text: compass.summary_sentence() }
 }
@@ -103,12 +104,10 @@ fn key_figures(verdict: &Verdict<'_>) -> Vec<[String; 2]> {
     let word = reference_info(verdict.evaluation).difference_name;
     let rms_of = |source: CorrectionSource| Some(compass.evaluation.correction_from(source)?.score?.rms_deg);
     let as_logged = rms_of(CorrectionSource::Autopilot).or(rms_of(CorrectionSource::Uncorrected));
-    add_figure(
-        format!("compass {compass_number}: {word} as logged, RMS"),
-        compass.judgement.as_logged_rms_deg.or(as_logged),
-        2,
-        "deg",
-    );
+    let accuracy = compass.judgement.logged_accuracy;
+    let logged_word = if accuracy.is_some() { "error" } else { word };
+    let logged_deg = accuracy.map(|accuracy| accuracy.rms_deg).or(as_logged);
+    add_figure(format!("compass {compass_number}: {logged_word} as logged, RMS"), logged_deg, 2, "deg");
     add_figure(format!("{word} with these parameters, RMS"), held_back.map(|held_back| held_back.rms_deg), 2, "deg");
     add_figure(format!("{word} with a module, RMS"), rms_of(CorrectionSource::Module), 2, "deg");
     figures

@@ -4,29 +4,26 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::replay::evaluation::{CompassEvaluation, FlightEvaluation, heading_deg};
+use crate::replay::evaluation::CompassEvaluation;
 use crate::replay::hard_iron_changes::temporary_change_start_s;
 use crate::replay::log_warning::LogWarning;
-use crate::replay::parameter_choice::{
-    BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG, NoParameters, is_mostly_inexpressible,
-};
+use crate::replay::logged_accuracy::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG, LoggedAccuracy, UnjudgedCause};
+use crate::replay::parameter_choice::{NoParameters, is_mostly_inexpressible};
 use crate::replay::parameter_export::{ExportedCorrection, HeldBackScore};
 use crate::replay::reading_checks::{CheckedMeaning, ReadingCheck};
-use crate::replay::reference::ReferenceHeading;
-use crate::replay::row::ReplayRow;
-use crate::replay::row_headings::{covers_headings, score_rows};
 
-/// State of a compass with the parameters in use.
+/// State of a compass with the parameters in use, on the headings flown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CompassState {
-    /// The compass is good: at most 2 deg RMS as logged, and no change of hard iron.
+    /// At most 2 deg RMS as logged, and no change of hard iron.
     Good,
-    /// The compass is neither good nor bad, or it cannot be judged: no reference of 2 deg or better, or too few
-    /// headings.
-    Doubtful,
+    /// At most 5 deg RMS as logged, and no change of hard iron with a larger effect.
+    Fair,
     /// Over 5 deg RMS, a change of hard iron with an effect of over 5 deg, or a failed sensor.
     Bad,
+    /// The log does not show how good the compass is.
+    Unjudged,
 }
 
 /// What the pilot is advised to do about a compass.
@@ -63,12 +60,10 @@ pub enum JudgementReason {
         /// Largest effect on a level heading, degrees.
         heading_effect_deg: f64,
     },
-    /// Heading error as logged, degrees RMS less mean.
-    ErrorAsLogged(f64),
-    /// The log has no reference of 2 deg or better.
-    NoReference,
-    /// The log has too few headings with a reference.
-    FewHeadings,
+    /// Heading error as logged.
+    AsLogged(LoggedAccuracy),
+    /// The log does not show the error as logged; the cause.
+    Unjudged(UnjudgedCause),
     /// The report contains parameters; their heading error on held-back rows.
     Parameters(HeldBackScore),
     /// The report contains no parameters; the reason.
@@ -82,10 +77,9 @@ impl JudgementReason {
         match self {
             Self::SensorFailed(_) => "sensor-failed",
             Self::HardIronChanged { .. } => "iron-changed",
-            Self::ErrorAsLogged(rms_deg) if *rms_deg <= GOOD_COMPASS_RMS_DEG => "good-as-logged",
-            Self::ErrorAsLogged(_) => "error-as-logged",
-            Self::NoReference => "no-reference",
-            Self::FewHeadings => "few-headings",
+            Self::AsLogged(accuracy) if accuracy.rms_deg <= GOOD_COMPASS_RMS_DEG => "good-as-logged",
+            Self::AsLogged(_) => "error-as-logged",
+            Self::Unjudged(cause) => cause.stable_code(),
             Self::Parameters(_) => "parameters-gain",
             Self::NoParameters(no_parameters) => no_parameters.stable_code(),
         }
@@ -101,60 +95,46 @@ pub struct CompassJudgement {
     pub recommended_action: CompassAction,
     /// Reasons of the judgement.
     pub reasons: Vec<JudgementReason>,
-    /// Heading error as logged since the last change of hard iron, degrees RMS less mean; none without a reference of 2
-    /// deg or better.
-    pub as_logged_rms_deg: Option<f64>,
+    /// Heading error as logged since the last change of hard iron, if the log shows it.
+    pub logged_accuracy: Option<LoggedAccuracy>,
 }
 
 impl CompassJudgement {
-    /// Judges a compass by its evaluation and the parameters found for it.
+    /// Judges a compass by its error as logged and the parameters found for it.
     #[must_use]
     pub fn new(
-        evaluation: &FlightEvaluation,
         compass: &CompassEvaluation,
+        accuracy: Result<LoggedAccuracy, UnjudgedCause>,
         failure: Option<LogWarning>,
         parameters: &Result<ExportedCorrection, NoParameters>,
     ) -> Self {
-        let as_logged_rms_deg = as_logged_rms_deg(evaluation, compass);
-        let change = compass.hard_iron_changes.last();
-        let largest_effect_deg =
-            compass.hard_iron_changes.iter().map(|change| change.heading_effect_deg).fold(0.0, f64::max);
-        let is_contradicted =
-            matches!(parameters, Err(NoParameters::UnprovenReading(check)) if check.outcome.is_failed());
-        let compass_state = match as_logged_rms_deg {
-            _ if failure.is_some() || largest_effect_deg > BAD_COMPASS_RMS_DEG => CompassState::Bad,
-            Some(rms_deg) if rms_deg > BAD_COMPASS_RMS_DEG => CompassState::Bad,
-            Some(rms_deg) if rms_deg <= GOOD_COMPASS_RMS_DEG && change.is_none() && !is_contradicted => {
-                CompassState::Good
-            }
-            _ => CompassState::Doubtful,
+        let logged_accuracy = accuracy.as_ref().ok().copied();
+        let compass_state = compass_state(compass, logged_accuracy, failure.is_some(), parameters);
+        let recommended_action = match parameters {
+            _ if failure.is_some() => CompassAction::Replace,
+            Ok(_) => CompassAction::LoadParameters,
+            Err(rejection) => action_without_parameters(compass_state, rejection),
         };
-        let recommended_action = if failure.is_some() {
-            CompassAction::Replace
-        } else {
-            let covers_headings = as_logged_rms_deg.is_some() || accurate_reference(evaluation).is_none();
-            parameters.as_ref().map_or_else(
-                |rejection| action_without_parameters(compass_state, rejection, covers_headings),
-                |_| CompassAction::LoadParameters,
-            )
-        };
-        let changed = change.map(|change| JudgementReason::HardIronChanged {
+        let changed = compass.hard_iron_changes.last().map(|change| JudgementReason::HardIronChanged {
             temporary_from_s: temporary_change_start_s(&compass.hard_iron_changes),
             at_s: change.hard_iron_step.time_s,
             size_ut: change.hard_iron_step.size_ut(),
             heading_effect_deg: change.heading_effect_deg,
         });
-        let unknown = if accurate_reference(evaluation).is_some() {
-            JudgementReason::FewHeadings
-        } else {
-            JudgementReason::NoReference
+        let is_unjudged = accuracy.is_err();
+        let accuracy = match accuracy {
+            // In a log that is read wrongly an error is not the compass's.
+            _ if compass_state == CompassState::Unjudged && is_contradicted(parameters) => None,
+            Ok(accuracy) => Some(JudgementReason::AsLogged(accuracy)),
+            // A failed sensor needs no remark that its error is unknown.
+            Err(_) if failure.is_some() => None,
+            Err(cause) => Some(JudgementReason::Unjudged(cause)),
         };
-        // A failed sensor needs no remark that its error is unknown.
-        let accuracy =
-            as_logged_rms_deg.map(JudgementReason::ErrorAsLogged).or_else(|| failure.is_none().then_some(unknown));
         let parameter_reason = match parameters {
             _ if failure.is_some() => None,
             Ok(export) => export.held_back_score.map(JudgementReason::Parameters),
+            // What the log lacks for a judgement, it lacks for parameters, too.
+            Err(_) if is_unjudged && !is_contradicted(parameters) => None,
             Err(rejection) => Some(JudgementReason::NoParameters(rejection.clone())),
         };
         let reasons = failure
@@ -164,7 +144,7 @@ impl CompassJudgement {
             .chain(accuracy)
             .chain(parameter_reason)
             .collect();
-        Self { compass_state, recommended_action, reasons, as_logged_rms_deg }
+        Self { compass_state, recommended_action, reasons, logged_accuracy }
     }
 
     /// Codes of the reasons.
@@ -174,20 +154,45 @@ impl CompassJudgement {
     }
 }
 
-/// Action without parameters; `covers_headings` is false if the flight has too few headings for a judgement.
-fn action_without_parameters(
-    compass_state: CompassState,
-    rejection: &NoParameters,
-    covers_headings: bool,
-) -> CompassAction {
+/// Whether a failed check contradicts the reading of the log.
+fn is_contradicted(parameters: &Result<ExportedCorrection, NoParameters>) -> bool {
+    matches!(parameters, Err(NoParameters::UnprovenReading(check)) if check.outcome.is_failed())
+}
+
+fn compass_state(
+    compass: &CompassEvaluation,
+    accuracy: Option<LoggedAccuracy>,
+    has_failed: bool,
+    parameters: &Result<ExportedCorrection, NoParameters>,
+) -> CompassState {
+    let effects_deg = compass.hard_iron_changes.iter().map(|change| change.heading_effect_deg);
+    let largest_effect_deg = effects_deg.reduce(f64::max);
+    let is_over = |limit_deg: f64| {
+        accuracy.is_some_and(|accuracy| accuracy.rms_deg > limit_deg)
+            || largest_effect_deg.is_some_and(|effect_deg| effect_deg > limit_deg)
+    };
+    if has_failed || is_over(BAD_COMPASS_RMS_DEG) {
+        CompassState::Bad
+    } else if accuracy.is_none() || is_contradicted(parameters) {
+        CompassState::Unjudged
+    } else if largest_effect_deg.is_some() || is_over(GOOD_COMPASS_RMS_DEG) {
+        CompassState::Fair
+    } else {
+        CompassState::Good
+    }
+}
+
+fn action_without_parameters(compass_state: CompassState, rejection: &NoParameters) -> CompassAction {
     match rejection {
-        NoParameters::UnprovenReading(ReadingCheck { meaning: CheckedMeaning::Constancy, .. }) => {
+        NoParameters::UnprovenReading(ReadingCheck { meaning: CheckedMeaning::Constancy, outcome })
+            if outcome.is_failed() =>
+        {
             CompassAction::Replace
         }
         NoParameters::UnprovenReading(check) if check.outcome.is_failed() => CompassAction::CorrectReading,
         NoParameters::OffsetsTooLarge { .. } => CompassAction::Replace,
-        // On few headings neither the compass nor a fit is judged.
-        _ if !covers_headings => CompassAction::FlyAgain,
+        // What does not show how good the compass is does not show either that it is to be replaced.
+        _ if compass_state == CompassState::Unjudged => CompassAction::FlyAgain,
         // Another flight does not reduce the loss by the symmetric matrix.
         NoParameters::Inaccurate { held_back, inexpressible_error_deg }
             if is_mostly_inexpressible(held_back.rms_deg, *inexpressible_error_deg) =>
@@ -200,32 +205,18 @@ fn action_without_parameters(
             CompassAction::Replace
         }
         _ if compass_state == CompassState::Good => CompassAction::LeaveUnchanged,
-        NoParameters::NoGain(_) if compass_state == CompassState::Doubtful => CompassAction::LeaveUnchanged,
+        NoParameters::NoGain(_) if compass_state == CompassState::Fair => CompassAction::LeaveUnchanged,
         _ => CompassAction::FlyAgain,
     }
-}
-
-fn accurate_reference(evaluation: &FlightEvaluation) -> Option<&ReferenceHeading> {
-    evaluation.reference.as_ref().filter(|reference| reference.sigma_if_accurate_deg().is_some())
-}
-
-/// Heading error as logged since the last change of hard iron, degrees RMS less mean; none on too few headings.
-fn as_logged_rms_deg(evaluation: &FlightEvaluation, compass: &CompassEvaluation) -> Option<f64> {
-    accurate_reference(evaluation)?;
-    let rows: Vec<ReplayRow> = compass.parameter_fit.fitted_rows(&compass.rows).copied().collect();
-    if !covers_headings(&rows) {
-        return None;
-    }
-    let logged = score_rows(&rows, |row| Some((heading_deg(row, row.logged_field.ut.map(f64::from)), f64::NAN)));
-    logged.map(|score| score.rms_deg)
 }
 
 impl fmt::Display for CompassState {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Good => "good",
-            Self::Doubtful => "doubtful",
+            Self::Fair => "fair",
             Self::Bad => "bad",
+            Self::Unjudged => "unjudged",
         })
     }
 }
@@ -253,14 +244,14 @@ impl fmt::Display for CompassJudgement {
                     "has other iron around it since {at_s:.0} s, by {size_ut:.1} uT, which bends headings by up to \
                      {heading_effect_deg:.0} deg"
                 ),
-                JudgementReason::ErrorAsLogged(rms_deg) if self.compass_state == CompassState::Good => {
-                    format!("is good already ({rms_deg:.2} deg RMS)")
+                JudgementReason::AsLogged(accuracy) if self.compass_state == CompassState::Good => {
+                    format!("is good already ({accuracy})")
                 }
-                JudgementReason::ErrorAsLogged(rms_deg) => format!("is off by {rms_deg:.1} deg RMS"),
-                JudgementReason::FewHeadings => "was flown on too few headings to be judged".to_owned(),
-                JudgementReason::NoReference => {
-                    "cannot be compared with a heading of 2 deg or better in this log".to_owned()
+                JudgementReason::AsLogged(accuracy) if accuracy.rms_deg <= GOOD_COMPASS_RMS_DEG => {
+                    format!("since then it is good ({accuracy})")
                 }
+                JudgementReason::AsLogged(accuracy) => format!("is off by {accuracy}"),
+                JudgementReason::Unjudged(cause) => format!("cannot be judged: {cause}"),
                 JudgementReason::Parameters(HeldBackScore {
                     rms_deg, as_logged_rms_deg, is_estimate: true, ..
                 }) => format!(

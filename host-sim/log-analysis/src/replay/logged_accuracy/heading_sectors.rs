@@ -1,0 +1,41 @@
+//! Sectors of heading that were flown.
+
+/// Sectors of a turn, of 30 deg each.
+const SECTOR_COUNT: usize = 12;
+/// Minimum number of rows in a sector that counts as flown: half a second.
+const MIN_ROWS_PER_SECTOR: usize = 5;
+/// Minimum number of sectors flown, to judge a compass: errors exclude their mean, which on few headings is most of the
+/// error.
+const MIN_SECTORS: usize = 4;
+
+/// Number of rows in each sector of heading.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct HeadingSectors {
+    row_counts: [usize; SECTOR_COUNT],
+}
+
+impl HeadingSectors {
+    /// Number of sectors flown, of twelve.
+    #[must_use]
+    pub fn flown_count(&self) -> usize {
+        self.row_counts.iter().filter(|row_count| **row_count >= MIN_ROWS_PER_SECTOR).count()
+    }
+
+    /// Whether a compass can be judged on the headings flown.
+    #[must_use]
+    pub fn suffice(&self) -> bool {
+        self.flown_count() >= MIN_SECTORS
+    }
+}
+
+impl FromIterator<f64> for HeadingSectors {
+    /// Counts headings in degrees.
+    fn from_iter<T: IntoIterator<Item = f64>>(headings_deg: T) -> Self {
+        let mut sectors = Self::default();
+        for heading_deg in headings_deg {
+            let sector = heading_deg.rem_euclid(360.0) / 360.0 * SECTOR_COUNT as f64;
+            sectors.row_counts[sector as usize % SECTOR_COUNT] += 1;
+        }
+        sectors
+    }
+}

@@ -1,0 +1,211 @@
+//! Error of a compass as it is logged, without a fit: against an accurate reference heading, else against the turn by
+//! the body rates, else by the scatter of strength and inclination.
+
+mod heading_sectors;
+mod rate_comparison;
+
+use std::fmt;
+
+pub use heading_sectors::HeadingSectors;
+
+use super::evaluation::{CompassEvaluation, FlightEvaluation, heading_deg};
+use super::rows::RowCounts;
+use super::{data_loss, row_headings};
+use crate::log::LoggedFlight;
+use crate::replay::reference::ReferenceHeading;
+use crate::replay::row::ReplayRow;
+
+/// Largest error of a good compass, degrees RMS, and of parameters on held-back rows: they must make the compass good,
+/// however bad it was. A larger remainder has a cause that parameters do not correct.
+pub const GOOD_COMPASS_RMS_DEG: f64 = 2.0;
+
+/// Error beyond which a compass is bad, degrees RMS. Up to this error parameters are given if all but
+/// [`GOOD_COMPASS_RMS_DEG`] of it (in squares) is the known loss by the autopilot's symmetric matrix: flying again does
+/// not reduce that.
+pub const BAD_COMPASS_RMS_DEG: f64 = 5.0;
+
+/// Minimum number of usable rows for a judgement: 5 s at 10 Hz.
+const MIN_ROWS: usize = 50;
+
+/// Longest gap of the autopilot's yaw by which headings are counted, seconds.
+const MAX_YAW_GAP_S: f64 = 1.5;
+
+/// Error of a compass as logged, since the last change of hard iron.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LoggedAccuracy {
+    /// Heading error less its mean, degrees RMS.
+    pub rms_deg: f64,
+    /// Number of 30 deg sectors of heading flown, of twelve.
+    pub sector_count: usize,
+    /// What the error is measured by.
+    pub evidence: AccuracyEvidence,
+}
+
+/// Measure of the error as logged, best first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AccuracyEvidence {
+    /// An accurate reference heading.
+    Reference,
+    /// The turn by the body rates.
+    BodyRates,
+    /// The scatter of strength and inclination, which hard and soft iron cause, and so do attitude errors.
+    FieldScatter,
+}
+
+/// Cause for which the error as logged is unknown; displayed as a clause.
+#[derive(Clone, Debug, PartialEq)]
+pub enum UnjudgedCause {
+    /// Too few rows are usable.
+    FewRows {
+        /// Numbers of readings and rows, with the causes of rejection.
+        row_counts: RowCounts,
+        /// Interval of the attitudes, if it is too long for interpolation, seconds.
+        slow_attitude_s: Option<f64>,
+    },
+    /// Too few headings were flown; their number, of twelve.
+    FewHeadings(usize),
+    /// The field scatters, and neither body rates nor a reference heading show whether by iron; degrees of heading.
+    FieldScatters(f64),
+}
+
+impl AccuracyEvidence {
+    /// Stable name of the measure, for programs.
+    #[must_use]
+    pub const fn stable_code(self) -> &'static str {
+        match self {
+            Self::Reference => "reference",
+            Self::BodyRates => "body-rates",
+            Self::FieldScatter => "field-scatter",
+        }
+    }
+}
+
+impl UnjudgedCause {
+    /// Stable code of the cause, for programs.
+    #[must_use]
+    pub const fn stable_code(&self) -> &'static str {
+        match self {
+            Self::FewRows { .. } => "few-rows",
+            Self::FewHeadings(_) => "few-headings",
+            Self::FieldScatters(_) => "no-reference",
+        }
+    }
+}
+
+/// Error of a compass as logged.
+///
+/// # Errors
+///
+/// The log is too short, has too few headings, or has nothing to measure the error by.
+pub fn logged_accuracy(
+    flight: &LoggedFlight,
+    evaluation: &FlightEvaluation,
+    compass: &CompassEvaluation,
+) -> Result<LoggedAccuracy, UnjudgedCause> {
+    let rows: Vec<ReplayRow> = compass.parameter_fit.fitted_rows(&compass.rows).copied().collect();
+    if rows.len() < MIN_ROWS {
+        let interval_s = evaluation.attitude_interval_s;
+        let slow_attitude_s = (interval_s > data_loss::SLOW_ATTITUDE_INTERVAL_S).then_some(interval_s);
+        return Err(UnjudgedCause::FewRows { row_counts: compass.row_counts, slow_attitude_s });
+    }
+    by_reference(evaluation, &rows)
+        .or_else(|| by_rates(flight, &rows))
+        .map_or_else(|| by_scatter(flight, compass, &rows), Ok)
+}
+
+fn by_reference(evaluation: &FlightEvaluation, rows: &[ReplayRow]) -> Option<LoggedAccuracy> {
+    evaluation.reference.as_ref().and_then(ReferenceHeading::sigma_if_accurate_deg)?;
+    let sectors: HeadingSectors = rows.iter().filter_map(|row| row.reference_deg).collect();
+    let logged = |row: &ReplayRow| Some((logged_heading_deg(row), f64::NAN));
+    let score = row_headings::score_rows(rows, logged).filter(|_| sectors.suffice())?;
+    let sector_count = sectors.flown_count();
+    Some(LoggedAccuracy { rms_deg: score.rms_deg, sector_count, evidence: AccuracyEvidence::Reference })
+}
+
+/// Error by the body rates; on few headings only one that no deviation on other headings would explain.
+fn by_rates(flight: &LoggedFlight, rows: &[ReplayRow]) -> Option<LoggedAccuracy> {
+    if !data_loss::has_integrable_rates(flight) {
+        return None;
+    }
+    let comparison = rate_comparison::compare_with_rates(flight, rows)?;
+    let is_judged = comparison.sectors.suffice() || comparison.rms_deg > BAD_COMPASS_RMS_DEG;
+    let sector_count = comparison.sectors.flown_count();
+    is_judged.then_some(LoggedAccuracy {
+        rms_deg: comparison.rms_deg,
+        sector_count,
+        evidence: AccuracyEvidence::BodyRates,
+    })
+}
+
+fn by_scatter(
+    flight: &LoggedFlight,
+    compass: &CompassEvaluation,
+    rows: &[ReplayRow],
+) -> Result<LoggedAccuracy, UnjudgedCause> {
+    let yaw_deg = |row: &ReplayRow| {
+        let [_, _, yaw_rad] = flight.attitude.interpolate_angles(row.t_s, MAX_YAW_GAP_S)?;
+        yaw_rad.is_finite().then(|| f64::from(yaw_rad.to_degrees()))
+    };
+    let sectors: HeadingSectors =
+        rows.iter().map(|row| yaw_deg(row).unwrap_or_else(|| logged_heading_deg(row))).collect();
+    if !sectors.suffice() {
+        return Err(UnjudgedCause::FewHeadings(sectors.flown_count()));
+    }
+    let rms_deg = row_headings::rms_deg_by_scatter(rows, &|row| row.logged_field.ut.map(f64::from));
+    let is_explained = || {
+        let fit = compass.parameter_fit.fit_variants.first();
+        let correction = fit.map(|fit| super::row_solve::solved_correction(&fit.fit_of_all_rows));
+        correction.is_some_and(|correction| {
+            row_headings::rms_deg_by_scatter(rows, &|row| row.corrected_field(&correction)) < 0.5 * rms_deg
+        })
+    };
+    if rms_deg > BAD_COMPASS_RMS_DEG && !is_explained() {
+        return Err(UnjudgedCause::FieldScatters(rms_deg));
+    }
+    Ok(LoggedAccuracy { rms_deg, sector_count: sectors.flown_count(), evidence: AccuracyEvidence::FieldScatter })
+}
+
+fn logged_heading_deg(row: &ReplayRow) -> f64 {
+    heading_deg(row, row.logged_field.ut.map(f64::from))
+}
+
+impl fmt::Display for LoggedAccuracy {
+    /// "1.3 deg RMS on 7 of 12 headings by the body rates".
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { rms_deg, sector_count, .. } = self;
+        write!(f, "{rms_deg:.1} deg RMS on {sector_count} of 12 headings")?;
+        match self.evidence {
+            AccuracyEvidence::Reference => Ok(()),
+            AccuracyEvidence::BodyRates => f.write_str(" by the body rates"),
+            AccuracyEvidence::FieldScatter => f.write_str(" by the scatter of the field"),
+        }
+    }
+}
+
+impl fmt::Display for UnjudgedCause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::FewRows { row_counts, slow_attitude_s } => {
+                let RowCounts { readings, used, .. } = row_counts;
+                write!(f, "of {readings} readings {used} are usable")?;
+                row_counts.rejection_texts().iter().try_for_each(|text| write!(f, ", {text}"))?;
+                slow_attitude_s.map_or(Ok(()), |interval_s| {
+                    write!(
+                        f,
+                        "; its attitude is logged {:.1} times a second: raise the stream rate to 5 Hz or more, or take the \
+                         log of the SD card",
+                        1.0 / interval_s
+                    )
+                })
+            }
+            Self::FewHeadings(sector_count) => {
+                write!(f, "it was flown on {sector_count} of 12 headings: turn all the way round")
+            }
+            Self::FieldScatters(deg) => write!(
+                f,
+                "its field scatters by {deg:.0} deg of heading, and no body rates or reference heading tell whether by iron \
+                 or by attitude errors: log at 10 Hz or more"
+            ),
+        }
+    }
+}

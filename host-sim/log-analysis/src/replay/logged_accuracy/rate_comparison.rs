@@ -1,0 +1,244 @@
+//! Error of the logged heading against the turn by the body rates, in which no compass has a part.
+//!
+//! In a window the difference between heading and integrated turn `g` is `e = c + b t + k g + d(heading) + noise`: the
+//! window's heading at its start `c`, the offset of the rates `b` (of the flight, and its drift in the window), their
+//! scale error `k`, and the deviation `d`, three harmonics of the heading. All are estimated by least squares with
+//! priors; the error of the heading is `e - c - b t - k g`.
+
+use nalgebra::{SMatrix, SVector};
+
+use super::heading_sectors::HeadingSectors;
+use crate::log::LoggedFlight;
+use crate::numbers::square;
+use crate::replay::evaluation::heading_deg;
+use crate::replay::row::ReplayRow;
+use crate::score::wrap_180;
+
+/// Longest window, seconds: the drift of a micromachined gyro in it is below a degree.
+const WINDOW_S: f64 = 60.0;
+/// Shortest window, seconds.
+const MIN_WINDOW_S: f64 = 10.0;
+/// Longest gap of rates or attitude that is integrated across, seconds.
+const MAX_GAP_S: f64 = 0.5;
+/// Turn in a window from which on it relates its headings to each other, degrees.
+const MIN_TURN_DEG: f64 = 45.0;
+/// Pitch beyond which a heading is undefined, radians (75 deg).
+const MAX_PITCH_RAD: f32 = 1.3;
+
+/// Standard deviation of a difference averaged over a second, degrees: attitude errors in turns, and sensor noise.
+const NOISE_DEG: f64 = 2.0;
+/// Prior standard deviations of the rates' offset, deg/s, their scale error, and the harmonics of the deviation, degrees.
+const PRIOR_SIGMAS: [f64; SHARED_UNKNOWNS] = [1.0, 0.02, 30.0, 30.0, 30.0, 30.0, 30.0, 30.0];
+/// Standard deviation of the offset's drift from window to window, deg/s.
+const OFFSET_DRIFT_DEG_S: f64 = 0.03;
+
+/// Offset, scale error, and three harmonics of the deviation.
+const SHARED_UNKNOWNS: usize = 8;
+
+/// The deviation's argument is the true heading, of which the first iteration has only the compass's.
+const ITERATIONS: usize = 3;
+
+/// Heading error as logged by the body rates.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct RateComparison {
+    /// Error less its mean, degrees RMS.
+    pub rms_deg: f64,
+    /// Headings that turns relate to each other.
+    pub sectors: HeadingSectors,
+}
+
+/// Row of a window.
+struct WindowRow {
+    /// Time from the middle of the window, seconds.
+    t_s: f64,
+    /// Turn by the rates since the window's first row, degrees.
+    turn_deg: f64,
+    /// Heading less turn, unwrapped, degrees.
+    difference_deg: f64,
+}
+
+/// Compares the heading as logged with the body rates; none if too little is logged.
+pub(super) fn compare_with_rates(flight: &LoggedFlight, rows: &[ReplayRow]) -> Option<RateComparison> {
+    let windows = windows(rows, &integrated_turns(flight));
+    let row_count: usize = windows.iter().map(Vec::len).sum();
+    if row_count == 0 {
+        return None;
+    }
+    // Rows per second, of which each has its part of the information of a second.
+    let duration_s: f64 = windows.iter().map(|window| window_duration_s(window)).sum();
+    let weight = duration_s / row_count as f64 / square(NOISE_DEG);
+    let mut starts_deg: Vec<f64> = windows
+        .iter()
+        .map(|window| window.iter().map(|row| row.difference_deg).sum::<f64>() / window.len() as f64)
+        .collect();
+    let mut errors_deg = Vec::new();
+    for _ in 0..ITERATIONS {
+        let fits: Vec<WindowFit> = windows
+            .iter()
+            .zip(&starts_deg)
+            .map(|(window, start_deg)| WindowFit::new(window, *start_deg, weight))
+            .collect();
+        let shared = shared_unknowns(&fits)?;
+        errors_deg.clear();
+        for ((window, fit), start_deg) in windows.iter().zip(&fits).zip(&mut starts_deg) {
+            let [offset_deg, drift_deg_s] = fit.local_unknowns(&shared)?.into();
+            *start_deg = offset_deg;
+            errors_deg.extend(window.iter().map(|row| {
+                row.difference_deg - offset_deg - (shared[0] + drift_deg_s) * row.t_s - shared[1] * row.turn_deg
+            }));
+        }
+    }
+    let mean_deg = errors_deg.iter().sum::<f64>() / row_count as f64;
+    let rms_deg =
+        (errors_deg.iter().map(|error_deg| square(error_deg - mean_deg)).sum::<f64>() / row_count as f64).sqrt();
+    let turned = windows.iter().zip(&starts_deg).filter(|(window, _)| turn_range_deg(window) >= MIN_TURN_DEG);
+    let sectors =
+        turned.flat_map(|(window, start_deg)| window.iter().map(move |row| start_deg + row.turn_deg)).collect();
+    Some(RateComparison { rms_deg, sectors })
+}
+
+/// Turn by the body rates since the start of an uninterrupted part of the flight.
+struct IntegratedTurn {
+    t_s: f64,
+    turn_deg: f64,
+    part: usize,
+}
+
+/// Integral of the heading's rate by the body rates, in the attitude that is logged.
+fn integrated_turns(flight: &LoggedFlight) -> Vec<IntegratedTurn> {
+    let mut turns: Vec<IntegratedTurn> = Vec::with_capacity(flight.body_rates.rows().len());
+    let (mut last_rate, mut part) = (0.0, 0);
+    for row in flight.body_rates.rows() {
+        let Some([roll_rad, pitch_rad, _]) = flight.attitude.interpolate_angles(row.t_s, MAX_GAP_S) else { continue };
+        if pitch_rad.abs() > MAX_PITCH_RAD {
+            continue;
+        }
+        let [_, q, r] = row.row_values;
+        let (sin_roll, cos_roll) = libm::sincosf(roll_rad);
+        let rate = f64::from(((q * sin_roll + r * cos_roll) / libm::cosf(pitch_rad)).to_degrees());
+        let mut turn_deg = 0.0;
+        if let Some(last) = turns.last() {
+            let step_s = row.t_s - last.t_s;
+            turn_deg = last.turn_deg + step_s * (last_rate + rate) / 2.0;
+            part += usize::from(step_s > MAX_GAP_S);
+        }
+        turns.push(IntegratedTurn { t_s: row.t_s, turn_deg, part });
+        last_rate = rate;
+    }
+    turns
+}
+
+/// Row with its heading as logged and its integrated turn, degrees.
+struct TurnedRow {
+    t_s: f64,
+    turn_deg: f64,
+    heading_deg: f64,
+    part: usize,
+}
+
+/// Usable rows in windows without a gap of the rates.
+fn windows(rows: &[ReplayRow], turns: &[IntegratedTurn]) -> Vec<Vec<WindowRow>> {
+    let usable = rows.iter().filter(|row| row.is_usable && row.attitude.pitch_rad.abs() <= MAX_PITCH_RAD);
+    let turned: Vec<TurnedRow> = usable.filter_map(|row| turned_row(row, turns)).collect();
+    let mut remaining = turned.as_slice();
+    let mut windows = Vec::new();
+    while let Some(first) = remaining.first() {
+        let is_same = |row: &&TurnedRow| row.part == first.part && row.t_s - first.t_s < WINDOW_S;
+        let (window, later) = remaining.split_at(remaining.iter().take_while(is_same).count());
+        windows.push(window_rows(window));
+        remaining = later;
+    }
+    windows.retain(|window| window_duration_s(window) >= MIN_WINDOW_S);
+    windows
+}
+
+fn turned_row(row: &ReplayRow, turns: &[IntegratedTurn]) -> Option<TurnedRow> {
+    let after = turns.partition_point(|turn| turn.t_s <= row.t_s);
+    let (from, to) = (turns.get(after.checked_sub(1)?)?, turns.get(after)?);
+    let weight = (row.t_s - from.t_s) / (to.t_s - from.t_s);
+    let heading_deg = heading_deg(row, row.logged_field.ut.map(f64::from));
+    (from.part == to.part && heading_deg.is_finite()).then_some(TurnedRow {
+        t_s: row.t_s,
+        turn_deg: from.turn_deg + weight * (to.turn_deg - from.turn_deg),
+        heading_deg,
+        part: from.part,
+    })
+}
+
+fn window_rows(window: &[TurnedRow]) -> Vec<WindowRow> {
+    let (middle_s, first_deg) = match (window.first(), window.last()) {
+        (Some(first), Some(last)) => (f64::midpoint(first.t_s, last.t_s), first.turn_deg),
+        _ => return Vec::new(),
+    };
+    let mut last_deg = 0.0;
+    let rows = window.iter().map(|row| {
+        let turn_deg = row.turn_deg - first_deg;
+        last_deg += wrap_180(row.heading_deg - turn_deg - last_deg);
+        WindowRow { t_s: row.t_s - middle_s, turn_deg, difference_deg: last_deg }
+    });
+    rows.collect()
+}
+
+fn window_duration_s(window: &[WindowRow]) -> f64 {
+    window.first().zip(window.last()).map_or(0.0, |(first, last)| last.t_s - first.t_s)
+}
+
+fn turn_range_deg(window: &[WindowRow]) -> f64 {
+    let turns = || window.iter().map(|row| row.turn_deg);
+    turns().fold(f64::MIN, f64::max) - turns().fold(f64::MAX, f64::min)
+}
+
+/// Normal equations of a window: of the shared unknowns, of its own (start and drift), and of both.
+struct WindowFit {
+    shared: SMatrix<f64, SHARED_UNKNOWNS, SHARED_UNKNOWNS>,
+    local: SMatrix<f64, 2, 2>,
+    cross: SMatrix<f64, SHARED_UNKNOWNS, 2>,
+    shared_side: SVector<f64, SHARED_UNKNOWNS>,
+    local_side: SVector<f64, 2>,
+}
+
+impl WindowFit {
+    fn new(window: &[WindowRow], start_deg: f64, weight: f64) -> Self {
+        let mut fit = Self {
+            shared: SMatrix::zeros(),
+            local: SMatrix::from_diagonal(&SVector::from([0.0, square(OFFSET_DRIFT_DEG_S).recip()])),
+            cross: SMatrix::zeros(),
+            shared_side: SVector::zeros(),
+            local_side: SVector::zeros(),
+        };
+        for row in window {
+            let mut by_shared = SVector::<f64, SHARED_UNKNOWNS>::zeros();
+            (by_shared[0], by_shared[1]) = (row.t_s, row.turn_deg);
+            let heading_rad = (start_deg + row.turn_deg).to_radians();
+            for harmonic in 1..=3_u8 {
+                let (sin, cos) = libm::sincos(f64::from(harmonic) * heading_rad);
+                let first = 2 * usize::from(harmonic);
+                (by_shared[first], by_shared[first + 1]) = (sin, cos);
+            }
+            let by_local = SVector::from([1.0, row.t_s]);
+            fit.shared.ger(weight, &by_shared, &by_shared, 1.0);
+            fit.local.ger(weight, &by_local, &by_local, 1.0);
+            fit.cross.ger(weight, &by_shared, &by_local, 1.0);
+            fit.shared_side.axpy(weight * row.difference_deg, &by_shared, 1.0);
+            fit.local_side.axpy(weight * row.difference_deg, &by_local, 1.0);
+        }
+        fit
+    }
+
+    /// Start, degrees, and drift, deg/s, of the window.
+    fn local_unknowns(&self, shared: &SVector<f64, SHARED_UNKNOWNS>) -> Option<SVector<f64, 2>> {
+        Some(self.local.try_inverse()? * (self.local_side - self.cross.transpose() * shared))
+    }
+}
+
+/// Shared unknowns, after elimination of the windows' own.
+fn shared_unknowns(fits: &[WindowFit]) -> Option<SVector<f64, SHARED_UNKNOWNS>> {
+    let mut normal = SMatrix::from_diagonal(&SVector::from(PRIOR_SIGMAS.map(|sigma| square(sigma).recip())));
+    let mut side = SVector::zeros();
+    for fit in fits {
+        let eliminated = fit.cross * fit.local.try_inverse()?;
+        normal += fit.shared - eliminated * fit.cross.transpose();
+        side += fit.shared_side - eliminated * fit.local_side;
+    }
+    Some(normal.cholesky()?.solve(&side))
+}
