@@ -1,13 +1,20 @@
 //! Checks of the samples before a solve.
 
+use nalgebra::Vector3;
+
 use crate::calibration::closed_form::turns::MIN_SAMPLES;
 use crate::calibration::types::error::{Axis, SolveError};
 use crate::calibration::types::method::Method;
 use crate::calibration::types::samples::{CollectionPart, Sample, SamplePart, Samples};
 use crate::frames::RollPitch;
+use crate::trig::sqrt;
 
 /// Upper limit of a plausible field, microtesla: 10,000 times the Earth's field.
 const MAX_FIELD_UT: f32 = 1e6;
+
+/// Minimum distance of the fields from their mean, microtesla RMS: a full turn in the horizontal field at 82 deg of
+/// inclination. A copter that hovers on one heading has 3 to 6.
+const MIN_FIELD_SPREAD_UT: f32 = 7.0;
 
 /// Width of each end of an axis' range, as a fraction of the range.
 const RANGE_END_FRACTION: f32 = 0.01;
@@ -23,7 +30,19 @@ pub(super) fn check_samples(method: Method, samples: Samples<'_>) -> Result<(), 
     if !(headings && samples.all_samples().all(is_finite)) {
         return Err(SolveError::NotFinite);
     }
-    stuck_axis(samples).map_or(Ok(()), |axis| Err(SolveError::AxisStuck { axis }))
+    if let Some(axis) = stuck_axis(samples) {
+        return Err(SolveError::AxisStuck { axis });
+    }
+    let has_turned = !samples.marks.is_empty() || field_spread_ut(samples) >= MIN_FIELD_SPREAD_UT;
+    if has_turned { Ok(()) } else { Err(SolveError::NotDetermined(part)) }
+}
+
+/// RMS distance of the fields from their mean, microtesla.
+fn field_spread_ut(samples: Samples<'_>) -> f32 {
+    let sample_count = samples.all_samples().count().max(1) as f32;
+    let mean = samples.all_samples().map(|sample| sample.field.ut).sum::<Vector3<f32>>() / sample_count;
+    let squares = samples.all_samples().map(|sample| (sample.field.ut - mean).norm_squared()).sum::<f32>();
+    sqrt(squares / sample_count)
 }
 
 /// Whether all values are finite, and their fourth powers as well.

@@ -155,10 +155,9 @@ fn banking_out_of_a_turn_is_accepted_with_body_rates() {
     }
 }
 
-/// A wrong minimum near a magnetic pole fits samples of straight flight through gusts.
+/// Wrong minima, of another mount or near a magnetic pole, fit samples of straight flight through gusts.
 #[test]
-fn straight_flight_has_an_honest_expected_error() {
-    let mut not_determined = 0;
+fn straight_flight_determines_no_calibration() {
     for seed in 0..40 {
         let mut random = Random(8300 + seed);
         let airframe = Airframe::random(&mut random, 0.2, 0.5, 3.0, [40.0, 72.0]);
@@ -176,11 +175,7 @@ fn straight_flight_has_an_honest_expected_error() {
                 Sample { attitude, time: WrappingMillis::new(u32::from(i) * 1000), ..measured }
             })
             .collect();
-        match solve_free_flight(&samples) {
-            Ok(solution) => airframe.assert_expected_error_is_honest(&solution, seed),
-            Err(error) => not_determined += usize::from(error == SolveError::NotDetermined(SamplePart::All)),
-        }
+        let undetermined = Err(SolveError::NotDetermined(SamplePart::All));
+        assert_eq!(solve_free_flight(&samples).map(|_| ()), undetermined, "seed {seed}");
     }
-    // 25 of 40 flights are undetermined; the sphere start solves 14 that ended at the pole, to 37 deg or worse.
-    assert!((20..=30).contains(&not_determined), "{not_determined}");
 }

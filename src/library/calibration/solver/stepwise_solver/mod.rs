@@ -17,7 +17,7 @@ use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::hypotheses::attitude_error_table::assumed_sigmas;
 use crate::calibration::hypotheses::hard_iron_change::ConfirmedChange;
 use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
-use crate::calibration::model::{Likelihood, NoiseModel, Vector13};
+use crate::calibration::model::{Likelihood, NoiseModel, PriorQuantity, Vector13};
 use crate::calibration::types::coefficients::Calibration;
 use crate::calibration::types::consider_states::ConsiderSigmas;
 use crate::calibration::types::error::SolveError;
@@ -27,7 +27,7 @@ use crate::calibration::types::prior::Prior;
 use crate::calibration::types::quality::{AttitudeLatency, Quality};
 use crate::calibration::types::samples::{Sample, SamplePart, Samples, Side};
 use crate::calibration::uncertainty::information::Information;
-use crate::calibration::uncertainty::observability::inclination_from_samples;
+use crate::calibration::uncertainty::observability::{inclination_from_samples, unobservable_quantities};
 
 /// Progress of a solver.
 #[expect(clippy::large_enum_variant, reason = "there is one of it, and no heap to put it on")]
@@ -342,9 +342,14 @@ impl Solver {
         } else {
             Err(SolveError::NotConverged)
         };
+        // At a false optimum of samples that leave coefficients to the priors, any mount and any change may appear.
+        let is_determined = || are_coefficients_observable(information, likelihood, refined_fit.unknowns);
+        let hard_iron_change = hard_iron_change.filter(|_| is_determined());
         // A hard-iron change explains a misfit or an implausible result.
-        fit_error.map_err(|error| {
-            hard_iron_change.as_ref().map_or(error, |change| SolveError::HardIronChanged(change.detected_change))
+        fit_error.map_err(|error| match &hard_iron_change {
+            Some(change) => SolveError::HardIronChanged(change.detected_change),
+            None if error == SolveError::NotConverged || is_determined() => error,
+            None => SolveError::NotDetermined(SamplePart::All),
         })?;
         if self.method == Method::MaximumLikelihood {
             let sigmas = assumed_sigmas(self.consider_sigmas, latency);
@@ -392,6 +397,13 @@ impl Solver {
         }
         Ok(())
     }
+}
+
+/// Whether the samples, not the priors, determine all coefficients but the inclination.
+#[inline(never)]
+fn are_coefficients_observable(information: &Information, likelihood: &Likelihood, unknowns: &Vector13) -> bool {
+    unobservable_quantities(&information.linear_system, likelihood, unknowns)
+        .is_some_and(|mut quantities| quantities.all(|quantity| quantity == PriorQuantity::Inclination))
 }
 
 /// Solves samples by one method, to the end. On a device with other work to do, use [`Solver`].
