@@ -157,11 +157,18 @@ impl FlightBuilder {
         }
     }
 
+    /// Adds a change of the arming state.
     pub fn push_armed(&mut self, t_s: f64, is_armed: bool) {
         let is_change = self.flight.armed_changes.last().is_none_or(|&(_, last)| last != is_armed);
         if is_change && self.flight.armed_changes.len() < MAX_ARMED_CHANGES {
             self.flight.armed_changes.push((t_s, is_armed));
         }
+    }
+
+    /// Adds an arming state that is reported regularly: before the first report it was the same.
+    pub fn push_armed_report(&mut self, t_s: f64, is_armed: bool) {
+        let is_first = self.flight.armed_changes.is_empty();
+        self.push_armed(if is_first { f64::NEG_INFINITY } else { t_s }, is_armed);
     }
 
     pub fn set_parameter(&mut self, name: &str, value: f64) {

@@ -9,8 +9,8 @@ const MAX_UNCONFIRMED_STEP_US: u64 = 30_000_000;
 /// Gap inserted at a restart, seconds, so that no interpolation crosses it.
 const RESTART_GAP_S: f64 = 10.0;
 
-/// Largest valid clock, microseconds: thirty years.
-const MAX_CLOCK_US: u64 = 1_000_000_000_000_000;
+/// Largest valid clock, microseconds: a hundred and thirty years. PX4's simulator counts from 1970.
+const MAX_CLOCK_US: u64 = 4_000_000_000_000_000;
 
 #[derive(Clone, Debug, Default)]
 pub struct Timeline {

@@ -231,7 +231,7 @@ impl TlogReader {
             };
         }
         if let Some(t_s) = self.receiver_time_s(frame) {
-            self.builder.push_armed(t_s, mode & ARMED_FLAG != 0);
+            self.builder.push_armed_report(t_s, mode & ARMED_FLAG != 0);
         }
     }
 

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::baseline_fits;
 use super::field_latency::{self, FieldLatency};
 use super::hard_iron_changes::{LoggedHardIronChange, find_changes};
+use super::logged_accuracy::yaw_sectors;
 use super::parameter_fit::ParameterFit;
 use super::row_headings::score_rows;
 use super::row_solve::solved_correction;
@@ -71,7 +72,7 @@ pub struct CompassEvaluation {
     pub rms_without_current_deg: Option<f64>,
     /// Corrections with their scores.
     pub corrections: Vec<ScoredCorrection>,
-    /// Field strength by a sphere fit, microtesla.
+    /// Field strength by a sphere fit, microtesla; none on few headings, which determine none.
     pub sphere_radius_ut: Option<f64>,
     /// Changes of hard iron in flight, in order of time.
     pub hard_iron_changes: Vec<LoggedHardIronChange>,
@@ -256,7 +257,8 @@ fn evaluate_compass(
         corrections.push(score_result(CorrectionSource::ModuleAllRows, &all_rows));
     }
     let sphere = baseline_fits::fit_sphere(&fields);
-    let sphere_radius_ut = sphere.map(|(_, sphere_radius_ut)| sphere_radius_ut).filter(|_| has_field_turned(&fields));
+    let sphere_radius_ut =
+        sphere.map(|(_, sphere_radius_ut)| sphere_radius_ut).filter(|_| yaw_sectors(flight, &rows).suffice());
     let initial = [&all_rows, &module].into_iter().find_map(|result| result.solution.as_ref().map(solved_correction));
     let initial = initial.or(sphere.map(|(correction_found, _)| correction_found));
     let total_ut = earth_ut.or(sphere_radius_ut).unwrap_or(f64::INFINITY);
@@ -292,16 +294,6 @@ fn evaluate_compass(
         sensor_change,
         parameter_fit,
     }
-}
-
-/// Whether the field turned by a quarter of its magnitude on some axis; at rest a sphere fit shows only sensor noise.
-fn has_field_turned(fields: &[Vector3<f64>]) -> bool {
-    const MIN_FIELD_TURN: f64 = 0.25;
-    let mean = fields.iter().sum::<Vector3<f64>>() / fields.len().max(1) as f64;
-    (0..3).any(|axis| {
-        let components = || fields.iter().map(|field| field[axis]);
-        components().fold(f64::MIN, f64::max) - components().fold(f64::MAX, f64::min) > MIN_FIELD_TURN * mean.norm()
-    })
 }
 
 fn rms_without_current_deg(
@@ -400,19 +392,5 @@ mod tests {
             assert_eq!(numbers(earth_field), numbers(expected));
         }
         assert!(earth_of_flight(&LoggedFlight::new(LogFormat::Csv)).is_none());
-    }
-
-    /// Two fields of 50 uT: constant with noise, and turning.
-    #[test]
-    fn a_field_has_turned_if_it_changes_by_a_part_of_its_strength() {
-        for (amplitude_ut, axis, has_turned) in [(2.0, 0, false), (15.0, 0, true), (2.0, 2, false), (15.0, 2, true)] {
-            let field = |i: i32| {
-                let mut field = Vector3::new(40.0, 0.0, 30.0);
-                field[axis] += amplitude_ut * f64::from(i) / 10.0;
-                field
-            };
-            let fields: Vec<Vector3<f64>> = (-10..=10).map(field).collect();
-            assert_eq!(has_field_turned(&fields), has_turned, "{amplitude_ut} uT, axis {axis}");
-        }
     }
 }

@@ -1,6 +1,6 @@
 //! Detects a sensor whose field freezes while the aircraft moves.
 
-use autoswing::frames::{Field, RollPitch};
+use autoswing::frames::{Field, RollPitch, wrap_pi};
 use nalgebra::Vector3;
 
 use super::row::ReplayRow;
@@ -78,7 +78,8 @@ fn without_rotation_about(row: &ReplayRow, axis: usize) -> Vector3<f32> {
 
 fn frozen_interval(equal_rows: &[ReplayRow]) -> Option<[f64; 2]> {
     let [from_s, to_s] = [equal_rows.first()?.t_s, equal_rows.last()?.t_s];
-    let moves = range_of_values(equal_rows, |row| row.attitude.roll_rad)
+    let first_roll_rad = equal_rows.first()?.attitude.roll_rad;
+    let moves = range_of_values(equal_rows, |row| wrap_pi(row.attitude.roll_rad - first_roll_rad))
         .max(range_of_values(equal_rows, |row| row.attitude.pitch_rad))
         > MIN_TILT_CHANGE_RAD;
     let logged_s: f64 = equal_rows.windows(2).map(|pair| (pair[1].t_s - pair[0].t_s).min(MAX_COUNTED_STEP_S)).sum();

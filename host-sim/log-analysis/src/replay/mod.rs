@@ -9,6 +9,7 @@ pub mod gps_course;
 pub mod hard_iron_changes;
 pub mod hard_iron_jump;
 pub mod hard_iron_step;
+mod integrated_turns;
 pub mod log_warning;
 pub mod logged_accuracy;
 pub mod module_run;

@@ -155,7 +155,7 @@ impl TableReader {
         }
         self.armed_states.sort_and_dedup();
         for row in self.armed_states.rows() {
-            self.builder.push_armed(row.t_s, row.row_values[0] != 0.0);
+            self.builder.push_armed_report(row.t_s, row.row_values[0] != 0.0);
         }
         let flight = self.builder.finish_flight();
         // Rejected readings count as rows; the caller reports them.

@@ -281,7 +281,7 @@ impl UlogReader {
             }
             "vehicle_status" => {
                 if let Some(arming_state) = row.numeric_value("arming_state") {
-                    self.builder.push_armed(t_s, arming_state as u8 == ARMED_STATE);
+                    self.builder.push_armed_report(t_s, arming_state as u8 == ARMED_STATE);
                 }
                 self.builder.flight.is_copter |= is_copter(&row);
             }

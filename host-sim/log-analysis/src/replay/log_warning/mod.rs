@@ -359,10 +359,11 @@ pub(super) fn sensor_failure(flight: &LoggedFlight, compass: &CompassEvaluation)
     if let Some(FrozenInterval { interval_s, stuck_axis: axis }) = longest {
         return Some(LogWarning::FieldFrozen { compass: compass_number, axis, interval_s });
     }
-    let (last_field_row, last_attitude) = (compass.rows.last()?, flight.attitude.rows().last()?);
-    (last_attitude.t_s - last_field_row.t_s > frozen_field::MIN_FROZEN_S).then_some(LogWarning::FieldEnds {
+    let logged = flight.compasses.iter().find(|logged| logged.compass_number == compass_number)?;
+    let (last_reading, last_attitude) = (logged.field.rows().last()?, flight.attitude.rows().last()?);
+    (last_attitude.t_s - last_reading.t_s > frozen_field::MIN_FROZEN_S).then_some(LogWarning::FieldEnds {
         compass: compass_number,
-        field_end_s: last_field_row.t_s,
+        field_end_s: last_reading.t_s,
         log_end_s: last_attitude.t_s,
     })
 }

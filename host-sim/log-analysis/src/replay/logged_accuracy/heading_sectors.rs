@@ -4,9 +4,10 @@
 const SECTOR_COUNT: usize = 12;
 /// Minimum number of rows in a sector that counts as flown: half a second.
 const MIN_ROWS_PER_SECTOR: usize = 5;
-/// Minimum number of sectors flown, to judge a compass: errors exclude their mean, which on few headings is most of the
-/// error.
-const MIN_SECTORS: usize = 4;
+/// Minimum number of sectors flown, to judge a compass on them: errors exclude their mean.
+const MIN_JUDGED_SECTORS: usize = 2;
+/// Minimum number of sectors flown, to conclude from them on a fit, or on the compass's north.
+const MIN_COVERED_SECTORS: usize = 4;
 
 /// Number of rows in each sector of heading.
 #[derive(Clone, Copy, Debug, Default)]
@@ -23,8 +24,14 @@ impl HeadingSectors {
 
     /// Whether a compass can be judged on the headings flown.
     #[must_use]
+    pub fn are_judged(&self) -> bool {
+        self.flown_count() >= MIN_JUDGED_SECTORS
+    }
+
+    /// Whether the headings flown show more than the compass's error on them.
+    #[must_use]
     pub fn suffice(&self) -> bool {
-        self.flown_count() >= MIN_SECTORS
+        self.flown_count() >= MIN_COVERED_SECTORS
     }
 }
 

@@ -117,18 +117,15 @@ fn by_reference(evaluation: &FlightEvaluation, rows: &[ReplayRow]) -> Option<Log
     evaluation.reference.as_ref().and_then(ReferenceHeading::sigma_if_accurate_deg)?;
     let sectors: HeadingSectors = rows.iter().filter_map(|row| row.reference_deg).collect();
     let logged = |row: &ReplayRow| Some((logged_heading_deg(row), f64::NAN));
-    let score = row_headings::score_rows(rows, logged).filter(|_| sectors.suffice())?;
+    let score = row_headings::score_rows(rows, logged).filter(|_| sectors.are_judged())?;
     let sector_count = sectors.flown_count();
     Some(LoggedAccuracy { rms_deg: score.rms_deg, sector_count, evidence: AccuracyEvidence::Reference })
 }
 
 /// Error by the body rates; on few headings only one that no deviation on other headings would explain.
 fn by_rates(flight: &LoggedFlight, rows: &[ReplayRow]) -> Option<LoggedAccuracy> {
-    if !data_loss::has_integrable_rates(flight) {
-        return None;
-    }
     let comparison = rate_comparison::compare_with_rates(flight, rows)?;
-    let is_judged = comparison.sectors.suffice() || comparison.rms_deg > BAD_COMPASS_RMS_DEG;
+    let is_judged = comparison.sectors.are_judged() || comparison.rms_deg > BAD_COMPASS_RMS_DEG;
     let sector_count = comparison.sectors.flown_count();
     is_judged.then_some(LoggedAccuracy {
         rms_deg: comparison.rms_deg,
@@ -142,12 +139,7 @@ fn by_scatter(
     compass: &CompassEvaluation,
     rows: &[ReplayRow],
 ) -> Result<LoggedAccuracy, UnjudgedCause> {
-    let yaw_deg = |row: &ReplayRow| {
-        let [_, _, yaw_rad] = flight.attitude.interpolate_angles(row.t_s, MAX_YAW_GAP_S)?;
-        yaw_rad.is_finite().then(|| f64::from(yaw_rad.to_degrees()))
-    };
-    let sectors: HeadingSectors =
-        rows.iter().map(|row| yaw_deg(row).unwrap_or_else(|| logged_heading_deg(row))).collect();
+    let sectors = yaw_sectors(flight, rows);
     if !sectors.suffice() {
         return Err(UnjudgedCause::FewHeadings(sectors.flown_count()));
     }
@@ -163,6 +155,16 @@ fn by_scatter(
         return Err(UnjudgedCause::FieldScatters(rms_deg));
     }
     Ok(LoggedAccuracy { rms_deg, sector_count: sectors.flown_count(), evidence: AccuracyEvidence::FieldScatter })
+}
+
+/// Headings flown, by the autopilot's yaw; without one, by the compass as logged.
+pub(super) fn yaw_sectors(flight: &LoggedFlight, rows: &[ReplayRow]) -> HeadingSectors {
+    let yaw_deg = |row: &ReplayRow| {
+        let [_, _, yaw_rad] = flight.attitude.interpolate_angles(row.t_s, MAX_YAW_GAP_S)?;
+        yaw_rad.is_finite().then(|| f64::from(yaw_rad.to_degrees()))
+    };
+    let usable = rows.iter().filter(|row| row.is_usable);
+    usable.map(|row| yaw_deg(row).unwrap_or_else(|| logged_heading_deg(row))).collect()
 }
 
 fn logged_heading_deg(row: &ReplayRow) -> f64 {

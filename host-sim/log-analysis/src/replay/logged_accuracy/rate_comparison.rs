@@ -11,6 +11,7 @@ use super::heading_sectors::HeadingSectors;
 use crate::log::LoggedFlight;
 use crate::numbers::square;
 use crate::replay::evaluation::heading_deg;
+use crate::replay::integrated_turns::{IntegratedTurns, MAX_PITCH_RAD};
 use crate::replay::row::ReplayRow;
 use crate::score::wrap_180;
 
@@ -18,12 +19,8 @@ use crate::score::wrap_180;
 const WINDOW_S: f64 = 60.0;
 /// Shortest window, seconds.
 const MIN_WINDOW_S: f64 = 10.0;
-/// Longest gap of rates or attitude that is integrated across, seconds.
-const MAX_GAP_S: f64 = 0.5;
 /// Turn in a window from which on it relates its headings to each other, degrees.
 const MIN_TURN_DEG: f64 = 45.0;
-/// Pitch beyond which a heading is undefined, radians (75 deg).
-const MAX_PITCH_RAD: f32 = 1.3;
 
 /// Standard deviation of a difference averaged over a second, degrees: attitude errors in turns, and sensor noise.
 const NOISE_DEG: f64 = 2.0;
@@ -59,7 +56,7 @@ struct WindowRow {
 
 /// Compares the heading as logged with the body rates; none if too little is logged.
 pub(super) fn compare_with_rates(flight: &LoggedFlight, rows: &[ReplayRow]) -> Option<RateComparison> {
-    let windows = windows(rows, &integrated_turns(flight));
+    let windows = windows(rows, &IntegratedTurns::new(flight));
     let row_count: usize = windows.iter().map(Vec::len).sum();
     if row_count == 0 {
         return None;
@@ -97,37 +94,6 @@ pub(super) fn compare_with_rates(flight: &LoggedFlight, rows: &[ReplayRow]) -> O
     Some(RateComparison { rms_deg, sectors })
 }
 
-/// Turn by the body rates since the start of an uninterrupted part of the flight.
-struct IntegratedTurn {
-    t_s: f64,
-    turn_deg: f64,
-    part: usize,
-}
-
-/// Integral of the heading's rate by the body rates, in the attitude that is logged.
-fn integrated_turns(flight: &LoggedFlight) -> Vec<IntegratedTurn> {
-    let mut turns: Vec<IntegratedTurn> = Vec::with_capacity(flight.body_rates.rows().len());
-    let (mut last_rate, mut part) = (0.0, 0);
-    for row in flight.body_rates.rows() {
-        let Some([roll_rad, pitch_rad, _]) = flight.attitude.interpolate_angles(row.t_s, MAX_GAP_S) else { continue };
-        if pitch_rad.abs() > MAX_PITCH_RAD {
-            continue;
-        }
-        let [_, q, r] = row.row_values;
-        let (sin_roll, cos_roll) = libm::sincosf(roll_rad);
-        let rate = f64::from(((q * sin_roll + r * cos_roll) / libm::cosf(pitch_rad)).to_degrees());
-        let mut turn_deg = 0.0;
-        if let Some(last) = turns.last() {
-            let step_s = row.t_s - last.t_s;
-            turn_deg = last.turn_deg + step_s * (last_rate + rate) / 2.0;
-            part += usize::from(step_s > MAX_GAP_S);
-        }
-        turns.push(IntegratedTurn { t_s: row.t_s, turn_deg, part });
-        last_rate = rate;
-    }
-    turns
-}
-
 /// Row with its heading as logged and its integrated turn, degrees.
 struct TurnedRow {
     t_s: f64,
@@ -137,7 +103,7 @@ struct TurnedRow {
 }
 
 /// Usable rows in windows without a gap of the rates.
-fn windows(rows: &[ReplayRow], turns: &[IntegratedTurn]) -> Vec<Vec<WindowRow>> {
+fn windows(rows: &[ReplayRow], turns: &IntegratedTurns) -> Vec<Vec<WindowRow>> {
     let usable = rows.iter().filter(|row| row.is_usable && row.attitude.pitch_rad.abs() <= MAX_PITCH_RAD);
     let turned: Vec<TurnedRow> = usable.filter_map(|row| turned_row(row, turns)).collect();
     let mut remaining = turned.as_slice();
@@ -152,17 +118,10 @@ fn windows(rows: &[ReplayRow], turns: &[IntegratedTurn]) -> Vec<Vec<WindowRow>> 
     windows
 }
 
-fn turned_row(row: &ReplayRow, turns: &[IntegratedTurn]) -> Option<TurnedRow> {
-    let after = turns.partition_point(|turn| turn.t_s <= row.t_s);
-    let (from, to) = (turns.get(after.checked_sub(1)?)?, turns.get(after)?);
-    let weight = (row.t_s - from.t_s) / (to.t_s - from.t_s);
+fn turned_row(row: &ReplayRow, turns: &IntegratedTurns) -> Option<TurnedRow> {
+    let (part, turn_deg) = turns.part_and_turn_deg(row.t_s)?;
     let heading_deg = heading_deg(row, row.logged_field.ut.map(f64::from));
-    (from.part == to.part && heading_deg.is_finite()).then_some(TurnedRow {
-        t_s: row.t_s,
-        turn_deg: from.turn_deg + weight * (to.turn_deg - from.turn_deg),
-        heading_deg,
-        part: from.part,
-    })
+    heading_deg.is_finite().then_some(TurnedRow { t_s: row.t_s, turn_deg, heading_deg, part })
 }
 
 fn window_rows(window: &[TurnedRow]) -> Vec<WindowRow> {

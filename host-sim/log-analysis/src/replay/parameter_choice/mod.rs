@@ -37,6 +37,9 @@ const MIN_RELATIVE_GAIN: f64 = 0.2;
 /// Maximum expected error over all headings at which parameters are exported, degrees RMS.
 const MAX_EXPECTED_ERROR_DEG: f64 = 2.0;
 
+/// Expected error from which on the flight determines no calibration, and its residuals no cause, degrees RMS.
+const UNDETERMINED_ERROR_DEG: f64 = 30.0;
+
 /// Minimum of the largest component of motor-current interference that is exported, standard deviations.
 const MIN_MOTOR_SIGNIFICANCE: f32 = 3.0;
 /// Minimum effect on headings of motor-current interference that is exported, degrees RMS.
@@ -166,9 +169,8 @@ impl ParameterCandidate {
         let unexplained_deg = (square(rms_deg) - square(self.exported.heading_loss_deg[0])).max(0.0).sqrt();
         let is_improvement =
             as_logged_rms_deg - rms_deg >= MIN_GAIN_DEG && rms_deg <= (1.0 - MIN_RELATIVE_GAIN) * as_logged_rms_deg;
-        if let Some(dependence) =
-            residual_dependence(&self.solution).filter(|_| expected_error_deg > MAX_EXPECTED_ERROR_DEG)
-        {
+        let is_residual_limited = (MAX_EXPECTED_ERROR_DEG..UNDETERMINED_ERROR_DEG).contains(&expected_error_deg);
+        if let Some(dependence) = residual_dependence(&self.solution).filter(|_| is_residual_limited) {
             Err(NoParameters::Residuals { expected_error_deg, dependence })
         } else if expected_error_deg.is_nan() || expected_error_deg > MAX_EXPECTED_ERROR_DEG {
             let manoeuvre = self.solution.advice.map(|advice| advice.manoeuvre.to_string());
@@ -300,7 +302,11 @@ impl fmt::Display for NoParameters {
                 })
             }
             Self::Unobservable { expected_error_deg, manoeuvre } => {
-                write!(f, "the attitudes flown leave an error of {expected_error_deg:.1} deg over all headings")?;
+                if *expected_error_deg < UNDETERMINED_ERROR_DEG {
+                    write!(f, "the attitudes flown leave an error of {expected_error_deg:.1} deg over all headings")?;
+                } else {
+                    f.write_str("the attitudes flown determine no calibration")?;
+                }
                 manoeuvre.as_ref().map_or(Ok(()), |manoeuvre| write!(f, "; missing most: {manoeuvre}"))
             }
             Self::Unverified => f.write_str("the fit fails the module's verification, and no reference confirms it"),

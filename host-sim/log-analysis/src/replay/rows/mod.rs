@@ -1,5 +1,7 @@
 //! Builds rows of simultaneous data: a compass's field with attitude and body rates interpolated to its time.
 
+mod rest;
+
 use autoswing::attitude::{BodyRates, EulerRates};
 use autoswing::frames::{Field, RollPitch, wrap_pi};
 use serde::Serialize;
@@ -82,7 +84,8 @@ pub struct RowCounts {
     pub contradicting_attitude: usize,
     /// Number of rows in which the aircraft was disarmed.
     pub disarmed: usize,
-    /// Number of rows before the first and after the last movement, where foreign iron may be near.
+    /// Number of rows at rest before the first and after the last movement, where foreign iron may be near, and on the
+    /// side after a crash.
     pub on_the_ground: usize,
     /// Number of rows excluded by the log, or outside the chosen time.
     #[serde(rename = "kept_out")]
@@ -157,7 +160,7 @@ pub fn build_rows(
         accumulators.iter().map(|accumulator| accumulator.replay_row(flight, reference)).collect();
     // A log that was never armed has no arming state.
     let was_armed = rows.iter().any(|row| flight.is_armed(row.t_s) == Some(true));
-    let [first_movement_s, last_movement_s] = moving_interval_s(flight);
+    let on_the_ground = rest::ground_intervals(flight);
     for row in &mut rows {
         let is_excluded = flight
             .row_usability
@@ -168,7 +171,7 @@ pub fn build_rows(
             &mut row_counts.excluded
         } else if was_armed && flight.is_armed(row.t_s) == Some(false) {
             &mut row_counts.disarmed
-        } else if !(first_movement_s..=last_movement_s).contains(&row.t_s) {
+        } else if on_the_ground.iter().any(|[from_s, to_s]| *from_s < row.t_s && row.t_s < *to_s) {
             &mut row_counts.on_the_ground
         } else {
             continue;
@@ -247,19 +250,6 @@ fn current_at(flight: &LoggedFlight, t_s: f64) -> Option<f32> {
     /// Longest gap between battery currents, seconds; battery status arrives at 1 Hz or faster.
     const MAX_GAP_S: f64 = 3.0;
     flight.battery_current.interpolate_or_hold(t_s, MAX_GAP_S).map(|[amperes]| amperes)
-}
-
-/// Times of the first and last movement over ground, seconds; unbounded without any.
-fn moving_interval_s(flight: &LoggedFlight) -> [f64; 2] {
-    /// Speed that counts as movement, m/s; above the noise of a receiver at rest.
-    const MIN_MOVING_SPEED_M_S: f32 = 3.0;
-    /// Shortest movement over ground that counts as a flight, seconds.
-    const MIN_FLIGHT_S: f64 = 20.0;
-    let moving = || flight.gps.rows().iter().filter(|row| row.row_values[3] > MIN_MOVING_SPEED_M_S).map(|row| row.t_s);
-    match (moving().next(), moving().next_back()) {
-        (Some(from_s), Some(to_s)) if to_s - from_s > MIN_FLIGHT_S => [from_s, to_s],
-        _ => [f64::NEG_INFINITY, f64::INFINITY],
-    }
 }
 
 /// Intervals in which the attitude changed more than the body rates allow, seconds.

@@ -1,6 +1,7 @@
 use autoswing::frames::{Field, RollPitch};
 
 use super::*;
+use crate::log::time_series::Series;
 use crate::replay::log_warning;
 
 #[test]
@@ -26,9 +27,13 @@ fn the_longest_frozen_field_is_reported() {
 #[test]
 fn a_field_ending_over_10_s_before_the_log_is_reported() {
     for (early_s, is_reported) in [(5.0, false), (15.0, true)] {
-        let (flight, mut compass) = compass_of_flown_turns();
+        let (mut flight, compass) = compass_of_flown_turns();
         let end_s = flight.attitude.rows().last().unwrap().t_s;
-        compass.rows.retain(|row| row.t_s <= end_s - early_s);
+        let mut field = Series::new();
+        for reading in flight.compasses[0].field.rows().iter().filter(|reading| reading.t_s <= end_s - early_s) {
+            field.push_row(reading.t_s, reading.row_values);
+        }
+        flight.compasses[0].field = field;
         assert_eq!(log_warning::sensor_failure(&flight, &compass).is_some(), is_reported, "{early_s}");
     }
 }

@@ -190,6 +190,7 @@ fn action_without_parameters(compass_state: CompassState, rejection: &NoParamete
             CompassAction::Replace
         }
         NoParameters::UnprovenReading(check) if check.outcome.is_failed() => CompassAction::CorrectReading,
+        _ if compass_state == CompassState::Good => CompassAction::LeaveUnchanged,
         NoParameters::OffsetsTooLarge { .. } => CompassAction::Replace,
         // What does not show how good the compass is does not show either that it is to be replaced.
         _ if compass_state == CompassState::Unjudged => CompassAction::FlyAgain,
@@ -204,7 +205,6 @@ fn action_without_parameters(compass_state: CompassState, rejection: &NoParamete
         {
             CompassAction::Replace
         }
-        _ if compass_state == CompassState::Good => CompassAction::LeaveUnchanged,
         NoParameters::NoGain(_) if compass_state == CompassState::Fair => CompassAction::LeaveUnchanged,
         _ => CompassAction::FlyAgain,
     }

@@ -26,7 +26,8 @@ fn the_action_without_parameters_follows_from_their_reason() {
     let estimate = HeldBackScore { is_estimate: true, ..held_back(9.0) };
     let by_attitude = HeldBackScore { field_scatter_deg: 4.0, ..held_back(9.0) };
     for (compass_state, rejection, expected) in [
-        (Good, NoParameters::OffsetsTooLarge { offset_mg: 2000.0, limit_mg: 1800.0 }, Replace),
+        (Fair, NoParameters::OffsetsTooLarge { offset_mg: 2000.0, limit_mg: 1800.0 }, Replace),
+        (Good, NoParameters::OffsetsTooLarge { offset_mg: 2000.0, limit_mg: 1800.0 }, LeaveUnchanged),
         (Bad, no_gain(4.0), FlyAgain),
         (Bad, no_gain(6.0), Replace),
         (Bad, NoParameters::NoGain(estimate), FlyAgain),

@@ -1,0 +1,94 @@
+//! Whether the heading jumped with a change of hard iron, by a reference or by the turn of the body rates: on a single
+//! heading, strength and inclination leave the horizontal part of a change free along a circle.
+
+use nalgebra::{Matrix5, Vector3, Vector5};
+
+use crate::log::{FieldCorrection, LoggedFlight};
+use crate::numbers::square;
+use crate::replay::evaluation::heading_deg;
+use crate::replay::hard_iron_step::HardIronStep;
+use crate::replay::integrated_turns::IntegratedTurns;
+use crate::replay::logged_accuracy::yaw_sectors;
+use crate::replay::row::ReplayRow;
+use crate::score::wrap_180;
+
+/// Time before and after a change in which the jump is searched, seconds.
+const SEARCHED_S: f64 = 20.0;
+/// Smallest jump that a heading shows, degrees RMS.
+const MIN_JUMP_DEG: f64 = 3.0;
+/// Least fraction of the expected jump that confirms it.
+const MIN_JUMP_FRACTION: f64 = 0.5;
+/// Standard deviation of the rates' offset, deg/s.
+const RATE_OFFSET_DEG_S: f64 = 0.2;
+/// Standard deviation of the deviation that a correction leaves, degrees.
+const DEVIATION_DEG: f64 = 15.0;
+/// Minimum number of rows on a side.
+const MIN_ROWS: usize = 20;
+
+/// Whether neither the headings around a change nor, without any to compare with, the headings flown on both sides
+/// contradict it. `initial` is a correction without the change.
+pub(super) fn is_change_possible(
+    flight: &LoggedFlight,
+    rows: &[ReplayRow],
+    turns: &IntegratedTurns,
+    step: &HardIronStep,
+    initial: &FieldCorrection,
+) -> bool {
+    let changed = FieldCorrection { hard_iron_ut: initial.hard_iron_ut + Vector3::from(step.step_ut), ..*initial };
+    let near = rows.iter().filter(|row| row.is_usable && (row.t_s - step.time_s).abs() < SEARCHED_S);
+    let differences = near.filter_map(|row| {
+        let heading = |correction| heading_deg(row, row.corrected_field(correction));
+        let is_after = row.t_s >= step.time_s;
+        let jump_deg = if is_after { wrap_180(heading(initial) - heading(&changed)) } else { 0.0 };
+        let (part, turn_deg) = match row.reference_deg {
+            Some(reference_deg) => (usize::MAX, reference_deg),
+            None => turns.part_and_turn_deg(row.t_s)?,
+        };
+        let heading_deg = heading(initial);
+        let t_s = row.t_s - step.time_s;
+        Some(Difference { t_s, part, heading_deg, deg: heading_deg - turn_deg, jump_deg, is_after })
+    });
+    let differences: Vec<Difference> = differences.collect();
+    let sides = [false, true].map(|is_after| differences.iter().filter(|row| row.is_after == is_after).count());
+    let is_one_part = differences.windows(2).all(|pair| pair[0].part == pair[1].part);
+    if sides.iter().any(|count| *count < MIN_ROWS) || !is_one_part {
+        return both_sides_turned(flight, rows, step.time_s);
+    }
+    let jump_squares: f64 = differences.iter().map(|row| square(row.jump_deg)).sum();
+    let is_visible = (jump_squares / sides[1] as f64).sqrt() > MIN_JUMP_DEG;
+    !is_visible || jump_fraction(&differences).is_none_or(|fraction| fraction > MIN_JUMP_FRACTION)
+}
+
+/// Heading without the change, less the turn.
+struct Difference {
+    /// Time after the change, seconds.
+    t_s: f64,
+    part: usize,
+    heading_deg: f64,
+    deg: f64,
+    /// Expected jump of the heading, degrees.
+    jump_deg: f64,
+    is_after: bool,
+}
+
+/// Least-squares fraction of the expected jump, with a constant, an offset of the rates and the deviation that the
+/// correction leaves.
+fn jump_fraction(differences: &[Difference]) -> Option<f64> {
+    let first_deg = differences.first()?.deg;
+    let weight = 10.0 / differences.len() as f64;
+    let [by_offset, by_deviation] = [RATE_OFFSET_DEG_S, DEVIATION_DEG].map(|sigma| square(sigma).recip());
+    let mut normal = Matrix5::from_diagonal(&Vector5::new(0.0, by_offset, by_deviation, by_deviation, 0.0));
+    let mut side = Vector5::zeros();
+    for row in differences {
+        let (sin, cos) = libm::sincos(row.heading_deg.to_radians());
+        let by_unknowns = Vector5::new(1.0, row.t_s, sin, cos, row.jump_deg);
+        normal += by_unknowns * by_unknowns.transpose() * weight;
+        side += by_unknowns * (wrap_180(row.deg - first_deg) * weight);
+    }
+    Some((normal.try_inverse()? * side)[4])
+}
+
+fn both_sides_turned(flight: &LoggedFlight, rows: &[ReplayRow], changed_s: f64) -> bool {
+    let (before, after) = rows.split_at(rows.partition_point(|row| row.t_s < changed_s));
+    [before, after].iter().all(|side| yaw_sectors(flight, side).are_judged())
+}

@@ -1,0 +1,74 @@
+//! Rest on the ground: attitude and height are constant, and the aircraft does not move over ground.
+
+use autoswing::frames::{RollPitch, wrap_pi};
+
+use crate::log::LoggedFlight;
+use crate::log::time_series::TimedRow;
+use crate::replay::row::down_in_body;
+
+/// Speed of a flight, m/s; above it the aircraft has left.
+const MIN_FLIGHT_SPEED_M_S: f32 = 3.0;
+/// Shortest movement over ground that counts as a flight, seconds.
+const MIN_FLIGHT_S: f64 = 20.0;
+
+/// Speed that counts as movement, m/s; above the noise of a receiver at rest.
+const MAX_REST_SPEED_M_S: f32 = 0.7;
+/// Height above the first one that is not on the ground, metres; above the noise of a receiver at rest.
+const MIN_AIRBORNE_HEIGHT_M: f32 = 5.0;
+/// Change of roll, pitch or yaw that counts as movement, radians (2.5 deg): wind and engine shake an aircraft.
+const MAX_REST_CHANGE_RAD: f32 = 0.044;
+/// Length of a part of the log that is at rest or not, seconds.
+const PART_S: f64 = 5.0;
+
+/// Cosine of the tilt at which an aircraft lies on its side (60 deg).
+const MAX_DOWN_ON_SIDE: f64 = 0.5;
+
+/// Open intervals at rest before the first and after the last flight, and on the side after it, seconds.
+pub(super) fn ground_intervals(flight: &LoggedFlight) -> Vec<[f64; 2]> {
+    let moving = || flight.gps.rows().iter().filter(|row| row.row_values[3] > MIN_FLIGHT_SPEED_M_S).map(|row| row.t_s);
+    let flown_s = moving().next().zip(moving().next_back()).filter(|(from_s, to_s)| to_s - from_s > MIN_FLIGHT_S);
+    let armed_s = flight.armed_changes.iter().find(|(_, is_armed)| *is_armed).map(|&(at_s, _)| at_s);
+    let part_index = |row: &TimedRow<3>| (row.t_s / PART_S).floor() as i64;
+    let parts = flight.attitude.rows().chunk_by(|a, b| part_index(a) == part_index(b));
+    let mut intervals = Vec::new();
+    for part in parts.filter(|part| has_constant_attitude(part)) {
+        let [Some(first), Some(last)] = [part.first(), part.last()] else { continue };
+        let [from_s, to_s] = [first.t_s - PART_S / 2.0, last.t_s + PART_S / 2.0];
+        if let Some((first_s, last_s)) = flown_s {
+            let outside = [[from_s, to_s.min(first_s)], [from_s.max(last_s), to_s]];
+            intervals.extend(outside.into_iter().filter(|interval_s| is_still(flight, *interval_s)));
+        }
+        if armed_s.is_some_and(|armed_s| armed_s < from_s) && lies_on_its_side(part) {
+            intervals.push([from_s, to_s]);
+        }
+    }
+    intervals
+}
+
+/// Whether the aircraft neither moves over ground nor is above it.
+fn is_still(flight: &LoggedFlight, [from_s, to_s]: [f64; 2]) -> bool {
+    let rows = flight.gps.rows();
+    let ground_m = rows.first().map_or(0.0, |row| row.row_values[2]);
+    let is_still = |row: &TimedRow<6>| {
+        let [_, _, height_m, speed_m_s, ..] = row.row_values;
+        speed_m_s <= MAX_REST_SPEED_M_S && height_m - ground_m < MIN_AIRBORNE_HEIGHT_M
+    };
+    let within = |row: &&TimedRow<6>| (from_s..to_s).contains(&row.t_s) && row.t_s > from_s;
+    from_s < to_s && rows.iter().filter(within).all(is_still)
+}
+
+fn has_constant_attitude(part: &[TimedRow<3>]) -> bool {
+    let Some(first) = part.first() else { return false };
+    (0..3).all(|angle| {
+        let changes = || part.iter().map(|row| wrap_pi(row.row_values[angle] - first.row_values[angle]));
+        let is_known = changes().all(f32::is_finite);
+        !is_known || changes().fold(0.0, f32::max) - changes().fold(0.0, f32::min) < MAX_REST_CHANGE_RAD
+    })
+}
+
+fn lies_on_its_side(part: &[TimedRow<3>]) -> bool {
+    part.iter().all(|row| {
+        let [roll_rad, pitch_rad, _] = row.row_values;
+        down_in_body(RollPitch { roll_rad, pitch_rad }).z.abs() < MAX_DOWN_ON_SIDE
+    })
+}
