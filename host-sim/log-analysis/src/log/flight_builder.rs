@@ -102,7 +102,7 @@ impl FlightBuilder {
         }
     }
 
-    /// Rows of a compass. A compass without any is reported as failed, if others have rows.
+    /// Rows of a compass. A compass whose readings are all rejected is reported as failed.
     pub fn compass_rows(&mut self, compass_number: u8, field_processing: FieldProcessing) -> &mut Series<6> {
         let index = self.field_rows.iter().position(|&(row_number, row_processing, _)| {
             (row_number, row_processing) == (compass_number, field_processing)
@@ -204,7 +204,9 @@ impl FlightBuilder {
         flight.reference_heading.sort_and_dedup();
         flight.row_usability.sort_and_dedup();
         flight.skipped_counts.repeated_times += attitude_repeats as u64;
-        if self.field_rows.iter().all(|(_, _, field)| field.rows().is_empty()) {
+        if flight.skipped_counts.rejected_readings == 0
+            && self.field_rows.iter().all(|(_, _, field)| field.rows().is_empty())
+        {
             self.field_rows.clear();
         }
         let sources = select_field_source(std::mem::take(&mut self.field_rows));

@@ -65,6 +65,8 @@ pub enum LogError {
     Empty,
     /// The content matches no supported format.
     UnknownFormat,
+    /// The format is known and not read; what to do instead.
+    UnreadFormat(&'static str),
     /// Error in the values of a table.
     Csv(CsvError),
     /// The log has no valid magnetometer reading. Number of rejected ones.
@@ -88,6 +90,7 @@ impl fmt::Display for LogError {
                 "not a known log: ArduPilot DataFlash (.bin, .log), PX4 ULog (.ulg), MAVLink (.tlog), or a table \
                  whose first line names t_s,mx,my,mz,roll_deg,pitch_deg",
             ),
+            Self::UnreadFormat(advice) => f.write_str(advice),
             Self::Csv(error) => error.fmt(f),
             Self::NoMagnetometer(format, 0) => write!(f, "{}: no magnetometer is logged", format.format_name()),
             Self::NoMagnetometer(format, unhealthy) => write!(
@@ -212,6 +215,10 @@ fn detect_format(first_bytes: &[u8]) -> Result<LogFormat, LogError> {
         Err(LogError::Empty)
     } else if first_bytes.starts_with(&ulog::ULOG_MAGIC) {
         Ok(LogFormat::ULog)
+    } else if dataflash::is_sdlog2(first_bytes) {
+        Err(LogError::UnreadFormat(
+            "PX4's log before ULog (sdlog2, until 2017) is not read: fly with a firmware that writes .ulg",
+        ))
     } else if dataflash::matches_header(first_bytes) {
         Ok(LogFormat::DataFlash)
     } else if tlog::matches_header(first_bytes) {

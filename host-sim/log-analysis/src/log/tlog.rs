@@ -29,6 +29,9 @@ const MAX_PX4_COMPASSES: u8 = 4;
 
 const MAX_START_SEARCH_BYTES: usize = 4096;
 
+/// Number of parameters retained before the first heartbeat; ArduPilot has some 1,400.
+const MAX_EARLY_PARAMETERS: usize = 4096;
+
 pub fn matches_header(first_bytes: &[u8]) -> bool {
     find_clock_length(first_bytes).is_some()
 }
@@ -162,6 +165,8 @@ struct TlogReader {
     /// Fields of PX4's `sensor_mag` instances by `SCALED_IMU`, `SCALED_IMU2` and `SCALED_IMU3`: uncorrected, in the axes
     /// of the sensor, microtesla.
     px4_sensor_fields: [Series<3>; 3],
+    /// Parameters received before the first heartbeat (1 Hz), by sender.
+    early_parameters: Vec<([u8; 2], PARAM_VALUE_DATA)>,
     /// Clock of the sender in its last message with one, and the receiver's clock at that message, microseconds.
     last_clock_pair_us: Option<(u64, u64)>,
 }
@@ -176,6 +181,7 @@ impl TlogReader {
             other_systems: Vec::new(),
             other_components: Vec::new(),
             px4_sensor_fields: Default::default(),
+            early_parameters: Vec::new(),
             last_clock_pair_us: None,
         }
     }
@@ -191,10 +197,15 @@ impl TlogReader {
         }
         if frame.message_id == HEARTBEAT_ID {
             self.process_heartbeat(frame);
-        } else if self.autopilot_ids.is_none() {
-            // Ignored until the first heartbeat (1 Hz) identifies the autopilot.
         } else if let Ok(message) = MavMessage::parse(frame.version, frame.message_id, frame.payload) {
-            self.process_message(frame, &message);
+            match message {
+                _ if self.autopilot_ids.is_some() => self.process_message(frame, &message),
+                MavMessage::PARAM_VALUE(payload) if self.early_parameters.len() < MAX_EARLY_PARAMETERS => {
+                    self.early_parameters.push((frame.sender, payload));
+                }
+                // Ignored until the first heartbeat identifies the autopilot.
+                _ => {}
+            }
         }
     }
 
@@ -229,6 +240,11 @@ impl TlogReader {
                 MAV_AUTOPILOT_PX4 => AutopilotKind::Px4,
                 _ => AutopilotKind::Unknown,
             };
+            let early = std::mem::take(&mut self.early_parameters);
+            early
+                .iter()
+                .filter(|(sender, _)| *sender == frame.sender)
+                .for_each(|(_, payload)| self.record_parameter(payload));
         }
         if let Some(t_s) = self.receiver_time_s(frame) {
             self.builder.push_armed_report(t_s, mode & ARMED_FLAG != 0);
@@ -337,9 +353,7 @@ impl TlogReader {
                 }
             }
             MavMessage::PARAM_VALUE(payload) => {
-                if let Ok(name) = payload.param_id.to_str() {
-                    self.builder.set_parameter(name, parameter_value(self.builder.flight.autopilot, payload));
-                }
+                self.record_parameter(payload);
             }
             MavMessage::STATUSTEXT(payload) => {
                 if let Ok(text) = payload.text.to_str()
@@ -349,6 +363,12 @@ impl TlogReader {
                 }
             }
             _ => {}
+        }
+    }
+
+    fn record_parameter(&mut self, payload: &PARAM_VALUE_DATA) {
+        if let Ok(name) = payload.param_id.to_str() {
+            self.builder.set_parameter(name, parameter_value(self.builder.flight.autopilot, payload));
         }
     }
 

@@ -53,9 +53,14 @@ fn range_of_values(rows: &[ReplayRow], value_of: impl Fn(&ReplayRow) -> f32) -> 
 }
 
 /// Change of the other axes by rotation about any but this axis, microtesla. A roll leaves x constant while y and z
-/// change; so does hard iron that changes along y or z in hover, of which the largest step is excluded.
+/// change, and a turn on the spot leaves z and the strength of x and y; so does hard iron that changes along y or z in
+/// hover, of which the largest step is excluded.
 fn other_axes_change(rows: &[ReplayRow], axis: usize) -> f32 {
     let measured: Vec<_> = rows.iter().map(|row| row.raw_field.ut).collect();
+    if axis == 2 {
+        let horizontal: Vec<_> = measured.iter().map(|ut| Vector3::new(ut.xy().norm(), 0.0, 0.0)).collect();
+        return change_without_step(&horizontal, 0);
+    }
     let turned_back: Vec<_> = rows.iter().map(|row| without_rotation_about(row, axis)).collect();
     [(axis + 1) % 3, (axis + 2) % 3]
         .map(|other| change_without_step(&measured, other).min(change_without_step(&turned_back, other)))
@@ -72,7 +77,7 @@ fn change_without_step(fields: &[Vector3<f32>], axis: usize) -> f32 {
 /// Field of a row turned back by the roll for the x axis, and by the pitch for the y axis.
 fn without_rotation_about(row: &ReplayRow, axis: usize) -> Vector3<f32> {
     let RollPitch { roll_rad, pitch_rad } = row.attitude;
-    let [roll_rad, pitch_rad] = [[roll_rad, 0.0], [0.0, pitch_rad], [0.0, 0.0]][axis];
+    let [roll_rad, pitch_rad] = if axis == 0 { [roll_rad, 0.0] } else { [0.0, pitch_rad] };
     RollPitch { roll_rad, pitch_rad }.to_level_frame(Field::new(row.raw_field.ut)).ut
 }
 

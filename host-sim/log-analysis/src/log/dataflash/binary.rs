@@ -19,6 +19,11 @@ pub fn matches_header(first_bytes: &[u8]) -> bool {
         .any(|window| window == [FRAME_START[0], FRAME_START[1], FMT_MESSAGE_NUMBER])
 }
 
+/// Whether the log is one of PX4's sdlog2, which has the same frames and other messages: its clock is `TIME.StartTime`.
+pub fn is_sdlog2(first_bytes: &[u8]) -> bool {
+    matches_header(first_bytes) && first_bytes.windows(9).any(|window| window == b"StartTime")
+}
+
 /// Reads a flight.
 ///
 /// # Errors

@@ -8,7 +8,7 @@ mod binary;
 mod messages;
 mod text_log;
 
-pub use binary::{matches_header, read_binary};
+pub use binary::{is_sdlog2, matches_header, read_binary};
 pub(super) use messages::quaternion_to_euler_rad;
 pub use text_log::read_text;
 

@@ -8,6 +8,7 @@ use super::data_loss;
 use super::evaluation::{CompassEvaluation, FlightEvaluation};
 use super::frozen_field::{self, FrozenInterval, frozen_intervals};
 use super::gps_course::{GpsCourseHeading, GpsCourseRejection};
+use super::rows::{RowCounts, strength_ut};
 use crate::log::{
     AttitudeView, AutopilotKind, LogFormat, LoggedFlight, RatesProblem, missing_ardupilot_parameters,
     mounting_parameter_changes,
@@ -63,6 +64,15 @@ pub enum LogWarning {
         axis: Option<char>,
         /// Start and end of the longest interval, seconds.
         interval_s: [f64; 2],
+    },
+    /// Readings are much stronger than the others, and not used.
+    Spikes {
+        /// Number of the compass.
+        compass: u8,
+        /// Number of such readings.
+        spike_count: usize,
+        /// Strongest of them, microtesla.
+        largest_ut: f64,
     },
     /// No reading of the compass is usable: zero, out of range or marked unhealthy. Its number.
     FieldMissing(u8),
@@ -131,6 +141,7 @@ impl LogWarning {
         for compass in compasses {
             warnings.extend(implausible_strength(evaluation, compass, is_table));
             warnings.extend(sensor_failure(flight, compass));
+            warnings.extend(spikes(flight, compass));
         }
         let oldest_s = compasses.iter().filter(|compass| compass.latency.sigma_s.is_some());
         let oldest_s = oldest_s.map(|compass| compass.latency.used_s).fold(f64::INFINITY, f64::min);
@@ -182,6 +193,13 @@ impl LogWarning {
         add_if(has_none, Self::NoParameters);
         warnings
     }
+}
+
+fn spikes(flight: &LoggedFlight, compass: &CompassEvaluation) -> Option<LogWarning> {
+    let CompassEvaluation { compass_number, row_counts: RowCounts { spikes: spike_count, .. }, .. } = *compass;
+    let logged = flight.compasses.iter().find(|logged| logged.compass_number == compass_number)?;
+    let largest_ut = logged.field.rows().iter().map(strength_ut).fold(0.0, f64::max);
+    (spike_count > 0).then_some(LogWarning::Spikes { compass: compass_number, spike_count, largest_ut })
 }
 
 /// Splits a list of numbers into the first and the others; `None` without others.
@@ -265,13 +283,7 @@ impl fmt::Display for LogWarning {
                  does not adapt; it is too small where the flight is rougher than the fitted samples",
             ),
             Self::ImplausibleStrength { compass, found_ut, model_ut, cause } => {
-                let expected = model_ut.map_or_else(
-                    || format!("the Earth's is {:.0} to {:.0}", EARTH_FIELD_RANGE_UT[0], EARTH_FIELD_RANGE_UT[1]),
-                    |ut| format!("by the field model {ut:.1}"),
-                );
-                // A field in the wrong unit may be so small that it needs more decimals.
-                let decimals = if *found_ut < 1.0 { 4 } else { 1 };
-                write!(f, "compass {compass}: the field is {found_ut:.decimals$} uT strong, {expected}: {cause}")
+                write_implausible_strength(f, *compass, *found_ut, *model_ut, cause)
             }
             Self::FieldFrozen { compass, axis, interval_s: [from_s, to_s] } => {
                 let stuck = axis.map_or_else(|| "field".to_owned(), |axis| format!("{axis} axis"));
@@ -281,6 +293,10 @@ impl fmt::Display for LogWarning {
                      {to_s:.0} s; these rows are not used, as in the module (sensor-stuck)",
                 )
             }
+            Self::Spikes { compass, spike_count, largest_ut } => write!(
+                f,
+                "compass {compass}: {spike_count} reading(s) of up to {largest_ut:.0} uT are spikes, and not used",
+            ),
             Self::FieldMissing(compass) => {
                 write!(f, "compass {compass}: all its readings are zero, out of range, or marked unhealthy by the autopilot")
             }
@@ -340,6 +356,22 @@ impl fmt::Display for LogWarning {
             }
         }
     }
+}
+
+fn write_implausible_strength(
+    f: &mut fmt::Formatter<'_>,
+    compass: u8,
+    found_ut: f64,
+    model_ut: Option<f64>,
+    cause: &str,
+) -> fmt::Result {
+    let expected = model_ut.map_or_else(
+        || format!("the Earth's is {:.0} to {:.0}", EARTH_FIELD_RANGE_UT[0], EARTH_FIELD_RANGE_UT[1]),
+        |ut| format!("by the field model {ut:.1}"),
+    );
+    // A field in the wrong unit may be so small that it needs more decimals.
+    let decimals = if found_ut < 1.0 { 4 } else { 1 };
+    write!(f, "compass {compass}: the field is {found_ut:.decimals$} uT strong, {expected}: {cause}")
 }
 
 impl Serialize for LogWarning {

@@ -4,6 +4,7 @@ mod rest;
 
 use autoswing::attitude::{BodyRates, EulerRates};
 use autoswing::frames::{Field, RollPitch, wrap_pi};
+use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::data_loss;
@@ -12,7 +13,7 @@ use super::reference::ReferenceHeading;
 use super::row::{ReplayRow, down_in_body};
 use crate::log::time_series::{Series, TimedRow};
 use crate::log::{LoggedCompass, LoggedFlight};
-use crate::numbers::quantile;
+use crate::numbers::{median, quantile};
 
 /// Largest gap between attitudes, seconds: one attitude lost at 3 Hz.
 const MAX_GAP_S: f64 = 0.7;
@@ -37,6 +38,9 @@ const TILT_JUMP_MARGIN_RAD: f32 = 0.1;
 
 /// Longest time between two attitude jumps that enclose a wrong attitude, seconds.
 const MAX_WRONG_ATTITUDE_S: f64 = 3.0;
+
+/// Least ratio of a spike's strength to the median: hard iron of nearly the Earth's field doubles the strength.
+const MIN_SPIKE_RATIO: f64 = 3.0;
 
 /// Time after a start or gap in which a filter may align, seconds; data up to the last excessive tilt is dropped.
 const MAX_FILTER_ALIGNMENT_S: f64 = 60.0;
@@ -93,16 +97,19 @@ pub struct RowCounts {
     /// Number of rows with a frozen field while the aircraft moved.
     #[serde(rename = "stuck")]
     pub frozen_field: usize,
+    /// Number of readings that are much stronger than the others.
+    pub spikes: usize,
 }
 
 impl RowCounts {
-    const fn rejections_by_cause(&self) -> [(usize, &'static str); 6] {
+    const fn rejections_by_cause(&self) -> [(usize, &'static str); 7] {
         [
             (self.disarmed, "disarmed"),
             (self.on_the_ground, "on the ground"),
             (self.without_attitude, "without an attitude near it"),
             (self.contradicting_attitude, "while the attitude contradicts the body rates"),
             (self.frozen_field, "with a frozen field"),
+            (self.spikes, "spikes"),
             (self.excluded, "excluded by the log or outside the chosen time"),
         ]
     }
@@ -135,7 +142,12 @@ pub fn build_rows(
     let unsettled = intervals_contradicting_rates(flight);
     let gap_s = data_loss::attitude_gap_limit_s(flight, MAX_GAP_S);
     let mut accumulators: Vec<RowAccumulator> = Vec::new();
+    let spike_ut = MIN_SPIKE_RATIO * median(compass.field.rows().iter().map(strength_ut));
     for reading in compass.field.rows() {
+        if strength_ut(reading) > spike_ut {
+            row_counts.spikes += 1;
+            continue;
+        }
         let t_s = reading.t_s - latency_s;
         let attitude_and_rates =
             attitude_at(flight, t_s).filter(|_| flight.attitude.surrounding_rows(t_s, gap_s).is_some());
@@ -187,6 +199,12 @@ pub fn build_rows(
     }
     row_counts.used = rows.iter().filter(|row| row.is_usable).count();
     (rows, row_counts)
+}
+
+/// Strength of a reading's raw field, microtesla.
+pub(super) fn strength_ut(reading: &TimedRow<6>) -> f64 {
+    let [x, y, z, ..] = reading.row_values;
+    f64::from(Vector3::new(x, y, z).norm())
 }
 
 #[derive(Default)]
