@@ -25,6 +25,10 @@ pub(super) const EARTH_FIELD_RANGE_UT: [f64; 2] = [22.0, 67.0];
 /// Lag of the attitude behind the field that is reported, seconds: 3 deg of heading at 30 deg/s.
 const LATE_ATTITUDE_S: f64 = 0.1;
 
+/// Consequence of lost body rates.
+const WITHOUT_RATES_TEXT: &str = "headings are without smoothing and monitor, and their sigma does not adapt; it is too \
+    small where the flight is rougher than the fitted samples";
+
 /// Warning about a log; displayed as a sentence.
 #[derive(Clone, Debug, PartialEq)]
 pub enum LogWarning {
@@ -93,6 +97,8 @@ pub enum LogWarning {
     OtherAutopilots(u8, Vec<u8>),
     /// Share of readings with an attitude that contradicts the body rates, percent.
     RatesContradicted(usize),
+    /// Share of readings with an attitude that differs from the simulator's, percent.
+    DiffersFromSimulator(usize),
     /// System that is evaluated, and other vehicles on the link.
     OtherVehicles(u8, Vec<u8>),
     /// Restarts of the autopilot in the log.
@@ -151,6 +157,12 @@ impl LogWarning {
             first_and_others(&flight.autopilot_component_ids)
                 .map(|(own_id, other_ids)| Self::OtherAutopilots(own_id, other_ids)),
         );
+        let off_simulator = |compass: &CompassEvaluation| {
+            let RowCounts { off_simulator, readings, .. } = compass.row_counts;
+            off_simulator * 100 / readings.max(1)
+        };
+        let off_simulator_percent = compasses.iter().map(off_simulator).max().filter(|percent| *percent > 0);
+        warnings.extend(off_simulator_percent.map(Self::DiffersFromSimulator));
         let contradicted =
             |compass: &&CompassEvaluation| compass.row_counts.contradicting_attitude * 5 > compass.row_counts.readings;
         warnings.extend(compasses.iter().find(contradicted).map(|compass| {
@@ -277,11 +289,7 @@ impl fmt::Display for LogWarning {
                 "the field is logged {hz:.1} times a second, too slowly for the monitor (ten times): headings are without \
                  its adjustments",
             ),
-            Self::RatesLost(percent) => write!(
-                f,
-                "{percent:.0} % of the body rates are lost: headings are without smoothing and monitor, and their sigma \
-                 does not adapt; it is too small where the flight is rougher than the fitted samples",
-            ),
+            Self::RatesLost(percent) => write!(f, "{percent:.0} % of the body rates are lost: {WITHOUT_RATES_TEXT}"),
             Self::ImplausibleStrength { compass, found_ut, model_ut, cause } => {
                 write_implausible_strength(f, *compass, *found_ut, *model_ut, cause)
             }
@@ -327,14 +335,16 @@ impl fmt::Display for LogWarning {
                 "the attitude contradicts the body rates in {percent} % of the log, which is not used: are the rates in \
                  another unit, or of other axes?",
             ),
+            Self::DiffersFromSimulator(percent) => write!(
+                f,
+                "the logged attitude differs from the simulator's by over 5 deg in {percent} % of the log, which is not used",
+            ),
             Self::OtherVehicles(own, others) => write!(
                 f,
                 "several vehicles on the link: system {own} is evaluated; --system selects another ({})",
                 list(others)
             ),
-            Self::Restarts(number) => {
-                write!(f, "the autopilot restarted {number} time(s) in the log; time continues after each")
-            }
+            Self::Restarts(number) => write!(f, "the autopilot restarted {number} time(s) in the log; time goes on after each"),
             Self::Skipped(number, items) => write!(f, "skipped: {number} {items}"),
             Self::ThrottleCompensation => f.write_str(
                 "the autopilot compensates by throttle; interference is estimated only from a logged current",

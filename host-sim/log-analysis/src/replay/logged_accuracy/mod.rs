@@ -24,8 +24,8 @@ pub const GOOD_COMPASS_RMS_DEG: f64 = 2.0;
 /// not reduce that.
 pub const BAD_COMPASS_RMS_DEG: f64 = 5.0;
 
-/// Minimum number of usable rows for a judgement: 5 s at 10 Hz.
-const MIN_ROWS: usize = 50;
+/// Minimum number of usable rows for a judgement: 12 s at the 2 Hz of telemetry.
+const MIN_ROWS: usize = 25;
 
 /// Longest gap of the autopilot's yaw by which headings are counted, seconds.
 const MAX_YAW_GAP_S: f64 = 1.5;
@@ -175,7 +175,11 @@ impl fmt::Display for LoggedAccuracy {
     /// "1.3 deg RMS on 7 of 12 headings by the body rates".
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { rms_deg, sector_count, .. } = self;
-        write!(f, "{rms_deg:.1} deg RMS on {sector_count} of 12 headings")?;
+        write!(f, "{rms_deg:.1} deg RMS")?;
+        match sector_count {
+            0 | 1 => f.write_str(" while the aircraft hardly turned,")?,
+            _ => write!(f, " on {sector_count} of 12 headings")?,
+        }
         match self.evidence {
             AccuracyEvidence::Reference => Ok(()),
             AccuracyEvidence::BodyRates => f.write_str(" by the body rates"),

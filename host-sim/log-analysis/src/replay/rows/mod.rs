@@ -99,10 +99,12 @@ pub struct RowCounts {
     pub frozen_field: usize,
     /// Number of readings that are much stronger than the others.
     pub spikes: usize,
+    /// Number of readings with an attitude that differs from the simulator's.
+    pub off_simulator: usize,
 }
 
 impl RowCounts {
-    const fn rejections_by_cause(&self) -> [(usize, &'static str); 7] {
+    const fn rejections_by_cause(&self) -> [(usize, &'static str); 8] {
         [
             (self.disarmed, "disarmed"),
             (self.on_the_ground, "on the ground"),
@@ -110,6 +112,7 @@ impl RowCounts {
             (self.contradicting_attitude, "while the attitude contradicts the body rates"),
             (self.frozen_field, "with a frozen field"),
             (self.spikes, "spikes"),
+            (self.off_simulator, "while the attitude differs from the simulator's by over 5 deg"),
             (self.excluded, "excluded by the log or outside the chosen time"),
         ]
     }
@@ -159,6 +162,10 @@ pub fn build_rows(
             row_counts.contradicting_attitude += 1;
             continue;
         }
+        if differs_from_simulator(flight, t_s, attitude) {
+            row_counts.off_simulator += 1;
+            continue;
+        }
         match accumulators.last_mut() {
             Some(last) if t_s - last.first_s < ROW_AVERAGING_S => last.add_reading(t_s, reading, attitude, rates),
             _ => {
@@ -199,6 +206,16 @@ pub fn build_rows(
     }
     row_counts.used = rows.iter().filter(|row| row.is_usable).count();
     (rows, row_counts)
+}
+
+/// Whether roll and pitch differ from a simulator's by more than a working filter does.
+fn differs_from_simulator(flight: &LoggedFlight, t_s: f64, attitude: RollPitch) -> bool {
+    /// Twice the largest error of a filter in a turn, radians (5 deg).
+    const MAX_DIFFERENCE_RAD: f64 = 0.087;
+    flight.true_attitude.interpolate_angles(t_s, MAX_GAP_S).is_some_and(|[roll_rad, pitch_rad, _]| {
+        let by_simulator = down_in_body(RollPitch { roll_rad, pitch_rad });
+        down_in_body(attitude).angle(&by_simulator) > MAX_DIFFERENCE_RAD
+    })
 }
 
 /// Strength of a reading's raw field, microtesla.
