@@ -103,12 +103,20 @@ mod tests {
 
     #[test]
     fn a_single_implausible_stamp_is_dropped() {
-        for wrong_s in [5.0, 1e6, 1e12] {
+        for wrong_s in [5.0, 1e6, 1.7e9, 1e12] {
             let (placed, line) = placed_times(&[100.0, 101.0, wrong_s, 101.1, 101.2]);
             assert_eq!(placed[2], None);
             assert!((placed[4].unwrap() - 101.2).abs() < 1e-9, "{placed:?}");
             assert_eq!((line.restart_count(), line.rejected_stamp_count()), (0, 1));
         }
+    }
+
+    /// PX4's simulator counts from 1970.
+    #[test]
+    fn a_clock_since_1970_is_one() {
+        let (placed, line) = placed_times(&[1.71e9, 1.71e9 + 0.5]);
+        assert!((placed[1].unwrap() - placed[0].unwrap() - 0.5).abs() < 1e-6, "{placed:?}");
+        assert_eq!(line.rejected_stamp_count(), 0);
     }
 
     #[test]

@@ -147,6 +147,10 @@ mod tests {
         for row in &mut steady_bank {
             row.attitude = RollPitch::from_deg(25.0, -15.0);
         }
+        let mut upside_down = frozen_rows(15, 0.0, 0.0);
+        for (i, row) in upside_down.iter_mut().enumerate() {
+            row.attitude = RollPitch::from_deg(if i % 2 == 0 { 179.95 } else { -179.95 }, 0.1);
+        }
         let mut with_gap = frozen_rows(8, 20.0, 0.0);
         for row in &mut with_gap[40..] {
             row.t_s += 256.0;
@@ -157,6 +161,7 @@ mod tests {
             ("8 s", frozen_rows(8, 20.0, 20.0), false),
             ("gusts", frozen_rows(60, 1.0, 1.0), false),
             ("steady bank", steady_bank, false),
+            ("upside down at rest", upside_down, false),
             ("a gap", with_gap, false),
         ] {
             let expected = FrozenInterval { interval_s: [0.0, 12.0], stuck_axis: None };
@@ -201,7 +206,13 @@ mod tests {
                 attitude.to_body_frame(Field::from_ut(20.0, 15.0, 40.0)).ut.into()
             })
         };
+        // A simulator without noise.
+        let turned_on_the_spot = rows_of_field(30, [0.0, 4.0], |t_s, _| {
+            let (sin, cos) = libm::sincosf(t_s / 5.0);
+            [20.0 * cos, -20.0 * sin, 40.0]
+        });
         for (name, rows, is_stuck) in [
+            ("a turn on the spot", turned_on_the_spot, false),
             ("1 mG", noisy(0.1), true),
             ("5 mG", noisy(0.5), false),
             ("a step", stepped(10.0..30.0), false),

@@ -78,6 +78,30 @@ fn log_40_s_after_boot(autopilot: MavAutopilot) -> Vec<u8> {
         .concat()
 }
 
+/// Parameters before the first heartbeat belong to their sender.
+#[test]
+fn parameters_before_the_first_heartbeat_are_read() {
+    let parameter = PARAM_VALUE_DATA { param_id: "COMPASS_OFS_X".into(), param_value: 90.0, ..Default::default() };
+    let mut other = MAVLinkV2MessageRaw::new();
+    other.serialize_message_data(
+        MavHeader { system_id: 2, component_id: 1, sequence: 0 },
+        &PARAM_VALUE_DATA { param_value: -300.0, ..parameter.clone() },
+    );
+    let other = [&0_u64.to_be_bytes(), other.raw_bytes()].concat();
+    let field = RAW_IMU_DATA { time_usec: 40_000_000, xmag: 200, zmag: 400, ..Default::default() };
+    let started = log_40_s_after_boot(MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA);
+    let bytes = [encode_logged_frame(0, &parameter), other, started, encode_logged_frame(0, &field)].concat();
+    assert_eq!(read_bytes(&bytes).unwrap().parameters.last_value("COMPASS_OFS_X"), Some(90.0));
+}
+
+/// A vehicle that is disarmed in each heartbeat was never armed: its first report is no change.
+#[test]
+fn the_first_report_of_an_arming_state_is_no_change() {
+    let heartbeat = HEARTBEAT_DATA { autopilot: MavAutopilot::MAV_AUTOPILOT_PX4, ..Default::default() };
+    let flight = read_bytes(&[started_px4_log(), encode_logged_frame(0, &heartbeat)].concat()).unwrap();
+    assert_eq!([0.0, 39.0, 41.0].map(|t_s| flight.is_armed(t_s)), [Some(false); 3]);
+}
+
 /// A message with all update flags; the default has acceleration only.
 const IMU_WITH_ALL_UPDATE_FLAGS: HIGHRES_IMU_DATA =
     HIGHRES_IMU_DATA { fields_updated: HighresImuUpdatedFlags::all(), ..HIGHRES_IMU_DATA::DEFAULT };

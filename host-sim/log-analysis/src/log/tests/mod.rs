@@ -273,3 +273,10 @@ fn a_given_orientation_replaces_the_logged_one() {
     assert_eq!(internal.set_orientation(orientation, None), Err(1));
     assert_eq!(internal.set_orientation(orientation, Some(2)), Ok(()));
 }
+
+#[test]
+fn a_log_of_a_known_format_that_is_not_read_is_named() {
+    let sdlog2 = [&[0xA3, 0x95, 0x80, 129, 11][..], b"TIME\x51", &[0; 15], b"StartTime", &[0; 55]].concat();
+    let error = read_bytes(&sdlog2).unwrap_err().to_string();
+    assert!(error.contains("sdlog2"), "{error}");
+}

@@ -147,3 +147,50 @@ fn only_a_significant_horizontal_change_affects_headings() {
     assert_eq!(effect_deg(0.2, 0.3, 9.0), None, "vertical");
     assert_eq!(heading_effect_deg(&Vector3::new(0.4, 0.0, 0.0), &(sigma_ut / 100.0), 25.0), None, "0.9 deg");
 }
+
+/// A copter turns for half a minute, then stands on one heading, where strength and inclination leave the horizontal
+/// part of a step free along a circle. By the body rates, a reference, or without both the headings on each side, a step
+/// along it is no change; one that turned the heading is, and so is one that is not seen there.
+#[test]
+fn a_step_that_did_not_turn_the_heading_is_no_change() {
+    use autoswing::frames::{Field, Level, RollPitch};
+
+    use crate::log::LoggedFlight;
+    use crate::replay::tests::row_of_field;
+    use crate::test_flight::flight_of_motion;
+
+    let heading_rad = |t_s: f64| (0.3 * t_s.min(30.0)) as f32;
+    let with_rates = flight_of_motion(10.0, 600, |t_s| {
+        ([0.0, 0.0, heading_rad(t_s)], [0.0, 0.0, if t_s < 30.0 { 0.3 } else { 0.0 }])
+    });
+    let without_rates = LoggedFlight { has_measured_rates: false, ..with_rates.clone() };
+    let rows = |step_ut: [f32; 3], has_reference: bool| -> Vec<ReplayRow> {
+        let row = |i: i32| {
+            let t_s = f64::from(i) / 10.0;
+            let earth = Field::<Level>::earth_field(50.0, 60_f32.to_radians(), heading_rad(t_s)).ut;
+            let field = earth + if t_s >= 35.0 { Vector3::from(step_ut) } else { Vector3::zeros() };
+            let reference_deg = has_reference.then(|| f64::from(heading_rad(t_s).to_degrees()));
+            ReplayRow { reference_deg, ..row_of_field(t_s, Field::new(field), RollPitch::default()) }
+        };
+        (0..600).map(row).collect()
+    };
+    // On this heading the field is ahead by -22.6 uT and to the right by -10.7 uT: turned by 50 deg it is as strong.
+    let across =
+        [(9.0_f32.cos(), -9.0_f32.sin()), (8.13_f32.cos(), -8.13_f32.sin())].map(|(x, y)| [25.0 * x, 25.0 * y]);
+    let along_circle = [across[1][0] - across[0][0], across[1][1] - across[0][1], 0.0];
+    let along_field = [0.3 * across[0][0], 0.3 * across[0][1], 0.0];
+    for (name, flight, has_reference, happened_ut, claimed_ut, is_possible) in [
+        ("rates, none happened", &with_rates, false, [0.0; 3], along_circle, false),
+        ("rates, happened", &with_rates, false, along_circle, along_circle, true),
+        ("rates, along the field", &with_rates, false, along_field, along_field, true),
+        ("reference, none happened", &without_rates, true, [0.0; 3], along_circle, false),
+        ("reference, happened", &without_rates, true, along_circle, along_circle, true),
+        ("one heading after it", &without_rates, false, along_circle, along_circle, false),
+    ] {
+        let step = HardIronStep { time_s: 35.0, step_ut: claimed_ut.map(f64::from), sigma_ut: [0.1; 3] };
+        let rows = rows(happened_ut, has_reference);
+        let turns = IntegratedTurns::new(flight);
+        let found = is_change_possible(flight, &rows, &turns, &step, &FieldCorrection::identity());
+        assert_eq!(found, is_possible, "{name}");
+    }
+}

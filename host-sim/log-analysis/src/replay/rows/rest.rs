@@ -72,3 +72,48 @@ fn lies_on_its_side(part: &[TimedRow<3>]) -> bool {
         down_in_body(RollPitch { roll_rad, pitch_rad }).z.abs() < MAX_DOWN_ON_SIDE
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_flight::flight_of_motion;
+
+    /// A minute in which the aircraft does something, then half a minute of fast flight.
+    fn seconds_on_the_ground(speed_m_s: f32, height_m: f32, tilt_rad: f32) -> f64 {
+        let mut flight = flight_of_motion(10.0, 900, |t_s| {
+            let tilt_rad = if t_s < 60.0 { tilt_rad * libm::sinf(t_s as f32) } else { 0.3 };
+            ([tilt_rad, 0.0, 0.0], [0.0; 3])
+        });
+        for i in 0..90 {
+            let is_fast = i >= 60;
+            let (speed_m_s, height_m) =
+                if is_fast { (6.0, 50.0) } else { (speed_m_s, if i < 5 { 0.0 } else { height_m }) };
+            flight.gps.push_row(f64::from(i), [48.0, 11.0, height_m, speed_m_s, 0.0, f32::NAN]);
+        }
+        ground_intervals(&flight).iter().map(|[from_s, to_s]| to_s - from_s).sum()
+    }
+
+    /// An aircraft that hovers or drives slowly before a fast part is not on the ground.
+    #[test]
+    fn an_aircraft_rests_if_neither_attitude_nor_height_nor_place_changes() {
+        for (name, speed_m_s, height_m, tilt_rad, is_at_rest) in [
+            ("parked", 0.3, 0.0, 0.01, true),
+            ("hovering low", 0.5, 2.0, 0.1, false),
+            ("hovering still", 0.5, 20.0, 0.01, false),
+            ("driving slowly", 1.5, 0.0, 0.01, false),
+        ] {
+            let ground_s = seconds_on_the_ground(speed_m_s, height_m, tilt_rad);
+            assert_eq!(ground_s > 50.0, is_at_rest, "{name}: {ground_s} s");
+            assert!(is_at_rest || ground_s < 10.0, "{name}: {ground_s} s");
+        }
+    }
+
+    #[test]
+    fn an_aircraft_on_its_side_after_a_flight_has_crashed() {
+        let mut flight = flight_of_motion(10.0, 600, |t_s| ([if t_s < 40.0 { 0.1 } else { 1.5 }, 0.0, 0.0], [0.0; 3]));
+        assert!(ground_intervals(&flight).is_empty(), "a hand swing");
+        flight.armed_changes.push((1.0, true));
+        let intervals = ground_intervals(&flight);
+        assert!(intervals.iter().all(|[from_s, _]| *from_s > 37.0) && intervals.len() == 4, "{intervals:?}");
+    }
+}
