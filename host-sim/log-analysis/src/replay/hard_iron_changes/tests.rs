@@ -175,8 +175,10 @@ fn a_step_that_did_not_turn_the_heading_is_no_change() {
         (0..600).map(row).collect()
     };
     // On this heading the field is ahead by -22.6 uT and to the right by -10.7 uT: turned by 50 deg it is as strong.
-    let across =
-        [(9.0_f32.cos(), -9.0_f32.sin()), (8.13_f32.cos(), -8.13_f32.sin())].map(|(x, y)| [25.0 * x, 25.0 * y]);
+    let across = [-9.0, -8.13].map(|heading_rad| {
+        let (sin, cos) = libm::sincosf(heading_rad);
+        [25.0 * cos, 25.0 * sin]
+    });
     let along_circle = [across[1][0] - across[0][0], across[1][1] - across[0][1], 0.0];
     let along_field = [0.3 * across[0][0], 0.3 * across[0][1], 0.0];
     for (name, flight, has_reference, happened_ut, claimed_ut, is_possible) in [
