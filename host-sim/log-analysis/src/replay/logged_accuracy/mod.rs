@@ -122,10 +122,11 @@ fn by_reference(evaluation: &FlightEvaluation, rows: &[ReplayRow]) -> Option<Log
     Some(LoggedAccuracy { rms_deg: score.rms_deg, sector_count, evidence: AccuracyEvidence::Reference })
 }
 
-/// Error by the body rates; on few headings only one that no deviation on other headings would explain.
+/// Error by the body rates; without a turn only that of a heading which swings.
 fn by_rates(flight: &LoggedFlight, rows: &[ReplayRow]) -> Option<LoggedAccuracy> {
     let comparison = rate_comparison::compare_with_rates(flight, rows)?;
-    let is_judged = comparison.sectors.are_judged() || comparison.rms_deg > BAD_COMPASS_RMS_DEG;
+    let is_judged =
+        comparison.sectors.are_judged() || comparison.rms_deg.min(comparison.swing_deg) > BAD_COMPASS_RMS_DEG;
     let sector_count = comparison.sectors.flown_count();
     is_judged.then_some(LoggedAccuracy {
         rms_deg: comparison.rms_deg,

@@ -3,7 +3,7 @@
 //! In a window the difference between heading and integrated turn `g` is `e = c + b t + k g + d(heading) + noise`: the
 //! window's heading at its start `c`, the offset of the rates `b` (of the flight, and its drift in the window), their
 //! scale error `k`, and the deviation `d`, three harmonics of the heading. All are estimated by least squares with
-//! priors; the error of the heading is `e - c - b t - k g`.
+//! priors; the error of the heading is `e - b t - k g` about its mean in the window.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -25,7 +25,7 @@ const MIN_TURN_DEG: f64 = 45.0;
 /// Standard deviation of a difference averaged over a second, degrees: attitude errors in turns, and sensor noise.
 const NOISE_DEG: f64 = 2.0;
 /// Prior standard deviations of the rates' offset, deg/s, their scale error, and the harmonics of the deviation, degrees.
-const PRIOR_SIGMAS: [f64; SHARED_UNKNOWNS] = [1.0, 0.02, 30.0, 30.0, 30.0, 30.0, 30.0, 30.0];
+const PRIOR_SIGMAS: [f64; SHARED_UNKNOWNS] = [0.5, 0.02, 20.0, 20.0, 10.0, 10.0, 5.0, 5.0];
 /// Standard deviation of the offset's drift from window to window, deg/s.
 const OFFSET_DRIFT_DEG_S: f64 = 0.03;
 
@@ -40,6 +40,8 @@ const ITERATIONS: usize = 3;
 pub(super) struct RateComparison {
     /// Error less its mean, degrees RMS.
     pub rms_deg: f64,
+    /// Swing of the heading beyond that of the turn, degrees RMS.
+    pub swing_deg: f64,
     /// Headings that turns relate to each other.
     pub sectors: HeadingSectors,
 }
@@ -68,7 +70,7 @@ pub(super) fn compare_with_rates(flight: &LoggedFlight, rows: &[ReplayRow]) -> O
         .iter()
         .map(|window| window.iter().map(|row| row.difference_deg).sum::<f64>() / window.len() as f64)
         .collect();
-    let mut errors_deg = Vec::new();
+    let mut errors_deg: Vec<Vec<f64>> = Vec::new();
     for _ in 0..ITERATIONS {
         let fits: Vec<WindowFit> = windows
             .iter()
@@ -80,18 +82,42 @@ pub(super) fn compare_with_rates(flight: &LoggedFlight, rows: &[ReplayRow]) -> O
         for ((window, fit), start_deg) in windows.iter().zip(&fits).zip(&mut starts_deg) {
             let [offset_deg, drift_deg_s] = fit.local_unknowns(&shared)?.into();
             *start_deg = offset_deg;
-            errors_deg.extend(window.iter().map(|row| {
+            let error_deg = |row: &WindowRow| {
                 row.difference_deg - offset_deg - (shared[0] + drift_deg_s) * row.t_s - shared[1] * row.turn_deg
-            }));
+            };
+            errors_deg.push(window.iter().map(error_deg).collect());
         }
     }
-    let mean_deg = errors_deg.iter().sum::<f64>() / row_count as f64;
-    let rms_deg =
-        (errors_deg.iter().map(|error_deg| square(error_deg - mean_deg)).sum::<f64>() / row_count as f64).sqrt();
-    let turned = windows.iter().zip(&starts_deg).filter(|(window, _)| turn_range_deg(window) >= MIN_TURN_DEG);
-    let sectors =
-        turned.flat_map(|(window, start_deg)| window.iter().map(move |row| start_deg + row.turn_deg)).collect();
-    Some(RateComparison { rms_deg, sectors })
+    let has_turned = |window: &[WindowRow]| range(window.iter().map(|row| row.turn_deg)) >= MIN_TURN_DEG;
+    let any_turned = windows.iter().any(|window| has_turned(window));
+    // The mean error of a window is not known, and a window without a turn shows noise alone.
+    let judged = || windows.iter().enumerate().filter(|(_, window)| has_turned(window) || !any_turned);
+    let judged_count: usize = judged().map(|(_, window)| window.len()).sum();
+    let squares: f64 = judged().map(|(index, _)| squares_about_mean(&errors_deg[index])).sum();
+    let swing_squares: f64 = judged().map(|(_, window)| excess_swing_squares(window)).sum();
+    let rms = |squares: f64| (squares / judged_count as f64).sqrt();
+    let headings = |(index, window): (usize, &Vec<WindowRow>)| {
+        let start_deg = starts_deg[index];
+        window.iter().map(move |row| start_deg + row.turn_deg).collect::<Vec<_>>()
+    };
+    let sectors = judged().filter(|_| any_turned).flat_map(headings).collect();
+    Some(RateComparison { rms_deg: rms(squares), swing_deg: rms(swing_squares), sectors })
+}
+
+fn squares_about_mean(values: &[f64]) -> f64 {
+    let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+    values.iter().map(|value| square(value - mean)).sum()
+}
+
+/// Sum of squares of a compass's heading about its mean, less that of the turn: what a rate that is off cannot explain.
+fn excess_swing_squares(window: &[WindowRow]) -> f64 {
+    let headings_deg: Vec<f64> = window.iter().map(|row| row.difference_deg + row.turn_deg).collect();
+    let turns_deg: Vec<f64> = window.iter().map(|row| row.turn_deg).collect();
+    (squares_about_mean(&headings_deg) - squares_about_mean(&turns_deg)).max(0.0)
+}
+
+fn range(values: impl Iterator<Item = f64> + Clone) -> f64 {
+    values.clone().fold(f64::MIN, f64::max) - values.fold(f64::MAX, f64::min)
 }
 
 /// Row with its heading as logged and its integrated turn, degrees.
@@ -140,11 +166,6 @@ fn window_rows(window: &[TurnedRow]) -> Vec<WindowRow> {
 
 fn window_duration_s(window: &[WindowRow]) -> f64 {
     window.first().zip(window.last()).map_or(0.0, |(first, last)| last.t_s - first.t_s)
-}
-
-fn turn_range_deg(window: &[WindowRow]) -> f64 {
-    let turns = || window.iter().map(|row| row.turn_deg);
-    turns().fold(f64::MIN, f64::max) - turns().fold(f64::MAX, f64::min)
 }
 
 /// Normal equations of a window: of the shared unknowns, of its own (start and drift), and of both.
