@@ -11,7 +11,8 @@ pub use heading_sectors::HeadingSectors;
 use super::evaluation::{CompassEvaluation, FlightEvaluation, heading_deg};
 use super::rows::RowCounts;
 use super::{data_loss, row_headings};
-use crate::log::LoggedFlight;
+use crate::log::{LogFormat, LoggedFlight};
+use crate::numbers::median;
 use crate::replay::reference::ReferenceHeading;
 use crate::replay::row::ReplayRow;
 
@@ -52,9 +53,9 @@ pub enum AccuracyEvidence {
     FieldScatter,
 }
 
-/// Cause for which the error as logged is unknown; displayed as a clause.
+/// Why the error as logged is unknown; displayed as a clause.
 #[derive(Clone, Debug, PartialEq)]
-pub enum UnjudgedCause {
+pub enum UnknownError {
     /// Too few rows are usable.
     FewRows {
         /// Numbers of readings and rows, with the causes of rejection.
@@ -64,6 +65,15 @@ pub enum UnjudgedCause {
     },
     /// Too few headings were flown; their number, of twelve.
     FewHeadings(usize),
+    /// On few headings, the field is not the Earth's at all.
+    ContradictsModel {
+        /// Strength as logged, by that of the field model.
+        strength_ratio: f64,
+        /// Inclination as logged, degrees.
+        inclination_deg: f64,
+        /// Inclination by the field model, degrees.
+        model_inclination_deg: f64,
+    },
     /// The field scatters, and neither body rates nor a reference heading show whether by iron; degrees of heading.
     FieldScatters(f64),
 }
@@ -80,13 +90,14 @@ impl AccuracyEvidence {
     }
 }
 
-impl UnjudgedCause {
+impl UnknownError {
     /// Stable code of the cause, for programs.
     #[must_use]
     pub const fn stable_code(&self) -> &'static str {
         match self {
             Self::FewRows { .. } => "few-rows",
             Self::FewHeadings(_) => "few-headings",
+            Self::ContradictsModel { .. } => "field-contradicts-model",
             Self::FieldScatters(_) => "no-reference",
         }
     }
@@ -101,16 +112,17 @@ pub fn logged_accuracy(
     flight: &LoggedFlight,
     evaluation: &FlightEvaluation,
     compass: &CompassEvaluation,
-) -> Result<LoggedAccuracy, UnjudgedCause> {
+) -> Result<LoggedAccuracy, UnknownError> {
     let rows: Vec<ReplayRow> = compass.parameter_fit.fitted_rows(&compass.rows).copied().collect();
     if rows.len() < MIN_ROWS {
         let interval_s = evaluation.attitude_interval_s;
         let slow_attitude_s = (interval_s > data_loss::SLOW_ATTITUDE_INTERVAL_S).then_some(interval_s);
-        return Err(UnjudgedCause::FewRows { row_counts: compass.row_counts, slow_attitude_s });
+        return Err(UnknownError::FewRows { row_counts: compass.row_counts, slow_attitude_s });
     }
-    by_reference(evaluation, &rows)
-        .or_else(|| by_rates(flight, &rows))
+    let by_heading = by_reference(evaluation, &rows).or_else(|| by_rates(flight, &rows));
+    by_heading
         .map_or_else(|| by_scatter(flight, compass, &rows), Ok)
+        .map_err(|unknown| contradiction_of_model(flight, evaluation, &rows).unwrap_or(unknown))
 }
 
 fn by_reference(evaluation: &FlightEvaluation, rows: &[ReplayRow]) -> Option<LoggedAccuracy> {
@@ -139,10 +151,10 @@ fn by_scatter(
     flight: &LoggedFlight,
     compass: &CompassEvaluation,
     rows: &[ReplayRow],
-) -> Result<LoggedAccuracy, UnjudgedCause> {
+) -> Result<LoggedAccuracy, UnknownError> {
     let sectors = yaw_sectors(flight, rows);
     if !sectors.suffice() {
-        return Err(UnjudgedCause::FewHeadings(sectors.flown_count()));
+        return Err(UnknownError::FewHeadings(sectors.flown_count()));
     }
     let rms_deg = row_headings::rms_deg_by_scatter(rows, &|row| row.logged_field.ut.map(f64::from));
     let is_explained = || {
@@ -153,9 +165,31 @@ fn by_scatter(
         })
     };
     if rms_deg > BAD_COMPASS_RMS_DEG && !is_explained() {
-        return Err(UnjudgedCause::FieldScatters(rms_deg));
+        return Err(UnknownError::FieldScatters(rms_deg));
     }
     Ok(LoggedAccuracy { rms_deg, sector_count: sectors.flown_count(), evidence: AccuracyEvidence::FieldScatter })
+}
+
+/// Strength and inclination as logged that no good compass has at the place; iron of a fair one turns the field less.
+fn contradiction_of_model(
+    flight: &LoggedFlight,
+    evaluation: &FlightEvaluation,
+    rows: &[ReplayRow],
+) -> Option<UnknownError> {
+    /// Strengths by the model's beyond which more than the gain is wrong.
+    const STRENGTH_RATIOS: std::ops::Range<f64> = 0.4..2.0;
+    const MAX_INCLINATION_DIFFERENCE_DEG: f64 = 30.0;
+    // A simulator may have its field from elsewhere, and a table may have another unit.
+    let (earth, _) = evaluation.earth_field.as_ref().filter(|_| flight.true_attitude.is_empty())?;
+    let logged = |row: &ReplayRow| row.logged_field.ut.map(f64::from);
+    let strength_ut = median(rows.iter().map(|row| logged(row).norm()));
+    let down_ut = median(rows.iter().map(|row| row.down_in_body().dot(&logged(row))));
+    let strength_ratio = strength_ut / f64::from(earth.total_ut);
+    let inclination_deg = libm::asin((down_ut / strength_ut).clamp(-1.0, 1.0)).to_degrees();
+    let model_inclination_deg = f64::from(earth.inclination_deg);
+    let is_contradicted = (inclination_deg - model_inclination_deg).abs() > MAX_INCLINATION_DIFFERENCE_DEG
+        || flight.log_format != LogFormat::Csv && !STRENGTH_RATIOS.contains(&strength_ratio);
+    is_contradicted.then_some(UnknownError::ContradictsModel { strength_ratio, inclination_deg, model_inclination_deg })
 }
 
 /// Headings flown, by the autopilot's yaw; without one, by the compass as logged.
@@ -189,7 +223,7 @@ impl fmt::Display for LoggedAccuracy {
     }
 }
 
-impl fmt::Display for UnjudgedCause {
+impl fmt::Display for UnknownError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::FewRows { row_counts, slow_attitude_s } => {
@@ -208,6 +242,11 @@ impl fmt::Display for UnjudgedCause {
             Self::FewHeadings(sector_count) => {
                 write!(f, "it was flown on {sector_count} of 12 headings: turn all the way round")
             }
+            Self::ContradictsModel { strength_ratio, inclination_deg, model_inclination_deg } => write!(
+                f,
+                "as logged its field is {strength_ratio:.1} times as strong as the Earth's and dips by {inclination_deg:.0} deg, \
+                 by the field model {model_inclination_deg:.0}: correct its orientation, then calibrate it"
+            ),
             Self::FieldScatters(deg) => write!(
                 f,
                 "its field scatters by {deg:.0} deg of heading, and no body rates or reference heading tell whether by iron \

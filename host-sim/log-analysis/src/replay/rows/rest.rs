@@ -20,8 +20,10 @@ const MAX_REST_CHANGE_RAD: f32 = 0.044;
 /// Length of a part of the log that is at rest or not, seconds.
 const PART_S: f64 = 5.0;
 
-/// Cosine of the tilt at which an aircraft lies on its side (60 deg).
+/// Cosine of the tilt from which on an aircraft at rest lies on its side or back (60 deg).
 const MAX_DOWN_ON_SIDE: f64 = 0.5;
+/// Time before a log's end on the side or back that belongs to the crash, seconds.
+const CRASH_S: f64 = 2.0;
 
 /// Open intervals at rest before the first and after the last flight, and on the side after it, seconds.
 pub(super) fn ground_intervals(flight: &LoggedFlight) -> Vec<[f64; 2]> {
@@ -38,11 +40,20 @@ pub(super) fn ground_intervals(flight: &LoggedFlight) -> Vec<[f64; 2]> {
             let outside = [[from_s, to_s.min(first_s)], [from_s.max(last_s), to_s]];
             intervals.extend(outside.into_iter().filter(|interval_s| is_still(flight, *interval_s)));
         }
-        if armed_s.is_some_and(|armed_s| armed_s < from_s) && lies_on_its_side(part) {
+        if armed_s.is_some_and(|armed_s| armed_s < from_s) && part.iter().all(lies_on_its_side) {
             intervals.push([from_s, to_s]);
         }
     }
+    if armed_s.is_some() {
+        intervals.extend(crash_interval(flight.attitude.rows()));
+    }
     intervals
+}
+
+/// Open interval from a crash to the end of the log, seconds; none if the log does not end on the side or back.
+fn crash_interval(rows: &[TimedRow<3>]) -> Option<[f64; 2]> {
+    let lying = rows.iter().rev().take_while(|row| lies_on_its_side(row));
+    lying.last().map(|first| [first.t_s - CRASH_S, f64::INFINITY])
 }
 
 /// Whether the aircraft neither moves over ground nor is above it.
@@ -66,11 +77,9 @@ fn has_constant_attitude(part: &[TimedRow<3>]) -> bool {
     })
 }
 
-fn lies_on_its_side(part: &[TimedRow<3>]) -> bool {
-    part.iter().all(|row| {
-        let [roll_rad, pitch_rad, _] = row.row_values;
-        down_in_body(RollPitch { roll_rad, pitch_rad }).z.abs() < MAX_DOWN_ON_SIDE
-    })
+fn lies_on_its_side(row: &TimedRow<3>) -> bool {
+    let [roll_rad, pitch_rad, _] = row.row_values;
+    down_in_body(RollPitch { roll_rad, pitch_rad }).z < MAX_DOWN_ON_SIDE
 }
 
 #[cfg(test)]
@@ -110,10 +119,13 @@ mod tests {
 
     #[test]
     fn an_aircraft_on_its_side_after_a_flight_has_crashed() {
-        let mut flight = flight_of_motion(10.0, 600, |t_s| ([if t_s < 40.0 { 0.1 } else { 1.5 }, 0.0, 0.0], [0.0; 3]));
-        assert!(ground_intervals(&flight).is_empty(), "a hand swing");
-        flight.armed_changes.push((1.0, true));
-        let intervals = ground_intervals(&flight);
-        assert!(intervals.iter().all(|[from_s, _]| *from_s > 37.0) && intervals.len() == 4, "{intervals:?}");
+        for end_s in [50.0, 41.0] {
+            let roll_rad = |t_s| if t_s < 40.0 { 0.1 } else { 3.1 };
+            let mut flight = flight_of_motion(10.0, (end_s * 10.0) as u16, |t_s| ([roll_rad(t_s), 0.0, 0.0], [0.0; 3]));
+            assert!(ground_intervals(&flight).is_empty(), "a hand swing");
+            flight.armed_changes.push((1.0, true));
+            let intervals = ground_intervals(&flight);
+            assert!(!intervals.is_empty() && intervals.iter().all(|[from_s, _]| *from_s > 37.0), "{intervals:?}");
+        }
     }
 }

@@ -7,7 +7,7 @@ use serde::Serialize;
 use crate::replay::evaluation::CompassEvaluation;
 use crate::replay::hard_iron_changes::temporary_change_start_s;
 use crate::replay::log_warning::LogWarning;
-use crate::replay::logged_accuracy::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG, LoggedAccuracy, UnjudgedCause};
+use crate::replay::logged_accuracy::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG, LoggedAccuracy, UnknownError};
 use crate::replay::parameter_choice::{NoParameters, is_mostly_inexpressible};
 use crate::replay::parameter_export::{ExportedCorrection, HeldBackScore};
 use crate::replay::reading_checks::{CheckedMeaning, ReadingCheck};
@@ -62,8 +62,8 @@ pub enum JudgementReason {
     },
     /// Heading error as logged.
     AsLogged(LoggedAccuracy),
-    /// The log does not show the error as logged; the cause.
-    Unjudged(UnjudgedCause),
+    /// The log does not show the error as logged; the reason.
+    UnknownError(UnknownError),
     /// The report contains parameters; their heading error on held-back rows.
     Parameters(HeldBackScore),
     /// The report contains no parameters; the reason.
@@ -79,7 +79,7 @@ impl JudgementReason {
             Self::HardIronChanged { .. } => "iron-changed",
             Self::AsLogged(accuracy) if accuracy.rms_deg <= GOOD_COMPASS_RMS_DEG => "good-as-logged",
             Self::AsLogged(_) => "error-as-logged",
-            Self::Unjudged(cause) => cause.stable_code(),
+            Self::UnknownError(cause) => cause.stable_code(),
             Self::Parameters(_) => "parameters-gain",
             Self::NoParameters(no_parameters) => no_parameters.stable_code(),
         }
@@ -104,12 +104,13 @@ impl CompassJudgement {
     #[must_use]
     pub fn new(
         compass: &CompassEvaluation,
-        accuracy: Result<LoggedAccuracy, UnjudgedCause>,
+        accuracy: Result<LoggedAccuracy, UnknownError>,
         failure: Option<LogWarning>,
         parameters: &Result<ExportedCorrection, NoParameters>,
     ) -> Self {
         let logged_accuracy = accuracy.as_ref().ok().copied();
-        let compass_state = compass_state(compass, logged_accuracy, failure.is_some(), parameters);
+        let is_wrong = failure.is_some() || matches!(accuracy, Err(UnknownError::ContradictsModel { .. }));
+        let compass_state = compass_state(compass, logged_accuracy, is_wrong, parameters);
         let recommended_action = match parameters {
             _ if failure.is_some() => CompassAction::Replace,
             Ok(_) => CompassAction::LoadParameters,
@@ -128,7 +129,7 @@ impl CompassJudgement {
             Ok(accuracy) => Some(JudgementReason::AsLogged(accuracy)),
             // A failed sensor needs no remark that its error is unknown.
             Err(_) if failure.is_some() => None,
-            Err(cause) => Some(JudgementReason::Unjudged(cause)),
+            Err(cause) => Some(JudgementReason::UnknownError(cause)),
         };
         let parameter_reason = match parameters {
             _ if failure.is_some() => None,
@@ -162,7 +163,7 @@ fn is_contradicted(parameters: &Result<ExportedCorrection, NoParameters>) -> boo
 fn compass_state(
     compass: &CompassEvaluation,
     accuracy: Option<LoggedAccuracy>,
-    has_failed: bool,
+    is_wrong: bool,
     parameters: &Result<ExportedCorrection, NoParameters>,
 ) -> CompassState {
     let effects_deg = compass.hard_iron_changes.iter().map(|change| change.heading_effect_deg);
@@ -171,7 +172,7 @@ fn compass_state(
         accuracy.is_some_and(|accuracy| accuracy.rms_deg > limit_deg)
             || largest_effect_deg.is_some_and(|effect_deg| effect_deg > limit_deg)
     };
-    if has_failed || is_over(BAD_COMPASS_RMS_DEG) {
+    if is_wrong || is_over(BAD_COMPASS_RMS_DEG) {
         CompassState::Bad
     } else if accuracy.is_none() || is_contradicted(parameters) {
         CompassState::Unjudged
@@ -251,7 +252,10 @@ impl fmt::Display for CompassJudgement {
                     format!("since then it is good ({accuracy})")
                 }
                 JudgementReason::AsLogged(accuracy) => format!("is off by {accuracy}"),
-                JudgementReason::Unjudged(cause) => format!("cannot be judged: {cause}"),
+                JudgementReason::UnknownError(cause) if self.compass_state == CompassState::Bad => {
+                    format!("is wrong: {cause}")
+                }
+                JudgementReason::UnknownError(cause) => format!("cannot be judged: {cause}"),
                 JudgementReason::Parameters(HeldBackScore {
                     rms_deg, as_logged_rms_deg, is_estimate: true, ..
                 }) => format!(

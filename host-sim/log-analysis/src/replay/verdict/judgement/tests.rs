@@ -55,7 +55,7 @@ const NO_GAIN: Result<ExportedCorrection, NoParameters> = Err(NoParameters::NoGa
 
 /// Judges a compass with this error as logged, and a change of hard iron with this effect on headings.
 fn judge(
-    accuracy: Result<f64, UnjudgedCause>,
+    accuracy: Result<f64, UnknownError>,
     effect_deg: Option<f64>,
     parameters: &Result<ExportedCorrection, NoParameters>,
     failure: Option<LogWarning>,
@@ -120,7 +120,7 @@ fn a_judgement_is_a_sentence_of_its_reasons_and_action() {
     ] {
         assert_eq!(judge(Ok(rms_deg), effect_deg, &parameters, None).to_string(), text);
     }
-    let few_headings = judge(Err(UnjudgedCause::FewHeadings(1)), None, &NO_GAIN, None);
+    let few_headings = judge(Err(UnknownError::FewHeadings(1)), None, &NO_GAIN, None);
     assert_eq!(
         few_headings.to_string(),
         "cannot be judged: it was flown on 1 of 12 headings: turn all the way round: fly again"
