@@ -9,8 +9,9 @@ use super::battery_current::repair_current;
 use super::compass_slot::{
     ArdupilotSlots, CompassSlot, DeviceId, MAX_OFFSET_ROUNDING_MG, SlotEvidence, UnknownSlot, ardupilot_index,
 };
-use super::correction::{FieldCorrection, InvertibleCorrection, px4_mounting};
+use super::correction::{FieldCorrection, InvertibleCorrection};
 use super::flight::{AttitudeView, AutopilotKind, Gps, LogFormat, LoggedCompass, LoggedFlight};
+use super::mounting::px4_mounting;
 use super::parameters::ParameterHistory;
 use super::time_series::{Series, TimedRow};
 use super::timeline::Timeline;

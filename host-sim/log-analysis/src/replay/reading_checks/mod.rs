@@ -7,6 +7,7 @@ mod check;
 mod sense;
 
 pub use check::{CheckOutcome, CheckedMeaning, ReadingCheck};
+pub use sense::misalignment_about_z_deg;
 
 use super::evaluation::{CompassEvaluation, FlightEvaluation, heading_deg, score_correction};
 use super::log_warning::EARTH_FIELD_RANGE_UT;
@@ -158,9 +159,10 @@ fn check_north(
     let as_logged = score_rows(rows, |row| Some((heading_deg(row, row.logged_field.ut.map(f64::from)), f64::NAN)))
         .filter(|score| score.rms_deg < MAX_RMS_AS_LOGGED_DEG);
     let with_fit = correction.and_then(|correction| score_correction(rows, correction));
-    let scores = [(as_logged, "as logged"), (with_fit, "with the fit")];
-    let means = scores.iter().filter_map(|(score, name)| score.as_ref().map(|score| (mean_deg(score), *name)));
-    match means.max_by(|(one_deg, _), (other_deg, _)| one_deg.abs().total_cmp(&other_deg.abs())) {
+    // A fit replaces the orientation in use.
+    let scores = [(with_fit, "with the fit"), (as_logged, "as logged")];
+    let mean = scores.iter().find_map(|(score, name)| score.as_ref().map(|score| (mean_deg(score), *name)));
+    match mean {
         None => CheckOutcome::unchecked("neither the field as logged nor a fit follows the reference"),
         Some((mean_deg, _)) if mean_deg.abs() <= max_error_deg => CheckOutcome::Passed,
         Some((mean_deg, name)) => CheckOutcome::Failed(format!(

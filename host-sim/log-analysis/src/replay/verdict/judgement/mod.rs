@@ -10,6 +10,7 @@ use crate::replay::log_warning::LogWarning;
 use crate::replay::parameter_choice::{
     BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG, NoParameters, is_mostly_inexpressible,
 };
+use crate::replay::parameter_export::orientation::FixedOrientation;
 use crate::replay::parameter_export::{ExportedCorrection, HeldBackScore};
 use crate::replay::reading_checks::{CheckedMeaning, ReadingCheck};
 use crate::replay::reference::ReferenceHeading;
@@ -186,6 +187,11 @@ fn action_without_parameters(
         }
         NoParameters::UnprovenReading(check) if check.outcome.is_failed() => CompassAction::CorrectReading,
         NoParameters::OffsetsTooLarge { .. } => CompassAction::Replace,
+        NoParameters::Turned(turned) => match turned.reason {
+            FixedOrientation::UnconfirmedAngle | FixedOrientation::UnconfirmedSense => CompassAction::FlyAgain,
+            FixedOrientation::Internal => CompassAction::Replace,
+            _ => CompassAction::CorrectReading,
+        },
         // On few headings neither the compass nor a fit is judged.
         _ if !covers_headings => CompassAction::FlyAgain,
         // Another flight does not reduce the loss by the symmetric matrix.
