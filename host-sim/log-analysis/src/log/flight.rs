@@ -7,10 +7,12 @@ use serde::Serialize;
 
 use super::compass_slot::{CompassSlot, DeviceId, firmware_version};
 use super::correction::{FieldCorrection, missing_parameters_of_slot};
+use super::correction_residual::CorrectionResidual;
 use super::mounting::{CustomRotation, logged_mounting, mounting_parameters, orientation_parameter};
 use super::rates_problem::RatesProblem;
 use super::rotation::NumberedRotation;
 use super::time_series::Series;
+use super::vtol_view::VtolView;
 use crate::log::parameters::ParameterHistory;
 
 /// Format of a log file.
@@ -73,8 +75,8 @@ pub enum AttitudeView {
     Body,
     /// The axes of the body, from this message in place of the autopilot's own attitude, which is the VTOL view.
     BodyForVtol(&'static str),
-    /// The VTOL view of a quadplane or tailsitter, which is not that of the body in hover.
-    Vtol,
+    /// The view of VTOL modes, which may differ from the body.
+    Vtol(VtolView),
 }
 
 /// A compass of the aircraft.
@@ -90,6 +92,8 @@ pub struct LoggedCompass {
     pub field: Series<6>,
     /// The autopilot's last correction; none if its parameters or its slot are unknown.
     pub correction: Option<FieldCorrection>,
+    /// Difference of the corrected field from the corrected raw field, where the log has both.
+    pub correction_residual: Option<CorrectionResidual>,
     /// Whether the autopilot uses it for its heading, if known.
     pub is_used_for_heading: Option<bool>,
 }

@@ -60,12 +60,17 @@ impl CustomRotation {
     /// ArduPilot's custom rotation that an orientation parameter selects.
     fn of_ardupilot_number(orientation: f64) -> Option<Self> {
         let mut all = [Self::ArdupilotCompass].into_iter().chain(Self::ARDUPILOT_ROTATIONS);
-        all.find(|rotation| f64::from(rotation.orientation_number()) == orientation)
+        all.find(|rotation| i32::from(rotation.orientation_number()) == orientation.round() as i32)
     }
 
     /// Its angles in the parameters, degrees; zero if absent.
-    pub(crate) fn angles_deg(self, parameters: &ParameterHistory, t_s: f64) -> [f64; 3] {
+    fn angles_deg(self, parameters: &ParameterHistory, t_s: f64) -> [f64; 3] {
         self.angle_parameters().map(|name| parameters.value_at(t_s, &name).unwrap_or(0.0))
+    }
+
+    /// Whether an angle in the parameters is not zero.
+    pub(crate) fn has_angles(self, parameters: &ParameterHistory, t_s: f64) -> bool {
+        self.angles_deg(parameters, t_s).iter().any(|angle_deg| *angle_deg != 0.0)
     }
 }
 
@@ -124,9 +129,12 @@ pub(crate) fn px4_mounting(parameters: &ParameterHistory, t_s: f64, index: u8) -
         let board = parameters.value_at(t_s, "SENS_BOARD_ROT").map_or_else(Matrix3::identity, numbered);
         return px4_board_trim(parameters, t_s) * board;
     };
-    let angles_deg = custom.angles_deg(parameters, t_s);
-    let is_custom = rotation_number == f64::from(custom.orientation_number()) || angles_deg != [0.0; 3];
-    let orientation = if is_custom { matrix_of_angles_deg(angles_deg) } else { numbered(rotation_number) };
+    let is_selected = rotation_number.round() as i32 == i32::from(custom.orientation_number());
+    let orientation = if is_selected || custom.has_angles(parameters, t_s) {
+        matrix_of_angles_deg(custom.angles_deg(parameters, t_s))
+    } else {
+        numbered(rotation_number)
+    };
     px4_external_trim(parameters, t_s, index) * orientation
 }
 
@@ -182,12 +190,15 @@ mod tests {
         parameters
     }
 
+    /// Whether it is PX4, parameters, and a field in sensor and in body axes.
+    type Case = (bool, &'static [(&'static str, f64)], Vector3<f64>, Vector3<f64>);
+
     /// A field forward, right and down, by PX4's and ArduPilot's formula: `Rz(yaw) Ry(pitch) Rx(roll)`. In firmware with
     /// custom angles the trim of the board applies to external compasses, too.
     #[test]
     fn the_field_of_a_sensor_turns_as_in_the_autopilot() {
         let (sin, cos) = libm::sincos(30_f64.to_radians());
-        let cases: [(bool, &[(&str, f64)], Vector3<f64>, Vector3<f64>); 10] = [
+        let cases: [Case; 10] = [
             (true, &[("CAL_MAG0_ROT", 100.0), ("CAL_MAG0_YAW", 30.0)], Vector3::x(), Vector3::new(cos, sin, 0.0)),
             (true, &[("CAL_MAG0_ROT", 2.0), ("CAL_MAG0_YAW", 30.0)], Vector3::x(), Vector3::new(cos, sin, 0.0)),
             (true, &[("CAL_MAG0_ROT", 2.0), ("CAL_MAG0_YAW", 0.0)], Vector3::x(), Vector3::y()),

@@ -69,16 +69,7 @@ impl ParameterFit {
 
 impl FitVariant {
     fn new(rows: &[ReplayRow], options: &ReplayOptions) -> Option<Self> {
-        let mut mount = Orientation::IDENTITY_ROTATION;
-        let mut outcome = solve_rows(rows, options, mount);
-        if let Err(Refusal::Solve(SolveError::MountContradicted { found })) = outcome.1 {
-            let turned = solve_rows(rows, options, found);
-            // Noise can imitate a mounting, which is then not accepted.
-            if turned.1.is_ok() {
-                (mount, outcome) = (found, turned);
-            }
-        }
-        let (solution, acceptance) = outcome;
+        let (mount, (solution, acceptance)) = solve_in_any_mount(rows, options, Orientation::IDENTITY_ROTATION);
         let rows_of_half = |half_index: usize| -> Vec<ReplayRow> {
             rows.iter().filter(|row| half_index_at(row.t_s) == half_index).copied().collect()
         };
@@ -86,9 +77,26 @@ impl FitVariant {
             fit_of_all_rows: solution?,
             is_accepted: acceptance.is_ok(),
             mount,
-            fits_of_halves: [0, 1].map(|half_index| solve_rows(&rows_of_half(half_index), options, mount).0),
+            fits_of_halves: [0, 1].map(|half| solve_in_any_mount(&rows_of_half(half), options, mount).1.0),
         })
     }
+}
+
+/// Solves rows in a mounting, or in that which they contradict it with. Noise can imitate a mounting, which is then not
+/// accepted.
+fn solve_in_any_mount(
+    rows: &[ReplayRow],
+    options: &ReplayOptions,
+    mount: Orientation,
+) -> (Orientation, (Option<Solution>, Result<(), Refusal>)) {
+    let outcome = solve_rows(rows, options, mount);
+    if let Err(Refusal::Solve(SolveError::MountContradicted { found })) = outcome.1 {
+        let turned = solve_rows(rows, options, found);
+        if turned.1.is_ok() {
+            return (found, turned);
+        }
+    }
+    (mount, outcome)
 }
 
 /// Half of the flight that a time belongs to: blocks alternate irregularly (by the golden ratio), so that circles of

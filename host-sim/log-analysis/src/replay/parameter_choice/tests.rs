@@ -49,14 +49,15 @@ fn parameters_are_given_if_they_improve_a_compass_to_a_useful_accuracy() {
 #[test]
 fn a_rotation_that_is_not_corrected_is_the_reason() {
     let turned = TurnedSensor { rotation_from_logged: Matrix3::identity(), reason: FixedOrientation::NoneFree };
-    for (rms_deg, loss_deg, mean_deg, code) in [
-        (6.0, 5.0, 10.0, Some("turned")),
-        (6.0, 3.0, 10.0, Some("inaccurate")),
-        (8.5, 8.0, 10.0, Some("turned")),
-        (1.0, 0.5, 10.0, None),
-        (1.0, 0.5, 30.0, Some("turned")),
+    for (rms_deg, as_logged_rms_deg, loss_deg, mean_deg, code) in [
+        (6.0, 9.0, 5.0, 10.0, Some("turned")),
+        (6.0, 9.0, 3.0, 10.0, Some("inaccurate")),
+        (8.5, 9.0, 8.0, 10.0, Some("turned")),
+        (1.8, 1.9, 1.7, 4.0, Some("no-gain")),
+        (1.0, 9.0, 0.5, 10.0, None),
+        (1.0, 9.0, 0.5, 30.0, Some("turned")),
     ] {
-        let mut candidate = candidate(rms_deg, 9.0, loss_deg);
+        let mut candidate = candidate(rms_deg, as_logged_rms_deg, loss_deg);
         (candidate.turned, candidate.exported.heading_loss_deg[1]) = (Some(turned.clone()), mean_deg);
         let refusal = candidate.check_usefulness(Some(1.0)).err();
         assert_eq!(refusal.as_ref().map(NoParameters::stable_code), code, "{rms_deg} {loss_deg} {mean_deg}");

@@ -215,7 +215,7 @@ fn ardupilot_custom_rotation(
     };
     let is_free = |rotation: &&CustomRotation| {
         let is_selected = parameters.last_value(&orientation) == Some(f64::from(rotation.orientation_number()));
-        let has_angles = rotation.angles_deg(parameters, f64::INFINITY) != [0.0; 3];
+        let has_angles = rotation.has_angles(parameters, f64::INFINITY);
         !used.contains(rotation) && !is_used_elsewhere(rotation) && (is_selected || !has_angles)
     };
     rotations.iter().find(is_free).copied().ok_or(FixedOrientation::NoneFree)

@@ -188,7 +188,7 @@ fn write_px4_orientation(
     let (number, angles_deg) = match export.orientation.parameters {
         Some(orientation @ SensorOrientation::Custom(_, angles_deg)) => (orientation.number(), Some(angles_deg)),
         Some(orientation) => {
-            let is_custom = custom.angles_deg(&flight.parameters, f64::INFINITY) != [0.0; 3];
+            let is_custom = custom.has_angles(&flight.parameters, f64::INFINITY);
             (orientation.number(), is_custom.then_some([0.0; 3]))
         }
         None => match flight.parameters.last_value(&name).and_then(NumberedRotation::new) {
