@@ -189,11 +189,11 @@ fn a_wrong_orientation_is_named() {
         let turned_recording = record_flight(seed, |_, field_ut| *field_ut = [field_ut[0], field_ut[2], -field_ut[1]]);
         judge_flight(&turned_recording, |verdict, _| {
             let text = verdict.summary_sentences().concat();
-            assert_eq!(verdict.compasses[0].judgement.recommended_action, CompassAction::FlyAgain, "{text}");
-            assert!(
-                text.contains("seems to be turned by roll90 against its orientation setting"),
-                "seed {seed}: {text}"
-            );
+            assert_eq!(verdict.compasses[0].judgement.recommended_action, CompassAction::CorrectReading, "{text}");
+            // With the mounting of a random world.
+            let is_named =
+                ["roll 8", "roll 9"].iter().any(|roll| text.contains(&format!("seems to be turned by {roll}")));
+            assert!(is_named, "seed {seed}: {text}");
         });
     }
 }

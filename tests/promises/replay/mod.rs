@@ -5,6 +5,7 @@ mod course;
 mod judgement;
 mod logs;
 mod native;
+mod orientation;
 mod reading;
 mod record;
 mod rows;

@@ -85,26 +85,73 @@ fn a_broken_reading_is_named_and_gives_no_file() {
 }
 
 /// Parameters that leave a meaning open, and the code of the reason for giving none.
-const OPEN_MEANINGS: [(&[(&str, f64)], &str); 3] = [
+const OPEN_MEANINGS: [(&[(&str, f64)], &str); 5] = [
     (&[("COMPASS_PRIO1_ID", 97_539.0)], "slot-unknown"),
     (&[("COMPASS_PRIO1_ID", 97_539.0), ("COMPASS_DEV_ID", 131_874.0)], "slot-unknown"),
     (&[("Q_ENABLE", 1.0)], "reading-unproven"),
+    (&[("Q_ENABLE", 1.0), ("Q_TAILSIT_ENABLE", 1.0), ("Q_TRIM_PITCH", 0.0)], "reading-unproven"),
+    (&[("Q_ENABLE", 1.0), ("Q_TAILSIT_ENABLE", 0.0), ("Q_TRIM_PITCH", 5.0)], "reading-unproven"),
 ];
 
-/// A device id that names no slot, and an attitude that is a VTOL's view. Without such parameters there is a file.
+/// A quadplane whose view is that of the body.
+const UNTRIMMED_QUADPLANE: [(&str, f64); 4] =
+    [("Q_ENABLE", 1.0), ("Q_TAILSIT_ENABLE", 0.0), ("Q_TRIM_PITCH", 0.0), ("PTCH_TRIM_DEG", 0.0)];
+
+/// A device id that names no slot, and an attitude that may be a VTOL's view. Without such parameters, and of a quadplane
+/// without trims, there is a file.
 #[test]
 fn a_meaning_that_the_log_leaves_open_gives_no_file() {
     let offsets = ["X", "Y", "Z"].map(|axis| (format!("COMPASS_OFS_{axis}"), 0.0));
-    for (parameters, code) in [(&[][..], "parameters-gain")].into_iter().chain(OPEN_MEANINGS) {
+    let with_file = [(&[][..], "parameters-gain"), (&UNTRIMMED_QUADPLANE, "parameters-gain")];
+    for (parameters, code) in with_file.into_iter().chain(OPEN_MEANINGS) {
         let mut recording = record_flight(VehicleKind::Plane, 3, |_| {});
         recording.parameters = offsets.to_vec();
         recording.parameters.extend(parameters.iter().map(|(name, value)| ((*name).to_owned(), *value)));
-        let (flight, evaluation) = evaluate_log(&encode_dataflash(&recording));
-        let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
-        let codes = verdict.compasses[0].judgement.reason_codes();
-        assert!(codes.contains(&code), "{parameters:?}: {codes:?}");
-        assert_eq!(verdict.exported_corrections().is_empty(), !parameters.is_empty(), "{parameters:?}");
+        for encode in [encode_dataflash as Encoder, encode_tlog] {
+            let (flight, evaluation) = evaluate_log(&encode(&recording));
+            let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
+            let codes = verdict.compasses[0].judgement.reason_codes();
+            assert!(codes.contains(&code), "{parameters:?}: {codes:?}");
+            assert_eq!(verdict.exported_corrections().is_empty(), code != "parameters-gain", "{parameters:?}");
+        }
     }
+}
+
+/// PX4's parameters of a calibrated compass.
+const CALIBRATED: [(&str, f64); 5] = [
+    ("CAL_MAG0_ID", 396_809.0),
+    ("CAL_MAG0_ROT", 0.0),
+    ("CAL_MAG0_XOFF", 0.15),
+    ("CAL_MAG0_YSCALE", 1.1),
+    ("CAL_MAG0_ZODIAG", 0.02),
+];
+
+/// A parameter of the log that is not that in use, and the outcome of the check of the correction.
+const OTHER_PARAMETERS: [(&str, [u8; 4], &str); 6] = [
+    ("CAL_MAG0_XOFF", 0.15_f32.to_le_bytes(), ""),
+    ("CAL_MAG0_ROT", 2_i32.to_le_bytes(), "correction failed: the corrected field differs"),
+    ("CAL_MAG0_YSCALE", 1.4_f32.to_le_bytes(), "correction failed: the corrected field differs"),
+    ("CAL_MAG0_ZODIAG", 0.2_f32.to_le_bytes(), "correction failed: the corrected field differs"),
+    ("CAL_MAG0_XOFF", (-0.15_f32).to_le_bytes(), "as if the offsets were not those in use"),
+    ("CAL_MAG0_XOFF", 0.1_f32.to_le_bytes(), "correction unchecked: the corrected field differs from the raw one"),
+];
+
+/// A ULog has both fields: they agree by the parameters in use alone. A constant difference may be a learnt bias.
+#[test]
+fn a_correction_that_is_not_that_of_the_parameters_gives_no_file() {
+    let mut recording = record_flight(VehicleKind::Plane, 3, |_| {});
+    recording.parameters = CALIBRATED.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect();
+    for (name, value, words) in OTHER_PARAMETERS {
+        let mut bytes = encode_ulog(&recording);
+        let name_start = bytes.windows(name.len()).position(|window| window == name.as_bytes()).unwrap();
+        bytes[name_start + name.len()..][..4].copy_from_slice(&value);
+        let (sentence, action, exported_count, checks) = judge(&bytes);
+        let about = format!("{name} {value:?}: {action:?} {sentence} {checks}");
+        assert!(checks.contains(words) && checks.contains("correction") != words.is_empty(), "{about}");
+        assert_eq!(exported_count == 0, words.contains("failed") || words.contains("as if"), "{about}");
+    }
+    let (_, _, _, checks) = judge(&encode_dataflash(&recording));
+    assert!(checks.contains("correction unchecked: the log has not both"), "{checks}");
 }
 
 /// The checks refuse at most one clean flight in a hundred.

@@ -117,10 +117,18 @@ pub struct DeviceId(u32);
 
 impl DeviceId {
     /// Device id from the value of a parameter; none if zero.
-    pub(super) fn from_parameter(value: f64) -> Option<Self> {
+    pub(crate) fn from_parameter(value: f64) -> Option<Self> {
         // PX4 logs integers of 32 bits with a sign.
         let id = (value as i64) as u32;
         (id != 0).then_some(Self(id))
+    }
+}
+
+impl DeviceId {
+    /// Whether the sensor is a node of a CAN bus, or sends its field by MSP.
+    #[must_use]
+    pub const fn is_node(self) -> bool {
+        matches!(self.0 & 7, 3 | 5)
     }
 }
 
@@ -247,10 +255,10 @@ impl ArdupilotSlots<'_> {
     }
 }
 
-/// Major and minor version in the name of a firmware, as `ArduCopter V3.6.12 (0c5e999c)`.
-fn firmware_version(name: &str) -> Option<(u32, u32)> {
+/// Major and minor version in the name of a firmware, as `ArduCopter V3.6.12 (0c5e999c)` or `PX4 1.15.0`.
+pub(super) fn firmware_version(name: &str) -> Option<(u32, u32)> {
     name.split_whitespace().find_map(|word| {
-        let (major, rest) = word.strip_prefix(['V', 'v'])?.split_once('.')?;
+        let (major, rest) = word.trim_start_matches(['V', 'v']).split_once('.')?;
         let minor: String = rest.chars().take_while(char::is_ascii_digit).collect();
         Some((major.parse().ok()?, minor.parse().ok()?))
     })

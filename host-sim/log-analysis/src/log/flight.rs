@@ -5,11 +5,14 @@ use autoswing::earth::Date;
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::compass_slot::{CompassSlot, DeviceId, ardupilot_index, external_parameter};
-use super::correction::{FieldCorrection, logged_mounting, missing_parameters_of_slot, orientation_parameter};
+use super::compass_slot::{CompassSlot, DeviceId, firmware_version};
+use super::correction::{FieldCorrection, missing_parameters_of_slot};
+use super::correction_residual::CorrectionResidual;
+use super::mounting::{CustomRotation, logged_mounting, mounting_parameters, orientation_parameter};
 use super::rates_problem::RatesProblem;
 use super::rotation::NumberedRotation;
 use super::time_series::Series;
+use super::vtol_view::VtolView;
 use crate::log::parameters::ParameterHistory;
 
 /// Format of a log file.
@@ -72,8 +75,8 @@ pub enum AttitudeView {
     Body,
     /// The axes of the body, from this message in place of the autopilot's own attitude, which is the VTOL view.
     BodyForVtol(&'static str),
-    /// The VTOL view of a quadplane or tailsitter, which is not that of the body in hover.
-    Vtol,
+    /// The view of VTOL modes, which may differ from the body.
+    Vtol(VtolView),
 }
 
 /// A compass of the aircraft.
@@ -89,6 +92,8 @@ pub struct LoggedCompass {
     pub field: Series<6>,
     /// The autopilot's last correction; none if its parameters or its slot are unknown.
     pub correction: Option<FieldCorrection>,
+    /// Difference of the corrected field from the corrected raw field, where the log has both.
+    pub correction_residual: Option<CorrectionResidual>,
     /// Whether the autopilot uses it for its heading, if known.
     pub is_used_for_heading: Option<bool>,
 }
@@ -250,6 +255,12 @@ impl LoggedFlight {
                 motor_ut_per_a: last * correction.motor_ut_per_a,
             });
             parameters.replace_value(&orientation_parameter(is_px4, slot), rotation.rotation_number().into());
+            // PX4 uses angles other than zero with any number.
+            for name in CustomRotation::Px4(slot).angle_parameters().iter().filter(|_| is_px4) {
+                if parameters.last_value(name).is_some() {
+                    parameters.replace_value(name, 0.0);
+                }
+            }
         }
         Ok(())
     }
@@ -258,6 +269,12 @@ impl LoggedFlight {
     #[must_use]
     pub fn slot_index(&self, compass_number: u8) -> Option<u8> {
         self.compasses.iter().find(|compass| compass.compass_number == compass_number)?.slot.index()
+    }
+
+    /// Major and minor version of the firmware, if its name has one.
+    #[must_use]
+    pub fn firmware_version(&self) -> Option<(u32, u32)> {
+        self.firmware_name.as_deref().and_then(firmware_version)
     }
 
     /// Creates an empty flight.
@@ -314,21 +331,14 @@ impl LoggedFlight {
 /// Mounting parameters of a compass or the board that changed in flight, with the time of the last change, seconds.
 #[must_use]
 pub fn mounting_parameter_changes(flight: &LoggedFlight, compass_number: u8) -> Vec<(String, f64)> {
-    let slot = flight.slot_index(compass_number);
-    let of_slot = |name: &dyn Fn(u8) -> String| slot.map(name);
-    let names = match flight.autopilot {
-        AutopilotKind::ArduPilot => vec![
-            of_slot(&|slot| format!("COMPASS_ORIENT{}", ardupilot_index(slot))),
-            of_slot(&external_parameter),
-            Some("AHRS_ORIENTATION".to_owned()),
-        ],
-        AutopilotKind::Px4 => {
-            vec![of_slot(&|index| format!("CAL_MAG{index}_ROT")), Some("SENS_BOARD_ROT".to_owned())]
-        }
-        AutopilotKind::Unknown => Vec::new(),
+    let is_px4 = match flight.autopilot {
+        AutopilotKind::ArduPilot => false,
+        AutopilotKind::Px4 => true,
+        AutopilotKind::Unknown => return Vec::new(),
     };
+    let names = mounting_parameters(&flight.parameters, is_px4, flight.slot_index(compass_number));
     let changed = |name: String| flight.parameters.last_change_s(&name).map(|at_s| (name, at_s));
-    names.into_iter().flatten().filter_map(changed).collect()
+    names.into_iter().filter_map(changed).collect()
 }
 
 /// ArduPilot's calibration parameters of a compass that are missing although another of the same x, y, z triple is present.

@@ -9,11 +9,14 @@ use super::battery_current::repair_current;
 use super::compass_slot::{
     ArdupilotSlots, CompassSlot, DeviceId, MAX_OFFSET_ROUNDING_MG, SlotEvidence, UnknownSlot, ardupilot_index,
 };
-use super::correction::{FieldCorrection, InvertibleCorrection, px4_mounting};
+use super::correction::{FieldCorrection, InvertibleCorrection};
+use super::correction_residual::CorrectionResidual;
 use super::flight::{AttitudeView, AutopilotKind, Gps, LogFormat, LoggedCompass, LoggedFlight};
+use super::mounting::px4_mounting;
 use super::parameters::ParameterHistory;
 use super::time_series::{Series, TimedRow};
 use super::timeline::Timeline;
+use super::vtol_view::VtolView;
 
 /// Largest compass number; no autopilot has more.
 pub const MAX_COMPASSES: u8 = 8;
@@ -209,6 +212,7 @@ impl FlightBuilder {
         {
             self.field_rows.clear();
         }
+        let residuals = correction_residuals(flight, &self.field_rows);
         let sources = select_field_source(std::mem::take(&mut self.field_rows));
         let compass_count = sources.len();
         for (compass_number, field_processing, mut field) in sources {
@@ -228,6 +232,7 @@ impl FlightBuilder {
                 device_id,
                 field,
                 correction,
+                correction_residual: residuals.get(&compass_number).copied(),
                 is_used_for_heading,
             });
         }
@@ -249,20 +254,18 @@ fn repair_current_of_flight(flight: &mut LoggedFlight) {
     }
 }
 
-/// Replaces a missing attitude, and the VTOL view of ArduPlane's `ATT`: with `Q_ENABLE`, `ATT` is rotated by 90 deg on
-/// tailsitters, and by `Q_TRIM_PITCH` in hover, while the compass is fixed to the body.
+/// Replaces a missing attitude, and a view of VTOL modes that may differ from the body.
 fn replace_attitude(flight: &mut LoggedFlight, mut fallback_attitudes: BTreeMap<u8, (&'static str, Series<3>)>) {
-    let is_vtol = flight.parameters.last_value("Q_ENABLE").is_some_and(|enabled| enabled != 0.0);
+    let view = VtolView::of_log(&flight.parameters, flight.log_format == LogFormat::TLog);
     let is_missing = flight.attitude.is_empty();
-    let best = fallback_attitudes.pop_first();
-    match best {
-        Some((_, (message_name, attitude))) if is_missing => {
+    match (fallback_attitudes.pop_first(), view) {
+        (Some((_, (message_name, attitude))), _) if is_missing => {
             (flight.attitude, flight.fallback_attitude_message) = (attitude, Some(message_name));
         }
-        Some((rank, (message_name, attitude))) if is_vtol && rank < SECONDARY_ATTITUDE_RANK => {
+        (Some((rank, (message_name, attitude))), Some(_)) if rank < SECONDARY_ATTITUDE_RANK => {
             (flight.attitude, flight.attitude_view) = (attitude, AttitudeView::BodyForVtol(message_name));
         }
-        _ if is_vtol && !is_missing => flight.attitude_view = AttitudeView::Vtol,
+        (_, Some(view)) if !is_missing => flight.attitude_view = AttitudeView::Vtol(view),
         _ => {}
     }
 }
@@ -283,6 +286,30 @@ fn select_field_source(mut logged: Vec<(u8, FieldProcessing, Series<6>)>) -> Vec
     });
     logged.dedup_by_key(|(compass_number, _, _)| *compass_number);
     logged
+}
+
+/// Compares the raw with the corrected fields of PX4's compasses, by number, since the last change of their parameters.
+fn correction_residuals(
+    flight: &LoggedFlight,
+    logged: &[(u8, FieldProcessing, Series<6>)],
+) -> BTreeMap<u8, CorrectionResidual> {
+    let from_s = flight.parameters.change_times_s("CAL_MAG").last().copied().unwrap_or(f64::NEG_INFINITY);
+    let residual = |(compass_number, processing, field): &(u8, FieldProcessing, Series<6>)| {
+        let &FieldProcessing::Px4SensorRaw(index) = processing else { return None };
+        let (_, _, corrected) = logged.iter().find(|(_, other, _)| *other == FieldProcessing::Px4(index))?;
+        let mut corrected = corrected.clone();
+        corrected.sort_and_dedup();
+        let mounting = px4_mounting(&flight.parameters, f64::INFINITY, index);
+        let mut raw = Series::new();
+        for row in field.rows() {
+            let [x, y, z, ..] = row.row_values.map(f64::from);
+            raw.push_row(row.t_s, (mounting * Vector3::new(x, y, z)).map(|axis| axis as f32).into());
+        }
+        let correction = FieldCorrection::from_px4(&flight.parameters, index);
+        let residual = CorrectionResidual::new(&raw, &corrected, &correction, &flight.battery_current, from_s)?;
+        Some((*compass_number, residual))
+    };
+    logged.iter().filter_map(residual).collect()
 }
 
 /// Gives the rows of the first receiver, which has the position, the headings of others: moving baseline gives them to

@@ -19,11 +19,13 @@
 mod battery_current;
 mod compass_slot;
 mod correction;
+mod correction_residual;
 pub mod csv;
 mod dataflash;
 mod flight;
 mod flight_builder;
 pub mod log_writers;
+mod mounting;
 mod parameters;
 mod rates;
 mod rates_problem;
@@ -34,18 +36,23 @@ mod timeline;
 mod tlog;
 mod ulog;
 mod utf16;
+mod vtol_view;
 
 pub(crate) use compass_slot::{ARDUPILOT_SLOTS, ardupilot_index, external_parameter};
 pub use compass_slot::{CompassSlot, DeviceId, SlotEvidence, UnknownSlot};
 pub use correction::FieldCorrection;
-pub(crate) use correction::{px4_mounting, symmetric_matrix};
+pub(crate) use correction::symmetric_matrix;
+pub use correction_residual::CorrectionResidual;
 pub use flight::{
     AttitudeView, AutopilotKind, Gps, LogFormat, LoggedCompass, LoggedFlight, SkippedCounts,
     missing_ardupilot_parameters, mounting_parameter_changes,
 };
+pub use mounting::{CustomRotation, SensorOrientation};
+pub(crate) use mounting::{logged_mounting, orientation_parameter, px4_external_trim, px4_mounting};
 pub use parameters::ParameterHistory;
 pub use rates_problem::RatesProblem;
 pub use rotation::NumberedRotation;
+pub use vtol_view::VtolView;
 
 use std::fmt;
 use std::io::{self, Read};

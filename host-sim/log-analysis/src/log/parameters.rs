@@ -78,6 +78,14 @@ impl ParameterHistory {
         self.0.range(prefix.to_owned()..).next().is_some_and(|(name, _)| name.starts_with(prefix))
     }
 
+    /// Names of the parameters whose last value is this one.
+    pub fn names_with_value(&self, value: f64) -> impl Iterator<Item = &str> {
+        let matches = move |(_, values): &(&String, &Vec<(f64, f64)>)| {
+            values.last().is_some_and(|&(_, last)| last.total_cmp(&value).is_eq())
+        };
+        self.0.iter().filter(matches).map(|(name, _)| name.as_str())
+    }
+
     /// Whether there are no parameters.
     #[must_use]
     pub fn is_empty(&self) -> bool {

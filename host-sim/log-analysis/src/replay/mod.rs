@@ -25,7 +25,6 @@ mod row_headings;
 mod row_solve;
 mod rows;
 pub mod sensor_change;
-mod symmetric_fit;
 pub mod verdict;
 
 pub use reference::{ReferenceHeading, ReferenceKind};

@@ -1,7 +1,8 @@
 //! Fits for the parameters of an autopilot: to the rows flown since the last change, and to two halves of them for
 //! cross-validation.
 
-use autoswing::calibration::Solution;
+use autoswing::calibration::{Orientation, Solution, SolveError};
+use autoswing_module::messages::Refusal;
 
 use super::replay_run::solve_rows;
 use crate::replay::result::ReplayOptions;
@@ -32,6 +33,8 @@ pub struct FitVariant {
     pub fit_of_all_rows: Solution,
     /// Whether the module's verification accepts the fit.
     pub is_accepted: bool,
+    /// Right-angle mounting of the sensor against that of the log.
+    pub mount: Orientation,
     /// Fits to the first and to the second half of the rows; none for a half without a solution.
     pub fits_of_halves: [Option<Solution>; 2],
 }
@@ -66,16 +69,34 @@ impl ParameterFit {
 
 impl FitVariant {
     fn new(rows: &[ReplayRow], options: &ReplayOptions) -> Option<Self> {
-        let (solution, is_accepted) = solve_rows(rows, options);
+        let (mount, (solution, acceptance)) = solve_in_any_mount(rows, options, Orientation::IDENTITY_ROTATION);
         let rows_of_half = |half_index: usize| -> Vec<ReplayRow> {
             rows.iter().filter(|row| half_index_at(row.t_s) == half_index).copied().collect()
         };
         Some(Self {
             fit_of_all_rows: solution?,
-            is_accepted,
-            fits_of_halves: [0, 1].map(|half_index| solve_rows(&rows_of_half(half_index), options).0),
+            is_accepted: acceptance.is_ok(),
+            mount,
+            fits_of_halves: [0, 1].map(|half| solve_in_any_mount(&rows_of_half(half), options, mount).1.0),
         })
     }
+}
+
+/// Solves rows in a mounting, or in that which they contradict it with. Noise can imitate a mounting, which is then not
+/// accepted.
+fn solve_in_any_mount(
+    rows: &[ReplayRow],
+    options: &ReplayOptions,
+    mount: Orientation,
+) -> (Orientation, (Option<Solution>, Result<(), Refusal>)) {
+    let outcome = solve_rows(rows, options, mount);
+    if let Err(Refusal::Solve(SolveError::MountContradicted { found })) = outcome.1 {
+        let turned = solve_rows(rows, options, found);
+        if turned.1.is_ok() {
+            return (found, turned);
+        }
+    }
+    (mount, outcome)
 }
 
 /// Half of the flight that a time belongs to: blocks alternate irregularly (by the golden ratio), so that circles of

@@ -1,9 +1,10 @@
 //! Replays rows: samples by the instrument, a solution by the module or of a selection, headings of all rows.
 
 use autoswing::calibration::method_selection::Procedure;
-use autoswing::calibration::{Sample, Solution};
+use autoswing::calibration::{Orientation, Prior, Sample, Solution};
 use autoswing::collection::RetainedSamples;
 use autoswing::instrument::{Instrument, InstrumentConfig};
+use autoswing_module::messages::Refusal;
 
 use super::module_run::ModuleRun;
 use super::result::{HeadingRow, ReplayOptions, ReplayResult, RowSelection};
@@ -72,17 +73,22 @@ fn calibrate_module(
 
 /// Solves the usable rows, evenly thinned.
 pub(super) fn solve_all_rows(rows: &[ReplayRow]) -> Option<Solution> {
-    solve_rows(rows, &ReplayOptions::with_selection(RowSelection::All)).0
+    solve_rows(rows, &ReplayOptions::with_selection(RowSelection::All), Orientation::IDENTITY_ROTATION).0
 }
 
-/// Solves the usable rows, evenly thinned, and evaluates whether the module would accept the result. Where that fails,
-/// as in flights that are mostly straight, solves the samples that the module would retain of all of them.
-pub(super) fn solve_rows(rows: &[ReplayRow], options: &ReplayOptions) -> (Option<Solution>, bool) {
+/// Solves the usable rows of a sensor in a mounting, evenly thinned, and evaluates whether the module would accept the
+/// result. Where that fails, as in flights that are mostly straight, solves the samples that the module would retain of
+/// all of them.
+pub(super) fn solve_rows(
+    rows: &[ReplayRow],
+    options: &ReplayOptions,
+    mount: Orientation,
+) -> (Option<Solution>, Result<(), Refusal>) {
     let config = instrument_config(rows);
-    let (samples, prior) = (samples_of_usable_rows(rows, config), solver_prior(options, config));
+    let (samples, prior) = (samples_of_usable_rows(rows, config), Prior { mount, ..solver_prior(options, config) });
     let outcome =
         more_certain_outcome(solve_evenly_thinned(&samples, &prior), || solve_retained_samples(&samples, &prior));
-    (outcome.solution, outcome.acceptance.is_ok())
+    (outcome.solution, outcome.acceptance)
 }
 
 /// The outcome with the smaller expected error; the alternative is solved only if the first one is poor.

@@ -1,10 +1,10 @@
 //! The autopilot's correction of the field, and its inverse.
 
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
-use super::compass_slot::{ardupilot_index, external_parameter};
+use super::compass_slot::ardupilot_index;
+use super::mounting::px4_mounting;
 use super::parameters::ParameterHistory;
-use super::rotation::NumberedRotation;
 
 const UT_PER_MILLIGAUSS: f64 = 0.1;
 const UT_PER_GAUSS: f64 = 100.0;
@@ -159,46 +159,6 @@ pub(super) fn missing_parameters_of_slot(parameters: &ParameterHistory, slot: u8
         }
     }
     missing
-}
-
-/// Rotation from sensor to body axes of a PX4 compass: `CAL_MAGn_ROT` (100: custom angles), or, if negative, the
-/// board's rotation trimmed by `SENS_BOARD_X_OFF`, `_Y_OFF` and `_Z_OFF`.
-pub(crate) fn px4_mounting(parameters: &ParameterHistory, t_s: f64, index: u8) -> Matrix3<f64> {
-    const CUSTOM_ROTATION_NUMBER: f64 = 100.0;
-    let value = |name: &str| parameters.value_at(t_s, name);
-    let rotation_of_angles = |names: [String; 3]| {
-        let [roll, pitch, yaw] = names.map(|name| value(&name).unwrap_or(0.0).to_radians());
-        Rotation3::from_euler_angles(roll, pitch, yaw).into_inner()
-    };
-    let numbered = |rotation_number: f64| NumberedRotation::new(rotation_number).unwrap_or_default().rotation_matrix();
-    match value(&format!("CAL_MAG{index}_ROT")).filter(|rotation_number| *rotation_number >= 0.0) {
-        Some(CUSTOM_ROTATION_NUMBER) => {
-            rotation_of_angles(["ROLL", "PITCH", "YAW"].map(|angle| format!("CAL_MAG{index}_{angle}")))
-        }
-        Some(rotation_number) => numbered(rotation_number),
-        None => {
-            let board = value("SENS_BOARD_ROT").map_or_else(Matrix3::identity, numbered);
-            rotation_of_angles(["X", "Y", "Z"].map(|axis| format!("SENS_BOARD_{axis}_OFF"))) * board
-        }
-    }
-}
-
-/// Name of the orientation parameter of a slot.
-pub(crate) fn orientation_parameter(is_px4: bool, slot: u8) -> String {
-    if is_px4 { format!("CAL_MAG{slot}_ROT") } else { format!("COMPASS_ORIENT{}", ardupilot_index(slot)) }
-}
-
-/// Rotation from sensor to body axes that PX4 or ArduPilot applied to the compass of a slot at a time; none for an
-/// internal compass of ArduPilot, which turns with the board, or an unknown number.
-pub(crate) fn logged_mounting(parameters: &ParameterHistory, is_px4: bool, t_s: f64, slot: u8) -> Option<Matrix3<f64>> {
-    if is_px4 {
-        return Some(px4_mounting(parameters, t_s, slot));
-    }
-    if parameters.value_at(t_s, &external_parameter(slot)) == Some(0.0) {
-        return None;
-    }
-    let orientation = parameters.value_at(t_s, &orientation_parameter(is_px4, slot)).unwrap_or(0.0);
-    NumberedRotation::new(orientation).map(NumberedRotation::rotation_matrix)
 }
 
 /// Symmetric matrix from its diagonal and its xy, xz and yz elements.

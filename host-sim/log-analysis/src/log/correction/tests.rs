@@ -96,23 +96,6 @@ fn px4s_correction_is_made_in_the_sensors_axes() {
     // Sensor (0.3, -0.4, 0) G: less offset (0.2, -0.4, 0), scaled (0.2, -0.5, 0), turned (0.5, 0.2, 0).
     let raw = undo.raw_ut(Vector3::new(50.0, 20.0, 0.0), Vector3::zeros());
     assert!((raw - Vector3::new(40.0, 30.0, 0.0)).norm() < 1e-9, "{raw}");
-    let board = px4_mounting(&parameters(&[("CAL_MAG1_ROT", -1.0), ("SENS_BOARD_ROT", 7.0)]), 0.0, 1);
-    assert!((board - NumberedRotation::new(7.0).unwrap().rotation_matrix()).norm() < 1e-12, "{board}");
-}
-
-/// A compass yawed 30 deg right; an inverted board (z up, y left) trimmed by 10 deg of yaw.
-#[test]
-fn px4s_compass_angles_and_board_trim_rotate_the_field() {
-    let rotation = px4_mounting(&parameters(&[("CAL_MAG0_ROT", 100.0), ("CAL_MAG0_YAW", 30.0)]), 0.0, 0);
-    let (sin, cos) = libm::sincos(30_f64.to_radians());
-    assert!((rotation * Vector3::x() - Vector3::new(cos, sin, 0.0)).norm() < 1e-12, "{rotation}");
-    let trimmed = [("CAL_MAG0_ROT", -1.0), ("SENS_BOARD_ROT", 8.0), ("SENS_BOARD_Z_OFF", 10.0)];
-    let board = px4_mounting(&parameters(&trimmed), 0.0, 0);
-    let (sin, cos) = libm::sincos(10_f64.to_radians());
-    assert!((board * Vector3::y() - Vector3::new(sin, -cos, 0.0)).norm() < 1e-12, "{board}");
-    // A compass with its own rotation ignores the board's.
-    let external = [("CAL_MAG0_ROT", 0.0), ("SENS_BOARD_ROT", 8.0), ("SENS_BOARD_Z_OFF", 10.0)];
-    assert_eq!(px4_mounting(&parameters(&external), 0.0, 0), Matrix3::identity());
 }
 
 /// Type 1 compensates by throttle, whose input value is not logged.

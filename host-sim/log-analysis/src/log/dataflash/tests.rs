@@ -1,6 +1,7 @@
 use super::messages::*;
 use crate::log::flight::{AttitudeView, Gps, LogFormat};
 use crate::log::time_series::TimedRow;
+use crate::log::vtol_view::VtolView;
 
 struct NumericMessage<'a>(&'a [(&'a str, f64)]);
 
@@ -98,7 +99,7 @@ fn the_attitude_of_the_body_replaces_the_vtol_view() {
     ];
     for (q_enable, count, roll_deg, attitude_view) in [
         (Some(1.0), 3, 11, AttitudeView::BodyForVtol("XKF1")),
-        (Some(1.0), 2, 10, AttitudeView::Vtol),
+        (Some(1.0), 2, 10, AttitudeView::Vtol(VtolView::Unknown("Q_TAILSIT_ENABLE"))),
         (Some(0.0), 3, 10, AttitudeView::Body),
         (None, 3, 10, AttitudeView::Body),
     ] {

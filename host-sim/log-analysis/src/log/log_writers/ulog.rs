@@ -1,10 +1,13 @@
-//! ULog writer, as PX4 with corrected compasses (`vehicle_magnetometer`).
+//! ULog writer, as PX4 with corrected compasses (`vehicle_magnetometer`) and slower raw ones (`sensor_mag`).
+
+use nalgebra::Vector3;
 
 use super::recording::{FLIGHT_START_UTC_US, FlightRecording};
 use crate::log::correction::FieldCorrection;
+use crate::log::mounting::px4_mounting;
 use crate::log::parameters::ParameterHistory;
 
-const ULOG_FORMATS: [&str; 6] = [
+const ULOG_FORMATS: [&str; 7] = [
     "vehicle_magnetometer:uint64_t timestamp;uint32_t device_id;float[3] magnetometer_ga;",
     "vehicle_attitude:uint64_t timestamp;float[4] q;",
     "vehicle_angular_velocity:uint64_t timestamp;float[3] xyz;",
@@ -12,6 +15,7 @@ const ULOG_FORMATS: [&str; 6] = [
     "vehicle_gps_position:uint64_t timestamp;int32_t lat;int32_t lon;int32_t alt;float vel_m_s;float vel_n_m_s;float \
      vel_e_m_s;float cog_rad;uint64_t time_utc_usec;uint8_t fix_type;",
     "vehicle_status:uint64_t timestamp;uint8_t vehicle_type;bool is_vtol;",
+    "sensor_mag:uint64_t timestamp;uint32_t device_id;float x;float y;float z;",
 ];
 
 /// Encodes a recording as ULog.
@@ -46,6 +50,8 @@ pub fn encode_ulog(recording: &FlightRecording) -> Vec<u8> {
         ["vehicle_attitude", "vehicle_angular_velocity", "battery_status", "vehicle_gps_position", "vehicle_status"]
             .map(|n| (0, n)),
     );
+    let sensor_mag_id = subscribed.len();
+    subscribed.extend((0..compasses).map(|i| (i as u8, "sensor_mag")));
     for (id, (instance, name)) in subscribed.iter().enumerate() {
         let [low, high] = (id as u16).to_le_bytes();
         message(b'A', &[&[*instance, low, high], name.as_bytes()].concat());
@@ -62,6 +68,12 @@ pub fn encode_ulog(recording: &FlightRecording) -> Vec<u8> {
             let gauss = correction.correct_field(raw.into(), sample.current_a) / 100.0;
             let id = recording.parameter_value(&format!("CAL_MAG{compass_number}_ID")) as u32;
             data(compass_number, &[&id.to_le_bytes(), &encode_floats(gauss.as_slice())]);
+            // PX4 logs sensors at 1 Hz by default.
+            if i % 10 == 0 {
+                let mounting = px4_mounting(&parameters, f64::INFINITY, compass_number as u8);
+                let sensor_gauss = mounting.transpose() * Vector3::from(raw) / 100.0;
+                data(sensor_mag_id + compass_number, &[&id.to_le_bytes(), &encode_floats(sensor_gauss.as_slice())]);
+            }
         }
         data(compasses, &[&encode_floats(&quaternion_from_euler(sample.attitude_rad))]);
         data(compasses + 1, &[&encode_floats(&sample.rates_rad_s)]);

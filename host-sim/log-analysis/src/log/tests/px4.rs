@@ -65,6 +65,7 @@ fn px4s_old_sensor_combined_is_read() {
             (b'F', text) if text.starts_with(b"vehicle_angular") => {
                 renamed(text, [("vehicle_angular_velocity", "sensor_combined_of_rates"), ("xyz", "gyro_rad")])
             }
+            (b'A', text) if text.ends_with(b"sensor_mag") => renamed(text, [("sensor_mag", "none"), ("none", "none")]),
             (b'A', text) => renamed(text, [sensor_combined[0], ("vehicle_angular_velocity", "none")]),
             // The field was measured 20 ms before the row's time.
             (b'D', [0, 0, rest @ ..]) => [&[0, 0], &rest[..8], &(-20_000_i32).to_le_bytes(), &rest[12..]].concat(),

@@ -3,24 +3,26 @@
 
 use std::fmt;
 
-use autoswing::calibration::{Orientation, Solution, SolveError};
-use autoswing_module::messages::Refusal;
+mod orientation_proof;
+
+pub use orientation_proof::provable_orientation;
+
+use autoswing::calibration::Solution;
 use nalgebra::Vector3;
 
 use super::evaluation::{CompassEvaluation, heading_deg};
 use super::logged_accuracy::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG};
+use super::parameter_export::orientation::{FixedOrientation, OrientationParameters, TurnedSensor};
 use super::parameter_export::{
-    ExportedCorrection, HeldBackScore, ParameterFormat, export_correction, field_by_exported_parameters,
+    ExportInputs, ExportedCorrection, HeldBackScore, ParameterFormat, field_by_exported_parameters,
 };
 use super::parameter_fit::{FitVariant, half_index_at};
 use super::reading_checks::{CheckOutcome, CheckedMeaning, ReadingCheck};
-use super::replay_run::solve_rows;
 use super::row_headings::{heading_scatter, rms_deg_by_scatter, score_rows};
 use super::row_solve::solved_correction;
 use crate::log::{FieldCorrection, LoggedFlight};
 use crate::numbers::square;
 use crate::replay::reference::ReferenceHeading;
-use crate::replay::result::{ReplayOptions, RowSelection};
 use crate::replay::row::ReplayRow;
 
 /// Smallest number of rows since the last change for a fit: 10 s at 10 Hz.
@@ -53,10 +55,9 @@ pub enum NoParameters {
     /// The log has too few usable rows; their number.
     FewRows(usize),
     /// The rows, or half of them, give no solution.
-    Unsolved {
-        /// Rotation of the sensor against its orientation setting, where the samples show one.
-        found_mount: Option<Orientation>,
-    },
+    Unsolved,
+    /// The sensor is turned against its orientation, which the file does not change.
+    Turned(TurnedSensor),
     /// The flight leaves the parameters too uncertain.
     Unobservable {
         /// Expected error over all headings, degrees RMS.
@@ -100,7 +101,8 @@ pub enum ResidualDependence {
     Bank,
 }
 
-/// Parameters of a compass, or the reason for giving none. `reference` is the heading reference of the rows.
+/// Parameters of a compass, or the reason for giving none. `reference` is the heading reference of the rows, `orientation`
+/// the orientation parameters that a file may change.
 ///
 /// # Errors
 ///
@@ -111,6 +113,7 @@ pub fn choose_parameters(
     reference: Option<&ReferenceHeading>,
     total_ut: Option<f64>,
     format: ParameterFormat,
+    orientation: Result<OrientationParameters, FixedOrientation>,
 ) -> Result<ExportedCorrection, NoParameters> {
     let parameter_fit = &evaluation.parameter_fit;
     let rows: Vec<ReplayRow> = parameter_fit.fitted_rows(&evaluation.rows).copied().collect();
@@ -120,38 +123,23 @@ pub fn choose_parameters(
     let sigma_deg = reference.and_then(ReferenceHeading::sigma_if_accurate_deg);
     let sigma_deg =
         sigma_deg.filter(|_| rows.iter().filter(|row| row.reference_deg.is_some()).count() >= MIN_REFERENCE_ROWS);
-    let candidate = |variant: &FitVariant| {
-        let export = |solution: &Solution| {
-            export_correction(evaluation.compass_number, &rows, &solution.calibration, total_ut, format)
-        };
-        let exported = export(&variant.fit_of_all_rows)?;
-        let halves = [variant.fits_of_halves[0].as_ref()?, variant.fits_of_halves[1].as_ref()?];
-        let [Some(first), Some(second)] = halves.map(export) else { return None };
-        let full_corrections = halves.map(solved_correction);
-        let held_back =
-            score_held_back(flight, &rows, &[first, second], &full_corrections, format, sigma_deg.is_some())?;
-        Some(ParameterCandidate {
-            solution: variant.fit_of_all_rows,
-            is_accepted: variant.is_accepted,
-            exported,
-            held_back,
-        })
-    };
+    let inputs = ExportInputs { compass_number: evaluation.compass_number, rows: &rows, total_ut, format, orientation };
+    let candidate = |variant: &FitVariant| ParameterCandidate::new(flight, &inputs, variant, sigma_deg.is_some());
     let mut candidates = parameter_fit.fit_variants.iter().filter_map(candidate);
-    let mut best_candidate =
-        candidates.next().ok_or_else(|| NoParameters::Unsolved { found_mount: found_mount(evaluation, &rows) })?;
+    let mut best_candidate = candidates.next().ok_or(NoParameters::Unsolved)?;
     for candidate in candidates {
         if is_motor_significant(&candidate.solution) && candidate.held_back.rms_deg < best_candidate.held_back.rms_deg {
             best_candidate = candidate;
         }
     }
     best_candidate.check_usefulness(sigma_deg)?;
-    let ParameterCandidate { mut exported, held_back, .. } = best_candidate;
+    let ParameterCandidate { mut exported, held_back, turned, .. } = best_candidate;
     if let Some(limit_mg) = exported.offset_limit_mg_if_exceeded(flight, format) {
         return Err(NoParameters::OffsetsTooLarge { offset_mg: exported.largest_offset_mg(), limit_mg });
     }
     exported.held_back_score = Some(held_back);
     exported.fitted_range_s = parameter_fit.fitted_range_s;
+    exported.warnings.extend(turned.map(|turned| turned.to_string()));
     Ok(exported)
 }
 
@@ -160,10 +148,49 @@ struct ParameterCandidate {
     is_accepted: bool,
     exported: ExportedCorrection,
     held_back: HeldBackScore,
+    /// A rotation of the sensor that the parameters do not express.
+    turned: Option<TurnedSensor>,
 }
 
 impl ParameterCandidate {
+    /// Exports a fit, and scores its halves with an orientation of the same kind.
+    fn new(
+        flight: &LoggedFlight,
+        inputs: &ExportInputs<'_>,
+        variant: &FitVariant,
+        has_reference: bool,
+    ) -> Option<Self> {
+        let solution = variant.fit_of_all_rows;
+        let (kind, exported) = inputs.export_simplest(&solution.calibration)?;
+        let halves = [variant.fits_of_halves[0].as_ref()?, variant.fits_of_halves[1].as_ref()?];
+        let [Some(first), Some(second)] = halves.map(|half| inputs.export_correction(&half.calibration, kind)) else {
+            return None;
+        };
+        let full_corrections = halves.map(solved_correction);
+        let held_back = score_held_back(flight, inputs, &[first, second], &full_corrections, has_reference)?;
+        let turned = inputs.lost_rotation(&solution.calibration, kind, &exported);
+        Some(Self { solution, is_accepted: variant.is_accepted, exported, held_back, turned })
+    }
+
+    /// Checks the usefulness; a rotation that causes most of the error, or that no heading can be meant with, is the reason.
     fn check_usefulness(&self, reference_sigma_deg: Option<f64>) -> Result<(), NoParameters> {
+        /// A symmetric matrix imitates no rotation beyond it.
+        const MAX_ROTATION_LOSS_DEG: f64 = 20.0;
+        let accuracy = self.check_accuracy(reference_sigma_deg);
+        let is_cause = matches!(accuracy, Err(NoParameters::NoGain(_) | NoParameters::Inaccurate { .. }))
+            && self.held_back.as_logged_rms_deg > GOOD_COMPASS_RMS_DEG
+            && is_mostly_inexpressible(self.held_back.rms_deg, self.exported.heading_loss_deg[0]);
+        match self.turned.as_ref().filter(|_| is_cause || self.exported.total_loss_deg() > MAX_ROTATION_LOSS_DEG) {
+            Some(turned)
+                if !matches!(accuracy, Err(NoParameters::Residuals { .. } | NoParameters::Unobservable { .. })) =>
+            {
+                Err(NoParameters::Turned(turned.clone()))
+            }
+            _ => accuracy,
+        }
+    }
+
+    fn check_accuracy(&self, reference_sigma_deg: Option<f64>) -> Result<(), NoParameters> {
         let HeldBackScore { rms_deg, as_logged_rms_deg, .. } = self.held_back;
         let expected_error_deg = f64::from(self.solution.quality.expected_rms_deg);
         let unexplained_deg = (square(rms_deg) - square(self.exported.heading_loss_deg[0])).max(0.0).sqrt();
@@ -192,18 +219,6 @@ impl ParameterCandidate {
     }
 }
 
-/// Mounting that the module found instead of the configured one, if a calibration with it is accepted: noise can
-/// imitate a mounting.
-fn found_mount(evaluation: &CompassEvaluation, rows: &[ReplayRow]) -> Option<Orientation> {
-    let Err(Refusal::Solve(SolveError::MountContradicted { found })) = evaluation.result_for_report().acceptance else {
-        return None;
-    };
-    let body_from_sensor = found.body_from_sensor().map(f64::from);
-    let rotated_rows: Vec<ReplayRow> = rows.iter().map(|row| row.in_rotated_axes(&body_from_sensor)).collect();
-    let (_, is_accepted) = solve_rows(&rotated_rows, &ReplayOptions::with_selection(RowSelection::All));
-    is_accepted.then_some(found)
-}
-
 /// Quantity on which residuals depend that make up most of the expected error.
 fn residual_dependence(solution: &Solution) -> Option<ResidualDependence> {
     let expected_error_deg = f64::from(solution.quality.expected_rms_deg);
@@ -227,12 +242,12 @@ fn is_motor_significant(solution: &Solution) -> bool {
 /// the full correction, to which the heading difference between parameters and full correction is added in squares.
 fn score_held_back(
     flight: &LoggedFlight,
-    rows: &[ReplayRow],
+    inputs: &ExportInputs<'_>,
     halves: &[ExportedCorrection; 2],
     full_corrections: &[FieldCorrection; 2],
-    format: ParameterFormat,
     has_reference: bool,
 ) -> Option<HeldBackScore> {
+    let ExportInputs { rows, format, .. } = *inputs;
     let [first, second] = halves.each_ref().map(|half| field_by_exported_parameters(flight, half, format));
     let full_field = |row: &ReplayRow| row.corrected_field(&full_corrections[1 - half_index_at(row.t_s)]);
     let field = |row: &ReplayRow| if half_index_at(row.t_s) == 0 { second(row) } else { first(row) };
@@ -272,7 +287,8 @@ impl NoParameters {
                 _ => "reading-contradicted",
             },
             Self::FewRows(_) => "few-rows",
-            Self::Unsolved { .. } => "unsolved",
+            Self::Unsolved => "unsolved",
+            Self::Turned(_) => "turned",
             Self::Unobservable { .. } => "unobservable",
             Self::Residuals { .. } => "residuals",
             Self::Unverified => "unverified",
@@ -291,16 +307,8 @@ impl fmt::Display for NoParameters {
                 None => Ok(()),
             },
             Self::FewRows(rows) => write!(f, "{rows} usable rows are too few for a fit"),
-            Self::Unsolved { found_mount } => {
-                f.write_str("no fit of these rows converges")?;
-                found_mount.map_or(Ok(()), |found_mount| {
-                    let name = found_mount.orientation_name();
-                    write!(
-                        f,
-                        "; the sensor seems to be turned by {name} against its orientation setting, which is to be corrected first"
-                    )
-                })
-            }
+            Self::Unsolved => f.write_str("no fit of these rows converges"),
+            Self::Turned(turned) => turned.fmt(f),
             Self::Unobservable { expected_error_deg, manoeuvre } => {
                 if *expected_error_deg < UNDETERMINED_ERROR_DEG {
                     write!(f, "the attitudes flown leave an error of {expected_error_deg:.1} deg over all headings")?;

@@ -3,6 +3,8 @@
 use autoswing::calibration::{BankScaleFinding, DetectedHardIronChange, Finding, HardIronTimeCourse};
 use autoswing::frames::{Field, Level, RollPitch};
 
+use nalgebra::Matrix3;
+
 use super::*;
 use crate::log::LogFormat;
 use crate::replay::tests::{LEVEL_ROW_FIELD_UT, compass_of_flown_turns, export_of, level_row};
@@ -18,6 +20,7 @@ fn candidate(rms_deg: f64, as_logged_rms_deg: f64, loss_deg: f64) -> ParameterCa
         is_accepted: true,
         exported: ExportedCorrection { heading_loss_deg: [loss_deg, 0.0], ..export_of(FieldCorrection::identity()) },
         held_back: HeldBackScore { rms_deg, as_logged_rms_deg, is_estimate: false, field_scatter_deg: 1.0 },
+        turned: None,
     }
 }
 
@@ -39,6 +42,28 @@ fn parameters_are_given_if_they_improve_a_compass_to_a_useful_accuracy() {
         let result = candidate(rms_deg, as_logged_rms_deg, loss_deg).check_usefulness(Some(1.0));
         let code = result.as_ref().err().map(NoParameters::stable_code);
         assert_eq!(code, expected, "{rms_deg} {as_logged_rms_deg} {loss_deg}");
+    }
+}
+
+/// A rotation that the file does not correct is the reason where it causes most of the error, or turns all headings.
+#[test]
+fn a_rotation_that_is_not_corrected_is_the_reason() {
+    let turned = TurnedSensor { rotation_from_logged: Matrix3::identity(), reason: FixedOrientation::NoneFree };
+    for (rms_deg, as_logged_rms_deg, loss_deg, mean_deg, code) in [
+        (6.0, 9.0, 5.0, 10.0, Some("turned")),
+        (6.0, 9.0, 3.0, 10.0, Some("inaccurate")),
+        (8.5, 9.0, 8.0, 10.0, Some("turned")),
+        (1.8, 1.9, 1.7, 4.0, Some("no-gain")),
+        (1.0, 9.0, 0.5, 10.0, None),
+        (1.0, 9.0, 0.5, 30.0, Some("turned")),
+    ] {
+        let mut candidate = candidate(rms_deg, as_logged_rms_deg, loss_deg);
+        (candidate.turned, candidate.exported.heading_loss_deg[1]) = (Some(turned.clone()), mean_deg);
+        let refusal = candidate.check_usefulness(Some(1.0)).err();
+        assert_eq!(refusal.as_ref().map(NoParameters::stable_code), code, "{rms_deg} {loss_deg} {mean_deg}");
+        candidate.solution.quality.expected_rms_deg = 2.1;
+        let uncertain = candidate.check_usefulness(Some(1.0)).unwrap_err();
+        assert_eq!(uncertain.stable_code(), "unobservable", "{rms_deg} {loss_deg} {mean_deg}");
     }
 }
 
@@ -142,7 +167,14 @@ fn each_half_is_scored_with_the_parameters_of_the_other() {
             .iter()
             .map(|row| ReplayRow { reference_deg: row.reference_deg.filter(|_| has_reference), ..*row })
             .collect();
-        score_held_back(&flight, &rows, &halves, &corrections, ParameterFormat::ArduPilot, has_reference).unwrap()
+        let inputs = ExportInputs {
+            compass_number: 1,
+            rows: &rows,
+            total_ut: None,
+            format: ParameterFormat::ArduPilot,
+            orientation: Err(FixedOrientation::NotLogged),
+        };
+        score_held_back(&flight, &inputs, &halves, &corrections, has_reference).unwrap()
     };
     let error_deg = (0.5 / LEVEL_ROW_FIELD_UT[0]).to_degrees();
     for (lost_ut, has_reference, rms_deg, as_logged_rms_deg) in [
@@ -160,23 +192,16 @@ fn each_half_is_scored_with_the_parameters_of_the_other() {
     }
 }
 
-/// The module reports a mounting that another flight's noise can imitate; the rows confirm only the right one.
-#[test]
-fn a_contradicted_mounting_is_reported_if_the_rows_confirm_it() {
-    let (_, mut evaluation) = compass_of_flown_turns();
-    let [yaw_90, yaw_270] = ["yaw90", "yaw270"].map(|name| Orientation::from_name(name).unwrap());
-    let sensor_from_body = yaw_90.body_from_sensor().transpose().map(f64::from);
-    let rows: Vec<ReplayRow> = evaluation.rows.iter().map(|row| row.in_rotated_axes(&sensor_from_body)).collect();
-    for (found, expected) in [(yaw_90, Some(yaw_90)), (yaw_270, None)] {
-        evaluation.module_result.acceptance = Err(Refusal::Solve(SolveError::MountContradicted { found }));
-        assert_eq!(found_mount(&evaluation, &rows), expected);
-    }
-    evaluation.module_result.acceptance = Ok(());
-    assert_eq!(found_mount(&evaluation, &rows), None);
-}
-
 fn choose(flight: &LoggedFlight, evaluation: &CompassEvaluation) -> Result<ExportedCorrection, NoParameters> {
-    choose_parameters(flight, evaluation, Some(&ReferenceHeading::Simulator), None, ParameterFormat::ArduPilot)
+    let orientation = Err(FixedOrientation::NotLogged);
+    choose_parameters(
+        flight,
+        evaluation,
+        Some(&ReferenceHeading::Simulator),
+        None,
+        ParameterFormat::ArduPilot,
+        orientation,
+    )
 }
 
 /// Ten seconds of flight determine no parameters, and a few rows with a reference do not judge them. The autopilot

@@ -10,6 +10,8 @@ use serde::Serialize;
 pub enum CheckedMeaning {
     /// The slot of the compass in the names of the autopilot's parameters.
     Slot,
+    /// The autopilot's correction of the field, by the parameters of the log.
+    Correction,
     /// The axes of the attitude: those of the body.
     Attitude,
     /// The field turns against the body rates, and follows the attitude: signs of field, attitude and rates agree.
@@ -52,6 +54,7 @@ impl CheckedMeaning {
     pub const fn stable_code(self) -> &'static str {
         match self {
             Self::Slot => "slot",
+            Self::Correction => "correction",
             Self::Attitude => "attitude",
             Self::Sense => "sense",
             Self::Constancy => "sensor-constancy",

@@ -7,6 +7,7 @@ mod check;
 mod sense;
 
 pub use check::{CheckOutcome, CheckedMeaning, ReadingCheck};
+pub use sense::misalignment_about_z_deg;
 
 use super::evaluation::{CompassEvaluation, FlightEvaluation, heading_deg, score_correction};
 use super::log_warning::EARTH_FIELD_RANGE_UT;
@@ -16,7 +17,7 @@ use super::result::HeadingScore;
 use super::row::ReplayRow;
 use super::row_headings::score_rows;
 use super::row_solve::solved_correction;
-use crate::log::{AttitudeView, CompassSlot, FieldCorrection, LogFormat, LoggedFlight};
+use crate::log::{AttitudeView, CompassSlot, CorrectionResidual, FieldCorrection, LogFormat, LoggedFlight};
 use crate::score::wrap_180;
 
 /// The check that forbids parameters: the first failed one, else the first required one without a pass.
@@ -37,14 +38,18 @@ pub fn check_reading(
     let solution = compass.parameter_fit.fit_variants.first().map(|fit| fit.fit_of_all_rows);
     let correction = solution.as_ref().map(solved_correction);
     let determined = solution.filter(sense::is_determined).as_ref().map(solved_correction);
+    let inclination = check_inclination(evaluation, &rows, determined.as_ref());
+    // The mirror image of a field fits as a turned sensor of the opposite inclination: the field as read names the axis.
+    let sensed = correction.as_ref().filter(|_| !inclination.is_failed());
     let check = |meaning, outcome| ReadingCheck { meaning, outcome };
     vec![
         check(CheckedMeaning::Slot, check_slot(flight, compass)),
+        check(CheckedMeaning::Correction, check_correction(flight, compass)),
         check(CheckedMeaning::Constancy, check_constancy(compass)),
         check(CheckedMeaning::Attitude, check_attitude(flight)),
-        check(CheckedMeaning::Sense, sense::check_sense(flight, evaluation, &rows, correction.as_ref())),
+        check(CheckedMeaning::Sense, sense::check_sense(flight, evaluation, &rows, sensed)),
         check(CheckedMeaning::Unit, check_unit(flight, evaluation, compass)),
-        check(CheckedMeaning::Inclination, check_inclination(evaluation, &rows, determined.as_ref())),
+        check(CheckedMeaning::Inclination, inclination),
         check(CheckedMeaning::Reference, sense::check_reference(evaluation, &rows, correction.as_ref())),
         check(CheckedMeaning::North, check_north(evaluation, &rows, determined.as_ref())),
     ]
@@ -62,6 +67,40 @@ fn check_slot(flight: &LoggedFlight, compass: &CompassEvaluation) -> CheckOutcom
     }
 }
 
+/// The corrected field against the raw field with the autopilot's correction. ArduPilot logs the corrected field alone; its
+/// offsets in use prove the slot.
+fn check_correction(flight: &LoggedFlight, compass: &CompassEvaluation) -> CheckOutcome {
+    /// Difference that no interval between the readings of both fields makes, microtesla.
+    const MAX_DIFFERENCE_UT: f64 = 2.0;
+    const MIN_ROW_COUNT: usize = 20;
+    let logged = flight.compasses.iter().find(|logged| logged.compass_number == compass.compass_number);
+    let residual = logged.and_then(|logged| logged.correction_residual);
+    let Some(residual) = residual.filter(|residual| residual.row_count >= MIN_ROW_COUNT) else {
+        return CheckOutcome::unchecked("the log has not both the raw and the corrected field");
+    };
+    let CorrectionResidual { constant_ut, scatter_ut, .. } = residual;
+    let constant_ut = constant_ut.norm();
+    if scatter_ut > MAX_DIFFERENCE_UT {
+        CheckOutcome::Failed(format!(
+            "the corrected field differs from the raw one with the log's parameters by {:.1} uT: orientation, scales or \
+             offsets in use are others than those of the log",
+            libm::hypot(scatter_ut, constant_ut)
+        ))
+    } else if constant_ut > MAX_DIFFERENCE_UT && residual.is_of_offsets() {
+        CheckOutcome::Failed(format!(
+            "the corrected field differs from the raw one with the log's parameters by {constant_ut:.1} uT, as if the \
+             offsets were not those in use"
+        ))
+    } else if constant_ut > MAX_DIFFERENCE_UT {
+        CheckOutcome::Unchecked(format!(
+            "the corrected field differs from the raw one with the log's parameters by {constant_ut:.1} uT throughout, as \
+             by a bias that PX4's filter learnt"
+        ))
+    } else {
+        CheckOutcome::Passed
+    }
+}
+
 /// Changes proportional to the field are the sensor's: iron is additive.
 fn check_constancy(compass: &CompassEvaluation) -> CheckOutcome {
     compass.sensor_change.map_or(CheckOutcome::Passed, |change| CheckOutcome::Failed(change.to_string()))
@@ -69,12 +108,9 @@ fn check_constancy(compass: &CompassEvaluation) -> CheckOutcome {
 
 /// Axes of the attitude, by the messages that are logged.
 fn check_attitude(flight: &LoggedFlight) -> CheckOutcome {
-    if flight.attitude_view == AttitudeView::Vtol {
-        CheckOutcome::unchecked(
-            "the attitude of a VTOL is that of its modes, not of the body in hover, and XKF1 or XKQ is not logged",
-        )
-    } else {
-        CheckOutcome::Passed
+    match flight.attitude_view {
+        AttitudeView::Vtol(view) => CheckOutcome::Unchecked(format!("{view}, and XKF1 or XKQ is not logged")),
+        AttitudeView::Body | AttitudeView::BodyForVtol(_) => CheckOutcome::Passed,
     }
 }
 
@@ -160,9 +196,10 @@ fn check_north(
     let as_logged = score_rows(rows, |row| Some((heading_deg(row, row.logged_field.ut.map(f64::from)), f64::NAN)))
         .filter(|score| score.rms_deg < MAX_RMS_AS_LOGGED_DEG);
     let with_fit = correction.and_then(|correction| score_correction(rows, correction));
-    let scores = [(as_logged, "as logged"), (with_fit, "with the fit")];
-    let means = scores.iter().filter_map(|(score, name)| score.as_ref().map(|score| (mean_deg(score), *name)));
-    match means.max_by(|(one_deg, _), (other_deg, _)| one_deg.abs().total_cmp(&other_deg.abs())) {
+    // A fit replaces the orientation in use.
+    let scores = [(with_fit, "with the fit"), (as_logged, "as logged")];
+    let mean = scores.iter().find_map(|(score, name)| score.as_ref().map(|score| (mean_deg(score), *name)));
+    match mean {
         None => CheckOutcome::unchecked("neither the field as logged nor a fit follows the reference"),
         Some((mean_deg, _)) if mean_deg.abs() <= max_error_deg => CheckOutcome::Passed,
         Some((mean_deg, name)) => CheckOutcome::Failed(format!(

@@ -204,39 +204,99 @@ fn fit_residual_deg(rows: &[ReplayRow], field_signs: [f64; 3]) -> f64 {
 /// `g_i`, across axis `i`, is the part of a remaining hard iron.
 fn turn_fractions(rows: &[ReplayRow], correction: Option<&FieldCorrection>, rate_signs: [f32; 3]) -> [Option<f64>; 3] {
     let fields = corrected_fields(rows, correction);
-    let mut normal = SMatrix::<f64, 9, 9>::zeros();
-    let mut right_side = SVector::<f64, 9>::zeros();
-    let mut squares = 0.0;
-    let mut turn_count = 0_usize;
-    for (first, last) in turns(rows) {
-        let row_count = (last - first + 1) as f64;
-        let Some(rates) = rows[first..=last].iter().map(|row| row.rates_rad_s).collect::<Option<Vec<_>>>() else {
-            continue;
-        };
-        let rate = rates.iter().map(|rate| signed_rates(*rate, rate_signs)).sum::<Vector3<f64>>() / row_count;
-        let field = fields[first..=last].iter().sum::<Vector3<f64>>() / row_count;
-        let change = (fields[last] - fields[first]) / (rows[last].t_s - rows[first].t_s);
+    let mut fit = TurnFit::<9>::default();
+    for turn in measured_turns(rows, &fields, rate_signs) {
         let mut columns = SMatrix::<f64, 3, 9>::zeros();
         for axis in 0..3 {
             let [next, after] = [(axis + 1) % 3, (axis + 2) % 3];
-            let unit = Vector3::ith_axis(axis);
-            columns.set_column(axis, &(field.cross(&unit) * rate[axis]));
-            columns[(next, 3 + 2 * axis)] = rate[axis];
-            columns[(after, 4 + 2 * axis)] = rate[axis];
+            columns.set_column(axis, &(turn.field.cross(&Vector3::ith_axis(axis)) * turn.rate[axis]));
+            columns[(next, 3 + 2 * axis)] = turn.rate[axis];
+            columns[(after, 4 + 2 * axis)] = turn.rate[axis];
         }
-        normal += columns.transpose() * columns;
-        right_side += columns.transpose() * change;
-        squares += change.norm_squared();
-        turn_count += 1;
+        fit.add_turn(&columns, turn.change);
     }
-    let Some(inverse) = normal.try_inverse().filter(|_| turn_count > MIN_TURN_COUNT) else { return [None; 3] };
-    let solved = inverse * right_side;
-    let residual_squares = (squares - solved.dot(&right_side)).max(0.0);
-    let variance = residual_squares / (3.0 * turn_count as f64) * OVERLAPPING_TURNS;
+    let Some(solved) = fit.solve() else { return [None; 3] };
     std::array::from_fn(|axis| {
-        let sigma = (inverse[(axis, axis)] * variance).sqrt();
-        (sigma < MAX_FRACTION_SIGMA).then_some(solved[axis])
+        let [fraction, sigma] = solved[axis];
+        (sigma < MAX_FRACTION_SIGMA).then_some(fraction)
     })
+}
+
+/// A turn of the body: mean rates, rad/s, mean field, microtesla, and change of the field, uT/s.
+struct MeasuredTurn {
+    rate: Vector3<f64>,
+    field: Vector3<f64>,
+    change: Vector3<f64>,
+}
+
+/// The turns of rows with body rates of these signs.
+fn measured_turns<'a>(
+    rows: &'a [ReplayRow],
+    fields: &'a [Vector3<f64>],
+    rate_signs: [f32; 3],
+) -> impl Iterator<Item = MeasuredTurn> + 'a {
+    turns(rows).filter_map(move |(first, last)| {
+        let row_count = (last - first + 1) as f64;
+        let rates: Option<Vec<_>> = rows[first..=last].iter().map(|row| row.rates_rad_s).collect();
+        Some(MeasuredTurn {
+            rate: rates?.iter().map(|rate| signed_rates(*rate, rate_signs)).sum::<Vector3<f64>>() / row_count,
+            field: fields[first..=last].iter().sum::<Vector3<f64>>() / row_count,
+            change: (fields[last] - fields[first]) / (rows[last].t_s - rows[first].t_s),
+        })
+    })
+}
+
+/// Least squares of changes of the field in turns.
+struct TurnFit<const UNKNOWNS: usize> {
+    normal: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
+    right_side: SVector<f64, UNKNOWNS>,
+    squares: f64,
+    turn_count: usize,
+}
+
+impl<const UNKNOWNS: usize> Default for TurnFit<UNKNOWNS> {
+    fn default() -> Self {
+        Self { normal: SMatrix::zeros(), right_side: SVector::zeros(), squares: 0.0, turn_count: 0 }
+    }
+}
+
+impl<const UNKNOWNS: usize> TurnFit<UNKNOWNS> {
+    fn add_turn(&mut self, columns: &SMatrix<f64, 3, UNKNOWNS>, change: Vector3<f64>) {
+        self.normal += columns.transpose() * columns;
+        self.right_side += columns.transpose() * change;
+        self.squares += change.norm_squared();
+        self.turn_count += 1;
+    }
+
+    /// The unknowns with their standard deviations; none from too few turns.
+    fn solve(self) -> Option<[[f64; 2]; UNKNOWNS]> {
+        let inverse = self.normal.try_inverse().filter(|_| self.turn_count > MIN_TURN_COUNT)?;
+        let solved = inverse * self.right_side;
+        let residual_squares = (self.squares - solved.dot(&self.right_side)).max(0.0);
+        let variance = residual_squares / (3.0 * self.turn_count as f64) * OVERLAPPING_TURNS;
+        Some(std::array::from_fn(|i| [solved[i], (inverse[(i, i)] * variance).sqrt()]))
+    }
+}
+
+/// Angle about z from the axes of the corrected field to those of the body rates, degrees; none if rolls and pitches do not
+/// determine it to 5 deg. A field `h`, turned by a small `d` from its true axes, changes by `dh/dt = h x w + h x (w x d)`; a
+/// remaining hard iron `b` adds `w x b`.
+pub fn misalignment_about_z_deg(rows: &[ReplayRow], correction: &FieldCorrection) -> Option<f64> {
+    /// Half of the angle that is looked for.
+    const MAX_SIGMA_DEG: f64 = 5.0;
+    let fields = corrected_fields(rows, Some(correction));
+    let mut fit = TurnFit::<6>::default();
+    for turn in measured_turns(rows, &fields, [1.0; 3]) {
+        let mut columns = SMatrix::<f64, 3, 6>::zeros();
+        for axis in 0..3 {
+            let across = turn.rate.cross(&Vector3::ith_axis(axis));
+            columns.set_column(axis, &turn.field.cross(&across));
+            columns.set_column(3 + axis, &across);
+        }
+        fit.add_turn(&columns, turn.change - turn.field.cross(&turn.rate));
+    }
+    let [angle_deg, sigma_deg] = fit.solve()?[2].map(f64::to_degrees);
+    (sigma_deg <= MAX_SIGMA_DEG).then_some(angle_deg)
 }
 
 /// Changes of roll and of pitch, with these signs, as fractions of the changes that the body rates give; constant offsets

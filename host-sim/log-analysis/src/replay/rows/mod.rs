@@ -30,6 +30,10 @@ const MAX_CUBIC_DEVIATION_RAD: f32 = 0.1;
 const TILT_MARGIN_RAD: f32 = 0.035;
 /// Factor on the integrated body rates, which are sampled.
 const TILT_RATE_FACTOR: f32 = 2.0;
+/// Pitch beyond which roll and heading are singular, as of a tailsitter in hover, radians (75 deg): errors of roll and
+/// heading are four times those of the attitude, and more.
+const MAX_EULER_PITCH_RAD: f32 = 1.31;
+
 /// Length of the window, seconds.
 const TILT_WINDOW_S: f64 = 1.0;
 
@@ -276,7 +280,9 @@ impl RowAccumulator {
             rates_rad_s: (self.rate_count > 0).then_some(rates),
             current_a: current_at(flight, t_s),
             is_usable: true,
-            reference_deg: reference.and_then(|reference| reference.heading_deg(flight, t_s)),
+            reference_deg: reference
+                .filter(|_| attitude.pitch_rad.abs() <= MAX_EULER_PITCH_RAD)
+                .and_then(|reference| reference.heading_deg(flight, t_s)),
         }
     }
 }
@@ -333,18 +339,28 @@ fn intervals_contradicting_rates(flight: &LoggedFlight) -> Vec<[f64; 2]> {
 }
 
 fn angle_between_downs_rad(first_attitude: &TimedRow<3>, second_attitude: &TimedRow<3>) -> f32 {
-    let [first_down, second_down] = [first_attitude, second_attitude].map(|row| {
-        let [roll_rad, pitch_rad, _] = row.row_values;
-        down_in_body(RollPitch { roll_rad, pitch_rad })
-    });
-    first_down.angle(&second_down) as f32
+    down_of_row(first_attitude).angle(&down_of_row(second_attitude)) as f32
 }
 
-/// Roll and pitch by Hermite interpolation with slopes from the body rates, and the rates.
+fn down_of_row(row: &TimedRow<3>) -> Vector3<f64> {
+    let [roll_rad, pitch_rad, _] = row.row_values;
+    down_in_body(RollPitch { roll_rad, pitch_rad })
+}
+
+fn attitude_of_down(down: Vector3<f64>) -> RollPitch {
+    let horizontal = libm::hypot(down.y, down.z);
+    RollPitch { roll_rad: libm::atan2(down.y, down.z) as f32, pitch_rad: libm::atan2(-down.x, horizontal) as f32 }
+}
+
+/// Roll and pitch by Hermite interpolation with slopes from the body rates, and the rates; near the singular pitch by
+/// interpolation of the vertical.
 fn attitude_at(flight: &LoggedFlight, t_s: f64) -> Option<(RollPitch, Option<[f32; 3]>)> {
     let (before, after, weight) = flight.attitude.surrounding_rows(t_s, MAX_GAP_S)?;
     let rates = flight.body_rates.interpolate(t_s, MAX_GAP_S);
     let step_s = (after.t_s - before.t_s) as f32;
+    if [before, after].iter().any(|row| row.row_values[1].abs() > MAX_EULER_PITCH_RAD) {
+        return Some((attitude_of_down(down_of_row(before).lerp(&down_of_row(after), weight)), rates));
+    }
     let weight = weight as f32;
     let motions = euler_rates_at(&flight.body_rates, before).zip(euler_rates_at(&flight.body_rates, after));
     let [roll_rad, pitch_rad] = [0, 1].map(|angle| {

@@ -1,7 +1,5 @@
 //! Synthetic flights at 10 Hz.
 
-use nalgebra::Vector3;
-
 use super::*;
 use crate::log::{FieldCorrection, LogFormat};
 use crate::test_flight::{body_rates_rad_s, flight_of_motion};
@@ -307,5 +305,25 @@ fn a_filter_aligns_itself_after_a_gap() {
     ] {
         let [[found_s, to_s]] = intervals_contradicting_rates(&flight)[..] else { panic!("a gap of {name}") };
         assert!(from_s.contains(&found_s) && (to_s - 120.9).abs() < 1e-9, "a gap of {name}: {found_s} to {to_s} s");
+    }
+}
+
+/// A nose-up hover whose belly turns past the sky: roll jumps by 180 deg, and the vertical moves by 4 deg. A row above 75
+/// deg of pitch has no Euler heading to be scored by.
+#[test]
+fn a_vertical_attitude_is_interpolated_by_its_vertical_and_not_scored() {
+    for (pitch_deg, rolls_deg, expected_deg) in
+        [(88.0_f32, [0.0_f32, 180.0], Some(90.0)), (80.0, [10.0, 10.0], Some(80.0)), (70.0, [10.0, 10.0], None)]
+    {
+        let mut flight = LoggedFlight::new(LogFormat::Csv);
+        for (i, roll_deg) in rolls_deg.into_iter().enumerate() {
+            flight.attitude.push_row(i as f64 / 5.0, [roll_deg.to_radians(), pitch_deg.to_radians(), 0.0]);
+            flight.reference_heading.push_row(i as f64 / 5.0, [1.0]);
+        }
+        let (rows, _) = build_rows(&flight, &compass_with_readings(0, 1), 0.0, Some(&ReferenceHeading::Column));
+        let row = rows.iter().find(|row| (row.t_s - 0.1).abs() < 1e-6).unwrap();
+        assert_eq!(row.reference_deg.is_none(), expected_deg.is_some(), "{pitch_deg}");
+        let found_deg = row.attitude.pitch_rad.to_degrees();
+        assert!((found_deg - expected_deg.unwrap_or(70.0)).abs() < 0.1, "{pitch_deg}: {found_deg}");
     }
 }

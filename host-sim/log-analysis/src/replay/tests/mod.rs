@@ -15,10 +15,11 @@ use autoswing_module::messages::Refusal;
 
 use super::evaluation::{CompassEvaluation, EvaluationOptions, FlightEvaluation, evaluate_flight};
 use super::parameter_export::ExportedCorrection;
+use super::parameter_export::orientation::ExportedOrientation;
 use super::*;
 use crate::log::csv::FieldUnit;
 use crate::log::log_writers::{FlightRecording, encode_dataflash};
-use crate::log::{self, FieldCorrection, LoggedFlight, NumberedRotation};
+use crate::log::{self, FieldCorrection, LoggedFlight};
 use crate::numbers;
 use crate::test_flight::record_turns;
 
@@ -73,7 +74,7 @@ pub(super) fn export_of(correction: FieldCorrection) -> ExportedCorrection {
     ExportedCorrection {
         compass_number: 1,
         correction,
-        rotation_from_logged: NumberedRotation::default(),
+        orientation: ExportedOrientation::unchanged(),
         heading_loss_deg: [0.0; 2],
         fitted_range_s: None,
         held_back_score: None,

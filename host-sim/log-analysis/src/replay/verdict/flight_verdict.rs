@@ -7,7 +7,7 @@ use crate::numbers::format_number;
 use crate::replay::evaluation::{CompassEvaluation, CorrectionSource, FlightEvaluation};
 use crate::replay::log_warning::{LogWarning, sensor_failure};
 use crate::replay::logged_accuracy::logged_accuracy;
-use crate::replay::parameter_choice::{NoParameters, choose_parameters};
+use crate::replay::parameter_choice::{NoParameters, choose_parameters, provable_orientation};
 use crate::replay::parameter_export::{ExportedCorrection, ParameterFormat};
 use crate::replay::reading_checks::{ReadingCheck, check_reading, forbidding_check};
 
@@ -49,14 +49,20 @@ impl<'a> Verdict<'a> {
     pub fn new(flight: &'a LoggedFlight, evaluation: &'a FlightEvaluation, format: ParameterFormat) -> Self {
         let total_ut = evaluation.earth_field.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
         let reference = evaluation.reference.as_ref();
+        let mut used_rotations = Vec::new();
         let compass = |compass: &'a CompassEvaluation| {
             let reading_checks = check_reading(flight, evaluation, compass);
             let parameters = match forbidding_check(&reading_checks) {
                 Some(check) if check.outcome.is_failed() => Err(NoParameters::UnprovenReading(check.clone())),
-                unconfirmed => choose_parameters(flight, compass, reference, total_ut, format).and_then(|exported| {
-                    unconfirmed.map_or(Ok(exported), |check| Err(NoParameters::UnprovenReading(check.clone())))
-                }),
+                unconfirmed => {
+                    let orientation =
+                        provable_orientation(flight, evaluation, compass, format, &reading_checks, &used_rotations);
+                    choose_parameters(flight, compass, reference, total_ut, format, orientation).and_then(|exported| {
+                        unconfirmed.map_or(Ok(exported), |check| Err(NoParameters::UnprovenReading(check.clone())))
+                    })
+                }
             };
+            used_rotations.extend(parameters.as_ref().ok().and_then(|exported| exported.orientation.custom_rotation()));
             let failure = sensor_failure(flight, compass);
             CompassVerdict {
                 evaluation: compass,

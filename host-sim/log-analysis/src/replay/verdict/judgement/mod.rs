@@ -9,6 +9,7 @@ use crate::replay::hard_iron_changes::temporary_change_start_s;
 use crate::replay::log_warning::LogWarning;
 use crate::replay::logged_accuracy::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG, LoggedAccuracy, UnknownError};
 use crate::replay::parameter_choice::{NoParameters, is_mostly_inexpressible};
+use crate::replay::parameter_export::orientation::FixedOrientation;
 use crate::replay::parameter_export::{ExportedCorrection, HeldBackScore};
 use crate::replay::reading_checks::{CheckedMeaning, ReadingCheck};
 
@@ -193,6 +194,11 @@ fn action_without_parameters(compass_state: CompassState, rejection: &NoParamete
         NoParameters::UnprovenReading(check) if check.outcome.is_failed() => CompassAction::CorrectReading,
         _ if compass_state == CompassState::Good => CompassAction::LeaveUnchanged,
         NoParameters::OffsetsTooLarge { .. } => CompassAction::Replace,
+        NoParameters::Turned(turned) => match turned.reason {
+            FixedOrientation::UnconfirmedAngle | FixedOrientation::UnconfirmedSense => CompassAction::FlyAgain,
+            FixedOrientation::Internal => CompassAction::Replace,
+            _ => CompassAction::CorrectReading,
+        },
         // What does not show how good the compass is does not show either that it is to be replaced.
         _ if compass_state == CompassState::Unjudged => CompassAction::FlyAgain,
         // Another flight does not reduce the loss by the symmetric matrix.

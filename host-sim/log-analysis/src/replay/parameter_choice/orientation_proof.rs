@@ -1,0 +1,67 @@
+//! Whether a flight proves that a compass is turned against its orientation.
+
+use super::super::evaluation::{CompassEvaluation, FlightEvaluation, score_correction};
+use super::super::parameter_export::ParameterFormat;
+use super::super::parameter_export::orientation::{FixedOrientation, OrientationParameters};
+use super::super::reading_checks::{CheckOutcome, CheckedMeaning, ReadingCheck, misalignment_about_z_deg};
+use super::super::reference::ReferenceHeading;
+use super::super::row::ReplayRow;
+use super::super::row_solve::solved_correction;
+use crate::log::{CustomRotation, FieldCorrection, LoggedFlight};
+use crate::score::wrap_180;
+
+/// Largest angle between the corrected field and the axes of the body rates, and largest mean heading error, with which a
+/// rotation is confirmed, degrees: that of a poorly mounted autopilot.
+const MAX_MISALIGNMENT_DEG: f64 = 10.0;
+
+/// Orientation parameters of a compass that the flight proves. Level turns alone do not tell a rotation about z from
+/// another north: body rates of rolls and pitches do, or a reference heading.
+///
+/// # Errors
+///
+/// The reason for leaving the orientation unchanged.
+pub fn provable_orientation(
+    flight: &LoggedFlight,
+    evaluation: &FlightEvaluation,
+    compass: &CompassEvaluation,
+    format: ParameterFormat,
+    reading_checks: &[ReadingCheck],
+    used: &[CustomRotation],
+) -> Result<OrientationParameters, FixedOrientation> {
+    let parameters = OrientationParameters::from_log(flight, compass.compass_number, format, used)?;
+    let Some(fit) = compass.parameter_fit.fit_variants.first() else { return Ok(parameters) };
+    let correction = solved_correction(&fit.fit_of_all_rows);
+    let rows: Vec<ReplayRow> = compass.parameter_fit.fitted_rows(&compass.rows).copied().collect();
+    let by_rates_deg = if flight.has_measured_rates { misalignment_about_z_deg(&rows, &correction) } else { None };
+    let by_reference_deg = mean_error_deg(evaluation, &rows, &correction);
+    let is_small = |deg: Option<f64>| deg.is_some_and(|deg| deg.abs() <= MAX_MISALIGNMENT_DEG);
+    if !fit.fit_of_all_rows.quality.determines_all_coefficients()
+        || !(is_small(by_rates_deg) || is_small(by_reference_deg))
+    {
+        return Err(FixedOrientation::UnconfirmedAngle);
+    }
+    if fit.mount.number() != 0 && !is_sense_certain(evaluation, reading_checks, by_reference_deg) {
+        return Err(FixedOrientation::UnconfirmedSense);
+    }
+    Ok(parameters)
+}
+
+/// Mean heading error of a correction against a reference of true north with a known declination, degrees.
+fn mean_error_deg(evaluation: &FlightEvaluation, rows: &[ReplayRow], correction: &FieldCorrection) -> Option<f64> {
+    let reference = evaluation.reference.as_ref()?;
+    reference.sigma_if_accurate_deg().filter(|_| *reference != ReferenceHeading::Column)?;
+    let (earth, _) = evaluation.earth_field.as_ref()?;
+    Some(wrap_180(score_correction(rows, correction)?.mean_deg + f64::from(earth.declination_deg?)))
+}
+
+/// Whether a rotation by 45 deg and more is told from a mirror image, which fits with the opposite inclination and heading.
+fn is_sense_certain(evaluation: &FlightEvaluation, checks: &[ReadingCheck], by_reference_deg: Option<f64>) -> bool {
+    /// Inclination whose sign the check shows, degrees: the bound of the check.
+    const MIN_INCLINATION_DEG: f32 = 20.0;
+    let is_steep =
+        evaluation.earth_field.as_ref().is_some_and(|(earth, _)| earth.inclination_deg.abs() > MIN_INCLINATION_DEG);
+    let has_inclination = checks
+        .iter()
+        .any(|check| check.meaning == CheckedMeaning::Inclination && check.outcome == CheckOutcome::Passed);
+    is_steep && has_inclination || by_reference_deg.is_some_and(|deg| deg.abs() <= MAX_MISALIGNMENT_DEG)
+}

@@ -1,0 +1,202 @@
+//! Exports the module's solution as autopilot parameters: orientation, then a symmetric matrix.
+
+mod exported_correction;
+pub mod orientation;
+mod parameter_file;
+mod parameter_format;
+mod symmetric_fit;
+
+pub use exported_correction::{ExportedCorrection, HeldBackScore};
+pub use parameter_file::{format_parameter_file, parse_parameter_file};
+pub use parameter_format::ParameterFormat;
+
+use autoswing::calibration::Calibration;
+use nalgebra::{Matrix3, SVD, Vector3};
+
+use self::orientation::{ExportedOrientation, FixedOrientation, OrientationKind, OrientationParameters, TurnedSensor};
+use self::symmetric_fit::{SymmetricFit, heading_deg};
+use crate::log::{FieldCorrection, LoggedFlight};
+use crate::numbers::square;
+use crate::replay::row::ReplayRow;
+use crate::score::wrap_180;
+
+/// Largest heading difference to the full solution with which the simplest orientation is kept, degrees RMS with its
+/// mean: that of a good compass.
+const MAX_LOSS_OF_SIMPLE_ORIENTATION_DEG: f64 = 2.0;
+
+/// Inputs that all exports of a compass share.
+#[derive(Clone, Copy)]
+pub(super) struct ExportInputs<'a> {
+    pub compass_number: u8,
+    /// Rows that the parameters are for.
+    pub rows: &'a [ReplayRow],
+    /// The Earth's field strength, microtesla, if known.
+    pub total_ut: Option<f64>,
+    pub format: ParameterFormat,
+    pub orientation: Result<OrientationParameters, FixedOrientation>,
+}
+
+impl ExportInputs<'_> {
+    /// Exports a calibration with the simplest orientation that loses little, else with that which loses least.
+    pub fn export_simplest(&self, calibration: &Calibration) -> Option<(OrientationKind, ExportedCorrection)> {
+        let mut best: Option<(OrientationKind, ExportedCorrection)> = None;
+        for kind in OrientationKind::ALL_KINDS {
+            let Some(export) = self.export_correction(calibration, kind) else { continue };
+            if best.as_ref().is_none_or(|(_, best)| export.total_loss_deg() < best.total_loss_deg()) {
+                best = Some((kind, export));
+            }
+            if best.as_ref().is_some_and(|(_, best)| best.total_loss_deg() <= MAX_LOSS_OF_SIMPLE_ORIENTATION_DEG) {
+                break;
+            }
+        }
+        best
+    }
+
+    /// The rotation that an export loses, if it loses more than the simplest orientation may.
+    pub fn lost_rotation(
+        &self,
+        calibration: &Calibration,
+        kind: OrientationKind,
+        export: &ExportedCorrection,
+    ) -> Option<TurnedSensor> {
+        if export.total_loss_deg() <= MAX_LOSS_OF_SIMPLE_ORIENTATION_DEG || kind == OrientationKind::Custom {
+            return None;
+        }
+        let reason = self.orientation.and_then(|parameters| parameters.custom_rotation()).err()?;
+        let (rotation_from_logged, _) = polar_decomposition(&calibration.w_matrix().map(f64::from))?;
+        Some(TurnedSensor { rotation_from_logged, reason })
+    }
+
+    /// Exports a calibration with an orientation of a kind; none if the parameters cannot express it.
+    pub fn export_correction(&self, calibration: &Calibration, kind: OrientationKind) -> Option<ExportedCorrection> {
+        let Self { compass_number, rows, total_ut, format, .. } = *self;
+        let correction_matrix = calibration.w_matrix().map(f64::from);
+        let hard_iron_ut = calibration.b_vector_ut().map(f64::from);
+        let (rotation, symmetric) = polar_decomposition(&correction_matrix)?;
+        let orientation = ExportedOrientation::nearest(kind, &rotation, self.orientation, format)?;
+        let mounting = orientation.rotation_from_logged;
+        let scale = total_ut.map_or(1.0, |total_ut| total_ut / f64::from(calibration.total_ut));
+        let rotated_rows: Vec<ReplayRow> = rows.iter().map(|row| row.in_rotated_axes(&mounting)).collect();
+        let motor_ut_per_a = Vector3::from(calibration.motor_current.ut_per_a).map(f64::from);
+        let full_correction = FieldCorrection { matrix: correction_matrix, hard_iron_ut, motor_ut_per_a };
+        // INAV has no current compensation; the mean interference goes into the offsets.
+        let is_inav = format == ParameterFormat::Inav;
+        let offset_current_a = if is_inav { f64::from(calibration.motor_current.mean_current_a) } else { 0.0 };
+        let initial_correction = FieldCorrection {
+            matrix: mounting * symmetric * mounting.transpose() * scale,
+            hard_iron_ut: mounting * (hard_iron_ut + motor_ut_per_a * offset_current_a),
+            motor_ut_per_a: if is_inav { Vector3::zeros() } else { mounting * motor_ut_per_a },
+        };
+        let symmetric_fit = SymmetricFit {
+            rows,
+            rotated_rows: &rotated_rows,
+            mounting,
+            calibration,
+            full_correction,
+            is_diagonal: is_inav,
+        };
+        let correction = symmetric_fit.nearest_correction(initial_correction);
+        Some(ExportedCorrection {
+            compass_number,
+            correction,
+            orientation,
+            heading_loss_deg: heading_loss_deg_of(rows, &rotated_rows, &full_correction, &correction),
+            fitted_range_s: None,
+            held_back_score: None,
+            warnings: warnings(calibration, &orientation, format),
+        })
+    }
+}
+
+fn warnings(calibration: &Calibration, orientation: &ExportedOrientation, format: ParameterFormat) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if format == ParameterFormat::Inav && calibration.motor_current.is_applied() {
+        warnings.push("motor-current interference cannot be expressed".to_owned());
+    }
+    let is_turned = orientation.rotation_from_logged != Matrix3::identity();
+    let words = orientation::rotation_words(&orientation.rotation_from_logged);
+    if is_turned && orientation.parameters.is_some() {
+        warnings
+            .push(format!("the sensor is turned by {words} against its orientation, which these parameters correct"));
+    } else if is_turned {
+        warnings.push(format!("the sensor is turned by {words} against the log's orientation: check align_mag"));
+    }
+    warnings
+}
+
+/// The field of a row, microtesla, as the autopilot corrects it by exported parameters: with the digits of the file.
+pub fn field_by_exported_parameters(
+    flight: &LoggedFlight,
+    export: &ExportedCorrection,
+    format: ParameterFormat,
+) -> impl Fn(&ReplayRow) -> Vector3<f64> + use<> {
+    let (rotation, correction) = parameter_file::correction_by_file(flight, export, format);
+    // The orientation parameter turns the field to body axes first, so that the heading is that of the body.
+    move |row| row.in_rotated_axes(&rotation).corrected_field(&correction)
+}
+
+fn polar_decomposition(matrix: &Matrix3<f64>) -> Option<(Matrix3<f64>, Matrix3<f64>)> {
+    let SVD { u, v_t, singular_values } = SVD::new(*matrix, true, true);
+    let (u, v_t) = (u?, v_t?);
+    let turn = u * v_t;
+    let symmetric = v_t.transpose() * Matrix3::from_diagonal(&singular_values) * v_t;
+    (turn.determinant() > 0.0).then_some((turn, symmetric))
+}
+
+/// Heading difference of two corrections over usable rows, degrees: RMS less mean, and mean.
+fn heading_loss_deg_of(
+    rows: &[ReplayRow],
+    rotated_rows: &[ReplayRow],
+    full_correction: &FieldCorrection,
+    exported: &FieldCorrection,
+) -> [f64; 2] {
+    let differences: Vec<f64> = rows
+        .iter()
+        .zip(rotated_rows)
+        .filter(|(row, _)| row.is_usable)
+        .map(|(row, rotated_row)| wrap_180(heading_deg(rotated_row, exported) - heading_deg(row, full_correction)))
+        .collect();
+    let row_count = differences.len().max(1) as f64;
+    let mean = differences.iter().sum::<f64>() / row_count;
+    let squares = differences.iter().map(|difference| square(difference - mean)).sum::<f64>();
+    [(squares / row_count).sqrt(), mean]
+}
+
+#[cfg(test)]
+mod tests {
+    use autoswing::frames::Field;
+    use nalgebra::Rotation3;
+
+    use super::*;
+    use crate::log::symmetric_matrix;
+    use crate::replay::tests::{LEVEL_ROW_FIELD_UT, level_row};
+
+    #[test]
+    fn a_mirrored_matrix_has_no_rotation() {
+        let turn = Rotation3::from_euler_angles(0.1, -0.2, 0.3);
+        let symmetric = symmetric_matrix(&Vector3::new(1.1, 0.9, 1.0), &Vector3::new(0.1, 0.0, -0.05));
+        let (rotation, remainder) = polar_decomposition(&(turn.matrix() * symmetric)).unwrap();
+        assert!(
+            (rotation - turn.matrix()).norm() < 1e-9 && (remainder - symmetric).norm() < 1e-9,
+            "{rotation} {remainder}"
+        );
+        assert!(polar_decomposition(&-symmetric).is_none());
+    }
+
+    /// A rotation of the field by 3 deg to the right lowers all headings by 3 deg. Hard iron `b` bends level headings by
+    /// `b / H sin(heading)`, RMS `b / H / sqrt 2`.
+    #[test]
+    fn the_heading_loss_is_an_rms_about_a_mean() {
+        let mut rows: Vec<ReplayRow> = (0..36).map(|i| level_row(f64::from(i), f64::from(i) * 10.0)).collect();
+        rows.push(ReplayRow { is_usable: false, raw_field: Field::from_ut(-9.0, 30.0, 0.0), ..rows[3] });
+        let rotated = FieldCorrection {
+            matrix: Rotation3::from_axis_angle(&Vector3::z_axis(), f64::to_radians(3.0)).into_inner(),
+            hard_iron_ut: Vector3::new(0.25, 0.0, 0.0),
+            ..FieldCorrection::identity()
+        };
+        let [rms_deg, mean_deg] = heading_loss_deg_of(&rows, &rows, &FieldCorrection::identity(), &rotated);
+        let expected_rms_deg = (0.25 / LEVEL_ROW_FIELD_UT[0] / 2_f64.sqrt()).to_degrees();
+        assert!((rms_deg / expected_rms_deg - 1.0).abs() < 0.01, "{rms_deg} {expected_rms_deg}");
+        assert!((mean_deg + 3.0).abs() < 0.01, "{mean_deg}");
+    }
+}
