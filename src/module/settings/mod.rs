@@ -9,7 +9,7 @@ use core::fmt;
 use serde::{Deserialize, Serialize};
 
 use autoswing::calibration::{ConsiderSigmas, Orientation};
-pub use ports::{BaudRate, PORT_COUNT, PortNumber, PortSettings, PortsSettings, ProtocolKind};
+pub use ports::{BaudRate, PORT_COUNT, PortNumber, PortSettings, ProtocolKind};
 use setting::DependentState;
 pub use setting::{Choice, SettingKind, SettingRow, SettingValue, SigningKey};
 
@@ -38,7 +38,7 @@ pub struct Settings {
     /// Whether an uncalibrated module starts collecting in flight.
     pub auto_on: bool,
     /// Protocol and baud rate of the ports.
-    pub ports: PortsSettings,
+    pub ports: [PortSettings; PORT_COUNT],
     /// Whether true yaw is sent to an autopilot that can use an external yaw.
     pub sends_vision_yaw: bool,
     /// Highest rate at which attitude is requested from a MAVLink autopilot, Hz.
@@ -69,30 +69,15 @@ impl CanSettings {
     pub const DEFAULT: Self = Self { node: 0, rate_hz: 50, sends_covariance: false, is_terminated: false };
 }
 
-/// Kind of heading.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum HeadingKind {
-    /// Heading from field and attitude of one reading: for an autopilot with its own filter.
-    Raw,
-    /// Heading smoothed with the attitude source's body rates; raw while they are missing or inconsistent.
-    Smooth,
-}
-
-impl HeadingKind {
-    /// Both kinds of heading.
-    pub const ALL_HEADING_KINDS: [Self; 2] = [Self::Raw, Self::Smooth];
-
-    /// Name in commands.
-    #[must_use]
-    pub const fn kind_name(self) -> &'static str {
-        match self {
-            Self::Raw => "raw",
-            Self::Smooth => "smooth",
-        }
+setting::named_choices! {
+    /// Kind of heading.
+    HeadingKind {
+        /// Heading from field and attitude of one reading: for an autopilot with its own filter.
+        Raw: "raw",
+        /// Heading smoothed with the attitude source's body rates; raw while they are missing or inconsistent.
+        Smooth: "smooth",
     }
 }
-
-setting::choice_of_names!(HeadingKind, ALL_HEADING_KINDS, kind_name);
 
 /// Errors of an attitude source that are constant over a flight, 1 sigma. Turns do not reveal them; the expected error
 /// of a calibration includes them.
@@ -149,7 +134,7 @@ impl Settings {
         stream_heading: HeadingKind::Smooth,
         accuracy_deg: 0.5,
         auto_on: true,
-        ports: PortsSettings::DEFAULT,
+        ports: PortSettings::DEFAULT_OF_PORTS,
         sends_vision_yaw: false,
         attitude_rate_hz: 40,
         signing_key: None,
@@ -282,16 +267,16 @@ pub static SETTINGS: [Setting; 24] = setting_rows! {
         ["cal", "auto"] "SWITCH":
             "start collecting automatically while uncalibrated, as soon as the autopilot is armed",
         reported ["auto", "", ""], refused "on or off", used by AutomaticStart;
-    "PORT1" 13, stored 15: Choice(|s| &mut s.ports.port_mut(PortNumber::One).protocol),
+    "PORT1" 13, stored 15: Choice(|s| &mut s.ports[0].protocol),
         ["set", "port1"] "PROTOCOL": "protocol of the first port; auto: detect the autopilot's",
         reported ["port1", "", ""], refused RANGE_OF_PROTOCOLS;
-    "PORT2" 14, stored 17: Choice(|s| &mut s.ports.port_mut(PortNumber::Two).protocol),
+    "PORT2" 14, stored 17: Choice(|s| &mut s.ports[1].protocol),
         ["set", "port2"] "PROTOCOL": "protocol of the second port; auto: detect the autopilot's",
         reported ["port2", "", ""], refused RANGE_OF_PROTOCOLS;
-    "BAUD1" 15, stored 16: Choice(|s| &mut s.ports.port_mut(PortNumber::One).baud),
+    "BAUD1" 15, stored 16: Choice(|s| &mut s.ports[0].baud),
         ["set", "baud1"] "BAUD": "baud rate of the first port",
         reported ["port1", ", ", " baud"], refused RANGE_OF_BAUD_RATES;
-    "BAUD2" 16, stored 18: Choice(|s| &mut s.ports.port_mut(PortNumber::Two).baud),
+    "BAUD2" 16, stored 18: Choice(|s| &mut s.ports[1].baud),
         ["set", "baud2"] "BAUD": "baud rate of the second port",
         reported ["port2", ", ", " baud"], refused RANGE_OF_BAUD_RATES;
     "VISION" 11, stored 19: Switch(|s| &mut s.sends_vision_yaw, ON_OR_OFF),
@@ -355,47 +340,13 @@ pub struct SettingChange {
 }
 
 impl SettingChange {
-    /// Change of a switch, a whole number or a choice with this parameter name.
+    /// Change of the setting with this parameter name; of numbers also of the next setting in the table.
     ///
     /// # Panics
     ///
     /// If no setting has this parameter name; callers pass constants.
     #[must_use]
-    pub const fn whole(parameter_name: &str, number: u32) -> Self {
-        Self::new(parameter_name, SettingValue::Whole(number))
-    }
-
-    /// Change of a number with this parameter name.
-    ///
-    /// # Panics
-    ///
-    /// As [`whole`](Self::whole).
-    #[must_use]
-    pub const fn number(parameter_name: &str, number: Option<f32>) -> Self {
-        Self::new(parameter_name, SettingValue::Number(number))
-    }
-
-    /// Change of a number with this parameter name, and of the next in the table.
-    ///
-    /// # Panics
-    ///
-    /// As [`whole`](Self::whole).
-    #[must_use]
-    pub const fn numbers(parameter_name: &str, numbers: [f32; 2]) -> Self {
-        Self::new(parameter_name, SettingValue::Numbers(numbers))
-    }
-
-    /// Change of a key with this parameter name.
-    ///
-    /// # Panics
-    ///
-    /// As [`whole`](Self::whole).
-    #[must_use]
-    pub const fn key(parameter_name: &str, key: Option<SigningKey>) -> Self {
-        Self::new(parameter_name, SettingValue::Key(key))
-    }
-
-    const fn new(parameter_name: &str, value: SettingValue) -> Self {
+    pub const fn new(parameter_name: &str, value: SettingValue) -> Self {
         let mut index = 0;
         while !is_equal_text(SETTINGS[index].parameter_name, parameter_name) {
             index += 1;

@@ -64,26 +64,48 @@ pub trait Choice {
     fn nth_name(&self, number: u8) -> Option<&'static str>;
 }
 
-/// Implements [`Choice`] for an enumeration with a constant of all variants and a function of their names.
-macro_rules! choice_of_names {
-    ($enumeration:ty, $all_variants:ident, $variant_name:ident) => {
+/// Declares an enumeration that is a [`Choice`]: its variants with their names in commands. It is stored by number, so
+/// that a new variant is the last.
+macro_rules! named_choices {
+    ($(#[$description:meta])* $enumeration:ident {
+        $($(#[$variant_description:meta])* $variant:ident: $name:literal,)*
+    }) => {
+        $(#[$description])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+        pub enum $enumeration {
+            $($(#[$variant_description])* $variant,)*
+        }
+
+        impl $enumeration {
+            /// All choices by number.
+            pub const ALL_CHOICES: &[Self] = &[$(Self::$variant),*];
+
+            /// Name in commands.
+            #[must_use]
+            pub const fn choice_name(self) -> &'static str {
+                match self {
+                    $(Self::$variant => $name,)*
+                }
+            }
+        }
+
         impl $crate::settings::setting::Choice for $enumeration {
             fn number(&self) -> u8 {
                 *self as u8
             }
 
             fn set_number(&mut self, number: u8) {
-                *self = Self::$all_variants.get(usize::from(number)).copied().unwrap_or(*self);
+                *self = Self::ALL_CHOICES.get(usize::from(number)).copied().unwrap_or(*self);
             }
 
             fn nth_name(&self, number: u8) -> Option<&'static str> {
-                Self::$all_variants.get(usize::from(number)).map(|variant| variant.$variant_name())
+                Self::ALL_CHOICES.get(usize::from(number)).map(|choice| choice.choice_name())
             }
         }
     };
 }
 
-pub(super) use choice_of_names;
+pub(super) use named_choices;
 
 impl Choice for Orientation {
     fn number(&self) -> u8 {

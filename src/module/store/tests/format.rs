@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::*;
-use crate::settings::{AttitudeErrorSigmas, BaudRate, CanSettings, PortNumber, SensorError, SigningKey};
+use crate::settings::{AttitudeErrorSigmas, BaudRate, CanSettings, SensorError, SigningKey};
 
 fn stored_state() -> StoredState {
     let mut settings = Settings {
@@ -15,8 +15,8 @@ fn stored_state() -> StoredState {
         sends_vision_yaw: true,
         ..settings()
     };
-    settings.ports.port_mut(PortNumber::One).baud = BaudRate::B460800;
-    settings.ports.port_mut(PortNumber::Two).protocol = ProtocolKind::Msp;
+    settings.ports[0].baud = BaudRate::B460800;
+    settings.ports[1].protocol = ProtocolKind::Msp;
     StoredState {
         save_count: 300,
         current_slot: Some(SlotReference { slot: 2, crc: 0x1234_5678 }),
@@ -217,9 +217,9 @@ fn variants_keep_their_numbers() {
     }
     assert_numbers(&[MagnetometerModel::Lis3mdl, MagnetometerModel::Lsm303dlhc, MagnetometerModel::Rm3100]);
     assert_numbers(&[AttitudeEnvelope::Banked, AttitudeEnvelope::Level]);
-    assert_numbers(&[HeadingKind::Raw, HeadingKind::Smooth]);
-    assert_numbers(&ProtocolKind::ALL_PROTOCOLS);
-    assert_numbers(&BaudRate::ALL_RATES);
+    assert_numbers(HeadingKind::ALL_CHOICES);
+    assert_numbers(ProtocolKind::ALL_CHOICES);
+    assert_numbers(BaudRate::ALL_CHOICES);
     assert_numbers(&[
         Method::Level,
         Method::FourEllipse,
