@@ -1,4 +1,4 @@
-//! A setting as a row of the table: access to its value, and its appearance in commands, reports, parameters and flash.
+//! A setting as a row of the table: access to its value, and its appearance in commands, `status all`, parameters and flash.
 
 use core::fmt;
 
@@ -22,7 +22,7 @@ pub struct SettingRow<S: 'static> {
     pub range_text: &'static str,
     /// Line of `status all`, shared with other settings, and the texts before and after the value. The line's place is
     /// that of its last setting.
-    pub report_texts: [&'static str; 3],
+    pub status_texts: [&'static str; 3],
     /// Tag of the stored field, never used again for another one.
     pub stored_tag: u8,
     /// Position of the parameter for protocols that read and write settings one by one. Tools refer to it, so that a
@@ -36,15 +36,15 @@ pub struct SettingRow<S: 'static> {
 
 /// Kind of a setting, with access to its value.
 pub enum SettingKind<S: 'static> {
-    /// On or off, with the texts of off and on in reports.
+    /// On or off, with the texts of off and on in `status all`.
     Switch(fn(&mut S) -> &mut bool, [&'static str; 2]),
     /// One of several names.
     Choice(fn(&mut S) -> &mut dyn Choice),
-    /// Whole number, with its range, unit, and the text in place of 0 in reports.
+    /// Whole number, with its range, unit, and the text in place of 0 in `status all`.
     Whole(fn(&mut S) -> &mut u8, [u8; 2], &'static str, Option<&'static str>),
-    /// Number, with its range, unit, least decimals in reports, and the word that resets all numbers of the command.
+    /// Number, with its range, unit, least decimals in `status all`, and the word that resets all numbers of the command.
     Number(fn(&mut S) -> &mut f32, [f32; 2], &'static str, usize, Option<&'static str>),
-    /// Angle in degrees that may be unset, with its range. Reports then show the angle of the field model, or a text.
+    /// Angle in degrees that may be unset, with its range. `status all` then shows the angle of the field model, or a text.
     Angle(fn(&mut S) -> &mut Option<f32>, [f32; 2], fn(&EarthField) -> Option<f32>, &'static str),
     /// Heading offset in degrees, -180 to 180. It is measured by a command of its own.
     Alignment(fn(&mut S) -> &mut f32),

@@ -7,9 +7,9 @@ use super::*;
 #[test]
 fn attitude_errors_convert_to_the_solver_s_units() {
     for (error, expected) in [
-        (AttitudeErrorSigmas::DEFAULT, ConsiderSigmas::DEFAULT),
+        (AttitudeErrorSetting::DEFAULT, ConsiderSigmas::DEFAULT),
         (
-            AttitudeErrorSigmas { bias_deg: 2.0, bank_percent: 5.0 },
+            AttitudeErrorSetting { bias_deg: 2.0, bank_percent: 5.0 },
             ConsiderSigmas { bias_rad: 0.034_906_585, bank_scale: 0.05 },
         ),
     ] {
@@ -126,7 +126,7 @@ fn rows_have_unique_tags_positions_and_short_names() {
 #[test]
 fn two_settings_of_a_command_change_together() {
     let change = SettingChange::new("ATT_ERROR_DEG", SettingValue::Numbers([1.5, 3.0]));
-    let attitude_error = AttitudeErrorSigmas { bias_deg: 1.5, bank_percent: 3.0 };
+    let attitude_error = AttitudeErrorSetting { bias_deg: 1.5, bank_percent: 3.0 };
     assert_eq!(Settings::DEFAULT.with_setting(change), Ok(Settings { attitude_error, ..Settings::DEFAULT }));
     let refused = Settings::DEFAULT
         .with_setting(SettingChange::new("ATT_ERROR_DEG", SettingValue::Numbers([1.5, 20.1])))

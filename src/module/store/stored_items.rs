@@ -78,12 +78,11 @@ impl StoredFields for CalibrationRecord {
         visitor.visit_required(3, inclination_rad);
         visitor.visit_required(4, total_ut);
         visitor.visit_required(5, latency_s);
-        let MotorCurrentInterference { ut_per_a, sigma_ut_per_a, mean_current_a: mean_a, current_sigma_a: spread_a } =
-            current;
+        let MotorCurrentInterference { ut_per_a, sigma_ut_per_a, mean_current_a: mean_a, current_sigma_a } = current;
         visitor.visit_required(6, ut_per_a);
         visitor.visit_required(7, sigma_ut_per_a);
         visitor.visit_required(8, mean_a);
-        visitor.visit_required(9, spread_a);
+        visitor.visit_required(9, current_sigma_a);
         let Quality {
             method,
             envelope,
