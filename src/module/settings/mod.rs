@@ -6,15 +6,13 @@ mod setting;
 
 use core::fmt;
 
-use serde::{Deserialize, Serialize};
-
 use autoswing::calibration::{ConsiderSigmas, Orientation};
 pub use ports::{BaudRate, PORT_COUNT, PortNumber, PortSettings, ProtocolKind};
 use setting::DependentState;
 pub use setting::{Choice, SettingKind, SettingRow, SettingValue, SigningKey};
 
 /// User settings.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// Magnetic declination (variation), degrees, east positive, if entered.
     pub declination_deg: Option<f32>,
@@ -52,7 +50,7 @@ pub struct Settings {
 }
 
 /// Settings of the node on a CAN bus.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CanSettings {
     /// Number of the node; 0 asks the autopilot for one.
     pub node: u8,
@@ -81,7 +79,7 @@ setting::named_choices! {
 
 /// Errors of an attitude source that are constant over a flight, 1 sigma. Turns do not reveal them; the expected error
 /// of a calibration includes them.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AttitudeErrorSetting {
     /// Roll and pitch bias, degrees.
     pub bias_deg: f32,
@@ -101,7 +99,7 @@ impl AttitudeErrorSetting {
 }
 
 /// Errors of gyro and magnetometer that the monitor expects, 1 sigma.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorErrorSetting {
     /// Scale error and cross-axis sensitivity of the gyro, percent.
     pub gyro_percent: f32,

@@ -1,14 +1,12 @@
 //! Settings of the ports.
 
-use serde::{Deserialize, Serialize};
-
 use super::setting::named_choices;
 
 /// Number of ports, without the console.
 pub const PORT_COUNT: usize = 2;
 
 /// Port number.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PortNumber {
     /// Port of the autopilot.
     One,
@@ -73,7 +71,7 @@ impl BaudRate {
 }
 
 /// Settings of a port.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PortSettings {
     /// Protocol of the port.
     pub protocol: ProtocolKind,
