@@ -47,7 +47,7 @@ fn check_property<S: Strategy<Value: Debug>>(strategy: S, property: impl Fn(S::V
 }
 
 /// For console and store: an input is a session or the whole flash, and takes four to seven times that of a few frames.
-/// Ten thousand reach as many branches as 100,000 do, but for one.
+/// Of the store's branches 100,000 reach 368 and a million 370; of the console's 10,000 reach all but one of 374.
 fn check_costly_property<S: Strategy<Value: Debug>>(strategy: S, property: impl Fn(S::Value) -> PropertyResult) {
     check_inputs(input_count(100_000), strategy, property);
 }
