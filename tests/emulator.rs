@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use autoswing_firmware::health::StackUse;
-use laboratory::emulator::{BenchTest, Emulator, instruction_budget};
+use laboratory::emulator::{BenchTest, Emulator};
 use simulator::mission::{TurnPlan, fly_mission_of_module};
 use simulator::module::{Module as _, ModuleRunEnd};
 use simulator::nmea::SentenceReader;
@@ -286,17 +286,6 @@ fn only_the_bench_image_runs_the_tests_of_the_bench() {
         assert_eq!(emulator.take_console_output(), "", "{test:?}");
     }
     assert!(emulator.send_console_line("status all").contains("started by power-on"));
-}
-
-#[test]
-#[ignore = "needs qemu-system-arm and scripts/build-firmware"]
-fn instructions_stay_within_their_budgets() {
-    let image = image_path("mps2-an386-bench.elf");
-    let mut emulator =
-        Emulator::start_emulator(&image, WorldConfig::of_table1(1)).unwrap_or_else(|error| panic!("{error}"));
-    for budget in instruction_budget::count_budgets(&mut emulator).unwrap() {
-        assert!(budget.is_within_limit(), "{budget:?}");
-    }
 }
 
 #[test]

@@ -3,66 +3,64 @@
 use autoswing_firmware::console::reply;
 use autoswing_firmware::console::session::Session;
 use autoswing_firmware::console::{Request, write_help};
+use autoswing_module::settings::SETTINGS;
 use proptest::collection::vec;
 use proptest::prelude::*;
+use proptest::sample::{Index, select};
 
-use crate::{PropertyResult, check_property};
+use crate::{PropertyResult, check_costly_property};
 
 /// Output buffer of a session, bytes.
 const OUTPUT_CAPACITY: usize = 2048;
 
-/// Words of the command language, keys, and beginnings and ends of key sequences.
-const TYPED_TEXTS: &[&str] = &[
+/// Commands that are not of settings.
+const COMMANDS: &[&str] = &[
     "help",
+    "help cal",
+    "help set port1",
     "version",
     "status",
     "cal",
-    "start",
-    "auto",
-    "mark",
-    "stop",
-    "solve",
-    "advise",
-    "show",
-    "clear",
-    "all",
-    "undo",
+    "cal start",
+    "cal mark",
+    "cal stop",
+    "cal solve",
+    "cal advise",
+    "cal show",
+    "cal clear",
+    "cal undo",
+    "cal abort",
     "stream",
-    "on",
-    "off",
-    "rate",
-    "heading",
-    "raw",
+    "stream on",
+    "stream off",
     "set",
-    "declination",
-    "mount",
-    "yaw90",
-    "inclination",
-    "align",
-    "none",
-    "yes",
-    "attitude-error",
-    "default",
-    "accuracy",
-    "port1",
-    "msp",
-    "baud2",
-    "57600",
-    "vision",
+    "set align",
     "reboot",
+];
+
+/// Arguments that are not of settings, and numbers at and beyond ranges.
+const ARGUMENTS: &[&str] = &[
+    "flight",
+    "turns",
+    "level",
+    "swing",
+    "tumble",
     "again",
-    " ",
-    " ",
-    " ",
-    " ",
-    " ",
+    "all",
+    "yes",
+    "two-plane",
     "12.5",
     "-3",
     "1e9",
     "255",
     "256",
     "-0.0000000000001",
-    "\r",
+];
+
+/// Keys, and beginnings and ends of key sequences.
+const KEYS: &[&str] = &[
+    " ",
+    " ",
     "\r",
     "\r\n",
     "\n",
@@ -88,12 +86,26 @@ const TYPED_TEXTS: &[&str] = &[
     "\0",
 ];
 
+/// A command with up to three words or numbers that commands take, fitting or not.
+fn typed_command() -> impl Strategy<Value = String> {
+    let of_settings = SETTINGS.iter().map(|setting| setting.command_words.join(" "));
+    let commands: Vec<String> = COMMANDS.iter().map(|words| (*words).to_owned()).chain(of_settings).collect();
+    let words = SETTINGS.iter().flat_map(|setting| (0..).map_while(|index| setting.nth_word(index)));
+    let arguments: Vec<&str> = words.map(|(word, _)| word).chain(ARGUMENTS.iter().copied()).collect();
+    (select(commands), vec(select(arguments), 0..4))
+        .prop_map(|(command, arguments)| format!("{command} {}", arguments.join(" ")))
+}
+
 /// Typed parts, and whether the output is sent after each.
 fn typed_parts() -> impl Strategy<Value = Vec<(Vec<u8>, bool)>> {
-    let word = proptest::sample::select(TYPED_TEXTS).prop_map(|word| word.as_bytes().to_vec());
-    let upper = proptest::sample::select(TYPED_TEXTS).prop_map(|word| word.to_ascii_uppercase().into_bytes());
+    let line = typed_command().prop_map(|command| format!("{command}\r").into_bytes());
+    let beginning = (typed_command(), any::<Index>(), any::<bool>()).prop_map(|(command, length, is_upper)| {
+        let beginning = &command[..length.index(command.len())];
+        if is_upper { beginning.to_ascii_uppercase().into_bytes() } else { beginning.as_bytes().to_vec() }
+    });
+    let key = select(KEYS).prop_map(|key| key.as_bytes().to_vec());
     let noise = vec(any::<u8>(), 0..12);
-    let typed_part = prop_oneof![12 => word, 2 => upper, 1 => noise];
+    let typed_part = prop_oneof![3 => line, 3 => beginning, 8 => key, 1 => noise];
     vec((typed_part, any::<bool>()), 0..40)
 }
 
@@ -126,7 +138,7 @@ fn feed_bytes(session: &mut Session, bytes: &[u8]) -> Result<Option<Request>, Te
 /// first may end a key sequence, a command is understood.
 #[test]
 fn the_console_accepts_any_input() {
-    check_property(typed_parts(), |parts| -> PropertyResult {
+    check_costly_property(typed_parts(), |parts| -> PropertyResult {
         let mut session = Session::new(reply::write_version);
         for (typed_part, is_sent) in &parts {
             let _ = feed_bytes(&mut session, typed_part)?;

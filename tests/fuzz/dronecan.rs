@@ -8,9 +8,10 @@ use autoswing_firmware::wire::dronecan::{
     BusMessage, CanFrame, DataType, MAX_RECEIVED_LENGTH, NodeId, TransferReceiver,
 };
 use autoswing_module::compass::IndicatorState;
-use autoswing_module::settings::{CanSettings, Settings};
+use autoswing_module::settings::{CanSettings, SETTINGS, Settings};
 use proptest::collection::vec;
 use proptest::prelude::*;
+use proptest::sample::select;
 
 use crate::{PropertyResult, check_property};
 
@@ -63,19 +64,37 @@ const RECEIVED_TYPE_SPECS: [DataType; 12] = [
     DataType::NODE_STATUS,
 ];
 
+/// Payload of a GetSet request: position, kind of value and value, name. Random bytes seldom name a setting.
+fn parameter_request() -> impl Strategy<Value = Vec<u8>> {
+    let value = prop_oneof![
+        Just(vec![0]),
+        (-1..300_i64).prop_map(|number| [&[1], &number.to_le_bytes()[..]].concat()),
+        any::<f32>().prop_map(|number| [&[2], &number.to_le_bytes()[..]].concat()),
+        any::<bool>().prop_map(|is_on| vec![3, is_on.into()]),
+        select(vec!["", "off", "Heron-4711"]).prop_map(|text| [&[4, text.len() as u8], text.as_bytes()].concat()),
+    ];
+    let names: Vec<&str> = SETTINGS.iter().map(|setting| setting.parameter_name).collect();
+    (0..32_u8, value, prop_oneof![Just(""), select(names)])
+        .prop_map(|(index, value, name)| [&[index], &value[..], name.as_bytes()].concat())
+}
+
 /// Transfers of received types with any payload, up to lengths beyond the longest; source 0 is anonymous.
 fn any_transfer() -> impl Strategy<Value = Vec<CanFrame>> {
     let source = prop_oneof![6 => Just(10_u8), 2 => 0..128_u8, 1 => Just(OWN_NODE)];
     let length = prop_oneof![6 => 0..30_usize, 3 => 30..140_usize, 1 => 200..300_usize];
-    (proptest::sample::select(RECEIVED_TYPE_SPECS.to_vec()), source, any::<u8>(), length, vec(any::<u8>(), 300))
-        .prop_map(|(data_type, source, transfer_id, length, payload)| {
+    let noise = (select(RECEIVED_TYPE_SPECS.to_vec()), length, vec(any::<u8>(), 300))
+        .prop_map(|(data_type, length, payload)| (data_type, payload[..length].to_vec()));
+    let parameter_request = parameter_request().prop_map(|payload| (DataType::GET_SET, payload));
+    (prop_oneof![9 => noise, 1 => parameter_request], source, any::<u8>()).prop_map(
+        |((data_type, payload), source, transfer_id)| {
             let id = if data_type.is_service {
                 0x1E00_8080 | u32::from(data_type.type_id) << 16 | u32::from(OWN_NODE) << 8 | u32::from(source)
             } else {
                 0x1800_0000 | u32::from(data_type.type_id) << 8 | u32::from(source)
             };
-            frames_of_transfer(id, data_type, transfer_id, &payload[..length])
-        })
+            frames_of_transfer(id, data_type, transfer_id, &payload)
+        },
+    )
 }
 
 /// Damage to a sequence of frames: a frame removed, repeated, moved or changed at an index modulo the length.

@@ -12,7 +12,7 @@ use proptest::prelude::*;
 use testkit::flash::RamFlash;
 
 use crate::calibration_record::calibration_record;
-use crate::{PropertyResult, check_property};
+use crate::{PropertyResult, check_costly_property};
 
 const PAGE_SIZE: usize = 2048;
 const PAGE_COUNT: usize = 8;
@@ -71,7 +71,7 @@ fn replace_bytes(flash: &mut Flash, offset: usize, bytes: &[u8]) {
 /// another format is preserved; it needs a correct CRC, which damage produces once in four billion cases.
 #[test]
 fn arbitrary_flash_contents_load_valid_values_and_allow_saves() {
-    check_property((0..4_usize, any_damage()), |(times, damage)| -> PropertyResult {
+    check_costly_property((0..4_usize, any_damage()), |(times, damage)| -> PropertyResult {
         let mut flash = SAVED_FLASHES[times].clone();
         for (offset, bytes) in &damage {
             replace_bytes(&mut flash, *offset, bytes);
@@ -117,7 +117,7 @@ fn any_items() -> impl Strategy<Value = Vec<(usize, Vec<u8>)>> {
 
 #[test]
 fn the_store_handles_any_fields() {
-    check_property((0..4_usize, any_items()), |(times, items)| -> PropertyResult {
+    check_costly_property((0..4_usize, any_items()), |(times, items)| -> PropertyResult {
         let mut flash = SAVED_FLASHES[times].clone();
         for (page, fields) in items {
             let mut encoded_item = vec![1];

@@ -299,8 +299,15 @@ fn json_output_of_serve_is_documented() {
 
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
-fn json_output_of_the_budget_is_documented() {
-    assert_schema("bench budget --json", &[json_output("bench budget --json")]);
+fn instructions_stay_within_their_budgets_and_the_json_of_them_is_documented() {
+    let (code, stdout_text, stderr_text) = run_command("bench budget --json");
+    println!("{stdout_text}");
+    assert_eq!(code, Some(0), "{stderr_text}");
+    let output: Value = serde_json::from_str(&stdout_text).unwrap();
+    for budget in output["budgets"].as_array().unwrap() {
+        assert!(budget["counted"].as_u64().unwrap() <= budget["limit"].as_u64().unwrap(), "{budget}");
+    }
+    assert_schema("bench budget --json", &[output]);
 }
 
 #[test]

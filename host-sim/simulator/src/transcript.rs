@@ -94,13 +94,8 @@ fn parse_motor_current(text: &str) -> Option<MotorCurrentInterference> {
     if text == "not known" {
         return Some(MotorCurrentInterference::NO_INTERFERENCE);
     }
-    let [x, y, z, sigma_ut_per_a, mean_a, spread_a] = parse_numbers(text)?;
-    Some(MotorCurrentInterference {
-        ut_per_a: [x, y, z],
-        sigma_ut_per_a,
-        mean_current_a: mean_a,
-        current_sigma_a: spread_a,
-    })
+    let [x, y, z, sigma_ut_per_a, mean_current_a, current_sigma_a] = parse_numbers(text)?;
+    Some(MotorCurrentInterference { ut_per_a: [x, y, z], sigma_ut_per_a, mean_current_a, current_sigma_a })
 }
 
 /// Estimated hard-iron change in the answer to `status`, body axes, microtesla; `None` without a significant change.

@@ -327,8 +327,8 @@ static ALIGN_COMMAND: CommandSpec = CommandSpec::new(
     },
 );
 
-const STREAM_ON: SettingChange = SettingChange::whole("STREAM", 1);
-const STREAM_OFF: SettingChange = SettingChange::whole("STREAM", 0);
+const STREAM_ON: SettingChange = SettingChange::new("STREAM", SettingValue::Whole(1));
+const STREAM_OFF: SettingChange = SettingChange::new("STREAM", SettingValue::Whole(0));
 
 /// Methods, the best first.
 const METHODS_BY_RANK: [Method; 6] = [

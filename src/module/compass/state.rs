@@ -6,7 +6,7 @@ use super::persistent_state::PersistentState;
 use super::trial_solves::TrialSolves;
 use crate::compass::events::ModuleState;
 use crate::messages::Message;
-use crate::settings::{SensorError, Settings};
+use crate::settings::{SensorErrorSetting, Settings};
 use crate::store::{CalibrationRecord, StoredCalibrations};
 use autoswing::acceptance::AcceptancePolicy;
 use autoswing::calibration::method_selection::Procedure;
@@ -140,7 +140,7 @@ impl Compass<'_> {
 }
 
 /// Sensor errors of the settings (percent) in the monitor's units (fractions).
-fn sensor_error_sigmas(error: SensorError) -> SensorErrorSigmas {
+fn sensor_error_sigmas(error: SensorErrorSetting) -> SensorErrorSigmas {
     SensorErrorSigmas {
         gyro_scale: error.gyro_percent / 100.0,
         hard_iron_drift_per_minute: error.drift_percent / 100.0,

@@ -1,4 +1,4 @@
-//! User settings: their values ([`Settings`]), and the table ([`SETTINGS`]) from which commands, reports, parameters,
+//! User settings: their values ([`Settings`]), and the table ([`SETTINGS`]) from which commands, `status all`, parameters,
 //! stored fields and range checks derive.
 
 mod ports;
@@ -6,15 +6,13 @@ mod setting;
 
 use core::fmt;
 
-use serde::{Deserialize, Serialize};
-
 use autoswing::calibration::{ConsiderSigmas, Orientation};
-pub use ports::{BaudRate, PORT_COUNT, PortNumber, PortSettings, PortsSettings, ProtocolKind};
+pub use ports::{BaudRate, PORT_COUNT, PortNumber, PortSettings, ProtocolKind};
 use setting::DependentState;
 pub use setting::{Choice, SettingKind, SettingRow, SettingValue, SigningKey};
 
 /// User settings.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// Magnetic declination (variation), degrees, east positive, if entered.
     pub declination_deg: Option<f32>,
@@ -30,7 +28,7 @@ pub struct Settings {
     /// Mounting of the sensor.
     pub mount: Orientation,
     /// Assumed constant errors of the attitude source.
-    pub attitude_error: AttitudeErrorSigmas,
+    pub attitude_error: AttitudeErrorSetting,
     /// Heading to send.
     pub stream_heading: HeadingKind,
     /// Expected heading error that ends a collection in flight, degrees RMS.
@@ -38,7 +36,7 @@ pub struct Settings {
     /// Whether an uncalibrated module starts collecting in flight.
     pub auto_on: bool,
     /// Protocol and baud rate of the ports.
-    pub ports: PortsSettings,
+    pub ports: [PortSettings; PORT_COUNT],
     /// Whether true yaw is sent to an autopilot that can use an external yaw.
     pub sends_vision_yaw: bool,
     /// Highest rate at which attitude is requested from a MAVLink autopilot, Hz.
@@ -48,11 +46,11 @@ pub struct Settings {
     /// Node on a CAN bus.
     pub can: CanSettings,
     /// Errors of gyro and magnetometer that the monitor expects.
-    pub sensor_error: SensorError,
+    pub sensor_error: SensorErrorSetting,
 }
 
 /// Settings of the node on a CAN bus.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CanSettings {
     /// Number of the node; 0 asks the autopilot for one.
     pub node: u8,
@@ -69,42 +67,27 @@ impl CanSettings {
     pub const DEFAULT: Self = Self { node: 0, rate_hz: 50, sends_covariance: false, is_terminated: false };
 }
 
-/// Kind of heading.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum HeadingKind {
-    /// Heading from field and attitude of one reading: for an autopilot with its own filter.
-    Raw,
-    /// Heading smoothed with the attitude source's body rates; raw while they are missing or inconsistent.
-    Smooth,
-}
-
-impl HeadingKind {
-    /// Both kinds of heading.
-    pub const ALL_HEADING_KINDS: [Self; 2] = [Self::Raw, Self::Smooth];
-
-    /// Name in commands.
-    #[must_use]
-    pub const fn kind_name(self) -> &'static str {
-        match self {
-            Self::Raw => "raw",
-            Self::Smooth => "smooth",
-        }
+setting::named_choices! {
+    /// Kind of heading.
+    HeadingKind {
+        /// Heading from field and attitude of one reading: for an autopilot with its own filter.
+        Raw: "raw",
+        /// Heading smoothed with the attitude source's body rates; raw while they are missing or inconsistent.
+        Smooth: "smooth",
     }
 }
 
-setting::choice_of_names!(HeadingKind, ALL_HEADING_KINDS, kind_name);
-
 /// Errors of an attitude source that are constant over a flight, 1 sigma. Turns do not reveal them; the expected error
 /// of a calibration includes them.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct AttitudeErrorSigmas {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AttitudeErrorSetting {
     /// Roll and pitch bias, degrees.
     pub bias_deg: f32,
     /// Bank-angle scale error in turns, percent.
     pub bank_percent: f32,
 }
 
-impl AttitudeErrorSigmas {
+impl AttitudeErrorSetting {
     /// A good, carefully levelled autopilot: the solver's default.
     pub const DEFAULT: Self = Self { bias_deg: 0.2, bank_percent: 1.0 };
 
@@ -116,15 +99,15 @@ impl AttitudeErrorSigmas {
 }
 
 /// Errors of gyro and magnetometer that the monitor expects, 1 sigma.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SensorError {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SensorErrorSetting {
     /// Scale error and cross-axis sensitivity of the gyro, percent.
     pub gyro_percent: f32,
     /// Drift of the hard iron in a minute, percent of the field.
     pub drift_percent: f32,
 }
 
-impl SensorError {
+impl SensorErrorSetting {
     /// Default errors, those of the monitor.
     pub const DEFAULT: Self = Self { gyro_percent: 2.0, drift_percent: 0.25 };
 }
@@ -145,16 +128,16 @@ impl Settings {
         stream_on: true,
         stream_rate_hz: 10,
         mount: Orientation::IDENTITY_ROTATION,
-        attitude_error: AttitudeErrorSigmas::DEFAULT,
+        attitude_error: AttitudeErrorSetting::DEFAULT,
         stream_heading: HeadingKind::Smooth,
         accuracy_deg: 0.5,
         auto_on: true,
-        ports: PortsSettings::DEFAULT,
+        ports: PortSettings::DEFAULT_OF_PORTS,
         sends_vision_yaw: false,
         attitude_rate_hz: 40,
         signing_key: None,
         can: CanSettings::DEFAULT,
-        sensor_error: SensorError::DEFAULT,
+        sensor_error: SensorErrorSetting::DEFAULT,
     };
 
     /// Factory settings with the present alignment, which belongs to the calibration.
@@ -193,19 +176,19 @@ impl Settings {
 pub type Setting = SettingRow<Settings>;
 
 /// Rows of the table: name and position as a parameter (none: `""`), tag of the stored field, kind of value; words of the
-/// command, name of its argument, help; line of the report, texts before and after the value; answer to a value out of
+/// command, name of its argument, help; line of `status all`, texts before and after the value; answer to a value out of
 /// its range; state that depends on the setting.
 macro_rules! setting_rows {
     ($($name:literal $index:literal, stored $tag:literal: $kind:ident($($access_and_range:expr),*),
        $words:tt $argument:literal: $help:literal,
-       reported $report:tt, refused $range:expr $(, used by $dependent:ident)?;)*) => {
+       shown $status:tt, refused $range:expr $(, used by $dependent:ident)?;)*) => {
         [$(SettingRow {
             command_words: $words,
             argument_name: $argument,
             help_text: $help,
             kind: SettingKind::$kind($($access_and_range),*),
             range_text: $range,
-            report_texts: $report,
+            status_texts: $status,
             stored_tag: $tag,
             parameter_index: $index,
             parameter_name: $name,
@@ -230,95 +213,95 @@ const RANGE_OF_SENSOR_ERRORS: &str =
 pub static SETTINGS: [Setting; 24] = setting_rows! {
     "STREAM" 17, stored 7: Switch(|s| &mut s.stream_on, ON_OR_OFF),
         ["", ""] "": "",
-        reported ["stream", "", ""], refused "on or off";
+        shown ["stream", "", ""], refused "on or off";
     "STREAM_RATE" 18, stored 8: Whole(|s| &mut s.stream_rate_hz, [1, 80], "a second", None),
         ["stream", "rate"] "HZ": "sentences per second",
-        reported ["stream", ", ", " Hz"], refused "a rate is 1 to 80 sentences a second";
+        shown ["stream", ", ", " Hz"], refused "a rate is 1 to 80 sentences a second";
     "STREAM_HEADING" 19, stored 12: Choice(|s| &mut s.stream_heading),
         ["stream", "heading"] "KIND":
             "heading sent: smoothed by the body rates, or raw for an autopilot with its own filter",
-        reported ["stream", ", ", " heading"], refused "a heading is raw or smooth";
+        shown ["stream", ", ", " heading"], refused "a heading is raw or smooth";
     "DECLINATION" 5, stored 4: Angle(
             |s| &mut s.declination_deg, [-180.0, 180.0], |field| field.declination_deg, "not set"
         ),
         ["set", "declination"] "DEG": "declination, east positive; none: by the field model",
-        reported ["declination", "", ""], refused "a declination is -180 to 180 degrees";
+        shown ["declination", "", ""], refused "a declination is -180 to 180 degrees";
     "MOUNT" 7, stored 9: Choice(|s| &mut s.mount),
         ["set", "mount"] "ORIENTATION":
             "orientation of the sensor: rotated from the vehicle by yaw, then pitch, then roll",
-        reported ["mount", "", ""], refused "a mounting is one of the 24 right-angle ones", used by Calibration;
+        shown ["mount", "", ""], refused "a mounting is one of the 24 right-angle ones", used by Calibration;
     "INCLINATION" 6, stored 5: Angle(
             |s| &mut s.inclination_deg, [-90.0, 90.0], |field| Some(field.inclination_deg),
             "not set, found from the samples"
         ),
         ["set", "inclination"] "DEG":
             "inclination of the local field, positive down; none: by the field model or the samples",
-        reported ["inclination", "", ""], refused "an inclination is -90 to 90 degrees, positive down", used by Solve;
+        shown ["inclination", "", ""], refused "an inclination is -90 to 90 degrees, positive down", used by Solve;
     "" 0, stored 6: Alignment(|s| &mut s.align_deg),
         ["set", "align"] "": "",
-        reported ["mount", ", align ", " deg"], refused "";
+        shown ["mount", ", align ", " deg"], refused "";
     "ATT_ERROR_DEG" 8, stored 10: Number(|s| &mut s.attitude_error.bias_deg, [0.0, 5.0], "deg", 2, Some("default")),
         ["set", "attitude-error"] "DEG":
             "constant attitude error of a flight, 1 sigma: in degrees, and in percent of the bank",
-        reported ["attitude-error", "", " deg"], refused RANGE_OF_ATTITUDE_ERRORS, used by Solve;
+        shown ["attitude-error", "", " deg"], refused RANGE_OF_ATTITUDE_ERRORS, used by Solve;
     "ATT_ERROR_BANK" 9, stored 11: Number(|s| &mut s.attitude_error.bank_percent, [0.0, 20.0], "%", 1, None),
         ["set", "attitude-error"] "PERCENT": "",
-        reported ["attitude-error", ", ", " % of bank, 1 sigma"], refused RANGE_OF_ATTITUDE_ERRORS, used by Solve;
+        shown ["attitude-error", ", ", " % of bank, 1 sigma"], refused RANGE_OF_ATTITUDE_ERRORS, used by Solve;
     // Up to the largest error that the monitor estimates.
     "GYRO_ERROR" 20, stored 28: Number(|s| &mut s.sensor_error.gyro_percent, [0.1, 20.0], "%", 1, Some("default")),
         ["set", "sensor-error"] "GYRO":
             "errors that the monitor expects, 1 sigma: scale of the gyro, and drift of iron in a minute",
-        reported ["sensor-error", "gyro ", " %"], refused RANGE_OF_SENSOR_ERRORS;
+        shown ["sensor-error", "gyro ", " %"], refused RANGE_OF_SENSOR_ERRORS;
     "IRON_DRIFT" 21, stored 29: Number(|s| &mut s.sensor_error.drift_percent, [0.05, 5.0], "% of the field", 2, None),
         ["set", "sensor-error"] "DRIFT": "",
-        reported ["sensor-error", ", drift ", " % of the field a minute, 1 sigma"], refused RANGE_OF_SENSOR_ERRORS;
+        shown ["sensor-error", ", drift ", " % of the field a minute, 1 sigma"], refused RANGE_OF_SENSOR_ERRORS;
     // From the accuracy of the best compasses to the largest accepted expected error.
     "ACCURACY" 4, stored 13: Number(|s| &mut s.accuracy_deg, [0.2, 3.0], "deg", 1, None),
         ["set", "accuracy"] "DEG": "expected error at which a collection in flight ends",
-        reported ["accuracy", "", " deg wanted"], refused "an accuracy is 0.2 to 3 degrees";
+        shown ["accuracy", "", " deg wanted"], refused "an accuracy is 0.2 to 3 degrees";
     "AUTO" 3, stored 14: Switch(
             |s| &mut s.auto_on, ["off, collects when asked", "on, collects automatically while uncalibrated"]
         ),
         ["cal", "auto"] "SWITCH":
             "start collecting automatically while uncalibrated, as soon as the autopilot is armed",
-        reported ["auto", "", ""], refused "on or off", used by AutomaticStart;
-    "PORT1" 13, stored 15: Choice(|s| &mut s.ports.port_mut(PortNumber::One).protocol),
+        shown ["auto", "", ""], refused "on or off", used by AutomaticStart;
+    "PORT1" 13, stored 15: Choice(|s| &mut s.ports[0].protocol),
         ["set", "port1"] "PROTOCOL": "protocol of the first port; auto: detect the autopilot's",
-        reported ["port1", "", ""], refused RANGE_OF_PROTOCOLS;
-    "PORT2" 14, stored 17: Choice(|s| &mut s.ports.port_mut(PortNumber::Two).protocol),
+        shown ["port1", "", ""], refused RANGE_OF_PROTOCOLS;
+    "PORT2" 14, stored 17: Choice(|s| &mut s.ports[1].protocol),
         ["set", "port2"] "PROTOCOL": "protocol of the second port; auto: detect the autopilot's",
-        reported ["port2", "", ""], refused RANGE_OF_PROTOCOLS;
-    "BAUD1" 15, stored 16: Choice(|s| &mut s.ports.port_mut(PortNumber::One).baud),
+        shown ["port2", "", ""], refused RANGE_OF_PROTOCOLS;
+    "BAUD1" 15, stored 16: Choice(|s| &mut s.ports[0].baud),
         ["set", "baud1"] "BAUD": "baud rate of the first port",
-        reported ["port1", ", ", " baud"], refused RANGE_OF_BAUD_RATES;
-    "BAUD2" 16, stored 18: Choice(|s| &mut s.ports.port_mut(PortNumber::Two).baud),
+        shown ["port1", ", ", " baud"], refused RANGE_OF_BAUD_RATES;
+    "BAUD2" 16, stored 18: Choice(|s| &mut s.ports[1].baud),
         ["set", "baud2"] "BAUD": "baud rate of the second port",
-        reported ["port2", ", ", " baud"], refused RANGE_OF_BAUD_RATES;
+        shown ["port2", ", ", " baud"], refused RANGE_OF_BAUD_RATES;
     "VISION" 11, stored 19: Switch(|s| &mut s.sends_vision_yaw, ON_OR_OFF),
         ["set", "vision"] "SWITCH":
             "send true yaw to a MAVLink autopilot, in place of its own compass; needs a declination",
-        reported ["vision", "", ""], refused "on or off";
+        shown ["vision", "", ""], refused "on or off";
     // ArduPilot warns of a request above 80 % of its loop rate, 50 Hz in a plane.
     "ATTITUDE_RATE" 10, stored 23: Whole(|s| &mut s.attitude_rate_hz, [20, 50], "a second", None),
         ["set", "attitude-rate"] "HZ": "highest rate at which attitude is requested from a MAVLink autopilot",
-        reported ["attitude-rate", "", " Hz at most"], refused "a rate of attitude is 20 to 50 Hz";
+        shown ["attitude-rate", "", " Hz at most"], refused "a rate of attitude is 20 to 50 Hz";
     "SIGNING" 12, stored 24: Key(|s| &mut s.signing_key),
         ["set", "signing"] "PASSPHRASE":
             "sign MAVLink frames, and reject others, with the key of a passphrase, one word",
-        reported ["signing", "", ""], refused "a passphrase or off";
+        shown ["signing", "", ""], refused "a passphrase or off";
     // Nodes 126 and 127 are for tools.
     "CAN_NODE" 0, stored 25: Whole(|s| &mut s.can.node, [0, 125], "as a node", Some("by allocation")),
         ["set", "can-node"] "NUMBER": "number on the CAN bus, after a restart; 0: the autopilot gives one",
-        reported ["can", "node ", ""], refused "a node is 1 to 125, or 0 to ask the autopilot for one";
+        shown ["can", "node ", ""], refused "a node is 1 to 125, or 0 to ask the autopilot for one";
     "CAN_RATE" 1, stored 26: Whole(|s| &mut s.can.rate_hz, [5, 80], "a second", None),
         ["set", "can-rate"] "HZ": "rate of the field on the CAN bus",
-        reported ["can", ", ", " Hz"], refused "a rate of the field is 5 to 80 Hz";
+        shown ["can", ", ", " Hz"], refused "a rate of the field is 5 to 80 Hz";
     "CAN_COVARIANCE" 2, stored 27: Switch(|s| &mut s.can.sends_covariance, ON_OR_OFF),
         ["set", "can-covariance"] "SWITCH": "send the field on the CAN bus with its covariance",
-        reported ["can", ", covariance ", ""], refused "on or off";
+        shown ["can", ", covariance ", ""], refused "on or off";
     "CAN_TERMINATE" 22, stored 30: Switch(|s| &mut s.can.is_terminated, ON_OR_OFF),
         ["set", "can-termination"] "SWITCH": "terminating resistor of the CAN bus, if the board switches one",
-        reported ["can", ", termination ", ""], refused "on or off";
+        shown ["can", ", termination ", ""], refused "on or off";
 };
 
 impl Setting {
@@ -355,47 +338,13 @@ pub struct SettingChange {
 }
 
 impl SettingChange {
-    /// Change of a switch, a whole number or a choice with this parameter name.
+    /// Change of the setting with this parameter name; of numbers also of the next setting in the table.
     ///
     /// # Panics
     ///
     /// If no setting has this parameter name; callers pass constants.
     #[must_use]
-    pub const fn whole(parameter_name: &str, number: u32) -> Self {
-        Self::new(parameter_name, SettingValue::Whole(number))
-    }
-
-    /// Change of a number with this parameter name.
-    ///
-    /// # Panics
-    ///
-    /// As [`whole`](Self::whole).
-    #[must_use]
-    pub const fn number(parameter_name: &str, number: Option<f32>) -> Self {
-        Self::new(parameter_name, SettingValue::Number(number))
-    }
-
-    /// Change of a number with this parameter name, and of the next in the table.
-    ///
-    /// # Panics
-    ///
-    /// As [`whole`](Self::whole).
-    #[must_use]
-    pub const fn numbers(parameter_name: &str, numbers: [f32; 2]) -> Self {
-        Self::new(parameter_name, SettingValue::Numbers(numbers))
-    }
-
-    /// Change of a key with this parameter name.
-    ///
-    /// # Panics
-    ///
-    /// As [`whole`](Self::whole).
-    #[must_use]
-    pub const fn key(parameter_name: &str, key: Option<SigningKey>) -> Self {
-        Self::new(parameter_name, SettingValue::Key(key))
-    }
-
-    const fn new(parameter_name: &str, value: SettingValue) -> Self {
+    pub const fn new(parameter_name: &str, value: SettingValue) -> Self {
         let mut index = 0;
         while !is_equal_text(SETTINGS[index].parameter_name, parameter_name) {
             index += 1;

@@ -1,4 +1,4 @@
-//! A setting as a row of the table: access to its value, and its appearance in commands, reports, parameters and flash.
+//! A setting as a row of the table: access to its value, and its appearance in commands, `status all`, parameters and flash.
 
 use core::fmt;
 
@@ -22,7 +22,7 @@ pub struct SettingRow<S: 'static> {
     pub range_text: &'static str,
     /// Line of `status all`, shared with other settings, and the texts before and after the value. The line's place is
     /// that of its last setting.
-    pub report_texts: [&'static str; 3],
+    pub status_texts: [&'static str; 3],
     /// Tag of the stored field, never used again for another one.
     pub stored_tag: u8,
     /// Position of the parameter for protocols that read and write settings one by one. Tools refer to it, so that a
@@ -36,15 +36,15 @@ pub struct SettingRow<S: 'static> {
 
 /// Kind of a setting, with access to its value.
 pub enum SettingKind<S: 'static> {
-    /// On or off, with the texts of off and on in reports.
+    /// On or off, with the texts of off and on in `status all`.
     Switch(fn(&mut S) -> &mut bool, [&'static str; 2]),
     /// One of several names.
     Choice(fn(&mut S) -> &mut dyn Choice),
-    /// Whole number, with its range, unit, and the text in place of 0 in reports.
+    /// Whole number, with its range, unit, and the text in place of 0 in `status all`.
     Whole(fn(&mut S) -> &mut u8, [u8; 2], &'static str, Option<&'static str>),
-    /// Number, with its range, unit, least decimals in reports, and the word that resets all numbers of the command.
+    /// Number, with its range, unit, least decimals in `status all`, and the word that resets all numbers of the command.
     Number(fn(&mut S) -> &mut f32, [f32; 2], &'static str, usize, Option<&'static str>),
-    /// Angle in degrees that may be unset, with its range. Reports then show the angle of the field model, or a text.
+    /// Angle in degrees that may be unset, with its range. `status all` then shows the angle of the field model, or a text.
     Angle(fn(&mut S) -> &mut Option<f32>, [f32; 2], fn(&EarthField) -> Option<f32>, &'static str),
     /// Heading offset in degrees, -180 to 180. It is measured by a command of its own.
     Alignment(fn(&mut S) -> &mut f32),
@@ -64,26 +64,48 @@ pub trait Choice {
     fn nth_name(&self, number: u8) -> Option<&'static str>;
 }
 
-/// Implements [`Choice`] for an enumeration with a constant of all variants and a function of their names.
-macro_rules! choice_of_names {
-    ($enumeration:ty, $all_variants:ident, $variant_name:ident) => {
+/// Declares an enumeration that is a [`Choice`]: its variants with their names in commands. It is stored by number, so
+/// that a new variant is the last.
+macro_rules! named_choices {
+    ($(#[$description:meta])* $enumeration:ident {
+        $($(#[$variant_description:meta])* $variant:ident: $name:literal,)*
+    }) => {
+        $(#[$description])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+        pub enum $enumeration {
+            $($(#[$variant_description])* $variant,)*
+        }
+
+        impl $enumeration {
+            /// All choices by number.
+            pub const ALL_CHOICES: &[Self] = &[$(Self::$variant),*];
+
+            /// Name in commands.
+            #[must_use]
+            pub const fn choice_name(self) -> &'static str {
+                match self {
+                    $(Self::$variant => $name,)*
+                }
+            }
+        }
+
         impl $crate::settings::setting::Choice for $enumeration {
             fn number(&self) -> u8 {
                 *self as u8
             }
 
             fn set_number(&mut self, number: u8) {
-                *self = Self::$all_variants.get(usize::from(number)).copied().unwrap_or(*self);
+                *self = Self::ALL_CHOICES.get(usize::from(number)).copied().unwrap_or(*self);
             }
 
             fn nth_name(&self, number: u8) -> Option<&'static str> {
-                Self::$all_variants.get(usize::from(number)).map(|variant| variant.$variant_name())
+                Self::ALL_CHOICES.get(usize::from(number)).map(|choice| choice.choice_name())
             }
         }
     };
 }
 
-pub(super) use choice_of_names;
+pub(super) use named_choices;
 
 impl Choice for Orientation {
     fn number(&self) -> u8 {

@@ -7,9 +7,9 @@ use super::*;
 #[test]
 fn attitude_errors_convert_to_the_solver_s_units() {
     for (error, expected) in [
-        (AttitudeErrorSigmas::DEFAULT, ConsiderSigmas::DEFAULT),
+        (AttitudeErrorSetting::DEFAULT, ConsiderSigmas::DEFAULT),
         (
-            AttitudeErrorSigmas { bias_deg: 2.0, bank_percent: 5.0 },
+            AttitudeErrorSetting { bias_deg: 2.0, bank_percent: 5.0 },
             ConsiderSigmas { bias_rad: 0.034_906_585, bank_scale: 0.05 },
         ),
     ] {
@@ -107,7 +107,7 @@ fn a_refusal_names_the_range() {
         };
         assert!(setting.range_text.contains(&range), "{setting:?}: {range} in {}", setting.range_text);
     }
-    let refusal = Settings::DEFAULT.with_setting(SettingChange::whole("CAN_NODE", 126)).unwrap_err();
+    let refusal = Settings::DEFAULT.with_setting(SettingChange::new("CAN_NODE", SettingValue::Whole(126))).unwrap_err();
     assert_eq!(refusal.to_string(), "a node is 1 to 125, or 0 to ask the autopilot for one");
 }
 
@@ -125,16 +125,18 @@ fn rows_have_unique_tags_positions_and_short_names() {
 
 #[test]
 fn two_settings_of_a_command_change_together() {
-    let change = SettingChange::numbers("ATT_ERROR_DEG", [1.5, 3.0]);
-    let attitude_error = AttitudeErrorSigmas { bias_deg: 1.5, bank_percent: 3.0 };
+    let change = SettingChange::new("ATT_ERROR_DEG", SettingValue::Numbers([1.5, 3.0]));
+    let attitude_error = AttitudeErrorSetting { bias_deg: 1.5, bank_percent: 3.0 };
     assert_eq!(Settings::DEFAULT.with_setting(change), Ok(Settings { attitude_error, ..Settings::DEFAULT }));
-    let refused = Settings::DEFAULT.with_setting(SettingChange::numbers("ATT_ERROR_DEG", [1.5, 20.1])).unwrap_err();
+    let refused = Settings::DEFAULT
+        .with_setting(SettingChange::new("ATT_ERROR_DEG", SettingValue::Numbers([1.5, 20.1])))
+        .unwrap_err();
     assert!(refused.to_string().starts_with("a constant error is 0 to 5 degrees"), "{refused}");
 }
 
 #[test]
 fn a_signing_key_is_not_printed() {
-    let change = SettingChange::key("SIGNING", Some(SigningKey([7; 32])));
+    let change = SettingChange::new("SIGNING", SettingValue::Key(Some(SigningKey([7; 32]))));
     assert!(format!("{change:?}").contains("Key(Some(SigningKey))"), "{change:?}");
 }
 

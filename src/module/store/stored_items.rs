@@ -78,12 +78,11 @@ impl StoredFields for CalibrationRecord {
         visitor.visit_required(3, inclination_rad);
         visitor.visit_required(4, total_ut);
         visitor.visit_required(5, latency_s);
-        let MotorCurrentInterference { ut_per_a, sigma_ut_per_a, mean_current_a: mean_a, current_sigma_a: spread_a } =
-            current;
+        let MotorCurrentInterference { ut_per_a, sigma_ut_per_a, mean_current_a: mean_a, current_sigma_a } = current;
         visitor.visit_required(6, ut_per_a);
         visitor.visit_required(7, sigma_ut_per_a);
         visitor.visit_required(8, mean_a);
-        visitor.visit_required(9, spread_a);
+        visitor.visit_required(9, current_sigma_a);
         let Quality {
             method,
             envelope,
@@ -244,18 +243,8 @@ impl StoredFields for StoredState {
 /// Tag of the first setting.
 const FIRST_SETTING_TAG: u8 = 4;
 
-/// Largest tag.
-const LAST_TAG: u8 = {
-    let mut last = 22;
-    let mut index = 0;
-    while index < SETTINGS.len() {
-        if SETTINGS[index].stored_tag > last {
-            last = SETTINGS[index].stored_tag;
-        }
-        index += 1;
-    }
-    last
-};
+/// Largest tag. The tags of settings and of three startup values have no gap.
+const LAST_TAG: u8 = FIRST_SETTING_TAG + SETTINGS.len() as u8 + 2;
 
 /// Visits the setting with a tag, if there is one, in the type that its kind is stored as. A choice is its number.
 fn visit_setting(tag: u8, settings: &mut Settings, visitor: &mut impl FieldVisitor) {

@@ -7,7 +7,7 @@ mod elf_header;
 mod emulated_machine;
 mod emulated_module;
 mod error;
-pub mod instruction_budget;
+pub(crate) mod instruction_budget;
 mod local_socket;
 mod machine_port;
 mod qmp;

@@ -11,6 +11,7 @@ use crate::app::task_links::{Timestamped, publish_value, subscribe};
 use autoswing::attitude::AttitudeReport;
 use autoswing::heading::{Heading, NoHeading};
 use autoswing_module::messages::Message;
+use autoswing_module::settings::SettingValue::Whole;
 use autoswing_module::settings::{BaudRate, PortNumber, ProtocolKind, SettingChange, Settings};
 
 const AUTOPILOT: [u8; 2] = [1, 1];
@@ -164,7 +165,8 @@ fn a_port_follows_its_settings() {
     bench.publish_estimates(NORTH, 1_000);
     assert_eq!(port.take_text(), "");
     assert_eq!(bench.links.port_protocols(), [ProtocolKind::Auto, ProtocolKind::Nmea]);
-    let other = Settings::DEFAULT.with_setting(SettingChange::whole("PORT2", ProtocolKind::Mavlink as u32)).unwrap();
+    let other =
+        Settings::DEFAULT.with_setting(SettingChange::new("PORT2", Whole(ProtocolKind::Mavlink as u32))).unwrap();
     publish_value(&bench.links.settings, other);
     bench.publish_estimates(NORTH, 1_000);
     assert!(!port.take_text().contains('$'));
@@ -183,7 +185,8 @@ fn a_message_is_sent_as_mavlink_status_text() {
         move |text: &str| bytes.windows(text.len()).any(|window| window == text.as_bytes())
     };
     assert!(!sent(&mut bench, &Message::InstallationRestored)("autoswing"), "sentences");
-    let other = Settings::DEFAULT.with_setting(SettingChange::whole("PORT2", ProtocolKind::Mavlink as u32)).unwrap();
+    let other =
+        Settings::DEFAULT.with_setting(SettingChange::new("PORT2", Whole(ProtocolKind::Mavlink as u32))).unwrap();
     publish_value(&bench.links.settings, other);
     let text = sent(&mut bench, &Message::Collecting(40));
     assert!(text("autoswing: collecting: 40 %") && !text("iron-back"));
@@ -197,7 +200,7 @@ fn each_port_uses_its_configured_baud_rate() {
     let bauds = || [ports[0].baud_changes.take(), ports[1].baud_changes.take()];
     bench.publish_estimates(NORTH, 100);
     assert_eq!(bauds(), [vec![], vec![]]);
-    let settings = Settings::DEFAULT.with_setting(SettingChange::whole("BAUD2", 460_800)).unwrap();
+    let settings = Settings::DEFAULT.with_setting(SettingChange::new("BAUD2", Whole(460_800))).unwrap();
     publish_value(&bench.links.settings, settings);
     bench.publish_estimates(NORTH, 100);
     publish_value(&bench.links.settings, Settings { stream_on: false, ..settings });

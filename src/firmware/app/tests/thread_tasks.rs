@@ -23,6 +23,7 @@ use autoswing::time::WrappingMillis;
 use autoswing_module::compass::{Command, IndicatorState, ModuleState, Reply};
 use autoswing_module::messages::SampleLoss;
 use autoswing_module::messages::{Message, Refusal, RefusalCause};
+use autoswing_module::settings::SettingValue::{Number, Whole};
 use autoswing_module::settings::{PortNumber, ProtocolKind, SettingChange, Settings};
 use autoswing_module::store::StoreError;
 
@@ -43,7 +44,7 @@ fn position_and_date_apply_the_field_model() {
     let inclination_deg = Some(field.inclination_deg);
     let by_model = Settings { declination_deg: field.declination_deg, inclination_deg, ..Settings::DEFAULT };
     assert_eq!(bench.links.settings.try_get(), Some(by_model));
-    let reply = bench.execute_command(Command::Set(SettingChange::number("DECLINATION", Some(3.0))));
+    let reply = bench.execute_command(Command::Set(SettingChange::new("DECLINATION", Number(Some(3.0)))));
     assert!(matches!(reply, Ok(Reply::Done(ModuleState::Uncalibrated))), "{reply:?}");
     assert_eq!(bench.links.settings.try_get(), Some(Settings { declination_deg: Some(3.0), ..by_model }));
     assert_eq!((bench.links.event_counts().saves, bench.links.event_counts().store_errors), (1, 0));
@@ -56,7 +57,7 @@ fn a_failed_save_is_reported_and_counted() {
     let mut bench = TaskBench::with_compass_and_flash(flash);
     assert_eq!(bench.links.event_counts().store_errors, 1, "of the load, once");
     assert_eq!(bench.links.console_messages.try_receive(), Ok(Message::StoreFailed(StoreError::Flash)));
-    let reply = bench.execute_command(Command::Set(SettingChange::whole("STREAM_RATE", 20)));
+    let reply = bench.execute_command(Command::Set(SettingChange::new("STREAM_RATE", Whole(20))));
     assert!(matches!(reply, Err(Refusal::Store(StoreError::Flash))), "{reply:?}");
     assert_eq!(bench.links.settings.try_get(), Some(Settings::DEFAULT));
     assert_eq!((bench.links.event_counts().saves, bench.links.event_counts().store_errors), (0, 2));
@@ -308,7 +309,7 @@ fn a_selected_protocol_is_found_once_the_settings_are_known() {
         );
         if let Some(protocol) = selected {
             let mut settings = Settings::DEFAULT;
-            settings.ports.port_mut(PortNumber::One).protocol = protocol;
+            settings.ports[0].protocol = protocol;
             publish_value(&bench.links.settings, settings);
         }
         bench.run_for_ms(10);

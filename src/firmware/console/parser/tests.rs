@@ -1,6 +1,7 @@
 use super::*;
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{Method, Orientation};
+use autoswing_module::settings::SettingValue::{Key, Number, Numbers, Whole};
 use autoswing_module::settings::{SETTINGS, SettingChange};
 
 fn parsed_command(line: &str) -> Command {
@@ -41,17 +42,17 @@ fn every_command_is_parsed() {
         ("cal clear all", Command::CalClear),
         ("cal undo", Command::CalUndo),
         ("cal abort", Command::CalAbort),
-        ("stream on", set(SettingChange::whole("STREAM", 1))),
-        ("stream off", set(SettingChange::whole("STREAM", 0))),
+        ("stream on", set(SettingChange::new("STREAM", Whole(1)))),
+        ("stream off", set(SettingChange::new("STREAM", Whole(0)))),
         ("set align 90", Command::Align(Some(90.0))),
         ("set align none", Command::Align(None)),
         ("set align 90.5 yes", Command::AlignConfirmed(90.5)),
-        ("set attitude-error 0.5 2", set(SettingChange::numbers("ATT_ERROR_DEG", [0.5, 2.0]))),
-        ("set signing off", set(SettingChange::key("SIGNING", None))),
-        ("set signing 4711", set(SettingChange::key("SIGNING", Some(key_from_passphrase("4711"))))),
-        ("set sensor-error 5 0.5", set(SettingChange::numbers("GYRO_ERROR", [5.0, 0.5]))),
-        ("set sensor-error default", set(SettingChange::numbers("GYRO_ERROR", [2.0, 0.25]))),
-        ("set attitude-error default", set(SettingChange::numbers("ATT_ERROR_DEG", [0.2, 1.0]))),
+        ("set attitude-error 0.5 2", set(SettingChange::new("ATT_ERROR_DEG", Numbers([0.5, 2.0])))),
+        ("set signing off", set(SettingChange::new("SIGNING", Key(None)))),
+        ("set signing 4711", set(SettingChange::new("SIGNING", Key(Some(key_from_passphrase("4711")))))),
+        ("set sensor-error 5 0.5", set(SettingChange::new("GYRO_ERROR", Numbers([5.0, 0.5])))),
+        ("set sensor-error default", set(SettingChange::new("GYRO_ERROR", Numbers([2.0, 0.25])))),
+        ("set attitude-error default", set(SettingChange::new("ATT_ERROR_DEG", Numbers([0.2, 1.0])))),
     ];
     for (line, meaning) in examples {
         assert_eq!(parsed_command(line), meaning, "{line}");
@@ -97,8 +98,8 @@ fn every_setting_has_a_command() {
             continue;
         }
         let ends = setting.value_range().into_iter().flatten().filter_map(|value| match (&setting.kind, value) {
-            (SettingKind::Whole(..), SettingValue::Whole(number)) => Some((number.to_string(), value)),
-            (_, SettingValue::Number(number)) => Some((number.unwrap().to_string(), value)),
+            (SettingKind::Whole(..), Whole(number)) => Some((number.to_string(), value)),
+            (_, Number(number)) => Some((number.unwrap().to_string(), value)),
             _ => None,
         });
         let words = (0..).map_while(|index| setting.nth_word(index)).map(|(word, value)| (word.to_owned(), value));
@@ -114,7 +115,7 @@ fn every_setting_has_a_command() {
 fn a_passphrase_keeps_its_case() {
     for passphrase in ["aBc", "abc"] {
         let line = format!("set signing {passphrase}");
-        let expected = SettingChange::key("SIGNING", Some(key_from_passphrase(passphrase)));
+        let expected = SettingChange::new("SIGNING", Key(Some(key_from_passphrase(passphrase))));
         assert!(
             matches!(parse_request(&line), Some(Ok(Request::Command(Command::Set(setting)))) if setting == expected)
         );

@@ -60,10 +60,10 @@ pub(super) fn write_interference(out: &mut impl Write, interference: &MotorCurre
     if interference.current_sigma_a == 0.0 {
         return writeln!(out, "current: not known");
     }
-    let [mean_a, spread_a] = [interference.mean_current_a, interference.current_sigma_a].map(Decimal::<1>);
+    let [mean_a, sigma_a] = [interference.mean_current_a, interference.current_sigma_a].map(Decimal::<1>);
     let ([x, y, z], sigma) = (interference.ut_per_a.map(Decimal::<3>), Decimal::<3>(interference.sigma_ut_per_a));
     let use_text = if interference.is_applied() { "used" } else { "not used" };
-    writeln!(out, "current: {x} {y} {z} uT/A, sigma {sigma}, {use_text}; {mean_a} A, sigma {spread_a}")
+    writeln!(out, "current: {x} {y} {z} uT/A, sigma {sigma}, {use_text}; {mean_a} A, sigma {sigma_a}")
 }
 
 pub(super) struct CalibrationTitle<'a>(pub &'a CalibrationSummary);

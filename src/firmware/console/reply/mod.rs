@@ -80,7 +80,7 @@ fn write_state_after_change(out: &mut impl Write, command: Command, report: &Sta
     match (command, &report.stored_calibration) {
         (Command::Set(change), _) => {
             out.write_str("ok ")?;
-            write_setting_line(out, change.setting.report_texts[0], " ", report)?;
+            write_setting_line(out, change.setting.status_texts[0], " ", report)?;
             let state = if change.is_of_calibration() { report.module_state.state_name() } else { "" };
             writeln!(out, "{}{state}", if state.is_empty() { "" } else { "; " })
         }

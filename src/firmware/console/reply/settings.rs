@@ -15,7 +15,7 @@ pub(super) const PORT_LINES: [&str; PORT_COUNT] = ["port1", "port2"];
 
 /// Lines of settings, in the order of their last settings.
 pub(super) fn setting_lines() -> impl Iterator<Item = &'static str> {
-    let lines = SETTINGS.iter().map(|setting| setting.report_texts[0]);
+    let lines = SETTINGS.iter().map(|setting| setting.status_texts[0]);
     lines
         .clone()
         .enumerate()
@@ -32,7 +32,7 @@ pub(super) fn write_setting_line(
 ) -> fmt::Result {
     write!(out, "{line}{separator}")?;
     for setting in &SETTINGS {
-        let [own_line, before, after] = setting.report_texts;
+        let [own_line, before, after] = setting.status_texts;
         if own_line == line {
             out.write_str(before)?;
             write_setting_value(out, setting, report)?;

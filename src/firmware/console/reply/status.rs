@@ -85,7 +85,7 @@ pub(super) fn write_full_status(out: &mut impl Write, report: &StatusReport, hea
     for line in setting_lines().filter(|line| *line != CAN_LINE) {
         write_setting_line(out, line, ": ", report)?;
         for port in PortNumber::ALL_PORTS.into_iter().filter(|port| *port.port_element(&PORT_LINES) == line) {
-            let configured = report.settings.ports.settings_of_port(port).protocol;
+            let configured = port.port_element(&report.settings.ports).protocol;
             write_detected_protocol(out, configured, health.port_protocol(port))?;
         }
         writeln!(out)?;
@@ -123,7 +123,7 @@ fn write_motor_current(out: &mut impl Write, current_a: Option<f32>) -> fmt::Res
 fn write_detected_protocol(out: &mut impl Write, configured: ProtocolKind, detected: ProtocolKind) -> fmt::Result {
     match (configured, detected) {
         (ProtocolKind::Auto, ProtocolKind::Auto) => out.write_str(", no protocol detected yet"),
-        (ProtocolKind::Auto, detected) => write!(out, ", found {}", detected.protocol_name()),
+        (ProtocolKind::Auto, detected) => write!(out, ", found {}", detected.choice_name()),
         _ => Ok(()),
     }
 }

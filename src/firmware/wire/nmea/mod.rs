@@ -65,7 +65,7 @@ pub fn quality_sentence(heading: &Result<Heading, NoHeading>, kind: HeadingKind)
                 // A sigma above 180 deg carries no information.
                 put_tenths(body, rounded_tenths(heading.sigma_deg().min(180.0)), 1)?;
                 put_text(body, ",ok,")?;
-                put_text(body, kind.kind_name())
+                put_text(body, kind.choice_name())
             }
             Err(reason) => {
                 put_text(body, ",,")?;

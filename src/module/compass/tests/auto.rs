@@ -103,7 +103,7 @@ fn cal_start_takes_control_of_an_automatic_collection() {
 fn user_control_prevents_automatic_starts() {
     let samples = hover_samples(6);
     for (command, keeps_samples, return_to_automatic) in [
-        (Command::CalStop, true, Command::Set(SettingChange::whole("AUTO", 1))),
+        (Command::CalStop, true, Command::Set(SettingChange::new("AUTO", Whole(1)))),
         (Command::CalAbort, false, Command::CalClear),
     ] {
         let mut bed = collecting_automatically(&samples);
@@ -149,8 +149,8 @@ fn a_failed_solve_ends_the_user_s_collection_and_continues_an_automatic_one() {
 fn automatic_collection_can_be_switched_off() {
     let samples = hover_samples(7);
     let mut bed = collecting_automatically(&samples);
-    assert_eq!(bed.set(SettingChange::whole("STREAM_RATE", 20)), ModuleState::Collecting, "another setting");
-    bed.set(SettingChange::whole("AUTO", 0));
+    assert_eq!(bed.set(SettingChange::new("STREAM_RATE", Whole(20))), ModuleState::Collecting, "another setting");
+    bed.set(SettingChange::new("AUTO", Whole(0)));
     assert_eq!(bed.state_and_fit_count(), (ModuleState::Uncalibrated, 0));
     bed.collect(&samples[60..160]);
     assert_eq!(bed.state_and_fit_count(), (ModuleState::Uncalibrated, 0));
@@ -158,7 +158,7 @@ fn automatic_collection_can_be_switched_off() {
     bed.collect(&samples[..60]);
     let user_collection = bed.state_and_fit_count();
     for on in [true, false] {
-        bed.set(SettingChange::whole("AUTO", on.into()));
+        bed.set(SettingChange::new("AUTO", Whole(on.into())));
         assert_eq!(bed.state_and_fit_count(), user_collection, "{on}");
     }
 }

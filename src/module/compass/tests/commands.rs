@@ -4,10 +4,10 @@ use super::*;
 
 /// Settings that no solve uses.
 const OTHER_SETTINGS: [SettingChange; 4] = [
-    SettingChange::whole("STREAM", 0),
-    SettingChange::whole("STREAM_RATE", 5),
-    SettingChange::whole("STREAM_HEADING", HeadingKind::Raw as u32),
-    SettingChange::number("DECLINATION", Some(3.0)),
+    SettingChange::new("STREAM", Whole(0)),
+    SettingChange::new("STREAM_RATE", Whole(5)),
+    SettingChange::new("STREAM_HEADING", Whole(HeadingKind::Raw as u32)),
+    SettingChange::new("DECLINATION", Number(Some(3.0))),
 ];
 
 #[test]
@@ -26,9 +26,9 @@ fn settings_of_a_running_solve_cannot_change() {
         Command::Align(Some(10.0)),
         Command::Align(None),
         Command::AlignConfirmed(10.0),
-        Command::Set(SettingChange::whole("MOUNT", 0)),
-        Command::Set(SettingChange::number("INCLINATION", Some(50.0))),
-        Command::Set(SettingChange::numbers("ATT_ERROR_DEG", [0.2, 1.0])),
+        Command::Set(SettingChange::new("MOUNT", Whole(0))),
+        Command::Set(SettingChange::new("INCLINATION", Number(Some(50.0)))),
+        Command::Set(SettingChange::new("ATT_ERROR_DEG", Numbers([0.2, 1.0]))),
     ] {
         assert_eq!(bed.expect_refusal(command), Refusal::Busy, "{command:?}");
     }
@@ -51,8 +51,8 @@ fn ground_commands_are_refused_while_armed() {
         Command::CalMark(10.0),
         Command::CalClear,
         Command::CalUndo,
-        Command::Set(SettingChange::whole("MOUNT", 0)),
-        Command::SetFromBus(SettingChange::whole("STREAM_RATE", 20)),
+        Command::Set(SettingChange::new("MOUNT", Whole(0))),
+        Command::SetFromBus(SettingChange::new("STREAM_RATE", Whole(20))),
         Command::ResetSettings,
         Command::Restart,
     ];
@@ -75,7 +75,7 @@ fn ground_commands_are_refused_while_armed() {
     assert_eq!(bed.expect_refusal(Command::CalStartNew(None)), Refusal::Armed, "it is a swing again");
     assert_eq!(bed.expect_done(Command::CalStop), ModuleState::Calibrated);
     bed.report_armed(Some(false));
-    for command in [Command::CalUndo, Command::Set(SettingChange::whole("MOUNT", 0)), Command::CalClear] {
+    for command in [Command::CalUndo, Command::Set(SettingChange::new("MOUNT", Whole(0))), Command::CalClear] {
         bed.expect_saved(command);
     }
 }
@@ -91,7 +91,7 @@ fn commands_other_than_ground_commands_are_accepted_while_armed() {
     }
     assert_eq!(bed.expect_done(Command::CalAbort), ModuleState::Uncalibrated);
     let used_by_solves =
-        [SettingChange::number("INCLINATION", None), SettingChange::numbers("ATT_ERROR_DEG", [0.2, 1.0])];
+        [SettingChange::new("INCLINATION", Number(None)), SettingChange::new("ATT_ERROR_DEG", Numbers([0.2, 1.0]))];
     for setting in OTHER_SETTINGS.into_iter().chain(used_by_solves) {
         bed.set(setting);
     }
@@ -113,7 +113,7 @@ fn commands_that_change_state_are_refused_during_a_save() {
         Command::Restart,
         Command::CalClear,
         Command::CalStart(Procedure::Turns),
-        Command::Set(SettingChange::whole("STREAM", 0)),
+        Command::Set(SettingChange::new("STREAM", Whole(0))),
         Command::Align(None),
     ] {
         assert_eq!(bed.expect_refusal(command), Refusal::Busy, "{command:?}");
@@ -140,12 +140,14 @@ fn an_abort_ends_a_solve_and_discards_the_samples() {
 /// calibration.
 #[test]
 fn the_indicator_shows_a_refused_solve() {
-    let mut bed =
-        TestBed::with_setting(SettingChange::whole("MOUNT", Orientation::from_name("yaw90").unwrap().number().into()));
+    let mut bed = TestBed::with_setting(SettingChange::new(
+        "MOUNT",
+        Whole(Orientation::from_name("yaw90").unwrap().number().into()),
+    ));
     assert_eq!(bed.compass.indicator_state(), IndicatorState::Idle);
     assert_eq!(bed.calibrate(&complete_turns(1)).unwrap_err().stable_code(), "mount-contradicted");
     assert_eq!(bed.compass.indicator_state(), IndicatorState::Refused);
-    bed.set(SettingChange::whole("MOUNT", 0));
+    bed.set(SettingChange::new("MOUNT", Whole(0)));
     bed.calibrate(&complete_turns(1)).unwrap();
     assert_eq!(bed.compass.indicator_state(), IndicatorState::Calibrated);
 }

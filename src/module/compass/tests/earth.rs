@@ -72,9 +72,9 @@ fn configured_declination_and_inclination_override_the_model() {
     let report = bed.status_report();
     assert_eq!((report.settings, report.local_field.model_field()), (Settings::DEFAULT, Some(&field)));
     for (setting, angles_deg) in [
-        (SettingChange::number("DECLINATION", Some(-3.5)), (Some(-3.5), inclination_deg)),
-        (SettingChange::number("INCLINATION", Some(60.0)), (Some(-3.5), Some(60.0))),
-        (SettingChange::number("DECLINATION", None), (declination_deg, Some(60.0))),
+        (SettingChange::new("DECLINATION", Number(Some(-3.5))), (Some(-3.5), inclination_deg)),
+        (SettingChange::new("INCLINATION", Number(Some(60.0))), (Some(-3.5), Some(60.0))),
+        (SettingChange::new("DECLINATION", Number(None)), (declination_deg, Some(60.0))),
     ] {
         bed.set(setting);
         assert_eq!(bed.effective_field_angles_deg(), angles_deg, "{setting:?}");
@@ -89,7 +89,7 @@ fn the_model_s_inclination_reaches_the_solver() {
     let with_deg = calibrated_at(Some(naples())).calibrated_inclination_deg();
     assert!(with_deg > without_deg + 0.008, "{with_deg} {without_deg}");
     let mut bed =
-        TestBed::with_setting(SettingChange::number("INCLINATION", Some(model_field(naples()).inclination_deg)));
+        TestBed::with_setting(SettingChange::new("INCLINATION", Number(Some(model_field(naples()).inclination_deg))));
     bed.calibrate(&few_turns(1)).unwrap();
     assert!((bed.calibrated_inclination_deg() - with_deg).abs() < 1e-4);
 }

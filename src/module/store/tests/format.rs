@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::*;
-use crate::settings::{AttitudeErrorSigmas, BaudRate, CanSettings, PortNumber, SensorError, SigningKey};
+use crate::settings::{AttitudeErrorSetting, BaudRate, CanSettings, SensorErrorSetting, SigningKey};
 
 fn stored_state() -> StoredState {
     let mut settings = Settings {
@@ -11,12 +11,12 @@ fn stored_state() -> StoredState {
         align_deg: 3.5,
         stream_rate_hz: 25,
         mount: Orientation::from_name("yaw90").unwrap(),
-        attitude_error: AttitudeErrorSigmas { bias_deg: 0.5, bank_percent: 2.0 },
+        attitude_error: AttitudeErrorSetting { bias_deg: 0.5, bank_percent: 2.0 },
         sends_vision_yaw: true,
         ..settings()
     };
-    settings.ports.port_mut(PortNumber::One).baud = BaudRate::B460800;
-    settings.ports.port_mut(PortNumber::Two).protocol = ProtocolKind::Msp;
+    settings.ports[0].baud = BaudRate::B460800;
+    settings.ports[1].protocol = ProtocolKind::Msp;
     StoredState {
         save_count: 300,
         current_slot: Some(SlotReference { slot: 2, crc: 0x1234_5678 }),
@@ -115,7 +115,7 @@ fn written_bytes_are_those_of_the_first_release_and_later_fields() {
     let mut later = stored_state();
     later.settings.signing_key = Some(SigningKey([7; 32]));
     later.settings.can = CanSettings { node: 42, rate_hz: 20, sends_covariance: true, is_terminated: true };
-    later.settings.sensor_error = SensorError { gyro_percent: 5.0, drift_percent: 0.5 };
+    later.settings.sensor_error = SensorErrorSetting { gyro_percent: 5.0, drift_percent: 0.5 };
     assert_eq!(encoded_item(&later), bytes_from_hex(LATER_STATE));
     assert_eq!(fields::decode_fields(&field_bytes_of_item(&bytes_from_hex(LATER_STATE))), Ok(later));
     assert_eq!(encoded_item(&full_calibration_record()), pinned_calibration_bytes());
@@ -217,9 +217,9 @@ fn variants_keep_their_numbers() {
     }
     assert_numbers(&[MagnetometerModel::Lis3mdl, MagnetometerModel::Lsm303dlhc, MagnetometerModel::Rm3100]);
     assert_numbers(&[AttitudeEnvelope::Banked, AttitudeEnvelope::Level]);
-    assert_numbers(&[HeadingKind::Raw, HeadingKind::Smooth]);
-    assert_numbers(&ProtocolKind::ALL_PROTOCOLS);
-    assert_numbers(&BaudRate::ALL_RATES);
+    assert_numbers(HeadingKind::ALL_CHOICES);
+    assert_numbers(ProtocolKind::ALL_CHOICES);
+    assert_numbers(BaudRate::ALL_CHOICES);
     assert_numbers(&[
         Method::Level,
         Method::FourEllipse,

@@ -77,7 +77,7 @@ pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlight
         fault_switch.set_active(0, u64::MAX);
     }
     rig.run_for_s(2.0);
-    rig.send_console_line(&format!("stream heading {}", plan.heading.kind_name()));
+    rig.send_console_line(&format!("stream heading {}", plan.heading.choice_name()));
     rig.send_console_line(drawn_case.routine.start_command);
     if let FaultOnset::DuringCalibration { after_s, until_s } = onset {
         fault_switch.set_active(add_seconds_us(rig.now_us(), after_s), add_seconds_us(rig.now_us(), until_s));
@@ -264,7 +264,7 @@ fn fly_after_calibration(
 fn evaluated_sentence(received: HeadingSentence, true_heading_deg: f64) -> EvaluatedSentence {
     match (received.heading_deg, received.sigma_deg) {
         (Some(sent_deg), Some(sigma_deg)) => {
-            let is_smooth = received.heading_kind.as_deref() == Some(HeadingKind::Smooth.kind_name());
+            let is_smooth = received.heading_kind.as_deref() == Some(HeadingKind::Smooth.choice_name());
             EvaluatedSentence::Heading { error_deg: wrap_180(sent_deg - true_heading_deg), sigma_deg, is_smooth }
         }
         _ => EvaluatedSentence::Empty(received.status.unwrap_or_default()),

@@ -2,7 +2,8 @@
 
 use super::*;
 use crate::wire::mavlink::key_from_passphrase;
-use autoswing_module::settings::{SETTINGS, Setting, SettingChange, SettingValue, SigningKey};
+use autoswing_module::settings::SettingValue::{Key, Number, Numbers, Whole};
+use autoswing_module::settings::{SETTINGS, Setting, SettingChange, SigningKey};
 
 const GET_SET: DataType = DataType::GET_SET;
 
@@ -40,9 +41,9 @@ fn all_parameters_are_listed() {
         let name = parameter.parameter_name.as_bytes();
         assert!(payload.ends_with(name), "{} {payload:?}", parameter.parameter_name);
         let tags = |value| match value {
-            SettingValue::Whole(_) => 9,
-            SettingValue::Number(_) | SettingValue::Numbers(_) => 5,
-            SettingValue::Key(_) => 0,
+            Whole(_) => 9,
+            Number(_) | Numbers(_) => 5,
+            Key(_) => 0,
         };
         if let Some([least, _]) = parameter.value_range() {
             assert_eq!(payload.len() - name.len(), 4 * tags(least), "{}", parameter.parameter_name);
@@ -61,7 +62,7 @@ fn set_integer_payload(value: i64, name: &str) -> Vec<u8> {
 fn a_parameter_is_set_by_a_command() {
     let mut bench = Bench::new();
     assert_eq!(bench.response_to_request(GET_SET, &set_integer_payload(20, "CAN_RATE")), None);
-    let command = Command::SetFromBus(SettingChange::whole("CAN_RATE", 20));
+    let command = Command::SetFromBus(SettingChange::new("CAN_RATE", Whole(20)));
     assert_eq!(bench.commands, [command]);
     bench.settings.can.rate_hz = 20;
     bench.node.complete_command(command, Ok(()));
@@ -73,7 +74,7 @@ fn a_refused_or_unanswered_setting_is_answered_with_the_old_value() {
     let old = [1, 50, 0, 0, 0, 0, 0, 0, 0];
     let mut bench = Bench::new();
     bench.response_to_request(GET_SET, &set_integer_payload(81, "CAN_RATE"));
-    bench.node.complete_command(Command::SetFromBus(SettingChange::whole("CAN_RATE", 81)), Err(&Refusal::Busy));
+    bench.node.complete_command(Command::SetFromBus(SettingChange::new("CAN_RATE", Whole(81))), Err(&Refusal::Busy));
     assert_eq!(bench.run_for_response(GET_SET).unwrap()[..9], old);
     bench.response_to_request(GET_SET, &set_integer_payload(30, "CAN_RATE"));
     assert_eq!(bench.sent_in_ms(GET_SET, 1900).len(), 0);
@@ -83,7 +84,7 @@ fn a_refused_or_unanswered_setting_is_answered_with_the_old_value() {
 #[test]
 fn commands_are_executed_one_after_another() {
     let mut bench = Bench::new();
-    let commands = [20, 30].map(|rate| Command::SetFromBus(SettingChange::whole("CAN_RATE", rate)));
+    let commands = [20, 30].map(|rate| Command::SetFromBus(SettingChange::new("CAN_RATE", Whole(rate))));
     for (number, rate) in [20, 30].into_iter().enumerate() {
         assert_eq!(bench.response_to_request(GET_SET, &set_integer_payload(rate, "CAN_RATE")), None);
         assert_eq!(bench.commands, commands[..1], "request {number}");
@@ -100,12 +101,15 @@ fn commands_are_executed_one_after_another() {
 fn a_passphrase_is_set_and_not_read() {
     let mut bench = Bench::new();
     assert_eq!(bench.response_to_request(GET_SET, b"\x00\x04\x04wordSIGNING"), None);
-    assert_eq!(bench.commands, [Command::SetFromBus(SettingChange::key("SIGNING", Some(key_from_passphrase("word"))))]);
+    assert_eq!(
+        bench.commands,
+        [Command::SetFromBus(SettingChange::new("SIGNING", Key(Some(key_from_passphrase("word")))))]
+    );
     bench.node.complete_command(bench.commands[0], Ok(()));
     bench.settings.signing_key = Some(SigningKey([7; 32]));
     assert_eq!(bench.run_for_response(GET_SET).unwrap(), b"\x04\x02on\x04\x03off\x00\x00SIGNING");
     bench.response_to_request(GET_SET, b"\x00\x04\x03offSIGNING");
-    assert_eq!(bench.commands[1], Command::SetFromBus(SettingChange::key("SIGNING", None)));
+    assert_eq!(bench.commands[1], Command::SetFromBus(SettingChange::new("SIGNING", Key(None))));
 }
 
 const RESTART_MAGIC_BYTES: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];
