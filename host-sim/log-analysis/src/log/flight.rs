@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use super::compass_slot::{CompassSlot, DeviceId, ardupilot_index, external_parameter};
 use super::correction::{FieldCorrection, logged_mounting, missing_parameters_of_slot, orientation_parameter};
+use super::load::LoggedLoad;
 use super::rates_problem::RatesProblem;
 use super::rotation::NumberedRotation;
 use super::time_series::Series;
@@ -185,6 +186,8 @@ pub struct LoggedFlight {
     pub battery_current: Series<1>,
     /// Whether the logged current is negative, and used by its size.
     pub is_current_negated: bool,
+    /// Outputs, and currents beside that of the first battery.
+    pub loads: Vec<LoggedLoad>,
     /// Times and armed states at each change; before the first change the aircraft had the opposite state.
     pub armed_changes: Vec<(f64, bool)>,
     /// A simulator's true roll, pitch and yaw, radians, for scoring only.
@@ -279,6 +282,7 @@ impl LoggedFlight {
             gps: Series::new(),
             battery_current: Series::new(),
             is_current_negated: false,
+            loads: Vec::new(),
             armed_changes: Vec::new(),
             true_attitude: Series::new(),
             reference_heading: Series::new(),

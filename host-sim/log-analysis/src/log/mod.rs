@@ -23,6 +23,7 @@ pub mod csv;
 mod dataflash;
 mod flight;
 mod flight_builder;
+mod load;
 pub mod log_writers;
 mod parameters;
 mod rates;
@@ -43,6 +44,7 @@ pub use flight::{
     AttitudeView, AutopilotKind, Gps, LogFormat, LoggedCompass, LoggedFlight, SkippedCounts,
     missing_ardupilot_parameters, mounting_parameter_changes,
 };
+pub use load::{LoadSource, LoggedLoad};
 pub use parameters::ParameterHistory;
 pub use rates_problem::RatesProblem;
 pub use rotation::NumberedRotation;

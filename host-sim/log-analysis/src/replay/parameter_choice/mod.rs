@@ -10,6 +10,7 @@ use nalgebra::Vector3;
 use super::evaluation::{CompassEvaluation, heading_deg};
 use super::parameter_export::{
     ExportedCorrection, HeldBackScore, ParameterFormat, export_correction, field_by_exported_parameters,
+    may_compensate_current,
 };
 use super::parameter_fit::{FitVariant, half_index_at};
 use super::reading_checks::{CheckOutcome, CheckedMeaning, ReadingCheck};
@@ -146,9 +147,13 @@ pub fn choose_parameters(
     let mut best_candidate =
         candidates.next().ok_or_else(|| NoParameters::Unsolved { found_mount: found_mount(evaluation, &rows) })?;
     for candidate in candidates {
-        if is_motor_significant(&candidate.solution) && candidate.held_back.rms_deg < best_candidate.held_back.rms_deg {
+        if may_compensate
+            && is_motor_significant(&candidate.solution)
+            && candidate.held_back.rms_deg < best_candidate.held_back.rms_deg
+        {
             best_candidate = candidate;
         }
+    let may_compensate = may_compensate_current(flight, evaluation.compass_number, format);
     }
     best_candidate.check_usefulness(sigma_deg)?;
     let ParameterCandidate { mut exported, held_back, .. } = best_candidate;
