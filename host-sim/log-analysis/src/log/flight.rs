@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use super::compass_slot::{CompassSlot, DeviceId, ardupilot_index, external_parameter};
 use super::correction::{FieldCorrection, logged_mounting, missing_parameters_of_slot, orientation_parameter};
+use super::late_heading::HeadingLatency;
 use super::load::LoggedLoad;
 use super::rates_problem::RatesProblem;
 use super::rotation::NumberedRotation;
@@ -190,6 +191,8 @@ pub struct LoggedFlight {
     pub loads: Vec<LoggedLoad>,
     /// Times and armed states at each change; before the first change the aircraft had the opposite state.
     pub armed_changes: Vec<(f64, bool)>,
+    /// Latencies of GPS yaw and of the reference heading that were removed.
+    pub heading_latencies: Vec<HeadingLatency>,
     /// A simulator's true roll, pitch and yaw, radians, for scoring only.
     pub true_attitude: Series<3>,
     /// Logged reference heading, radians, from an arbitrary north.
@@ -284,6 +287,7 @@ impl LoggedFlight {
             is_current_negated: false,
             loads: Vec::new(),
             armed_changes: Vec::new(),
+            heading_latencies: Vec::new(),
             true_attitude: Series::new(),
             reference_heading: Series::new(),
             row_usability: Series::new(),
