@@ -3,7 +3,7 @@
 
 use std::fmt;
 
-use autoswing::calibration::{Orientation, Solution, SolveError};
+use autoswing::calibration::{Calibration, Orientation, Solution, SolveError};
 use autoswing_module::messages::Refusal;
 use nalgebra::Vector3;
 
@@ -69,6 +69,13 @@ pub enum NoParameters {
         expected_error_deg: f64,
         /// Manoeuvre that the flight lacks most.
         manoeuvre: Option<String>,
+    },
+    /// The Earth's field is so steep there that its horizontal part is weak.
+    WeakHorizontalField {
+        /// Inclination by the fit, degrees.
+        inclination_deg: f64,
+        /// Horizontal part of the field, microtesla.
+        horizontal_ut: f64,
     },
     /// Residuals that the fit does not explain leave the parameters too uncertain.
     Residuals {
@@ -143,6 +150,7 @@ pub fn choose_parameters(
             held_back,
         })
     };
+    let may_compensate = may_compensate_current(flight, evaluation.compass_number, format);
     let mut candidates = parameter_fit.fit_variants.iter().filter_map(candidate);
     let mut best_candidate =
         candidates.next().ok_or_else(|| NoParameters::Unsolved { found_mount: found_mount(evaluation, &rows) })?;
@@ -153,7 +161,6 @@ pub fn choose_parameters(
         {
             best_candidate = candidate;
         }
-    let may_compensate = may_compensate_current(flight, evaluation.compass_number, format);
     }
     best_candidate.check_usefulness(sigma_deg)?;
     let ParameterCandidate { mut exported, held_back, .. } = best_candidate;
@@ -179,7 +186,10 @@ impl ParameterCandidate {
         let unexplained_deg = (square(rms_deg) - square(self.exported.heading_loss_deg[0])).max(0.0).sqrt();
         let is_improvement =
             as_logged_rms_deg - rms_deg >= MIN_GAIN_DEG && rms_deg <= (1.0 - MIN_RELATIVE_GAIN) * as_logged_rms_deg;
-        if let Some(dependence) =
+        let is_inaccurate = expected_error_deg > MAX_EXPECTED_ERROR_DEG || rms_deg > GOOD_COMPASS_RMS_DEG;
+        if let Some(weak_field) = weak_horizontal_field(&self.solution.calibration).filter(|_| is_inaccurate) {
+            Err(weak_field)
+        } else if let Some(dependence) =
             residual_dependence(&self.solution).filter(|_| expected_error_deg > MAX_EXPECTED_ERROR_DEG)
         {
             Err(NoParameters::Residuals { expected_error_deg, dependence })
@@ -213,6 +223,16 @@ fn found_mount(evaluation: &CompassEvaluation, rows: &[ReplayRow]) -> Option<Ori
     let rotated_rows: Vec<ReplayRow> = rows.iter().map(|row| row.in_rotated_axes(&body_from_sensor)).collect();
     let (_, is_accepted) = solve_rows(&rotated_rows, &ReplayOptions::with_selection(RowSelection::All));
     is_accepted.then_some(found)
+}
+
+/// Names a horizontal field of less than a sixth of the field, where an error of the field of 1 % bends headings by over 3
+/// deg.
+fn weak_horizontal_field(calibration: &Calibration) -> Option<NoParameters> {
+    const MIN_WEAK_INCLINATION_DEG: f64 = 80.0;
+    let inclination_deg = f64::from(calibration.inclination_rad.to_degrees());
+    let horizontal_ut = f64::from(calibration.total_ut) * libm::cos(inclination_deg.to_radians());
+    (inclination_deg.abs() > MIN_WEAK_INCLINATION_DEG)
+        .then_some(NoParameters::WeakHorizontalField { inclination_deg, horizontal_ut })
 }
 
 /// Quantity on which residuals depend that make up most of the expected error.
@@ -292,6 +312,7 @@ impl NoParameters {
             Self::FewRows(_) => "few-rows",
             Self::Unsolved { .. } => "unsolved",
             Self::Unobservable { .. } => "unobservable",
+            Self::WeakHorizontalField { .. } => "weak-horizontal-field",
             Self::Residuals { .. } => "residuals",
             Self::Unverified => "unverified",
             Self::NoGain(_) => "no-gain",
@@ -323,6 +344,11 @@ impl fmt::Display for NoParameters {
                 write!(f, "the attitudes flown leave an error of {expected_error_deg:.1} deg over all headings")?;
                 manoeuvre.as_ref().map_or(Ok(()), |manoeuvre| write!(f, "; missing most: {manoeuvre}"))
             }
+            Self::WeakHorizontalField { inclination_deg, horizontal_ut } => write!(
+                f,
+                "the horizontal field is only {horizontal_ut:.1} uT there, at an inclination of {inclination_deg:.0} deg: errors \
+                 of the field and of the attitude bend headings too much"
+            ),
             Self::Unverified => f.write_str("the fit fails the module's verification, and no reference confirms it"),
             Self::NoGain(HeldBackScore { as_logged_rms_deg, is_estimate: true, .. }) => {
                 write!(f, "its field is consistent to {as_logged_rms_deg:.1} deg as logged, and no fit is better")
