@@ -37,10 +37,10 @@ pub struct FlyOptions {
     /// Seed of weather, ground, waves, noise and, for `random`, of airframe and place, 0 to 18446744073709551615
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer_in_range(0, u64::MAX))]
     seed: u64,
-    /// Kind of aircraft: `plane`, `copter`, `vtol`, `rover` or `boat`; or an airframe as for --airframe, flown as an
-    /// aeroplane
-    #[arg(long, default_value = "plane", value_name = "plane|copter|vtol|rover|boat")]
-    aircraft: String,
+    /// Kind of aircraft: `plane`, `copter`, `vtol`, `rover` or `boat`; or an airframe as for --airframe [default: the kind
+    /// in the airframe file, else plane]
+    #[arg(long, value_name = "plane|copter|vtol|rover|boat")]
+    aircraft: Option<String>,
     /// Airframe's hard and soft iron: `table1` (the UAV of Liu 2007, table 1), `random` (drawn from the seed), or an
     /// airframe file such as host-sim/airframes/example.toml [default: table1]
     #[arg(long, value_name = "table1|random|FILE")]
@@ -77,6 +77,8 @@ pub struct FlyOptions {
     console: bool,
 }
 
+const DEFAULT_AIRFRAME: &str = "table1";
+
 const DEFAULT_REPORT: &str = "report";
 
 /// Flies the mission of the options in the simulator.
@@ -89,30 +91,31 @@ pub fn run_fly(options: &FlyOptions) -> Result<ExitCode, CommandFailure> {
 }
 
 impl FlyOptions {
-    /// The world of the options. `--aircraft` names a kind of aircraft, or an airframe.
+    /// The world of the options. `--aircraft` names a kind of aircraft, which replaces that of the file, or an airframe.
     ///
     /// # Errors
     ///
     /// The airframe is unknown, or its file cannot be read.
     pub fn world_config(&self) -> Result<WorldConfig, CommandFailure> {
         let named = |name: &str| named_world(name, self.seed);
-        let world = match (VehicleKind::from_name(&self.aircraft), &self.airframe) {
-            (Some(kind), airframe_name) => named(airframe_name.as_deref().unwrap_or("table1"))?.with_vehicle_kind(kind),
-            (None, None) => named(&self.aircraft)?,
-            (None, Some(_)) => {
-                let kinds = VehicleKind::ALL_VEHICLES.map(VehicleKind::vehicle_name).join(", ");
-                return Err(CommandFailure(format!(
-                    "--aircraft {}: with --airframe it is one of {kinds}",
-                    self.aircraft
-                )));
-            }
+        let airframe_name = self.airframe.as_deref();
+        let world = match &self.aircraft {
+            None => named(airframe_name.unwrap_or(DEFAULT_AIRFRAME))?,
+            Some(aircraft) => match (VehicleKind::from_name(aircraft), airframe_name) {
+                (Some(kind), _) => named(airframe_name.unwrap_or(DEFAULT_AIRFRAME))?.with_vehicle_kind(kind),
+                (None, None) => named(aircraft)?,
+                (None, Some(_)) => {
+                    let kinds = VehicleKind::ALL_VEHICLES.map(VehicleKind::vehicle_name).join(", ");
+                    return Err(CommandFailure(format!("--aircraft {aircraft}: with --airframe it is one of {kinds}")));
+                }
+            },
         };
         let world = if self.current > 0.0 { world.with_current_interference(self.current) } else { world };
         Ok(WorldConfig { reports_current: self.tell_current, sensor: self.sensor, ..world })
     }
 
     fn is_airframe_random(&self) -> bool {
-        self.airframe.as_deref().unwrap_or(&self.aircraft) == "random"
+        self.airframe.as_ref().or(self.aircraft.as_ref()).is_some_and(|name| name == "random")
     }
 }
 
@@ -160,8 +163,8 @@ impl RecordedMission {
 fn report_origin(options: &FlyOptions) -> ReportOrigin {
     let setting = |name: &str, value: String| [name.to_owned(), value];
     let mut settings = vec![
-        setting("aircraft", options.aircraft.clone()),
-        setting("airframe", options.airframe.clone().unwrap_or_else(|| "table1".to_owned())),
+        setting("aircraft", options.aircraft.clone().unwrap_or_else(|| "that of the airframe".to_owned())),
+        setting("airframe", options.airframe.clone().unwrap_or_else(|| DEFAULT_AIRFRAME.to_owned())),
         setting("seed", options.seed.to_string()),
     ];
     if options.current > 0.0 {
@@ -318,6 +321,15 @@ mod tests {
                 world_of_arguments(&["--aircraft", vehicle_kind.vehicle_name(), "--airframe", "random", "--seed", "3"]);
             assert_eq!(random, Ok(WorldConfig::random_world(3).with_vehicle_kind(vehicle_kind)));
         }
+        let file = std::env::temp_dir().join(format!("autoswing-boat-{}.toml", std::process::id()));
+        let example = include_str!("../airframes/example.toml");
+        std::fs::write(&file, example.replace("kind = \"plane\"", "kind = \"boat\"")).unwrap();
+        let kinds = [&[][..], &["--aircraft", "rover"]].map(|arguments| {
+            let arguments = [&["--airframe", file.to_str().unwrap()], arguments].concat();
+            world_of_arguments(&arguments).map(|world| world.aircraft.kind)
+        });
+        std::fs::remove_file(&file).unwrap();
+        assert_eq!(kinds, [Ok(VehicleKind::Boat), Ok(VehicleKind::Rover)]);
         let current = world_of_arguments(&["--aircraft", "copter", "--current", "12"]);
         assert_eq!(
             current,

@@ -72,10 +72,21 @@ macro_rules! message_table {
                     time_boot_ms: u32, lat: i32, lon: i32, alt: i32, relative_alt: i32, vx: i16, vy: i16, vz: i16,
                     hdg: u16
                 }
+                /// Pulses of the outputs, microseconds.
+                SERVO_OUTPUT_RAW: SERVO_OUTPUT_RAW_DATA = 36, crc 222 {
+                    time_usec: u32, servo1_raw: u16, servo2_raw: u16, servo3_raw: u16, servo4_raw: u16, servo5_raw: u16,
+                    servo6_raw: u16, servo7_raw: u16, servo8_raw: u16, port: u8;
+                    extension servo9_raw: u16, servo10_raw: u16, servo11_raw: u16, servo12_raw: u16, servo13_raw: u16,
+                    servo14_raw: u16, servo15_raw: u16, servo16_raw: u16
+                }
                 /// Requests a group of messages; superseded by `MAV_CMD_SET_MESSAGE_INTERVAL`.
                 REQUEST_DATA_STREAM: REQUEST_DATA_STREAM_DATA = 66, crc 148 {
                     req_message_rate: u16, target_system: u8, target_component: u8, req_stream_id: MavDataStream,
                     start_stop: u8
+                }
+                /// Figures of a head-up display.
+                VFR_HUD: VFR_HUD_DATA = 74, crc 20 {
+                    airspeed: f32, groundspeed: f32, alt: f32, climb: f32, heading: i16, throttle: u16
                 }
                 /// A command with a position in integers.
                 COMMAND_INT: COMMAND_INT_DATA = 75, crc 158 {
@@ -147,12 +158,26 @@ macro_rules! message_table {
                     severity: MavSeverity, text: CharArray<50>;
                     extension id: u16, chunk_seq: u8
                 }
+                /// Speed, voltage and current of four speed controllers, from the number of the first.
+                ESC_STATUS: ESC_STATUS_DATA = 291, crc 10 {
+                    time_usec: u64, rpm: [i32; 4], voltage: [f32; 4], current: [f32; 4], index: u8
+                }
             }
             ardupilotmega {
                 /// True state of a simulated vehicle.
                 SIMSTATE: SIMSTATE_DATA = 164, crc 154 {
                     roll: f32, pitch: f32, yaw: f32, xacc: f32, yacc: f32, zacc: f32, xgyro: f32, ygyro: f32,
                     zgyro: f32, lat: i32, lng: i32
+                }
+                /// Telemetry of the first four speed controllers, voltage and current in hundredths.
+                ESC_TELEMETRY_1_TO_4: ESC_TELEMETRY_1_TO_4_DATA = 11030, crc 144 {
+                    voltage: [u16; 4], current: [u16; 4], totalcurrent: [u16; 4], rpm: [u16; 4], count: [u16; 4],
+                    temperature: [u8; 4]
+                }
+                /// Telemetry of the next four speed controllers.
+                ESC_TELEMETRY_5_TO_8: ESC_TELEMETRY_5_TO_8_DATA = 11031, crc 133 {
+                    voltage: [u16; 4], current: [u16; 4], totalcurrent: [u16; 4], rpm: [u16; 4], count: [u16; 4],
+                    temperature: [u8; 4]
                 }
             }
         }

@@ -242,6 +242,20 @@ fn banks_into_turns(samples: Samples<'_>) -> bool {
         || product_sum > MIN_BANK_TO_TURN_RATE_CORRELATION * sqrt(bank_squares * rate_squares)
 }
 
+/// Tilt of a vehicle that lists steadily, which it keeps when it turns on the spot; else level.
+fn steady_list(samples: Samples<'_>) -> RollPitch {
+    /// Mean tilt that is a list, radians (5 deg): more than a trim or a mounting is off.
+    const MIN_LIST_RAD: f32 = 0.087;
+    let (mut sum_rad, mut count) = ([0.0_f32; 2], 0.0_f32);
+    for sample in samples.samples_of_part(CollectionPart::FREE) {
+        sum_rad = [sum_rad[0] + sample.attitude.roll_rad, sum_rad[1] + sample.attitude.pitch_rad];
+        count += 1.0;
+    }
+    let [roll_rad, pitch_rad] = sum_rad.map(|sum| sum / count.max(1.0));
+    let is_listing = roll_rad * roll_rad + pitch_rad * pitch_rad > MIN_LIST_RAD * MIN_LIST_RAD;
+    if is_listing { RollPitch { roll_rad, pitch_rad } } else { RollPitch::default() }
+}
+
 #[inline(never)]
 pub(in crate::calibration) fn select_manoeuvre(
     information: &Information,
@@ -270,12 +284,14 @@ pub(in crate::calibration) fn select_manoeuvre(
         (false, true) => VehicleMotion::TiltsOnKnownHeading,
         (false, false) => VehicleMotion::TiltsOnUnknownHeading,
     };
+    let rest_attitude = steady_list(fit.samples);
     let (manoeuvre, error_after_deg) = (0..)
         .map_while(|index| Manoeuvre::nth_candidate(index, vehicle_motion))
         .filter_map(|manoeuvre| {
             let mut hypothetical = information.clone();
+            let attitude = if manoeuvre == Manoeuvre::YawTurn { rest_attitude } else { manoeuvre.attitude() };
             for heading_rad in manoeuvre.headings_rad() {
-                hypothetical.add_hypothetical_sample(likelihood, &parameters, manoeuvre.attitude(), heading_rad);
+                hypothetical.add_hypothetical_sample(likelihood, &parameters, attitude, heading_rad);
             }
             Some((manoeuvre, rms_deg(&hypothetical, CovarianceContent::All)?))
         })
@@ -375,6 +391,20 @@ mod tests {
             assert_eq!(banks_into_turns(free_samples(&samples)), expected, "{name}");
         }
         assert!(banks_into_turns(Samples::default()), "turns were asked for");
+    }
+
+    /// A boat that lists by 8 deg in waves of 4 deg keeps the list; waves alone, and a trim of 3 deg, are no list.
+    #[test]
+    fn a_listing_vehicle_is_not_expected_to_turn_level() {
+        for (list_deg, expected_deg) in [(8.0, 8.0), (-8.0, -8.0), (3.0, 0.0), (0.0, 0.0)] {
+            let sample = |i: u8| {
+                let roll_deg = list_deg + 4.0 * (f32::from(i) * TAU / 20.0).sin();
+                Sample::new(Field::from_ut(20.0, 0.0, 40.0), RollPitch::from_deg(roll_deg, 0.0))
+            };
+            let samples: Vec<Sample> = (0..100).map(sample).collect();
+            let found_deg = steady_list(free_samples(&samples)).roll_rad.to_degrees();
+            assert!((found_deg - expected_deg).abs() < 0.1, "{list_deg}: {found_deg}");
+        }
     }
 
     fn advice_with_errors(expected_deg: f32, expected_after_deg: f32, error_floor_deg: f32) -> Advice {

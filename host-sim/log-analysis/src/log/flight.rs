@@ -8,6 +8,8 @@ use serde::Serialize;
 use super::compass_slot::{CompassSlot, DeviceId, firmware_version};
 use super::correction::{FieldCorrection, missing_parameters_of_slot};
 use super::correction_residual::CorrectionResidual;
+use super::late_heading::HeadingLatency;
+use super::load::LoggedLoad;
 use super::mounting::{CustomRotation, logged_mounting, mounting_parameters, orientation_parameter};
 use super::rates_problem::RatesProblem;
 use super::rotation::NumberedRotation;
@@ -190,8 +192,12 @@ pub struct LoggedFlight {
     pub battery_current: Series<1>,
     /// Whether the logged current is negative, and used by its size.
     pub is_current_negated: bool,
+    /// Outputs, and currents beside that of the first battery.
+    pub loads: Vec<LoggedLoad>,
     /// Times and armed states at each change; before the first change the aircraft had the opposite state.
     pub armed_changes: Vec<(f64, bool)>,
+    /// Latencies of GPS yaw and of the reference heading that were removed.
+    pub heading_latencies: Vec<HeadingLatency>,
     /// A simulator's true roll, pitch and yaw, radians, for scoring only.
     pub true_attitude: Series<3>,
     /// Logged reference heading, radians, from an arbitrary north.
@@ -296,7 +302,9 @@ impl LoggedFlight {
             gps: Series::new(),
             battery_current: Series::new(),
             is_current_negated: false,
+            loads: Vec::new(),
             armed_changes: Vec::new(),
+            heading_latencies: Vec::new(),
             true_attitude: Series::new(),
             reference_heading: Series::new(),
             row_usability: Series::new(),

@@ -12,6 +12,7 @@ use super::compass_slot::{
 use super::correction::{FieldCorrection, InvertibleCorrection};
 use super::correction_residual::CorrectionResidual;
 use super::flight::{AttitudeView, AutopilotKind, Gps, LogFormat, LoggedCompass, LoggedFlight};
+use super::load::LoadRows;
 use super::mounting::px4_mounting;
 use super::parameters::ParameterHistory;
 use super::time_series::{Series, TimedRow};
@@ -42,6 +43,8 @@ pub struct FlightBuilder {
     other_receiver_yaws: BTreeMap<u8, Series<1>>,
     /// Offsets in use by compass, milligauss.
     offset_rows: BTreeMap<u8, Series<3>>,
+    /// Outputs, and currents beside that of the first battery.
+    pub loads: LoadRows,
 }
 
 /// Correction and axes of a logged magnetic field.
@@ -76,6 +79,7 @@ impl FlightBuilder {
             field_rows: Vec::new(),
             other_receiver_yaws: BTreeMap::new(),
             offset_rows: BTreeMap::new(),
+            loads: LoadRows::default(),
         }
     }
 
@@ -204,6 +208,7 @@ impl FlightBuilder {
         fill_in_yaws(&mut flight.gps, std::mem::take(&mut self.other_receiver_yaws));
         flight.battery_current.sort_and_dedup();
         repair_current_of_flight(flight);
+        flight.loads = std::mem::take(&mut self.loads).into_loads();
         flight.reference_heading.sort_and_dedup();
         flight.row_usability.sort_and_dedup();
         flight.skipped_counts.repeated_times += attitude_repeats as u64;

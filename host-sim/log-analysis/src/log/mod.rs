@@ -24,6 +24,10 @@ pub mod csv;
 mod dataflash;
 mod flight;
 mod flight_builder;
+mod heading_integral;
+mod heading_latency;
+mod late_heading;
+mod load;
 pub mod log_writers;
 mod mounting;
 mod parameters;
@@ -47,6 +51,9 @@ pub use flight::{
     AttitudeView, AutopilotKind, Gps, LogFormat, LoggedCompass, LoggedFlight, SkippedCounts,
     missing_ardupilot_parameters, mounting_parameter_changes,
 };
+pub(crate) use heading_integral::{integral_at, integrate_heading};
+pub use late_heading::HeadingLatency;
+pub use load::{LoadSource, LoggedLoad};
 pub use mounting::{CustomRotation, SensorOrientation};
 pub(crate) use mounting::{logged_mounting, orientation_parameter, px4_external_trim, px4_mounting};
 pub use parameters::ParameterHistory;
@@ -158,6 +165,7 @@ pub fn read_flight_of_system(
 ) -> Result<LoggedFlight, LogError> {
     let mut flight = read_with_unchecked_rates(source, unit, system)?;
     rates::check_and_repair_rates(&mut flight);
+    heading_latency::remove_heading_latencies(&mut flight);
     Ok(flight)
 }
 

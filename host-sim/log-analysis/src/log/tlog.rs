@@ -6,10 +6,13 @@
 
 use std::io::{self, Read};
 
-use mavlink_dialect::{MavMessage, MavParamType, MavlinkVersion, Message, PARAM_VALUE_DATA, calculate_crc};
+use mavlink_dialect::{
+    MavMessage, MavParamType, MavlinkVersion, Message, PARAM_VALUE_DATA, SERVO_OUTPUT_RAW_DATA, calculate_crc,
+};
 
 use super::flight::{AutopilotKind, Gps, LogFormat, LoggedFlight};
 use super::flight_builder::{FieldProcessing, FlightBuilder};
+use super::load::{LoadRows, LoadSource};
 use super::read_window::ReadWindow;
 use super::time_series::Series;
 
@@ -343,6 +346,16 @@ impl TlogReader {
                     self.builder.push_current(t_s, f32::from(payload.current_battery) * 0.01);
                 }
             }
+            MavMessage::BATTERY_STATUS(_)
+            | MavMessage::ESC_STATUS(_)
+            | MavMessage::ESC_TELEMETRY_1_TO_4(_)
+            | MavMessage::ESC_TELEMETRY_5_TO_8(_)
+            | MavMessage::SERVO_OUTPUT_RAW(_)
+            | MavMessage::VFR_HUD(_) => {
+                if let Some(t_s) = self.receiver_time_s(frame) {
+                    record_loads(&mut self.builder.loads, t_s, message);
+                }
+            }
             MavMessage::SYSTEM_TIME(payload) => {
                 self.sender_time_s(frame, u64::from(payload.time_boot_ms) * 1000);
                 self.builder.set_day_from_unix_s(payload.time_unix_usec / 1_000_000);
@@ -421,6 +434,62 @@ impl TlogReader {
         let since_us = frame.received_us.saturating_sub(received_us).min(MAX_BRIDGED_US);
         self.builder.timeline.flight_time_s(sent_us + since_us)
     }
+}
+
+/// Adds the loads of a message. The first battery is that of SYS_STATUS.
+fn record_loads(loads: &mut LoadRows, t_s: f64, message: &MavMessage) {
+    match message {
+        MavMessage::BATTERY_STATUS(payload) if payload.id > 0 && payload.current_battery != -1 => {
+            let amperes = f32::from(payload.current_battery) * 0.01;
+            loads.push_value(LoadSource::Battery(payload.id.saturating_add(1)), t_s, amperes);
+        }
+        MavMessage::ESC_STATUS(payload) => {
+            let source = |number: u8| LoadSource::Esc(number.saturating_add(payload.index));
+            loads.push_values(source, t_s, payload.current.map(Some));
+        }
+        MavMessage::ESC_TELEMETRY_1_TO_4(payload) => {
+            loads.push_values(
+                LoadSource::Esc,
+                t_s,
+                payload.current.map(|hundredths| Some(f32::from(hundredths) * 0.01)),
+            );
+        }
+        MavMessage::ESC_TELEMETRY_5_TO_8(payload) => {
+            let source = |number: u8| LoadSource::Esc(number.saturating_add(4));
+            loads.push_values(source, t_s, payload.current.map(|hundredths| Some(f32::from(hundredths) * 0.01)));
+        }
+        MavMessage::SERVO_OUTPUT_RAW(payload) if payload.port == 0 => {
+            loads.push_values(
+                LoadSource::Output,
+                t_s,
+                servo_pulses_us(payload).map(|pulse_us| Some(f32::from(pulse_us))),
+            );
+        }
+        MavMessage::VFR_HUD(payload) => loads.push_value(LoadSource::Throttle, t_s, f32::from(payload.throttle)),
+        _ => {}
+    }
+}
+
+/// Pulses of the outputs, microseconds; zero of those not in use.
+const fn servo_pulses_us(payload: &SERVO_OUTPUT_RAW_DATA) -> [u16; 16] {
+    [
+        payload.servo1_raw,
+        payload.servo2_raw,
+        payload.servo3_raw,
+        payload.servo4_raw,
+        payload.servo5_raw,
+        payload.servo6_raw,
+        payload.servo7_raw,
+        payload.servo8_raw,
+        payload.servo9_raw,
+        payload.servo10_raw,
+        payload.servo11_raw,
+        payload.servo12_raw,
+        payload.servo13_raw,
+        payload.servo14_raw,
+        payload.servo15_raw,
+        payload.servo16_raw,
+    ]
 }
 
 /// Value of a parameter: PX4 sends the bits of an integer in the float, ArduPilot the number as a float.

@@ -6,6 +6,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::baseline_fits;
+use super::bending_load::{BendingLoad, find_bending_loads};
 use super::field_latency::{self, FieldLatency};
 use super::hard_iron_changes::{LoggedHardIronChange, find_changes};
 use super::logged_accuracy::yaw_sectors;
@@ -78,6 +79,8 @@ pub struct CompassEvaluation {
     pub hard_iron_changes: Vec<LoggedHardIronChange>,
     /// Change of the sensor in flight; the changes of hard iron that it appears as are removed.
     pub sensor_change: Option<SensorChange>,
+    /// Loads that bend the field.
+    pub bending_loads: Vec<BendingLoad>,
     /// Fits from which the autopilot's parameters are made.
     pub parameter_fit: ParameterFit,
 }
@@ -268,6 +271,9 @@ fn evaluate_compass(
         // A changed sensor appears as iron, not only at its time: no fit of both parts is right.
         changes.clear();
     }
+    let bending_loads = initial
+        .filter(|_| sensor_change.is_none())
+        .map_or_else(Vec::new, |initial| find_bending_loads(&rows, flight, &initial, &changes));
     let remounted_s = mounting_parameter_changes(flight, compass.compass_number).into_iter().map(|(_, at_s)| at_s);
     let last_change_s = changes
         .iter()
@@ -292,6 +298,7 @@ fn evaluate_compass(
         sphere_radius_ut,
         hard_iron_changes: changes,
         sensor_change,
+        bending_loads,
         parameter_fit,
     }
 }

@@ -1,9 +1,11 @@
 //! Replays a recorded flight through the module's instrument and state machine.
 
 pub mod baseline_fits;
+pub mod bending_load;
 mod data_loss;
 pub mod evaluation;
 pub mod field_latency;
+mod fit_residuals;
 mod frozen_field;
 pub mod gps_course;
 pub mod hard_iron_changes;

@@ -87,7 +87,7 @@ impl ReferenceHeading {
         let limits = match self {
             Self::Simulator => "exact; used for scoring, nothing else; a real flight has none",
             Self::Column => "of unknown accuracy",
-            Self::GpsYaw => "a degree or so, and late by what the receiver takes",
+            Self::GpsYaw => "a degree or so; its latency is estimated from the body rates where turns show it",
             Self::GpsCourse(course) => return course.accuracy_description(),
             Self::AutopilotYaw => {
                 "made with a compass, its errors included: this is agreement, not accuracy, and does not decide"

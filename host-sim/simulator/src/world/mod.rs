@@ -15,6 +15,7 @@ pub mod gyro;
 pub mod mavlink_autopilot;
 mod mavlink_frame;
 pub mod msp_autopilot;
+mod outputs;
 pub mod published_table1;
 pub mod rotation;
 mod simulated_world;

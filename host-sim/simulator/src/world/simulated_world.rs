@@ -13,6 +13,7 @@ use super::autopilot::Leg;
 use super::config::WorldConfig;
 use super::earth::Earth;
 use super::fault_interfaces::FieldFault;
+use super::outputs::outputs;
 use super::rotation::Euler;
 use super::state::TrueState;
 use crate::devices::sensor::FieldSource;
@@ -71,6 +72,12 @@ impl World {
     pub fn reported_current_a(&self, now_us: u64) -> Option<f64> {
         let is_reported = self.world_config().reports_current;
         is_reported.then(|| self.true_state(now_us.saturating_sub(REPORTED_CURRENT_AGE_US)).current_a())
+    }
+
+    /// Outputs of the autopilot to servos and speed controllers, 0 to 1.
+    #[must_use]
+    pub fn outputs(&self, at_us: u64) -> [f64; 4] {
+        outputs(&self.world_config(), &self.true_state(at_us))
     }
 
     /// Field in chip axes at a time between two seconds ago and now.

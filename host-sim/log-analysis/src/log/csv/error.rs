@@ -2,8 +2,10 @@
 
 use std::fmt;
 
+use super::scale_problem::ScaleProblem;
+
 /// Reason why a table cannot be read.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum CsvError {
     /// The source cannot be read, with the reason.
     Unreadable(String),
@@ -11,6 +13,10 @@ pub enum CsvError {
     MissingColumn(String),
     /// A column of body rates is missing although others are present; its name.
     MissingRateColumn(&'static str),
+    /// The header declares a unit that is not known; names of the column and of the unit.
+    UnknownUnit(String, String),
+    /// The values contradict the units of the columns.
+    Scale(ScaleProblem),
     /// The table has no valid row; line number, column name and content of the first invalid cell.
     NoRows(Option<(u64, String, String)>),
 }
@@ -27,6 +33,8 @@ impl fmt::Display for CsvError {
                 )
             }
             Self::MissingRateColumn(name) => write!(f, "no column {name}; p_dps, q_dps and r_dps belong together"),
+            Self::UnknownUnit(column, unit) => write!(f, "unknown-unit: {column} has no unit {unit:?}"),
+            Self::Scale(problem) => problem.fmt(f),
             Self::NoRows(None) => f.write_str("there are no rows"),
             Self::NoRows(Some((line, column, found))) => {
                 write!(f, "there are no rows; line {line}, {column}: {found:?} cannot be read")

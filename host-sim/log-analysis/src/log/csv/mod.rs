@@ -15,7 +15,7 @@
 //! | `speed_m_s`, `course_deg` | optional, with position: speed and course over ground, from true north |
 //! | `armed` | optional: 0 or 1 |
 //!
-//! Of the required columns, `time`, `time_s`, `t`, `seconds`, `MagX`, `mag_x`, `roll`, `pitch` are other names. Other
+//! A unit in the header applies: `mx (uT)`, `roll [rad]`, `time_ms`. Of the required columns, `time`, `time_s`, `t`, `seconds`, `MagX`, `mag_x`, `roll`, `pitch` are other names. Other
 //! columns are ignored, as are lines that begin with `#` and a spreadsheet's `sep=`. Column names are
 //! case-insensitive. With semicolon or tab a comma is a decimal point. Empty and `nan` mean unknown. An invalid line is
 //! skipped and counted.
@@ -23,10 +23,12 @@
 //! Lines are parsed by hand in bounded memory: the crate `csv` buffers a record of any length, and real tables have
 //! unclosed quotes, decimal commas and truncated lines.
 
+mod column_unit;
 mod error;
 mod field_unit;
 mod rates;
 mod reader;
+mod scale_problem;
 mod table_cells;
 mod table_layout;
 
@@ -34,6 +36,7 @@ use std::io::Read;
 
 pub use error::CsvError;
 pub use field_unit::FieldUnit;
+pub use scale_problem::ScaleProblem;
 
 use super::flight::LoggedFlight;
 use super::read_window::ReadWindow;
@@ -195,6 +198,60 @@ mod tests {
             let error = error(&format!("t_s,mx,my,mz,roll_deg,pitch_deg,{rate_columns}\n"));
             assert_eq!(error, CsvError::MissingRateColumn(missing));
             assert!(error.to_string().starts_with(&format!("no column {missing};")), "{error}");
+        }
+    }
+
+    #[test]
+    fn units_in_the_header_apply() {
+        let expected = read_text(VALID_TABLE).unwrap();
+        let (header, rows) = VALID_TABLE.split_once('\n').unwrap();
+        for (name, declared, cells) in [
+            ("t_s", "time_ms", &["0,9", "100,9"][..]),
+            ("t_s", "t_s [us]", &["0,9", "100000,9"]),
+            ("roll_deg", "Roll (cdeg)", &[",1000,", ",1100,"]),
+            ("roll_deg", "roll_rad", &[",0.17453293,", ",0.19198622,"]),
+            ("mx", "mx (uT)", &[",10,", ",10.1,"]),
+            ("mx", "MagX_nT", &[",10000,", ",10100,"]),
+        ] {
+            let original = match name {
+                "t_s" => ["0,9", "0.1,9"],
+                "roll_deg" => [",10,", ",11,"],
+                _ => [",100,", ",101,"],
+            };
+            let rows = original.iter().zip(cells).fold(rows.to_owned(), |rows, (old, new)| rows.replacen(old, new, 1));
+            let text = format!("{}\n{rows}", header.replacen(name, declared, 1));
+            assert!(is_table(text.as_bytes()), "{text}");
+            let flight = read_text(&text).unwrap();
+            for (row, expected) in flight.compasses[0].field.rows().iter().zip(expected.compasses[0].field.rows()) {
+                assert!((row.t_s - expected.t_s).abs() < 1e-9, "{declared}");
+                assert!((row.row_values[0] - expected.row_values[0]).abs() < 1e-4, "{declared}");
+            }
+            let roll_rad = flight.attitude.rows()[1].row_values[0];
+            assert!((roll_rad - expected.attitude.rows()[1].row_values[0]).abs() < 1e-6, "{declared}");
+        }
+        let error = read_text(&VALID_TABLE.replacen("mx", "mx (furlong)", 1)).unwrap_err();
+        assert_eq!(error.to_string(), "unknown-unit: mx has no unit \"furlong\"");
+    }
+
+    /// Twenty-five rows at 10 Hz that turn, with the numbers of other units.
+    #[test]
+    fn values_beyond_the_units_of_the_columns_are_named() {
+        let table = |row: &dyn Fn(f64) -> [f64; 3]| {
+            let rows = (0..25).map(|i| {
+                let [t, mx, roll] = row(f64::from(i));
+                format!("{t},{mx},20000,30000,{roll},1\n")
+            });
+            format!("t_s,mx,my,mz,roll_deg,pitch_deg\n{}", rows.collect::<String>())
+        };
+        let wrapped = |number: f64| (number + 32_768.0).rem_euclid(65_536.0) - 32_768.0;
+        for (row, code) in [
+            (&(|i| [i / 10.0, 300.0, i]) as &dyn Fn(f64) -> [f64; 3], ""),
+            (&|i| [i * 100.0, 300.0, i], "time-unit: "),
+            (&|i| [i / 10.0, 300.0, i * 100.0], "angle-unit: "),
+            (&|i| [i / 10.0, wrapped(32_700.0 + 200.0 * libm::sin(i)), i], "field-wraps: mx "),
+        ] {
+            let error = read_text(&table(row)).err().map(|error| error.to_string()).unwrap_or_default();
+            assert!(error.starts_with(code) && error.is_empty() == code.is_empty(), "{code}: {error}");
         }
     }
 

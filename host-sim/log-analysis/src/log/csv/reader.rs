@@ -6,6 +6,7 @@ use super::super::time_series::Series;
 use super::error::CsvError;
 use super::field_unit::FieldUnit;
 use super::rates::rates_at_rows;
+use super::scale_problem::{ScaleMonitor, ScaleProblem, time_problem};
 use super::table_layout::{InvalidCell, TableLayout};
 
 /// Clock value assigned to the median time of the first lines, microseconds; large, so that earlier lines have positive
@@ -26,6 +27,8 @@ pub(super) struct TableReader {
     /// Whether the lines are not in order of time; then a step back is no restart of the clock.
     is_unordered: bool,
     first_invalid_cell: Option<(u64, String, String)>,
+    time_problem: Option<ScaleProblem>,
+    scale_monitor: ScaleMonitor,
 }
 
 impl TableReader {
@@ -51,6 +54,8 @@ impl TableReader {
             median_time_s,
             is_unordered,
             first_invalid_cell: None,
+            time_problem: time_problem(&times_s),
+            scale_monitor: ScaleMonitor::default(),
         }
     }
 
@@ -75,7 +80,12 @@ impl TableReader {
             if compass_number == 1 || given.iter().all(Option::is_some) {
                 let field =
                     [cells.required_number(x, "mx")?, cells.required_number(y, "my")?, cells.required_number(z, "mz")?];
-                fields.push((compass_number, field.map(|axis| (axis * unit.microtesla_per_unit()) as f32)));
+                if compass_number == 1 {
+                    self.scale_monitor.add_row([roll_deg, pitch_deg], field);
+                }
+                let microtesla_per_unit = [x, y, z].map(|index| table.microtesla_per_unit(index, unit));
+                let field_ut = std::array::from_fn(|axis| (field[axis] * microtesla_per_unit[axis]) as f32);
+                fields.push((compass_number, field_ut));
             }
         }
         let optional_number = |index: Option<usize>, name: &str| match index {
@@ -149,6 +159,10 @@ impl TableReader {
     }
 
     pub fn finish_flight(mut self) -> Result<LoggedFlight, CsvError> {
+        let scale_problem = self.time_problem.take().or_else(|| self.scale_monitor.problem(self.is_unordered));
+        if let Some(problem) = scale_problem {
+            return Err(CsvError::Scale(problem));
+        }
         self.rates.sort_and_dedup();
         for (t_s, rates_rad_s) in rates_at_rows(&self.rates) {
             self.builder.push_rates(t_s, rates_rad_s);

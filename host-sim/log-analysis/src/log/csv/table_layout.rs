@@ -1,7 +1,9 @@
 //! Columns of a table and the parser of its lines.
 
 use super::super::flight_builder::MAX_COMPASSES;
+use super::column_unit::{find_with_unit, name_and_unit, unit_size};
 use super::error::CsvError;
+use super::field_unit::FieldUnit;
 use super::table_cells::{cell_separator, trimmed_cell};
 
 pub(super) struct TableLayout {
@@ -20,6 +22,8 @@ pub(super) struct TableLayout {
     pub height_column: Option<usize>,
     pub speed_and_course_columns: [Option<usize>; 2],
     pub armed_column: Option<usize>,
+    /// Sizes of the declared units, by column.
+    unit_sizes: Vec<Option<f64>>,
 }
 
 /// Required columns with their alternative names.
@@ -48,8 +52,10 @@ fn find_column(names: &[&str], name: &str) -> Option<usize> {
 }
 
 pub(super) fn is_header(line: &str) -> bool {
-    let names: Vec<&str> = line.split(cell_separator(line)).map(trimmed_cell).collect();
-    let named_columns = ALTERNATIVE_NAMES.iter().filter(|(name, _)| find_column(&names, name).is_some()).count();
+    let names: Vec<&str> =
+        line.split(cell_separator(line)).map(trimmed_cell).map(|cell| name_and_unit(cell).0).collect();
+    let is_named = |name: &str| find_column(&names, name).is_some() || find_with_unit(&names, name).is_some();
+    let named_columns = ALTERNATIVE_NAMES.iter().filter(|(name, _)| is_named(name)).count();
     named_columns >= MIN_REQUIRED_COLUMNS || names.iter().any(|name| name.eq_ignore_ascii_case("t_s"))
 }
 
@@ -59,8 +65,11 @@ pub(super) type InvalidCell = (String, String);
 impl TableLayout {
     pub fn from_header(header: &str) -> Result<Self, CsvError> {
         let cell_separator = cell_separator(header);
-        let names: Vec<&str> = header.split(cell_separator).map(trimmed_cell).collect();
-        let find = |name: &str| find_column(&names, name);
+        let cells: Vec<(&str, Option<&str>)> =
+            header.split(cell_separator).map(trimmed_cell).map(name_and_unit).collect();
+        let names: Vec<&str> = cells.iter().map(|(name, _)| *name).collect();
+        let find =
+            |name: &str| find_column(&names, name).or_else(|| find_with_unit(&names, name).map(|(index, _)| index));
         let need = |name: &str| find(name).ok_or_else(|| CsvError::MissingColumn(name.to_owned()));
         let mut fields = vec![(1, [need("mx")?, need("my")?, need("mz")?])];
         for compass_number in 2..=MAX_COMPASSES {
@@ -70,7 +79,9 @@ impl TableLayout {
             }
         }
         let position_columns = find("lat_deg").zip(find("lon_deg")).map(|(latitude, longitude)| [latitude, longitude]);
+        let unit_sizes = declared_unit_sizes(&cells, &find)?;
         Ok(Self {
+            unit_sizes,
             cell_separator,
             column_count: names.len(),
             time_column: need("t_s")?,
@@ -95,15 +106,49 @@ impl TableLayout {
         extra.map_or(Ok(()), |cell| Err((where_found.to_owned(), cell.chars().take(40).collect())))
     }
 
-    pub fn split_line<'a>(&self, line: &'a str) -> LineCells<'a> {
+    /// Microtesla per unit of a column of the field.
+    pub fn microtesla_per_unit(&self, index: usize, unit: FieldUnit) -> f64 {
+        let declared = self.unit_sizes.get(index).copied().flatten();
+        declared.map_or_else(|| unit.microtesla_per_unit(), |_| 1.0)
+    }
+
+    pub fn split_line<'a>(&'a self, line: &'a str) -> LineCells<'a> {
         LineCells {
+            unit_sizes: &self.unit_sizes,
             cells: line.split(self.cell_separator).map(trimmed_cell).collect(),
             has_decimal_comma: self.cell_separator != ',',
         }
     }
 }
 
+/// Sizes of the units that the header declares for the columns that are read.
+fn declared_unit_sizes(
+    cells: &[(&str, Option<&str>)],
+    find: &dyn Fn(&str) -> Option<usize>,
+) -> Result<Vec<Option<f64>>, CsvError> {
+    let names: Vec<&str> = cells.iter().map(|(name, _)| *name).collect();
+    let mut sizes = vec![None; cells.len()];
+    let further =
+        (2..=MAX_COMPASSES).flat_map(|compass_number| ["mx", "my", "mz"].map(|axis| format!("{axis}{compass_number}")));
+    for column in COLUMNS_WITH_UNITS.map(str::to_owned).into_iter().chain(further) {
+        let Some(index) = find(&column) else { continue };
+        sizes[index] = match cells[index].1 {
+            Some(unit) => {
+                Some(unit_size(&column, unit).map_err(|()| CsvError::UnknownUnit(column.clone(), unit.to_owned()))?)
+            }
+            None if find_column(&names, &column).is_none() => find_with_unit(&names, &column).map(|(_, size)| size),
+            None => None,
+        };
+    }
+    Ok(sizes)
+}
+
+/// Columns whose units a header may declare.
+const COLUMNS_WITH_UNITS: [&str; 11] =
+    ["t_s", "mx", "my", "mz", "roll_deg", "pitch_deg", "yaw_ref_deg", "yaw_deg", "p_dps", "q_dps", "r_dps"];
+
 pub(super) struct LineCells<'a> {
+    unit_sizes: &'a [Option<f64>],
     cells: Vec<&'a str>,
     has_decimal_comma: bool,
 }
@@ -113,7 +158,7 @@ impl LineCells<'_> {
     pub fn number_in_column(&self, index: usize) -> Option<f64> {
         let text = self.cells.get(index).filter(|text| !text.is_empty() && !text.eq_ignore_ascii_case("nan"))?;
         // A cell with invalid text is an error, not a missing value.
-        Some(self.parse_cell(text).unwrap_or(f64::NAN))
+        Some(self.parse_cell(text).unwrap_or(f64::NAN) * self.unit_sizes.get(index).copied().flatten().unwrap_or(1.0))
     }
 
     fn parse_cell(&self, text: &str) -> Option<f64> {

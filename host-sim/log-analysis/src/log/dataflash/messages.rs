@@ -2,6 +2,7 @@
 
 use crate::log::flight::{AutopilotKind, Gps, LogFormat};
 use crate::log::flight_builder::{FieldProcessing, FlightBuilder, MAX_COMPASSES, SECONDARY_ATTITUDE_RANK};
+use crate::log::load::LoadSource;
 
 /// A message with named columns, scaled to degrees and m/s by their format letters.
 pub(super) trait LogMessage {
@@ -12,9 +13,9 @@ pub(super) trait LogMessage {
 }
 
 /// Names of the messages that are read.
-pub(super) const MESSAGES_TO_READ: [&str; 21] = [
+pub(super) const MESSAGES_TO_READ: [&str; 24] = [
     "MAG", "MAG2", "MAG3", "ATT", "IMU", "GPS", "BAT", "CURR", "XKF1", "NKF1", "XKQ", "XKQ1", "NKQ", "NKQ1", "AHR2",
-    "PARM", "MSG", "ARM", "EV", "SIM", "VER",
+    "PARM", "MSG", "ARM", "EV", "SIM", "VER", "RCOU", "ESC", "CTUN",
 ];
 
 pub(super) fn ardupilot_builder(format: LogFormat) -> FlightBuilder {
@@ -70,8 +71,15 @@ pub(super) fn record_message(builder: &mut FlightBuilder, name: &str, message: &
             receiver if has_3d_fix(message) => builder.push_other_receiver_yaw(receiver, t_s, gps_yaw_deg(message)),
             _ => {}
         },
-        "BAT" if message.numeric_field("Inst").or_else(|| message.numeric_field("Instance")).unwrap_or(0.0) == 0.0 => {
-            record_current(builder, t_s, message);
+        "BAT" => match instance(message) {
+            0 => record_current(builder, t_s, message),
+            battery => record_load(builder, t_s, LoadSource::Battery(battery.saturating_add(1)), message, "Curr"),
+        },
+        "ESC" => record_load(builder, t_s, LoadSource::Esc(instance(message).saturating_add(1)), message, "Curr"),
+        "CTUN" => record_load(builder, t_s, LoadSource::Throttle, message, "ThO"),
+        "RCOU" => {
+            let pulses_us = OUTPUT_COLUMNS.map(|column| message.numeric_field(column).map(|pulse_us| pulse_us as f32));
+            builder.loads.push_values(LoadSource::Output, t_s, pulses_us);
         }
         "CURR" => record_current(builder, t_s, message),
         "ARM" => {
@@ -204,6 +212,21 @@ fn record_gps(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) {
     {
         let time_of_week_ms = message.numeric_field("GMS").unwrap_or(0.0);
         builder.set_day_from_unix_s((GPS_EPOCH_UNIX_S + week * 604_800.0 + time_of_week_ms / 1e3) as u64);
+    }
+}
+
+/// Columns of the first outputs in RCOU.
+const OUTPUT_COLUMNS: [&str; 14] =
+    ["C1", "C2", "C3", "C4", "C5", "C6", "C7", "C8", "C9", "C10", "C11", "C12", "C13", "C14"];
+
+/// Number of a battery or a speed controller, from 0.
+fn instance(message: &dyn LogMessage) -> u8 {
+    message.numeric_field("Inst").or_else(|| message.numeric_field("Instance")).unwrap_or(0.0) as u8
+}
+
+fn record_load(builder: &mut FlightBuilder, t_s: f64, source: LoadSource, message: &dyn LogMessage, column: &str) {
+    if let Some(value) = message.numeric_field(column) {
+        builder.loads.push_value(source, t_s, value as f32);
     }
 }
 

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use super::recording::FlightRecording;
 
 /// Number, name, format letters and columns of each message written.
-const WRITTEN_MESSAGES: [(u8, &str, &str, &str); 8] = [
+const WRITTEN_MESSAGES: [(u8, &str, &str, &str); 10] = [
     (128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns"),
     (64, "PARM", "QNff", "TimeUS,Name,Value,Default"),
     (65, "MSG", "QZ", "TimeUS,Message"),
@@ -14,6 +14,8 @@ const WRITTEN_MESSAGES: [(u8, &str, &str, &str); 8] = [
     (68, "IMU", "QBfff", "TimeUS,I,GyrX,GyrY,GyrZ"),
     (69, "GPS", "QBBIHLLeff", "TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt,Spd,GCrs"),
     (70, "BAT", "QBff", "TimeUS,Inst,Volt,Curr"),
+    (71, "RCOU", "QHHHHHHHHHHHHHH", "TimeUS,C1,C2,C3,C4,C5,C6,C7,C8,C9,C10,C11,C12,C13,C14"),
+    (72, "ESC", "QBff", "TimeUS,Instance,Volt,Curr"),
 ];
 
 /// GPS week 2400 began 2026-01-04.
@@ -111,7 +113,15 @@ fn write_messages(recording: &FlightRecording, write: &mut dyn FnMut(usize, &[Co
         }
         let [p, q, r] = sample.rates_rad_s;
         row(5, &[0.0, p, q, r]);
-        row(7, &[0.0, 12.0, sample.current_a]);
+        for (battery, current_a) in [sample.current_a].iter().chain(&sample.further_currents_a).enumerate() {
+            row(7, &[battery as f64, 12.0, *current_a]);
+        }
+        if !sample.outputs.is_empty() {
+            row(8, &sample.output_pulses_us::<14>());
+        }
+        for (esc, current_a) in sample.esc_currents_a.iter().enumerate() {
+            row(9, &[esc as f64, 12.0, *current_a]);
+        }
         if let Some([latitude, longitude, height]) = recording.sample_position(sample).filter(|_| i % 2 == 0) {
             let [speed_m_s, course_rad] = sample.speed_and_course();
             let speed_and_course = [speed_m_s, course_rad.to_degrees()];

@@ -26,6 +26,12 @@ pub struct FlightSample {
     pub current_a: f64,
     /// Whether the aircraft is armed.
     pub is_armed: bool,
+    /// Outputs to servos and speed controllers, 0 to 1, at most 14.
+    pub outputs: Vec<f64>,
+    /// Currents of the speed controllers, amperes, at most 4.
+    pub esc_currents_a: Vec<f64>,
+    /// Currents of further batteries, amperes.
+    pub further_currents_a: Vec<f64>,
 }
 
 /// Simulated autopilot data of a flight, to be written as a log.
@@ -46,6 +52,11 @@ pub struct FlightRecording {
 }
 
 impl FlightSample {
+    /// Pulses of the outputs, microseconds, without those after the last; zero of outputs not in use.
+    pub(super) fn output_pulses_us<const N: usize>(&self) -> [f64; N] {
+        std::array::from_fn(|i| self.outputs.get(i).map_or(0.0, |fraction| (1000.0 + 1000.0 * fraction).round()))
+    }
+
     /// Speed over ground, m/s, and course, radians, 0 to 2 pi.
     pub(super) fn speed_and_course(&self) -> [f64; 2] {
         let [north, east] = self.velocity_m_s;

@@ -1,9 +1,10 @@
 //! MAVLink 2 writer with the receiver's clock, as ArduPilot sends it.
 
 use mavlink_dialect::{
-    ATTITUDE_DATA, GPS_RAW_INT_DATA, GpsFixType, HEARTBEAT_DATA, MAVLinkV2MessageRaw, MavAutopilot, MavHeader,
-    MavModeFlag, MavParamType, MavSysStatusSensor, MavType, MessageData, PARAM_VALUE_DATA, RAW_IMU_DATA,
-    SCALED_IMU2_DATA, SCALED_IMU3_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
+    ATTITUDE_DATA, BATTERY_STATUS_DATA, ESC_STATUS_DATA, GPS_RAW_INT_DATA, GpsFixType, HEARTBEAT_DATA,
+    MAVLinkV2MessageRaw, MavAutopilot, MavHeader, MavModeFlag, MavParamType, MavSysStatusSensor, MavType, MessageData,
+    PARAM_VALUE_DATA, RAW_IMU_DATA, SCALED_IMU2_DATA, SCALED_IMU3_DATA, SERVO_OUTPUT_RAW_DATA, SYS_STATUS_DATA,
+    SYSTEM_TIME_DATA,
 };
 
 use super::recording::{FLIGHT_START_UTC_US, FlightRecording, FlightSample};
@@ -24,6 +25,7 @@ pub fn encode_tlog(recording: &FlightRecording) -> Vec<u8> {
                 writer.write_message(&PARAM_VALUE_DATA { param_id, param_value, param_type, ..Default::default() });
             }
         }
+        writer.write_loads(sample);
         let time_boot_ms = (sample.time_us / 1000) as u32;
         let [roll, pitch, yaw] = sample.attitude_rad.map(|angle| angle as f32);
         let [rollspeed, pitchspeed, yawspeed] = sample.rates_rad_s.map(|rate| rate as f32);
@@ -63,6 +65,41 @@ impl FrameWriter {
         self.sequence = self.sequence.wrapping_add(1);
         self.bytes.extend((FLIGHT_START_UTC_US + self.received_us).to_be_bytes());
         self.bytes.extend(frame.raw_bytes());
+    }
+
+    fn write_loads(&mut self, sample: &FlightSample) {
+        if !sample.outputs.is_empty() {
+            let pulses_us = sample.output_pulses_us::<14>().map(|pulse_us| pulse_us as u16);
+            let [servo1_raw, servo2_raw, servo3_raw, servo4_raw, servo5_raw, servo6_raw, servo7_raw, ..] = pulses_us;
+            let [.., servo8_raw, servo9_raw, servo10_raw, servo11_raw, servo12_raw, servo13_raw, servo14_raw] =
+                pulses_us;
+            self.write_message(&SERVO_OUTPUT_RAW_DATA {
+                servo1_raw,
+                servo2_raw,
+                servo3_raw,
+                servo4_raw,
+                servo5_raw,
+                servo6_raw,
+                servo7_raw,
+                servo8_raw,
+                servo9_raw,
+                servo10_raw,
+                servo11_raw,
+                servo12_raw,
+                servo13_raw,
+                servo14_raw,
+                ..Default::default()
+            });
+        }
+        if !sample.esc_currents_a.is_empty() {
+            let current =
+                std::array::from_fn(|i| sample.esc_currents_a.get(i).map_or(f32::NAN, |amperes| *amperes as f32));
+            self.write_message(&ESC_STATUS_DATA { current, ..Default::default() });
+        }
+        for (id, current_a) in (1..).zip(&sample.further_currents_a) {
+            let current_battery = (current_a * 100.0) as i16;
+            self.write_message(&BATTERY_STATUS_DATA { id, current_battery, ..Default::default() });
+        }
     }
 
     /// Writes the messages that an autopilot sends once a second.

@@ -7,7 +7,7 @@ use crate::log::correction::FieldCorrection;
 use crate::log::mounting::px4_mounting;
 use crate::log::parameters::ParameterHistory;
 
-const ULOG_FORMATS: [&str; 7] = [
+const ULOG_FORMATS: [&str; 10] = [
     "vehicle_magnetometer:uint64_t timestamp;uint32_t device_id;float[3] magnetometer_ga;",
     "vehicle_attitude:uint64_t timestamp;float[4] q;",
     "vehicle_angular_velocity:uint64_t timestamp;float[3] xyz;",
@@ -16,6 +16,9 @@ const ULOG_FORMATS: [&str; 7] = [
      vel_e_m_s;float cog_rad;uint64_t time_utc_usec;uint8_t fix_type;",
     "vehicle_status:uint64_t timestamp;uint8_t vehicle_type;bool is_vtol;",
     "sensor_mag:uint64_t timestamp;uint32_t device_id;float x;float y;float z;",
+    "actuator_outputs:uint64_t timestamp;uint32_t noutputs;float[16] output;",
+    "esc_report:uint64_t timestamp;float esc_current;uint8_t esc_address;uint8_t[3] _padding0;",
+    "esc_status:uint64_t timestamp;uint8_t esc_count;uint8_t[7] _padding0;esc_report[4] esc;",
 ];
 
 /// Encodes a recording as ULog.
@@ -46,10 +49,20 @@ pub fn encode_ulog(recording: &FlightRecording) -> Vec<u8> {
     }
     let compasses = recording.compass_count();
     let mut subscribed: Vec<(u8, &str)> = (0..compasses).map(|i| (i as u8, "vehicle_magnetometer")).collect();
+    let further_batteries = recording.samples.first().map_or(0, |sample| sample.further_currents_a.len());
     subscribed.extend(
-        ["vehicle_attitude", "vehicle_angular_velocity", "battery_status", "vehicle_gps_position", "vehicle_status"]
-            .map(|n| (0, n)),
+        [
+            "vehicle_attitude",
+            "vehicle_angular_velocity",
+            "battery_status",
+            "vehicle_gps_position",
+            "vehicle_status",
+            "actuator_outputs",
+            "esc_status",
+        ]
+        .map(|n| (0, n)),
     );
+    subscribed.extend((0..further_batteries).map(|i| (i as u8 + 1, "battery_status")));
     let sensor_mag_id = subscribed.len();
     subscribed.extend((0..compasses).map(|i| (i as u8, "sensor_mag")));
     for (id, (instance, name)) in subscribed.iter().enumerate() {
@@ -78,6 +91,22 @@ pub fn encode_ulog(recording: &FlightRecording) -> Vec<u8> {
         data(compasses, &[&encode_floats(&quaternion_from_euler(sample.attitude_rad))]);
         data(compasses + 1, &[&encode_floats(&sample.rates_rad_s)]);
         data(compasses + 2, &[&encode_floats(&[sample.current_a]), &[1, 0, 0, 0]]);
+        for (battery, current_a) in sample.further_currents_a.iter().enumerate() {
+            data(compasses + 7 + battery, &[&encode_floats(&[*current_a]), &[1, 0, 0, 0]]);
+        }
+        if !sample.outputs.is_empty() {
+            data(compasses + 5, &[&16_u32.to_le_bytes(), &encode_floats(&sample.output_pulses_us::<16>())]);
+        }
+        if !sample.esc_currents_a.is_empty() {
+            let report = |esc: usize| {
+                let current = encode_floats(&[sample.esc_currents_a.get(esc).copied().unwrap_or(f64::NAN)]);
+                [&[0; 8], &current[..], &[0; 4]].concat()
+            };
+            data(
+                compasses + 6,
+                &[&[sample.esc_currents_a.len() as u8, 0, 0, 0, 0, 0, 0, 0], &[0, 1, 2, 3].map(report).concat()],
+            );
+        }
         if i % 10 == 0 {
             // Vehicle type: 1 is rotary wing, 2 is fixed wing.
             data(compasses + 4, &[&[if recording.is_copter { 1 } else { 2 }, 0]]);

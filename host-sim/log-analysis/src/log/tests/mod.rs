@@ -73,6 +73,9 @@ fn two_compass_recording(parameters: &[(&str, f64)]) -> FlightRecording {
             displacement_m: [0.0; 2],
             current_a: 10.0 + t_s / 10.0,
             is_armed: true,
+            outputs: Vec::new(),
+            esc_currents_a: Vec::new(),
+            further_currents_a: Vec::new(),
         }
     });
     FlightRecording {
@@ -279,4 +282,37 @@ fn a_log_of_a_known_format_that_is_not_read_is_named() {
     let sdlog2 = [&[0xA3, 0x95, 0x80, 129, 11][..], b"TIME\x51", &[0; 15], b"StartTime", &[0; 55]].concat();
     let error = read_bytes(&sdlog2).unwrap_err().to_string();
     assert!(error.contains("sdlog2"), "{error}");
+}
+
+/// Two outputs, of which one is constant, the currents of two speed controllers, and that of a second battery.
+#[test]
+fn loads_are_read_from_each_format_that_logs_them() {
+    let with_loads = |parameters: &[(&str, f64)]| {
+        let mut recording = two_compass_recording(parameters);
+        for (i, sample) in recording.samples.iter_mut().enumerate() {
+            let fraction = i as f64 / 400.0;
+            sample.outputs = vec![fraction, 0.5];
+            sample.esc_currents_a = vec![10.0 + fraction, 20.0 + fraction];
+            sample.further_currents_a = vec![5.0 + fraction];
+        }
+        recording
+    };
+    let (ardupilot, px4) = (with_loads(&ARDUPILOT_PARAMETERS), with_loads(&PX4_PARAMETERS));
+    let expected = [
+        (LoadSource::Battery(2), 5.0),
+        (LoadSource::Esc(1), 10.0),
+        (LoadSource::Esc(2), 20.0),
+        (LoadSource::Output(1), 0.0),
+    ];
+    for bytes in
+        [encode_dataflash(&ardupilot), encode_dataflash_text(&ardupilot), encode_tlog(&ardupilot), encode_ulog(&px4)]
+    {
+        let flight = read_bytes(&bytes).unwrap();
+        assert_eq!(flight.loads.len(), expected.len(), "{:?}: {:?}", flight.log_format, flight.loads.len());
+        for (load, (source, first)) in flight.loads.iter().zip(expected) {
+            let [value] = load.values.interpolate(60.0, 1.0).unwrap();
+            assert_eq!(load.source, source, "{:?}", flight.log_format);
+            assert!((f64::from(value) - first - 0.5).abs() < 0.05, "{:?} {source:?}: {value}", flight.log_format);
+        }
+    }
 }

@@ -12,6 +12,7 @@ use sensors::CompassAssignment;
 use super::dataflash::quaternion_to_euler_rad;
 use super::flight::{AutopilotKind, Gps, LogFormat, LoggedFlight};
 use super::flight_builder::{FieldProcessing, FlightBuilder};
+use super::load::LoadSource;
 use super::read_window::{MAX_PEEK_BYTES, ReadWindow};
 use super::time_series::Series;
 
@@ -31,6 +32,11 @@ const MAX_FORMAT_NESTING: u8 = 6;
 const ARMED_STATE: u8 = 2;
 
 const UT_PER_GAUSS: f32 = 100.0;
+
+/// Lengths of the arrays of `esc_status`, `actuator_motors` and `actuator_outputs`.
+const MAX_PX4_ESCS: usize = 8;
+const MAX_PX4_MOTORS: usize = 12;
+const MAX_PX4_OUTPUTS: usize = 16;
 
 /// Reads a flight.
 ///
@@ -274,10 +280,28 @@ impl UlogReader {
                 }
             }
             "vehicle_gps_position" if instance == 0 => record_gps(&mut self.builder, t_s, &row),
-            "battery_status" if instance == 0 => {
-                if let Some(amperes) = row.numeric_value("current_a") {
-                    self.builder.push_current(t_s, amperes as f32);
+            "battery_status" => {
+                if let Some(amperes) = row.numeric_value("current_a").map(|amperes| amperes as f32) {
+                    match instance {
+                        0 => self.builder.push_current(t_s, amperes),
+                        _ => {
+                            self.builder.loads.push_value(LoadSource::Battery(instance.saturating_add(1)), t_s, amperes)
+                        }
+                    }
                 }
+            }
+            "esc_status" if instance == 0 => {
+                let current = |esc: usize| row.numeric_value(&format!("esc[{esc}].esc_current"));
+                let currents_a = (0..MAX_PX4_ESCS).map(|esc| current(esc).map(|amperes| amperes as f32));
+                self.builder.loads.push_values(LoadSource::Esc, t_s, currents_a);
+            }
+            "actuator_motors" if instance == 0 => {
+                let commands = row.array_values::<MAX_PX4_MOTORS>("control").into_iter().flatten();
+                self.builder.loads.push_values(LoadSource::Motor, t_s, commands.map(Some));
+            }
+            "actuator_outputs" if instance == 0 => {
+                let outputs = row.array_values::<MAX_PX4_OUTPUTS>("output").into_iter().flatten();
+                self.builder.loads.push_values(LoadSource::Output, t_s, outputs.map(Some));
             }
             "vehicle_status" => {
                 if let Some(arming_state) = row.numeric_value("arming_state") {
@@ -316,7 +340,7 @@ impl UlogReader {
 }
 
 /// Names of the topics that are read.
-const READ_TOPICS: [&str; 10] = [
+const READ_TOPICS: [&str; 13] = [
     "sensor_mag",
     "vehicle_magnetometer",
     "vehicle_attitude",
@@ -326,6 +350,9 @@ const READ_TOPICS: [&str; 10] = [
     "sensor_combined",
     "vehicle_gps_position",
     "battery_status",
+    "esc_status",
+    "actuator_motors",
+    "actuator_outputs",
     "vehicle_status",
 ];
 

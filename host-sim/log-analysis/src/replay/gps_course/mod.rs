@@ -5,12 +5,11 @@
 //! error also has one cycle a turn. A fixed-wing aircraft points along its air velocity except for sideslip. The
 //! receiver's unknown latency does not matter in straight flight.
 
-use autoswing::attitude::{BodyRates, EulerRates};
-use autoswing::frames::{RollPitch, wrap_pi};
+use autoswing::frames::wrap_pi;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::log::time_series::Series;
-use crate::log::{Gps, LoggedFlight};
+use crate::log::{Gps, LoggedFlight, integral_at, integrate_heading};
 use crate::numbers::{median, square};
 
 /// Largest bank in straight flight, degrees; gusts roll by a few.
@@ -389,24 +388,11 @@ struct HeadingIntegral {
 
 impl HeadingIntegral {
     fn from_flight(flight: &LoggedFlight) -> Option<Self> {
-        let (mut nose, mut banked_times_s) = (Vec::new(), Vec::new());
-        let mut last: Option<(f64, f64, f64)> = None;
-        for row in flight.attitude.rows() {
-            let [roll_rad, pitch_rad, _] = row.row_values;
-            let rates_rad_s = flight.body_rates.interpolate(row.t_s, MAX_GAP_S);
-            let Some(body_rates) = rates_rad_s.and_then(BodyRates::from_rad_s) else { continue };
-            let motion = EulerRates::from_body_rates(body_rates, RollPitch { roll_rad, pitch_rad });
-            if wrap_pi(roll_rad).abs().to_degrees() > MAX_BANK_DEG {
-                banked_times_s.push(row.t_s);
-            }
-            let rate = f64::from(motion.heading_rad_s);
-            let heading_integral = last.map_or(0.0, |(t_s, heading_integral, before)| {
-                heading_integral + rate.midpoint(before) * (row.t_s - t_s)
-            });
-            nose.push((row.t_s, heading_integral));
-            last = Some((row.t_s, heading_integral, rate));
-        }
-        (!nose.is_empty()).then_some(Self { heading_by_time: nose, banked_times_s })
+        let heading_by_time = integrate_heading(flight, MAX_GAP_S);
+        let banked =
+            flight.attitude.rows().iter().filter(|row| wrap_pi(row.row_values[0]).abs().to_degrees() > MAX_BANK_DEG);
+        let banked_times_s = banked.map(|row| row.t_s).collect();
+        (!heading_by_time.is_empty()).then_some(Self { heading_by_time, banked_times_s })
     }
 
     /// Whether the aircraft flies straight around a time.
@@ -422,10 +408,7 @@ impl HeadingIntegral {
     }
 
     fn integrated_heading_rad(&self, t_s: f64) -> Option<f64> {
-        let after = self.heading_by_time.partition_point(|(at_s, _)| *at_s <= t_s);
-        let (&(from_s, from), &(to_s, to)) =
-            (self.heading_by_time.get(after.checked_sub(1)?)?, self.heading_by_time.get(after)?);
-        (to_s - from_s < MAX_GAP_S).then(|| from + (to - from) * (t_s - from_s) / (to_s - from_s))
+        integral_at(&self.heading_by_time, t_s, MAX_GAP_S)
     }
 
     /// Whether the nose turned as the air velocity did, over all turns.

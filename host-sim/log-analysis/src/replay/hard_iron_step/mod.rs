@@ -1,7 +1,6 @@
 //! Detects a step of hard iron in flight: its time, size and axis.
 //!
-//! With constant iron the corrected fields `h = W (m - b)` have one strength `F` and one vertical component `F sin I`.
-//! Both residuals of each row are linearised in `W`, `b`, `F`, `F sin I` and a step of `b` at a candidate time. The
+//! The residuals of strength and vertical component of each row are linearised in `W`, `b`, `F`, `F sin I` and a step of `b` at a candidate time. The
 //! candidate with the largest reduction of squared residuals is selected; one backward pass accumulates all normal
 //! equations. Gauss-Newton iterations refine size and time.
 
@@ -9,10 +8,11 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use crate::log::FieldCorrection;
 use crate::numbers::{median, square};
+use crate::replay::fit_residuals::{FIT_UNKNOWNS, residual_derivatives};
 use crate::replay::row::ReplayRow;
 
-/// Number of unknowns without the step: `W`, `b`, strength, vertical component.
-const UNKNOWNS_WITHOUT_STEP: usize = 14;
+/// Number of unknowns without the step.
+const UNKNOWNS_WITHOUT_STEP: usize = FIT_UNKNOWNS;
 /// Number of unknowns with the three components of the step.
 const UNKNOWNS_WITH_STEP: usize = UNKNOWNS_WITHOUT_STEP + 3;
 
@@ -231,23 +231,7 @@ impl StepEstimate {
     /// Derivatives of both residuals by the unknowns.
     fn residual_derivatives(&self, row: &ReplayRow, is_after: bool) -> [DVector<f64>; 2] {
         let step_ut = if is_after { self.step_ut } else { Vector3::zeros() };
-        let raw = self.without_hard_iron(row) - step_ut;
-        let field = self.matrix * raw;
-        let directions = [field.normalize(), row.down_in_body()];
-        let rows_of_residual = |residual_index: usize| {
-            let direction = directions[residual_index];
-            let mut jacobian_row = DVector::zeros(UNKNOWNS_WITHOUT_STEP);
-            for i in 0..3 {
-                for column_index in 0..3 {
-                    jacobian_row[3 * i + column_index] = direction[i] * raw[column_index];
-                }
-            }
-            let by_centre = -(self.matrix.transpose() * direction);
-            jacobian_row.rows_mut(9, 3).copy_from(&by_centre);
-            jacobian_row[12 + residual_index] = -1.0;
-            jacobian_row
-        };
-        [rows_of_residual(0), rows_of_residual(1)]
+        residual_derivatives(&self.matrix, self.without_hard_iron(row) - step_ut, row.down_in_body())
     }
 
     /// Prior standard deviations, for unobservable unknowns. The strength is fixed, since `W` sets the scale.

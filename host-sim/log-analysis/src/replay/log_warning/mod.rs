@@ -10,7 +10,7 @@ use super::frozen_field::{self, FrozenInterval, frozen_intervals};
 use super::gps_course::{GpsCourseHeading, GpsCourseRejection};
 use super::rows::{RowCounts, strength_ut};
 use crate::log::{
-    AttitudeView, AutopilotKind, LogFormat, LoggedFlight, RatesProblem, missing_ardupilot_parameters,
+    AttitudeView, AutopilotKind, HeadingLatency, LogFormat, LoggedFlight, RatesProblem, missing_ardupilot_parameters,
     mounting_parameter_changes,
 };
 use crate::replay::reference::ReferenceHeading;
@@ -111,6 +111,8 @@ pub enum LogWarning {
     NoGpsCourse(GpsCourseRejection),
     /// The log has no motor current.
     NoCurrent,
+    /// Latency of a reference heading that was removed.
+    LateHeading(HeadingLatency),
     /// The current is negative throughout.
     NegatedCurrent,
     /// The autopilot's own attitude is the VTOL view; the message that replaces it.
@@ -195,6 +197,8 @@ impl LogWarning {
         }
         add_if(flight.battery_current.is_empty(), Self::NoCurrent);
         add_if(flight.is_current_negated, Self::NegatedCurrent);
+        warnings.extend(flight.heading_latencies.iter().copied().map(Self::LateHeading));
+        let mut add_if = |applies: bool, warning: Self| warnings.extend(applies.then_some(warning));
         if let AttitudeView::BodyForVtol(message) = flight.attitude_view {
             add_if(true, Self::VtolView(message));
         }
@@ -353,6 +357,9 @@ impl fmt::Display for LogWarning {
             Self::NoCurrent => f.write_str(
                 "no current is logged: motor-current interference is neither estimated nor part of the expected error",
             ),
+            Self::LateHeading(HeadingLatency { heading_name, latency_s }) => {
+                write!(f, "{heading_name} is {:.0} ms late by the body rates; this is allowed for", latency_s * 1e3)
+            }
             Self::NegatedCurrent => f.write_str("the current is negative throughout; its size is used"),
             Self::VtolView(message) => write!(
                 f,

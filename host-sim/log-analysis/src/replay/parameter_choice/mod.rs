@@ -7,7 +7,7 @@ mod orientation_proof;
 
 pub use orientation_proof::provable_orientation;
 
-use autoswing::calibration::Solution;
+use autoswing::calibration::{Calibration, Solution};
 use nalgebra::Vector3;
 
 use super::evaluation::{CompassEvaluation, heading_deg};
@@ -15,6 +15,7 @@ use super::logged_accuracy::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG};
 use super::parameter_export::orientation::{FixedOrientation, OrientationParameters, TurnedSensor};
 use super::parameter_export::{
     ExportInputs, ExportedCorrection, HeldBackScore, ParameterFormat, field_by_exported_parameters,
+    may_compensate_current,
 };
 use super::parameter_fit::{FitVariant, half_index_at};
 use super::reading_checks::{CheckOutcome, CheckedMeaning, ReadingCheck};
@@ -64,6 +65,13 @@ pub enum NoParameters {
         expected_error_deg: f64,
         /// Manoeuvre that the flight lacks most.
         manoeuvre: Option<String>,
+    },
+    /// The Earth's field is so steep there that its horizontal part is weak.
+    WeakHorizontalField {
+        /// Inclination by the fit, degrees.
+        inclination_deg: f64,
+        /// Horizontal part of the field, microtesla.
+        horizontal_ut: f64,
     },
     /// Residuals that the fit does not explain leave the parameters too uncertain.
     Residuals {
@@ -125,10 +133,14 @@ pub fn choose_parameters(
         sigma_deg.filter(|_| rows.iter().filter(|row| row.reference_deg.is_some()).count() >= MIN_REFERENCE_ROWS);
     let inputs = ExportInputs { compass_number: evaluation.compass_number, rows: &rows, total_ut, format, orientation };
     let candidate = |variant: &FitVariant| ParameterCandidate::new(flight, &inputs, variant, sigma_deg.is_some());
+    let may_compensate = may_compensate_current(flight, evaluation.compass_number, format);
     let mut candidates = parameter_fit.fit_variants.iter().filter_map(candidate);
     let mut best_candidate = candidates.next().ok_or(NoParameters::Unsolved)?;
     for candidate in candidates {
-        if is_motor_significant(&candidate.solution) && candidate.held_back.rms_deg < best_candidate.held_back.rms_deg {
+        if may_compensate
+            && is_motor_significant(&candidate.solution)
+            && candidate.held_back.rms_deg < best_candidate.held_back.rms_deg
+        {
             best_candidate = candidate;
         }
     }
@@ -197,7 +209,10 @@ impl ParameterCandidate {
         let is_improvement =
             as_logged_rms_deg - rms_deg >= MIN_GAIN_DEG && rms_deg <= (1.0 - MIN_RELATIVE_GAIN) * as_logged_rms_deg;
         let is_residual_limited = (MAX_EXPECTED_ERROR_DEG..UNDETERMINED_ERROR_DEG).contains(&expected_error_deg);
-        if let Some(dependence) = residual_dependence(&self.solution).filter(|_| is_residual_limited) {
+        let is_inaccurate = expected_error_deg > MAX_EXPECTED_ERROR_DEG || rms_deg > GOOD_COMPASS_RMS_DEG;
+        if let Some(weak_field) = weak_horizontal_field(&self.solution.calibration).filter(|_| is_inaccurate) {
+            Err(weak_field)
+        } else if let Some(dependence) = residual_dependence(&self.solution).filter(|_| is_residual_limited) {
             Err(NoParameters::Residuals { expected_error_deg, dependence })
         } else if expected_error_deg.is_nan() || expected_error_deg > MAX_EXPECTED_ERROR_DEG {
             let manoeuvre = self.solution.advice.map(|advice| advice.manoeuvre.to_string());
@@ -217,6 +232,16 @@ impl ParameterCandidate {
             Ok(())
         }
     }
+}
+
+/// Names a horizontal field of less than a sixth of the field, where an error of the field of 1 % bends headings by over 3
+/// deg.
+fn weak_horizontal_field(calibration: &Calibration) -> Option<NoParameters> {
+    const MIN_WEAK_INCLINATION_DEG: f64 = 80.0;
+    let inclination_deg = f64::from(calibration.inclination_rad.to_degrees());
+    let horizontal_ut = f64::from(calibration.total_ut) * libm::cos(inclination_deg.to_radians());
+    (inclination_deg.abs() > MIN_WEAK_INCLINATION_DEG)
+        .then_some(NoParameters::WeakHorizontalField { inclination_deg, horizontal_ut })
 }
 
 /// Quantity on which residuals depend that make up most of the expected error.
@@ -290,6 +315,7 @@ impl NoParameters {
             Self::Unsolved => "unsolved",
             Self::Turned(_) => "turned",
             Self::Unobservable { .. } => "unobservable",
+            Self::WeakHorizontalField { .. } => "weak-horizontal-field",
             Self::Residuals { .. } => "residuals",
             Self::Unverified => "unverified",
             Self::NoGain(_) => "no-gain",
@@ -317,6 +343,11 @@ impl fmt::Display for NoParameters {
                 }
                 manoeuvre.as_ref().map_or(Ok(()), |manoeuvre| write!(f, "; missing most: {manoeuvre}"))
             }
+            Self::WeakHorizontalField { inclination_deg, horizontal_ut } => write!(
+                f,
+                "the horizontal field is only {horizontal_ut:.1} uT there, at an inclination of {inclination_deg:.0} deg: errors \
+                 of the field and of the attitude bend headings too much"
+            ),
             Self::Unverified => f.write_str("the fit fails the module's verification, and no reference confirms it"),
             Self::NoGain(HeldBackScore { as_logged_rms_deg, is_estimate: true, .. }) => {
                 write!(f, "its field is consistent to {as_logged_rms_deg:.1} deg as logged, and no fit is better")

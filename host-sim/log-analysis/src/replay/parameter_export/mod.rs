@@ -7,7 +7,7 @@ mod parameter_format;
 mod symmetric_fit;
 
 pub use exported_correction::{ExportedCorrection, HeldBackScore};
-pub use parameter_file::{format_parameter_file, parse_parameter_file};
+pub use parameter_file::{format_parameter_file, may_compensate_current, parse_parameter_file};
 pub use parameter_format::ParameterFormat;
 
 use autoswing::calibration::Calibration;

@@ -70,7 +70,6 @@ fn write_ardupilot_parameters(
 ) -> std::fmt::Result {
     if exports.iter().any(|(export, _)| export.has_motor_compensation()) {
         writeln!(text, "COMPASS_MOTCT,2")?;
-        zero_other_compensations(text, flight, exports)?;
     }
     for &(export, slot) in exports {
         write_comments(text, export)?;
@@ -124,23 +123,27 @@ fn write_ardupilot_orientation(
     writeln!(text, "{name},{}", orientation.number())
 }
 
-/// `COMPASS_MOTCT` is common to all slots: values of another kind (throttle) are set to zero.
-fn zero_other_compensations(
-    text: &mut String,
-    flight: &LoggedFlight,
-    exports: &[SlottedCorrection<'_>],
-) -> std::fmt::Result {
+/// Whether a file may compensate the current of a compass: `COMPASS_MOTCT` is common to all compasses, and no file changes
+/// it while another one needs the old value.
+#[must_use]
+pub fn may_compensate_current(flight: &LoggedFlight, compass_number: u8, format: ParameterFormat) -> bool {
+    const BY_THROTTLE: i32 = 1;
+    /// `COMPASS_PMOTn_*`, applied to the first slot alone (`AP_Compass_Backend::correct_field`).
+    const BY_MOTOR: i32 = 3;
+    const PER_MOTOR_SLOT: u8 = 1;
     let parameter = |name: &str| flight.parameters.last_value(name).unwrap_or(0.0);
-    let other_slots = ARDUPILOT_SLOTS.filter(|other| exports.iter().all(|(_, slot)| slot != other));
-    for other_slot in other_slots.filter(|_| parameter("COMPASS_MOTCT").round() as i32 != 2) {
+    let slot = flight.slot_index(compass_number);
+    let is_compensated = |other_slot: u8| {
         let index = ardupilot_index(other_slot);
-        for name in ["X", "Y", "Z"].map(|axis| format!("COMPASS_MOT{index}_{axis}")) {
-            if parameter(&name) != 0.0 {
-                writeln!(text, "{name},0")?;
-            }
+        ["X", "Y", "Z"].iter().any(|axis| parameter(&format!("COMPASS_MOT{index}_{axis}")) != 0.0)
+    };
+    let mut other_slots = ARDUPILOT_SLOTS.filter(|other| Some(*other) != slot);
+    format != ParameterFormat::ArduPilot
+        || match parameter("COMPASS_MOTCT").round() as i32 {
+            BY_THROTTLE => !other_slots.any(is_compensated),
+            BY_MOTOR => slot == Some(PER_MOTOR_SLOT),
+            _ => true,
         }
-    }
-    Ok(())
 }
 
 /// Vehicle, component, name, value, type (9 float, 6 integer), tab-separated.

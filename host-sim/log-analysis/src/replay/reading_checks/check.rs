@@ -33,6 +33,8 @@ pub enum CheckedMeaning {
 pub enum CheckOutcome {
     /// The data confirm the reading.
     Passed,
+    /// The data confirm the reading, and show something else that matters.
+    PassedWith(String),
     /// The data contradict the reading.
     Failed(String),
     /// The log has too little for the check.
@@ -81,7 +83,7 @@ impl CheckOutcome {
     #[must_use]
     pub const fn stable_code(&self) -> &'static str {
         match self {
-            Self::Passed => "passed",
+            Self::Passed | Self::PassedWith(_) => "passed",
             Self::Failed(_) => "failed",
             Self::Unchecked(_) => "unchecked",
         }
@@ -93,12 +95,12 @@ impl CheckOutcome {
         matches!(self, Self::Failed(_))
     }
 
-    /// The finding; none if the check passed.
+    /// The finding; none if the check passed without one.
     #[must_use]
     pub fn finding(&self) -> Option<&str> {
         match self {
             Self::Passed => None,
-            Self::Failed(finding) | Self::Unchecked(finding) => Some(finding),
+            Self::PassedWith(finding) | Self::Failed(finding) | Self::Unchecked(finding) => Some(finding),
         }
     }
 }

@@ -4,21 +4,17 @@
 //! [`CheckedMeaning::is_required`] passes. The table of checks is in docs/your-flight.md.
 
 mod check;
+mod north;
 mod sense;
 
 pub use check::{CheckOutcome, CheckedMeaning, ReadingCheck};
 pub use sense::misalignment_about_z_deg;
 
-use super::evaluation::{CompassEvaluation, FlightEvaluation, heading_deg, score_correction};
+use super::evaluation::{CompassEvaluation, FlightEvaluation};
 use super::log_warning::EARTH_FIELD_RANGE_UT;
-use super::logged_accuracy::HeadingSectors;
-use super::reference::ReferenceHeading;
-use super::result::HeadingScore;
 use super::row::ReplayRow;
-use super::row_headings::score_rows;
 use super::row_solve::solved_correction;
 use crate::log::{AttitudeView, CompassSlot, CorrectionResidual, FieldCorrection, LogFormat, LoggedFlight};
-use crate::score::wrap_180;
 
 /// The check that forbids parameters: the first failed one, else the first required one without a pass.
 #[must_use]
@@ -51,7 +47,7 @@ pub fn check_reading(
         check(CheckedMeaning::Unit, check_unit(flight, evaluation, compass)),
         check(CheckedMeaning::Inclination, inclination),
         check(CheckedMeaning::Reference, sense::check_reference(evaluation, &rows, correction.as_ref())),
-        check(CheckedMeaning::North, check_north(evaluation, &rows, determined.as_ref())),
+        check(CheckedMeaning::North, north::check_north(flight, evaluation, &rows, determined.as_ref())),
     ]
 }
 
@@ -166,46 +162,5 @@ fn check_inclination(
         CheckOutcome::Failed(format!(
             "the inclination is {found_deg:.0} deg, {model_deg:.0} by the field model: the fit is not that of the Earth's field"
         ))
-    }
-}
-
-/// Mean heading errors as logged and with the fit, less the declination.
-fn check_north(
-    evaluation: &FlightEvaluation,
-    rows: &[ReplayRow],
-    correction: Option<&FieldCorrection>,
-) -> CheckOutcome {
-    /// A mounting or an antenna is off by a right angle, or more; a place without model has up to 30 deg of declination.
-    const MAX_MEAN_ERROR_DEG: f64 = 45.0;
-    /// The autopilot's yaw contains the errors of its compass, and a table's column has any north; beyond this one of the
-    /// two is reversed.
-    const MAX_MEAN_ERROR_OF_OTHERS_DEG: f64 = 120.0;
-    /// Without a fit, the mean as logged is that of a compass which follows the reference, degrees RMS.
-    const MAX_RMS_AS_LOGGED_DEG: f64 = 20.0;
-    let Some(reference) = evaluation.reference.as_ref() else {
-        return CheckOutcome::unchecked("the log has no reference heading");
-    };
-    let sectors: HeadingSectors = rows.iter().filter_map(|row| row.reference_deg).collect();
-    if !sectors.suffice() {
-        return CheckOutcome::unchecked("the flight has too few headings");
-    }
-    let is_true_north = reference.measures_error() && *reference != ReferenceHeading::Column;
-    let max_error_deg = if is_true_north { MAX_MEAN_ERROR_DEG } else { MAX_MEAN_ERROR_OF_OTHERS_DEG };
-    let declination_deg = evaluation.earth_field.as_ref().and_then(|(earth, _)| earth.declination_deg).unwrap_or(0.0);
-    let mean_deg = |score: &HeadingScore| wrap_180(score.mean_deg + f64::from(declination_deg));
-    let as_logged = score_rows(rows, |row| Some((heading_deg(row, row.logged_field.ut.map(f64::from)), f64::NAN)))
-        .filter(|score| score.rms_deg < MAX_RMS_AS_LOGGED_DEG);
-    let with_fit = correction.and_then(|correction| score_correction(rows, correction));
-    // A fit replaces the orientation in use.
-    let scores = [(with_fit, "with the fit"), (as_logged, "as logged")];
-    let mean = scores.iter().find_map(|(score, name)| score.as_ref().map(|score| (mean_deg(score), *name)));
-    match mean {
-        None => CheckOutcome::unchecked("neither the field as logged nor a fit follows the reference"),
-        Some((mean_deg, _)) if mean_deg.abs() <= max_error_deg => CheckOutcome::Passed,
-        Some((mean_deg, name)) => CheckOutcome::Failed(format!(
-            "{name}, headings differ from {} by {mean_deg:.0} deg in the mean: the orientation of the compass is wrong, or \
-             that of the reference",
-            reference.reference_name()
-        )),
     }
 }

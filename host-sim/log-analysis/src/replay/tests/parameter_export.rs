@@ -9,6 +9,7 @@ use crate::replay::evaluation;
 use crate::replay::parameter_export::orientation::{FixedOrientation, OrientationParameters};
 use crate::replay::parameter_export::{
     ExportInputs, HeldBackScore, ParameterFormat, field_by_exported_parameters, format_parameter_file,
+    may_compensate_current,
 };
 use crate::score::wrap_180;
 
@@ -348,20 +349,27 @@ fn autopilots_correct_by_the_file_as_exported() {
     }
 }
 
-/// `COMPASS_MOTCT` applies to all compasses: compensation by throttle of the others is set to zero.
+/// `COMPASS_MOTCT` applies to all compasses: the others keep their compensation by throttle, and the first that by motor.
 #[test]
-fn compensation_by_current_replaces_that_by_throttle() {
-    let mut export = export_of_compass(2);
-    let lines = |parameters: &[(&str, f64)], export: &ExportedCorrection| -> Vec<String> {
+fn the_current_is_compensated_only_if_no_other_compass_needs_another_compensation() {
+    let (by_throttle, by_current, by_motor) = (("COMPASS_MOTCT", 1.0), ("COMPASS_MOTCT", 2.0), ("COMPASS_MOTCT", 3.0));
+    let (first, third) = (("COMPASS_MOT_X", 1.5), ("COMPASS_MOT3_Z", -2.0));
+    for (parameters, compass_number, expected) in [
+        (&[][..], 2, true),
+        (&[by_throttle], 2, true),
+        (&[by_throttle, first], 1, true),
+        (&[by_throttle, first], 2, false),
+        (&[by_throttle, third], 1, false),
+        (&[by_current, first, third], 2, true),
+        (&[by_motor], 1, true),
+        (&[by_motor], 2, false),
+    ] {
         let flight = flight_with_parameters(ParameterFormat::ArduPilot, parameters);
-        let text = format_parameter_file(&flight, std::slice::from_ref(export), ParameterFormat::ArduPilot);
-        text.lines().filter(|line| line.contains("MOT") && !line.contains("MOT2")).map(str::to_owned).collect()
-    };
-    let throttle = [("COMPASS_MOTCT", 1.0), ("COMPASS_MOT_X", 1.5), ("COMPASS_MOT_Y", 0.0), ("COMPASS_MOT3_Z", -2.0)];
-    assert_eq!(lines(&throttle, &export), [""; 0]);
-    export.correction.motor_ut_per_a.y = 0.2;
-    assert_eq!(lines(&throttle, &export), ["COMPASS_MOTCT,2", "COMPASS_MOT_X,0", "COMPASS_MOT3_Z,0"]);
-    assert_eq!(lines(&[("COMPASS_MOTCT", 2.0), ("COMPASS_MOT_X", 1.5)], &export), ["COMPASS_MOTCT,2"]);
+        let is_given = may_compensate_current(&flight, compass_number, ParameterFormat::ArduPilot);
+        assert_eq!(is_given, expected, "{parameters:?} {compass_number}");
+    }
+    let flight = flight_with_parameters(ParameterFormat::Px4, &[by_motor]);
+    assert!(may_compensate_current(&flight, 2, ParameterFormat::Px4));
 }
 
 /// The first compass has the parameters of the second slot, the second unknown ones.

@@ -32,6 +32,9 @@ impl Verdict<'_> {
                 ),
             );
         }
+        for load in &compass.bending_loads {
+            add_fact("what bends it", load.to_string());
+        }
         match parameters {
             Ok(exported) if judgement.recommended_action == CompassAction::LoadParameters => {
                 if let Some([from_s, to_s]) = exported.fitted_range_s {

@@ -109,6 +109,16 @@ impl CompassVerdict<'_> {
                 "sigma_ut": step.sigma_ut.map(|axis| round_to(axis, 2)),
                 "bend_deg": round_to(*heading_effect_deg, 1),
             })).collect::<Vec<_>>(),
+            "bent_by": compass.bending_loads.iter().map(|load| json!({
+                "code": load.cause.stable_code(),
+                "words": load.to_string(),
+                "numbers": load.cause.source_numbers(),
+                "at_a": load.cause.at_current_a().map(|amperes| round_to(amperes, 1)),
+                "period_s": load.cause.period_s().map(|period_s| round_to(period_s, 3)),
+                "ut": round_to(load.size_ut, 2),
+                "deg": round_to(load.heading_effect_deg, 1),
+                "sigmas": round_to(load.sigmas, 1),
+            })).collect::<Vec<_>>(),
             "checks": self.reading_checks.iter().map(|check| json!({
                 "code": check.meaning.stable_code(),
                 "outcome": check.outcome.stable_code(),

@@ -1,0 +1,184 @@
+//! Candidates for the cause of a disturbance: loads that are logged, and motions of the aircraft.
+
+use super::motor_layout::{OutputRole, common_side, motor_place, output_role};
+use crate::log::time_series::Series;
+use crate::log::{LoadSource, LoggedFlight};
+use crate::numbers::quantile;
+use crate::replay::row::ReplayRow;
+
+/// Longest interval between rows of a load, seconds; telemetry has one a second.
+const MAX_GAP_S: f64 = 3.0;
+
+/// Smallest fraction of the rows with a value.
+const MIN_COVERED_FRACTION: f64 = 0.8;
+
+/// Largest number of motors whose pairs are candidates.
+const MAX_PAIRED_MOTORS: usize = 8;
+
+/// A load, or several together, at the rows.
+pub(super) struct LoadCandidate {
+    /// Name of the load.
+    pub name: String,
+    /// Sources of the load.
+    pub sources: Vec<LoadSource>,
+    /// Sum of the currents, amperes, or mean of the commands.
+    pub values: Vec<f64>,
+}
+
+impl LoadCandidate {
+    /// Value that a size refers to: a high current, or the range of a command.
+    pub fn reference_value(&self) -> f64 {
+        const HIGH_FRACTION: f64 = 0.95;
+        if self.sources.iter().all(|source| source.is_current()) {
+            quantile(self.values.iter().copied(), HIGH_FRACTION).unwrap_or(f64::NAN)
+        } else {
+            1.0
+        }
+    }
+}
+
+/// All loads, and pairs and groups of those that are alike.
+pub(super) fn load_candidates(flight: &LoggedFlight, rows: &[ReplayRow]) -> Vec<LoadCandidate> {
+    let battery = (LoadSource::Battery(1), &flight.battery_current);
+    let logged = flight.loads.iter().map(|load| (load.source, &load.values));
+    let single: Vec<(LoadSource, Vec<f64>)> = std::iter::once(battery)
+        .chain(logged)
+        .filter_map(|(source, values)| Some((source, values_at_rows(values, rows)?)))
+        .collect();
+    let families: [Vec<LoadSource>; 4] = [
+        sources_of(&single, |source| matches!(source, LoadSource::Battery(_))),
+        sources_of(&single, |source| matches!(source, LoadSource::Esc(_))),
+        sources_of(&single, |source| matches!(source, LoadSource::Motor(_))),
+        sources_of(&single, |source| is_motor_output(flight, source)),
+    ];
+    let mut groups: Vec<Vec<LoadSource>> = single.iter().map(|(source, _)| vec![*source]).collect();
+    groups.extend(families.iter().flat_map(|family| groups_of(flight, family)));
+    groups
+        .into_iter()
+        .map(|sources| {
+            let members: Vec<&Vec<f64>> = sources
+                .iter()
+                .filter_map(|source| Some(&single.iter().find(|(other, _)| other == source)?.1))
+                .collect();
+            let divisor = if sources.iter().all(|source| source.is_current()) { 1.0 } else { members.len() as f64 };
+            let values =
+                (0..rows.len()).map(|i| members.iter().map(|values| values[i]).sum::<f64>() / divisor).collect();
+            LoadCandidate { name: load_name(flight, &sources), sources, values }
+        })
+        .collect()
+}
+
+fn sources_of(single: &[(LoadSource, Vec<f64>)], is_member: impl Fn(LoadSource) -> bool) -> Vec<LoadSource> {
+    single.iter().map(|(source, _)| *source).filter(|source| is_member(*source)).collect()
+}
+
+fn is_motor_output(flight: &LoggedFlight, source: LoadSource) -> bool {
+    matches!(source, LoadSource::Output(output)
+        if matches!(output_role(flight, output), OutputRole::Motor(_) | OutputRole::Throttle(_)))
+}
+
+/// Pairs of a family, its sides, and all of it.
+fn groups_of(flight: &LoggedFlight, family: &[LoadSource]) -> Vec<Vec<LoadSource>> {
+    let mut groups = Vec::new();
+    if family.len() <= MAX_PAIRED_MOTORS {
+        for (i, one) in family.iter().enumerate() {
+            groups.extend(family.iter().skip(i + 1).map(|other| vec![*one, *other]));
+        }
+    }
+    for side in ["left ", "right ", "front ", "rear "] {
+        groups.push(family.iter().copied().filter(|source| common_side(&[place(flight, *source)]) == side).collect());
+    }
+    groups.push(family.to_vec());
+    groups.retain(|group: &Vec<LoadSource>| group.len() >= 2);
+    groups.sort();
+    groups.dedup();
+    groups
+}
+
+/// Place of the motor of a load.
+fn place(flight: &LoggedFlight, source: LoadSource) -> Option<[f64; 2]> {
+    match source {
+        LoadSource::Motor(motor) => motor_place(flight, motor),
+        LoadSource::Output(output) => match output_role(flight, output) {
+            OutputRole::Motor(motor) => motor_place(flight, motor),
+            _ => None,
+        },
+        LoadSource::Esc(esc) => match output_role(flight, esc) {
+            OutputRole::Motor(motor) => motor_place(flight, motor),
+            _ => motor_place(flight, esc),
+        },
+        LoadSource::Battery(_) | LoadSource::Throttle => None,
+    }
+}
+
+/// Name of loads of one kind: `right motors (outputs 1 and 4)`.
+fn load_name(flight: &LoggedFlight, sources: &[LoadSource]) -> String {
+    let places: Vec<_> = sources.iter().map(|source| place(flight, *source)).collect();
+    let side = common_side(&places);
+    let numbers: Vec<String> = sources.iter().map(|source| source.number().to_string()).collect();
+    let (count, list) = (numbers.len(), joined_with_and(&numbers));
+    let plural = if count == 1 { "" } else { "s" };
+    match sources[0] {
+        LoadSource::Battery(1) if count == 1 => "battery current".to_owned(),
+        LoadSource::Battery(_) if count == 1 => format!("current of battery {list}"),
+        LoadSource::Battery(_) => format!("currents of batteries {list}"),
+        LoadSource::Esc(_) => format!("current{plural} of {side}motor{plural} {list}"),
+        LoadSource::Motor(_) => format!("{side}motor{plural} {list}"),
+        LoadSource::Throttle => "throttle".to_owned(),
+        LoadSource::Output(output) => match output_role(flight, output) {
+            OutputRole::Motor(_) => format!("{side}motor{plural} (output{plural} {list})"),
+            OutputRole::Throttle(_) if count > 1 => format!("motors (outputs {list})"),
+            OutputRole::Throttle("") => format!("throttle (output {list})"),
+            OutputRole::Throttle(throttle_side) => format!("{throttle_side}motor (output {list})"),
+            OutputRole::Servo(servo) => format!("{servo} (output {list})"),
+            OutputRole::Unknown => format!("output {list}"),
+        },
+    }
+}
+
+fn joined_with_and(words: &[String]) -> String {
+    match words {
+        [first @ .., last] if !first.is_empty() => format!("{} and {last}", first.join(", ")),
+        _ => words.concat(),
+    }
+}
+
+/// Values of a load at the rows; rows without one have the mean. None if too many have none.
+fn values_at_rows(values: &Series<1>, rows: &[ReplayRow]) -> Option<Vec<f64>> {
+    let found: Vec<Option<f64>> =
+        rows.iter().map(|row| values.interpolate_or_hold(row.t_s, MAX_GAP_S).map(|[value]| f64::from(value))).collect();
+    let known: Vec<f64> = found.iter().copied().flatten().collect();
+    let mean = known.iter().sum::<f64>() / known.len() as f64;
+    (known.len() as f64 >= MIN_COVERED_FRACTION * rows.len() as f64)
+        .then(|| found.into_iter().map(|value| value.unwrap_or(mean)).collect())
+}
+
+/// Number of half waves in the flight, and of steps, that a load is compared with.
+const SLOW_CHANGES: u8 = 9;
+
+/// Motions of the aircraft, and slow changes, at the rows: errors of the attitude, and iron that moves, follow them. A load is named only if
+/// it explains the field better than each of them.
+pub(super) fn motion_candidates(rows: &[ReplayRow]) -> Vec<Vec<f64>> {
+    /// Smallest cosine of the bank in the load factor.
+    const MIN_COSINE: f64 = 0.2;
+    let motions: [fn(&ReplayRow) -> f64; 7] = [
+        |row| libm::cos(f64::from(row.attitude.roll_rad)).max(MIN_COSINE).recip(),
+        |row| f64::from(row.attitude.roll_rad),
+        |row| f64::from(row.attitude.pitch_rad),
+        |row| row.rates_rad_s.map_or(0.0, |[p, ..]| f64::from(p)),
+        |row| row.rates_rad_s.map_or(0.0, |[_, q, _]| f64::from(q)),
+        |row| row.rates_rad_s.map_or(0.0, |[.., r]| f64::from(r)),
+        |row| row.rates_rad_s.map_or(0.0, |[.., r]| f64::from(r.abs())),
+    ];
+    let mut candidates: Vec<Vec<f64>> = motions.iter().map(|motion| rows.iter().map(motion).collect()).collect();
+    let (from_s, to_s) = (rows.first().map_or(0.0, |row| row.t_s), rows.last().map_or(1.0, |row| row.t_s));
+    // Slow changes of any shape, and steps that were not found.
+    for part in 1..=SLOW_CHANGES {
+        let fraction = |row: &ReplayRow| (row.t_s - from_s) / (to_s - from_s);
+        let phase = |row: &ReplayRow| f64::from(part) * std::f64::consts::PI * fraction(row);
+        candidates.push(rows.iter().map(|row| libm::cos(phase(row))).collect());
+        let step_at = f64::from(part) / f64::from(SLOW_CHANGES + 1);
+        candidates.push(rows.iter().map(|row| f64::from(u8::from(fraction(row) > step_at))).collect());
+    }
+    candidates
+}

@@ -1,0 +1,120 @@
+//! What bends the field of a compass: the logged load that explains the field best beside the fit, and a load with a
+//! constant period.
+//!
+//! Strength and vertical component of the corrected field are regressed on each load. A load is named if it is
+//! significant, bends headings, explains each half of the flight by the other, and explains more than any motion of the
+//! aircraft does.
+
+mod candidates;
+mod finding;
+mod motor_layout;
+mod periodic;
+mod regression;
+
+pub use finding::{BendingCause, BendingLoad};
+
+use nalgebra::Vector3;
+
+use candidates::{LoadCandidate, load_candidates, motion_candidates};
+use periodic::{corrected_sigmas, find_line};
+use regression::{LoadFit, ResidualModel};
+
+use super::hard_iron_changes::LoggedHardIronChange;
+use super::row::ReplayRow;
+use crate::log::{FieldCorrection, LoggedFlight};
+
+/// Largest number of rows of the regression; more are thinned.
+const MAX_ROWS: usize = 5000;
+
+/// Least significance, standard deviations.
+const MIN_SIGMAS: f64 = 5.0;
+
+/// Least effect on a level heading, degrees.
+const MIN_HEADING_EFFECT_DEG: f64 = 1.0;
+
+/// Least part of the squared residuals of a half that the coefficients of the other half explain.
+const MIN_EXPLAINED_FRACTION: f64 = 0.1;
+
+/// Loads that bend the field in the usable rows: at most one logged, and one periodic. `initial` is a correction that
+/// fits most of the rows.
+#[must_use]
+pub fn find_bending_loads(
+    rows: &[ReplayRow],
+    flight: &LoggedFlight,
+    initial: &FieldCorrection,
+    changes: &[LoggedHardIronChange],
+) -> Vec<BendingLoad> {
+    let usable: Vec<ReplayRow> = rows.iter().filter(|row| row.is_usable).copied().collect();
+    let thinned: Vec<ReplayRow> = usable.iter().step_by(usable.len().div_ceil(MAX_ROWS).max(1)).copied().collect();
+    let change_times_s: Vec<f64> = changes.iter().map(|change| change.hard_iron_step.time_s).collect();
+    let model = |rows: &[ReplayRow]| ResidualModel::new(rows, initial, &change_times_s);
+    let logged = model(&thinned).and_then(|model| find_logged_load(&model, flight, &thinned));
+    let periodic = model(&usable).and_then(|model| find_periodic_load(&model, flight, &usable, logged.as_ref()));
+    logged.map(|(load, _)| load).into_iter().chain(periodic).collect()
+}
+
+/// A load, and the candidate that it is.
+type NamedLoad = (BendingLoad, LoadCandidate);
+
+fn find_logged_load(model: &ResidualModel, flight: &LoggedFlight, rows: &[ReplayRow]) -> Option<NamedLoad> {
+    let candidates = load_candidates(flight, rows);
+    let count = candidates.len() as f64;
+    let fits = candidates.into_iter().filter_map(|candidate| Some((model.fit_load(&candidate.values)?, candidate)));
+    let (fit, candidate) = fits.max_by(|(a, _), (b, _)| a.reduction.total_cmp(&b.reduction))?;
+    let by_motion = motion_candidates(rows)
+        .iter()
+        .filter_map(|values| model.fit_load(values))
+        .map(|fit| fit.reduction)
+        .fold(0.0, f64::max);
+    let reference = candidate.reference_value();
+    let load = BendingLoad {
+        size_ut: (fit.coefficient_ut * reference).norm(),
+        heading_effect_deg: heading_effect_deg(fit.coefficient_ut * reference, model.horizontal_ut),
+        sigmas: corrected_sigmas(fit.sigmas, count),
+        cause: BendingCause::Logged {
+            name: candidate.name.clone(),
+            sources: candidate.sources.clone(),
+            at_current_a: candidate.sources.iter().all(|source| source.is_current()).then_some(reference),
+        },
+    };
+    (is_named(&load) && fit.reduction > by_motion && holds_in_halves(model, &fit)).then_some((load, candidate))
+}
+
+fn is_named(load: &BendingLoad) -> bool {
+    load.sigmas >= MIN_SIGMAS && load.heading_effect_deg >= MIN_HEADING_EFFECT_DEG
+}
+
+fn holds_in_halves(model: &ResidualModel, fit: &LoadFit) -> bool {
+    let least = MIN_EXPLAINED_FRACTION * model.residuals.norm_squared() / 2.0;
+    fit.reductions_of_halves.iter().all(|reduction| *reduction > least)
+}
+
+fn find_periodic_load(
+    model: &ResidualModel,
+    flight: &LoggedFlight,
+    rows: &[ReplayRow],
+    logged: Option<&NamedLoad>,
+) -> Option<BendingLoad> {
+    let left = logged.and_then(|(_, candidate)| {
+        let candidates = load_candidates(flight, rows);
+        let same = candidates.into_iter().find(|other| other.sources == candidate.sources)?;
+        Some(model.fit_load(&same.values)?.residuals)
+    });
+    let residuals = left.as_ref().unwrap_or(&model.residuals);
+    let line = find_line(rows, residuals.as_slice(), &model.directions, MIN_SIGMAS)?;
+    let load = BendingLoad {
+        cause: BendingCause::Periodic(line.period_s),
+        size_ut: line.amplitude_ut.norm(),
+        heading_effect_deg: heading_effect_deg(line.amplitude_ut, model.horizontal_ut),
+        sigmas: line.sigmas,
+    };
+    is_named(&load).then_some(load)
+}
+
+/// Largest effect of a disturbance on a level heading, degrees.
+fn heading_effect_deg(disturbance_ut: Vector3<f64>, horizontal_ut: f64) -> f64 {
+    libm::atan(disturbance_ut.xy().norm() / horizontal_ut).to_degrees()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,79 @@
+use std::f64::consts::TAU;
+use std::sync::LazyLock;
+
+use super::*;
+use crate::log;
+use crate::log::csv::FieldUnit;
+use crate::log::log_writers::{FlightRecording, FlightSample, encode_dataflash};
+use crate::replay::build_rows;
+use crate::replay::evaluation::{EvaluationOptions, evaluate_flight};
+use crate::test_flight::record_turns;
+
+/// Four minutes of turns, with a first motor that answers gusts and a second one that does not.
+static TURNS: LazyLock<FlightRecording> = LazyLock::new(|| {
+    let mut recording = record_turns(0.0);
+    let mut random = testkit::random::Random(7);
+    let mut gust = 0.0;
+    for sample in &mut recording.samples {
+        gust = 0.9 * gust + 0.06 * f64::from(random.normal());
+        let other = 0.5 + 0.05 * f64::from(random.normal());
+        sample.outputs = vec![other, 0.4 + 0.1 * other, other * other, (0.5_f64 + gust).clamp(0.0, 1.0)];
+    }
+    recording.parameters = [("COMPASS_OFS_X", 0.0), ("SERVO1_FUNCTION", 4.0), ("SERVO4_FUNCTION", 74.0)]
+        .map(|(name, value)| (name.to_owned(), value))
+        .to_vec();
+    recording
+});
+
+fn loads_of(bytes: &[u8]) -> Vec<BendingLoad> {
+    let mut source = bytes;
+    let flight = log::read_flight(&mut source, FieldUnit::Milligauss).unwrap();
+    let options = EvaluationOptions { field_latency_s: Some(0.0), ..EvaluationOptions::DEFAULT };
+    evaluate_flight(&flight, &options).compasses[0].bending_loads.clone()
+}
+
+/// Loads of the flight with a disturbance at a time, microtesla in body axes.
+fn loads_with(disturbance_ut: impl Fn(f64, &FlightSample) -> [f64; 3]) -> Vec<BendingLoad> {
+    let mut recording = TURNS.clone();
+    for sample in &mut recording.samples {
+        let added_ut = disturbance_ut(sample.time_us as f64 * 1e-6, sample);
+        sample.field_ut[0] = std::array::from_fn(|axis| sample.field_ut[0][axis] + added_ut[axis]);
+    }
+    loads_of(&encode_dataflash(&recording))
+}
+
+#[test]
+fn a_load_with_a_constant_period_is_found_with_its_amplitude() {
+    for period_s in [0.31, 2.0, 3.4] {
+        let loads = loads_with(|t_s, _| [0.0, 3.0 * libm::sin(TAU * t_s / period_s), 0.0]);
+        let [load] = loads.as_slice() else { panic!("{period_s} s: {loads:?}") };
+        let BendingCause::Periodic(found_s) = load.cause else { panic!("{load}") };
+        assert!((found_s / period_s - 1.0).abs() < 0.03 && (load.size_ut - 3.0).abs() < 0.6, "{period_s} s: {load}");
+    }
+}
+
+#[test]
+fn the_output_that_bends_the_field_is_named_with_its_size() {
+    let loads = loads_with(|_, sample| [4.0 * sample.outputs[3], -3.0 * sample.outputs[3], 0.0]);
+    let [load] = loads.as_slice() else { panic!("{loads:?}") };
+    assert!(load.to_string().starts_with("right motor (output 4): "), "{load}");
+    assert!((load.size_ut - 5.0).abs() < 0.5 && (load.heading_effect_deg - 9.0).abs() < 1.5, "{load}");
+}
+
+/// Both right motors of an X frame, and an output without a role.
+#[test]
+fn motors_are_named_by_their_side() {
+    let mut flight = log::read_flight(&mut encode_dataflash(&TURNS).as_slice(), FieldUnit::Milligauss).unwrap();
+    for (name, value) in [("FRAME_CLASS", 1.0), ("FRAME_TYPE", 1.0)] {
+        flight.parameters.set_value(0.0, name, value);
+    }
+    for (output, motor) in [(1, 1.0), (2, 2.0), (3, 3.0), (4, 4.0)] {
+        flight.parameters.set_value(0.0, &format!("SERVO{output}_FUNCTION"), 32.0 + motor);
+    }
+    let (rows, _) = build_rows(&flight, &flight.compasses[0], 0.0, None);
+    let names: Vec<String> =
+        candidates::load_candidates(&flight, &rows).into_iter().map(|candidate| candidate.name).collect();
+    for name in ["right motors (outputs 1 and 4)", "left motor (output 3)"] {
+        assert!(names.iter().any(|found| found == name), "{name}: {names:?}");
+    }
+}
