@@ -262,8 +262,8 @@ fn evaluate_compass(
     let sphere = baseline_fits::fit_sphere(&fields);
     let sphere_radius_ut =
         sphere.map(|(_, sphere_radius_ut)| sphere_radius_ut).filter(|_| yaw_sectors(flight, &rows).suffice());
-    let initial = [&all_rows, &module].into_iter().find_map(|result| result.solution.as_ref().map(solved_correction));
-    let initial = initial.or(sphere.map(|(correction_found, _)| correction_found));
+    let solved = [&all_rows, &module].into_iter().find_map(|result| result.solution.as_ref().map(solved_correction));
+    let initial = solved.or(sphere.map(|(correction_found, _)| correction_found));
     let total_ut = earth_ut.or(sphere_radius_ut).unwrap_or(f64::INFINITY);
     let mut changes = initial.map_or_else(Vec::new, |initial| find_changes(&rows, flight, &initial, total_ut));
     let sensor_change = initial.and_then(|initial| find_sensor_change(&rows, &initial, &changes));
@@ -271,9 +271,10 @@ fn evaluate_compass(
         // A changed sensor appears as iron, not only at its time: no fit of both parts is right.
         changes.clear();
     }
-    let bending_loads = initial
-        .filter(|_| sensor_change.is_none())
-        .map_or_else(Vec::new, |initial| find_bending_loads(&rows, flight, &initial, &changes));
+    // Without a fit, a load bends the field as logged.
+    let applied = solved.or(compass.correction).unwrap_or_else(FieldCorrection::identity);
+    let bending_loads =
+        if sensor_change.is_some() { Vec::new() } else { find_bending_loads(&rows, flight, &applied, &changes) };
     let remounted_s = mounting_parameter_changes(flight, compass.compass_number).into_iter().map(|(_, at_s)| at_s);
     let last_change_s = changes
         .iter()

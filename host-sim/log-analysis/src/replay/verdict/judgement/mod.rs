@@ -4,6 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
+use crate::replay::bending_load::BendingLoad;
 use crate::replay::evaluation::CompassEvaluation;
 use crate::replay::hard_iron_changes::temporary_change_start_s;
 use crate::replay::log_warning::LogWarning;
@@ -26,6 +27,9 @@ pub enum CompassState {
     /// The log does not show how good the compass is.
     Unjudged,
 }
+
+/// Effect of a load that is a reason of a judgement, degrees: half of it, as in cruise, makes a bad compass.
+const MIN_BENDING_DEG: f64 = 2.0 * BAD_COMPASS_RMS_DEG;
 
 /// What the pilot is advised to do about a compass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -61,6 +65,8 @@ pub enum JudgementReason {
         /// Largest effect on a level heading, degrees.
         heading_effect_deg: f64,
     },
+    /// A load, such as the motors, bends the field.
+    BentBy(BendingLoad),
     /// Heading error as logged.
     AsLogged(LoggedAccuracy),
     /// The log does not show the error as logged; the reason.
@@ -78,6 +84,7 @@ impl JudgementReason {
         match self {
             Self::SensorFailed(_) => "sensor-failed",
             Self::HardIronChanged { .. } => "iron-changed",
+            Self::BentBy(_) => "bent-by-load",
             Self::AsLogged(accuracy) if accuracy.rms_deg <= GOOD_COMPASS_RMS_DEG => "good-as-logged",
             Self::AsLogged(_) => "error-as-logged",
             Self::UnknownError(cause) => cause.stable_code(),
@@ -110,12 +117,22 @@ impl CompassJudgement {
         parameters: &Result<ExportedCorrection, NoParameters>,
     ) -> Self {
         let logged_accuracy = accuracy.as_ref().ok().copied();
-        let is_wrong = failure.is_some() || matches!(accuracy, Err(UnknownError::ContradictsModel { .. }));
+        let bending_load =
+            compass.bending_loads.iter().max_by(|a, b| a.heading_effect_deg.total_cmp(&b.heading_effect_deg));
+        let bending_load = bending_load.filter(|load| failure.is_none() && load.heading_effect_deg > MIN_BENDING_DEG);
+        let is_wrong = failure.is_some()
+            || matches!(accuracy, Err(UnknownError::ContradictsModel { .. }))
+            || accuracy.is_err() && bending_load.is_some();
         let compass_state = compass_state(compass, logged_accuracy, is_wrong, parameters);
+        let bending_load = bending_load.filter(|_| compass_state != CompassState::Good);
         let recommended_action = match parameters {
             _ if failure.is_some() => CompassAction::Replace,
             Ok(_) => CompassAction::LoadParameters,
-            Err(rejection) => action_without_parameters(compass_state, rejection),
+            Err(rejection) => match action_without_parameters(compass_state, rejection) {
+                // Another flight has the same load.
+                CompassAction::FlyAgain if bending_load.is_some() => CompassAction::Replace,
+                action => action,
+            },
         };
         let changed = compass.hard_iron_changes.last().map(|change| JudgementReason::HardIronChanged {
             temporary_from_s: temporary_change_start_s(&compass.hard_iron_changes),
@@ -128,8 +145,8 @@ impl CompassJudgement {
             // In a log that is read wrongly an error is not the compass's.
             _ if compass_state == CompassState::Unjudged && is_contradicted(parameters) => None,
             Ok(accuracy) => Some(JudgementReason::AsLogged(accuracy)),
-            // A failed sensor needs no remark that its error is unknown.
-            Err(_) if failure.is_some() => None,
+            // A failed or bent sensor needs no remark that its error is unknown.
+            Err(_) if failure.is_some() || bending_load.is_some() => None,
             Err(cause) => Some(JudgementReason::UnknownError(cause)),
         };
         let parameter_reason = match parameters {
@@ -143,6 +160,7 @@ impl CompassJudgement {
             .map(JudgementReason::SensorFailed)
             .into_iter()
             .chain(changed)
+            .chain(bending_load.cloned().map(JudgementReason::BentBy))
             .chain(accuracy)
             .chain(parameter_reason)
             .collect();
@@ -251,6 +269,7 @@ impl fmt::Display for CompassJudgement {
                     "has other iron around it since {at_s:.0} s, by {size_ut:.1} uT, which bends headings by up to \
                      {heading_effect_deg:.0} deg"
                 ),
+                JudgementReason::BentBy(load) => format!("is bent by {load}"),
                 JudgementReason::AsLogged(accuracy) if self.compass_state == CompassState::Good => {
                     format!("is good already ({accuracy})")
                 }

@@ -1,5 +1,6 @@
 use super::*;
 use crate::log::FieldCorrection;
+use crate::replay::bending_load::BendingCause;
 use crate::replay::hard_iron_changes::LoggedHardIronChange;
 use crate::replay::hard_iron_step::HardIronStep;
 use crate::replay::logged_accuracy::AccuracyEvidence;
@@ -64,9 +65,17 @@ fn judge(
     let hard_iron_step = HardIronStep { time_s: 60.0, step_ut: [0.0, 4.0, 0.0], sigma_ut: [0.1; 3] };
     let change = effect_deg.map(|heading_effect_deg| LoggedHardIronChange { hard_iron_step, heading_effect_deg });
     compass.hard_iron_changes = change.into_iter().collect();
-    let evidence = AccuracyEvidence::BodyRates;
-    let accuracy = accuracy.map(|rms_deg| LoggedAccuracy { rms_deg, sector_count: 7, evidence });
-    CompassJudgement::new(&compass, accuracy, failure, parameters)
+    CompassJudgement::new(&compass, accuracy.map(accuracy_by_rates), failure, parameters)
+}
+
+fn judge_bent(accuracy: Result<f64, UnknownError>, bending_loads: Vec<BendingLoad>) -> CompassJudgement {
+    let (_, compass) = compass_of_flown_turns();
+    let compass = CompassEvaluation { bending_loads, ..compass };
+    CompassJudgement::new(&compass, accuracy.map(accuracy_by_rates), None, &NO_GAIN)
+}
+
+fn accuracy_by_rates(rms_deg: f64) -> LoggedAccuracy {
+    LoggedAccuracy { rms_deg, sector_count: 7, evidence: AccuracyEvidence::BodyRates }
 }
 
 #[test]
@@ -84,6 +93,23 @@ fn the_state_follows_from_the_error_and_from_changes_of_hard_iron() {
     let failed = judge(Ok(1.0), None, &Ok(exported(1.0, false)), Some(LogWarning::FieldMissing(1)));
     assert_eq!((failed.compass_state, failed.recommended_action), (CompassState::Bad, CompassAction::Replace));
     assert_eq!(failed.reason_codes(), ["sensor-failed", "good-as-logged"]);
+}
+
+/// A load that bends headings by 12 deg makes a compass bad of which nothing else is known, but not one that is good.
+#[test]
+fn a_load_that_bends_headings_is_named_and_moved() {
+    let cause = BendingCause::Periodic(2.0);
+    let load = BendingLoad { cause, size_ut: 4.0, heading_effect_deg: 12.0, sigmas: 9.0 };
+    for (accuracy, state, reason_codes) in [
+        (Err(UnknownError::FewHeadings(1)), CompassState::Bad, ["bent-by-load"].as_slice()),
+        (Ok(6.0), CompassState::Bad, &["bent-by-load", "error-as-logged", "no-gain"]),
+        (Ok(1.0), CompassState::Good, &["good-as-logged", "no-gain"]),
+    ] {
+        let judgement = judge_bent(accuracy, vec![load.clone()]);
+        assert_eq!((judgement.compass_state, judgement.reason_codes().as_slice()), (state, reason_codes));
+        let action = if state == CompassState::Bad { CompassAction::Replace } else { CompassAction::LeaveUnchanged };
+        assert_eq!(judgement.recommended_action, action);
+    }
 }
 
 #[test]
