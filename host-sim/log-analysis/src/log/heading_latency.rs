@@ -3,7 +3,7 @@
 use autoswing::frames::wrap_pi;
 
 use super::flight::{Gps, LoggedFlight};
-use super::heading_integral::{integral_at, integrate_heading};
+use super::heading_integral::HeadingIntegral;
 use super::late_heading::HeadingLatency;
 use super::time_series::Series;
 use crate::numbers::square;
@@ -38,7 +38,7 @@ pub(super) fn remove_heading_latencies(flight: &mut LoggedFlight) {
     if !flight.has_measured_rates {
         return;
     }
-    let heading_by_time = integrate_heading(flight, MAX_GAP_S);
+    let integral = HeadingIntegral::new(flight, MAX_GAP_S);
     let mut gps_yaw = Series::new();
     for row in flight.gps.rows() {
         let yaw_deg = Gps::from_columns(row.row_values).yaw_deg;
@@ -46,7 +46,7 @@ pub(super) fn remove_heading_latencies(flight: &mut LoggedFlight) {
             gps_yaw.push_row(row.t_s, [yaw_deg.to_radians()]);
         }
     }
-    if let Some(latency_s) = heading_latency_s(&gps_yaw, &heading_by_time) {
+    if let Some(latency_s) = heading_latency_s(&gps_yaw, &integral) {
         flight.heading_latencies.push(HeadingLatency { heading_name: "GPS yaw", latency_s });
         for row in flight.gps.rows_mut() {
             let yaw = gps_yaw.interpolate_angles(row.t_s + latency_s, MAX_HEADING_GAP_S);
@@ -54,7 +54,7 @@ pub(super) fn remove_heading_latencies(flight: &mut LoggedFlight) {
             row.row_values = Gps { yaw_deg, ..Gps::from_columns(row.row_values) }.columns();
         }
     }
-    if let Some(latency_s) = heading_latency_s(&flight.reference_heading, &heading_by_time) {
+    if let Some(latency_s) = heading_latency_s(&flight.reference_heading, &integral) {
         flight.heading_latencies.push(HeadingLatency { heading_name: "yaw_ref_deg", latency_s });
         for row in flight.reference_heading.rows_mut() {
             row.t_s -= latency_s;
@@ -63,10 +63,10 @@ pub(super) fn remove_heading_latencies(flight: &mut LoggedFlight) {
 }
 
 /// Latency at which the turns of a heading are those of the body rates; none if it is not significant.
-fn heading_latency_s(heading: &Series<1>, heading_by_time: &[(f64, f64)]) -> Option<f64> {
+fn heading_latency_s(heading: &Series<1>, integral: &HeadingIntegral) -> Option<f64> {
     let turns = turns(heading);
     let step_count = ((SEARCHED_S[1] - SEARCHED_S[0]) / SEARCH_STEP_S).round() as u32;
-    let difference = |latency_s: f64| mean_square_difference(&turns, heading_by_time, latency_s);
+    let difference = |latency_s: f64| mean_square_difference(&turns, integral, latency_s);
     let differences: Vec<(f64, f64)> = (0..=step_count)
         .map(|step| SEARCHED_S[0] + f64::from(step) * SEARCH_STEP_S)
         .filter_map(|latency_s| Some((latency_s, difference(latency_s)?)))
@@ -101,8 +101,8 @@ fn turns(heading: &Series<1>) -> Vec<([f64; 2], f64)> {
 
 /// Mean square of the difference between turns and those of the body rates a latency earlier, each clipped at three
 /// limits; none if too few are compared.
-fn mean_square_difference(turns: &[([f64; 2], f64)], heading_by_time: &[(f64, f64)], latency_s: f64) -> Option<f64> {
-    let at = |t_s: f64| integral_at(heading_by_time, t_s - latency_s, MAX_GAP_S);
+fn mean_square_difference(turns: &[([f64; 2], f64)], integral: &HeadingIntegral, latency_s: f64) -> Option<f64> {
+    let at = |t_s: f64| integral.heading_rad(t_s - latency_s);
     let squares: Vec<f64> = turns
         .iter()
         .filter_map(|([from_s, to_s], turn_rad)| {

@@ -51,7 +51,7 @@ pub use flight::{
     AttitudeView, AutopilotKind, Gps, LogFormat, LoggedCompass, LoggedFlight, SkippedCounts,
     missing_ardupilot_parameters, mounting_parameter_changes,
 };
-pub(crate) use heading_integral::{integral_at, integrate_heading};
+pub(crate) use heading_integral::{HeadingIntegral, MAX_PITCH_RAD};
 pub use late_heading::HeadingLatency;
 pub use load::{LoadSource, LoggedLoad};
 pub use mounting::{CustomRotation, SensorOrientation};

@@ -1,15 +1,14 @@
 //! Evaluates each compass of a flight: logged correction, baseline fits, and the module's result.
 
 use autoswing::earth::{Date, EarthField, Position};
-use autoswing::frames::{Body, Field};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::baseline_fits;
 use super::bending_load::{BendingLoad, find_bending_loads};
 use super::field_latency::{self, FieldLatency};
+use super::flown_headings::yaw_sectors;
 use super::hard_iron_changes::{LoggedHardIronChange, find_changes};
-use super::logged_accuracy::yaw_sectors;
 use super::parameter_fit::ParameterFit;
 use super::row_headings::score_rows;
 use super::row_solve::solved_correction;
@@ -18,7 +17,7 @@ use crate::log::{FieldCorrection, Gps, LoggedCompass, LoggedFlight, mounting_par
 use crate::replay::reference::{ReferenceHeading, ReferenceKind};
 use crate::replay::replay_run::replay_rows_of_flight;
 use crate::replay::result::{HeadingScore, ReplayOptions, ReplayResult, RowSelection};
-use crate::replay::row::ReplayRow;
+use crate::replay::row::{ReplayRow, heading_deg};
 use crate::replay::rows::{RowCounts, build_rows};
 
 /// Options of an evaluation.
@@ -323,12 +322,6 @@ fn rms_without_current_deg(
 #[must_use]
 pub fn score_correction(rows: &[ReplayRow], correction: &FieldCorrection) -> Option<HeadingScore> {
     score_rows(rows, |row| Some((heading_deg(row, row.corrected_field(correction)), f64::NAN)))
-}
-
-/// Heading of a row by a corrected field, degrees.
-pub(crate) fn heading_deg(row: &ReplayRow, corrected: Vector3<f64>) -> f64 {
-    let field: Field<Body> = Field::new(corrected.map(|axis| axis as f32));
-    f64::from(row.attitude.to_level_frame(field).heading_rad().to_degrees())
 }
 
 fn flight_position(flight: &LoggedFlight) -> Option<Position> {

@@ -6,6 +6,7 @@ mod data_loss;
 pub mod evaluation;
 pub mod field_latency;
 mod fit_residuals;
+pub mod flown_headings;
 mod frozen_field;
 pub mod gps_course;
 pub mod hard_iron_changes;
@@ -33,6 +34,7 @@ pub use reference::{ReferenceHeading, ReferenceKind};
 pub use replay_run::{replay_rows, replay_rows_of_flight};
 pub use result::{HeadingRow, HeadingScore, ReplayOptions, ReplayResult, RowSelection};
 pub use row::ReplayRow;
+pub(crate) use row::heading_deg;
 pub use row_headings::is_monitored;
 pub use rows::{AttitudeSample, RowCounts, attitudes_between, build_rows};
 

@@ -1,6 +1,6 @@
 //! A row of simultaneous data.
 
-use autoswing::frames::{Field, RollPitch, Sensor};
+use autoswing::frames::{Body, Field, RollPitch, Sensor};
 use nalgebra::{Matrix3, Vector3};
 
 use crate::log::FieldCorrection;
@@ -45,6 +45,12 @@ impl ReplayRow {
     pub fn corrected_field(&self, correction: &FieldCorrection) -> Vector3<f64> {
         correction.correct_field(self.raw_field.ut.map(f64::from), self.current_a.map_or(0.0, f64::from))
     }
+}
+
+/// Heading of a row by a corrected field, degrees.
+pub(crate) fn heading_deg(row: &ReplayRow, corrected: Vector3<f64>) -> f64 {
+    let field: Field<Body> = Field::new(corrected.map(|axis| axis as f32));
+    f64::from(row.attitude.to_level_frame(field).heading_rad().to_degrees())
 }
 
 /// Direction of down at an attitude, body axes.

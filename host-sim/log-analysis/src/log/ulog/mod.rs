@@ -285,7 +285,11 @@ impl UlogReader {
                     match instance {
                         0 => self.builder.push_current(t_s, amperes),
                         _ => {
-                            self.builder.loads.push_value(LoadSource::Battery(instance.saturating_add(1)), t_s, amperes)
+                            self.builder.loads.push_value(
+                                LoadSource::Battery(instance.saturating_add(1)),
+                                t_s,
+                                amperes,
+                            );
                         }
                     }
                 }

@@ -9,7 +9,7 @@ use autoswing::frames::wrap_pi;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::log::time_series::Series;
-use crate::log::{Gps, LoggedFlight, integral_at, integrate_heading};
+use crate::log::{Gps, HeadingIntegral, LoggedFlight};
 use crate::numbers::{median, square};
 
 /// Largest bank in straight flight, degrees; gusts roll by a few.
@@ -137,7 +137,7 @@ impl GpsCourseHeading {
         let fitted = thin_velocities(&flight_velocities);
         let circle = VelocityCircle::fit_robustly(&fitted).ok_or(GpsCourseRejection::NoCircle)?;
         let on_circle_velocities = velocities_near_circle(&flight_velocities, &circle)?;
-        let heading_integral = HeadingIntegral::from_flight(flight).ok_or(GpsCourseRejection::NoRates)?;
+        let heading_integral = NoseHeadings::from_flight(flight).ok_or(GpsCourseRejection::NoRates)?;
         let straight: Vec<GroundVelocity> = on_circle_velocities
             .iter()
             .filter(|velocity| heading_integral.is_straight(velocity.t_s))
@@ -379,20 +379,20 @@ impl VelocityCircle {
     }
 }
 
-struct HeadingIntegral {
-    /// Time, seconds, and integrated heading rate, radians.
-    heading_by_time: Vec<(f64, f64)>,
+/// Directions of the nose.
+struct NoseHeadings {
+    integral: HeadingIntegral,
     /// Times of the attitude rows with a bank above `MAX_BANK_DEG`, seconds.
     banked_times_s: Vec<f64>,
 }
 
-impl HeadingIntegral {
+impl NoseHeadings {
     fn from_flight(flight: &LoggedFlight) -> Option<Self> {
-        let heading_by_time = integrate_heading(flight, MAX_GAP_S);
+        let integral = HeadingIntegral::new(flight, MAX_GAP_S);
         let banked =
             flight.attitude.rows().iter().filter(|row| wrap_pi(row.row_values[0]).abs().to_degrees() > MAX_BANK_DEG);
         let banked_times_s = banked.map(|row| row.t_s).collect();
-        (!heading_by_time.is_empty()).then_some(Self { heading_by_time, banked_times_s })
+        (!integral.is_empty()).then_some(Self { integral, banked_times_s })
     }
 
     /// Whether the aircraft flies straight around a time.
@@ -408,7 +408,7 @@ impl HeadingIntegral {
     }
 
     fn integrated_heading_rad(&self, t_s: f64) -> Option<f64> {
-        integral_at(&self.heading_by_time, t_s, MAX_GAP_S)
+        self.integral.heading_rad(t_s)
     }
 
     /// Whether the nose turned as the air velocity did, over all turns.

@@ -5,14 +5,14 @@ use crate::log::LogFormat;
 use crate::test_flight::{body_rates_rad_s, flight_of_motion};
 
 /// 20 s at 10 Hz with a bank and a turn rate in the eleventh second, degrees. Zero rates would count as missing.
-fn heading_integral(bank_deg: f32, turn_deg_s: f32) -> HeadingIntegral {
+fn heading_integral(bank_deg: f32, turn_deg_s: f32) -> NoseHeadings {
     let flight = flight_of_motion(10.0, 200, |t_s| {
         let is_eleventh_second = (10.0..11.0).contains(&t_s);
         let [roll, turn] =
             [bank_deg, turn_deg_s].map(|angle| 0.001 + if is_eleventh_second { angle.to_radians() } else { 0.0 });
         ([roll, 0.0, 0.0], [0.0, 0.0, turn])
     });
-    HeadingIntegral::from_flight(&flight).unwrap()
+    NoseHeadings::from_flight(&flight).unwrap()
 }
 
 /// The time margin before and after must be straight too; beyond the ends of the data this is unknown.
@@ -191,7 +191,7 @@ fn the_heading_is_integrated_from_the_rates_of_a_banked_aircraft() {
             body_rates_rad_s(&Vector3::new(roll_rad, pitch_rad, 0.0), &Vector3::new(0.0, 0.0, turn_rad_s));
         flight.body_rates.push_row(time_s(i), rates_rad_s.map(|rate| rate as f32));
     }
-    let heading_integral = HeadingIntegral::from_flight(&flight).unwrap();
+    let heading_integral = NoseHeadings::from_flight(&flight).unwrap();
     assert_eq!(heading_integral.banked_times_s.len(), 100);
     for i in 0..99 {
         let integrated_rad = heading_integral.integrated_heading_rad(time_s(i)).unwrap();
@@ -280,7 +280,8 @@ fn the_gyro_heading_must_follow_the_course() {
         let at = |(i, v): (usize, &GroundVelocity)| {
             (v.t_s, i as f64 * step_rad + if v.t_s > 60.0 { turned_rad } else { 0.0 })
         };
-        HeadingIntegral { heading_by_time: points.iter().enumerate().map(at).collect(), banked_times_s: Vec::new() }
+        let integral = HeadingIntegral::from_points(points.iter().enumerate().map(at), MAX_GAP_S);
+        NoseHeadings { integral, banked_times_s: Vec::new() }
     };
     let velocities = velocities_at_headings(20.0, 0.0, 0.5, circle_headings(240));
     let slow = velocities_at_headings(20.0, 0.0, 0.5, (0..240).map(|i| f64::from(i) * 1.5));

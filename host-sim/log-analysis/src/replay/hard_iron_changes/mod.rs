@@ -9,7 +9,7 @@ use super::hard_iron_jump::{
     FittedCorrection, absolute_residuals_ut, cancel_each_other, find_jump_times_s, find_jumps,
 };
 use super::hard_iron_step::{HardIronStep, find_step};
-use super::integrated_turns::IntegratedTurns;
+use super::integrated_turns::measured_turns;
 use super::replay_run::solve_all_rows;
 use super::row_headings::monitored_changes_ut;
 use super::row_solve::solved_correction;
@@ -78,7 +78,7 @@ pub fn find_changes(
         let solution = if found.is_empty() { None } else { solve_all_rows(part).filter(is_accurate) };
         find_steps(&search, part, &solution.as_ref().map_or(correction, solved_correction), &mut found);
     }
-    let turns = IntegratedTurns::new(flight);
+    let turns = measured_turns(flight);
     found.retain(|change| is_change_possible(flight, rows, &turns, &change.hard_iron_step, initial));
     found.sort_by(|a, b| a.hard_iron_step.time_s.total_cmp(&b.hard_iron_step.time_s));
     found

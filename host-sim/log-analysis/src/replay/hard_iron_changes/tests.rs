@@ -191,7 +191,7 @@ fn a_step_that_did_not_turn_the_heading_is_no_change() {
     ] {
         let step = HardIronStep { time_s: 35.0, step_ut: claimed_ut.map(f64::from), sigma_ut: [0.1; 3] };
         let rows = rows(happened_ut, has_reference);
-        let turns = IntegratedTurns::new(flight);
+        let turns = measured_turns(flight);
         let found = is_change_possible(flight, &rows, &turns, &step, &FieldCorrection::identity());
         assert_eq!(found, is_possible, "{name}");
     }

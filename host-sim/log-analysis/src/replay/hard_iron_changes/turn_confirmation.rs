@@ -3,13 +3,11 @@
 
 use nalgebra::{Matrix5, Vector3, Vector5};
 
-use crate::log::{FieldCorrection, LoggedFlight};
+use crate::log::{FieldCorrection, HeadingIntegral, LoggedFlight};
 use crate::numbers::square;
-use crate::replay::evaluation::heading_deg;
+use crate::replay::flown_headings::yaw_sectors;
 use crate::replay::hard_iron_step::HardIronStep;
-use crate::replay::integrated_turns::IntegratedTurns;
-use crate::replay::logged_accuracy::yaw_sectors;
-use crate::replay::row::ReplayRow;
+use crate::replay::row::{ReplayRow, heading_deg};
 use crate::score::wrap_180;
 
 /// Time before and after a change in which the jump is searched, seconds.
@@ -30,7 +28,7 @@ const MIN_ROWS: usize = 20;
 pub(super) fn is_change_possible(
     flight: &LoggedFlight,
     rows: &[ReplayRow],
-    turns: &IntegratedTurns,
+    turns: &HeadingIntegral,
     step: &HardIronStep,
     initial: &FieldCorrection,
 ) -> bool {
@@ -42,7 +40,7 @@ pub(super) fn is_change_possible(
         let jump_deg = if is_after { wrap_180(heading(initial) - heading(&changed)) } else { 0.0 };
         let (part, turn_deg) = match row.reference_deg {
             Some(reference_deg) => (usize::MAX, reference_deg),
-            None => turns.part_and_turn_deg(row.t_s)?,
+            None => turns.part_and_heading_rad(row.t_s).map(|(part, rad)| (part, rad.to_degrees()))?,
         };
         let heading_deg = heading(initial);
         let t_s = row.t_s - step.time_s;
@@ -56,6 +54,7 @@ pub(super) fn is_change_possible(
     }
     let jump_squares: f64 = differences.iter().map(|row| square(row.jump_deg)).sum();
     let is_visible = (jump_squares / sides[1] as f64).sqrt() > MIN_JUMP_DEG;
+    if cfg!(test) { eprintln!("DBG {is_visible} {:?} {:?}", jump_fraction(&differences), differences.iter().step_by(40).map(|d| (d.t_s, d.deg, d.jump_deg)).collect::<Vec<_>>()); }
     !is_visible || jump_fraction(&differences).is_none_or(|fraction| fraction > MIN_JUMP_FRACTION)
 }
 

@@ -1,20 +1,18 @@
 //! Error of a compass as it is logged, without a fit: against an accurate reference heading, else against the turn by
 //! the body rates, else by the scatter of strength and inclination.
 
-mod heading_sectors;
 mod rate_comparison;
 
 use std::fmt;
 
-pub use heading_sectors::HeadingSectors;
-
-use super::evaluation::{CompassEvaluation, FlightEvaluation, heading_deg};
+use super::evaluation::{CompassEvaluation, FlightEvaluation};
+use super::flown_headings::{HeadingSectors, yaw_sectors};
 use super::rows::RowCounts;
 use super::{data_loss, row_headings};
 use crate::log::{LogFormat, LoggedFlight};
 use crate::numbers::median;
 use crate::replay::reference::ReferenceHeading;
-use crate::replay::row::ReplayRow;
+use crate::replay::row::{ReplayRow, heading_deg};
 
 /// Largest error of a good compass, degrees RMS, and of parameters on held-back rows: they must make the compass good,
 /// however bad it was. A larger remainder has a cause that parameters do not correct.
@@ -27,9 +25,6 @@ pub const BAD_COMPASS_RMS_DEG: f64 = 5.0;
 
 /// Minimum number of usable rows for a judgement: 12 s at the 2 Hz of telemetry.
 const MIN_ROWS: usize = 25;
-
-/// Longest gap of the autopilot's yaw by which headings are counted, seconds.
-const MAX_YAW_GAP_S: f64 = 1.5;
 
 /// Error of a compass as logged, since the last change of hard iron.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -192,16 +187,6 @@ fn contradiction_of_model(
     let is_contradicted = (inclination_deg - model_inclination_deg).abs() > MAX_INCLINATION_DIFFERENCE_DEG
         || flight.log_format != LogFormat::Csv && !STRENGTH_RATIOS.contains(&strength_ratio);
     is_contradicted.then_some(UnknownError::ContradictsModel { strength_ratio, inclination_deg, model_inclination_deg })
-}
-
-/// Headings flown, by the autopilot's yaw; without one, by the compass as logged.
-pub(super) fn yaw_sectors(flight: &LoggedFlight, rows: &[ReplayRow]) -> HeadingSectors {
-    let yaw_deg = |row: &ReplayRow| {
-        let [_, _, yaw_rad] = flight.attitude.interpolate_angles(row.t_s, MAX_YAW_GAP_S)?;
-        yaw_rad.is_finite().then(|| f64::from(yaw_rad.to_degrees()))
-    };
-    let usable = rows.iter().filter(|row| row.is_usable);
-    usable.map(|row| yaw_deg(row).unwrap_or_else(|| logged_heading_deg(row))).collect()
 }
 
 fn logged_heading_deg(row: &ReplayRow) -> f64 {

@@ -7,12 +7,11 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::heading_sectors::HeadingSectors;
-use crate::log::LoggedFlight;
+use crate::log::{HeadingIntegral, LoggedFlight, MAX_PITCH_RAD};
 use crate::numbers::square;
-use crate::replay::evaluation::heading_deg;
-use crate::replay::integrated_turns::{IntegratedTurns, MAX_PITCH_RAD};
-use crate::replay::row::ReplayRow;
+use crate::replay::flown_headings::HeadingSectors;
+use crate::replay::integrated_turns::measured_turns;
+use crate::replay::row::{ReplayRow, heading_deg};
 use crate::score::wrap_180;
 
 /// Longest window, seconds: the drift of a micromachined gyro in it is below a degree.
@@ -58,7 +57,7 @@ struct WindowRow {
 
 /// Compares the heading as logged with the body rates; none if too little is logged.
 pub(super) fn compare_with_rates(flight: &LoggedFlight, rows: &[ReplayRow]) -> Option<RateComparison> {
-    let windows = windows(rows, &IntegratedTurns::new(flight));
+    let windows = windows(rows, &measured_turns(flight));
     let row_count: usize = windows.iter().map(Vec::len).sum();
     if row_count == 0 {
         return None;
@@ -129,7 +128,7 @@ struct TurnedRow {
 }
 
 /// Usable rows in windows without a gap of the rates.
-fn windows(rows: &[ReplayRow], turns: &IntegratedTurns) -> Vec<Vec<WindowRow>> {
+fn windows(rows: &[ReplayRow], turns: &HeadingIntegral) -> Vec<Vec<WindowRow>> {
     let usable = rows.iter().filter(|row| row.is_usable && row.attitude.pitch_rad.abs() <= MAX_PITCH_RAD);
     let turned: Vec<TurnedRow> = usable.filter_map(|row| turned_row(row, turns)).collect();
     let mut remaining = turned.as_slice();
@@ -144,10 +143,10 @@ fn windows(rows: &[ReplayRow], turns: &IntegratedTurns) -> Vec<Vec<WindowRow>> {
     windows
 }
 
-fn turned_row(row: &ReplayRow, turns: &IntegratedTurns) -> Option<TurnedRow> {
-    let (part, turn_deg) = turns.part_and_turn_deg(row.t_s)?;
+fn turned_row(row: &ReplayRow, turns: &HeadingIntegral) -> Option<TurnedRow> {
+    let (part, turn_rad) = turns.part_and_heading_rad(row.t_s)?;
     let heading_deg = heading_deg(row, row.logged_field.ut.map(f64::from));
-    heading_deg.is_finite().then_some(TurnedRow { t_s: row.t_s, turn_deg, heading_deg, part })
+    heading_deg.is_finite().then_some(TurnedRow { t_s: row.t_s, turn_deg: turn_rad.to_degrees(), heading_deg, part })
 }
 
 fn window_rows(window: &[TurnedRow]) -> Vec<WindowRow> {

@@ -10,7 +10,7 @@ pub use orientation_proof::provable_orientation;
 use autoswing::calibration::{Calibration, Solution};
 use nalgebra::Vector3;
 
-use super::evaluation::{CompassEvaluation, heading_deg};
+use super::evaluation::CompassEvaluation;
 use super::logged_accuracy::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG};
 use super::parameter_export::orientation::{FixedOrientation, OrientationParameters, TurnedSensor};
 use super::parameter_export::{
@@ -24,7 +24,7 @@ use super::row_solve::solved_correction;
 use crate::log::{FieldCorrection, LoggedFlight};
 use crate::numbers::square;
 use crate::replay::reference::ReferenceHeading;
-use crate::replay::row::ReplayRow;
+use crate::replay::row::{ReplayRow, heading_deg};
 
 /// Smallest number of rows since the last change for a fit: 10 s at 10 Hz.
 const MIN_ROWS: usize = 100;

@@ -3,11 +3,11 @@
 use super::check::CheckOutcome;
 use crate::log::{FieldCorrection, LoggedFlight};
 use crate::numbers::mean_angle_deg;
-use crate::replay::evaluation::{FlightEvaluation, heading_deg, score_correction};
-use crate::replay::logged_accuracy::HeadingSectors;
+use crate::replay::evaluation::{FlightEvaluation, score_correction};
+use crate::replay::flown_headings::HeadingSectors;
 use crate::replay::reference::{ReferenceHeading, ReferenceKind};
 use crate::replay::result::HeadingScore;
-use crate::replay::row::ReplayRow;
+use crate::replay::row::{ReplayRow, heading_deg};
 use crate::replay::row_headings::score_rows;
 use crate::score::wrap_180;
 

@@ -10,9 +10,9 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::check::CheckOutcome;
 use crate::log::{FieldCorrection, LoggedFlight};
-use crate::replay::evaluation::{FlightEvaluation, heading_deg};
+use crate::replay::evaluation::FlightEvaluation;
 use crate::replay::replay_run::solve_all_rows;
-use crate::replay::row::ReplayRow;
+use crate::replay::row::{ReplayRow, heading_deg};
 use crate::replay::row_headings::heading_scatter;
 use crate::replay::row_solve::solved_correction;
 use crate::score::wrap_180;

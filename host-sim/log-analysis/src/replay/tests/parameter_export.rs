@@ -5,7 +5,6 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use super::*;
 use crate::log::CustomRotation;
 use crate::numbers::square;
-use crate::replay::evaluation;
 use crate::replay::parameter_export::orientation::{FixedOrientation, OrientationParameters};
 use crate::replay::parameter_export::{
     ExportInputs, HeldBackScore, ParameterFormat, field_by_exported_parameters, format_parameter_file,
@@ -77,7 +76,7 @@ fn parameters_hold_at_attitudes_that_were_not_flown() {
             for heading_deg in (0_u8..24).map(|i| f32::from(i) * 15.0) {
                 let attitude = RollPitch::from_deg(bank_deg, pitch_deg);
                 let row = ReplayRow { raw_field: field(&attitude, heading_deg), attitude, ..compass.rows[0] };
-                let exported_deg = evaluation::heading_deg(&row, row.corrected_field(&export.correction));
+                let exported_deg = row::heading_deg(&row, row.corrected_field(&export.correction));
                 errors_deg.push(wrap_180(exported_deg - f64::from(heading_deg)));
             }
         }
@@ -263,7 +262,7 @@ fn a_turned_sensor_is_oriented_by_the_simplest_parameters() {
         let field = field_by_exported_parameters(&flight, &export, format);
         for row in &rows {
             let corrected = field(row);
-            let error_deg = wrap_180(evaluation::heading_deg(row, corrected) - row.reference_deg.unwrap());
+            let error_deg = wrap_180(row::heading_deg(row, corrected) - row.reference_deg.unwrap());
             // The file has five decimals of the matrix, three of the interference, and two of the angles.
             assert!(
                 (corrected.norm() - 47.5).abs() < 0.01 && error_deg.abs() < 0.05,

@@ -9,8 +9,9 @@ use super::model::{
 };
 use crate::log::{Gps, LoggedFlight};
 use crate::numbers::format_number;
-use crate::replay::evaluation::{CompassEvaluation, CorrectionSource, FlightEvaluation, heading_deg};
+use crate::replay::evaluation::{CompassEvaluation, CorrectionSource, FlightEvaluation};
 use crate::replay::hard_iron_changes::LoggedHardIronChange;
+use crate::replay::heading_deg;
 use crate::replay::parameter_export::field_by_exported_parameters;
 use crate::replay::verdict::{CompassState, CompassVerdict, Verdict};
 use crate::replay::{HeadingRow, ReferenceHeading, ReplayResult, ReplayRow};

@@ -1,5 +1,11 @@
 //! Sectors of heading that were flown.
 
+use crate::log::LoggedFlight;
+use crate::replay::row::{ReplayRow, heading_deg};
+
+/// Longest gap of the autopilot's yaw by which headings are counted, seconds.
+const MAX_YAW_GAP_S: f64 = 1.5;
+
 /// Sectors of a turn, of 30 deg each.
 const SECTOR_COUNT: usize = 12;
 /// Minimum number of rows in a sector that counts as flown: half a second.
@@ -45,4 +51,14 @@ impl FromIterator<f64> for HeadingSectors {
         }
         sectors
     }
+}
+
+/// Headings flown, by the autopilot's yaw; without one, by the compass as logged.
+pub(super) fn yaw_sectors(flight: &LoggedFlight, rows: &[ReplayRow]) -> HeadingSectors {
+    let yaw_deg = |row: &ReplayRow| {
+        let [_, _, yaw_rad] = flight.attitude.interpolate_angles(row.t_s, MAX_YAW_GAP_S)?;
+        yaw_rad.is_finite().then(|| f64::from(yaw_rad.to_degrees()))
+    };
+    let usable = rows.iter().filter(|row| row.is_usable);
+    usable.map(|row| yaw_deg(row).unwrap_or_else(|| heading_deg(row, row.logged_field.ut.map(f64::from)))).collect()
 }
