@@ -212,7 +212,7 @@ impl FlightBuilder {
         flight.reference_heading.sort_and_dedup();
         flight.row_usability.sort_and_dedup();
         flight.skipped_counts.repeated_times += attitude_repeats as u64;
-        if flight.skipped_counts.rejected_readings == 0
+        if (flight.skipped_counts.rejected_readings == 0 || flight.rows_without_time > 0)
             && self.field_rows.iter().all(|(_, _, field)| field.rows().is_empty())
         {
             self.field_rows.clear();

@@ -1,8 +1,5 @@
 //! Heading by the body rates, from an arbitrary north: no compass has a part in it.
 
-use autoswing::attitude::{BodyRates, EulerRates};
-use autoswing::frames::RollPitch;
-
 use super::flight::LoggedFlight;
 
 /// Longest gap of attitude that is interpolated, seconds.
@@ -33,12 +30,12 @@ impl HeadingIntegral {
         for row in flight.body_rates.rows() {
             let attitude = flight.attitude.interpolate_angles(row.t_s, MAX_ATTITUDE_GAP_S);
             let Some([roll_rad, pitch_rad, _]) = attitude else { continue };
-            let Some(body_rates) = BodyRates::from_rad_s(row.row_values) else { continue };
             if pitch_rad.abs() > MAX_PITCH_RAD {
                 continue;
             }
-            let rates = EulerRates::from_body_rates(body_rates, RollPitch { roll_rad, pitch_rad });
-            let rate_rad_s = f64::from(rates.heading_rad_s);
+            let [_, q, r] = row.row_values;
+            let (sin_roll, cos_roll) = libm::sincosf(roll_rad);
+            let rate_rad_s = f64::from((q * sin_roll + r * cos_roll) / libm::cosf(pitch_rad));
             let (heading_rad, part) = rows.last().map_or((0.0, 0), |last| {
                 let step_s = row.t_s - last.t_s;
                 let heading_rad = last.heading_rad + step_s * rate_rad_s.midpoint(last_rate_rad_s);

@@ -54,7 +54,6 @@ pub(super) fn is_change_possible(
     }
     let jump_squares: f64 = differences.iter().map(|row| square(row.jump_deg)).sum();
     let is_visible = (jump_squares / sides[1] as f64).sqrt() > MIN_JUMP_DEG;
-    if cfg!(test) { eprintln!("DBG {is_visible} {:?} {:?}", jump_fraction(&differences), differences.iter().step_by(40).map(|d| (d.t_s, d.deg, d.jump_deg)).collect::<Vec<_>>()); }
     !is_visible || jump_fraction(&differences).is_none_or(|fraction| fraction > MIN_JUMP_FRACTION)
 }
 

@@ -262,7 +262,7 @@ fn a_turned_sensor_is_oriented_by_the_simplest_parameters() {
         let field = field_by_exported_parameters(&flight, &export, format);
         for row in &rows {
             let corrected = field(row);
-            let error_deg = wrap_180(row::heading_deg(row, corrected) - row.reference_deg.unwrap());
+            let error_deg = wrap_180(heading_deg(row, corrected) - row.reference_deg.unwrap());
             // The file has five decimals of the matrix, three of the interference, and two of the angles.
             assert!(
                 (corrected.norm() - 47.5).abs() < 0.01 && error_deg.abs() < 0.05,
