@@ -67,7 +67,8 @@ impl ExportInputs<'_> {
         Some(TurnedSensor { rotation_from_logged, reason })
     }
 
-    /// Exports a calibration with an orientation of a kind; none if the parameters cannot express it.
+    /// Exports a calibration with an orientation of a kind; none if the parameters cannot express it. A half turn is a
+    /// symmetric matrix, too, but not a positive one, which corrects no field.
     pub fn export_correction(&self, calibration: &Calibration, kind: OrientationKind) -> Option<ExportedCorrection> {
         let Self { compass_number, rows, total_ut, format, .. } = *self;
         let correction_matrix = calibration.w_matrix().map(f64::from);
@@ -96,6 +97,7 @@ impl ExportInputs<'_> {
             is_diagonal: is_inav,
         };
         let correction = symmetric_fit.nearest_correction(initial_correction);
+        correction.matrix.cholesky()?;
         Some(ExportedCorrection {
             compass_number,
             correction,
