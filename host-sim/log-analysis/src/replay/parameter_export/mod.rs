@@ -67,8 +67,7 @@ impl ExportInputs<'_> {
         Some(TurnedSensor { rotation_from_logged, reason })
     }
 
-    /// Exports a calibration with an orientation of a kind; none if the parameters cannot express it. A half turn is a
-    /// symmetric matrix, too, but not a positive one, which corrects no field.
+    /// Exports a calibration with an orientation of a kind; none if the parameters cannot express it.
     pub fn export_correction(&self, calibration: &Calibration, kind: OrientationKind) -> Option<ExportedCorrection> {
         let Self { compass_number, rows, total_ut, format, .. } = *self;
         let correction_matrix = calibration.w_matrix().map(f64::from);
@@ -96,8 +95,9 @@ impl ExportInputs<'_> {
             full_correction,
             is_diagonal: is_inav,
         };
-        let correction = symmetric_fit.nearest_correction(initial_correction);
-        correction.matrix.cholesky()?;
+        let nearest = symmetric_fit.nearest_correction(initial_correction);
+        // A half turn is a symmetric matrix, too, but not a positive one, which corrects no field.
+        let correction = if nearest.matrix.cholesky().is_some() { nearest } else { initial_correction };
         Some(ExportedCorrection {
             compass_number,
             correction,
