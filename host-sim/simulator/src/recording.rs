@@ -19,9 +19,17 @@ const RECORDING_INTERVAL_US: u64 = 100_000;
 /// Longest recorded end part of a time step, microseconds; the world keeps 2 s of history.
 const MAX_RECORDED_HISTORY_US: u64 = 1_900_000;
 
-/// Parameters by which the log reader recognises a compass of ArduPilot and of PX4; their value zero means no
-/// correction.
-const COMPASS_IDENTIFYING_PARAMETERS: [&str; 4] = ["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z", "CAL_MAG0_ROT"];
+/// Parameters of an external compass of ArduPilot and of PX4 without correction, in firmware with custom rotations.
+const COMPASS_PARAMETERS: [(&str, f64); 8] = [
+    ("COMPASS_OFS_X", 0.0),
+    ("COMPASS_OFS_Y", 0.0),
+    ("COMPASS_OFS_Z", 0.0),
+    ("COMPASS_ORIENT", 0.0),
+    ("COMPASS_EXTERNAL", 1.0),
+    ("CUST_ROT_ENABLE", 0.0),
+    ("CAL_MAG0_ROT", 0.0),
+    ("CAL_MAG0_ROLL", 0.0),
+];
 
 /// Appends the state of the world at a time within the last two seconds.
 pub fn record_sample(recording: &mut FlightRecording, world: &World, source: &mut AttitudeSource, at_us: u64) {
@@ -93,7 +101,7 @@ impl Recorder {
     /// A recorder of a module that starts at the present time.
     pub fn new(module: &impl Module) -> Self {
         let (source, next_sample_us) = (module.world().attitude_source(), module.now_us());
-        let parameters = COMPASS_IDENTIFYING_PARAMETERS.map(|name| (name.to_owned(), 0.0)).to_vec();
+        let parameters = COMPASS_PARAMETERS.map(|(name, value)| (name.to_owned(), value)).to_vec();
         let mut recording = FlightRecording { parameters, ..FlightRecording::default() };
         set_place_of_default_earth(&mut recording, module.world());
         Self { source, next_sample_us, recording }

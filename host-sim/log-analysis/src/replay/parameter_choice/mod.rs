@@ -189,9 +189,12 @@ impl ParameterCandidate {
         /// A symmetric matrix imitates no rotation beyond it.
         const MAX_ROTATION_LOSS_DEG: f64 = 20.0;
         let accuracy = self.check_accuracy(reference_sigma_deg);
-        let is_cause = matches!(accuracy, Err(NoParameters::NoGain(_) | NoParameters::Inaccurate { .. }))
-            && self.held_back.as_logged_rms_deg > GOOD_COMPASS_RMS_DEG
-            && is_mostly_inexpressible(self.held_back.rms_deg, self.exported.heading_loss_deg[0]);
+        let is_bad = match accuracy {
+            Err(NoParameters::NoGain(_)) => self.held_back.as_logged_rms_deg > BAD_COMPASS_RMS_DEG,
+            Err(NoParameters::Inaccurate { .. }) => true,
+            _ => false,
+        };
+        let is_cause = is_bad && is_mostly_inexpressible(self.held_back.rms_deg, self.exported.heading_loss_deg[0]);
         match self.turned.as_ref().filter(|_| is_cause || self.exported.total_loss_deg() > MAX_ROTATION_LOSS_DEG) {
             Some(turned)
                 if !matches!(accuracy, Err(NoParameters::Residuals { .. } | NoParameters::Unobservable { .. })) =>

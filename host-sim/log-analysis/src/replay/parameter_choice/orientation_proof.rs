@@ -1,13 +1,13 @@
 //! Whether a flight proves that a compass is turned against its orientation.
 
-use super::super::evaluation::{CompassEvaluation, FlightEvaluation, score_correction};
-use super::super::parameter_export::ParameterFormat;
-use super::super::parameter_export::orientation::{FixedOrientation, OrientationParameters};
-use super::super::reading_checks::{CheckOutcome, CheckedMeaning, ReadingCheck, misalignment_about_z_deg};
-use super::super::reference::ReferenceHeading;
-use super::super::row::ReplayRow;
-use super::super::row_solve::solved_correction;
 use crate::log::{CustomRotation, FieldCorrection, LoggedFlight};
+use crate::replay::evaluation::{CompassEvaluation, FlightEvaluation, score_correction};
+use crate::replay::parameter_export::ParameterFormat;
+use crate::replay::parameter_export::orientation::{FixedOrientation, OrientationParameters};
+use crate::replay::reading_checks::{CheckOutcome, CheckedMeaning, ReadingCheck, misalignment_about_z_deg};
+use crate::replay::reference::ReferenceHeading;
+use crate::replay::row::ReplayRow;
+use crate::replay::row_solve::solved_correction;
 use crate::score::wrap_180;
 
 /// Largest angle between the corrected field and the axes of the body rates, and largest mean heading error, with which a

@@ -1,10 +1,12 @@
 //! Choice and score of parameters: on flown turns, and on candidates with single properties.
 
-use autoswing::calibration::{BankScaleFinding, DetectedHardIronChange, Finding, HardIronTimeCourse};
+use autoswing::calibration::{BankScaleFinding, DetectedHardIronChange, Finding, HardIronTimeCourse, Orientation};
 use autoswing::frames::{Field, Level, RollPitch};
 
 use nalgebra::Matrix3;
 
+use super::super::parameter_fit::ParameterFit;
+use super::super::result::{ReplayOptions, RowSelection};
 use super::*;
 use crate::log::LogFormat;
 use crate::replay::tests::{LEVEL_ROW_FIELD_UT, compass_of_flown_turns, export_of, level_row};
@@ -53,7 +55,8 @@ fn a_rotation_that_is_not_corrected_is_the_reason() {
         (6.0, 9.0, 5.0, 10.0, Some("turned")),
         (6.0, 9.0, 3.0, 10.0, Some("inaccurate")),
         (8.5, 9.0, 8.0, 10.0, Some("turned")),
-        (1.8, 1.9, 1.7, 4.0, Some("no-gain")),
+        (4.8, 4.9, 4.7, 4.0, Some("no-gain")),
+        (5.8, 5.9, 5.7, 4.0, Some("turned")),
         (1.0, 9.0, 0.5, 10.0, None),
         (1.0, 9.0, 0.5, 30.0, Some("turned")),
     ] {
@@ -202,6 +205,32 @@ fn choose(flight: &LoggedFlight, evaluation: &CompassEvaluation) -> Result<Expor
         ParameterFormat::ArduPilot,
         orientation,
     )
+}
+
+/// A sensor turned by right angles is fitted in that mounting, both halves too, and as well as an aligned one.
+#[test]
+fn a_sensor_turned_by_right_angles_is_fitted_in_its_mounting() {
+    let (flight, evaluation) = compass_of_flown_turns();
+    let aligned = choose(&flight, &evaluation).unwrap().held_back_score.unwrap();
+    for name in ["none", "yaw90", "yaw180", "roll180", "pitch180", "roll270-pitch90"] {
+        let mount = Orientation::from_name(name).unwrap();
+        let sensor_from_body = mount.body_from_sensor().transpose().map(f64::from);
+        let rows: Vec<ReplayRow> = evaluation.rows.iter().map(|row| row.in_rotated_axes(&sensor_from_body)).collect();
+        let fit = ParameterFit::new(&rows, None, &ReplayOptions::with_selection(RowSelection::All));
+        let variant = &fit.fit_variants[0];
+        assert_eq!(variant.mount, mount);
+        let inputs = ExportInputs {
+            compass_number: 1,
+            rows: &rows,
+            total_ut: None,
+            format: ParameterFormat::Inav,
+            orientation: Err(FixedOrientation::NotLogged),
+        };
+        let candidate = ParameterCandidate::new(&flight, &inputs, variant, true).unwrap();
+        // INAV's matrix is diagonal.
+        let rms_deg = candidate.held_back.rms_deg;
+        assert!((rms_deg - aligned.rms_deg).abs() < 0.3, "{}: {rms_deg}", mount.orientation_name());
+    }
 }
 
 /// Ten seconds of flight determine no parameters, and a few rows with a reference do not judge them. The autopilot

@@ -95,7 +95,9 @@ impl ExportInputs<'_> {
             full_correction,
             is_diagonal: is_inav,
         };
-        let correction = symmetric_fit.nearest_correction(initial_correction);
+        let nearest = symmetric_fit.nearest_correction(initial_correction);
+        // A half turn is a symmetric matrix, too, but not a positive one, which corrects no field.
+        let correction = if nearest.matrix.cholesky().is_some() { nearest } else { initial_correction };
         Some(ExportedCorrection {
             compass_number,
             correction,

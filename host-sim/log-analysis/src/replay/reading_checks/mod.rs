@@ -35,8 +35,10 @@ pub fn check_reading(
     let correction = solution.as_ref().map(solved_correction);
     let determined = solution.filter(sense::is_determined).as_ref().map(solved_correction);
     let inclination = check_inclination(evaluation, &rows, determined.as_ref());
-    // The mirror image of a field fits as a turned sensor of the opposite inclination: the field as read names the axis.
-    let sensed = correction.as_ref().filter(|_| !inclination.is_failed());
+    // The mirror image of a field, or of roll with repaired rates, fits as a turned sensor: the field as read names the axis.
+    let is_turned = compass.parameter_fit.fit_variants.first().is_some_and(|fit| fit.mount.number() != 0);
+    let is_repaired = flight.logged_rate_signs.iter().any(|sign| *sign < 0.0);
+    let sensed = correction.as_ref().filter(|_| !(inclination.is_failed() || is_turned && is_repaired));
     let check = |meaning, outcome| ReadingCheck { meaning, outcome };
     vec![
         check(CheckedMeaning::Slot, check_slot(flight, compass)),

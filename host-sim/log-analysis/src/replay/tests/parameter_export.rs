@@ -197,10 +197,11 @@ type OrientationCase =
 fn a_turned_sensor_is_oriented_by_the_simplest_parameters() {
     use ParameterFormat::{ArduPilot, Px4};
     const PX4_ANGLES: &[(&str, f64)] = &[("CAL_MAG0_ROT", 2.0), ("CAL_MAG0_ROLL", 0.0), ("SENS_BOARD_Y_OFF", 5.0)];
-    let cases: [OrientationCase; 12] = [
+    let cases: [OrientationCase; 13] = [
         (ArduPilot, "V4.6.0", &[EXTERNAL, ("COMPASS_ORIENT", 6.0)], [0.0; 3], &["COMPASS_ORIENT,6"]),
         (ArduPilot, "V4.6.0", &[EXTERNAL, ("COMPASS_ORIENT", 2.0)], [0.0, 0.0, 90.0], &["COMPASS_ORIENT,4"]),
         (ArduPilot, "V4.6.0", &[EXTERNAL, ("COMPASS_ORIENT", 2.0)], [0.0, 0.0, -45.0], &["COMPASS_ORIENT,1"]),
+        (ArduPilot, "V4.6.0", &[EXTERNAL, ("COMPASS_ORIENT", 0.0)], [0.0, 180.0, 90.0], &["COMPASS_ORIENT,14"]),
         (ArduPilot, "V3.6.0", &[EXTERNAL, ("COMPASS_ORIENT", 0.0)], [90.0, 0.0, 0.0], &["COMPASS_ORIENT,16"]),
         (
             ArduPilot,
