@@ -31,7 +31,7 @@ pub trait SetBaud {
 /// Waits for the settings; returns whether they name a protocol of a port. A board with one UART runs the console on it
 /// otherwise.
 pub async fn has_protocol(links: &TaskLinks, port_number: PortNumber) -> bool {
-    port_number.port_element(&subscribe(&links.settings).changed().await.ports).protocol != ProtocolKind::Auto
+    subscribe(&links.settings).changed().await.settings_of_port(port_number).protocol != ProtocolKind::Auto
 }
 
 /// Runs a port for ever. Until the settings are loaded it is silent, at the baud rate of [`Settings::DEFAULT`].
@@ -46,9 +46,9 @@ pub async fn run_port(
     let line = AutopilotLine::Port(port_number);
     let wires = links.links_of_line(line);
     let mut settings = changes.changed().await;
-    let initial_settings = *port_number.port_element(&settings.ports);
+    let initial_settings = settings.settings_of_port(port_number);
     let mut port = Port::new(initial_settings.protocol, *port_number.port_element(&links.port_protocols()), now());
-    apply_settings(&mut port, &mut tx, *port_number.port_element(&Settings::DEFAULT.ports), initial_settings);
+    apply_settings(&mut port, &mut tx, Settings::DEFAULT.settings_of_port(port_number), initial_settings);
     port.mavlink.set_signing_key(settings.signing_key);
     let mut published_counts = PublishedCounts::default();
     let mut silence_check = MessageSchedule::new();
@@ -72,8 +72,8 @@ pub async fn run_port(
                     apply_settings(
                         &mut port,
                         &mut tx,
-                        *port_number.port_element(&settings.ports),
-                        *port_number.port_element(&changed.ports),
+                        settings.settings_of_port(port_number),
+                        changed.settings_of_port(port_number),
                     );
                     settings = changed;
                     port.mavlink.set_signing_key(settings.signing_key);

@@ -67,9 +67,7 @@ impl Compass<'_> {
                 PortNumber::ALL_PORTS.into_iter().zip(&mut new_values.detected_protocols).zip(settled)
             {
                 // Failed detection does not replace an earlier result, nor does a configured protocol.
-                if number.port_element(&self.settings.ports).protocol == ProtocolKind::Auto
-                    && kind != ProtocolKind::Auto
-                {
+                if self.settings.settings_of_port(number).protocol == ProtocolKind::Auto && kind != ProtocolKind::Auto {
                     *detected = kind;
                 }
             }

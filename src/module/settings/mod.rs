@@ -146,6 +146,12 @@ impl Settings {
         Self { align_deg: self.align_deg, ..Self::DEFAULT }
     }
 
+    /// Settings of a port.
+    #[must_use]
+    pub const fn settings_of_port(&self, number: PortNumber) -> PortSettings {
+        *number.port_element(&self.ports)
+    }
+
     /// Whether every setting is within its range.
     #[must_use]
     pub fn is_valid(&self) -> bool {

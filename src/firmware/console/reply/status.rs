@@ -85,7 +85,7 @@ pub(super) fn write_full_status(out: &mut impl Write, report: &StatusReport, hea
     for line in setting_lines().filter(|line| *line != CAN_LINE) {
         write_setting_line(out, line, ": ", report)?;
         for port in PortNumber::ALL_PORTS.into_iter().filter(|port| *port.port_element(&PORT_LINES) == line) {
-            let configured = port.port_element(&report.settings.ports).protocol;
+            let configured = report.settings.settings_of_port(port).protocol;
             write_detected_protocol(out, configured, health.port_protocol(port))?;
         }
         writeln!(out)?;
