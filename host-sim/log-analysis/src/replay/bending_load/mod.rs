@@ -35,6 +35,10 @@ const MIN_HEADING_EFFECT_DEG: f64 = 1.0;
 /// Least part of the squared residuals of a half that the coefficients of the other half explain.
 const MIN_EXPLAINED_FRACTION: f64 = 0.1;
 
+/// Largest squared correlation with a motion of the aircraft: a load that follows it as closely cannot be told from
+/// it, as the current of a rover on slopes from its pitch.
+const MAX_MOTION_CORRELATION: f64 = 0.9;
+
 /// Fits of a load after the first, each with the residuals clipped around the load of the one before.
 const REFINEMENTS: usize = 3;
 
@@ -75,7 +79,11 @@ fn find_logged_load(
     let count = candidates.len() as f64;
     let fits = candidates.into_iter().filter_map(|candidate| Some((model.fit_load(&candidate.values)?, candidate)));
     let (fit, candidate) = fits.max_by(|(a, _), (b, _)| a.reduction.total_cmp(&b.reduction))?;
-    let motions = motion_candidates(rows).into_iter().filter_map(|values| Some((model.fit_load(&values)?, values)));
+    let motions = motion_candidates(rows);
+    if motions.iter().any(|values| squared_correlation(values, &candidate.values) > MAX_MOTION_CORRELATION) {
+        return None;
+    }
+    let motions = motions.into_iter().filter_map(|values| Some((model.fit_load(&values)?, values)));
     let motion = motions.max_by(|(a, _), (b, _)| a.reduction.total_cmp(&b.reduction));
     if motion.as_ref().is_some_and(|(motion, _)| motion.reduction >= fit.reduction) {
         return None;
@@ -97,6 +105,16 @@ fn find_logged_load(
     let is_cause =
         is_named(&load) && explained_fraction(&model, &fit) > explained_by_motion && holds_in_halves(&model, &fit);
     is_cause.then_some((load, candidate))
+}
+
+fn squared_correlation(one: &[f64], other: &[f64]) -> f64 {
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    let [one_mean, other_mean] = [mean(one), mean(other)];
+    let [products, one_squares, other_squares] = one.iter().zip(other).fold([0.0; 3], |[xy, xx, yy], (x, y)| {
+        let [x, y] = [x - one_mean, y - other_mean];
+        [xy + x * y, xx + x * x, yy + y * y]
+    });
+    products * products / (one_squares * other_squares)
 }
 
 /// Fit of a load with the residuals clipped around it, and its model.
