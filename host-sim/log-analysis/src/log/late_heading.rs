@@ -1,5 +1,7 @@
 //! Latency of a heading that was removed.
 
+use std::fmt;
+
 /// Latency of a heading that was removed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeadingLatency {
@@ -7,4 +9,11 @@ pub struct HeadingLatency {
     pub heading_name: &'static str,
     /// Latency, seconds.
     pub latency_s: f64,
+}
+
+impl fmt::Display for HeadingLatency {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { heading_name, latency_s } = self;
+        write!(f, "{heading_name} is {:.0} ms late by the body rates; this is allowed for", latency_s * 1e3)
+    }
 }

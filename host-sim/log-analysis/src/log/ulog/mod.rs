@@ -282,15 +282,11 @@ impl UlogReader {
             "vehicle_gps_position" if instance == 0 => record_gps(&mut self.builder, t_s, &row),
             "battery_status" => {
                 if let Some(amperes) = row.numeric_value("current_a").map(|amperes| amperes as f32) {
-                    match instance {
-                        0 => self.builder.push_current(t_s, amperes),
-                        _ => {
-                            self.builder.loads.push_value(
-                                LoadSource::Battery(instance.saturating_add(1)),
-                                t_s,
-                                amperes,
-                            );
-                        }
+                    if instance == 0 {
+                        self.builder.push_current(t_s, amperes);
+                    } else {
+                        let battery = LoadSource::Battery(instance.saturating_add(1));
+                        self.builder.loads.push_value(battery, t_s, amperes);
                     }
                 }
             }

@@ -35,6 +35,13 @@ const MIN_HEADING_EFFECT_DEG: f64 = 1.0;
 /// Least part of the squared residuals of a half that the coefficients of the other half explain.
 const MIN_EXPLAINED_FRACTION: f64 = 0.1;
 
+/// Largest squared correlation with a motion of the aircraft: a load that follows it as closely cannot be told from
+/// it, as the current of a rover on slopes from its pitch.
+const MAX_MOTION_CORRELATION: f64 = 0.9;
+
+/// Fits of a load after the first, each with the residuals clipped around the load of the one before.
+const REFINEMENTS: usize = 3;
+
 /// Loads that bend the field in the usable rows: at most one logged, and one periodic. `initial` is a correction that
 /// fits most of the rows.
 #[must_use]
@@ -48,7 +55,10 @@ pub fn find_bending_loads(
     let thinned: Vec<ReplayRow> = usable.iter().step_by(usable.len().div_ceil(MAX_ROWS).max(1)).copied().collect();
     let change_times_s: Vec<f64> = changes.iter().map(|change| change.hard_iron_step.time_s).collect();
     let model = |rows: &[ReplayRow]| ResidualModel::new(rows, initial, &change_times_s);
-    let logged = model(&thinned).and_then(|model| find_logged_load(&model, flight, &thinned));
+    let around = |values: &[f64], coefficient_ut: Vector3<f64>| {
+        ResidualModel::around_load(&thinned, initial, &change_times_s, values, coefficient_ut)
+    };
+    let logged = model(&thinned).and_then(|model| find_logged_load(&model, &around, flight, &thinned));
     let periodic = model(&usable).and_then(|model| find_periodic_load(&model, flight, &usable, logged.as_ref()));
     logged.map(|(load, _)| load).into_iter().chain(periodic).collect()
 }
@@ -56,16 +66,31 @@ pub fn find_bending_loads(
 /// A load, and the candidate that it is.
 type NamedLoad = (BendingLoad, LoadCandidate);
 
-fn find_logged_load(model: &ResidualModel, flight: &LoggedFlight, rows: &[ReplayRow]) -> Option<NamedLoad> {
+/// Model around a load with these values and this coefficient.
+type ModelAroundLoad<'a> = dyn Fn(&[f64], Vector3<f64>) -> Option<ResidualModel> + 'a;
+
+fn find_logged_load(
+    model: &ResidualModel,
+    around: &ModelAroundLoad<'_>,
+    flight: &LoggedFlight,
+    rows: &[ReplayRow],
+) -> Option<NamedLoad> {
     let candidates = load_candidates(flight, rows);
     let count = candidates.len() as f64;
     let fits = candidates.into_iter().filter_map(|candidate| Some((model.fit_load(&candidate.values)?, candidate)));
     let (fit, candidate) = fits.max_by(|(a, _), (b, _)| a.reduction.total_cmp(&b.reduction))?;
-    let by_motion = motion_candidates(rows)
-        .iter()
-        .filter_map(|values| model.fit_load(values))
-        .map(|fit| fit.reduction)
-        .fold(0.0, f64::max);
+    let motions = motion_candidates(rows);
+    if motions.iter().any(|values| squared_correlation(values, &candidate.values) > MAX_MOTION_CORRELATION) {
+        return None;
+    }
+    let motions = motions.into_iter().filter_map(|values| Some((model.fit_load(&values)?, values)));
+    let motion = motions.max_by(|(a, _), (b, _)| a.reduction.total_cmp(&b.reduction));
+    if motion.as_ref().is_some_and(|(motion, _)| motion.reduction >= fit.reduction) {
+        return None;
+    }
+    let (model, fit) = refined_fit(around, &candidate.values, fit)?;
+    let by_motion = motion.and_then(|(motion, values)| refined_fit(around, &values, motion));
+    let explained_by_motion = by_motion.map_or(0.0, |(model, motion)| explained_fraction(&model, &motion));
     let reference = candidate.reference_value();
     let load = BendingLoad {
         size_ut: (fit.coefficient_ut * reference).norm(),
@@ -77,7 +102,34 @@ fn find_logged_load(model: &ResidualModel, flight: &LoggedFlight, rows: &[Replay
             at_current_a: candidate.sources.iter().all(|source| source.is_current()).then_some(reference),
         },
     };
-    (is_named(&load) && fit.reduction > by_motion && holds_in_halves(model, &fit)).then_some((load, candidate))
+    let is_cause =
+        is_named(&load) && explained_fraction(&model, &fit) > explained_by_motion && holds_in_halves(&model, &fit);
+    is_cause.then_some((load, candidate))
+}
+
+fn squared_correlation(one: &[f64], other: &[f64]) -> f64 {
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    let [one_mean, other_mean] = [mean(one), mean(other)];
+    let [products, one_squares, other_squares] = one.iter().zip(other).fold([0.0; 3], |[xy, xx, yy], (x, y)| {
+        let [x, y] = [x - one_mean, y - other_mean];
+        [xy + x * y, xx + x * x, yy + y * y]
+    });
+    products * products / (one_squares * other_squares)
+}
+
+/// Fit of a load with the residuals clipped around it, and its model.
+fn refined_fit(around: &ModelAroundLoad<'_>, values: &[f64], first: LoadFit) -> Option<(ResidualModel, LoadFit)> {
+    let mut refined = (around(values, first.coefficient_ut)?, first);
+    for _ in 0..REFINEMENTS {
+        refined.1 = refined.0.fit_load(values)?;
+        refined.0 = around(values, refined.1.coefficient_ut)?;
+    }
+    Some(refined)
+}
+
+/// Part of the squared residuals that a load explains.
+fn explained_fraction(model: &ResidualModel, fit: &LoadFit) -> f64 {
+    fit.reduction / model.residuals.norm_squared()
 }
 
 fn is_named(load: &BendingLoad) -> bool {

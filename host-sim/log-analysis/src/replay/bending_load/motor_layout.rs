@@ -92,8 +92,9 @@ const fn motor_angles_deg(class: i32, frame_type: i32) -> &'static [f64] {
 
 /// Side that all places are on, with a space after it; empty if none.
 pub(super) fn common_side(places: &[Option<[f64; 2]>]) -> &'static str {
-    let all = |is_there: fn([f64; 2]) -> bool| places.iter().all(|place| place.is_some_and(is_there));
+    /// A motor on an axis is on neither side, despite rounding.
     const MARGIN: f64 = 0.05;
+    let all = |is_there: fn([f64; 2]) -> bool| places.iter().all(|place| place.is_some_and(is_there));
     if all(|[_, right]| right > MARGIN) {
         "right "
     } else if all(|[_, right]| right < -MARGIN) {

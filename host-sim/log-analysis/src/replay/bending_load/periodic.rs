@@ -61,10 +61,8 @@ pub(super) fn find_line(
     let longest_s = PERIODS_S[1].min(shortest_s / MIN_PERIODS_PER_SEGMENT);
     let shortest_period_s = PERIODS_S[0].max(MIN_ROWS_PER_PERIOD * row_interval_s);
     let step_hz = 0.5 / shortest_s;
-    let frequencies_hz: Vec<f64> = (0..)
-        .map(|i| longest_s.recip() + f64::from(i) * step_hz)
-        .take_while(|frequency_hz| frequency_hz * shortest_period_s < 1.0)
-        .collect();
+    let step_count = ((shortest_period_s.recip() - longest_s.recip()) / step_hz) as u32;
+    let frequencies_hz: Vec<f64> = (0..step_count).map(|i| longest_s.recip() + f64::from(i) * step_hz).collect();
     let signal = |i: usize| directions[2 * i] * residuals[2 * i] + directions[2 * i + 1] * residuals[2 * i + 1];
     let weights: Vec<Matrix3<f64>> =
         segments.iter().map(|part| inverse_weight(directions, part)).collect::<Option<_>>()?;

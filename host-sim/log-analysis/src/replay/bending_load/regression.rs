@@ -1,5 +1,6 @@
 //! Regression of the residual field on a load, with the fit, the attitude's offsets and a drift as further unknowns.
 
+use autoswing::frames::Field;
 use nalgebra::{DMatrix, DVector, Matrix3, RowVector4, Vector3};
 
 use crate::log::FieldCorrection;
@@ -82,14 +83,41 @@ impl ResidualModel {
         })
     }
 
-    /// Fit of a load with these values at the rows; none if it hardly varies.
-    pub fn fit_load(&self, values: &[f64]) -> Option<LoadFit> {
+    /// Columns of a load of unit spread, without what the unknowns explain, and its spread.
+    fn load_columns(&self, values: &[f64]) -> (DMatrix<f64>, f64) {
         let mean = values.iter().sum::<f64>() / values.len() as f64;
         let spread = (values.iter().map(|value| square(value - mean)).sum::<f64>() / values.len() as f64).sqrt();
         let columns = DMatrix::from_fn(self.directions.len(), 3, |i, axis| {
             self.directions[i][axis] * (values[i / 2] - mean) / spread
         });
-        let columns = &columns - &self.jacobian * (&self.normal_inverse * (self.jacobian.transpose() * &columns));
+        (&columns - &self.jacobian * (&self.normal_inverse * (self.jacobian.transpose() * &columns)), spread)
+    }
+
+    /// The model of rows whose residuals are scaled and clipped without a load, with the load added again: rare large
+    /// currents are no spikes.
+    pub fn around_load(
+        rows: &[ReplayRow],
+        correction: &FieldCorrection,
+        change_times_s: &[f64],
+        values: &[f64],
+        coefficient_ut: Vector3<f64>,
+    ) -> Option<Self> {
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        let raw_coefficient_ut = correction.matrix.try_inverse()? * coefficient_ut;
+        let without_load = |(row, value): (&ReplayRow, &f64)| {
+            let raw_ut = row.raw_field.ut - (raw_coefficient_ut * (value - mean)).map(|axis| axis as f32);
+            ReplayRow { raw_field: Field::new(raw_ut), ..*row }
+        };
+        let rows: Vec<ReplayRow> = rows.iter().zip(values).map(without_load).collect();
+        let mut model = Self::new(&rows, correction, change_times_s)?;
+        let (columns, spread) = model.load_columns(values);
+        model.residuals += columns * (coefficient_ut * spread);
+        Some(model)
+    }
+
+    /// Fit of a load with these values at the rows; none if it hardly varies.
+    pub fn fit_load(&self, values: &[f64]) -> Option<LoadFit> {
+        let (columns, spread) = self.load_columns(values);
         let inverse = normal_inverse(&columns)?;
         let coefficient = inverse * (columns.transpose() * &self.residuals);
         let coefficient = Vector3::from_column_slice(coefficient.as_slice());
@@ -136,12 +164,13 @@ impl ResidualModel {
         });
         let coefficient = |half: usize| {
             let (columns, residuals) = &parts[half];
-            Some(normal_inverse(columns)? * (columns.transpose() * residuals))
+            let projection = columns.transpose() * residuals;
+            Some(normal_inverse(columns)? * Vector3::from_column_slice(projection.as_slice()))
         };
         let coefficients = [coefficient(0)?, coefficient(1)?];
         Some([0, 1].map(|half| {
             let (columns, residuals) = &parts[half];
-            residuals.norm_squared() - (residuals - columns * &coefficients[1 - half]).norm_squared()
+            residuals.norm_squared() - (residuals - columns * coefficients[1 - half]).norm_squared()
         }))
     }
 }

@@ -71,8 +71,7 @@ fn motors_are_named_by_their_side() {
         flight.parameters.set_value(0.0, &format!("SERVO{output}_FUNCTION"), 32.0 + motor);
     }
     let (rows, _) = build_rows(&flight, &flight.compasses[0], 0.0, None);
-    let names: Vec<String> =
-        candidates::load_candidates(&flight, &rows).into_iter().map(|candidate| candidate.name).collect();
+    let names: Vec<String> = load_candidates(&flight, &rows).into_iter().map(|candidate| candidate.name).collect();
     for name in ["right motors (outputs 1 and 4)", "left motor (output 3)"] {
         assert!(names.iter().any(|found| found == name), "{name}: {names:?}");
     }

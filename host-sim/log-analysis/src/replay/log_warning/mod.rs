@@ -270,9 +270,12 @@ fn implausible_strength(
     Some(LogWarning::ImplausibleStrength { compass: compass.compass_number, found_ut, model_ut, cause })
 }
 
+fn listed(numbers: &[u8]) -> String {
+    numbers.iter().map(u8::to_string).collect::<Vec<_>>().join(", ")
+}
+
 impl fmt::Display for LogWarning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let list = |numbers: &[u8]| numbers.iter().map(u8::to_string).collect::<Vec<_>>().join(", ");
         match self {
             Self::BodyRatesNotAsLogged { problem, is_repaired: true } => write!(f, "{problem}; corrected by the attitude"),
             Self::BodyRatesNotAsLogged { problem, is_repaired: false } => {
@@ -332,7 +335,7 @@ impl fmt::Display for LogWarning {
             Self::OtherAutopilots(own, others) => write!(
                 f,
                 "several autopilots of the same system on the link: component {own}, received first, is evaluated, not {}",
-                list(others)
+                listed(others)
             ),
             Self::RatesContradicted(percent) => write!(
                 f,
@@ -346,7 +349,7 @@ impl fmt::Display for LogWarning {
             Self::OtherVehicles(own, others) => write!(
                 f,
                 "several vehicles on the link: system {own} is evaluated; --system selects another ({})",
-                list(others)
+                listed(others)
             ),
             Self::Restarts(number) => write!(f, "the autopilot restarted {number} time(s) in the log; time goes on after each"),
             Self::Skipped(number, items) => write!(f, "skipped: {number} {items}"),
@@ -357,9 +360,7 @@ impl fmt::Display for LogWarning {
             Self::NoCurrent => f.write_str(
                 "no current is logged: motor-current interference is neither estimated nor part of the expected error",
             ),
-            Self::LateHeading(HeadingLatency { heading_name, latency_s }) => {
-                write!(f, "{heading_name} is {:.0} ms late by the body rates; this is allowed for", latency_s * 1e3)
-            }
+            Self::LateHeading(latency) => latency.fmt(f),
             Self::NegatedCurrent => f.write_str("the current is negative throughout; its size is used"),
             Self::VtolView(message) => write!(
                 f,
