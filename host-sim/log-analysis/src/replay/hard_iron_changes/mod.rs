@@ -78,10 +78,14 @@ pub fn find_changes(
         let solution = if found.is_empty() { None } else { solve_all_rows(part).filter(is_accurate) };
         find_steps(&search, part, &solution.as_ref().map_or(correction, solved_correction), &mut found);
     }
-    let turns = measured_turns(flight);
-    found.retain(|change| is_change_possible(flight, rows, &turns, &change.hard_iron_step, initial));
     found.sort_by(|a, b| a.hard_iron_step.time_s.total_cmp(&b.hard_iron_step.time_s));
-    found
+    let turns = measured_turns(flight);
+    let parts = split_at_changes(rows, &found);
+    let is_possible = |index: usize| {
+        let around = [parts[index], parts[index + 1]].concat();
+        is_change_possible(flight, &around, &turns, &found[index].hard_iron_step, initial)
+    };
+    (0..found.len()).filter(|index| is_possible(*index)).map(|index| found[index]).collect()
 }
 
 struct ChangeSearch<'a> {

@@ -5,7 +5,7 @@ use nalgebra::{Matrix5, Vector3, Vector5};
 
 use crate::log::{FieldCorrection, HeadingIntegral, LoggedFlight};
 use crate::numbers::square;
-use crate::replay::flown_headings::yaw_sectors;
+use crate::replay::flown_headings::{HeadingSectors, yaw_sectors};
 use crate::replay::hard_iron_step::HardIronStep;
 use crate::replay::row::{ReplayRow, heading_deg};
 use crate::score::wrap_180;
@@ -23,8 +23,8 @@ const DEVIATION_DEG: f64 = 15.0;
 /// Minimum number of rows on a side.
 const MIN_ROWS: usize = 20;
 
-/// Whether neither the headings around a change nor, without any to compare with, the headings flown on both sides
-/// contradict it. `initial` is a correction without the change.
+/// Whether the headings flown on both sides determine a change, or the heading jumped with it as far as that is seen.
+/// `rows` are those between the changes before and after it, `initial` is a correction without it.
 pub(super) fn is_change_possible(
     flight: &LoggedFlight,
     rows: &[ReplayRow],
@@ -32,6 +32,11 @@ pub(super) fn is_change_possible(
     step: &HardIronStep,
     initial: &FieldCorrection,
 ) -> bool {
+    let (before, after) = rows.split_at(rows.partition_point(|row| row.t_s < step.time_s));
+    let sectors = [before, after].map(|side| yaw_sectors(flight, side));
+    if sectors.iter().all(HeadingSectors::suffice) {
+        return true;
+    }
     let changed = FieldCorrection { hard_iron_ut: initial.hard_iron_ut + Vector3::from(step.step_ut), ..*initial };
     let near = rows.iter().filter(|row| row.is_usable && (row.t_s - step.time_s).abs() < SEARCHED_S);
     let differences = near.filter_map(|row| {
@@ -50,10 +55,19 @@ pub(super) fn is_change_possible(
     let sides = [false, true].map(|is_after| differences.iter().filter(|row| row.is_after == is_after).count());
     let is_one_part = differences.windows(2).all(|pair| pair[0].part == pair[1].part);
     if sides.iter().any(|count| *count < MIN_ROWS) || !is_one_part {
-        return both_sides_turned(flight, rows, step.time_s);
+        return sectors.iter().all(HeadingSectors::are_judged);
     }
     let jump_squares: f64 = differences.iter().map(|row| square(row.jump_deg)).sum();
     let is_visible = (jump_squares / sides[1] as f64).sqrt() > MIN_JUMP_DEG;
+    eprintln!(
+        "DBG {is_visible} {:?} {:?}",
+        jump_fraction(&differences),
+        differences
+            .iter()
+            .step_by(10)
+            .map(|d| ((d.t_s * 10.).round() / 10., d.deg.round(), d.jump_deg.round(), d.heading_deg.round()))
+            .collect::<Vec<_>>()
+    );
     !is_visible || jump_fraction(&differences).is_none_or(|fraction| fraction > MIN_JUMP_FRACTION)
 }
 
@@ -84,9 +98,4 @@ fn jump_fraction(differences: &[Difference]) -> Option<f64> {
         side += by_unknowns * (wrap_180(row.deg - first_deg) * weight);
     }
     Some((normal.try_inverse()? * side)[4])
-}
-
-fn both_sides_turned(flight: &LoggedFlight, rows: &[ReplayRow], changed_s: f64) -> bool {
-    let (before, after) = rows.split_at(rows.partition_point(|row| row.t_s < changed_s));
-    [before, after].iter().all(|side| yaw_sectors(flight, side).are_judged())
 }

@@ -26,6 +26,10 @@ pub const BAD_COMPASS_RMS_DEG: f64 = 5.0;
 /// Minimum number of usable rows for a judgement: 12 s at the 2 Hz of telemetry.
 const MIN_ROWS: usize = 25;
 
+/// A heading that swings by so much while the aircraft hardly turns is bad, degrees RMS: twice a bad compass's error,
+/// since tilts and accelerations turn it, too.
+const MIN_SWING_DEG: f64 = 2.0 * BAD_COMPASS_RMS_DEG;
+
 /// Error of a compass as logged, since the last change of hard iron.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoggedAccuracy {
@@ -132,9 +136,6 @@ fn by_reference(evaluation: &FlightEvaluation, rows: &[ReplayRow]) -> Option<Log
 /// Error by the body rates; without a turn only that of a heading which swings.
 fn by_rates(flight: &LoggedFlight, rows: &[ReplayRow]) -> Option<LoggedAccuracy> {
     let comparison = rate_comparison::compare_with_rates(flight, rows)?;
-    /// A heading that swings by so much while the aircraft hardly turns is bad, degrees RMS: twice a bad compass's error,
-    /// since tilts and accelerations turn it, too.
-    const MIN_SWING_DEG: f64 = 2.0 * BAD_COMPASS_RMS_DEG;
     let is_judged = comparison.sectors.are_judged() || comparison.rms_deg.min(comparison.swing_deg) > MIN_SWING_DEG;
     let sector_count = comparison.sectors.flown_count();
     is_judged.then_some(LoggedAccuracy {
