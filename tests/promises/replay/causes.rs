@@ -130,9 +130,11 @@ fn add_iron(t_s: f64, sample: &mut FlightSample, (axis, iron_ut): (usize, f64), 
     sample.field_ut[0][axis] += if is_within(t_s, from_s, to_s) { iron_ut } else { 0.0 };
 }
 
+/// White noise of 6 uT RMS, a function of time and axis: a sine that is sampled would be a periodic load.
 fn add_noise(t_s: f64, sample: &mut FlightSample) {
     for (axis, ut) in sample.field_ut[0].iter_mut().enumerate() {
-        *ut += 8.0 * libm::sin(t_s * (1000.0 + 377.0 * axis as f64));
+        let hash = libm::sin(t_s * 12.9898 + axis as f64 * 78.233) * 43_758.545_3;
+        *ut += 6.0 * 12_f64.sqrt() * (hash - hash.floor() - 0.5);
     }
 }
 
@@ -197,7 +199,12 @@ const CASES: [Case; 12] = [
     case("noise of 6 uT", add_noise, FLY_AGAIN, "no fit of these rows converges"),
     case("roll of the wrong sign", |_, s| s.attitude_rad[0] *= -1.0, CORRECT_READING, "the sign of roll"),
     case("roll of 85 %", |_, s| s.attitude_rad[0] *= 0.85, LOAD_OR_FLY_AGAIN, ""),
-    case("8 s of straight flight", |t_s, s| s.is_armed = t_s < 8.0, FLY_AGAIN, "too few for a fit"),
+    case(
+        "8 s of straight flight",
+        |t_s, s| s.is_armed = t_s < 8.0,
+        FLY_AGAIN,
+        "of 12 headings: turn all the way round",
+    ),
 ];
 
 /// Each injected cause that the samples show is named, and no other. A cause that does not concern the compass leaves

@@ -14,10 +14,10 @@ use testkit::random::Random;
 use super::evaluate_log;
 use crate::fixtures::share_of_flights;
 
-type Encoder = fn(&FlightRecording) -> Vec<u8>;
+/// Firmware: its name, its parameters, and the writer of its logs.
+type Firmware = (&'static str, &'static [(&'static str, f64)], fn(&FlightRecording) -> Vec<u8>);
 
-/// Firmware by its parameters, and the writer of its logs.
-const FIRMWARES: [(&str, &[(&str, f64)], Encoder); 4] = [
+const FIRMWARES: [Firmware; 4] = [
     ("ArduPilot 4.1", &[("COMPASS_CUS_ROLL", 0.0)], encode_dataflash),
     ("ArduPilot 4.5", &[("CUST_ROT_ENABLE", 0.0)], encode_dataflash),
     ("ArduPilot 4.5, .tlog", &[("CUST_ROT_ENABLE", 0.0)], encode_tlog),
@@ -127,9 +127,8 @@ impl LoadedFile<'_> {
 fn numbered(number: u8) -> Matrix3<f64> {
     let [roll_deg, pitch_deg, yaw_deg] = match number {
         0..8 => [0.0, 0.0, f64::from(number) * 45.0],
-        8..12 => [180.0, 0.0, f64::from(number - 8) * 45.0],
         12 => [0.0, 180.0, 0.0],
-        13..16 => [180.0, 0.0, f64::from(number - 8) * 45.0],
+        8..16 => [180.0, 0.0, f64::from(number - 8) * 45.0],
         16..20 => [90.0, 0.0, f64::from(number - 16) * 45.0],
         20..24 => [270.0, 0.0, f64::from(number - 20) * 45.0],
         24 => [0.0, 90.0, 0.0],

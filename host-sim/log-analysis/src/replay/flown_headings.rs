@@ -10,8 +10,9 @@ const MAX_YAW_GAP_S: f64 = 1.5;
 const SECTOR_COUNT: usize = 12;
 /// Minimum number of rows in a sector that counts as flown: half a second.
 const MIN_ROWS_PER_SECTOR: usize = 5;
-/// Minimum number of sectors flown, to judge a compass on them: errors exclude their mean.
-const MIN_JUDGED_SECTORS: usize = 2;
+/// Minimum number of sectors flown, to judge a compass on them: errors exclude their mean, and a straight flight may
+/// touch two.
+const MIN_JUDGED_SECTORS: usize = 3;
 /// Minimum number of sectors flown, to conclude from them on a fit, or on the compass's north.
 const MIN_COVERED_SECTORS: usize = 4;
 

@@ -136,7 +136,7 @@ fn by_reference(evaluation: &FlightEvaluation, rows: &[ReplayRow]) -> Option<Log
 /// Error by the body rates; without a turn only that of a heading which swings.
 fn by_rates(flight: &LoggedFlight, rows: &[ReplayRow]) -> Option<LoggedAccuracy> {
     let comparison = rate_comparison::compare_with_rates(flight, rows)?;
-    let is_judged = comparison.sectors.are_judged() || comparison.rms_deg.min(comparison.swing_deg) > MIN_SWING_DEG;
+    let is_judged = comparison.has_turned || comparison.rms_deg.min(comparison.swing_deg) > MIN_SWING_DEG;
     let sector_count = comparison.sectors.flown_count();
     is_judged.then_some(LoggedAccuracy {
         rms_deg: comparison.rms_deg,

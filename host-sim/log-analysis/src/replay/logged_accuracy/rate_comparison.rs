@@ -39,6 +39,8 @@ const ITERATIONS: usize = 3;
 pub(super) struct RateComparison {
     /// Error less its mean, degrees RMS.
     pub rms_deg: f64,
+    /// Whether a window turned.
+    pub has_turned: bool,
     /// Swing of the heading beyond that of the turn, degrees RMS.
     pub swing_deg: f64,
     /// Headings that turns relate to each other.
@@ -100,7 +102,7 @@ pub(super) fn compare_with_rates(flight: &LoggedFlight, rows: &[ReplayRow]) -> O
         window.iter().map(move |row| start_deg + row.turn_deg).collect::<Vec<_>>()
     };
     let sectors = judged().filter(|_| any_turned).flat_map(headings).collect();
-    Some(RateComparison { rms_deg: rms(squares), swing_deg: rms(swing_squares), sectors })
+    Some(RateComparison { rms_deg: rms(squares), has_turned: any_turned, swing_deg: rms(swing_squares), sectors })
 }
 
 fn squares_about_mean(values: &[f64]) -> f64 {
