@@ -124,6 +124,12 @@ impl Manoeuvre {
         ))
     }
 
+    /// Whether only a vehicle that banks into its turns can fly it.
+    #[must_use]
+    pub const fn needs_bank(self) -> bool {
+        matches!(self, Self::Circle(..))
+    }
+
     fn attitude(self) -> RollPitch {
         match self {
             Self::Circle(Side::Left, bank_deg) => RollPitch::from_deg(-f32::from(bank_deg), 0.0),

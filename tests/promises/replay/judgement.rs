@@ -1,5 +1,7 @@
 //! The judgement of each compass, and the parameters that are given for it.
 
+use std::fmt::Write as _;
+
 use log_analysis::log::FieldCorrection;
 use log_analysis::log::log_writers::{FlightRecording, encode_dataflash};
 use log_analysis::replay::ReplayRow;
@@ -7,6 +9,7 @@ use log_analysis::replay::evaluation::{CompassEvaluation, FlightEvaluation, eval
 use log_analysis::replay::logged_accuracy::AccuracyEvidence;
 use log_analysis::replay::parameter_export::{ParameterFormat, format_parameter_file, parse_parameter_file};
 use log_analysis::replay::verdict::{CompassAction, CompassState, Verdict};
+use nalgebra::{Rotation3, Vector3};
 use simulator::recording::record_turns;
 use simulator::world::WorldConfig;
 
@@ -215,4 +218,46 @@ fn a_compass_without_a_reading_has_failed() {
         );
         assert_eq!(other.judgement.recommended_action, CompassAction::LoadParameters);
     });
+}
+
+/// A perfect compass with the noise of a real sensor, on a copter that hovers on one heading and tilts: nothing is
+/// determined, so that no cause, strength, mounting or change of iron is named.
+#[test]
+fn a_hover_on_one_heading_is_judged_to_be_that() {
+    for seed in 0..100 {
+        let mut random = testkit::random::Random(seed);
+        let phases: [f64; 5] = std::array::from_fn(|_| f64::from(random.uniform(0.0, 6.0)));
+        let mut table = "t_s,mx,my,mz,roll_deg,pitch_deg,yaw_deg,p_dps,q_dps,r_dps\n".to_owned();
+        let tilt_deg = if seed % 2 == 0 { 10.0 } else { 6.0 };
+        let attitude_rad = |t_s: f64| {
+            let swing = |fast: f64, slow: f64, [one, other]: [f64; 2]| {
+                tilt_deg * (fast * t_s + one).sin() * (slow * t_s + other).sin()
+            };
+            let roll_deg = swing(0.7, 0.13, [phases[0], phases[1]]);
+            let pitch_deg = swing(0.55, 0.17, [phases[2], phases[3]]);
+            Vector3::new(roll_deg, pitch_deg, 40.0 + 4.0 * (0.1 * t_s + phases[4]).sin()).map(f64::to_radians)
+        };
+        for i in 0..200 {
+            let t_s = f64::from(i) / 5.0;
+            let [now, later] = [t_s, t_s + 1e-3].map(attitude_rad);
+            let rotation = |rad: Vector3<f64>| Rotation3::from_euler_angles(rad.x, rad.y, rad.z);
+            let rates_dps =
+                (rotation(now).inverse() * rotation(later)).scaled_axis().map(|rad| (rad * 1e3).to_degrees());
+            let field_mg = rotation(now).inverse_transform_vector(&Vector3::new(190.0, 10.0, 440.0));
+            let field_mg = field_mg.map(|axis| axis + f64::from(random.normal()) * 4.0);
+            let cells = [field_mg, now.map(f64::to_degrees), rates_dps];
+            let cells: Vec<String> =
+                cells.iter().flat_map(|cell| cell.iter().map(|value| format!("{value:.2}"))).collect();
+            writeln!(table, "{t_s:.2},{}", cells.join(",")).unwrap();
+        }
+        let (flight, evaluation) = evaluate_log(table.as_bytes());
+        let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
+        assert_judgement(&verdict, CompassState::Unjudged, CompassAction::FlyAgain);
+        assert_eq!(verdict.compasses[0].judgement.reason_codes(), ["few-headings"], "seed {seed}");
+        assert!(evaluation.compasses[0].hard_iron_changes.is_empty(), "seed {seed}");
+        let text = format!("{:?} {}", verdict.log_warnings, verdict.module_outcome);
+        for claim in ["strong", "mounted", "elevator", "ImplausibleStrength"] {
+            assert!(!text.contains(claim), "seed {seed}: {text}");
+        }
+    }
 }

@@ -317,6 +317,13 @@ impl LoggedFlight {
         }
     }
 
+    /// Whether the vehicle banks into its turns, as aeroplanes do; an unknown one may.
+    #[must_use]
+    pub fn banks_into_turns(&self) -> bool {
+        let firmware = self.firmware_name.as_deref().unwrap_or_default();
+        !self.is_copter && ["Rover", "Sub", "Blimp"].iter().all(|kind| !firmware.contains(kind))
+    }
+
     /// Times of the first and the last field row, seconds.
     #[must_use]
     pub fn time_range_s(&self) -> [f64; 2] {

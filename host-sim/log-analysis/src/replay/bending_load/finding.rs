@@ -52,6 +52,18 @@ impl BendingCause {
         }
     }
 
+    /// What bends the field, as far as it is beyond doubt: which of several motors it is, the fit may confuse.
+    #[must_use]
+    pub fn summary(&self) -> String {
+        match self {
+            Self::Periodic(period_s) => format!("a load with a period of {} s", format_number(*period_s, 1)),
+            Self::Logged { name, sources, .. } if matches!(sources.first(), Some(LoadSource::Output(_))) => {
+                name.clone()
+            }
+            Self::Logged { .. } => "its motors or their current".to_owned(),
+        }
+    }
+
     /// Period, seconds, of a load with a constant one.
     #[must_use]
     pub const fn period_s(&self) -> Option<f64> {

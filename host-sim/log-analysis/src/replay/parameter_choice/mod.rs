@@ -48,6 +48,9 @@ const MIN_MOTOR_SIGNIFICANCE: f32 = 3.0;
 /// Minimum effect on headings of motor-current interference that is exported, degrees RMS.
 const MIN_MOTOR_EFFECT_DEG: f32 = 0.2;
 
+/// Manoeuvre of a vehicle that does not bank into its turns, in place of a circle.
+const TILTS_TEXT: &str = "tilts by 15 deg ahead, back, left and right on all headings";
+
 /// Reason for giving no parameters; displayed as a clause.
 #[derive(Clone, Debug, PartialEq)]
 pub enum NoParameters {
@@ -144,7 +147,14 @@ pub fn choose_parameters(
             best_candidate = candidate;
         }
     }
-    best_candidate.check_usefulness(sigma_deg)?;
+    best_candidate.check_usefulness(sigma_deg).map_err(|rejection| match rejection {
+        NoParameters::Unobservable { expected_error_deg, manoeuvre } if !flight.banks_into_turns() => {
+            let is_circle = best_candidate.solution.advice.is_some_and(|advice| advice.manoeuvre.needs_bank());
+            let manoeuvre = manoeuvre.map(|named| if is_circle { TILTS_TEXT.to_owned() } else { named });
+            NoParameters::Unobservable { expected_error_deg, manoeuvre }
+        }
+        other => other,
+    })?;
     let ParameterCandidate { mut exported, held_back, turned, .. } = best_candidate;
     if let Some(limit_mg) = exported.offset_limit_mg_if_exceeded(flight, format) {
         return Err(NoParameters::OffsetsTooLarge { offset_mg: exported.largest_offset_mg(), limit_mg });

@@ -269,7 +269,7 @@ impl fmt::Display for CompassJudgement {
                     "has other iron around it since {at_s:.0} s, by {size_ut:.1} uT, which bends headings by up to \
                      {heading_effect_deg:.0} deg"
                 ),
-                JudgementReason::BentBy(load) => format!("is bent by {load}"),
+                JudgementReason::BentBy(load) => format!("is bent by {}", load.cause.summary()),
                 JudgementReason::AsLogged(accuracy) if self.compass_state == CompassState::Good => {
                     format!("is good already ({accuracy})")
                 }
