@@ -59,50 +59,65 @@ struct WindowRow {
 
 /// Compares the heading as logged with the body rates; none if too little is logged.
 pub(super) fn compare_with_rates(flight: &LoggedFlight, rows: &[ReplayRow]) -> Option<RateComparison> {
-    let windows = windows(rows, &measured_turns(flight));
-    let row_count: usize = windows.iter().map(Vec::len).sum();
-    if row_count == 0 {
-        return None;
+    let windows = fit_windows(windows(rows, &measured_turns(flight)))?;
+    let has_turned = windows.iter().any(FittedWindow::has_turned);
+    // The mean error of a window is not known, and a window without a turn shows noise alone.
+    let judged = || windows.iter().filter(|window| window.has_turned() || !has_turned);
+    let row_count: usize = judged().map(|window| window.rows.len()).sum();
+    let rms = |squares: &dyn Fn(&FittedWindow) -> f64| (judged().map(squares).sum::<f64>() / row_count as f64).sqrt();
+    let sectors = judged().filter(|_| has_turned).flat_map(FittedWindow::headings_deg).collect();
+    Some(RateComparison {
+        rms_deg: rms(&|window| squares_about_mean(&window.errors_deg)),
+        has_turned,
+        swing_deg: rms(&|window| excess_swing_squares(&window.rows)),
+        sectors,
+    })
+}
+
+/// A window with its errors.
+struct FittedWindow {
+    rows: Vec<WindowRow>,
+    /// Heading at the window's first row, degrees.
+    start_deg: f64,
+    /// Errors of the rows, from an unknown mean, degrees.
+    errors_deg: Vec<f64>,
+}
+
+impl FittedWindow {
+    fn has_turned(&self) -> bool {
+        let turns = self.rows.iter().map(|row| row.turn_deg);
+        turns.clone().fold(f64::MIN, f64::max) - turns.fold(f64::MAX, f64::min) >= MIN_TURN_DEG
     }
+
+    fn headings_deg(&self) -> impl Iterator<Item = f64> + '_ {
+        self.rows.iter().map(|row| self.start_deg + row.turn_deg)
+    }
+}
+
+/// Least-squares fit of all windows; none without rows.
+fn fit_windows(windows: Vec<Vec<WindowRow>>) -> Option<Vec<FittedWindow>> {
+    let row_count: usize = windows.iter().map(Vec::len).sum();
     // Rows per second, of which each has its part of the information of a second.
     let duration_s: f64 = windows.iter().map(|window| window_duration_s(window)).sum();
     let weight = duration_s / row_count as f64 / square(NOISE_DEG);
-    let mut starts_deg: Vec<f64> = windows
-        .iter()
-        .map(|window| window.iter().map(|row| row.difference_deg).sum::<f64>() / window.len() as f64)
-        .collect();
-    let mut errors_deg: Vec<Vec<f64>> = Vec::new();
+    let start = |rows: Vec<WindowRow>| {
+        let start_deg = rows.iter().map(|row| row.difference_deg).sum::<f64>() / rows.len() as f64;
+        FittedWindow { rows, start_deg, errors_deg: Vec::new() }
+    };
+    let mut fitted: Vec<FittedWindow> = windows.into_iter().map(start).collect();
     for _ in 0..ITERATIONS {
-        let fits: Vec<WindowFit> = windows
-            .iter()
-            .zip(&starts_deg)
-            .map(|(window, start_deg)| WindowFit::new(window, *start_deg, weight))
-            .collect();
-        let shared = shared_unknowns(&fits)?;
-        errors_deg.clear();
-        for ((window, fit), start_deg) in windows.iter().zip(&fits).zip(&mut starts_deg) {
-            let [offset_deg, drift_deg_s] = fit.local_unknowns(&shared)?.into();
-            *start_deg = offset_deg;
+        let equations: Vec<WindowEquations> =
+            fitted.iter().map(|window| WindowEquations::new(window, weight)).collect();
+        let shared = shared_unknowns(&equations)?;
+        for (window, equations) in fitted.iter_mut().zip(&equations) {
+            let [offset_deg, drift_deg_s] = equations.local_unknowns(&shared)?.into();
             let error_deg = |row: &WindowRow| {
                 row.difference_deg - offset_deg - (shared[0] + drift_deg_s) * row.t_s - shared[1] * row.turn_deg
             };
-            errors_deg.push(window.iter().map(error_deg).collect());
+            (window.start_deg, window.errors_deg) = (offset_deg, window.rows.iter().map(error_deg).collect());
         }
     }
-    let has_turned = |window: &[WindowRow]| range(window.iter().map(|row| row.turn_deg)) >= MIN_TURN_DEG;
-    let any_turned = windows.iter().any(|window| has_turned(window));
-    // The mean error of a window is not known, and a window without a turn shows noise alone.
-    let judged = || windows.iter().enumerate().filter(|(_, window)| has_turned(window) || !any_turned);
-    let judged_count: usize = judged().map(|(_, window)| window.len()).sum();
-    let squares: f64 = judged().map(|(index, _)| squares_about_mean(&errors_deg[index])).sum();
-    let swing_squares: f64 = judged().map(|(_, window)| excess_swing_squares(window)).sum();
-    let rms = |squares: f64| (squares / judged_count as f64).sqrt();
-    let headings = |(index, window): (usize, &Vec<WindowRow>)| {
-        let start_deg = starts_deg[index];
-        window.iter().map(move |row| start_deg + row.turn_deg).collect::<Vec<_>>()
-    };
-    let sectors = judged().filter(|_| any_turned).flat_map(headings).collect();
-    Some(RateComparison { rms_deg: rms(squares), has_turned: any_turned, swing_deg: rms(swing_squares), sectors })
+    (row_count > 0).then_some(fitted)
 }
 
 fn squares_about_mean(values: &[f64]) -> f64 {
@@ -115,10 +130,6 @@ fn excess_swing_squares(window: &[WindowRow]) -> f64 {
     let headings_deg: Vec<f64> = window.iter().map(|row| row.difference_deg + row.turn_deg).collect();
     let turns_deg: Vec<f64> = window.iter().map(|row| row.turn_deg).collect();
     (squares_about_mean(&headings_deg) - squares_about_mean(&turns_deg)).max(0.0)
-}
-
-fn range(values: impl Iterator<Item = f64> + Clone) -> f64 {
-    values.clone().fold(f64::MIN, f64::max) - values.fold(f64::MAX, f64::min)
 }
 
 /// Row with its heading as logged and its integrated turn, degrees.
@@ -170,7 +181,7 @@ fn window_duration_s(window: &[WindowRow]) -> f64 {
 }
 
 /// Normal equations of a window: of the shared unknowns, of its own (start and drift), and of both.
-struct WindowFit {
+struct WindowEquations {
     shared: SMatrix<f64, SHARED_UNKNOWNS, SHARED_UNKNOWNS>,
     local: SMatrix<f64, 2, 2>,
     cross: SMatrix<f64, SHARED_UNKNOWNS, 2>,
@@ -178,8 +189,8 @@ struct WindowFit {
     local_side: SVector<f64, 2>,
 }
 
-impl WindowFit {
-    fn new(window: &[WindowRow], start_deg: f64, weight: f64) -> Self {
+impl WindowEquations {
+    fn new(window: &FittedWindow, weight: f64) -> Self {
         let mut fit = Self {
             shared: SMatrix::zeros(),
             local: SMatrix::from_diagonal(&SVector::from([0.0, square(OFFSET_DRIFT_DEG_S).recip()])),
@@ -187,10 +198,10 @@ impl WindowFit {
             shared_side: SVector::zeros(),
             local_side: SVector::zeros(),
         };
-        for row in window {
+        for row in &window.rows {
             let mut by_shared = SVector::<f64, SHARED_UNKNOWNS>::zeros();
             (by_shared[0], by_shared[1]) = (row.t_s, row.turn_deg);
-            let heading_rad = (start_deg + row.turn_deg).to_radians();
+            let heading_rad = (window.start_deg + row.turn_deg).to_radians();
             for harmonic in 1..=3_u8 {
                 let (sin, cos) = libm::sincos(f64::from(harmonic) * heading_rad);
                 let first = 2 * usize::from(harmonic);
@@ -213,7 +224,7 @@ impl WindowFit {
 }
 
 /// Shared unknowns, after elimination of the windows' own.
-fn shared_unknowns(fits: &[WindowFit]) -> Option<SVector<f64, SHARED_UNKNOWNS>> {
+fn shared_unknowns(fits: &[WindowEquations]) -> Option<SVector<f64, SHARED_UNKNOWNS>> {
     let mut normal = SMatrix::from_diagonal(&SVector::from(PRIOR_SIGMAS.map(|sigma| square(sigma).recip())));
     let mut side = SVector::zeros();
     for fit in fits {
