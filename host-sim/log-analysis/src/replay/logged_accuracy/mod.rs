@@ -243,3 +243,48 @@ impl fmt::Display for UnknownError {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use autoswing::earth::{Date, EarthField, Position};
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::replay::tests::{compass_of_flown_turns, evaluation_of_compasses};
+
+    /// Nine seconds of straight flight determine no error; a field that is not the Earth's is wrong on any heading. Gain
+    /// alone turns no heading, and a table may have another unit.
+    #[test]
+    fn on_one_heading_only_a_field_unlike_the_earths_is_judged() {
+        for (name, log_format, factors, code) in [
+            ("as flown", LogFormat::DataFlash, [1.0_f32, 1.0, 1.0], "few-headings"),
+            ("upside down", LogFormat::DataFlash, [1.0, -1.0, -1.0], "field-contradicts-model"),
+            ("a gain of 1.2", LogFormat::DataFlash, [1.2, 1.2, 1.2], "few-headings"),
+            ("a gain of 2.5", LogFormat::DataFlash, [2.5, 2.5, 2.5], "field-contradicts-model"),
+            ("another unit", LogFormat::Csv, [2.5, 2.5, 2.5], "few-headings"),
+        ] {
+            let (mut flight, mut compass) = compass_of_flown_turns();
+            flight.log_format = log_format;
+            for (index, row) in compass.rows.iter_mut().enumerate() {
+                row.is_usable &= index < 90;
+                row.logged_field.ut.component_mul_assign(&Vector3::from(factors));
+            }
+            let place = Position::new(48.0, 11.3, 500.0).unwrap();
+            let earth = EarthField::from_model(place, Date::from_unix_s(1_767_484_800).unwrap()).unwrap();
+            let evaluation =
+                FlightEvaluation { earth_field: Some((earth, true)), ..evaluation_of_compasses(vec![compass]) };
+            let unknown = logged_accuracy(&flight, &evaluation, &evaluation.compasses[0]).unwrap_err();
+            assert_eq!(unknown.stable_code(), code, "{name}: {unknown}");
+        }
+    }
+
+    /// The rate and what to do.
+    #[test]
+    fn a_slow_attitude_is_the_reason_of_too_few_rows() {
+        let row_counts = RowCounts { readings: 59, without_attitude: 59, ..RowCounts::default() };
+        let text = UnknownError::FewRows { row_counts, slow_attitude_s: Some(1.0) }.to_string();
+        let expected = "of 59 readings 0 are usable, 59 without an attitude near it; its attitude is logged 1.0 times a second: \
+                        raise the stream rate to 5 Hz or more, or take the log of the SD card";
+        assert_eq!(text, expected);
+    }
+}
