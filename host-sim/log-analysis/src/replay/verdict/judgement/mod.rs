@@ -121,6 +121,7 @@ impl CompassJudgement {
             compass.bending_loads.iter().max_by(|a, b| a.heading_effect_deg.total_cmp(&b.heading_effect_deg));
         let bending_load = bending_load.filter(|load| failure.is_none() && load.heading_effect_deg > MIN_BENDING_DEG);
         let is_wrong = failure.is_some()
+            || matches!(parameters, Err(NoParameters::UnprovenReading(check)) if has_changed(check))
             || matches!(accuracy, Err(UnknownError::ContradictsModel { .. }))
             || accuracy.is_err() && bending_load.is_some();
         let compass_state = compass_state(compass, logged_accuracy, is_wrong, parameters);
@@ -179,6 +180,11 @@ fn is_contradicted(parameters: &Result<ExportedCorrection, NoParameters>) -> boo
     matches!(parameters, Err(NoParameters::UnprovenReading(check)) if check.outcome.is_failed())
 }
 
+/// Whether a check shows that the sensor changed in flight.
+fn has_changed(check: &ReadingCheck) -> bool {
+    check.meaning == CheckedMeaning::Constancy && check.outcome.is_failed()
+}
+
 fn compass_state(
     compass: &CompassEvaluation,
     accuracy: Option<LoggedAccuracy>,
@@ -204,11 +210,7 @@ fn compass_state(
 
 fn action_without_parameters(compass_state: CompassState, rejection: &NoParameters) -> CompassAction {
     match rejection {
-        NoParameters::UnprovenReading(ReadingCheck { meaning: CheckedMeaning::Constancy, outcome })
-            if outcome.is_failed() =>
-        {
-            CompassAction::Replace
-        }
+        NoParameters::UnprovenReading(check) if has_changed(check) => CompassAction::Replace,
         NoParameters::UnprovenReading(check) if check.outcome.is_failed() => CompassAction::CorrectReading,
         _ if compass_state == CompassState::Good => CompassAction::LeaveUnchanged,
         NoParameters::OffsetsTooLarge { .. } => CompassAction::Replace,
