@@ -37,12 +37,17 @@ pub(super) fn check_samples(method: Method, samples: Samples<'_>) -> Result<(), 
     if has_turned { Ok(()) } else { Err(SolveError::NotDetermined(part)) }
 }
 
-/// RMS distance of the fields from their mean, microtesla.
+/// RMS distance of the fields from their mean, microtesla, by every fourth sample.
 fn field_spread_ut(samples: Samples<'_>) -> f32 {
-    let sample_count = samples.all_samples().count().max(1) as f32;
-    let mean = samples.all_samples().map(|sample| sample.field.ut).sum::<Vector3<f32>>() / sample_count;
-    let squares = samples.all_samples().map(|sample| (sample.field.ut - mean).norm_squared()).sum::<f32>();
-    sqrt(squares / sample_count)
+    let Some(origin) = samples.all_samples().next().map(|sample| sample.field.ut) else { return 0.0 };
+    let (mut count, mut sum, mut squares) = (0.0_f32, Vector3::zeros(), 0.0_f32);
+    for sample in samples.all_samples().step_by(4) {
+        let offset = sample.field.ut - origin;
+        count += 1.0;
+        sum += offset;
+        squares += offset.norm_squared();
+    }
+    sqrt((squares / count - (sum / count).norm_squared()).max(0.0))
 }
 
 /// Whether all values are finite, and their fourth powers as well.
