@@ -290,7 +290,8 @@ pub(in crate::calibration) fn select_manoeuvre(
         (false, true) => VehicleMotion::TiltsOnKnownHeading,
         (false, false) => VehicleMotion::TiltsOnUnknownHeading,
     };
-    let rest_attitude = steady_list(fit.samples);
+    // Only vehicles that do not bank into their turns turn on the spot.
+    let rest_attitude = if is_banking { RollPitch::default() } else { steady_list(fit.samples) };
     let (manoeuvre, error_after_deg) = (0..)
         .map_while(|index| Manoeuvre::nth_candidate(index, vehicle_motion))
         .filter_map(|manoeuvre| {
