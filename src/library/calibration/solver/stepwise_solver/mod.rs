@@ -342,14 +342,16 @@ impl Solver {
         } else {
             Err(SolveError::NotConverged)
         };
-        // At a false optimum of samples that leave coefficients to the priors, any mount and any change may appear.
-        let is_determined = || are_coefficients_observable(information, likelihood, refined_fit.unknowns);
-        let hard_iron_change = hard_iron_change.filter(|_| is_determined());
-        // A hard-iron change explains a misfit or an implausible result.
-        fit_error.map_err(|error| match &hard_iron_change {
-            Some(change) => SolveError::HardIronChanged(change.detected_change),
-            None if error == SolveError::NotConverged || is_determined() => error,
-            None => SolveError::NotDetermined(SamplePart::All),
+        // A hard-iron change explains a misfit or an implausible result. At a false optimum of samples that leave
+        // coefficients to the priors, any change and any mount may appear.
+        fit_error.map_err(|error| {
+            let is_determined = are_coefficients_observable(information, likelihood, refined_fit.unknowns);
+            match &hard_iron_change {
+                Some(change) if is_determined => SolveError::HardIronChanged(change.detected_change),
+                None if is_determined => error,
+                _ if error == SolveError::NotConverged => error,
+                _ => SolveError::NotDetermined(SamplePart::All),
+            }
         })?;
         if self.method == Method::MaximumLikelihood {
             let sigmas = assumed_sigmas(self.consider_sigmas, latency);
