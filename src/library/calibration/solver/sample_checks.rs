@@ -7,7 +7,6 @@ use crate::calibration::types::error::{Axis, SolveError};
 use crate::calibration::types::method::Method;
 use crate::calibration::types::samples::{CollectionPart, Sample, SamplePart, Samples};
 use crate::frames::RollPitch;
-use crate::trig::sqrt;
 
 /// Upper limit of a plausible field, microtesla: 10,000 times the Earth's field.
 const MAX_FIELD_UT: f32 = 1e6;
@@ -27,27 +26,43 @@ pub(super) fn check_samples(method: Method, samples: Samples<'_>) -> Result<(), 
     let need = if samples.marks.is_empty() { MIN_SAMPLES } else { 1 };
     SolveError::require_samples(part, samples.all_samples().count(), need)?;
     let headings = samples.marks.iter().all(|mark| mark.heading_rad.is_finite());
-    if !(headings && samples.all_samples().all(is_finite)) {
+    // In one pass: it counts against the instruction limits of a solve.
+    let mut spread = FieldSpread::default();
+    let mut is_usable = |sample: &Sample| {
+        spread.add(sample.field.ut);
+        is_finite(sample)
+    };
+    if !(headings && samples.all_samples().all(&mut is_usable)) {
         return Err(SolveError::NotFinite);
     }
     if let Some(axis) = stuck_axis(samples) {
         return Err(SolveError::AxisStuck { axis });
     }
-    let has_turned = !samples.marks.is_empty() || field_spread_ut(samples) >= MIN_FIELD_SPREAD_UT;
+    let has_turned = !samples.marks.is_empty() || spread.variance_ut2() >= MIN_FIELD_SPREAD_UT * MIN_FIELD_SPREAD_UT;
     if has_turned { Ok(()) } else { Err(SolveError::NotDetermined(part)) }
 }
 
-/// RMS distance of the fields from their mean, microtesla, by every fourth sample.
-fn field_spread_ut(samples: Samples<'_>) -> f32 {
-    let Some(origin) = samples.all_samples().next().map(|sample| sample.field.ut) else { return 0.0 };
-    let (mut count, mut sum, mut squares) = (0.0_f32, Vector3::zeros(), 0.0_f32);
-    for sample in samples.all_samples().step_by(4) {
-        let offset = sample.field.ut - origin;
-        count += 1.0;
-        sum += offset;
-        squares += offset.norm_squared();
+/// Sums of fields, less the first one, microtesla.
+#[derive(Default)]
+struct FieldSpread {
+    first_ut: Option<Vector3<f32>>,
+    count: f32,
+    sum_ut: Vector3<f32>,
+    squares_ut2: f32,
+}
+
+impl FieldSpread {
+    fn add(&mut self, field_ut: Vector3<f32>) {
+        let offset_ut = field_ut - *self.first_ut.get_or_insert(field_ut);
+        self.count += 1.0;
+        self.sum_ut += offset_ut;
+        self.squares_ut2 += offset_ut.norm_squared();
     }
-    sqrt((squares / count - (sum / count).norm_squared()).max(0.0))
+
+    /// Mean square distance of the fields from their mean.
+    fn variance_ut2(&self) -> f32 {
+        self.squares_ut2 / self.count - (self.sum_ut / self.count).norm_squared()
+    }
 }
 
 /// Whether all values are finite, and their fourth powers as well.
@@ -59,15 +74,22 @@ fn is_finite(sample: &Sample) -> bool {
 /// Axis that stays at one end of its range in turns: saturated or frozen. In a full circle, 1 sample in 16 is within 1
 /// % of either end.
 pub(super) fn stuck_axis(samples: Samples<'_>) -> Option<Axis> {
-    let turns = || samples.without_part(CollectionPart::LEVEL).iter();
-    let sample_count = turns().count();
+    let fields = || samples.without_part(CollectionPart::LEVEL).iter().map(|sample| sample.field.ut);
+    let (mut count, mut low, mut high) = (0_usize, Vector3::repeat(f32::MAX), Vector3::repeat(f32::MIN));
+    for field in fields() {
+        count += 1;
+        (low, high) = (low.inf(&field), high.sup(&field));
+    }
+    let end_width = (high - low) * RANGE_END_FRACTION;
+    let mut counts_at_ends = [[0_usize; 2]; 3];
+    for field in fields() {
+        for (axis, at_ends) in counts_at_ends.iter_mut().enumerate() {
+            at_ends[0] += usize::from(field[axis] - low[axis] <= end_width[axis]);
+            at_ends[1] += usize::from(high[axis] - field[axis] <= end_width[axis]);
+        }
+    }
     [Axis::X, Axis::Y, Axis::Z].into_iter().find(|&axis| {
-        let values = || turns().map(|sample| sample.field.ut[axis as usize]);
-        let (low, high) = values().fold((f32::MAX, f32::MIN), |(low, high), v| (low.min(v), high.max(v)));
-        let end_width = RANGE_END_FRACTION * (high - low);
-        let is_stuck_at = |range_end: f32| {
-            values().filter(|v| (v - range_end).abs() <= end_width).count() * STUCK_FRACTION_DIVISOR > sample_count
-        };
-        sample_count >= MIN_SAMPLES && (is_stuck_at(low) || is_stuck_at(high))
+        let is_stuck = counts_at_ends[axis as usize].iter().any(|at_end| at_end * STUCK_FRACTION_DIVISOR > count);
+        count >= MIN_SAMPLES && is_stuck
     })
 }
