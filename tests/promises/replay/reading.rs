@@ -3,6 +3,8 @@
 use log_analysis::log::log_writers::{
     FlightRecording, FlightSample, encode_csv, encode_dataflash, encode_dataflash_text, encode_tlog, encode_ulog,
 };
+use log_analysis::log::time_series::Series;
+use log_analysis::replay::evaluation::evaluate_flight;
 use log_analysis::replay::parameter_export::ParameterFormat;
 use log_analysis::replay::verdict::{CompassAction, Verdict};
 use simulator::recording::record_turns;
@@ -10,7 +12,7 @@ use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::earth::Earth;
 
-use super::evaluate_log;
+use super::{DEFAULT_OPTIONS, evaluate_log};
 use crate::fixtures::share_of_flights;
 
 type Encoder = fn(&FlightRecording) -> Vec<u8>;
@@ -114,6 +116,30 @@ fn a_meaning_that_the_log_leaves_open_gives_no_file() {
             assert!(codes.contains(&code), "{parameters:?}: {codes:?}");
             assert_eq!(verdict.exported_corrections().is_empty(), code != "parameters-gain", "{parameters:?}");
         }
+    }
+}
+
+/// A table without a place and a heading does not show whether the whole field is negated: its file says what would.
+#[test]
+fn a_file_names_the_inclination_where_nothing_confirms_its_sign() {
+    let negate: Change = |sample| (0..3).for_each(|axis| flip(sample, axis));
+    for (change, has_yaw, words) in [
+        ((|_| {}) as Change, true, None),
+        (|_| {}, false, Some("its inclination is +")),
+        (negate, false, Some("its inclination is -")),
+    ] {
+        let (mut flight, _) = evaluate_log(&encode_csv(&record_flight(VehicleKind::Plane, 3, change)));
+        flight.gps = Series::new();
+        if !has_yaw {
+            flight.reference_heading = Series::new();
+            flight.attitude.rows_mut().iter_mut().for_each(|row| row.row_values[2] = f32::NAN);
+        }
+        let evaluation = evaluate_flight(&flight, &DEFAULT_OPTIONS);
+        let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
+        let [export] = &verdict.exported_corrections()[..] else { panic!("{:?}", verdict.summary_sentences()) };
+        let warning = export.warnings.iter().find(|text| text.contains("sign of the field"));
+        assert_eq!(warning.is_some(), words.is_some(), "{warning:?}");
+        assert!(words.is_none_or(|words| warning.is_some_and(|text| text.contains(words))), "{warning:?}");
     }
 }
 

@@ -9,7 +9,7 @@ use crate::replay::log_warning::{LogWarning, sensor_failure};
 use crate::replay::logged_accuracy::logged_accuracy;
 use crate::replay::parameter_choice::{NoParameters, choose_parameters, provable_orientation};
 use crate::replay::parameter_export::{ExportedCorrection, ParameterFormat};
-use crate::replay::reading_checks::{ReadingCheck, check_reading, forbidding_check};
+use crate::replay::reading_checks::{CheckOutcome, CheckedMeaning, ReadingCheck, check_reading, forbidding_check};
 
 /// Verdict on a flight.
 #[derive(Clone, Debug)]
@@ -57,7 +57,9 @@ impl<'a> Verdict<'a> {
                 unconfirmed => {
                     let orientation =
                         provable_orientation(flight, evaluation, compass, format, &reading_checks, &used_rotations);
-                    choose_parameters(flight, compass, reference, total_ut, format, orientation).and_then(|exported| {
+                    let chosen = choose_parameters(flight, compass, reference, total_ut, format, orientation);
+                    chosen.and_then(|mut exported| {
+                        exported.warnings.extend(unconfirmed_sign(compass, &reading_checks));
                         unconfirmed.map_or(Ok(exported), |check| Err(NoParameters::UnprovenReading(check.clone())))
                     })
                 }
@@ -158,6 +160,19 @@ impl<'a> Verdict<'a> {
         let parameters = ("parameters to load", self.compasses.iter().map(held_back).collect());
         rows.into_iter().chain([parameters]).filter(|(_, cells)| cells.iter().any(Option::is_some)).collect()
     }
+}
+
+/// Warning about parameters of a field whose sign nothing confirms: one that is negated as a whole turns as it should.
+fn unconfirmed_sign(compass: &CompassEvaluation, checks: &[ReadingCheck]) -> Option<String> {
+    let signs = [CheckedMeaning::Inclination, CheckedMeaning::North];
+    let is_confirmed =
+        |check: &ReadingCheck| signs.contains(&check.meaning) && !matches!(check.outcome, CheckOutcome::Unchecked(_));
+    let fit = compass.parameter_fit.fit_variants.first().filter(|_| !checks.iter().any(is_confirmed))?;
+    let inclination_deg = fit.fit_of_all_rows.calibration.inclination_rad.to_degrees();
+    Some(format!(
+        "neither a place nor a heading confirms the sign of the field: its inclination is {inclination_deg:+.0} deg, which must \
+         be positive (down) on the northern half of the Earth, negative on the southern"
+    ))
 }
 
 impl CompassVerdict<'_> {
