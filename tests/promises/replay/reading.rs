@@ -119,7 +119,7 @@ fn a_meaning_that_the_log_leaves_open_gives_no_file() {
     }
 }
 
-/// A table without a place and a heading does not show whether the whole field is negated: its file says what would.
+/// A table without a place and a heading does not show whether the whole field is negated: the file gives the inclination.
 #[test]
 fn a_file_names_the_inclination_where_nothing_confirms_its_sign() {
     let negate: Change = |sample| (0..3).for_each(|axis| flip(sample, axis));

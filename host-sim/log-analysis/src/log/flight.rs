@@ -271,10 +271,16 @@ impl LoggedFlight {
         Ok(())
     }
 
+    /// The compass with this number.
+    #[must_use]
+    pub fn compass(&self, compass_number: u8) -> Option<&LoggedCompass> {
+        self.compasses.iter().find(|compass| compass.compass_number == compass_number)
+    }
+
     /// Index of a compass in the names of its parameters, if known.
     #[must_use]
     pub fn slot_index(&self, compass_number: u8) -> Option<u8> {
-        self.compasses.iter().find(|compass| compass.compass_number == compass_number)?.slot.index()
+        self.compass(compass_number)?.slot.index()
     }
 
     /// Major and minor version of the firmware, if its name has one.

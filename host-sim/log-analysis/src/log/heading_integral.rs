@@ -5,7 +5,8 @@ use super::flight::LoggedFlight;
 /// Longest gap of attitude that is interpolated, seconds.
 const MAX_ATTITUDE_GAP_S: f64 = 0.7;
 
-/// Pitch beyond which a heading is undefined, radians (75 deg).
+/// Pitch beyond which roll and heading are singular, as of a tailsitter in hover, radians (75 deg): errors of heading are
+/// four times those of the attitude, and more.
 pub(crate) const MAX_PITCH_RAD: f32 = 1.3;
 
 /// Integral of the heading's rate by the body rates, in the attitude that is logged.

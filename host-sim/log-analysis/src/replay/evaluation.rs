@@ -229,6 +229,7 @@ fn evaluate_compass(
     let rms_without_current_deg = rms_without_current_deg(&rows, flight, &module, options);
     let fields: Vec<Vector3<f64>> =
         rows.iter().filter(|row| row.is_usable).map(|row| row.raw_field.ut.map(f64::from)).collect();
+    let sphere = baseline_fits::fit_sphere(&fields);
     let scored = |correction_source, correction_found: Option<FieldCorrection>| ScoredCorrection {
         correction_source,
         correction: correction_found,
@@ -237,14 +238,11 @@ fn evaluate_compass(
     let logged = ScoredCorrection {
         correction_source: CorrectionSource::Autopilot,
         correction: compass.correction,
-        score: score_rows(&rows, |row| Some((heading_deg(row, row.logged_field.ut.map(f64::from)), f64::NAN))),
+        score: score_rows(&rows, |row| Some((row.logged_heading_deg(), f64::NAN))),
     };
     let mut corrections = vec![scored(CorrectionSource::Uncorrected, Some(FieldCorrection::identity()))];
     corrections.extend(compass.correction.is_some().then_some(logged));
-    corrections.push(scored(
-        CorrectionSource::Sphere,
-        baseline_fits::fit_sphere(&fields).map(|(correction_found, _)| correction_found),
-    ));
+    corrections.push(scored(CorrectionSource::Sphere, sphere.map(|(correction_found, _)| correction_found)));
     corrections.push(scored(
         CorrectionSource::Ellipsoid,
         baseline_fits::fit_ellipsoid(&fields).map(|(correction_found, _)| correction_found),
@@ -258,7 +256,6 @@ fn evaluate_compass(
     if options.row_selection != RowSelection::All {
         corrections.push(score_result(CorrectionSource::ModuleAllRows, &all_rows));
     }
-    let sphere = baseline_fits::fit_sphere(&fields);
     let sphere_radius_ut =
         sphere.map(|(_, sphere_radius_ut)| sphere_radius_ut).filter(|_| yaw_sectors(flight, &rows).suffice());
     let solved = [&all_rows, &module].into_iter().find_map(|result| result.solution.as_ref().map(solved_correction));

@@ -1,7 +1,7 @@
 //! Sectors of heading that were flown.
 
 use crate::log::LoggedFlight;
-use crate::replay::row::{ReplayRow, heading_deg};
+use crate::replay::row::ReplayRow;
 
 /// Longest gap of the autopilot's yaw by which headings are counted, seconds.
 const MAX_YAW_GAP_S: f64 = 1.5;
@@ -61,5 +61,5 @@ pub(super) fn yaw_sectors(flight: &LoggedFlight, rows: &[ReplayRow]) -> HeadingS
         yaw_rad.is_finite().then(|| f64::from(yaw_rad.to_degrees()))
     };
     let usable = rows.iter().filter(|row| row.is_usable);
-    usable.map(|row| yaw_deg(row).unwrap_or_else(|| heading_deg(row, row.logged_field.ut.map(f64::from)))).collect()
+    usable.map(|row| yaw_deg(row).unwrap_or_else(|| row.logged_heading_deg())).collect()
 }

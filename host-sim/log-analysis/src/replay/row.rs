@@ -40,6 +40,18 @@ impl ReplayRow {
         Self { raw_field: Field::new(field.map(|axis| axis as f32)), ..*self }
     }
 
+    /// Field as the autopilot corrected it, microtesla.
+    #[must_use]
+    pub fn logged_ut(&self) -> Vector3<f64> {
+        self.logged_field.ut.map(f64::from)
+    }
+
+    /// Heading by the field as the autopilot corrected it, degrees.
+    #[must_use]
+    pub fn logged_heading_deg(&self) -> f64 {
+        heading_deg(self, self.logged_ut())
+    }
+
     /// Corrected field, microtesla; an unknown current counts as zero.
     #[must_use]
     pub fn corrected_field(&self, correction: &FieldCorrection) -> Vector3<f64> {

@@ -60,7 +60,7 @@ pub(super) fn name_and_unit(cell: &str) -> (&str, Option<&str>) {
 ///
 /// # Errors
 ///
-/// The unit is none of this quantity.
+/// The unit is unknown, or belongs to another quantity.
 pub(super) fn unit_size(column: &str, unit: &str) -> Result<f64, ()> {
     let base = column.trim_end_matches(|character: char| character.is_ascii_digit());
     let Some((_, quantity, _)) = COLUMN_QUANTITIES.iter().find(|(name, ..)| *name == base) else { return Ok(1.0) };

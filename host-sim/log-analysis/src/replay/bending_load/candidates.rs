@@ -37,7 +37,7 @@ impl LoadCandidate {
     }
 }
 
-/// All loads, and pairs and groups of those that are alike.
+/// All loads, and pairs and groups of loads of one kind.
 pub(super) fn load_candidates(flight: &LoggedFlight, rows: &[ReplayRow]) -> Vec<LoadCandidate> {
     let battery = (LoadSource::Battery(1), &flight.battery_current);
     let logged = flight.loads.iter().map(|load| (load.source, &load.values));

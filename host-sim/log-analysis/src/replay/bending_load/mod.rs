@@ -35,8 +35,8 @@ const MIN_HEADING_EFFECT_DEG: f64 = 1.0;
 /// Least part of the squared residuals of a half that the coefficients of the other half explain.
 const MIN_EXPLAINED_FRACTION: f64 = 0.1;
 
-/// Largest squared correlation with a motion of the aircraft: a load that follows it as closely cannot be told from
-/// it, as the current of a rover on slopes from its pitch.
+/// Largest squared correlation with a motion of the aircraft: a load that follows it as closely cannot be separated
+/// from it, as the current of a rover on slopes from its pitch.
 const MAX_MOTION_CORRELATION: f64 = 0.9;
 
 /// Fits of a load after the first, each with the residuals clipped around the load of the one before.

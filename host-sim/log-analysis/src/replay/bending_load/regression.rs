@@ -276,8 +276,8 @@ impl LinearSystem {
         Some((solution, normal_inverse?))
     }
 
-    /// Divides all by the robust standard deviation of what a solution leaves of the residuals of each kind, and clips
-    /// that.
+    /// Divides the equations of each kind by the robust standard deviation of their residuals after a solution, and clips
+    /// these residuals.
     fn scale_and_clip(&mut self, solution: &DVector<f64>) {
         let explained = &self.jacobian * solution;
         for kind in 0..2 {

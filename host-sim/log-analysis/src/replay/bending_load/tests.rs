@@ -9,7 +9,7 @@ use crate::replay::build_rows;
 use crate::replay::evaluation::{EvaluationOptions, evaluate_flight};
 use crate::test_flight::record_turns;
 
-/// Four minutes of turns, with a first motor that answers gusts and a second one that does not.
+/// Four minutes of turns, in which the first motor answers gusts and the second has a constant output.
 static TURNS: LazyLock<FlightRecording> = LazyLock::new(|| {
     let mut recording = record_turns(0.0);
     let mut random = testkit::random::Random(7);

@@ -79,6 +79,9 @@ pub fn find_changes(
         find_steps(&search, part, &solution.as_ref().map_or(correction, solved_correction), &mut found);
     }
     found.sort_by(|a, b| a.hard_iron_step.time_s.total_cmp(&b.hard_iron_step.time_s));
+    if found.is_empty() {
+        return found;
+    }
     let turns = measured_turns(flight);
     let parts = split_at_changes(rows, &found);
     let is_possible = |index: usize| {

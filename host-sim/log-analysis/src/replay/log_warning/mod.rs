@@ -213,7 +213,7 @@ impl LogWarning {
 
 fn spikes(flight: &LoggedFlight, compass: &CompassEvaluation) -> Option<LogWarning> {
     let CompassEvaluation { compass_number, row_counts: RowCounts { spikes: spike_count, .. }, .. } = *compass;
-    let logged = flight.compasses.iter().find(|logged| logged.compass_number == compass_number)?;
+    let logged = flight.compass(compass_number)?;
     let largest_ut = logged.field.rows().iter().map(strength_ut).fold(0.0, f64::max);
     (spike_count > 0).then_some(LogWarning::Spikes { compass: compass_number, spike_count, largest_ut })
 }
@@ -409,7 +409,7 @@ pub(super) fn sensor_failure(flight: &LoggedFlight, compass: &CompassEvaluation)
     if let Some(FrozenInterval { interval_s, stuck_axis: axis }) = longest {
         return Some(LogWarning::FieldFrozen { compass: compass_number, axis, interval_s });
     }
-    let logged = flight.compasses.iter().find(|logged| logged.compass_number == compass_number)?;
+    let logged = flight.compass(compass_number)?;
     let (last_reading, last_attitude) = (logged.field.rows().last()?, flight.attitude.rows().last()?);
     (last_attitude.t_s - last_reading.t_s > frozen_field::MIN_FROZEN_S).then_some(LogWarning::FieldEnds {
         compass: compass_number,

@@ -12,7 +12,7 @@ use super::{data_loss, row_headings};
 use crate::log::{LogFormat, LoggedFlight};
 use crate::numbers::median;
 use crate::replay::reference::ReferenceHeading;
-use crate::replay::row::{ReplayRow, heading_deg};
+use crate::replay::row::ReplayRow;
 
 /// Largest error of a good compass, degrees RMS, and of parameters on held-back rows: they must make the compass good,
 /// however bad it was. A larger remainder has a cause that parameters do not correct.
@@ -127,7 +127,7 @@ pub fn logged_accuracy(
 fn by_reference(evaluation: &FlightEvaluation, rows: &[ReplayRow]) -> Option<LoggedAccuracy> {
     evaluation.reference.as_ref().and_then(ReferenceHeading::sigma_if_accurate_deg)?;
     let sectors: HeadingSectors = rows.iter().filter_map(|row| row.reference_deg).collect();
-    let logged = |row: &ReplayRow| Some((logged_heading_deg(row), f64::NAN));
+    let logged = |row: &ReplayRow| Some((row.logged_heading_deg(), f64::NAN));
     let score = row_headings::score_rows(rows, logged).filter(|_| sectors.are_judged())?;
     let sector_count = sectors.flown_count();
     Some(LoggedAccuracy { rms_deg: score.rms_deg, sector_count, evidence: AccuracyEvidence::Reference })
@@ -154,7 +154,7 @@ fn by_scatter(
     if !sectors.suffice() {
         return Err(UnknownError::FewHeadings(sectors.flown_count()));
     }
-    let rms_deg = row_headings::rms_deg_by_scatter(rows, &|row| row.logged_field.ut.map(f64::from));
+    let rms_deg = row_headings::rms_deg_by_scatter(rows, &ReplayRow::logged_ut);
     let is_explained = || {
         let fit = compass.parameter_fit.fit_variants.first();
         let correction = fit.map(|fit| super::row_solve::solved_correction(&fit.fit_of_all_rows));
@@ -179,19 +179,14 @@ fn contradiction_of_model(
     const MAX_INCLINATION_DIFFERENCE_DEG: f64 = 30.0;
     // A simulator may have its field from elsewhere, and a table may have another unit.
     let (earth, _) = evaluation.earth_field.as_ref().filter(|_| flight.true_attitude.is_empty())?;
-    let logged = |row: &ReplayRow| row.logged_field.ut.map(f64::from);
-    let strength_ut = median(rows.iter().map(|row| logged(row).norm()));
-    let down_ut = median(rows.iter().map(|row| row.down_in_body().dot(&logged(row))));
+    let strength_ut = median(rows.iter().map(|row| row.logged_ut().norm()));
+    let down_ut = median(rows.iter().map(|row| row.down_in_body().dot(&row.logged_ut())));
     let strength_ratio = strength_ut / f64::from(earth.total_ut);
     let inclination_deg = libm::asin((down_ut / strength_ut).clamp(-1.0, 1.0)).to_degrees();
     let model_inclination_deg = f64::from(earth.inclination_deg);
     let is_contradicted = (inclination_deg - model_inclination_deg).abs() > MAX_INCLINATION_DIFFERENCE_DEG
         || flight.log_format != LogFormat::Csv && !STRENGTH_RATIOS.contains(&strength_ratio);
     is_contradicted.then_some(UnknownError::ContradictsModel { strength_ratio, inclination_deg, model_inclination_deg })
-}
-
-fn logged_heading_deg(row: &ReplayRow) -> f64 {
-    heading_deg(row, row.logged_field.ut.map(f64::from))
 }
 
 impl fmt::Display for LoggedAccuracy {

@@ -11,7 +11,7 @@ use crate::log::{HeadingIntegral, LoggedFlight, MAX_PITCH_RAD};
 use crate::numbers::square;
 use crate::replay::flown_headings::HeadingSectors;
 use crate::replay::integrated_turns::measured_turns;
-use crate::replay::row::{ReplayRow, heading_deg};
+use crate::replay::row::ReplayRow;
 use crate::score::wrap_180;
 
 /// Longest window, seconds: the drift of a micromachined gyro in it is below a degree.
@@ -158,7 +158,7 @@ fn windows(rows: &[ReplayRow], turns: &HeadingIntegral) -> Vec<Vec<WindowRow>> {
 
 fn turned_row(row: &ReplayRow, turns: &HeadingIntegral) -> Option<TurnedRow> {
     let (part, turn_rad) = turns.part_and_heading_rad(row.t_s)?;
-    let heading_deg = heading_deg(row, row.logged_field.ut.map(f64::from));
+    let heading_deg = row.logged_heading_deg();
     heading_deg.is_finite().then_some(TurnedRow { t_s: row.t_s, turn_deg: turn_rad.to_degrees(), heading_deg, part })
 }
 
@@ -191,7 +191,7 @@ struct WindowEquations {
 
 impl WindowEquations {
     fn new(window: &FittedWindow, weight: f64) -> Self {
-        let mut fit = Self {
+        let mut equations = Self {
             shared: SMatrix::zeros(),
             local: SMatrix::from_diagonal(&SVector::from([0.0, square(OFFSET_DRIFT_DEG_S).recip()])),
             cross: SMatrix::zeros(),
@@ -208,13 +208,13 @@ impl WindowEquations {
                 (by_shared[first], by_shared[first + 1]) = (sin, cos);
             }
             let by_local = SVector::from([1.0, row.t_s]);
-            fit.shared.ger(weight, &by_shared, &by_shared, 1.0);
-            fit.local.ger(weight, &by_local, &by_local, 1.0);
-            fit.cross.ger(weight, &by_shared, &by_local, 1.0);
-            fit.shared_side.axpy(weight * row.difference_deg, &by_shared, 1.0);
-            fit.local_side.axpy(weight * row.difference_deg, &by_local, 1.0);
+            equations.shared.ger(weight, &by_shared, &by_shared, 1.0);
+            equations.local.ger(weight, &by_local, &by_local, 1.0);
+            equations.cross.ger(weight, &by_shared, &by_local, 1.0);
+            equations.shared_side.axpy(weight * row.difference_deg, &by_shared, 1.0);
+            equations.local_side.axpy(weight * row.difference_deg, &by_local, 1.0);
         }
-        fit
+        equations
     }
 
     /// Start, degrees, and drift, deg/s, of the window.
@@ -224,13 +224,13 @@ impl WindowEquations {
 }
 
 /// Shared unknowns, after elimination of the windows' own.
-fn shared_unknowns(fits: &[WindowEquations]) -> Option<SVector<f64, SHARED_UNKNOWNS>> {
+fn shared_unknowns(windows: &[WindowEquations]) -> Option<SVector<f64, SHARED_UNKNOWNS>> {
     let mut normal = SMatrix::from_diagonal(&SVector::from(PRIOR_SIGMAS.map(|sigma| square(sigma).recip())));
     let mut side = SVector::zeros();
-    for fit in fits {
-        let eliminated = fit.cross * fit.local.try_inverse()?;
-        normal += fit.shared - eliminated * fit.cross.transpose();
-        side += fit.shared_side - eliminated * fit.local_side;
+    for window in windows {
+        let eliminated = window.cross * window.local.try_inverse()?;
+        normal += window.shared - eliminated * window.cross.transpose();
+        side += window.shared_side - eliminated * window.local_side;
     }
     Some(normal.cholesky()?.solve(&side))
 }

@@ -289,7 +289,7 @@ fn score_held_back(
     let [first, second] = halves.each_ref().map(|half| field_by_exported_parameters(flight, half, format));
     let full_field = |row: &ReplayRow| row.corrected_field(&full_corrections[1 - half_index_at(row.t_s)]);
     let field = |row: &ReplayRow| if half_index_at(row.t_s) == 0 { second(row) } else { first(row) };
-    let logged = |row: &ReplayRow| row.logged_field.ut.map(f64::from);
+    let logged = ReplayRow::logged_ut;
     let [rms_deg, as_logged_rms_deg] = if has_reference {
         let rms = |field: &dyn Fn(&ReplayRow) -> Vector3<f64>| {
             Some(score_rows(rows, |row| Some((heading_deg(row, field(row)), f64::NAN)))?.rms_deg)

@@ -14,8 +14,8 @@ use crate::score::wrap_180;
 /// rotation is confirmed, degrees: that of a poorly mounted autopilot.
 const MAX_MISALIGNMENT_DEG: f64 = 10.0;
 
-/// Orientation parameters of a compass that the flight proves. Level turns alone do not tell a rotation about z from
-/// another north: body rates of rolls and pitches do, or a reference heading.
+/// Orientation parameters of a compass that the flight proves. Level turns alone do not distinguish a rotation about z
+/// from another north: body rates of rolls and pitches do, or a reference heading.
 ///
 /// # Errors
 ///
@@ -54,7 +54,7 @@ fn mean_error_deg(evaluation: &FlightEvaluation, rows: &[ReplayRow], correction:
     Some(wrap_180(score_correction(rows, correction)?.mean_deg + f64::from(earth.declination_deg?)))
 }
 
-/// Whether a rotation by 45 deg and more is told from a mirror image, which fits with the opposite inclination and heading.
+/// Whether a rotation by 45 deg and more is distinguished from a mirror image, which fits with the opposite inclination and heading.
 fn is_sense_certain(evaluation: &FlightEvaluation, checks: &[ReadingCheck], by_reference_deg: Option<f64>) -> bool {
     /// Inclination whose sign the check shows, degrees: the bound of the check.
     const MIN_INCLINATION_DEG: f32 = 20.0;

@@ -63,7 +63,7 @@ pub enum FixedOrientation {
     NoneFree,
     /// Neither a reference heading nor body rates confirm the angle about z.
     UnconfirmedAngle,
-    /// Neither an inclination nor a heading tells the rotation from a mirror image.
+    /// Neither an inclination nor a heading distinguishes the rotation from a mirror image.
     UnconfirmedSense,
 }
 
@@ -176,7 +176,7 @@ impl OrientationParameters {
     ///
     /// # Errors
     ///
-    /// The reason for which there is none.
+    /// No rotation is free, or the firmware has none.
     pub fn custom_rotation(&self) -> Result<CustomRotation, FixedOrientation> {
         self.custom
     }

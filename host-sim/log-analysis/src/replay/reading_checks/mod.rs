@@ -55,7 +55,7 @@ pub fn check_reading(
 
 /// Slot by device ids and priorities, and by the offsets in use where rows have them.
 fn check_slot(flight: &LoggedFlight, compass: &CompassEvaluation) -> CheckOutcome {
-    let logged = flight.compasses.iter().find(|logged| logged.compass_number == compass.compass_number);
+    let logged = flight.compass(compass.compass_number);
     match logged.map(|logged| logged.slot).unwrap_or_default() {
         CompassSlot::Known { .. } => CheckOutcome::Passed,
         slot @ CompassSlot::Unknown { reason } => {
@@ -71,7 +71,7 @@ fn check_correction(flight: &LoggedFlight, compass: &CompassEvaluation) -> Check
     /// Difference that no interval between the readings of both fields makes, microtesla.
     const MAX_DIFFERENCE_UT: f64 = 2.0;
     const MIN_ROW_COUNT: usize = 20;
-    let logged = flight.compasses.iter().find(|logged| logged.compass_number == compass.compass_number);
+    let logged = flight.compass(compass.compass_number);
     let residual = logged.and_then(|logged| logged.correction_residual);
     let Some(residual) = residual.filter(|residual| residual.row_count >= MIN_ROW_COUNT) else {
         return CheckOutcome::unchecked("the log has not both the raw and the corrected field");

@@ -1,4 +1,4 @@
-//! Whether headings count from true north, and what is turned where they do not.
+//! Whether headings count from true north; otherwise, whether the compass or the reference is turned.
 
 use super::check::CheckOutcome;
 use crate::log::{FieldCorrection, LoggedFlight};
@@ -7,7 +7,7 @@ use crate::replay::evaluation::{FlightEvaluation, score_correction};
 use crate::replay::flown_headings::HeadingSectors;
 use crate::replay::reference::{ReferenceHeading, ReferenceKind};
 use crate::replay::result::HeadingScore;
-use crate::replay::row::{ReplayRow, heading_deg};
+use crate::replay::row::ReplayRow;
 use crate::replay::row_headings::score_rows;
 use crate::score::wrap_180;
 
@@ -43,7 +43,7 @@ pub(super) fn check_north(
     let max_error_deg = if is_true_north { MAX_MEAN_ERROR_DEG } else { MAX_MEAN_ERROR_OF_OTHERS_DEG };
     let declination_deg = evaluation.earth_field.as_ref().and_then(|(earth, _)| earth.declination_deg);
     let mean_deg = |score: &HeadingScore| wrap_180(score.mean_deg + declination_deg.map_or(0.0, f64::from));
-    let as_logged = score_rows(rows, |row| Some((heading_deg(row, row.logged_field.ut.map(f64::from)), f64::NAN)))
+    let as_logged = score_rows(rows, |row| Some((row.logged_heading_deg(), f64::NAN)))
         .filter(|score| score.rms_deg < MAX_RMS_AS_LOGGED_DEG);
     let with_fit = correction.and_then(|correction| score_correction(rows, correction));
     // A fit replaces the orientation in use.
@@ -65,7 +65,7 @@ pub(super) fn check_north(
     if is_large { CheckOutcome::Failed(finding) } else { CheckOutcome::PassedWith(finding) }
 }
 
-/// What is turned, by a further heading of the log: the compass, or the reference.
+/// Whether the compass or the reference is turned, by a further heading of the log; a clause.
 fn cause_of_difference(
     flight: &LoggedFlight,
     reference: &ReferenceHeading,

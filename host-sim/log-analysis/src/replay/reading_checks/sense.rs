@@ -375,8 +375,7 @@ fn turns(rows: &[ReplayRow]) -> impl Iterator<Item = (usize, usize)> + '_ {
 
 /// Corrected fields of the rows, microtesla; as logged without a correction.
 fn corrected_fields(rows: &[ReplayRow], correction: Option<&FieldCorrection>) -> Vec<Vector3<f64>> {
-    let field = |row: &ReplayRow| {
-        correction.map_or_else(|| row.logged_field.ut.map(f64::from), |correction| row.corrected_field(correction))
-    };
+    let field =
+        |row: &ReplayRow| correction.map_or_else(|| row.logged_ut(), |correction| row.corrected_field(correction));
     rows.iter().map(field).collect()
 }

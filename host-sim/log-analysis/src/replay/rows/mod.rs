@@ -12,7 +12,7 @@ use super::frozen_field::frozen_intervals;
 use super::reference::ReferenceHeading;
 use super::row::{ReplayRow, down_in_body};
 use crate::log::time_series::{Series, TimedRow};
-use crate::log::{LoggedCompass, LoggedFlight};
+use crate::log::{LoggedCompass, LoggedFlight, MAX_PITCH_RAD};
 use crate::numbers::{median, quantile};
 
 /// Largest gap between attitudes, seconds: one attitude lost at 3 Hz.
@@ -30,10 +30,6 @@ const MAX_CUBIC_DEVIATION_RAD: f32 = 0.1;
 const TILT_MARGIN_RAD: f32 = 0.035;
 /// Factor on the integrated body rates, which are sampled.
 const TILT_RATE_FACTOR: f32 = 2.0;
-/// Pitch beyond which roll and heading are singular, as of a tailsitter in hover, radians (75 deg): errors of roll and
-/// heading are four times those of the attitude, and more.
-const MAX_EULER_PITCH_RAD: f32 = 1.31;
-
 /// Length of the window, seconds.
 const TILT_WINDOW_S: f64 = 1.0;
 
@@ -281,7 +277,7 @@ impl RowAccumulator {
             current_a: current_at(flight, t_s),
             is_usable: true,
             reference_deg: reference
-                .filter(|_| attitude.pitch_rad.abs() <= MAX_EULER_PITCH_RAD)
+                .filter(|_| attitude.pitch_rad.abs() <= MAX_PITCH_RAD)
                 .and_then(|reference| reference.heading_deg(flight, t_s)),
         }
     }
@@ -358,7 +354,7 @@ fn attitude_at(flight: &LoggedFlight, t_s: f64) -> Option<(RollPitch, Option<[f3
     let (before, after, weight) = flight.attitude.surrounding_rows(t_s, MAX_GAP_S)?;
     let rates = flight.body_rates.interpolate(t_s, MAX_GAP_S);
     let step_s = (after.t_s - before.t_s) as f32;
-    if [before, after].iter().any(|row| row.row_values[1].abs() > MAX_EULER_PITCH_RAD) {
+    if [before, after].iter().any(|row| row.row_values[1].abs() > MAX_PITCH_RAD) {
         return Some((attitude_of_down(down_of_row(before).lerp(&down_of_row(after), weight)), rates));
     }
     let weight = weight as f32;

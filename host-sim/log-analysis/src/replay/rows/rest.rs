@@ -13,7 +13,7 @@ const MIN_FLIGHT_S: f64 = 20.0;
 
 /// Speed that counts as movement, m/s; above the noise of a receiver at rest.
 const MAX_REST_SPEED_M_S: f32 = 0.7;
-/// Height above the first one that is not on the ground, metres; above the noise of a receiver at rest.
+/// Height above the start of the log from which on the aircraft is airborne, metres; above the noise of a receiver at rest.
 const MIN_AIRBORNE_HEIGHT_M: f32 = 5.0;
 /// Change of roll, pitch or yaw that counts as movement, radians (2.5 deg): wind and engine shake an aircraft.
 const MAX_REST_CHANGE_RAD: f32 = 0.044;

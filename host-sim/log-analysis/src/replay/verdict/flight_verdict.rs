@@ -162,7 +162,8 @@ impl<'a> Verdict<'a> {
     }
 }
 
-/// Warning about parameters of a field whose sign nothing confirms: one that is negated as a whole turns as it should.
+/// Warning about parameters if neither inclination nor north confirms the sign of the field: a negated field turns like a
+/// right one.
 fn unconfirmed_sign(compass: &CompassEvaluation, checks: &[ReadingCheck]) -> Option<String> {
     let signs = [CheckedMeaning::Inclination, CheckedMeaning::North];
     let is_confirmed =

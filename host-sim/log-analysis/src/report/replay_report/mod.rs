@@ -275,7 +275,7 @@ fn report_samples(
 impl ShownCorrections<'_> {
     fn report_sample(&self, row: &ReplayRow, module: Option<&HeadingRow>) -> ReportSample {
         let raw = row.raw_field.ut.map(f64::from);
-        let logged = row.logged_field.ut.map(f64::from);
+        let logged = row.logged_ut();
         let with_parameters = self.field_by_parameters.map(|field| field(row));
         let before_deg = heading_deg(row, if self.is_logged_field_corrected { logged } else { raw });
         let module_deg = module.map(|module| module.heading_deg).filter(|deg| deg.is_finite());

@@ -14,7 +14,7 @@ fn held_back(rms_deg: f64) -> HeldBackScore {
 }
 
 /// A compass is replaced if no parameters help: offsets beyond the limit, a loss by the symmetric matrix, or an error of
-/// over 5 deg that the scatter of the field explains. One that is not judged is neither replaced nor left.
+/// over 5 deg that the scatter of the field explains. An unjudged compass is neither replaced nor left.
 #[test]
 fn the_action_without_parameters_follows_from_their_reason() {
     use CompassAction::{FlyAgain, LeaveUnchanged, Replace};
@@ -95,7 +95,7 @@ fn the_state_follows_from_the_error_and_from_changes_of_hard_iron() {
     assert_eq!(failed.reason_codes(), ["sensor-failed", "good-as-logged"]);
 }
 
-/// A load that bends headings by 12 deg makes a compass bad of which nothing else is known, but not one that is good.
+/// A load that bends headings by 12 deg makes a compass bad whose error is unknown; a good compass stays good.
 #[test]
 fn a_load_that_bends_headings_is_named_and_moved() {
     let cause = BendingCause::Periodic(2.0);
