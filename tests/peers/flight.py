@@ -10,7 +10,6 @@ import math
 import os
 import random
 import select
-import time
 from collections import Counter
 
 import pynmea2
@@ -24,12 +23,7 @@ from served import PATIENCE_S, ServedModule, check_errors, wrap_180
 
 mavutil.set_dialect("ardupilotmega")
 
-# Speed of the module's clock.
-SPEED = 5.0
 PERIOD_S = 0.02
-# Longest time of one step in which the aircraft rolls: 2 deg. A busy computer pauses the flight for longer; after a jump in roll
-# attitude and field would not belong together.
-MAX_ROLL_STEP_S = 0.1
 BANK_DEG = 25.0
 BANK_RATE_DEG_S = 20.0
 # Aeroplane at 22 m/s and this bank: 30 s per circle.
@@ -53,8 +47,8 @@ class Aircraft:
         self.roll_deg = self.roll_rate_deg_s = self.heading_deg = self.heading_rate_deg_s = 0.0
 
     def fly(self, bank_deg, seconds):
-        """Advances by one step toward a bank. During a pause the aircraft turns, but does not roll."""
-        step = BANK_RATE_DEG_S * min(seconds, MAX_ROLL_STEP_S)
+        """Advances by one step toward a bank."""
+        step = BANK_RATE_DEG_S * seconds
         change = max(-step, min(step, bank_deg - self.roll_deg))
         self.roll_deg += change
         self.roll_rate_deg_s = change / seconds
@@ -68,7 +62,7 @@ class Aircraft:
 
 
 def bank_at(seconds):
-    """Bank at a time: 3.2 circles right, then left, and again, because a busy computer loses part of a circle."""
+    """Bank at a time: 3.2 circles right, then left, and again."""
     circles_s = 3.2 * 360.0 / TURN_RATE_DEG_S
     return BANK_DEG if int(seconds / circles_s) % 2 == 0 else -BANK_DEG
 
@@ -80,18 +74,15 @@ class Flight:
         self.module, self.link = module, link
         self.station = mavlink.MAVLink(self.link, srcSystem=STATION[0], srcComponent=STATION[1])
         self.aircraft, self.noise = Aircraft(), random.Random(1)
-        self.began = time.monotonic()
         self.flown_s, self.heartbeat_count, self.attitude_sent_s, self.rate_hz = 0.0, 0, 0.0, 1.0
         self.message_counts, self.texts, self.answers = Counter(), [], []
         self.last, self.requested_rates_hz = {}, []
 
     def fly_period(self, bank_deg):
-        """Flies at a bank for one period (longer if the computer is busy), sends the aircraft's messages, and records the module's."""
+        """Flies at a bank for one period of the module's time, sends the aircraft's messages, and records the module's."""
         aircraft, mav = self.aircraft, self.link.mav
-        time.sleep(PERIOD_S / SPEED)
-        before_s, self.flown_s = self.flown_s, (time.monotonic() - self.began) * SPEED
-        aircraft.fly(bank_deg, self.flown_s - before_s)
-        self.module.send_attitude(aircraft.roll_deg, 0.0, aircraft.heading_deg)
+        self.flown_s += PERIOD_S
+        aircraft.fly(bank_deg, PERIOD_S)
         if self.flown_s >= self.heartbeat_count:
             self.heartbeat_count += 1
             kind, autopilot = mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
@@ -100,6 +91,7 @@ class Flight:
             self.attitude_sent_s = max(self.attitude_sent_s + 1.0 / self.rate_hz, self.flown_s - PERIOD_S)
             roll, pitch = (math.radians(deg + self.noise.gauss(0.0, NOISE_DEG)) for deg in (aircraft.roll_deg, 0.0))
             mav.attitude_send(int(self.flown_s * 1000.0), roll, pitch, 0.0, *aircraft.rates_rad_s())
+        self.module.step(aircraft.roll_deg, 0.0, aircraft.heading_deg, PERIOD_S)
         while (message := self.link.recv_match()) is not None:
             self.record_message(message)
 

@@ -6,6 +6,7 @@ module fails after two silent minutes.
 
 import json
 import os
+import select
 import signal
 import socket
 import subprocess
@@ -52,6 +53,7 @@ class ServedModule:
         self.console = self.connect(console["tcp"])
         self.printed = ""
         self.held = threading.Event()
+        self.stepped_attitude = None
 
     def __enter__(self):
         return self
@@ -69,6 +71,13 @@ class ServedModule:
         """Sends an attitude of the aircraft."""
         self.datagrams.sendto(f"{roll_deg:.4f} {pitch_deg:.4f} {yaw_deg:.4f}".encode(), self.world)
 
+    def step(self, roll_deg, pitch_deg, yaw_deg, step_s):
+        """Sends an attitude and lets the module go on by a step; from the first step on its time stands still between them."""
+        self.stepped_attitude = (roll_deg, pitch_deg, yaw_deg)
+        self.datagrams.settimeout(PATIENCE_S)
+        self.datagrams.sendto(f"{roll_deg:.4f} {pitch_deg:.4f} {yaw_deg:.4f} {step_s:.4f}".encode(), self.world)
+        self.datagrams.recv(64)
+
     def hold_heading(self, yaw_deg):
         """Holds the aircraft level at a heading until this object is closed; returns after a second, when it is reached."""
 
@@ -84,7 +93,10 @@ class ServedModule:
         self.printed = ""
         self.console.sendall(line.encode() + b"\r")
         while answer not in self.printed:
-            self.read_output()
+            if self.stepped_attitude:
+                self.step(*self.stepped_attitude, 0.02)
+            if not self.stepped_attitude or select.select([self.console], [], [], 0.0)[0]:
+                self.read_output()
         return self.printed
 
     def read_output(self):

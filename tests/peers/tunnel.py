@@ -7,7 +7,7 @@ import math
 from dronecan import uavcan
 
 # Imported before pymavlink, whose dialect this module sets.
-from flight import ADDRESSES, SPEED, fly
+from flight import ADDRESSES, fly
 from pymavlink import mavutil
 
 from bus import BUS, TOOL_NODE, Bus
@@ -51,7 +51,7 @@ class TunnelLink(mavutil.mavfile):
             )
 
 
-with ServedModule("--can", BUS, "--attitude", "peer", "--speed", str(SPEED)) as module:
+with ServedModule("--can", BUS, "--attitude", "peer") as module:
     bus = Bus()
     number = bus.module_node_number()
     flight = fly(module, TunnelLink(bus, number))

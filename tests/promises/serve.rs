@@ -386,6 +386,16 @@ fn serve_over_tcp_answers_streams_follows_and_ends() {
     assert!(program.send_order("land").starts_with("error flown-by-another: "));
     console.write_all(b"set declination 7\r").unwrap();
     read_until(&mut console, contains_text("ok declination 7.0 deg"));
+    // A simulator that drives the clock: the module goes on by its steps, however long the computer takes between them.
+    udp.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
+    let step = || {
+        let mut answer = [0; 64];
+        udp.send_to(b"0 0 90 0.5", ("127.0.0.1", world)).unwrap();
+        let length = udp.recv(&mut answer).unwrap();
+        str::from_utf8(&answer[..length]).unwrap().parse::<f64>().unwrap()
+    };
+    let times_s = [step(), step(), step()];
+    assert!(times_s.windows(2).all(|pair| (pair[1] - pair[0] - 0.5).abs() < 1e-9), "{times_s:?}");
     assert_eq!(program.interrupt_for_exit_code(), Some(130));
     drop(program);
     let (_, image) = FlashImage::lock_and_read(&flash).unwrap().unwrap();

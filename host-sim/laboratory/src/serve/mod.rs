@@ -11,7 +11,7 @@ mod pilot;
 mod pilot_command;
 mod pilot_pattern;
 
-pub use self::attitude_datagram::{DatagramError, parse_attitude};
+pub use self::attitude_datagram::{AttitudeDatagram, DatagramError, parse_attitude};
 pub use self::flash_image::{FlashImage, FlashImageError};
 pub use self::pilot_command::{COMMANDS, PilotCommand, PilotCommandError};
 pub use self::pilot_pattern::PilotPattern;
@@ -24,7 +24,6 @@ use simulator::rig::Rig;
 use simulator::world::WorldConfig;
 use simulator::world::earth::Earth;
 use simulator::world::gyro::GyroConfig;
-use simulator::world::rotation::Euler;
 
 use self::external_autopilot::ExternalAutopilot;
 use self::pilot::SimulatedPilot;
@@ -222,21 +221,23 @@ impl ServedModule {
         }
     }
 
-    /// Moves the aircraft to the attitude of a datagram `roll_deg pitch_deg yaw_deg`.
+    /// Moves the aircraft to the attitude of a datagram `roll_deg pitch_deg yaw_deg [step_s]`; returns the step, which
+    /// the caller advances, in microseconds.
     ///
     /// # Errors
     ///
     /// [`DatagramError`] if the datagram is invalid; it is counted and otherwise ignored.
-    pub fn follow_datagram(&mut self, datagram: &[u8]) -> Result<(), DatagramError> {
+    pub fn follow_datagram(&mut self, datagram: &[u8]) -> Result<Option<u64>, DatagramError> {
         let attitude_datagram = parse_attitude(datagram);
         let external_datagram_counts = self.external_datagram_counts.get_or_insert_default();
         match attitude_datagram {
-            Ok(Euler { .. }) => external_datagram_counts.accepted_datagrams += 1,
+            Ok(AttitudeDatagram { .. }) => external_datagram_counts.accepted_datagrams += 1,
             Err(_) => external_datagram_counts.rejected_datagrams += 1,
         }
-        attitude_datagram.map(|attitude| {
+        attitude_datagram.map(|AttitudeDatagram { attitude, step_us }| {
             self.first_attitude_us.get_or_insert(self.rig.now_us());
             self.rig.world.follow_attitude(attitude);
+            step_us
         })
     }
 

@@ -1,7 +1,7 @@
 //! Main loop of a served module.
 
 use std::io::{self, IsTerminal as _};
-use std::net::UdpSocket;
+use std::net::{SocketAddr, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
 use std::thread;
@@ -36,13 +36,19 @@ impl Connections {
         speed: f64,
         stop: &AtomicBool,
     ) -> Result<(), CommandFailure> {
-        let mut virtual_clock = VirtualClock::new(speed);
+        // Absent from the first step of an external simulator on, which then drives the module's clock.
+        let mut virtual_clock = Some(VirtualClock::new(speed));
         let mut is_malformed_reported = false;
         let has_ended =
             |port_wires: &[Vec<Box<dyn ByteConnection>>]| port_wires.iter().flatten().any(|wire| wire.has_ended());
         while !stop.load(Ordering::SeqCst) && !has_ended(&self.port_wires) && !print::poll_output_closed() {
             // Time advances before inputs are read, so that an input takes effect after it was received.
-            served_module.advance_time(virtual_clock.elapsed_us());
+            served_module.advance_time(virtual_clock.as_mut().map_or(0, VirtualClock::elapsed_us));
+            // Bytes that a simulator sent before its step are read after it, and so are with the module in that step.
+            let mut step = None;
+            if let Some(world) = &self.attitude_socket {
+                step = apply_datagrams(world, served_module, &mut is_malformed_reported);
+            }
             for (port, wires) in self.port_wires.iter_mut().enumerate() {
                 for wire in wires {
                     // At most as many bytes are read as the port can receive: a faster sender waits, as on a real line.
@@ -53,14 +59,15 @@ impl Connections {
                     }
                 }
             }
-            if let Some(world) = &self.attitude_socket {
-                is_malformed_reported |= apply_datagrams(world, served_module, is_malformed_reported);
-            }
             if let Some(pilot_commands) = &mut self.pilot_commands {
                 pilot_commands.execute_pilot_lines(served_module);
             }
             if let Some(can) = &self.can_bus {
                 can.receive_frames().iter().for_each(|frame| served_module.send_frame_to_module(frame));
+            }
+            if let Some(Step { step_us, .. }) = step {
+                virtual_clock = None;
+                served_module.advance_time(step_us);
             }
             if let Some(can) = &self.can_bus {
                 served_module.take_module_frames().iter().for_each(|frame| can.send_frame(frame));
@@ -76,7 +83,11 @@ impl Connections {
                     wire.write_bytes(&bytes);
                 }
             }
-            if let Some(error_text) = virtual_clock.take_warning() {
+            if let (Some(Step { sender, .. }), Some(world)) = (step, &self.attitude_socket) {
+                // Without an answer the simulator waits, as for any lost datagram.
+                let _ = world.send_to(format!("{}", served_module.now_us() as f64 / 1e6).as_bytes(), sender);
+            }
+            if let Some(error_text) = virtual_clock.as_mut().and_then(VirtualClock::take_warning) {
                 print::print_error(format_args!("{error_text}\r"));
             }
             self.flash_writer.write_if_stable(served_module, false)?;
@@ -86,23 +97,32 @@ impl Connections {
     }
 }
 
-/// Applies received attitudes; returns whether a malformed one has been reported.
-fn apply_datagrams(world: &UdpSocket, served_module: &mut ServedModule, is_reported: bool) -> bool {
+/// Step of an external simulator that drives the module's clock.
+#[derive(Clone, Copy)]
+struct Step {
+    step_us: u64,
+    sender: SocketAddr,
+}
+
+/// Applies received attitudes and reports the first malformed one; returns their steps in sum.
+fn apply_datagrams(world: &UdpSocket, served_module: &mut ServedModule, is_reported: &mut bool) -> Option<Step> {
     let mut datagram = [0; 256];
-    let mut is_reported = is_reported;
+    let mut sum: Option<Step> = None;
     for _ in 0..MAX_DATAGRAMS_PER_POLL {
-        let Ok(length) = world.recv(&mut datagram) else { break };
-        if let Err(error) = served_module.follow_datagram(&datagram[..length])
-            && !is_reported
-        {
-            print::print_error(format_args!(
-                "error {}: {error}; more of them are only counted, see status",
-                error.stable_code()
-            ));
-            is_reported = true;
+        let Ok((length, sender)) = world.recv_from(&mut datagram) else { break };
+        match served_module.follow_datagram(&datagram[..length]) {
+            Ok(Some(step_us)) => sum = Some(Step { step_us: step_us + sum.map_or(0, |sum| sum.step_us), sender }),
+            Err(error) if !*is_reported => {
+                print::print_error(format_args!(
+                    "error {}: {error}; more of them are only counted, see status",
+                    error.stable_code()
+                ));
+                *is_reported = true;
+            }
+            Ok(None) | Err(_) => {}
         }
     }
-    is_reported
+    sum
 }
 
 pub struct PilotCommandInput {
