@@ -154,21 +154,24 @@ impl OutboundMessage {
         message
     }
 
-    /// VISION_POSITION_ESTIMATE at the origin: of the covariance only the heading's variance is given; NaN in the first
-    /// element marks the position's as unknown.
+    /// VISION_POSITION_ESTIMATE at the origin, of which only the heading is known. ArduPilot reads a covariance whose first
+    /// element is a number: the angle's error is then the root of the sum of the angles' variances.
     #[must_use]
     pub fn pose_estimate(pose: &Pose) -> Self {
+        /// Variance of an unknown position, square metres.
+        const POSITION_VARIANCE_M2: f32 = 1e6;
         /// Upper right triangle over x, y, z, roll, pitch, yaw without its last element, the variance of yaw.
-        const UNKNOWN_COVARIANCE: [f32; 20] = {
+        const COVARIANCE_BEFORE_YAW: [f32; 20] = {
             let mut covariance = [0.0; 20];
-            covariance[0] = f32::NAN;
+            (covariance[0], covariance[6], covariance[11]) =
+                (POSITION_VARIANCE_M2, POSITION_VARIANCE_M2, POSITION_VARIANCE_M2);
             covariance
         };
         let mut message = Self::from_dialect::<VISION_POSITION_ESTIMATE_DATA>();
         message.put_bytes(&pose.timestamp.as_us().to_le_bytes());
         message.put_floats(&[0.0; 3]);
         message.put_floats(&pose.roll_pitch_yaw_rad);
-        message.put_floats(&UNKNOWN_COVARIANCE);
+        message.put_floats(&COVARIANCE_BEFORE_YAW);
         message.put_floats(&[pose.yaw_variance_rad2]);
         message.put_bytes(&[pose.reset_counter]);
         message

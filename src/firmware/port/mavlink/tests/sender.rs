@@ -185,8 +185,12 @@ fn a_pose_contains_the_raw_true_heading_and_attitude() {
         assert_eq!(pose.payload[8..20], [0; 12]);
         assert_eq!((pose.float_at(20), pose.float_at(24)), (0.3, -0.1));
         assert!((pose.float_at(28).to_degrees() + 10.0).abs() < 1e-4, "{}", pose.float_at(28));
-        assert!(pose.float_at(32).is_nan());
-        assert!((pose.float_at(32 + 4 * 20) - 2_f32.to_radians().powi(2)).abs() < 1e-7);
+        // ArduPilot reads the covariance only if its first element is a number, and takes the root of the sum of the
+        // angles' variances (GCS_Common.cpp, handle_common_vision_position_estimate_data).
+        let variance = |index: usize| pose.float_at(32 + 4 * index);
+        assert!(variance(0) > 1e5, "the position is unknown");
+        let angle_error_deg = (variance(15) + variance(18) + variance(20)).sqrt().to_degrees();
+        assert!((angle_error_deg - 2.0).abs() < 1e-4, "{angle_error_deg}");
         assert_eq!(pose.payload[116], 0);
     }
     bench.estimate.heading = Ok(heading(350.0, 2.0));

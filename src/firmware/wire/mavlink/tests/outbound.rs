@@ -111,10 +111,13 @@ fn a_pose_contains_the_heading_variance() {
         reset_counter: 2,
     };
     let angles = "cdcccc3dcdcc4cbe00004040";
+    let unknown = "00247449";
     let hex = format!(
-        "fd750000c9079e660000141a99be1c000000{}{angles}0000c07f{}17b7d13902d7d4",
+        "fd750000c9079e660000141a99be1c000000{}{angles}{unknown}{}{unknown}{}{unknown}{}17b7d139021c43",
         "00".repeat(12),
-        "00".repeat(4 * 19),
+        "00".repeat(4 * 5),
+        "00".repeat(4 * 4),
+        "00".repeat(4 * 8),
     );
     assert_encoded(OutboundMessage::pose_estimate(&pose), &hex);
 }
