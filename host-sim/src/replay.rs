@@ -46,8 +46,7 @@ const FIELD_UNITS: &[(&str, FieldUnit)] = &[("mg", FieldUnit::Milligauss), ("ut"
 ///
 /// Logs of ArduPilot (DataFlash .bin or .log, MAVLink .tlog), of PX4 (.ulg) and tables are recognised by content; `-`
 /// is standard input. The autopilot's own correction is undone, the latency of the logged field is estimated from the
-/// flight, and headings by the autopilot's parameters, a sphere fit, an ellipsoid fit and the module are compared with
-/// the best reference heading in the log. A simulator's true attitude (SIM, SIMSTATE) is used as reference only.
+/// flight, and headings as logged are compared with the best reference heading in the log. A simulator's true attitude (SIM, SIMSTATE) is used as reference only.
 ///
 /// A table has values separated by comma, semicolon or tab, with column names in the first line: t_s (seconds), mx, my,
 /// mz (raw field; body axes forward, right, down), roll_deg, pitch_deg (right wing down, nose up positive). Optional:
@@ -57,7 +56,7 @@ const FIELD_UNITS: &[(&str, FieldUnit)] = &[("mg", FieldUnit::Milligauss), ("ut"
 /// eighth. Invalid lines are skipped.
 ///
 /// The verdict is on each compass as the aircraft flies it now, the one in use first, and on what to do: load the
-/// parameters, leave it, fly again, or replace it.
+/// parameters, leave it, fly again, or replace it. With --module it is also compared with an Autoswing module.
 ///
 /// Exit codes: 0 the compass in use is good or parameters for it are given, 1 neither, 2 the file cannot be read; of
 /// several logs the highest.
@@ -66,10 +65,12 @@ pub struct ReplayArguments {
     /// The log, `-` is standard input; several logs, or folders of logs, give one line each, the worst first
     #[arg(required = true)]
     pub files: Vec<PathBuf>,
-    /// Rows used for the fit: samples the module keeps in any flight until they suffice (`flight`); `all` usable rows,
-    /// evenly thinned to the device's capacity; or the samples of its `turns` procedure
-    #[arg(long, default_value = "flight", value_name = "flight|all|turns", value_parser = named_value(ROW_SELECTIONS))]
-    pub samples: RowSelection,
+    /// Compare with an Autoswing module on this flight, and with fits of a sphere and an ellipsoid. The module fits the
+    /// samples it keeps in any flight until they suffice (`flight`, also without a name); `all` usable rows, evenly thinned
+    /// to its capacity; or the samples of its `turns` procedure
+    #[arg(long, value_name = "flight|all|turns", value_parser = named_value(ROW_SELECTIONS), num_args = 0..=1,
+          require_equals = true, default_missing_value = "flight")]
+    pub module: Option<RowSelection>,
     /// Evaluate only this compass, by the autopilot's number, 1 to 8
     #[arg(long, value_name = "N", value_parser = integer_in_range(1_u8, 8))]
     pub compass: Option<u8>,
@@ -105,8 +106,8 @@ pub struct ReplayArguments {
     /// Heading that errors are measured against [default: the best in the log, in this order]
     #[arg(long, value_name = "simulator|column|gps-yaw|gps-course|autopilot", value_parser = named_value(REFERENCE_NAMES))]
     pub reference: Option<ReferenceKind>,
-    /// Write t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg,readings for every reading of the first compass,
-    /// at the log's time stamps; `readings` are averaged to one heading, smooth ones may be empty
+    /// Write the module's t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg,readings for every reading of the first
+    /// compass, at the log's time stamps; `readings` are averaged to one heading, smooth ones may be empty
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// Write the report page: a folder for its index.html, or a file (.html; .svg: only the before-and-after picture)
@@ -179,7 +180,7 @@ pub fn evaluate_log(
     let evaluation = evaluate_flight(
         flight,
         &EvaluationOptions {
-            row_selection: options.samples,
+            compared_module: options.module.or(options.out.is_some().then_some(RowSelection::Flight)),
             compass_number: options.compass,
             inclination_deg: options.inclination,
             time_window_s: window_s,
@@ -259,11 +260,11 @@ pub fn run_replay(file: &Path, options: &ReplayArguments) -> Result<ExitCode, Co
 }
 
 fn settings_table(options: &ReplayArguments) -> Vec<[String; 2]> {
-    let samples = options.samples.selection_name().to_owned();
     let age =
         options.age.map_or_else(|| "estimated from the flight".to_owned(), |latency_ms| format!("{latency_ms} ms"));
-    let mut settings = vec![["samples".to_owned(), samples], ["age of the field".to_owned(), age]];
+    let mut settings = vec![["age of the field".to_owned(), age]];
     let given_options = [
+        ("module", options.module.map(|selection| selection.selection_name().to_owned())),
         ("inclination", options.inclination.map(|inclination_deg| format!("{inclination_deg} deg"))),
         ("mount", options.mount.map(|mount| mount.orientation_name().to_owned())),
         ("from", options.from.map(|time_s| format!("{time_s} s"))),
@@ -296,7 +297,6 @@ fn verdict_text(name: &str, verdict: &Verdict<'_>) -> String {
         );
     }
     append_wrapped(&mut report_text, "", &verdict.log_description(name));
-    append_wrapped(&mut report_text, "", &format!("an Autoswing module on this flight: {}", verdict.module_outcome));
     for compass in verdict.compasses_in_use_first() {
         let _ = writeln!(report_text, "\ncompass {}", compass.evaluation.compass_number);
         for [name, value] in verdict.key_facts(compass) {
@@ -335,14 +335,14 @@ fn verdict_table(verdict: &Verdict<'_>) -> Table {
     let cells_of_compasses = |cell: &dyn Fn(&CompassEvaluation) -> Option<String>| compasses.iter().map(cell).collect();
     add_row(
         "module, smoothed",
-        cells_of_compasses(&|compass| Some(format!("{:.2}", compass.module_result.smoothed_score?.rms_deg))),
+        cells_of_compasses(&|compass| Some(format!("{:.2}", compass.module_result.as_ref()?.smoothed_score?.rms_deg))),
     );
     add_row(
         "module, mean",
-        cells_of_compasses(&|compass| Some(format!("{:+.2}", compass.module_result.score?.mean_deg))),
+        cells_of_compasses(&|compass| Some(format!("{:+.2}", compass.module_result.as_ref()?.score?.mean_deg))),
     );
     let within = |compass: &CompassEvaluation| {
-        let [one, two] = compass.module_result.score?.within_sigmas_percent;
+        let [one, two] = compass.module_result.as_ref()?.score?.within_sigmas_percent;
         Some(format!("{one:.0}, {two:.0} %"))
     };
     add_row("module, within 1, 2 sigma", cells_of_compasses(&within));
@@ -355,11 +355,13 @@ fn verdict_table(verdict: &Verdict<'_>) -> Table {
 fn write_headings(path: &Path, flight: &LoggedFlight, compass: Option<&CompassEvaluation>) -> std::io::Result<()> {
     let mut output_file = std::io::BufWriter::new(std::fs::File::create(path)?);
     writeln!(output_file, "t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg,readings")?;
-    let Some(compass) = compass else { return output_file.flush() };
+    let Some((compass, module)) = compass.and_then(|compass| Some((compass, compass.module_result.as_ref()?))) else {
+        return output_file.flush();
+    };
     let logged = flight.compasses.iter().find(|logged| logged.compass_number == compass.compass_number);
     let stamps_s: Vec<f64> =
         logged.map_or_else(Vec::new, |logged| logged.field.rows().iter().map(|row| row.t_s).collect());
-    let headings = &compass.module_result.headings;
+    let headings = &module.headings;
     let nearest_row = |stamp_s: f64| {
         // Rows are at the time of the field, which is older than its time stamp.
         let at_s = stamp_s - compass.latency.used_s;
@@ -373,7 +375,7 @@ fn write_headings(path: &Path, flight: &LoggedFlight, compass: Option<&CompassEv
     let rows: Vec<Option<usize>> = stamps_s.iter().map(|stamp_s| nearest_row(*stamp_s)).collect();
     let mut readings = vec![0_u32; headings.len()];
     rows.iter().flatten().for_each(|index| readings[*index] += 1);
-    let is_refused = compass.module_result.acceptance.is_err();
+    let is_refused = module.acceptance.is_err();
     let missing_status = if is_refused { NoHeading::Uncalibrated.stable_code() } else { "left-out" };
     for (stamp_s, index) in stamps_s.iter().zip(rows) {
         let Some(index) = index else {

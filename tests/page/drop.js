@@ -129,7 +129,7 @@ async function checkOptions(look, log) {
   const from = Math.ceil(Number(await page.locator("input[name=from_s]").getAttribute("placeholder"))) + 20;
   if (!(await page.locator("#choices").isVisible())) await page.click("#again > summary");
   await page.selectOption("select[name=compass]", compass);
-  await page.selectOption("select[name=samples]", "all");
+  await page.selectOption("select[name=module]", "all");
   await page.fill("input[name=from_s_slider]", `${from}`);
   const isTable = await page.locator("select[name=unit]").isVisible();
   if (isTable) await page.selectOption("select[name=unit]", "ut");
@@ -140,7 +140,7 @@ async function checkOptions(look, log) {
   await page.keyboard.press("Enter");
   await page.waitForFunction((element) => !element.isConnected, before, WAIT);
   await untilJudged(page);
-  const options = ["--compass", compass, "--samples", "all", "--from", `${from}`, "--reference", reference, ...(isTable ? ["--unit", "ut"] : [])];
+  const options = ["--compass", compass, "--module=all", "--from", `${from}`, "--reference", reference, ...(isTable ? ["--unit", "ut"] : [])];
   await compareWithCommand(look, judgeByCommand(log, ...options), `${log} with choices`);
 }
 

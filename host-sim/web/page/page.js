@@ -23,10 +23,10 @@ function send(request) {
 function choices() {
   const number = (name) => (form.elements[name].value === "" ? null : form.elements[name].valueAsNumber);
   const compass = Number(form.elements.compass.value) || null;
-  return { samples: form.elements.samples.value, compass, from_s: number("from_s"), to_s: number("to_s"), reference: form.elements.reference.value || null };
+  return { module: form.elements.module.value || null, compass, from_s: number("from_s"), to_s: number("to_s"), reference: form.elements.reference.value || null };
 }
 
-const DEFAULT_OPTIONS = { samples: "flight", compass: null, from_s: null, to_s: null, reference: null };
+const DEFAULT_OPTIONS = { module: null, compass: null, from_s: null, to_s: null, reference: null };
 
 // Clears the page for another log, or for the example flight (`chosen` is null).
 function clearPage(chosen) {

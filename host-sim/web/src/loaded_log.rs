@@ -25,8 +25,8 @@ pub struct LogRequest {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PageChoices {
-    /// Rows used for the fit.
-    pub samples: RowSelection,
+    /// Samples of a module that is compared.
+    pub module: Option<RowSelection>,
     /// Number of the only compass to evaluate.
     pub compass: Option<u8>,
     /// First time of the log that is used, seconds.
@@ -95,7 +95,7 @@ impl LoadedLog {
     pub fn judge_log(&self, choices: &PageChoices) -> Result<JudgedLog, String> {
         let Self { name, flight } = self;
         let options = EvaluationOptions {
-            row_selection: choices.samples,
+            compared_module: choices.module,
             compass_number: choices.compass,
             time_window_s: [choices.from_s.unwrap_or(f64::NEG_INFINITY), choices.to_s.unwrap_or(f64::INFINITY)],
             reference_kind: choices.reference,
@@ -128,7 +128,7 @@ impl LoadedLog {
 
 fn settings_table(choices: &PageChoices) -> Vec<[String; 2]> {
     let given_choices = [
-        ("samples", Some(choices.samples.selection_name().to_owned())),
+        ("module", choices.module.map(|selection| selection.selection_name().to_owned())),
         ("compass", choices.compass.map(|compass_number| compass_number.to_string())),
         ("from", choices.from_s.map(|time_s| format!("{time_s} s"))),
         ("to", choices.to_s.map(|time_s| format!("{time_s} s"))),
@@ -141,7 +141,7 @@ fn settings_table(choices: &PageChoices) -> Vec<[String; 2]> {
 mod tests {
     use super::*;
 
-    const CHOICES: &str = r#"{ "samples": "all", "compass": 1, "from_s": 30, "to_s": null, "reference": "column" }"#;
+    const CHOICES: &str = r#"{ "module": "all", "compass": 1, "from_s": 30, "to_s": null, "reference": "column" }"#;
 
     fn loaded_example_log() -> LoadedLog {
         let request = serde_json::from_str(r#"{ "name": "flight.csv", "unit": "mg" }"#).unwrap();
@@ -153,18 +153,23 @@ mod tests {
         let log = loaded_example_log();
         let LogSummary { compasses, range_s: [from_s, to_s], is_table } = log.log_summary();
         assert!(compasses == [1] && from_s < 30.0 && to_s > 199.0 && is_table, "{from_s} to {to_s} s");
-        let judged_whole =
-            PageChoices { samples: RowSelection::Flight, compass: None, from_s: None, to_s: None, reference: None };
+        let judged_whole = PageChoices {
+            module: Some(RowSelection::Flight),
+            compass: None,
+            from_s: None,
+            to_s: None,
+            reference: None,
+        };
         let [judged_whole, chosen] =
             [judged_whole, serde_json::from_str(CHOICES).unwrap()].map(|choices| log.judge_log(&choices).unwrap());
         let used_samples = |judged: &JudgedLog| {
             let json: serde_json::Value = serde_json::from_str(&judged.json).unwrap();
-            [&json["compasses"][0]["rows"]["used"], &json["compasses"][0]["rows"]["fitted"]]
+            [&json["compasses"][0]["rows"]["used"], &json["compasses"][0]["module"]["samples"]]
                 .map(|count| count.as_u64().unwrap())
         };
         let [[rows, kept], [later_rows, later_kept]] = [used_samples(&judged_whole), used_samples(&chosen)];
         assert!(later_rows < rows && later_kept != kept, "{rows} rows, {kept} kept; {later_rows}, {later_kept}");
-        for setting in ["<dt>samples</dt><dd>all</dd>", "<dt>compass</dt><dd>1</dd>", "<dt>from</dt><dd>30 s</dd>"] {
+        for setting in ["<dt>module</dt><dd>all</dd>", "<dt>compass</dt><dd>1</dd>", "<dt>from</dt><dd>30 s</dd>"] {
             assert!(chosen.page.contains(setting), "{setting}");
         }
         assert!(!chosen.page.contains("<dt>to</dt>") && !chosen.page.contains("<dt>command</dt>"));

@@ -3,11 +3,12 @@
 use log_analysis::log;
 use log_analysis::log::csv::FieldUnit;
 use log_analysis::log::log_writers::{FlightRecording, encode_csv, encode_dataflash_text, encode_tlog};
-use log_analysis::replay::verdict::FlightOutcome;
 use simulator::recording::record_turns;
 use simulator::world::WorldConfig;
 
-use super::{evaluate_log, max_rms_deg, module_score, warnings_text};
+use super::{
+    compare_with_module, evaluate_log, max_rms_deg, module_result, module_score, verdict_sentences, warnings_text,
+};
 
 fn record_flight(world: &WorldConfig) -> FlightRecording {
     record_turns(world, 0.05)
@@ -39,8 +40,8 @@ fn a_field_logged_at_1_hz_gives_the_same_headings() {
         let world = WorldConfig::random_world(seed);
         let text = dataflash_text(&world);
         for stride in [1, 4, 10] {
-            let (flight, evaluation) = evaluate_log(keep_every_nth_message(&text, "MAG", stride).as_bytes());
-            let module_result = &evaluation.compasses[0].module_result;
+            let (flight, evaluation) = compare_with_module(keep_every_nth_message(&text, "MAG", stride).as_bytes());
+            let module_result = module_result(&evaluation.compasses[0]);
             let (score, smoothed_score) =
                 (module_score(&evaluation.compasses[0]), module_result.smoothed_score.unwrap());
             let about = format!("seed {seed}, 1 of {stride}: {score:?} {smoothed_score:?}");
@@ -59,10 +60,11 @@ fn a_field_logged_at_1_hz_gives_the_same_headings() {
 fn a_verdict_reports_attitude_below_3_hz() {
     let text = dataflash_text(&WorldConfig::random_world(3));
     for (stride, expected_text) in [(1, ""), (5, "2.0 times a second"), (20, "0.5 times a second")] {
-        let (_, evaluation) = evaluate_log(keep_every_nth_message(&text, "ATT", stride).as_bytes());
-        let verdict_text = FlightOutcome::new(&evaluation).to_string();
-        assert!(verdict_text.contains(expected_text), "1 of {stride}: {verdict_text}");
-        assert_eq!(verdict_text.contains("below 3 Hz"), stride > 1, "1 of {stride}: {verdict_text}");
+        let (flight, evaluation) = evaluate_log(keep_every_nth_message(&text, "ATT", stride).as_bytes());
+        let warnings = warnings_text(&flight, &evaluation);
+        assert!(warnings.contains(expected_text), "1 of {stride}: {warnings}");
+        assert_eq!(warnings.contains("below 3 Hz"), stride > 1, "1 of {stride}: {warnings}");
+        let verdict_text = verdict_sentences(&flight, &evaluation);
         assert_eq!(verdict_text.contains("without an attitude near it"), stride == 20, "{verdict_text}");
     }
 }
@@ -80,16 +82,16 @@ fn implausible_units_are_reported_without_a_position() {
         let line = |line: &str| line.split(',').enumerate().map(scale).collect::<Vec<_>>().join(",") + "\n";
         text.lines().map(line).collect::<String>()
     };
-    let notes = |text: &str| {
+    let texts = |text: &str| {
         let (flight, evaluation) = evaluate_log(text.as_bytes());
-        warnings_text(&flight, &evaluation)
+        [verdict_sentences(&flight, &evaluation), warnings_text(&flight, &evaluation)]
     };
-    assert_eq!(notes(&text), "");
+    assert_eq!(texts(&text)[1], "");
     for (factor, expected) in [(0.1, "microtesla read as milligauss"), (100.0, "nanotesla read as milligauss")] {
-        let notes = notes(&scaled(1..4, factor));
-        assert!(notes.contains(expected), "{factor}: {notes}");
+        let [verdict, _] = texts(&scaled(1..4, factor));
+        assert!(verdict.contains(expected), "{factor}: {verdict}");
     }
-    let notes = notes(&scaled(7..10, 1.0_f64.to_radians()));
+    let [_, notes] = texts(&scaled(7..10, 1.0_f64.to_radians()));
     assert!(notes.contains("body rates"), "{notes}");
 }
 
@@ -106,7 +108,7 @@ fn mavlink_without_receiver_times_gives_the_same_flight() {
         without_times.extend_from_slice(current_frame);
         remaining = after_frame;
     }
-    let [with_times, without_times] = [with_times, without_times].map(|bytes| evaluate_log(&bytes));
+    let [with_times, without_times] = [with_times, without_times].map(|bytes| compare_with_module(&bytes));
     assert!(without_times.0.attitude.rows().len() > 2000);
     assert_eq!(with_times.0.attitude.rows(), without_times.0.attitude.rows());
     assert_eq!(with_times.0.compasses[0].field.rows(), without_times.0.compasses[0].field.rows());
@@ -135,7 +137,7 @@ fn rows_without_time_get_the_time_of_their_neighbours() {
             }
         })
     };
-    let (flight, evaluation) = evaluate_log(strip(&["MAG", "ATT"], &text).as_bytes());
+    let (flight, evaluation) = compare_with_module(strip(&["MAG", "ATT"], &text).as_bytes());
     assert!(module_score(&evaluation.compasses[0]).rms_deg < 1.0, "{:?}", module_score(&evaluation.compasses[0]));
     assert!(warnings_text(&flight, &evaluation).contains("carry no time"));
     let without_columns = strip(&["MAG", "ATT", "IMU", "BAT", "GPS", "RCOU", "MSG", "PARM"], &text);
@@ -153,10 +155,10 @@ fn a_log_with_lost_rows_gives_the_same_accuracy() {
             let is_row = ["MAG, ", "ATT, ", "IMU, "].iter().any(|prefix| line.starts_with(prefix));
             if is_row && random.bits() % 10 < 3 { String::new() } else { line.to_owned() }
         });
-        let (flight, evaluation) = evaluate_log(with_losses.as_bytes());
+        let (flight, evaluation) = compare_with_module(with_losses.as_bytes());
         let score = module_score(&evaluation.compasses[0]);
         assert!(score.rms_deg < max_rms_deg(&world), "seed {seed}: {score:?}");
-        assert_eq!(evaluation.compasses[0].module_result.smoothed_score, Some(score), "seed {seed}");
+        assert_eq!(module_result(&evaluation.compasses[0]).smoothed_score, Some(score), "seed {seed}");
         let warnings = warnings_text(&flight, &evaluation);
         assert!(warnings.contains("of the body rates are lost"), "{warnings}");
     }
@@ -172,7 +174,7 @@ fn a_log_at_rest_gives_no_field_strength() {
         sample.field_ut[0][i % 3] += if i % 2 == 0 { 0.5 } else { -0.5 };
     }
     let (flight, evaluation) = evaluate_log(&encode_dataflash_text(&recording));
-    assert_eq!(evaluation.compasses[0].sphere_radius_ut, None);
-    let warnings = warnings_text(&flight, &evaluation);
-    assert!(!warnings.contains("taken for") && !warnings.contains("radians"), "{warnings}");
+    assert_eq!(evaluation.compasses[0].parameter_fit.strength_ut(), None);
+    let text = verdict_sentences(&flight, &evaluation) + &warnings_text(&flight, &evaluation);
+    assert!(!text.contains("read as") && !text.contains("radians"), "{text}");
 }

@@ -6,24 +6,22 @@ use crate::log::FieldCorrection;
 
 const MIN_ROWS: usize = 20;
 
-/// Fits a sphere to fields in microtesla by linear least squares of `|m|^2 = 2 c m + k`; returns correction and radius.
+/// Fits a sphere to fields in microtesla by linear least squares of `|m|^2 = 2 c m + k`; returns the correction.
 #[must_use]
-pub fn fit_sphere(fields: &[Vector3<f64>]) -> Option<(FieldCorrection, f64)> {
+pub fn fit_sphere(fields: &[Vector3<f64>]) -> Option<FieldCorrection> {
     let (scaled, mean, scale) = normalised_points(fields)?;
     let matrix =
         DMatrix::from_fn(scaled.len(), 4, |row, column| if column == 3 { 1.0 } else { 2.0 * scaled[row][column] });
     let squares = DVector::from_fn(scaled.len(), |row, _| scaled[row].norm_squared());
-    let [x, y, z, k] = *solve_least_squares(&matrix, &squares)?.as_slice() else { return None };
+    let [x, y, z, _] = *solve_least_squares(&matrix, &squares)?.as_slice() else { return None };
     let centre = Vector3::new(x, y, z);
-    let radius = (k + centre.norm_squared()).sqrt() * scale;
-    let correction = FieldCorrection::without_current(Matrix3::identity(), mean + centre * scale);
-    radius.is_finite().then_some((correction, radius))
+    Some(FieldCorrection::without_current(Matrix3::identity(), mean + centre * scale))
 }
 
 /// Fits an ellipsoid to fields in microtesla by linear least squares of the quadric `m A m + 2 b m = 1`; returns the
-/// symmetric correction to a sphere of equal volume and its radius, or none for another quadric.
+/// symmetric correction to a sphere of equal volume, or none for another quadric.
 #[must_use]
-pub fn fit_ellipsoid(fields: &[Vector3<f64>]) -> Option<(FieldCorrection, f64)> {
+pub fn fit_ellipsoid(fields: &[Vector3<f64>]) -> Option<FieldCorrection> {
     let (scaled, mean, scale) = normalised_points(fields)?;
     let matrix = DMatrix::from_fn(scaled.len(), 9, |row, column| {
         let point = scaled[row];
@@ -48,8 +46,7 @@ pub fn fit_ellipsoid(fields: &[Vector3<f64>]) -> Option<(FieldCorrection, f64)> 
     let root = Matrix3::from_diagonal(&eigen.eigenvalues.map(f64::sqrt));
     let matrix = eigen.eigenvectors * root * eigen.eigenvectors.transpose();
     let radius = libm::pow(matrix.determinant(), -1.0 / 3.0);
-    let correction = FieldCorrection::without_current(matrix * radius, mean + centre * scale);
-    Some((correction, radius * scale))
+    Some(FieldCorrection::without_current(matrix * radius, mean + centre * scale))
 }
 
 /// Fields about their mean in units of their RMS distance, the mean and that unit.
@@ -83,23 +80,19 @@ mod tests {
     #[test]
     fn a_sphere_is_found() {
         let centre = Vector3::new(10.0, -20.0, 300.0);
-        let (correction, radius) = fit_sphere(&distorted_fields(&Matrix3::identity(), centre)).unwrap();
-        assert!(
-            (correction.hard_iron_ut - centre).norm() < 1e-6 && (radius - 50.0).abs() < 1e-6,
-            "{correction:?} {radius}"
-        );
+        let correction = fit_sphere(&distorted_fields(&Matrix3::identity(), centre)).unwrap();
+        assert!((correction.hard_iron_ut - centre).norm() < 1e-6, "{correction:?}");
     }
 
     #[test]
     fn an_ellipsoid_is_found_with_its_axes() {
         let soft = Matrix3::new(1.1, 0.05, -0.02, 0.05, 0.9, 0.03, -0.02, 0.03, 1.05);
         let centre = Vector3::new(-30.0, 5.0, 12.0);
-        let (correction, radius) = fit_ellipsoid(&distorted_fields(&soft, centre)).unwrap();
+        let correction = fit_ellipsoid(&distorted_fields(&soft, centre)).unwrap();
         assert!((correction.hard_iron_ut - centre).norm() < 1e-6, "{correction:?}");
         let product = correction.matrix * soft;
         assert!((product / product[(0, 0)] - Matrix3::identity()).norm() < 1e-6, "{product}");
         assert!((correction.matrix.determinant() - 1.0).abs() < 1e-9);
-        assert!((radius - 50.0 * libm::pow(soft.determinant(), 1.0 / 3.0)).abs() < 1e-6, "{radius}");
     }
 
     #[test]

@@ -7,11 +7,9 @@ use rayon::prelude::*;
 use super::baseline_fits;
 use super::bending_load::{BendingLoad, find_bending_loads};
 use super::field_latency::{self, FieldLatency};
-use super::flown_headings::yaw_sectors;
 use super::hard_iron_changes::{LoggedHardIronChange, find_changes};
 use super::parameter_fit::ParameterFit;
 use super::row_headings::score_rows;
-use super::row_solve::solved_correction;
 use super::sensor_change::{SensorChange, find_sensor_change};
 use crate::log::{FieldCorrection, Gps, LoggedCompass, LoggedFlight, mounting_parameter_changes};
 use crate::replay::reference::{ReferenceHeading, ReferenceKind};
@@ -23,8 +21,8 @@ use crate::replay::rows::{RowCounts, build_rows};
 /// Options of an evaluation.
 #[derive(Clone, Copy, Debug)]
 pub struct EvaluationOptions {
-    /// Rows used for the module's fit.
-    pub row_selection: RowSelection,
+    /// Samples of a module that is compared, with fits of a sphere and an ellipsoid; none without a comparison.
+    pub compared_module: Option<RowSelection>,
     /// Number of the only compass to evaluate.
     pub compass_number: Option<u8>,
     /// Inclination of the Earth field, degrees; default: the field model.
@@ -38,9 +36,9 @@ pub struct EvaluationOptions {
 }
 
 impl EvaluationOptions {
-    /// Default options: all compasses, evaluated with the samples that the module retains in flight.
+    /// Default options: all compasses, without a comparison.
     pub const DEFAULT: Self = Self {
-        row_selection: RowSelection::Flight,
+        compared_module: None,
         compass_number: None,
         inclination_deg: None,
         time_window_s: [f64::NEG_INFINITY, f64::INFINITY],
@@ -64,23 +62,17 @@ pub struct CompassEvaluation {
     pub row_counts: RowCounts,
     /// Median interval of the readings, seconds.
     pub reading_interval_s: f64,
-    /// The module's result with the selected rows.
-    pub module_result: ReplayResult,
-    /// The module's result with all rows.
-    pub all_rows_result: ReplayResult,
-    /// Heading RMS less mean without motor-current correction, degrees; none without such a correction or a reference.
-    pub rms_without_current_deg: Option<f64>,
-    /// Corrections with their scores.
+    /// Result of the module that is compared.
+    pub module_result: Option<ReplayResult>,
+    /// Heading scores with the correction as logged, and with those that are compared.
     pub corrections: Vec<ScoredCorrection>,
-    /// Field strength by a sphere fit, microtesla; none on few headings, which determine none.
-    pub sphere_radius_ut: Option<f64>,
     /// Changes of hard iron in flight, in order of time.
     pub hard_iron_changes: Vec<LoggedHardIronChange>,
     /// Change of the sensor in flight; the changes of hard iron that it appears as are removed.
     pub sensor_change: Option<SensorChange>,
     /// Loads that bend the field.
     pub bending_loads: Vec<BendingLoad>,
-    /// Fits from which the autopilot's parameters are made.
+    /// The fit, from which the autopilot's parameters are made.
     pub parameter_fit: ParameterFit,
 }
 
@@ -89,8 +81,6 @@ pub struct CompassEvaluation {
 pub struct ScoredCorrection {
     /// Source of the correction.
     pub correction_source: CorrectionSource,
-    /// The correction; none if its parameters changed in flight.
-    pub correction: Option<FieldCorrection>,
     /// Heading score; none without a reference.
     pub score: Option<HeadingScore>,
 }
@@ -106,16 +96,14 @@ pub enum CorrectionSource {
     Sphere,
     /// Ellipsoid fit.
     Ellipsoid,
-    /// Solution of the module, with the selected rows.
+    /// Solution of the module.
     Module,
-    /// Solution of the module, with all rows.
-    ModuleAllRows,
 }
 
 impl CorrectionSource {
     /// All sources, in the order of reports.
-    pub const ALL_SOURCES: [Self; 6] =
-        [Self::Uncorrected, Self::Autopilot, Self::Sphere, Self::Ellipsoid, Self::Module, Self::ModuleAllRows];
+    pub const ALL_SOURCES: [Self; 5] =
+        [Self::Uncorrected, Self::Autopilot, Self::Sphere, Self::Ellipsoid, Self::Module];
 
     /// Name of the source in reports.
     #[must_use]
@@ -126,7 +114,6 @@ impl CorrectionSource {
             Self::Sphere => "sphere",
             Self::Ellipsoid => "ellipsoid",
             Self::Module => "module",
-            Self::ModuleAllRows => "module, all rows",
         }
     }
 }
@@ -171,16 +158,22 @@ pub fn evaluate_flight(flight: &LoggedFlight, evaluation_options: &EvaluationOpt
         .collect();
     field_latency::fill_in_missing_latencies(&mut latencies);
     let options = ReplayOptions {
-        row_selection: evaluation_options.row_selection,
+        row_selection: evaluation_options.compared_module.unwrap_or(RowSelection::All),
         inclination_deg: evaluation_options.inclination_deg,
         place_and_day: flight_position(flight).zip(flight.flight_date),
     };
-    let inputs =
-        SharedInputs { flight, reference: reference.as_ref(), earth_ut, window_s: evaluation_options.time_window_s };
+    let inputs = SharedInputs {
+        flight,
+        reference: reference.as_ref(),
+        earth_ut,
+        window_s: evaluation_options.time_window_s,
+        options,
+        has_comparison: evaluation_options.compared_module.is_some(),
+    };
     let compasses: Vec<CompassEvaluation> = compasses
         .par_iter()
         .zip(latencies)
-        .map(|(compass, latency)| evaluate_compass(&inputs, compass, latency, &options))
+        .map(|(compass, latency)| inputs.evaluate_compass(compass, latency))
         .collect();
     FlightEvaluation {
         compasses,
@@ -196,6 +189,8 @@ struct SharedInputs<'a> {
     reference: Option<&'a ReferenceHeading>,
     earth_ut: Option<f64>,
     window_s: [f64; 2],
+    options: ReplayOptions,
+    has_comparison: bool,
 }
 
 impl SharedInputs<'_> {
@@ -210,109 +205,83 @@ impl SharedInputs<'_> {
         }
         (rows, row_counts)
     }
+
+    fn evaluate_compass(&self, compass: &LoggedCompass, latency: FieldLatency) -> CompassEvaluation {
+        let (rows, row_counts) = self.replay_rows(compass, latency);
+        let whole_fit = ParameterFit::new(&rows, None, &self.options);
+        let FieldCauses { hard_iron_changes, sensor_change, bending_loads } =
+            self.find_causes(compass, &rows, &whole_fit);
+        let remounted = mounting_parameter_changes(self.flight, compass.compass_number);
+        let last_change_s = hard_iron_changes
+            .iter()
+            .map(|change| change.hard_iron_step.time_s)
+            .chain(sensor_change.map(|change| change.time_s))
+            .chain(remounted.into_iter().map(|(_, at_s)| at_s))
+            .reduce(f64::max);
+        let parameter_fit = match last_change_s {
+            Some(_) => ParameterFit::new(&rows, last_change_s, &self.options),
+            None => whole_fit,
+        };
+        let module_result = self.has_comparison.then(|| replay_rows_of_flight(&rows, Some(self.flight), &self.options));
+        CompassEvaluation {
+            compass_number: compass.compass_number,
+            is_used_for_heading: compass.is_used_for_heading,
+            latency,
+            row_counts,
+            reading_interval_s: compass.field.median_step_s().unwrap_or(f64::NAN),
+            corrections: scored_corrections(compass, &rows, module_result.as_ref()),
+            rows,
+            module_result,
+            hard_iron_changes,
+            sensor_change,
+            bending_loads,
+            parameter_fit,
+        }
+    }
+
+    /// Changes in flight, and loads, from a fit to all rows; without one, from the correction as logged.
+    fn find_causes(&self, compass: &LoggedCompass, rows: &[ReplayRow], whole_fit: &ParameterFit) -> FieldCauses {
+        let initial = whole_fit.correction().or(compass.correction).unwrap_or_else(FieldCorrection::identity);
+        let total_ut = self.earth_ut.or(whole_fit.strength_ut()).unwrap_or(f64::INFINITY);
+        let hard_iron_changes = find_changes(rows, self.flight, &initial, total_ut);
+        let sensor_change = find_sensor_change(rows, &initial, &hard_iron_changes);
+        if sensor_change.is_some() {
+            // A changed sensor appears as iron and as a load, not only at its time: no fit of both parts is right.
+            return FieldCauses { sensor_change, ..FieldCauses::default() };
+        }
+        let bending_loads = find_bending_loads(rows, self.flight, &initial, &hard_iron_changes);
+        FieldCauses { hard_iron_changes, sensor_change, bending_loads }
+    }
 }
 
-fn evaluate_compass(
-    inputs: &SharedInputs<'_>,
+/// Causes of errors in flight.
+#[derive(Default)]
+struct FieldCauses {
+    hard_iron_changes: Vec<LoggedHardIronChange>,
+    sensor_change: Option<SensorChange>,
+    bending_loads: Vec<BendingLoad>,
+}
+
+/// Scores of the corrections as logged, and in a comparison with a module those of other fits.
+fn scored_corrections(
     compass: &LoggedCompass,
-    latency: FieldLatency,
-    options: &ReplayOptions,
-) -> CompassEvaluation {
-    let &SharedInputs { flight, earth_ut, .. } = inputs;
-    let (rows, row_counts) = inputs.replay_rows(compass, latency);
-    let module = replay_rows_of_flight(&rows, Some(flight), options);
-    let all_rows = if options.row_selection == RowSelection::All {
-        module.clone()
-    } else {
-        replay_rows_of_flight(&rows, Some(flight), &ReplayOptions { row_selection: RowSelection::All, ..*options })
-    };
-    let rms_without_current_deg = rms_without_current_deg(&rows, flight, &module, options);
-    let fields: Vec<Vector3<f64>> =
-        rows.iter().filter(|row| row.is_usable).map(|row| row.raw_field.ut.map(f64::from)).collect();
-    let sphere = baseline_fits::fit_sphere(&fields);
-    let scored = |correction_source, correction_found: Option<FieldCorrection>| ScoredCorrection {
-        correction_source,
-        correction: correction_found,
-        score: correction_found.and_then(|correction_found| score_correction(&rows, &correction_found)),
-    };
-    let logged = ScoredCorrection {
-        correction_source: CorrectionSource::Autopilot,
-        correction: compass.correction,
-        score: score_rows(&rows, |row| Some((row.logged_heading_deg(), f64::NAN))),
-    };
-    let mut corrections = vec![scored(CorrectionSource::Uncorrected, Some(FieldCorrection::identity()))];
-    corrections.extend(compass.correction.is_some().then_some(logged));
-    corrections.push(scored(CorrectionSource::Sphere, sphere.map(|(correction_found, _)| correction_found)));
-    corrections.push(scored(
-        CorrectionSource::Ellipsoid,
-        baseline_fits::fit_ellipsoid(&fields).map(|(correction_found, _)| correction_found),
-    ));
-    let score_result = |correction_source, replay_result: &ReplayResult| ScoredCorrection {
-        correction_source,
-        correction: replay_result.solution.as_ref().map(solved_correction),
-        score: replay_result.score,
-    };
-    corrections.push(score_result(CorrectionSource::Module, &module));
-    if options.row_selection != RowSelection::All {
-        corrections.push(score_result(CorrectionSource::ModuleAllRows, &all_rows));
-    }
-    let sphere_radius_ut =
-        sphere.map(|(_, sphere_radius_ut)| sphere_radius_ut).filter(|_| yaw_sectors(flight, &rows).suffice());
-    let solved = [&all_rows, &module].into_iter().find_map(|result| result.solution.as_ref().map(solved_correction));
-    let initial = solved.or(sphere.map(|(correction_found, _)| correction_found));
-    let total_ut = earth_ut.or(sphere_radius_ut).unwrap_or(f64::INFINITY);
-    let mut changes = initial.map_or_else(Vec::new, |initial| find_changes(&rows, flight, &initial, total_ut));
-    let sensor_change = initial.and_then(|initial| find_sensor_change(&rows, &initial, &changes));
-    if sensor_change.is_some() {
-        // A changed sensor appears as iron, not only at its time: no fit of both parts is right.
-        changes.clear();
-    }
-    // Without a fit, a load bends the field as logged.
-    let applied = solved.or(compass.correction).unwrap_or_else(FieldCorrection::identity);
-    let bending_loads =
-        if sensor_change.is_some() { Vec::new() } else { find_bending_loads(&rows, flight, &applied, &changes) };
-    let remounted_s = mounting_parameter_changes(flight, compass.compass_number).into_iter().map(|(_, at_s)| at_s);
-    let last_change_s = changes
-        .iter()
-        .map(|change| change.hard_iron_step.time_s)
-        .chain(sensor_change.map(|change| change.time_s))
-        .chain(remounted_s)
-        .reduce(f64::max);
-    let parameter_fit = ParameterFit::new(&rows, last_change_s, options);
-    let reading_interval_s = compass.field.median_step_s().unwrap_or(f64::NAN);
-    let LoggedCompass { compass_number, is_used_for_heading, .. } = *compass;
-    CompassEvaluation {
-        compass_number,
-        is_used_for_heading,
-        latency,
-        rows,
-        row_counts,
-        reading_interval_s,
-        module_result: module,
-        all_rows_result: all_rows,
-        rms_without_current_deg,
-        corrections,
-        sphere_radius_ut,
-        hard_iron_changes: changes,
-        sensor_change,
-        bending_loads,
-        parameter_fit,
-    }
-}
-
-fn rms_without_current_deg(
     rows: &[ReplayRow],
-    flight: &LoggedFlight,
-    module: &ReplayResult,
-    options: &ReplayOptions,
-) -> Option<f64> {
-    let is_motor_current_applied =
-        module.solution.as_ref().is_some_and(|solution| solution.calibration.motor_current.is_applied());
-    if !is_motor_current_applied {
-        return None;
+    module_result: Option<&ReplayResult>,
+) -> Vec<ScoredCorrection> {
+    let by = |correction: Option<FieldCorrection>| score_correction(rows, &correction?);
+    let mut scores = vec![(CorrectionSource::Uncorrected, by(Some(FieldCorrection::identity())))];
+    if compass.correction.is_some() {
+        let logged = score_rows(rows, |row| Some((row.logged_heading_deg(), f64::NAN)));
+        scores.push((CorrectionSource::Autopilot, logged));
     }
-    let rows_without_current: Vec<ReplayRow> = rows.iter().map(|row| ReplayRow { current_a: None, ..*row }).collect();
-    Some(replay_rows_of_flight(&rows_without_current, Some(flight), options).score?.rms_deg)
+    if let Some(module_result) = module_result {
+        let usable = rows.iter().filter(|row| row.is_usable);
+        let fields: Vec<Vector3<f64>> = usable.map(|row| row.raw_field.ut.map(f64::from)).collect();
+        scores.push((CorrectionSource::Sphere, by(baseline_fits::fit_sphere(&fields))));
+        scores.push((CorrectionSource::Ellipsoid, by(baseline_fits::fit_ellipsoid(&fields))));
+        scores.push((CorrectionSource::Module, module_result.score));
+    }
+    scores.into_iter().map(|(correction_source, score)| ScoredCorrection { correction_source, score }).collect()
 }
 
 /// Heading score of a correction.
@@ -340,23 +309,16 @@ fn earth_of_flight(flight: &LoggedFlight) -> Option<(EarthField, bool)> {
 }
 
 impl CompassEvaluation {
-    /// Time of the calibration on the log's clock, seconds; none if the collection did not end automatically.
+    /// Time of the module's calibration on the log's clock, seconds; none if its collection did not end automatically.
     #[must_use]
     pub fn calibration_time_s(&self) -> Option<f64> {
-        let first_s = self.rows.first()?.t_s;
-        Some(self.module_result.collection_end_s? + first_s)
+        Some(self.module_result.as_ref()?.collection_end_s? + self.rows.first()?.t_s)
     }
 
-    /// The correction from one source.
+    /// The score with the correction from one source.
     #[must_use]
-    pub fn correction_from(&self, source: CorrectionSource) -> Option<&ScoredCorrection> {
-        self.corrections.iter().find(|correction| correction.correction_source == source)
-    }
-
-    /// The module's result, or that of all rows if the module had no solution.
-    #[must_use]
-    pub const fn result_for_report(&self) -> &ReplayResult {
-        if self.module_result.solution.is_some() { &self.module_result } else { &self.all_rows_result }
+    pub fn score_by(&self, source: CorrectionSource) -> Option<HeadingScore> {
+        self.corrections.iter().find(|correction| correction.correction_source == source)?.score
     }
 }
 

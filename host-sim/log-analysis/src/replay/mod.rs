@@ -36,6 +36,7 @@ pub use result::{HeadingRow, HeadingScore, ReplayOptions, ReplayResult, RowSelec
 pub use row::ReplayRow;
 pub(crate) use row::heading_deg;
 pub use row_headings::is_monitored;
+pub(crate) use row_solve::solved_correction;
 pub use rows::{AttitudeSample, RowCounts, attitudes_between, build_rows};
 
 #[cfg(test)]

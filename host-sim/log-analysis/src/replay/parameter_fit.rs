@@ -1,10 +1,12 @@
-//! Fits for the parameters of an autopilot: to the rows flown since the last change, and to two halves of them for
-//! cross-validation.
+//! The fit of a compass: to the rows flown since the last change. Fits to two halves of them cross-validate parameters.
 
 use autoswing::calibration::{Orientation, Solution, SolveError};
 use autoswing_module::messages::Refusal;
+use nalgebra::Vector3;
 
 use super::replay_run::solve_rows;
+use super::row_solve::solved_correction;
+use crate::log::FieldCorrection;
 use crate::replay::result::ReplayOptions;
 use crate::replay::row::ReplayRow;
 
@@ -15,28 +17,32 @@ const FIT_BLOCK_S: f64 = 10.0;
 /// Time after a change that is not fitted, seconds: the time of a step is uncertain by a few rows.
 const SKIPPED_AFTER_CHANGE_S: f64 = 1.0;
 
-/// Fits to the rows since the last change of hard iron or mounting.
+/// Minimum of the largest component of motor-current interference that is fitted, standard deviations.
+const MIN_MOTOR_SIGNIFICANCE: f32 = 3.0;
+/// Minimum effect on headings of motor-current interference that is fitted, degrees RMS.
+const MIN_MOTOR_EFFECT_DEG: f32 = 0.2;
+
+/// Fit to the rows since the last change of hard iron or mounting.
 #[derive(Clone, Debug)]
 pub struct ParameterFit {
     /// Time of the last change, seconds; none without a change.
     pub last_change_s: Option<f64>,
     /// First and last usable row fitted, seconds; none without usable rows.
     pub fitted_range_s: Option<[f64; 2]>,
-    /// Fit without the current, and one with it if it estimates motor-current interference.
-    pub fit_variants: Vec<FitVariant>,
+    /// The fit; none without a solution.
+    pub fit: Option<CompassFit>,
 }
 
-/// Fits of one set of unknowns: to all rows, and to each half.
+/// A fit by the module's solver.
 #[derive(Clone, Debug)]
-pub struct FitVariant {
-    /// Fit to all rows.
-    pub fit_of_all_rows: Solution,
+pub struct CompassFit {
+    /// Solution of all rows.
+    pub solution: Solution,
     /// Whether the module's verification accepts the fit.
     pub is_accepted: bool,
     /// Right-angle mounting of the sensor against that of the log.
     pub mount: Orientation,
-    /// Fits to the first and to the second half of the rows; none for a half without a solution.
-    pub fits_of_halves: [Option<Solution>; 2],
+    options: ReplayOptions,
 }
 
 impl ParameterFit {
@@ -45,18 +51,10 @@ impl ParameterFit {
     pub fn new(rows: &[ReplayRow], changed_s: Option<f64>, options: &ReplayOptions) -> Self {
         let from_s = changed_s.map_or(f64::NEG_INFINITY, |at_s| at_s + SKIPPED_AFTER_CHANGE_S);
         let since: Vec<ReplayRow> = rows.iter().filter(|row| row.is_usable && row.t_s >= from_s).copied().collect();
-        let without_current: Vec<ReplayRow> = since.iter().map(|row| ReplayRow { current_a: None, ..*row }).collect();
-        let with = FitVariant::new(&since, options);
-        let is_by_current =
-            |fit_variant: &FitVariant| fit_variant.fit_of_all_rows.calibration.motor_current.is_applied();
-        let variants = match with.filter(is_by_current) {
-            Some(with) => FitVariant::new(&without_current, options).into_iter().chain([with]).collect(),
-            None => FitVariant::new(&without_current, options).into_iter().collect(),
-        };
         Self {
             last_change_s: changed_s,
             fitted_range_s: since.first().zip(since.last()).map(|(first, last)| [first.t_s, last.t_s]),
-            fit_variants: variants,
+            fit: CompassFit::new(&since, options),
         }
     }
 
@@ -65,21 +63,82 @@ impl ParameterFit {
         let [from_s, to_s] = self.fitted_range_s.unwrap_or([f64::INFINITY; 2]);
         rows.iter().filter(move |row| row.is_usable && (from_s..=to_s).contains(&row.t_s))
     }
+
+    /// Solution of the fit.
+    #[must_use]
+    pub fn solution(&self) -> Option<&Solution> {
+        self.fit.as_ref().map(|fit| &fit.solution)
+    }
+
+    /// Correction by the fit.
+    #[must_use]
+    pub fn correction(&self) -> Option<FieldCorrection> {
+        self.solution().map(solved_correction)
+    }
+
+    /// Strength of the Earth's field by a fit that the flight determines, microtesla.
+    #[must_use]
+    pub fn strength_ut(&self) -> Option<f64> {
+        self.solution().filter(|solution| is_determined(solution)).map(|solution| solution.calibration.total_ut.into())
+    }
 }
 
-impl FitVariant {
+impl CompassFit {
+    /// Fits the rows, with motor-current interference if that is known and large enough to matter.
     fn new(rows: &[ReplayRow], options: &ReplayOptions) -> Option<Self> {
-        let (mount, (solution, acceptance)) = solve_in_any_mount(rows, options, Orientation::IDENTITY_ROTATION);
-        let rows_of_half = |half_index: usize| -> Vec<ReplayRow> {
-            rows.iter().filter(|row| half_index_at(row.t_s) == half_index).copied().collect()
-        };
-        Some(Self {
-            fit_of_all_rows: solution?,
-            is_accepted: acceptance.is_ok(),
-            mount,
-            fits_of_halves: [0, 1].map(|half| solve_in_any_mount(&rows_of_half(half), options, mount).1.0),
-        })
+        let fit = Self::in_any_mount(rows, options, Orientation::IDENTITY_ROTATION)?;
+        if fit.has_motor_current() && !is_motor_significant(&fit.solution) {
+            fit.without_current(rows)
+        } else {
+            Some(fit)
+        }
     }
+
+    fn in_any_mount(rows: &[ReplayRow], options: &ReplayOptions, mount: Orientation) -> Option<Self> {
+        let (mount, (solution, acceptance)) = solve_in_any_mount(rows, options, mount);
+        Some(Self { solution: solution?, is_accepted: acceptance.is_ok(), mount, options: *options })
+    }
+
+    /// Whether the fit estimates motor-current interference.
+    pub(super) fn has_motor_current(&self) -> bool {
+        self.solution.calibration.motor_current.is_applied()
+    }
+
+    /// The fit of the rows without their current.
+    pub(super) fn without_current(&self, rows: &[ReplayRow]) -> Option<Self> {
+        let without_current: Vec<ReplayRow> = rows.iter().map(|row| ReplayRow { current_a: None, ..*row }).collect();
+        Self::in_any_mount(&without_current, &self.options, Orientation::IDENTITY_ROTATION)
+    }
+
+    /// Fits of the same unknowns to the first and to the second half of the rows; none for a half without a solution.
+    pub(super) fn fits_of_halves(&self, rows: &[ReplayRow]) -> [Option<Solution>; 2] {
+        let fit_half = |half_index: usize| {
+            let rows_of_half = rows.iter().filter(|row| half_index_at(row.t_s) == half_index);
+            let with_unknowns =
+                |row: &ReplayRow| ReplayRow { current_a: row.current_a.filter(|_| self.has_motor_current()), ..*row };
+            let half: Vec<ReplayRow> = rows_of_half.map(with_unknowns).collect();
+            solve_in_any_mount(&half, &self.options, self.mount).1.0
+        };
+        rayon::join(|| fit_half(0), || fit_half(1)).into()
+    }
+}
+
+/// Whether the flight determines a fit well enough to check a reading by it: one heading determines no inclination, and no
+/// mirror image.
+pub(super) fn is_determined(solution: &Solution) -> bool {
+    /// That of a good compass, degrees RMS.
+    const MAX_EXPECTED_ERROR_DEG: f32 = 2.0;
+    solution.quality.expected_rms_deg <= MAX_EXPECTED_ERROR_DEG
+}
+
+/// Whether motor-current interference is known and large enough to be compensated.
+fn is_motor_significant(solution: &Solution) -> bool {
+    let calibration = &solution.calibration;
+    let motor = &calibration.motor_current;
+    let ut_per_a = Vector3::from(motor.ut_per_a);
+    let horizontal_ut = calibration.total_ut * libm::cosf(calibration.inclination_rad);
+    let effect_deg = (ut_per_a.norm() * motor.current_sigma_a / horizontal_ut).to_degrees();
+    ut_per_a.amax() >= MIN_MOTOR_SIGNIFICANCE * motor.sigma_ut_per_a && effect_deg >= MIN_MOTOR_EFFECT_DEG
 }
 
 /// Solves rows in a mounting, or in that which they contradict it with. Noise can imitate a mounting, which is then not
@@ -111,7 +170,7 @@ pub fn half_index_at(t_s: f64) -> usize {
 mod tests {
     use super::*;
     use crate::replay::RowSelection;
-    use crate::replay::tests::level_row;
+    use crate::replay::tests::{compass_of_flown_turns, level_row};
 
     /// The second after a change is skipped.
     #[test]
@@ -141,6 +200,20 @@ mod tests {
                 let second_half_count = (0..20).map(|circle| half_at(circle, 5.0)).sum::<usize>();
                 assert!((4..=16).contains(&second_half_count), "{period_s} s, {phase_s} s: {second_half_count} of 20");
             }
+        }
+    }
+
+    /// At 25 uT horizontal a current that varies by 10 A changes headings by 0.2 deg at 0.0087 uT/A.
+    #[test]
+    fn only_certain_motor_interference_that_affects_headings_is_significant() {
+        for (ut_per_a, sigma_ut_per_a, is_significant) in
+            [([0.0, 0.02, 0.01], 0.004, true), ([0.0, -0.02, 0.01], 0.01, false), ([0.004, 0.0, 0.003], 0.001, false)]
+        {
+            let mut solution = *compass_of_flown_turns().1.parameter_fit.solution().unwrap();
+            (solution.calibration.total_ut, solution.calibration.inclination_rad) = (50.0, 60_f32.to_radians());
+            let motor = &mut solution.calibration.motor_current;
+            (motor.ut_per_a, motor.sigma_ut_per_a, motor.current_sigma_a) = (ut_per_a, sigma_ut_per_a, 10.0);
+            assert_eq!(is_motor_significant(&solution), is_significant, "{ut_per_a:?} {sigma_ut_per_a}");
         }
     }
 }

@@ -123,7 +123,7 @@ mod tests {
 
     /// An outcome with an expected error, or without a solution if the error is infinite.
     fn outcome(expected_deg: f32) -> RunOutcome {
-        let mut solution = compass_of_flown_turns().1.module_result.solution.unwrap();
+        let mut solution = *compass_of_flown_turns().1.parameter_fit.solution().unwrap();
         solution.quality.expected_rms_deg = expected_deg;
         let solution = expected_deg.is_finite().then_some(solution);
         RunOutcome { solution, acceptance: Ok(()), fitted_times_s: Vec::new(), collection_end_s: None }

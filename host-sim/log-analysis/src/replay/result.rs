@@ -123,13 +123,6 @@ pub struct ReplayResult {
     pub smoothed_score: Option<HeadingScore>,
 }
 
-impl ReplayResult {
-    /// Expected error of the solution, degrees RMS.
-    pub(super) fn expected_rms_deg(&self) -> Option<f64> {
-        self.solution.as_ref().map(|solution| f64::from(solution.quality.expected_rms_deg))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -236,7 +236,7 @@ mod tests {
     #[test]
     fn the_module_smooths_headings_only_with_complete_rates() {
         let (mut flight, compass) = compass_of_flown_turns();
-        let solution = compass.module_result.solution.unwrap();
+        let solution = *compass.parameter_fit.solution().unwrap();
         for has_rates in [true, false] {
             flight.has_measured_rates = has_rates;
             let headings = compute_headings(&compass.rows, Some(&flight), &solution, instrument_config(&compass.rows));
@@ -257,7 +257,7 @@ mod tests {
         for row in &mut compass.rows {
             row.raw_field.ut *= 1.6;
         }
-        let solution = compass.module_result.solution.unwrap();
+        let solution = *compass.parameter_fit.solution().unwrap();
         let headings = compute_headings(&compass.rows, None, &solution, instrument_config(&compass.rows));
         for heading in &headings[10..] {
             assert!(heading.status.is_err() && heading.heading_deg.is_finite(), "{heading:?}");
@@ -268,7 +268,7 @@ mod tests {
     #[test]
     fn the_monitor_reports_a_change_of_hard_iron_in_usable_rows() {
         let (mut flight, mut compass) = compass_of_flown_turns();
-        let solution = compass.module_result.solution.unwrap();
+        let solution = *compass.parameter_fit.solution().unwrap();
         assert!(monitored_changes_ut(&compass.rows, &flight, &solution).is_empty());
         let half = compass.rows.len() / 2;
         for row in &mut compass.rows[half..] {

@@ -45,7 +45,7 @@ impl RunOutcome {
     }
 }
 
-pub(super) fn solved_correction(solution: &Solution) -> FieldCorrection {
+pub(crate) fn solved_correction(solution: &Solution) -> FieldCorrection {
     let calibration = &solution.calibration;
     FieldCorrection {
         matrix: calibration.w_matrix().map(f64::from),

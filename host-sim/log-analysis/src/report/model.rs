@@ -11,8 +11,6 @@ pub struct Report {
     pub title: String,
     /// Verdicts, the most important first.
     pub verdicts: Vec<VerdictLine>,
-    /// Whether a module would have calibrated itself on this flight; only for a log.
-    pub module_verdict: Option<String>,
     /// Most important figures, name and value.
     pub key_figures: Vec<[String; 2]>,
     /// Warnings about the log.
@@ -92,7 +90,7 @@ pub struct CalibratorComparison {
 pub struct CompassReport {
     /// Name of the compass.
     pub compass_name: String,
-    /// Whether the module accepted the calibration of this compass, or would have accepted it.
+    /// Whether the calibration of this compass is accepted by the module's verification.
     pub is_accepted: bool,
     /// Further results, name and value.
     pub facts: Vec<[String; 2]>,

@@ -12,7 +12,7 @@ pub fn verdict_section(report: &Report) -> String {
     concat_map(&report.verdicts, verdict_line)
 }
 
-/// Key figures, reference, the module's result and warnings about the log.
+/// Key figures, reference and warnings about the log.
 pub fn findings_section(report: &Report) -> String {
     let mut html: Vec<String> = Vec::new();
     if !report.key_figures.is_empty() {
@@ -27,12 +27,6 @@ pub fn findings_section(report: &Report) -> String {
             escape_html(&report.reference.reference_name),
             escape_html(&report.reference.accuracy_text),
             escape_html(report.reference.difference_name)
-        ));
-    }
-    if let Some(module_verdict) = &report.module_verdict {
-        html.push(format!(
-            "<p>An Autoswing module on this flight: {}.</p>\n",
-            escape_html(module_verdict.trim_end_matches('.'))
         ));
     }
     if !report.log_warnings.is_empty() {
@@ -72,8 +66,7 @@ pub fn comparison_section(report: &Report) -> String {
 }
 
 const CORRECTIONS_TEXT: &str = "Uncorrected: the sensor's field. As logged: with the autopilot's parameters. Sphere: a fit of \
-                           offsets alone. Ellipsoid: of offsets and a symmetric matrix, from the field alone. Module: an Autoswing module on this flight, from the samples it would have collected, and from all \
-                           rows. Parameters to load: as the autopilot would apply them, on held-back rows, which are not part of the fit. \
+                           offsets alone. Ellipsoid: of offsets and a symmetric matrix, from the field alone. Module: an Autoswing module on this flight. Parameters to load: as the autopilot would apply them, on held-back rows, which are not part of the fit. \
                            Errors are of the whole flight, those of the parameters to load of the part that they are fitted to.";
 
 /// A chart of `assets/charts.js`: its kind, title and description.
@@ -185,7 +178,7 @@ pub fn compass_section(id: &str, compass_report: &CompassReport, compared: &Refe
         };
         let rows = [row("W, x", x, 5), row("W, y", y, 5), row("W, z", z, 5), row("b, uT", b, 3)];
         html.push(html_table(
-            "The module's coefficients: corrected field = W (m - b), body axes",
+            "Coefficients: corrected field = W (m - b), body axes",
             "",
             &["x", "y", "z"],
             rows.into_iter(),

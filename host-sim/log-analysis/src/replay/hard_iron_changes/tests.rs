@@ -19,7 +19,7 @@ fn changes_by_steps(has_rates: bool, steps: &[(f64, [f32; 3])]) -> Vec<LoggedHar
         }
         row.logged_field = row.raw_field;
     }
-    let initial = solved_correction(compass.all_rows_result.solution.as_ref().unwrap());
+    let initial = compass.parameter_fit.correction().unwrap();
     find_changes(&compass.rows, &flight, &initial, TOTAL_UT)
 }
 

@@ -59,15 +59,6 @@ pub(super) fn is_change_possible(
     }
     let jump_squares: f64 = differences.iter().map(|row| square(row.jump_deg)).sum();
     let is_visible = (jump_squares / sides[1] as f64).sqrt() > MIN_JUMP_DEG;
-    eprintln!(
-        "DBG {is_visible} {:?} {:?}",
-        jump_fraction(&differences),
-        differences
-            .iter()
-            .step_by(10)
-            .map(|d| ((d.t_s * 10.).round() / 10., d.deg.round(), d.jump_deg.round(), d.heading_deg.round()))
-            .collect::<Vec<_>>()
-    );
     !is_visible || jump_fraction(&differences).is_none_or(|fraction| fraction > MIN_JUMP_FRACTION)
 }
 

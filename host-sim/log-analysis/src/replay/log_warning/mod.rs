@@ -16,12 +16,6 @@ use crate::log::{
 use crate::replay::reference::ReferenceHeading;
 use crate::replay::row_headings::is_monitored;
 
-/// Largest plausible ratio between field strength and model.
-const MAX_STRENGTH_RATIO: f64 = 1.35;
-
-/// Weakest and strongest Earth field, microtesla.
-pub(super) const EARTH_FIELD_RANGE_UT: [f64; 2] = [22.0, 67.0];
-
 /// Lag of the attitude behind the field that is reported, seconds: 3 deg of heading at 30 deg/s.
 const LATE_ATTITUDE_S: f64 = 0.1;
 
@@ -47,19 +41,10 @@ pub enum LogWarning {
     SmallTilt(f64),
     /// Rate of the field readings, Hz, too low for the monitor.
     LowFieldRate(f64),
+    /// Rate of the attitude, Hz, too low for its interpolation.
+    LowAttitudeRate(f64),
     /// Share of body rates lost, percent.
     RatesLost(f64),
-    /// The field strength is implausible.
-    ImplausibleStrength {
-        /// Number of the compass.
-        compass: u8,
-        /// Strength by the sphere fit, microtesla.
-        found_ut: f64,
-        /// Strength by the field model, microtesla; none without a place.
-        model_ut: Option<f64>,
-        /// Likely cause of the implausible strength.
-        cause: &'static str,
-    },
     /// The field, or an axis of it, is constant while the aircraft moves.
     FieldFrozen {
         /// Number of the compass.
@@ -131,9 +116,6 @@ impl LogWarning {
         let mut add_if = |applies: bool, warning: Self| warnings.extend(applies.then_some(warning));
         let LoggedFlight { skipped_counts: counts, parameters, .. } = flight;
         let compasses = &evaluation.compasses;
-        // Only a table may have another unit.
-        let is_table = flight.log_format == LogFormat::Csv;
-
         if let Some(problem) = flight.rates_problem {
             add_if(true, Self::BodyRatesNotAsLogged { problem, is_repaired: flight.has_measured_rates });
         }
@@ -142,12 +124,13 @@ impl LogWarning {
         }
         add_if(flight.rows_without_time > 0, Self::FieldWithoutTime);
         let tilt_deg = largest_tilt_deg(flight).unwrap_or(f64::INFINITY);
-        add_if(is_table && tilt_deg < 2.0, Self::SmallTilt(tilt_deg));
+        add_if(flight.log_format == LogFormat::Csv && tilt_deg < 2.0, Self::SmallTilt(tilt_deg));
         let slowest_s = compasses.iter().map(|compass| compass.reading_interval_s).fold(0.0, f64::max);
         add_if(!is_monitored(slowest_s), Self::LowFieldRate(1.0 / slowest_s));
+        let attitude_s = evaluation.attitude_interval_s;
+        add_if(attitude_s > data_loss::SLOW_ATTITUDE_INTERVAL_S, Self::LowAttitudeRate(1.0 / attitude_s));
         warnings.extend(data_loss::excessive_rate_loss(flight).map(|fraction| Self::RatesLost(fraction * 100.0)));
         for compass in compasses {
-            warnings.extend(implausible_strength(evaluation, compass, is_table));
             warnings.extend(sensor_failure(flight, compass));
             warnings.extend(spikes(flight, compass));
         }
@@ -240,36 +223,6 @@ fn largest_tilt_deg(flight: &LoggedFlight) -> Option<f64> {
     tilts.reduce(f64::max).map(f64::to_degrees)
 }
 
-/// Warning about an implausible field strength by the sphere fit, against the field model or, without a place, the
-/// Earth's range.
-fn implausible_strength(
-    evaluation: &FlightEvaluation,
-    compass: &CompassEvaluation,
-    is_table: bool,
-) -> Option<LogWarning> {
-    let found_ut = compass.sphere_radius_ut?;
-    let model_ut = evaluation.earth_field.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
-    let [least, most] = model_ut.map_or(EARTH_FIELD_RANGE_UT, |ut| [ut; 2]);
-    let is_in =
-        |factor: f64| (least * factor / MAX_STRENGTH_RATIO..=most * factor * MAX_STRENGTH_RATIO).contains(&found_ut);
-    if is_in(1.0) {
-        return None;
-    }
-    let unit = [
-        (10.0, "milligauss read as microtesla"),
-        (0.1, "microtesla read as milligauss"),
-        (100.0, "nanotesla read as milligauss"),
-        (1000.0, "nanotesla read as microtesla"),
-        (0.01, "gauss read as microtesla"),
-        (0.001, "gauss read as milligauss"),
-    ]
-    .into_iter()
-    .find(|&(factor, _)| is_table && is_in(factor));
-    let usual_cause = if is_table { "another unit, or a poor sensor" } else { "a poor sensor, or little was flown" };
-    let cause = unit.map_or(usual_cause, |(_, unit)| unit);
-    Some(LogWarning::ImplausibleStrength { compass: compass.compass_number, found_ut, model_ut, cause })
-}
-
 fn listed(numbers: &[u8]) -> String {
     numbers.iter().map(u8::to_string).collect::<Vec<_>>().join(", ")
 }
@@ -296,10 +249,11 @@ impl fmt::Display for LogWarning {
                 "the field is logged {hz:.1} times a second, too slowly for the monitor (ten times): headings are without \
                  its adjustments",
             ),
+            Self::LowAttitudeRate(hz) => write!(
+                f,
+                "the attitude is logged {hz:.1} times a second; below 3 Hz its interpolation is unreliable",
+            ),
             Self::RatesLost(percent) => write!(f, "{percent:.0} % of the body rates are lost: {WITHOUT_RATES_TEXT}"),
-            Self::ImplausibleStrength { compass, found_ut, model_ut, cause } => {
-                write_implausible_strength(f, *compass, *found_ut, *model_ut, cause)
-            }
             Self::FieldFrozen { compass, axis, interval_s: [from_s, to_s] } => {
                 let stuck = axis.map_or_else(|| "field".to_owned(), |axis| format!("{axis} axis"));
                 write!(
@@ -374,22 +328,6 @@ impl fmt::Display for LogWarning {
             }
         }
     }
-}
-
-fn write_implausible_strength(
-    f: &mut fmt::Formatter<'_>,
-    compass: u8,
-    found_ut: f64,
-    model_ut: Option<f64>,
-    cause: &str,
-) -> fmt::Result {
-    let expected = model_ut.map_or_else(
-        || format!("the Earth's is {:.0} to {:.0}", EARTH_FIELD_RANGE_UT[0], EARTH_FIELD_RANGE_UT[1]),
-        |ut| format!("by the field model {ut:.1}"),
-    );
-    // A field in the wrong unit may be so small that it needs more decimals.
-    let decimals = if found_ut < 1.0 { 4 } else { 1 };
-    write!(f, "compass {compass}: the field is {found_ut:.decimals$} uT strong, {expected}: {cause}")
 }
 
 impl Serialize for LogWarning {

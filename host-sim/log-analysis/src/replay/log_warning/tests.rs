@@ -1,5 +1,3 @@
-use autoswing::earth::{Date, EarthField, Position};
-
 use super::*;
 use crate::log::ParameterHistory;
 use crate::log::time_series::Series;
@@ -131,53 +129,3 @@ fn a_fault_of_a_compass_gives_its_own_warning_only() {
 }
 
 const LATE_ATTITUDE: FieldLatency = FieldLatency { used_s: -0.15, sigma_s: Some(0.01) };
-
-/// A strength is plausible within a factor of 1.35 about the model, or about the Earth's range of 22 to 67 uT.
-#[test]
-fn an_implausible_field_strength_is_reported() {
-    let (_, compass) = compass_of_flown_turns();
-    let place = Position::new(48.0, 11.3, 500.0).unwrap();
-    let model = EarthField::from_model(place, Date::from_unix_s(1_767_484_800).unwrap()).unwrap();
-    for (found_ut, model_ut, expected) in [
-        (40.0, Some(48.0), ""),
-        (60.0, Some(48.0), ""),
-        (70.04, Some(48.0), "the field is 70.0 uT strong, by the field model 48.0:"),
-        (30.0, Some(48.0), "the field is 30.0 uT strong"),
-        (18.0, None, ""),
-        (85.0, None, ""),
-        (100.04, None, "the field is 100.0 uT strong, the Earth's is 22 to 67:"),
-        (0.9951, None, "the field is 0.9951 uT strong"),
-    ] {
-        let compass = CompassEvaluation { sphere_radius_ut: Some(found_ut), ..compass.clone() };
-        let mut evaluation = evaluation_of_compasses(vec![compass.clone()]);
-        evaluation.earth_field = model_ut.map(|total_ut| (EarthField { total_ut, ..model }, true));
-        let warning = implausible_strength(&evaluation, &compass, true).map(|warning| warning.to_string());
-        assert_eq!(warning.is_some(), !expected.is_empty(), "{found_ut} uT: {warning:?}");
-        assert!(warning.unwrap_or_default().contains(expected), "{found_ut} uT");
-    }
-}
-
-/// Only a table may have another unit.
-#[test]
-fn a_field_in_another_unit_is_recognised() {
-    let (_, compass) = compass_of_flown_turns();
-    for (found_ut, unit) in [
-        (480.0, "milligauss read as microtesla"),
-        (4.8, "microtesla read as milligauss"),
-        (4800.0, "nanotesla read as milligauss"),
-        (48_000.0, "nanotesla read as microtesla"),
-        (0.48, "gauss read as microtesla"),
-        (0.048, "gauss read as milligauss"),
-        (1e6, "another unit, or a poor sensor"),
-    ] {
-        let compass = CompassEvaluation { sphere_radius_ut: Some(found_ut), ..compass.clone() };
-        let evaluation = evaluation_of_compasses(vec![compass.clone()]);
-        for (is_table, expected) in [(true, unit), (false, "a poor sensor, or little was flown")] {
-            let warning = implausible_strength(&evaluation, &compass, is_table);
-            assert!(
-                matches!(warning, Some(LogWarning::ImplausibleStrength { cause, .. }) if cause == expected),
-                "{found_ut} uT: {warning:?}"
-            );
-        }
-    }
-}

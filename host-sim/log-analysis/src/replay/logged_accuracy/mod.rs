@@ -156,9 +156,7 @@ fn by_scatter(
     }
     let rms_deg = row_headings::rms_deg_by_scatter(rows, &ReplayRow::logged_ut);
     let is_explained = || {
-        let fit = compass.parameter_fit.fit_variants.first();
-        let correction = fit.map(|fit| super::row_solve::solved_correction(&fit.fit_of_all_rows));
-        correction.is_some_and(|correction| {
+        compass.parameter_fit.correction().is_some_and(|correction| {
             row_headings::rms_deg_by_scatter(rows, &|row| row.corrected_field(&correction)) < 0.5 * rms_deg
         })
     };

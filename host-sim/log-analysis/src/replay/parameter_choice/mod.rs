@@ -17,7 +17,7 @@ use super::parameter_export::{
     ExportInputs, ExportedCorrection, HeldBackScore, ParameterFormat, field_by_exported_parameters,
     may_compensate_current,
 };
-use super::parameter_fit::{FitVariant, half_index_at};
+use super::parameter_fit::{CompassFit, half_index_at};
 use super::reading_checks::{CheckOutcome, CheckedMeaning, ReadingCheck};
 use super::row_headings::{heading_scatter, rms_deg_by_scatter, score_rows};
 use super::row_solve::solved_correction;
@@ -42,11 +42,6 @@ const MAX_EXPECTED_ERROR_DEG: f64 = 2.0;
 
 /// Expected error from which on the flight determines no calibration, and its residuals no cause, degrees RMS.
 const UNDETERMINED_ERROR_DEG: f64 = 30.0;
-
-/// Minimum of the largest component of motor-current interference that is exported, standard deviations.
-const MIN_MOTOR_SIGNIFICANCE: f32 = 3.0;
-/// Minimum effect on headings of motor-current interference that is exported, degrees RMS.
-const MIN_MOTOR_EFFECT_DEG: f32 = 0.2;
 
 /// Manoeuvre of a vehicle that does not bank into its turns, in place of a circle.
 const TILTS_TEXT: &str = "tilts by 15 deg ahead, back, left and right on all headings";
@@ -135,27 +130,16 @@ pub fn choose_parameters(
     let sigma_deg =
         sigma_deg.filter(|_| rows.iter().filter(|row| row.reference_deg.is_some()).count() >= MIN_REFERENCE_ROWS);
     let inputs = ExportInputs { compass_number: evaluation.compass_number, rows: &rows, total_ut, format, orientation };
-    let candidate = |variant: &FitVariant| ParameterCandidate::new(flight, &inputs, variant, sigma_deg.is_some());
-    let may_compensate = may_compensate_current(flight, evaluation.compass_number, format);
-    let mut candidates = parameter_fit.fit_variants.iter().filter_map(candidate);
-    let mut best_candidate = candidates.next().ok_or(NoParameters::Unsolved)?;
-    for candidate in candidates {
-        if may_compensate
-            && is_motor_significant(&candidate.solution)
-            && candidate.held_back.rms_deg < best_candidate.held_back.rms_deg
-        {
-            best_candidate = candidate;
-        }
-    }
-    best_candidate.check_usefulness(sigma_deg).map_err(|rejection| match rejection {
-        NoParameters::Unobservable { expected_error_deg, manoeuvre } if !flight.banks_into_turns() => {
-            let is_circle = best_candidate.solution.advice.is_some_and(|advice| advice.manoeuvre.needs_bank());
-            let manoeuvre = manoeuvre.map(|named| if is_circle { TILTS_TEXT.to_owned() } else { named });
-            NoParameters::Unobservable { expected_error_deg, manoeuvre }
-        }
-        other => other,
-    })?;
-    let ParameterCandidate { mut exported, held_back, turned, .. } = best_candidate;
+    let fit = parameter_fit.fit.as_ref().ok_or(NoParameters::Unsolved)?;
+    let without_current = (fit.has_motor_current()
+        && !may_compensate_current(flight, evaluation.compass_number, format))
+    .then(|| fit.without_current(&rows).ok_or(NoParameters::Unsolved));
+    let fit = without_current.transpose()?.unwrap_or_else(|| fit.clone());
+    check_certainty(flight, &fit.solution)?;
+    let candidate =
+        ParameterCandidate::new(flight, &inputs, &fit, sigma_deg.is_some()).ok_or(NoParameters::Unsolved)?;
+    candidate.check_usefulness(sigma_deg)?;
+    let ParameterCandidate { mut exported, held_back, turned, .. } = candidate;
     if let Some(limit_mg) = exported.offset_limit_mg_if_exceeded(flight, format) {
         return Err(NoParameters::OffsetsTooLarge { offset_mg: exported.largest_offset_mg(), limit_mg });
     }
@@ -176,22 +160,18 @@ struct ParameterCandidate {
 
 impl ParameterCandidate {
     /// Exports a fit, and scores its halves with an orientation of the same kind.
-    fn new(
-        flight: &LoggedFlight,
-        inputs: &ExportInputs<'_>,
-        variant: &FitVariant,
-        has_reference: bool,
-    ) -> Option<Self> {
-        let solution = variant.fit_of_all_rows;
+    fn new(flight: &LoggedFlight, inputs: &ExportInputs<'_>, fit: &CompassFit, has_reference: bool) -> Option<Self> {
+        let solution = fit.solution;
         let (kind, exported) = inputs.export_simplest(&solution.calibration)?;
-        let halves = [variant.fits_of_halves[0].as_ref()?, variant.fits_of_halves[1].as_ref()?];
+        let [first, second] = fit.fits_of_halves(inputs.rows);
+        let halves = [&first?, &second?];
         let [Some(first), Some(second)] = halves.map(|half| inputs.export_correction(&half.calibration, kind)) else {
             return None;
         };
         let full_corrections = halves.map(solved_correction);
         let held_back = score_held_back(flight, inputs, &[first, second], &full_corrections, has_reference)?;
         let turned = inputs.lost_rotation(&solution.calibration, kind, &exported);
-        Some(Self { solution, is_accepted: variant.is_accepted, exported, held_back, turned })
+        Some(Self { solution, is_accepted: fit.is_accepted, exported, held_back, turned })
     }
 
     /// Checks the usefulness; a rotation that causes most of the error, or that no heading can be meant with, is the reason.
@@ -205,31 +185,19 @@ impl ParameterCandidate {
             _ => false,
         };
         let is_cause = is_bad && is_mostly_inexpressible(self.held_back.rms_deg, self.exported.heading_loss_deg[0]);
-        match self.turned.as_ref().filter(|_| is_cause || self.exported.total_loss_deg() > MAX_ROTATION_LOSS_DEG) {
-            Some(turned)
-                if !matches!(accuracy, Err(NoParameters::Residuals { .. } | NoParameters::Unobservable { .. })) =>
-            {
-                Err(NoParameters::Turned(turned.clone()))
-            }
-            _ => accuracy,
-        }
+        let turned =
+            self.turned.as_ref().filter(|_| is_cause || self.exported.total_loss_deg() > MAX_ROTATION_LOSS_DEG);
+        turned.map_or(accuracy, |turned| Err(NoParameters::Turned(turned.clone())))
     }
 
     fn check_accuracy(&self, reference_sigma_deg: Option<f64>) -> Result<(), NoParameters> {
         let HeldBackScore { rms_deg, as_logged_rms_deg, .. } = self.held_back;
-        let expected_error_deg = f64::from(self.solution.quality.expected_rms_deg);
         let unexplained_deg = (square(rms_deg) - square(self.exported.heading_loss_deg[0])).max(0.0).sqrt();
         let is_improvement =
             as_logged_rms_deg - rms_deg >= MIN_GAIN_DEG && rms_deg <= (1.0 - MIN_RELATIVE_GAIN) * as_logged_rms_deg;
-        let is_residual_limited = (MAX_EXPECTED_ERROR_DEG..UNDETERMINED_ERROR_DEG).contains(&expected_error_deg);
-        let is_inaccurate = expected_error_deg > MAX_EXPECTED_ERROR_DEG || rms_deg > GOOD_COMPASS_RMS_DEG;
-        if let Some(weak_field) = weak_horizontal_field(&self.solution.calibration).filter(|_| is_inaccurate) {
+        let weak_field = weak_horizontal_field(&self.solution.calibration);
+        if let Some(weak_field) = weak_field.filter(|_| rms_deg > GOOD_COMPASS_RMS_DEG) {
             Err(weak_field)
-        } else if let Some(dependence) = residual_dependence(&self.solution).filter(|_| is_residual_limited) {
-            Err(NoParameters::Residuals { expected_error_deg, dependence })
-        } else if expected_error_deg.is_nan() || expected_error_deg > MAX_EXPECTED_ERROR_DEG {
-            let manoeuvre = self.solution.advice.map(|advice| advice.manoeuvre.to_string());
-            Err(NoParameters::Unobservable { expected_error_deg, manoeuvre })
         } else if !is_improvement {
             Err(NoParameters::NoGain(self.held_back))
         } else if rms_deg > GOOD_COMPASS_RMS_DEG
@@ -245,6 +213,25 @@ impl ParameterCandidate {
             Ok(())
         }
     }
+}
+
+/// Checks that the flight determines the fit.
+fn check_certainty(flight: &LoggedFlight, solution: &Solution) -> Result<(), NoParameters> {
+    let expected_error_deg = f64::from(solution.quality.expected_rms_deg);
+    if expected_error_deg <= MAX_EXPECTED_ERROR_DEG {
+        return Ok(());
+    }
+    let residuals = residual_dependence(solution)
+        .filter(|_| expected_error_deg < UNDETERMINED_ERROR_DEG)
+        .map(|dependence| NoParameters::Residuals { expected_error_deg, dependence });
+    let cause = weak_horizontal_field(&solution.calibration).or(residuals);
+    Err(cause.unwrap_or_else(|| NoParameters::Unobservable {
+        expected_error_deg,
+        manoeuvre: solution.advice.map(|advice| match advice.manoeuvre {
+            manoeuvre if manoeuvre.needs_bank() && !flight.banks_into_turns() => TILTS_TEXT.to_owned(),
+            manoeuvre => manoeuvre.to_string(),
+        }),
+    }))
 }
 
 /// Names a horizontal field of less than a sixth of the field, where an error of the field of 1 % bends headings by over 3
@@ -264,16 +251,6 @@ fn residual_dependence(solution: &Solution) -> Option<ResidualDependence> {
     let by_time = solution.hard_iron_change.filter(|finding| is_major_part(finding.added_error_deg));
     let by_bank = solution.bank_scale_error.filter(|finding| is_major_part(finding.added_error_deg));
     by_time.map(|_| ResidualDependence::Time).or(by_bank.map(|_| ResidualDependence::Bank))
-}
-
-/// Whether motor-current interference is known and large enough to be compensated.
-fn is_motor_significant(solution: &Solution) -> bool {
-    let calibration = &solution.calibration;
-    let motor = &calibration.motor_current;
-    let ut_per_a = Vector3::from(motor.ut_per_a);
-    let horizontal_ut = calibration.total_ut * libm::cosf(calibration.inclination_rad);
-    let effect_deg = (ut_per_a.norm() * motor.current_sigma_a / horizontal_ut).to_degrees();
-    ut_per_a.amax() >= MIN_MOTOR_SIGNIFICANCE * motor.sigma_ut_per_a && effect_deg >= MIN_MOTOR_EFFECT_DEG
 }
 
 /// Heading error of each half with the parameters fitted to the other half. Without a reference, it is the scatter with

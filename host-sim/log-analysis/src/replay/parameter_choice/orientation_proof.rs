@@ -29,15 +29,13 @@ pub fn provable_orientation(
     used: &[CustomRotation],
 ) -> Result<OrientationParameters, FixedOrientation> {
     let parameters = OrientationParameters::from_log(flight, compass.compass_number, format, used)?;
-    let Some(fit) = compass.parameter_fit.fit_variants.first() else { return Ok(parameters) };
-    let correction = solved_correction(&fit.fit_of_all_rows);
+    let Some(fit) = &compass.parameter_fit.fit else { return Ok(parameters) };
+    let correction = solved_correction(&fit.solution);
     let rows: Vec<ReplayRow> = compass.parameter_fit.fitted_rows(&compass.rows).copied().collect();
     let by_rates_deg = if flight.has_measured_rates { misalignment_about_z_deg(&rows, &correction) } else { None };
     let by_reference_deg = mean_error_deg(evaluation, &rows, &correction);
     let is_small = |deg: Option<f64>| deg.is_some_and(|deg| deg.abs() <= MAX_MISALIGNMENT_DEG);
-    if !fit.fit_of_all_rows.quality.determines_all_coefficients()
-        || !(is_small(by_rates_deg) || is_small(by_reference_deg))
-    {
+    if !fit.solution.quality.determines_all_coefficients() || !(is_small(by_rates_deg) || is_small(by_reference_deg)) {
         return Err(FixedOrientation::UnconfirmedAngle);
     }
     if fit.mount.number() != 0 && !is_sense_certain(evaluation, reading_checks, by_reference_deg) {

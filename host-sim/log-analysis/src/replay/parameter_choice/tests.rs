@@ -14,7 +14,7 @@ use crate::replay::tests::{LEVEL_ROW_FIELD_UT, compass_of_flown_turns, export_of
 /// Verified parameters with a heading error and a loss by the symmetric matrix, degrees, of a compass with an error as
 /// logged.
 fn candidate(rms_deg: f64, as_logged_rms_deg: f64, loss_deg: f64) -> ParameterCandidate {
-    let mut solution = compass_of_flown_turns().1.module_result.solution.unwrap();
+    let mut solution = *compass_of_flown_turns().1.parameter_fit.solution().unwrap();
     solution.quality.expected_rms_deg = 1.9;
     (solution.hard_iron_change, solution.bank_scale_error) = (None, None);
     ParameterCandidate {
@@ -64,9 +64,6 @@ fn a_rotation_that_is_not_corrected_is_the_reason() {
         (candidate.turned, candidate.exported.heading_loss_deg[1]) = (Some(turned.clone()), mean_deg);
         let refusal = candidate.check_usefulness(Some(1.0)).err();
         assert_eq!(refusal.as_ref().map(NoParameters::stable_code), code, "{rms_deg} {loss_deg} {mean_deg}");
-        candidate.solution.quality.expected_rms_deg = 2.1;
-        let uncertain = candidate.check_usefulness(Some(1.0)).unwrap_err();
-        assert_eq!(uncertain.stable_code(), "unobservable", "{rms_deg} {loss_deg} {mean_deg}");
     }
 }
 
@@ -101,23 +98,10 @@ fn uncertain_parameters_are_refused_with_the_cause() {
             Some(Finding { violation: time, added_error_deg: by_time_deg, error_without_violation_deg: 0.0 });
         solution.bank_scale_error =
             Some(Finding { violation: bank, added_error_deg: by_bank_deg, error_without_violation_deg: 0.0 });
-        let refusal = candidate.check_usefulness(Some(0.0)).err();
+        let flight = LoggedFlight::new(LogFormat::DataFlash);
+        let refusal = check_certainty(&flight, &candidate.solution).err();
         let found = refusal.map(|refusal| format!("{} {refusal}", refusal.stable_code())).unwrap_or_default();
         assert!(found.contains(expected) && found.is_empty() == expected.is_empty(), "{expected}: {found}");
-    }
-}
-
-/// At 25 uT horizontal a current that varies by 10 A changes headings by 0.2 deg at 0.0087 uT/A.
-#[test]
-fn only_certain_motor_interference_that_affects_headings_is_significant() {
-    for (ut_per_a, sigma_ut_per_a, is_significant) in
-        [([0.0, 0.02, 0.01], 0.004, true), ([0.0, -0.02, 0.01], 0.01, false), ([0.004, 0.0, 0.003], 0.001, false)]
-    {
-        let mut solution = candidate(1.0, 9.0, 0.0).solution;
-        (solution.calibration.total_ut, solution.calibration.inclination_rad) = (50.0, 60_f32.to_radians());
-        let motor = &mut solution.calibration.motor_current;
-        (motor.ut_per_a, motor.sigma_ut_per_a, motor.current_sigma_a) = (ut_per_a, sigma_ut_per_a, 10.0);
-        assert_eq!(is_motor_significant(&solution), is_significant, "{ut_per_a:?} {sigma_ut_per_a}");
     }
 }
 
@@ -217,8 +201,8 @@ fn a_sensor_turned_by_right_angles_is_fitted_in_its_mounting() {
         let sensor_from_body = mount.body_from_sensor().transpose().map(f64::from);
         let rows: Vec<ReplayRow> = evaluation.rows.iter().map(|row| row.in_rotated_axes(&sensor_from_body)).collect();
         let fit = ParameterFit::new(&rows, None, &ReplayOptions::with_selection(RowSelection::All));
-        let variant = &fit.fit_variants[0];
-        assert_eq!(variant.mount, mount);
+        let fit = fit.fit.unwrap();
+        assert_eq!(fit.mount, mount);
         let inputs = ExportInputs {
             compass_number: 1,
             rows: &rows,
@@ -226,7 +210,7 @@ fn a_sensor_turned_by_right_angles_is_fitted_in_its_mounting() {
             format: ParameterFormat::Inav,
             orientation: Err(FixedOrientation::NotLogged),
         };
-        let candidate = ParameterCandidate::new(&flight, &inputs, variant, true).unwrap();
+        let candidate = ParameterCandidate::new(&flight, &inputs, &fit, true).unwrap();
         // INAV's matrix is diagonal.
         let rms_deg = candidate.held_back.rms_deg;
         assert!((rms_deg - aligned.rms_deg).abs() < 0.3, "{}: {rms_deg}", mount.orientation_name());
@@ -258,29 +242,17 @@ fn parameters_need_enough_rows_and_offsets_within_the_limit() {
     assert_eq!(choose(&flight, &evaluation), Err(NoParameters::FewRows(90)));
 }
 
-/// The fit with the current replaces the one without it if its interference is significant and its error smaller.
+/// Interference that the autopilot does not compensate is not among its parameters.
 #[test]
-fn the_fit_with_the_current_is_used_if_it_is_better() {
-    let (flight, mut evaluation) = compass_of_flown_turns();
-    let good = evaluation.parameter_fit.fit_variants[0].clone();
-    let mut bad = good.clone();
-    for half in bad.fits_of_halves.iter_mut().flatten() {
-        half.calibration.b_ut[0] += 1.0;
-    }
-    let with_current = |variant: &FitVariant, sigma_ut_per_a: f32| {
-        let mut variant = variant.clone();
-        let motor = &mut variant.fit_of_all_rows.calibration.motor_current;
-        (motor.ut_per_a, motor.sigma_ut_per_a, motor.current_sigma_a) = ([0.02, 0.0, 0.0], sigma_ut_per_a, 20.0);
-        variant
-    };
-    for (variants, is_with_current) in [
-        ([bad.clone(), with_current(&good, 0.001)], true),
-        ([bad.clone(), with_current(&good, 0.01)], false),
-        ([good.clone(), with_current(&bad, 0.001)], false),
-        ([good.clone(), with_current(&good, 0.001)], false),
-    ] {
-        evaluation.parameter_fit.fit_variants = variants.into();
+fn interference_is_given_if_the_autopilot_compensates_it() {
+    let (mut flight, mut evaluation) = compass_of_flown_turns();
+    let fit = evaluation.parameter_fit.fit.as_mut().unwrap();
+    let motor = &mut fit.solution.calibration.motor_current;
+    (motor.ut_per_a, motor.sigma_ut_per_a, motor.current_sigma_a) = ([0.02, 0.0, 0.0], 0.001, 20.0);
+    for (second_slots_ut_per_a, is_compensated) in [(0.0, true), (3.0, false)] {
+        flight.parameters.set_value(0.0, "COMPASS_MOTCT", 1.0);
+        flight.parameters.set_value(0.0, "COMPASS_MOT2_X", second_slots_ut_per_a);
         let exported = choose(&flight, &evaluation).unwrap();
-        assert_eq!(exported.correction.motor_ut_per_a != Vector3::zeros(), is_with_current);
+        assert_eq!(exported.correction.motor_ut_per_a != Vector3::zeros(), is_compensated);
     }
 }

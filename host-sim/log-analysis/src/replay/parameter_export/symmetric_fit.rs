@@ -194,7 +194,7 @@ mod tests {
     #[test]
     fn a_correction_that_the_autopilot_can_express_is_found_exactly() {
         let (_, compass) = compass_of_flown_turns();
-        let mut calibration = compass.module_result.solution.unwrap().calibration;
+        let mut calibration = compass.parameter_fit.solution().unwrap().calibration;
         calibration.motor_current.mean_current_a = 12.0;
         let mounting = *Rotation3::from_euler_angles(0.0, 0.0, std::f64::consts::FRAC_PI_2).matrix();
         for (is_diagonal, off_diagonal_entries) in [(false, [0.04, -0.03, 0.06]), (true, [0.0; 3])] {

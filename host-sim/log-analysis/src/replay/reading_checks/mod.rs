@@ -11,10 +11,14 @@ pub use check::{CheckOutcome, CheckedMeaning, ReadingCheck};
 pub use sense::misalignment_about_z_deg;
 
 use super::evaluation::{CompassEvaluation, FlightEvaluation};
-use super::log_warning::EARTH_FIELD_RANGE_UT;
+use super::flown_headings::yaw_sectors;
+use super::parameter_fit::is_determined;
 use super::row::ReplayRow;
-use super::row_solve::solved_correction;
 use crate::log::{AttitudeView, CompassSlot, CorrectionResidual, FieldCorrection, LogFormat, LoggedFlight};
+use crate::numbers::median;
+
+/// Weakest and strongest Earth field, microtesla.
+const EARTH_FIELD_RANGE_UT: [f64; 2] = [22.0, 67.0];
 
 /// The check that forbids parameters: the first failed one, else the first required one without a pass.
 #[must_use]
@@ -31,12 +35,11 @@ pub fn check_reading(
     compass: &CompassEvaluation,
 ) -> Vec<ReadingCheck> {
     let rows: Vec<ReplayRow> = compass.parameter_fit.fitted_rows(&compass.rows).copied().collect();
-    let solution = compass.parameter_fit.fit_variants.first().map(|fit| fit.fit_of_all_rows);
-    let correction = solution.as_ref().map(solved_correction);
-    let determined = solution.filter(sense::is_determined).as_ref().map(solved_correction);
+    let correction = compass.parameter_fit.correction();
+    let determined = correction.filter(|_| compass.parameter_fit.solution().is_some_and(is_determined));
     let inclination = check_inclination(evaluation, &rows, determined.as_ref());
     // The mirror image of a field, or of roll with repaired rates, fits as a turned sensor: the field as read names the axis.
-    let is_turned = compass.parameter_fit.fit_variants.first().is_some_and(|fit| fit.mount.number() != 0);
+    let is_turned = compass.parameter_fit.fit.as_ref().is_some_and(|fit| fit.mount.number() != 0);
     let is_repaired = flight.logged_rate_signs.iter().any(|sign| *sign < 0.0);
     let sensed = correction.as_ref().filter(|_| !(inclination.is_failed() || is_turned && is_repaired));
     let check = |meaning, outcome| ReadingCheck { meaning, outcome };
@@ -112,30 +115,44 @@ fn check_attitude(flight: &LoggedFlight) -> CheckOutcome {
     }
 }
 
-/// Strength of the field by the fit to the rows, or by a sphere where the flight determines no fit, against the model or
-/// the Earth's range. A poor gain is no other unit.
+/// Strength of the field by the fit to the rows, or as logged where the flight determines no fit, against the model or the
+/// Earth's range. A poor gain is no other unit.
 fn check_unit(flight: &LoggedFlight, evaluation: &FlightEvaluation, compass: &CompassEvaluation) -> CheckOutcome {
     /// Ratio that is nearer to ten than to one: the root of ten.
     const MAX_RATIO: f64 = 3.16;
-    let solution = compass.parameter_fit.fit_variants.first().map(|fit| fit.fit_of_all_rows);
-    let by_fit = solution.filter(sense::is_determined).map(|solution| f64::from(solution.calibration.total_ut));
-    let Some(found_ut) = by_fit.or(compass.sphere_radius_ut) else {
+    /// Units that one was read as: factor of the strength, and names.
+    const UNITS: [(f64, &str); 6] = [
+        (10.0, "milligauss read as microtesla"),
+        (0.1, "microtesla read as milligauss"),
+        (100.0, "nanotesla read as milligauss"),
+        (1000.0, "nanotesla read as microtesla"),
+        (0.01, "gauss read as microtesla"),
+        (0.001, "gauss read as milligauss"),
+    ];
+    let Some(found_ut) = compass.parameter_fit.strength_ut().or_else(|| logged_strength_ut(flight, compass)) else {
         return CheckOutcome::unchecked("the field did not turn");
     };
     let model_ut = evaluation.earth_field.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
     let [least_ut, most_ut] = model_ut.map_or(EARTH_FIELD_RANGE_UT, |ut| [ut; 2]);
-    if (least_ut / MAX_RATIO..=most_ut * MAX_RATIO).contains(&found_ut) {
+    let is_in = |strength_ut: f64| (least_ut / MAX_RATIO..=most_ut * MAX_RATIO).contains(&strength_ut);
+    if is_in(found_ut) {
         return CheckOutcome::Passed;
     }
-    let remedy = if flight.log_format == LogFormat::Csv {
-        "give its unit by --unit"
-    } else {
-        "the sensor or its driver has a wrong scale"
+    let unit = UNITS.into_iter().find(|(factor, _)| is_in(found_ut / factor)).map_or("another unit", |(_, unit)| unit);
+    let remedy = match flight.log_format {
+        LogFormat::Csv => format!("{unit}? Give its unit by --unit"),
+        _ => "the sensor or its driver has a wrong scale".to_owned(),
     };
     let decimals = if found_ut < 1.0 { 4 } else { 0 };
     CheckOutcome::Failed(format!(
         "the field is {found_ut:.decimals$} uT strong, the Earth's {least_ut:.0} to {most_ut:.0}: {remedy}"
     ))
+}
+
+/// Median strength as logged, microtesla, on enough headings that iron does not decide it.
+fn logged_strength_ut(flight: &LoggedFlight, compass: &CompassEvaluation) -> Option<f64> {
+    let usable = compass.rows.iter().filter(|row| row.is_usable);
+    yaw_sectors(flight, &compass.rows).suffice().then(|| median(usable.map(|row| row.logged_ut().norm())))
 }
 
 /// Inclination of the corrected field, against the model.

@@ -4,13 +4,13 @@
 //! sensor turns the wrong way, and so does the field against the rates of an attitude with a wrong sign. Without rates, the
 //! fit to the field as read is compared with fits to its mirror images.
 
-use autoswing::calibration::Solution;
 use autoswing::frames::{RollPitch, wrap_pi};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::check::CheckOutcome;
 use crate::log::{FieldCorrection, LoggedFlight};
 use crate::replay::evaluation::FlightEvaluation;
+use crate::replay::parameter_fit::is_determined;
 use crate::replay::replay_run::solve_all_rows;
 use crate::replay::row::{ReplayRow, heading_deg};
 use crate::replay::row_headings::heading_scatter;
@@ -38,9 +38,6 @@ const MIN_RESIDUAL_RATIO: f64 = 1.6;
 
 /// Largest residual of a fit that is right, degrees.
 const MAX_RESIDUAL_DEG: f64 = 5.0;
-
-/// Largest expected error of a fit by which a reading is checked, degrees RMS: that of a good compass.
-const MAX_EXPECTED_ERROR_DEG: f32 = 2.0;
 
 /// Smallest residual of a fit, degrees: that of sensor and attitude noise.
 const MIN_RESIDUAL_DEG: f64 = 0.3;
@@ -166,12 +163,6 @@ fn inclination_after_half_turn_deg(rows: &[ReplayRow], axis: usize) -> Option<f6
     half_turn[(axis, axis)] = 1.0;
     let turned: Vec<ReplayRow> = rows.iter().map(|row| row.in_rotated_axes(&half_turn)).collect();
     Some(f64::from(solve_all_rows(&turned)?.calibration.inclination_rad.to_degrees()))
-}
-
-/// Whether the flight determines a fit well enough to check a reading by it: one heading determines no inclination, and no
-/// mirror image.
-pub(super) fn is_determined(solution: &Solution) -> bool {
-    solution.quality.expected_rms_deg <= MAX_EXPECTED_ERROR_DEG
 }
 
 /// Whether the tilts suffice to distinguish the field from its mirror image.

@@ -127,10 +127,6 @@ impl RowCounts {
             .map(|(row_count, reason)| format!("{row_count} {reason}"))
             .collect()
     }
-
-    pub(super) fn main_rejection(&self) -> (usize, &'static str) {
-        self.rejections_by_cause().into_iter().max_by_key(|&(row_count, _)| row_count).unwrap_or_default()
-    }
 }
 
 /// Builds the rows of a compass with a field latency in seconds.

@@ -240,7 +240,6 @@ fn each_excluded_row_is_counted_by_one_cause() {
             "60 excluded by the log or outside the chosen time"
         ]
     );
-    assert_eq!(row_counts.main_rejection(), (91, "disarmed"));
 }
 
 /// A frozen field while the aircraft rolls; rows that are disarmed are not counted again.

@@ -11,14 +11,13 @@ use crate::log::csv::FieldUnit;
 use crate::log::log_writers::{FlightRecording, encode_dataflash};
 use crate::log::read_flight;
 use crate::replay::evaluation::{CompassEvaluation, EvaluationOptions, evaluate_flight};
-use crate::replay::row_solve::solved_correction;
 use crate::replay::tests::compass_of_flown_turns;
 use crate::test_flight::record_turns;
 
 /// Rows of the flown turns, and the correction that fits them.
 static ROWS: LazyLock<(Vec<ReplayRow>, FieldCorrection)> = LazyLock::new(|| {
     let compass = compass_of_flown_turns().1;
-    let correction = solved_correction(compass.all_rows_result.solution.as_ref().unwrap());
+    let correction = compass.parameter_fit.correction().unwrap();
     (compass.rows, correction)
 });
 

@@ -28,7 +28,11 @@ pub(crate) static FLOWN_TURNS: LazyLock<(LoggedFlight, FlightEvaluation)> = Lazy
     let parameters = ["X", "Y", "Z"].map(|axis| (format!("COMPASS_OFS_{axis}"), 100.0)).to_vec();
     let recording = FlightRecording { parameters, ..record_turns(0.0) };
     let flight = log::read_flight(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
-    let options = EvaluationOptions { field_latency_s: Some(0.0), ..EvaluationOptions::DEFAULT };
+    let options = EvaluationOptions {
+        compared_module: Some(RowSelection::Flight),
+        field_latency_s: Some(0.0),
+        ..EvaluationOptions::DEFAULT
+    };
     let evaluation = evaluate_flight(&flight, &options);
     (flight, evaluation)
 });
@@ -36,8 +40,18 @@ pub(crate) static FLOWN_TURNS: LazyLock<(LoggedFlight, FlightEvaluation)> = Lazy
 pub(super) fn compass_of_flown_turns() -> (LoggedFlight, CompassEvaluation) {
     let (flight, evaluation) = FLOWN_TURNS.clone();
     let compass = evaluation.compasses[0].clone();
-    assert_eq!(compass.module_result.acceptance, Ok(()));
+    assert_eq!(module_of(&compass).acceptance, Ok(()));
     (flight, compass)
+}
+
+/// Result of the module that is compared.
+pub(super) fn module_of(compass: &CompassEvaluation) -> &ReplayResult {
+    compass.module_result.as_ref().unwrap()
+}
+
+/// The same, to be changed.
+pub(crate) fn module_mut(compass: &mut CompassEvaluation) -> &mut ReplayResult {
+    compass.module_result.as_mut().unwrap()
 }
 
 pub(super) fn evaluation_of_compasses(compasses: Vec<CompassEvaluation>) -> FlightEvaluation {

@@ -13,7 +13,7 @@ use crate::replay::parameter_export::{
 use crate::score::wrap_180;
 
 fn export_module(compass: &CompassEvaluation, format: ParameterFormat) -> ExportedCorrection {
-    let calibration = &compass.module_result.solution.as_ref().unwrap().calibration;
+    let calibration = &compass.parameter_fit.solution().unwrap().calibration;
     let inputs = ExportInputs {
         compass_number: compass.compass_number,
         rows: &compass.rows,
@@ -52,7 +52,7 @@ fn offsets_beyond_ardupilots_limit_are_detected() {
 #[test]
 fn parameters_hold_at_attitudes_that_were_not_flown() {
     let (_, mut compass) = compass_of_flown_turns();
-    let calibration = &mut compass.module_result.solution.as_mut().unwrap().calibration;
+    let calibration = &mut compass.parameter_fit.fit.as_mut().unwrap().solution.calibration;
     let turn = Rotation3::from_euler_angles(0.026, -0.035, 0.07);
     let soft_iron = Matrix3::new(1.08, 0.02, 0.01, 0.02, 0.95, -0.04, 0.01, -0.04, 1.02);
     let measured = turn.matrix().transpose() * soft_iron;
@@ -94,7 +94,7 @@ fn parameters_hold_at_attitudes_that_were_not_flown() {
 fn inavs_offsets_include_interference_at_the_mean_current() {
     let (_, mut compass) = compass_of_flown_turns();
     let motor_ut_per_a = Vector3::new(0.5_f32, -0.3, 0.0);
-    let calibration = &mut compass.module_result.solution.as_mut().unwrap().calibration;
+    let calibration = &mut compass.parameter_fit.fit.as_mut().unwrap().solution.calibration;
     (calibration.motor_current.ut_per_a, calibration.motor_current.mean_current_a) = (motor_ut_per_a.into(), 20.0);
     for row in &mut compass.rows {
         row.current_a = Some(20.0);
@@ -163,7 +163,7 @@ fn export_of_turned(
     let [roll, pitch, yaw] = angles_deg.map(f64::to_radians);
     let correction_matrix = Rotation3::from_euler_angles(roll, pitch, yaw).matrix() * SYMMETRIC;
     let (hard_iron_ut, motor_ut_per_a) = (Vector3::new(12.0, -8.5, 20.0), Vector3::new(0.3, -0.2, 0.15));
-    let calibration = &mut compass.module_result.solution.as_mut().unwrap().calibration;
+    let calibration = &mut compass.parameter_fit.fit.as_mut().unwrap().solution.calibration;
     set_coefficients(calibration, &correction_matrix, &hard_iron_ut);
     calibration.motor_current.ut_per_a = motor_ut_per_a.map(|axis| axis as f32).into();
     (calibration.total_ut, calibration.inclination_rad, calibration.motor_current.mean_current_a) = (50.0, 1.0, 15.0);

@@ -4,7 +4,7 @@ use super::*;
 
 /// Inclination of the flown turns, degrees.
 fn flown_inclination_deg(compass: &CompassEvaluation) -> f64 {
-    f64::from(compass.module_result.solution.unwrap().calibration.inclination_rad.to_degrees())
+    f64::from(compass.parameter_fit.solution().unwrap().calibration.inclination_rad.to_degrees())
 }
 
 /// The prior has a standard deviation of 1 deg; samples contradict it beyond 4. A contradicted prior fails every trial

@@ -4,6 +4,7 @@ use autoswing::calibration::{AttitudeLatency, MotorCurrentInterference, Solution
 
 use super::flight_verdict::{CompassVerdict, Verdict};
 use super::judgement::CompassAction;
+use super::module_outcome::CompassOutcome;
 use crate::numbers::format_number;
 use crate::replay::hard_iron_changes::LoggedHardIronChange;
 use crate::replay::rows::RowCounts;
@@ -13,7 +14,7 @@ impl Verdict<'_> {
     #[must_use]
     pub fn key_facts(&self, compass: &CompassVerdict<'_>) -> Vec<[String; 2]> {
         let sent_percent = compass.sent_percent();
-        let CompassVerdict { evaluation: compass, judgement, module_outcome, parameters, reading_checks } = compass;
+        let CompassVerdict { evaluation: compass, judgement, parameters, reading_checks } = compass;
         let mut facts: Vec<[String; 2]> = Vec::new();
         let mut add_fact = |name: &str, value: String| facts.push([name.to_owned(), value]);
         if let Some(is_used) = compass.is_used_for_heading {
@@ -50,22 +51,14 @@ impl Verdict<'_> {
         }
         let checks: Vec<String> = reading_checks.iter().map(ToString::to_string).collect();
         add_fact("reading", checks.join("; "));
-        add_fact("module", module_outcome.to_string());
+        if let Some(module_outcome) = CompassOutcome::new(compass) {
+            add_fact("module", module_outcome.to_string());
+        }
         if let Some(percent) = sent_percent {
             add_fact("module's headings", format!("in {} % of the flight", format_number(percent, 0)));
         }
-        if let Some(solution) = &compass.result_for_report().solution {
-            let rows_text = if compass.module_result.solution.is_some() { "" } else { ", of all rows" };
-            add_fact("solved by", format!("{}{rows_text}", solution.quality.method.method_name()));
+        if let Some(solution) = compass.parameter_fit.solution() {
             add_solution_facts(solution, &mut add_fact);
-        }
-        if let Some(without_deg) = compass.rms_without_current_deg {
-            add_fact("without the current", format!("{} deg RMS", format_number(without_deg, 2)));
-        }
-        match (&compass.module_result.acceptance, &compass.all_rows_result.acceptance) {
-            (Ok(()), Err(refusal)) => add_fact("all rows, thinned", format!("would have been refused: {refusal}")),
-            (Err(_), Ok(())) => add_fact("all rows, thinned", "would have been accepted".to_owned()),
-            _ => {}
         }
         let source = compass.latency.sigma_s.map_or_else(
             || "not estimated from this flight".to_owned(),
@@ -76,23 +69,17 @@ impl Verdict<'_> {
         if compass.row_counts.readings > 0 {
             add_fact("field", format!("{rate_text} times a second, {age} ms old at its time stamp ({source})"));
         }
-        if let (Some((earth, is_valid)), Some(sphere_radius_ut)) =
-            (&self.evaluation.earth_field, compass.sphere_radius_ut)
+        if let (Some((earth, is_valid)), Some(strength_ut)) =
+            (&self.evaluation.earth_field, compass.parameter_fit.strength_ut())
         {
             let year = if *is_valid { "" } else { ", of another year" };
             let model = format_number(f64::from(earth.total_ut), 1);
-            add_fact(
-                "strength",
-                format!("{} uT, {model} by the field model{year}", format_number(sphere_radius_ut, 1)),
-            );
+            add_fact("strength", format!("{} uT, {model} by the field model{year}", format_number(strength_ut, 1)));
         }
         let rejected: Vec<String> =
             compass.row_counts.rejection_texts().into_iter().map(|rejected| format!("; {rejected}")).collect();
         let RowCounts { used, .. } = compass.row_counts;
-        add_fact(
-            "rows",
-            format!("{used} usable, {} fitted to{}", compass.module_result.sample_count, rejected.concat()),
-        );
+        add_fact("rows", format!("{used} usable{}", rejected.concat()));
         facts
     }
 }

@@ -1,7 +1,6 @@
 //! The verdict on a flight and its compasses.
 
 use super::judgement::{CompassAction, CompassJudgement, CompassState};
-use super::module_outcome::{CompassOutcome, FlightOutcome};
 use crate::log::LoggedFlight;
 use crate::numbers::format_number;
 use crate::replay::evaluation::{CompassEvaluation, CorrectionSource, FlightEvaluation};
@@ -18,8 +17,6 @@ pub struct Verdict<'a> {
     pub flight: &'a LoggedFlight,
     /// Evaluation of the flight.
     pub evaluation: &'a FlightEvaluation,
-    /// Whether the module would have calibrated.
-    pub module_outcome: FlightOutcome,
     /// Warnings about the log.
     pub log_warnings: Vec<LogWarning>,
     /// The compasses, by number.
@@ -35,8 +32,6 @@ pub struct CompassVerdict<'a> {
     pub evaluation: &'a CompassEvaluation,
     /// State of the compass, and what to do with it.
     pub judgement: CompassJudgement,
-    /// Whether the module would have calibrated the compass.
-    pub module_outcome: CompassOutcome,
     /// Parameters to load, or the reason for giving none.
     pub parameters: Result<ExportedCorrection, NoParameters>,
     /// Checks that the log means what it was read as.
@@ -74,7 +69,6 @@ impl<'a> Verdict<'a> {
                     failure,
                     &parameters,
                 ),
-                module_outcome: CompassOutcome::new(compass),
                 parameters,
                 reading_checks,
             }
@@ -82,17 +76,10 @@ impl<'a> Verdict<'a> {
         Self {
             flight,
             evaluation,
-            module_outcome: FlightOutcome::new(evaluation),
             log_warnings: LogWarning::warnings_of_flight(flight, evaluation),
             compasses: evaluation.compasses.iter().map(compass).collect(),
             parameter_format: format,
         }
-    }
-
-    /// Whether the module would have calibrated a compass.
-    #[must_use]
-    pub const fn would_module_calibrate(&self) -> bool {
-        matches!(self.module_outcome, FlightOutcome::Calibrated { .. })
     }
 
     /// The compasses, those in use first.
@@ -151,7 +138,7 @@ impl<'a> Verdict<'a> {
     #[must_use]
     pub fn rms_by_correction_deg(&self) -> Vec<(&'static str, Vec<Option<f64>>)> {
         let rows = CorrectionSource::ALL_SOURCES.map(|source| {
-            let rms_deg = |compass: &CompassEvaluation| Some(compass.correction_from(source)?.score?.rms_deg);
+            let rms_deg = |compass: &CompassEvaluation| Some(compass.score_by(source)?.rms_deg);
             (source.source_name(), self.evaluation.compasses.iter().map(rms_deg).collect::<Vec<_>>())
         });
         let held_back = |compass: &CompassVerdict<'_>| {
@@ -168,8 +155,8 @@ fn unconfirmed_sign(compass: &CompassEvaluation, checks: &[ReadingCheck]) -> Opt
     let signs = [CheckedMeaning::Inclination, CheckedMeaning::North];
     let is_confirmed =
         |check: &ReadingCheck| signs.contains(&check.meaning) && !matches!(check.outcome, CheckOutcome::Unchecked(_));
-    let fit = compass.parameter_fit.fit_variants.first().filter(|_| !checks.iter().any(is_confirmed))?;
-    let inclination_deg = fit.fit_of_all_rows.calibration.inclination_rad.to_degrees();
+    let solution = compass.parameter_fit.solution().filter(|_| !checks.iter().any(is_confirmed))?;
+    let inclination_deg = solution.calibration.inclination_rad.to_degrees();
     Some(format!(
         "neither a place nor a heading confirms the sign of the field: its inclination is {inclination_deg:+.0} deg, which must \
          be positive (down) on the northern half of the Earth, negative on the southern"
@@ -193,7 +180,7 @@ impl CompassVerdict<'_> {
     /// Percentage of usable rows for which the module, so calibrated, would have sent a heading.
     #[must_use]
     pub fn sent_percent(&self) -> Option<f64> {
-        let rows = self.evaluation.rows.iter().zip(&self.evaluation.result_for_report().headings);
+        let rows = self.evaluation.rows.iter().zip(&self.evaluation.module_result.as_ref()?.headings);
         let sent_flags: Vec<bool> =
             rows.filter(|(row, _)| row.is_usable).map(|(_, heading)| heading.status.is_ok()).collect();
         let usable_count = sent_flags.iter().filter(|is_sent| **is_sent).count();

@@ -1,6 +1,6 @@
 //! The verdict as a JSON object, which docs/your-flight.md describes.
 
-use serde::Serialize;
+use autoswing::calibration::Solution;
 use serde_json::{Value, json};
 
 use super::flight_verdict::{CompassVerdict, Verdict};
@@ -10,10 +10,9 @@ use crate::replay::gps_course::GpsCourseHeading;
 use crate::replay::hard_iron_changes::LoggedHardIronChange;
 use crate::replay::parameter_export::ExportedCorrection;
 use crate::replay::result::{HeadingScore, ReplayResult};
-use crate::replay::rows::RowCounts;
 
 /// Version of the JSON schema.
-const SCHEMA_VERSION: u32 = 3;
+const SCHEMA_VERSION: u32 = 4;
 
 impl Verdict<'_> {
     /// The verdict as a JSON object.
@@ -26,8 +25,6 @@ impl Verdict<'_> {
             "verdict": self.summary_sentences().join(" "),
             "state": self.state_of_compass_in_use(),
             "in_use": self.compasses_in_use_first().first().map(|compass| compass.evaluation.compass_number),
-            "module_verdict": self.module_outcome,
-            "accepted": self.would_module_calibrate(),
             "log": {
                 "format": flight.log_format.format_name(),
                 "autopilot": flight.autopilot,
@@ -70,12 +67,6 @@ fn course_json(course: &GpsCourseHeading) -> Value {
 
 impl CompassVerdict<'_> {
     fn json(&self) -> Value {
-        #[derive(Serialize)]
-        struct Rows {
-            #[serde(flatten)]
-            counted: RowCounts,
-            fitted: usize,
-        }
         let compass = self.evaluation;
         let accuracy = self.judgement.logged_accuracy;
         json!({
@@ -89,16 +80,13 @@ impl CompassVerdict<'_> {
             "as_logged_rms_deg": accuracy.map(|accuracy| round_to(accuracy.rms_deg, 3)),
             "as_logged_by": accuracy.map(|accuracy| accuracy.evidence.stable_code()),
             "headings_flown": accuracy.map(|accuracy| accuracy.sector_count),
-            "sent_percent": self.sent_percent().map(|percent| round_to(percent, 1)),
             "field_hz": round_to(1.0 / compass.reading_interval_s, 2),
             "field_age_ms": round_to(compass.latency.used_s * 1e3, 1),
             "field_age_sigma_ms": compass.latency.sigma_s.map(|s| round_to(s * 1e3, 1)),
-            "field_ut": compass.sphere_radius_ut.map(|ut| round_to(ut, 2)),
-            "rows": Rows { counted: compass.row_counts, fitted: compass.module_result.sample_count },
-            "calibrated_s": compass.calibration_time_s().map(|s| round_to(s, 1)),
-            "module": result_json(&compass.module_result),
-            "without_current_rms_deg": compass.rms_without_current_deg.map(|deg| round_to(deg, 3)),
-            "all_rows": result_json(&compass.all_rows_result),
+            "field_ut": compass.parameter_fit.strength_ut().map(|ut| round_to(ut, 2)),
+            "rows": compass.row_counts,
+            "fit": compass.parameter_fit.solution().map(solution_json),
+            "module": compass.module_result.as_ref().map(|result| self.module_json(result)),
             "headings": compass.corrections.iter().map(|correction| json!({
                 "by": correction.correction_source.source_name(),
                 "against_reference": correction.score.as_ref().map(score_json),
@@ -128,35 +116,42 @@ impl CompassVerdict<'_> {
                 .then_some(self.parameters.as_ref().ok().map(parameters_json)),
         })
     }
+
+    fn module_json(&self, result: &ReplayResult) -> Value {
+        let refusal = result.acceptance.as_ref().err();
+        json!({
+            "accepted": refusal.is_none(),
+            "refusal": refusal.map(|refusal| json!({ "code": refusal.stable_code(), "words": refusal.to_string() })),
+            "calibrated_s": self.evaluation.calibration_time_s().map(|s| round_to(s, 1)),
+            "sent_percent": self.sent_percent().map(|percent| round_to(percent, 1)),
+            "samples": result.sample_count,
+            "fit": result.solution.as_ref().map(solution_json),
+            "smooth": result.smoothed_score.as_ref().map(score_json),
+        })
+    }
 }
 
-fn result_json(result: &ReplayResult) -> Value {
-    let solution = result.solution.as_ref();
+fn solution_json(solution: &Solution) -> Value {
+    let Solution { calibration, quality, .. } = solution;
     let rounded = |value: f32, decimals: i32| round_to(f64::from(value), decimals);
     let milliseconds = |seconds: f32| round_to(f64::from(seconds) * 1e3, 1);
-    let latency = solution.and_then(|solution| solution.quality.latency);
-    let current =
-        solution.map(|solution| solution.calibration.motor_current).filter(|current| current.current_sigma_a > 0.0);
+    let current = Some(calibration.motor_current).filter(|current| current.current_sigma_a > 0.0);
     json!({
-        "accepted": result.acceptance.is_ok(),
-        "refusal": result.acceptance.as_ref().err().map(|refusal| json!({ "code": refusal.stable_code(), "words": refusal.to_string() })),
-        "method": solution.map(|solution| solution.quality.method.method_name()),
-        "coefficients": solution.map(|solution| coefficients_json(&solution.calibration)),
-        "inclination_deg": solution.map(|solution| rounded(solution.calibration.inclination_rad.to_degrees(), 2)),
-        "expected_rms_deg": solution.map(|solution| rounded(solution.quality.expected_rms_deg, 3)),
-        "iron_changed_ut": solution.and_then(|solution| solution.hard_iron_change).map(|finding| rounded(finding.violation.size_ut, 2)),
-        "bank_read": solution.and_then(|solution| solution.bank_scale_error).map(|finding| rounded(finding.violation.reported_bank_ratio, 3)),
-        "latency_ms": solution.map(|solution| milliseconds(solution.calibration.latency_s)),
-        "latency_found_ms": latency.map(|latency| milliseconds(latency.estimate_s)),
-        "latency_sigma_ms": latency.map(|latency| milliseconds(latency.sigma_s)),
+        "method": quality.method.method_name(),
+        "coefficients": coefficients_json(calibration),
+        "inclination_deg": rounded(calibration.inclination_rad.to_degrees(), 2),
+        "expected_rms_deg": rounded(quality.expected_rms_deg, 3),
+        "iron_changed_ut": solution.hard_iron_change.map(|finding| rounded(finding.violation.size_ut, 2)),
+        "bank_read": solution.bank_scale_error.map(|finding| rounded(finding.violation.reported_bank_ratio, 3)),
+        "latency_ms": milliseconds(calibration.latency_s),
+        "latency_found_ms": quality.latency.map(|latency| milliseconds(latency.estimate_s)),
+        "latency_sigma_ms": quality.latency.map(|latency| milliseconds(latency.sigma_s)),
         "by_current": current.map(|current| json!({
             "ut_per_a": current.ut_per_a.map(|axis| rounded(axis, 4)),
             "sigma_ut_per_a": rounded(current.sigma_ut_per_a, 4),
             "mean_a": rounded(current.mean_current_a, 2),
             "spread_a": rounded(current.current_sigma_a, 2),
         })),
-        "samples": result.sample_count,
-        "smooth": result.smoothed_score.as_ref().map(score_json),
     })
 }
 

@@ -1,5 +1,5 @@
 //! Verdict on a flight, which the terminal, the page and `--json` show: on each compass as the aircraft flies it, the
-//! one in use first; then whether the module would have calibrated itself.
+//! one in use first; and, where a module is compared, whether it would have calibrated itself.
 
 mod facts;
 mod flight_verdict;
@@ -9,4 +9,4 @@ mod module_outcome;
 
 pub use flight_verdict::{CompassVerdict, Verdict};
 pub use judgement::{CompassAction, CompassJudgement, CompassState, JudgementReason};
-pub use module_outcome::{CompassOutcome, FlightOutcome, FlightRefusal};
+pub use module_outcome::CompassOutcome;

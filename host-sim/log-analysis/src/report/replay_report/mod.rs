@@ -14,7 +14,7 @@ use crate::replay::hard_iron_changes::LoggedHardIronChange;
 use crate::replay::heading_deg;
 use crate::replay::parameter_export::field_by_exported_parameters;
 use crate::replay::verdict::{CompassState, CompassVerdict, Verdict};
-use crate::replay::{HeadingRow, ReferenceHeading, ReplayResult, ReplayRow};
+use crate::replay::{HeadingRow, ReferenceHeading, ReplayRow, solved_correction};
 use crate::score::wrap_180;
 
 /// Makes the report of a replayed log.
@@ -30,7 +30,6 @@ pub fn report_replay(verdict: &Verdict<'_>, log_name: &str, origin: &ReportOrigi
     Report {
         title: format!("Flight {}", log_name.rsplit(['/', '\\']).next().unwrap_or(log_name)),
         verdicts: verdict.compasses_in_use_first().into_iter().map(verdict_line).collect(),
-        module_verdict: Some(verdict.module_outcome.to_string()),
         key_figures: key_figures(verdict),
         log_warnings: verdict.log_warnings.iter().map(ToString::to_string).collect(),
         reference: reference_info(evaluation),
@@ -83,8 +82,8 @@ fn reference_info(evaluation: &FlightEvaluation) -> ReferenceInfo {
         },
         None => ReferenceInfo {
             difference_name: "correction",
-            reference_name: "the module's own heading".to_owned(),
-            accuracy_text: "the log has no reference heading; shown is the change by the module".to_owned(),
+            reference_name: "the heading by the fit".to_owned(),
+            accuracy_text: "the log has no reference heading; shown is the change by the fit".to_owned(),
             card_constant_text: String::new(),
             is_accurate: false,
         },
@@ -103,7 +102,7 @@ fn key_figures(verdict: &Verdict<'_>) -> Vec<[String; 2]> {
     let compass_number = compass.evaluation.compass_number;
     let held_back = compass.parameters.as_ref().ok().and_then(|export| export.held_back_score);
     let word = reference_info(verdict.evaluation).difference_name;
-    let rms_of = |source: CorrectionSource| Some(compass.evaluation.correction_from(source)?.score?.rms_deg);
+    let rms_of = |source: CorrectionSource| Some(compass.evaluation.score_by(source)?.rms_deg);
     let as_logged = rms_of(CorrectionSource::Autopilot).or(rms_of(CorrectionSource::Uncorrected));
     let accuracy = compass.judgement.logged_accuracy;
     let logged_word = if accuracy.is_some() { "error" } else { word };
@@ -119,8 +118,7 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
     let facts = verdict.key_facts(compass);
     let exported = compass.parameters_to_load();
     let compass = compass.evaluation;
-    let replay_result = compass.result_for_report();
-    let solution = replay_result.solution.as_ref();
+    let solution = compass.parameter_fit.solution();
     let parameters = exported.map(|export| field_by_exported_parameters(flight, export, verdict.parameter_format));
     let corrections = ShownCorrections {
         is_logged_field_corrected: logged_correction_source(compass) == CorrectionSource::Autopilot,
@@ -130,16 +128,16 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
     };
     let mut report = CompassReport {
         compass_name: format!("Compass {}", compass.compass_number),
-        is_accepted: compass.module_result.acceptance.is_ok(),
+        is_accepted: compass.parameter_fit.fit.as_ref().is_some_and(|fit| fit.is_accepted),
         facts,
         sigma_description: "the mean sigma that the module sends with its headings",
-        samples: report_samples(flight, compass, replay_result, &corrections),
+        samples: report_samples(flight, compass, &corrections),
         last_change_s: compass.parameter_fit.last_change_s,
         event_marks: event_marks(compass),
         before_correction_name: logged_correction_source(compass).source_name(),
-        corrected_by: if exported.is_some() { "with the parameters to load" } else { "by the module" },
+        corrected_by: if exported.is_some() { "with the parameters to load" } else { "by the fit" },
         earth_field: solution.map(|s| expected_earth(evaluation, &s.calibration, exported.is_some())),
-        has_fitted_marks: true,
+        has_fitted_marks: compass.module_result.is_some(),
         advice: solution.and_then(|s| s.advice).map(|advice| {
             let [now, then] =
                 [advice.expected_deg, advice.expected_after_deg].map(|deg| format_number(f64::from(deg), 2));
@@ -172,14 +170,15 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
             constant_deg,
         })
     };
-    let module = if replay_result.acceptance.is_ok() { "module" } else { "module, but refused" };
+    let is_refused = compass.module_result.as_ref().is_some_and(|module| module.acceptance.is_err());
+    let module = if is_refused { "module, but refused" } else { "module" };
     let before = line(logged_correction_source(compass).source_name(), means[0], |sample| sample.error_before_deg);
     let after = [
         line("parameters", means[1], |sample| sample.error_parameters_deg),
         line(module, means[2], |sample| sample.error_deg),
     ];
     (report.curves_before, report.curves_after) = (before.into_iter().collect(), after.into_iter().flatten().collect());
-    if solution.is_some() {
+    if compass.module_result.is_some() {
         let sigma = means_by_heading(report.samples_since_change(), |sample| sample.sigma_deg);
         report.sigma_by_heading_deg = sigma.into_iter().map(|sigma| sigma.unwrap_or(f64::NAN)).collect();
     }
@@ -202,7 +201,7 @@ fn expected_earth(evaluation: &FlightEvaluation, calibration: &Calibration, is_e
 }
 
 fn logged_correction_source(compass: &CompassEvaluation) -> CorrectionSource {
-    if compass.correction_from(CorrectionSource::Autopilot).is_some() {
+    if compass.corrections.iter().any(|logged| logged.correction_source == CorrectionSource::Autopilot) {
         CorrectionSource::Autopilot
     } else {
         CorrectionSource::Uncorrected
@@ -210,16 +209,12 @@ fn logged_correction_source(compass: &CompassEvaluation) -> CorrectionSource {
 }
 
 fn event_marks(compass: &CompassEvaluation) -> Vec<EventMark> {
-    let first_s = compass.rows.first().map_or(0.0, |row| row.t_s);
-    let calibrated = compass.module_result.collection_end_s.map(|at_s| EventMark {
-        time_s: first_s + at_s,
-        event_name: if compass.module_result.acceptance.is_ok() {
-            "would have calibrated"
-        } else {
-            "would have solved"
-        }
-        .to_owned(),
-    });
+    let calibrated =
+        compass.calibration_time_s().zip(compass.module_result.as_ref()).map(|(time_s, module)| EventMark {
+            time_s,
+            event_name: if module.acceptance.is_ok() { "would have calibrated" } else { "would have solved" }
+                .to_owned(),
+        });
     let changed = compass.hard_iron_changes.iter().map(|LoggedHardIronChange { hard_iron_step: step, .. }| EventMark {
         time_s: step.time_s,
         event_name: format!("iron changed by {} uT", format_number(step.size_ut(), 1)),
@@ -236,7 +231,7 @@ struct ShownCorrections<'a> {
     is_logged_field_corrected: bool,
     /// Field with the parameters to load.
     field_by_parameters: Option<&'a FieldOfRow<'a>>,
-    /// The module's calibration.
+    /// The fit.
     solution: Option<&'a Solution>,
     has_reference: bool,
 }
@@ -244,21 +239,21 @@ struct ShownCorrections<'a> {
 fn report_samples(
     flight: &LoggedFlight,
     compass: &CompassEvaluation,
-    replay_result: &ReplayResult,
     corrections: &ShownCorrections<'_>,
 ) -> Vec<ReportSample> {
     let Some(first) = compass.rows.first() else { return Vec::new() };
     let places = LocalPositions::from_flight(flight);
+    let module = compass.module_result.as_ref();
     let mut samples: Vec<ReportSample> = compass
         .rows
         .iter()
         .enumerate()
         .map(|(i, row)| ReportSample {
             position_m: places.as_ref().and_then(|places| places.position_at(flight, row.t_s)),
-            ..corrections.report_sample(row, replay_result.headings.get(i))
+            ..corrections.report_sample(row, module.and_then(|module| module.headings.get(i)))
         })
         .collect();
-    for fitted_s in replay_result.fitted_times_s.iter().map(|since_s| since_s + first.t_s) {
+    for fitted_s in module.iter().flat_map(|module| &module.fitted_times_s).map(|since_s| since_s + first.t_s) {
         // Marks the nearest row: times of samples are means in whole milliseconds.
         let after = samples.partition_point(|sample| sample.time_s < fitted_s).min(samples.len() - 1);
         let neighbours = [after.saturating_sub(1), after];
@@ -278,24 +273,19 @@ impl ShownCorrections<'_> {
         let logged = row.logged_ut();
         let with_parameters = self.field_by_parameters.map(|field| field(row));
         let before_deg = heading_deg(row, if self.is_logged_field_corrected { logged } else { raw });
+        let fitted = self.solution.map(|solution| row.corrected_field(&solved_correction(solution)));
+        let fitted_deg = fitted.map(|field| heading_deg(row, field));
         let module_deg = module.map(|module| module.heading_deg).filter(|deg| deg.is_finite());
-        let compared_deg = if self.has_reference { row.reference_deg } else { module_deg };
+        let compared_deg = if self.has_reference { row.reference_deg } else { fitted_deg };
         let error_deg = |heading_deg: f64| Some(wrap_180(heading_deg - compared_deg?));
-        let by_module = |solution: &Solution| {
-            let calibration = &solution.calibration;
-            calibration
-                .calibrated_field(calibration.remove_motor_current(row.raw_field, row.current_a))
-                .ut
-                .map(f64::from)
-        };
         ReportSample {
             time_s: row.t_s,
-            heading_deg: row.reference_deg.or(module_deg).or(Some(before_deg)).map(|deg| deg.rem_euclid(360.0)),
+            heading_deg: row.reference_deg.or(fitted_deg).or(Some(before_deg)).map(|deg| deg.rem_euclid(360.0)),
             roll_deg: f64::from(row.attitude.roll_rad.to_degrees()),
             pitch_deg: f64::from(row.attitude.pitch_rad.to_degrees()),
             raw_ut: Some(raw.into()),
             logged_ut: self.is_logged_field_corrected.then(|| logged.into()),
-            corrected_ut: with_parameters.or_else(|| self.solution.map(by_module)).map(Into::into),
+            corrected_ut: with_parameters.or(fitted).map(Into::into),
             current_a: row.current_a.map(f64::from),
             error_before_deg: error_deg(before_deg),
             error_parameters_deg: with_parameters

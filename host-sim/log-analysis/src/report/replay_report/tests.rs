@@ -4,7 +4,7 @@ use super::*;
 use crate::log::ParameterHistory;
 use crate::replay::hard_iron_step::HardIronStep;
 use crate::replay::parameter_export::ParameterFormat;
-use crate::replay::tests::{FLOWN_TURNS, REFUSED_SOLVE};
+use crate::replay::tests::{FLOWN_TURNS, REFUSED_SOLVE, module_mut};
 
 fn report_after_change(change: impl Fn(&mut LoggedFlight, &mut FlightEvaluation)) -> Report {
     let (mut flight, mut verdict) = FLOWN_TURNS.clone();
@@ -19,7 +19,7 @@ fn fact(report: &Report, name_wanted: &str) -> Option<String> {
 #[test]
 fn a_refused_calibration_is_labelled_as_refused() {
     let automatic = report_after_change(|_, _| {});
-    let refused = report_after_change(|_, verdict| verdict.compasses[0].module_result.acceptance = REFUSED_SOLVE);
+    let refused = report_after_change(|_, verdict| module_mut(&mut verdict.compasses[0]).acceptance = REFUSED_SOLVE);
     for (report, line, mark, expected_text) in [
         (&automatic, "module", "would have calibrated", "would have calibrated itself at"),
         (&refused, "module, but refused", "would have solved", "would have been refused: not-converged"),
@@ -31,7 +31,7 @@ fn a_refused_calibration_is_labelled_as_refused() {
         );
         assert!(fact(report, "module").unwrap().starts_with(expected_text), "{:?}", compass.facts);
     }
-    let on_request = report_after_change(|_, verdict| verdict.compasses[0].module_result.collection_end_s = None);
+    let on_request = report_after_change(|_, verdict| module_mut(&mut verdict.compasses[0]).collection_end_s = None);
     assert!(on_request.compasses[0].event_marks.is_empty());
     assert_eq!(fact(&on_request, "module").unwrap(), "would have calibrated by a command at the end");
 }
@@ -43,7 +43,7 @@ fn calibration_and_hard_iron_step_are_marked_at_their_times() {
         // 30 s of the log precede the first row.
         compass.rows.drain(..300);
         let at_s = compass.rows[0].t_s + 50.0;
-        compass.module_result.collection_end_s = Some(90.0);
+        module_mut(compass).collection_end_s = Some(90.0);
         let step = HardIronStep { time_s: at_s, step_ut: [1.0, -8.0, 0.0], sigma_ut: [0.1; 3] };
         compass.hard_iron_changes = vec![LoggedHardIronChange { hard_iron_step: step, heading_effect_deg: 15.0 }];
     });
