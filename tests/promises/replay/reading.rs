@@ -4,7 +4,7 @@ use log_analysis::log::log_writers::{
     FlightRecording, FlightSample, encode_csv, encode_dataflash, encode_dataflash_text, encode_tlog, encode_ulog,
 };
 use log_analysis::log::time_series::Series;
-use log_analysis::replay::evaluation::evaluate_flight;
+use log_analysis::replay::evaluation::{EvaluationOptions, evaluate_flight};
 use log_analysis::replay::parameter_export::ParameterFormat;
 use log_analysis::replay::verdict::{CompassAction, Verdict};
 use simulator::recording::record_turns;
@@ -119,14 +119,19 @@ fn a_meaning_that_the_log_leaves_open_gives_no_file() {
     }
 }
 
-/// A table without a place and a heading does not show whether the whole field is negated: the file gives the inclination.
+/// A table without a place and a heading does not show whether the whole field is negated: its file gives the inclination,
+/// and a field that points up needs the inclination of the place.
 #[test]
-fn a_file_names_the_inclination_where_nothing_confirms_its_sign() {
+fn the_sign_of_the_field_is_confirmed_or_said() {
     let negate: Change = |sample| (0..3).for_each(|axis| flip(sample, axis));
-    for (change, has_yaw, words) in [
-        ((|_| {}) as Change, true, None),
-        (|_| {}, false, Some("its inclination is +")),
-        (negate, false, Some("its inclination is -")),
+    // The simulated field is 54 deg down.
+    for (change, has_yaw, given_deg, words) in [
+        ((|_| {}) as Change, true, None, Ok(None)),
+        (|_| {}, false, None, Ok(Some("its inclination is +54"))),
+        (|_| {}, false, Some(54.0), Ok(None)),
+        (negate, false, None, Err("without place and heading nothing confirms that the field points up")),
+        (negate, false, Some(54.0), Err("no fit of these rows converges")),
+        (negate, false, Some(-54.0), Ok(None)),
     ] {
         let (mut flight, _) = evaluate_log(&encode_csv(&record_flight(VehicleKind::Plane, 3, change)));
         flight.gps = Series::new();
@@ -134,12 +139,22 @@ fn a_file_names_the_inclination_where_nothing_confirms_its_sign() {
             flight.reference_heading = Series::new();
             flight.attitude.rows_mut().iter_mut().for_each(|row| row.row_values[2] = f32::NAN);
         }
-        let evaluation = evaluate_flight(&flight, &DEFAULT_OPTIONS);
+        let options = EvaluationOptions { inclination_deg: given_deg, ..DEFAULT_OPTIONS };
+        let evaluation = evaluate_flight(&flight, &options);
         let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
-        let [export] = &verdict.exported_corrections()[..] else { panic!("{:?}", verdict.summary_sentences()) };
-        let warning = export.warnings.iter().find(|text| text.contains("sign of the field"));
-        assert_eq!(warning.is_some(), words.is_some(), "{warning:?}");
-        assert!(words.is_none_or(|words| warning.is_some_and(|text| text.contains(words))), "{warning:?}");
+        match words {
+            Ok(words) => {
+                let [export] = &verdict.exported_corrections()[..] else { panic!("{:?}", verdict.summary_sentences()) };
+                let warning = export.warnings.iter().find(|text| text.contains("sign of the field"));
+                assert_eq!(warning.is_some(), words.is_some(), "{warning:?}");
+                assert!(words.is_none_or(|words| warning.is_some_and(|text| text.contains(words))), "{warning:?}");
+            }
+            Err(words) => {
+                assert!(verdict.exported_corrections().is_empty());
+                let sentences = verdict.summary_sentences();
+                assert!(sentences.iter().any(|sentence| sentence.contains(words)), "{sentences:?}");
+            }
+        }
     }
 }
 

@@ -127,6 +127,8 @@ pub struct FlightEvaluation {
     pub reference: Option<ReferenceHeading>,
     /// Modelled Earth field, and whether the model is valid on that day.
     pub earth_field: Option<(EarthField, bool)>,
+    /// Inclination of the Earth field that the user gave, degrees.
+    pub given_inclination_deg: Option<f64>,
     /// Median interval of the attitudes, seconds.
     pub attitude_interval_s: f64,
 }
@@ -179,6 +181,7 @@ pub fn evaluate_flight(flight: &LoggedFlight, evaluation_options: &EvaluationOpt
         compasses,
         reference,
         earth_field: earth,
+        given_inclination_deg: evaluation_options.inclination_deg,
         attitude_interval_s: flight.attitude.median_step_s().unwrap_or(f64::NAN),
     }
 }

@@ -15,8 +15,13 @@ fn warnings_after(change: FlightChange) -> Vec<String> {
     flight.body_rates.push_row(0.0, [0.0; 3]);
     flight.battery_current.push_row(0.0, [10.0]);
     change(&mut flight);
-    let evaluation =
-        FlightEvaluation { compasses: Vec::new(), reference: None, earth_field: None, attitude_interval_s: 0.1 };
+    let evaluation = FlightEvaluation {
+        compasses: Vec::new(),
+        reference: None,
+        earth_field: None,
+        given_inclination_deg: None,
+        attitude_interval_s: 0.1,
+    };
     LogWarning::warnings_of_flight(&flight, &evaluation).iter().map(ToString::to_string).collect()
 }
 

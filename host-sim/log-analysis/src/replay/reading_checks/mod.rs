@@ -37,7 +37,9 @@ pub fn check_reading(
     let rows: Vec<ReplayRow> = compass.parameter_fit.fitted_rows(&compass.rows).copied().collect();
     let correction = compass.parameter_fit.correction();
     let determined = correction.filter(|_| compass.parameter_fit.solution().is_some_and(is_determined));
-    let inclination = check_inclination(evaluation, &rows, determined.as_ref());
+    let north = north::check_north(flight, evaluation, &rows, determined.as_ref());
+    let is_north_known = !matches!(north, CheckOutcome::Unchecked(_));
+    let inclination = check_inclination(evaluation, &rows, determined.as_ref(), is_north_known);
     // The mirror image of a field, or of roll with repaired rates, fits as a turned sensor: the field as read names the axis.
     let is_turned = compass.parameter_fit.fit.as_ref().is_some_and(|fit| fit.mount.number() != 0);
     let is_repaired = flight.logged_rate_signs.iter().any(|sign| *sign < 0.0);
@@ -52,7 +54,7 @@ pub fn check_reading(
         check(CheckedMeaning::Unit, check_unit(flight, evaluation, compass)),
         check(CheckedMeaning::Inclination, inclination),
         check(CheckedMeaning::Reference, sense::check_reference(evaluation, &rows, correction.as_ref())),
-        check(CheckedMeaning::North, north::check_north(flight, evaluation, &rows, determined.as_ref())),
+        check(CheckedMeaning::North, north),
     ]
 }
 
@@ -155,31 +157,43 @@ fn logged_strength_ut(flight: &LoggedFlight, compass: &CompassEvaluation) -> Opt
     yaw_sectors(flight, &compass.rows).suffice().then(|| median(usable.map(|row| row.logged_ut().norm())))
 }
 
-/// Inclination of the corrected field, against the model.
+/// Inclination of the corrected field, against the model or the one given. A negated field turns like a right one: without
+/// these and without north a field that points up, as on the southern half of the Earth alone, must be confirmed.
 fn check_inclination(
     evaluation: &FlightEvaluation,
     rows: &[ReplayRow],
     correction: Option<&FieldCorrection>,
+    is_north_known: bool,
 ) -> CheckOutcome {
     /// Larger than the error of a fit of full circles and of the model.
     const MAX_DIFFERENCE_DEG: f64 = 20.0;
-    let Some((earth, _)) = &evaluation.earth_field else { return CheckOutcome::unchecked("the log has no place") };
     let Some(correction) = correction else { return CheckOutcome::unchecked("the flight determines no fit") };
     let [down, total] = rows.iter().fold([0.0; 2], |[down, total], row| {
         let field = row.corrected_field(correction);
         [down + row.down_in_body().dot(&field), total + field.norm()]
     });
     let found_deg = libm::asin((down / total).clamp(-1.0, 1.0)).to_degrees();
-    let model_deg = f64::from(earth.inclination_deg);
+    let by_model = evaluation.earth_field.as_ref().map(|(earth, _)| f64::from(earth.inclination_deg));
+    let Some(model_deg) = evaluation.given_inclination_deg.or(by_model) else {
+        return if found_deg >= 0.0 || is_north_known {
+            CheckOutcome::unchecked("the log has no place")
+        } else {
+            CheckOutcome::Failed(format!(
+                "without place and heading nothing confirms that the field points up, which it does on the southern half of \
+                 the Earth alone: if it was flown there, give --inclination {found_deg:.0}"
+            ))
+        };
+    };
+    let source = if evaluation.given_inclination_deg.is_some() { "as given" } else { "by the field model" };
     if (found_deg - model_deg).abs() <= MAX_DIFFERENCE_DEG {
         CheckOutcome::Passed
     } else if (found_deg + model_deg).abs() <= MAX_DIFFERENCE_DEG {
         CheckOutcome::Failed(format!(
-            "the inclination is {found_deg:.0} deg, {model_deg:.0} by the field model: an axis is mirrored, or the whole field negated"
+            "the inclination is {found_deg:.0} deg, {model_deg:.0} {source}: an axis is mirrored, or the whole field negated"
         ))
     } else {
         CheckOutcome::Failed(format!(
-            "the inclination is {found_deg:.0} deg, {model_deg:.0} by the field model: the fit is not that of the Earth's field"
+            "the inclination is {found_deg:.0} deg, {model_deg:.0} {source}: the fit is not that of the Earth's field"
         ))
     }
 }

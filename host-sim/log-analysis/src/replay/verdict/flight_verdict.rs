@@ -159,7 +159,7 @@ fn unconfirmed_sign(compass: &CompassEvaluation, checks: &[ReadingCheck]) -> Opt
     let inclination_deg = solution.calibration.inclination_rad.to_degrees();
     Some(format!(
         "neither a place nor a heading confirms the sign of the field: its inclination is {inclination_deg:+.0} deg, which must \
-         be positive (down) on the northern half of the Earth, negative on the southern"
+         be so where it was flown"
     ))
 }
 
