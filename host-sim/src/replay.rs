@@ -44,8 +44,8 @@ const FIELD_UNITS: &[(&str, FieldUnit)] = &[("mg", FieldUnit::Milligauss), ("ut"
 
 /// Evaluate the compasses of a flight log, and run the module's collection and solver on each.
 ///
-/// Logs of ArduPilot (DataFlash .bin or .log, MAVLink .tlog), of PX4 (.ulg) and tables are recognised by content; `-`
-/// is standard input. The autopilot's own correction is undone, the latency of the logged field is estimated from the
+/// Logs of ArduPilot (DataFlash .bin or .log, MAVLink .tlog), also decoded by mavlogdump, of PX4 (.ulg) and tables are
+/// recognised by content; `-` is standard input. The autopilot's own correction is undone, the latency of the logged field is estimated from the
 /// flight, and headings as logged are compared with the best reference heading in the log. A simulator's true attitude (SIM, SIMSTATE) is used as reference only.
 ///
 /// A table has values separated by comma, semicolon or tab, with column names in the first line: t_s (seconds), mx, my,

@@ -91,6 +91,10 @@ macro_rules! define_enumerations {
                     let (number, rest) = <$number>::read(bytes);
                     (Self(number), rest)
                 }
+
+                fn from_numbers(number_at: &mut dyn FnMut(usize) -> f64) -> Self {
+                    Self(<$number>::from_numbers(number_at))
+                }
             }
 
             define_flags! { $kind $name: $number }

@@ -14,6 +14,9 @@ pub trait Field: Copy {
 
     /// Reads the field at the start of `bytes`, and the rest; zero if they are too few.
     fn read(bytes: &[u8]) -> (Self, &[u8]);
+
+    /// The field of the numbers by index, of which an array and a text have several.
+    fn from_numbers(number_at: &mut dyn FnMut(usize) -> f64) -> Self;
 }
 
 macro_rules! number_fields {
@@ -39,6 +42,10 @@ macro_rules! number_fields {
                         None => (Self::ZERO, &[]),
                     }
                 }
+
+                fn from_numbers(number_at: &mut dyn FnMut(usize) -> f64) -> Self {
+                    number_at(0) as Self
+                }
             }
         )*
     };
@@ -61,6 +68,10 @@ impl<F: Field, const COUNT: usize> Field for [F; COUNT] {
         }
         (elements, rest)
     }
+
+    fn from_numbers(number_at: &mut dyn FnMut(usize) -> f64) -> Self {
+        core::array::from_fn(|index| F::from_numbers(&mut |_| number_at(index)))
+    }
 }
 
 impl<const COUNT: usize> Field for CharArray<COUNT> {
@@ -74,5 +85,9 @@ impl<const COUNT: usize> Field for CharArray<COUNT> {
     fn read(bytes: &[u8]) -> (Self, &[u8]) {
         let (characters, rest) = <[u8; COUNT]>::read(bytes);
         (characters.into(), rest)
+    }
+
+    fn from_numbers(number_at: &mut dyn FnMut(usize) -> f64) -> Self {
+        <[u8; COUNT]>::from_numbers(number_at).into()
     }
 }

@@ -274,6 +274,20 @@ macro_rules! define_messages {
             $($(#[doc = concat!("`", stringify!($name), "`.")] $name($data),)*)*
         }
 
+        impl MavMessage {
+            /// Message with this name, from the numbers of its fields by name and index; zero of a field that is missing.
+            /// `None` of a message that the table does not have.
+            pub fn from_numbers(name: &str, number_at: &mut dyn FnMut(&str, usize) -> f64) -> Option<Self> {
+                match name {
+                    $($($data::NAME => Some(Self::$name($data {
+                        $($field: Field::from_numbers(&mut |index| number_at(stringify!($field), index)),)*
+                        $($($extension: Field::from_numbers(&mut |index| number_at(stringify!($extension), index)),)*)?
+                    })),)*)*
+                    _ => None,
+                }
+            }
+        }
+
         impl Message for MavMessage {
             fn message_id(&self) -> u32 {
                 match self {

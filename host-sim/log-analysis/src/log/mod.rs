@@ -6,6 +6,7 @@
 //! | the same as text | `.log` | a line that begins with `FMT,` |
 //! | PX4 ULog | `.ulg` | its seven magic bytes |
 //! | MAVLink, with or without clock | `.tlog` | frames with valid checksums, each after eight clock bytes or none |
+//! | both, decoded by `mavlogdump` | `.json`, `.txt`, `.csv` | a line that is a message ([`decoded`]) |
 //! | values separated by comma, semicolon or tab | `.csv` | a first line that names `t_s` |
 //!
 //! The format is detected from the content, not the file name. Logs are read as streams: a [`LoggedFlight`] holds at most
@@ -22,6 +23,7 @@ mod correction;
 mod correction_residual;
 pub mod csv;
 mod dataflash;
+mod decoded;
 mod flight;
 mod flight_builder;
 mod heading_integral;
@@ -101,8 +103,8 @@ impl fmt::Display for LogError {
             Self::Io(error) => error.fmt(f),
             Self::Empty => f.write_str("the file is empty"),
             Self::UnknownFormat => f.write_str(
-                "not a known log: ArduPilot DataFlash (.bin, .log), PX4 ULog (.ulg), MAVLink (.tlog), or a table \
-                 whose first line names t_s,mx,my,mz,roll_deg,pitch_deg",
+                "not a known log: ArduPilot DataFlash (.bin, .log), PX4 ULog (.ulg), MAVLink (.tlog), what mavlogdump makes \
+                 of these, or a table whose first line names t_s,mx,my,mz,roll_deg,pitch_deg",
             ),
             Self::UnreadFormat(advice) => f.write_str(advice),
             Self::Csv(error) => error.fmt(f),
@@ -176,6 +178,12 @@ fn read_with_unchecked_rates(
 ) -> Result<LoggedFlight, LogError> {
     let first_bytes = read_first_bytes(source)?;
     let format = detect_format(&first_bytes);
+    if matches!(format, Err(LogError::UnknownFormat))
+        && let Some(format) = decoded::decoded_format(&first_bytes)
+    {
+        let mut source = io::Cursor::new(first_bytes).chain(source);
+        return check_flight(decoded::read_decoded(&mut source, format, system)?, format, system);
+    }
     let mut source = io::Cursor::new(first_bytes.clone()).chain(source);
     if matches!(format, Err(LogError::UnknownFormat))
         && let Some(mut text) = Utf16Text::new(&first_bytes, &mut source)?
@@ -206,6 +214,11 @@ fn read_format(
         LogFormat::TLog => tlog::read_tlog(&mut source, system)?,
         LogFormat::Csv => csv::read_csv(source, unit).map_err(LogError::Csv)?,
     };
+    check_flight(flight, format, system)
+}
+
+/// Whether the flight has what any judgement needs.
+fn check_flight(flight: LoggedFlight, format: LogFormat, system: Option<u8>) -> Result<LoggedFlight, LogError> {
     if let Some(system) = system.filter(|system| flight.autopilot_system_ids.first() != Some(system)) {
         return Err(LogError::SystemNotFound(system, flight.autopilot_system_ids));
     }

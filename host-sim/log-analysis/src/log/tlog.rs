@@ -93,7 +93,7 @@ pub fn read_tlog(source: &mut dyn Read, system: Option<u8>) -> io::Result<Logged
     Ok(log.finish_flight())
 }
 
-struct LogFrame<'a> {
+pub(super) struct LogFrame<'a> {
     /// Receiver's clock, microseconds since 1970; zero if absent.
     received_us: u64,
     version: MavlinkVersion,
@@ -105,6 +105,19 @@ struct LogFrame<'a> {
 }
 
 impl<'a> LogFrame<'a> {
+    /// Frame with a payload of MAVLink 2.
+    pub const fn of_payload(received_us: u64, sender: [u8; 2], message_id: u32, payload: &'a [u8]) -> Self {
+        Self {
+            received_us,
+            version: MavlinkVersion::V2,
+            sender,
+            message_id,
+            is_checksum_valid: true,
+            payload,
+            total_len: payload.len(),
+        }
+    }
+
     /// Parses the frame at the start of `bytes`, after `clock_length` bytes of the receiver's clock.
     fn parse_first_frame(bytes: &'a [u8], clock_length: usize) -> Option<Self> {
         let (received, frame) = bytes.split_at_checked(clock_length)?;
@@ -158,7 +171,7 @@ fn autopilot_of_heartbeat(frame: &LogFrame<'_>) -> Option<u8> {
     is_autopilot.then(|| byte(5))
 }
 
-struct TlogReader {
+pub(super) struct TlogReader {
     builder: FlightBuilder,
     requested_system: Option<u8>,
     /// System and component of the autopilot that is read.
@@ -175,7 +188,7 @@ struct TlogReader {
 }
 
 impl TlogReader {
-    fn new(requested_system: Option<u8>) -> Self {
+    pub fn new(requested_system: Option<u8>) -> Self {
         let builder = FlightBuilder::new(LogFormat::TLog);
         Self {
             builder,
@@ -189,7 +202,7 @@ impl TlogReader {
         }
     }
 
-    fn record_frame(&mut self, frame: &LogFrame<'_>) {
+    pub fn record_frame(&mut self, frame: &LogFrame<'_>) {
         let [system, _] = frame.sender;
         if self.autopilot_ids.is_some_and(|selected| selected != frame.sender)
             || self.requested_system.is_some_and(|requested| requested != system)
@@ -254,7 +267,7 @@ impl TlogReader {
         }
     }
 
-    fn finish_flight(mut self) -> LoggedFlight {
+    pub fn finish_flight(mut self) -> LoggedFlight {
         let id_part = |id_index: usize| self.autopilot_ids.map(|sender| sender[id_index]).into_iter();
         self.builder.flight.autopilot_system_ids = id_part(0).chain(self.other_systems.iter().copied()).collect();
         self.builder.flight.autopilot_component_ids = id_part(1).chain(self.other_components.iter().copied()).collect();

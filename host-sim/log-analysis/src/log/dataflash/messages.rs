@@ -5,7 +5,7 @@ use crate::log::flight_builder::{FieldProcessing, FlightBuilder, MAX_COMPASSES, 
 use crate::log::load::LoadSource;
 
 /// A message with named columns, scaled to degrees and m/s by their format letters.
-pub(super) trait LogMessage {
+pub(in crate::log) trait LogMessage {
     fn numeric_field(&self, name: &str) -> Option<f64>;
     fn has_column(&self, name: &str) -> bool;
     fn is_plain_integer(&self, name: &str) -> bool;
@@ -13,18 +13,18 @@ pub(super) trait LogMessage {
 }
 
 /// Names of the messages that are read.
-pub(super) const MESSAGES_TO_READ: [&str; 24] = [
+pub(in crate::log) const MESSAGES_TO_READ: [&str; 24] = [
     "MAG", "MAG2", "MAG3", "ATT", "IMU", "GPS", "BAT", "CURR", "XKF1", "NKF1", "XKQ", "XKQ1", "NKQ", "NKQ1", "AHR2",
     "PARM", "MSG", "ARM", "EV", "SIM", "VER", "RCOU", "ESC", "CTUN",
 ];
 
-pub(super) fn ardupilot_builder(format: LogFormat) -> FlightBuilder {
+pub(in crate::log) fn ardupilot_builder(format: LogFormat) -> FlightBuilder {
     let mut builder = FlightBuilder::new(format);
     builder.flight.autopilot = AutopilotKind::ArduPilot;
     builder
 }
 
-pub(super) fn record_message(builder: &mut FlightBuilder, name: &str, message: &dyn LogMessage) {
+pub(in crate::log) fn record_message(builder: &mut FlightBuilder, name: &str, message: &dyn LogMessage) {
     if name == "PARM" {
         if let (Some(name), Some(value)) = (message.text_field("Name"), message.numeric_field("Value")) {
             builder.set_parameter(&name, value);

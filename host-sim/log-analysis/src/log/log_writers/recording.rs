@@ -93,7 +93,11 @@ impl FlightRecording {
 
     /// ArduPilot's logged field of a compass numbered from 1, and the motor-current compensation in it, microtesla;
     /// independent of the reader's code.
-    pub(super) fn ardupilot_field_ut(&self, sample: &FlightSample, compass_number: usize) -> ([f64; 3], [f64; 3]) {
+    pub(in crate::log) fn ardupilot_field_ut(
+        &self,
+        sample: &FlightSample,
+        compass_number: usize,
+    ) -> ([f64; 3], [f64; 3]) {
         let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
         let vector_parameters = |vector_name: &str| {
             ["X", "Y", "Z"].map(|axis| self.parameter_value(&format!("COMPASS_{vector_name}{index}_{axis}")))

@@ -30,7 +30,8 @@ fn random_damage(random: &mut Random, log_bytes: &[u8]) -> Vec<u8> {
 
 /// Reads random inputs of each format and builds rows from those accepted.
 fn fuzz_readers(input_count: usize) {
-    for (format, bytes, _) in log_in_each_format() {
+    let logs = log_in_each_format().map(|(format, bytes, _)| (format, bytes)).into_iter();
+    for (format, bytes) in logs.chain(decoded::logs_in_each_syntax().map(|bytes| (LogFormat::TLog, bytes))) {
         let mut random = Random(1);
         let mut accepted_count = 0;
         for _ in 0..input_count {

@@ -1,6 +1,7 @@
 //! Tests of the readers with one flight in every format, intact and damaged.
 
 mod ardupilot;
+mod decoded;
 mod hostile;
 mod link;
 mod px4;

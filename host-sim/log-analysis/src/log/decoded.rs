@@ -1,0 +1,221 @@
+//! Logs that `mavlogdump` of pymavlink has decoded: a message a line, of MAVLink or of DataFlash.
+//!
+//! | output of | a line |
+//! |---|---|
+//! | `mavlogdump.py --format json LOG` | `{"meta": {"type": "ATT", "timestamp": 1.5}, "data": {"TimeUS": 1500000, ...}}` |
+//! | `mavlogdump.py LOG` | `2026-11-27 10:00:01.50: ATT {TimeUS : 1500000, Roll : 0.1, ...}` |
+//! | `mavlogdump.py --format csv --types ATTITUDE,RAW_IMU,HEARTBEAT LOG.tlog` | `1.5,0.1,,` below `timestamp,ATTITUDE.roll,RAW_IMU.xmag,...` |
+//!
+//! Each message goes to the reader of its format.
+
+use std::io::{self, Read};
+
+use mavlink_dialect::{MavMessage, MavlinkVersion, Message as _};
+use serde_json::{Map, Value};
+
+use super::dataflash::{LogMessage, MESSAGES_TO_READ, ardupilot_builder, record_message};
+use super::flight::{LogFormat, LoggedFlight};
+use super::read_window::ReadWindow;
+use super::tlog::{LogFrame, TlogReader};
+
+/// Sender of messages whose source is not told (without `--show-source`).
+const UNTOLD_SENDER: [u8; 2] = [1, 1];
+
+/// A decoded message.
+struct DecodedMessage<'a> {
+    name: &'a str,
+    /// Time of reception, microseconds of any epoch.
+    received_us: u64,
+    sender: [u8; 2],
+    fields: Map<String, Value>,
+}
+
+/// Format of the log that was decoded, by its first bytes; `None` if no line of them is a message.
+pub fn decoded_format(first_bytes: &[u8]) -> Option<LogFormat> {
+    let text = String::from_utf8_lossy(first_bytes);
+    let mut columns = None;
+    text.lines()
+        .take(100)
+        .find_map(|line| with_message(line, &mut columns, |message| format_of(message.name)).flatten())
+}
+
+fn format_of(name: &str) -> Option<LogFormat> {
+    if MavMessage::message_id_from_name(name).is_some() {
+        Some(LogFormat::TLog)
+    } else {
+        // Every DataFlash log has these first.
+        (MESSAGES_TO_READ.contains(&name) || matches!(name, "FMT" | "FMTU" | "UNIT" | "MULT"))
+            .then_some(LogFormat::DataFlashText)
+    }
+}
+
+/// Reads a flight of the decoded format.
+///
+/// # Errors
+///
+/// The source cannot be read.
+pub fn read_decoded(source: &mut dyn Read, format: LogFormat, system: Option<u8>) -> io::Result<LoggedFlight> {
+    let mut window = ReadWindow::new(source);
+    let mut columns = None;
+    if format == LogFormat::TLog {
+        let mut log = TlogReader::new(system);
+        while let Some(line) = window.next_line()? {
+            let _ = with_message(&line, &mut columns, |message| record_mavlink(&mut log, &message));
+        }
+        return Ok(log.finish_flight());
+    }
+    let mut builder = ardupilot_builder(format);
+    while let Some(line) = window.next_line()? {
+        let is_message = with_message(&line, &mut columns, |DecodedMessage { name, fields, .. }| {
+            if MESSAGES_TO_READ.contains(&name) {
+                record_message(&mut builder, name, &FieldsByName(fields));
+            }
+        });
+        builder.flight.skipped_counts.garbage += u64::from(is_message.is_none() && !line.is_empty());
+    }
+    Ok(builder.finish_flight())
+}
+
+fn record_mavlink(log: &mut TlogReader, message: &DecodedMessage<'_>) {
+    let number_at = &mut |field: &str, index: usize| {
+        let value = message.fields.get(if field == "mavtype" { "type" } else { field });
+        match value {
+            Some(Value::String(text)) => text.as_bytes().get(index).map(|byte| f64::from(*byte)),
+            Some(Value::Array(numbers)) => numbers.get(index).and_then(Value::as_f64),
+            Some(Value::Null) => Some(f64::NAN),
+            Some(number) => number.as_f64(),
+            None => None,
+        }
+        .unwrap_or(0.0)
+    };
+    let Some(decoded) = MavMessage::from_numbers(message.name, number_at) else { return };
+    let mut payload = [0; 255];
+    let length = decoded.ser(MavlinkVersion::V2, &mut payload);
+    log.record_frame(&LogFrame::of_payload(
+        message.received_us,
+        message.sender,
+        decoded.message_id(),
+        &payload[..length],
+    ));
+}
+
+/// Passes the message of a line on; `None` if the line is none. `columns` are those of a table, by its first line.
+fn with_message<T>(
+    line: &str,
+    columns: &mut Option<Vec<String>>,
+    process: impl FnOnce(DecodedMessage<'_>) -> T,
+) -> Option<T> {
+    if line.starts_with('{') {
+        return parse_json(line).map(|(name, received_us, sender, fields)| {
+            process(DecodedMessage { name: &name, received_us, sender, fields })
+        });
+    }
+    if let Some(rest) = line.strip_prefix("timestamp,") {
+        *columns = rest.contains('.').then(|| rest.split(',').map(str::to_owned).collect());
+        return None;
+    }
+    if let Some(columns) = columns {
+        return parse_row(line, columns).map(process);
+    }
+    parse_text(line).map(process)
+}
+
+/// Fields of a DataFlash message, which `mavlogdump` has scaled.
+struct FieldsByName(Map<String, Value>);
+
+impl LogMessage for FieldsByName {
+    fn numeric_field(&self, name: &str) -> Option<f64> {
+        self.0.get(name)?.as_f64()
+    }
+
+    fn has_column(&self, name: &str) -> bool {
+        self.0.contains_key(name)
+    }
+
+    fn is_plain_integer(&self, name: &str) -> bool {
+        self.0.get(name).is_some_and(Value::is_i64)
+    }
+
+    fn text_field(&self, name: &str) -> Option<String> {
+        self.0.get(name)?.as_str().map(str::to_owned)
+    }
+}
+
+type NamedFields = (String, u64, [u8; 2], Map<String, Value>);
+
+fn parse_json(line: &str) -> Option<NamedFields> {
+    let parse = |text: &str| serde_json::from_str::<Value>(text).ok();
+    // Python writes numbers that JSON does not have.
+    let mut message = parse(line).or_else(|| parse(&line.replace("NaN", "null").replace("-Infinity", "null")))?;
+    let meta = message.get("meta")?;
+    let name = meta.get("type")?.as_str()?.to_owned();
+    let id = |key: &str, untold: u8| meta.get(key).and_then(Value::as_u64).map_or(untold, |id| id as u8);
+    let sender = [id("srcSystem", UNTOLD_SENDER[0]), id("srcComponent", UNTOLD_SENDER[1])];
+    let received_us = meta.get("timestamp").and_then(Value::as_f64).map_or(0, |stamp_s| (stamp_s * 1e6) as u64);
+    let Value::Object(fields) = message.get_mut("data")?.take() else { return None };
+    Some((name, received_us, sender, fields))
+}
+
+/// A line such as `2026-11-27 10:00:01.50: ATT {TimeUS : 1500000, Roll : 0.1} srcSystem=1 srcComponent=1`.
+fn parse_text(line: &str) -> Option<DecodedMessage<'_>> {
+    let (stamp, rest) = line.split_once(": ")?;
+    let (name, rest) = rest.split_once(" {")?;
+    let (fields, source) = rest.rsplit_once('}')?;
+    let id = |key: &str| source.split_ascii_whitespace().find_map(|word| word.strip_prefix(key)?.parse().ok());
+    let sender = match [id("srcSystem="), id("srcComponent=")] {
+        [Some(system), Some(component)] => [system, component],
+        _ => UNTOLD_SENDER,
+    };
+    Some(DecodedMessage { name, received_us: stamp_us(stamp)?, sender, fields: parse_fields(fields) })
+}
+
+/// Microseconds of `2026-11-27 10:00:01.50`, whose months count 31 days: only differences of seconds matter.
+fn stamp_us(stamp: &str) -> Option<u64> {
+    let mut numbers =
+        stamp.split(['-', ' ', ':', '.']).map(|number| number.parse::<u64>().ok().filter(|n| *n < 10_000));
+    let mut next = || numbers.next().flatten();
+    let [year, month, day, hour, minute, second, hundredth] =
+        [next()?, next()?, next()?, next()?, next()?, next()?, next()?];
+    let seconds = (((year * 12 + month) * 31 + day) * 24 + hour) * 3600 + minute * 60 + second;
+    Some((seconds * 100 + hundredth) * 10_000)
+}
+
+/// Fields `name : value, name : value`; a text may contain commas.
+fn parse_fields(text: &str) -> Map<String, Value> {
+    let mut pairs: Vec<(&str, String)> = Vec::new();
+    for part in text.split(", ") {
+        match (part.split_once(" : "), pairs.last_mut()) {
+            (Some((name, value)), _) => pairs.push((name, value.to_owned())),
+            (None, Some((_, value))) => {
+                value.push_str(", ");
+                value.push_str(part);
+            }
+            (None, None) => {}
+        }
+    }
+    pairs.into_iter().map(|(name, value)| (name.to_owned(), parse_value(&value))).collect()
+}
+
+/// A number (null if it is none), or an array of numbers; else a text.
+fn parse_value(value: &str) -> Value {
+    if value.eq_ignore_ascii_case("nan") {
+        return Value::Null;
+    }
+    let parsed = value.starts_with(|first: char| first == '-' || first == '[' || first.is_ascii_digit());
+    let parsed = parsed.then(|| serde_json::from_str(value).ok()).flatten();
+    parsed.unwrap_or_else(|| Value::String(value.to_owned()))
+}
+
+/// A row of a table that has the columns of one message filled.
+fn parse_row<'a>(line: &str, columns: &'a [String]) -> Option<DecodedMessage<'a>> {
+    let mut values = line.split(',');
+    let received_us = (values.next()?.parse::<f64>().ok()? * 1e6) as u64;
+    let mut name = None;
+    let mut fields = Map::new();
+    for (column, value) in columns.iter().zip(values).filter(|(_, value)| !value.is_empty()) {
+        let (message, field) = column.split_once('.')?;
+        fields.insert(field.to_owned(), parse_value(value));
+        name = Some(message);
+    }
+    Some(DecodedMessage { name: name?, received_us, sender: UNTOLD_SENDER, fields })
+}
