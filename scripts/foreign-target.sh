@@ -1,8 +1,7 @@
-# Sourced by scripts that compile for another target than this computer. Two ways, the first that is there:
-#   1. rustup with the target:  rustup target add TARGET
-#   2. without that target, for example offline: Debian's packages cargo-web, rustc-web and rust-web-src compile the standard
-#      library from source.
-# rustup fetches nothing: only files on the disk are checked.
+# Sourced by scripts that compile for another target than this computer. Three ways, the first that is there:
+#   1. rustup with the target
+#   2. Debian's packages cargo-web, rustc-web, rust-web-src and lld, which compile the standard library from source
+#   3. rustup without the target, which it then fetches
 
 has_rustup_target() {
     command -v rustc >/dev/null &&
@@ -30,9 +29,11 @@ choose_cargo() {
         # Its own directory under target/: two compilers in one would rebuild each other's work.
         cargo=(env "$wrapper" CARGO_TARGET_DIR="$folder/build-std" RUSTC=/usr/bin/rustc RUSTC_BOOTSTRAP=1 /usr/bin/cargo)
         target_options+=("-Zbuild-std=$2")
+    elif command -v rustup >/dev/null && rustup target add "$1"; then
+        choose_cargo "$@"
     else
-        echo "no compiler for $1. With rustup:  rustup target add $1
-On Debian:  apt-get install cargo-web rustc-web rust-web-src" >&2
+        echo "no compiler for $1. Install rustup (https://rustup.rs), or on Debian:
+apt-get update && apt-get install cargo-web rustc-web rust-web-src lld" >&2
         return 1
     fi
 }
@@ -46,7 +47,7 @@ find_lld() {
         done
     fi
     for lld in "$1" rust-lld; do command -v "$lld" && return; done
-    echo "no linker: neither rust-lld nor $1 is installed" >&2
+    echo "no linker: neither rust-lld nor $1 is installed; on Debian: apt-get update && apt-get install lld" >&2
     return 1
 }
 

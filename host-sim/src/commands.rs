@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{Args, ColorChoice, CommandFactory as _, Parser, Subcommand};
 
 use crate::command_failure::CommandFailure;
 use crate::termination::TerminationSignals;
@@ -15,19 +15,47 @@ pub const VERSION: &str = match option_env!("AUTOSWING_VERSION") {
     None => env!("CARGO_PKG_VERSION"),
 };
 
-/// Fly the firmware of the Autoswing heading module in a simulated aircraft, or judge the compasses of a log.
+const EXAMPLES: &str = "Examples:
+  host-sim replay flight.bin                         judge a log's compasses
+  host-sim replay flight.bin --params compass.param  write parameters to load
+  host-sim replay flight.bin --report flight.html    draw charts
+  host-sim fly                                       fly a simulated aircraft
+  host-sim help replay                               all options of a command";
+
+/// Judge the compasses of flight logs, and fly the Autoswing module in simulation.
 ///
-/// Everything runs in virtual time and depends on the seed only: the same command prints the same bytes. Exit codes: 0
-/// calibrated, 1 the module refused, 2 wrong command; 130 ended by Ctrl-C, 141 the reader closed the pipe. docs/json.md
+/// Everything runs in virtual time and depends on the log or the seed only: the same command prints the same bytes. Exit
+/// codes: 0 good or calibrated, 1 not, 2 wrong command; 130 ended by Ctrl-C, 141 the reader closed the pipe. docs/json.md
 /// describes the output of --json. The program `lab` serves the module to other programs, emulates its firmware, and
 /// measures: docs/simulator.md.
 #[derive(Debug, Parser)]
-#[command(name = "host-sim", version = VERSION, about, long_about, args_conflicts_with_subcommands = true, max_term_width = print::MAX_OUTPUT_COLUMNS)]
+#[command(name = "host-sim", version = VERSION, after_help = EXAMPLES, max_term_width = print::MAX_OUTPUT_COLUMNS)]
 pub struct Cli {
     #[command(subcommand)]
     command: Option<CliCommand>,
     #[command(flatten)]
-    pub(crate) fly: fly::FlyOptions,
+    color: ColorOption,
+}
+
+// A doc comment here would replace that of the program.
+#[expect(missing_docs, reason = "a doc comment would replace the program's help")]
+#[derive(Clone, Copy, Debug, Args)]
+pub struct ColorOption {
+    /// Colour of the output: auto, always or never
+    #[arg(long, global = true, default_value = "auto", value_name = "WHEN", hide_possible_values = true)]
+    color: ColorChoice,
+}
+
+impl ColorOption {
+    /// Applies the choice to all later output.
+    pub fn apply(self) {
+        let choice = match self.color {
+            ColorChoice::Auto => anstream::ColorChoice::Auto,
+            ColorChoice::Always => anstream::ColorChoice::Always,
+            ColorChoice::Never => anstream::ColorChoice::Never,
+        };
+        choice.write_global();
+    }
 }
 
 // No doc comments on these variants: they would replace the commands' own long help.
@@ -35,9 +63,9 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 pub enum CliCommand {
     #[expect(missing_docs, reason = "a doc comment would replace the command's long help")]
-    Fly(fly::FlyOptions),
-    #[expect(missing_docs, reason = "a doc comment would replace the command's long help")]
     Replay(replay::ReplayArguments),
+    #[expect(missing_docs, reason = "a doc comment would replace the command's long help")]
+    Fly(fly::FlyOptions),
 }
 
 impl CliCommand {
@@ -61,7 +89,11 @@ impl CliCommand {
 #[must_use]
 pub fn run_program() -> ExitCode {
     let cli: Cli = parse_command_line();
-    let command = cli.command.unwrap_or(CliCommand::Fly(cli.fly));
+    cli.color.apply();
+    let Some(command) = cli.command else {
+        print::print_text(&Cli::command().render_help().ansi().to_string());
+        return print::final_exit_code(ExitCode::SUCCESS);
+    };
     final_exit_code(TerminationSignals::install_immediate_exit().and_then(|()| command.execute()))
 }
 
@@ -90,3 +122,17 @@ pub fn final_exit_code(result: Result<ExitCode, CommandFailure>) -> ExitCode {
 #[cfg(test)]
 #[path = "help_tests.rs"]
 mod help_tests;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What the program prints without a command.
+    #[test]
+    fn the_short_help_fits_a_screen_and_begins_with_replay() {
+        let help = Cli::command().render_help().to_string();
+        assert!(help.lines().count() < 24, "{help}");
+        let [replay, fly] = ["  replay", "  fly"].map(|command| help.find(command));
+        assert!(replay < fly && help.contains("host-sim fly"), "{help}");
+    }
+}

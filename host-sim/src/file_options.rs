@@ -51,7 +51,7 @@ pub fn named_world(name: &str, seed: u64) -> Result<WorldConfig, CommandFailure>
 const NON_REPORT_EXTENSIONS: [&str; 10] = ["pdf", "png", "jpg", "json", "csv", "txt", "md", "xml", "param", "docx"];
 
 /// Writes the page to a file (`index.html` if `path` is a folder), or the before-and-after picture to a `.svg` file.
-/// Creates folders and returns the file's path. Equal reports give equal bytes.
+/// Creates the last folder of the path and returns the file's path. Equal reports give equal bytes.
 ///
 /// # Errors
 ///
@@ -67,8 +67,8 @@ pub fn write_report_file(report: &Report, path: &Path) -> io::Result<PathBuf> {
         return Err(io::Error::new(io::ErrorKind::InvalidInput, "a report is .html or .svg"));
     }
     let file = if is_file { path.to_owned() } else { path.join("index.html") };
-    if let Some(folder) = file.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        fs::create_dir_all(folder)?;
+    if let Some(folder) = file.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
+        fs::create_dir(folder).map_err(|error| io::Error::new(error.kind(), missing_folder(folder, &error)))?;
     }
     fs::write(
         &file,
@@ -81,6 +81,14 @@ pub fn write_report_file(report: &Report, path: &Path) -> io::Result<PathBuf> {
     Ok(file)
 }
 
+/// Why a folder was not created: its own parent is missing.
+fn missing_folder(folder: &Path, error: &io::Error) -> String {
+    match folder.parent().filter(|parent| !parent.as_os_str().is_empty() && !parent.is_dir()) {
+        Some(parent) => format!("the folder {} does not exist", parent.display()),
+        None => error.to_string(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -90,9 +98,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let report = Report::default();
         let write_report_at = |name: &str| write_report_file(&report, &folder.path().join(name)).unwrap();
-        assert_eq!(write_report_at("new/folder"), folder.path().join("new/folder/index.html"));
+        assert_eq!(write_report_at("new"), folder.path().join("new/index.html"));
         assert_eq!(write_report_at("page.HTML"), folder.path().join("page.HTML"));
-        assert_eq!(write_report_at("deep/er/page.html"), folder.path().join("deep/er/page.html"));
+        assert_eq!(write_report_at("deep/page.html"), folder.path().join("deep/page.html"));
+        let missing = write_report_file(&report, &folder.path().join("none/of/these/page.html")).unwrap_err();
+        assert!(missing.to_string().ends_with("none/of does not exist"), "{missing}");
+        assert!(!folder.path().join("none").exists());
         fs::create_dir(folder.path().join("odd.html")).unwrap();
         assert_eq!(write_report_at("odd.html"), folder.path().join("odd.html/index.html"));
         let pdf = folder.path().join("page.pdf");

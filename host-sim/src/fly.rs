@@ -26,13 +26,14 @@ use crate::file_options::named_world;
 use crate::option_parsers::{SENSOR_NAMES, integer_in_range, named_value, number_in_range};
 use crate::print::{self, append_wrapped, command_line, content_width_table, right_aligned, write_report};
 
-/// Take off uncalibrated, fly the calibration routine, restart, and fly on with the calibrated heading (the default).
+/// Fly a simulated aircraft that calibrates the module.
 ///
+/// It takes off uncalibrated, flies the calibration routine, restarts, and flies on with the calibrated heading.
 /// The routine is flown or driven as by hand; those of all vehicles are listed below. The table compares heading errors
 /// before and after the calibration at twelve headings in level flight and in turns, with exact field and true
 /// attitude. The error of the headings streamed in flight, with noise and latency, is listed separately.
 #[derive(Debug, Args)]
-#[command(after_long_help = format!("Routines, none longer than three minutes; each ends automatically; `cal solve` ends it with the samples collected so far:\n\n{}", simulator::routine::all_instructions()))]
+#[command(after_help = EXAMPLES, after_long_help = format!("{EXAMPLES}\n\nRoutines, none longer than three minutes; each ends automatically; `cal solve` ends it with the samples collected so far:\n\n{}", simulator::routine::all_instructions()))]
 pub struct FlyOptions {
     /// Seed of weather, ground, waves, noise and, for `random`, of airframe and place, 0 to 18446744073709551615
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer_in_range(0, u64::MAX))]
@@ -76,6 +77,11 @@ pub struct FlyOptions {
     #[arg(long)]
     console: bool,
 }
+
+const EXAMPLES: &str = "Examples:
+  host-sim fly                                      a page in report/index.html
+  host-sim fly --aircraft copter --seed 3           another vehicle, other weather
+  host-sim fly --record flight.ulg                  a log to replay";
 
 const DEFAULT_AIRFRAME: &str = "table1";
 
@@ -172,7 +178,7 @@ fn report_origin(options: &FlyOptions) -> ReportOrigin {
         settings.push(setting("motor-current interference", format!("{} uT{reported}", options.current)));
     }
     settings.push(setting("turns", format!("{} circles each way, {} deg of bank", options.circles, options.bank)));
-    ReportOrigin { command_line: command_line(), settings, ..ReportOrigin::default() }
+    ReportOrigin { command_line: command_line(), settings }
 }
 
 fn write_log(path: &Path, recording: &FlightRecording) -> Result<(), CommandFailure> {
@@ -300,11 +306,16 @@ mod tests {
     use clap::Parser as _;
 
     use super::*;
-    use crate::commands::Cli;
+
+    #[derive(Debug, clap::Parser)]
+    struct FlyCommand {
+        #[command(flatten)]
+        fly: FlyOptions,
+    }
 
     fn world_of_arguments(arguments: &[&str]) -> Result<WorldConfig, String> {
-        let cli = Cli::try_parse_from(std::iter::once("host-sim").chain(arguments.iter().copied()));
-        cli.map_err(|error| error.to_string())?.fly.world_config().map_err(|CommandFailure(message)| message)
+        let command = FlyCommand::try_parse_from(std::iter::once("fly").chain(arguments.iter().copied()));
+        command.map_err(|error| error.to_string())?.fly.world_config().map_err(|CommandFailure(message)| message)
     }
 
     #[test]

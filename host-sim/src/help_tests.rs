@@ -110,6 +110,18 @@ fn paths_in_the_help_exist_in_the_repository() {
     assert!(path_count > 0);
 }
 
+#[test]
+fn every_command_has_an_example_in_its_help() {
+    for (name, mut command) in commands().into_iter().filter(|(_, command)| !command.has_subcommands()) {
+        for help in [command.render_help(), command.render_long_help()].map(|help| help.to_string()) {
+            let words = name.join(" ");
+            let program = if ["replay", "fly"].contains(&words.as_str()) { "host-sim" } else { "lab" };
+            let example = help.split_once("Example").map_or("", |(_, example)| example);
+            assert!(example.contains(&format!(" {program} {words}")), "{words}: {help}");
+        }
+    }
+}
+
 /// A doc comment on a variant of `CliCommand` would replace the command's long help.
 #[test]
 fn every_command_has_its_full_long_help() {

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`commands`] | the commands and their exit codes |
 //! | [`fly`], [`replay`], [`several_logs`] | each command |
+//! | [`verdict_text`], [`heading_file`] | the verdict as text, headings as a table |
 //! | [`file_options`], [`option_parsers`] | files and values of options |
 //! | [`print`](mod@print), [`progress`] | output |
 //! | [`command_failure`], [`termination`] | how a command ends before its end |
@@ -18,9 +19,11 @@ pub mod command_failure;
 pub mod commands;
 pub mod file_options;
 pub mod fly;
+pub mod heading_file;
 pub mod option_parsers;
 pub mod print;
 pub mod progress;
 pub mod replay;
 pub mod several_logs;
 pub mod termination;
+pub mod verdict_text;

@@ -5,8 +5,10 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::sync::OnceLock;
 
+use anstyle::{AnsiColor, Style};
 use comfy_table::{Cell, CellAlignment, ContentArrangement, Table, presets};
 use log_analysis::numbers::round_all_numbers;
+use log_analysis::replay::verdict::CompassState;
 use log_analysis::report::Report;
 use serde::Serialize;
 use terminal_size::terminal_size_of;
@@ -34,19 +36,36 @@ pub fn output_width() -> usize {
     })
 }
 
-/// Prints text, or drops it once the output has failed, so that clean-up still takes place.
+/// Prints text, or drops it once the output has failed, so that clean-up still takes place. Styles are removed where the
+/// output has none: in files and pipes, with NO_COLOR, and with `--color never`.
 pub fn print_text(text: &str) {
-    print_bytes(text.as_bytes());
+    write_unless_failed(anstream::stdout().lock(), text.as_bytes());
 }
 
-/// Prints bytes, as [`print_text`] does.
+/// Prints bytes unchanged, or drops them once the output has failed.
 pub fn print_bytes(bytes: &[u8]) {
-    if !has_output_failed() {
-        let mut stdout = io::stdout().lock();
-        if let Err(error) = stdout.write_all(bytes).and_then(|()| stdout.flush()) {
-            let _ = FIRST_WRITE_ERROR.set(error);
-        }
+    write_unless_failed(io::stdout().lock(), bytes);
+}
+
+fn write_unless_failed(mut stdout: impl io::Write, bytes: &[u8]) {
+    if has_output_failed() {
+        return;
     }
+    if let Err(error) = stdout.write_all(bytes).and_then(|()| stdout.flush()) {
+        let _ = FIRST_WRITE_ERROR.set(error);
+    }
+}
+
+/// The state of a compass in capitals, bold in its colour.
+#[must_use]
+pub fn styled_state(state: CompassState) -> String {
+    let color = match state {
+        CompassState::Good => AnsiColor::Green,
+        CompassState::Bad => AnsiColor::Red,
+        CompassState::Fair | CompassState::Unjudged => AnsiColor::Yellow,
+    };
+    let style = Style::new().bold().fg_color(Some(color.into()));
+    format!("{style}{}{style:#}", state.to_string().to_uppercase())
 }
 
 /// Prints a line, as [`print_text`] does.
@@ -136,12 +155,16 @@ pub fn program_name() -> String {
 /// The command line, quoted for a shell, with the program's bare name.
 #[must_use]
 pub fn command_line() -> String {
-    let quoted_words = std::env::args().skip(1).map(|word| {
-        let is_plain = |character: char| character.is_ascii_alphanumeric() || "-_./=,:+@%".contains(character);
-        let is_word = !word.is_empty() && word.chars().all(is_plain);
-        if is_word { word } else { format!("'{}'", word.replace('\'', "'\\''")) }
-    });
+    let quoted_words = std::env::args().skip(1).map(|word| quoted_word(&word));
     std::iter::once(program_name()).chain(quoted_words).collect::<Vec<_>>().join(" ")
+}
+
+/// A word of a command line, quoted for a shell where it needs to be.
+#[must_use]
+pub fn quoted_word(word: &str) -> String {
+    let is_plain = |character: char| character.is_ascii_alphanumeric() || "-_./=,:+@%".contains(character);
+    let is_word = !word.is_empty() && word.chars().all(is_plain);
+    if is_word { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
 }
 
 /// A cell of a table, aligned to the right.

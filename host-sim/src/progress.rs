@@ -22,7 +22,7 @@ pub fn clear_progress_line() {
 #[must_use]
 pub fn progress_bar(label: &str, total: u64) -> ProgressBar {
     let bar = ProgressBar::new(total);
-    if let Ok(style) = ProgressStyle::with_template(&format!("{label} {{bar:40}} {{pos}}/{{len}} {{eta}}")) {
+    if let Ok(style) = ProgressStyle::with_template(&format!("{label} {{bar:40}} {{pos}} of {{len}} {{eta}}")) {
         bar.set_style(style);
     }
     bar.tick();

@@ -1,17 +1,17 @@
-//! `host-sim replay` of several logs: one line each, the worst first.
+//! `host-sim replay` of several logs: one line each, the worst first; on a terminal a short row as soon as it is known.
 
 use std::io::{IsTerminal as _, stdout};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use log_analysis::replay::parameter_export::ParameterFormat;
-use log_analysis::replay::verdict::{CompassState, Verdict};
+use log_analysis::replay::verdict::{CompassAction, CompassState, Verdict};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use crate::command_failure::CommandFailure;
-use crate::print::{self, append_wrapped};
-use crate::progress::show_spinner;
+use crate::print;
+use crate::progress::progress_bar;
 use crate::replay::{ReplayArguments, evaluate_log, read_flight};
 
 /// Names of logs in a folder end in one of these.
@@ -23,6 +23,8 @@ struct LogLine {
     rank: (u8, u64),
     exit_code: u8,
     verdict_text: String,
+    /// State, error as logged, action and name.
+    table_row: String,
     json: Value,
 }
 
@@ -36,28 +38,29 @@ pub fn replay_several_logs(options: &ReplayArguments) -> Result<ExitCode, Comman
         return Err(CommandFailure("--params, --params-for, --out and --report take one log".to_owned()));
     }
     let logs = expand_folders(&options.files)?;
-    let bar = show_spinner("evaluating the logs");
-    let mut lines: Vec<LogLine> = logs.par_iter().map(|log| judge_log(log, options)).collect();
+    let is_table_shown = stdout().is_terminal() && !options.json;
+    let bar = progress_bar("logs", logs.len() as u64);
+    let mut lines: Vec<LogLine> = logs
+        .par_iter()
+        .map(|log| {
+            let line = judge_log(log, options);
+            bar.inc(1);
+            if is_table_shown {
+                bar.suspend(|| print::print_text(&line.table_row));
+            }
+            line
+        })
+        .collect();
     bar.finish_and_clear();
     lines.sort_by(|a, b| b.rank.cmp(&a.rank).then_with(|| a.verdict_text.cmp(&b.verdict_text)));
-    for line in &lines {
+    for line in lines.iter().filter(|_| !is_table_shown) {
         if options.json {
             print::print_line(&line.json);
         } else {
-            print::print_text(&format_verdict_line(&line.verdict_text, stdout().is_terminal()));
+            print::print_line(&line.verdict_text);
         }
     }
     Ok(ExitCode::from(lines.iter().map(|line| line.exit_code).max().unwrap_or(2)))
-}
-
-/// The line of a log: wrapped on a terminal, whole in a file or pipe, for `grep` and `sort`.
-fn format_verdict_line(verdict_text: &str, is_terminal: bool) -> String {
-    if !is_terminal {
-        return format!("{verdict_text}\n");
-    }
-    let mut wrapped = String::new();
-    append_wrapped(&mut wrapped, "", verdict_text);
-    wrapped
 }
 
 /// Paths of the given log files, and of the logs in the given folders sorted by name.
@@ -93,27 +96,45 @@ pub fn is_log(path: &Path) -> bool {
 fn judge_log(log: &Path, options: &ReplayArguments) -> LogLine {
     let name = log.display().to_string();
     let judgement = read_flight(log, options).and_then(|flight| {
-        let evaluation = evaluate_log(log, &flight, options)?;
+        let evaluation = evaluate_log(&flight, options)?;
         let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::for_autopilot(flight.autopilot));
-        let mut json = verdict.json();
-        json["file"] = json!(name);
-        let in_use = verdict.compasses_in_use_first();
-        let accuracy = in_use.first().and_then(|compass| compass.judgement.logged_accuracy);
-        let state = verdict.state_of_compass_in_use();
-        let sentences = verdict.summary_sentences().join(" ");
-        Ok(LogLine {
-            rank: (state_rank(state), accuracy.map_or(0, |accuracy| (accuracy.rms_deg * 1e3) as u64)),
-            exit_code: u8::from(!verdict.is_good_or_correctable()),
-            verdict_text: format!("{}: {name}: {sentences}", state.to_string().to_uppercase()),
-            json,
-        })
+        Ok(judged_line(&name, &verdict))
     });
-    judgement.unwrap_or_else(|CommandFailure(why)| LogLine {
-        rank: (u8::MAX, 0),
-        exit_code: 2,
-        verdict_text: format!("UNREADABLE: {why}"),
-        json: json!({ "file": name, "error": why }),
+    judgement.unwrap_or_else(|error| {
+        let why = error.text_for_log(&name);
+        LogLine {
+            rank: (u8::MAX, 0),
+            exit_code: 2,
+            verdict_text: format!("UNREADABLE: {why}"),
+            table_row: format!("{UNREADABLE:<11} {why}\n"),
+            json: json!({ "file": name, "code": error.stable_code(), "error": why }),
+        }
     })
+}
+
+const UNREADABLE: &str = "UNREADABLE";
+
+fn judged_line(name: &str, verdict: &Verdict<'_>) -> LogLine {
+    let mut json = verdict.json();
+    json["file"] = json!(name);
+    let in_use = verdict.compasses_in_use_first();
+    let judgement = in_use.first().map(|compass| &compass.judgement);
+    let rms_deg = judgement.and_then(|judgement| judgement.logged_accuracy).map(|accuracy| accuracy.rms_deg);
+    let state = verdict.state_of_compass_in_use();
+    let action = judgement.map_or("", |judgement| action_words(judgement.recommended_action));
+    let error = rms_deg.map_or_else(|| "-".to_owned(), |rms_deg| format!("{rms_deg:.1} deg"));
+    let padding = " ".repeat(UNREADABLE.len().saturating_sub(state.to_string().len()));
+    LogLine {
+        rank: (state_rank(state), rms_deg.map_or(0, |rms_deg| (rms_deg * 1e3) as u64)),
+        exit_code: u8::from(!verdict.is_good_or_correctable()),
+        verdict_text: format!(
+            "{}: {name}: {}",
+            state.to_string().to_uppercase(),
+            verdict.summary_sentences().join(" ")
+        ),
+        table_row: format!("{}{padding} {error:>9}  {action:<15}  {name}\n", print::styled_state(state)),
+        json,
+    }
 }
 
 const fn state_rank(state: CompassState) -> u8 {
@@ -122,5 +143,15 @@ const fn state_rank(state: CompassState) -> u8 {
         CompassState::Unjudged => 1,
         CompassState::Fair => 2,
         CompassState::Bad => 3,
+    }
+}
+
+const fn action_words(action: CompassAction) -> &'static str {
+    match action {
+        CompassAction::LoadParameters => "load parameters",
+        CompassAction::LeaveUnchanged => "leave",
+        CompassAction::FlyAgain => "fly again",
+        CompassAction::Replace => "replace or move",
+        CompassAction::CorrectReading => "correct reading",
     }
 }

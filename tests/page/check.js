@@ -110,8 +110,8 @@ async function checkCopy({ context, page, addFinding }) {
 // Folded parts are printed, too, and folded again after it.
 async function checkPrint({ page, addFinding }) {
   await page.emulateMedia({ media: "print", colorScheme: "light" });
-  await page.evaluate(() => addEventListener("beforeprint", () => (window.unfolded = document.querySelectorAll("details:not(.terminal)[open]").length)));
-  const parts = await page.locator("details:not(.terminal)").count();
+  await page.evaluate(() => addEventListener("beforeprint", () => (window.unfolded = document.querySelectorAll("details:not(.terminal, .menu)[open]").length)));
+  const parts = await page.locator("details:not(.terminal, .menu)").count();
   for (const what of await page.evaluate(() => window.printFindings())) addFinding(what);
   const paper = await page.pdf({ format: "A4" });
   const sheets = paper.toString("latin1").match(/\/Type\s*\/Page\b(?!s)/g).length;

@@ -41,27 +41,28 @@ function judgeByCommand(log, ...options) {
 
 const untilJudged = (page) => page.waitForFunction(() => document.querySelector("progress").hidden, null, WAIT);
 
-async function downloadedText(page, id) {
-  const button = page.locator(`#${id}`);
-  if (!(await button.isVisible())) return null;
-  const [download] = await Promise.all([page.waitForEvent("download"), button.click()]);
+async function downloadedText(page, selector) {
+  await page.evaluate(() => (document.querySelector("#again").open = true));
+  const control = page.locator(selector).first();
+  if (!(await control.isVisible())) return null;
+  const [download] = await Promise.all([page.waitForEvent("download"), control.click()]);
   return fs.readFileSync(await download.path(), "utf8");
 }
 
 async function compareWithCommand({ page, addFinding }, expected, what) {
-  const json = await downloadedText(page, "save-json");
+  const json = await downloadedText(page, "#save-json");
   if (json !== expected.json) addFinding(`${what}: figures differ: ${json} is not ${expected.json}`);
-  if ((await downloadedText(page, "save-parameters")) !== expected.parameters) addFinding(`${what}: parameters differ`);
+  if ((await downloadedText(page, "#report a.button")) !== expected.parameters) addFinding(`${what}: parameters differ`);
 }
 
-// Drops a file by the events of a mouse; the page's file dialog is used otherwise.
-async function drop(page, log) {
-  const bytes = fs.readFileSync(log).toString("base64");
-  const transfer = await page.evaluateHandle(([name, base64]) => {
+// Drops files by the events of a mouse; the page's file dialog is used otherwise.
+async function drop(page, ...logs) {
+  const files = logs.map((log) => [path.basename(log), fs.readFileSync(log).toString("base64")]);
+  const transfer = await page.evaluateHandle((files) => {
     const transfer = new DataTransfer();
-    transfer.items.add(new File([Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0))], name));
+    for (const [name, base64] of files) transfer.items.add(new File([Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0))], name));
     return transfer;
-  }, [path.basename(log), bytes]);
+  }, files);
   await page.waitForTimeout(100);
   await page.evaluate((transfer) => {
     window.longest = 0;
@@ -76,6 +77,7 @@ async function checkExampleFlight(look, seed, shot) {
   const { page, addFinding } = look;
   const expected = spawnSync(process.env.HOST_SIM, ["fly", "--json", "--seed", `${seed}`]).stdout.toString();
   await page.evaluate(() => (scrollTo(0, 0), (window.longest = 0)));
+  await page.evaluate(() => (document.querySelector("#examples details").open = true));
   await page.fill("#seed", `${seed}`);
   const start = performance.now();
   await page.click("#fly");
@@ -91,7 +93,7 @@ async function checkExampleFlight(look, seed, shot) {
   if ((await chosenFileName(page)) !== "none") addFinding(`the example flight has the name of ${await chosenFileName(page)}`);
   if (late[0] <= early[0] || late[1] <= early[1]) addFinding(`the pictures do not grow: ${early} to ${late}`);
   if ((await page.locator("#circles .corrected").count()) < 50) addFinding("no circle is corrected");
-  const json = await downloadedText(page, "save-json");
+  const json = await downloadedText(page, "#save-json");
   if (json !== expected) addFinding(`seed ${seed}: figures differ: ${json} is not ${expected}`);
   if (!(await page.locator("#verdict").isVisible())) addFinding("no report of the flight");
   const longest_ms = await page.evaluate(() => window.longest);
@@ -127,10 +129,10 @@ async function checkOptions(look, log) {
   const { page } = look;
   const compass = await page.locator("select[name=compass] option").nth(1).textContent();
   const from = Math.ceil(Number(await page.locator("input[name=from_s]").getAttribute("placeholder"))) + 20;
-  if (!(await page.locator("#choices").isVisible())) await page.click("#again > summary");
+  await page.evaluate(() => (document.querySelector("#again").open = true));
   await page.selectOption("select[name=compass]", compass);
   await page.selectOption("select[name=module]", "all");
-  await page.fill("input[name=from_s_slider]", `${from}`);
+  await page.fill("input[name=from_s]", `${from}`);
   const isTable = await page.locator("select[name=unit]").isVisible();
   if (isTable) await page.selectOption("select[name=unit]", "ut");
   const reference = isTable ? "column" : "autopilot";
@@ -144,19 +146,95 @@ async function checkOptions(look, log) {
   await compareWithCommand(look, judgeByCommand(log, ...options), `${log} with choices`);
 }
 
-async function checkRefusals({ page, addFinding }) {
-  const text = path.join(work, "letter.txt");
-  fs.writeFileSync(text, "Dear reader\n");
-  const huge = path.join(work, "huge.csv");
-  fs.writeFileSync(huge, "t_s,mx,my,mz,roll_deg,pitch_deg\n");
+// An archive of files that are not compressed.
+function archive(...files) {
+  const parts = files.map((file) => {
+    const [name, content] = [Buffer.from(path.basename(file)), fs.readFileSync(file)];
+    const header = Buffer.alloc(30);
+    header.write("PK\u0003\u0004", "latin1");
+    header.writeUInt32LE(content.length, 18);
+    header.writeUInt32LE(content.length, 22);
+    header.writeUInt16LE(name.length, 26);
+    return Buffer.concat([header, name, content]);
+  });
+  return Buffer.concat([...parts, Buffer.from("PK\u0001\u0002", "latin1")]);
+}
+
+// What the command line writes to the error output, with the bare name of the log as on the page.
+function refusalOfCommand(log, ...options) {
+  const { status, stderr } = spawnSync(process.env.HOST_SIM, ["replay", log, ...options]);
+  if (status !== 2) throw new Error(`host-sim judges ${log} ${options}`);
+  return stderr.toString().trim().replace(/^[^ ]*: /, "").replaceAll(log, path.basename(log));
+}
+
+// What cannot be judged is refused by the same sentence as on the command line, in place of the result before it.
+async function checkRefusals({ page, addFinding }, log) {
+  const table = path.resolve("host-sim/data/flight.csv");
+  const written = (name, content) => (fs.writeFileSync(path.join(work, name), content), path.join(work, name));
+  const huge = written("huge.csv", "t_s,mx,my,mz,roll_deg,pitch_deg\n");
   fs.truncateSync(huge, HUGE_BYTES);
-  for (const [log, words] of [[text, "not a known log"], [huge, "huge.csv: "]]) {
+  const letter = written("letter.txt", "Dear reader\n");
+  const copy = written("copy.csv", fs.readFileSync(table));
+  const files = [
+    letter, huge, written("empty.bin", ""), written("picture.png", "\u0089PNG\r\n\u001a\n"),
+    written("none.zip", archive(letter)), written("two.zip", archive(table, copy)),
+  ];
+  const shown = async (what, expected) => {
+    await untilJudged(page);
+    const error = page.locator("#error");
+    const text = (await error.isVisible()) ? await error.textContent() : "nothing";
+    if (text !== expected) addFinding(`of ${what} it says: ${text}, in place of: ${expected}`);
+    if ((await page.locator("#report section").count()) > 0) addFinding(`${what}: the result before it is left`);
+  };
+  for (const file of files) {
+    await choose(page, file);
+    await shown(file, refusalOfCommand(file));
+    if (await page.locator("#again").isVisible()) addFinding(`offers choices of ${file}`);
+  }
+  await drop(page, table, copy);
+  await shown("two files", "several-logs: flight.csv, copy.csv: these are several logs, of which one is judged at a time: flight.csv, copy.csv");
+  for (const [from, to] of [[500, 200], [5000, 6000], [60, 61]]) {
     await choose(page, log);
     await untilJudged(page);
-    const status = await page.locator("#status").textContent();
-    if (!status.includes(words) || status.includes("failed")) addFinding(`of ${log} it says: ${status}`);
-    if (await page.locator("#again").isVisible()) addFinding(`offers choices of ${log}`);
+    await page.evaluate(() => (document.querySelector("#again").open = true));
+    await page.fill("input[name=from_s]", `${from}`);
+    await page.fill("input[name=to_s]", `${to}`);
+    await page.focus("input[name=to_s]");
+    await page.keyboard.press("Enter");
+    await page.waitForFunction(() => document.querySelector("#report").childElementCount === 0, null, WAIT);
+    await shown(`${from} to ${to} s`, refusalOfCommand(log, "--from", `${from}`, "--to", `${to}`));
   }
+}
+
+// A range that is dragged on a chart is judged by a button next to it.
+async function checkDraggedPart(look, log) {
+  const { page, addFinding } = look;
+  await choose(page, log);
+  await untilJudged(page);
+  await page.evaluate(() => (document.querySelector("#charts").closest("details").open = true));
+  const over = page.locator('[data-chart="errors"] .u-over').first();
+  await over.scrollIntoViewIfNeeded();
+  const { x, y, width, height } = await over.boundingBox();
+  await page.mouse.move(x + 2, y + height / 2);
+  await page.mouse.down();
+  await page.mouse.move(x + width / 2, y + height / 2, { steps: 4 });
+  await page.mouse.up();
+  const before = await page.locator("#report section").first().elementHandle();
+  await page.getByRole("button", { name: "Judge this part" }).first().click();
+  await page.waitForFunction((element) => !element.isConnected, before, WAIT);
+  await untilJudged(page);
+  const [from, to] = await Promise.all(["from_s", "to_s"].map((name) => page.inputValue(`input[name=${name}]`)));
+  if (!(Number(to) > Number(from))) addFinding(`the part is ${from} to ${to}`);
+  await compareWithCommand(look, judgeByCommand(log, "--from", from, "--to", to), `${log} from ${from} to ${to} s`);
+}
+
+// The example log is the one that `fly --record` writes.
+async function checkExampleLog(look) {
+  const log = path.join(work, "example.bin");
+  spawnSync(process.env.HOST_SIM, ["fly", "--json", "--record", log]);
+  await look.page.click("#example-log");
+  await untilJudged(look.page);
+  await compareWithCommand(look, judgeByCommand(log), "the example log");
 }
 
 // Each control is reached by Tab, in the order of the page, with a visible focus.
@@ -232,6 +310,7 @@ async function main([file, ...logs]) {
   if (policy !== POLICY) look.addFinding(`its policy is ${policy}`);
   await checkLayout(look);
   await shot(look, "empty");
+  await checkExampleLog(look);
   for (const [i, log] of logs.entries()) {
     const { seconds, longest_ms } = await judge(look, log, i % 2 ? drop : choose);
     console.log(`${path.basename(log)}: ${seconds.toFixed(1)} s, longest task ${longest_ms.toFixed(0)} ms`);
@@ -240,7 +319,8 @@ async function main([file, ...logs]) {
   await checkKeyboard(look);
   await shot(look, "wide");
   await checkOptions(look, logs.at(-1));
-  await checkRefusals(look);
+  await checkDraggedPart(look, logs[0]);
+  await checkRefusals(look, logs[0]);
   await checkExampleFlight(look, 1, shot);
   await look.context.close();
 

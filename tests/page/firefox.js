@@ -25,7 +25,7 @@ async function compare(page, what, start, expected) {
   const seconds = ((performance.now() - began) / 1e3).toFixed(1);
   // `judged` is the variable of page.js with the last judgement.
   const json = await page.evaluate("judged === null || judged === undefined ? null : judged.json");
-  if (`${json}\n` !== expected) recordedFindings.push(`${what}: ${await page.$eval("#status", (status) => status.textContent)}: ${json} is not ${expected}`);
+  if (`${json}\n` !== expected) recordedFindings.push(`${what}: ${await page.$eval("#error", (status) => status.textContent)}: ${json} is not ${expected}`);
   if ((await page.$("#verdict")) === null) recordedFindings.push(`${what}: no report`);
   console.log(`Firefox: ${what}: ${seconds} s`);
 }

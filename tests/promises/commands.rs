@@ -268,16 +268,13 @@ fn json_output_is_documented() {
     assert_schema("bench speed --json", &[json_output("bench speed --json")]);
     let flight = json_output("replay host-sim/data/flight.csv --json");
     assert_digits(&flight, "");
-    let text = fs::read_to_string(repository_root().join("docs/your-flight.md")).unwrap();
+    let text = fs::read_to_string(repository_root().join("docs/json.md")).unwrap();
     let mut output_paths = BTreeSet::new();
     collect_json_paths(&flight, "", &mut output_paths);
     // The keys of `log.passed_over` are causes, not documented names.
     for path in output_paths.into_iter().filter(|path| !path.starts_with("log.passed_over.")) {
         let name = path.trim_end_matches(['?', '[', ']']).rsplit('.').next().unwrap().to_owned();
-        assert!(
-            text.contains(&format!("`{name}`")) || text.contains(&format!("`.{name}`")),
-            "{path}: docs/your-flight.md"
-        );
+        assert!(text.contains(&format!("`{name}`")) || text.contains(&format!("`.{name}`")), "{path}: docs/json.md");
     }
 }
 
@@ -310,6 +307,8 @@ fn instructions_stay_within_their_budgets_and_the_json_of_them_is_documented() {
     assert_schema("bench budget --json", &[output]);
 }
 
+const TABLE: &str = "replay host-sim/data/flight.csv";
+
 #[test]
 fn command_errors_are_reported_with_a_remedy() {
     let folder = tempfile::tempdir().unwrap();
@@ -330,11 +329,18 @@ fn command_errors_are_reported_with_a_remedy() {
         ("bench budget --image README.md".to_owned(), "README.md is no firmware".to_owned(), "scripts/build-firmware"),
         ("emulate --image /nowhere.elf".to_owned(), "/nowhere.elf".to_owned(), "scripts/build-firmware"),
         ("replay /nowhere.bin".to_owned(), "/nowhere.bin".to_owned(), "give the path of a log"),
-        (format!("replay {file}"), file.to_string(), ""),
+        (format!("replay {file}"), format!("unknown-format: {file}: not a known log"), ""),
+        ("replay /dev/null".to_owned(), "empty-file: /dev/null: the file is empty".to_owned(), ""),
+        (format!("{TABLE} --from 500 --to 200"), "reversed-time-range: ".to_owned(), "ends before it begins"),
+        (format!("{TABLE} --from 5000"), "time-range-outside-log: ".to_owned(), "it has 0 to 200 s"),
+        (format!("{TABLE} --from 60 --to 61"), "few-rows-in-time-range: ".to_owned(), "choose a longer part"),
+        (format!("{TABLE} --compass 8"), "no-such-compass: ".to_owned(), "it has 1"),
+        (format!("{TABLE} --reference gps-yaw"), "no-such-reference: ".to_owned(), "it has column"),
         ("flight.BIN".to_owned(), "flight.BIN is a log".to_owned(), "lab replay flight.BIN"),
         (format!("fly --circles 0.1 --report {file}.pdf"), "a report is .html or .svg".to_owned(), "names another"),
         ("fly --airframe /nowhere.toml".to_owned(), "/nowhere.toml".to_owned(), "expected"),
         ("fly --json --circles 0.1 --record /nowhere/x.csv".to_owned(), "/nowhere/x.csv".to_owned(), "--record names"),
+        (format!("{TABLE} --report /nowhere/of/page.html"), "/nowhere does not exist".to_owned(), "names another"),
         (format!("fly --circles 0.1 --report {file}"), file.to_string(), "--report names another file or folder"),
         ("bench integrity --case none".to_owned(), "no case none".to_owned(), "--case list shows all"),
     ] {
@@ -377,12 +383,12 @@ fn ctrl_c_removes_the_progress_bar() {
 
 #[test]
 fn text_fits_a_narrow_terminal() {
-    for arguments in ["replay host-sim/data/flight.csv", "serve --help"] {
+    for arguments in ["replay --verbose host-sim/data/flight.csv", "serve --help"] {
         let (terminal, displayed_text) = open_terminal(60);
         host_sim_command(arguments).stdout(terminal).stderr(Stdio::null()).status().unwrap();
         let displayed_text = displayed_text.join().unwrap();
-        // Escape sequences of bold text have no width.
-        for line in displayed_text.lines().filter(|line| !line.contains('\u{1b}')) {
+        // Escape sequences of bold text have no width; a command to copy is not wrapped.
+        for line in displayed_text.lines().filter(|line| !line.contains('\u{1b}') && !line.contains(": lab replay ")) {
             assert!(line.chars().count() <= 60, "{arguments}: {line}");
         }
         assert!(displayed_text.lines().count() > 10, "{arguments}: {displayed_text}");
@@ -476,4 +482,75 @@ fn headings_are_written_at_the_time_stamps_of_the_log() {
     assert_eq!(stamps_s(&written), stamps_s(&table));
     let averaged = written.lines().filter(|line| line.ends_with(",1")).count();
     assert!(averaged * 10 > written.lines().count() * 9, "{averaged}: each reading is one row");
+}
+
+/// The table of the repository with two more compasses, each of them bad.
+fn table_of_three_compasses() -> String {
+    let table = fs::read_to_string(repository_root().join("host-sim/data/flight.csv")).unwrap();
+    let mut lines = table.lines().filter(|line| !line.starts_with('#'));
+    let names = lines.next().unwrap();
+    let columns: Vec<usize> =
+        ["mx", "my", "mz"].map(|name| names.split(',').position(|column| column == name).unwrap()).to_vec();
+    let rows = lines.map(|line| {
+        let cells: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap_or(0.0)).collect();
+        let further: Vec<String> = [40.0, -90.0]
+            .iter()
+            .flat_map(|offset| columns.iter().map(move |column| (column, offset)))
+            .map(|(column, offset)| (cells[*column] + offset).to_string())
+            .collect();
+        format!("{line},{}\n", further.join(","))
+    });
+    format!("{names},mx2,my2,mz2,mx3,my3,mz3\n{}", rows.collect::<String>())
+}
+
+/// A terminal of 80 columns and 24 lines, the last of which has the prompt, shows the verdict on three compasses whole;
+/// the commands that go on are last.
+#[test]
+fn the_verdict_on_three_compasses_fits_a_terminal() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("three.csv");
+    fs::write(&path, table_of_three_compasses()).unwrap();
+    let (terminal, displayed_text) = open_terminal(80);
+    let arguments = format!("replay {}", path.display());
+    host_sim_command(&arguments)
+        .env_remove("NO_COLOR")
+        .env("TERM", "xterm")
+        .stdout(terminal)
+        .stderr(Stdio::null())
+        .status()
+        .unwrap();
+    let displayed_text = displayed_text.join().unwrap();
+    let lines: Vec<&str> = displayed_text.trim_end().lines().collect();
+    assert!(lines.len() < 24, "{displayed_text}");
+    assert_eq!(displayed_text.matches("\u{1b}[1m\u{1b}[31mBAD\u{1b}[0m: Compass").count(), 3, "{displayed_text:?}");
+    assert!(lines[lines.len() - 2].contains("--params compass.param"), "{displayed_text}");
+    // Neither a pipe nor a terminal with NO_COLOR has colours.
+    let plain = stdout_text(&arguments);
+    assert!(plain.contains("BAD: Compass 1") && !plain.contains('\u{1b}'), "{plain:?}");
+    assert!(stdout_text(&format!("{arguments} --color always")).contains("\u{1b}[31m"));
+}
+
+/// QGroundControl loads five columns separated by tabs; the other ground stations name and value.
+#[test]
+fn a_parameter_file_has_the_columns_of_its_extension_and_the_old_values() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("flight.bin");
+    json_output(&format!("fly --json --record {}", log.display()));
+    let written = |name: &str| {
+        let path = folder.path().join(name);
+        run_command(&format!("replay {} --params {}", log.display(), path.display()));
+        fs::read_to_string(path).unwrap()
+    };
+    let (pairs, columns) = (written("compass.param"), written("compass.params"));
+    let values = |text: &str, separator: char| -> Vec<(String, String)> {
+        let lines = text.lines().filter(|line| !line.starts_with('#'));
+        let cells = lines.map(|line| line.split(separator).map(str::to_owned).collect::<Vec<_>>());
+        cells.map(|cells| (cells[cells.len() / 4 * 2].clone(), cells[cells.len() / 4 * 2 + 1].clone())).collect()
+    };
+    assert_eq!(values(&pairs, ','), values(&columns, '\t'));
+    assert!(columns.lines().any(|line| line.starts_with("1\t1\tCOMPASS_OFS_X\t") && line.ends_with("\t9")));
+    assert!(columns.lines().any(|line| line.starts_with("1\t1\tCOMPASS_ORIENT\t") && line.ends_with("\t2")));
+    for text in [&pairs, &columns] {
+        assert!(text.contains("\n# COMPASS_OFS_X 0\n"), "{text}");
+    }
 }

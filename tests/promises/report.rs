@@ -7,6 +7,7 @@ use log_analysis::replay::RowSelection;
 use log_analysis::replay::evaluation::{EvaluationOptions, evaluate_flight};
 use log_analysis::replay::parameter_export::ParameterFormat;
 use log_analysis::replay::verdict::{CompassState, Verdict};
+use log_analysis::replay::{ParameterChange, ParameterFile};
 use log_analysis::report::model::{
     CalibratorComparison, CompassReport, DeviationCurve, EventMark, ReferenceInfo, Report, ReportSample, VerdictLine,
 };
@@ -95,8 +96,8 @@ fn a_calibrated_mission_is_reported_the_same_each_time() {
     assert_safe_page(&html);
     let charts = ["Field strength and current", "Error over time", "Error by heading", "Directions of the field"];
     assert_contains_all(&html, &charts);
-    assert_contains_all(&html, &["Verdict", "Three axes, expected and measured", "Deviation card", "What was flown"]);
-    assert_contains_all(&html, &["Where it was flown", "How this was made", "Console session"]);
+    assert_contains_all(&html, &["Verdict", "Three axes.", "Deviation card", "What was flown"]);
+    assert_contains_all(&html, &["Where it was flown", "About this flight", "Console session"]);
     let (before, after) = (flown.errors_before.statistics(), flown.errors_after.statistics());
     let expected_deg = flown.calibration_result.as_ref().unwrap().expected_rms_deg;
     for figure in
@@ -119,7 +120,7 @@ fn a_refusal_is_reported_with_its_reason_and_no_after_picture() {
     let html = report_page(&fly_plan(TurnPlan { bank_deg: 25.0, circles_per_side: 0.05 }));
     assert_safe_page(&html);
     assert!(html.contains("too-few-samples") && html.contains("Refused"));
-    assert!(!html.contains("Three axes") && !html.contains("<th scope=\"col\">after"));
+    assert!(!html.contains("Three axes.") && !html.contains("<th scope=\"col\">after"));
 }
 
 const WITH_MODULE: EvaluationOptions =
@@ -130,10 +131,8 @@ fn a_replayed_log_has_the_numbers_of_its_json() {
     let mut bytes: &[u8] = include_bytes!("../../host-sim/data/flight.csv");
     let flight = log::read_flight(&mut bytes, FieldUnit::Milligauss).unwrap();
     let verdict = evaluate_flight(&flight, &WITH_MODULE);
-    let parameter_file = Some(["compass.param".to_owned(), "COMPASS_OFS_X,1\n".to_owned()]);
     let judgement = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot);
-    let report =
-        report_replay(&judgement, "a folder/flight.csv", &ReportOrigin { parameter_file, ..ReportOrigin::default() });
+    let report = report_replay(&judgement, "a folder/flight.csv", &ReportOrigin::default());
     let html = render_page(&report);
     assert_safe_page(&html);
     let json = judgement.json();
@@ -142,11 +141,16 @@ fn a_replayed_log_has_the_numbers_of_its_json() {
     assert!(html.to_lowercase().contains(&verdict_line.to_lowercase()), "{verdict_line}");
     let class = format!("class=\"verdict {}\"", json["state"].as_str().unwrap());
     assert!(html.contains(&class), "{class}");
-    assert_contains_all(&html, &["side by side", "Deviation card", "Field strength and current", "Error by heading"]);
+    assert_contains_all(&html, &["corrected by", "Deviation card", "Field strength and current", "Error by heading"]);
     assert_contains_all(
         &html,
-        &["Directions of the field", "Parameters to load", "Flight flight.csv", "What was flown"],
+        &["Directions of the field", "Download compass.param", "Flight flight.csv", "What was flown"],
     );
+    // The answer comes before everything that is folded: verdict, picture, file.
+    let [verdict_at, picture_at, file_at, folded_at] =
+        ["class=\"verdict", "id=\"deviation-t\"", "download=\"compass.param\"", "<summary><h2"]
+            .map(|part| html.find(part).expect(part));
+    assert!(verdict_at < picture_at && picture_at < file_at && file_at < folded_at);
     // Table cells have two decimals, JSON three.
     let is_shown = |expected: &Value, before_cell: &str, after_cell: &str| {
         let expected = expected.as_f64().unwrap();
@@ -179,7 +183,6 @@ fn a_log_report_shows_the_flown_path_and_attitude() {
     // The compass in use is not known: the first is judged, and one good compass does not make the page green.
     assert_eq!(report.verdicts[0].compass_state, CompassState::Bad, "{:?}", report.verdicts);
     assert!(report.verdicts[0].verdict_text.contains("replace"), "{:?}", report.verdicts);
-    assert_eq!([0, 1].map(|i| report.compasses[i].is_accepted), [false, true]);
     let report_samples = &report.compasses[1].samples;
     let usable = || report_samples.iter().filter(|sample| sample.is_usable && !sample.is_heading_withheld);
     assert!(usable().count() > 2000);
@@ -245,7 +248,6 @@ fn text_of_a_hostile_log_is_escaped() {
     };
     let compass_report = CompassReport {
         compass_name: hostile(),
-        is_accepted: true,
         facts: vec![[hostile(), hostile()]],
         curves_before: vec![line.clone()],
         curves_after: vec![line],
@@ -277,8 +279,12 @@ fn text_of_a_hostile_log_is_escaped() {
             calibrator_rows: vec![(hostile(), vec![nan]), (hostile(), vec![Some(1.0)])],
         },
         compasses: vec![compass_report],
-        parameter_file: Some([hostile(), hostile()]),
-        terminal_output: Some([hostile(), hostile()]),
+        next_steps: vec![hostile()],
+        parameter_files: ["compass.param", "compass.params"]
+            .map(|file_name| ParameterFile { file_name, text: hostile() })
+            .into(),
+        parameter_changes: vec![ParameterChange { name: hostile(), logged_value: nan, new_value: hostile() }],
+        console_session: Some(hostile()),
         origin: vec![[hostile(), hostile()]],
     };
     let html = render_page(&report);

@@ -387,7 +387,7 @@ fn serve_over_tcp_answers_streams_follows_and_ends() {
     console.write_all(b"set declination 7\r").unwrap();
     read_until(&mut console, contains_text("ok declination 7.0 deg"));
     // A simulator that drives the clock: the module goes on by its steps, however long the computer takes between them.
-    udp.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
+    udp.set_read_timeout(Some(Duration::from_mins(2))).unwrap();
     let step = || {
         let mut answer = [0; 64];
         udp.send_to(b"0 0 90 0.5", ("127.0.0.1", world)).unwrap();

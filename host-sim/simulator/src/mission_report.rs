@@ -36,7 +36,7 @@ pub fn report_mission(mission_result: &MissionResult, origin: &ReportOrigin) -> 
             is_accurate: true,
         },
         compasses: vec![mission_compass_report(mission_result)],
-        terminal_output: Some(["Console session".to_owned(), strip_control_sequences(&mission_result.transcript)]),
+        console_session: Some(strip_control_sequences(&mission_result.transcript)),
         origin: [
             ["command".to_owned(), origin.command_line.clone()],
             ["made by".to_owned(), format!("Autoswing {}", env!("CARGO_PKG_VERSION"))],
@@ -137,16 +137,11 @@ fn key_figures(mission_result: &MissionResult) -> Vec<[String; 2]> {
 fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
     let calibration =
         mission_result.calibration_result.as_ref().ok().map(|shown_calibration| shown_calibration.calibration);
-    let first_s = mission_result.routine_measurements.first().map_or(0.0, |measurement| measurement.true_moment.time_s);
     let measurements = mission_result
         .routine_measurements
         .iter()
         .map(|measurement| collected_sample(measurement, calibration.as_ref()));
-    let mut moments: Vec<ReportSample> =
-        measurements.chain(mission_result.evaluated_headings.iter().map(streamed_sample)).collect();
-    for moment in &mut moments {
-        moment.time_s -= first_s;
-    }
+    let moments = measurements.chain(mission_result.evaluated_headings.iter().map(streamed_sample)).collect();
     let mut facts = summary_table(mission_result);
     if let Ok(shown_calibration) = &mission_result.calibration_result {
         let Calibration { total_ut, inclination_rad, .. } = shown_calibration.calibration;
@@ -160,7 +155,6 @@ fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
         mission_result.calibration_result.as_ref().ok().map(|shown_calibration| shown_calibration.expected_rms_deg);
     CompassReport {
         compass_name: "The module's compass".to_owned(),
-        is_accepted: mission_result.calibration_result.is_ok(),
         facts,
         curves_before: deviation_curves(&mission_result.errors_before),
         curves_after: if mission_result.calibration_result.is_ok() {
@@ -172,7 +166,7 @@ fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
         sigma_description: "the expected error of the calibration, RMS over all headings",
         samples: moments,
         event_marks: vec![EventMark {
-            time_s: mission_result.solve_end_s - first_s,
+            time_s: mission_result.solve_end_s,
             event_name: if mission_result.calibration_result.is_ok() { "calibrated, restarted" } else { "refused" }
                 .to_owned(),
         }],

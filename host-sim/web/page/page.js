@@ -1,7 +1,7 @@
 "use strict";
 const $ = (id) => document.getElementById(id);
 const [form, status, progress, report] = ["choices", "status", "progress", "report"].map($);
-let worker, file, judged, isBusy, next, largest;
+let worker, files, judged, isBusy, next, largest;
 let steps = [];
 
 function startWorker() {
@@ -28,25 +28,33 @@ function choices() {
 
 const DEFAULT_OPTIONS = { module: null, compass: null, from_s: null, to_s: null, reference: null };
 
-// Clears the page for another log, or for the example flight (`chosen` is null).
+// Clears the page for other files, or for an example without a file.
 function clearPage(chosen) {
   if (isBusy) startWorker();
-  file = chosen;
+  files = chosen;
   [judged, next, steps] = [null, null, []];
   form.reset();
-  for (const id of ["again", "downloads", "flight"]) $(id).hidden = true;
+  for (const id of ["again", "flight", "error"]) $(id).hidden = true;
   report.replaceChildren();
+  document.title = $("title").textContent = "Is the compass good?";
 }
 
-// Reads a log, and judges all its compasses.
+const logName = () => files.map(({ name }) => name).join(", ") || "example.bin";
+
+// Reads a log, and judges all its compasses; without a file the example log.
 function openLog(chosen) {
   clearPage(chosen);
-  showStatus(`Reading ${file.name}`, 0);
-  send({ open: { name: file.name, unit: "mg" }, judge: DEFAULT_OPTIONS, file });
+  showStatus(`Reading ${logName()}`, 0);
+  send(requestOf("mg", DEFAULT_OPTIONS));
+}
+
+function requestOf(unit, judge) {
+  if (!files.length) return { example: {}, judge };
+  return { open: { names: files.map(({ name }) => name), unit }, judge, file: files[0] };
 }
 
 function flyExample() {
-  clearPage(null);
+  clearPage([]);
   $("file").value = "";
   for (const point of document.querySelectorAll("#flight circle, #flight .covered")) point.remove();
   largest = { measured: 0, corrected: null };
@@ -110,11 +118,16 @@ function showStep(step) {
 // Judges the log with the form's options; if the worker is busy, after its present request.
 function judgeAgain() {
   if (!form.reportValidity()) return;
-  const request = { judge: choices() };
-  if (!$("unit").hidden) Object.assign(request, { open: { name: file.name, unit: form.elements.unit.value }, file });
+  const request = $("unit").hidden ? { judge: choices() } : requestOf(form.elements.unit.value, choices());
   if (isBusy) next = request;
   else send(request);
 }
+
+// The charts' button for a dragged range.
+window.judgePart = (from, to) => {
+  [form.elements.from_s.value, form.elements.to_s.value] = [from.toFixed(1), to.toFixed(1)];
+  judgeAgain();
+};
 
 // Shows a status text and the progress `done`: a fraction, undefined if unknown, null to hide the progress bar.
 function showStatus(text, done) {
@@ -124,10 +137,15 @@ function showStatus(text, done) {
   else progress.removeAttribute("value");
 }
 
+// Shows an error in place of the result.
 function showFailure(text) {
-  [isBusy, next] = [false, null];
+  [isBusy, next, judged] = [false, null, null];
   report.removeAttribute("aria-busy");
-  showStatus(`${file ? `${file.name}: ` : ""}${text}`, null);
+  report.replaceChildren();
+  showStatus("", null);
+  $("error").textContent = text;
+  $("error").hidden = false;
+  $("error").scrollIntoView({ block: "nearest" });
 }
 
 function handleMessage(message) {
@@ -148,23 +166,7 @@ function showChoices({ compasses, range_s: [from, to], is_table: isTable }) {
   select.replaceChildren(new Option("all", ""), ...compasses.map((number) => new Option(number, number)));
   if (compasses.includes(Number(chosen))) select.value = chosen;
   $("unit").hidden = !isTable;
-  for (const [name, end] of [["from_s", from], ["to_s", to]]) {
-    const slider = sliderOf(name);
-    form.elements[name].placeholder = end.toFixed(1);
-    [slider.min, slider.max] = [from, to];
-    slider.value = form.elements[name].value || end;
-  }
-}
-
-const sliderOf = (name) => form.elements[`${name}_slider`];
-
-// Copies a moved slider's time to its number field, and a typed number to the slider. A slider at the end of the log leaves the
-// number field empty.
-function followSlider({ target: { name, type, value } }) {
-  if (type === "range") {
-    const number = form.elements[name.replace("_slider", "")];
-    number.value = Math.abs(value - number.placeholder) < 0.1 ? "" : Number(value).toFixed(1);
-  } else if (sliderOf(name)) sliderOf(name).value = value || form.elements[name].placeholder;
+  [form.elements.from_s.placeholder, form.elements.to_s.placeholder] = [from, to].map((end) => end.toFixed(1));
 }
 
 const pause = () => new Promise((resolve) => setTimeout(resolve));
@@ -179,7 +181,11 @@ async function showReport() {
   style.id = "report-style";
   $("report-style")?.remove();
   document.head.append(style);
-  report.replaceChildren(page.querySelector("nav"));
+  report.replaceChildren();
+  $("error").hidden = true;
+  $("drop").classList.add("small");
+  $("intro").hidden = true;
+  $("again").after($("examples"));
   for (const section of page.querySelectorAll("main > section")) {
     await pause();
     if (judged !== showing) return;
@@ -190,13 +196,13 @@ async function showReport() {
   script.textContent = page.querySelector("body > script").textContent;
   report.append(script);
   report.removeAttribute("aria-busy");
-  $("again").hidden = !file;
-  // Scrolls to the verdict, which is below the form on a narrow screen.
-  if (file) report.scrollIntoView();
-  $("downloads").hidden = false;
-  $("save-parameters").hidden = !judged.parameters;
-  showStatus(file ? "Judged." : "Landed. The report of the flight follows the pictures.", null);
+  $("again").hidden = false;
+  form.hidden = isFlight();
+  if (!isFlight()) scrollTo(0, 0);
+  showStatus(isFlight() ? "Landed. The report of the flight follows the pictures." : "", null);
 }
+
+const isFlight = () => !$("flight").hidden;
 
 function downloadFile(name, type, text) {
   const link = document.createElement("a");
@@ -206,14 +212,12 @@ function downloadFile(name, type, text) {
   setTimeout(() => URL.revokeObjectURL(link.href), 60000);
 }
 
-$("file").addEventListener("change", ({ target }) => target.files.length && openLog(target.files[0]));
-form.addEventListener("input", followSlider);
+$("file").addEventListener("change", ({ target }) => target.files.length && openLog([...target.files]));
 form.addEventListener("submit", (event) => (event.preventDefault(), judgeAgain()));
-$("save-parameters").addEventListener("click", () => downloadFile(judged.parameters[0], "text/plain", judged.parameters[1]));
-const savedName = () => file?.name ?? "example-flight";
-$("save-page").addEventListener("click", () => downloadFile(`${savedName()}.html`, "text/html", judged.page));
-$("save-json").addEventListener("click", () => downloadFile(`${savedName()}.json`, "application/json", `${judged.json}\n`));
-$("example").addEventListener("submit", (event) => (event.preventDefault(), flyExample()));
+$("save-page").addEventListener("click", () => downloadFile(`${logName()}.html`, "text/html", judged.page));
+$("save-json").addEventListener("click", () => downloadFile(`${logName()}.json`, "application/json", `${judged.json}\n`));
+$("example-log").addEventListener("click", () => (($("file").value = ""), openLog([])));
+$("flight-form").addEventListener("submit", (event) => (event.preventDefault(), flyExample()));
 
 addEventListener("dragover", (event) => {
   event.preventDefault();
@@ -223,9 +227,9 @@ addEventListener("dragleave", () => $("drop").classList.remove("over"));
 addEventListener("drop", (event) => {
   event.preventDefault();
   $("drop").classList.remove("over");
-  const { files } = event.dataTransfer;
-  if (!files.length) return;
-  $("file").files = files;
-  openLog(files[0]);
+  const { files: dropped } = event.dataTransfer;
+  if (!dropped.length) return;
+  $("file").files = dropped;
+  openLog([...dropped]);
 });
 startWorker();

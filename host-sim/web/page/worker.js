@@ -1,5 +1,5 @@
 // Runs the WebAssembly module. Messages in: { module } once, the module as gzip in base64; then { open, file, judge },
-// { judge } or { fly }: requests as host-sim/web/src/loaded_log.rs and example_flight.rs describe them. Messages out: { step, done },
+// { example, judge }, { judge } or { fly }: requests as host-sim/web/src/loaded_log.rs and example_flight.rs describe them. Messages out: { step, done },
 // progress; { flight }, a step of a flight; { summary }, contents of the log; { judged } or { error }.
 "use strict";
 let wasm, file, position, shown;
@@ -10,7 +10,7 @@ function copyLogBytes(into, length) {
     const bytes = new FileReaderSync().readAsArrayBuffer(file.slice(position, position + length));
     new Uint8Array(wasm.memory.buffer).set(new Uint8Array(bytes), into);
     position += bytes.byteLength;
-    const percent = Math.floor((100 * position) / file.size);
+    const percent = Math.floor((100 * position) / Math.max(1, file.size));
     if (percent !== shown) postMessage({ step: "Reading the log", done: (shown = percent) / 100 });
     return bytes.byteLength;
   } catch {
@@ -39,8 +39,9 @@ function call(name, request) {
   return answer;
 }
 
-function answer({ open, judge, fly, file: next }) {
+function answer({ open, example, judge, fly, file: next }) {
   if (fly) return postMessage({ judged: call("fly_example", fly) });
+  if (example) postMessage({ summary: call("open_example", example) });
   if (open) {
     [file, position, shown] = [next, 0, -1];
     postMessage({ summary: call("open_log", open) });

@@ -3,15 +3,20 @@
 use std::cell::Cell;
 
 use autoswing::calibration::{Calibration, Orientation};
+use log_analysis::log::csv::FieldUnit;
+use log_analysis::log::log_writers::encode_dataflash;
 use log_analysis::report::{self, ReportOrigin};
 use log_analysis::score::wrap_180;
 use serde::{Deserialize, Serialize};
 use simulator::mission::{self, MissionStage, TurnPlan};
 use simulator::mission_report::{mission_json, report_mission};
 use simulator::module::{Module, ModuleObserver, ObservedModule};
+use simulator::recording::Recorder;
 use simulator::rig::Rig;
 use simulator::transcript;
 use simulator::world::WorldConfig;
+
+use crate::loaded_log::{LoadedLog, LogRequest};
 
 /// Request of the page.
 #[derive(Clone, Copy, Debug, Deserialize)]
@@ -62,12 +67,29 @@ pub fn fly_example(request: FlightRequest, report_step: &mut dyn FnMut(&FlightSt
     let origin = ReportOrigin {
         command_line: format!("host-sim fly --seed {}", request.seed),
         settings: vec![["airframe".to_owned(), "table1".to_owned()], ["seed".to_owned(), request.seed.to_string()]],
-        ..ReportOrigin::default()
     };
     FlownExample {
         page: report::render_page(&report_mission(&mission_result, &origin)),
         json: mission_json(&mission_result).to_string(),
     }
+}
+
+/// Seed of the example log.
+const EXAMPLE_SEED: u64 = 1;
+
+/// The log that `host-sim fly --record example.bin` writes: an uncorrected compass on the aircraft of the paper.
+///
+/// # Errors
+///
+/// The log cannot be read, which would be a fault of its writer.
+pub fn record_example() -> Result<LoadedLog, String> {
+    let mut rig = Rig::new(WorldConfig::of_table1(EXAMPLE_SEED));
+    let recorder = Recorder::new(&rig);
+    let mut recorded = ObservedModule::new(&mut rig, recorder);
+    mission::fly_mission_of_module(&mut recorded, TurnPlan::default(), &mut |_, _| {});
+    let bytes = encode_dataflash(&recorded.observer.recording);
+    let request = LogRequest { names: vec!["example.bin".to_owned()], unit: FieldUnit::Milligauss };
+    LoadedLog::read_log(&mut bytes.as_slice(), request)
 }
 
 /// Observer that reports a step whenever time advances.
@@ -120,6 +142,18 @@ impl ModuleObserver for StepReporter<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// An example without parameters to load would show little of a verdict.
+    #[test]
+    fn the_example_log_has_a_bad_compass_with_parameters() {
+        let choices = serde_json::from_str(
+            r#"{ "samples": "flight", "compass": null, "from_s": null, "to_s": null, "reference": null }"#,
+        );
+        let judged = record_example().unwrap().judge_log(&choices.unwrap()).unwrap();
+        let json: serde_json::Value = serde_json::from_str(&judged.json).unwrap();
+        let verdict = &json["compasses"][0]["verdict"];
+        assert_eq!((&verdict["state"], &verdict["action"]), (&"bad".into(), &"load".into()));
+    }
 
     #[test]
     fn steps_show_the_error_before_and_after_the_calibration() {

@@ -3,9 +3,10 @@
 use std::io::Read;
 
 use log_analysis::log::csv::FieldUnit;
-use log_analysis::log::{self, LogFormat, LoggedFlight};
-use log_analysis::replay::evaluation::{EvaluationOptions, evaluate_flight};
-use log_analysis::replay::parameter_export::{ParameterFormat, format_parameter_file};
+use log_analysis::log::{self, LogError, LogFormat, LoggedFlight};
+use log_analysis::replay::evaluation::EvaluationOptions;
+use log_analysis::replay::judgement_request::{JudgementError, evaluate_as_requested, settings_table};
+use log_analysis::replay::parameter_export::ParameterFormat;
 use log_analysis::replay::verdict::Verdict;
 use log_analysis::replay::{ReferenceKind, RowSelection};
 use log_analysis::report::{self, ReportOrigin};
@@ -15,8 +16,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LogRequest {
-    /// Name of the file.
-    pub name: String,
+    /// Names of the chosen files; only one is read.
+    pub names: Vec<String>,
     /// Unit of the field, if the log is a table.
     pub unit: FieldUnit,
 }
@@ -55,8 +56,6 @@ pub struct JudgedLog {
     pub page: String,
     /// The verdict as `host-sim replay --json` prints it.
     pub json: String,
-    /// Name and text of the parameter file.
-    pub parameters: Option<[String; 2]>,
 }
 
 /// A log that was read.
@@ -73,8 +72,13 @@ impl LoadedLog {
     ///
     /// The source cannot be read, or holds no usable flight.
     pub fn read_log(source: &mut dyn Read, request: LogRequest) -> Result<Self, String> {
-        let flight = log::read_flight(source, request.unit).map_err(|error| error.to_string())?;
-        Ok(Self { name: request.name, flight })
+        let name = request.names.join(", ");
+        let flight = match request.names.len() {
+            1 => log::read_flight(source, request.unit),
+            _ => Err(LogError::SeveralLogs(request.names)),
+        };
+        let flight = flight.map_err(|error| JudgementError::Log(error).text_for_log(&name))?;
+        Ok(Self { name, flight })
     }
 
     /// Contents of the log.
@@ -91,50 +95,30 @@ impl LoadedLog {
     ///
     /// # Errors
     ///
-    /// The log does not have the compass.
+    /// The log does not have the compass, the reference or the part.
     pub fn judge_log(&self, choices: &PageChoices) -> Result<JudgedLog, String> {
         let Self { name, flight } = self;
-        let options = EvaluationOptions {
-            compared_module: choices.module,
-            compass_number: choices.compass,
-            time_window_s: [choices.from_s.unwrap_or(f64::NEG_INFINITY), choices.to_s.unwrap_or(f64::INFINITY)],
-            reference_kind: choices.reference,
-            ..EvaluationOptions::DEFAULT
-        };
-        let evaluation = evaluate_flight(flight, &options);
-        if evaluation.compasses.is_empty() {
-            return Err("the log has no compass of this number".to_owned());
-        }
-        if choices.reference.is_some() && evaluation.reference.is_none() {
-            return Err("the log has no such reference".to_owned());
-        }
-        let format = ParameterFormat::for_autopilot(flight.autopilot);
-        let verdict = Verdict::new(flight, &evaluation, format);
-        let exported = verdict.exported_corrections();
-        let parameters = (!exported.is_empty())
-            .then(|| [format.file_name().to_owned(), format_parameter_file(flight, &exported, format)]);
-        let origin = ReportOrigin {
-            settings: settings_table(choices),
-            parameter_file: parameters.clone(),
-            ..ReportOrigin::default()
-        };
+        let options = choices.evaluation_options();
+        let evaluation = evaluate_as_requested(flight, &options).map_err(|error| error.text_for_log(name))?;
+        let verdict = Verdict::new(flight, &evaluation, ParameterFormat::for_autopilot(flight.autopilot));
+        let origin = ReportOrigin { settings: settings_table(&options), ..ReportOrigin::default() };
         Ok(JudgedLog {
             page: report::render_page(&report::report_replay(&verdict, name, &origin)),
             json: verdict.json().to_string(),
-            parameters,
         })
     }
 }
 
-fn settings_table(choices: &PageChoices) -> Vec<[String; 2]> {
-    let given_choices = [
-        ("module", choices.module.map(|selection| selection.selection_name().to_owned())),
-        ("compass", choices.compass.map(|compass_number| compass_number.to_string())),
-        ("from", choices.from_s.map(|time_s| format!("{time_s} s"))),
-        ("to", choices.to_s.map(|time_s| format!("{time_s} s"))),
-        ("reference", choices.reference.map(|_| "as chosen; named in the findings".to_owned())),
-    ];
-    given_choices.into_iter().filter_map(|(name, value)| Some([name.to_owned(), value?])).collect()
+impl PageChoices {
+    fn evaluation_options(&self) -> EvaluationOptions {
+        EvaluationOptions {
+            compared_module: self.module,
+            compass_number: self.compass,
+            time_window_s: [self.from_s.unwrap_or(f64::NEG_INFINITY), self.to_s.unwrap_or(f64::INFINITY)],
+            reference_kind: self.reference,
+            ..EvaluationOptions::DEFAULT
+        }
+    }
 }
 
 #[cfg(test)]
@@ -144,7 +128,7 @@ mod tests {
     const CHOICES: &str = r#"{ "module": "all", "compass": 1, "from_s": 30, "to_s": null, "reference": "column" }"#;
 
     fn loaded_example_log() -> LoadedLog {
-        let request = serde_json::from_str(r#"{ "name": "flight.csv", "unit": "mg" }"#).unwrap();
+        let request = serde_json::from_str(r#"{ "names": ["flight.csv"], "unit": "mg" }"#).unwrap();
         LoadedLog::read_log(&mut include_bytes!("../../data/flight.csv").as_slice(), request).unwrap()
     }
 
@@ -175,14 +159,31 @@ mod tests {
         assert!(!chosen.page.contains("<dt>to</dt>") && !chosen.page.contains("<dt>command</dt>"));
     }
 
+    /// The sentences of the command line: tests/promises/commands.rs.
     #[test]
     fn a_log_that_cannot_be_judged_is_an_error_in_words() {
-        let request: LogRequest = serde_json::from_str(r#"{ "name": "letter", "unit": "ut" }"#).unwrap();
-        let error = LoadedLog::read_log(&mut b"Dear reader".as_slice(), request).unwrap_err();
-        assert!(error.starts_with("not a known log"), "{error}");
-        let missing = PageChoices { reference: Some(ReferenceKind::GpsYaw), ..serde_json::from_str(CHOICES).unwrap() };
-        assert_eq!(loaded_example_log().judge_log(&missing).unwrap_err(), "the log has no such reference");
-        let missing = PageChoices { compass: Some(8), ..serde_json::from_str(CHOICES).unwrap() };
-        assert_eq!(loaded_example_log().judge_log(&missing).unwrap_err(), "the log has no compass of this number");
+        let read = |names: &str, bytes: &[u8]| {
+            let request = serde_json::from_str(&format!(r#"{{ "names": {names}, "unit": "ut" }}"#)).unwrap();
+            LoadedLog::read_log(&mut &*bytes, request).unwrap_err()
+        };
+        assert_eq!(read(r#"["a.bin"]"#, b""), "empty-file: a.bin: the file is empty");
+        assert!(read(r#"["letter"]"#, b"Dear reader").starts_with("unknown-format: letter: not a known log"));
+        let several = read(r#"["a.bin", "b.bin"]"#, b"");
+        assert!(several.starts_with("several-logs: a.bin, b.bin: these are several logs"), "{several}");
+        let log = loaded_example_log();
+        let choices = |change: fn(&mut PageChoices)| {
+            let mut choices = serde_json::from_str(CHOICES).unwrap();
+            change(&mut choices);
+            log.judge_log(&choices).unwrap_err()
+        };
+        for (error, code) in [
+            (choices(|choices| choices.reference = Some(ReferenceKind::GpsYaw)), "no-such-reference"),
+            (choices(|choices| choices.compass = Some(8)), "no-such-compass"),
+            (choices(|choices| (choices.from_s, choices.to_s) = (Some(500.0), Some(200.0))), "reversed-time-range"),
+            (choices(|choices| choices.from_s = Some(5000.0)), "time-range-outside-log"),
+            (choices(|choices| (choices.from_s, choices.to_s) = (Some(60.0), Some(61.0))), "few-rows-in-time-range"),
+        ] {
+            assert!(error.starts_with(&format!("{code}: flight.csv: ")), "{error}");
+        }
     }
 }

@@ -1,5 +1,5 @@
 //! Functions of the WebAssembly module. The worker writes a request into the buffer of [`request_buffer`], calls
-//! [`open_log`], [`judge_log`] or [`fly_example`], and reads the answer: JSON, with `error` if the request failed.
+//! [`open_log`], [`open_example`], [`judge_log`] or [`fly_example`], and reads the answer: JSON, with `error` if the request failed.
 
 use std::cell::RefCell;
 use std::io::{self, Read};
@@ -53,9 +53,12 @@ impl PageState {
     fn open_log(&mut self) -> Result<impl Serialize + use<>, String> {
         self.log = None;
         let log = LoadedLog::read_log(&mut PageFile, self.parse_request()?)?;
-        let summary = log.log_summary();
-        self.log = Some(log);
-        Ok(summary)
+        Ok(self.log.insert(log).log_summary())
+    }
+
+    fn open_example(&mut self) -> Result<impl Serialize + use<>, String> {
+        let log = example_flight::record_example()?;
+        Ok(self.log.insert(log).log_summary())
     }
 
     fn judge_log(&self) -> Result<impl Serialize + use<>, String> {
@@ -95,6 +98,16 @@ extern "C" fn request_buffer(length: usize) -> *mut u8 {
 extern "C" fn open_log() {
     PAGE_STATE.with_borrow_mut(|state| {
         let result = state.open_log();
+        state.set_answer(result);
+    });
+}
+
+/// Opens the log of a simulated flight, answered by a `LogSummary`.
+// SAFETY: no other linked function has this name.
+#[unsafe(no_mangle)]
+extern "C" fn open_example() {
+    PAGE_STATE.with_borrow_mut(|state| {
+        let result = state.open_example();
         state.set_answer(result);
     });
 }

@@ -12,6 +12,9 @@ use crate::console::parser::parse_request;
 #[derive(Debug, Default)]
 pub struct ConsoleOutput(heapless::Vec<u8, 2048>);
 
+/// Width of a list of words, columns of the narrowest usual terminal.
+const LIST_COLUMNS: usize = 79;
+
 /// Writes carriage return and line feed for a line end.
 impl Write for ConsoleOutput {
     fn write_str(&mut self, text: &str) -> fmt::Result {
@@ -107,7 +110,13 @@ impl Session {
         }
         if completion.continuation.is_empty() && completion.match_count > 1 {
             let _ = output.write_str("\n");
+            let mut column = 0;
             parser::complete_line(editor.text_before_cursor(), &mut |word| {
+                if column + word.len() > LIST_COLUMNS {
+                    column = 0;
+                    let _ = output.write_str("\n");
+                }
+                column += word.len() + 2;
                 let _ = write!(output, "{word}  ");
             });
             let _ = output.write_str("\n");

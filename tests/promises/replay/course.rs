@@ -168,9 +168,9 @@ fn gps_course_is_reported_with_its_accuracy() {
     let limits = reference["limits"].as_str().unwrap();
     let expected = ["no compass", "5.0 m/s from 250", "sideslip", "banked"];
     assert!(expected.iter().all(|text| limits.contains(text)), "{limits}");
-    let described = include_str!("../../../docs/your-flight.md");
+    let described = include_str!("../../../docs/json.md");
     for field in reference["course"].as_object().unwrap().keys() {
-        assert!(described.contains(&format!("`{field}`")), "{field}: docs/your-flight.md");
+        assert!(described.contains(&format!("`{field}`")), "{field}: docs/json.md");
     }
 }
 

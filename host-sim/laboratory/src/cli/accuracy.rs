@@ -32,6 +32,7 @@ const FLIGHT_PATTERNS: &[(&str, FlightPattern)] = &[
 /// many readings, the best of the flight, selected afterwards (greedy, D-optimal); errors are evaluated level and at 20
 /// deg of tilt to eight sides, for an aeroplane level and at 30 deg of bank.
 #[derive(Debug, Args)]
+#[command(after_help = "Example: lab bench accuracy --aircraft copter --airframes 5")]
 pub struct AccuracyOptions {
     /// Kind of aircraft
     #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = named_value(AIRCRAFT_NAMES))]

@@ -22,6 +22,7 @@ use host_sim::termination::{SecondSignal, TerminationSignals};
 ///
 /// Needs qemu-system-arm and the bench image from scripts/build-firmware. Exit code 1 if a limit is exceeded.
 #[derive(Debug, Args)]
+#[command(after_help = "Example: lab bench budget --json")]
 pub struct BudgetOptions {
     /// Bench image [default: target/firmware/mps2-an386-bench.elf]
     #[arg(long, value_name = "FILE")]
@@ -33,6 +34,7 @@ pub struct BudgetOptions {
 
 /// Solve time of each method, and simulated seconds a second, on this machine
 #[derive(Debug, Args)]
+#[command(after_help = "Example: lab bench speed")]
 pub struct SpeedOptions {
     /// Print one JSON object instead of the text
     #[arg(long)]

@@ -28,6 +28,7 @@ const ATTITUDE_PROTOCOLS: &[(&str, AttitudeProtocol)] =
 /// one. An alarm is a period without headings that begins without a fault. 100 flights of every case take about five
 /// minutes on two cores.
 #[derive(Debug, Args)]
+#[command(after_help = "Example: lab bench integrity --case moved-5 --flights 3")]
 pub struct IntegrityOptions {
     /// Kind of aircraft; a copter or a VTOL calibrates by its routine, and turns and accelerates in hover
     #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = named_value(AIRCRAFT_NAMES))]

@@ -23,10 +23,12 @@ use host_sim::{commands, print};
 /// limit, 2 wrong command; 130 ended by Ctrl-C, 141 the reader closed the pipe. docs/json.md describes the output of
 /// --json.
 #[derive(Debug, Parser)]
-#[command(name = "lab", version = commands::VERSION, about, long_about, max_term_width = print::MAX_OUTPUT_COLUMNS)]
+#[command(name = "lab", version = commands::VERSION, max_term_width = print::MAX_OUTPUT_COLUMNS)]
 pub struct Cli {
     #[command(subcommand)]
     command: LabCommand,
+    #[command(flatten)]
+    color: commands::ColorOption,
 }
 
 // No doc comments on these variants: they would replace the commands' own long help.
@@ -54,7 +56,9 @@ enum BenchCommand {
 /// Parses the command line, runs the command, and returns its exit code.
 #[must_use]
 pub fn run_program() -> ExitCode {
-    commands::final_exit_code(execute_command(&commands::parse_command_line::<Cli>().command))
+    let cli: Cli = commands::parse_command_line();
+    cli.color.apply();
+    commands::final_exit_code(execute_command(&cli.command))
 }
 
 fn execute_command(command: &LabCommand) -> Result<ExitCode, CommandFailure> {

@@ -18,6 +18,7 @@ use host_sim::print::{self, narrow_table, right_aligned};
 /// The airframe is fitted to the published errors. As in the paper's experiment it is tilted 20 deg to either side at
 /// zero pitch: at 12 headings without noise, and at 256 with the noise of a LIS3MDL.
 #[derive(Debug, Args)]
+#[command(after_help = "Example: lab table1 --seed 3")]
 pub struct Table1Options {
     /// Seed of the sensor's noise, 0 to 18446744073709551615
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer_in_range(0, u64::MAX))]

@@ -7,6 +7,7 @@
 
 use std::fmt;
 
+use super::device_id::DeviceId;
 use super::parameters::ParameterHistory;
 
 /// ArduPilot has calibration parameters of three compasses.
@@ -107,40 +108,6 @@ impl fmt::Display for UnknownSlot {
             Self::PrimaryLessBias => {
                 f.write_str("HIGHRES_IMU is the primary compass, corrected and less the bias of PX4's filter")
             }
-        }
-    }
-}
-
-/// Device id of a sensor, in the layout common to ArduPilot and PX4; displayed as bus and address.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct DeviceId(u32);
-
-impl DeviceId {
-    /// Device id from the value of a parameter; none if zero.
-    pub(crate) fn from_parameter(value: f64) -> Option<Self> {
-        // PX4 logs integers of 32 bits with a sign.
-        let id = (value as i64) as u32;
-        (id != 0).then_some(Self(id))
-    }
-}
-
-impl DeviceId {
-    /// Whether the sensor is a node of a CAN bus, or sends its field by MSP.
-    #[must_use]
-    pub const fn is_node(self) -> bool {
-        matches!(self.0 & 7, 3 | 5)
-    }
-}
-
-impl fmt::Display for DeviceId {
-    /// Bits 0 to 2 are the bus type, 3 to 7 the bus, 8 to 15 the address, 16 to 23 the type of the device.
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (bus, address) = (self.0 >> 3 & 0x1F, self.0 >> 8 & 0xFF);
-        match self.0 & 7 {
-            1 => write!(f, "I2C bus {bus}, address 0x{address:02X}"),
-            2 => write!(f, "SPI bus {bus}, device {address}"),
-            3 => write!(f, "DroneCAN bus {bus}, node {address}"),
-            _ => write!(f, "device id {}", self.0),
         }
     }
 }
@@ -347,18 +314,5 @@ mod tests {
             assert_eq!(of_link(&offsets, firmware_name, 2), slot, "{firmware_name:?}");
         }
         assert_eq!(of_link(&offsets[..5], Some("ArduPlane V4.0.9"), 2), several);
-    }
-
-    #[test]
-    fn a_device_id_names_bus_and_address() {
-        for (id, text) in [
-            (0x09_0E_09, "I2C bus 1, address 0x0E"),
-            (0x01_7D_03, "DroneCAN bus 0, node 125"),
-            (0x04_03_22, "SPI bus 4, device 3"),
-            (4, "device id 4"),
-        ] {
-            assert_eq!(DeviceId::from_parameter(f64::from(id)).map(|id| id.to_string()).as_deref(), Some(text));
-        }
-        assert_eq!(DeviceId::from_parameter(0.0), None);
     }
 }

@@ -5,9 +5,10 @@ use autoswing::earth::Date;
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::compass_slot::{CompassSlot, DeviceId, firmware_version};
+use super::compass_slot::{CompassSlot, external_parameter, firmware_version};
 use super::correction::{FieldCorrection, missing_parameters_of_slot};
 use super::correction_residual::CorrectionResidual;
+use super::device_id::DeviceId;
 use super::late_heading::HeadingLatency;
 use super::load::LoggedLoad;
 use super::mounting::{CustomRotation, logged_mounting, mounting_parameters, orientation_parameter};
@@ -281,6 +282,22 @@ impl LoggedFlight {
     #[must_use]
     pub fn slot_index(&self, compass_number: u8) -> Option<u8> {
         self.compass(compass_number)?.slot.index()
+    }
+
+    /// Where the sensor of a compass is, its chip and its bus, as far as the log has them: `external RM3100, I2C bus 0`.
+    #[must_use]
+    pub fn sensor_description(&self, compass_number: u8) -> String {
+        let compass = self.compass(compass_number);
+        let is_px4 = self.autopilot == AutopilotKind::Px4;
+        let place = compass.and_then(|compass| compass.slot.index()).and_then(|slot| {
+            // PX4: -1 is a sensor on the board, other numbers are orientations of an external one.
+            let (name, least_external) =
+                if is_px4 { (orientation_parameter(true, slot), 0.0) } else { (external_parameter(slot), 1.0) };
+            let value = self.parameters.last_value(&name)?;
+            Some(if value >= least_external { "external" } else { "internal" }.to_owned())
+        });
+        let device = compass.and_then(|compass| compass.device_id).map(|id| id.chip_and_bus(is_px4));
+        place.into_iter().chain(device).collect::<Vec<_>>().join(" ")
     }
 
     /// Major and minor version of the firmware, if its name has one.

@@ -7,10 +7,11 @@ use nalgebra::Vector3;
 
 use super::battery_current::repair_current;
 use super::compass_slot::{
-    ArdupilotSlots, CompassSlot, DeviceId, MAX_OFFSET_ROUNDING_MG, SlotEvidence, UnknownSlot, ardupilot_index,
+    ArdupilotSlots, CompassSlot, MAX_OFFSET_ROUNDING_MG, SlotEvidence, UnknownSlot, ardupilot_index,
 };
 use super::correction::{FieldCorrection, InvertibleCorrection};
 use super::correction_residual::CorrectionResidual;
+use super::device_id::DeviceId;
 use super::flight::{AttitudeView, AutopilotKind, Gps, LogFormat, LoggedCompass, LoggedFlight};
 use super::load::LoadRows;
 use super::mounting::px4_mounting;

@@ -8,6 +8,7 @@
 //! | MAVLink, with or without clock | `.tlog` | frames with valid checksums, each after eight clock bytes or none |
 //! | both, decoded by `mavlogdump` | `.json`, `.txt`, `.csv` | a line that is a message ([`decoded`]) |
 //! | values separated by comma, semicolon or tab | `.csv` | a first line that names `t_s` |
+//! | an archive with one of these | `.zip` | `PK` |
 //!
 //! The format is detected from the content, not the file name. Logs are read as streams: a [`LoggedFlight`] holds at most
 //! a hundred thousand rows of each series, whatever the length of the file. Any input gives a flight or an error.
@@ -24,12 +25,14 @@ mod correction_residual;
 pub mod csv;
 mod dataflash;
 mod decoded;
+mod device_id;
 mod flight;
 mod flight_builder;
 mod heading_integral;
 mod heading_latency;
 mod late_heading;
 mod load;
+mod log_error;
 pub mod log_writers;
 mod mounting;
 mod parameters;
@@ -43,12 +46,14 @@ mod tlog;
 mod ulog;
 mod utf16;
 mod vtol_view;
+mod zip;
 
 pub(crate) use compass_slot::{ARDUPILOT_SLOTS, ardupilot_index, external_parameter};
-pub use compass_slot::{CompassSlot, DeviceId, SlotEvidence, UnknownSlot};
+pub use compass_slot::{CompassSlot, SlotEvidence, UnknownSlot};
 pub use correction::FieldCorrection;
 pub(crate) use correction::symmetric_matrix;
 pub use correction_residual::CorrectionResidual;
+pub use device_id::DeviceId;
 pub use flight::{
     AttitudeView, AutopilotKind, Gps, LogFormat, LoggedCompass, LoggedFlight, SkippedCounts,
     missing_ardupilot_parameters, mounting_parameter_changes,
@@ -56,6 +61,7 @@ pub use flight::{
 pub(crate) use heading_integral::{HeadingIntegral, MAX_PITCH_RAD};
 pub use late_heading::HeadingLatency;
 pub use load::{LoadSource, LoggedLoad};
+pub use log_error::LogError;
 pub use mounting::{CustomRotation, SensorOrientation};
 pub(crate) use mounting::{logged_mounting, orientation_parameter, px4_external_trim, px4_mounting};
 pub use parameters::ParameterHistory;
@@ -63,87 +69,13 @@ pub use rates_problem::RatesProblem;
 pub use rotation::NumberedRotation;
 pub use vtol_view::VtolView;
 
-use std::fmt;
 use std::io::{self, Read};
 
-use csv::{CsvError, FieldUnit};
+use csv::FieldUnit;
 use utf16::Utf16Text;
 
 /// Bytes searched to detect the format.
 const FORMAT_DETECTION_BYTES: usize = 1 << 16;
-
-/// Reason why a log cannot be read.
-#[derive(Debug)]
-pub enum LogError {
-    /// The source cannot be read.
-    Io(io::Error),
-    /// The file is empty.
-    Empty,
-    /// The content matches no supported format.
-    UnknownFormat,
-    /// The format is known and not read; what to do instead.
-    UnreadFormat(&'static str),
-    /// Error in the values of a table.
-    Csv(CsvError),
-    /// The log has no valid magnetometer reading. Number of rejected ones.
-    NoMagnetometer(LogFormat, u64),
-    /// All fields are those of PX4 sensors without device id.
-    UnassignedFields(LogFormat),
-    /// The log has no attitude.
-    NoAttitude(LogFormat),
-    /// The requested MAVLink system is absent; systems that are present.
-    SystemNotFound(u8, Vec<u8>),
-    /// The log's messages carry no time.
-    NoTimeStamps(LogFormat),
-}
-
-impl fmt::Display for LogError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Io(error) => error.fmt(f),
-            Self::Empty => f.write_str("the file is empty"),
-            Self::UnknownFormat => f.write_str(
-                "not a known log: ArduPilot DataFlash (.bin, .log), PX4 ULog (.ulg), MAVLink (.tlog), what mavlogdump makes \
-                 of these, or a table whose first line names t_s,mx,my,mz,roll_deg,pitch_deg",
-            ),
-            Self::UnreadFormat(advice) => f.write_str(advice),
-            Self::Csv(error) => error.fmt(f),
-            Self::NoMagnetometer(format, 0) => write!(f, "{}: no magnetometer is logged", format.format_name()),
-            Self::NoMagnetometer(format, unhealthy) => write!(
-                f,
-                "{}: all {unhealthy} magnetometer readings are out of range, or marked unhealthy by the autopilot",
-                format.format_name()
-            ),
-            Self::UnassignedFields(format) => write!(
-                f,
-                "{}: PX4 sends SCALED_IMU without device id and in the axes of the sensor, so that no parameters can be \
-                 assigned to its field: use HIGHRES_IMU or the ULog of the flight",
-                format.format_name()
-            ),
-            Self::NoAttitude(format) => write!(f, "{}: no attitude is logged", format.format_name()),
-            Self::SystemNotFound(system, found) if found.is_empty() => {
-                write!(f, "no system {system}: no vehicle of the log has this number")
-            }
-            Self::SystemNotFound(system, found) => {
-                let found: Vec<String> = found.iter().map(u8::to_string).collect();
-                write!(f, "there is no vehicle of system {system}; there is {}", found.join(", "))
-            }
-            Self::NoTimeStamps(format) => write!(
-                f,
-                "{}: its messages carry no time (logs until 2014): the attitude of a field is unknown",
-                format.format_name()
-            ),
-        }
-    }
-}
-
-impl std::error::Error for LogError {}
-
-impl From<io::Error> for LogError {
-    fn from(error: io::Error) -> Self {
-        Self::Io(error)
-    }
-}
 
 /// Reads the first autopilot's flight from any source.
 ///
@@ -177,16 +109,46 @@ fn read_with_unchecked_rates(
     system: Option<u8>,
 ) -> Result<LoggedFlight, LogError> {
     let first_bytes = read_first_bytes(source)?;
-    let format = detect_format(&first_bytes);
+    if zip::matches_header(&first_bytes) {
+        return read_archive(&mut io::Cursor::new(first_bytes).chain(source), unit, system);
+    }
+    read_content(&first_bytes, source, unit, system)
+}
+
+/// Reads the only log of an archive.
+fn read_archive(source: &mut dyn Read, unit: FieldUnit, system: Option<u8>) -> Result<LoggedFlight, LogError> {
+    let (mut logs, mut others, mut flight) = (Vec::new(), Vec::new(), None);
+    zip::visit_entries(source, &mut |name, content| {
+        let first_bytes = read_first_bytes(content)?;
+        if detect_format(&first_bytes).is_err() {
+            others.push(name);
+        } else {
+            logs.push(name);
+            flight.get_or_insert_with(|| read_content(&first_bytes, content, unit, system));
+        }
+        Ok(())
+    })?;
+    flight.filter(|_| logs.len() == 1).unwrap_or(Err(match logs.len() {
+        0 => LogError::ArchiveWithoutLog(others),
+        _ => LogError::SeveralLogs(logs),
+    }))
+}
+
+fn read_content(
+    first_bytes: &[u8],
+    source: &mut dyn Read,
+    unit: FieldUnit,
+    system: Option<u8>,
+) -> Result<LoggedFlight, LogError> {
+    let format = detect_format(first_bytes);
+    let mut source = first_bytes.chain(source);
     if matches!(format, Err(LogError::UnknownFormat))
-        && let Some(format) = decoded::decoded_format(&first_bytes)
+        && let Some(format) = decoded::decoded_format(first_bytes)
     {
-        let mut source = io::Cursor::new(first_bytes).chain(source);
         return check_flight(decoded::read_decoded(&mut source, format, system)?, format, system);
     }
-    let mut source = io::Cursor::new(first_bytes.clone()).chain(source);
     if matches!(format, Err(LogError::UnknownFormat))
-        && let Some(mut text) = Utf16Text::new(&first_bytes, &mut source)?
+        && let Some(mut text) = Utf16Text::new(first_bytes, &mut source)?
     {
         let first_bytes = read_first_bytes(&mut text)?;
         let format = detect_format(&first_bytes)?;

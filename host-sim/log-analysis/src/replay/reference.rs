@@ -42,6 +42,18 @@ pub enum ReferenceKind {
 impl ReferenceKind {
     /// All kinds of reference, best first.
     pub const ALL_KINDS: [Self; 5] = [Self::Simulator, Self::Column, Self::GpsYaw, Self::GpsCourse, Self::AutopilotYaw];
+
+    /// Name in options and messages.
+    #[must_use]
+    pub const fn option_name(self) -> &'static str {
+        match self {
+            Self::Simulator => "simulator",
+            Self::Column => "column",
+            Self::GpsYaw => "gps-yaw",
+            Self::GpsCourse => "gps-course",
+            Self::AutopilotYaw => "autopilot",
+        }
+    }
 }
 
 /// Largest interpolation gap, seconds.

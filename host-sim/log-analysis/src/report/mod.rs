@@ -23,10 +23,10 @@ pub fn render_page(report: &Report) -> String {
     page::render_html(report)
 }
 
-/// Renders the before-and-after picture of the foremost compass as an SVG file.
+/// Renders the before-and-after picture of the first compass as an SVG file.
 #[must_use]
 pub fn render_picture(report: &Report) -> String {
-    let Some(compass) = report.main_compass() else { return svg::Svg::new(1.0, 1.0).to_file("nothing", "") };
+    let Some(compass) = report.compasses.first() else { return svg::Svg::new(1.0, 1.0).to_file("nothing", "") };
     let picture = pictures::deviation::combined_picture(compass, report.reference.difference_name);
     picture.svg.to_file(&picture.title, &picture.description)
 }

@@ -2,6 +2,7 @@
 
 use crate::numbers::{mean_angle_deg, quantile};
 use crate::replay::verdict::CompassState;
+use crate::replay::{ParameterChange, ParameterFile};
 use crate::score::wrap_180;
 
 /// Contents of a report page.
@@ -19,22 +20,18 @@ pub struct Report {
     pub reference: ReferenceInfo,
     /// Heading errors of all compasses with the coefficients of each calibrator.
     pub calibrators: CalibratorComparison,
-    /// Results of each compass.
+    /// Results of each compass, the one in use first.
     pub compasses: Vec<CompassReport>,
-    /// Name and text of a parameter file.
-    pub parameter_file: Option<[String; 2]>,
-    /// Title and text of the terminal output.
-    pub terminal_output: Option<[String; 2]>,
+    /// What the pilot does next, in steps.
+    pub next_steps: Vec<String>,
+    /// Parameter files to load; the first for the usual ground station.
+    pub parameter_files: Vec<ParameterFile>,
+    /// Old and new values of the parameters to load.
+    pub parameter_changes: Vec<ParameterChange>,
+    /// The module's console session, of a simulated flight.
+    pub console_session: Option<String>,
     /// Command, version, log, settings.
     pub origin: Vec<[String; 2]>,
-}
-
-impl Report {
-    /// The first compass with an accepted calibration, else the first; shown on the map.
-    #[must_use]
-    pub fn main_compass(&self) -> Option<&CompassReport> {
-        self.compasses.iter().find(|compass| compass.is_accepted).or_else(|| self.compasses.first())
-    }
 }
 
 /// A verdict on one line.
@@ -55,10 +52,6 @@ pub struct ReportOrigin {
     pub command_line: String,
     /// Settings, name and value.
     pub settings: Vec<[String; 2]>,
-    /// Output of the command.
-    pub terminal_output: String,
-    /// Name and text of a parameter file.
-    pub parameter_file: Option<[String; 2]>,
 }
 
 /// Reference of the headings.
@@ -90,8 +83,6 @@ pub struct CalibratorComparison {
 pub struct CompassReport {
     /// Name of the compass.
     pub compass_name: String,
-    /// Whether the calibration of this compass is accepted by the module's verification.
-    pub is_accepted: bool,
     /// Further results, name and value.
     pub facts: Vec<[String; 2]>,
     /// Errors before the calibration.
@@ -154,7 +145,7 @@ pub struct EventMark {
 /// State of the flight at one time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ReportSample {
-    /// Seconds on the clock of the log, or after the first sample of a mission.
+    /// Seconds on the clock of the log, or of the mission.
     pub time_s: f64,
     /// Heading, degrees: reference, else the module's own.
     pub heading_deg: Option<f64>,
@@ -220,6 +211,11 @@ pub(super) fn means_by_heading(
 }
 
 impl CompassReport {
+    /// Whether the compass has errors by heading.
+    pub(super) const fn has_curves(&self) -> bool {
+        !self.curves_before.is_empty() || !self.curves_after.is_empty()
+    }
+
     /// Samples since the last change of hard iron or mounting.
     pub(super) fn samples_since_change(&self) -> &[ReportSample] {
         let from_s = self.last_change_s.unwrap_or(f64::NEG_INFINITY);

@@ -2,38 +2,154 @@
 
 use super::chart_samples::{has_samples, samples_json};
 use super::model::{CompassReport, DeviationCurve, ReferenceInfo, Report, ReportSample, VerdictLine};
-use super::pictures::{Picture, coverage, map as map_of};
+use super::pictures::{Picture, coverage, deviation, map as map_of};
 use super::text::{concat_map, escape_html};
 use crate::numbers::{format_number, format_optional};
+use crate::replay::ParameterFile;
 use crate::replay::verdict::CompassState;
 
-/// State of each compass and what to do.
+/// Verdict on the first compass with its picture and what to do, then the others.
 pub fn verdict_section(report: &Report) -> String {
-    concat_map(&report.verdicts, verdict_line)
+    let mut lines = report.verdicts.iter().map(verdict_line);
+    let first = lines.next().unwrap_or_default();
+    let picture = report.compasses.first().filter(|compass| compass.has_curves()).map_or_else(String::new, |compass| {
+        let picture = deviation::common_scale_picture(compass, report.reference.difference_name);
+        figure("narrow", "deviation", &picture, &escape_html(&picture.caption))
+    });
+    let steps = concat_map(&report.next_steps, |step| format!("<li>{}</li>\n", escape_html(step)));
+    let steps = if steps.is_empty() { steps } else { format!("<h3>What to do</h3>\n<ol>\n{steps}</ol>\n") };
+    let others: String = lines.collect();
+    format!("{first}<div class=\"first\">\n{picture}<div>{}{steps}</div></div>\n{others}", parameter_files(report))
 }
 
-/// Key figures, reference and warnings about the log.
-pub fn findings_section(report: &Report) -> String {
-    let mut html: Vec<String> = Vec::new();
-    if !report.key_figures.is_empty() {
-        let rows = concat_map(&report.key_figures, |[label, value]| {
-            format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escape_html(label), escape_html(value))
-        });
-        html.push(format!("<dl class=\"figures\">\n{rows}</dl>\n"));
+/// One download, one copy, and the files for other ground stations.
+fn parameter_files(report: &Report) -> String {
+    let link = |file: &ParameterFile, class: &str| {
+        let (name, text) = (file.file_name, percent_encoded(&file.text));
+        format!("<a{class} download=\"{name}\" href=\"data:text/plain;charset=utf-8,{text}\">Download {name}</a>")
+    };
+    let Some((main, others)) = report.parameter_files.split_first() else { return String::new() };
+    let others = concat_map(others, |file| link(file, ""));
+    let others = if others.is_empty() {
+        others
+    } else {
+        format!("<details class=\"menu\"><summary>For QGroundControl</summary>{others}</details>")
+    };
+    format!(
+        "<p class=\"actions\">{} <button type=\"button\" data-copy=\"parameters-text\" hidden>Copy</button> \
+         <span role=\"status\" id=\"copied\"></span></p>\n{others}\n<pre id=\"parameters-text\" hidden>{}</pre>\n",
+        link(main, " class=\"button\""),
+        escape_html(&main.text)
+    )
+}
+
+/// Old and new values of the parameters to load.
+pub fn parameters_section(report: &Report) -> String {
+    if report.parameter_changes.is_empty() {
+        return String::new();
     }
+    let rows = report.parameter_changes.iter().map(|change| {
+        let logged = change.logged_value.map_or_else(|| "–".to_owned(), |value| value.to_string());
+        (change.name.clone(), vec![logged, change.new_value.clone()])
+    });
+    html_table("Parameters of the autopilot", "", &["in the log", "to load"], rows)
+}
+
+/// Charts of each compass and the map.
+pub fn charts_section(report: &Report) -> String {
+    let charts = of_each_compass(report, |id, compass| {
+        let mut html = Vec::new();
+        if has_samples(compass) {
+            html.push(chart_figures(compass, report.reference.difference_name));
+            html.push("<noscript><p>The charts need JavaScript.</p></noscript>\n".to_owned());
+        }
+        html.push(html_figure(&format!("{id}-coverage"), &coverage::coverage_picture(compass)));
+        html.concat()
+    });
+    let map = report.compasses.first().and_then(map_of::map_picture);
+    charts + &map.map_or_else(String::new, |picture| html_figure("map-picture", &picture))
+}
+
+fn chart_figures(compass: &CompassReport, difference_name: &str) -> String {
+    let figures = concat_map(charts(compass, difference_name), |(kind, title, description)| {
+        let description = escape_html(&description);
+        format!(
+            "<figure><div class=\"chart\" data-chart=\"{kind}\" role=\"img\" aria-label=\"{title}: {description}\"></div>\
+             <figcaption><b>{title}.</b> {description}</figcaption></figure>\n"
+        )
+    });
+    // JSON in an HTML script must not contain "<", which could end the script.
+    let json = samples_json(compass, difference_name).to_string().replace('<', "\\u003c");
+    format!("<div class=\"charts\">\n<script type=\"application/json\">{json}</script>\n{figures}</div>\n")
+}
+
+/// Deviation cards, where the reference is accurate enough for one.
+pub fn cards_section(report: &Report) -> String {
+    if !report.reference.is_accurate || !report.compasses.iter().any(CompassReport::has_curves) {
+        return String::new();
+    }
+    of_each_compass(report, |_, compass| deviation_card(compass, &report.reference))
+}
+
+/// A part of the page for each compass, of which `assets/compasses.js` shows the chosen one.
+fn of_each_compass(report: &Report, html: impl Fn(&str, &CompassReport) -> String) -> String {
+    let several = report.compasses.len() > 1;
+    concat_map((1..).zip(&report.compasses), |(number, compass): (usize, _)| {
+        let heading =
+            if several { format!("<h3>{}</h3>\n", escape_html(&compass.compass_name)) } else { String::new() };
+        let name = escape_html(&compass.compass_name);
+        let html = html(&format!("compass-{number}"), compass);
+        format!("<div class=\"compass\" data-compass=\"{name}\">\n{heading}{html}</div>\n")
+    })
+}
+
+/// Reference, warnings about the log, command, version and settings.
+pub fn origin_section(report: &Report) -> String {
+    let mut html = vec![facts_list(&report.origin)];
     if !report.reference.reference_name.is_empty() {
         html.push(format!(
-            "<p>Headings are compared with {}: {}. A difference is called {} here.</p>\n",
+            "<p>Compared with {}: {}.</p>\n",
             escape_html(&report.reference.reference_name),
             escape_html(&report.reference.accuracy_text),
-            escape_html(report.reference.difference_name)
         ));
     }
     if !report.log_warnings.is_empty() {
-        let warning_items = concat_map(&report.log_warnings, |warning| format!("<li>{}</li>\n", escape_html(warning)));
-        html.push(format!("<ul>\n{warning_items}</ul>\n"));
+        let items = concat_map(&report.log_warnings, |warning| format!("<li>{}</li>\n", escape_html(warning)));
+        html.push(format!("<ul>\n{items}</ul>\n"));
     }
     html.concat()
+}
+
+/// Key figures, the comparison of calibrators, and the facts about each compass.
+pub fn figures_section(report: &Report) -> String {
+    let mut html = vec![facts_list(&report.key_figures)];
+    if !report.calibrators.calibrator_rows.is_empty() {
+        html.push(comparison_table(report));
+    }
+    html.push(of_each_compass(report, |_, compass| facts_list(&compass.facts) + &coefficients_table(compass)));
+    if let Some(session) = &report.console_session {
+        html.push(format!(
+            "<details class=\"terminal\"><summary>Console session</summary>\n{}</details>\n",
+            html_listing("printed-text", "Console session", session)
+        ));
+    }
+    html.concat()
+}
+
+fn facts_list(facts: &[[String; 2]]) -> String {
+    let rows = concat_map(facts, |[label, value]| {
+        format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escape_html(label), escape_html(value))
+    });
+    if rows.is_empty() { rows } else { format!("<dl class=\"facts\">\n{rows}</dl>\n") }
+}
+
+fn coefficients_table(compass: &CompassReport) -> String {
+    let Some([x, y, z, b]) = compass.coefficients else { return String::new() };
+    let row = |name: &str, values: [f64; 3], decimals| {
+        (name.to_owned(), values.iter().map(|value| format_number(*value, decimals)).collect())
+    };
+    let rows = [row("W, x", x, 5), row("W, y", y, 5), row("W, z", z, 5), row("b, uT", b, 3)];
+    html_table("The module's coefficients: corrected field = W (m - b)", "", &["x", "y", "z"], rows.into_iter())
 }
 
 fn verdict_line(line: &VerdictLine) -> String {
@@ -51,7 +167,7 @@ fn verdict_line(line: &VerdictLine) -> String {
 }
 
 /// Comparison of calibrators and compasses.
-pub fn comparison_section(report: &Report) -> String {
+fn comparison_table(report: &Report) -> String {
     let names: Vec<&str> = report.calibrators.compasses.iter().map(String::as_str).collect();
     let rows = report.calibrators.calibrator_rows.iter().map(|(name, cells)| {
         let cells = cells.iter().map(|cell| format_optional(*cell, 2)).collect();
@@ -62,12 +178,8 @@ pub fn comparison_section(report: &Report) -> String {
         capitalised(report.reference.difference_name),
         report.reference.reference_name
     );
-    format!("<p>{CORRECTIONS_TEXT}</p>\n{}", html_table(&caption, "corrected by", &names, rows))
+    html_table(&caption, "corrected by", &names, rows)
 }
-
-const CORRECTIONS_TEXT: &str = "Uncorrected: the sensor's field. As logged: with the autopilot's parameters. Sphere: a fit of \
-                           offsets alone. Ellipsoid: of offsets and a symmetric matrix, from the field alone. Module: an Autoswing module on this flight. Parameters to load: as the autopilot would apply them, on held-back rows, which are not part of the fit. \
-                           Errors are of the whole flight, those of the parameters to load of the part that they are fitted to.";
 
 /// A chart of `assets/charts.js`: its kind, title and description.
 type Chart = (&'static str, &'static str, String);
@@ -78,55 +190,44 @@ fn charts(compass_report: &CompassReport, difference_name: &str) -> Vec<Chart> {
     let marks = concat_map(&compass_report.event_marks, |mark| {
         format!(" {} s: {}.", format_number(mark.time_s, 0), mark.event_name)
     });
-    let unused = if has_sample(|sample| !sample.is_usable) { " Grey: not used, as on the ground." } else { "" };
+    let unused = if has_sample(|sample| !sample.is_usable) { " Grey: not used." } else { "" };
     let chart = |is_drawn: bool, kind, title, description| is_drawn.then_some((kind, title, description));
     [
         chart(
             has_sample(|sample| sample.raw_ut.is_some()),
             "strength",
             "Field strength and current",
-            format!(
-                "Corrected {corrected_by}, the strength should be that of the Earth's field at all times: a step is iron that changed, a \
-                 bump motor current or iron nearby.{marks}{unused}"
-            ),
+            format!("Corrected {corrected_by} it should be constant: a step is iron that changed.{marks}{unused}"),
         ),
         chart(
             has_sample(|sample| sample.error_deg.is_some() || sample.error_before_deg.is_some()),
             "errors",
             "Error over time",
-            format!("{}, mean subtracted, with one sigma of the module.{}", capitalised(difference_name), withheld_headings_note(compass_report)),
+            format!("Drag to choose a part.{}", withheld_headings_note(compass_report)),
         ),
         chart(
             !compass_report.curves_before.is_empty(),
             "by_heading",
             "Error by heading",
-            format!("{} of each heading, and means. Choose a name in the legend to hide it.", capitalised(difference_name)),
+            format!("Each {difference_name} and the means."),
         ),
         chart(
             has_sample(|sample| sample.corrected_ut.is_some()),
             "axes",
-            "Three axes, expected and measured",
-            format!(
-                "The field corrected {corrected_by}, and the Earth's field turned into the axes of the aircraft by its attitude and \
-                 heading (dashed)."
-            ),
+            "Three axes",
+            format!("Corrected {corrected_by}; dashed: the Earth's field."),
         ),
         chart(
             has_sample(|sample| sample.current_a.is_some_and(|a| a > 0.0) && sample.corrected_ut.is_some()),
             "current",
             "Field against current",
-            format!(
-                "Measured less expected field by axis, as logged and corrected {corrected_by}: a slope is interference by the motors."
-            ),
+            "A slope is interference by the motors.".to_owned(),
         ),
         chart(
             has_sample(|sample| sample.raw_ut.is_some()),
             "sphere",
             "Directions of the field",
-            format!(
-                "Samples before the correction and corrected {corrected_by}, in the axes of the aircraft. Shaded: directions without a \
-                 sample. Turn it by dragging or with the arrow keys."
-            ),
+            "Shaded: directions near level flight that were not flown. Drag it, or use the arrow keys.".to_owned(),
         ),
     ]
     .into_iter()
@@ -141,51 +242,7 @@ fn withheld_headings_note(compass_report: &CompassReport) -> String {
     }
     let percent = 100.0 * withheld_count as f64 / compass_report.samples.len().max(1) as f64;
     let percent = format_number(percent, if percent < 1.0 { 2 } else { 1 });
-    format!(" Shaded: {percent} % of the time, without a heading of the module.")
-}
-
-pub fn compass_section(id: &str, compass_report: &CompassReport, compared: &ReferenceInfo) -> String {
-    let facts = concat_map(&compass_report.facts, |[label, value]| {
-        format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escape_html(label), escape_html(value))
-    });
-    let mut html = vec![format!("<dl class=\"facts\">\n{facts}</dl>\n")];
-    if has_samples(compass_report) {
-        let charts = concat_map(
-            charts(compass_report, compared.difference_name),
-            |(chart_kind, title, description)| {
-                let description = escape_html(&description);
-                format!(
-                    "<figure><div class=\"chart\" data-chart=\"{chart_kind}\" role=\"img\" aria-label=\"{title}: {description}\"></div>\
-                 <figcaption><b>{title}.</b> {description}</figcaption></figure>\n"
-                )
-            },
-        );
-        // JSON in an HTML script must not contain "<", which could end the script.
-        let json = samples_json(compass_report, compared.difference_name).to_string().replace('<', "\\u003c");
-        html.push(format!(
-            "<div class=\"charts\">\n<script type=\"application/json\">{json}</script>\n{charts}</div>\n\
-             <noscript><p>The pictures need JavaScript.</p></noscript>\n"
-        ));
-    }
-    if compared.is_accurate {
-        html.push(deviation_card(compass_report, compared));
-    }
-    html.push("<div class=\"pair\">\n".to_owned());
-    html.push(html_figure(&format!("{id}-coverage"), &coverage::coverage_picture(compass_report)));
-    if let Some([x, y, z, b]) = compass_report.coefficients {
-        let row = |name: &str, values_of_row: [f64; 3], decimals| {
-            (name.to_owned(), values_of_row.iter().map(|number_of| format_number(*number_of, decimals)).collect())
-        };
-        let rows = [row("W, x", x, 5), row("W, y", y, 5), row("W, z", z, 5), row("b, uT", b, 3)];
-        html.push(html_table(
-            "Coefficients: corrected field = W (m - b), body axes",
-            "",
-            &["x", "y", "z"],
-            rows.into_iter(),
-        ));
-    }
-    html.push("</div>\n".to_owned());
-    html.concat()
+    format!(" Shaded: without a heading of the module, {percent} %.")
 }
 
 /// Deviation card, as used with ships' compasses.
@@ -196,7 +253,11 @@ fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> S
     let sectors = first.errors_deg.len();
     let step = 360 / sectors.max(1);
     let has_sigma = compass_report.sigma_by_heading_deg.len() == sectors;
-    let column = |column_title: &str, line: &DeviationCurve| format!("{column_title}: {}", line.curve_name);
+    let lines = || compass_report.curves_before.iter().chain(&compass_report.curves_after);
+    let is_repeated = |line: &DeviationCurve| lines().filter(|other| other.curve_name == line.curve_name).count() > 1;
+    let column = |when: &str, line: &DeviationCurve| {
+        if is_repeated(line) { format!("{when}: {}", line.curve_name) } else { line.curve_name.clone() }
+    };
     let mut columns: Vec<String> = compass_report.curves_before.iter().map(|line| column("before", line)).collect();
     columns.extend(compass_report.curves_after.iter().map(|line| column("after", line)));
     if has_sigma {
@@ -204,8 +265,7 @@ fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> S
     }
     let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
     let row = |i: usize| {
-        let lines = compass_report.curves_before.iter().chain(&compass_report.curves_after);
-        let mut cells: Vec<String> = lines.map(|line| format_optional(line.card_error_deg(i), 2)).collect();
+        let mut cells: Vec<String> = lines().map(|line| format_optional(line.card_error_deg(i), 2)).collect();
         if has_sigma {
             let sigma = format_optional(compass_report.sigma_by_heading_deg.get(i).copied(), 2);
             cells.push(if sigma == "–" { sigma } else { format!("± {sigma}") });
@@ -224,9 +284,8 @@ fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> S
         format!(" Of the flight after {} s, the last change.", format_number(at_s, 0))
     });
     format!(
-        "<div class=\"card\">\n<h3>Deviation card: {}</h3>\n<p>Degrees by heading: indicated less {}. Subtract it from the \
-         indicated heading: with +3.00 at 090, a compass that shows 093 points to 090. {}{since}</p>\n<div class=\"halves\">{}</div>\
-         </div>\n",
+        "<div class=\"card\">\n<p>{}: degrees by heading, indicated less {}; subtract it from the indicated heading. \
+         {}{since}</p>\n<div class=\"halves\">{}</div></div>\n",
         escape_html(&compass_report.compass_name),
         escape_html(&compared.reference_name),
         escape_html(&compared.card_constant_text),
@@ -234,45 +293,17 @@ fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> S
     )
 }
 
-pub fn map_section(compass_report: &CompassReport) -> Option<String> {
-    map_of::map_picture(compass_report).map(|picture| html_figure("map-picture", &picture))
-}
-
-pub fn parameters_section(name: &str, text: &str) -> String {
-    let name = escape_html(name);
-    format!(
-        "<p><button type=\"button\" data-copy=\"parameters-text\" hidden>Copy</button> \
-         <a class=\"button\" download=\"{name}\" href=\"data:text/plain;charset=utf-8,{}\">Download {name}</a> \
-         <span role=\"status\" id=\"copied\"></span></p>\n<p>Load it with a ground station, and compare the heading on \
-         the ground before you fly by it.</p>\n{}",
-        percent_encoded(text),
-        html_listing("parameters-text", "Parameters", text)
-    )
-}
-
-/// Command, version, log, settings and terminal output.
-pub fn origin_section(report: &Report) -> String {
-    let rows = concat_map(&report.origin, |[label, value]| {
-        format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escape_html(label), escape_html(value))
-    });
-    let mut html = vec![format!("<dl class=\"facts\">\n{rows}</dl>\n")];
-    if let Some([title, text]) = &report.terminal_output {
-        html.push(format!(
-            "<details class=\"terminal\"><summary>{}</summary>\n{}</details>\n",
-            escape_html(title),
-            html_listing("printed-text", title, text)
-        ));
-    }
-    html.concat()
-}
-
 fn html_figure(id: &str, picture: &Picture) -> String {
     let class = if picture.needs_full_width { "wide" } else { "narrow" };
+    let [title, caption] = [&picture.title, &picture.caption].map(|text| escape_html(text));
+    figure(class, id, picture, &format!("<b>{title}.</b> {caption}"))
+}
+
+fn figure(class: &str, id: &str, picture: &Picture, caption_html: &str) -> String {
     format!(
         "<figure class=\"{class}\"><div class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"{title}: picture\">\n{}\
-         </div><figcaption><b>{title}.</b> {}</figcaption></figure>\n",
+         </div><figcaption>{caption_html}</figcaption></figure>\n",
         picture.svg.to_inline(id, &picture.title, &picture.description),
-        escape_html(&picture.description),
         title = escape_html(&picture.title),
     )
 }

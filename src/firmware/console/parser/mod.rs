@@ -15,8 +15,13 @@ use autoswing_module::settings::{Setting, SettingChange, SettingKind, SettingVal
 /// Reason why a line is invalid.
 #[derive(Clone, Copy, Debug)]
 pub enum LineError {
-    /// Unknown first word (`None`), or unknown second word after this known first one.
-    UnknownCommand(Option<&'static str>),
+    /// Unknown first word, or unknown second word after a known first one.
+    UnknownCommand {
+        /// The known first word.
+        first: Option<&'static str>,
+        /// The word that was probably meant.
+        nearest: Option<&'static str>,
+    },
     /// Missing second word; contains the first.
     MissingWord(&'static str),
     /// Missing argument.
@@ -36,7 +41,7 @@ impl LineError {
     #[must_use]
     pub const fn stable_code(&self) -> &'static str {
         match self {
-            Self::UnknownCommand(_) => "unknown-command",
+            Self::UnknownCommand { .. } => "unknown-command",
             Self::MissingWord(_) | Self::MissingArgument(_) => "missing-argument",
             Self::BadValue(_) => "bad-value",
             Self::UnexpectedArgument(_) => "unexpected-argument",
@@ -50,8 +55,12 @@ impl LineError {
 impl Display for LineError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::UnknownCommand(None) => f.write_str("unknown command; help lists all"),
-            Self::UnknownCommand(Some(first)) | Self::MissingWord(first) => {
+            Self::UnknownCommand { first, nearest: Some(nearest) } => {
+                let (first, space) = first.map_or(("", ""), |first| (first, " "));
+                write!(f, "unknown command; did you mean {first}{space}{nearest}?")
+            }
+            Self::UnknownCommand { first: None, .. } => f.write_str("unknown command; help lists all"),
+            Self::UnknownCommand { first: Some(first), .. } | Self::MissingWord(first) => {
                 write!(f, "after {first} expected ")?;
                 write_list(f, &|number| ExpectedElement::SecondWord(first).nth_word(number), " or ")
             }
@@ -88,28 +97,61 @@ fn split_last_word(line: &str) -> (&str, &str) {
 }
 
 fn parse_words<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Request, LineError> {
-    let mut command = find_command([first, ""]).ok_or(LineError::UnknownCommand(None))?;
+    let mut command = find_command([first, ""]).ok_or_else(|| unknown_command(None, first))?;
     if let ConsoleCommand::Own(CommandSpec { command_form: CommandForm::Help, .. }) = command {
         return words.next().map_or(Ok(Request::Help(None)), |topic| parse_help(topic, words));
     }
     if command.is_group() {
         let [first, _] = command.words();
         let second = words.next().ok_or(LineError::MissingWord(first))?;
-        command = find_command([first, second]).ok_or(LineError::UnknownCommand(Some(first)))?;
+        command = find_command([first, second]).ok_or_else(|| unknown_command(Some(first), second))?;
     }
     parse_arguments(command, words)
 }
 
 fn parse_help<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Request, LineError> {
-    let mut command = find_command([first, ""]).ok_or(LineError::UnknownCommand(None))?;
+    let mut command = find_command([first, ""]).ok_or_else(|| unknown_command(None, first))?;
     if let Some(second) = words.next() {
         if !command.is_group() {
             return Err(LineError::UnexpectedArgument(command));
         }
         let [first, _] = command.words();
-        command = find_command([first, second]).ok_or(LineError::UnknownCommand(Some(first)))?;
+        command = find_command([first, second]).ok_or_else(|| unknown_command(Some(first), second))?;
     }
     if words.next().is_some() { Err(LineError::UnexpectedArgument(command)) } else { Ok(Request::Help(Some(command))) }
+}
+
+/// Longest word that is compared by its letters; no command is longer.
+const MAX_COMPARED_LETTERS: usize = 24;
+
+/// Largest number of letters to insert, delete or replace in a word that is suggested; less than half of its letters.
+const MAX_LETTER_CHANGES: usize = 2;
+
+fn unknown_command(first: Option<&'static str>, typed: &str) -> LineError {
+    let words = (0..).map_while(|number| nth_command_word(first, number));
+    let near_words = words.filter_map(|word| Some((letter_changes(word, typed)?, word)));
+    let nearest = near_words.min_by_key(|(changes, _)| *changes);
+    let nearest = nearest.filter(|(changes, word)| *changes <= MAX_LETTER_CHANGES && 2 * changes < word.len());
+    LineError::UnknownCommand { first, nearest: nearest.map(|(_, word)| word) }
+}
+
+/// Number of letters to insert, delete or replace (Levenshtein distance), without regard to case; none if a word is too
+/// long.
+fn letter_changes(word: &str, typed: &str) -> Option<usize> {
+    let mut distances: [usize; MAX_COMPARED_LETTERS + 1] = core::array::from_fn(|column| column);
+    let distances = distances.get_mut(..=word.len())?;
+    for (row, typed) in typed.bytes().enumerate() {
+        let mut diagonal = row;
+        let mut left = row + 1;
+        for (column, letter) in word.bytes().enumerate() {
+            let (above, replaced) =
+                (distances[column + 1], diagonal + usize::from(!letter.eq_ignore_ascii_case(&typed)));
+            distances[column] = left;
+            (diagonal, left) = (above, replaced.min(above + 1).min(left + 1));
+        }
+        distances[word.len()] = left;
+    }
+    Some(distances[word.len()])
 }
 
 fn is_help(first: &str) -> bool {

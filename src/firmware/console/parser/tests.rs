@@ -126,6 +126,10 @@ fn a_passphrase_keeps_its_case() {
 fn an_error_names_the_expected_argument() {
     for (line, complaint) in [
         ("frobnicate", "unknown-command: unknown command; help lists all"),
+        ("statsu", "unknown-command: unknown command; did you mean status?"),
+        ("CALL start", "unknown-command: unknown command; did you mean cal?"),
+        ("set atitude-error 1 1", "unknown-command: unknown command; did you mean set attitude-error?"),
+        ("help stream raate", "unknown-command: unknown command; did you mean stream rate?"),
         ("stream fast", "unknown-command: after stream expected on, off, rate or heading"),
         ("STREAM", "missing-argument: after stream expected on, off, rate or heading"),
         ("help stream fast", "unknown-command: after stream expected on, off, rate or heading"),

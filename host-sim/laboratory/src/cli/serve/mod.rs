@@ -48,7 +48,7 @@ use host_sim::print;
 ///
 /// Exit codes: 130 ended by Ctrl-C, 2 wrong command or unavailable port.
 #[derive(Debug, Args)]
-#[command(after_long_help = after_help())]
+#[command(after_help = "Example: lab serve --tcp 5760", after_long_help = after_help())]
 pub struct ServeCommandOptions {
     #[command(flatten)]
     module_options: ModuleOptions,
@@ -82,6 +82,7 @@ pub struct ServeCommandOptions {
 /// orders after an exclamation mark: `!land` disarms, `!help` lists them. `quit`, Ctrl-D on an empty line and Ctrl-]
 /// end. Piped input is sent line by line, each after the answer to the one before.
 #[derive(Debug, Args)]
+#[command(after_help = "Example: lab console --tcp 5760")]
 pub struct ConsoleOptions {
     /// Pseudo-terminal or serial port
     #[arg(value_name = "PATH", conflicts_with = "tcp")]
@@ -147,7 +148,7 @@ fn format_order(order: &str, description: &str) -> String {
 fn after_help() -> String {
     let command_list = serve::COMMANDS.map(|(order, description)| format_order(order, description)).concat();
     format!(
-        "Orders, a line each on standard input, answered by `ok` or `error <code>`; without --world:\n{command_list}\n\
+        "Example: lab serve --tcp 5760\n\nOrders, a line each on standard input, answered by `ok` or `error <code>`; without --world:\n{command_list}\n\
          Attach, with --tcp 5760 (or the pseudo-terminal that is printed in place of the TCP port):\n  \
            lab console --tcp 5760           type to the module\n  \
            nc 127.0.0.1 5762                     read its headings\n  \
@@ -341,6 +342,10 @@ fn connect_tcp(port: u16) -> Result<Connection<TcpStream>, CommandFailure> {
 fn attach_terminal(mut module: impl ByteConnection) -> Result<ExitCode, CommandFailure> {
     let interruption = TerminationSignals::install_handlers(SecondSignal::Exits)?;
     let mut terminal = open_terminal(None)?;
+    if io::IsTerminal::is_terminal(&io::stdin()) {
+        // An empty line makes the module write its prompt.
+        module.write_bytes(b"\r");
+    }
     while !interruption.stop_flag().load(Ordering::SeqCst) && !terminal.has_ended() {
         module.write_bytes(&terminal.read_bytes(MAX_POLL_BYTES));
         terminal.write_bytes(&module.read_bytes(MAX_POLL_BYTES));

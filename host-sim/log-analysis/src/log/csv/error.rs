@@ -21,6 +21,20 @@ pub enum CsvError {
     NoRows(Option<(u64, String, String)>),
 }
 
+impl CsvError {
+    /// Stable code of the reason, for programs.
+    #[must_use]
+    pub const fn stable_code(&self) -> &'static str {
+        match self {
+            Self::Unreadable(_) => "unreadable-file",
+            Self::MissingColumn(_) | Self::MissingRateColumn(_) => "missing-column",
+            Self::UnknownUnit(..) => "unknown-unit",
+            Self::Scale(problem) => problem.stable_code(),
+            Self::NoRows(_) => "no-rows",
+        }
+    }
+}
+
 impl fmt::Display for CsvError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -33,7 +47,7 @@ impl fmt::Display for CsvError {
                 )
             }
             Self::MissingRateColumn(name) => write!(f, "no column {name}; p_dps, q_dps and r_dps belong together"),
-            Self::UnknownUnit(column, unit) => write!(f, "unknown-unit: {column} has no unit {unit:?}"),
+            Self::UnknownUnit(column, unit) => write!(f, "{column} has no unit {unit:?}"),
             Self::Scale(problem) => problem.fmt(f),
             Self::NoRows(None) => f.write_str("there are no rows"),
             Self::NoRows(Some((line, column, found))) => {

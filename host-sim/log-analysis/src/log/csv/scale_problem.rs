@@ -42,7 +42,6 @@ impl ScaleProblem {
 
 impl fmt::Display for ScaleProblem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: ", self.stable_code())?;
         match self {
             Self::Time(step) => write!(
                 f,

@@ -1,5 +1,6 @@
 //! Tests of the readers with one flight in every format, intact and damaged.
 
+mod archive;
 mod ardupilot;
 mod decoded;
 mod hostile;

@@ -26,7 +26,7 @@ fn candidate(rms_deg: f64, as_logged_rms_deg: f64, loss_deg: f64) -> ParameterCa
     }
 }
 
-/// The promise of docs/your-flight.md: a gain of 0.3 deg and of a fifth of the error as logged, and at most 2 deg, or at
+/// The promise of docs/how-replay-works.md: a gain of 0.3 deg and of a fifth of the error as logged, and at most 2 deg, or at
 /// most 5 deg of which all but 2 deg (in squares) is the loss by the autopilot's symmetric matrix.
 #[test]
 fn parameters_are_given_if_they_improve_a_compass_to_a_useful_accuracy() {

@@ -27,7 +27,9 @@ impl ParameterFormat {
     #[must_use]
     pub const fn file_name(self) -> &'static str {
         match self {
-            Self::ArduPilot | Self::Px4 => "compass.param",
+            Self::ArduPilot => "compass.param",
+            // The extension of QGroundControl's files.
+            Self::Px4 => "compass.params",
             Self::Inav => "compass.txt",
         }
     }

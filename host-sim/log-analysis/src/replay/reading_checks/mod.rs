@@ -1,7 +1,7 @@
 //! Checks by the data that a log means what the reader took it for: signs, axes, unit, and the direction of north.
 //!
 //! A failed check forbids the parameter file of a compass; a file also requires that every check of
-//! [`CheckedMeaning::is_required`] passes. The table of checks is in docs/your-flight.md.
+//! [`CheckedMeaning::is_required`] passes. The table of checks is in docs/how-replay-works.md.
 
 mod check;
 mod north;

@@ -273,7 +273,7 @@ fn a_turned_sensor_is_oriented_by_the_simplest_parameters() {
     }
 }
 
-/// The table of docs/your-flight.md: why a file gives no rotation by any angles.
+/// The table of docs/how-replay-works.md: why a file gives no rotation by any angles.
 #[test]
 fn an_orientation_that_parameters_do_not_express_is_left() {
     use ParameterFormat::{ArduPilot, Inav, Px4};
@@ -410,7 +410,7 @@ fn the_file_states_the_score_of_its_parameters() {
     };
     for (format, file_name) in [
         (ParameterFormat::ArduPilot, "compass.param"),
-        (ParameterFormat::Px4, "compass.param"),
+        (ParameterFormat::Px4, "compass.params"),
         (ParameterFormat::Inav, "compass.txt"),
     ] {
         assert_eq!(format.file_name(), file_name);

@@ -14,7 +14,7 @@ impl Verdict<'_> {
     #[must_use]
     pub fn key_facts(&self, compass: &CompassVerdict<'_>) -> Vec<[String; 2]> {
         let sent_percent = compass.sent_percent();
-        let CompassVerdict { evaluation: compass, judgement, parameters, reading_checks } = compass;
+        let CompassVerdict { evaluation: compass, judgement, parameters, reading_checks, .. } = compass;
         let mut facts: Vec<[String; 2]> = Vec::new();
         let mut add_fact = |name: &str, value: String| facts.push([name.to_owned(), value]);
         if let Some(is_used) = compass.is_used_for_heading {
@@ -121,7 +121,7 @@ fn add_solution_facts(solution: &Solution, add_fact: &mut dyn FnMut(&str, String
             format!("{} deg of the expected error, since they depend on the bank", format_deg(finding.added_error_deg)),
         );
     }
-    if let Some(advice) = &solution.advice {
+    if let Some(advice) = solution.advice.as_ref().filter(|advice| advice.is_worthwhile()) {
         let [now, then] = [advice.expected_deg, advice.expected_after_deg].map(format_deg);
         add_fact(
             "least certain",

@@ -28,6 +28,8 @@ pub struct Verdict<'a> {
 /// Verdict on a compass.
 #[derive(Clone, Debug)]
 pub struct CompassVerdict<'a> {
+    /// Number, place, chip and bus of the sensor, as far as the log has them.
+    pub compass_name: String,
     /// Evaluation of the compass.
     pub evaluation: &'a CompassEvaluation,
     /// State of the compass, and what to do with it.
@@ -62,6 +64,7 @@ impl<'a> Verdict<'a> {
             used_rotations.extend(parameters.as_ref().ok().and_then(|exported| exported.orientation.custom_rotation()));
             let failure = sensor_failure(flight, compass);
             CompassVerdict {
+                compass_name: compass_name(flight, compass.compass_number),
                 evaluation: compass,
                 judgement: CompassJudgement::new(
                     compass,
@@ -149,6 +152,13 @@ impl<'a> Verdict<'a> {
     }
 }
 
+fn compass_name(flight: &LoggedFlight, compass_number: u8) -> String {
+    match flight.sensor_description(compass_number) {
+        sensor if sensor.is_empty() => format!("Compass {compass_number}"),
+        sensor => format!("Compass {compass_number} ({sensor})"),
+    }
+}
+
 /// Warning about parameters if neither inclination nor north confirms the sign of the field: a negated field turns like a
 /// right one.
 fn unconfirmed_sign(compass: &CompassEvaluation, checks: &[ReadingCheck]) -> Option<String> {
@@ -173,8 +183,12 @@ impl CompassVerdict<'_> {
     /// Judgement of the compass, a sentence.
     #[must_use]
     pub fn summary_sentence(&self) -> String {
-        let use_text = if self.evaluation.is_used_for_heading == Some(true) { ", in use," } else { "" };
-        format!("Compass {}{use_text} {}.", self.evaluation.compass_number, self.judgement)
+        let use_text = match self.evaluation.is_used_for_heading {
+            Some(true) => ", in use,",
+            Some(false) => ", not used,",
+            None => "",
+        };
+        format!("{}{use_text} {}.", self.compass_name, self.judgement)
     }
 
     /// Percentage of usable rows for which the module, so calibrated, would have sent a heading.

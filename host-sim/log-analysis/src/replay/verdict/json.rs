@@ -1,4 +1,4 @@
-//! The verdict as a JSON object, which docs/your-flight.md describes.
+//! The verdict as a JSON object, which docs/json.md describes.
 
 use autoswing::calibration::Solution;
 use serde_json::{Value, json};

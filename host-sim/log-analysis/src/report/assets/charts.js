@@ -81,16 +81,21 @@
         u.ctx.strokeStyle = u.ctx.fillStyle = colour("--ink");
         u.ctx.font = `${12 * devicePixelRatio}px system-ui, sans-serif`;
         u.ctx.setLineDash([5 * devicePixelRatio, 3 * devicePixelRatio]);
-        data.marks.forEach(({ at, name }, i) => {
+        // Right edges of the labels in each line: a label goes to the first line with room.
+        const edges = [];
+        data.marks.forEach(({ at, name }) => {
           const x = u.valToPos(at, "x", true);
           if (x < left || x > left + width) return;
           u.ctx.beginPath();
           u.ctx.moveTo(x, top);
           u.ctx.lineTo(x, top + height);
           u.ctx.stroke();
-          const isRight = x + u.ctx.measureText(name).width > left + width;
-          u.ctx.textAlign = isRight ? "right" : "left";
-          u.ctx.fillText(name, x + (isRight ? -4 : 4) * devicePixelRatio, top + (13 + 14 * (i % 3)) * devicePixelRatio);
+          const size = u.ctx.measureText(name).width;
+          const from = Math.max(left, Math.min(x + 4 * devicePixelRatio, left + width - size));
+          const free = edges.findIndex((edge) => edge < from);
+          const row = free < 0 ? edges.length : free;
+          edges[row] = from + size + 6 * devicePixelRatio;
+          u.ctx.fillText(name, from, top + (13 + 14 * row) * devicePixelRatio);
         });
         u.ctx.restore();
       }],
@@ -119,7 +124,7 @@
       if (data.sigma && data.module) {
         const side = (sign) => data.sigma.map((sigma, i) => (sigma === null || data.module[i] === null ? null : sign * sigma));
         bands.push({ series: [series.length + 1, series.length + 2], fill: () => `${colour("--band")}33` });
-        for (const [label, sign] of [["+1 sigma", 1], ["-1 sigma", -1]]) series.push([line(label, "--band", { width: 0 }), side(sign)]);
+        for (const [label, sign] of [["+sigma", 1], ["-sigma", -1]]) series.push([line(label, "--band", { width: 0 }), side(sign)]);
       }
       return { ...overTime, ...marked(data), x: data.t, series, bands, axes: [...overTime.axes, axis(`${data.error}, deg`)] };
     },
@@ -127,7 +132,7 @@
       const order = data.t.map((_, i) => i).filter((i) => is(data, i, 1) && data.heading?.[i] != null).sort((a, b) => data.heading[a] - data.heading[b]);
       const cloud = [order.map((i) => data.heading[i])];
       const series = [];
-      for (const [name, label, tone] of [["before", `${data.before_name}, each`, "--c1"], ["parameters", "parameters, each", "--c2"], ["module", "module, each", "--c3"]]) {
+      for (const [name, label, tone] of [["before", data.before_name, "--c1"], ["parameters", "parameters", "--c2"], ["module", "module", "--c3"]]) {
         if (!data[name]) continue;
         cloud.push(order.map((i) => data[name][i]));
         series.push(points(label, tone));
@@ -170,14 +175,16 @@
     },
   };
 
-  // Cells of 30 by 30 deg of directions; those without a sample are missing.
-  function missingCells(directions) {
+  // Cells of 30 by 30 deg of directions without a sample; with a known inclination those that level flight and turns reach.
+  const REACH_DEG = 45;
+  function missingCells(directions, inclination) {
     const seen = new Set(directions.map(([x, y, z]) => {
       const down = Math.asin(Math.max(-1, Math.min(1, z)));
       return `${Math.floor(((Math.atan2(y, x) / Math.PI) * 6 + 12) % 12)} ${Math.min(5, Math.floor((down / Math.PI + 0.5) * 6))}`;
     }));
     const cells = [];
-    for (let a = 0; a < 12; a++) for (let b = 0; b < 6; b++) if (!seen.has(`${a} ${b}`)) cells.push([a, b]);
+    const isReached = (b) => inclination === undefined || Math.abs(30 * b - 75 - inclination) < REACH_DEG;
+    for (let a = 0; a < 12; a++) for (let b = 0; b < 6; b++) if (isReached(b) && !seen.has(`${a} ${b}`)) cells.push([a, b]);
     return cells;
   }
 
@@ -197,7 +204,7 @@
     const mean = (all) => all.reduce((sum, ut) => sum + Math.hypot(...ut), 0) / Math.max(1, all.length);
     const total = data.earth?.[0] ?? mean(raw);
     const directions = (corrected.length ? corrected : raw).map((ut) => ut.map((part) => part / Math.hypot(...ut)));
-    const cells = missingCells(directions);
+    const cells = missingCells(directions, data.earth?.[1]);
     const view = { turn: -0.6, tilt: 0.4 };
     function draw(width) {
       const size = Math.min(width, 420);
@@ -237,12 +244,20 @@
       }
       ctx.globalAlpha = 1;
       ctx.fillStyle = colour("--ink");
-      ctx.font = `${24 / size}px system-ui, sans-serif`;
-      for (const [name, direction] of [["nose", [1.04, 0, 0]], ["right wing", [0, 1.04, 0]], ["down", [0, 0, 1.04]]]) ctx.fillText(name, ...seen(direction).slice(0, 2));
+      ctx.font = `bold ${28 / size}px system-ui, sans-serif`;
+      ctx.textAlign = "center";
+      ctx.strokeStyle = colour("--paper");
+      ctx.lineWidth = 8 / size;
+      for (const [name, direction] of [["nose", [1.04, 0, 0]], ["right wing", [0, 1.04, 0]], ["down", [0, 0, 1.04]]]) {
+        const at = seen(direction).slice(0, 2);
+        ctx.strokeText(name, ...at);
+        ctx.fillText(name, ...at);
+      }
     }
     const legend = holder.appendChild(document.createElement("p"));
     legend.className = "key";
-    for (const [name, tone] of [["uncorrected", "c1"], ["corrected", "c3"], ["no sample", "miss"]]) {
+    for (const [name, tone, shownItems] of [["uncorrected", "c1", raw], ["corrected", "c3", corrected], ["not flown", "miss", cells]]) {
+      if (!shownItems.length) continue;
       const item = legend.appendChild(document.createElement("span"));
       item.className = `key-${tone}`;
       item.textContent = name;
@@ -291,7 +306,7 @@
   // Charts over time show the same range: dragged in one of them, or entered.
   function timeRange(box, data) {
     const [first, last] = [data.t[0], data.t[data.t.length - 1]];
-    const group = { key: box.parentElement.closest("section").getAttribute("aria-labelledby"), plots: [], isBusy: false };
+    const group = { key: box.parentElement.dataset.compass, plots: [], isBusy: false };
     const bar = document.createElement("p");
     bar.className = "range";
     const field = (text) => {
@@ -306,6 +321,10 @@
     const whole = bar.appendChild(document.createElement("button"));
     Object.assign(whole, { type: "button", textContent: "Whole flight" });
     whole.addEventListener("click", () => group.show(first, last));
+    // Only the page that judges logs can judge a part.
+    const part = bar.appendChild(document.createElement("button"));
+    Object.assign(part, { type: "button", textContent: "Judge this part", hidden: true });
+    part.addEventListener("click", () => window.judgePart(from.valueAsNumber, to.valueAsNumber));
     group.show = (min, max) => max > min && group.plots[0]?.setScale("x", { min, max });
     group.follow = (plot) => {
       if (group.isBusy) return;
@@ -313,6 +332,7 @@
       const { min, max } = plot.scales.x;
       for (const other of group.plots) if (other !== plot) other.setScale("x", { min, max });
       [from.value, to.value] = [min.toFixed(1), max.toFixed(1)];
+      part.hidden = window.judgePart === undefined || max - min > last - first - 0.2;
       group.isBusy = false;
     };
     if (last > first) box.before(bar);
@@ -332,20 +352,21 @@
     }
   }
 
-  for (const box of document.querySelectorAll(".charts")) {
-    const part = box.closest("details");
-    part?.addEventListener("toggle", () => part.open && draw(box));
-    if (!part || part.open) draw(box);
+  function drawVisible() {
+    for (const box of document.querySelectorAll(".charts")) if (box.clientWidth > 0) draw(box);
   }
+  for (const part of document.querySelectorAll("details")) part.addEventListener("toggle", drawVisible);
+  addEventListener("compasschosen", drawVisible);
+  drawVisible();
   const each = (act) => shown.filter(({ holder }) => holder.isConnected).forEach(act);
   addEventListener("resize", () => each(({ holder, resize }) => holder.clientWidth > 0 && resize(holder.clientWidth)));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => each(({ redraw }) => redraw()));
   // Folded parts are unfolded on paper, and folded again after it.
   let folded = [];
   addEventListener("beforeprint", () => {
-    folded = [...document.querySelectorAll("details:not([open], .terminal)")];
+    folded = [...document.querySelectorAll("details:not([open], .terminal, .menu)")];
     for (const part of folded) part.open = true;
-    document.querySelectorAll(".charts").forEach(draw);
+    drawVisible();
     document.documentElement.classList.add("printing");
     each(({ resize }) => resize(...PAPER));
   });

@@ -7,6 +7,7 @@ for (const button of document.querySelectorAll("button[data-copy]")) {
     try {
       await navigator.clipboard.writeText(from.textContent);
     } catch {
+      from.hidden = false;
       getSelection().selectAllChildren(from);
       done = document.execCommand("copy");
     }

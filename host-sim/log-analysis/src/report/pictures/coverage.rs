@@ -105,7 +105,11 @@ pub fn coverage_picture(compass_report: &CompassReport) -> Picture {
     Picture {
         svg,
         title: "What was flown".to_owned(),
-        description: coverage_in_words(compass_report, &cells),
+        description: coverage_in_words(&cells),
+        caption: compass_report
+            .advice
+            .as_ref()
+            .map_or_else(|| "Samples by heading and tilt.".to_owned(), |advice| format!("Most useful next: {advice}.")),
         needs_full_width: true,
     }
 }
@@ -130,10 +134,7 @@ fn draw_cell(
     }
 }
 
-fn coverage_in_words(
-    compass_report: &CompassReport,
-    cells: &[[CoverageCell; HEADING_SECTORS]; TILT_ROWS.len()],
-) -> String {
+fn coverage_in_words(cells: &[[CoverageCell; HEADING_SECTORS]; TILT_ROWS.len()]) -> String {
     let mut coverage_in_words = Vec::new();
     for ((name, _), row) in TILT_ROWS.iter().zip(cells) {
         let missing: Vec<String> = row
@@ -148,9 +149,7 @@ fn coverage_in_words(
             _ => format!("{name}: not flown {}", missing.join(", ")),
         });
     }
-    let advice =
-        compass_report.advice.as_ref().map_or_else(String::new, |advice| format!(" Most useful next: {advice}."));
-    format!("{}. Not every cell is required.{advice}", coverage_in_words.join("; "))
+    format!("{}. Not every cell is required.", coverage_in_words.join("; "))
 }
 
 #[cfg(test)]

@@ -27,15 +27,15 @@ pub fn common_scale_picture(compass_report: &CompassReport, difference_name: &st
     let description = match (compass_report.curves_before.is_empty(), compass_report.curves_after.is_empty()) {
         (false, false) => {
             format!(
-                "The largest {difference_name} by heading is {} deg before, {} after.",
+                "Largest {difference_name}: {} deg before, {} after.",
                 format_number(before, 1),
                 format_number(after, 1)
             )
         }
-        (false, true) => format!("The largest {difference_name} by heading is {} deg.", format_number(before, 1)),
+        (false, true) => format!("Largest {difference_name}: {} deg.", format_number(before, 1)),
         _ => "There is no reference heading.".to_owned(),
     };
-    Picture { svg, title, description, needs_full_width: false }
+    Picture { svg, title, caption: description.clone(), description, needs_full_width: false }
 }
 
 /// Draws the errors after calibration; none without data.
@@ -60,12 +60,9 @@ pub fn enlarged_picture(compass_report: &CompassReport, difference_name: &str) -
     if points_outside > 0 {
         descriptions.push(format!("{points_outside} of the points drawn would lie outside."));
     }
-    Some(Picture {
-        svg,
-        title: "After, enlarged".to_owned(),
-        description: descriptions.join(" "),
-        needs_full_width: false,
-    })
+    let description = descriptions.join(" ");
+    let title = "After, enlarged".to_owned();
+    Some(Picture { svg, title, caption: description.clone(), description, needs_full_width: false })
 }
 
 /// Draws both frames side by side, for documents with one picture.
@@ -84,13 +81,14 @@ pub fn combined_picture(compass_report: &CompassReport, difference_name: &str) -
     Picture {
         svg,
         title: "Heading error before and after the calibration".to_owned(),
+        caption: description.clone(),
         description,
         needs_full_width: true,
     }
 }
 
 fn picture_title(compass_report: &CompassReport) -> &'static str {
-    if compass_report.curves_after.is_empty() { "Before; there is no after" } else { "Before and after, one scale" }
+    if compass_report.curves_after.is_empty() { "Error by heading" } else { "Error by heading, before and after" }
 }
 
 fn max_error_deg(curves: &[DeviationCurve]) -> f64 {
@@ -159,7 +157,12 @@ fn draw_enlarged(
         .samples
         .iter()
         .filter(|report_sample| report_sample.is_usable)
-        .filter_map(|report_sample| Some([report_sample.heading_deg?.rem_euclid(360.0), report_sample.error_deg?]))
+        .filter_map(|report_sample| {
+            Some([
+                report_sample.heading_deg?.rem_euclid(360.0),
+                report_sample.error_parameters_deg.or(report_sample.error_deg)?,
+            ])
+        })
         .collect();
     let names: Vec<String> =
         compass_report.curves_after.iter().map(|curve| format!("after{}", name_suffix(&curve.curve_name))).collect();

@@ -72,7 +72,13 @@ pub fn map_picture(compass_report: &CompassReport) -> Option<Picture> {
         String::new()
     };
     let description = format!("North is up. The flight spans {wide} by {high} {unit}.{collected}");
-    Some(Picture { svg, title: "Where it was flown".to_owned(), description, needs_full_width: false })
+    Some(Picture {
+        svg,
+        title: "Where it was flown".to_owned(),
+        caption: description.clone(),
+        description,
+        needs_full_width: false,
+    })
 }
 
 struct TrackClass {

@@ -5,8 +5,10 @@ use super::super::svg::{MarkerShape, PicturePoint, Svg};
 pub struct Picture {
     pub svg: Svg,
     pub title: String,
-    /// Description, also for screen readers.
+    /// Description for screen readers.
     pub description: String,
+    /// Text below the picture.
+    pub caption: String,
     /// Whether the picture needs the page's full width.
     pub needs_full_width: bool,
 }

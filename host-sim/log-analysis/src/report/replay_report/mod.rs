@@ -1,6 +1,6 @@
 //! Report of a replayed log.
 
-use autoswing::calibration::{Calibration, Solution};
+use autoswing::calibration::{Advice, Calibration, Solution};
 use nalgebra::Vector3;
 
 use super::model::{
@@ -30,7 +30,6 @@ pub fn report_replay(verdict: &Verdict<'_>, log_name: &str, origin: &ReportOrigi
     Report {
         title: format!("Flight {}", log_name.rsplit(['/', '\\']).next().unwrap_or(log_name)),
         verdicts: verdict.compasses_in_use_first().into_iter().map(verdict_line).collect(),
-        key_figures: key_figures(verdict),
         log_warnings: verdict.log_warnings.iter().map(ToString::to_string).collect(),
         reference: reference_info(evaluation),
         calibrators: CalibratorComparison {
@@ -41,22 +40,30 @@ pub fn report_replay(verdict: &Verdict<'_>, log_name: &str, origin: &ReportOrigi
                 .collect(),
             calibrator_rows: rows.collect(),
         },
-        compasses: verdict.compasses.iter().map(|compass| compass_report(verdict, compass)).collect(),
-        parameter_file: origin.parameter_file.clone(),
-        terminal_output: (!origin.terminal_output.is_empty())
-            .then(|| ["As the command prints it".to_owned(), origin.terminal_output.clone()]),
+        compasses: verdict
+            .compasses_in_use_first()
+            .into_iter()
+            .map(|compass| compass_report(verdict, compass))
+            .collect(),
+        next_steps: verdict.next_steps(),
+        parameter_files: verdict.parameter_files(),
+        parameter_changes: verdict.parameter_changes(),
         origin: lines
             .into_iter()
             .filter(|(_, value)| !value.is_empty())
             .map(|(label, value)| [label.to_owned(), value])
             .chain(origin.settings.iter().cloned())
             .collect(),
+        ..Report::default()
     }
 }
 
 fn verdict_line(compass: &CompassVerdict<'_>) -> VerdictLine {
-    let compass_state = compass.judgement.compass_state;
+    // A compass that the autopilot does not use harms no flight.
+    let is_unused = compass.evaluation.is_used_for_heading == Some(false);
+    let compass_state = if is_unused { CompassState::Unjudged } else { compass.judgement.compass_state };
     let word = match compass_state {
+        _ if is_unused => "Unused",
         CompassState::Good => "Good",
         CompassState::Fair => "Fair",
         CompassState::Bad => "Bad",
@@ -90,33 +97,11 @@ fn reference_info(evaluation: &FlightEvaluation) -> ReferenceInfo {
     }
 }
 
-/// Figures of the compass in use.
-fn key_figures(verdict: &Verdict<'_>) -> Vec<[String; 2]> {
-    let Some(compass) = verdict.compasses_in_use_first().first().copied() else { return Vec::new() };
-    let mut figures = Vec::new();
-    let mut add_figure = |label: String, value: Option<f64>, decimals: usize, unit: &str| {
-        if let Some(value) = value {
-            figures.push([label, format!("{} {unit}", format_number(value, decimals))]);
-        }
-    };
-    let compass_number = compass.evaluation.compass_number;
-    let held_back = compass.parameters.as_ref().ok().and_then(|export| export.held_back_score);
-    let word = reference_info(verdict.evaluation).difference_name;
-    let rms_of = |source: CorrectionSource| Some(compass.evaluation.score_by(source)?.rms_deg);
-    let as_logged = rms_of(CorrectionSource::Autopilot).or(rms_of(CorrectionSource::Uncorrected));
-    let accuracy = compass.judgement.logged_accuracy;
-    let logged_word = if accuracy.is_some() { "error" } else { word };
-    let logged_deg = accuracy.map(|accuracy| accuracy.rms_deg).or(as_logged);
-    add_figure(format!("compass {compass_number}: {logged_word} as logged, RMS"), logged_deg, 2, "deg");
-    add_figure(format!("{word} with these parameters, RMS"), held_back.map(|held_back| held_back.rms_deg), 2, "deg");
-    add_figure(format!("{word} with a module, RMS"), rms_of(CorrectionSource::Module), 2, "deg");
-    figures
-}
-
 fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> CompassReport {
     let Verdict { flight, evaluation, .. } = *verdict;
     let facts = verdict.key_facts(compass);
     let exported = compass.parameters_to_load();
+    let compass_name = compass.compass_name.clone();
     let compass = compass.evaluation;
     let solution = compass.parameter_fit.solution();
     let parameters = exported.map(|export| field_by_exported_parameters(flight, export, verdict.parameter_format));
@@ -127,10 +112,8 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
         has_reference: evaluation.reference.is_some(),
     };
     let mut report = CompassReport {
-        compass_name: format!("Compass {}", compass.compass_number),
-        is_accepted: compass.parameter_fit.fit.as_ref().is_some_and(|fit| fit.is_accepted),
+        compass_name,
         facts,
-        sigma_description: "the mean sigma that the module sends with its headings",
         samples: report_samples(flight, compass, &corrections),
         last_change_s: compass.parameter_fit.last_change_s,
         event_marks: event_marks(compass),
@@ -138,7 +121,7 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
         corrected_by: if exported.is_some() { "with the parameters to load" } else { "by the fit" },
         earth_field: solution.map(|s| expected_earth(evaluation, &s.calibration, exported.is_some())),
         has_fitted_marks: compass.module_result.is_some(),
-        advice: solution.and_then(|s| s.advice).map(|advice| {
+        advice: solution.and_then(|s| s.advice).filter(Advice::is_worthwhile).map(|advice| {
             let [now, then] =
                 [advice.expected_deg, advice.expected_after_deg].map(|deg| format_number(f64::from(deg), 2));
             format!("{} ({now} to {then} deg)", advice.manoeuvre)
@@ -170,18 +153,9 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
             constant_deg,
         })
     };
-    let is_refused = compass.module_result.as_ref().is_some_and(|module| module.acceptance.is_err());
-    let module = if is_refused { "module, but refused" } else { "module" };
     let before = line(logged_correction_source(compass).source_name(), means[0], |sample| sample.error_before_deg);
-    let after = [
-        line("parameters", means[1], |sample| sample.error_parameters_deg),
-        line(module, means[2], |sample| sample.error_deg),
-    ];
-    (report.curves_before, report.curves_after) = (before.into_iter().collect(), after.into_iter().flatten().collect());
-    if compass.module_result.is_some() {
-        let sigma = means_by_heading(report.samples_since_change(), |sample| sample.sigma_deg);
-        report.sigma_by_heading_deg = sigma.into_iter().map(|sigma| sigma.unwrap_or(f64::NAN)).collect();
-    }
+    let after = line("with the parameters", means[1], |sample| sample.error_parameters_deg);
+    (report.curves_before, report.curves_after) = (before.into_iter().collect(), after.into_iter().collect());
     report
 }
 
